@@ -33,16 +33,16 @@ KILLER = """
 import os
 
 def dask_setup(worker):
-    from lidarcli.pipeline.reading import one_log
+    from lidarcli.pipeline import detecting
 
-    real = one_log.open_source
+    real = detecting.open_source
 
     def open_source(source, csv=None):
         if source.name == "killer":
             os.kill(os.getpid(), 9)
         return real(source, csv)
 
-    one_log.open_source = open_source
+    detecting.open_source = open_source
 """
 """What the workers of the first measurement load."""
 
@@ -226,26 +226,21 @@ def memory(counts: list[int]) -> dict[str, Any]:
 
 
 def drive(count: int) -> dict[str, float]:
-    """The driver's part of a run, with a manifest, over a cluster whose tasks do nothing."""
+    """The driver's part of a run over a cluster whose tasks do nothing."""
     from lidarcli.cli.messages import Total
     from lidarcli.pipeline.inputs.sources import Source
-    from lidarcli.pipeline.objects.options import DetectOptions
-    from lidarcli.pipeline.runs.cluster import Cluster
-    from lidarcli.pipeline.runs.folder_run import FolderRun
+    from lidarcli.pipeline.runs import cluster
 
     def used() -> float:
         return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
 
     sources = [Source(f"/logs/run{number:06}.mcap", f"run{number:06}") for number in range(count)]
-    with tempfile.TemporaryDirectory() as folder, Cluster("local:2") as cluster:
-        run = FolderRun(Path(folder), DetectOptions(), True)
+    with cluster.connected("local:2") as client:
         total = Total()
         before = used()
         started = time.perf_counter()
-        with run:
-            for outcome in cluster.outcomes(sources, nothing):
-                run.record(outcome)
-                total.add(outcome)
+        for outcome in cluster.outcomes(client, sources, nothing):
+            total.add(outcome)
         seconds = time.perf_counter() - started
         return {"before [MB]": before, "after [MB]": used(), "seconds": seconds, "logs per second": count / seconds}
 

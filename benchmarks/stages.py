@@ -20,7 +20,7 @@ from lidarcli.logs.base import ReadReport
 from lidarcli.logs.batches import ReadOptions, read_batches
 from lidarcli.machine import keep_freed_memory
 from lidarcli.pipeline.reading.one_log import RunSummary
-from lidarcli.tabular.rows import objects_rows, sweeps_rows
+from lidarcli.tabular.columns import objects_rows, sweeps_rows
 from lidarcli.tabular.writing import TableFiles, table_metadata, table_paths
 
 T = TypeVar("T")

@@ -29,13 +29,10 @@ if TYPE_CHECKING:
     from lidarcli.formalism.mapping.grid import Occupancy
     from lidarcli.formalism.matching.catalogue import Catalogue
     from lidarcli.formalism.parameters import Parameters
-    from lidarcli.pipeline.api.cleaning import clean
-    from lidarcli.pipeline.api.files import diff, export, simulate
-    from lidarcli.pipeline.api.logs import background, info, map, poses, read
-    from lidarcli.pipeline.api.overlaying import overlay
+    from lidarcli.pipeline.api.logs import background, info, map, poses, read, simulate
     from lidarcli.pipeline.api.showing import RunReport, plot, report
-    from lidarcli.pipeline.api.tables import Tables, detect, tables, track
-    from lidarcli.pipeline.api.zoning import zones
+    from lidarcli.pipeline.api.tables import Tables, detect, export, tables, track
+    from lidarcli.pipeline.api.tracked import clean, diff, overlay, zones
     from lidarcli.pipeline.detecting import TrackTables
     from lidarcli.pipeline.differing import Difference
     from lidarcli.pipeline.inputs.catalogue import read_catalogue
@@ -49,13 +46,10 @@ _HOMES = {
     "lidarcli.formalism.matching.catalogue": ("Catalogue",),
     "lidarcli.formalism.mapping.grid": ("Occupancy",),
     "lidarcli.formalism.parameters": ("Parameters",),
-    "lidarcli.pipeline.api.cleaning": ("clean",),
-    "lidarcli.pipeline.api.tables": ("Tables", "detect", "tables", "track"),
-    "lidarcli.pipeline.api.files": ("diff", "export", "simulate"),
-    "lidarcli.pipeline.api.logs": ("background", "info", "map", "poses", "read"),
-    "lidarcli.pipeline.api.overlaying": ("overlay",),
+    "lidarcli.pipeline.api.logs": ("background", "info", "map", "poses", "read", "simulate"),
     "lidarcli.pipeline.api.showing": ("RunReport", "plot", "report"),
-    "lidarcli.pipeline.api.zoning": ("zones",),
+    "lidarcli.pipeline.api.tables": ("Tables", "detect", "export", "tables", "track"),
+    "lidarcli.pipeline.api.tracked": ("clean", "diff", "overlay", "zones"),
     "lidarcli.pipeline.detecting": ("TrackTables",),
     "lidarcli.pipeline.differing": ("Difference",),
     "lidarcli.pipeline.inputs.catalogue": ("read_catalogue",),

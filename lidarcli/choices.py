@@ -9,7 +9,7 @@ GREATEST_NUMBER = 1e6
 """A length, an angle or a time of an option is no larger [m], [rad], [degrees]: no range is (`range_rules.FARTHEST`)."""
 GREATEST_COUNT = 1_000_000
 """A number of beams, sweeps or processes in an option is no larger: no sweep has more beams (`logs.base.MAX_BEAMS`)."""
-VIEWS = ("all", "scene", "sweep", "difference", "polar")
+VIEWS = ("all", "scene", "sweep")
 """Views of a sweep."""
 IMAGES = (".png", ".svg", ".pdf")
 """Suffixes of pictures."""
@@ -102,7 +102,7 @@ class Look:
     title: bool = True
     legend: bool = True
     vertices: bool = False
-    """Mark the vertices and the nearest point of each object in the scene and the polar view, too."""
+    """Mark the vertices and the nearest point of each object in the scene, too."""
     fps: float | None = None
     """Sweeps per second of an animation; None: `FRAMES_PER_SECOND`."""
 

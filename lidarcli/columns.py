@@ -32,8 +32,6 @@ class Column(NamedTuple):
     """Names that the array has codes for."""
     nullable: bool = False
     """True for a column that may be null."""
-    later: bool = False
-    """True for a column that tables of earlier versions do not have; it is read as null."""
     infinite: bool = False
     """True for a column that may be infinite."""
     per: Per | Literal[""] = ""
@@ -53,7 +51,6 @@ def column(
     kind: str = "",
     words: tuple[str, ...] = (),
     nullable: bool = False,
-    later: bool = False,
     default: Any = MISSING,
 ) -> Any:
     """Declare the column of a field of a record. Name and type are by default those of the field.
@@ -62,7 +59,7 @@ def column(
     `first_stamp`. The default type of a double follows from its unit (`SINGLE`).
     """
     kind = kind or ("text" if words else "stamp" if unit == "ns" else "")
-    known = Column(name, kind, unit, meaning, words, nullable, later, per=per)
+    known = Column(name, kind, unit, meaning, words, nullable, per=per)
     # mypy takes `default` for a value of the field.
     return field(default=default, metadata={"column": known})
 

@@ -88,7 +88,7 @@ class Fields:
         raise OptionError(f"{self.file}: {self.place}: '{key}' {cause}")
 
     def has(self, *keys: str) -> bool:
-        """Tell whether any of the keys is given."""
+        """Return whether any of the keys is given."""
         self.asked += keys
         return any(key in self.values for key in keys)
 
@@ -173,9 +173,7 @@ class Fields:
         rows = [_numbers(item) for item in value] if isinstance(value, list) else []
         points = [row for row in rows if row is not None and len(row) == 2]
         if len(points) < max(least, len(rows), 1):
-            if isinstance(value, list) and any(map(_not_finite, value)):
-                self.fail(key, "must hold finite numbers")
-            self.fail(key, f"must be a list of at least {least} points, as [[0, 0], [2.5, 0]]")
+            self.fail(key, f"must be a list of at least {least} points of finite numbers, as [[0, 0], [2.5, 0]]")
         self._refuse_large(key, points)
         return points
 
@@ -226,10 +224,6 @@ def _numbers(value: object) -> list[float] | None:
     except OverflowError:
         return None
     return numbers if all(map(isfinite, numbers)) else None
-
-
-def _not_finite(item: object) -> bool:
-    return isinstance(item, list) and any(isinstance(part, float) and not isfinite(part) for part in item)
 
 
 def _short(value: float) -> str:

@@ -10,7 +10,7 @@ CHECK_FAILED = 1
 
 
 def is_short_of_memory(err: Exception) -> bool:
-    """Tell whether an error means that there is no more memory, also for a library that is loaded."""
+    """Return whether an error means that there is no more memory, also for a library that is loaded."""
     signs = ("failed to map segment", "Cannot allocate memory")
     return isinstance(err, MemoryError) or (isinstance(err, ImportError) and any(sign in str(err) for sign in signs))
 

@@ -1,4 +1,4 @@
-"""Threads beside the main one, and the processors and the memory of this machine."""
+"""Threads beside the main one; and the processors and the memory of this machine."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _TRIM_THRESHOLD, _MMAP_THRESHOLD = -1, -3
 _KEPT, _LARGE = 256 << 20, 32 << 20
 
 
-class Beside:
+class Threads:
     """One thread or several that do submitted work in its order, behind `concurrent.futures`.
 
     Their first work comes only after all of them are up. An interrupt while `submit` waits for the start of a thread would

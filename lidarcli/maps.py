@@ -1,12 +1,13 @@
-"""Maps as map_server and Nav2 have them: an image with its YAML file, and the message that they publish."""
+"""Files of maps: grids as map_server and Nav2 have them, an image with its YAML file or a message, and clouds of points."""
 
 from __future__ import annotations
 
+import itertools
 import math
 import re
 import struct
 import warnings
-from collections.abc import Iterator
+from collections.abc import Mapping
 from dataclasses import dataclass
 from decimal import Decimal
 from pathlib import Path
@@ -14,30 +15,22 @@ from stat import S_ISREG
 from typing import TYPE_CHECKING, Any, BinaryIO
 
 import numpy as np
+import pyarrow as pa
 from numpy.typing import NDArray
 
-from lidarcli.choices import MAP_RESOLUTIONS
+from lidarcli.choices import MAP_RESOLUTIONS, NS
 from lidarcli.display import clipped
 from lidarcli.errors import UnreadableError
+from lidarcli.formalism.detection import SETS
 from lidarcli.formalism.mapping.grid import FREE, OCCUPIED, UNKNOWN, Occupancy
 from lidarcli.ros.mcap_file import add_channel, offered, start_ros2
+from lidarcli.sweeps import Bool, Float64, Int8, Int32, Int64, record
+from lidarcli.tabular.columns import codes, constant, floats, in_unit, plain, restamped
+from lidarcli.tabular.schemas import CLOUD, STAMP, TEXT
+from lidarcli.tabular.writing import ParquetSink
 
 if TYPE_CHECKING:
     from PIL.ImageFile import ImageFile
-    from ruamel.yaml.nodes import Node
-from collections.abc import Mapping
-from typing import Protocol
-
-import pyarrow as pa
-
-from lidarcli.choices import NS
-from lidarcli.formalism.detection import SETS
-from lidarcli.sweeps import Float64, Int8, Int32, Int64, record
-from lidarcli.tabular.arrays import codes, floats, plain
-from lidarcli.tabular.rows import constant
-from lidarcli.tabular.schemas import CLOUD, STAMP, TEXT
-from lidarcli.tabular.stamps import in_unit, restamped
-from lidarcli.tabular.writing import ParquetSink
 
 OCCUPIED_THRESHOLD, FREE_THRESHOLD = 0.65, 0.196
 """Shares of black from and up to which a cell is occupied or free, as map_saver writes them."""
@@ -162,7 +155,7 @@ def _values(path: Path) -> dict[str, Any]:
     hours.
     """
     from ruamel.yaml import YAML
-    from ruamel.yaml.nodes import MappingNode, ScalarNode
+    from ruamel.yaml.nodes import MappingNode, ScalarNode, SequenceNode
 
     try:
         with path.open("rb") as file:
@@ -184,17 +177,10 @@ def _values(path: Path) -> dict[str, Any]:
     values: dict[str, Any] = {}
     for key, value in root.value:
         if isinstance(key, ScalarNode):
-            values.setdefault(key.value, _plain(value))
+            items = value.value if isinstance(value, SequenceNode) else [value]
+            texts = [str(item.value) if isinstance(item, ScalarNode) else None for item in items]
+            values.setdefault(key.value, texts if isinstance(value, SequenceNode) else texts[0])
     return values
-
-
-def _plain(node: Node) -> str | list[str | None] | None:
-    from ruamel.yaml.nodes import ScalarNode, SequenceNode
-
-    def scalar(node: Node) -> str | None:
-        return str(node.value) if isinstance(node, ScalarNode) else None
-
-    return [scalar(item) for item in node.value] if isinstance(node, SequenceNode) else scalar(node)
 
 
 def _number(path: Path, key: str, text: object, least: float = -FARTHEST, most: float = FARTHEST) -> float:
@@ -248,8 +234,9 @@ def _decoded(path: Path, shown: str, file: BinaryIO, size: int, described: _Desc
     image.load()
     cells = np.empty((height, width), np.int8)
     tables: dict[int, Int8] = {}
-    for columns, rows in _squares(width, height):
-        part: Any = image.crop((columns.start, rows.start, columns.stop, rows.stop))
+    tops, lefts = range(0, height, _SIDE), range(0, width, _SIDE)
+    for rows, columns in itertools.product(*([slice(at, at + _SIDE) for at in begins] for begins in (tops, lefts))):
+        part: Any = image.crop((columns.start, rows.start, min(columns.stop, width), min(rows.stop, height)))
         levels, white, opaque = _levels(part, described.mode == "trinary")
         if white not in tables:
             tables[white] = _judged(np.arange(white + 1) / white, described)
@@ -277,12 +264,6 @@ def _opened(path: Path, shown: str, file: BinaryIO) -> ImageFile:
     if start[:2] == b"BM":
         return BmpImageFile(file)
     raise _refused(path, f"{shown} is no PGM, PNG or BMP image", _SAVE_AGAIN)
-
-
-def _squares(width: int, height: int) -> Iterator[tuple[slice, slice]]:
-    for top in range(0, height, _SIDE):
-        for left in range(0, width, _SIDE):
-            yield slice(left, min(left + _SIDE, width)), slice(top, min(top + _SIDE, height))
 
 
 def _levels(image: Any, with_alpha: bool) -> tuple[NDArray[Any], int, NDArray[np.bool_] | None]:
@@ -403,8 +384,7 @@ def _align(body: bytearray, size: int) -> None:
 
 # Point clouds as files: PLY and PCD for viewers, Parquet for programs.
 
-Bool = NDArray[np.bool_]
-_FARTHEST = float(1 << 31)
+_FARTHEST_CELL = float(1 << 31)
 _MOST_POINTS = 10**15 - 1
 
 
@@ -427,36 +407,20 @@ class CloudPoints:
     """(N,) code into `SETS`, negative where it is unknown; None where it is unknown everywhere."""
 
 
-class CloudWriter(Protocol):
-    """Takes points as they come and holds only a bounded number of them; errors of the file are its caller's."""
-
-    def write(self, points: CloudPoints) -> None:
-        """Take points."""
-
-    def finish(self, metadata: Mapping[bytes, bytes] | None = None) -> None:
-        """Make the file whole; `metadata` is what a table says of its making, where the format has a place for it."""
-
-    def abandon(self) -> None:
-        """Let go of the file without making it whole."""
-
-
-class _HeaderOf(Protocol):
-    def __call__(self, count: int, note: str) -> str: ...
-
-
 class _Binary:
     """A header with the number of points, which is known only at the end, and their coordinates."""
 
-    def __init__(self, file: BinaryIO, kind: np.dtype[Any], header: _HeaderOf) -> None:
+    KIND: np.dtype[Any]
+    HEADER: str
+
+    def __init__(self, file: BinaryIO) -> None:
         self._file = file
-        self._kind = kind
-        self._header = header
         self._count = 0
         file.write(self._head())
 
     def write(self, points: CloudPoints) -> None:
         """Take points."""
-        xyz = np.zeros((len(points.x), 3), self._kind)
+        xyz = np.zeros((len(points.x), 3), self.KIND)
         xyz[:, 0], xyz[:, 1] = points.x, points.y
         self._file.write(xyz.tobytes())
         self._count += len(points.x)
@@ -472,13 +436,9 @@ class _Binary:
         """Do nothing: the writer holds nothing."""
 
     def _head(self) -> bytes:
-        """Return the header, always of the same length.
-
-        A comment fills up the number, for some readers split lines at every blank.
-        """
-        shortest = self._header(self._count, "")
-        room = len(self._header(_MOST_POINTS, "")) - len(shortest)
-        return self._header(self._count, "." * room).encode()
+        """Return the header, always of the same length: a comment fills up the number, as readers split at every blank."""
+        room = self.HEADER.count("{count}") * (len(str(_MOST_POINTS)) - len(str(self._count)))
+        return self.HEADER.format(count=self._count, note="." * room).encode()
 
 
 class PlyWriter(_Binary):
@@ -489,23 +449,26 @@ class PlyWriter(_Binary):
     file : opened to write bytes (`w+b`), able to seek; the caller closes it
     """
 
-    def __init__(self, file: BinaryIO) -> None:
-        super().__init__(file, np.dtype("<f8"), _ply_header)
+    KIND = np.dtype("<f8")
+    HEADER = (
+        "ply\nformat binary_little_endian 1.0\ncomment lidarcli, metres {note}\nelement vertex {count}\n"
+        "property double x\nproperty double y\nproperty double z\nend_header\n"
+    )
 
 
 class PcdWriter(_Binary):
-    """Binary PCD 0.7: x, y and z = 0 in single precision [m], 12 bytes per point.
+    """Binary PCD 0.7: x, y and z = 0 in single precision [m], 12 bytes per point; `file` as of `PlyWriter`.
 
     PCL's points have no other precision. It rounds to 0.5 mm within 16 km of the origin, and to 2 cm at 500 km: where
     world coordinates are those of a map projection, take PLY.
-
-    Parameters
-    ----------
-    file : opened to write bytes (`w+b`), able to seek; the caller closes it
     """
 
-    def __init__(self, file: BinaryIO) -> None:
-        super().__init__(file, np.dtype("<f4"), _pcd_header)
+    KIND = np.dtype("<f4")
+    HEADER = (
+        "# .PCD v0.7 - Point Cloud Data file format\n# lidarcli, metres {note}\nVERSION 0.7\nFIELDS x y z\n"
+        "SIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\nWIDTH {count}\nHEIGHT 1\nVIEWPOINT 0 0 0 1 0 0 0\n"
+        "POINTS {count}\nDATA binary\n"
+    )
 
 
 class ParquetWriter:
@@ -544,6 +507,10 @@ class ParquetWriter:
     def abandon(self) -> None:
         """Let go of the file, and of the thread that writes it, without making it whole."""
         self._sink.abandon()
+
+
+CloudWriter = PlyWriter | PcdWriter | ParquetWriter
+"""Takes points as they come and holds only a bounded number of them; errors of the file are its caller's."""
 
 
 class VoxelFilter:
@@ -586,7 +553,7 @@ class VoxelFilter:
         """
         with np.errstate(over="ignore"):
             column, row = np.floor(x / self._size), np.floor(y / self._size)
-        fits = (np.abs(column) < _FARTHEST) & (np.abs(row) < _FARTHEST)
+        fits = (np.abs(column) < _FARTHEST_CELL) & (np.abs(row) < _FARTHEST_CELL)
         at = np.flatnonzero(fits)
         key = (column[at].astype(np.int64) << 32) + row[at].astype(np.int64)
         # With its index `unique` sorts stably: the first of equal keys.
@@ -594,32 +561,13 @@ class VoxelFilter:
         for known in self._known:
             new = known[np.minimum(np.searchsorted(known, key), len(known) - 1)] != key
             key, first = key[new], first[new]
-        self._remember(key)
         kept = np.zeros(len(x), np.bool_)
         kept[at[first]] = True
-        return kept
-
-    def _remember(self, key: Int64) -> None:
-        """Add sorted keys. Runs of them double in length, so that each key is sorted anew a few times only."""
-        if not len(key):
-            return
-        while self._known and len(self._known[-1]) < 2 * len(key):
+        # Runs of sorted keys double in length, so that each key is sorted anew a few times only.
+        while len(key) and self._known and len(self._known[-1]) < 2 * len(key):
             key = np.concatenate((self._known.pop(), key))
             # Two sorted runs: timsort, or radix sort, is done with them in one pass.
             key.sort(kind="stable")
-        self._known.append(key)
-
-
-def _ply_header(count: int, note: str) -> str:
-    return (
-        f"ply\nformat binary_little_endian 1.0\ncomment lidarcli, metres {note}\nelement vertex {count}\n"
-        "property double x\nproperty double y\nproperty double z\nend_header\n"
-    )
-
-
-def _pcd_header(count: int, note: str) -> str:
-    return (
-        f"# .PCD v0.7 - Point Cloud Data file format\n# lidarcli, metres {note}\nVERSION 0.7\nFIELDS x y z\n"
-        f"SIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\nWIDTH {count}\nHEIGHT 1\nVIEWPOINT 0 0 0 1 0 0 0\n"
-        f"POINTS {count}\nDATA binary\n"
-    )
+        if len(key):
+            self._known.append(key)
+        return kept

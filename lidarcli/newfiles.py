@@ -20,9 +20,9 @@ from types import TracebackType
 from typing import Self, cast
 
 from lidarcli.errors import OptionError, OutputError, UnreadableError
-from lidarcli.machine import Beside
+from lidarcli.machine import Threads
 from lidarcli.ros.bag_metadata import is_one_bag
-from lidarcli.stores.url import Place, Url
+from lidarcli.stores import Place, Url
 
 try:
     import fcntl
@@ -87,8 +87,8 @@ class NewFiles:
         refuse(local, self._overwrite, bag=self._bag)
         self._before = {path: _identity(path) for path in local}
         for folder in dict.fromkeys(path.parent for path in self.paths):
-            beside = folder if isinstance(folder, Path) else None
-            self._scratch[folder] = self._stack.enter_context(scratch_folder(beside))
+            here = folder if isinstance(folder, Path) else None
+            self._scratch[folder] = self._stack.enter_context(scratch_folder(here))
 
     def publish(self) -> list[str]:
         """Give all files their names at once; a line for each that another run has written meanwhile.
@@ -100,11 +100,11 @@ class NewFiles:
         """
         if objects := [path for path in self.paths if isinstance(path, Url)]:
             # Not in this thread, where an interrupt would come between two files.
-            beside = Beside("put")
+            thread = Threads("put")
             try:
-                beside.submit(self._put, objects).result()
+                thread.submit(self._put, objects).result()
             finally:
-                beside.close()
+                thread.close()
         notes = []
         for folder in dict.fromkeys(path.parent for path in self._before):
             mine = [path for path in self._before if path.parent == folder]
@@ -145,7 +145,7 @@ class NewFiles:
 
     def _put(self, objects: Sequence[Url]) -> None:
         # Runs that put nothing into a store should not wait for this import.
-        from lidarcli.stores.url import put
+        from lidarcli.stores import put
 
         for path in objects:
             put(self.part(path), path)

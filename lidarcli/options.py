@@ -11,39 +11,7 @@ from collections.abc import Iterable, Sequence
 from os import PathLike
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Protocol, TypedDict
 
-from lidarcli.choices import (
-    ALIGN,
-    BEAM_ORDERS,
-    BINS,
-    CONTAINERS,
-    ECHOES,
-    GREATEST_COUNT,
-    JOIN,
-    LAST_SWEEP,
-    LEAST_SCORE,
-    MAP_RESOLUTION,
-    MAP_RESOLUTIONS,
-    MAX_MAP_KM2,
-    MIN_MOVE,
-    MIN_THING,
-    MOST_SHARDS,
-    NS,
-    OCCUPIED_RATIO,
-    PICTURE_DPI,
-    PICTURE_WIDTHS,
-    PROFILES,
-    REMOVABLE,
-    SAYINGS,
-    SEGMENTS,
-    SIGNIFICANCE,
-    SIGNIFICANCES,
-    STAMPS,
-    STATION_DEGREES,
-    STATION_DISTANCE,
-    TRAIL,
-    UNITS,
-    VIEWS,
-)
+from lidarcli import choices
 from lidarcli.errors import OptionError
 from lidarcli.option_forms import Argument, File, Number, Option, Rule, Text
 
@@ -130,19 +98,19 @@ def parse_removed(text: str) -> str:
     for word in text.split(","):
         if word.strip() == "body":
             raise OptionError("the robot's own body is what --mask FILE tells")
-        if word.strip() not in REMOVABLE:
-            raise OptionError(f"'{word.strip()}' is not one of {', '.join(REMOVABLE)}")
+        if word.strip() not in choices.REMOVABLE:
+            raise OptionError(f"'{word.strip()}' is not one of {', '.join(choices.REMOVABLE)}")
     return text
 
 
 def parse_value(text: str) -> str | float:
     """`nan`, `inf`, `above` or metres."""
-    if text.lower() in SAYINGS:
+    if text.lower() in choices.SAYINGS:
         return text.lower()
     try:
         float(text)
     except ValueError:
-        raise OptionError(f"'{text}' is neither {', '.join(SAYINGS)} nor a number of metres") from None
+        raise OptionError(f"'{text}' is neither {', '.join(choices.SAYINGS)} nor a number of metres") from None
     return LENGTH.parse(text)
 
 
@@ -156,16 +124,19 @@ def _share(text: str) -> tuple[int, int]:
     number, _, count = text.partition("/")
     if not (number.isdecimal() and count.isdecimal()):
         raise OptionError(f"'{text}' is not I/N, as 1/8")
-    if not 1 <= int(number) <= int(count) <= MOST_SHARDS:
+    if not 1 <= int(number) <= int(count) <= choices.MOST_SHARDS:
         raise OptionError(f"'{text}': shares are numbered from 1 to {count}")
     return int(number), int(count)
 
 
 WIDTH, LENGTH = Number("METRES", 0, above=True), Number("METRES", 0)
-COUNT, COUNT_OR_NONE = Number("N", 1, GREATEST_COUNT, whole=True), Number("N", 0, GREATEST_COUNT, whole=True)
+COUNT, COUNT_OR_NONE = (
+    Number("N", 1, choices.GREATEST_COUNT, whole=True),
+    Number("N", 0, choices.GREATEST_COUNT, whole=True),
+)
 ANY_COUNT = Number("N", 0, math.inf, whole=True)
 ANGLE, TURN = Number("ANGLE"), Number("DEGREES", 0, above=True)
-SWEEP = Number("N", 0, LAST_SWEEP, whole=True)
+SWEEP = Number("N", 0, choices.LAST_SWEEP, whole=True)
 TIME = Text("TIME", _time)
 INPUT = File("LOG")
 
@@ -219,7 +190,7 @@ _STAMPS = "Unit of the stamps in tables; us for Spark, Iceberg and Delta, which 
 class Stamped(Overwrite, total=False):
     """Options of a command that writes tables."""
 
-    stamps: Annotated[Literal["ns", "us"], Option(OUTPUT, STAMPS, NS), _STAMPS]
+    stamps: Annotated[Literal["ns", "us"], Option(OUTPUT, choices.STAMPS, choices.NS), _STAMPS]
 
 
 class TextOrJson(TypedDict, total=False):
@@ -291,7 +262,7 @@ class Poses(TypedDict, total=False):
     ]
     beam_order: Annotated[
         Literal["auto", "forward", "reverse", "once"],
-        Option(POSES, BEAM_ORDERS, BEAM_ORDERS[0]),
+        Option(POSES, choices.BEAM_ORDERS, choices.BEAM_ORDERS[0]),
         "Order in which the beams of a sweep are taken: from the first to the last, in reverse, or all at once; auto: "
         "learned from the sweeps of a moving sensor, else as the headers tell.",
     ]
@@ -331,7 +302,7 @@ class Limits(TypedDict, total=False):
     ]
     segments: Annotated[
         Literal["join", "keep"],
-        Option(SELECT, SEGMENTS, JOIN, rare=True),
+        Option(SELECT, choices.SEGMENTS, choices.JOIN, rare=True),
         "Messages that go on where the one before ended: join makes sweeps of whole turns, keep takes each for a sweep.",
     ]
 
@@ -372,11 +343,11 @@ class Ranges(Limits, total=False):
         bool, Option(GEOMETRY, None, False, shown="radians", rare=True), "The three angles above are in degrees."
     ]
     range_unit: Annotated[
-        Literal["m", "cm", "mm"], Option(GEOMETRY, tuple(UNITS), "m", rare=True), "Unit of the ranges in the log."
+        Literal["m", "cm", "mm"], Option(GEOMETRY, tuple(choices.UNITS), "m", rare=True), "Unit of the ranges in the log."
     ]
     echo: Annotated[
         Literal["first", "last", "strongest"],
-        Option(ECHO, ECHOES, ECHOES[0], rare=True),
+        Option(ECHO, choices.ECHOES, choices.ECHOES[0], rare=True),
         "Echo to take of each beam of a MultiEchoLaserScan; strongest: that of the greatest intensity.",
     ]
     slice: Annotated[
@@ -387,7 +358,7 @@ class Ranges(Limits, total=False):
     ]
     bins: Annotated[
         int | None,
-        Option(CLOUDS, Number("N", -math.inf, math.inf, whole=True), shown=str(BINS), rare=True),
+        Option(CLOUDS, Number("N", -math.inf, math.inf, whole=True), shown=str(choices.BINS), rare=True),
         "Beams of a sweep that is made of a point cloud; their view is a full turn, or that of --angle-min and --fov.",
     ]
 
@@ -412,7 +383,7 @@ class _Objects(TypedDict, total=False):
 
     profile: Annotated[
         Literal["robust", "paper"],
-        Option(OBJECTS, PROFILES, PROFILES[0]),
+        Option(OBJECTS, choices.PROFILES, choices.PROFILES[0]),
         "robust: tuned for real sensors; paper: the published formulas, unchanged.",
     ]
     threshold: Annotated[
@@ -441,7 +412,7 @@ class _Objects(TypedDict, total=False):
     ]
     min_thing: Annotated[
         float | None,
-        Option(OBJECTS, Number("P", 0, 1), shown=str(MIN_THING)),
+        Option(OBJECTS, Number("P", 0, 1), shown=str(choices.MIN_THING)),
         "Least probability, 0 to 1, that an object is a thing and not a piece of building; an object with less counts "
         "as wall.",
     ]
@@ -526,7 +497,7 @@ class Tracking(Finding, Trajectories, total=False):
     memory: Annotated[bool, Option(OBJECTS, None, True, both=True), _MEMORY]
     significance: Annotated[
         float,
-        Option(TRACKING, Number("P", *SIGNIFICANCES), SIGNIFICANCE),
+        Option(TRACKING, Number("P", *choices.SIGNIFICANCES), choices.SIGNIFICANCE),
         "Share of standing things that may be taken for moving by chance. Lower values detect slow movers later.",
     ]
 
@@ -558,11 +529,13 @@ class Learning(Reading, total=False):
     """Keywords of `background`."""
 
     station_distance: Annotated[
-        float, Option(STATIONS, WIDTH, default=STATION_DISTANCE), "Sweeps up to this far from a viewpoint belong to it."
+        float,
+        Option(STATIONS, WIDTH, default=choices.STATION_DISTANCE),
+        "Sweeps up to this far from a viewpoint belong to it.",
     ]
     station_angle: Annotated[
         float,
-        Option(STATIONS, TURN, default=STATION_DEGREES),
+        Option(STATIONS, TURN, default=choices.STATION_DEGREES),
         "Sweeps whose heading differs by no more than this belong to a viewpoint.",
     ]
 
@@ -570,10 +543,12 @@ class Learning(Reading, total=False):
 class Mapping(Reading, total=False):
     """Keywords of `map`."""
 
-    resolution: Annotated[float, Option(GRID, Number("METRES", *MAP_RESOLUTIONS), MAP_RESOLUTION), "Side of a cell."]
+    resolution: Annotated[
+        float, Option(GRID, Number("METRES", *choices.MAP_RESOLUTIONS), choices.MAP_RESOLUTION), "Side of a cell."
+    ]
     min_move: Annotated[
         float,
-        Option(GRID, LENGTH, MIN_MOVE),
+        Option(GRID, LENGTH, choices.MIN_MOVE),
         "How far the sensor goes from one sweep that counts to the next; a turn by 10 degrees and 5 s count as well. "
         "0: every sweep counts.",
     ]
@@ -582,7 +557,7 @@ class Mapping(Reading, total=False):
     ]
     occupied_ratio: Annotated[
         float,
-        Option(GRID, Number("SHARE", 0, 1), OCCUPIED_RATIO),
+        Option(GRID, Number("SHARE", 0, 1), choices.OCCUPIED_RATIO),
         "Minimum hit ratio: hits among the sweeps that hit or passed the cell.",
     ]
     free_no_return: Annotated[
@@ -597,7 +572,7 @@ class Mapping(Reading, total=False):
     ]
     max_size: Annotated[
         float,
-        Option(GRID, Number("KM2", 0, above=True), MAX_MAP_KM2),
+        Option(GRID, Number("KM2", 0, above=True), choices.MAX_MAP_KM2),
         "Refuse a larger map; at 5 cm a km² takes about 6 GB, as far as it is seen.",
     ]
     voxel: Annotated[
@@ -637,13 +612,13 @@ class Diffing(Topics, Poses, Delay, Things, Ranges, Jobs, total=False):
 
     align: Annotated[
         Literal["auto", "as-is", "search"],
-        Option(PLACES, ALIGN, ALIGN[0]),
+        Option(PLACES, choices.ALIGN, choices.ALIGN[0]),
         "How runs lie on each other: as-is, in their coordinates as they are; search, by what both saw; auto: as-is if all "
         "are in one frame that is no odometry.",
     ]
     min_score: Annotated[
         float,
-        Option(PLACES, Number("P", 0, 1), LEAST_SCORE),
+        Option(PLACES, Number("P", 0, 1), choices.LEAST_SCORE),
         "Least probability of known, moved, new and gone; below it the status is uncertain.",
     ]
 
@@ -687,9 +662,9 @@ class Plotting(Joining, Poses, Delay, Objects, Ranges, total=False):
         "(2026-11-22T10:00:00Z).",
     ]
     view: Annotated[
-        Literal["all", "scene", "sweep", "difference", "polar"],
-        Option(PICTURE, VIEWS, VIEWS[0]),
-        "The scene from above, r(theta) with s(theta), the difference, polar, or scene and curves (all).",
+        Literal["all", "scene", "sweep"],
+        Option(PICTURE, choices.VIEWS, choices.VIEWS[0]),
+        "The scene from above, its curves r(theta) and s(theta) (sweep), or both (all).",
     ]
     topic: Annotated[str | None, Option(PICTURE, Text("NAME"), shown="the first by name"), "LaserScan topic to draw."]
     background: Annotated[
@@ -704,7 +679,7 @@ class Plotting(Joining, Poses, Delay, Objects, Ranges, total=False):
     ]
     trail: Annotated[
         float | None,
-        Option(PICTURE, Number("SECONDS", 0), shown=f"{TRAIL:g}"),
+        Option(PICTURE, Number("SECONDS", 0), shown=f"{choices.TRAIL:g}"),
         "With --tracks: how far back the paths begin.",
     ]
     zones: Annotated[
@@ -715,15 +690,15 @@ class Plotting(Joining, Poses, Delay, Objects, Ranges, total=False):
     ]
     width: Annotated[
         float | None,
-        Option(LOOK, Number("MM", *PICTURE_WIDTHS), shown="by --view"),
+        Option(LOOK, Number("MM", *choices.PICTURE_WIDTHS), shown="by --view"),
         "Width of the picture: 89 is a column of a paper, 183 are two.",
     ]
     dpi: Annotated[
-        int | None, Option(LOOK, Number("N", *PICTURE_DPI, whole=True), shown="200"), "Pixels per inch of a .png."
+        int | None, Option(LOOK, Number("N", *choices.PICTURE_DPI, whole=True), shown="200"), "Pixels per inch of a .png."
     ]
     title: Annotated[bool, Option(LOOK, None, True), "Write a title above the picture."]
     legend: Annotated[bool, Option(LOOK, None, True), "Explain the marks in a legend."]
-    vertices: Annotated[bool, Option(LOOK, None, False), "Mark vertices and nearest points in the scene and in polar, too."]
+    vertices: Annotated[bool, Option(LOOK, None, False), "Mark vertices and nearest points in the scene, too."]
 
 
 class Reporting(Joining, total=False):
@@ -788,7 +763,7 @@ class Simulating(TypedDict, total=False):
 
     container: Annotated[
         Literal["mcap", "bag", "ros2", "ros2-mcap", "db3", "csv"] | None,
-        Option(LOG, CONTAINERS, shown="by suffix"),
+        Option(LOG, choices.CONTAINERS, shown="by suffix"),
         "Format, where the name does not say it.",
     ]
     compression: Annotated[
@@ -797,7 +772,7 @@ class Simulating(TypedDict, total=False):
         "none, lz4, zstd (mcap); none, bz2, lz4 (bag); none, zstd, zstd-message (ros2).",
     ]
     encoding: Annotated[
-        str | None, Option(LOG, Text("NAME"), shown="cdr"), "Messages of an mcap: cdr, cdr-idl, ros1, json, protobuf."
+        str | None, Option(LOG, Text("NAME"), shown="cdr"), "Messages of an mcap: cdr, ros1, json, protobuf."
     ]
     layout: Annotated[
         Literal["rostopic", "wide"] | None,
@@ -817,7 +792,7 @@ class Simulating(TypedDict, total=False):
     ]
     map_resolution: Annotated[
         float | None,
-        Option(LOG, Number("METRES", *MAP_RESOLUTIONS), shown=f"{MAP_RESOLUTION:g}"),
+        Option(LOG, Number("METRES", *choices.MAP_RESOLUTIONS), shown=f"{choices.MAP_RESOLUTION:g}"),
         "Side of the cells of that map.",
     ]
     sweeps: Annotated[int | None, Option(RUN, ANY_COUNT, shown="from the scene", unless=("duration",)), "Number of sweeps."]
@@ -837,7 +812,7 @@ class Exporting(TypedDict, total=False):
         Option(OUTPUT, Text("LIST", parse_names, is_list=True), "", shown="all", python="Python also takes a list."),
         _COLUMNS,
     ]
-    stamps: Annotated[Literal["ns", "us"] | None, Option(OUTPUT, STAMPS, shown="as they are"), _STAMPS]
+    stamps: Annotated[Literal["ns", "us"] | None, Option(OUTPUT, choices.STAMPS, shown="as they are"), _STAMPS]
 
 
 # Combinations of options that have no meaning.
@@ -863,5 +838,5 @@ PLOT_RULES = (
     Rule(("tracks",), ("view=all|scene|map",), "is drawn in the scene; give --view all, scene or map", True),
     Rule(("zones",), ("view=all|scene",), "is drawn in the scene; give --view all or scene", True),
     Rule(("fps",), ("animate",), "is for --animate", True),
-    Rule(("vertices",), ("view=all|scene|polar",), "is for the scene; give --view all, scene or polar", True),
+    Rule(("vertices",), ("view=all|scene",), "is for the scene; give --view all or scene", True),
 )

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Protocol
 
 from lidarcli.display import visible
-from lidarcli.stores.url import blotted
+from lidarcli.stores import blotted
 
 if TYPE_CHECKING:
     from rich.progress import ProgressColumn

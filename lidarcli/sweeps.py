@@ -129,7 +129,7 @@ class RawSweeps:
     def rows(self, index: slice | NDArray[np.intp] | Bool) -> RawSweeps:
         """Return a block of the rows of `index` alone."""
         picked = {name: getattr(self, name)[index] for name in _ROW_FIELDS}
-        given = {name: told[index] for name in _OPTIONAL if (told := getattr(self, name)) is not None}
+        given = {name: values[index] for name in _OPTIONAL if (values := getattr(self, name)) is not None}
         return replace(self, **picked, **given)
 
     def narrowed(self, width: int) -> RawSweeps:
@@ -138,8 +138,8 @@ class RawSweeps:
         return replace(self, ranges=self.ranges[:, :width], intensities=intensities)
 
 
-_TOLD = ("time_increment", "scan_time", "angle_max")
-_OPTIONAL = (*_TOLD, "intensities", "mended_ns")
+_TIMES = ("time_increment", "scan_time", "angle_max")
+_OPTIONAL = (*_TIMES, "intensities", "mended_ns")
 _ROW_FIELDS = (
     "frame",
     "stamp_ns",
@@ -165,10 +165,10 @@ def concatenate(blocks: list[RawSweeps]) -> RawSweeps:
         for name in _ROW_FIELDS
         if name not in ("frame", "ranges")
     }
-    for name in _TOLD:
-        told = [some for block in blocks if (some := getattr(block, name)) is not None]
-        if len(told) == len(blocks):
-            joined[name] = np.concatenate(told)
+    for name in _TIMES:
+        values = [some for block in blocks if (some := getattr(block, name)) is not None]
+        if len(values) == len(blocks):
+            joined[name] = np.concatenate(values)
     if any(block.mended_ns is not None for block in blocks):
         joined["mended_ns"] = np.concatenate([block.time_ns for block in blocks])
     if any(block.intensities is not None for block in blocks):
@@ -361,8 +361,8 @@ class SweepBatch:
         picked = {name: getattr(self, name)[index] for name in _BATCH_ROW_FIELDS}
         picked["poses"] = None if self.poses is None else self.poses.rows(index)
         for name in ("duration", "intensities", "still", "fits"):
-            told = getattr(self, name)
-            picked[name] = None if told is None else told[index]
+            values = getattr(self, name)
+            picked[name] = None if values is None else values[index]
         return replace(self, **picked)
 
     def by_frame(self) -> Iterator[tuple[str, Int64, SweepBatch]]:
@@ -386,7 +386,7 @@ class SweepBatch:
         """Return the description of these sweeps."""
         real = self.status != Status.PADDING
         counts = np.bincount(self.status[real], minlength=len(Status)).tolist()
-        told = worth_telling(dict(zip(STATUSES, counts, strict=False)))
+        numbers = worth_telling(dict(zip(STATUSES, counts, strict=False)))
         last = self.angle_min + self.angle_increment * np.maximum(self.beams - 1, 0)
         angles = np.degrees(np.concatenate([self.angle_min, last]))
         posed = 0 if self.poses is None else int(np.count_nonzero(~np.isnan(self.poses.x)))
@@ -401,7 +401,7 @@ class SweepBatch:
             ("beams", span(self.beams.tolist(), ",", "per sweep")),
             ("view", span(angles.tolist(), ".2f", "deg")),
             ("ranges", span(self.ranges[self.status == Status.VALID].tolist(), ".3f", "m")),
-            ("status", ", ".join(f"{count:,} {name}" for name, count in told.items())),
+            ("status", ", ".join(f"{count:,} {name}" for name, count in numbers.items())),
             ("poses", f"known for {counted(posed, 'sweep')}" if posed else "none"),
         ]
         if self.intensities is not None:

@@ -83,19 +83,19 @@ class Zone:
     trigger: int = 1
     """Sweeps in a row until an event begins."""
     release: int = 1
-    """Sweeps in a row with fewer points until it ends ..."""
+    """Sweeps in a row with fewer points until it ends."""
     hold: float = 0.0
-    """... and the time that has passed then since the last one with enough [s]."""
+    """Time that has to pass after the last sweep with enough points until it ends [s]."""
     topics: tuple[str, ...] = ()
     """Scan topics whose points count; all by default."""
     timeout: float = TIMEOUT
     """Age from which on the last sweep of a topic does not count [s]; 0: never too old."""
     cases: tuple[Case, ...] = ()
-    """The first that covers the velocity counts; where none does, the one before stays."""
+    """Polygons by velocity: the first that covers it counts; where none does, that of the sweep before goes on."""
     shape_topic: str = ""
-    """Topic of geometry_msgs/PolygonStamped that tells the shape ..."""
+    """Topic of geometry_msgs/PolygonStamped with its shape."""
     footprint: Polygon | None = None
-    """... and the one that it has where the log has no such topic."""
+    """Shape where the log has no such topic."""
     velocity_topic: str = ""
     """Topic of geometry_msgs/Twist(Stamped) that tells the velocity; where the log has none, poses do."""
     time_before_collision: float = TIME_BEFORE_COLLISION
@@ -192,5 +192,5 @@ def crossing_edges(shape: Polygon) -> tuple[int, int] | None:
 
 
 def on_one_line(shape: Polygon) -> bool:
-    """Tell whether all corners of a polygon lie on one line, so that it has no area."""
+    """Return whether all corners of a polygon lie on one line, so that it has no area."""
     return bool(np.linalg.matrix_rank(np.subtract(shape.corners, shape.corners[0])) < 2)

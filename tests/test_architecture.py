@@ -14,9 +14,10 @@ MODULES = sorted(path.relative_to(PACKAGE) for path in PACKAGE.rglob("*.py") if 
 
 GROUND = {"_version", "choices", "columns", "errors", "native"}
 OPTIONS = {"option_forms", "options"}
-CORE = GROUND | {"display", "findings", "masks", "range_rules", "sweeps", "times", "zone"}
+CORE = GROUND | {"display", "findings", "masks", "palette", "range_rules", "sweeps", "times", "zone"}
 MAY_IMPORT = {
     "errors": set[str](),
+    "palette": {"choices"},
     "_version": set[str](),
     "choices": set[str](),
     "columns": set[str](),
@@ -25,7 +26,7 @@ MAY_IMPORT = {
     "interrupts": set[str](),
     "newfiles": {"errors", "machine", "ros", "stores"},
     "screen": {"display", "stores"},
-    "stores": {"errors", "machine"},
+    "stores": {"errors"},
     "foxglove": set[str](),
     "configfiles": {"display", "errors"},
     "compiled": set[str](),

@@ -163,7 +163,7 @@ if __name__ == "__main__":
         inside.append("the start goes on")
     processes.resource_tracker.ensure_running = interrupted
     try:
-        processes.start_workers(1, int)
+        processes.start_workers(1)
         time.sleep(10)
     except KeyboardInterrupt as err:
         print(*inside, type(err).__name__)
@@ -221,11 +221,11 @@ def test_no_thread_is_at_a_table_that_is_given_up(tmp_path: Path, monkeypatch: p
 
 CLOSING = """
 import os, signal, sys, threading, time
-from lidarcli.machine import Beside
+from lidarcli.machine import Threads
 done, begun = [], threading.Event()
 def closing():
     frame = sys._current_frames()[threading.main_thread().ident]
-    while frame is not None and frame.f_code is not Beside.close.__code__:
+    while frame is not None and frame.f_code is not Threads.close.__code__:
         frame = frame.f_back
     return frame is not None
 def work():
@@ -235,7 +235,7 @@ def work():
     os.kill(os.getpid(), signal.SIGINT)
     time.sleep(0.3)
     done.append("work")
-thread = Beside("test")
+thread = Threads("test")
 thread.submit(work)
 thread.submit(done.append, "what was to follow")
 begun.wait()

@@ -13,9 +13,10 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 import lidarcli
+from lidarcli import palette
 from lidarcli.formalism.background import Background
-from lidarcli.reports import palette, panels
-from lidarcli.reports.drawing import project_style
+from lidarcli.reports.drawing import draw_marks, project_style
+from lidarcli.reports.drawing import sensor as sensor_mark
 
 
 def main(log: str, picture: str) -> None:
@@ -42,7 +43,7 @@ def main(log: str, picture: str) -> None:
                 markeredgewidth=0,
                 rasterized=True,
             )
-            panels.draw_sensor(axes)
+            draw_marks(axes, [sensor_mark()])
             axes.set_aspect("equal")
             axes.set_xlabel("x [m]")
             axes.set_ylabel("y [m]")

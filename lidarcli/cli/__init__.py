@@ -17,14 +17,18 @@ from lidarcli.cli.settings import PREFIX
 from lidarcli.errors import OUT_OF_MEMORY, LidarcliError, OutputError, UnreadableError, is_short_of_memory
 from lidarcli.interrupts import Terminated
 from lidarcli.option_forms import Option
-from lidarcli.stores.url import blotted
+from lidarcli.stores import blotted
 
 COMMANDS = (
     *("info", "detect", "track", "background", "diff", "map", "zones", "clean", "overlay"),
     *("poses", "report", "plot", "export", "simulate", "config", "completion"),
 )
 """Names of the commands; each has a file of its name, unless `HOMES` tells another."""
-HOMES = dict.fromkeys(("config", "completion"), "settings") | dict.fromkeys(("poses", "export", "simulate"), "writing")
+HOMES = {
+    "track": "detect",
+    **dict.fromkeys(("config", "completion"), "settings"),
+    **dict.fromkeys(("clean", "overlay", "poses", "export", "simulate"), "writing"),
+}
 
 SUPERSEDED = {"match": "give lidarcli diff RUN RUN..., which takes the same tables, and logs"}
 """Command that there was → words for what does its work now."""

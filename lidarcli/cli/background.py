@@ -14,7 +14,7 @@ from lidarcli.cli.runs import chosen_logs, print_reads, refuse_no_logs
 from lidarcli.display import counted
 from lidarcli.option_forms import File, Option
 from lidarcli.options import OUTPUT, STDOUT, Learning, ManyLogs, Overwrite, TextOrJson, output
-from lidarcli.stores.url import place
+from lidarcli.stores import place
 
 if TYPE_CHECKING:
     from lidarcli.formalism.background import Background
@@ -56,14 +56,14 @@ def build(messages: Messages, options: BuildCommand) -> int:
     logs = log_options(options)
 
     from lidarcli.pipeline.building import (
-        Building,
+        BackgroundBuilder,
         BuildOptions,
         draw_background,
         refuse_nothing,
         refuse_output,
         scene_notes,
     )
-    from lidarcli.pipeline.runs.outcomes import exit_code
+    from lidarcli.pipeline.runs.over_logs import exit_code
 
     path = place(options["output"])
     messages.begin(options)
@@ -71,7 +71,7 @@ def build(messages: Messages, options: BuildCommand) -> int:
     refuse_output(path, sources, overwrite, [place(figure)] if figure else [])
     if options["dry_run"]:
         return print_reads(sources, [options["output"], figure] if figure else [options["output"]])
-    building = Building(
+    building = BackgroundBuilder(
         BuildOptions(*logs, distance=options["station_distance"], angle=math.radians(options["station_angle"]))
     )
     codes = []
@@ -138,8 +138,10 @@ def learned_lines(sensors: Sequence["Background"]) -> list[str]:
         lines += [
             f"  {sensor.topic} ({_frame(sensor)}): {counted(len(sensor), 'station')} of {sensor.grid.beams} beams, "
             f"{counted(figures['sweeps'], 'sweep')}",
-            f"  beams    {_shares(figures)}{_quality(figures)}",
+            f"  beams    {_shares(figures)}",
         ]
+        if figures["spread"] is not None:
+            lines[-1] += f"; spread {figures['spread']:.3f} m, support {figures['support']:.1%}"
     return lines
 
 
@@ -158,11 +160,12 @@ def background_lines(learned: "Learned") -> list[str]:
         figures = figures_of(sensor)
         view = sensor.grid.bearings()
         low, high = math.degrees(view.min(initial=0.0)), math.degrees(view.max(initial=0.0))
+        at_a_station = f", {sensor.sweeps.min():,} to {sensor.sweeps.max():,} at a station"
         lines += [
             f"  {sensor.topic} ({_frame(sensor)})",
             _line("beams", f"{sensor.grid.beams} from {low:.2f} to {high:.2f} deg", 4),
             _line("stations", _stations(sensor), 4),
-            _line("sweeps", f"{figures['sweeps']:,}" + _each(sensor), 4),
+            _line("sweeps", f"{figures['sweeps']:,}{at_a_station if len(sensor) > 1 else ''}", 4),
             _line("background", _shares(figures), 4),
         ]
         if figures["r_e_min"] is not None:
@@ -223,22 +226,12 @@ def _shares(figures: Mapping[str, Any]) -> str:
     return ", ".join(f"{name} {figures[name]:,} ({figures[name] / total:.1%})" for name in ("surface", "open", "unknown"))
 
 
-def _quality(figures: Mapping[str, Any]) -> str:
-    return "" if figures["spread"] is None else f"; spread {figures['spread']:.3f} m, support {figures['support']:.1%}"
-
-
 def _stations(sensor: "Background") -> str:
     if not sensor.posed.any():
         return f"{len(sensor)}, pose unknown"
     x, y = sensor.poses.x, sensor.poses.y
     reach = f"within {sensor.distance:g} m and {math.degrees(sensor.angle):g} deg"
     return f"{len(sensor):,}, x {x.min():.2f} to {x.max():.2f} m, y {y.min():.2f} to {y.max():.2f} m, sweeps {reach}"
-
-
-def _each(sensor: "Background") -> str:
-    if len(sensor) < 2:
-        return ""
-    return f", {sensor.sweeps.min():,} to {sensor.sweeps.max():,} at a station"
 
 
 def _origins(metadata: Mapping[str, Any]) -> list[dict[str, Any]]:

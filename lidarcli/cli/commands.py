@@ -17,18 +17,7 @@ from click.core import ParameterSource
 
 from lidarcli.cli.messages import Messages
 from lidarcli.errors import OptionError
-from lidarcli.option_forms import (
-    Argument,
-    File,
-    Number,
-    Option,
-    Rule,
-    Text,
-    Value,
-    arguments_of,
-    options_of,
-    refuse_combinations,
-)
+from lidarcli.option_forms import File, Number, Option, Rule, Text, Value, arguments_of, options_of, refuse_combinations
 from lidarcli.options import RULES
 
 if TYPE_CHECKING:
@@ -242,7 +231,11 @@ def command(
                 _run,
                 work,
                 options,
-                [field for field, each in (options | arguments_of(group)).items() if _is_read(each)],
+                [
+                    field
+                    for field, each in (options | arguments_of(group)).items()
+                    if isinstance(each.value, File) and not each.value.is_output
+                ],
                 (*RULES, *rules),
             ),
             help=cleandoc(work.__doc__ or ""),
@@ -263,11 +256,6 @@ def _arguments(group: type) -> list[click.Parameter]:
         )
         for field, each in arguments_of(group).items()
     ]
-
-
-def _is_read(each: Option | Argument) -> bool:
-    """Return True for what names files that are read."""
-    return isinstance(each.value, File) and not each.value.is_output
 
 
 def _run(work: Work, options: Mapping[str, Option], read: list[str], rules: Sequence[Rule], /, **values: Any) -> int:

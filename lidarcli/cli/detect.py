@@ -1,18 +1,30 @@
-"""`lidarcli detect`: objects of every sweep as tables, or as a stream on stdout; `track` uses its parts."""
+"""`lidarcli detect` and `track`: objects of every sweep as tables below a folder, as one file, or as a stream on stdout."""
 
 import os
-from collections.abc import Mapping
-from typing import Annotated, Any
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import nullcontext
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
 
 import click
 
 from lidarcli.choices import TABLE_BY_SUFFIX
 from lidarcli.cli.commands import command, log_options
-from lidarcli.cli.messages import Messages
-from lidarcli.cli.runs import into_folder, into_one, refuse_no_logs
+from lidarcli.cli.messages import Messages, Total, progress_bar, show, standard_output
+from lidarcli.cli.runs import chosen_logs, print_read, print_reads, refuse_no_logs
+from lidarcli.display import counted
 from lidarcli.option_forms import Option, Text
-from lidarcli.options import MANY, OUTPUT, STDOUT, Beams, Detecting, ManyLogs, Stamped, output
-from lidarcli.stores.url import place
+from lidarcli.options import MANY, OUTPUT, STDOUT, Beams, Detecting, ManyLogs, Stamped, Tracking, output
+from lidarcli.screen import one_line
+from lidarcli.stores import Place, absolute, is_url, place
+
+if TYPE_CHECKING:
+    from lidarcli.pipeline.inputs.sources import MissingInput, Source
+    from lidarcli.pipeline.objects.detection import DetectOptions
+    from lidarcli.pipeline.runs.over_logs import LogProgress, Outcome
+    from lidarcli.pipeline.runs.table_folder import Step, TableFolder
 
 OTHER_FILES = (".json", ".txt", ".tsv", ".gz", ".zst", ".feather", ".xlsx", ".db", ".sqlite", ".html", ".png")
 """Suffixes of files that nobody means as the name of a folder."""
@@ -74,48 +86,74 @@ class DetectCommand(Tables, Detecting, total=False):
   lidarcli detect bags/ -o tables --cluster local:4 --partition date
   cat run.mcap | lidarcli detect - -o - --format csv | head""",
 )
-def detect(say: Messages, told: DetectCommand) -> int:
+def detect(messages: Messages, options: DetectCommand) -> int:
     """Find the objects of every sweep of every LaserScan topic.
 
     Writes one row per object to DIR/<log>.objects.parquet and one per sweep to
     DIR/<log>.sweeps.parquet. Sub-folders of LOG are mirrored below DIR.
     """
-    return find(say, told, follow=False)
+    return find(messages, options, follow=False)
 
 
-def find(say: Messages, told: Mapping[str, Any], *, follow: bool) -> int:
+class TrackCommand(Tables, Tracking, total=False):
+    """Options of `track`."""
+
+
+@command(
+    TrackCommand,
+    examples="""\
+  lidarcli track run.mcap
+  lidarcli track bags/ -o tables --jobs 4 --no-trajectories --overwrite
+  lidarcli track --join run_0.bag run_1.bag run_2.bag
+  lidarcli track run.mcap --background empty.background.parquet
+  lidarcli track run.bag --pose /amcl_pose --significance 1e-7
+  cat run.mcap | lidarcli track - -o - | jq -c 'select(.set == "A")'""",
+)
+def track(messages: Messages, options: TrackCommand) -> int:
+    """Find objects, and follow things from sweep to sweep.
+
+    Does everything that `lidarcli detect` does, with the same options. In the same pass
+    it finds which objects are one thing, how fast it is, and which things move by
+    themselves (agents, set A). Beside the tables of objects and sweeps it writes
+    one row per thing to DIR/<log>.tracks.parquet, and where each thing was in every
+    sweep to DIR/<log>.trajectories.parquet.
+    """
+    return find(messages, options, follow=True)
+
+
+def find(messages: Messages, options: Mapping[str, Any], *, follow: bool) -> int:
     """Find objects as `detect` and `track` do, and write them; return the exit code.
 
     Parameters
     ----------
-    told : values of `Tables`, and of `Tracking` where things are followed, else of `Detecting`
+    options : values of `Tables`, and of `Tracking` where things are followed, else of `Detecting`
     follow : True for tracks
     """
-    output = told["output"]
-    one_file = _one_file(output)
-    is_one = output == STDOUT or one_file
-    refuse_no_logs(told)
-    if is_one and told["beams"]:
+    target = options["output"]
+    one_file = _one_file(target)
+    is_one = target == STDOUT or one_file
+    refuse_no_logs(options)
+    if is_one and options["beams"]:
         raise click.UsageError("--beams writes a file: give -o DIR")
-    if output != STDOUT and told["format"] not in (None, "json"):
+    if target != STDOUT and options["format"] not in (None, "json"):
         raise click.UsageError("--format is for the stream of -o -, or json for the summary; tables are Parquet")
-    if output == STDOUT and told["format"] == "json":
+    if target == STDOUT and options["format"] == "json":
         raise click.UsageError("--format json is the summary, for -o DIR; objects as JSON are --format ndjson")
-    if is_one and (told["resume"] or told["partition"] or told["cluster"] is not None):
+    if is_one and (options["resume"] or options["partition"] or options["cluster"] is not None):
         raise click.UsageError("--resume, --partition and --cluster are for tables in a folder: give -o DIR")
 
     from lidarcli.pipeline.api.options import detect_options, memory_of, tracking_of
 
-    options = detect_options(
-        told,
-        log_options(told),
-        tracking_of(told) if follow else memory_of(told),
-        beams=told["beams"],
-        overwrite=told["overwrite"] or told["resume"],
-        layout=told["partition"],
+    how = detect_options(
+        options,
+        log_options(options),
+        tracking_of(options) if follow else memory_of(options),
+        beams=options["beams"],
+        overwrite=options["overwrite"] or options["resume"],
+        layout=options["partition"],
     )
-    kind = one_file or (told["format"] or "ndjson" if output == STDOUT else None)
-    return into_folder(say, told, options) if kind is None else into_one(say, told, kind, options)
+    kind = one_file or (options["format"] or "ndjson" if target == STDOUT else None)
+    return _into_folder(messages, options, how) if kind is None else _into_one(messages, options, kind, how)
 
 
 def _one_file(output: str) -> str | None:
@@ -128,3 +166,144 @@ def _one_file(output: str) -> str | None:
             f"{output}: objects are written as {', '.join(TABLE_BY_SUFFIX)}; a folder of such a name ends with {os.sep}"
         )
     return TABLE_BY_SUFFIX.get(suffix)
+
+
+def _into_folder(messages: Messages, options: Mapping[str, Any], how: "DetectOptions") -> int:
+    """Write the tables of every log below a folder; return the exit code."""
+    from lidarcli.pipeline.inputs.search import refuse_clashes
+    from lidarcli.pipeline.inputs.sources import Source
+    from lidarcli.pipeline.runs.table_folder import TableFolder
+
+    address = options["cluster"]
+    folder = place(options["output"])
+    sources = _begin(messages, options, how)
+    refuse_clashes(sources)
+    if address is not None and any(isinstance(each, Source) and each.is_stdin for each in sources):
+        raise click.UsageError("--cluster reads no standard input: its workers are elsewhere")
+    tables = TableFolder(folder, how)
+    steps = tables.plan(sources, resume=options["resume"], overwrite=options["overwrite"])
+    if options["dry_run"]:
+        return _print_plan(tables, steps, how)
+    if address is not None and not how.overwrite:
+        steps = tables.refused(steps)
+    total = Total()
+    for step in steps:
+        if step.done is not None:
+            show(step.done, messages)
+            total.add(step.done)
+    left = [step.source for step in steps if step.done is None]
+    with progress_bar(left, messages) as report:
+        for outcome in _outcomes(messages, left, folder, how, report, address):
+            show(outcome, messages)
+            messages.notes(tables.remove_other_days(outcome))
+            total.add(outcome)
+    total.show(messages)
+    return messages.end(total.exit_code([step.source for step in steps]))
+
+
+def _into_one(messages: Messages, options: Mapping[str, Any], kind: str, how: "DetectOptions") -> int:
+    """Write the objects of all logs to standard output or one file, in one format; return the exit code."""
+    from lidarcli.pipeline.detecting import detect_file, detect_stream
+
+    output = options["output"]
+    sources = _begin(messages, options, how)
+    if options["dry_run"]:
+        return print_reads(sources, [] if output == STDOUT else [output])
+    total = Total()
+    # Data that scrolls by on the terminal leaves no place for a bar.
+    bar = nullcontext() if output == STDOUT and standard_output().isatty() else progress_bar(sources, messages)
+    with bar as report:
+        results = (
+            detect_stream(sources, standard_output().buffer, kind, how, report)
+            if output == STDOUT
+            else detect_file(sources, place(output), kind, how, report)
+        )
+        for outcome in results:
+            show(outcome, messages)
+            total.add(outcome)
+    total.show(messages)
+    return messages.end(total.exit_code(sources))
+
+
+def _begin(messages: Messages, options: Mapping[str, Any], how: "DetectOptions") -> "list[Source | MissingInput]":
+    """Return the logs of a run, after what is said before it."""
+    from lidarcli.machine import keep_freed_memory
+
+    keep_freed_memory()
+    messages.of_missing_core()
+    messages.begin(options)
+    sources = chosen_logs(messages, options)
+    shown = ", ".join(f"{name}={value}" for name, value in how.as_dict().items())
+    messages.detail(f"{counted(len(sources), 'log')}; {shown}")
+    return sources
+
+
+def _outcomes(
+    messages: Messages,
+    sources: "Sequence[Source | MissingInput]",
+    folder: Place,
+    how: "DetectOptions",
+    report: "LogProgress | None",
+    address: str | None,
+) -> "Iterator[Outcome]":
+    """Return the outcome of each log, here or on a cluster."""
+    from lidarcli.pipeline.detecting import detect_files
+
+    if address is None or not sources:
+        return detect_files(sources, folder, how, report)
+    return _on_cluster(messages, sources, folder, how, report, address)
+
+
+def _on_cluster(
+    messages: Messages,
+    sources: "Sequence[Source | MissingInput]",
+    folder: Place,
+    how: "DetectOptions",
+    report: "LogProgress | None",
+    address: str,
+) -> "Iterator[Outcome]":
+    """Yield the outcome of each log on a cluster (`OutputError` where only the machine of a worker has its tables)."""
+    from lidarcli.errors import OutputError
+    from lidarcli.pipeline.detecting import detect_to_files
+    from lidarcli.pipeline.inputs.sources import Source
+    from lidarcli.pipeline.runs import cluster
+
+    # The working directory of a worker is another.
+    there = folder.absolute() if isinstance(folder, Path) else folder
+    file = how.poses.file
+    poses = replace(how.poses, file=str(Path(file).absolute())) if file and not is_url(file) else how.poses
+    work = partial(detect_to_files, folder=there, options=replace(how, jobs=1, cores=1, poses=poses, overwrite=True))
+    with cluster.connected(address) as client:
+        where, workers, threads = cluster.size_of(client)
+        if (warning := cluster.danger(where)) is not None:
+            messages.error(f"--cluster: {warning}")
+        messages.info(f"cluster {where}: {counted(workers, 'worker')}, {counted(threads, 'thread')}")
+        for outcome in cluster.outcomes(client, sources, work):
+            if report is not None and isinstance(outcome.source, Source):
+                report(outcome.source, outcome.source.size)
+            yield outcome
+            for name in outcome.summary.outputs if outcome.summary is not None else ():
+                if not is_url(name) and not Path(name).exists():
+                    raise OutputError(
+                        f"{name}: a worker has written it, and it is not here; give -o the URL of a store, or a folder "
+                        "that all machines share"
+                    )
+
+
+def _print_plan(tables: "TableFolder", steps: "Sequence[Step]", how: "DetectOptions") -> int:
+    """Print what would be done, a line for each file; return the exit code that can be foreseen."""
+    from lidarcli.errors import OutputError
+    from lidarcli.pipeline.inputs.sources import MissingInput
+    from lidarcli.pipeline.runs.over_logs import exit_code
+
+    codes = []
+    for source, done in ((step.source, step.done) for step in steps):
+        code = print_read(source, "read" if done is None else "skip")
+        for name in () if done is not None or isinstance(source, MissingInput) else tables.outputs(source):
+            is_there = tables.is_there(absolute(name))
+            refused = is_there and not how.overwrite
+            code = code or (OutputError.exit_code if refused else 0)
+            state = " (exists; refused without --overwrite)" if refused else " (is replaced)" if is_there else ""
+            click.echo(f"write  {one_line(name)}{state}")
+        codes.append(code)
+    return exit_code(codes)

@@ -11,7 +11,7 @@ from lidarcli.display import no_command
 from lidarcli.option_forms import Argument, File, Option, Text
 from lidarcli.options import GATES, Diffing, Overwrite, TextOrJson, output
 from lidarcli.screen import one_line
-from lidarcli.stores.url import place
+from lidarcli.stores import place
 
 
 class DiffCommand(Overwrite, TextOrJson, Diffing, total=False):

@@ -15,7 +15,7 @@ from lidarcli.display import counted, moment, no_command
 from lidarcli.option_forms import Option, Rule, Text
 from lidarcli.options import FINDINGS, OUTPUT, Inspecting, ManyLogs, Overwrite, TextOrJson, output
 from lidarcli.screen import one_line
-from lidarcli.stores.url import place
+from lidarcli.stores import place
 
 if TYPE_CHECKING:
     from lidarcli.findings import Finding
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from lidarcli.logs.clock import ClockInfo
     from lidarcli.pipeline.building import Learned
     from lidarcli.pipeline.inspecting import LogInfo, ScanInfo, Span
-    from lidarcli.pipeline.runs.outcomes import Failure
+    from lidarcli.pipeline.runs.over_logs import Failure
 
 
 class InfoCommand(ManyLogs, TextOrJson, Overwrite, Inspecting, total=False):
@@ -80,7 +80,7 @@ def info(messages: Messages, options: InfoCommand) -> int:
     from lidarcli.newfiles import refuse, write_whole
     from lidarcli.pipeline.inputs.search import files_of
     from lidarcli.pipeline.inspecting import FIXES, LogInfo, fix_text, inspect_logs, judge_checks, understand_checks
-    from lidarcli.pipeline.runs.outcomes import Failure, exit_code
+    from lidarcli.pipeline.runs.over_logs import Failure, exit_code
 
     checks = understand_checks(options["check"], deep)
     paths = [place(name) for name in outputs]
@@ -132,7 +132,7 @@ def _report(messages: Messages, label: str, result: "LogInfo | Learned | Failure
     from lidarcli.errors import NoScanError
     from lidarcli.logs.options import clouds_hint, no_scan_topic
     from lidarcli.pipeline.inspecting import LogInfo
-    from lidarcli.pipeline.runs.outcomes import Failure
+    from lidarcli.pipeline.runs.over_logs import Failure
 
     if isinstance(result, Failure):
         if result.trace:

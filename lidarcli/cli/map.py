@@ -11,7 +11,7 @@ from lidarcli.cli.runs import chosen_logs, print_reads, refuse_no_logs
 from lidarcli.display import counted
 from lidarcli.option_forms import options_of
 from lidarcli.options import Jobs, ManyLogs, Mapping, Reading, Reported, output
-from lidarcli.stores.url import place
+from lidarcli.stores import place
 
 if TYPE_CHECKING:
     from lidarcli.pipeline.mapping import Mapped
@@ -52,7 +52,7 @@ def map(messages: Messages, options: MapCommand) -> int:
         raise click.UsageError(f"--voxel is for a point cloud: give -o with {', '.join(CLOUDS)}")
 
     from lidarcli.pipeline.mapping import MapOptions, MapRun
-    from lidarcli.pipeline.runs.outcomes import exit_code
+    from lidarcli.pipeline.runs.over_logs import exit_code
 
     messages.of_missing_core()
     logs = log_options(options)

@@ -17,12 +17,12 @@ from lidarcli.choices import beams_on
 from lidarcli.display import counted
 from lidarcli.errors import OutputError
 from lidarcli.screen import Count, Screen, byte_bar, count_bar, one_line
-from lidarcli.stores.url import blotted
+from lidarcli.stores import blotted
 
 if TYPE_CHECKING:
     from lidarcli.pipeline.inputs.sources import MissingInput, Source
     from lidarcli.pipeline.reading.one_log import Progress, RunSummary
-    from lidarcli.pipeline.runs.outcomes import Outcome
+    from lidarcli.pipeline.runs.over_logs import Outcome
 
 
 def _to_stderr(line: str) -> None:
@@ -219,8 +219,7 @@ def of_one_log(
     tell: Callable[[Any], Sequence[str]] = _reading_lines,
 ) -> int:
     """Do the work of a command on one log, show what became of it, and return the exit code; `tell` as of `show`."""
-    from lidarcli.pipeline.runs.outcomes import outcome_of
-    from lidarcli.pipeline.runs.over_logs import progress_of
+    from lidarcli.pipeline.runs.over_logs import outcome_of, progress_of
 
     with progress_bar([source], messages) as report:
         outcome = outcome_of(source, lambda one: work(one, progress_of(one, report)))

@@ -21,7 +21,7 @@ from lidarcli.cli.messages import Messages, counted_bar, standard_output
 from lidarcli.errors import OptionError
 from lidarcli.option_forms import Number, Option, Text, options_of
 from lidarcli.options import LOOK, PICTURE, PLOT_RULES, STDOUT, SWEEP, OneLog, Overwrite, Plotting, Window, output
-from lidarcli.stores.url import Place, place
+from lidarcli.stores import Place, place
 
 if TYPE_CHECKING:
     from lidarcli.pipeline.inputs.sources import Source
@@ -97,7 +97,7 @@ class PlotCommand(OneLog, Overwrite, Window, Plotting, total=False):
   lidarcli plot run.mcap --at 2026-11-22T10:00:00Z
   lidarcli plot run.mcap --view scene --width 89 --no-title -o fig.pdf
   lidarcli plot run.bag --topic /front_scan --sweeps 0,50,100 -o front.svg
-  lidarcli plot run.mcap --sweep 50 --profile paper --view difference -o s.png
+  lidarcli plot run.mcap --sweep 50 --profile paper --view sweep -o s.png
   lidarcli plot run.mcap --sweep 9 --background empty.parquet -o change.png
   lidarcli plot run.mcap --sweep 80 --tracks run.tracks.parquet -o paths.png
   lidarcli plot run.mcap --sweep 80 --zones nav2.yaml -o zones.png
@@ -105,7 +105,7 @@ class PlotCommand(OneLog, Overwrite, Window, Plotting, total=False):
   lidarcli plot run.mcap --sweeps 0:100:2 --animate --fps 20 --overwrite""",
     rules=PLOT_RULES,
 )
-def plot(say: Messages, told: Mapping[str, Any]) -> int:
+def plot(messages: Messages, told: Mapping[str, Any]) -> int:
     """Draw sweeps: scene with boxes, r(theta), s(theta), map.
 
     Without -o the picture is LOG-0.png in the current directory, and so on. Only the log
@@ -157,7 +157,7 @@ def plot(say: Messages, told: Mapping[str, Any]) -> int:
         from lidarcli.pipeline.mapping import MapOptions
 
         options = MapOptions(read, opening, poses, parameters=found_with, overwrite=overwrite)
-        return _draw_map(say, source, paths, wanted, tracks, options, look)
+        return _draw_map(messages, source, paths, wanted, tracks, options, look)
     drawn = take_pictures(
         source,
         PlotOptions(
@@ -174,24 +174,24 @@ def plot(say: Messages, told: Mapping[str, Any]) -> int:
             zones,
         ),
     )
-    say.notes(drawn.notes)
+    messages.notes(drawn.notes)
     if output == STDOUT:
         standard_output().buffer.write(picture_bytes(drawn.pictures[0], view, ".png", look))
     else:
         if animate:
-            with counted_bar(paths[0].name, len(drawn.pictures), "frames", say) as report:
+            with counted_bar(paths[0].name, len(drawn.pictures), "frames", messages) as report:
                 notes = write_animation(paths[0], drawn.pictures, view, overwrite, look, report)
         else:
             notes = write_pictures(paths, drawn.pictures, view, overwrite, look)
-        say.wrote(paths)
-        say.notes(notes)
+        messages.wrote(paths)
+        messages.notes(notes)
     for line in drawn.damage:
-        say.error(source.label, line)
+        messages.error(source.label, line)
     return UnreadableError.exit_code if drawn.damage else 0
 
 
 def _draw_map(
-    say: Messages,
+    messages: Messages,
     source: "Source",
     paths: list[Place],
     sweeps: tuple[int, ...] | None,
@@ -207,15 +207,15 @@ def _draw_map(
         drawn = take_map(source, options, sweeps, tracks)
     except UnreadableError as err:
         raise UnreadableError(f"{source.label}: {str(err).removeprefix(f'{source.path}: ')}") from err
-    say.notes(drawn.notes)
+    messages.notes(drawn.notes)
     if str(paths[0]) == STDOUT:
         standard_output().buffer.write(map_bytes(drawn.pictures[0], ".png", look))
     else:
         notes = write_maps(paths, drawn.pictures, options.overwrite, look)
-        say.wrote(paths)
-        say.notes(notes)
+        messages.wrote(paths)
+        messages.notes(notes)
     for line in drawn.damage:
-        say.error(source.label, line)
+        messages.error(source.label, line)
     return UnreadableError.exit_code if drawn.damage else 0
 
 

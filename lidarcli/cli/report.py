@@ -9,7 +9,7 @@ from lidarcli.cli.commands import command
 from lidarcli.cli.messages import Messages, are_shown_together, coloured, counted_bar, standard_output
 from lidarcli.option_forms import Argument, File, Option
 from lidarcli.options import OUTPUT, STDOUT, Overwrite, Reporting, output
-from lidarcli.stores.url import place
+from lidarcli.stores import place
 
 
 class ReportCommand(Overwrite, Reporting, total=False):
@@ -43,65 +43,43 @@ class ReportCommand(Overwrite, Reporting, total=False):
   lidarcli report new/ --baseline old/ --check "changed_sweeps == 0"
   lidarcli report site.changes.parquet -o site.html --check "gone == 0"
   lidarcli report 'tables/*.parquet' --format json | jq .figures
-  lidarcli report tables/_lidarcli --check "failed == 0"
   lidarcli report tables/ --check "sweeps >= 100" --format github
   lidarcli report tables/ --format junit -o report.xml --overwrite""",
 )
-def report(say: Messages, told: Mapping[str, Any]) -> int:
+def report(messages: Messages, options: Mapping[str, Any]) -> int:
     """Summarise one or many runs, and test them against thresholds.
 
     TABLE is an objects, sweeps or tracks table of detect or track (the others are
-    found beside it), a table of changes of diff, a folder to search, or a pattern. The
-    folder TABLES/_lidarcli of a run over many logs, or manifests in it, record the
-    outcome of each log.
+    found beside it), a table of changes of diff, a folder to search, or a pattern.
     """
-    tables, checks, baseline, logs = told["tables"], told["check"], told["baseline"], told["log"]
-    outputs, brief = told["output"], told["brief"]
+    tables, checks, baseline, logs = options["tables"], options["check"], options["baseline"], options["log"]
+    outputs, brief = options["output"], options["brief"]
 
     from lidarcli.newfiles import refuse, write_whole
     from lidarcli.pipeline.inputs.search import files_of, find_logs
     from lidarcli.pipeline.inputs.tables import table_files
-    from lidarcli.pipeline.reporting import (
-        SHORT_FORMATS,
-        SUFFIXES,
-        ReportOptions,
-        encoded,
-        make_report,
-        manifest_files,
-        render,
-        report_runs,
-        understand,
-        understand_runs,
-    )
+    from lidarcli.pipeline.reporting import SHORT_FORMATS, SUFFIXES, ReportOptions, encoded, make_report, render, understand
 
-    kinds = _kinds(outputs or (STDOUT,), told["format"], SUFFIXES)
+    kinds = _kinds(outputs or (STDOUT,), options["format"], SUFFIXES)
     if brief and not {*kinds} & {*SHORT_FORMATS}:
         raise click.UsageError(f"--brief is for {', '.join(SHORT_FORMATS)}; leave it out for {kinds[0]}")
-    of_runs = _are_of_runs(tables, baseline, logs)
-    options = ReportOptions(tables, checks, baseline, logs, told["join"])
-    if of_runs:
-        understand_runs(checks)
-    else:
-        understand(options)
+    report_options = ReportOptions(tables, checks, baseline, logs, options["join"])
+    understand(report_options)
     files = [place(name) for name in outputs if name != STDOUT]
     if files:
-        read = manifest_files(tables)[0] if of_runs else table_files([*tables, *baseline])
-        refuse(files, told["overwrite"], [*map(str, read), *files_of(find_logs(logs))], devices=True)
-    with counted_bar("report", None, "steps", say) as progress:
-        made = (
-            report_runs(tables, checks, progress)
-            if of_runs
-            else make_report(options, viewer="html" in kinds, progress=progress)
-        )
+        read = table_files([*tables, *baseline])
+        refuse(files, options["overwrite"], [*map(str, read), *files_of(find_logs(logs))], devices=True)
+    with counted_bar("report", None, "steps", messages) as progress:
+        made = make_report(report_options, viewer="html" in kinds, progress=progress)
     written = [*zip(outputs or (STDOUT,), kinds, strict=True)]
     is_shown = any(name == STDOUT and form in SHORT_FORMATS for name, form in written)
     # Workflow commands are for the log of a step, which shows both.
     if not (is_shown and ((STDOUT, "github") in written or are_shown_together())):
         for kind_of, problem in made.report.named_problems:
-            say.error(*((kind_of, problem) if kind_of == "incomplete" else (problem,)))
+            messages.error(*((kind_of, problem) if kind_of == "incomplete" else (problem,)))
     if not is_shown:
         for warning in made.report.warnings:
-            say.info(f"warning: {warning}")
+            messages.info(f"warning: {warning}")
     for name, form in written:
         short = brief and form in SHORT_FORMATS
         if name == STDOUT:
@@ -109,29 +87,13 @@ def report(say: Messages, told: Mapping[str, Any]) -> int:
             standard_output().buffer.write(encoded(words))
         else:
             data = encoded(render(made, form, brief=short))
-            notes = write_whole(place(name), data, told["overwrite"], devices=True)
-            say.wrote([name])
-            say.notes(notes)
+            notes = write_whole(place(name), data, options["overwrite"], devices=True)
+            messages.wrote([name])
+            messages.notes(notes)
     for verdict in made.report.verdicts:
         if not verdict.holds:
-            say.error(f"check failed: {verdict.failure}")
+            messages.error(f"check failed: {verdict.failure}")
     return made.report.exit_code
-
-
-def _are_of_runs(tables: Sequence[str], baseline: Sequence[str], logs: Sequence[str]) -> bool:
-    """True for a report about manifests of runs, False for one about tables; mixing them is a usage error."""
-    from lidarcli.pipeline.reporting import is_of_runs
-
-    manifests = [name for name in tables if is_of_runs(name)]
-    compared = [name for name in baseline if is_of_runs(name)]
-    if compared or (manifests and baseline):
-        raise click.UsageError(f"{(compared or manifests)[0]}: --baseline compares tables, not the manifests of runs")
-    if manifests and logs:
-        raise click.UsageError(f"{manifests[0]}: --log belongs to tables, not to the manifests of runs")
-    if manifests and len(manifests) < len(tables):
-        other = next(name for name in tables if name not in manifests)
-        raise click.UsageError(f"{manifests[0]} is a manifest of runs and {other} is none; report on one or the other")
-    return bool(manifests)
 
 
 def _kinds(outputs: Sequence[str], kind: str | None, suffixes: dict[str, str]) -> list[str]:

@@ -2,8 +2,7 @@
 
 import json
 import os
-from collections.abc import Iterator, Mapping
-from dataclasses import asdict, dataclass
+from collections.abc import Collection, Iterator, Mapping
 from datetime import date
 from difflib import get_close_matches
 from functools import reduce
@@ -25,10 +24,6 @@ NONE = "none"
 """As the name of a settings file: use none, also where LIDARCLI_CONFIG names one."""
 
 PREFIX = "LIDARCLI"
-NOT_OPTIONS = frozenset({"LIDARCLI_COMPILED", "LIDARCLI_BUILD", "LIDARCLI_REAL_LOGS", "LIDARCLI_CONFIG"})
-"""Variables that do not stand for an option of a command."""
-
-
 NOT_SHARED = frozenset({"format", "output"})
 """Options whose values mean something else in each command."""
 
@@ -105,21 +100,6 @@ def unknown_variables(ctx: click.Context) -> list[str]:
     return words
 
 
-def strange_variables(ctx: click.Context) -> list[str]:
-    """Words for the variables of the environment that look like an option of some command, and of which there is none."""
-    root = ctx.find_root()
-    known = [f"{PREFIX}_{name.split()[0].upper()}" for name, _, _ in commands(ctx)]
-    own = [name for each in settable(root.command) if (name := each.variable(root))]
-    strange = [
-        name
-        for name in sorted(os.environ)
-        if name.startswith(f"{PREFIX}_")
-        and name not in {*NOT_OPTIONS, *own}
-        and not any(name.startswith(f"{prefix}_") for prefix in known)
-    ]
-    return [f"{name}: lidarcli has no such command or option" for name in strange]
-
-
 def show_settings(ctx: click.Context) -> None:
     """Tell of the settings that are in force, and of files and variables that do nothing."""
     if ctx.info_name == "completion":
@@ -139,72 +119,47 @@ def _default_maps(ctx: click.Context, file: str) -> dict[str, Any]:
     from lidarcli.configfiles import read_toml
 
     settings = read_toml(file, "settings file")
-    shared = {key: value for key, value in settings.items() if not isinstance(value, Mapping)}
-    for_all = _by_option(file, "", shared)
-    for key in sorted(NOT_SHARED & for_all.keys()):
+    known = {name: {each.key: each for each in settable(one)} for name, one, _ in commands(ctx)}
+    shared = {_spelled(key): value for key, value in settings.items() if not isinstance(value, Mapping)}
+    tables: dict[str, Any] = {}
+    for key, table in settings.items():
+        if isinstance(table, Mapping):
+            is_group = any(name.startswith(f"{key} ") for name in known)
+            tables |= {f"{key} {name}": inner for name, inner in table.items()} if is_group else {key: table}
+    for name, table in tables.items():
+        if name not in known or not isinstance(table, Mapping):
+            near = get_close_matches(name, known, 1)
+            hint = f"; did you mean [{near[0].replace(' ', '.')}]?" if near else ""
+            raise OptionError(f"{file}: [{name.replace(' ', '.')}]: no such command{hint}")
+        _refuse_unknown(file, f"[{name.replace(' ', '.')}]", table, known[name])
+    _refuse_unknown(file, "", shared, {key for options in known.values() for key in options})
+    for key in sorted(NOT_SHARED & shared.keys()):
         raise OptionError(f"{file}: '{key}' is not the same in every command: set it below [detect] or another one")
-    found: dict[str, dict[str, Any]] = {}
-    every: set[str] = set()
-    # A key such as `background = "room.parquet"` is an option, not the tables of the commands.
-    tables = _by_command(file, {key: settings[key] for key in settings.keys() - shared}, ctx)
-    for name, one, _ in commands(ctx):
-        table = tables.get(name, {})
-        header = name.replace(" ", ".")
-        known = {each.key: each for each in settable(one)}
-        every |= known.keys()
-        for key in table:
-            if _spelled(key) not in known:
-                if isinstance(table[key], Mapping):
-                    raise OptionError(f"{file}: [{header}.{key}]: no such command")
-                _refuse(file, f"[{header}]", key, known)
-        own = _by_option(file, header, table)
+    tree: dict[str, Any] = {}
+    for name, options in known.items():
+        own = {_spelled(key): value for key, value in tables.get(name, {}).items()}
         common = {
             key: value
-            for key, value in for_all.items()
-            if key in known and not (isinstance(value, list) and takes_one(known[key]))
+            for key, value in shared.items()
+            if key in options and not (isinstance(value, list) and takes_one(options[key]))
         }
+        header = name.replace(" ", ".")
         values = {
-            str(known[key].name): _typed(file, header if key in own else "", known[key], value)
+            str(options[key].name): _typed(file, header if key in own else "", options[key], value)
             for key, value in (common | own).items()
-            if key in known
         }
-        found[name] = values
-    for key in shared:
-        if _spelled(key) not in every:
-            if key in found:
-                raise OptionError(f"{file}: '{key}' is a command: its options stand below a line [{key}]")
-            _refuse(file, "", key, every)
-    for key in (each for each in tables if each not in found):
-        near = get_close_matches(key, found, 1)
-        hint = f"; did you mean [{near[0].replace(' ', '.')}]?" if near else ""
-        raise OptionError(f"{file}: [{key.replace(' ', '.')}]: no such command{hint}")
-    tree: dict[str, Any] = {}
-    for name, values in found.items():
         *groups, last = name.split()
         reduce(lambda inner, group: inner.setdefault(group, {}), groups, tree)[last] = values
     return tree
 
 
-def _by_command(file: str, tables: Mapping[str, Mapping[str, Any]], ctx: click.Context) -> dict[str, Any]:
-    """The tables of a file by the names of commands; a group such as [background] has tables alone."""
-    found: dict[str, Any] = {}
-    for key, table in tables.items():
-        below = [name.replace(" ", ".") for name, _, _ in commands(ctx) if name.startswith(f"{key} ")]
-        for inner, value in table.items() if below else ():
-            if not isinstance(value, Mapping):
-                places = " or ".join(f"[{name}]" for name in below)
-                raise OptionError(f"{file}: [{key}]: no option '{inner}': options stand below {places}")
-            found[f"{key} {inner}"] = value
-        if not below:
-            found[key] = table
-    return found
-
-
-def _refuse(file: str, place: str, key: str, known: Any) -> None:
-    """Refuse a key that is no option."""
-    near = get_close_matches(_spelled(key), sorted(known), 1)
-    hint = f"; did you mean '{near[0]}'?" if near else ""
-    raise OptionError(f"{': '.join(filter(None, (file, place)))}: no option '{key}'{hint}")
+def _refuse_unknown(file: str, place: str, table: Mapping[str, Any], known: Collection[str]) -> None:
+    """Refuse keys that are no options."""
+    for key in table:
+        if _spelled(key) not in known:
+            near = get_close_matches(_spelled(key), sorted(known), 1)
+            hint = f"; did you mean '{near[0]}'?" if near else ""
+            raise OptionError(f"{': '.join(filter(None, (file, place)))}: no option '{key}'{hint}")
 
 
 def _spelled(key: str) -> str:
@@ -218,24 +173,9 @@ def takes_one(option: DeclaredOption) -> bool:
     return not is_list
 
 
-def _by_option(file: str, command: str, table: Mapping[str, Any]) -> dict[str, Any]:
-    """The values of a table by the names of their options, each of which is set once."""
-    found: dict[str, Any] = {}
-    for key, value in table.items():
-        if _spelled(key) in found:
-            raise OptionError(f"{_place(file, command, key)} is set twice, with - and with _")
-        found[_spelled(key)] = value
-    return found
-
-
-def _place(file: str, command: str, key: str) -> str:
-    """The place of a value, for messages; no command where it is set for all."""
-    return f"{file}: {f'[{command}]: ' if command else ''}'{key}'"
-
-
 def _typed(file: str, command: str, option: DeclaredOption, value: Any) -> Any:
     """A value of the file as click takes it: texts as they would be typed, lists of them, or true and false."""
-    place = _place(file, command, option.key)
+    place = f"{file}: {f'[{command}]: ' if command else ''}'{option.key}'"
     if option.is_flag:
         if not isinstance(value, bool):
             raise OptionError(f"{place} must be true or false")
@@ -303,16 +243,6 @@ def _found(names: tuple[str, ...]) -> list[str]:
     return found
 
 
-@dataclass(frozen=True, slots=True)
-class Setting:
-    """The value of one option of a command, and its origin."""
-
-    command: str
-    option: str
-    value: str | None
-    origin: str
-
-
 class ConfigCommand(TextOrJson, total=False):
     """Options of `config`."""
 
@@ -341,57 +271,35 @@ def config(messages: Messages, options: ConfigCommand) -> int:
     there = [each for each in commands(ctx) if f"{each[0]} ".startswith(f"{asked} " if asked else "")]
     if not there:
         raise click.UsageError(f"there is no command '{asked}'")
-    settings = []
-    for line in strange_variables(ctx):
-        messages.error(line)
-    for name, one, below in there:
-        settings += [_setting(name, each, below) for each in settable(one)]
+    rows = [_setting(name, each, below) for name, one, below in there for each in settable(one)]
     for line in dict.fromkeys(line for _, _, below in there for line in unknown_variables(below)):
         messages.error(line)
-    shown = [each for each in settings if asked or each.origin != "default"]
-    file = ctx.find_root().meta.get(ORIGINS)
+    rows = [row for row in rows if asked or row["origin"] != "default"]
     if options["format"] == "json":
-        click.echo(json.dumps([asdict(each) for each in shown], indent=2, ensure_ascii=False))
+        click.echo(json.dumps(rows, indent=2, ensure_ascii=False))
         return 0
-    if file is None:
+    if ctx.find_root().meta.get(ORIGINS) is None:
         messages.info("settings file: none")
-    if not shown:
+    if not rows:
         messages.info("every option has its default; lidarcli config COMMAND shows them")
-    for line in _table([(each.command, f"--{each.option}", _shown(each), each.origin) for each in shown]):
-        click.echo(one_line(line))
+    cells = [(row["command"], f"--{row['option']}", row["value"] or "-", row["origin"]) for row in rows]
+    widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
+    for *row, origin in cells:
+        click.echo(one_line("  ".join([*(text.ljust(width) for text, width in zip(row, widths, strict=False)), origin])))
     return 0
 
 
-def _setting(command: str, each: DeclaredOption, ctx: click.Context) -> Setting:
-    """The value of an option without the command line."""
-    value = each.setting(ctx)
-    origin = each.origin(ctx)
+def _setting(command: str, each: DeclaredOption, ctx: click.Context) -> dict[str, Any]:
+    """The value of an option without the command line, and its origin."""
+    value, origin = each.setting(ctx), each.origin(ctx)
     if origin is None:
-        return Setting(command, each.key, _default(each), "default")
+        default = (
+            "required" if each.required else each.declared.default_words(each.key) or ("false" if each.is_flag else None)
+        )
+        return {"command": command, "option": each.key, "value": default, "origin": "default"}
     items = value if isinstance(value, list | tuple) else [value]
-    return Setting(command, each.key, " ".join(_word(item) for item in items), origin)
-
-
-def _default(each: DeclaredOption) -> str | None:
-    """The default as help shows it; None if there is none."""
-    if each.required:
-        return "required"
-    shown = each.declared.default_words(each.key)
-    return shown or ("false" if each.is_flag else None)
-
-
-def _word(value: object) -> str:
-    return str(value).lower() if isinstance(value, bool) else str(value)
-
-
-def _shown(setting: Setting) -> str:
-    return "-" if setting.value is None else setting.value
-
-
-def _table(rows: list[tuple[str, str, str, str]]) -> list[str]:
-    """Rows as columns of equal width; the last one is as long as it is."""
-    widths = [max((len(row[column]) for row in rows), default=0) for column in range(3)]
-    return ["  ".join([*(text.ljust(width) for text, width in zip(row, widths, strict=False)), row[3]]) for row in rows]
+    words = " ".join(str(item).lower() if isinstance(item, bool) else str(item) for item in items)
+    return {"command": command, "option": each.key, "value": words, "origin": origin}
 
 
 class CompletionCommand(TypedDict, total=False):

@@ -1,13 +1,28 @@
-"""`lidarcli export`, `poses` and `simulate`: files made of tables, of a log and of a scene."""
+"""`lidarcli export`, `poses`, `simulate`, `clean` and `overlay`: files made of tables, of a log and of a scene."""
 
 from typing import Annotated
 
-from lidarcli.cli.commands import command, log_options
+from lidarcli.cli.commands import command, log_options, usage_errors
 from lidarcli.cli.messages import Messages, counted_bar, of_one_log, standard_output
 from lidarcli.display import counted
 from lidarcli.option_forms import Argument, File, Option, Rule, options_of
-from lidarcli.options import OUTPUT, STDOUT, Exporting, OneLog, Overwrite, Reading, Reported, Simulating, output
-from lidarcli.stores.url import place
+from lidarcli.options import (
+    INPUT,
+    OUTPUT,
+    OVERLAY_RULES,
+    STDOUT,
+    Cleaning,
+    Exporting,
+    OneLog,
+    Overlaying,
+    Overwrite,
+    Reading,
+    Reported,
+    Simulating,
+    TextOrJson,
+    output,
+)
+from lidarcli.stores import place
 
 
 class ExportCommand(Overwrite, Exporting, total=False):
@@ -126,3 +141,91 @@ def simulate(messages: Messages, options: SimulateCommand) -> int:
     messages.wrote(filter(None, written))
     messages.notes(result.notes)
     return 0
+
+
+class CleanCommand(Reported, Cleaning, total=False):
+    """Options of `clean`."""
+
+    log: Annotated[str, Argument("LOG", INPUT)]
+    output: Annotated[
+        str, output("FILE"), "Log to write, in the container of LOG; beside it the table NAME.cleaned.parquet."
+    ]
+
+
+@command(
+    CleanCommand,
+    examples="""\
+  lidarcli clean run.mcap -o run.clean.mcap
+  lidarcli clean run.bag -o run.clean.bag --remove agents,temporary
+  lidarcli clean run.bag -o run.clean.bag --mask robot.toml
+  lidarcli clean run.mcap -o run.clean.mcap --value inf --margin 2
+  lidarcli map run.clean.mcap -o room.yaml""",
+)
+def clean(messages: Messages, options: CleanCommand) -> int:
+    """Write a log once more without what moves in it, for maps.
+
+    MCAP, ROS 1 bags and ROS 2 bags, each to its own kind. All messages stay as they are,
+    in their order; of LaserScan messages the beams on agents say NaN.
+    """
+    from lidarcli.machine import keep_freed_memory
+    from lidarcli.pipeline.api.options import clean_options
+    from lidarcli.pipeline.cleaning import clean_log
+    from lidarcli.pipeline.inputs.search import one_log
+
+    with usage_errors():
+        how = clean_options(options, overwrite=options["overwrite"])
+    keep_freed_memory()
+    messages.of_missing_core()
+    messages.begin(options)
+    source, path = one_log((options["log"],), False), place(options["output"])
+    return of_one_log(
+        messages,
+        source,
+        lambda one, progress: clean_log(one, path, how, progress),
+        lambda run: [run.line, f"  copied   {run.copied}"],
+    )
+
+
+class OverlayCommand(OneLog, Overwrite, TextOrJson, Overlaying, total=False):
+    """Options of `overlay`."""
+
+    output: Annotated[
+        str,
+        output("FILE"),
+        "File to write: .mcap (ROS 2, for Foxglove, Lichtblick and RViz), .bag (ROS 1) or .rrd (rerun, an extra).",
+    ]
+
+
+@command(
+    OverlayCommand,
+    changed={"max_width": {"shown": "2; paper: no limit"}},
+    examples="""\
+  lidarcli overlay run.mcap -o run.overlay.mcap
+  lidarcli overlay run.mcap -o run.overlay.mcap --objects run.objects.parquet
+  lidarcli overlay run.bag -o run.shown.mcap --with-log --map room.yaml
+  lidarcli overlay run.mcap -o run.overlay.mcap --zones nav2.yaml
+  lidarcli overlay run.bag -o run.overlay.bag --no-layout
+  lidarcli overlay run.mcap -o run.rrd
+  ros2 bag play -i run.mcap -i run.overlay.mcap""",
+    rules=OVERLAY_RULES,
+)
+def overlay(messages: Messages, options: OverlayCommand) -> int:
+    """Write objects and tracks as markers that viewers play.
+
+    One visualization_msgs/MarkerArray per sweep on /lidarcli/objects: outlines, bodies,
+    labels and velocities. Open the file together with the log, or give --with-log.
+    """
+    logs = log_options(options)
+
+    from lidarcli.machine import keep_freed_memory
+    from lidarcli.pipeline.api.options import overlay_options
+    from lidarcli.pipeline.inputs.search import one_log
+    from lidarcli.pipeline.overlaying import refuse_overlay, write_overlay
+
+    how = overlay_options(options, logs, overwrite=options["overwrite"])
+    keep_freed_memory()
+    messages.of_missing_core()
+    messages.begin(options)
+    source, path = one_log(options["log"], options["join"]), place(options["output"])
+    refuse_overlay(path, source, how)
+    return of_one_log(messages, source, lambda one, progress: write_overlay(one, path, how, progress))

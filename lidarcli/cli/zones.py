@@ -1,4 +1,4 @@
-"""`lidarcli zones`: who or what was in a zone, when, and how near."""
+"""`lidarcli zones`: who or what was in a zone, when, and zoning near."""
 
 from typing import Annotated
 
@@ -10,7 +10,7 @@ from lidarcli.cli.runs import chosen_logs, print_reads, refuse_no_logs
 from lidarcli.display import counted
 from lidarcli.option_forms import Option, Text
 from lidarcli.options import GATES, STDOUT, ZONE_RULES, ManyLogs, Reported, Zoning, output
-from lidarcli.stores.url import place
+from lidarcli.stores import place
 
 
 class ZonesCommand(Zoning, ManyLogs, Reported, total=False):
@@ -40,59 +40,59 @@ class ZonesCommand(Zoning, ManyLogs, Reported, total=False):
     --footprint '[[0.3, 0.2], [0.3, -0.2], [-0.3, 0.0]]'""",
     rules=ZONE_RULES,
 )
-def zones(say: Messages, told: ZonesCommand) -> int:
-    """Find who or what was in a zone, when, and how near.
+def zones(messages: Messages, options: ZonesCommand) -> int:
+    """Find who or what was in a zone, when, and zoning near.
 
     Zones are polygons, circles and lines in the frame of the sensor, the robot or the
     world, of a TOML file or of Nav2's Collision Monitor, whose rules they follow. All
     valid beams count by default: a wall that is too near is an event, too.
     An offline check of a recording, no safety function.
     """
-    refuse_no_logs(told)
-    if told["output"] == STDOUT:
+    refuse_no_logs(options)
+    if options["output"] == STDOUT:
         raise click.UsageError("-o is the name of a folder; there is no standard output of tables")
-    logs = log_options(told)
+    logs = log_options(options)
 
     from lidarcli.errors import CHECK_FAILED, UnreadableError
     from lidarcli.machine import keep_freed_memory
-    from lidarcli.pipeline.api.zoning import zone_options
-    from lidarcli.pipeline.zoning import Gates, ZoneSummary, refuse_outputs, watch_files
+    from lidarcli.pipeline.api.options import zone_options
+    from lidarcli.pipeline.zoning import ZoneSummary, judge, refuse_outputs, understand, watch_files
 
     with usage_errors():
-        options = zone_options(told, logs, overwrite=told["overwrite"])
-        gates = Gates(options, told["check"])
-    say.begin(told)
-    sources = chosen_logs(say, told)
-    if options.objects is not None and len(sources) != 1:
+        zoning = zone_options(options, logs, overwrite=options["overwrite"])
+        checks = understand(zoning, options["check"])
+    messages.begin(options)
+    sources = chosen_logs(messages, options)
+    if zoning.objects is not None and len(sources) != 1:
         raise click.UsageError(f"--objects is for one log, and these are {len(sources):,}")
-    folder = None if told["output"] is None else place(told["output"])
-    outputs = refuse_outputs(sources, folder, options)
-    if told["dry_run"]:
+    folder = None if options["output"] is None else place(options["output"])
+    outputs = refuse_outputs(sources, folder, zoning)
+    if options["dry_run"]:
         return print_reads(sources, outputs)
     keep_freed_memory()
-    say.of_missing_core()
+    messages.of_missing_core()
     total = Total()
-    failed = False
+    failed, tables = False, []
 
     def tell(run: ZoneSummary) -> list[str]:
         where = f"{counted(run.sweeps, 'sweep')} of {', '.join(sorted(run.topics))}"
-        return [f"{where}, {counted(len(options.zones.zones), 'zone')}", *(f"  {line}" for line in run.lines)]
+        return [f"{where}, {counted(len(zoning.zones.zones), 'zone')}", *(f"  {line}" for line in run.lines)]
 
-    with progress_bar(sources, say) as report:
-        for outcome in watch_files(sources, folder, options, report):
+    with progress_bar(sources, messages) as report:
+        for outcome in watch_files(sources, folder, zoning, report):
             total.add(outcome)
-            show(outcome, say, tell)
+            show(outcome, messages, tell)
             if isinstance(outcome.summary, ZoneSummary):
-                gates.add(outcome.summary.tables)
+                tables += [outcome.summary.tables] if checks else []
             else:
                 failed = True
-    verdicts, unobserved = ([], ()) if failed else gates.verdicts()
+    verdicts, unobserved = ([], ()) if failed else judge(checks, tables)
     for line in unobserved:
-        say.error("incomplete", line)
+        messages.error("incomplete", line)
     for verdict in verdicts:
         if not verdict.holds:
-            say.error(f"check failed: {verdict.failure}")
+            messages.error(f"check failed: {verdict.failure}")
     code = total.exit_code(sources) or (UnreadableError.exit_code if unobserved else 0)
     if not all(verdict.holds for verdict in verdicts):
         code = CHECK_FAILED
-    return say.end(code, checks=[verdict.as_dict() for verdict in verdicts])
+    return messages.end(code, checks=[verdict.as_dict() for verdict in verdicts])

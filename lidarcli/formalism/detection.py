@@ -63,7 +63,6 @@ class Detection:
         "1",
         "how likely it is a thing and not a piece of building, 0 to 1; null with a background or profile paper",
         nullable=True,
-        later=True,
     )
 
     vertex_offsets: Int32 = column("1", "vertices of object k are vertex_offsets[k]:vertex_offsets[k + 1]", per="offset")
@@ -78,14 +77,10 @@ class Detection:
     face_rms: Float64 = column("m", "rms distance of its points from a straight face", per="face")
 
     nearest: Float64 = column(
-        "m",
-        "least range of the sweep, be it of an object or a wall; null without a range",
-        per="sweep",
-        nullable=True,
-        later=True,
+        "m", "least range of the sweep, be it of an object or a wall; null without a range", per="sweep", nullable=True
     )
     nearest_theta: Float64 = column(
-        "rad", "bearing of the beam with that range; null without one", per="sweep", nullable=True, later=True
+        "rad", "bearing of the beam with that range; null without one", per="sweep", nullable=True
     )
     """Of several the first."""
     d_mean: Float64 = column(
@@ -119,7 +114,6 @@ class Detection:
         "1",
         "median intensity of its beams, in the sensor's own unit; null where the log has none",
         nullable=True,
-        later=True,
         default=None,
     )
     """None: no sweep has intensities."""
@@ -144,12 +138,11 @@ class Detection:
         "name in the catalogue; null without a catalogue, or where nothing in it fits",
         kind="text",
         nullable=True,
-        later=True,
         default=None,
     )
     """Entry of the catalogue; None without a catalogue."""
     label_score: Float64 | None = column(
-        "1", "how well the label fits, 0 to 1; null without one", nullable=True, later=True, default=None
+        "1", "how well the label fits, 0 to 1; null without one", nullable=True, default=None
     )
 
     def __len__(self) -> int:

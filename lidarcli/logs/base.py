@@ -155,9 +155,9 @@ class ReadReport:
 
     def add_doubts(self, topic: str, findings: Iterable[Finding]) -> None:
         """Add findings on the sweeps of a topic, each message once."""
-        told = {found.message: found for found in (*self.doubts.get(topic, ()), *findings)}
-        if told:
-            self.doubts[topic] = tuple(told.values())
+        known = {found.message: found for found in (*self.doubts.get(topic, ()), *findings)}
+        if known:
+            self.doubts[topic] = tuple(known.values())
 
     def findings(self) -> list[Finding]:
         """Return the findings on the sweeps, topic by topic."""

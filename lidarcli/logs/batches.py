@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Collection, Iterator
+from contextlib import closing
 from dataclasses import dataclass, field, replace
 from numbers import Integral
 
@@ -14,7 +15,7 @@ from lidarcli.logs.base import Log, ReadReport
 from lidarcli.logs.blocks import split_rows
 from lidarcli.logs.clock import MAX_TOPICS
 from lidarcli.logs.options import TopicChoice
-from lidarcli.logs.piles import Settling
+from lidarcli.logs.piles import NoReturnDetector
 from lidarcli.logs.scan_checks import MOST_TOPICS, LogStats, ScanChecks, repeated_topics
 from lidarcli.range_rules import RangeRules, normalise
 from lidarcli.sweeps import Bool, Int64, RawSweeps, SweepBatch, concatenate
@@ -67,13 +68,21 @@ def _in_order(start: float | Instant | None, end: float | Instant | None) -> boo
 def read_batches(
     log: Log, options: ReadOptions, report: ReadReport, choice: TopicChoice | None = None
 ) -> Iterator[SweepBatch]:
-    """Yield batches of `batch_size` sweeps per topic or of `BATCH_VALUES` ranges, in log order; the last has what is left.
+    """Yield the sweeps of a log as batches; parameters and errors as of `LogBatcher`."""
+    with closing(LogBatcher(log, options, report, choice)) as batcher:
+        for block in log.scans(batcher.topics, report):
+            yield from batcher.take(block)
+        yield from batcher.flush()
 
-    A sweep's index counts all sweeps of its topic, also those that are left out.
+
+class LogBatcher:
+    """Cuts the sweeps of a log into batches of `batch_size` sweeps per topic or of `BATCH_VALUES` ranges, in log order.
+
+    A sweep's index counts all sweeps of its topic, also those that are left out. The last batches have what is left.
 
     Parameters
     ----------
-    report : takes what reading meets
+    report : takes what reading meets; the doubts when this is closed
     choice : the topics, where the caller judges which of them are missing; by default all those of `options`
 
     Raises
@@ -81,51 +90,70 @@ def read_batches(
     NoScanError
         A topic is not there: at once where the log knows its topics, in the end of a stream otherwise.
     """
-    strict = choice is None
-    if choice is None:
-        choice = TopicChoice(options.topics, log.topics())
-        if choice.is_listed and (error := choice.error(every=True)) is not None:
+
+    def __init__(self, log: Log, options: ReadOptions, report: ReadReport, choice: TopicChoice | None = None) -> None:
+        self._is_strict = choice is None
+        if choice is None:
+            choice = TopicChoice(options.topics, log.topics())
+            if choice.is_listed and (error := choice.error(every=True)) is not None:
+                raise error
+        self._choice = choice
+        self._options = options
+        self._report = report
+        self._detector = NoReturnDetector(options.rules, report)
+        self._doubts = ScanChecks([topic.name for topic in log.topics() or () if topic.sliced])
+        self._batchers: dict[str, _TopicBatcher] = {}
+        self._copies: dict[tuple[str, str], LogStats] = {}
+        self._compares = choice.is_listed and len(choice.chosen) > 1
+        self._beyond: Counter[str] = Counter()
+        """Sweeps of topics beyond `MAX_TOPICS`."""
+
+    @property
+    def topics(self) -> Collection[str] | None:
+        """Topics to read, as `Log.scans` takes them."""
+        return self._choice.asked
+
+    def take(self, block: RawSweeps) -> Iterator[SweepBatch]:
+        """Take sweeps; yield the batches that they complete."""
+        if not self._choice.takes(block.topic):
+            return
+        if block.topic not in self._batchers and len(self._batchers) == MAX_TOPICS:
+            self._beyond[block.topic] += len(block)
+            return
+        self._batchers.setdefault(block.topic, _TopicBatcher(self._options, self._doubts))
+        for sweeps, rules in self._detector.take(block):
+            yield from self._judged(sweeps, rules)
+
+    def flush(self) -> Iterator[SweepBatch]:
+        """Yield the batches that are left."""
+        for sweeps, rules in self._detector.flush():
+            yield from self._judged(sweeps, rules)
+        for name, topic in self._batchers.items():
+            yield from topic.batches(final=True)
+            if (note := topic.empty_window(name)) is not None:
+                self._report.notes.append(note)
+        if beyond := self._beyond:
+            self._report.add_damage(
+                "topics",
+                f"{beyond.total():,} sweeps of {len(beyond):,} LaserScan topics are not read: the log has more than "
+                f"{MAX_TOPICS:,}; name some of them with --topic",
+            )
+        known = self._report.damage or self._report.refused
+        if self._is_strict and not known and (error := self._choice.error()) is not None:
             raise error
-    lines: dict[str, _Line] = {}
-    doubts = ScanChecks([topic.name for topic in log.topics() or () if topic.sliced])
-    copies: dict[tuple[str, str], LogStats] = {}
-    compares = choice.is_listed and len(choice.chosen) > 1
-    beyond: Counter[str] = Counter()
 
-    def chosen() -> Iterator[RawSweeps]:
-        for block in log.scans(choice.asked, report):
-            if not choice.takes(block.topic):
-                continue
-            if block.topic not in lines and len(lines) == MAX_TOPICS:
-                beyond[block.topic] += len(block)
-                continue
-            lines.setdefault(block.topic, _Line(options, doubts))
-            yield block
+    def _judged(self, sweeps: RawSweeps, rules: RangeRules) -> Iterator[SweepBatch]:
+        key = sweeps.topic, ""
+        if self._compares and (key in self._copies or len(self._copies) < MOST_TOPICS):
+            self._copies.setdefault(key, LogStats()).add_hashes(sweeps)
+        yield from self._batchers[sweeps.topic].take(sweeps, rules)
 
-    try:
-        for block, rules in Settling(options.rules, report).blocks(chosen()):
-            key = block.topic, ""
-            if compares and (key in copies or len(copies) < MOST_TOPICS):
-                copies.setdefault(key, LogStats()).add_hashes(block)
-            yield from lines[block.topic].take(block, rules)
-        for topic, line in lines.items():
-            yield from line.batches(final=True)
-            if (note := line.empty_window(topic)) is not None:
-                report.notes.append(note)
-    finally:
-        # Who wants no more sweeps still wants to know what looks wrong in those so far.
-        doubts.report_to(report)
-        for found in repeated_topics(copies):
-            way = "" if found.fix is None else f"; {found.fix.text} reads them once"
-            report.add_doubts(found.topic, [replace(found, message=found.message + way)])
-    if beyond:
-        report.add_damage(
-            "topics",
-            f"{beyond.total():,} sweeps of {len(beyond):,} LaserScan topics are not read: the log has more than "
-            f"{MAX_TOPICS:,}; name some of them with --topic",
-        )
-    if strict and not report.damage and not report.refused and (error := choice.error()) is not None:
-        raise error
+    def close(self) -> None:
+        """Report what looks wrong in the sweeps so far, also where no more of them are wanted."""
+        self._doubts.report_to(self._report)
+        for found in repeated_topics(self._copies):
+            fix = "" if found.fix is None else f"; {found.fix.text} reads them once"
+            self._report.add_doubts(found.topic, [replace(found, message=found.message + fix)])
 
 
 @dataclass(slots=True)
@@ -155,7 +183,7 @@ def _words(time: float | Instant | None, unit: str = " s") -> str:
     return f"{time:g}{unit}" if isinstance(time, int | float) else str(time)
 
 
-class _Line:
+class _TopicBatcher:
     """Sweeps of one topic that wait for their batch."""
 
     def __init__(self, options: ReadOptions, doubts: ScanChecks) -> None:

@@ -30,7 +30,7 @@ IN_DEGREES = (
 )
 
 
-class Written(NamedTuple):
+class ScanLayout(NamedTuple):
     """Ranges of one sweep as they stand in its message."""
 
     stamp_ns: int
@@ -48,7 +48,7 @@ class Written(NamedTuple):
     """Type of the numbers, as numpy spells it with its byte order."""
 
 
-Locate = Callable[[bytes], Written | None]
+Locate = Callable[[bytes], ScanLayout | None]
 """Finds the ranges in a message; None for one that is no sweep."""
 
 

@@ -151,19 +151,34 @@ class Sample:
         return float(np.mean(np.concatenate(self._parts) > value)) if self._count else 0.0
 
 
-def mended(blocks: Iterable[RawSweeps]) -> Iterator[RawSweeps]:
-    """Yield the sweeps of a log, in its order within each topic, with times that fit where a stamp is none.
+class StampMender:
+    """Gives the sweeps of a log, in its order within each topic, times that fit where a stamp is none.
 
     A header may have no stamp, or one of another clock: of the time before a simulation began, or the clock was set.
     """
-    topics: dict[str, _Mending] = {}
-    for block in blocks:
-        if block.topic in topics or len(topics) < MAX_TOPICS:
-            yield from topics.setdefault(block.topic, _Mending()).take(block)
+
+    def __init__(self) -> None:
+        self._topics: dict[str, _Mending] = {}
+
+    def take(self, block: RawSweeps) -> Iterator[RawSweeps]:
+        """Take sweeps; yield those that are known to be sound or mended."""
+        if block.topic in self._topics or len(self._topics) < MAX_TOPICS:
+            yield from self._topics.setdefault(block.topic, _Mending()).take(block)
         else:
             yield block
-    for each in topics.values():
-        yield from each.settle()
+
+    def flush(self) -> Iterator[RawSweeps]:
+        """Yield the sweeps that are left."""
+        for topic in self._topics.values():
+            yield from topic.settle()
+
+
+def mended(blocks: Iterable[RawSweeps]) -> Iterator[RawSweeps]:
+    """Yield the sweeps of a log, mended as by `StampMender`."""
+    mender = StampMender()
+    for block in blocks:
+        yield from mender.take(block)
+    yield from mender.flush()
 
 
 class _Mending:

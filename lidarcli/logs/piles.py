@@ -6,14 +6,14 @@ The first is a pile of ranges at the most that a log holds.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from lidarcli.findings import Sensor
 from lidarcli.logs.base import ReadReport
-from lidarcli.logs.clock import MAX_TOPICS, mended
+from lidarcli.logs.clock import MAX_TOPICS, StampMender
 from lidarcli.range_rules import FARTHEST, PILE, RangeRules, bounds, is_marked, judge, same_range
 from lidarcli.sweeps import Bool, Float32, Float64, Int64, RawSweeps, concatenate
 
@@ -71,30 +71,39 @@ MOST_TOLD = 3
 MILLIMETRES = 1000.0
 
 
-@dataclass(slots=True)
-class Settling:
-    """Finds the rules by which sweeps are judged: a fold over the blocks of a log, independent of their cuts.
+class NoReturnDetector:
+    """Finds the rules by which sweeps are judged, whatever the blocks in which they come.
 
-    What is found in a window of sweeps counts for these and all later ones of their topic.
+    Rules that are found in a window of sweeps count for these and all later ones of their topic.
     """
 
-    rules: RangeRules
-    report: ReadReport
-    """Takes one note per topic, and the values that were found."""
-    _topics: dict[str, _Topic] = field(default_factory=dict)
+    def __init__(self, rules: RangeRules, report: ReadReport) -> None:
+        """`report` takes one note per topic, and the values that were found."""
+        self._rules = rules
+        self._report = report
+        self._mender = StampMender()
+        self._topics: dict[str, _Topic] = {}
 
-    def blocks(self, blocks: Iterable[RawSweeps]) -> Iterator[tuple[RawSweeps, RangeRules]]:
-        """Yield the sweeps of a log in its order within each topic, and the rules for them."""
-        for block in mended(blocks):
-            topic = self._topics.get(block.topic)
-            if topic is None and len(self._topics) == MAX_TOPICS:
-                yield block, self.rules
-                continue
-            if topic is None:
-                topic = self._topics[block.topic] = _Topic(self.rules, self.report)
-            yield from topic.take(block)
+    def take(self, block: RawSweeps) -> Iterator[tuple[RawSweeps, RangeRules]]:
+        """Take sweeps; yield those whose rules are known, in the order of the log within each topic."""
+        for sweeps in self._mender.take(block):
+            yield from self._take(sweeps)
+
+    def flush(self) -> Iterator[tuple[RawSweeps, RangeRules]]:
+        """Yield the sweeps that are left, and their rules."""
+        for sweeps in self._mender.flush():
+            yield from self._take(sweeps)
         for topic in self._topics.values():
             yield from topic.settle()
+
+    def _take(self, sweeps: RawSweeps) -> Iterator[tuple[RawSweeps, RangeRules]]:
+        topic = self._topics.get(sweeps.topic)
+        if topic is None and len(self._topics) == MAX_TOPICS:
+            yield sweeps, self._rules
+            return
+        if topic is None:
+            topic = self._topics[sweeps.topic] = _Topic(self._rules, self._report)
+        yield from topic.take(sweeps)
 
 
 @dataclass(slots=True)
@@ -106,10 +115,10 @@ class _Topic:
     _waiting: list[RawSweeps] = field(default_factory=list)
     _sweeps: int = 0
     _values: int = 0
-    _seen: int = 0
+    _earlier: int = 0
     """Sweeps of earlier windows."""
     _beams: int = 0
-    _looked: int = 0
+    _examined: int = 0
     """Beams of examined sweeps."""
     _since: int = 0
     """First sweep with other rules than the given ones."""
@@ -146,61 +155,61 @@ class _Topic:
         """Examine the waiting sweeps and yield them."""
         waiting, self._waiting = self._waiting, []
         if waiting:
-            self._look(waiting)
-        self._seen += self._sweeps
+            self._examine(waiting)
+        self._earlier += self._sweeps
         self._sweeps = self._values = 0
         for block in waiting:
             yield block, self.rules
 
-    def _look(self, waiting: list[RawSweeps]) -> None:
+    def _examine(self, waiting: list[RawSweeps]) -> None:
         window = concatenate(_every(waiting, THIN))
-        told = replace(self.rules, farthest=math.inf)
-        low, high = bounds(window, told)
-        self._looked += int(window.beams.sum())
+        given_rules = replace(self.rules, farthest=math.inf)
+        low, high = bounds(window, given_rules)
+        self._examined += int(window.beams.sum())
         if self.rules.limits is None:
-            self._look_beyond(window, high)
+            self._find_beyond(window, high)
         if PILE in self.rules.no_return:
             clean, _ = judge(window.ranges, window.beams, low, bounds(window, self.rules)[1], self.rules.words)
             if self.rules.markers or self.rules.stuck:
                 clean[is_marked(window.ranges, self.rules)] = np.nan
-            self._look_for_stuck(clean)
-            self._look_for_piles(window, clean)
-            self._count_piled(waiting, told)
-        self._tell(window.topic)
+            self._find_stuck(clean)
+            self._find_piles(window, clean)
+            self._count_piled(waiting, given_rules)
+        self._report_findings(window.topic)
 
-    def _look_for_stuck(self, ranges: Float32) -> None:
+    def _find_stuck(self, ranges: Float32) -> None:
         """Mark stuck beams from now on."""
-        found = find_stuck(ranges)
+        found = find_stuck_beams(ranges)
         for beam, value in found.items():
-            self._stuck.setdefault(beam, (value, self._seen))
+            self._stuck.setdefault(beam, (value, self._earlier))
             self.rules = replace(self.rules, stuck=(*self.rules.stuck, (beam, value)))
         if found:
             ranges[is_marked(ranges, self.rules)] = np.nan
 
-    def _look_for_piles(self, window: RawSweeps, ranges: Float32) -> None:
+    def _find_piles(self, window: RawSweeps, ranges: Float32) -> None:
         for _ in range(MOST_PILES):
             pile = _pile(ranges, int(window.beams.sum()), np.abs(window.angle_increment))
             if pile is None:
                 return
             if not self._most:
-                self._since, self._most = self._seen, pile[1]
+                self._since, self._most = self._earlier, pile[1]
             self.rules = replace(self.rules, farthest=pile[0])
             self.report.no_return[window.topic] = pile[0]
             with np.errstate(invalid="ignore"):
                 ranges[ranges >= np.float32(pile[0])] = np.nan
 
-    def _count_piled(self, blocks: list[RawSweeps], told: RangeRules) -> None:
+    def _count_piled(self, blocks: list[RawSweeps], given_rules: RangeRules) -> None:
         """Count the beams that are no return by a pile, and all."""
         for block in blocks:
             self._beams += int(block.beams.sum())
             if self._most:
                 here = block.ranges >= np.float32(self.rules.farthest)
-                here &= block.ranges < bounds(block, told)[1][:, None]
+                here &= block.ranges < bounds(block, given_rules)[1][:, None]
                 here &= np.arange(here.shape[1]) < block.beams[:, None]
                 self._piled += int(np.count_nonzero(here))
                 self._is_passed |= bool((block.ranges[here] > np.float32(self._most)).any())
 
-    def _look_beyond(self, window: RawSweeps, high: Float32) -> None:
+    def _find_beyond(self, window: RawSweeps, high: Float32) -> None:
         with np.errstate(invalid="ignore"):
             beyond = (window.ranges > high[:, None]) & (window.ranges <= FARTHEST)
         few = MOST_LOST * window.beams.sum()
@@ -220,7 +229,7 @@ class _Topic:
         greatest = max(self._lost_range[1], float(values[~usual][-1] / MILLIMETRES))
         self._lost_range = float(high[0]), greatest
 
-    def _tell(self, topic: str) -> None:
+    def _report_findings(self, topic: str) -> None:
         """Replace the notes on this topic in the report."""
         findings = []
         sensor = Sensor(topic, "", topic)
@@ -253,9 +262,9 @@ class _Topic:
                     option=f"--no-return {words}",
                 )
             )
-        if self._lost > MOST_LOST * self._looked:
+        if self._lost > MOST_LOST * self._examined:
             limit, greatest = self._lost_range
-            share, option = self._lost / self._looked, f"--range 0 {np.ceil(greatest):g}"
+            share, option = self._lost / self._examined, f"--range 0 {np.ceil(greatest):g}"
             findings.append(
                 sensor.finding(
                     "limits",
@@ -353,8 +362,8 @@ def _is_seen_through(ranges: Float32, least: float, beams: int) -> bool:
         return False
     hits, others = np.count_nonzero(piled, axis=0), np.count_nonzero(nearer, axis=0)
     changing = (hits > 0) & (others >= LEAST_NEARER * (hits + others))
-    seen = int(hits[changing].sum())
-    enough = seen >= LEAST_SHARE * beams and hits.sum() - seen <= MOST_STEADY * hits.sum()
+    changed = int(hits[changing].sum())
+    enough = changed >= LEAST_SHARE * beams and hits.sum() - changed <= MOST_STEADY * hits.sum()
     return bool(enough and np.count_nonzero(changing) >= LEAST_BEAMS)
 
 
@@ -398,7 +407,7 @@ APART, MOSTLY = 0.1, 0.9
 """Share of the range by which neighbours differ, and share of the sweeps in which they do."""
 
 
-def find_stuck(ranges: Float32) -> dict[int, float]:
+def find_stuck_beams(ranges: Float32) -> dict[int, float]:
     """Return stuck beams of (S, B) ranges (nan where none) → their constant range [m]."""
     if len(ranges) < STUCK_SWEEPS:
         return {}
@@ -414,27 +423,27 @@ def find_stuck(ranges: Float32) -> dict[int, float]:
         beam: float(str(usual[beam]))
         for beam in np.flatnonzero(stuck).tolist()
         if same_range(ranges[:, ~stuck], usual[beam]).mean() <= MOST_ELSEWHERE
-        and all(_differs(ranges[:, other], float(usual[beam])) for other in _beside(stuck, beam))
+        and all(_differ(ranges[:, other], float(usual[beam])) for other in _neighbours(stuck, beam))
     }
 
 
 def _moves(ranges: Float32) -> bool:
     """Return True if the robot drives: many beams see other places, and not only for a moment."""
     known = np.count_nonzero(~np.isnan(ranges), axis=0)
-    seen = np.flatnonzero(2 * known >= len(ranges))
-    ordered, last = np.sort(ranges[:, seen], axis=0), known[seen] - 1
-    beams = np.arange(len(seen))
+    known_beams = np.flatnonzero(2 * known >= len(ranges))
+    ordered, last = np.sort(ranges[:, known_beams], axis=0), known[known_beams] - 1
+    beams = np.arange(len(known_beams))
     low, high = (ordered[(share * last).astype(np.int64), beams] for share in (0.1, 0.9))
     moved = high - low > np.maximum(LEAST_MOVED, MOVED * high)
-    return len(seen) > 0 and bool(np.count_nonzero(moved) >= MOVING * len(seen))
+    return len(known_beams) > 0 and bool(np.count_nonzero(moved) >= MOVING * len(known_beams))
 
 
-def _beside(stuck: Bool, beam: int) -> list[int]:
+def _neighbours(stuck: Bool, beam: int) -> list[int]:
     """Return the nearest beam on either side that is not stuck."""
     others = np.flatnonzero(~stuck)
     return [*others[others < beam][-1:].tolist(), *others[others > beam][:1].tolist()]
 
 
-def _differs(ranges: Float32, value: float) -> bool:
+def _differ(ranges: Float32, value: float) -> bool:
     with np.errstate(invalid="ignore"):
         return float(np.mean(~(np.abs(ranges - value) <= APART * value))) >= MOSTLY

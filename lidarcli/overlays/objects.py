@@ -2,37 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from typing import Any, NamedTuple
+from collections.abc import Iterator, Sequence
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 from numpy.typing import NDArray
 
+from lidarcli import palette
 from lidarcli.choices import TRAIL
 from lidarcli.overlays.markers import Kind, Markers
 from lidarcli.sweeps import Bool, Float32, Float64, Int32, Int64, record
-from lidarcli.tabular.arrays import answers, are, codes, held, numbers, plain
+from lidarcli.tabular.columns import answers, are, codes, held, numbers, plain
 
 COLUMNS = (
-    *(
-        "topic",
-        "sweep",
-        "object",
-        "beam_i",
-        "beam_f",
-        "set",
-        "shape",
-        "x",
-        "y",
-        "box_x",
-        "box_y",
-        "box_length",
-        "box_width",
-        "box_yaw",
-    ),
-    *("vertices", "track", "vx", "vy", "moving", "label", "world_x", "world_y"),
+    *("topic", "sweep", "object", "beam_i", "beam_f", "set", "shape", "x", "y", "box_x", "box_y", "box_length"),
+    *("box_width", "box_yaw", "vertices", "track", "vx", "vy", "moving", "label", "world_x", "world_y"),
 )
 """Columns of the objects table that markers need."""
 PATH_COLUMNS = ("topic", "sweep", "t", "track", "frame", "x", "y", "vx", "vy")
@@ -68,18 +54,6 @@ class Poses:
     x: Float64
     y: Float64
     yaw: Float64
-
-
-@record
-class Colours:
-    """Colours as `#RRGGBB`."""
-
-    shapes: Mapping[str, str]
-    """Colours of objects without a track, by shape."""
-    sets: Mapping[str, str]
-    """Colours of tracks, by set: agents, and objects that stand."""
-    zones: Mapping[str, str]
-    """Colours of zones, by action."""
 
 
 @record
@@ -119,7 +93,7 @@ class Trajectories:
             yield int(self.track[row]), mine[self.seconds[mine] >= self.seconds[row] - TRAIL]
 
 
-def markers_of(rows: pa.RecordBatch, message: Int64, poses: Poses, colours: Colours) -> list[Markers]:
+def markers_of(rows: pa.RecordBatch, message: Int64, poses: Poses) -> list[Markers]:
     """Return the markers of N objects.
 
     Parameters
@@ -134,8 +108,8 @@ def markers_of(rows: pa.RecordBatch, message: Int64, poses: Poses, colours: Colo
     there = np.isfinite(x) & np.isfinite(y)
     if not there.all():
         keep = np.flatnonzero(there)
-        return markers_of(rows.take(plain(keep)), message[keep], poses, colours)
-    objects = _Objects(rows, message, np.column_stack([x, y]), colours)
+        return markers_of(rows.take(plain(keep)), message[keep], poses)
+    objects = _Objects(rows, message, np.column_stack([x, y]))
     return [
         *objects.outlines(),
         *objects.bodies(),
@@ -144,7 +118,7 @@ def markers_of(rows: pa.RecordBatch, message: Int64, poses: Poses, colours: Colo
     ]
 
 
-def paths_of(trajectories: Trajectories, index: Int64, poses: Poses, hangs: bool, colours: Colours) -> list[Markers]:
+def paths_of(trajectories: Trajectories, index: Int64, poses: Poses, hangs: bool) -> list[Markers]:
     """Return the paths of what moves in the last `TRAIL` seconds before each of S sweeps, in the sensor frame of each.
 
     Parameters
@@ -153,7 +127,7 @@ def paths_of(trajectories: Trajectories, index: Int64, poses: Poses, hangs: bool
     index : (S,) index of each sweep in the log, one message each
     hangs : whether the sensor hangs head down
     """
-    found: dict[int, list[_Path]] = {}
+    found: dict[int, list[tuple[int, int, tuple[float, ...], Float64]]] = {}
     for message, sweep in enumerate(index.tolist()):
         for number, rows in trajectories.up_to(sweep):
             x, y = trajectories.x[rows], trajectories.y[rows]
@@ -162,12 +136,17 @@ def paths_of(trajectories: Trajectories, index: Int64, poses: Poses, hangs: bool
                 x, y = x - poses.x[message], y - poses.y[message]
                 x, y = cos * x + sin * y, (cos * y - sin * x) * (-1.0 if hangs else 1.0)
             if len(x) > 1 and np.isfinite(x).all() and np.isfinite(y).all():
-                colour = colours.sets["A" if trajectories.is_agent[rows[-1]] else "O"]
-                found.setdefault(len(x), []).append(_Path(message, number, colour, np.column_stack([x, y])))
-    return [_paths(found[count]) for count in sorted(found)]
+                colour = _of_set("A" if trajectories.is_agent[rows[-1]] else "O")
+                found.setdefault(len(x), []).append((message, number & 0x7FFFFFFF, colour, np.column_stack([x, y])))
+    groups = []
+    for _, paths in sorted(found.items()):
+        messages, numbers, colours, points = zip(*paths, strict=True)
+        ids, colour_of = np.array(numbers, np.int32), np.array([(*rgb, SOLID) for rgb in colours], np.float32)
+        groups.append(_lines(Kind.PATH, np.array(messages, np.int64), ids, colour_of, np.stack(points)))
+    return groups
 
 
-def zone_of(number: int, action: str, corners: Float64, occupied: Bool, colours: Colours) -> Markers:
+def zone_of(number: int, action: str, corners: Float64, occupied: Bool) -> Markers:
     """Return the outline of a zone in S sweeps, one message each: wide and solid where it is occupied, else thin and pale.
 
     Parameters
@@ -178,52 +157,27 @@ def zone_of(number: int, action: str, corners: Float64, occupied: Bool, colours:
     """
     message = np.flatnonzero(np.isfinite(corners).all(axis=(1, 2)))
     count, bright = len(message), occupied[message]
-    colour = np.tile(np.array([*_rgb(colours.zones[action]), SOLID], np.float32), (count, 1))
+    colour = np.tile(np.array([*_rgb(palette.ZONE_COLOURS[action]), SOLID], np.float32), (count, 1))
     colour[:, 3] = np.where(bright, SOLID, CLEAR)
     # A line from one corner to the other and back looks like one.
     around = np.arange(corners.shape[1] + 1) % corners.shape[1]
-    return Markers(
-        Kind.ZONE,
-        message,
-        np.full(count, number, np.int32),
-        np.zeros((count, 3)),
-        np.zeros(count),
-        np.where(bright[:, None], WIDE, 1.0) * np.full((count, 3), LINE),
-        colour,
-        corners[message][:, around],
-    )
+    wide = np.where(bright, WIDE, 1.0)
+    return _lines(Kind.ZONE, message, np.full(count, number, np.int32), colour, corners[message][:, around], wide)
 
 
-class _Path(NamedTuple):
-    """The path of a track before one sweep."""
-
-    message: int
-    track: int
-    colour: str
-    points: Float64
-
-
-def _paths(paths: Sequence[_Path]) -> Markers:
-    """Return paths with the same number of points."""
-    message, number = (np.array([path[k] for path in paths], np.int64) for k in (0, 1))
-    count = len(paths)
-    rgb = np.array([_rgb(path.colour) for path in paths], np.float32)
-    return Markers(
-        Kind.PATH,
-        message,
-        (number & 0x7FFFFFFF).astype(np.int32),
-        np.zeros((count, 3)),
-        np.zeros(count),
-        np.full((count, 3), LINE),
-        np.column_stack([rgb, np.full(count, SOLID, np.float32)]),
-        np.stack([path.points for path in paths]),
-    )
+def _lines(
+    kind: Kind, message: Int64, number: Int32, colour: Float32, points: Float64, wide: Float64 | float = 1.0
+) -> Markers:
+    """Return M lines, `points` (M, P, 2), `wide` times as wide as an outline."""
+    count = len(message)
+    scale = LINE * np.broadcast_to(np.reshape(wide, (-1, 1)), (count, 3))
+    return Markers(kind, message, number, np.zeros((count, 3)), np.zeros(count), scale, colour, points)
 
 
 class _Objects:
     """N objects as arrays, with the values that all their markers need."""
 
-    def __init__(self, rows: pa.RecordBatch, message: Int64, place: Float64, colours: Colours) -> None:
+    def __init__(self, rows: pa.RecordBatch, message: Int64, place: Float64) -> None:
         self._rows = rows
         self._message = message
         self._place = place
@@ -241,7 +195,7 @@ class _Objects:
         others = -objects if self._is_tracked.any() else objects
         wide = np.where(self._is_tracked, number + PART * self._part, others)
         self._id: Int32 = (wide & 0x7FFFFFFF if wide.max() > 0x7FFFFFFF else wide).astype(np.int32)
-        self._colour = self._coloured(colours, names, shape)
+        self._colour = self._coloured(names, shape)
 
     def outlines(self) -> Iterator[Markers]:
         """Yield the outlines: the vertices and back to the first; the box where there are too few."""
@@ -320,12 +274,12 @@ class _Objects:
             text,
         )
 
-    def _coloured(self, colours: Colours, names: Sequence[str], shape: Int64) -> Float32:
+    def _coloured(self, names: Sequence[str], shape: Int64) -> Float32:
         """Return (N, 3) the colour of each; `shape` (N,) are indices into `names`."""
-        known = [colours.shapes.get(name, colours.shapes[UNKNOWN]) for name in names]
-        of_shapes = np.array([_rgb(text) for text in known], np.float32)
+        shapes = palette.SHAPE_COLOURS
+        of_shapes = np.array([_rgb(shapes.get(name, shapes[UNKNOWN])) for name in names], np.float32)
         sets, which = _coded(self._rows["set"])
-        of_sets = np.array([_rgb(colours.sets.get(name, colours.sets["O"])) for name in sets], np.float32)
+        of_sets = np.array([_of_set(name) for name in sets], np.float32)
         chosen: Float32 = np.where(self._is_tracked[:, None], of_sets[which], of_shapes[shape])
         return chosen
 
@@ -443,9 +397,10 @@ def _coded(column: pa.DictionaryArray) -> tuple[list[str], Int64]:
     return names, np.where(there, code, len(names) - 1)
 
 
-def _rgb(text: str) -> tuple[float, ...]:
-    """
-    >>> _rgb("#FF0000")
-    (1.0, 0.0, 0.0)
-    """
-    return tuple(int(text[at : at + 2], 16) / 255 for at in (1, 3, 5))
+def _of_set(name: str) -> tuple[float, ...]:
+    return _rgb(palette.SET_STYLES.get(name, palette.SET_STYLES["O"])[0])
+
+
+def _rgb(colour: str) -> tuple[float, ...]:
+    """Return red, green and blue of the colour that takes the place of another on dark ground, each 0 to 1."""
+    return tuple(part / 255 for part in bytes.fromhex(palette.on_dark(colour)[1:]))

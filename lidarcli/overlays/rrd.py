@@ -12,7 +12,6 @@ import numpy as np
 from lidarcli.errors import OptionError
 from lidarcli.formalism.mapping.grid import FREE, OCCUPIED, Occupancy
 from lidarcli.overlays import viewers
-from lidarcli.overlays.files import MAP
 from lidarcli.overlays.markers import Kind, Markers, quaternions
 from lidarcli.sweeps import Float64, SweepBatch
 
@@ -113,7 +112,7 @@ class Recording:
             vertex_texcoords=[[0, 1], [1, 1], [1, 0], [0, 0]],
             albedo_texture=colours,
         )
-        self._stream.log(MAP, picture, static=True)
+        self._stream.log(viewers.MAP, picture, static=True)
 
     def finish(self, hidden: Collection[str]) -> None:
         """Add a view from above, in which some topics are hidden at first, and close the file."""

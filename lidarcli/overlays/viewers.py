@@ -1,20 +1,144 @@
-"""Settings of viewers that show an overlay with its log: a layout of Foxglove and Lichtblick, and an .rviz file."""
+"""Files for viewers: MCAP of ROS 2 and bags of ROS 1, a layout of Foxglove and Lichtblick, and an .rviz file."""
 
 from __future__ import annotations
 
 import json
+import re
+from collections.abc import Iterable
+from contextlib import suppress
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
+from lidarcli.maps import MAP_TYPE
+from lidarcli.overlays.markers import MARKER_TYPE
+from lidarcli.ros.mcap_file import ALL, add_channel, offered, start_ros2
+from lidarcli.ros.messages import ROS1, SCAN, TF, Outgoing, bag_writer, ros2_definition
+
+OBJECTS, MAP = "/lidarcli/objects", "/lidarcli/map"
+FRAME = "laser"
+"""The frame of a sensor whose log names none."""
+MCAP, BAG, RRD = ".mcap", ".bag", ".rrd"
+SUFFIXES = (MCAP, BAG, RRD)
+LATEST_NS = (1 << 32) * 1_000_000_000 - 1
+"""Latest record time [ns]: bags of ROS 1 count seconds in 32 bits."""
 LAYOUT, RVIZ = ".layout.json", ".rviz"
 PANEL = "3D!lidarcli"
-BEAMS, BACKGROUND, GRID = "#FFFFFF", "#101010", "#FFFFFF20"
+BEAMS, BACKGROUND = "#FFFFFF", "#101010"
 FREE, OCCUPIED, NOTHING = "#3A3A3AFF", "#8A6D1BFF", "#00000000"
 """Colours of a map, on which beams and objects are clear."""
 POINT = 4
 """Size of a beam's end [pixels]."""
 MAP_ALPHA = 0.3
 """Alpha of a map in RViz: on the dark background free space is then dark enough for white beams."""
+
+
+def topic_name(text: str) -> str:
+    """Return the topic of a log of any kind as a valid topic of ROS.
+
+    >>> topic_name("front scan"), topic_name("/2d/scan")
+    ('/front_scan', '/_2d/scan')
+    """
+    parts = [re.sub(r"[^A-Za-z0-9_]", "_", part) for part in text.split("/") if part]
+    return "".join(f"/{'_' * part[:1].isdigit()}{part}" for part in parts) or "/scan"
+
+
+def topics_of_objects(topics: Iterable[str]) -> dict[str, str]:
+    """Return topic of sweeps → topic of its markers. Each needs its own: a message deletes all markers of its topic.
+
+    >>> topics_of_objects(["/scan"])
+    {'/scan': '/lidarcli/objects'}
+    >>> topics_of_objects(["/front", "/rear"])
+    {'/front': '/lidarcli/objects/front', '/rear': '/lidarcli/objects/rear'}
+    """
+    names = sorted(set(topics))
+    if len(names) == 1:
+        return {names[0]: OBJECTS}
+    named: dict[str, str] = {}
+    for name in names:
+        wanted = f"{OBJECTS}{topic_name(name)}"
+        others = (f"{wanted}_{number}" for number in range(2, len(names) + 2))
+        named[name] = next(one for one in (wanted, *others) if one not in named.values())
+    return named
+
+
+class McapFile:
+    """MCAP of profile ros2: every message in CDR, every topic with the definition of its type."""
+
+    def __init__(self, path: Path) -> None:
+        self._file = path.open("xb")
+        self._writer = start_ros2(self._file)
+        self._channels: dict[tuple[str, str], tuple[int, list[int]]] = {}
+
+    def write(self, message: Outgoing) -> None:
+        """Append a message."""
+        key = (message.topic, message.type)
+        known = self._channels.get(key)
+        if known is None:
+            depth, latched = _offer(*key)
+            channel = add_channel(self._writer, *key, ros2_definition(message.type), offered(depth, latched=latched))
+            known = self._channels[key] = channel, [0]
+        channel, count = known
+        log_ns, stamp_ns = _within(message.record_ns), _within(message.stamp_ns)
+        self._writer.add_message(channel, log_ns, message.data, stamp_ns, count[0] & 0xFFFFFFFF)
+        count[0] += 1
+
+    def finish(self) -> None:
+        """Write the index, and close the file."""
+        self._writer.finish()  # type: ignore[no-untyped-call]
+        self._file.close()
+
+    def abandon(self) -> None:
+        """Let go of a file; what is not in it by now will not be."""
+        with suppress(OSError):
+            self._file.close()
+
+
+class BagFile:
+    """A bag of ROS 1, packed by lz4."""
+
+    def __init__(self, path: Path) -> None:
+        self._writer = bag_writer(path, "lz4")
+        self._writer.open()
+        self._connections: dict[tuple[str, str], Any] = {}
+
+    def write(self, message: Outgoing) -> None:
+        """Append a message."""
+        key = (message.topic, message.type)
+        if key not in self._connections:
+            _, latched = _offer(*key)
+            self._connections[key] = self._writer.add_connection(*key, typestore=ROS1, latching=1 if latched else None)
+        self._writer.write(self._connections[key], _within(message.record_ns), message.data)
+
+    def finish(self) -> None:
+        """Write the index, and close the file."""
+        self._writer.close()
+
+    def abandon(self) -> None:
+        """Let go of a file; what is not in it by now will not be."""
+        if self._writer.bio is not None:
+            with suppress(OSError):
+                self._writer.bio.close()
+
+
+def overlay_file(path: Path) -> McapFile | BagFile:
+    """Create a file of the format that its suffix names."""
+    return McapFile(path) if path.suffix.lower() == MCAP else BagFile(path)
+
+
+def _within(time_ns: int) -> int:
+    """Return the nearest time that files can hold [ns]."""
+    return time_ns if 0 <= time_ns <= LATEST_NS else min(max(time_ns, 0), LATEST_NS)
+
+
+def _offer(topic: str, kind: str) -> tuple[int, bool]:
+    """Return the number of messages of a topic that are kept, and True if late subscribers get them."""
+    if kind == MAP_TYPE:
+        return 1, True
+    if kind == TF and topic.endswith("tf_static"):
+        # Each of several nodes tells of its own frames.
+        return ALL, True
+    return (5 if kind in (MARKER_TYPE, SCAN) else 100), False
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,62 +162,13 @@ def layout_json(scene: Scene) -> bytes:
         # Without a field there is no flat colour.
         topics[topic] = {"pointSize": POINT, "colorMode": "flat", "flatColor": BEAMS, "colorField": "intensity"}
     if scene.map is not None:
-        topics[scene.map] = {
-            "colorMode": "custom",
-            "minColor": FREE,
-            "maxColor": OCCUPIED,
-            "unknownColor": NOTHING,
-            "invalidColor": NOTHING,
-        }
+        topics[scene.map] = {"colorMode": "custom", "minColor": FREE, "maxColor": OCCUPIED}
+        topics[scene.map] |= {"unknownColor": NOTHING, "invalidColor": NOTHING}
     topics = {topic: {"visible": topic not in scene.hidden} | shown for topic, shown in topics.items()}
-    panel = {
-        "cameraState": {
-            "perspective": False,
-            "distance": 12,
-            "phi": 0,
-            "thetaOffset": 0,
-            "targetOffset": [0, 0, 0],
-            "target": [0, 0, 0],
-            "targetOrientation": [0, 0, 0, 1],
-            "fovy": 45,
-            "near": 0.5,
-            "far": 5000,
-        },
-        "followMode": "follow-pose",
-        "followTf": scene.frame,
-        "scene": {
-            "backgroundColor": BACKGROUND,
-            # Names and lines of the frames of a robot would hide what is around it.
-            "transforms": {"showLabel": False, "lineWidth": 0, "axisScale": 0.5, "enablePreloading": True},
-        },
-        "transforms": {},
-        "topics": topics,
-        "layers": {
-            "grid": {
-                "instanceId": "grid",
-                "layerId": "foxglove.Grid",
-                "label": "Grid",
-                "visible": True,
-                "frameLocked": True,
-                "size": 20,
-                "divisions": 20,
-                "lineWidth": 1,
-                "color": GRID,
-                "position": [0, 0, 0],
-                "rotation": [0, 0, 0],
-                "order": 1,
-            }
-        },
-        "publish": {},
-        "imageMode": {},
-    }
-    layout = {
-        "configById": {PANEL: panel},
-        "globalVariables": {},
-        "userNodes": {},
-        "playbackConfig": {"speed": 1},
-        "layout": PANEL,
-    }
+    layout = json.loads(Path(__file__).with_name("layout.json").read_text("utf-8"))
+    panel = layout["configById"][PANEL]
+    panel |= {"followTf": scene.frame, "topics": topics}
+    panel["scene"]["backgroundColor"] = BACKGROUND
     return (json.dumps(layout, indent=2) + "\n").encode()
 
 

@@ -18,10 +18,9 @@ from lidarcli.newfiles import refuse, write_whole
 from lidarcli.pipeline.inputs.search import SUFFIXES, files_of
 from lidarcli.pipeline.inputs.sources import MissingInput, Source
 from lidarcli.pipeline.reading.one_log import Progress, RunSummary, read_log, reading_as_dict
-from lidarcli.pipeline.reading.pose_sources import Need, PoseOptions
-from lidarcli.pipeline.runs.outcomes import Outcome
-from lidarcli.pipeline.runs.over_logs import LogProgress, over_logs
-from lidarcli.stores.url import Place, place
+from lidarcli.pipeline.reading.posing import Need, PoseOptions
+from lidarcli.pipeline.runs.over_logs import LogProgress, Outcome, over_logs
+from lidarcli.stores import Place, place
 from lidarcli.sweeps import SweepBatch
 from lidarcli.tabular.background import read_background, write_background
 from lidarcli.tabular.writing import table_metadata
@@ -45,7 +44,7 @@ class BuildOptions:
         return reading_as_dict(self.read, self.opening, self.poses) | stations
 
 
-class Building:
+class BackgroundBuilder:
     """Learns from log after log; every topic and frame is a sensor of its own."""
 
     def __init__(self, options: BuildOptions) -> None:

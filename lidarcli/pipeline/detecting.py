@@ -1,11 +1,16 @@
-"""The objects of logs: tables in a folder, one stream or file, or tables in memory."""
+"""The objects of logs: tables in a folder, one stream or file, or tables in memory.
+
+The way of a sweep is `_detect_log`: a log is read as batches with poses, batches become parts with rows, perhaps in several
+threads, the tracking completes the rows where it is asked for, and they are written.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext
 from dataclasses import replace
 from functools import partial
+from itertools import chain, islice
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any, NamedTuple
 
@@ -13,59 +18,92 @@ import pyarrow as pa
 
 from lidarcli.choices import NS
 from lidarcli.errors import LidarcliError, warn
-from lidarcli.formalism import Detection, Parameters
-from lidarcli.formalism.matching.catalogue import Catalogue, names_in
 from lidarcli.newfiles import NewFiles, refuse
-from lidarcli.pipeline.inputs.sources import MissingInput, Source
-from lidarcli.pipeline.objects.making import Made, Rows, Splitting, finder, rows_of
-from lidarcli.pipeline.objects.options import OF_TRACKS, DetectOptions
-from lidarcli.pipeline.reading.one_log import Progress, Reading, RunSummary, read_log
-from lidarcli.pipeline.runs.outcomes import Outcome
-from lidarcli.pipeline.runs.over_logs import LogProgress, logs_at_once, over_logs, progress_of
-from lidarcli.stores.url import Place
+from lidarcli.pipeline.inputs.sources import MissingInput, Source, open_source
+from lidarcli.pipeline.objects.detection import BatchDetector, DetectOptions, ParallelDetection, Part
+from lidarcli.pipeline.reading.one_log import Progress, Reading, RunSummary
+from lidarcli.pipeline.runs.over_logs import LogProgress, Outcome, logs_at_once, over_logs, progress_of
+from lidarcli.stores import Place
 from lidarcli.sweeps import SweepBatch
+from lidarcli.tabular.columns import in_unit
 from lidarcli.tabular.schemas import OBJECTS, SCHEMAS
-from lidarcli.tabular.stamps import in_unit
 from lidarcli.tabular.writing import BY_DATE, RowSink, TableFiles, TopicOrder, table_metadata
 
 if TYPE_CHECKING:
     from lidarcli.pipeline.inputs.tables import TableSet
-    from lidarcli.pipeline.objects.following import TrackOptions
+    from lidarcli.pipeline.objects.tracking import LogTracker
 
 
 def detect_to_files(source: Source, folder: Place, options: DetectOptions, progress: Progress | None = None) -> RunSummary:
     """Write the tables of one log below `folder`; they appear when all of them are whole, or not at all."""
-    known_before = options.layout != BY_DATE
-    if known_before:
-        refuse(options.outputs(source, folder).values(), options.overwrite, options.inputs([source]))
-    with read_log(source, options, options.need) as reading, ExitStack() as stack:
-
-        def opened() -> TableFiles:
-            paths = options.outputs(source, folder, reading.date)
-            if not known_before:
-                refuse(paths.values(), options.overwrite, options.inputs([source]))
-            return stack.enter_context(TableFiles(paths, reading.first, options.overwrite, options.stamps))
-
-        files = opened() if known_before else None
-        work = stack.enter_context(Splitting(reading, options.recipe(source, options.tables), options.threads))
-        summary = reading.summary
-        for table, topic, rows in _rows(source, reading, work, options, progress, stack):
+    is_by_date = options.layout == BY_DATE
+    inputs = options.inputs([source])
+    if not is_by_date:
+        refuse(options.outputs(source, folder).values(), options.overwrite, inputs)
+    with open_source(source, options.opening) as log, Reading(log, options.read, options.poses, options.need) as reading:
+        batches = reading.batches(progress)
+        if is_by_date:
             # The day of a log is that of its first sweep.
-            files = files or opened()
-            files.write(table, topic, rows)
-            summary.rows += rows.num_rows
-        files = files or opened()
-        described = reading.describe(source)
-        summary.notes += files.publish(table_metadata(options.as_dict(), described, summary.damage))
-        summary.outputs = [str(path) for path in files.paths]
-        summary.output_sizes = files.sizes
+            batches = chain([*islice(batches, 1)], batches)
+        paths = options.outputs(source, folder, reading.date)
+        if is_by_date:
+            refuse(paths.values(), options.overwrite, inputs)
+        with TableFiles(paths, reading.first, options.overwrite, options.stamps) as files:
+            _detect_log(source, reading, batches, files, options)
+            summary = reading.summary
+            metadata = table_metadata(options.as_dict(), reading.describe(source), summary.damage)
+            summary.notes += files.publish(metadata)
+            summary.outputs = [str(path) for path in files.paths]
     return summary
 
 
-def detect_beside(
+def _detect_log(
+    source: Source,
+    reading: Reading,
+    batches: Iterable[SweepBatch],
+    files: TableFiles | TopicOrder,
+    options: DetectOptions,
+    tables: Sequence[str] = (),
+) -> None:
+    """Find the objects of one log, and write all rows of its tables, by default those of the options.
+
+    Rows come in the order of the log for each table and topic. In the end the summary of the reading is complete.
+    """
+    summary = reading.summary
+    detector = BatchDetector(source.name, tables or options.tables, options)
+    with ParallelDetection(detector, reading, options.threads) as detection, _tracker(source, reading, options) as tracker:
+        for part in _parts(batches, detection):
+            summary.add_found(part.counts)
+            for table, topic, rows in part.rows if tracker is None else tracker.take(part.batches):
+                files.write(table, topic, rows)
+        if tracker is not None:
+            for table, topic, rows in tracker.flush():
+                files.write(table, topic, rows)
+            summary.add_found(tracker.counts)
+        # The end of the work: the summary tells how long it took.
+        reading.close()
+        summary.notes += [*detection.notes(), *([] if tracker is None else tracker.notes)]
+
+
+def _parts(batches: Iterable[SweepBatch], detection: ParallelDetection) -> Iterator[Part]:
+    for batch in batches:
+        yield from detection.take(batch)
+    yield from detection.flush()
+
+
+def _tracker(source: Source, reading: Reading, options: DetectOptions) -> AbstractContextManager[LogTracker | None]:
+    if options.tracking is None:
+        return nullcontext()
+    # Runs that do not track should not wait for this import.
+    from lidarcli.pipeline.objects.tracking import LogTracker
+
+    return LogTracker(source.name, options, waits=options.background is None and not reading.is_pipe)
+
+
+def detect_to_temporary(
     source: Source, folder: Path, options: DetectOptions, progress: Progress | None = None
 ) -> tuple[TableSet, RunSummary]:
-    """Write the tables of one log below a private folder, for a second pass over the log; tells progress up to one half."""
+    """Write the tables of one log below a private folder, for a second pass over the log; reports half of the progress."""
     # Only a second pass needs this import.
     from lidarcli.pipeline.inputs.tables import TableSet
 
@@ -74,7 +112,7 @@ def detect_beside(
     return TableSet(f"{folder / source.name}.", ".parquet"), summary
 
 
-def second_of_two(progress: Progress | None, size: int) -> Progress | None:
+def second_half(progress: Progress | None, size: int) -> Progress | None:
     """Return the progress of the second of two passes over a log of so many bytes."""
     return None if progress is None else lambda position: progress((size + position) // 2)
 
@@ -84,48 +122,14 @@ def detect_to_sinks(
 ) -> tuple[RunSummary, dict[str, Any]]:
     """Pass the rows of one log to the sinks of their tables; returns the counts and the description of the source."""
     with (
-        read_log(source, options, options.need) as reading,
+        open_source(source, options.opening) as log,
+        Reading(log, options.read, options.poses, options.need) as reading,
         TopicOrder(sinks, reading.first, stamps=options.stamps) as order,
-        Splitting(reading, options.recipe(source, tuple(sinks)), options.threads) as work,
-        ExitStack() as stack,
     ):
-        for table, topic, rows in _rows(source, reading, work, options, progress, stack):
-            order.write(table, topic, rows)
+        _detect_log(source, reading, reading.batches(progress), order, options, tuple(sinks))
         for table in sinks:
             order.drain(table)
         return reading.summary, reading.describe(source)
-
-
-def _rows(
-    source: Source, reading: Reading, work: Splitting, options: DetectOptions, progress: Progress | None, stack: ExitStack
-) -> Iterator[Rows]:
-    """Yield all rows of one log, those of a table and topic in their order; in the end the summary is complete."""
-    summary = reading.summary
-    following = None
-    if options.tracking is not None:
-        # Runs that do not track should not wait for this import.
-        from lidarcli.pipeline.objects.following import Following
-
-        following = stack.enter_context(
-            Following(
-                source.name,
-                options.tracking,
-                options.parameters,
-                options.catalogue,
-                waits=options.background is None and not reading.is_pipe,
-            )
-        )
-    for part in work.parts(progress):
-        summary.add_found(part.found)
-        yield from part.rows if following is None else following.take(part.batches)
-    notes = []
-    if following is not None:
-        yield from following.finish()
-        summary.add_found(following.summary)
-        notes = following.notes
-    # The end of the work: the summary tells how long it took.
-    reading.close()
-    summary.notes += [*work.notes(), *notes]
 
 
 def detect_files(
@@ -226,72 +230,57 @@ def of_logs(
     collected = {table: _Collected() for table in tables}
     described: list[dict[str, Any]] = []
     damage: list[str] = []
-    failed = Failed(len(sources))
+    errors = ErrorCollector(len(sources))
     for source in sources:
-        with failed.noted(source):
+        with errors.noted(source):
             summary, origin = detect_to_sinks(source, collected, options, progress_of(source, report))
             described.append(origin)
             damage += [line if len(sources) == 1 else f"{source.name}: {line}" for line in summary.damage]
             # Notes are for reading, but a table without a sweep needs its reason.
             for line in [*summary.damage, *(summary.doubts if summary.sweeps else summary.notes)]:
                 warn(f"{source.label}: {line}")
-    failed.conclude()
+    errors.conclude()
     origins = described[0] if len(described) == 1 else described
     metadata = table_metadata(options.as_dict(), origins, damage)
     return {table: _table(table, rows, metadata) for table, rows in collected.items()}
 
 
 def of_batches(batches: Iterable[SweepBatch], tables: Sequence[str], options: DetectOptions) -> dict[str, pa.Table]:
-    """Return some tables of batches in memory: in their order, or, where things are followed, by log and topic."""
-    parameters, background, tracking = options.parameters, options.background, options.tracking
-    catalogue = options.catalogue
-    # Where things are followed, their names are those of the tracks.
-    sought = parameters if tracking is None else tracking.found_with(parameters)
-    find = finder(sought, background, catalogue if tracking is None else None, explain=options.explain)
-    per_beam = "beams" in tables
-    told: dict[str, Any] = {} if background is None else {"background": background.as_dict()}
-    told |= {} if catalogue is None else {"catalogue": catalogue.as_dict()}
+    """Return some tables of batches in memory: in their order, or, where things are tracked, by log and topic."""
+    detector = BatchDetector(None, tables, options)
+    parts = (detector.detect([batch]) for batch in batches)
     collected = {table: _Collected() for table in tables}
-    if tracking is None:
-        for batch in batches:
-            made = rows_of(batch.log, tables, batch, find(batch, per_beam), names_in(catalogue))
-            for table, _, rows in made:
+    if options.tracking is None:
+        for part in parts:
+            for table, _, rows in part.rows:
                 collected[table].write(rows)
     else:
-        told["tracking"] = tracking.as_dict()
-        found = ((batch, find(batch, per_beam)) for batch in batches)
-        _follow(found, collected, tracking, parameters, catalogue, waits=background is None)
-    metadata = table_metadata(parameters.as_dict() | told)
+        _track(parts, collected, options)
+    named = {"background": options.background, "tracking": options.tracking, "catalogue": options.catalogue}
+    described = {name: each.as_dict() for name, each in named.items() if each is not None}
+    metadata = table_metadata(options.parameters.as_dict() | described)
     return {table: _table(table, rows, metadata) for table, rows in collected.items()}
 
 
-def _follow(
-    found: Iterable[tuple[SweepBatch, Detection]],
-    sinks: Mapping[str, RowSink],
-    tracking: TrackOptions,
-    parameters: Parameters,
-    catalogue: Catalogue | None,
-    *,
-    waits: bool,
-) -> None:
+def _track(parts: Iterable[Part], sinks: Mapping[str, RowSink], options: DetectOptions) -> None:
     """Pass the rows of batches to the sinks of their tables, by log and topic."""
     # Runs that do not track should not wait for this import.
-    from lidarcli.pipeline.objects.following import Following
+    from lidarcli.pipeline.objects.tracking import LogTracker
 
-    tables = [table for table in sinks if table not in OF_TRACKS]
-    logs: dict[str, tuple[Following, TopicOrder]] = {}
+    logs: dict[str, tuple[LogTracker, TopicOrder]] = {}
     with ExitStack() as stack:
-        for batch, detection in found:
-            if batch.log not in logs:
-                order = stack.enter_context(TopicOrder(sinks, None))
-                following = Following(batch.log, tracking, parameters, catalogue, waits=waits)
-                logs[batch.log] = stack.enter_context(following), order
-            following, order = logs[batch.log]
-            made = Made(rows_of(batch.log, tables, batch, detection), (batch, detection))
-            for table, topic, rows in following.take([made]):
-                order.write(table, topic, rows)
-        for following, order in logs.values():
-            for table, topic, rows in following.finish():
+        for part in parts:
+            for each in part.batches:
+                assert each.detected is not None
+                log = each.detected[0].log
+                if log not in logs:
+                    order = stack.enter_context(TopicOrder(sinks, None))
+                    logs[log] = stack.enter_context(LogTracker(log, options, waits=options.background is None)), order
+                tracker, order = logs[log]
+                for table, topic, rows in tracker.take([each]):
+                    order.write(table, topic, rows)
+        for tracker, order in logs.values():
+            for table, topic, rows in tracker.flush():
                 order.write(table, topic, rows)
             for table in sinks:
                 order.drain(table)
@@ -302,7 +291,7 @@ def _table(name: str, collected: _Collected, metadata: dict[bytes, bytes]) -> pa
     return whole.replace_schema_metadata(metadata).unify_dictionaries()
 
 
-class Failed:
+class ErrorCollector:
     """Errors of logs that cannot be read: each is a warning, and the first is raised where all logs fail."""
 
     def __init__(self, logs: int) -> None:

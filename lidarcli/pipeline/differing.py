@@ -8,6 +8,7 @@ import zlib
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -60,7 +61,6 @@ from lidarcli.formalism.matching.differences import (
     NEW,
     SAME_PLACE,
     STRUCTURE,
-    THING,
     Changes,
     Compared,
     Run,
@@ -72,24 +72,23 @@ from lidarcli.formalism.matching.ground import HERE, MOST_CELLS, SEEN_FREE, Grou
 from lidarcli.formalism.tracking.results import ENDS
 from lidarcli.maps import image_of, read_map
 from lidarcli.newfiles import NewFiles, refuse, scratch_folder, writing
-from lidarcli.pipeline.detecting import detect_beside, second_of_two
+from lidarcli.pipeline.detecting import detect_to_temporary, second_half
 from lidarcli.pipeline.inputs.search import find_logs
 from lidarcli.pipeline.inputs.sources import MissingInput, Source
-from lidarcli.pipeline.inputs.tables import TableSet, TracksTable, find_tracks, poses_of, read_tracks_table, world_in
+from lidarcli.pipeline.inputs.tables import TracksTable, find_tracks, poses_of, read_tracks_table, world_in
 from lidarcli.pipeline.mapping import KM2, MIN_HITS_OF_ALL
-from lidarcli.pipeline.objects.options import DetectOptions
-from lidarcli.pipeline.overlay_sources import Cursor
-from lidarcli.pipeline.reading.one_log import Progress, RunSummary, read_log
-from lidarcli.pipeline.reading.pose_sources import Need, of_one_run
+from lidarcli.pipeline.objects.detection import DetectOptions
+from lidarcli.pipeline.reading.one_log import Progress, read_log
+from lidarcli.pipeline.reading.posing import Need, of_one_run
 from lidarcli.pipeline.runs.over_logs import LogProgress
 from lidarcli.pipeline.zone_counting import OBJECT_COLUMNS, Objects
 from lidarcli.reports.changes import pairs_of
 from lidarcli.reports.checks import Check, Verdict, parse_check, verdict_of
 from lidarcli.reports.figures import OF_CHANGES, OF_MAPS
-from lidarcli.stores.url import Place, place
+from lidarcli.stores import Place, place
 from lidarcli.sweeps import Float64, Int64, Status, SweepPoses
 from lidarcli.tabular.background import read_background
-from lidarcli.tabular.reading import column_names
+from lidarcli.tabular.reading import TopicRows, column_names
 from lidarcli.tabular.schemas import BACKGROUND, CHANGES
 from lidarcli.tabular.stream import write_stream
 from lidarcli.tabular.writing import ALIGNMENT, CHANGE_FIGURES, SOURCE, table_metadata
@@ -98,20 +97,21 @@ from lidarcli.times import SECOND_NS
 AUTO, AS_IS, _ = ALIGN
 MOST_THINGS = 1000
 """Most standing things of a run: each is compared with all of another one."""
+MOST_GROUND = int(MAX_MAP_KM2 * KM2 / MAP_RESOLUTION**2)
+"""Most cells of the ground of a run."""
 MOST_OCCUPIED = 1_500_000
 """Most occupied cells of a map from a file: 75 km of walls at 5 cm."""
 LEAST_SWEEPS, LEAST_SECONDS = 10, 2.0
 """Fewest sweeps, and shortest time [s], in which a standing thing was seen."""
-LEAST_WAY = 0.5
-"""Shortest way of an agent [m], whose place is not that of a standing thing."""
+LEAST_TRAVELLED = 0.5
+"""Least distance that an agent travelled [m], whose place is not that of a standing thing."""
 LEAST_CHANCE = 0.6
 """Least probability of an alignment by things alone."""
 TABLES = {".parquet": "parquet", ".csv": "csv"}
 PICTURE = ".png"
-COUNTED = tuple(CHANGE_STATUSES)
 CHANGED_THINGS = tuple(CHANGE_STATUSES[code] for code in (MOVED, NEW, GONE))
-MOST_TOLD = 10
-"""Most things of a run, and changes of structure, that are told to people one by one."""
+MOST_LISTED = 10
+"""Most things of a run, and changes of structure, that are listed for people."""
 PAGE = "docs/diff.md"
 NO_FREE_SPACE = "tables tell no free space; name the logs to learn what is gone"
 MAP_WORLD = "map"
@@ -130,7 +130,7 @@ class DiffOptions:
 
 
 @dataclass(slots=True)
-class Seen:
+class RunThings:
     """Things, ground and names of one input."""
 
     name: str
@@ -171,6 +171,12 @@ class Step(NamedTuple):
     sensors: Float64 | None = None
     """(N, 2) places of the sensor of the run, in these coordinates [m]."""
 
+    def alignment(self) -> dict[str, Any]:
+        """Return plain values for JSON."""
+        runs = {"log_a": self.before, "log_b": self.name}
+        motion = {"dx": self.motion.x, "dy": self.motion.y, "dyaw": self.motion.angle}
+        return runs | motion | {"overlap": self.overlap, "rms": self.rms}
+
 
 @dataclass(slots=True)
 class Difference:
@@ -189,67 +195,43 @@ class Difference:
         found = []
         for step in self.steps:
             found.append(step.how if len(self.steps) == 1 else f"{step.before} to {step.name}: {step.how}")
-            found += _told_of([row for row in rows if row["log_b"] == step.name])
+            found += _lines_of([row for row in rows if row["log_b"] == step.name])
         if (f1 := self.figures.get("f1")) is not None:
             found.append(f"  precision {self.figures['precision']:.4f}, recall {self.figures['recall']:.4f}, f1 {f1:.4f}")
         return found
 
     def as_dict(self) -> dict[str, Any]:
         """Return plain values for JSON."""
-        return {
-            "figures": self.figures,
-            "alignments": [_alignment(step) for step in self.steps],
-            "changes": self.changes.to_pylist(),
-            "notes": [*self.notes],
-        }
+        alignments = [step.alignment() for step in self.steps]
+        changes = self.changes.to_pylist()
+        return {"figures": self.figures, "alignments": alignments, "changes": changes, "notes": [*self.notes]}
 
 
-def _told_of(rows: Sequence[dict[str, Any]]) -> list[str]:
+def _lines_of(rows: Sequence[dict[str, Any]]) -> list[str]:
     """Return the changes of one run for people."""
     counted = Counter(row["status"] for row in rows)
     whys = Counter(row["why"] for row in rows if row["why"])
-    words = [f"{status} {counted[status]}" for status in COUNTED if counted[status]]
+    words = [f"{status} {counted[status]}" for status in CHANGE_STATUSES if counted[status]]
     if whys:
         words[-1] += f" ({', '.join(f'{whys[why]} {why}' for why in CHANGE_WHYS if whys[why])})"
     found = [f"  {', '.join(words)}" if words else "  nothing stands in them, and no structure differs"]
-    things = [_thing(row) for row in rows if row["kind"] == CHANGE_KINDS[THING] and row["status"] in CHANGED_THINGS]
-    found += things[:MOST_TOLD]
-    if len(things) > MOST_TOLD:
-        found.append(f"  and {len(things) - MOST_TOLD} more")
-    structure = [
-        f"{row['status']} {row['length']:.1f} m at ({_either(row, 'x'):.1f}, {_either(row, 'y'):.1f})"
-        for row in rows
-        if row["kind"] == CHANGE_KINDS[STRUCTURE]
-    ]
-    if len(structure) > MOST_TOLD:
-        structure[MOST_TOLD:] = [f"and {len(structure) - MOST_TOLD} more"]
+    things, structure = [], []
+    for row in rows:
+        x, y = (row[f"{axis}_a"] if row[f"{axis}_b"] is None else row[f"{axis}_b"] for axis in ("x", "y"))
+        where = f"({x:.1f}, {y:.1f})"
+        if row["kind"] == CHANGE_KINDS[STRUCTURE]:
+            structure.append(f"{row['status']} {row['length']:.1f} m at {where}")
+        elif row["status"] in CHANGED_THINGS:
+            sizes = " x ".join(f"{row[size]:.1f}" for size in ("length", "width") if row[size] is not None)
+            moved = "at" if row["moved"] is None else f"by {row['moved']:.2f} m to"
+            names = (row["status"], row["label"], sizes and f"{sizes} m", moved, where)
+            things.append("  " + " ".join(word for word in names if word))
+    found += things[:MOST_LISTED]
+    if len(things) > MOST_LISTED:
+        found.append(f"  and {len(things) - MOST_LISTED} more")
+    if len(structure) > MOST_LISTED:
+        structure[MOST_LISTED:] = [f"and {len(structure) - MOST_LISTED} more"]
     return [*found, f"  structure: {', '.join(structure)}"] if structure else found
-
-
-def _thing(row: dict[str, Any]) -> str:
-    """Return what became of a thing, for people."""
-    sizes = " x ".join(f"{row[size]:.1f}" for size in ("length", "width") if row[size] is not None)
-    words = [row["status"], row["label"], sizes and f"{sizes} m"]
-    way = "at" if row["moved"] is None else f"by {row['moved']:.2f} m to"
-    where = f"({_either(row, 'x'):.1f}, {_either(row, 'y'):.1f})"
-    return f"  {' '.join(word for word in words if word)} {way} {where}"
-
-
-def _either(row: dict[str, Any], axis: str) -> float:
-    value = row[f"{axis}_b"] if row[f"{axis}_b"] is not None else row[f"{axis}_a"]
-    return float(value)
-
-
-def _alignment(step: Step) -> dict[str, Any]:
-    return {
-        "log_a": step.before,
-        "log_b": step.name,
-        "dx": step.motion.x,
-        "dy": step.motion.y,
-        "dyaw": step.motion.angle,
-        "overlap": step.overlap,
-        "rms": step.rms,
-    }
 
 
 # Inputs.
@@ -308,7 +290,7 @@ def _input(text: str) -> Input:
     return Input(text, "log", source)
 
 
-def read_input(one: Input, options: DiffOptions, progress: Progress | None = None) -> Seen:
+def read_input(one: Input, options: DiffOptions, progress: Progress | None = None) -> RunThings:
     """Return what an input tells.
 
     Raises
@@ -327,7 +309,7 @@ def read_input(one: Input, options: DiffOptions, progress: Progress | None = Non
                 f"{one.text}: {grid.occupied:,} occupied cells are more than can be compared ({MOST_OCCUPIED:,}); make "
                 "what lies behind walls unknown, or save the map with larger cells"
             )
-        return Seen(one.text, Run(*_NOTHING, of_map(grid), np.empty((0, 2))), MAP_WORLD, grid=grid)
+        return RunThings(one.text, Run(*_NOTHING, of_map(grid), np.empty((0, 2))), MAP_WORLD, grid=grid)
     if one.source is None and one.kind == "tracks":
         table = read_tracks_table(place(one.text))
         return _of_tracks(one.text, table, {}, {})
@@ -345,20 +327,20 @@ _NOTHING = (Standing(_NO_VALUE, _NO_VALUE, _NO_VALUE, _NO_VALUE, _NO_VALUE, _NO_
 """No things, and no direction of any."""
 
 
-def _of_background(text: str) -> Seen:
-    sensors, told = read_background(place(text))
-    ways = {frame: way for log in told.get(SOURCE, []) for frame, way in poses_of(log).items()}
+def _of_background(text: str) -> RunThings:
+    sensors, metadata = read_background(place(text))
+    poses = {frame: each for log in metadata.get(SOURCE, []) for frame, each in poses_of(log).items()}
     notes = []
     groups: dict[str, list[Background]] = {}
     for sensor in sensors:
-        world = world_in(ways.get(sensor.frame_id, {}), sensor.topic) if sensor.posed.any() else ""
+        world = world_in(poses.get(sensor.frame_id, {}), sensor.topic) if sensor.posed.any() else ""
         groups.setdefault(_key(world, sensor.topic, sensor.frame_id), []).append(sensor)
     if not groups:
         raise UnreadableError(f"{text}: the background of no sensor")
     chosen = max(groups, key=lambda key: sum(int(each.sweeps.sum()) for each in groups[key]))
     if len(groups) > 1:
         notes.append(f"{text}: only what lies in {_frame_words(chosen)} is compared")
-    survey = Surveying(Counts(MAP_RESOLUTION, int(MAX_MAP_KM2 * KM2 / MAP_RESOLUTION**2)))
+    survey = Surveying(Counts(MAP_RESOLUTION, MOST_GROUND))
     places = []
     for sensor in groups[chosen]:
         x, y, yaw = (np.nan_to_num(each) for each in (sensor.poses.x, sensor.poses.y, sensor.poses.yaw))
@@ -376,7 +358,7 @@ def _of_background(text: str) -> Seen:
         places.append(np.column_stack([x, y]))
     ground = replace(survey.ground(1, OCCUPIED_RATIO), counted=False)
     run = Run(*_NOTHING, ground, np.concatenate(places))
-    return Seen(text, run, chosen.strip(), notes=notes) if not chosen.startswith(" ") else Seen(text, run, "", notes=notes)
+    return RunThings(text, run, "" if chosen.startswith(" ") else chosen, notes=notes)
 
 
 def _key(world: str, topic: str, frame: str) -> str:
@@ -388,107 +370,80 @@ def _frame_words(key: str) -> str:
     return f"the frame of the sensor {key.strip()}" if key.startswith(" ") else f"the frame {key}"
 
 
-def _of_log(source: Source, options: DiffOptions, progress: Progress | None) -> Seen:
-    """Return the standing things of a log, and the ground that its sweeps saw."""
+def _of_log(source: Source, options: DiffOptions, progress: Progress | None) -> RunThings:
+    """Return the standing things of a log, and the ground that its sweeps saw in a second pass over it."""
     with scratch_folder() as private:
-        pair, found = detect_beside(source, private, options.detect, progress)
+        pair, found = detect_to_temporary(source, private, options.detect, progress)
         table = read_tracks_table(pair.tracks)
-        grounds, places, seconds, summary, described = _survey(
-            source, pair, table, options.detect, second_of_two(progress, source.size)
-        )
-    seen = _of_tracks(source.name, table, grounds, places)
-    seen.source = described
-    seen.is_short |= summary.sweeps < LEAST_SWEEPS or seconds < LEAST_SECONDS
-    seen.damage = [f"{source.label}: {line}" for line in dict.fromkeys([*found.damage, *summary.damage])]
-    seen.notes += [f"{source.label}: {line}" for line in dict.fromkeys([*found.doubts, *summary.notes])]
-    return seen
-
-
-def _survey(
-    source: Source, pair: TableSet, tracks: TracksTable, detect: DetectOptions, progress: Progress | None
-) -> tuple[dict[str, Ground], dict[str, Float64], float, RunSummary, dict[str, Any]]:
-    """Return the ground and the places of the sensors by the frame of their world, of a second pass over a log.
-
-    Then come the seconds from the first sweep to the last one, and what the reading tells.
-    """
-    most = int(MAX_MAP_KM2 * KM2 / MAP_RESOLUTION**2)
-    surveys: dict[str, Surveying] = {}
-    places: dict[str, list[Float64]] = {}
-    cursors: dict[str, Cursor] = {}
-    went = _gone_their_ways(tracks)
-    stamps: list[int] = []
-    with read_log(source, detect, Need.MOVING) as reading:
-        for batch in reading.batches(progress):
-            if not len(batch):
-                continue
-            stamps += [int(batch.stamp_ns.min()), int(batch.stamp_ns.max())]
-            if batch.topic not in cursors:
-                cursors[batch.topic] = Cursor(pair.objects, "objects", OBJECT_COLUMNS, batch.topic)
-            rows = cursors[batch.topic].until(int(batch.sweep[-1]) + 1)
-            objects = Objects.of(rows, batch)
-            owner = objects.owners(batch)
-            agents = np.append(np.isin(objects.track, went.get(batch.topic, [])), False)[owner]
-            use = np.where(batch.status == Status.VALID, HIT, SKIPPED).astype(np.uint8)
-            for frame, at, mine in batch.by_frame():
-                world = reading.world_of(batch.topic, frame).strip("/")
-                poses = mine.poses
-                if poses is None or not world or not np.isfinite(poses.yaw).any():
-                    world, zero = "", np.zeros(len(mine))
-                    poses = SweepPoses(zero, zero, zero, np.zeros(len(mine), np.bool_))
-                world = _key(world, batch.topic, frame)
-                known = np.flatnonzero(np.isfinite(poses.x + poses.y + poses.yaw))
-                survey = surveys.setdefault(world, Surveying(Counts(MAP_RESOLUTION, most)))
-                survey.add(placed(mine.rows(known), poses.rows(known), use[at][known]), agents[at][known])
-                places.setdefault(world, []).append(np.column_stack([poses.x, poses.y])[known])
-        summary = reading.close()
-        described = reading.describe(source)
+        agents = _agents(table)
+        surveys: dict[str, Surveying] = {}
+        places: dict[str, list[Float64]] = {}
+        cursors: dict[str, TopicRows] = {}
+        stamps: list[int] = []
+        with read_log(source, options.detect, Need.MOVING) as reading:
+            for batch in reading.batches(second_half(progress, source.size)):
+                if not len(batch):
+                    continue
+                stamps += [int(batch.stamp_ns.min()), int(batch.stamp_ns.max())]
+                if batch.topic not in cursors:
+                    cursors[batch.topic] = TopicRows(pair.objects, "objects", OBJECT_COLUMNS, batch.topic)
+                objects = Objects.of(cursors[batch.topic].until(int(batch.sweep[-1]) + 1), batch)
+                is_agent = np.append(np.isin(objects.track, agents.get(batch.topic, [])), False)[objects.owners(batch)]
+                use = np.where(batch.status == Status.VALID, HIT, SKIPPED).astype(np.uint8)
+                for frame, at, mine in batch.by_frame():
+                    world, poses = reading.world_of(batch.topic, frame).strip("/"), mine.poses
+                    if poses is None or not world or not np.isfinite(poses.yaw).any():
+                        world, zero = "", np.zeros(len(mine))
+                        poses = SweepPoses(zero, zero, zero, np.zeros(len(mine), np.bool_))
+                    world = _key(world, batch.topic, frame)
+                    known = np.flatnonzero(np.isfinite(poses.x + poses.y + poses.yaw))
+                    survey = surveys.setdefault(world, Surveying(Counts(MAP_RESOLUTION, MOST_GROUND)))
+                    survey.add(placed(mine.rows(known), poses.rows(known), use[at][known]), is_agent[at][known])
+                    places.setdefault(world, []).append(np.column_stack([poses.x, poses.y])[known])
+            summary = reading.close()
+            described = reading.describe(source)
     grounds = {
         world: survey.ground(max(1, min(survey.counts.sweeps, MIN_HITS_OF_ALL)), OCCUPIED_RATIO)
         for world, survey in surveys.items()
         if survey.counts.sweeps
     }
-    sensors = {world: np.concatenate(parts) for world, parts in places.items()}
+    run = _of_tracks(source.name, table, grounds, {world: np.concatenate(parts) for world, parts in places.items()})
     seconds = (max(stamps) - min(stamps)) / SECOND_NS if stamps else 0.0
-    return grounds, sensors, seconds, summary, described
+    run.is_short |= summary.sweeps < LEAST_SWEEPS or seconds < LEAST_SECONDS
+    run.source = described
+    run.damage = [f"{source.label}: {line}" for line in dict.fromkeys([*found.damage, *summary.damage])]
+    run.notes += [f"{source.label}: {line}" for line in dict.fromkeys([*found.doubts, *summary.notes])]
+    return run
 
 
-def _gone_their_ways(table: TracksTable) -> dict[str, Int64]:
-    """Return the tracks of each topic that went some way: what only turned on the spot stands, for all that others know."""
+def _agents(table: TracksTable) -> dict[str, list[int]]:
+    """Return the tracks of each topic that travelled: what only turned on the spot stands, for all that others know."""
     rows = table.rows.to_pydict()
     moved: dict[str, list[int]] = {}
     for topic, track, kind, distance in zip(*(rows[name] for name in ("topic", "track", "set", "distance")), strict=True):
-        moved.setdefault(topic, [])
-        if kind == "A" and distance >= LEAST_WAY:
-            moved[topic].append(track)
-    return {topic: np.array(each, np.int64) for topic, each in moved.items()}
+        if kind == "A" and distance >= LEAST_TRAVELLED:
+            moved.setdefault(topic, []).append(track)
+    return moved
 
 
-def _of_tracks(name: str, table: TracksTable, grounds: dict[str, Ground], places: dict[str, Float64]) -> Seen:
+def _of_tracks(name: str, table: TracksTable, grounds: dict[str, Ground], places: dict[str, Float64]) -> RunThings:
     """Return the standing things of a tracks table in the world that has most of them, with its ground."""
     rows = table.rows.to_pydict()
-    # A sensor without poses is a world of its own.
     sensors = zip(rows["topic"], rows["frame_id"], strict=True)
-    ways = [(world_in(table.poses.get(frame, {}), topic), topic, frame) for topic, frame in sensors]
-    worlds = np.array([_key(*way) for way in ways] or [""], object)
-    count = len(rows["track"])
-    worlds = worlds[:count]
-    number = {each: np.array(rows[each], np.float64).reshape(count) for each in _MEASURED}
-    stands = np.array([each == "O" for each in rows["set"]], np.bool_).reshape(count)
-    ended = np.array([each == ENDS[1] for each in rows["end"]], np.bool_).reshape(count)
-    sweeps = np.array(rows["sweeps"], np.int64).reshape(count)
-    long = (sweeps >= LEAST_SWEEPS) & (np.array(rows["duration"], np.float64).reshape(count) >= LEAST_SECONDS)
-    chosen = stands & ~ended & long & np.isfinite(number["x"] + number["y"])
-    sizes = {world: len(ground.points) for world, ground in grounds.items()}
-    for world in worlds:
-        sizes.setdefault(world, 0)
-    key = max(sorted(sizes), key=lambda each: (sizes[each], int((worlds == each).sum()))) if sizes else " "
+    worlds = np.array([_key(world_in(table.poses.get(frame, {}), topic), topic, frame) for topic, frame in sensors], object)
+    number = {each: np.array(rows[each], np.float64) for each in _MEASURED}
+    sweeps = np.array(rows["sweeps"], np.int64)
+    long = (sweeps >= LEAST_SWEEPS) & (np.array(rows["duration"], np.float64) >= LEAST_SECONDS)
+    stands = (np.array(rows["set"], object) == "O") & (np.array(rows["end"], object) != ENDS[1])
+    sizes = dict.fromkeys(worlds, 0) | {world: len(ground.points) for world, ground in grounds.items()}
+    key = max(sorted(sizes), key=lambda each: (sizes[each], int((worlds == each).sum())), default=" ")
     notes = []
     if others := sorted({*sizes} - {key}):
         notes.append(
             f"{name}: only what lies in {_frame_words(key)} is compared, not in "
             f"{', '.join(each.strip() for each in others)} (--topic)"
         )
-    at = np.flatnonzero(chosen & (worlds == key))
+    at = np.flatnonzero(stands & long & np.isfinite(number["x"] + number["y"]) & (worlds == key))
     at = at[_distinct({name: values[at] for name, values in number.items()}, sweeps[at])]
     if len(at) > MOST_THINGS:
         raise OptionError(f"{name}: more than {MOST_THINGS:,} standing things cannot be compared; take a part with --end")
@@ -502,15 +457,14 @@ def _of_tracks(name: str, table: TracksTable, grounds: dict[str, Ground], places
     if ground is not None:
         things, yaw, kept = measured(things, yaw, ground)
         at = at[kept]
-    run = Run(things, yaw, ground, places.get(key, np.empty((0, 2))))
-    return Seen(
+    return RunThings(
         name,
-        run,
+        Run(things, yaw, ground, places.get(key, np.empty((0, 2)))),
         "" if key.startswith(" ") else key,
         log=[rows["log"][k] for k in at],
         track=[rows["track"][k] for k in at],
         label=[rows["label"][k] for k in at],
-        is_short=bool(count) and not long.any(),
+        is_short=bool(len(long)) and not long.any(),
         notes=notes,
     )
 
@@ -524,26 +478,18 @@ def _code(word: str | None) -> int:
 
 
 def _distinct(number: dict[str, Float64], sweeps: Int64) -> Int64:
-    """Return the things that stand in places of their own.
-
-    One that was lost and found again, or of which a part was taken for another thing, is the one that was seen longest.
-    """
+    """Return the things that stand in places of their own: of several in one place the one that was seen longest."""
+    length, width = (np.fmax(number[name], 2.0 * (SAME_PLACE - BESIDE)) for name in ("length", "width"))
+    boxes = np.column_stack([number["x"], number["y"], np.nan_to_num(number["yaw"]), length, width])
     kept: list[int] = []
-    places = np.column_stack([number["x"], number["y"]])
-    alone = np.ones(len(places), np.bool_)
+    alone = np.ones(len(boxes), np.bool_)
     for k in np.argsort(-sweeps, kind="stable").tolist():
         if alone[k]:
             kept.append(k)
-            alone &= ~within(places, _box(number, k), BESIDE)
+            alone &= ~within(boxes[:, :2], boxes[k], BESIDE)
         if len(kept) > MOST_THINGS:
             break
     return np.array(sorted(kept), np.int64)
-
-
-def _box(number: dict[str, Float64], k: int) -> Float64:
-    """Return x, y, yaw, length and width of a thing, the sizes no less than those of one place."""
-    sizes = [np.fmax(number[name][k], 2.0 * (SAME_PLACE - BESIDE)) for name in ("length", "width")]
-    return np.array([number["x"][k], number["y"][k], np.nan_to_num(number["yaw"][k]), *sizes])
 
 
 # Comparing.
@@ -559,85 +505,81 @@ def diff_inputs(inputs: Sequence[Input], options: DiffOptions, report: LogProgre
     OptionError
         As of `read_input`, or two maps have cells of different sizes.
     """
-    seen = []
+    runs = []
     for one in inputs:
-        source = one.source
-        progress = None if report is None or source is None else _told(report, source)
-        seen.append(read_input(one, options, progress))
-    names = Counter(each.name for each in seen)
-    for one, each in zip(inputs, seen, strict=True):
+        progress = None if report is None or one.source is None else partial(report, one.source)
+        runs.append(read_input(one, options, progress))
+    names = Counter(each.name for each in runs)
+    for one, each in zip(inputs, runs, strict=True):
         if names[each.name] > 1:
             each.name = one.text
     known: Counter[str] = Counter()
-    for each in seen[1:]:
+    for each in runs[1:]:
         # Rows of a run that is compared twice are told apart.
         known[each.name] += 1
         if known[each.name] > 1:
             each.name = f"{each.name} ({known[each.name]})"
-    for each in seen:
+    for each in runs:
         each.log = [each.name] * len(each.log)
     try:
-        return _compared([one.text for one in inputs], seen, options)
+        return _compared([one.text for one in inputs], runs, options)
     except TooLargeError as err:
         raise OptionError(f"the ground of all runs would reach over {err}; compare fewer of them") from err
 
 
-def _told(report: LogProgress, source: Source) -> Progress:
-    return lambda position: report(source, position)
-
-
-def _compared(labels: Sequence[str], seen: Sequence[Seen], options: DiffOptions) -> Difference:
-    reference, steps, rows = seen[0], [], []
-    notes = [note for each in seen for note in each.notes]
-    if any(each.run.ground is None for each in seen):
+def _compared(labels: Sequence[str], runs: Sequence[RunThings], options: DiffOptions) -> Difference:
+    reference, steps, rows = runs[0], [], []
+    notes = [note for each in runs for note in each.notes]
+    if any(each.run.ground is None for each in runs):
         notes.append(NO_FREE_SPACE)
-    short = [label for label, each in zip(labels, seen, strict=True) if each.is_short]
+    short = [label for label, each in zip(labels, runs, strict=True) if each.is_short]
     notes += [
         f"{label} is too short: a thing has to stand in {LEAST_SWEEPS} sweeps and for {LEAST_SECONDS:g} s; only structure "
         "is compared, and checks of numbers of changes fail"
         for label in short
     ]
-    figures: dict[str, float | None] = {}
-    seers = [(seen[0].name, seen[0].run.ground)]
-    for number, now in enumerate(seen[1:], 1):
-        nearest = _nearest(reference), _nearest(now)
+    # Of each run so far, the latest one first.
+    grounds = [(runs[0].name, runs[0].run.ground)]
+    for number, now in enumerate(runs[1:], 1):
+        first, second = (None if (ground := each.run.ground) is None else Nearest(ground) for each in (reference, now))
         label = labels[0] if number == 1 else "the runs before"
-        step, chance = _align(reference, now, nearest, options.align, label, labels[number], notes)
-        compared = Compared(reference.run, now.run, step.motion, nearest, chance, options.min_score)
+        step, chance = _align(reference, now, (first, second), options.align, label, labels[number], notes)
         try:
-            changes = compared.changes()
+            changes = Compared(reference.run, now.run, step.motion, (first, second), chance, options.min_score).changes()
         except TooManyError as err:
             raise UnreadableError(
                 f"{label} and {labels[number]} differ in {err} places of their structure, more than are told "
                 f"({MOST_CHANGES:,}); are they of one place?"
             ) from err
-        rows += _rows(changes, reference, now, step.motion, seers)
-        ground = None if reference.run.ground is None else reference.run.ground.occupancy()
+        rows += _rows(changes, reference, now, step.motion, grounds)
+        known = None if reference.run.ground is None else reference.run.ground.occupancy()
         sensors = np.column_stack(step.motion.of(*now.run.sensors.T))
-        steps.append(step._replace(ground=ground, sensors=sensors))
-        if number < len(seen) - 1:
+        steps.append(step._replace(ground=known, sensors=sensors))
+        if number < len(runs) - 1:
             reference, moved = _after(reference, now, changes, step.motion)
-            seers.insert(0, (now.name, moved))
+            grounds.insert(0, (now.name, moved))
     overlaps = [step.overlap for step in steps if step.overlap is not None]
     counted = Counter(row["status"] for row in rows)
-    figures = {status: None if short else float(counted[status]) for status in COUNTED}
+    figures = {status: None if short else float(counted[status]) for status in CHANGE_STATUSES}
     figures["overlap"] = min(overlaps) if overlaps else None
-    if len(seen) == 2 and seen[0].grid is not None and seen[1].grid is not None:
+    if len(runs) == 2 and (true := runs[0].grid) is not None and (grid := runs[1].grid) is not None:
         try:
-            found = compare(_laid(seen[1].grid, steps[0].motion), seen[0].grid, 2 * TOLERANCE)
+            found = compare(_laid(grid, steps[0].motion), true, 2 * TOLERANCE)
         except UnlikeError as err:
-            raise OptionError(
-                f"{labels[0]} and {labels[1]}: {err}; make the map with --resolution {seen[0].grid.resolution:g}"
-            ) from err
-        figures |= {name: None if math.isnan(value := getattr(found, name)) else value for name in OF_MAPS}
+            resolution = f"make the map with --resolution {true.resolution:g}"
+            raise OptionError(f"{labels[0]} and {labels[1]}: {err}; {resolution}") from err
+        figures |= {name: _known(getattr(found, name)) for name in OF_MAPS}
     metadata = table_metadata(
         {**options.detect.as_dict(), "align": options.align, "min_score": options.min_score},
-        [each.source or {"name": each.name} for each in seen],
-        damage := [line for each in seen for line in each.damage],
+        [each.source or {"name": each.name} for each in runs],
+        damage := [line for each in runs for line in each.damage],
     )
-    metadata[ALIGNMENT.encode()] = json.dumps([_alignment(step) for step in steps]).encode(errors="replace")
+    metadata[ALIGNMENT.encode()] = json.dumps([step.alignment() for step in steps]).encode(errors="replace")
     metadata[CHANGE_FIGURES.encode()] = json.dumps(figures).encode()
-    return Difference(_table(rows, metadata), tuple(steps), figures, tuple(dict.fromkeys(notes)), tuple(damage))
+    for number, row in enumerate(rows, 1):
+        row["thing"] = number
+    table = pa.Table.from_pylist(rows, CHANGES.with_metadata(metadata))
+    return Difference(table, tuple(steps), figures, tuple(dict.fromkeys(notes)), tuple(damage))
 
 
 def _laid(grid: Occupancy, motion: Motion) -> Occupancy:
@@ -660,8 +602,8 @@ def _laid(grid: Occupancy, motion: Motion) -> Occupancy:
 
 
 def _align(
-    reference: Seen,
-    now: Seen,
+    reference: RunThings,
+    now: RunThings,
     nearest: tuple[Nearest | None, Nearest | None],
     how: str,
     label: str,
@@ -670,134 +612,106 @@ def _align(
 ) -> tuple[Step, float]:
     """Return how a run lies on those before it, and the probability of that; what is doubtful is added to the notes."""
     first, second = nearest
+    both = f"{label} and {other}"
     common = reference.is_common and reference.world == now.world
-    as_is = how == AS_IS or (how == AUTO and common)
-    if as_is:
+    if how == AS_IS or (how == AUTO and common):
         words = f"as they are, in the frame {reference.world}" if common else "as they are"
         if first is None or second is None:
             return _step(reference, now, HERE, None, words), 1.0
         here, better = settle(first, second)
         if better is not None:
             move = better.motion
-            way = f"{math.hypot(move.x, move.y):.2f} m, {_degrees(move):.1f} degrees"
             notes.append(
-                f"{label} and {other} lie better on each other if shifted by {way}: {better.overlap:.0%} of the structure "
+                f"{both} lie better on each other if shifted by {_distance(move)}: {better.overlap:.0%} of the structure "
                 f"in place, not {here.overlap:.0%}; poses of one may be off"
             )
             if how == AUTO:
                 here, words = better, f"shifted, in the frame {reference.world}"
-        if not here.lies:
-            raise UnreadableError(_lies_not(label, other, here) + "; as they are, that is (--align search)")
+        _refuse_apart(both, here, "; as they are, that is (--align search)")
         return _step(reference, now, here.motion, here, words), 1.0
     if first is None or second is None:
         motion, chance = align(reference.run.things, now.run.things)
         if motion is None:
             raise UnreadableError(
-                f"{label} and {other} cannot be laid on each other: fewer than three of their things stand alike; "
+                f"{both} cannot be laid on each other: fewer than three of their things stand alike; "
                 "name the logs, or take places as they are (--align as-is)"
             )
         if chance < LEAST_CHANCE:
-            raise UnreadableError(_in_two_ways(label, other))
+            raise UnreadableError(f"{both} {IN_TWO_WAYS}; {ALIGN_AS_IS}")
         return _step(reference, now, motion, None, "aligned by things"), chance
     found = search(first, second, proposals(reference.run.things, now.run.things))
-    if not found.best.lies:
-        raise UnreadableError(_lies_not(label, other, found.best))
+    best, rival = found.best, found.rival
+    _refuse_apart(both, best)
     if not found.is_certain:
-        raise UnreadableError(_in_two_ways(label, other) if not found.slides else _slides(label, other))
-    if found.rival is not None:
+        raise UnreadableError(f"{both} {SLIDING if found.slides else IN_TWO_WAYS}; {ALIGN_AS_IS}")
+    if rival is not None:
+        if abs(rival.motion.turn) > NEAR_HERE_TURN:
+            differs = f"turned by {math.degrees(abs(rival.motion.turn)):.0f} degrees, as in a symmetric room"
+        else:
+            apart = math.hypot(rival.motion.x - best.motion.x, rival.motion.y - best.motion.y)
+            differs = f"shifted by {apart:.1f} m, as along a row of like pillars"
         notes.append(
-            f"{other} lies on {label} in a second way, {_way(found.rival.motion, found.best.motion)}: it is taken where "
+            f"{other} lies on {label} in a second way, {differs}: it is taken where "
             "the sensor hardly moved (--align as-is is sure of that)"
         )
-    return _step(reference, now, found.best.motion, found.best, "aligned by structure"), 1.0
+    return _step(reference, now, best.motion, best, "aligned by structure"), 1.0
 
 
-def _nearest(seen: Seen) -> Nearest | None:
-    return None if seen.run.ground is None else Nearest(seen.run.ground)
+IN_TWO_WAYS = "lie on each other in two ways: nothing tells which one is right, as in a symmetric room"
+SLIDING = "may slide on each other along their walls: nothing tells how far, as in a bare corridor"
+ALIGN_AS_IS = "where their frames are the same, --align as-is takes them as they are"
 
 
-def _lies_not(label: str, other: str, found: Fit) -> str:
+def _refuse_apart(both: str, found: Fit, hint: str = "") -> None:
+    """Refuse runs that do not lie on each other (`UnreadableError`)."""
+    if found.lies:
+        return
+    why = f"{found.overlap:.0%} of the structure at best, {LEAST_OVERLAP:.0%} needed"
     if not found.common:
-        return f"{label} and {other} do not lie on each other: they have too little of their structure in common"
-    return (
-        f"{label} and {other} do not lie on each other: {found.overlap:.0%} of the structure at best, "
-        f"{LEAST_OVERLAP:.0%} needed"
-    )
+        why = "they have too little of their structure in common"
+    raise UnreadableError(f"{both} do not lie on each other: {why}{hint}")
 
 
-def _in_two_ways(label: str, other: str) -> str:
-    return (
-        f"{label} and {other} lie on each other in two ways: nothing tells which one is right, as in a symmetric room; "
-        "where their frames are the same, --align as-is takes them as they are"
-    )
+def _distance(motion: Motion) -> str:
+    return f"{motion.shift:.2f} m, {math.degrees(abs(motion.turn)):.1f} degrees"
 
 
-def _slides(label: str, other: str) -> str:
-    return (
-        f"{label} and {other} may slide on each other along their walls: nothing tells how far, as in a bare corridor; "
-        "where their frames are the same, --align as-is takes them as they are"
-    )
+def _step(before: RunThings, now: RunThings, motion: Motion, found: Fit | None, how: str) -> Step:
+    words = how if how.startswith("as") else f"{how}: {_distance(motion)}"
+    if found is None:
+        return Step(before.name, now.name, motion, None, None, words)
+    words += f"; {found.overlap:.0%} of the structure in place"
+    return Step(before.name, now.name, motion, found.overlap, _known(found.rms), words)
 
 
-def _way(second: Motion, best: Motion) -> str:
-    """Return how a second alignment differs from the best one, for people."""
-    if _degrees(second) > math.degrees(NEAR_HERE_TURN):
-        return f"turned by {_degrees(second):.0f} degrees, as in a symmetric room"
-    return f"shifted by {math.hypot(second.x - best.x, second.y - best.y):.1f} m, as along a row of like pillars"
-
-
-def _degrees(motion: Motion) -> float:
-    return abs(math.degrees((motion.angle + math.pi) % math.tau - math.pi))
-
-
-def _step(before: Seen, now: Seen, motion: Motion, found: Fit | None, how: str) -> Step:
-    words = how
-    if not how.startswith("as"):
-        words += f": {math.hypot(motion.x, motion.y):.2f} m, {_degrees(motion):.1f} degrees"
-    overlap = None if found is None else found.overlap
-    rms = None if found is None or math.isnan(found.rms) else found.rms
-    if overlap is not None:
-        words += f"; {overlap:.0%} of the structure in place"
-    return Step(before.name, now.name, motion, overlap, rms, words)
-
-
-def _after(before: Seen, now: Seen, changes: Changes, motion: Motion) -> tuple[Seen, Ground | None]:
+def _after(before: RunThings, now: RunThings, changes: Changes, motion: Motion) -> tuple[RunThings, Ground | None]:
     """Return all runs so far as one, each place as the last run that saw it tells it; and the ground of the last."""
     run = now.run.moved(motion)
     gone = (changes.status == GONE) | (changes.second >= 0)
     kept = [k for k in range(len(before.run.things)) if k not in {*changes.first[gone].tolist()}]
-    things = _joined(before.run.things, run.things, kept)
+    old, new = before.run.things, run.things
+    names = Standing.__dataclass_fields__
+    things = Standing(**{name: np.concatenate([getattr(old, name)[kept], getattr(new, name)]) for name in names})
     ground = before.run.ground if run.ground is None else run.ground
     if before.run.ground is not None and run.ground is not None:
         ground = run.ground.over(before.run.ground)
-    return Seen(
-        now.name,
-        Run(
-            things,
-            np.concatenate([before.run.yaw[kept], run.yaw]),
-            ground,
-            np.concatenate([before.run.sensors, run.sensors]),
-        ),
-        before.world,
-        *([getattr(before, name)[k] for k in kept] + getattr(now, name) for name in ("log", "track", "label")),
-    ), run.ground
-
-
-def _joined(one: Standing, other: Standing, kept: Sequence[int]) -> Standing:
-    return Standing(
-        **{name: np.concatenate([getattr(one, name)[kept], getattr(other, name)]) for name in Standing.__dataclass_fields__}
-    )
+    yaw = np.concatenate([before.run.yaw[kept], run.yaw])
+    sensors = np.concatenate([before.run.sensors, run.sensors])
+    lists = [[getattr(before, name)[k] for k in kept] + getattr(now, name) for name in ("log", "track", "label")]
+    return RunThings(now.name, Run(things, yaw, ground, sensors), before.world, *lists), run.ground
 
 
 def _rows(
-    changes: Changes, before: Seen, now: Seen, motion: Motion, seers: Sequence[tuple[str, Ground | None]]
+    changes: Changes, before: RunThings, now: RunThings, motion: Motion, grounds: Sequence[tuple[str, Ground | None]]
 ) -> list[dict[str, Any]]:
     """Return the rows of the table, without their numbers."""
     found = []
     old, new = before.run.things, now.run.things
     x, y = motion.of(new.x, new.y)
+    counted = [(ground := each.run.ground) is not None and ground.counted for each in (before, now)]
     for c in range(len(changes.kind)):
         i, j = int(changes.first[c]), int(changes.second[c])
+        looks = [int(changes.looks[c, run]) if counted[run] and changes.looks[c, run] >= 0 else None for run in (0, 1)]
         row: dict[str, Any] = {
             "log_b": now.name,
             "kind": CHANGE_KINDS[changes.kind[c]],
@@ -805,8 +719,8 @@ def _rows(
             "why": None if changes.why[c] < 0 else CHANGE_WHYS[changes.why[c]],
             "score": float(changes.score[c]),
             "area": _known(changes.area[c]),
-            "sweeps_a": _positive(changes.looks[c, 0], before.run.ground),
-            "sweeps_b": _positive(changes.looks[c, 1], now.run.ground),
+            "sweeps_a": looks[0],
+            "sweeps_b": looks[1],
             "free_a": _known(changes.free[c, 0]),
             "free_b": _known(changes.free[c, 1]),
         }
@@ -817,53 +731,38 @@ def _rows(
             where = px, py
         else:
             if i >= 0:
-                row |= {"x_a": float(old.x[i]), "y_a": float(old.y[i]), "yaw_a": _line(before.run.yaw[i])}
-                row |= {"track_a": before.track[i] or None, "label": before.label[i]}
                 where = float(old.x[i]), float(old.y[i])
+                row |= {"x_a": where[0], "y_a": where[1], "yaw_a": _line(before.run.yaw[i])}
+                row |= {"track_a": before.track[i] or None, "label": before.label[i]}
             if j >= 0:
-                row |= {"x_b": float(x[j]), "y_b": float(y[j]), "yaw_b": _line(now.run.yaw[j] + motion.angle)}
-                row |= {"track_b": now.track[j] or None, "label": now.label[j] or row.get("label")}
                 where = float(x[j]), float(y[j])
+                row |= {"x_b": where[0], "y_b": where[1], "yaw_b": _line(now.run.yaw[j] + motion.angle)}
+                row |= {"track_b": now.track[j] or None, "label": now.label[j] or row.get("label")}
             if i >= 0 and j >= 0:
                 row["moved"] = math.hypot(row["x_b"] - row["x_a"], row["y_b"] - row["y_a"])
                 row["turned"] = _line(row["yaw_b"] - row["yaw_a"])
             things, k = (new, j) if j >= 0 else (old, i)
             row |= {"length": _known(things.length[k]), "width": _known(things.width[k])}
-        row["log_a"] = before.log[i] if i >= 0 else _seer(seers, *where)
+        row["log_a"] = before.log[i] if i >= 0 else _last_to_see(grounds, *where)
         found.append(row)
     return found
 
 
-def _seer(seers: Sequence[tuple[str, Ground | None]], x: float, y: float) -> str:
+def _last_to_see(grounds: Sequence[tuple[str, Ground | None]], x: float, y: float) -> str:
     """Return the last run that saw a place, of the latest one first; where none did, the latest."""
-    for name, ground in seers:
+    for name, ground in grounds:
         if ground is not None and ground.seen(np.array([x]), np.array([y]))[0]:
             return name
-    return seers[0][0]
+    return grounds[0][0]
 
 
 def _known(value: float) -> float | None:
     return float(value) if math.isfinite(value) else None
 
 
-def _positive(count: int, ground: Ground | None) -> int | None:
-    return int(count) if count >= 0 and ground is not None and ground.counted else None
-
-
 def _line(angle: float) -> float:
     """Return an angle of an undirected line, -π/2 to π/2."""
     return float(0.5 * math.pi - (0.5 * math.pi - angle) % math.pi)
-
-
-def _table(rows: Sequence[dict[str, Any]], metadata: dict[bytes, bytes]) -> pa.Table:
-    for number, row in enumerate(rows, 1):
-        row["thing"] = number
-    columns = [pa.array([row.get(name.name) for row in rows], _plain_type(name.type)).cast(name.type) for name in CHANGES]
-    return pa.Table.from_arrays(columns, schema=CHANGES.with_metadata(metadata))
-
-
-def _plain_type(kind: pa.DataType) -> pa.DataType:
-    return kind.value_type if pa.types.is_dictionary(kind) else kind
 
 
 # Outputs.
@@ -884,22 +783,19 @@ def write_changes(found: Difference, outputs: Sequence[Place], overwrite: bool) 
     notes: list[str] = []
     with NewFiles(outputs, overwrite) as new:
         for path in outputs:
+            suffix, part = path.suffix.lower(), new.part(path)
             with writing(path):
-                notes += _write_changes(found, path, new.part(path))
+                if suffix == PICTURE:
+                    from lidarcli.reports.map_picture import Sight, draw_changes
+
+                    sights = [Sight(step.ground, step.sensors) for step in found.steps]
+                    part.write_bytes(draw_changes(pairs_of(found.changes), sights))
+                else:
+                    table = found.changes.combine_chunks()
+                    metadata = dict(table.schema.metadata)
+                    with part.open("wb") as out:
+                        notes += write_stream(out, TABLES[suffix], str(path), CHANGES, metadata, table.to_batches())[1]
         return notes + new.publish()
-
-
-def _write_changes(found: Difference, path: Place, part: Path) -> list[str]:
-    """Write the changes as a table or picture to a part of an output; returns notes."""
-    if path.suffix.lower() == PICTURE:
-        from lidarcli.reports.changes_picture import Sight, draw_changes
-
-        sights = [Sight(step.ground, step.sensors) for step in found.steps]
-        part.write_bytes(draw_changes(pairs_of(found.changes), sights))
-        return []
-    with part.open("wb") as out:
-        table, kind = found.changes.combine_chunks(), TABLES[path.suffix.lower()]
-        return write_stream(out, kind, str(path), CHANGES, dict(table.schema.metadata), table.to_batches())[1]
 
 
 def parse_checks(expressions: Sequence[str]) -> list[Check]:

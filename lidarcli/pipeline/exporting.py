@@ -13,9 +13,9 @@ from lidarcli.choices import TABLE_BY_SUFFIX
 from lidarcli.errors import OptionError, UnreadableError
 from lidarcli.newfiles import NewFiles, refuse
 from lidarcli.pipeline.inputs.files import files_named
-from lidarcli.stores.url import Place
+from lidarcli.stores import Place
+from lidarcli.tabular.columns import in_unit
 from lidarcli.tabular.reading import HeldTable, Readable, read_as_is, schema_of
-from lidarcli.tabular.stamps import in_unit
 from lidarcli.tabular.stream import write_stream
 from lidarcli.tabular.writing import Output
 

@@ -7,6 +7,7 @@ from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,17 +20,15 @@ from lidarcli.logs.base import LASERSCAN, POSE_TYPES, OpenOptions, ReadReport, T
 from lidarcli.logs.clock import ClockInfo
 from lidarcli.logs.joined import Part
 from lidarcli.logs.options import TopicChoice, nothing_read, scan_topics
-from lidarcli.logs.piles import Settling
+from lidarcli.logs.piles import NoReturnDetector
 from lidarcli.logs.scan_checks import MOST, MOST_TOPICS, LogStats, ScanChecks, repeated_topics
 from lidarcli.masks import Masks
 from lidarcli.pipeline.inputs.masks import View, filter_text, mask_text
 from lidarcli.pipeline.inputs.sources import MissingInput, Source, made_of_clouds, open_source, parts_of
 from lidarcli.pipeline.reading.masking import masking_of
 from lidarcli.pipeline.reading.one_log import damage_lines
-from lidarcli.pipeline.reading.pose_sources import FoundPoses, PoseInfo, PoseOptions, pose_infos
-from lidarcli.pipeline.reading.posing import Posing, alike_note
-from lidarcli.pipeline.runs.outcomes import Failure, attempt
-from lidarcli.pipeline.runs.over_logs import LogProgress, progress_of
+from lidarcli.pipeline.reading.posing import FoundPoses, PoseAttacher, PoseInfo, PoseOptions, alike_note, pose_infos
+from lidarcli.pipeline.runs.over_logs import Failure, LogProgress, attempt, progress_of
 from lidarcli.range_rules import RangeRules, closure, normalise
 from lidarcli.sweeps import Closure, RawSweeps, Status, SweepBatch
 
@@ -153,7 +152,7 @@ def inspect_log(
             raise error
         masking = masking_of(log, rules or RangeRules(), wanted, choice.wanted or None)
         rules = masking.rules
-        posing = Posing.of(log, wanted, choice, rules)
+        posing = PoseAttacher.of(log, wanted, choice, rules)
         poses = posing.found
         report, checks = ReadReport(), ScanChecks(made_of_clouds(log))
         stats: dict[tuple[str, str], LogStats] = {}
@@ -161,7 +160,8 @@ def inspect_log(
         count: Counter[str] = Counter()
         scans = log.scans(choice.asked, report)
         blocks = (one for one in scans if not choice.wanted or choice.takes(one.topic))
-        for block, judging in Settling(rules, report).blocks(blocks):
+        detector = NoReturnDetector(rules, report)
+        for block, judging in chain(chain.from_iterable(map(detector.take, blocks)), detector.flush()):
             for code, sweeps in zip(*np.unique(block.frame, return_counts=True), strict=True):
                 key = block.topic, block.frame_ids[code]
                 if key in found or len(found) < MOST:
@@ -231,11 +231,11 @@ def _not_shown(only_counted: Counter[str]) -> tuple[str, ...]:
 
 
 def _pose(poses: FoundPoses | None, topic: str, frame_id: str) -> str:
-    chain = poses.sources.way(frame_id, topic) if poses is not None else None
-    return f"{' and '.join(chain.topics)} ({chain.chain})" if chain is not None else ""
+    chain = poses.sources.chain(frame_id, topic) if poses is not None else None
+    return f"{' and '.join(chain.topics)} ({chain.frames})" if chain is not None else ""
 
 
-def _pose_notes(posing: Posing, found: Mapping[tuple[str, str], _Scan]) -> list[str]:
+def _pose_notes(posing: PoseAttacher, found: Mapping[tuple[str, str], _Scan]) -> list[str]:
     """Return notes on the poses: frames with several alike, and notes of reading them."""
     notes = []
     if posing.found is not None:

@@ -50,11 +50,10 @@ from lidarcli.newfiles import NewFiles, refuse, scratch_folder, writing
 from lidarcli.pipeline.inputs.search import files_of
 from lidarcli.pipeline.inputs.sources import MissingInput, Source
 from lidarcli.pipeline.reading.one_log import Progress, RunSummary, named_files, read_log, reading_as_dict
-from lidarcli.pipeline.reading.pose_sources import NONE, Need, PoseOptions, of_one_run
-from lidarcli.pipeline.runs.outcomes import Outcome
-from lidarcli.pipeline.runs.over_logs import LogProgress, logs_at_once, over_logs
+from lidarcli.pipeline.reading.posing import NONE, Need, PoseOptions, of_one_run
+from lidarcli.pipeline.runs.over_logs import LogProgress, Outcome, logs_at_once, over_logs
 from lidarcli.pose.fit import stands
-from lidarcli.stores.url import Place
+from lidarcli.stores import Place
 from lidarcli.sweeps import Float64, Int64, Status, SweepBatch, SweepPoses, UInt8
 from lidarcli.tabular.writing import table_metadata
 
@@ -106,8 +105,8 @@ class MapOptions:
     def as_dict(self) -> dict[str, Any]:
         """Return all options that the result depends on, as plain values, for the cloud's metadata."""
         names = ("resolution", "min_move", "occupied_ratio", "free_no_return", "voxel", "without")
-        told = {name: getattr(self, name) for name in names}
-        return reading_as_dict(self.read, self.opening, self.poses) | told | {"min_hits": self.min_hits}
+        values = {name: getattr(self, name) for name in names}
+        return reading_as_dict(self.read, self.opening, self.poses) | values | {"min_hits": self.min_hits}
 
 
 @dataclass(frozen=True, slots=True)
@@ -175,18 +174,18 @@ class Mapping:
         """
         options = self.options
         with read_log(source, options, options.need) as reading:
-            taken = _Taken(options.min_move, bool(options.read.topics), reading.world_of)
+            chosen = _Selection(options.min_move, bool(options.read.topics), reading.world_of)
             for batch, sets in self._with_sets(reading.batches(progress)):
                 for frame, rows, mine in batch.by_frame():
-                    self._take(source, frame, mine, None if sets is None else sets[rows], taken, clouds)
-            reading.leave_out(taken.left_out)
+                    self._take(source, frame, mine, None if sets is None else sets[rows], chosen, clouds)
+            reading.leave_out(chosen.left_out)
             summary = reading.close()
             described = reading.describe(source)
-        self._conclude(source, summary, described, taken)
+        self._conclude(source, summary, described, chosen)
         return summary
 
     def merge(self, other: Mapping) -> None:
-        """Add what was taken elsewhere; errors as of `add`."""
+        """Add what was counted elsewhere; errors as of `add`."""
         with self._in_bounds():
             self.counts.merge(other.counts)
         self.worlds |= other.worlds
@@ -210,10 +209,10 @@ class Mapping:
             return
         # Maps of everything should not wait for these imports.
         from lidarcli.formalism.tracking.tracker import Tracker
-        from lidarcli.pipeline.objects.making import finder
-        from lidarcli.tabular.tracked import beam_sets
+        from lidarcli.pipeline.objects.detection import object_finder
+        from lidarcli.tabular.columns import beam_sets
 
-        find = finder(self.options.parameters, None)
+        find = object_finder(self.options.parameters, None)
         trackers: dict[str, tuple[Tracker, deque[tuple[SweepBatch, Detection]]]] = {}
         for batch in batches:
             if batch.topic not in trackers:
@@ -235,12 +234,12 @@ class Mapping:
         frame: str,
         batch: SweepBatch,
         sets: UInt8 | None,
-        taken: _Taken,
+        chosen: _Selection,
         clouds: Sequence[CloudWriter],
     ) -> None:
         """Count the sweeps of one sensor that tell something new."""
         poses = batch.poses
-        rows = taken.rows(batch.topic, frame, poses, batch.stamp_ns)
+        rows = chosen.rows(batch.topic, frame, poses, batch.stamp_ns)
         if poses is None or not len(rows):
             return
         batch, poses = batch.rows(rows), poses.rows(rows)
@@ -312,38 +311,35 @@ class Mapping:
             set=None if sets is None else sets[row, beam].astype(np.int8),
         )
 
-    def _conclude(self, source: Source, summary: RunSummary, described: dict[str, Any], taken: _Taken) -> None:
+    def _conclude(self, source: Source, summary: RunSummary, described: dict[str, Any], chosen: _Selection) -> None:
         """Keep the results of a log, and add notes on it to the summary."""
-        if not taken.count:
-            told = [note for note in summary.notes if note not in summary.doubts]
-            why = "; ".join(told) or "nothing in the log tells where the sensor was"
+        if not chosen.count:
+            notes = [note for note in summary.notes if note not in summary.doubts]
+            why = "; ".join(notes) or "nothing in the log tells where the sensor was"
             if self.options.poses.source == NONE:
                 why = "--pose none leaves them out"
             others = "" if self.options.poses.file else ", or give --poses FILE.tum"
             is_matched = self.options.poses.source == MATCH
             hint = "" if is_matched else f"; find its path with --pose match{others}"
             raise UnreadableError(f"no poses: {why}{hint}" if summary.sweeps else "no sweep to map")
-        self.worlds |= dict.fromkeys(taken.worlds)
-        self.paths += taken.paths(source.name)
+        self.worlds |= dict.fromkeys(chosen.worlds)
+        self.paths += chosen.paths(source.name)
         self.described.append(described)
         self.damage += [f"{described['name']}: {line}" for line in summary.damage]
-        self._matched += len(taken) if MATCH in taken.worlds else 0
+        self._matched += len(chosen) if MATCH in chosen.worlds else 0
         self._refuse_several_worlds()
         summary.notes += [
-            f"{topic} is {why}: left out (--topic {shlex.quote(topic)})" for topic, why in taken.left_out.items()
+            f"{topic} is {why}: left out (--topic {shlex.quote(topic)})" for topic, why in chosen.left_out.items()
         ]
-        summary.notes.append(f"used {taken.count:,} of {summary.sweeps:,} sweeps ({self._why(taken)})")
-
-    def _why(self, taken: _Taken) -> str:
-        every = "all that have a pose" if taken.unplaced else "all"
-        if self.options.min_move <= 0:
-            return every
-        turn, wait = math.degrees(MIN_TURN), PAUSE_NS / 1e9
-        return f"one every {self.options.min_move:g} m, {turn:g} degrees or {wait:g} s; --min-move"
+        which = "all that have a pose" if chosen.unplaced else "all"
+        if self.options.min_move > 0:
+            turn, wait = math.degrees(MIN_TURN), PAUSE_NS / 1e9
+            which = f"one every {self.options.min_move:g} m, {turn:g} degrees or {wait:g} s; --min-move"
+        summary.notes.append(f"used {chosen.count:,} of {summary.sweeps:,} sweeps ({which})")
 
 
-class _Taken:
-    """Sweeps of one log that count, of each of its sensors."""
+class _Selection:
+    """Choice of the sweeps of one log that count, of each of its sensors."""
 
     def __init__(self, min_move: float, all_topics: bool, world_of: Callable[[str, str], str]) -> None:
         """`all_topics`: also take further topics of the same frame; `world_of`: the fixed frame of a topic and frame."""
@@ -570,15 +566,10 @@ def _files(outputs: Sequence[Place]) -> tuple[Place, ...]:
         if suffix not in known:
             hint = f"; {path.with_suffix('.yaml')} comes with a .pgm" if suffix == ".pgm" else ""
             raise OptionError(f"{path}: the suffix of a map has to be one of {', '.join(known)}{hint}")
-        if suffix == ".yaml" and not _is_text(path.name):
+        if suffix == ".yaml" and any("\ud800" <= char <= "\udfff" for char in path.name):
             raise OptionError(f"{path}: the YAML of a map names its image, and this name is not UTF-8")
         files += (path, path.with_suffix(".pgm")) if suffix == ".yaml" else (path,)
     return tuple(files)
-
-
-def _is_text(name: str) -> bool:
-    """Tell whether a name of a file is UTF-8."""
-    return not any("\ud800" <= char <= "\udfff" for char in name)
 
 
 def _whole(outcome: Outcome) -> Outcome:

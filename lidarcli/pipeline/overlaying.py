@@ -3,56 +3,75 @@
 from __future__ import annotations
 
 import heapq
-from collections.abc import Collection, Iterator
+from collections import Counter
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
-from itertools import chain
+from itertools import chain, count
 from operator import attrgetter
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
+import pyarrow as pa
 
 from lidarcli.choices import MATCH
-from lidarcli.errors import OptionError
+from lidarcli.errors import OptionError, UnreadableError
 from lidarcli.formalism.detection import SETS
 from lidarcli.formalism.mapping.grid import Occupancy
-from lidarcli.logs.base import Log, OpenOptions, ReadReport
+from lidarcli.logs.base import LASERSCAN, MULTI_ECHO, POSE_TYPES, SCAN_TYPES, Log, Message, OpenOptions, ReadReport
+from lidarcli.logs.clock import mended
 from lidarcli.maps import MAP_TYPE, image_of, occupancy_cdr, read_map
 from lidarcli.newfiles import NewFiles, refuse, writing
-from lidarcli.overlays.files import BAG, FRAME, MAP, RRD, SUFFIXES, overlay_file, topic_name, topics_of_objects
 from lidarcli.overlays.markers import LAST_SECOND, MARKER_TYPE, SECOND, Markers, marker_arrays, transforms
-from lidarcli.overlays.objects import Colours, Trajectories, is_mirrored, markers_of, paths_of, zone_of
-from lidarcli.overlays.viewers import LAYOUT, RVIZ, Scene, layout_json, rviz_config
-from lidarcli.pipeline.detecting import detect_beside, second_of_two
+from lidarcli.overlays.objects import COLUMNS, PATH_COLUMNS, Poses, Trajectories, is_mirrored, markers_of, paths_of, zone_of
+from lidarcli.overlays.viewers import (
+    BAG,
+    FRAME,
+    LAYOUT,
+    MAP,
+    RRD,
+    RVIZ,
+    SUFFIXES,
+    Scene,
+    layout_json,
+    overlay_file,
+    rviz_config,
+    topic_name,
+    topics_of_objects,
+)
+from lidarcli.pipeline.detecting import detect_to_temporary, second_half
 from lidarcli.pipeline.inputs.sources import Source, open_source
 from lidarcli.pipeline.inputs.tables import TableSet, one_table_set, poses_of, world_in
-from lidarcli.pipeline.objects.options import DetectOptions
-from lidarcli.pipeline.overlay_sources import (
-    Copies,
-    Joined,
-    Tables,
-    frames_told,
-    in_order,
-    is_ros,
-    of_sweeps,
-    scan_encodings,
-    transform_topics,
-)
+from lidarcli.pipeline.objects.detection import DetectOptions
 from lidarcli.pipeline.reading.one_log import Progress, RunSummary, damage_lines, opening_of, rules_of
 from lidarcli.pipeline.zone_counting import Objects
 from lidarcli.pipeline.zone_frames import Frames, Showing
+from lidarcli.pose.tracks import TRANSFORMS
 from lidarcli.range_rules import normalise
-from lidarcli.reports.palette import SET_STYLES, SHAPE_COLOURS, ZONE_COLOURS, on_dark
-from lidarcli.ros.messages import ROS2, TF, Outgoing
-from lidarcli.stores.url import Place
-from lidarcli.sweeps import SweepPoses
-from lidarcli.tabular.reading import file_metadata, note_value
+from lidarcli.ros.messages import ROS2, SCAN, TF, Outgoing, cdr_scans, ros1_scans
+from lidarcli.stores import Place
+from lidarcli.sweeps import Bool, Int64, RawSweeps, SweepPoses
+from lidarcli.tabular.columns import COARSE, integers, numbers, plain
+from lidarcli.tabular.reading import AGAIN, TopicRows, file_metadata, note_value, read_columns
+from lidarcli.tabular.schemas import SCHEMAS
 from lidarcli.tabular.writing import PARAMETERS, SOURCE
 from lidarcli.zone import Zones
 
 if TYPE_CHECKING:
     from lidarcli.overlays.rrd import Recording
+
+MAP_Z = -0.05
+"""Height of the map [m]: where the sensor is at 0, the beams lie on it, and are not in it."""
+DEFAULT_WORLD = "map"
+RECORDED = attrgetter("record_ns")
+WINDOW = 4096
+"""Messages that are sorted at a time: more than come of one topic at a stretch."""
+_ROS = ("cdr", "ros1")
+SLICED = "sliced"
+"""Stands for an encoding where sweeps are made of point clouds, which no message of the log holds."""
+_OLD_TF = "tf/msg/tfMessage"
+_SWEEP_COLUMNS = ("topic", "sweep", "stamp", "pose_x", "pose_y", "pose_yaw")
 
 
 @dataclass(frozen=True, slots=True)
@@ -143,8 +162,8 @@ def write_overlay(source: Source, path: Place, options: OverlayOptions, progress
         if options.objects is not None:
             pair, found = one_table_set(options.objects), None
         else:
-            pair, found = detect_beside(source, new.part(path).with_name("tables"), options.detect, progress)
-            progress = second_of_two(progress, source.size)
+            pair, found = detect_to_temporary(source, new.part(path).with_name("tables"), options.detect, progress)
+            progress = second_half(progress, source.size)
         is_ros2 = path.suffix.lower() != BAG
         work = Overlay(source, pair, grid, options.detect.opening, is_ros2, options.with_log, options.zones)
         with writing(path, nameless=True):
@@ -163,17 +182,6 @@ def write_overlay(source: Source, path: Place, options: OverlayOptions, progress
         summary.notes += new.publish()
     summary.outputs = [str(each) for each in paths]
     return summary
-
-
-COLOURS = Colours(
-    {name: on_dark(colour) for name, colour in SHAPE_COLOURS.items()},
-    {name: on_dark(colour) for name, (colour, _, _) in SET_STYLES.items()},
-    {name: on_dark(colour) for name, colour in ZONE_COLOURS.items()},
-)
-MAP_Z = -0.05
-"""Height of the map [m]: where the sensor is at 0, the beams lie on it, and are not in it."""
-DEFAULT_WORLD = "map"
-RECORDED = attrgetter("record_ns")
 
 
 class Overlay:
@@ -418,13 +426,13 @@ class Overlay:
 
     def _groups(self, frame: str, joined: Joined) -> list[Markers]:
         """Return the markers of some sweeps of one frame."""
-        groups = markers_of(joined.objects, joined.row, joined.poses, COLOURS)
+        groups = markers_of(joined.objects, joined.row, joined.poses)
         topic = joined.raw.topic
         if topic not in self._trajectories:
             self._trajectories[topic] = self._tables.trajectories(topic)
         if (known := self._trajectories[topic]) is not None:
             hangs = self._hanging(joined, frame)
-            groups += paths_of(known, joined.index, joined.poses, hangs, COLOURS)
+            groups += paths_of(known, joined.index, joined.poses, hangs)
         if self._showing is not None:
             groups += self._outlines(self._showing, joined, frame)
         return groups
@@ -439,7 +447,7 @@ class Overlay:
         rest = np.uint8(SETS.index("S"))
         sets = np.append(objects.set, rest)[np.where(owners < 0, len(objects.set), owners)]
         return [
-            zone_of(number, one.zone.action, one.corners, one.occupied, COLOURS)
+            zone_of(number, one.zone.action, one.corners, one.occupied)
             for number, one in enumerate(showing.of(replace(batch, poses=poses), sets), 1)
         ]
 
@@ -472,3 +480,211 @@ class Overlay:
         if not self._is_ros2:
             data = bytes(ROS2.cdr_to_ros1(data, MAP_TYPE))
         return Outgoing(MAP, MAP_TYPE, record_ns, stamp_ns, data)
+
+
+def scan_encodings(log: Log) -> dict[str, str]:
+    """Return the encoding of each topic of sweeps; a log without an index is read once for it."""
+    topics = log.topics()
+    if topics is not None:
+        return {one.name: one.encoding if one.type in SCAN_TYPES else SLICED for one in topics if one.is_scan}
+    return {message.topic: message.encoding for message in log.messages(SCAN_TYPES, ReadReport())}
+
+
+def is_ros(encoding: str) -> bool:
+    """Tell whether messages can be copied; others are written anew."""
+    return encoding in _ROS
+
+
+def transform_topics(log: Log, *, of_ros: bool) -> frozenset[str]:
+    """Return the topics of transforms, all or those that can be copied; of a log without an index those that ROS uses."""
+    topics = log.topics()
+    if topics is None:
+        return frozenset({"/tf", "/tf_static"})
+    transforming = [topic for topic in topics if topic.type in TRANSFORMS]
+    return frozenset(topic.name for topic in transforming if is_ros(topic.encoding) or not of_ros)
+
+
+def frames_told(log: Log, frames: Collection[str]) -> set[str]:
+    """Return those of the frames that transforms of the log name."""
+    names = {frame: _spelled(frame) for frame in frames}
+    told: set[str] = set()
+    for message in log.messages(TRANSFORMS, ReadReport()):
+        if not is_ros(message.encoding):
+            continue
+        told |= {frame for frame, forms in names.items() if any(form in message.data for form in forms)}
+        if len(told) == len(names):
+            break
+    return told
+
+
+def _spelled(frame: str) -> tuple[bytes, bytes]:
+    """Return the bytes of a frame in messages of ROS 1 and of ROS 2; old transforms have no leading slash."""
+    name = frame.removeprefix("/").encode()
+    return len(name).to_bytes(4, "little") + name, (len(name) + 1).to_bytes(4, "little") + name + b"\0"
+
+
+class Copies:
+    """Copies messages of a log, and counts those that cannot be copied."""
+
+    def __init__(self, topics: Collection[str], is_ros2: bool) -> None:
+        """`topics`: those of the sweeps that are wanted; `is_ros2`: whether for ROS 2, else for ROS 1."""
+        self._topics = topics
+        self._is_ros2 = is_ros2
+        self._left_out: Counter[tuple[str, str]] = Counter()
+
+    def of(self, log: Log, report: ReadReport) -> Iterator[Outgoing]:
+        """Yield scans, transforms, odometry and poses in log order."""
+        for message in log.messages({LASERSCAN, MULTI_ECHO} | POSE_TYPES, report):
+            if message.type in SCAN_TYPES and message.topic not in self._topics:
+                continue
+            if not is_ros(message.encoding):
+                if message.type in POSE_TYPES:
+                    self._left_out[message.topic, message.type] += 1
+                continue
+            kind = TF if message.type == _OLD_TF else message.type
+            try:
+                data = self._data(message, kind)
+            # The library raises errors of many kinds for messages that are not what they say.
+            except Exception:
+                report.refused[message.topic, f"its {kind} cannot be copied: it is damaged"] += 1
+                continue
+            yield Outgoing(message.topic, kind, message.record_ns, message.record_ns, data)
+
+    def written_anew(self, raw: RawSweeps) -> Iterator[Outgoing]:
+        """Yield sweeps of a log that is not of ROS, as LaserScan."""
+        data = cdr_scans(raw) if self._is_ros2 else ros1_scans(raw)
+        return of_sweeps(topic_name(raw.topic), SCAN, raw, data)
+
+    def notes(self) -> list[str]:
+        """Return a line for each topic that was left out."""
+        return [
+            f"{topic} ({kind}) is not copied: {number:,} messages that are not of ROS"
+            for (topic, kind), number in sorted(self._left_out.items())
+        ]
+
+    def _data(self, message: Message, kind: str) -> bytes:
+        if (message.encoding == "cdr") == self._is_ros2:
+            return message.data
+        turned = ROS2.ros1_to_cdr if self._is_ros2 else ROS2.cdr_to_ros1
+        return bytes(turned(message.data, kind))
+
+
+def of_sweeps(topic: str, kind: str, raw: RawSweeps, data: Sequence[bytes]) -> Iterator[Outgoing]:
+    """Yield a message for each of some sweeps, recorded when the sweep was."""
+    times = raw.record_ns.tolist()
+    # Header stamps may go back where record times do not, and a file of messages has one order.
+    return (Outgoing(topic, kind, at, at, one) for at, one in zip(times, data, strict=True))
+
+
+def in_order(messages: Iterable[Outgoing]) -> Iterator[Outgoing]:
+    """Yield messages by record time, within a window of `WINDOW` messages; equal times keep their order."""
+    heap: list[tuple[int, int, Outgoing]] = []
+    for number, message in zip(count(), messages, strict=False):
+        entry = (message.record_ns, number, message)
+        if len(heap) < WINDOW:
+            heapq.heappush(heap, entry)
+        else:
+            yield heapq.heappushpop(heap, entry)[2]
+    for _, _, message in sorted(heap):
+        yield message
+
+
+@dataclass(frozen=True, slots=True)
+class Joined:
+    """Some sweeps of one topic that the tables know, and their objects."""
+
+    raw: RawSweeps
+    """S sweeps."""
+    poses: Poses
+    """S poses."""
+    objects: pa.RecordBatch
+    """N rows."""
+    row: Int64
+    """(N,) index of the sweep of each object, ascending."""
+    index: Int64
+    """(S,) index of each sweep in the log."""
+
+    def by_frame(self) -> Iterator[tuple[str, Joined]]:
+        """Yield each frame with its sweeps."""
+        codes = np.unique(self.raw.frame).tolist()
+        for code in codes:
+            yield self.raw.frame_ids[code], self if len(codes) == 1 else self.rows(self.raw.frame == code)
+
+    def rows(self, mine: Bool) -> Joined:
+        """Return some of the sweeps."""
+        poses = Poses(self.poses.x[mine], self.poses.y[mine], self.poses.yaw[mine])
+        its = mine[self.row]
+        place = np.cumsum(mine) - 1
+        objects = self.objects.take(plain(np.flatnonzero(its)))
+        return Joined(self.raw.rows(mine), poses, objects, place[self.row[its]], self.index[mine])
+
+
+class Tables:
+    """The sweeps and objects tables of one log, from which rows are taken as its sweeps come by."""
+
+    def __init__(self, pair: TableSet) -> None:
+        self._pair = pair
+        told = read_columns(pair.sweeps, "sweeps", SCHEMAS["sweeps"], ["topic", "pose_x"])
+        self.topics: tuple[str, ...] = tuple(sorted(told["topic"].unique().to_pylist()))
+        self.is_posed = told["pose_x"].null_count < told.num_rows
+        """True where some sweep has a pose."""
+        self._cursors: dict[str, tuple[TopicRows, TopicRows]] = {}
+        self._counts: dict[str, int] = {}
+
+    def join(self, log: Log, report: ReadReport) -> Iterator[Joined]:
+        """Yield all sweeps of the log that the tables have, in log order within each topic.
+
+        Raises
+        ------
+        UnreadableError
+            A table cannot be read, or is that of another log.
+        """
+        if not self.topics:
+            return
+        for block in mended(log.scans(frozenset(self.topics), report)):
+            first = self._counts.get(block.topic, 0)
+            self._counts[block.topic] = first + len(block)
+            joined = self._join(block, first)
+            if joined is not None:
+                yield joined
+
+    def trajectories(self, topic: str) -> Trajectories | None:
+        """Return the trajectories of a topic; None where there is no such table."""
+        if not self._pair.trajectories.exists():
+            return None
+        path, schema = self._pair.trajectories, SCHEMAS["trajectories"]
+        return Trajectories.of(read_columns(path, "trajectories", schema, PATH_COLUMNS), topic)
+
+    def left(self) -> int:
+        """Count the sweeps of the tables that the log does not have."""
+        return sum(1 for topic in self.topics for rows in self._cursor(topic)[0].rest() for _ in range(rows.num_rows))
+
+    def _join(self, block: RawSweeps, first: int) -> Joined | None:
+        sweeps, objects = (cursor.until(first + len(block)) for cursor in self._cursor(block.topic))
+        index = integers(sweeps, "sweep") - first
+        if not len(index):
+            if objects.num_rows:
+                raise self._other()
+            return None
+        raw = block if len(index) == len(block) else block.rows(index)
+        stamps = integers(sweeps, "stamp")
+        row = np.searchsorted(index, of := integers(objects, "sweep") - first)
+        strays = (row >= len(index)) | (index[np.minimum(row, len(index) - 1)] != of)
+        if (np.diff(index) <= 0).any() or (np.abs(raw.time_ns - stamps) >= COARSE).any() or strays.any():
+            raise self._other()
+        poses = Poses(*(numbers(sweeps[name]) for name in ("pose_x", "pose_y", "pose_yaw")))
+        return Joined(raw, poses, objects, row, index + first)
+
+    def _other(self) -> UnreadableError:
+        return UnreadableError(
+            f"{self._pair.sweeps}, {self._pair.objects.name}: not the tables of this log, whose sweeps have other stamps; "
+            f"{AGAIN}"
+        )
+
+    def _cursor(self, topic: str) -> tuple[TopicRows, TopicRows]:
+        if topic not in self._cursors:
+            self._cursors[topic] = (
+                TopicRows(self._pair.sweeps, "sweeps", _SWEEP_COLUMNS, topic),
+                TopicRows(self._pair.objects, "objects", COLUMNS, topic),
+            )
+        return self._cursors[topic]

@@ -21,23 +21,21 @@ from lidarcli.newfiles import NewFiles, write_whole, writing
 from lidarcli.pipeline.inputs.sources import Source, open_source
 from lidarcli.pipeline.reading.masking import masking_of
 from lidarcli.pipeline.reading.one_log import damage_lines, read_log
-from lidarcli.pipeline.reading.pose_sources import NO_POSES, Need, PoseOptions
-from lidarcli.pipeline.reading.posing import Posing
+from lidarcli.pipeline.reading.posing import NO_POSES, Need, PoseAttacher, PoseOptions
 from lidarcli.range_rules import RangeRules
 from lidarcli.reports import map_picture
 from lidarcli.reports.columns import Rows
-from lidarcli.reports.drawing import animate, draw
 from lidarcli.reports.ground import COLUMNS, Paths, TrackPath
 from lidarcli.reports.map_picture import Box, MapPicture, Snapshot, draw_map, overview
-from lidarcli.reports.picture import Picture, ZoneInSight, limits_of
-from lidarcli.stores.url import Place
+from lidarcli.reports.picture import Picture, ZoneInSight, animate, draw, limits_of
+from lidarcli.stores import Place
 from lidarcli.sweeps import Int64, Status, SweepBatch, SweepPoses
 from lidarcli.times import SECOND_NS, Instant
 
 if TYPE_CHECKING:
     from lidarcli.pipeline.inputs.tables import TableSet
     from lidarcli.pipeline.mapping import MapOptions, Mapping
-    from lidarcli.pipeline.objects.subtracting import Subtracting
+    from lidarcli.pipeline.objects.subtracting import BackgroundComparison
     from lidarcli.pipeline.zone_frames import Showing, ShownZone
     from lidarcli.zone import Zones
 BATCH = 64
@@ -114,7 +112,7 @@ def _take(source: Source, options: PlotOptions, work: _Work) -> Drawn:
         seen = -1
         showing = _showing(log, options.zones)
         posed = options.background or (showing is not None and showing.is_in_world)
-        posing = Posing.of(log, options.poses if posed else NO_POSES, choice, options.rules)
+        posing = PoseAttacher.of(log, options.poses if posed else NO_POSES, choice, options.rules)
         report = ReadReport()
         for raw in read_batches(log, read, report):
             batch = posing.attach(raw)
@@ -261,12 +259,12 @@ class _Work:
         self._options = options
         # A file as people know it, with its suffix.
         self._log = source.file_name
-        self._subtracting: Subtracting | None = None
+        self._subtracting: BackgroundComparison | None = None
         # Imported here, and so below: most plots need no tables.
         if options.background is not None:
-            from lidarcli.pipeline.objects.subtracting import BackgroundOptions, Subtracting
+            from lidarcli.pipeline.objects.subtracting import BackgroundComparison, BackgroundOptions
 
-            self._subtracting = Subtracting(BackgroundOptions.of(options.background), options.parameters)
+            self._subtracting = BackgroundComparison(BackgroundOptions.of(options.background), options.parameters)
         self._paths: Paths | None = None
         self._showing: Showing | None = None
         self._zones: dict[int, list[ShownZone]] = {}
@@ -429,7 +427,7 @@ def take_map(
 
     mapping = Mapping(options)
     summary = mapping.add(source)
-    paths = [(path.x, path.y) for path in mapping.paths]
+    paths = [np.column_stack([path.x, path.y]) for path in mapping.paths]
     found = None if tracks is None else _overview(tracks, source, mapping)
     whole = MapPicture(
         grid=mapping.occupancy(),
@@ -531,15 +529,10 @@ def _snapshot(one: SweepBatch, poses: SweepPoses, options: MapOptions) -> Snapsh
             float(yaw[k]),
             float(objects.box_length[k]),
             float(objects.box_width[k]),
-            is_round=int(objects.shape[k]) == ROUND,
+            int(objects.shape[k]) == ROUND,
         )
         for k in range(len(objects))
     )
     return Snapshot(
-        int(one.sweep[0]),
-        float(poses.x[0]),
-        float(poses.y[0]),
-        float(poses.yaw[0]),
-        (end[0, 0][there], end[1, 0][there]),
-        boxes,
+        int(one.sweep[0]), (float(poses.x[0]), float(poses.y[0]), float(poses.yaw[0])), end[:, 0, there].T, boxes
     )

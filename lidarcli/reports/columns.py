@@ -71,7 +71,7 @@ class Rows:
         """
         import pyarrow as pa
 
-        from lidarcli.tabular.arrays import numbers
+        from lidarcli.tabular.columns import numbers
 
         column = self.table[name]
         if pa.types.is_list(column.type):
@@ -90,7 +90,7 @@ class Rows:
         """A column of integers without nulls; a stamp in nanoseconds."""
         import pyarrow as pa
 
-        from lidarcli.tabular.arrays import held
+        from lidarcli.tabular.columns import held
 
         column = self.table[name]
         if pa.types.is_timestamp(column.type):
@@ -105,7 +105,7 @@ class Rows:
 
     def words(self, name: str) -> tuple[Int32, list[str]]:
         """A column of names: (K,) codes, -1 for null, and the names."""
-        from lidarcli.tabular.arrays import held
+        from lidarcli.tabular.columns import held
 
         column = self.table[name]
         if not column.num_chunks or not len(column):

@@ -1,29 +1,46 @@
-"""Pictures from above: a run in the world (the paper's Figs. 6 and 7), and a background."""
+"""Pictures from above: a run in the world (the paper's Figs. 6 and 7), changes from run to run, and a background."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.patches import PathPatch
-from matplotlib.path import Path
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
 from matplotlib.ticker import PercentFormatter
 
+from lidarcli import palette
 from lidarcli.choices import AS_IT_COMES, Look
 from lidarcli.display import counted
 from lidarcli.formalism.background import Background
-from lidarcli.formalism.mapping.grid import FREE, OCCUPIED, Occupancy
-from lidarcli.reports import palette
+from lidarcli.formalism.mapping.grid import FREE, OCCUPIED, UNKNOWN, Occupancy
+from lidarcli.reports.changes import FIRST, Change, RunPair
 from lidarcli.reports.columns import Rows
-from lidarcli.reports.drawing import draw_legend, entries_of, file_bytes, fit_height, new_figure, project_style
+from lidarcli.reports.drawing import (
+    Entries,
+    Frame,
+    Mark,
+    Panel,
+    arrow,
+    draw_legend,
+    draw_marks,
+    draw_panel,
+    entries_of,
+    file_bytes,
+    fit_height,
+    joined,
+    new_figure,
+    project_style,
+    sensor,
+)
 from lidarcli.reports.ground import Walls
-from lidarcli.reports.labels import Label, add_labels, along
-from lidarcli.reports.panels import draw_sensor
-from lidarcli.reports.picture import CIRCLE, printable
+from lidarcli.reports.labels import Label
+from lidarcli.reports.picture import outline_of, printable
 from lidarcli.sweeps import Float32, Float64, Int64
 
 Greys = tuple[float, float, float]
@@ -33,15 +50,15 @@ Limits = tuple[float, float, float, float]
 WALLS = "walls and rest"
 """Entry of legends."""
 LONG, SHORT = 7.2, 2.2
-"""Longest and shortest side of the drawn ground [inch]; the map decides which is which."""
-BESIDE = 0.7
-"""Beside the drawn ground: what the y axis takes [inch]."""
+"""Longest and shortest side of the drawn map [inch]."""
+Y_AXIS = 0.7
+"""Width of the y axis beside it [inch]."""
 AIR = 0.05
 """Around the map, as a share of its longer side."""
-OCCUPIED_GREY, FREE_GREY, UNKNOWN_GREY = 0.15, 1.0, 0.85
-"""Grey of the cells."""
-BEHIND_GREY = 0.6
-"""Grey of occupied cells behind a sweep, whose points lie on them."""
+MAP_GREYS, BEHIND_GREYS = (0.15, 1.0, 0.85), (0.6, 1.0, 0.85)
+"""Greys of the cells, and of those behind a sweep, whose points lie on them."""
+CHANGE_GREYS = 0.45, 0.9, 1.0
+"""Greys of the cells behind changes."""
 MOST_NUMBERS = 60
 """Most boxes that are numbered."""
 MOST_PIXELS = 4_000
@@ -51,37 +68,57 @@ COLUMNS = {
     "trajectories": ("topic", "sweep", "track", "frame", "x", "y"),
     "tracks": ("topic", "track", "set", "shape", "label", "sweeps", "x", "y", "yaw", "length", "width"),
 }
-"""Table → columns that it is made of."""
+"""Table → columns that `overview` needs."""
 MOST_POINTS = 2_000
 """Points of a line that are drawn; more are thinned out evenly."""
 MOST_AGENTS = 200
 """Agents whose ways are drawn, those that were seen longest."""
 LEAST_SWEEPS = 5
 """Least number of sweeps that saw a track that is drawn, or half of all sweeps if that is fewer."""
+PANEL, WIDEST = 6.2, 24.0
+"""Longest side of the map of a panel of changes, and greatest width of a picture of many [inch]."""
+TITLE_MARKS = 90
+"""Characters of a line above a panel that is `PANEL` wide."""
+SMALLEST = 0.1
+"""Least side of a box that is drawn [m]."""
+REACH = 0.15
+"""Cells of a known thing lie this far around its box [m]."""
+STANDS = 0.3
+"""A sensor whose places lie within so far stands [m]."""
+STYLES: dict[str, dict[str, Any]] = {
+    "known": {"ec": palette.DARK, "fc": (*[0.85] * 3, 0.6)},
+    "moved": {"ec": palette.GREEN, "fc": palette.GREEN, "alpha": 0.5},
+    "new": {"ec": palette.VERMILION, "fc": palette.VERMILION, "alpha": 0.7},
+    "gone": {"ec": palette.BLUE, "fc": palette.BLUE, "alpha": 0.7},
+    "uncertain": {"ec": palette.PURPLE, "fc": "none", "hatch": "//////"},
+}
+"""Status of a change → style of its box."""
 SENSOR_WIDTH = 4.2
-"""Width of one sensor's picture [inch]."""
+"""Width of the picture of the background of one sensor [inch]."""
 MOST_SURFACES = 200_000
-"""More points than this are thinned out."""
-SUPPORT = "share of the sweeps that saw $r_e$"
-SUPPORT_COLOURS = "viridis_r"
-"""Dark is sure, as printed letters are."""
+"""More points of a background than this are thinned out."""
+SUPPORT, SUPPORT_COLOURS = "share of the sweeps that saw $r_e$", "viridis_r"
+"""Words of the colour bar, and its colours: dark is sure, as printed letters are."""
 OPEN_RAY = 0.06
 """Length of the stroke that stands for an open beam, as a share of the greatest range."""
 
 
-@dataclass(frozen=True)
-class Box:
-    """A box in the world."""
+class Box(NamedTuple):
+    """A box in the world [m, rad], or a circle as wide as it is long."""
 
     x: float
     y: float
     yaw: float
     length: float
     width: float
+    is_round: bool = False
     name: str = ""
     """Number or label beside it."""
-    is_round: bool = False
-    """True for a circle as wide as the box is long."""
+
+    @property
+    def outline(self) -> Float64:
+        """(N, 2) corners, closed, or points of the circle [m]."""
+        return outline_of(*self[:6])
 
 
 @dataclass(frozen=True)
@@ -89,12 +126,10 @@ class Snapshot:
     """One sweep in the world."""
 
     sweep: int
-    x: float
-    y: float
-    yaw: float
-    """Heading of the sensor [rad]."""
-    points: tuple[Float64, Float64]
-    """(N,) where its beams ended [m]."""
+    pose: tuple[float, float, float]
+    """Place and heading of the sensor [m, rad]."""
+    points: Float64
+    """(N, 2) where its beams ended [m]."""
     boxes: tuple[Box, ...]
     """Boxes of the objects of the sweep."""
 
@@ -104,18 +139,16 @@ class MapPicture:
     """Content of the picture, in metres and radians of the world frame."""
 
     grid: Occupancy | None
-    paths: Sequence[tuple[Float64, Float64]] = ()
-    """x and y of each sensor."""
+    paths: Sequence[Float64] = ()
+    """(N, 2) path of each sensor."""
     boxes: Sequence[Box] = ()
     """Boxes of tracks that stand."""
-    agents: Sequence[tuple[int, Float64, Float64]] = ()
-    """Number, x and y of what moved."""
+    agents: Sequence[tuple[int, Float64]] = ()
+    """Number and path, (N, 2), of what moved."""
     snapshot: Snapshot | None = None
     title: str = ""
     walls: Walls | None = None
     """Walls, drawn where there is no grid."""
-    others: Sequence[Box] = ()
-    """Boxes that are drawn elsewhere, and have their place here."""
 
 
 def draw_map(picture: MapPicture, suffix: str, look: Look = AS_IT_COMES) -> bytes:
@@ -129,65 +162,48 @@ def map_figure(picture: MapPicture, longest: float = LONG, look: Look = AS_IT_CO
 
     Without `greys` they are those of a map by itself.
     """
-    limits = limits_of(picture)
-    left, right, low, high = limits
-    width, height = right - left, high - low
-    scale = longest / max(width, height)
-    size = max(width * scale, SHORT), max(height * scale, SHORT)
-    if look.width is not None:
-        across = max(look.inches(0.0) - BESIDE, 0.5 * look.inches(0.0))
-        size = across, across * size[1] / size[0]
-    figure = new_figure(look.inches(size[0] + BESIDE), size[1] + 0.9)
+    left, right, low, high = limits = limits_of(picture)
+    aspect = (right - left) / (high - low)
+    width = max(longest * min(aspect, 1.0), SHORT) + Y_AXIS
+    figure = new_figure(look.inches(width), longest)
     axes = figure.add_subplot()
-    occupied = OCCUPIED_GREY if picture.snapshot is None else BEHIND_GREY
-    map_panel(axes, picture, limits, greys or (occupied, FREE_GREY, UNKNOWN_GREY))
+    _draw_grid(axes, picture.grid, greys or (MAP_GREYS if picture.snapshot is None else BEHIND_GREYS))
+    panel = Panel(_frame(limits), [*_marks(picture), *_scale(limits, axes)], [*_labels(picture)], _occupied(picture.grid))
+    draw_panel(axes, panel)
     if picture.title and look.title:
         axes.set_title(printable(picture.title), loc="left")
     if look.legend:
         draw_legend(figure, entries_of([axes]), "outside lower left")
-    fit_height(figure, [axes], [0.0], width / height)
+    fit_height(figure, [axes], [0.0], aspect)
     return figure
 
 
-def map_panel(axes: Axes, picture: MapPicture, limits: Limits, greys: Greys) -> None:
-    """Draw the ground, and all that is on it, on axes with these limits."""
-    left, right, low, high = limits
-    _ground(axes, picture.grid, greys)
-    draw_walls(axes, picture.walls)
-    _marks(axes, picture)
-    axes.set(aspect="equal", xlim=(left, right), ylim=(low, high), xlabel="x [m]", ylabel="y [m]")
-    _scale(axes, right - left)
+def _frame(limits: Limits) -> Frame:
+    return Frame(limits[:2], limits[2:], ("x [m]", "y [m]"), equal=True)
 
 
-def limits_of(picture: MapPicture) -> Limits:
-    """Return left, right, low and high limits of the drawing, with some air."""
-    x: list[Float64] = [path[0] for path in picture.paths]
-    y: list[Float64] = [path[1] for path in picture.paths]
+def limits_of(picture: MapPicture, others: Sequence[Float64] = ()) -> Limits:
+    """Return left, right, low and high limits of the drawing and of other points, with some air."""
+    parts = [np.empty((0, 2)), *picture.paths, *others, *(box.outline for box in picture.boxes)]
     grid = picture.grid
     if grid is not None and grid.cells.size:
-        rows, columns = grid.cells.shape
-        x.append(np.array([grid.x, grid.x + columns * grid.resolution]))
-        y.append(np.array([grid.y, grid.y + rows * grid.resolution]))
+        origin = np.array([grid.x, grid.y])
+        parts += [origin[None], (origin + np.array(grid.cells.shape[::-1]) * grid.resolution)[None]]
     if picture.walls is not None:
-        x.append(picture.walls.x)
-        y.append(picture.walls.y)
-    for corners in (corners_of(box) for box in (*picture.boxes, *picture.others)):
-        x.append(corners[:, 0])
-        y.append(corners[:, 1])
+        parts.append(np.column_stack([picture.walls.x, picture.walls.y]))
     if picture.snapshot is not None:
-        x.append(picture.snapshot.points[0])
-        y.append(picture.snapshot.points[1])
-    flat_x, flat_y = np.concatenate([*x, np.empty(0)]), np.concatenate([*y, np.empty(0)])
-    flat_x, flat_y = flat_x[np.isfinite(flat_x)], flat_y[np.isfinite(flat_y)]
-    if not len(flat_x) or not len(flat_y):
+        parts.append(picture.snapshot.points)
+    xy = np.concatenate(parts)
+    xy = xy[np.isfinite(xy).all(axis=1)]
+    if not len(xy):
         return -1.0, 1.0, -1.0, 1.0
-    left, right, low, high = (float(value) for value in (flat_x.min(), flat_x.max(), flat_y.min(), flat_y.max()))
+    (left, low), (right, high) = xy.min(axis=0).tolist(), xy.max(axis=0).tolist()
     air = max(AIR * max(right - left, high - low), 0.5)
     # The bar of the scale has its place below.
     return left - air, right + air, low - 2.0 * air, high + air
 
 
-def _ground(axes: Axes, grid: Occupancy | None, greys: Greys) -> None:
+def _draw_grid(axes: Axes, grid: Occupancy | None, greys: Greys) -> None:
     """Draw the cells in the greys of occupied, free and unknown ones."""
     if grid is None or not grid.cells.size:
         return
@@ -199,120 +215,81 @@ def _ground(axes: Axes, grid: Occupancy | None, greys: Greys) -> None:
     step = -(-max(grey.shape) // MOST_PIXELS)
     if step > 1:
         # Thin walls must not vanish between the pixels.
-        rows, columns = -(-grey.shape[0] // step) * step, -(-grey.shape[1] // step) * step
-        wide = np.full((rows, columns), unknown, np.float32)
-        wide[: grey.shape[0], : grey.shape[1]] = grey
+        rows, columns = (-(-side // step) * step for side in grey.shape)
+        spare = ((0, rows - grey.shape[0]), (0, columns - grey.shape[1]))
+        wide = np.pad(grey, spare, constant_values=unknown)
         grey = wide.reshape(rows // step, step, columns // step, step).min(axis=(1, 3))
-    side = grid.resolution * step
-    axes.imshow(
-        grey,
-        cmap="gray",
-        vmin=0.0,
-        vmax=1.0,
-        origin="lower",
-        interpolation="nearest",
-        extent=(grid.x, grid.x + grey.shape[1] * side, grid.y, grid.y + grey.shape[0] * side),
-        zorder=0,
-    )
+    high, wide_by = np.array(grey.shape) * grid.resolution * step
+    extent = (grid.x, grid.x + wide_by, grid.y, grid.y + high)
+    axes.imshow(grey, cmap="gray", vmin=0.0, vmax=1.0, origin="lower", interpolation="nearest", extent=extent, zorder=0)
 
 
-def _marks(axes: Axes, picture: MapPicture) -> None:
-    """Draw paths, boxes, agents, and the sweep."""
-    for x, y in picture.paths:
-        axes.plot(x, y, color=palette.GREEN, lw=1.0, zorder=3, label="path of the sensor")
-        if len(x) and picture.snapshot is None:
-            axes.plot(x[:1], y[:1], "o", color=palette.GREEN, ms=3.5, zorder=4, label="path of the sensor: start")
-    for _, x, y in picture.agents:
-        axes.plot(x, y, color=palette.VERMILION, lw=0.9, zorder=5, label="what moved")
-        axes.plot(x[-1:], y[-1:], "^", color=palette.VERMILION, ms=3.0, mew=0, zorder=6, label="what moved: last place")
-    _boxes(axes, picture.boxes, "what stands")
-    _labels(axes, picture)
+def _occupied(grid: Occupancy | None) -> Float64:
+    """Return (N, 2) middles of the occupied cells [m]."""
+    if grid is None:
+        return np.empty((0, 2))
+    cells = np.argwhere(grid.cells == OCCUPIED)[:, ::-1] + 0.5
+    middles: Float64 = cells * grid.resolution + np.array([grid.x, grid.y])
+    return middles
+
+
+def _marks(picture: MapPicture) -> Iterator[Mark]:
+    """Yield walls, paths, boxes, agents, and the sweep."""
+    yield from _walls(picture.walls)
     shot = picture.snapshot
-    if shot is None:
-        return
-    axes.plot(*shot.points, ".", color=palette.VERMILION, ms=2.6, mew=0, zorder=4, label=f"sweep {shot.sweep}")
-    _boxes(axes, shot.boxes, "objects of the sweep")
-    draw_sensor(axes, shot.x, shot.y, shot.yaw, 7.0)
+    for path in picture.paths:
+        yield Mark(path, {"color": palette.GREEN, "lw": 1.0, "zorder": 3}, "path of the sensor")
+        if shot is None:
+            start = {"marker": "o", "color": palette.GREEN, "ms": 4.5, "zorder": 4}
+            yield Mark(path[:1], start, "path of the sensor: start")
+    for _, path in picture.agents:
+        yield Mark(path, {"color": palette.VERMILION, "lw": 0.9, "zorder": 5}, "what moved")
+        last = {"marker": "^", "color": palette.VERMILION, "ms": 3.0, "zorder": 6}
+        yield Mark(path[-1:], last, "what moved: last place")
+    box = {"color": palette.BLUE, "lw": 1.3, "zorder": 6}
+    if picture.boxes:
+        yield Mark(joined(each.outline for each in picture.boxes), box, "what stands")
+    if shot is not None:
+        points = {"marker": ".", "color": palette.VERMILION, "ms": 2.6, "zorder": 4}
+        yield Mark(shot.points, points, f"sweep {shot.sweep}")
+        if shot.boxes:
+            yield Mark(joined(each.outline for each in shot.boxes), box, "objects of the sweep")
+        yield sensor(*shot.pose, size=7.0)
 
 
-def _boxes(axes: Axes, boxes: Sequence[Box], name: str) -> None:
-    for box in boxes:
-        axes.plot(*corners_of(box).T, color=palette.BLUE, lw=1.3, zorder=6, label=name)
-
-
-def _labels(axes: Axes, picture: MapPicture) -> None:
-    """Label tracks that stand, and agents at their last position."""
-    labels = []
+def _labels(picture: MapPicture) -> Iterator[Label]:
+    """Yield labels of tracks that stand, and of agents at their last position."""
     if len(picture.boxes) <= MOST_NUMBERS:
         for box in picture.boxes:
             if box.name:
-                # To the upper right, by what lies beneath on the left.
-                corners = corners_of(box)
-                beneath = float(corners[:, 0].mean()) - 1.0, float(corners[:, 1].mean()) - 1.0
-                labels.append(Label(printable(box.name), corners, palette.BLUE, beneath))
-    for track, x, y in picture.agents[:MOST_NUMBERS]:
-        if len(x):
-            before = (float(x[-2]), float(y[-2])) if len(x) > 1 else None
-            labels.append(Label(str(track), np.array([[x[-1], y[-1]]]), palette.VERMILION, before))
-    ways = [np.stack([x, y], axis=1) for _, x, y in picture.agents]
-    ways += [np.stack(path, axis=1) for path in picture.paths]
-    ways += [along(corners_of(box)) for box in picture.boxes]
-    grid = picture.grid
-    if grid is not None:
-        row, column = np.nonzero(grid.cells == OCCUPIED)
-        cells = np.stack([column, row], axis=1) + 0.5
-        ways.append(cells * grid.resolution + np.array([grid.x, grid.y]))
-    add_labels(axes, labels, ways)
+                # To the upper right.
+                yield Label(printable(box.name), box.outline, palette.BLUE, (box.x - 1.0, box.y - 1.0))
+    for track, path in picture.agents[:MOST_NUMBERS]:
+        yield Label(str(track), path[-1:], palette.VERMILION, (float(path[-2:][0, 0]), float(path[-2:][0, 1])))
 
 
-def corners_of(box: Box) -> Float64:
-    """Return (N, 2) corners of a box, closed, or points of its circle [m]."""
-    if box.is_round:
-        circle: Float64 = 0.5 * box.length * CIRCLE + np.array([box.x, box.y])
-        return circle
-    half = np.array([[1, 1], [-1, 1], [-1, -1], [1, -1], [1, 1]]) * 0.5 * np.array([box.length, box.width])
-    cos, sin = np.cos(box.yaw), np.sin(box.yaw)
-    corners: Float64 = half @ np.array([[cos, sin], [-sin, cos]]) + np.array([box.x, box.y])
-    return corners
-
-
-def _scale(axes: Axes, width: float) -> None:
-    """Draw a bar of a round length in the lower right corner."""
-    about = 0.2 * width
+def _scale(limits: Limits, axes: Axes) -> Iterator[Mark]:
+    """Yield a bar of a round length in the lower right corner, with its length above."""
+    left, right, low, high = limits
+    about = 0.2 * (right - left)
     power = 10.0 ** np.floor(np.log10(about))
     length = float(max(step * power for step in (1, 2, 5) if step * power <= about))
-    share = length / width
-    axes.plot(
-        [0.97 - share, 0.97],
-        [0.03, 0.03],
-        transform=axes.transAxes,
-        color=palette.BLACK,
-        lw=2.0,
-        zorder=9,
-        solid_capstyle="butt",
-    )
-    axes.text(
-        0.97 - 0.5 * share,
-        0.04,
-        f"{length:g} m",
-        transform=axes.transAxes,
-        ha="center",
-        va="bottom",
-        zorder=9,
-        bbox={"facecolor": axes.get_facecolor(), "edgecolor": "none", "alpha": 0.75, "pad": 0.4},
-    )
+    end, foot = right - 0.03 * (right - left), low + 0.03 * (high - low)
+    yield Mark(np.array([[end - length, foot], [end, foot]]), {"color": palette.BLACK, "lw": 2.0, "zorder": 9})
+    box = {"facecolor": axes.get_facecolor(), "edgecolor": "none", "alpha": 0.75, "pad": 0.4}
+    above = np.array([[end - 0.5 * length, foot + 0.01 * (high - low)]])
+    yield Mark(above, {"ha": "center", "va": "bottom", "zorder": 9, "bbox": box}, text=f"{length:g} m")
 
 
-def paths_of(sweeps: Rows) -> list[tuple[Float64, Float64]]:
-    """Return x and y of the sensor of each log and topic, in the order of the sweeps; none without a pose."""
+def paths_of(sweeps: Rows) -> list[Float64]:
+    """Return (N, 2) path of the sensor of each log and topic, in the order of the sweeps; none without a pose."""
     topic, _ = sweeps.words("topic")
-    x, y, index = sweeps.numbers("pose_x"), sweeps.numbers("pose_y"), sweeps.integers("sweep")
+    xy, index = np.column_stack([sweeps.numbers("pose_x"), sweeps.numbers("pose_y")]), sweeps.integers("sweep")
     found = []
     for key in np.unique(np.column_stack([sweeps.source, topic]), axis=0):
-        rows = np.flatnonzero((sweeps.source == key[0]) & (topic == key[1]) & np.isfinite(x))
-        rows = _thinned(rows[np.argsort(index[rows], kind="stable")])
+        rows = np.flatnonzero((sweeps.source == key[0]) & (topic == key[1]) & np.isfinite(xy[:, 0]))
         if len(rows):
-            found.append((x[rows], y[rows]))
+            found.append(xy[_thinned(rows[np.argsort(index[rows], kind="stable")])])
     return found
 
 
@@ -324,12 +301,10 @@ def overview(sweeps: Rows, tracks: Rows | None, trajectories: Rows | None, stand
     paths = paths_of(sweeps)
     if not paths and not stands:
         return None
-    boxes: list[Box] = []
-    agents: list[tuple[int, Float64, Float64]] = []
-    if tracks is not None:
-        boxes = _track_boxes(sweeps, tracks)
-        frame = "world" if paths else "sensor"
-        agents = [] if trajectories is None else _track_ways(trajectories, tracks, frame)
+    boxes = [] if tracks is None else _track_boxes(sweeps, tracks)
+    agents: list[tuple[int, Float64]] = []
+    if tracks is not None and trajectories is not None:
+        agents = [*_track_paths(trajectories, tracks, "world" if paths else "sensor")]
     return MapPicture(None, paths, boxes, agents)
 
 
@@ -344,45 +319,31 @@ def _track_boxes(sweeps: Rows, tracks: Rows) -> list[Box]:
         for source, code in zip(tracks.source.tolist(), of_track.tolist(), strict=True)
     ]
     least = np.minimum(LEAST_SWEEPS, np.maximum(1, np.array(rows, np.int64) // 2))
-    enough = tracks.integers("sweeps") >= least
-    columns = {name: tracks.numbers(name) for name in ("x", "y", "yaw", "length", "width")}
-    known = np.logical_and.reduce([np.isfinite(values) for values in columns.values()])
+    sides = np.column_stack([tracks.numbers(name) for name in ("x", "y", "yaw", "length", "width")])
+    known = tracks.are("set", "O") & (tracks.integers("sweeps") >= least) & np.isfinite(sides).all(axis=1)
     labels, words = tracks.words("label")
-    number = tracks.integers("track")
-    is_round = tracks.are("shape", "round")
-    return [
-        Box(
-            **{name: float(values[row]) for name, values in columns.items()},
-            is_round=bool(is_round[row]),
-            name=str(number[row]) if labels[row] < 0 else f"{number[row]} {words[labels[row]]}",
-        )
-        for row in np.flatnonzero(tracks.are("set", "O") & enough & known).tolist()
-    ]
+    number, is_round = tracks.integers("track"), tracks.are("shape", "round")
+    found = []
+    for row, (x, y, yaw, length, width) in zip(np.flatnonzero(known).tolist(), sides[known].tolist(), strict=True):
+        name = str(number[row]) if labels[row] < 0 else f"{number[row]} {words[labels[row]]}"
+        found.append(Box(x, y, yaw, length, width, bool(is_round[row]), name))
+    return found
 
 
-def _track_ways(trajectories: Rows, tracks: Rows, frame: str) -> list[tuple[int, Float64, Float64]]:
-    """Return number, x and y of each agent in a frame."""
+def _track_paths(trajectories: Rows, tracks: Rows, frame: str) -> Iterator[tuple[int, Float64]]:
+    """Yield number and path of each agent in a frame."""
     rows = np.flatnonzero(tracks.are("set", "A"))
     rows = rows[np.argsort(-tracks.integers("sweeps")[rows], kind="stable")][:MOST_AGENTS]
-    x, y, track = (trajectories.numbers(name) for name in ("x", "y", "track"))
-    sweep = trajectories.integers("sweep")
-    code, names = trajectories.words("topic")
+    xy = np.column_stack([trajectories.numbers("x"), trajectories.numbers("y")])
+    track, sweep = trajectories.numbers("track"), trajectories.integers("sweep")
     of_track, topics = tracks.words("topic")
     numbers = tracks.integers("track")
-    known = trajectories.are("frame", frame) & np.isfinite(x)
-    found = []
+    known = trajectories.are("frame", frame) & np.isfinite(xy[:, 0])
     for row in sorted(rows.tolist()):
-        topic = topics[of_track[row]]
-        mine = np.flatnonzero(
-            known
-            & (track == numbers[row])
-            & (trajectories.source == tracks.source[row])
-            & (code == (names.index(topic) if topic in names else -2))
-        )
-        if len(mine):
-            kept = _thinned(mine[np.argsort(sweep[mine], kind="stable")])
-            found.append((int(numbers[row]), x[kept], y[kept]))
-    return found
+        mine = known & (track == numbers[row]) & (trajectories.source == tracks.source[row])
+        at = np.flatnonzero(mine & trajectories.are("topic", topics[of_track[row]]))
+        if len(at):
+            yield int(numbers[row]), xy[_thinned(at[np.argsort(sweep[at], kind="stable")])]
 
 
 def _thinned(rows: Int64) -> Int64:
@@ -392,20 +353,181 @@ def _thinned(rows: Int64) -> Int64:
     return rows[np.linspace(0, len(rows) - 1, MOST_POINTS).astype(np.int64)]
 
 
-def draw_walls(axes: Axes, walls: Walls | None) -> None:
-    """Draw cells in which beams ended that lie on no object."""
+def _walls(walls: Walls | None) -> Iterator[Mark]:
     if walls is not None and len(walls.x):
-        corner = np.column_stack([walls.x, walls.y]) - walls.cell / 2
-        shape = squares(corner, walls.cell)
-        axes.add_patch(PathPatch(shape, facecolor=palette.GREY, lw=0, alpha=0.6, zorder=1, label=WALLS))
-        axes.update_datalim(np.vstack([corner, corner + walls.cell]))
+        corner = np.column_stack([walls.x, walls.y])[:, None] - walls.cell / 2
+        polygons = corner + walls.cell * np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
+        style = {"facecolor": palette.GREY, "lw": 0, "alpha": 0.6, "zorder": 1}
+        yield Mark(joined(polygons), style, WALLS, area=True)
 
 
-def squares(corner: Float64, side: float) -> Path:
-    """Return one path of squares by their lower left corners (N, 2)."""
-    points = corner[:, None] + side * np.array([[0, 0], [1, 0], [1, 1], [0, 1], [0, 0]])
-    codes = np.tile([Path.MOVETO, Path.LINETO, Path.LINETO, Path.LINETO, Path.CLOSEPOLY], len(corner))
-    return Path(points.reshape(-1, 2), codes)
+@dataclass(frozen=True, slots=True)
+class Sight:
+    """Map on which the changes of a run are drawn."""
+
+    grid: Occupancy | None = None
+    """That of the runs before."""
+    sensors: Float64 | None = None
+    """(N, 2) places of the sensor of the run [m]."""
+
+
+def draw_changes(pairs: Sequence[RunPair], sights: Sequence[Sight]) -> bytes:
+    """Return a .png with a panel for each run, all in the coordinates of the first one."""
+    with project_style({"axes.grid": False}):
+        return file_bytes(changes_figure(pairs, sights), ".png")
+
+
+def changes_figure(pairs: Sequence[RunPair], sights: Sequence[Sight]) -> Figure:
+    """Return a figure with a panel for each run; call it within `project_style`."""
+    runs = [_ChangedRun.of(pair, sight) for pair, sight in zip(pairs, sights, strict=True)]
+    each = np.array([one.limits for one in runs])
+    left, low = each[:, [0, 2]].min(axis=0).tolist()
+    right, high = each[:, [1, 3]].max(axis=0).tolist()
+    aspect = (right - left) / (high - low)
+    # About as wide as high.
+    columns = max(1, min(len(pairs), math.ceil(math.sqrt(len(pairs) / min(max(aspect, 0.25), 4.0)))))
+    rows = -(-len(pairs) // columns)
+    longest = min(PANEL, WIDEST / columns)
+    width = max(longest * min(aspect, 1.0), 0.5 * longest) + Y_AXIS
+    figure = new_figure(width * columns, (longest + 0.9) * rows)
+    axes: list[Axes] = figure.subplots(rows, columns, squeeze=False).ravel().tolist()
+    for spare in axes[len(pairs) :]:
+        spare.remove()
+    axes = axes[: len(pairs)]
+    most = int(TITLE_MARKS * width / (PANEL + Y_AXIS))
+    for mine, pair, one in zip(axes, pairs, runs, strict=True):
+        _draw_grid(mine, one.grid, CHANGE_GREYS)
+        limits = (left, right, low, high)
+        obstacles = np.concatenate([_occupied(one.grid), *(corners for corners, _ in one.polygons())])
+        panel = Panel(_frame(limits), [*one.marks(), *_scale(limits, mine)], [*one.labels()], obstacles)
+        draw_panel(mine, panel)
+        title = pair.title
+        if len(title) > most:
+            title = f"{title[: most // 2]}…{title[-(most - most // 2 - 1) :]}"
+        mine.set_title(f"{printable(title)}\n{printable(pair.words)}", loc="left")
+    draw_legend(figure, _change_entries(runs), "outside lower left")
+    fit_height(figure, axes, [0.0] * len(axes), aspect)
+    return figure
+
+
+@dataclass(frozen=True, slots=True)
+class _ChangedRun:
+    """Changes of a run with their boxes."""
+
+    changes: tuple[tuple[Change, Box, Box | None], ...]
+    """Each with its box, and its old one if it was moved."""
+    sensors: Float64
+    """(S, 2) places of the sensor [m]."""
+    grid: Occupancy | None
+
+    @staticmethod
+    def of(pair: RunPair, sight: Sight) -> _ChangedRun:
+        """Return the changes whose place is known."""
+        grid = None if sight.grid is None else _known_part(sight.grid)
+        cells = _occupied(grid)
+        found = [(one, _box(one, cells), _old_box(one)) for one in pair.changes]
+        sensors = np.empty((0, 2)) if sight.sensors is None else sight.sensors
+        sensors = sensors[np.isfinite(sensors).all(axis=1)]
+        return _ChangedRun(tuple((one, box, old) for one, box, old in found if box is not None), sensors, grid)
+
+    @property
+    def limits(self) -> Limits:
+        """Limits of all that is drawn."""
+        return limits_of(MapPicture(self.grid, [self.sensors]), [corners for corners, _ in self.polygons()])
+
+    @property
+    def stands(self) -> bool:
+        """True if the sensor stood."""
+        return len(self.sensors) > 0 and bool(np.ptp(self.sensors, axis=0).max() < STANDS)
+
+    def sensor_style(self) -> dict[str, Any]:
+        """Return the style of the path of the sensor, or of the place where it stands."""
+        dot = {"marker": "o", "ms": 4.0, "mew": 0.0, "ls": "none"} if self.stands else {"lw": 1.0}
+        return {"color": palette.BLACK, "zorder": 6, **dot}
+
+    def polygons(self) -> Iterator[tuple[Float64, dict[str, Any]]]:
+        """Yield the outline of each box, (5, 2) [m], with its style."""
+        for one, box, old in self.changes:
+            yield box.outline, STYLES[one.status]
+            if old is not None:
+                yield old.outline, {"ec": STYLES[one.status]["ec"], "fc": "none", "ls": (0, (3, 2))}
+
+    def marks(self) -> Iterator[Mark]:
+        """Yield the path of the sensor, and the boxes."""
+        if len(self.sensors):
+            yield Mark(self.sensors[_thinned(np.arange(len(self.sensors)))], self.sensor_style())
+        for corners, style in self.polygons():
+            yield Mark(joined([corners]), {"lw": 1.0, "zorder": 7, **style}, area=True)
+        for _, box, old in self.changes:
+            if old is not None:
+                yield from arrow(old[:2], box[:2], palette.GREEN, lw=1.2, zorder=8)
+
+    def labels(self) -> Iterator[Label]:
+        """Yield numbers: on the far side of the place that a thing comes from, else to the upper right."""
+        for one, box, old in sorted(self.changes, key=lambda each: FIRST.index(each[0].status))[:MOST_NUMBERS]:
+            away = (box.x - 1.0, box.y - 1.0) if old is None else old[:2]
+            yield Label(str(one.thing), box.outline, STYLES[one.status]["ec"], away)
+
+
+def _known_part(grid: Occupancy) -> Occupancy:
+    """Return the part of a grid that was seen."""
+    row, column = np.nonzero(grid.cells != UNKNOWN)
+    if not len(row):
+        return grid
+    low, left = int(row.min()), int(column.min())
+    cells = grid.cells[low : int(row.max()) + 1, left : int(column.max()) + 1]
+    return replace(grid, x=grid.x + left * grid.resolution, y=grid.y + low * grid.resolution, cells=cells)
+
+
+def _box(one: Change, cells: Float64) -> Box | None:
+    """Return the box of a change in the last run that has it; a known thing takes in what the runs before saw of it."""
+    place, yaw = one.place, one.yaw_a if one.x_b is None else one.yaw_b
+    if place is None:
+        return None
+    box = _sized(one, *place, yaw or 0.0)
+    if one.status != "known" or one.x_a is None or one.y_a is None:
+        return box
+    # Each run saw the sides that were turned to its sensor.
+    cos, sin = math.cos(box.yaw), math.sin(box.yaw)
+    turn = np.array([[cos, -sin], [sin, cos]])
+    half = 0.5 * np.array([box.length, box.width])
+    places = (cells - [box.x, box.y]) @ turn
+    beyond = np.abs(places) - half
+    mine = places[(beyond.max(axis=1) <= REACH) & (beyond.min(axis=1) <= 0.0)]
+    shift = np.array([one.x_a - box.x, one.y_a - box.y]) @ turn
+    both = np.concatenate([mine, [half, -half, shift + half, shift - half]])
+    low, high = both.min(axis=0), both.max(axis=0)
+    x, y = turn @ (0.5 * (low + high))
+    length, width = (high - low).tolist()
+    return Box(box.x + float(x), box.y + float(y), box.yaw, length, width)
+
+
+def _old_box(one: Change) -> Box | None:
+    """Return the box of what was moved in its old place."""
+    if one.status != "moved" or one.x_a is None or one.y_a is None or one.x_b is None:
+        return None
+    return _sized(one, one.x_a, one.y_a, one.yaw_a or 0.0)
+
+
+def _sized(one: Change, x: float, y: float, yaw: float) -> Box:
+    length, width = (max(side or SMALLEST, SMALLEST) for side in (one.length, one.width))
+    return Box(x, y, yaw, length, width)
+
+
+def _change_entries(runs: Sequence[_ChangedRun]) -> Entries:
+    """Return the entries of the legend: every status, and the map and the sensors where there are any."""
+    found: Entries = {}
+    if any(one.grid is not None for one in runs):
+        occupied, free, unseen = map(str, CHANGE_GREYS)
+        found["structure before"] = Patch(facecolor=occupied)
+        found["free before"] = Patch(facecolor=free)
+        found["unseen before"] = Patch(facecolor=unseen, edgecolor=palette.GREY, lw=0.5)
+    found |= {status: Patch(lw=1.0, **style) for status, style in STYLES.items()}
+    found["moved"] = Line2D([], [], color=palette.GREEN, marker=r"$\rightarrow$", ms=11.0, mew=0.3, ls="none")
+    for one in runs:
+        if len(one.sensors):
+            found.setdefault("sensor of the later run", Line2D([], [], **one.sensor_style()))
+    return found
 
 
 def draw_backgrounds(sensors: Sequence[Background], suffix: str) -> bytes:
@@ -417,69 +539,48 @@ def draw_backgrounds(sensors: Sequence[Background], suffix: str) -> bytes:
 def background_figure(sensors: Sequence[Background]) -> Figure:
     """Return the picture of all sensors as a figure; call it within `project_style`."""
     figure = new_figure(SENSOR_WIDTH * max(len(sensors), 1), SENSOR_WIDTH * 0.95)
-    drawn = figure.subplots(1, max(len(sensors), 1), squeeze=False)[0].tolist()
-    for axes, sensor in zip(drawn, sensors, strict=False):
-        _background_panel(axes, sensor)
-    draw_legend(figure, entries_of(drawn), "outside lower left")
-    sides = [(np.ptp(axes.get_xlim()), np.ptp(axes.get_ylim())) for axes in drawn]
-    fit_height(figure, drawn, [0.0] * len(drawn), float(min(width / height for width, height in sides)))
+    axes = figure.subplots(1, max(len(sensors), 1), squeeze=False)[0].tolist()
+    for mine, one in zip(axes, sensors, strict=False):
+        _draw_background(mine, one)
+    draw_legend(figure, entries_of(axes), "outside lower left")
+    sides = [(np.ptp(each.get_xlim()), np.ptp(each.get_ylim())) for each in axes]
+    fit_height(figure, axes, [0.0] * len(axes), float(min(width / height for width, height in sides)))
     return figure
 
 
-def _background_panel(axes: Axes, sensor: Background) -> None:
-    theta = np.tile(sensor.grid.bearings(), (len(sensor), 1))
-    posed = bool(sensor.posed.any())
-    x0, y0, yaw = sensor.poses.x, sensor.poses.y, sensor.poses.yaw
-    if not posed:
-        x0, y0, yaw = np.zeros(len(sensor)), np.zeros(len(sensor)), np.zeros(len(sensor))
-    side = np.where(sensor.poses.upside_down, -1.0, 1.0)
-    direction = yaw[:, None] + side[:, None] * theta
-    surface = np.isfinite(sensor.r_e)
-    distance = np.where(surface, sensor.r_e, 0.0)
-    x, y = x0[:, None] + distance * np.cos(direction), y0[:, None] + distance * np.sin(direction)
+def _draw_background(axes: Axes, one: Background) -> None:
+    """Draw the surfaces of a background of one sensor, coloured by their support, and where it stood."""
+    posed = bool(one.posed.any())
+    x0, y0, yaw = (part if posed else np.zeros(len(one)) for part in (one.poses.x, one.poses.y, one.poses.yaw))
+    mirror = np.where(one.poses.upside_down, -1.0, 1.0)
+    direction = yaw[:, None] + mirror[:, None] * one.grid.bearings()
+    surface = np.isfinite(one.r_e)
+    ahead = np.stack([np.cos(direction), np.sin(direction)], axis=-1)
+    ends = np.stack([x0, y0], axis=-1)[:, None] + np.where(surface, one.r_e, 0.0)[..., None] * ahead
     thin = slice(None, None, max(1, int(np.count_nonzero(surface)) // MOST_SURFACES))
-    support = sensor.support[surface][thin]
-    low, high = _support_range(support)
-    drawn = axes.scatter(
-        x[surface][thin],
-        y[surface][thin],
-        c=support,
-        cmap=SUPPORT_COLOURS,
-        vmin=low,
-        vmax=high,
-        s=3.0,
-        linewidths=0,
-        rasterized=True,
-    )
+    support = one.support[surface][thin]
+    x, y = ends[surface][thin].T
+    drawn = axes.scatter(x, y, 3.0, support, cmap=SUPPORT_COLOURS, linewidths=0, rasterized=True)
+    drawn.set_clim(*_support_range(support))
     # Beside the axes themselves, so that it is as high as they are.
-    beside = axes.inset_axes((1.03, 0.0, 0.035, 1.0))
-    bar = axes.figure.colorbar(drawn, cax=beside, label=SUPPORT)
+    bar = axes.figure.colorbar(drawn, cax=axes.inset_axes((1.03, 0.0, 0.035, 1.0)), label=SUPPORT)
     bar.ax.yaxis.set_major_formatter(PercentFormatter(1.0, decimals=0))
-    if not posed:
-        _open_beams(axes, sensor, direction[0] if len(sensor) else direction.reshape(-1))
-    for station in range(len(sensor)):
-        draw_sensor(axes, float(x0[station]), float(y0[station]), float(yaw[station]), 4.0 if posed else 6.0)
+    marks = [sensor(float(x0[k]), float(y0[k]), float(yaw[k]), 4.0 if posed else 6.0) for k in range(len(one))]
+    if not posed and len(one) and np.isinf(one.r_e[0]).any():
+        # Short strokes outside of everything, in the directions from which nothing returns.
+        reach = float(one.r_e[0].max(initial=0.0, where=surface[0])) or 1.0
+        strokes = [line * (1.0 + OPEN_RAY * np.array([[1.0], [2.0]])) * reach for line in ahead[0][np.isinf(one.r_e[0])]]
+        marks.append(Mark(joined(strokes), {"color": palette.LIGHT, "lw": 0.6, "zorder": 0}, "open: nothing returns"))
+    draw_marks(axes, marks)
     axes.set(aspect="equal", xlabel="x [m]", ylabel="y [m]")
-    counts = f"{counted(len(sensor), 'station')}, {counted(int(sensor.sweeps.sum()), 'sweep')}"
-    axes.set_title(f"{printable(sensor.topic)}  {printable(sensor.frame_id)}: {counts}")
+    counts = f"{counted(len(one), 'station')}, {counted(int(one.sweeps.sum()), 'sweep')}"
+    axes.set_title(f"{printable(one.topic)}  {printable(one.frame_id)}: {counts}")
 
 
-def _support_range(support: np.ndarray[Any, np.dtype[Any]]) -> tuple[float, float]:
+def _support_range(support: Float64) -> tuple[float, float]:
     """Return the range of the colour bar, in tenths: only support that occurs, so that small differences are seen."""
     if not len(support):
         return 0.0, 1.0
     low = np.floor(10.0 * float(support.min()) + 1e-6) / 10.0
     high = np.ceil(10.0 * float(support.max()) - 1e-6) / 10.0
     return (float(low), float(high)) if high > low else (float(high) - 0.1, float(high))
-
-
-def _open_beams(axes: Axes, sensor: Background, direction: np.ndarray[Any, np.dtype[np.float64]]) -> None:
-    """Draw short strokes outside everything, in the directions from which nothing returns."""
-    r_e = sensor.r_e[0] if len(sensor) else np.empty(0)
-    known = r_e[np.isfinite(r_e)]
-    reach = float(known.max()) if len(known) else 1.0
-    way = direction[np.isinf(r_e)]
-    ends = np.array([1.0 + OPEN_RAY, 1.0 + 2 * OPEN_RAY]) * reach
-    axes.plot(np.cos(way) * ends[:, None], np.sin(way) * ends[:, None], color=palette.LIGHT, linewidth=0.6, zorder=0)
-    if len(way):
-        axes.plot([], [], color=palette.LIGHT, linewidth=1.2, label="open: nothing returns")

@@ -12,6 +12,7 @@ import pyarrow as pa
 
 from lidarcli.errors import OptionError
 from lidarcli.masks import Circle
+from lidarcli.palette import ZONE_COLOURS
 from lidarcli.reports.checks import Check, Verdict, accepts, count_events, parse_check, verdict_of
 from lidarcli.reports.columns import Origin, Record, Rows, Sight, ZoneRows, least_observed
 from lidarcli.reports.document import (
@@ -24,12 +25,12 @@ from lidarcli.reports.document import (
     Card,
     Notes,
     Opening,
+    Part,
     Section,
     Table,
     table_of,
 )
 from lidarcli.reports.figures import STATISTICS, ZONES, Spread, plain_fields, plain_number, zone_names, zone_of
-from lidarcli.reports.palette import ZONE_COLOURS
 from lidarcli.reports.wording import NONE, column, counted, in_unit, number, percent
 from lidarcli.sweeps import Bool, Float64, Int64
 from lidarcli.tabular.reading import note_value, notes_of
@@ -290,7 +291,7 @@ class ZoneTimeline:
 
 
 @dataclass(frozen=True, slots=True)
-class ZonesPart:
+class ZonesPart(Part):
     """The zones of a run, as a part of a report."""
 
     sources: tuple[Origin, ...]

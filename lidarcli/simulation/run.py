@@ -11,7 +11,7 @@ from lidarcli.choices import CONTAINER_BY_SUFFIX, MAP_RESOLUTION
 from lidarcli.errors import OptionError
 from lidarcli.newfiles import NewFiles, refuse, refuse_nameless, writing
 from lidarcli.simulation.scene import MAX_SWEEPS, Scene, load_scene
-from lidarcli.stores.url import Url, place
+from lidarcli.stores import Url, place
 from lidarcli.sweeps import RawSweeps
 
 MAX_SECONDS = 400_000_000

@@ -12,9 +12,9 @@ import pyarrow as pa
 from lidarcli.errors import UnreadableError
 from lidarcli.formalism.background import SAME_BEAM, Background, Grid
 from lidarcli.newfiles import NewFiles
-from lidarcli.stores.url import Place
+from lidarcli.stores import Place
 from lidarcli.sweeps import Float64, SweepPoses
-from lidarcli.tabular.arrays import codes, floats, plain
+from lidarcli.tabular.columns import codes, floats, plain
 from lidarcli.tabular.reading import GREATEST_VALUE, notes_of, parsed, read_columns
 from lidarcli.tabular.schemas import BACKGROUND
 from lidarcli.tabular.writing import DAMAGE, PARAMETERS, SOURCE, VERSION, ParquetSink
@@ -85,7 +85,7 @@ def read_background(path: Place) -> tuple[list[Background], dict[str, Any]]:
         sensors = _sensors(table, _parsed(notes[GEOMETRY]))
     except ValueError as err:
         raise UnreadableError(f"{path}: its geometry and its rows do not agree; build it again") from err
-    return sensors, _told(notes) | {VERSION: notes.get(VERSION, "")}
+    return sensors, _making(notes) | {VERSION: notes.get(VERSION, "")}
 
 
 def _refuse_ranges(path: Place, table: pa.Table) -> None:
@@ -99,21 +99,21 @@ def _refuse_ranges(path: Place, table: pa.Table) -> None:
             )
 
 
-def _told(notes: Mapping[str, str]) -> dict[str, Any]:
+def _making(notes: Mapping[str, str]) -> dict[str, Any]:
     """Return the metadata on the making of a background, as far as it can be read."""
-    told: dict[str, Any] = {}
+    making: dict[str, Any] = {}
     for key, kind in ((PARAMETERS, dict), (SOURCE, list), (DAMAGE, list)):
         try:
             value = parsed(notes[key])
         except (KeyError, ValueError):
             continue
         if isinstance(value, kind):
-            told[key] = value
-    if SOURCE in told:
-        told[SOURCE] = [log for log in told[SOURCE] if isinstance(log, dict)]
-    if DAMAGE in told:
-        told[DAMAGE] = [str(line) for line in told[DAMAGE]]
-    return told
+            making[key] = value
+    if SOURCE in making:
+        making[SOURCE] = [log for log in making[SOURCE] if isinstance(log, dict)]
+    if DAMAGE in making:
+        making[DAMAGE] = [str(line) for line in making[DAMAGE]]
+    return making
 
 
 def _geometry(sensor: Background) -> dict[str, Any]:

@@ -14,12 +14,14 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
+import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
 from lidarcli.errors import UnreadableError
-from lidarcli.stores.url import Place, Url
-from lidarcli.tabular.schemas import BACKGROUND, CHANGES, INFINITE, LATER, NULLABLE, SCHEMAS
+from lidarcli.stores import Place, Url
+from lidarcli.tabular.columns import are, integers, plain
+from lidarcli.tabular.schemas import BACKGROUND, CHANGES, INFINITE, NULLABLE, SCHEMAS
 
 T = TypeVar("T")
 
@@ -75,7 +77,7 @@ Readable = Place | HeldTable
 
 
 def read_columns(path: Readable, kind: str, schema: pa.Schema, names: Iterable[str] | None = None) -> pa.Table:
-    """Read columns of a table in their declared types, with its metadata; columns that earlier versions lack are null.
+    """Read columns of a table in their declared types, with its metadata.
 
     Parameters
     ----------
@@ -94,12 +96,7 @@ def read_columns(path: Readable, kind: str, schema: pa.Schema, names: Iterable[s
     with _opened(path, kind) as file:
         there = _columns_there(path, kind, file.schema_arrow.names, wanted)
         found = file.read(columns=there, use_threads=False)
-        columns = [
-            _fitted(path, kind, field, found[field.name])
-            if field.name in there
-            else pa.chunked_array([pa.nulls(found.num_rows, field.type)])
-            for field in wanted
-        ]
+        columns = [_fitted(path, kind, field, found[field.name]) for field in wanted]
         return pa.Table.from_arrays(columns, schema=wanted.with_metadata(file.schema_arrow.metadata))
 
 
@@ -110,10 +107,7 @@ def read_pieces(path: Readable, kind: str, schema: pa.Schema, names: Iterable[st
         there = _columns_there(path, kind, file.schema_arrow.names, wanted)
         for rows in file.iter_batches(columns=there, use_threads=False):
             columns = [
-                _fitted(path, kind, field, pa.chunked_array([rows[field.name]])).combine_chunks()
-                if field.name in there
-                else pa.nulls(rows.num_rows, field.type)
-                for field in wanted
+                _fitted(path, kind, field, pa.chunked_array([rows[field.name]])).combine_chunks() for field in wanted
             ]
             yield pa.RecordBatch.from_arrays(columns, schema=wanted)
 
@@ -224,7 +218,7 @@ def _begins_as_parquet(path: Place) -> bool:
 def _file(path: Place) -> pa.NativeFile:
     """Open a file of which parts are read."""
     if isinstance(path, Url):
-        from lidarcli.stores.url import open_object
+        from lidarcli.stores import open_object
 
         return open_object(path)
     # A name need not be UTF-8, and Arrow takes such a one as bytes alone.
@@ -232,7 +226,7 @@ def _file(path: Place) -> pa.NativeFile:
 
 
 def read_schema(schema: pa.Schema, names: Iterable[str] | None = None) -> pa.Schema:
-    """Return the schema of columns that are read: any may be null, for other programs and earlier versions write tables."""
+    """Return the schema of columns that are read: any may be null, as other programs write tables, too."""
     chosen = schema.names if names is None else set(names)
     return pa.schema([_nullable(field) for field in schema if field.name in chosen])
 
@@ -247,8 +241,8 @@ def _nullable(field: pa.Field) -> pa.Field:
 
 
 def _columns_there(path: Readable, kind: str, there: list[str], wanted: pa.Schema) -> list[str]:
-    """Return the wanted columns that a file has; refuse one that is missing, but for `LATER`, or there twice."""
-    missing = sorted(name for name in wanted.names if name not in {*there, *LATER.get(kind, ())})
+    """Return the wanted columns that a file has; refuse one that is missing or there twice."""
+    missing = sorted(name for name in wanted.names if name not in there)
     if missing and isinstance(path, HeldTable):
         raise UnreadableError(f"{path} (in memory): no column {', '.join(missing)}; leave the table all of its columns")
     if missing:
@@ -382,3 +376,53 @@ def _words(kind: pa.DataType) -> str:
 
 def _first_line(err: Exception) -> str:
     return (str(err).splitlines() or [type(err).__name__])[0]
+
+
+AGAIN = "write both again with lidarcli track"
+"""Way out where tables do not fit each other or their log."""
+
+
+class TopicRows:
+    """The rows of one topic of a table, taken in their order."""
+
+    def __init__(self, path: Readable, table: str, columns: tuple[str, ...], topic: str) -> None:
+        self._path = path
+        self._schema = read_schema(SCHEMAS[table], columns)
+        self._pieces = self._read(table, columns, topic)
+        self._rows: pa.RecordBatch | None = None
+
+    def until(self, sweep: int) -> pa.RecordBatch:
+        """Return the rows that are left of the sweeps before this one."""
+        taken = []
+        while (rows := next(self._pieces, None) if self._rows is None else self._rows) is not None:
+            count = int(np.searchsorted(integers(rows, "sweep"), sweep))
+            if count:
+                taken.append(rows.slice(0, count))
+            self._rows = rows.slice(count) if count < rows.num_rows else None
+            if self._rows is not None:
+                break
+        if len(taken) == 1:
+            return taken[0]
+        whole = pa.Table.from_batches(taken, self._schema).unify_dictionaries().combine_chunks()
+        return whole.to_batches()[0] if taken else pa.RecordBatch.from_pylist([], self._schema)
+
+    def rest(self) -> Iterator[pa.RecordBatch]:
+        """Yield all rows that are left."""
+        if self._rows is not None:
+            yield self._rows
+        yield from self._pieces
+
+    def _read(self, table: str, columns: tuple[str, ...], topic: str) -> Iterator[pa.RecordBatch]:
+        last = -1
+        for piece in read_pieces(self._path, table, SCHEMAS[table], columns):
+            mine = are(piece["topic"], topic)
+            rows = piece if mine.all() else piece.take(plain(np.flatnonzero(mine)))
+            if not rows.num_rows:
+                if last >= 0:
+                    return
+                continue
+            sweeps = integers(rows, "sweep")
+            if sweeps[0] < last or (np.diff(sweeps) < 0).any():
+                raise UnreadableError(f"{self._path}: its rows are not in the order of topic and sweep; {AGAIN}")
+            last = int(sweeps[-1])
+            yield rows

@@ -12,10 +12,12 @@ from typing import Any
 import pyarrow as pa
 
 from lidarcli.errors import UnreadableError
-from lidarcli.stores.url import Place
+from lidarcli.stores import Place
 from lidarcli.tabular.reading import read_columns
 from lidarcli.tabular.schemas import RUNS
 
+FOLDER = "_lidarcli"
+"""Folder of the manifests of earlier versions."""
 OK, DAMAGED, FAILED = OUTCOMES = ("ok", "damaged", "failed")
 """Outcomes of a log: read whole, read as far as possible, without tables."""
 _STAMPS = frozenset({"mtime", "ended"})

@@ -60,7 +60,7 @@ _TOPIC = Column("topic", "text", "", "LaserScan topic")
 _FRAME = Column("frame_id", "text", "", "sensor frame of the sweep")
 _SWEEP = Column("sweep", "int64", "1", "index of the sweep within its topic, in log order, from 0")
 _STAMP = Column("stamp", "stamp", "ns", "header stamp, or the log's record time where the header has none")
-_SECONDS = Column("t", "float64", "s", "seconds since the first sweep of the topic in the log", later=True)
+_SECONDS = Column("t", "float64", "s", "seconds since the first sweep of the topic in the log")
 _BEAM = Column("beam", "int32", "1", "index of the beam in its sweep, from 0")
 BEAM_OF_SENSOR = Column("beam", "int32", "1", "index of the beam, from 0")
 _THETA = Column("theta", "float32", "rad", "bearing of the beam")
@@ -106,20 +106,18 @@ TABLES: dict[str, tuple[Column, ...]] = {
             "",
             "what each kind of evidence of this sweep adds to the log-odds of a thing; null without --explain",
             nullable=True,
-            later=True,
         ),
     ),
     "sweeps": (
         *(_LOG, _TOPIC, _FRAME, _SWEEP, _STAMP, _SECONDS),
         Column("beams", "int32", "1", "beams of the sweep"),
-        *(Column(name, "int32", "1", _STATUSES[name], later=name == "masked") for name in STATUSES),
+        *(Column(name, "int32", "1", _STATUSES[name]) for name in STATUSES),
         Column(
             "observed",
             "bool",
             "",
             "whether the sweep shows anything: it has a range, and does not repeat a sweep of over half a second ago "
             "bit for bit with its noise",
-            later=True,
         ),
         *_between(COLUMNS, "nearest", "noise_beams"),
         *_POSE,
@@ -128,10 +126,10 @@ TABLES: dict[str, tuple[Column, ...]] = {
     "tracks": (
         *(_LOG, _TOPIC, _FRAME),
         *_between(_TRACKS, "track", "shape"),
-        *(one._replace(later=False) for one in (_LABEL, _LABEL_SCORE)),
+        *(_LABEL, _LABEL_SCORE),
         *_between(_TRACKS, "first_sweep", "end"),
     ),
-    "trajectories": (*(_LOG, _TOPIC, _SWEEP, _STAMP, _SECONDS._replace(later=False)), *_TRAJECTORIES.values()),
+    "trajectories": (*(_LOG, _TOPIC, _SWEEP, _STAMP, _SECONDS), *_TRAJECTORIES.values()),
     "beams": (
         *(_LOG, _TOPIC, _SWEEP, _BEAM, _THETA),
         Column("r", "float32", "m", "range; null where the beam has none", nullable=True),
@@ -180,7 +178,7 @@ TABLES: dict[str, tuple[Column, ...]] = {
         ),
     ),
     "zones": (
-        *(_LOG, _TOPIC, _SWEEP, _STAMP, _SECONDS._replace(later=False)),
+        *(_LOG, _TOPIC, _SWEEP, _STAMP, _SECONDS),
         _ZONE,
         Column("points", "int32", "1", "points in the zone, with the newest ones of other sensors"),
         Column(
@@ -365,8 +363,6 @@ SCHEMAS = {
 
 NULLABLE = {name: frozenset(one.name for one in table if one.nullable) for name, table in TABLES.items()}
 """Table → columns that may be null."""
-LATER = {name: frozenset(one.name for one in TABLES[name] if one.later) for name in ("objects", "sweeps")}
-"""Table → columns that tables of earlier versions do not have: read as null."""
 INFINITE = frozenset(one.name for table in TABLES.values() for one in table if one.infinite)
 """Columns that may be infinite: in these directions the scene is open."""
 

@@ -78,7 +78,7 @@ class CsvStream:
 
     def notes(self) -> list[str]:
         """Return a note on columns that a spreadsheet would run, once."""
-        new = [name for name, told in self._formulas.items() if not told]
+        new = [name for name, was_noted in self._formulas.items() if not was_noted]
         self._formulas |= dict.fromkeys(new, True)
         if not new:
             return []

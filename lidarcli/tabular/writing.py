@@ -17,11 +17,11 @@ import pyarrow.parquet as pq
 
 from lidarcli._version import __version__
 from lidarcli.choices import NS
-from lidarcli.machine import Beside
+from lidarcli.machine import Threads
 from lidarcli.newfiles import NewFiles, writing
-from lidarcli.stores.url import Place
+from lidarcli.stores import Place
+from lidarcli.tabular.columns import in_unit, restamped
 from lidarcli.tabular.schemas import SCHEMAS
-from lidarcli.tabular.stamps import in_unit, restamped
 
 if TYPE_CHECKING:
     from concurrent.futures import Future
@@ -111,7 +111,7 @@ class ParquetSink:
         self._writer: pq.ParquetWriter | None = None
         self._pending: list[pa.RecordBatch] = []
         self._rows = 0
-        self._thread: Beside | None = None
+        self._thread: Threads | None = None
         self._written: list[Future[None]] = []
         if not isinstance(out, Path):
             self._begin(out)
@@ -202,7 +202,7 @@ class ParquetSink:
 
     def _hand_over(self, table: pa.Table) -> None:
         if self._thread is None:
-            self._thread = Beside("parquet")
+            self._thread = Threads("parquet")
         self._written.append(self._thread.submit(self._write, table))
 
     def _joined(self) -> pa.Table:

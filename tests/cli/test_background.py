@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import inspect
 import json
 from collections.abc import Callable
 from pathlib import Path
@@ -14,16 +13,14 @@ import pytest
 
 import lidarcli as package
 from lidarcli.cli import run
-from lidarcli.errors import NoScanError
 from lidarcli.simulation.writers import write_log
 from lidarcli.sweeps import RawSweeps
 from tests.places import SAMPLES
-from tests.sweeping import raw_sweeps, room_sweeps, round_room
+from tests.sweeping import raw_sweeps, round_room
 
 Run = Callable[..., Any]
 
 ROOM = SAMPLES / "room.mcap"
-EMPTY = ROOM.with_name("room_empty.mcap")
 
 
 def empty_room(count: int = 20, beams: int = 360, frame: str = "laser", first: float = -np.pi) -> RawSweeps:
@@ -89,22 +86,6 @@ def test_pictures(scene: Path, tmp_path: Path, lidarcli: Run, suffix: str, magic
     assert figures[0].read_bytes() == figures[1].read_bytes()
 
 
-def test_a_picture_of_an_unknown_kind_is_a_usage_error(scene: Path, tmp_path: Path, lidarcli: Run) -> None:
-    ran = lidarcli("background", "build", scene / "empty.mcap", "-o", tmp_path / "b.parquet", "--plot", "b.txt")
-    assert ran.code == 2
-    assert "Invalid value for '--plot': 'b.txt' is none of .png, .svg, .pdf." in ran.err
-
-
-def test_a_background_is_no_standard_output(
-    scene: Path, tmp_path: Path, lidarcli: Run, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    ran = lidarcli("background", "build", scene, "-o", "-")
-    assert (ran.code, ran.out) == (2, "")
-    assert "a background is no text for standard output; give the name of a file" in ran.err
-    assert not Path("-").exists()
-
-
 def test_several_logs_make_one_background(scene: Path, logs: Path, tmp_path: Path, lidarcli: Run) -> None:
     """The boxes are in 20 and 10 of 60 sweeps: fewer than a background needs."""
     write_log(tmp_path / "more.mcap", [empty_room(count=20)])
@@ -129,14 +110,6 @@ def test_a_damaged_log_teaches_what_is_whole(logs: Path, tmp_path: Path, lidarcl
     assert "  damage        cut.mcap: " in shown.out
 
 
-def test_a_bad_log_does_not_stop_the_others(scene: Path, tmp_path: Path, lidarcli: Run) -> None:
-    (tmp_path / "bad.mcap").write_bytes(b"nonsense")
-    inputs = (tmp_path / "bad.mcap", scene / "empty.mcap")
-    ran = lidarcli("background", "build", *inputs, "-o", tmp_path / "b.parquet")
-    assert ran.code == 3
-    assert pq.read_table(tmp_path / "b.parquet").num_rows == 360
-
-
 def crowd(count: int = 60) -> RawSweeps:
     """The empty room with people before 40 of the beams in two sweeps of three, nowhere for long."""
     room = empty_room(count)
@@ -151,21 +124,6 @@ def drifting(count: int = 60) -> RawSweeps:
     way = -place * np.cos(bearing)
     ranges = way + np.sqrt(way**2 - place**2 + 16.0)
     return raw_sweeps(ranges.astype(np.float32), angle_increment=np.float32(2 * np.pi / 360))
-
-
-def test_weak_support_is_told(tmp_path: Path, lidarcli: Run) -> None:
-    write_log(tmp_path / "crowd.mcap", [crowd()])
-    file = tmp_path / "b.parquet"
-    ran = lidarcli("background", "build", tmp_path / "crowd.mcap", "-o", file, "--pose", "none")
-    told = "support below 50%: 40 of 360 beams of /scan (laser): most sweeps saw something else there (--plot shows where)"
-    assert ran.code == 0
-    assert ran.err.splitlines()[1] == f"note: {told}"
-    r_e = np.array(pq.read_table(file)["r_e"].to_pylist())
-    assert r_e[100:140] == pytest.approx(4.0)
-    assert f"  note          {told}" in lidarcli("info", file).out.splitlines()
-    (told_of,) = json.loads(lidarcli("info", file, "--format", "json").out)
-    (sensor,) = told_of["sensors"]
-    assert (sensor["weak"], sensor["seems_moved"]) == (40, False)
 
 
 def test_a_sensor_that_moved_without_poses_is_told(tmp_path: Path, lidarcli: Run) -> None:
@@ -200,19 +158,6 @@ def standing(x: float, turned: float = 0.0, count: int = 60) -> RawSweeps:
     return raw_sweeps(ranges + noise, angle_increment=np.float32(2 * np.pi / 360))
 
 
-@pytest.mark.parametrize(("x", "turned"), [(1.0, 0.0), (0.0, 0.09), (0.3, 0.05)])
-def test_one_background_of_two_places_is_told(x: float, turned: float, tmp_path: Path, lidarcli: Run) -> None:
-    write_log(tmp_path / "a.mcap", [standing(0.0)])
-    write_log(tmp_path / "b.mcap", [standing(x, turned)])
-    file = tmp_path / "bg.parquet"
-    ran = lidarcli("background", "build", tmp_path / "a.mcap", tmp_path / "b.mcap", "-o", file)
-    assert ran.code == 0
-    assert "note: the sensor of /scan (laser) seems to have moved, or to have stood in several places: " in ran.err
-    alone = lidarcli("background", "build", tmp_path / "a.mcap", "-o", tmp_path / "alone.parquet")
-    assert alone.code == 0
-    assert "seems to have moved" not in alone.err
-
-
 def test_a_sensor_that_is_moved_on_the_way_is_told(tmp_path: Path, lidarcli: Run) -> None:
     """Half of the sweeps are far from the background, and all of them together less than half."""
     file = tmp_path / "bg.parquet"
@@ -228,15 +173,6 @@ def test_a_sensor_that_is_moved_on_the_way_is_told(tmp_path: Path, lidarcli: Run
     ) in ran.err
     ran = lidarcli("detect", tmp_path / "a.mcap", "--background", file, "-o", tmp_path / "out")
     assert "seems to have moved" not in ran.err
-
-
-def test_a_log_of_which_nothing_is_known_makes_no_background(tmp_path: Path, lidarcli: Run) -> None:
-    write_log(tmp_path / "blind.mcap", [raw_sweeps(np.full((30, 90), np.nan))])
-    file = tmp_path / "bg.parquet"
-    ran = lidarcli("background", "build", tmp_path / "blind.mcap", "-o", file)
-    assert ran.code == 3
-    assert "no background: no beam of any sweep has a range or says that nothing returned" in ran.err
-    assert not file.exists()
 
 
 def test_a_background_of_another_place_is_told(scene: Path, tmp_path: Path, lidarcli: Run) -> None:
@@ -267,24 +203,6 @@ def test_nothing_to_learn_from_writes_nothing(scene: Path, tmp_path: Path, lidar
     assert list(tmp_path.iterdir()) == []
 
 
-def test_info_for_people(scene: Path, lidarcli: Run) -> None:
-    ran = lidarcli("info", scene / "empty.parquet")
-    assert (ran.code, ran.err) == (0, "")
-    assert ran.out.splitlines() == [
-        str(scene / "empty.parquet"),
-        f"  version       {package.__version__}",
-        "  from          empty.mcap (mcap)",
-        "  /scan (frame laser)",
-        "    beams       360 from -180.00 to 179.00 deg",
-        "    stations    1, pose unknown",
-        "    sweeps      20",
-        "    background  surface 359 (99.7%), open 1 (0.3%), unknown 0 (0.0%)",
-        "    r_e         4.00 to 4.00 m",
-        "    spread      0.000 m (median)",
-        "    support     100.0% (median), least 100.0%",
-    ]
-
-
 def test_info_for_programs(scene: Path, lidarcli: Run) -> None:
     (told,) = json.loads(lidarcli("info", scene / "empty.parquet", "--format", "json").out)
     assert [*told] == ["path", "format", "version", "source", "parameters", "damage", "sensors"]
@@ -298,21 +216,6 @@ def test_info_for_programs(scene: Path, lidarcli: Run) -> None:
     assert (sensor["range_max"], sensor["r_e_min"]) == (12.0, 4.0)
 
 
-def test_info_of_logs_and_backgrounds_in_turn(scene: Path, logs: Path, lidarcli: Run) -> None:
-    files = (logs / "run.mcap", scene / "empty.parquet", scene / "empty.mcap")
-    alone = [lidarcli("info", file).out for file in files]
-    ran = lidarcli("info", *files)
-    assert (ran.code, ran.err, ran.out) == (0, "", "\n".join(alone))
-    told = json.loads(lidarcli("info", *files, "--format", "json").out)
-    assert [(each["path"], "sensors" in each, "scans" in each) for each in told] == [
-        (str(file), is_background, not is_background)
-        for file, is_background in zip(files, (False, True, False), strict=True)
-    ]
-    ran = lidarcli("info", *files, "--brief", "--check", "findings == 2")
-    assert ran.code == 0
-    assert ran.out.splitlines()[1] == f"{files[1]}: background, /scan 1 station of 360 beams, 20 sweeps"
-
-
 def test_info_knows_a_background_by_its_content(scene: Path, tmp_path: Path, lidarcli: Run) -> None:
     (tmp_path / "empty.table").write_bytes((scene / "empty.parquet").read_bytes())
     assert "  /scan (frame laser)\n    beams       360" in lidarcli("info", tmp_path / "empty.table").out
@@ -324,12 +227,6 @@ def test_info_knows_a_background_by_its_content(scene: Path, tmp_path: Path, lid
         assert (ran.code, len(ran.err.splitlines())) == (3, 1)
         assert ran.err.startswith(f"lidarcli: {tmp_path / name}.parquet: {cause}")
         assert ran.out == lidarcli("info", scene / "empty.parquet").out
-
-
-def test_info_mends_no_background(scene: Path, tmp_path: Path, lidarcli: Run) -> None:
-    ran = lidarcli("info", scene / "empty.parquet", "--deep", "-o", tmp_path / "robot.toml")
-    assert (ran.code, [*tmp_path.iterdir()]) == (0, [])
-    assert ran.err == f"{tmp_path / 'robot.toml'} is not written: there is nothing to fix\n"
 
 
 def test_what_is_no_background_is_refused(scene: Path, logs: Path, lidarcli: Run) -> None:
@@ -369,13 +266,6 @@ def test_background_alone_names_its_commands(
     assert [*tmp_path.iterdir()] == []
 
 
-def test_help_of_background_shows_both_commands(lidarcli: Run) -> None:
-    ran = lidarcli("background", "--help")
-    assert ran.code == 0
-    listed = [line.split()[0] for line in ran.out.split("Commands:\n")[1].splitlines()]
-    assert listed == ["build", "subtract"]
-
-
 @pytest.mark.parametrize(
     "options", [("--beams",), ("--removed", "--any-frame", "--station-angle", "8"), ("--walls", "--memory")]
 )
@@ -392,14 +282,6 @@ def test_subtract_writes_the_bytes_of_detect(
     assert said[0].code == 0
     for words in (("detect",), ("background", "subtract")):
         assert lidarcli(*words, *asked[:3], "-o", "-").out.count('"change":"appeared"') == 30
-
-
-def test_subtract_has_the_options_of_detect(lidarcli: Run) -> None:
-    def shown(*words: str) -> list[tuple[str, str]]:
-        rows = json.loads(lidarcli("config", *words, "--format", "json").out)
-        return [(row["option"], row["value"]) for row in rows if row["option"] != "background"]
-
-    assert shown("background", "subtract") == shown("detect")
 
 
 def test_detect_finds_what_is_new(scene: Path, logs: Path, tmp_path: Path, lidarcli: Run) -> None:
@@ -445,51 +327,6 @@ def test_what_has_gone_is_there_when_it_is_asked_for(logs: Path, tmp_path: Path,
     assert objects["difference"].to_pylist() == pytest.approx([2.5] * 10)
 
 
-def test_the_number_of_processes_makes_no_difference(scene: Path, tmp_path: Path, lidarcli: Run) -> None:
-    for number in (1, 2):
-        write_log(tmp_path / f"{number}.mcap", [room_sweeps(count=30)])
-    for jobs in ("1", "2"):
-        options = ("--background", scene / "empty.parquet", "-o", tmp_path / f"jobs{jobs}", "--jobs", jobs)
-        assert lidarcli("-q", "detect", tmp_path / "1.mcap", tmp_path / "2.mcap", *options).code == 0
-    for table in ("1.objects", "2.sweeps"):
-        first, second = (tmp_path / f"jobs{jobs}" / f"{table}.parquet" for jobs in (1, 2))
-        assert first.read_bytes() == second.read_bytes()
-
-
-def test_a_stream(scene: Path, logs: Path, lidarcli: Run) -> None:
-    options = ("--background", scene / "empty.parquet", "-o", "-", "--end", "0.05")
-    ran = lidarcli("-q", "detect", logs / "run.mcap", *options)
-    rows = [json.loads(line) for line in ran.out.splitlines()]
-    assert [(row["change"], round(row["difference"], 3)) for row in rows] == [("appeared", -2.0), ("appeared", -2.5)]
-
-
-def test_a_threshold_in_metres_is_one_of_the_difference(scene: Path, logs: Path, lidarcli: Run) -> None:
-    options = ("--background", scene / "empty.parquet", "-o", "-", "--end", "0.05", "--threshold")
-    ran = lidarcli("-q", "detect", logs / "run.mcap", *options, "2.2")
-    assert [json.loads(line)["beam_i"] for line in ran.out.splitlines()] == [200]
-
-
-def test_walls_may_be_asked_for(scene: Path, logs: Path, lidarcli: Run) -> None:
-    options = ("--background", scene / "empty.parquet", "-o", "-", "--end", "0.05", "--walls")
-    ran = lidarcli("-q", "detect", logs / "run.mcap", *options)
-    rows = [json.loads(line) for line in ran.out.splitlines()]
-    assert [row["set"] for row in rows[:2]] == ["O", "O"]
-    assert {(row["set"], row["change"], row["difference"]) for row in rows[2:]} == {("S", None, None)}
-
-
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        (("--removed",), "--removed, --any-frame and --station-... are for --background FILE"),
-        (("--station-distance", "1"), "--removed, --any-frame and --station-... are for --background FILE"),
-    ],
-)
-def test_options_of_a_background_need_one(logs: Path, lidarcli: Run, options: tuple[str, ...], message: str) -> None:
-    ran = lidarcli("detect", logs / "run.mcap", "-o", "-", *options)
-    assert ran.code == 2
-    assert message in ran.err
-
-
 def test_another_frame_is_refused_unless_told(scene: Path, tmp_path: Path, lidarcli: Run) -> None:
     write_log(tmp_path / "rear.mcap", [empty_room(frame="rear")])
     subtract = ("detect", tmp_path / "rear.mcap", "--background", scene / "empty.parquet")
@@ -501,12 +338,6 @@ def test_another_frame_is_refused_unless_told(scene: Path, tmp_path: Path, lidar
     )
     assert list(tmp_path.glob("*.parquet")) == []
     assert lidarcli(*subtract, "-o", tmp_path, "--any-frame").code == 0
-
-
-def test_a_leading_slash_makes_no_other_frame(scene: Path, tmp_path: Path, lidarcli: Run) -> None:
-    write_log(tmp_path / "old.mcap", [empty_room(frame="/laser")])
-    options = ("--background", scene / "empty.parquet", "-o", tmp_path)
-    assert lidarcli("detect", tmp_path / "old.mcap", *options).code == 0
 
 
 def test_views_that_do_not_overlap_are_refused(scene: Path, tmp_path: Path, lidarcli: Run) -> None:
@@ -526,20 +357,6 @@ def test_views_that_do_not_overlap_are_refused(scene: Path, tmp_path: Path, lida
     assert notes(ran.err)[1] == (
         "no background for 660 of 1,780 ranges (37.1%) of frame laser: they look where it does not"
     )
-
-
-def test_a_log_with_several_sensors(logs: Path, tmp_path: Path, lidarcli: Run) -> None:
-    both = tmp_path / "two.parquet"
-    assert lidarcli("-q", "background", "build", logs / "two.mcap", "-o", both).code == 0
-    assert pq.read_table(both)["topic"].unique().to_pylist() == ["/front", "/rear"]
-    ran = lidarcli("detect", logs / "two.mcap", "--background", both, "-o", tmp_path)
-    assert ran.code == 0
-    # What is there in half of the sweeps is background as much as what is behind it.
-    assert notes(ran.err) == ["compared with two.parquet: 0 appeared"]
-    # The frame is that of both, and the topic of neither.
-    ran = lidarcli("detect", logs / "run.mcap", "--background", both, "-o", tmp_path)
-    assert ran.code == 2
-    assert "two.parquet holds several sensors that may be frame laser of /scan: laser (/front), laser (/rear)" in ran.err
 
 
 def lap(folder: Path, name: str, shift: float = 0.0) -> Path:
@@ -602,34 +419,3 @@ def test_sweeps_without_a_station_are_counted(tmp_path: Path, lidarcli: Run) -> 
     assert notes(ran.err)[-1].endswith("40 of 40 sweeps of frame laser, not compared; 40 of them have no pose")
     ran = lidarcli("detect", away, "--background", route, "-o", "-", "--station-distance", "9", "--station-angle", "30")
     assert not any("without a station" in note for note in notes(ran.err))
-
-
-def test_from_python(scene: Path, logs: Path) -> None:
-    sensors = package.background([scene / "empty.mcap"])
-    assert [len(sensor) for sensor in sensors] == [1]
-    table = package.detect(logs / "run.mcap", background=sensors)
-    assert table["change"].to_pylist() == ["appeared"] * 30
-    assert table.equals(package.detect(logs / "run.mcap", background=scene / "empty.parquet"))
-    batches = package.detect(package.read(logs / "run.mcap"), background=sensors)
-    assert batches.drop_columns("log").equals(table.drop_columns("log"))
-    with pytest.raises(NoScanError, match="no sweep to learn a background from"):
-        package.background(scene / "empty.mcap", start=60.0)
-
-
-def test_the_signature_shows_plain_numbers_in_the_units_of_the_options() -> None:
-    for name, value in (("station_distance", 0.25), ("station_angle", 5.0)):
-        default = inspect.signature(package.background).parameters[name].default
-        assert type(default) is float
-        assert default == value
-
-
-def test_the_samples(tmp_path: Path, lidarcli: Run) -> None:
-    """Empty room, then the same room with five things in it: each is found in every sweep, and nothing else."""
-    file = tmp_path / "empty.parquet"
-    assert lidarcli("-q", "background", "build", EMPTY, "-o", file).code == 0
-    assert lidarcli("-q", "detect", EMPTY, "--background", file, "-o", tmp_path, "--removed").code == 0
-    assert pq.read_table(tmp_path / "room_empty.objects.parquet").num_rows == 0
-    ran = lidarcli("detect", ROOM, "--background", file, "-o", tmp_path, "--removed")
-    assert notes(ran.err)[0].endswith(", 0 removed")
-    swept = pq.read_table(tmp_path / "room.sweeps.parquet").to_pandas()
-    assert (swept.objects == 5).mean() >= 0.95

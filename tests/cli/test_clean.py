@@ -13,7 +13,6 @@ from mcap.writer import Writer
 
 from lidarcli.simulation.writers import write_log
 from lidarcli.tabular.schemas import CLEANED
-from tests.places import SAMPLES
 from tests.sweeping import START, STEP, room_sweeps
 
 Run = Callable[..., Any]
@@ -136,13 +135,3 @@ def test_overwriting_and_a_folder(tmp_path: Path, lidarcli: Run) -> None:
         assert lidarcli("-q", "clean", log, "-o", out, *more).code == 0
         assert sorted(each.name for each in out.iterdir()) == sorted(each.name for each in log.iterdir())
         assert (out / "metadata.yaml").read_bytes() == (log / "metadata.yaml").read_bytes()
-
-
-def test_a_driving_log_without_a_path_is_told_in_one_line(tmp_path: Path, lidarcli: Run) -> None:
-    log, out = SAMPLES / "drive.db3", tmp_path / "out.db3"
-    ran = lidarcli("clean", log, "-o", out, "--pose", "none")
-    assert ran.code == 3
-    (line,) = ran.err.splitlines()
-    assert line.endswith("of what stands seems to move; nothing written")
-    assert line.startswith(f"lidarcli: {log}: no poses (--pose none): ")
-    assert not out.exists()

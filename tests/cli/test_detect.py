@@ -47,21 +47,6 @@ def test_quiet_says_nothing(logs: Path, tmp_path: Path, lidarcli: Run) -> None:
     assert (ran.code, ran.out, ran.err) == (0, "", "")
 
 
-def test_verbose_says_more(logs: Path, tmp_path: Path, lidarcli: Run) -> None:
-    ran = lidarcli("-v", "detect", logs / "two.mcap", "-o", tmp_path)
-    lines = ran.err.splitlines()
-    assert lines[0].startswith("1 log; profile=robust, threshold=adaptive, min_beams=3, ")
-    assert "  topics   /front, /rear" in lines
-
-
-def test_default_folder_is_the_current_one(
-    logs: Path, tmp_path: Path, lidarcli: Run, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    assert lidarcli("detect", logs / "run.mcap").code == 0
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["run.objects.parquet", "run.sweeps.parquet"]
-
-
 def test_options_reach_the_tables(logs: Path, tmp_path: Path, lidarcli: Run) -> None:
     options = "--profile paper --threshold 0.5 --min-beams 2 --max-width 3 --max-gap 1 --group-gap 0.1 --walls"
     options += " --topic /scan --start 0.5 --end 1.5 --every 2 --range 0.5 10 --no-return zero,50"
@@ -86,18 +71,6 @@ def test_options_reach_the_tables(logs: Path, tmp_path: Path, lidarcli: Run) -> 
     }
     source = json.loads(table.schema.metadata[b"lidarcli.source"])
     assert source == {"format": "mcap", "name": "run.mcap", "size": (logs / "run.mcap").stat().st_size}
-
-
-def test_same_input_same_bytes(logs: Path, tmp_path: Path, lidarcli: Run) -> None:
-    for jobs, folder in (("1", "one"), ("2", "two"), ("1", "three")):
-        ran = lidarcli("-q", "detect", logs / "run.mcap", logs / "two.mcap", "-o", tmp_path / folder, "--jobs", jobs)
-        assert ran.code == 0
-    names = sorted(path.name for path in (tmp_path / "one").iterdir())
-    assert names == [f"{log}.{table}.parquet" for log in ("run", "two") for table in ("objects", "sweeps")]
-    for name in names:
-        one = (tmp_path / "one" / name).read_bytes()
-        assert (tmp_path / "two" / name).read_bytes() == one
-        assert (tmp_path / "three" / name).read_bytes() == one
 
 
 def test_logs_below_a_folder_keep_their_place(logs: Path, tmp_path: Path, lidarcli: Run) -> None:
@@ -158,17 +131,6 @@ def test_standard_input_equals_the_file(logs: Path, tmp_path: Path, lidarcli: Ru
     assert [{**row, "log": "two"} for row in rows] == expected
 
 
-def test_several_logs_on_one_stream(logs: Path, process: Run) -> None:
-    ran = process("detect", logs / "run.mcap", logs / "cut.mcap", logs / "two.mcap", "-o", "-", "--format", "parquet")
-    assert ran.returncode == 3
-    table = pq.read_table(io.BytesIO(ran.stdout))
-    names = table["log"].to_pylist()
-    assert list(dict.fromkeys(names)) == ["run", "cut", "two"]
-    source = json.loads(table.schema.metadata[b"lidarcli.source"])
-    assert [log["name"] for log in source] == ["run.mcap", "cut.mcap", "two.mcap"]
-    assert b"lidarcli.damage" in table.schema.metadata
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", ["ndjson", "csv", "arrow", "parquet"])
 def test_closed_pipe_ends_quietly(logs: Path, kind: str) -> None:
@@ -191,13 +153,6 @@ def test_full_standard_output_is_refused(logs: Path) -> None:
     assert (ran.returncode, ran.stderr.decode()) == (5, line)
 
 
-def test_empty_log_gives_empty_tables(tmp_path: Path, logs: Path, lidarcli: Run) -> None:
-    ran = lidarcli("detect", logs / "run.mcap", "--start", "1000", "-o", tmp_path)
-    assert ran.code == 0
-    assert ran.err.splitlines()[0] == f"{logs / 'run.mcap'}: 0 sweeps, 0 objects"
-    assert pq.read_table(tmp_path / "run.objects.parquet").schema.equals(OBJECTS)
-
-
 def test_objects_are_named_by_a_catalogue(lidarcli: Run, tmp_path: Path) -> None:
     catalogue = SAMPLES / "room.catalogue.toml"
     ran = lidarcli("detect", SAMPLES / "room.mcap", "--catalogue", catalogue, "-o", "-", "--format", "csv", "--end", "0.05")
@@ -205,23 +160,6 @@ def test_objects_are_named_by_a_catalogue(lidarcli: Run, tmp_path: Path) -> None
     head, *rows = [line.split(",") for line in ran.out.splitlines()]
     assert [row[-6] for row in rows] == ["smaller brown box", "brown box", "brown box", "", ""]
     assert head[-6] == "label"
-
-
-def test_a_bad_catalogue_is_a_usage_error(lidarcli: Run, tmp_path: Path) -> None:
-    path = tmp_path / "things.toml"
-    path.write_text('[[thing]]\nname = "a"\nlenght = 1.0\n', encoding="utf-8")
-    ran = lidarcli("detect", SAMPLES / "room.mcap", "--catalogue", path, "-o", tmp_path / "out")
-    assert ran.code == 2
-    assert ran.err == (f"lidarcli: {path}: [[thing]] number 1: unknown key 'lenght'; did you mean 'length'?\n")
-    assert lidarcli("detect", SAMPLES / "room.mcap", "--catalogue", tmp_path / "none.toml").code == 3
-
-
-def test_no_output_replaces_the_catalogue(lidarcli: Run, tmp_path: Path) -> None:
-    path = tmp_path / "things.csv"
-    path.write_bytes((SAMPLES / "room.catalogue.toml").read_bytes())
-    ran = lidarcli("detect", SAMPLES / "room.mcap", "--catalogue", path, "-o", path, "--overwrite")
-    assert ran.code == 5
-    assert path.read_bytes() == (SAMPLES / "room.catalogue.toml").read_bytes()
 
 
 def test_patterns_of_topics_and_times_by_date(lidarcli: Run, logs: Path, tmp_path: Path) -> None:

@@ -13,8 +13,6 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from lidarcli.simulation.writers import write_log
-from tests.sweeping import room_sweeps
 from tests.tabular.writing import shortest
 
 Run = Callable[..., Any]
@@ -46,11 +44,6 @@ def test_every_format_holds_the_rows_of_the_table(lidarcli: Run, tables: Path, t
     assert pa.ipc.open_stream(tmp_path / "x.arrow").read_all().equals(expected)
     assert pq.read_table(tmp_path / "x.parquet").equals(expected)
     assert pq.read_schema(tmp_path / "x.parquet").metadata == pq.read_schema(source).metadata
-
-
-def test_the_stream_of_detect_and_an_export_of_its_table_are_the_same(lidarcli: Run, tables: Path, logs: Path) -> None:
-    streamed = lidarcli("-q", "detect", str(logs / "run.mcap"), "-o", "-", "--format", "csv")
-    assert lidarcli("export", str(tables / "run.objects.parquet"), "-o", "-").out == streamed.out
 
 
 def test_columns_in_the_order_asked_for(lidarcli: Run, tables: Path) -> None:
@@ -104,19 +97,6 @@ def test_an_undefined_stamp_is_empty(lidarcli: Run, tmp_path: Path) -> None:
     assert ran.out == 'moved_at\n2023-11-14T22:13:20.000000000Z\n""\n'
 
 
-@pytest.mark.parametrize("name", ["http://host/x.csv", "file:///tmp/x.csv", "ftp://host/x.csv"])
-def test_a_url_that_is_not_supported_makes_no_folder_of_its_name(
-    lidarcli: Run, tables: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    before = sorted(tmp_path.rglob("*"))
-    ran = lidarcli("export", str(tables / "run.sweeps.parquet"), "-o", name)
-    scheme = name.partition(":")[0]
-    assert ran.code == 2
-    assert ran.err.startswith(f"lidarcli: {name}: {scheme}:// is not supported; give a path, or a URL of s3://")
-    assert sorted(tmp_path.rglob("*")) == before
-
-
 def test_text_that_a_spreadsheet_would_run_is_told(lidarcli: Run, tmp_path: Path) -> None:
     """The data stay as the log has them, for pandas and joins by name; people are warned."""
     table = pa.table({"log": ["a", "-b"], "topic": pa.array(["=cmd|x", "/scan"]).dictionary_encode(), "x": [-1.0, 2.0]})
@@ -128,29 +108,3 @@ def test_text_that_a_spreadsheet_would_run_is_told(lidarcli: Run, tmp_path: Path
     assert "formula" not in lidarcli("export", tmp_path / "odd.parquet", "-o", tmp_path / "odd.ndjson").err
     words = (tmp_path / "odd.parquet", "--columns", "x", "-o", tmp_path / "x.csv")
     assert "formula" not in lidarcli("export", *words).err
-
-
-@pytest.mark.parametrize("command", ["detect", "track"])
-def test_the_objects_as_csv_tell_it_as_an_export_does(
-    lidarcli: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, command: str
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    for name, topic in (("odd", "=cmd|x"), ("-b", "=cmd|x"), ("run", "/scan")):
-        write_log(Path(f"{name}.mcap"), [room_sweeps(topic)])
-    ran = lidarcli(command, "-o", "-", "--format", "csv", "./odd.mcap", "./-b.mcap")
-    assert ran.code == 0
-    told = [line for line in ran.err.splitlines() if "formula" in line]
-    assert told == [FORMULAS.format("topic"), FORMULAS.format("log")]
-    assert "formula" not in lidarcli(command, "-o", "-", "--format", "csv", "run.mcap").err
-    assert "formula" not in lidarcli(command, "-o", "-", "odd.mcap").err
-    file = lidarcli(command, "-o", "odd.csv", "odd.mcap")
-    assert FORMULAS.format("topic") in file.err.splitlines()
-
-
-def test_a_table_of_very_many_columns_is_refused(lidarcli: Run, tmp_path: Path) -> None:
-    wide = tmp_path / "wide.parquet"
-    pq.write_table(pa.table({f"c{k}": [1] for k in range(1001)}), wide)
-    ran = lidarcli("export", wide, "-o", tmp_path / "wide.csv")
-    assert (ran.code, (tmp_path / "wide.csv").exists()) == (2, False)
-    assert ran.err == (f"lidarcli: {wide}: has 1,001 columns, and at most 1,000 are written; choose some with --columns\n")
-    assert lidarcli("export", wide, "-o", "-", "--columns", "c7,c3").out == "c7,c3\n1,1\n"

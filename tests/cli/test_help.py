@@ -28,12 +28,6 @@ from tools.reference import commands
 
 Run = Callable[..., Any]
 
-CONTRACT = (
-    *("--topic", "--profile", "--threshold", "--min-beams", "--max-width", "--max-gap", "--range", "--no-return"),
-    *("--start", "--end", "--every", "--walls", "--jobs", "--overwrite", "--beams", "--format", "--output"),
-    *("--angle-min", "--angle-increment", "--fov", "--range-max", "--degrees", "--range-unit", "--group-gap"),
-)
-
 
 def options(name: str) -> dict[str, click.Option]:
     command = cli.get_command(click.Context(cli, **cli.context_settings), name)
@@ -44,10 +38,6 @@ def options(name: str) -> dict[str, click.Option]:
         if isinstance(parameter, click.Option)
         for spelling in parameter.opts
     }
-
-
-def test_detect_has_every_option_of_the_contract() -> None:
-    assert set(CONTRACT) <= set(options("detect"))
 
 
 @pytest.mark.parametrize("name", COMMANDS)
@@ -146,25 +136,6 @@ def test_a_command_imports_nothing_that_it_does_not_use(
     )
     ran = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=True)
     assert ran.stdout.splitlines()[-1] == "0 []"
-
-
-@pytest.mark.parametrize("words", [(), ("detect",), ("background",), ("background", "build")])
-def test_help_is_a_word_too(lidarcli: Run, words: tuple[str, ...]) -> None:
-    asked = lidarcli(*words, "--help")
-    assert asked.out.startswith("Usage: lidarcli")
-    assert lidarcli("help", *words) == asked
-
-
-def test_help_of_a_mistyped_command(lidarcli: Run) -> None:
-    ran = lidarcli("help", "detct")
-    assert (ran.code, ran.out) == (2, "")
-    assert ran.err.endswith("Error: No such command 'detct'. Did you mean 'detect'?\n")
-
-
-def test_jobs_have_a_short_form_everywhere() -> None:
-    having = [name for name in COMMANDS if "--jobs" in options(name)]
-    assert having == ["detect", "track", "diff", "map", "zones", "clean", "overlay"]
-    assert all(options(name).get("-j") is options(name)["--jobs"] for name in having)
 
 
 def test_help_leaves_out_what_only_some_logs_need(lidarcli: Run) -> None:

@@ -104,12 +104,6 @@ def test_json(logs: Path, lidarcli: Run) -> None:
     }
 
 
-def test_range_options_change_the_status(logs: Path, lidarcli: Run) -> None:
-    ran = lidarcli("info", logs / "run.mcap", "--range", "1.8", "3", "--no-return", "inf", "--format", "json")
-    (scan,) = json.loads(ran.out)[0]["scans"]
-    assert scan["beams_by_status"] == {"valid": 400, "no_return": 20, "too_close": 300, "invalid": 6480, "masked": 0}
-
-
 def test_brief_is_a_line_per_log(logs: Path, tmp_path: Path, lidarcli: Run) -> None:
     empty = tmp_path / "empty.mcap"
     with empty.open("wb") as file:
@@ -151,13 +145,6 @@ def test_several_logs(logs: Path, lidarcli: Run) -> None:
     assert all(len(line) <= 80 for line in blocks[1].splitlines()[1:])
 
 
-def test_json_of_a_bad_and_a_good_log(logs: Path, tmp_path: Path, lidarcli: Run) -> None:
-    (tmp_path / "empty.csv").touch()
-    ran = lidarcli("info", tmp_path / "empty.csv", logs / "run.mcap", "--format", "json")
-    assert (ran.code, ran.err) == (3, f"lidarcli: {tmp_path / 'empty.csv'}: is empty\n")
-    assert [info["path"] for info in json.loads(ran.out)] == [str(logs / "run.mcap")]
-
-
 @pytest.mark.parametrize("more", [(), ("--deep",)])
 def test_one_topic_of_two(logs: Path, lidarcli: Run, more: tuple[str, ...]) -> None:
     both, rear = (
@@ -170,15 +157,6 @@ def test_one_topic_of_two(logs: Path, lidarcli: Run, more: tuple[str, ...]) -> N
     told = [one["id"] for one in both["findings"] if one["topic"] == "/front"]
     assert told
     assert {one["topic"] for one in rear["findings"]} == {"/rear"}
-
-
-@pytest.mark.slow
-def test_one_topic_of_a_pipe(logs: Path, process: Callable[..., Any]) -> None:
-    data = (logs / "two.mcap").read_bytes()
-    ran = process("info", "-", "--topic", "/rear", "--format", "json", input=data)
-    assert ran.returncode == 0
-    assert [(scan["topic"], scan["sweeps"]) for scan in json.loads(ran.stdout)[0]["scans"]] == [("/rear", 20)]
-    assert process("info", "-", "--topic", "/left", input=data).returncode == 4
 
 
 def test_hundreds_of_topics_do_not_hide_the_scans(tmp_path: Path, lidarcli: Run) -> None:

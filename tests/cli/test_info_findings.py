@@ -13,11 +13,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from lidarcli.cli.info import as_text
 from lidarcli.findings import Finding, Fix, transform_lines
-from lidarcli.logs.base import Topic
 from lidarcli.masks import Mask, Masks, Mount, Sector
-from lidarcli.pipeline.inspecting import LogInfo
 from lidarcli.pipeline.reading import deep
 from lidarcli.simulation.writers import write_log
 from tests.sweeping import room_sweeps
@@ -93,12 +90,6 @@ def test_a_check_that_means_nothing(lidarcli: Run, check: str, says: str) -> Non
     assert says in ran.err
 
 
-@pytest.mark.usefixtures("folder")
-def test_a_check_of_what_only_deep_finds(lidarcli: Run) -> None:
-    assert lidarcli("info", "fine.mcap", "--brief", "--deep", "--check", "findings.body == 0").code == 0
-    assert lidarcli("info", "fine.mcap", "--brief", "--check", "findings.mount == 0").code == 0
-
-
 def test_checks_of_what_cannot_be_read_do_not_pass(lidarcli: Run, logs: Path, folder: Path) -> None:
     assert lidarcli("info", logs / "cut.mcap", "--check", "findings.errors == 0").code == 3
     assert lidarcli("info", logs / "cut.mcap", "--check", "findings.errors == 1").code == 1
@@ -121,7 +112,6 @@ def test_a_closer_look_reads_twice(process: Callable[..., Any], folder: Path) ->
 @pytest.mark.parametrize(
     ("words", "says"),
     [
-        (["-o", "robot.toml"], "writes what is learned from a log: add --mask auto or --deep"),
         (["--deep", "-o", "robot.json"], "-o robot.json: the suffix is none of .toml, .yaml"),
         (["odd.mcap", "--deep", "-o", "robot.toml"], "-o is for one log, and these are 2"),
     ],
@@ -186,11 +176,3 @@ def test_both_commands_tell_one_transform(pose: tuple[float, float, float], name
     assert (x, y, yaw) == pose
     assert (z, pitch, roll) == (0.0, 0.0, 0.0)
     assert tuple(old[9:]) == (told.frame_id, told.child_frame_id) == names
-
-
-def test_whatever_a_frame_is_called_a_finding_is_a_line() -> None:
-    info = LogInfo(
-        *("run", "mcap", "none", 1, (), (Topic("/scan", "sensor_msgs/msg/LaserScan", "cdr", 0),), (), (), (), (), (), ()),
-        findings=(Finding("frames", "hint", "/scan", "a\n::error", "frame a\n::error\x1b[31m"),),
-    )
-    assert as_text(info).splitlines()[-1].startswith("  hint     frames     frame a")

@@ -11,7 +11,6 @@ from pathlib import Path
 import pyarrow.parquet as pq
 import pytest
 
-import lidarcli as python
 from tests.conftest import Ran
 from tests.places import SAMPLES
 from tests.splitting import split_mcap
@@ -79,15 +78,6 @@ def test_a_folder_holds_the_parts_of_one_log(drive: Path, lidarcli: Run, tmp_pat
     assert apart.out.count("read ") == 3
 
 
-def test_one_part_is_read_as_ever(drive: Path, lidarcli: Run, tmp_path: Path) -> None:
-    (one,) = parts(drive, 0)
-    said = [lidarcli("track", one, "-o", tmp_path / name, *join) for name, join in (("a", ()), ("b", ("--join",)))]
-    assert said[0].err.replace("/a/", "/b/") == said[1].err
-    for table in TABLES:
-        name = f"drive_0.{table}.parquet"
-        assert (tmp_path / "a" / name).read_bytes() == (tmp_path / "b" / name).read_bytes()
-
-
 def test_parts_in_several_containers(drive: Path, lidarcli: Run, tmp_path: Path) -> None:
     """The end of the log in a bag of ROS 2 by itself, whose files are read by the same chain."""
     lidarcli("-q", "detect", drive / "drive.mcap", "-o", tmp_path / "whole", "--pose", "none")
@@ -101,17 +91,6 @@ def test_parts_in_several_containers(drive: Path, lidarcli: Run, tmp_path: Path)
     told = source_of(tmp_path / "joined" / "drive.objects.parquet")
     assert told["format"] == "mcap+ros2 bag (mcap)"
     assert [part["name"] for part in told["parts"]] == ["drive_0.mcap", "drive_1.mcap", "drive_2"]  # type: ignore[attr-defined]
-
-
-def test_text_of_one_layout_is_joined(lidarcli: Run, tmp_path: Path) -> None:
-    lidarcli("-q", "simulate", SAMPLES / "drive.toml", "-o", tmp_path / "drive.csv", "--sweeps", 30)
-    head, *lines = (tmp_path / "drive.csv").read_text().splitlines(keepends=True)
-    files = [tmp_path / f"drive_{number}.csv" for number in range(3)]
-    for number, file in enumerate(files):
-        file.write_text(head + "".join(lines[10 * number : 10 * number + 10]))
-    lidarcli("-q", "track", tmp_path / "drive.csv", "-o", tmp_path / "whole")
-    assert lidarcli("-q", "track", "--join", *reversed(files), "-o", tmp_path / "joined").code == 0
-    assert_same_tables(tmp_path / "whole", tmp_path / "joined")
 
 
 def test_a_damaged_part_is_named_and_the_rest_is_read(drive: Path, lidarcli: Run, tmp_path: Path) -> None:
@@ -158,19 +137,6 @@ def test_what_is_made_of_the_parts_has_the_same_bytes(
     assert made[0] == made[1]
 
 
-def test_a_background_is_that_of_the_whole_log(drive: Path, lidarcli: Run, tmp_path: Path) -> None:
-    built = []
-    for name, log in (("whole", [drive / "drive.mcap"]), ("joined", ["--join", drive / "parts"])):
-        output = tmp_path / f"{name}.parquet"
-        assert lidarcli("-q", "background", "build", *log, "-o", output).code == 0
-        built.append(pq.read_table(output))
-    assert built[0].equals(built[1])
-    subtract = ("detect", "--background", tmp_path / "joined.parquet")
-    lidarcli("-q", *subtract, drive / "drive.mcap", "-o", tmp_path / "whole")
-    lidarcli("-q", *subtract, "--join", drive / "parts", "-o", tmp_path / "joined")
-    assert_same_tables(tmp_path / "whole", tmp_path / "joined", ("sweeps",))
-
-
 def test_info_tells_the_parts_in_their_order(drive: Path, lidarcli: Run) -> None:
     whole, joined = (
         json.loads(lidarcli("info", *log, "--format", "json").out)[0]
@@ -208,35 +174,8 @@ def test_a_joined_log_is_one_log_of_a_run(drive: Path, lidarcli: Run, tmp_path: 
     words = [line.split()[0] for line in lidarcli(*run, "--dry-run").out.splitlines()]
     assert words == ["read", "write", "write", "skip"]
     assert lidarcli("-q", *run).code == 0
-    sizes = [path.stat().st_size for path in (tmp_path / "bags" / "parts").iterdir()]
-    manifests = (tmp_path / "out" / "_lidarcli").glob("*.parquet")
-    rows = [row for file in sorted(manifests) for row in pq.read_table(file).to_pylist()]
-    assert [(row["log"], row["sweeps"]) for row in rows] == [
-        ("parts/drive", SWEEPS),
-        ("room", 100),
-        ("parts/drive", SWEEPS + 100),
-    ]
-    assert rows[-1]["size"] == sum(sizes)
-    # Without a manifest the tables tell it.
-    shutil.rmtree(tmp_path / "out" / "_lidarcli")
     read = [line for line in lidarcli(*run, "--dry-run").out.splitlines() if not line.startswith("write")]
     assert [line.split()[0] for line in read] == ["skip", "skip"]
-
-
-@pytest.mark.slow
-def test_the_viewer_of_a_report_shows_the_sweeps_of_parts(drive: Path, lidarcli: Run, tmp_path: Path) -> None:
-    lidarcli("-q", "detect", "--join", drive / "parts", "-o", tmp_path)
-    pages = []
-    for name, log in (
-        ("whole", ("--log", drive / "drive.mcap")),
-        ("joined", ("--join", *(word for path in parts(drive, 1, 0, 2) for word in ("--log", path)))),
-    ):
-        ran = lidarcli("report", tmp_path / "drive.objects.parquet", "-o", tmp_path / f"{name}.html", *log)
-        assert ran.code == 0, ran.err
-        pages.append((tmp_path / f"{name}.html").read_text())
-    assert "--join" in pages[1]
-    data = [[line for line in page.splitlines() if len(line) > 10_000] for page in pages]
-    assert data[0] == data[1] != []
 
 
 def test_what_makes_no_sense_is_refused(drive: Path, lidarcli: Run, tmp_path: Path) -> None:
@@ -246,22 +185,3 @@ def test_what_makes_no_sense_is_refused(drive: Path, lidarcli: Run, tmp_path: Pa
     assert "run.csv is csv (rostopic echo -p) and drive_0.mcap is mcap: CSV is joined with CSV" in ran.err
     assert lidarcli("poses", *parts(drive, 0, 1), "-o", tmp_path / "x.tum").code == 2
     assert not [*tmp_path.glob("*.objects.parquet")]
-
-
-@pytest.mark.slow
-def test_in_python(drive: Path, tmp_path: Path) -> None:
-    files = parts(drive, 2, 0, 1)
-    whole, joined = python.track(drive / "drive.mcap"), python.track(files, join=True)
-    assert joined.tracks.equals(whole.tracks)
-    assert joined.objects.equals(whole.objects)
-    assert sum(len(batch) for batch in python.read(drive / "parts", join=True)) == SWEEPS
-    assert [batch.log for batch in python.read(files, join=True)] == ["drive"]
-    (told,) = python.info(drive / "parts", join=True)
-    assert [part["name"] for part in told["parts"]] == [f"drive_{number}.mcap" for number in range(3)]
-    assert python.map(files, join=True).cells.tolist() == python.map(drive / "drive.mcap").cells.tolist()
-    python.plot(files, 70, tmp_path / "sweep.png", join=True)
-    assert (tmp_path / "sweep.png").stat().st_size > 1000
-    copy = tmp_path / "drive_1.mcap"
-    copy.write_bytes(b"")
-    with pytest.warns(UserWarning, match=r"drive_0\.mcap and 1 more: drive_1\.mcap: the whole file is lost"):
-        python.detect([files[1], copy], join=True)

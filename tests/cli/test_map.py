@@ -4,10 +4,7 @@ from __future__ import annotations
 
 import errno
 import json
-import subprocess
-import sys
 from collections import Counter
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -17,12 +14,11 @@ import pytest
 from mcap.reader import make_reader
 from PIL import Image
 
-from lidarcli.formalism.mapping.grid import FARTHEST_CELLS, FREE, OCCUPIED, UNKNOWN, Occupancy, compare
+from lidarcli.formalism.mapping.grid import FREE, OCCUPIED, UNKNOWN
 from lidarcli.logs.batches import ReadOptions
 from lidarcli.maps import CloudPoints, PlyWriter, read_map
 from lidarcli.pipeline.mapping import WRITERS
-from lidarcli.pipeline.reading.pose_sources import PoseOptions
-from lidarcli.pipeline.runs import over_logs
+from lidarcli.pipeline.reading.posing import PoseOptions
 from lidarcli.simulation.writers import write_log
 from lidarcli.tabular.schemas import CLOUD
 from tests.cli.maps import COUNTED, DRIVE, FITS_NOTE, POSES_NOTE, Run, mapped, names, occupied, ply, still
@@ -112,26 +108,6 @@ def test_clouds(lidarcli: Run, tmp_path: Path) -> None:
     assert np.mean(there) > 0.985
 
 
-@pytest.mark.slow
-def test_everything_at_once_twice_and_quietly(lidarcli: Run, tmp_path: Path) -> None:
-    for folder in ("a", "b"):
-        outputs = [
-            word for name in ("m.yaml", "m.png", "m.mcap", "m.ply", "m.pcd") for word in ("-o", tmp_path / folder / name)
-        ]
-        ran = lidarcli("-q", "map", DRIVE, *outputs)
-        assert (ran.code, ran.out, ran.err) == (0, "", "")
-    assert names(tmp_path / "a") == ["m.mcap", "m.pcd", "m.pgm", "m.ply", "m.png", "m.yaml"]
-    for name in names(tmp_path / "a"):
-        assert (tmp_path / "a" / name).read_bytes() == (tmp_path / "b" / name).read_bytes(), name
-
-
-@pytest.mark.slow
-def test_the_table_twice(lidarcli: Run, tmp_path: Path) -> None:
-    for name in ("a", "b"):
-        assert lidarcli("-q", "map", DRIVE, "-o", tmp_path / f"{name}.parquet", "--voxel", "0.05").code == 0
-    assert (tmp_path / "a.parquet").read_bytes() == (tmp_path / "b.parquet").read_bytes()
-
-
 @pytest.mark.parametrize("size", [7, pytest.param(1, marks=pytest.mark.slow)])
 def test_batches_do_not_matter(tmp_path: Path, size: int) -> None:
     options: dict[str, Any] = {"free_no_return": 2.0, "voxel": 0.02}
@@ -142,12 +118,6 @@ def test_batches_do_not_matter(tmp_path: Path, size: int) -> None:
         assert (tmp_path / "whole" / name).read_bytes() == (tmp_path / "cut" / name).read_bytes(), name
     whole, cut = (pq.read_table(tmp_path / folder / "m.parquet") for folder in ("whole", "cut"))
     assert whole.equals(cut)
-
-
-def test_agents_are_left_out_whatever_the_batches(walk: Path, tmp_path: Path) -> None:
-    for size in (768, 11):
-        mapped([walk / "walk.mcap"], [tmp_path / f"{size}.yaml"], ReadOptions(batch_size=size), without="agents")
-    assert (tmp_path / "768.pgm").read_bytes() == (tmp_path / "11.pgm").read_bytes()
 
 
 def two_sensors(folder: Path) -> tuple[Path, Path]:
@@ -184,17 +154,6 @@ def test_clouds_of_two_sensors_have_the_same_points_whatever_the_batches(tmp_pat
     assert len(found[0]) > 100
 
 
-def test_two_sensors_are_both_in_the_map(lidarcli: Run, tmp_path: Path) -> None:
-    log, path = two_sensors(tmp_path)
-    ran = lidarcli("map", log, "--poses", path, "-o", tmp_path / "m.parquet", "--min-move", 0)
-    assert ran.code == 0
-    table = pq.read_table(tmp_path / "m.parquet")
-    assert Counter(table["topic"].to_pylist()) == {"/a": 20 * 90, "/b": 20 * 90}
-    ran = lidarcli("map", log, "--poses", path, "-o", tmp_path / "b.parquet", "--topic", "b")
-    assert ran.code == 0
-    assert set(pq.read_table(tmp_path / "b.parquet")["topic"].to_pylist()) == {"/b"}
-
-
 def test_two_topics_of_one_frame_count_once(lidarcli: Run, logs: Path, tmp_path: Path) -> None:
     lines = [f"{1_700_000_000 + k} {0.25 * k} 0 0 0 0 0 1\n" for k in range(-1, 4)]
     (tmp_path / "p.tum").write_text("".join(lines))
@@ -229,22 +188,6 @@ def test_a_log_twice_counts_double(lidarcli: Run, tmp_path: Path) -> None:
     assert occupied(tmp_path / "once.yaml") < occupied(tmp_path / "loose.yaml")
 
 
-@pytest.mark.slow
-def test_a_log_twice_side_by_side(lidarcli: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Both are done before the first log, which takes longer."""
-    monkeypatch.setattr(over_logs, "WORTH_A_PROCESS", 1)
-    for name, count in (("long", 3000), ("short", 5)):
-        write_log(tmp_path / f"{name}.mcap", [raw_sweeps(round_room(count))])
-    (tmp_path / "p.tum").write_text("1699999999 0 0 0 0 0 0 1\n1700001000 9 0 0 0 0 0 1\n")
-    logs = [tmp_path / f"{name}.mcap" for name in ("long", "short", "short")]
-    for jobs in (1, 2):
-        options = ("--poses", tmp_path / "p.tum", "--min-move", 0, "--jobs", jobs)
-        ran = lidarcli("map", *logs, "-o", tmp_path / str(jobs) / "m.yaml", *options)
-        assert ran.code == 0, ran.err
-        assert "map of 3,010 sweeps in world: " in ran.err
-    assert (tmp_path / "1" / "m.pgm").read_bytes() == (tmp_path / "2" / "m.pgm").read_bytes()
-
-
 class Broken(PlyWriter):
     """A cloud on a disk that is full for a moment, at the third time that it is written to."""
 
@@ -267,75 +210,3 @@ def test_a_cloud_that_cannot_be_written_ends_the_run(
     ran = lidarcli("map", log, log, *words)
     assert (ran.code, ran.out) == (5, "")
     assert names(tmp_path) == ["odd.mcap", "odd.tum"]
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("suffix", ["ply", "pcd", "parquet"])
-def test_no_room_for_a_cloud(walk: Path, tmp_path: Path, suffix: str) -> None:
-    """A limit on the size of files, met when the last bytes are written."""
-    command = ["sh", "-c", 'ulimit -f 1; exec "$@"', "sh", sys.executable, "-m", "lidarcli", "-q", "map"]
-    words = [str(walk / "walk.mcap"), "-o", str(tmp_path / f"m.{suffix}"), "--voxel", "0.5"]
-    ran = subprocess.run([*command, *words], capture_output=True, text=True, check=False)
-    assert (ran.returncode, len(ran.stderr.splitlines())) == (5, 1)
-    assert f"cannot write {tmp_path / f'm.{suffix}'}: " in ran.stderr
-    assert names(tmp_path) == []
-
-
-def test_the_order_of_logs_does_not_matter(lidarcli: Run, walk: Path, tmp_path: Path) -> None:
-    for name, logs in (("ab", (DRIVE, walk / "walk.mcap")), ("ba", (walk / "walk.mcap", DRIVE))):
-        assert lidarcli("-q", "map", *logs, "-o", tmp_path / name / "m.yaml").code == 0
-    for name in ("m.yaml", "m.pgm"):
-        assert (tmp_path / "ab" / name).read_bytes() == (tmp_path / "ba" / name).read_bytes()
-
-
-def slow_compare(found: Occupancy, true: Occupancy) -> dict[str, float]:
-    """The figures by looking at every pair of cells."""
-
-    def cells(grid: Occupancy) -> Any:
-        rows, columns = np.nonzero(grid.cells == OCCUPIED)
-        return np.column_stack([columns + round(grid.x / 0.05), rows + round(grid.y / 0.05)])
-
-    mine, theirs = cells(found), cells(true)
-    apart = np.abs(mine[:, None] - theirs)
-    touching = apart.max(axis=2) <= 1
-    precision, recall = float(touching.any(axis=1).mean()), float(touching.any(axis=0).mean())
-    distance = np.minimum(np.hypot(*np.moveaxis(apart, 2, 0)).min(axis=0), FARTHEST_CELLS)
-    return {
-        "cells": len(mine),
-        "true_cells": len(theirs),
-        "precision": precision,
-        "recall": recall,
-        "f1": 2 * precision * recall / (precision + recall),
-        "mean_distance": float(distance.mean()) * 0.05,
-    }
-
-
-def test_two_maps_are_compared(lidarcli: Run, walk: Path, tmp_path: Path) -> None:
-    assert lidarcli("-q", "map", walk / "walk.mcap", "-o", tmp_path / "m.yaml").code == 0
-    ran = lidarcli("-q", "diff", walk / "truth.yaml", tmp_path / "m.yaml", "--format", "json")
-    assert (ran.code, ran.err) == (0, "")
-    found = json.loads(ran.out)["figures"]
-    grid, true = read_map(tmp_path / "m.yaml"), read_map(walk / "truth.yaml")
-    right = slow_compare(grid, true)
-    assert asdict(compare(grid, true)) == pytest.approx(right)
-    assert {name: found[name] for name in ("precision", "recall", "f1")} == pytest.approx(
-        {name: right[name] for name in ("precision", "recall", "f1")}
-    )
-    assert (right["cells"], right["true_cells"]) == (1086, 583)
-    assert (found["precision"], found["recall"]) == pytest.approx((0.9862, 0.9931), abs=1e-4)
-
-
-def test_names_of_files(lidarcli: Run, walk: Path, tmp_path: Path) -> None:
-    for name in ("häß 'x' \"y\"", "two\nlines", "a: b #c", "-o"):
-        out = tmp_path / f"{name}.yaml"
-        assert lidarcli("-q", "map", walk / "walk.mcap", "-o", out).code == 0
-        assert out.with_suffix(".pgm").exists()
-        assert read_map(out).occupied == 1086
-
-
-def test_a_folder_that_is_not_there_is_made(lidarcli: Run, walk: Path, tmp_path: Path) -> None:
-    assert lidarcli("-q", "map", walk / "walk.mcap", "-o", tmp_path / "a" / "b" / "m.yaml").code == 0
-    assert names(tmp_path) == ["a", "a/b", "a/b/m.pgm", "a/b/m.yaml"]
-    (tmp_path / "file").touch()
-    ran = lidarcli("map", walk / "walk.mcap", "-o", tmp_path / "file" / "m.yaml")
-    assert (ran.code, len(ran.err.splitlines())) == (5, 1)

@@ -12,12 +12,11 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from lidarcli.formalism.mapping.grid import OCCUPIED
 from lidarcli.maps import read_map
 from lidarcli.simulation.writers import write_log
 from lidarcli.sweeps import RawSweeps
 from tests.cli.maps import COUNTED, DRIVE, Run, fields, names, occupied, ply, still
-from tests.places import ROOT, SAMPLES
+from tests.places import ROOT
 from tests.sweeping import raw_sweeps
 
 
@@ -43,13 +42,6 @@ def test_logs_without_poses(lidarcli: Run, tmp_path: Path) -> None:
         f"lidarcli: {DRIVE}: no topic /nowhere with poses in this log (it has /odom, /tf, /tf_static)\n",
     )
     assert names(tmp_path) == []
-
-
-def test_a_log_that_tells_no_poses_is_mapped_by_its_matched_path(lidarcli: Run, tmp_path: Path) -> None:
-    ran = lidarcli("map", SAMPLES / "people.csv.gz", "-o", tmp_path / "m.yaml")
-    assert ran.code == 0
-    assert "map of 1 sweep in match: " in ran.err
-    assert len(occupied(tmp_path / "m.yaml")) > 500
 
 
 def test_a_log_without_poses_beside_a_good_one(lidarcli: Run, tmp_path: Path) -> None:
@@ -79,17 +71,6 @@ def test_a_damaged_log_is_mapped_as_far_as_it_can_be_read(lidarcli: Run, walk: P
     assert json.loads(metadata[b"lidarcli.damage"])[0].startswith("cut.mcap: ")
 
 
-def test_a_damaged_database_is_mapped_as_far_as_it_can_be_read(lidarcli: Run, tmp_path: Path) -> None:
-    log = tmp_path / "cut.db3"
-    data = DRIVE.read_bytes()
-    log.write_bytes(data[: len(data) * 3 // 4])
-    ran = lidarcli("map", log, "-o", tmp_path / "m.yaml")
-    assert ran.code == 3
-    assert ran.err.startswith(f"lidarcli: {log}: ")
-    assert names(tmp_path) == ["cut.db3", "m.pgm", "m.yaml"]
-    assert len(occupied(tmp_path / "m.yaml")) > 100
-
-
 @pytest.mark.parametrize("kind", ["nothing", "zero"])
 @pytest.mark.parametrize("suffix", ["mcap", "yaml", "png", "ply"])
 def test_sweeps_that_see_nothing(lidarcli: Run, tmp_path: Path, kind: str, suffix: str) -> None:
@@ -112,15 +93,6 @@ def test_sweeps_of_few_beams(lidarcli: Run, tmp_path: Path, beams: int) -> None:
     assert ran.code == 0
     ahead, behind = {*range(40, 45)}, {*range(-41, -36)}
     assert {i for i, _ in occupied(tmp_path / "m.yaml")} == ahead | (behind if beams == 2 else set())
-
-
-@pytest.mark.slow
-def test_a_sweep_of_many_beams(lidarcli: Run, tmp_path: Path) -> None:
-    log, path = still(tmp_path, np.full((3, 400_000), 4.0, np.float32))
-    ran = lidarcli("map", log, "--poses", path, "-o", tmp_path / "m.yaml", "--min-move", 0, "--min-hits", 1)
-    assert ran.code == 0
-    # Some cells of the circle are passed by the two other sweeps, which is not enough to free them.
-    assert len(occupied(tmp_path / "m.yaml")) > 8 * 4.0 / 0.05 - 20
 
 
 @pytest.mark.parametrize("step", [np.nan, np.inf, -np.inf, 1e30, -1e30, 1e-45])
@@ -166,21 +138,6 @@ def test_deskewing_sharpens(lidarcli: Run, tmp_path: Path) -> None:
     assert spread["skewed"] > 0.05
 
 
-def test_poses_far_away(lidarcli: Run, tmp_path: Path) -> None:
-    """A map in coordinates of a map projection, and one at 1e8 m, is the same map elsewhere."""
-    log, _ = still(tmp_path, np.full((9, 90), 3.02, np.float32))
-    shapes = []
-    for far in (0, 500_000, 100_000_000, -100_000_000):
-        lines = [f"{1_700_000_000 + k / 10:.3f} {far + 0.3 * k:.3f} {far} 0 0 0 0 1\n" for k in range(-1, 11)]
-        (tmp_path / "p.tum").write_text("".join(lines))
-        ran = lidarcli("-q", "map", log, "--poses", tmp_path / "p.tum", "-o", tmp_path / f"{far}.yaml")
-        assert ran.code == 0
-        grid = read_map(tmp_path / f"{far}.yaml")
-        assert grid.x - far == pytest.approx(-3.1, abs=0.06)
-        shapes.append((grid.cells == OCCUPIED).sum())
-    assert max(shapes) - min(shapes) <= 0.15 * max(shapes)
-
-
 BEYOND = """
 import numpy as np
 from lidarcli.formalism.mapping.grid import Counts, TooLargeError, placed
@@ -205,19 +162,3 @@ def test_no_cell_outside_is_counted() -> None:
     command = [sys.executable, "-W", "ignore", "-c", BEYOND]
     ran = subprocess.run(command, cwd=ROOT, env=checked, capture_output=True, text=True, check=False)
     assert ran.stderr == ""
-
-
-def test_a_pose_that_jumps_far(lidarcli: Run, tmp_path: Path) -> None:
-    log, _ = still(tmp_path, np.full((9, 90), 3.0, np.float32))
-    (tmp_path / "p.tum").write_text("1700000000 0 0 0 0 0 0 1\n1700000001 1000000 0 0 0 0 0 1\n")
-    ran = lidarcli("map", log, "--poses", tmp_path / "p.tum", "-o", tmp_path / "m.yaml")
-    assert (ran.code, len(ran.err.splitlines())) == (2, 1)
-    assert f"{log}: the map would reach over " in ran.err
-    assert not (tmp_path / "m.yaml").exists()
-
-
-def test_a_pipe_with_a_path_from_a_file(process: Run, tmp_path: Path) -> None:
-    log, path = still(tmp_path, np.full((9, 90), 3.0, np.float32))
-    words = ("map", "-", "--poses", path, "-o", tmp_path / "m.yaml")
-    ran = process(*words, input=log.read_bytes())
-    assert (ran.returncode, (tmp_path / "m.yaml").exists()) == (0, True), ran.stderr

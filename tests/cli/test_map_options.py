@@ -43,13 +43,6 @@ def test_start_end_every_range_min_move(lidarcli: Run, tmp_path: Path) -> None:
     assert 0 < len(close) < len(points)
 
 
-def test_range_leaves_walls_out(lidarcli: Run, tmp_path: Path) -> None:
-    for name, options in (("all", ()), ("near", ("--range", "0.1", "1.5"))):
-        assert lidarcli("-q", "map", DRIVE, "-o", tmp_path / f"{name}.yaml", *options).code == 0
-    every, close = occupied(tmp_path / "all.yaml"), occupied(tmp_path / "near.yaml")
-    assert 0 < len(close) < 0.7 * len(every)
-
-
 @pytest.mark.slow
 def test_min_hits_and_ratio(lidarcli: Run, tmp_path: Path) -> None:
     found = {}

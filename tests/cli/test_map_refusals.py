@@ -51,15 +51,6 @@ def test_what_is_refused(lidarcli: Run, tmp_path: Path, options: tuple[str, ...]
     assert names(tmp_path) == []
 
 
-@pytest.mark.parametrize("other", ["folder/../m.png", "link/m.png"])
-def test_one_file_by_two_names(lidarcli: Run, tmp_path: Path, other: str) -> None:
-    (tmp_path / "folder").mkdir()
-    (tmp_path / "link").symlink_to(tmp_path)
-    ran = lidarcli("map", DRIVE, "-o", tmp_path / "m.png", "-o", tmp_path / other)
-    assert (ran.code, (tmp_path / "m.png").exists()) == (2, False)
-    assert "is to be written twice" in ran.err
-
-
 @pytest.mark.parametrize("there", ["m.yaml", "m.pgm", "m.ply"])
 def test_what_exists_is_not_replaced_unasked(lidarcli: Run, tmp_path: Path, there: str) -> None:
     (tmp_path / there).write_text("mine")
@@ -72,15 +63,6 @@ def test_what_exists_is_not_replaced_unasked(lidarcli: Run, tmp_path: Path, ther
     assert (names(tmp_path), (tmp_path / there).read_text()) == ([there], "mine")
     assert lidarcli("-q", *words, "--overwrite").code == 0
     assert names(tmp_path) == ["m.pgm", "m.ply", "m.yaml"]
-
-
-def test_an_output_that_is_an_input(lidarcli: Run, logs: Path, walk: Path, tmp_path: Path) -> None:
-    log = tmp_path / "run.mcap"
-    log.write_bytes((walk / "walk.mcap").read_bytes())
-    before = log.read_bytes()
-    ran = lidarcli("map", log, "-o", log, "--overwrite")
-    assert (ran.code, ran.err) == (5, f"lidarcli: {log} is an input of this run ({log}); write elsewhere with -o\n")
-    assert log.read_bytes() == before
 
 
 @pytest.mark.parametrize(

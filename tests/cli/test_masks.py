@@ -44,18 +44,9 @@ def test_what_a_parked_sensor_sees_is_proposed(lidarcli: Run, parked: Path, tmp_
     assert "masked 120 (1.7%)" in ran.err
 
 
-def test_a_file_is_not_replaced_unasked(lidarcli: Run, parked: Path, tmp_path: Path) -> None:
-    (tmp_path / "robot.toml").write_text("mine")
-    ran = lidarcli("info", parked, "--mask", "auto", "-o", tmp_path / "robot.toml")
-    assert ran.code != 0
-    assert "--overwrite" in ran.err
-    assert (tmp_path / "robot.toml").read_text() == "mine"
-
-
 @pytest.mark.parametrize(
     ("words", "code", "says"),
     [
-        (["run.mcap", "-o", "new.toml"], 2, "-o writes what is learned from a log: add --mask auto or --deep"),
         (["run.mcap", "run.mcap", "--mask", "auto", "-o", "new.toml"], 2, "-o is for one log, and these are 2"),
         (["run.mcap", "--mask", "nowhere.toml"], 3, "nowhere.toml: cannot read the mask: No such file or directory"),
     ],
@@ -68,10 +59,3 @@ def test_refusals(
     assert ran.code == code
     assert says in ran.err
     assert not (tmp_path / "new.toml").exists()
-
-
-@pytest.mark.slow
-def test_a_pipe_is_read_only_once(process: Run, logs: Path) -> None:
-    ran = process("detect", "-", "-o", "-", "--mask", "auto", input=(logs / "run.mcap").read_bytes())
-    assert ran.returncode == 2
-    assert b"--mask auto reads a log twice, and a pipe is read only once: give the file's name" in ran.stderr

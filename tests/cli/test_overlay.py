@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import errno
 import json
-import os
-import re
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import replace
@@ -25,9 +22,7 @@ from lidarcli.formalism.mapping.grid import Occupancy
 from lidarcli.logs import open_log
 from lidarcli.logs.base import POSE_TYPES, SCAN_TYPES, ReadReport
 from lidarcli.maps import pgm_bytes, yaml_bytes
-from lidarcli.overlays import files
 from lidarcli.overlays.objects import PART
-from lidarcli.reports.palette import BLUE, VERMILION, on_dark
 from lidarcli.simulation.writers import write_log
 from lidarcli.sweeps import RawSweeps, concatenate
 from tests.overlays.reading import Read, read_back, stamp_ns
@@ -153,47 +148,6 @@ def test_what_is_drawn_is_what_the_tables_say(made: Path, name: str) -> None:
     assert len(arrows) > 100 if name == "people" else not arrows
 
 
-def test_agents_are_vermilion_and_what_stands_is_blue(made: Path) -> None:
-    """Bodies by the set of their rows; a path has the colour that its body has in the same sweep."""
-    table = pq.read_table(made / "people.objects.parquet", columns=["sweep", "track", "set"]).to_pylist()
-    sets = {(row["sweep"], row["track"]): row["set"] for row in table if row["track"] is not None}
-    expected = {
-        kind: [int(colour[at : at + 2], 16) / 255 for at in (1, 3, 5)]
-        for kind, colour in (("A", on_dark(VERMILION)), ("O", on_dark(BLUE)))
-    }
-    compared: Counter[tuple[str, str]] = Counter()
-    for sweep, each in enumerate(read_back(made / "people.mcap", OBJECTS)):
-        for marker in each.message.markers:
-            if marker.ns in ("body", "path") and (kind := sets.get((sweep, number_of(marker)))) is not None:
-                compared[marker.ns, kind] += 1
-                colour = (marker.color.r, marker.color.g, marker.color.b)
-                assert colour == pytest.approx(expected[kind], abs=1e-5), (sweep, marker.ns, marker.id)
-    assert min(compared["body", kind] for kind in "AO") > 100
-    assert compared["path", "A"] > 100
-
-
-def test_without_tracks_an_object_has_the_colour_of_its_shape(lidarcli: Run, made: Path, tmp_path: Path) -> None:
-    assert lidarcli("-q", "detect", str(PEOPLE), "-o", str(tmp_path)).code == 0
-    out = tmp_path / "o.mcap"
-    assert (
-        lidarcli("-q", "overlay", str(PEOPLE), "-o", str(out), "--objects", str(tmp_path / "people.objects.parquet")).code
-        == 0
-    )
-    found = read_back(out, OBJECTS)
-    rows = pq.read_table(tmp_path / "people.objects.parquet", columns=["sweep", "object", "shape"]).to_pylist()
-    shapes = {(row["sweep"], row["object"]): row["shape"] for row in rows}
-    colours: dict[str, set[tuple[float, ...]]] = {}
-    for number, each in enumerate(found):
-        for marker in each.message.markers:
-            if marker.ns == "body":
-                colour = (marker.color.r, marker.color.g, marker.color.b)
-                colours.setdefault(shapes.pop((number, marker.id)), set()).add(colour)
-    assert not shapes
-    assert {len(one) for one in colours.values()} == {1}
-    assert len({one.pop() for one in colours.values()}) == len(colours) > 1
-    assert not markers(found, "velocity")
-
-
 @pytest.mark.parametrize("log", [DRIVE, SAMPLES / "corridor.bag"], ids=["ros2", "ros1"])
 @pytest.mark.parametrize("suffix", [".mcap", ".bag"])
 def test_the_log_is_copied_as_it_is(lidarcli: Run, tmp_path: Path, log: Path, suffix: str) -> None:
@@ -248,19 +202,6 @@ def test_an_mcap_is_as_rosbag2_wants_it(made: Path) -> None:
     assert offered["/tf_static"].history is QosHistory.KEEP_ALL
 
 
-def test_a_bag_has_the_types_that_ros1_knows(made: Path) -> None:
-    # What every ROS 1 node compares before it takes a message.
-    known = {
-        MARKERS: "d155b9ce5188fbaf89745847fd5882d7",
-        "sensor_msgs/msg/LaserScan": "90c7ef2dc6895d81024acba2ac42f369",
-        "tf2_msgs/msg/TFMessage": "94810edda583a504dfda3829e70d7eec",
-        "nav_msgs/msg/Odometry": "cd5e73d190d741a2f92e81eda573aca7",
-    }
-    with AnyReader([made / "drive.bag"]) as reader:
-        assert {each.msgtype: each.digest for each in reader.connections} == known
-        assert {each.topic for each in reader.connections if each.ext.latching} == {"/tf_static"}
-
-
 def test_a_map_is_latched_in_the_world_of_the_log(lidarcli: Run, tmp_path: Path) -> None:
     cells = np.random.default_rng(1).choice(np.array([-1, 0, 100], np.int8), (5, 7))
     grid = Occupancy(0.05, -1.0, -2.0, cells)
@@ -299,21 +240,6 @@ def test_each_sensor_has_a_topic_of_its_own(lidarcli: Run, logs: Path, tmp_path:
     told = ("overlay", str(logs / "two.mcap"), "-o", str(chosen), "--with-log", "--topic", "/rear")
     assert lidarcli("-q", *told).code == 0
     assert Counter(each.topic for each in read_back(chosen)) == {"/rear": counts["/rear"], OBJECTS: counts["/rear"]}
-
-
-def test_of_two_topics_of_one_frame_the_second_is_hidden_at_first(lidarcli: Run, tmp_path: Path) -> None:
-    write_log(tmp_path / "run.mcap", [room_sweeps("/scan"), room_sweeps("/stable_scan")])
-    ran = lidarcli("overlay", tmp_path / "run.mcap", "-o", tmp_path / "o.mcap", "--with-log")
-    assert ran.code == 0
-    told = "/stable_scan is of frame laser, as /scan is, and is hidden at first; --topic takes one alone"
-    assert f"  note     {told}" in ran.err.splitlines()
-    topics = json.loads((tmp_path / "o.layout.json").read_text())["configById"]["3D!lidarcli"]["topics"]
-    assert {name: shown["visible"] for name, shown in topics.items()} == {
-        "/scan": True,
-        f"{OBJECTS}/scan": True,
-        "/stable_scan": False,
-        f"{OBJECTS}/stable_scan": False,
-    }
 
 
 def test_times_of_a_topic_go_on_where_header_stamps_go_back(lidarcli: Run, tmp_path: Path) -> None:
@@ -366,16 +292,6 @@ def test_a_log_that_is_not_ros_is_written_anew(lidarcli: Run, tmp_path: Path, en
     assert json.loads((tmp_path / "o.layout.json").read_text())["configById"]["3D!lidarcli"]["followTf"] == "odom"
 
 
-def test_the_same_input_gives_the_same_bytes(lidarcli: Run, made: Path, tmp_path: Path) -> None:
-    for suffix in (".mcap", ".bag"):
-        out = tmp_path / f"drive{suffix}"
-        told = ("--objects", str(made / "drive.objects.parquet"), "--with-log", "--overwrite")
-        assert lidarcli("-q", "overlay", str(DRIVE), "-o", str(out), *told).code == 0
-        # Also with the tables in place of the run that makes them.
-        assert out.read_bytes() == (made / out.name).read_bytes()
-    assert (tmp_path / "drive.rviz").read_bytes() == (made / "drive.rviz").read_bytes()
-
-
 def test_only_sweeps_that_the_tables_know_have_markers(lidarcli: Run, tmp_path: Path) -> None:
     assert lidarcli("-q", "track", str(DRIVE), "-o", str(tmp_path), "--every", "3", "--start", "2").code == 0
     out = tmp_path / "o.mcap"
@@ -414,15 +330,6 @@ def test_tables_that_know_more_than_the_log_are_told_of(lidarcli: Run, tmp_path:
     assert len(read_back(out, OBJECTS)) == 40
 
 
-def test_tables_of_another_log_are_refused(lidarcli: Run, made: Path, logs: Path, tmp_path: Path) -> None:
-    out = tmp_path / "o.mcap"
-    told = ("--objects", str(made / "people.objects.parquet"))
-    ran = lidarcli("overlay", str(logs / "run.mcap"), "-o", str(out), *told)
-    assert ran.code == 3
-    assert "not the tables of this log" in ran.err
-    assert not list(tmp_path.iterdir())
-
-
 @pytest.mark.parametrize(
     ("told", "code", "says"),
     [
@@ -446,33 +353,6 @@ def test_what_cannot_be_is_refused(
     assert not list(tmp_path.iterdir())
 
 
-def test_standard_input_is_refused_before_it_is_read(lidarcli: Run, tmp_path: Path) -> None:
-    ran = lidarcli("overlay", "-", "-o", str(tmp_path / "o.mcap"))
-    assert ran.code == 2
-    assert "give the name of its file" in ran.err
-
-
-def test_no_file_is_replaced_unasked(lidarcli: Run, logs: Path, tmp_path: Path) -> None:
-    log = str(logs / "run.mcap")
-    assert lidarcli("-q", "overlay", log, "-o", str(tmp_path / "o.mcap")).code == 0
-    assert {path.name for path in tmp_path.iterdir()} == {"o.mcap", "o.layout.json", "o.rviz"}
-    (tmp_path / "o.mcap").unlink()
-    ran = lidarcli("overlay", log, "-o", str(tmp_path / "o.mcap"))
-    assert ran.code == 5
-    assert "o.layout.json exists" in ran.err
-    assert lidarcli("-q", "overlay", log, "-o", str(tmp_path / "o.mcap"), "--no-layout").code == 0
-    assert lidarcli("overlay", log, "-o", log, "--overwrite").code == 5
-    assert lidarcli("-q", "overlay", log, "-o", str(tmp_path / "o.mcap"), "--overwrite").code == 0
-
-
-def test_a_log_without_objects_still_deletes(lidarcli: Run, tmp_path: Path) -> None:
-    out = tmp_path / "o.mcap"
-    assert lidarcli("-q", "overlay", str(SAMPLES / "room_empty.mcap"), "-o", str(out), "--min-thing", "1").code == 0
-    found = read_back(out, OBJECTS)
-    assert len(found) == len(sweeps_of(SAMPLES / "room_empty.mcap"))
-    assert any(len(each.message.markers) == 1 for each in found)
-
-
 def test_a_topic_of_two_frames_is_drawn_in_both(lidarcli: Run, tmp_path: Path) -> None:
     sweeps = replace(room_sweeps(count=50), frame_ids=("left", "right"), frame=(np.arange(50) % 2).astype(np.int32))
     write_log(tmp_path / "run.mcap", [sweeps])
@@ -492,23 +372,6 @@ def test_a_topic_of_two_frames_is_drawn_in_both(lidarcli: Run, tmp_path: Path) -
     )
     assert found == counts
     assert {frame for _, frame in found} == {"left", "right"}
-
-
-@pytest.mark.usefixtures("nothing_left_behind")
-@pytest.mark.parametrize("suffix", [".mcap", ".bag"])
-def test_a_full_disk_is_told_and_leaves_nothing(
-    lidarcli: Run, logs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, suffix: str
-) -> None:
-    def full(*_: object) -> None:
-        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-
-    monkeypatch.setattr(files.McapFile, "write", full)
-    monkeypatch.setattr(files.BagFile, "write", full)
-    out = tmp_path / "out"
-    ran = lidarcli("overlay", str(logs / "run.mcap"), "-o", str(out / f"o{suffix}"))
-    assert ran.code == 5
-    assert f"cannot write {out / f'o{suffix}'}: No space left on device" in ran.err
-    assert not list(out.iterdir())
 
 
 @needs_real_logs
@@ -534,15 +397,3 @@ def test_real_logs(lidarcli: Run, tmp_path: Path, name: str, frame: str, suffix:
     assert sorted(stamp_ns(each.message.markers[0]) for each in found) == sorted(stamp for _, _, stamp, _ in sweeps)
     layout = json.loads((tmp_path / "o.layout.json").read_text())
     assert layout["configById"]["3D!lidarcli"]["followTf"] == frame
-
-
-def test_a_map_that_nothing_places_leaves_the_frame_of_the_sensor(lidarcli: Run, tmp_path: Path) -> None:
-    assert lidarcli("-q", "map", DRIVE, "-o", tmp_path / "room.yaml").code == 0
-    ran = lidarcli("overlay", DRIVE, "-o", tmp_path / "x.mcap", "--map", tmp_path / "room.yaml", "--pose", "none")
-    assert ran.code == 0
-    assert (
-        "  note     the map is in frame map, and nothing tells where the sensor is in it: a viewer shows one of the two; "
-        "give --pose or --poses"
-    ) in ran.err.splitlines()
-    settings = (tmp_path / "x.rviz").read_text()
-    assert re.search(r"Fixed Frame: \"?laser\"?\n", settings), settings

@@ -2,12 +2,8 @@
 
 from __future__ import annotations
 
-import contextlib
-import os
 import re
 import shutil
-import subprocess
-import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -54,7 +50,7 @@ def test_one_sweep(lidarcli: Run, logs: Path, tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_a_sweep_without_beams_is_an_empty_picture(lidarcli: Run, tmp_path: Path) -> None:
     write_log(tmp_path / "none.mcap", [raw_sweeps(np.zeros((9, 0), np.float32))])
-    for view in ("all", "scene", "sweep", "difference", "polar"):
+    for view in ("all", "scene", "sweep"):
         out = tmp_path / f"{view}.png"
         ran = lidarcli("plot", tmp_path / "none.mcap", "--sweep", 3, "--view", view, "-o", out)
         assert ran.code == 0
@@ -63,48 +59,10 @@ def test_a_sweep_without_beams_is_an_empty_picture(lidarcli: Run, tmp_path: Path
 
 
 @pytest.mark.slow
-def test_several_sweeps(lidarcli: Run, logs: Path, tmp_path: Path) -> None:
-    log = logs / "run.mcap"
-    assert lidarcli("plot", log, "--sweeps", "3,0:10:4", "--view", "scene", "-o", tmp_path / "s.svg").code == 0
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["s-0.svg", "s-3.svg", "s-4.svg", "s-8.svg"]
-
-
-@pytest.mark.usefixtures("undrawn")
-def test_of_several_topics_the_first_is_drawn(lidarcli: Run, logs: Path, tmp_path: Path) -> None:
-    ran = lidarcli("plot", logs / "two.mcap", "-o", tmp_path / "a.png")
-    assert ran.err.splitlines()[0] == "  note     drawn is /front; also available: /rear (--topic NAME)"
-    ran = lidarcli("plot", logs / "two.mcap", "--topic", "rear", "-o", tmp_path / "b.png")
-    assert ran.err == f"  wrote    {tmp_path / 'b.png'}\n"
-
-
-@pytest.mark.slow
 def test_standard_output(process: Run, logs: Path) -> None:
     ran = process("plot", logs / "run.mcap", "-o", "-")
     assert ran.returncode == 0
     assert ran.stdout.startswith(b"\x89PNG")
-
-
-@pytest.mark.slow
-def test_a_pipe_as_log(logs: Path, tmp_path: Path) -> None:
-    command = [sys.executable, "-m", "lidarcli", "plot", "-", "--sweep", "3", "-o", str(tmp_path / "a.pdf")]
-    ran = subprocess.run(command, input=(logs / "run.mcap").read_bytes(), capture_output=True, check=False)
-    assert ran.returncode == 0, ran.stderr
-    assert (tmp_path / "a.pdf").read_bytes().startswith(b"%PDF")
-
-
-@pytest.mark.slow
-def test_a_background(lidarcli: Run, logs: Path, tmp_path: Path) -> None:
-    table = tmp_path / "empty.parquet"
-    assert lidarcli("-q", "background", "build", logs / "run.mcap", "-o", table).code == 0
-    out = tmp_path / "change.png"
-    ran = lidarcli("plot", logs / "run.mcap", "--sweep", 15, "--background", table, "-o", out)
-    assert ran.code == 0
-    assert ran.err.splitlines()[0].startswith("  note     compared with empty.parquet: ")
-    with Image.open(out) as image:
-        assert image.size == (1440, pytest.approx(1128, abs=10))
-    ran = lidarcli("plot", logs / "run.mcap", "--background", logs / "run.mcap", "-o", tmp_path / "b.png")
-    way_out = "no Parquet file; give the table of lidarcli background build"
-    assert (ran.code, ran.err) == (3, f"lidarcli: {logs / 'run.mcap'}: {way_out}\n")
 
 
 @pytest.fixture
@@ -167,35 +125,6 @@ def test_size_title_and_legend(lidarcli: Run, logs: Path, tmp_path: Path) -> Non
 def words_of(path: Path) -> list[str]:
     """What is written in an SVG."""
     return re.findall(r"<text[^>]*>([^<]*)</text>", path.read_text("utf-8"))
-
-
-def test_a_pdf_has_its_letters_with_it(lidarcli: Run, logs: Path, tmp_path: Path) -> None:
-    assert lidarcli("-q", "plot", logs / "run.mcap", "--view", "scene", "-o", tmp_path / "a.pdf").code == 0
-    data = (tmp_path / "a.pdf").read_bytes()
-    assert b"/FontFile2" in data
-    assert b"/Subtype /Type3" not in data
-
-
-@pytest.mark.slow
-@pytest.mark.skipif(sys.platform == "win32", reason="needs a pseudo-terminal")
-def test_an_animation_shows_how_far_it_is(logs: Path, tmp_path: Path) -> None:
-    import pty
-
-    ours, theirs = pty.openpty()
-    words = ("--sweeps", "0:20", "--view", "scene", "--animate", "-o", str(tmp_path / "a.gif"))
-    command = [sys.executable, "-m", "lidarcli", "plot", str(logs / "run.mcap"), *words]
-    running = subprocess.Popen(command, stderr=theirs, env={**os.environ, "COLUMNS": "120", "TERM": "xterm"})
-    os.close(theirs)
-    shown = b""
-    with contextlib.suppress(OSError):
-        while part := os.read(ours, 4096):
-            shown += part
-    os.close(ours)
-    assert running.wait() == 0
-    text = re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "", shown.decode("utf-8"))
-    assert re.search(r"\b\d+/20 ", text)
-    assert re.search(r"a\.gif .*\b\d+%", text)
-    assert re.search(r"[\d.]+ frames/s", text)
 
 
 def test_tracks_are_drawn(lidarcli: Run, logs: Path, tracked: Path, tmp_path: Path) -> None:
@@ -286,33 +215,9 @@ def test_an_animation(lidarcli: Run, logs: Path, tmp_path: Path) -> None:
         assert (ran.code, ran.err) == (2, "lidarcli: .mp4 needs ffmpeg, which is not there; write .gif instead\n")
 
 
-@pytest.mark.slow
-def test_an_animation_of_a_time(lidarcli: Run, logs: Path, tmp_path: Path) -> None:
-    found = find_logs([str(logs / "run.mcap")])[0]
-    assert isinstance(found, Source)
-    drawn = plotting.take_pictures(found, plotting.PlotOptions(None, start=0.3, end=0.65))
-    stamps = [int(picture.batch.stamp_ns[0]) for picture in drawn.pictures]
-    assert [picture.sweep for picture in drawn.pictures] == [3, 4, 5, 6]
-    assert (stamps[-1] - stamps[0]) / 1e9 == pytest.approx(0.3)
-    words = ("plot", logs / "run.mcap", "--animate", "--view", "scene", "-o", tmp_path / "a.gif")
-    ran = lidarcli(*words, "--start", 0.3, "--end", 0.65, "--width", 60)
-    assert (ran.code, ran.err) == (0, f"  wrote    {tmp_path / 'a.gif'}\n")
-    ran = lidarcli(*words, "--start", 100, "--overwrite")
-    assert (ran.code, ran.out) == (2, "")
-    assert "no sweep of /scan from 100 s on: its sweeps lie between 0.0 and 1.9 s" in ran.err
-    for more in (("--sweeps", "1,2"), ("--sweep", 3)):
-        ran = lidarcli(*words, *more, "--start", 1, "--overwrite")
-        assert ran.code == 2
-        assert "--start and --end are for --animate without --sweep and --sweeps" in ran.err
-
-
 @pytest.mark.parametrize(
     ("arguments", "code", "words"),
     [
-        (("--end", 5, "-o", "a.png"), 2, "--start and --end are for --animate without"),
-        (("--fps", 5, "-o", "a.png"), 2, "--fps is for --animate"),
-        (("--dpi", 300, "-o", "a.pdf"), 2, "--dpi is for .png and animations; .svg and .pdf have no pixels"),
-        (("--vertices", "--view", "sweep", "-o", "a.png"), 2, "give --view all, scene or polar"),
         (("--width", 10, "-o", "a.png"), 2, "Invalid value for '--width': 10 is below 40."),
         (("--fps", 60, "--animate", "-o", "a.gif"), 2, "Invalid value for '--fps': 60 is above 50."),
         (("--sweep", 20, "-o", "a.png"), 2, "no sweep 20 of /scan: the last one is 19"),
@@ -320,17 +225,10 @@ def test_an_animation_of_a_time(lidarcli: Run, logs: Path, tmp_path: Path) -> No
         (("--sweeps", "1,x", "-o", "a.png"), 2, "'x' is neither a number nor START:STOP"),
         (("--sweeps", "5:5", "-o", "a.png"), 2, "'5:5' holds no sweep"),
         (("--sweeps", "0:9:0", "-o", "a.png"), 2, "'0:9:0' is no number of a sweep"),
-        (("--sweep", 1, "--sweeps", "2", "-o", "a.png"), 2, "--sweep and --sweeps exclude each other"),
         (("-o", "a.jpg"), 2, "a.jpg: the suffix has to be one of .png, .svg, .pdf"),
         (("-o", "a.gif"), 2, "a.gif: the suffix has to be one of .png, .svg, .pdf or --animate"),
         (("--animate", "-o", "a.png"), 2, "a.png: the suffix has to be one of .gif, .mp4"),
         (("--sweeps", "1,2", "-o", "-"), 2, "standard output takes one picture"),
-        (
-            ("--tracks", "run.tracks.parquet", "--view", "polar", "-o", "a.png"),
-            2,
-            "--tracks are drawn in the scene; give --view all or scene",
-        ),
-        (("--trail", 5, "-o", "a.png"), 2, "--trail is for the paths of --tracks in the scene"),
         (("--tracks", "none.tracks.parquet", "-o", "a.png"), 3, "none.tracks.parquet: no such file or folder"),
         (
             ("--topic", "/no", "-o", "a.png"),
@@ -344,13 +242,6 @@ def test_mistakes(lidarcli: Run, logs: Path, arguments: tuple[object, ...], code
     assert (ran.code, ran.out) == (code, "")
     assert words in ran.err
     assert not Path("a.png").exists()
-
-
-def test_no_log(lidarcli: Run, logs: Path, tmp_path: Path) -> None:
-    ran = lidarcli("plot", tmp_path / "no.mcap", "-o", tmp_path / "a.png")
-    assert (ran.code, ran.err) == (3, f"lidarcli: {tmp_path / 'no.mcap'}: no such file or folder\n")
-    ran = lidarcli("plot", logs, "-o", tmp_path / "a.png")
-    assert (ran.code, ran.err) == (2, f"lidarcli: {logs}: holds 3 logs; name one of them\n")
 
 
 @pytest.mark.usefixtures("undrawn")
@@ -397,34 +288,3 @@ def test_the_sweep_at_a_time(lidarcli: Run, tmp_path: Path, monkeypatch: pytest.
     monkeypatch.chdir(tmp_path)
     ran = lidarcli("plot", SAMPLES / "people.csv.gz", "--at", time, "--view", "sweep", "--dpi", 30)
     assert (ran.code, ran.err.splitlines()[-1]) == (0, f"  wrote    people-{sweep}.png")
-
-
-@pytest.mark.parametrize(
-    ("time", "nearest"),
-    [
-        ("9999-01-01", "sweep 79, is 251,670,764,796.0 s away"),
-        ("2250-01-01", "sweep 79, is 7,135,955,196.1 s away"),
-        ("1700-01-01", "sweep 0, is 10,220,336,000.0 s away"),
-        ("0001-01-01", "sweep 0, is 63,835,596,800.0 s away"),
-    ],
-)
-def test_a_date_far_from_every_log(lidarcli: Run, time: str, nearest: str) -> None:
-    """Also where int64 cannot count the nanoseconds between them."""
-    log = SAMPLES / "people.csv.gz"
-    ran = lidarcli("plot", log, "--at", time)
-    words = f"no sweep of /scan at {time}T00:00:00Z: the nearest, {nearest}"
-    assert (ran.code, ran.err) == (2, f"lidarcli: {log}: {words}\n")
-
-
-def test_a_time_of_a_pipe_is_refused(lidarcli: Run) -> None:
-    ran = lidarcli("plot", "-", "--at", "1")
-    words = "--at reads the log twice; give the name of its file instead of -, or --sweep"
-    assert (ran.code, ran.err) == (2, f"lidarcli: {words}\n")
-
-
-def test_a_time_without_a_sweep_near_it(lidarcli: Run) -> None:
-    log = SAMPLES / "people.csv.gz"
-    ran = lidarcli("plot", log, "--at", "100")
-    nearest = "the nearest, sweep 79, is 96.0 s away"
-    assert (ran.code, ran.err) == (2, f"lidarcli: {log}: no sweep of /scan at 100 s: {nearest}\n")
-    assert "--at names one sweep" in lidarcli("plot", log, "--at", "1", "--sweep", "3").err

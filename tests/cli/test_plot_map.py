@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
-from PIL import Image
 
 from lidarcli.logs.batches import ReadOptions
 from lidarcli.pipeline.inputs.search import find_logs
@@ -89,24 +88,14 @@ def test_points_of_a_sweep_lie_on_the_map() -> None:
         grid, shot = picture.grid, picture.snapshot
         assert grid is not None
         assert shot is not None
-        column = np.floor((shot.points[0] - grid.x) / grid.resolution).astype(int)
-        row = np.floor((shot.points[1] - grid.y) / grid.resolution).astype(int)
+        column = np.floor((shot.points[:, 0] - grid.x) / grid.resolution).astype(int)
+        row = np.floor((shot.points[:, 1] - grid.y) / grid.resolution).astype(int)
         near = [(grid.cells[j - 1 : j + 2, i - 1 : i + 2] == 100).any() for i, j in zip(column, row, strict=True)]
         assert len(near) > 300
         assert np.mean(near) > 0.94
         assert len(shot.boxes) >= 2
         (path,) = picture.paths
-        assert np.hypot(path[0] - shot.x, path[1] - shot.y).min() < 0.21
-
-
-@pytest.mark.slow
-def test_several_sweeps(lidarcli: Run, tmp_path: Path) -> None:
-    ran = lidarcli("plot", DRIVE, "--view", "map", "--sweeps", "3,80", "-o", tmp_path / "m.png")
-    assert (ran.code, names(tmp_path)) == (0, ["m-3.png", "m-80.png"])
-    assert ran.err.splitlines()[-2:] == [f"  wrote    {tmp_path / f'm-{k}.png'}" for k in (3, 80)]
-    assert (tmp_path / "m-3.png").read_bytes() != (tmp_path / "m-80.png").read_bytes()
-    with Image.open(tmp_path / "m-3.png") as image:
-        assert image.size[0] > 800
+        assert np.hypot(*(path - shot.pose[:2]).T).min() < 0.21
 
 
 def test_tracks(lidarcli: Run, tables: Path, tmp_path: Path) -> None:
@@ -124,31 +113,6 @@ def test_tracks(lidarcli: Run, tables: Path, tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_tables_of_another_world(lidarcli: Run, tables: Path, tmp_path: Path) -> None:
-    out = tmp_path / "m.png"
-    ran = lidarcli("plot", DRIVE, "--view", "map", "--tracks", tables, "--pose", "match", "-o", out)
-    assert (ran.code, ran.err.splitlines()[-1]) == (
-        2,
-        f"lidarcli: {tables}: tracked in another world (frame odom) than that of the map (path matched from the sweeps); "
-        "give both commands the same --pose",
-    )
-    assert not out.exists()
-
-
-def test_tables_without_poses(lidarcli: Run, tmp_path: Path) -> None:
-    assert lidarcli("-q", "track", DRIVE, "-o", tmp_path, "--pose", "none").code == 0
-    tables = tmp_path / "drive.tracks.parquet"
-    ran = lidarcli("plot", DRIVE, "--view", "map", "--tracks", tables, "-o", tmp_path / "m.png")
-    assert (ran.code, ran.out, ran.err) == (
-        2,
-        "",
-        f"lidarcli: {tables}: its sweeps have no poses: things have no place in the world; give track and plot the same "
-        "--pose\n",
-    )
-    assert not (tmp_path / "m.png").exists()
-
-
-@pytest.mark.slow
 def test_the_world_of_a_sensor_that_stands_without_poses_is_its_frame(lidarcli: Run, tmp_path: Path) -> None:
     people = SAMPLES / "people.csv.gz"
     assert lidarcli("-q", "track", people, "-o", tmp_path).code == 0
@@ -159,9 +123,10 @@ def test_the_world_of_a_sensor_that_stands_without_poses_is_its_frame(lidarcli: 
     stand = {(row["x"], row["y"]) for row in tracks if row["set"] == "O"}
     assert {(box.x, box.y) for box in picture.boxes} <= stand
     assert len(picture.boxes) >= 2
-    assert [number for number, _, _ in picture.agents] == [row["track"] for row in tracks if row["set"] == "A"]
+    assert [number for number, _ in picture.agents] == [row["track"] for row in tracks if row["set"] == "A"]
     ways = pq.read_table(tmp_path / "people.trajectories.parquet").to_pylist()
-    for number, x, y in picture.agents:
+    for number, path in picture.agents:
+        x, y = path.T
         mine = [(row["x"], row["y"]) for row in ways if row["track"] == number]
         assert [*zip(x.tolist(), y.tolist(), strict=True)] == mine
     # Of a sensor that drives nobody knows where its things are, be the path matched or not.
@@ -192,7 +157,7 @@ def test_tracks_of_other_topics_are_left_out(lidarcli: Run, tmp_path: Path) -> N
         read = ReadOptions(topics=frozenset({topic}))
         (picture,) = take_map(found, MapOptions(read), tracks=str(tmp_path)).pictures
         mine = [row for row in tracks if row["topic"] == topic]
-        assert [number for number, _, _ in picture.agents] == [row["track"] for row in mine if row["set"] == "A"]
+        assert [number for number, _ in picture.agents] == [row["track"] for row in mine if row["set"] == "A"]
         assert [box.name for box in picture.boxes] == [str(row["track"]) for row in mine if row["set"] == "O"]
         assert len(picture.paths) == 1
     assert lidarcli("-q", "track", log, "-o", tmp_path / "one", "--topic", "/scan").code == 0
@@ -204,23 +169,11 @@ def test_tracks_of_other_topics_are_left_out(lidarcli: Run, tmp_path: Path) -> N
     )
 
 
-def test_tables_of_another_log(lidarcli: Run, tables: Path, tmp_path: Path) -> None:
-    log = tmp_path / "other.db3"
-    log.write_bytes(DRIVE.read_bytes())
-    ran = lidarcli("plot", log, "--view", "map", "--tracks", tables, "-o", tmp_path / "m.svg")
-    assert (ran.code, ran.err) == (2, f"lidarcli: {tables}: is of the log drive, not of {log}\n")
-    assert not (tmp_path / "m.svg").exists()
-
-
 @pytest.mark.parametrize(
     ("options", "cause"),
     [
         (("--sweep", 150), f"{DRIVE}: no sweep 150 with a pose in this log"),
         (("--sweeps", "3,400"), f"{DRIVE}: no sweep 400 with a pose in this log"),
-        (("--background", "x.parquet"), "--view map is a picture of its own, without --animate and --background"),
-        (("--animate",), "the suffix has to be one of .gif, .mp4"),
-        (("--sweep", 1, "--sweeps", "2"), "--sweep and --sweeps exclude each other"),
-        (("--pose", "match", "--poses", "x.tum"), "exclude each other"),
     ],
 )
 def test_what_is_refused(lidarcli: Run, tmp_path: Path, options: tuple[object, ...], cause: str) -> None:
@@ -228,12 +181,6 @@ def test_what_is_refused(lidarcli: Run, tmp_path: Path, options: tuple[object, .
     assert (ran.code, ran.out) == (2, "")
     assert cause in ran.err
     assert names(tmp_path) == []
-
-
-def test_an_animation_is_refused(lidarcli: Run, tmp_path: Path) -> None:
-    ran = lidarcli("plot", DRIVE, "--view", "map", "--animate", "-o", tmp_path / "m.gif")
-    assert (ran.code, names(tmp_path)) == (2, [])
-    assert "--view map is a picture of its own, without --animate and --background" in ran.err
 
 
 def test_without_poses(lidarcli: Run, tmp_path: Path) -> None:
@@ -244,30 +191,3 @@ def test_without_poses(lidarcli: Run, tmp_path: Path) -> None:
     assert names(tmp_path) == []
     assert lidarcli("plot", room, "--view", "map", "-o", tmp_path / "m.png").code == 0
     assert names(tmp_path) == ["m.png"]
-
-
-def test_what_exists_is_not_replaced_unasked(lidarcli: Run, tmp_path: Path) -> None:
-    (tmp_path / "m-3.svg").write_text("mine")
-    words = ("plot", DRIVE, "--view", "map", "--sweeps", "3,4", "-o", tmp_path / "m.svg")
-    ran = lidarcli(*words)
-    assert (ran.code, names(tmp_path)) == (5, ["m-3.svg"])
-    assert (tmp_path / "m-3.svg").read_text() == "mine"
-
-
-def test_the_path_is_an_input(lidarcli: Run, tmp_path: Path) -> None:
-    path = tmp_path / "run.svg"
-    assert lidarcli("-q", "poses", DRIVE, "-o", tmp_path / "run.tum").code == 0
-    path.write_bytes((tmp_path / "run.tum").read_bytes())
-    ran = lidarcli("plot", DRIVE, "--view", "map", "--poses", path, "-o", path, "--overwrite")
-    assert (ran.code, path.read_bytes()) == (5, (tmp_path / "run.tum").read_bytes())
-
-
-@pytest.mark.slow
-def test_standard_output(process: Run, lidarcli: Run, tmp_path: Path) -> None:
-    ran = process("-q", "plot", DRIVE, "--view", "map", "-o", "-")
-    assert (ran.returncode, ran.stderr) == (0, b"")
-    assert lidarcli("-q", "plot", DRIVE, "--view", "map", "-o", tmp_path / "m.png").code == 0
-    assert ran.stdout == (tmp_path / "m.png").read_bytes()
-    ran = process("plot", DRIVE, "--view", "map", "--sweeps", "1,2", "-o", "-")
-    assert (ran.returncode, ran.stdout) == (2, b"")
-    assert b"standard output takes one picture; give -o FIG" in ran.stderr

@@ -11,12 +11,11 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from lidarcli.pose.tracks import read_trajectory
 from lidarcli.simulation.writers import write_log
 from lidarcli.tabular.schemas import POSES
 from tests.places import SAMPLES
 from tests.pose.pose_messages import accepted
-from tests.sweeping import START, STEP, raw_sweeps, room_sweeps, round_room
+from tests.sweeping import START, STEP, raw_sweeps, round_room
 
 Run = Callable[..., Any]
 DRIVE = SAMPLES / "drive.db3"
@@ -68,13 +67,6 @@ def test_tum(lidarcli: Run, tables: Path, tmp_path: Path) -> None:
     assert np.abs((yaw - pose[:, 2] + np.pi) % (2 * np.pi) - np.pi).max() < 1e-8
     assert (numbers[:, 6] >= 0).all()
     assert "-0.000000 " not in out.read_text()
-
-
-def test_txt_is_tum_and_twice_the_same(lidarcli: Run, tmp_path: Path) -> None:
-    for name in ("a.tum", "b.txt", "c.TUM"):
-        assert lidarcli("-q", "poses", DRIVE, "-o", tmp_path / name).err == ""
-    texts = {(tmp_path / name).read_bytes() for name in names(tmp_path)}
-    assert len(texts) == 1
 
 
 def test_parquet(lidarcli: Run, tables: Path, tmp_path: Path) -> None:
@@ -146,53 +138,12 @@ def test_every_command_takes_a_path(lidarcli: Run, tmp_path: Path, command: str)
     ran = lidarcli(command, DRIVE, "--poses", path, *words)
     assert ran.code == 0
     assert "run.tum (world > laser)" in ran.out + ran.err
-    ran = lidarcli(command, DRIVE, "--poses", path, "--pose", "/odom", *words)
-    assert (ran.code, ran.out, ran.err) == (
-        2,
-        "",
-        f"lidarcli: --pose /odom and --poses {path} exclude each other: leave one out\n",
-    )
     (tmp_path / "bad.tum").write_text("nothing\n")
     ran = lidarcli(command, DRIVE, "--poses", tmp_path / "bad.tum", *words, *(["--overwrite"] if words else []))
     assert ran.code == 3
     assert ran.err == (
         f"lidarcli: {DRIVE}: {tmp_path / 'bad.tum'}: line 1: 'nothing' is no pose; lines are timestamp x y z qx qy qz qw\n"
     )
-
-
-@pytest.mark.parametrize(
-    "words", [("--poses", "/nowhere.tum"), ("--pose", "/odom"), ("--pose-delay", 0.1), ("--no-deskew",)]
-)
-def test_a_picture_that_needs_no_poses_takes_none(lidarcli: Run, tmp_path: Path, words: tuple[object, ...]) -> None:
-    ran = lidarcli("plot", DRIVE, *words, "-o", tmp_path / "p.png")
-    assert (ran.code, (tmp_path / "p.png").exists()) == (2, False)
-    assert "are for --view map, --background and --zones" in ran.err
-
-
-def test_info_with_a_path(lidarcli: Run, tmp_path: Path) -> None:
-    path = tmp_path / "run.tum"
-    assert lidarcli("-q", "poses", DRIVE, "-o", path).code == 0
-    ran = lidarcli("info", DRIVE, "--poses", path)
-    assert "    pose      run.tum (world > laser)\n" in ran.out
-    (found,) = json.loads(lidarcli("info", DRIVE, "--poses", path, "--format", "json").out)
-    (source,) = found["pose_sources"]
-    assert (source["topic"], source["type"], source["poses"], source["rate"]) == ("run.tum", "tum", 150, 5.0)
-    assert source["frames"] == [{"parent": "world", "child": ""}]
-    ran = lidarcli("info", DRIVE, "--pose", "/odom")
-    assert "    pose      /odom and /tf_static (odom > base_link > laser)\n" in ran.out
-    ran = lidarcli("info", DRIVE, "--pose", "none")
-    assert (ran.code, [line for line in ran.out.splitlines() if line.startswith("    pose ")]) == (0, [])
-
-
-def test_evo_reads_it(lidarcli: Run, tmp_path: Path) -> None:
-    file_interface = pytest.importorskip("evo.tools.file_interface")
-    out = tmp_path / "run.tum"
-    assert lidarcli("-q", "poses", DRIVE, "-o", out).code == 0
-    found = file_interface.read_tum_trajectory_file(str(out))
-    stamps, numbers = lines_of(out)
-    assert found.timestamps == pytest.approx(stamps / 1e9)
-    assert found.positions_xyz == pytest.approx(numbers[:, :3])
-    assert found.check()[0]
 
 
 def two(folder: Path) -> tuple[Path, Path]:
@@ -290,27 +241,6 @@ def test_what_cannot_be_written(lidarcli: Run, tmp_path: Path, name: str, code: 
     assert (names(tmp_path), (tmp_path / "there.tum").read_text()) == (["file", "there.tum"], "mine")
 
 
-def test_what_is_read_is_not_written(lidarcli: Run, tmp_path: Path) -> None:
-    path = tmp_path / "in.tum"
-    path.write_text("1700000000 0 0 0 0 0 0 1\n")
-    for output, source in ((path, DRIVE), (tmp_path / "log.tum", tmp_path / "log.tum")):
-        (tmp_path / "log.tum").write_bytes(b"log")
-        ran = lidarcli("poses", source, "--poses", path, "-o", output, "--overwrite")
-        assert (ran.code, ran.err) == (
-            5,
-            f"lidarcli: {output} is an input of this run ({output}); write elsewhere with -o\n",
-        )
-    assert lidarcli("-q", "poses", DRIVE, "-o", tmp_path / "log.tum", "--overwrite").code == 0
-    assert len((tmp_path / "log.tum").read_text().splitlines()) == 150
-
-
-def test_one_log(lidarcli: Run, tmp_path: Path) -> None:
-    ran = lidarcli("poses", DRIVE, SAMPLES / "room.mcap", "-o", tmp_path / "a.tum")
-    assert (ran.code, names(tmp_path)) == (2, [])
-    ran = lidarcli("poses", SAMPLES, "-o", tmp_path / "a.tum")
-    assert (ran.code, names(tmp_path), len(ran.err.splitlines())) == (2, [], 1)
-
-
 @pytest.mark.parametrize("far", [-400.0, 400.0])
 def test_a_path_of_another_time(lidarcli: Run, logs: Path, tmp_path: Path, far: float) -> None:
     """No sweep has a place, and it is told why."""
@@ -335,31 +265,3 @@ def test_a_path_of_another_time(lidarcli: Run, logs: Path, tmp_path: Path, far: 
     assert (ran.code, ran.out, len(ran.err.splitlines())) == (3, "", 1)
     assert "without a pose: 20 of 20 sweeps of frame laser" in ran.err
     assert not (tmp_path / "out.tum").exists()
-
-
-def test_sweeps_outside_of_a_path_are_left_out(lidarcli: Run, tmp_path: Path) -> None:
-    log, path, out = tmp_path / "run.mcap", tmp_path / "in.tum", tmp_path / "out.tum"
-    write_log(log, [room_sweeps()])
-    path.write_text("1700000000.5 0 0 0 0 0 0 1\n1700000000.7 1 0 0 0 0 0 1\n1700000000.9 2 0 0 0 0 0 1\n")
-    ran = lidarcli("poses", log, "--poses", path, "-o", out)
-    assert ran.code == 0
-    # 0.1 s before and after are held.
-    assert "  note     7 poses" in ran.err.splitlines()
-    stamps, numbers = lines_of(out)
-    assert ((stamps - START) // STEP).tolist() == list(range(4, 11))
-    assert numbers[:, 0].tolist() == [0, 0, 0.5, 1, 1.5, 2, 2]
-    back = read_trajectory(out)
-    assert np.array_equal(back.stamp_ns, stamps)
-
-
-def test_two_topics_of_one_frame_are_one_sensor(lidarcli: Run, logs: Path, tmp_path: Path) -> None:
-    lines = [f"{1_700_000_000 + k} {0.25 * k} 0 0 0 0 0 1\n" for k in range(-1, 6)]
-    (tmp_path / "in.tum").write_text("".join(lines))
-    words = ("poses", logs / "two.mcap", "--poses", tmp_path / "in.tum", "-o")
-    ran = lidarcli(*words, tmp_path / "out.tum")
-    assert ran.code == 0
-    assert "is of the same frame as" in ran.err
-    only = next(line for line in ran.err.splitlines() if "left out (--topic" in line).split()[1]
-    first = "/rear" if only == "/front" else "/front"
-    assert lidarcli(*words, tmp_path / "first.tum", "--topic", first).code == 0
-    assert (tmp_path / "out.tum").read_bytes() == (tmp_path / "first.tum").read_bytes()

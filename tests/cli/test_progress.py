@@ -18,12 +18,10 @@ import pytest
 
 from lidarcli.cli import run
 from lidarcli.cli.messages import Messages, counted_bar
-from tests.cli.test_report_runs import row, write_manifest
 from tests.places import ROOT
 from tests.reports.runs import sweep, write_run
 
 STEERING = re.compile(r"\x1b\[[0-9;?]*[A-Za-z]")
-COLOURS = re.compile(r"\x1b\[[0-9;]*[1-9][0-9;]*m")
 
 
 @dataclass
@@ -95,24 +93,6 @@ def test_a_counted_bar() -> None:
     assert screen.widest <= 80
 
 
-def test_the_total_may_come_later_and_names_may_be_long() -> None:
-    with terminal() as screen, counted_bar("folder/of/a/long/name/room.toml", None, "sweeps", Messages()) as count:
-        assert count is not None
-        count(50_000, 200_000)
-    assert re.search(r"^\.\.\./name/room\.toml [━╸╺]+ +25% ", screen.plain)
-    assert screen.widest <= 80
-
-
-def test_short_work_shows_no_bar(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("lidarcli.screen.PATIENCE", 60.0)
-    say = Messages()
-    with terminal() as screen, counted_bar("room.toml", 200, "sweeps", say) as count:
-        assert count is not None
-        count(50)
-        assert say.bar is None
-    assert screen.text == ""
-
-
 def test_nobody_looks(monkeypatch: pytest.MonkeyPatch) -> None:
     assert not is_looked_at(Messages())
     with terminal() as screen:
@@ -121,16 +101,6 @@ def test_nobody_looks(monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setenv("TERM", "dumb")
         assert not is_looked_at(Messages())
     assert screen.text == ""
-
-
-@pytest.mark.parametrize(("no_color", "coloured"), [("", True), ("1", False)])
-def test_colours_of_a_bar(monkeypatch: pytest.MonkeyPatch, no_color: str, coloured: bool) -> None:
-    monkeypatch.setenv("NO_COLOR", no_color)
-    with terminal() as screen, counted_bar("room.toml", 200, "sweeps", Messages()) as count:
-        assert count is not None
-        count(50)
-    assert "25%" in screen.plain
-    assert bool(COLOURS.search(screen.text)) == coloured
 
 
 @pytest.mark.parametrize("quiet", [False, True])
@@ -151,14 +121,6 @@ def test_report(tmp_path: Path) -> None:
         assert run(["report", str(tmp_path), "-o", out]) == 0
     assert re.search(r"^report [━╸╺]+ +20% 1/5 steps ", screen.plain)
     assert screen.plain.endswith(f"  wrote    {out}\r\n")
-
-
-def test_report_on_runs(tmp_path: Path) -> None:
-    for name in "ab":
-        write_manifest(tmp_path, name, [row(name)])
-    with terminal() as screen:
-        assert run(["report", str(tmp_path / "_lidarcli"), "-o", str(tmp_path / "a.txt")]) == 0
-    assert re.search(r"^report [━╸╺]+ +0% 0/2 steps ", screen.plain)
 
 
 def test_detect(tmp_path: Path) -> None:

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
 import xml.etree.ElementTree as ET
 from collections.abc import Callable
 from pathlib import Path
@@ -126,12 +124,6 @@ def test_several_outputs_at_once(lidarcli: Run, run: Path, tmp_path: Path) -> No
     assert lidarcli("report", run, *words, "--overwrite").code == 0
 
 
-def test_outputs_whose_format_nobody_knows(lidarcli: Run, run: Path) -> None:
-    ran = lidarcli("report", run, "-o", "report.doc")
-    assert ran.code == 2
-    assert "report.doc: the suffix names no format (.txt .md" in ran.err
-
-
 def test_inputs_that_cannot_be_read(lidarcli: Run, run: Path, tmp_path: Path) -> None:
     bad = tmp_path / "bad.objects.parquet"
     bad.write_bytes(b"PAR1 is not enough")
@@ -178,25 +170,10 @@ def test_a_baseline(lidarcli: Run, run: Path, tmp_path: Path) -> None:
     assert (missing.code, missing.out) == (3, "")
 
 
-def test_damage_of_the_log_is_told(lidarcli: Run, tmp_path: Path) -> None:
-    run = write_run(tmp_path, [sweep(0)], damage=["byte 99: cut"])
-    assert "damage  run: byte 99: cut" in lidarcli("report", run).out
-    assert lidarcli("report", run, "--check", "damage == 0").code == 1
-
-
 def test_an_empty_run_has_a_report_in_every_format(lidarcli: Run, tmp_path: Path) -> None:
     run = write_run(tmp_path, [])
     for kind in FORMATS:
         assert lidarcli("report", run, "--format", kind).code == 0
-
-
-def test_a_run_in_which_nothing_could_be_followed(lidarcli: Run, tmp_path: Path) -> None:
-    run = write_run(tmp_path, [sweep(0)], tracks=[])
-    for kind in FORMATS:
-        ran = lidarcli("report", run, "--format", kind, "--check", "tracks == 0", "--check", "agents_at_once.max == 0")
-        assert (ran.code, ran.err) == (0, "")
-    assert "tracks          0, 0 of them agents" in lidarcli("report", run).out
-    assert lidarcli("report", run, "--check", "tracks.duration.p50 > 0").code == 1
 
 
 @pytest.mark.parametrize(
@@ -227,17 +204,6 @@ def test_colour(
     assert ran.err == "lidarcli: check failed: objects is 30, expected == 0\n"
 
 
-@pytest.mark.parametrize(("form", "count"), [("text", 3), ("markdown", 2), ("github", 3)])
-def test_names_of_a_log_do_not_steer_the_terminal(lidarcli: Run, tmp_path: Path, form: str, count: int) -> None:
-    odd = {"topic": "/a\x1b[2J\x07\u202e", "log": "l\x1b]0;x\x07", "frame_id": "f\x9b2J"}
-    sweeps = [sweep(0, 1, **odd), sweep(1, 2, **odd), sweep(0, 1, topic="/b")]
-    run = write_run(tmp_path, sweeps, [thing(0, 1)], damage=["\x1bc"])
-    ran = lidarcli("report", run, f"{tmp_path}/\x1b[2J", "--format", form, "--check", "objects where topic == '\x1bc' > 0")
-    assert ran.code == 3
-    assert all(line.isprintable() for line in ran.out.splitlines())
-    assert ran.out.replace("\\\\", "\\").replace("\\[", "[").count("/a\\x1b[2J\\x07\\u202e") == count
-
-
 @pytest.fixture
 def tracked(tmp_path: Path) -> Path:
     """The tables of `track`: a pallet, a person, a robot."""
@@ -261,37 +227,6 @@ def test_tracks_in_text(lidarcli: Run, tracked: Path) -> None:
         assert words in ran.out
 
 
-def test_tracks_of_several_logs_in_text(lidarcli: Run, tracked: Path) -> None:
-    other = crossing("other")
-    other["tracks"][0]["label"] = "one label that is longer than the terminal is wide, by far, and far from useful"
-    for row in other["objects"]:
-        row["label"] = None
-    write_run(tracked.parent, **other, name="other")
-    ran = lidarcli("report", tracked.parent)
-    assert (ran.code, max(map(len, ran.out.splitlines()))) == (0, 80)
-    lines = ran.out.splitlines()
-    start = lines.index("Track by track")
-    assert lines[start + 1 : start + 8 : 5] == ["other /scan", "run /scan"]
-    assert lines[start + 3] == "    1  object  prismatic  one labe...    0.90 s    0.00 m   0.00 m/s  end of log"
-    assert len(lines[start + 3]) == 80
-
-
-def test_any_table_names_the_log_and_the_tracks_lie_beside(lidarcli: Run, tracked: Path) -> None:
-    wanted = lidarcli("report", tracked, "--format", "json").out
-    for inputs in ([tracked.with_name("run.tracks.parquet")], [tracked.parent], [f"{tracked.parent}/*.parquet"]):
-        assert lidarcli("report", *inputs, "--format", "json").out == wanted
-    found = json.loads(wanted)
-    assert found["figures"]["agents_at_once.max"] == 2
-    assert found["tracks"] == {
-        "scene": "semi-structured",
-        "agent_share": 0.062,
-        "shape": {"legged": 1, "prismatic": 1, "round": 1},
-        "end": {"end_of_log": 2, "left_view": 1},
-    }
-    assert found["labels"] == [{"name": "pallet", "tracks": 1, "objects": 10}]
-    assert found["streams"][0]["course"]["agents_max"] == [1] * 5 + [2] * 3 + [1] * 2
-
-
 def test_checks_of_tracks(lidarcli: Run, tracked: Path) -> None:
     checks = ["tracks == 3", "agents_at_once.max <= 2", "tracks where shape == legged and distance > 1 == 1"]
     words = [word for check in checks for word in ("--check", check)]
@@ -305,20 +240,6 @@ def test_checks_of_tracks(lidarcli: Run, tracked: Path) -> None:
     words = "semi-structured: most of what is seen stands (6.2 % of the beams on agents)"
     assert f"| 3, 2 of them agents | 1.3 on average, at most 2 | {words} |" in markdown
     assert "| `tracks.duration [s]` |" in markdown
-
-
-def test_a_check_of_tracks_without_any(lidarcli: Run, run: Path, tracked: Path) -> None:
-    for expression in ("tracks == 5", "objects where moving == 0", "tracks where set == A == 0"):
-        for tables in ((run,), (tracked, run)):
-            ran = lidarcli("report", *tables, "--check", expression)
-            assert (ran.code, ran.out) == (2, "")
-            assert ran.err == (
-                f"lidarcli: --check '{expression}' asks for tracks, but {run.with_name('run.tracks.parquet')} "
-                "is not there; lidarcli track LOG writes it\n"
-            )
-    assert lidarcli("report", tracked, run, "--check", "objects where set == A > 20").code == 0
-    ran = lidarcli("report", tracked, "--baseline", run, "--check", "delta.tracks == 0")
-    assert (ran.code, "run.tracks.parquet is not there" in ran.err) == (2, True)
 
 
 def test_tracks_of_other_objects_are_told(lidarcli: Run, run: Path, tracked: Path) -> None:
@@ -338,25 +259,6 @@ def test_tracks_of_other_objects_are_told(lidarcli: Run, run: Path, tracked: Pat
     pq.write_table(table.drop_columns(["end"]), tracked.with_name("run.tracks.parquet"))
     ran = lidarcli("report", tracked)
     assert (ran.code, "not a table of lidarcli track: no column end" in ran.err) == (3, True)
-
-
-def test_tables_of_an_older_version(lidarcli: Run, run: Path) -> None:
-    newer = ["t", "vx", "vy", "moving", "label", "label_score"]
-    table = pq.read_table(run)
-    pq.write_table(table.drop_columns(newer), run)
-    ran = lidarcli("report", run, "--check", "objects == 30")
-    assert (ran.code, ran.err) == (0, "")
-    ran = lidarcli("report", run, "--check", "objects where label == box == 0")
-    assert (ran.code, "no column label, which a check asks for; an older version" in ran.err) == (3, True)
-
-
-def test_a_baseline_with_and_without_tracks(lidarcli: Run, run: Path, tracked: Path) -> None:
-    ran = lidarcli("report", tracked, "--baseline", tracked, "--check", "delta.tracks == 0")
-    assert (ran.code, "agents_at_once.max 2 2 0" in " ".join(ran.out.split())) == (0, True)
-    for here, there in ((run, tracked), (tracked, run)):
-        for kind in FORMATS:
-            ran = lidarcli("report", here, "--baseline", there, "--format", kind)
-            assert (ran.code, ran.err) == (0, "")
 
 
 def test_objects_are_the_same_rows_after_detect_and_after_track(lidarcli: Run, tmp_path: Path) -> None:
@@ -431,21 +333,6 @@ def test_the_nearest_beam(lidarcli: Run, tmp_path: Path) -> None:
     )
     for check in ("sweeps where nearest < 0.5 == 1", "sweeps where nearest is null == 1", "nearest.max == 2"):
         assert lidarcli("report", run, "--check", check).code == 0
-    older = write_run(tmp_path / "older", [sweep(0)], [])
-    sweeps = older.with_name("run.sweeps.parquet")
-    table = pq.read_table(sweeps)
-    pq.write_table(table.drop_columns(["nearest", "nearest_theta"]), sweeps)
-    assert lidarcli("report", older).code == 0
-    for check in ("nearest.min > 0.5", "nearest.p05 >= 0", "sweeps where nearest < 0.5 == 0"):
-        ran = lidarcli("report", older, "--check", check)
-        assert (ran.code, ran.out) == (3, "")
-        assert ran.err == (
-            f"lidarcli: {sweeps}: no column nearest, which a check asks for; an older version has written this table: "
-            "write it again\n"
-        )
-    assert lidarcli("report", run, older, "--check", "nearest.min > 0.1").code == 3
-    ran = lidarcli("report", run, "--baseline", older, "--check", "delta.nearest.min > 0")
-    assert (ran.code, ran.err.startswith(f"lidarcli: {sweeps}: no column nearest")) == (3, True)
 
 
 def test_checks_of_a_damaged_log_are_not_passed_in_silence(lidarcli: Run, run: Path, tmp_path: Path) -> None:
@@ -482,17 +369,6 @@ def test_checks_of_a_damaged_log_are_not_passed_in_silence(lidarcli: Run, run: P
     assert lidarcli("report", cut, *words).code == 0
 
 
-def test_what_both_streams_would_show_is_shown_once(
-    run: Path, tmp_path: Path, process: Callable[..., subprocess.CompletedProcess[bytes]]
-) -> None:
-    cut = write_run(tmp_path / "cut", [sweep(0, log="cut")], damage=["byte 99: cut"], name="cut")
-    command = [sys.executable, "-m", "lidarcli", "report", str(cut), "--check", "sweeps >= 1"]
-    both = subprocess.run(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, check=False)
-    assert (both.returncode, both.stdout.count(b"incomplete: ")) == (3, 1)
-    apart = subprocess.run(command, capture_output=True, check=False)
-    assert (apart.stdout.count(b"incomplete: "), apart.stderr.count(b"incomplete: ")) == (1, 1)
-
-
 @pytest.mark.parametrize("table", ["objects", "sweeps"])
 def test_a_log_without_one_of_its_tables_is_not_passed_over(lidarcli: Run, run: Path, tmp_path: Path, table: str) -> None:
     missing = run.with_name(f"b.{table}.parquet")
@@ -508,32 +384,6 @@ def test_a_log_without_one_of_its_tables_is_not_passed_over(lidarcli: Run, run: 
         assert (told["holds"], told["figures"]["logs"], told["problems"]) == (False, 1, [line])
     ran = lidarcli("report", run.parent, "--format", "json")
     assert (ran.code, json.loads(ran.out)["holds"]) == (3, False)
-
-
-def test_a_folder_above_with_the_name_of_a_table_makes_none(lidarcli: Run, tmp_path: Path) -> None:
-    tables = tmp_path / "sweeps" / "day"
-    write_run(tables, [sweep(0, 1)], [thing(0, 1)])
-    (tables / "empty.parquet").write_bytes((tables / "run.sweeps.parquet").read_bytes())
-    assert lidarcli("report", tables, "--check", "sweeps == 1").code == 0
-
-
-def test_a_report_into_a_device(lidarcli: Run, run: Path) -> None:
-    ran = lidarcli("report", run, "-o", "/dev/null", "--format", "text", "--check", "sweeps >= 1")
-    assert (ran.code, ran.out) == (0, "")
-    assert Path("/dev/null").is_char_device()
-
-
-def test_clouds_in_other_numbers_of_beams_are_no_other_recording(lidarcli: Run, run: Path, tmp_path: Path) -> None:
-    def clouds(name: str, bins: int) -> Path:
-        sweeps = [sweep(k, 1, beams=bins) for k in range(20)]
-        return write_run(tmp_path / name, sweeps, parameters={"slice": [0.1, 1.0], "bins": bins})
-
-    ran = lidarcli("report", clouds("fine", 720), "--baseline", clouds("coarse", 360))
-    assert ran.code == 2
-    assert ran.err == (
-        "lidarcli: --baseline: the clouds of run were read with other numbers of beams (--bins): "
-        "720 here, 360 in the baseline; read both alike\n"
-    )
 
 
 def test_a_baseline_of_another_recording_is_refused(lidarcli: Run, run: Path, tmp_path: Path) -> None:

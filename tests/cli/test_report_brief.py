@@ -13,8 +13,7 @@ from urllib.parse import unquote
 import pytest
 
 from lidarcli.reports.programs import command
-from tests.cli.test_report_runs import row, write_manifest
-from tests.reports.runs import START, TENTH, crossing, sweep, thing, write_run
+from tests.reports.runs import START, TENTH, sweep, thing, write_run
 
 Run = Callable[..., Any]
 CHECKS = ("--check", "sweeps >= 20", "--check", "objects == 3")
@@ -84,31 +83,12 @@ def test_brief_markdown_in_a_file(lidarcli: Run, run: Path, tmp_path: Path) -> N
     )
 
 
-def test_brief_tells_of_tracks_and_damage(lidarcli: Run, tmp_path: Path) -> None:
-    run = write_run(tmp_path, **crossing(), damage=["byte 99: cut"])
-    assert " ".join(lidarcli("report", run, "--brief").out.split()) == (
-        "run: 10 sweeps in 0.9 s, 10 Hz, 31 objects (3.1 per sweep), 3 tracks (2 agents), damage in 1 place of the logs"
-    )
-
-
 @pytest.mark.parametrize("kind", ["json", "junit", "html"])
 def test_brief_is_not_for_programs(lidarcli: Run, run: Path, tmp_path: Path, kind: str) -> None:
     out = tmp_path / "report.md"
     ran = lidarcli("report", run, "--brief", "--format", kind, "-o", out)
     assert (ran.code, ran.out, out.exists()) == (2, "", False)
     assert f"--brief is for text, markdown, github; leave it out for {kind}" in ran.err
-
-
-def test_files_for_later_and_annotations_in_one_call(lidarcli: Run, run: Path, tmp_path: Path) -> None:
-    page, note = tmp_path / "a.json", tmp_path / "a.md"
-    ran = lidarcli("-q", "report", run, "--brief", "-o", page, "-o", note, "-o", "-", "--format", "github", *CHECKS)
-    assert ran.out == lidarcli("report", run, "--brief", "--format", "github", *CHECKS).out
-    assert page.read_text() == lidarcli("report", run, "--format", "json", *CHECKS).out
-    assert note.read_text() == lidarcli("report", run, "--format", "markdown", "--brief", *CHECKS).out
-    ran = lidarcli("report", run, "-o", page, "-o", note, "--format", "github", "--overwrite")
-    assert ran.code == 2
-    assert "--format is for an output whose suffix does not say its format, and all of these do" in ran.err
-    assert "b.log: the suffix names no format (.txt .md" in lidarcli("report", run, "-o", page, "-o", "b.log").err
 
 
 def test_github(lidarcli: Run, run: Path, tmp_path: Path) -> None:
@@ -150,16 +130,6 @@ def test_github_spells_out_what_steers_a_terminal() -> None:
     assert command("error", "a", "\x1b[2J°\udcff") == "::error title=a::\\x1b[2J°\\udcff"
 
 
-def test_runs_in_short(lidarcli: Run, tmp_path: Path) -> None:
-    folder = write_manifest(tmp_path, "a", [row("good"), row("bad", "failed", "cut")]).parent
-    ran = lidarcli("report", folder, "--brief", "--check", "failed == 0")
-    assert ran.code == 1
-    assert ran.out.splitlines()[-1] == "1 run over 2 logs: 1 ok, 0 damaged, 1 failed, 100 sweeps"
-    ran = lidarcli("report", folder, "--format", "github", "--check", "failed == 0")
-    assert ran.out.startswith("::error title=lidarcli%3A check failed::failed == 0: expected == 0, found 1\n")
-    assert "\nFailed logs\n1 log, exit code 3: cut\n" in ran.out
-
-
 def test_unlike_sensors_are_told_and_not_pooled(lidarcli: Run, unlike: Path) -> None:
     warning = (
         "unlike sensors (5 to 20 Hz; 100 to 360 beams; frames front, laser): the figures pool all of them, and no map in "
@@ -194,16 +164,6 @@ def test_unlike_sensors_are_told_and_not_pooled(lidarcli: Run, unlike: Path) -> 
     assert [stream["beams"] for stream in found["streams"]] == [100, 100, 360]
 
 
-def test_a_baseline_of_another_sensor(lidarcli: Run, run: Path, tmp_path: Path) -> None:
-    renamed = write_run(tmp_path / "renamed", [sweep(k, 1, frame_id="front") for k in range(20)])
-    text = lidarcli("report", run, "--baseline", renamed, "--brief").out
-    assert " ".join(text.split()).startswith(
-        "warning: the baseline is of another sensor (frames laser, front): what differs need not be in the scene "
-        "run: 20 sweeps"
-    )
-    assert "warning" not in lidarcli("report", run, "--baseline", run, "--brief").out
-
-
 def test_like_sensors_are_pooled(lidarcli: Run, tmp_path: Path) -> None:
     for name, beams, step in (("a", 100, 1.0), ("b", 101, 1.1)):
         sweeps = [sweep(k, 1, log=name, beams=beams, stamp=START + int(step * TENTH) * k) for k in range(5)]
@@ -213,26 +173,3 @@ def test_like_sensors_are_pooled(lidarcli: Run, tmp_path: Path) -> None:
     for words in ("Where objects were, 2 logs over each other (sensor", "step [s]", "beams_per_object"):
         assert words in text
     assert json.loads(lidarcli("report", tmp_path, "--format", "json").out)["warnings"] == []
-
-
-@pytest.mark.parametrize(
-    ("sweeps", "words"), [(0, "run: 0 sweeps in 0 s, 0 objects"), (1, "run: 1 sweep in 0 s, 1 object (1 per sweep)")]
-)
-def test_too_little_to_tell(lidarcli: Run, tmp_path: Path, sweeps: int, words: str) -> None:
-    run = write_run(tmp_path, [sweep(0, 1)] * sweeps, [thing(0, 1)] * sweeps)
-    assert lidarcli("report", run, "--brief").out == f"{words}\n"
-    assert "clock             too few sweeps to tell" in lidarcli("report", run).out
-
-
-def test_faults_of_the_clock_in_words(lidarcli: Run, tmp_path: Path) -> None:
-    for steps, words in (
-        ([1, 1, 3, 1], "10 Hz, 1 gap (2 sweeps missing, the longest gap 0.3 s)"),
-        ([1, 1, 1, 0, 1, -2, 1], "10 Hz, 1 stamp before the previous one, 1 stamp repeated"),
-        ([1, 1, 1], "10 Hz, no gaps, all stamps increasing"),
-        ([0, 0, 0], "3 stamps repeated"),
-    ):
-        stamps = [START + TENTH * sum(steps[:k]) for k in range(len(steps) + 1)]
-        run = write_run(tmp_path / words[:9], [sweep(k, stamp=stamp) for k, stamp in enumerate(stamps)])
-        (line,) = [line for line in lidarcli("report", run).out.splitlines() if line.startswith("clock")]
-        assert line == f"clock             {words}"
-        run.unlink()

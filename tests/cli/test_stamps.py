@@ -17,7 +17,7 @@ import pytest
 
 import lidarcli as package
 from lidarcli.simulation.writers import write_log
-from lidarcli.tabular.stamps import restamped
+from lidarcli.tabular.columns import restamped
 from tests.sweeping import START, STEP, raw_sweeps, round_room
 
 Run = Callable[..., Any]
@@ -100,32 +100,6 @@ def test_every_command_that_writes_tables_has_it(
         assert kinds(pq.read_schema(file)) == {str(US)}
 
 
-def test_streams_have_it_too(scene: Path, lidarcli: Run, tmp_path: Path) -> None:
-    words = ("-q", "detect", scene / "run.mcap", "--stamps", "us", "--end", "0.15")
-    assert '"stamp":"2023-11-14T22:13:20.000000Z"' in lidarcli(*words, "-o", "-").out
-    ran = lidarcli(*words, "-o", tmp_path / "one.arrow")
-    assert ran.code == 0
-    assert kinds(pa.ipc.open_stream(tmp_path / "one.arrow").schema) == {str(US)}
-
-
-def test_export_gives_either_unit(tables: Path, tmp_path: Path, lidarcli: Run) -> None:
-    ns, us = (tables / unit / "run.sweeps.parquet" for unit in ("ns", "us"))
-    shown = {
-        (file, unit): lidarcli("export", file, "-o", "-", "--columns", "stamp", *unit).out.split()[1]
-        for file in (ns, us)
-        for unit in ((), ("--stamps", "us"), ("--stamps", "ns"))
-    }
-    fine, coarse = "2023-11-14T22:13:20.000000789Z", "2023-11-14T22:13:20.000000Z"
-    assert [*shown.values()] == [fine, coarse, fine, coarse, coarse, "2023-11-14T22:13:20.000000000Z"]
-    # Tables of both kinds become one.
-    ran = lidarcli("export", ns, us, "-o", tmp_path / "both.parquet")
-    assert ran.code == 2
-    assert ran.err.endswith("timestamp[ns, tz=UTC]; --stamps us makes them alike\n")
-    assert lidarcli("export", ns, us, "-o", tmp_path / "both.parquet", "--stamps", "us").code == 0
-    assert package.export([pq.read_table(ns)], tmp_path / "one.parquet", stamps="us") == 40
-    assert pq.read_schema(tmp_path / "one.parquet").field("stamp").type == US
-
-
 def test_our_commands_read_them(tables: Path, tmp_path: Path, lidarcli: Run) -> None:
     """What they make of tables in microseconds is what they make of those in nanoseconds."""
     log = tables / "run.mcap"
@@ -159,15 +133,6 @@ def test_our_commands_read_them(tables: Path, tmp_path: Path, lidarcli: Run) -> 
     assert len({*read_by("diff", "@run.tracks.parquet", "@run.tracks.parquet", "--align", "as-is")}) == 1
 
 
-def test_tables_of_another_log_are_refused_all_the_same(tables: Path, tmp_path: Path, lidarcli: Run) -> None:
-    later = raw_sweeps(round_room(40), stamp_ns=START + 2_000 + STEP * np.arange(40))
-    write_log(tmp_path / "run.mcap", [later])
-    for words in (("overlay", "-o", tmp_path / "o.mcap"), ("zones", "--zones", tables / "zones.toml")):
-        ran = lidarcli(*words, tmp_path / "run.mcap", "--objects", tables / "us" / "run.objects.parquet")
-        assert ran.code == 3
-        assert "stamps" in ran.err
-
-
 def test_a_run_with_other_stamps_is_done_again(scene: Path, tmp_path: Path, lidarcli: Run) -> None:
     words = ("detect", scene / "run.mcap", "-o", tmp_path, "--resume")
     assert "done before" not in lidarcli(*words).err
@@ -196,18 +161,3 @@ def test_spark_reads_them(tables: Path) -> None:
             spark.read.parquet(str(tables / "ns" / "run.sweeps.parquet"))
     finally:
         spark.stop()
-
-
-@pytest.mark.whole
-@pytest.mark.filterwarnings("ignore")
-@pytest.mark.skipif(importlib.util.find_spec("pyiceberg") is None, reason="needs pyiceberg")
-def test_iceberg_takes_them(tables: Path, tmp_path: Path) -> None:
-    from pyiceberg.catalog.sql import SqlCatalog
-
-    catalog = SqlCatalog("lake", uri=f"sqlite:///{tmp_path}/lake.db", warehouse=tmp_path.as_uri())
-    catalog.create_namespace("lidar")
-    for name in FOLLOWED:
-        rows = pq.read_table(tables / "us" / f"run.{name}.parquet")
-        table = catalog.create_table(f"lidar.{name}", rows.schema)
-        table.append(rows)
-        assert table.scan().to_arrow().num_rows == rows.num_rows

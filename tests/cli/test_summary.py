@@ -8,7 +8,7 @@ import pytest
 
 from lidarcli.cli.messages import Messages, show
 from lidarcli.pipeline.reading.one_log import RunSummary
-from lidarcli.pipeline.runs.outcomes import Outcome
+from lidarcli.pipeline.runs.over_logs import Outcome
 
 
 def said(run: RunSummary, verbose: bool = False) -> list[str]:

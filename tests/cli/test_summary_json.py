@@ -108,21 +108,6 @@ def test_map_poses_clean_and_overlay(folder: Path, lidarcli: Run) -> None:
     assert (document["logs"][0]["tracks"], document["written"]) == (1, ["o.mcap"])
 
 
-def test_a_map_of_nothing_is_null(folder: Path, lidarcli: Run) -> None:
-    document = told(lidarcli, "map", "none.mcap", "-o", "room.yaml", code=3)
-    assert (document["map"], document["logs"][0]["exit_code"]) == (None, 3)
-
-
-def test_the_text_stays_and_the_document_is_plain_text(folder: Path, lidarcli: Run) -> None:
-    log = "a\x1b[31m\u202e.mcap"
-    Path(log).write_bytes(Path("run.mcap").read_bytes())
-    ran = lidarcli("detect", log, "-o", "out", "--format", "json")
-    assert ran.err.splitlines()[0] == "a\\x1b[31m\\u202e.mcap: 40 sweeps, 40 objects"
-    assert ran.out.isascii()
-    assert "\x1b" not in ran.out
-    assert json.loads(ran.out)["logs"][0]["log"] == log
-
-
 @pytest.mark.parametrize(
     ("words", "message"),
     [

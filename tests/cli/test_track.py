@@ -5,7 +5,6 @@ from __future__ import annotations
 import csv
 import io
 import json
-import re
 import subprocess
 import sys
 from collections import Counter
@@ -13,17 +12,11 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from lidarcli.choices import SIGNIFICANCE
-from lidarcli.cli import cli
-from lidarcli.cli.detect import detect
-from lidarcli.cli.track import track
-from lidarcli.formalism.parameters import TrackParameters
-from lidarcli.pipeline.objects import following
+from lidarcli.pipeline.objects import tracking
 from lidarcli.pipeline.runs import over_logs
 from lidarcli.tabular import SCHEMAS
 from tests.pipeline.patient import Patient
@@ -36,7 +29,7 @@ TABLES = ("objects", "sweeps", "tracks", "trajectories")
 @pytest.fixture
 def patient(monkeypatch: pytest.MonkeyPatch) -> None:
     """Every second object is an agent."""
-    monkeypatch.setattr(following, "Tracker", Patient)
+    monkeypatch.setattr(tracking, "Tracker", Patient)
 
 
 def names(folder: Path) -> list[str]:
@@ -62,31 +55,6 @@ def test_tables_and_summary(logs: Path, tmp_path: Path, lidarcli: Run, patient: 
         (2, "A"): 10,
     }
     assert objects["t"].to_pylist()[-1] == 1.9
-
-
-def test_it_has_every_option_of_detect_and_its_own() -> None:
-    def options(command: Any) -> dict[str, str]:
-        return {parameter.opts[0]: type(parameter.type).__name__ for parameter in command.params}
-
-    shared, own = options(detect), options(track)
-    assert {name: own[name] for name in shared} == shared
-    assert {*own} - {*shared} == {"--significance", "--no-trajectories"}
-
-
-def test_the_default_in_help_is_that_of_the_tracker(lidarcli: Run) -> None:
-    assert TrackParameters().significance == SIGNIFICANCE
-    # A line may end within it.
-    assert "[default: 1e-05]" in " ".join(lidarcli("track", "--help").out.split())
-
-
-def test_help_imports_nothing_heavy() -> None:
-    heavy = ("numpy", "pyarrow", "lidarcli.formalism")
-    code = (
-        "import sys; from lidarcli.cli import run; run(['track', '--help']); "
-        f"print([name for name in {heavy!r} if name in sys.modules])"
-    )
-    ran = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert ran.stdout.splitlines()[-1] == "[]"
 
 
 def test_detect_does_not_import_the_tracker(logs: Path, tmp_path: Path) -> None:
@@ -117,20 +85,6 @@ def test_options_reach_the_tables(logs: Path, tmp_path: Path, lidarcli: Run) -> 
     sweeps = pq.read_table(tmp_path / "run.sweeps.parquet")
     assert sweeps["t"].to_pylist() == [round(0.1 * k, 1) for k in sweeps["sweep"].to_pylist()]
     assert sweeps["sweep"].to_pylist()[0] == 6
-
-
-def test_place_and_map_are_told_beside_the_sweep(logs: Path, tmp_path: Path, lidarcli: Run) -> None:
-    assert lidarcli("-q", "track", logs / "run.mcap", "-o", tmp_path, "--explain").code == 0
-    rows = pq.read_table(tmp_path / "run.objects.parquet").to_pylist()
-    assert rows
-    for row in rows:
-        told = re.fullmatch(r"place ([+-]\d+\.\d)(?:, map ([+-]\d+\.\d))?; this sweep: .+", row["why"])
-        assert told is not None
-        odds = float(told[1]) + float(told[2] or 0.0)
-        assert np.log(row["thing"] / (1.0 - row["thing"])) == pytest.approx(odds, abs=0.16)
-    alone = tmp_path / "alone"
-    assert lidarcli("-q", "track", logs / "run.mcap", "-o", alone, "--explain", "--no-memory").code == 0
-    assert not any("place" in why for why in pq.read_table(alone / "run.objects.parquet")["why"].to_pylist())
 
 
 @pytest.mark.parametrize("table", TABLES)
@@ -182,13 +136,6 @@ def test_damage_in_the_middle_costs_what_is_damaged(logs: Path, tmp_path: Path, 
     assert b"lidarcli.damage" in pq.read_schema(tmp_path / "cut.tracks.parquet").metadata
 
 
-def test_what_cannot_be_read_leaves_no_table(logs: Path, tmp_path: Path, lidarcli: Run) -> None:
-    (tmp_path / "bad.bag").write_bytes(b"\0\1\2" * 99)
-    ran = lidarcli("track", tmp_path / "bad.bag", logs / "run.mcap", "-o", tmp_path / "out", "--topic", "/none")
-    assert ran.code == 3
-    assert names(tmp_path) == []
-
-
 def test_a_background_leaves_what_differs(tmp_path: Path, lidarcli: Run, patient: None) -> None:
     background = tmp_path / "b.parquet"
     assert lidarcli("-q", "background", "build", SAMPLES / "room_empty.mcap", "-o", background).code == 0
@@ -201,41 +148,7 @@ def test_a_background_leaves_what_differs(tmp_path: Path, lidarcli: Run, patient
     assert len({row["track"] for row in rows} - {None}) == 5
 
 
-def test_what_has_gone_is_no_thing(tmp_path: Path, lidarcli: Run) -> None:
-    background = tmp_path / "b.parquet"
-    assert lidarcli("-q", "background", "build", SAMPLES / "room.mcap", "-o", background).code == 0
-    options = ("--background", background, "--removed", "--end", "0.5", "-o", tmp_path)
-    assert lidarcli("-q", "track", SAMPLES / "room_empty.mcap", *options).code == 0
-    objects = pq.read_table(tmp_path / "room_empty.objects.parquet")
-    assert {*objects["change"].to_pylist()} == {"removed"}
-    assert objects["track"].null_count == objects["moving"].null_count == objects.num_rows > 0
-    sweeps = pq.read_table(tmp_path / "room_empty.sweeps.parquet")
-    assert {*sweeps["objects"].to_pylist(), *sweeps["object_beams"].to_pylist()} == {0}
-
-
-def test_an_empty_selection_gives_empty_tables(logs: Path, tmp_path: Path, lidarcli: Run) -> None:
-    ran = lidarcli("track", logs / "run.mcap", "--start", "1000", "-o", tmp_path)
-    assert ran.code == 0
-    assert ran.err.splitlines()[0] == f"{logs / 'run.mcap'}: 0 sweeps, 0 objects (0 on moving things), 0 tracks (0 moving)"
-    for table in TABLES:
-        found = pq.read_table(tmp_path / f"run.{table}.parquet")
-        assert (found.num_rows, found.schema.equals(SCHEMAS[table])) == (0, True)
-
-
 # --- streams ----------------------------------------------------------------------------------------------
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("log", ["run.mcap", "two.mcap"])
-def test_streams_equal_the_table(logs: Path, tmp_path: Path, process: Run, log: str) -> None:
-    assert process("-q", "track", logs / log, "-o", tmp_path).returncode == 0
-    expected = pq.read_table(next(tmp_path.glob("*.objects.parquet"))).to_pylist()
-    data = (logs / log).read_bytes()
-    for source, given in ((logs / log, None), ("-", data)):
-        ran = process("-q", "track", source, "-o", "-", "--format", "arrow", input=given)
-        assert (ran.returncode, ran.stderr) == (0, b"")
-        rows = pa.ipc.open_stream(ran.stdout).read_all().to_pylist()
-        assert [{**row, "log": log.split(".")[0]} for row in rows] == expected
 
 
 @pytest.mark.parametrize("suffix", [".parquet", ".csv", ".ndjson", ".arrow"])
@@ -257,14 +170,3 @@ def test_one_file_holds_the_objects_of_all_logs(
     else:
         rows = [row["moving"] == "True" for row in csv.DictReader(io.StringIO(path.read_text()))]
     assert Counter(rows) == {False: 60, True: 30}
-
-
-def test_beams_are_files(logs: Path, lidarcli: Run) -> None:
-    ran = lidarcli("track", logs / "run.mcap", "-o", "-", "--beams")
-    assert ran.code == 2
-    assert "--beams writes a file" in ran.err
-
-
-def test_the_command_stands_beside_detect() -> None:
-    listed = cli.list_commands(None)  # type: ignore[arg-type]
-    assert listed.index("track") == listed.index("detect") + 1

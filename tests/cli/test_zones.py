@@ -12,27 +12,12 @@ import pyarrow.parquet as pq
 import pytest
 
 import lidarcli as package
-from lidarcli.simulation import scene as make
-from lidarcli.simulation.generate import START_NS
-from lidarcli.simulation.scene import Course, Odometry
 from tests.cli.maps import Run, names
 from tests.interrupting import MOMENTS, ended, left
 from tests.pipeline.drawn import driven, round_about, told
 from tests.places import SAMPLES
 from tests.sweeping import raw_sweeps, round_room
-from tests.zones.runs import (
-    SENSOR,
-    column,
-    odometry_of,
-    scans,
-    scene_of,
-    sweeps_of,
-    twists,
-    walker,
-    where,
-    write_bag,
-    zone_file,
-)
+from tests.zones.runs import SENSOR, column, scans, scene_of, sweeps_of, walker, where, write_bag, zone_file
 from tests.zones.test_crossings import drawn_route
 
 STOP = """
@@ -127,21 +112,6 @@ def test_a_zone_behind_a_sensor_of_180_degrees(lidarcli: Run, tmp_path: Path) ->
     assert "nothing to measure" in ran.err
 
 
-def test_a_part_of_the_log(lidarcli: Run, log: Path, tmp_path: Path) -> None:
-    zones = zones_of(tmp_path, STOP)[1::2]
-    whole = package.zones(log, zones=zones, no_objects=True)
-    part = package.zones(log, zones=zones, no_objects=True, start=1.5, end=3.0, every=2)
-    assert column(part.zones, "sweep") == [*range(16, 30, 2)]
-    assert column(part.zones, "t") == [pytest.approx(sweep / 10.0) for sweep in column(part.zones, "sweep")]
-    points = column(whole.zones, "points")
-    assert column(part.zones, "points") == [points[sweep] for sweep in column(part.zones, "sweep")]
-    (event,) = part.events.to_pylist()
-    assert (event["cut"], event["t"]) == (True, pytest.approx(event["first_sweep"] / 10.0))
-    nothing = lidarcli("zones", log, "--zones", zones[0], "--no-objects", "--start", "100")
-    assert nothing.code != 0
-    assert "Traceback" not in nothing.err
-
-
 @pytest.mark.slow
 def test_batches_and_processes_change_no_byte(lidarcli: Run, tmp_path: Path) -> None:
     zones = zones_of(
@@ -158,25 +128,6 @@ def test_batches_and_processes_change_no_byte(lidarcli: Run, tmp_path: Path) -> 
         assert ran.code == 0, ran.err
         written.append([(out / f"drive.{table}.parquet").read_bytes() for table in ("events", "zones")])
     assert written[0] == written[1] == written[2]
-
-
-@pytest.mark.slow
-def test_batches_of_any_size(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    path = Course(np.array([[-2.0, 0.0], [2.0, 0.0], [2.0, 2.0], [-2.0, 2.0]]), speed=1.0)
-    scene = scene_of(make.box(1.0, 1.0, 0.5, 0.5), make.box(3.0, 0.0, 0.5, 1.0), path=path, odometry=Odometry(), sweeps=60)
-    log = write_bag(tmp_path / "a.bag", scans(sweeps_of(scene), odometry_of(scene)))
-    zones = zone_file(
-        tmp_path,
-        '[[zone]]\nname = "a"\nframe = "robot"\naction = "approach"\ncircle = { x = 0, y = 0, radius = 0.4 }\n'
-        '[[zone]]\nname = "w"\nframe = "world"\ncircle = { x = 1, y = 1, radius = 0.5 }\n',
-    )
-    found = []
-    for size in (720, 7 * 720, 1 << 20):
-        monkeypatch.setattr("lidarcli.logs.batches.BATCH_VALUES", size)
-        found.append(package.zones(log, zones=str(zones), no_objects=True))
-    assert found[0] == found[1] == found[2]
-    assert any(one is not None for one in column(found[0].zones, "ttc", zone="a"))
-    assert max(column(found[0].zones, "points", zone="w")) > 10
 
 
 def test_several_logs(lidarcli: Run, log: Path, tmp_path: Path) -> None:
@@ -290,44 +241,6 @@ def test_what_is_refused(lidarcli: Run, log: Path, tmp_path: Path, zone: str, op
     assert not (tmp_path / "out").exists()
 
 
-def test_a_folder_is_no_standard_output(lidarcli: Run, log: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    zones = zones_of(tmp_path, '[[zone]]\nname = "z"\ncircle = { x = 1, y = 0, radius = 1 }\n')
-    monkeypatch.chdir(tmp_path)
-    ran = lidarcli("zones", log, *zones, "-o", "-")
-    assert (ran.code, ran.out) == (2, "")
-    assert "-o is the name of a folder; there is no standard output of tables" in ran.err
-    assert not Path("-").exists()
-
-
-def test_crossings_need_tracks(lidarcli: Run, log: Path, tmp_path: Path) -> None:
-    """The tables of detect have none."""
-    assert lidarcli("detect", log, "-o", tmp_path / "tables").code == 0
-    zones = zones_of(tmp_path, '[[zone]]\nname = "z"\nline = [[0, 0], [1, 0]]\n')
-    ran = lidarcli("zones", log, *zones, "--objects", tmp_path / "tables" / "run.objects.parquet")
-    assert ran.code == 2
-    assert "zone 'z' is a line, and crossings need tracks, which are not beside" in ran.err
-
-
-def test_tables_of_other_sweeps(lidarcli: Run, log: Path, tmp_path: Path) -> None:
-    assert lidarcli("detect", log, "-o", tmp_path / "tables", "--every", "2").code == 0
-    objects = tmp_path / "tables" / "run.objects.parquet"
-    zones = zones_of(tmp_path, STOP)
-    ran = lidarcli("zones", log, *zones, "--objects", objects)
-    assert ran.code == 3
-    assert "--every" in ran.err
-    assert lidarcli("zones", log, *zones, "--objects", objects, "--every", "2").code == 0
-
-
-def test_standard_input(lidarcli: Run, tmp_path: Path) -> None:
-    assert lidarcli("zones", "-", *zones_of(tmp_path, STOP), "--no-objects").code == 2
-
-
-def test_a_log_without_sweeps(lidarcli: Run, tmp_path: Path) -> None:
-    empty = write_bag(tmp_path / "empty.bag", twists([START_NS], (0.0, 0.0, 0.0)))
-    ran = lidarcli("zones", empty, *zones_of(tmp_path, STOP), "--no-objects", "-o", tmp_path / "out")
-    assert (ran.code, ran.err.count("\n")) == (4, 1)
-
-
 # Lines.
 
 
@@ -385,13 +298,6 @@ def test_masks_of_the_zone_file_are_masks_of_the_search_for_agents(lidarcli: Run
     assert pq.read_table(tmp_path / "out" / "people.events.parquet").num_rows == 0
 
 
-def test_a_zone_that_no_file_has_is_no_gate(lidarcli: Run, log: Path, tmp_path: Path) -> None:
-    file = zone_file(tmp_path, STOP)
-    ran = lidarcli("zones", log, "--zones", file, "--check", "events where zone == stpo == 0")
-    assert ran.code == 2
-    assert "no zone 'stpo'; there is stop" in ran.err
-
-
 def test_of_several_logs_each_has_to_have_seen_a_zone(lidarcli: Run, log: Path, tmp_path: Path) -> None:
     ahead = raw_sweeps(round_room(20, 181), angle_min=-0.5 * np.pi, angle_increment=np.pi / 180)
     half = write_bag(tmp_path / "half.bag", scans([ahead]))
@@ -401,10 +307,3 @@ def test_of_several_logs_each_has_to_have_seen_a_zone(lidarcli: Run, log: Path, 
     ran = lidarcli("zones", log, half, "--zones", behind, "--no-objects", *check)
     assert ran.code == 1
     assert "check failed: zones.behind.events has nothing to measure, expected == 0" in ran.err
-
-
-def test_a_footprint_that_no_zone_needs_is_refused(lidarcli: Run, log: Path, tmp_path: Path) -> None:
-    file = zone_file(tmp_path, STOP)
-    ran = lidarcli("zones", log, "--zones", file, "--footprint", "[[0, 0], [1, 0], [0, 1]]")
-    assert ran.code == 2
-    assert "--footprint is for zones whose shape a topic tells, and there are none" in ran.err

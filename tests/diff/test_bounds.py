@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import json
 import os
 import subprocess
 import sys
 from pathlib import Path
 
 import numpy as np
-import pyarrow.parquet as pq
 import pytest
 
 import lidarcli as package
@@ -18,8 +16,6 @@ from lidarcli.formalism.mapping.grid import FREE, OCCUPIED, Int8, Occupancy
 from lidarcli.formalism.matching import differences, ground
 from lidarcli.maps import pgm_bytes, yaml_bytes
 from lidarcli.pipeline import differing
-from lidarcli.tabular.writing import SOURCE
-from tests.places import ROOT
 from tests.waiting import HANG
 
 
@@ -55,29 +51,12 @@ def test_structure_that_differs_in_too_many_places(tmp_path: Path, monkeypatch: 
         package.diff(one, other)
 
 
-def test_many_changes_of_structure_are_not_told_one_by_one(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    one, other = (write_map(tmp_path / f"{boxes}.yaml", walls(boxes)) for boxes in (0, 3))
-    monkeypatch.setattr(differing, "MOST_TOLD", 1)
-    assert package.diff(one, other).lines[2] == "  structure: new 0.4 m at (-2.3, -1.3), and 2 more"
-
-
 def test_the_ground_of_all_runs_is_too_large(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     one = write_map(tmp_path / "one.yaml", walls(1))
     assert package.diff(one, one, one).figures["overlap"] == 1.0
     monkeypatch.setattr(ground, "MOST_CELLS", 5000)
     with pytest.raises(OptionError, match=r"^the ground of all runs would reach over 6 x 4 m; compare fewer"):
         package.diff(one, one, one)
-
-
-@pytest.mark.slow
-def test_a_background_whose_metadata_tell_no_poses(tmp_path: Path) -> None:
-    path = tmp_path / "b.parquet"
-    package.background(ROOT / "samples" / "drive.db3", path)
-    table = pq.read_table(path)
-    for poses in ([], [3], 3, {"laser": 3}, {"laser": {"world": 3}}, {"laser": {}}):
-        notes = {**table.schema.metadata, SOURCE.encode(): json.dumps([{"poses": poses}]).encode()}
-        pq.write_table(table.replace_schema_metadata(notes), path)
-        assert package.diff(path, path, align="as-is").figures["overlap"] == 1.0
 
 
 @pytest.mark.slow

@@ -17,7 +17,6 @@ import pytest
 
 import lidarcli as package
 from lidarcli.errors import OptionError, UnreadableError
-from lidarcli.formalism.mapping.grid import OCCUPIED
 from lidarcli.pipeline.differing import Difference
 from lidarcli.simulation import scene as make
 from lidarcli.simulation.scene import Course, Entity, Odometry, Sensor, super_ellipse
@@ -64,14 +63,6 @@ def test_a_run_with_itself(monday: str) -> None:
     assert found.changes.schema.equals(CHANGES)
     assert found.figures == {**dict.fromkeys(("moved", "new", "gone", "uncertain"), 0.0), "known": 5.0, "overlap": 1.0}
     assert max(found.changes["moved"].to_pylist()) == 0.0
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("sensor", SENSORS)
-def test_another_seed_of_one_scene_invents_nothing(sensor: Sensor, tmp_path: Path) -> None:
-    flickers = replace(sensor, flicker=0.1, lost=0.02)
-    runs = [write_run(tmp_path / f"{seed}.mcap", SCENE, sensor=flickers, seed=seed) for seed in range(2)]
-    assert {*counts(package.diff(*runs))} <= {"known", "uncertain"}
 
 
 @pytest.mark.slow
@@ -191,23 +182,6 @@ RECTANGLE = closed(((-4, -3), (4, -3), (4, 3), (-4, 3)))
 
 
 @pytest.mark.slow
-def test_the_only_box_of_a_rectangle_moved_to_the_other_side(tmp_path: Path) -> None:
-    """Where the sensor hardly moved the box was moved; elsewhere nobody knows which of both was turned."""
-    box = make.box(1.5, 1.0, 0.6, 0.4, 0.0)
-    before = write_run(tmp_path / "a.mcap", (RECTANGLE, box))
-    scene = RECTANGLE, replace(box, x=-1.5, y=-1.0)
-    for number, where in enumerate((parked(), parked(0.2, 0.1, 0.05))):
-        found = package.diff(before, write_run(tmp_path / f"b{number}.mcap", scene, where, seed=1))
-        assert counts(found) == {"moved": 1}
-        assert rows(found, "moved")[0]["moved"] == pytest.approx(math.hypot(3.0, 2.0), abs=0.05)
-        (note,) = found.notes
-        assert "in a second way, turned by 1" in note
-    after = write_run(tmp_path / "c.mcap", scene, parked(0.5, 0.3, 0.2), seed=1)
-    with pytest.raises(UnreadableError, match="lie on each other in two ways"):
-        package.diff(before, after)
-
-
-@pytest.mark.slow
 def test_a_sensor_that_was_driven_on_in_a_corridor(tmp_path: Path) -> None:
     """Nothing has changed, and the old place fits as well as the true one, which is 2 m or 3 m further on."""
     walls = make.wall([[-20, -1], [20, -1]]), make.wall([[-20, 1], [20, 1]])
@@ -230,18 +204,6 @@ def test_a_sensor_that_was_driven_on_in_a_corridor(tmp_path: Path) -> None:
     assert "in a second way, shifted by 3.0 m, as along a row of like pillars" in note
     moved = write_run(tmp_path / "moved.mcap", (*SCENE[:-1], replace(BOXES[4], x=-0.6)), seed=1)
     assert package.diff(write_run(tmp_path / "room.mcap", SCENE), moved).notes == ()
-
-
-@pytest.mark.slow
-def test_a_thin_partition_is_one_thing(tmp_path: Path) -> None:
-    """A sensor that drives round it sees both of its faces."""
-    round_it = Course(super_ellipse(1.5, 1.2, 2.0), 0.6)
-    runs = [
-        write_run(tmp_path / f"{seed}.mcap", scene, round_it, SENSORS[1], 160, seed, ODOMETRY)
-        for seed, scene in enumerate((SCENE, (*SCENE, make.box(0.1, 0.1, 1.2, 0.05, 1.2))))
-    ]
-    (new,) = rows(package.diff(*runs), "new")
-    assert (new["x_b"], new["y_b"], new["length"]) == pytest.approx((0.1, 0.1, 1.2), abs=0.05)
 
 
 @pytest.mark.slow
@@ -337,17 +299,6 @@ def test_a_shelf_on_a_map(maps: Path) -> None:
 
 
 @pytest.mark.slow
-def test_figures_of_a_map_that_is_laid_on_another_one(maps: Path, tmp_path: Path) -> None:
-    text = (maps / "room.yaml").read_text()
-    origin = next(line for line in text.splitlines() if line.startswith("origin:"))
-    shifted = tmp_path / "shifted.yaml"
-    shifted.write_text(text.replace(origin, "origin: [5.0, 5.0, 0.0]"))
-    (tmp_path / "room.pgm").write_bytes((maps / "room.pgm").read_bytes())
-    found = package.diff(maps / "room.yaml", shifted, align="search")
-    assert (counts(found), found.figures["f1"]) == ({}, pytest.approx(1.0, abs=1e-3))
-
-
-@pytest.mark.slow
 @pytest.mark.parametrize("resolution", [0.01, 0.15])
 def test_maps_of_other_cells(maps: Path, tmp_path: Path, resolution: float) -> None:
     for name in ("room", "shelf"):
@@ -358,13 +309,6 @@ def test_maps_of_other_cells(maps: Path, tmp_path: Path, resolution: float) -> N
     assert rows(found, "new")[0]["x_b"] == pytest.approx(-3.7, abs=0.3)
     with pytest.raises(OptionError, match=rf"make the map with --resolution {resolution:g}$"):
         package.diff(tmp_path / "room.yaml", maps / "room.yaml")
-
-
-@pytest.mark.slow
-def test_a_log_beside_a_map(maps: Path) -> None:
-    found = package.diff(maps / "room.yaml", maps / "shelf.mcap")
-    assert counts(found) == {"known": 5, "new": 1}
-    assert {row["log_a"] for row in rows(found, "known")} == {str(maps / "room.yaml")}
 
 
 @pytest.mark.slow
@@ -413,29 +357,6 @@ def test_tables_tell_no_free_space(monday: str, tmp_path: Path, lidarcli: Run) -
         "  note     tables tell no free space; name the logs to learn what is gone",
         f"  wrote    {tmp_path / 'c.csv'}",
     ]
-
-
-def test_each_run_has_its_own_ground_and_sensor(monday: str, tmp_path: Path) -> None:
-    tuesday = write_run(tmp_path / "tuesday.mcap", without(SCENE, BOXES[1]), seed=1)
-    found = package.diff(monday, tuesday, tuesday)
-    # One that is compared twice has a name for each time.
-    assert [step.name for step in found.steps] == [tuesday, f"{tuesday} (2)"]
-    assert Counter((row["log_b"], row["status"]) for row in found.changes.to_pylist()) == {
-        (tuesday, "known"): 4,
-        (tuesday, "gone"): 1,
-        (f"{tuesday} (2)", "known"): 4,
-    }
-    # Where the box stood, cells are occupied before the first step, and free before the second.
-    taken = []
-    for step in found.steps:
-        assert step.ground is not None
-        assert step.sensors is not None
-        assert np.abs(step.sensors).max() < 0.05
-        row, column = np.nonzero(step.ground.cells == OCCUPIED)
-        x, y = (column + 0.5) * 0.05 + step.ground.x, (row + 0.5) * 0.05 + step.ground.y
-        taken.append(int((np.hypot(x + 2.6, y + 1.6) < 0.6).sum()))
-    assert taken[0] > 10
-    assert taken[1] == 0
 
 
 def test_outputs_and_checks(monday: str, tmp_path: Path, lidarcli: Run) -> None:
@@ -487,16 +408,6 @@ def test_a_run_in_which_nothing_can_stand(monday: str, tmp_path: Path, lidarcli:
     assert package.report(table).figures["gone"] is None
 
 
-def test_notes_on_poses_are_shown(tmp_path: Path, lidarcli: Run) -> None:
-    log = write_run(tmp_path / "a.mcap", SCENE, DRIVE, odometry=Odometry())
-    assert "  note     " + log + ": poses from /tf" in lidarcli("diff", log, log).err
-
-
-def test_an_output_is_named_twice(monday: str, tmp_path: Path, lidarcli: Run) -> None:
-    ran = lidarcli("diff", monday, monday, "-o", tmp_path / "c.png", "-o", f"{tmp_path}/../{tmp_path.name}/c.png")
-    assert (ran.code, "is to be written twice" in ran.err) == (2, True)
-
-
 @pytest.mark.slow
 def test_outputs_appear_together_and_the_one_without_room_is_named(
     tmp_path: Path, lidarcli: Run, undrawn: None, monkeypatch: pytest.MonkeyPatch
@@ -506,7 +417,7 @@ def test_outputs_appear_together_and_the_one_without_room_is_named(
 
     log, table, picture = tmp_path / "run.mcap", tmp_path / "a" / "d.csv", tmp_path / "b" / "d.png"
     write_log(log, [room_sweeps(count=40)])
-    monkeypatch.setattr("lidarcli.reports.changes_picture.draw_changes", full)
+    monkeypatch.setattr("lidarcli.reports.map_picture.draw_changes", full)
     ran = lidarcli("-q", "diff", log, log, "-o", table, "-o", picture)
     assert (ran.code, ran.err) == (5, f"lidarcli: cannot write {picture}: No space left on device\n")
     assert [*table.parent.iterdir(), *picture.parent.iterdir()] == []

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from lidarcli.formalism.mapping.grid import FREE, OCCUPIED, UNKNOWN, Occupancy, TooLargeError
-from lidarcli.formalism.matching.alignment import fit, refine
+from lidarcli.formalism.matching.alignment import refine
 from lidarcli.formalism.matching.ground import HERE, REACH, SEEN_FREE, Ground, Motion, Nearest, of_map
 
 SIDE = 0.05
@@ -59,40 +59,11 @@ def test_the_nearest_point_is_found_within_reach_and_no_farther() -> None:
     assert near.area == pytest.approx(np.count_nonzero(ground.cells == FREE) * SIDE**2, rel=0.05)
 
 
-def test_within_a_mass_the_nearest_point_is_its_own_and_beside_it_one_of_its_edge() -> None:
-    cells = np.full((60, 70), FREE, np.int8)
-    cells[15:40, 20:50] = OCCUPIED
-    cells[12, 5] = cells[50, 60] = OCCUPIED
-    ground = of_map(Occupancy(SIDE, -1.0, 0.5, cells))
-    row, column = (part.ravel() for part in np.indices(cells.shape))
-    x, y = -1.0 + (column + 0.5) * SIDE, 0.5 + (row + 0.5) * SIDE
-    brute = np.hypot(x[:, None] - ground.points[:, 0], y[:, None] - ground.points[:, 1]).min(axis=1)
-    _, away = Nearest(ground).of(x, y)
-    assert away == pytest.approx(np.where(brute <= REACH + 1e-9, brute, np.inf))
-
-
-def test_large_free_ground_is_compared_by_some_of_its_places() -> None:
-    cells = np.full((700, 1500), FREE, np.int8)
-    cells[:, :500] = UNKNOWN
-    near = Nearest(of_map(Occupancy(SIDE, 0.0, 0.0, cells)))
-    assert len(near.free) == -(-700 // 3) * 200
-    assert near.area == pytest.approx(700 * 1000 * SIDE**2, rel=0.01)
-
-
 def test_grounds_far_apart_are_not_laid_over_each_other() -> None:
     with pytest.raises(TooLargeError, match=r"^1,006 x 1,004 m$"):
         room().over(room(corner=(997.0, 998.0)))
     with pytest.raises(TooLargeError):
         room(30_000.0, 3.0).moved(Motion(0.8, 0.0, 0.0))
-
-
-def test_a_ground_lies_on_itself_and_not_where_it_is_not() -> None:
-    near = Nearest(room())
-    here = fit(near, near, HERE)
-    assert (here.overlap, here.against, here.rms) == (1.0, 0, 0.0)
-    away = fit(near, near, Motion(0.0, 0.7, 0.4))
-    assert away.overlap < 0.5
-    assert away.gain < 0.5 * here.gain
 
 
 @pytest.mark.parametrize("motion", [Motion(0.03, 0.12, -0.08), Motion(-0.05, -0.1, 0.15)])

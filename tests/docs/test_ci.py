@@ -10,7 +10,6 @@ import sys
 from pathlib import Path
 from typing import Any
 
-import duckdb
 import pytest
 from ruamel.yaml import YAML
 
@@ -84,14 +83,3 @@ def test_jq(tables: Path) -> None:
     assert {len(line.split("\t")) for line in standing.splitlines()} == {3}
     assert all(float(line.split(",")[2]) > 0.8 for line in wide.splitlines())
     assert len(wide.splitlines()) >= 50
-
-
-def test_duckdb(tables: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tables)
-    (block,) = blocks("sql")
-    shapes, lost, near = (duckdb.sql(query).fetchall() for query in block.split(";") if query.strip())
-    assert "prismatic" in {row[0] for row in shapes}
-    assert len(lost) == 5
-    assert lost[0][3] >= lost[-1][3] > 0
-    assert all(row[2] < 1.9 for row in near)
-    assert near

@@ -13,7 +13,7 @@ import pytest
 from lidarcli import __version__, choices
 from lidarcli.formalism.detection import SHAPES, VISIBILITIES
 from lidarcli.formalism.tracking.results import ENDS
-from lidarcli.overlays import files, objects
+from lidarcli.overlays import objects, viewers
 from lidarcli.overlays.markers import Kind
 from lidarcli.pipeline import mapping
 from lidarcli.pipeline.inputs import catalogue
@@ -26,13 +26,13 @@ from tools import examples, reference
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
 CONSTANTS = {
     "background": [f"background.{name}" for name in ("model", "learning", "stations", "subtraction")],
-    "catalogue": ["matching.catalogue", "matching.evidence", "tracking.naming"],
+    "catalogue": ["matching.catalogue", "matching.evidence"],
     "diff": [f"matching.{name}" for name in ("differences", "pairs", "extents", "ground", "alignment", "runs")],
     "map": ["mapping.counts", "mapping.occupancy"],
 }
 """Page → the modules of the formalism whose constants it lists with their values."""
 UNLISTED = {
-    *("evidence.LEAST_LENGTH", "catalogue.LEAST_DENSITY", "naming.SIZES"),
+    *("evidence.LEAST_LENGTH", "catalogue.LEAST_DENSITY"),
     *("pairs.ROUNDS", "ground.FAR_CORNER", "alignment.SMALL", "runs.PROPOSALS_AT_ONCE", "ground.AT_ONCE"),
     *(f"differences.{name}" for name in ("THING", "STRUCTURE", "KNOWN", "MOVED", "NEW", "GONE", "UNCERTAIN")),
     *(f"differences.{name}" for name in ("HIDDEN", "OUT_OF_VIEW", "NO_FREE_SPACE", "SHORT", "AMBIGUOUS", "CERTAIN")),
@@ -89,7 +89,7 @@ def test_files_and_defaults_are_those_of_the_code() -> None:
     assert f"`--resolution` metres ({choices.MAP_RESOLUTION})" in page("map")
     assert f"`--occupied-ratio` ({choices.OCCUPIED_RATIO})" in page("map")
     assert f"{objects.HEIGHT} m high" in page("overlay")
-    for name in (files.OBJECTS, files.MAP, *files.SUFFIXES):
+    for name in (viewers.OBJECTS, viewers.MAP, *viewers.SUFFIXES):
         assert f"`{name}`" in page("overlay") or f"`{name}/" in page("overlay")
     assert {*dict(re.findall(r"^\| `(\w+)` \| ([^|]+) \|", page("overlay"), re.MULTILINE))} == {
         kind.value[1].decode() for kind in Kind

@@ -83,23 +83,6 @@ def test_the_commands_make_the_pictures(folder: Path) -> None:
         assert np.abs(today - shown).mean() < LIKENESS, f"{name}: run `python -m tests.docs.test_paper_page`"
 
 
-def test_one_sweep_of_the_drive() -> None:
-    """Fig. 5."""
-    truth = pd.read_parquet(SAMPLES / "drive.truth-beams.parquet").query("sweep == 40")["entity"].to_numpy()
-    kinds = pd.read_parquet(SAMPLES / "drive.truth.parquet").set_index("entity")["kind"].to_dict()
-    assert [kinds[entity] for entity in range(6)] == ["wall", "box", "box", "chair", "ladder", "cylinder"]
-    objects = {
-        profile: lidarcli.detect(SAMPLES / "drive.db3", profile=profile).to_pandas().query("sweep == 40")
-        for profile in ("paper", "robust")
-    }
-    assert Counter(hit(objects["paper"], truth)) == {5: 1, 2: 1, 3: 3, 4: 1, 0: 2}
-    assert sorted(hit(objects["robust"], truth)) == [1, 2, 3, 4, 5]
-    (large,) = objects["robust"][[entity == 1 for entity in hit(objects["robust"], truth)]].to_dict("records")
-    assert large["visibility"] == "start_hidden"
-    assert "- `paper` finds 8 objects: the bin, one box, three legs of the chair, one of the ladder, and two" in PAGE
-    assert "- `robust` finds 5 objects" in PAGE
-
-
 def test_five_objects(room: pd.DataFrame) -> None:
     """Fig. 8."""
     right = int((room.groupby("sweep").size() == 5).sum())

@@ -31,8 +31,4 @@ def bags(tmp_path: Path, small: bytes) -> Path:
 
 def tables(folder: Path) -> dict[str, bytes]:
     """The tables below a folder, by their names."""
-    return {
-        path.relative_to(folder).as_posix(): path.read_bytes()
-        for path in sorted(folder.rglob("*.parquet"))
-        if "_lidarcli" not in path.parts
-    }
+    return {path.relative_to(folder).as_posix(): path.read_bytes() for path in sorted(folder.rglob("*.parquet"))}

@@ -10,7 +10,7 @@ import pytest
 
 from lidarcli.errors import OptionError, UnreadableError
 from lidarcli.pipeline.inputs.search import choose, is_in_shard
-from lidarcli.pipeline.inputs.sources import MissingInput, Source
+from lidarcli.pipeline.inputs.sources import Source
 from tests.conftest import Ran
 from tests.places import SAMPLES
 
@@ -153,14 +153,3 @@ def test_a_log_that_a_pattern_names_twice_is_one(bags: Path) -> None:
     found = choose([f"{bags}/**"])
     assert sorted(names(found)) == ["a/run", "b/run", "four", "hall", "one", "three", "two"]
     assert len(found) == 7
-
-
-def test_a_list_does_not_say_where_credentials_are_sent(tmp_path: Path) -> None:
-    listed = tmp_path / "list"
-    listed.write_text("s3://b/run.mcap?endpoint_override=127.0.0.1:1&scheme=http\ns3://b/logs/?region=x\ns3://b/a.mcap\n")
-    first, second, third = choose([], str(listed))
-    assert isinstance(first, MissingInput)
-    assert isinstance(second, MissingInput)
-    assert "line 1: s3://b/run.mcap" in first.path
-    assert "a list takes no options of a URL" in str(first.error)
-    assert isinstance(third, Source)

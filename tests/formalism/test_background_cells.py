@@ -70,32 +70,6 @@ def test_a_surface_with_noise(sigma: float) -> None:
     assert found.no_return[0] == 0
 
 
-@pytest.mark.parametrize("people", [[1.0], [3.8], [3.88], list(np.linspace(0.5, 3.9, 30))])
-def test_people_in_thirty_percent_of_the_sweeps_change_nothing(people: list[float]) -> None:
-    rng = np.random.default_rng(2)
-    wall = 4.0 + 0.01 * rng.standard_normal(70)
-    found = estimated([*wall.tolist(), *np.resize(people, 30).tolist()])
-    assert found.r_e[0] == pytest.approx(4.0, abs=0.005)
-    assert found.r_near[0] == found.r_e[0]
-    assert found.spread[0] == pytest.approx(0.01, rel=0.3)
-    assert found.support[0] == pytest.approx(0.7, abs=0.01)
-
-
-def test_an_open_beam_stays_open_behind_people() -> None:
-    found = estimated([2.0] * 30, no_return=70)
-    assert found.r_e[0] == np.inf
-    assert found.r_near[0] == np.inf
-    assert np.isnan(found.spread[0])
-    assert found.support[0] == found.no_return[0] == 0.7
-
-
-def test_a_surface_that_returns_seldom_is_a_surface() -> None:
-    found = estimated([5.0] * 40, no_return=60)
-    assert found.r_e[0] == pytest.approx(5.0)
-    assert found.support[0] == 0.4
-    assert found.no_return[0] == 0.6
-
-
 def test_the_farther_of_two_surfaces_is_the_background_and_the_nearer_is_known() -> None:
     found = estimated([2.0] * 60 + [5.0] * 40)
     assert found.r_e[0] == pytest.approx(5.0)
@@ -121,13 +95,6 @@ def test_foliage_is_a_surface(observations: int, depth: float) -> None:
     found = estimated_beams(rng.uniform(4.0, 4.0 + depth, (observations, BEAMS)))
     assert ((found.r_e > 4.0) & (found.r_e < 4.0 + depth)).all()
     assert np.median(found.spread) > 0.045
-
-
-def test_foliage_before_a_wall_that_shows_now_and_then_is_a_surface() -> None:
-    rng = np.random.default_rng(4)
-    leaves = rng.uniform(4.0, 4.5, (400, BEAMS))
-    found = estimated_beams(np.where(rng.random((400, BEAMS)) < 0.12, 6.0, leaves))
-    assert ((found.r_e > 4.0) & (found.r_e < 4.5)).all()
 
 
 @pytest.mark.parametrize("observations", [20, 100, 400])
@@ -169,21 +136,6 @@ def test_people_before_nothing_are_no_surface(people: tuple[float, float]) -> No
     assert np.isinf(found.r_e).all()
     assert np.isnan(found.spread).all()
     assert found.support == pytest.approx(0.4, abs=0.1)
-
-
-def test_two_steps_at_one_place_are_no_surface() -> None:
-    """Five of forty ranges agree, too few to be sure of."""
-    found = estimated([*np.linspace(1.0, 4.5, 35).tolist(), *[5.0] * 5])
-    assert found.r_e[0] == np.inf
-    found = estimated([*np.linspace(1.0, 4.5, 35).tolist(), *[5.0] * 10])
-    assert found.r_e[0] == pytest.approx(5.0)
-
-
-def test_a_beam_that_nobody_has_seen_is_not_known() -> None:
-    found = estimate(count_ranges(np.array([1]), np.array([3.0])), np.zeros(3, np.int64))
-    assert np.isnan(found.r_e[[0, 2]]).all()
-    assert found.r_e[1] == pytest.approx(3.0)
-    assert found.support.tolist() == [0.0, 1.0, 0.0]
 
 
 def test_ranges_beyond_all_sensors_do_not_reach_the_next_beam() -> None:

@@ -7,13 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lidarcli.formalism import noise
 from lidarcli.formalism.background import Background, Grid, Shift, align, expected, lines, project, shift
 from lidarcli.formalism.learning import Learning
-from lidarcli.formalism.subtraction import Subtraction
 from lidarcli.simulation import scene as make
 from lidarcli.sweeps import Float64, SweepBatch
-from tests.going import SENSORS, SPINNING, Drive, seen_going
+from tests.going import SENSORS, Drive, seen_going
 
 ROOM = make.wall([[-5, -4], [5, -4], [5, 4], [-5, 4], [-5, -4]])
 THINGS = (ROOM, make.box(2.4, 0.5, 0.6, 0.4, 0.5), make.cylinder(-1.5, 2.0, 0.3))
@@ -110,24 +108,6 @@ def test_a_sweep_on_the_way_is_laid_onto_its_station(rate: tuple[float, float, f
     assert abs(instant.yaw[0]) + np.hypot(instant.x, instant.y)[0] > 0.02
 
 
-def test_a_shift_during_a_sweep() -> None:
-    way = np.array([[0.1, -0.2, 0.3], [0.0, 0.0, 0.0]])
-    none = Shift(np.zeros(2), np.zeros(2), np.zeros(2))
-    moved = replace(none, way=way)
-    assert none.none.tolist() == [True, True]
-    assert moved.none.tolist() == [False, True]
-    picked = moved.rows(np.array([1, 0]))
-    assert picked.way is not None
-    assert picked.way.tolist() == way[::-1].tolist()
-    assert none.rows(np.array([1])).way is None
-    share = np.array([[0.0, 0.5, 1.0], [0.0, 0.5, 1.0]])
-    ahead, left, turned = moved.during(share)
-    assert ahead.tolist() == [[0.0, 0.05, 0.1], [0.0, 0.0, 0.0]]
-    assert left.tolist() == [[0.0, -0.1, -0.2], [0.0, 0.0, 0.0]]
-    assert turned.tolist() == [[0.0, 0.15, 0.3], [0.0, 0.0, 0.0]]
-    assert [part.tolist() for part in none.during(share)] == [[[0.0], [0.0]]] * 3
-
-
 def learned(*sweeps: SweepBatch, size: int = 1) -> Background:
     """The background that sweeps of one place teach."""
     learning = Learning("/scan", "laser", Grid.of(parked(), 0), 0.25, 0.1)
@@ -152,42 +132,3 @@ def test_a_background_by_sweeps_on_the_way_is_that_of_the_parked_sensor(begins: 
     assert np.nanmean(errors[1]) > 0.06
     assert np.nanmean(right.spread) < 0.3 * np.nanmean(wrong.spread)
     assert np.nanmean(right.support) > 0.98 > 0.8 > np.nanmean(wrong.support)
-
-
-def test_less_seems_to_have_changed() -> None:
-    background = learned(*[parked()] * 4)
-    changed = []
-    for deskew in (True, False):
-        count = 0
-        for rate in RATES:
-            batch = going(rate) if deskew else without_way(going(rate))
-            found = Subtraction(background).difference(batch, noise(batch))
-            assert found.station.tolist() == [0]
-            count += int(found.appeared.sum() + found.removed.sum())
-        changed.append(count)
-    assert changed[0] < 0.1 * changed[1]
-    assert changed[1] > 100
-
-
-def test_sweeps_without_a_pose_have_no_way() -> None:
-    batch = seen_going(SPINNING, Drive(START, (0.0, 0.0, 0.5)), *THINGS, sweeps=4)
-    poses = batch.poses
-    assert poses is not None
-    assert poses.way is not None
-    for values in (poses.x, poses.y, poses.yaw):
-        values[:2] = np.nan
-    poses.way[:2] = 0.0
-    moved = shift(poses, poses)
-    assert moved.none.tolist() == [True, True, False, False]
-    assert moved.way is not None
-    assert moved.way[:2].tolist() == [[0.0] * 3] * 2
-    learning = Learning("/scan", "laser", Grid.of(batch, 0), 0.25, 0.1)
-    learning.add(batch)
-    assert learning.unplaced == 2
-    assert learning.background().sweeps.tolist() == [2]
-    # Where none has one, they are those of a sensor that stands.
-    for values in (poses.x, poses.y, poses.yaw, poses.way):
-        values[:] = np.nan if values is not poses.way else 0.0
-    nowhere, unknown = learned(batch), learned(without_way(batch))
-    assert nowhere.r_e.tobytes() == unknown.r_e.tobytes()
-    assert np.isfinite(nowhere.r_e).mean() > 0.9

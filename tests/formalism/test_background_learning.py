@@ -10,20 +10,7 @@ from numpy.typing import NDArray
 
 from benchmarks.scenes.random import KINDS, SENSORS, random_scene, sensor_with
 from lidarcli.formalism import learning as module
-from lidarcli.formalism import sweep
-from lidarcli.formalism.background import (
-    Background,
-    Grid,
-    Shift,
-    align,
-    beam_at,
-    expected,
-    gather,
-    lines,
-    nearest,
-    project,
-    shift,
-)
+from lidarcli.formalism.background import Background, Grid, Shift, align, expected, gather, lines, nearest, project, shift
 from lidarcli.formalism.learning import Estimate
 from lidarcli.sweeps import TURN, SweepBatch, SweepPoses
 from tests.formalism.backgrounds import STEP, learned, learning, partial, simulated, with_poses
@@ -55,16 +42,6 @@ def test_the_batch_size_makes_no_difference(size: int, drive: SweepBatch) -> Non
     batch = room(60)
     assert equal(learned(batch, size), learned(batch))
     assert equal(learned(drive, size), learned(drive))
-
-
-@pytest.mark.parametrize("size", [1, 7])
-def test_beam_counts_that_change_make_no_difference_to_batches(size: int) -> None:
-    """The widest sweep of a batch decides its padding, and nothing else."""
-    sensor = replace(sensor_with(SENSORS["361"], 0.01, 0.003), beams_jitter=9)
-    batch = simulated(random_scene("room", 3, sensor), 40, 1)[0]
-    poses = np.column_stack([np.linspace(0.0, 0.5, 40), np.zeros(40), np.linspace(0.0, 0.1, 40)])
-    moving = with_poses(batch, poses)
-    assert equal(learned(moving, size), learned(moving))
 
 
 def test_the_order_of_parked_sweeps_and_logs_makes_no_difference() -> None:
@@ -109,26 +86,6 @@ def test_people_in_every_direction_for_thirty_percent(kind: str, walking: bool) 
     assert np.mean(near | open_still) >= 0.99
 
 
-def test_other_bearings_are_taken_at_the_nearest_beam() -> None:
-    """Beam counts that change from turn to turn: the first sweep gives the bearings."""
-    sensor = replace(sensor_with(SENSORS["720"], 0.01, 0.0), beams_jitter=6)
-    scene = random_scene("room", 3, sensor)
-    found = learned(simulated(scene, 200, 1)[0])
-    truth = simulated(replace(scene, sensor=replace(sensor, noise=0.0, beams_jitter=0)), 1, 0)[0]
-    assert found.grid.period == found.r_e.shape[1]
-    own = Grid.of(truth, 0).beam(found.grid.bearings())
-    away = np.abs(found.r_e[0] - truth.ranges[0, own])
-    assert np.nanpercentile(away, [50, 95]) == pytest.approx([0.0, 0.0], abs=0.02)
-    assert np.nanmin(found.support[0]) > 0.3
-
-
-def test_a_turn_whose_last_bearing_is_the_first() -> None:
-    batch = sweep([[2.0, 3.0, 4.0, 5.0, 2.0]] * 3, angle_min=-np.pi, angle_increment=TURN / 4)
-    found = learned(batch)
-    assert found.grid.period == 4
-    assert found.r_e[0] == pytest.approx([2.0, 3.0, 4.0, 5.0, 2.0])
-
-
 def test_stations_gather_what_is_near(drive: SweepBatch) -> None:
     state = learning(drive, 7)
     found = state.background()
@@ -136,13 +93,6 @@ def test_stations_gather_what_is_near(drive: SweepBatch) -> None:
     assert found.sweeps.sum() == 39
     assert state.unplaced == 1
     assert state.left_out == 0
-
-
-def test_sweeps_without_any_pose_are_one_station() -> None:
-    batch = with_poses(room(6), np.full((6, 3), np.nan))
-    state = learning(batch)
-    assert equal(state.background(), learned(replace(batch, poses=None)))
-    assert state.unplaced == 0
 
 
 def test_a_parked_sensor_has_not_moved_whatever_hides_the_scene() -> None:
@@ -153,16 +103,6 @@ def test_a_parked_sensor_has_not_moved_whatever_hides_the_scene() -> None:
     background = learned(partial(ranges))
     assert np.flatnonzero(background.weak[0]).tolist() == list(range(30))
     assert not background.seems_moved
-
-
-def test_open_beams_are_not_weak_but_those_where_only_people_are() -> None:
-    rng = np.random.default_rng(10)
-    ranges = np.full((200, 3), np.inf)
-    ranges[:140, 1] = rng.uniform(0.5, 5.0, 140)
-    ranges[:, 2] = 3.0
-    background = learned(partial(ranges))
-    assert background.r_e[0].tolist() == [np.inf, np.inf, pytest.approx(3.0)]
-    assert background.weak[0].tolist() == [False, True, False]
 
 
 def test_a_sensor_that_moves_without_poses_seems_to_have_moved() -> None:
@@ -188,14 +128,6 @@ def test_memory_is_bounded(monkeypatch: pytest.MonkeyPatch, drive: SweepBatch) -
     crowded = replace(crowded, ranges=rng.uniform(1, 9, crowded.ranges.shape).astype(np.float32))
     state = learning(crowded, 4)
     assert state.left_out > 300
-
-
-def test_nothing_seen_is_no_station() -> None:
-    batch = room(1)
-    assert len(learned(batch)) == 1
-    empty = module.Learning("/scan", "laser", Grid.of(batch, 0), 0.25, 0.1).background()
-    assert len(empty) == 0
-    assert empty.r_e.shape == (0, 361)
 
 
 # Stations, slowly.
@@ -281,14 +213,6 @@ def test_project_and_expected_undo_each_other() -> None:
     assert np.roll(seen[0], -10) == pytest.approx(expected(batch, grid, ranges, turned)[0], nan_ok=True)
 
 
-def test_beams_of_bearings() -> None:
-    bearings = np.array([-0.3, -0.26, 0.0, 0.249, 0.26, 0.3, TURN])
-    assert beam_at(-0.2, 0.1, 5, 0, bearings).tolist() == [-1, -1, 2, 4, -1, -1, 2]
-    assert beam_at(0.2, -0.1, 5, 0, bearings).tolist() == [-1, -1, 2, 0, -1, -1, 2]
-    # A turn of 359 beams a degree apart: what lies in its seam belongs to a beam beside it.
-    assert beam_at(0.0, STEP, 359, 359, np.array([359.0, 359.4, 359.6]) * STEP).tolist() == [0, 0, 0]
-
-
 def test_sweeps_are_laid_onto_a_station() -> None:
     """A sensor 12 cm and 2 degrees off what its odometry says is put right to a centimetre and a tenth of a degree."""
     sensor = sensor_with(SENSORS["720"], 0.01, 0.003)
@@ -306,20 +230,6 @@ def test_sweeps_are_laid_onto_a_station() -> None:
         got = align(batch, grid, lines(grid, first.ranges.astype(float)), np.zeros(1, np.int64), start)
         assert np.hypot(got.x - dx, got.y - dy)[0] < 0.01
         assert abs(got.yaw[0] - turn) < np.deg2rad(0.1)
-
-
-def test_a_corridor_without_ends_leaves_the_way_along_it_to_the_odometry() -> None:
-    bearing = (np.arange(720) - 360) * TURN / 720
-    with np.errstate(divide="ignore"):
-        ranges = np.minimum(np.abs(1.0 / np.sin(bearing)), 30.0)
-    ranges[ranges > 11] = np.inf
-    batch = sweep(ranges, angle_min=-np.pi, angle_increment=TURN / 720, range_max=12.0)
-    grid = Grid.of(batch, 0)
-    start = Shift(np.array([0.2]), np.array([0.1]), np.array([0.02]))
-    got = align(batch, grid, lines(grid, batch.ranges.astype(float)), np.zeros(1, np.int64), start)
-    assert got.x[0] == pytest.approx(0.2, abs=0.01)
-    assert got.y[0] == pytest.approx(0.0, abs=0.005)
-    assert got.yaw[0] == pytest.approx(0.0, abs=0.001)
 
 
 def test_lines_are_exact_on_a_wall() -> None:

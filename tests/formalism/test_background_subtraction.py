@@ -10,13 +10,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from lidarcli.formalism import Detection, Parameters, detect, sweep
-from lidarcli.formalism.background import surroundings
+from lidarcli.formalism import Detection, sweep
 from lidarcli.formalism.detect import noise
-from lidarcli.formalism.detection import APPEARED, REMOVED, SHAPES, VISIBILITIES
-from lidarcli.formalism.subtraction import BESIDE_SHARE, Difference, Subtraction, Tolerance, _runs, changes, combine, select
-from lidarcli.sweeps import TURN, Status, SweepBatch
-from tests.formalism.backgrounds import STEP, WIDE, found_in, learned, partial, with_poses
+from lidarcli.formalism.detection import APPEARED, REMOVED, VISIBILITIES
+from lidarcli.formalism.subtraction import Difference, Subtraction, Tolerance, changes
+from lidarcli.sweeps import TURN, SweepBatch
+from tests.formalism.backgrounds import WIDE, found_in, learned, partial, with_poses
 
 GONE = Tolerance(removed=True)
 
@@ -73,15 +72,6 @@ def test_a_thing_before_open_space_is_found() -> None:
     assert found.difference[0] == pytest.approx(2.5 - 12.0)
 
 
-def test_without_a_greatest_range_the_difference_from_open_space_is_not_known() -> None:
-    empty, now = np.full(60, np.inf), np.full(60, np.inf)
-    now[20:28] = 2.5
-    found = found_in(partial(now, np.inf), learned(partial([empty.tolist()] * 3, np.inf)))
-    assert spans(found) == [(0, 20, 27)]
-    assert found.difference is not None
-    assert np.isnan(found.difference[0])
-
-
 @pytest.mark.parametrize("written", [0.0, -1.0, np.nan, np.inf])
 def test_a_greatest_range_that_is_none(written: float) -> None:
     empty, now = np.full(60, np.inf), np.full(60, np.inf)
@@ -90,12 +80,6 @@ def test_a_greatest_range_that_is_none(written: float) -> None:
     background = learned(old)
     assert background.range_max == np.inf
     assert spans(found_in(new, background)) == [(0, 20, 27)]
-
-
-def test_what_returns_at_the_limit_of_the_sensor_is_no_news() -> None:
-    now = np.full(60, np.inf)
-    now[20:28] = 11.97
-    assert spans(of(now, np.full(60, np.inf))) == []
 
 
 @pytest.mark.parametrize("gone_to", [4.0, np.inf])
@@ -129,28 +113,6 @@ def test_lost_beams_are_not_gone() -> None:
     assert spans(of(now, flat(), replace(GONE, max_gap=3))) == []
 
 
-def test_beams_that_often_return_nothing_are_not_gone_by_that() -> None:
-    seen = np.tile(flat(), (10, 1))
-    seen[::5, 20:30] = np.inf
-    now = flat()
-    now[20:30] = np.inf
-    assert spans(found_in(partial(now), learned(partial(seen)), GONE)) == []
-
-
-def test_a_moved_thing_has_appeared_and_is_gone() -> None:
-    empty, now = flat(), flat()
-    empty[10:18], now[30:38] = 2.0, 2.0
-    found = of(now, empty, GONE)
-    assert spans(found) == [(0, 10, 17), (0, 30, 37)]
-    assert found.change is not None
-    assert found.change.tolist() == [REMOVED, APPEARED]
-    assert found.object.tolist() == [1, 2]
-    assert found.beam_object is not None
-    # The beams that pass where it stood end on the wall: no object of the sweep is there.
-    assert found.beam_object[0, [10, 17, 18, 30, 37, 38]].tolist() == [0, 0, 0, 2, 2, 0]
-    assert (found.objects[0], found.object_beams[0]) == (1, 8)
-
-
 def test_depth_edges_may_jitter_by_a_beam() -> None:
     empty = flat()
     empty[20:30] = 2.0
@@ -160,65 +122,12 @@ def test_depth_edges_may_jitter_by_a_beam() -> None:
         assert spans(of(now, empty, GONE)) == []
 
 
-def test_a_wall_at_grazing_incidence_may_shake() -> None:
-    """A beam further on the wall is 0.9 m farther away: no constant threshold would do."""
-    bearing = (np.arange(60) - 30) * STEP
-    wall = np.clip(0.4 / np.cos(bearing + np.deg2rad(60.0)), 0.4, 11.0)
-    assert np.abs(np.diff(wall)).max() > 0.5
-    for shake in (-0.9, 0.9):
-        now = np.clip(0.4 / np.cos(bearing + np.deg2rad(60.0 + shake)), 0.4, 11.0)
-        assert spans(of(now, wall, GONE)) == []
-
-
 def test_a_thing_that_leans_on_the_wall_is_not_hidden_by_it() -> None:
     empty, now = flat(), flat()
     now[20:30] = np.linspace(3.3, 3.98, 10)
     found = of(now, empty)
     assert spans(found)[0][1] == 20
     assert VISIBILITIES[found.visibility[0]] == "full"
-
-
-def test_a_new_thing_that_another_hides_says_so() -> None:
-    empty, now = flat(), flat()
-    now[20:30], now[25:35] = 3.0, 2.0
-    found = of(now, empty)
-    assert spans(found) == [(0, 20, 24), (0, 25, 34)]
-    assert [VISIBILITIES[code] for code in found.visibility] == ["end_hidden", "full"]
-
-
-def test_new_things_at_the_edge_of_the_view_are_cut() -> None:
-    now = flat()
-    now[:6] = 2.0
-    found = of(now, flat())
-    assert VISIBILITIES[found.visibility[0]] == "cut"
-
-
-def test_walls_as_wide_as_can_be_may_appear() -> None:
-    now = flat()
-    now[5:55] = 3.0
-    found = of(now, flat())
-    assert spans(found) == [(0, 5, 54)]
-    narrow = found_in(partial(now), learned(partial(flat())), parameters=Parameters(max_width=1.0))
-    assert spans(narrow) == []
-
-
-def test_few_beams_are_noise() -> None:
-    now = flat()
-    now[20:22] = 2.0
-    assert spans(of(now, flat())) == []
-
-
-def test_two_legs_are_two_though_a_single_beam_looks_between_them() -> None:
-    now = flat()
-    now[20:24], now[25:29] = 2.0, 2.0
-    assert spans(of(now, flat())) == [(0, 20, 23), (0, 25, 28)]
-
-
-def test_a_weak_beam_inside_an_object_does_not_split_it() -> None:
-    now = flat()
-    now[20:30] = 3.88
-    now[25] = 3.97
-    assert spans(of(now, flat())) == [(0, 20, 29)]
 
 
 def test_a_threshold_in_metres() -> None:
@@ -281,37 +190,6 @@ def test_another_resolution_is_compared_by_bearing() -> None:
         assert len(found_in(turned(flat(beams), first, step), background, GONE)) == 0
 
 
-def test_a_coarse_sweep_may_look_between_its_beams() -> None:
-    """A fine background has an edge; where exactly a beam four times as wide falls beside it is chance."""
-    empty = np.where(np.arange(361) < 180, 2.0, 4.0)
-    background = learned(turned(np.stack([empty] * 3), -45, 0.25))
-    now = np.where(np.arange(91) < 46, 2.0, 4.0)
-    assert len(found_in(turned(now, -45, 1.0), background, GONE)) == 0
-
-
-def test_beams_out_of_the_background_s_view_are_not_compared() -> None:
-    background = learned(turned(np.stack([flat(91)] * 3), -45, 1.0))
-    batch = turned(np.full(181, 2.0), -90, 1.0)
-    found = found_in(batch, background)
-    assert spans(found) == [(0, 45, 135)]
-    known = Subtraction(background).difference(batch, noise(batch)).known
-    assert int(known.sum()) == 91
-
-
-def test_a_thing_across_the_seam_is_one() -> None:
-    empty = np.full(360, 4.0)
-    now = empty.copy()
-    now[:6], now[-6:] = 2.0, 2.0
-    for ends in ([], [2.0]):
-        step = TURN / 360
-        batch = sweep([*now, *ends], angle_min=-np.pi, angle_increment=step)
-        old = sweep([[*empty, *[4.0 for _ in ends]]] * 3, angle_min=-np.pi, angle_increment=step)
-        found = found_in(batch, learned(old))
-        assert spans(found) == [(0, 354, 5)]
-        assert found.difference is not None
-        assert found.difference[0] == pytest.approx(-2.0)
-
-
 @pytest.mark.slow
 @given(st.integers(1, 59), st.lists(st.tuples(st.integers(0, 59), st.integers(1, 12), st.floats(0.5, 7.0)), max_size=4))
 def test_turning_and_mirroring_the_sensor_changes_nothing(k: int, things: list[tuple[int, int, float]]) -> None:
@@ -343,20 +221,6 @@ def test_turning_and_mirroring_the_sensor_changes_nothing(k: int, things: list[t
     assert np.array_equal(mirrored.beam_object[0, ::-1][inner] > 0, members[inner])
 
 
-def test_padding_is_no_beam() -> None:
-    wide, narrow = partial(flat(60)), partial(flat(40, 2.0))
-    batch = replace(
-        wide.rows(np.zeros(2, np.int64)),
-        angle_min=np.array([wide.angle_min[0], narrow.angle_min[0]]),
-        beams=np.array([60, 40], np.int32),
-        ranges=np.stack([flat(60), np.append(flat(40, 2.0), np.full(20, np.nan))]).astype(np.float32),
-        status=np.stack([np.zeros(60), np.repeat([0, Status.PADDING], [40, 20])]).astype(np.uint8),
-    )
-    found = found_in(batch, learned(wide), GONE)
-    assert spans(found) == [(1, 0, 39)]
-    assert found.noise_beams.tolist() == [60, 0]
-
-
 def test_sweeps_without_a_station_are_not_compared() -> None:
     old = partial(np.stack([flat()] * 4))
     poses = np.zeros((4, 3))
@@ -375,14 +239,6 @@ def test_sweeps_without_a_station_are_not_compared() -> None:
     parked = found_in(now, background)
     assert parked.station is not None
     assert parked.station.tolist() == [0] * 4
-
-
-def test_without_poses_only_a_background_of_one_place_can_be_used() -> None:
-    poses = np.array([[0.0, 0, 0], [2.0, 0, 0]])
-    background = learned(with_poses(partial(np.stack([flat()] * 2)), poses))
-    found = found_in(partial(flat(r=2.0)), background)
-    assert found.station is not None
-    assert found.station.tolist() == [-1]
 
 
 def test_an_empty_background_and_an_empty_batch() -> None:
@@ -428,108 +284,7 @@ def test_the_batch_size_makes_no_difference(size: int) -> None:
 # Runs of beams, slowly.
 
 
-def runs_one_by_one(
-    own: NDArray[np.float32], beyond: NDArray[np.float32], threshold: float, lost: NDArray[np.bool_], most: int
-) -> NDArray[np.bool_]:
-    """The reference for `_runs`, a sweep and a beam at a time."""
-    result = np.zeros(own.shape, bool)
-    for row in range(len(own)):
-        candidate = [
-            bool(own[row, n] > np.float32(BESIDE_SHARE) * np.float32(threshold) or lost[row, n])
-            for n in range(own.shape[1])
-        ]
-        n = 0
-        while n < len(candidate):
-            end = n
-            while end < len(candidate) and candidate[end]:
-                end += 1
-            strong = any(beyond[row, k] > np.float32(threshold) for k in range(n, end))
-            if end > n and (strong or lost[row, n:end].sum() > most):
-                result[row, n:end] = True
-            n = max(end, n + 1)
-        for k in range(1, own.shape[1] - 1):
-            if not candidate[k] and result[row, k - 1] and result[row, k + 1] and own[row, k] > 0:
-                result[row, k] = True
-    return result
-
-
-@given(
-    st.lists(
-        st.lists(st.sampled_from([-1.0, 0.0, 0.01, 0.05, 0.09, 0.5, np.nan]), min_size=12, max_size=12),
-        min_size=1,
-        max_size=4,
-    ),
-    st.integers(0, 4095),
-    st.integers(0, 4095),
-    st.integers(0, 3),
-)
-def test_runs_agree_with_one_by_one(own: list[list[float]], edges: int, losses: int, most: int) -> None:
-    table = np.array(own, np.float32)
-    bits = np.arange(12)
-    beyond = np.where((edges >> bits) & 1, -1.0, table).astype(np.float32)
-    lost = np.broadcast_to(((losses >> bits) & 1).astype(bool), table.shape) & np.isnan(table)
-    threshold = np.full((1, 1), 0.08, np.float32)
-    got = _runs(table, beyond, threshold, lost, most)
-    assert np.array_equal(got, runs_one_by_one(table, beyond, 0.08, lost, most))
-    none = np.zeros(table.shape, bool)
-    assert np.array_equal(_runs(table, beyond, threshold), runs_one_by_one(table, beyond, 0.08, none, 0))
-
-
-def test_the_surroundings_take_in_the_neighbours() -> None:
-    empty = np.array([4.0, 4.0, 2.0, 5.0, np.inf, np.nan, 3.0])
-    background = learned(partial(np.stack([empty] * 3)))
-    around = surroundings(background, 1)
-    assert around.near[0].tolist() == pytest.approx([4, 2, 2, 2, 5, np.nan, 3], nan_ok=True)
-    assert around.far[0].tolist() == pytest.approx([4, 4, 5, np.inf, np.inf, np.nan, 3], nan_ok=True)
-    assert around.returns[0].tolist() == [True, True, True, False, False, False, True]
-
-
 # Two detections as one.
-
-
-def test_objects_of_two_detections_are_ordered_and_numbered_anew() -> None:
-    first, second = flat(), flat()
-    first[5:10], first[40:45] = 2.0, 2.5
-    second[20:25], second[50:55] = 1.5, 3.0
-    rows = partial(np.stack([flat(), first, first]))
-    a = detect(rows, WIDE, per_beam=True, within=rows.ranges < 3.5)
-    other = partial(np.stack([second, second]))
-    b = detect(other, WIDE, per_beam=True, within=other.ranges < 3.5)
-    none = {"difference": np.zeros(4), "change": np.zeros(4, np.int8)}
-    both = combine(replace(a, **none), replace(b, **none), np.array([0, 2]))  # type: ignore[arg-type]
-    assert both.row.tolist() == [0, 0, 1, 1, 2, 2, 2, 2]
-    assert both.object.tolist() == [1, 2, 1, 2, 1, 2, 3, 4]
-    assert both.beam_i.tolist() == [20, 50, 5, 40, 5, 20, 40, 50]
-    # What the second tells of is not in the sweeps.
-    assert both.objects.tolist() == [0, 2, 2]
-    assert both.object_beams.tolist() == [0, 10, 10]
-    assert (both.object_beams + both.noise_beams).tolist() == [60] * 3
-    assert both.beam_object is not None
-    assert both.beam_set is not None
-    assert both.beam_object[2, [5, 20, 40, 50, 0]].tolist() == [1, 0, 3, 0, 0]
-    assert np.array_equal(both.beam_set == 0, both.beam_object > 0)
-    for k in range(len(both)):
-        vertices = both.vertex_theta[both.vertex_offsets[k] : both.vertex_offsets[k + 1]]
-        assert (vertices[0], vertices[-1]) == pytest.approx((both.theta_i[k], both.theta_f[k]))
-        faces = slice(*both.face_offsets[k : k + 2])
-        assert both.face_theta_i[faces][0] == pytest.approx(both.theta_i[k])
-        assert both.face_theta_f[faces][-1] == pytest.approx(both.theta_f[k])
-    some = select(both, both.beam_i == 40)
-    assert some.row.tolist() == [1, 2]
-    assert some.vertex_r[some.vertex_offsets[:-1]] == pytest.approx([2.5, 2.5])
-
-
-def test_walls_come_after_what_differs() -> None:
-    empty, now = flat(120), flat(120)
-    now[40:50] = 2.0
-    found = found_in(partial(now), learned(partial(np.stack([empty] * 3))), parameters=replace(WIDE, walls=True))
-    assert [SHAPES[code] for code in found.shape][1:] == ["wall", "wall"]
-    assert found.change is not None
-    assert found.change.tolist() == [APPEARED, -1, -1]
-    assert found.difference is not None
-    assert np.isnan(found.difference[1:]).all()
-    assert found.object.tolist() == [1, 2, 3]
-    assert (found.objects[0], found.object_beams[0]) == (1, 10)
 
 
 def test_the_partition_of_every_sweep() -> None:
@@ -573,18 +328,3 @@ def test_foliage_beside_a_wall_is_background(depth: float, gaps: float) -> None:
     found = found_in(bush(200), learned(bush(400)))
     assert found.beam_object is not None
     assert (found.beam_object > 0).mean() < 0.01
-
-
-def test_padding_beyond_the_bearings_of_the_background_is_nothing() -> None:
-    """Of a batch of several widths the sweeps of one may be picked: they keep the columns of the widest."""
-    empty, now = flat(), flat()
-    now[20:28] = 2.5
-    batch = partial(np.stack([now] * 3))
-    padding = ((0, 0), (0, 10))
-    wide = replace(
-        batch,
-        ranges=np.pad(batch.ranges, padding, constant_values=np.nan),
-        status=np.pad(batch.status, padding, constant_values=np.uint8(Status.PADDING)),
-    )
-    found = found_in(wide, learned(partial(np.stack([empty] * 5))))
-    assert spans(found) == [(row, 20, 27) for row in range(3)]

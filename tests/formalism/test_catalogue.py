@@ -9,15 +9,12 @@ import numpy as np
 import pytest
 
 from lidarcli.formalism.matching.catalogue import (
-    INTENSITY_SHARE,
     KINDS,
     LARGEST_SIZE,
     SMALLEST_SIZE,
     Catalogue,
     Evidence,
     Thing,
-    at_least,
-    below,
     compare,
     measured,
     name,
@@ -90,24 +87,6 @@ def test_probability_is_that_of_the_formula() -> None:
     assert score == pytest.approx([density * RANGE / (1 + density * RANGE)], abs=1e-9)
 
 
-def test_a_least_length_tells_large_from_small() -> None:
-    fit = at_least(np.array([1.0, 1.0]), np.array([0.01, 0.01]), 1.2)
-    assert fit.ratio == pytest.approx([math.log(RANGE / (LARGEST_SIZE - 1.0))] * 2)
-    assert at_least(np.array([1.0]), np.array([0.01]), 0.9).ratio[0] < -30
-
-
-def test_the_normal_distribution() -> None:
-    z = np.linspace(-6, 6, 241)
-    exact = [0.5 * math.erfc(-value / math.sqrt(2)) for value in z]
-    assert below(z) == pytest.approx(exact, abs=1e-7)
-
-
-def test_an_extent_lies_between_width_and_length() -> None:
-    bush = Thing("bush", "irregular", length=0.6, width=0.4, tolerance=0.01)
-    extents = seen(across=[0.3, 0.4, 0.5, 0.6, 0.7])
-    assert possible(extents, Catalogue((bush,)))[:, 0].tolist() == [False, True, True, True, False]
-
-
 def test_legs() -> None:
     chairs = seen(
         legs=[4, 3, 4, 5, 2, 2],
@@ -135,26 +114,6 @@ def test_another_shape_contradicts() -> None:
     assert names(seen(**size, shape=like("irregular", -5.0)), exact) == [None]
     any_shape = Thing("pole", diameter=0.3, tolerance=0.002)
     assert names(seen(**size, shape=like("irregular", -50.0)), any_shape) == ["pole"]
-
-
-def test_a_likelihood_of_many_sweeps_may_be_next_to_nothing() -> None:
-    """Only what one shape is likelier than another by tells."""
-    few = seen(side_1=1.2, side_2=0.8, shape=like("prismatic"))
-    many = seen(side_1=1.2, side_2=0.8, shape=like("prismatic") - 5000.0)
-    ratios = [compare(evidence, Catalogue((PALLET,))).ratio.item() for evidence in (few, many)]
-    assert ratios[1] == pytest.approx(ratios[0])
-    assert names(many, PALLET) == ["pallet"]
-
-
-def test_what_never_moves_has_not_moved() -> None:
-    pillar = Thing("pillar", diameter=0.3, tolerance=0.01, moves=False)
-    things = seen(across=[0.3, 0.3], moved=[False, True])
-    assert names(things, pillar) == ["pillar", None]
-    assert names(things, POLE) == ["pole", "pole"]
-
-
-def test_two_entries_of_one_size_are_not_told_apart() -> None:
-    assert names(seen(side_1=1.2, side_2=0.8), PALLET, Thing("table", length=0.8, width=1.2)) == [None]
 
 
 def test_nothing_seen_and_nothing_known() -> None:
@@ -220,11 +179,3 @@ def test_an_intensity_tells_things_of_one_size() -> None:
     assert np.isneginf(compared.ratio[:, 0]).tolist() == [False, True, False, False]
     assert compared.certain[:, 0].tolist() == [True, True, True, False]
     assert possible(poles, Catalogue((TAPE,)))[:, 0].tolist() == [True, False, True, True]
-
-
-def test_an_intensity_alone_is_enough_where_it_is_rare() -> None:
-    """Its weight is one over the share of unknown things that are as bright."""
-    lit = seen(intensity=[999.9, 1000.0, 4000.0, 4000.1, np.nan])
-    assert names(lit, BRIGHT) == [None, "bright", "bright", None, None]
-    _, score = name(lit, Catalogue((BRIGHT,)))
-    np.testing.assert_allclose(score[1:3], 1 / (1 + INTENSITY_SHARE))

@@ -61,19 +61,6 @@ def test_raw_sweeps_that_do_not_fit_are_refused() -> None:
         count_statuses(np.full((2, 3), 7, np.uint8))
 
 
-def test_arrays_may_lie_in_memory_as_they_like() -> None:
-    """Other types, other orders, every second element, and addresses that no float has."""
-    batch = normalise(room_sweeps(count=4), np.arange(4), Rules())
-    ranges = batch.ranges
-    odd = np.zeros(ranges.nbytes + 1, np.uint8)[1:].view(np.float32).reshape(ranges.shape)
-    odd[:] = ranges
-    expected = detect(batch)
-    assert len(expected) > 4
-    for other in (odd, np.asfortranarray(ranges), ranges.astype(">f8"), ranges.repeat(2, axis=1)[:, ::2]):
-        found = detect(replace(batch, ranges=other, beams=batch.beams.astype(np.int64)))
-        np.testing.assert_array_equal(found.x, expected.x)
-
-
 def test_threads_do_not_meet() -> None:
     batch = normalise(room_sweeps(count=50), np.arange(50), Rules())
     expected = detect(batch)

@@ -53,9 +53,3 @@ def _size(path: Path) -> int:
 def test_the_core_is_left_out_where_that_is_asked_for(core: str) -> None:
     suffix = _run("-c", "from lidarcli.formalism import core; print(core.__file__)", core=core).strip()
     assert suffix.endswith(".py") == (core == "no" or not compiled.is_there())
-
-
-def test_the_core_is_left_out_however_its_folder_is_spelled() -> None:
-    spelled = f"{ROOT.parent}{os.sep}{os.sep}{ROOT.name}"
-    code = f"import sys; sys.path.insert(0, {spelled!r});from lidarcli.formalism import core; print(core.__file__)"
-    assert _run("-P", "-c", code, core="no").strip().endswith("core.py")

@@ -9,8 +9,8 @@ import pytest
 
 import lidarcli
 from lidarcli import formalism
-from lidarcli.formalism.detection import IRREGULAR, LEGGED, PRISMATIC, ROUND, UNKNOWN, WALL, Detection
-from lidarcli.formalism.matching.catalogue import KINDS, SEEN_AS, Catalogue, Evidence, Thing, evidence_of, rectangle
+from lidarcli.formalism.detection import IRREGULAR, LEGGED, PRISMATIC, ROUND, Detection
+from lidarcli.formalism.matching.catalogue import KINDS, SEEN_AS, Catalogue, Evidence, Thing, evidence_of
 from lidarcli.simulation import scene as make
 from lidarcli.simulation.generate import cast, place
 from lidarcli.simulation.scene import Entity
@@ -47,13 +47,6 @@ def test_both_sides_of_a_box_across_its_corner() -> None:
     assert (evidence.legs[0], evidence.moved[0]) == (0, False)
 
 
-def test_of_a_box_seen_head_on_one_side_is_known() -> None:
-    _, evidence = looked_at(ranges_of(make.box(2.0, 0.0, 0.5, 0.8, 0.0)))
-    assert evidence.side_1 == pytest.approx([0.8], abs=0.02)
-    assert np.isnan(evidence.side_2)
-    assert evidence.least_2 == pytest.approx([0.0], abs=0.02)
-
-
 @pytest.mark.parametrize("left", [True, False])
 def test_a_hidden_face_is_only_so_long_at_least(left: bool) -> None:
     """A post stands before one end of a box: the side that goes on behind it has no length, the other has."""
@@ -66,17 +59,6 @@ def test_a_hidden_face_is_only_so_long_at_least(left: bool) -> None:
     assert np.nansum([evidence.side_1[box], evidence.side_2[box]]) == pytest.approx(0.9, abs=0.02)
     least = [evidence.least_1[box], evidence.least_2[box]][int(known[0])]
     assert 0.3 < least < 0.9
-
-
-def test_a_box_at_the_end_of_the_view_has_no_side() -> None:
-    ranges = ranges_of(make.box(2.0, 0.0, 0.7, 0.4, 0.6))
-    first = int(np.searchsorted(BEARINGS, 0.02))
-    batch = formalism.sweep(
-        ranges[first:].astype(np.float32), angle_min=BEARINGS[first], angle_increment=STEP, range_max=12.0
-    )
-    evidence = evidence_of(batch, formalism.detect(batch))
-    assert np.isnan([evidence.side_1, evidence.side_2]).all()
-    assert evidence.least_1[0] > 0.1
 
 
 def test_the_diameter_of_a_cylinder() -> None:
@@ -110,41 +92,6 @@ def test_the_places_of_legs() -> None:
     assert np.isnan(evidence.span_2[0])
 
 
-def test_legs_past_the_seam() -> None:
-    chair = make.legged("chair", -1.5, 0.0, 0.5, 0.4, 0.06, yaw=0.5)
-    _, evidence = looked_at(ranges_of(chair), group_gap=0.6)
-    assert evidence.legs.tolist() == [4]
-    assert sorted([evidence.span_1[0], evidence.span_2[0]]) == pytest.approx([0.34, 0.44], abs=0.02)
-
-
-def test_the_smallest_rectangle_around_places() -> None:
-    """Of 4 x 2 m, turned by 30 degrees around (5, 1); beside it two places, and three of which one is on the way."""
-    turn = math.radians(30.0)
-    along = np.array([[2.0, -2.0, -2.0, 2.0, np.nan], [-1.0, 1.0, *[np.nan] * 3], [0.0, 1.0, 3.0, *[np.nan] * 2]])
-    across = np.array([[1.0, 1.0, -1.0, -1.0, np.nan], [0.0, 0.0, *[np.nan] * 3], [0.0, 0.5, 0.0, *[np.nan] * 2]])
-    x = 5.0 + math.cos(turn) * along - math.sin(turn) * across
-    y = 1.0 + math.sin(turn) * along + math.cos(turn) * across
-    sides, yaw, middle = rectangle(x, y)
-    assert np.sort(sides, axis=0) == pytest.approx(np.array([[2.0, 0.0, 0.5], [4.0, 2.0, 3.0]]), abs=1e-12)
-    assert np.sin(2.0 * (yaw - turn)) == pytest.approx(np.zeros(3), abs=1e-12)
-    assert middle[:, 0] == pytest.approx([5.0, 1.0])
-    assert middle[:, 1] == pytest.approx([5.0, 1.0])
-    nothing = rectangle(np.full((1, 3), np.nan), np.full((1, 3), np.nan))
-    assert np.isnan(nothing[0]).all()
-
-
-def test_walls_and_few_beams_tell_nothing() -> None:
-    found, evidence = looked_at(ranges_of(make.cylinder(3.5, 1.0, 0.03)), walls=True)
-    wall = found.shape == WALL
-    assert wall.any()
-    assert np.isnan(evidence.least_1[wall]).all()
-    assert (evidence.shape[wall] == 0).all()
-    few = found.shape == UNKNOWN
-    assert few.sum() == 1
-    assert (evidence.shape[few] == 0).all()
-    assert np.isnan([evidence.side_1[few], evidence.across[few]]).all()
-
-
 def test_what_has_gone_has_a_name_too() -> None:
     """A box before and after: what a background finds removed is described like everything else."""
     with_box, without = ranges_of(make.box(2.0, 0.3, 0.7, 0.4, 0.6)), ranges_of()
@@ -161,12 +108,6 @@ def test_what_has_gone_has_a_name_too() -> None:
     )
     assert found["change"].to_pylist() == ["removed"] * 3
     assert found["label"].to_pylist() == ["crate"] * 3
-
-
-def test_no_sweep_and_no_object() -> None:
-    _, evidence = looked_at(np.full((2, BEAMS), np.inf))
-    assert len(evidence) == 0
-    assert evidence.shape.shape == (0, 4)
 
 
 @pytest.mark.slow

@@ -9,15 +9,7 @@ import pytest
 
 from lidarcli.formalism.mapping.grid import FREE, OCCUPIED, UNKNOWN, Occupancy
 from lidarcli.formalism.matching.alignment import Standing
-from lidarcli.formalism.matching.differences import (
-    Side,
-    measured,
-    probabilities,
-    rectangles,
-    same_sizes,
-    unseen_ends,
-    within,
-)
+from lidarcli.formalism.matching.differences import Side, measured, probabilities, rectangles, same_sizes, within
 from lidarcli.formalism.matching.ground import Ground, of_map
 from lidarcli.sweeps import Float64
 
@@ -74,12 +66,6 @@ def test_a_track_that_measured_too_little_is_measured_by_its_hits() -> None:
     assert measured(right, np.zeros(1), seen)[0].length.tolist() == [0.8]
 
 
-def test_of_a_thing_beside_a_long_wall_the_track_tells() -> None:
-    seen = ground(line(-2.5, 0.3, 2.5, 0.3), line(-0.2, 0.0, 0.2, 0.0), line(0.2, 0.0, 0.2, 0.25))
-    things, _, kept = measured(standing((0.0, 0.1, 0.4, 0.15)), np.zeros(1), seen)
-    assert (things.length.tolist(), kept.tolist()) == ([0.4], [0])
-
-
 def test_both_faces_of_a_thin_wall_are_one_thing_and_two_boxes_are_not() -> None:
     faces = line(-0.6, -0.025, 0.6, -0.025), line(-0.6, 0.025, 0.6, 0.025)
     pieces = standing((-0.3, 0.0, 0.5, 0.05), (0.3, 0.02, 0.4, 0.05))
@@ -90,15 +76,6 @@ def test_both_faces_of_a_thin_wall_are_one_thing_and_two_boxes_are_not() -> None
     ends = [line(x, -0.3, x, 0.2) for x in (-0.45, 0.45)]
     pair = standing((-0.25, -0.05, 0.5, 0.4), (0.25, -0.05, 0.5, 0.4))
     assert measured(pair, np.full(2, 0.5 * math.pi), ground(*boxes, *ends))[2].tolist() == [0, 1]
-
-
-def test_a_side_may_go_on_where_nothing_was_seen() -> None:
-    """Of a face in front of unseen ground the length is known, and the width up to the free ground behind it."""
-    seen = ground(line(-0.4, 0.0, 0.4, 0.0), unseen=np.array([0.0, 0.5, 0.0, 0.78, 0.95]))
-    ((length, width),) = unseen_ends(standing((0.0, 0.0, 0.8, 0.06)), np.zeros(1), seen).tolist()
-    assert length < 0.2
-    assert width == pytest.approx(0.97, abs=0.1)
-    assert unseen_ends(standing((0.0, 0.0, 0.8, 0.06)), np.zeros(1), None).tolist() == [[0.0, 0.0]]
 
 
 def side(things: Standing, more: tuple[float, float]) -> Side:

@@ -19,27 +19,27 @@ from tests.places import ROOT
 
 PAGE = (ROOT / "docs" / "formalism.md").read_text(encoding="utf-8")
 DERIVED = re.compile(
-    r"(?!kalman)\w+\.((SIN|COS|TAN)_\w+|ROOT_2|\w*TO_SIGMA|SECOND_DIFFERENCE_GAIN|NAN|INFINITY|TINY)"
+    r"(?!measurement)\w+\.((SIN|COS|TAN)_\w+|ROOT_2|\w*TO_SIGMA|SECOND_DIFFERENCE_GAIN|NAN|INFINITY|TINY)"
     r"|segmentation\.(SINGLE_\w+|GUESS_\w+|FEW_VALUES|INFINITE)|kalman\.QUARTER_TURN|(tracks|features)\.RIGHT_ANGLE|smoothing\.LIVELINESSES"
 )
 """Functions of other constants, factors of the normal distribution, and what only saves time."""
-CODES = {"detection", "detect", "native", "forest"}
-"""Modules whose numbers are codes, the layout of arrays, or trees that a script has grown, not constants of the method."""
+CODES = {"native", "forest"}
+"""Modules whose numbers are the layout of arrays, or trees that a script has grown, not constants of the method."""
 MARKS = {
+    "detect": {"OBJECTS_AT_FIRST", "VERTICES_AT_FIRST", "MOST_KEPT"},
     "segmentation": {"NEVER"},
-    "measurement": {"HIDDEN", "OPEN", "OWN", "NO_RANGE", "FREE_RANGE"},
-    "kalman": {"AT_LEAST"},
-    "sweep_tracker": {"DELAY", "AHEAD", "LEFT"},
+    "measurement": {"HIDDEN", "OPEN", "OWN", "NO_RANGE", "FREE_RANGE", "AT_LEAST"},
+    "kalman": {"DELAY", "AHEAD", "LEFT"},
     "scan_matching": {"COLUMNS", "TURN"},
     "smoothing": {"STATE", "SQUARE", "GAIN", "KEPT"},
-    "trajectories": {"PARTS_MASK", "PARTLY_BIT", "MOST_ROWS"},
+    "tracks": {"PARTS_MASK", "PARTLY_BIT", "MOST_ROWS"},
 }
 """Codes of modules that have constants, too."""
-BACKGROUND = {path.stem for path in (Path(formalism.__file__).parent / "background").glob("*.py")}
+BACKGROUND = {"background", "learning", "subtraction"}
 """The subtraction of a background has a page of its own, docs/background.md."""
 MAPS = {path.stem for path in (Path(formalism.__file__).parent / "mapping").glob("*.py")}
 """So have maps, docs/map.md."""
-THINGS = {"catalogue", "evidence", "naming", "runs", "ground", "alignment", "differences", "extents", "pairs"}
+THINGS = {"catalogue", "ground", "alignment", "differences"}
 """And things of interest and what changed, docs/catalogue.md and docs/diff.md."""
 
 
@@ -97,7 +97,7 @@ def numbers(value: object) -> list[float]:
 
 def constants() -> dict[str, list[float]]:
     """Every number that a module of the formalism names in capitals, asked of the source; those of a table in a row."""
-    codes = assigned(sources()["detection"])
+    codes = assigned(sources()["detection"]) - {"MOST_INTENSITY"}
     names = {
         name: sorted(assigned(path) - codes - MARKS.get(name, set()))
         for name, path in sources().items()

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
-from math import inf, nan, pi
+from math import inf, nan
 
 import numpy as np
 import pytest
@@ -12,11 +11,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from lidarcli.formalism import PROFILES, SETS, Detection, detect
-from lidarcli.range_rules import RangeRules, normalise
 from lidarcli.sweeps import Closure, SweepBatch
-from tests.formalism.batches import PER_BEAM, PER_FACE, PER_OBJECT, PER_SWEEP, PER_VERTEX, batch_of, joined, raw_of, rows_of
+from tests.formalism.batches import PER_BEAM, PER_FACE, PER_OBJECT, PER_SWEEP, PER_VERTEX, batch_of, joined, rows_of
 from tests.formalism.random_sweeps import random_sweep
-from tests.formalism.reference import EACH_BEARING_ONCE, Sweep
+from tests.formalism.reference import Sweep
 from tests.formalism.surroundings import PARAMETERS, awkward, simulated
 
 seeds = st.integers(0, 2**32 - 1)
@@ -144,16 +142,6 @@ def test_the_nearest_beam_is_that_of_the_whole_sweep(profile: str, seed: int) ->
             ].any()
 
 
-@every_profile
-def test_a_lone_beam_of_a_turn_sees_no_difference(profile: str) -> None:
-    lone = Sweep([inf, 2.0, inf, inf], -pi, pi / 2, EACH_BEARING_ONCE)
-    found = detect(batch_of([lone]), PARAMETERS[profile], per_beam=True)
-    # Nothing returns beside it: an object by the letter; the default asks for more beams.
-    assert len(found) == (1 if profile == "paper" else 0)
-    assert np.isnan(found.s_i).all()
-    assert found.d_mean.tolist() == [0.0]
-
-
 def test_objects_are_ordered_and_numbered_by_bearing() -> None:
     for parameters in PARAMETERS.values():
         found = detect(simulated(), parameters)
@@ -166,14 +154,3 @@ def test_objects_are_ordered_and_numbered_by_bearing() -> None:
         assert (found.theta_f >= found.theta_i).all()
         inside = (found.theta_min >= found.theta_i) & (found.theta_min <= found.theta_f)
         assert inside.all()
-
-
-def test_what_padding_holds_does_not_matter() -> None:
-    rng = np.random.default_rng(5)
-    sweeps = [random_sweep(rng) for _ in range(50)]
-    raw = raw_of(sweeps, 90)
-    padding = np.arange(90) >= raw.beams[:, None]
-    other = replace(raw, ranges=np.where(padding, np.float32(np.nan), raw.ranges))
-    one, two = (detect(normalise(block, np.arange(50), RangeRules())) for block in (raw, other))
-    for name in (*PER_OBJECT, *PER_SWEEP):
-        np.testing.assert_array_equal(getattr(one, name), getattr(two, name), err_msg=name)

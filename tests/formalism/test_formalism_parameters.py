@@ -27,13 +27,6 @@ def test_an_override_that_is_none_leaves_the_default() -> None:
     assert (given.min_beams, given.max_width, given.walls) == (1, 3.0, True)
 
 
-def test_plain_values_for_the_metadata() -> None:
-    values = Parameters.for_profile("paper").as_dict()
-    assert values["max_width"] is None
-    assert values["threshold"] == "mean"
-    assert Parameters().as_dict()["max_width"] == 2.0
-
-
 @pytest.mark.parametrize(
     ("profile", "overrides", "message"),
     [
@@ -59,12 +52,6 @@ def test_values_without_a_meaning_are_refused(profile: Any, overrides: dict[str,
         Parameters.for_profile(profile, **overrides)
     assert str(caught.value) == message
     assert caught.value.exit_code == 2
-
-
-def test_parameters_are_judged_however_they_are_made() -> None:
-    with pytest.raises(OptionError, match=r"^--max-gap: 1099511627776 is above 1,000,000$"):
-        Parameters(max_gap=1 << 40)
-    assert Parameters(max_width=inf, min_beams=1_000_000).as_dict()["max_width"] is None
 
 
 @pytest.mark.parametrize("name", ["angle_min", "angle_increment"])

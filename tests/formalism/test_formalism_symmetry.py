@@ -191,22 +191,6 @@ def test_a_mirrored_scene_has_mirrored_objects(profile: str, seed: int, closing:
     assert_mirror(sweep, PARAMETERS[profile])
 
 
-def sweep_of(batch: SweepBatch, row: int) -> Sweep:
-    """A row of a batch as a sweep; a turn on its exact increment."""
-    beams = int(batch.beams[row])
-    ranges = np.where(batch.status[row, :beams] == 1, np.inf, batch.ranges[row, :beams].astype(float))
-    closing = [NO_TURN, EACH_BEARING_ONCE, FIRST_BEARING_TWICE][batch.closure[row]]
-    step = [float(batch.angle_increment[row]), 2 * pi / beams, 2 * pi / (beams - 1)][batch.closure[row]]
-    return Sweep(ranges.tolist(), float(batch.angle_min[row]), step, closing)
-
-
-@every_profile
-def test_a_mirrored_simulated_scene_has_mirrored_objects(profile: str) -> None:
-    batch = simulated()
-    for row in range(0, len(batch), 2):
-        assert_mirror(sweep_of(batch, row), PARAMETERS[profile])
-
-
 def clockwise(sweep: Sweep) -> Sweep:
     """The same beams, counted by a sensor that hangs upside down."""
     last = sweep.angle_min + (len(sweep.ranges) - 1) * sweep.angle_increment
@@ -224,13 +208,6 @@ def clockwise(sweep: Sweep) -> Sweep:
 def test_a_clockwise_log_holds_the_same_objects(profile: str, seed: int, closing: str) -> None:
     sweep = random_sweep(np.random.default_rng(seed), closing, rough=True)
     assert_clockwise(sweep, PARAMETERS[profile])
-
-
-@every_profile
-def test_a_clockwise_simulated_log_holds_the_same_objects(profile: str) -> None:
-    batch = simulated()
-    for row in range(0, len(batch), 2):
-        assert_clockwise(sweep_of(batch, row), PARAMETERS[profile])
 
 
 def assert_clockwise(sweep: Sweep, parameters: Parameters) -> None:

@@ -65,17 +65,3 @@ def test_a_thing_of_parts_may_stand_across_the_seam(turned: int) -> None:
     assert other.theta_f - other.theta_i == pytest.approx(one.theta_f - one.theta_i)
     assert np.all(np.diff(other.vertex_theta) > 0)
     assert other.theta_i[0] <= other.theta_min[0] <= other.theta_f[0]
-
-
-def test_a_lone_thing_keeps_its_shape_and_its_number() -> None:
-    seen = found(room_with_legs(0, (*LEGS, (100, 140), (600, 640))), 1.01 * GAP)
-    assert seen.object.tolist() == [1, 2, 3]
-    assert seen.beam_i.tolist() == [100, 352, 600]
-    assert [SHAPES[code] == "legged" for code in seen.shape] == [False, True, False]
-
-
-def test_what_is_wider_than_a_leg_stands_by_itself() -> None:
-    # The same three legs, the last one 12 beams wide: 21 cm.
-    wide = (*LEGS[:2], (366, 378))
-    assert found(room_with_legs(0, wide), 1.01 * GAP).beam_i.tolist() == [352, 366]
-    assert found(room_with_legs(0, (*LEGS[:2], (366, 376))), 1.01 * GAP).beam_i.tolist() == [352]

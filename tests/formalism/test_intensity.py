@@ -51,21 +51,6 @@ def test_the_median_of_the_beams_of_an_object() -> None:
     np.testing.assert_array_equal(found.intensity, np.float32([3, 2, np.nan]))
 
 
-def test_beams_without_a_range_do_not_count() -> None:
-    ranges = [4.0] * 20 + [2.0, 2.0, np.inf, 2.0, 2.0] + [4.0] * 20
-    intensities = [9.0] * 20 + [1.0, 2.0, 1e6, 3.0, 4.0] + [9.0] * 20
-    found = detect(lit(ranges, intensities))
-    assert found.beams.tolist() == [4]
-    assert found.intensity is not None
-    assert found.intensity.tolist() == [2.5]
-
-
-def test_without_intensities_there_are_none() -> None:
-    found = detect(sweep([4.0] * 20 + [2.0] * 5 + [4.0] * 20, angle_min=-0.22, angle_increment=0.01), PAPER)
-    assert len(found) == 1
-    assert found.intensity is None
-
-
 @pytest.mark.parametrize("value", [np.inf, -np.inf, 3e38, -2 * MOST_INTENSITY])
 def test_what_no_sensor_can_mean_is_none(value: float) -> None:
     intensities = [9.0] * 20 + [value] * 5 + [9.0] * 20
@@ -119,20 +104,6 @@ def test_parts_of_objects_are_their_own_beams(scene: str, profile: Any, side: in
         assert (batch.closure == Closure.SHARED).all()
 
 
-def test_batches_do_not_matter() -> None:
-    raw, _, _ = simulate_sweep_arrays(load_scene(SAMPLES / "reflectors.toml"), 9)
-    whole = detect(normalise(raw, np.arange(9), RangeRules())).intensity
-    parts = []
-    for first in range(0, 9, 2):
-        some = raw.rows(slice(first, first + 2))
-        found = detect(normalise(some, np.arange(first, first + len(some)), RangeRules()))
-        assert found.intensity is not None
-        parts.append(found.intensity)
-    assert whole is not None
-    assert sorted({*whole.tolist()}) == [60.0, 90.0, 120.0, 2800.0, 3100.0]
-    np.testing.assert_array_equal(whole, np.concatenate(parts))
-
-
 def test_what_has_gone_returns_nothing_walls_do() -> None:
     """Against a background: one object has appeared, another is gone."""
     ranges = np.full((1, 60), 4.0, np.float32)
@@ -163,12 +134,6 @@ def test_what_has_gone_returns_nothing_walls_do() -> None:
     assert np.isnan(kinds["removed"])
     assert kinds["wall"] > 0
     assert changes(replace(batch, intensities=None), difference, Parameters(walls=True), noise(batch)).intensity is None
-
-
-def test_arrays_of_another_shape_are_refused() -> None:
-    batch = lit([4.0] * 45, np.ones(44))
-    with pytest.raises(ValueError, match=r"intensities of shape \(1, 44\) in place of \(1, 45\)"):
-        detect(batch)
 
 
 @given(st.lists(st.tuples(st.integers(0, 5), st.floats(width=32, allow_infinity=False)), max_size=40))

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -27,16 +25,6 @@ def test_runs_end_with_the_mask_and_at_discontinuities_within() -> None:
     assert found.beam_object[0].tolist() == [0] * 18 + [1] * 7 + [2] * 5 + [0] * 30
 
 
-def test_the_order_of_the_beams_makes_no_difference() -> None:
-    ranges = np.full(60, 4.0)
-    ranges[25:30] = 2.0
-    within = ranges[None] < 3
-    backwards = sweep(ranges[::-1], angle_min=0.29, angle_increment=-0.01)
-    found = detect(backwards, WIDE, within=within[:, ::-1])
-    assert spans(found) == [(30, 34)]
-    assert found.theta_i == pytest.approx([-0.05])
-
-
 @pytest.mark.parametrize("ends", [0, 1])
 def test_a_mask_across_the_seam_is_one_run(ends: int) -> None:
     ranges = np.full(360 + ends, 4.0)
@@ -52,27 +40,6 @@ def test_a_lost_beam_inside_the_mask_is_bridged_and_one_outside_does_not_matter(
     ranges[[24, 30, 19]] = np.nan
     batch = sweep(ranges, angle_min=-0.3, angle_increment=0.01)
     assert spans(detect(batch, WIDE, within=batch.ranges < 3)) == [(20, 29)]
-
-
-def test_nothing_and_everything_may_be_within() -> None:
-    ranges = np.full(360, 4.0)
-    ranges[100:110] = 2.0
-    batch = sweep(ranges, angle_increment=TURN / 360)
-    assert len(detect(batch, WIDE, within=np.zeros((1, 360), bool))) == 0
-    everything = detect(batch, WIDE, within=np.ones((1, 360), bool))
-    assert spans(everything) == [(100, 109), (110, 99)]
-    narrow = detect(batch, replace(WIDE, max_width=1.0), within=np.ones((1, 360), bool))
-    assert spans(narrow) == [(100, 109)]
-
-
-def test_the_noise_may_be_known() -> None:
-    ranges = np.full(60, 4.0)
-    ranges[20:30] = 3.5
-    batch = sweep(ranges, angle_min=-0.3, angle_increment=0.01)
-    assert (20, 29) in spans(detect(batch))
-    told = detect(batch, sigma=np.array([0.2]))
-    assert (20, 29) not in spans(told)
-    assert told.noise.tolist() == [0.2]
 
 
 def test_the_paper_s_profile_takes_the_mask_for_its_edges() -> None:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from lidarcli.choices import CHANGE_STATUSES, CHANGE_WHYS
-from lidarcli.formalism.matching.alignment import Standing, align, alike, gains
+from lidarcli.formalism.matching.alignment import Standing, align
 from lidarcli.formalism.matching.differences import Changes, Compared, Run
 from lidarcli.formalism.matching.ground import HERE, Motion
 
@@ -94,28 +94,6 @@ def test_labels_tell_things_of_one_size_apart() -> None:
     ]
 
 
-def test_without_a_size_the_place_tells() -> None:
-    nothing = (math.nan, math.nan)
-    rows = [(0.0, 0.0, *nothing), (3.0, 0.0, *nothing)]
-    found = compared(standing(rows), standing([(0.05, 0.0, *nothing), (3.0, 2.0, *nothing)]))
-    assert pairs(found) == [("known", 0, 0), ("uncertain", -1, 1), ("uncertain", 1, -1)]
-
-
-def test_a_doubtful_motion_makes_all_doubtful() -> None:
-    found = compared(standing(ROOM), standing(ROOM), chance=0.7)
-    assert {status for status, _, _ in pairs(found)} == {"uncertain"}
-    assert (found.score < 0.7 + 1e-9).all()
-
-
-def test_a_pair_is_weighed_by_both() -> None:
-    one, other = standing([(0.0, 0.0, 0.6, 0.4)]), standing([(0.0, 0.0, 0.6, 0.5)])
-    assert alike(one, one)[0, 0] > 5
-    # One of both sizes may be wrong.
-    assert 0.5 < alike(one, other)[0, 0] < 2.0
-    assert alike(one, other, wrong=1e-9)[0, 0] < -5
-    assert gains(one, one)[0, 0] > gains(one, other)[0, 0] + 5
-
-
 @pytest.mark.parametrize(("angle", "x", "y"), [(0.0, 0.0, 0.0), (0.7, 1.0, -2.0), (-3.0, -4.0, 0.5)])
 def test_the_constellation_tells_how_a_run_lies(angle: float, x: float, y: float) -> None:
     motion, chance = align(standing(ROOM), standing(seen_from(ROOM, angle, x, y)))
@@ -176,10 +154,3 @@ def test_another_place_is_not_found() -> None:
         )
         motion, _ = align(standing([tuple(r) for r in one]), standing([tuple(r) for r in other]))
         assert motion is None
-
-
-def test_nothing_to_align() -> None:
-    assert align(standing([]), standing(ROOM)) == (None, 0.0)
-    assert align(standing(ROOM), standing([])) == (None, 0.0)
-    assert align(standing(ROOM[:2]), standing(seen_from(ROOM[:2], 1.0, 0.0, 0.0))) == (None, 0.0)
-    assert align(standing(ROOM[:2]), standing(ROOM[:2]))[0] == HERE

@@ -9,7 +9,7 @@ import pytest
 
 from lidarcli.formalism import VERTEX_KINDS, Detection, Parameters, detect
 from tests.formalism.batches import batch_of, spans
-from tests.formalism.reference import EACH_BEARING_ONCE, FIRST_BEARING_TWICE, Sweep
+from tests.formalism.reference import EACH_BEARING_ONCE, Sweep
 
 
 def paper(sweep: Sweep) -> Detection:
@@ -53,13 +53,6 @@ def test_the_edge_nearest_to_the_scanner_is_a_local_minimum() -> None:
     assert (found.theta_min[0], found.r_min[0]) == (0.375, 2.0)
 
 
-def test_a_level_stretch_begins_with_an_extremum() -> None:
-    # s = –, -4, -0.5, 0, 0, 0.5, 4;  d_th = 9/6. From beam 2 on f' = 0; it was falling before.
-    # At beam 4 f' leaves 0 for 0.5, less than d_th: no jump of f'.
-    found = paper(Sweep([6.5, 2.5, 2, 2, 2, 2.5, 6.5], angle_min=0.0, angle_increment=0.125))
-    assert vertices(found) == [(0.125, 2.5, "start"), (0.25, 2.0, "extremum"), (0.625, 2.5, "end")]
-
-
 def test_an_object_across_the_seam_is_one_object() -> None:
     # s_0 = 1 - 1 = 0 (its predecessor is beam 5), then 2, 0, 0, -2, 0;  d_th = 4/6.
     # f breaks before beam 1 (something nearer has ended) and before beam 4 (something nearer begins).
@@ -72,17 +65,6 @@ def test_an_object_across_the_seam_is_one_object() -> None:
     assert found.theta_f[0] == pytest.approx(pi, abs=1e-12)
     assert found.beam_object is not None
     assert found.beam_object.tolist() == [[1, 0, 0, 0, 1, 1]]
-
-
-def test_a_bearing_measured_twice_counts_once() -> None:
-    # As above with a seventh beam on the bearing of the first: whatever it says, it enters nothing.
-    found = paper(Sweep([1, 3, 3, 3, 1, 1, 9], -pi, pi / 3, FIRST_BEARING_TWICE))
-    assert found.d_mean[0] == pytest.approx(4 / 6, abs=1e-15)
-    assert spans(found) == [(4, 0)]
-    assert found.beam_object is not None
-    assert found.beam_object.tolist() == [[1, 0, 0, 0, 1, 1, 0]]
-    # It is a beam all the same, and belongs to S: 3 + 0 + 4 = 7.
-    assert (found.object_beams[0], found.noise_beams[0]) == (3, 4)
 
 
 def test_a_difference_equal_to_the_threshold_is_no_discontinuity() -> None:
@@ -119,14 +101,6 @@ def test_beams_without_a_range_end_a_surface_and_stay_out_of_the_mean() -> None:
     np.testing.assert_array_equal(found.beam_s, [[nan, nan, 0.5, nan, nan, 0.25, nan]])
 
 
-def test_something_in_front_of_nothing_is_an_object() -> None:
-    # No difference but the one inside: |s| = 0, d_th = 0.
-    found = paper(Sweep([inf, 2, 2, inf], 0.0, 0.125))
-    assert found.d_mean.tolist() == [0.0]
-    assert spans(found) == [(1, 2)]
-    assert np.isnan([found.s_i[0], found.s_f[0]]).all()
-
-
 def test_a_clockwise_log_is_walked_counter_clockwise() -> None:
     # Bearings 0.5, 0.25, 0, -0.25, -0.5. Counter-clockwise: 4, 4, 2.5, 2, 4, so s = –, 0, -1.5, -0.5, 2; d_th = 4/4.
     found = paper(Sweep([4, 2, 2.5, 4, 4], 0.5, -0.25))
@@ -137,19 +111,6 @@ def test_a_clockwise_log_is_walked_counter_clockwise() -> None:
     assert (found.r_i[0], found.r_f[0]) == (2.5, 2.0)
     assert (found.s_i[0], found.s_f[0]) == (-1.5, 2.0)
     np.testing.assert_array_equal(found.beam_s, [[2, -0.5, -1.5, 0, nan]])
-
-
-def test_a_clockwise_turn_that_measures_its_first_bearing_twice() -> None:
-    # Bearings π, 2π/3, …, -2π/3, -π; the last is the first again. Counter-clockwise from -2π/3:
-    # beams 5 4 3 2 1 0 = 1, 3, 3, 3, 1, 1, so s = 0, 2, 0, 0, -2, 0 and d_th = 4/6.
-    found = paper(Sweep([1, 1, 3, 3, 3, 1, 9], pi, -pi / 3, FIRST_BEARING_TWICE))
-    assert found.d_mean[0] == pytest.approx(4 / 6, abs=1e-15)
-    # Beams 1, 0, 5 from 2π/3 over π to -2π/3 + 2π; in the order of the log from 5 over the seam to 1.
-    assert spans(found) == [(5, 1)]
-    assert found.theta_i[0] == pytest.approx(2 * pi / 3, abs=1e-12)
-    assert found.theta_f[0] == pytest.approx(4 * pi / 3, abs=1e-12)
-    assert found.beam_object is not None
-    assert found.beam_object.tolist() == [[1, 1, 0, 0, 0, 1, 0]]
 
 
 @pytest.mark.parametrize(

@@ -7,10 +7,9 @@ from math import atan2, cos, hypot, inf, nan, pi, sin, sqrt, tan
 import numpy as np
 import pytest
 
-from lidarcli.formalism import SETS, SHAPES, VERTEX_KINDS, VISIBILITIES, Detection, Parameters, detect
-from tests.formalism.batches import PER_OBJECT, batch_of
+from lidarcli.formalism import SHAPES, VERTEX_KINDS, VISIBILITIES, Detection, Parameters, detect
+from tests.formalism.batches import batch_of
 from tests.formalism.reference import EACH_BEARING_ONCE, FIRST_BEARING_TWICE, NO_TURN, Sweep
-from tests.formalism.surroundings import simulated
 
 Segment = tuple[float, float, float, float]
 DEGREE = pi / 180
@@ -193,15 +192,6 @@ def test_a_lost_beam_inside_a_surface_does_not_split_it(lost: float) -> None:
     assert len(robust(sweep, max_gap=3)) == 1
 
 
-def test_a_gap_between_two_surfaces_is_not_bridged() -> None:
-    # Two boxes side by side, 2 m and 3 m away, with a lost beam at the edge of the nearer.
-    sweep = turn([*ROOM, *rectangle(2.1, 0.3, 0.2, 0.6), *rectangle(3.1, -0.45, 0.2, 0.9)])
-    sweep.ranges[360] = nan
-    found = robust(sweep)
-    assert len(found) == 2
-    assert found.r_min.tolist() == pytest.approx([3.0, 2.0], abs=1e-2)
-
-
 def test_a_wall_at_grazing_incidence_does_not_break() -> None:
     # A corridor 1 m wide and 24 m long: at its ends s exceeds a metre from beam to beam.
     sweep = view(135 * DEGREE, rectangle(0.0, 0.0, 24.0, 1.0))
@@ -229,52 +219,12 @@ def test_walls_beside_doorways_are_not_objects() -> None:
     assert found.r_min[0] == pytest.approx(2.5, abs=1e-6)
 
 
-def test_an_object_at_the_edge_of_the_view_is_cut() -> None:
-    wall = [(-8.0, 5.0, 8.0, 5.0), (8.0, 5.0, 8.0, -5.0), (8.0, -5.0, -8.0, -5.0)]
-    # A view of ±90°: the box before its left edge goes on behind it.
-    found = robust(view(90 * DEGREE, [*wall, *rectangle(0.0, 2.2, 1.0, 0.4)]))
-    assert names(found.visibility, VISIBILITIES) == ["cut"]
-    assert found.beam_f[0] == 720
-    assert np.isnan(found.s_f[0])
-    assert found.s_i[0] < 0
-    assert found.theta_f[0] == pytest.approx(pi / 2, abs=1e-9)
-
-
-def test_an_object_behind_another_is_partly_hidden() -> None:
-    # A nearer box covers the left part of a farther one, or its right part.
-    near, far = rectangle(1.6, 0.35, 0.2, 0.5), rectangle(2.6, 0.1, 0.2, 0.8)
-    found = robust(turn([*ROOM, *near, *far]))
-    assert len(found) == 2
-    assert names(found.visibility, VISIBILITIES) == ["end_hidden", "full"]
-    mirrored = [(x0, -y0, x1, -y1) for x0, y0, x1, y1 in [*near, *far]]
-    found = robust(turn([*ROOM, *mirrored]))
-    assert names(found.visibility, VISIBILITIES) == ["full", "start_hidden"]
-
-
-def test_an_object_before_nothing_is_fully_visible() -> None:
-    found = robust(turn(rectangle(2.2, 0.0, 0.4, 0.5)))
-    assert names(found.visibility, VISIBILITIES) == ["full"]
-    assert np.isnan([found.s_i[0], found.s_f[0]]).all()
-    assert found.noise_beams[0] == 720 - found.beams[0]
-
-
 def test_a_pillar_is_round() -> None:
     found = robust(turn(ROOM, circles=((2.0, 0.5, 0.3),)))
     assert names(found.shape, SHAPES) == ["round"]
     nearest = hypot(2.0, 0.5) - 0.3
     assert found.r_min[0] == pytest.approx(nearest, abs=1e-3)
     assert found.theta_min[0] == pytest.approx(atan2(0.5, 2.0), abs=0.25 * DEGREE + 1e-9)
-
-
-def test_too_few_beams_and_too_much_width_are_no_object() -> None:
-    box = rectangle(2.2, 0.0, 0.4, 0.5)
-    sweep = turn([*ROOM, *box])
-    beams = int(robust(sweep).beams[0])
-    assert len(robust(sweep, min_beams=beams)) == 1
-    assert len(robust(sweep, min_beams=beams + 1)) == 0
-    width = float(robust(sweep).width[0])
-    assert len(robust(sweep, max_width=width + 0.001)) == 1
-    assert len(robust(sweep, max_width=width - 0.001)) == 0
 
 
 @pytest.mark.parametrize("sigma", [0.01, 0.03])
@@ -314,18 +264,6 @@ def test_walls_are_reported_on_request_and_belong_to_noise() -> None:
     assert away.min(axis=0).max() < 0.5 * DEGREE
 
 
-def test_asking_for_walls_changes_no_object() -> None:
-    batch = simulated()
-    plain = detect(batch, Parameters.for_profile("robust"))
-    found = detect(batch, Parameters.for_profile("robust", walls=True))
-    objects = found.shape != SHAPES.index("wall")
-    for name in ("row", "object", *PER_OBJECT):
-        np.testing.assert_array_equal(getattr(found, name)[objects], getattr(plain, name), err_msg=name)
-    assert (found.set[~objects] == SETS.index("S")).all()
-    assert objects.sum() > 100
-    assert (~objects).sum() > 100
-
-
 def test_a_box_that_touches_a_wall_is_carved_out_of_it() -> None:
     # The wall y = 3 from x = -3 to 4; the box before it reaches from the wall to y = 2.4 and from x = -0.5 to 0.3.
     room: list[Segment] = [
@@ -349,65 +287,6 @@ def test_a_box_that_touches_a_wall_is_carved_out_of_it() -> None:
         ]
     )
     assert found.y[0] == pytest.approx(2.4, abs=1e-3)
-
-
-def test_a_wall_that_ends_at_a_doorway_is_not_carved() -> None:
-    # The corner of a room, then a metre of wall with a jamb, then the doorway: nothing of the wall goes on behind it.
-    room: list[Segment] = [
-        (3.0, -3.0, 3.0, 2.0),
-        (3.0, 2.0, 1.9, 2.0),
-        (1.9, 2.0, 1.9, 2.15),
-        (1.0, 2.15, 1.0, 2.0),
-        (1.0, 2.0, -3.0, 2.0),
-        (-3.0, 2.0, -3.0, -3.0),
-        (-3.0, -3.0, 3.0, -3.0),
-        (5.0, 6.0, -5.0, 6.0),
-    ]
-    assert len(robust(turn(room))) == 0
-
-
-def test_a_box_that_touches_a_short_piece_of_wall_is_carved_out_of_it() -> None:
-    # Between two doorways the wall y = 2 from x = -0.7 to 1.2; the box has its side at x = 0.2, its front at y = 1.6.
-    room: list[Segment] = [
-        (3.0, -3.0, 3.0, 2.0),
-        (3.0, 2.0, 2.2, 2.0),
-        (1.2, 2.0, 0.2, 2.0),
-        (0.7, 1.6, 0.2, 1.6),
-        (0.2, 1.6, 0.2, 2.0),
-        (0.2, 2.0, -0.7, 2.0),
-        (-1.7, 2.0, -3.0, 2.0),
-        (-3.0, 2.0, -3.0, -3.0),
-        (-3.0, -3.0, 3.0, -3.0),
-        (5.0, 4.0, -5.0, 4.0),
-    ]
-    found = robust(turn(room))
-    assert len(found) == 1
-    assert found.r_i[0] == pytest.approx(hypot(0.7, 1.6), abs=0.02)
-    assert found.r_f[0] == pytest.approx(hypot(0.2, 2.0), abs=0.1)  # beams are 8 cm apart there
-    assert (found.box_length[0], found.box_width[0]) == pytest.approx((0.5, 0.4), abs=0.1)
-
-
-def test_a_box_before_a_wall_is_carved_out_where_another_wall_begins_behind_it() -> None:
-    # The box stands in the corner of a room: behind its free edge the other wall goes on.
-    room: list[Segment] = [
-        (3.0, -3.0, 3.0, 2.0),
-        (3.0, 2.0, -3.0, 2.0),
-        (-3.0, 2.0, -3.0, -3.0),
-        (-3.0, -3.0, 3.0, -3.0),
-        (1.6, 2.0, 1.6, 1.4),
-        (1.6, 1.4, 2.2, 1.4),
-    ]
-    found = robust(turn(room, beams=1440))
-    assert len(found) == 1
-    assert (found.box_length[0], found.box_width[0]) == pytest.approx((0.6, 0.6), abs=0.05)
-
-
-def test_a_corner_that_points_at_the_sensor_is_no_piece_of_wall_where_there_are_hardly_any() -> None:
-    # The face of a box continues the line of a short wall, among pillars all around.
-    pillars = [(1.5 * cos(angle), 1.5 * sin(angle), 0.35) for angle in np.arange(2.9, 6.9, 0.75)]
-    found = robust(turn([(-6.0, 3.0, -3.5, 3.0), (-1.0, 3.0, 0.0, 3.0), (0.0, 3.0, 0.3, 3.6)], tuple(pillars)))
-    assert len(found) == len(pillars) + 1
-    assert found.width.max() == pytest.approx(hypot(1.3, 0.6), abs=0.1)
 
 
 @pytest.mark.parametrize(("far", "objects"), [(0.05, 0), (0.6, 1)])

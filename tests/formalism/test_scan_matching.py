@@ -91,19 +91,6 @@ def test_in_a_round_room_the_heading_stays() -> None:
     np.testing.assert_allclose(path[:, 2], 0.0, atol=0.01)
 
 
-def test_a_guess_leads_past_where_the_path_is_lost() -> None:
-    here, there = room(POSES, (-3.0, 4.0), (-2.0, 3.0)), room(POSES, (-1.0, 2.5), (-6.0, 1.5))
-    told = np.column_stack([POSES, np.zeros(len(POSES))])
-    told[20:, 0] += 1.5
-    path = found(np.vstack([here[:20], there[20:]]), told)
-    assert np.isnan(path[20:29, 0]).all()
-    assert set(path[:20, 6]) == {1.0}
-    assert set(path[29:, 6]) == {2.0}
-    np.testing.assert_allclose(path[29:, :3], told[29:, :3], atol=0.03)
-    free = found(np.vstack([here[:20], there[20:]]))
-    np.testing.assert_allclose(free[29, :2], POSES[19, :2], atol=0.01)
-
-
 @pytest.mark.skipif(not compiled.is_there(), reason="the core was not compiled")
 def test_the_compiled_matching_agrees_with_its_source() -> None:
     code = (

@@ -15,17 +15,6 @@ def best(*seen: float) -> str:
     return KINDS[odds.index(max(odds))]
 
 
-def test_shares_are_shares() -> None:
-    assert [sum(row) for row in SEEN_AS] == pytest.approx([1.0] * 4)
-
-
-def test_one_sweep_and_none() -> None:
-    for shape in range(4):
-        one = shape_likelihood([float(k == shape) for k in range(4)])
-        assert one == pytest.approx([math.log(row[shape]) for row in SEEN_AS], abs=1e-12)
-    assert shape_likelihood([0.0] * 4) == [0.0] * 4
-
-
 @pytest.mark.parametrize("times", [1, 6, 100])
 def test_many_sweeps_are_no_vote(times: int) -> None:
     """A plant is taken for a prism now and then, which no box is for something else half of the times."""

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from math import hypot, log, pi
+from math import hypot, pi
 
 import numpy as np
 import pytest
 
-from lidarcli.formalism import Detection, Parameters, detect, features, forest
+from lidarcli.formalism import Detection, Parameters, detect, features
 from lidarcli.formalism.detect import KINDS, START, contributions, reasons
 from tests.formalism.batches import batch_of
 from tests.formalism.reference import EACH_BEARING_ONCE, Sweep
@@ -35,25 +35,6 @@ def wall(y: float, *spans: tuple[float, float]) -> list[Segment]:
     return [(low, y, high, y) for low, high in spans]
 
 
-def test_the_pieces_of_a_wall_support_each_other() -> None:
-    found = seen([*wall(2.0, (-3.0, -1.6), (-0.6, 0.6), (1.6, 3.0)), *wall(5.0, (-8.0, 8.0))])
-    middle = at(found, 0.0, 2.0)
-    assert middle["aligned"] == 1.0
-    assert middle["support"] == pytest.approx(log(1 + 2.8 / 0.3), abs=0.1)
-    assert middle["jump_least"] == pytest.approx(3.0, abs=0.3)
-    # Past its ends are a metre of doorway and then wall: a little more than half of it.
-    assert 0.4 < middle["line"] < 0.65
-    assert middle["unbroken"] < 1.4
-
-
-def test_a_thing_alone_has_no_line() -> None:
-    found = seen([*wall(2.0, (-0.4, 0.4)), *wall(4.0, (-8.0, 8.0))])
-    alone = at(found, 0.0, 2.0)
-    assert (alone["support"], alone["support_near"]) == (0.0, 0.0)
-    assert alone["line"] < 0.05
-    assert alone["unbroken"] == pytest.approx(0.8, abs=0.1)
-
-
 def test_lost_beams_do_not_break_a_wall() -> None:
     segments = wall(2.0, (-1.9, 1.9))
     whole = turn([*segments, *wall(6.0, (-20.0, 20.0))], beams=720)
@@ -64,17 +45,6 @@ def test_lost_beams_do_not_break_a_wall() -> None:
     found = detect(batch_of([Sweep(ranges.tolist(), -pi, pi / 360, EACH_BEARING_ONCE)]), ALL, explain=True)
     piece = at(found, 0.2, 2.0)
     assert piece["unbroken"] > 2.5
-
-
-def test_what_stands_a_little_before_a_wall_has_it_behind() -> None:
-    found = seen([*wall(2.0, (-0.3, 0.3)), *wall(2.15, (-6.0, 6.0))])
-    relief = at(found, 0.0, 2.0)
-    assert relief["depth_behind"] == pytest.approx(0.15, abs=0.04)
-    assert relief["line_behind"] > 0.8
-    assert relief["backing"] > 1.0
-    deep = at(seen([*wall(2.0, (-0.3, 0.3)), *wall(3.0, (-6.0, 6.0))]), 0.0, 2.0)
-    assert deep["backing"] == 0.0
-    assert deep["line_behind"] < 0.1
 
 
 def test_bulges_are_told_towards_the_sensor_and_away() -> None:
@@ -105,13 +75,6 @@ def test_what_each_kind_of_evidence_adds_is_all_there_is() -> None:
     lines = reasons(found.features, found.thing)
     assert all(line is not None and line.split(", ")[0].split()[0] in told for line in lines)
     assert reasons(found.features[:1], np.array([np.nan])) == [None]
-
-
-def test_every_feature_is_evidence_of_one_kind() -> None:
-    kinds = [name for names in KINDS.values() for name in names]
-    assert sorted(kinds) == sorted(features.NAMES)
-    asked = {feature for questions, _ in forest.TREES for feature, _, _ in questions}
-    assert asked <= {*range(len(features.NAMES))}
 
 
 def test_beams_that_flicker_prove_nothing() -> None:

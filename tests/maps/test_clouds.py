@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-from pathlib import Path
 from typing import BinaryIO
 
 import numpy as np
@@ -122,31 +121,6 @@ def test_far_from_the_origin_ply_is_exact_and_pcd_rounds_as_it_says() -> None:
 
 
 @pytest.mark.parametrize("writer", [PlyWriter, PcdWriter, ParquetWriter])
-def test_bytes_depend_on_the_points_alone(writer: type[CloudWriter]) -> None:
-    one = some_points(100)
-    halves = [
-        CloudPoints(
-            one.log, one.topic, *(getattr(one, name)[part] for name in ("sweep", "beam", "stamp_ns", "x", "y", "set"))
-        )
-        for part in (slice(0, 37), slice(37, None))
-    ]
-    files = [io.BytesIO() for _ in range(3)]
-    for file, points in zip(files, ([one], [one], halves), strict=True):
-        write(writer(file), points)  # type: ignore[call-arg]
-    assert files[0].getvalue() == files[1].getvalue() == files[2].getvalue()
-
-
-@pytest.mark.parametrize("writer", [PlyWriter, PcdWriter, ParquetWriter])
-def test_a_real_file_is_left_open_for_its_caller(tmp_path: Path, writer: type[CloudWriter]) -> None:
-    with (tmp_path / "cloud").open("w+b") as file:
-        write(writer(file), batches())  # type: ignore[call-arg]
-        assert not file.closed
-    memory = io.BytesIO()
-    write(writer(memory), batches())  # type: ignore[call-arg]
-    assert (tmp_path / "cloud").read_bytes() == memory.getvalue()
-
-
-@pytest.mark.parametrize("writer", [PlyWriter, PcdWriter, ParquetWriter])
 def test_what_is_abandoned_is_not_whole(writer: type[CloudWriter]) -> None:
     left, whole = io.BytesIO(), io.BytesIO()
     for file, end in ((left, "abandon"), (whole, "finish")):
@@ -156,23 +130,6 @@ def test_what_is_abandoned_is_not_whole(writer: type[CloudWriter]) -> None:
     assert left.getvalue() != whole.getvalue()
     # Whoever opened the file closes it.
     assert not left.closed
-
-
-def test_other_programs_read_ply(tmp_path: Path) -> None:
-    plyfile = pytest.importorskip("plyfile")
-    with (tmp_path / "cloud.ply").open("w+b") as file:
-        write(PlyWriter(file), batches())
-    vertices = plyfile.PlyData.read(tmp_path / "cloud.ply")["vertex"]
-    read = np.stack([vertices["x"], vertices["y"], vertices["z"]], axis=1)
-    assert read.tolist() == coordinates(batches()).tolist()
-
-
-def test_other_programs_read_pcd(tmp_path: Path) -> None:
-    pypcd4 = pytest.importorskip("pypcd4")
-    with (tmp_path / "cloud.pcd").open("w+b") as file:
-        write(PcdWriter(file), batches())
-    cloud = pypcd4.PointCloud.from_path(tmp_path / "cloud.pcd")
-    assert cloud.numpy(("x", "y", "z")).tolist() == coordinates(batches()).astype(np.float32).tolist()
 
 
 def test_parquet() -> None:
@@ -192,27 +149,6 @@ def test_parquet() -> None:
     assert table["x"].to_pylist() == [*first.x, *second.x]
     assert table["y"].to_pylist() == [*first.y, *second.y]
     assert table["set"].to_pylist() == [None, "O", "A", "S", None, None, None, None, None]
-
-
-def test_a_cloud_without_points_has_its_columns() -> None:
-    file = io.BytesIO()
-    write(ParquetWriter(file), [])
-    table = pq.read_table(io.BytesIO(file.getvalue()))
-    assert (table.num_rows, table.column_names) == (0, CLOUD.names)
-
-
-def test_the_columns_are_declared() -> None:
-    assert [(field.name, str(field.type), field.metadata[b"unit"].decode()) for field in CLOUD] == [
-        ("log", "dictionary<values=string, indices=int32, ordered=0>", ""),
-        ("topic", "dictionary<values=string, indices=int32, ordered=0>", ""),
-        ("sweep", "int64", "1"),
-        ("beam", "int32", "1"),
-        ("stamp", "timestamp[ns, tz=UTC]", "ns"),
-        ("x", "double", "m"),
-        ("y", "double", "m"),
-        ("set", "dictionary<values=string, indices=int32, ordered=0>", ""),
-    ]
-    assert all(field.metadata[b"description"] for field in CLOUD)
 
 
 def test_row_groups_are_written_as_points_come() -> None:
@@ -249,38 +185,7 @@ def test_the_first_in_each_cell_is_kept(size: float, batch: int) -> None:
     assert not grid.keep(x, y).any()
 
 
-def test_runs_of_cells_stay_few() -> None:
-    grid = VoxelFilter(1.0)
-    order = np.random.default_rng(4).permutation(4000).astype(np.float64)
-    for k in range(0, 4000, 4):
-        assert grid.keep(order[k : k + 4], np.zeros(4)).all()
-    assert grid.cells == 4000
-    assert len(grid._known) <= 12
-
-
-def test_cells_on_all_sides_of_the_origin_differ() -> None:
-    x, y = (part.ravel() for part in np.meshgrid([-1.5, -0.5, 0.5, 1.5], [-1.5, -0.5, 0.5, 1.5]))
-    assert VoxelFilter(1.0).keep(x, y).all()
-    # -0.0 lies in the cell of 0.
-    assert VoxelFilter(1.0).keep(np.array([0.0, -0.0]), np.zeros(2)).tolist() == [True, False]
-    # Far away in one direction is not near in the other.
-    far = np.array([2.0**31 - 1, -(2.0**31) + 1, 0, 0, -1, 1])
-    assert VoxelFilter(1.0).keep(far, np.roll(far, 2)).all()
-
-
 def test_what_has_no_cell_is_not_kept() -> None:
     x = np.array([np.nan, np.inf, -np.inf, 1e300, 3e9, 0.0, 0.5])
     assert VoxelFilter(1.0).keep(x, np.zeros(7)).tolist() == [False] * 5 + [True, False]
     assert VoxelFilter(1e-300).keep(np.array([1e300]), np.zeros(1)).tolist() == [False]
-
-
-def test_no_points() -> None:
-    grid = VoxelFilter(0.1)
-    assert grid.keep(np.zeros(0), np.zeros(0)).tolist() == []
-    assert grid.cells == 0
-
-
-@pytest.mark.parametrize("size", [0.0, -1.0, np.nan, np.inf])
-def test_a_size_that_is_none(size: float) -> None:
-    with pytest.raises(ValueError, match="the side of a cell"):
-        VoxelFilter(size)

@@ -18,17 +18,15 @@ from lidarcli.overlays.objects import (
     PART,
     SOLID,
     TEXT,
-    Colours,
     Poses,
     Trajectories,
     is_mirrored,
     markers_of,
     paths_of,
 )
-from lidarcli.reports.palette import BLUE, GREY, SHAPE_COLOURS, VERMILION, ZONE_COLOURS
+from lidarcli.palette import BLUE, SHAPE_COLOURS, VERMILION, on_dark
 from lidarcli.tabular.schemas import OBJECTS, TRAJECTORIES
 
-COLOURS = Colours(SHAPE_COLOURS, {"O": BLUE, "A": VERMILION, "S": GREY}, ZONE_COLOURS)
 NOWHERE = Poses(*(np.full(9, np.nan) for _ in range(3)))
 PLAIN: dict[str, Any] = {
     "object": 1,
@@ -51,7 +49,7 @@ def rows(*objects: dict[str, Any]) -> pa.RecordBatch:
 
 def drawn(*objects: dict[str, Any], message: list[int] | None = None, poses: Poses = NOWHERE) -> list[Markers]:
     where = np.array(message if message is not None else [0] * len(objects), np.int64)
-    return markers_of(rows(*objects), where, poses, COLOURS)
+    return markers_of(rows(*objects), where, poses)
 
 
 def of_kind(groups: list[Markers], kind: Kind) -> list[Markers]:
@@ -63,8 +61,9 @@ def words(label: Markers) -> list[str]:
     return [text.decode() for text in label.text.tolist()]
 
 
-def rgb(text: str) -> list[float]:
-    return [int(text[at : at + 2], 16) / 255 for at in (1, 3, 5)]
+def rgb(colour: str) -> list[float]:
+    """The colour that takes the place of another on dark ground."""
+    return [part / 255 for part in bytes.fromhex(on_dark(colour)[1:])]
 
 
 def chosen(group: Markers) -> NDArray[np.float64]:
@@ -259,7 +258,7 @@ def walk(**more: Any) -> Trajectories:
 
 
 def test_what_moves_has_a_path_of_the_last_seconds() -> None:
-    found = paths_of(walk(), np.array([9, 10, 12, 50, 60]), NOWHERE, False, COLOURS)
+    found = paths_of(walk(), np.array([9, 10, 12, 50, 60]), NOWHERE, False)
     # One point is no line, and before and after there is none.
     assert [(one.kind, one.message.tolist(), one.id.tolist()) for one in found] == [
         (Kind.PATH, [2], [3]),
@@ -283,7 +282,7 @@ def test_a_path_is_that_of_an_agent_from_where_it_began_to_move() -> None:
         for track, speed in ((3, 1.0 if 10 <= k < 20 else 0.0), (4, 0.0), (5, 1.0 if k >= 25 else 0.0))
     ]
     table = pa.Table.from_pylist(rows, schema=TRAJECTORIES)
-    found = paths_of(Trajectories.of(table, "/scan"), np.array([9, 10, 29]), NOWHERE, False, COLOURS)
+    found = paths_of(Trajectories.of(table, "/scan"), np.array([9, 10, 29]), NOWHERE, False)
     colours = {
         (int(message), int(number)): colour.tolist()
         for group in found
@@ -299,10 +298,10 @@ def test_a_path_is_that_of_an_agent_from_where_it_began_to_move() -> None:
 @pytest.mark.parametrize("hangs", [False, True])
 def test_a_path_in_the_world_is_drawn_as_the_sensor_sees_it(hangs: bool) -> None:
     poses = Poses(np.array([1.0]), np.array([1.0]), np.array([np.pi / 2]))
-    (found,) = paths_of(walk(frame="world"), np.array([11]), poses, hangs, COLOURS)
+    (found,) = paths_of(walk(frame="world"), np.array([11]), poses, hangs)
     assert found.points is not None
     # The sensor looks along y: what lies ahead of it in x is on its right.
     left = 1.0 if hangs else -1.0
     assert found.points[0] == pytest.approx(np.array([[1.0, 0.0], [1.0, 0.1 * left]]))
     nowhere = Poses(*(np.full(1, np.nan) for _ in range(3)))
-    assert paths_of(walk(frame="world"), np.array([11]), nowhere, hangs, COLOURS) == []
+    assert paths_of(walk(frame="world"), np.array([11]), nowhere, hangs) == []

@@ -9,8 +9,7 @@ from typing import Any
 import pytest
 from ruamel.yaml import YAML
 
-from lidarcli.overlays.files import OBJECTS, topic_name, topics_of_objects
-from lidarcli.overlays.viewers import PANEL, Scene, layout_json, rviz_config
+from lidarcli.overlays.viewers import OBJECTS, PANEL, Scene, layout_json, rviz_config, topic_name, topics_of_objects
 
 SCENE = Scene("odom", ("/lidarcli/objects/front", "/lidarcli/objects/rear"), ("/front", "/rear"), "/lidarcli/map")
 TOPICS = {*SCENE.objects, *SCENE.scans, "/lidarcli/map"}

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from lidarcli.logs.base import Topic
-from lidarcli.pipeline import inspecting
+from lidarcli.pipeline import detecting, inspecting
 from lidarcli.pipeline.reading import one_log
 from lidarcli.sweeps import RawSweeps
 from tests.fake_log import FakeLog
@@ -18,7 +18,7 @@ def opened(monkeypatch: pytest.MonkeyPatch) -> Opens:
 
     def opens(*blocks: RawSweeps, topics: list[Topic] | None = None, damage: str | None = None) -> FakeLog:
         log = FakeLog(blocks, topics, damage=damage)
-        for module in (one_log, inspecting):
+        for module in (one_log, detecting, inspecting):
             monkeypatch.setattr(module, "open_source", lambda source, csv: log)
         return log
 

@@ -25,7 +25,7 @@ from lidarcli.pipeline.detecting import detect_to_files
 from lidarcli.pipeline.inputs.search import find_logs
 from lidarcli.pipeline.inputs.sources import Source
 from lidarcli.pipeline.inputs.tables import without_sweeps
-from lidarcli.pipeline.objects.options import DetectOptions
+from lidarcli.pipeline.objects.detection import DetectOptions
 from lidarcli.simulation.writers import write_log
 from lidarcli.tabular import OBJECTS
 from tests.pipeline.folders import logs_apart

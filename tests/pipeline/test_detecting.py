@@ -13,10 +13,10 @@ from lidarcli.errors import NoScanError, OutputError, UnreadableError
 from lidarcli.formalism import Parameters
 from lidarcli.logs.base import OpenOptions, ReadReport, Topic
 from lidarcli.logs.batches import ReadOptions
+from lidarcli.pipeline import detecting
 from lidarcli.pipeline.detecting import detect_to_files
 from lidarcli.pipeline.inputs.sources import Source
-from lidarcli.pipeline.objects.options import DetectOptions
-from lidarcli.pipeline.reading import one_log
+from lidarcli.pipeline.objects.detection import DetectOptions
 from lidarcli.pipeline.reading.one_log import damage_lines
 from lidarcli.simulation.writers import write_log
 from tests.pipeline.in_memory import CLOUD, SCAN, SOURCE, Opens, block
@@ -171,7 +171,7 @@ def test_existing_output_is_refused_before_the_log_is_opened(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, opened: Opens
 ) -> None:
     (tmp_path / "run.sweeps.parquet").write_text("mine")
-    monkeypatch.setattr(one_log, "open_source", lambda source, csv: pytest.fail("opened"))
+    monkeypatch.setattr(detecting, "open_source", lambda source, csv: pytest.fail("opened"))
     with pytest.raises(OutputError, match=r"run\.sweeps\.parquet exists"):
         detect_to_files(SOURCE, tmp_path, DetectOptions())
     opened(block(), topics=[SCAN])

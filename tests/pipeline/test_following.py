@@ -23,10 +23,9 @@ from lidarcli.formalism.parameters import TrackParameters
 from lidarcli.logs.batches import ReadOptions
 from lidarcli.pipeline.detecting import detect_to_files
 from lidarcli.pipeline.inputs.sources import Source
-from lidarcli.pipeline.objects import following, making
-from lidarcli.pipeline.objects.following import Following, TrackOptions
-from lidarcli.pipeline.objects.making import Made, rows_of
-from lidarcli.pipeline.objects.options import DetectOptions
+from lidarcli.pipeline.objects import detection, tracking
+from lidarcli.pipeline.objects.detection import BatchDetector, BatchRows, DetectOptions
+from lidarcli.pipeline.objects.tracking import LogTracker, TrackOptions
 from lidarcli.simulation.writers import write_log
 from lidarcli.sweeps import RawSweeps
 from lidarcli.tabular import SCHEMAS
@@ -56,7 +55,7 @@ def patient(monkeypatch: pytest.MonkeyPatch) -> list[Patient]:
         made.append(Patient(parameters))
         return made[-1]
 
-    monkeypatch.setattr(following, "Tracker", make)
+    monkeypatch.setattr(tracking, "Tracker", make)
     return made
 
 
@@ -155,8 +154,8 @@ def test_what_does_not_change_is_that_of_detect(
 def test_the_same_bytes_for_any_batch_size_and_jobs(
     source: Source, tmp_path: Path, patient: list[Patient], monkeypatch: pytest.MonkeyPatch, beams: bool
 ) -> None:
-    monkeypatch.setattr(making, "ALONE", 1)
-    monkeypatch.setattr(making, "BLOCK", 1)
+    monkeypatch.setattr(detection, "ALONE", 1)
+    monkeypatch.setattr(detection, "BLOCK", 1)
     written = set()
     for jobs, size in ((1, 768), (1, 7), (3, 64)):
         folder = tmp_path / f"{jobs}-{size}"
@@ -179,28 +178,29 @@ def test_the_tracker_of_the_package_depends_on_neither(source: Source, tmp_path:
 
 def test_rows_wait_no_longer_than_they_must(patient: list[Patient]) -> None:
     """A log of any length: so many batches wait for the look-ahead, and no more."""
-    follow = Following("run", TRACKING, Parameters())
+    options = DetectOptions(tracking=TRACKING)
+    follow = LogTracker("run", options)
     waiting = []
 
-    def made() -> Iterator[Made]:
+    def made() -> Iterator[BatchRows]:
         batch = next(iter(lidarcli.read(SAMPLES / "room.mcap", end=1.0)))
-        detection = lidarcli.formalism.detect(batch)
+        (one,) = BatchDetector("run", ("objects", "sweeps"), options).detect([batch]).batches
         for _ in range(100):
             waiting.append(len(follow._topics["/scan"].waiting) if follow._topics else 0)
-            yield Made(rows_of("run", ("objects", "sweeps"), batch, detection), (batch, detection))
+            yield one
 
     rows = list(follow.take(made()))
     assert max(waiting) == PATIENCE // 10
     assert len(rows) == 2 * (100 - PATIENCE // 10)
     # Neither ranges nor outlines wait where no set of a beam does.
-    assert {one.seen for one in follow._topics["/scan"].waiting} == {None}
-    rest = list(follow.finish())
+    assert {one.detected for one in follow._topics["/scan"].waiting} == {None}
+    rest = list(follow.flush())
     assert [table for table, _, _ in rest] == ["objects", "sweeps"] * (PATIENCE // 10) + ["tracks"]
 
 
 def test_what_waits_for_the_end_may_wait_on_disk(source: Source, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     detect_to_files(source, tmp_path / "memory", followed(beams=True))
-    monkeypatch.setattr(following, "MOST_BYTES", 100_000)
+    monkeypatch.setattr(tracking, "MOST_BYTES", 100_000)
     detect_to_files(source, tmp_path / "disk", followed(beams=True))
     for path in (tmp_path / "memory").iterdir():
         assert path.read_bytes() == (tmp_path / "disk" / path.name).read_bytes()
@@ -210,8 +210,8 @@ def test_a_disk_without_room_is_one_line(source: Source, tmp_path: Path, monkeyp
     def full(*_: object) -> None:
         raise OSError(errno.ENOSPC, "No space left on device")
 
-    monkeypatch.setattr(following, "MOST_BYTES", 0)
-    monkeypatch.setattr(following.pickle, "dump", full)
+    monkeypatch.setattr(tracking, "MOST_BYTES", 0)
+    monkeypatch.setattr(tracking.pickle, "dump", full)
     with pytest.raises(OutputError, match=r"a temporary file in .*No space left on device"):
         detect_to_files(source, tmp_path, followed())
     assert list(tmp_path.iterdir()) == []
@@ -220,15 +220,13 @@ def test_a_disk_without_room_is_one_line(source: Source, tmp_path: Path, monkeyp
 def test_rows_of_a_pipe_do_not_wait_for_its_end() -> None:
     """Of a log that is read once, bodies are judged by the sweeps so far."""
     batch = next(iter(lidarcli.read(SAMPLES / "room.mcap")))
-    follow = Following("run", TrackOptions(), Parameters())
+    options = DetectOptions(tracking=TrackOptions())
+    follow = LogTracker("run", options)
     parts = [batch.rows(np.arange(begin, begin + 10)) for begin in range(0, 100, 10)]
-    found = [lidarcli.formalism.detect(part, TRACKING.found_with(Parameters())) for part in parts]
-    made = [
-        Made(rows_of("run", ("objects",), part, one), (part, one)) for part, one in zip(parts * 8, found * 8, strict=True)
-    ]
+    made = BatchDetector("run", ("objects",), options).detect(parts * 8).batches
     rows = list(follow.take(made))
     assert 0 < len(rows) < len(made)
-    assert len(rows) + len(list(follow.finish())) == len(made) + 2
+    assert len(rows) + len(list(follow.flush())) == len(made) + 2
 
 
 def test_walls_have_no_track(tmp_path: Path, opened: Opens, patient: list[Patient]) -> None:
@@ -280,7 +278,7 @@ def test_an_error_of_the_tracker_leaves_no_file(tmp_path: Path, opened: Opens, m
         raise MemoryError("no room")
 
     monkeypatch.setattr(Patient, "finish", fail)
-    monkeypatch.setattr(following, "Tracker", Patient)
+    monkeypatch.setattr(tracking, "Tracker", Patient)
     with pytest.raises(MemoryError):
         detect_to_files(SOURCE, tmp_path, DetectOptions(tracking=TRACKING))
     assert list(tmp_path.iterdir()) == []

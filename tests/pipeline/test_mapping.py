@@ -7,12 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import lidarcli
 from lidarcli.errors import OptionError
 from lidarcli.logs.batches import ReadOptions
 from lidarcli.pipeline.inputs.search import find_logs
 from lidarcli.pipeline.mapping import MapOptions, Mapping, MapRun
-from lidarcli.pipeline.reading.pose_sources import PoseOptions
+from lidarcli.pipeline.reading.posing import PoseOptions
 from lidarcli.pipeline.runs import over_logs
 from lidarcli.simulation import simulate
 from tests.places import SAMPLES
@@ -73,15 +72,6 @@ def test_the_size_of_batches_makes_no_difference(drives: Path) -> None:
     for grid, counts in grids[1:]:
         assert np.array_equal(grid.cells, grids[0][0].cells)
         assert (grid.x, grid.y, counts.sweeps) == (grids[0][0].x, grids[0][0].y, grids[0][1].sweeps)
-
-
-def test_a_map_in_python(drives: Path, tmp_path: Path) -> None:
-    files = [tmp_path / "grid.yaml", tmp_path / "cloud.parquet"]
-    grid = lidarcli.map(drives / LOGS[0], files, resolution=0.1, voxel=0.1)
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["cloud.parquet", "grid.pgm", "grid.yaml"]
-    assert (grid.resolution, grid.frame_id) == (0.1, "odom")
-    assert 300 < grid.occupied < 900
-    assert grid.cells.dtype == np.int8
 
 
 def test_paths_that_are_matched_lie_in_worlds_of_their_own(drives: Path) -> None:

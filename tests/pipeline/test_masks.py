@@ -16,8 +16,8 @@ from lidarcli.errors import LidarcliError, OptionError, UnreadableError
 from lidarcli.masks import Circle, Mask, Masks, Mount, Polygon, Sector
 from lidarcli.pipeline.inputs.masks import mask_text, masks_of, plain, read_masks
 from lidarcli.pipeline.inputs.sources import Source, open_source
-from lidarcli.pipeline.reading.masking import Masking, masking_of
-from lidarcli.pipeline.reading.pose_sources import PoseOptions
+from lidarcli.pipeline.reading.masking import MaskRules, masking_of
+from lidarcli.pipeline.reading.posing import PoseOptions
 from lidarcli.range_rules import RangeRules
 from lidarcli.simulation.generate import simulate_odometry, simulate_sweep_arrays
 from lidarcli.simulation.scene import PARKED, Entity, Motion, Odometry, Scene, load_scene
@@ -58,7 +58,7 @@ def log(drive: Scene, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-def learned(path: Path, poses: PoseOptions | None = None) -> Masking:
+def learned(path: Path, poses: PoseOptions | None = None) -> MaskRules:
     with open_source(Source(str(path), "log")) as opened:
         return masking_of(opened, AUTO, poses)
 

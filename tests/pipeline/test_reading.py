@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 from lidarcli.logs.base import OpenOptions
-from lidarcli.logs.batches import ReadOptions
+from lidarcli.logs.batches import LogBatcher, ReadOptions
 from lidarcli.pipeline.inputs.search import log_name
 from lidarcli.pipeline.inputs.sources import Source, open_source
 from lidarcli.pipeline.reading import one_log
 from lidarcli.pipeline.reading.one_log import Reading
-from lidarcli.pipeline.reading.pose_sources import PoseOptions
+from lidarcli.pipeline.reading.posing import PoseOptions
 from lidarcli.sweeps import SweepBatch
 from tests.places import SAMPLES
 
@@ -77,15 +77,15 @@ def test_no_thread_is_left_when_a_run_breaks_off(source: Source) -> None:
 
 @pytest.mark.usefixtures("ahead")
 def test_what_goes_wrong_is_raised_in_its_place(monkeypatch: pytest.MonkeyPatch) -> None:
-    read_batches = one_log.read_batches
+    flush = LogBatcher.flush
 
-    def breaks(*arguments: object) -> Iterator[SweepBatch]:
-        for number, batch in enumerate(read_batches(*arguments)):  # type: ignore[arg-type]
+    def breaks(self: LogBatcher) -> Iterator[SweepBatch]:
+        for number, batch in enumerate(flush(self)):
             if number == 3:
                 raise MemoryError("too much")
             yield batch
 
-    monkeypatch.setattr(one_log, "read_batches", breaks)
+    monkeypatch.setattr(LogBatcher, "flush", breaks)
     source = Source(str(SAMPLES / "room.mcap"), "room")
     seen: list[SweepBatch] = []
     with (

@@ -9,7 +9,7 @@ import sys
 import threading
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from io import BytesIO
@@ -25,17 +25,16 @@ from lidarcli.formalism import Parameters
 from lidarcli.logs.base import Log
 from lidarcli.logs.batches import ReadOptions
 from lidarcli.logs.options import TopicChoice
-from lidarcli.machine import Beside
-from lidarcli.pipeline.building import Building, BuildOptions
+from lidarcli.machine import Threads
+from lidarcli.pipeline.building import BackgroundBuilder, BuildOptions
 from lidarcli.pipeline.detecting import detect_files, detect_stream, detect_to_files
 from lidarcli.pipeline.inputs.sources import Source
-from lidarcli.pipeline.objects import making
-from lidarcli.pipeline.objects.making import Maker, Part, Recipe, Splitting
-from lidarcli.pipeline.objects.options import DetectOptions
+from lidarcli.pipeline.objects import detection
+from lidarcli.pipeline.objects.detection import BatchDetector, DetectOptions, ParallelDetection, Part
 from lidarcli.pipeline.objects.subtracting import BackgroundOptions
 from lidarcli.pipeline.reading import path_check
 from lidarcli.pipeline.reading.one_log import RunSummary
-from lidarcli.pipeline.reading.pose_sources import NO_POSES
+from lidarcli.pipeline.reading.posing import NO_POSES
 from lidarcli.pipeline.runs import over_logs, processes
 from lidarcli.range_rules import RangeRules
 from lidarcli.simulation.generate import simulate_blocks, simulate_odometry
@@ -101,10 +100,10 @@ class Seen:
 def eager(monkeypatch: pytest.MonkeyPatch) -> Seen:
     """Threads that are called after the first batch, and batches that are handed out one by one."""
     seen = Seen()
-    monkeypatch.setattr(making, "ALONE", 1)
-    monkeypatch.setattr(making, "BLOCK", 1)
+    monkeypatch.setattr(detection, "ALONE", 1)
+    monkeypatch.setattr(detection, "BLOCK", 1)
 
-    class Counted(Beside):
+    class Counted(Threads):
         def __init__(self, name: str, count: int = 1) -> None:
             seen.started += count
             super().__init__(name, count)
@@ -113,7 +112,7 @@ def eager(monkeypatch: pytest.MonkeyPatch) -> Seen:
             seen.taken += 1
             return super().submit(*arguments, **options)
 
-    monkeypatch.setattr(making, "Beside", Counted)
+    monkeypatch.setattr(detection, "Threads", Counted)
     return seen
 
 
@@ -126,7 +125,7 @@ def files(source: Source, folder: Path, options: DetectOptions) -> tuple[dict[st
 
 def background(source: Source) -> BackgroundOptions:
     """What the log itself teaches of its scene."""
-    building = Building(BuildOptions())
+    building = BackgroundBuilder(BuildOptions())
     building.add(source)
     return BackgroundOptions("drive.background.parquet", tuple(building.sensors()))
 
@@ -165,6 +164,24 @@ def test_the_same_stream(source: Source, eager: Seen, kind: str) -> None:
 
     assert stream(2) == stream(1)
     assert eager.taken > 3
+
+
+def test_an_error_in_a_thread_is_one_of_the_run(
+    source: Source, tmp_path: Path, eager: Seen, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    make = BatchDetector.detect
+
+    def breaks(self: BatchDetector, batches: Any) -> Part:
+        if threading.current_thread() is not threading.main_thread():
+            raise MemoryError("too much")
+        return make(self, batches)
+
+    monkeypatch.setattr(BatchDetector, "detect", breaks)
+    with pytest.raises(MemoryError, match="too much"):
+        detect_to_files(source, tmp_path, DetectOptions(cores=2))
+    assert eager.taken > 0
+    assert list(tmp_path.iterdir()) == []
+    assert [thread.name for thread in threading.enumerate() if thread.name.startswith("detect")] == []
 
 
 # --- the end ----------------------------------------------------------------------------------------------
@@ -270,17 +287,22 @@ def _none_wanted(*arguments: object) -> None:
 
 def test_short_logs_need_no_help(source: Source, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(processes, "start_workers", _none_wanted)
-    monkeypatch.setattr(making, "Beside", _none_wanted)
+    monkeypatch.setattr(detection, "Threads", _none_wanted)
     options = DetectOptions(jobs=8, cores=8)
     outcomes = list(detect_files([source, replace(source, name="again")], tmp_path, options))
     assert [outcome.exit_code for outcome in outcomes] == [3, 3]
 
 
-def reading(batches: Iterator[SweepBatch], ahead: int | None = None, counted: int = 0) -> tuple[Any, Recipe]:
-    """A stand-in for the sweeps of a log."""
-    summary = RunSummary(sweeps=counted)
-    stand_in = SimpleNamespace(batches=lambda progress: batches, ahead=lambda: ahead, summary=summary)
-    return stand_in, Recipe("run", ("objects",), Parameters())
+def detecting(ahead: int | None = None, counted: int = 0, threads: int = 2) -> ParallelDetection:
+    """The detection of a log of which so many sweeps were read, and so many are still to come."""
+    stand_in: Any = SimpleNamespace(ahead=lambda: ahead, summary=RunSummary(sweeps=counted))
+    return ParallelDetection(BatchDetector("run", ("objects",), DetectOptions()), stand_in, threads)
+
+
+def parts_of(work: ParallelDetection, batches: Iterable[SweepBatch]) -> Iterator[Part]:
+    for batch in batches:
+        yield from work.take(batch)
+    yield from work.flush()
 
 
 def batch_of(sweeps: int, beams: int = 360) -> SweepBatch:
@@ -295,33 +317,30 @@ def test_threads_are_called_for_what_lies_ahead(
     monkeypatch: pytest.MonkeyPatch, ahead: int | None, counted: int, calls: bool
 ) -> None:
     """2,000,000 ranges are 18,519 sweeps of 108 beams, as a hundred that were read had them."""
-    monkeypatch.setattr(making, "Beside", _none_wanted)
-    stand_in, recipe = reading(iter([batch_of(30)]), ahead, counted)
-    with Splitting(stand_in, recipe, 2) as work:
+    monkeypatch.setattr(detection, "Threads", _none_wanted)
+    with detecting(ahead, counted) as work:
         if calls:
             with pytest.raises(AssertionError, match="help was called for"):
-                list(work.parts(None))
+                list(work.take(batch_of(30)))
         else:
-            assert len(list(work.parts(None))) == 1
+            assert len(list(work.take(batch_of(30)))) == 1
 
 
 def test_of_a_pipe_what_lies_behind_counts(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(making, "Beside", _none_wanted)
-    monkeypatch.setattr(making, "ALONE", 100_000)
-    # Nothing is waited for, however busy the machine is.
-    monkeypatch.setattr(Splitting, "_timed", lambda self, batches: ((batch, 0.0) for batch in batches))
-    stand_in, recipe = reading(iter([batch_of(256)] * 2))
-    with Splitting(stand_in, recipe, 2) as work:
-        parts = work.parts(None)
-        next(parts)
+    monkeypatch.setattr(detection, "Threads", _none_wanted)
+    monkeypatch.setattr(detection, "ALONE", 100_000)
+    with detecting() as work:
+        # However busy the machine is, the sweeps were not long in coming.
+        work._worked = HANG
+        list(work.take(batch_of(256)))
         with pytest.raises(AssertionError, match="help was called for"):
-            next(parts)
+            list(work.take(batch_of(256)))
 
 
 def test_a_live_source_is_not_kept_waiting(eager: Seen, monkeypatch: pytest.MonkeyPatch) -> None:
     """Every batch that was long in coming is out before the next one is asked for."""
-    monkeypatch.setattr(making, "PATIENCE", 0.05)
-    monkeypatch.setattr(making, "BLOCK", 10**9)
+    monkeypatch.setattr(detection, "PATIENCE", 0.05)
+    monkeypatch.setattr(detection, "BLOCK", 10**9)
     asked = Counter[str]()
 
     def slowly() -> Iterator[SweepBatch]:
@@ -330,28 +349,28 @@ def test_a_live_source_is_not_kept_waiting(eager: Seen, monkeypatch: pytest.Monk
             yield batch_of(5)
             time.sleep(0.1)
 
-    stand_in, recipe = reading(slowly(), 10**9)
-    with Splitting(stand_in, recipe, 2) as work:
-        for number, part in enumerate(work.parts(None), 1):
+    with detecting(10**9) as work:
+        for number, part in enumerate(parts_of(work, slowly()), 1):
             assert asked["batches"] == number
-            assert part.found.objects == 5
+            assert part.counts.objects == 5
     assert (eager.started, eager.taken) == (1, 0)
 
 
 def test_parts_keep_their_order(eager: Seen) -> None:
     """However fast the one or the other is."""
     batches = [replace(batch_of(3), sweep=np.arange(3 * k, 3 * k + 3)) for k in range(60)]
-    stand_in, recipe = reading(iter(batches), 10**9)
-    with Splitting(stand_in, recipe, 3) as work:
-        sweeps = [sweep for part in work.parts(None) for _, _, rows in part.rows for sweep in rows["sweep"].to_pylist()]
+    with detecting(10**9, threads=3) as work:
+        sweeps = [
+            sweep for part in parts_of(work, batches) for _, _, rows in part.rows for sweep in rows["sweep"].to_pylist()
+        ]
     assert sweeps == list(range(180))
     assert eager.taken > 3
 
 
 def test_finished_parts_that_wait_are_few(eager: Seen, monkeypatch: pytest.MonkeyPatch) -> None:
     """A thread that stands still holds up the others once enough is waiting for it."""
-    monkeypatch.setattr(making, "MOST_WAITING", 2)
-    monkeypatch.setattr(making, "DEPTH", 1)
+    monkeypatch.setattr(detection, "MOST_WAITING", 2)
+    monkeypatch.setattr(detection, "DEPTH", 1)
     read = 0
 
     def batches() -> Iterator[SweepBatch]:
@@ -360,18 +379,17 @@ def test_finished_parts_that_wait_are_few(eager: Seen, monkeypatch: pytest.Monke
             read += 1
             yield batch_of(2)
 
-    stand_in, recipe = reading(batches(), 10**9)
-    with Splitting(stand_in, recipe, 2) as work:
-        parts = work.parts(None)
+    with detecting(10**9) as work:
+        parts = parts_of(work, batches())
         next(parts)
-        make = work._maker.make
+        make = work._detector.detect
 
         def slowly(batches: list[SweepBatch]) -> Part:
             if threading.current_thread() is not threading.main_thread():
-                wait_until(lambda: len(work._line) >= 5)
+                wait_until(lambda: len(work._blocks) >= 5)
             return make(batches)
 
-        monkeypatch.setattr(work._maker, "make", slowly)
+        monkeypatch.setattr(work._detector, "detect", slowly)
         next(parts)
         # The first, then one at work in the thread, and four behind it.
         assert read == 6
@@ -419,20 +437,19 @@ def test_cores(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, quota: str, expe
     assert machine.cores() == expected
 
 
-def test_maker_counts_as_the_whole_run_does(source: Source) -> None:
-    maker = Maker(Recipe("run", ("objects", "sweeps"), Parameters()))
-    part = maker.make([batch_of(3), batch_of(4)])
+def test_a_part_counts_as_the_whole_run_does() -> None:
+    part = BatchDetector("run", ("objects", "sweeps"), DetectOptions()).detect([batch_of(3), batch_of(4)])
     assert [(table, topic, rows.num_rows) for table, topic, rows in part.rows] == [
         ("objects", "/scan", 3),
         ("sweeps", "/scan", 3),
         ("objects", "/scan", 4),
         ("sweeps", "/scan", 4),
     ]
-    assert (part.found.objects, part.found.by_set["O"]) == (7, 140)
+    assert (part.counts.objects, part.counts.by_set["O"]) == (7, 140)
 
 
 def test_sweeps_without_beams_do_not_pile_up(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(making, "ALONE", 1)
+    monkeypatch.setattr(detection, "ALONE", 1)
     empty = replace(batch_of(1, 120), beams=np.zeros(1, np.int32), ranges=np.empty((1, 0), np.float32))
     empty = replace(empty, status=np.empty((1, 0), np.uint8)).rows(np.zeros(40_000, np.int64))
     taken = Counter[str]()
@@ -443,9 +460,8 @@ def test_sweeps_without_beams_do_not_pile_up(monkeypatch: pytest.MonkeyPatch) ->
             taken["batches"] += 1
             yield empty
 
-    stand_in, recipe = reading(batches(), 10_000, 30)
-    with Splitting(stand_in, recipe, 2) as work:
-        parts = work.parts(None)
+    with detecting(10_000, 30) as work:
+        parts = parts_of(work, batches())
         next(parts)
         next(parts)
         assert taken["batches"] < 40

@@ -176,7 +176,7 @@ def test_plot_draws_zones(lidarcli: Run, logs: Path, tmp_path: Path, file: Path)
 
 
 def test_what_plot_refuses_of_zones(lidarcli: Run, logs: Path, tmp_path: Path, file: Path) -> None:
-    for view in ("sweep", "polar", "map"):
+    for view in ("sweep", "map"):
         ran = lidarcli("plot", logs / "run.mcap", "--view", view, "--zones", file, "-o", tmp_path / "p.png")
         assert (ran.code, "--zones are drawn in the scene; give --view all or scene" in ran.err) == (2, True)
     ran = lidarcli("plot", logs / "run.mcap", "--zones", tmp_path / "no.toml", "-o", tmp_path / "p.png")

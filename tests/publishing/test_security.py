@@ -39,15 +39,15 @@ def test_the_fuzzer_holds_what_is_promised() -> None:
 
 
 def test_what_is_unpickled_comes_from_its_own_processes() -> None:
-    """But for what a cluster answers, which is read as data alone."""
+    """But for what a cluster answers, which Dask reads."""
     package = ROOT / "lidarcli"
     files = {
         word: {path.relative_to(package).as_posix() for path in package.rglob("*.py") if word in path.read_text("utf-8")}
         for word in ("pickle.load", "Unpickler")
     }
-    own = {"pipeline/mapping.py", "pipeline/objects/following.py"}
-    assert files == {"pickle.load": own, "Unpickler": {"pipeline/runs/cluster.py"}}
-    assert "the driver reads them as data alone" in " ".join(PAGE.split())
+    own = {"pipeline/mapping.py", "pipeline/objects/tracking.py"}
+    assert files == {"pickle.load": own, "Unpickler": set()}
+    assert "a scheduler that you trust" in " ".join(PAGE.split())
     assert "a private folder below the temporary one (`map --jobs`)" in " ".join(PAGE.split())
     assert "a temporary file without a name (`track`" in " ".join(PAGE.split())
 

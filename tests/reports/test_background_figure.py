@@ -9,8 +9,8 @@ from matplotlib.figure import Figure
 from matplotlib.markers import MarkerStyle
 
 import lidarcli
+from lidarcli import palette
 from lidarcli.formalism.background import Background
-from lidarcli.reports import palette
 from lidarcli.reports.drawing import project_style
 from lidarcli.reports.map_picture import background_figure, draw_backgrounds
 from tests.places import SAMPLES

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from lidarcli.palette import COLOURS, HEAT, page_style
 from lidarcli.reports.charts import charts, constants
 from lidarcli.reports.figures import Density
 from lidarcli.reports.ground import Walls
-from lidarcli.reports.palette import COLOURS, HEAT, page_style
 from lidarcli.reports.report import Report
 from lidarcli.reports.summary import compare, summarise
 from tests.reports.runs import run_of, sweep, thing

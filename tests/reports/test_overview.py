@@ -44,9 +44,8 @@ def placed(count: int = 6, **other: Any) -> list[dict[str, Any]]:
 
 def test_path_and_boxes() -> None:
     found = seen(driving())
-    ((x, y),) = found.paths
-    assert x == pytest.approx(0.3 * np.arange(5))
-    assert y == pytest.approx(0.1 * np.arange(5))
+    (path,) = found.paths
+    assert path == pytest.approx(np.column_stack([0.3 * np.arange(5), 0.1 * np.arange(5)]))
     (box,) = found.boxes
     assert (box.x, box.y, box.yaw, box.length, box.width, box.name) == (2.1, 0.0, 0.5, 0.4, 0.2, "7")
     assert (found.agents, found.grid, found.snapshot) == ([], None, None)
@@ -66,14 +65,14 @@ def test_without_tracks() -> None:
 def test_sweeps_without_a_pose_are_left_out_and_the_rest_is_in_order() -> None:
     sweeps = placed()
     sweeps[2] = sweep(2)
-    ((x, _),) = seen(run_of(sweeps[::-1])).paths
-    assert x.tolist() == [0.0, 0.5, 1.5, 2.0, 2.5]
+    (path,) = seen(run_of(sweeps[::-1])).paths
+    assert path[:, 0].tolist() == [0.0, 0.5, 1.5, 2.0, 2.5]
 
 
 def test_each_topic_has_its_path() -> None:
     sweeps = [*placed(topic="/front"), *(one | {"pose_y": 2.0} for one in placed(topic="/rear"))]
     found = seen(run_of([*sweeps, sweep(0, topic="/third")]))
-    assert [path[1].tolist() for path in found.paths] == [[1.0] * 6, [2.0] * 6]
+    assert [path[:, 1].tolist() for path in found.paths] == [[1.0] * 6, [2.0] * 6]
 
 
 def test_boxes_of_what_stands_long_enough() -> None:
@@ -112,11 +111,10 @@ def test_ways_of_what_moved() -> None:
     objects.append(thing(5, 1, set="A", track=2))
     found = seen(run_of(placed(), objects, [track(1), track(2, set="A"), track(5, set="A"), track(8, set="A")]))
     assert [number for number, *_ in found.agents] == [2, 5]
-    (_, x, y), (_, late, _) = found.agents
+    (_, early), (_, late) = found.agents
     # The middle of both legs, as the trajectories have it; without a place in the world there is no point.
-    assert x == pytest.approx(0.1 + 0.1 * np.arange(5))
-    assert y.tolist() == [3.0] * 5
-    assert late == pytest.approx([0.3, 0.4])
+    assert early == pytest.approx(np.column_stack([0.1 + 0.1 * np.arange(5), [3.0] * 5]))
+    assert late[:, 0] == pytest.approx([0.3, 0.4])
 
 
 def test_the_same_number_of_two_topics() -> None:
@@ -124,7 +122,7 @@ def test_the_same_number_of_two_topics() -> None:
     objects = [*walking(1, 3.0, range(3), topic="/front"), *walking(1, 5.0, range(4), topic="/rear")]
     tracks = [track(1, topic="/front", set="A"), track(1, topic="/rear", set="A")]
     found = seen(run_of(sweeps, objects, tracks))
-    assert [(number, len(x), y[0]) for number, x, y in found.agents] == [(1, 3, 3.0), (1, 4, 5.0)]
+    assert [(number, len(path), path[0, 1]) for number, path in found.agents] == [(1, 3, 3.0), (1, 4, 5.0)]
     # A topic of which there is no object.
     found = seen(run_of(sweeps, objects, [*tracks, track(1, topic="/third", set="A")]))
     assert len(found.agents) == 2
@@ -139,7 +137,7 @@ def test_long_ways_are_thinned_out() -> None:
         sweeps = sweeps.set_column(at, sweeps.schema.field(at), [values])
     found = overview(Rows.join([sweeps]), None, None)
     assert found is not None
-    ((x, _),) = found.paths
+    ((x, _),) = (path.T for path in found.paths)
     assert (len(x), x[0], x[-1]) == (MOST_POINTS, 0.0, pytest.approx(0.1 * (count - 1)))
     assert np.diff(x).min() > 0
 

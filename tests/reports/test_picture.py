@@ -1,22 +1,19 @@
-"""What a plot draws: boxes, members across the seam, axes; and the same bytes each time."""
+"""What a picture of a sweep holds: marks, labels and axes of its panels; and the same bytes each time."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from itertools import combinations
+from functools import cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
-from matplotlib.text import Annotation
 from PIL import Image
 
+from lidarcli import palette
 from lidarcli.choices import VIEWS, Look
 from lidarcli.formalism import Parameters, detect, sweep
 from lidarcli.formalism.detection import ROUND, VERTEX_KINDS
@@ -24,22 +21,26 @@ from lidarcli.masks import Polygon
 from lidarcli.pipeline.inputs.search import find_logs
 from lidarcli.pipeline.inputs.sources import Source
 from lidarcli.pipeline.plotting import PlotOptions, take_pictures
-from lidarcli.reports import drawing, palette, panels
-from lidarcli.reports.drawing import animate, draw
+from lidarcli.reports import drawing
+from lidarcli.reports import picture as panels
+from lidarcli.reports.drawing import Mark, Panel, draw_panel, write_gif
 from lidarcli.reports.ground import TrackPath
-from lidarcli.reports.labels import Labels
-from lidarcli.reports.panels import scene
-from lidarcli.reports.picture import Limits, Picture, ZoneInSight, limits_of, printable
+from lidarcli.reports.picture import Limits, Picture, ZoneInSight, animate, draw, limits_of, printable, scene
 from lidarcli.sweeps import Float64
 from lidarcli.zone import Line, Zone
 from tests.places import SAMPLES
 
 
-def picture(ranges: Sequence[float], background: Float64 | None = None, log: str = "run.mcap") -> Picture:
-    """A full turn of 72 beams, or a part of it, profile `paper`."""
-    batch = sweep(ranges, angle_min=-np.pi, angle_increment=np.pi / 36)
-    parameters = Parameters.for_profile("paper")
-    return Picture(log, batch, detect(batch, parameters, per_beam=True), "paper", "mean", background)
+def picture(ranges: Sequence[float] | Float64, background: Float64 | None = None, log: str = "run.mcap") -> Picture:
+    """A full turn, or 5 degrees per beam where there are fewer than 72, profile `paper`."""
+    return seen(ranges, Parameters.for_profile("paper"), background=background, log=log)
+
+
+def seen(ranges: Sequence[float] | Float64, parameters: Parameters, **other: Any) -> Picture:
+    step = 2.0 * np.pi / max(len(ranges), 72)
+    batch = sweep(ranges, angle_min=-np.pi, angle_increment=step)
+    words: dict[str, Any] = {"log": "run", "profile": "paper", "threshold": "mean", **other}
+    return Picture(batch=batch, detection=detect(batch, parameters, per_beam=True), **words)
 
 
 def room(**nearer: float) -> list[float]:
@@ -51,12 +52,24 @@ def room(**nearer: float) -> list[float]:
     return ranges
 
 
+@cache
 def sample(name: str, number: int, walls: bool = False) -> Picture:
     """A sweep of a sample."""
     (source,) = find_logs([str(SAMPLES / name)])
     assert isinstance(source, Source)
     options = PlotOptions((number,), parameters=Parameters.for_profile("robust", walls=walls))
     return take_pictures(source, options).pictures[0]
+
+
+def named(panel: Panel) -> dict[str, Mark]:
+    """What a legend would name."""
+    return {mark.name: mark for mark in panel.marks if mark.name is not None}
+
+
+def pieces(xy: Float64) -> list[list[list[float]]]:
+    """The points of a line that breaks, piece by piece."""
+    parts = np.split(xy, np.flatnonzero(np.isnan(xy[:, 0])))
+    return [kept.tolist() for part in parts if len(kept := part[~np.isnan(part[:, 0])])]
 
 
 def test_members_of_an_object_across_the_seam() -> None:
@@ -66,12 +79,11 @@ def test_members_of_an_object_across_the_seam() -> None:
     assert beams.tolist() == [69, 70, 71, 0, 1, 2]
     assert np.diff(theta) == pytest.approx(np.full(5, np.pi / 36))
     assert theta[0] == pytest.approx(one.detection.theta_i[0])
-    assert one.between(0).sum() == 6
 
 
 def test_the_corners_of_a_box() -> None:
     one = picture(room(b10_14=2.0))
-    corners = one.corners(0)
+    corners = one.outline(0)
     found = one.detection
     assert corners[0].tolist() == corners[4].tolist()
     assert corners[:4].mean(axis=0) == pytest.approx([found.box_x[0], found.box_y[0]])
@@ -98,57 +110,31 @@ def test_the_title_says_where_it_comes_from() -> None:
     assert printable("a\nb\\c") == "a?b/c"
 
 
-def named(axes: Axes) -> dict[str, Any]:
-    """What a legend would name."""
-    handles, words = axes.get_legend_handles_labels()
-    return dict(zip(words, handles, strict=True))
-
-
-def pieces(line: Line2D) -> list[list[list[float]]]:
-    """The points of a line that breaks, piece by piece."""
-    points = np.asarray(line.get_xydata(), float)
-    gaps = np.flatnonzero(np.isnan(points[:, 0]))
-    return [part[~np.isnan(part[:, 0])].tolist() for part in np.split(points, gaps)]
-
-
-def test_what_the_scene_shows() -> None:
+def test_the_content_of_the_scene() -> None:
     one = picture(room(b10_14=2.0, b30_40=1.0))
-    axes = Figure().add_subplot()
-    scene(axes, one)
-    (labels,) = (artist for artist in axes.artists if isinstance(artist, Labels))
-    assert [label.text for label in labels.labels] == ["1", "2"]
-    assert [one.shape(k) for k in (0, 1)] == ["prismatic", "prismatic"]
+    panel = scene(one)
+    assert [label.text for label in panel.labels] == ["1", "2"]
+    found = named(panel)
+    assert {*found} == {"beams on objects", "walls and rest", "sensor", "prismatic object"}
+    assert [len(found[name].xy) for name in ("beams on objects", "walls and rest")] == [16, 56]
     # All boxes of a shape are one line, which breaks between them.
-    (boxes,) = (line for line in axes.lines if line.get_zorder() == 4)
-    assert boxes.get_color() == palette.SHAPE_COLOURS["prismatic"]
-    assert pieces(boxes) == [one.corners(0).tolist(), one.corners(1).tolist()]
+    assert pieces(found["prismatic object"].xy) == [one.outline(0).tolist(), one.outline(1).tolist()]
     # Faces lie above the beams, in the colour of their object.
-    (faces,) = (line for line in axes.lines if line.get_zorder() == 5)
-    assert faces.get_color() == boxes.get_color()
-    assert [len(face) for face in pieces(faces)] == [5, 11]
-    assert len(one.detection.face_length) == 2
-    points = {one.get_label(): len(one.get_offsets()) for one in axes.collections}
-    assert points == {"beams on objects": 16, "walls and rest": 56}
-    assert set(named(axes)) == {*points, "sensor", "prismatic object"}
-    assert axes.get_xlim() == limits_of([one]).x
-
-
-def corner_ahead(reach: float = 2.0) -> list[float]:
-    """360 beams over a full turn: the corner of a box of 0.6 m that stands in front of nothing, turned by 45 degrees."""
-    theta = np.radians(np.arange(360) - 180.0)
-    ahead = np.abs(theta) < np.arctan2(0.6 * np.sqrt(0.5), reach + 0.6 * np.sqrt(0.5))
-    # On x = reach + |y|.
-    return np.where(ahead, reach / (np.cos(theta) - np.abs(np.sin(theta))), np.inf).tolist()
+    (faces,) = (mark for mark in panel.marks if mark.style["zorder"] == 5)
+    assert faces.style["color"] == found["prismatic object"].style["color"] == palette.SHAPE_COLOURS["prismatic"]
+    assert [len(face) for face in pieces(faces.xy)] == [5, 11]
+    assert panel.frame.x == limits_of([one]).x
 
 
 def test_a_scene_holds_all_of_every_box() -> None:
-    batch = sweep(corner_ahead(), angle_min=-np.pi, angle_increment=np.pi / 180)
-    one = Picture("run", batch, detect(batch, Parameters(), per_beam=True), "robust", "adaptive")
+    theta = np.radians(np.arange(360) - 180.0)
+    # The corner of a box of 0.6 m ahead, turned by 45 degrees, in front of nothing: on x = 2 + |y|.
+    ahead = np.abs(theta) < np.arctan2(0.6 * np.sqrt(0.5), 2.0 + 0.6 * np.sqrt(0.5))
+    one = seen(np.where(ahead, 2.0 / (np.cos(theta) - np.abs(np.sin(theta))), np.inf), Parameters())
     (k,) = one.things
     limits = limits_of([one])
-    beams = one.points()[0]
     # The far corner lies behind all beams.
-    assert one.outline(k)[:, 0].max() > beams[np.isfinite(beams)].max() + 0.3
+    assert one.outline(k)[:, 0].max() > np.nanmax(one.points[np.isfinite(one.ranges), 0]) + 0.3
     for low, high, values in zip(*zip(limits.x, limits.y, strict=True), one.outline(k).T, strict=True):
         assert low < values.min() <= values.max() < high
 
@@ -170,49 +156,27 @@ def test_a_circle_that_was_fitted_to_a_wall_does_not_make_the_scene_small() -> N
 
 def test_vertices_are_marked_on_request() -> None:
     one = picture(room(b10_14=2.0, b30_40=1.0))
-    axes = Figure().add_subplot()
-    scene(axes, one, vertices=True)
-    found = named(axes)
+    found = named(scene(one, vertices=True))
     kinds = [VERTEX_KINDS[code] for code in one.detection.vertex_kind]
     for name in ("start", "end"):
-        assert len(found[f"vertex: {name}"].get_xdata()) == kinds.count(name) == 2
-    assert len(found["nearest point"].get_xdata()) == 2
-    near = found["nearest point"]
-    assert np.hypot(near.get_xdata(), near.get_ydata()) == pytest.approx([2.0, 1.0])
+        assert len(found[f"vertex: {name}"].xy) == kinds.count(name) == 2
+    assert np.hypot(*found["nearest point"].xy.T) == pytest.approx([2.0, 1.0])
 
 
-def test_a_round_object_is_a_circle() -> None:
+def test_a_round_object_is_a_circle_and_a_beam_beside_it_no_part_of_its_arc() -> None:
     theta = np.arange(1440) * (np.pi / 720) - np.pi
     # A post of 0.2 m radius, 1.5 m ahead.
     inner = (1.5 * np.cos(theta)) ** 2 - (1.5**2 - 0.2**2)
     hit = (inner >= 0) & (np.abs(theta) < 1.0)
     ranges = np.where(hit, 1.5 * np.cos(theta) - np.sqrt(np.maximum(inner, 0.0)), 4.0)
-    batch = sweep(ranges, angle_min=-np.pi, angle_increment=np.pi / 720)
-    one = Picture("run", batch, detect(batch, Parameters(), per_beam=True), "robust", "adaptive")
-    assert one.shape(0) == "round"
-    axes = Figure().add_subplot()
-    scene(axes, one)
-    circle = named(axes)["round object"]
-    x, y = np.asarray(circle.get_xdata()), np.asarray(circle.get_ydata())
-    assert np.hypot(x - 1.5, y) == pytest.approx(np.full(len(x), 0.2), abs=0.005)
-
-
-def test_a_beam_beside_a_round_object_is_no_part_of_its_arc() -> None:
-    theta = np.arange(1440) * (np.pi / 720) - np.pi
-    inner = (1.5 * np.cos(theta)) ** 2 - (1.5**2 - 0.2**2)
-    hit = (inner >= 0) & (np.abs(theta) < 1.0)
-    ranges = np.where(hit, 1.5 * np.cos(theta) - np.sqrt(np.maximum(inner, 0.0)), 4.0)
-    batch = sweep(ranges, angle_min=-np.pi, angle_increment=np.pi / 720)
-    one = Picture("run", batch, detect(batch, Parameters(), per_beam=True), "robust", "adaptive")
+    one = seen(ranges, Parameters())
     # The first beam of the object ends 0.4 m nearer, as one that met something thin.
     ranges[np.flatnonzero(hit)[0]] = 1.0
-    seen = replace(one, batch=sweep(ranges, angle_min=-np.pi, angle_increment=np.pi / 720))
-    axes = Figure().add_subplot()
-    scene(axes, seen)
-    (arc,) = (line for line in axes.lines if line.get_zorder() == 5)
-    x, y = np.asarray(arc.get_xdata()), np.asarray(arc.get_ydata())
-    assert len(x) == np.count_nonzero(hit) - 1
-    assert np.hypot(x - 1.5, y) == pytest.approx(np.full(len(x), 0.2), abs=0.005)
+    panel = scene(replace(one, batch=seen(ranges, Parameters()).batch))
+    assert np.hypot(*(named(panel)["round object"].xy[:-1] - [1.5, 0.0]).T) == pytest.approx(0.2, abs=0.005)
+    (arc,) = (mark for mark in panel.marks if mark.style["zorder"] == 5)
+    assert len(arc.xy[:-1]) == np.count_nonzero(hit) - 1
+    assert np.hypot(*(arc.xy[:-1] - [1.5, 0.0]).T) == pytest.approx(0.2, abs=0.005)
 
 
 def in_sight(name: str, corners: Sequence[tuple[float, float]], occupied: bool = False, **other: Any) -> ZoneInSight:
@@ -223,7 +187,7 @@ def in_sight(name: str, corners: Sequence[tuple[float, float]], occupied: bool =
     return ZoneInSight(Zone(name, shape, **other), np.array(corners), beams, occupied)
 
 
-def test_what_is_in_view_of_a_zone() -> None:
+def test_the_part_of_a_zone_in_view() -> None:
     limits = Limits((-2.0, 4.0), (-1.0, 3.0), 5.0, 1.0)
     across = in_sight("door", [(1.0, -9.0), (1.0, 9.0)]).in_view(limits)
     assert sorted(across.tolist()) == [[1.0, -1.0], [1.0, 3.0]]
@@ -238,7 +202,7 @@ def test_what_is_in_view_of_a_zone() -> None:
     assert around.in_view(limits).tolist() == [[-2.0, 3.0]]
 
 
-def test_the_name_of_a_zone_stays_in_the_scene() -> None:
+def test_the_name_of_a_zone_stands_in_the_scene() -> None:
     zones = (
         in_sight("door", [(1.0, -90.0), (1.0, 90.0)]),
         in_sight("far", [(50.0, -1.0), (50.0, 1.0)]),
@@ -246,19 +210,13 @@ def test_the_name_of_a_zone_stays_in_the_scene() -> None:
         in_sight("stop", [(0.2, 0.2), (1.0, 0.2), (1.0, -0.2)], action="stop"),
     )
     one = replace(picture(room(b10_14=2.0)), zones=zones)
-    figure = Figure(figsize=(5, 5))
-    axes = figure.add_subplot()
-    scene(axes, one)
-    FigureCanvasAgg(figure).draw()
-    (labels,) = (artist for artist in axes.artists if isinstance(artist, Labels))
-    names = {label.text: place for label, place in zip(labels.labels, labels.places, strict=True)}
+    limits = limits_of([one])
+    labels = {label.text: label.around for label in scene(one).labels}
     # Its action is its name: it stands there once.
-    assert {*names} == {"1", "door", "yard: 1 point", "stop"}
-    ground = axes.get_window_extent()
-    for name, place in names.items():
-        assert ground.x0 < place.left < place.right < ground.x1, name
-        assert ground.y0 < place.low < place.high < ground.y1, name
-    assert not any(one.meets(other) for one, other in combinations(labels.places, 2))
+    assert {*labels} == {"1", "door", "yard: 1 point", "stop"}
+    for (x, y), *_ in labels.values():
+        assert limits.x[0] - 1e-9 <= x <= limits.x[1] + 1e-9
+        assert limits.y[0] - 1e-9 <= y <= limits.y[1] + 1e-9
 
 
 def test_zones_look_like_no_wall() -> None:
@@ -266,65 +224,63 @@ def test_zones_look_like_no_wall() -> None:
     assert not walls & {*palette.ZONE_COLOURS.values()}
     corners = [(0.2, 0.2), (1.0, 0.2), (1.0, -0.2)]
     for occupied in (True, False):
-        axes = Figure().add_subplot()
-        scene(axes, replace(picture(room()), zones=(in_sight("area", corners, occupied),)))
-        line = named(axes)["zone"]
-        assert line.get_color() == palette.PURPLE
-        assert (line.get_linestyle() == "-") == occupied
-        assert line.get_xydata().tolist() == [[*corner] for corner in (*corners, corners[0])]
+        line = named(scene(replace(picture(room()), zones=(in_sight("area", corners, occupied),))))["zone"]
+        assert line.style["color"] == palette.PURPLE
+        assert (line.style["ls"] == "-") == occupied
+        assert line.xy.tolist() == [[*corner] for corner in (*corners, corners[0])]
 
 
 def test_walls_are_subdued_and_break_where_nothing_was_seen() -> None:
     one = sample("corridor.bag", 3, walls=True)
-    axes = Figure().add_subplot()
-    scene(axes, one)
-    (bands,) = (line for line in axes.lines if line.get_color() == palette.WALL)
-    steps = np.concatenate([np.hypot(*np.diff(band, axis=0).T) for band in pieces(bands)])
+    found = named(scene(one))
+    steps = np.concatenate([np.hypot(*np.diff(band, axis=0).T) for band in pieces(found["wall"].xy)])
     # Two faces that end in one far corner were drawn as a wedge from 7.5 m to 11.5 m.
     assert 1.0 < steps.max() < 2.0
+    assert found["wall"].style["color"] == palette.WALL
     corners = np.count_nonzero(one.detection.vertex_kind == VERTEX_KINDS.index("corner"))
-    assert 0 < len(named(axes)["corner of a wall"].get_xdata()) < corners
+    assert 0 < len(found["corner of a wall"].xy) < corners
 
 
-def test_what_the_scene_shows_of_tracks() -> None:
+def test_tracks_in_the_scene() -> None:
     still = TrackPath(4, False, "pallet", False, np.array([2.0]), np.array([0.0]), (0.0, 0.0))
     walking = TrackPath(12, True, "", True, np.array([1.0, 1.0, 1.0]), np.array([0.0, 0.1, 0.2]), (0.0, 1.0))
     one = replace(picture(room(b10_14=2.0)), tracks=(still, walking))
-    axes = Figure().add_subplot()
-    scene(axes, one)
+    panel = scene(one)
     # The object of the sweep has no number of its own beside those of the tracks.
-    (labels,) = (artist for artist in axes.artists if isinstance(artist, Labels))
-    assert [(label.text, label.away) for label in labels.labels] == [("4 pallet", None), ("12", (1.0, 1.2))]
-    lines = named(axes)
-    agent, thing = lines["track: agent"], lines["track: object, hidden"]
-    assert (agent.get_marker(), agent.get_markeredgecolor(), agent.get_markerfacecolor()) == (
-        "^",
-        palette.VERMILION,
-        palette.VERMILION,
+    assert [(label.text, label.away) for label in panel.labels] == [("4 pallet", (0.0, 0.0)), ("12", (1.0, 1.2))]
+    found = named(panel)
+    marks = {
+        name: (mark.style["marker"], mark.style["mec"], mark.style["mfc"])
+        for name, mark in found.items()
+        if "track" in name
+    }
+    assert marks == {
+        "track: agent": ("^", palette.VERMILION, palette.VERMILION),
+        "track: object, hidden": ("o", palette.BLUE, "white"),
+    }
+    path, line, head = (
+        mark.xy.tolist()
+        for mark in panel.marks
+        if mark.style["color" if "color" in mark.style else "mec"] == palette.VERMILION and mark.name is None
     )
-    assert (thing.get_marker(), thing.get_markeredgecolor(), thing.get_markerfacecolor()) == ("o", palette.BLUE, "white")
-    assert [list(line.get_ydata()) for line in axes.lines if len(line.get_xdata()) == 3] == [[0.0, 0.1, 0.2]]
-    (arrow,) = [text for text in axes.texts if isinstance(text, Annotation)]
-    assert (arrow.xy, arrow.xyann) == ((1.0, 1.2), (1.0, 0.2))
+    assert path == [[1.0, 0.0], [1.0, 0.1], [1.0, 0.2]]
+    assert (line, head) == ([[1.0, 0.2], [1.0, 1.2]], [[1.0, 1.2]])
     assert one.title[1].startswith("1970-01-01T00:00:00.000Z, 2 tracks (1 agent), profile paper, ")
 
 
-def test_what_the_difference_shows() -> None:
+def test_the_difference_marks_jumps_and_edges() -> None:
     one = picture(room(b10_14=2.0))
-    axes = Figure().add_subplot()
-    panels.difference(axes, one, limits_of([one]))
-    lines = {line.get_label(): line for line in axes.lines}
-    rings = lines["edge of an object"]
-    assert list(rings.get_xdata()) == pytest.approx([-130, -105])
-    assert list(rings.get_ydata()) == [-2.0, 2.0]
-    assert list(lines["$|s| > d_{th}$"].get_ydata()) == [-2.0, 2.0]
-    assert len(axes.patches) == 1
+    found = named(panels.difference(one, limits_of([one])))
+    assert found["edge of an object"].xy == pytest.approx(np.array([[-130, -2.0], [-105, 2.0]]))
+    assert found["$|s| > d_{th}$"].xy[:, 1].tolist() == [-2.0, 2.0]
+    one = picture([4.0] * 72)
+    assert {*named(panels.difference(one, limits_of([one])))} == {r"$\pm d_{th}$"}
 
 
 def test_the_difference_is_logarithmic_where_its_jumps_are_many_times_d_th() -> None:
     one = picture(room(b10_14=2.0))
     axes = Figure().add_subplot()
-    panels.difference(axes, one, limits_of([one]))
+    draw_panel(axes, panels.difference(one, limits_of([one])))
     d_th = float(one.detection.sweep_d_th[0])
     assert d_th == pytest.approx(0.0556, abs=1e-4)
     assert axes.get_yscale() == "symlog"
@@ -335,51 +291,25 @@ def test_the_difference_is_logarithmic_where_its_jumps_are_many_times_d_th() -> 
     assert axes.get_yticks() == pytest.approx([-1.0, -0.3, 0.0, 0.3, 1.0])
     assert [text.get_text() for text in axes.get_yticklabels()] == ["−1", "−0.3", "0", "0.3", "1"]
     small = replace(one, detection=replace(one.detection, sweep_d_th=np.array([0.5])))
-    axes = Figure().add_subplot()
-    panels.difference(axes, small, limits_of([one]))
-    assert axes.get_yscale() == "linear"
-
-
-def test_a_legend_names_what_is_drawn_alone() -> None:
-    axes = Figure().add_subplot()
-    panels.difference(axes, picture([4.0] * 72), limits_of([picture([4.0] * 72)]))
-    assert set(named(axes)) == {r"$\pm d_{th}$"}
-    axes = Figure().add_subplot()
-    one = picture(room(b10_14=2.0), np.array(room()))
-    panels.subtraction(axes, one, limits_of([one]))
-    assert set(named(axes)) == {"nearer", "farther", "bearings of an object"}
-
-
-def test_what_the_polar_view_shows() -> None:
-    one = picture(room(b10_14=2.0, b30_40=1.0))
-    figure = Figure()
-    axes = figure.add_subplot(projection="polar")
-    panels.polar(axes, one, limits_of([one]))
-    FigureCanvasAgg(figure).draw()
-    assert [text.get_text() for text in axes.get_xticklabels()] == [
-        *("0°", "45°", "90°", "135°", "180°", "−135°", "−90°", "−45°")
-    ]
-    assert [text.get_text() for text in axes.get_yticklabels()] == ["1 m", "2 m", "3 m", "4 m"]
-    (labels,) = (artist for artist in axes.artists if isinstance(artist, Labels))
-    assert [label.text for label in labels.labels] == ["1", "2"]
-    assert len(labels.places) == 2
+    assert panels.difference(small, limits_of([one])).frame.linear == 0.0
 
 
 def test_an_object_across_the_seam_is_shaded_on_both_sides() -> None:
     one = picture([2.0] * 3 + room()[6:] + [2.0] * 3)
-    axes = Figure().add_subplot()
-    panels.sweep(axes, one, limits_of([one]))
-    (shade,) = axes.patches
-    parts = np.array(shade.get_path().to_polygons(closed_only=False))
-    spans = sorted(zip(parts[:, :, 0].min(axis=1), parts[:, :, 0].max(axis=1), strict=True))
+    shade = named(panels.sweep(one, limits_of([one])))["bearings of an object"]
+    spans = sorted((min(part)[0], max(part)[0]) for part in pieces(shade.xy))
     assert np.array(spans) == pytest.approx(np.array([[-180, -167.5], [162.5, 177.5]]))
-
-
-def test_what_the_subtraction_shows() -> None:
-    one = picture(room(b10_14=2.0), np.array(room(b40_41=3.0)))
     axes = Figure().add_subplot()
-    panels.subtraction(axes, one, limits_of([one]))
-    near, far = (np.asarray(line.get_ydata(), float).reshape(-1, 3)[:, :2] for line in axes.lines[:2])
+    draw_panel(axes, panels.sweep(one, limits_of([one])))
+    (drawn,) = axes.patches
+    assert len(drawn.get_path().to_polygons()) == 2
+
+
+def test_the_subtraction() -> None:
+    one = picture(room(b10_14=2.0), np.array(room(b40_41=3.0)))
+    found = named(panels.subtraction(one, limits_of([one])))
+    assert {*found} == {"nearer", "farther", "bearings of an object"}
+    near, far = (found[name].xy[:, 1].reshape(-1, 3)[:, :2] for name in ("nearer", "farther"))
     assert near.tolist() == [[0.0, -2.0]] * 5
     assert far.max() == 1.0
 
@@ -402,20 +332,80 @@ def test_sweeps_with_hardly_anything_in_them(ranges: list[float]) -> None:
     assert draw(one, "all", ".png").startswith(b"\x89PNG")
 
 
+def laid_out(one: Picture, view: str, look: Look) -> Figure:
+    with drawing.project_style():
+        figure = drawing.new_figure(panels.width_of(view, look))
+        panels.draw_whole(figure, one, view, limits_of([one]), look)
+    return figure
+
+
+def filled(figure: Figure) -> float:
+    """The share of its place that the scene fills."""
+    place, box = (figure.axes[0].get_position(original=which) for which in (True, False))
+    return (box.width * box.height) / (place.width * place.height)
+
+
+@pytest.mark.parametrize(
+    ("name", "number", "width", "stacked"),
+    [
+        ("corridor.bag", 3, None, True),
+        ("people.csv.gz", 34, None, False),
+        ("room.mcap", 50, None, False),
+        ("people.csv.gz", 34, 84.0, True),
+    ],
+)
+def test_a_scene_fills_its_place(name: str, number: int, width: float | None, stacked: bool) -> None:
+    figure = laid_out(sample(name, number), "all", Look(width))
+    assert figure.get_size_inches()[0] == pytest.approx(7.2 if width is None else width / 25.4)
+    assert filled(figure) > 0.93
+    above, curve, _ = (axes.get_position() for axes in figure.axes)
+    assert (curve.y1 < above.y0) == stacked
+    assert (curve.x0 > above.x1) == (not stacked)
+
+
+@pytest.mark.parametrize(("name", "number"), [("corridor.bag", 3), ("hall", 5)])
+def test_a_scene_alone_is_cropped_to_its_content(name: str, number: int) -> None:
+    figure = laid_out(sample(name, number), "scene", Look(120.0))
+    assert filled(figure) > 0.99
+    bare = laid_out(sample(name, number), "scene", Look(120.0, title=False, legend=False))
+    assert bare.get_size_inches()[0] == figure.get_size_inches()[0]
+    assert bare.get_size_inches()[1] < figure.get_size_inches()[1]
+    # The scene is as large without title and legend.
+    sizes = [axes.get_window_extent().size for axes in (figure.axes[0], bare.axes[0])]
+    assert sizes[0] == pytest.approx(sizes[1], abs=2.0)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("view", VIEWS)
+@pytest.mark.parametrize("width", [60.0, 200.0])
+def test_nothing_stands_outside_of_the_picture(view: str, width: float) -> None:
+    figure = laid_out(sample("people.csv.gz", 34), view, Look(width))
+    (legend,) = figure.legends
+    title = figure._suptitle
+    assert title is not None
+    for box in (legend.get_window_extent(), title.get_window_extent()):
+        assert box.x0 >= 0.0
+        assert box.x1 <= figure.bbox.width + 1.0
+        assert box.y0 >= 0.0
+        assert box.y1 <= figure.bbox.height + 1.0
+    boxes = [axes.get_tightbbox() for axes in figure.axes]
+    assert all(box is not None and box.x0 > -1.0 and box.x1 < figure.bbox.width + 1.0 for box in boxes)
+    assert all(box is not None and box.y0 >= legend.get_window_extent().y1 - 1.0 for box in boxes)
+
+
 @pytest.mark.slow
 def test_the_frames_of_an_animation_hold_still(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     legends: list[list[str]] = []
     places: list[list[float]] = []
-    shown = drawing._Moving.pixels
+    shown = drawing.pixels_of
 
-    def pixels(moving: drawing._Moving) -> Any:
-        figure = moving._figure
+    def pixels(figure: Figure) -> Any:
         (legend,) = figure.legends
         legends.append([text.get_text() for text in legend.get_texts()])
         places.append([*legend.get_window_extent().bounds, *figure.axes[0].get_window_extent().bounds])
-        return shown(moving)
+        return shown(figure)
 
-    monkeypatch.setattr(drawing._Moving, "pixels", pixels)
+    monkeypatch.setattr(panels, "pixels_of", pixels)
     pictures = [picture(room()), picture(room(b10_14=2.0)), picture(room())]
     done: list[int] = []
     animate(pictures, "scene", tmp_path / "a.gif", Look(fps=5, dpi=60, width=80), done.append)
@@ -427,3 +417,19 @@ def test_the_frames_of_an_animation_hold_still(tmp_path: Path, monkeypatch: pyte
     with Image.open(tmp_path / "a.gif") as image:
         assert image.info["duration"] == 200
         assert image.size[0] == int(80 / 25.4 * 60) == 188
+
+
+def test_a_colour_of_a_moving_picture_that_comes_later_is_the_same(tmp_path: Path) -> None:
+    frames = []
+    for columns, colour in enumerate((palette.BLACK, palette.VERMILION, palette.PURPLE), 1):
+        frames.append(np.full((20, 30, 3), 255, np.uint8))
+        frames[-1][:, :columns] = [*bytes.fromhex(colour[1:])]
+    for name in ("a.gif", "b.gif"):
+        write_gif(tmp_path / name, iter(frames), 4.0)
+    assert (tmp_path / "a.gif").read_bytes() == (tmp_path / "b.gif").read_bytes()
+    with Image.open(tmp_path / "a.gif") as image:
+        assert (getattr(image, "n_frames", 1), image.size, image.info["loop"]) == (3, (30, 20), 0)
+        for number, expected in enumerate(frames):
+            image.seek(number)
+            assert image.info["duration"] == 250
+            assert np.array_equal(np.asarray(image.convert("RGB")), expected)

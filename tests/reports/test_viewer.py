@@ -12,7 +12,7 @@ from typing import Any
 
 import pytest
 
-from lidarcli.reports.palette import COLOURS
+from lidarcli.palette import COLOURS
 from tests.reports.browser import CHROMIUM, Page, browser
 from tests.reports.runs import START, crossing, sweep, thing, track, write_run
 from tests.waiting import wait_until

@@ -47,7 +47,7 @@ def shell(command: list[str], folder: Path, **variables: str) -> None:
 
 
 def written(store: Store) -> list[str]:
-    return [key for key in store.keys("tables") if "_lidarcli" not in key]
+    return store.keys("tables")
 
 
 @pytest.mark.whole

@@ -8,7 +8,7 @@ import pytest
 
 from lidarcli.pipeline.inputs import search
 from lidarcli.pipeline.inputs.sources import MissingInput, Source
-from lidarcli.stores.url import State, Url, blotted
+from lidarcli.stores import State, Url, blotted
 
 
 def test_keys_that_stand_for_no_place_are_told() -> None:
@@ -18,7 +18,7 @@ def test_keys_that_stand_for_no_place_are_told() -> None:
         "../b.mcap": "has a part that is . or ..",
         "day/./c.mcap": "has a part that is . or ..",
         "day//d.mcap": "has an empty part (//)",
-        "e.mcap?region=x.mcap": "reads like the options of a URL",
+        "e.mcap?token=x.mcap": "reads like credentials",
         ".hidden/f.mcap": "",
         "day/../notes.md": "",
     }

@@ -260,7 +260,6 @@ def test_a_damaged_log_has_tables_and_none_has_none(store: Store, logs: Path, li
         ("s3:///b.mcap", "names no bucket"),
         ("s3://robots/caf\udce9.mcap", "is not UTF-8"),
         ("s3://robots/a.mcap?access_key=A&secret_key=SECRET", "credentials do not belong in a URL"),
-        ("s3://robots/a.mcap?endpoint_override=http://k:SECRET@h", "an endpoint is named without credentials"),
     ],
 )
 def test_urls_that_are_refused(url: str, cause: str, store: Store, lidarcli: CommandLine) -> None:
@@ -273,15 +272,13 @@ def test_urls_that_are_refused(url: str, cause: str, store: Store, lidarcli: Com
 
 def test_odd_names_are_read_or_told(store: Store, lidarcli: CommandLine, tmp_path: Path) -> None:
     data = (SAMPLES / "room.mcap").read_bytes()
-    for key in ("odd/br[1].mcap", "odd/50%.mcap", "odd/a b#c.mcap", "odd/x.mcap?region=eu", "odd/z.mcap?token=1.mcap"):
+    for key in ("odd/br[1].mcap", "odd/50%.mcap", "odd/a b#c.mcap", "odd/z.mcap?token=1.mcap"):
         store.put(key, data)
     for name in CONTAINERS["hall"]:
         store.put(f"odd/hall[1]/{name.partition('/')[2]}", (SAMPLES / name).read_bytes())
-    store.put("odd/y.mcap?region=x.mcap", data)
     ran = lidarcli("detect", f"s3://{store.bucket}/odd/", "-o", tmp_path / "out")
     assert ran.code == 3
     assert "odd/z.mcap?token=...: its name reads like" in ran.err
-    assert "odd/y.mcap?region=x.mcap: its name reads like the options of a URL" in ran.err
     found = {path.name for path in (tmp_path / "out").glob("*.objects.parquet")}
     assert found == {f"{log}.objects.parquet" for log in ("br[1]", "50%", "a b#c", "hall[1]")}
     for name in ("br[1].mcap", "hall[1]"):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from lidarcli.formalism import VERTEX_KINDS
-from lidarcli.tabular.arrays import codes, floats, names_of
+from lidarcli.tabular.columns import codes, floats, names_of
 
 
 def test_codes_and_their_names() -> None:

@@ -20,7 +20,7 @@ from lidarcli.formalism.background import Background, Grid
 from lidarcli.formalism.learning import Estimate, Learning
 from lidarcli.sweeps import SweepPoses
 from lidarcli.tabular.background import GEOMETRY, background_rows, read_background, write_background
-from lidarcli.tabular.schemas import BACKGROUND, SCHEMAS
+from lidarcli.tabular.schemas import BACKGROUND
 from lidarcli.tabular.writing import PARAMETERS, SOURCE, VERSION, table_metadata
 
 CONTRACT = [
@@ -81,11 +81,6 @@ def test_what_is_written_is_read(path: Path) -> None:
     assert metadata[VERSION]
 
 
-def test_a_sensor_without_a_limit_has_none_afterwards(tmp_path: Path) -> None:
-    write_background(tmp_path / "b.parquet", [replace(sensor(), range_max=np.inf)], METADATA)
-    assert read_background(tmp_path / "b.parquet")[0][0].range_max == np.inf
-
-
 def test_every_reader_tells_open_from_unknown(path: Path) -> None:
     frame = pd.read_parquet(path)
     assert list(frame.columns) == BACKGROUND.names
@@ -105,12 +100,6 @@ def test_the_same_background_gives_the_same_bytes(path: Path, tmp_path: Path) ->
     assert again.read_bytes() == path.read_bytes()
 
 
-def test_no_sensor_is_a_valid_table(tmp_path: Path) -> None:
-    write_background(tmp_path / "none.parquet", [], METADATA)
-    assert read_background(tmp_path / "none.parquet")[0] == []
-    assert pq.read_schema(tmp_path / "none.parquet").names == BACKGROUND.names
-
-
 @pytest.mark.parametrize(
     ("content", "message"),
     [
@@ -127,11 +116,6 @@ def test_what_is_no_table_is_refused(tmp_path: Path, content: bytes | None, mess
         read_background(file)
     assert str(error.value).startswith(f"{file}: ")
     assert "\n" not in str(error.value)
-
-
-def test_a_folder_is_no_background(tmp_path: Path) -> None:
-    with pytest.raises(UnreadableError, match=r"no background: it is no file$"):
-        read_background(tmp_path)
 
 
 def test_another_table_is_refused(tmp_path: Path) -> None:
@@ -174,14 +158,3 @@ def test_rows_of_a_background(path: Path) -> None:
     assert rows["theta"].to_pylist() == pytest.approx([-0.2, -0.1, 0.0, 0.1, 0.2] * 2)
     assert rows["sweeps"].to_pylist() == [2] * 5 + [1] * 5
     assert rows["pose_y"].to_pylist() == [0.0] * 5 + [2.0] * 5
-
-
-@pytest.mark.parametrize(("kind", "maker"), [("sweeps", "detect"), ("tracks", "track"), ("objects", "detect")])
-def test_another_table_is_called_by_its_name(tmp_path: Path, kind: str, maker: str) -> None:
-    path = tmp_path / "run.parquet"
-    pq.write_table(SCHEMAS[kind].empty_table(), path)
-    with pytest.raises(UnreadableError) as err:
-        read_background(path)
-    assert str(err.value) == (
-        f"{path}: this is the {kind} table of lidarcli {maker}; give the background table of lidarcli background build"
-    )

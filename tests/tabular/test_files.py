@@ -16,7 +16,7 @@ from lidarcli.errors import OutputError
 from lidarcli.formalism import Detection
 from lidarcli.sweeps import SweepBatch
 from lidarcli.tabular import OBJECTS, SCHEMAS
-from lidarcli.tabular.rows import objects_rows
+from lidarcli.tabular.columns import objects_rows
 from lidarcli.tabular.writing import TableFiles, table_metadata, table_paths
 from tests.tabular.contract import OPEN
 from tests.tabular.writing import METADATA, write_files

@@ -10,7 +10,7 @@ import pytest
 
 from lidarcli.formalism import SETS, SHAPES, VERTEX_KINDS, VISIBILITIES, Detection, Parameters, detect
 from lidarcli.sweeps import Status, SweepBatch
-from lidarcli.tabular.rows import beams_rows, objects_rows, sweeps_rows
+from lidarcli.tabular.columns import beams_rows, objects_rows, sweeps_rows
 from tests.tabular.contract import CONTRACT
 from tests.tabular.writing import STAMPS
 

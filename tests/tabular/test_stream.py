@@ -16,7 +16,7 @@ from lidarcli.errors import OutputError
 from lidarcli.formalism import Detection
 from lidarcli.sweeps import SweepBatch
 from lidarcli.tabular import OBJECTS
-from lidarcli.tabular.rows import objects_rows
+from lidarcli.tabular.columns import objects_rows
 from lidarcli.tabular.stream import FORMATS, CountingOutput
 from lidarcli.tabular.writing import table_metadata
 from tests.tabular.writing import METADATA, shortest

@@ -11,8 +11,15 @@ from lidarcli.formalism import SHAPES, Detection
 from lidarcli.formalism.detection import AGENT, NOISE, WALL
 from lidarcli.formalism.tracking.results import TrackedBatch
 from lidarcli.sweeps import SweepBatch
-from lidarcli.tabular.rows import beams_rows, objects_rows, sweeps_rows
-from lidarcli.tabular.tracked import tracked_beams, tracked_objects, tracked_sweeps, tracks_rows
+from lidarcli.tabular.columns import (
+    beams_rows,
+    objects_rows,
+    sweeps_rows,
+    tracked_beams,
+    tracked_objects,
+    tracked_sweeps,
+    tracks_rows,
+)
 from tests.pipeline.patient import things
 from tests.tabular.contract import CONTRACT
 from tests.tabular.writing import STAMPS

@@ -111,8 +111,10 @@ REFUSALS = {
     zone(circle="{ x = 0, y = 0 }"): PLACE[:-2] + ", circle: 'radius' is missing",
     zone(circle="{ x = 0, y = 0, radius = 0 }"): PLACE[:-2] + ", circle: 'radius' must be above 0, not 0",
     zone(circle="{ x = nan, y = 0, radius = 1 }"): PLACE[:-2] + ", circle: 'x' must be finite, not nan",
-    polygon("[[0, 0], [1, 0]]"): PLACE + "'polygon' must be a list of at least 3 points, as [[0, 0], [2.5, 0]]",
-    polygon("[[0, 0], [1, 0], [1, inf]]"): PLACE + "'polygon' must hold finite numbers",
+    polygon("[[0, 0], [1, 0]]"): PLACE
+    + "'polygon' must be a list of at least 3 points of finite numbers, as [[0, 0], [2.5, 0]]",
+    polygon("[[0, 0], [1, 0], [1, inf]]"): PLACE
+    + "'polygon' must be a list of at least 3 points of finite numbers, as [[0, 0], [2.5, 0]]",
     polygon("[[0, 0], [1, 0], [1, 1e7]]"): PLACE + "'polygon' must hold numbers between -1e+06 and 1e+06, not 10000000.0",
     polygon(f"[{'[0, 0], ' * 101}]"): PLACE + "'polygon' has more than 100 corners",
     polygon("[[0, 0], [1, 1], [1, 0], [0, 1]]"): PLACE
@@ -124,10 +126,11 @@ REFUSALS = {
     polygon("[[-3, -1], [0, 0], [3, 1], [3, -1], [0, 0], [-3, 1]]"): PLACE
     + "'polygon' crosses itself: the edges from corner 1 to 2 and from 4 to 5",
     polygon("[[0, 0], [1, 0], [2, 0]]"): PLACE + "'polygon' has no area: its corners lie on one line",
-    line("[[0, 0]]"): PLACE + "'line' must be a list of at least 2 points, as [[0, 0], [2.5, 0]]",
+    line("[[0, 0]]"): PLACE + "'line' must be a list of at least 2 points of finite numbers, as [[0, 0], [2.5, 0]]",
     line("[[0, 0], [1, 0], [2, 0]]"): PLACE + "'line' must be two points, not 3",
     line("[[0, 1], [0.0, 1]]"): PLACE + "'line' has no length: both points are the same",
-    line("[[0, 1], [nan, 1]]"): PLACE + "'line' must hold finite numbers",
+    line("[[0, 1], [nan, 1]]"): PLACE
+    + "'line' must be a list of at least 2 points of finite numbers, as [[0, 0], [2.5, 0]]",
     line("[[0, 1], [1, 1]]", action='"approach"'): PLACE + "'action' cannot be approach with a line, which has no inside",
     line("[[0, 1], [1, 1]]", hold="1"): PLACE
     + "'hold' and 'line' exclude each other: paths that cross a line count, not points",

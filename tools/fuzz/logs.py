@@ -22,9 +22,9 @@ from lidarcli.pipeline.detecting import detect_to_files
 from lidarcli.pipeline.inputs.search import find_logs
 from lidarcli.pipeline.inputs.sources import SlicedLog, Source
 from lidarcli.pipeline.inspecting import LogInfo, inspect_log
-from lidarcli.pipeline.objects.following import TrackOptions
-from lidarcli.pipeline.objects.options import DetectOptions
-from lidarcli.pipeline.runs.outcomes import INTERNAL_ERROR, attempt, outcome_of
+from lidarcli.pipeline.objects.detection import DetectOptions
+from lidarcli.pipeline.objects.tracking import TrackOptions
+from lidarcli.pipeline.runs.over_logs import INTERNAL_ERROR, attempt, outcome_of
 from tools.fuzz.place import Place
 
 TOLD = OpenOptions(angle_min=-1.5, angle_increment=0.125, range_max=8.0, slice=Slice(-0.1, 0.1, 24, (0.1, 8.0)))
@@ -61,7 +61,7 @@ def _inspected(log: Path) -> Iterator[str]:
 
 
 def _detected(log: Path, out: Path, least: int) -> Iterator[str]:
-    # Following things is all that detection is, and more.
+    # LogTracker things is all that detection is, and more.
     options = DetectOptions(opening=TOLD, beams=True, tracking=TrackOptions())
     outcome = outcome_of(Source(str(log), "run"), lambda source: detect_to_files(source, out, options))
     if outcome.exit_code == INTERNAL_ERROR:

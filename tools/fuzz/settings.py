@@ -20,7 +20,7 @@ KEYS = (
 VALUES = (
     *('"../victims/thesis"', '"../victims/new"', '["../victims/thesis", "a.md"]', '"a/../../victims/new"'),
     *('"~/x"', '"C:\\\\x"', '"-"', '"tables"', '"a.txt"', '""', '"\\u0000"'),
-    *('"s3://b/x?endpoint_override=127.0.0.1:1"', '"tcp://127.0.0.1:1"', '"//host/x"', '"local:1"', '"none"'),
+    *('"s3://b/x"', '"tcp://127.0.0.1:1"', '"//host/x"', '"local:1"', '"none"'),
     *("true", "false", "1", "-1", "1e400", "nan", "[]", "[0.1, 20]", "{}", "1979-05-27", '["\\u001b"]'),
 )
 KNOWN = (
@@ -28,7 +28,7 @@ KNOWN = (
     '[report]\noutput = ["a.md", "../victims/new.md"]\n',
     '[detect]\noutput = "../victims/folder"\n',
     '[detect]\ncluster = "tcp://127.0.0.1:1"\n',
-    '[detect]\nbackground = "s3://b/x?endpoint_override=127.0.0.1:1&scheme=http"\n',
+    '[detect]\nbackground = "s3://b/x"\n',
     'output = "../victims/new"\n',
     "quiet = true\njobs = 1\n",
 )

@@ -480,7 +480,12 @@ def search(first: Nearest, second: Nearest, proposed: list[Motion]) -> Found:
     whole = [each for each in fits if each.common] or [max(fits, key=lambda each: each.explained)]
     best = whole[0]
     # A sensor that was hardly touched is no coincidence.
-    stays = here.lies and _is_near(here.motion) and _explains_as_much(here, best)
+    stays = (
+        here.lies
+        and here.motion.shift <= NEAR_HERE
+        and abs(here.motion.turn) <= NEAR_HERE_TURN
+        and _explains_as_much(here, best)
+    )
     if stays:
         exact = fit(first, second, HERE)
         best = here if exact.gain < here.gain - CLEARLY or exact.rms > here.rms + SMALL else exact
@@ -492,7 +497,7 @@ def search(first: Nearest, second: Nearest, proposed: list[Motion]) -> Found:
     if stays:
         # What was driven on is likelier than what was turned round; then more has to speak against it.
         shifted = [
-            each for each in rivals if abs(_turn(each.motion)) <= NEAR_HERE_TURN and each.against <= best.against + CLEARLY
+            each for each in rivals if abs(each.motion.turn) <= NEAR_HERE_TURN and each.against <= best.against + CLEARLY
         ]
         rivals, stays = (shifted, False) if shifted else (rivals, True)
     return Found(best, rivals[0] if rivals else None, stays, best.lies and _slides(first, second, best.motion))
@@ -514,15 +519,6 @@ def _slides(first: Nearest, second: Nearest, motion: Motion) -> bool:
         return False
     least, most = np.linalg.eigvalsh(normal.T @ normal).tolist()
     return bool(least < HELD * (least + most))
-
-
-def _is_near(motion: Motion) -> bool:
-    return math.hypot(motion.x, motion.y) <= NEAR_HERE and abs(_turn(motion)) <= NEAR_HERE_TURN
-
-
-def _turn(motion: Motion) -> float:
-    """Return the turn of a motion, -π to π [rad]."""
-    return (motion.angle + 0.5 * TURN) % TURN - 0.5 * TURN
 
 
 def _apart(one: Motion, other: Motion, ground: Ground) -> float:

@@ -20,7 +20,7 @@ from lidarcli.formalism.mapping.grid import (
     Occupancy,
     TooLargeError,
 )
-from lidarcli.sweeps import Bool, Float64, Int32, Int64, record
+from lidarcli.sweeps import TURN, Bool, Float64, Int32, Int64, record
 
 SEEN_FREE = 3
 """Least number of sweeps that pass a place that was seen free."""
@@ -54,6 +54,16 @@ class Motion:
         """Return places in the coordinates of the first run [m]."""
         cos, sin = math.cos(self.angle), math.sin(self.angle)
         return self.x + cos * x - sin * y, self.y + sin * x + cos * y
+
+    @property
+    def shift(self) -> float:
+        """Length of the shift [m]."""
+        return math.hypot(self.x, self.y)
+
+    @property
+    def turn(self) -> float:
+        """The turn, -π to π [rad]."""
+        return (self.angle + 0.5 * TURN) % TURN - 0.5 * TURN
 
     @property
     def inverse(self) -> Motion:

@@ -41,15 +41,10 @@ class TrackedBatch:
     )
     """0 without a track."""
     vx: Float64 = column(
-        "m/s",
-        "velocity of the thing over ground, world frame or else sensor frame; null until tracked",
-        nullable=True,
-        later=True,
+        "m/s", "velocity of the thing over ground, world frame or else sensor frame; null until tracked", nullable=True
     )
-    vy: Float64 = column("m/s", "velocity of the thing over ground; null until tracked", nullable=True, later=True)
-    moving: Int8 = column(
-        "", "whether the thing moves in this sweep; null until tracked", kind="bool", nullable=True, later=True
-    )
+    vy: Float64 = column("m/s", "velocity of the thing over ground; null until tracked", nullable=True)
+    moving: Int8 = column("", "whether the thing moves in this sweep; null until tracked", kind="bool", nullable=True)
     """-1 without a track."""
     set: UInt8
     """(K,) set of each object (Def. 4): agents are in A, and what all sweeps together take for building is in S."""

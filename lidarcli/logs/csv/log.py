@@ -40,6 +40,7 @@ class CsvLog(TextLog):
 
     def __init__(self, source: str | os.PathLike[str] | Paths | BinaryIO, options: OpenOptions | None = None) -> None:
         self._read = 0
+        self._files: list[Path] = []
         if isinstance(source, Sequence) and not isinstance(source, str):
             self._files = _in_order([Path(item) for item in source])
             self._open_files(os.fspath(self._files[0].parent) if self._files else "", options)
@@ -47,7 +48,6 @@ class CsvLog(TextLog):
             self._files = _sweep_files(Path(source))
             self._open_files(os.fspath(source), options)
         else:
-            self._files = []
             super().__init__(source, options)
             self._rest = self._text.blocks()
             try:

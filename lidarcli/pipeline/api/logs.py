@@ -1,4 +1,4 @@
-"""`lidarcli.read`, `info`, `background`, `map` and `poses`: sweeps of logs, and what they tell as a whole."""
+"""`lidarcli.read`, `info`, `background`, `map`, `poses` and `simulate`: logs, what they hold, and one made of a scene."""
 
 from __future__ import annotations
 
@@ -17,10 +17,11 @@ from lidarcli.logs.base import ReadReport
 from lidarcli.logs.batches import read_batches
 from lidarcli.logs.options import TopicChoice, clouds_hint, no_scan_topic
 from lidarcli.option_forms import options_of
-from lidarcli.options import AnyPath, Inspecting, Learning, Mapping, Paths, Reading, parse_without
+from lidarcli.options import AnyPath, Inspecting, Learning, Mapping, Paths, Reading, Simulating, parse_without
 from lidarcli.pipeline.api.options import (
     LogOptions,
     Progress,
+    counting,
     log_options,
     paths_of,
     several,
@@ -28,18 +29,19 @@ from lidarcli.pipeline.api.options import (
     watched,
     with_keywords,
 )
-from lidarcli.pipeline.building import Building, BuildOptions, refuse_nothing, refuse_output
-from lidarcli.pipeline.detecting import Failed
+from lidarcli.pipeline.building import BackgroundBuilder, BuildOptions, refuse_nothing, refuse_output
+from lidarcli.pipeline.detecting import ErrorCollector
 from lidarcli.pipeline.inputs.search import one_log
 from lidarcli.pipeline.inputs.sources import Source, open_source
 from lidarcli.pipeline.inspecting import info_dict, inspect_log
 from lidarcli.pipeline.mapping import MapOptions, MapRun
 from lidarcli.pipeline.reading.masking import masking_of
 from lidarcli.pipeline.reading.one_log import damage_lines
-from lidarcli.pipeline.reading.posing import Posing
+from lidarcli.pipeline.reading.posing import PoseAttacher
 from lidarcli.pipeline.runs.over_logs import progress_of
 from lidarcli.pipeline.trajectories import PathOptions, read_path, refuse_path, write_path
-from lidarcli.stores.url import place
+from lidarcli.simulation import Simulated, run
+from lidarcli.stores import place
 from lidarcli.sweeps import SweepBatch
 
 
@@ -72,11 +74,11 @@ def read(log: Paths, **options: Unpack[Reading]) -> Iterator[SweepBatch]:
 
 def _batches(sources: Sequence[Source], options: LogOptions) -> Iterator[SweepBatch]:
     read, opening, poses = options
-    failed = Failed(len(sources))
+    failed = ErrorCollector(len(sources))
     for source in sources:
         with failed.noted(source), open_source(source, opening) as log:
             masking = masking_of(log, read.rules, poses, read.topics)
-            posing = Posing.of(log, poses, TopicChoice(read.topics, log.topics()), masking.rules)
+            posing = PoseAttacher.of(log, poses, TopicChoice(read.topics, log.topics()), masking.rules)
             report = ReadReport()
             is_empty = True
             for batch in read_batches(log, replace(read, rules=masking.rules), report):
@@ -109,7 +111,7 @@ def info(log: Paths, *, progress: Progress = False, **options: Unpack[Inspecting
     """
     read, opening, poses = log_options(options)
     sources = sources_of(log, options["join"])
-    failed = Failed(len(sources))
+    failed = ErrorCollector(len(sources))
     found = []
     with watched(progress, sources) as report:
         for source in sources:
@@ -148,7 +150,7 @@ def background(
     OutputError
         The table cannot be written.
     """
-    building = Building(
+    building = BackgroundBuilder(
         BuildOptions(
             *log_options(options), distance=options["station_distance"], angle=math.radians(options["station_angle"])
         )
@@ -199,7 +201,7 @@ def map(log: Paths, output: Paths = (), *, progress: Progress = False, **options
         **{name: value for name, value in options.items() if name not in options_of(Reading)},  # type: ignore[arg-type]
     )
     sources = sources_of(log, options["join"])
-    failed = Failed(len(sources))
+    failed = ErrorCollector(len(sources))
     outputs = [place(each) for each in several(output)]
     with MapRun(sources, outputs, made_with) as run, watched(progress, sources) as report:
         for source in sources:
@@ -254,3 +256,37 @@ def poses(
     for line in found.damage:
         warn(f"{source.label}: {line}")
     return found.table
+
+
+@with_keywords
+def simulate(
+    scene: AnyPath, output: AnyPath, overwrite: bool = False, *, progress: Progress = False, **options: Unpack[Simulating]
+) -> Simulated:
+    """Ray-cast a scene into a log, with the truth beside it.
+
+    Parameters
+    ----------
+    scene : scene file (TOML, samples/README.md)
+    output : log to write; its suffix names the container, no suffix a ROS 2 bag folder
+    overwrite : True to replace files that exist
+
+    Returns
+    -------
+    Simulated
+        `log`, `truth`, `truth_beams` and `true_map`, the files that were written, and the number of `sweeps`.
+
+    Raises
+    ------
+    UnreadableError
+        The scene cannot be read.
+    OptionError
+        The scene or a value has no meaning.
+    OutputError
+        A file exists, or cannot be written.
+    """
+    name = fspath(scene)
+    with counting(progress, name, "sweeps") as report:
+        made = run.simulate(name, fspath(output), overwrite=overwrite, progress=report, **options)
+    for note in made.notes:
+        warn(note)
+    return made

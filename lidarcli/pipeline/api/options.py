@@ -14,6 +14,7 @@ from difflib import get_close_matches
 from functools import wraps
 from inspect import Parameter, cleandoc, signature
 from os import PathLike, fspath
+from pathlib import Path
 from textwrap import fill
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar, cast, get_type_hints, overload
 
@@ -27,21 +28,24 @@ from lidarcli.logs.batches import ReadOptions
 from lidarcli.logs.options import open_options, range_rules
 from lidarcli.masks import Masks
 from lidarcli.option_forms import Number, Option, Rule, defaults_of, options_of, python_words, refuse_combinations
-from lidarcli.options import RULES, Finding, Objects, Paths
+from lidarcli.options import RULES, Finding, Objects, Paths, parse_removed, parse_value
 from lidarcli.pipeline.inputs.catalogue import read_catalogue
 from lidarcli.pipeline.inputs.masks import AUTO, read_masks
 from lidarcli.pipeline.inputs.search import find_logs
 from lidarcli.pipeline.inputs.sources import MissingInput, Source
-from lidarcli.pipeline.reading.pose_sources import NONE, PoseOptions
+from lidarcli.pipeline.reading.posing import NONE, PoseOptions
 from lidarcli.pipeline.runs.over_logs import LogProgress, summed
 from lidarcli.range_rules import RangeRules, parse_no_return
 from lidarcli.screen import Screen, byte_bar, count_bar
 
 if TYPE_CHECKING:
+    from lidarcli.pipeline.cleaning import CleanOptions
     from lidarcli.pipeline.differing import DiffOptions
-    from lidarcli.pipeline.objects.following import TrackOptions
-    from lidarcli.pipeline.objects.options import DetectOptions
+    from lidarcli.pipeline.objects.detection import DetectOptions
     from lidarcli.pipeline.objects.subtracting import BackgroundOptions
+    from lidarcli.pipeline.objects.tracking import TrackOptions
+    from lidarcli.pipeline.overlaying import OverlayOptions
+    from lidarcli.pipeline.zoning import ZoneOptions
 
 F = TypeVar("F", bound=Callable[..., Any])
 Values = Mapping[str, Any]
@@ -275,7 +279,7 @@ def _masks(mask: str | PathLike[str] | None) -> Masks | None:
 
 
 def opening_options(options: Values) -> OpenOptions:
-    """Return what a log has to be told; range limits also say which points of a cloud are the robot itself."""
+    """Return what a log needs to be opened; range limits also say which points of a cloud are the robot itself."""
     return open_options(
         **{name: options[name] for name in OPENING}, heights=options["slice"], bins=options["bins"], limits=options["range"]
     )
@@ -295,7 +299,7 @@ def detect_options(
     **more: Any,
 ) -> DetectOptions:
     """Return how objects are found; `parameters` replace the keywords of what an object is."""
-    from lidarcli.pipeline.objects.options import DetectOptions
+    from lidarcli.pipeline.objects.detection import DetectOptions
 
     background = background_options(options)
     catalogue = options["catalogue"]
@@ -318,7 +322,7 @@ def tracking_of(options: Values) -> TrackOptions:
     """Return how things are followed."""
     # These imports take long, and only tracking needs them.
     from lidarcli.formalism.parameters import TrackParameters
-    from lidarcli.pipeline.objects.following import TrackOptions
+    from lidarcli.pipeline.objects.tracking import TrackOptions
 
     how = TrackParameters(significance=options["significance"], memory=options["memory"])
     return TrackOptions(how, trajectories=options.get("trajectories", True))
@@ -328,7 +332,7 @@ def memory_of(options: Values) -> TrackOptions | None:
     """Return how `detect` judges things by all sweeps, if it does."""
     if not options["memory"]:
         return None
-    from lidarcli.pipeline.objects.following import TrackOptions
+    from lidarcli.pipeline.objects.tracking import TrackOptions
 
     return TrackOptions(tracks=False)
 
@@ -340,6 +344,62 @@ def diff_options(options: Values, logs: LogOptions, *, overwrite: bool = False) 
     tracking = tracking_of({"significance": SIGNIFICANCE, "memory": True, "trajectories": False})
     detect = detect_options({**defaults_of(Finding), **options}, logs, tracking)
     return DiffOptions(detect, options["align"], options["min_score"], overwrite)
+
+
+def clean_options(options: Values, *, overwrite: bool = False) -> CleanOptions:
+    """Return which beams are left out, and how they are found."""
+    from lidarcli.pipeline.cleaning import CleanOptions
+
+    logs = LogOptions(read_options(options), OpenOptions(segments=options["segments"]), pose_options(options))
+    tracking = tracking_of({"significance": SIGNIFICANCE, "memory": True})
+    remove = options["remove"]
+    words = [remove] if isinstance(remove, str) else remove
+    if not isinstance(words, list | tuple | set | frozenset) or not all(isinstance(each, str) for each in words):
+        raise TypeError(f"remove is a list of words, or one text, not {remove!r}")
+    return CleanOptions(
+        detect_options({**options, "catalogue": None}, logs, tracking),
+        frozenset(word.strip() for word in parse_removed(",".join(words)).split(",")),
+        parse_value(str(options["value"])),
+        options["margin"],
+        overwrite,
+    )
+
+
+def overlay_options(options: Values, logs: LogOptions, *, overwrite: bool = False) -> OverlayOptions:
+    """Return what is shown, and how it is found."""
+    from lidarcli.pipeline.inputs.zones import read_zones
+    from lidarcli.pipeline.overlaying import OverlayOptions
+
+    objects, map_file = options["objects"], options["map"]
+    return OverlayOptions(
+        detect_options(options, logs, tracking_of({"significance": SIGNIFICANCE, "memory": True})),
+        None if objects is None else path_text(objects),
+        options["with_log"],
+        None if map_file is None else Path(map_file),
+        read_zones(several(options["zones"])) if options["zones"] else None,
+        options["layout"],
+        overwrite,
+    )
+
+
+def zone_options(options: Values, logs: LogOptions, *, overwrite: bool = False) -> ZoneOptions:
+    """Return which zones are watched, and how."""
+    from lidarcli.pipeline.inputs.zones import parse_footprint, read_zones
+    from lidarcli.pipeline.zoning import ZoneOptions, refuse_options
+
+    names = several(options["zones"])
+    tracking = tracking_of({"significance": SIGNIFICANCE, "memory": True})
+    how = ZoneOptions(
+        zones=read_zones(names),
+        files=tuple(names),
+        detect=detect_options(options, logs, tracking),
+        objects=None if options["objects"] is None else path_text(options["objects"]),
+        find=not options["no_objects"],
+        footprint=None if options["footprint"] is None else parse_footprint(options["footprint"]),
+        overwrite=overwrite,
+    )
+    refuse_options(how)
+    return how
 
 
 def background_options(options: Values) -> BackgroundOptions | None:

@@ -42,10 +42,9 @@ from lidarcli.pipeline.plotting import PlotOptions, picture_of, sweep_at, take_p
 from lidarcli.pipeline.reporting import Made, ReportOptions, encoded, format_of, make_report, render, understand
 from lidarcli.reports.checks import Verdict
 from lidarcli.reports.document import PartsReport
-from lidarcli.reports.drawing import Axes, Figure, figure_of
-from lidarcli.reports.picture import Picture
+from lidarcli.reports.picture import Axes, Figure, Picture, figure_of
 from lidarcli.reports.programs import as_dict
-from lidarcli.stores.url import place
+from lidarcli.stores import place
 from lidarcli.sweeps import SweepBatch
 from lidarcli.tabular.reading import HeldTable
 from lidarcli.times import as_time
@@ -72,8 +71,8 @@ def plot(
     sweep : index of the sweep within its topic
     output : picture to write, replaced where it exists: .png, .svg or .pdf; by default none
     parameters : replaces the keywords from `profile` to `walls`
-    axes : matplotlib axes to draw on, one for each panel of the view (`scene`: 1, `polar`: 1 that is polar, `sweep`: 2,
-        `all`: 3); by default a figure of its own
+    axes : matplotlib axes to draw on, one for each panel of the view (`scene`: 1, `sweep`: 2, `all`: 3; with
+        a background 2 more); by default a figure of its own
 
     Returns
     -------

@@ -1,18 +1,19 @@
-"""`lidarcli.detect`, `lidarcli.track` and `lidarcli.tables`: objects, and the things that they belong to."""
+"""`lidarcli.detect`, `track`, `tables` and `export`: objects, and the things that they belong to."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from difflib import get_close_matches
 from itertools import chain
-from os import PathLike
+from os import PathLike, fspath
 from typing import TYPE_CHECKING, Any, NamedTuple, Unpack
 
 import pyarrow as pa
 
-from lidarcli.errors import OptionError
+from lidarcli.errors import OptionError, warn
 from lidarcli.formalism import Parameters
-from lidarcli.options import Detecting, Paths, Reading, Tabling, Tracking, parse_names
+from lidarcli.options import AnyPath, Detecting, Exporting, Paths, Reading, Tabling, Tracking, parse_names
+from lidarcli.options import Tables as GivenTables
 from lidarcli.pipeline.api.options import (
     Progress,
     Values,
@@ -26,7 +27,9 @@ from lidarcli.pipeline.api.options import (
     with_keywords,
 )
 from lidarcli.pipeline.detecting import TrackTables, of_batches, of_logs
-from lidarcli.pipeline.inputs.tables import with_sweeps
+from lidarcli.pipeline.exporting import chosen, export_file, format_of
+from lidarcli.pipeline.inputs.tables import tables_to_export, with_sweeps
+from lidarcli.stores import place
 from lidarcli.sweeps import SweepBatch
 from lidarcli.tabular.reading import notes_of
 from lidarcli.tabular.schemas import BRIEF
@@ -34,7 +37,7 @@ from lidarcli.tabular.schemas import BRIEF
 if TYPE_CHECKING:
     import pandas as pd
 
-    from lidarcli.pipeline.objects.following import TrackOptions
+    from lidarcli.pipeline.objects.tracking import TrackOptions
 
 LogsOrBatches = Paths | SweepBatch | Iterable[SweepBatch]
 
@@ -197,3 +200,39 @@ def _found(
             return of_logs(sources, tables, how, report)
     refuse_reading({**options, "progress": progress or None}, Reading, "jobs", "progress")
     return of_batches(chain([first], items), tables, how)
+
+
+@with_keywords
+def export(tables: GivenTables, output: AnyPath, overwrite: bool = False, **options: Unpack[Exporting]) -> int:
+    """Write tables of one kind as CSV, NDJSON, Arrow or Parquet, one after the other.
+
+    Parameters
+    ----------
+    tables : Parquet tables, folders to search or patterns; Arrow tables or data frames; or several of all
+    output : file to write: .csv, .ndjson, .arrow or .parquet
+    overwrite : True to replace a file that exists
+
+    Returns
+    -------
+    int
+        The number of rows.
+
+    Raises
+    ------
+    UnreadableError
+        There is no such table, or one cannot be read.
+    OptionError
+        The tables are of several kinds, or have no such column, or the suffix names no format.
+    OutputError
+        The file exists, or cannot be written.
+    """
+    columns = options["columns"]
+    path = place(fspath(output))
+    form = format_of(path)
+    wanted = chosen(
+        tables_to_export(tables), parse_names(columns) if isinstance(columns, str) else [*columns], options["stamps"]
+    )
+    rows, notes = export_file(wanted, path, form, overwrite)
+    for line in [*map(str, wanted.problems), *notes]:
+        warn(line)
+    return rows

@@ -61,7 +61,7 @@ def read_catalogue(path: str | PathLike[str]) -> Catalogue:
 
 
 def _thing(fields: Fields) -> Thing:
-    """One entry. What is not known is told of before what is missing, which it may have been meant for."""
+    """Return the thing of one entry. Unknown keys are refused before missing ones: they may be misspelt."""
     name = fields.text("name")
     shape = fields.text("shape", choices=KINDS) if fields.has("shape") else None
     keys = [key for group in ALL_SIZES for key in group]

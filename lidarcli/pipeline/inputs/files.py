@@ -12,7 +12,7 @@ from fnmatch import fnmatch, fnmatchcase
 from pathlib import Path, PurePosixPath
 
 from lidarcli.errors import UnreadableError, unreadable
-from lidarcli.stores.url import Place, State, Url, has_bucket, listing, place, read_object
+from lidarcli.stores import Place, State, Url, has_bucket, listing, place, read_object
 
 Objects = Mapping[Url, State]
 """Objects of a store, each with the state it was found in."""
@@ -201,7 +201,8 @@ def read_file(name: str) -> bytes:
 
 def _stored(url: Url) -> tuple[Named, list[Place], list[UnreadableError]]:
     if url.has_magic():
-        return Named.PATTERN, [*objects_matching(url)], []
+        matches = matcher_of(url)
+        return Named.PATTERN, [found for found in folder_of_pattern(url)[1] if matches(found.key)], []
     if url.key and url.exists():
         return Named.FILE, [url], []
     below = [found for found, _ in listing(url)]
@@ -215,12 +216,6 @@ def _is_shown(path: PurePosixPath) -> bool:
     return not any(part.startswith((".", "_")) for part in path.parts)
 
 
-def objects_matching(pattern: Url) -> list[Url]:
-    """Return the objects that match a pattern, by name."""
-    matches = matcher_of(pattern)
-    return [url for url in folder_of_pattern(pattern)[1] if matches(url.key)]
-
-
 def folder_of_pattern(pattern: Url) -> tuple[Url, Objects]:
     """Return the folder of a pattern before its first part with signs, and all that is below it."""
     base = replace(pattern, key=fixed_part(pattern.key).strip("/"))
@@ -228,6 +223,7 @@ def folder_of_pattern(pattern: Url) -> tuple[Url, Objects]:
 
 
 def matcher_of(pattern: Url) -> Callable[[str], bool]:
+    """Return the function that tells whether the key of an object matches a pattern."""
     parts = pattern.key.split("/")
     return lambda key: _matches(parts, key.split("/"))
 

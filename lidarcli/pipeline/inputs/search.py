@@ -23,7 +23,7 @@ from lidarcli.logs.joined import Numbered, numbered
 from lidarcli.logs.rosbag2 import is_bag, natural
 from lidarcli.pipeline.inputs.files import Objects, fixed_part, folder_of_pattern, matcher_of, matching, read_file
 from lidarcli.pipeline.inputs.sources import STDIN, MissingInput, Source, hold_one_sweep_each
-from lidarcli.stores.url import Place, State, Url, has_bucket, head, is_folder, is_url, listing, place
+from lidarcli.stores import Place, State, Url, has_bucket, head, is_folder, is_url, listing, place
 
 SUFFIXES = (".mcap", ".bag", ".active", ".db3", ".csv", ".csv.gz", ".zstd", *TEXT_LOG_SUFFIXES)
 """Suffixes of logs in a folder that is searched; a file that is named is opened whatever its suffix."""
@@ -150,7 +150,7 @@ def stem_of(name: str) -> str:
 
 
 def is_one_log(folder: Path) -> bool:
-    """Tell whether a folder is one log: a ROS 2 bag, or CSV files with one sweep each."""
+    """Return whether a folder is one log: a ROS 2 bag, or CSV files with one sweep each."""
     try:
         names = sorted(item.name for item in folder.iterdir() if item.is_file())
     except OSError:
@@ -159,7 +159,7 @@ def is_one_log(folder: Path) -> bool:
 
 
 def are_one_log(folder: Place, names: Sequence[str]) -> bool:
-    """Tell whether a folder with files of these names is one log, as `is_one_log` does."""
+    """Return whether a folder with files of these names is one log, as `is_one_log` does."""
     if is_bag(names):
         return True
     if any(name.lower().endswith(BINARY_SUFFIXES) for name in names):
@@ -175,7 +175,7 @@ def left_out(left: Counter[str]) -> str:
 
 
 def _is_readable(path: Path) -> bool:
-    """Tell whether a file whose name does not say so is a log."""
+    """Return whether a file whose name does not say so is a log."""
     with suppress(LidarcliError, OSError):
         if stat.S_ISREG(path.stat().st_mode):
             open_log(path).close()
@@ -305,17 +305,12 @@ def find_stored(text: str) -> list[Source | MissingInput]:
             return _matching(text, url)
         objects = dict(listing(url))
         found = _stored_below(url, objects)
-        if not found:
-            return [MissingInput(text, UnreadableError(_why_none(url, objects)))]
-        return found
+        if found:
+            return found
+        why = "no such object or folder" if has_bucket(url) else "there is no such bucket"
+        return [MissingInput(text, UnreadableError(f"no log in this folder ({known_suffixes()})" if objects else why))]
     except UnreadableError as err:
         return [MissingInput(text, UnreadableError(str(err).removeprefix(f"{url}: ")))]
-
-
-def _why_none(url: Url, objects: Objects) -> str:
-    if objects:
-        return f"no log in this folder ({known_suffixes()})"
-    return "no such object or folder" if has_bucket(url) else "there is no such bucket"
 
 
 def _stored_below(base: Url, objects: Objects) -> list[Source | MissingInput]:
@@ -377,13 +372,13 @@ def _matching(text: str, pattern: Url) -> list[Source | MissingInput]:
 
 
 def _source(url: Url, name: str, objects: Objects) -> Source | MissingInput:
-    """Return an object as a log, unless its URL reads like one with options."""
+    """Return an object as a log, unless its URL reads like one with credentials."""
     try:
         is_same = place(str(url)) == url
     except OptionError:
         is_same = False
     if not is_same:
-        return _odd(url, "has an empty part (//)" if "//" in url.key else "reads like the options of a URL")
+        return _odd(url, "has an empty part (//)" if "//" in url.key else "reads like credentials")
     return Source(str(url), name, found=objects[url])
 
 
@@ -447,7 +442,7 @@ def choose(
 
 
 def is_in_shard(key: str, shard: Shard) -> bool:
-    """Tell whether a log of this name belongs to a share, whatever others there are.
+    """Return whether a log of this name belongs to a share, whatever others there are.
 
     >>> [key for key in ("run", "trip/run", "hall") if is_in_shard(key, (1, 2))]
     ['trip/run']
@@ -473,18 +468,11 @@ def _lines(listed: str) -> list[tuple[int, str]]:
 
 def _listed(line: str) -> list[Source | MissingInput]:
     """Return the logs that a line of a list names."""
-    where = place(line) if is_url(line) else None
-    if isinstance(where, Url) and where.options:
-        error = UnreadableError(
-            "a list takes no options of a URL (?endpoint_override=): they say where credentials are sent; name the log on "
-            "the command line, or set AWS_ENDPOINT_URL"
-        )
-        return [MissingInput(line, error)]
     return [_object(line)] if _is_object(line) else find_logs([line])
 
 
 def _is_object(line: str) -> bool:
-    """Tell whether a line can only be one log in a store, so that the store need not be asked before it is opened."""
+    """Return whether a line can only be one log in a store, so that the store need not be asked before it is opened."""
     if not is_url(line) or line.endswith("/"):
         return False
     url = place(line)

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import shutil
+import os
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path, PurePosixPath
-from typing import TYPE_CHECKING, BinaryIO, Self, cast
+from typing import TYPE_CHECKING, Self
 
 from lidarcli.choices import JOIN
 from lidarcli.errors import LidarcliError, NoScanError, UnreadableError
@@ -16,7 +16,7 @@ from lidarcli.logs import open_log
 from lidarcli.logs.base import CLOUD_TYPES, POSED_TYPES, Log, Message, OpenOptions, ReadReport, Slice, Topic
 from lidarcli.logs.joined import JoinedLog, Part
 from lidarcli.logs.segments import join
-from lidarcli.stores.url import State, Url, is_url, place
+from lidarcli.stores import State, Url, fetch, is_url, place
 from lidarcli.sweeps import RawSweeps
 
 if TYPE_CHECKING:
@@ -168,7 +168,13 @@ def _opened_source(source: Source, opening: OpenOptions | None) -> Iterator[Log]
         with open_stored(url, [found for file in source.files if isinstance(found := place(file), Url)], opening) as log:
             yield log
         return
-    with _of_files(source.files, opening) if source.files else open_log(source.path, opening=opening) as log:
+    if source.files:
+        from lidarcli.logs.csv.log import CsvLog
+
+        with CsvLog(source.files, opening) as log:
+            yield log
+        return
+    with open_log(source.path, opening=opening) as log:
         yield log
 
 
@@ -185,14 +191,8 @@ def _joined(source: Source, opening: OpenOptions | None) -> Log:
     )
 
 
-def _of_files(files: Sequence[str], opening: OpenOptions | None) -> Log:
-    from lidarcli.logs.csv.log import CsvLog
-
-    return CsvLog(files, opening)
-
-
 def hold_one_sweep_each(files: Sequence[Path | Url]) -> bool:
-    """Tell whether several text files are the sweeps of one log, as far as the first readable one shows."""
+    """Return whether several text files are the sweeps of one log, as far as the first readable one shows."""
     from lidarcli.logs.csv.layouts import PER_SWEEP, NamelessError
 
     if len(files) < 2:
@@ -235,40 +235,19 @@ def open_stored(url: Url, files: Sequence[Url], opening: OpenOptions | None) -> 
 
 
 def _opened(url: Url, opening: OpenOptions | None, stack: ExitStack) -> Log:
-    """Open an object that is a log by itself."""
-    from lidarcli.logs.registry import HEAD, MCAP, ROS1
-    from lidarcli.stores.reading import StoreFile
-    from lidarcli.stores.url import PIECE
-
-    file = stack.enter_context(StoreFile(url))
-    stream = cast(BinaryIO, file)
-    head = file.read(HEAD) or b""
-    file.seek(0)
-    if head.startswith(MCAP):
-        from lidarcli.logs.mcap import McapLog
-
-        file.keep()
-        return McapLog(stream, opening, str(url), file.size)
-    if head.startswith(ROS1):
-        # Its reader makes a temporary file of a stream, which has no name: nothing is left of it whatever happens.
-        from lidarcli.logs.rosbag1 import Rosbag1Log
-
-        with _named(url, "-"):
-            return cast(Log, Rosbag1Log(stream, opening))
+    """Open an object that is a log by itself, copied to this machine first."""
     copy = _scratch(stack) / url.name
-    with copy.open("wb") as out:
-        shutil.copyfileobj(file, out, PIECE)
+    fetch(url, copy)
     with _named(url, str(copy)):
         return open_log(copy, opening=opening)
 
 
 def _fetched(url: Url, files: Sequence[Url], opening: OpenOptions | None, stack: ExitStack) -> Log:
     """Open a log of several objects, which are copied to this machine first."""
-    from lidarcli.stores.reading import fetch
-
     folder = _scratch(stack) / "log"
     # The folders below a pattern tell apart files of one name.
-    base = _common_folder(files)
+    shared = os.path.commonprefix([file.key.split("/")[:-1] for file in files])  # noqa: RUF071 (of parts, not of characters)
+    base = "".join(f"{part}/" for part in shared)
     copies = [folder / file.key.removeprefix(base) for file in files]
     for file, copy in zip(files, copies, strict=True):
         copy.parent.mkdir(parents=True, exist_ok=True)
@@ -285,17 +264,6 @@ def _scratch(stack: ExitStack) -> Path:
     from lidarcli.newfiles import scratch_folder
 
     return stack.enter_context(scratch_folder())
-
-
-def _common_folder(files: Sequence[Url]) -> str:
-    """Return the common beginning of the names of all files, up to a slash."""
-    folders = [file.key.split("/")[:-1] for file in files]
-    shared = []
-    for parts in zip(*folders, strict=False):
-        if len(set(parts)) > 1:
-            break
-        shared.append(parts[0])
-    return "".join(f"{part}/" for part in shared)
 
 
 @contextmanager
@@ -389,7 +357,7 @@ class SlicedLog(ChangedLog):
     """A `Log` that also makes sweeps of another one's point clouds; the level of each is found before the first sweep."""
 
     def __init__(self, log: Log, options: OpenOptions, part: Slice) -> None:
-        from lidarcli.logs.slicing import Bins
+        from lidarcli.logs.clouds import Bins
 
         super().__init__(log)
         self._part = part
@@ -439,8 +407,8 @@ class SlicedLog(ChangedLog):
                 report.add_new(own)
 
     def _of_clouds(self, topics: Collection[str] | None, report: ReadReport) -> Iterator[RawSweeps]:
-        from lidarcli.logs.slicing import Slicer
-        from lidarcli.pose.tree import TreeLevels
+        from lidarcli.logs.clouds import Slicer
+        from lidarcli.pose.sources import TreeLevels
 
         tracks = self.poses().tracks if self.size is not None else ()
         sensors = [topic.name for topic in self.topics() or () if topic.is_scan]

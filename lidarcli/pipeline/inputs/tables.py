@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import sys
 from base64 import b64decode, b64encode
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from os import PathLike, fspath
 from typing import Any, NamedTuple
@@ -17,7 +17,7 @@ from lidarcli.choices import CHANGE_STATUSES
 from lidarcli.errors import OptionError, UnreadableError
 from lidarcli.pipeline.inputs.files import Named, files_named
 from lidarcli.reports.columns import Origin, Rows
-from lidarcli.stores.url import Place, Url, place
+from lidarcli.stores import Place, place
 from lidarcli.tabular.reading import (
     MAKERS,
     HeldTable,
@@ -116,7 +116,10 @@ def find_tables(inputs: Iterable[Given]) -> FoundTables:
     problems = []
     for text in inputs:
         try:
-            found = _tables_given(text)
+            if isinstance(text, TableSet):
+                found = FoundTables([text], [], [])
+            else:
+                found = FoundTables([], [text], []) if isinstance(text, HeldTable) else _tables_named(text)
         except UnreadableError as err:
             problems.append(err)
             continue
@@ -161,12 +164,6 @@ def table_files(inputs: Iterable[str]) -> list[Place]:
     return [*(getattr(table_set, table) for table_set in found.table_sets for table in SCHEMAS), *changes]
 
 
-def _tables_given(given: Given) -> FoundTables:
-    if isinstance(given, TableSet):
-        return FoundTables([given], [], [])
-    return FoundTables([], [given], []) if isinstance(given, HeldTable) else _tables_named(given)
-
-
 def _tables_named(text: str) -> FoundTables:
     """Return the tables that a name stands for, and the errors of folders that cannot be searched."""
     named, files, denied = files_named(text)
@@ -209,11 +206,9 @@ def _is_named_below(folder: str, file: Place) -> bool:
 
 def _table_of(file: Place) -> tuple[str, TableSet] | None:
     """Return the name of the table that a file is, by its path, and the tables of its log; None for other files."""
-    query = f"?{file.options}" if isinstance(file, Url) and file.options else ""
     for table in SCHEMAS:
         if file.name.endswith(table_suffix(table)):
-            words = str(file).removesuffix(query).removesuffix(f"{table}.parquet")
-            return table, TableSet(words, f".parquet{query}")
+            return table, TableSet(str(file).removesuffix(f"{table}.parquet"), ".parquet")
     if file.suffix != ".parquet":
         return None
     parts = str(file).split("/")
@@ -235,17 +230,6 @@ def read_table(table_set: TableSet, kind: str, columns: Iterable[str]) -> pa.Tab
     if not path.exists():
         raise UnreadableError(f"{path}: not there; lidarcli {MAKERS.get(kind, 'detect')} writes it")
     return read_columns(path, kind, SCHEMAS[kind], columns)
-
-
-def require(table_set: TableSet, kind: str, columns: Collection[str]) -> None:
-    """Refuse a table without these columns, which are null where an older version has written it."""
-    there = column_names(getattr(table_set, kind), kind) if columns else []
-    missing = sorted({*columns} - {*there})
-    if missing:
-        raise UnreadableError(
-            f"{getattr(table_set, kind)}: no column {', '.join(missing)}, which a check asks for; "
-            "an older version has written this table: write it again"
-        )
 
 
 def read_changes(path: Readable) -> pa.Table:
@@ -535,19 +519,15 @@ def _has_changes(value: Any) -> bool:
 
 
 def _joined(table_sets: Sequence[HeldTableSet]) -> list[HeldTableSet]:
-    """Return the pairs, those of one log as one where they hold other kinds, as what `track` and `zones` return."""
+    """Return table sets, those of one log as one where they hold other kinds, as what `track` and `zones` return."""
     found: list[HeldTableSet] = []
-    for table_set in table_sets:
-        same = next((k for k, one in enumerate(found) if _belong(one, table_set)), None)
-        if same is None:
-            found.append(table_set)
+    for new in table_sets:
+        same = [k for k, one in enumerate(found) if one.before == new.before and not one.held.keys() & new.held.keys()]
+        if same:
+            found[same[0]] = replace(new, held=found[same[0]].held | new.held)
         else:
-            found[same] = replace(table_set, held=found[same].held | table_set.held)
+            found.append(new)
     return found
-
-
-def _belong(one: HeldTableSet, other: HeldTableSet) -> bool:
-    return (one.before, one.after) == (other.before, other.after) and not one.held.keys() & other.held.keys()
 
 
 def _is_frame(value: Any) -> bool:
@@ -590,13 +570,7 @@ def _rows_of_log(table: pa.Table, log: str, logs: Sequence[str]) -> pa.Table:
     else:
         notes.pop(SOURCE)
     if DAMAGE in notes:
-        notes[DAMAGE] = json.dumps([*_lines_of(damage, log, logs)])
+        # Lines that name no log are the first one's.
+        owners = [next((each for each in logs if str(line).startswith(f"{each}: ")), logs[0]) for line in damage]
+        notes[DAMAGE] = json.dumps([line for line, owner in zip(damage, owners, strict=True) if owner == log])
     return table.replace_schema_metadata(notes)
-
-
-def _lines_of(damage: Sequence[Any], log: str, logs: Sequence[str]) -> Iterator[Any]:
-    """Yield the lines that name a log; those that name none are the first one's."""
-    for line in damage:
-        of = next((each for each in logs if str(line).startswith(f"{each}: ")), logs[0] if logs else log)
-        if of == log:
-            yield line

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
@@ -179,9 +180,9 @@ def _read_sources(node: _Node) -> None:
         elif kind != _SCAN:
             unread.append(f"{name} ({kind})")
         else:
-            told = source.number("source_timeout", timeout, low=0, high=LONGEST)
-            node.sources[name] = _Source(node.topic(source.text("topic", "scan")), told)
-            _read_exclusions(node, source, node.topic(source.text("topic", "scan")))
+            topic = node.topic(source.text("topic", "scan"))
+            node.sources[name] = _Source(topic, source.number("source_timeout", timeout, low=0, high=LONGEST))
+            _read_exclusions(node, source, topic)
     if unread:
         node.note(f"only scans are read, not {', '.join(unread)}: the list of events is incomplete")
 
@@ -456,3 +457,24 @@ def _line(fields: Fields) -> Line:
     if (x, y) == (other_x, other_y):
         fields.fail("line", "has no length: both points are the same")
     return Line((x, y), (other_x, other_y))
+
+
+def parse_footprint(value: str | Sequence[Sequence[float]]) -> Polygon:
+    """Return the polygon of points (K, 2) [m], or of a text such as [[x, y], ...]."""
+    if not isinstance(value, str | Sequence | np.ndarray):
+        raise TypeError(f"footprint is [[x, y], ...] or such a text, not {type(value).__name__}")
+    try:
+        points: Any = ast.literal_eval(value) if isinstance(value, str) else value
+        corners = tuple((float(x), float(y)) for x, y in points)
+    except (ValueError, SyntaxError, TypeError, MemoryError, RecursionError):
+        raise OptionError(f"--footprint: '{value}' is not [[x, y], ...]") from None
+    if len(corners) < 3:
+        raise OptionError(f"--footprint: '{value}' has fewer than 3 corners")
+    if not np.isfinite(corners).all():
+        raise OptionError(f"--footprint: '{value}' has numbers that are not finite")
+    shape = Polygon(corners)
+    if on_one_line(shape):
+        raise OptionError(f"--footprint: '{value}' has no area: its corners lie on one line")
+    if crossing_edges(shape) is not None:
+        raise OptionError(f"--footprint: '{value}' crosses itself")
+    return shape

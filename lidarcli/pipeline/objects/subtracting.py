@@ -28,7 +28,7 @@ from lidarcli.formalism.subtraction import (
     changes,
     nothing_known,
 )
-from lidarcli.stores.url import place
+from lidarcli.stores import place
 from lidarcli.sweeps import Int64, Status, SweepBatch
 from lidarcli.tabular.background import read_background
 
@@ -69,7 +69,7 @@ class BackgroundOptions:
 
 
 @dataclass(slots=True)
-class _Seen:
+class _ComparisonStats:
     """Counts of the comparison for one frame."""
 
     sweeps: int = 0
@@ -88,7 +88,7 @@ class _Seen:
     """Index of the first of them."""
 
 
-class Subtracting:
+class BackgroundComparison:
     """Finds the objects that differ from a background, and counts what could not be compared.
 
     A threshold in metres is the least difference from the background; discontinuities are found as without one.
@@ -111,7 +111,7 @@ class Subtracting:
         self._prepared: dict[int, Subtraction] = {}
         self._chosen: dict[tuple[str, str], Subtraction] = {}
         self._counting = Lock()
-        self._seen: dict[str, _Seen] = {}
+        self._stats: dict[str, _ComparisonStats] = {}
         self._changes = np.zeros(2, np.int64)
 
     def admit(self, batch: SweepBatch) -> None:
@@ -147,25 +147,25 @@ class Subtracting:
         if self._options.removed:
             parts.append(f"{self._changes[REMOVED]:,} removed")
         lines = [f"compared with {self._options.name}: {', '.join(parts)}"]
-        for frame, seen in sorted(self._seen.items()):
+        for frame, stats in sorted(self._stats.items()):
             name = frame or "without a name"
-            if seen.without_station:
-                lines.append(_without_station(name, seen))
-            if seen.without_background:
-                share = seen.without_background / seen.ranges
+            if stats.without_station:
+                lines.append(_without_station(name, stats))
+            if stats.without_background:
+                share = stats.without_background / stats.ranges
                 lines.append(
-                    f"no background for {seen.without_background:,} of {seen.ranges:,} ranges ({share:.1%}) "
+                    f"no background for {stats.without_background:,} of {stats.ranges:,} ranges ({share:.1%}) "
                     f"of frame {name}: they look where it does not"
                 )
-            compared = seen.ranges - seen.without_background
-            if seen.differing > MOST_DIFFERING * compared:
+            compared = stats.ranges - stats.without_background
+            if stats.differing > MOST_DIFFERING * compared:
                 lines.append(
-                    f"{seen.differing / compared:.0%} of the ranges of frame {name} differ from {self._options.name}: "
+                    f"{stats.differing / compared:.0%} of the ranges of frame {name} differ from {self._options.name}: "
                     "it is of another place, or the sensor moved"
                 )
-            elif seen.apart > max(MOST_SWEEPS_DIFFERING * seen.sweeps, LEAST_SWEEPS_DIFFERING - 1):
+            elif stats.apart > max(MOST_SWEEPS_DIFFERING * stats.sweeps, LEAST_SWEEPS_DIFFERING - 1):
                 lines.append(
-                    f"{seen.apart:,} of {seen.sweeps:,} sweeps of frame {name}, from sweep {seen.first_apart:.0f} on, "
+                    f"{stats.apart:,} of {stats.sweeps:,} sweeps of frame {name}, from sweep {stats.first_apart:.0f} on, "
                     f"differ from {self._options.name} in more than {MOST_SWEEP_DIFFERING:.0%} of their ranges: the sensor "
                     "seems to have moved; compare what comes after it with a background of its own (--start, --end)"
                 )
@@ -189,17 +189,17 @@ class Subtracting:
         compared = np.count_nonzero(valid & part.known, axis=1)
         apart = np.flatnonzero(np.count_nonzero(differing, axis=1) > MOST_SWEEP_DIFFERING * compared)
         with self._counting:
-            seen = self._seen.setdefault(frame, _Seen())
-            seen.sweeps += len(batch)
-            seen.without_station += int(np.count_nonzero(lost))
-            seen.without_pose += int(np.count_nonzero(lost & np.isinf(part.away)))
-            seen.nearest = min(seen.nearest, float(part.away[lost].min(initial=np.inf)))
-            seen.ranges += int(np.count_nonzero(valid))
-            seen.without_background += int(np.count_nonzero(valid & ~part.known))
-            seen.differing += int(np.count_nonzero(differing))
-            seen.apart += len(apart)
+            stats = self._stats.setdefault(frame, _ComparisonStats())
+            stats.sweeps += len(batch)
+            stats.without_station += int(np.count_nonzero(lost))
+            stats.without_pose += int(np.count_nonzero(lost & np.isinf(part.away)))
+            stats.nearest = min(stats.nearest, float(part.away[lost].min(initial=np.inf)))
+            stats.ranges += int(np.count_nonzero(valid))
+            stats.without_background += int(np.count_nonzero(valid & ~part.known))
+            stats.differing += int(np.count_nonzero(differing))
+            stats.apart += len(apart)
             if len(apart):
-                seen.first_apart = min(seen.first_apart, float(batch.sweep[apart[0]]))
+                stats.first_apart = min(stats.first_apart, float(batch.sweep[apart[0]]))
 
 
 def choose_sensor(options: BackgroundOptions, topic: str, frame: str) -> int:
@@ -256,10 +256,10 @@ def _view(bearings: np.ndarray[Any, np.dtype[np.float64]]) -> str:
     return f"{low:.1f} to {high:.1f} deg"
 
 
-def _without_station(name: str, seen: _Seen) -> str:
-    line = f"without a station: {seen.without_station:,} of {seen.sweeps:,} sweeps of frame {name}, not compared"
-    if seen.without_pose:
-        line += f"; {seen.without_pose:,} of them have no pose"
-    if np.isfinite(seen.nearest):
-        line += f"; the nearest is {seen.nearest:.2f} m away (--station-distance, --station-angle)"
+def _without_station(name: str, stats: _ComparisonStats) -> str:
+    line = f"without a station: {stats.without_station:,} of {stats.sweeps:,} sweeps of frame {name}, not compared"
+    if stats.without_pose:
+        line += f"; {stats.without_pose:,} of them have no pose"
+    if np.isfinite(stats.nearest):
+        line += f"; the nearest is {stats.nearest:.2f} m away (--station-distance, --station-angle)"
     return line

@@ -43,13 +43,12 @@ from lidarcli.logs.options import TopicChoice
 from lidarcli.masks import Mask, Masks, Mount, Sector
 from lidarcli.pipeline.inputs.masks import mask_text
 from lidarcli.pipeline.inputs.sources import Source, open_source
-from lidarcli.pipeline.reading.masking import MOST_SENSORS, STOOD_REACH, Masking, masking_of
+from lidarcli.pipeline.reading.masking import MOST_SENSORS, STOOD_REACH, MaskRules, masking_of
 from lidarcli.pipeline.reading.path_check import CheckedPath
-from lidarcli.pipeline.reading.pose_sources import NONE, Need, PoseOptions, of_one_run
-from lidarcli.pipeline.reading.posing import Posing
+from lidarcli.pipeline.reading.posing import NONE, Need, PoseAttacher, PoseOptions, of_one_run
 from lidarcli.pose.calibration import (
+    CalibrationResult,
     Outlines,
-    Settled,
     cells_filled,
     joined_outlines,
     mounted,
@@ -60,12 +59,9 @@ from lidarcli.pose.calibration import (
     stretches_of,
     surfaces,
 )
-from lidarcli.pose.fit import ACCEPTED, mount_between, pairs_of, steps_between, wrapped
-from lidarcli.pose.matched import AUTO
-from lidarcli.pose.messages import frame_name
-from lidarcli.pose.sources import Way
-from lidarcli.pose.tracks import SECOND_NS, planar
-from lidarcli.pose.tree import FrameTree, Step, along
+from lidarcli.pose.fit import ACCEPTED, AUTO, mount_between, pairs_of, steps_between, wrapped
+from lidarcli.pose.sources import FrameTree, PoseChain, Step, along
+from lidarcli.pose.tracks import SECOND_NS, frame_name, planar
 from lidarcli.range_rules import RangeRules
 from lidarcli.sweeps import TURN, Bool, Float64, Int64, Status, SweepBatch, UInt8
 
@@ -141,7 +137,7 @@ def deep_findings(
                 if key not in sensors:
                     if len(sensors) == MOST_SENSORS:
                         continue
-                    chain = None if sources is None or poses.source == NONE else sources.way(frame, batch.topic)
+                    chain = None if sources is None or poses.source == NONE else sources.chain(frame, batch.topic)
                     sensors[key] = _Sensor(*key, posing.paths.get(key), chain, poses.delay or 0.0)
                 sensors[key].add(mine)
         links = [] if sources is None else [one for one in sources.tracks if one.is_link and one.static]
@@ -175,21 +171,21 @@ def deep_findings(
         return DeepFindings(tuple(findings), masking.learned, tuple(mounts))
 
 
-def _masking(log: Log, rules: RangeRules, poses: PoseOptions, choice: TopicChoice) -> tuple[Masking, Posing]:
+def _masking(log: Log, rules: RangeRules, poses: PoseOptions, choice: TopicChoice) -> tuple[MaskRules, PoseAttacher]:
     """Learn the mask of the robot itself, where the user gave none; return it and the poses."""
     if rules.masks is None or rules.masks.learn:
         try:
             masking = masking_of(log, replace(rules, masks=Masks(learn=True)), poses, choice.wanted or None)
         except OptionError:
-            masking = Masking(replace(rules, masks=None))
+            masking = MaskRules(replace(rules, masks=None))
         if masking.posing is not None:
             return masking, masking.posing
     else:
         masking = masking_of(log, rules, poses, choice.wanted or None)
-    return masking, Posing.of(log, poses, choice, masking.rules, need=Need.ALL)
+    return masking, PoseAttacher.of(log, poses, choice, masking.rules, need=Need.ALL)
 
 
-def _body(sensor: _Sensor, masking: Masking) -> list[Finding]:
+def _body(sensor: _Sensor, masking: MaskRules) -> list[Finding]:
     """Return what is told of beams that end on the robot itself."""
     masks: list[Mask] = [mask for mask in masking.learned.masks if mask.topic == sensor.topic]
     if not masks:
@@ -216,7 +212,7 @@ def _body(sensor: _Sensor, masking: Masking) -> list[Finding]:
 class _Sensor:
     """Samples and counts of one topic and frame."""
 
-    def __init__(self, topic: str, frame: str, path: CheckedPath | None, chain: Way | None, delay: float) -> None:
+    def __init__(self, topic: str, frame: str, path: CheckedPath | None, chain: PoseChain | None, delay: float) -> None:
         self.topic, self.frame, self.chain, self.asked_delay = topic, frame, chain, delay
         self.named = Sensor(topic, frame, topic)
         self.path = path or CheckedPath("none")
@@ -269,7 +265,7 @@ class _Sensor:
     def _moved(self, batch: SweepBatch) -> list[int]:
         """Return the rows of sweeps between which the sensor has moved."""
         rows: list[int] = []
-        chain = self.path.way or self.chain
+        chain = self.path.chain or self.chain
         poses = np.zeros((0, 3)) if chain is None else _poses_at(chain, batch.stamp_ns)
         for row, (x, y, yaw) in enumerate(poses.tolist()):
             if not math.isfinite(x + y + yaw):
@@ -330,7 +326,7 @@ def _steps(path: CheckedPath, matched: Float64, others: Float64) -> tuple[Float6
     return steps_between(others[begin], others[end]), steps_between(matched[begin], matched[end])
 
 
-def _poses_at(chain: Way, stamp_ns: Int64) -> Float64:
+def _poses_at(chain: PoseChain, stamp_ns: Int64) -> Float64:
     """Return x, y [m] and yaw [rad] of a sensor (K, 3) at stamps (K,)."""
     there = planar(chain.at(stamp_ns))
     return np.column_stack([there.x, there.y, there.yaw])
@@ -356,7 +352,7 @@ class _Calibrated:
     trusted: Float64
     """(7,) their deviations."""
     stretch: Int64
-    settled: Settled | None = None
+    settled: CalibrationResult | None = None
     """x, y, yaw, times of the first beam and from it to the last, scales of lengths and turns."""
     cells: tuple[int, int] = 0, 0
     """Cells that are filled with the mount of the log, and with the one found."""
@@ -380,7 +376,7 @@ class _Calibrated:
         return mounted(scaled_path(base, values[5], values[6]), values[:3])
 
 
-def _split(chain: Way) -> tuple[tuple[Step, ...], tuple[Step, ...], str]:
+def _split(chain: PoseChain) -> tuple[tuple[Step, ...], tuple[Step, ...], str]:
     """Return the steps of a chain that mount the sensor, the others, and the frame between them."""
     count = next((k for k, step in enumerate(chain.steps) if not step.track.static), len(chain.steps))
     first = chain.steps[min(count, len(chain.steps) - 1)]
@@ -435,7 +431,7 @@ def _calibrated(sensor: _Sensor) -> _Calibrated | None:
     if guess is not None and (np.abs(guess - by_log.logged) > NEARBY).any():
         starts.append(np.concatenate([guess, by_log.start[3:]]))
 
-    def tried(start: Float64, trusted: Float64) -> tuple[Settled, int]:
+    def tried(start: Float64, trusted: Float64) -> tuple[CalibrationResult, int]:
         found = settle(by_log.outlines, by_log.placing, start, trusted, by_log.stretch)
         return found, cells_filled(by_log.outlines, by_log.placing(found.values), by_log.stretch)
 
@@ -608,9 +604,9 @@ def _lasers_finding(
     return judge([LASERS, LASERS_UNTOLD], stats, second.named), [mount]
 
 
-def _driving(first: _Sensor, second: _Sensor, found: _Calibrated | None, logged: Float64 | None) -> Settled | str:
+def _driving(first: _Sensor, second: _Sensor, found: _Calibrated | None, logged: Float64 | None) -> CalibrationResult | str:
     """Place both lasers by the path of the first, and find where the second is by the map of both; else why not."""
-    chain = first.path.way
+    chain = first.path.chain
     if chain is None:
         return "nothing tells how the robot drove"
     if found is not None and found.settled is None and found.turned < LEAST_TURN:
@@ -647,7 +643,7 @@ def _driving(first: _Sensor, second: _Sensor, found: _Calibrated | None, logged:
     return min(tried, key=lambda one: cells_filled(outlines, placing(one.values), stretch))
 
 
-def _standing(first: _Sensor, second: _Sensor) -> Settled | str:
+def _standing(first: _Sensor, second: _Sensor) -> CalibrationResult | str:
     """Lay what the second laser sees on what the first one sees, while both stand; else return why that cannot be."""
     parts = [first.outlines(), second.outlines()]
     if not all(len(part) for part in parts):

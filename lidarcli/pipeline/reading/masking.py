@@ -16,21 +16,20 @@ from lidarcli.logs.batches import ReadOptions, read_batches
 from lidarcli.logs.options import TopicChoice
 from lidarcli.masks import Mask, Masks, Mount, Sector, same_name
 from lidarcli.pipeline.inputs.sources import read_pose_messages
-from lidarcli.pipeline.reading.pose_sources import NONE, Need, PoseOptions
-from lidarcli.pipeline.reading.posing import Posing
+from lidarcli.pipeline.reading.posing import NONE, Need, PoseAttacher, PoseOptions
 from lidarcli.range_rules import RangeRules
 from lidarcli.sweeps import TURN, Float32, Float64, Int32, Int64, SweepBatch, SweepPoses
 
 WINDOW, SHARE = 0.08, 0.6
-"""The robot itself is where a beam ends within so short a stretch [m] in at least this share of the sweeps ..."""
+"""A beam ends on the robot where it ends within so short a stretch [m] in at least this share of the sweeps."""
 REACH = 1.2
-"""... and no farther away than this [m]."""
+"""Greatest range at which it does [m]."""
 GRAZED = 0.2
 """Least share of the sweeps where beside it is such a beam, as near: it grazes the robot."""
 GRAIN = 0.005
 """Step in which ranges are counted [m]."""
-LEAST_WAY, LEAST_TURN = 3.0, 2.0
-"""Least way [m] and turn [rad] of a sensor: the robot carries what stays before it all the time."""
+LEAST_DISTANCE, LEAST_TURN = 3.0, 2.0
+"""Least distance [m] and turn [rad] of a sensor: the robot carries what stays before it all the time."""
 MOVED, TURNED = 0.05, 0.05
 """A sweep counts where the sensor went so far [m] or turned so much [rad] since the last one that did."""
 FAR_GRAIN, FAR_WINDOW, FAR_REACH = 0.25, 0.5, 60.0
@@ -49,32 +48,32 @@ _PIPE = "--mask auto reads a log twice, and a pipe is read only once: give the f
 
 
 @dataclass(frozen=True, slots=True)
-class Masking:
-    """The rules for the ranges of one log, its mask known, and what there is to say of it."""
+class MaskRules:
+    """The rules for the ranges of one log with its mask, and notes on it."""
 
     rules: RangeRules
-    found: tuple[str, ...] = ()
-    """Notes on what is masked ..."""
+    remarks: tuple[str, ...] = ()
+    """Notes on what is masked."""
     doubts: tuple[str, ...] = ()
-    """... and on what is not, though that was asked for."""
+    """Notes on what is not masked, though that was asked for."""
     learned: Masks = field(default_factory=Masks)
     """Mask that the log itself tells."""
     proposed: Masks = field(default_factory=Masks)
     """Mask of what looks like the robot itself before sensors that stood; it is not used."""
     unclear: Mapping[tuple[str, str], int] = field(default_factory=dict)
     """Topic and frame → beams that mostly end within one window below `STOOD_REACH`, where nobody can tell on what."""
-    posing: Posing | None = None
+    posing: PoseAttacher | None = None
     """The poses by which the mask was learned; None where it was not."""
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """All there is to say."""
-        return (*self.found, *self.doubts)
+        """All notes."""
+        return (*self.remarks, *self.doubts)
 
 
 def masking_of(
     log: Log, rules: RangeRules, poses: PoseOptions | None = None, topics: Collection[str] | None = None
-) -> Masking:
+) -> MaskRules:
     """Return the rules for the ranges of a log, with its mask learned and placed where that is asked for.
 
     Parameters
@@ -88,12 +87,12 @@ def masking_of(
     """
     masks = rules.masks
     if masks is None:
-        return Masking(rules)
+        return MaskRules(rules)
     if masks.learn:
-        return _learned(log, rules, poses or PoseOptions(), topics)
+        return _learn(log, rules, poses or PoseOptions(), topics)
     listed = log.topics()
     if listed is None or log.size is None:
-        return Masking(rules)
+        return MaskRules(rules)
     absent = {
         mask.topic: None
         for mask in masks.masks
@@ -102,17 +101,16 @@ def masking_of(
     doubts = tuple(f"--mask: no topic {name} in this log, for which a [[mask]] is" for name in absent)
     if frames := {mask.frame for mask in masks.masks if mask.frame}:
         masks = replace(masks, mounts=(*masks.mounts, *_mounts(log, sorted(frames))))
-    return Masking(replace(rules, masks=masks), doubts=doubts)
+    return MaskRules(replace(rules, masks=masks), doubts=doubts)
 
 
 def _mounts(log: Log, frames: list[str]) -> Iterator[Mount]:
     """Yield where the static transforms of a log place its frames in others."""
-    from lidarcli.pose.messages import frame_name
-    from lidarcli.pose.tracks import planar
-    from lidarcli.pose.tree import FrameTree, along
+    from lidarcli.pose.sources import FrameTree, along
+    from lidarcli.pose.tracks import frame_name, planar
 
-    told = read_pose_messages(log)
-    links = [track for track in told.tracks if track.is_link and track.static]
+    messages = read_pose_messages(log)
+    links = [track for track in messages.tracks if track.is_link and track.static]
     tree = FrameTree(links)
     for frame in dict.fromkeys(name for link in links for name in (link.child, link.parent)):
         for target in map(frame_name, frames):
@@ -122,16 +120,16 @@ def _mounts(log: Log, frames: list[str]) -> Iterator[Mount]:
                 yield Mount(frame, target, x, y, yaw, bool(here.upside_down[0]))
 
 
-def _learned(log: Log, rules: RangeRules, poses: PoseOptions, topics: Collection[str] | None) -> Masking:
+def _learn(log: Log, rules: RangeRules, poses: PoseOptions, topics: Collection[str] | None) -> MaskRules:
     if log.size is None:
         raise OptionError(_PIPE)
     rules = replace(rules, masks=None)
     poses = replace(poses, source=None) if poses.source == NONE else poses
-    bodies, posing = _watch(log, rules, poses, topics)
+    bodies, posing = _count_ranges(log, rules, poses, topics)
     masks: list[Mask] = []
     proposed: list[Mask] = []
     unclear: dict[tuple[str, str], int] = {}
-    seen: list[str] = []
+    remarks: list[str] = []
     doubts: list[str] = []
     sensors = Counter(topic for topic, _ in bodies)
     for (topic, frame), body in sorted(bodies.items()):
@@ -144,11 +142,11 @@ def _learned(log: Log, rules: RangeRules, poses: PoseOptions, topics: Collection
         if doubt:
             doubts.append(f"{topic}: nothing is masked: {doubt}")
         if runs or not doubt:
-            (doubts if doubt else seen).append(f"{topic}: {_words(runs, proposed=bool(doubt))}")
+            (doubts if doubt else remarks).append(f"{topic}: {_described(runs, proposed=bool(doubt))}")
     learned = Masks(tuple(masks))
-    return Masking(
+    return MaskRules(
         replace(rules, masks=learned if masks else None),
-        tuple(seen),
+        tuple(remarks),
         tuple(doubts),
         learned,
         Masks(tuple(proposed)),
@@ -157,12 +155,12 @@ def _learned(log: Log, rules: RangeRules, poses: PoseOptions, topics: Collection
     )
 
 
-def _watch(
+def _count_ranges(
     log: Log, rules: RangeRules, poses: PoseOptions, topics: Collection[str] | None
-) -> tuple[dict[tuple[str, str], _Body], Posing]:
+) -> tuple[dict[tuple[str, str], _Body], PoseAttacher]:
     """Count the ranges of each topic and frame of a log; return the counts and the poses by which it was done."""
     choice = TopicChoice(topics, log.topics())
-    posing = Posing.of(log, poses, choice, rules, need=Need.ALL)
+    posing = PoseAttacher.of(log, poses, choice, rules, need=Need.ALL)
     bodies: dict[tuple[str, str], _Body] = {}
     # The pass over all sweeps reports the damage.
     for batch in read_batches(log, ReadOptions(topics, rules=rules), ReadReport(), choice):
@@ -194,8 +192,8 @@ class _Counts:
 
     def beyond(self, least: float) -> Int64:
         """Return how often each beam (B,) ended from a range on."""
-        found: Int64 = self._table()[:, round(least / self._grain) :].sum(axis=1, dtype=np.int64)
-        return found
+        counts: Int64 = self._table()[:, round(least / self._grain) :].sum(axis=1, dtype=np.int64)
+        return counts
 
     def fullest(self, window: float, least: float = 0.0) -> tuple[Int64, Float64]:
         """Return for each beam (B,) the most that one window holds, and where the middle one of such windows begins [m]."""
@@ -224,8 +222,8 @@ class _Body:
         self._always, self._driving = (_Counts(beams, GRAIN, REACH) for _ in range(2))
         self._far = _Counts(beams, FAR_GRAIN, FAR_REACH)
         self._last: tuple[float, float, float] | None = None
-        self._way = self._turn = 0.0
-        """Way of the sensor [m], and its turn since it began [rad]."""
+        self._distance = self._turn = 0.0
+        """Distance that the sensor drove [m], and its turn since it began [rad]."""
         self._turns = 0.0, 0.0
 
     @property
@@ -260,7 +258,7 @@ class _Body:
         return ranges
 
     def _moved(self, poses: SweepPoses) -> Iterator[int]:
-        """Yield the sweeps before which the sensor has moved, and measure its way."""
+        """Yield the sweeps before which the sensor has moved, and measure its path."""
         for row, (x, y, yaw) in enumerate(zip(poses.x.tolist(), poses.y.tolist(), poses.yaw.tolist(), strict=True)):
             if not math.isfinite(x + y + yaw):
                 continue
@@ -271,7 +269,7 @@ class _Body:
             if step < MOVED and abs(turn) < TURNED:
                 continue
             self._last = x, y, yaw
-            self._way += step
+            self._distance += step
             self._turn += turn
             self._turns = min(self._turns[0], self._turn), max(self._turns[1], self._turn)
             yield row
@@ -283,15 +281,15 @@ class _Body:
         if not self.is_placed:
             return "nothing tells whether the sensor drove"
         turned = self._turns[1] - self._turns[0]
-        if self._way < LEAST_WAY or turned < LEAST_TURN or self._driving.sweeps < LEAST_SWEEPS:
+        if self._distance < LEAST_DISTANCE or turned < LEAST_TURN or self._driving.sweeps < LEAST_SWEEPS:
             return (
-                f"the sensor drove {self._way:.1f} m and turned by {math.degrees(turned):.0f} degrees; to tell its own "
-                f"body from what stands around takes {LEAST_WAY:g} m and {math.degrees(LEAST_TURN):.0f} degrees"
+                f"the sensor drove {self._distance:.1f} m and turned by {math.degrees(turned):.0f} degrees; to tell its "
+                f"own body from what stands around takes {LEAST_DISTANCE:g} m and {math.degrees(LEAST_TURN):.0f} degrees"
             )
         least = SHARE * self._far.sweeps
-        seen = self._far.beyond(REACH) >= SEEN * self._far.sweeps
-        same = seen & (self._far.fullest(FAR_WINDOW, REACH)[0] >= least)
-        if 2 * np.count_nonzero(same) >= np.count_nonzero(seen):
+        far_beams = self._far.beyond(REACH) >= SEEN * self._far.sweeps
+        same = far_beams & (self._far.fullest(FAR_WINDOW, REACH)[0] >= least)
+        if 2 * np.count_nonzero(same) >= np.count_nonzero(far_beams):
             return "most of what the sensor sees stays where it is, though poses tell that it drove"
         return ""
 
@@ -314,9 +312,9 @@ class _Body:
         found = []
         for run in runs:
             near, far = min(low for _, low in run), max(low for _, low in run)
-            beside = [at.get(beam, math.inf) for beam in (run[0][0] - 1, run[-1][0] + 1)]
+            neighbours = [at.get(beam, math.inf) for beam in (run[0][0] - 1, run[-1][0] + 1)]
             width = len(run) * abs(self._step) * (far + WINDOW)
-            if far + WINDOW <= STOOD_REACH and width < STOOD_WIDTH and min(beside) > near + DETACHED:
+            if far + WINDOW <= STOOD_REACH and width < STOOD_WIDTH and min(neighbours) > near + DETACHED:
                 found.append(run)
         return found
 
@@ -327,15 +325,15 @@ class _Body:
         return Mask(Sector(min(ends), max(ends), low, high), topic)
 
 
-def _runs(counts: _Counts, beside: float) -> list[Run]:
-    """Return the beams that mostly end within one window, neighbours together; `beside`: least share of a neighbour."""
+def _runs(counts: _Counts, neighbours: float) -> list[Run]:
+    """Return the beams that mostly end within one window, neighbours together; `neighbours`: least share of a neighbour."""
     held, low = counts.fullest(WINDOW)
     beams = set(np.flatnonzero(held >= max(SHARE * counts.sweeps, 1)).tolist())
     for step in (1, -1):
         for beam in sorted(beams, reverse=step < 0):
             after = beam + step
             while after not in beams and 0 <= after < len(held):
-                if held[after] < beside * counts.sweeps or abs(low[after] - low[after - step]) > WINDOW:
+                if held[after] < neighbours * counts.sweeps or abs(low[after] - low[after - step]) > WINDOW:
                     break
                 beams.add(after)
                 after += step
@@ -351,8 +349,8 @@ def _runs(counts: _Counts, beside: float) -> list[Run]:
     return runs
 
 
-def _words(runs: list[Run], proposed: bool) -> str:
-    """Return what is said of some beams."""
+def _described(runs: list[Run], proposed: bool) -> str:
+    """Return the note on some beams."""
     if not runs:
         return "no beam sees the robot itself"
     beams = counted(sum(map(len, runs)), "beam")

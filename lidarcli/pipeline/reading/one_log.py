@@ -7,6 +7,7 @@ from collections import Counter, deque
 from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
+from itertools import chain
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Protocol, Self
@@ -17,15 +18,14 @@ from lidarcli.choices import ECHOES, KEEP
 from lidarcli.errors import NoScanError, OptionError, UnreadableError
 from lidarcli.formalism.detection import SETS, Detection
 from lidarcli.logs.base import MAX_BEAMS, Log, OpenOptions, ReadReport, Slice
-from lidarcli.logs.batches import ReadOptions, read_batches
+from lidarcli.logs.batches import LogBatcher, ReadOptions
 from lidarcli.logs.options import TopicChoice, nothing_read
-from lidarcli.machine import Beside
+from lidarcli.machine import Threads
 from lidarcli.masks import Masks
 from lidarcli.pipeline.inputs.masks import AUTO, masks_of, plain
 from lidarcli.pipeline.inputs.sources import Source, made_of_clouds, open_source, parts_of
 from lidarcli.pipeline.reading.masking import masking_of
-from lidarcli.pipeline.reading.pose_sources import Need, PoseOptions
-from lidarcli.pipeline.reading.posing import Posing
+from lidarcli.pipeline.reading.posing import Need, PoseAttacher, PoseOptions
 from lidarcli.range_rules import NO_RETURN_WORDS, RangeRules, count_statuses
 from lidarcli.sweeps import STATUSES, Int64, SweepBatch
 from lidarcli.times import Instant
@@ -67,11 +67,6 @@ class RunSummary:
     rows: int = 0
     """Rows of all tables that were written."""
     seconds: float = 0.0
-
-    def __setstate__(self, state: tuple[None, dict[str, Any]]) -> None:
-        """Set the attributes from a pickle; without this method a pickle of others could change the class itself."""
-        for name, value in state[1].items():
-            setattr(self, name, value)
 
     @property
     def beams(self) -> int:
@@ -127,7 +122,7 @@ class RunSummary:
         if other.things is not None:
             self.add_things(other.things, other.moved)
 
-    def close(self, report: ReadReport, posing: Posing) -> None:
+    def close(self, report: ReadReport, posing: PoseAttacher) -> None:
         """Take over the damage and the notes of reading sweeps and poses."""
         report = posing.together(report)
         self.dropped = [(topic, cause, count) for (topic, cause), count in sorted(report.refused.items())]
@@ -166,7 +161,7 @@ Progress = Callable[[int], None]
 def reading_as_dict(read: ReadOptions, opening: OpenOptions, poses: PoseOptions) -> dict[str, Any]:
     """Return the options of reading as plain values, for the tables' metadata."""
     rules = read.rules
-    told = {name: value for name in GEOMETRY if (value := getattr(opening, name)) != getattr(_AS_IT_IS, name)}
+    geometry = {name: value for name in GEOMETRY if (value := getattr(opening, name)) != getattr(_AS_IT_IS, name)}
     part = opening.slice
     return {
         "topics": sorted(read.topics) if read.topics else None,
@@ -176,7 +171,7 @@ def reading_as_dict(read: ReadOptions, opening: OpenOptions, poses: PoseOptions)
         "range": list(rules.limits) if rules.limits else None,
         "no_return": [*sorted(rules.no_return), *sorted(rules.markers)],
         **({} if rules.masks is None else {"mask": AUTO if rules.masks.learn else Path(rules.masks.path).name}),
-        **({"csv": told} if told else {}),
+        **({"csv": geometry} if geometry else {}),
         **({} if part is None else {"slice": [part.low, part.high], "bins": part.bins}),
         **({"echo": opening.echo} if opening.echo != _AS_IT_IS.echo else {}),
         **({"segments": KEEP} if opening.segments == KEEP else {}),
@@ -190,9 +185,9 @@ def _plain(time: float | Instant | None) -> float | str | None:
 
 def describe_source(source: Source, log: Log) -> dict[str, Any]:
     """Return the description of a source for the tables' metadata: nothing that depends on its place."""
-    told = {"name": source.file_name, "size": log.size, "format": log.format}
+    described = {"name": source.file_name, "size": log.size, "format": log.format}
     parts = [{"name": part.name, "size": part.size} for part in parts_of(log)]
-    return told | ({"parts": parts} if parts else {})
+    return described | ({"parts": parts} if parts else {})
 
 
 class Reading:
@@ -233,51 +228,62 @@ class Reading:
         masking = masking_of(log, options.rules, poses, options.topics)
         self._report.notes += masking.notes
         self._doubts = masking.doubts
-        self._read = options = replace(options, rules=masking.rules)
-        self._posing = Posing.of(log, poses, choice, options.rules, need=need)
+        self._masks = masking.rules.masks
+        options = replace(options, rules=masking.rules)
+        self._batcher = LogBatcher(log, options, self._report, choice)
+        self._posing = PoseAttacher.of(log, poses, choice, options.rules, need=need)
         self._position = 0
-        self._thread: Beside | None = None
+        self._thread: Threads | None = None
 
-    def batches(self, progress: Progress | None) -> Iterator[SweepBatch]:
-        """Yield every batch with its poses."""
-        for batch, position in self._read_ahead():
-            self._position = position
-            if self.date is None and len(batch):
-                self.date = str(np.datetime64(int(batch.stamp_ns[0]), "ns").astype("datetime64[D]"))
-            self.summary.add_sweeps(batch)
+    def batches(self, progress: Progress | None = None) -> Iterator[SweepBatch]:
+        """Return every batch with its poses; `progress` takes the position [bytes] once the caller is done with a batch."""
+        blocks = self._log.scans(self._batcher.topics, self._report)
+        # Not a loop: nothing of this file stands between the log and who pulls.
+        batches = chain(chain.from_iterable(map(self._batcher.take, blocks)), self._batcher.flush())
+        counted = map(self._count, self._read_ahead(map(self._attach, batches)))
+        return counted if progress is None else self._reported(counted, progress)
+
+    def _attach(self, batch: SweepBatch) -> tuple[SweepBatch, int]:
+        """Return a batch with its poses, and the position in the source after it [bytes]."""
+        return self._posing.attach(batch), self._log.position
+
+    def _count(self, read: tuple[SweepBatch, int]) -> SweepBatch:
+        batch, self._position = read
+        if self.date is None and len(batch):
+            self.date = str(np.datetime64(int(batch.stamp_ns[0]), "ns").astype("datetime64[D]"))
+        self.summary.add_sweeps(batch)
+        return batch
+
+    def _reported(self, batches: Iterator[SweepBatch], progress: Progress) -> Iterator[SweepBatch]:
+        for batch in batches:
             yield batch
-            if progress is not None:
-                progress(position)
+            progress(self._position)
 
     def motions(self, batch: SweepBatch) -> Iterator[tuple[str, Int64, Motion, str]]:
-        """Yield the poses of a batch in space, as `Posing.motions`."""
+        """Yield the poses of a batch in space, as `PoseAttacher.motions`."""
         return self._posing.motions(batch)
 
     def world_of(self, topic: str, frame: str) -> str:
         """Return the fixed frame of the poses of a sensor; empty where there are none."""
         return self._posing.world_of(topic, frame)
 
-    def _read_ahead(self) -> Iterator[tuple[SweepBatch, int]]:
-        """Yield every batch and the position in the source after it [bytes]."""
-        batches = self._read_now()
+    def _read_ahead(self, batches: Iterator[tuple[SweepBatch, int]]) -> Iterator[tuple[SweepBatch, int]]:
+        """Return what an iterator yields, which a thread of its own pulls for a file that is worth it."""
         # Sweeps of a pipe are wanted at once, and reading one cannot be broken off.
         if self._log.size is None or self._log.size < WORTH_A_THREAD:
-            yield from batches
-            return
+            return batches
         try:
-            self._thread = Beside("read")
+            self._thread = Threads("read")
         except RuntimeError:
             # The system starts no more threads.
-            yield from batches
-            return
-        waiting = deque(self._thread.submit(next, batches, None) for _ in range(AHEAD))
-        while (batch := waiting.popleft().result()) is not None:
-            waiting.append(self._thread.submit(next, batches, None))
-            yield batch
+            return batches
+        return self._from_thread(self._thread, batches)
 
-    def _read_now(self) -> Iterator[tuple[SweepBatch, int]]:
-        for batch in read_batches(self._log, self._read, self._report, self._choice):
-            yield self._posing.attach(batch), self._log.position
+    def _from_thread(self, thread: Threads, batches: Iterator[tuple[SweepBatch, int]]) -> Iterator[tuple[SweepBatch, int]]:
+        waiting = deque(thread.submit(next, batches, None) for _ in range(AHEAD))
+        while (batch := waiting.popleft().result()) is not None:
+            waiting.append(thread.submit(next, batches, None))
+            yield batch
 
     @property
     def is_pipe(self) -> bool:
@@ -285,7 +291,7 @@ class Reading:
         return self._log.size is None
 
     def leave_out(self, topics: Collection[str]) -> None:
-        """Forget the delays of topics, as `Posing.leave_out`."""
+        """Forget the delays of topics, as `PoseAttacher.leave_out`."""
         self._posing.leave_out(topics)
 
     def ahead(self) -> int | None:
@@ -298,6 +304,7 @@ class Reading:
     def close(self) -> RunSummary:
         """Return the counts, or raise the error of a log that turned out to have no LaserScan."""
         summary = self.summary
+        self._batcher.close()
         summary.close(self._report, self._posing)
         summary.doubts += self._doubts
         summary.seconds = time.perf_counter() - self._started
@@ -307,15 +314,15 @@ class Reading:
 
     def describe(self, source: Source) -> dict[str, Any]:
         """Return the description of the source, its poses and its ranges of no return, for the tables' metadata."""
-        told = {
+        described = {
             "poses": self._posing.described(),
             "made_of_clouds": made_of_clouds(self._log),
             "segments": sorted(self._report.segments),
             "no_return_from": dict(sorted(self._report.no_return.items())),
-            "mask": plain(self._read.rules.masks or Masks()),
+            "mask": plain(self._masks or Masks()),
         }
-        told = {name: what for name, what in told.items() if what}
-        return describe_source(source, self._log) | told
+        described = {name: what for name, what in described.items() if what}
+        return describe_source(source, self._log) | described
 
     def __enter__(self) -> Self:
         return self
@@ -387,9 +394,11 @@ def rules_of(parameters: dict[str, Any], mask: dict[str, Any] | None = None) -> 
 
 def opening_of(parameters: dict[str, Any]) -> OpenOptions:
     """Return the options of opening a log of a run, by the parameters in the metadata of its tables."""
-    told, echo = parameters.get("csv"), parameters.get("echo")
-    told = told if isinstance(told, dict) else {}
-    known: dict[str, Any] = {name: float(value) for name, value in told.items() if name in GEOMETRY and _is_number(value)}
+    geometry, echo = parameters.get("csv"), parameters.get("echo")
+    geometry = geometry if isinstance(geometry, dict) else {}
+    known: dict[str, Any] = {
+        name: float(value) for name, value in geometry.items() if name in GEOMETRY and _is_number(value)
+    }
     if echo in ECHOES:
         known["echo"] = echo
     if parameters.get("segments") == KEEP:

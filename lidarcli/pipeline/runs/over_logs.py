@@ -1,26 +1,60 @@
-"""Work over several logs, of which a bad one never stops the rest."""
+"""Work over several logs, of which a bad one never stops the rest: the outcome of each."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from typing import Protocol
+import gc
+import traceback
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, field
+from functools import partial
+from typing import Any, Protocol, TypeVar
 
+from lidarcli.errors import OUT_OF_MEMORY, LidarcliError, UnreadableError, is_short_of_memory
 from lidarcli.pipeline.inputs.sources import MissingInput, Source
 from lidarcli.pipeline.reading.one_log import Progress, RunSummary
-from lidarcli.pipeline.runs.outcomes import Outcome, outcome_of
 
+INTERNAL_ERROR = 70
 WORTH_A_PROCESS = 16 << 20
 """Bytes of logs beside the largest one from which on worker processes pay."""
-
 STORED = 2 << 20
 """Bytes that a log in a store counts at least: its requests take time however small it is."""
 
-LogProgress = Callable[[Source, int], None]
+Work = Callable[[Source], RunSummary]
+LogProgress = Callable[[Any, int], None]
 """Progress: the log, and the position in it [bytes]."""
+T = TypeVar("T")
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """Outcome of one input."""
+
+    label: str
+    """The input as the user wrote it, or the log found below it."""
+    exit_code: int
+    summary: RunSummary | None = None
+    error: str | None = None
+    trace: str | None = None
+    """Traceback of an internal error."""
+    remark: str | None = None
+    """Note on trouble that was overcome."""
+    source: Source | MissingInput | None = field(default=None, compare=False)
+    """The input it is about."""
+    skipped: bool = False
+    """True where it was done before, and nothing was read now."""
+
+
+@dataclass(frozen=True, slots=True)
+class Failure:
+    """Reason for which there is no result for one input."""
+
+    error: str
+    exit_code: int
+    trace: str | None = None
 
 
 class LogWork(Protocol):
-    """Work on one log that tells its progress."""
+    """Work on one log that reports its progress."""
 
     def __call__(self, source: Source, /, *, progress: Progress | None = None) -> RunSummary: ...
 
@@ -34,7 +68,7 @@ def over_logs(
     ----------
     sources : inputs of the run
     work : what to do with a log; for worker processes a function of a module, or a `partial` of one
-    report : hears of the progress of each log, of one in a worker process when it is done
+    report : takes the progress of each log, of one in a worker process when it is done
     at_once : logs at the same time, as of `logs_at_once`
 
     Returns
@@ -43,7 +77,7 @@ def over_logs(
     """
     if at_once < 2:
         for source in sources:
-            yield outcome_of(source, lambda log: work(log, progress=progress_of(log, report)))
+            yield outcome_of(source, partial(work, progress=progress_of(source, report)))
         return
     # Most runs need no process and should not wait for this import.
     from lidarcli.pipeline.runs.processes import side_by_side
@@ -54,13 +88,47 @@ def over_logs(
         yield outcome
 
 
-def progress_of(source: Source, report: LogProgress | None) -> Callable[[int], None] | None:
+def outcome_of(source: Source | MissingInput, work: Work) -> Outcome:
+    """Do the work for one input and return its outcome."""
+    result = attempt(source, work)
+    if isinstance(result, Failure):
+        return Outcome(source.label, result.exit_code, error=result.error, trace=result.trace, source=source)
+    return Outcome(source.label, result.exit_code, summary=result, source=source)
+
+
+def attempt(source: Source | MissingInput, work: Callable[[Source], T]) -> T | Failure:
+    """Do the work for one input, and turn its errors into a `Failure`, so that the other inputs are done."""
+    if isinstance(source, MissingInput):
+        return Failure(str(source.error), source.error.exit_code)
+    try:
+        return work(source)
+    except LidarcliError as err:
+        return Failure(str(err).removeprefix(f"{source.path}: "), err.exit_code)
+    except BrokenPipeError:
+        raise
+    except OSError as err:
+        return Failure(err.strerror or str(err), UnreadableError.exit_code)
+    except Exception as err:
+        if is_short_of_memory(err):
+            return Failure(OUT_OF_MEMORY, UnreadableError.exit_code)
+        return Failure(f"internal error: {type(err).__name__}: {err}", INTERNAL_ERROR, traceback.format_exc())
+    finally:
+        # Readers refer to themselves; over many logs such garbage would wait, as the command line looks for it rarely.
+        gc.collect(1)
+
+
+def exit_code(codes: Iterable[int]) -> int:
+    """Return the exit code of a run over several logs: the first that is not zero."""
+    return next((code for code in codes if code), 0)
+
+
+def progress_of(source: Source | MissingInput, report: LogProgress | None) -> Progress | None:
     """Return the progress of one log, for the work on it."""
-    return None if report is None else lambda position: report(source, position)
+    return None if report is None else partial(report, source)
 
 
 def summed(sources: Sequence[Source | MissingInput], show: Callable[[int, int | None, str], object]) -> LogProgress:
-    """Return the progress of several logs that tells `show` of the bytes read, of all (None: not known), and the log."""
+    """Return the progress of several logs: `show` gets the bytes read, those of all (None: not known), and the log."""
     sizes = [source.size for source in sources if isinstance(source, Source)]
     total = sum(sizes) if all(sizes) else None
     read: dict[Source, int] = {}

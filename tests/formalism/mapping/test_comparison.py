@@ -73,12 +73,6 @@ def assert_alike(one: Comparison, other: Comparison) -> None:
         assert getattr(one, name) == pytest.approx(getattr(other, name), nan_ok=True), name
 
 
-def test_a_map_is_as_it_is() -> None:
-    one = grid(room(0, 0.2), -7, 5)
-    count = one.occupied
-    assert compare(one, one) == Comparison(count, count, 1.0, 1.0, 1.0, 0.0)
-
-
 @pytest.mark.parametrize(
     ("column", "row", "is_right"),
     [(1, 0, True), (-1, 0, True), (0, 1, True), (1, -1, True), (2, 0, False), (0, -2, False), (2, 1, False)],
@@ -115,13 +109,6 @@ def test_it_agrees_with_every_pair(seed: int, share: float) -> None:
     assert_alike(compare(one, other), by_pairs(one, other))
 
 
-def test_what_is_too_far_counts_as_the_farthest() -> None:
-    for apart in (FARTHEST_CELLS - 1, FARTHEST_CELLS, FARTHEST_CELLS + 1, 5000):
-        told = compare(grid([[OCCUPIED]], apart), grid([[OCCUPIED]]))
-        assert told.mean_distance == pytest.approx(CELL * min(apart, FARTHEST_CELLS))
-        assert (told.precision, told.recall, told.f1) == (0.0, 0.0, 0.0)
-
-
 def test_the_same_ground_in_maps_of_other_size_and_origin() -> None:
     true = grid(room(3, 0.1), -12, 40)
     larger = np.full((90, 70), UNKNOWN, np.int8)
@@ -129,14 +116,6 @@ def test_the_same_ground_in_maps_of_other_size_and_origin() -> None:
     told = compare(grid(larger, -12 - 30, 40 - 20), true)
     assert (told.precision, told.recall, told.mean_distance) == (1.0, 1.0, 0.0)
     assert told.cells == told.true_cells == true.occupied
-
-
-def test_origins_between_the_cells_are_those_of_the_nearest() -> None:
-    values = room(4, 0.1)
-    one = Occupancy(CELL, 0.3 * CELL, -0.4 * CELL, values)
-    assert compare(one, grid(values)).mean_distance == 0.0
-    half = Occupancy(CELL, 0.7 * CELL, 0.0, np.array([[OCCUPIED]], np.int8))
-    assert compare(half, grid([[OCCUPIED]])).mean_distance == pytest.approx(CELL)
 
 
 @pytest.mark.parametrize("resolution", [0.1, 0.0501, 0.0499])

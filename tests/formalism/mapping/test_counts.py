@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -93,46 +92,6 @@ def test_merging_is_counting_all(seed: int) -> None:
     assert told(first) == told(twice)
 
 
-def test_merging_what_lies_far_apart() -> None:
-    far, near = line_of(-40.02, -70.02), line_of(30.02, 20.02)
-    one, other = counted(far), counted(near)
-    alone = told(one)
-    one.merge(other)
-    assert one.sweeps == 2
-    hits, passes = told(one)
-    assert hits == alone[0] + told(other)[0] == {(-781, -1401): 1, (620, 400): 1}
-    assert passes == alone[1] + told(other)[1]
-    assert (one.column, one.row) == (-1024, -1536)
-    assert (one.column % BLOCK, one.row % BLOCK) == (0, 0)
-    # The other one is as it was.
-    assert told(other) == told(counted(near))
-    assert other.sweeps == 1
-
-
-def test_merging_nothing() -> None:
-    one = counted(line_of(1.02, 1.02))
-    before = told(one)
-    one.merge(Counts(RESOLUTION, MOST))
-    assert (told(one), one.sweeps) == (before, 1)
-    none = Counts(RESOLUTION, MOST)
-    none.merge(Counts(RESOLUTION, MOST))
-    assert (none.hits.shape, none.sweeps) == ((0, 0), 0)
-
-
-def test_growing_keeps_what_was_counted() -> None:
-    counts = Counts(RESOLUTION, MOST)
-    expected: list[Beams] = []
-    for x, y in ((0.02, 0.02), (-30.02, 5.02), (12.02, -44.02), (60.02, 60.02), (0.02, 0.02)):
-        expected.append(line_of(x, y))
-        counts.add(expected[-1])
-        assert sum(told(counts)[0].values()) == len(expected)
-    hits, passes = told(counts)
-    assert hits == {(20, 0): 2, (-581, 100): 1, (260, -881): 1, (1220, 1200): 1}
-    assert set(passes.values()) == {1, 2}
-    assert sum(passes.values()) == 5 * 20
-    assert counts.hits.shape == counts.passes.shape
-
-
 def test_memory_is_that_of_the_ground_that_was_seen() -> None:
     # Far from the origin of the world it takes no more than beside it.
     for x, y in ((0.02, 0.02), (-5000.02, 7000.02), (9000.02, -80.02)):
@@ -164,16 +123,6 @@ def test_no_more_ground_than_allowed() -> None:
     counts.add(line_of(0.02, 0.02))
     hits, passes = told(counts)
     assert (hits, passes) == tuple(each + each for each in before)
-
-
-def test_the_extent_is_told_in_metres() -> None:
-    counts = Counts(0.5, 1000)
-    with pytest.raises(TooLargeError) as error:
-        counts.add(beams_of([[2000.0]], poses_at((0.25, 0.25, 0.0)), angle_min=0.0))
-    width, height = (float(text.replace(",", "")) for text in str(error.value)[:-2].split(" x "))
-    assert 2000 <= width <= 2002
-    assert height <= 2
-    assert (counts.sweeps, counts.hits.shape) == (0, (0, 0))
 
 
 @pytest.mark.parametrize("most", [1_000, 40_000, 200_000, 300_000, 400_000])
@@ -235,34 +184,6 @@ def test_hits_and_ratio(min_hits: int, ratio: float, occupied: int) -> None:
     assert counts.occupancy(min_hits, ratio, "map").occupied == sum(expected) == occupied
 
 
-def test_every_cell_of_a_large_map_follows_the_rules() -> None:
-    counts = counted(random_beams(5, 60))
-    grid = counts.occupancy(2, 0.2, "map")
-    assert min(grid.cells.shape) > BLOCK
-    hits, passes = told(counts)
-    expected = np.full(grid.cells.shape, UNKNOWN, np.int8)
-    left, low = round(grid.x / RESOLUTION), round(grid.y / RESOLUTION)
-    for cell in hits | passes:
-        n, m = hits[cell], passes[cell]
-        column, row = cell[0] - left, cell[1] - low
-        if n >= 2 and n / (n + m) > 0.2:
-            expected[row, column] = OCCUPIED
-        elif m:
-            expected[row, column] = FREE
-    np.testing.assert_array_equal(grid.cells, expected)
-    assert grid.occupied > 3
-
-
-def test_a_ring_of_unknown_cells_is_around_all_that_is_known() -> None:
-    for seed in range(3):
-        grid = grid_of(counted(random_beams(seed)))
-        ring = np.ones(grid.cells.shape, bool)
-        ring[1:-1, 1:-1] = False
-        assert (grid.cells[ring] == UNKNOWN).all()
-        known = grid.cells[1:-1, 1:-1] != UNKNOWN
-        assert all(known[edge].any() for edge in (np.s_[0], np.s_[-1], np.s_[:, 0], np.s_[:, -1]))
-
-
 @pytest.mark.parametrize("resolution", [0.05, 0.03, 0.1, 1 / 3])
 def test_the_origin_is_a_whole_number_of_cells(resolution: float) -> None:
     for x, y in ((0.3, 0.15), (-7.7, 1234.5), (-0.001, -0.001)):
@@ -285,26 +206,6 @@ def test_nothing_seen_is_an_empty_map() -> None:
         assert grid.cells.tolist() == [[UNKNOWN] * 2] * 2
         assert (grid.occupied, grid.free) == (0, 0)
         assert grid.frame_id == "odom"
-
-
-def test_a_way_out_of_the_bounds_of_its_ends_has_room() -> None:
-    # The sensor goes farther than any beam looks.
-    for way in ((30.0, -20.0), (-30.0, 20.0)):
-        beams = beams_of(np.full((1, 9), 0.2), poses_at((0.02, 0.02, 0.0, *way, 1.0)))
-        hits, passes = told(counted(beams))
-        assert sum(hits.values()) == 9
-        assert sum(passes.values()) >= 9
-
-
-def test_ranges_may_be_others_than_those_of_the_sweeps() -> None:
-    batch, poses, use = random_sweeps(2, 4)
-    shorter = (0.5 * batch.ranges).astype(np.float32)
-    one = placed(batch, poses, use, shorter)
-    other = placed(replace(batch, ranges=shorter), poses, use)
-    assert one.end.tobytes() == other.end.tobytes()
-    # Neither order of memory nor kind of numbers matters.
-    third = placed(batch, poses, np.asfortranarray(use.astype(np.int64)), np.asfortranarray(shorter, np.float64))
-    assert third.end.tobytes() == one.end.tobytes()
 
 
 def test_a_room_of_four_walls() -> None:

@@ -80,24 +80,6 @@ def test_the_cut_into_batches_makes_no_difference(size: int) -> None:
     assert parts.unplaced == whole.unplaced
 
 
-def test_without_a_least_way_every_placed_sweep_counts() -> None:
-    motion = MotionFilter(0.0)
-    poses = poses_of([1.0, np.nan, 1.0, 1.0, 1.0], [0.0, 0.0, np.inf, 0.0, 0.0], [0.0, 0.0, 0.0, np.nan, 0.0])
-    assert motion.take(poses, every(5)).tolist() == [0, 4]
-    assert motion.unplaced == 3
-
-
-def test_steps_of_the_way() -> None:
-    motion = MotionFilter(0.25)
-    # 1 m/s: 0.25 m is reached at every third sweep, from the last one that counts.
-    assert motion.take(poses_of(np.arange(12) * 0.125), every(12)).tolist() == [0, 2, 4, 6, 8, 10]
-    # To and fro is not far.
-    again = MotionFilter(0.25)
-    assert again.take(poses_of([0.0, 0.1, 0.0, -0.1, -0.2, -0.24, -0.25]), every(7)).tolist() == [0, 6]
-    diagonal = MotionFilter(0.5)
-    assert diagonal.take(poses_of([0.0, 0.3, 0.3], [0.0, 0.3, 0.4]), every(3)).tolist() == [0, 2]
-
-
 def test_who_waits_counts_every_five_seconds() -> None:
     assert PAUSE_NS == 5 * SECOND
     motion = MotionFilter(0.1)
@@ -118,13 +100,3 @@ def test_who_turns_sees_something_new() -> None:
     seam = MotionFilter(1.0)
     turns = np.radians([179.0, -179.0, 179.0 + 720.0, -172.0, -170.0])
     assert seam.take(poses_of(np.zeros(5), 0.0, turns), every(5)).tolist() == [0, 4]
-
-
-def test_sweeps_without_a_pose_are_told_of_and_forgotten() -> None:
-    motion = MotionFilter(0.1)
-    assert motion.take(poses_of([np.nan, 0.0, np.nan, 0.05, 0.2]), every(5)).tolist() == [1, 4]
-    assert motion.unplaced == 2
-    assert motion.take(poses_of([np.nan] * 3), every(3)).tolist() == []
-    assert motion.unplaced == 5
-    none = motion.take(poses_of([]), every(0))
-    assert (none.tolist(), none.dtype) == ([], np.int64)

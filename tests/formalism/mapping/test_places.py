@@ -15,7 +15,7 @@ from lidarcli import native
 from lidarcli.formalism import Detection, Parameters, detect, sweep
 from lidarcli.formalism.detection import NOISE, OBJECT, WALL
 from lidarcli.formalism.mapping import places, rays
-from lidarcli.formalism.mapping.places import ByPlace, Places, Standing, lines
+from lidarcli.formalism.mapping.places import ByPlace, Places, lines
 from lidarcli.simulation import scene as make
 from lidarcli.simulation.scene import Course, Entity
 from lidarcli.sweeps import SweepBatch
@@ -164,25 +164,6 @@ def test_sweeps_far_away_and_many_stops_take_no_memory() -> None:
     assert len(np.unique(worlds[worlds >= 0])) == len(known._grounds) <= places.MOST_STOPS
 
 
-def test_a_sensor_stands_where_most_ranges_stay() -> None:
-    batch = parked(*BOXES)
-    assert Standing().see(batch).all()
-    driven = replace(batch, ranges=batch.ranges + 0.2 * np.arange(SWEEPS, dtype=np.float32)[:, None])
-    assert Standing().see(driven).tolist() == [True] + [False] * (SWEEPS - 1)
-    whole, halves = Standing(), Standing()
-    first, second = batch.rows(np.arange(30)), batch.rows(np.arange(30, SWEEPS))
-    both = np.concatenate([halves.see(first), halves.see(second)])
-    np.testing.assert_array_equal(whole.see(batch), both)
-
-
-def test_what_nobody_asked_stays_a_thing() -> None:
-    batch = parked(*BOXES)
-    found = replace(detect(batch, EVERYTHING), thing=np.full(2 * SWEEPS, np.nan))
-    one = told_of(batch, found).judged(found, 0.9)
-    assert (one.set == OBJECT).all()
-    assert np.isnan(one.thing).all()
-
-
 # --- the lines of a map -----------------------------------------------------------------------------------
 
 
@@ -211,13 +192,6 @@ def test_a_long_wall_is_a_line_and_a_short_one_is_none() -> None:
     assert not found[43:].any()
 
 
-def test_a_line_goes_on_behind_a_door_and_not_behind_a_hall() -> None:
-    door = on_lines(*drawn(np.s_[40:41, 5:25], np.s_[40:41, 33:50]))
-    assert door[40, 5:50].all()
-    hall = on_lines(*drawn(np.s_[40:41, 5:25], np.s_[40:41, 40:60]))
-    assert not hall.any()
-
-
 def test_a_line_may_run_in_any_direction() -> None:
     hits, passes = drawn()
     steps = np.arange(0.0, 45.0, 0.5)
@@ -240,11 +214,6 @@ def test_what_stands_by_itself_on_a_line_is_spared() -> None:
     assert on_lines(hits, np.zeros_like(passes))[hits > 0].all()
 
 
-def test_an_empty_map_has_no_line() -> None:
-    assert not on_lines(*drawn()).any()
-    assert len(lines(np.zeros((0, 0), np.int32), np.zeros((0, 0), np.int32), 0.1)) == 0
-
-
 # --- compiled and not -------------------------------------------------------------------------------------
 
 
@@ -264,7 +233,6 @@ def test_the_source_gives_the_same_bits_with_every_index_checked(monkeypatch: py
     _, (compiled,) = judged(batch)
     monkeypatch.setattr(native, "_BOUNDS", True)
     source = plain("rays")
-    monkeypatch.setattr(source, "rays", plain("rays"))
     monkeypatch.setattr(places, "rays", source)
     _, (checked,) = judged(batch)
     for name in ("thing", "place", "map"):

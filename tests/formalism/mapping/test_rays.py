@@ -12,7 +12,7 @@ import pytest
 
 from lidarcli import native
 from lidarcli.formalism.mapping import grid, rays
-from lidarcli.formalism.mapping.grid import CLEAR, SKIPPED, Counts, placed
+from lidarcli.formalism.mapping.grid import SKIPPED, Counts, placed
 from tests.formalism.mapping.seen import (
     MOST,
     RESOLUTION,
@@ -62,12 +62,6 @@ def test_hits_and_passes_are_those_of_sets_of_cells(seed: int) -> None:
     assert int((counts.hits + counts.passes).max()) <= len(batch)
 
 
-@pytest.mark.parametrize("resolution", [0.01, 0.3, 50.0])
-def test_cells_of_any_size(resolution: float) -> None:
-    batch, poses, use = random_sweeps(3, sweeps=4)
-    assert told(counted(placed(batch, poses, use), resolution=resolution)) == cells_of(batch, poses, use, resolution)
-
-
 def test_a_row_of_cells_by_hand() -> None:
     # Along x through the middle of a row: from cell 2 to cell 6, ahead and back.
     ahead = beams_of([[0.2]], poses_at((0.125, 0.025, 0.0)), angle_min=0.0)
@@ -78,35 +72,6 @@ def test_a_row_of_cells_by_hand() -> None:
     hits, passes = told(counted(back))
     assert hits == {(-2, 0): 1}
     assert passes == {(column, 0): 1 for column in (2, 1, 0, -1)}
-
-
-def test_a_clear_beam_hits_nothing() -> None:
-    clear = beams_of([[0.2]], poses_at((0.125, 0.025, 0.0)), CLEAR, angle_min=0.0)
-    hits, passes = told(counted(clear))
-    assert hits == {}
-    assert passes == {(column, 0): 1 for column in (2, 3, 4, 5)}
-
-
-@pytest.mark.parametrize("order", [1, -1])
-def test_what_one_beam_hits_no_other_passes(order: int) -> None:
-    # Two beams along the same way, in either order: the nearer one ends where the farther one goes through.
-    near_and_far = np.array([[0.1, 0.3]])[:, ::order]
-    beams = beams_of(near_and_far, poses_at((0.125, 0.025, 0.0)), angle_min=0.0, angle_increment=1e-9)
-    hits, passes = told(counted(beams))
-    assert hits == {(4, 0): 1, (8, 0): 1}
-    assert passes == {(column, 0): 1 for column in (2, 3, 5, 6, 7)}
-
-
-def test_many_beams_of_one_cell_count_once() -> None:
-    beams = beams_of(np.full((3, 50), 0.2), poses_at(*[(0.125, 0.025, 0.0)] * 3), angle_min=0.0, angle_increment=1e-9)
-    hits, passes = told(counted(beams))
-    assert hits == {(6, 0): 3}
-    assert passes == {(column, 0): 3 for column in (2, 3, 4, 5)}
-
-
-def test_the_sensor_s_own_cell_and_a_range_of_nothing() -> None:
-    beams = beams_of([[0.0, np.nan]], poses_at((0.125, 0.025, 0.0)))
-    assert told(counted(beams)) == ({(2, 0): 1}, {})
 
 
 def test_each_beam_starts_where_the_sensor_is_then() -> None:
@@ -126,22 +91,6 @@ def test_head_down_bearings_run_the_other_way() -> None:
     (x, y), (hung_x, hung_y) = (beams_of([[2.0]], each, angle_min=0.3).end[:, 0, 0] for each in (poses, hung))
     assert (x, y) == pytest.approx((2 * np.cos(0.8), 2 * np.sin(0.8)))
     assert (hung_x, hung_y) == pytest.approx((2 * np.cos(0.2), 2 * np.sin(0.2)))
-
-
-def test_a_single_beam_is_seen_from_the_start() -> None:
-    beams = beams_of([[1.0]], poses_at((0.0, 0.0, 0.0, 5.0, 5.0, 1.0)), angle_min=0.0)
-    assert beams.end[:, 0, 0].tolist() == [1.0, 0.0]
-
-
-def test_nothing_is_no_map() -> None:
-    batch, poses, use = random_sweeps(1)
-    none = batch.rows(np.arange(0))
-    beams = placed(none, poses.rows(np.arange(0)), use[:0])
-    assert len(beams) == 0
-    assert told(counted(beams)) == ({}, {})
-    skipped = counted(placed(batch, poses, np.zeros_like(use)))
-    assert told(skipped) == ({}, {})
-    assert skipped.sweeps == len(batch)
 
 
 @pytest.mark.skipif(rays.__file__.endswith(".py"), reason="the core was not compiled")

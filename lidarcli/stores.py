@@ -1,12 +1,14 @@
 """Places of files: a path of this machine, or the URL of an object in a store; and requests to stores.
 
-The file systems are those of pyarrow, so are the ways in which they find credentials; lidarcli sees none of these.
+The file systems are those of pyarrow, so are the ways in which they find credentials; lidarcli sees none of these. Logs are
+copied to this machine, outputs are put whole.
 """
 
 from __future__ import annotations
 
 import os
 import re
+import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -25,7 +27,6 @@ SCHEMES = ("s3", "gs", "az", "abfs", "abfss")
 """Stores that are read and written; `az` and `abfs` are two spellings of one."""
 
 _URL = re.compile(r"([A-Za-z][A-Za-z0-9+.-]*)://([^/]*)/?(.*)", re.DOTALL)
-_OPTIONS = re.compile(r"\?((?:(?:endpoint_override|scheme|region)=[^&]*&?)+)$")
 _SECRETS = re.compile(
     r"(?i)([?&](?:x-amz-[a-z-]+|[\w-]*(?:sig|signature|token|secret|password|key)(?:[_-]?id)?)="
     r"|\b(?:sig|signature|token|secret|password|accountkey)=)[^&;:\s\"']+"
@@ -49,12 +50,9 @@ class Url:
     """As it was written; with its account for Azure (`container@account.dfs.core.windows.net`)."""
     key: str
     """Name of the object in the bucket, without a slash at its ends."""
-    options: str = ""
-    """`endpoint_override`, `scheme` and `region`, as in a query of a URL."""
 
     def __str__(self) -> str:
-        query = f"?{self.options}" if self.options else ""
-        return f"{self.scheme}://{self.bucket}/{self.key}{query}"
+        return f"{self.scheme}://{self.bucket}/{self.key}"
 
     def __truediv__(self, name: str) -> Url:
         _refuse_bytes(name)
@@ -113,8 +111,6 @@ class State:
     """Bytes."""
     mtime_ns: int
     """Nanoseconds since 1970."""
-    etag: str = ""
-    """The store's mark of the content, where it is known."""
 
 
 Place = Path | Url
@@ -175,23 +171,17 @@ def place(text: str | PathLike[str] | Url) -> Place:
     assert found is not None
     scheme, bucket, key = found[1].lower(), found[2], found[3]
     secret = _SECRETS.search(key)
-    named = fspath(text).partition("?")[0]
-    if _USER.sub(_without_user, named) != named or (secret and secret[0][0] in "?&"):
+    if _USER.sub(_without_user, fspath(text)) != fspath(text) or (secret and secret[0][0] in "?&"):
         raise OptionError(
             f"{scheme}://...: credentials do not belong in a URL; the store takes them from its own configuration "
             "and environment (docs/fleet.md)"
         )
     if not bucket:
         raise OptionError(f"{fspath(text)}: names no bucket, as in {scheme}://BUCKET/NAME")
-    options = _OPTIONS.search(key)
-    key = key[: options.start()] if options else key
-    asked = options[1].strip("&") if options else ""
-    if "@" in asked:
-        raise OptionError(f"{scheme}://{bucket}/...: an endpoint is named without credentials")
     key = key.strip("/") if not key.startswith("/") else key
     if key.startswith("/") or "//" in key:
         raise OptionError(f"{scheme}://{bucket}/{key}: names with an empty part (//) cannot be read or written")
-    return Url(scheme, bucket, key, asked)
+    return Url(scheme, bucket, key)
 
 
 def _refuse_bytes(name: str) -> None:
@@ -227,18 +217,11 @@ _CAUSES = {
 
 def head(url: Url) -> State | None:
     """Return size and time of an object; None if it does not exist."""
+    from pyarrow import fs
+
     with _errors(url, UnreadableError):
-        try:
-            with _system(url).open_input_file(_path(url)) as file:
-                about = {key.lower(): value for key, value in (file.metadata() or {}).items()}
-                size = file.size()
-        except FileNotFoundError:
-            return None
-        etag = about.get(b"etag", about.get("etag", b""))
-        words = etag.decode() if isinstance(etag, bytes) else str(etag)
-        # Google's store tells the time only to whoever lists.
-        mtime = _http_date(about) or _mtime(_system(url).get_file_info(_path(url)))
-        return State(size, mtime, words.strip('"'))
+        info = _system(url).get_file_info(_path(url))
+    return State(info.size or 0, _mtime(info)) if info.type == fs.FileType.File else None
 
 
 def listing(folder: Url) -> Iterator[tuple[Url, State]]:
@@ -291,7 +274,18 @@ def open_object(url: Url) -> pa.NativeFile:
 def read_object(url: Url) -> bytes:
     """Read a small object into memory."""
     with open_object(url) as file, _errors(url, UnreadableError):
-        return bytes(file.read_at(file.size(), 0))
+        return bytes(file.read())
+
+
+def fetch(url: Url, path: Path) -> None:
+    """Copy an object into a file of this machine (`UnreadableError` where it is not there or breaks off)."""
+    with open_object(url) as file, path.open("wb") as copy:
+        size = file.size()
+        with _errors(url, UnreadableError):
+            # Reads `PIECE` by `PIECE`, so that ctrl-C need not wait.
+            shutil.copyfileobj(file, copy, PIECE)
+        if copy.tell() != size:
+            raise UnreadableError(f"{url}: ends at byte {copy.tell():,} of {size:,}: it was replaced meanwhile")
 
 
 def put(path: Path, url: Url) -> None:
@@ -330,78 +324,66 @@ def _path(url: Url) -> str:
 
 
 def _system(url: Url) -> fs.FileSystem:
-    return _made(url.scheme, url.bucket, url.options)
+    return _made(url.scheme, url.bucket)
 
 
 @cache
-def _made(scheme: str, bucket: str, options: str) -> fs.FileSystem:
-    """Return the file system of a bucket, set up by the URL and the environment variables of the stores."""
-    from urllib.parse import parse_qsl
-
-    asked = dict(parse_qsl(options))
-    if scheme == "s3":
-        return _s3(bucket, asked)
-    if scheme == "gs":
-        return _gcs(bucket, asked)
-    return _azure(bucket)
+def _made(scheme: str, bucket: str) -> fs.FileSystem:
+    """Return the file system of a bucket, set up by the environment variables of the stores."""
+    try:
+        return {"s3": _s3, "gs": _gcs}.get(scheme, _azure)(bucket)
+    except ImportError as err:
+        raise OptionError(f"{scheme}://{bucket}: this build of pyarrow has no such store") from err
 
 
-def _s3(bucket: str, asked: dict[str, str]) -> Any:
+def _s3(bucket: str) -> Any:
     from pyarrow import fs
 
-    endpoint = asked.get("endpoint_override") or _env(*ENDPOINTS)
-    name = bucket.rpartition("@")[2]
-    settings: dict[str, Any] = {
-        "allow_delayed_open": True,
-        "connect_timeout": CONNECT_S,
-        "request_timeout": REQUEST_S,
-        "retry_strategy": fs.AwsStandardS3RetryStrategy(max_attempts=ATTEMPTS),
-        "anonymous": bucket.startswith("anonymous@"),
-    }
-    if endpoint:
+    settings: dict[str, Any] = {}
+    if endpoint := _env(*ENDPOINTS):
         settings["endpoint_override"] = endpoint
-    if "scheme" in asked:
-        settings["scheme"] = asked["scheme"]
-    region = asked.get("region") or _env("AWS_REGION", "AWS_DEFAULT_REGION")
+    region = _env("AWS_REGION", "AWS_DEFAULT_REGION")
     if region is None and not endpoint:
         try:
-            region = fs.resolve_s3_region(name)
+            region = fs.resolve_s3_region(bucket.rpartition("@")[2])
         except OSError as err:
             raise _named(Url("s3", bucket, ""), err, UnreadableError, "") from err
-    return fs.S3FileSystem(**settings, **({"region": region} if region else {}))
+    if region:
+        settings["region"] = region
+    return fs.S3FileSystem(
+        allow_delayed_open=True,
+        connect_timeout=CONNECT_S,
+        request_timeout=REQUEST_S,
+        retry_strategy=fs.AwsStandardS3RetryStrategy(max_attempts=ATTEMPTS),
+        anonymous=bucket.startswith("anonymous@"),
+        **settings,
+    )
 
 
-def _gcs(bucket: str, asked: dict[str, str]) -> Any:
-    try:
-        from pyarrow.fs import GcsFileSystem
-    except ImportError as err:
-        raise OptionError(f"gs://{bucket}: this build of pyarrow has no Google Cloud Storage") from err
+def _gcs(bucket: str) -> Any:
+    from pyarrow.fs import GcsFileSystem
+
     emulator = _env("STORAGE_EMULATOR_HOST")
-    settings: dict[str, Any] = {"anonymous": bucket.startswith("anonymous@") or bool(emulator)}
-    endpoint = asked.get("endpoint_override") or emulator
-    if endpoint:
-        scheme, mark, host = endpoint.rpartition("://")
-        settings |= {"endpoint_override": host.rstrip("/"), "scheme": asked.get("scheme") or (scheme if mark else "http")}
-    return GcsFileSystem(**settings)
+    if emulator is None:
+        return GcsFileSystem(anonymous=bucket.startswith("anonymous@"))
+    scheme, _, host = emulator.rpartition("://")
+    return GcsFileSystem(anonymous=True, endpoint_override=host.rstrip("/"), scheme=scheme or "http")
 
 
 def _azure(bucket: str) -> Any:
-    try:
-        from pyarrow.fs import AzureFileSystem
-    except ImportError as err:
-        raise OptionError(f"az://{bucket}: this build of pyarrow has no Azure storage") from err
-    told = dict(part.split("=", 1) for part in (_env("AZURE_STORAGE_CONNECTION_STRING") or "").split(";") if "=" in part)
-    host = bucket.partition("@")[2]
-    account = (
-        host.partition(".")[0] or told.get("AccountName") or _env("AZURE_STORAGE_ACCOUNT", "AZURE_STORAGE_ACCOUNT_NAME")
-    )
+    from pyarrow.fs import AzureFileSystem
+
+    connection = (_env("AZURE_STORAGE_CONNECTION_STRING") or "").split(";")
+    connection_values = dict(part.split("=", 1) for part in connection if "=" in part)
+    account = bucket.partition("@")[2].partition(".")[0] or connection_values.get("AccountName")
+    account = account or _env("AZURE_STORAGE_ACCOUNT", "AZURE_STORAGE_ACCOUNT_NAME")
     if not account:
         raise OptionError(
             f"az://{bucket}: names no account: set AZURE_STORAGE_ACCOUNT, or write "
             "abfs://CONTAINER@ACCOUNT.dfs.core.windows.net/NAME"
         )
-    key = told.get("AccountKey") or _env("AZURE_STORAGE_KEY", "AZURE_STORAGE_ACCOUNT_KEY")
-    if key:
+    settings: dict[str, Any] = {}
+    if key := connection_values.get("AccountKey") or _env("AZURE_STORAGE_KEY", "AZURE_STORAGE_ACCOUNT_KEY"):
         import base64
 
         try:
@@ -409,15 +391,14 @@ def _azure(bucket: str) -> Any:
         except ValueError as err:
             # The library would end the process.
             raise OptionError(f"az://{bucket}: the key of the account is not one: it is no Base64") from err
-    settings: dict[str, Any] = {"account_key": key} if key else {}
-    if sas := told.get("SharedAccessSignature") or _env("AZURE_STORAGE_SAS_TOKEN"):
+        settings["account_key"] = key
+    if sas := connection_values.get("SharedAccessSignature") or _env("AZURE_STORAGE_SAS_TOKEN"):
         settings = {"sas_token": sas}
-    if endpoint := told.get("BlobEndpoint"):
-        scheme, _, rest = endpoint.partition("://")
-        authority = rest.partition("/")[0]
-        if not authority.startswith(f"{account}."):
-            settings |= {"blob_storage_authority": authority, "blob_storage_scheme": scheme}
-            settings |= {"dfs_storage_authority": authority, "dfs_storage_scheme": scheme}
+    scheme, _, rest = connection_values.get("BlobEndpoint", "").partition("://")
+    authority = rest.partition("/")[0]
+    if authority and not authority.startswith(f"{account}."):
+        for service in ("blob", "dfs"):
+            settings |= {f"{service}_storage_authority": authority, f"{service}_storage_scheme": scheme}
     return AzureFileSystem(account, **settings)
 
 
@@ -427,18 +408,6 @@ def _env(*names: str) -> str | None:
 
 def _mtime(info: fs.FileInfo) -> int:
     return int(info.mtime_ns or 0)
-
-
-def _http_date(about: dict[Any, Any]) -> int:
-    """Return the time of the last change by the metadata of a store; 0 if unknown."""
-    import datetime
-
-    value = about.get(b"last-modified", about.get("last-modified", b""))
-    text = value.decode() if isinstance(value, bytes) else str(value)
-    try:
-        return int(datetime.datetime.fromisoformat(text).timestamp()) * 1_000_000_000
-    except ValueError:
-        return 0
 
 
 @contextmanager

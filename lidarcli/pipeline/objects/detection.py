@@ -1,0 +1,381 @@
+"""From batches to rows of the tables: options, finding objects, filling rows, and sharing the work among threads.
+
+The compiled core releases the interpreter, so that threads work side by side. The batches and their order do not depend on
+the number of threads, and neither does any byte that is written.
+"""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from types import TracebackType
+from typing import TYPE_CHECKING, Any, Protocol, Self
+
+import pyarrow as pa
+
+from lidarcli.choices import NS
+from lidarcli.formalism import Detection, Parameters, detect
+from lidarcli.formalism.matching.catalogue import Catalogue, name, names_in
+from lidarcli.logs.base import OpenOptions
+from lidarcli.logs.batches import ReadOptions
+from lidarcli.machine import Threads, cores
+from lidarcli.pipeline.inputs.search import files_of
+from lidarcli.pipeline.inputs.sources import MissingInput, Source
+from lidarcli.pipeline.reading.one_log import Reading, RunSummary, named_files, reading_as_dict
+from lidarcli.pipeline.reading.posing import Need, PoseOptions
+from lidarcli.stores import Place
+from lidarcli.sweeps import SweepBatch
+from lidarcli.tabular.columns import beams_rows, objects_rows, sweeps_rows
+from lidarcli.tabular.writing import table_paths
+
+if TYPE_CHECKING:
+    from concurrent.futures import Future
+
+    from lidarcli.pipeline.objects.subtracting import BackgroundOptions
+    from lidarcli.pipeline.objects.tracking import TrackOptions
+
+OF_TRACKS = ("tracks", "trajectories")
+"""Tables whose rows are known only once all sweeps of a track were seen."""
+
+
+@dataclass(frozen=True, slots=True)
+class DetectOptions:
+    """Everything that `detect` and `track` let a user choose, apart from inputs and outputs."""
+
+    parameters: Parameters = field(default_factory=Parameters)
+    read: ReadOptions = field(default_factory=ReadOptions)
+    opening: OpenOptions = field(default_factory=OpenOptions)
+    poses: PoseOptions = field(default_factory=PoseOptions)
+    background: BackgroundOptions | None = None
+    """Background: only differences from it are objects."""
+    tracking: TrackOptions | None = None
+    """Follow things from sweep to sweep, and also write the tracks table."""
+    catalogue: Catalogue | None = None
+    """Things of interest, which objects are named by."""
+    beams: bool = False
+    """Also write the beams table."""
+    explain: bool = False
+    """Also fill the column `why`."""
+    overwrite: bool = False
+    layout: str | None = None
+    """Layout of the tables below the folder, as of `table_path`."""
+    stamps: str = NS
+    """Unit of the stamps, as of `in_unit`."""
+    jobs: int = 0
+    """Processors to use at most, 0 for all; the result does not depend on it."""
+    cores: int = field(default_factory=cores)
+    """Processors that there are."""
+
+    @property
+    def threads(self) -> int:
+        """Threads for the objects of one log, no more than processors."""
+        return max(1, min(self.jobs or self.cores, self.cores))
+
+    @property
+    def tables(self) -> tuple[str, ...]:
+        """Names of the tables to write."""
+        beams = ("beams",) if self.beams else ()
+        if self.tracking is None or not self.tracking.tracks:
+            return ("objects", "sweeps", *beams)
+        trajectories = ("trajectories",) if self.tracking.trajectories else ()
+        return ("objects", "sweeps", "tracks", *trajectories, *beams)
+
+    def outputs(self, source: Source, folder: Place, date: str | None = None) -> dict[str, Place]:
+        """Return the path of each table of a log; `date` as of `Reading.date`."""
+        return table_paths(folder, source.name, self.tables, self.layout, date)
+
+    def inputs(self, sources: Sequence[Source | MissingInput]) -> list[str]:
+        """Return the files that are read, none of which an output may replace."""
+        options = [each.path for each in (self.background, self.catalogue) if each is not None]
+        return [*files_of(sources), *filter(None, options), *named_files(self)]
+
+    @property
+    def need(self) -> Need:
+        """Sensors whose path is matched where the log tells none."""
+        return Need.TOLD if self.tracking is None else Need.MOVING
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return all options that the result depends on, as plain values, for the tables' metadata."""
+        background = {} if self.background is None else {"background": self.background.as_dict()}
+        # A delay of 0 that the user gave matters only where things are tracked.
+        delay = {"pose_delay": 0.0} if self.tracking is not None and self.poses.delay == 0.0 else {}
+        return {
+            **self.parameters.as_dict(),
+            **reading_as_dict(self.read, self.opening, self.poses),
+            **delay,
+            **background,
+            **({} if self.tracking is None else {"tracking": self.tracking.as_dict()}),
+            **({} if self.catalogue is None else {"catalogue": self.catalogue.as_dict()}),
+            **({} if self.stamps == NS else {"stamps": self.stamps}),
+        }
+
+
+class ObjectFinder(Protocol):
+    """Finds the objects of batches, in any order and in several threads at once, and counts for its notes."""
+
+    def admit(self, batch: SweepBatch) -> None:
+        """Refuse a batch for which it cannot be used; called in the order of the log, before anything is found in it."""
+
+    def __call__(self, batch: SweepBatch, per_beam: bool) -> Detection: ...
+
+    def notes(self) -> list[str]:
+        """Return notes in the end, a line each."""
+
+
+def object_finder(
+    parameters: Parameters,
+    background: BackgroundOptions | None,
+    catalogue: Catalogue | None = None,
+    *,
+    explain: bool = False,
+) -> ObjectFinder:
+    """Return the finder of objects in each sweep alone, or of differences from a background; a catalogue adds labels.
+
+    `explain`: also keep the features, for the column `why`; only without a background.
+    """
+    if catalogue is not None:
+        return _Named(object_finder(parameters, background, explain=explain), catalogue)
+    if background is None:
+        return _SweepAlone(parameters, explain)
+    from lidarcli.pipeline.objects.subtracting import BackgroundComparison
+
+    return BackgroundComparison(background, parameters)
+
+
+class _SweepAlone:
+    """Finds objects by the sweep alone."""
+
+    def __init__(self, parameters: Parameters, explain: bool) -> None:
+        self._parameters = parameters
+        self._explain = explain
+
+    def admit(self, batch: SweepBatch) -> None:
+        """Accept every batch."""
+
+    def __call__(self, batch: SweepBatch, per_beam: bool) -> Detection:
+        return detect(batch, self._parameters, per_beam=per_beam, explain=self._explain)
+
+    def notes(self) -> list[str]:
+        """Return no notes."""
+        return []
+
+
+class _Named:
+    """A finder whose objects have labels: indices into the names of the catalogue."""
+
+    def __init__(self, find: ObjectFinder, catalogue: Catalogue) -> None:
+        self._find = find
+        self._catalogue = catalogue
+        self.admit = find.admit
+        self.notes = find.notes
+
+    def __call__(self, batch: SweepBatch, per_beam: bool) -> Detection:
+        """The objects of a batch."""
+        from lidarcli.formalism.matching.catalogue import evidence_of
+
+        found = self._find(batch, per_beam)
+        label, score = name(evidence_of(batch, found), self._catalogue)
+        return replace(found, label=label, label_score=score)
+
+
+Rows = tuple[str, str, pa.RecordBatch]
+"""(table, topic, rows)"""
+
+
+@dataclass(slots=True)
+class BatchRows:
+    """Rows of one batch; and the batch with its detection where the objects are tracked afterwards."""
+
+    rows: list[Rows]
+    detected: tuple[SweepBatch, Detection] | None = None
+
+
+@dataclass(slots=True)
+class Part:
+    """Rows of some batches."""
+
+    batches: list[BatchRows] = field(default_factory=list)
+    """In the order of the log."""
+    counts: RunSummary = field(default_factory=RunSummary)
+    """Counts of its objects, unless they are tracked afterwards."""
+
+    @property
+    def rows(self) -> Iterator[Rows]:
+        """Rows of all batches, for each table in the order of the log."""
+        return (rows for batch in self.batches for rows in batch.rows)
+
+
+class BatchDetector:
+    """Finds the objects of batches and fills the rows of some tables, in any order and in several threads at once."""
+
+    def __init__(self, log: str | None, tables: Sequence[str], options: DetectOptions) -> None:
+        """`log`: its name, as the tables have it; by default that of each batch."""
+        self._log = log
+        self.tables = tuple(table for table in tables if table not in OF_TRACKS)
+        self._is_tracked = options.tracking is not None
+        # Tracked objects are named by their tracks.
+        catalogue = None if self._is_tracked else options.catalogue
+        self._labels = names_in(catalogue)
+        parameters = options.parameters if options.tracking is None else options.tracking.found_with(options.parameters)
+        self.find = object_finder(parameters, options.background, catalogue, explain=options.explain)
+
+    def detect(self, batches: Sequence[SweepBatch]) -> Part:
+        """Return the rows of some batches."""
+        part = Part()
+        for batch in batches:
+            detection = self.find(batch, "beams" in self.tables)
+            if not self._is_tracked:
+                part.counts.add_sets(detection)
+            rows = [(table, batch.topic, self._rows(table, batch, detection)) for table in self.tables]
+            part.batches.append(BatchRows(rows, (batch, detection) if self._is_tracked else None))
+        return part
+
+    def _rows(self, table: str, batch: SweepBatch, detection: Detection) -> pa.RecordBatch:
+        log = batch.log if self._log is None else self._log
+        if table == "objects":
+            return objects_rows(log, batch, detection, self._labels)
+        return (sweeps_rows if table == "sweeps" else beams_rows)(log, batch, detection)
+
+
+BLOCK = 160_000
+"""Least ranges of a block, some milliseconds of work: less is not worth handing over."""
+ALONE = 2_000_000
+"""Ranges ahead from which on other threads help: a tenth of a second of work."""
+DEPTH = 2
+"""Blocks that a thread has at once: one at work, one waiting, as this thread is busy in between."""
+MOST_WAITING = 4
+"""Finished blocks per thread that may wait for an earlier one; one where every beam is a row."""
+MAX_THREADS = 8
+"""Most threads of one log: the interpreter and the encoding of tables limit the use of more."""
+PATIENCE = 0.5
+"""Wait for a batch after which a source is taken as live [s]: finished parts go out at once."""
+
+
+@dataclass(eq=False, slots=True)
+class _Block:
+    """Batches whose part this thread makes, or another one."""
+
+    batches: list[SweepBatch]
+    part: Part | None = None
+    future: Future[Part] | None = None
+
+    @property
+    def busy(self) -> bool:
+        """True while another thread has it."""
+        return self.part is None and self.future is not None and not self.future.done()
+
+    def take_back(self) -> bool:
+        """Take a block back that no thread has begun; returns whether that was so."""
+        return self.busy and self.future is not None and self.future.cancel()
+
+    def result(self) -> Part:
+        """The part, once it is there."""
+        if self.part is None and self.future is not None:
+            self.part = self.future.result()
+        assert self.part is not None
+        return self.part
+
+
+class ParallelDetection:
+    """Finds the objects of the batches of a log, in its order; leaving waits for the threads that help."""
+
+    def __init__(self, detector: BatchDetector, reading: Reading, threads: int = 1) -> None:
+        """`reading`: where the batches come from; `threads`: most threads at work, this one included."""
+        self._detector = detector
+        self._reading = reading
+        self._most_helpers = min(threads, MAX_THREADS) - 1
+        self._window = (self._most_helpers + 1) * (1 if "beams" in detector.tables else MOST_WAITING)
+        self._helpers: Threads | None = None
+        self._batches: list[SweepBatch] = []
+        """Batches of the next block."""
+        self._blocks: deque[_Block] = deque()
+        self._ranges = 0
+        self._left = time.perf_counter(), time.thread_time()
+        """Times at which this was left for the next batch."""
+        self._waited = 0.0
+        self._worked = 0.0
+
+    def take(self, batch: SweepBatch) -> Iterator[Part]:
+        """Take the next batch of the log; yield the parts that are finished."""
+        left, busy = self._left
+        waited = time.perf_counter() - left - (time.thread_time() - busy)
+        self._waited += waited
+        self._detector.find.admit(batch)
+        self._ranges += batch.ranges.size
+        self._batches.append(batch)
+        if self._helpers is None:
+            self._call_for_help()
+            yield self._detect(self._next_block())
+        elif waited > PATIENCE:
+            yield from self._finished(0)
+            yield self._detect(self._next_block())
+        elif sum(batch.ranges.size + len(batch) for batch in self._batches) >= BLOCK:
+            # Sweeps without beams take room, too.
+            self._blocks.append(self._handed_out(self._next_block()))
+            yield from self._finished(self._window)
+        self._left = time.perf_counter(), time.thread_time()
+
+    def flush(self) -> Iterator[Part]:
+        """Yield all parts that are left; this thread makes those that no other has begun, rather than wait."""
+        if self._batches:
+            batches = self._next_block()
+            self._blocks.append(_Block(batches, self._detect(batches)))
+        for block in reversed([*self._blocks]):
+            if block.take_back():
+                block.part = self._detect(block.batches)
+                yield from self._finished(len(self._blocks))
+        yield from self._finished(0)
+
+    def notes(self) -> list[str]:
+        """Return the notes of the finder, a line each."""
+        return self._detector.find.notes()
+
+    def _next_block(self) -> list[SweepBatch]:
+        batches, self._batches = self._batches, []
+        return batches
+
+    def _detect(self, batches: list[SweepBatch]) -> Part:
+        started = time.perf_counter()
+        part = self._detector.detect(batches)
+        self._worked += time.perf_counter() - started
+        return part
+
+    def _call_for_help(self) -> None:
+        """Start threads once enough work lies ahead, or, for a pipe of unknown length, once enough lies behind."""
+        if self._most_helpers < 1:
+            return
+        ahead = self._reading.ahead()
+        if ahead is None:
+            # A sensor that sends as it turns is slower than the work: there is nothing to help with.
+            worth_it = self._ranges >= ALONE and self._waited < self._worked
+        else:
+            worth_it = ahead * self._ranges >= ALONE * self._reading.summary.sweeps
+        if worth_it:
+            try:
+                self._helpers = Threads("detect", self._most_helpers)
+            except RuntimeError:
+                # The system starts no more threads: this one does all.
+                self._most_helpers = 0
+
+    def _handed_out(self, batches: list[SweepBatch]) -> _Block:
+        """Hand a block to another thread, or make it here where all have enough to do."""
+        assert self._helpers is not None
+        if sum(block.busy for block in self._blocks) < DEPTH * self._most_helpers:
+            return _Block(batches, future=self._helpers.submit(self._detector.detect, batches))
+        return _Block(batches, self._detect(batches))
+
+    def _finished(self, most: int) -> Iterator[Part]:
+        """Yield the parts that are next and finished, and wait for parts while more than `most` stand in line."""
+        while self._blocks and (len(self._blocks) > most or not self._blocks[0].busy):
+            part = self._blocks[0].result()
+            self._blocks.popleft()
+            yield part
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        if self._helpers is not None:
+            self._helpers.close()

@@ -1,1 +1,0 @@
-"""Object stores: logs that are read from them, and outputs that are put into them whole."""
