@@ -443,17 +443,6 @@ def test_missing_geometry_names_the_options(options: OpenOptions, tmp_path: Path
     )
 
 
-def test_bearings_as_column_names() -> None:
-    got, log = read_text("time,-90.0,-45.0,0.0,45.0,90.0\n1.0,1,2,3,4,5\n", OpenOptions())
-    np.testing.assert_allclose([got.angle_min[0], got.angle_increment[0]], [-np.pi / 2, np.pi / 4])
-    assert rows_of(got) == [[1, 2, 3, 4, 5]]
-    assert "bearings from the column names, taken as degrees" in log.report.notes[0]
-    got, _ = read_text("stamp;-0.5;0.0;0.5\n1.0;1;2;3\n", OpenOptions())
-    assert (got.angle_min[0], got.angle_increment[0]) == (-0.5, 0.5)
-    with pytest.raises(UnreadableError):
-        read_text("time,0,1,2,3\n1.0,5,6,7,8\n", OpenOptions())
-
-
 def test_long_form_in_any_order_of_columns_and_in_degrees() -> None:
     rows = [(s, a, s + 0.5 + a / 100) for s in range(3) for a in range(-90, 91, 30)]
     text = "distance\tbearing_deg\ttimestamp\n" + "".join(f"{r}\t{a}\t{s}.25\n" for s, a, r in rows)

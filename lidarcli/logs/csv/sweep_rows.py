@@ -131,8 +131,6 @@ class Decoder(ABC):
         elif scan.to_last:
             first = known["angle_min"]
             step = (known["angle_max"] - first) / np.maximum(beams - 1, 1)
-        elif scan.geometry is not None:
-            first, step = np.full(rows, scan.geometry[0]), np.full(rows, scan.geometry[1])
         else:
             first, step = given_geometries(self.options, beams)
         least = known.get("range_min", np.zeros(rows))
