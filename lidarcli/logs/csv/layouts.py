@@ -123,7 +123,7 @@ class Layout:
     header: bytes = b""
     """Header line as it stands; it is left out wherever it is repeated."""
     width: int = 0
-    """Cells of a regular row; 0 where rows differ."""
+    """Cells of a regular row."""
     scans: tuple[ScanColumns, ...] = ()
     sparse: bool = False
     """True where rows hold one topic or another: a row without any range of a topic is no sweep of it."""

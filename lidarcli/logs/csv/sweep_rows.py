@@ -207,9 +207,6 @@ def encode_frames(names: Sequence[bytes]) -> Frames:
 class WideDecoder(Decoder):
     """Decodes one sweep per row: rostopic, ros2 topic echo, PlotJuggler, bagpy, and plain wide tables."""
 
-    _usual: int = 0
-    """Cells of a usual row."""
-
     def feed(self, block: TextBlock) -> Iterator[RawSweeps]:
         """Yield the sweeps of one block."""
         layout = self.layout
@@ -224,8 +221,6 @@ class WideDecoder(Decoder):
             rows = np.delete(rows, single[blank])
         if lines.cut and len(rows):
             rows = self._drop_cut(cells, rows, lines.numbers)
-        if len(rows):
-            self._usual = self._usual or layout.width or int(cells.count[rows[-1]])
         for scan in self._scans:
             yield from self._sweeps(scan, cells, rows, lines.numbers)
 
@@ -233,9 +228,8 @@ class WideDecoder(Decoder):
         """Drop the last row where the file ends in the middle of it."""
         last = rows[-1:]
         count = int(cells.count[last[0]])
-        usual = self.layout.width or (int(cells.count[rows[-2]]) if len(rows) > 1 else self._usual)
         end = cells.column(last, count - 1)[0].strip()
-        if count >= usual and end and end[-1:] not in b".-+eE":
+        if count >= self.layout.width and end and end[-1:] not in b".-+eE":
             return rows
         self._damage(numbers[last[0]], f"the file ends within this row ({count} cells): its sweep is dropped")
         return rows[:-1]
@@ -299,10 +293,7 @@ class WideDecoder(Decoder):
         good = np.ones(len(rows), np.bool_)
         good[list(found.bad)] = False
         empty = None if found.empty is None else pad(found.empty.astype(np.float32), span, 1.0) == 1.0
-        if order is not None and len(order) != span[0]:
-            ranges = ranges[:, order]
-            empty = None if empty is None else empty[:, order]
-        elif order is not None and (np.diff(order) != 1).any():
+        if order is not None and (len(order) != span[0] or (np.diff(order) != 1).any()):
             ranges, empty = ranges[:, order], None if empty is None else empty[:, order]
         if empty is not None and empty.size:
             beams = _without_trailing(empty, beams, np.zeros_like(beams) if scan.to_last else view)
@@ -344,8 +335,6 @@ class WideDecoder(Decoder):
         if not scan.open_end:
             return np.where(count <= self.layout.width, named, -1)
         rest = count - scan.first
-        if not self.layout.width:
-            return np.where(rest > 0, rest, -1)
         regular = count == self.layout.width
         if not named:
             # An empty array is written as one empty cell.
@@ -361,9 +350,8 @@ class WideDecoder(Decoder):
         return beams
 
     def _misfits(self, cells: Cells, rows: Int64, numbers: Int64) -> None:
-        usual = f"{self._usual} are usual" if self._usual else "there should be more"
         for line, count in zip(numbers[rows].tolist(), cells.count[rows].tolist(), strict=True):
-            self._damage(line, f"{count} cells where {usual}: the row is dropped")
+            self._damage(line, f"{count} cells where {self.layout.width} are usual: the row is dropped")
 
 
 def _intensity_columns(scan: ScanColumns, cells: Cells, rows: Int64, beams: Int64, width: int) -> Float32 | None:
