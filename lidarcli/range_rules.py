@@ -163,7 +163,7 @@ def normalise(raw: RawSweeps, sweep: Int64, rules: RangeRules, first_ns: int | N
         observed=(status == Status.VALID).any(axis=1),
         duration=duration(raw),
         first_ns=first_ns,
-        intensities=_told_intensities(raw.intensities),
+        intensities=_measured_intensities(raw.intensities),
     )
 
 
@@ -197,14 +197,14 @@ def bounds(raw: RawSweeps, rules: RangeRules) -> tuple[Float32, Float32]:
     return low, np.minimum(high, rules.farthest).astype(np.float32)
 
 
-def _told_intensities(intensities: Float32 | None) -> Float32 | None:
+def _measured_intensities(intensities: Float32 | None) -> Float32 | None:
     """Return intensities (S, B) with NaN in sweeps where all are 0: drivers fill in so what they do not measure."""
     if intensities is None:
         return None
-    told = ((intensities != 0) & ~np.isnan(intensities)).any(axis=1)
-    if told.all():
+    measured = ((intensities != 0) & ~np.isnan(intensities)).any(axis=1)
+    if measured.all():
         return intensities
-    return np.where(told[:, None], intensities, np.float32(np.nan)) if told.any() else None
+    return np.where(measured[:, None], intensities, np.float32(np.nan)) if measured.any() else None
 
 
 def judge(ranges: Float32, beams: Int32, low: Float32, high: Float32, words: frozenset[str]) -> tuple[Float32, UInt8]:

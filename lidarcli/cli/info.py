@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from lidarcli.logs.clock import ClockInfo
     from lidarcli.pipeline.building import Learned
     from lidarcli.pipeline.inspecting import LogInfo, ScanInfo, Span
+    from lidarcli.pipeline.runs.over_logs import Failure
 
 
 class InfoCommand(ManyLogs, TextOrJson, Overwrite, Inspecting, total=False):
@@ -75,8 +76,7 @@ def info(messages: Messages, options: InfoCommand) -> int:
     deep, outputs = options["deep"], options["output"]
     read, opening, poses = log_options(options)
 
-    from lidarcli.errors import CHECK_FAILED, NoScanError, UnreadableError
-    from lidarcli.logs.options import clouds_hint, no_scan_topic
+    from lidarcli.errors import CHECK_FAILED, UnreadableError
     from lidarcli.newfiles import refuse, write_whole
     from lidarcli.pipeline.inputs.search import files_of
     from lidarcli.pipeline.inspecting import FIXES, LogInfo, fix_text, inspect_logs, judge_checks, understand_checks
@@ -93,50 +93,59 @@ def info(messages: Messages, options: InfoCommand) -> int:
         return print_reads(sources, [str(path) for path in paths])
     if paths:
         refuse(paths, options["overwrite"], files_of(sources))
-    found: list[LogInfo | Learned] = []
+    infos: list[LogInfo | Learned] = []
     codes = []
-    failed = False
     with progress_bar(sources, messages) as report:
         for source, result in inspect_logs(sources, opening, read.rules, poses, report, deep, read.topics):
+            codes.append(_report(messages, source.label, result))
             if isinstance(result, Failure):
-                codes.append(result.exit_code)
-                failed = True
-                if result.trace:
-                    messages.bug(result.trace)
-                messages.error(source.label, result.error)
                 continue
-            if isinstance(result, LogInfo):
-                codes.append(result.exit_code)
-                for line in result.damage:
-                    messages.error(source.label, line)
-                if result.exit_code == NoScanError.exit_code:
-                    messages.error(source.label, no_scan_topic() + clouds_hint(result.topics))
-            found.append(result)
+            infos.append(result)
             if kind == "text":
                 with messages.paused():
-                    between = "\n" if len(found) > 1 else ""
+                    between = "\n" if len(infos) > 1 else ""
                     click.echo(as_line(result) if brief else between + as_text(result))
     if kind == "json":
-        click.echo(as_json(found))
-    logs = [each for each in found if isinstance(each, LogInfo)]
-    for path in paths if found else ():
+        click.echo(as_json(infos))
+    logs = [each for each in infos if isinstance(each, LogInfo)]
+    for path in paths if infos else ():
         if logs and (text := fix_text(logs[0], path.suffix)):
             messages.notes(write_whole(path, text.encode(), options["overwrite"]))
             messages.wrote([path])
         else:
             messages.info(f"{path} is not written: there is nothing to fix")
-    verdicts = judge_checks(checks, logs)
-    for verdict in verdicts:
-        if not verdict.holds:
-            messages.error(f"check failed: {verdict.failure}")
+    failed = [verdict for verdict in judge_checks(checks, logs) if not verdict.holds]
+    for verdict in failed:
+        messages.error(f"check failed: {verdict.failure}")
     # Findings of a log that could not be opened are not known; those of a damaged one only get more.
-    if not failed and not all(verdict.holds for verdict in verdicts):
+    if failed and len(infos) == len(sources):
         return CHECK_FAILED
     for each in logs if checks else ():
         if not each.scans:
             messages.error("incomplete", f"{each.path}: no sweep was read, and the checks saw nothing of it")
             codes.append(UnreadableError.exit_code)
     return exit_code(codes)
+
+
+def _report(messages: Messages, label: str, result: "LogInfo | Learned | Failure") -> int:
+    """Tell what went wrong with a log, and return its exit code."""
+    from lidarcli.errors import NoScanError
+    from lidarcli.logs.options import clouds_hint, no_scan_topic
+    from lidarcli.pipeline.inspecting import LogInfo
+    from lidarcli.pipeline.runs.over_logs import Failure
+
+    if isinstance(result, Failure):
+        if result.trace:
+            messages.bug(result.trace)
+        messages.error(label, result.error)
+        return result.exit_code
+    if not isinstance(result, LogInfo):
+        return 0
+    for line in result.damage:
+        messages.error(label, line)
+    if result.exit_code == NoScanError.exit_code:
+        messages.error(label, no_scan_topic() + clouds_hint(result.topics))
+    return result.exit_code
 
 
 _OTHERS = 10
@@ -250,10 +259,10 @@ def _finding_lines(found: "Finding") -> list[str]:
 
 def _pose_lines(info: "LogInfo") -> list[str]:
     """One line per pose topic with what it holds, and one with its frames."""
-    known = {source.topic: source for source in info.pose_sources}
+    sources = {source.topic: source for source in info.pose_sources}
     lines = []
     for name in info.pose_topics:
-        if (source := known.get(name)) is None:
+        if (source := sources.get(name)) is None:
             lines.append(_line("poses", name))
             continue
         rate = "" if source.rate is None else f", {source.rate:.2f} Hz, {source.span:.3f} s"
@@ -302,10 +311,10 @@ def _limits(least: "Span", greatest: "Span") -> str:
     """The ranges that the sensor declares; one that has no greatest range writes 0, inf or 3.4e38."""
     from lidarcli.range_rules import FARTHEST
 
-    nearest = f"{_span(least, '{:g}')} m"
+    limits = f"{_span(least, '{:g}')} m"
     if not max(least.low, 0) < greatest.high <= FARTHEST:
-        return f"from {nearest}; the log tells no greatest range"
-    return f"{nearest} to {_span(greatest, '{:g}')} m"
+        return f"from {limits}; the log tells no greatest range"
+    return f"{limits} to {_span(greatest, '{:g}')} m"
 
 
 def _stamps(clock: "ClockInfo", sweeps: int) -> str:

@@ -406,7 +406,7 @@ def _order(dates: Sequence[bytes]) -> int:
 
 
 def _are_days(numbers: Float64) -> bool:
-    """Tell whether numbers with decimals count days: their steps fit sweeps then, and as seconds nothing."""
+    """Return whether numbers with decimals count days: their steps fit sweeps then, and as seconds nothing."""
     steps = np.abs(np.diff(numbers))
     steps = steps[steps > 0]
     since = numbers - (_MATLAB if numbers[0] >= _MATLAB else _EXCEL)
@@ -415,7 +415,7 @@ def _are_days(numbers: Float64) -> bool:
 
 
 def _is_unpadded(samples: Sequence[bytes], padded: int, unpadded: int) -> bool:
-    """Tell whether times rise only if the digits behind the point count nanoseconds (`{secs}.{nsecs}`)."""
+    """Return whether times rise only if the digits behind the point count nanoseconds (`{secs}.{nsecs}`)."""
     fractions = [cell.partition(b".")[2].strip() for cell in samples]
     sizes = set(map(len, fractions))
     if len(sizes) < 2 or max(sizes) != 9 or not all(part.isdigit() and part[:1] != b"0" for part in fractions):

@@ -241,8 +241,8 @@ def _fitting(times: Int64, records: Int64, odd: Bool) -> Int64:
         if records[row] not in (0, times[row]):
             times[row] = records[row] - _middle(records[near] - times[near])
         elif len(near) > 1:
-            beside = good[max(at - 1, 0)]
-            times[row] = times[beside] + _middle(np.diff(times[near])) * (row - beside)
+            nearest = good[max(at - 1, 0)]
+            times[row] = times[nearest] + _middle(np.diff(times[near])) * (row - nearest)
     return times
 
 

@@ -81,7 +81,7 @@ def open_options(
     part = _slice(heights, bins, limits)
     if part is not None and range_unit != "m":
         raise OptionError("--range-unit is for LaserScan: with --slice, points of clouds are in metres; leave one out")
-    told = OpenOptions(
+    options = OpenOptions(
         angle_min=radians("--angle-min", angle_min),
         angle_increment=radians("--angle-increment", angle_increment),
         fov=radians("--fov", fov),
@@ -93,8 +93,8 @@ def open_options(
         columns=parse_columns(columns),
     )
     if part is not None:
-        _refuse_view(told, part.bins)
-    return told
+        _refuse_view(options, part.bins)
+    return options
 
 
 def parse_columns(names: str | Iterable[str]) -> tuple[str, ...]:
@@ -122,15 +122,15 @@ def parse_columns(names: str | Iterable[str]) -> tuple[str, ...]:
     return found
 
 
-def _refuse_view(told: OpenOptions, bins: int) -> None:
+def _refuse_view(options: OpenOptions, bins: int) -> None:
     """Refuse views that a cloud cannot have: each direction is seen once."""
     most = TURN * (1 + 1e-6)
-    if told.fov is not None and not 0 < abs(told.fov) <= most:
+    if options.fov is not None and not 0 < abs(options.fov) <= most:
         raise OptionError("--fov: with --slice the view is more than nothing, and one turn at most")
-    if told.angle_increment is not None:
-        if told.angle_min is None:
+    if options.angle_increment is not None:
+        if options.angle_min is None:
             raise OptionError("--angle-increment: with --slice give --angle-min, too, or --fov instead")
-        if abs(told.angle_increment) * bins > most:
+        if abs(options.angle_increment) * bins > most:
             raise OptionError(f"--angle-increment: {bins} beams (--bins) so far apart are more than one turn")
 
 

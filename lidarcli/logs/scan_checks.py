@@ -156,7 +156,7 @@ class RepeatTest:
 
 
 def _is_noisy(raw: RawSweeps, row: int) -> bool:
-    """Tell whether the ranges of a sweep have noise: on a straight wall 1/r is a sinusoid of the bearing.
+    """Return whether the ranges of a sweep have noise: on a straight wall 1/r is a sinusoid of the bearing.
 
     Rounding alone makes a middle third difference of 0.9 of its step.
     """
@@ -311,12 +311,12 @@ class SweepStats:
         if not len(ranges):
             return
         least = batch.range_min[rows, None]
-        beams, seen = raw.beams[rows], np.count_nonzero(status == Status.VALID, axis=1)
-        valid = int(seen.sum())
+        beams, valid_beams = raw.beams[rows], np.count_nonzero(status == Status.VALID, axis=1)
+        valid = int(valid_beams.sum())
         self.beams += int(beams.sum())
         self.valid += valid
         # Sweep by sweep, so that it does not matter what a block holds.
-        few = seen < (1.0 - UNUSABLE) * beams
+        few = valid_beams < (1.0 - UNUSABLE) * beams
         if few.any():
             self._take_causes(ranges[few], status[few], least[few], most[few])
         self._take_units(ranges, status, valid)
@@ -348,11 +348,11 @@ class SweepStats:
     def _take_causes(self, values: Float32, status: np.ndarray, least: Float32, most: Float32) -> None:
         """Count the causes of missing ranges."""
         without = (status != Status.PADDING) & (status != Status.VALID)
-        finite, told = np.isfinite(values), status == Status.NO_RETURN
+        finite, no_return = np.isfinite(values), status == Status.NO_RETURN
         with np.errstate(invalid="ignore"):
             found = {
-                "NaN": np.isnan(values) & ~told,
-                "NaN, counted as no return": np.isnan(values) & told,
+                "NaN": np.isnan(values) & ~no_return,
+                "NaN, counted as no return": np.isnan(values) & no_return,
                 AT_MOST: finite & (values == most),
                 ABOVE: finite & (values > most),
                 BELOW: finite & (values > 0) & (values < least),
@@ -485,8 +485,8 @@ class LogStats:
         # A header may say anything.
         with np.errstate(invalid="ignore", over="ignore"):
             if raw.scan_time is not None:
-                told = raw.scan_time.astype(np.float64)
-                self.periods.add(told[(told >= 1.0 / FASTEST) & np.isfinite(told)])
+                scan_time = raw.scan_time.astype(np.float64)
+                self.periods.add(scan_time[(scan_time >= 1.0 / FASTEST) & np.isfinite(scan_time)])
             if raw.time_increment is not None:
                 seconds = np.abs(raw.time_increment.astype(np.float64)) * gaps
                 self.lasting.add(seconds[(seconds > 0.0) & (seconds <= LONGEST_SWEEP)])
@@ -497,11 +497,11 @@ class LogStats:
             return
         columns = np.arange(BEAMS) * int(raw.beams[0]) // BEAMS
         some = np.ascontiguousarray(raw.ranges[:, columns]).view(np.int32)
-        seen = np.count_nonzero(batch.status[:, columns] == Status.VALID, axis=1) >= BEAMS // 4
+        enough = np.count_nonzero(batch.status[:, columns] == Status.VALID, axis=1) >= BEAMS // 4
         before = np.concatenate([self.last[None] if len(self.last) else some[:1] ^ 1, some[:-1]])
         same = (some == before).all(axis=1)
-        self.compared += int(np.count_nonzero(seen))
-        self.repeats += int(np.count_nonzero(seen & same))
+        self.compared += int(np.count_nonzero(enough))
+        self.repeats += int(np.count_nonzero(enough & same))
         self.last = some[-1].copy()
 
     def add_hashes(self, raw: RawSweeps) -> None:

@@ -293,7 +293,7 @@ _CARMEN_LINE = re.compile(
 
 
 def is_carmen(head: bytes) -> bool:
-    """Tell whether a text is a CARMEN log: by its header, or by the first word that is no comment.
+    """Return whether a text is a CARMEN log: by its header, or by the first word that is no comment.
 
     >>> is_carmen(b"# made by hand\\nODOM 0 0 0 0 0 0 1.5 host 1.5\\n"), is_carmen(b"time,r0,r1")
     (True, False)
@@ -302,7 +302,7 @@ def is_carmen(head: bytes) -> bool:
 
 
 def is_json_lines(head: bytes) -> bool:
-    """Tell whether a text is what `mcap cat --json` prints: by its first line.
+    """Return whether a text is what `mcap cat --json` prints: by its first line.
 
     >>> is_json_lines(b'{"topic":"/scan","sequence":0,"log_time":1.5,"data":{}}'), is_json_lines(b'{"ranges": []}')
     (True, False)

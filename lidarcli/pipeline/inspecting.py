@@ -231,8 +231,8 @@ def _not_shown(only_counted: Counter[str]) -> tuple[str, ...]:
 
 
 def _pose(poses: FoundPoses | None, topic: str, frame_id: str) -> str:
-    way = poses.sources.chain(frame_id, topic) if poses is not None else None
-    return f"{' and '.join(way.topics)} ({way.frames})" if way is not None else ""
+    chain = poses.sources.chain(frame_id, topic) if poses is not None else None
+    return f"{' and '.join(chain.topics)} ({chain.frames})" if chain is not None else ""
 
 
 def _pose_notes(posing: PoseAttacher, found: Mapping[tuple[str, str], _Scan]) -> list[str]:
@@ -240,12 +240,12 @@ def _pose_notes(posing: PoseAttacher, found: Mapping[tuple[str, str], _Scan]) ->
     notes = []
     if posing.found is not None:
         sources = posing.found.sources
-        told = {
+        doubtful = {
             alike_note(frame, alike, sources.alternatives(frame, topic)): None
             for frame, topic in sorted((frame, topic) for topic, frame in found)
             if (alike := sources.alike(frame, topic))
         }
-        notes = [*told, *posing.found.notes]
+        notes = [*doubtful, *posing.found.notes]
     return notes
 
 
@@ -318,12 +318,12 @@ def _with_counts(
     for (name, _), scan in found.items():
         sweeps[name] += scan.sweeps
     known = {topic.name for topic in topics}
-    seen = [Topic(name, LASERSCAN, "", sweeps[name]) for name in sweeps if name not in known]
+    unlisted = [Topic(name, LASERSCAN, "", sweeps[name]) for name in sweeps if name not in known]
     counted = [
         replace(topic, messages=sweeps[topic.name]) if topic.messages is None and topic.name in sweeps else topic
         for topic in topics
     ]
-    return tuple(sorted([*counted, *seen], key=lambda topic: topic.name))
+    return tuple(sorted([*counted, *unlisted], key=lambda topic: topic.name))
 
 
 def fix_text(info: LogInfo, suffix: str) -> str:
@@ -370,7 +370,7 @@ def inspect_logs(
 
 
 def _is_table(source: Source) -> bool:
-    """Tell whether a source begins as a Parquet file, which no log does; in a store its name tells."""
+    """Return whether a source begins as a Parquet file, which no log does; in a store its name tells."""
     if source.url is not None:
         return source.url.suffix == ".parquet"
     path = Path(source.path)

@@ -10,9 +10,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-import lidarcli as package
 from lidarcli.simulation.writers import write_log
-from tests.sweeping import raw_sweeps, room_sweeps
+from tests.sweeping import room_sweeps
 
 NOTE = "most ranges of /scan are beyond 1,000 m: they are probably millimetres (--range-unit mm)"
 COMMANDS = {
@@ -58,24 +57,3 @@ def test_degrees_are_refused(lidarcli: Callable[..., Any], tmp_path: Path) -> No
     assert ran.code == 3
     assert "topic /scan: 5 messages left out: angle_increment is beyond 0.9 rad: probably degrees" in ran.err
     assert ": 15 sweeps, " in ran.err
-
-
-@pytest.mark.usefixtures("undrawn")
-def test_what_is_said_of_ranges_is_said_everywhere(
-    lidarcli: Callable[..., Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    note = "40.0% of the beams are beyond the greatest range of 2.5 m that the log tells, but look like measurements"
-    ranges = np.random.default_rng(3).uniform(1.0, 2.0, (20, 100))
-    ranges[:, 60:] += 2.0
-    block = raw_sweeps(ranges)
-    write_log(tmp_path / "run.mcap", [replace(block, range_max=np.full(20, 2.5, np.float32))])
-    for command in ("info", "detect", "plot"):
-        ran = lidarcli(*COMMANDS[command], "run.mcap")
-        assert f"{ran.out}{ran.err}".count(note) == 1
-    ran = lidarcli("map", "run.mcap", "-o", "m.yaml", "--pose", "none")
-    assert (ran.code, note in ran.err) == (3, False)
-    assert "no poses: --pose none leaves them out" in ran.err
-    for function in (package.detect, package.track, lambda log: list(package.read(log))):
-        with pytest.warns(UserWarning, match="40.0% of the beams are beyond the greatest range"):
-            function("run.mcap")

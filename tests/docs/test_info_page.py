@@ -111,8 +111,3 @@ def test_every_key_is_described_and_no_other(unknown: bool) -> None:
 
 def test_every_rule_is_explained() -> None:
     assert tuple(re.findall(r"^\| `(\w+)` \| (?:always|`--deep`) \|", PAGE, re.MULTILINE)) == IDS
-
-
-def test_the_words_of_closure_are_explained() -> None:
-    (row,) = [meaning for key, _, _, meaning in ROWS if key == "scans[].closure"]
-    assert re.findall(r"`(\w+)`", row) == [item.name.lower() for item in Closure]

@@ -8,16 +8,14 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
-import pyarrow.parquet as pq
 import pytest
 
 import lidarcli
 from lidarcli.cli import run
 from lidarcli.errors import UnreadableError
 from lidarcli.logs import open_log
-from lidarcli.logs.base import MAX_BEAMS, POSE_TYPES, OpenOptions, ReadReport
+from lidarcli.logs.base import POSE_TYPES, ReadReport
 from lidarcli.logs.carmen import LASERS
-from lidarcli.pipeline.inputs.search import find_logs
 from lidarcli.pipeline.reading.posing import PoseOptions, find_poses
 from lidarcli.pose.tracks import planar
 from lidarcli.sweeps import RawSweeps, Status, concatenate
@@ -363,29 +361,6 @@ def test_poses_are_no_ranges_where_all_lines_declare_too_many(missing: int, pose
     assert {part.cause for part in log.report.damage} == {"it declares 20 ranges, but the last ones are poses"}
 
 
-def test_ranges_that_are_alike_are_no_poses(tmp_path: Path) -> None:
-    """As those of a wall, of a robot at the origin, and of a writer who spells numbers as they come."""
-    ends = ["7.5 7.5 7.5 7.5 7.5 7.5", "1.5 2.5 3.5 1.5 2.5 3.5", "0 0 0 0 0 0"]
-    text = "".join(f"FLASER 9 1 2.25 3.5 {end} {10 + at} nohost 0\n" for at, end in enumerate([ends[0]] * 3))
-    text += f"FLASER 9 1 2.25 3.5 {ends[1]} 14 nohost 0\nFLASER 9 1 2.25 3.5 4 5.125 6 1 2 3 15 nohost 0\n"
-    text += f"RLASER 6 1 2 3 {ends[2]} 12 nohost 0\n"
-    log = log_of(tmp_path, text)
-    assert sum(map(len, log.scans())) == 6
-    assert log.report.damage == []
-
-
-def test_without_a_host_a_number_of_ranges_is_doubted_too(tmp_path: Path) -> None:
-    log = log_of(tmp_path, f"{flaser()}FLASER 2 1 2 3 4 5 6 7 {POSES} 12.5\nFLASER 4 1 2 3 {POSES} 12.5\n")
-    assert sum(map(len, log.scans())) == 1
-    assert [part.cause for part in log.report.damage] == [
-        "3 fields left over behind the 2 ranges it declares",
-        "no time at its end",
-    ]
-    log = log_of(tmp_path, f"FLASER 4 1 2 3 {POSES} 12.5\n" * 5)
-    assert sum(map(len, log.scans())) == 0
-    assert len(log.report.damage) == 5
-
-
 @pytest.mark.parametrize("poses", [f" {POSES}", " 1.0 2.0 0.5", ""])
 def test_a_log_without_times_is_read_in_its_order(poses: str, tmp_path: Path) -> None:
     """With one note; where some lines have times, the others are damaged."""
@@ -400,33 +375,6 @@ def test_a_log_without_times_is_read_in_its_order(poses: str, tmp_path: Path) ->
     assert {part.cause for part in timed.report.damage} == {"no time at its end"}
 
 
-def test_equal_times_are_followed_without_speeds(tmp_path: Path) -> None:
-    """Neither a log without times nor one with a single one tells how fast anything is."""
-    lines = simulated_lines(tmp_path)
-    for name, end in (("none.log", ""), ("one.log", " 7.0 nohost 7.0")):
-        (tmp_path / name).write_text("".join(f"{line}{end}\n" for line in lines))
-        assert run(["-q", "track", str(tmp_path / name), "-o", str(tmp_path), "--overwrite"]) == 0
-        table = pq.read_table(tmp_path / name.replace("log", "objects.parquet"))
-        assert len(set(table["sweep"].to_pylist())) == len(lines)
-        speeds = [abs(speed) for name in ("vx", "vy") for speed in table[name].drop_null().to_pylist()]
-        assert max(speeds, default=0.0) < 5.0
-
-
-def simulated_lines(folder: Path) -> list[str]:
-    """The sweeps of a sensor that is driven, without their times."""
-    simulate(SAMPLES / "drive.toml", folder / "drive.log", sweeps=30)
-    lines = (folder / "drive.log").read_text().splitlines()
-    return [line.rsplit(" ", 3)[0] for line in lines if line.startswith("FLASER")]
-
-
-def test_more_ranges_than_any_sensor_has_are_refused(tmp_path: Path) -> None:
-    text = flaser() + f"FLASER {MAX_BEAMS + 1} 1.0 1.0 nohost 1.0\nFLASER {10**30} 1.0 1.0 nohost 1.0\n"
-    log = log_of(tmp_path, text)
-    assert sum(map(len, log.scans())) == 1
-    assert log.report.refused == {("/front_laser", "more than 400000 beams declared"): 1}
-    assert len(log.report.damage) == 1
-
-
 def test_a_last_line_that_is_cut_is_no_sweep(tmp_path: Path) -> None:
     """Unless all that belongs to it is there."""
     whole = flaser("12.5") + flaser("13.5")
@@ -435,20 +383,6 @@ def test_a_last_line_that_is_cut_is_no_sweep(tmp_path: Path) -> None:
         found = sum(map(len, log.scans()))
         sure = whole[:cut].endswith(("nohost 3", "nohost 3.", "nohost 3.2", "nohost 3.25"))
         assert (found, len(log.report.damage)) == ((2, 0) if sure else (1, 1)), whole[:cut][-30:]
-
-
-def test_a_sweep_without_ranges_and_one_of_many(tmp_path: Path) -> None:
-    text = flaser(ranges=[]) + flaser("13", ranges=[1.0] * 100_000) + flaser("14", ranges=[2.0])
-    log = log_of(tmp_path, text)
-    assert [int(beams) for block in log.scans() for beams in block.beams] == [0, 100_000, 1]
-    assert log.report.damage == []
-
-
-def test_a_line_without_end_is_skipped(tmp_path: Path) -> None:
-    text = flaser().encode() + b"FLASER 9 " + b"1.0 " * (3 << 20) + b"\n" + flaser("13").encode()
-    log = log_of(tmp_path, gzip.compress(text, mtime=0))
-    assert sum(map(len, log.scans())) == 2
-    assert [str(part.place) for part in log.report.damage] == ["line 2"]
 
 
 @pytest.mark.parametrize(
@@ -466,20 +400,6 @@ def test_other_texts_are_no_carmen_logs(text: str, tmp_path: Path) -> None:
     path.write_text(text)
     with pytest.raises(UnreadableError):
         open_log(path)
-
-
-def test_options_tell_better(tmp_path: Path) -> None:
-    log_of(tmp_path, flaser(ranges=[1000.0, 2000.0, 3000.0])).close()
-    options = OpenOptions(angle_min=-0.5, angle_increment=0.25, range_max=2.5, range_scale=0.001)
-    report = ReadReport()
-    with open_log(tmp_path / "run.log", opening=options) as log:
-        [block] = log.scans(None, report)
-    assert block.ranges.tolist() == [[1.0, 2.0, 3.0]]
-    assert (block.angle_min[0], block.angle_increment[0], block.range_max[0]) == (-0.5, 0.25, 2.5)
-    assert report.notes == []
-    with open_log(tmp_path / "run.log", opening=OpenOptions(fov=1.0)) as log:
-        [block] = log.scans(None, report)
-    assert (block.angle_min[0], block.angle_increment[0]) == (-0.5, 0.5)
 
 
 # Poses.
@@ -543,13 +463,6 @@ def test_a_rear_laser_looks_backwards(tmp_path: Path) -> None:
     assert pose_of(path, "rear_laser", 10.5)[2] == pytest.approx(np.pi / 2 + 3.1 - 2 * np.pi, abs=1e-6)
 
 
-def test_each_laser_has_its_corrected_path(tmp_path: Path) -> None:
-    path = tmp_path / "run.log"
-    path.write_text(moving("0 3") * 2 + moving("0 5", "RLASER"))
-    assert pose_of(path, "front_laser", 10.5, "corrected")[1] == pytest.approx(5.5)
-    assert pose_of(path, "rear_laser", 10.5, "corrected")[1] == pytest.approx(7.5)
-
-
 def test_lines_of_odometry_tell_where_no_sweep_does(tmp_path: Path) -> None:
     odom = "".join(f"ODOM {x} 0 0 1 0 0 {10 + x} nohost 0\n" for x in (0.0, 1.0))
     true = "".join(f"TRUEPOS {x} 9 0 {x} 0 0 {10 + x} nohost 0\n" for x in (0.0, 1.0))
@@ -585,11 +498,3 @@ def test_a_simulated_scene_is_that_of_an_mcap(scene: str, tmp_path: Path) -> Non
     np.testing.assert_allclose(mcap[numbers], carmen[numbers], atol=1e-6)
     words = (tmp_path / "run.log").read_text()
     assert ("\nFLASER " in words, "\nRAWLASER1 " in words) == ((scene == "drive"), (scene == "room"))
-
-
-def test_a_search_finds_what_can_only_be_a_carmen_log(tmp_path: Path) -> None:
-    """A `.log` may be anything and has to be named; names go without suffixes."""
-    for name in ("a.clf", "b.GFS.gz", "c.log", "d.log.gz"):
-        (tmp_path / name).write_text(flaser())
-    assert [found.name for found in find_logs([str(tmp_path)])] == ["a", "b"]
-    assert [found.name for found in find_logs([str(tmp_path / name) for name in ("c.log", "d.log.gz")])] == ["c", "d"]

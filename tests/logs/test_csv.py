@@ -92,29 +92,6 @@ def test_layout_reads_back(layout: str, ragged: bool, tmp_path: Path) -> None:
     assert log.size == log.position == sum(sizes)
 
 
-@pytest.mark.parametrize(
-    ("layout", "name"),
-    [
-        ("rostopic", "rostopic echo -p"),
-        ("ros2", "ros2 topic echo --csv"),
-        ("plotjuggler", "PlotJuggler"),
-        ("bagpy", "bagpy"),
-        ("mcap", "mcap cat --format=csv"),
-        ("list", "list of ranges"),
-        ("wide", "plain wide"),
-        ("drow", "plain wide"),
-        ("long", "long form"),
-        ("per-sweep", "one file per sweep"),
-    ],
-)
-def test_format_names_the_layout(layout: str, name: str, tmp_path: Path) -> None:
-    write_csv(tmp_path / "x.dat", [sweeps()], layout)
-    with CsvLog(tmp_path / "x.dat", opening(layout)) as log:
-        assert (log.format, log.compression) == (f"csv ({name})", "none")
-        assert list(log.messages(())) == []
-        assert log.report.notes[0].startswith(f"CSV layout: {name}")
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("layout", [name for name in LAYOUTS if name != "per-sweep"])
 @pytest.mark.parametrize(
@@ -175,18 +152,6 @@ def test_plotjuggler_keeps_topics_apart(tmp_path: Path) -> None:
         assert log.report.damage == []
     with pytest.raises(OptionError):
         write_csv(tmp_path / "no.csv", [front, rear], "bagpy")
-
-
-def test_plotjuggler_dots_in_alphabetical_order() -> None:
-    order = sorted(range(12), key=str)
-    names = ["__time", "/odom/x", *(f"/base_scan/ranges.{i}" for i in order), "/base_scan/angle_increment"]
-    names += ["/base_scan/angle_min"]
-    rows = ["1.5,0.1" + "," * 14, "1.75,," + ",".join(f"{i}.5" for i in order) + ",0.25,-1.0"]
-    got, log = read_text("\n".join([",".join(names), *rows, ""]), OpenOptions())
-    assert rows_of(got) == [[i + 0.5 for i in range(12)]]
-    assert (got.topic, got.stamp_ns.tolist()) == ("/base_scan", [1_750_000_000])
-    assert (got.angle_min[0], got.angle_increment[0]) == (-1.0, 0.25)
-    assert log.report.damage == []
 
 
 def test_one_range_column_with_lists_as_people_write_them() -> None:
@@ -297,11 +262,6 @@ def test_times_are_exact(times: list[str], stamps: list[int]) -> None:
     got, log = read_text(f"time;r0;r1;r2\n{times[0]};1;2;3\n{times[1]};1;2;4\n")
     assert got.stamp_ns.tolist() == got.record_ns.tolist() == stamps
     assert log.report.damage == []
-
-
-def test_unit_in_the_name_of_the_time_column() -> None:
-    got, _ = read_text("time_ms,r0,r1,r2\n5,1,2,3\n7.5,1,2,4\n")
-    assert got.stamp_ns.tolist() == [5_000_000, 7_500_000]
 
 
 @pytest.mark.parametrize(
@@ -443,13 +403,6 @@ def test_abbreviated_arrays_are_explained() -> None:
     )
 
 
-def test_refused_geometry_is_counted() -> None:
-    rows = [ROS2, ROS2.replace("0.5,0.5,0.5", "nan,0.5,0.5"), ROS2.replace(",0.5,0.0,", ",0.0,0.0,"), ROS2]
-    got, log = read_text("".join(f"{row}1,2,3\n" for row in rows), OpenOptions())
-    assert len(got) == 2
-    assert log.report.refused == {("/scan", "angle_min is not finite"): 1, ("/scan", "angle_increment is zero"): 1}
-
-
 def test_trailing_empty_cells_are_no_beams_where_the_view_says_so() -> None:
     text = "Time,header.seq,angle_min,angle_max,angle_increment,ranges_0,ranges_1,ranges_2,ranges_3\n"
     got, _ = read_text(text + "1,0,0,0.3,0.1,5,6,7,\n2,1,0,0.2,0.1,5,6,,\n3,2,0,0.1,0.1,5,6,,\n")
@@ -488,22 +441,6 @@ def test_missing_geometry_names_the_options(options: OpenOptions, tmp_path: Path
         f"{path}: CSV (plain wide) without geometry: give --angle-min and --angle-increment, or --fov"
         " (radians, or degrees with --degrees)"
     )
-
-
-def test_bearings_as_column_names() -> None:
-    got, log = read_text("time,-90.0,-45.0,0.0,45.0,90.0\n1.0,1,2,3,4,5\n", OpenOptions())
-    np.testing.assert_allclose([got.angle_min[0], got.angle_increment[0]], [-np.pi / 2, np.pi / 4])
-    assert rows_of(got) == [[1, 2, 3, 4, 5]]
-    assert "bearings from the column names, taken as degrees" in log.report.notes[0]
-    got, _ = read_text("stamp;-0.5;0.0;0.5\n1.0;1;2;3\n", OpenOptions())
-    assert (got.angle_min[0], got.angle_increment[0]) == (-0.5, 0.5)
-    with pytest.raises(UnreadableError):
-        read_text("time,0,1,2,3\n1.0,5,6,7,8\n", OpenOptions())
-
-
-def test_header_in_a_comment() -> None:
-    got, _ = read_text("# time r_0 r_1 r_2\n1.0 5 6 7\n2.0 5 6 8\n", OpenOptions(fov=1.0))
-    assert (rows_of(got), got.stamp_ns.tolist()) == ([[5, 6, 7], [5, 6, 8]], [10**9, 2 * 10**9])
 
 
 def test_long_form_in_any_order_of_columns_and_in_degrees() -> None:
@@ -565,15 +502,6 @@ def test_one_sweep_per_file(tmp_path: Path) -> None:
     (tmp_path / "1714555596.445048407").write_text("theta,r\n0.0,1\n0.5,2\n")
     got, log = read(tmp_path / "1714555596.445048407", OpenOptions())
     assert (got.stamp_ns.tolist(), log.format) == ([START], "csv (one file per sweep)")
-
-
-def test_two_columns_with_many_turns_are_many_sweeps() -> None:
-    turn = "".join(f"{a},{a / 100 + 1}\n" for a in range(0, 360, 10))
-    got, _ = read_text("angle_deg,distance\n" + turn * 3, OpenOptions())
-    assert got.beams.tolist() == [36, 36, 36]
-    half = turn.splitlines(keepends=True)
-    got, _ = read_text("angle_deg,distance\n" + "".join(half[20:] + half[:20]), OpenOptions())
-    assert got.beams.tolist() == [36]
 
 
 def test_whole_logs_in_a_folder_are_not_sweeps(tmp_path: Path) -> None:
@@ -675,11 +603,6 @@ def test_what_is_no_log_says_so_in_one_line(data: bytes, message: str, tmp_path:
     assert "\n" not in text
 
 
-def test_a_missing_file() -> None:
-    with pytest.raises(UnreadableError, match=r"^/no/such\.csv: cannot be read: No such file or directory$"):
-        CsvLog("/no/such.csv")
-
-
 @pytest.mark.parametrize(
     ("text", "name"),
     [
@@ -700,18 +623,6 @@ def test_header_without_rows_is_a_log_without_sweeps(tmp_path: Path) -> None:
     with CsvLog(io.BytesIO(text)) as log:
         assert list(log.scans()) == []
         assert (log.report.damage, len(log.topics() or [])) == ([], 1)
-
-
-def test_a_stream_can_be_read_once_and_a_file_again(tmp_path: Path) -> None:
-    text = text_of("wide", tmp_path)
-    with CsvLog(io.BytesIO(text), GEOMETRY) as log:
-        assert (log.path, log.size) == ("-", None)
-        assert sum(map(len, log.scans())) == 40
-        with pytest.raises(UnreadableError, match=r"^-: a stream can be read only once$"):
-            list(log.scans())
-    with CsvLog(tmp_path / "wide.csv", GEOMETRY) as log:
-        assert [sum(map(len, log.scans())) for _ in range(3)] == [40, 40, 40]
-        assert log.position == log.size == len(text)
 
 
 @pytest.mark.slow
@@ -812,10 +723,3 @@ def test_a_line_that_names_the_separator() -> None:
         got, log = read_text(line + beams_of(times, sep=";"), OpenOptions())
         same_ranges(got, want)
         assert (got.stamp_ns.tolist(), log.report.damage) == (want.stamp_ns.tolist(), [])
-
-
-def test_names_in_other_encodings() -> None:
-    for text, encoding in (("时间,距离\n", "gbk"), ("Zeit,Höhe\n", "latin-1")):
-        with pytest.raises(UnreadableError) as error:
-            read_text(text.encode(encoding) + b"1,2\n3,4\n")
-        assert text.strip().replace(",", ", ") in str(error.value)

@@ -61,11 +61,6 @@ def test_the_fields_are_those_of_a_slow_look_at_every_name() -> None:
     assert found > 3000
 
 
-def test_no_field_has_a_name_longer_than_is_looked_for() -> None:
-    longest = "rosbagtime_stamp_(nanosec)"
-    assert FieldIndex(["/" + "long/" * 30 + longest]).find("/" + "long/" * 30) == {"record": 0}
-
-
 def test_lists_that_nothing_closes_stay() -> None:
     texts = [b'a,[1,2],"x,y",[3', b'"a [1] b",[', b'[1, "2", 3', b"[[1]],[", b'["a"', b'[x"', b'"[",1,"']
     for text in texts:
@@ -138,9 +133,3 @@ def test_a_header_of_a_megabyte_is_looked_at_quickly(begin: str, unit: str) -> N
 
     look(SIZE)
     assert calls(lambda: look(SIZE // 50)) < 2.1 * calls(lambda: look(SIZE // 100))
-
-
-@pytest.mark.slow
-def test_many_scans_beside_many_columns_of_time() -> None:
-    with CsvLog(io.BytesIO(many_scans(10_000, 1)), OpenOptions(fov=1.0)) as log:
-        assert len(log.topics() or []) == 10_000

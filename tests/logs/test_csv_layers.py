@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import io
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -59,12 +58,6 @@ def test_whole_times_tell_their_unit_by_their_steps(step: int, unit: int, note: 
     assert note in log.report.notes[0]
 
 
-def test_whole_seconds_since_1970_stay_seconds() -> None:
-    times = [1_700_000_000 + 60 * row for row in range(9)]
-    got, _ = read(text_of([[t, 1, 2, 3] for t in times], "timestamp,r0,r1,r2"))
-    assert got.stamp_ns.tolist() == [t * 10**9 for t in times]
-
-
 def layered(names: str, key: bool) -> bytes:
     rows = []
     for sweep in range(2):
@@ -86,13 +79,6 @@ def test_a_column_of_layers_is_refused(name: str) -> None:
     one = text_of([[s, 2, a, 3.5] for s in range(2) for a in range(0, 360, 2)], f"sweep,{name},azimuth_deg,range")
     got, log = read(one)
     assert (got.beams.tolist(), log.report.damage, log.report.refused.total()) == ([180, 180], [], 0)
-
-
-def test_a_sphere_is_refused() -> None:
-    rows = [[phi, theta, 2] for phi in (80, 90, 100) for theta in range(0, 360, 2)]
-    assert refusal(text_of(rows, "phi_deg,theta_deg,r")).startswith(
-        "one beam per row, in several layers (column 'theta_deg' holds '0', '2', '4', ...)"
-    )
 
 
 def keyed(bearings: Any) -> bytes:
@@ -125,20 +111,3 @@ def test_a_turn_that_overlaps_its_start_is_a_sweep(start: float) -> None:
     got, log = read(keyed(bearings))
     assert len(got) == 4
     assert log.report.refused.total() == 0
-
-
-def test_layers_end_with_exit_code_3(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    from lidarcli.cli import run
-
-    path = tmp_path / "layers.csv"
-    path.write_bytes(layered("sweep,elevation_deg,azimuth_deg,range", True))
-    assert run(["info", str(path)]) == 3
-    assert capsys.readouterr().err == (
-        f"lidarcli: {path}: one beam per row, in several layers (column 'elevation_deg' holds '-2', '0', '2', ...);"
-        " lidarcli reads scans of one plane: keep the rows of one layer\n"
-    )
-    path.write_bytes(keyed(np.tile(np.arange(0, 360, 2), 4)))
-    assert run(["info", str(path)]) == 3
-    out, err = capsys.readouterr()
-    assert err == f"lidarcli: {path}: topic /scan: 2 messages left out: {TURNS}\n"
-    assert "360.00 deg from 0.00 deg" in out

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from lidarcli.cli import run
-from lidarcli.logs.csv.table import OTHERS, other_format
+from lidarcli.logs.csv.table import other_format
 from tests.logs.csv_sweeps import sweeps
 from tests.text_logs import LAYOUTS, write_csv
 
@@ -61,10 +61,6 @@ def test_it_is_named_with_the_way_out(text: str, tmp_path: Path, capsys: pytest.
         assert capsys.readouterr().err.startswith(f"lidarcli: {path}: ")
 
 
-def test_every_format_has_a_text() -> None:
-    assert {name for name, _ in TEXTS.values()} == {other.name for other in OTHERS}
-
-
 @pytest.mark.parametrize("layout", [name for name in LAYOUTS if name != "per-sweep"])
 def test_no_layout_of_ours_is_one(layout: str, tmp_path: Path) -> None:
     write_csv(tmp_path / "run.csv", [sweeps(3, 9)], layout)
@@ -89,28 +85,6 @@ def test_no_layout_of_ours_is_one(layout: str, tmp_path: Path) -> None:
 )
 def test_what_is_not_plain_is_left_to_the_readers_of_csv(text: bytes) -> None:
     assert other_format(text) is None
-
-
-def test_the_name_of_an_input_stands_once(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    import io
-    from types import SimpleNamespace
-
-    told = {
-        "hello\n": "text, but no table with columns: 'hello'",
-        TUM: f"a trajectory (TUM), which lidarcli does not read: {POSES}",
-    }
-    for text, cause in told.items():
-        for command in (["info"], ["detect", "-o", str(tmp_path / "tables")]):
-            monkeypatch.setattr("sys.stdin", SimpleNamespace(buffer=io.BytesIO(text.encode())))
-            assert run([*command, "-"]) == 3
-            assert capsys.readouterr().err.splitlines()[0] == f"lidarcli: standard input: {cause}"
-        path = tmp_path / "a.csv"
-        path.write_text(text)
-        for name in (str(path), str(tmp_path / "*.csv")):
-            assert run(["info", name]) == 3
-            assert capsys.readouterr().err == f"lidarcli: {path}: {cause}\n"
 
 
 def test_messages_that_a_node_has_logged() -> None:

@@ -142,11 +142,30 @@ ODD = {
 }
 
 
+KINDS = {
+    **dict.fromkeys(("millimetres", "millimetres, limits in metres", "centimetres", "degrees"), ("units", "error")),
+    **dict.fromkeys(("no steps", "no beams"), ("geometry", "error")),
+    "angle_max": ("geometry", "warning"),
+    **dict.fromkeys(("no range", "nothing near"), ("no_return", "warning")),
+    "limits that are too near": ("limits", "warning"),
+    "limits that are too far": ("too_close", "error"),
+    "limits the other way round": ("limits", "error"),
+    "twice": ("duplicate", "warning"),
+    "in turns": ("frames", "error"),
+    **dict.fromkeys(("coarse stamps", "shuffled", "milliseconds"), ("clock", "error")),
+    **dict.fromkeys(("an hour back", "a year ahead", "none with a stamp", "some without a stamp"), ("clock", "warning")),
+}
+"""Name of what is odd → rule and level of its finding."""
+
+
 @pytest.mark.parametrize("name", ODD)
 def test_what_is_odd_is_told_in_one_line(name: str) -> None:
     block, words = ODD[name]
-    (line,) = notes(block)
-    assert words in line
+    for _ in read_batches(FakeLog([block]), ReadOptions(), report := ReadReport()):
+        pass
+    (found,) = report.findings()
+    assert (found.id, found.level) == KINDS[name]
+    assert words in found.message
 
 
 @pytest.mark.parametrize("rows", [1, 2, 3, 7])
@@ -232,31 +251,6 @@ def test_every_takes_each_once_where_all_are_there_as_often(times: int, way: str
         odd = copies.rows(np.arange(COUNT * times)[rows])
         (line,) = notes(odd)
         assert line.endswith("have stamp and ranges of the sweep before")
-
-
-def test_repetitions_are_compared_wherever_they_begin() -> None:
-    late = [*range(1000), *np.repeat(np.arange(1000, 1200), 2)]
-    (line,) = notes(room(1200).rows(np.array(late)))
-    assert line == "200 of 1,400 sweeps of /scan have stamp and ranges of the sweep before"
-
-
-def test_runs_that_share_their_times_are_not_told_apart() -> None:
-    (line,) = notes(stamped(lambda k: START + STEP * (k % 20)))
-    assert line == "stamps of /scan go back once, by 1.9 s: the clock was set, or the log holds several runs"
-
-
-def test_a_single_stamp_that_is_far_off() -> None:
-    days = 24 * HOUR
-    (line,) = notes(stamped(lambda k: START + STEP * k + 365 * days * (k == 20)))
-    assert line == "one stamp of /scan is 365 days ahead of those around it: times that fit these are taken"
-    (line,) = notes(stamped(lambda k: START + STEP * k - 365 * days * (k == 20)))
-    assert line == "one stamp of /scan is 365 days behind those around it: times that fit these are taken"
-
-
-def test_all_at_range_max() -> None:
-    reach = replace(room(), ranges=np.full((COUNT, 360), 12.0, np.float32))
-    (line,) = notes(reach)
-    assert line.startswith("100.0% of the beams of /scan have no range (all of them at range_max, 12 m): nothing")
 
 
 def test_each_topic_and_frame_is_looked_at_by_itself() -> None:

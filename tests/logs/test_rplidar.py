@@ -13,7 +13,7 @@ import pytest
 from lidarcli.errors import UnreadableError
 from lidarcli.logs import open_log
 from lidarcli.logs.base import OpenOptions, ReadReport
-from lidarcli.logs.csv.beam_rows import LISTED, MEASURED, PRINTED, SAVED, cut_turns
+from lidarcli.logs.csv.beam_rows import LISTED, MEASURED, PRINTED, SAVED
 from lidarcli.logs.csv.log import CsvLog as AnyCsvLog
 from lidarcli.range_rules import RangeRules, normalise
 from lidarcli.sweeps import RawSweeps, Status, concatenate
@@ -101,14 +101,6 @@ def test_every_spelling_is_mirrored_and_in_metres(spelling: str) -> None:
     assert got.stamp_ns.tolist() == [0, 0, 0]
 
 
-@pytest.mark.parametrize("spelling", SPELLINGS)
-def test_the_notes_tell_what_was_taken_for_granted(spelling: str) -> None:
-    _, log = read(SPELLINGS[spelling](TURNS))
-    [note] = log.report.notes
-    assert f"; {spelling}; bearings run clockwise, distances are millimetres" in note
-    assert ("no times: all stamps are 0" in note) == (spelling != SAVED)
-
-
 WRAPS: dict[str, Callable[[str], bytes]] = {
     "crlf": lambda text: text.replace("\n", "\r\n").encode(),
     "bom": lambda text: b"\xef\xbb\xbf" + text.encode(),
@@ -162,12 +154,6 @@ def test_flags_and_lists_of_other_programs_are_no_beams(text: str) -> None:
         pass
 
 
-def test_a_sensor_that_is_covered_has_beams_all_the_same() -> None:
-    got = sound(measured([[(0, angle, 0.0) for _, angle, _ in beams] for beams in TURNS]))
-    assert (got.ranges == 0).all()
-    assert got.beams.tolist() == [40] * 3
-
-
 def test_bearings_that_pass_the_front_within_a_sweep_go_on(tmp_path: Path) -> None:
     """225 to 135 degrees clockwise: from the left behind over the front to the right behind."""
     angles = [*range(225, 360, 5), *range(0, 136, 5)]
@@ -205,21 +191,6 @@ def test_a_turn_whose_flag_is_lost_is_a_sweep_all_the_same() -> None:
     lines[40] = lines[40].replace("S ", "  ")
     got = sound("".join(lines))
     assert got.beams.tolist() == [40] * 3
-
-
-def test_turns_are_cut_at_flags_else_at_bearings() -> None:
-    angle = -np.radians(np.tile([0.5, 90.0, 180.0, 270.0, 359.5], 3))
-    none = np.zeros(15, np.bool_)
-    flags = none.copy()
-    flags[[0, 5, 10]] = True
-    assert cut_turns(angle, flags).tolist() == [0, 5, 10]
-    assert cut_turns(angle, none).tolist() == [0, 5, 10]
-    flags[:] = False
-    flags[[4, 9, 14]] = True
-    assert cut_turns(angle, flags).tolist() == [0, 5, 10]
-    flags[:] = False
-    flags[3] = True
-    assert cut_turns(angle, flags).tolist() == [0, 3, 5, 10]
 
 
 def test_uneven_bearings_are_placed_on_a_grid_and_of_two_returns_the_nearer_counts() -> None:
@@ -336,22 +307,6 @@ def test_hostile_text_is_bounded() -> None:
             report = ReadReport()
             assert sum(int(block.beams.max(initial=0) > 400_000) for block in log.scans(None, report)) == 0
         assert report.damage or report.refused
-
-
-def test_the_writer_rounds_to_what_the_format_has(tmp_path: Path) -> None:
-    ranges = np.array([[1.00012, np.nan, 3.0, np.inf, -1.0, 0.0]], np.float32)
-    raw = raw_sweeps(ranges, angle_min=0.0, angle_increment=np.radians(60))
-    write_rplidar(tmp_path / "run.txt", [raw, raw])
-    assert (tmp_path / "run.txt").read_text().splitlines()[:6] == [
-        "S  theta: 60.00 Dist: 00000.00 Q: 0 ",
-        "   theta: 120.00 Dist: 00000.00 Q: 0 ",
-        "   theta: 180.00 Dist: 00000.00 Q: 0 ",
-        "   theta: 240.00 Dist: 03000.00 Q: 47 ",
-        "   theta: 300.00 Dist: 00000.00 Q: 0 ",
-        "   theta: 0.00 Dist: 01000.00 Q: 47 ",
-    ]
-    got = sound((tmp_path / "run.txt").read_bytes())
-    np.testing.assert_array_equal(got.ranges[:, ::-1], [[1.0, 0.0, 3.0, 0.0, 0.0, 0.0]] * 2)
 
 
 def test_a_column_of_times() -> None:

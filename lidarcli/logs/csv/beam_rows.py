@@ -130,7 +130,7 @@ class LongDecoder(Decoder):
         return cells, np.flatnonzero(fits)
 
     def _is_cut(self, beams: int) -> bool:
-        """Tell whether the last sweep has lost its end: the text stops well before the usual end, or within a row."""
+        """Return whether the last sweep has lost its end: the text stops well before the usual end, or within a row."""
         if self.layout.spelling:
             # Who stops a recording does so within a turn, and beams without a return may not be written.
             return False
@@ -425,7 +425,7 @@ def _saved(numbered: Sequence[tuple[int, bytes]]) -> Layout | None:
 
 
 def _are_beams(lines: Sequence[bytes]) -> bool:
-    """Tell whether triples of numbers may be quality, angle and millimetres."""
+    """Return whether triples of numbers may be quality, angle and millimetres."""
     beams = [map(float, beam) for line in lines for beam in _BEAM.findall(line[:_ENOUGH])]
     quality, angle, distance = np.array([[*beam] for beam in beams], np.float64).T
     returns = distance[distance > 0]

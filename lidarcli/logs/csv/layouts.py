@@ -38,7 +38,6 @@ COUNTER_CLOCKWISE = "bearings run counter-clockwise; name them `clockwise` where
 ABBREVIATED = "the arrays are abbreviated ('...'): record again with `ros2 topic echo --csv --full-length`"
 
 _MARKS = re.compile(r"[./\[\]\s%#:]+")
-_DECIMAL = re.compile(r"[-+]?\d+(?:\.\d*)?(?:[eE][-+]?\d+)?|[-+]?\.\d+")
 _LIST = re.compile(r"(?:\w[\w.]*\s*\()?\s*[\[(]|\w*array\(")
 _INDEX = re.compile(r"(\d{1,7})\]?(?:[._/]echoes[\[._]?0\]?)?\Z")
 _BEFORE_INDEX = "[._/-" + whitespace
@@ -109,8 +108,6 @@ class ScanColumns:
     """(B,) Column of each intensity where they stand elsewhere; of a list of ranges, the column of their list."""
     open_end: bool = False
     """True where only ranges (and intensities) stand from `first` to the end of a row: rows may be ragged."""
-    geometry: tuple[float, float] | None = None
-    """angle_min and angle_increment [rad] by the names of columns."""
     to_last: bool = False
     """True where `angle_max` is the bearing of the last beam and gives the increment (foxglove.LaserScan)."""
 
@@ -126,7 +123,7 @@ class Layout:
     header: bytes = b""
     """Header line as it stands; it is left out wherever it is repeated."""
     width: int = 0
-    """Cells of a regular row; 0 where rows differ."""
+    """Cells of a regular row."""
     scans: tuple[ScanColumns, ...] = ()
     sparse: bool = False
     """True where rows hold one topic or another: a row without any range of a topic is no sweep of it."""
@@ -205,7 +202,9 @@ def _need_geometry(head: Head, name: str) -> None:
 
 
 def _unknown(head: Head, what: str) -> UnreadableError:
-    return UnreadableError(f"{head.path}: {what} is none of the CSV layouts: {'; '.join(LAYOUTS)}")
+    return UnreadableError(
+        f"{head.path}: {what} is none of the CSV layouts: {'; '.join(LAYOUTS)}; --columns names its columns"
+    )
 
 
 # Tables without names.
@@ -442,27 +441,6 @@ def _find_intensities(names: Sequence[str]) -> dict[str, Int64]:
     }
 
 
-def _find_bearings(names: Sequence[str]) -> tuple[Family, tuple[float, float], bool] | None:
-    """Return columns that are named by bearings, the first bearing and the step [rad], and whether they are in degrees."""
-    numbers: dict[int, float] = {}
-    for column, name in enumerate(names):
-        text = name.strip().rstrip("°")
-        if _DECIMAL.fullmatch(text):
-            numbers[column] = float(text)
-    columns = np.array(list(numbers), np.int64)
-    values = np.array(list(numbers.values()))
-    if len(values) < 3 or (np.diff(columns) != 1).any() or not np.isfinite(values).all():
-        return None
-    step = (values[-1] - values[0]) / (len(values) - 1)
-    even = np.abs(values - values[0] - step * np.arange(len(values))).max() <= 0.25 * abs(step)
-    counted = step == 1 and values[0] in (0, 1) and not any("." in names[c] for c in numbers)
-    if not even or counted or not step:
-        return None
-    degrees = max(abs(values[0]), abs(values[0] + step * (len(columns) - 1))) > TURN + 0.1
-    scale = np.pi / 180 if degrees else 1.0
-    return Family("", columns), (float(values[0]) * scale, float(step) * scale), degrees
-
-
 def _ros_name(names: Sequence[str]) -> str:
     """Return the layout of the tool of ROS that has named the columns; plain wide for other names."""
     plain = [name.strip().lower() for name in names]
@@ -482,8 +460,7 @@ def _named_layout(head: Head) -> Layout:
     if listed := _list_layout(head):
         return listed
     name = _ros_name(names)
-    bearings = _find_bearings(names)
-    families = [bearings[0]] if bearings else find_families(names)
+    families = find_families(names)
     if not families:
         if long := _long_layout(head):
             return long
@@ -491,15 +468,12 @@ def _named_layout(head: Head) -> Layout:
         if name != WIDE or plain & {"header", "header_stamp", "header_frame_id", "header_stamp_secs", "header_stamp_sec"}:
             return Layout(name if name != WIDE else LIST, head.dialect, head.start, notes=("no ranges in it",))
         raise _unknown(head, f"a table with the columns {shown(', '.join(names).encode(), 60)}")
-    index, notes = FieldIndex(names), []
-    strengths = {} if bearings else _find_intensities(names)
-    if bearings:
-        notes.append("bearings from the column names" + (", taken as degrees" if bearings[2] else ""))
-    scans = [_scan_columns(head, index, strengths, family, bearings[1] if bearings else None) for family in families]
+    index, strengths = FieldIndex(names), _find_intensities(names)
+    scans = [_scan_columns(head, index, strengths, family) for family in families]
     if name == MCAP_CAT:
         scans = [_of_mcap(head, each) for each in scans]
     for each in scans:
-        if not each.to_last and not {"angle_min", "angle_increment"} <= each.fields.keys() and each.geometry is None:
+        if not each.to_last and not {"angle_min", "angle_increment"} <= each.fields.keys():
             _need_geometry(head, name)
     beams = ", ".join(f"{len(each.ranges)} ranges of {each.topic}" for each in scans)
     return Layout(
@@ -510,13 +484,11 @@ def _named_layout(head: Head) -> Layout:
         len(names),
         tuple(scans),
         sparse=name == PLOTJUGGLER or len(scans) > 1,
-        notes=(beams, *notes),
+        notes=(beams,),
     )
 
 
-def _scan_columns(
-    head: Head, index: FieldIndex, strengths: Mapping[str, Int64], family: Family, geometry: tuple[float, float] | None
-) -> ScanColumns:
+def _scan_columns(head: Head, index: FieldIndex, strengths: Mapping[str, Int64], family: Family) -> ScanColumns:
     """Return the fields around a family of range columns, and whether rows may be ragged."""
     fields = index.find(family.prefix)
     first, last = int(family.columns[0]), int(family.columns[-1])
@@ -537,7 +509,6 @@ def _scan_columns(
         # Those of ragged rows stand wherever the ranges end.
         _NO_COLUMNS if doubled or len(own) != len(family.columns) else own,
         in_order and may_differ and (doubled or not after),
-        geometry,
     )
 
 

@@ -197,7 +197,7 @@ def _head(blocks: Iterator[TextBlock]) -> list[TextBlock]:
 
 
 def _is_binary(text: bytes) -> bool:
-    """Tell by control characters whether this is no text; a few NUL bytes are damage, not a format."""
+    """Return whether control characters say that this is no text; a few NUL bytes are damage, not a format."""
     control = re.findall(rb"[\x00-\x08\x0e-\x1a\x1c-\x1f]", text)
     return len(control) > max(3, len(text) // 20) and b"\0" * len(control) not in text
 

@@ -131,8 +131,6 @@ class Decoder(ABC):
         elif scan.to_last:
             first = known["angle_min"]
             step = (known["angle_max"] - first) / np.maximum(beams - 1, 1)
-        elif scan.geometry is not None:
-            first, step = np.full(rows, scan.geometry[0]), np.full(rows, scan.geometry[1])
         else:
             first, step = given_geometries(self.options, beams)
         least = known.get("range_min", np.zeros(rows))
@@ -209,9 +207,6 @@ def encode_frames(names: Sequence[bytes]) -> Frames:
 class WideDecoder(Decoder):
     """Decodes one sweep per row: rostopic, ros2 topic echo, PlotJuggler, bagpy, and plain wide tables."""
 
-    _usual: int = 0
-    """Cells of a usual row."""
-
     def feed(self, block: TextBlock) -> Iterator[RawSweeps]:
         """Yield the sweeps of one block."""
         layout = self.layout
@@ -226,8 +221,6 @@ class WideDecoder(Decoder):
             rows = np.delete(rows, single[blank])
         if lines.cut and len(rows):
             rows = self._drop_cut(cells, rows, lines.numbers)
-        if len(rows):
-            self._usual = self._usual or layout.width or int(cells.count[rows[-1]])
         for scan in self._scans:
             yield from self._sweeps(scan, cells, rows, lines.numbers)
 
@@ -235,9 +228,8 @@ class WideDecoder(Decoder):
         """Drop the last row where the file ends in the middle of it."""
         last = rows[-1:]
         count = int(cells.count[last[0]])
-        usual = self.layout.width or (int(cells.count[rows[-2]]) if len(rows) > 1 else self._usual)
         end = cells.column(last, count - 1)[0].strip()
-        if count >= usual and end and end[-1:] not in b".-+eE":
+        if count >= self.layout.width and end and end[-1:] not in b".-+eE":
             return rows
         self._damage(numbers[last[0]], f"the file ends within this row ({count} cells): its sweep is dropped")
         return rows[:-1]
@@ -301,10 +293,7 @@ class WideDecoder(Decoder):
         good = np.ones(len(rows), np.bool_)
         good[list(found.bad)] = False
         empty = None if found.empty is None else pad(found.empty.astype(np.float32), span, 1.0) == 1.0
-        if order is not None and len(order) != span[0]:
-            ranges = ranges[:, order]
-            empty = None if empty is None else empty[:, order]
-        elif order is not None and (np.diff(order) != 1).any():
+        if order is not None and (len(order) != span[0] or (np.diff(order) != 1).any()):
             ranges, empty = ranges[:, order], None if empty is None else empty[:, order]
         if empty is not None and empty.size:
             beams = _without_trailing(empty, beams, np.zeros_like(beams) if scan.to_last else view)
@@ -346,8 +335,6 @@ class WideDecoder(Decoder):
         if not scan.open_end:
             return np.where(count <= self.layout.width, named, -1)
         rest = count - scan.first
-        if not self.layout.width:
-            return np.where(rest > 0, rest, -1)
         regular = count == self.layout.width
         if not named:
             # An empty array is written as one empty cell.
@@ -363,9 +350,8 @@ class WideDecoder(Decoder):
         return beams
 
     def _misfits(self, cells: Cells, rows: Int64, numbers: Int64) -> None:
-        usual = f"{self._usual} are usual" if self._usual else "there should be more"
         for line, count in zip(numbers[rows].tolist(), cells.count[rows].tolist(), strict=True):
-            self._damage(line, f"{count} cells where {usual}: the row is dropped")
+            self._damage(line, f"{count} cells where {self.layout.width} are usual: the row is dropped")
 
 
 def _intensity_columns(scan: ScanColumns, cells: Cells, rows: Int64, beams: Int64, width: int) -> Float32 | None:
@@ -507,8 +493,8 @@ class ListDecoder(Decoder):
         if ranges is None:
             self._damage(line, f"{shown(cells[scan.first].encode())} is no list of ranges")
             return None
-        beside = [_list_of(cells[column], lists) or b"" for column in scan.intensities.tolist()]
-        return _Record(line, ranges, b"".join(beside), cells)
+        intensities = [_list_of(cells[column], lists) or b"" for column in scan.intensities.tolist()]
+        return _Record(line, ranges, b"".join(intensities), cells)
 
     def _sweeps(self, scan: ScanColumns, records: list[_Record]) -> Iterator[RawSweeps]:
         parts = [_plain_list(record.ranges) for record in records]
@@ -581,16 +567,16 @@ def _numbers(cells: list[str]) -> tuple[np.ndarray, list[int]]:
     """Return each cell as the float32 a LaserScan holds, and the rows where it is none."""
     values = np.full(len(cells), np.nan)
     wrong = []
-    seen: dict[str, float] = {}
+    parsed: dict[str, float] = {}
     for row, cell in enumerate(cells):
-        if cell not in seen:
+        if cell not in parsed:
             try:
                 number = parse_number(cell.encode())
             except ValueError:
                 wrong.append(row)
                 continue
-            seen[cell] = np.nan if number is None else number
-        values[row] = seen[cell]
+            parsed[cell] = np.nan if number is None else number
+        values[row] = parsed[cell]
     with np.errstate(over="ignore"):
         return values.astype(np.float32).astype(np.float64), wrong
 

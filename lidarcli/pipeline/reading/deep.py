@@ -137,8 +137,8 @@ def deep_findings(
                 if key not in sensors:
                     if len(sensors) == MOST_SENSORS:
                         continue
-                    told = None if sources is None or poses.source == NONE else sources.chain(frame, batch.topic)
-                    sensors[key] = _Sensor(*key, posing.paths.get(key), told, poses.delay or 0.0)
+                    chain = None if sources is None or poses.source == NONE else sources.chain(frame, batch.topic)
+                    sensors[key] = _Sensor(*key, posing.paths.get(key), chain, poses.delay or 0.0)
                 sensors[key].add(mine)
         links = [] if sources is None else [one for one in sources.tracks if one.is_link and one.static]
         findings: list[Finding] = []
@@ -148,7 +148,7 @@ def deep_findings(
         for key in sorted(sensors):
             sensor = sensors[key]
             findings += _body(sensor, masking) + _flickering(sensor)
-            world = "" if sensor.told is None else sensor.told.world
+            world = "" if sensor.chain is None else sensor.chain.world
             # One sensor for each frame of a world, the first of its topics.
             if (world, key[1].lstrip("/")) in frames:
                 continue
@@ -157,7 +157,7 @@ def deep_findings(
                 findings += mirrored
                 continue
             # Lasers of several robots are not beside each other.
-            world = next(iter(firsts), "") if sensor.told is None else world
+            world = next(iter(firsts), "") if sensor.chain is None else world
             if world not in firsts:
                 calibrated = _calibrated(sensor)
                 finding, mount = _mount_finding(sensor, calibrated)
@@ -212,8 +212,8 @@ def _body(sensor: _Sensor, masking: MaskRules) -> list[Finding]:
 class _Sensor:
     """Samples and counts of one topic and frame."""
 
-    def __init__(self, topic: str, frame: str, path: CheckedPath | None, told: PoseChain | None, delay: float) -> None:
-        self.topic, self.frame, self.told, self.asked_delay = topic, frame, told, delay
+    def __init__(self, topic: str, frame: str, path: CheckedPath | None, chain: PoseChain | None, delay: float) -> None:
+        self.topic, self.frame, self.chain, self.asked_delay = topic, frame, chain, delay
         self.named = Sensor(topic, frame, topic)
         self.path = path or CheckedPath("none")
         self.delay = delay + (0.0 if self.path.fit is None else self.path.fit.delay)
@@ -265,7 +265,7 @@ class _Sensor:
     def _moved(self, batch: SweepBatch) -> list[int]:
         """Return the rows of sweeps between which the sensor has moved."""
         rows: list[int] = []
-        chain = self.path.chain or self.told
+        chain = self.path.chain or self.chain
         poses = np.zeros((0, 3)) if chain is None else _poses_at(chain, batch.stamp_ns)
         for row, (x, y, yaw) in enumerate(poses.tolist()):
             if not math.isfinite(x + y + yaw):
@@ -297,20 +297,20 @@ class _Sensor:
 
     def mirrored(self) -> list[Finding]:
         """Return the finding that the sensor sees turns the other way round than poses tell."""
-        if self.told is None or not len(self.path.stamp_ns):
+        if self.chain is None or not len(self.path.stamp_ns):
             return []
-        there = planar(self.told.at(self.path.stamp_ns))
+        there = planar(self.chain.at(self.path.stamp_ns))
         reached = np.isfinite(there.x)
         hangs = np.count_nonzero(there.upside_down & reached) * 2 > np.count_nonzero(reached)
         matched = self.path.matched * ([1.0, -1.0, -1.0] if hangs else [1.0, 1.0, 1.0])
-        told, seen = _steps(self.path, matched, np.column_stack([there.x, there.y, there.yaw]))
-        turn, seen = told[:, 2], seen[:, 2]
-        large = np.maximum(np.abs(seen), np.abs(turn)) > LARGE_TURN
-        turn, seen = turn[large], seen[large]
+        logged, turn_seen = _steps(self.path, matched, np.column_stack([there.x, there.y, there.yaw]))
+        turn, turn_seen = logged[:, 2], turn_seen[:, 2]
+        large = np.maximum(np.abs(turn_seen), np.abs(turn)) > LARGE_TURN
+        turn, turn_seen = turn[large], turn_seen[large]
         if len(turn) < LEAST_TURNS:
             return []
         # About 0, not about the mean: a robot may turn to one side only.
-        related = float((turn * seen).sum() / np.sqrt((turn**2).sum() * (seen**2).sum()))
+        related = float((turn * turn_seen).sum() / np.sqrt((turn**2).sum() * (turn_seen**2).sum()))
         stats = SimpleNamespace(
             related=related, correlation=round(related, 3), turns=len(turn), turns_shown=counted(len(turn), "turn")
         )
@@ -339,7 +339,7 @@ def _poses_at(chain: PoseChain, stamp_ns: Int64) -> Float64:
 class _Calibrated:
     """The mount and the delay by the sweeps of one sensor."""
 
-    told: Float64
+    logged: Float64
     """(3,) x, y [m], yaw [rad] of the mount that the log tells."""
     parent: str
     turned: float
@@ -363,12 +363,12 @@ class _Calibrated:
         if self.settled is None or self.cells[1] >= self.cells[0]:
             return False
         deviation = np.maximum(self.settled.deviations[:3], SURE)
-        return bool((deviation < UNSURE).all()) and _differs(self.settled.values[:3] - self.told, deviation)
+        return bool((deviation < UNSURE).all()) and _differs(self.settled.values[:3] - self.logged, deviation)
 
     @property
     def mount(self) -> Float64:
         """(3,) the mount that counts: the one found where it differs."""
-        return self.settled.values[:3] if self.settled is not None and self.differs else self.told
+        return self.settled.values[:3] if self.settled is not None and self.differs else self.logged
 
     def placing(self, values: Float64) -> Float64:
         """Return the poses of the sensor by the unknowns of `settled`."""
@@ -385,9 +385,9 @@ def _split(chain: PoseChain) -> tuple[tuple[Step, ...], tuple[Step, ...], str]:
 
 def _by_log(sensor: _Sensor) -> _Calibrated | None:
     """Return what is known of the mount of a sensor before its sweeps are aligned; None without poses that move."""
-    if sensor.told is None:
+    if sensor.chain is None:
         return None
-    mount, rest, parent = _split(sensor.told)
+    mount, rest, parent = _split(sensor.chain)
     if not rest:
         return None
     outlines = sensor.outlines()
@@ -404,16 +404,16 @@ def _by_log(sensor: _Sensor) -> _Calibrated | None:
         there = planar(along(rest, at_ns, held=True))
         return np.column_stack([there.x, there.y, there.yaw])
 
-    told = np.array([here.x[0], here.y[0], here.yaw[0]])
+    logged = np.array([here.x[0], here.y[0], here.yaw[0]])
     path = poses(0.0, 0.0)
     turned = float(np.abs(wrapped(np.diff(path[:, 2]))).sum())
-    stretch = stretches_of(path, *(DRIFTING if of_one_run(sensor.told.world) else FIXED))
+    stretch = stretches_of(path, *(DRIFTING if of_one_run(sensor.chain.world) else FIXED))
     first, last = sensor.times
-    start = np.array([*told, sensor.delay + first, last - first, 0.0, 0.0])
+    start = np.array([*logged, sensor.delay + first, last - first, 0.0, 0.0])
     is_known = sensor.path.timing.order != AUTO or last != first
     lasts = (KNOWN_TIME if is_known else 0.5) * sensor.period
     trusted = np.array([np.inf, np.inf, np.inf, max(DELAYS, 2.0 * abs(sensor.delay)), lasts, SCALES, SCALES])
-    return _Calibrated(told, parent, turned, outlines, poses, start, trusted, stretch)
+    return _Calibrated(logged, parent, turned, outlines, poses, start, trusted, stretch)
 
 
 def _calibrated(sensor: _Sensor) -> _Calibrated | None:
@@ -425,10 +425,10 @@ def _calibrated(sensor: _Sensor) -> _Calibrated | None:
     if fit.verdict not in ("accepted", "corrected") or fit.share < ACCEPTED:
         return by_log
     starts = [by_log.start]
-    assert sensor.told is not None
-    there = planar(along(_split(sensor.told)[1], sensor.path.stamp_ns + round(sensor.delay * SECOND_NS)))
+    assert sensor.chain is not None
+    there = planar(along(_split(sensor.chain)[1], sensor.path.stamp_ns + round(sensor.delay * SECOND_NS)))
     guess = _mount_by_steps(sensor.path, np.column_stack([there.x, there.y, there.yaw]))
-    if guess is not None and (np.abs(guess - by_log.told) > NEARBY).any():
+    if guess is not None and (np.abs(guess - by_log.logged) > NEARBY).any():
         starts.append(np.concatenate([guess, by_log.start[3:]]))
 
     def tried(start: Float64, trusted: Float64) -> tuple[CalibrationResult, int]:
@@ -436,7 +436,7 @@ def _calibrated(sensor: _Sensor) -> _Calibrated | None:
         return found, cells_filled(by_log.outlines, by_log.placing(found.values), by_log.stretch)
 
     best, filled = min((tried(start, by_log.trusted) for start in starts), key=lambda one: one[1])
-    if not _differs(best.values[:3] - by_log.told, np.maximum(best.deviations[:3], SURE)):
+    if not _differs(best.values[:3] - by_log.logged, np.maximum(best.deviations[:3], SURE)):
         return replace(by_log, settled=best, cells=(filled, filled))
     _, before = tried(by_log.start, np.concatenate([np.zeros(3), by_log.trusted[3:]]))
     return replace(by_log, settled=best, cells=(before, filled))
@@ -444,8 +444,8 @@ def _calibrated(sensor: _Sensor) -> _Calibrated | None:
 
 def _mount_by_steps(path: CheckedPath, carrier: Float64) -> Float64 | None:
     """Return the mount by the steps of the matched path and those of what carries the sensor; None where they are few."""
-    told, matched = _steps(path, path.matched, carrier)
-    return np.array(mount_between(matched, told)) if len(told) >= LEAST_TURNS else None
+    logged, matched = _steps(path, path.matched, carrier)
+    return np.array(mount_between(matched, logged)) if len(logged) >= LEAST_TURNS else None
 
 
 def _differs(off: Float64, deviation: Float64) -> bool:
@@ -458,15 +458,15 @@ def _mount(frame: str, parent: str, values: Float64) -> Mount:
     return Mount(frame, parent, x, y, round(math.remainder(float(values[2]), TURN), 4))
 
 
-def _placed(place: Mount, deviation: Float64, told: Float64 | None, fixed: Mount, **more: float) -> SimpleNamespace:
+def _placed(place: Mount, deviation: Float64, logged: Float64 | None, fixed: Mount, **more: float) -> SimpleNamespace:
     """Return what the rules of mounts ask; `fixed` is the transform to publish."""
     names = ("x", "y", "yaw")
     evidence = {name: getattr(place, name) for name in names}
     evidence |= {f"sd_{name}": round(float(one), 4) for name, one in zip(names, deviation, strict=True)}
     shown = ""
-    if told is not None:
-        evidence |= {f"told_{name}": round(float(one), 4) for name, one in zip(names, told, strict=True)}
-        shown = f"x {told[0] + 0.0:.2f} m, y {told[1] + 0.0:.2f} m, yaw {math.degrees(told[2]) + 0.0:.1f} degrees"
+    if logged is not None:
+        evidence |= {f"told_{name}": round(float(one), 4) for name, one in zip(names, logged, strict=True)}
+        shown = f"x {logged[0] + 0.0:.2f} m, y {logged[1] + 0.0:.2f} m, yaw {math.degrees(logged[2]) + 0.0:.1f} degrees"
     lines = transform_lines(fixed.parent, fixed.frame, fixed.x, fixed.y, fixed.yaw)
     return SimpleNamespace(
         child=place.frame or "the sensor",
@@ -476,7 +476,7 @@ def _placed(place: Mount, deviation: Float64, told: Float64 | None, fixed: Mount
         sd=deviation,
         yaw_degrees=math.degrees(place.yaw),
         sd_degrees=math.degrees(deviation[2]),
-        is_told=told is not None,
+        is_told=logged is not None,
         told_shown=shown,
         evidence=evidence | more,
         fix=Fix("transform", lines) if fixed.frame and fixed.parent else None,
@@ -497,8 +497,8 @@ def _mount_finding(sensor: _Sensor, found: _Calibrated | None) -> tuple[list[Fin
         return [], []
     mount = _mount(sensor.frame, found.parent, found.settled.values)
     cells = {"cells_told": found.cells[0], "cells": found.cells[1], "turned": round(found.turned, 3)}
-    stats = _placed(mount, np.maximum(found.settled.deviations[:3], SURE), found.told, mount, **cells)
-    assumed = sensor.told is not None and sensor.told.assumption
+    stats = _placed(mount, np.maximum(found.settled.deviations[:3], SURE), found.logged, mount, **cells)
+    assumed = sensor.chain is not None and sensor.chain.assumption
     stats.says, stats.differs = "without a mount it is taken to be at" if assumed else "tf says", True
     return judge([MOUNT], stats, sensor.named), [mount]
 
@@ -539,7 +539,7 @@ def _fit_finding(sensor: _Sensor, found: _Calibrated | None) -> list[Finding]:
     if found is None or path.fit is None or path.fit.verdict == "unchecked" or path.follows_told or sensor.stood:
         return []
     values = found.settled.values if found.settled is not None and found.differs else found.start
-    told = mounted(found.base(float(values[3]), float(values[4])), values[:3])
+    logged = mounted(found.base(float(values[3]), float(values[4])), values[:3])
     first, last = sensor.times
     at_ns = found.outlines.stamp_ns + (first + (last - first) * found.outlines.share) * SECOND_NS
     matched = _matched_at(path, at_ns)
@@ -547,9 +547,9 @@ def _fit_finding(sensor: _Sensor, found: _Calibrated | None) -> list[Finding]:
     if len(reached) < LEAST_STEPS * SLOTS:
         return []
     outlines = found.outlines.those(reached)
-    cells, fewer = cells_filled(outlines, told[reached]), cells_filled(outlines, matched[reached])
+    cells, fewer = cells_filled(outlines, logged[reached]), cells_filled(outlines, matched[reached])
     share = 1.0 - fewer / max(cells, 1)
-    source = sensor.told.topics[0] if sensor.told else "its poses"
+    source = sensor.chain.topics[0] if sensor.chain else "its poses"
     stats = SimpleNamespace(cells_told=cells, cells_matched=fewer, share=share, fewer=round(share, 3), source=source)
     return judge([PATH_FIT], stats, sensor.named)
 
@@ -577,14 +577,14 @@ def _lasers_finding(
     first: _Sensor, found: _Calibrated | None, second: _Sensor, tree: FrameTree
 ) -> tuple[list[Finding], list[Mount]]:
     """Return the finding on the place of a second laser in the frame of the first one, and its mount; `tree`: static."""
-    told = None
+    logged = None
     if (steps := tree.path(frame_name(second.frame), frame_name(first.frame))) is not None:
         there = planar(along(steps, np.zeros(1, np.int64)))
         place = np.column_stack([there.x, there.y, there.yaw])
         if found is not None and found.settled is not None and found.differs:
-            place = steps_between(found.mount[None], mounted(found.told[None], place))
-        told = place[0]
-    place_of = _standing(first, second) if first.stood and second.stood else _driving(first, second, found, told)
+            place = steps_between(found.mount[None], mounted(found.logged[None], place))
+        logged = place[0]
+    place_of = _standing(first, second) if first.stood and second.stood else _driving(first, second, found, logged)
     why, deviation = place_of, SURE
     if not isinstance(place_of, str):
         deviation = np.maximum(place_of.deviations[:3], SURE * (3.0 if first.stood else 1.0))
@@ -592,19 +592,19 @@ def _lasers_finding(
     if isinstance(place_of, str) or why:
         stats = SimpleNamespace(first=first.topic, why=why)
         return judge([LASERS_UNKNOWN], stats, second.named), []
-    if told is not None and not _differs(place_of.values[:3] - told, deviation):
+    if logged is not None and not _differs(place_of.values[:3] - logged, deviation):
         return [], []
     parent, carrier = first.frame, np.zeros(3)
-    carried = None if second.told is None or second.told.assumption else _split(second.told)[2]
+    carried = None if second.chain is None or second.chain.assumption else _split(second.chain)[2]
     if found is not None and carried == found.parent:
         # The transform to mend is that to the robot.
         parent, carrier = found.parent, found.mount
     mount = _mount(second.frame, parent, mounted(carrier[None], place_of.values[:3])[0])
-    stats = _placed(_mount(second.frame, first.frame, place_of.values), deviation, told, mount)
+    stats = _placed(_mount(second.frame, first.frame, place_of.values), deviation, logged, mount)
     return judge([LASERS, LASERS_UNTOLD], stats, second.named), [mount]
 
 
-def _driving(first: _Sensor, second: _Sensor, found: _Calibrated | None, told: Float64 | None) -> CalibrationResult | str:
+def _driving(first: _Sensor, second: _Sensor, found: _Calibrated | None, logged: Float64 | None) -> CalibrationResult | str:
     """Place both lasers by the path of the first, and find where the second is by the map of both; else why not."""
     chain = first.path.chain
     if chain is None:
@@ -632,7 +632,7 @@ def _driving(first: _Sensor, second: _Sensor, found: _Calibrated | None, told: F
     order = np.argsort(outlines.stamp_ns, kind="stable")
     stretch = np.empty(len(both), np.int64)
     stretch[order] = stretches_of(both[order], *(DRIFTING if of_one_run(chain.world) else FIXED))
-    starts = [] if told is None else [told]
+    starts = [] if logged is None else [logged]
     if len(second.path.stamp_ns):
         guess = _mount_by_steps(second.path, _poses_at(chain, second.path.stamp_ns))
         starts += [] if guess is None else [guess]
