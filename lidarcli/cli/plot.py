@@ -105,37 +105,37 @@ class PlotCommand(OneLog, Overwrite, Window, Plotting, total=False):
   lidarcli plot run.mcap --sweeps 0:100:2 --animate --fps 20 --overwrite""",
     rules=PLOT_RULES,
 )
-def plot(messages: Messages, told: Mapping[str, Any]) -> int:
+def plot(messages: Messages, options: Mapping[str, Any]) -> int:
     """Draw sweeps: scene with boxes, r(theta), s(theta), map.
 
     Without -o the picture is LOG-0.png in the current directory, and so on. Only the log
     up to the last of these sweeps is read; with --view map, all of it.
     """
-    output, view, animate, at = told["output"], told["view"], told["animate"], told["at"]
-    background, tracks, window = told["background"], told["tracks"], (told["start"], told["end"])
-    read, opening, poses = log_options({**told, "start": None, "end": None})
+    output, view, animate, at = options["output"], options["view"], options["animate"], options["at"]
+    background, tracks, window = options["background"], options["tracks"], (options["start"], options["end"])
+    read, opening, poses = log_options({**options, "start": None, "end": None})
     in_world = view == MAP
-    wanted = _wanted_sweeps(told)
+    wanted = _wanted_sweeps(options)
     _refuse_suffix(output, animate)
     if output == STDOUT and (animate or len(wanted or ()) != 1):
         raise click.UsageError("standard output takes one picture; give -o FIG")
-    if in_world and told["sweep"] is None and told["sweeps"] is None and at is None:
+    if in_world and options["sweep"] is None and options["sweeps"] is None and at is None:
         wanted = None
 
     from lidarcli.pipeline.inputs.search import files_of, one_log
 
     zones = None
-    if told["zones"]:
+    if options["zones"]:
         from lidarcli.pipeline.inputs.zones import read_zones
 
-        zones = read_zones(told["zones"])
-    source = one_log(told["log"], told["join"])
+        zones = read_zones(options["zones"])
+    source = one_log(options["log"], options["join"])
     if at is not None:
         from lidarcli.pipeline.plotting import sweep_at
 
-        wanted = (sweep_at(source, at, told["topic"], opening),)
+        wanted = (sweep_at(source, at, options["topic"], opening),)
     paths = _outputs(output, source, wanted, animate, in_world)
-    look = Look(*(told[field] for field in ("width", "dpi", "title", "legend", "vertices", "fps")))
+    look = Look(*(options[field] for field in ("width", "dpi", "title", "legend", "vertices", "fps")))
     if look.dpi is not None and paths[0].suffix.lower() in (".svg", ".pdf"):
         raise click.UsageError("--dpi is for .png and animations; .svg and .pdf have no pixels")
 
@@ -144,31 +144,31 @@ def plot(messages: Messages, told: Mapping[str, Any]) -> int:
     from lidarcli.pipeline.api.options import parameters_of
     from lidarcli.pipeline.plotting import PlotOptions, picture_bytes, take_pictures, write_animation, write_pictures
 
-    overwrite = told["overwrite"]
+    overwrite = options["overwrite"]
     if output != STDOUT:
-        others = [file for file in (background, told["mask"], poses.file, *told["zones"]) if file]
+        others = [file for file in (background, options["mask"], poses.file, *options["zones"]) if file]
         if tracks:
             from lidarcli.pipeline.inputs.tables import table_files
 
             others += [str(table) for table in table_files([tracks])]
         refuse(paths, overwrite, [*files_of([source]), *others])
-    found_with = parameters_of(None, told)
+    found_with = parameters_of(None, options)
     if in_world:
         from lidarcli.pipeline.mapping import MapOptions
 
-        options = MapOptions(read, opening, poses, parameters=found_with, overwrite=overwrite)
-        return _draw_map(messages, source, paths, wanted, tracks, options, look)
+        how = MapOptions(read, opening, poses, parameters=found_with, overwrite=overwrite)
+        return _draw_map(messages, source, paths, wanted, tracks, how, look)
     drawn = take_pictures(
         source,
         PlotOptions(
             wanted,
-            told["topic"],
+            options["topic"],
             found_with,
             read.rules,
             opening,
             background,
             tracks,
-            TRAIL if told["trail"] is None else told["trail"],
+            TRAIL if options["trail"] is None else options["trail"],
             poses,
             *window,
             zones,
@@ -196,7 +196,7 @@ def _draw_map(
     paths: list[Place],
     sweeps: tuple[int, ...] | None,
     tracks: str | None,
-    options: "MapOptions",
+    how: "MapOptions",
     look: Look,
 ) -> int:
     """Draw the run from above; the exit code."""
@@ -204,14 +204,14 @@ def _draw_map(
     from lidarcli.pipeline.plotting import map_bytes, take_map, write_maps
 
     try:
-        drawn = take_map(source, options, sweeps, tracks)
+        drawn = take_map(source, how, sweeps, tracks)
     except UnreadableError as err:
         raise UnreadableError(f"{source.label}: {str(err).removeprefix(f'{source.path}: ')}") from err
     messages.notes(drawn.notes)
     if str(paths[0]) == STDOUT:
         standard_output().buffer.write(map_bytes(drawn.pictures[0], ".png", look))
     else:
-        notes = write_maps(paths, drawn.pictures, options.overwrite, look)
+        notes = write_maps(paths, drawn.pictures, how.overwrite, look)
         messages.wrote(paths)
         messages.notes(notes)
     for line in drawn.damage:
@@ -219,12 +219,12 @@ def _draw_map(
     return UnreadableError.exit_code if drawn.damage else 0
 
 
-def _wanted_sweeps(told: Mapping[str, Any]) -> tuple[int, ...] | None:
+def _wanted_sweeps(options: Mapping[str, Any]) -> tuple[int, ...] | None:
     """The sweeps to draw; None for all."""
-    sweep, sweeps = told["sweep"], told["sweeps"]
+    sweep, sweeps = options["sweep"], options["sweeps"]
     if sweep is not None:
         return (sweep,)
-    return (0,) if sweeps is None and not told["animate"] else sweeps
+    return (0,) if sweeps is None and not options["animate"] else sweeps
 
 
 def _outputs(

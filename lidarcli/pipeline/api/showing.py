@@ -102,27 +102,27 @@ class _OfLogs(Joining, Poses, Delay, Ranges):
     """Options for reading the log of which a sweep is drawn."""
 
 
-def _picture(log: Paths | SweepBatch, sweep: int, parameters: Parameters | None, told: Values) -> Picture:
-    read, opening, poses = log_options({**told, "topic": None})
+def _picture(log: Paths | SweepBatch, sweep: int, parameters: Parameters | None, options: Values) -> Picture:
+    read, opening, poses = log_options({**options, "topic": None})
     wanted = PlotOptions(
         sweeps=(sweep,),
-        topic=told["topic"],
-        parameters=parameters_of(parameters, told),
+        topic=options["topic"],
+        parameters=parameters_of(parameters, options),
         rules=read.rules,
         opening=opening,
-        background=None if told["background"] is None else fspath(told["background"]),
-        trail=TRAIL if told["trail"] is None else told["trail"],
+        background=None if options["background"] is None else fspath(options["background"]),
+        trail=TRAIL if options["trail"] is None else options["trail"],
         poses=poses,
-        zones=read_zones(several(told["zones"])) if told["zones"] else None,
+        zones=read_zones(several(options["zones"])) if options["zones"] else None,
     )
     if isinstance(log, SweepBatch):
-        refuse_reading(told, _OfLogs, "topic", "at")
-        if told["zones"]:
+        refuse_reading(options, _OfLogs, "topic", "at")
+        if options["zones"]:
             raise TypeError("zones are drawn into the sweep of a log, not of a batch")
-        return picture_of(log, sweep, replace(wanted, tracks=_tracks(told["tracks"], log.log)))
-    source = one_log(paths_of(log), told["join"])
-    wanted = replace(wanted, tracks=_tracks(told["tracks"], source.name))
-    if (at := told["at"]) is not None:
+        return picture_of(log, sweep, replace(wanted, tracks=_tracks(options["tracks"], log.log)))
+    source = one_log(paths_of(log), options["join"])
+    wanted = replace(wanted, tracks=_tracks(options["tracks"], source.name))
+    if (at := options["at"]) is not None:
         if sweep:
             raise OptionError("--at names one sweep: give either at or sweep")
         try:
