@@ -112,8 +112,6 @@ def zone_dict(zone: Zone) -> dict[str, Any]:
     if zone.action == "approach":
         told |= {name: getattr(zone, name) for name in ("time_before_collision", "time_step")}
     told |= {name: topic for name in ("shape_topic", "velocity_topic") if (topic := getattr(zone, name))}
-    if zone.footprint is not None:
-        told["footprint"] = [[*corner] for corner in zone.footprint.corners]
     match shape:
         case Polygon(corners):
             told["polygon"] = [[*corner] for corner in corners]
@@ -221,10 +219,10 @@ class Watching:
             return Shapes([case.shape for case in zone.cases])
         told = polygons(self._log, zone.shape_topic, self._report)
         if told is None:
-            if (footprint := self._options.footprint or zone.footprint) is None:
+            if (footprint := self._options.footprint) is None:
                 raise NoScanError(
                     f"zone '{zone.name}' has the shape that {zone.shape_topic} tells, and the log has no such topic: "
-                    "give --footprint '[[x, y], ...]', or robot_radius of local_costmap in the file"
+                    "give --footprint '[[x, y], ...]'"
                 )
             return Shapes([footprint])
         shapes: dict[tuple[tuple[float, float], ...], int] = {}
