@@ -140,15 +140,7 @@ def find_table_sets(inputs: Iterable[Given]) -> tuple[list[TableSet], list[Unrea
 
 
 def one_table_set(text: str | TableSet) -> TableSet:
-    """Return the tables of the one log that a file, folder or pattern names.
-
-    Raises
-    ------
-    UnreadableError
-        There are none.
-    OptionError
-        There are those of several logs.
-    """
+    """Return the tables of the one log that a name stands for (`UnreadableError` for none, `OptionError` for several)."""
     table_sets, problems = find_table_sets([text])
     if problems:
         raise problems[0]
@@ -305,13 +297,7 @@ class TracksTable:
 
 
 def find_tracks(inputs: Iterable[str]) -> list[Place]:
-    """Return the tracks tables that files, folders and patterns name, each once, in their order.
-
-    Raises
-    ------
-    UnreadableError
-        There is none where one was named.
-    """
+    """Return the tracks tables that files, folders and patterns name, each once (`UnreadableError` where there is none)."""
     found: dict[Place, None] = {}
     for text in inputs:
         found |= dict.fromkeys(_tables(text))
@@ -424,13 +410,7 @@ def arrow_of(value: Any) -> pa.Table:
 
 
 def table_sets_of(tables: Sequence[Any]) -> list[HeldTableSet]:
-    """Return the tables of each log, of some that belong together: at most one of each kind holds rows of a log.
-
-    Raises
-    ------
-    OptionError
-        One is no table of lidarcli, or two of a kind are of the same log.
-    """
+    """Return the tables of each log, of some that belong together (`OptionError` where two of a kind are of one log)."""
     given = [arrow_of(table) for table in tables]
     known = [(_kind_of(table), without_sweeps(table)) for table in given]
     if all(kind != "sweeps" for kind, _ in known):
@@ -454,15 +434,7 @@ def table_sets_of(tables: Sequence[Any]) -> list[HeldTableSet]:
 
 
 def tables_of(values: Any) -> list[Given]:
-    """Return tables, each named by a path or in memory: those of a tuple that a function returned belong together.
-
-    Raises
-    ------
-    TypeError
-        One is neither a path nor a table.
-    OptionError
-        One is no table of lidarcli, or two of a kind are of the same log.
-    """
+    """Return tables, each named by a path or in memory (`TypeError`); those of a tuple belong together."""
     found: list[Given] = []
     table_sets: list[HeldTableSet] = []
     loose: list[Any] = []
