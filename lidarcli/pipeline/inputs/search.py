@@ -399,8 +399,8 @@ def choose(
 ) -> list[Source | MissingInput]:
     """Choose the logs of a run: those that are named, then those of the list (`-`: standard input), one a line.
 
-    Their names have their places below `base`; of a `shard` (I, N) only the I-th of N shares is taken, which a log belongs to
-    by its name alone. `note` hears of logs that look like parts and are not joined, and of those that are left out.
+    Their names have their places below `base`. Of a `shard` (I, N) only the I-th of N shares is taken, which a log belongs
+    to by its name alone. `note` hears of logs that look like parts and are not joined, and of those that are left out.
     """
     found = find_logs(logs, join, note)
     if listed is not None:

@@ -50,40 +50,11 @@ class TableSet:
     after: str
     """Rest of their paths after the name of the table: `.parquet` or `/run.parquet`."""
 
-    @property
-    def objects(self) -> Readable:
-        """The objects table."""
-        return self._table("objects")
-
-    @property
-    def sweeps(self) -> Readable:
-        """The sweeps table."""
-        return self._table("sweeps")
-
-    @property
-    def tracks(self) -> Readable:
-        """The tracks table; it is there where things were followed."""
-        return self._table("tracks")
-
-    @property
-    def trajectories(self) -> Readable:
-        """The trajectories table; it need not be there."""
-        return self._table("trajectories")
-
-    @property
-    def beams(self) -> Readable:
-        """The beams table; it need not be there."""
-        return self._table("beams")
-
-    @property
-    def events(self) -> Readable:
-        """The events of zones; it need not be there."""
-        return self._table("events")
-
-    @property
-    def zones(self) -> Readable:
-        """The zones in every sweep; it is there where the events are."""
-        return self._table("zones")
+    def __getattr__(self, kind: str) -> Readable:
+        """Return the table of a kind, such as `objects`; it need not be there."""
+        if kind not in SCHEMAS:
+            raise AttributeError(kind)
+        return self._table(kind)
 
     @property
     def log(self) -> str:
