@@ -178,12 +178,14 @@ class DeclaredOption(click.Option):
 
 @contextmanager
 def usage_errors() -> Iterator[None]:
-    """Turn an `OptionError`, whose words may begin with the option (`--fov: ...`), into a usage error of click."""
+    """Turn an `OptionError` whose words begin with an option into a usage error; any other is on what a file says."""
     try:
         yield
     except OptionError as err:
         name, mark, words = str(err).partition(": ")
-        if mark and name.startswith("--") and " " not in name:
+        if not name.startswith("--"):
+            raise
+        if mark and " " not in name:
             raise click.BadParameter(f"{words}.", param_hint=f"'{name}'") from err
         raise click.UsageError(str(err)) from err
 
