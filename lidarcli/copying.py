@@ -5,7 +5,6 @@ Writers are those of the containers' libraries: chunks and index are made anew, 
 
 from __future__ import annotations
 
-import re
 import shutil
 import sqlite3
 import struct
@@ -15,10 +14,8 @@ from collections.abc import Callable
 from contextlib import closing
 from dataclasses import dataclass, field
 from functools import partial
-from operator import itemgetter
 from pathlib import Path
 from typing import Any, BinaryIO
-from urllib.parse import quote
 
 import numpy as np
 import zstandard
@@ -33,8 +30,8 @@ from lidarcli.logs.laserscan import locate
 from lidarcli.logs.mcap import McapLog
 from lidarcli.logs.mcap_records import Catalogue, Messages, parse
 from lidarcli.logs.rosbag1 import Rosbag1Log
-from lidarcli.logs.rosbag2 import BATCH, ROWID, SQLITE_ERRORS, Rosbag2Log, SqliteLog, is_cdr, quoted
-from lidarcli.logs.unpacking import ZSTD_MAGIC, Unpacking, is_zstd, unpack_message
+from lidarcli.logs.rosbag2 import SQLITE_ERRORS, Rosbag2Log, SqliteLog, is_cdr
+from lidarcli.logs.unpacking import ZSTD_MAGIC, DecompressionBudget, is_zstd, unpack_message
 from lidarcli.ros.bag_metadata import METADATA
 from lidarcli.sweeps import Bool
 
@@ -45,20 +42,14 @@ _PUBLISHED = struct.Struct("<IQQ")
 """Sequence, log time and publish time of an MCAP message, before its payload."""
 _PUBLISHER = ("type", "md5sum", "message_definition", "callerid", "latching")
 """Fields by which ROS 1 connections of one topic differ."""
-_INDEX = "timestamp_idx ON messages (timestamp ASC)"
 _TABLES = (
     "CREATE TABLE topics(id INTEGER PRIMARY KEY, name TEXT NOT NULL, type TEXT NOT NULL, "
     "serialization_format TEXT NOT NULL, offered_qos_profiles TEXT NOT NULL)",
     "CREATE TABLE messages(id INTEGER PRIMARY KEY, topic_id INTEGER NOT NULL, timestamp INTEGER NOT NULL, "
     "data BLOB NOT NULL)",
-    f"CREATE INDEX {_INDEX}",
+    "CREATE INDEX timestamp_idx ON messages (timestamp ASC)",
 )
 """Tables of a bag, as rosbag2 makes them."""
-_NAMES = "SELECT name FROM main.sqlite_master WHERE type = 'table' AND substr(name, 1, 7) != 'sqlite_'"
-_TYPE = re.compile(r"\w{1,40}")
-"""Types of columns that are declared as in the log; a column of any other takes all values as they are."""
-_BEYOND = 1 << 63
-"""A rowid is below."""
 
 Edit = Callable[[str, bytes, Locate], bytes]
 """Takes topic and message, and what finds its ranges; returns the message to write, the same one if nothing changes."""
@@ -75,14 +66,14 @@ class Copy:
     """Topic and type → messages that were copied."""
     left_out: int = 0
     """Records of applications that are no messages, attachments or metadata."""
-    unpacking: Unpacking = field(default_factory=Unpacking)
+    budget: DecompressionBudget = field(default_factory=DecompressionBudget)
     """Limit for messages that are packed one by one."""
 
     def edited(self, topic: str, data: bytes, locate: Locate) -> bytes:
         """Return the message to write for one of sweeps, which may be packed by zstd, and is so again."""
         if not data.startswith(ZSTD_MAGIC):
             return self.edit(topic, data, locate)
-        plain = unpack_message(data, self.unpacking)
+        plain = unpack_message(data, self.budget)
         if plain is None:
             return data
         changed = self.edit(topic, plain, locate)
@@ -285,65 +276,30 @@ def _pack(plain: Path, path: Path) -> None:
 
 
 def _copy_database(bag: SqliteLog, path: Path, copy: Copy) -> None:
-    """Write a database once more: a sound one with all its tables, of a damaged one what can be read."""
+    """Write a database once more: of a sound one only the changed messages differ, of a damaged one what can be read."""
     sound = bag.sound_file()
     if sound is None:
         _write_anew(bag, path, copy)
         return
+    shutil.copyfile(sound, path)
     scans = [topic.id for topic in bag.topic_rows.values() if is_cdr(topic) and bag.read_as(topic)]
-    where = f"file:{quote(str(sound.absolute()))}?mode=ro&immutable=1"
-    with closing(sqlite3.connect(where, uri=True, isolation_level=None)) as database:
-        database.execute("ATTACH ? AS copy", (f"file:{quote(str(path.absolute()))}",))
-        database.execute("PRAGMA copy.journal_mode = off")
-        database.execute("PRAGMA copy.synchronous = off")
+    with closing(sqlite3.connect(path, isolation_level=None)) as database:
+        for pragma in ("journal_mode = off", "synchronous = off", "ignore_check_constraints = on"):
+            database.execute(f"PRAGMA {pragma}")
         database.execute("BEGIN")
-        for (name,) in database.execute(_NAMES).fetchall():
-            _copy_table(database, quoted(name), name.lower() == "messages" and bag.number == ROWID)
-        database.execute(f"CREATE INDEX copy.{_INDEX}")
         for rows in bag.batches(scans) if scans else ():
             for row, topic_id, timestamp, data in rows:
                 if data is None or timestamp is None:
                     continue
                 changed = _edited(bag, topic_id, data, copy)
                 if changed is not data:
-                    update = f"UPDATE copy.messages SET data = ? WHERE {bag.number} = ?"
+                    update = f"UPDATE messages SET data = ? WHERE {bag.number} = ?"
                     if (count := database.execute(update, (changed, row)).rowcount) != 1:
                         raise OutputError(f"cannot write {path.name}: {count} messages have the number {row}")
         database.execute("COMMIT")
     for topic_id, count in bag.counts().items():
         if (topic := bag.topic_rows.get(topic_id)) is not None:
             copy.messages[topic.name, ros_type(topic.type)] += count
-
-
-def _copy_table(database: sqlite3.Connection, table: str, is_numbered: bool) -> None:
-    """Copy a table with all its rows into columns of our own: what else a log declares is SQL that would run.
-
-    `is_numbered`: its rows keep their rowids, and come a few at a time, between which an interrupt is heard.
-    """
-    columns = database.execute(f"PRAGMA main.table_info({table})").fetchall()
-    indexes = database.execute(f"PRAGMA main.index_list({table})").fetchall()
-    # INTEGER stands for the rowid in a key that has no index of its own, and INT for any number.
-    has_key = any(origin == "pk" for _, _, _, origin, _ in indexes)
-    kinds = {"INTEGER": "INT"} if has_key else {}
-    declared = [
-        f"{quoted(name)} {kinds.get(kind.upper(), kind) if _TYPE.fullmatch(kind) else ''}" for _, name, kind, *_ in columns
-    ]
-    if keys := [quoted(name) for _, name, *_, place in sorted(columns, key=itemgetter(5)) if place]:
-        declared.append(f"PRIMARY KEY ({', '.join(keys)})")
-    database.execute(f"CREATE TABLE copy.{table} ({', '.join(declared)})")
-    if not is_numbered:
-        database.execute(f"INSERT INTO copy.{table} SELECT * FROM main.{table} NOT INDEXED")
-        return
-    names = ", ".join(quoted(name) for _, name, *_ in columns)
-    first, copied = -_BEYOND, 1
-    while copied and first < _BEYOND:
-        copied = database.execute(
-            f"INSERT INTO copy.{table} ({ROWID}, {names}) SELECT {ROWID}, {names} FROM main.{table} NOT INDEXED "
-            f"WHERE {ROWID} >= ? ORDER BY {ROWID} LIMIT {BATCH}",
-            (first,),
-        ).rowcount
-        (last,) = database.execute(f"SELECT max({ROWID}) FROM copy.{table}").fetchone()
-        first = first if last is None else last + 1
 
 
 def _edited(bag: SqliteLog, topic_id: int, data: bytes, copy: Copy) -> bytes:

@@ -772,7 +772,7 @@ class Simulating(TypedDict, total=False):
         "none, lz4, zstd (mcap); none, bz2, lz4 (bag); none, zstd, zstd-message (ros2).",
     ]
     encoding: Annotated[
-        str | None, Option(LOG, Text("NAME"), shown="cdr"), "Messages of an mcap: cdr, cdr-idl, ros1, json, protobuf."
+        str | None, Option(LOG, Text("NAME"), shown="cdr"), "Messages of an mcap: cdr, ros1, json, protobuf."
     ]
     layout: Annotated[
         Literal["rostopic", "wide"] | None,

@@ -35,7 +35,7 @@ MAY_IMPORT = {
     "native": set[str](),
     "ranges": {"native"},
     "display": set[str](),
-    "findings": set[str](),
+    "findings": {"sweeps"},
     "sweeps": {"columns", "display"},
     "masks": {"errors", "sweeps"},
     "zone": {"masks", "sweeps"},

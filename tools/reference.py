@@ -12,7 +12,7 @@ import pyarrow as pa
 
 from lidarcli import errors
 from lidarcli.cli import cli, settings
-from lidarcli.reports import figures, runs
+from lidarcli.reports import figures
 from lidarcli.simulation.truth import TRUTH, TRUTH_BEAMS
 from lidarcli.tabular import writing
 from lidarcli.tabular.background import GEOMETRY
@@ -235,7 +235,6 @@ def reports_page() -> str:
         (figures.OF_CHANGES, {}),
         (figures.OF_MAPS, {}),
         (figures.COMPARED, {}),
-        (runs.FIGURES, {}),
     ):
         rest = parts.pop(0).partition("\n\n")[2]
         entries = counts | {f"{name}.*": figure for name, figure in spreads.items()}

@@ -347,7 +347,7 @@ def _stroll(rng: Rng, stage: Stage, room: _Room, start: Float64, speed: float) -
             stage.tracks.append((places, _ASIDE))
             return route
         passed = np.cumsum(np.hypot(*np.diff(points, axis=0).T))
-        kept = int(np.searchsorted(passed, state.way[met.argmax()])) + 1 - int(rng.integers(3))
+        kept = int(np.searchsorted(passed, state.arc[met.argmax()])) + 1 - int(rng.integers(3))
         del points[max(kept, 1) :]
     return None
 

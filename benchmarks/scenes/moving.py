@@ -254,7 +254,7 @@ def _passed(route: Route, second: float) -> int:
     """The last waypoint of a route that has been passed by this time."""
     points = np.array([[point.x, point.y] for point in route.waypoints])
     along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))])
-    way = route.state(np.array([second])).way[0]
+    way = route.state(np.array([second])).arc[0]
     return max(int(np.searchsorted(along, way, side="right")) - 1, 0)
 
 

@@ -43,7 +43,6 @@ class ReportCommand(Overwrite, Reporting, total=False):
   lidarcli report new/ --baseline old/ --check "changed_sweeps == 0"
   lidarcli report site.changes.parquet -o site.html --check "gone == 0"
   lidarcli report 'tables/*.parquet' --format json | jq .figures
-  lidarcli report tables/_lidarcli --check "failed == 0"
   lidarcli report tables/ --check "sweeps >= 100" --format github
   lidarcli report tables/ --format junit -o report.xml --overwrite""",
 )
@@ -51,9 +50,7 @@ def report(messages: Messages, options: Mapping[str, Any]) -> int:
     """Summarise one or many runs, and test them against thresholds.
 
     TABLE is an objects, sweeps or tracks table of detect or track (the others are
-    found beside it), a table of changes of diff, a folder to search, or a pattern. The
-    folder TABLES/_lidarcli of a run over many logs, or manifests in it, record the
-    outcome of each log.
+    found beside it), a table of changes of diff, a folder to search, or a pattern.
     """
     tables, checks, baseline, logs = options["tables"], options["check"], options["baseline"], options["log"]
     outputs, brief = options["output"], options["brief"]
@@ -61,38 +58,19 @@ def report(messages: Messages, options: Mapping[str, Any]) -> int:
     from lidarcli.newfiles import refuse, write_whole
     from lidarcli.pipeline.inputs.search import files_of, find_logs
     from lidarcli.pipeline.inputs.tables import table_files
-    from lidarcli.pipeline.reporting import (
-        SHORT_FORMATS,
-        SUFFIXES,
-        ReportOptions,
-        encoded,
-        make_report,
-        manifest_files,
-        render,
-        report_runs,
-        understand,
-        understand_runs,
-    )
+    from lidarcli.pipeline.reporting import SHORT_FORMATS, SUFFIXES, ReportOptions, encoded, make_report, render, understand
 
     kinds = _kinds(outputs or (STDOUT,), options["format"], SUFFIXES)
     if brief and not {*kinds} & {*SHORT_FORMATS}:
         raise click.UsageError(f"--brief is for {', '.join(SHORT_FORMATS)}; leave it out for {kinds[0]}")
-    of_runs = _are_of_runs(tables, baseline, logs)
-    how = ReportOptions(tables, checks, baseline, logs, options["join"])
-    if of_runs:
-        understand_runs(checks)
-    else:
-        understand(how)
+    report_options = ReportOptions(tables, checks, baseline, logs, options["join"])
+    understand(report_options)
     files = [place(name) for name in outputs if name != STDOUT]
     if files:
-        read = manifest_files(tables)[0] if of_runs else table_files([*tables, *baseline])
+        read = table_files([*tables, *baseline])
         refuse(files, options["overwrite"], [*map(str, read), *files_of(find_logs(logs))], devices=True)
     with counted_bar("report", None, "steps", messages) as progress:
-        made = (
-            report_runs(tables, checks, progress)
-            if of_runs
-            else make_report(how, viewer="html" in kinds, progress=progress)
-        )
+        made = make_report(report_options, viewer="html" in kinds, progress=progress)
     written = [*zip(outputs or (STDOUT,), kinds, strict=True)]
     is_shown = any(name == STDOUT and form in SHORT_FORMATS for name, form in written)
     # Workflow commands are for the log of a step, which shows both.
@@ -116,22 +94,6 @@ def report(messages: Messages, options: Mapping[str, Any]) -> int:
         if not verdict.holds:
             messages.error(f"check failed: {verdict.failure}")
     return made.report.exit_code
-
-
-def _are_of_runs(tables: Sequence[str], baseline: Sequence[str], logs: Sequence[str]) -> bool:
-    """True for a report about manifests of runs, False for one about tables; mixing them is a usage error."""
-    from lidarcli.pipeline.reporting import is_of_runs
-
-    manifests = [name for name in tables if is_of_runs(name)]
-    compared = [name for name in baseline if is_of_runs(name)]
-    if compared or (manifests and baseline):
-        raise click.UsageError(f"{(compared or manifests)[0]}: --baseline compares tables, not the manifests of runs")
-    if manifests and logs:
-        raise click.UsageError(f"{manifests[0]}: --log belongs to tables, not to the manifests of runs")
-    if manifests and len(manifests) < len(tables):
-        other = next(name for name in tables if name not in manifests)
-        raise click.UsageError(f"{manifests[0]} is a manifest of runs and {other} is none; report on one or the other")
-    return bool(manifests)
 
 
 def _kinds(outputs: Sequence[str], kind: str | None, suffixes: dict[str, str]) -> list[str]:

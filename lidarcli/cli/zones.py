@@ -1,4 +1,4 @@
-"""`lidarcli zones`: who or what was in a zone, when, and how near."""
+"""`lidarcli zones`: who or what was in a zone, when, and zoning near."""
 
 from typing import Annotated
 
@@ -40,7 +40,7 @@ class ZonesCommand(Zoning, ManyLogs, Reported, total=False):
     rules=ZONE_RULES,
 )
 def zones(messages: Messages, options: ZonesCommand) -> int:
-    """Find who or what was in a zone, when, and how near.
+    """Find who or what was in a zone, when, and zoning near.
 
     Zones are polygons, circles and lines in the frame of the sensor, the robot or the
     world, of a TOML file or of Nav2's Collision Monitor, whose rules they follow. All
@@ -54,37 +54,37 @@ def zones(messages: Messages, options: ZonesCommand) -> int:
     from lidarcli.errors import CHECK_FAILED, UnreadableError
     from lidarcli.machine import keep_freed_memory
     from lidarcli.pipeline.api.options import zone_options
-    from lidarcli.pipeline.zoning import Gates, ZoneSummary, refuse_outputs, watch_files
+    from lidarcli.pipeline.zoning import ZoneSummary, judge, refuse_outputs, understand, watch_files
 
     with usage_errors():
-        how = zone_options(options, logs, overwrite=options["overwrite"])
-        gates = Gates(how, options["check"])
+        zoning = zone_options(options, logs, overwrite=options["overwrite"])
+        checks = understand(zoning, options["check"])
     messages.begin(options)
     sources = chosen_logs(messages, options)
-    if how.objects is not None and len(sources) != 1:
+    if zoning.objects is not None and len(sources) != 1:
         raise click.UsageError(f"--objects is for one log, and these are {len(sources):,}")
     folder = None if options["output"] is None else place(options["output"])
-    outputs = refuse_outputs(sources, folder, how)
+    outputs = refuse_outputs(sources, folder, zoning)
     if options["dry_run"]:
         return print_reads(sources, outputs)
     keep_freed_memory()
     messages.of_missing_core()
     total = Total()
-    failed = False
+    failed, tables = False, []
 
     def tell(run: ZoneSummary) -> list[str]:
         where = f"{counted(run.sweeps, 'sweep')} of {', '.join(sorted(run.topics))}"
-        return [f"{where}, {counted(len(how.zones.zones), 'zone')}", *(f"  {line}" for line in run.lines)]
+        return [f"{where}, {counted(len(zoning.zones.zones), 'zone')}", *(f"  {line}" for line in run.lines)]
 
     with progress_bar(sources, messages) as report:
-        for outcome in watch_files(sources, folder, how, report):
+        for outcome in watch_files(sources, folder, zoning, report):
             total.add(outcome)
             show(outcome, messages, tell)
             if isinstance(outcome.summary, ZoneSummary):
-                gates.add(outcome.summary.tables)
+                tables += [outcome.summary.tables] if checks else []
             else:
                 failed = True
-    verdicts, unobserved = ([], ()) if failed else gates.verdicts()
+    verdicts, unobserved = ([], ()) if failed else judge(checks, tables)
     for line in unobserved:
         messages.error("incomplete", line)
     for verdict in verdicts:

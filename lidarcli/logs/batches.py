@@ -14,10 +14,9 @@ from lidarcli.errors import OptionError
 from lidarcli.logs.base import Log, ReadReport
 from lidarcli.logs.blocks import split_rows
 from lidarcli.logs.clock import MAX_TOPICS
-from lidarcli.logs.doubts import Doubts
-from lidarcli.logs.faults import MOST_TOPICS, Faults, repeated_topics
 from lidarcli.logs.options import TopicChoice
 from lidarcli.logs.piles import NoReturnDetector
+from lidarcli.logs.scan_checks import MOST_TOPICS, LogStats, ScanChecks, repeated_topics
 from lidarcli.range_rules import RangeRules, normalise
 from lidarcli.sweeps import Bool, Int64, RawSweeps, SweepBatch, concatenate
 from lidarcli.times import Instant, as_time
@@ -102,9 +101,9 @@ class LogBatcher:
         self._options = options
         self._report = report
         self._detector = NoReturnDetector(options.rules, report)
-        self._doubts = Doubts([topic.name for topic in log.topics() or () if topic.sliced])
+        self._doubts = ScanChecks([topic.name for topic in log.topics() or () if topic.sliced])
         self._batchers: dict[str, _TopicBatcher] = {}
-        self._copies: dict[tuple[str, str], Faults] = {}
+        self._copies: dict[tuple[str, str], LogStats] = {}
         self._compares = choice.is_listed and len(choice.chosen) > 1
         self._beyond: Counter[str] = Counter()
         """Sweeps of topics beyond `MAX_TOPICS`."""
@@ -146,12 +145,12 @@ class LogBatcher:
     def _judged(self, sweeps: RawSweeps, rules: RangeRules) -> Iterator[SweepBatch]:
         key = sweeps.topic, ""
         if self._compares and (key in self._copies or len(self._copies) < MOST_TOPICS):
-            self._copies.setdefault(key, Faults()).add_hashes(sweeps)
+            self._copies.setdefault(key, LogStats()).add_hashes(sweeps)
         yield from self._batchers[sweeps.topic].take(sweeps, rules)
 
     def close(self) -> None:
         """Report what looks wrong in the sweeps so far, also where no more of them are wanted."""
-        self._doubts.tell(self._report)
+        self._doubts.report_to(self._report)
         for found in repeated_topics(self._copies):
             fix = "" if found.fix is None else f"; {found.fix.text} reads them once"
             self._report.add_doubts(found.topic, [replace(found, message=found.message + fix)])
@@ -187,7 +186,7 @@ def _words(time: float | Instant | None, unit: str = " s") -> str:
 class _TopicBatcher:
     """Sweeps of one topic that wait for their batch."""
 
-    def __init__(self, options: ReadOptions, doubts: Doubts) -> None:
+    def __init__(self, options: ReadOptions, doubts: ScanChecks) -> None:
         self._options = options
         self._rules = options.rules
         self._doubts = doubts

@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from lidarcli.findings import FAR, WIDEST_VIEW
 from lidarcli.logs.base import MAX_BEAMS, OpenOptions, ReadReport
 from lidarcli.sweeps import TURN, Bool, Float32, Float64, Int32, Int64, RawSweeps
 
@@ -23,10 +24,6 @@ BEARINGS = "the last bearing is not finite"
 INCREMENT_ZERO = "angle_increment is zero"
 WIDEST_STEP = 0.9
 """Steps between beams above this [rad] (52 degrees) are degrees taken as radians, if the view is too wide as well."""
-WIDEST_VIEW = 1.5 * TURN
-"""Widest view [rad] that a sweep can have."""
-FAR = 200.0
-"""No 2D LiDAR has mostly ranges above this [m]."""
 IN_DEGREES = (
     f"angle_increment is beyond {WIDEST_STEP} rad: probably degrees; a LaserScan has radians, and a text log may have "
     "--degrees"

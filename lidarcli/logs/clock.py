@@ -1,4 +1,4 @@
-"""Statistics of header and record times of a log, in bounded memory, and findings on odd ones."""
+"""Statistics of header and record times of a log, in bounded memory, and times in place of those that are none."""
 
 from __future__ import annotations
 
@@ -9,29 +9,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lidarcli.findings import Finding, Sensor
+from lidarcli.findings import LEAP, LONG, SET_BACK
 from lidarcli.sweeps import Bool, Float64, Int64, RawSweeps
 from lidarcli.times import SECOND_NS, Instant
 
 SECOND = 1e-9
 _KEPT = 1 << 16
 """Values a `Sample` keeps at most."""
-FASTEST = 1000.0
-"""No sensor sweeps faster [Hz]."""
-SOME = 3
-"""Fewest odd sweeps worth a note, in short logs."""
-SET_BACK = 1.0
-"""Overtaking messages are never this late [s]."""
-LEAP = 3600.0
-"""No pause between two sweeps is this long [s]."""
 RUNS = 3
 """Most runs between large steps that are told apart."""
 NO_STAMPS = "stamps are 0, tracks cannot tell what moves"
 """End of the finding on times that are not understood."""
 SAME_NS = 1
 """Equal stamps of text differ by at most this [ns]."""
-OFTEN = 0.05
-"""Share of repeated or decreasing stamps above which they are no accident."""
 AROUND = 8
 """Sweeps around a stamp by which it is judged."""
 HELD = 1024
@@ -40,8 +30,6 @@ MOST_FRAMES = 64
 """Frames of a topic that are told apart."""
 MAX_TOPICS = 1000
 """Topics beyond this are taken as they are: a log may have a new one in every message."""
-LONG = 1.5
-"""A step this many times the median one has left out a sweep."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,88 +76,13 @@ class ClockInfo:
         """True if no stamp steps back."""
         return self.backward == 0
 
-    def findings(self, sensor: Sensor, alike: bool, alone: bool) -> list[Finding]:
-        """Return findings on odd times, with a remedy where there is one.
-
-        Parameters
-        ----------
-        alike : sweeps with the stamp of the one before are that one
-        alone : no sweeps of other frames are between these
-        """
-        found = [each for each in (self._odd_steps(sensor, alike, alone),) if each is not None]
-        if self.astray:
-            away = max(self.astray, key=abs)
-            many = f"{len(self.astray):,} stamps of {sensor.name} are up to"
-            many = f"one stamp of {sensor.name} is" if len(self.astray) == 1 else many
-            words = (
-                f"{many} {_long(abs(away))} {'ahead of' if away > 0 else 'behind'} those around it: times that fit "
-                "these are taken"
-            )
-            found.append(
-                sensor.finding("clock", "warning", words, {"astray": away, "sweeps": len(self.astray)}, {"astray": LEAP})
-            )
-        if self.recorded:
-            every = self.recorded == self.sweeps
-            some = "no sweep" if every else f"{self.recorded:,} of {self.sweeps:,} sweeps"
-            words = (
-                f"{some} of {sensor.name} {'has a' if every else 'have no'} stamp: the times at which they were "
-                "recorded are taken for them"
-            )
-            found.append(
-                sensor.finding(
-                    "clock", "warning", words, {"zero_stamps": self.recorded, "sweeps": self.sweeps}, {"zero_stamps": 1}
-                )
-            )
-        return found
-
-    def _odd_steps(self, sensor: Sensor, alike: bool, alone: bool) -> Finding | None:
-        """Return the finding on the steps of the stamps, by the first rule that holds."""
-        name = sensor.name
-        often = max(OFTEN * self.sweeps, SOME)
-        both = "two sensors share the topic"
-        repeats = {"repeated": self.repeated, "sweeps": self.sweeps}
-        back = {"backward": self.backward, "largest": self.largest_backward, "sweeps": self.sweeps}
-        if self.repeated > often and alike:
-            option = f"--every {self.copies}" if self.copies > 1 and alone else ""
-            words = f"{self.repeated:,} of {self.sweeps:,} sweeps of {name} have stamp and ranges of the sweep before" + (
-                f": {option} takes each once" if option else ""
-            )
-            return sensor.finding("duplicate", "warning", words, repeats, {"repeated": often}, option)
-        if self.sweeps > SOME and self.start_ns == self.end_ns:
-            words = f"all {self.sweeps:,} sweeps of {name} have one stamp: tracks cannot tell what moves"
-            return sensor.finding("clock", "error", words, {"sweeps": self.sweeps})
-        if self.repeated > often:
-            words = (
-                f"{self.repeated:,} of {self.sweeps:,} sweeps of {name} have the stamp of the sweep before, and other "
-                f"ranges: stamps are too coarse to tell speeds, or {both}"
-            )
-            return sensor.finding("clock", "error", words, repeats, {"repeated": often})
-        if self.rate is not None and self.rate > FASTEST:
-            words = (
-                f"stamps of {name} are {1e9 / self.rate:,.0f} ns apart: probably milliseconds or microseconds that were "
-                "written as nanoseconds; until they are mended in the log, all speeds are wrong"
-            )
-            return sensor.finding("clock", "error", words, {"rate": self.rate}, {"rate": FASTEST})
-        if self.backward > often:
-            words = (
-                f"stamps of {name} go back {self.backward:,} times, by at most {_long(self.largest_backward)}: messages "
-                f"are out of order (sort them by their stamps), or {both}"
-            )
-            return sensor.finding("clock", "error", words, back, {"backward": often})
-        if self.largest_backward >= SET_BACK:
-            words = f"stamps of {name} go back {self.times_back(_long(self.largest_backward))}: {self._several()}"
-            return sensor.finding("clock", "warning", words, back, {"largest": SET_BACK})
-        if self.largest_forward > LEAP:
-            words = f"stamps of {name} leap ahead by {_long(self.largest_forward)}: {self._several()}"
-            return sensor.finding("clock", "warning", words, {"largest": self.largest_forward}, {"largest": LEAP})
-        return None
-
     def times_back(self, most: str) -> str:
         """Return the number of steps back and the largest one as words."""
         return f"once, by {most}" if self.backward == 1 else f"{self.backward:,} times, by at most {most}"
 
-    def _several(self) -> str:
-        """Return the cause of a leap, and the options that read only one side of it where the times allow it."""
+    @property
+    def leap_remedy(self) -> str:
+        """The cause of a leap, and the options that read only one side of it where the times allow it."""
         why = "the clock was set, or the log holds several runs"
         if len(self.runs) != 2:
             return why
@@ -192,10 +105,10 @@ class Run:
     sweeps: int
 
 
-def _long(seconds: float) -> str:
+def in_words(seconds: float) -> str:
     """Return a time as text in a suitable unit.
 
-    >>> _long(0.25), _long(3600.0), _long(31_536_000.0), _long(9000.0)
+    >>> in_words(0.25), in_words(3600.0), in_words(31_536_000.0), in_words(9000.0)
     ('0.25 s', '60 min', '365 days', '2.5 h')
     """
     for unit, name in ((86400.0, "days"), (3600.0, "h"), (60.0, "min")):

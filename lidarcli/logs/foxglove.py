@@ -12,7 +12,7 @@ import numpy as np
 from lidarcli.choices import ECHOES
 from lidarcli.logs.base import MAX_BEAMS, ReadReport
 from lidarcli.logs.blocks import TOO_MANY, Locate, ScanLayout, as_singles, keep_sound, pad_intensities, pad_rows, split_rows
-from lidarcli.logs.times import DATE, S, to_ns
+from lidarcli.logs.cells import DATE, S, to_ns
 from lidarcli.ros.cursor import MAX_NAME, NAME_LONG
 from lidarcli.sweeps import Float32, Int64, RawSweeps
 
@@ -88,8 +88,8 @@ def blocks_of(topic: str, scans: Sequence[Scan], report: ReadReport) -> Iterator
 
 def _block(topic: str, scans: Sequence[Scan], report: ReadReport) -> RawSweeps | None:
     names = {name: code for code, name in enumerate(dict.fromkeys(scan.frame_id for scan in scans))}
-    told = np.array([scan[7:] for scan in scans], np.float64)
-    others = as_singles(told)
+    numbers = np.array([scan[7:] for scan in scans], np.float64)
+    others = as_singles(numbers)
     beams = [len(scan.ranges) for scan in scans]
     block = RawSweeps(
         topic=topic,
@@ -106,7 +106,7 @@ def _block(topic: str, scans: Sequence[Scan], report: ReadReport) -> RawSweeps |
         intensities=pad_intensities([scan.intensities[: len(scan.ranges)] for scan in scans], max(beams)),
         time_increment=others[:, 2],
         scan_time=others[:, 3],
-        angle_max=told[:, 4],
+        angle_max=numbers[:, 4],
     )
     return keep_sound(block, None, report)
 

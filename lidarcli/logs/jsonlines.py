@@ -7,10 +7,9 @@ from collections.abc import Collection, Iterator
 from typing import Any
 
 from lidarcli.logs.base import ReadReport, Topic
-from lidarcli.logs.beginnings import JSON_LINE
+from lidarcli.logs.cells import time_unit, to_ns
 from lidarcli.logs.foxglove import NOT_JSON, NOT_SCAN, ROWS, VALUES, RefusedError, Scan, blocks_of, scan_in, scan_of
-from lidarcli.logs.text import TextBlock, TextLog
-from lidarcli.logs.times import time_unit, to_ns
+from lidarcli.logs.text import JSON_LINE, TextBlock, TextLog
 from lidarcli.sweeps import RawSweeps
 
 _SAMPLE = 100

@@ -30,7 +30,7 @@ from lidarcli.logs.blocks import (
     split_rows,
 )
 from lidarcli.ros.cursor import ENCAPSULATION, MAX_NAME, NAME_LONG
-from lidarcli.sweeps import Bool, Float32, Int32, Int64, RawSweeps, UInt8, concatenate, record
+from lidarcli.sweeps import Bool, Float32, Int32, Int64, RawSweeps, UInt8, record
 
 SHORTEST = 48
 """Bytes of a LaserScan with an empty frame name and no beams, in either serialisation."""
@@ -100,21 +100,6 @@ def decode_blocks(
                 ranges = _gather(buffer, some.at + 32, some.beams, some.big)
                 intensities = _gather_intensities(buffer, some)
             yield _block(topic, buffer, some, record_ns[part][some.row], ranges, intensities)
-
-
-def decode(
-    topic: str,
-    buffer: UInt8,
-    offsets: Int64,
-    lengths: Int64,
-    record_ns: Int64,
-    encoding: str,
-    report: ReadReport,
-    echo: str | None = None,
-) -> RawSweeps | None:
-    """Return the blocks of `decode_blocks` as one, None without a sweep; for few messages."""
-    blocks = list(decode_blocks(topic, buffer, offsets, lengths, record_ns, encoding, report, echo))
-    return concatenate(blocks) if blocks else None
 
 
 def locate(message: bytes, encoding: str, *, several: bool) -> ScanLayout | None:
@@ -433,7 +418,7 @@ BYTES = 4 << 20
 
 
 @dataclass(slots=True)
-class Gather:
+class MessageBatcher:
     """Scattered messages of one LaserScan topic, in log order, gathered until decoding pays."""
 
     topic: str
@@ -509,10 +494,10 @@ def differs(type_name: str, encoding: str, text: str) -> str | None:
     if not found:
         return None
     for place, (kind, name) in enumerate(expected):
-        seen, called = found[place] if place < len(found) else ("nothing", "")
-        seen = seen.rsplit("/", 1)[-1]
-        if (seen, called) != (kind, name):
-            return f"field {place + 1} is '{f'{seen} {called}'.strip()}', not '{kind} {name}'"
+        found_kind, found_name = found[place] if place < len(found) else ("nothing", "")
+        found_kind = found_kind.rsplit("/", 1)[-1]
+        if (found_kind, found_name) != (kind, name):
+            return f"field {place + 1} is '{f'{found_kind} {found_name}'.strip()}', not '{kind} {name}'"
     return None
 
 

@@ -31,7 +31,7 @@ from lidarcli.logs.base import (
     ros_type,
 )
 from lidarcli.logs.blocks import Locate, ScanLayout
-from lidarcli.logs.laserscan import EXPECTED, Gather, differs, locate
+from lidarcli.logs.laserscan import EXPECTED, MessageBatcher, differs, locate
 from lidarcli.logs.mcap_records import (
     CHUNK_PEEK,
     ENTRY,
@@ -57,7 +57,7 @@ from lidarcli.logs.mcap_records import (
     read_summary,
     skippable_chunks,
 )
-from lidarcli.logs.unpacking import PACKED_CAUSE, ZSTD_MAGIC, Unpacking, unpack_message
+from lidarcli.logs.unpacking import PACKED_CAUSE, ZSTD_MAGIC, DecompressionBudget, unpack_message
 from lidarcli.sweeps import Int64, RawSweeps
 
 STRIPPED_MAGIC = b"\x89MCAP0\n"
@@ -165,7 +165,7 @@ class Walk:
     skipped: Counter[int] = field(default_factory=Counter)
     """Messages by channel of the chunks that were passed over."""
     compressions: dict[str, None] = field(default_factory=dict)
-    _unpacking: Unpacking = field(default_factory=Unpacking)
+    _budget: DecompressionBudget = field(default_factory=DecompressionBudget)
     _skippable: frozenset[int] | None = None
     _cut: bool = False
     _recovered: bool = False
@@ -356,7 +356,7 @@ class Walk:
                 cause = f"inside the chunk at byte {place}: {count} whole messages of it are read"
                 self._damage(place + head.data_at + len(data), f"the log is cut off here, {cause}")
                 return
-            content = inflate(head, data, self._unpacking)
+            content = inflate(head, data, self._budget)
         except (CodecError, OSError, MemoryError) as err:
             lost = f", {sum(chunk.counts.values())} messages are lost" if chunk.counts else ""
             self._damage(place, f"the chunk cannot be read: {err or 'out of memory'}{lost}", "chunk at byte")
@@ -427,8 +427,8 @@ class Walk:
 class _ColumnDecoder:
     """Decoder by column of a LaserScan topic in cdr or ros1."""
 
-    gather: Gather
-    unpacking: Unpacking
+    gather: MessageBatcher
+    budget: DecompressionBudget
     """Limit for the whole log."""
 
     def locate(self, message: bytes) -> ScanLayout | None:
@@ -441,7 +441,7 @@ class _ColumnDecoder:
             yield from self.gather.decode(rows.data, rows.start, rows.length, rows.log_ns)
             return
         for data, log_ns in zip(_payloads(rows), rows.log_ns.tolist(), strict=True):
-            plain = unpack_message(data, self.unpacking) if packed else data
+            plain = unpack_message(data, self.budget) if packed else data
             if plain is None:
                 self.gather.report.refused[(self.gather.topic, PACKED_CAUSE)] += 1
             elif self.gather.add(plain, log_ns):
@@ -510,7 +510,7 @@ class McapLog:
         self.size = size
         self._opening = ReadReport()
         self._used = False
-        self._unpacking = Unpacking()
+        self._budget = DecompressionBudget()
         """Limit for messages compressed one by one."""
         self._topics: list[Topic] | None = None
         if isinstance(source, str | Path):
@@ -619,7 +619,7 @@ class McapLog:
     def _unpacked(self, messages: Iterable[Message]) -> Iterator[Message]:
         """Yield the messages of a ROS 2 bag that has compressed each of them."""
         for message in messages:
-            plain = unpack_message(message.data, self._unpacking)
+            plain = unpack_message(message.data, self._budget)
             if plain is not None:
                 yield message._replace(data=plain)
 
@@ -634,7 +634,7 @@ class McapLog:
         if encoding in ("cdr", "ros1") and kind in EXPECTED:
             different = differs(kind, schema.encoding, schema.data.decode("utf-8", "replace"))
             if different is None:
-                return _ColumnDecoder(Gather(topic, kind, encoding, report, self._echo), self._unpacking)
+                return _ColumnDecoder(MessageBatcher(topic, kind, encoding, report, self._echo), self._budget)
             problem = f"its definition is not the standard one: {different}"
         elif encoding == "protobuf":
             known = foxglove.protobuf_decoder(schema.name, schema.data)
@@ -646,7 +646,7 @@ class McapLog:
     def _pass(self, wanted: Wanted, report: ReadReport) -> Iterator[tuple[Messages, NDArray[np.int32]]]:
         """Go through the log once; yield messages, and the group of each, where any is wanted."""
         report.add(self._opening)
-        self._unpacking = Unpacking()
+        self._budget = DecompressionBudget()
         walk = self._walk(report, wanted)
         unknown: Counter[int] = Counter()
         for rows in walk.records():

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from lidarcli.logs.base import SCAN_TYPES, ReadReport, ros_type
 from lidarcli.logs.laserscan import scan_type
-from lidarcli.logs.unpacking import CHUNK_RATIO, SMALL, Unpacking, too_much
+from lidarcli.logs.unpacking import CHUNK_RATIO, SMALL, DecompressionBudget, too_much
 from lidarcli.sweeps import Bool, Int64, UInt8, record
 
 MAGIC = b"\x89MCAP0\r\n"
@@ -263,8 +263,8 @@ class CodecError(ValueError):
     """A chunk that cannot be decompressed."""
 
 
-def inflate(head: ChunkHead, data: bytes, unpacking: Unpacking) -> bytes:
-    """Decompress a chunk within its declared size and the limits of `unpacking`, and compare its checksum."""
+def inflate(head: ChunkHead, data: bytes, budget: DecompressionBudget) -> bytes:
+    """Decompress a chunk within its declared size and the limits of `budget`, and compare its checksum."""
     size, compression = head.size, head.compression
     if size > MAX_CHUNK:
         raise CodecError(f"it declares {size} bytes, more than the {MAX_CHUNK} that are believed")
@@ -274,10 +274,10 @@ def inflate(head: ChunkHead, data: bytes, unpacking: Unpacking) -> bytes:
         raise CodecError(f"its compression '{compression}' is not one of none, lz4, zstd")
     elif compression == "lz4" and size > _LZ4_RATIO * len(data):
         raise CodecError(f"it declares {size} bytes, more than lz4 can make of {len(data)}")
-    elif size > min(unpacking.room(len(data)), SMALL + CHUNK_RATIO * len(data)):
+    elif size > min(budget.room(len(data)), SMALL + CHUNK_RATIO * len(data)):
         raise CodecError(too_much(size, len(data)))
     else:
-        unpacking.used(size)
+        budget.used(size)
         content = _unpacked(compression, data, size) if data else b""
         if len(content) != size:
             raise CodecError(f"it declares {size} bytes and holds {len(content)}")

@@ -21,8 +21,8 @@ from typing import Any, BinaryIO, cast
 
 from lidarcli.errors import UnreadableError, unreadable
 from lidarcli.logs.base import BINARY_SUFFIXES, TEXT_SUFFIXES, Log, OpenOptions
-from lidarcli.logs.beginnings import is_carmen, is_json_lines
 from lidarcli.logs.rosbag2 import is_bag, is_storage
+from lidarcli.logs.text import is_carmen, is_json_lines
 
 HEAD = 4096
 """Number of bytes that a format is recognised by."""

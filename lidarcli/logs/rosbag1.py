@@ -23,8 +23,8 @@ from lz4.frame import LZ4FrameDecompressor
 
 from lidarcli.errors import UnreadableError, unreadable
 from lidarcli.logs.base import MAX_MESSAGE, Message, OpenOptions, ReadReport, Topic, ros_type
-from lidarcli.logs.laserscan import Gather, scan_type
-from lidarcli.logs.unpacking import Unpacking, too_much
+from lidarcli.logs.laserscan import MessageBatcher, scan_type
+from lidarcli.logs.unpacking import DecompressionBudget, too_much
 from lidarcli.sweeps import Int64, RawSweeps, UInt8
 
 MAGIC = b"#ROSBAG V2.0\n"
@@ -447,7 +447,7 @@ class Pass:
         """Position in the file."""
         self._file, self._size, self._index, self._wanted, self._report = file, size, index, wanted, report
         self._search = Search()
-        self._unpacking = Unpacking()
+        self._budget = DecompressionBudget()
         self._ahead_at, self._ahead = 0, b""
         self._cut = ""
 
@@ -572,9 +572,9 @@ class Pass:
         place, sane = f"chunk at byte {record.start}", self._sane(record.end)
         end = min(record.end if sane else self._size, record.data_start + MAX_CHUNK)
         packed = read_at(self._file, record.data_start, end - record.data_start)
-        size, room = record.number(b"size"), min(self._unpacking.room(len(packed)), MAX_CHUNK)
+        size, room = record.number(b"size"), min(self._budget.room(len(packed)), MAX_CHUNK)
         data, taken, error = unpack(packed, codec, min(size, room))
-        self._unpacking.used(len(data))
+        self._budget.used(len(data))
         if size > room and not taken:
             error = too_much(size, len(packed))
         before = self.counts.total()
@@ -690,11 +690,11 @@ class Rosbag1Log:
         def wanted(connection: Connection) -> bool:
             return bool(connection.read_as) and (topics is None or connection.topic in topics)
 
-        gathers: dict[Connection, Gather] = {}
+        gathers: dict[Connection, MessageBatcher] = {}
         for block, known in self._blocks(wanted, report):
             # Publishers of one topic and type are equal as connections.
             for first in dict.fromkeys(known.values()):
-                gather = gathers.setdefault(first, Gather(first.topic, first.read_as, "ros1", report, self._echo))
+                gather = gathers.setdefault(first, MessageBatcher(first.topic, first.read_as, "ros1", report, self._echo))
                 rows = np.flatnonzero(np.isin(block.connection, [number for number, it in known.items() if it == first]))
                 starts, lengths, times = block.starts[rows], block.lengths[rows], block.time_ns[rows]
                 if len(rows) >= DENSE:

@@ -32,7 +32,7 @@ from lidarcli.logs.base import (
     ros_type,
 )
 from lidarcli.logs.joined import Part, PartedLog
-from lidarcli.logs.laserscan import Gather, scan_type
+from lidarcli.logs.laserscan import MessageBatcher, scan_type
 from lidarcli.logs.rosbag2_salvage import (
     BEFORE_ALL,
     HEADER,
@@ -43,7 +43,7 @@ from lidarcli.logs.rosbag2_salvage import (
     TopicRow,
     guess_topics,
 )
-from lidarcli.logs.unpacking import PACKED_CAUSE, ZSTD_MAGIC, Unpacking, is_zstd, unpack_file, unpack_message
+from lidarcli.logs.unpacking import PACKED_CAUSE, ZSTD_MAGIC, DecompressionBudget, is_zstd, unpack_file, unpack_message
 from lidarcli.newfiles import scratch_folder
 from lidarcli.ros.bag_metadata import METADATA, named_files
 from lidarcli.sweeps import RawSweeps
@@ -261,7 +261,12 @@ _SCHEMA = "SELECT type, name, sql FROM sqlite_master"
 _PLAIN = re.compile(r"CREATE (TABLE|(UNIQUE )?INDEX)\b", re.IGNORECASE)
 """Definitions of plain tables and indexes, as SQLite stores them."""
 _TABLES = ("topics", "messages", "message_definitions")
-_PRAGMAS = ("temp_store", "cell_size_check", "table_xinfo", "ignore_check_constraints", "quick_check")
+_PRAGMAS = (
+    *("temp_store", "cell_size_check", "table_xinfo", "index_list", "index_xinfo"),
+    *("ignore_check_constraints", "quick_check"),
+)
+_COMPUTED = -2
+"""Column of an index over an expression."""
 ROWID = "_rowid_"
 # Rows come in the order of their numbers, in which tables keep them: sorting would hold all of them. The column `id` is
 # that number in what rosbag2 writes, and may be any other where somebody else has written the table.
@@ -314,22 +319,22 @@ def merge(database: Path, source: Path) -> None:
     A rollback journal may name a super-journal at its end, which SQLite deletes wherever it is: that name is spoiled.
     """
     for suffix in _sidecars(source):
-        beside = Path(f"{database}{suffix}")
-        shutil.copyfile(f"{source}{suffix}", beside)
-        with beside.open("ab") as file:
+        sidecar = Path(f"{database}{suffix}")
+        shutil.copyfile(f"{source}{suffix}", sidecar)
+        with sidecar.open("ab") as file:
             file.write(bytes(8) if suffix == JOURNAL else b"")
         with closing(sqlite3.connect(database, isolation_level=None)) as connection:
             # The first look at the file rolls back what its journal holds.
             connection.execute("PRAGMA schema_version").fetchall()
             if suffix == WAL:
                 connection.execute("PRAGMA wal_checkpoint(TRUNCATE)").fetchall()
-        beside.unlink(missing_ok=True)
+        sidecar.unlink(missing_ok=True)
 
 
 def _sidecars(database: Path) -> list[str]:
     """Return the suffixes of the files beside a database that may hold a part of it."""
-    beside = {suffix: Path(f"{database}{suffix}") for suffix in (JOURNAL, WAL)}
-    return [suffix for suffix, path in beside.items() if path.is_file() and path.stat().st_size > 0]
+    sidecar = {suffix: Path(f"{database}{suffix}") for suffix in (JOURNAL, WAL)}
+    return [suffix for suffix, path in sidecar.items() if path.is_file() and path.stat().st_size > 0]
 
 
 class SqliteLog:
@@ -347,7 +352,7 @@ class SqliteLog:
         self.met = ReadReport()
         """Takes the damage of the file; that of messages goes to the report of the pass."""
         self._options, self._known = options, known
-        self._unpacking = Unpacking()
+        self._budget = DecompressionBudget()
         self._read_as: dict[str, str] = {}
         self._last, self._newest = 0, 0
         self._stack = ExitStack()
@@ -384,7 +389,7 @@ class SqliteLog:
             if not kind or (topics is not None and topic.name not in topics):
                 continue
             if is_cdr(topic):
-                gathers[topic.id] = Gather(topic.name, kind, "cdr", report, self._options.echo)
+                gathers[topic.id] = MessageBatcher(topic.name, kind, "cdr", report, self._options.echo)
             elif count := self.counts().get(topic.id, 0):
                 report.refused[(topic.name, f"the encoding '{topic.encoding}' is not read")] += count
         try:
@@ -416,10 +421,14 @@ class SqliteLog:
         """Return the database with its journal merged in; None where SQLite refuses it or finds a damaged page."""
         if self._database is not None:
             try:
-                # What a column is computed by, or held against, is SQL of the log.
+                # What a column or an index is computed by is SQL of the log.
                 for kind, name, _ in self._ask(self._database, _SCHEMA):
                     if kind == "table":
                         _refuse_computed(self._database, name)
+                for _, name, *_, is_partial in self._ask(self._database, "PRAGMA index_list(messages)"):
+                    columns = self._database.execute(f"PRAGMA index_xinfo({_quoted(name)})")
+                    if is_partial or any(column == _COMPUTED for _, column, *_ in columns):
+                        raise UnsoundError(f"{name} is an index that would be computed")
                 self._database.execute("PRAGMA ignore_check_constraints = on")
                 if self._ask(self._database, "PRAGMA quick_check(1)").fetchone() == ("ok",):
                     return self.file
@@ -510,8 +519,8 @@ class SqliteLog:
             self.topic_rows = {row[0]: TopicRow(*row) for row in topics}
             # Bags before ROS 2 Iron have no definitions.
             with suppress(*SQLITE_ERRORS):
-                for kind, *told in _bounded(self._ask(self._database, _DEFINITIONS), self._size):
-                    self._read_as[kind] = scan_type(ros_type(kind), *told)
+                for kind, *definition in _bounded(self._ask(self._database, _DEFINITIONS), self._size):
+                    self._read_as[kind] = scan_type(ros_type(kind), *definition)
             self._database.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, MAX_MESSAGE + MAX_TEXT)
             self._ask(self._database, _NEWEST.format(self.number)).fetchone()
         except SQLITE_ERRORS as err:
@@ -651,7 +660,7 @@ class SqliteLog:
         if not present or not present[0].startswith(ZSTD_MAGIC):
             return present, at
         self.compression = "zstd"
-        unpacked = [(unpack_message(data, self._unpacking), time) for data, time in zip(present, at, strict=True)]
+        unpacked = [(unpack_message(data, self._budget), time) for data, time in zip(present, at, strict=True)]
         usable = [(data, time) for data, time in unpacked if data is not None]
         if len(usable) < len(unpacked):
             report.refused[(topic, PACKED_CAUSE)] += len(unpacked) - len(usable)
@@ -693,7 +702,7 @@ def _wrong_size(header: bytes, size: int) -> str:
     return ""
 
 
-def quoted(name: object) -> str:
+def _quoted(name: object) -> str:
     """Return a name as SQL writes it (`UnsoundError` where it cannot)."""
     if not isinstance(name, str) or "\0" in name:
         raise UnsoundError("a table has no name that can be written")
@@ -702,7 +711,7 @@ def quoted(name: object) -> str:
 
 def _refuse_computed(database: sqlite3.Connection, table: object) -> None:
     """Refuse a table that is not read without running SQL (`UnsoundError`)."""
-    if any(column[-1] for column in database.execute(f"PRAGMA table_xinfo({quoted(table)})")):
+    if any(column[-1] for column in database.execute(f"PRAGMA table_xinfo({_quoted(table)})")):
         raise UnsoundError(f"{table} has columns that would be computed")
 
 

@@ -15,7 +15,7 @@ from typing import BinaryIO, NamedTuple
 import numpy as np
 
 from lidarcli.logs.base import LASERSCAN, MAX_MESSAGE, ReadReport
-from lidarcli.logs.laserscan import decode
+from lidarcli.logs.laserscan import decode_blocks
 
 MAGIC = b"SQLite format 3\0"
 LEAF = 0x0D
@@ -286,9 +286,8 @@ def guess_topics(salvage: Salvage, found: RecoveredPages) -> dict[int, TopicRow]
     """Return LaserScan topics of a bag that lost its topics table: those whose first messages make sane sweeps."""
     guessed = {}
     for topic in sorted(set(found.topic_ids)):
-        sample = [
-            row.data for row in islice(salvage.messages(found, {topic}, BEFORE_ALL), 5) if isinstance(row, MessageRow)
-        ]
+        rows = islice(salvage.messages(found, {topic}, BEFORE_ALL), 5)
+        sample = [row.data for row in rows if isinstance(row, MessageRow)]
         if sample and all(map(_is_scan, sample)):
             guessed[topic] = TopicRow(topic, f"/topic_{topic}", LASERSCAN, "cdr")
     return guessed
@@ -296,10 +295,8 @@ def guess_topics(salvage: Salvage, found: RecoveredPages) -> dict[int, TopicRow]
 
 def _is_scan(data: bytes) -> bool:
     """Return True if a message decodes to a sweep with the geometry of a real scanner."""
-    whole = np.array([len(data)])
-    start = np.array([0])
-    sweeps = decode("", np.frombuffer(data, np.uint8), start, whole, start, "cdr", ReadReport())
-    if sweeps is None:
-        return False
-    sane = (sweeps.beams > 1) & (np.abs(sweeps.angle_min) < 10) & (np.abs(sweeps.angle_increment) < 1)
-    return bool((sane & (sweeps.range_min >= 0) & (sweeps.range_max > sweeps.range_min)).all())
+    whole, start = np.array([len(data)]), np.array([0])
+    for one in decode_blocks("", np.frombuffer(data, np.uint8), start, whole, start, "cdr", ReadReport()):
+        sane = (one.beams > 1) & (np.abs(one.angle_min) < 10) & (np.abs(one.angle_increment) < 1)
+        return bool((sane & (one.range_min >= 0) & (one.range_max > one.range_min)).all())
+    return False

@@ -84,9 +84,9 @@ class _Topic:
                 self.sensors[frame] = turns or None
                 if turns:
                     part, whole = np.degrees(abs(turns.step) * np.array([np.median(block.beams), turns.width]))
-                    told = f"{block.topic}: segments of {part:.0f} deg are joined to turns of {whole:.0f} deg"
-                    told += "; --segments keep leaves them"
-                    self.report.add(ReadReport(notes=[told], segments={block.topic}))
+                    note = f"{block.topic}: segments of {part:.0f} deg are joined to turns of {whole:.0f} deg"
+                    note += "; --segments keep leaves them"
+                    self.report.add(ReadReport(notes=[note], segments={block.topic}))
         return True
 
 
@@ -147,7 +147,7 @@ class _Turns:
         if turned < TURNS and not final:
             return None
         turns = cls(usual, float(begin[0]), round(TURN / abs(usual)), rows.rows(slice(0)), rows.stamp_ns[:0])
-        turns._see(rows)
+        turns._widen(rows)
         begins = np.flatnonzero(np.diff(turns._columns(rows)[0]) < 0) + 1
         turns.period_ns = float(np.median(np.diff(rows.time_ns[begins]))) if len(begins) > 1 else 0.0
         return turns
@@ -162,20 +162,20 @@ class _Turns:
         # Padding is in none of these turns.
         return start, np.where(beam < rows.beams[:, None], column, -self.round << 40)
 
-    def _see(self, rows: RawSweeps) -> None:
+    def _widen(self, rows: RawSweeps) -> None:
         """Widen the view to what these messages see."""
         start, column = self._columns(rows)
-        seen = np.zeros(self.round, np.bool_)
-        seen[: self.width] = True
-        seen[column[column >= 0] % self.round] = True
-        hit = np.flatnonzero(seen)
+        covered = np.zeros(self.round, np.bool_)
+        covered[: self.width] = True
+        covered[column[column >= 0] % self.round] = True
+        hit = np.flatnonzero(covered)
         gaps = np.diff(hit, append=hit[0] + self.round)
         widest, toward = int(np.argmax(gaps)), np.sign(self.step)
         begin, self.width = int(hit[(widest + 1) % len(hit)]), self.round - int(gaps[widest]) + 1
         if gaps[widest] <= SEAM + 1:
             begin, self.width = int(start[np.argmin(toward * rows.angle_min)]), self.round
-        told = toward * rows.angle_min[start == begin]
-        self.first = float(toward * told.min()) if len(told) else self.first + begin * self.step
+        starts = toward * rows.angle_min[start == begin]
+        self.first = float(toward * starts.min()) if len(starts) else self.first + begin * self.step
 
     def take(self, rows: RawSweeps | None, place: Int64) -> tuple[Int64, RawSweeps]:
         """Take messages (None: no more) and their places (K,); return the places of complete turns (S,), and these."""
@@ -186,7 +186,7 @@ class _Turns:
             return place, rows
         start, column = self._columns(rows)
         if (column % self.round).max(initial=0) >= self.width:
-            self._see(rows)
+            self._widen(rows)
             start, column = self._columns(rows)
         ahead, later = np.diff(start), np.diff(rows.time_ns.astype(np.float64))
         begins = ((ahead < 0) | ((ahead == 0) & (later != 0))).astype(np.int64)
@@ -198,7 +198,7 @@ class _Turns:
         made = np.unique(turn)
         made = made[(made >= self.done) & (made < last)]
         head, after = np.searchsorted(turn, made), np.searchsorted(turn, made, "right")
-        found = self._made(rows, start, column + turn[:, None] * self.round, made, head, after - 1)
+        found = self._assemble(rows, start, column + turn[:, None] * self.round, made, head, after - 1)
         places = place[head if final else after]
         # What goes on into the turn that is not complete is needed once more.
         ends = np.maximum(turn, turn + column.max(axis=1, initial=0) // self.round)
@@ -207,7 +207,7 @@ class _Turns:
         self.rows, self.place = rows.rows(slice(begin, None)), place[begin:]
         return places, found
 
-    def _made(self, rows: RawSweeps, start: Int64, column: Int64, made: Int64, first: Int64, last: Int64) -> RawSweeps:
+    def _assemble(self, rows: RawSweeps, start: Int64, column: Int64, made: Int64, first: Int64, last: Int64) -> RawSweeps:
         """Return the turns `made` (S,), of beams in columns (K, B) counted through; they begin and end in messages (S,)."""
         turn, column = column // self.round, column % self.round
         there = (column < self.width) & np.isin(turn, made)
@@ -219,10 +219,10 @@ class _Turns:
             return grid
 
         head, apart, time_ns = rows.rows(first), start[last] - start[first], rows.time_ns
-        told = 0.0 if head.time_increment is None else head.time_increment.astype(np.float64) * 1e9
+        increment_ns = 0.0 if head.time_increment is None else head.time_increment.astype(np.float64) * 1e9
         with np.errstate(all="ignore"):
             beam_ns: Float64 = (time_ns[last] - time_ns[first]) / apart
-            beam_ns = np.where((apart > 0) & (beam_ns != 0), beam_ns, told)
+            beam_ns = np.where((apart > 0) & (beam_ns != 0), beam_ns, increment_ns)
             beam_ns[~(np.abs(beam_ns) * self.width <= LONGEST_SWEEP * 1e9)] = 0.0
         return replace(
             head,

@@ -20,7 +20,7 @@ CHUNK_RATIO = 64
 
 
 @dataclass(slots=True)
-class Unpacking:
+class DecompressionBudget:
     """Remaining decompressed bytes that one pass over a log may produce."""
 
     left: int = field(default_factory=lambda: SMALL)
@@ -59,7 +59,7 @@ def is_zstd(path: Path) -> bool:
 def unpack_file(source: Path, target: Path) -> str:
     """Unpack a storage file as far as it goes; why it ended early, or nothing."""
     room = int(shutil.disk_usage(target.parent).free * DISK_SHARE)
-    limit = min(room, Unpacking().room(source.stat().st_size))
+    limit = min(room, DecompressionBudget().room(source.stat().st_size))
     size = 0
     with source.open("rb") as packed, target.open("wb") as out:
         try:
@@ -79,12 +79,12 @@ def unpack_file(source: Path, target: Path) -> str:
     return ""
 
 
-def unpack_message(data: bytes, unpacking: Unpacking) -> bytes | None:
+def unpack_message(data: bytes, budget: DecompressionBudget) -> bytes | None:
     """Decompress a zstd message; None if it is broken or too long, or the bag has unpacked to too much."""
-    if unpacking.room(len(data)) < MAX_MESSAGE:
+    if budget.room(len(data)) < MAX_MESSAGE:
         return None
     message = _unpacked(data)
-    unpacking.used(len(message or b""))
+    budget.used(len(message or b""))
     return message
 
 

@@ -18,7 +18,7 @@ from lidarcli.newfiles import refuse, write_whole
 from lidarcli.pipeline.inputs.search import SUFFIXES, files_of
 from lidarcli.pipeline.inputs.sources import MissingInput, Source
 from lidarcli.pipeline.reading.one_log import Progress, RunSummary, read_log, reading_as_dict
-from lidarcli.pipeline.reading.pose_sources import Need, PoseOptions
+from lidarcli.pipeline.reading.posing import Need, PoseOptions
 from lidarcli.pipeline.runs.over_logs import LogProgress, Outcome, over_logs
 from lidarcli.stores import Place, place
 from lidarcli.sweeps import SweepBatch

@@ -1,43 +1,51 @@
-"""A log without what moves in it: the same messages, but for beams that say nothing."""
+"""A log without what moves in it: all is the same but for beams on agents, on what stood for a while, and on the robot."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pyarrow as pa
+from numpy.typing import NDArray
 
 from lidarcli.choices import ABOVE, INF, KEEP, MATCH, NAN
 from lidarcli.copying import MCAP, ROS1, ROS2, Copy, copy_log, replaced
 from lidarcli.display import counted
 from lidarcli.errors import OptionError, UnreadableError
+from lidarcli.findings import LEAP
+from lidarcli.formalism.detection import SETS
+from lidarcli.formalism.tracking.results import HIDDEN, VIEWS
 from lidarcli.formalism.tracking.tracker import share_moving
+from lidarcli.formalism.zones import samples, seen
 from lidarcli.logs.base import CLOUD_TYPES, SCAN_TYPES, Log, ReadReport
+from lidarcli.logs.batches import ReadOptions, read_batches
 from lidarcli.logs.blocks import Locate
-from lidarcli.logs.clock import LEAP
 from lidarcli.logs.options import TopicChoice
+from lidarcli.masks import Polygon
 from lidarcli.newfiles import NewFiles, refuse, refuse_nameless, writing
-from lidarcli.pipeline.cleaned_beams import REASONS, Choice, Chosen, choose, doubted
 from lidarcli.pipeline.detecting import detect_to_temporary, second_half
 from lidarcli.pipeline.inputs.search import SUFFIXES
 from lidarcli.pipeline.inputs.sources import Source, open_source
 from lidarcli.pipeline.inputs.tables import TableSet, world_in
 from lidarcli.pipeline.objects.detection import DetectOptions
 from lidarcli.pipeline.reading.one_log import Progress, RunSummary, damage_lines, rules_of
-from lidarcli.pipeline.reading.pose_sources import NO_POSES, NONE, Need
-from lidarcli.pipeline.reading.posing import Posing
+from lidarcli.pipeline.reading.posing import NO_POSES, NONE, Need, PoseAttacher
+from lidarcli.pipeline.zone_counting import OBJECT_COLUMNS, Objects
+from lidarcli.pose.fit import Key
 from lidarcli.range_rules import RangeRules
 from lidarcli.stores import Place, Url
-from lidarcli.tabular.columns import constant, held, restamped
-from lidarcli.tabular.reading import file_metadata, note_value, read_columns
+from lidarcli.sweeps import Bool, Closure, Float64, Int32, Int64, Status, SweepBatch, SweepPoses
+from lidarcli.tabular.columns import constant, held, numbers, restamped
+from lidarcli.tabular.reading import TopicRows, file_metadata, note_value, read_columns
 from lidarcli.tabular.schemas import CLEANED, SCHEMAS
 from lidarcli.tabular.writing import PARAMETERS, SOURCE, ParquetSink, table_metadata, table_suffix
 from lidarcli.times import SECOND_NS
+from lidarcli.zone import WORLD
 
 FREEING = "inf says that nothing is there: costmaps with inf_is_valid free beams beyond walls"
 ZERO = "0 becomes range_max in AMCL and gmapping: beams free what is beyond walls"
@@ -48,6 +56,24 @@ MOST_PLACED = 0.5
 MOSTLY = 0.9
 """A sensor stood if it did so at this share of its sweeps."""
 POINTS = "sensor_msgs/msg/PointCloud"
+REASONS = ("agents", "temporary", "body", "margin")
+"""Reasons for which a beam is chosen, the first that holds; columns of the table."""
+AGENTS, TEMPORARY, BODY, MARGIN = range(1, 5)
+FREE_SHARE, FREE_SWEEPS = 0.5, 3
+"""A place was seen free where so much of it was in view and not hidden in so many sweeps."""
+REACH, AROUND = 0.45, 0.1
+"""A piece belongs to an agent if it ends so near to its middle [m], or so near to its box if that is larger."""
+LINK = 0.1
+"""Greatest step in range between beams of one piece [m], beside what its slant takes."""
+MOST_SD = 0.3
+"""Greatest standard deviation of a place of an agent that tells where its beams are [m]."""
+LEAST_SPEED, MOVING_SDS = 0.1, 2.0
+"""Least speed of what is on its way [m/s], and least way in standard deviations."""
+PAIRS = 256
+"""Places of agents that are looked at together."""
+LEAST_SIDE = 0.1
+"""Least side of the place of a thing [m]: what stands at a leg is wider than the points on it."""
+_NONE = np.zeros(0, np.int64)
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,13 +87,13 @@ class CleanOptions:
     value: str | float = NAN
     """Value of removed beams: one of `SAYINGS`, or a range [m]."""
     margin: int = 1
-    """Beams beside them that are removed, too."""
+    """Neighbours of these beams that are removed, too."""
     overwrite: bool = False
 
     def as_dict(self) -> dict[str, Any]:
         """Return all options that the result depends on, as plain values, for the table's metadata."""
-        told = {"remove": sorted(self.remove), "value": self.value, "margin": self.margin}
-        return self.detect.as_dict() | told
+        own = {"remove": sorted(self.remove), "value": self.value, "margin": self.margin}
+        return self.detect.as_dict() | own
 
 
 @dataclass(slots=True)
@@ -122,9 +148,7 @@ def clean_log(source: Source, path: Place, options: CleanOptions, progress: Prog
         rules = rules_of(note_value(notes, PARAMETERS, dict), mask if isinstance(mask, dict) else None)
         blind = _blind(pair)
         _refuse_motion(log, pair, described, options, rules, blind)
-        detect = options.detect
-        choice = Choice(detect.read.topics, rules, detect.poses, options.remove, options.margin)
-        chosen = choose(log, pair, choice, second_half(progress, source.size))
+        chosen = choose(log, pair, options, rules, second_half(progress, source.size))
         editing = _Editing(chosen, options.value)
         copy = Copy(editing, ReadReport())
         with writing(path):
@@ -132,7 +156,6 @@ def clean_log(source: Source, path: Place, options: CleanOptions, progress: Prog
         editing.conclude()
         summary = _summary(source, found, options, chosen, copy, editing)
         summary.notes += [f"no beam of {topic} has a range: nothing moves there" for topic in sorted(blind)]
-        summary.notes += doubted(pair) if "agents" in options.remove else []
         metadata = table_metadata(options.as_dict(), described, summary.damage)
         table = restamped(_table(source.name, chosen), options.detect.stamps)
         summary.table = table.replace_schema_metadata(metadata)
@@ -235,9 +258,9 @@ def _refuse_motion(
 
     In topics of which no beam has a range (`blind`) nothing can be taken for anything.
     """
-    for frame, told in described.get("poses", {}).items():
-        for topic, verdict in told.get("pose_verdict", {}).items():
-            if verdict == "rejected" and world_in(told, topic) not in ("", MATCH):
+    for frame, source in described.get("poses", {}).items():
+        for topic, verdict in source.get("pose_verdict", {}).items():
+            if verdict == "rejected" and world_in(source, topic) not in ("", MATCH):
                 raise UnreadableError(
                     f"the poses of {frame or 'the sensor'} contradict the sweeps of {topic}; nothing written; "
                     "give other poses (--pose TOPIC, --poses FILE)"
@@ -250,7 +273,7 @@ def _refuse_motion(
         return
     detect = options.detect
     choice = TopicChoice(detect.read.topics, log.topics())
-    paths = Posing.of(log, NO_POSES, choice, rules, need=Need.MOVING).paths
+    paths = PoseAttacher.of(log, NO_POSES, choice, rules, need=Need.MOVING).paths
     tracks = read_columns(pair.tracks, "tracks", SCHEMAS["tracks"], ("topic", "set", "sweeps")).to_pylist()
     for topic in unplaced:
         looks = [path for (name, _), path in paths.items() if name == topic]
@@ -280,28 +303,25 @@ class _Editing:
         written = None if mine is None else locate(data)
         if mine is None or written is None:
             return data
-        sweep = mine.sweep(self._done[topic])
+        number = self._done[topic]
         self._done[topic] += 1
-        same = sweep is not None and written.beams == sweep.beams
-        # A stamp that is farther off has been mended.
-        if (
-            sweep is None
-            or not same
-            or (written.stamp_ns and 0 < abs(written.stamp_ns - sweep.stamp_ns) < LEAP * SECOND_NS)
-        ):
+        if number == len(mine.beam) or written.beams != mine.beams[number]:
             raise _changed(topic)
-        if not len(sweep.chosen):
+        # A stamp that is farther off has been mended.
+        if written.stamp_ns and 0 < abs(written.stamp_ns - int(mine.stamp_ns[number])) < LEAP * SECOND_NS:
+            raise _changed(topic)
+        if not len(mine.beam[number]):
             return data
         chosen = np.zeros(written.beams, np.bool_)
-        chosen[sweep.chosen] = True
-        number = self._number(topic, written.range_max)
-        self.is_measurable |= written.range_min <= number <= written.range_max
-        return replaced(data, written, chosen, number)
+        chosen[mine.beam[number]] = True
+        value = self._number(topic, written.range_max)
+        self.is_measurable |= written.range_min <= value <= written.range_max
+        return replaced(data, written, chosen, value)
 
     def conclude(self) -> None:
         """Refuse a copy that lacks sweeps."""
         for topic, count in self._done.items():
-            if count != len(self._chosen[topic]):
+            if count != len(self._chosen[topic].beam):
                 raise _changed(topic)
 
     def _number(self, topic: str, range_max: float) -> float:
@@ -319,12 +339,12 @@ def _changed(topic: str) -> UnreadableError:
 def _summary(
     source: Source, found: RunSummary, options: CleanOptions, chosen: dict[str, Chosen], copy: Copy, editing: _Editing
 ) -> CleanSummary:
-    summary = CleanSummary(sweeps=sum(map(len, chosen.values())), topics=set(chosen))
+    summary = CleanSummary(sweeps=sum(len(each.beam) for each in chosen.values()), topics=set(chosen))
     summary.missing_topics = found.missing_topics
     summary.damage = [*dict.fromkeys([*found.damage, *damage_lines(copy.report)])]
     summary.notes = [*found.notes]
-    beams = sum(int(each.beams[0].sum()) for each in chosen.values())
-    totals = sum((each.counts[0].sum(axis=0) for each in chosen.values()), np.zeros(4, np.int64))
+    beams = sum(int(each.beams.sum()) for each in chosen.values())
+    totals = sum((each.counts.sum(axis=0) for each in chosen.values()), np.zeros(4, np.int64))
     removed = int(totals.sum())
     summary.by_status = found.by_status
     by_mask = ["body"] if options.detect.read.rules.masks else []
@@ -332,8 +352,8 @@ def _summary(
     summary.removed = {reason: int(count) for reason, count in zip(REASONS, totals, strict=True) if reason in asked}
     parts = ", ".join(f"{reason} {count:,}" for reason, count in summary.removed.items())
     share = f" ({removed / beams:.1%})" if beams else ""
-    say = f"say {_words(options.value)}: {parts}"
-    summary.line = f"{counted(summary.sweeps, 'sweep')}; {removed:,} of {beams:,} beams{share} {say}"
+    says = f"say {_words(options.value)}: {parts}"
+    summary.line = f"{counted(summary.sweeps, 'sweep')}; {removed:,} of {beams:,} beams{share} {says}"
     alike = [
         f"{topic} ({kind.rsplit('/', 1)[-1].rsplit('.', 1)[-1]})"
         for topic, kind in sorted(copy.messages)
@@ -366,17 +386,509 @@ def _table(log: str, chosen: dict[str, Chosen]) -> pa.Table:
 
 
 def _rows(log: str, topic: str, each: Chosen) -> pa.RecordBatch:
-    count = len(each)
-    counts = each.counts[0]
+    count = len(each.beam)
     columns: Sequence[Any] = [
         constant(log, count),
         constant(topic, count),
         np.arange(count),
-        each.stamp_ns[0],
-        *(np.ascontiguousarray(counts[:, column]) for column in range(len(REASONS))),
+        each.stamp_ns,
+        *(np.ascontiguousarray(each.counts[:, column]) for column in range(len(REASONS))),
     ]
     arrays = [
         values if isinstance(values, pa.Array) else pa.array(values).cast(one.type)
         for values, one in zip(columns, CLEANED, strict=True)
     ]
     return pa.RecordBatch.from_arrays(arrays, schema=CLEANED)
+
+
+class Chosen(NamedTuple):
+    """The chosen beams of one topic, sweep by sweep."""
+
+    stamp_ns: Int64
+    beams: Int32
+    """(S,) beams of each sweep."""
+    counts: Int32
+    """(S, 4) chosen beams by `REASONS`."""
+    beam: list[NDArray[np.intp]]
+    """Chosen beams of each sweep, ascending."""
+
+
+def choose(
+    log: Log, pair: TableSet, options: CleanOptions, rules: RangeRules, progress: Progress | None = None
+) -> dict[str, Chosen]:
+    """Return the chosen beams of each topic by the tables of its objects.
+
+    Raises
+    ------
+    UnreadableError
+        A table cannot be read.
+    """
+    temporary = _temporary(log, pair, options, rules) if "temporary" in options.remove else {}
+    agents = _agents(pair) if "agents" in options.remove else {}
+    found: dict[str, list[Chosen]] = {}
+    cursors: dict[str, TopicRows] = {}
+    for batch in _batches(log, options, rules):
+        topic = batch.topic
+        if topic not in cursors:
+            cursors[topic] = TopicRows(pair.objects, "objects", OBJECT_COLUMNS, topic)
+        rows = cursors[topic].until(int(batch.sweep[-1]) + 1)
+        objects = Objects.of(rows, batch)
+        reason = np.zeros(batch.ranges.shape, np.uint8)
+        for frame, at, mine in batch.by_frame():
+            key = topic, frame
+            reason[at] = _reasons(mine, objects.of_rows(at), options, temporary.get(key, _NONE), agents.get(key))
+        counts = np.column_stack([np.count_nonzero(reason == code, axis=1) for code in range(1, 5)]).astype(np.int32)
+        beams = [np.flatnonzero(row) for row in reason]
+        found.setdefault(topic, []).append(Chosen(batch.stamp_ns, batch.beams, counts, beams))
+        if progress is not None:
+            progress(log.position)
+    return {
+        topic: Chosen(
+            np.concatenate([part.stamp_ns for part in parts]),
+            np.concatenate([part.beams for part in parts]),
+            np.concatenate([part.counts for part in parts]),
+            [beam for part in parts for beam in part.beam],
+        )
+        for topic, parts in found.items()
+    }
+
+
+def _batches(log: Log, options: CleanOptions, rules: RangeRules) -> Iterator[SweepBatch]:
+    """Yield all sweeps; the pass that makes the tables reports the damage."""
+    topics = options.detect.read.topics
+    yield from read_batches(log, ReadOptions(topics, rules=rules), ReadReport(), TopicChoice(topics, log.topics()))
+
+
+def _reasons(
+    batch: SweepBatch, objects: Objects, options: CleanOptions, temporary: Int64, agents: _Agents | None
+) -> NDArray[np.uint8]:
+    """Return the reason (S, B) for which each beam is chosen, 0 for none; `temporary` are tracks."""
+    valid = batch.status == Status.VALID
+    owner = objects.owners(batch)
+    is_thing = (objects.set == SETS.index("O")) & (objects.track >= 0)
+    is_agent = objects.set == SETS.index("A")
+    if agents is not None:
+        is_agent |= agents.tracks.hold(objects, batch)
+    reason = np.zeros(valid.shape, np.uint8)
+    reason[batch.status == Status.MASKED] = BODY
+    reason[valid & np.append(is_thing & np.isin(objects.track, temporary), False)[owner]] = TEMPORARY
+    if "agents" in options.remove:
+        reason[valid & np.append(is_agent, False)[owner]] = AGENTS
+    if agents is not None:
+        # What stands is no part of who passes by.
+        stands = np.append(is_thing & ~is_agent, False)[owner]
+        reason[agents.of(batch).pieces(batch) & ~stands & (reason != BODY)] = AGENTS
+    reason[neighbours(batch, reason > 0, options.margin) & valid & (reason == 0)] = MARGIN
+    return reason
+
+
+def neighbours(batch: SweepBatch, chosen: Bool, margin: int) -> Bool:
+    """Return the beams (S, B) that are so near to chosen ones; of a full turn the last is beside the first."""
+    beam = np.arange(chosen.shape[1])
+    far = margin + 2 * len(beam) + 1
+    # The chosen ones next to each beam, on both sides; behind the last beam of a full turn comes the first chosen one.
+    before, after = np.where(chosen, beam, -far), np.where(chosen, beam, far)
+    turn = np.where(batch.closure == Closure.OPEN, far, batch.beams)[:, None]
+    last = before.max(axis=1, keepdims=True, initial=-far) - turn
+    first = after.min(axis=1, keepdims=True, initial=far) + turn
+    before = np.maximum(np.maximum.accumulate(before, axis=1), last)
+    after = np.minimum(np.minimum.accumulate(after[:, ::-1], axis=1)[:, ::-1], first)
+    near: Bool = np.minimum(beam - before, after - beam) <= margin
+    return near & (beam < batch.beams[:, None])
+
+
+class _Places(NamedTuple):
+    """Places (P) of agents in sweeps of a batch, in the frame of the sensor."""
+
+    row: Int64
+    x: Float64
+    y: Float64
+    radius: Float64
+
+    def pieces(self, batch: SweepBatch) -> Bool:
+        """Return the beams (S, B) on pieces that end within the reach of an agent as a whole.
+
+        A leg far away has too few beams for an object; of a wall only a part is within reach.
+        """
+        found = np.zeros(batch.ranges.shape, np.bool_)
+        for first in range(0, len(self.row), PAIRS):
+            part = slice(first, first + PAIRS)
+            some = _Places(self.row[part], self.x[part], self.y[part], self.radius[part])
+            pair, beam = np.nonzero(some._whole_pieces(batch.rows(some.row)))
+            found[some.row[pair], beam] = True
+        return found
+
+    def _whole_pieces(self, batch: SweepBatch) -> Bool:
+        """Return the beams (P, B) by place; `batch` has the sweep of each."""
+        valid = batch.status == Status.VALID
+        ranges = np.where(valid, batch.ranges, np.float32(np.nan)).astype(np.float64)
+        bearing = batch.bearings()
+        x, y = ranges * np.cos(bearing), ranges * np.sin(bearing)
+        slant = 2.0 * np.abs(batch.angle_increment)[:, None] * ranges
+        with np.errstate(invalid="ignore"):
+            inside = np.hypot(x - self.x[:, None], y - self.y[:, None]) <= self.radius[:, None]
+            joined = np.abs(ranges - np.roll(ranges, 1, axis=1)) <= LINK + slant
+        begins = ~joined
+        begins[:, 0] = True
+        piece = np.cumsum(begins, axis=1) - 1
+        # Of a full turn the last piece may go on in the first.
+        seam = joined[:, 0] & (batch.closure != Closure.OPEN)
+        piece = np.where((piece == piece[:, -1:]) & seam[:, None], 0, piece)
+        number = piece + np.arange(len(piece))[:, None] * (batch.width + 1)
+        beams = np.bincount(number.ravel(), valid.ravel())
+        within = np.bincount(number.ravel(), inside.ravel())
+        whole: Bool = inside & (within >= beams)[number]
+        return whole
+
+
+class _Since(NamedTuple):
+    """Tracks whose objects are left out, and from which sweeps on."""
+
+    track: Int64
+    """(N,) ascending."""
+    sweep: Int64
+
+    def hold(self, objects: Objects, batch: SweepBatch) -> Bool:
+        """Return which objects (K,) are of these tracks by then."""
+        if not len(self.track):
+            return np.zeros(len(objects.track), np.bool_)
+        at = np.minimum(np.searchsorted(self.track, objects.track), len(self.track) - 1)
+        found: Bool = (self.track[at] == objects.track) & (batch.sweep[objects.row] >= self.sweep[at])
+        return found
+
+
+@dataclass(frozen=True, slots=True)
+class _Agents:
+    """Places (N) of the agents of a topic by sweep, from when on they are on their way."""
+
+    sweep: Int64
+    """(N,) ascending."""
+    x: Float64
+    y: Float64
+    radius: Float64
+    in_world: Bool
+    tracks: _Since
+    """Their tracks, and those of parts of them."""
+    sweeps: Int64
+    """(S,) sweeps of the topic, and the pose (S, 3) of the sensor in each."""
+    pose: Float64
+    mirrored: bool
+    """True where the sensor hangs head down."""
+
+    def of(self, batch: SweepBatch) -> _Places:
+        """Return the places of agents in some sweeps."""
+        first, after = np.searchsorted(self.sweep, [batch.sweep[0], batch.sweep[-1] + 1])
+        mine = slice(first, after)
+        sweep, x, y = self.sweep[mine], self.x[mine], self.y[mine]
+        at = np.minimum(np.searchsorted(self.sweeps, sweep), len(self.sweeps) - 1)
+        pose = self.pose[at]
+        dx, dy = x - pose[:, 0], y - pose[:, 1]
+        cos, sin = np.cos(pose[:, 2]), np.sin(pose[:, 2])
+        left = cos * dy - sin * dx
+        here_x = np.where(self.in_world[mine], cos * dx + sin * dy, x)
+        here_y = np.where(self.in_world[mine], -left if self.mirrored else left, y)
+        row = np.minimum(np.searchsorted(batch.sweep, sweep), len(batch) - 1)
+        there = np.isfinite(here_x) & (batch.sweep[row] == sweep)
+        return _Places(row[there], here_x[there], here_y[there], self.radius[mine][there])
+
+
+class _Paths(NamedTuple):
+    """Trajectories (N) of one topic, those of a track one after the other in the order of time."""
+
+    track: Int64
+    sweep: Int64
+    stamp_ns: Int64
+    x: Float64
+    y: Float64
+    sd: Float64
+    """(N,) the greater standard deviation of the place [m]."""
+    in_world: Bool
+    hidden: Bool
+
+    def of(self, track: int) -> slice:
+        """Return the rows of a track."""
+        first, after = np.searchsorted(self.track, [track, track + 1])
+        return slice(int(first), int(after))
+
+
+class _Track(NamedTuple):
+    """A track of one topic."""
+
+    number: int
+    moves: bool
+    moved_at_ns: int
+    half: float
+    """Half of its diagonal [m], 0 where it is not known."""
+
+    @property
+    def reach(self) -> float:
+        """Distance from its middle in which pieces belong to it [m]."""
+        return max(REACH, self.half + AROUND)
+
+
+def _agents(pair: TableSet) -> dict[Key, _Agents]:
+    """Return where agents are, by topic and frame, hidden or not."""
+    found = {}
+    paths = _paths(pair)
+    for (topic, frame), tracks in _tracks(pair).items():
+        if topic in paths and any(each.moves for each in tracks):
+            found[topic, frame] = _agents_of(tracks, paths[topic], *_sensor(pair, topic, frame))
+    return found
+
+
+def _tracks(pair: TableSet) -> dict[Key, list[_Track]]:
+    """Return the tracks of each topic and frame by number."""
+    columns = ("topic", "frame_id", "track", "set", "moved_at", "length", "width")
+    rows = read_columns(pair.tracks, "tracks", SCHEMAS["tracks"], columns)
+    moves = _names(rows["set"]) == "A"
+    moved_at, _ = held(rows["moved_at"].cast(pa.int64()))
+    half = 0.5 * np.hypot(*(np.nan_to_num(numbers(rows[name])) for name in ("length", "width")))
+    names = (_names(rows[name]) for name in ("topic", "frame_id"))
+    values = (*names, np.asarray(rows["track"]), moves, moved_at, half)
+    found: dict[Key, list[_Track]] = {}
+    for topic, frame, *track in zip(*(each.tolist() for each in values), strict=True):
+        found.setdefault((topic, frame), []).append(_Track(*track))
+    return {key: sorted(tracks) for key, tracks in found.items()}
+
+
+def _paths(pair: TableSet) -> dict[str, _Paths]:
+    """Return the trajectories of each topic."""
+    columns = ("topic", "track", "sweep", "stamp", "frame", "x", "y", "x_sd", "y_sd", "seen")
+    rows = read_columns(pair.trajectories, "trajectories", SCHEMAS["trajectories"], columns)
+    topics = _names(rows["topic"])
+    whole = _Paths(
+        np.asarray(rows["track"]),
+        np.asarray(rows["sweep"]),
+        np.asarray(rows["stamp"].cast(pa.int64())),
+        numbers(rows["x"]),
+        numbers(rows["y"]),
+        np.maximum(numbers(rows["x_sd"]), numbers(rows["y_sd"])),
+        _names(rows["frame"]) == WORLD,
+        _names(rows["seen"]) == VIEWS[HIDDEN],
+    )
+    order = np.lexsort((whole.sweep, whole.track))
+    found = {}
+    for topic in np.unique(topics).tolist():
+        mine = order[topics[order] == topic]
+        found[topic] = _Paths(*(values[mine] for values in whole))
+    return found
+
+
+def _agents_of(tracks: list[_Track], paths: _Paths, sweeps: Int64, pose: Float64, mirrored: bool) -> _Agents:
+    """Return the agents of a topic; `sweeps`, `pose` and `mirrored` as of `_sensor`."""
+    since: dict[int, int] = {}
+    rows, radius = [_NONE], [np.zeros(0)]
+    for track in tracks:
+        mine = paths.of(track.number)
+        count = mine.stop - mine.start
+        if not track.moves or not count:
+            continue
+        onset = int(np.searchsorted(paths.stamp_ns[mine], track.moved_at_ns))
+        onset = mine.start + min(onset, count - 1)
+        first = _sets_out(paths, slice(mine.start, onset))
+        since[track.number] = int(paths.sweep[first])
+        sure = first + np.flatnonzero(paths.sd[first : mine.stop] <= MOST_SD)
+        rows.append(sure)
+        radius.append(np.full(len(sure), track.reach))
+    begun = np.array([sweep for sweep, some in zip(since.values(), rows[1:], strict=True) if len(some)], np.int64)
+    ends = [(some[-1], reach[-1]) for some, reach in zip(rows, radius, strict=True) if len(some)]
+    last = _Reach(np.array([row for row, _ in ends], np.int64), np.array([reach for _, reach in ends]))
+    at, reach = np.concatenate(rows), np.concatenate(radius)
+    order = np.argsort(paths.sweep[at], kind="stable")
+    at, reach = at[order], reach[order]
+    for track in tracks:
+        if not track.moves and _came_along(track, paths, _Reach(at, reach), last, begun):
+            since[track.number] = 0
+    numbers_of = np.array(sorted(since), np.int64)
+    return _Agents(
+        paths.sweep[at],
+        paths.x[at],
+        paths.y[at],
+        reach,
+        paths.in_world[at],
+        _Since(numbers_of, np.array([since[number] for number in numbers_of.tolist()], np.int64)),
+        sweeps,
+        pose,
+        mirrored,
+    )
+
+
+def _sets_out(paths: _Paths, rows: slice) -> int:
+    """Return the row in which an agent sets out, among those of its path up to its onset.
+
+    At its onset it is off its first place by more than its size. Its smoothed path tells that it was on its way before:
+    within a second it went further than the noise of both places.
+    """
+    first: int = rows.start
+    if first == rows.stop:
+        return first
+    x, y, var, stamp_ns = paths.x[rows], paths.y[rows], paths.sd[rows] ** 2, paths.stamp_ns[rows]
+    before = np.searchsorted(stamp_ns, stamp_ns - SECOND_NS)
+    distance = np.hypot(x - x[before], y - y[before])
+    least = LEAST_SPEED * 1e-9 * (stamp_ns - stamp_ns[before])
+    stands = np.flatnonzero(~(distance > np.maximum(least, MOVING_SDS * np.sqrt(var + var[before]))))[-1]
+    # What is on its way so soon after it was first seen was so before.
+    return first if before[stands] == 0 else first + int(stands)
+
+
+class _Reach(NamedTuple):
+    """Rows (N) of the paths of agents, ascending by sweep, and how far pieces of them are from there."""
+
+    row: Int64
+    radius: Float64
+    """[m]"""
+
+
+def _came_along(track: _Track, paths: _Paths, agents: _Reach, ends: _Reach, since: Int64) -> bool:
+    """Return whether a thing is part of an agent, or an agent that came to stand there.
+
+    What stands is also seen while no agent is within reach. Of an agent that stops, the track may end, and a new one begin.
+
+    Parameters
+    ----------
+    track : the thing
+    agents : all places of agents
+    ends, since : (A,) last places of agents, and the sweeps from which on they are agents
+    """
+    mine = paths.of(track.number)
+    rows = np.arange(mine.start, mine.stop)[~paths.hidden[mine]]
+    # Most things are seen without agents at first.
+    if not len(rows):
+        return False
+    first = rows[0]
+    over = np.hypot(paths.x[ends.row] - paths.x[first], paths.y[ends.row] - paths.y[first]) + track.half
+    left = (over <= ends.radius) & (since < paths.sweep[first])
+    left &= paths.stamp_ns[ends.row] >= paths.stamp_ns[first] - SECOND_NS
+    if not left.any() and not _with_agents(rows[:1], track.half, paths, agents).all():
+        return False
+    inside = _with_agents(rows, track.half, paths, agents)
+    last = paths.sweep[ends.row[left]]
+    return bool(inside.all()) or any(inside[paths.sweep[rows] <= end].all() for end in last.tolist())
+
+
+def _with_agents(rows: Int64, half: float, paths: _Paths, agents: _Reach) -> Bool:
+    """Return whether in rows (K,) of the path of a thing all of it is within the reach of an agent."""
+    sweep = paths.sweep[agents.row]
+    first, after = (np.searchsorted(sweep, paths.sweep[rows], side) for side in ("left", "right"))
+    count = after - first
+    which = np.repeat(np.arange(len(rows)), count)
+    agent = np.arange(len(which)) - np.repeat(np.cumsum(count) - count, count) + first[which]
+    there, here = agents.row[agent], rows[which]
+    over = np.hypot(paths.x[there] - paths.x[here], paths.y[there] - paths.y[here]) + half
+    inside: Bool = np.bincount(which, over <= agents.radius[agent], len(rows)) > 0
+    return inside
+
+
+def _sensor(pair: TableSet, topic: str, frame: str) -> tuple[Int64, Float64, bool]:
+    """Return the sweeps of a sensor, its pose (S, 3) in each, and whether it hangs head down."""
+    names = ("pose_x", "pose_y", "pose_yaw")
+    rows = read_columns(pair.sweeps, "sweeps", SCHEMAS["sweeps"], ("topic", "frame_id", "sweep", *names))
+    mine = (_names(rows["topic"]) == topic) & (_names(rows["frame_id"]) == frame)
+    sweep = np.asarray(rows["sweep"])[mine]
+    pose = np.column_stack([numbers(rows[name])[mine] for name in names])
+    columns = ("topic", "frame_id", "sweep", "box_x", "box_y", "world_x", "world_y")
+    objects = read_columns(pair.objects, "objects", SCHEMAS["objects"], columns)
+    here = (_names(objects["topic"]) == topic) & (_names(objects["frame_id"]) == frame)
+    x, y, world_x, world_y = (numbers(objects[name])[here] for name in columns[3:])
+    at = np.minimum(np.searchsorted(sweep, np.asarray(objects["sweep"])[here]), max(len(sweep) - 1, 0))
+    if not len(x):
+        return sweep, pose, False
+    dx, dy, yaw = world_x - pose[at, 0], world_y - pose[at, 1], pose[at, 2]
+    left = np.cos(yaw) * dy - np.sin(yaw) * dx
+    with np.errstate(invalid="ignore"):
+        flipped = np.abs(left + y) < np.abs(left - y)
+    return sweep, pose, 2 * int(np.count_nonzero(flipped)) > len(x)
+
+
+_COLUMNS = (
+    *("topic", "frame_id", "sweep", "set", "track", "box_x", "box_y", "box_length", "box_width", "box_yaw"),
+    *("world_x", "world_y", "world_yaw"),
+)
+
+
+@dataclass(slots=True)
+class _Stay:
+    """A thing that stood, and how often its place was seen free before or afterwards."""
+
+    track: int
+    first: int
+    last: int
+    """Sweeps in which it stood first and last."""
+    in_world: bool
+    places: Float64
+    """(P, 2) samples of its place [m]."""
+    free: int = 0
+
+
+def _temporary(log: Log, pair: TableSet, options: CleanOptions, rules: RangeRules) -> dict[Key, Int64]:
+    """Return by topic and frame the tracks that stood where the place was also seen free, in a pass of its own."""
+    stays = _stood(pair)
+    if not stays:
+        return {}
+    topics = TopicChoice(options.detect.read.topics, log.topics())
+    posing = PoseAttacher.of(log, options.detect.poses, topics, rules, need=Need.MOVING)
+    sensors = (
+        ((whole.topic, frame), batch)
+        for whole in _batches(log, options, rules)
+        for frame, _, batch in posing.attach(whole).by_frame()
+    )
+    for key, batch in sensors:
+        mine = [one for one in stays.get(key, ()) if one.free < FREE_SWEEPS]
+        if not mine:
+            continue
+        world = None if batch.poses is None else batch.poses.at_stamp()
+        zero = np.zeros(len(batch))
+        sensor = SweepPoses(zero, zero, zero, np.zeros(len(batch), np.bool_))
+        for one in mine:
+            away = (batch.sweep < one.first) | (batch.sweep > one.last)
+            place = world if one.in_world else sensor
+            if place is None or not away.any():
+                continue
+            rows = np.flatnonzero(away)
+            some = batch.rows(rows)
+            share = seen(some, place.rows(rows), one.places).mean(axis=1)
+            one.free += int(np.count_nonzero(share >= FREE_SHARE))
+    return {key: np.array([one.track for one in each if one.free >= FREE_SWEEPS], np.int64) for key, each in stays.items()}
+
+
+def _stood(pair: TableSet) -> dict[Key, list[_Stay]]:
+    """Return where tracks stood, by topic and frame."""
+    rows = read_columns(pair.objects, "objects", SCHEMAS["objects"], _COLUMNS)
+    track, there = held(rows["track"])
+    letters, topics, frames = (_names(rows[name]) for name in ("set", "topic", "frame_id"))
+    stood = there & (letters == "O")
+    found: dict[Key, list[_Stay]] = {}
+    sweep = np.asarray(rows["sweep"])
+    columns = {name: numbers(rows[name]) for name in _COLUMNS[5:]}
+    for topic in sorted(set(topics[stood].tolist())):
+        mine = np.flatnonzero(stood & (topics == topic))
+        order = mine[np.argsort(track[mine], kind="stable")]
+        for group in np.split(order, np.flatnonzero(np.diff(track[order])) + 1):
+            values = {name: column[group] for name, column in columns.items()}
+            in_world = bool(np.isfinite(values["world_x"]).all())
+            names = ("world_x", "world_y", "world_yaw") if in_world else ("box_x", "box_y", "box_yaw")
+            x, y = (float(np.median(values[name])) for name in names[:2])
+            # The direction of the box nearest to the middle: angles have no median.
+            nearest = int(np.argmin(np.hypot(values[names[0]] - x, values[names[1]] - y)))
+            yaw = float(values[names[2]][nearest])
+            sides = (float(np.median(values[name])) for name in ("box_length", "box_width"))
+            length, width = (max(side, LEAST_SIDE) for side in sides)
+            ahead = np.array([1.0, 1.0, -1.0, -1.0]) * length / 2
+            left = np.array([1.0, -1.0, -1.0, 1.0]) * width / 2
+            corners = np.column_stack(
+                [x + np.cos(yaw) * ahead - np.sin(yaw) * left, y + np.sin(yaw) * ahead + np.cos(yaw) * left]
+            )
+            shape = Polygon(tuple((float(a), float(b)) for a, b in corners))
+            found.setdefault((topic, str(frames[group[0]])), []).append(
+                _Stay(int(track[group[0]]), int(sweep[group].min()), int(sweep[group].max()), in_world, samples(shape))
+            )
+    return found
+
+
+def _names(column: pa.ChunkedArray) -> NDArray[np.str_]:
+    """Return a column of names as text."""
+    whole = column.unify_dictionaries().combine_chunks()
+    if not len(whole):
+        return np.zeros(0, np.str_)
+    words: NDArray[np.str_] = np.array(whole.dictionary.to_pylist())[np.asarray(whole.indices)]
+    return words

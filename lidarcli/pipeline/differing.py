@@ -79,7 +79,7 @@ from lidarcli.pipeline.inputs.tables import TracksTable, find_tracks, poses_of, 
 from lidarcli.pipeline.mapping import KM2, MIN_HITS_OF_ALL
 from lidarcli.pipeline.objects.detection import DetectOptions
 from lidarcli.pipeline.reading.one_log import Progress, read_log
-from lidarcli.pipeline.reading.pose_sources import Need, of_one_run
+from lidarcli.pipeline.reading.posing import Need, of_one_run
 from lidarcli.pipeline.runs.over_logs import LogProgress
 from lidarcli.pipeline.zone_counting import OBJECT_COLUMNS, Objects
 from lidarcli.reports.changes import pairs_of

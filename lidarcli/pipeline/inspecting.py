@@ -15,21 +15,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lidarcli.errors import NoScanError, OptionError, UnreadableError
-from lidarcli.findings import DEEP_RULES, RULES, Finding, Sensor
+from lidarcli.findings import DEEP_IDS, IDS, Finding
 from lidarcli.logs.base import LASERSCAN, POSE_TYPES, OpenOptions, ReadReport, Topic
-from lidarcli.logs.clock import Clock, ClockInfo
-from lidarcli.logs.doubts import MOST, Doubts
-from lidarcli.logs.faults import MOST_TOPICS, Faults, repeated_topics
+from lidarcli.logs.clock import ClockInfo
 from lidarcli.logs.joined import Part
 from lidarcli.logs.options import TopicChoice, nothing_read, scan_topics
 from lidarcli.logs.piles import NoReturnDetector
+from lidarcli.logs.scan_checks import MOST, MOST_TOPICS, LogStats, ScanChecks, repeated_topics
 from lidarcli.masks import Masks
 from lidarcli.pipeline.inputs.masks import View, filter_text, mask_text
 from lidarcli.pipeline.inputs.sources import MissingInput, Source, made_of_clouds, open_source, parts_of
 from lidarcli.pipeline.reading.masking import masking_of
 from lidarcli.pipeline.reading.one_log import damage_lines
-from lidarcli.pipeline.reading.pose_sources import FoundPoses, PoseInfo, PoseOptions, pose_infos
-from lidarcli.pipeline.reading.posing import Posing, alike_note
+from lidarcli.pipeline.reading.posing import FoundPoses, PoseAttacher, PoseInfo, PoseOptions, alike_note, pose_infos
 from lidarcli.pipeline.runs.over_logs import Failure, LogProgress, attempt, progress_of
 from lidarcli.range_rules import RangeRules, closure, normalise
 from lidarcli.sweeps import Closure, RawSweeps, Status, SweepBatch
@@ -154,10 +152,10 @@ def inspect_log(
             raise error
         masking = masking_of(log, rules or RangeRules(), wanted, choice.wanted or None)
         rules = masking.rules
-        posing = Posing.of(log, wanted, choice, rules)
+        posing = PoseAttacher.of(log, wanted, choice, rules)
         poses = posing.found
-        report, doubts = ReadReport(), Doubts(made_of_clouds(log))
-        faults: dict[tuple[str, str], Faults] = {}
+        report, checks = ReadReport(), ScanChecks(made_of_clouds(log))
+        stats: dict[tuple[str, str], LogStats] = {}
         compares = len(choice.chosen) != 1
         count: Counter[str] = Counter()
         scans = log.scans(choice.asked, report)
@@ -168,13 +166,13 @@ def inspect_log(
                 key = block.topic, block.frame_ids[code]
                 if key in found or len(found) < MOST:
                     if key not in found:
-                        found[key], faults[key] = _Scan(), Faults(compares and len(found) < MOST_TOPICS)
+                        found[key], stats[key] = _Scan(), LogStats(compares and len(found) < MOST_TOPICS)
                     rows = np.flatnonzero(block.frame == code)
                     mine = block.rows(rows)
                     batch = normalise(mine, rows + count[block.topic], judging)
                     found[key].add(mine, batch)
-                    doubts.add(mine, batch)
-                    faults[key].add(mine, batch)
+                    checks.add(mine, batch)
+                    stats[key].add(mine, batch)
                 else:
                     only_counted[block.topic] += int(sweeps)
             count[block.topic] += len(block)
@@ -184,10 +182,10 @@ def inspect_log(
             raise nothing_read(damage_lines(report), error, choice.wanted)
         listed = _with_counts(log.topics() or (), found, only_counted)
         report = report if poses is None else poses.together(report)
-        doubts.tell(report)
+        checks.report_to(report)
         made_of = made_of_clouds(log)
         notes, findings = posing.findings(found)
-        findings = [*report.findings(), *_of_sweeps(listed, faults, doubts, report), *findings]
+        findings = [*report.findings(), *_of_sweeps(listed, stats, checks, report), *findings]
         learned = masking.learned
         if deep:
             from lidarcli.pipeline.reading.deep import deep_findings
@@ -208,7 +206,7 @@ def inspect_log(
             scans=tuple(
                 found[key].info(
                     *key,
-                    doubts.clock(*key),
+                    checks.clock(*key),
                     _pose(poses, *key),
                     posing.paths[key].facts() if key in posing.paths else {},
                     made_of.get(key[0], ""),
@@ -220,7 +218,7 @@ def inspect_log(
             dropped=tuple((topic, cause, count) for (topic, cause), count in sorted(report.refused.items())),
             notes=(*report.notes, *masking.notes, *_pose_notes(posing, found), *notes, *_not_shown(only_counted)),
             damage=tuple(damage_lines(report)),
-            findings=tuple(sorted(findings, key=lambda each: (RULES.index(each.id), each.topic, each.frame))),
+            findings=tuple(sorted(findings, key=lambda each: (IDS.index(each.id), each.topic, each.frame))),
             learned=learned,
             proposed=masking.proposed,
         )
@@ -233,11 +231,11 @@ def _not_shown(only_counted: Counter[str]) -> tuple[str, ...]:
 
 
 def _pose(poses: FoundPoses | None, topic: str, frame_id: str) -> str:
-    way = poses.sources.way(frame_id, topic) if poses is not None else None
-    return f"{' and '.join(way.topics)} ({way.chain})" if way is not None else ""
+    way = poses.sources.chain(frame_id, topic) if poses is not None else None
+    return f"{' and '.join(way.topics)} ({way.frames})" if way is not None else ""
 
 
-def _pose_notes(posing: Posing, found: Mapping[tuple[str, str], _Scan]) -> list[str]:
+def _pose_notes(posing: PoseAttacher, found: Mapping[tuple[str, str], _Scan]) -> list[str]:
     """Return notes on the poses: frames with several alike, and notes of reading them."""
     notes = []
     if posing.found is not None:
@@ -256,18 +254,15 @@ _NAMES_FRAMES = frozenset({"cdr", "ros1", "json", "protobuf"})
 
 
 def _of_sweeps(
-    topics: Sequence[Topic], faults: Mapping[tuple[str, str], Faults], doubts: Doubts, report: ReadReport
+    topics: Sequence[Topic], stats: Mapping[tuple[str, str], LogStats], checks: ScanChecks, report: ReadReport
 ) -> Iterator[Finding]:
     """Yield the findings on sweeps that are no notes of other commands."""
     encodings = {topic.name: topic.encoding for topic in topics}
-    for (topic, frame), mine in sorted(faults.items()):
-        told = frozenset(each.id for each in report.doubts.get(topic, ()))
-        sensor = doubts.sensor(topic, frame)
-        yield from mine.findings(sensor, doubts.clock(topic, frame).info(), told)
-        if not frame and encodings.get(topic) in _NAMES_FRAMES:
-            message = f"{topic}: the sweeps name no frame"
-            yield Sensor(topic, frame, topic).finding("frames", "hint", message)
-    yield from repeated_topics(faults)
+    for (topic, frame), mine in sorted(stats.items()):
+        known = [each.id for each in report.doubts.get(topic, ())]
+        lacks_frame = not frame and encodings.get(topic) in _NAMES_FRAMES
+        yield from mine.findings(checks.sensor(topic, frame), checks.clock(topic, frame), known, lacks_frame)
+    yield from repeated_topics(stats)
 
 
 class _Scan:
@@ -298,7 +293,7 @@ class _Scan:
         self._statuses += np.bincount(batch.status.ravel(), minlength=len(Status))
 
     def info(
-        self, topic: str, frame_id: str, clock: Clock, pose: str, verdict: Mapping[str, Any], made_of: str
+        self, topic: str, frame_id: str, clock: ClockInfo, pose: str, verdict: Mapping[str, Any], made_of: str
     ) -> ScanInfo:
         """Return the state so far."""
         return ScanInfo(
@@ -306,7 +301,7 @@ class _Scan:
             frame_id=frame_id,
             sweeps=self.sweeps,
             closure=tuple(Closure(code).name.lower() for code in sorted(self._closures)),
-            clock=clock.info(),
+            clock=clock,
             pose=pose,
             verdict=verdict,
             made_of=made_of,
@@ -394,7 +389,7 @@ def _learned(source: Source) -> Learned:
     return load(source)
 
 
-FIGURES = (*("findings", "findings.errors", "findings.warnings", "findings.hints"), *(f"findings.{rule}" for rule in RULES))
+FIGURES = (*("findings", "findings.errors", "findings.warnings", "findings.hints"), *(f"findings.{rule}" for rule in IDS))
 """Figures that a check of findings may name."""
 
 
@@ -406,7 +401,7 @@ def understand_checks(checks: Sequence[str], deep: bool) -> list[Check]:
 
     parsed = [parse_check(text, only=FIGURES, page="docs/info.md") for text in checks]
     for check in parsed:
-        if not deep and check.name.removeprefix("findings.") in DEEP_RULES:
+        if not deep and check.name.removeprefix("findings.") in DEEP_IDS:
             raise OptionError(f"--check '{check.expression}': only --deep looks for {check.name}: add --deep")
     return parsed
 

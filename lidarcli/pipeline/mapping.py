@@ -50,7 +50,7 @@ from lidarcli.newfiles import NewFiles, refuse, scratch_folder, writing
 from lidarcli.pipeline.inputs.search import files_of
 from lidarcli.pipeline.inputs.sources import MissingInput, Source
 from lidarcli.pipeline.reading.one_log import Progress, RunSummary, named_files, read_log, reading_as_dict
-from lidarcli.pipeline.reading.pose_sources import NONE, Need, PoseOptions, of_one_run
+from lidarcli.pipeline.reading.posing import NONE, Need, PoseOptions, of_one_run
 from lidarcli.pipeline.runs.over_logs import LogProgress, Outcome, logs_at_once, over_logs
 from lidarcli.pose.fit import stands
 from lidarcli.stores import Place

@@ -47,7 +47,7 @@ from lidarcli.pipeline.objects.detection import DetectOptions
 from lidarcli.pipeline.reading.one_log import Progress, RunSummary, damage_lines, opening_of, rules_of
 from lidarcli.pipeline.zone_counting import Objects
 from lidarcli.pipeline.zone_frames import Frames, Showing
-from lidarcli.pose.messages import TRANSFORMS
+from lidarcli.pose.tracks import TRANSFORMS
 from lidarcli.range_rules import normalise
 from lidarcli.ros.messages import ROS2, SCAN, TF, Outgoing, cdr_scans, ros1_scans
 from lidarcli.stores import Place

@@ -21,8 +21,7 @@ from lidarcli.newfiles import NewFiles, write_whole, writing
 from lidarcli.pipeline.inputs.sources import Source, open_source
 from lidarcli.pipeline.reading.masking import masking_of
 from lidarcli.pipeline.reading.one_log import damage_lines, read_log
-from lidarcli.pipeline.reading.pose_sources import NO_POSES, Need, PoseOptions
-from lidarcli.pipeline.reading.posing import Posing
+from lidarcli.pipeline.reading.posing import NO_POSES, Need, PoseAttacher, PoseOptions
 from lidarcli.range_rules import RangeRules
 from lidarcli.reports import map_picture
 from lidarcli.reports.columns import Rows
@@ -113,7 +112,7 @@ def _take(source: Source, options: PlotOptions, work: _Work) -> Drawn:
         seen = -1
         showing = _showing(log, options.zones)
         posed = options.background or (showing is not None and showing.is_in_world)
-        posing = Posing.of(log, options.poses if posed else NO_POSES, choice, options.rules)
+        posing = PoseAttacher.of(log, options.poses if posed else NO_POSES, choice, options.rules)
         report = ReadReport()
         for raw in read_batches(log, read, report):
             batch = posing.attach(raw)

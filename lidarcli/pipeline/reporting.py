@@ -1,19 +1,16 @@
-"""Reports of tables and of manifests: reads the columns that are needed, sums up, judges the checks, renders."""
+"""Reports of tables: reads the columns that are needed, sums up, judges the checks, renders."""
 
 from __future__ import annotations
 
-import glob
 import shlex
-from collections.abc import Callable, Collection, Iterable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 from itertools import count
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pyarrow as pa
 
 from lidarcli.errors import LidarcliError, OptionError, UnreadableError
-from lidarcli.pipeline.inputs.files import Named, all_files, files_named
 from lidarcli.pipeline.inputs.tables import (
     Given,
     TableSet,
@@ -30,7 +27,6 @@ from lidarcli.reports.columns import Origin, Rows, Run, ZoneRows, least_observed
 from lidarcli.reports.document import Part, PartsReport
 from lidarcli.reports.figures import DELTA, OF_CHANGES, OF_MAPS
 from lidarcli.reports.report import Report
-from lidarcli.reports.runs import BAD, FIGURES, RunsReport, RunsSummary, summarise_runs
 from lidarcli.reports.summary import (
     OBJECT_COLUMNS,
     SWEEP_COLUMNS,
@@ -44,9 +40,8 @@ from lidarcli.reports.summary import (
 )
 from lidarcli.reports.wording import counted
 from lidarcli.reports.zones import floored, judge_zones, parse_zone_check, unobserved, zones_in, zones_part
-from lidarcli.stores import Place, absolute, place
+from lidarcli.stores import Place
 from lidarcli.tabular.reading import Readable
-from lidarcli.tabular.runs import FOLDER, Entry, read_run
 from lidarcli.tabular.schemas import EVENTS
 
 if TYPE_CHECKING:
@@ -438,13 +433,13 @@ def encoded(words: str) -> bytes:
     return words.encode("utf-8", "backslashreplace")
 
 
-def render(made: Made | MadeRuns, kind: str, colour: bool = False, brief: bool = False) -> str:
+def render(made: Made, kind: str, colour: bool = False, brief: bool = False) -> str:
     """The report in one of `FORMATS`, `brief` in one of `SHORT_FORMATS`; for html, one of tables was made with `viewer`."""
     report = made.report
     if kind == "html":
         from lidarcli.reports import html
 
-        return html.render(report, None if isinstance(made, MadeRuns) else made.page)
+        return html.render(report, made.page)
     from lidarcli.reports import programs, text
 
     match kind:
@@ -459,108 +454,9 @@ def render(made: Made | MadeRuns, kind: str, colour: bool = False, brief: bool =
     return programs.as_junit(report)
 
 
-MANIFEST_SUFFIX = ".parquet"
-
-
-@dataclass(frozen=True, slots=True)
-class MadeRuns:
-    """A report on runs."""
-
-    report: RunsReport
-
-
-def is_of_runs(text: str) -> bool:
-    """Tell whether a name is that of manifests: their folder, files in it, or a pattern of either.
-
-    >>> [is_of_runs(name) for name in ("tables/_lidarcli", "tables/_lidarcli/*.parquet", "tables")]
-    [True, True, False]
-    """
-    named = place(text)
-    named = named.absolute() if isinstance(named, Path) else named
-    is_file = named.suffix == MANIFEST_SUFFIX or glob.has_magic(named.name)
-    return named.name == FOLDER or (named.parent.name == FOLDER and is_file)
-
-
-def manifest_files(inputs: Iterable[str]) -> tuple[list[Place], list[UnreadableError]]:
-    """Return the manifests that folders, files and patterns name, each once, and errors of other names."""
-    found: dict[str, Place] = {}
-    problems = []
-    for text in inputs:
-        try:
-            found |= {absolute(file): file for file in _manifest_files(text)}
-        except UnreadableError as err:
-            problems.append(err)
-    return [*found.values()], problems
-
-
-def understand_runs(checks: Iterable[str]) -> list[Check]:
-    """Parse the checks, or raise a usage error before any work is done."""
-    return [parse_check(text, only=FIGURES) for text in checks]
-
-
-def report_runs(
-    inputs: Iterable[str], checks: Iterable[str] = (), progress: Callable[[int, int], None] | None = None
-) -> MadeRuns:
-    """Read the manifests and make the report; `progress` is called with the number of those done, and of all.
-
-    Raises
-    ------
-    UnreadableError
-        None of the manifests can be read.
-    """
-    gates = understand_runs(checks)
-    files, problems = manifest_files(inputs)
-    rows: list[Entry] = []
-    read = 0
-    for done, file in enumerate(files):
-        if progress is not None:
-            progress(done, len(files))
-        try:
-            rows += read_run(file)
-        except UnreadableError as err:
-            problems.append(err)
-            continue
-        read += 1
-    if not read:
-        raise nothing_read(problems)
-    summary = summarise_runs(rows, read)
-    verdicts = tuple(verdict_of(check, summary.figures[check.name]) for check in gates)
-    unread, unseen = tuple(map(str, problems)), _unseen_logs(gates, summary)
-    return MadeRuns(RunsReport(summary, verdicts=verdicts, unread=unread, unseen=unseen))
-
-
-def _unseen_logs(checks: Sequence[Check], summary: RunsSummary) -> tuple[str, ...]:
-    """Return a line for missing logs where checks judge the others, and none of them limits their number."""
-    return tuple(
-        f"{counted(count, 'log')} {outcome}: the checks saw what is left; --check '{outcome} <= {count:.0f}' accepts that"
-        for outcome in BAD
-        if checks and (count := summary.figures[outcome] or 0.0) and not accepts(checks, outcome)
-    )
-
-
 def nothing_read(problems: Sequence[UnreadableError]) -> LidarcliError:
     """Return the error where there is nothing to report on."""
     if not problems:
         return OptionError("no tables to report on")
     more = f" (and {len(problems) - 1} more)" if len(problems) > 1 else ""
     return UnreadableError(f"{problems[0]}{more}")
-
-
-def _manifest_files(text: str) -> list[Place]:
-    kind, files, denied = files_named(text)
-    if kind is Named.FILE:
-        return files
-    if denied:
-        raise denied[0]
-    found = [manifest for file in files for manifest in _manifests(file)]
-    if not found:
-        where = "in this folder" if kind is Named.FOLDER else "matches this pattern"
-        raise UnreadableError(f"{text}: no manifest {where}; detect --resume writes one")
-    return found
-
-
-def _manifests(file: Place) -> list[Place]:
-    """Return the manifests of a match of a pattern, which may also be a folder."""
-    if isinstance(file, Path) and file.is_dir():
-        return all_files(file, MANIFEST_SUFFIX)
-    return [file] if file.suffix == MANIFEST_SUFFIX else []

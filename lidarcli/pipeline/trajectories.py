@@ -18,7 +18,7 @@ from lidarcli.newfiles import NewFiles, refuse, writing
 from lidarcli.pipeline.inputs.search import files_of
 from lidarcli.pipeline.inputs.sources import Source
 from lidarcli.pipeline.reading.one_log import Progress, Reading, RunSummary, named_files, read_log, reading_as_dict
-from lidarcli.pipeline.reading.pose_sources import Need, PoseOptions
+from lidarcli.pipeline.reading.posing import Need, PoseOptions
 from lidarcli.stores import Place
 from lidarcli.sweeps import SweepBatch
 from lidarcli.tabular.columns import constant, floats, plain, restamped

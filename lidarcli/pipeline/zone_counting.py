@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import dataclass, field, replace
+from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -110,39 +111,43 @@ _NONE = np.zeros(0, np.int64)
 NO_HITS = Hits(_NONE, _NONE, np.zeros(0, np.uint8), _NONE, _NONE, _NONE)
 
 
-@dataclass(slots=True)
-class ZoneSeries:
-    """Counts of the sweeps of one topic in a zone, by part: its shape of the time, or each of its cases."""
+class Columns:
+    """Arrays by name that grow by a piece with each batch."""
 
-    zone: Zone
-    shapes: Shapes
-    places: list[Float64]
-    """(P, 2) of each shape, at which is asked whether they are seen; of a line its own."""
-    points: list[Int32] = field(default_factory=list)
-    """(S, parts) each, as all that follow."""
-    nearest: list[Float32] = field(default_factory=list)
-    bearing: list[Float32] = field(default_factory=list)
-    x: list[Float64] = field(default_factory=list)
-    y: list[Float64] = field(default_factory=list)
-    masked: list[Int32] = field(default_factory=list)
-    reach: list[Int32] = field(default_factory=list)
-    """Beams that could have ended in it; 0 in sweeps that show nothing."""
-    ttc: list[Float64] = field(default_factory=list)
-    hits: list[Hits] = field(default_factory=list)
-    placed: list[Float64] = field(default_factory=list)
-    """(S, 4) place of the sensor in the frame of the zone: x, y [m], yaw [rad], 1 where it hangs head down."""
-    velocity: list[Float64] = field(default_factory=list)
-    """(S, 3) of the robot: ahead, left [m/s], turning [rad/s]; NaN where it is not known."""
+    def __init__(self) -> None:
+        self._pieces: dict[str, list[NDArray[Any]]] = {}
 
-    @staticmethod
-    def of(zone: Zone, shapes: Shapes) -> ZoneSeries:
-        """Return an empty series; a line has one part for what is seen of it."""
-        line = [zone.shape] if isinstance(zone.shape, Line) else []
-        return ZoneSeries(zone, shapes, [samples(shape) for shape in [*shapes.shapes, *line]])
+    def append(self, **pieces: NDArray[Any]) -> None:
+        """Add the rows of a batch."""
+        for name, piece in pieces.items():
+            self._pieces.setdefault(name, []).append(piece)
 
     def column(self, name: str) -> NDArray[Any]:
-        """Return one of the quantities of all sweeps (S, parts)."""
-        return _whole(getattr(self, name))
+        """Return one of the quantities of all sweeps."""
+        pieces = self._pieces[name]
+        if len(pieces) != 1:
+            pieces[:] = [np.concatenate(pieces)]
+        return pieces[0]
+
+
+class ZoneSeries(Columns):
+    """Counts of the sweeps of one topic in a zone, by part: its shape of the time, or each of its cases.
+
+    Columns (S, parts) are `points`, `nearest`, `bearing`, `x`, `y`, `masked`, `reach` (beams that could have ended in it; 0
+    in sweeps that show nothing) and `ttc`. `placed` (S, 4) is the place of the sensor in the frame of the zone: x, y [m],
+    yaw [rad], 1 where it hangs head down; `velocity` (S, 3) that of the robot: ahead, left [m/s], turning [rad/s], NaN
+    where it is not known.
+    """
+
+    def __init__(self, zone: Zone, shapes: Shapes) -> None:
+        super().__init__()
+        self.zone = zone
+        self.shapes = shapes
+        # A line has one part for what is seen of it.
+        line = [zone.shape] if isinstance(zone.shape, Line) else []
+        self.places = [samples(shape) for shape in [*shapes.shapes, *line]]
+        """(P, 2) of each shape, at which is asked whether they are seen."""
+        self.hits: list[Hits] = []
 
     def ordered_hits(self) -> Hits:
         """Return the hits of all sweeps, by sweep; each part of a batch has added its own."""
@@ -151,21 +156,19 @@ class ZoneSeries:
         return Hits._make(values[order] for values in joined)
 
 
-@dataclass(slots=True)
-class TopicSeries:
-    """The sweeps of one topic, and what they have in each zone."""
+class TopicSeries(Columns):
+    """The sweeps of one sensor, and what they have in each zone.
 
-    topic: str
-    frame_id: str
-    zones: list[ZoneSeries]
-    first_ns: int
-    """Stamp of the first sweep of the topic in the log."""
-    sweep: list[Int64] = field(default_factory=list)
-    stamp_ns: list[Int64] = field(default_factory=list)
-    seconds: list[Float64] = field(default_factory=list)
-    pose: list[Float64] = field(default_factory=list)
-    """(S, 4) pose of the sensor in the world, as `ZoneSeries.placed`; NaN where it is not known."""
-    count: int = 0
+    Columns (S,) are `sweep`, `stamp_ns` and `seconds`; `pose` (S, 4) is that of the sensor in the world, as
+    `ZoneSeries.placed`, NaN where it is not known.
+    """
+
+    def __init__(self, topic: str, frame_id: str, zones: Sequence[ZoneSeries], first_ns: int) -> None:
+        super().__init__()
+        self.topic, self.frame_id, self.zones = topic, frame_id, zones
+        self.first_ns = first_ns
+        """Stamp of the first sweep of the topic in the log."""
+        self.count = 0
 
     @property
     def sensor(self) -> tuple[str, str]:
@@ -176,19 +179,8 @@ class TopicSeries:
         """Return what it has in a zone."""
         return next(one for one in self.zones if one.zone.name == name)
 
-    def column(self, name: str) -> NDArray[Any]:
-        """Return one of the quantities of all sweeps."""
-        return _whole(getattr(self, name))
 
-
-def _whole(pieces: list[NDArray[Any]]) -> NDArray[Any]:
-    """Join pieces of an array for good."""
-    if len(pieces) != 1:
-        pieces[:] = [np.concatenate(pieces)]
-    return pieces[0]
-
-
-class Told(NamedTuple):
+class Velocities(NamedTuple):
     """Velocities that a log tells."""
 
     stamp_ns: Int64
@@ -208,12 +200,12 @@ class Told(NamedTuple):
 class Counting:
     """Folds the batches of one topic into a `TopicSeries`."""
 
-    def __init__(self, series: TopicSeries, frames: Frames, masks: Masks, told: dict[str, Told | None]) -> None:
-        """`told`: topic of velocities → what it tells, None where the log has no such topic."""
+    def __init__(self, series: TopicSeries, frames: Frames, masks: Masks, velocities: dict[str, Velocities | None]) -> None:
+        """`velocities`: by topic; None where the log has no such topic."""
         self.series = series
         self._frames = frames
         self._masks = masks
-        self._told = told
+        self._velocities = velocities
         self.old: Counter[str] = Counter()
         """Topic → sweeps in which its last velocity was too old."""
         self._stamps, self._robots = np.zeros(0, np.int64), np.zeros((0, 3))
@@ -239,16 +231,12 @@ class Counting:
                 else:
                     places[name] = self._frames.sensor_in(name, sensor, batch.stamp_ns)
         carried = self._carried(batch, sensor)
-        velocities = self._velocities(batch, carried)
-        series.sweep.append(batch.sweep)
-        series.stamp_ns.append(batch.stamp_ns)
-        series.seconds.append(batch.seconds())
-        series.pose.append(_four(posed.at_stamp()) if posed is not None else np.full((len(batch), 4), np.nan))
+        velocities = self._velocity(batch, carried)
+        pose = np.full((len(batch), 4), np.nan) if posed is None else _four(posed.at_stamp())
+        series.append(sweep=batch.sweep, stamp_ns=batch.stamp_ns, seconds=batch.seconds(), pose=pose)
         for each in series.zones:
-            place = places[each.zone.frame]
-            each.placed.append(_four(place.at_stamp()))
-            velocity = velocities[each.zone.velocity_topic]
-            each.velocity.append(velocity)
+            place, velocity = places[each.zone.frame], velocities[each.zone.velocity_topic]
+            each.append(placed=_four(place.at_stamp()), velocity=velocity)
             own = velocity if each.zone.frame == WORLD else velocity_of(velocity, place, carried)
             look = _Look(batch, ranges, masks, place, objects, owners, own, series.count)
             self._look(each, look, hidden)
@@ -290,28 +278,25 @@ class Counting:
             if masked is not None:
                 under = candidates(look.batch, masked, look.place, shape)
                 away[:, part] += np.bincount(under.row, minlength=count).astype(np.int32)
-        for name, values in (
-            *(("points", points), ("nearest", nearest), ("bearing", bearing), ("x", x), ("y", y)),
-            *(("masked", away), ("reach", np.maximum(beams, points)), ("ttc", ttc)),
-        ):
-            getattr(into, name).append(values)
+        reached = np.maximum(beams, points)
+        into.append(points=points, nearest=nearest, bearing=bearing, x=x, y=y, masked=away, reach=reached, ttc=ttc)
 
     def _carried(self, batch: SweepBatch, sensor: str) -> SweepPoses:
         """Return where the sensor is on the robot; where nothing tells that, it is the robot."""
-        if batch.poses is not None or any(self._told.values()):
+        if batch.poses is not None or any(self._velocities.values()):
             try:
                 return self._frames.sensor_in(ROBOT, sensor, batch.stamp_ns)
             except NoScanError:
                 pass
         return self._frames.sensor_in(SENSOR, sensor, batch.stamp_ns)
 
-    def _velocities(self, batch: SweepBatch, carried: SweepPoses) -> dict[str, Float64]:
+    def _velocity(self, batch: SweepBatch, carried: SweepPoses) -> dict[str, Float64]:
         """Return the velocity of the robot (S, 3) as each topic tells it; of one that does not, by the poses."""
         topics = {each.zone.velocity_topic for each in self.series.zones}
         found: dict[str, Float64] = {}
         for topic in topics:
-            if (told := self._told.get(topic)) is not None:
-                found[topic], old = told.at(batch)
+            if (known := self._velocities.get(topic)) is not None:
+                found[topic], old = known.at(batch)
                 self.old[topic] += old
         if len(found) < len(topics):
             found = dict.fromkeys(topics, self._by_poses(batch, carried)) | found

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -14,7 +15,7 @@ from lidarcli.formalism.zones import Path, crossings, episodes, same_agents, vis
 from lidarcli.masks import Circle, Polygon
 from lidarcli.pipeline.reading.masking import REACH
 from lidarcli.pipeline.zone_counting import TopicSeries, ZoneSeries
-from lidarcli.sweeps import TURN, Bool, Float64, Int64
+from lidarcli.sweeps import TURN, Bool, Float64, Int64, UInt8
 from lidarcli.tabular.schemas import DIRECTIONS, EVENT_KINDS
 from lidarcli.zone import WORLD, Line, Zone
 
@@ -24,9 +25,11 @@ BOTH_CROSS_NS = 1_000_000_000
 OCCUPIED, APPROACH, VISIT, CROSSING, STALE = EVENT_KINDS
 IN, OUT = DIRECTIONS
 _AGENT = SETS.index("A")
+SAME_SHARE, SAME_SPREAD, SAME_TURN = 0.9, 0.06, 0.1
+"""In this share of the sweeps the nearest point stays within such a distance [m] and bearing [rad]: perhaps the robot."""
 
 
-class Tracked(NamedTuple):
+class AgentPaths(NamedTuple):
     """The agents of a topic: where they were, by sweep."""
 
     track: Int64
@@ -43,29 +46,21 @@ class Tracked(NamedTuple):
     """Track → its name in the catalogue, where it has one; also of what is no agent."""
 
 
-@dataclass(frozen=True, slots=True)
-class Counted:
-    """A zone, and what sweeps of the topics that count in it have in it."""
+class HitRows(NamedTuple):
+    """Points on objects: one entry for each object that a row of the zone sees in it, by row."""
 
-    zone: Zone
-    topics: tuple[TopicSeries, ...]
-    series: tuple[ZoneSeries, ...]
-    """For each topic."""
-    names: tuple[str, ...]
-    """Name of each part of a velocity_polygon; empty of any other zone."""
-    tracked: tuple[Tracked | None, ...]
-    """For each topic; None without tracks."""
-    has_objects: bool
-    span_ns: tuple[int, int]
-    """Stamps of the first and the last sweep that counts in any zone [ns]."""
-    first_ns: int
-    """Stamp of the first sweep of the topics that count in any zone, whether or not it is among these [ns]."""
-    every: int = 1
-    """Only one of so many sweeps is among these."""
+    row: NDArray[np.intp]
+    topic: Int64
+    agent: Int64
+    """(H,) number of the agent that it is, the same for all sensors; -1 for none."""
+    set: UInt8
+    track: Int64
+    object: Int64
+    points: Int64
 
 
 @dataclass(slots=True)
-class Settled:
+class ZoneEvents:
     """The events of a zone, and its rows: one for each sweep of its topics."""
 
     zone: Zone
@@ -75,28 +70,41 @@ class Settled:
     columns: dict[str, NDArray[Any] | None]
     one_sided: int | None = None
     """Of a line: how often an agent went through it that was not clear of it on both sides; None without tracks."""
-    topics: tuple[TopicSeries, ...] = ()
+    topics: Sequence[TopicSeries] = ()
     always_same: bool = False
     """True where the same beams have nearly the same range nearly all the time."""
     in_force: bool = True
     """False for a velocity_polygon none of whose polygons ever covered the velocity."""
 
 
-def settle(counted: Counted) -> Settled:
-    """Return the events and the rows of a zone."""
-    return _Settling(counted).settled()
+class EventFinder:
+    """All that is known of a zone, by sweep of any of its sensors in the order of time."""
 
+    def __init__(
+        self,
+        zone: Zone,
+        topics: Sequence[TopicSeries],
+        agents: Sequence[AgentPaths | None],
+        *,
+        has_objects: bool,
+        span_ns: tuple[int, int],
+        first_ns: int,
+        every: int = 1,
+    ) -> None:
+        """Take the sweeps of the sensors that count in a zone.
 
-SAME_SHARE, SAME_SPREAD, SAME_TURN = 0.9, 0.06, 0.1
-"""In this share of the sweeps the nearest point stays within such a distance [m] and bearing [rad]: perhaps the robot."""
-
-
-class _Settling:
-    """All that is known of a zone, by sweep of any of its topics in the order of time."""
-
-    def __init__(self, counted: Counted) -> None:
-        self.counted, self.zone = counted, counted.zone
-        stamps = [topic.column("stamp_ns") for topic in counted.topics]
+        Parameters
+        ----------
+        agents : those of each sensor; None without tracks
+        span_ns : stamps of the first and the last sweep that counts in any zone
+        first_ns : stamp of the first sweep of the log for any zone, be it among these or not
+        every : only one of so many sweeps is among these
+        """
+        self.zone, self.topics, self.paths_of = zone, topics, agents
+        self.has_objects, self.span_ns, self.first_ns, self.every = has_objects, span_ns, first_ns, every
+        self.series = [topic.of_zone(zone.name) for topic in topics]
+        self.is_line = isinstance(zone.shape, Line)
+        stamps = [topic.column("stamp_ns") for topic in topics]
         self.ends = [{int(each.min()), int(each.max())} for each in stamps]
         """Of each topic the first and the last stamp."""
         self._timeout_ns = [self._timeout(each) for each in stamps]
@@ -110,25 +118,24 @@ class _Settling:
         self.time_ns: Int64 = time_ns[order]
         self.latest = [self._latest(index, each) for index, each in enumerate(stamps)]
         """(N,) for each topic: number of its newest sweep that is not too old; -1 for none."""
-        self.velocity = self._joined([each.column("velocity") for each in counted.series])
+        self.velocity = self._joined([each.column("velocity") for each in self.series])
         self.part = self._part()
         self.sweep = self._own("sweep")
-        self.hits = [each.ordered_hits() for each in counted.series]
-        """For each topic."""
         self.points_of = self._of_topics("points")
         self.points: Int64 = self.points_of.sum(axis=0)
         self.numbers = self._number_agents()
+        self.hits = self._hit_rows()
 
     def _timeout(self, stamps: Int64) -> int:
         if not self.zone.timeout:
             return 1 << 62
         # A sweep that is left out could be as new as the next one is old.
-        left_out = 1.0 - 1.0 / self.counted.every
+        left_out = 1.0 - 1.0 / self.every
         step = float(np.median(np.diff(np.sort(stamps)))) if len(stamps) > 1 else 0.0
         return round(self.zone.timeout * SECOND_NS + left_out * step)
 
     def _latest(self, index: int, stamps: Int64) -> Int64:
-        if len(self.counted.topics) == 1:
+        if len(self.topics) == 1:
             return self.own
         order = np.argsort(stamps, kind="stable")
         at = np.searchsorted(stamps[order], self.time_ns, side="right") - 1
@@ -138,7 +145,7 @@ class _Settling:
 
     def _own(self, name: str) -> NDArray[Any]:
         """Return a quantity of the sweep itself."""
-        return self._joined([topic.column(name) for topic in self.counted.topics])
+        return self._joined([topic.column(name) for topic in self.topics])
 
     def _joined(self, columns: Sequence[NDArray[Any]]) -> NDArray[Any]:
         """Return (N, ...) what each topic has at its own sweeps."""
@@ -163,7 +170,7 @@ class _Settling:
 
     def _picked(self, index: int, name: str, missing: Any) -> NDArray[Any]:
         """Return (N,) a quantity of the newest sweep of a topic, in the part that counts."""
-        values = self.counted.series[index].column(name)
+        values = self.series[index].column(name)
         latest = self.latest[index]
         there = (latest >= 0) & (self.part >= 0)
         found = np.full(len(latest), missing, values.dtype)
@@ -172,21 +179,20 @@ class _Settling:
 
     def _of_topics(self, name: str) -> Int64:
         """Return (topics, N) a number of beams of the newest sweep of each topic; 0 on a line, which holds none."""
-        found = np.zeros((len(self.counted.topics), len(self.own)), np.int64)
-        if not isinstance(self.zone.shape, Line):
+        found = np.zeros((len(self.topics), len(self.own)), np.int64)
+        if not self.is_line:
             for index in range(len(found)):
                 found[index] = self._picked(index, name, 0)
         return found
 
-    def settled(self) -> Settled:
+    def find(self) -> ZoneEvents:
         """Return the events and the rows."""
         zone = self.zone
-        is_line = isinstance(zone.shape, Line)
         by_topic = [
             np.full((5, len(self.own)), np.nan)
-            if is_line
+            if self.is_line
             else np.stack([self._picked(index, name, np.nan) for name in ("nearest", "bearing", "x", "y", "ttc")])
-            for index in range(len(self.counted.topics))
+            for index in range(len(self.topics))
         ]
         away = np.where(np.isnan(stacked := np.stack([each[0] for each in by_topic])), np.inf, stacked)
         self.source = away.argmin(axis=0)
@@ -198,7 +204,7 @@ class _Settling:
         enough = ~np.isnan(self.ttc) if zone.action == "approach" else self.points >= zone.min_points
         found = (
             []
-            if is_line
+            if self.is_line
             else episodes(
                 enough,
                 self.time_ns,
@@ -229,28 +235,28 @@ class _Settling:
             "nearest": self.nearest,
             "ttc": self.ttc,
             "active": active,
-            "things": self._things().astype(np.int32) if self.counted.has_objects else None,
+            "things": self._things().astype(np.int32) if self.has_objects else None,
             "agents": self.agents,
             "masked": self._of_topics("masked").sum(axis=0).astype(np.int32),
             "observed": self._observed(),
         }
-        return Settled(
+        return ZoneEvents(
             zone,
             events,
             self.topic,
             columns,
             one_sided,
-            self.counted.topics,
+            self.topics,
             self._is_always_same(active),
             bool((self.part >= 0).any()),
         )
 
     def _observed(self) -> Bool:
         """Return (N,) whether something in the zone could have made an event: enough beams reach it for long enough."""
-        beams = np.sum([self._picked(index, "reach", 0) for index in range(len(self.counted.topics))], axis=0)
-        least = 1 if isinstance(self.zone.shape, Line) else self.zone.min_points
+        beams = np.sum([self._picked(index, "reach", 0) for index in range(len(self.topics))], axis=0)
+        least = 1 if self.is_line else self.zone.min_points
         observed: Bool = beams >= least
-        if isinstance(self.zone.shape, Line):
+        if self.is_line:
             return observed
         edges = np.flatnonzero(np.diff(observed.astype(np.int8), prepend=0, append=0))
         for begin, end in edges.reshape(-1, 2).tolist():
@@ -269,37 +275,32 @@ class _Settling:
 
     # Whose points they are.
 
-    def _hits(self) -> Iterator[tuple[int, NDArray[np.intp], NDArray[np.intp]]]:
-        """Yield for each topic the rows that see an object in the part that counts, and the index of the hit."""
-        for index, hits in enumerate(self.hits):
+    def _hit_rows(self) -> HitRows:
+        """Return what each row sees in the part that counts."""
+        pieces = []
+        for index, hits in enumerate(each.ordered_hits() for each in self.series):
             latest = self.latest[index]
             begin, end = (np.searchsorted(hits.sweep, latest, side=side) for side in ("left", "right"))
             count = np.where(latest >= 0, end - begin, 0)
             row = np.repeat(np.arange(len(count)), count)
             hit = np.arange(len(row)) - np.repeat(np.cumsum(count) - count, count) + np.repeat(begin, count)
             right = hits.part[hit] == self.part[row]
-            yield index, row[right], hit[right]
-
-    def _numbers_of(self, index: int, track: Int64) -> Int64:
-        """Return the number of the agent that each track of a topic is; -1 for none."""
-        tracks, which = np.unique(track, return_inverse=True)
-        numbers = self.numbers or {}
-        return np.array([numbers.get((index, one), -1) for one in tracks.tolist()], np.int64)[which]
+            row, hit = row[right], hit[right]
+            tracks, which = np.unique(hits.track[hit], return_inverse=True)
+            known = [(self.numbers or {}).get((index, track), -1) for track in tracks.tolist()]
+            agent = np.array(known, np.int64)[which]
+            of_hit = (hits.set[hit], hits.track[hit], hits.object[hit], hits.points[hit])
+            pieces.append(HitRows(row, np.full(len(row), index), agent, *of_hit))
+        joined = HitRows._make(map(np.concatenate, zip(*pieces, strict=True)))
+        order = np.argsort(joined.row, kind="stable")
+        return HitRows._make(values[order] for values in joined)
 
     def _things(self) -> Int64:
         """Return (N,) the number of things with points in the zone; an agent that two sensors see counts once."""
-        pairs = []
-        for index, row, hit in self._hits():
-            if not len(hit):
-                continue
-            track = self.hits[index].track[hit]
-            name = np.where(track >= 0, 2 * track, 2 * self.hits[index].object[hit] + 1)
-            number = self._numbers_of(index, track)
-            name = np.where(number >= 0, -1 - number, name * len(self.hits) + index)
-            pairs.append(np.column_stack([row, name]))
-        if not pairs:
-            return np.zeros(len(self.own), np.int64)
-        return self._per_row(np.unique(np.concatenate(pairs), axis=0)[:, 0])
+        hits = self.hits
+        own = np.where(hits.track >= 0, 2 * hits.track, 2 * hits.object + 1) * len(self.topics) + hits.topic
+        thing = np.where(hits.agent >= 0, -1 - hits.agent, own)
+        return self._per_row(np.unique(np.column_stack([hits.row, thing]), axis=0)[:, 0])
 
     def _per_row(self, rows: NDArray[np.intp]) -> Int64:
         """Return (N,) how often each row is among some."""
@@ -308,37 +309,35 @@ class _Settling:
 
     def _whose(self, row: int, index: int) -> tuple[str | None, int | None, str | None]:
         """Return set, track and label of most points of the nearest sensor in a sweep; None where no objects are known."""
-        if not self.counted.has_objects:
+        if not self.has_objects:
             return None, None, None
-        hits, latest = self.hits[index], int(self.latest[index][row])
         left = int(self.points_of[index, row])
-        counts: dict[tuple[int, int], int] = {}
-        low, high = np.searchsorted(hits.sweep, [latest, latest + 1])
+        counts: Counter[tuple[int, int]] = Counter()
+        low, high = np.searchsorted(self.hits.row, [row, row + 1])
         for at in range(int(low), int(high)):
-            if hits.part[at] == self.part[row]:
-                key = int(hits.set[at]), int(hits.track[at])
-                counts[key] = counts.get(key, 0) + int(hits.points[at])
-                left -= int(hits.points[at])
+            if self.hits.topic[at] == index:
+                counts[int(self.hits.set[at]), int(self.hits.track[at])] += int(self.hits.points[at])
+        left -= counts.total()
         # Of as many points those of an agent count first, and walls last.
         best = max(counts, key=lambda key: (counts[key], key[0] == _AGENT, -key[1]), default=None)
         if best is None or counts[best] < left:
             return "S", None, None
         letter, track = best
-        tracked = self.counted.tracked[index] if self.counted.tracked else None
-        label = tracked.labels.get(track) if tracked is not None else None
+        agents = self.paths_of[index]
+        label = None if agents is None else agents.labels.get(track)
         return SETS[letter], track if track >= 0 else None, label
 
     # Agents.
 
     def _paths(self) -> list[dict[int, Path]] | None:
         """Return for each topic the paths of its agents in the frame of the zone; None without tracks."""
-        if not self.counted.tracked or all(one is None for one in self.counted.tracked):
+        if all(one is None for one in self.paths_of):
             return None
         found: list[dict[int, Path]] = []
-        for topic, series, tracked in zip(self.counted.topics, self.counted.series, self.counted.tracked, strict=True):
+        for topic, series, tracked in zip(self.topics, self.series, self.paths_of, strict=True):
             paths: dict[int, Path] = {}
             if tracked is not None and len(tracked.track):
-                x, y = _in_zone(self.zone, topic, series, tracked)
+                x, y = self._in_zone(topic, series, tracked)
                 stamps = topic.column("stamp_ns")[tracked.number]
                 begins = np.flatnonzero(np.diff(tracked.track, prepend=-1))
                 for begin, end in zip(begins, [*begins[1:], len(tracked.track)], strict=True):
@@ -347,14 +346,23 @@ class _Settling:
             found.append(paths)
         return found
 
+    def _in_zone(self, topic: TopicSeries, series: ZoneSeries, agents: AgentPaths) -> tuple[Float64, Float64]:
+        """Return where agents are in the frame of the zone (N,) [m]."""
+        x, y = agents.x, agents.y
+        if self.zone.frame == WORLD and agents.in_world.all():
+            return x, y
+        own = _to_sensor(topic.column("pose")[agents.number], x, y)
+        x, y = (np.where(agents.in_world, here, there) for here, there in zip(own, (x, y), strict=True))
+        return _to_frame(series.column("placed")[agents.number], x, y)
+
     def _number_agents(self) -> dict[tuple[int, int], int] | None:
         self.paths = self._paths()
         return None if self.paths is None else same_agents(self.paths)
 
     def _shapes(self, index: int) -> tuple[list[Circle | Polygon], Int64]:
         """Return the shapes of the zone, and which of them it has (S,) at each sweep of a topic, -1 for none."""
-        shapes = self.counted.series[index].shapes
-        which = shapes.at(self.counted.topics[index].column("stamp_ns"))
+        shapes = self.series[index].shapes
+        which = shapes.at(self.topics[index].column("stamp_ns"))
         if which is None:
             mine = self.topic == index
             which = np.empty(np.count_nonzero(mine), np.int64)
@@ -367,9 +375,9 @@ class _Settling:
         Nothing shows that an agent was there whose path is hidden in the zone all the time.
         """
         assert self.paths is not None
-        if isinstance(self.zone.shape, Line):
+        if self.is_line:
             return
-        for index, (paths, tracked) in enumerate(zip(self.paths, self.counted.tracked, strict=True)):
+        for index, (paths, tracked) in enumerate(zip(self.paths, self.paths_of, strict=True)):
             if tracked is None:
                 continue
             shapes, which = self._shapes(index)
@@ -385,12 +393,8 @@ class _Settling:
         """Return (K,) sweeps, by row, once for each agent that is in the zone then; None without tracks."""
         if self.paths is None or self.numbers is None:
             return None
-        pairs = [np.zeros((0, 2), np.int64)]
-        for index, row, hit in self._hits():
-            if len(hit):
-                number = self._numbers_of(index, self.hits[index].track[hit])
-                agents = (self.hits[index].set[hit] == _AGENT) & (number >= 0)
-                pairs.append(np.column_stack([row[agents], number[agents]]))
+        mine = (self.hits.set == _AGENT) & (self.hits.agent >= 0)
+        pairs = [np.column_stack([self.hits.row[mine], self.hits.agent[mine]])]
         for index, track, first, last, _ in self._visits():
             times = self.paths[index][track].time_ns
             rows = np.arange(*np.searchsorted(self.time_ns, [times[first], times[last] + 1]))
@@ -403,10 +407,10 @@ class _Settling:
         assert self.numbers is not None
         events: list[tuple[int, dict[str, Any]]] = []
         one_sided = 0
-        if isinstance(self.zone.shape, Line):
+        if isinstance(shape := self.zone.shape, Line):
             for index, paths in enumerate(self.paths):
                 for track, path in paths.items():
-                    found, missed = crossings(self.zone.shape, path)
+                    found, missed = crossings(shape, path)
                     one_sided += missed
                     for each in found:
                         event = self._of_path(index, track, each.after, each.after, CROSSING)
@@ -422,32 +426,29 @@ class _Settling:
     def _of_path(self, index: int, track: int, first: int, last: int, kind: str) -> dict[str, Any]:
         """Return the event of a piece of the path of an agent."""
         assert self.paths is not None
-        path, topic = self.paths[index][track], self.counted.topics[index]
-        tracked = self.counted.tracked[index]
+        path, topic = self.paths[index][track], self.topics[index]
+        tracked = self.paths_of[index]
         assert tracked is not None
-        series = self.counted.series[index]
+        series = self.series[index]
         rows = int(np.searchsorted(tracked.track, track)) + np.arange(first, last + 1)
-        away, bearing = _from_sensor(
-            topic, series, self.zone, tracked, rows, path.x[first : last + 1], path.y[first : last + 1]
-        )
+        x, y = path.x[first : last + 1], path.y[first : last + 1]
+        ahead, left = _to_sensor(series.column("placed")[tracked.number[rows]], x, y)
+        away = np.hypot(ahead, left)
         known = np.flatnonzero(np.isfinite(away))
-        nearest = int(known[away[known].argmin()]) if len(known) else None
-        sweeps = topic.column("sweep")
-        velocity = series.column("velocity")[tracked.number[rows]]
-        return self._event(
+        event = self._event(
             index,
             kind,
-            int(sweeps[tracked.number[rows[0]]]),
-            int(sweeps[tracked.number[rows[-1]]]),
+            (topic.column("sweep")[tracked.number[rows[[0, -1]]]]).tolist(),
+            (int(path.time_ns[first]), int(path.time_ns[last])),
             len(rows),
-            int(path.time_ns[first]),
-            int(path.time_ns[last]),
-        ) | {
+        )
+        if len(known):
+            k = int(known[away[known].argmin()])
+            bearing = float(np.arctan2(left[k], ahead[k]))
+            event |= {"nearest": float(away[k]), "bearing": bearing, "x": float(x[k]), "y": float(y[k])}
+        velocity = series.column("velocity")[tracked.number[rows]]
+        return event | {
             "agents": 1,
-            "nearest": None if nearest is None else float(away[nearest]),
-            "bearing": None if nearest is None else float(bearing[nearest]),
-            "x": None if nearest is None else float(path.x[first + nearest]),
-            "y": None if nearest is None else float(path.y[first + nearest]),
             "set": "A",
             "track": track,
             "label": tracked.labels.get(track),
@@ -456,24 +457,25 @@ class _Settling:
 
     # Events.
 
-    def _event(self, index: int, kind: str, first: int, last: int, sweeps: int, start: int, end: int) -> dict[str, Any]:
-        """Return an event with what all kinds have."""
-        topic = self.counted.topics[index]
+    def _event(self, index: int, kind: str, ends: Sequence[int], span_ns: tuple[int, int], sweeps: int) -> dict[str, Any]:
+        """Return an event with what all kinds have; `ends`: its first and its last sweep of a topic."""
+        topic = self.topics[index]
         return {
             "topic": topic.topic,
             "frame_id": topic.frame_id,
-            "first_sweep": first,
-            "last_sweep": last,
+            "first_sweep": ends[0],
+            "last_sweep": ends[1],
             "sweeps": sweeps,
             "zone": self.zone.name,
             "kind": kind,
             "action": self.zone.action,
             "polygon": None,
-            "start": start,
-            "end": end,
-            "t": (start - self.counted.first_ns) / SECOND_NS,
-            "duration": (end - start) / SECOND_NS,
+            "start": span_ns[0],
+            "end": span_ns[1],
+            "t": (span_ns[0] - self.first_ns) / SECOND_NS,
+            "duration": (span_ns[1] - span_ns[0]) / SECOND_NS,
             "cut": False,
+            "nearest": None,
         }
 
     def _episode(self, first: int, last: int, cut: bool) -> dict[str, Any]:
@@ -489,21 +491,16 @@ class _Settling:
         event = self._event(
             index,
             APPROACH if self.zone.action == "approach" else OCCUPIED,
-            int(self.sweep[begin]),
-            int(self.sweep[end]),
+            (int(self.sweep[begin]), int(self.sweep[end])),
+            (int(self.time_ns[first]), int(self.time_ns[last])),
             int(self.enough[some].sum()),
-            int(self.time_ns[first]),
-            int(self.time_ns[last]),
         )
         return event | {
-            "polygon": self.counted.names[self.part[at]] if self.counted.names else None,
+            "polygon": self.zone.cases[self.part[at]].name if self.zone.cases else None,
             "cut": cut,
             "points": int(self.points[some].max()),
             "agents": None if self.agents is None else int(self.agents[some].max()),
-            "nearest": _number(self.nearest[at]),
-            "bearing": _number(self.bearing[at]),
-            "x": _number(self.x[at]),
-            "y": _number(self.y[at]),
+            **{name: _number(getattr(self, name)[at]) for name in ("nearest", "bearing", "x", "y")},
             "set": letter,
             "track": track,
             "label": label,
@@ -515,9 +512,9 @@ class _Settling:
         """Return the times in which a topic told nothing that still counts."""
         if not self.zone.timeout:
             return []
-        begin, end = self.counted.span_ns
+        begin, end = self.span_ns
         events = []
-        for index, topic in enumerate(self.counted.topics):
+        for index, topic in enumerate(self.topics):
             timeout = self._timeout_ns[index]
             order = np.argsort(topic.column("stamp_ns"), kind="stable")
             stamps, sweeps = (topic.column(name)[order] for name in ("stamp_ns", "sweep"))
@@ -526,7 +523,7 @@ class _Settling:
                 before, after = max(at - 1, 0), min(at, len(stamps) - 1)
                 start = int(times[at]) + timeout
                 ends = int(sweeps[before]), int(sweeps[after])
-                event = self._event(index, STALE, *ends, 0, start, int(times[at + 1]))
+                event = self._event(index, STALE, ends, (start, int(times[at + 1])), 0)
                 events.append(event | {"cut": at in (0, len(stamps))})
         return events
 
@@ -558,42 +555,19 @@ def _once(events: Sequence[tuple[int, dict[str, Any]]]) -> list[dict[str, Any]]:
     return kept
 
 
-def _in_zone(zone: Zone, topic: TopicSeries, series: ZoneSeries, tracked: Tracked) -> tuple[Float64, Float64]:
-    """Return where agents are in the frame of a zone (N,) [m]."""
-    if zone.frame == WORLD and tracked.in_world.all():
-        return tracked.x, tracked.y
-    x, y = _in_sensor(topic, tracked)
-    return _moved(series.column("placed")[tracked.number], x, y)
-
-
-def _in_sensor(topic: TopicSeries, tracked: Tracked) -> tuple[Float64, Float64]:
-    """Return where agents are in the frame of the sensor (N,) [m]."""
-    return _back(topic.column("pose")[tracked.number], tracked.x, tracked.y, tracked.in_world)
-
-
-def _from_sensor(
-    topic: TopicSeries, series: ZoneSeries, zone: Zone, tracked: Tracked, rows: NDArray[np.intp], x: Float64, y: Float64
-) -> tuple[Float64, Float64]:
-    """Return how far places in the frame of the zone are from the sensor, and in which direction it sees them."""
-    placed = topic.column("pose") if zone.frame == WORLD else series.column("placed")
-    at_x, at_y = _back(placed[tracked.number[rows]], x, y, np.ones(len(rows), np.bool_))
-    return np.hypot(at_x, at_y), np.arctan2(at_y, at_x)
-
-
-def _moved(place: Float64, x: Float64, y: Float64) -> tuple[Float64, Float64]:
+def _to_frame(place: Float64, x: Float64, y: Float64) -> tuple[Float64, Float64]:
     """Return places of the frame of the sensor in the frame in which it is at `place` (N, 4)."""
     cos, sin = np.cos(place[:, 2]), np.sin(place[:, 2])
     left = np.where(place[:, 3] > 0.0, -y, y)
     return place[:, 0] + cos * x - sin * left, place[:, 1] + sin * x + cos * left
 
 
-def _back(place: Float64, x: Float64, y: Float64, there: Bool) -> tuple[Float64, Float64]:
-    """Return places of the frame in which the sensor is at `place` (N, 4) in its own, where they are `there`."""
+def _to_sensor(place: Float64, x: Float64, y: Float64) -> tuple[Float64, Float64]:
+    """Return places of the frame in which the sensor is at `place` (N, 4) in its own frame."""
     dx, dy = x - place[:, 0], y - place[:, 1]
     cos, sin = np.cos(place[:, 2]), np.sin(place[:, 2])
     left = cos * dy - sin * dx
-    left = np.where(place[:, 3] > 0.0, -left, left)
-    return np.where(there, cos * dx + sin * dy, x), np.where(there, left, y)
+    return cos * dx + sin * dy, np.where(place[:, 3] > 0.0, -left, left)
 
 
 def _number(value: float) -> float | None:

@@ -14,9 +14,8 @@ from lidarcli.formalism.zones import candidates
 from lidarcli.logs.base import Log
 from lidarcli.masks import Mask, Masks, Mount, mounted, same_name
 from lidarcli.pipeline.inputs.sources import read_pose_messages
-from lidarcli.pose.messages import frame_name
-from lidarcli.pose.tracks import HOLD_STEPS, SECOND_NS, Track, planar
-from lidarcli.pose.tree import WORLDS, FrameTree, Step, along
+from lidarcli.pose.sources import WORLDS, FrameTree, Step, along
+from lidarcli.pose.tracks import HOLD_STEPS, SECOND_NS, Track, frame_name, planar
 from lidarcli.sweeps import Bool, Float64, Int64, SweepBatch, SweepPoses, UInt8, record
 from lidarcli.zone import ROBOT, SENSOR, WORLD, Line, Zone, Zones, placed
 

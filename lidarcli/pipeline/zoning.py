@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import ExitStack
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple
 
 import numpy as np
 import pyarrow as pa
@@ -24,8 +24,7 @@ from lidarcli.pipeline.inputs.tables import TableSet, one_table_set, world_in
 from lidarcli.pipeline.objects.detection import DetectOptions
 from lidarcli.pipeline.reading.masking import masking_of
 from lidarcli.pipeline.reading.one_log import Progress, Reading, RunSummary
-from lidarcli.pipeline.reading.pose_sources import Need
-from lidarcli.pipeline.reading.velocities import TWIST, polygons, velocities
+from lidarcli.pipeline.reading.posing import TWIST, Need, polygons, velocities
 from lidarcli.pipeline.runs.over_logs import LogProgress, Outcome, logs_at_once, over_logs
 from lidarcli.pipeline.zone_counting import (
     OBJECT_COLUMNS,
@@ -33,16 +32,16 @@ from lidarcli.pipeline.zone_counting import (
     Counting,
     Objects,
     Shapes,
-    Told,
     TopicSeries,
+    Velocities,
     ZoneSeries,
 )
-from lidarcli.pipeline.zone_events import Counted, Settled, Tracked, settle
+from lidarcli.pipeline.zone_events import AgentPaths, EventFinder, ZoneEvents
 from lidarcli.pipeline.zone_frames import Frames
-from lidarcli.pose.faults import Key
-from lidarcli.pose.messages import frame_name
-from lidarcli.pose.tree import WORLDS
-from lidarcli.reports.checks import Verdict, verdict_of
+from lidarcli.pose.fit import Key
+from lidarcli.pose.sources import WORLDS
+from lidarcli.pose.tracks import frame_name
+from lidarcli.reports.checks import Check, Verdict, verdict_of
 from lidarcli.reports.figures import plain_number
 from lidarcli.reports.wording import counted
 from lidarcli.reports.zones import NEVER, figures_of, judge_zones, parse_zone_check, unobserved, zones_in
@@ -153,9 +152,6 @@ def refuse_resting(zone: Zone) -> None:
         )
 
 
-T = TypeVar("T")
-
-
 class Watching:
     """One pass over a log that counts what is in its zones."""
 
@@ -177,7 +173,7 @@ class Watching:
         # Beams under a mask are counted here, and left out.
         self._read = replace(detect.read, rules=replace(masking.rules, masks=None))
         self._topics: set[str] = set()
-        self._agents: dict[Key, Tracked | None] = {}
+        self._agents: dict[Key, AgentPaths | None] = {}
         self._worlds: dict[Key, str] = {}
         """Sensor → the fixed frame of its poses."""
         self._counting: dict[Key, Counting] = {}
@@ -185,7 +181,10 @@ class Watching:
         self._told = {zone.velocity_topic: self._velocities(zone) for zone in options.zones.zones if zone.velocity_topic}
         self._lost: dict[str, NoScanError] = {}
         """Zones that cannot be judged in this log → why."""
-        self._shapes = dict(self._judged(zone, self._shapes_of) for zone in options.zones.zones)
+        self._shapes: dict[str, Shapes] = {}
+        for zone in options.zones.zones:
+            with self._judging(zone):
+                self._shapes[zone.name] = self._shapes_of(zone)
         self._cursors: dict[str, tuple[TopicRows, TopicRows]] = {}
 
     @property
@@ -196,20 +195,20 @@ class Watching:
             raise next(iter(self._lost.values()))
         return zones
 
-    def _judged(self, zone: Zone, how: Callable[[Zone], T]) -> tuple[str, T | None]:
-        """Return the name of a zone and what is to be known of it; where it cannot be judged, the others still are."""
+    @contextmanager
+    def _judging(self, zone: Zone) -> Iterator[None]:
+        """Where a zone cannot be judged, the others still are."""
         try:
-            return zone.name, how(zone)
+            yield
         except NoScanError as err:
             self._lost.setdefault(zone.name, err)
-            return zone.name, None
 
-    def _velocities(self, zone: Zone) -> Told | None:
+    def _velocities(self, zone: Zone) -> Velocities | None:
         found = velocities(self._log, zone.velocity_topic, self._report)
         if found is None or not len(found[0]):
             return None
         types = {topic.type for topic in self._log.topics() or () if same_name(topic.name, zone.velocity_topic)}
-        return Told(*found, recorded=types == {TWIST})
+        return Velocities(*found, recorded=types == {TWIST})
 
     def _shapes_of(self, zone: Zone) -> Shapes:
         """Return the shapes of a zone."""
@@ -241,7 +240,7 @@ class Watching:
             raise UnreadableError(f"zone '{zone.name}': no polygon of {zone.shape_topic} can be read")
         return Shapes([Polygon(key) for key in shapes], np.array(times, np.int64), np.array(parts, np.int64))
 
-    def run(self, source: Source, progress: Progress | None) -> tuple[RunSummary, list[Settled], dict[str, Any]]:
+    def run(self, source: Source, progress: Progress | None) -> tuple[RunSummary, list[ZoneEvents], dict[str, Any]]:
         """Read the sweeps; returns the counts, the zones and the description of the source."""
         detect = self._options.detect
         with Reading(self._log, self._read, detect.poses, Need.MOVING) as reading:
@@ -254,8 +253,10 @@ class Watching:
             f"topic {topic}: {counted(count, 'message')} left out: {cause}"
             for (topic, cause), count in sorted(self._report.refused.items())
         ]
-        told = [self._judged(zone, lambda one: [*self._gaps(one)]) for zone in self._zones]
-        gaps = [note for _, lines in told for note in lines or ()]
+        gaps: list[str] = []
+        for zone in self._zones:
+            with self._judging(zone):
+                gaps += [*self._gaps(zone)]
         settled = [one for zone in self._zones for one in self._settled(zone)]
         left_out = [f"{error}; the others are judged" for error in self._lost.values()]
         summary.notes += [*self._notes, *notes, *self._frames.notes(), *gaps, *left_out]
@@ -275,7 +276,7 @@ class Watching:
                 series = TopicSeries(
                     batch.topic,
                     sensor,
-                    [ZoneSeries.of(zone, shapes) for zone in resolved if (shapes := self._shapes[zone.name])],
+                    [ZoneSeries(zone, shapes) for zone in resolved if (shapes := self._shapes.get(zone.name))],
                     batch.first_ns,
                 )
                 frames = self._frames.of_topic(batch.topic)
@@ -378,7 +379,7 @@ class Watching:
                 "one 'topic', or poses in one world (--pose TOPIC, --poses FILE)"
             )
 
-    def _settled(self, zone: Zone) -> Iterator[Settled]:
+    def _settled(self, zone: Zone) -> Iterator[ZoneEvents]:
         """Yield a zone as all sensors see it; one in the frame of the sensor for each of them."""
         counted_in = self._counted_in(zone)
         groups = [[one] for one in counted_in] if zone.frame == SENSOR else [counted_in]
@@ -386,24 +387,19 @@ class Watching:
             if one.sensor not in self._agents:
                 self._agents[one.sensor] = self._tracked(one)
         for group in groups:
-            series = [one.of_zone(zone.name) for one in group]
-            topics = [each.series for each in self._counting.values()]
-            stamps = [each.column("stamp_ns") for each in topics]
-            yield settle(
-                Counted(
-                    series[0].zone,
-                    tuple(group),
-                    tuple(series),
-                    tuple(case.name for case in zone.cases),
-                    tuple(self._agents[one.sensor] for one in group),
-                    self._pair is not None,
-                    (min(int(each.min()) for each in stamps), max(int(each.max()) for each in stamps)),
-                    min(each.first_ns for each in topics),
-                    self._read.every,
-                )
-            )
+            every = [each.series for each in self._counting.values()]
+            stamps = [each.column("stamp_ns") for each in every]
+            yield EventFinder(
+                group[0].of_zone(zone.name).zone,
+                group,
+                [self._agents[one.sensor] for one in group],
+                has_objects=self._pair is not None,
+                span_ns=(min(int(each.min()) for each in stamps), max(int(each.max()) for each in stamps)),
+                first_ns=min(each.first_ns for each in every),
+                every=self._read.every,
+            ).find()
 
-    def _tracked(self, series: TopicSeries) -> Tracked | None:
+    def _tracked(self, series: TopicSeries) -> AgentPaths | None:
         """Return the agents that a sensor sees; None where nobody followed them."""
         pair = self._pair
         if pair is None or not pair.trajectories.exists() or not pair.tracks.exists():
@@ -424,7 +420,7 @@ class Watching:
         some = np.flatnonzero(here & np.isin(track, agents) & (sweeps[at] == sweep))
         order = some[np.lexsort((series.column("stamp_ns")[at[some]], track[some]))]
         world, hidden = are(rows["frame"], WORLD), are(rows["seen"], "hidden")
-        return Tracked(
+        return AgentPaths(
             track[order],
             at[order],
             np.asarray(rows["x"])[order],
@@ -597,31 +593,21 @@ def refuse_outputs(sources: Sequence[Source | MissingInput], folder: Place | Non
     return [*paths]
 
 
-class Gates:
-    """Checks of what a run over several logs finds."""
-
-    def __init__(self, options: ZoneOptions, expressions: Sequence[str]) -> None:
-        """Understand the checks, or raise a usage error."""
-        zones = options.zones.zones
-        self._checks = [parse_zone_check(each, [zone.name for zone in zones]) for each in expressions]
-        self._tables: list[ZoneTables] = []
-
-    def add(self, tables: ZoneTables) -> None:
-        """Take the tables of a log."""
-        if self._checks:
-            self._tables.append(tables)
-
-    def verdicts(self) -> tuple[list[Verdict], tuple[str, ...]]:
-        """Hold the checks against all tables; also returns a line for each zone that was not observed all the time."""
-        if not self._checks or not self._tables:
-            return [verdict_of(check, None) for check in self._checks], ()
-        watched = zones_in(dict(enumerate(self._tables)))
-        figures = figures_of(watched)
-        verdicts = [judge_zones(check, figures, watched) for check in self._checks]
-        return verdicts, unobserved(self._checks, watched)
+def understand(options: ZoneOptions, expressions: Sequence[str]) -> list[Check]:
+    """Parse checks of zones, or raise a usage error."""
+    return [parse_zone_check(each, [zone.name for zone in options.zones.zones]) for each in expressions]
 
 
-def _tables(log: str, settled: Sequence[Settled], metadata: dict[bytes, bytes]) -> ZoneTables:
+def judge(checks: Sequence[Check], tables: Sequence[ZoneTables]) -> tuple[list[Verdict], tuple[str, ...]]:
+    """Hold checks against the tables of all logs; also returns a line for each zone that was not observed all the time."""
+    if not checks or not tables:
+        return [verdict_of(check, None) for check in checks], ()
+    rows = zones_in(dict(enumerate(tables)))
+    figures = figures_of(rows)
+    return [judge_zones(check, figures, rows) for check in checks], unobserved(checks, rows)
+
+
+def _tables(log: str, settled: Sequence[ZoneEvents], metadata: dict[bytes, bytes]) -> ZoneTables:
     """Return the tables of a log."""
     events = [event for each in settled for event in each.events]
     order = sorted(range(len(events)), key=lambda at: (events[at]["start"], at))
@@ -642,7 +628,7 @@ def _event_rows(events: Sequence[Mapping[str, Any]]) -> pa.RecordBatch:
     return pa.RecordBatch.from_arrays(arrays, schema=schema)
 
 
-def _zone_rows(log: str, settled: Settled) -> pa.RecordBatch:
+def _zone_rows(log: str, settled: ZoneEvents) -> pa.RecordBatch:
     count = len(settled.topic)
     columns: dict[str, Any] = {
         "log": constant(log, count),
@@ -654,7 +640,7 @@ def _zone_rows(log: str, settled: Settled) -> pa.RecordBatch:
     return FORMS["zones"].fill(columns, None, count)
 
 
-def _names(settled: Sequence[Settled]) -> list[str]:
+def _names(settled: Sequence[ZoneEvents]) -> list[str]:
     """Return a name for each zone, with its topic, or also its frame, where several sensors see one of their own."""
     count = Counter(each.zone.name for each in settled)
     names = [
@@ -666,7 +652,7 @@ def _names(settled: Sequence[Settled]) -> list[str]:
     ]
 
 
-def _words(settled: Settled) -> str:
+def _words(settled: ZoneEvents) -> str:
     """Return what was in a zone, for people."""
     zone, events = settled.zone, settled.events
     columns = settled.columns
@@ -704,7 +690,7 @@ def _words(settled: Settled) -> str:
     return words
 
 
-def _stale(settled: Sequence[Settled], is_nav2: bool) -> list[str]:
+def _stale(settled: Sequence[ZoneEvents], is_nav2: bool) -> list[str]:
     """Return a line for each topic that told nothing for too long, be it in one zone or in several."""
     counts = Counter(
         (event["topic"], each.zone.timeout, each.zone.name)

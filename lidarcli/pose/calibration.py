@@ -123,7 +123,7 @@ Placing = Callable[[Float64], Float64]
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Settled:
+class CalibrationResult:
     """Unknowns (P,) with which points fall together best."""
 
     values: Float64
@@ -165,7 +165,7 @@ def cells_filled(outlines: Outlines, poses: Float64, stretch: Int64 | None = Non
     return round(float(np.mean(counts)))
 
 
-def settle(outlines: Outlines, placing: Placing, start: Float64, trusted: Float64, stretch: Int64) -> Settled:
+def settle(outlines: Outlines, placing: Placing, start: Float64, trusted: Float64, stretch: Int64) -> CalibrationResult:
     """Find the unknowns with which the points of each stretch fall together best.
 
     Parameters
@@ -188,7 +188,7 @@ def settle(outlines: Outlines, placing: Placing, start: Float64, trusted: Float6
             values[free] += step
             if number > 1 and np.abs(step).max() < SETTLED:
                 break
-    return Settled(values, _covariance(sums, ridge, free, len(values)), sums.spread)
+    return CalibrationResult(values, _covariance(sums, ridge, free, len(values)), sums.spread)
 
 
 @dataclass(frozen=True, eq=False, slots=True)

@@ -1,4 +1,4 @@
-"""The fit of told poses: steps of the told path beside those of the path that is matched from the sweeps.
+"""The fit of given poses: steps of the given path beside those of the path that is matched from the sweeps.
 
 Both paths are compared over pairs of sweeps between which the sensor went a little way. A delay of the poses and a mount
 that the log does not tell are found from the same pairs.
@@ -6,13 +6,22 @@ that the log does not tell are found from the same pairs.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections import Counter
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from lidarcli.pose.sources import Way
-from lidarcli.sweeps import Bool, Float64, Int64
+from lidarcli.choices import BEAM_ORDERS, MATCH
+from lidarcli.display import some_of, times
+from lidarcli.findings import Finding
+from lidarcli.formalism.scan_matching import Matcher
+from lidarcli.pose.sources import WORLDS, GivenPaths, PoseChain, PoseSources, namespace
+from lidarcli.pose.tracks import SECOND_NS, Motion, Track, frame_name, gathered, planar
+from lidarcli.sweeps import Bool, Float64, Int64, SweepBatch
 
 PAIR_LENGTH, PAIR_TURN = 0.3, 0.15
 """A pair ends at the first sweep that is so far from its beginning [m, rad], ..."""
@@ -28,9 +37,9 @@ OFF_LENGTH, OFF_LENGTH_GROWS = 0.05, 0.12
 OFF_TURN, OFF_TURN_GROWS = np.deg2rad(2.0), 0.1
 """... and their turns differ by no more than this [rad], and this share of the turn more."""
 JUMP_SPEED, JUMP_LENGTH = 10.0, 0.5
-"""A told step that is longer than this and faster [m/s, m] is a jump."""
+"""A given step that is longer than this and faster [m/s, m] is a jump."""
 MOST_JUMPS = 0.2
-"""Share of told steps that jump from which on the poses of two bodies are mixed."""
+"""Share of given steps that jump from which on the poses of two bodies are mixed."""
 DISAGREE, NEARER = 0.1, 3.0
 """So do steps that are longer [m], and lead away from where the poses were one or two before by so much less."""
 LONGEST_DELAY, DELAY_STEP, FINE_STEP = 0.6, 0.05, 0.01
@@ -67,7 +76,7 @@ Steps = Float64
 
 @dataclass(frozen=True, slots=True)
 class PoseFit:
-    """Fit of the told poses of one sensor to its sweeps."""
+    """Fit of the given poses of one sensor to its sweeps."""
 
     verdict: str
     """accepted, corrected, stretches, rejected or unchecked."""
@@ -79,14 +88,14 @@ class PoseFit:
     mount: tuple[float, float, float] = (0.0, 0.0, 0.0)
     """Pose of the sensor in the frame that the poses tell of: x, y [m], yaw [rad]."""
     cuts: tuple[tuple[int, int], ...] = ()
-    """Stamps of the told poses before and after each jump [ns]."""
+    """Stamps of the given poses before and after each jump [ns]."""
     jumps: tuple[float, ...] = ()
     """Length of each jump [m]."""
     ratio: float = float("nan")
     """Told lengths as a share of the matched ones."""
     turn_ratio: float = float("nan")
     moves: bool = False
-    """True where nothing could be checked, though the told path goes some way."""
+    """True where nothing could be checked, though the given path goes some way."""
     good: tuple[tuple[int, int], ...] = ()
     """First and last stamp of the stretches that are accepted [ns]."""
 
@@ -118,21 +127,21 @@ def poses_after(begin: Float64, step: Float64) -> Float64:
 
 @dataclass(frozen=True, slots=True)
 class Jumps:
-    """Jumps of told poses: no sensor is that fast."""
+    """Jumps of given poses: no sensor is that fast."""
 
     gaps_ns: Int64
     """(G, 2) stamps before and after each jump [ns]."""
     lengths: Float64
     """(G,) metres."""
     share: float
-    """Share of the told steps that jump."""
+    """Share of the given steps that jump."""
     in_turns: bool = False
     """True where they go back and forth, as poses of two bodies do."""
 
 
-def jumps_of(way: Way) -> Jumps:
+def jumps_of(chain: PoseChain) -> Jumps:
     """Find the jumps in the moving poses that make a way, of which the first kind that jumps counts."""
-    for step in way.steps:
+    for step in chain.steps:
         track = step.track
         if track.static or len(track.stamp_ns) < 2:
             continue
@@ -160,32 +169,32 @@ def _in_turns(places: Float64, lengths: Float64) -> Int64:
 def judge_poses(
     stamp_ns: Int64,
     matched: Float64,
-    told_at: Callable[[Int64], Float64],
+    given_at: Callable[[Int64], Float64],
     pieces: Float64 | None = None,
     jumps: Jumps | None = None,
 ) -> PoseFit:
-    """Compare a told path with the matched one.
+    """Compare a given path with the matched one.
 
     Parameters
     ----------
     stamp_ns : (S,) header stamps, increasing
     matched : (S, 3) x, y, yaw of the matched path, NaN where a sweep has no pose
-    told_at : gives the told poses of the sensor (K, 3) at stamps (K,), NaN where none is told
+    given_at : gives the given poses of the sensor (K, 3) at stamps (K,), NaN where none is told
     pieces : (S,) number of the piece of the matched path; steps from one to another are not known
-    jumps : jumps of the told poses
+    jumps : jumps of the given poses
 
     Returns
     -------
     The verdict by the first rule that holds: unchecked, accepted, corrected, accepted in stretches, rejected.
     """
-    told = told_at(stamp_ns)
+    given = given_at(stamp_ns)
     seconds = (stamp_ns - stamp_ns[0]) * 1e-9 if len(stamp_ns) else np.zeros(0)
     cuts: tuple[tuple[int, int], ...] = ()
     sizes: tuple[float, ...] = ()
     if jumps is not None and len(jumps.gaps_ns) and jumps.share < MOST_JUMPS:
         cuts = tuple((int(before), int(after)) for before, after in jumps.gaps_ns)
         sizes = tuple(jumps.lengths.tolist())
-    begin, end = pairs_of(seconds, matched, told)
+    begin, end = pairs_of(seconds, matched, given)
     ends = np.array([after for _, after in cuts], np.int64)
     cut = np.searchsorted(ends, stamp_ns[begin], "right") != np.searchsorted(ends, stamp_ns[end], "right")
     if pieces is not None:
@@ -195,31 +204,31 @@ def judge_poses(
     if placed < 1.0 - MOST_UNPLACED or len(begin) < LEAST_PAIRS:
         if jumps is not None and jumps.in_turns:
             return PoseFit("rejected", float("nan"), len(begin), jumps=(float(jumps.lengths.max()),))
-        gone = np.ptp(told[np.isfinite(told[:, 0]), :2], axis=0) if np.isfinite(told).any() else np.zeros(2)
+        gone = np.ptp(given[np.isfinite(given[:, 0]), :2], axis=0) if np.isfinite(given).any() else np.zeros(2)
         moves = bool(gone.max() > PAIR_LENGTH)
         return PoseFit("unchecked", float("nan"), len(begin), cuts=cuts, jumps=sizes, moves=moves)
     step = steps_between(matched[begin], matched[end])
-    as_told = steps_between(told[begin], told[end])
-    agree = _agree(step, as_told)
+    as_given = steps_between(given[begin], given[end])
+    agree = _agree(step, as_given)
     share = float(agree.mean())
     if jumps is not None and jumps.share >= MOST_JUMPS:
-        ratio, turn_ratio = _ratios(step, as_told)
-        # Where a step jumps, what lies between told poses is of neither body.
+        ratio, turn_ratio = _ratios(step, as_given)
+        # Where a step jumps, what lies between given poses is of neither body.
         clean = share * (1.0 - jumps.share)
         rejected = PoseFit("rejected", clean, len(begin), ratio=ratio, turn_ratio=turn_ratio)
         # Steps that are all too long by one factor do not jump.
-        return rejected if _is_scaled(step, as_told) else replace(rejected, jumps=(float(jumps.lengths.max()),))
+        return rejected if _is_scaled(step, as_given) else replace(rejected, jumps=(float(jumps.lengths.max()),))
     if share >= ACCEPTED:
         accepted = PoseFit("accepted", share, len(begin), cuts=cuts, jumps=sizes)
-        return _sharper(accepted, stamp_ns, begin, end, step, told_at)
-    delay, mount, best = _corrected(stamp_ns, begin, end, step, told_at)
+        return _sharper(accepted, stamp_ns, begin, end, step, given_at)
+    delay, mount, best = _corrected(stamp_ns, begin, end, step, given_at)
     ratio, turn_ratio = _ratios(step, best)
     better = float(_agree(step, _mounted(best, mount)).mean())
     # Of poses that lie at the bound, a greater delay may fit better yet.
     found = better >= CORRECTED and better >= share + GAIN and abs(delay) < LONGEST_DELAY - 0.5 * DELAY_STEP
     fits = all(not np.isfinite(one) or RATIOS[0] <= one <= RATIOS[1] for one in (ratio, turn_ratio))
-    turn_told = _ratios(step, as_told)[1]
-    fit = PoseFit("rejected", share, len(begin), cuts=cuts, jumps=sizes, ratio=ratio, turn_ratio=turn_told)
+    turn_given = _ratios(step, as_given)[1]
+    fit = PoseFit("rejected", share, len(begin), cuts=cuts, jumps=sizes, ratio=ratio, turn_ratio=turn_given)
     if found and fits:
         return replace(fit, verdict="corrected", share=better, delay=delay, mount=mount, turn_ratio=turn_ratio)
     parts = np.array_split(np.arange(len(begin)), max(1, len(begin) // STRETCH))
@@ -230,9 +239,9 @@ def judge_poses(
     return fit
 
 
-def pairs_of(seconds: Float64, matched: Float64, told: Float64) -> tuple[Int64, Int64]:
+def pairs_of(seconds: Float64, matched: Float64, given: Float64) -> tuple[Int64, Int64]:
     """Return the sweeps where pairs begin and end: a pair is a short way of the sensor."""
-    known = np.flatnonzero(np.isfinite(matched[:, 0]) & np.isfinite(told[:, 0]))
+    known = np.flatnonzero(np.isfinite(matched[:, 0]) & np.isfinite(given[:, 0]))
     pairs = []
     for at, first in enumerate(known.tolist()):
         last = int(np.searchsorted(seconds[known], seconds[first] + PAIR_SECONDS))
@@ -244,7 +253,7 @@ def pairs_of(seconds: Float64, matched: Float64, told: Float64) -> tuple[Int64, 
         if far.any():
             pairs.append((first, int(later[far.argmax()])))
             continue
-        other = steps_between(told[first : first + 1], told[later[-1:]])
+        other = steps_between(given[first : first + 1], given[later[-1:]])
         both = np.vstack([step[-1:], other])
         moved = (np.hypot(both[:, 0], both[:, 1]) > MOVED_LENGTH) | (np.abs(both[:, 2]) > MOVED_TURN)
         if seconds[later[-1]] - seconds[first] >= PAIR_SECONDS and moved.any():
@@ -278,15 +287,15 @@ def _mounted(step: Steps, mount: tuple[float, float, float]) -> Steps:
 
 
 def _sharper(
-    fit: PoseFit, stamp_ns: Int64, begin: Int64, end: Int64, step: Steps, told_at: Callable[[Int64], Float64]
+    fit: PoseFit, stamp_ns: Int64, begin: Int64, end: Int64, step: Steps, given_at: Callable[[Int64], Float64]
 ) -> PoseFit:
     """Return the fit of accepted poses, with the delay that is clearly better than none."""
 
     def cost(delay: float) -> float:
         delay_ns = round(delay * 1e9)
-        told = steps_between(told_at(stamp_ns[begin] + delay_ns), told_at(stamp_ns[end] + delay_ns))
-        off, turn = _off(step, told)
-        # Steps beyond the ends of the told path count as much as those that are far off.
+        given = steps_between(given_at(stamp_ns[begin] + delay_ns), given_at(stamp_ns[end] + delay_ns))
+        off, turn = _off(step, given)
+        # Steps beyond the ends of the given path count as much as those that are far off.
         return float(np.mean(np.nan_to_num(np.minimum(off + turn, MOST_OFF), nan=MOST_OFF)))
 
     count, fine = round(LONGEST_DELAY / DELAY_STEP), round(DELAY_STEP / FINE_STEP)
@@ -305,24 +314,24 @@ class _Tried:
     cost: float
     delay: float
     mount: tuple[float, float, float]
-    told: Steps
+    given: Steps
 
 
 def _corrected(
-    stamp_ns: Int64, begin: Int64, end: Int64, step: Steps, told_at: Callable[[Int64], Float64]
+    stamp_ns: Int64, begin: Int64, end: Int64, step: Steps, given_at: Callable[[Int64], Float64]
 ) -> tuple[float, tuple[float, float, float], Steps]:
-    """Find the delay and the mount with which the told steps fit best; return them and the told steps so delayed."""
+    """Find the delay and the mount with which the given steps fit best; return them and the given steps so delayed."""
 
     def tried(delay: float) -> _Tried | None:
         delay_ns = round(delay * 1e9)
-        told = steps_between(told_at(stamp_ns[begin] + delay_ns), told_at(stamp_ns[end] + delay_ns))
-        known = np.isfinite(told[:, 0])
+        given = steps_between(given_at(stamp_ns[begin] + delay_ns), given_at(stamp_ns[end] + delay_ns))
+        known = np.isfinite(given[:, 0])
         if known.mean() < LEAST_TOLD:
             return None
-        mount = mount_between(step[known], told[known])
-        off, turn = _off(step[known], _mounted(told[known], mount))
+        mount = mount_between(step[known], given[known])
+        off, turn = _off(step[known], _mounted(given[known], mount))
         cost = float(np.mean(np.minimum(off, MOST_OFF) + np.minimum(turn, MOST_OFF)))
-        return _Tried(cost, delay, mount, told)
+        return _Tried(cost, delay, mount, given)
 
     best: _Tried | None = None
     count = round(LONGEST_DELAY / DELAY_STEP)
@@ -337,23 +346,23 @@ def _corrected(
         fine = round(DELAY_STEP / FINE_STEP)
         near = [tried(best.delay + number * FINE_STEP) for number in range(1 - fine, fine)]
         best = min((one for one in near if one is not None), key=lambda one: one.cost)
-    return round(best.delay, 3), best.mount, best.told
+    return round(best.delay, 3), best.mount, best.given
 
 
-def mount_between(step: Steps, told: Steps) -> tuple[float, float, float]:
+def mount_between(step: Steps, given: Steps) -> tuple[float, float, float]:
     """Find where a sensor that makes `step` is mounted on what makes `told`: robust hand-eye calibration in the plane."""
-    straight = (np.abs(step[:, 2]) < 0.1) & (np.hypot(*step[:, :2].T) > 0.1) & (np.hypot(*told[:, :2].T) > 0.1)
+    straight = (np.abs(step[:, 2]) < 0.1) & (np.hypot(*step[:, :2].T) > 0.1) & (np.hypot(*given[:, :2].T) > 0.1)
     yaws = [0.0]
     if np.count_nonzero(straight) >= 5:
-        apart = np.arctan2(told[straight, 1], told[straight, 0]) - np.arctan2(step[straight, 1], step[straight, 0])
+        apart = np.arctan2(given[straight, 1], given[straight, 0]) - np.arctan2(step[straight, 1], step[straight, 0])
         yaws = [float(np.arctan2(np.median(np.sin(apart)), np.median(np.cos(apart)))), 0.0]
         yaws += [0.5 * np.pi, -0.5 * np.pi, np.pi]
     best, most = (0.0, 0.0, 0.0), -1.0
-    cos, sin = np.cos(told[:, 2]), np.sin(told[:, 2])
+    cos, sin = np.cos(given[:, 2]), np.sin(given[:, 2])
     lever = np.stack([np.stack([cos - 1.0, -sin], 1), np.stack([sin, cos - 1.0], 1)], 1)
     for yaw in yaws:
         turn = np.array([[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]])
-        apart = step[:, :2] @ turn.T - told[:, :2]
+        apart = step[:, :2] @ turn.T - given[:, :2]
         place = np.zeros(2)
         for _ in range(8):
             left = np.einsum("kij,j->ki", lever, place) - apart
@@ -362,24 +371,24 @@ def mount_between(step: Steps, told: Steps) -> tuple[float, float, float]:
             normal = np.einsum("k,kij,kil->jl", weight, lever, lever) + 0.2 * np.eye(2)
             place = np.linalg.solve(normal, np.einsum("k,kij,ki->j", weight, lever, apart))
         mount = float(place[0]), float(place[1]), yaw
-        share = float(_agree(step, _mounted(told, mount)).mean())
+        share = float(_agree(step, _mounted(given, mount)).mean())
         if share > most + 0.02:
             best, most = mount, share
     return best
 
 
-def _ratios(step: Steps, told: Steps) -> tuple[float, float]:
+def _ratios(step: Steps, given: Steps) -> tuple[float, float]:
     """Return told lengths and told turns as a share of those seen, by medians; NaN where there are too few."""
-    length, far = np.hypot(step[:, 0], step[:, 1]), np.hypot(told[:, 0], told[:, 1])
+    length, far = np.hypot(step[:, 0], step[:, 1]), np.hypot(given[:, 0], given[:, 1])
     long, turns = ((length > LONG_STEP) & np.isfinite(far), (np.abs(step[:, 2]) > LARGE_TURN) & np.isfinite(far))
     ratio = float(np.median(far[long] / length[long])) if np.count_nonzero(long) > LEAST_LONG else float("nan")
-    turned = wrapped(told[turns, 2]) / step[turns, 2]
+    turned = wrapped(given[turns, 2]) / step[turns, 2]
     return ratio, float(np.median(turned)) if len(turned) > LEAST_LONG else float("nan")
 
 
-def _is_scaled(step: Steps, told: Steps) -> bool:
-    """Tell whether told steps are those seen but for one factor, as those in other units are."""
-    length, far = np.hypot(step[:, 0], step[:, 1]), np.hypot(told[:, 0], told[:, 1])
+def _is_scaled(step: Steps, given: Steps) -> bool:
+    """Tell whether given steps are those seen but for one factor, as those in other units are."""
+    length, far = np.hypot(step[:, 0], step[:, 1]), np.hypot(given[:, 0], given[:, 1])
     long = (length > LONG_STEP) & np.isfinite(far)
     if np.count_nonzero(long) <= LEAST_LONG:
         return False
@@ -389,16 +398,16 @@ def _is_scaled(step: Steps, told: Steps) -> bool:
 
 
 def joined(
-    stamp_ns: Int64, matched: Float64, pieces: Float64, told: Float64, cuts: tuple[tuple[int, int], ...]
+    stamp_ns: Int64, matched: Float64, pieces: Float64, given: Float64, cuts: tuple[tuple[int, int], ...]
 ) -> tuple[Int64, Float64, bool]:
-    """Join the parts of a told path between jumps by the matched path.
+    """Join the parts of a given path between jumps by the matched path.
 
     Parameters
     ----------
-    stamp_ns : (S,) stamps at which the poses of the sweeps are told, increasing [ns]
-    matched, told : (S, 3) x, y, yaw, NaN where they are not known
+    stamp_ns : (S,) stamps at which the poses of the sweeps are given, increasing [ns]
+    matched, given : (S, 3) x, y, yaw, NaN where they are not known
     pieces : (S,) number of the piece of the matched path
-    cuts : stamps of the told poses before and after each jump [ns]
+    cuts : stamps of the given poses before and after each jump [ns]
 
     Returns
     -------
@@ -406,7 +415,7 @@ def joined(
     moves : (G + 1, 3) motion of the world for each part; NaN where it is not known
     lost : True where a part could not be joined
     """
-    known = np.isfinite(told[:, 0]) & np.isfinite(matched[:, 0])
+    known = np.isfinite(given[:, 0]) & np.isfinite(matched[:, 0])
     moves = [np.zeros((1, 3))]
     for gap in cuts:
         first, second = np.searchsorted(stamp_ns, gap[0], "right"), np.searchsorted(stamp_ns, gap[1])
@@ -419,9 +428,9 @@ def joined(
             moves.append(np.full((1, 3), np.nan))
             continue
         i, j = before[-1:], second + behind[:1]
-        here = poses_after(poses_after(moves[-1], told[i]), steps_between(matched[i], matched[j]))
+        here = poses_after(poses_after(moves[-1], given[i]), steps_between(matched[i], matched[j]))
         # The motion that takes the told pose after the jump there.
-        back = steps_between(told[j], np.zeros((1, 3)))
+        back = steps_between(given[j], np.zeros((1, 3)))
         moves.append(poses_after(here, back))
     found = np.vstack(moves)
     return np.array(cuts, np.int64).reshape(-1, 2), found, bool(np.isnan(found).any())
@@ -473,3 +482,407 @@ def still_at(stamp_ns: Int64, matched: Float64, slides: Float64) -> Bool:
     still = (np.hypot(apart[:, 0], apart[:, 1]) < STILL_OFF) & (np.abs(apart[:, 2]) < STILL_TURN)
     found: Bool = still
     return found
+
+
+# The path of a sensor from its sweeps alone, as a track of poses, and the order in which it sends its beams.
+
+TYPE = "matched"
+"""Stands where a track has the type of its messages."""
+AUTO, FORWARD, REVERSE, ONCE = BEAM_ORDERS
+SHORTEST_SWEEP = 0.005
+"""Duration below which headers do not count [s]: all beams are taken at once."""
+LEAST_SHARE, MOST_SHARE, USUAL_SHARE = 0.2, 1.25, 0.9
+"""Shares of the time from sweep to sweep that a sweep can take, and the share where headers tell another."""
+SKEWED, TYPICAL_RANGE = 0.03, 2.0
+"""Motion during a sweep from which on it tells the order of its beams [m]; the range at which turns move points [m]."""
+LEAST_SKEWED, BLOCKS, CLEAR = 40, 20, 2.0
+"""Least sweeps that tell an order, the blocks they are compared in, and the deviations from which a difference is clear."""
+LONGEST_SLIDE = 1.0
+"""A slide without a guess loses its poses from this duration on, and no pose is between poses further apart [s]."""
+
+
+@dataclass(frozen=True, slots=True)
+class Timing:
+    """Times at which the beams of sweeps are sent."""
+
+    order: str = AUTO
+    """Order of the beams, of `BEAM_ORDERS`; `auto`: as the headers tell."""
+    duration: float = 0.0
+    """Duration of a sweep [s] where the headers tell none that can be; 0 for that of the headers."""
+
+    @property
+    def takes_time(self) -> bool:
+        """True where a sweep takes time whatever the headers tell."""
+        return self.duration > 0.0 and self.order in (FORWARD, REVERSE)
+
+    def of(self, sweeps: SweepBatch) -> tuple[Float64, Float64]:
+        """Return (S,) the times of the first and of the last beam after the header stamp [s]."""
+        none = np.zeros(len(sweeps))
+        headers = none if sweeps.duration is None else np.nan_to_num(sweeps.duration)
+        if self.order == AUTO:
+            return none, np.where(np.abs(headers) < SHORTEST_SWEEP, 0.0, headers)
+        if self.order == ONCE:
+            return none, none
+        lasts = np.full(len(sweeps), self.duration) if self.duration else headers
+        return (none, lasts) if self.order == FORWARD else (lasts, none)
+
+
+def duration_of(sweeps: Sequence[SweepBatch]) -> tuple[float, float]:
+    """Return the duration of a sweep where the headers tell none that can be, else 0, and the one that counts [s]."""
+    stamps = np.concatenate([batch.stamp_ns for batch in sweeps])
+    steps = np.diff(stamps)
+    steps = steps[steps > 0]
+    if not len(steps):
+        return 0.0, 0.0
+    period = float(np.median(steps)) / SECOND_NS
+    given = [np.nan_to_num(batch.duration) for batch in sweeps if batch.duration is not None]
+    headers = float(np.median(np.concatenate(given))) if given else 0.0
+    if LEAST_SHARE * period <= headers <= MOST_SHARE * period:
+        return 0.0, headers
+    return USUAL_SHARE * period, USUAL_SHARE * period
+
+
+class MatchedPath:
+    """The path of one sensor: a fold over its batches in log order, however they are cut.
+
+    A sweep has no pose where it has fewer than 15 points, repeats a stamp, or fits nowhere. Such sweeps do not change the
+    map. After 10 that fit nowhere the map begins anew at the last known pose: the path is not to be trusted across that.
+    """
+
+    def __init__(self, timing: Timing | None = None) -> None:
+        self.timing = timing or Timing()
+        self._matcher = Matcher(0)
+        self._first_ns: int | None = None
+        self._stamp_ns: list[Int64] = []
+        self._record_ns: list[Int64] = []
+        self._found: list[Float64] = []
+
+    def add(self, sweeps: SweepBatch, given: Float64 | None = None) -> None:
+        """Take sweeps of one topic and frame.
+
+        Parameters
+        ----------
+        given : (S, 4) x, y, yaw of poses told for the sensor, NaN for none, and the part of the given path they belong to;
+            the search begins with the steps between them
+        """
+        if not len(sweeps):
+            return
+        if self._first_ns is None:
+            self._first_ns = int(sweeps.stamp_ns[0])
+        seconds = (sweeps.stamp_ns - self._first_ns) / SECOND_NS
+        found = np.empty((len(sweeps), self._matcher.columns))
+        self._matcher.follow(
+            np.ascontiguousarray(sweeps.ranges, np.float32),
+            np.ascontiguousarray(sweeps.beams, np.int32),
+            np.ascontiguousarray(sweeps.angle_min, np.float64),
+            np.ascontiguousarray(sweeps.angle_increment, np.float64),
+            np.column_stack([seconds, *self.timing.of(sweeps)]),
+            np.full((len(sweeps), 4), np.nan) if given is None else np.ascontiguousarray(given),
+            found,
+        )
+        self._stamp_ns.append(sweeps.stamp_ns)
+        self._record_ns.append(sweeps.record_ns)
+        self._found.append(found)
+
+    @property
+    def stamp_ns(self) -> Int64:
+        """(S,) stamps of all sweeps [ns]."""
+        return _one(self._stamp_ns) if self._stamp_ns else np.zeros(0, np.int64)
+
+    @property
+    def poses(self) -> Float64:
+        """(S, 3) x, y [m] and yaw [rad] of all sweeps, from the first; NaN without a pose."""
+        return self._column(slice(0, 3))
+
+    @property
+    def sharp(self) -> Float64:
+        """(S,) share of the points that lie on the map within 15 mm."""
+        return self._column(5)
+
+    @property
+    def sharpness(self) -> float:
+        """Mean of `sharp` over the sweeps that have a pose; 0 of none."""
+        sharp = self.sharp[np.isfinite(self.sharp)]
+        return float(sharp.mean()) if len(sharp) else 0.0
+
+    @property
+    def pieces(self) -> Float64:
+        """(S,) number of the piece of the path, from 1: it is not known how one lies to the next."""
+        return self._column(6)
+
+    @property
+    def slides(self) -> Float64:
+        """(S,) 1 where the walls in view do not fix the place along some direction, NaN without a pose."""
+        return self._column(8)
+
+    @property
+    def restarts(self) -> int:
+        """Times that the map began anew."""
+        return max(self._matcher.pieces - 1, 0)
+
+    @property
+    def placed(self) -> float:
+        """Share of the sweeps that have a pose; 0 of none."""
+        poses = self.poses
+        return float(np.isfinite(poses[:, 0]).mean()) if len(poses) else 0.0
+
+    @property
+    def length(self) -> float:
+        """Length of the path [m]."""
+        steps = np.diff(self.poses[:, :2], axis=0)
+        return float(np.nansum(np.hypot(steps[:, 0], steps[:, 1])))
+
+    def skews(self, duration: float) -> Float64:
+        """Return (S - 1,) the motion of the sensor during each sweep but the first [m], 0 where it is not known."""
+        poses, seconds = self.poses, np.diff(self.stamp_ns) / SECOND_NS
+        steps = np.diff(poses, axis=0)
+        moved = np.hypot(steps[:, 0], steps[:, 1]) + TYPICAL_RANGE * np.abs(steps[:, 2])
+        with np.errstate(divide="ignore", invalid="ignore"):
+            found: Float64 = np.nan_to_num(moved * (duration / seconds), nan=0.0, posinf=0.0, neginf=0.0)
+        return found
+
+    def track(self, topic: str, frame: str) -> Track | None:
+        """Return the path from the frame of the first sweep; None where no sweep has a pose.
+
+        Long slides without a guess have no poses.
+        """
+        poses, there = self.poses, self._there()
+        if not len(there):
+            return None
+        half, flat = 0.5 * poses[there, 2], np.zeros(len(there))
+        numbers = np.column_stack([poses[there, :2], flat, flat, flat, np.sin(half), np.cos(half)])
+        record_ns = _one(self._record_ns)
+        return gathered((topic, TYPE, MATCH, frame), self.stamp_ns[there], numbers, record_ns[there], Counter())
+
+    @property
+    def gaps(self) -> Int64:
+        """(G, 2) stamps of the sweeps before and after each stretch without poses [ns].
+
+        It is longer than `LONGEST_SLIDE`, or the map began anew after it.
+        """
+        there, stamps = self._there(), self.stamp_ns
+        there = there[np.argsort(stamps[there], kind="stable")]
+        ends = np.column_stack([stamps[there[:-1]], stamps[there[1:]]])
+        is_long = ends[:, 1] - ends[:, 0] > LONGEST_SLIDE * SECOND_NS
+        is_lost = np.diff(self.pieces[there]) != 0
+        found: Int64 = ends[(np.diff(there) > 1) & (is_long | is_lost)]
+        return found
+
+    def _there(self) -> Int64:
+        """Return the numbers of the sweeps whose poses are those of the path."""
+        return np.flatnonzero(~np.isnan(self.poses[:, 0]) & ~self._long_slides())
+
+    def _long_slides(self) -> Bool:
+        """Return (S,) True in slides without a guess that are longer than `LONGEST_SLIDE`."""
+        sliding = (np.nan_to_num(self.slides) > 0) & (np.nan_to_num(self._column(7)) == 0)
+        edges = np.flatnonzero(np.diff(np.concatenate([[0], sliding.astype(np.int8), [0]])))
+        long, stamps = np.zeros(len(sliding), bool), self.stamp_ns
+        for begin, end in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True):
+            long[begin:end] = stamps[end - 1] - stamps[begin] > LONGEST_SLIDE * SECOND_NS
+        return long
+
+    def _column(self, which: int | slice) -> Float64:
+        found = _one(self._found) if self._found else np.zeros((0, self._matcher.columns))
+        column: Float64 = found[:, which]
+        return column
+
+
+def _one(parts: list[NDArray[Any]]) -> NDArray[Any]:
+    """Return parts as one array, and keep this in their place: a path is asked for after each batch."""
+    if len(parts) > 1:
+        parts[:] = [np.concatenate(parts)]
+    return parts[0]
+
+
+def order_of(paths: Mapping[str, MatchedPath], duration: float) -> str:
+    """Return the order of beams by which the sweeps fit the map best, empty where it is not clear.
+
+    Parameters
+    ----------
+    paths : order → path that was matched by it, of the same sweeps
+    duration : of a sweep [s]
+    """
+    skewed = 1 + np.flatnonzero(paths[FORWARD].skews(duration) > SKEWED)
+    if len(skewed) < LEAST_SKEWED:
+        return ""
+    sharp = {order: path.sharp[skewed] for order, path in paths.items()}
+
+    def betters(one: str, other: str) -> float:
+        """Return by how many standard deviations one order is better than the other."""
+        apart = sharp[one] - sharp[other]
+        means = np.array([np.nanmean(block) for block in np.array_split(apart, BLOCKS) if np.isfinite(block).any()])
+        if len(means) < 2:
+            return 0.0
+        spread = float(np.std(means, ddof=1) / np.sqrt(len(means)))
+        return float(np.mean(means)) / max(spread, 1e-9)
+
+    for order in paths:
+        if all(betters(order, other) > CLEAR for other in paths if other != order):
+            return order
+    return ""
+
+
+# Findings on the poses of a log: frames that lead nowhere, contradictions of the tree, broken rotations, leaps.
+
+NO_UNIT = 0.01
+"""Deviation of the length of a quaternion from 1 that rounding does not make."""
+TURN_RATE, LEAST_TURN = 10.0, 0.5
+"""Steps that turn faster and by more are leaps [rad/s, rad]."""
+
+APART, TURNED = 0.1, 0.1
+"""Places of one frame that are further apart, or turned by more, are two [m, rad]."""
+LEVER = 2.0
+"""Distance at which a correction that turns counts as one that shifts [m]: things that are followed are rarely nearer."""
+
+Key = tuple[str, str]
+"""Topic and frame of sweeps."""
+
+
+def unplaced(frame: str, others: Sequence[str], topic: str = "", tracks: Sequence[Track] = ()) -> Finding:
+    """Return the finding on a frame from which no pose leads to a fixed frame; `others`: topics that could be named.
+
+    `tracks` are the links of the log: one from the robot to the sensor may be missing.
+    """
+    hint = f"; --pose may name {some_of(others)}" if others else ""
+    known = {name for track in tracks if track.is_link for name in (track.parent, track.child)}
+    robots = [
+        each.child
+        for each in tracks
+        if each.parent.rpartition("/")[2] in WORLDS and each.child.rpartition("/")[2] not in WORLDS
+    ]
+    if robots and not others and frame not in known:
+        hint = f": {robots[0]} > {frame} is missing; in the first part? --join reads it"
+    message = f"no pose for frame {frame or 'without a name'}: nothing leads from it to a fixed frame{hint}"
+    return Finding("frames", "warning", topic, frame, message)
+
+
+def way_findings(chain: PoseChain, links: Sequence[Track], topic: str = "") -> list[Finding]:
+    """Return findings on the poses that make the path of a sensor, which may spoil it; `links`: all transforms it sees."""
+    found = []
+    for track in (step.track for step in chain.steps):
+        if track.jumps_back:
+            words = f"stamps of {track.topic} jump back {times(track.jumps_back)}: poses there may mix two runs"
+            back = {"backward": track.jumps_back}
+            found.append(Finding("clock", "warning", topic, chain.frame, words, back, {"backward": 1}))
+        if not track.static and track.seems_w_first:
+            words = (
+                f"quaternions of {track.topic} roll or hang head down, and never turn: they are probably written w "
+                "first, and x y z w is the order; the sensor seems to hang head down until that is mended"
+            )
+            found.append(Finding("frames", "error", topic, chain.frame, words))
+        found += _corrections(track, topic, chain.frame)
+    children = {step.track.child for step in chain.steps}
+    return found + [each for each in contradictions(links) if each.frame in children]
+
+
+def pose_findings(sources: PoseSources | GivenPaths, keys: Iterable[Key], jumping: Collection[Key]) -> list[Finding]:
+    """Return all findings on the poses of the sensors of a log.
+
+    Parameters
+    ----------
+    keys : topics and frames with sweeps
+    jumping : those of them whose poses are known to jump
+    """
+    found: list[Finding] = []
+    links = {frame_name(name) for track in sources.tracks if track.is_link for name in (track.parent, track.child)}
+    for topic, frame in sorted(keys):
+        chain = sources.chain(frame, topic)
+        is_missing = frame and links and frame_name(frame) not in links and not sources.alike(frame, topic)
+        if is_missing and chain is not None and chain.assumption:
+            message = f"no transform leads to frame {frame}: {chain.assumption}"
+            found.append(Finding("frames", "warning", topic, frame, message))
+        if chain is None:
+            if is_missing:
+                found.append(unplaced(frame, sources.alternatives(frame, topic), topic, sources.tracks))
+            continue
+        found += way_findings(chain, (), topic)
+        found += _leaps(chain, topic, is_known=(topic, frame) in jumping)
+    found += contradictions([track for track in sources.tracks if track.is_link])
+    for track in sources.tracks:
+        if track.stretched > NO_UNIT:
+            link, off = " > ".join(filter(None, (track.parent, track.child))), {"off": track.stretched}
+            words = f"{track.topic}: quaternions of {link} are up to {track.stretched:.2g} off length 1"
+            found.append(Finding("frames", "warning", track.topic, track.child, words, off, {"off": NO_UNIT}))
+    return list({each.message: each for each in found}.values())
+
+
+def _leaps(chain: PoseChain, topic: str, is_known: bool) -> Iterator[Finding]:
+    """Yield findings on steps of the poses that are faster than any robot."""
+    jumps = jumps_of(chain)
+    threshold = {"speed": JUMP_SPEED, "length": JUMP_LENGTH}
+    if len(jumps.lengths) and not is_known:
+        most = float(jumps.lengths.max())
+        words = f"poses from {chain.topics[0]} jump {times(len(jumps.lengths))}, by up to {most:,.1f} m"
+        evidence = {"jumps": len(jumps.lengths), "largest": most}
+        yield Finding("steps", "warning", topic, chain.frame, words, evidence, threshold)
+    for track in (step.track for step in chain.steps if not step.track.static):
+        turns = _turns(track)
+        fast = turns > np.maximum(TURN_RATE * np.diff(track.stamp_ns) / SECOND_NS, LEAST_TURN)
+        if fast.any():
+            number, most = int(np.count_nonzero(fast)), float(turns[fast].max())
+            words = f"poses from {track.topic} leap in heading {times(number)}, by up to {np.degrees(most):.0f} deg"
+            evidence, threshold = {"leaps": number, "largest": most}, {"rate": TURN_RATE, "turn": LEAST_TURN}
+            yield Finding("steps", "warning", topic, chain.frame, words, evidence, threshold)
+
+
+def _corrections(track: Track, topic: str, frame: str) -> Iterator[Finding]:
+    """Yield the finding on steps of localisation (map > odom), which no sensor makes."""
+    if track.static or not {name.rpartition("/")[2] for name in (track.parent, track.child)} <= {*WORLDS}:
+        return
+    places = _planar(track.motion)
+    x, y, turn = np.abs(steps_between(places[:-1], places[1:])).T
+    shift = np.hypot(x, y)
+    far = shift + LEVER * turn > APART
+    if far.any():
+        most = {"corrections": int(np.count_nonzero(far)), "largest": float(shift.max()), "turn": float(turn.max())}
+        words = (
+            f"{track.parent} > {track.child} is corrected {times(int(most['corrections']))}, by up to "
+            f"{most['largest']:.2f} m and {np.degrees(most['turn']):.0f} degrees: what stands may seem to move then; "
+            "--pose match does without it"
+        )
+        yield Finding("steps", "warning", topic, frame, words, most, {"shift": APART})
+
+
+def _turns(track: Track) -> Float64:
+    """Return the angles between rotations that follow each other (N - 1,) [rad]."""
+    rotation = track.motion.rotation
+    angles: Float64 = 2.0 * np.arccos(np.clip(np.abs(np.sum(rotation[1:] * rotation[:-1], axis=1)), 0.0, 1.0))
+    return angles
+
+
+def contradictions(links: Sequence[Track]) -> Iterator[Finding]:
+    """Yield findings on frames of which transforms of one namespace tell several places."""
+    given: dict[tuple[str, str], list[Track]] = {}
+    for link in links:
+        given.setdefault((namespace(link.topic), link.child), []).append(link)
+    for (_, child), mine in given.items():
+        parents = sorted({link.parent for link in mine})
+        words = [
+            f"{link.topic}: {child} is told at two places in {link.parent}: the last counts"
+            for link in mine
+            if link.static and link.differs
+        ]
+        mine.sort(key=lambda link: (not link.static, -link.messages))
+        words += [
+            f"{first.topic} and {second.topic} differ on where {child} is in {parent}: {first.topic} counts"
+            for parent in parents
+            for first, second in pairwise(link for link in mine if link.parent == parent)
+            if _differ(first, second)
+        ]
+        if len(parents) > 1 and any(link.static for link in mine):
+            words.append(f"frame {child} has {len(parents)} parents: {some_of(parents)}")
+        for message in words:
+            yield Finding("frames", "warning", mine[0].topic, child, message)
+
+
+def _differ(first: Track, second: Track) -> bool:
+    """Tell whether two tracks of one frame in another one tell different places of it at any time."""
+    stamp_ns = first.stamp_ns if second.static else second.stamp_ns
+    step = steps_between(*(_planar(each.at(stamp_ns)) for each in (first, second)))
+    with np.errstate(invalid="ignore"):
+        return bool(((np.hypot(step[:, 0], step[:, 1]) > APART) | (np.abs(step[:, 2]) > TURNED)).any())
+
+
+def _planar(motion: Motion) -> Float64:
+    here = planar(motion)
+    return np.column_stack([here.x, here.y, here.yaw])

@@ -3,16 +3,28 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Sequence
+from collections import deque
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import numpy as np
 
 from lidarcli.foxglove import SCAN
-from lidarcli.pose.messages import ODOMETRY, TRANSFORMS, WITH_COVARIANCE, frame_name
-from lidarcli.pose.tracks import Motion, Track, compose, planar
-from lidarcli.pose.tree import FrameTree, Step, along, is_within, namespace, nearness
-from lidarcli.sweeps import TURN, Float64, Int64, SweepPoses
+from lidarcli.logs.clouds import Levelled
+from lidarcli.pose.tracks import (
+    ODOMETRY,
+    TRANSFORMS,
+    WITH_COVARIANCE,
+    Motion,
+    Track,
+    compose,
+    frame_name,
+    inverse,
+    planar,
+    rotate,
+)
+from lidarcli.sweeps import TURN, Bool, Float64, Int64, SweepPoses
 
 _OF_ROBOT = re.compile(
     "ego|self|robot|base|vehicle|car|current|local|locali[sz]ation|localizer|amcl|slam|tracked|odom|odometry|"
@@ -71,7 +83,7 @@ def later(stamp_ns: Int64, delay_ns: int | Int64) -> Int64:
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Way:
+class PoseChain:
     """A way to the pose of one sensor frame in the world."""
 
     topics: tuple[str, ...]
@@ -88,7 +100,7 @@ class Way:
     """Assumption in words; empty without one."""
 
     @property
-    def chain(self) -> str:
+    def frames(self) -> str:
         """The frames from the world to the sensor.
 
         Frames that no message names are left out.
@@ -122,12 +134,12 @@ class Way:
         if lasts_ns is None:
             return here
         at_ns = np.clip(at_ns, -_FARTHEST_NS, _FARTHEST_NS)
-        way = _between(here, planar(self.at(at_ns + lasts_ns)))
+        chain = _between(here, planar(self.at(at_ns + lasts_ns)))
         # Where poses are told once in a sweep, the last one is that at its start: then it goes on as it came.
         if (span := self.span_ns) is not None and (late := at_ns + lasts_ns > span[1]).any():
-            way[late] = _between(planar(self.at(at_ns - lasts_ns)), here)[late]
-        way[np.isnan(way).any(axis=1)] = 0.0
-        return replace(here, way=way)
+            chain[late] = _between(planar(self.at(at_ns - lasts_ns)), here)[late]
+        chain[np.isnan(chain).any(axis=1)] = 0.0
+        return replace(here, way=chain)
 
 
 def _between(start: SweepPoses, end: SweepPoses) -> Float64:
@@ -147,12 +159,12 @@ class GivenPaths:
         """Topics of the poses."""
         return tuple(dict.fromkeys(track.topic for track in self.tracks))
 
-    def way(self, frame_id: str, topic: str = "") -> Way | None:
+    def chain(self, frame_id: str, topic: str = "") -> PoseChain | None:
         """Return the path of a sensor frame."""
         frame = frame_name(frame_id)
         for track in self.tracks:
             if frame_name(track.child) in ("", frame):
-                return Way((track.topic,), frame, track.parent, (Step(track, down=False),))
+                return PoseChain((track.topic,), frame, track.parent, (Step(track, down=False),))
         return None
 
     def alternatives(self, frame_id: str, topic: str = "") -> tuple[str, ...]:
@@ -178,14 +190,14 @@ class PoseSources:
         self._wanted = wanted
         self._scans = tuple(scans)
         self._trees: dict[str, FrameTree] = {}
-        self._ways: dict[tuple[str, str], tuple[Way | None, tuple[str, ...], tuple[str, ...]]] = {}
+        self._ways: dict[tuple[str, str], tuple[PoseChain | None, tuple[str, ...], tuple[str, ...]]] = {}
 
     @property
     def topics(self) -> tuple[str, ...]:
         """Topics with poses."""
         return tuple(dict.fromkeys(track.topic for track in self.tracks))
 
-    def way(self, frame_id: str, topic: str = "") -> Way | None:
+    def chain(self, frame_id: str, topic: str = "") -> PoseChain | None:
         """Return the chosen way for the sensor frame of a topic; None where no source tells."""
         return self._choice(frame_id, topic)[0]
 
@@ -197,7 +209,7 @@ class PoseSources:
         """Return equally likely topics, of which none is chosen without being asked for."""
         return self._choice(frame_id, topic)[2]
 
-    def _choice(self, frame_id: str, topic: str) -> tuple[Way | None, tuple[str, ...], tuple[str, ...]]:
+    def _choice(self, frame_id: str, topic: str) -> tuple[PoseChain | None, tuple[str, ...], tuple[str, ...]]:
         key = frame_id, topic
         if key not in self._ways:
             frame = self._tree(topic).sensor(frame_name(frame_id))
@@ -219,17 +231,17 @@ class PoseSources:
             self._trees[topic] = FrameTree(links, topic, self._scans)
         return self._trees[topic]
 
-    def _unasked(self, frame: str, topic: str) -> tuple[Way | None, tuple[str, ...]]:
+    def _unasked(self, frame: str, topic: str) -> tuple[PoseChain | None, tuple[str, ...]]:
         """Return the way chosen without being asked; none, and the topics, where several are alike."""
-        if (way := self._by_tree(frame, topic, self._tree(topic))) is not None:
-            return way, ()
+        if (chain := self._by_tree(frame, topic, self._tree(topic))) is not None:
+            return chain, ()
         found = []
         for track in self.tracks:
             rank, near = None if track.is_link else _rank(track), nearness(track.topic, topic, self._scans)
             if rank is not None and near is not None:
-                way = self._by_track(frame, topic, track)
-                mountless = bool(way.assumption) and track.type == ODOMETRY
-                found.append(((-near, rank[0], mountless, rank), -track.messages, track.topic, track, way))
+                chain = self._by_track(frame, topic, track)
+                mountless = bool(chain.assumption) and track.type == ODOMETRY
+                found.append(((-near, rank[0], mountless, rank), -track.messages, track.topic, track, chain))
         if not found:
             return None, ()
         found.sort(key=lambda one: one[:3])
@@ -237,12 +249,12 @@ class PoseSources:
         alike = _alike([track for *_, track, _ in best]) if best[0][-1].assumption else ()
         if not alike:
             return best[0][-1], ()
-        mine = [(track.topic, way) for *_, track, way in best if _same_robot(frame, track)]
+        mine = [(track.topic, chain) for *_, track, chain in best if _same_robot(frame, track)]
         if len({topic for topic, _ in mine}) == 1:
             return mine[0][1], ()
         return None, alike
 
-    def _told(self, frame: str, topic: str, told: str) -> list[Way]:
+    def _told(self, frame: str, topic: str, told: str) -> list[PoseChain]:
         """Return the way by one topic of poses, whatever its name; none if it leads to no fixed frame."""
         name = told.strip("/")
         mine = [track for track in self.tracks if track.topic.strip("/") == name]
@@ -256,8 +268,8 @@ class PoseSources:
             ]
             # What mounts the sensor is beside these poses, or else beside its sweeps.
             trees = (FrameTree(links, near, self._scans) for near in (told, topic))
-            ways = (self._by_tree(frame, topic, tree) for tree in trees)
-            return [way for way in ways if way is not None][:1]
+            chains = (self._by_tree(frame, topic, tree) for tree in trees)
+            return [chain for chain in chains if chain is not None][:1]
         mine.sort(key=lambda track: (frame_name(track.child) != frame, -track.messages))
         return [self._by_track(frame, topic, track) for track in mine[:1]]
 
@@ -269,15 +281,15 @@ class PoseSources:
             return last.target
         return f"{space}/{last.target}"
 
-    def _by_tree(self, frame: str, topic: str, tree: FrameTree) -> Way | None:
+    def _by_tree(self, frame: str, topic: str, tree: FrameTree) -> PoseChain | None:
         steps = tree.to_world(frame)
         if not steps:
             return None
         moving = [step.track.topic for step in reversed(steps) if not step.track.static]
         topics = tuple(dict.fromkeys(moving + [step.track.topic for step in steps]))
-        return Way(topics, frame, self._world(steps[-1], topic), steps)
+        return PoseChain(topics, frame, self._world(steps[-1], topic), steps)
 
-    def _by_track(self, frame: str, topic: str, track: Track) -> Way:
+    def _by_track(self, frame: str, topic: str, track: Track) -> PoseChain:
         """Return poses of the robot, with the sensor where the tree says it is mounted, else where the robot is."""
         last = Step(track, down=False)
         world = self._world(last, topic)
@@ -285,10 +297,10 @@ class PoseSources:
             mount = self._tree(topic).path(frame, track.child, avoid={track.parent})
             if mount is not None:
                 helping = dict.fromkeys(step.track.topic for step in mount)
-                return Way((track.topic, *helping), frame, world, (*mount, last))
+                return PoseChain((track.topic, *helping), frame, world, (*mount, last))
         taken = f"the sensor {frame or 'without a frame name'} is taken to be at "
         taken += f"{track.child}: its mount is not in the log" if track.child else "the pose itself"
-        return Way((track.topic,), frame, world, (last,), assumption=taken)
+        return PoseChain((track.topic,), frame, world, (last,), assumption=taken)
 
 
 def _alike(tracks: Sequence[Track]) -> tuple[str, ...]:
@@ -324,3 +336,338 @@ def _rank(track: Track) -> tuple[int, int] | None:
     if like_a_robot:
         return 2, 0
     return (2, 1) if track.topic.rpartition("/")[2] == "pose" else None
+
+
+# The tree of frames: which links lead from one frame to another, and what is level for the points of a sensor.
+
+WORLDS = ("map", "odom", "world", "camera_init")
+"""Names of fixed frames, the better one first; a prefix (robot_0/odom) does not matter."""
+
+
+BASES = ("base_footprint", "base_link", "base")
+"""Names of the frame of the robot itself, the one on the floor first."""
+
+
+class Step(NamedTuple):
+    """A link on the way from a frame to another one."""
+
+    track: Track
+    down: bool
+    """True for a step from the parent to the child, against the direction of the link."""
+
+    @property
+    def target(self) -> str:
+        """The frame that the step leads to."""
+        return self.track.child if self.down else self.track.parent
+
+    @property
+    def source(self) -> str:
+        """The frame that the step comes from."""
+        return self.track.parent if self.down else self.track.child
+
+
+def along(steps: Sequence[Step], stamp_ns: Int64, *, held: bool = False) -> Motion:
+    """Return the pose of the frame that the steps begin at in the one that they lead to, at each time (S,).
+
+    NaN outside the span of any link that moves; `held`: there its first or last pose, as a mount stays where it is.
+    """
+    count = len(stamp_ns)
+    pose = Motion(np.zeros((count, 3)), np.tile([0.0, 0.0, 0.0, 1.0], (count, 1)))
+    for track, down in steps:
+        link = track.at(np.clip(stamp_ns, *track.span_ns) if held else stamp_ns)
+        pose = compose(inverse(link) if down else link, pose)
+    return pose
+
+
+def namespace(topic: str) -> str:
+    """Return the namespace of a topic: its name without the last word, such as robot1/front of /robot1/front/scan."""
+    return topic.strip("/").rpartition("/")[0]
+
+
+def is_within(topic: str, space: str) -> bool:
+    """Tell whether a topic is in a namespace, or in one below it."""
+    return not space or f"{namespace(topic)}/".startswith(f"{space}/")
+
+
+def nearness(told: str, topic: str, scans: Collection[str] = ()) -> int | None:
+    """Return how near the namespace of a topic of poses is to that of some sweeps: 0 if it does not enclose them.
+
+    None where these poses are of other sensors: their namespace has sweeps of its own, of those of the log (`scans`).
+    """
+    space = namespace(told)
+    if is_within(topic, space):
+        return len(space)
+    return None if topic and any(is_within(scan, space) for scan in scans) else 0
+
+
+class FrameTree:
+    """The links of a log, both ways, as the sweeps of a topic see them.
+
+    Robots may have the same names for their frames. So what a nearer namespace tells of a frame counts alone.
+    """
+
+    def __init__(self, links: Sequence[Track], topic: str = "", scans: Collection[str] = ()) -> None:
+        self._own = f"/{topic.strip('/')}"
+        self._near: dict[str, dict[str, Step]] = {}
+        self._parent: dict[str, Track] = {}
+        told: dict[str, int] = {}
+        near = [(at, link) for link in links if (at := nearness(link.topic, topic, scans)) is not None]
+        for at, track in sorted(near, key=lambda one: (-one[0], not one[1].static, -one[1].messages)):
+            if track.parent == track.child or not track.parent or not track.child:
+                continue
+            if told.setdefault(track.child, at) != at:
+                continue
+            # Of two links that join the same frames the better one has come first.
+            self._near.setdefault(track.child, {}).setdefault(track.parent, Step(track, down=False))
+            self._near.setdefault(track.parent, {}).setdefault(track.child, Step(track, down=True))
+            self._parent.setdefault(track.child, track)
+
+    @property
+    def frames(self) -> list[str]:
+        """The frames that links join."""
+        return [*self._near]
+
+    def sensor(self, frame: str) -> str:
+        """Return where the sweeps of the topic are that say this frame: in it, or where each says that it is in it."""
+        return self._own if frame in self._near.get(self._own, {}) else frame
+
+    def path(self, start: str, target: str, avoid: Collection[str] = ()) -> tuple[Step, ...] | None:
+        """Return the shortest way between two frames, empty if they are one; None if there is none."""
+        reached = self._reached(start, avoid)
+        return _way(reached, target) if target in reached else None
+
+    def to_world(self, start: str) -> tuple[Step, ...] | None:
+        """Return the way to the best fixed frame: `WORLDS` in their order, else the root of the tree; None without one.
+
+        The root counts only if something on the way to it moves and it is not the robot itself (base_link): a tree that
+        ends at the robot says nothing of the world.
+        """
+        if _last(start) in WORLDS:
+            return None
+        reached = self._reached(start)
+        if (world := _named(reached, WORLDS)) is not None:
+            return _way(reached, world)
+        climbed: list[Step] = []
+        seen = {start}
+        frame = start
+        while (link := self._parent.get(frame)) is not None and link.parent not in seen:
+            climbed.append(Step(link, down=False))
+            frame = link.parent
+            seen.add(frame)
+        moves = any(not step.track.static for step in climbed)
+        return tuple(climbed) if moves and not _last(frame).startswith("base") else None
+
+    def to_base(self, start: str) -> tuple[Step, ...]:
+        """Return the way to the robot itself: to the best of `BASES`, else to the last frame that is fixed to `start`.
+
+        From a fixed frame without one of these it is the way to what moves there, unless several do.
+        """
+        in_world = _last(start) in WORLDS
+        # Beyond a fixed frame there are other robots.
+        reached = self._reached(start, () if in_world else self._worlds())
+        if (base := _named(reached, BASES)) is not None:
+            return _way(reached, base)
+        if in_world:
+            moving = _moving(reached)
+            return _way(reached, moving[0]) if len(moving) == 1 else ()
+        climbed: list[Step] = []
+        frame = start
+        while (link := self._parent.get(frame)) is not None and link.static and len(climbed) < len(reached):
+            climbed.append(Step(link, down=False))
+            frame = link.parent
+        return tuple(climbed)
+
+    def _worlds(self) -> set[str]:
+        return {frame for frame in self._near if _last(frame) in WORLDS}
+
+    def _reached(self, start: str, avoid: Collection[str] = ()) -> dict[str, Step | None]:
+        """Return every frame that can be reached, the nearest first, with the step that leads to it."""
+        found: dict[str, Step | None] = {start: None}
+        waiting = deque([start])
+        while waiting:
+            for neighbour, step in self._near.get(waiting.popleft(), {}).items():
+                if neighbour not in found and neighbour not in avoid:
+                    found[neighbour] = step
+                    waiting.append(neighbour)
+        return found
+
+
+def _way(reached: Mapping[str, Step | None], target: str) -> tuple[Step, ...]:
+    """Return the steps to a frame that can be reached, from the start on."""
+    steps: list[Step] = []
+    while (step := reached[target]) is not None:
+        steps.append(step)
+        target = step.source
+    return tuple(reversed(steps))
+
+
+def _moving(reached: Mapping[str, Step | None]) -> list[str]:
+    """Return the frames that move in a fixed one and that no other moving thing carries; the nearest frames come first."""
+    carried: set[str] = set()
+    found = []
+    for frame, step in reached.items():
+        if step is None:
+            continue
+        if step.source in carried:
+            carried.add(frame)
+        elif not step.track.static and _last(frame) not in WORLDS:
+            carried.add(frame)
+            found += [frame] if step.down else []
+    return found
+
+
+def _named(frames: Iterable[str], names: Sequence[str]) -> str | None:
+    """Return the frame that has the best of some names, whatever its prefix; the first of several."""
+    known = [frame for frame in frames if _last(frame) in names]
+    return min(known, key=lambda frame: names.index(_last(frame)), default=None)
+
+
+def _last(frame: str) -> str:
+    return frame.rpartition("/")[2]
+
+
+UPRIGHT = 0.5
+"""Sweeps are in a frame whose z axis is within 60 degrees of the vertical: the cosine of that."""
+
+_OPTICAL = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
+"""Axes of an optical frame (z ahead, y down) in a frame with x ahead and z up (REP 103)."""
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class _Level:
+    """Leveling of the points of one frame."""
+
+    frame: str
+    """Frame of the sweeps."""
+    inward: tuple[Step, ...]
+    """Steps from the frame of the points to that of the sweeps."""
+    base: tuple[Step, ...]
+    """Steps from there to the robot."""
+    world: tuple[Step, ...] | None
+    """Steps from there to the world, if known."""
+    words: str
+
+    def at(self, stamp_ns: Int64, frame_id: str) -> Levelled:
+        """Return the leveling of points of `frame_id` at times (K,)."""
+        points = along(self.inward, stamp_ns, held=not _is_world(frame_name(frame_id)))
+        base = along(self.base, stamp_ns, held=True)
+        leaning, height = base.rotation, base.position[:, 2]
+        if self.world is not None:
+            world = along(self.world, stamp_ns)
+            robot = compose(world, inverse(base))
+            told = ~_unknown(world.rotation)
+            leaning = np.where(told[:, None], world.rotation, leaning)
+            height = np.where(told, world.position[:, 2] - robot.position[:, 2], height)
+        level = _seen_from_above(leaning)
+        offset = np.einsum("kij,kj->ki", level, points.position)
+        offset[:, 2] += height
+        name = self.frame if self.inward else frame_id
+        return Levelled(name, level @ _matrices(points.rotation), offset)
+
+
+@dataclass(slots=True)
+class TreeLevels:
+    """Leveling by the tree of frames of a log, for each frame of the points of a topic."""
+
+    tracks: Sequence[Track]
+    topic: str = ""
+    scans: Collection[str] = ()
+    """Topics of sweeps and points of the log."""
+    _tree: FrameTree = field(init=False)
+    _found: dict[str, _Level | None] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        """Find the links."""
+        links = [track for track in self.tracks if track.is_link]
+        self._tree = FrameTree(links, self.topic, self.scans)
+
+    def of(self, frame_id: str, stamp_ns: Int64) -> Levelled | None:
+        """Return the leveling of points of one frame at times (K,); None if unknown."""
+        frame = frame_name(frame_id)
+        if frame not in self._found:
+            self._found[frame] = self._level(frame, stamp_ns[:1])
+        level = self._found[frame]
+        if level is not None:
+            return level.at(stamp_ns, frame_id)
+        if not _is_optical(frame):
+            return None
+        count = len(stamp_ns)
+        return Levelled(frame_id, np.broadcast_to(_OPTICAL, (count, 3, 3)), np.zeros((count, 3)))
+
+    def words(self, frame_id: str) -> str:
+        """Return what heights of the points of a frame are counted from, for people."""
+        frame = frame_name(frame_id)
+        level = self._found.get(frame)
+        name = frame or "without a name"
+        if level is not None:
+            return level.words
+        if _is_world(frame):
+            return f"above the origin of frame {name}, which is no sensor's: sweeps are seen from there"
+        if _is_optical(frame):
+            return f"above the camera of frame {name}, which is taken for level: no transform leads to the robot"
+        return f"along z of frame {name}, which is taken for level: no transform leads to the robot"
+
+    def _level(self, frame: str, stamp_ns: Int64) -> _Level | None:
+        base = self._tree.to_base(frame)
+        robot = base[-1].target if base else frame
+        if not base and self._tree.to_world(frame) is None:
+            return None
+        inward = base if _is_world(frame) else base[: self._inward(frame, base, stamp_ns)]
+        here = inward[-1].target if inward else frame
+        world = self._tree.to_world(here)
+        topics = dict.fromkeys(step.track.topic for step in (*base, *(world or ())))
+        return _Level(here, inward, base[len(inward) :], world, f"above {robot}, level by {' and '.join(topics)}")
+
+    def _inward(self, frame: str, base: tuple[Step, ...], stamp_ns: Int64) -> int:
+        """Return the number of steps to a frame whose z axis stands up; a camera frame looks ahead."""
+        for count in range(len(base) + 1):
+            world = self._tree.to_world(base[count - 1].target if count else frame)
+            pose = along(base[count:], stamp_ns, held=True)
+            if world is not None and not _unknown((told := along(world, stamp_ns)).rotation).any():
+                pose = told
+            if abs(_upward(pose)) >= UPRIGHT:
+                return count
+        return 0
+
+
+def _is_world(frame: str) -> bool:
+    return frame.rpartition("/")[2] in WORLDS
+
+
+def _is_optical(frame: str) -> bool:
+    return frame.endswith(("_optical_frame", "_optical"))
+
+
+def _upward(pose: Motion) -> float:
+    """Return the cosine between a frame's z axis and the vertical."""
+    up = rotate(pose.rotation[:1], np.array([[0.0, 0.0, 1.0]]))
+    return float(up[0, 2])
+
+
+def _unknown(rotation: Float64) -> Bool:
+    return np.asarray(np.isnan(rotation).any(axis=1))
+
+
+def _seen_from_above(rotation: Float64) -> Float64:
+    """Return (K, 3, 3) rotations from leaning frames (K, 4) to a level view: x ahead, y left, z up.
+
+    A frame that hangs head down keeps its own left, as its poses do.
+    """
+    matrices = _matrices(rotation)
+    seen = planar(Motion(np.zeros((len(rotation), 3)), rotation))
+    cos, sin = np.cos(seen.yaw)[:, None], np.sin(seen.yaw)[:, None]
+    side = np.where(seen.upside_down, -1.0, 1.0)[:, None]
+    ahead, left = matrices[:, 0], matrices[:, 1]
+    return np.stack([cos * ahead + sin * left, side * (cos * left - sin * ahead), matrices[:, 2]], axis=1)
+
+
+def _matrices(rotation: Float64) -> Float64:
+    """Return (K, 3, 3) rotations as matrices; of those that hardly turn nothing is left of rounding."""
+    axes = [rotate(rotation, np.tile(axis, (len(rotation), 1))) for axis in np.eye(3)]
+    found: Float64 = np.stack(axes, axis=2)
+    found[np.abs(found) < _NOTHING] = 0.0
+    found[np.abs(found - 1.0) < _NOTHING] = 1.0
+    return found
+
+
+_NOTHING = 1e-12

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from lidarcli.choices import CHANGE_STATUSES
 from lidarcli.display import counted
 from lidarcli.reports.columns import Origin, Record
-from lidarcli.reports.document import MARKDOWN, PAGE, TEXT, Block, Card, FromAbove, Notes, Opening, Section, Table, table_of
+from lidarcli.reports.document import MARKDOWN, PAGE, TEXT, Block, Card, FromAbove, Notes, Part, Section, Table, table_of
 from lidarcli.reports.figures import OF_MAPS, plain_fields
 from lidarcli.reports.wording import in_unit, percent
 from lidarcli.tabular.reading import note_value, notes_of
@@ -31,7 +31,6 @@ CHANGES, CHANGES_OF_PAGE = 12, 500
 """Most changes of a run that text and Markdown, and the page, show one by one."""
 DRAWN, DRAWN_CHANGES = 6, 2_000
 """Most runs that a page draws, and most changes of each."""
-NO_WORDS: dict[str, str] = {}
 SEEN_TURN = math.radians(5.0)
 """Boxes of the same thing seen from other sides are turned by up to this angle [rad]."""
 
@@ -119,7 +118,7 @@ def _number(value: object) -> float | None:
 
 
 @dataclass(frozen=True, slots=True)
-class ChangesPart:
+class ChangesPart(Part):
     """Changes of some tables, as a part of a report."""
 
     sources: tuple[Origin, ...]
@@ -127,8 +126,6 @@ class ChangesPart:
     """Every name of `figures.OF_CHANGES` → value; those of `figures.OF_MAPS` where two maps were compared."""
     pairs: tuple[RunPair, ...]
     schema = "lidarcli.changes/1"
-    words = NO_WORDS
-    opening = Opening()
 
     @property
     def title(self) -> str:

@@ -8,7 +8,8 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from lidarcli.errors import CHECK_FAILED, UnreadableError
 from lidarcli.reports.checks import Verdict
@@ -94,15 +95,6 @@ class Notes:
     alarming: bool = False
 
 
-@dataclass(frozen=True, slots=True)
-class Listing:
-    """Groups of names, each below a line of words."""
-
-    groups: Sequence[tuple[str, Sequence[str]]]
-    more: str = ""
-    """Groups that are left out, in words."""
-
-
 class Band(NamedTuple):
     """Stretches in which something went on, in shares of a time."""
 
@@ -133,7 +125,7 @@ class FromAbove:
     changes: RunPair
 
 
-Block = Bands | Table | Facts | Shares | Drawing | Notes | Listing | FromAbove
+Block = Bands | Table | Facts | Shares | Drawing | Notes | FromAbove
 
 
 @dataclass(frozen=True, slots=True)
@@ -147,20 +139,6 @@ class Section:
     """Formats that have the section."""
     fold: str = ""
     """Title of the fold in which Markdown puts the section; empty where it stays in sight."""
-
-
-@dataclass(frozen=True, slots=True)
-class Case:
-    """A test case of JUnit."""
-
-    name: str
-    classname: str = "lidarcli.report"
-    failure: str | None = None
-    """The reason of a failure; None where the case passed."""
-    kind: str = "check"
-    """Kind of failure."""
-    seconds: float | None = None
-    """Duration of the case; None where it is unknown."""
 
 
 class Card(NamedTuple):
@@ -206,11 +184,6 @@ class Document(ABC):
     @abstractmethod
     def cards(self) -> list[Card]:
         """Return the key figures."""
-
-    @property
-    def cases(self) -> tuple[Case, ...]:
-        """Test cases beside the checks."""
-        return ()
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -273,43 +246,42 @@ class Opening(NamedTuple):
     """Entries of its JSON."""
 
 
-class Part(Protocol):
-    """Tables of one kind in a report: beside objects, beside another part, or alone."""
+class Part(ABC):
+    """Tables of one kind in a report: beside objects, beside another part, or alone.
 
-    @property
-    def schema(self) -> str:
-        """Name of the JSON schema of a report on them alone."""
+    `figures` are as of reports, `schema` is the name of the JSON schema of a report on them alone; pages explain `words`.
+    """
 
-    @property
-    def title(self) -> str:
-        """Subject in a few words."""
-
-    @property
-    def sources(self) -> tuple[Origin, ...]:
-        """Origins of the tables."""
-
-    @property
-    def figures(self) -> Mapping[str, float | None]:
-        """Figures by name; None where there is nothing to measure."""
-
-    @property
-    def lines(self) -> Sequence[str]:
-        """Summary, a line for each zone or run."""
-
-    @property
-    def words(self) -> Mapping[str, str]:
-        """Word → meaning, of those that a page explains."""
+    __slots__ = ()
+    schema = ""
+    words: Mapping[str, str] = MappingProxyType({})
+    sources: tuple[Origin, ...]
+    figures: dict[str, float | None]
 
     @property
     def opening(self) -> Opening:
         """Beginning of a report on them alone."""
+        return Opening()
 
+    @property
+    @abstractmethod
+    def title(self) -> str:
+        """Subject in a few words."""
+
+    @property
+    @abstractmethod
+    def lines(self) -> list[str]:
+        """Summary, a line for each zone or run."""
+
+    @abstractmethod
     def sections(self) -> dict[str, Section]:
         """Return the sections by name, in their order."""
 
+    @abstractmethod
     def cards(self) -> list[Card]:
         """Return the key figures."""
 
+    @abstractmethod
     def as_dict(self) -> dict[str, Any]:
         """Return the entries of the JSON beside the figures."""
 

@@ -26,18 +26,16 @@ from lidarcli.formalism.mapping.grid import FREE, OCCUPIED, Occupancy
 from lidarcli.palette import COLOURS, page_style, themed
 from lidarcli.reports.charts import charts, constants
 from lidarcli.reports.columns import Origin, Rows, Run
-from lidarcli.reports.document import PAGE, Code, Document, FromAbove, PartsReport
+from lidarcli.reports.document import NAMES, PAGE, Code, Document, FromAbove, PartsReport
 from lidarcli.reports.drawing import project_style
 from lidarcli.reports.ground import Ground, Raw, Walls, ground_of, limits_of, rows_of
 from lidarcli.reports.map_picture import MapPicture, Sight, changes_figure, map_figure
 from lidarcli.reports.programs import clean
-from lidarcli.reports.report import TRACK_CELLS_RIGHT, Report, track_cells
-from lidarcli.reports.runs import RunsReport
+from lidarcli.reports.report import Report, track_cells
 from lidarcli.reports.summary import KINDS, Stream, Summary
 from lidarcli.reports.wording import number, share
 from lidarcli.reports.zones import ZonesPart
 from lidarcli.sweeps import Float64, Int64, UInt8
-from lidarcli.tabular.runs import Entry
 
 SCRIPTS = ("data", "pen", "scene", "curves", "charts", "timeline", "looking", "saving", "main")
 """Parts of the viewer, each after those that it needs."""
@@ -89,12 +87,11 @@ class Page:
 
 def render(report: Document, shown: Page | None = None) -> str:
     """Return the page; one of a `Report` needs what is shown of its sweeps."""
-    if isinstance(report, Report) and shown is not None:
+    if isinstance(report, Report):
+        assert shown is not None
         return _page("report.html", report, report.summary.sources, **_shown(report, shown))
-    if isinstance(report, PartsReport):
-        return _page("runs.html", report, report.sources)
-    assert isinstance(report, RunsReport)
-    return _page("runs.html", report, report.summary.logs)
+    assert isinstance(report, PartsReport)
+    return _page("parts.html", report, report.sources)
 
 
 def _shown(report: Report, shown: Page) -> dict[str, Any]:
@@ -128,11 +125,11 @@ def _shown(report: Report, shown: Page) -> dict[str, Any]:
         # Columns without a single entry are left out.
         "track_cells": {name: cells for name, cells in track_cells(tracks).items() if any(cells)},
         "kinds": KINDS,
-        "right": TRACK_CELLS_RIGHT,
+        "names": NAMES,
     }
 
 
-def _page(template: str, report: Document, made: Iterable[Origin | Entry], **values: Any) -> str:
+def _page(template: str, report: Document, sources: Iterable[Origin], **values: Any) -> str:
     """Return a page from one of the templates. Every text of a log is escaped by the template engine."""
     environment = Environment(
         loader=PackageLoader("lidarcli.reports"),
@@ -149,7 +146,7 @@ def _page(template: str, report: Document, made: Iterable[Origin | Entry], **val
         **values,
         report=report,
         sections=sections,
-        versions=sorted({one.version for one in made if one.version}),
+        versions=sorted({one.version for one in sources if one.version}),
         version=__version__,
         style=Markup(page_style() + "\n" + _part("report.css")),
     )
@@ -231,13 +228,13 @@ def choose_sweeps(run: Run, summary: Summary) -> Choice:
     total = float(cost[mine].sum())
     total += 0 if run.trajectories is None else PER_TRAJECTORY * len(run.trajectories)
     keep = min(1.0, BUDGET / total) if total else 1.0
-    standing = {(one.stream, one.sweep) for one in summary.standing}
+    outliers = {(one.stream, one.sweep) for one in summary.outliers}
     index = run.sweeps.integers("sweep")
     chosen = []
     for k in range(count):
         rows = np.flatnonzero(streams.stream == k)
         places = np.unique(np.linspace(0, len(rows) - 1, max(1, int(keep * len(rows)))).astype(np.int64))
-        wanted = [sweep for stream, sweep in standing if stream == k]
+        wanted = [sweep for stream, sweep in outliers if stream == k]
         kept = np.isin(np.arange(len(rows)), places) | np.isin(index[rows], wanted)
         chosen.append(rows[kept])
     return Choice(tuple(chosen), len(run.sweeps), len(streams.all))
@@ -263,7 +260,7 @@ def pack(run: Run, summary: Summary, choice: Choice, raw: Mapping[tuple[int, str
         "angle": ANGLE,
         "standing": [
             {"stream": one.stream, "sweep": one.sweep, "kind": KINDS[one.kind], "value": one.words}
-            for one in summary.standing
+            for one in summary.outliers
             if one.stream < len(choice.rows)
         ],
     }

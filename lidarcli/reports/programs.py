@@ -15,24 +15,20 @@ import numpy as np
 from lidarcli._version import __version__
 from lidarcli.display import stamp, visible
 from lidarcli.reports.columns import Origin
-from lidarcli.reports.document import Case, Document, PartsReport
+from lidarcli.reports.document import Document, PartsReport
 from lidarcli.reports.figures import Histogram, plain_fields, plain_number
 from lidarcli.reports.report import Report
-from lidarcli.reports.runs import RunsReport
-from lidarcli.reports.summary import Comparison, Standing, Stream, Summary
+from lidarcli.reports.summary import Comparison, Stream, Summary
 from lidarcli.reports.wording import number
-from lidarcli.tabular.runs import Entry
 
 SCHEMA = "lidarcli.report/1"
 """The name of the schema; the number changes when a program that reads it may break."""
-RUNS_SCHEMA = "lidarcli.runs/1"
-"""Name of the schema of a report on runs."""
+_NOT_XML = re.compile("[^\t\n\r\u0020-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 
 
-def as_json(report: Report | RunsReport | PartsReport) -> str:
+def as_json(report: Report | PartsReport) -> str:
     """Return one JSON object; numbers have nine digits, null stands for what cannot be measured."""
-    values = _runs(report) if isinstance(report, RunsReport) else as_dict(report)
-    return json.dumps(values, ensure_ascii=False, indent=1, allow_nan=False) + "\n"
+    return json.dumps(as_dict(report), ensure_ascii=False, indent=1, allow_nan=False) + "\n"
 
 
 def as_dict(report: Report | PartsReport) -> dict[str, Any]:
@@ -73,7 +69,14 @@ def _summary(summary: Summary) -> dict[str, Any]:
         "histograms": {name: _histogram(one) for name, one in summary.histograms.items()},
         "maps": [plain_fields(one, "frame", "x0", "y0", "cell", "counts") for one in summary.densities],
         "streams": [_stream(one) for one in summary.streams.all],
-        "standing_out": [_standing(one) for one in summary.standing],
+        "standing_out": [
+            {
+                **plain_fields(one, "kind", "log", "topic", "sweep"),
+                "stamp": stamp(one.stamp),
+                "value": plain_number(one.value),
+            }
+            for one in summary.outliers
+        ],
         **_tracks(summary),
     }
 
@@ -139,50 +142,19 @@ def _stream(one: Stream) -> dict[str, Any]:
     }
 
 
-def _standing(one: Standing) -> dict[str, Any]:
-    names = plain_fields(one, "kind", "log", "topic", "sweep")
-    return {**names, "stamp": stamp(one.stamp_ns), "value": plain_number(one.value)}
-
-
 def _numbers(values: Mapping[str, float | None]) -> dict[str, float | None]:
     """Return figures by their names, with nine digits."""
     return {name: plain_number(value) for name, value in values.items()}
 
 
-def _runs(report: RunsReport) -> dict[str, Any]:
-    summary = report.summary
-    first, last = summary.span or (None, None)
-    return {
-        **_beginning(report, RUNS_SCHEMA),
-        "figures": _numbers(summary.figures),
-        "versions": list(summary.versions),
-        "first": None if first is None else stamp(first),
-        "last": None if last is None else stamp(last),
-        "logs": [_log(log) for log in summary.logs],
-    }
-
-
-def _log(log: Entry) -> dict[str, Any]:
-    return {
-        **plain_fields(log, "url", "log", "outcome", "exit_code", "message"),
-        "lidarcli": log.version,
-        **plain_fields(log, "size", "sweeps", "rows", "seconds"),
-        "ended": stamp(log.ended),
-    }
-
-
-_NOT_XML = re.compile("[^\t\n\r\u0020-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
-
-
 def as_junit(report: Document) -> str:
-    """Return one suite: its properties are the figures, its cases those of the report and the checks.
+    """Return one suite: its properties are the figures, its cases the checks.
 
     A table that could not be read is an error.
     """
-    cases = [*report.cases, *_checks(report)]
     counts = {
-        "tests": str(len(cases) + len(report.problems)),
-        "failures": str(sum(case.failure is not None for case in cases)),
+        "tests": str(len(report.verdicts) + len(report.problems)),
+        "failures": str(sum(not verdict.holds for verdict in report.verdicts)),
         "errors": str(len(report.problems)),
     }
     root = ET.Element("testsuites", {"name": "lidarcli report", **counts})
@@ -191,12 +163,11 @@ def as_junit(report: Document) -> str:
     for name, value in report.figures.items():
         if value is not None:
             _part(properties, "property", name=name, value=number(value, 6).replace(",", ""))
-    for one in cases:
-        time = {} if one.seconds is None else {"time": f"{one.seconds:.6f}"}
-        case = _part(suite, "testcase", classname=one.classname, name=one.name, **time)
-        if one.failure is not None:
-            failure = _part(case, "failure", message=one.failure, type=one.kind)
-            failure.text = clean(f"{one.name}\n{one.failure}")
+    for one in report.verdicts:
+        case = _part(suite, "testcase", classname="lidarcli.report", name=one.expression)
+        if not one.holds:
+            why = f"expected {one.expected}, found {one.words}"
+            _part(case, "failure", message=why, type="check").text = clean(f"{one.expression}\n{why}")
     for problem in report.problems:
         case = _part(suite, "testcase", classname="lidarcli.report", name="read the tables")
         _part(case, "error", message=problem, type="unreadable")
@@ -204,13 +175,6 @@ def as_junit(report: Document) -> str:
         _part(suite, "system-out").text = clean("\n".join(f"warning: {line}" for line in report.warnings))
     ET.indent(root, " ")
     return '<?xml version="1.0" encoding="UTF-8"?>\n' + ET.tostring(root, encoding="unicode") + "\n"
-
-
-def _checks(report: Document) -> list[Case]:
-    return [
-        Case(verdict.expression, failure=None if verdict.holds else f"expected {verdict.expected}, found {verdict.words}")
-        for verdict in report.verdicts
-    ]
 
 
 def _part(parent: ET.Element, tag: str, **attributes: str) -> ET.Element:

@@ -6,13 +6,12 @@ import math
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TypeVar
 
 import numpy as np
 
 from lidarcli.display import stamp
 from lidarcli.reports.changes import ChangesPart
-from lidarcli.reports.columns import Origin
+from lidarcli.reports.columns import Origin, Record
 from lidarcli.reports.document import (
     MARKDOWN,
     PAGE,
@@ -28,16 +27,15 @@ from lidarcli.reports.document import (
     Share,
     Shares,
     Table,
+    table_of,
 )
 from lidarcli.reports.figures import CATEGORIES, DELTA, SPREADS, TRACK_SPREADS, unit_of
 from lidarcli.reports.summary import (
     KINDS,
     Comparison,
-    Standing,
     Stream,
     Summary,
-    Track,
-    Tracked,
+    TracksSummary,
     beams_by_set,
     differences,
     has_agents,
@@ -65,8 +63,6 @@ from lidarcli.reports.wording import (
 )
 from lidarcli.sweeps import Float64, worth_telling
 
-Item = TypeVar("Item", Track, Standing)
-
 STREAMS, STREAMS_OF_PAGE = 12, 100
 """Most logs and topics that tables show; the JSON holds all."""
 TRACKS = 12
@@ -92,10 +88,6 @@ COMPARED = (
 """Figures that a comparison shows where either run has them, beside the objects by kind."""
 TRACK_CELLS = ("track", "kind", "shape", "label", "duration", "distance", "top speed", "end")
 """Columns of a table of tracks; `track_cells` has more."""
-TRACK_CELLS_RIGHT = frozenset(
-    {"track", "first seen", "duration", "sweeps", "hidden", "size", "distance", "mean speed", "top speed"}
-)
-"""Columns of a table of tracks that are flush right."""
 
 
 def sections_of(summary: Summary, comparison: Comparison | None) -> dict[str, Section]:
@@ -112,7 +104,7 @@ def sections_of(summary: Summary, comparison: Comparison | None) -> dict[str, Se
         *(summary.zones.sections().items() if summary.zones is not None else ()),
         *_labels(summary),
         *_distributions(summary),
-        *_standing(summary),
+        *_outliers(summary),
         *_streams(summary),
         _words(summary),
         *_sources(summary),
@@ -303,7 +295,7 @@ def _beams(summary: Summary) -> dict[str, int]:
     return status | beams_by_set(summary)
 
 
-def _tracks(tracked: Tracked) -> Iterator[tuple[str, Section]]:
+def _tracks(tracked: TracksSummary) -> Iterator[tuple[str, Section]]:
     formats = (TEXT, MARKDOWN)
     yield "tracks", Section("Tracks", [Facts([*_track_facts(tracked).items()])], formats)
     for name in tracked.kinds:
@@ -320,16 +312,13 @@ def _tracks(tracked: Tracked) -> Iterator[tuple[str, Section]]:
         if len(groups) > 1:
             blocks.append(Notes([(name,)]))
         cells = track_cells(group) | {"label": [_short(one.label) for one in group]}
-        # Columns without a single entry are left out.
-        head = [name for name in TRACK_CELLS if any(cells[name])]
-        right = [k for k, name in enumerate(head) if name in TRACK_CELLS_RIGHT]
-        blocks.append(Table(head, [*zip(*(cells[name] for name in head), strict=True)], right))
+        blocks.append(table_of({name: cells[name] for name in TRACK_CELLS}))
     total = int(tracked.figures["tracks"] or 0)
     title = "Track by track" + (f", {len(shown)} of {total:,}" if total > len(shown) else "")
     yield "track by track", Section(title, blocks, formats, title if total > len(shown) else "Tracks")
 
 
-def _track_facts(tracked: Tracked) -> dict[str, str]:
+def _track_facts(tracked: TracksSummary) -> dict[str, str]:
     """Return the number of tracks, of agents at once, and the kind of scene, in words."""
     count, agents = tracked.figures["tracks"], tracked.figures["tracks.agents"]
     at_once = tracked.spreads["agents_at_once"]
@@ -343,12 +332,12 @@ def _track_facts(tracked: Tracked) -> dict[str, str]:
     return facts
 
 
-def track_cells(tracks: Sequence[Track]) -> dict[str, list[str]]:
+def track_cells(tracks: Sequence[Record]) -> dict[str, list[str]]:
     """Return heading → cells of a table of tracks, where a column has the same number of decimals."""
     sizes = [" x ".join(f"{value:.2f}" for value in (one.length, one.width) if math.isfinite(value)) for one in tracks]
     return {
-        "track": [str(one.number) for one in tracks],
-        "kind": ["agent" if one.is_agent else "object" for one in tracks],
+        "track": [str(one.track) for one in tracks],
+        "kind": ["agent" if one.set == "A" else "object" for one in tracks],
         "shape": [one.shape for one in tracks],
         "label": [one.label for one in tracks],
         "first seen": column([one.start for one in tracks], " s"),
@@ -404,23 +393,23 @@ def _distributions(summary: Summary) -> Iterator[tuple[str, Section]]:
         yield f"map {found.frame}", Section(title, [drawing], (TEXT,))
 
 
-def _standing(summary: Summary) -> Iterator[tuple[str, Section]]:
-    if not summary.standing:
+def _outliers(summary: Summary) -> Iterator[tuple[str, Section]]:
+    if not summary.outliers:
         return
     blocks: list[Block] = []
-    for name, group in _by_topic(sorted(summary.standing, key=lambda one: one.stream)).items():
+    for name, group in _by_topic(sorted(summary.outliers, key=lambda one: one.stream)).items():
         if len(summary.streams.all) > 1:
             blocks.append(Notes([(name,)]))
-        date, times = _times([one.stamp_ns for one in group])
+        date, times = _times([one.stamp for one in group])
         rows = [(KINDS[one.kind], one.words, str(one.sweep), time) for one, time in zip(group, times, strict=True)]
         blocks.append(Table(("", "value", "sweep", date), rows, (1, 2)))
     blocks.append(Notes([("To see one: ", Code("lidarcli plot LOG --topic TOPIC --sweep N -o sweep.png"))]))
-    yield "standing", Section("Sweeps that stand out", blocks, (TEXT, MARKDOWN))
+    yield "outliers", Section("Sweeps that stand out", blocks, (TEXT, MARKDOWN))
 
 
-def _by_topic(items: Sequence[Item]) -> dict[str, list[Item]]:
+def _by_topic(items: Sequence[Record]) -> dict[str, list[Record]]:
     """Return log and topic → the items of it, in their order."""
-    found: dict[str, list[Item]] = {}
+    found: dict[str, list[Record]] = {}
     for one in items:
         found.setdefault(f"{one.log} {one.topic}", []).append(one)
     return found

@@ -9,7 +9,7 @@ import numpy as np
 
 from lidarcli.choices import beams_on
 from lidarcli.errors import OptionError
-from lidarcli.reports.columns import Origin, Rows, Run
+from lidarcli.reports.columns import Origin, Record, Rows, Run
 from lidarcli.reports.figures import (
     CATEGORIES,
     DELTA,
@@ -25,7 +25,7 @@ from lidarcli.reports.figures import (
     histogram,
     nice_edges,
 )
-from lidarcli.reports.wording import number, quantity, share, span
+from lidarcli.reports.wording import number, percent, quantity, share, span
 from lidarcli.reports.zones import ZonesPart, zones_part
 from lidarcli.sweeps import STATUSES, Bool, Float64, Int64
 
@@ -129,7 +129,7 @@ def streams_of(run: Run) -> Streams:
     bounds = np.flatnonzero(np.diff(stream[order], prepend=-1))
     step = np.full(len(rows), np.nan)
     gap = np.zeros(len(rows), bool)
-    columns = _Columns(run)
+    columns = _columns(run)
     found = []
     for mine in np.split(order, bounds[1:]) if len(order) else []:
         first = mine[0]
@@ -138,23 +138,16 @@ def streams_of(run: Run) -> Streams:
     return Streams(tuple(found), stream.astype(np.int64), step, gap)
 
 
-class _Columns:
-    """The columns that streams need, read once."""
-
-    def __init__(self, run: Run) -> None:
-        rows = run.sweeps
-        self.stamp = rows.integers("stamp")
-        self.sweep = rows.integers("sweep")
-        self.beams = rows.numbers("beams")
-        self.objects = run.objects_per_sweep
-        self.d_th = rows.numbers("d_th")
-        self.noise = rows.numbers("noise")
-        self.agents = run.agents_at_once
-        lost = self.beams - rows.numbers("valid")
-        self.lost = np.divide(lost, self.beams, out=np.zeros(len(rows)), where=self.beams > 0)
+def _columns(run: Run) -> Record:
+    """Return the columns that streams need, read once."""
+    rows, beams = run.sweeps, run.sweeps.numbers("beams")
+    lost = np.divide(beams - rows.numbers("valid"), beams, out=np.zeros(len(rows)), where=beams > 0)
+    whole = {name: rows.integers(name) for name in ("stamp", "sweep")}
+    numbers = {name: rows.numbers(name) for name in ("d_th", "noise")}
+    return Record(**whole, **numbers, beams=beams, objects=run.objects_per_sweep, agents=run.agents_at_once, lost=lost)
 
 
-def _stream(run: Run, columns: _Columns, mine: Int64, names: tuple[str, str], step: Float64, gap: Bool) -> Stream:
+def _stream(run: Run, columns: Record, mine: Int64, names: tuple[str, str], step: Float64, gap: Bool) -> Stream:
     stamp, index = columns.stamp[mine], columns.sweep[mine]
     steps = np.diff(stamp)
     # Where only every n-th sweep was taken, a step of n sweeps is none too many.
@@ -186,7 +179,7 @@ def _stream(run: Run, columns: _Columns, mine: Int64, names: tuple[str, str], st
     )
 
 
-def _course(columns: _Columns, mine: Int64) -> Timeline:
+def _course(columns: Record, mine: Int64) -> Timeline:
     """Sum up bins of equal numbers of sweeps, so that a clock that jumps makes no hole."""
     begin = np.unique(np.linspace(0, len(mine), min(COURSE_BINS, len(mine)), endpoint=False).astype(np.int64))
     size = np.diff(np.append(begin, len(mine)))
@@ -241,32 +234,12 @@ def _differ(values: Sequence[float]) -> bool:
     return bool(values) and max(values) > ALIKE * min(values)
 
 
-@dataclass(frozen=True, slots=True)
-class Standing:
-    """One sweep that stands out."""
+def outliers_of(run: Run, streams: Streams) -> list[Record]:
+    """Return up to three sweeps of each of `KINDS` that stand out, the most striking first; none where all are alike.
 
-    kind: str
-    """One of `KINDS`."""
-    stream: int
-    log: str
-    topic: str
-    sweep: int
-    stamp_ns: int
-    value: float
-    """Number of objects or agents, share of lost beams, or length of a gap [s]."""
-
-    @property
-    def words(self) -> str:
-        """The value for people."""
-        if self.kind == "most_lost":
-            return f"{100 * self.value:.1f} %"
-        return f"{self.value:.3g} s" if self.kind == "longest_gap" else f"{self.value:,.0f}"
-
-
-def standing_out(run: Run, streams: Streams) -> tuple[Standing, ...]:
-    """Return up to three sweeps of each kind, the most striking first; none where all are alike.
-
-    They are of different logs and topics, each with its earliest; where there is only one, each is of another time.
+    They are of different logs and topics, each with its earliest; where there is only one, each is of another time. Beside
+    columns of the sweep they have `kind`, `stream`, `log`, `value` (number of objects or agents, share of lost beams, or
+    length of a gap [s]), and `words`, the value for people.
     """
     rows = run.sweeps
     objects, beams, valid = run.objects_per_sweep, rows.numbers("beams"), rows.numbers("valid")
@@ -281,23 +254,21 @@ def standing_out(run: Run, streams: Streams) -> tuple[Standing, ...]:
         "most_lost": (lost, lost),
         "longest_gap": (gap, gap),
     }
-    sweep, stamp = rows.integers("sweep"), rows.integers("stamp")
     found = []
     for kind, (value, score) in scores.items():
-        for row in _best(score, streams):
-            stream = streams.all[streams.stream[row]]
-            found.append(
-                Standing(
-                    kind=kind,
-                    stream=int(streams.stream[row]),
-                    log=stream.log,
-                    topic=stream.topic,
-                    sweep=int(sweep[row]),
-                    stamp_ns=int(stamp[row]),
-                    value=float(value[row]),
-                )
-            )
-    return tuple(found)
+        at = np.array(_best(score, streams), np.int64)
+        stream, values = streams.stream[at].tolist(), value[at].tolist()
+        form = {"most_lost": percent, "longest_gap": "{:.3g} s".format}.get(kind, "{:,.0f}".format)
+        found += rows.records(
+            at,
+            ("topic", "sweep", "stamp"),
+            kind=[kind] * len(at),
+            stream=stream,
+            log=[streams.all[k].log for k in stream],
+            value=values,
+            words=[*map(form, values)],
+        )
+    return found
 
 
 def _best(score: Float64, streams: Streams) -> list[int]:
@@ -336,8 +307,6 @@ TRACK_COLUMNS = (
     *("duration", "hidden", "length", "width", "distance", "speed_mean", "speed_max", "end"),
 )
 """Columns of the tracks table that a summary reads."""
-_NUMBERS = ("duration", "hidden", "length", "width", "distance", "speed_mean", "speed_max")
-_WHOLE = ("track", "first_sweep", "first_stamp", "sweeps")
 SET_COLUMNS = {"object": "O", "agent": "A", "noise": "S"}
 DRAWN = ("range", "bearing", "width", "objects_per_sweep")
 """Figures with a histogram."""
@@ -357,37 +326,6 @@ SWEEP_COLUMNS = (
 
 
 @dataclass(frozen=True, slots=True)
-class Track:
-    """A track, as a row of a table for people."""
-
-    stream: int | None
-    """Its stream of sweeps; None where there is none of its topic."""
-    log: str
-    topic: str
-    number: int
-    set: str
-    shape: str
-    label: str
-    first_sweep: int
-    start: float
-    """Time from the first sweep of its stream to its first sight [s]."""
-    duration: float
-    sweeps: int
-    hidden: float
-    length: float
-    width: float
-    distance: float
-    speed_mean: float
-    speed_max: float
-    end: str
-
-    @property
-    def is_agent(self) -> bool:
-        """True if the track moves."""
-        return self.set == "A"
-
-
-@dataclass(frozen=True, slots=True)
 class Label:
     """A name of the catalogue, and the numbers of its tracks and objects."""
 
@@ -399,7 +337,7 @@ class Label:
 
 
 @dataclass(frozen=True, slots=True)
-class Tracked:
+class TracksSummary:
     """The tracks of a run."""
 
     figures: dict[str, float | None]
@@ -409,18 +347,22 @@ class Tracked:
     """`tracks.shape`, `tracks.end` → name → tracks; only names that occur."""
     agent_share: float | None
     """Share of the beams of the tracked sweeps in set A; None without beams."""
-    tracks: tuple[Track, ...]
-    """By stream and number; of more than `KEPT` the agents and those that were seen most."""
+    tracks: list[Record]
+    """By topic and number; of more than `KEPT` the agents and those that were seen most.
+
+    Beside columns of the table each has `log`, `stream`, its sequence of sweeps, None where there is none of its topic, and
+    `start`, the time from the first sweep of its stream to its first sight [s].
+    """
 
     @property
     def scene(self) -> str | None:
         """The paper's name (§2) of such a scene, by the share of A."""
         return None if self.agent_share is None else scene_of(self.agent_share)
 
-    def most(self, count: int) -> tuple[Track, ...]:
+    def most(self, count: int) -> list[Record]:
         """Return the `count` tracks to look at first, in their order: agents, then what was seen most."""
-        best = sorted(self.tracks, key=lambda one: (not one.is_agent, -one.sweeps))[:count]
-        return tuple(one for one in self.tracks if one in best)
+        best = sorted(self.tracks, key=lambda one: (one.set != "A", -one.sweeps))[:count]
+        return [one for one in self.tracks if one in best]
 
 
 def scene_of(agent_share: float) -> str:
@@ -434,7 +376,7 @@ def scene_of(agent_share: float) -> str:
     return "semi-structured" if agent_share <= MOBILE_SHARE else "unstructured"
 
 
-def tracked_of(run: Run, streams: Streams) -> Tracked | None:
+def tracked_of(run: Run, streams: Streams) -> TracksSummary | None:
     """Sum up the tracks; None where no log has a tracks table."""
     rows = run.tracks
     if rows is None:
@@ -450,7 +392,7 @@ def tracked_of(run: Run, streams: Streams) -> Tracked | None:
         figures |= {f"{name}.{statistic}": getattr(spread, statistic) for statistic in STATISTICS}
     for name, known in TRACK_CATEGORIES.items():
         figures |= {f"{name}.{kind}": kinds[name].get(kind, 0) for kind in known}
-    return Tracked(
+    return TracksSummary(
         figures=figures,
         spreads=spreads,
         kinds=kinds,
@@ -475,41 +417,18 @@ def _agent_share(run: Run) -> float | None:
     return float(run.sweeps.numbers("agent_beams")[tracked].sum()) / beams if beams else None
 
 
-def _kept(run: Run, rows: Rows, is_agent: Bool, streams: Streams) -> tuple[Track, ...]:
-    """Return the tracks that are shown one by one."""
-    best = np.lexsort((-rows.numbers("sweeps"), ~is_agent))[:KEPT]
-    # The table is in order of topic and track.
-    order = np.sort(best)
-    words = {name: _texts(rows, name, order) for name in ("topic", "frame_id", "set", "shape", "label", "end")}
-    numbers = {name: rows.numbers(name)[order].tolist() for name in _NUMBERS}
-    whole = {name: rows.integers(name)[order].tolist() for name in _WHOLE}
-    found = []
-    for k, source in enumerate(rows.source[order].tolist()):
-        stream = _stream_of(streams, source, words["topic"][k], words["frame_id"][k])
-        start = whole["first_stamp"][k] if stream is None else streams.all[stream].start_ns
-        found.append(
-            Track(
-                stream=stream,
-                log=run.sources[source].log,
-                number=whole["track"][k],
-                first_sweep=whole["first_sweep"][k],
-                sweeps=whole["sweeps"][k],
-                start=(whole["first_stamp"][k] - start) * 1e-9,
-                topic=words["topic"][k],
-                set=words["set"][k],
-                shape=words["shape"][k],
-                label=words["label"][k],
-                end=words["end"][k],
-                **{name: numbers[name][k] for name in _NUMBERS},
-            )
-        )
-    return tuple(found)
-
-
-def _texts(rows: Rows, name: str, order: Int64) -> Sequence[str]:
-    """Return a column of names, empty for null."""
-    codes, names = rows.words(name)
-    return ["" if code < 0 else names[code] for code in codes[order].tolist()]
+def _kept(run: Run, rows: Rows, is_agent: Bool, streams: Streams) -> list[Record]:
+    """Return the tracks that are shown one by one, in the order of the table."""
+    order = np.sort(np.lexsort((-rows.numbers("sweeps"), ~is_agent))[:KEPT])
+    source = rows.source[order].tolist()
+    of_stream = [
+        _stream_of(streams, *one)
+        for one in zip(source, rows.texts("topic", order), rows.texts("frame_id", order), strict=True)
+    ]
+    first = rows.integers("first_stamp")[order].tolist()
+    begin = [stamp if k is None else streams.all[k].start_ns for k, stamp in zip(of_stream, first, strict=True)]
+    start = [(stamp - since) * 1e-9 for stamp, since in zip(first, begin, strict=True)]
+    return rows.records(order, TRACK_COLUMNS, log=[run.sources[k].log for k in source], stream=of_stream, start=start)
 
 
 def _stream_of(streams: Streams, source: int, topic: str, frame: str) -> int | None:
@@ -539,8 +458,8 @@ class Summary:
     sets: dict[str, int]
     """Beams by set (Def. 4)."""
     densities: tuple[Density, ...]
-    standing: tuple[Standing, ...]
-    tracked: Tracked | None
+    outliers: list[Record]
+    tracked: TracksSummary | None
     """None without tracks tables."""
     labels: tuple[Label, ...]
     """Names of the catalogue that occur."""
@@ -604,7 +523,7 @@ def summarise(run: Run, edges: Mapping[str, Float64] | None = None) -> Summary:
         status=status,
         sets=sets,
         densities=_densities(run, alike=not differences),
-        standing=standing_out(run, streams),
+        outliers=outliers_of(run, streams),
         tracked=tracked,
         labels=labels_of(run),
         zones=zones,
@@ -865,7 +784,7 @@ def kind_counts(summary: Summary, name: str) -> dict[str, int]:
     return {kind: counts[kind] for kind in CATEGORIES[name] if kind in counts}
 
 
-def track_kinds(tracked: Tracked, name: str) -> dict[str, int]:
+def track_kinds(tracked: TracksSummary, name: str) -> dict[str, int]:
     """Return tracks by kind, in the order of the declaration."""
     counts = tracked.kinds[name]
     return {kind.replace("_", " "): counts[kind] for kind in TRACK_CATEGORIES[name] if kind in counts}

@@ -21,7 +21,6 @@ from lidarcli.reports.document import (
     Document,
     Drawing,
     Facts,
-    Listing,
     Notes,
     Share,
     Shares,
@@ -111,12 +110,6 @@ def _parts(block: Block) -> Iterator[RenderableType]:
         case Notes():
             for parts in block.lines:
                 yield _styled("".join(parts))
-        case Listing():
-            for words, names in block.groups:
-                yield _styled(words)
-                yield _grid([[" ", name] for name in names])
-            if block.more:
-                yield _styled(block.more)
 
 
 def _styled(text: str, style: str = "", no_wrap: bool = False) -> Text:
@@ -217,15 +210,8 @@ def _lines(block: Block) -> Iterator[str]:
         case Notes():
             yield from (f"- {''.join(map(_escaped, parts))}" for parts in block.lines)
             yield ""
-        case Listing():
-            for words, names in block.groups:
-                yield f"- {_escaped(words)}"
-                yield from (f"  - {_escaped(name)}" for name in names)
     if isinstance(block, Table) and block.more:
         yield from (block.more, "")
-    if isinstance(block, Listing):
-        yield from ([f"- {block.more}"] if block.more else [])
-        yield ""
 
 
 def _escaped(value: object) -> str:

@@ -25,6 +25,7 @@ from lidarcli.reports.document import (
     Card,
     Notes,
     Opening,
+    Part,
     Section,
     Table,
     table_of,
@@ -290,7 +291,7 @@ class ZoneTimeline:
 
 
 @dataclass(frozen=True, slots=True)
-class ZonesPart:
+class ZonesPart(Part):
     """The zones of a run, as a part of a report."""
 
     sources: tuple[Origin, ...]

@@ -90,9 +90,9 @@ def _bulk(
         _set(message, angle_min=raw.angle_min[rows], angle_increment=raw.angle_increment[rows])
         _set(message, range_min=raw.range_min[rows], range_max=raw.range_max[rows])
         for name in ("time_increment", "scan_time"):
-            told = getattr(raw, name)
-            if told is not None:
-                message[name] = told[rows]
+            values = getattr(raw, name)
+            if values is not None:
+                message[name] = values[rows]
         message["ranges"] = raw.ranges[rows, :beams]
         if raw.intensities is not None:
             _set(message, strengths=beams, intensities=raw.intensities[rows, :beams])

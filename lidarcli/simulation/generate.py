@@ -364,8 +364,8 @@ def _intensities(entities: Sequence[Entity], entity: Int32, padding: Bool) -> Fl
     if all(each.intensity is None for each in entities):
         return None
     # One more for what is no entity's own surface: its index is -1.
-    told = np.array([*(each.intensity or 0.0 for each in entities), 0.0], np.float32)
-    return np.where(padding, np.float32(np.nan), told[entity])
+    intensities = np.array([*(each.intensity or 0.0 for each in entities), 0.0], np.float32)
+    return np.where(padding, np.float32(np.nan), intensities[entity])
 
 
 def _raw(sensor: Sensor, stamp_ns: Int64, beams: Int32, increment: Float64, ranges: Float32) -> RawSweeps:
@@ -431,10 +431,10 @@ def simulate_odometry(scene: Scene, sweeps: int, seed: int = 0) -> SimulatedPose
     step[:, 2] = np.mod(step[:, 2] + np.pi, TURN) - np.pi
     cos, sin = np.cos(true[:-1, 2]), np.sin(true[:-1, 2])
     ahead = np.column_stack([cos * step[:, 0] + sin * step[:, 1], cos * step[:, 1] - sin * step[:, 0]])
-    way = np.hypot(ahead[:, 0], ahead[:, 1])
+    distance = np.hypot(ahead[:, 0], ahead[:, 1])
 
     rng = np.random.Generator(np.random.PCG64(np.random.SeedSequence([seed, 1])))
-    drift = rng.standard_normal((count - 1, 3)) * np.sqrt(way)[:, None]
+    drift = rng.standard_normal((count - 1, 3)) * np.sqrt(distance)[:, None]
     ahead += drift[:, :2] * scene.odometry.noise
     yaw = true[0, 2] + np.concatenate([[0.0], np.cumsum(step[:, 2] + drift[:, 2] * scene.odometry.yaw_noise)])
     cos, sin = np.cos(yaw[:-1]), np.sin(yaw[:-1])
@@ -448,5 +448,5 @@ def simulate_odometry(scene: Scene, sweeps: int, seed: int = 0) -> SimulatedPose
         poses=believed,
         speed=scene.path.speeds(seconds),
         yaw_rate=last[:, 2] * scene.sensor.rate,
-        mount=scene.mount.pose if scene.mount.told else (0.0, 0.0, 0.0),
+        mount=scene.mount.pose if scene.mount.in_log else (0.0, 0.0, 0.0),
     )

@@ -49,7 +49,7 @@ class Pieces:
     """At the start of each [rad], not wrapped: it goes on from piece to piece."""
     curvature: Float64
     """[1/m], 0 for straight pieces, positive to the left."""
-    way: Float64
+    arc: Float64
     """(G + 1,) length of the way up to each piece [m]."""
 
     def at(self, piece: _Index, along: Float64) -> tuple[Float64, Float64]:
@@ -94,7 +94,7 @@ class RouteState:
     phase: _Index
     since: Float64
     """Seconds since the phase began."""
-    way: Float64
+    arc: Float64
     """Length of the way so far [m], counted from the start of the round."""
 
     def velocities(self) -> Float64:
@@ -137,7 +137,7 @@ class Route:
             yaw_rate=self.pieces.curvature[piece] * speed + turn * 6 * share * (1 - share) / phases.length[phase],
             phase=phase,
             since=since,
-            way=self.pieces.way[piece] + along,
+            arc=self.pieces.arc[piece] + along,
         )
 
     def poses(self, seconds: Float64) -> Float64:
@@ -193,7 +193,7 @@ def plan_route(
         start=np.array([piece.start for piece in pieces]),
         heading=np.array([piece.heading for piece in pieces]),
         curvature=np.array([piece.curvature for piece in pieces]),
-        way=np.concatenate([[0.0], np.cumsum(lengths)]),
+        arc=np.concatenate([[0.0], np.cumsum(lengths)]),
     )
     return Route(tuple(waypoints), loop, geometry, phases, duration)
 
@@ -325,7 +325,7 @@ def feet(route: Route, gap: float, seconds: Float64) -> Float64:
     walks = (phases.speed[state.phase] != 0) | (phases.acceleration[state.phase] != 0)
     found = np.empty((len(seconds), 2, 2))
     if walks.any():
-        found[walks] = _walking(route, gap, phases.run[state.phase[walks]], state.way[walks])
+        found[walks] = _walking(route, gap, phases.run[state.phase[walks]], state.arc[walks])
     rows = np.flatnonzero(~walks)
     if len(rows):
         phase, body = state.phase[rows], np.column_stack([state.x[rows], state.y[rows]])
@@ -337,7 +337,7 @@ def feet(route: Route, gap: float, seconds: Float64) -> Float64:
     return found
 
 
-def _walking(route: Route, gap: float, run: _Index, way: Float64) -> Float64:
+def _walking(route: Route, gap: float, run: _Index, arc: Float64) -> Float64:
     """Return (S, 2, 2) the legs of a body that is `way` metres on its round, in the given runs."""
     phases, pieces = route.phases, route.pieces
     moving = (phases.speed != 0) | (phases.acceleration != 0)
@@ -345,13 +345,13 @@ def _walking(route: Route, gap: float, run: _Index, way: Float64) -> Float64:
     for number in np.unique(run):
         mine = moving & (phases.run == number)
         first[number], last[number] = phases.piece[mine].min(), phases.piece[mine].max()
-        begin[number] = pieces.way[int(first[number])]
-        length = pieces.way[int(last[number]) + 1] - begin[number]
+        begin[number] = pieces.arc[int(first[number])]
+        length = pieces.arc[int(last[number]) + 1] - begin[number]
         reached = phases.speed[mine] + phases.acceleration[mine] * phases.length[mine]
         fastest = np.maximum(phases.speed[mine], reached).max()
         count[number] = max(1.0, np.ceil(length / step_length(fastest) - _STRETCH))
         step[number] = length / count[number]
-    done = np.clip((way - begin[run]) / step[run], 0.0, count[run])
+    done = np.clip((arc - begin[run]) / step[run], 0.0, count[run])
     # The body is above the foothold k while the other leg goes from k - 1 to k + 1; the first and the last are half steps.
     foothold = np.floor(done + 0.5)
     low = np.maximum(foothold - 0.5, 0.0)
@@ -361,14 +361,14 @@ def _walking(route: Route, gap: float, run: _Index, way: Float64) -> Float64:
 
     def at(number: Float64, side: _Index) -> Float64:
         place = begin[run] + number * step[run]
-        piece = np.searchsorted(pieces.way, place, side="right") - 1
+        piece = np.searchsorted(pieces.arc, place, side="right") - 1
         piece = np.clip(piece, first[run].astype(np.int64), last[run].astype(np.int64))
-        points, heading = pieces.at(piece, place - pieces.way[piece])
+        points, heading = pieces.at(piece, place - pieces.arc[piece])
         return _beside(points, heading, gap, side)
 
     stands = foothold.astype(np.int64) % 2
-    found = np.empty((len(way), 2, 2))
-    row = np.arange(len(way))
+    found = np.empty((len(arc), 2, 2))
+    row = np.arange(len(arc))
     found[row, stands] = at(foothold, stands)
     # Over the ground the swinging leg keeps to its own side of the way. Exactly 1 at its end: it lands where it will stand.
     begun, ended = np.maximum(foothold - 1, 0.0), np.minimum(foothold + 1, count[run])

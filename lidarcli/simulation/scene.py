@@ -189,13 +189,13 @@ class Course:
             return np.tile([self.points[0, 0], self.points[0, 1], self.yaw], (len(seconds), 1))
         loop = np.vstack([self.points, self.points[:1]])
         step = np.diff(loop, axis=0)
-        way = np.concatenate([[0.0], np.cumsum(np.hypot(step[:, 0], step[:, 1]))])
-        travelled = np.mod(self.speed * seconds, way[-1])
-        leg = np.clip(np.searchsorted(way, travelled, side="right") - 1, 0, len(step) - 1)
+        distances = np.concatenate([[0.0], np.cumsum(np.hypot(step[:, 0], step[:, 1]))])
+        travelled = np.mod(self.speed * seconds, distances[-1])
+        leg = np.clip(np.searchsorted(distances, travelled, side="right") - 1, 0, len(step) - 1)
         return np.column_stack(
             [
-                np.interp(travelled, way, loop[:, 0]),
-                np.interp(travelled, way, loop[:, 1]),
+                np.interp(travelled, distances, loop[:, 0]),
+                np.interp(travelled, distances, loop[:, 1]),
                 np.arctan2(step[leg, 1], step[leg, 0]),
             ]
         )
@@ -243,7 +243,7 @@ class Mount:
 
     pose: tuple[float, float, float] = (0.0, 0.0, 0.0)
     """x, y, yaw in the robot's frame."""
-    told: bool = True
+    in_log: bool = True
     """False: the log says that the laser is where the robot is."""
 
 

@@ -108,10 +108,10 @@ def truth_rows(block: SimulatedBlock, scene: Scene) -> pa.RecordBatch:
     sweep, beam = np.nonzero(block.entity >= 0)
     cell = sweep * count + block.entity[sweep, beam]
     hits = np.bincount(cell, minlength=sweeps * count).astype(np.int32)
-    seen = np.flatnonzero(hits)
-    row, entity = np.divmod(seen, max(count, 1))
+    visible = np.flatnonzero(hits)
+    row, entity = np.divmod(visible, max(count, 1))
 
-    world, velocity = np.empty((len(seen), 3)), np.zeros((len(seen), 3))
+    world, velocity = np.empty((len(visible), 3)), np.zeros((len(visible), 3))
     for number in np.unique(entity):
         mine = np.flatnonzero(entity == number)
         seconds = block.seconds[row[mine]]
@@ -119,7 +119,7 @@ def truth_rows(block: SimulatedBlock, scene: Scene) -> pa.RecordBatch:
         if not entities[number].motion.still:
             velocity[mine] = entities[number].velocities(seconds)
     local = relative(world, block.poses[row])
-    theta_i, theta_f = _extent(block, sweep, beam, cell, np.arctan2(local[:, 1], local[:, 0]), seen)
+    theta_i, theta_f = _extent(block, sweep, beam, cell, np.arctan2(local[:, 1], local[:, 0]), visible)
 
     kinds = [thing.kind for thing in entities]
     names = sorted(set(kinds))
@@ -132,7 +132,7 @@ def truth_rows(block: SimulatedBlock, scene: Scene) -> pa.RecordBatch:
         entity.astype(np.int32),
         pa.DictionaryArray.from_arrays(code[entity], pa.array(names, pa.string())),
         wall[entity],
-        hits[seen],
+        hits[visible],
         pa.array(theta_i.astype(np.float32), mask=wall[entity]),
         pa.array(theta_f.astype(np.float32), mask=wall[entity]),
         local[:, 0],
@@ -158,13 +158,13 @@ def beam_rows(block: SimulatedBlock) -> pa.RecordBatch:
 
 
 def _extent(
-    block: SimulatedBlock, sweep: _Index, beam: _Index, cell: _Index, centre: Float64, seen: _Index
+    block: SimulatedBlock, sweep: _Index, beam: _Index, cell: _Index, centre: Float64, visible: _Index
 ) -> tuple[Float64, Float64]:
     """Return first and last bearing of each visible entity, measured from its centre: no seam comes between."""
     bearing = block.raw.angle_min[sweep] + block.raw.angle_increment[sweep] * beam
-    rank = np.searchsorted(seen, cell)
+    rank = np.searchsorted(visible, cell)
     offset = _wrap(bearing - centre[rank])
-    low, high = np.full(len(seen), np.inf), np.full(len(seen), -np.inf)
+    low, high = np.full(len(visible), np.inf), np.full(len(visible), -np.inf)
     np.minimum.at(low, rank, offset)
     np.maximum.at(high, rank, offset)
     theta_i = _wrap(centre + low)

@@ -18,7 +18,7 @@ from lidarcli.formalism.mapping.grid import FREE, OCCUPIED, UNKNOWN
 from lidarcli.logs.batches import ReadOptions
 from lidarcli.maps import CloudPoints, PlyWriter, read_map
 from lidarcli.pipeline.mapping import WRITERS
-from lidarcli.pipeline.reading.pose_sources import PoseOptions
+from lidarcli.pipeline.reading.posing import PoseOptions
 from lidarcli.simulation.writers import write_log
 from lidarcli.tabular.schemas import CLOUD
 from tests.cli.maps import COUNTED, DRIVE, FITS_NOTE, POSES_NOTE, Run, mapped, names, occupied, ply, still

@@ -121,3 +121,9 @@ def test_report(tmp_path: Path) -> None:
         assert run(["report", str(tmp_path), "-o", out]) == 0
     assert re.search(r"^report [━╸╺]+ +20% 1/5 steps ", screen.plain)
     assert screen.plain.endswith(f"  wrote    {out}\r\n")
+
+
+def test_detect(tmp_path: Path) -> None:
+    with terminal() as screen:
+        assert run(["detect", str(ROOT / "samples" / "room.mcap"), "-o", str(tmp_path)]) == 0
+    assert re.search(r"room [━╸╺]+ +\d+% +[\d.]+/126\.5 kB .* left", screen.plain)

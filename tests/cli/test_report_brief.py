@@ -126,6 +126,10 @@ def test_what_github_reads_is_what_was_meant(text: str) -> None:
     assert not {":", ","} & set(title)
 
 
+def test_github_spells_out_what_steers_a_terminal() -> None:
+    assert command("error", "a", "\x1b[2J°\udcff") == "::error title=a::\\x1b[2J°\\udcff"
+
+
 def test_unlike_sensors_are_told_and_not_pooled(lidarcli: Run, unlike: Path) -> None:
     warning = (
         "unlike sensors (5 to 20 Hz; 100 to 360 beams; frames front, laser): the figures pool all of them, and no map in "

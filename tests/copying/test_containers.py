@@ -32,7 +32,6 @@ CONTAINERS: dict[str, tuple[str, dict[str, Any]]] = {
     "mcap": ("run.mcap", {}),
     "mcap lz4": ("run.mcap", {"compression": "lz4", "chunk_size": 100_000}),
     "mcap plain": ("run.mcap", {"compression": "none"}),
-    "mcap idl": ("run.mcap", {"encoding": "cdr-idl"}),
     "mcap ros1": ("run.mcap", {"encoding": "ros1"}),
     "mcap protobuf": ("run.mcap", {"encoding": "protobuf"}),
     "bag": ("run.bag", {}),

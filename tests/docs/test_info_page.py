@@ -12,12 +12,12 @@ from typing import Any
 import pytest
 
 from lidarcli.cli.info import as_json
-from lidarcli.findings import RULES, Finding, Fix
+from lidarcli.findings import IDS, Finding, Fix
 from lidarcli.logs.base import Topic
 from lidarcli.logs.clock import ClockInfo
 from lidarcli.logs.joined import Part
 from lidarcli.pipeline.inspecting import LogInfo, ScanInfo, Span
-from lidarcli.pipeline.reading.pose_sources import PoseInfo
+from lidarcli.pipeline.reading.posing import PoseInfo
 from lidarcli.sweeps import Closure, Status
 from tests.fake_log import FakeLog
 from tests.places import ROOT
@@ -110,7 +110,7 @@ def test_every_key_is_described_and_no_other(unknown: bool) -> None:
 
 
 def test_every_rule_is_explained() -> None:
-    assert tuple(re.findall(r"^\| `(\w+)` \| (?:always|`--deep`) \|", PAGE, re.MULTILINE)) == RULES
+    assert tuple(re.findall(r"^\| `(\w+)` \| (?:always|`--deep`) \|", PAGE, re.MULTILINE)) == IDS
 
 
 def test_the_words_of_closure_are_explained() -> None:

@@ -26,13 +26,13 @@ from tools import examples, reference
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
 CONSTANTS = {
     "background": [f"background.{name}" for name in ("model", "learning", "stations", "subtraction")],
-    "catalogue": ["matching.catalogue", "matching.evidence", "tracking.naming"],
+    "catalogue": ["matching.catalogue", "matching.evidence"],
     "diff": [f"matching.{name}" for name in ("differences", "pairs", "extents", "ground", "alignment", "runs")],
     "map": ["mapping.counts", "mapping.occupancy"],
 }
 """Page → the modules of the formalism whose constants it lists with their values."""
 UNLISTED = {
-    *("evidence.LEAST_LENGTH", "catalogue.LEAST_DENSITY", "naming.SIZES"),
+    *("evidence.LEAST_LENGTH", "catalogue.LEAST_DENSITY"),
     *("pairs.ROUNDS", "ground.FAR_CORNER", "alignment.SMALL", "runs.PROPOSALS_AT_ONCE", "ground.AT_ONCE"),
     *(f"differences.{name}" for name in ("THING", "STRUCTURE", "KNOWN", "MOVED", "NEW", "GONE", "UNCERTAIN")),
     *(f"differences.{name}" for name in ("HIDDEN", "OUT_OF_VIEW", "NO_FREE_SPACE", "SHORT", "AMBIGUOUS", "CERTAIN")),

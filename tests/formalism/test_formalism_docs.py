@@ -19,7 +19,7 @@ from tests.places import ROOT
 
 PAGE = (ROOT / "docs" / "formalism.md").read_text(encoding="utf-8")
 DERIVED = re.compile(
-    r"(?!kalman)\w+\.((SIN|COS|TAN)_\w+|ROOT_2|\w*TO_SIGMA|SECOND_DIFFERENCE_GAIN|NAN|INFINITY|TINY)"
+    r"(?!measurement)\w+\.((SIN|COS|TAN)_\w+|ROOT_2|\w*TO_SIGMA|SECOND_DIFFERENCE_GAIN|NAN|INFINITY|TINY)"
     r"|segmentation\.(SINGLE_\w+|GUESS_\w+|FEW_VALUES|INFINITE)|kalman\.QUARTER_TURN|(tracks|features)\.RIGHT_ANGLE|smoothing\.LIVELINESSES"
 )
 """Functions of other constants, factors of the normal distribution, and what only saves time."""
@@ -28,19 +28,18 @@ CODES = {"native", "forest"}
 MARKS = {
     "detect": {"OBJECTS_AT_FIRST", "VERTICES_AT_FIRST", "MOST_KEPT"},
     "segmentation": {"NEVER"},
-    "measurement": {"HIDDEN", "OPEN", "OWN", "NO_RANGE", "FREE_RANGE"},
-    "kalman": {"AT_LEAST"},
-    "sweep_tracker": {"DELAY", "AHEAD", "LEFT"},
+    "measurement": {"HIDDEN", "OPEN", "OWN", "NO_RANGE", "FREE_RANGE", "AT_LEAST"},
+    "kalman": {"DELAY", "AHEAD", "LEFT"},
     "scan_matching": {"COLUMNS", "TURN"},
     "smoothing": {"STATE", "SQUARE", "GAIN", "KEPT"},
-    "trajectories": {"PARTS_MASK", "PARTLY_BIT", "MOST_ROWS"},
+    "tracks": {"PARTS_MASK", "PARTLY_BIT", "MOST_ROWS"},
 }
 """Codes of modules that have constants, too."""
 BACKGROUND = {"background", "learning", "subtraction"}
 """The subtraction of a background has a page of its own, docs/background.md."""
 MAPS = {path.stem for path in (Path(formalism.__file__).parent / "mapping").glob("*.py")}
 """So have maps, docs/map.md."""
-THINGS = {"catalogue", "naming", "ground", "alignment", "differences"}
+THINGS = {"catalogue", "ground", "alignment", "differences"}
 """And things of interest and what changed, docs/catalogue.md and docs/diff.md."""
 
 

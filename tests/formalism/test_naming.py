@@ -11,10 +11,9 @@ import pytest
 
 from lidarcli.formalism.detection import LEGGED, ROUND
 from lidarcli.formalism.matching.catalogue import Catalogue, Thing
-from lidarcli.formalism.tracking import naming
-from lidarcli.formalism.tracking.naming import LEAST_SIZE_SD, SHARED_SD_SHARE, Naming, SizeMeasurements
+from lidarcli.formalism.tracking import tracks
 from lidarcli.formalism.tracking.results import BOX, DISC
-from lidarcli.formalism.tracking.tracks import Track, Tracklet
+from lidarcli.formalism.tracking.tracks import LEAST_SIZE_SD, SHARED_SD_SHARE, Naming, SizeMeasurements, Track, Tracklet
 from tests.formalism.three_boxes import Named, named
 
 PALLET = Catalogue((Thing("pallet", "prismatic", length=1.2, width=0.8, moves=False),))
@@ -55,15 +54,15 @@ def a_track(thing: Tracklet, **known: Any) -> Track:
 
 def test_the_same_beams_say_nothing_new() -> None:
     """A thousand sweeps by the same beams know a side as well as one; by other beams they know it better."""
-    same = naming._mean(np.array([1000.0]), np.array([1 / 0.02**2]), np.array([1.2]))
+    same = tracks._mean(np.array([1000.0]), np.array([1 / 0.02**2]), np.array([1.2]))
     assert same == pytest.approx((1.2, math.hypot(0.02, LEAST_SIZE_SD)))
-    other = naming._mean(np.full(100, 5.0), np.full(100, 1 / 0.02**2), np.full(100, 1.2))
+    other = tracks._mean(np.full(100, 5.0), np.full(100, 1 / 0.02**2), np.full(100, 1.2))
     assert other[1] == pytest.approx(math.hypot(0.02 * math.sqrt(0.01 + 0.99 * SHARED_SD_SHARE**2), LEAST_SIZE_SD))
 
 
 def test_a_look_that_is_far_off_counts_little() -> None:
     sizes = np.array([1.2] * 9 + [0.4])
-    size, _ = naming._mean(np.full(10, 5.0), np.full(10, 1 / 0.02**2), sizes)
+    size, _ = tracks._mean(np.full(10, 5.0), np.full(10, 1 / 0.02**2), sizes)
     assert size == pytest.approx(1.2, abs=0.001)
 
 

@@ -18,7 +18,7 @@ from lidarcli.logs import open_log
 from lidarcli.logs.base import MAX_BEAMS, POSE_TYPES, OpenOptions, ReadReport
 from lidarcli.logs.carmen import LASERS
 from lidarcli.pipeline.inputs.search import find_logs
-from lidarcli.pipeline.reading.pose_sources import PoseOptions, find_poses
+from lidarcli.pipeline.reading.posing import PoseOptions, find_poses
 from lidarcli.pose.tracks import planar
 from lidarcli.sweeps import RawSweeps, Status, concatenate
 from tests.logs.watched import CarmenLog
@@ -490,7 +490,7 @@ def pose_of(path: Path, frame: str, at: float, source: str | None = None) -> lis
     with open_log(path) as log:
         found = find_poses(log, PoseOptions(source=source))
         assert found is not None
-        way = found.sources.way(frame)
+        way = found.sources.chain(frame)
         assert way is not None
         here = planar(way.at(np.array([round(at * 1e9)])))
     return [float(here.x[0]), float(here.y[0]), float(here.yaw[0])]

@@ -20,8 +20,8 @@ from lidarcli.cli import run
 from lidarcli.errors import OptionError, UnreadableError
 from lidarcli.logs.base import LASERSCAN, Damage, OpenOptions, ReadReport, Topic
 from lidarcli.logs.batches import ReadOptions, read_batches
+from lidarcli.logs.cells import shown
 from lidarcli.logs.csv.log import CsvLog as AnyCsvLog
-from lidarcli.logs.numbers import shown
 from lidarcli.logs.options import parse_columns
 from lidarcli.sweeps import RawSweeps, concatenate
 from tests.logs.csv_sweeps import FIRST, START, STEP, sweeps
@@ -762,14 +762,6 @@ def test_rows_of_very_different_length_are_not_padded_to_one_width() -> None:
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert peak < 60e6
-
-
-def test_equal_sweeps_give_equal_bytes(tmp_path: Path) -> None:
-    write_csv(tmp_path / "a.csv.gz", [sweeps()], "rostopic")
-    write_csv(tmp_path / "b.csv.gz", [sweeps()], "rostopic")
-    assert (tmp_path / "a.csv.gz").read_bytes() == (tmp_path / "b.csv.gz").read_bytes()
-    with pytest.raises(OptionError, match="'excel' is no CSV layout"):
-        write_csv(tmp_path / "c.csv", [], "excel")
 
 
 def beams_of(times: list[str], names: str = "time,angle,range", sep: str = ",") -> str:

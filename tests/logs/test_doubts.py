@@ -16,7 +16,7 @@ import lidarcli
 from lidarcli.logs.base import LASERSCAN, ReadReport
 from lidarcli.logs.batches import ReadOptions, read_batches
 from lidarcli.logs.blocks import IN_DEGREES
-from lidarcli.logs.doubts import MOST, Doubts
+from lidarcli.logs.scan_checks import MOST, ScanChecks
 from lidarcli.range_rules import RangeRules, normalise
 from lidarcli.simulation.writers import write_log
 from lidarcli.sweeps import TURN, RawSweeps, concatenate
@@ -156,7 +156,7 @@ def test_blocks_and_batches_do_not_matter(name: str, rows: int) -> None:
     blocks = [block.rows(slice(k, k + rows)) for k in range(0, len(block), rows)]
     assert notes(*blocks, batch_size=3 * rows) == notes(block)
     # As `info` tells it, which passes blocks as they come.
-    whole, parts = Doubts(), Doubts()
+    whole, parts = ScanChecks(), ScanChecks()
     for doubts, each in ((whole, [block]), (parts, blocks)):
         numbers = np.split(np.arange(len(block)), np.cumsum([len(part) for part in each])[:-1])
         for part, sweep in zip(each, numbers, strict=True):
@@ -165,8 +165,8 @@ def test_blocks_and_batches_do_not_matter(name: str, rows: int) -> None:
     assert told(whole)
 
 
-def told(doubts: Doubts) -> list[str]:
-    doubts.tell(report := ReadReport())
+def told(doubts: ScanChecks) -> list[str]:
+    doubts.report_to(report := ReadReport())
     return report.doubted()
 
 
@@ -272,11 +272,11 @@ def test_each_topic_and_frame_is_looked_at_by_itself() -> None:
 
 
 def test_a_new_name_in_every_message_is_no_way_to_fill_the_memory() -> None:
-    doubts = Doubts()
+    doubts = ScanChecks()
     for k in range(MOST + 5):
         block = replace(raw_sweeps(np.zeros((1, 0))), topic=f"/scan{k}")
         doubts.add(block, normalise(block, np.arange(1), RangeRules()))
-    doubts.tell(report := ReadReport())
+    doubts.report_to(report := ReadReport())
     assert len(report.doubts) == MOST
 
 
@@ -319,7 +319,7 @@ def test_the_unit_of_ranges_is_that_of_any_log(suffix: str, unit: Any, factor: f
 
 
 def test_points_of_clouds_have_no_unit_to_choose() -> None:
-    doubts, block = Doubts(clouds=["/scan"]), scaled(1000)
+    doubts, block = ScanChecks(clouds=["/scan"]), scaled(1000)
     doubts.add(block, normalise(block, np.arange(COUNT), RangeRules()))
     assert told(doubts) == ["most ranges of /scan are beyond 200 m: the points of the clouds are probably not in metres"]
 
@@ -350,14 +350,14 @@ def test_a_sensor_that_hangs_is_found_however_sweeps_are_cut() -> None:
     still = raw_sweeps(np.tile(np.round(wall, 3), (40, 1)), angle_min=-0.7, angle_increment=1.4 / 89)
     for raw, expected in ((hung, [*range(16, 30)]), (still, [])):
         for size in (1, 7, 40):
-            doubts, found = Doubts(), []
+            doubts, found = ScanChecks(), []
             for first in range(0, 40, size):
                 some = raw.rows(slice(first, min(first + size, 40)))
                 batch = normalise(some, np.arange(first, first + len(some)), RangeRules())
                 found += (first + np.flatnonzero(doubts.add(some, batch))).tolist()
             assert found == expected
             report = ReadReport()
-            doubts.tell(report)
+            doubts.report_to(report)
             told = [each.message for each in report.findings() if each.id == "observed"]
             line = "14 of 40 sweeps of /scan repeat an older one bit for bit, noise and all: the sensor or its driver hung"
             assert told == ([line] if expected else [])

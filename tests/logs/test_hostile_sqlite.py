@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
-import random
 import shutil
 import sqlite3
 import struct
@@ -299,31 +297,6 @@ def test_row_ids_that_are_no_whole_numbers(tmp_path: Path, wrong: str) -> None:
     assert read(path) == (list(range(20)), [])
 
 
-@pytest.mark.parametrize("damaged", [False, True])
-def test_row_ids_at_the_ends_of_the_integers(tmp_path: Path, damaged: bool) -> None:
-    path = tmp_path / "run.db3"
-    least, most = -(1 << 63), (1 << 63) - 1
-    database = bag(path, [least, least + 1, -5, 0, 1, 7, most - 1, most])
-    if damaged:
-        database.execute("CREATE VIEW v AS SELECT 1")
-    database.close()
-    found, damage = read(path)
-    assert found == list(range(8))
-    assert len(damage) == damaged
-
-
-@pytest.mark.parametrize("declared", ["TEXT", "BLOB", "REAL", "NUMERIC"])
-def test_topic_ids_of_another_type(tmp_path: Path, declared: str) -> None:
-    path = tmp_path / "run.db3"
-    database = bag(path)
-    database.execute("ALTER TABLE messages RENAME TO m")
-    database.execute(MESSAGES.replace("topic_id INTEGER", f"topic_id {declared}"))
-    database.execute("INSERT INTO messages SELECT * FROM m")
-    database.execute("DROP TABLE m")
-    database.close()
-    assert read(path) == (list(range(20)), [])
-
-
 def test_times_that_are_no_whole_numbers(tmp_path: Path) -> None:
     """They were left out without a word."""
     path = tmp_path / "run.db3"
@@ -353,30 +326,3 @@ def test_names_and_messages_of_megabytes(tmp_path: Path) -> None:
     found, damage = read(path)
     assert found == list(range(20))
     assert damage == ["database: SQLite says: string or blob too big; read page by page: 20 messages recovered"]
-
-
-def mutated(data: bytes, random_: random.Random, change: Callable[[bytearray, int], None]) -> bytes:
-    changed = bytearray(data)
-    for _ in range(random_.randint(1, 6)):
-        change(changed, random_.randrange(len(changed)))
-    return bytes(changed)
-
-
-@pytest.mark.slow
-def test_random_journals_touch_nothing(tmp_path: Path) -> None:
-    path = killed(tmp_path, 30, 120)
-    victim = tmp_path / "victim"
-    victim.write_text("mine")
-    name_super_journal(Path(f"{path}-journal"), str(victim))
-    journal = Path(f"{path}-journal").read_bytes()
-    numbers = random.Random(7)
-
-    def flip(data: bytearray, at: int) -> None:
-        data[at if numbers.random() < 0.5 else at % 600] ^= 1 << numbers.randrange(8)
-
-    for _ in range(60):
-        Path(f"{path}-journal").write_bytes(mutated(journal, numbers, flip))
-        with contextlib.suppress(UnreadableError), Rosbag2Log(str(path)) as log:
-            # Pages of the transaction that nothing undid hold other values than those of the test.
-            assert sum(len(block) for block in log.scans()) <= 120
-    assert victim.read_text() == "mine"

@@ -14,7 +14,7 @@ import lidarcli
 from lidarcli.choices import ECHOES
 from lidarcli.errors import OptionError
 from lidarcli.logs import laserscan
-from lidarcli.logs.base import LASERSCAN, MULTI_ECHO, OpenOptions
+from lidarcli.logs.base import LASERSCAN, MULTI_ECHO
 from lidarcli.tabular.reading import file_metadata
 from tests.logs.scan_messages import scan
 from tests.logs.test_laserscan import intensities_of, read
@@ -130,11 +130,3 @@ def test_tables_tell_of_an_echo_that_is_not_the_first(tmp_path: Path) -> None:
     assert "echo" not in told["first"]
     assert '"echo": "last"' in told["last"].replace('":"', '": "')
     assert '"echo": "strongest"' in told["strongest"].replace('":"', '": "')
-
-
-def test_a_report_shows_the_sweeps_of_the_echo_that_was_taken() -> None:
-    """Metadata that somebody else has written does not steer it."""
-    from lidarcli.pipeline.reading.one_log import opening_of
-
-    assert opening_of({"echo": "last", "csv": {"fov": 1.5}}) == OpenOptions(fov=1.5, echo="last")
-    assert opening_of({"echo": "loudest"}) == opening_of({"echo": ["last"]}) == OpenOptions()

@@ -24,7 +24,7 @@ from rosbags.typesys import Stores, get_typestore
 import lidarcli
 from lidarcli.errors import NoScanError
 from lidarcli.logs import open_log
-from lidarcli.logs.base import LASERSCAN, MULTI_ECHO, OpenOptions, ReadReport
+from lidarcli.logs.base import LASERSCAN, MULTI_ECHO, ReadReport
 from lidarcli.logs.text import MAX_LINE
 from lidarcli.pipeline.detecting import detect_files, detect_to_files
 from lidarcli.pipeline.inputs.search import find_logs
@@ -152,15 +152,6 @@ def test_intensities_are_kept_as_far_as_they_go(
         assert batch.intensities is None
     else:
         np.testing.assert_array_equal(batch.intensities, np.float32([kept] * 3))
-
-
-@pytest.mark.parametrize("declared", [4, 1 << 20, 1 << 30, (1 << 32) - 1])
-def test_counts_that_lie(name: str, declared: int, tmp_path: Path) -> None:
-    encoding = WRITERS[name][0]
-    good, bad = (scan([1.0, 2.0, 3.0], encoding=encoding), scan([1.0, 2.0], encoding=encoding, declared=declared))
-    rows, report = sweeps(written(name, tmp_path, {"/scan": (LASERSCAN, [good, bad, good])}))
-    assert rows == [[1.0, 2.0, 3.0]] * 2
-    assert report.refused.total() == 1
 
 
 # Topics.
@@ -299,42 +290,6 @@ def test_a_bomb_of_a_gzip_csv_is_skipped(tmp_path: Path) -> None:
 
 
 # Files that change, and folders of all sorts.
-
-
-def test_a_log_that_grows_while_it_is_read(name: str, tmp_path: Path) -> None:
-    """A recorder appends: what was there when the log was opened is read, and more is no error."""
-    message = scan([1.0, 2.0, 3.0], encoding=WRITERS[name][0])
-    path = written(name, tmp_path, {"/scan": (LASERSCAN, [message] * 500)})
-    with open_log(path) as log:
-        blocks = log.scans(None, ReadReport())
-        with path.open("ab") as file:
-            file.write(os.urandom(50_000))
-        found = sum(map(len, blocks))
-    assert found == 500
-
-
-def test_a_csv_that_grows_while_it_is_read(tmp_path: Path) -> None:
-    path = tmp_path / "run.csv"
-    path.write_text("time,r0,r1,r2\n" + "".join(f"{k / 10},1.0,2.0,3.0\n" for k in range(60_000)))
-    with open_log(path, opening=OpenOptions(fov=3.0)) as log:
-        blocks = log.scans(None, ReadReport())
-        found = len(next(iter(blocks)))
-        with path.open("a") as file:
-            file.write("6000.0,1.0,2.0,3.0\n6000.1,1.0,")
-        found += sum(map(len, blocks))
-        assert found in (60_000, 60_001)
-
-
-@pytest.mark.parametrize("upper", ["RUN.MCAP", "RUN.BAG", "RUN.DB3"])
-def test_suffixes_in_capitals(upper: str, tmp_path: Path) -> None:
-    folder = tmp_path / "logs"
-    folder.mkdir()
-    name = upper.lower()
-    message = scan([1.0, 2.0], encoding=WRITERS[name][0])
-    written(name, tmp_path, {"/scan": (LASERSCAN, [message] * 4)}).rename(folder / upper)
-    found = find_logs([str(folder), str(folder / upper)])
-    assert [source.name for source in found if isinstance(source, Source)] == ["RUN", "RUN"]
-    assert [inspect_log(source).scans[0].sweeps for source in found if isinstance(source, Source)] == [4, 4]
 
 
 def test_a_folder_of_all_kinds(tmp_path: Path) -> None:

@@ -6,7 +6,6 @@ import gzip
 import io
 import os
 import shutil
-import socket
 import sqlite3
 import subprocess
 import sys
@@ -134,17 +133,6 @@ def test_no_permission(tmp_path: Path) -> None:
     assert refusal(path) == f"{path}: cannot be opened: Permission denied"
 
 
-def test_no_permission_as_the_system_says_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    path = tmp_path / "run.mcap"
-    path.write_bytes(b"x")
-
-    def refuse(*_args: Any, **_kwargs: Any) -> None:
-        raise PermissionError(13, "Permission denied")
-
-    monkeypatch.setattr(Path, "open", refuse)
-    assert refusal(path) == f"{path}: cannot be opened: Permission denied"
-
-
 @pytest.mark.parametrize("data", [b"\x7fELF\x02\x01\x01" + bytes(99), b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR", bytes(5000)])
 def test_what_is_no_log(tmp_path: Path, data: bytes) -> None:
     path = tmp_path / "run.mcap"
@@ -190,13 +178,6 @@ def test_a_named_pipe_without_a_writer_is_given_up(tmp_path: Path, monkeypatch: 
     path = tmp_path / "pipe"
     os.mkfifo(path)
     assert refusal(path) == f"{path}: nobody has written to this pipe for 0.05 s"
-
-
-def test_a_socket(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
-    with socket.socket(socket.AF_UNIX) as listening:
-        listening.bind("socket")
-        assert refusal("socket") == "socket: is neither a file nor a folder nor a pipe"
 
 
 def test_a_folder_of_one_mcap_without_metadata(tmp_path: Path) -> None:
@@ -281,9 +262,3 @@ def test_a_pattern_of_other_logs(tmp_path: Path) -> None:
         (tmp_path / name).write_bytes(mcap_samples.sample(2))
     pattern = str(tmp_path / "*.mcap")
     assert refusal(pattern) == (f"{pattern}: only files of one sweep each (CSV) make one log; name other logs one by one")
-
-
-def test_a_name_with_brackets_is_a_name(tmp_path: Path) -> None:
-    path = tmp_path / "run[1].mcap"
-    path.write_bytes(mcap_samples.sample(2))
-    assert sweeps(path) == 2

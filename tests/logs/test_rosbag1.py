@@ -9,7 +9,6 @@ import re
 import struct
 from pathlib import Path
 
-import numpy as np
 import pytest
 from rosbags.rosbag1 import Writer
 from rosbags.typesys import Stores, get_typestore
@@ -17,8 +16,8 @@ from rosbags.typesys import Stores, get_typestore
 from lidarcli.errors import UnreadableError
 from lidarcli.logs import rosbag1, unpacking
 from lidarcli.logs.base import LASERSCAN, Topic
-from lidarcli.logs.rosbag1 import Search, parse
-from tests.logs.numbered import header, indices, laser_scan, record_time
+from lidarcli.logs.rosbag1 import parse
+from tests.logs.numbered import indices, laser_scan, record_time
 from tests.logs.watched import Rosbag1Log
 from tests.places import REAL_LOGS, needs_real_logs
 
@@ -86,19 +85,6 @@ def test_reads_back_every_value(tmp_path: Path, codec: str) -> None:
         assert log.position == log.size
 
 
-def test_large_chunks_are_decoded_where_they_lie(tmp_path: Path) -> None:
-    data = write_bag(tmp_path / "a.bag", 3000, chunk=1 << 20)
-    assert read(data) == (list(range(3000)), [])
-
-
-def test_beam_counts_may_change(tmp_path: Path) -> None:
-    with Writer(tmp_path / "a.bag") as writer:
-        topic = writer.add_connection("/scan", "sensor_msgs/msg/LaserScan", typestore=STORE)
-        for index in range(100):
-            writer.write(topic, record_time(index), scan(index, 30 + index % 5))
-    assert read((tmp_path / "a.bag").read_bytes()) == (list(range(100)), [])
-
-
 def test_two_topics_and_two_publishers(tmp_path: Path) -> None:
     with Writer(tmp_path / "a.bag") as writer:
         kind = "sensor_msgs/msg/LaserScan"
@@ -114,29 +100,6 @@ def test_two_topics_and_two_publishers(tmp_path: Path) -> None:
         assert indices(log, topics=["/left"]) == [i for i in range(90) if i % 3 != 1]
         assert indices(log, topics={"right"}) == list(range(1, 90, 3))
         assert indices(log, topics=["/other"]) == []
-
-
-def test_first_echo_of_multi_echo(tmp_path: Path) -> None:
-    echo = TYPES["sensor_msgs/msg/LaserEcho"]
-    message = TYPES["sensor_msgs/msg/MultiEchoLaserScan"](
-        header=header(TYPES, 3, seq=3),
-        angle_min=0.0,
-        angle_max=0.2,
-        angle_increment=0.1,
-        time_increment=0.0,
-        scan_time=0.1,
-        range_min=0.1,
-        range_max=9.0,
-        ranges=[echo(np.array(e, np.float32)) for e in ([1, 2], [], [3])],
-        intensities=[],
-    )
-    kind = "sensor_msgs/msg/MultiEchoLaserScan"
-    with Writer(tmp_path / "a.bag") as writer:
-        topic = writer.add_connection("/echoes", kind, typestore=STORE)
-        writer.write(topic, record_time(3), STORE.serialize_ros1(message, kind))
-    with Rosbag1Log(str(tmp_path / "a.bag")) as log:
-        (block,) = log.scans()
-    np.testing.assert_array_equal(block.ranges, [[1, np.nan, 3]])
 
 
 # Index: reading never depends on it.
@@ -399,12 +362,6 @@ def test_a_message_too_large_for_memory_is_passed_over(tmp_path: Path, monkeypat
         assert found == list(range(20)), codec
         if codec == "none":
             assert damage == []
-
-
-def test_search_has_a_budget() -> None:
-    search = Search(budget=50)
-    assert search.next(b"\x04\x00\x00\x00op=\x02" * 100_000, 0) is None
-    assert search.budget <= 0
 
 
 # What is refused.

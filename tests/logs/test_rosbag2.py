@@ -20,11 +20,10 @@ from rosbags.typesys import Stores, get_typestore
 from lidarcli import newfiles
 from lidarcli.errors import UnreadableError
 from lidarcli.logs import base, open_log, unpacking
-from lidarcli.logs import rosbag2 as database
 from lidarcli.logs.base import LASERSCAN, Topic
-from lidarcli.logs.rosbag2 import natural, read_folder
+from lidarcli.logs.rosbag2 import read_folder
 from lidarcli.logs.rosbag2_salvage import Salvage
-from lidarcli.logs.unpacking import Unpacking, unpack_file, unpack_message
+from lidarcli.logs.unpacking import unpack_file
 from lidarcli.simulation.writers import write_log
 from tests.logs.numbered import indices, laser_scan, ranges_of, record_time
 from tests.logs.numbered import read_bag as read
@@ -106,35 +105,6 @@ def test_a_bare_storage_file(tmp_path: Path, mode: CompressionMode) -> None:
     file = write_bag(tmp_path / "bag", mode=mode)
     assert file.name == ("bag.db3" if mode is CompressionMode.NONE else "bag.db3.zstd")
     assert read(file) == (list(range(60)), [])
-
-
-def test_topics_are_chosen_by_name(tmp_path: Path) -> None:
-    with Writer(tmp_path / "bag", version=8) as writer:
-        topics = [writer.add_connection(name, SCAN, typestore=STORE) for name in ("/left", "right")]
-        for index in range(100):
-            writer.write(topics[index % 2], record_time(index), scan(index, 30 + index % 3))
-    with Rosbag2Log(str(tmp_path / "bag")) as log:
-        assert indices(log, topics=["/left"]) == list(range(0, 100, 2))
-        assert indices(log, topics=["right"]) == list(range(1, 100, 2))
-        assert sorted(indices(log)) == list(range(100))
-        assert indices(log, topics=["/other"]) == []
-
-
-def test_an_empty_bag(tmp_path: Path) -> None:
-    write_bag(tmp_path / "bag", range(0))
-    with Rosbag2Log(str(tmp_path / "bag")) as log:
-        assert log.topics() == [Topic("/scan", LASERSCAN, "cdr", 0), Topic("/chatter", TEXT, "cdr", 0)]
-        assert list(log.scans()) == []
-        assert log.report.damage == []
-
-
-def test_a_scan_topic_of_another_type(tmp_path: Path) -> None:
-    with Writer(tmp_path / "bag", version=8) as writer:
-        topic = writer.add_connection("/scan", "sensor_msgs/msg/PointCloud2", typestore=STORE)
-        writer.write(topic, 1, b"\0\1\0\0")
-    with Rosbag2Log(str(tmp_path / "bag")) as log:
-        assert list(log.scans()) == []
-        assert log.report.damage == []
 
 
 # Old schemas and odd rows.
@@ -241,22 +211,6 @@ def test_write_ahead_log(tmp_path: Path) -> None:
         bag.chmod(0o755)
 
 
-def test_write_ahead_log_without_room(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    bag = wal_bag(tmp_path)
-    monkeypatch.setattr(database, "DISK_SHARE", 0.0)
-    assert read(bag) == (
-        list(range(30)),
-        ["bag_0.db3: bag_0.db3-wal: not read: no room in the temporary folder to merge it into a copy of the bag"],
-    )
-
-
-def test_empty_write_ahead_log_needs_no_copy(tmp_path: Path) -> None:
-    bag = wal_bag(tmp_path)
-    (bag / "bag_0.db3-wal").write_bytes(b"")
-    assert read(bag) == (list(range(30)), [])
-    assert sorted(item.name for item in bag.iterdir()) == ["bag_0.db3", "bag_0.db3-wal"]
-
-
 def test_a_recorder_killed_amid_a_transaction(tmp_path: Path) -> None:
     """Recorders keep the journal in memory: what the transaction wrote stands in the file, but not in its tree."""
     file = write_bag(tmp_path / "bag", range(30), beams=361)
@@ -275,13 +229,6 @@ def test_a_recorder_killed_amid_a_transaction(tmp_path: Path) -> None:
     assert found == list(range(len(found)))
     assert len(found) > 170
     assert re.match(r"database: not closed properly: [\d,]+ bytes behind its declared end; read page", damage[0])
-
-
-def test_odd_characters_in_the_path(tmp_path: Path) -> None:
-    folder = tmp_path / "50% a?b#c 'd'"
-    write_bag(tmp_path / "bag")
-    (tmp_path / "bag").rename(folder)
-    assert read(folder) == (list(range(60)), [])
 
 
 # Truncated and flipped databases.
@@ -377,27 +324,6 @@ def test_broken_header(tmp_path: Path) -> None:
     found, damage = read(file)
     assert found == list(range(60))
     assert "read page by page: 60 messages recovered" in damage[0]
-
-
-@pytest.mark.slow
-def test_random_bytes_never_raise(tmp_path: Path) -> None:
-    data = write_bag(tmp_path / "bag", range(30), beams=361).read_bytes()
-    rng = random.Random(4)
-    file = tmp_path / "mutated.db3"
-    for _ in range(150):
-        mutated = bytearray(data)
-        for _ in range(rng.randrange(1, 20)):
-            at = rng.randrange(len(mutated))
-            mutated[at : at + 6] = rng.randbytes(6)
-        file.write_bytes(mutated[: rng.choice([len(mutated), rng.randrange(4096, len(mutated))])])
-        try:
-            with Rosbag2Log(str(file)) as log:
-                log.topics()
-                list(log.messages({TEXT}))
-                for block in log.scans():
-                    assert block.ranges.shape[0] == len(block)
-        except UnreadableError:
-            continue
 
 
 # Folders.
@@ -611,25 +537,7 @@ def test_messages_that_do_not_unpack_are_refused_alone(tmp_path: Path) -> None:
         assert log.compression == "zstd"
 
 
-def test_unpack_message_bounds_undeclared_sizes() -> None:
-    bomb = zstandard.ZstdCompressor().compressobj()
-    data = bomb.compress(bytes(base.MAX_MESSAGE + 1)) + bomb.flush()
-    assert zstandard.frame_content_size(data) == -1
-    assert unpack_message(data, Unpacking()) is None
-    assert unpack_message(b"\x28\xb5\x2f\xfd" + bytes(3), Unpacking()) is None
-
-
 # What is refused.
-
-
-def test_a_folder_without_a_bag(tmp_path: Path) -> None:
-    folder = tmp_path / "folder"
-    folder.mkdir()
-    (folder / "metadata.yaml").write_text("a: 1")
-    (folder / "bag_0.db3").mkdir()
-    with pytest.raises(UnreadableError) as err:
-        Rosbag2Log(str(folder))
-    assert str(err.value) == f"{folder}: no .db3 or .mcap file in this folder, hence no ROS 2 bag"
 
 
 def test_files_that_are_no_bag(tmp_path: Path) -> None:
@@ -646,11 +554,6 @@ def test_files_that_are_no_bag(tmp_path: Path) -> None:
     with pytest.raises(UnreadableError) as err:
         Rosbag2Log(str(file))
     assert str(err.value) == f"{file}: holds no ROS 2 messages (SQLite says: no such table: topics)"
-
-
-def test_natural_order() -> None:
-    names = ["b_10.db3", "b_9.db3", "b.db3", "a_11.db3"]
-    assert sorted(names, key=natural) == ["a_11.db3", "b.db3", "b_9.db3", "b_10.db3"]
 
 
 # Real logs.

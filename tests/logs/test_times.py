@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from lidarcli.logs.times import DAYS, MINUTES, TIME_OF_DAY, going_on, time_notes, time_unit, to_ns
+from lidarcli.logs.cells import DAYS, MINUTES, TIME_OF_DAY, going_on, time_notes, time_unit, to_ns
 from lidarcli.times import Instant
 
 NOON = "2026-11-26T13:05:10"

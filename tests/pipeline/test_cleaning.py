@@ -9,8 +9,6 @@ from types import SimpleNamespace
 from typing import Any, NamedTuple
 
 import numpy as np
-import pyarrow as pa
-import pyarrow.parquet as pq
 import pytest
 from rosbags.highlevel import AnyReader
 
@@ -22,13 +20,11 @@ from lidarcli.errors import OptionError, UnreadableError
 from lidarcli.formalism.mapping.grid import compare
 from lidarcli.logs import open_log
 from lidarcli.logs.base import ReadReport
-from lidarcli.pipeline.cleaned_beams import REASONS, _beside, _came_along, _Paths, _Reach, _sets_out, _Track, doubted
-from lidarcli.pipeline.inputs.tables import TableSet
+from lidarcli.pipeline.cleaning import REASONS, neighbours
 from lidarcli.simulation.generate import simulate_blocks, simulate_odometry
 from lidarcli.simulation.scene import Odometry, Scene
 from lidarcli.simulation.writers import write_log
-from lidarcli.sweeps import Bool, Closure, Float64, Int64
-from lidarcli.tabular.schemas import SCHEMAS
+from lidarcli.sweeps import Bool, Closure, Float64
 from tests.pipeline import drawn
 from tests.places import REAL_LOGS, SAMPLES, needs_real_logs
 from tests.sweeping import raw_sweeps, room_sweeps, round_room
@@ -132,102 +128,6 @@ def test_who_stops_under_another_track_is_gone(kind: Kind, seed: int, tmp_path: 
     assert wrong <= 0.005 * others
 
 
-def paths_of(*places: Float64, first: tuple[int, ...] = (), sd: float = 0.02) -> _Paths:
-    """Tracks 1, 2, ... at places (S, 2) from their first sweeps on, at 10 Hz."""
-    starts = first or (0,) * len(places)
-    sweep = np.concatenate([begin + np.arange(len(each)) for begin, each in zip(starts, places, strict=True)])
-    track = np.repeat(np.arange(1, len(places) + 1), [len(each) for each in places])
-    x, y = np.concatenate(places).T
-    never = np.zeros(len(x), np.bool_)
-    return _Paths(track, sweep, sweep * 100_000_000, x, y, np.full(len(x), sd), never, never)
-
-
-def along(seconds: Float64) -> Float64:
-    """Places (S, 2) on the way of who walks at 0.5 m/s from the time 0 on."""
-    return np.column_stack([0.5 * np.maximum(seconds, 0.0), np.zeros(len(seconds))])
-
-
-def test_an_agent_sets_out_where_its_path_leaves_its_place() -> None:
-    stood = paths_of(along(np.arange(40) / 10 - 3.0))
-    assert 30 <= _sets_out(stood, slice(0, 38)) <= 33
-    walked = paths_of(along(np.arange(20) / 10))
-    assert _sets_out(walked, slice(0, 15)) == 0
-    # A path that drifts by 2 cm/s, as the view of a thing changes.
-    drifts = paths_of(along(np.arange(60) / 250))
-    assert _sets_out(drifts, slice(0, 60)) == 59
-    assert _sets_out(stood, slice(0, 0)) == 0
-
-
-@pytest.mark.parametrize(
-    ("x", "first", "count", "came"),
-    [
-        (2.5, 52, 90, True),
-        (2.5, 50, 90, True),
-        (2.5, 0, 140, False),
-        (4.0, 52, 90, False),
-        (1.0, 18, 5, True),
-        (1.0, 18, 30, False),
-        (2.5, 70, 90, False),
-    ],
-)
-def test_what_came_along_with_an_agent_is_part_of_it(x: float, first: int, count: int, came: bool) -> None:
-    """Somebody walks for 5 s and ends at 2.45 m; a thing is seen from a sweep on, in so many sweeps."""
-    thing = np.tile([x, 0.0], (count, 1))
-    paths = paths_of(along(np.arange(50) / 10), thing, first=(0, first))
-    rows: Int64 = np.arange(50)
-    agents = _Reach(rows, np.full(50, 0.45))
-    ends = _Reach(rows[-1:], np.array([0.45]))
-    assert _came_along(_Track(2, False, 0, 0.1), paths, agents, ends, np.zeros(1, np.int64)) == came
-
-
-def tables_of(folder: Path, **tables: dict[str, Any]) -> TableSet:
-    """Tables with some columns of theirs."""
-    for name, columns in tables.items():
-        schema = pa.schema([SCHEMAS[name].field(column) for column in columns])
-        arrays = [pa.array(values).cast(one.type) for values, one in zip(columns.values(), schema, strict=True)]
-        pq.write_table(pa.Table.from_arrays(arrays, schema=schema), folder / f"run.{name}.parquet")
-    return TableSet(f"{folder}/run.", ".parquet")
-
-
-@pytest.mark.parametrize(
-    ("drives", "seen", "says"),
-    [
-        (True, 100, ["/scan: 50% of the beams on agents always end at the same places before the sensor: "]),
-        (False, 100, []),
-        (False, 20, ["/scan: 50% of the beams on agents are on what was hidden for most of its time: "]),
-    ],
-)
-def test_agents_that_may_be_none_are_told(drives: bool, seen: int, says: list[str], tmp_path: Path) -> None:
-    """One agent before the sensor, seen in some sweeps, and one that walks."""
-    way = 0.05 * np.arange(100)
-    sweeps = np.arange(seen)
-    before, world = np.full(seen, 0.3), 0.3 + drives * way[sweeps]
-    pair = tables_of(
-        tmp_path,
-        objects={
-            "topic": ["/scan"] * (seen + 100),
-            "track": [1] * seen + [2] * 100,
-            "set": ["A"] * (seen + 100),
-            "beams": [100 // seen * 4] * seen + [4] * 100,
-            "box_x": np.append(before, way),
-            "box_y": np.zeros(seen + 100),
-            "world_x": np.append(world, 2.0 * way),
-            "world_y": np.zeros(seen + 100),
-        },
-        tracks={
-            "topic": ["/scan"] * 2,
-            "track": [1, 2],
-            "first_sweep": [0, 0],
-            "last_sweep": [99, 99],
-            "duration": [9.9, 9.9],
-            "sweeps": [seen, 100],
-        },
-    )
-    told = doubted(pair)
-    assert len(told) == len(says)
-    assert all(line.startswith(begin) for line, begin in zip(told, says, strict=True))
-
-
 @pytest.mark.slow
 def test_a_note_on_a_path_names_its_topic_where_there_are_several(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
@@ -283,7 +183,7 @@ def test_a_margin_is_as_wide_as_told_and_goes_on_around_a_full_turn(margin: int)
                 wanted[row, beside % beams[row]] = True
     closure = np.where(turns, Closure.CLOSED, Closure.OPEN)
     batch = SimpleNamespace(beams=beams, closure=closure)
-    assert _beside(batch, chosen, margin).tolist() == wanted.tolist()  # type: ignore[arg-type]
+    assert neighbours(batch, chosen, margin).tolist() == wanted.tolist()  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("margin", [0, 1, 3])
@@ -307,15 +207,6 @@ def test_what_is_removed_may_be_a_list(tmp_path: Path) -> None:
     for number, words in enumerate((["temporary"], ("temporary", "agents"), "temporary,agents")):
         table = lidarcli.clean(log, tmp_path / f"{number}.mcap", remove=words, margin=0)
         assert taken(table, "temporary") == [30] * 40 + [0] * 40
-
-
-@pytest.mark.parametrize("odd", [3, None, ["agents", 3], {"agents": True}])
-def test_what_is_removed_is_words(odd: Any, tmp_path: Path) -> None:
-    write_log(tmp_path / "run.mcap", [room_sweeps()])
-    with pytest.raises(TypeError, match=r"^remove is a list of words, or one text, not "):
-        lidarcli.clean(tmp_path / "run.mcap", tmp_path / "out.mcap", remove=odd)
-    with pytest.raises(OptionError, match="'people' is not one of agents, temporary"):
-        lidarcli.clean(tmp_path / "run.mcap", tmp_path / "out.mcap", remove=["agents", "people"])
 
 
 @pytest.mark.slow

@@ -15,15 +15,15 @@ from lidarcli.errors import OptionError
 from lidarcli.findings import Finding, transform_lines
 from lidarcli.logs.base import OpenOptions
 from lidarcli.pipeline.inputs.sources import Source
+from lidarcli.pipeline.inspecting import inspect_log
 from lidarcli.pipeline.reading.deep import DeepFindings, deep_findings
-from lidarcli.pipeline.reading.pose_sources import PoseOptions
+from lidarcli.pipeline.reading.posing import PoseOptions
 from lidarcli.range_rules import RangeRules
 from lidarcli.ros.messages import ROS1, Outgoing, bag_writer
 from lidarcli.simulation import scene as make
 from lidarcli.simulation.generate import START_NS, SimulatedPoses, relative, simulate_odometry
-from lidarcli.simulation.messages import ROS1_BYTES
 from lidarcli.simulation.scene import Entity, Mount, Odometry, Scene, Sensor
-from lidarcli.simulation.writers import outgoing, write_log
+from lidarcli.simulation.writers import ROS1_BYTES, outgoing, write_log
 from lidarcli.sweeps import TURN, Float64, RawSweeps
 from tests.fake_log import FakeLog
 from tests.pipeline.drawn import ROOM, SENSOR, Drive, round_about, scene_of, standing, straight, sweeps_of
@@ -85,7 +85,7 @@ def assert_mounted(found: Finding, place: Place, distance: float = 0.02, yaw: fl
 )
 @pytest.mark.parametrize("odometry", [Odometry(), WHEELS], ids=["true poses", "wheels"])
 def test_a_mount_that_is_not_told_is_found(tmp_path: Path, mount: Place, odometry: Odometry) -> None:
-    found = deep(drive(tmp_path / "run.mcap", scene_of(odometry=odometry, mount=Mount(mount, told=False))))
+    found = deep(drive(tmp_path / "run.mcap", scene_of(odometry=odometry, mount=Mount(mount, in_log=False))))
     finding = only(found, "mount")
     assert_mounted(finding, mount)
     (told,) = found.mounts
@@ -110,7 +110,7 @@ def test_a_mount_that_is_told_is_not(tmp_path: Path, mount: Place, odometry: Odo
 
 @pytest.mark.slow
 def test_a_straight_drive_does_not_tell_a_mount(tmp_path: Path) -> None:
-    scene = scene_of(straight, odometry=Odometry(), mount=Mount((0.3, 0.1, 0.0), told=False))
+    scene = scene_of(straight, odometry=Odometry(), mount=Mount((0.3, 0.1, 0.0), in_log=False))
     found = deep(drive(tmp_path / "run.mcap", scene))
     finding = only(found, "mount", "hint")
     assert finding.message == ("mount of laser: cannot be told: the poses turn by 0 degrees, and 120 are needed")
@@ -163,7 +163,7 @@ def test_stated_deviations_cover_the_truth(tmp_path: Path) -> None:
             Drive(oval(rng, room)),  # type: ignore[arg-type]
             odometry,
             sweeps=int(rng.uniform(200, 400)),
-            mount=Mount(mount, told=False),
+            mount=Mount(mount, in_log=False),
         )
         log = drive(tmp_path / f"{number}.mcap", scene)
         for finding in deep(log).findings:
@@ -429,9 +429,9 @@ def test_a_log_without_sweeps_has_no_finding(tmp_path: Path) -> None:
 
 
 def test_a_pipe_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("lidarcli.pipeline.reading.deep.open_source", lambda *_: FakeLog(size=None))
+    monkeypatch.setattr("lidarcli.pipeline.inspecting.open_source", lambda *_: FakeLog(size=None))
     with pytest.raises(OptionError, match="--deep reads a log twice"):
-        deep_findings(Source("-", "run"))
+        inspect_log(Source("-", "run"), deep=True)
 
 
 # --- real logs ------------------------------------------------------------------------------------------------

@@ -20,9 +20,8 @@ from lidarcli.findings import Finding, Fix
 from lidarcli.pipeline.inputs.sources import Source
 from lidarcli.pipeline.inspecting import inspect_log
 from lidarcli.simulation.generate import START_NS, SimulatedPoses, simulate_blocks
-from lidarcli.simulation.messages import ROS1_BYTES
 from lidarcli.simulation.scene import Sensor
-from lidarcli.simulation.writers import outgoing, write_log
+from lidarcli.simulation.writers import ROS1_BYTES, outgoing, write_log
 from lidarcli.sweeps import TURN, RawSweeps, concatenate
 from tests.pipeline import drawn
 from tests.pipeline.drawn import (

@@ -17,7 +17,7 @@ from lidarcli.masks import Circle, Mask, Masks, Mount, Polygon, Sector
 from lidarcli.pipeline.inputs.masks import mask_text, masks_of, plain, read_masks
 from lidarcli.pipeline.inputs.sources import Source, open_source
 from lidarcli.pipeline.reading.masking import MaskRules, masking_of
-from lidarcli.pipeline.reading.pose_sources import PoseOptions
+from lidarcli.pipeline.reading.posing import PoseOptions
 from lidarcli.range_rules import RangeRules
 from lidarcli.simulation.generate import simulate_odometry, simulate_sweep_arrays
 from lidarcli.simulation.scene import PARKED, Entity, Motion, Odometry, Scene, load_scene

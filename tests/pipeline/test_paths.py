@@ -27,7 +27,7 @@ from lidarcli.pipeline.objects.detection import DetectOptions
 from lidarcli.pipeline.objects.tracking import TrackOptions
 from lidarcli.pipeline.reading import path_check
 from lidarcli.pipeline.reading.path_check import check_paths
-from lidarcli.pipeline.reading.pose_sources import PoseOptions, find_poses
+from lidarcli.pipeline.reading.posing import PoseOptions, find_poses
 from lidarcli.pose.tracks import planar
 from lidarcli.range_rules import RangeRules
 from lidarcli.simulation.generate import simulate_blocks, simulate_odometry
@@ -91,8 +91,8 @@ def facts(table: Any) -> dict[str, Any]:
 def path_of(log: Path) -> Float64:
     """(S, 3) the path to use of the only sensor, at its sweeps."""
     (path,) = checked(log).values()
-    assert path.way is not None
-    there = planar(path.way.at(path.stamp_ns))
+    assert path.chain is not None
+    there = planar(path.chain.at(path.stamp_ns))
     return np.column_stack([there.x, there.y, there.yaw])
 
 
@@ -341,8 +341,8 @@ def test_where_the_path_is_not_known_there_are_no_poses(tmp_path: Path) -> None:
     ((_, path),) = checked(tmp_path / "run.mcap").items()
     assert path.verdict == "matched"
     assert path.notes == ("no pose for 15 of 200 sweeps of /scan: they fit nowhere, or may slide along their walls",)
-    assert path.way is not None
-    there = np.isfinite(path.way.at(stamps()).position[:, 0])
+    assert path.chain is not None
+    there = np.isfinite(path.chain.at(stamps()).position[:, 0])
     assert np.flatnonzero(~there).tolist() == list(range(60, 75))
 
 

@@ -14,7 +14,7 @@ from lidarcli.pipeline.inputs.search import log_name
 from lidarcli.pipeline.inputs.sources import Source, open_source
 from lidarcli.pipeline.reading import one_log
 from lidarcli.pipeline.reading.one_log import Reading
-from lidarcli.pipeline.reading.pose_sources import PoseOptions
+from lidarcli.pipeline.reading.posing import PoseOptions
 from lidarcli.sweeps import SweepBatch
 from tests.places import SAMPLES
 

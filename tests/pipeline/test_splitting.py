@@ -34,7 +34,7 @@ from lidarcli.pipeline.objects.detection import BatchDetector, DetectOptions, Pa
 from lidarcli.pipeline.objects.subtracting import BackgroundOptions
 from lidarcli.pipeline.reading import path_check
 from lidarcli.pipeline.reading.one_log import RunSummary
-from lidarcli.pipeline.reading.pose_sources import NO_POSES
+from lidarcli.pipeline.reading.posing import NO_POSES
 from lidarcli.pipeline.runs import over_logs, processes
 from lidarcli.range_rules import RangeRules
 from lidarcli.simulation.generate import simulate_blocks, simulate_odometry

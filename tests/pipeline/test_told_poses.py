@@ -20,7 +20,7 @@ from lidarcli.pipeline.inputs.sources import Source
 from lidarcli.pipeline.inspecting import inspect_log
 from lidarcli.pipeline.objects.detection import DetectOptions
 from lidarcli.pipeline.objects.tracking import TrackOptions
-from lidarcli.pipeline.reading.pose_sources import PoseOptions
+from lidarcli.pipeline.reading.posing import PoseOptions
 from lidarcli.simulation.generate import START_NS, relative
 from lidarcli.sweeps import Float64
 from tests.pipeline.drawn import (

@@ -15,8 +15,7 @@ from lidarcli.logs.batches import ReadOptions
 from lidarcli.pipeline.inputs.sources import Source
 from lidarcli.pipeline.inputs.tables import poses_of, read_tracks_table, world_in
 from lidarcli.pipeline.mapping import MapOptions, Mapping
-from lidarcli.simulation.messages import ROS1_BYTES
-from lidarcli.simulation.writers import outgoing
+from lidarcli.simulation.writers import ROS1_BYTES, outgoing
 from lidarcli.tabular.reading import note_value, notes_of
 from lidarcli.tabular.writing import SOURCE
 from tests.pipeline.drawn import driven, round_about, told, write_messages

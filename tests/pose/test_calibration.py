@@ -83,10 +83,10 @@ def test_what_is_fixed_stays() -> None:
 
 @pytest.mark.slow
 def test_on_a_straight_way_the_deviations_of_a_place_are_large() -> None:
-    way = np.column_stack([np.linspace(-2.0, 2.0, 60), np.zeros(60), np.zeros(60)])
-    outlines = seen(way)
+    chain = np.column_stack([np.linspace(-2.0, 2.0, 60), np.zeros(60), np.zeros(60)])
+    outlines = seen(chain)
     stretch = np.arange(60) // 10
-    found = settle(outlines, lambda values: mounted(way, values), np.zeros(3), np.full(3, 10.0), stretch)
+    found = settle(outlines, lambda values: mounted(chain, values), np.zeros(3), np.full(3, 10.0), stretch)
     assert found.deviations[:2].min() > 0.05
 
 
@@ -98,10 +98,10 @@ def test_a_path_is_scaled_step_by_step() -> None:
 
 
 def test_stretches_end_after_a_turn_or_a_way() -> None:
-    way = np.column_stack([np.arange(10.0), np.zeros(10), np.zeros(10)])
+    chain = np.column_stack([np.arange(10.0), np.zeros(10), np.zeros(10)])
     expected = [0, 0, 0, 1, 1, 2, 2, 2, 3, 3]
-    assert stretches_of(way, 1.0, 2.5).tolist() == expected
-    assert stretches_of(way[:, [1, 2, 0]], 2.5, 1.0).tolist() == expected
+    assert stretches_of(chain, 1.0, 2.5).tolist() == expected
+    assert stretches_of(chain[:, [1, 2, 0]], 2.5, 1.0).tolist() == expected
 
 
 @pytest.mark.slow

@@ -16,8 +16,8 @@ from lidarcli.cli import run
 from lidarcli.errors import OptionError
 from lidarcli.pipeline.inputs.sources import Source
 from lidarcli.pipeline.inspecting import inspect_log
-from lidarcli.pipeline.reading import path_check, pose_sources
-from lidarcli.pipeline.reading.pose_sources import MOST_DELAY
+from lidarcli.pipeline.reading import path_check, posing
+from lidarcli.pipeline.reading.posing import MOST_DELAY
 from lidarcli.pose import fit
 from lidarcli.simulation.generate import simulate_blocks, simulate_odometry
 from lidarcli.simulation.scene import load_scene
@@ -144,7 +144,7 @@ def test_info_tells_of_the_delay(folder: Path, capfd: pytest.CaptureFixture[str]
 
 def test_the_page_tells_the_limits() -> None:
     page = (ROOT / "docs" / "poses.md").read_text(encoding="utf-8")
-    assert f"| `pose_sources.MOST_DELAY` | {pose_sources.MOST_DELAY:.0f} | s |" in page
+    assert f"| `posing.MOST_DELAY` | {posing.MOST_DELAY:.0f} | s |" in page
     for words in (
         f"A delay of up to {fit.LONGEST_DELAY:g} s is\n  found to {fit.FINE_STEP:g} s",
         f"at least {fit.ACCEPTED:.0%} of the steps agree".replace("%", " %"),

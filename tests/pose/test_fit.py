@@ -33,23 +33,23 @@ STAMPS = stamps(COUNT)
 TRUE = round_about(SECONDS)
 
 
-def told_by(way: Callable[[Float64], Float64]) -> Callable[[Int64], Float64]:
+def told_by(chain: Callable[[Float64], Float64]) -> Callable[[Int64], Float64]:
     """Poses at stamps by a way, which is told from 1 s before the first sweep to 1 s after the last one."""
 
     def at(stamp_ns: Int64) -> Float64:
         seconds = (stamp_ns - STAMPS[0]) / SECOND_NS
-        poses = way(seconds)
+        poses = chain(seconds)
         poses[(seconds < -1.0) | (seconds > SECONDS[-1] + 1.0)] = np.nan
         return poses
 
     return at
 
 
-def judged(way: Callable[[Float64], Float64], matched: Float64 = TRUE, pieces: Float64 | None = None) -> PoseFit:
+def judged(chain: Callable[[Float64], Float64], matched: Float64 = TRUE, pieces: Float64 | None = None) -> PoseFit:
     """The verdict on a told way."""
     rng = np.random.default_rng(1)
     seen = matched + rng.normal(0.0, [0.003, 0.003, 0.001], matched.shape)
-    return judge_poses(STAMPS[: len(matched)], seen, told_by(way), pieces)
+    return judge_poses(STAMPS[: len(matched)], seen, told_by(chain), pieces)
 
 
 def late(seconds: Float64, delay: float) -> Float64:
@@ -197,9 +197,9 @@ def jumps_in(poses: Float64, step: float = 0.1) -> tuple[list[float], float]:
         odometry(int(stamp), "odom", "laser", tuple(pose))
         for stamp, pose in zip(stamps(len(poses), step), poses, strict=True)
     ]
-    way = sources(messages).way("laser")
-    assert way is not None
-    found = jumps_of(way)
+    chain = sources(messages).chain("laser")
+    assert chain is not None
+    found = jumps_of(chain)
     assert len(found.gaps_ns) == len(found.lengths)
     assert (np.diff(found.gaps_ns, axis=1) == round(step * SECOND_NS)).all()
     return found.lengths.tolist(), found.share
@@ -267,10 +267,10 @@ def test_two_publishers_are_found_though_the_sensor_stands() -> None:
     still = np.zeros((COUNT, 3))
     apart = still + np.outer(np.arange(COUNT) % 2, [0.4, 0.0, 0.0])
     messages = [odometry(int(stamp), "odom", "laser", tuple(pose)) for stamp, pose in zip(STAMPS, apart, strict=True)]
-    way = sources(messages).way("laser")
-    assert way is not None
+    chain = sources(messages).chain("laser")
+    assert chain is not None
     # Sweeps between those of the two tell no step.
-    fit = judge_poses(STAMPS, still, lambda at: still[: len(at)], jumps=jumps_of(way))
+    fit = judge_poses(STAMPS, still, lambda at: still[: len(at)], jumps=jumps_of(chain))
     assert (fit.verdict, fit.pairs, fit.jumps) == ("rejected", 0, pytest.approx((0.4,)))
     unchecked = judge_poses(STAMPS, still, lambda at: still[: len(at)])
     assert (unchecked.verdict, unchecked.moves) == ("unchecked", False)

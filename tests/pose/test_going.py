@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from lidarcli.logs.base import Message
-from lidarcli.pipeline.reading.pose_sources import PoseOptions
+from lidarcli.pipeline.reading.posing import PoseOptions
 from lidarcli.sweeps import SweepBatch
 from tests.pose.pose_messages import SECOND, odometry, tf
 from tests.pose.test_posing import PosesLog, batch_of, cut, posing_of
@@ -38,14 +38,14 @@ def ways(batch: SweepBatch, messages: list[Message], options: PoseOptions | None
 
 @pytest.mark.parametrize("seconds", [0.1, 0.04, -0.1, -0.07, 0.25])
 def test_the_way_from_the_first_beam_to_the_last(seconds: float) -> None:
-    way = ways(lasting(seconds), along())
-    np.testing.assert_allclose(way, np.tile([seconds, -0.5 * seconds, seconds], (40, 1)), atol=1e-9)
+    chain = ways(lasting(seconds), along())
+    np.testing.assert_allclose(chain, np.tile([seconds, -0.5 * seconds, seconds], (40, 1)), atol=1e-9)
 
 
 def test_each_sweep_has_its_own_time() -> None:
     seconds = np.resize([0.0, 0.1, -0.05, 0.02], 40)
-    way = ways(lasting(seconds.tolist()), along())
-    np.testing.assert_allclose(way, np.outer(seconds, [1.0, -0.5, 1.0]), atol=1e-9)
+    chain = ways(lasting(seconds.tolist()), along())
+    np.testing.assert_allclose(chain, np.outer(seconds, [1.0, -0.5, 1.0]), atol=1e-9)
 
 
 def test_turns_go_the_short_way() -> None:
@@ -53,19 +53,19 @@ def test_turns_go_the_short_way() -> None:
         odometry(START + k * TENTH, "odom", "laser", (0.0, 0.0, float(np.angle(np.exp(1j * (3.0 + 0.3 * k))))))
         for k in range(60)
     ]
-    way = ways(lasting(0.1), messages)
-    np.testing.assert_allclose(way[:, 2], 0.3, atol=1e-9)
+    chain = ways(lasting(0.1), messages)
+    np.testing.assert_allclose(chain[:, 2], 0.3, atol=1e-9)
 
 
 def test_a_way_of_the_sensor_and_not_of_the_robot() -> None:
     # The laser is 1 m ahead of a robot that turns on the spot.
     messages = [tf(START + k * TENTH, "odom", "base_link", (0.0, 0.0, 0.1 * k)) for k in range(60)]
     messages.append(tf(0, "base_link", "laser", (1.0, 0.0, 0.0), "/tf_static"))
-    way = ways(lasting(0.1), messages)
+    chain = ways(lasting(0.1), messages)
     heading = 0.1 * np.arange(41)
-    np.testing.assert_allclose(way[:, 0], np.diff(np.cos(heading)), atol=1e-9)
-    np.testing.assert_allclose(way[:, 1], np.diff(np.sin(heading)), atol=1e-9)
-    np.testing.assert_allclose(way[:, 2], 0.1, atol=1e-9)
+    np.testing.assert_allclose(chain[:, 0], np.diff(np.cos(heading)), atol=1e-9)
+    np.testing.assert_allclose(chain[:, 1], np.diff(np.sin(heading)), atol=1e-9)
+    np.testing.assert_allclose(chain[:, 2], 0.1, atol=1e-9)
 
 
 def test_the_way_of_a_sensor_head_down() -> None:
@@ -123,8 +123,8 @@ def test_without_a_pose_there_is_no_way() -> None:
 @pytest.mark.parametrize("seconds", [0.1, 0.05])
 def test_after_its_last_pose_a_sensor_goes_on_as_before(seconds: float) -> None:
     # A pose for each sweep, as many robots tell them: where the last sweep ends nobody says.
-    way = ways(lasting(seconds), along(0, 40))
-    np.testing.assert_allclose(way, np.tile([seconds, -0.5 * seconds, seconds], (40, 1)), atol=1e-9)
+    chain = ways(lasting(seconds), along(0, 40))
+    np.testing.assert_allclose(chain, np.tile([seconds, -0.5 * seconds, seconds], (40, 1)), atol=1e-9)
 
 
 def test_of_a_log_of_one_pose_nobody_goes() -> None:
@@ -136,9 +136,9 @@ def test_stamps_at_the_ends_of_time() -> None:
     batch = lasting(0.5)
     largest = np.iinfo(np.int64).max
     batch.stamp_ns[:3] = (largest, -largest, largest - 10)
-    way = ways(batch, along())
-    assert not way[:3].any()
-    np.testing.assert_allclose(way[3:, 0], 0.5, atol=1e-9)
+    chain = ways(batch, along())
+    assert not chain[:3].any()
+    np.testing.assert_allclose(chain[3:, 0], 0.5, atol=1e-9)
 
 
 def test_the_way_is_that_at_the_delay() -> None:

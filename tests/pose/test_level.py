@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from lidarcli.logs.base import Message
-from lidarcli.logs.slicing import Levelled
+from lidarcli.logs.clouds import Levelled
+from lidarcli.pose.sources import TreeLevels
 from lidarcli.pose.tracks import Motion, Tracks, multiply, planar, rotate
-from lidarcli.pose.tree import TreeLevels
 from lidarcli.sweeps import Float64
 from tests.pose.pose_messages import SECOND, Pose, tf
 

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lidarcli.pose.matched import MatchedPath
+from lidarcli.pose.fit import MatchedPath
 from lidarcli.pose.tracks import SECOND_NS, Track, planar
 from lidarcli.range_rules import RangeRules, normalise
 from lidarcli.simulation import scene as make

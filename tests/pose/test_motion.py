@@ -68,8 +68,8 @@ def test_the_shorter_way_over_the_seam(sign: float) -> None:
     # The same rotation may come as the negative quaternion.
     for rotation in (motion.rotation, motion.rotation * [[1], [-1]]):
         yaw = planar(interpolate(np.array([1, 2, 3]), np.array([0, 4]), Motion(motion.position, rotation))).yaw
-        way = 2 * np.pi - 6.0
-        expected = sign * (3.0 + way * np.array([0.25, 0.5, 0.75]))
+        chain = 2 * np.pi - 6.0
+        expected = sign * (3.0 + chain * np.array([0.25, 0.5, 0.75]))
         np.testing.assert_allclose(np.cos(yaw - expected), 1.0)
         np.testing.assert_allclose(np.abs(yaw[1]), np.pi)
 

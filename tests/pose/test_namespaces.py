@@ -11,10 +11,9 @@ import pytest
 
 from lidarcli.foxglove import SCAN, classes
 from lidarcli.logs.base import Message
-from lidarcli.pose.faults import contradictions, way_findings
-from lidarcli.pose.sources import PoseSources, Way
+from lidarcli.pose.fit import contradictions, way_findings
+from lidarcli.pose.sources import FrameTree, PoseChain, PoseSources, TreeLevels, nearness
 from lidarcli.pose.tracks import Track, Tracks, planar
-from lidarcli.pose.tree import FrameTree, TreeLevels, nearness
 from tests.pose.pose_messages import SECOND, Pose, message, numbers, odometry, tf
 
 SCANS = ("/robot1/scan", "/robot2/scan")
@@ -38,24 +37,24 @@ def robot(space: str, mount: float, speed: float, *, world: str = "odom") -> lis
 TWO = [*robot("/robot1", 0.1, 1.0), *robot("/robot2", 0.7, -1.0)]
 
 
-def way_of(messages: list[Message], topic: str, wanted: str | None = None, scans: Any = SCANS) -> Way | None:
-    return PoseSources(tracks_of(messages), wanted, scans).way("laser", topic)
+def way_of(messages: list[Message], topic: str, wanted: str | None = None, scans: Any = SCANS) -> PoseChain | None:
+    return PoseSources(tracks_of(messages), wanted, scans).chain("laser", topic)
 
 
-def x_of(way: Way | None) -> list[float]:
-    assert way is not None
-    return [float(x) for x in planar(way.at(AT)).x]
+def x_of(chain: PoseChain | None) -> list[float]:
+    assert chain is not None
+    return [float(x) for x in planar(chain.at(AT)).x]
 
 
 @pytest.mark.parametrize("wanted", [None, "own"])
 @pytest.mark.parametrize(("number", "expected"), [(1, [0.1, 50.1, 100.1]), (2, [0.7, -49.3, -99.3])])
 def test_each_robot_goes_by_its_own_transforms(number: int, expected: list[float], wanted: str | None) -> None:
     named = wanted and f"/robot{number}/tf"
-    way = way_of(TWO, f"/robot{number}/scan", named)
-    assert x_of(way) == pytest.approx(expected)
-    assert way is not None
-    assert way.topics == (f"/robot{number}/tf", f"/robot{number}/tf_static")
-    assert (way.world, way.steps[-1].target) == (f"robot{number}/odom", "odom")
+    chain = way_of(TWO, f"/robot{number}/scan", named)
+    assert x_of(chain) == pytest.approx(expected)
+    assert chain is not None
+    assert chain.topics == (f"/robot{number}/tf", f"/robot{number}/tf_static")
+    assert (chain.world, chain.steps[-1].target) == (f"robot{number}/odom", "odom")
 
 
 def test_topics_of_another_robot_are_not_offered() -> None:
@@ -63,7 +62,7 @@ def test_topics_of_another_robot_are_not_offered() -> None:
     assert found.alternatives("laser", "/robot2/scan") == ()
     # A robot whose transforms are not in the log has no poses.
     alone = PoseSources(tracks_of(robot("/robot1", 0.1, 1.0)), None, SCANS)
-    assert alone.way("laser", "/robot2/scan") is None
+    assert alone.chain("laser", "/robot2/scan") is None
     assert alone.alternatives("laser", "/robot2/scan") == ()
 
 
@@ -74,10 +73,10 @@ def test_odometry_of_the_namespace_comes_first() -> None:
         for time in TIMES
     ]
     mounts = [tf(0, "base_link", "laser", (x, 0, 0), f"/robot{number}/tf_static") for number, x in ((1, 0.1), (2, 0.7))]
-    way = way_of([*told, *mounts], "/robot2/scan")
-    assert x_of(way) == pytest.approx([0.7, -49.3, -99.3])
-    assert way is not None
-    assert way.world == "robot2/odom"
+    chain = way_of([*told, *mounts], "/robot2/scan")
+    assert x_of(chain) == pytest.approx([0.7, -49.3, -99.3])
+    assert chain is not None
+    assert chain.world == "robot2/odom"
 
 
 @pytest.mark.parametrize(
@@ -94,22 +93,22 @@ def test_odometry_of_the_namespace_comes_first() -> None:
     ],
 )
 def test_names_of_worlds(messages: list[Message], topic: str, scans: list[str], world: str) -> None:
-    way = way_of(messages, topic, scans=scans)
-    assert way is not None
-    assert way.world == world
+    chain = way_of(messages, topic, scans=scans)
+    assert chain is not None
+    assert chain.world == world
 
 
 def test_an_enclosing_namespace_tells_what_the_nearer_one_does_not() -> None:
     mapped = [tf(time, "map", "odom", (0, 5, 0), "/tf") for time in TIMES]
-    way = way_of([*robot("/robot2", 0.7, 1.0), *mapped], "/robot2/scan", scans=["/robot2/scan"])
-    assert way is not None
-    assert way.world == "map"
-    assert planar(way.at(AT)).y.tolist() == [5.0] * 3
+    chain = way_of([*robot("/robot2", 0.7, 1.0), *mapped], "/robot2/scan", scans=["/robot2/scan"])
+    assert chain is not None
+    assert chain.world == "map"
+    assert planar(chain.at(AT)).y.tolist() == [5.0] * 3
     # What both tell, the nearer one tells.
     elsewhere = [tf(time, "map", "base_link", (9, 9, 0), "/tf") for time in TIMES]
-    way = way_of([*robot("/robot2", 0.7, 1.0), *elsewhere], "/robot2/scan", scans=["/robot2/scan"])
-    assert way is not None
-    assert way.world == "odom"
+    chain = way_of([*robot("/robot2", 0.7, 1.0), *elsewhere], "/robot2/scan", scans=["/robot2/scan"])
+    assert chain is not None
+    assert chain.world == "odom"
 
 
 def test_nearness() -> None:
@@ -159,28 +158,28 @@ def test_the_pose_of_a_sweep_is_a_link(encoding: str) -> None:
     links = tracks_of([*sweeps, *robot("", 9.0, 1.0)])
     tree = FrameTree(links, "/lidar")
     assert (tree.sensor("base_link"), tree.sensor("laser")) == ("/lidar", "laser")
-    way = PoseSources(links, None, ["/lidar"]).way("/base_link", "/lidar")
-    assert way is not None
-    assert way.chain == "odom > base_link > /lidar"
-    here = planar(way.at(AT))
+    chain = PoseSources(links, None, ["/lidar"]).chain("/base_link", "/lidar")
+    assert chain is not None
+    assert chain.frames == "odom > base_link > /lidar"
+    here = planar(chain.at(AT))
     np.testing.assert_allclose(np.column_stack([here.x, here.y, here.yaw]), [[x + 0.5, 0.2, pi / 2] for x in AT])
     # Named poses do not take it away, and another topic with this frame has no part in it.
-    named = PoseSources(links, "/tf", ["/lidar"]).way("base_link", "/lidar")
+    named = PoseSources(links, "/tf", ["/lidar"]).chain("base_link", "/lidar")
     assert named is not None
-    assert named.chain == way.chain
-    other = PoseSources(links, None, ["/lidar"]).way("base_link", "/scan")
+    assert named.frames == chain.frames
+    other = PoseSources(links, None, ["/lidar"]).chain("base_link", "/scan")
     assert other is not None
-    assert other.chain == "odom > base_link"
+    assert other.frames == "odom > base_link"
 
 
 @pytest.mark.parametrize("encoding", ["json", "protobuf"])
 def test_poses_that_vary_are_a_path(encoding: str) -> None:
     # It begins where the frame does.
     sweeps = [scan(time, "map", (time, 0.0, 0.0), encoding) for time in TIMES]
-    way = PoseSources(tracks_of(sweeps), None, ["/lidar"]).way("map", "/lidar")
-    assert way is not None
-    assert (way.world, way.topics) == ("map", ("/lidar",))
-    assert planar(way.at(AT)).x.tolist() == [0.0, 50.0, 100.0]
+    chain = PoseSources(tracks_of(sweeps), None, ["/lidar"]).chain("map", "/lidar")
+    assert chain is not None
+    assert (chain.world, chain.topics) == ("map", ("/lidar",))
+    assert planar(chain.at(AT)).x.tolist() == [0.0, 50.0, 100.0]
 
 
 @pytest.mark.parametrize("encoding", ["json", "protobuf"])
@@ -222,9 +221,9 @@ def test_a_way_tells_only_what_spoils_it() -> None:
     doubled = tf(0, "base_link", "laser", (0.3, 0, 0), "/tf_static")
     beside = [tf(0, "base_link", "camera", (x, 0, 0), "/tf_static") for x in (0.0, 1.0)]
     links = tracks_of([*robot("", 0.1, 1.0), doubled, *beside])
-    way = PoseSources(links).way("laser")
-    assert way is not None
-    (found,) = way_findings(way, links)
+    chain = PoseSources(links).chain("laser")
+    assert chain is not None
+    (found,) = way_findings(chain, links)
     assert found.message == "/tf_static: laser is told at two places in base_link: the last counts"
 
 
@@ -238,9 +237,9 @@ def test_a_correction_of_localisation_is_told(shift: float, turn: float, told: s
         place = (shift, 0, turn) if number else (0, 0, 0)
         messages += [tf(time, "map", "odom", place, "/tf"), tf(time, "odom", "base_link", (number, 0, 0), "/tf")]
     links = tracks_of(messages)
-    way = PoseSources(links).way("laser")
-    assert way is not None
-    assert [each.message for each in way_findings(way, links)] == (
+    chain = PoseSources(links).chain("laser")
+    assert chain is not None
+    assert [each.message for each in way_findings(chain, links)] == (
         [f"map > odom is corrected once, by up to {told}: what stands may seem to move then; --pose match does without it"]
         if told
         else []

@@ -24,8 +24,7 @@ from lidarcli.pipeline.inputs.sources import Source
 from lidarcli.pipeline.inspecting import inspect_log
 from lidarcli.pipeline.objects.detection import DetectOptions
 from lidarcli.pipeline.reading.path_check import CheckedPath
-from lidarcli.pipeline.reading.pose_sources import NO_POSES, PoseOptions
-from lidarcli.pipeline.reading.posing import Posing
+from lidarcli.pipeline.reading.posing import NO_POSES, PoseAttacher, PoseOptions
 from lidarcli.range_rules import RangeRules, normalise
 from lidarcli.simulation.generate import SimulatedPoses, simulate_blocks, simulate_odometry
 from lidarcli.simulation.scene import Scene, load_scene
@@ -156,9 +155,9 @@ class PosesLog(FakeLog):
         return super().messages(types, report)
 
 
-def posing_of(log: PosesLog, options: PoseOptions | None = None) -> Posing:
+def posing_of(log: PosesLog, options: PoseOptions | None = None) -> PoseAttacher:
     """The poses of a log in memory, of which nobody reads the sweeps."""
-    return Posing.of(log, options or PoseOptions(), TopicChoice(None, log.topics()), RangeRules())
+    return PoseAttacher.of(log, options or PoseOptions(), TopicChoice(None, log.topics()), RangeRules())
 
 
 def batch_of(count: int = 40, stamp_ns: int = START, record_ns: int = START, frame: str = "laser") -> SweepBatch:
@@ -306,8 +305,8 @@ def test_poses_that_could_not_be_checked_do_not_fit_unless_they_are_named() -> N
     posing = posing_of(PosesLog(messages))
     checked = posing.paths[("/scan", "laser")] if posing.paths else CheckedPath("unchecked")
     for verdict, named, fits in (("unchecked", False, False), ("unchecked", True, True), ("accepted", False, True)):
-        way = posing.found.sources.way("laser") if posing.found is not None else None
-        posing.paths = {("/scan", "laser"): replace(checked, verdict=verdict, way=way)}
+        chain = posing.found.sources.chain("laser") if posing.found is not None else None
+        posing.paths = {("/scan", "laser"): replace(checked, verdict=verdict, chain=chain)}
         posing.named = named
         batch = posing.attach(batch_of())
         assert batch.fits is not None

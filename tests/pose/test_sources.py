@@ -37,8 +37,8 @@ def placed(parent: str, topic: str, covariance: bool = False) -> list[Message]:
 
 def taken(messages: list[Message], frame: str = "laser", wanted: str | None = None) -> tuple[str, str] | None:
     """(topic, world) of the choice."""
-    way = sources(messages, wanted).way(frame)
-    return None if way is None else (way.topics[0], way.world)
+    chain = sources(messages, wanted).chain(frame)
+    return None if chain is None else (chain.topics[0], chain.world)
 
 
 AT: Int64 = np.array([0, 5, 33, 100])
@@ -47,25 +47,25 @@ AT: Int64 = np.array([0, 5, 33, 100])
 def test_a_chain_with_a_static_mount() -> None:
     mount = (0.5, 0.0, np.pi / 2)
     turned = [tf(stamp, "odom", "base_link", (1, 0, stamp * np.pi / 200), "/tf") for stamp in range(0, 101, 20)]
-    way = sources([*turned, *static("base_link", "laser", mount)]).way("/laser")
-    assert way is not None
-    assert (way.topics, way.world, way.chain) == (("/tf", "/tf_static"), "odom", "odom > base_link > laser")
-    poses = planar(way.at(AT))
+    chain = sources([*turned, *static("base_link", "laser", mount)]).chain("/laser")
+    assert chain is not None
+    assert (chain.topics, chain.world, chain.frames) == (("/tf", "/tf_static"), "odom", "odom > base_link > laser")
+    poses = planar(chain.at(AT))
     yaw = AT * np.pi / 200
     np.testing.assert_allclose(poses.x, 1 + 0.5 * np.cos(yaw))
     np.testing.assert_allclose(poses.y, 0.5 * np.sin(yaw), atol=1e-15)
     np.testing.assert_allclose(np.cos(poses.yaw - yaw - np.pi / 2), 1)
     # Beyond its span a link holds for two of its steps.
-    np.testing.assert_array_equal(way.at(np.array([-40, 140])).position, way.at(np.array([0, 100])).position)
-    assert np.isnan(planar(way.at(np.array([-41, 141]))).x).all()
+    np.testing.assert_array_equal(chain.at(np.array([-40, 140])).position, chain.at(np.array([0, 100])).position)
+    assert np.isnan(planar(chain.at(np.array([-41, 141]))).x).all()
 
 
 def test_every_link_is_interpolated_on_its_own() -> None:
     slow = [tf(stamp, "map", "odom", (0, stamp, 0), "/tf") for stamp in (0, 40, 80)]
-    way = sources([*slow, *moving("odom", "laser")]).way("laser")
-    assert way is not None
-    assert way.span_ns == (0, 80)
-    poses = planar(way.at(np.array([10, 33, 80, 81, 120, 121])))
+    chain = sources([*slow, *moving("odom", "laser")]).chain("laser")
+    assert chain is not None
+    assert chain.span_ns == (0, 80)
+    poses = planar(chain.at(np.array([10, 33, 80, 81, 120, 121])))
     np.testing.assert_allclose(poses.x[:5], [10, 33, 80, 81, 100])
     np.testing.assert_allclose(poses.y[:5], [10, 33, 80, 80, 80])
     assert np.isnan(poses.x[5])
@@ -104,24 +104,24 @@ def test_a_ring_of_frames_does_no_harm() -> None:
 @pytest.mark.slow
 def test_a_very_long_chain() -> None:
     chain = [one for k in range(3000) for one in static(f"f{k}", f"f{k + 1}", (0.001, 0, 0))]
-    way = sources([*chain, *moving("map", "f0")]).way("f3000")
-    assert way is not None
-    np.testing.assert_allclose(planar(way.at(AT)).x, AT + 3.0)
+    chain = sources([*chain, *moving("map", "f0")]).chain("f3000")
+    assert chain is not None
+    np.testing.assert_allclose(planar(chain.at(AT)).x, AT + 3.0)
 
 
 def test_a_tree_told_upside_down() -> None:
     # Some nodes tell the odometry frame as a child of the robot.
-    way = sources([*moving("base_link", "odom"), *static("base_link", "laser", (0, 2, 0))]).way("laser")
-    assert way is not None
-    np.testing.assert_allclose(planar(way.at(AT)).x, -AT)
-    np.testing.assert_allclose(planar(way.at(AT)).y, 2)
+    chain = sources([*moving("base_link", "odom"), *static("base_link", "laser", (0, 2, 0))]).chain("laser")
+    assert chain is not None
+    np.testing.assert_allclose(planar(chain.at(AT)).x, -AT)
+    np.testing.assert_allclose(planar(chain.at(AT)).y, 2)
 
 
 def test_a_static_link_counts_before_a_moving_one() -> None:
     both = [*moving("map", "laser"), *static("map", "laser", (7, 0, 0))]
-    way = sources(both).way("laser")
-    assert way is not None
-    assert planar(way.at(AT)).x.tolist() == [7] * 4
+    chain = sources(both).chain("laser")
+    assert chain is not None
+    assert planar(chain.at(AT)).x.tolist() == [7] * 4
 
 
 def test_the_order_of_sources() -> None:
@@ -141,29 +141,29 @@ def test_the_order_of_sources() -> None:
 
 def test_odometry_with_its_mount() -> None:
     mount = [*static("base_footprint", "base_link", (0, 0, 0)), *static("base_link", "laser", (0.2, 0, 1.0))]
-    way = sources([*driven("odom", "base_link"), *mount]).way("laser")
-    assert way is not None
-    assert (way.topics, way.chain, way.assumption) == (("/odom", "/tf_static"), "odom > base_link > laser", "")
-    poses = planar(way.at(AT))
+    chain = sources([*driven("odom", "base_link"), *mount]).chain("laser")
+    assert chain is not None
+    assert (chain.topics, chain.frames, chain.assumption) == (("/odom", "/tf_static"), "odom > base_link > laser", "")
+    poses = planar(chain.at(AT))
     np.testing.assert_allclose(poses.x, 0.2)
     np.testing.assert_allclose(poses.y, AT)
     np.testing.assert_allclose(poses.yaw, 1.0)
     # Its child may also be a frame beside the way from the sensor to the root.
-    way = sources([*driven("odom", "base_footprint"), *mount[1:], *static("base_link", "base_footprint", (1, 0, 0))])
-    beside = way.way("laser")
+    chain = sources([*driven("odom", "base_footprint"), *mount[1:], *static("base_link", "base_footprint", (1, 0, 0))])
+    beside = chain.chain("laser")
     assert beside is not None
     np.testing.assert_allclose(planar(beside.at(AT)).x, -0.8)
 
 
 def test_odometry_without_a_mount_is_that_of_the_sensor() -> None:
-    way = sources(driven("odom", "base_link")).way("laser")
-    assert way is not None
-    assert way.assumption == "the sensor laser is taken to be at base_link: its mount is not in the log"
-    np.testing.assert_allclose(planar(way.at(AT)).y, AT)
-    nameless = sources(driven("odom", "")).way("laser")
+    chain = sources(driven("odom", "base_link")).chain("laser")
+    assert chain is not None
+    assert chain.assumption == "the sensor laser is taken to be at base_link: its mount is not in the log"
+    np.testing.assert_allclose(planar(chain.at(AT)).y, AT)
+    nameless = sources(driven("odom", "")).chain("laser")
     assert nameless is not None
     assert nameless.assumption == "the sensor laser is taken to be at the pose itself"
-    own = sources(driven("odom", "/laser")).way("laser")
+    own = sources(driven("odom", "/laser")).chain("laser")
     assert own is not None
     assert own.assumption == ""
 
@@ -194,9 +194,9 @@ def test_of_topics_that_are_alike_none_is_taken_unasked(messages: list[Message])
     assert set(found.alike("laser")) == set(topics[:2])
     assert found.alternatives("laser") == topics[2:]
     for topic in topics:
-        way = sources(messages, topic).way("laser")
-        assert way is not None
-        assert way.topics == (topic,)
+        chain = sources(messages, topic).chain("laser")
+        assert chain is not None
+        assert chain.topics == (topic,)
         assert sources(messages, topic).alike("laser") == ()
 
 
@@ -241,16 +241,16 @@ def test_a_topic_of_links_may_be_asked_for() -> None:
     mount = static("base", "laser", (3, 0, 0))
     messages = [*moving("map", "base", "/a/tf"), *moving("map", "base", "/b/tf", speed=2.0), *mount]
     for topic, speed in (("/a/tf", 1.0), ("/b/tf", 2.0)):
-        way = sources(messages, topic).way("laser")
-        assert way is not None
-        assert way.topics == (topic, "/tf_static")
-        np.testing.assert_allclose(planar(way.at(AT)).x, 3 + speed * AT)
+        chain = sources(messages, topic).chain("laser")
+        assert chain is not None
+        assert chain.topics == (topic, "/tf_static")
+        np.testing.assert_allclose(planar(chain.at(AT)).x, 3 + speed * AT)
     assert taken(messages, wanted="/tf_static") is None
 
 
 def test_a_sweep_without_a_frame_name() -> None:
     assert taken(moving("odom", "base_link"), frame="") is None
-    way = sources(driven("odom", "base_link")).way("")
-    assert way is not None
-    assert way.assumption.startswith("the sensor without a frame name is taken to be at base_link")
-    assert way.chain == "odom"
+    chain = sources(driven("odom", "base_link")).chain("")
+    assert chain is not None
+    assert chain.assumption.startswith("the sensor without a frame name is taken to be at base_link")
+    assert chain.frames == "odom"

@@ -120,7 +120,7 @@ def test_sweeps_that_stand_out() -> None:
     rows[6] |= {"objects": 0, "valid": 40}
     for row in rows[8:]:
         row["stamp"] += 10 * TENTH
-    found = {(one.kind, one.sweep, one.words) for one in summarise(run_of(rows)).standing}
+    found = {(one.kind, one.sweep, one.words) for one in summarise(run_of(rows)).outliers}
     assert found >= {
         ("most_objects", 4, "7"),
         ("fewest_objects", 6, "0"),
@@ -131,7 +131,7 @@ def test_sweeps_that_stand_out() -> None:
 
 def test_nothing_stands_out_where_all_sweeps_are_alike() -> None:
     run = run_of([sweep(k, 2, valid=100, no_return=0) for k in range(5)])
-    assert summarise(run).standing == ()
+    assert summarise(run).outliers == []
 
 
 def test_the_course_has_the_means_of_its_bins() -> None:
@@ -175,12 +175,12 @@ def test_an_empty_run() -> None:
     found = summarise(run_of([]))
     assert found.figures["sweeps"] == 0
     assert found.figures["valid_share"] is None
-    assert found.standing == ()
+    assert found.outliers == []
     assert found.densities == ()
 
 
 def standing(kind: str, *rows: dict[str, Any]) -> list[tuple[str, int, str]]:
-    found = summarise(run_of(rows)).standing
+    found = summarise(run_of(rows)).outliers
     return [(one.topic, one.sweep, one.words) for one in found if one.kind == kind]
 
 

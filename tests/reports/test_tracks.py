@@ -52,12 +52,12 @@ def test_figures_of_a_crossing() -> None:
     }
     assert tracked.agent_share == pytest.approx((8 * 4 + 5 * 6) / 1000)
     assert tracked.scene == "semi-structured"
-    assert [(one.number, one.first_sweep, one.start, one.is_agent) for one in tracked.tracks] == [
+    assert [(one.track, one.first_sweep, one.start, one.set == "A") for one in tracked.tracks] == [
         (1, 0, 0.0, False),
         (2, 0, 0.0, True),
         (3, 5, 0.5, True),
     ]
-    assert [one.number for one in tracked.most(2)] == [2, 3]
+    assert [one.track for one in tracked.most(2)] == [2, 3]
     assert found.labels == (Label("pallet", 1, 10),)
 
 
@@ -136,13 +136,13 @@ def test_of_many_tracks_agents_and_the_longest_are_kept(monkeypatch: pytest.Monk
     rows = [track(k, 0, k, set="A" if k == 3 else "O") for k in range(1, 10)]
     found = summarise(run_of([sweep(k) for k in range(10)], [], rows)).tracked
     assert found is not None
-    assert [one.number for one in found.tracks] == [3, 7, 8, 9]
-    assert [one.number for one in found.most(2)] == [3, 9]
+    assert [one.track for one in found.tracks] == [3, 7, 8, 9]
+    assert [one.track for one in found.most(2)] == [3, 9]
     assert found.figures["tracks"] == 9
 
 
 def test_the_sweeps_with_most_agents_stand_out() -> None:
-    found = summarise(run_of(**crossing())).standing
+    found = summarise(run_of(**crossing())).outliers
     assert [(one.sweep, one.words) for one in found if one.kind == "most_agents"] == [
         # Sweeps 6 and 7 are its like, without a break.
         (5, "2")

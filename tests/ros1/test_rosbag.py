@@ -5,8 +5,6 @@ from __future__ import annotations
 import json
 import math
 import subprocess
-import threading
-from collections import Counter
 from collections.abc import Iterator
 from dataclasses import is_dataclass
 from pathlib import Path
@@ -22,9 +20,8 @@ from lidarcli.ros.messages import ROS1
 from lidarcli.simulation.writers import write_log
 from tests.overlays.reading import read_back
 from tests.places import SAMPLES
-from tests.ros1.tools import HERE, PYTHON, master, needs_master, needs_rosbag, started
+from tests.ros1.tools import HERE, PYTHON, needs_rosbag
 from tests.sweeping import room_sweeps
-from tests.waiting import wait_until
 
 DRIVE = SAMPLES / "drive.db3"
 ROSLZ4 = 0x64
@@ -135,48 +132,3 @@ def test_rosbag_reads_the_same_values(bags: dict[str, Path], kind: str) -> None:
         assert (mine.topic, mine.type.replace("/msg/", "/"), mine.record_ns) == (topic, kind_, record_ns)
         assert mine.data.hex() == data
         assert alike(values(mine.message), told)
-
-
-def played(*played_bags: Path) -> list[tuple[str, str]]:
-    """Topic and bytes of the messages that arrive while rosbag plays some bags, in the order of arrival."""
-    expected = Counter(each.topic for bag in played_bags for each in read_back(bag))
-    heard: list[tuple[str, str]] = []
-    with master() as environment:
-        listener = subprocess.Popen(
-            [PYTHON, str(HERE / "listen.py"), *expected], env=environment, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL
-        )
-        assert listener.stdout is not None
-        try:
-            assert json.loads(listener.stdout.readline()) == "listening"
-
-            def hear(lines: Any = listener.stdout) -> None:
-                heard.extend(tuple(json.loads(line)) for line in lines)
-
-            beside = threading.Thread(target=hear)
-            beside.start()
-            # Ten times as fast as it was; nothing is left out where somebody is slow.
-            options = ("--rate", 10, "--queue", 1_000_000, "--wait-for-subscribers", "--keep-alive")
-            with started("rosbag", "play", *options, *played_bags, environment=environment) as playing:
-                wait_until(lambda: len(heard) >= expected.total(), playing)
-        finally:
-            listener.terminate()
-            listener.wait()
-        beside.join()
-        listener.stdout.close()
-    return heard
-
-
-@needs_master
-@pytest.mark.whole
-@pytest.mark.parametrize("kind", ["lz4", "with-map", "sample"])
-def test_rosbag_plays_every_message(bags: dict[str, Path], kind: str) -> None:
-    assert Counter(played(bags[kind])) == Counter((each.topic, each.data.hex()) for each in read_back(bags[kind]))
-
-
-@needs_master
-@pytest.mark.whole
-def test_rosbag_plays_an_overlay_beside_its_log(bags: dict[str, Path], tmp_path: Path) -> None:
-    log, overlay = bags["lz4"], tmp_path / "lz4.overlay.bag"
-    assert run(["-q", "overlay", str(log), "-o", str(overlay)]) == 0
-    expected = [(each.topic, each.data.hex()) for bag in (log, overlay) for each in read_back(bag)]
-    assert Counter(played(log, overlay)) == Counter(expected)

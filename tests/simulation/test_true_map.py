@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from lidarcli.errors import OptionError, OutputError
+from lidarcli.errors import OptionError
 from lidarcli.formalism.mapping.grid import FREE, OCCUPIED, UNKNOWN, Occupancy
 from lidarcli.maps import read_map
 from lidarcli.simulation import scene as make
@@ -272,37 +272,6 @@ def test_what_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, lidarc
     with pytest.raises(OptionError, match="--map: 1,440 beams that take time are more than"):
         simulate(scene, tmp_path / "log", sweeps=2, map=tmp_path / "a.yaml")
     assert list(tmp_path.iterdir()) == [scene]
-
-
-@pytest.mark.parametrize("taken", ["true.yaml", "true.pgm"])
-@pytest.mark.parametrize("folder", [".", "maps"])
-def test_files_that_exist(tmp_path: Path, taken: str, folder: str) -> None:
-    scene, log = scene_file(tmp_path), tmp_path / "log.mcap"
-    (tmp_path / folder).mkdir(exist_ok=True)
-    mine = tmp_path / folder / taken
-    mine.write_text("mine")
-    with pytest.raises(OutputError, match=f"{taken} exists; use --overwrite"):
-        simulate(scene, log, map=tmp_path / folder / "true.yaml")
-    assert mine.read_text() == "mine"
-    assert not log.exists()
-    simulate(scene, log, map=tmp_path / folder / "true.yaml", overwrite=True)
-    assert read_map(tmp_path / folder / "true.yaml").occupied > 0
-    mine.unlink()
-    mine.mkdir()
-    with pytest.raises(OutputError, match=f"{taken} is a folder; it is not replaced"):
-        simulate(scene, log, map=tmp_path / folder / "true.yaml", overwrite=True)
-
-
-@pytest.mark.parametrize("folder", [".", "maps"])
-def test_nothing_is_left_when_it_fails_half_way(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, folder: str) -> None:
-    def broken(*args: object, **options: object) -> None:
-        raise OSError(28, "No space left on device")
-
-    scene = scene_file(tmp_path)
-    monkeypatch.setattr("lidarcli.simulation.truth.TruthWriter.write", broken)
-    with pytest.raises(OutputError):
-        simulate(scene, tmp_path / "log.mcap", map=tmp_path / folder / "true.yaml")
-    assert [path for path in tmp_path.rglob("*") if path.is_file()] == [scene]
 
 
 @pytest.mark.parametrize("options", [(), ("--map-resolution", "0.1")])

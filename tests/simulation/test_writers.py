@@ -44,7 +44,7 @@ ROSBAGS = [
     ("log.db3", {}),
 ]
 CSVS = [("log.csv", {}), ("log.csv.gz", {}), ("log.csv", {"layout": "wide"})]
-MCAPS = [{"encoding": name} for name in ("cdr-idl", "ros1", "json", "protobuf")]
+MCAPS = [{"encoding": name} for name in ("ros1", "json", "protobuf")]
 
 
 def blocks(scene):
@@ -102,11 +102,7 @@ def test_mcap_in_every_encoding(tmp_path, options):
     raw = concatenate(blocks(CHANGING))
     assert [message.log_time for *_, message in entries] == raw.record_ns.tolist()
     assert [message.sequence for *_, message in entries] == list(range(SWEEPS))
-    if encoding == "cdr-idl":
-        assert (schema.name, schema.encoding, channel.message_encoding) == ("sensor_msgs/msg/LaserScan", "ros2idl", "cdr")
-        store = get_typestore(Stores.ROS2_HUMBLE)
-        same([store.deserialize_cdr(item, schema.name) for item in data], CHANGING)
-    elif encoding == "ros1":
+    if encoding == "ros1":
         assert (schema.name, schema.encoding, channel.message_encoding) == ("sensor_msgs/LaserScan", "ros1msg", "ros1")
         store = get_typestore(Stores.ROS1_NOETIC)
         same([store.deserialize_ros1(item, "sensor_msgs/msg/LaserScan") for item in data], CHANGING)
@@ -177,21 +173,6 @@ def test_poses_travel_along(tmp_path, name, options):
         assert odometry[row].header.stamp.nanosec == transforms[row].header.stamp.nanosec
 
 
-@pytest.mark.parametrize("encoding", ["json", "protobuf"])
-def test_foxglove_poses_travel_along(tmp_path, encoding):
-    poses = simulate_odometry(DRIVEN, SWEEPS, 3)
-    write_log(tmp_path / "a.mcap", blocks(DRIVEN), poses=poses, encoding=encoding)
-    with (tmp_path / "a.mcap").open("rb") as file:
-        found = [(channel.topic, schema.name) for schema, channel, _ in make_reader(file).iter_messages()]
-    assert found[:4] == [
-        ("/tf_static", "foxglove.FrameTransform"),
-        ("/odom", "foxglove.PoseInFrame"),
-        ("/tf", "foxglove.FrameTransform"),
-        ("/scan", "foxglove.LaserScan"),
-    ]
-    assert len(found) == 1 + 3 * SWEEPS
-
-
 def test_a_csv_by_suffix_holds_the_geometry(tmp_path):
     """The default layout is the one that needs no options to be read; the layouts have tests of their own."""
     write_log(tmp_path / "a.csv.gz", blocks(PLAIN))
@@ -249,7 +230,7 @@ def test_the_suffix_says_the_container():
                       "(.csv also with .gz), or no suffix for a ROS 2 bag folder"),
         ("a.mcap", {"compression": "bz2"}, "a.mcap: compression 'bz2' is not one of none, lz4, zstd (mcap)"),
         ("a.bag", {"compression": "zstd"}, "a.bag: compression 'zstd' is not one of none, bz2, lz4 (bag)"),
-        ("a.mcap", {"encoding": "xml"}, "a.mcap: encoding 'xml' is not one of cdr, cdr-idl, ros1, json, protobuf (mcap)"),
+        ("a.mcap", {"encoding": "xml"}, "a.mcap: encoding 'xml' is not one of cdr, ros1, json, protobuf (mcap)"),
         ("a.bag", {"encoding": "json"}, "a.bag: encoding 'json' does not apply to the container 'bag'"),
         ("a.bag", {"layout": "wide"}, "a.bag: layout 'wide' does not apply to the container 'bag'"),
         ("a", {"container": "tar"}, "a: container 'tar' is not one of mcap, bag, ros2, ros2-mcap, db3, csv"),

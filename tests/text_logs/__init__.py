@@ -13,13 +13,13 @@ import numpy as np
 
 from lidarcli.simulation import writers
 from lidarcli.simulation.generate import SimulatedPoses, simulate_blocks, simulate_odometry
-from lidarcli.simulation.messages import number_or_word
 from lidarcli.simulation.scene import load_scene
 from lidarcli.simulation.writers import (
     GEOMETRY,
     frame_of,
     geometry_texts,
     intensity_texts,
+    number_or_word,
     only_topic,
     seconds,
     shortest,

@@ -17,10 +17,9 @@ from lidarcli.pipeline.zoning import ZoneTables
 from lidarcli.ros.messages import ROS1, Outgoing, bag_writer
 from lidarcli.simulation import scene as make
 from lidarcli.simulation.generate import START_NS, SimulatedPoses, simulate_blocks, simulate_odometry
-from lidarcli.simulation.messages import ROS1_BYTES
 from lidarcli.simulation.route import Waypoint, plan_route
 from lidarcli.simulation.scene import Course, Entity, Motion, Scene, Sensor
-from lidarcli.simulation.writers import outgoing
+from lidarcli.simulation.writers import ROS1_BYTES, outgoing
 from lidarcli.sweeps import TURN, Float64, Int64, RawSweeps
 from lidarcli.tabular.schemas import SCHEMAS
 from tests.pose.pose_messages import Maker

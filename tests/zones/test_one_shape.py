@@ -14,8 +14,8 @@ from lidarcli.formalism import zones
 from lidarcli.formalism.zones import Path as Trajectory
 from lidarcli.formalism.zones import same_agents
 from lidarcli.masks import Circle
-from lidarcli.pipeline import zone_counting as counting
-from lidarcli.pipeline import zone_events as events
+from lidarcli.pipeline.zone_counting import Columns, Shapes, TopicSeries, ZoneSeries
+from lidarcli.pipeline.zone_events import EventFinder
 from lidarcli.zone import Zone
 from tests.zones.runs import (
     column,
@@ -86,42 +86,39 @@ def test_events_are_the_same_in_every_form(tmp_path: Path) -> None:
         assert column(tables.zones, each, zone="told") == column(tables.zones, each, zone="polygon")
 
 
-def _flickering(sweeps: int) -> events.Counted:
-    """A zone that is occupied in every second sweep of a topic."""
-    zone = Zone("near", Circle(0.0, 0.0, 1.0))
-    one = counting.ZoneSeries.of(zone, counting.Shapes([Circle(0.0, 0.0, 1.0)]))
-    topic = counting.TopicSeries("/scan", "laser", [one], 0)
-    inside = (np.arange(sweeps) % 2 == 0)[:, None]
-    topic.sweep = [np.arange(sweeps)]
-    topic.stamp_ns = [np.arange(sweeps) * 100_000_000]
-    topic.seconds = [np.arange(sweeps) * 0.1]
-    one.points, one.masked = [np.where(inside, 9, 0)], [np.zeros((sweeps, 1), np.int32)]
-    away = np.where(inside, 0.5, np.nan)
-    one.nearest, one.bearing, one.x, one.y = ([away] for _ in range(4))
-    one.ttc = [np.full((sweeps, 1), np.nan)]
-    one.velocity = [np.full((sweeps, 3), np.nan)]
-    one.reach = [np.full((sweeps, 1), 9, np.int32)]
-    return events.Counted(zone, (topic,), (one,), (), (None,), True, (0, (sweeps - 1) * 100_000_000), 0)
+def flickering(sweeps: int) -> TopicSeries:
+    """A topic with a zone that is occupied in every second sweep."""
+    zone = ZoneSeries(Zone("near", Circle(0.0, 0.0, 1.0)), Shapes([Circle(0.0, 0.0, 1.0)]))
+    topic = TopicSeries("/scan", "laser", [zone], 0)
+    number = np.arange(sweeps)
+    inside = (number % 2 == 0)[:, None]
+    topic.append(sweep=number, stamp_ns=number * 100_000_000, seconds=number * 0.1)
+    zone.append(points=np.where(inside, 9, 0), masked=np.zeros((sweeps, 1), np.int32), reach=np.full((sweeps, 1), 9))
+    zone.append(**dict.fromkeys(("nearest", "bearing", "x", "y"), np.where(inside, 0.5, np.nan)))
+    zone.append(ttc=np.full((sweeps, 1), np.nan), velocity=np.full((sweeps, 3), np.nan))
+    return topic
 
 
 def test_events_cost_as_much_each_in_a_long_log(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Nothing of the size of the log is walked over once for each event: a whole column is joined a few times at most."""
-    walked = 0
-    joined = events._Settling._joined
+    """Nothing of the size of the log is walked over once for each event: a whole column is read a few times at most."""
+    read = 0
+    column = Columns.column
 
-    def counted(self: events._Settling, columns: Any) -> Any:
-        nonlocal walked
-        walked += 1
-        return joined(self, columns)
+    def counted(self: Columns, name: str) -> Any:
+        nonlocal read
+        read += 1
+        return column(self, name)
 
-    monkeypatch.setattr(events._Settling, "_joined", counted)
+    monkeypatch.setattr(Columns, "column", counted)
     calls = []
     for sweeps in (200, 2000):
-        walked = 0
-        settled = events.settle(_flickering(sweeps))
-        assert len(settled.events) == sweeps // 2
-        calls.append(walked)
-    assert calls[0] == calls[1] < 10
+        read = 0
+        topic = flickering(sweeps)
+        span_ns = 0, (sweeps - 1) * 100_000_000
+        found = EventFinder(topic.zones[0].zone, [topic], [None], has_objects=True, span_ns=span_ns, first_ns=0).find()
+        assert len(found.events) == sweeps // 2
+        calls.append(read)
+    assert calls[0] == calls[1] < 30
 
 
 def test_only_paths_of_one_time_are_compared(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -10,15 +10,7 @@ import pytest
 
 from lidarcli.logs import open_log
 from lidarcli.logs.base import ReadReport, Topic
-from lidarcli.pipeline.reading.velocities import (
-    FEW_CORNERS,
-    NOT_FINITE,
-    POLYGON,
-    TWIST,
-    TWIST_STAMPED,
-    polygons,
-    velocities,
-)
+from lidarcli.pipeline.reading.posing import FEW_CORNERS, NOT_FINITE, POLYGON, TWIST, TWIST_STAMPED, polygons, velocities
 from lidarcli.ros.cursor import ENCAPSULATION, SHORT
 from tests.fake_log import FakeLog
 from tests.logs.test_odd_logs import WRITERS, written

@@ -4,8 +4,8 @@ cimport libc.math as math
 from lidarcli cimport native
 from lidarcli.formalism.segmentation cimport Scans
 from lidarcli.formalism.tracking cimport track_evidence, kalman, measurement
-from lidarcli.formalism.tracking.kalman cimport Targets, EdgeMeasurement, Sightings
-from lidarcli.formalism.tracking.measurement cimport Measurements
+from lidarcli.formalism.tracking.kalman cimport Sightings, Targets
+from lidarcli.formalism.tracking.measurement cimport EdgeMeasurement, Measurements
 
 cdef Py_ssize_t STANDING_SIGHTINGS, MERGED_GAIN, DUPLICATE_SIGHTINGS
 cdef double INFINITY, GATE, MOST_SIZE_COST, NEWCOMER_COST, CENTROID_SD, CENTROID_SD_SIZE, MOST_SIDE_COST, SIZE_SD
@@ -29,14 +29,14 @@ cdef class Candidates:
 
 
 cdef void associate(
-    Candidates candidates, Assignment assignment, EdgeMeasurement sides, Targets targets, Measurements measurements, Py_ssize_t* assigned
+    Candidates candidates, Assignment assignment, EdgeMeasurement sides, Targets targets, Measurements meas, Py_ssize_t* assigned
 ) noexcept nogil
 cdef void _gate(
-    Candidates candidates, EdgeMeasurement sides, Targets targets, Measurements measurements
+    Candidates candidates, EdgeMeasurement sides, Targets targets, Measurements meas
 ) noexcept nogil
-cdef double _precedence(Targets targets, Measurements measurements, Py_ssize_t b) noexcept nogil
+cdef double _precedence(Targets targets, Measurements meas, Py_ssize_t b) noexcept nogil
 cdef double _assignment_cost(
-    EdgeMeasurement sides, Targets targets, Measurements measurements, Py_ssize_t b, Py_ssize_t k
+    EdgeMeasurement sides, Targets targets, Measurements meas, Py_ssize_t b, Py_ssize_t k
 ) noexcept nogil
 cdef void _cluster(Candidates candidates, Targets targets) noexcept nogil
 cdef Py_ssize_t _root(Candidates candidates, Py_ssize_t at) noexcept nogil
@@ -45,8 +45,8 @@ cdef void _assign_group(
     Candidates candidates, Assignment assignment, Targets targets, Py_ssize_t* assigned, Py_ssize_t root
 ) noexcept nogil
 @cython.locals(best=Py_ssize_t)
-cdef void merge_fragments(Targets targets, Measurements measurements, Py_ssize_t* assigned) noexcept nogil
-cdef bint _fits_in(Targets targets, Py_ssize_t b, Measurements measurements, Py_ssize_t k) noexcept nogil
+cdef void merge_fragments(Targets targets, Measurements meas, Py_ssize_t* assigned) noexcept nogil
+cdef bint _fits_in(Targets targets, Py_ssize_t b, Measurements meas, Py_ssize_t k) noexcept nogil
 
 
 cdef class Assignment:
@@ -81,32 +81,32 @@ cdef class Persons:
 
 @cython.locals(leg=Py_ssize_t, b=Py_ssize_t)
 cdef void track_persons(
-    Persons persons, Targets targets, Measurements measurements, Scans scans, Py_ssize_t* assigned, Sightings sightings, double time,
+    Persons persons, Targets targets, Measurements meas, Scans scans, Py_ssize_t* assigned, Sightings sightings, double time,
     Py_ssize_t sweep
 ) noexcept nogil
 cdef bint _is_person_hit(Targets targets, Py_ssize_t b) noexcept nogil
 @cython.locals(elder=Py_ssize_t)
 cdef void _merge_person(
-    Persons persons, Targets targets, Measurements measurements, Py_ssize_t* assigned, Sightings sightings, Py_ssize_t b
+    Persons persons, Targets targets, Measurements meas, Py_ssize_t* assigned, Sightings sightings, Py_ssize_t b
 ) noexcept nogil
 @cython.locals(best=Py_ssize_t)
-cdef Py_ssize_t _person_missing_leg(Targets targets, Measurements measurements, Py_ssize_t k) noexcept nogil
+cdef Py_ssize_t _person_missing_leg(Targets targets, Measurements meas, Py_ssize_t k) noexcept nogil
 cdef bint _is_leg(Targets targets, Py_ssize_t b) noexcept nogil
 @cython.locals(leg=Py_ssize_t)
-cdef void _pair_persons(Persons persons, Targets targets, Measurements measurements, Py_ssize_t* assigned) noexcept nogil
+cdef void _pair_persons(Persons persons, Targets targets, Measurements meas, Py_ssize_t* assigned) noexcept nogil
 cdef bint _may_be_leg(Targets targets, Py_ssize_t b) noexcept nogil
 cdef void _sort_pairs(Persons persons) noexcept nogil
 @cython.locals(legs=Py_ssize_t)
-cdef void _assign_view(Persons persons, Targets targets, Measurements measurements, Py_ssize_t b, Py_ssize_t k) noexcept nogil
+cdef void _assign_view(Persons persons, Targets targets, Measurements meas, Py_ssize_t b, Py_ssize_t k) noexcept nogil
 @cython.locals(wide=bint)
 cdef void _update_person(
-    Persons persons, Targets targets, Measurements measurements, Scans scans, Py_ssize_t* assigned, Sightings sightings, Py_ssize_t b,
+    Persons persons, Targets targets, Measurements meas, Scans scans, Py_ssize_t* assigned, Sightings sightings, Py_ssize_t b,
     double time, Py_ssize_t sweep
 ) noexcept nogil
 cdef void _join_leg(Targets targets, Py_ssize_t leg, Py_ssize_t b) noexcept nogil
 cdef void _reassign_sighting(Persons persons, Targets targets, Sightings sightings, Py_ssize_t b, Py_ssize_t k) noexcept nogil
 cdef void _record_person_hit(Targets targets, Py_ssize_t b, double x, double y, double time, Py_ssize_t sweep) noexcept nogil
 cdef Py_ssize_t _initiate_person(
-    Persons persons, Targets targets, Measurements measurements, Sightings sightings, Py_ssize_t leg, Py_ssize_t k, double time,
+    Persons persons, Targets targets, Measurements meas, Sightings sightings, Py_ssize_t leg, Py_ssize_t k, double time,
     Py_ssize_t sweep
 ) noexcept nogil

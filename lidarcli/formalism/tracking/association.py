@@ -1,8 +1,8 @@
-"""Association of views with bodies, at the least total cost.
+"""Association of measurements with targets: gate, cluster, and assign at the least total cost (a global nearest neighbour).
 
-First each view goes to at most one body; views that remain may be further parts of a body. Then persons take up to two slim
-views in every sweep, because legs swing, hide each other and meet. A leg that is shown to move founds a person, which is
-followed by the middle of its legs from then on.
+A measurement goes to one target at most; those that remain may be fragments of a target. Then persons take up to two slim
+measurements per sweep, because legs swing, hide each other and meet. A leg that moves initiates a person, whose state is
+the middle of its legs.
 """
 
 from __future__ import annotations
@@ -13,40 +13,40 @@ from typing import Any
 from lidarcli import native
 from lidarcli.formalism.segmentation import Scans
 from lidarcli.formalism.tracking import kalman, measurement, track_evidence
-from lidarcli.formalism.tracking.kalman import EdgeMeasurement, Sightings, Targets
-from lidarcli.formalism.tracking.measurement import Measurements
+from lidarcli.formalism.tracking.kalman import Sightings, Targets
+from lidarcli.formalism.tracking.measurement import EdgeMeasurement, Measurements
 
 INFINITY = float("inf")
 GATE = 6.25
-"""Cost of a body without a view: a view that costs more is not taken."""
+"""Cost of a target without a measurement: one that costs more is outside the gate."""
 CENTROID_SD = 0.12
-"""[m] Standard deviation of the centroid of a view from where it is expected."""
+"""[m] Standard deviation of the centroid of a measurement from where it is expected."""
 CENTROID_SD_SIZE = 0.25
-"""Share of the size of the body that adds to this."""
+"""Share of the size of the target that adds to this."""
 MOST_SIDE_COST = 4.0
 """Greatest cost of one side, in squared standard deviations."""
 SIZE_SD = 0.15
-"""[m] Standard deviation of the difference between two sizes of one body."""
+"""[m] Standard deviation of the difference between two sizes of one target."""
 MOST_SIZE_COST = 2.0
 """Greatest cost of a size that differs."""
 NEWCOMER_COST = 1.0
-"""Cost of a body whose existence is doubtful, so that it comes after those that are certain."""
+"""Cost of a target whose existence is doubtful, so that it comes after those that are certain."""
 SEEN_BEFORE = 1.5
-"""Cost by which a body that was seen in the sweep before comes first, where the place of the sensor is known."""
+"""Cost by which a target that was hit in the sweep before comes first, where the place of the sensor is known."""
 SLIMMEST_LASTING = 0.2
-"""[m] Greatest width of a body without this advantage: legs swing past each other."""
+"""[m] Greatest width of a target without this advantage: legs swing past each other."""
 DUPLICATE_COST = 1.5
-"""Cost of a body that began inside an older one, for as long as it is young."""
+"""Cost of a target that began inside an older one, for as long as it is young."""
 DUPLICATE_SIGHTINGS = 30
-"""Sightings from which on such a body has no disadvantage."""
+"""Sightings from which on such a target has no disadvantage."""
 FARTHEST_VIEW = 1.5
-"""[m] Greatest distance of a view from where it is expected, however uncertain the body is."""
+"""[m] Greatest distance of a measurement from where it is expected, however uncertain the target is."""
 PART_MARGIN = 0.1
-"""[m] Greatest distance of a further part of a body outside of it."""
+"""[m] Greatest distance of a further part of a target outside of it."""
 WALKING_LEG_WIDTH = 0.3
 """[m] Greatest width of a leg that walks."""
 LEGS_WIDTH = 0.65
-"""[m] Greatest width of a view of two legs."""
+"""[m] Greatest width of a measurement of two legs."""
 LEG_REACH = 0.65
 """[m] Greatest distance of a leg from the middle of its person."""
 LEG_SD = 0.4
@@ -54,13 +54,13 @@ LEG_SD = 0.4
 SAME_PERSON = 0.6
 """Cost by which a leg that belonged to the person before is preferred."""
 STANDING_SIGHTINGS = 12
-"""Sightings from which on a body is not a leg, unless it was one before."""
+"""Sightings from which on a target is not a leg, unless it was one before."""
 TWO_LEGS_VAR = 0.0036
 """[m²] Variance of the middle of two legs: (6 cm)²."""
 ONE_LEG_VAR = 0.0484
 """[m²] Variance of the middle of a person of whom one leg is seen: (22 cm)²."""
 JOINT_LEGS_VAR = 0.01
-"""[m²] Variance of the middle of two legs in one view: (10 cm)²."""
+"""[m²] Variance of the middle of two legs in one measurement: (10 cm)²."""
 PERSONS_APART = 0.45
 """[m] Least distance between two persons who have two legs together."""
 MERGED_GAIN = 2
@@ -70,23 +70,23 @@ PERSON_RADIUS = 0.2
 
 
 class Candidates:
-    """Candidate pairs of a body and a view, by body: `count` of them, and room for `most`."""
+    """Candidate pairs of a target and a measurement, by target: `count` of them, with room for `capacity`."""
 
-    def __init__(self, targets: int, measurements: int) -> None:
+    def __init__(self, targets: int, meas: int) -> None:
         self.owner: list[Any] = []
-        self.capacity = 8 * (targets + measurements) + 64
+        self.capacity = 8 * (targets + meas) + 64
         self.count = 0
         self.target = native.integers(self.owner, self.capacity)
         self.measurement = native.integers(self.owner, self.capacity)
         self.cost = native.doubles(self.owner, self.capacity)
-        self.group = native.integers(self.owner, targets + measurements)
-        """Group of each body, then of each view: the lowest index of a body or view that is connected with it."""
-        self.place = native.integers(self.owner, targets + measurements)
-        """Row or column of each body and view in the current assignment."""
-        self.member = native.integers(self.owner, targets + measurements)
-        """Bodies, then views, of the current assignment."""
+        self.group = native.integers(self.owner, targets + meas)
+        """Cluster of each target, then of each measurement: the lowest index among those that are connected with it."""
+        self.place = native.integers(self.owner, targets + meas)
+        """Row or column of each target and measurement in the current assignment."""
+        self.member = native.integers(self.owner, targets + meas)
+        """Targets, then measurements, of the current assignment."""
         self.next = native.integers(self.owner, self.capacity)
-        self.head = native.integers(self.owner, targets + measurements)
+        self.head = native.integers(self.owner, targets + meas)
         """First pair of each group; `next` is the pair that follows, -1 at the end."""
 
 
@@ -95,14 +95,14 @@ def associate(
     assignment: Assignment,
     sides: EdgeMeasurement,
     targets: Targets,
-    measurements: Measurements,
+    meas: Measurements,
     assigned: Any,
 ) -> None:
-    """Fill in `bodies.view`, and `owner`: the body of each view, -1 for none."""
-    _gate(candidates, sides, targets, measurements)
+    """Fill in `targets.measurement`, and `assigned`: the target of each measurement, -1 for none."""
+    _gate(candidates, sides, targets, meas)
     for b in range(targets.slots_used):
         targets.measurement[b] = -1
-    for k in range(measurements.count):
+    for k in range(meas.count):
         assigned[k] = -1
     _cluster(candidates, targets)
     for i in range(candidates.count):
@@ -110,7 +110,7 @@ def associate(
             _assign_group(candidates, assignment, targets, assigned, candidates.group[candidates.target[i]])
 
 
-def _gate(candidates: Candidates, sides: EdgeMeasurement, targets: Targets, measurements: Measurements) -> None:
+def _gate(candidates: Candidates, sides: EdgeMeasurement, targets: Targets, meas: Measurements) -> None:
     """Collect all pairs within the gate."""
     candidates.count = 0
     for b in range(targets.slots_used):
@@ -122,27 +122,27 @@ def _gate(candidates: Candidates, sides: EdgeMeasurement, targets: Targets, meas
         size = 2.0 * math.sqrt(targets.h[2 * b] * targets.h[2 * b] + targets.h[2 * b + 1] * targets.h[2 * b + 1])
         var = 0.5 * (targets.cc[2 * b] + targets.cc[2 * b + 1])
         reach = CENTROID_SD + CENTROID_SD_SIZE * size + math.sqrt(var)
-        if measurements.pose_var > 0.0 or measurements.pose_turn_var > 0.0:
-            dx, dy = x - measurements.x, y - measurements.y
-            reach += math.sqrt(measurements.pose_var + measurements.pose_turn_var * (dx * dx + dy * dy))
+        if meas.pose_var > 0.0 or meas.pose_turn_var > 0.0:
+            dx, dy = x - meas.x, y - meas.y
+            reach += math.sqrt(meas.pose_var + meas.pose_turn_var * (dx * dx + dy * dy))
         most = min(math.sqrt(GATE) * reach, FARTHEST_VIEW)
-        precedence = _precedence(targets, measurements, b)
-        for k in range(measurements.count):
-            dx, dy = measurements.middle_x[k] - x, measurements.middle_y[k] - y
+        precedence = _precedence(targets, meas, b)
+        for k in range(meas.count):
+            dx, dy = meas.middle_x[k] - x, meas.middle_y[k] - y
             far = dx * dx + dy * dy
             if far > most * most:
                 continue
             cost = far / (reach * reach) + NEWCOMER_COST * (1.0 - targets.existence[b])
-            cost += _assignment_cost(sides, targets, measurements, b, k)
+            cost += _assignment_cost(sides, targets, meas, b, k)
             if cost < GATE and candidates.count < candidates.capacity:
                 i = candidates.count
                 candidates.target[i], candidates.measurement[i], candidates.cost[i] = b, k, cost + precedence
                 candidates.count += 1
 
 
-def _precedence(targets: Targets, measurements: Measurements, b: int) -> float:
-    """Return the cost of a body for what it is, before any view: `bodies.view` is still that of the sweep before."""
-    if not measurements.is_placed or targets.member[b] != 0:
+def _precedence(targets: Targets, meas: Measurements, b: int) -> float:
+    """Return the cost of a target by itself; `targets.measurement` is still that of the sweep before."""
+    if not meas.is_placed or targets.member[b] != 0:
         return 0.0
     cost = 0.0
     if targets.measurement[b] >= 0 and targets.h[2 * b] + targets.h[2 * b + 1] > SLIMMEST_LASTING:
@@ -152,9 +152,9 @@ def _precedence(targets: Targets, measurements: Measurements, b: int) -> float:
     return cost
 
 
-def _assignment_cost(sides: EdgeMeasurement, targets: Targets, measurements: Measurements, b: int, k: int) -> float:
-    """Return the cost of a view whose sides and size differ from those of a body."""
-    kalman.measure(sides, measurements, k, targets, b, measurement.pose_variance(measurements, k))
+def _assignment_cost(sides: EdgeMeasurement, targets: Targets, meas: Measurements, b: int, k: int) -> float:
+    """Return the cost of a measurement whose sides and size differ from those of a target."""
+    kalman.measure(sides, meas, k, targets, b, measurement.pose_variance(meas, k))
     total, number = 0.0, 0.0
     for side in range(4):
         if sides.var[side] < 0.0 or (sides.by_centre and (side == 1 or side == 3)):
@@ -164,15 +164,15 @@ def _assignment_cost(sides: EdgeMeasurement, targets: Targets, measurements: Mea
         total += min(off * off / s, MOST_SIDE_COST)
         number += 1.0
     cost = 0.5 * total / number if number > 0.0 else 0.0
-    if targets.whole[b] >= 3 and not measurement.is_partial(measurements, k):
-        size = math.sqrt(measurements.length[k] * measurements.length[k] + measurements.width[k] * measurements.width[k])
+    if targets.whole[b] >= 3 and not measurement.is_partial(meas, k):
+        size = math.sqrt(meas.length[k] * meas.length[k] + meas.width[k] * meas.width[k])
         off = (size - targets.size[b]) / (SIZE_SD + 0.2 * targets.size[b])
         cost += min(off * off, MOST_SIZE_COST)
     return cost
 
 
 def _cluster(candidates: Candidates, targets: Targets) -> None:
-    """Group the pairs that are connected by shared bodies or views, and chain the pairs of each group."""
+    """Cluster the pairs that share targets or measurements, and link the pairs of each cluster."""
     n = targets.capacity
     for i in range(candidates.count):
         b, k = candidates.target[i], n + candidates.measurement[i]
@@ -243,32 +243,32 @@ def _assign_group(candidates: Candidates, assignment: Assignment, targets: Targe
             targets.measurement[b], assigned[k] = k, b
 
 
-def merge_fragments(targets: Targets, measurements: Measurements, assigned: Any) -> None:
-    """Make a view without a body a part of a body that is seen elsewhere, if a hidden edge of the view lies inside it.
+def merge_fragments(targets: Targets, meas: Measurements, assigned: Any) -> None:
+    """Make an unassigned measurement with a hidden edge a fragment of a target that is measured elsewhere and covers it.
 
-    Such a view gets `owner` = -2 - body.
+    Such a measurement gets `assigned` = -2 - target.
     """
-    for k in range(measurements.count):
-        if assigned[k] != -1 or not measurement.is_partial(measurements, k):
+    for k in range(meas.count):
+        if assigned[k] != -1 or not measurement.is_partial(meas, k):
             continue
         best, least = -1, PART_MARGIN
         for b in range(targets.slots_used):
             if targets.state[b] != kalman.LIVE or targets.measurement[b] < 0 or targets.sightings[b] < 3:
                 continue
-            out = kalman.outside(targets, b, measurements.middle_x[k], measurements.middle_y[k])
-            if not measurement.is_partial(measurements, targets.measurement[b]):
-                # A body that is seen whole has no further parts, unless it is ragged.
+            out = kalman.outside(targets, b, meas.middle_x[k], meas.middle_y[k])
+            if not measurement.is_partial(meas, targets.measurement[b]):
+                # A target that is seen whole has no further parts, unless it is ragged.
                 out += 1.5 * PART_MARGIN
-            if out < least and _fits_in(targets, b, measurements, k):
+            if out < least and _fits_in(targets, b, meas, k):
                 best, least = b, out
         if best >= 0:
             assigned[k] = -2 - best
 
 
-def _fits_in(targets: Targets, b: int, measurements: Measurements, k: int) -> bool:
-    """Return whether a body is large enough for a view to be a part of it."""
+def _fits_in(targets: Targets, b: int, meas: Measurements, k: int) -> bool:
+    """Return whether a target is large enough for a measurement to be a part of it."""
     size = math.sqrt(targets.h[2 * b] * targets.h[2 * b] + targets.h[2 * b + 1] * targets.h[2 * b + 1])
-    return measurements.chord[k] <= 2.0 * size + PART_MARGIN
+    return meas.chord[k] <= 2.0 * size + PART_MARGIN
 
 
 class Assignment:
@@ -348,65 +348,65 @@ def _augment(assignment: Assignment, row: int, wide: int, without: float) -> Non
 
 
 class Persons:
-    """Room for candidate pairs of a person and a view of one sweep."""
+    """Room for candidate pairs of a person and a measurement of one sweep."""
 
-    def __init__(self, measurements: int) -> None:
+    def __init__(self, meas: int) -> None:
         self.owner: list[Any] = []
-        self.capacity = 8 * measurements + 64
+        self.capacity = 8 * meas + 64
         self.count = 0
         self.person = native.integers(self.owner, self.capacity)
         self.measurement = native.integers(self.owner, self.capacity)
         self.cost = native.doubles(self.owner, self.capacity)
-        self.entry = native.integers(self.owner, measurements)
-        """Index of the sighting of each view in the log, -1 for none."""
-        self.assigned = native.integers(self.owner, measurements)
-        """Number of the slot, plus 1, of the person who has each view; 0 for none."""
+        self.entry = native.integers(self.owner, meas)
+        """Index of the sighting of each measurement in the log, -1 for none."""
+        self.assigned = native.integers(self.owner, meas)
+        """Number of the slot, plus 1, of the person who has each measurement; 0 for none."""
 
 
 def track_persons(
     persons: Persons,
     targets: Targets,
-    measurements: Measurements,
+    meas: Measurements,
     scans: Scans,
     assigned: Any,
     sightings: Sightings,
     time: float,
     sweep: int,
 ) -> None:
-    """Assign slim views to persons, and let legs that move found new ones.
+    """Assign slim measurements to persons, and initiate persons from legs that move.
 
     Parameters
     ----------
-    owner : slot of the body of each view, in and out: the slot of a person replaces that of its leg
+    assigned : slot of the target of each measurement, in and out: the slot of a person replaces that of its leg
     time, sweep : time of this sweep [s], and number of sweeps before it
     """
-    for k in range(measurements.count):
+    for k in range(meas.count):
         persons.assigned[k] = 0
-    _pair_persons(persons, targets, measurements, assigned)
+    _pair_persons(persons, targets, meas, assigned)
     _sort_pairs(persons)
     for i in range(persons.count):
-        _assign_view(persons, targets, measurements, persons.person[i], persons.measurement[i])
+        _assign_view(persons, targets, meas, persons.person[i], persons.measurement[i])
     for b in range(targets.slots_used):
         if targets.state[b] == kalman.LIVE and targets.kind[b] == kalman.PERSON:
-            _update_person(persons, targets, measurements, scans, assigned, sightings, b, time, sweep)
+            _update_person(persons, targets, meas, scans, assigned, sightings, b, time, sweep)
     for b in range(targets.slots_used):
         if _is_person_hit(targets, b):
-            _merge_person(persons, targets, measurements, assigned, sightings, b)
-    for k in range(measurements.count):
+            _merge_person(persons, targets, meas, assigned, sightings, b)
+    for k in range(meas.count):
         leg = assigned[k]
         if leg >= 0 and persons.assigned[k] == 0 and targets.moved[leg] == 1 and _is_leg(targets, leg):
-            b = _person_missing_leg(targets, measurements, k)
+            b = _person_missing_leg(targets, meas, k)
             if b >= 0:
                 targets.kind_hits[b] += 1
                 _join_leg(targets, leg, b)
                 _reassign_sighting(persons, targets, sightings, b, k)
                 assigned[k] = b
             else:
-                assigned[k] = _initiate_person(persons, targets, measurements, sightings, leg, k, time, sweep)
+                assigned[k] = _initiate_person(persons, targets, meas, sightings, leg, k, time, sweep)
 
 
 def _is_person_hit(targets: Targets, b: int) -> bool:
-    """Return whether a person is seen in this sweep."""
+    """Return whether a person has a measurement in this sweep."""
     return (
         targets.state[b] == kalman.LIVE
         and targets.kind[b] == kalman.PERSON
@@ -416,7 +416,7 @@ def _is_person_hit(targets: Targets, b: int) -> bool:
 
 
 def _merge_person(
-    persons: Persons, targets: Targets, measurements: Measurements, assigned: Any, sightings: Sightings, b: int
+    persons: Persons, targets: Targets, meas: Measurements, assigned: Any, sightings: Sightings, b: int
 ) -> None:
     """Give a person to an elder who is nearer than two can be in several sweeps, as long as both have two legs together."""
     x, y = kalman.centre(targets, b)
@@ -436,7 +436,7 @@ def _merge_person(
     targets.inside[b] += MERGED_GAIN
     if targets.inside[b] < track_evidence.DUPLICATE_SWEEPS:
         return
-    for k in range(measurements.count):
+    for k in range(meas.count):
         if assigned[k] == b:
             _reassign_sighting(persons, targets, sightings, elder, k)
             assigned[k] = elder
@@ -449,26 +449,26 @@ def _merge_person(
     track_evidence.terminate(targets, b, track_evidence.LOST)
 
 
-def _person_missing_leg(targets: Targets, measurements: Measurements, k: int) -> int:
-    """Return the nearest person within reach of a view that has fewer than two legs; -1 for none."""
+def _person_missing_leg(targets: Targets, meas: Measurements, k: int) -> int:
+    """Return the nearest person within reach of a measurement that has fewer than two legs; -1 for none."""
     best, least = -1, LEG_REACH * LEG_REACH
     for b in range(targets.slots_used):
         if targets.state[b] != kalman.LIVE or targets.kind[b] != kalman.PERSON or targets.kind_hits[b] >= 2:
             continue
         x, y = kalman.centre(targets, b)
-        dx, dy = measurements.middle_x[k] - x, measurements.middle_y[k] - y
+        dx, dy = meas.middle_x[k] - x, meas.middle_y[k] - y
         if dx * dx + dy * dy < least:
             best, least = b, dx * dx + dy * dy
     return best
 
 
 def _is_leg(targets: Targets, b: int) -> bool:
-    """Return whether a body is slim enough for a leg."""
+    """Return whether a target is slim enough for a leg."""
     return targets.kind[b] == kalman.DISC and targets.h[2 * b] + targets.h[2 * b + 1] <= WALKING_LEG_WIDTH
 
 
-def _pair_persons(persons: Persons, targets: Targets, measurements: Measurements, assigned: Any) -> None:
-    """Collect all pairs of a person and a view near it."""
+def _pair_persons(persons: Persons, targets: Targets, meas: Measurements, assigned: Any) -> None:
+    """Collect all pairs of a person and a measurement near it."""
     persons.count = 0
     for b in range(targets.slots_used):
         if targets.state[b] != kalman.LIVE or targets.kind[b] != kalman.PERSON:
@@ -476,11 +476,11 @@ def _pair_persons(persons: Persons, targets: Targets, measurements: Measurements
         x, y = kalman.centre(targets, b)
         # `settled` counts the legs of a person in this sweep, up to two.
         targets.kind_hits[b] = 0
-        for k in range(measurements.count):
+        for k in range(meas.count):
             leg = assigned[k]
-            if measurements.chord[k] > LEGS_WIDTH or (leg >= 0 and not _may_be_leg(targets, leg)):
+            if meas.chord[k] > LEGS_WIDTH or (leg >= 0 and not _may_be_leg(targets, leg)):
                 continue
-            dx, dy = measurements.middle_x[k] - x, measurements.middle_y[k] - y
+            dx, dy = meas.middle_x[k] - x, meas.middle_y[k] - y
             far = dx * dx + dy * dy
             if far > LEG_REACH * LEG_REACH or persons.count >= persons.capacity:
                 continue
@@ -492,7 +492,7 @@ def _pair_persons(persons: Persons, targets: Targets, measurements: Measurements
 
 
 def _may_be_leg(targets: Targets, b: int) -> bool:
-    """Return whether a body may be a leg of a person: it was one before, or was seen a few times only."""
+    """Return whether a target may be a leg of a person: it was one before, or was seen a few times only."""
     return targets.member[b] != 0 or targets.sightings[b] < STANDING_SIGHTINGS
 
 
@@ -508,11 +508,11 @@ def _sort_pairs(persons: Persons) -> None:
         persons.person[at], persons.measurement[at], persons.cost[at] = person, measurement, cost
 
 
-def _assign_view(persons: Persons, targets: Targets, measurements: Measurements, b: int, k: int) -> None:
-    """Assign a view to a person, if the view is free and a leg is missing."""
+def _assign_view(persons: Persons, targets: Targets, meas: Measurements, b: int, k: int) -> None:
+    """Assign a measurement to a person, if the measurement is free and a leg is missing."""
     if persons.assigned[k] != 0 or targets.kind_hits[b] >= 2:
         return
-    legs = 2 if measurements.chord[k] > WALKING_LEG_WIDTH else 1
+    legs = 2 if meas.chord[k] > WALKING_LEG_WIDTH else 1
     if legs == 2 and targets.kind_hits[b] > 0:
         return
     persons.assigned[k] = b + 1
@@ -522,7 +522,7 @@ def _assign_view(persons: Persons, targets: Targets, measurements: Measurements,
 def _update_person(
     persons: Persons,
     targets: Targets,
-    measurements: Measurements,
+    meas: Measurements,
     scans: Scans,
     assigned: Any,
     sightings: Sightings,
@@ -530,14 +530,14 @@ def _update_person(
     time: float,
     sweep: int,
 ) -> None:
-    """Update a person with its views."""
+    """Update a person with its measurements."""
     x, y, number, wide = 0.0, 0.0, 0.0, False
-    for k in range(measurements.count):
+    for k in range(meas.count):
         if persons.assigned[k] == b + 1:
-            x += measurements.middle_x[k]
-            y += measurements.middle_y[k]
+            x += meas.middle_x[k]
+            y += meas.middle_y[k]
             number += 1.0
-            wide = wide or measurements.chord[k] > WALKING_LEG_WIDTH
+            wide = wide or meas.chord[k] > WALKING_LEG_WIDTH
             if assigned[k] >= 0:
                 _join_leg(targets, assigned[k], b)
             _reassign_sighting(persons, targets, sightings, b, k)
@@ -545,7 +545,7 @@ def _update_person(
             targets.measurement[b] = k
     if number == 0.0:
         targets.measurement[b] = -1
-        track_evidence.record_miss(targets, b, measurements, scans, time)
+        track_evidence.record_miss(targets, b, meas, scans, time)
         return
     var = TWO_LEGS_VAR if number > 1.0 else (JOINT_LEGS_VAR if wide else ONE_LEG_VAR)
     kalman.update(targets, 2 * b, x / number, 0.0, var)
@@ -554,17 +554,17 @@ def _update_person(
         targets.whole[b] += 1
     elif (
         not wide
-        and measurements.start[targets.measurement[b]] == measurement.OWN
-        and measurements.end[targets.measurement[b]] == measurement.OWN
+        and meas.start[targets.measurement[b]] == measurement.OWN
+        and meas.end[targets.measurement[b]] == measurement.OWN
     ):
         # A person who never shows two legs has the width of one.
         targets.boxy[b] += 1
-        targets.size[b] += (measurements.chord[targets.measurement[b]] - targets.size[b]) / min(targets.boxy[b], 20)
+        targets.size[b] += (meas.chord[targets.measurement[b]] - targets.size[b]) / min(targets.boxy[b], 20)
     _record_person_hit(targets, b, x / number, y / number, time, sweep)
 
 
 def _join_leg(targets: Targets, leg: int, b: int) -> None:
-    """Make a body a leg of a person; its earlier sightings become the person's too, if it had no person before."""
+    """Make a target a leg of a person; its earlier sightings become the person's too, if it had no person before."""
     if targets.member[leg] == 0:
         targets.same_as[leg] = targets.number[b]
     targets.member[leg] = targets.number[b]
@@ -577,7 +577,7 @@ def _reassign_sighting(persons: Persons, targets: Targets, sightings: Sightings,
 
 
 def _record_person_hit(targets: Targets, b: int, x: float, y: float, time: float, sweep: int) -> None:
-    """Note that a person was seen."""
+    """Record a hit of a person."""
     track_evidence.record_hit(targets, b)
     targets.sightings[b] += 1
     targets.last_sweep[b], targets.last_time[b] = sweep, time
@@ -586,16 +586,9 @@ def _record_person_hit(targets: Targets, b: int, x: float, y: float, time: float
 
 
 def _initiate_person(
-    persons: Persons,
-    targets: Targets,
-    measurements: Measurements,
-    sightings: Sightings,
-    leg: int,
-    k: int,
-    time: float,
-    sweep: int,
+    persons: Persons, targets: Targets, meas: Measurements, sightings: Sightings, leg: int, k: int, time: float, sweep: int
 ) -> int:
-    """Found a person on a leg that moves and has none; return the slot of the person."""
+    """Initiate a person from a leg that moves and has none; return its slot."""
     b = kalman.allocate(targets)
     kalman.reset(targets, b)
     targets.kind[b] = kalman.PERSON
@@ -606,7 +599,7 @@ def _initiate_person(
     targets.evidence[b] = targets.max_evidence[b] = targets.evidence[leg]
     for i in range(2):
         a = 2 * b + i
-        middle = measurements.middle_x[k] if i == 0 else measurements.middle_y[k]
+        middle = meas.middle_x[k] if i == 0 else meas.middle_y[k]
         kalman.initiate_axis(targets, a, middle - PERSON_RADIUS, middle + PERSON_RADIUS, ONE_LEG_VAR, ONE_LEG_VAR)
         targets.v[a] = targets.v[2 * leg + i]
         targets.ch[a] = 0.0
@@ -614,5 +607,5 @@ def _initiate_person(
     targets.measurement[b] = k
     persons.assigned[k] = b + 1
     _reassign_sighting(persons, targets, sightings, b, k)
-    _record_person_hit(targets, b, measurements.middle_x[k], measurements.middle_y[k], time, sweep)
+    _record_person_hit(targets, b, meas.middle_x[k], meas.middle_y[k], time, sweep)
     return b

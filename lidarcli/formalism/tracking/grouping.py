@@ -1,17 +1,18 @@
-"""Bodies that belong to one track: legs that go together, and pieces before and after a gap."""
+"""Tracklets that belong to one track: legs that go together, and pieces before and after a gap."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, field
+from typing import Any, TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
-from lidarcli.formalism.tracking import settling
+from lidarcli.formalism.detection import starts
 from lidarcli.formalism.tracking.results import DISC, PERSON
 from lidarcli.formalism.tracking.tracks import Track, Tracklet
-from lidarcli.sweeps import Float64
+from lidarcli.sweeps import Bool, Float64, Int64
 
 PERSON_WIDTH = 0.65
 """[m] Greatest width of a person at the legs."""
@@ -24,11 +25,11 @@ TOGETHER_SHARE = 0.3
 LEGS_STEADY_SD = 0.03
 """[m] Greatest standard deviation of the distance between two legs of a thing that stands."""
 STANDING_LEG_WIDTH = 0.16
-"""[m] Greatest width of the body of such a leg."""
+"""[m] Greatest width of the tracklet of such a leg."""
 STANDING_LEGS_APART = 0.65
-"""[m] Greatest distance between the bodies of two such legs."""
+"""[m] Greatest distance between the tracklets of two such legs."""
 DUPLICATE_MARGIN = 0.1
-"""[m] Greatest distance of the centre of a body outside of another one from which it was split."""
+"""[m] Greatest distance of the centre of a tracklet outside of another one from which it was split."""
 PACE_SIGHTINGS = 12
 """Sightings that give the velocity of a piece at its end."""
 LONGEST_STITCH_GAP, LONGEST_STANDING_GAP = 15.0, 30.0
@@ -48,27 +49,27 @@ SIZE_SHARE = 0.3
 
 
 def join(sightings: Any, tracklets: dict[int, Tracklet], is_placed: bool) -> None:
-    """Join the bodies that are new in a window to the tracks that they belong to.
+    """Join the tracklets that are new in a window to the tracks that they belong to.
 
     Parameters
     ----------
     seen : sightings of the window and the next one (`windows.WindowSightings`)
-    bodies : bodies that were seen often enough, by number
+    tracklets : tracklets that were seen often enough, by number
     is_placed : True if the place of the sensor is known: then legs beside a person are given to that person
     """
     new = [tracklets[number] for number in sightings.in_window if tracklets[number].track is None]
     _merge_duplicates(sightings, new, tracklets)
     _join_legs(sightings, tracklets)
     if is_placed:
-        settling.assign_legs(sightings, tracklets)
+        assign_legs(sightings, tracklets)
     is_longer = _stitch(sightings, [tracklet for tracklet in new if _is_new(sightings, tracklet)], tracklets)
     if is_placed and is_longer:
         # The pieces of a person make a longer path.
-        settling.assign_legs(sightings, tracklets)
+        assign_legs(sightings, tracklets)
 
 
 def _merge_duplicates(sightings: Any, new: list[Tracklet], tracklets: dict[int, Tracklet]) -> None:
-    """Join bodies that were inside another one all the time."""
+    """Join tracklets that were inside another one all the time."""
     for tracklet in new:
         if tracklet.kind == PERSON and tracklet.track is None:
             # A leg that was followed before its person was founded brings its track.
@@ -91,7 +92,7 @@ def _merge_duplicates(sightings: Any, new: list[Tracklet], tracklets: dict[int, 
 
 
 def _goes_with(sightings: Any, tracklet: Tracklet, person: Tracklet) -> bool:
-    """Return whether a body is slim enough for legs, and mostly within a step of where its person was at that time."""
+    """Return whether a tracklet is slim enough for legs, and mostly within a step of where its person was at that time."""
     if 2.0 * max(tracklet.h) > PERSON_WIDTH:
         return False
     at, path = sightings.spans[tracklet.number], sightings.spans.get(person.number)
@@ -100,11 +101,11 @@ def _goes_with(sightings: Any, tracklet: Tracklet, person: Tracklet) -> bool:
     time, then = sightings.time[at], sightings.time[path]
     early = np.maximum(np.maximum(then[0] - time, time - then[-1]), 0.0)
     off = sightings.place[at] - np.interp(time, then, sightings.place[path])
-    return bool(np.median(np.abs(off) - STITCH_SPEED * early) <= settling.STEP)
+    return bool(np.median(np.abs(off) - STITCH_SPEED * early) <= STEP)
 
 
 def _is_inside(tracklet: Tracklet, other: Tracklet) -> bool:
-    """Return whether a body is still where another one is."""
+    """Return whether a tracklet is still where another one is."""
     x, y = tracklet.place(still=not tracklet.moved)
     other_x, other_y = other.place(still=not other.moved)
     return math.hypot(x - other_x, y - other_y) < math.hypot(*other.h) + DUPLICATE_MARGIN
@@ -119,7 +120,7 @@ def _track_of(tracklet: Tracklet) -> Track:
 
 @dataclass(slots=True)
 class TrackEnd:
-    """The end of one body, or the beginning of another: sweep, time [s], place x + iy [m] and velocity [m/s]."""
+    """The end of one tracklet, or the beginning of another: sweep, time [s], place x + iy [m] and velocity [m/s]."""
 
     tracklet: Tracklet
     sweep: int
@@ -182,14 +183,13 @@ def _stitch_costs(ends: list[TrackEnd], begins: list[TrackEnd]) -> Float64:
     after = times[1] - times[0][:, None]
     gap = np.maximum(after, 0.0)
     one, both = earlier[:, None] | later, earlier[:, None] & later
-    # A body that was never shown to move has hardly gone far in the shadow; one that stands now may have moved while it was
-    # hidden, but hardly far either.
+    # A tracklet that never moved has hardly gone far in the shadow; one that stands now may have moved while hidden.
     allowed = STITCH_DISTANCE + np.where(both, STITCH_SPEED, np.where(one, STANDING_STITCH_SPEED, 0.0)) * gap
     allowed = np.minimum(allowed, np.where(both, MOST_STITCH_DISTANCE, MOST_STANDING_STITCH_DISTANCE))
     apart = places[1] - places[0][:, None]
     going = np.abs(apart - ahead[0][:, None] * gap)
     meeting = np.abs(apart - (ahead[0][:, None] + ahead[1]) * (0.5 * gap))
-    # A body that turned back or stopped is where it was last.
+    # A tracklet that turned back or stopped is where it was last.
     staying = np.abs(apart) + 0.1
     off = np.minimum(np.minimum(going, meeting), staying) / allowed
     in_time = (after > 0.0) & (gap <= np.where(one, LONGEST_STITCH_GAP, LONGEST_STANDING_GAP))
@@ -197,7 +197,7 @@ def _stitch_costs(ends: list[TrackEnd], begins: list[TrackEnd]) -> Float64:
 
 
 def _is_new(sightings: Any, tracklet: Tracklet) -> bool:
-    """Return whether a body has sightings of its own, and its track no row yet."""
+    """Return whether a tracklet has sightings of its own, and its track no row yet."""
     if tracklet.track is not None and tracklet.track.number > 0:
         return False
     span = sightings.spans[tracklet.number]
@@ -213,7 +213,7 @@ def _is_over(earlier: TrackEnd, later: TrackEnd) -> bool:
 
 
 def _first_end(sightings: Any, tracklet: Tracklet) -> TrackEnd:
-    """Return the first place of a body and its velocity there."""
+    """Return the first place of a tracklet and its velocity there."""
     i = sightings.spans[tracklet.number].start
     piece = TrackEnd(tracklet, int(sightings.sweep[i]), float(sightings.time[i]), complex(sightings.place[i]))
     if tracklet.moved:
@@ -222,7 +222,7 @@ def _first_end(sightings: Any, tracklet: Tracklet) -> TrackEnd:
 
 
 def _last_end(sightings: Any, tracklet: Tracklet) -> TrackEnd:
-    """Return the last place of a body and its velocity there; one that never moved still stands."""
+    """Return the last place of a tracklet and its velocity there; one that never moved still stands."""
     piece = TrackEnd(tracklet, tracklet.last_sweep, tracklet.last_time, complex(*tracklet.place(still=not tracklet.moved)))
     if tracklet.final is not None:
         piece.place, piece.velocity = tracklet.final
@@ -234,27 +234,27 @@ def _last_end(sightings: Any, tracklet: Tracklet) -> TrackEnd:
 
 
 def store_end(sightings: Any, tracklet: Tracklet) -> None:
-    """Keep the last place and velocity of a body whose sightings are settled."""
+    """Keep the last place and velocity of a tracklet whose sightings are settled."""
     if tracklet.final is None:
         piece = _last_end(sightings, tracklet)
         tracklet.final = piece.place, piece.velocity
 
 
 def is_expired(sightings: Any, tracklet: Tracklet) -> bool:
-    """Return whether no piece that begins after the window can be joined to a body that has ended."""
+    """Return whether no piece that begins after the window can be joined to a tracklet that has ended."""
     longest = LONGEST_STITCH_GAP if tracklet.moved else LONGEST_STANDING_GAP
     return float(sightings.time[sightings.now].max(initial=-math.inf)) - tracklet.last_time > longest
 
 
 def _speed(sightings: Any, at: slice) -> complex:
-    """Return the velocity of a body over some sightings [m/s], by the line through its places."""
+    """Return the velocity of a tracklet over some sightings [m/s], by the line through its places."""
     time = sightings.time[at] - sightings.time[at].mean()
     spread = float(time @ time)
     return complex(time @ sightings.place[at]) / spread if spread > 0.0 else 0.0
 
 
 def _differ(one: Tracklet, other: Tracklet) -> bool:
-    """Return whether two bodies that were both seen whole differ too much in size to be one."""
+    """Return whether two tracklets that were both seen whole differ too much in size to be one."""
     if one.has_legs or other.has_legs:
         # A person on two legs is not large.
         single = other if one.has_legs else one
@@ -265,7 +265,7 @@ def _differ(one: Tracklet, other: Tracklet) -> bool:
 
 
 def _join_legs(sightings: Any, tracklets: dict[int, Tracklet]) -> None:
-    """Join slim bodies that stand at a steady distance: they are the legs of one thing.
+    """Join slim tracklets that stand at a steady distance: they are the legs of one thing.
 
     Legs that walk belong to persons (`association`).
     """
@@ -288,19 +288,253 @@ def _join_legs(sightings: Any, tracklets: dict[int, Tracklet]) -> None:
 
 
 def _is_leg(tracklet: Tracklet) -> bool:
-    """Return whether a body may be a leg of a thing that stands."""
+    """Return whether a tracklet may be a leg of a thing that stands."""
     return not (tracklet.moved or tracklet.member) and tracklet.kind == DISC and 2.0 * max(tracklet.h) <= STANDING_LEG_WIDTH
 
 
 def _stands_on_legs(tracklet: Tracklet) -> bool:
-    """Return whether a body is a leg of a thing that stands on more legs than a person has."""
+    """Return whether a tracklet is a leg of a thing that stands on more legs than a person has."""
     return _is_leg(tracklet) and tracklet.track is not None and sum(map(_is_leg, tracklet.track.parts)) > PERSON_LEGS
 
 
 def _are_seen_together(sightings: Any, one: Tracklet, other: Tracklet) -> bool:
-    """Return whether two bodies are often seen in the same sweeps, at a steady distance."""
+    """Return whether two tracklets are often seen in the same sweeps, at a steady distance."""
     at, among = sightings.spans[one.number], sightings.spans[other.number]
     _, i, j = np.intersect1d(sightings.sweep[at], sightings.sweep[among], assume_unique=True, return_indices=True)
     if len(i) < max(TOGETHER_SWEEPS, TOGETHER_SHARE * min(at.stop - at.start, among.stop - among.start)):
         return False
     return float(np.abs(sightings.place[at][i] - sightings.place[among][j]).std()) < LEGS_STEADY_SD
+
+
+# Rows of slim tracks that go one by one to the person beside whom they were seen.
+
+LEG_WIDTH = 0.35
+"""[m] Greatest usual width of the measurements of one leg."""
+STEP = 0.7
+"""[m] Greatest distance of a leg from the path of its person, or from the other leg."""
+PAUSE = 0.6
+"""[s] Longest time between the measurements of two legs that are seen in turn."""
+RUN_SWEEPS = 4
+"""Least number of sweeps in which a leg goes beside a person, and greatest number of sweeps without it in between."""
+BESIDE_SHARE = 0.5
+"""Least share of the sweeps with both in which a leg is beside its person, and of all sweeps of a leg that stands."""
+MOST_CROWDED = 0.15
+"""Greatest share of these sweeps in which the two have more than two measurements."""
+PATH_TIME = 0.5
+"""[s] The path of a person is the mean of the places so long before and after, which is about a step."""
+PATH_SWEEPS = 6
+"""Least number of sweeps of a path, and number of sweeps that give the velocity at its ends."""
+PATH_MARGIN = 1.0
+"""[s] Longest time before and after a path in which measurements are compared with it."""
+
+Places: TypeAlias = NDArray[np.complex128]
+"""Places x + iy [m]: sums, means and distances take one operation for both."""
+
+
+@dataclass(slots=True, eq=False)
+class LegTrajectory:
+    """Sightings of a slim track, or of a slim tracklet without one, and the places of its S sweeps."""
+
+    owner: int
+    """Number of the tracklet that was seen most."""
+    at: Int64
+    """(N,) sightings in the order of the log."""
+    moves: bool
+    """True if it was shown to move."""
+    is_person: bool
+    has_rows: bool
+    """True if it had rows in earlier windows."""
+    sweep: Int64 = field(init=False)
+    count: Int64 = field(init=False)
+    """(S,) number of measurements in each sweep."""
+    time: Float64 = field(init=False)
+    place: Places = field(init=False)
+    """(S,) time [s], and mean of the places [m]."""
+    box: tuple[complex, complex] = field(init=False)
+    """Least and greatest x and y of the places [m]."""
+    _path: Places | None = None
+
+    def compute(self, sightings: Any) -> None:
+        """Compute the places by the sightings."""
+        sweep = sightings.sweep[self.at]
+        first = starts(sweep)
+        self.sweep, self.time = sweep[first], sightings.time[self.at[first]]
+        self.count = np.append(first[1:], len(sweep)) - first
+        place: Places = sightings.place[self.at]
+        if len(first) < len(place):
+            sums: Any = np.add.reduceat(place, first)
+            place = sums / self.count
+        self.place = place
+        x, y = self.place.real, self.place.imag
+        if len(x):
+            self.box = complex(x.min(), y.min()), complex(x.max(), y.max())
+        self._path = None
+
+    @property
+    def path(self) -> Places:
+        """(S,) places without the swing of the legs [m]: the means over as many sweeps before as after."""
+        if self._path is None:
+            here = np.arange(len(self.time))
+            first = np.searchsorted(self.time, self.time - PATH_TIME)
+            stop = np.searchsorted(self.time, self.time + PATH_TIME, side="right")
+            half = np.minimum(here - first, stop - 1 - here)
+            total = np.append(0.0, np.cumsum(self.place))
+            self._path = (total[here + half + 1] - total[here - half]) / (2 * half + 1)
+        return self._path
+
+
+def assign_legs(sightings: Any, tracklets: dict[int, Tracklet]) -> None:
+    """Give sightings of legs to their persons, among those of a window and the next one.
+
+    Parameters
+    ----------
+    seen : the sightings (`windows.WindowSightings`), of which `owner` changes
+    tracklets : tracklets that were seen often enough, by number
+    """
+    legs = _leg_trajectories(sightings, tracklets)
+    if not any(leg.is_person for leg in legs):
+        return
+    _merge_legs(sightings, legs)
+    legs = [leg for leg in legs if len(leg.at)]
+    persons = [leg for leg in legs if leg.is_person and len(leg.sweep) >= PATH_SWEEPS]
+    persons.sort(key=lambda leg: (-len(leg.sweep), leg.owner))
+    _gather_fragments(sightings, legs, persons)
+    _gather_views(sightings, [leg for leg in persons if len(leg.at)])
+
+
+def _leg_trajectories(sightings: Any, tracklets: dict[int, Tracklet]) -> list[LegTrajectory]:
+    """Return the slim tracks, and slim tracklets without one, in the order of their first sweeps."""
+    order = np.argsort(sightings.owner, kind="stable")
+    order = order[np.searchsorted(sightings.owner[order], 1) :]
+    owner = sightings.owner[order]
+    begins = starts(owner)
+    if not len(begins):
+        return []
+    slim = np.add.reduceat((sightings.width[order] < LEG_WIDTH).astype(np.int64), begins).tolist()
+    ends = np.append(begins[1:], len(owner)).tolist()
+    groups: dict[int, list[tuple[int, int, int, int]]] = {}
+    for number, begin, end, few in zip(owner[begins].tolist(), begins.tolist(), ends, slim, strict=True):
+        track = tracklets[number].track
+        groups.setdefault(number if track is None else -id(track), []).append((number, begin, end, few))
+    legs = []
+    for parts in groups.values():
+        if 2 * sum(few for *_, few in parts) <= sum(end - begin for _, begin, end, _ in parts):
+            continue
+        owner_of_most = max(parts, key=lambda part: part[2] - part[1])[0]
+        at = np.concatenate([order[begin:end] for _, begin, end, _ in parts])
+        track = tracklets[owner_of_most].track
+        members = [tracklets[owner_of_most]] if track is None else track.parts
+        leg = LegTrajectory(
+            owner=owner_of_most,
+            at=at[np.argsort(sightings.sweep[at], kind="stable")],
+            moves=any(part.moved for part in members) or (track is not None and track.moved),
+            is_person=any(part.kind == PERSON for part in members),
+            has_rows=track is not None and track.number > 0,
+        )
+        leg.compute(sightings)
+        legs.append(leg)
+    return sorted(legs, key=lambda leg: (int(leg.sweep[0]), leg.owner))
+
+
+def _merge_legs(sightings: Any, legs: list[LegTrajectory]) -> None:
+    """Give a track that goes beside a person to that person, run by run."""
+    first, last = (np.array([leg.sweep[i] for leg in legs]) for i in (0, -1))
+    persons = np.array([leg.is_person for leg in legs])
+    together = (first <= last[:, None]) & (persons | persons[:, None])
+    low, high = (np.array([leg.box[i] for leg in legs]) for i in (0, 1))
+    together &= (low.real - STEP < high.real[:, None]) & (low.real[:, None] - STEP < high.real)
+    together &= (low.imag - STEP < high.imag[:, None]) & (low.imag[:, None] - STEP < high.imag)
+    pairs = []
+    for i, k in np.argwhere(np.triu(together, 1)).tolist():
+        one, other = legs[i], legs[k]
+        pairs.append((min(len(one.at), len(other.at)), one.owner, other.owner, one, other))
+    for _, _, _, one, other in sorted(pairs, key=lambda pair: pair[:3]):
+        if len(one.at) and len(other.at):
+            leads = one.is_person and (len(one.at) >= len(other.at) or not other.is_person)
+            person, leg = (one, other) if leads else (other, one)
+            _give_runs(sightings, person, leg)
+
+
+def _give_runs(sightings: Any, person: LegTrajectory, leg: LegTrajectory) -> None:
+    """Give the sightings of a leg to a person in the runs of sweeps in which it is beside that person."""
+    after = np.minimum(np.searchsorted(person.sweep, leg.sweep), len(person.sweep) - 1)
+    before = np.maximum(after - 1, 0)
+    pause = np.minimum(np.abs(leg.time - person.time[before]), np.abs(leg.time - person.time[after]))
+    off = leg.place - np.interp(leg.time, person.time, person.place)
+    both = pause < PAUSE
+    near = np.flatnonzero(both & (np.abs(off) < STEP))
+    # Two who pass each other are near for a while only.
+    if len(near) < max(BESIDE_SHARE * np.count_nonzero(both), 2):
+        return
+    measurements = leg.count + np.where(person.sweep[after] == leg.sweep, person.count[after], 0)
+    given = np.zeros(len(leg.sweep), bool)
+    for run in np.split(near, np.flatnonzero(np.diff(near) >= RUN_SWEEPS) + 1):
+        is_whole = len(run) >= BESIDE_SHARE * len(leg.sweep)
+        is_leg = is_whole or (leg.moves and len(run) >= RUN_SWEEPS)
+        given[run] = is_leg and np.mean(measurements[run] > 2) <= MOST_CROWDED
+    if given.any():
+        _give(sightings, person, leg, np.isin(sightings.sweep[leg.at], leg.sweep[given]))
+
+
+def _give(sightings: Any, person: LegTrajectory, leg: LegTrajectory, given: Bool) -> None:
+    """Give some sightings of a leg to a person."""
+    sightings.owner[leg.at[given]] = person.owner
+    at = np.sort(np.concatenate([person.at, leg.at[given]]))
+    person.at, leg.at = at[np.argsort(sightings.sweep[at], kind="stable")], leg.at[~given]
+    for each in (person, leg):
+        each.compute(sightings)
+
+
+def _gather_fragments(sightings: Any, legs: list[LegTrajectory], persons: list[LegTrajectory]) -> None:
+    """Give the new tracks that are never further than a step from the path of a person to that person."""
+    for leg in sorted(legs, key=lambda leg: (len(leg.sweep), leg.owner)):
+        if leg.has_rows:
+            continue
+        for person in persons:
+            if len(person.sweep) <= len(leg.sweep) or not _goes_beside(leg, person):
+                continue
+            if _away(leg.time, leg.place, person).max() < STEP:
+                _give(sightings, person, leg, np.ones(len(leg.at), bool))
+                break
+
+
+def _gather_views(sightings: Any, persons: list[LegTrajectory]) -> None:
+    """Give measurements without a track within a step of a person's path to that person, up to two legs."""
+    loose = np.flatnonzero((sightings.owner == 0) & (sightings.width < LEG_WIDTH))
+    for person in persons if len(loose) else ():
+        near = loose[_is_beside(sightings.time[loose], person)]
+        if not len(near):
+            continue
+        near = near[_away(sightings.time[near], sightings.place[near], person) < STEP]
+        legs = dict(zip(person.sweep.tolist(), person.count.tolist(), strict=True))
+        for i, sweep in zip(near.tolist(), sightings.sweep[near].tolist(), strict=True):
+            legs[sweep] = legs.get(sweep, 0) + 1
+            if legs[sweep] <= 2:
+                sightings.owner[i] = person.owner
+        loose = loose[sightings.owner[loose] == 0]
+
+
+def _goes_beside(leg: LegTrajectory, person: LegTrajectory) -> bool:
+    """Return whether a walk may be within a step of the path of a person, by its ends and the rectangles around both."""
+    begin, end, first, last = leg.time[0], leg.time[-1], person.time[0], person.time[-1]
+    if begin < first or end > last:
+        return bool(begin >= first - PATH_MARGIN and end <= last + PATH_MARGIN)
+    over, under = person.box[0] - leg.box[1], leg.box[0] - person.box[1]
+    return max(over.real, over.imag, under.real, under.imag) < STEP
+
+
+def _is_beside(time: Float64, person: LegTrajectory) -> Bool:
+    """Return (N,) whether times are between the first and the last sweep of a person, or shortly before or after."""
+    beside: Bool = (time >= person.time[0] - PATH_MARGIN) & (time <= person.time[-1] + PATH_MARGIN)
+    return beside
+
+
+def _away(time: Float64, place: Places, person: LegTrajectory) -> Float64:
+    """Return (N,) the distances [m] of places from the path of a person, which goes on at both ends at its speed there."""
+    early, late = np.minimum(time - person.time[0], 0.0), np.maximum(time - person.time[-1], 0.0)
+    few = min(PATH_SWEEPS, len(person.time)) - 1
+    path = person.path
+    begin = (path[few] - path[0]) / max(person.time[few] - person.time[0], 1e-3)
+    end = (path[-1] - path[-1 - few]) / max(person.time[-1] - person.time[-1 - few], 1e-3)
+    away: Float64 = np.abs(place - np.interp(time, person.time, path) - early * begin - late * end)
+    return away

@@ -3,12 +3,13 @@ cimport libc.math as math
 
 from lidarcli cimport native
 from lidarcli.formalism.tracking cimport measurement
-from lidarcli.formalism.tracking.measurement cimport Measurements
+from lidarcli.formalism.tracking.measurement cimport EdgeMeasurement, Measurements
 
-cdef Py_ssize_t MOST_LEGS, EMPTY, LIVE, ENDED, DISC, BOX, PERSON, ROUND, LEGGED
+cdef Py_ssize_t AHEAD, DELAY, LEFT
+cdef double DELAY_SD, LEAST_DELAY_VAR, LEAST_PLACE_VAR, MOST_DELAY, MOST_POSE_RESIDUAL, PLACE_SD, POSE_SIDE_VAR
+cdef Py_ssize_t MOST_LEGS, EMPTY, LIVE, ENDED, DISC, BOX, PERSON
 cdef double ACCELERATION, EXTENT_GROWTH, STANDING_GROWTH, SPEED_SD, ANGULAR_ACCELERATION, TURN_RATE_SD, MOST_TURN, FASTEST_TURN
 cdef double UNSEEN_VAR, MOST_RESIDUAL, LEAST_VAR, QUARTER_TURN, NEW_EXTENT
-cdef double AT_LEAST, COS_ALONG, SIN_BEHIND, END_MARGIN, SURFACE_VAR, CROOKED_SHARE, RAGGED_SHARE, LEGGED_VAR, OPEN_EDGE_VAR
 
 
 cdef class Targets:
@@ -101,34 +102,9 @@ cdef void initiate_axis(
 cdef void reset_static(Targets targets, Py_ssize_t a) noexcept nogil
 
 
-cdef class EdgeMeasurement:
-    cdef list owner
-    cdef double* z
-    cdef double* var
-    cdef bint by_centre, is_doubtful
-    cdef double half, half_var, lasting_var
-
-
 cdef void measure(
-    EdgeMeasurement sides, Measurements measurements, Py_ssize_t k, Targets targets, Py_ssize_t b, double pose_var
+    EdgeMeasurement sides, Measurements meas, Py_ssize_t k, Targets targets, Py_ssize_t b, double pose_var
 ) noexcept nogil
-cdef double _edge_doubt(Py_ssize_t edge) noexcept nogil
-@cython.locals(own_start=bint, own_end=bint)
-cdef void measure_box(
-    EdgeMeasurement sides, Measurements measurements, Py_ssize_t k, double cos, double sin, double pose_var
-) noexcept nogil
-@cython.locals(side=Py_ssize_t)
-cdef void _measure_face(EdgeMeasurement sides, Measurements measurements, Py_ssize_t f, double cos, double sin, double pose_var) noexcept nogil
-@cython.locals(u_x=double, u_y=double, face=Py_ssize_t)
-cdef void _measure_end(
-    EdgeMeasurement sides, Measurements measurements, Py_ssize_t k, Py_ssize_t p, double outwards, double cos, double sin, double pose_var
-) noexcept nogil
-@cython.locals(own_start=bint, own_end=bint)
-cdef void measure_disc(
-    EdgeMeasurement sides, Measurements measurements, Py_ssize_t k, double radius, double radius_var, double pose_var
-) noexcept nogil
-cdef (double, double) _unit_vector(Measurements measurements, double x, double y) noexcept nogil
-cdef (double, double) _rotated(double x, double y, double angle) noexcept nogil
 
 
 cdef class Sightings:
@@ -152,6 +128,30 @@ cdef class Sightings:
 
 
 cdef void record_sighting(
-    Sightings sightings, Targets targets, Py_ssize_t b, EdgeMeasurement sides, Measurements measurements, Py_ssize_t k, Py_ssize_t sweep, double time,
+    Sightings sightings, Targets targets, Py_ssize_t b, EdgeMeasurement sides, Measurements meas, Py_ssize_t k, Py_ssize_t sweep, double time,
     Py_ssize_t at
 ) noexcept nogil
+
+
+cdef class PoseErrorFilter:
+    cdef list owner
+    cdef double* value
+    cdef double* cov
+    cdef double* last
+    cdef double speed_x, speed_y, turning
+    cdef public double travelled
+    cdef bint has_pose
+    cdef double* jacobian
+    cdef double* product
+    cdef double* change
+
+    cpdef tuple estimate(self)
+
+
+cdef void correct_pose(PoseErrorFilter pose_error, Measurements meas, double x, double y, double yaw, double side) noexcept nogil
+cdef void set_jacobian(PoseErrorFilter pose_error, Measurements meas, double x, double y, double u_x, double u_y, Py_ssize_t axis
+) noexcept nogil
+cdef void update_pose_error(PoseErrorFilter pose_error, Targets targets, Py_ssize_t a, double off, double var, Py_ssize_t axis
+) noexcept nogil
+cdef void mix_jacobian(PoseErrorFilter pose_error, Targets targets, Py_ssize_t a, double gain, Py_ssize_t axis) noexcept nogil
+cdef void apply_pose_error(PoseErrorFilter pose_error, Targets targets) noexcept nogil

@@ -1,12 +1,13 @@
-"""Bodies: place, velocity, extent and direction of what is followed, and how a view measures them.
+"""Kalman filters of the targets, and of the error of the poses of the sensor.
 
-A body is a rectangle with the half extents h along two axes, or a disc. Along each axis a filter estimates its centre c,
-velocity v and half extent h, because a side of the body measures only c + h or c - h. Beside it stands a *twin*: the
-estimate for a body that stands still. Motion has to be shown against the twin.
+A target is a rectangle with the half extents h along two axes, or a disc. Along each axis a filter estimates its centre
+c, velocity v and half extent h, because a side measures only c + h or c - h: no reference point can jump from corner to
+corner. A *static model* estimates c and h as if the target stood still; motion has to be shown against it.
 
-A view measures the sides of a body along its axes. A side that faces the sensor is where its face is, and a side that ends
-in view is where its edge is. Of any other side the last point seen is only a lower bound. So there is no reference point
-that could jump from corner to corner.
+A pose that is told too late shifts everything that stands by the speed of the sensor times the delay; one of another
+point of the robot shifts it as the robot turns. Both are linear in three numbers: the delay, and the place of the sensor
+ahead and to the left. Recursive least squares finds these from the sides of standing targets, and they correct the poses
+from then on.
 """
 
 from __future__ import annotations
@@ -18,64 +19,60 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lidarcli import native
-from lidarcli.formalism import detection
 from lidarcli.formalism.tracking import measurement, results
-from lidarcli.formalism.tracking.measurement import Measurements
+from lidarcli.formalism.tracking.measurement import EdgeMeasurement, Measurements
 
 EMPTY, LIVE, ENDED = results.EMPTY, results.LIVE, results.ENDED
 DISC, BOX, PERSON = results.DISC, results.BOX, results.PERSON
 MOST_LEGS = results.MOST_LEGS
-ROUND, LEGGED = detection.ROUND, detection.LEGGED
 QUARTER_TURN = 0.5 * math.pi
 ACCELERATION = 0.6
-"""[m²/s³] Spectral density of a body's acceleration."""
+"""[m²/s³] Spectral density of a target's acceleration."""
 EXTENT_GROWTH = 1e-5
 """[m²/s] Growth of the variance of a half extent, as of a plant in the wind."""
 STANDING_GROWTH = 1e-7
-"""[m²/s] Growth of the variance of a standing body's place, for errors of the poses."""
+"""[m²/s] Growth of the variance of a standing target's place, for errors of the poses."""
 SPEED_SD = 0.7
-"""[m/s] Standard deviation of the velocity of a new body."""
+"""[m/s] Standard deviation of the velocity of a new target."""
 ANGULAR_ACCELERATION = 0.02
-"""[rad²/s³] Spectral density of a body's angular acceleration."""
+"""[rad²/s³] Spectral density of a target's angular acceleration."""
 MOST_TURN = math.radians(15.0)
-"""[rad] Greatest turn of a body from one sweep to the next."""
+"""[rad] Greatest turn of a target from one sweep to the next."""
 FASTEST_TURN = 2.0
-"""[rad/s] Greatest turn rate of a body."""
+"""[rad/s] Greatest turn rate of a target."""
 TURN_RATE_SD = 0.15
-"""[rad/s] Standard deviation of the turn rate of a new body."""
+"""[rad/s] Standard deviation of the turn rate of a new target."""
 UNSEEN_VAR = 0.0025
-"""[m²] Variance that is added to the place of a standing body while it is not seen: (5 cm)²."""
+"""[m²] Variance that is added to the place of a standing target while it is not seen: (5 cm)²."""
 MOST_RESIDUAL = 16.0
 """Greatest squared residual, as a multiple of its variance. A larger one counts as this."""
 LEAST_VAR = 1e-8
 """[m²] Least variance, against rounding."""
 NEW_EXTENT = 0.15
-"""[m] Length that a new body may go on beyond an end that was not seen."""
-AT_LEAST = -1.0
-"""Mark in place of a variance: the side goes on at least so far."""
-COS_ALONG = math.cos(math.radians(20.0))
-"""Cosine of the greatest angle between the normal of a face and that of the side it belongs to."""
-SIN_BEHIND = math.sin(math.radians(10.0))
-"""Sine of an angle: a side that looks away from the sensor by more may go on behind the last point."""
-END_MARGIN = 0.03
-"""[m] An end of the points that is this close to the outermost point ends the side."""
-SURFACE_VAR = 1.6e-5
-"""[m²] Least variance of a side, for the roughness of surfaces and the error of scanners: (4 mm)²."""
-CROOKED_SHARE = 0.25
-"""Share of the mean squared distance of points from their face that adds to the variance of its place."""
-RAGGED_SHARE = 0.12
-"""Standard deviation of the middle of an object without faces, as a share of its size."""
-OPEN_EDGE_VAR = 0.01
-"""[m²] Variance of an edge beside beams that come and go: (10 cm)²."""
-LEGGED_VAR = 0.0081
-"""[m²] Variance of the middle of a group of legs: (9 cm)²."""
+"""[m] Length that a new target may go on beyond an end that was not seen."""
 LOG_INTEGERS = ("number", "sweep", "object", "centred", "whole")
 LOG_NUMBERS = ("time", "x", "y", "cos", "sin", "half_1", "half_2", "chord")
 LOG_SIDES = ("z", "var")
+DELAY, AHEAD, LEFT = 0, 1, 2
+"""Places of the three numbers of a correction."""
+DELAY_SD = 0.2
+"""[s] Standard deviation of the delay at first."""
+PLACE_SD = 0.1
+"""[m] Standard deviation of the place of the sensor at first."""
+LEAST_DELAY_VAR = 1e-4
+"""[s²] Least variance of the delay: (10 ms)²."""
+LEAST_PLACE_VAR = 1e-5
+"""[m²] Least variance of the place of the sensor."""
+MOST_POSE_RESIDUAL = 9.0
+"""Greatest squared residual, as a multiple of its variance. A larger one is that of a target that moves."""
+POSE_SIDE_VAR = 1e-4
+"""[m²] Variance that is added to each side, because consecutive sightings depend on each other: (1 cm)²."""
+MOST_DELAY = 0.4
+"""[s] Greatest delay."""
 
 
 class Targets:
-    """Arrays of `most` slots, one for each body. Values along axis i of body b stand at 2 b + i."""
+    """Arrays of `most` slots, one for each target. Values along axis i of target b stand at 2 b + i."""
 
     def __init__(self, capacity: int) -> None:
         self.arrays: dict[str, NDArray[Any]] = {}
@@ -84,7 +81,7 @@ class Targets:
         self.slots_used = 0
         """Slot from which on all slots are empty."""
         self.last_number = 0
-        """Number of bodies so far; a new body gets the next number."""
+        """Number of targets so far; a new target gets the next number."""
         self.state = native.at_longs(_new(self.arrays, "state", capacity, np.int64))
         self.number = native.at_longs(_new(self.arrays, "number", capacity, np.int64))
         self.kind = native.at_longs(_new(self.arrays, "kind", capacity, np.int64))
@@ -98,13 +95,13 @@ class Targets:
         """Number of sightings with both edges its own; of a person, with two legs."""
         self.moved = native.at_longs(_new(self.arrays, "moved", capacity, np.int64))
         self.inside = native.at_longs(_new(self.arrays, "inside", capacity, np.int64))
-        """Number of sweeps unseen inside an older body that was seen, less those in which it was seen."""
+        """Number of sweeps missed inside an older target that was hit, less those with a hit."""
         self.same_as = native.at_longs(_new(self.arrays, "same_as", capacity, np.int64))
-        """Number of the older body, or of the person of a leg; 0 for none."""
+        """Number of the older target, or of the person of a leg; 0 for none."""
         self.member = native.at_longs(_new(self.arrays, "member", capacity, np.int64))
         """Number of the person that it is a leg of, 0 for none."""
         self.measurement = native.at_longs(_new(self.arrays, "measurement", capacity, np.int64))
-        """View in this sweep, -1 for none."""
+        """Measurement in this sweep, -1 for none."""
         self.first_sweep = native.at_longs(_new(self.arrays, "first_sweep", capacity, np.int64))
         self.last_sweep = native.at_longs(_new(self.arrays, "last_sweep", capacity, np.int64))
         self.onset = native.at_longs(_new(self.arrays, "onset", capacity, np.int64))
@@ -112,7 +109,7 @@ class Targets:
         self.end = native.at_longs(_new(self.arrays, "end", capacity, np.int64))
         """Reason for its end, an index into `results.ENDS`."""
         self.size = native.at_doubles(_new(self.arrays, "size", capacity, np.float64))
-        """Mean diagonal of its box, by views with both edges its own [m]."""
+        """Mean diagonal of its box, by measurements with both edges its own [m]."""
         self.existence = native.at_doubles(_new(self.arrays, "existence", capacity, np.float64))
         self.last_time = native.at_doubles(_new(self.arrays, "last_time", capacity, np.float64))
         """Time of the last sighting [s]."""
@@ -151,9 +148,9 @@ class Targets:
         self.static_cc = native.at_doubles(_new(self.arrays, "static_cc", 2 * capacity, np.float64))
         self.static_ch = native.at_doubles(_new(self.arrays, "static_ch", 2 * capacity, np.float64))
         self.static_hh = native.at_doubles(_new(self.arrays, "static_hh", 2 * capacity, np.float64))
-        """Centre and half extent of the twin along each axis, and their covariance."""
+        """Centre and half extent of the static model along each axis, and their covariance."""
         self.jacobian = native.at_doubles(_new(self.arrays, "jacobian", 6 * capacity, np.float64))
-        """Effect of the error of the poses on the place of the twin, three numbers for each axis (`PoseErrorFilter`)."""
+        """Derivative of the place of the static model by the error of the poses, three numbers for each axis."""
         self.side = native.at_doubles(_new(self.arrays, "side", 2 * capacity, np.float64))
         self.side_weight = native.at_doubles(_new(self.arrays, "side_weight", 2 * capacity, np.float64))
         """Mean extent by sightings of both ends, and their weight [m, 1/m²]."""
@@ -169,10 +166,10 @@ class Targets:
         self.leg_hits = native.at_longs(_new(self.arrays, "leg_hits", MOST_LEGS * capacity, np.int64))
         """Number of sightings of each of these legs."""
         self.shape_votes = native.at_doubles(_new(self.arrays, "shape_votes", 5 * capacity, np.float64))
-        """Votes of its views, by shape."""
+        """Votes of its measurements, by shape."""
 
     def grow(self, old: Targets) -> None:
-        """Copy the bodies of `old`, which has less room."""
+        """Copy the targets of `old`, which has less capacity."""
         self.slots_used, self.last_number = old.slots_used, old.last_number
         for name, values in old.arrays.items():
             self.arrays[name][: len(values)] = values
@@ -194,7 +191,7 @@ def allocate(targets: Targets) -> int:
 
 
 def reset(targets: Targets, b: int) -> None:
-    """Begin a new body in a slot."""
+    """Initiate a target in a slot."""
     targets.last_number += 1
     targets.number[b] = targets.last_number
     targets.state[b] = LIVE
@@ -218,22 +215,22 @@ def reset(targets: Targets, b: int) -> None:
 
 
 def centre(targets: Targets, b: int) -> tuple[float, float]:
-    """Return the centre of a body in the world [m]."""
+    """Return the centre of a target in the world [m]."""
     return to_world(targets, b, targets.c[2 * b], targets.c[2 * b + 1])
 
 
 def to_world(targets: Targets, b: int, along: float, across: float) -> tuple[float, float]:
-    """Return a vector in the axes of a body as one in the world."""
+    """Return a vector in the axes of a target as one in the world."""
     return targets.cos[b] * along - targets.sin[b] * across, targets.sin[b] * along + targets.cos[b] * across
 
 
 def to_axes(targets: Targets, b: int, x: float, y: float) -> tuple[float, float]:
-    """Return a vector in the world as one in the axes of a body."""
+    """Return a vector in the world as one in the axes of a target."""
     return targets.cos[b] * x + targets.sin[b] * y, targets.cos[b] * y - targets.sin[b] * x
 
 
 def half_extent(targets: Targets, b: int, x: float, y: float) -> float:
-    """Return the half extent of a body in a direction of the world, given as a unit vector [m]."""
+    """Return the half extent of a target in a direction of the world, given as a unit vector [m]."""
     if targets.kind[b] != BOX:
         return 0.5 * (targets.h[2 * b] + targets.h[2 * b + 1])
     along, across = to_axes(targets, b, x, y)
@@ -241,7 +238,7 @@ def half_extent(targets: Targets, b: int, x: float, y: float) -> float:
 
 
 def outside(targets: Targets, b: int, x: float, y: float) -> float:
-    """Return the distance of a point from a body [m], negative inside."""
+    """Return the distance of a point from a target [m], negative inside."""
     centre_x, centre_y = centre(targets, b)
     dx, dy = x - centre_x, y - centre_y
     if targets.kind[b] != BOX:
@@ -251,7 +248,7 @@ def outside(targets: Targets, b: int, x: float, y: float) -> float:
 
 
 def turn(targets: Targets, b: int, angle: float) -> None:
-    """Turn the axes of a body; its estimates in the world stay the same."""
+    """Turn the axes of a target; its estimates in the world stay the same."""
     cos, sin = math.cos(angle), math.sin(angle)
     one, other = 2 * b, 2 * b + 1
     targets.c[one], targets.c[other] = (
@@ -292,7 +289,7 @@ def _mix(values: Any, at: int, keep: float, give: float) -> None:
 
 
 def predict(targets: Targets, b: int, dt: float, drift_var: float) -> None:
-    """Predict a body after a time dt [s]. `creep`: variance that is added to standing bodies as poses drift [m²]."""
+    """Predict a target after a time dt [s]. `creep`: variance that is added to standing targets as poses drift [m²]."""
     if targets.kind[b] == BOX:
         targets.yaw_var[b] += (
             dt * (2.0 * targets.yaw_cov[b] + dt * targets.rate_var[b]) + ANGULAR_ACCELERATION * dt * dt * dt / 3.0
@@ -313,7 +310,7 @@ def predict(targets: Targets, b: int, dt: float, drift_var: float) -> None:
 
 
 def hold_still(targets: Targets, b: int) -> None:
-    """Stop a body that is not seen and was never shown to move; it may begin to move at any time."""
+    """Stop a target that is missed and never moved; it may begin to move at any time."""
     for a in range(2 * b, 2 * b + 2):
         targets.c[a], targets.h[a] = targets.static_c[a], targets.static_h[a]
         targets.cc[a] = targets.static_cc[a] + UNSEEN_VAR
@@ -332,7 +329,7 @@ def residual(targets: Targets, a: int, z: float, sign: float, var: float) -> tup
 
 
 def static_residual(targets: Targets, a: int, z: float, sign: float, var: float) -> tuple[float, float]:
-    """Return the residual of a measurement of c + sign h for the twin [m], and its variance [m²]."""
+    """Return the residual of a measurement of c + sign h for the static model [m], and its variance [m²]."""
     return (
         z - targets.static_c[a] - sign * targets.static_h[a],
         max(targets.static_cc[a] + sign * (2.0 * targets.static_ch[a] + sign * targets.static_hh[a]), 0.0) + var,
@@ -362,7 +359,7 @@ def update(targets: Targets, a: int, z: float, sign: float, var: float) -> None:
 
 
 def update_static(targets: Targets, a: int, z: float, sign: float, var: float) -> float:
-    """Update the twin with a measurement of c + sign h; return the gain of its centre."""
+    """Update the static model with a measurement of c + sign h; return the gain of its centre."""
     off, s = static_residual(targets, a, z, sign, var)
     if off * off > MOST_RESIDUAL * s:
         s = off * off / MOST_RESIDUAL
@@ -386,7 +383,7 @@ def update_extent(targets: Targets, a: int, half: float, var: float) -> None:
 
 
 def update_yaw(targets: Targets, b: int, yaw: float, var: float) -> None:
-    """Update the direction of a body with that of a face, which is known up to quarter turns."""
+    """Update the direction of a target with that of a face, which is known up to quarter turns."""
     off = yaw - targets.yaw[b]
     off -= QUARTER_TURN * math.floor(off / QUARTER_TURN + 0.5)
     s = targets.yaw_var[b] + var
@@ -429,32 +426,13 @@ def initiate_axis(targets: Targets, a: int, low: float, high: float, low_var: fl
 
 
 def reset_static(targets: Targets, a: int) -> None:
-    """Reset the twin to the estimate of the body."""
+    """Reset the static model to the estimate of the target."""
     targets.static_c[a], targets.static_h[a] = targets.c[a], targets.h[a]
     targets.static_cc[a], targets.static_ch[a], targets.static_hh[a] = targets.cc[a], targets.ch[a], targets.hh[a]
 
 
-class EdgeMeasurement:
-    """Measurement of a body by one view: of sides 0 to 3 (axis 0 low and high, axis 1 low and high) or of its centre."""
-
-    def __init__(self) -> None:
-        self.owner: list[Any] = []
-        self.z = native.doubles(self.owner, 4)
-        """Place of each side along its axis [m]."""
-        self.var = native.doubles(self.owner, 4)
-        """Variance of that place [m²], or `AT_LEAST`."""
-        self.by_centre = False
-        """True if z[0] and z[2] are the centre of a disc; then `half` is its radius with the variance `half_var`."""
-        self.lasting_var = 0.0
-        """Variance of the centre that more sightings do not reduce, as they see the same ragged outline [m²]."""
-        self.is_doubtful = False
-        """True if the centre is that of returns which come and go."""
-        self.half = 0.0
-        self.half_var = 0.0
-
-
-def measure(sides: EdgeMeasurement, measurements: Measurements, k: int, targets: Targets, b: int, pose_var: float) -> None:
-    """Measure a body by view k.
+def measure(sides: EdgeMeasurement, meas: Measurements, k: int, targets: Targets, b: int, pose_var: float) -> None:
+    """Measure a target by measurement k.
 
     Parameters
     ----------
@@ -463,210 +441,13 @@ def measure(sides: EdgeMeasurement, measurements: Measurements, k: int, targets:
     if targets.kind[b] == DISC:
         radius = 0.5 * (targets.h[2 * b] + targets.h[2 * b + 1])
         var = 0.5 * (targets.hh[2 * b] + targets.hh[2 * b + 1])
-        measure_disc(sides, measurements, k, radius, var, pose_var)
+        measurement.measure_disc(sides, meas, k, radius, var, pose_var)
     else:
-        measure_box(sides, measurements, k, targets.cos[b], targets.sin[b], pose_var)
-
-
-def measure_box(
-    sides: EdgeMeasurement, measurements: Measurements, k: int, cos: float, sin: float, pose_var: float
-) -> None:
-    """Measure the sides of a rectangle whose first axis has the direction cos, sin."""
-    sides.by_centre = False
-    measurement.place_sensor(measurements, measurements.share[k])
-    first, last = measurements.begin[k], measurements.begin[k + 1] - 1
-    for side in range(4):
-        sides.var[side] = AT_LEAST
-    for p in range(first, last + 1):
-        along = cos * measurements.point_x[p] + sin * measurements.point_y[p]
-        across = cos * measurements.point_y[p] - sin * measurements.point_x[p]
-        if p == first:
-            sides.z[0] = sides.z[1] = along
-            sides.z[2] = sides.z[3] = across
-        if along < sides.z[0]:
-            sides.z[0] = along
-        if along > sides.z[1]:
-            sides.z[1] = along
-        if across < sides.z[2]:
-            sides.z[2] = across
-        if across > sides.z[3]:
-            sides.z[3] = across
-    own_start = measurements.start[k] != measurement.HIDDEN
-    own_end = measurements.end[k] != measurement.HIDDEN
-    if own_start:
-        _measure_end(sides, measurements, k, first, -1.0, cos, sin, pose_var + _edge_doubt(measurements.start[k]))
-    if own_end:
-        _measure_end(sides, measurements, k, last, 1.0, cos, sin, pose_var + _edge_doubt(measurements.end[k]))
-    for f in range(measurements.face_begin[k], measurements.face_begin[k + 1]):
-        _measure_face(sides, measurements, f, cos, sin, pose_var)
-    measurement.place_sensor(measurements, 0.0)
-
-
-def _edge_doubt(edge: int) -> float:
-    """Return the variance to add for an edge beside beams without a return that come and go [m²]."""
-    return OPEN_EDGE_VAR if edge == measurement.OPEN else 0.0
-
-
-def _measure_face(
-    sides: EdgeMeasurement, measurements: Measurements, f: int, cos: float, sin: float, pose_var: float
-) -> None:
-    """Measure the near side of an axis by a face."""
-    x, y = measurements.face_x[f], measurements.face_y[f]
-    normal_x, normal_y = measurements.along_y[f], -measurements.along_x[f]
-    if normal_x * (measurements.x - x) + normal_y * (measurements.y - y) < 0.0:
-        normal_x, normal_y = -normal_x, -normal_y
-    along, across = cos * normal_x + sin * normal_y, cos * normal_y - sin * normal_x
-    var = measurements.sigma * measurements.sigma / measurements.face_points[f] + SURFACE_VAR + pose_var
-    # A crooked face is not exactly where its line is.
-    var += CROOKED_SHARE * measurements.bulge[f] / measurements.face_points[f]
-    if abs(along) > COS_ALONG:
-        side = 1 if along > 0.0 else 0
-        sides.z[side], sides.var[side] = cos * x + sin * y, var
-    elif abs(across) > COS_ALONG:
-        side = 3 if across > 0.0 else 2
-        sides.z[side], sides.var[side] = cos * y - sin * x, var
-
-
-def _measure_end(
-    sides: EdgeMeasurement,
-    measurements: Measurements,
-    k: int,
-    p: int,
-    outwards: float,
-    cos: float,
-    sin: float,
-    pose_var: float,
-) -> None:
-    """Measure the sides that end at an edge, half a beam past the last point on average."""
-    x, y = measurements.point_x[p], measurements.point_y[p]
-    far_x, far_y = x - measurements.x, y - measurements.y
-    r = math.sqrt(far_x * far_x + far_y * far_y)
-    if r <= 0.0:
-        return
-    far_x, far_y = far_x / r, far_y / r
-    # Outwards, in the direction of the bearings.
-    outwards *= measurements.side
-    out_x, out_y = -outwards * far_y, outwards * far_x
-    # The face that ends there, if any.
-    face = -1
-    for f in range(measurements.face_begin[k], measurements.face_begin[k + 1]):
-        if measurements.face_first[f] == p or measurements.face_last[f] == p:
-            face = f
-    for side in range(4):
-        u_x, u_y = (cos, sin) if side < 2 else (-sin, cos)
-        if side == 0 or side == 2:
-            u_x, u_y = -u_x, -u_y
-        sign = 1.0 if side == 1 or side == 3 else -1.0
-        if u_x * x + u_y * y < sign * sides.z[side] - END_MARGIN:
-            continue
-        if face >= 0 and abs(measurements.along_x[face] * u_x + measurements.along_y[face] * u_y) > COS_ALONG:
-            gap = measurements.extent[face] / (measurements.face_points[face] - 1)
-            sides.z[side] = sign * (u_x * x + u_y * y + 0.5 * gap)
-            sides.var[side] = gap * gap / 12.0 + SURFACE_VAR + pose_var
-        elif u_x * far_x + u_y * far_y <= SIN_BEHIND:
-            gap = max(u_x * out_x + u_y * out_y, 0.0) * r * measurements.step
-            depth = measurements.sigma * (u_x * far_x + u_y * far_y)
-            sides.z[side] = sign * (u_x * x + u_y * y + 0.5 * gap)
-            sides.var[side] = gap * gap / 12.0 + depth * depth + SURFACE_VAR + pose_var
-
-
-def measure_disc(
-    sides: EdgeMeasurement, measurements: Measurements, k: int, radius: float, radius_var: float, pose_var: float
-) -> None:
-    """Measure the centre of a disc, in the axes of the world.
-
-    Parameters
-    ----------
-    radius, radius_var : estimate of its radius and variance [m, m²]; a negative variance without an estimate
-    """
-    sides.by_centre = True
-    measurement.place_sensor(measurements, measurements.share[k])
-    first, last = measurements.begin[k], measurements.begin[k + 1] - 1
-    sigma = measurements.sigma
-    own_start = measurements.start[k] != measurement.HIDDEN
-    own_end = measurements.end[k] != measurement.HIDDEN
-    first_x, first_y = _unit_vector(measurements, measurements.point_x[first], measurements.point_y[first])
-    last_x, last_y = _unit_vector(measurements, measurements.point_x[last], measurements.point_y[last])
-    near = measurements.near[k]
-    half_angle = 0.5 * (
-        math.atan2(abs(first_x * last_y - first_y * last_x), first_x * last_x + first_y * last_y) + measurements.step
-    )
-    gap = near * measurements.step
-    sine = math.sin(min(half_angle, 1.2))
-    visible_radius = near * sine / (1.0 - sine)
-    visible_radius = min(visible_radius, 0.6 * max(measurements.length[k], measurements.chord[k]) + gap)
-    sides.half_var = AT_LEAST
-    if own_start and own_end:
-        sides.half, sides.half_var = (
-            visible_radius,
-            gap * gap / 24.0 + SURFACE_VAR + RAGGED_SHARE * RAGGED_SHARE * visible_radius * visible_radius,
-        )
-    if radius_var < 0.0:
-        radius, radius_var = visible_radius, 0.0025
-        if sides.half_var >= 0.0:
-            radius_var = sides.half_var
-    mid_x, mid_y = first_x + last_x, first_y + last_y
-    norm = math.sqrt(mid_x * mid_x + mid_y * mid_y)
-    if norm > 0.0:
-        mid_x, mid_y = mid_x / norm, mid_y / norm
-    else:
-        mid_x, mid_y = first_x, first_y
-    across_var = 0.0
-    if own_start and own_end:
-        across_var = gap * gap / 24.0
-    elif own_start or own_end:
-        # The centre is a radius away from the edge that is its own.
-        inwards = math.asin(min(radius / (near + radius), 1.0)) - 0.5 * measurements.step
-        if own_start:
-            mid_x, mid_y = _rotated(first_x, first_y, measurements.side * inwards)
-        else:
-            mid_x, mid_y = _rotated(last_x, last_y, -measurements.side * inwards)
-        across_var = gap * gap / 12.0 + radius_var
-    else:
-        across_var = 0.25 * measurements.chord[k] * measurements.chord[k] + radius_var + 0.01
-    centre_x, centre_y = measurements.x + mid_x * (near + radius), measurements.y + mid_y * (near + radius)
-    depth_var = sigma * sigma + radius_var
-    if measurements.shape[k] == ROUND and own_start and own_end:
-        centre_x, centre_y = measurements.centre_x[k], measurements.centre_y[k]
-        sides.half = 0.5 * measurements.length[k]
-        sides.half_var = 4.0 * sigma * sigma / measurements.size[k] + SURFACE_VAR
-        depth_var = sides.half_var
-    elif measurements.shape[k] == LEGGED:
-        centre_x, centre_y = measurements.middle_x[k], measurements.middle_y[k]
-        depth_var = across_var = LEGGED_VAR
-    ragged = 0.0 if measurements.shape[k] == ROUND else RAGGED_SHARE * measurements.length[k]
-    sides.lasting_var = ragged * ragged
-    more = SURFACE_VAR + pose_var + sides.lasting_var
-    across_var += more
-    # The arc of a round object gives its middle, wherever the arc ends.
-    sides.is_doubtful = measurements.shape[k] != ROUND and (
-        measurements.start[k] == measurement.OPEN or measurements.end[k] == measurement.OPEN
-    )
-    if sides.is_doubtful:
-        across_var += _edge_doubt(measurements.start[k]) + _edge_doubt(measurements.end[k])
-    depth_var += more
-    sides.z[0] = sides.z[1] = centre_x
-    sides.z[2] = sides.z[3] = centre_y
-    sides.var[0] = sides.var[1] = mid_x * mid_x * depth_var + mid_y * mid_y * across_var
-    sides.var[2] = sides.var[3] = mid_y * mid_y * depth_var + mid_x * mid_x * across_var
-    measurement.place_sensor(measurements, 0.0)
-
-
-def _unit_vector(measurements: Measurements, x: float, y: float) -> tuple[float, float]:
-    """Return the unit vector from the sensor to a point."""
-    dx, dy = x - measurements.x, y - measurements.y
-    r = math.sqrt(dx * dx + dy * dy)
-    return (dx / r, dy / r) if r > 0.0 else (1.0, 0.0)
-
-
-def _rotated(x: float, y: float, angle: float) -> tuple[float, float]:
-    """Return a vector turned by an angle."""
-    cos, sin = math.cos(angle), math.sin(angle)
-    return cos * x - sin * y, sin * x + cos * y
+        measurement.measure_box(sides, meas, k, targets.cos[b], targets.sin[b], pose_var)
 
 
 class Sightings:
-    """Log of `count` sightings, kept until their windows are settled, in the arrays that `attach` sets."""
+    """Sightings (`count` of them) until their windows are closed, in the arrays that `attach` sets."""
 
     def __init__(self) -> None:
         self.count = 0
@@ -676,7 +457,7 @@ class Sightings:
         """Write to these arrays from now on; the caller keeps them alive."""
         self.capacity = len(arrays["number"])
         self.number = native.at_longs(arrays["number"])
-        """Number of the body."""
+        """Number of the target."""
         self.sweep = native.at_longs(arrays["sweep"])
         """Number of sweeps of the topic before."""
         self.object = native.at_longs(arrays["object"])
@@ -713,18 +494,18 @@ def record_sighting(
     targets: Targets,
     b: int,
     sides: EdgeMeasurement,
-    measurements: Measurements,
+    meas: Measurements,
     k: int,
     sweep: int,
     time: float,
     at: int,
 ) -> None:
-    """Write a sighting of a body by view k to the log; there is room."""
+    """Record a sighting of a target by measurement k; there is room."""
     i = sightings.count
     sightings.whole[i] = 0
-    if measurements.start[k] != measurement.HIDDEN and measurements.end[k] != measurement.HIDDEN:
+    if meas.start[k] != measurement.HIDDEN and meas.end[k] != measurement.HIDDEN:
         sightings.whole[i] = 1
-    sightings.chord[i] = measurements.chord[k]
+    sightings.chord[i] = meas.chord[k]
     sightings.number[i], sightings.sweep[i], sightings.object[i], sightings.time[i] = targets.number[b], sweep, at, time
     along, across = targets.c[2 * b], targets.c[2 * b + 1]
     sightings.x[i] = targets.cos[b] * along - targets.sin[b] * across
@@ -735,3 +516,118 @@ def record_sighting(
     for side in range(4):
         sightings.z[4 * i + side], sightings.var[4 * i + side] = sides.z[side], sides.var[side]
     sightings.count += 1
+
+
+class PoseErrorFilter:
+    """Estimated error of the poses, and the motion of the sensor at the current sweep."""
+
+    def __init__(self) -> None:
+        self.owner: list[Any] = []
+        self.value = native.doubles(self.owner, 3)
+        """Delay of the poses [s], and place of the sensor ahead and left of its poses [m]."""
+        self.cov = native.doubles(self.owner, 9)
+        self.cov[0] = DELAY_SD * DELAY_SD
+        self.cov[4] = self.cov[8] = PLACE_SD * PLACE_SD
+        self.last = native.doubles(self.owner, 3)
+        """Pose of the sweep before in the log: x, y [m], yaw [rad]."""
+        self.speed_x = 0.0
+        self.speed_y = 0.0
+        self.turning = 0.0
+        """Velocity [m/s] and turn rate [rad/s] of the sensor."""
+        self.has_pose = False
+        self.travelled = 0.0
+        """Distance that the sensor went so far [m]."""
+        self.jacobian = native.doubles(self.owner, 6)
+        """Effect of the three numbers on the current point, for both axes of its target."""
+        self.product = native.doubles(self.owner, 3)
+        self.change = native.doubles(self.owner, 3)
+
+    def estimate(self) -> tuple[float, float, float, float, float]:
+        """Return the delay [s], the place ahead and left [m], and the standard deviations of the delay and of the place."""
+        return (
+            self.value[DELAY],
+            self.value[AHEAD],
+            self.value[LEFT],
+            math.sqrt(self.cov[0]),
+            math.sqrt(max(self.cov[4], self.cov[8])),
+        )
+
+
+def correct_pose(pose_error: PoseErrorFilter, meas: Measurements, x: float, y: float, yaw: float, side: float) -> None:
+    """Set the pose of the sensor for a pose x, y, yaw of the log, and its variance."""
+    late = pose_error.value[DELAY]
+    yaw += pose_error.turning * late
+    meas.cos, meas.sin = math.cos(yaw), math.sin(yaw)
+    ahead, left = pose_error.value[AHEAD], side * pose_error.value[LEFT]
+    meas.x = x + pose_error.speed_x * late + meas.cos * ahead - meas.sin * left
+    meas.y = y + pose_error.speed_y * late + meas.sin * ahead + meas.cos * left
+    meas.start_x, meas.start_y, meas.start_yaw = meas.x, meas.y, yaw
+    var = pose_error.cov[0]
+    speed = pose_error.speed_x * pose_error.speed_x + pose_error.speed_y * pose_error.speed_y
+    meas.pose_var, meas.pose_turn_var = speed * var, pose_error.turning * pose_error.turning * var
+
+
+def set_jacobian(
+    pose_error: PoseErrorFilter, meas: Measurements, x: float, y: float, u_x: float, u_y: float, axis: int
+) -> None:
+    """Fill in `jacobian`: the derivative of a point x, y along a direction u, for each of the three numbers."""
+    dx, dy = x - meas.x, y - meas.y
+    moved_x = pose_error.speed_x - pose_error.turning * dy
+    moved_y = pose_error.speed_y + pose_error.turning * dx
+    pose_error.jacobian[3 * axis + DELAY] = -(u_x * moved_x + u_y * moved_y)
+    pose_error.jacobian[3 * axis + AHEAD] = -(u_x * meas.cos + u_y * meas.sin)
+    pose_error.jacobian[3 * axis + LEFT] = -meas.side * (u_y * meas.cos - u_x * meas.sin)
+
+
+def update_pose_error(pose_error: PoseErrorFilter, targets: Targets, a: int, off: float, var: float, axis: int) -> None:
+    """Update the estimate with the residual of a side of a standing target [m] along axis a, after `set_jacobian`."""
+    s = var + POSE_SIDE_VAR
+    expected = 0.0
+    for i in range(3):
+        pose_error.product[i] = 0.0
+        for j in range(3):
+            pose_error.product[i] += pose_error.cov[3 * i + j] * (
+                pose_error.jacobian[3 * axis + j] - targets.jacobian[3 * a + j]
+            )
+    for i in range(3):
+        s += pose_error.product[i] * (pose_error.jacobian[3 * axis + i] - targets.jacobian[3 * a + i])
+        expected += (pose_error.jacobian[3 * axis + i] - targets.jacobian[3 * a + i]) * (pose_error.change[i])
+    off -= expected
+    if off * off > MOST_POSE_RESIDUAL * s:
+        return
+    for i in range(3):
+        pose_error.change[i] += pose_error.product[i] / s * off
+    for i in range(3):
+        for j in range(3):
+            pose_error.cov[3 * i + j] -= pose_error.product[i] * pose_error.product[j] / s
+    pose_error.cov[0] = max(pose_error.cov[0], LEAST_DELAY_VAR)
+    pose_error.cov[4] = max(pose_error.cov[4], LEAST_PLACE_VAR)
+    pose_error.cov[8] = max(pose_error.cov[8], LEAST_PLACE_VAR)
+
+
+def mix_jacobian(pose_error: PoseErrorFilter, targets: Targets, a: int, gain: float, axis: int) -> None:
+    """Mix the Jacobian of a measurement into that of the static model, with the gain of its update."""
+    # Where the extent is not known the gain of the centre may be any; what is mixed again and again would grow for ever.
+    gain = min(max(gain, 0.0), 1.0)
+    for i in range(3):
+        at = 3 * a + i
+        targets.jacobian[at] += gain * (pose_error.jacobian[3 * axis + i] - targets.jacobian[at])
+
+
+def apply_pose_error(pose_error: PoseErrorFilter, targets: Targets) -> None:
+    """Correct all targets by the change of a sweep, and the poses from now on."""
+    if pose_error.change[0] == 0.0 and pose_error.change[1] == 0.0 and pose_error.change[2] == 0.0:
+        return
+    for b in range(targets.slots_used):
+        if targets.state[b] != LIVE:
+            continue
+        for a in range(2 * b, 2 * b + 2):
+            shift = 0.0
+            for i in range(3):
+                shift += targets.jacobian[3 * a + i] * pose_error.change[i]
+            targets.c[a] -= shift
+            targets.static_c[a] -= shift
+    for i in range(3):
+        pose_error.value[i] += pose_error.change[i]
+        pose_error.change[i] = 0.0
+    pose_error.value[DELAY] = min(max(pose_error.value[DELAY], -MOST_DELAY), MOST_DELAY)

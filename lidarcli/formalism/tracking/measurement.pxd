@@ -4,6 +4,8 @@ cimport libc.math as math
 from lidarcli cimport native
 from lidarcli.formalism.segmentation cimport Scans
 
+cdef double AT_LEAST, COS_ALONG, CROOKED_SHARE, END_MARGIN, LEGGED_VAR, OPEN_EDGE_VAR, RAGGED_SHARE, SIN_BEHIND, SURFACE_VAR
+cdef Py_ssize_t ROUND, LEGGED
 cdef int OBJECT, FULL, START_HIDDEN, END_HIDDEN, CUT, OPEN_VIEW, SHARED, VALID, NO_RETURN
 cdef Py_ssize_t HIDDEN, OPEN, OWN, LEAST_FACE_POINTS, SWEEPS_KEPT
 cdef double TURN, BOX_MARGIN, LEAST_STEP, HIT_MARGIN, SWEEPS_APART, FLICKER_WEIGHT, MOST_FLICKER_SHARE, NO_RANGE, FREE_RANGE
@@ -58,19 +60,19 @@ cdef class Measurements:
     cdef Py_ssize_t* face_last
 
 
-cdef void extract(Measurements measurements, Detections detections, Scans scans, Py_ssize_t row) noexcept nogil
-cdef void classify_edges(Measurements measurements) noexcept nogil
-cdef double pose_variance(Measurements measurements, Py_ssize_t k) noexcept nogil
-cdef bint is_partial(Measurements measurements, Py_ssize_t k) noexcept nogil
-cdef void _set_bearings(Measurements measurements, Detections detections, Scans scans, Py_ssize_t row) noexcept nogil
-cdef void place_sensor(Measurements measurements, double share) noexcept nogil
-cdef (double, double) to_world(Measurements measurements, double x, double y) noexcept nogil
-cdef (double, double) to_sensor(Measurements measurements, double x, double y) noexcept nogil
-cdef (double, double) _ahead_and_left(Measurements measurements, double x, double y) noexcept nogil
-cdef Py_ssize_t position_of(Measurements measurements, Py_ssize_t beam) noexcept nogil
-cdef void _add_measurement(Measurements measurements, Detections detections, Scans scans, Py_ssize_t at) noexcept nogil
-cdef void _add_points(Measurements measurements, Detections detections, Scans scans, Py_ssize_t at) noexcept nogil
-cdef Py_ssize_t _end_face(Measurements measurements, Py_ssize_t f, Py_ssize_t n) noexcept nogil
+cdef void extract(Measurements meas, Detections detections, Scans scans, Py_ssize_t row) noexcept nogil
+cdef void classify_edges(Measurements meas) noexcept nogil
+cdef double pose_variance(Measurements meas, Py_ssize_t k) noexcept nogil
+cdef bint is_partial(Measurements meas, Py_ssize_t k) noexcept nogil
+cdef void _set_bearings(Measurements meas, Detections detections, Scans scans, Py_ssize_t row) noexcept nogil
+cdef void place_sensor(Measurements meas, double share) noexcept nogil
+cdef (double, double) to_world(Measurements meas, double x, double y) noexcept nogil
+cdef (double, double) to_sensor(Measurements meas, double x, double y) noexcept nogil
+cdef (double, double) _ahead_and_left(Measurements meas, double x, double y) noexcept nogil
+cdef Py_ssize_t position_of(Measurements meas, Py_ssize_t beam) noexcept nogil
+cdef void _add_measurement(Measurements meas, Detections detections, Scans scans, Py_ssize_t at) noexcept nogil
+cdef void _add_points(Measurements meas, Detections detections, Scans scans, Py_ssize_t at) noexcept nogil
+cdef Py_ssize_t _end_face(Measurements meas, Py_ssize_t f, Py_ssize_t n) noexcept nogil
 
 
 cdef class RangeHistory:
@@ -97,11 +99,38 @@ cdef class RangeHistory:
 
 cdef void copy_memory(RangeHistory history, RangeHistory old) noexcept nogil
 @cython.locals(changes=Py_ssize_t, lost=Py_ssize_t, now=Py_ssize_t, then=Py_ssize_t)
-cdef void count_flicker(RangeHistory history, Measurements measurements, Scans scans) noexcept nogil
+cdef void count_flicker(RangeHistory history, Measurements meas, Scans scans) noexcept nogil
 cdef bint is_steady(RangeHistory history) noexcept nogil
-cdef double range_at(Measurements measurements, Scans scans, Py_ssize_t position) noexcept nogil
-cdef void store_sweep(RangeHistory history, Measurements measurements, Scans scans, double time) noexcept nogil
+cdef double range_at(Measurements meas, Scans scans, Py_ssize_t position) noexcept nogil
+cdef void store_sweep(RangeHistory history, Measurements meas, Scans scans, double time) noexcept nogil
 @cython.locals(at=Py_ssize_t)
 cdef bint was_hit(RangeHistory history, Py_ssize_t m, double x, double y) noexcept nogil
 @cython.locals(position=Py_ssize_t, at=Py_ssize_t, k=Py_ssize_t)
 cdef bint was_passed(RangeHistory history, Py_ssize_t m, double x, double y, double beside) noexcept nogil
+
+
+cdef class EdgeMeasurement:
+    cdef list owner
+    cdef double* z
+    cdef double* var
+    cdef bint by_centre, is_doubtful
+    cdef double half, half_var, lasting_var
+
+
+cdef double _edge_doubt(Py_ssize_t edge) noexcept nogil
+@cython.locals(own_start=bint, own_end=bint)
+cdef void measure_box(
+    EdgeMeasurement sides, Measurements meas, Py_ssize_t k, double cos, double sin, double pose_var
+) noexcept nogil
+@cython.locals(own_start=bint, own_end=bint)
+cdef void measure_disc(
+    EdgeMeasurement sides, Measurements meas, Py_ssize_t k, double radius, double radius_var, double pose_var
+) noexcept nogil
+@cython.locals(side=Py_ssize_t)
+cdef void _measure_face(EdgeMeasurement sides, Measurements meas, Py_ssize_t f, double cos, double sin, double pose_var) noexcept nogil
+@cython.locals(u_x=double, u_y=double, face=Py_ssize_t)
+cdef void _measure_end(
+    EdgeMeasurement sides, Measurements meas, Py_ssize_t k, Py_ssize_t p, double outwards, double cos, double sin, double pose_var
+) noexcept nogil
+cdef (double, double) _unit_vector(Measurements meas, double x, double y) noexcept nogil
+cdef (double, double) _rotated(double x, double y, double angle) noexcept nogil

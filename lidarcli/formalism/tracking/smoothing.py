@@ -1,7 +1,7 @@
 """Path of a track by what was seen before and after: a Kalman filter forward, then a smoother backward.
 
 The state holds place and velocity in the plane and, of a person, how far the one leg that is seen is from the middle of the
-body. Backward runs the smoother of Bryson and Frazier, which needs no inverse of a covariance.
+target. Backward runs the smoother of Bryson and Frazier, which needs no inverse of a covariance.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ class Smoother:
         self.noise = native.doubles(self.owner, 3 * sightings)
         """Place of each sighting [m], and its covariance xx, xy, yy."""
         self.common = native.doubles(self.owner, 3 * sightings)
-        """The part of that covariance by the size of the body: all sightings err alike."""
+        """The part of that covariance by the size of the target: all sightings err alike."""
         self.z = native.doubles(self.owner, 2 * sweeps)
         self.r = native.doubles(self.owner, 3 * sweeps)
         """Measured place in each sweep [m], and its covariance xx, xy, yy."""
@@ -85,14 +85,14 @@ class Smoother:
         """Adjoint state of the backward pass, its matrix, and a product of that."""
 
     def locate(self, begin: int, log: dict[str, Any], rows: Any, half: Any, half_var: Any, kind: int, several: bool) -> int:
-        """Write the places of a body at its sightings, from `begin` on; return the begin of the next body.
+        """Write the places of a target at its sightings, from `begin` on; return the begin of the next target.
 
         Parameters
         ----------
         log : arrays of the log of sightings by name (`kalman.sighting_arrays`)
-        rows : (N,) int64 its rows that are sightings of the body
+        rows : (N,) int64 its rows that are sightings of the target
         half, half_var : (2,) half extents by all sightings, and their variances [m, m²]
-        kind : kind of the body
+        kind : kind of the target
         several : True for one of several parts
         """
         count = len(rows)
@@ -171,7 +171,7 @@ def locate_sightings(
     kind: int,
     more: float,
 ) -> None:
-    """Compute the places of a body in the world, by the sides that were seen."""
+    """Compute the places of a target in the world, by the sides that were seen."""
     for i in range(count):
         row, side = rows[i], 4 * rows[i]
         c, s = cos[row], sin[row]

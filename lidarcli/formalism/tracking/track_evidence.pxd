@@ -3,8 +3,8 @@ cimport libc.math as math
 
 from lidarcli.formalism.segmentation cimport Scans
 from lidarcli.formalism.tracking cimport kalman, measurement
-from lidarcli.formalism.tracking.kalman cimport Targets, EdgeMeasurement
-from lidarcli.formalism.tracking.measurement cimport RangeHistory, Measurements
+from lidarcli.formalism.tracking.kalman cimport Targets
+from lidarcli.formalism.tracking.measurement cimport EdgeMeasurement, Measurements, RangeHistory
 
 cdef Py_ssize_t PRISMATIC, LEFT_VIEW, FREE, LOST, CONFIRMED_SIGHTINGS
 cdef Py_ssize_t OCCUPIED_SWEEPS, SETTLED_SIGHTINGS, MOST_POINTS, DUPLICATE_SWEEPS, SPECK_BEAMS
@@ -22,31 +22,31 @@ cdef double _motion_odds(
 cdef double _axis_odds(Targets targets, Py_ssize_t a, EdgeMeasurement sides, Py_ssize_t low) noexcept nogil
 cdef void mark_rest(Targets targets, Py_ssize_t b, Py_ssize_t sweep) noexcept nogil
 cdef bint is_moving(
-    Targets targets, Py_ssize_t b, Measurements measurements, Scans scans, Py_ssize_t k, RangeHistory history, double motion_threshold, double time
+    Targets targets, Py_ssize_t b, Measurements meas, Scans scans, Py_ssize_t k, RangeHistory history, double motion_threshold, double time
 ) noexcept nogil
 @cython.locals(times=Py_ssize_t, p=Py_ssize_t)
 cdef bint was_occupied(
-    Targets targets, Py_ssize_t b, Measurements measurements, Py_ssize_t k, RangeHistory history, double time
+    Targets targets, Py_ssize_t b, Measurements meas, Py_ssize_t k, RangeHistory history, double time
 ) noexcept nogil
-cdef bint was_free(Measurements measurements, Py_ssize_t k, RangeHistory history, double time) noexcept nogil
+cdef bint was_free(Measurements meas, Py_ssize_t k, RangeHistory history, double time) noexcept nogil
 
 
 @cython.locals(first=Py_ssize_t, last=Py_ssize_t, position=Py_ssize_t)
 cdef (double, double, double) passing(
-    Measurements measurements, Scans scans, double x, double y, double near, double beside
+    Measurements meas, Scans scans, double x, double y, double near, double beside
 ) noexcept nogil
 cdef (double, double, double) passing_target(
-    Measurements measurements, Scans scans, Targets targets, Py_ssize_t b, double x, double y
+    Measurements meas, Scans scans, Targets targets, Py_ssize_t b, double x, double y
 ) noexcept nogil
 cdef void record_hit(Targets targets, Py_ssize_t b) noexcept nogil
 cdef bint _is_alone(Targets targets, Py_ssize_t number) noexcept nogil
 @cython.locals(still=bint, astray=bint)
-cdef void record_miss(Targets targets, Py_ssize_t b, Measurements measurements, Scans scans, double time) noexcept nogil
+cdef void record_miss(Targets targets, Py_ssize_t b, Measurements meas, Scans scans, double time) noexcept nogil
 cdef Py_ssize_t covering_target(Targets targets, Py_ssize_t b, double x, double y, double beside) noexcept nogil
 cdef void terminate(Targets targets, Py_ssize_t b, Py_ssize_t why) noexcept nogil
 
 
-cdef void vote_shape(Targets targets, Py_ssize_t b, Measurements measurements, Py_ssize_t k) noexcept nogil
+cdef void vote_shape(Targets targets, Py_ssize_t b, Measurements meas, Py_ssize_t k) noexcept nogil
 @cython.locals(first=Py_ssize_t, last=Py_ssize_t, run=Py_ssize_t, here=double, before=double, after=double)
-cdef void detect_legs(Targets targets, Py_ssize_t b, Measurements measurements, Py_ssize_t k, Scans scans) noexcept nogil
+cdef void detect_legs(Targets targets, Py_ssize_t b, Measurements meas, Py_ssize_t k, Scans scans) noexcept nogil
 cdef void _record_leg(Targets targets, Py_ssize_t b, double x, double y) noexcept nogil

@@ -1,9 +1,10 @@
-"""Beliefs about a body: that it moves (set A, Def. 4), that it still exists, and which shape it has.
+"""Evidence on a target: that it moves (set A, Def. 4), that it exists, and which shape it has.
 
-Two witnesses show motion. The first is a sum of log-odds: by how much a moving body explains the sides better than its twin
-that stands still. The second is free space: the body is where beams passed before, or beams pass where it was.
+Two tests show motion. The first is a CUSUM of log-odds: how much better a moving target explains the sides than its
+static model. The second is free space: the target is where beams passed before, or beams pass where it was.
 
-A body that is not seen stops existing where beams pass through its place. In the shadow of others it is kept for a while.
+The existence of a target that is missed falls where beams pass through its place. In the shadow of others it is kept for
+a while.
 """
 
 from __future__ import annotations
@@ -13,28 +14,28 @@ import math
 from lidarcli.formalism import detection
 from lidarcli.formalism.segmentation import Scans
 from lidarcli.formalism.tracking import kalman, measurement, results
-from lidarcli.formalism.tracking.kalman import EdgeMeasurement, Targets
-from lidarcli.formalism.tracking.measurement import Measurements, RangeHistory
+from lidarcli.formalism.tracking.kalman import Targets
+from lidarcli.formalism.tracking.measurement import EdgeMeasurement, Measurements, RangeHistory
 
 PRISMATIC = detection.PRISMATIC
 LEFT_VIEW, FREE, LOST = results.LEFT_VIEW, results.FREE, results.LOST
 CONFIRMED_SIGHTINGS, LEAST_WAY = results.CONFIRMED_SIGHTINGS, results.LEAST_WAY
 STEADY_LENGTH = 0.06
-"""[m] A body whose length seems to change by more than this is not seen as it is."""
+"""[m] A target whose length seems to change by more than this is not seen as it is."""
 SAME_LENGTH = 0.2
-"""[m] A view whose length differs by more than this shows another piece, of a wall for example."""
+"""[m] A measurement whose length differs by more than this shows another piece, of a wall for example."""
 MOST_SWEEP_EVIDENCE = 3.0
 """[log-odds] Greatest evidence of one sweep, for or against motion."""
 EVIDENCE_DECAY = 0.05
 """[log-odds] Evidence that is lost in every sweep."""
 MOST_PARTIAL_EVIDENCE = 2.0
-"""[log-odds] Greatest evidence for motion of a view with a hidden edge."""
+"""[log-odds] Greatest evidence for motion of a measurement with a hidden edge."""
 SETTLED_SIGHTINGS = 2
-"""Sightings of the same kind after which a body gathers evidence."""
+"""Sightings of the same kind after which a target gathers evidence."""
 MOST_EVIDENCE = 60.0
 """[log-odds] Greatest evidence that is kept."""
 FREE_SHARE = 0.3
-"""Least share of the points of a moving body that lie in space that was free."""
+"""Least share of the points of a moving target that lie in space that was free."""
 OCCUPIED_SHARE = 0.5
 """Share of its points above which an earlier sweep shows that something stood there already."""
 OCCUPIED_SWEEPS = 2
@@ -44,31 +45,31 @@ FREE_MARGIN = 0.1
 OLDEST_SWEEP = 4.8
 """[s] Older sweeps tell nothing about free space."""
 MOST_POINTS = 16
-"""Greatest number of points of a view that are compared with earlier sweeps."""
+"""Greatest number of points of a measurement that are compared with earlier sweeps."""
 EXISTENCE_AT_FIRST = 0.3
-"""Probability that a new body exists."""
+"""Probability that a new target exists."""
 EXISTENCE_GAIN = 0.3
 """Share of the doubt that each sighting takes away."""
 DETECTION_RATE = 0.9
-"""Probability that a body is seen where its place is in view."""
+"""Probability that a target is seen where its place is in view."""
 LEAST_PASSING = 0.3
-"""Share of the beams at the core of a body that have to pass before they speak against it."""
+"""Share of the beams at the core of a target that have to pass before they speak against it."""
 HIT_DOUBT = 0.1
-"""Probability that a body was missed although beams hit its place."""
+"""Probability that a target was missed although beams hit its place."""
 LEAST_EXISTENCE = 0.03
-"""Probability below which a body ends."""
+"""Probability below which a target ends."""
 PASSING_MARGIN = 0.1
-"""[m] Least distance by which beams end behind a body that they have passed."""
+"""[m] Least distance by which beams end behind a target that they have passed."""
 PATIENCE_STILL = 30.0
-"""[s] Longest time in the shadow of a body that stands."""
+"""[s] Longest time in the shadow of a target that stands."""
 PATIENCE_MOVING = 6.0
-"""[s] Longest time in the shadow of a body that moves."""
+"""[s] Longest time in the shadow of a target that moves."""
 LOST_VAR = 1.44
-"""[m²] Variance of its place above which a moving body is lost: (1.2 m)²."""
+"""[m²] Variance of its place above which a moving target is lost: (1.2 m)²."""
 DUPLICATE_SWEEPS = 8
-"""Sweeps unseen inside an older body that is seen after which both are the same."""
+"""Sweeps unseen inside an older target that is seen after which both are the same."""
 BEAM_VOTE = 0.05
-"""Weight of each beam of a view in the vote on its shape; a view has at most one vote."""
+"""Weight of each beam of a measurement in the vote on its shape; a measurement has at most one vote."""
 SLIM_LEG_WIDTH = 0.15
 """[m] Greatest width of a leg of furniture."""
 LEGS_FARTHEST = 0.75
@@ -84,7 +85,7 @@ SAME_LEG = 0.08
 
 
 def update_motion_evidence(targets: Targets, b: int, sides: EdgeMeasurement, is_whole: bool) -> None:
-    """Add the evidence of the sides of a view for and against motion, before they update the estimates."""
+    """Add the evidence of the sides of a measurement for and against motion, before they update the estimates."""
     total = 0.0
     if sides.by_centre:
         for i in range(2):
@@ -103,9 +104,9 @@ def update_motion_evidence(targets: Targets, b: int, sides: EdgeMeasurement, is_
 
 
 def _motion_odds(targets: Targets, a: int, z: float, sign: float, var: float, lasting: float) -> float:
-    """Return the log-odds by which a moving body explains a measurement of c + sign h better than its twin.
+    """Return the log-odds by which a moving target explains a measurement of c + sign h better than its static model.
 
-    `lasting`: variance of the place of the twin that all of its sightings share [m²].
+    `lasting`: variance of the place of the static model that all of its sightings share [m²].
     """
     off, s = kalman.residual(targets, a, z, sign, var)
     static_off, static_s = kalman.static_residual(targets, a, z, sign, var)
@@ -116,7 +117,7 @@ def _motion_odds(targets: Targets, a: int, z: float, sign: float, var: float, la
 def _axis_odds(targets: Targets, a: int, sides: EdgeMeasurement, low: int) -> float:
     """Return the log-odds for motion of the two sides of an axis.
 
-    Edges that may be those of returns alone count together or not at all: if only one of them moves, more of the body has
+    Edges that may be those of returns alone count together or not at all: if only one of them moves, more of the target has
     come into view.
     """
     low_var, high_var = sides.var[low], sides.var[low + 1]
@@ -129,10 +130,10 @@ def _axis_odds(targets: Targets, a: int, sides: EdgeMeasurement, low: int) -> fl
     if low_var >= 0.0 and high_var >= 0.0 and abs(length - 2.0 * targets.static_h[a]) > SAME_LENGTH:
         # For example another piece of the same wall.
         return 0.0
-    if low_var < kalman.OPEN_EDGE_VAR and high_var < kalman.OPEN_EDGE_VAR:
+    if low_var < measurement.OPEN_EDGE_VAR and high_var < measurement.OPEN_EDGE_VAR:
         return of_low + of_high
     if low_var < 0.0 or high_var < 0.0:
-        # One of them is not seen, and the other alone is not believed.
+        # One of them is not measured, and the other alone does not count.
         return 0.0
     if abs(length - 2.0 * targets.h[a]) > STEADY_LENGTH:
         return 0.0
@@ -142,7 +143,7 @@ def _axis_odds(targets: Targets, a: int, sides: EdgeMeasurement, low: int) -> fl
 
 
 def mark_rest(targets: Targets, b: int, sweep: int) -> None:
-    """Remember the place and sweep in which a body was last without evidence of motion."""
+    """Store the place and sweep in which a target was last without evidence of motion."""
     if targets.evidence[b] <= 0.0:
         targets.onset[b] = sweep
         targets.birth_x[b], targets.birth_y[b] = kalman.centre(targets, b)
@@ -151,35 +152,35 @@ def mark_rest(targets: Targets, b: int, sweep: int) -> None:
 def is_moving(
     targets: Targets,
     b: int,
-    measurements: Measurements,
+    meas: Measurements,
     scans: Scans,
     k: int,
     history: RangeHistory,
     motion_threshold: float,
     time: float,
 ) -> bool:
-    """Return whether both witnesses show that a body moves by itself."""
+    """Return whether both tests show that a target moves by itself."""
     if targets.evidence[b] < motion_threshold:
         return False
     x, y = kalman.centre(targets, b)
     dx, dy = x - targets.birth_x[b], y - targets.birth_y[b]
     if dx * dx + dy * dy < LEAST_WAY * LEAST_WAY:
         return False
-    passes, hits, _ = passing_target(measurements, scans, targets, b, targets.birth_x[b], targets.birth_y[b])
+    passes, hits, _ = passing_target(meas, scans, targets, b, targets.birth_x[b], targets.birth_y[b])
     size = 2.0 * max(targets.h[2 * b], targets.h[2 * b + 1])
     if hits > 0.5 and dx * dx + dy * dy > (size + FREE_MARGIN) * (size + FREE_MARGIN):
         # Its old place is still occupied: another leg of the same chair was taken for it.
         return False
-    if was_occupied(targets, b, measurements, k, history, time):
+    if was_occupied(targets, b, meas, k, history, time):
         return False
-    if was_free(measurements, k, history, time):
+    if was_free(meas, k, history, time):
         return True
     return passes > 0.5 and hits < 0.2
 
 
-def was_occupied(targets: Targets, b: int, measurements: Measurements, k: int, history: RangeHistory, time: float) -> bool:
-    """Return whether the place of a view was occupied before the body got there, as by a wall that seems to slide."""
-    first, stop = measurements.begin[k], measurements.begin[k + 1]
+def was_occupied(targets: Targets, b: int, meas: Measurements, k: int, history: RangeHistory, time: float) -> bool:
+    """Return whether something was at the place before the target got there, as a wall that seems to slide."""
+    first, stop = meas.begin[k], meas.begin[k + 1]
     asked = min(stop - first, MOST_POINTS)
     v_x, v_y = targets.v[2 * b], targets.v[2 * b + 1]
     speed = math.sqrt(v_x * v_x + v_y * v_y)
@@ -192,16 +193,16 @@ def was_occupied(targets: Targets, b: int, measurements: Measurements, k: int, h
         hits = 0.0
         for i in range(asked):
             p = first + i * (stop - first) // asked
-            if measurement.was_hit(history, m, measurements.point_x[p], measurements.point_y[p]):
+            if measurement.was_hit(history, m, meas.point_x[p], meas.point_y[p]):
                 hits += 1.0
         if hits >= OCCUPIED_SHARE * asked:
             times += 1
     return times >= OCCUPIED_SWEEPS
 
 
-def was_free(measurements: Measurements, k: int, history: RangeHistory, time: float) -> bool:
-    """Return whether the beams of an earlier sweep passed the place of a view."""
-    first, stop = measurements.begin[k], measurements.begin[k + 1]
+def was_free(meas: Measurements, k: int, history: RangeHistory, time: float) -> bool:
+    """Return whether the beams of an earlier sweep passed the place of a measurement."""
+    first, stop = meas.begin[k], meas.begin[k + 1]
     asked = min(stop - first, MOST_POINTS)
     for m in range(min(history.count, measurement.SWEEPS_KEPT)):
         age = time - history.time[m]
@@ -210,16 +211,14 @@ def was_free(measurements: Measurements, k: int, history: RangeHistory, time: fl
         free = 0.0
         for i in range(asked):
             p = first + i * (stop - first) // asked
-            if measurement.was_passed(history, m, measurements.point_x[p], measurements.point_y[p], FREE_MARGIN):
+            if measurement.was_passed(history, m, meas.point_x[p], meas.point_y[p], FREE_MARGIN):
                 free += 1.0
         if asked > 0 and free >= FREE_SHARE * asked:
             return True
     return False
 
 
-def passing(
-    measurements: Measurements, scans: Scans, x: float, y: float, near: float, beside: float
-) -> tuple[float, float, float]:
+def passing(meas: Measurements, scans: Scans, x: float, y: float, near: float, beside: float) -> tuple[float, float, float]:
     """Return the shares of the beams at the core of a place that pass it, end at it, and are outside of the view.
 
     Parameters
@@ -227,31 +226,31 @@ def passing(
     x, y : centre of the place in the world [m]
     near, beside : half extents towards the sensor and to the side [m]
     """
-    ahead, left = measurement.to_sensor(measurements, x, y)
+    ahead, left = measurement.to_sensor(meas, x, y)
     r = math.sqrt(ahead * ahead + left * left)
-    if measurements.step < measurement.LEAST_STEP or measurements.bearings < 1:
+    if meas.step < measurement.LEAST_STEP or meas.bearings < 1:
         return 0.0, 0.0, 1.0
-    history = math.atan2(left, ahead) - measurements.first
+    history = math.atan2(left, ahead) - meas.first
     history -= measurement.TURN * math.floor(history / measurement.TURN)
-    middle = history / measurements.step
-    core = 0.5 * math.atan2(beside, max(r, 0.01)) / measurements.step
+    middle = history / meas.step
+    core = 0.5 * math.atan2(beside, max(r, 0.01)) / meas.step
     # A bearing just before the first one counts as before it, not as nearly a turn behind it.
-    if measurements.period == 0 and history > 0.5 * (measurement.TURN + (measurements.bearings - 1) * measurements.step):
-        middle -= measurement.TURN / measurements.step
+    if meas.period == 0 and history > 0.5 * (measurement.TURN + (meas.bearings - 1) * meas.step):
+        middle -= measurement.TURN / meas.step
     # C needs a conversion to integers here.
     first, last = int(math.ceil(middle - core)), int(math.floor(middle + core))  # noqa: RUF046
     if last < first:
         first = last = int(math.floor(middle + 0.5))  # noqa: RUF046
     # Never more beams than there are, whatever the header of the sweep says.
-    last = min(last, first + measurements.bearings)
-    margin = PASSING_MARGIN + 3.5 * measurements.sigma
+    last = min(last, first + meas.bearings)
+    margin = PASSING_MARGIN + 3.5 * meas.sigma
     passes, hits, unseen, number = 0.0, 0.0, 0.0, 0.0
     for position in range(first, last + 1):
         number += 1.0
-        if measurements.period == 0 and (position < 0 or position >= measurements.bearings):
+        if meas.period == 0 and (position < 0 or position >= meas.bearings):
             unseen += 1.0
             continue
-        distance = measurement.range_at(measurements, scans, position)
+        distance = measurement.range_at(meas, scans, position)
         if distance > r + near + margin:
             passes += 1.0
         elif distance >= r - near - margin:
@@ -260,22 +259,22 @@ def passing(
 
 
 def passing_target(
-    measurements: Measurements, scans: Scans, targets: Targets, b: int, x: float, y: float
+    meas: Measurements, scans: Scans, targets: Targets, b: int, x: float, y: float
 ) -> tuple[float, float, float]:
-    """Return the shares of `passing` for a body, as if its centre were at x, y."""
-    dx, dy = x - measurements.x, y - measurements.y
+    """Return the shares of `passing` for a target, as if its centre were at x, y."""
+    dx, dy = x - meas.x, y - meas.y
     r = math.sqrt(dx * dx + dy * dy)
     if r <= 0.0:
         return 0.0, 1.0, 0.0
     dx, dy = dx / r, dy / r
     near, beside = kalman.half_extent(targets, b, dx, dy), kalman.half_extent(targets, b, -dy, dx)
-    return passing(measurements, scans, x, y, near, beside)
+    return passing(meas, scans, x, y, near, beside)
 
 
 def record_hit(targets: Targets, b: int) -> None:
-    """Raise the probability that a body exists, which was seen.
+    """Raise the existence of a target that was measured.
 
-    Only where its elder is seen beside it, it is less likely the same: two bodies of one object are seen in turns.
+    Only where its elder is seen beside it, it is less likely the same: two targets of one object are seen in turns.
     """
     targets.existence[b] += EXISTENCE_GAIN * (1.0 - targets.existence[b])
     if targets.inside[b] > 0 and not _is_alone(targets, targets.same_as[b]):
@@ -283,17 +282,17 @@ def record_hit(targets: Targets, b: int) -> None:
 
 
 def _is_alone(targets: Targets, number: int) -> bool:
-    """Return whether the body of this number is followed and not seen in this sweep."""
+    """Return whether the target of this number is live and missed in this sweep."""
     for other in range(targets.slots_used):
         if targets.number[other] == number and targets.state[other] == kalman.LIVE:
             return targets.measurement[other] < 0
     return False
 
 
-def record_miss(targets: Targets, b: int, measurements: Measurements, scans: Scans, time: float) -> None:
-    """Lower the probability that a body exists, which was not seen, and end it if it is gone or lost."""
+def record_miss(targets: Targets, b: int, meas: Measurements, scans: Scans, time: float) -> None:
+    """Lower the existence of a target that was missed, and terminate it if it is gone or lost."""
     x, y = kalman.centre(targets, b)
-    passes, hits, unseen = passing_target(measurements, scans, targets, b, x, y)
+    passes, hits, unseen = passing_target(meas, scans, targets, b, x, y)
     detect = DETECTION_RATE * passes if passes > LEAST_PASSING else 0.0
     detect += HIT_DOUBT * hits
     e = targets.existence[b]
@@ -307,7 +306,7 @@ def record_miss(targets: Targets, b: int, measurements: Measurements, scans: Sca
     if targets.existence[b] < LEAST_EXISTENCE:
         terminate(targets, b, FREE)
     elif targets.inside[b] >= DUPLICATE_SWEEPS:
-        # It is the same as the other body: nothing is lost.
+        # It is the same as the other target: nothing is lost.
         terminate(targets, b, LOST)
     else:
         still = targets.moved[b] == 0
@@ -318,7 +317,7 @@ def record_miss(targets: Targets, b: int, measurements: Measurements, scans: Sca
 
 
 def covering_target(targets: Targets, b: int, x: float, y: float, beside: float) -> int:
-    """Return an older body that is seen now and covers the centre x, y of another, within a margin [m]; -1 for none."""
+    """Return an older target that is measured now and covers the centre x, y of another, within a margin [m], else -1."""
     for other in range(targets.slots_used):
         if targets.state[other] != kalman.LIVE or targets.measurement[other] < 0 or other == b:
             continue
@@ -330,55 +329,52 @@ def covering_target(targets: Targets, b: int, x: float, y: float, beside: float)
 
 
 def terminate(targets: Targets, b: int, why: int) -> None:
-    """End a body; one that was seen too seldom for a track is forgotten at once."""
+    """Terminate a target; one with too few sightings for a track is dropped at once."""
     targets.end[b] = why
     targets.state[b] = kalman.ENDED if targets.sightings[b] >= CONFIRMED_SIGHTINGS else kalman.EMPTY
 
 
-def vote_shape(targets: Targets, b: int, measurements: Measurements, k: int) -> None:
-    """Add the vote of a view on the shape of a body."""
-    targets.shape_votes[5 * b + measurements.shape[k]] += min(measurements.size[k] * BEAM_VOTE, 1.0)
-    if measurements.shape[k] != PRISMATIC:
+def vote_shape(targets: Targets, b: int, meas: Measurements, k: int) -> None:
+    """Add the vote of a measurement on the shape of a target."""
+    targets.shape_votes[5 * b + meas.shape[k]] += min(meas.size[k] * BEAM_VOTE, 1.0)
+    if meas.shape[k] != PRISMATIC:
         return
-    for f in range(measurements.face_begin[k], measurements.face_begin[k + 1]):
-        if measurements.face_points[f] > 4 and measurements.sigma > 0.0:
-            targets.bulge[b] += measurements.bulge[f] / (measurements.sigma * measurements.sigma)
-            targets.bulge_points[b] += measurements.face_points[f] - 2
+    for f in range(meas.face_begin[k], meas.face_begin[k + 1]):
+        if meas.face_points[f] > 4 and meas.sigma > 0.0:
+            targets.bulge[b] += meas.bulge[f] / (meas.sigma * meas.sigma)
+            targets.bulge_points[b] += meas.face_points[f] - 2
 
 
-def detect_legs(targets: Targets, b: int, measurements: Measurements, k: int, scans: Scans) -> None:
-    """Remember legs around a slim body that stands, which have too few beams to be objects."""
+def detect_legs(targets: Targets, b: int, meas: Measurements, k: int, scans: Scans) -> None:
+    """Detect legs around a slim standing target, which have too few beams to be objects."""
     if (
         targets.moved[b] != 0
-        or measurements.length[k] > SLIM_LEG_WIDTH
-        or measurements.step < measurement.LEAST_STEP
-        or measurements.near[k] <= LEGS_FARTHEST
+        or meas.length[k] > SLIM_LEG_WIDTH
+        or meas.step < measurement.LEAST_STEP
+        or meas.near[k] <= LEGS_FARTHEST
     ):
         return
-    ahead, left = measurement.to_sensor(measurements, measurements.middle_x[k], measurements.middle_y[k])
-    history = math.atan2(left, ahead) - measurements.first
+    ahead, left = measurement.to_sensor(meas, meas.middle_x[k], meas.middle_y[k])
+    history = math.atan2(left, ahead) - meas.first
     history -= measurement.TURN * math.floor(history / measurement.TURN)
-    wide = math.asin(LEGS_FARTHEST / measurements.near[k])
-    first, last = int((history - wide) / measurements.step), int((history + wide) / measurements.step)
-    last = min(last, first + measurements.bearings)
+    wide = math.asin(LEGS_FARTHEST / meas.near[k])
+    first, last = int((history - wide) / meas.step), int((history + wide) / meas.step)
+    last = min(last, first + meas.bearings)
     run = 0
-    measurement.place_sensor(measurements, measurements.share[k])
-    before = measurement.range_at(measurements, scans, first - 1)
+    measurement.place_sensor(meas, meas.share[k])
+    before = measurement.range_at(meas, scans, first - 1)
     for position in range(first, last + 1):
-        here, after = (
-            measurement.range_at(measurements, scans, position),
-            measurement.range_at(measurements, scans, position + 1),
-        )
+        here, after = (measurement.range_at(meas, scans, position), measurement.range_at(meas, scans, position + 1))
         run = run + 1 if run > 0 and abs(here - before) < SAME_LEG else (1 if before > here + SPECK_DEPTH else 0)
         if 0 < run <= SPECK_BEAMS and here > 0.0 and after > here + SPECK_DEPTH:
-            theta = measurements.first + measurements.step * position
-            x, y = measurement.to_world(measurements, here * math.cos(theta), here * math.sin(theta))
-            dx, dy = x - measurements.middle_x[k], y - measurements.middle_y[k]
+            theta = meas.first + meas.step * position
+            x, y = measurement.to_world(meas, here * math.cos(theta), here * math.sin(theta))
+            dx, dy = x - meas.middle_x[k], y - meas.middle_y[k]
             apart = dx * dx + dy * dy
             if LEGS_NEAREST * LEGS_NEAREST < apart < LEGS_FARTHEST * LEGS_FARTHEST:
                 _record_leg(targets, b, x, y)
         before = here
-    measurement.place_sensor(measurements, 0.0)
+    measurement.place_sensor(meas, 0.0)
 
 
 def _record_leg(targets: Targets, b: int, x: float, y: float) -> None:

@@ -19,13 +19,11 @@ from lidarcli.formalism.detection import AGENT, LEGGED, NOISE, OBJECT, REMOVED, 
 from lidarcli.formalism.mapping.places import MOST_SENSORS, Standing
 from lidarcli.formalism.matching.catalogue import Catalogue
 from lidarcli.formalism.parameters import TrackParameters
-from lidarcli.formalism.tracking.kalman import Targets, sighting_arrays
+from lidarcli.formalism.tracking.kalman import PoseErrorFilter, Targets, sighting_arrays
 from lidarcli.formalism.tracking.measurement import Detections, Measurements, RangeHistory
-from lidarcli.formalism.tracking.naming import Naming
 from lidarcli.formalism.tracking.results import TrackedBatch, Tracks, Trajectories
-from lidarcli.formalism.tracking.sweep_tracker import PoseErrorFilter, SweepTracker
-from lidarcli.formalism.tracking.tracks import Track, tracks_of
-from lidarcli.formalism.tracking.trajectories import standing
+from lidarcli.formalism.tracking.sweep_tracker import SweepTracker
+from lidarcli.formalism.tracking.tracks import Naming, Track, standing, tracks_of
 from lidarcli.formalism.tracking.windows import TrackRegistry, Window, WindowResult
 from lidarcli.sweeps import Bool, Float64, Int32, Int64, SweepBatch
 
@@ -35,7 +33,7 @@ WINDOW = 256
 The windows of all sensors of a topic end together, as soon as that of one of them is full.
 """
 TARGETS_AT_FIRST, MEASUREMENTS_AT_FIRST, SIGHTINGS_AT_FIRST = 64, 32, 2048
-"""Room for so many bodies, objects of a sweep, and sightings before it grows."""
+"""Room for so many tracklets, objects of a sweep, and sightings before it grows."""
 NOTED_WAY = 1.0
 """[m] Least distance that the sensor has gone for a note on its poses."""
 NOTED_SDS = 3.0
@@ -61,7 +59,7 @@ class _PendingBatch:
 
 
 class _SensorTracker:
-    """Memory of one sensor: its bodies, their sightings, and their tracks."""
+    """Memory of one sensor: its tracklets, their sightings, and their tracks."""
 
     def __init__(self, significance: float, register: TrackRegistry) -> None:
         self.tracker = SweepTracker(
@@ -93,7 +91,7 @@ class _SensorTracker:
             tracker.resize(tracker.targets, measurements, _grown(tracker.range_history, measurements.beams))
 
     def enlarge(self) -> None:
-        """Double the room for bodies or sightings, whichever is short."""
+        """Double the room for tracklets or sightings, whichever is short."""
         tracker = self.tracker
         if tracker.sightings.count + tracker.measurements.objects > tracker.sightings.capacity:
             for name, values in self.sightings.items():

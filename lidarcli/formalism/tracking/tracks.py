@@ -1,23 +1,36 @@
-"""Bodies that were seen often enough, the tracks they are parts of, and the rows of the tracks table."""
+"""Tracklets that were seen often enough, the tracks they are parts of, and the rows of the tracks table."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import asdict, dataclass, field, fields
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from lidarcli.formalism.detection import AGENT, LEGGED, OBJECT, PRISMATIC, UNKNOWN
-from lidarcli.formalism.matching.catalogue import rectangle, shape_likelihood
-from lidarcli.formalism.tracking.results import BOX, END_OF_LOG, ENDED, PERSON, Tracks
-from lidarcli.sweeps import Int64
+from lidarcli.formalism.detection import AGENT, LEGGED, OBJECT, PRISMATIC, UNKNOWN, Detection
+from lidarcli.formalism.matching.catalogue import Catalogue, Evidence, evidence_of, rectangle, shape_likelihood
+from lidarcli.formalism.matching.catalogue import name as label_tracks
+from lidarcli.formalism.tracking.results import (
+    BOX,
+    END_OF_LOG,
+    ENDED,
+    HIDDEN,
+    PARTLY,
+    PERSON,
+    SEEN,
+    SIZE_OUTLIER,
+    Tracks,
+    Trajectories,
+)
+from lidarcli.sweeps import Float64, Int64, SweepBatch, UInt8, record
 
 LEG_SHARE = 0.25
-"""Share of the sightings of a body in which a leg beside it has to be seen."""
+"""Share of the sightings of a tracklet in which a leg beside it has to be seen."""
 WHOLE_SIGHTINGS = 3
-"""Sightings of both legs of a person, or both ends of a body, that are enough."""
+"""Sightings of both legs of a person, or both ends of a tracklet, that are enough."""
 KNOWN_SIZE_SD = 0.15
 """[m] Greatest standard deviation of a side that is known."""
 STRAIGHT_POINTS = 60.0
@@ -37,7 +50,7 @@ RIGHT_ANGLE = 0.5 * math.pi
 
 @dataclass(slots=True, eq=False)
 class Tracklet:
-    """A body that was seen often enough, as it was at the end of a window; fields as in `kalman.Targets`."""
+    """A tracklet that was seen often enough, as it was at the end of a window; fields as in `kalman.Targets`."""
 
     number: int
     kind: int = 0
@@ -74,7 +87,7 @@ class Tracklet:
     track: Track | None = None
 
     def take(self, columns: dict[str, list[Any]], k: int) -> None:
-        """Copy the state of the k-th body (`columns_of`)."""
+        """Copy the state of the k-th tracklet (`columns_of`)."""
         for name, values in columns.items():
             setattr(self, name, values[k])
 
@@ -89,14 +102,14 @@ class Tracklet:
         return (self.sightings if self.kind == PERSON else self.whole) >= WHOLE_SIGHTINGS and self.size > 0.0
 
     def place(self, still: bool) -> tuple[float, float]:
-        """Return the centre in the world [m], of the body or of its twin that stands."""
+        """Return the centre in the world [m], of the tracklet or of its static model that stands."""
         along, across = self.static_c if still else self.c
         cos, sin = float(np.cos(self.yaw)), float(np.sin(self.yaw))
         return cos * along - sin * across, sin * along + cos * across
 
 
 def columns_of(arrays: dict[str, NDArray[Any]], slots: Int64) -> dict[str, list[Any]]:
-    """Return the state of the bodies in some slots of `Targets.arrays`, by field of `Body`."""
+    """Return the state of the tracklets in some slots of `Targets.arrays`, by field of `Tracklet`."""
     size = len(arrays["state"])
     rows = {name: values.reshape(size, -1)[slots] for name, values in arrays.items()}
     # Sweeps that tell no shape have no vote.
@@ -116,7 +129,7 @@ def columns_of(arrays: dict[str, NDArray[Any]], slots: Int64) -> dict[str, list[
 
 @dataclass(slots=True, eq=False)
 class Track:
-    """One row of the tracks table: a body, or several that belong together."""
+    """One row of the tracks table: a tracklet, or several that belong together."""
 
     parts: list[Tracklet] = field(default_factory=list)
     number: int = 0
@@ -153,10 +166,10 @@ class Track:
     path_stop: int = -1
     """Number of sweeps of the topic up to its last one of the settled windows; -1 before its first row."""
     static_codes: list[NDArray[np.uint8]] = field(default_factory=list)
-    """Bytes of its last sweeps while it stands (`trajectories.PARTS_MASK`), of which its place is not told yet."""
+    """Bytes of its last sweeps while it stands (`tracks.PARTS_MASK`), of which its place is not told yet."""
 
     def prune(self, stop: int) -> None:
-        """Keep, of the bodies that have ended, the one that was seen most and the last one: the tables need no other.
+        """Keep, of the tracklets that have ended, the one that was seen most and the last one: the tables need no other.
 
         `stop`: number of sweeps of the topic that are settled.
         """
@@ -167,7 +180,7 @@ class Track:
             self.parts = [part for part in self.parts if part in kept or part not in over]
 
     def add_part(self, tracklet: Tracklet) -> None:
-        """Take a body as a part of this track."""
+        """Take a tracklet as a part of this track."""
         self.parts.append(tracklet)
         tracklet.track = self
 
@@ -300,7 +313,7 @@ def _side(tracklet: Tracklet, axis: int) -> tuple[float, float]:
 
 
 def row_shape(tracklet: Tracklet) -> int:
-    """Return the shape of a body in the rows: the likeliest one, or the one before if it is about as likely."""
+    """Return the shape of a tracklet in the rows: the likeliest one, or the one before if it is about as likely."""
     if not any(tracklet.shape_votes):
         return tracklet.row_shape
     odds = body_odds(tracklet)
@@ -311,7 +324,7 @@ def row_shape(tracklet: Tracklet) -> int:
 
 
 def shape_odds(track: Track, tracklet: Tracklet) -> list[float]:
-    """Return the log-likelihood of a track and its main body being prismatic, round, legged, irregular."""
+    """Return the log-likelihood of a track and its main tracklet being prismatic, round, legged, irregular."""
     odds = body_odds(tracklet)
     if track.several or len(tracklet.legs) > 0 or any(part.has_legs for part in track.parts):
         odds[LEGGED] = max(odds) + LEGGED_ODDS
@@ -319,7 +332,7 @@ def shape_odds(track: Track, tracklet: Tracklet) -> list[float]:
 
 
 def body_odds(tracklet: Tracklet) -> list[float]:
-    """Return the log-likelihood of one body being prismatic, round, legged, irregular."""
+    """Return the log-likelihood of one tracklet being prismatic, round, legged, irregular."""
     odds = shape_likelihood(tracklet.shape_votes)
     if tracklet.bulge_points >= STRAIGHT_POINTS:
         # A prism has no face that is further from straight than noise explains.
@@ -335,3 +348,344 @@ def _shape(track: Track, tracklet: Tracklet) -> int:
     best = int(np.argmax(odds))
     rest = sorted(odds)[-2]
     return best if odds[best] - rest > LEAST_SHAPE_ODDS else UNKNOWN
+
+
+# Trajectories: where each track was in every sweep from its first sight to its last, seen or not.
+
+PARTS_MASK, PARTLY_BIT = 63, 64
+"""A byte for a sweep of a track: the number of its parts that are seen, and whether more of it is hidden."""
+MOST_ROWS = 65_536
+"""Rows that are handed out at once, about."""
+
+
+@dataclass(slots=True)
+class Path:
+    """A piece of the path of a track that moves, sweep by sweep."""
+
+    track: Track
+    begin: int
+    """Number of sweeps of the topic before the first one of the piece."""
+    path: Float64
+    """(S, 9) as `smoothing.Smoother.smooth` fills it in."""
+    codes: UInt8
+    """(S,) bytes as of `PARTS_MASK`."""
+    moving: UInt8
+    """(S,) 1 where it moves."""
+
+    def add_to_track(self) -> None:
+        """Add the piece to the way and the greatest speed of the track, whose place is the end of the piece from now on."""
+        track, place = self.track, self.path[:, :2]
+        hidden = self.codes & PARTS_MASK == 0
+        steps = np.diff(place, axis=0, prepend=place[:1] if track.path_stop < 0 else [[track.x, track.y]])
+        track.distance += float(np.hypot(steps[:, 0], steps[:, 1])[hidden | (self.moving == 1)].sum())
+        speed = np.hypot(self.path[:, 2], self.path[:, 3])[~hidden]
+        track.speed_max = max(track.speed_max, float(speed.max(initial=0.0)))
+        track.x, track.y = float(place[-1, 0]), float(place[-1, 1])
+        track.path_stop = self.begin + len(self.codes)
+
+
+class Sweeps:
+    """Index, stamp and time of all sweeps of a topic so far, by number."""
+
+    def __init__(self) -> None:
+        self.count = 0
+        self._index = np.empty(0, np.int64)
+        self._stamp = np.empty(0, np.int64)
+        self._seconds = np.empty(0)
+        self._posed = np.empty(0, np.uint8)
+
+    def add(self, index: Int64, stamp_ns: Int64, seconds: Float64, posed: bool) -> None:
+        """Add the next sweeps; `posed`: True where places are those of the world."""
+        stop = self.count + len(index)
+        if stop > len(self._index):
+            room = max(len(self._index) * 5 // 4, stop)
+            for name in ("_index", "_stamp", "_seconds", "_posed"):
+                old = getattr(self, name)
+                more = np.empty(room, old.dtype)
+                more[: self.count] = old[: self.count]
+                setattr(self, name, more)
+        at = slice(self.count, stop)
+        self._index[at], self._stamp[at], self._seconds[at], self._posed[at] = index, stamp_ns, seconds, posed
+        self.count = stop
+
+    def rows(self, track: Int64, sweeps: Int64, path: Float64, codes: UInt8) -> Trajectories:
+        """Return rows for (N,) tracks in sweeps by number, with (N, 9) of the path and (N,) bytes as of `PARTS_MASK`."""
+        parts = (codes & PARTS_MASK).astype(np.int32)
+        sd = np.sqrt(path[:, [4, 6, 7, 8]])
+        return Trajectories(
+            track=track,
+            sweep=self._index[sweeps],
+            stamp_ns=self._stamp[sweeps],
+            seconds=self._seconds[sweeps],
+            frame=self._posed[sweeps],
+            x=path[:, 0],
+            y=path[:, 1],
+            vx=path[:, 2],
+            vy=path[:, 3],
+            x_sd=sd[:, 0],
+            y_sd=sd[:, 1],
+            xy_cov=path[:, 5],
+            vx_sd=sd[:, 2],
+            vy_sd=sd[:, 3],
+            seen=np.where(parts == 0, HIDDEN, np.where(codes & PARTLY_BIT, PARTLY, SEEN)).astype(np.uint8),
+            parts=parts,
+        )
+
+
+def standing(sweeps: Sweeps, tracks: list[Track]) -> Iterator[Trajectories]:
+    """Yield the rows of what stands and was not told yet: one place each, by all that was seen of it."""
+    pending: list[Path] = []
+    rows = 0
+    for track in tracks:
+        if not track.static_codes:
+            continue
+        codes = np.concatenate(track.static_codes)
+        track.static_codes.clear()
+        for first in range(0, len(codes), MOST_ROWS):
+            some = codes[first : first + MOST_ROWS]
+            begin, rest = track.path_stop - len(codes) + first, np.zeros(len(some), np.uint8)
+            pending.append(Path(track, begin, _static_path(track, len(some)), some, rest))
+            rows += len(some)
+            if rows >= MOST_ROWS:
+                yield joined(sweeps, pending)
+                pending, rows = [], 0
+    if pending:
+        yield joined(sweeps, pending)
+
+
+def joined(sweeps: Sweeps, pieces: list[Path]) -> Trajectories:
+    """Return the rows of pieces of paths, one after the other."""
+    lengths = [len(piece.codes) for piece in pieces]
+    return sweeps.rows(
+        np.repeat([piece.track.number for piece in pieces], lengths).astype(np.int64),
+        np.concatenate([np.arange(piece.begin, piece.begin + len(piece.codes)) for piece in pieces]),
+        np.concatenate([piece.path for piece in pieces]),
+        np.concatenate([piece.codes for piece in pieces]),
+    )
+
+
+def _static_path(track: Track, count: int) -> Float64:
+    """Return (count, 9) the path of what stands: one place, and no velocity."""
+    x, y, xx, xy, yy = place_of(track)
+    return np.tile([x, y, 0.0, 0.0, xx, xy, yy, 0.0, 0.0], (count, 1))
+
+
+# Names of tracks (§3, matching): the thing of interest that each one is, by all that was seen of it so far.
+
+MOST_LOOKS = 256
+"""Greatest number of looks at a tracklet that are remembered."""
+HALF_WEIGHT_SWEEPS = 2.0
+"""Number of sweeps of a look that counts half."""
+SHARED_SD_SHARE = 0.4
+"""Share of the standard deviation of a size that all looks have in common."""
+LEAST_SIZE_SD = 0.003
+"""[m] Least standard deviation of a size by the sweeps of one log."""
+SIZES = 3
+"""Number of sizes: sides along both axes, and the extent across the line of sight."""
+
+
+@record
+class SizeMeasurements:
+    """Measurements of K objects by single sweeps."""
+
+    size: Float64
+    """(K, SIZES) sides along both axes of the box, and extent across the line of sight [m]; NaN where not seen."""
+    sd: Float64
+    """(K, SIZES) standard deviations of the sizes [m]."""
+    yaw: Float64
+    """(K,) direction of the first axis in the world [rad]."""
+    blur: Float64
+    """(K,) standard deviation of the distance of two legs at that range [m]."""
+    intensity: Float64
+    """(K,) median intensity of the returns; NaN without intensities."""
+    edges: Int64
+    """(K,) first and last beam, as one number."""
+
+    def rows(self, part: slice) -> SizeMeasurements:
+        """Return the measurements of some of the objects."""
+        return SizeMeasurements(*(getattr(self, each.name)[part] for each in fields(self)))
+
+    @staticmethod
+    def joined(parts: list[SizeMeasurements]) -> SizeMeasurements:
+        """Return the measurements of several parts as one; there is at least one part."""
+        return SizeMeasurements(
+            *(np.concatenate([getattr(one, each.name) for one in parts]) for each in fields(SizeMeasurements))
+        )
+
+
+@dataclass(slots=True)
+class _SizeEstimate:
+    """Measured sizes of one tracklet."""
+
+    kind: int
+    yaw: float
+    """Direction of the first axis at the first sighting [rad], for discs."""
+    looks: dict[int, Float64] = field(default_factory=dict)
+    """(3, SIZES) number of sightings, sum of weights [1/m²] and weighted sum of sizes, by the beams at the edges."""
+    sightings: int = 0
+    blur: float = 0.0
+    """Mean of `SizeMeasurements.blur`."""
+    lit: int = 0
+    """Number of sightings with an intensity."""
+    intensity: float = math.nan
+    """Mean intensity."""
+    known: Float64 | None = None
+    """Final estimate, once the tracklet has ended."""
+
+    def take(self, measured: SizeMeasurements, at: Int64, turned: Any) -> None:
+        """Add sightings; `turned` is True where the first axis of a sighting is the second one of the tracklet."""
+        size, sd = measured.size[at], measured.sd[at]
+        for values in (size, sd):
+            values[turned, :2] = values[turned, 1::-1]
+        seen = np.isfinite(size)
+        weight = np.where(seen, 1.0 / np.square(np.where(seen, sd, 1.0)), 0.0)
+        sums = np.stack([seen.astype(float), weight, weight * np.where(seen, size, 0.0)], axis=1)
+        each, inverse = np.unique(measured.edges[at], return_inverse=True)
+        total = np.zeros((len(each), 3, SIZES))
+        np.add.at(total, inverse, sums)
+        for edges, more in zip(each.tolist(), total, strict=True):
+            if edges in self.looks:
+                self.looks[edges] += more
+            elif len(self.looks) < MOST_LOOKS and more[0].any():
+                self.looks[edges] = more
+        self.sightings += len(at)
+        self.blur += float((measured.blur[at] - self.blur).sum()) / self.sightings
+        lit = measured.intensity[at]
+        lit = lit[~np.isnan(lit)]
+        if len(lit):
+            before = self.intensity if self.lit else 0.0
+            self.lit += len(lit)
+            self.intensity = before + float((lit - before).sum()) / self.lit
+
+    def estimate(self) -> Float64:
+        """Return (SIZES, 2) each size and its standard deviation [m]; NaN where it was not seen."""
+        if self.known is not None:
+            return self.known
+        result = np.full((SIZES, 2), np.nan)
+        if self.looks:
+            sums = np.array(list(self.looks.values()))
+            for one in range(SIZES):
+                count, weight, total = sums[sums[:, 0, one] > 0, :, one].T
+                if len(count):
+                    result[one] = _mean(count, weight / count, total / weight)
+        return result
+
+    def close(self) -> None:
+        """Keep the estimate only."""
+        self.known = self.estimate()
+        self.looks.clear()
+
+
+def _mean(count: Float64, weight: Float64, size: Float64) -> tuple[float, float]:
+    """Return the mean size and its standard deviation [m], by the sightings, weights per sighting and sizes of looks."""
+    order = np.argsort(size, kind="stable")
+    half = np.searchsorted(np.cumsum(count[order]), 0.5 * count.sum())
+    off = size - size[order[half]]
+    share = weight * count / (count + HALF_WEIGHT_SWEEPS) / (1.0 + np.square(off) / (SIZE_OUTLIER + 1.0 / weight))
+    total = share.sum()
+    looks = total * total / np.square(share).sum()
+    variance = (
+        total / float((share * weight).sum()) * (1.0 / looks + SHARED_SD_SHARE * SHARED_SD_SHARE * (1.0 - 1.0 / looks))
+    )
+    return float((share * size).sum() / total), float(np.hypot(math.sqrt(variance), LEAST_SIZE_SD))
+
+
+class Naming:
+    """Naming of the tracks of one topic, window by window."""
+
+    def __init__(self, catalogue: Catalogue) -> None:
+        self._catalogue = catalogue
+        self._sizes: dict[int, _SizeEstimate] = {}
+        """Sizes by number of the tracklet."""
+
+    def measure(self, batch: SweepBatch, detection: Detection, poses: Float64) -> SizeMeasurements:
+        """Measure the K objects of a batch; `poses`: (K, 4) x, y, yaw and side of the sensor at each of them."""
+        seen = evidence_of(batch, detection)
+        return SizeMeasurements(
+            size=np.column_stack([seen.side_1, seen.side_2, seen.across]),
+            sd=np.column_stack([seen.side_1_sd, seen.side_2_sd, seen.across_sd]),
+            yaw=poses[:, 2] + poses[:, 3] * detection.box_yaw,
+            blur=seen.span_sd,
+            intensity=seen.intensity,
+            edges=(detection.beam_i.astype(np.int64) << 32) + detection.beam_f,
+        )
+
+    def take(self, pieces: list[SizeMeasurements], number: Int64, axes: Float64, known: dict[int, Tracklet]) -> None:
+        """Add the measurements of a window.
+
+        Parameters
+        ----------
+        pieces : measurements of K objects
+        number : (K,) number of the tracklet of each object, 0 without one that was seen often enough
+        axes : (K,) direction of the first axis of the tracklet at the time [rad]; NaN for a disc
+        known : tracklets that were seen often enough, by number
+        """
+        if not pieces:
+            return
+        measured = SizeMeasurements.joined(pieces)
+        order = np.argsort(number, kind="stable")
+        tracklets, begins = np.unique(number[order], return_index=True)
+        for tracklet, at in zip(tracklets.tolist(), np.split(order, begins[1:]), strict=True):
+            if tracklet == 0:
+                continue
+            is_box = known[tracklet].kind == BOX
+            # Before it became a box it had other axes.
+            rows = at[np.isfinite(axes[at]) == is_box]
+            if not len(rows):
+                continue
+            sizes = self._sizes.get(tracklet)
+            if sizes is None or sizes.kind != known[tracklet].kind:
+                sizes = self._sizes[tracklet] = _SizeEstimate(known[tracklet].kind, float(measured.yaw[rows[0]]))
+            off = measured.yaw[rows] - (axes[rows] if is_box else sizes.yaw)
+            sizes.take(measured, rows, np.abs(np.sin(off)) > np.abs(np.cos(off)))
+
+    def name(self, tracks: list[Track]) -> None:
+        """Name tracks by all that was seen of them so far."""
+        if not tracks:
+            return
+        label, score = label_tracks(self._evidence(tracks), self._catalogue)
+        for track, one, sure in zip(tracks, label.tolist(), score.tolist(), strict=True):
+            track.label, track.label_score = one, sure
+
+    def forget(self, numbers: list[int]) -> None:
+        """Keep only the estimates of these tracklets, which have ended."""
+        for number in numbers:
+            if number in self._sizes:
+                self._sizes[number].close()
+
+    def _evidence(self, tracks: list[Track]) -> Evidence:
+        """Return the evidence of some tracks."""
+        rows = [self._of(track) for track in tracks]
+        columns: dict[str, Any] = {key: np.array([row[key] for row in rows], float) for key in rows[0]}
+        columns["legs"] = columns["legs"].astype(np.int32)
+        columns["moved"] = columns["moved"].astype(np.bool_)
+        return Evidence(shape=np.array([shape_odds(each, main_part(each)) for each in tracks]), **columns)
+
+    def _of(self, track: Track) -> dict[str, float]:
+        """Return the evidence of a track, without its shape."""
+        tracklet = main_part(track)
+        sizes = self._sizes.get(tracklet.number)
+        frame = frame_of_legs(track)
+        row = dict.fromkeys(_MEASURED, np.nan)
+        row |= {"legs": 0.0, "moved": float(track.moved), "least_sd": LEAST_SIZE_SD, "span_sd": LEAST_SIZE_SD}
+        row["intensity"] = math.nan if sizes is None else sizes.intensity
+        if frame is not None:
+            # The sizes of one leg tell nothing about the whole.
+            row |= {"legs": float(frame.legs), "span_1": frame.length}
+            row["span_2"] = frame.width if frame.legs > 2 else np.nan
+            row["span_sd"] = LEAST_SIZE_SD if sizes is None else sizes.blur
+        elif any(part.has_legs for part in track.parts) or track.several:
+            row["legs"] = 2.0
+        elif sizes is not None:
+            estimate = sizes.estimate()
+            for one, what in enumerate(("side_1", "side_2", "across")):
+                row[what], row[what + "_sd"] = estimate[one]
+            row["least_1"], row["least_2"] = tracklet.least
+        return row
+
+
+_MEASURED = (
+    *("side_1", "side_1_sd", "side_2", "side_2_sd", "least_1", "least_2", "least_sd", "across", "across_sd"),
+    *("span_1", "span_2", "span_sd"),
+)
+"""Fields of `Evidence` that are NaN where nothing was seen."""

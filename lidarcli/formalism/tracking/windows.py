@@ -1,4 +1,4 @@
-"""Windows of sweeps, which are settled one window late: bodies get their tracks, and objects their rows."""
+"""Windows of sweeps, which are settled one window late: tracklets get their tracks, and objects their rows."""
 
 from __future__ import annotations
 
@@ -12,32 +12,44 @@ from numpy.typing import NDArray
 
 from lidarcli.formalism.detection import UNKNOWN, starts
 from lidarcli.formalism.tracking import grouping
+from lidarcli.formalism.tracking.grouping import LEG_WIDTH, MOST_CROWDED
 from lidarcli.formalism.tracking.kalman import Targets
-from lidarcli.formalism.tracking.naming import Naming, SizeMeasurements
 from lidarcli.formalism.tracking.results import CONFIRMED_SIGHTINGS, EMPTY, ENDED, LEAST_WAY, LIVE, PERSON, Trajectories
-from lidarcli.formalism.tracking.settling import LEG_WIDTH, MOST_CROWDED
 from lidarcli.formalism.tracking.smoothing import KEPT, Smoother
-from lidarcli.formalism.tracking.tracks import Track, Tracklet, columns_of, main_part, row_shape
-from lidarcli.formalism.tracking.trajectories import PARTLY_BIT, PARTS_MASK, Path, Sweeps, joined, standing
+from lidarcli.formalism.tracking.tracks import (
+    PARTLY_BIT,
+    PARTS_MASK,
+    Naming,
+    Path,
+    SizeMeasurements,
+    Sweeps,
+    Track,
+    Tracklet,
+    columns_of,
+    joined,
+    main_part,
+    row_shape,
+    standing,
+)
 from lidarcli.sweeps import Bool, Float64, Int32, Int64, UInt8
 
 EVERYTHING = slice(None)
 MOST_PLACED = 0.5
 """Share of the sweeps of a window with a known place of the sensor, above which places of before still hold."""
 ARRIVAL_SWEEPS = 8
-"""A body that is shown to move within so many sweeps has moved from the first one on."""
+"""A tracklet that is shown to move within so many sweeps has moved from the first one on."""
 LEFT_SDS = 2.0
-"""A body is not where it was first if it is further away than its size and so many standard deviations of both places."""
+"""A tracklet has left its first place beyond its size and so many standard deviations of both places."""
 STAYED_SIGHTINGS = 40
-"""Least number of sightings that show that a body stayed."""
+"""Least number of sightings that show that a tracklet stayed."""
 MOST_COMPARED = 160
 """Greatest number of sightings whose places are compared with each other."""
 STAYED_SECONDS = 6.0
 """[s] Time before and after a moment, of which the places are compared."""
 STAYED_SHARE = 0.3
-"""Share of the pairs of places before and after a moment that are one, above which the body stayed."""
+"""Share of the pairs of places before and after a moment that are one, above which the tracklet stayed."""
 STEP_SHARE = 0.05
-"""Greatest share of all pairs before and after a moment at which a body made a step for good …"""
+"""Greatest share of all pairs before and after a moment at which a tracklet made a step for good …"""
 STEP_SIGHTINGS = 0.25
 """… with at least this share of its sightings on either side."""
 LEAST_TRAVEL = 0.1
@@ -53,7 +65,7 @@ class Window:
     begin: int
     """Number of sweeps of the sensor before."""
     numbers: list[Int64] = field(default_factory=list)
-    """(K,) number of the body of each object, 0 for none."""
+    """(K,) number of the tracklet of each object, 0 for none."""
     sweeps: list[Int64] = field(default_factory=list)
     """(K,) number of sweeps of the topic before that of each object."""
     index: list[Int64] = field(default_factory=list)
@@ -108,7 +120,7 @@ class WindowResult:
 
 
 class TrackRegistry:
-    """All bodies that were seen often enough, and the tracks they are parts of."""
+    """All tracklets that were seen often enough, and the tracks they are parts of."""
 
     def __init__(self, naming: Naming | None = None, every: list[Track] | None = None) -> None:
         """`every`: takes the tracks of all sensors of the topic, by number."""
@@ -116,7 +128,7 @@ class TrackRegistry:
         self.naming = naming
         """Naming of tracks, if there is a catalogue."""
         self.tracklets: dict[int, Tracklet] = {}
-        """Bodies by number, without those that have ended and to which no later one can be joined."""
+        """Tracklets by number, without those that have ended and to which no later one can be joined."""
         self.tracks: list[Track] = []
         """Tracks by number."""
         self.sweeps = Sweeps()
@@ -124,7 +136,7 @@ class TrackRegistry:
         """Rows that are settled, those of what moves in the order of the windows."""
 
     def collect(self, tracklets: Targets) -> None:
-        """Copy the state of all bodies that were seen often enough, and free the slots of those that have ended."""
+        """Copy the state of all tracklets that were seen often enough, and free the slots of those that have ended."""
         arrays = tracklets.arrays
         state = arrays["state"][: tracklets.slots_used]
         believed = (state != EMPTY) & (arrays["sightings"][: tracklets.slots_used] >= CONFIRMED_SIGHTINGS)
@@ -230,7 +242,7 @@ class TrackRegistry:
         naming.name([track for track, _ in sightings.by_track()])
 
     def _forget(self, sightings: WindowSightings, stop: int, is_placed: bool) -> None:
-        """Drop the bodies that have ended and are not joined to later ones; their tracks keep them as parts."""
+        """Drop the tracklets that have ended and are not joined to later ones; their tracks keep them as parts."""
         settled = [n for n, tracklet in self.tracklets.items() if tracklet.has_ended and tracklet.last_sweep < stop]
         for number in settled:
             grouping.store_end(sightings, self.tracklets[number])
@@ -244,18 +256,18 @@ class TrackRegistry:
 
 
 class WindowSightings:
-    """Sightings (N,) of the bodies that were seen often enough, by body, and the results for them."""
+    """Sightings (N,) of the tracklets that were seen often enough, by tracklet, and the results for them."""
 
     def __init__(self, log: dict[str, NDArray[Any]], count: int, tracklets: dict[int, Tracklet], stop: int) -> None:
         """
         Parameters
         ----------
         log, count : the sightings, and how many of them there are
-        bodies : bodies that were seen often enough, by number
+        tracklets : tracklets that were seen often enough, by number
         stop : number of sweeps of the topic up to the end of the window
         """
         number = log["number"][:count]
-        # In the order of the log within each body.
+        # In the order of the log within each tracklet.
         keep = np.argsort(number, kind="stable")
         self.number: Int64 = number[keep]
         begins = starts(self.number)
@@ -267,9 +279,9 @@ class WindowSightings:
             if n in tracklets and (many >= CONFIRMED_SIGHTINGS or tracklets[n].track is not None)
         }
         self.spans = spans
-        """Sightings of each body that was seen often enough, by its number."""
+        """Sightings of each tracklet that was seen often enough, by its number."""
         self.owner: Int64 = np.repeat(np.array([n if n in spans else 0 for n in numbers], np.int64), counts)
-        """(N,) number of the body to whose track each sighting belongs; 0 for none."""
+        """(N,) number of the tracklet to whose track each sighting belongs; 0 for none."""
         self.track: Int64 = np.zeros(len(keep), np.int64)
         """(N,) number of the track of each sighting; 0 without one that has a row in the window."""
         self.log, self._keep = log, keep
@@ -279,7 +291,7 @@ class WindowSightings:
         self.x: Float64 = self.column("x")
         self.y: Float64 = self.column("y")
         self.width: Float64 = 2.0 * np.maximum(self.column("half_1"), self.column("half_2"))
-        """(N,) width of the body at each sighting [m]."""
+        """(N,) width of the tracklet at each sighting [m]."""
         self.place = self.x + 1j * self.y
         """(N,) place x + iy [m]."""
         self.tracklets = tracklets
@@ -293,7 +305,7 @@ class WindowSightings:
             if self.now[span.start]:
                 first[n] = int(self.object[span.start])
         self.in_window = sorted(first, key=first.__getitem__)
-        """Numbers of the bodies with a row in the window, by first sight."""
+        """Numbers of the tracklets with a row in the window, by first sight."""
         self.owners: list[int] = []
         self.tracks: list[tuple[Track, Int64, int]] = []
 
@@ -306,10 +318,10 @@ class WindowSightings:
         return self._keep[at]
 
     def find(self, window: Window) -> tuple[Int64, Bool]:
-        """Return the sightings of the objects of a window, and (K,) which objects have one, as parts of a body too."""
+        """Return the sightings of the objects of a window, and (K,) which objects have one, as parts of a tracklet too."""
         numbers = np.concatenate(window.numbers) if window.numbers else np.empty(0, np.int64)
         sweeps = np.concatenate(window.sweeps) if window.sweeps else np.empty(0, np.int64)
-        # Sightings are in order of body, then sweep: so are these keys.
+        # Sightings are in order of tracklet, then sweep: so are these keys.
         keys = (self.number << 32) + self.sweep
         wanted = (numbers << 32) + sweeps
         at = np.minimum(np.searchsorted(keys, wanted), max(len(keys) - 1, 0))
@@ -317,7 +329,7 @@ class WindowSightings:
         return at[found], found
 
     def settle_owners(self) -> None:
-        """Note the bodies whose tracks have rows in the window, once each sighting has its owner."""
+        """Note the tracklets whose tracks have rows in the window, once each sighting has its owner."""
         begins = starts(self.owner)
         self._runs = np.diff(begins, append=len(self.owner))
         self._owner_of_run = self.owner[begins].tolist()
@@ -363,7 +375,7 @@ class WindowSightings:
         return begin, self.bytes_of(at, sweep - begin, int(sweep[-1]) + 1 - begin)
 
     def bytes_of(self, at: Any, step: Int64, count: int) -> UInt8:
-        """Return (count,) the bytes of the sweeps of a track (`trajectories.PARTS_MASK`).
+        """Return (count,) the bytes of the sweeps of a track (`tracks.PARTS_MASK`).
 
         Parameters
         ----------
@@ -423,7 +435,7 @@ def _smooth(sightings: WindowSightings, tracklets: dict[int, Tracklet]) -> list[
 
 
 def _moves(sightings: WindowSightings, track: Track, at: Int64) -> bool:
-    """Return whether a track moves, from the first onset on: one of its bodies does, and it has left a place."""
+    """Return whether a track moves, from the first onset on: one of its tracklets does, and it has left a place."""
     if track.moved:
         return True
     onsets = [
@@ -478,7 +490,7 @@ def _smooth_track(
     """Fill in the velocities of a track, by all of its sightings, and return its path in the window."""
     is_person = any(part.kind == PERSON for part in track.parts)
     several = track.several or any(part.has_legs for part in track.parts)
-    # By body.
+    # By tracklet.
     at = np.sort(at)
     order = np.argsort(sightings.sweep[at], kind="stable")
     sighted = sightings.sweep[at][order]
@@ -531,12 +543,12 @@ def _smooth_track(
 
 
 def _leaves(path: Float64, size: float) -> int:
-    """Return the index of the last sweep in which a body is where it was first.
+    """Return the index of the last sweep in which a tracklet is where it was first.
 
     Parameters
     ----------
     path : (S, 9) as `smoothing.Smoother.smooth` fills it in
-    size : size of the body [m]
+    size : size of the tracklet [m]
     """
     way = np.hypot(path[:, 0] - path[0, 0], path[:, 1] - path[0, 1])
     var = 0.5 * (path[:, 4] + path[:, 6])
@@ -544,5 +556,5 @@ def _leaves(path: Float64, size: float) -> int:
 
 
 def _half_extent(tracklet: Tracklet, axis: int) -> float:
-    """Return half of the extent of a body along an axis, by all sightings [m]."""
+    """Return half of the extent of a tracklet along an axis, by all sightings [m]."""
     return 0.5 * tracklet.side[axis] if tracklet.side_weight[axis] > 0.0 else tracklet.h[axis]

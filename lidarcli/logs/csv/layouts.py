@@ -13,11 +13,11 @@ from string import whitespace
 import numpy as np
 
 from lidarcli.errors import UnreadableError
-from lidarcli.logs.blocks import FAR, given_geometry
+from lidarcli.findings import FAR
+from lidarcli.logs.blocks import given_geometry
+from lidarcli.logs.cells import NO_NUMBERS, shown, time_unit
 from lidarcli.logs.clock import NO_STAMPS
 from lidarcli.logs.csv.table import TRAJECTORY, Dialect, Head, csv_cells, empty_lists, is_numeric, value_of
-from lidarcli.logs.numbers import shown
-from lidarcli.logs.times import NO_NUMBERS, time_unit
 from lidarcli.sweeps import TURN, Float64, Int64
 
 ROSTOPIC = "rostopic echo -p"

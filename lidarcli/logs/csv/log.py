@@ -17,13 +17,13 @@ import numpy as np
 
 from lidarcli.errors import UnreadableError, unreadable
 from lidarcli.logs.base import LASERSCAN, Message, OpenOptions, ReadReport, Topic
-from lidarcli.logs.csv import rplidar
+from lidarcli.logs.cells import time_notes, time_unit, to_ns
+from lidarcli.logs.csv import beam_rows
 from lidarcli.logs.csv.beam_rows import LongDecoder
 from lidarcli.logs.csv.layouts import PER_SWEEP, RPLIDAR, Layout, layout_of
 from lidarcli.logs.csv.sweep_rows import Decoder, ListDecoder, WideDecoder
 from lidarcli.logs.csv.table import other_format, read_head
 from lidarcli.logs.text import FIRST_BLOCK, MAX_LINE, TextBlock, TextLog
-from lidarcli.logs.times import time_notes, time_unit, to_ns
 from lidarcli.sweeps import RawSweeps, concatenate
 
 _SUFFIXES = (".csv", ".txt", ".tsv", ".dat", ".xy", ".scan", ".gz")
@@ -40,6 +40,7 @@ class CsvLog(TextLog):
 
     def __init__(self, source: str | os.PathLike[str] | Paths | BinaryIO, options: OpenOptions | None = None) -> None:
         self._read = 0
+        self._files: list[Path] = []
         if isinstance(source, Sequence) and not isinstance(source, str):
             self._files = _in_order([Path(item) for item in source])
             self._open_files(os.fspath(self._files[0].parent) if self._files else "", options)
@@ -47,7 +48,6 @@ class CsvLog(TextLog):
             self._files = _sweep_files(Path(source))
             self._open_files(os.fspath(source), options)
         else:
-            self._files = []
             super().__init__(source, options)
             self._rest = self._text.blocks()
             try:
@@ -141,7 +141,7 @@ class CsvLog(TextLog):
             raise UnreadableError(f"{self.path}: empty file")
         text = b"".join(block.text for block in head)
         lines = text.split(b"\n")[:-1]
-        if not self._options.columns and (layout := rplidar.recognise(lines)) is not None:
+        if not self._options.columns and (layout := beam_rows.recognise(lines)) is not None:
             return layout
         if (other := other_format(text)) is not None:
             raise UnreadableError(f"{self.path}: {other.refusal}")

@@ -21,11 +21,21 @@ from lidarcli.logs.blocks import (
     pad_intensities,
     split_rows,
 )
+from lidarcli.logs.cells import (
+    DATED,
+    Cells,
+    going_on,
+    not_a_number,
+    pad_cells,
+    parse_number,
+    parse_rows,
+    seconds_and_nanoseconds,
+    shown,
+    to_ns,
+)
 from lidarcli.logs.csv.layouts import Layout, ScanColumns, expected_beams
 from lidarcli.logs.csv.table import csv_cells, read_lines
-from lidarcli.logs.numbers import Cells, not_a_number, pad_cells, parse_number, parse_rows, shown
 from lidarcli.logs.text import MAX_LINE, TextBlock
-from lidarcli.logs.times import DATED, going_on, seconds_and_nanoseconds, to_ns
 from lidarcli.sweeps import Bool, Float32, Float64, Int32, Int64, RawSweeps
 
 _GEOMETRY = ("angle_min", "angle_max", "angle_increment", "time_increment", "scan_time", "range_min", "range_max")

@@ -12,9 +12,8 @@ import numpy as np
 
 from lidarcli.errors import UnreadableError
 from lidarcli.logs.base import OpenOptions, ReadReport
-from lidarcli.logs.numbers import parse_number, shown
+from lidarcli.logs.cells import DATED, NS, TIME_OF_DAY, parse_number, shown, time_unit
 from lidarcli.logs.text import TextBlock
-from lidarcli.logs.times import DATED, NS, TIME_OF_DAY, time_unit
 from lidarcli.sweeps import Int64
 
 _QUOTED = re.compile(rb'"[^"]*"')

@@ -37,7 +37,7 @@ from lidarcli.pipeline.inspecting import info_dict, inspect_log
 from lidarcli.pipeline.mapping import MapOptions, MapRun
 from lidarcli.pipeline.reading.masking import masking_of
 from lidarcli.pipeline.reading.one_log import damage_lines
-from lidarcli.pipeline.reading.posing import Posing
+from lidarcli.pipeline.reading.posing import PoseAttacher
 from lidarcli.pipeline.runs.over_logs import progress_of
 from lidarcli.pipeline.trajectories import PathOptions, read_path, refuse_path, write_path
 from lidarcli.simulation import Simulated, run
@@ -78,7 +78,7 @@ def _batches(sources: Sequence[Source], options: LogOptions) -> Iterator[SweepBa
     for source in sources:
         with failed.noted(source), open_source(source, opening) as log:
             masking = masking_of(log, read.rules, poses, read.topics)
-            posing = Posing.of(log, poses, TopicChoice(read.topics, log.topics()), masking.rules)
+            posing = PoseAttacher.of(log, poses, TopicChoice(read.topics, log.topics()), masking.rules)
             report = ReadReport()
             is_empty = True
             for batch in read_batches(log, replace(read, rules=masking.rules), report):

@@ -351,7 +351,7 @@ class SlicedLog(ChangedLog):
     """A `Log` that also makes sweeps of another one's point clouds; the level of each is found before the first sweep."""
 
     def __init__(self, log: Log, options: OpenOptions, part: Slice) -> None:
-        from lidarcli.logs.slicing import Bins
+        from lidarcli.logs.clouds import Bins
 
         super().__init__(log)
         self._part = part
@@ -401,8 +401,8 @@ class SlicedLog(ChangedLog):
                 report.add_new(own)
 
     def _of_clouds(self, topics: Collection[str] | None, report: ReadReport) -> Iterator[RawSweeps]:
-        from lidarcli.logs.slicing import Slicer
-        from lidarcli.pose.tree import TreeLevels
+        from lidarcli.logs.clouds import Slicer
+        from lidarcli.pose.sources import TreeLevels
 
         tracks = self.poses().tracks if self.size is not None else ()
         sensors = [topic.name for topic in self.topics() or () if topic.is_scan]

@@ -24,7 +24,7 @@ from lidarcli.machine import Threads, cores
 from lidarcli.pipeline.inputs.search import files_of
 from lidarcli.pipeline.inputs.sources import MissingInput, Source
 from lidarcli.pipeline.reading.one_log import Reading, RunSummary, named_files, reading_as_dict
-from lidarcli.pipeline.reading.pose_sources import Need, PoseOptions
+from lidarcli.pipeline.reading.posing import Need, PoseOptions
 from lidarcli.stores import Place
 from lidarcli.sweeps import SweepBatch
 from lidarcli.tabular.columns import beams_rows, objects_rows, sweeps_rows

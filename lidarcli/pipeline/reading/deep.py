@@ -3,15 +3,40 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Collection
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
+from types import SimpleNamespace
 
 import numpy as np
 
 from lidarcli.display import counted
 from lidarcli.errors import OptionError
-from lidarcli.findings import Finding, Fix, transform_lines
+from lidarcli.findings import (
+    BODY,
+    BODY_UNKNOWN,
+    DEVIATIONS,
+    FLICKER,
+    FLICKERS,
+    IDS,
+    LASERS,
+    LASERS_UNKNOWN,
+    LASERS_UNTOLD,
+    LEAST_ASKEW,
+    LEAST_OFF,
+    LEAST_TURN,
+    LOST_SECTORS,
+    MIRROR,
+    MOUNT,
+    MOUNT_UNKNOWN,
+    PATH_FIT,
+    STAMP,
+    Finding,
+    Fix,
+    Sensor,
+    judge,
+    transform_lines,
+)
 from lidarcli.logs.base import Log, OpenOptions, ReadReport
 from lidarcli.logs.batches import ReadOptions, read_batches
 from lidarcli.logs.options import TopicChoice
@@ -20,11 +45,10 @@ from lidarcli.pipeline.inputs.masks import mask_text
 from lidarcli.pipeline.inputs.sources import Source, open_source
 from lidarcli.pipeline.reading.masking import MOST_SENSORS, STOOD_REACH, MaskRules, masking_of
 from lidarcli.pipeline.reading.path_check import CheckedPath
-from lidarcli.pipeline.reading.pose_sources import NONE, Need, PoseOptions, of_one_run
-from lidarcli.pipeline.reading.posing import Posing
+from lidarcli.pipeline.reading.posing import NONE, Need, PoseAttacher, PoseOptions, of_one_run
 from lidarcli.pose.calibration import (
+    CalibrationResult,
     Outlines,
-    Settled,
     cells_filled,
     joined_outlines,
     mounted,
@@ -35,14 +59,11 @@ from lidarcli.pose.calibration import (
     stretches_of,
     surfaces,
 )
-from lidarcli.pose.fit import ACCEPTED, mount_between, pairs_of, steps_between, wrapped
-from lidarcli.pose.matched import AUTO
-from lidarcli.pose.messages import frame_name
-from lidarcli.pose.sources import Way
-from lidarcli.pose.tracks import SECOND_NS, planar
-from lidarcli.pose.tree import FrameTree, Step, along
+from lidarcli.pose.fit import ACCEPTED, AUTO, mount_between, pairs_of, steps_between, wrapped
+from lidarcli.pose.sources import FrameTree, PoseChain, Step, along
+from lidarcli.pose.tracks import SECOND_NS, frame_name, planar
 from lidarcli.range_rules import RangeRules
-from lidarcli.sweeps import TURN, Float64, Int64, Status, SweepBatch, UInt8
+from lidarcli.sweeps import TURN, Bool, Float64, Int64, Status, SweepBatch, UInt8
 
 MOST_SWEEPS, STANDING_SWEEPS = 400, 20
 """Most sweeps of a sensor that are aligned, and the first ones, which are taken though it stands."""
@@ -53,24 +74,16 @@ MOST_POINTS = 120
 SLOTS = 8
 """Parts of a sweep that takes time; each is placed by a pose of its own."""
 DRIFTING, FIXED = (0.5 * np.pi, 5.0), (TURN, 50.0)
-"""Turn [rad] and way [m] of a stretch in which poses do not drift much: of odometry, and of poses in a map."""
-LEAST_TURN = np.deg2rad(120.0)
-"""Turning of the poses from which on they tell a mount [rad]: of the path that is told, also to and fro."""
+"""Turn [rad] and distance [m] of a stretch in which poses do not drift much: of odometry, and of poses in a map."""
 NEARBY = 0.1
 """A mount by steps of the path that is no farther from the told one [m, rad] is found from there."""
-DEVIATIONS, LEAST_OFF, LEAST_ASKEW = 3.0, 0.02, np.deg2rad(1.0)
-"""A mount is told that is off by so many deviations and by this [m, rad]."""
-MOST_DEVIATION, MOST_UNSURE = 0.05, np.deg2rad(2.0)
+UNSURE = np.array([0.05, 0.05, np.deg2rad(2.0)])
 """Deviations of a mount that is known well enough [m, rad]."""
-LEAST_DEVIATION, LEAST_UNSURE = 0.003, np.deg2rad(0.1)
+SURE = np.array([0.003, 0.003, np.deg2rad(0.1)])
 """No mount is known better: grids and ranges err, too [m, rad]."""
 DELAYS, KNOWN_TIME, SCALES = 0.2, 0.1, 0.02
-"""Deviations before the sweeps are seen of a delay [s], of the time of a sweep that is told, as a share of the period,
+"""Deviations before the sweeps are looked at of a delay [s], of the time of a sweep that is told, as a share of the period,
 and of the scales of told lengths and turns."""
-FEWER = 0.3
-"""Share of cells that the matched path fills less."""
-MIRRORED = -0.5
-"""Correlation of told turns with those seen."""
 LARGE_TURN, LEAST_TURNS = 0.08, 8
 """Turns that count [rad], and the fewest of them."""
 _STAMPED = {"first": 0.0, "middle": 0.5, "last": 1.0}
@@ -81,22 +94,13 @@ LONGEST_STEP = 0.5
 """No matched pose is between sweeps further apart [s]."""
 LASER_DELAYS = 0.02
 """Deviation of the clocks of two lasers [s]."""
-STAMP_OFF = 0.15
-"""Greatest distance of the delay from half or all of the time of a sweep, as a share of this."""
-SECTOR = np.deg2rad(30.0)
-FLICKERS = 0.2
-"""Share of the steps from sweep to sweep in which a beam changes between valid and no return."""
-LEAST_STEPS = 20
-"""Fewest steps that tell of a flicker."""
-LEAST_BEAMS = 3
-"""Fewest beams of a sector that tell of it."""
-OTHERS_VALID = 0.5
-"""Median share of valid beams of other sectors, where one has none."""
-AGAINST = 2.0
-"""Points against a place count so much more than points for it."""
-LEAST_OVERLAP, LEAST_WIDTH, MOST_AGAINST, CLEARLY = 0.6, np.deg2rad(120.0), 0.05, 0.25
+LEAST_STEPS, LEAST_BEAMS = 20, 3
+"""Fewest steps that tell of a flicker, and fewest beams of a sector."""
+AGAINST, CLEARLY = 2.0, 0.25
+"""Points against a place count so much more than points for it; and by how much the next best place is worse."""
+LEAST_OVERLAP, LEAST_WIDTH, MOST_AGAINST = 0.6, np.deg2rad(120.0), 0.05
 """Of what a second laser sees while both stand: the least share that is on what the first one sees, the least width of this
-[rad], the greatest share that speaks against it; and by how much the next best place is worse."""
+[rad], and the greatest share that speaks against it."""
 
 Key = tuple[str, str]
 """Topic and frame."""
@@ -120,142 +124,86 @@ def deep_findings(
     poses: PoseOptions | None = None,
     topics: Collection[str] | None = None,
 ) -> DeepFindings:
-    """Align sweeps of a log, in bounded memory, and return what they contradict; `topics` are read, by default all.
-
-    Raises
-    ------
-    OptionError
-        The log can be read only once.
-    """
+    """Align sweeps of a log, in bounded memory, and return what they contradict; `topics` are read, by default all."""
+    poses = poses or PoseOptions()
     with open_source(source, opening) as log:
-        if log.size is None:
-            raise OptionError("--deep reads a log twice, and a pipe is read only once: give the file's name")
-        return _Deep(log, rules or RangeRules(), poses or PoseOptions(), topics).findings()
-
-
-class _Deep:
-    """A second look at one log."""
-
-    def __init__(self, log: Log, rules: RangeRules, poses: PoseOptions, topics: Collection[str] | None) -> None:
         choice = TopicChoice(topics, log.topics())
-        self._masking, self._posing = _masking(log, rules, poses, choice)
-        self._sees_poses, self._delay = poses.source != NONE, poses.delay or 0.0
-        self._sensors: dict[Key, _Sensor] = {}
-        for batch in read_batches(log, ReadOptions(choice.wanted or None, rules=self._masking.rules), ReadReport(), choice):
+        masking, posing = _masking(log, rules or RangeRules(), poses, choice)
+        sources = None if posing.found is None else posing.found.sources
+        sensors: dict[Key, _Sensor] = {}
+        for batch in read_batches(log, ReadOptions(choice.wanted or None, rules=masking.rules), ReadReport(), choice):
             for frame, _, mine in batch.by_frame():
                 key = batch.topic, frame
-                if key not in self._sensors:
-                    if len(self._sensors) == MOST_SENSORS:
+                if key not in sensors:
+                    if len(sensors) == MOST_SENSORS:
                         continue
-                    self._sensors[key] = _Sensor(*key, self._posing.paths.get(key), self._told(*key), self._delay)
-                self._sensors[key].add(mine)
-
-    def _told(self, topic: str, frame: str) -> Way | None:
-        if self._posing.found is None or not self._sees_poses:
-            return None
-        return self._posing.found.sources.way(frame, topic)
-
-    def findings(self) -> DeepFindings:
-        """Return the findings of all rules."""
-        found: list[Finding] = []
+                    told = None if sources is None or poses.source == NONE else sources.chain(frame, batch.topic)
+                    sensors[key] = _Sensor(*key, posing.paths.get(key), told, poses.delay or 0.0)
+                sensors[key].add(mine)
+        links = [] if sources is None else [one for one in sources.tracks if one.is_link and one.static]
+        findings: list[Finding] = []
         mounts: list[Mount] = []
-        bodies, masks = self._bodies()
-        for key in sorted(self._sensors):
-            found += _flickering(self._sensors[key])
-        firsts: dict[str, tuple[_Sensor, _Calibrated | None, bool]] = {}
-        for sensor in self._sensors_of_robots():
-            if mirrored := _mirrored(sensor):
-                found += mirrored
+        firsts: dict[str, tuple[_Sensor, _Calibrated | None]] = {}
+        frames: set[Key] = set()
+        for key in sorted(sensors):
+            sensor = sensors[key]
+            findings += _body(sensor, masking) + _flickering(sensor)
+            world = "" if sensor.told is None else sensor.told.world
+            # One sensor for each frame of a world, the first of its topics.
+            if (world, key[1].lstrip("/")) in frames:
+                continue
+            frames.add((world, key[1].lstrip("/")))
+            if mirrored := sensor.mirrored():
+                findings += mirrored
                 continue
             # Lasers of several robots are not beside each other.
-            world = next(iter(firsts), "") if sensor.told is None else sensor.told.world
+            world = next(iter(firsts), "") if sensor.told is None else world
             if world not in firsts:
                 calibrated = _calibrated(sensor)
                 finding, mount = _mount_finding(sensor, calibrated)
-                firsts[world] = sensor, calibrated, bool(mount)
-                found += finding
-                found += _stamp_finding(sensor, calibrated)
-                found += _fit_finding(sensor, calibrated)
+                firsts[world] = sensor, calibrated
+                findings += finding + _stamp_finding(sensor, calibrated) + _fit_finding(sensor, calibrated)
             else:
-                first, calibrated, is_off = firsts[world]
-                told = self._beside(first, sensor, calibrated if is_off else None)
-                finding, mount = _lasers_findings(first, sensor, calibrated, told)
-                found += finding
+                finding, mount = _lasers_finding(*firsts[world], sensor, FrameTree(links, sensor.topic))
+                findings += finding
             mounts += mount
-        order = ("pose_fit", "mirror", "stamp", "mount", "lasers", "body", "flicker")
-        found = sorted([*found, *bodies], key=lambda one: (order.index(one.id), one.topic, one.frame))
-        return DeepFindings(tuple(found), masks, tuple(mounts))
-
-    def _beside(self, first: _Sensor, second: _Sensor, found: _Calibrated | None) -> Float64 | None:
-        """Return where the log tells that a laser is in the frame of another, whose mount may have been found."""
-        if self._posing.found is None:
-            return None
-        links = [one for one in self._posing.found.sources.tracks if one.is_link and one.static]
-        steps = FrameTree(links, second.topic).path(frame_name(second.frame), frame_name(first.frame))
-        if steps is None:
-            return None
-        there = planar(along(steps, np.zeros(1, np.int64)))
-        place = np.column_stack([there.x, there.y, there.yaw])
-        if found is not None and found.settled is not None:
-            place = steps_between(found.settled.values[None, :3], mounted(found.told[None], place))
-        found_at: Float64 = place[0]
-        return found_at
-
-    def _sensors_of_robots(self) -> list[_Sensor]:
-        """Return one sensor for each frame of a world, the first of its topics."""
-        found: dict[tuple[str, str], _Sensor] = {}
-        for key in sorted(self._sensors):
-            sensor = self._sensors[key]
-            world = "" if sensor.told is None else sensor.told.world
-            found.setdefault((world, key[1].lstrip("/")), sensor)
-        return list(found.values())
-
-    def _bodies(self) -> tuple[list[Finding], Masks]:
-        """Return what is told of beams that end on the robot itself, and their mask."""
-        found = []
-        for topic, frame in sorted(self._sensors):
-            mine = [mask for mask in self._masking.learned.masks if mask.topic == topic]
-            beams = self._masking.unclear.get((topic, frame), 0)
-            if mine:
-                found.append(_body(topic, frame, mine, self._sensors[topic, frame].step))
-            elif beams:
-                why = "nothing moves" if self._sensors[topic, frame].stood else "the sensor moves too little"
-                words = f"{topic}: cannot be told: {why} ({counted(beams, 'beam')} below {STOOD_REACH:g} m)"
-                evidence, threshold = {"beams": beams}, {"beams": 1, "range": STOOD_REACH}
-                found.append(Finding("body", "hint", topic, frame, words, evidence, threshold))
-        return found, self._masking.learned
+        findings.sort(key=lambda one: (IDS.index(one.id), one.topic, one.frame))
+        return DeepFindings(tuple(findings), masking.learned, tuple(mounts))
 
 
-def _masking(log: Log, rules: RangeRules, poses: PoseOptions, choice: TopicChoice) -> tuple[MaskRules, Posing]:
+def _masking(log: Log, rules: RangeRules, poses: PoseOptions, choice: TopicChoice) -> tuple[MaskRules, PoseAttacher]:
     """Learn the mask of the robot itself, where the user gave none; return it and the poses."""
     if rules.masks is None or rules.masks.learn:
-        with_mask = replace(rules, masks=Masks(learn=True))
         try:
-            masking = masking_of(log, with_mask, poses, choice.wanted or None)
+            masking = masking_of(log, replace(rules, masks=Masks(learn=True)), poses, choice.wanted or None)
         except OptionError:
             masking = MaskRules(replace(rules, masks=None))
         if masking.posing is not None:
             return masking, masking.posing
     else:
         masking = masking_of(log, rules, poses, choice.wanted or None)
-    return masking, Posing.of(log, poses, choice, masking.rules, need=Need.ALL)
+    return masking, PoseAttacher.of(log, poses, choice, masking.rules, need=Need.ALL)
 
 
-def _body(topic: str, frame: str, masks: list[Mask], step: float) -> Finding:
+def _body(sensor: _Sensor, masking: MaskRules) -> list[Finding]:
+    """Return what is told of beams that end on the robot itself."""
+    masks: list[Mask] = [mask for mask in masking.learned.masks if mask.topic == sensor.topic]
+    if not masks:
+        beams = masking.unclear.get((sensor.topic, sensor.frame), 0)
+        why = "nothing moves" if sensor.stood else "the sensor moves too little"
+        unclear = SimpleNamespace(beams=beams, beams_shown=counted(beams, "beam"), why=why, reach=STOOD_REACH)
+        return judge([BODY_UNKNOWN], unclear, sensor.named)
     sectors = [mask.shape for mask in masks if isinstance(mask.shape, Sector)]
-    beams = sum(round((one.end - one.begin) / step) for one in sectors) if step else 0
-    nearest, farthest = min(one.nearest for one in sectors), max(one.farthest for one in sectors)
-    words = f"{counted(beams, 'beam')} at {nearest:.2f} to {farthest:.2f} m never change"
-    return Finding(
-        "body",
-        "warning",
-        topic,
-        frame,
-        f"{topic}: {words}: the robot's own body?",
-        {"beams": beams, "nearest": nearest, "farthest": farthest},
-        {"beams": 1},
-        Fix("mask", mask_text(Masks(tuple(masks)), Masks())),
+    beams = sum(round((one.end - one.begin) / sensor.step) for one in sectors) if sensor.step else 0
+    body = SimpleNamespace(
+        masks=masks,
+        beams=beams,
+        beams_shown=counted(beams, "beam"),
+        nearest=min(one.nearest for one in sectors),
+        farthest=max(one.farthest for one in sectors),
+        fix=Fix("mask", mask_text(Masks(tuple(masks)), Masks())),
     )
+    return judge([BODY], body, sensor.named)
 
 
 # --- samples of the sweeps ----------------------------------------------------------------------------------
@@ -264,37 +212,28 @@ def _body(topic: str, frame: str, masks: list[Mask], step: float) -> Finding:
 class _Sensor:
     """Samples and counts of one topic and frame."""
 
-    def __init__(self, topic: str, frame: str, path: CheckedPath | None, told: Way | None, delay: float) -> None:
+    def __init__(self, topic: str, frame: str, path: CheckedPath | None, told: PoseChain | None, delay: float) -> None:
         self.topic, self.frame, self.told, self.asked_delay = topic, frame, told, delay
+        self.named = Sensor(topic, frame, topic)
         self.path = path or CheckedPath("none")
         self.delay = delay + (0.0 if self.path.fit is None else self.path.fit.delay)
         """Time after the header stamp at which poses fit the sweeps by their steps [s]."""
         self.step = 0.0
         self.flicker = _Flicker()
-        self._every, self._moves = 1, 0
-        self._last: tuple[float, float, float] | None = None
         self.turned = 0.0
         """Turn of the sensor in all [rad]."""
-        self._begun = 0
+        self.times = 0.0, 0.0
+        """Times of the first and of the last beam after the header stamp [s]."""
+        self._every, self._moves, self._sweeps = 1, 0, 0
+        self._last: tuple[float, float, float] | None = None
         self._kept: list[tuple[int, int, Float64, Float64]] = []
         """Number of the move, stamp [ns], bearings and ranges of a sweep."""
-        self._times: tuple[float, float] | None = None
         self._first_ns = self._last_ns = 0
-
-    @property
-    def assumes(self) -> bool:
-        """True where the log does not tell of a mount."""
-        return self.told is not None and bool(self.told.assumption)
-
-    @property
-    def times(self) -> tuple[float, float]:
-        """Times of the first and of the last beam after the header stamp [s]."""
-        return self._times or (0.0, 0.0)
 
     @property
     def period(self) -> float:
         """Mean time from sweep to sweep [s]."""
-        return max(self._last_ns - self._first_ns, 0) / SECOND_NS / max(self._begun - 1, 1)
+        return max(self._last_ns - self._first_ns, 0) / SECOND_NS / max(self._sweeps - 1, 1)
 
     @property
     def stood(self) -> bool:
@@ -303,21 +242,19 @@ class _Sensor:
 
     def add(self, batch: SweepBatch) -> None:
         """Take sweeps."""
+        if not self._sweeps:
+            self.times = tuple(float(np.median(times)) for times in self.path.timing.of(batch))  # type: ignore[assignment]
+            self._first_ns = int(batch.stamp_ns[0])
         self.step = self.step or abs(float(batch.angle_increment[0]))
         self.flicker.add(batch)
-        rows = [row for row in range(len(batch)) if self._begun + row < STANDING_SWEEPS]
-        numbers = [-1] * len(rows)
-        self._begun += len(batch)
+        rows = [(-1, row) for row in range(len(batch)) if self._sweeps + row < STANDING_SWEEPS]
+        self._sweeps += len(batch)
         for row in self._moved(batch):
             if self._moves % self._every == 0:
-                rows.append(row)
-                numbers.append(self._moves)
+                rows.append((self._moves, row))
             self._moves += 1
-        if self._times is None:
-            self._times = tuple(float(np.median(times)) for times in self.path.timing.of(batch))  # type: ignore[assignment]
-            self._first_ns = int(batch.stamp_ns[0])
         self._last_ns = int(batch.stamp_ns[-1])
-        for number, row in zip(numbers, rows, strict=True):
+        for number, row in rows:
             bearing = batch.angle_min[row] + batch.angle_increment[row] * np.arange(batch.beams[row])
             ranges = batch.ranges[row, : batch.beams[row]].astype(np.float64)
             self._kept.append((number, int(batch.stamp_ns[row]), bearing, ranges))
@@ -325,12 +262,12 @@ class _Sensor:
                 self._every *= 2
                 self._kept = [one for one in self._kept if one[0] < 0 or one[0] % self._every == 0]
 
-    def _moved(self, batch: SweepBatch) -> Iterator[int]:
-        way = self.path.way or self.told
-        if way is None:
-            return
-        there = planar(way.at(batch.stamp_ns))
-        for row, (x, y, yaw) in enumerate(zip(there.x.tolist(), there.y.tolist(), there.yaw.tolist(), strict=True)):
+    def _moved(self, batch: SweepBatch) -> list[int]:
+        """Return the rows of sweeps between which the sensor has moved."""
+        rows: list[int] = []
+        chain = self.path.chain or self.told
+        poses = np.zeros((0, 3)) if chain is None else _poses_at(chain, batch.stamp_ns)
+        for row, (x, y, yaw) in enumerate(poses.tolist()):
             if not math.isfinite(x + y + yaw):
                 continue
             if self._last is not None:
@@ -338,8 +275,9 @@ class _Sensor:
                 if math.hypot(x - self._last[0], y - self._last[1]) < MOVED and abs(turn) < TURNED:
                     continue
                 self.turned += abs(turn)
-                yield row
+                rows.append(row)
             self._last = x, y, yaw
+        return rows
 
     def outlines(self) -> Outlines:
         """Return the points of the sampled sweeps."""
@@ -357,55 +295,41 @@ class _Sensor:
         share = np.tile((np.arange(SLOTS) + 0.5) / SLOTS, len(kept))
         return Outlines(np.vstack(points), np.vstack(normals), np.concatenate(slots), stamp, share)
 
-    def turns(self) -> tuple[Float64, Float64]:
-        """Return turns of the told poses and those seen, of steps that turn enough (K,) [rad]."""
+    def mirrored(self) -> list[Finding]:
+        """Return the finding that the sensor sees turns the other way round than poses tell."""
         if self.told is None or not len(self.path.stamp_ns):
-            return np.zeros(0), np.zeros(0)
-        told, mirrored = _told_at(self.told, self.path.stamp_ns)
-        matched = self.path.matched * ([1.0, -1.0, -1.0] if mirrored else [1.0, 1.0, 1.0])
-        seconds = (self.path.stamp_ns - self.path.stamp_ns[0]) / SECOND_NS
-        begin, end = pairs_of(seconds, matched, told)
-        same = self.path.pieces[begin] == self.path.pieces[end]
-        begin, end = begin[same], end[same]
-        seen = steps_between(matched[begin], matched[end])[:, 2]
-        turn = steps_between(told[begin], told[end])[:, 2]
+            return []
+        there = planar(self.told.at(self.path.stamp_ns))
+        reached = np.isfinite(there.x)
+        hangs = np.count_nonzero(there.upside_down & reached) * 2 > np.count_nonzero(reached)
+        matched = self.path.matched * ([1.0, -1.0, -1.0] if hangs else [1.0, 1.0, 1.0])
+        told, seen = _steps(self.path, matched, np.column_stack([there.x, there.y, there.yaw]))
+        turn, seen = told[:, 2], seen[:, 2]
         large = np.maximum(np.abs(seen), np.abs(turn)) > LARGE_TURN
-        return turn[large], seen[large]
-
-    def related(self) -> tuple[float, int]:
-        """Return the correlation of turns that poses tell with those seen, NaN of too few, and the number of turns."""
-        turn, seen = self.turns()
+        turn, seen = turn[large], seen[large]
         if len(turn) < LEAST_TURNS:
-            return math.nan, len(turn)
+            return []
         # About 0, not about the mean: a robot may turn to one side only.
-        return float((turn * seen).sum() / np.sqrt((turn**2).sum() * (seen**2).sum())), len(turn)
-
-
-def _told_at(way: Way, stamp_ns: Int64) -> tuple[Float64, bool]:
-    """Return told poses (K, 3), and whether the sensor hangs head down."""
-    there = planar(way.at(stamp_ns))
-    known = np.isfinite(there.x)
-    hangs = np.count_nonzero(there.upside_down & known) * 2 > np.count_nonzero(known)
-    return np.column_stack([there.x, there.y, there.yaw]), bool(hangs)
-
-
-def _mirrored(sensor: _Sensor) -> list[Finding]:
-    """Return the finding that a sensor sees turns the other way round than poses tell."""
-    related, turns = sensor.related()
-    if not related < MIRRORED:
-        return []
-    return [
-        Finding(
-            "mirror",
-            "error",
-            sensor.topic,
-            sensor.frame,
-            f"{sensor.topic} turns the other way than its poses ({counted(turns, 'turn')}): its beams run the wrong way "
-            "round, or the sensor hangs head down and tf does not say so",
-            {"correlation": round(related, 3), "turns": turns},
-            {"correlation": MIRRORED},
+        related = float((turn * seen).sum() / np.sqrt((turn**2).sum() * (seen**2).sum()))
+        stats = SimpleNamespace(
+            related=related, correlation=round(related, 3), turns=len(turn), turns_shown=counted(len(turn), "turn")
         )
-    ]
+        return judge([MIRROR], stats, self.named)
+
+
+def _steps(path: CheckedPath, matched: Float64, others: Float64) -> tuple[Float64, Float64]:
+    """Return steps (K, 3) of other poses (S, 3), and those of the matched path between the same sweeps of one piece."""
+    seconds = (path.stamp_ns - path.stamp_ns[0]) / SECOND_NS
+    begin, end = pairs_of(seconds, matched, others)
+    same = path.pieces[begin] == path.pieces[end]
+    begin, end = begin[same], end[same]
+    return steps_between(others[begin], others[end]), steps_between(matched[begin], matched[end])
+
+
+def _poses_at(chain: PoseChain, stamp_ns: Int64) -> Float64:
+    """Return x, y [m] and yaw [rad] of a sensor (K, 3) at stamps (K,)."""
+    there = planar(chain.at(stamp_ns))
+    return np.column_stack([there.x, there.y, there.yaw])
 
 
 # --- the mount, and the time of the poses -------------------------------------------------------------------
@@ -428,7 +352,7 @@ class _Calibrated:
     trusted: Float64
     """(7,) their deviations."""
     stretch: Int64
-    settled: Settled | None = None
+    settled: CalibrationResult | None = None
     """x, y, yaw, times of the first beam and from it to the last, scales of lengths and turns."""
     cells: tuple[int, int] = 0, 0
     """Cells that are filled with the mount of the log, and with the one found."""
@@ -438,8 +362,13 @@ class _Calibrated:
         """True where the mount is known, and not the one that the log tells."""
         if self.settled is None or self.cells[1] >= self.cells[0]:
             return False
-        deviation = _floored(self.settled.deviations[:3])
-        return _is_known(deviation) and _differs(self.settled.values[:3] - self.told, deviation)
+        deviation = np.maximum(self.settled.deviations[:3], SURE)
+        return bool((deviation < UNSURE).all()) and _differs(self.settled.values[:3] - self.told, deviation)
+
+    @property
+    def mount(self) -> Float64:
+        """(3,) the mount that counts: the one found where it differs."""
+        return self.settled.values[:3] if self.settled is not None and self.differs else self.told
 
     def placing(self, values: Float64) -> Float64:
         """Return the poses of the sensor by the unknowns of `settled`."""
@@ -447,14 +376,14 @@ class _Calibrated:
         return mounted(scaled_path(base, values[5], values[6]), values[:3])
 
 
-def _split(way: Way) -> tuple[tuple[Step, ...], tuple[Step, ...], str]:
-    """Return the steps of a way that mount the sensor, the others, and the frame between them."""
-    count = next((k for k, step in enumerate(way.steps) if not step.track.static), len(way.steps))
-    first = way.steps[min(count, len(way.steps) - 1)]
-    return way.steps[:count], way.steps[count:], first.source or first.track.topic.strip("/")
+def _split(chain: PoseChain) -> tuple[tuple[Step, ...], tuple[Step, ...], str]:
+    """Return the steps of a chain that mount the sensor, the others, and the frame between them."""
+    count = next((k for k, step in enumerate(chain.steps) if not step.track.static), len(chain.steps))
+    first = chain.steps[min(count, len(chain.steps) - 1)]
+    return chain.steps[:count], chain.steps[count:], first.source or first.track.topic.strip("/")
 
 
-def _based(sensor: _Sensor) -> _Calibrated | None:
+def _by_log(sensor: _Sensor) -> _Calibrated | None:
     """Return what is known of the mount of a sensor before its sweeps are aligned; None without poses that move."""
     if sensor.told is None:
         return None
@@ -464,7 +393,8 @@ def _based(sensor: _Sensor) -> _Calibrated | None:
     outlines = sensor.outlines()
     base = planar(along(rest, outlines.stamp_ns))
     reached = np.flatnonzero(np.isfinite(base.x))
-    if len(reached) < 2:
+    here = planar(along(mount, np.zeros(1, np.int64)))
+    if len(reached) < 2 or here.upside_down[0] or base.upside_down[reached[0]]:
         return None
     outlines = outlines.those(reached)
 
@@ -474,9 +404,6 @@ def _based(sensor: _Sensor) -> _Calibrated | None:
         there = planar(along(rest, at_ns, held=True))
         return np.column_stack([there.x, there.y, there.yaw])
 
-    here = planar(along(mount, np.zeros(1, np.int64)))
-    if here.upside_down[0] or base.upside_down[reached[0]]:
-        return None
     told = np.array([here.x[0], here.y[0], here.yaw[0]])
     path = poses(0.0, 0.0)
     turned = float(np.abs(wrapped(np.diff(path[:, 2]))).sum())
@@ -491,71 +418,39 @@ def _based(sensor: _Sensor) -> _Calibrated | None:
 
 def _calibrated(sensor: _Sensor) -> _Calibrated | None:
     """Find the mount and the delay of the poses by the sweeps of a sensor; None where poses tell nothing of it."""
-    based = _based(sensor)
-    fit = sensor.path.fit
-    if based is None or based.turned < LEAST_TURN or sensor.stood or fit is None:
-        return based
+    by_log, fit = _by_log(sensor), sensor.path.fit
+    if by_log is None or by_log.turned < LEAST_TURN or sensor.stood or fit is None:
+        return by_log
     # Where steps disagree, more than a mount is wrong.
     if fit.verdict not in ("accepted", "corrected") or fit.share < ACCEPTED:
-        return based
-    starts = [based.start]
-    guess = _hand_eye(sensor)
-    if guess is not None and (np.abs(guess - based.told) > NEARBY).any():
-        starts.append(np.concatenate([guess, based.start[3:]]))
-    found = [settle(based.outlines, based.placing, start, based.trusted, based.stretch) for start in starts]
-    filled = [cells_filled(based.outlines, based.placing(one.values), based.stretch) for one in found]
-    best = int(np.argmin(filled))
-    if not _differs(found[best].values[:3] - based.told, _floored(found[best].deviations[:3])):
-        return replace(based, settled=found[best], cells=(filled[best], filled[best]))
-    trusted = np.concatenate([np.zeros(3), based.trusted[3:]])
-    fixed = settle(based.outlines, based.placing, based.start, trusted, based.stretch)
-    before = cells_filled(based.outlines, based.placing(fixed.values), based.stretch)
-    return replace(based, settled=found[best], cells=(before, filled[best]))
-
-
-def _hand_eye(sensor: _Sensor) -> Float64 | None:
-    """Return the mount by the steps of the matched path beside those of the poses; None where there are too few."""
+        return by_log
+    starts = [by_log.start]
     assert sensor.told is not None
-    rest = _split(sensor.told)[1]
-    at_ns = sensor.path.stamp_ns + round(sensor.delay * SECOND_NS)
-    there = planar(along(rest, at_ns))
-    told = np.column_stack([there.x, there.y, there.yaw])
-    return _mount_by_steps(sensor.path, told)
+    there = planar(along(_split(sensor.told)[1], sensor.path.stamp_ns + round(sensor.delay * SECOND_NS)))
+    guess = _mount_by_steps(sensor.path, np.column_stack([there.x, there.y, there.yaw]))
+    if guess is not None and (np.abs(guess - by_log.told) > NEARBY).any():
+        starts.append(np.concatenate([guess, by_log.start[3:]]))
+
+    def tried(start: Float64, trusted: Float64) -> tuple[CalibrationResult, int]:
+        found = settle(by_log.outlines, by_log.placing, start, trusted, by_log.stretch)
+        return found, cells_filled(by_log.outlines, by_log.placing(found.values), by_log.stretch)
+
+    best, filled = min((tried(start, by_log.trusted) for start in starts), key=lambda one: one[1])
+    if not _differs(best.values[:3] - by_log.told, np.maximum(best.deviations[:3], SURE)):
+        return replace(by_log, settled=best, cells=(filled, filled))
+    _, before = tried(by_log.start, np.concatenate([np.zeros(3), by_log.trusted[3:]]))
+    return replace(by_log, settled=best, cells=(before, filled))
 
 
 def _mount_by_steps(path: CheckedPath, carrier: Float64) -> Float64 | None:
-    seconds = (path.stamp_ns - path.stamp_ns[0]) / SECOND_NS
-    begin, end = pairs_of(seconds, path.matched, carrier)
-    same = path.pieces[begin] == path.pieces[end]
-    begin, end = begin[same], end[same]
-    if len(begin) < LEAST_TURNS:
-        return None
-    return np.array(
-        mount_between(steps_between(path.matched[begin], path.matched[end]), steps_between(carrier[begin], carrier[end]))
-    )
+    """Return the mount by the steps of the matched path and those of what carries the sensor; None where they are few."""
+    told, matched = _steps(path, path.matched, carrier)
+    return np.array(mount_between(matched, told)) if len(told) >= LEAST_TURNS else None
 
 
-def _mount_finding(sensor: _Sensor, found: _Calibrated | None) -> tuple[list[Finding], list[Mount]]:
-    if found is None or found.settled is None:
-        return _untold(sensor, found), []
-    if not found.differs:
-        return [], []
-    deviation = _floored(found.settled.deviations[:3])
-    mount = _mount(sensor.frame, found.parent, found.settled.values)
-    says = "without a mount it is taken to be at" if sensor.assumes else "tf says"
-    return [
-        Finding(
-            "mount",
-            "warning",
-            sensor.topic,
-            sensor.frame,
-            f"{_sits(mount, deviation)}; {says} {_place(found.told)}",
-            _mount_evidence(mount, deviation, found.told)
-            | {"cells_told": found.cells[0], "cells": found.cells[1], "turned": round(found.turned, 3)},
-            {"distance": LEAST_OFF, "yaw": round(float(LEAST_ASKEW), 4), "deviations": DEVIATIONS},
-            _fix(mount),
-        )
-    ], [mount]
+def _differs(off: Float64, deviation: Float64) -> bool:
+    off = np.array([*off[:2], *wrapped(off[2:])])
+    return bool((np.abs(off) > np.maximum(DEVIATIONS * deviation, [LEAST_OFF, LEAST_OFF, LEAST_ASKEW])).any())
 
 
 def _mount(frame: str, parent: str, values: Float64) -> Mount:
@@ -563,100 +458,79 @@ def _mount(frame: str, parent: str, values: Float64) -> Mount:
     return Mount(frame, parent, x, y, round(math.remainder(float(values[2]), TURN), 4))
 
 
-def _untold(sensor: _Sensor, found: _Calibrated | None) -> list[Finding]:
-    """Return a hint where poses move, but turn too little to tell the mount."""
-    if found is None or sensor.stood or found.turned >= LEAST_TURN:
-        return []
-    turned = math.degrees(found.turned)
-    return [
-        Finding(
-            "mount",
-            "hint",
-            sensor.topic,
-            sensor.frame,
-            f"mount of {sensor.frame or sensor.topic}: cannot be told: the poses turn by {turned:.0f} degrees, and "
-            f"{math.degrees(LEAST_TURN):.0f} are needed",
-            {"turned": round(found.turned, 3)},
-            {"turned": round(LEAST_TURN, 3)},
-        )
-    ]
-
-
-def _floored(deviations: Float64) -> Float64:
-    return np.maximum(deviations, [LEAST_DEVIATION, LEAST_DEVIATION, LEAST_UNSURE])
-
-
-def _is_known(deviation: Float64) -> bool:
-    return bool(deviation[:2].max() < MOST_DEVIATION and deviation[2] < MOST_UNSURE)
-
-
-def _differs(off: Float64, deviation: Float64) -> bool:
-    least = np.array([LEAST_OFF, LEAST_OFF, LEAST_ASKEW])
-    off = np.array([*off[:2], *wrapped(off[2:])])
-    return bool((np.abs(off) > np.maximum(DEVIATIONS * deviation, least)).any())
-
-
-def _place(pose: Float64) -> str:
-    x, y, yaw = pose
-    return f"x {x + 0.0:.2f} m, y {y + 0.0:.2f} m, yaw {math.degrees(yaw) + 0.0:.1f} degrees"
-
-
-def _sits(mount: Mount, deviation: Float64) -> str:
-    dx, dy, dyaw = deviation
-    return (
-        f"{mount.frame or 'the sensor'} sits at x {mount.x:.2f} +- {dx:.2f} m, y {mount.y:.2f} +- {dy:.2f} m, yaw "
-        f"{math.degrees(mount.yaw):.1f} +- {math.degrees(dyaw):.1f} degrees in {mount.parent}"
+def _placed(place: Mount, deviation: Float64, told: Float64 | None, fixed: Mount, **more: float) -> SimpleNamespace:
+    """Return what the rules of mounts ask; `fixed` is the transform to publish."""
+    names = ("x", "y", "yaw")
+    evidence = {name: getattr(place, name) for name in names}
+    evidence |= {f"sd_{name}": round(float(one), 4) for name, one in zip(names, deviation, strict=True)}
+    shown = ""
+    if told is not None:
+        evidence |= {f"told_{name}": round(float(one), 4) for name, one in zip(names, told, strict=True)}
+        shown = f"x {told[0] + 0.0:.2f} m, y {told[1] + 0.0:.2f} m, yaw {math.degrees(told[2]) + 0.0:.1f} degrees"
+    lines = transform_lines(fixed.parent, fixed.frame, fixed.x, fixed.y, fixed.yaw)
+    return SimpleNamespace(
+        child=place.frame or "the sensor",
+        parent=place.parent,
+        x=place.x,
+        y=place.y,
+        sd=deviation,
+        yaw_degrees=math.degrees(place.yaw),
+        sd_degrees=math.degrees(deviation[2]),
+        is_told=told is not None,
+        told_shown=shown,
+        evidence=evidence | more,
+        fix=Fix("transform", lines) if fixed.frame and fixed.parent else None,
     )
 
 
-def _mount_evidence(mount: Mount, deviation: Float64, told: Float64 | None) -> dict[str, float]:
-    names = ("x", "y", "yaw")
-    found = {name: getattr(mount, name) for name in names}
-    found |= {f"sd_{name}": round(float(one), 4) for name, one in zip(names, deviation, strict=True)}
-    if told is not None:
-        found |= {f"told_{name}": round(float(one), 4) for name, one in zip(names, told, strict=True)}
-    return found
-
-
-def _fix(mount: Mount) -> Fix | None:
-    if not mount.frame or not mount.parent:
-        return None
-    return Fix("transform", transform_lines(mount.parent, mount.frame, mount.x, mount.y, mount.yaw))
+def _mount_finding(sensor: _Sensor, found: _Calibrated | None) -> tuple[list[Finding], list[Mount]]:
+    """Return the finding on a mount, and the mount that was found where it is another one."""
+    if found is None:
+        return [], []
+    if found.settled is None:
+        if sensor.stood:
+            return [], []
+        degrees, child = math.degrees(found.turned), sensor.frame or sensor.topic
+        stats = SimpleNamespace(turned=round(found.turned, 3), turned_degrees=degrees, child=child)
+        return (judge([MOUNT_UNKNOWN], stats, sensor.named) if found.turned < LEAST_TURN else []), []
+    if not found.differs:
+        return [], []
+    mount = _mount(sensor.frame, found.parent, found.settled.values)
+    cells = {"cells_told": found.cells[0], "cells": found.cells[1], "turned": round(found.turned, 3)}
+    stats = _placed(mount, np.maximum(found.settled.deviations[:3], SURE), found.told, mount, **cells)
+    assumed = sensor.told is not None and sensor.told.assumption
+    stats.says, stats.differs = "without a mount it is taken to be at" if assumed else "tf says", True
+    return judge([MOUNT], stats, sensor.named), [mount]
 
 
 def _stamp_finding(sensor: _Sensor, found: _Calibrated | None) -> list[Finding]:
     """Return the finding that header stamps are those of the middle or of the last beam, where the sweeps tell."""
     first, last = sensor.times
     duration = abs(last - first)
-    if found is None or found.settled is None or not _is_known(found.settled.deviations[:3]) or not duration:
+    if found is None or found.settled is None or not duration:
         return []
-    values, covariance = found.settled.values, found.settled.covariance
+    if not (found.settled.deviations[:3] < UNSURE).all():
+        return []
     # The beam that is sent first is the last one of the sweep where they run backwards.
-    both = np.zeros(len(values))
-    both[3] = 1.0
-    both[4] = float(last < first)
-    begin, deviation = float(both @ values), math.sqrt(max(float(both @ covariance @ both), 0.0))
+    both = np.zeros(len(found.settled.values))
+    both[3:5] = 1.0, float(last < first)
+    begin, variance = float(both @ found.settled.values), float(both @ found.settled.covariance @ both)
     begin -= sensor.asked_delay + min(first, last)
-    share = -begin / duration
-    name = min(_STAMPED, key=lambda one: abs(_STAMPED[one] - share))
-    off = abs(_STAMPED[name] - share)
-    unsure = max(deviation / duration, LEAST_TIME)
-    if name == "first" or DEVIATIONS * unsure > 0.5 or off > max(STAMP_OFF, 2.0 * unsure):
-        return []
-    delay = sensor.asked_delay - _STAMPED[name] * duration
-    return [
-        Finding(
-            "stamp",
-            "warning",
-            sensor.topic,
-            sensor.frame,
-            f"{sensor.topic}: header stamps are those of the {name} beam, not of the first one: the first is sent "
-            f"{-begin:.3f} +- {deviation:.3f} s earlier, and a sweep takes {duration:.3f} s",
-            {"delay": round(begin, 4), "sd_delay": round(deviation, 4), "duration": round(duration, 4)},
-            {"share": STAMP_OFF, "deviations": DEVIATIONS},
-            Fix("option", f"--pose-delay {delay:.3f}"),
-        )
-    ]
+    deviation, share = math.sqrt(max(variance, 0.0)), -begin / duration
+    beam = min(_STAMPED, key=lambda one: abs(_STAMPED[one] - share))
+    stats = SimpleNamespace(
+        beam=beam,
+        off=abs(_STAMPED[beam] - share),
+        unsure=max(deviation / duration, LEAST_TIME),
+        early=-begin,
+        deviation=deviation,
+        seconds=duration,
+        mends=sensor.asked_delay - _STAMPED[beam] * duration,
+        delay=round(begin, 4),
+        sd_delay=round(deviation, 4),
+        duration=round(duration, 4),
+    )
+    return judge([STAMP], stats, sensor.named)
 
 
 def _fit_finding(sensor: _Sensor, found: _Calibrated | None) -> list[Finding]:
@@ -664,40 +538,29 @@ def _fit_finding(sensor: _Sensor, found: _Calibrated | None) -> list[Finding]:
     path = sensor.path
     if found is None or path.fit is None or path.fit.verdict == "unchecked" or path.follows_told or sensor.stood:
         return []
-    values = found.settled.values if found.differs and found.settled is not None else found.start
+    values = found.settled.values if found.settled is not None and found.differs else found.start
     told = mounted(found.base(float(values[3]), float(values[4])), values[:3])
     first, last = sensor.times
     at_ns = found.outlines.stamp_ns + (first + (last - first) * found.outlines.share) * SECOND_NS
     matched = _matched_at(path, at_ns)
-    known = np.flatnonzero(np.isfinite(matched[:, 0]))
-    if len(known) < LEAST_STEPS * SLOTS:
+    reached = np.flatnonzero(np.isfinite(matched[:, 0]))
+    if len(reached) < LEAST_STEPS * SLOTS:
         return []
-    outlines = found.outlines.those(known)
-    cells, fewer = cells_filled(outlines, told[known]), cells_filled(outlines, matched[known])
-    if fewer > (1.0 - FEWER) * cells:
-        return []
-    return [
-        Finding(
-            "pose_fit",
-            "warning",
-            sensor.topic,
-            sensor.frame,
-            f"{sensor.topic}: the path that is matched from the sweeps fills {1.0 - fewer / cells:.0%} fewer cells than "
-            f"that of {sensor.told.topics[0] if sensor.told else 'its poses'}: its poses are wrong",
-            {"cells_told": cells, "cells_matched": fewer, "fewer": round(1.0 - fewer / cells, 3)},
-            {"fewer": FEWER},
-            Fix("option", "--pose match"),
-        )
-    ]
+    outlines = found.outlines.those(reached)
+    cells, fewer = cells_filled(outlines, told[reached]), cells_filled(outlines, matched[reached])
+    share = 1.0 - fewer / max(cells, 1)
+    source = sensor.told.topics[0] if sensor.told else "its poses"
+    stats = SimpleNamespace(cells_told=cells, cells_matched=fewer, share=share, fewer=round(share, 3), source=source)
+    return judge([PATH_FIT], stats, sensor.named)
 
 
 def _matched_at(path: CheckedPath, at_ns: Float64) -> Float64:
     """Return the matched poses (K, 3) at stamps (K,), NaN away from sweeps that have one, in the longest piece."""
-    known = np.isfinite(path.matched[:, 0])
-    if not known.any():
+    reached = np.isfinite(path.matched[:, 0])
+    if not reached.any():
         return np.full((len(at_ns), 3), np.nan)
-    pieces, counts = np.unique(path.pieces[known], return_counts=True)
-    mine = known & (path.pieces == pieces[counts.argmax()])
+    pieces, counts = np.unique(path.pieces[reached], return_counts=True)
+    mine = reached & (path.pieces == pieces[counts.argmax()])
     stamps, poses = path.stamp_ns[mine].astype(np.float64), path.matched[mine]
     poses = np.column_stack([poses[:, :2], np.unwrap(poses[:, 2])])
     found = np.column_stack([np.interp(at_ns, stamps, one) for one in poses.T])
@@ -710,84 +573,68 @@ def _matched_at(path: CheckedPath, at_ns: Float64) -> Float64:
 # --- a second laser -----------------------------------------------------------------------------------------
 
 
-def _lasers_findings(
-    first: _Sensor, second: _Sensor, found: _Calibrated | None, told: Float64 | None
+def _lasers_finding(
+    first: _Sensor, found: _Calibrated | None, second: _Sensor, tree: FrameTree
 ) -> tuple[list[Finding], list[Mount]]:
-    """Return what is told of the place of a second laser beside the first one.
-
-    Parameters
-    ----------
-    found : the mount of the first one, where it was found
-    told : (3,) x, y [m], yaw [rad] of the second in the frame of the first that the log tells; None for nothing
-    """
-    beside = _standing(first, second) if first.stood and second.stood else _driving(first, second, found, told)
-    if isinstance(beside, str):
-        return [_no_lasers(first, second, beside)], []
-    floor = np.array([LEAST_DEVIATION, LEAST_DEVIATION, LEAST_UNSURE]) * (3.0 if first.stood else 1.0)
-    deviation = np.maximum(beside.deviations[:3], floor)
-    if not _is_known(deviation):
-        return [_no_lasers(first, second, "they see too little alike")], []
-    if told is not None and not _differs(beside.values[:3] - told, deviation):
+    """Return the finding on the place of a second laser in the frame of the first one, and its mount; `tree`: static."""
+    told = None
+    if (steps := tree.path(frame_name(second.frame), frame_name(first.frame))) is not None:
+        there = planar(along(steps, np.zeros(1, np.int64)))
+        place = np.column_stack([there.x, there.y, there.yaw])
+        if found is not None and found.settled is not None and found.differs:
+            place = steps_between(found.mount[None], mounted(found.told[None], place))
+        told = place[0]
+    place_of = _standing(first, second) if first.stood and second.stood else _driving(first, second, found, told)
+    why, deviation = place_of, SURE
+    if not isinstance(place_of, str):
+        deviation = np.maximum(place_of.deviations[:3], SURE * (3.0 if first.stood else 1.0))
+        why = "" if (deviation < UNSURE).all() else "they see too little alike"
+    if isinstance(place_of, str) or why:
+        stats = SimpleNamespace(first=first.topic, why=why)
+        return judge([LASERS_UNKNOWN], stats, second.named), []
+    if told is not None and not _differs(place_of.values[:3] - told, deviation):
         return [], []
     parent, carrier = first.frame, np.zeros(3)
-    carried = None if second.told is None or second.assumes else _split(second.told)[2]
+    carried = None if second.told is None or second.told.assumption else _split(second.told)[2]
     if found is not None and carried == found.parent:
         # The transform to mend is that to the robot.
-        parent = found.parent
-        carrier = found.settled.values[:3] if found.differs and found.settled is not None else found.told
-    mount = _mount(second.frame, parent, mounted(carrier[None], beside.values[:3])[0])
-    place = _mount(second.frame, first.frame, beside.values)
-    says = "nothing in the log tells so" if told is None else f"tf says {_place(told)}"
-    return [
-        Finding(
-            "lasers",
-            "hint" if told is None else "warning",
-            second.topic,
-            second.frame,
-            f"{_sits(place, deviation)}; {says}",
-            _mount_evidence(place, deviation, told),
-            {"distance": LEAST_OFF, "yaw": round(float(LEAST_ASKEW), 4), "deviations": DEVIATIONS},
-            _fix(mount),
-        )
-    ], [mount]
+        parent, carrier = found.parent, found.mount
+    mount = _mount(second.frame, parent, mounted(carrier[None], place_of.values[:3])[0])
+    stats = _placed(_mount(second.frame, first.frame, place_of.values), deviation, told, mount)
+    return judge([LASERS, LASERS_UNTOLD], stats, second.named), [mount]
 
 
-def _no_lasers(first: _Sensor, second: _Sensor, why: str) -> Finding:
-    return Finding(
-        "lasers", "hint", second.topic, second.frame, f"{second.topic} beside {first.topic}: cannot be told: {why}"
-    )
-
-
-def _driving(first: _Sensor, second: _Sensor, found: _Calibrated | None, told: Float64 | None) -> Settled | str:
-    """Place both lasers by the path of the first, and find where the second is by the map of both."""
-    way = first.path.way
-    if way is None or (found is not None and found.settled is None and found.turned < LEAST_TURN):
-        return "the robot turns too little" if way is not None else "nothing tells how the robot drove"
+def _driving(first: _Sensor, second: _Sensor, found: _Calibrated | None, told: Float64 | None) -> CalibrationResult | str:
+    """Place both lasers by the path of the first, and find where the second is by the map of both; else why not."""
+    chain = first.path.chain
+    if chain is None:
+        return "nothing tells how the robot drove"
+    if found is not None and found.settled is None and found.turned < LEAST_TURN:
+        return "the robot turns too little"
     parts = [first.outlines(), second.outlines()]
-    paths = [_way_at(way, part.stamp_ns, 0.0) for part in parts]
-    known = [np.flatnonzero(np.isfinite(path[:, 0])) for path in paths]
-    parts = [part.those(one) for part, one in zip(parts, known, strict=True)]
+    paths = [_poses_at(chain, part.stamp_ns) for part in parts]
+    reached = [np.flatnonzero(np.isfinite(path[:, 0])) for path in paths]
+    parts = [part.those(one) for part, one in zip(parts, reached, strict=True)]
     if min(len(part.stamp_ns) for part in parts) < LEAST_STEPS * SLOTS:
         return "too few of their sweeps have a pose"
     outlines = joined_outlines(parts)
-    here = paths[0][known[0]]
+    here, other = (path[one] for path, one in zip(paths, reached, strict=True))
 
     def placing(values: Float64) -> Float64:
-        there = _way_at(way, parts[1].stamp_ns, float(values[3]))
+        there = _poses_at(chain, parts[1].stamp_ns + round(float(values[3]) * SECOND_NS))
         # Nothing is known beyond the ends of the path, nor in its gaps.
-        there = np.where(np.isnan(there), paths[1][known[1]], there)
-        return np.vstack([here, mounted(there, values[:3])])
+        return np.vstack([here, mounted(np.where(np.isnan(there), other, there), values[:3])])
 
-    both = np.vstack([here, paths[1][known[1]]])
-    order = np.argsort(outlines.stamp_ns, kind="stable")
     turned = float(np.abs(wrapped(np.diff(here[:, 2]))).sum())
     if turned < LEAST_TURN:
         return f"the robot turns by {math.degrees(turned):.0f} degrees, and {math.degrees(LEAST_TURN):.0f} are needed"
+    both = np.vstack([here, other])
+    order = np.argsort(outlines.stamp_ns, kind="stable")
     stretch = np.empty(len(both), np.int64)
-    stretch[order] = stretches_of(both[order], *(DRIFTING if of_one_run(way.world) else FIXED))
+    stretch[order] = stretches_of(both[order], *(DRIFTING if of_one_run(chain.world) else FIXED))
     starts = [] if told is None else [told]
     if len(second.path.stamp_ns):
-        guess = _mount_by_steps(second.path, _way_at(way, second.path.stamp_ns, 0.0))
+        guess = _mount_by_steps(second.path, _poses_at(chain, second.path.stamp_ns))
         starts += [] if guess is None else [guess]
     if not starts:
         return "their paths cannot be matched"
@@ -796,13 +643,8 @@ def _driving(first: _Sensor, second: _Sensor, found: _Calibrated | None, told: F
     return min(tried, key=lambda one: cells_filled(outlines, placing(one.values), stretch))
 
 
-def _way_at(way: Way, stamp_ns: Int64, delay: float) -> Float64:
-    there = planar(way.at(stamp_ns + round(delay * SECOND_NS)))
-    return np.column_stack([there.x, there.y, there.yaw])
-
-
-def _standing(first: _Sensor, second: _Sensor) -> Settled | str:
-    """Lay what the second laser sees on what the first one sees, while both stand."""
+def _standing(first: _Sensor, second: _Sensor) -> CalibrationResult | str:
+    """Lay what the second laser sees on what the first one sees, while both stand; else return why that cannot be."""
     parts = [first.outlines(), second.outlines()]
     if not all(len(part) for part in parts):
         return "they see nothing"
@@ -822,38 +664,38 @@ def _standing(first: _Sensor, second: _Sensor) -> Settled | str:
     best, alike, found = tried[0]
     if alike.share < LEAST_OVERLAP or alike.against > MOST_AGAINST or alike.width < LEAST_WIDTH:
         return "they see too little alike while they stand"
-    if any(one[0] > best - CLEARLY for one in tried[1:] if not _is_near(one[2], found)):
-        return "what they see fits in two places"
+    for score, _, other in tried[1:]:
+        x, y, yaw = other.values[:3] - found.values[:3]
+        is_near = math.hypot(x, y) < 0.2 and abs(math.remainder(yaw, TURN)) < NEARBY
+        if score > best - CLEARLY and not is_near:
+            return "what they see fits in two places"
     return found
 
 
-def _is_near(one: Settled, other: Settled) -> bool:
-    off = one.values[:3] - other.values[:3]
-    return bool(math.hypot(off[0], off[1]) < 0.2 and abs(math.remainder(off[2], TURN)) < NEARBY)
-
-
 # --- beams that flicker -------------------------------------------------------------------------------------
+
+
+SECTOR, SECTORS = np.deg2rad(30.0), 12
+_SEEING = (Status.VALID, Status.NO_RETURN, Status.TOO_CLOSE, Status.INVALID)
 
 
 class _Flicker:
     """Counts of beams and of their changes between valid and no return, by sectors of 30 degrees."""
 
     def __init__(self) -> None:
-        self.sectors = round(TURN / SECTOR)
-        self.steps, self.changes, self.valid, self.beams = (np.zeros(self.sectors) for _ in range(4))
+        self.steps, self.changes, self.valid, self.beams = (np.zeros(SECTORS) for _ in range(4))
         self.sweeps = 0
         self._last: UInt8 | None = None
 
     def add(self, batch: SweepBatch) -> None:
         """Take sweeps."""
         bearing = batch.angle_min[0] + batch.angle_increment[0] * np.arange(batch.width)
-        if (batch.angle_min != batch.angle_min[0]).any() or (batch.beams != batch.width).any():
-            # Beams of other sweeps look elsewhere.
-            same = (batch.angle_min == batch.angle_min[0]) & (batch.beams == batch.width)
-            batch = batch.rows(np.flatnonzero(same))
-            if not len(batch):
-                return
-        sector = np.floor((bearing + 0.5 * SECTOR) % TURN / SECTOR).astype(np.int64) % self.sectors
+        # Beams of other sweeps look elsewhere.
+        same = (batch.angle_min == batch.angle_min[0]) & (batch.beams == batch.width)
+        if not same.any():
+            return
+        batch = batch if same.all() else batch.rows(np.flatnonzero(same))
+        sector = np.floor((bearing + 0.5 * SECTOR) % TURN / SECTOR).astype(np.int64) % SECTORS
         status = batch.status
         if self._last is not None and self._last.shape[1] == batch.width:
             status = np.vstack([self._last, status])
@@ -865,11 +707,8 @@ class _Flicker:
         changes = steps & (is_valid[1:-1] != is_valid[:-2]) & (is_valid[2:] == is_valid[:-2])
         counts = (steps, changes, batch.status == Status.VALID, np.isin(batch.status, _SEEING))
         for sums, one in zip((self.steps, self.changes, self.valid, self.beams), counts, strict=True):
-            sums += np.bincount(sector, one.sum(axis=0), self.sectors)
+            sums += np.bincount(sector, one.sum(axis=0), SECTORS)
         self.sweeps += len(batch)
-
-
-_SEEING = (Status.VALID, Status.NO_RETURN, Status.TOO_CLOSE, Status.INVALID)
 
 
 def _flickering(sensor: _Sensor) -> list[Finding]:
@@ -877,50 +716,23 @@ def _flickering(sensor: _Sensor) -> list[Finding]:
     counts = sensor.flicker
     if counts.sweeps <= LEAST_STEPS:
         return []
-    found = []
-    enough = counts.steps >= LEAST_STEPS * LEAST_BEAMS
     # Of each two changes of a beam that flickers one is back.
     share = 2.0 * counts.changes / np.maximum(counts.steps, 1.0)
-    if (flickers := np.flatnonzero(enough & (share > FLICKERS))).size:
-        worst = float(share[flickers].max())
-        found.append(
-            _sectors(
-                sensor,
-                flickers,
-                f"change between valid and no return in up to {worst:.0%} of the steps from sweep to sweep",
-                {"changes": round(worst, 3)},
-                {"changes": FLICKERS},
-            )
-        )
-    valid = counts.valid / np.maximum(counts.beams, 1.0)
+    flickers = (counts.steps >= LEAST_STEPS * LEAST_BEAMS) & (share > FLICKERS)
+    worst = float(share[flickers].max(initial=0.0))
     sees = counts.beams >= LEAST_BEAMS * counts.sweeps
-    lost = np.flatnonzero(sees & (counts.valid == 0))
-    others = valid[sees & (counts.valid > 0)]
-    if len(lost) and len(others) and np.median(others) >= OTHERS_VALID and sensor.turned >= LEAST_TURN:
-        found.append(
-            _sectors(
-                sensor,
-                lost,
-                f"never have a range, though the sensor turned by {math.degrees(sensor.turned):.0f} degrees",
-                {"valid": 0.0, "others": round(float(np.median(others)), 3)},
-                {"others": OTHERS_VALID},
-            )
-        )
-    return found
-
-
-def _sectors(
-    sensor: _Sensor, sectors: Int64, words: str, evidence: dict[str, float], threshold: dict[str, float]
-) -> Finding:
-    middles = [round(math.degrees(math.remainder(one * SECTOR, TURN))) for one in sectors.tolist()]
-    half = math.degrees(SECTOR) / 2.0
-    places = ", ".join(f"{one - half:.0f} to {one + half:.0f}" for one in sorted(middles))
-    return Finding(
-        "flicker",
-        "warning",
-        sensor.topic,
-        sensor.frame,
-        f"{sensor.topic}: beams from {places} degrees {words}",
-        {"sectors": sorted(middles), **evidence},
-        threshold,
+    others = (counts.valid / np.maximum(counts.beams, 1.0))[sees & (counts.valid > 0)]
+    median = float(np.median(others)) if len(others) else 0.0
+    lost = _in_sectors(sees & (counts.valid == 0), others_share=median, others=round(median, 3), valid=0.0)
+    lost.turned, lost.turned_degrees = sensor.turned, math.degrees(sensor.turned)
+    return judge([FLICKER], _in_sectors(flickers, worst=worst, changes=round(worst, 3)), sensor.named) + judge(
+        [LOST_SECTORS], lost, sensor.named
     )
+
+
+def _in_sectors(chosen: Bool, **more: float) -> SimpleNamespace:
+    """Return what the rules of sectors ask: the middles of the chosen ones [deg], also as words."""
+    middles = sorted(round(math.degrees(math.remainder(one * SECTOR, TURN))) for one in np.flatnonzero(chosen).tolist())
+    half = math.degrees(SECTOR) / 2.0
+    places = ", ".join(f"{one - half:.0f} to {one + half:.0f}" for one in middles)
+    return SimpleNamespace(sectors=middles, places=places, **more)

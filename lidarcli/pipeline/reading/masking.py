@@ -16,8 +16,7 @@ from lidarcli.logs.batches import ReadOptions, read_batches
 from lidarcli.logs.options import TopicChoice
 from lidarcli.masks import Mask, Masks, Mount, Sector, same_name
 from lidarcli.pipeline.inputs.sources import read_pose_messages
-from lidarcli.pipeline.reading.pose_sources import NONE, Need, PoseOptions
-from lidarcli.pipeline.reading.posing import Posing
+from lidarcli.pipeline.reading.posing import NONE, Need, PoseAttacher, PoseOptions
 from lidarcli.range_rules import RangeRules
 from lidarcli.sweeps import TURN, Float32, Float64, Int32, Int64, SweepBatch, SweepPoses
 
@@ -63,7 +62,7 @@ class MaskRules:
     """Mask of what looks like the robot itself before sensors that stood; it is not used."""
     unclear: Mapping[tuple[str, str], int] = field(default_factory=dict)
     """Topic and frame → beams that mostly end within one window below `STOOD_REACH`, where nobody can tell on what."""
-    posing: Posing | None = None
+    posing: PoseAttacher | None = None
     """The poses by which the mask was learned; None where it was not."""
 
     @property
@@ -107,9 +106,8 @@ def masking_of(
 
 def _mounts(log: Log, frames: list[str]) -> Iterator[Mount]:
     """Yield where the static transforms of a log place its frames in others."""
-    from lidarcli.pose.messages import frame_name
-    from lidarcli.pose.tracks import planar
-    from lidarcli.pose.tree import FrameTree, along
+    from lidarcli.pose.sources import FrameTree, along
+    from lidarcli.pose.tracks import frame_name, planar
 
     messages = read_pose_messages(log)
     links = [track for track in messages.tracks if track.is_link and track.static]
@@ -159,10 +157,10 @@ def _learn(log: Log, rules: RangeRules, poses: PoseOptions, topics: Collection[s
 
 def _count_ranges(
     log: Log, rules: RangeRules, poses: PoseOptions, topics: Collection[str] | None
-) -> tuple[dict[tuple[str, str], _Body], Posing]:
+) -> tuple[dict[tuple[str, str], _Body], PoseAttacher]:
     """Count the ranges of each topic and frame of a log; return the counts and the poses by which it was done."""
     choice = TopicChoice(topics, log.topics())
-    posing = Posing.of(log, poses, choice, rules, need=Need.ALL)
+    posing = PoseAttacher.of(log, poses, choice, rules, need=Need.ALL)
     bodies: dict[tuple[str, str], _Body] = {}
     # The pass over all sweeps reports the damage.
     for batch in read_batches(log, ReadOptions(topics, rules=rules), ReadReport(), choice):

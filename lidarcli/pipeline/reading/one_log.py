@@ -25,8 +25,7 @@ from lidarcli.masks import Masks
 from lidarcli.pipeline.inputs.masks import AUTO, masks_of, plain
 from lidarcli.pipeline.inputs.sources import Source, made_of_clouds, open_source, parts_of
 from lidarcli.pipeline.reading.masking import masking_of
-from lidarcli.pipeline.reading.pose_sources import Need, PoseOptions
-from lidarcli.pipeline.reading.posing import Posing
+from lidarcli.pipeline.reading.posing import Need, PoseAttacher, PoseOptions
 from lidarcli.range_rules import NO_RETURN_WORDS, RangeRules, count_statuses
 from lidarcli.sweeps import STATUSES, Int64, SweepBatch
 from lidarcli.times import Instant
@@ -123,7 +122,7 @@ class RunSummary:
         if other.things is not None:
             self.add_things(other.things, other.moved)
 
-    def close(self, report: ReadReport, posing: Posing) -> None:
+    def close(self, report: ReadReport, posing: PoseAttacher) -> None:
         """Take over the damage and the notes of reading sweeps and poses."""
         report = posing.together(report)
         self.dropped = [(topic, cause, count) for (topic, cause), count in sorted(report.refused.items())]
@@ -232,7 +231,7 @@ class Reading:
         self._masks = masking.rules.masks
         options = replace(options, rules=masking.rules)
         self._batcher = LogBatcher(log, options, self._report, choice)
-        self._posing = Posing.of(log, poses, choice, options.rules, need=need)
+        self._posing = PoseAttacher.of(log, poses, choice, options.rules, need=need)
         self._position = 0
         self._thread: Threads | None = None
 
@@ -261,7 +260,7 @@ class Reading:
             progress(self._position)
 
     def motions(self, batch: SweepBatch) -> Iterator[tuple[str, Int64, Motion, str]]:
-        """Yield the poses of a batch in space, as `Posing.motions`."""
+        """Yield the poses of a batch in space, as `PoseAttacher.motions`."""
         return self._posing.motions(batch)
 
     def world_of(self, topic: str, frame: str) -> str:
@@ -292,7 +291,7 @@ class Reading:
         return self._log.size is None
 
     def leave_out(self, topics: Collection[str]) -> None:
-        """Forget the delays of topics, as `Posing.leave_out`."""
+        """Forget the delays of topics, as `PoseAttacher.leave_out`."""
         self._posing.leave_out(topics)
 
     def ahead(self) -> int | None:

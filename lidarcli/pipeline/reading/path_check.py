@@ -1,4 +1,4 @@
-"""The path of each sensor of a log, by its sweeps: told poses that fit, corrected, or matched where none fit."""
+"""The path of each sensor of a log, by its sweeps: given poses that fit, corrected, or matched where none fit."""
 
 from __future__ import annotations
 
@@ -15,26 +15,31 @@ from lidarcli.findings import Finding, Fix
 from lidarcli.logs.base import Log, ReadReport
 from lidarcli.logs.batches import ReadOptions, read_batches
 from lidarcli.logs.options import TopicChoice
-from lidarcli.pipeline.reading.pose_sources import Need
+from lidarcli.pipeline.reading.posing import Need
 from lidarcli.pose.fit import (
     ACCEPTED,
+    AUTO,
     CORRECTED,
     JUMP_LENGTH,
     JUMP_SPEED,
     LEAST_DELAY,
     LEAST_PAIRS,
+    LEAST_SKEWED,
     RATIOS,
+    SKEWED,
+    MatchedPath,
     PoseFit,
+    Timing,
+    duration_of,
     joined,
     judge_poses,
     jumps_of,
+    order_of,
     stands,
     still_at,
 )
-from lidarcli.pose.matched import AUTO, LEAST_SKEWED, SKEWED, MatchedPath, Timing, duration_of, order_of
-from lidarcli.pose.sources import Correction, Way, later
+from lidarcli.pose.sources import Correction, PoseChain, Step, later
 from lidarcli.pose.tracks import SECOND_NS, Motion, planar
-from lidarcli.pose.tree import Step
 from lidarcli.range_rules import RangeRules
 from lidarcli.sweeps import Bool, Float64, Int64, SweepBatch
 
@@ -44,7 +49,7 @@ if TYPE_CHECKING:
 MOST_MATCHED = 16
 """Topics and frames whose paths are matched: each has a map in memory."""
 ENOUGH, ENOUGH_WAY = 2000, 30.0
-"""A told path is judged by its first so many sweeps, once the sensor has gone so far [m]."""
+"""A given path is judged by its first so many sweeps, once the sensor has gone so far [m]."""
 SAMPLE, PERIOD = 5, 200
 """Of a sensor that has stood for a period of sweeps, so many of each period are matched."""
 ENOUGH_SKEWED, MOST_HELD = 300, 3000
@@ -54,13 +59,13 @@ WELL_CORRECTED = 0.9
 LESS_PLACED, LESS_SHARP = 0.02, 0.01
 """Shares of sweeps that have no pose by a guess, and of points that lie worse, from which on the guess does harm."""
 WORTH_A_GUESS = 0.2
-"""Share of told steps that agree from which on the told steps guide the search."""
+"""Share of given steps that agree from which on the given steps guide the search."""
 LEAST_PLACED = 0.7
 """Least share of sweeps with a pose that tell the order of the beams."""
 SLIDING = 0.05
 """Share of the sweeps that may slide along walls from which there is a note."""
 SHOWN_JUMPS = 3
-"""Jumps of told poses that have a note each."""
+"""Jumps of given poses that have a note each."""
 
 Key = tuple[str, str]
 """Topic and frame of sweeps."""
@@ -72,9 +77,9 @@ class CheckedPath:
 
     verdict: str
     """accepted, corrected, stretches, rejected, matched, unchecked or none."""
-    way: Way | None = None
+    chain: PoseChain | None = None
     """Path to use; None for none."""
-    told: Way | None = None
+    given: PoseChain | None = None
     """Told path, corrected, that does not fit well enough to be used, but guides a second look."""
     fit: PoseFit | None = None
     timing: Timing = field(default_factory=Timing)
@@ -105,20 +110,26 @@ class CheckedPath:
 
     def facts(self) -> dict[str, Any]:
         """Return the verdict for the tables' metadata and `info`."""
-        told: dict[str, Any] = {"pose_verdict": self.verdict}
+        given: dict[str, Any] = {"pose_verdict": self.verdict}
         if self.fit is not None:
             fit = round(self.fit.share, 3) if np.isfinite(self.fit.share) else None
-            told |= {"pose_fit": fit, "pose_delay": self.fit.delay, "pose_cuts": len(self.fit.cuts)}
-        return told | ({} if self.timing.order == AUTO else {"beam_order": self.timing.order})
+            given |= {"pose_fit": fit, "pose_delay": self.fit.delay, "pose_cuts": len(self.fit.cuts)}
+        return given | ({} if self.timing.order == AUTO else {"beam_order": self.timing.order})
 
 
 class _Look:
     """A look at the sweeps of one topic and frame, in log order."""
 
     def __init__(
-        self, told: Way | None, order: str, *, whole: bool = False, guess: Way | None = None, wanted: bool = True
+        self,
+        given: PoseChain | None,
+        order: str,
+        *,
+        whole: bool = False,
+        guess: PoseChain | None = None,
+        wanted: bool = True,
     ) -> None:
-        self.told = told
+        self.given = given
         self.path = MatchedPath(Timing(order))
         self.is_whole = True
         """True where every sweep was matched."""
@@ -176,13 +187,13 @@ class _Look:
 
     @property
     def is_guided(self) -> bool:
-        """True where told steps guide the search."""
+        """True where given steps guide the search."""
         return self._guess is not None
 
     @property
     def is_enough(self) -> bool:
-        """True where the told path can be judged by the sweeps so far."""
-        return self.told is not None and self.sweeps >= ENOUGH and self.path.length >= ENOUGH_WAY
+        """True where the given path can be judged by the sweeps so far."""
+        return self.given is not None and self.sweeps >= ENOUGH and self.path.length >= ENOUGH_WAY
 
     def _skewed(self, held: list[SweepBatch] | None = None) -> int:
         """Return the number of sweeps during which the sensor moved."""
@@ -190,13 +201,13 @@ class _Look:
         return int(np.count_nonzero(self.path.skews(duration) > SKEWED))
 
     def _guessed(self, sweeps: SweepBatch) -> Float64 | None:
-        """Return the told poses of sweeps, as `MatchedPath.add` takes them."""
+        """Return the given poses of sweeps, as `MatchedPath.add` takes them."""
         if self._guess is None:
             return None
-        told, mirrored = _seen(self._guess, sweeps.stamp_ns)
+        given, mirrored = _seen(self._guess, sweeps.stamp_ns)
         cuts = np.zeros(0) if self._guess.correction is None else self._guess.correction.gaps[:, 1]
         part = np.searchsorted(cuts, sweeps.stamp_ns, "right")
-        return np.column_stack([told * _mirror(mirrored), part])
+        return np.column_stack([given * _mirror(mirrored), part])
 
 
 def check_paths(
@@ -212,16 +223,16 @@ def check_paths(
     wanted: bool = True,
     order: str = AUTO,
 ) -> dict[Key, CheckedPath]:
-    """Match the sweeps of a log that can be read twice, and compare the told poses with these paths.
+    """Match the sweeps of a log that can be read twice, and compare the given poses with these paths.
 
     Parameters
     ----------
-    sources : told poses of the log, None for none
+    sources : given poses of the log, None for none
     choice : topics to read
     delay_ns : the pose of a sweep is told so much after its stamp [ns]
     named : the user has named the poses, so they are taken as they are
     match : the matched paths are taken in any case
-    need : sensors without told poses that need a path
+    need : sensors without given poses that need a path
     wanted : False to tell only whether the sensor stands, until it was seen to move
     order : order of the beams, of `BEAM_ORDERS`
 
@@ -230,19 +241,19 @@ def check_paths(
     By topic and frame, for at most `MOST_MATCHED`; without those that need no look.
     """
 
-    def told_by(topic: str, frame: str) -> Way | None:
-        way = None if sources is None or match else sources.way(frame, topic)
-        return way if way is None or not delay_ns else replace(way, correction=Correction(delay_ns))
+    def given_by(topic: str, frame: str) -> PoseChain | None:
+        chain = None if sources is None or match else sources.chain(frame, topic)
+        return chain if chain is None or not delay_ns else replace(chain, correction=Correction(delay_ns))
 
     matched = match or need is Need.ALL
     looks: dict[Key, _Look] = {}
     expected = {topic.name for topic in log.topics() or () if topic.messages != 0} & set(choice.chosen)
     for key, sweeps in _sweeps(log, choice, rules):
         if key not in looks:
-            told = told_by(*key)
-            if len(looks) == MOST_MATCHED or (told is None and need is Need.TOLD and not match):
+            given = given_by(*key)
+            if len(looks) == MOST_MATCHED or (given is None and need is Need.TOLD and not match):
                 continue
-            looks[key] = _Look(told, order, whole=match, wanted=wanted)
+            looks[key] = _Look(given, order, whole=match, wanted=wanted)
         looks[key].add(sweeps)
         if {topic for topic, _ in looks} >= expected > set() and all(
             look.is_enough if wanted else not look.may_stand for look in looks.values()
@@ -257,7 +268,7 @@ def check_paths(
         found[key] = _checked(key, look, named, matched)
         if not wanted:
             still = found[key].still if look.may_stand else np.zeros(0, bool)
-            found[key] = replace(found[key], verdict="none", way=None, notes=(), still=still)
+            found[key] = replace(found[key], verdict="none", chain=None, notes=(), still=still)
         elif (second := _second_look(look, found[key], named)) is not None:
             again[key] = second
     if again:
@@ -287,29 +298,29 @@ def _sweeps(log: Log, choice: TopicChoice, rules: RangeRules) -> Iterator[tuple[
 
 
 def _second_look(look: _Look, first: CheckedPath, named: bool) -> _Look | None:
-    """Return a second look where the first does not do: at all sweeps, or with told steps as the guess."""
+    """Return a second look where the first does not do: at all sweeps, or with given steps as the guess."""
     if named or first.verdict == "none":
         return None
     if first.verdict == "corrected" and not first.follows_told:
-        return _again(look, first.told)
+        return _again(look, first.given)
     if first.fit is None or first.verdict in ("accepted", "corrected"):
         is_done = look.is_whole or (first.fit is not None and not first.fit.cuts)
         return None if is_done else _again(look)
     if first.verdict != "rejected" or first.fit.share >= WORTH_A_GUESS:
-        return _again(look, look.told)
+        return _again(look, look.given)
     return None if look.is_whole else _again(look)
 
 
-def _again(look: _Look, guess: Way | None = None) -> _Look:
+def _again(look: _Look, guess: PoseChain | None = None) -> _Look:
     """Return a look at all sweeps, with the order of the beams that the first look found."""
-    again = _Look(look.told, look.path.timing.order, whole=True, guess=guess)
+    again = _Look(look.given, look.path.timing.order, whole=True, guess=guess)
     again.path = MatchedPath(look.path.timing)
     return again
 
 
-def _seen(way: Way, stamp_ns: Int64) -> tuple[Float64, bool]:
-    """Return the told poses (S, 3), and whether the sensor hangs head down at most of them."""
-    there = planar(way.at(stamp_ns))
+def _seen(chain: PoseChain, stamp_ns: Int64) -> tuple[Float64, bool]:
+    """Return the given poses (S, 3), and whether the sensor hangs head down at most of them."""
+    there = planar(chain.at(stamp_ns))
     known = np.isfinite(there.x)
     mirrored = bool(np.count_nonzero(there.upside_down & known) * 2 > np.count_nonzero(known))
     return np.column_stack([there.x, there.y, there.yaw]), mirrored
@@ -321,39 +332,39 @@ def _mirror(mirrored: bool) -> Float64:
 
 
 def _checked(key: Key, look: _Look, named: bool, match: bool) -> CheckedPath:
-    """Judge the told poses of a sensor by its matched path, and choose the path to use."""
-    path, way = look.path, look.told
+    """Judge the given poses of a sensor by its matched path, and choose the path to use."""
+    path, chain = look.path, look.given
     stamp_ns, order = np.unique(path.stamp_ns, return_index=True)
     poses, pieces = path.poses[order], path.pieces[order]
     mine = CheckedPath(
         "none",
-        way,
+        chain,
         timing=path.timing,
         stamp_ns=stamp_ns,
         matched=poses,
         pieces=pieces,
         still=still_at(stamp_ns, poses, path.slides[order]),
     )
-    if way is None or not np.isfinite(_told_at(way, stamp_ns)).any():
-        return mine if named else _unposed(key, look, replace(mine, way=None), match)
-    seen = poses * _mirror(_seen(way, stamp_ns)[1])
-    fit = judge_poses(stamp_ns, seen, partial(_told_at, way), pieces, jumps_of(way))
-    mine = replace(mine, verdict=fit.verdict, fit=fit, notes=_fit_notes(key, way, fit, named))
+    if chain is None or not np.isfinite(_given_at(chain, stamp_ns)).any():
+        return mine if named else _unposed(key, look, replace(mine, chain=None), match)
+    seen = poses * _mirror(_seen(chain, stamp_ns)[1])
+    fit = judge_poses(stamp_ns, seen, partial(_given_at, chain), pieces, jumps_of(chain))
+    mine = replace(mine, verdict=fit.verdict, fit=fit, notes=_fit_notes(key, chain, fit, named))
     if named:
         return mine
     if fit.verdict == "corrected":
-        correction = Correction(round(fit.delay * SECOND_NS), _mount(fit.mount)).after(way.correction)
-        way = replace(way, correction=correction)
+        correction = Correction(round(fit.delay * SECOND_NS), _mount(fit.mount)).after(chain.correction)
+        chain = replace(chain, correction=correction)
     if not mine.follows_told:
-        return replace(_unposed(key, look, replace(mine, way=None), True), verdict=fit.verdict, told=way)
+        return replace(_unposed(key, look, replace(mine, chain=None), True), verdict=fit.verdict, given=chain)
     if not fit.cuts or fit.verdict == "unchecked":
-        return replace(mine, way=way)
-    correction = way.correction or Correction()
-    told_ns = later(stamp_ns, correction.delay_ns)
-    gaps, moves, lost = joined(told_ns, seen, pieces, _told_at(way, stamp_ns), fit.cuts)
+        return replace(mine, chain=chain)
+    correction = chain.correction or Correction()
+    given_ns = later(stamp_ns, correction.delay_ns)
+    gaps, moves, lost = joined(given_ns, seen, pieces, _given_at(chain, stamp_ns), fit.cuts)
     motion = Motion(np.column_stack([moves[:, :2], np.zeros(len(moves))]), _turns(moves[:, 2]))
-    way = replace(way, correction=replace(correction, gaps=gaps, moves=motion))
-    topic = way.topics[0]
+    chain = replace(chain, correction=replace(correction, gaps=gaps, moves=motion))
+    topic = chain.topics[0]
     notes: list[str | Finding] = [
         _jump(key, fit, f"poses from {topic} jump by {jump:,.1f} m at {(after - stamp_ns[0]) / SECOND_NS:.1f} s: cut there")
         for jump, (_, after) in zip(fit.jumps[:SHOWN_JUMPS], fit.cuts, strict=False)
@@ -362,12 +373,12 @@ def _checked(key: Key, look: _Look, named: bool, match: bool) -> CheckedPath:
         notes.append(f"poses from {topic} jump {len(fit.jumps) - SHOWN_JUMPS:,} more times")
     if lost:
         notes.append(f"after a jump of {topic} the path cannot be joined: no world columns from there on")
-    return replace(mine, way=way, notes=(*mine.notes, *notes))
+    return replace(mine, chain=chain, notes=(*mine.notes, *notes))
 
 
-def _told_at(way: Way, stamp_ns: Int64) -> Float64:
-    """Return the told poses (S, 3) at stamps."""
-    return _seen(way, stamp_ns)[0]
+def _given_at(chain: PoseChain, stamp_ns: Int64) -> Float64:
+    """Return the given poses (S, 3) at stamps."""
+    return _seen(chain, stamp_ns)[0]
 
 
 def _unposed(key: Key, look: _Look, mine: CheckedPath, match: bool) -> CheckedPath:
@@ -388,26 +399,26 @@ def _unposed(key: Key, look: _Look, mine: CheckedPath, match: bool) -> CheckedPa
     sliding = float(np.nanmean(path.slides))
     if sliding > SLIDING:
         notes.append(f"{sliding:.0%} of the sweeps of {topic} may slide along their walls: the path may be too short there")
-    way = Way((topic,), frame, track.parent, (Step(track, down=False),))
+    chain = PoseChain((topic,), frame, track.parent, (Step(track, down=False),))
     if len(gaps := path.gaps):
-        way = replace(way, correction=Correction(gaps=gaps))
-        missing = np.isnan(_told_at(way, path.stamp_ns)[:, 0])
+        chain = replace(chain, correction=Correction(gaps=gaps))
+        missing = np.isnan(_given_at(chain, path.stamp_ns)[:, 0])
         notes.append(
             f"no pose for {np.count_nonzero(missing):,} of {len(missing):,} sweeps of {topic}: they fit nowhere, or may "
             "slide along their walls"
         )
-    return replace(mine, verdict="matched", way=way, notes=(*mine.notes, *notes))
+    return replace(mine, verdict="matched", chain=chain, notes=(*mine.notes, *notes))
 
 
 def _jump(key: Key, fit: PoseFit, message: str) -> Finding:
-    """Return a finding on jumps of told poses."""
+    """Return a finding on jumps of given poses."""
     evidence = {"jumps": len(fit.jumps), "largest": max(fit.jumps)}
     return Finding("steps", "warning", *key, message, evidence, {"speed": JUMP_SPEED, "length": JUMP_LENGTH})
 
 
-def _fit_notes(key: Key, way: Way, fit: PoseFit, named: bool) -> tuple[str | Finding, ...]:
-    """Return the verdict on told poses in words."""
-    topic, steps = way.topics[0], f"{fit.share:.0%} of {fit.pairs:,} steps" if fit.pairs else "no step"
+def _fit_notes(key: Key, chain: PoseChain, fit: PoseFit, named: bool) -> tuple[str | Finding, ...]:
+    """Return the verdict on given poses in words."""
+    topic, steps = chain.topics[0], f"{fit.share:.0%} of {fit.pairs:,} steps" if fit.pairs else "no step"
     if fit.verdict == "unchecked":
         why = "the sensor hardly moves" if fit.pairs < LEAST_PAIRS else "too few sweeps could be matched"
         if fit.moves and fit.pairs < LEAST_PAIRS:

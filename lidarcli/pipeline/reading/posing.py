@@ -2,26 +2,31 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any
+from enum import Enum
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 import numpy as np
 
 from lidarcli.choices import BEAM_ORDERS, MATCH
 from lidarcli.display import moment, some_of
+from lidarcli.errors import NoScanError, OptionError
 from lidarcli.findings import Finding
-from lidarcli.logs.base import Log, ReadReport
+from lidarcli.logs.base import POSE_TYPES, POSED_TYPES, Log, Message, ReadReport, Topic
 from lidarcli.logs.options import TopicChoice
-from lidarcli.pipeline.inputs.sources import made_of_clouds
-from lidarcli.pipeline.reading.pose_sources import NONE, SECOND, FoundPoses, Need, PoseOptions, find_poses
+from lidarcli.masks import same_name
+from lidarcli.pipeline.inputs.sources import made_of_clouds, read_pose_messages
 from lidarcli.range_rules import RangeRules
-from lidarcli.sweeps import Int64, SweepBatch, SweepPoses
+from lidarcli.ros.cursor import BadMessageError, Cursor
+from lidarcli.sweeps import Float64, Int64, SweepBatch, SweepPoses
 
 if TYPE_CHECKING:
     from lidarcli.pipeline.reading.path_check import CheckedPath
-    from lidarcli.pose.sources import GivenPaths, PoseSources, Way
+    from lidarcli.pose.sources import GivenPaths, PoseChain, PoseSources
     from lidarcli.pose.tracks import Motion
+
 
 AUTO, _, REVERSE, _ = BEAM_ORDERS
 TILTED = np.deg2rad(10.0)
@@ -31,8 +36,190 @@ _WITHOUT_POSES = ("csv", "json lines")
 _PIPE = "poses, if there are any, are not used: a pipe is read only once; give the file's name for them"
 
 
+SECOND = 1e-9
+NONE = "none"
+"""Value of `--pose` for no poses at all."""
+MOST_DELAY = 3600.0
+"""Greatest `--pose-delay` [s], either way: what is more is another clock."""
+
+_ODOMETRY = "odom"
+"""Part of the names of worlds that begin anew in every run."""
+
+
+def of_one_run(world: str) -> bool:
+    """Tell whether a world frame begins anew in every run: that of odometry, or of a path that was matched.
+
+    >>> [of_one_run(name) for name in ("odom", "robot_0/odom", "match", "map")]
+    [True, True, True, False]
+    """
+    return _ODOMETRY in world or world == MATCH
+
+
+class Need(Enum):
+    """Sensors whose path a command needs."""
+
+    TOLD = "told"
+    """None but those that the log tells."""
+    MOVING = "moving"
+    """Those of moving sensors as well."""
+    ALL = "all"
+    """Those of all sensors."""
+
+
+@dataclass(frozen=True, slots=True)
+class PoseOptions:
+    """Options for the poses of sweeps: their source, their delay and their use."""
+
+    source: str | None = None
+    """Topic of the poses; `none` for no poses; `match` for poses matched from the sweeps; None: the best of the log."""
+    file: str | None = None
+    """Trajectory of the sensor (TUM), instead of what the log tells."""
+    delay: float | None = None
+    """Time after its header stamp at which the pose of a sweep is taken [s]; None: what fits the sweeps."""
+    order: str = BEAM_ORDERS[0]
+    """Order in which the beams of a sweep are sent, of `BEAM_ORDERS`."""
+    deskew: bool = True
+    """True to place every beam by the pose at its own time, where headers tell how long a sweep takes."""
+
+    def __post_init__(self) -> None:
+        """Refuse options that exclude each other."""
+        if self.source is not None and self.file is not None:
+            raise OptionError(f"--pose {self.source} and --poses {self.file} exclude each other: leave one out")
+        if self.delay is None:
+            return
+        if not abs(self.delay) <= MOST_DELAY:
+            raise OptionError(f"--pose-delay: {self.delay:g} s is not within {MOST_DELAY:,.0f} s")
+        if self.source == NONE and self.delay:
+            raise OptionError("--pose-delay is for poses, and --pose none leaves them out")
+        if self.source == MATCH and self.delay:
+            raise OptionError("--pose-delay is for poses of the log, and --pose match finds them in its sweeps")
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the options that are not the default, as plain values, for the tables' metadata."""
+        asked = {"pose": self.source, "poses": self.file and Path(self.file).name}
+        told: dict[str, Any] = {name: value for name, value in asked.items() if value is not None}
+        if self.delay:
+            told["pose_delay"] = self.delay
+        if self.order != BEAM_ORDERS[0]:
+            told["beam_order"] = self.order
+        return told if self.deskew else told | {"deskew": False}
+
+
+NO_POSES = PoseOptions(NONE)
+
+
+@dataclass(frozen=True, slots=True)
+class FoundPoses:
+    """Pose sources of a log, with the notes and the report of reading them."""
+
+    sources: PoseSources | GivenPaths
+    notes: tuple[str, ...] = ()
+    report: ReadReport = field(default_factory=ReadReport)
+    """Damage and refused messages of the pass over their messages."""
+
+    def together(self, sweeps: ReadReport) -> ReadReport:
+        """Return the report of both passes, over poses and sweeps, with each damaged part once."""
+        both = ReadReport()
+        both.add(sweeps)
+        both.add_new(self.report)
+        return both
+
+
+def find_poses(log: Log, options: PoseOptions | None = None) -> FoundPoses | None:
+    """Read the poses of a log that has some and can be read twice, or those of a file.
+
+    Raises
+    ------
+    NoScanError
+        The topic that is wanted is not there.
+    OptionError
+        The sweeps cannot be matched, because the log can be read only once.
+    UnreadableError
+        The trajectory is none.
+    """
+    options = options or PoseOptions()
+    if options.source == NONE:
+        return None
+    if options.file is not None:
+        from lidarcli.pose.sources import GivenPaths
+        from lidarcli.pose.tracks import read_trajectory
+
+        return FoundPoses(GivenPaths((read_trajectory(Path(options.file)),)))
+    if options.source == MATCH:
+        if log.size is None:
+            raise OptionError("--pose match reads a log twice, and a pipe is read only once: give the file's name")
+        return None
+    wanted = options.source
+    listed = log.topics()
+    if listed is None or log.size is None:
+        return None
+    there = [topic for topic in listed if topic.type in POSE_TYPES]
+    if wanted is not None and wanted.strip("/") not in {topic.name.strip("/") for topic in there}:
+        raise NoScanError(_absent(wanted, listed, there))
+    if not any(topic.messages != 0 for topic in listed if topic.type in POSED_TYPES):
+        return None
+    # Most logs have no poses and should not wait for this import.
+    from lidarcli.pose.sources import PoseSources
+
+    told = read_pose_messages(log)
+    if not there and not told.tracks:
+        return None
+    scans = [topic.name for topic in listed if topic.is_scan]
+    return FoundPoses(PoseSources(told.tracks, wanted, scans), told.notes, told.report)
+
+
+@dataclass(frozen=True, slots=True)
+class PoseInfo:
+    """Contents of one topic with poses."""
+
+    topic: str
+    type: str
+    poses: int
+    """Number of poses (transforms)."""
+    rate: float | None
+    """Mean rate of its fastest pair of frames [Hz]; None for single poses."""
+    start_ns: int
+    end_ns: int
+    frames: tuple[tuple[str, str], ...]
+    """Pairs (parent, child), the most frequent first; the child is empty where messages do not name it."""
+
+    @property
+    def span(self) -> float:
+        """From the first to the last stamp [s]."""
+        return (self.end_ns - self.start_ns) * SECOND
+
+
+def pose_infos(found: FoundPoses) -> tuple[PoseInfo, ...]:
+    """Return the contents of every pose topic of a log."""
+    infos = []
+    for topic in found.sources.topics:
+        mine = [track for track in found.sources.tracks if track.topic == topic]
+        mine.sort(key=lambda track: -track.messages)
+        spans = [track.span_ns for track in mine]
+        infos.append(
+            PoseInfo(
+                topic=topic,
+                type=mine[0].type,
+                poses=sum(track.messages for track in mine),
+                rate=max((track.rate for track in mine if track.rate is not None), default=None),
+                start_ns=min(first for first, _ in spans),
+                end_ns=max(last for _, last in spans),
+                frames=tuple((track.parent, track.child) for track in mine),
+            )
+        )
+    return tuple(infos)
+
+
+def _absent(wanted: str, topics: Sequence[Topic], there: Sequence[Topic]) -> str:
+    types = {topic.name.strip("/"): topic.type for topic in topics}
+    if wanted.strip("/") in types:
+        return f"topic {wanted} is {types[wanted.strip('/')]}, which holds no pose"
+    names = ", ".join(sorted({topic.name for topic in there}))
+    return f"no topic {wanted} with poses in this log ({f'it has {names}' if names else 'it has none'})"
+
+
 @dataclass(slots=True)
-class _Seen:
+class FrameStats:
     """Counts and times of the sweeps of one frame in a namespace."""
 
     topic: str
@@ -53,7 +240,7 @@ class _Seen:
 
 
 @dataclass(slots=True)
-class Posing:
+class PoseAttacher:
     """Attaches poses to batches, and counts for its notes."""
 
     found: FoundPoses | None
@@ -69,7 +256,7 @@ class Posing:
     """True where batches also tell the way of the sensor during a sweep."""
     levelled: Collection[str] = ()
     """Topics of point clouds, whose sweeps are level however their sensor leans."""
-    seen: dict[tuple[str, str], _Seen] = field(default_factory=dict)
+    seen: dict[tuple[str, str], FrameStats] = field(default_factory=dict)
     """Frame and namespace of sweeps → their counts."""
     paths: Mapping[tuple[str, str], CheckedPath] = field(default_factory=dict)
     """Topic and frame → what a first pass over its sweeps tells of its path."""
@@ -79,7 +266,7 @@ class Posing:
     @classmethod
     def of(
         cls, log: Log, options: PoseOptions, choice: TopicChoice, rules: RangeRules, *, need: Need = Need.TOLD
-    ) -> Posing:
+    ) -> PoseAttacher:
         """Find the poses of a log, as far as it has some and can be read twice, and check them by its sweeps.
 
         Parameters
@@ -137,9 +324,8 @@ class Posing:
         """Return the batch with its poses, if the log has some for its sensor."""
         if (self.found is None and not self.paths) or not len(batch):
             return batch
-        from lidarcli.pose.sources import later
+        from lidarcli.pose.sources import later, namespace
         from lidarcli.pose.tracks import planar, tilt
-        from lidarcli.pose.tree import namespace
 
         some = False
         takes_time = batch.duration is not None or any(path.timing.takes_time for path in self.paths.values())
@@ -149,20 +335,20 @@ class Posing:
         fits, absent = np.ones(len(batch), bool), np.zeros(len(batch), bool)
         for frame, rows, mine in batch.by_frame():
             path = self.paths.get((batch.topic, frame))
-            seen = self.seen.setdefault((frame, namespace(batch.topic)), _Seen(batch.topic))
+            seen = self.seen.setdefault((frame, namespace(batch.topic)), FrameStats(batch.topic))
             seen.add(mine.stamp_ns, mine.record_ns)
             if path is not None and len(path.still):
                 knows, still[rows] = True, path.stood(mine.stamp_ns)
-            if (way := self._way(batch.topic, frame)) is None:
+            if (chain := self._way(batch.topic, frame)) is None:
                 absent[rows] = True
                 continue
             some = True
             fits[rows] = self.named or path is None or path.verdict != "unchecked"
             first_ns, lasts_ns = self._times_ns(mine, path)
             at_ns = later(mine.stamp_ns, first_ns)
-            motion = way.at(at_ns)
+            motion = chain.at(at_ns)
             here = planar(motion)
-            _put(poses, rows, way.going(here, at_ns, lasts_ns))
+            _put(poses, rows, chain.going(here, at_ns, lasts_ns))
             if poses.reverse is not None and lasts_ns is not None:
                 poses.reverse[rows] = first_ns > 0
             seen.without += int(np.count_nonzero(np.isnan(here.x)))
@@ -174,30 +360,30 @@ class Posing:
     def motions(self, batch: SweepBatch) -> Iterator[tuple[str, Int64, Motion, str]]:
         """Yield for each frame of a batch that has poses: its name, its rows, their poses in space, and the world frame."""
         for frame, rows, mine in batch.by_frame():
-            if (way := self._way(batch.topic, frame)) is not None:
-                yield frame, rows, way.at(mine.stamp_ns), way.world
+            if (chain := self._way(batch.topic, frame)) is not None:
+                yield frame, rows, chain.at(mine.stamp_ns), chain.world
 
     def world_of(self, topic: str, frame: str) -> str:
         """Return the fixed frame of the poses of a sensor; empty where there are none."""
-        way = self._way(topic, frame)
-        return "" if way is None else way.world
+        chain = self._way(topic, frame)
+        return "" if chain is None else chain.world
 
-    def _way(self, topic: str, frame: str) -> Way | None:
+    def _way(self, topic: str, frame: str) -> PoseChain | None:
         """Return the path to use for the sweeps of a topic and frame."""
         if (path := self.paths.get((topic, frame))) is not None:
-            return path.way
-        way = None if self.found is None else self.found.sources.way(frame, topic)
-        if way is None or not self.delay:
-            return way
+            return path.chain
+        chain = None if self.found is None else self.found.sources.chain(frame, topic)
+        if chain is None or not self.delay:
+            return chain
         from lidarcli.pose.sources import Correction
 
-        return replace(way, correction=Correction(round(self.delay / SECOND)))
+        return replace(chain, correction=Correction(round(self.delay / SECOND)))
 
     def _times_ns(self, sweeps: SweepBatch, path: CheckedPath | None) -> tuple[Int64, Int64 | None]:
         """Return the times of the first beams after the header stamps, and from the first beam to the last [ns]."""
         if not self.deskew or (path is None and sweeps.duration is None):
             return np.zeros(len(sweeps), np.int64), None
-        from lidarcli.pose.matched import Timing
+        from lidarcli.pose.fit import Timing
 
         timing = Timing(self.order) if path is None else path.timing
         firsts, lasts = (np.rint(times / SECOND).astype(np.int64) for times in timing.of(sweeps))
@@ -222,7 +408,7 @@ class Posing:
         told = list(self._of_paths())
         found = [note for _, note in told if isinstance(note, Finding)]
         if self.found is not None:
-            from lidarcli.pose.faults import pose_findings
+            from lidarcli.pose.fit import pose_findings
 
             jumping = {(each.topic, each.frame) for each in found if each.id == "steps"}
             found += pose_findings(self.found.sources, keys, jumping)
@@ -257,39 +443,39 @@ class Posing:
             topics = [topic for topic, _ in paths] or [
                 seen.topic for (name, _), seen in sorted(self.seen.items()) if name == frame
             ]
-            known = {topic: way for topic in topics if (way := self._way(topic, frame)) is not None}
-            ways = [*known.values()]
-            if len({way.world for way in ways}) > 1:
+            known = {topic: chain for topic in topics if (chain := self._way(topic, frame)) is not None}
+            chains = [*known.values()]
+            if len({chain.world for chain in chains}) > 1:
                 found[frame] = {
-                    "world": {topic: way.world for topic, way in known.items()},
-                    "topic": {topic: way.topics[0] for topic, way in known.items()},
+                    "world": {topic: chain.world for topic, chain in known.items()},
+                    "topic": {topic: chain.topics[0] for topic, chain in known.items()},
                 }
-            elif ways:
-                found[frame] = {"world": ways[0].world, "topic": ways[0].topics[0]}
-                if (fixed := ways[0].steps[-1].target) != ways[0].world:
+            elif chains:
+                found[frame] = {"world": chains[0].world, "topic": chains[0].topics[0]}
+                if (fixed := chains[0].steps[-1].target) != chains[0].world:
                     found[frame]["fixed_frame"] = fixed
             for topic, path in paths:
                 for key, value in path.facts().items():
                     found.setdefault(frame, {}).setdefault(key, {})[topic] = value
         return found
 
-    def _frame_notes(self, frame: str, seen: _Seen, sources: PoseSources | GivenPaths) -> list[str]:
-        way, others = sources.way(frame, seen.topic), sources.alternatives(frame, seen.topic)
+    def _frame_notes(self, frame: str, seen: FrameStats, sources: PoseSources | GivenPaths) -> list[str]:
+        chain, others = sources.chain(frame, seen.topic), sources.alternatives(frame, seen.topic)
         name = frame or "without a name"
-        if way is None and (alike := sources.alike(frame, seen.topic)):
+        if chain is None and (alike := sources.alike(frame, seen.topic)):
             return [alike_note(frame, alike, others)]
-        from lidarcli.pose.faults import unplaced, way_findings
-        from lidarcli.pose.tree import nearness
+        from lidarcli.pose.fit import unplaced, way_findings
+        from lidarcli.pose.sources import nearness
 
-        if way is None:
+        if chain is None:
             return [unplaced(frame, others, "", sources.tracks).message]
-        lines = [_chosen(way, others)]
+        lines = [_chosen(chain, others)]
         if seen.without:
-            lines.append(_gap(name, way, seen))
+            lines.append(_gap(name, chain, seen))
         if seen.tilt > TILTED:
             lines.append(f"frame {name} leans by up to {np.rad2deg(seen.tilt):.0f} degrees: its poses are their projection")
         links = [one for one in sources.tracks if one.is_link and nearness(one.topic, seen.topic) is not None]
-        return lines + [found.message for found in way_findings(way, links)]
+        return lines + [found.message for found in way_findings(chain, links)]
 
 
 def alike_note(frame: str, alike: Sequence[str], others: Sequence[str]) -> str:
@@ -322,26 +508,144 @@ def _put(poses: SweepPoses, rows: Int64, here: SweepPoses) -> None:
         poses.way[rows] = here.way
 
 
-def _chosen(way: Way, others: Sequence[str]) -> str:
-    line = f"poses from {' and '.join(way.topics)} ({way.chain})"
-    if way.assumption:
-        line += f"; {way.assumption}"
+def _chosen(chain: PoseChain, others: Sequence[str]) -> str:
+    line = f"poses from {' and '.join(chain.topics)} ({chain.frames})"
+    if chain.assumption:
+        line += f"; {chain.assumption}"
     return line + (f"; also available: {some_of(others)} (--pose TOPIC)" if others else "")
 
 
-def _gap(name: str, way: Way, seen: _Seen) -> str:
-    span = way.span_ns
+def _gap(name: str, chain: PoseChain, seen: FrameStats) -> str:
+    span = chain.span_ns
     line = f"without a pose: {seen.without:,} of {seen.sweeps:,} sweeps of frame {name}"
     if span is None:
         return line
     if span[0] > span[1]:
-        return f"{line}; the links {way.chain} are never known at the same time"
+        return f"{line}; the links {chain.frames} are never known at the same time"
     apart = max(span[0] - seen.last_ns, seen.first_ns - span[1])
-    records = way.record_ns
+    records = chain.record_ns
     together = records[0] <= seen.record_ns[1] and seen.record_ns[0] <= records[1]
     if seen.without == seen.sweeps and apart > 0 and together:
         return (
-            f"{line}; their header stamps and those of {way.topics[0]} are {apart * SECOND:,.3f} s apart, though both "
+            f"{line}; their header stamps and those of {chain.topics[0]} are {apart * SECOND:,.3f} s apart, though both "
             "were recorded at the same time: the clocks differ"
         )
-    return f"{line}, whose stamps are outside the span of {way.topics[0]}"
+    return f"{line}, whose stamps are outside the span of {chain.topics[0]}"
+
+
+ODOMETRY = "nav_msgs/msg/Odometry"
+TWIST = "geometry_msgs/msg/Twist"
+TWIST_STAMPED = "geometry_msgs/msg/TwistStamped"
+POLYGON = "geometry_msgs/msg/PolygonStamped"
+VELOCITY_TYPES = frozenset({TWIST, TWIST_STAMPED, ODOMETRY})
+
+_POSE = (7 + 36) * 8
+"""Bytes of a pose with its covariance."""
+_TWIST = 6 * 8
+"""Bytes of a twist: linear x, y, z and angular x, y, z."""
+_CORNER = 3 * 4
+"""Bytes of a corner: x, y, z."""
+NOT_FINITE = "a number that is not finite"
+FEW_CORNERS = "fewer than three corners"
+
+Decoded = TypeVar("Decoded")
+
+
+class StampedPolygon(NamedTuple):
+    """A polygon that a message tells."""
+
+    stamp_ns: int
+    frame_id: str
+    corners: Float64
+    """(C, 2) [m]."""
+
+
+def velocities(log: Log, topic: str, report: ReadReport) -> tuple[Int64, Float64] | None:
+    """Read the velocities of a topic: Twist, TwistStamped, or the twist of an Odometry.
+
+    Returns
+    -------
+    Their stamps (N,) [ns] in order, those of headers where they are not 0, else of the recording; and (N, 3) ahead, left
+    [m/s], turning [rad/s]. None where the log has no message of this topic. Those that cannot be read are counted in
+    `report.refused`.
+    """
+    decoded = _decoded(log, topic, VELOCITY_TYPES, report, _velocity)
+    if decoded is None:
+        return None
+    stamps = np.array([stamp_ns for stamp_ns, _ in decoded], np.int64)
+    found = np.array([velocity for _, velocity in decoded], np.float64).reshape(-1, 3)
+    order = np.argsort(stamps, kind="stable")
+    return stamps[order], found[order]
+
+
+def polygons(log: Log, topic: str, report: ReadReport) -> list[StampedPolygon] | None:
+    """Read the polygons (PolygonStamped) of a topic in order of their stamps; the rest as of `velocities`."""
+    decoded = _decoded(log, topic, frozenset({POLYGON}), report, _polygon)
+    return None if decoded is None else sorted(decoded, key=lambda each: each.stamp_ns)
+
+
+def _decoded(
+    log: Log, topic: str, types: frozenset[str], report: ReadReport, decode: Callable[[Message], Decoded]
+) -> list[Decoded] | None:
+    """Decode every message of a topic; None where there is none."""
+    messages = _of_topic(log, topic, types, report)
+    decoded: list[Decoded] | None = None
+    for message in messages:
+        decoded = [] if decoded is None else decoded
+        try:
+            decoded.append(decode(message))
+        except BadMessageError as err:
+            report.refused[message.topic, str(err)] += 1
+    return decoded
+
+
+def _of_topic(log: Log, topic: str, types: frozenset[str], report: ReadReport) -> Iterator[Message]:
+    """Yield the messages of a topic, without a pass over a log that is known to have none."""
+    listed = log.topics()
+    if listed is not None:
+        types = types & {each.type for each in listed if same_name(each.name, topic)}
+    if types:
+        for message in log.messages(types, report):
+            if same_name(message.topic, topic):
+                yield message
+
+
+def _cursor(message: Message) -> Cursor:
+    if message.encoding not in {"cdr", "ros1"}:
+        raise BadMessageError(f"{message.encoding} cannot be read")
+    return Cursor(message.data, message.encoding)
+
+
+def _velocity(message: Message) -> tuple[int, tuple[float, float, float]]:
+    cursor = _cursor(message)
+    stamp_ns = 0
+    if message.type != TWIST:
+        stamp_ns = cursor.stamp_ns()
+        cursor.text()
+    if message.type == ODOMETRY:
+        cursor.text()
+        cursor.align(8)
+        cursor.skip(_POSE)
+    cursor.align(8)
+    start = cursor.skip(_TWIST)
+    numbers = np.frombuffer(message.data, f"{cursor.order}f8", 6, start)
+    if not np.isfinite(numbers).all():
+        raise BadMessageError(NOT_FINITE)
+    return stamp_ns or message.record_ns, (float(numbers[0]), float(numbers[1]), float(numbers[5]))
+
+
+def _polygon(message: Message) -> StampedPolygon:
+    from lidarcli.pose.tracks import frame_name
+
+    cursor = _cursor(message)
+    stamp_ns = cursor.stamp_ns()
+    frame = frame_name(cursor.text())
+    count = cursor.word()
+    start = cursor.skip(count * _CORNER)
+    numbers = np.frombuffer(message.data, f"{cursor.order}f4", 3 * count, start).reshape(count, 3)
+    corners = numbers[:, :2].astype(np.float64)
+    if not np.isfinite(corners).all():
+        raise BadMessageError(NOT_FINITE)
+    if count < 3:
+        raise BadMessageError(FEW_CORNERS)
+    return StampedPolygon(stamp_ns or message.record_ns, frame, corners)

@@ -12,8 +12,7 @@ from benchmarks.tracking.recordings import Detected, Recording, detected, in_bat
 from lidarcli.formalism import Parameters
 from lidarcli.formalism.detection import AGENT
 from lidarcli.formalism.tracking.results import FRAMES, HIDDEN, PARTLY, Tracks, Trajectories
-from lidarcli.formalism.tracking.tracks import Track
-from lidarcli.formalism.tracking.trajectories import PARTLY_BIT, PARTS_MASK, Path, Sweeps, joined
+from lidarcli.formalism.tracking.tracks import PARTLY_BIT, PARTS_MASK, Path, Sweeps, Track, joined
 from lidarcli.sweeps import Int64
 
 WALKERS = Cell("people", "1081", 0.01, "parked")

@@ -29,15 +29,15 @@ def look_at(
     poses, ways = np.tile(pose, (len(batch), 1)), np.tile(way, (len(batch), 1))
     placed = np.ones(len(batch), np.bool_)
     detections = Detections(found, poses, np.arange(len(batch)) / 10, ways, found.shares(batch), placed)
-    measurements = Measurements(max(detections.max_objects, 1), max(batch.width, 1))
-    measurements.start_x, measurements.start_y, measurements.start_yaw = measurements.x, measurements.y, _ = pose[:3]
-    measurements.motion_x, measurements.motion_y, measurements.motion_yaw = way
-    measurements.moves = any(way)
-    measurements.cos, measurements.sin = math.cos(pose[2]), math.sin(pose[2])
+    meas = Measurements(max(detections.max_objects, 1), max(batch.width, 1))
+    meas.start_x, meas.start_y, meas.start_yaw = meas.x, meas.y, _ = pose[:3]
+    meas.motion_x, meas.motion_y, meas.motion_yaw = way
+    meas.moves = any(way)
+    meas.cos, meas.sin = math.cos(pose[2]), math.sin(pose[2])
     laid_out = scans(batch)
-    measurement.extract(measurements, detections, laid_out, row)
-    measurement.classify_edges(measurements)
-    return measurements, laid_out
+    measurement.extract(meas, detections, laid_out, row)
+    measurement.classify_edges(meas)
+    return meas, laid_out
 
 
 def seen_from(sensor: Sensor, pose: Pose, *entities: Entity) -> tuple[Measurements, Scans]:

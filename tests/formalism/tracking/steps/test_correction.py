@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lidarcli.formalism.tracking import sweep_tracker, tracker
+from lidarcli.formalism.tracking import kalman, tracker
 from lidarcli.simulation import scene as make
 from lidarcli.simulation.scene import Course, Mount, super_ellipse
 from lidarcli.sweeps import TURN, SweepBatch, SweepPoses
@@ -65,7 +65,7 @@ def test_right_poses_are_left_as_they_are() -> None:
 
 def test_no_delay_is_longer_than_the_longest() -> None:
     told = follow(driven(Mount(), 1.5))
-    assert abs(value_of(told)[0]) <= sweep_tracker.MOST_DELAY
+    assert abs(value_of(told)[0]) <= kalman.MOST_DELAY
 
 
 def test_without_poses_nothing_is_learned() -> None:

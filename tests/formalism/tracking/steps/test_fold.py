@@ -55,24 +55,24 @@ def test_pairs_of_persons_and_legs_are_sorted_by_cost() -> None:
 
 
 def test_who_was_seen_in_the_sweep_before_comes_first_and_a_duplicate_last() -> None:
-    targets, measurements = Targets(1), Measurements(1, 4)
+    targets, meas = Targets(1), Measurements(1, 4)
     kalman.reset(targets, 0)
     targets.h[0] = targets.h[1] = 0.2
     targets.measurement[0] = -1
-    assert association._precedence(targets, measurements, 0) == 0.0
+    assert association._precedence(targets, meas, 0) == 0.0
     targets.measurement[0] = 0
-    assert association._precedence(targets, measurements, 0) == -association.SEEN_BEFORE
+    assert association._precedence(targets, meas, 0) == -association.SEEN_BEFORE
     targets.same_as[0] = 7
     expected = association.DUPLICATE_COST - association.SEEN_BEFORE
-    assert association._precedence(targets, measurements, 0) == expected
+    assert association._precedence(targets, meas, 0) == expected
     targets.sightings[0] = association.DUPLICATE_SIGHTINGS
-    assert association._precedence(targets, measurements, 0) == -association.SEEN_BEFORE
+    assert association._precedence(targets, meas, 0) == -association.SEEN_BEFORE
     # Legs swing past each other, and where nobody knows where the sensor is, no body is one object for long.
     targets.h[0] = targets.h[1] = 0.1
-    assert association._precedence(targets, measurements, 0) == 0.0
+    assert association._precedence(targets, meas, 0) == 0.0
     targets.h[0] = targets.h[1] = 0.2
-    measurements.is_placed = False
-    assert association._precedence(targets, measurements, 0) == 0.0
+    meas.is_placed = False
+    assert association._precedence(targets, meas, 0) == 0.0
 
 
 def test_a_body_is_another_one_only_where_both_are_seen_at_once() -> None:
@@ -93,7 +93,7 @@ def test_a_body_is_another_one_only_where_both_are_seen_at_once() -> None:
 
 def two_persons(apart: float) -> tuple[association.Persons, Targets, Measurements, kalman.Sightings, list[int]]:
     """Two persons so far apart, the second one of whom has a leg in view 0."""
-    persons, targets, measurements, sightings = association.Persons(1), Targets(3), Measurements(1, 4), kalman.Sightings()
+    persons, targets, meas, sightings = association.Persons(1), Targets(3), Measurements(1, 4), kalman.Sightings()
     for b in range(2):
         kalman.reset(targets, kalman.allocate(targets))
         targets.kind[b], targets.kind_hits[b], targets.measurement[b], targets.sightings[b] = kalman.PERSON, 1, 0, 9
@@ -102,18 +102,18 @@ def two_persons(apart: float) -> tuple[association.Persons, Targets, Measurement
             kalman.initiate_axis(targets, 2 * b + i, x - 0.2, x + 0.2, 1e-4, 1e-4)
     kalman.reset(targets, kalman.allocate(targets))
     targets.member[2] = targets.number[1]
-    measurements.count, persons.entry[0], persons.assigned[0] = 1, -1, 2
-    return persons, targets, measurements, sightings, [1]
+    meas.count, persons.entry[0], persons.assigned[0] = 1, -1, 2
+    return persons, targets, meas, sightings, [1]
 
 
 @pytest.mark.parametrize(("apart", "legs", "one"), [(0.3, 1, True), (0.5, 1, False), (0.3, 2, False)])
 def test_two_persons_who_have_two_legs_together_are_one(apart: float, legs: int, one: bool) -> None:
-    persons, targets, measurements, sightings, assigned = two_persons(apart)
+    persons, targets, meas, sightings, assigned = two_persons(apart)
     targets.kind_hits[1] = legs
     for _ in range(track_evidence.DUPLICATE_SWEEPS // association.MERGED_GAIN):
         assert targets.state[1] == kalman.LIVE
         for b in range(2):
-            association._merge_person(persons, targets, measurements, assigned, sightings, b)
+            association._merge_person(persons, targets, meas, assigned, sightings, b)
     if one:
         # The elder takes the legs, and the place that the younger had becomes its own.
         assert (targets.state[1], targets.same_as[1]) == (kalman.ENDED, targets.number[0])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from lidarcli.formalism.tracking import kalman, track_evidence
+from lidarcli.formalism.tracking import kalman, measurement, track_evidence
 from lidarcli.formalism.tracking.kalman import EdgeMeasurement, Targets
 
 VAR = 1e-4
@@ -30,7 +30,7 @@ def sides_at(x: float, known: tuple[int, ...] = (0, 1, 2, 3), longer: float = 0.
     sides = EdgeMeasurement()
     for side, place in enumerate((x - 0.3, x + 0.3 + longer, -0.2, 0.2)):
         sides.z[side] = place
-        sides.var[side] = var if side in known else kalman.AT_LEAST
+        sides.var[side] = var if side in known else measurement.AT_LEAST
     return sides
 
 
@@ -95,7 +95,7 @@ def test_what_has_not_settled_does_not_speak_for_motion() -> None:
 
 
 def test_a_side_of_returns_alone_is_not_believed_without_the_other() -> None:
-    open_ended = kalman.OPEN_EDGE_VAR + VAR
+    open_ended = measurement.OPEN_EDGE_VAR + VAR
     alone, together = box(), box()
     for k in range(1, 30):
         # The near end is hidden, of the far one more and more comes into view.
@@ -106,7 +106,7 @@ def test_a_side_of_returns_alone_is_not_believed_without_the_other() -> None:
 
 
 def test_more_of_a_thing_coming_into_view_is_no_motion() -> None:
-    open_ended = kalman.OPEN_EDGE_VAR + VAR
+    open_ended = measurement.OPEN_EDGE_VAR + VAR
     targets = box()
     for k in range(1, 30):
         see(targets, sides_at(0.0, longer=0.04 * k, var=open_ended))

@@ -33,17 +33,17 @@ POSES: tuple[Pose, ...] = (
 )
 
 
-def view_at(measurements: Measurements, x: float, y: float) -> int:
+def view_at(meas: Measurements, x: float, y: float) -> int:
     """The view of what stands there."""
-    far = [math.hypot(measurements.middle_x[k] - x, measurements.middle_y[k] - y) for k in range(measurements.count)]
+    far = [math.hypot(meas.middle_x[k] - x, meas.middle_y[k] - y) for k in range(meas.count)]
     assert min(far, default=9.0) < 0.5
     return int(np.argmin(far))
 
 
-def sides_of(measurements: Measurements, k: int, yaw: float) -> tuple[list[float], list[float]]:
+def sides_of(meas: Measurements, k: int, yaw: float) -> tuple[list[float], list[float]]:
     """Where the four sides are along the axes of a box, and their variances."""
     sides = EdgeMeasurement()
-    kalman.measure_box(sides, measurements, k, math.cos(yaw), math.sin(yaw), 0.0)
+    measurement.measure_box(sides, meas, k, math.cos(yaw), math.sin(yaw), 0.0)
     assert not sides.by_centre
     return list(sides.z), list(sides.var)
 
@@ -73,10 +73,10 @@ def test_all_sides_that_can_be_known_are_where_they_are(sensor: Sensor, pose: Po
         x, y = pose[0] + 2.5 * math.cos(direction), pose[1] + 2.5 * math.sin(direction)
         for turned in (0.0, 0.4, 0.8, 1.2):
             yaw = direction + turned
-            measurements, _ = seen_from(sensor, pose, ROOM, make.box(x, y, LENGTH, WIDTH, yaw))
-            k = view_at(measurements, x, y)
-            assert (measurements.start[k], measurements.end[k]) == (measurement.OWN, measurement.OWN)
-            z, var = sides_of(measurements, k, yaw)
+            meas, _ = seen_from(sensor, pose, ROOM, make.box(x, y, LENGTH, WIDTH, yaw))
+            k = view_at(meas, x, y)
+            assert (meas.start[k], meas.end[k]) == (measurement.OWN, measurement.OWN)
+            z, var = sides_of(meas, k, yaw)
             true, towards = true_sides(x, y, yaw), faces_sensor(pose, x, y, yaw)
             corner = sum(towards) == 2
             corners += corner
@@ -104,14 +104,14 @@ def test_a_side_behind_something_goes_on_at_least_so_far(pose: Pose) -> None:
 
     x, y = place(3.0, 0.0)
     post = make.cylinder(*place(1.5, -0.17), 0.1)
-    measurements, _ = seen_from(TURNING, pose, ROOM, make.box(x, y, WIDTH, LENGTH, direction), post)
-    k = view_at(measurements, *place(2.75, 0.1))
-    edges = {measurements.start[k], measurements.end[k]}
+    meas, _ = seen_from(TURNING, pose, ROOM, make.box(x, y, WIDTH, LENGTH, direction), post)
+    k = view_at(meas, *place(2.75, 0.1))
+    edges = {meas.start[k], meas.end[k]}
     assert edges == {measurement.HIDDEN, measurement.OWN}
-    assert measurement.is_partial(measurements, k)
+    assert measurement.is_partial(meas, k)
     # The axes of the sensor: behind is not seen, and what the post hides neither.
     sides = EdgeMeasurement()
-    kalman.measure_box(sides, measurements, k, cos, sin, 0.0)
+    measurement.measure_box(sides, meas, k, cos, sin, 0.0)
     origin = cos * x + sin * y, cos * y - sin * x
     assert sides.var[0] > 0
     assert sides.z[0] == pytest.approx(origin[0] - WIDTH / 2, abs=0.01)
@@ -128,13 +128,13 @@ def test_the_centre_of_a_disc_is_behind_what_is_seen_of_it(sensor: Sensor, pose:
     for bearing in (0.3, -2.0, math.pi - 0.01):
         direction = pose[2] + pose[3] * bearing
         x, y = pose[0] + 2.0 * math.cos(direction), pose[1] + 2.0 * math.sin(direction)
-        measurements, _ = seen_from(sensor, pose, ROOM, make.cylinder(x, y, 0.15))
-        k = view_at(measurements, x, y)
+        meas, _ = seen_from(sensor, pose, ROOM, make.cylinder(x, y, 0.15))
+        k = view_at(meas, x, y)
         for shape in (kalman.ROUND, measurement.detection.IRREGULAR):
             # By its circle, and by its edges alone.
-            measurements.shape[k] = shape
+            meas.shape[k] = shape
             sides = EdgeMeasurement()
-            kalman.measure_disc(sides, measurements, k, 0.0, kalman.AT_LEAST, 0.0)
+            measurement.measure_disc(sides, meas, k, 0.0, measurement.AT_LEAST, 0.0)
             assert sides.by_centre
             for at, true in ((0, x), (2, y)):
                 assert abs(sides.z[at] - true) < 0.02
@@ -147,12 +147,12 @@ def test_the_centre_of_a_disc_is_behind_what_is_seen_of_it(sensor: Sensor, pose:
 def test_of_a_disc_half_hidden_the_centre_is_a_radius_from_its_own_edge(side: float) -> None:
     pose = (0.0, 0.0, 0.0, side)
     post = make.cylinder(1.0, -0.12, 0.07)
-    measurements, _ = seen_from(TURNING, pose, ROOM, make.cylinder(2.5, 0.0, 0.2), post)
-    k = view_at(measurements, 2.4, 0.05)
-    assert measurement.is_partial(measurements, k)
-    measurements.shape[k] = measurement.detection.IRREGULAR
+    meas, _ = seen_from(TURNING, pose, ROOM, make.cylinder(2.5, 0.0, 0.2), post)
+    k = view_at(meas, 2.4, 0.05)
+    assert measurement.is_partial(meas, k)
+    meas.shape[k] = measurement.detection.IRREGULAR
     sides = EdgeMeasurement()
-    kalman.measure_disc(sides, measurements, k, 0.2, 1e-4, 0.0)
+    measurement.measure_disc(sides, meas, k, 0.2, 1e-4, 0.0)
     assert (sides.z[0], sides.z[2]) == (pytest.approx(2.5, abs=0.02), pytest.approx(0.0, abs=0.02))
     # It says nothing of its radius.
     assert sides.half_var < 0
@@ -160,14 +160,14 @@ def test_of_a_disc_half_hidden_the_centre_is_a_radius_from_its_own_edge(side: fl
 
 def test_edges_beside_beams_without_a_return_are_its_own_while_these_are_steady() -> None:
     sensor = replace(TURNING, range_max=8.0)
-    measurements, _ = seen_from(sensor, (0.0, 0.0, 0.0, 1.0), make.box(2.0, 0.0, 0.4, 0.4))
-    assert (measurements.start[0], measurements.end[0]) == (measurement.OWN, measurement.OWN)
-    known = sides_of(measurements, 0, 0.0)[1]
-    measurements.steady = False
-    measurements.start[0] = measurements.end[0] = measurement.OPEN
-    measurement.classify_edges(measurements)
-    assert measurements.start[0] == measurement.OPEN
-    doubted = sides_of(measurements, 0, 0.0)[1]
+    meas, _ = seen_from(sensor, (0.0, 0.0, 0.0, 1.0), make.box(2.0, 0.0, 0.4, 0.4))
+    assert (meas.start[0], meas.end[0]) == (measurement.OWN, measurement.OWN)
+    known = sides_of(meas, 0, 0.0)[1]
+    meas.steady = False
+    meas.start[0] = meas.end[0] = measurement.OPEN
+    measurement.classify_edges(meas)
+    assert meas.start[0] == measurement.OPEN
+    doubted = sides_of(meas, 0, 0.0)[1]
     # The face is as sure as before, the ends are not.
     assert doubted[0] == known[0]
-    assert doubted[2] == pytest.approx(known[2] + kalman.OPEN_EDGE_VAR)
+    assert doubted[2] == pytest.approx(known[2] + measurement.OPEN_EDGE_VAR)
