@@ -252,15 +252,7 @@ _TAG = "tag:yaml.org,2002:"
 
 
 def read_yaml(file: str, what: str) -> dict[str, Any]:
-    """Read a YAML file, which errors call a `what` (zone file), into dicts, lists, texts, numbers, booleans and None.
-
-    As in ROS there are no aliases, and thus no merges, of which a few lines can be made to take hours.
-
-    Raises
-    ------
-    UnreadableError
-        There is no such file, it is too large, or it is no YAML with keys.
-    """
+    """Read a YAML file, a `what`, into plain values; as in ROS without aliases, a few lines of which can take hours."""
     from ruamel.yaml import YAML
     from ruamel.yaml.nodes import MappingNode
 

@@ -823,6 +823,7 @@ _FOUND = "is for finding objects, and --objects names some that have been found"
 RULES = (
     Rule(("removed", "any_frame", "station_distance", "station_angle"), ("background",), "is for --background FILE", True),
     Rule(("jobs",), ("cluster",), "is for this machine, --cluster for others"),
+    Rule(("dry_run",), ("format=json",), "prints a plan and no summary: leave out --format json"),
 )
 """For whatever has these options."""
 OVERLAY_RULES = (Rule((SELECT, POSES, OBJECTS, THINGS, RANGES, ECHO), ("objects",), _FOUND),)

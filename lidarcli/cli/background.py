@@ -9,8 +9,7 @@ import click
 from lidarcli.choices import IMAGES
 from lidarcli.cli.commands import Commands, command, log_options
 from lidarcli.cli.detect import DetectCommand, find
-from lidarcli.cli.messages import Messages, progress_bar, show_reading
-from lidarcli.cli.runs import chosen_logs, print_reads, refuse_no_logs
+from lidarcli.cli.messages import Messages, chosen_logs, print_reads, progress_bar, show_reading
 from lidarcli.display import counted
 from lidarcli.option_forms import File, Option
 from lidarcli.options import OUTPUT, STDOUT, Learning, ManyLogs, Overwrite, TextOrJson, output
@@ -47,7 +46,6 @@ def build(messages: Messages, options: BuildCommand) -> int:
     background of its own. `lidarcli background subtract` finds what differs from it;
     info shows what it knows.
     """
-    refuse_no_logs(options)
     figure, overwrite = options["plot"], options["overwrite"]
     if figure and place(figure).suffix.lower() not in IMAGES:
         raise click.BadParameter(f"'{figure}' is none of {', '.join(IMAGES)}.", param_hint="'--plot'")

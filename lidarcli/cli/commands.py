@@ -18,7 +18,7 @@ from click.core import ParameterSource
 from lidarcli.cli.messages import Messages
 from lidarcli.errors import OptionError
 from lidarcli.option_forms import File, Number, Option, Rule, Text, Value, arguments_of, options_of, refuse_combinations
-from lidarcli.options import RULES
+from lidarcli.options import RULES, STDOUT
 
 if TYPE_CHECKING:
     from lidarcli.pipeline.api.options import LogOptions
@@ -178,12 +178,14 @@ class DeclaredOption(click.Option):
 
 @contextmanager
 def usage_errors() -> Iterator[None]:
-    """Turn an `OptionError`, whose words may begin with the option (`--fov: ...`), into a usage error of click."""
+    """Turn an `OptionError` whose words begin with an option into a usage error; any other is on what a file says."""
     try:
         yield
     except OptionError as err:
         name, mark, words = str(err).partition(": ")
-        if mark and name.startswith("--") and " " not in name:
+        if not name.startswith("--"):
+            raise
+        if mark and " " not in name:
             raise click.BadParameter(f"{words}.", param_hint=f"'{name}'") from err
         raise click.UsageError(str(err)) from err
 
@@ -270,6 +272,11 @@ def _run(work: Work, options: Mapping[str, Option], read: list[str], rules: Sequ
         name = f"no_{field}" if options[field].is_negated else field
         return ctx.get_parameter_source(name) is ParameterSource.COMMANDLINE
 
+    if "files_from" in values:
+        if not values["logs"] and values["files_from"] is None:
+            raise click.MissingParameter(param_hint="'LOG...'", param_type="argument")
+        if STDOUT in values["logs"] and values["files_from"] == STDOUT:
+            raise click.UsageError("standard input is either a log or the list of --files-from")
     with usage_errors():
         refuse_combinations(rules, options, values, is_typed)
     named = [values[field] if isinstance(values[field], tuple) else (values[field],) for field in read]

@@ -12,8 +12,7 @@ import click
 
 from lidarcli.choices import TABLE_BY_SUFFIX
 from lidarcli.cli.commands import command, log_options
-from lidarcli.cli.messages import Messages, Total, progress_bar, show, standard_output
-from lidarcli.cli.runs import chosen_logs, print_read, print_reads, refuse_no_logs
+from lidarcli.cli.messages import Messages, Total, chosen_logs, print_read, print_reads, progress_bar, show, standard_output
 from lidarcli.display import counted
 from lidarcli.option_forms import Option, Text
 from lidarcli.options import MANY, OUTPUT, STDOUT, Beams, Detecting, ManyLogs, Stamped, Tracking, output
@@ -132,7 +131,6 @@ def find(messages: Messages, options: Mapping[str, Any], *, follow: bool) -> int
     target = options["output"]
     one_file = _one_file(target)
     is_one = target == STDOUT or one_file
-    refuse_no_logs(options)
     if is_one and options["beams"]:
         raise click.UsageError("--beams writes a file: give -o DIR")
     if target != STDOUT and options["format"] not in (None, "json"):

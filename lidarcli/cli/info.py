@@ -9,8 +9,7 @@ import click
 
 from lidarcli.cli.background import background_dict, background_line, background_lines
 from lidarcli.cli.commands import command, log_options
-from lidarcli.cli.messages import Messages, progress_bar
-from lidarcli.cli.runs import chosen_logs, print_reads, refuse_no_logs
+from lidarcli.cli.messages import Messages, chosen_logs, print_reads, progress_bar
 from lidarcli.display import counted, moment, no_command
 from lidarcli.option_forms import Option, Rule, Text
 from lidarcli.options import FINDINGS, OUTPUT, Inspecting, ManyLogs, Overwrite, TextOrJson, output
@@ -71,7 +70,6 @@ def info(messages: Messages, options: InfoCommand) -> int:
     Reads every log from end to end: geometry, times and damage, too. LOG may also be a background (docs/background.md):
     its sensors, stations, beams and origin. JSON is a list with one object per LOG.
     """
-    refuse_no_logs(options)
     kind, brief = options["format"], options["brief"]
     deep, outputs = options["deep"], options["output"]
     read, opening, poses = log_options(options)

@@ -6,8 +6,7 @@ import click
 
 from lidarcli.choices import CLOUDS
 from lidarcli.cli.commands import command, log_options
-from lidarcli.cli.messages import Messages, progress_bar, show_reading
-from lidarcli.cli.runs import chosen_logs, print_reads, refuse_no_logs
+from lidarcli.cli.messages import Messages, chosen_logs, print_reads, progress_bar, show_reading
 from lidarcli.display import counted
 from lidarcli.option_forms import options_of
 from lidarcli.options import Jobs, ManyLogs, Mapping, Reading, Reported, output
@@ -45,7 +44,6 @@ def map(messages: Messages, options: MapCommand) -> int:
     where the sensor was: by the log's poses, --poses FILE.tum, or --pose match.
     Several logs are read by as many processes, unless a point cloud is written.
     """
-    refuse_no_logs(options)
     outputs = options["output"]
     suffixes = {place(output).suffix.lower() for output in outputs}
     if options["voxel"] and suffixes.isdisjoint(CLOUDS):

@@ -70,8 +70,6 @@ class Messages(Screen):
     def begin(self, options: Mapping[str, Any]) -> None:
         """Collect the summary if the options of the command ask for JSON."""
         if options["format"] == "json":
-            if options.get("dry_run"):
-                raise click.UsageError("--dry-run prints a plan and no summary: leave out --format json")
             self.summary = {"logs": [], "notes": [], "written": []}
 
     def end(self, code: int, **more: Any) -> int:
@@ -322,3 +320,35 @@ def _parts(head: str, counts: Mapping[str, int], total: int, always: Sequence[st
         else:
             lines[-1] += f", {part}"
     return lines
+
+
+# Logs of a run.
+
+
+def chosen_logs(messages: Messages, options: Mapping[str, Any]) -> list[Source | MissingInput]:
+    """Return the logs that `ManyLogs` names, with notes on those in parts; see `search.choose`."""
+    from lidarcli.pipeline.inputs.search import choose
+
+    return choose(options["logs"], options["files_from"], options["base"], options["shard"], options["join"], messages.note)
+
+
+def print_reads(sources: Iterable[Source | MissingInput], writes: Iterable[str] = ()) -> int:
+    """Print what would be read and written, a line each; return the exit code."""
+    from lidarcli.pipeline.runs.over_logs import exit_code
+
+    code = exit_code([print_read(source) for source in sources])
+    for output in writes:
+        click.echo(f"write  {one_line(output)}")
+    return code
+
+
+def print_read(source: Source | MissingInput, verb: str = "read") -> int:
+    """Print what would be done with one log; the exit code of that."""
+    from lidarcli.pipeline.inputs.sources import MissingInput
+
+    if isinstance(source, MissingInput):
+        click.echo(f"fail   {one_line(f'{source.label}: {source.error}')}")
+        return source.error.exit_code
+    size = f" ({source.size:,} bytes)" if source.size else ""
+    click.echo(f"{verb:6} {one_line(source.label)}{size}")
+    return 0

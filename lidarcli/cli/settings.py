@@ -29,17 +29,7 @@ NOT_SHARED = frozenset({"format", "output"})
 
 
 def use_settings(ctx: click.Context, named: str | None) -> None:
-    """Let the options of this command, or of those below it, have their defaults from a settings file.
-
-    `named` is the file of --config or LIDARCLI_CONFIG; no file is searched for.
-
-    Raises
-    ------
-    UnreadableError
-        The file cannot be read, or is no TOML.
-    OptionError
-        A key is no option, or its value is of the wrong kind.
-    """
+    """Let the options of this command, or of those below it, have their defaults from the file `named` (`OptionError`)."""
     if named is None:
         return
     if named == NONE:

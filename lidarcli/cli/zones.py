@@ -5,8 +5,7 @@ from typing import Annotated
 import click
 
 from lidarcli.cli.commands import command, log_options, usage_errors
-from lidarcli.cli.messages import Messages, Total, progress_bar, show
-from lidarcli.cli.runs import chosen_logs, print_reads, refuse_no_logs
+from lidarcli.cli.messages import Messages, Total, chosen_logs, print_reads, progress_bar, show
 from lidarcli.display import counted
 from lidarcli.option_forms import Option, Text
 from lidarcli.options import GATES, STDOUT, ZONE_RULES, ManyLogs, Reported, Zoning, output
@@ -48,7 +47,6 @@ def zones(messages: Messages, options: ZonesCommand) -> int:
     valid beams count by default: a wall that is too near is an event, too.
     An offline check of a recording, no safety function.
     """
-    refuse_no_logs(options)
     if options["output"] == STDOUT:
         raise click.UsageError("-o is the name of a folder; there is no standard output of tables")
     logs = log_options(options)

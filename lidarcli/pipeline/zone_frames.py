@@ -226,7 +226,7 @@ class Showing:
         if masks.masks:
             ranges = np.where(masks.under(batch, ranges), np.float32(np.nan), ranges)
         for zone in self._zones.zones:
-            shape = zone.shape or zone.footprint
+            shape = zone.shape
             place = self._place(zone, batch, sensor, frames)
             if shape is None or place is None:
                 continue
@@ -243,12 +243,8 @@ class Showing:
         return [*self._zones.notes, *self._notes, *self._frames.notes()]
 
     def _place(self, zone: Zone, batch: SweepBatch, sensor: str, frames: Frames) -> SweepPoses | None:
-        if zone.shape is None and zone.footprint is None:
-            why = (
-                f"{zone.shape_topic} tells its shape; robot_radius or footprint of local_costmap in the file would, too"
-                if zone.shape_topic
-                else "its shape depends on the velocity"
-            )
+        if zone.shape is None:
+            why = f"{zone.shape_topic} tells its shape" if zone.shape_topic else "its shape depends on the velocity"
         elif zone.frame != WORLD:
             try:
                 return frames.sensor_in(zone.frame, sensor, batch.stamp_ns)

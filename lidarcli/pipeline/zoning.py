@@ -103,8 +103,6 @@ def zone_dict(zone: Zone) -> dict[str, Any]:
     ahead = ("time_before_collision", "time_step") if zone.action == "approach" else ()
     topics = [name for name in ("shape_topic", "velocity_topic") if getattr(zone, name)]
     found = {name: getattr(zone, name) for name in (*NAMED, *(("topics",) if zone.topics else ()), *ahead, *topics)}
-    if zone.footprint is not None:
-        found["footprint"] = zone.footprint.corners
     match zone.shape:
         case Polygon(corners):
             found["polygon"] = corners
@@ -214,10 +212,10 @@ class ZoneReader:
             return Shapes([case.shape for case in zone.cases])
         messages = polygons(self._log, zone.shape_topic, self._report)
         if messages is None:
-            if (footprint := self._options.footprint or zone.footprint) is None:
+            if (footprint := self._options.footprint) is None:
                 raise NoScanError(
                     f"zone '{zone.name}' has the shape that {zone.shape_topic} tells, and the log has no such topic: "
-                    "give --footprint '[[x, y], ...]', or robot_radius of local_costmap in the file"
+                    "give --footprint '[[x, y], ...]'"
                 )
             return Shapes([footprint])
         shapes: dict[tuple[tuple[float, float], ...], int] = {}

@@ -67,7 +67,7 @@ def test_every_constant_stands_with_its_value(name: str) -> None:
     rows = re.findall(r"^\| `(\w+\.[A-Z_]+[A-Z0-9_]*)` \| (-?\d[^ |]*) \|", page(name), re.MULTILINE)
     listed = {key: float(f"{float(value):.3g}") for key, value in rows}
     known = {key: value for key, value in constants(CONSTANTS[name]).items() if key not in UNLISTED}
-    assert listed == pytest.approx(known, rel=5e-3)
+    assert listed == pytest.approx(known, rel=1e-2)
 
 
 def test_words_and_columns_are_those_of_the_code() -> None:

@@ -240,3 +240,12 @@ def test_values_that_no_table_holds(tracked: Any, frames: Any) -> None:
     mixed = frames.objects.assign(why=[3, *["text"] * (len(frames.objects) - 1)])
     with pytest.raises(OptionError, match=r"^a DataFrame that is no table: "):
         lidarcli.report([mixed, frames.sweeps])
+
+
+def test_an_objects_table_holds_its_sweeps_also_in_a_copy(tmp_path: Path) -> None:
+    objects = lidarcli.detect(ROOM, max_width=0.01)
+    pq.write_table(objects, tmp_path / "copy.parquet")
+    for table in (objects, pq.read_table(tmp_path / "copy.parquet"), pa.table(objects)):
+        assert lidarcli.report(table).figures["sweeps"] == 100
+    lidarcli.export(objects, tmp_path / "out.parquet")
+    assert b"lidarcli.memory.sweeps" not in pq.read_schema(tmp_path / "out.parquet").metadata

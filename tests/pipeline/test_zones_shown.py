@@ -112,8 +112,7 @@ def test_zones_that_cannot_be_placed_are_left_out_with_a_note(room: tuple[Log, S
     assert notes[1:] == [
         "zone hall is not drawn: nothing tells where the sensor is in the world",
         "zone fast is not drawn: its shape depends on the velocity",
-        "zone told is not drawn: /footprint tells its shape; "
-        "robot_radius or footprint of local_costmap in the file would, too",
+        "zone told is not drawn: /footprint tells its shape",
     ]
 
 

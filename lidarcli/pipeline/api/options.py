@@ -181,13 +181,7 @@ def _function(progress: Progress) -> Callable[[int, int | None], object] | None:
 
 
 def sources_of(log: Any, join: bool) -> list[Source]:
-    """Return the logs that are meant, each with a name of its own; with `join` parts are one log, as of `find_logs`.
-
-    Raises
-    ------
-    UnreadableError
-        What was named is not there, or holds no log.
-    """
+    """Return the logs that are meant, each with a name of its own; `UnreadableError` where one that is named is none."""
     named = paths_of(log)
     found = find_logs(named, join, warn)
     for each in found:

@@ -27,14 +27,9 @@ class Named(Enum):
 
 
 def files_named(text: str) -> tuple[Named, list[Place], list[UnreadableError]]:
-    """Return the kind of a name, its files by name, and the folders that may not be searched.
+    """Return the kind of a name, its files by name, and the folders that may not be searched (`UnreadableError` for none).
 
-    Files of a folder that are hidden (`.`), or beside the tables (`_lidarcli`), are left out.
-
-    Raises
-    ------
-    UnreadableError
-        There is no such file or folder, or the store does not say.
+    Files of a folder that are hidden (`.`) or records of a run (`_lidarcli`) are left out.
     """
     named = place(text)
     if isinstance(named, Url):

@@ -28,15 +28,7 @@ DECIMALS = 6
 
 
 def read_masks(file: str) -> Masks:
-    """Read a mask file; whatever is wrong with it is one line that names the file, the table and the key.
-
-    Raises
-    ------
-    UnreadableError
-        There is no such file, or it is no TOML.
-    OptionError
-        A table does not say what is masked, or where something is mounted.
-    """
+    """Read a mask file; what is wrong with it is one line with file, table and key (`OptionError`, `UnreadableError`)."""
     return replace(masks_of(file, read_toml(file, "mask")), path=file)
 
 
@@ -209,13 +201,7 @@ class View(NamedTuple):
 
 
 def filter_text(masks: Masks, views: Sequence[View]) -> str:
-    """Return the parameters of a node for each topic with a mask, as YAML; empty without a mask.
-
-    Raises
-    ------
-    OptionError
-        A mask is no sector of bearings.
-    """
+    """Return the parameters of a node for each topic with a mask, as YAML (`OptionError` for masks that are no sectors)."""
     chains = {}
     for view in views:
         mine = [mask.shape for mask in masks.masks if not mask.topic or same_name(mask.topic, view.topic)]

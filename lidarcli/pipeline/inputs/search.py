@@ -79,15 +79,7 @@ def _named(text: str, left: Counter[str] | None) -> list[Source | MissingInput]:
 
 
 def one_log(logs: Sequence[str], join: bool = False) -> Source:
-    """Return the one log of a name, which may be the only one in a folder, or with `join` that of several names.
-
-    Raises
-    ------
-    OptionError
-        There are several, or none is named.
-    UnreadableError
-        There is none.
-    """
+    """Return the one log of a name, or with `join` of several (`OptionError` for more, `UnreadableError` for none)."""
     if not logs:
         raise OptionError("no log is named")
     log = logs[0]
@@ -405,23 +397,10 @@ def choose(
     join: bool = False,
     note: Callable[[str], None] | None = None,
 ) -> list[Source | MissingInput]:
-    """Choose the logs of a run, in the order in which they are named, those of a list last.
+    """Choose the logs of a run: those that are named, then those of the list (`-`: standard input), one a line.
 
-    Parameters
-    ----------
-    logs : files, folders, patterns and URLs
-    listed : file (`-` for standard input) with one of these a line; empty lines and those after `#` are left out
-    base : folder below which a log keeps its place in its name; by default the one that was searched
-    shard : (I, N), 1 to N: only the I-th of N shares, which a log belongs to by its name alone
-    join : whether logs in parts are one log, as of `find_logs`; the logs of a list are taken as found by a search
-    note : hears of logs that look like parts and are not joined, and of those in a folder that are left out
-
-    Raises
-    ------
-    OptionError
-        A log is not below `base`.
-    UnreadableError
-        The list cannot be read.
+    Their names have their places below `base`. Of a `shard` (I, N) only the I-th of N shares is taken, which a log belongs
+    to by its name alone. `note` hears of logs that look like parts and are not joined, and of those that are left out.
     """
     found = find_logs(logs, join, note)
     if listed is not None:
@@ -511,15 +490,7 @@ _MOST = 3
 
 
 def joined(parts: Sequence[Source]) -> Source:
-    """Return one log of recordings that a user names, or the only one of them as it is.
-
-    Its name is what their names have in common without their numbers, else that of the first by name.
-
-    Raises
-    ------
-    OptionError
-        One of them is named twice, or is standard input.
-    """
+    """Return one log of recordings that a user names, called by what their names share, or the only one as it is."""
     if len(parts) < 2:
         return parts[0]
     visited: set[str] = set()

@@ -221,13 +221,7 @@ def _opened_file(file: Path | Url) -> Iterator[Log]:
 
 @contextmanager
 def open_stored(url: Url, files: Sequence[Url], opening: OpenOptions | None) -> Iterator[Log]:
-    """Open an object, or the `files` that are one log together, as a log; copies on this machine are removed in the end.
-
-    Raises
-    ------
-    UnreadableError
-        There is none of this name, the store does not hand it out, or it is no log.
-    """
+    """Open an object, or the `files` that are one log together; copies on this machine are removed in the end."""
     with ExitStack() as stack:
         log = stack.enter_context(_fetched(url, files, opening, stack) if files else _opened(url, opening, stack))
         log.path = str(url)

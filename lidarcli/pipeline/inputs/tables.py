@@ -50,40 +50,11 @@ class TableSet:
     after: str
     """Rest of their paths after the name of the table: `.parquet` or `/run.parquet`."""
 
-    @property
-    def objects(self) -> Readable:
-        """The objects table."""
-        return self._table("objects")
-
-    @property
-    def sweeps(self) -> Readable:
-        """The sweeps table."""
-        return self._table("sweeps")
-
-    @property
-    def tracks(self) -> Readable:
-        """The tracks table; it is there where things were followed."""
-        return self._table("tracks")
-
-    @property
-    def trajectories(self) -> Readable:
-        """The trajectories table; it need not be there."""
-        return self._table("trajectories")
-
-    @property
-    def beams(self) -> Readable:
-        """The beams table; it need not be there."""
-        return self._table("beams")
-
-    @property
-    def events(self) -> Readable:
-        """The events of zones; it need not be there."""
-        return self._table("events")
-
-    @property
-    def zones(self) -> Readable:
-        """The zones in every sweep; it is there where the events are."""
-        return self._table("zones")
+    def __getattr__(self, kind: str) -> Readable:
+        """Return the table of a kind, such as `objects`; it need not be there."""
+        if kind not in SCHEMAS:
+            raise AttributeError(kind)
+        return self._table(kind)
 
     @property
     def log(self) -> str:
@@ -140,15 +111,7 @@ def find_table_sets(inputs: Iterable[Given]) -> tuple[list[TableSet], list[Unrea
 
 
 def one_table_set(text: str | TableSet) -> TableSet:
-    """Return the tables of the one log that a file, folder or pattern names.
-
-    Raises
-    ------
-    UnreadableError
-        There are none.
-    OptionError
-        There are those of several logs.
-    """
+    """Return the tables of the one log that a name stands for (`UnreadableError` for none, `OptionError` for several)."""
     table_sets, problems = find_table_sets([text])
     if problems:
         raise problems[0]
@@ -305,13 +268,7 @@ class TracksTable:
 
 
 def find_tracks(inputs: Iterable[str]) -> list[Place]:
-    """Return the tracks tables that files, folders and patterns name, each once, in their order.
-
-    Raises
-    ------
-    UnreadableError
-        There is none where one was named.
-    """
+    """Return the tracks tables that files, folders and patterns name, each once (`UnreadableError` where there is none)."""
     found: dict[Place, None] = {}
     for text in inputs:
         found |= dict.fromkeys(_tables(text))
@@ -424,13 +381,7 @@ def arrow_of(value: Any) -> pa.Table:
 
 
 def table_sets_of(tables: Sequence[Any]) -> list[HeldTableSet]:
-    """Return the tables of each log, of some that belong together: at most one of each kind holds rows of a log.
-
-    Raises
-    ------
-    OptionError
-        One is no table of lidarcli, or two of a kind are of the same log.
-    """
+    """Return the tables of each log, of some that belong together (`OptionError` where two of a kind are of one log)."""
     given = [arrow_of(table) for table in tables]
     known = [(_kind_of(table), without_sweeps(table)) for table in given]
     if all(kind != "sweeps" for kind, _ in known):
@@ -454,15 +405,7 @@ def table_sets_of(tables: Sequence[Any]) -> list[HeldTableSet]:
 
 
 def tables_of(values: Any) -> list[Given]:
-    """Return tables, each named by a path or in memory: those of a tuple that a function returned belong together.
-
-    Raises
-    ------
-    TypeError
-        One is neither a path nor a table.
-    OptionError
-        One is no table of lidarcli, or two of a kind are of the same log.
-    """
+    """Return tables, each named by a path or in memory (`TypeError`); those of a tuple belong together."""
     found: list[Given] = []
     table_sets: list[HeldTableSet] = []
     loose: list[Any] = []

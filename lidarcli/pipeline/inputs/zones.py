@@ -84,16 +84,7 @@ class _Node:
 
 
 def read_nav2(file: str) -> Zones:
-    """Read the zones of every node that has `polygons`; exclusion zones are masks.
-
-    Raises
-    ------
-    UnreadableError
-        There is no such file, or it is no YAML.
-    OptionError
-        It has no such node, or one that Nav2 would refuse; two nodes differ about the frame of the robot; or none of
-        the polygons can be judged.
-    """
+    """Read the zones of every node that has `polygons`; exclusion zones are masks. Errors are as of `read_zones`."""
     zones: list[Zone] = []
     masks: list[Mask] = []
     notes: list[str] = []
@@ -348,15 +339,7 @@ _NAME = re.compile(r"[A-Za-z0-9_-]+")
 
 
 def read_zones(files: Sequence[str]) -> Zones:
-    """Read zone files (TOML, or .yaml and .yml of Nav2) as one; each error is a line that names file, table and key.
-
-    Raises
-    ------
-    UnreadableError
-        There is no such file, or it is no TOML or YAML.
-    OptionError
-        A table does not say what a zone is, a name is there twice, or the files differ about the frame of the robot.
-    """
+    """Read zone files (TOML, or YAML of Nav2) as one; each error is a line with file, table and key."""
     read = [_read(file) for file in files]
     named = [(file, each) for file, each in zip(files, read, strict=True) if each.robot]
     for file, each in named[1:]:
