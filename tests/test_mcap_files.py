@@ -25,7 +25,7 @@ def records(path: Path) -> list[McapRecord]:
     [
         ("simulate", SAMPLES / "room.toml", "--sweeps", "3"),
         ("simulate", SAMPLES / "room.toml", "--sweeps", "0"),
-        ("simulate", SAMPLES / "room.toml", "--sweeps", "3", "--compression", "none", "--encoding", "json"),
+        ("simulate", SAMPLES / "room.toml", "--sweeps", "3", "--compression", "none", "--encoding", "ros1"),
         pytest.param(("overlay", ROOM), marks=pytest.mark.slow),
         pytest.param(("map", DRIVE), marks=pytest.mark.slow),
         pytest.param(("clean", ROOM), marks=pytest.mark.slow),

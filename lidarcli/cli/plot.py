@@ -117,7 +117,6 @@ def plot(messages: Messages, options: Mapping[str, Any]) -> int:
     from lidarcli.newfiles import refuse
     from lidarcli.pipeline.api.options import plot_options
     from lidarcli.pipeline.inputs.search import files_of, one_log
-    from lidarcli.pipeline.inputs.tables import table_files
     from lidarcli.pipeline.plotting import picture_bytes, sweep_at, take_map, take_pictures, write_animation, write_pictures
 
     wanted = replace(plot_options(options, None, sweeps), tracks=options["tracks"])
@@ -129,7 +128,10 @@ def plot(messages: Messages, options: Mapping[str, Any]) -> int:
     paths = _outputs(output, source, wanted.sweeps, animate, in_world)
     if output != STDOUT:
         others = [file for file in (wanted.background, options["mask"], wanted.poses.file, *options["zones"]) if file]
-        others += [str(table) for table in table_files([options["tracks"]] if options["tracks"] else [])]
+        if options["tracks"]:
+            from lidarcli.pipeline.inputs.tables import table_files
+
+            others += map(str, table_files([options["tracks"]]))
         refuse(paths, options["overwrite"], [*files_of([source]), *others])
     drawn: Drawn[Any]
     if in_world:

@@ -175,10 +175,11 @@ _MANTISSA = np.int64(0x7FFFFFFF)
 
 
 def spans(begin: Int64, size: Int64) -> tuple[Int64, Int64, Int64]:
-    """Return the flat indices of the spans `begin[j] … begin[j] + size[j] - 1`, the span of each, and where each begins (J
-    + 1,).
+    """Return the flat indices of the spans `begin[j] … begin[j] + size[j] - 1`, the span of each, and where each
+    begins (J + 1,).
 
-    >>> [part.tolist() for part in spans(np.array([5, 0]), np.array([2, 1]))] [[5, 6, 0], [0, 0, 1], [0, 2, 3]]
+    >>> [part.tolist() for part in spans(np.array([5, 0]), np.array([2, 1]))]
+    [[5, 6, 0], [0, 0, 1], [0, 2, 3]]
     """
     offsets = offsets_of(size)
     owner = np.repeat(np.arange(len(size)), size)

@@ -28,6 +28,7 @@ from lidarcli.overlays import viewers
 from lidarcli.overlays.objects import PART
 from lidarcli.simulation.writers import write_log
 from lidarcli.sweeps import RawSweeps, concatenate
+from tests import text_logs
 from tests.overlays.reading import Read, read_back, stamp_ns
 from tests.places import REAL_LOGS, SAMPLES, needs_real_logs
 from tests.sweeping import room_sweeps
@@ -272,8 +273,7 @@ def test_times_of_a_topic_go_on_where_header_stamps_go_back(lidarcli: Run, tmp_p
 @pytest.mark.parametrize("encoding", ["json", "protobuf"])
 def test_a_log_that_is_not_ros_is_written_anew(lidarcli: Run, tmp_path: Path, encoding: str) -> None:
     log, out = tmp_path / "run.mcap", tmp_path / "o.mcap"
-    told = ("-o", str(log), "--encoding", encoding)
-    assert lidarcli("-q", "simulate", str(SAMPLES / "drive.toml"), *told).code == 0
+    text_logs.simulate(SAMPLES / "drive.toml", log, 200, encoding=encoding)
     ran = lidarcli("overlay", str(log), "-o", str(out), "--with-log")
     assert ran.code == 0
     found = read_back(out)

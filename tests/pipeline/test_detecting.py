@@ -102,6 +102,13 @@ def test_damage_lines_are_few_whatever_the_log_does() -> None:
     assert lines[41] == "and 160 more messages left out"
 
 
+def test_topic_without_messages_gives_empty_tables(tmp_path: Path, opened: Opens) -> None:
+    opened(topics=[replace(SCAN, messages=0)])
+    summary = detect_to_files(SOURCE, tmp_path, DetectOptions())
+    assert (summary.sweeps, summary.exit_code) == (0, 0)
+    assert pq.read_table(tmp_path / "run.objects.parquet").num_rows == 0
+
+
 SLICE = "; to read the point clouds of /cloud as sweeps, add --slice ZMIN ZMAX (heights in metres)"
 
 

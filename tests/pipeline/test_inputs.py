@@ -17,9 +17,9 @@ from lidarcli.pipeline.inputs.files import matching
 from lidarcli.pipeline.inputs.search import choose, find_logs, left_out, log_name, refuse_clashes
 from lidarcli.pipeline.inputs.sources import MissingInput, Source
 from lidarcli.pipeline.inspecting import inspect_log
-from lidarcli.simulation.writers import write_log
 from tests.pipeline.folders import logs_apart
 from tests.sweeping import room_sweeps
+from tests.text_logs import write_log
 from tests.unprivileged import lidarcli as lidarcli_command
 
 

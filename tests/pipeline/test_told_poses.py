@@ -282,9 +282,9 @@ def test_a_delay_that_was_named_is_judged_and_taken(tmp_path: Path) -> None:
     # The last pose of the log holds for 0.1 s.
     assert np.nanmax(away(run.path, round_about)) < 0.05
     (path,) = checked(log, delay_ns=QUARTER, named=True).values()
-    assert path.way is not None
-    assert path.way.correction is not None
-    assert path.way.correction.delay_ns == QUARTER
+    assert path.chain is not None
+    assert path.chain.correction is not None
+    assert path.chain.correction.delay_ns == QUARTER
 
 
 # --- sensors without poses ----------------------------------------------------------------------------------
@@ -312,4 +312,4 @@ def test_a_standing_sensor_without_poses_stands(tmp_path: Path) -> None:
     assert run.agents == 0
     (path,) = checked(log).values()
     assert path.still.all()
-    assert path.way is None
+    assert path.chain is None

@@ -540,7 +540,8 @@ def shape_likelihood(seen: Sequence[float]) -> list[float]:
     The shares of sweeps by shape differ from thing to thing (Dirichlet), and the sweeps of a thing follow its shares.
     `seen` are the numbers of sweeps that took it for each of these shapes; fractions count too.
 
-    >>> [round(each, 2) for each in shape_likelihood([1, 0, 0, 5])] [-9.49, -11.31, -8.34, -3.95]
+    >>> [round(each, 2) for each in shape_likelihood([1, 0, 0, 5])]
+    [-9.49, -11.31, -8.34, -3.95]
     """
     result = []
     for shares, weight in zip(SEEN_AS, ALIKE, strict=True):

@@ -328,7 +328,8 @@ def _marginals(weight: Float64) -> Float64:
     """Return (N, M) the probability of each pair by its odds against none, where every row and column is in one pair or in
     none.
 
-    >>> np.round(_marginals(np.array([[9.0, 0.0], [0.0, 1.0]])), 3).tolist() [[0.9, 0.0], [0.0, 0.5]]
+    >>> np.round(_marginals(np.array([[9.0, 0.0], [0.0, 1.0]])), 3).tolist()
+    [[0.9, 0.0], [0.0, 0.5]]
     """
     back = np.ones(weight.shape)
     for _ in range(ROUNDS):

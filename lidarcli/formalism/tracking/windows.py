@@ -87,7 +87,6 @@ RESULT = np.dtype(
     ]
 )
 """What a window tells of an object."""
-NO_TRACK = (0, np.nan, np.nan, False, False, -1, np.nan, UNKNOWN)
 
 WindowResult: TypeAlias = NDArray[np.void]
 """(K,) `RESULT` of the objects of a window."""
@@ -368,7 +367,8 @@ class WindowSightings:
 
 def _rows(sightings: WindowSightings, at: Int64, found: Bool) -> WindowResult:
     """Return the results for the objects of a window, by the sightings `at` of those that are `found`."""
-    rows = np.full(len(found), np.array(NO_TRACK, RESULT))
+    no_track = (0, np.nan, np.nan, False, False, -1, np.nan, UNKNOWN)
+    rows = np.full(len(found), np.array(no_track, RESULT))
     known = np.empty(len(at), RESULT)
     for name in ("track", "vx", "vy", "moving", "agent"):
         known[name] = getattr(sightings, name)[at]

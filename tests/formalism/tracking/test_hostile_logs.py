@@ -173,12 +173,12 @@ def test_the_longest_log_keeps_no_more_than_a_short_one() -> None:
         (sensor,) = tracker._sensors
         most.append(
             (
-                sensor.tracker.bodies.capacity,
-                sensor.tracker.log.capacity,
-                sensor.tracker.log.count,
-                len(sensor.register.bodies),
+                sensor.tracker.targets.capacity,
+                sensor.tracker.sightings.capacity,
+                sensor.tracker.sightings.count,
+                len(sensor.register.tracklets),
                 len(tracker._pending),
-                sum(len(piece.track) for piece in sensor.kind_hits),
+                sum(map(len, sensor.results)),
                 len(tracker._windows),
             )
         )

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from lidarcli.formalism.tracking import kalman, measurement
+from lidarcli.formalism.tracking import measurement
 from lidarcli.formalism.tracking.kalman import EdgeMeasurement
 from lidarcli.formalism.tracking.measurement import Measurements
 from lidarcli.simulation import scene as make
@@ -129,7 +129,7 @@ def test_the_centre_of_a_disc_is_behind_what_is_seen_of_it(sensor: Sensor, pose:
         x, y = pose[0] + 2.0 * math.cos(direction), pose[1] + 2.0 * math.sin(direction)
         meas, _ = seen_from(sensor, pose, ROOM, make.cylinder(x, y, 0.15))
         k = view_at(meas, x, y)
-        for shape in (kalman.ROUND, measurement.detection.IRREGULAR):
+        for shape in (measurement.ROUND, measurement.detection.IRREGULAR):
             # By its circle, and by its edges alone.
             meas.shape[k] = shape
             sides = EdgeMeasurement()
