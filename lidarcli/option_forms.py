@@ -178,7 +178,7 @@ class Rule:
     others: tuple[str, ...]
     """Fields; `field=one|two` is met by these values alone."""
     words: str
-    """What is wrong, after the name of the option."""
+    """Words of the refusal, after the name of the option."""
     needs: bool = False
     """True if one of `others` has to be given, too; False if none may be."""
 

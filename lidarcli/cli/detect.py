@@ -142,7 +142,7 @@ def find(messages: Messages, options: Mapping[str, Any], *, follow: bool) -> int
 
     from lidarcli.pipeline.api.options import detect_options, memory_of, tracking_of
 
-    how = detect_options(
+    parsed = detect_options(
         options,
         log_options(options),
         tracking_of(options) if follow else memory_of(options),
@@ -151,7 +151,7 @@ def find(messages: Messages, options: Mapping[str, Any], *, follow: bool) -> int
         layout=options["partition"],
     )
     kind = one_file or (options["format"] or "ndjson" if target == STDOUT else None)
-    return _into_folder(messages, options, how) if kind is None else _into_one(messages, options, kind, how)
+    return _into_folder(messages, options, parsed) if kind is None else _into_one(messages, options, kind, parsed)
 
 
 def _one_file(output: str) -> str | None:
@@ -166,7 +166,7 @@ def _one_file(output: str) -> str | None:
     return TABLE_BY_SUFFIX.get(suffix)
 
 
-def _into_folder(messages: Messages, options: Mapping[str, Any], how: "DetectOptions") -> int:
+def _into_folder(messages: Messages, options: Mapping[str, Any], parsed: "DetectOptions") -> int:
     """Write the tables of every log below a folder; return the exit code."""
     from lidarcli.pipeline.inputs.search import refuse_clashes
     from lidarcli.pipeline.inputs.sources import Source
@@ -174,15 +174,15 @@ def _into_folder(messages: Messages, options: Mapping[str, Any], how: "DetectOpt
 
     address = options["cluster"]
     folder = place(options["output"])
-    sources = _begin(messages, options, how)
+    sources = _begin(messages, options, parsed)
     refuse_clashes(sources)
     if address is not None and any(isinstance(each, Source) and each.is_stdin for each in sources):
         raise click.UsageError("--cluster reads no standard input: its workers are elsewhere")
-    tables = TableFolder(folder, how)
+    tables = TableFolder(folder, parsed)
     steps = tables.plan(sources, resume=options["resume"], overwrite=options["overwrite"])
     if options["dry_run"]:
-        return _print_plan(tables, steps, how)
-    if address is not None and not how.overwrite:
+        return _print_plan(tables, steps, parsed)
+    if address is not None and not parsed.overwrite:
         steps = tables.refused(steps)
     total = Total()
     for step in steps:
@@ -191,7 +191,7 @@ def _into_folder(messages: Messages, options: Mapping[str, Any], how: "DetectOpt
             total.add(step.done)
     left = [step.source for step in steps if step.done is None]
     with progress_bar(left, messages) as report:
-        for outcome in _outcomes(messages, left, folder, how, report, address):
+        for outcome in _outcomes(messages, left, folder, parsed, report, address):
             show(outcome, messages)
             messages.notes(tables.remove_other_days(outcome))
             total.add(outcome)
@@ -199,12 +199,12 @@ def _into_folder(messages: Messages, options: Mapping[str, Any], how: "DetectOpt
     return messages.end(total.exit_code([step.source for step in steps]))
 
 
-def _into_one(messages: Messages, options: Mapping[str, Any], kind: str, how: "DetectOptions") -> int:
+def _into_one(messages: Messages, options: Mapping[str, Any], kind: str, parsed: "DetectOptions") -> int:
     """Write the objects of all logs to standard output or one file, in one format; return the exit code."""
     from lidarcli.pipeline.detecting import detect_file, detect_stream
 
     output = options["output"]
-    sources = _begin(messages, options, how)
+    sources = _begin(messages, options, parsed)
     if options["dry_run"]:
         return print_reads(sources, [] if output == STDOUT else [output])
     total = Total()
@@ -212,9 +212,9 @@ def _into_one(messages: Messages, options: Mapping[str, Any], kind: str, how: "D
     bar = nullcontext() if output == STDOUT and standard_output().isatty() else progress_bar(sources, messages)
     with bar as report:
         results = (
-            detect_stream(sources, standard_output().buffer, kind, how, report)
+            detect_stream(sources, standard_output().buffer, kind, parsed, report)
             if output == STDOUT
-            else detect_file(sources, place(output), kind, how, report)
+            else detect_file(sources, place(output), kind, parsed, report)
         )
         for outcome in results:
             show(outcome, messages)
@@ -223,7 +223,7 @@ def _into_one(messages: Messages, options: Mapping[str, Any], kind: str, how: "D
     return messages.end(total.exit_code(sources))
 
 
-def _begin(messages: Messages, options: Mapping[str, Any], how: "DetectOptions") -> "list[Source | MissingInput]":
+def _begin(messages: Messages, options: Mapping[str, Any], parsed: "DetectOptions") -> "list[Source | MissingInput]":
     """Return the logs of a run, after what is said before it."""
     from lidarcli.machine import keep_freed_memory
 
@@ -231,7 +231,7 @@ def _begin(messages: Messages, options: Mapping[str, Any], how: "DetectOptions")
     messages.of_missing_core()
     messages.begin(options)
     sources = chosen_logs(messages, options)
-    shown = ", ".join(f"{name}={value}" for name, value in how.as_dict().items())
+    shown = ", ".join(f"{name}={value}" for name, value in parsed.as_dict().items())
     messages.detail(f"{counted(len(sources), 'log')}; {shown}")
     return sources
 
@@ -240,7 +240,7 @@ def _outcomes(
     messages: Messages,
     sources: "Sequence[Source | MissingInput]",
     folder: Place,
-    how: "DetectOptions",
+    parsed: "DetectOptions",
     report: "LogProgress | None",
     address: str | None,
 ) -> "Iterator[Outcome]":
@@ -248,15 +248,15 @@ def _outcomes(
     from lidarcli.pipeline.detecting import detect_files
 
     if address is None or not sources:
-        return detect_files(sources, folder, how, report)
-    return _on_cluster(messages, sources, folder, how, report, address)
+        return detect_files(sources, folder, parsed, report)
+    return _on_cluster(messages, sources, folder, parsed, report, address)
 
 
 def _on_cluster(
     messages: Messages,
     sources: "Sequence[Source | MissingInput]",
     folder: Place,
-    how: "DetectOptions",
+    parsed: "DetectOptions",
     report: "LogProgress | None",
     address: str,
 ) -> "Iterator[Outcome]":
@@ -268,9 +268,9 @@ def _on_cluster(
 
     # The working directory of a worker is another.
     there = folder.absolute() if isinstance(folder, Path) else folder
-    file = how.poses.file
-    poses = replace(how.poses, file=str(Path(file).absolute())) if file and not is_url(file) else how.poses
-    work = partial(detect_to_files, folder=there, options=replace(how, jobs=1, cores=1, poses=poses, overwrite=True))
+    file = parsed.poses.file
+    poses = replace(parsed.poses, file=str(Path(file).absolute())) if file and not is_url(file) else parsed.poses
+    work = partial(detect_to_files, folder=there, options=replace(parsed, jobs=1, cores=1, poses=poses, overwrite=True))
     with cluster.connected(address) as client:
         where, workers, threads = cluster.size_of(client)
         if (warning := cluster.danger(where)) is not None:
@@ -288,7 +288,7 @@ def _on_cluster(
                     )
 
 
-def _print_plan(tables: "TableFolder", steps: "Sequence[Step]", how: "DetectOptions") -> int:
+def _print_plan(tables: "TableFolder", steps: "Sequence[Step]", parsed: "DetectOptions") -> int:
     """Print what would be done, a line for each file; return the exit code that can be foreseen."""
     from lidarcli.errors import OutputError
     from lidarcli.pipeline.inputs.sources import MissingInput
@@ -299,7 +299,7 @@ def _print_plan(tables: "TableFolder", steps: "Sequence[Step]", how: "DetectOpti
         code = print_read(source, "read" if done is None else "skip")
         for name in () if done is not None or isinstance(source, MissingInput) else tables.outputs(source):
             is_there = tables.is_there(absolute(name))
-            refused = is_there and not how.overwrite
+            refused = is_there and not parsed.overwrite
             code = code or (OutputError.exit_code if refused else 0)
             state = " (exists; refused without --overwrite)" if refused else " (is replaced)" if is_there else ""
             click.echo(f"write  {one_line(name)}{state}")

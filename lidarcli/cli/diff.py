@@ -56,14 +56,14 @@ def diff(messages: Messages, options: DiffCommand) -> int:
 
     outputs = [place(each) for each in options["output"]]
     with usage_errors():
-        how = diff_options(options, logs, overwrite=options["overwrite"])
+        parsed = diff_options(options, logs, overwrite=options["overwrite"])
         checks = parse_checks(options["check"])
         inputs = inputs_of(options["runs"])
-        refuse_outputs(outputs, inputs, how)
+        refuse_outputs(outputs, inputs, parsed)
     keep_freed_memory()
     messages.of_missing_core()
     with progress_bar([one.source for one in inputs if one.source is not None], messages) as report:
-        found = diff_inputs(inputs, how, report)
+        found = diff_inputs(inputs, parsed, report)
     if options["format"] == "json":
         click.echo(json.dumps(found.as_dict(), indent=2))
     else:

@@ -58,11 +58,11 @@ def map(messages: Messages, options: MapCommand) -> int:
     sources = chosen_logs(messages, options)
     own = {field: options[field] for field in options_of(Mapping).keys() - options_of(Reading).keys()}  # type: ignore[literal-required]
     own |= {"overwrite": options["overwrite"], "stamps": options["stamps"]}
-    how = MapOptions(*logs, jobs=options["jobs"] or 0, **own)
+    parsed = MapOptions(*logs, jobs=options["jobs"] or 0, **own)
     if options["dry_run"]:
         return print_reads(sources, outputs)
     codes = []
-    with MapRun(sources, [place(output) for output in outputs], how) as run:
+    with MapRun(sources, [place(output) for output in outputs], parsed) as run:
         with progress_bar(sources, messages) as report:
             for outcome in run.outcomes(report):
                 show_reading(outcome, messages)

@@ -137,8 +137,8 @@ def plot(messages: Messages, options: Mapping[str, Any]) -> int:
     if in_world:
         from lidarcli.pipeline.mapping import MapOptions
 
-        how = MapOptions(read, wanted.opening, wanted.poses, parameters=wanted.parameters)
-        drawn = take_map(source, how, wanted.sweeps, options["tracks"])
+        parsed = MapOptions(read, wanted.opening, wanted.poses, parameters=wanted.parameters)
+        drawn = take_map(source, parsed, wanted.sweeps, options["tracks"])
     else:
         drawn = take_pictures(source, wanted)
     messages.notes(drawn.notes)

@@ -93,9 +93,9 @@ def poses(messages: Messages, options: PosesCommand) -> int:
 
     messages.begin(options)
     source, path = one_log(options["log"], options["join"]), place(options["output"])
-    how = PathOptions(*logs, options["overwrite"], options["stamps"])
-    refuse_path(path, source, how)
-    return of_one_log(messages, source, lambda one, progress: write_path(one, path, how, progress))
+    parsed = PathOptions(*logs, options["overwrite"], options["stamps"])
+    refuse_path(path, source, parsed)
+    return of_one_log(messages, source, lambda one, progress: write_path(one, path, parsed, progress))
 
 
 class SimulateCommand(Overwrite, Simulating, total=False):
@@ -173,7 +173,7 @@ def clean(messages: Messages, options: CleanCommand) -> int:
     from lidarcli.pipeline.inputs.search import one_log
 
     with usage_errors():
-        how = clean_options(options, overwrite=options["overwrite"])
+        parsed = clean_options(options, overwrite=options["overwrite"])
     keep_freed_memory()
     messages.of_missing_core()
     messages.begin(options)
@@ -181,7 +181,7 @@ def clean(messages: Messages, options: CleanCommand) -> int:
     return of_one_log(
         messages,
         source,
-        lambda one, progress: clean_log(one, path, how, progress),
+        lambda one, progress: clean_log(one, path, parsed, progress),
         lambda run: [run.line, f"  copied   {run.copied}"],
     )
 
@@ -222,10 +222,10 @@ def overlay(messages: Messages, options: OverlayCommand) -> int:
     from lidarcli.pipeline.inputs.search import one_log
     from lidarcli.pipeline.overlaying import refuse_overlay, write_overlay
 
-    how = overlay_options(options, logs, overwrite=options["overwrite"])
+    parsed = overlay_options(options, logs, overwrite=options["overwrite"])
     keep_freed_memory()
     messages.of_missing_core()
     messages.begin(options)
     source, path = one_log(options["log"], options["join"]), place(options["output"])
-    refuse_overlay(path, source, how)
-    return of_one_log(messages, source, lambda one, progress: write_overlay(one, path, how, progress))
+    refuse_overlay(path, source, parsed)
+    return of_one_log(messages, source, lambda one, progress: write_overlay(one, path, parsed, progress))

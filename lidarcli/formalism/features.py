@@ -69,7 +69,7 @@ class Features:
         self.lines = native.integers(self.owner, 2 * most)
         """Aligned faces that are long enough to be parts of lines, those along the building before those across."""
         self.begin = native.integers(self.owner, 3)
-        """Where those of each axis begin in `lines`, and where they end."""
+        """(3,) begin of the lines of each axis in `lines`, then their end."""
         self.cos = 1.0
         """Direction of the building."""
         self.sin = 0.0

@@ -90,7 +90,7 @@ TRIED_TURN, TRIED_TURNS = 0.12, 4
 TRIED_POINTS, TRIED_REACH, TRIED_KERNEL = 60, 0.8, 0.15
 """... with about so many of the points, and with this reach and scale of weights [m]."""
 APART = 0.05
-"""Where the velocity and the last step lead further apart than this [m, rad], both are tried."""
+"""Both the velocity and the last step are tried if they lead further apart than this [m, rad]."""
 FARTHEST_STEP, WIDEST_STEP = 3.0, 1.2
 """A sweep is no further from its guess than this [m, rad]."""
 PATIENCE = 10

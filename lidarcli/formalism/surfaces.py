@@ -311,7 +311,7 @@ class Survey:
     """Results for each segment, as far as they are known."""
 
     def __init__(self, most: int, min_beams: int, max_width: float) -> None:
-        """What has fewer points than `min_beams` or reaches further than `max_width` [m] is no object."""
+        """Drop objects of fewer points than `min_beams` or wider than `max_width` [m]."""
         self.owner: list[Any] = []
         self.min_beams = min_beams
         self.max_width = max_width

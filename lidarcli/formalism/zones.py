@@ -1,4 +1,4 @@
-"""What is in zones: points of sweeps, what a moving shape will meet, episodes, and visits and crossings by agents."""
+"""Contents of zones: points of sweeps, what a moving shape will meet, episodes, and visits and crossings by agents."""
 
 from __future__ import annotations
 

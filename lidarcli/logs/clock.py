@@ -62,7 +62,7 @@ class ClockInfo:
     runs: tuple[Run, ...] = ()
     """Runs between steps that nobody waits for; at most `RUNS` + 1."""
     astray: tuple[float, ...] = ()
-    """How far stamps are ahead of those around them, where other times are taken in their place [s]."""
+    """Lead of stamps over those around them, if other times are taken in their place [s]."""
     long_steps: float = 0.0
     """Share of the steps ahead that are `LONG` times the median one."""
 

@@ -139,7 +139,7 @@ class _Chunk:
     data: bytes | None
     """None where it can be read again (files)."""
     offsets: dict[int, Int64] = field(default_factory=dict)
-    """Where the messages of each channel begin."""
+    """Channel → offsets of its messages in the chunk."""
     sound: bool = True
     """True while its indexes can be used."""
 

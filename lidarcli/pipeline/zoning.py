@@ -191,7 +191,7 @@ class ZoneReader:
 
     @contextmanager
     def _judging(self, zone: Zone) -> Iterator[None]:
-        """Where a zone cannot be judged, the others still are."""
+        """Note a zone that cannot be judged; the others still are."""
         try:
             yield
         except NoScanError as err:

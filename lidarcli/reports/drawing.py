@@ -65,7 +65,7 @@ class Mark(NamedTuple):
     area: bool = False
     """True for polygons that are filled."""
     text: str = ""
-    """What stands at the first point."""
+    """Text at the first point."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -261,7 +261,7 @@ class ZoneSummary:
 
     @property
     def line(self) -> str:
-        """What happened in it."""
+        """Events in it."""
         if not self.figures["observed"]:
             return f"{self.name}: {NEVER}"
         cells, parts = self.cells(), []

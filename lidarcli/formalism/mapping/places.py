@@ -292,7 +292,7 @@ class Standing:
 
 @dataclass(slots=True)
 class _Sensor:
-    """Where one sensor of a topic stands, and where its world begins."""
+    """The place of one sensor of a topic, and the origin of its world."""
 
     first: int
     """Number of the first of its worlds."""

@@ -389,7 +389,7 @@ class Run:
 
 
 class Change(NamedTuple):
-    """What became of a thing or piece of structure; coordinates of the first run, those of the second are in its own."""
+    """Change of a thing or piece of structure; coordinates of the first run, those of the second are in its own."""
 
     kind: int
     """Index into `CHANGE_KINDS`."""

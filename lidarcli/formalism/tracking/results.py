@@ -11,7 +11,7 @@ ENDS = ("left view", "free", "lost", "end of log")
 LEFT_VIEW, FREE, LOST, END_OF_LOG = range(4)
 
 VIEWS = ("seen", "partly", "hidden")
-"""How much of a track a sweep shows: all of it, a part of it (of a person one leg), or nothing."""
+"""Share of a track that a sweep shows: all of it, a part of it (of a person one leg), or nothing."""
 SEEN, PARTLY, HIDDEN = range(3)
 FRAMES = ("sensor", "world")
 """Frames of places: of a sensor that stands, and the fixed frame of the poses."""

@@ -86,7 +86,7 @@ RESULT = np.dtype(
         ("shape", np.uint8),
     ]
 )
-"""What a window tells of an object."""
+"""Fields of the result of a window for an object."""
 
 WindowResult: TypeAlias = NDArray[np.void]
 """(K,) `RESULT` of the objects of a window."""

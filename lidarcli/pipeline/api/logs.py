@@ -246,13 +246,13 @@ def poses(
     OutputError
         The file exists, or cannot be written.
     """
-    source, how = one_log(paths_of(log), options["join"]), PathOptions(*log_options(options), overwrite)
+    source, parsed = one_log(paths_of(log), options["join"]), PathOptions(*log_options(options), overwrite)
     path = None if output is None else place(fspath(output))
     if path is not None:
-        refuse_path(path, source, how)
+        refuse_path(path, source, parsed)
     with watched(progress, [source]) as report:
         tell = progress_of(source, report)
-        found = read_path(source, how, tell) if path is None else write_path(source, path, how, tell)
+        found = read_path(source, parsed, tell) if path is None else write_path(source, path, parsed, tell)
     for line in found.damage:
         warn(f"{source.label}: {line}")
     return found.table

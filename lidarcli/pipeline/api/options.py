@@ -319,8 +319,8 @@ def tracking_of(options: Values) -> TrackOptions:
     from lidarcli.formalism.parameters import TrackParameters
     from lidarcli.pipeline.objects.tracking import TrackOptions
 
-    how = TrackParameters(significance=options["significance"], memory=options["memory"])
-    return TrackOptions(how, trajectories=options.get("trajectories", True))
+    parsed = TrackParameters(significance=options["significance"], memory=options["memory"])
+    return TrackOptions(parsed, trajectories=options.get("trajectories", True))
 
 
 def memory_of(options: Values) -> TrackOptions | None:
@@ -405,7 +405,7 @@ def zone_options(options: Values, logs: LogOptions, *, overwrite: bool = False) 
 
     names = several(options["zones"])
     tracking = tracking_of({"significance": SIGNIFICANCE, "memory": True})
-    how = ZoneOptions(
+    parsed = ZoneOptions(
         zones=read_zones(names),
         files=tuple(names),
         detect=detect_options(options, logs, tracking),
@@ -414,8 +414,8 @@ def zone_options(options: Values, logs: LogOptions, *, overwrite: bool = False) 
         footprint=None if options["footprint"] is None else parse_footprint(options["footprint"]),
         overwrite=overwrite,
     )
-    refuse_options(how)
-    return how
+    refuse_options(parsed)
+    return parsed
 
 
 def background_options(options: Values) -> BackgroundOptions | None:
@@ -426,17 +426,17 @@ def background_options(options: Values) -> BackgroundOptions | None:
     from lidarcli.pipeline.objects.subtracting import BackgroundOptions
 
     angle = options["station_angle"]
-    how: dict[str, Any] = {
+    parsed: dict[str, Any] = {
         "removed": options["removed"],
         "any_frame": options["any_frame"],
         "distance": options["station_distance"],
         "angle": None if angle is None else math.radians(angle),
     }
     if isinstance(background, str | PathLike):
-        return BackgroundOptions.of(fspath(background), **how)
+        return BackgroundOptions.of(fspath(background), **parsed)
     if not background:
         raise OptionError("a background of no sensor: nothing can be compared with it")
-    return BackgroundOptions("the background", tuple(background), **how)
+    return BackgroundOptions("the background", tuple(background), **parsed)
 
 
 def parameters_of(parameters: Parameters | None, options: Values, *, subtracted: bool = False) -> Parameters:

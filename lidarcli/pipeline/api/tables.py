@@ -191,15 +191,15 @@ def _found(
     progress: Progress,
 ) -> dict[str, pa.Table]:
     """Some tables of logs or of batches, by their names."""
-    how = detect_options(options, log_options(options), tracking, parameters)
+    parsed = detect_options(options, log_options(options), tracking, parameters)
     items: Iterator[Any] = iter([log] if isinstance(log, str | PathLike | SweepBatch) else log)
     first = next(items, None)
     if not isinstance(first, SweepBatch):
         sources = sources_of([] if first is None else [first, *items], options["join"])
         with watched(progress, sources) as report:
-            return of_logs(sources, tables, how, report)
+            return of_logs(sources, tables, parsed, report)
     refuse_reading({**options, "progress": progress or None}, Reading, "jobs", "progress")
-    return of_batches(chain([first], items), tables, how)
+    return of_batches(chain([first], items), tables, parsed)
 
 
 @with_keywords

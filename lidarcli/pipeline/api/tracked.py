@@ -60,9 +60,9 @@ def clean(
         A file exists, or cannot be written.
     """
     source = one_log([path_of(log)], False)
-    how = clean_options(options, overwrite=overwrite)
+    parsed = clean_options(options, overwrite=overwrite)
     with watched(progress, [source]) as report:
-        summary = clean_log(source, place(fspath(output)), how, progress_of(source, report))
+        summary = clean_log(source, place(fspath(output)), parsed, progress_of(source, report))
     for line in summary.damage:
         warn(f"{source.label}: {line}")
     return summary.table
@@ -103,12 +103,12 @@ def diff(
     OutputError
         An output exists, or cannot be written.
     """
-    how = diff_options(options, log_options(options), overwrite=overwrite)
+    parsed = diff_options(options, log_options(options), overwrite=overwrite)
     inputs = inputs_of(paths_of([before, *after]))
     outputs = [place(each) for each in several(output)]
-    refuse_outputs(outputs, inputs, how)
+    refuse_outputs(outputs, inputs, parsed)
     with watched(progress, [one.source for one in inputs if one.source is not None]) as report:
-        found = diff_inputs(inputs, how, report)
+        found = diff_inputs(inputs, parsed, report)
     for line in found.damage:
         warn(line)
     write_changes(found, outputs, overwrite)
@@ -139,11 +139,11 @@ def overlay(
     OutputError
         A file exists, or cannot be written.
     """
-    how = overlay_options(options, log_options(options), overwrite=overwrite)
+    parsed = overlay_options(options, log_options(options), overwrite=overwrite)
     source, path = one_log(paths_of(log), options["join"]), place(fspath(output))
-    refuse_overlay(path, source, how)
+    refuse_overlay(path, source, parsed)
     with watched(progress, [source]) as report:
-        summary = write_overlay(source, path, how, progress_of(source, report))
+        summary = write_overlay(source, path, parsed, progress_of(source, report))
     for line in summary.damage:
         warn(f"{source.label}: {line}")
     return summary.outputs
@@ -172,14 +172,14 @@ def zones(log: Paths, *, progress: Progress = False, **options: Unpack[Zoning]) 
     """
     if not options["zones"]:
         raise TypeError("zones() needs zones=FILE")
-    how = zone_options(options, log_options(options))
+    parsed = zone_options(options, log_options(options))
     sources = sources_of(log, options["join"])
     failed = ErrorCollector(len(sources))
     found: list[ZoneTables] = []
     with watched(progress, sources) as report:
         for source in sources:
             with failed.noted(source):
-                summary = watch(source, how, progress=progress_of(source, report))
+                summary = watch(source, parsed, progress=progress_of(source, report))
                 found.append(summary.tables)
                 for line in summary.damage:
                     warn(f"{source.label}: {line}")
