@@ -1,1 +1,1 @@
-"""Runs over many logs: the loop over them, worker processes and clusters, the plan and the manifest of a folder."""
+"""Runs over many logs: the loop over them, worker processes, clusters, and what is left to do in a folder."""
