@@ -14,6 +14,9 @@ cdef double WALKING_LEG_WIDTH, LEGS_WIDTH, LEG_REACH, LEG_SD, SAME_PERSON, TWO_L
 cdef double PERSON_RADIUS, PERSONS_APART
 
 
+cdef class Assignment
+
+
 cdef class Candidates:
     cdef list owner
     cdef readonly Py_ssize_t capacity
@@ -26,15 +29,14 @@ cdef class Candidates:
     cdef Py_ssize_t* member
     cdef Py_ssize_t* next
     cdef Py_ssize_t* head
+    cdef Assignment assignment
 
 
-cdef void associate(
-    Candidates candidates, Assignment assignment, EdgeMeasurement sides, Targets targets, Measurements meas, Py_ssize_t* assigned
-) noexcept nogil
+cdef void associate(Candidates candidates, EdgeMeasurement sides, Targets targets, Measurements meas) noexcept nogil
 cdef void _gate(
     Candidates candidates, EdgeMeasurement sides, Targets targets, Measurements meas
 ) noexcept nogil
-cdef double _precedence(Targets targets, Measurements meas, Py_ssize_t b) noexcept nogil
+cdef double precedence(Targets targets, Measurements meas, Py_ssize_t b) noexcept nogil
 cdef double _assignment_cost(
     EdgeMeasurement sides, Targets targets, Measurements meas, Py_ssize_t b, Py_ssize_t k
 ) noexcept nogil
@@ -42,11 +44,10 @@ cdef void _cluster(Candidates candidates, Targets targets) noexcept nogil
 cdef Py_ssize_t _root(Candidates candidates, Py_ssize_t at) noexcept nogil
 @cython.locals(rows=Py_ssize_t, columns=Py_ssize_t)
 cdef void _assign_group(
-    Candidates candidates, Assignment assignment, Targets targets, Py_ssize_t* assigned, Py_ssize_t root
+    Candidates candidates, Assignment assignment, Targets targets, Measurements meas, Py_ssize_t root
 ) noexcept nogil
 @cython.locals(best=Py_ssize_t)
-cdef void merge_fragments(Targets targets, Measurements meas, Py_ssize_t* assigned) noexcept nogil
-cdef bint _fits_in(Targets targets, Py_ssize_t b, Measurements meas, Py_ssize_t k) noexcept nogil
+cdef void merge_fragments(Targets targets, Measurements meas) noexcept nogil
 
 
 cdef class Assignment:
@@ -75,38 +76,31 @@ cdef class Persons:
     cdef Py_ssize_t* person
     cdef Py_ssize_t* measurement
     cdef double* cost
-    cdef Py_ssize_t* entry
     cdef Py_ssize_t* assigned
 
 
-@cython.locals(leg=Py_ssize_t, b=Py_ssize_t)
+@cython.locals(leg=Py_ssize_t, b=Py_ssize_t, k=Py_ssize_t, legs=Py_ssize_t)
 cdef void track_persons(
-    Persons persons, Targets targets, Measurements meas, Scans scans, Py_ssize_t* assigned, Sightings sightings, double time,
-    Py_ssize_t sweep
+    Persons persons, Targets targets, Measurements meas, Scans scans, Sightings sightings
 ) noexcept nogil
 cdef bint _is_person_hit(Targets targets, Py_ssize_t b) noexcept nogil
 @cython.locals(elder=Py_ssize_t)
-cdef void _merge_person(
-    Persons persons, Targets targets, Measurements meas, Py_ssize_t* assigned, Sightings sightings, Py_ssize_t b
+cdef void merge_person(
+    Persons persons, Targets targets, Measurements meas, Sightings sightings, Py_ssize_t b
 ) noexcept nogil
 @cython.locals(best=Py_ssize_t)
 cdef Py_ssize_t _person_missing_leg(Targets targets, Measurements meas, Py_ssize_t k) noexcept nogil
 cdef bint _is_leg(Targets targets, Py_ssize_t b) noexcept nogil
-@cython.locals(leg=Py_ssize_t)
-cdef void _pair_persons(Persons persons, Targets targets, Measurements meas, Py_ssize_t* assigned) noexcept nogil
-cdef bint _may_be_leg(Targets targets, Py_ssize_t b) noexcept nogil
-cdef void _sort_pairs(Persons persons) noexcept nogil
-@cython.locals(legs=Py_ssize_t)
-cdef void _assign_view(Persons persons, Targets targets, Measurements meas, Py_ssize_t b, Py_ssize_t k) noexcept nogil
+@cython.locals(leg=Py_ssize_t, stands=bint)
+cdef void _pair_persons(Persons persons, Targets targets, Measurements meas) noexcept nogil
+cdef void sort_pairs(Persons persons) noexcept nogil
 @cython.locals(wide=bint)
 cdef void _update_person(
-    Persons persons, Targets targets, Measurements meas, Scans scans, Py_ssize_t* assigned, Sightings sightings, Py_ssize_t b,
-    double time, Py_ssize_t sweep
+    Persons persons, Targets targets, Measurements meas, Scans scans, Sightings sightings, Py_ssize_t b
 ) noexcept nogil
 cdef void _join_leg(Targets targets, Py_ssize_t leg, Py_ssize_t b) noexcept nogil
-cdef void _reassign_sighting(Persons persons, Targets targets, Sightings sightings, Py_ssize_t b, Py_ssize_t k) noexcept nogil
-cdef void _record_person_hit(Targets targets, Py_ssize_t b, double x, double y, double time, Py_ssize_t sweep) noexcept nogil
-cdef Py_ssize_t _initiate_person(
-    Persons persons, Targets targets, Measurements meas, Sightings sightings, Py_ssize_t leg, Py_ssize_t k, double time,
-    Py_ssize_t sweep
+cdef void _give(Targets targets, Measurements meas, Sightings sightings, Py_ssize_t b, Py_ssize_t k) noexcept nogil
+cdef void _record_person_hit(Targets targets, Py_ssize_t b, Measurements meas, double x, double y) noexcept nogil
+cdef void _initiate_person(
+    Persons persons, Targets targets, Measurements meas, Sightings sightings, Py_ssize_t leg, Py_ssize_t k
 ) noexcept nogil

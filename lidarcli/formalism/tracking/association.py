@@ -88,26 +88,20 @@ class Candidates:
         self.next = native.integers(self.owner, self.capacity)
         self.head = native.integers(self.owner, targets + meas)
         """First pair of each group; `next` is the pair that follows, -1 at the end."""
+        self.assignment = Assignment(targets, meas)
 
 
-def associate(
-    candidates: Candidates,
-    assignment: Assignment,
-    sides: EdgeMeasurement,
-    targets: Targets,
-    meas: Measurements,
-    assigned: Any,
-) -> None:
-    """Fill in `targets.measurement`, and `assigned`: the target of each measurement, -1 for none."""
+def associate(candidates: Candidates, sides: EdgeMeasurement, targets: Targets, meas: Measurements) -> None:
+    """Fill in `targets.measurement` and `meas.assigned`."""
     _gate(candidates, sides, targets, meas)
     for b in range(targets.slots_used):
         targets.measurement[b] = -1
     for k in range(meas.count):
-        assigned[k] = -1
+        meas.assigned[k] = -1
     _cluster(candidates, targets)
     for i in range(candidates.count):
         if candidates.head[candidates.group[candidates.target[i]]] >= 0:
-            _assign_group(candidates, assignment, targets, assigned, candidates.group[candidates.target[i]])
+            _assign_group(candidates, candidates.assignment, targets, meas, candidates.group[candidates.target[i]])
 
 
 def _gate(candidates: Candidates, sides: EdgeMeasurement, targets: Targets, meas: Measurements) -> None:
@@ -126,7 +120,7 @@ def _gate(candidates: Candidates, sides: EdgeMeasurement, targets: Targets, meas
             dx, dy = x - meas.x, y - meas.y
             reach += math.sqrt(meas.pose_var + meas.pose_turn_var * (dx * dx + dy * dy))
         most = min(math.sqrt(GATE) * reach, FARTHEST_VIEW)
-        precedence = _precedence(targets, meas, b)
+        advantage = precedence(targets, meas, b)
         for k in range(meas.count):
             dx, dy = meas.middle_x[k] - x, meas.middle_y[k] - y
             far = dx * dx + dy * dy
@@ -136,11 +130,11 @@ def _gate(candidates: Candidates, sides: EdgeMeasurement, targets: Targets, meas
             cost += _assignment_cost(sides, targets, meas, b, k)
             if cost < GATE and candidates.count < candidates.capacity:
                 i = candidates.count
-                candidates.target[i], candidates.measurement[i], candidates.cost[i] = b, k, cost + precedence
+                candidates.target[i], candidates.measurement[i], candidates.cost[i] = b, k, cost + advantage
                 candidates.count += 1
 
 
-def _precedence(targets: Targets, meas: Measurements, b: int) -> float:
+def precedence(targets: Targets, meas: Measurements, b: int) -> float:
     """Return the cost of a target by itself; `targets.measurement` is still that of the sweep before."""
     if not meas.is_placed or targets.member[b] != 0:
         return 0.0
@@ -200,16 +194,14 @@ def _root(candidates: Candidates, at: int) -> int:
     return at
 
 
-def _assign_group(candidates: Candidates, assignment: Assignment, targets: Targets, assigned: Any, root: int) -> None:
+def _assign_group(candidates: Candidates, assignment: Assignment, targets: Targets, meas: Measurements, root: int) -> None:
     """Solve the assignment of one group of pairs."""
     n = targets.capacity
     begin = candidates.head[root]
     candidates.head[root] = -1
     if candidates.next[begin] < 0:
-        targets.measurement[candidates.target[begin]], assigned[candidates.measurement[begin]] = (
-            candidates.measurement[begin],
-            candidates.target[begin],
-        )
+        b, k = candidates.target[begin], candidates.measurement[begin]
+        targets.measurement[b], meas.assigned[k] = k, b
         return
     rows, columns = 0, 0
     i = begin
@@ -240,16 +232,13 @@ def _assign_group(candidates: Candidates, assignment: Assignment, targets: Targe
     for row in range(rows):
         if assignment.column[row] >= 0:
             b, k = candidates.member[row], candidates.member[n + assignment.column[row]]
-            targets.measurement[b], assigned[k] = k, b
+            targets.measurement[b], meas.assigned[k] = k, b
 
 
-def merge_fragments(targets: Targets, meas: Measurements, assigned: Any) -> None:
-    """Make an unassigned measurement with a hidden edge a fragment of a target that is measured elsewhere and covers it.
-
-    Such a measurement gets `assigned` = -2 - target.
-    """
+def merge_fragments(targets: Targets, meas: Measurements) -> None:
+    """Make an unassigned measurement with a hidden edge a fragment of a target that is measured elsewhere and covers it."""
     for k in range(meas.count):
-        if assigned[k] != -1 or not measurement.is_partial(meas, k):
+        if meas.assigned[k] != -1 or not measurement.is_partial(meas, k):
             continue
         best, least = -1, PART_MARGIN
         for b in range(targets.slots_used):
@@ -259,16 +248,11 @@ def merge_fragments(targets: Targets, meas: Measurements, assigned: Any) -> None
             if not measurement.is_partial(meas, targets.measurement[b]):
                 # A target that is seen whole has no further parts, unless it is ragged.
                 out += 1.5 * PART_MARGIN
-            if out < least and _fits_in(targets, b, meas, k):
+            size = math.sqrt(targets.h[2 * b] * targets.h[2 * b] + targets.h[2 * b + 1] * targets.h[2 * b + 1])
+            if out < least and meas.chord[k] <= 2.0 * size + PART_MARGIN:
                 best, least = b, out
         if best >= 0:
-            assigned[k] = -2 - best
-
-
-def _fits_in(targets: Targets, b: int, meas: Measurements, k: int) -> bool:
-    """Return whether a target is large enough for a measurement to be a part of it."""
-    size = math.sqrt(targets.h[2 * b] * targets.h[2 * b] + targets.h[2 * b + 1] * targets.h[2 * b + 1])
-    return meas.chord[k] <= 2.0 * size + PART_MARGIN
+            meas.assigned[k] = -2 - best
 
 
 class Assignment:
@@ -357,52 +341,38 @@ class Persons:
         self.person = native.integers(self.owner, self.capacity)
         self.measurement = native.integers(self.owner, self.capacity)
         self.cost = native.doubles(self.owner, self.capacity)
-        self.entry = native.integers(self.owner, meas)
-        """Index of the sighting of each measurement in the log, -1 for none."""
         self.assigned = native.integers(self.owner, meas)
         """Number of the slot, plus 1, of the person who has each measurement; 0 for none."""
 
 
-def track_persons(
-    persons: Persons,
-    targets: Targets,
-    meas: Measurements,
-    scans: Scans,
-    assigned: Any,
-    sightings: Sightings,
-    time: float,
-    sweep: int,
-) -> None:
-    """Assign slim measurements to persons, and initiate persons from legs that move.
-
-    Parameters
-    ----------
-    assigned : slot of the target of each measurement, in and out: the slot of a person replaces that of its leg
-    time, sweep : time of this sweep [s], and number of sweeps before it
-    """
+def track_persons(persons: Persons, targets: Targets, meas: Measurements, scans: Scans, sightings: Sightings) -> None:
+    """Assign slim measurements to persons, in place of their legs, and initiate persons from legs that move."""
     for k in range(meas.count):
         persons.assigned[k] = 0
-    _pair_persons(persons, targets, meas, assigned)
-    _sort_pairs(persons)
+    _pair_persons(persons, targets, meas)
+    sort_pairs(persons)
     for i in range(persons.count):
-        _assign_view(persons, targets, meas, persons.person[i], persons.measurement[i])
+        b, k = persons.person[i], persons.measurement[i]
+        legs = 2 if meas.chord[k] > WALKING_LEG_WIDTH else 1
+        if persons.assigned[k] == 0 and targets.kind_hits[b] + legs <= 2:
+            persons.assigned[k] = b + 1
+            targets.kind_hits[b] += legs
     for b in range(targets.slots_used):
         if targets.state[b] == kalman.LIVE and targets.kind[b] == kalman.PERSON:
-            _update_person(persons, targets, meas, scans, assigned, sightings, b, time, sweep)
+            _update_person(persons, targets, meas, scans, sightings, b)
     for b in range(targets.slots_used):
         if _is_person_hit(targets, b):
-            _merge_person(persons, targets, meas, assigned, sightings, b)
+            merge_person(persons, targets, meas, sightings, b)
     for k in range(meas.count):
-        leg = assigned[k]
+        leg = meas.assigned[k]
         if leg >= 0 and persons.assigned[k] == 0 and targets.moved[leg] == 1 and _is_leg(targets, leg):
             b = _person_missing_leg(targets, meas, k)
             if b >= 0:
                 targets.kind_hits[b] += 1
                 _join_leg(targets, leg, b)
-                _reassign_sighting(persons, targets, sightings, b, k)
-                assigned[k] = b
+                _give(targets, meas, sightings, b, k)
             else:
-                assigned[k] = _initiate_person(persons, targets, meas, sightings, leg, k, time, sweep)
+                _initiate_person(persons, targets, meas, sightings, leg, k)
 
 
 def _is_person_hit(targets: Targets, b: int) -> bool:
@@ -415,9 +385,7 @@ def _is_person_hit(targets: Targets, b: int) -> bool:
     )
 
 
-def _merge_person(
-    persons: Persons, targets: Targets, meas: Measurements, assigned: Any, sightings: Sightings, b: int
-) -> None:
+def merge_person(persons: Persons, targets: Targets, meas: Measurements, sightings: Sightings, b: int) -> None:
     """Give a person to an elder who is nearer than two can be in several sweeps, as long as both have two legs together."""
     x, y = kalman.centre(targets, b)
     elder = -1
@@ -437,9 +405,8 @@ def _merge_person(
     if targets.inside[b] < track_evidence.DUPLICATE_SWEEPS:
         return
     for k in range(meas.count):
-        if assigned[k] == b:
-            _reassign_sighting(persons, targets, sightings, elder, k)
-            assigned[k] = elder
+        if meas.assigned[k] == b:
+            _give(targets, meas, sightings, elder, k)
             persons.assigned[k] = elder + 1
     for leg in range(targets.slots_used):
         if targets.member[leg] == targets.number[b]:
@@ -467,18 +434,19 @@ def _is_leg(targets: Targets, b: int) -> bool:
     return targets.kind[b] == kalman.DISC and targets.h[2 * b] + targets.h[2 * b + 1] <= WALKING_LEG_WIDTH
 
 
-def _pair_persons(persons: Persons, targets: Targets, meas: Measurements, assigned: Any) -> None:
+def _pair_persons(persons: Persons, targets: Targets, meas: Measurements) -> None:
     """Collect all pairs of a person and a measurement near it."""
     persons.count = 0
     for b in range(targets.slots_used):
         if targets.state[b] != kalman.LIVE or targets.kind[b] != kalman.PERSON:
             continue
         x, y = kalman.centre(targets, b)
-        # `settled` counts the legs of a person in this sweep, up to two.
+        # The legs of the person in this sweep, up to two.
         targets.kind_hits[b] = 0
         for k in range(meas.count):
-            leg = assigned[k]
-            if meas.chord[k] > LEGS_WIDTH or (leg >= 0 and not _may_be_leg(targets, leg)):
+            leg = meas.assigned[k]
+            stands = leg >= 0 and targets.member[leg] == 0 and targets.sightings[leg] >= STANDING_SIGHTINGS
+            if meas.chord[k] > LEGS_WIDTH or stands:
                 continue
             dx, dy = meas.middle_x[k] - x, meas.middle_y[k] - y
             far = dx * dx + dy * dy
@@ -491,12 +459,7 @@ def _pair_persons(persons: Persons, targets: Targets, meas: Measurements, assign
             persons.count += 1
 
 
-def _may_be_leg(targets: Targets, b: int) -> bool:
-    """Return whether a target may be a leg of a person: it was one before, or was seen a few times only."""
-    return targets.member[b] != 0 or targets.sightings[b] < STANDING_SIGHTINGS
-
-
-def _sort_pairs(persons: Persons) -> None:
+def sort_pairs(persons: Persons) -> None:
     """Sort the pairs by cost; by insertion, as there are few."""
     for i in range(1, persons.count):
         person, measurement, cost = persons.person[i], persons.measurement[i], persons.cost[i]
@@ -508,27 +471,8 @@ def _sort_pairs(persons: Persons) -> None:
         persons.person[at], persons.measurement[at], persons.cost[at] = person, measurement, cost
 
 
-def _assign_view(persons: Persons, targets: Targets, meas: Measurements, b: int, k: int) -> None:
-    """Assign a measurement to a person, if the measurement is free and a leg is missing."""
-    if persons.assigned[k] != 0 or targets.kind_hits[b] >= 2:
-        return
-    legs = 2 if meas.chord[k] > WALKING_LEG_WIDTH else 1
-    if legs == 2 and targets.kind_hits[b] > 0:
-        return
-    persons.assigned[k] = b + 1
-    targets.kind_hits[b] += legs
-
-
 def _update_person(
-    persons: Persons,
-    targets: Targets,
-    meas: Measurements,
-    scans: Scans,
-    assigned: Any,
-    sightings: Sightings,
-    b: int,
-    time: float,
-    sweep: int,
+    persons: Persons, targets: Targets, meas: Measurements, scans: Scans, sightings: Sightings, b: int
 ) -> None:
     """Update a person with its measurements."""
     x, y, number, wide = 0.0, 0.0, 0.0, False
@@ -538,14 +482,13 @@ def _update_person(
             y += meas.middle_y[k]
             number += 1.0
             wide = wide or meas.chord[k] > WALKING_LEG_WIDTH
-            if assigned[k] >= 0:
-                _join_leg(targets, assigned[k], b)
-            _reassign_sighting(persons, targets, sightings, b, k)
-            assigned[k] = b
+            if meas.assigned[k] >= 0:
+                _join_leg(targets, meas.assigned[k], b)
+            _give(targets, meas, sightings, b, k)
             targets.measurement[b] = k
     if number == 0.0:
         targets.measurement[b] = -1
-        track_evidence.record_miss(targets, b, meas, scans, time)
+        track_evidence.record_miss(targets, b, meas, scans)
         return
     var = TWO_LEGS_VAR if number > 1.0 else (JOINT_LEGS_VAR if wide else ONE_LEG_VAR)
     kalman.update(targets, 2 * b, x / number, 0.0, var)
@@ -560,7 +503,7 @@ def _update_person(
         # A person who never shows two legs has the width of one.
         targets.boxy[b] += 1
         targets.size[b] += (meas.chord[targets.measurement[b]] - targets.size[b]) / min(targets.boxy[b], 20)
-    _record_person_hit(targets, b, x / number, y / number, time, sweep)
+    _record_person_hit(targets, b, meas, x / number, y / number)
 
 
 def _join_leg(targets: Targets, leg: int, b: int) -> None:
@@ -570,29 +513,30 @@ def _join_leg(targets: Targets, leg: int, b: int) -> None:
     targets.member[leg] = targets.number[b]
 
 
-def _reassign_sighting(persons: Persons, targets: Targets, sightings: Sightings, b: int, k: int) -> None:
-    """Make the sighting of a leg one of its person."""
-    if persons.entry[k] >= 0:
-        sightings.number[persons.entry[k]] = targets.number[b]
+def _give(targets: Targets, meas: Measurements, sightings: Sightings, b: int, k: int) -> None:
+    """Give a measurement of a leg, and the sighting of it, to a person."""
+    meas.assigned[k] = b
+    if meas.sighting[k] >= 0:
+        sightings.number[meas.sighting[k]] = targets.number[b]
 
 
-def _record_person_hit(targets: Targets, b: int, x: float, y: float, time: float, sweep: int) -> None:
+def _record_person_hit(targets: Targets, b: int, meas: Measurements, x: float, y: float) -> None:
     """Record a hit of a person."""
     track_evidence.record_hit(targets, b)
     targets.sightings[b] += 1
-    targets.last_sweep[b], targets.last_time[b] = sweep, time
+    targets.last_sweep[b], targets.last_time[b] = meas.sweep, meas.time
     targets.middle_x[b], targets.middle_y[b] = x, y
     targets.from_x[b], targets.from_y[b] = kalman.centre(targets, b)
 
 
 def _initiate_person(
-    persons: Persons, targets: Targets, meas: Measurements, sightings: Sightings, leg: int, k: int, time: float, sweep: int
-) -> int:
-    """Initiate a person from a leg that moves and has none; return its slot."""
+    persons: Persons, targets: Targets, meas: Measurements, sightings: Sightings, leg: int, k: int
+) -> None:
+    """Initiate a person from a leg that moves and has none."""
     b = kalman.allocate(targets)
     kalman.reset(targets, b)
     targets.kind[b] = kalman.PERSON
-    targets.first_sweep[b], targets.first_time[b] = sweep, time
+    targets.first_sweep[b], targets.first_time[b] = meas.sweep, meas.time
     targets.onset[b] = targets.onset[leg]
     targets.moved[b] = targets.kind_hits[b] = 1
     targets.existence[b] = targets.existence[leg]
@@ -606,6 +550,5 @@ def _initiate_person(
     _join_leg(targets, leg, b)
     targets.measurement[b] = k
     persons.assigned[k] = b + 1
-    _reassign_sighting(persons, targets, sightings, b, k)
-    _record_person_hit(targets, b, meas.middle_x[k], meas.middle_y[k], time, sweep)
-    return b
+    _give(targets, meas, sightings, b, k)
+    _record_person_hit(targets, b, meas, meas.middle_x[k], meas.middle_y[k])

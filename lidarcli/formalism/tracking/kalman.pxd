@@ -128,8 +128,8 @@ cdef class Sightings:
 
 
 cdef void record_sighting(
-    Sightings sightings, Targets targets, Py_ssize_t b, EdgeMeasurement sides, Measurements meas, Py_ssize_t k, Py_ssize_t sweep, double time,
-    Py_ssize_t at
+    Sightings sightings, Targets targets, Py_ssize_t b, EdgeMeasurement sides, Measurements meas, Py_ssize_t k,
+    Py_ssize_t objects
 ) noexcept nogil
 
 

@@ -289,7 +289,7 @@ def _mix(values: Any, at: int, keep: float, give: float) -> None:
 
 
 def predict(targets: Targets, b: int, dt: float, drift_var: float) -> None:
-    """Predict a target after a time dt [s]. `creep`: variance that is added to standing targets as poses drift [m²]."""
+    """Predict a target after a time dt [s]. `drift_var`: variance that is added to standing targets as poses drift [m²]."""
     if targets.kind[b] == BOX:
         targets.yaw_var[b] += (
             dt * (2.0 * targets.yaw_cov[b] + dt * targets.rate_var[b]) + ANGULAR_ACCELERATION * dt * dt * dt / 3.0
@@ -490,26 +490,17 @@ def sighting_arrays(count: int) -> dict[str, NDArray[Any]]:
 
 
 def record_sighting(
-    sightings: Sightings,
-    targets: Targets,
-    b: int,
-    sides: EdgeMeasurement,
-    meas: Measurements,
-    k: int,
-    sweep: int,
-    time: float,
-    at: int,
+    sightings: Sightings, targets: Targets, b: int, sides: EdgeMeasurement, meas: Measurements, k: int, objects: int
 ) -> None:
-    """Record a sighting of a target by measurement k; there is room."""
-    i = sightings.count
+    """Record a sighting of a target by measurement k; there is room. `objects`: number of objects in batches before."""
+    i = meas.sighting[k] = sightings.count
     sightings.whole[i] = 0
     if meas.start[k] != measurement.HIDDEN and meas.end[k] != measurement.HIDDEN:
         sightings.whole[i] = 1
     sightings.chord[i] = meas.chord[k]
-    sightings.number[i], sightings.sweep[i], sightings.object[i], sightings.time[i] = targets.number[b], sweep, at, time
-    along, across = targets.c[2 * b], targets.c[2 * b + 1]
-    sightings.x[i] = targets.cos[b] * along - targets.sin[b] * across
-    sightings.y[i] = targets.sin[b] * along + targets.cos[b] * across
+    sightings.number[i], sightings.object[i] = targets.number[b], objects + meas.object[k]
+    sightings.sweep[i], sightings.time[i] = meas.sweep, meas.time
+    sightings.x[i], sightings.y[i] = centre(targets, b)
     sightings.cos[i], sightings.sin[i] = targets.cos[b], targets.sin[b]
     sightings.half_1[i], sightings.half_2[i] = targets.h[2 * b], targets.h[2 * b + 1]
     sightings.centred[i] = 1 if sides.by_centre else 0

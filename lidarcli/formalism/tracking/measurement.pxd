@@ -27,11 +27,13 @@ cdef class Detections:
 cdef class Measurements:
     cdef list owner
     cdef readonly Py_ssize_t objects, beams
-    cdef Py_ssize_t count, bearings, period, row
+    cdef Py_ssize_t count, bearings, period, row, sweep
     cdef bint reverse, steady, moves, is_placed
     cdef double start_x, start_y, start_yaw, motion_x, motion_y, motion_yaw
-    cdef double x, y, cos, sin, side, first, step, sigma, pose_var, pose_turn_var
+    cdef double x, y, cos, sin, side, first, step, sigma, pose_var, pose_turn_var, time
     cdef Py_ssize_t* object
+    cdef Py_ssize_t* assigned
+    cdef Py_ssize_t* sighting
     cdef Py_ssize_t* shape
     cdef Py_ssize_t* size
     cdef Py_ssize_t* start
@@ -97,12 +99,10 @@ cdef class RangeHistory:
     cpdef grow(self, RangeHistory old)
 
 
-cdef void copy_memory(RangeHistory history, RangeHistory old) noexcept nogil
 @cython.locals(changes=Py_ssize_t, lost=Py_ssize_t, now=Py_ssize_t, then=Py_ssize_t)
 cdef void count_flicker(RangeHistory history, Measurements meas, Scans scans) noexcept nogil
-cdef bint is_steady(RangeHistory history) noexcept nogil
 cdef double range_at(Measurements meas, Scans scans, Py_ssize_t position) noexcept nogil
-cdef void store_sweep(RangeHistory history, Measurements meas, Scans scans, double time) noexcept nogil
+cdef void store_sweep(RangeHistory history, Measurements meas, Scans scans) noexcept nogil
 @cython.locals(at=Py_ssize_t)
 cdef bint was_hit(RangeHistory history, Py_ssize_t m, double x, double y) noexcept nogil
 @cython.locals(position=Py_ssize_t, at=Py_ssize_t, k=Py_ssize_t)

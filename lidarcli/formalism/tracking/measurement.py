@@ -133,6 +133,10 @@ class Measurements:
         self.period = 0
         self.reverse = False
         self.row = 0
+        self.time = 0.0
+        """Time of the sweep [s]."""
+        self.sweep = 0
+        """Number of sweeps of the sensor before it."""
         self.sigma = 0.0
         self.steady = True
         """True if beams without a return prove free space."""
@@ -142,6 +146,10 @@ class Measurements:
         # Of each measurement.
         self.object = native.integers(self.owner, objects)
         """Index of the object in the detection."""
+        self.assigned = native.integers(self.owner, objects)
+        """Slot of its target; -1 for none, -2 - slot for a fragment of that target."""
+        self.sighting = native.integers(self.owner, objects)
+        """Its index among the sightings that are recorded; -1 for none."""
         self.shape = native.integers(self.owner, objects)
         self.size = native.integers(self.owner, objects)
         """Number of beams."""
@@ -398,26 +406,21 @@ class RangeHistory:
 
     def grow(self, old: RangeHistory) -> None:
         """Copy the sweeps of a smaller history."""
-        copy_memory(self, old)
-
-
-def copy_memory(history: RangeHistory, old: RangeHistory) -> None:
-    """Copy the sweeps of a smaller history."""
-    history.count, history.changes, history.lost = old.count, old.changes, old.lost
-    history.watched, history.before = old.watched, old.before
-    for beam in range(old.before):
-        history.status[beam] = old.status[beam]
-    for m in range(SWEEPS_KEPT):
-        history.time[m], history.x[m], history.y[m] = old.time[m], old.x[m], old.y[m]
-        history.cos[m], history.sin[m], history.side[m] = old.cos[m], old.sin[m], old.side[m]
-        history.first[m], history.step[m], history.sigma[m] = old.first[m], old.step[m], old.sigma[m]
-        history.bearings[m], history.period[m] = old.bearings[m], old.period[m]
-        for k in range(old.bearings[m]):
-            history.r[m * history.beams + k] = old.r[m * old.beams + k]
+        self.count, self.changes, self.lost = old.count, old.changes, old.lost
+        self.watched, self.before = old.watched, old.before
+        for beam in range(old.before):
+            self.status[beam] = old.status[beam]
+        for m in range(SWEEPS_KEPT):
+            self.time[m], self.x[m], self.y[m] = old.time[m], old.x[m], old.y[m]
+            self.cos[m], self.sin[m], self.side[m] = old.cos[m], old.sin[m], old.side[m]
+            self.first[m], self.step[m], self.sigma[m] = old.first[m], old.step[m], old.sigma[m]
+            self.bearings[m], self.period[m] = old.bearings[m], old.period[m]
+            for k in range(old.bearings[m]):
+                self.r[m * self.beams + k] = old.r[m * old.beams + k]
 
 
 def count_flicker(history: RangeHistory, meas: Measurements, scans: Scans) -> None:
-    """Count the beams that change between a range and no return."""
+    """Count the beams that change between a range and no return: where few do, those without a return prove free space."""
     begin, beams = meas.row * scans.width, scans.beams[meas.row]
     changes, lost = 0, 0
     if history.before == beams:
@@ -435,11 +438,7 @@ def count_flicker(history: RangeHistory, meas: Measurements, scans: Scans) -> No
     for beam in range(beams):
         history.status[beam] = scans.status[begin + beam]
     history.before = beams
-
-
-def is_steady(history: RangeHistory) -> bool:
-    """Return whether beams without a return prove free space."""
-    return history.changes <= MOST_FLICKER_SHARE * history.lost
+    meas.steady = history.changes <= MOST_FLICKER_SHARE * history.lost
 
 
 def range_at(meas: Measurements, scans: Scans, position: int) -> float:
@@ -455,13 +454,13 @@ def range_at(meas: Measurements, scans: Scans, position: int) -> float:
     return FREE_RANGE if meas.steady and scans.status[beam] == NO_RETURN else NO_RANGE
 
 
-def store_sweep(history: RangeHistory, meas: Measurements, scans: Scans, time: float) -> None:
+def store_sweep(history: RangeHistory, meas: Measurements, scans: Scans) -> None:
     """Store a sweep, unless the last one is too recent."""
     last = (history.count + SWEEPS_KEPT - 1) % SWEEPS_KEPT
-    if history.count > 0 and 0.0 <= time - history.time[last] < SWEEPS_APART:
+    if history.count > 0 and 0.0 <= meas.time - history.time[last] < SWEEPS_APART:
         return
     m = history.count % SWEEPS_KEPT
-    history.time[m] = time
+    history.time[m] = meas.time
     # The pose in the middle of the sweep stands for all of its beams.
     place_sensor(meas, 0.5)
     history.x[m], history.y[m], history.cos[m], history.sin[m] = (meas.x, meas.y, meas.cos, meas.sin)

@@ -4,7 +4,7 @@ cimport libc.math as math
 from lidarcli cimport native
 from lidarcli.formalism.segmentation cimport Scans
 from lidarcli.formalism.tracking cimport association, track_evidence, kalman, measurement
-from lidarcli.formalism.tracking.association cimport Assignment, Candidates, Persons
+from lidarcli.formalism.tracking.association cimport Candidates, Persons
 from lidarcli.formalism.tracking.kalman cimport PoseErrorFilter, Sightings, Targets
 from lidarcli.formalism.tracking.measurement cimport Detections, EdgeMeasurement, Measurements, RangeHistory
 
@@ -15,7 +15,7 @@ cdef double MOST_POSE_EVIDENCE
 
 
 cdef class SweepTracker:
-    cdef list owner, assigned_buffer
+    cdef list owner
     cdef double motion_threshold, stamp, typical_dt, elapsed, travelled, rotated
     cdef readonly double time
     cdef public Py_ssize_t sweeps, objects
@@ -27,22 +27,20 @@ cdef class SweepTracker:
     cdef readonly RangeHistory range_history
     cdef Candidates candidates
     cdef Persons persons
-    cdef Assignment assignment
     cdef readonly PoseErrorFilter pose_error
-    cdef Py_ssize_t* assigned
 
     cpdef resize(self, Targets targets, Measurements meas, RangeHistory range_history)
     cpdef Py_ssize_t process(self, Detections detections, Scans scans, Py_ssize_t row, Py_ssize_t stop, object track_ids) except -1
 
 
-cdef bint has_capacity(SweepTracker tracker, Detections detections, Py_ssize_t row) noexcept nogil
+cdef bint _has_capacity(SweepTracker tracker, Detections detections, Py_ssize_t row) noexcept nogil
+@cython.locals(at=Py_ssize_t)
 cdef void step(SweepTracker tracker, Detections detections, Scans scans, Py_ssize_t row, long long* track_ids) noexcept nogil
 @cython.locals(b=Py_ssize_t)
 cdef void _track(
-    SweepTracker tracker, Targets targets, Measurements meas, Detections detections, Scans scans, Py_ssize_t row, double dt,
-    long long* track_ids
+    SweepTracker tracker, Targets targets, Measurements meas, Detections detections, Scans scans, Py_ssize_t row, double dt
 ) noexcept nogil
-cdef double _advance_clock(SweepTracker tracker, double stamp) noexcept nogil
+cdef double advance_clock(SweepTracker tracker, double stamp) noexcept nogil
 cdef double _drift_variance(SweepTracker tracker, Targets targets, Measurements meas, Py_ssize_t b) noexcept nogil
 cdef void _correct_sensor_pose(
     SweepTracker tracker, PoseErrorFilter pose_error, Measurements meas, Detections detections, Py_ssize_t row, double dt
@@ -54,7 +52,7 @@ cdef void _make_disc(SweepTracker tracker, Targets targets, Measurements meas, P
 cdef void _initiate_jacobian(SweepTracker tracker, Targets targets, Measurements meas, Py_ssize_t b, Py_ssize_t k) noexcept nogil
 @cython.locals(best=Py_ssize_t)
 cdef (double, double) _face_direction(Measurements meas, Py_ssize_t k) noexcept nogil
-@cython.locals(is_whole=bint)
+@cython.locals(is_whole=bint, is_certain=bint)
 cdef void _update(SweepTracker tracker, Targets targets, Measurements meas, Scans scans, Py_ssize_t b, Py_ssize_t k) noexcept nogil
 cdef bint _is_boxy(Measurements meas, Py_ssize_t k) noexcept nogil
 cdef void _try_box(SweepTracker tracker, Targets targets, Measurements meas, Py_ssize_t b, Py_ssize_t k) noexcept nogil

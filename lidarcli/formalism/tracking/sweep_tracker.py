@@ -13,7 +13,7 @@ from lidarcli import native
 from lidarcli.formalism import detection
 from lidarcli.formalism.segmentation import Scans
 from lidarcli.formalism.tracking import association, kalman, measurement, results, track_evidence
-from lidarcli.formalism.tracking.association import Assignment, Candidates, Persons
+from lidarcli.formalism.tracking.association import Candidates, Persons
 from lidarcli.formalism.tracking.kalman import PoseErrorFilter, Sightings, Targets
 from lidarcli.formalism.tracking.measurement import Detections, EdgeMeasurement, Measurements, RangeHistory
 
@@ -86,10 +86,7 @@ class SweepTracker:
         self.measurements = meas
         self.range_history = range_history
         self.candidates = Candidates(targets.capacity, meas.objects)
-        self.assignment = Assignment(targets.capacity, meas.objects)
         self.persons = Persons(meas.objects)
-        self.assigned_buffer: list[Any] = []
-        self.assigned = native.integers(self.assigned_buffer, meas.objects)
 
     def process(self, detections: Detections, scans: Scans, row: int, stop: int, track_ids: Any) -> int:
         """Process the sweeps from a row on; return the first row for which there is no capacity, or `stop`.
@@ -102,14 +99,14 @@ class SweepTracker:
         """
         out = native.at_longs(track_ids)
         lock = native.release()
-        while row < stop and has_capacity(self, detections, row):
+        while row < stop and _has_capacity(self, detections, row):
             step(self, detections, scans, row, out)
             row += 1
         native.resume(lock)
         return row
 
 
-def has_capacity(tracker: SweepTracker, detections: Detections, row: int) -> bool:
+def _has_capacity(tracker: SweepTracker, detections: Detections, row: int) -> bool:
     """Return whether there is capacity if all objects of a sweep are new targets."""
     objects = detections.offset[row + 1] - detections.offset[row]
     return (
@@ -123,61 +120,57 @@ def step(tracker: SweepTracker, detections: Detections, scans: Scans, row: int, 
     """Process one sweep. One without a pose of the sensor only advances the clock."""
     for at in range(detections.offset[row], detections.offset[row + 1]):
         track_ids[at] = 0
-    tracker.elapsed += _advance_clock(tracker, detections.seconds[row])
+    tracker.elapsed += advance_clock(tracker, detections.seconds[row])
     tracker.sweeps += 1
     if detections.poses[4 * row] == detections.poses[4 * row]:
-        dt = tracker.elapsed
+        _correct_sensor_pose(tracker, tracker.pose_error, tracker.measurements, detections, row, tracker.elapsed)
+        _track(tracker, tracker.targets, tracker.measurements, detections, scans, row, tracker.elapsed)
+        for k in range(tracker.measurements.count):
+            at = tracker.measurements.object[k]
+            track_ids[at] = tracker.targets.number[tracker.measurements.assigned[k]]
         tracker.elapsed = 0.0
-        _correct_sensor_pose(tracker, tracker.pose_error, tracker.measurements, detections, row, dt)
-        _track(tracker, tracker.targets, tracker.measurements, detections, scans, row, dt, track_ids)
 
 
 def _track(
-    tracker: SweepTracker,
-    targets: Targets,
-    meas: Measurements,
-    detections: Detections,
-    scans: Scans,
-    row: int,
-    dt: float,
-    track_ids: Any,
+    tracker: SweepTracker, targets: Targets, meas: Measurements, detections: Detections, scans: Scans, row: int, dt: float
 ) -> None:
     """Predict all targets, associate the measurements, update or miss each target, and initiate new ones."""
+    # Measurements of the sweep.
+    meas.time, meas.sweep = tracker.time, tracker.sweeps - 1
     measurement.extract(meas, detections, scans, row)
     measurement.count_flicker(tracker.range_history, meas, scans)
-    meas.steady = measurement.is_steady(tracker.range_history)
     measurement.classify_edges(meas)
+    # Predict.
     for b in range(targets.slots_used):
         if targets.state[b] == kalman.LIVE:
             kalman.predict(targets, b, dt, _drift_variance(tracker, targets, meas, b))
-    association.associate(tracker.candidates, tracker.assignment, tracker.sides, targets, meas, tracker.assigned)
-    association.merge_fragments(targets, meas, tracker.assigned)
+    # Associate.
+    association.associate(tracker.candidates, tracker.sides, targets, meas)
+    association.merge_fragments(targets, meas)
     for k in range(meas.count):
-        tracker.persons.entry[k] = -1
+        meas.sighting[k] = -1
+    # Update targets that have a measurement; count a miss of the others, which drops dead ones. Persons follow below.
     for b in range(targets.slots_used):
         if targets.state[b] != kalman.LIVE or targets.kind[b] == kalman.PERSON:
             continue
         if targets.measurement[b] >= 0:
             _update(tracker, targets, meas, scans, b, targets.measurement[b])
         else:
-            track_evidence.record_miss(targets, b, meas, scans, tracker.time)
+            track_evidence.record_miss(targets, b, meas, scans)
             if targets.moved[b] == 0:
                 kalman.hold_still(targets, b)
+    # Initiate targets for measurements without one.
     for k in range(meas.count):
-        if tracker.assigned[k] == -1:
-            tracker.assigned[k] = _initiate(tracker, targets, meas, k)
-        elif tracker.assigned[k] < -1:
-            tracker.assigned[k] = -2 - tracker.assigned[k]
-    association.track_persons(
-        tracker.persons, targets, meas, scans, tracker.assigned, tracker.sightings, tracker.time, tracker.sweeps - 1
-    )
-    for k in range(meas.count):
-        track_ids[meas.object[k]] = targets.number[tracker.assigned[k]]
+        if meas.assigned[k] == -1:
+            meas.assigned[k] = _initiate(tracker, targets, meas, k)
+        elif meas.assigned[k] < -1:
+            meas.assigned[k] = -2 - meas.assigned[k]
+    association.track_persons(tracker.persons, targets, meas, scans, tracker.sightings)
     kalman.apply_pose_error(tracker.pose_error, targets)
-    measurement.store_sweep(tracker.range_history, meas, scans, tracker.time)
+    measurement.store_sweep(tracker.range_history, meas, scans)
 
 
-def _advance_clock(tracker: SweepTracker, stamp: float) -> float:
+def advance_clock(tracker: SweepTracker, stamp: float) -> float:
     """Advance the clock to the stamp of a sweep [s], and return by how much; it never goes back."""
     dt = 0.0
     if tracker.sweeps > 0:
@@ -226,9 +219,9 @@ def _initiate(tracker: SweepTracker, targets: Targets, meas: Measurements, k: in
     """Initiate a target with a measurement that is assigned to none; return its slot."""
     b = kalman.allocate(targets)
     kalman.reset(targets, b)
-    targets.first_sweep[b] = targets.last_sweep[b] = tracker.sweeps - 1
+    targets.first_sweep[b] = meas.sweep
     targets.existence[b] = track_evidence.EXISTENCE_AT_FIRST
-    targets.first_time[b] = targets.last_time[b] = tracker.time
+    targets.first_time[b] = meas.time
     if _is_boxy(meas, k):
         _make_box(tracker, targets, meas, b, k)
     else:
@@ -241,7 +234,7 @@ def _initiate(tracker: SweepTracker, targets: Targets, meas: Measurements, k: in
     if other >= 0:
         targets.same_as[b] = targets.number[other]
     _count_measurement(tracker, targets, meas, b, k)
-    track_evidence.mark_rest(targets, b, tracker.sweeps - 1)
+    track_evidence.mark_rest(targets, b, meas.sweep)
     return b
 
 
@@ -332,10 +325,9 @@ def _update(tracker: SweepTracker, targets: Targets, meas: Measurements, scans: 
     _count_measurement(tracker, targets, meas, b, k)
     track_evidence.detect_legs(targets, b, meas, k, scans)
     if targets.moved[b] == 0:
-        track_evidence.mark_rest(targets, b, tracker.sweeps - 1)
-        if track_evidence.is_moving(
-            targets, b, meas, scans, k, tracker.range_history, tracker.motion_threshold, tracker.time
-        ):
+        track_evidence.mark_rest(targets, b, meas.sweep)
+        is_certain = targets.evidence[b] >= tracker.motion_threshold
+        if is_certain and track_evidence.has_left(targets, b, meas, scans, k, tracker.range_history):
             targets.moved[b] = 1
 
 
@@ -423,20 +415,8 @@ def _count_measurement(tracker: SweepTracker, targets: Targets, meas: Measuremen
     targets.measurement[b] = k
     targets.sightings[b] += 1
     targets.kind_hits[b] += 1
-    targets.last_sweep[b] = tracker.sweeps - 1
-    targets.last_time[b] = tracker.time
+    targets.last_sweep[b], targets.last_time[b] = meas.sweep, meas.time
     targets.middle_x[b], targets.middle_y[b] = meas.middle_x[k], meas.middle_y[k]
     targets.from_x[b], targets.from_y[b] = kalman.centre(targets, b)
     track_evidence.vote_shape(targets, b, meas, k)
-    tracker.persons.entry[k] = tracker.sightings.count
-    kalman.record_sighting(
-        tracker.sightings,
-        targets,
-        b,
-        tracker.sides,
-        meas,
-        k,
-        tracker.sweeps - 1,
-        tracker.time,
-        tracker.objects + meas.object[k],
-    )
+    kalman.record_sighting(tracker.sightings, targets, b, tracker.sides, meas, k, tracker.objects)

@@ -21,27 +21,22 @@ cdef double _motion_odds(
 ) noexcept nogil
 cdef double _axis_odds(Targets targets, Py_ssize_t a, EdgeMeasurement sides, Py_ssize_t low) noexcept nogil
 cdef void mark_rest(Targets targets, Py_ssize_t b, Py_ssize_t sweep) noexcept nogil
-cdef bint is_moving(
-    Targets targets, Py_ssize_t b, Measurements meas, Scans scans, Py_ssize_t k, RangeHistory history, double motion_threshold, double time
+cdef bint has_left(
+    Targets targets, Py_ssize_t b, Measurements meas, Scans scans, Py_ssize_t k, RangeHistory history
 ) noexcept nogil
 @cython.locals(times=Py_ssize_t, p=Py_ssize_t)
-cdef bint was_occupied(
-    Targets targets, Py_ssize_t b, Measurements meas, Py_ssize_t k, RangeHistory history, double time
-) noexcept nogil
-cdef bint was_free(Measurements meas, Py_ssize_t k, RangeHistory history, double time) noexcept nogil
+cdef bint was_occupied(Targets targets, Py_ssize_t b, Measurements meas, Py_ssize_t k, RangeHistory history) noexcept nogil
+cdef bint was_free(Measurements meas, Py_ssize_t k, RangeHistory history) noexcept nogil
 
 
 @cython.locals(first=Py_ssize_t, last=Py_ssize_t, position=Py_ssize_t)
 cdef (double, double, double) passing(
-    Measurements meas, Scans scans, double x, double y, double half_depth, double half_width
-) noexcept nogil
-cdef (double, double, double) passing_target(
     Measurements meas, Scans scans, Targets targets, Py_ssize_t b, double x, double y
 ) noexcept nogil
+@cython.locals(is_elder=bint)
 cdef void record_hit(Targets targets, Py_ssize_t b) noexcept nogil
-cdef bint _is_alone(Targets targets, Py_ssize_t number) noexcept nogil
 @cython.locals(still=bint, astray=bint)
-cdef void record_miss(Targets targets, Py_ssize_t b, Measurements meas, Scans scans, double time) noexcept nogil
+cdef void record_miss(Targets targets, Py_ssize_t b, Measurements meas, Scans scans) noexcept nogil
 cdef Py_ssize_t covering_target(Targets targets, Py_ssize_t b, double x, double y, double margin) noexcept nogil
 cdef void terminate(Targets targets, Py_ssize_t b, Py_ssize_t why) noexcept nogil
 

@@ -142,36 +142,25 @@ def mark_rest(targets: Targets, b: int, sweep: int) -> None:
         targets.birth_x[b], targets.birth_y[b] = kalman.centre(targets, b)
 
 
-def is_moving(
-    targets: Targets,
-    b: int,
-    meas: Measurements,
-    scans: Scans,
-    k: int,
-    history: RangeHistory,
-    motion_threshold: float,
-    time: float,
-) -> bool:
-    """Return whether both tests show that a target moves by itself."""
-    if targets.evidence[b] < motion_threshold:
-        return False
+def has_left(targets: Targets, b: int, meas: Measurements, scans: Scans, k: int, history: RangeHistory) -> bool:
+    """Return whether free space shows that a target left the place where it had no evidence of motion last."""
     x, y = kalman.centre(targets, b)
     dx, dy = x - targets.birth_x[b], y - targets.birth_y[b]
     if dx * dx + dy * dy < LEAST_WAY * LEAST_WAY:
         return False
-    passes, hits, _ = passing_target(meas, scans, targets, b, targets.birth_x[b], targets.birth_y[b])
+    passes, hits, _ = passing(meas, scans, targets, b, targets.birth_x[b], targets.birth_y[b])
     size = 2.0 * max(targets.h[2 * b], targets.h[2 * b + 1])
     if hits > 0.5 and dx * dx + dy * dy > (size + FREE_MARGIN) * (size + FREE_MARGIN):
         # Its old place is still occupied: another leg of the same chair was taken for it.
         return False
-    if was_occupied(targets, b, meas, k, history, time):
+    if was_occupied(targets, b, meas, k, history):
         return False
-    if was_free(meas, k, history, time):
+    if was_free(meas, k, history):
         return True
     return passes > 0.5 and hits < 0.2
 
 
-def was_occupied(targets: Targets, b: int, meas: Measurements, k: int, history: RangeHistory, time: float) -> bool:
+def was_occupied(targets: Targets, b: int, meas: Measurements, k: int, history: RangeHistory) -> bool:
     """Return whether something was at the place before the target got there, as a wall that seems to slide."""
     first, stop = meas.begin[k], meas.begin[k + 1]
     asked = min(stop - first, MOST_POINTS)
@@ -180,7 +169,7 @@ def was_occupied(targets: Targets, b: int, meas: Measurements, k: int, history: 
     clear = 2.0 * max(targets.h[2 * b], targets.h[2 * b + 1]) + LEAST_WAY
     times = 0
     for m in range(min(history.count, measurement.SWEEPS_KEPT)):
-        age = time - history.time[m]
+        age = meas.time - history.time[m]
         if age < measurement.SWEEPS_APART or age > OLDEST_SWEEP or speed * age < clear:
             continue
         hits = 0.0
@@ -193,12 +182,12 @@ def was_occupied(targets: Targets, b: int, meas: Measurements, k: int, history: 
     return times >= OCCUPIED_SWEEPS
 
 
-def was_free(meas: Measurements, k: int, history: RangeHistory, time: float) -> bool:
+def was_free(meas: Measurements, k: int, history: RangeHistory) -> bool:
     """Return whether the beams of an earlier sweep passed the place of a measurement."""
     first, stop = meas.begin[k], meas.begin[k + 1]
     asked = min(stop - first, MOST_POINTS)
     for m in range(min(history.count, measurement.SWEEPS_KEPT)):
-        age = time - history.time[m]
+        age = meas.time - history.time[m]
         if age < measurement.SWEEPS_APART or age > OLDEST_SWEEP:
             continue
         free = 0.0
@@ -211,26 +200,25 @@ def was_free(meas: Measurements, k: int, history: RangeHistory, time: float) -> 
     return False
 
 
-def passing(
-    meas: Measurements, scans: Scans, x: float, y: float, half_depth: float, half_width: float
-) -> tuple[float, float, float]:
-    """Return the shares of the beams at the core of a place that pass it, end at it, and are outside of the view.
-
-    Parameters
-    ----------
-    x, y : centre of the place in the world [m]
-    half_depth, half_width : half extents towards the sensor and to the side [m]
-    """
+def passing(meas: Measurements, scans: Scans, targets: Targets, b: int, x: float, y: float) -> tuple[float, float, float]:
+    """Return the shares of the beams at the core of a target at x, y that pass it, end at it, and are out of view."""
+    dx, dy = x - meas.x, y - meas.y
+    r = math.sqrt(dx * dx + dy * dy)
+    if r <= 0.0:
+        return 0.0, 1.0, 0.0
+    dx, dy = dx / r, dy / r
+    half_depth, half_width = kalman.half_extent(targets, b, dx, dy), kalman.half_extent(targets, b, -dy, dx)
     ahead, left = measurement.to_sensor(meas, x, y)
     r = math.sqrt(ahead * ahead + left * left)
     if meas.step < measurement.LEAST_STEP or meas.bearings < 1:
         return 0.0, 0.0, 1.0
-    history = math.atan2(left, ahead) - meas.first
-    history -= measurement.TURN * math.floor(history / measurement.TURN)
-    middle = history / meas.step
+    # Angle past the first bearing, within a turn.
+    angle = math.atan2(left, ahead) - meas.first
+    angle -= measurement.TURN * math.floor(angle / measurement.TURN)
+    middle = angle / meas.step
     core = 0.5 * math.atan2(half_width, max(r, 0.01)) / meas.step
     # A bearing just before the first one counts as before it, not as nearly a turn behind it.
-    if meas.period == 0 and history > 0.5 * (measurement.TURN + (meas.bearings - 1) * meas.step):
+    if meas.period == 0 and angle > 0.5 * (measurement.TURN + (meas.bearings - 1) * meas.step):
         middle -= measurement.TURN / meas.step
     # C needs a conversion to integers here.
     first, last = int(math.ceil(middle - core)), int(math.floor(middle + core))  # noqa: RUF046
@@ -253,41 +241,25 @@ def passing(
     return passes / number, hits / number, unseen / number
 
 
-def passing_target(
-    meas: Measurements, scans: Scans, targets: Targets, b: int, x: float, y: float
-) -> tuple[float, float, float]:
-    """Return the shares of `passing` for a target, as if its centre were at x, y."""
-    dx, dy = x - meas.x, y - meas.y
-    r = math.sqrt(dx * dx + dy * dy)
-    if r <= 0.0:
-        return 0.0, 1.0, 0.0
-    dx, dy = dx / r, dy / r
-    half_depth, half_width = kalman.half_extent(targets, b, dx, dy), kalman.half_extent(targets, b, -dy, dx)
-    return passing(meas, scans, x, y, half_depth, half_width)
-
-
 def record_hit(targets: Targets, b: int) -> None:
     """Raise the existence of a target that was measured.
 
-    Only where its elder is seen beside it, it is less likely the same: two targets of one object are seen in turns.
+    An elder that is missed in this sweep may still be the same object: two targets of one object are hit in turns.
     """
     targets.existence[b] += EXISTENCE_GAIN * (1.0 - targets.existence[b])
-    if targets.inside[b] > 0 and not _is_alone(targets, targets.same_as[b]):
-        targets.inside[b] -= 1
-
-
-def _is_alone(targets: Targets, number: int) -> bool:
-    """Return whether the target of this number is live and missed in this sweep."""
+    if targets.inside[b] == 0:
+        return
     for other in range(targets.slots_used):
-        if targets.number[other] == number and targets.state[other] == kalman.LIVE:
-            return targets.measurement[other] < 0
-    return False
+        is_elder = targets.number[other] == targets.same_as[b] and targets.state[other] == kalman.LIVE
+        if is_elder and targets.measurement[other] < 0:
+            return
+    targets.inside[b] -= 1
 
 
-def record_miss(targets: Targets, b: int, meas: Measurements, scans: Scans, time: float) -> None:
+def record_miss(targets: Targets, b: int, meas: Measurements, scans: Scans) -> None:
     """Lower the existence of a target that was missed, and terminate it if it is gone or lost."""
     x, y = kalman.centre(targets, b)
-    passes, hits, unseen = passing_target(meas, scans, targets, b, x, y)
+    passes, hits, unseen = passing(meas, scans, targets, b, x, y)
     detect = DETECTION_RATE * passes if passes > LEAST_PASSING else 0.0
     detect += HIT_DOUBT * hits
     e = targets.existence[b]
@@ -307,7 +279,7 @@ def record_miss(targets: Targets, b: int, meas: Measurements, scans: Scans, time
         still = targets.moved[b] == 0
         patience = PATIENCE_STILL if still else PATIENCE_MOVING
         astray = 0.5 * (targets.cc[2 * b] + targets.cc[2 * b + 1]) > LOST_VAR and not still
-        if time - targets.last_time[b] > patience or astray:
+        if meas.time - targets.last_time[b] > patience or astray:
             terminate(targets, b, LEFT_VIEW if unseen > 0.5 else LOST)
 
 
@@ -350,10 +322,10 @@ def detect_legs(targets: Targets, b: int, meas: Measurements, k: int, scans: Sca
     ):
         return
     ahead, left = measurement.to_sensor(meas, meas.middle_x[k], meas.middle_y[k])
-    history = math.atan2(left, ahead) - meas.first
-    history -= measurement.TURN * math.floor(history / measurement.TURN)
+    angle = math.atan2(left, ahead) - meas.first
+    angle -= measurement.TURN * math.floor(angle / measurement.TURN)
     wide = math.asin(LEGS_FARTHEST / meas.near[k])
-    first, last = int((history - wide) / meas.step), int((history + wide) / meas.step)
+    first, last = int((angle - wide) / meas.step), int((angle + wide) / meas.step)
     last = min(last, first + meas.bearings)
     run = 0
     measurement.place_sensor(meas, meas.share[k])

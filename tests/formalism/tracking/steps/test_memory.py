@@ -31,7 +31,7 @@ def sweep_of(
 
 def remembered(measurements: Measurements, scans: Scans) -> RangeHistory:
     history = RangeHistory(BEAMS + 1)
-    measurement.store_sweep(history, measurements, scans, 0.0)
+    measurement.store_sweep(history, measurements, scans)
     return history
 
 
@@ -101,12 +101,12 @@ def test_beams_that_come_and_go_prove_nothing() -> None:
     calm, flickering = RangeHistory(BEAMS), RangeHistory(BEAMS)
     fixed = np.where(rng.random(BEAMS) < 0.3, np.inf, 4.0)
     for _ in range(20):
-        measurements, scans = sweep_of(fixed)
-        measurement.count_flicker(calm, measurements, scans)
-        measurements, scans = sweep_of(np.where(rng.random(BEAMS) < 0.3, np.inf, 4.0))
-        measurement.count_flicker(flickering, measurements, scans)
-    assert measurement.is_steady(calm)
-    assert not measurement.is_steady(flickering)
+        still, scans = sweep_of(fixed)
+        measurement.count_flicker(calm, still, scans)
+        changing, scans = sweep_of(np.where(rng.random(BEAMS) < 0.3, np.inf, 4.0))
+        measurement.count_flicker(flickering, changing, scans)
+    assert still.steady
+    assert not changing.steady
 
 
 def test_the_latest_sweeps_are_kept_some_time_apart() -> None:
@@ -114,7 +114,8 @@ def test_the_latest_sweeps_are_kept_some_time_apart() -> None:
     history = RangeHistory(BEAMS)
     times = np.arange(0, 60, 0.1)
     for time in times:
-        measurement.store_sweep(history, measurements, scans, float(time))
+        measurements.time = float(time)
+        measurement.store_sweep(history, measurements, scans)
     kept = sorted(history.time[m] for m in range(measurement.SWEEPS_KEPT))
     gaps = np.diff(kept)
     assert (gaps >= measurement.SWEEPS_APART - 1e-9).all()
@@ -132,20 +133,24 @@ def test_the_latest_sweeps_are_kept_some_time_apart() -> None:
 def test_a_place_is_passed_or_hit_or_in_the_shadow(geometry: str, pose: Pose) -> None:
     beams, first, step = GEOMETRIES[geometry]
     measurements, scans = sweep_of(np.full(beams, 4.0), first, step, pose)
+    targets = body_at(0.0, 0.0, 1)
     for bearing in np.arange(-3.2, 3.2, 0.1):
         for r, shares in ((2.0, (1, 0, 0)), (4.05, (0, 1, 0)), (6.0, (0, 0, 0))):
-            assert track_evidence.passing(measurements, scans, *at(r, float(bearing), pose), 0.2, 0.2) == shares
+            x, y = at(r, float(bearing), pose)
+            assert track_evidence.passing(measurements, scans, targets, 0, x, y) == shares
 
 
 @pytest.mark.parametrize(("first", "step"), [(-90 * STEP, STEP), (90 * STEP, -STEP)])
 def test_a_place_at_the_edge_of_the_view_is_half_outside(first: float, step: float) -> None:
     measurements, scans = sweep_of(np.full(181, 4.0), first, step)
+    targets = body_at(0.0, 0.0, 1)
+    targets.h[0] = targets.h[1] = 0.4
     for edge in (-90, 90):
-        passes, hits, unseen = track_evidence.passing(measurements, scans, *at(2.0, math.radians(edge)), 0.2, 0.4)
+        passes, hits, unseen = track_evidence.passing(measurements, scans, targets, 0, *at(2.0, math.radians(edge)))
         assert unseen == pytest.approx(0.5, abs=0.12)
         assert passes == pytest.approx(1.0 - unseen)
         assert hits == 0.0
-    assert track_evidence.passing(measurements, scans, *at(2.0, math.pi), 0.2, 0.4) == (0.0, 0.0, 1.0)
+    assert track_evidence.passing(measurements, scans, targets, 0, *at(2.0, math.pi)) == (0.0, 0.0, 1.0)
 
 
 def body_at(x: float, y: float, sightings: int) -> Targets:
@@ -170,7 +175,8 @@ def test_what_beams_pass_through_is_gone_soon() -> None:
     likely = targets.existence[0]
     assert likely > 0.95
     while targets.state[0] == kalman.LIVE:
-        track_evidence.record_miss(targets, 0, measurements, scans, 0.1 * missed)
+        measurements.time = 0.1 * missed
+        track_evidence.record_miss(targets, 0, measurements, scans)
         assert targets.existence[0] < likely
         likely, missed = targets.existence[0], missed + 1
     assert targets.state[0] == kalman.ENDED
@@ -183,7 +189,7 @@ def test_what_was_hardly_seen_is_forgotten_at_once() -> None:
     targets = body_at(2.0, 0.0, track_evidence.CONFIRMED_SIGHTINGS - 1)
     for _ in range(10):
         if targets.state[0] == kalman.LIVE:
-            track_evidence.record_miss(targets, 0, measurements, scans, 0.0)
+            track_evidence.record_miss(targets, 0, measurements, scans)
     assert targets.state[0] == kalman.EMPTY
 
 
@@ -193,15 +199,18 @@ def test_in_the_shadow_a_body_is_kept_as_long_as_there_is_patience(moved: int) -
     targets = body_at(2.0, 0.0, 20)
     targets.moved[0], likely = moved, targets.existence[0]
     patience = track_evidence.PATIENCE_MOVING if moved else track_evidence.PATIENCE_STILL
-    track_evidence.record_miss(targets, 0, measurements, scans, patience - 0.1)
+    measurements.time = patience - 0.1
+    track_evidence.record_miss(targets, 0, measurements, scans)
     assert targets.state[0] == kalman.LIVE
     assert targets.existence[0] == likely
-    track_evidence.record_miss(targets, 0, measurements, scans, patience + 0.1)
+    measurements.time = patience + 0.1
+    track_evidence.record_miss(targets, 0, measurements, scans)
     assert (targets.state[0], targets.end[0]) == (kalman.ENDED, track_evidence.LOST)
 
 
 def test_what_is_outside_of_the_view_has_left_it() -> None:
     measurements, scans = sweep_of(np.full(91, 4.0), -45 * STEP)
     targets = body_at(-2.0, 0.0, 20)
-    track_evidence.record_miss(targets, 0, measurements, scans, track_evidence.PATIENCE_STILL + 0.1)
+    measurements.time = track_evidence.PATIENCE_STILL + 0.1
+    track_evidence.record_miss(targets, 0, measurements, scans)
     assert (targets.state[0], targets.end[0]) == (kalman.ENDED, track_evidence.LEFT_VIEW)

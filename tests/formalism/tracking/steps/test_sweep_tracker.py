@@ -14,11 +14,11 @@ from lidarcli.formalism.tracking.measurement import Measurements, RangeHistory
 
 def test_the_clock_never_goes_back() -> None:
     state = sweep_tracker.SweepTracker(10.0, Targets(4), Measurements(4, 4), RangeHistory(4))
-    assert sweep_tracker._advance_clock(state, 5.0) == 0.0
+    assert sweep_tracker.advance_clock(state, 5.0) == 0.0
     passed = []
     for stamp in (5.1, 5.2, 5.2, 4.0, 4.1, 1e6):
         state.sweeps += 1
-        passed.append(sweep_tracker._advance_clock(state, stamp))
+        passed.append(sweep_tracker.advance_clock(state, stamp))
     assert passed[:3] == pytest.approx([0.1, 0.1, 0.0])
     # Set back: as long as a sweep usually takes. After ages: no longer than the longest pause.
     assert passed[3:] == pytest.approx([0.1, 0.1, sweep_tracker.MOST_PAUSE], rel=0.05)
@@ -47,7 +47,7 @@ def test_pairs_of_persons_and_legs_are_sorted_by_cost() -> None:
     costs = rng.choice([1.0, 2.0, 3.0], 12)
     for i, cost in enumerate(costs):
         room.person[i], room.measurement[i], room.cost[i] = i, 100 + i, float(cost)
-    association._sort_pairs(room)
+    association.sort_pairs(room)
     # Of equals the first stays the first.
     assert [room.person[i] for i in range(12)] == np.argsort(costs, kind="stable").tolist()
     assert [room.measurement[i] - room.person[i] for i in range(12)] == [100] * 12
@@ -59,20 +59,20 @@ def test_who_was_seen_in_the_sweep_before_comes_first_and_a_duplicate_last() -> 
     kalman.reset(targets, 0)
     targets.h[0] = targets.h[1] = 0.2
     targets.measurement[0] = -1
-    assert association._precedence(targets, measurements, 0) == 0.0
+    assert association.precedence(targets, measurements, 0) == 0.0
     targets.measurement[0] = 0
-    assert association._precedence(targets, measurements, 0) == -association.SEEN_BEFORE
+    assert association.precedence(targets, measurements, 0) == -association.SEEN_BEFORE
     targets.same_as[0] = 7
     expected = association.DUPLICATE_COST - association.SEEN_BEFORE
-    assert association._precedence(targets, measurements, 0) == expected
+    assert association.precedence(targets, measurements, 0) == expected
     targets.sightings[0] = association.DUPLICATE_SIGHTINGS
-    assert association._precedence(targets, measurements, 0) == -association.SEEN_BEFORE
+    assert association.precedence(targets, measurements, 0) == -association.SEEN_BEFORE
     # Legs swing past each other, and where nobody knows where the sensor is, no body is one object for long.
     targets.h[0] = targets.h[1] = 0.1
-    assert association._precedence(targets, measurements, 0) == 0.0
+    assert association.precedence(targets, measurements, 0) == 0.0
     targets.h[0] = targets.h[1] = 0.2
     measurements.is_placed = False
-    assert association._precedence(targets, measurements, 0) == 0.0
+    assert association.precedence(targets, measurements, 0) == 0.0
 
 
 def test_a_body_is_another_one_only_where_both_are_seen_at_once() -> None:
@@ -91,7 +91,7 @@ def test_a_body_is_another_one_only_where_both_are_seen_at_once() -> None:
     assert targets.inside[1] == 3
 
 
-def two_persons(apart: float) -> tuple[association.Persons, Targets, Measurements, kalman.Sightings, list[int]]:
+def two_persons(apart: float) -> tuple[association.Persons, Targets, Measurements, kalman.Sightings]:
     """Two persons so far apart, the second one of whom has a leg in view 0."""
     persons, targets, measurements, sightings = association.Persons(1), Targets(3), Measurements(1, 4), kalman.Sightings()
     for b in range(2):
@@ -102,32 +102,23 @@ def two_persons(apart: float) -> tuple[association.Persons, Targets, Measurement
             kalman.initiate_axis(targets, 2 * b + i, x - 0.2, x + 0.2, 1e-4, 1e-4)
     kalman.reset(targets, kalman.allocate(targets))
     targets.member[2] = targets.number[1]
-    measurements.count, persons.entry[0], persons.assigned[0] = 1, -1, 2
-    return persons, targets, measurements, sightings, [1]
+    measurements.count, measurements.sighting[0], persons.assigned[0] = 1, -1, 2
+    measurements.assigned[0] = 1
+    return persons, targets, measurements, sightings
 
 
 @pytest.mark.parametrize(("apart", "legs", "one"), [(0.3, 1, True), (0.5, 1, False), (0.3, 2, False)])
 def test_two_persons_who_have_two_legs_together_are_one(apart: float, legs: int, one: bool) -> None:
-    persons, targets, measurements, sightings, assigned = two_persons(apart)
+    persons, targets, measurements, sightings = two_persons(apart)
     targets.kind_hits[1] = legs
     for _ in range(track_evidence.DUPLICATE_SWEEPS // association.MERGED_GAIN):
         assert targets.state[1] == kalman.LIVE
         for b in range(2):
-            association._merge_person(persons, targets, measurements, assigned, sightings, b)
+            association.merge_person(persons, targets, measurements, sightings, b)
     if one:
         # The elder takes the legs, and the place that the younger had becomes its own.
         assert (targets.state[1], targets.same_as[1]) == (kalman.ENDED, targets.number[0])
-        assert (assigned, persons.assigned[0], targets.kind_hits[0]) == ([0], 1, 2)
+        assert (measurements.assigned[0], persons.assigned[0], targets.kind_hits[0]) == (0, 1, 2)
         assert targets.member[2] == targets.number[0]
     else:
-        assert (targets.state[1], targets.inside[1], assigned) == (kalman.LIVE, 0, [1])
-
-
-def test_a_leg_is_the_mean_of_where_it_was_seen() -> None:
-    targets = Targets(1)
-    kalman.reset(targets, 0)
-    for x in (1.0, 1.02, 1.04):
-        track_evidence._record_leg(targets, 0, x, 2.0)
-    track_evidence._record_leg(targets, 0, 1.5, 2.0)
-    assert (targets.leg_x[0], targets.leg_y[0], targets.leg_hits[0]) == (pytest.approx(1.02), 2.0, 3)
-    assert (targets.leg_x[1], targets.leg_hits[1], targets.leg_hits[2]) == (1.5, 1, 0)
+        assert (targets.state[1], targets.inside[1], measurements.assigned[0]) == (kalman.LIVE, 0, 1)
