@@ -108,6 +108,7 @@ cdef void measure(
 
 
 cdef class Sightings:
+    cdef readonly dict arrays
     cdef public Py_ssize_t count
     cdef readonly Py_ssize_t capacity
     cdef long long* number

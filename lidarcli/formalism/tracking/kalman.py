@@ -447,15 +447,22 @@ def measure(sides: EdgeMeasurement, meas: Measurements, k: int, targets: Targets
 
 
 class Sightings:
-    """Sightings (`count` of them) until their windows are closed, in the arrays that `attach` sets."""
+    """Sightings (`count` of them) until their windows are closed; there is room for `capacity`."""
 
     def __init__(self) -> None:
         self.count = 0
         self.capacity = 0
+        self.arrays: dict[str, NDArray[Any]] = {}
+        """All arrays, by name."""
 
-    def attach(self, arrays: dict[str, NDArray[Any]]) -> None:
-        """Write to these arrays from now on; the caller keeps them alive."""
-        self.capacity = len(arrays["number"])
+    def resize(self, capacity: int) -> None:
+        """Make room for so many sightings; those so far are kept."""
+        old, self.capacity = self.arrays, capacity
+        arrays: dict[str, NDArray[Any]] = {name: np.zeros(capacity, np.int64) for name in LOG_INTEGERS}
+        arrays |= {name: np.zeros(capacity) for name in LOG_NUMBERS} | {name: np.zeros((capacity, 4)) for name in LOG_SIDES}
+        self.arrays = arrays
+        for name, values in old.items():
+            arrays[name][: len(values)] = values
         self.number = native.at_longs(arrays["number"])
         """Number of the target."""
         self.sweep = native.at_longs(arrays["sweep"])
@@ -480,13 +487,6 @@ class Sightings:
         self.z = native.at_doubles(arrays["z"])
         self.var = native.at_doubles(arrays["var"])
         """(N, 4) sides and their variances, as in `Sides`."""
-
-
-def sighting_arrays(count: int) -> dict[str, NDArray[Any]]:
-    """Return arrays for so many sightings."""
-    arrays: dict[str, NDArray[Any]] = {name: np.zeros(count, np.int64) for name in LOG_INTEGERS}
-    arrays |= {name: np.zeros(count) for name in LOG_NUMBERS}
-    return arrays | {name: np.zeros((count, 4)) for name in LOG_SIDES}
 
 
 def record_sighting(

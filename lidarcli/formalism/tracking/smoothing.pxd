@@ -2,6 +2,7 @@ cimport cython
 cimport libc.math as math
 
 from lidarcli cimport native
+from lidarcli.formalism.tracking.kalman cimport Sightings
 
 cdef Py_ssize_t BOX, AROUND_SIGHTINGS, LIVELINESSES, STATE, SQUARE, GAIN
 cdef double INFINITY, LIVELIER_GAIN, FIRST_SPEED_SD, UNKNOWN_VAR, PART_VAR, LEGS_VAR, LEG_VAR, LEG_SECONDS, CHANGE_VAR
@@ -31,7 +32,7 @@ cdef class Smoother:
     cdef double* product
 
     cpdef Py_ssize_t locate(
-        self, Py_ssize_t begin, dict log, object rows, object half, object half_var, Py_ssize_t kind, bint several
+        self, Py_ssize_t begin, Sightings sightings, object rows, object half, object half_var, Py_ssize_t kind, bint several
     ) except -1
     cpdef measure(self, object order, object sweep, object parts, object legs)
     cpdef smooth(
@@ -42,11 +43,11 @@ cdef class Smoother:
 
 @cython.locals(cov=Py_ssize_t, at=Py_ssize_t, row=Py_ssize_t, side=Py_ssize_t)
 cdef void locate_sightings(
-    Smoother smoother, Py_ssize_t begin, Py_ssize_t count, long long* rows, long long* centred, double* cos, double* sin,
-    double* half_1, double* half_2, double* z, double* var, double* half, double* half_var, Py_ssize_t kind, double more
+    Smoother smoother, Py_ssize_t begin, Py_ssize_t count, long long* rows, Sightings sightings, double* half,
+    double* half_var, Py_ssize_t kind, double more
 ) noexcept nogil
 cdef (double, double, double) centre_of(
-    double low, double high, double low_var, double high_var, double half, double half_var
+    Sightings sightings, Py_ssize_t side, double half, double half_var
 ) noexcept nogil
 @cython.locals(i=Py_ssize_t, at=Py_ssize_t, c=Py_ssize_t, k=Py_ssize_t)
 cdef void average_parts(

@@ -11,6 +11,7 @@ from typing import Any
 
 from lidarcli import native
 from lidarcli.formalism.tracking import results
+from lidarcli.formalism.tracking.kalman import Sightings
 
 BOX = results.BOX
 INFINITY = float("inf")
@@ -84,36 +85,21 @@ class Smoother:
         self.product = native.doubles(self.owner, SQUARE)
         """Adjoint state of the backward pass, its matrix, and a product of that."""
 
-    def locate(self, begin: int, log: dict[str, Any], rows: Any, half: Any, half_var: Any, kind: int, several: bool) -> int:
+    def locate(
+        self, begin: int, sightings: Sightings, rows: Any, half: Any, half_var: Any, kind: int, several: bool
+    ) -> int:
         """Write the places of a target at its sightings, from `begin` on; return the begin of the next target.
 
         Parameters
         ----------
-        log : arrays of the log of sightings by name (`kalman.sighting_arrays`)
-        rows : (N,) int64 its rows that are sightings of the target
+        rows : (N,) int64 the sightings of the target
         half, half_var : (2,) half extents by all sightings, and their variances [m, m²]
         kind : kind of the target
         several : True for one of several parts
         """
-        count = len(rows)
-        locate_sightings(
-            self,
-            begin,
-            count,
-            native.at_longs(rows),
-            native.at_longs(log["centred"]),
-            native.at_doubles(log["cos"]),
-            native.at_doubles(log["sin"]),
-            native.at_doubles(log["half_1"]),
-            native.at_doubles(log["half_2"]),
-            native.at_doubles(log["z"]),
-            native.at_doubles(log["var"]),
-            native.at_doubles(half),
-            native.at_doubles(half_var),
-            kind,
-            PART_VAR if several else 0.0,
-        )
-        return begin + count
+        row, extent, extent_var = native.at_longs(rows), native.at_doubles(half), native.at_doubles(half_var)
+        locate_sightings(self, begin, len(rows), row, sightings, extent, extent_var, kind, PART_VAR if several else 0.0)
+        return begin + len(rows)
 
     def measure(self, order: Any, sweep: Any, parts: Any, legs: Any) -> None:
         """Join the located sightings of each sweep to one place.
@@ -125,15 +111,8 @@ class Smoother:
         parts : (S,) int64 numbers of sightings in each sweep, to be filled in
         legs : (S,) uint8 legs of a person that a sweep shows, 1 or 2; 0 for what is no person
         """
-        average_parts(
-            self,
-            len(order),
-            len(parts),
-            native.at_longs(order),
-            native.at_longs(sweep),
-            native.at_longs(parts),
-            native.at_bytes(legs),
-        )
+        at, sweeps, counts = native.at_longs(order), native.at_longs(sweep), native.at_longs(parts)
+        average_parts(self, len(order), len(parts), at, sweeps, counts, native.at_bytes(legs))
 
     def smooth(self, time: Any, parts: Any, legs: Any, state: Any, keep: int, onset: int, path: Any, moving: Any) -> None:
         """Fill in the path (S, 9) float64 at the measured sweeps, in the order of time, and moving (S,) uint8.
@@ -159,13 +138,7 @@ def locate_sightings(
     begin: int,
     count: int,
     rows: Any,
-    centred: Any,
-    cos: Any,
-    sin: Any,
-    half_1: Any,
-    half_2: Any,
-    z: Any,
-    var: Any,
+    sightings: Sightings,
     half: Any,
     half_var: Any,
     kind: int,
@@ -174,16 +147,14 @@ def locate_sightings(
     """Compute the places of a target in the world, by the sides that were seen."""
     for i in range(count):
         row, side = rows[i], 4 * rows[i]
-        c, s = cos[row], sin[row]
-        middle_1, noise_1, size_1 = centre_of(
-            z[side], z[side + 1], var[side], var[side + 1], half[0] if kind == BOX else half_1[row], half_var[0]
-        )
-        middle_2, noise_2, size_2 = centre_of(
-            z[side + 2], z[side + 3], var[side + 2], var[side + 3], half[1] if kind == BOX else half_2[row], half_var[1]
-        )
-        if centred[row]:
-            middle_1, noise_1, size_1 = z[side], var[side], 0.0
-            middle_2, noise_2, size_2 = z[side + 2], var[side + 2], 0.0
+        c, s = sightings.cos[row], sightings.sin[row]
+        half_1 = half[0] if kind == BOX else sightings.half_1[row]
+        half_2 = half[1] if kind == BOX else sightings.half_2[row]
+        middle_1, noise_1, size_1 = centre_of(sightings, side, half_1, half_var[0])
+        middle_2, noise_2, size_2 = centre_of(sightings, side + 2, half_2, half_var[1])
+        if sightings.centred[row]:
+            middle_1, noise_1, size_1 = sightings.z[side], sightings.var[side], 0.0
+            middle_2, noise_2, size_2 = sightings.z[side + 2], sightings.var[side + 2], 0.0
             if kind == BOX:
                 noise_1 += CHANGE_VAR
                 noise_2 += CHANGE_VAR
@@ -197,10 +168,9 @@ def locate_sightings(
         smoother.common[cov + 2] = s * s * size_1 + c * c * size_2
 
 
-def centre_of(
-    low: float, high: float, low_var: float, high_var: float, half: float, half_var: float
-) -> tuple[float, float, float]:
-    """Return the middle between two sides, of which one may be unknown, its variance, and the share of the size in it."""
+def centre_of(sightings: Sightings, side: int, half: float, half_var: float) -> tuple[float, float, float]:
+    """Return the middle between a side and the next one, its variance, and the part of the size in it."""
+    low, high, low_var, high_var = sightings.z[side], sightings.z[side + 1], sightings.var[side], sightings.var[side + 1]
     middle, noise, size = 0.5 * (low + high), UNKNOWN_VAR, 0.0
     if low_var >= 0.0 and high_var >= 0.0:
         noise = 0.25 * (low_var + high_var)

@@ -1,6 +1,6 @@
-"""The tracker: follows objects from sweep to sweep, as a fold over the batches of one topic (§3, matching and tracking).
+"""The tracker: follows objects from sweep to sweep, batch by batch of one topic (§3, matching and tracking).
 
-Every sensor frame of the topic is a sensor of its own: what one of them saw before says nothing of what another one sees.
+Every sensor frame of the topic has a tracker of its own: what one sensor saw says nothing of what another one sees.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from lidarcli.formalism.detection import AGENT, LEGGED, NOISE, OBJECT, REMOVED, 
 from lidarcli.formalism.mapping.places import MOST_SENSORS, Standing
 from lidarcli.formalism.matching.catalogue import Catalogue
 from lidarcli.formalism.parameters import TrackParameters
-from lidarcli.formalism.tracking.kalman import PoseErrorFilter, Targets, sighting_arrays
+from lidarcli.formalism.tracking.kalman import PoseErrorFilter, Targets
 from lidarcli.formalism.tracking.measurement import Detections, Measurements, RangeHistory
 from lidarcli.formalism.tracking.results import TrackedBatch, Tracks, Trajectories
 from lidarcli.formalism.tracking.sweep_tracker import SweepTracker
@@ -50,16 +50,18 @@ LEAST_TRACKS = 4
 
 @dataclass(slots=True)
 class _PendingBatch:
-    """A batch whose objects are followed, but not settled."""
+    """A batch that waits until the windows of all its sweeps are settled."""
 
     batch: SweepBatch
     detection: Detection
+    sensor: Int64
+    """(K,) index of the sensor of each object."""
     stop: int
     """Number of sweeps of the topic up to its last one."""
 
 
 class _SensorTracker:
-    """Memory of one sensor: its tracklets, their sightings, and their tracks."""
+    """The tracker of one sensor, its tracks, and the results that no batch has taken yet."""
 
     def __init__(self, significance: float, register: TrackRegistry) -> None:
         self.tracker = SweepTracker(
@@ -67,38 +69,38 @@ class _SensorTracker:
         )
         self.register = register
         self.standing = Standing()
-        self.sightings = sighting_arrays(SIGHTINGS_AT_FIRST)
-        self.tracker.sightings.attach(self.sightings)
+        self.tracker.sightings.resize(SIGHTINGS_AT_FIRST)
         self.results: deque[WindowResult] = deque()
         """Results for the next objects, in pieces."""
 
     def settle(self, window: Window) -> None:
         """Settle its oldest window."""
-        sightings, count = self.sightings, self.tracker.sightings.count
-        self.results.append(self.register.settle(window, sightings, count))
-        done = int(np.searchsorted(sightings["sweep"][:count], window.begin + window.count))
-        for values in sightings.values():
+        sightings = self.tracker.sightings
+        self.results.append(self.register.settle(window, sightings))
+        count = sightings.count
+        done = int(np.searchsorted(sightings.arrays["sweep"][:count], window.begin + window.count))
+        for values in sightings.arrays.values():
             values[: count - done] = values[done:count].copy()
-        self.tracker.sightings.count = count - done
+        sightings.count = count - done
 
     def make_room(self, objects: int, beams: int) -> None:
         """Make room for sweeps of so many objects and beams."""
         tracker = self.tracker
         if objects > tracker.measurements.objects or beams > tracker.measurements.beams:
-            measurements = Measurements(
-                _power(objects, tracker.measurements.objects), _power(beams, tracker.measurements.beams)
-            )
-            tracker.resize(tracker.targets, measurements, _grown(tracker.range_history, measurements.beams))
+            rooms = (objects, tracker.measurements.objects), (beams, tracker.measurements.beams)
+            # Powers of two, so that they grow seldom.
+            measurements = Measurements(*(max(room, 1 << max(wanted - 1, 0).bit_length()) for wanted, room in rooms))
+            history = tracker.range_history
+            if measurements.beams > history.beams:
+                history = RangeHistory(measurements.beams)
+                history.grow(tracker.range_history)
+            tracker.resize(tracker.targets, measurements, history)
 
     def enlarge(self) -> None:
         """Double the room for tracklets or sightings, whichever is short."""
         tracker = self.tracker
         if tracker.sightings.count + tracker.measurements.objects > tracker.sightings.capacity:
-            for name, values in self.sightings.items():
-                more = np.zeros((2 * len(values), *values.shape[1:]), values.dtype)
-                more[: len(values)] = values
-                self.sightings[name] = more
-            tracker.sightings.attach(self.sightings)
+            tracker.sightings.resize(2 * tracker.sightings.capacity)
         if tracker.targets.slots_used + 2 * tracker.measurements.objects > tracker.targets.capacity:
             targets = Targets(2 * tracker.targets.capacity)
             targets.grow(tracker.targets)
@@ -157,9 +159,11 @@ class Tracker:
         ValueError
             The arrays of the batch do not fit together (`detect.check`).
         """
+        frames = self._frames(batch)
+        which = np.minimum(frames, MOST_SENSORS - 1)
         if len(batch):
-            self._process(batch, detection)
-        self._pending.append(_PendingBatch(batch, detection, self._sweeps))
+            self._process(batch, detection, frames, which)
+        self._pending.append(_PendingBatch(batch, detection, which[detection.row], self._sweeps))
         self._objects += len(detection)
         return self._results()
 
@@ -184,8 +188,8 @@ class Tracker:
             if not self._windows:
                 yield from standing(sensor.register.sweeps, sensor.register.tracks)
 
-    def _process(self, batch: SweepBatch, detection: Detection) -> None:
-        """Follow the sweeps of a batch, run by run of one sensor, and window by window."""
+    def _process(self, batch: SweepBatch, detection: Detection, frames: Int64, which: Int64) -> None:
+        """Track the sweeps of a batch, run by run of one sensor, and window by window."""
         if self._first_ns is None:
             self._first_ns = int(batch.stamp_ns[0])
             self._topic = batch.topic
@@ -193,8 +197,6 @@ class Tracker:
         poses = _poses(batch)
         seconds = (batch.stamp_ns - np.int64(self._first_ns)) / 1e9
         motion, shares = _motion(batch), detection.shares(batch)
-        frames = self._frames(batch)
-        which = np.minimum(frames, MOST_SENSORS - 1)
         posed = _posed(batch)
         placed = posed.copy() if batch.still is None else posed | batch.still
         for name, rows, mine in batch.by_frame() if batch.still is None else ():
@@ -247,8 +249,8 @@ class Tracker:
             self._settle()
         self._windows.append({})
 
-    def _frames(self, batch: SweepBatch) -> Any:
-        """Return (S,) the index into `frames` of each sweep."""
+    def _frames(self, batch: SweepBatch) -> Int64:
+        """Return (S,) the index into `frames` of each sweep; new frames get a sensor while there is room."""
         for name in batch.frame_ids:
             if name in self.frames:
                 continue
@@ -256,7 +258,8 @@ class Tracker:
             if len(self._sensors) < MOST_SENSORS:
                 naming = None if self._catalogue is None else Naming(self._catalogue)
                 self._sensors.append(_SensorTracker(self.parameters.significance, TrackRegistry(naming, self._tracks)))
-        return np.array([self.frames.index(name) for name in batch.frame_ids], np.int64)[batch.frame]
+        numbers: Int64 = np.array([self.frames.index(name) for name in batch.frame_ids], np.int64)
+        return numbers[batch.frame]
 
     def _settle(self) -> None:
         """Settle the oldest window of each sensor."""
@@ -274,13 +277,12 @@ class Tracker:
 
     def _take(self, one: _PendingBatch) -> WindowResult:
         """Return the results for the objects of a batch."""
-        which = np.minimum(self._frames(one.batch), MOST_SENSORS - 1)[one.detection.row]
-        counts = np.bincount(which, minlength=1).tolist()
+        counts = np.bincount(one.sensor).tolist()
         parts = [self._sensors[index].take(count) for index, count in enumerate(counts) if count]
-        found = np.concatenate(parts) if parts else np.empty(0, RESULT)
-        if len(which) in counts:
-            return found
-        return found[np.argsort(np.argsort(which, kind="stable"))]
+        if len(parts) == 1:
+            return parts[0]
+        found = np.concatenate([np.empty(0, RESULT), *parts])
+        return found[np.argsort(np.argsort(one.sensor, kind="stable"))]
 
 
 def _tracked_batch(one: _PendingBatch, settled: WindowResult, by_memory: bool) -> TrackedBatch:
@@ -296,6 +298,8 @@ def _tracked_batch(one: _PendingBatch, settled: WindowResult, by_memory: bool) -
         # An object that was removed is not in the sweep.
         thing_at &= found.change != REMOVED
     order = np.lexsort((found.theta_i, kind == NOISE, found.row))
+    number, row = np.empty(len(order), np.int32), found.row[order]
+    number[order] = np.arange(len(order)) - np.searchsorted(row, row) + 1
     agent_beams = _count(found.row[agent], found.beams[agent], sweeps)
     object_beams = _count(found.row[thing_at], found.beams[thing_at], sweeps)
     return TrackedBatch(
@@ -307,7 +311,7 @@ def _tracked_batch(one: _PendingBatch, settled: WindowResult, by_memory: bool) -
         shape=shape,
         thing=found.thing,
         order=order,
-        object=_numbers(found.row, order),
+        object=number,
         label=settled["label"].copy(),
         label_score=settled["label_score"].copy(),
         objects=_count(found.row[thing_at], None, sweeps),
@@ -316,14 +320,6 @@ def _tracked_batch(one: _PendingBatch, settled: WindowResult, by_memory: bool) -
         agent_beams=agent_beams,
         noise_beams=(one.batch.beams - object_beams - agent_beams).astype(np.int32),
     )
-
-
-def _numbers(row: Int64, order: Int64) -> Int32:
-    """Return (K,) the number of each object, from 1, among those of its row in this order."""
-    sorted_row = row[order]
-    numbers = np.empty(len(row), np.int32)
-    numbers[order] = np.arange(len(row)) - np.searchsorted(sorted_row, sorted_row) + 1
-    return numbers
 
 
 def _count(rows: NDArray[np.int64], weights: NDArray[Any] | None, sweeps: int) -> Int32:
@@ -355,53 +351,6 @@ def _motion(batch: SweepBatch) -> Float64:
     return np.zeros((len(batch), 3)) if poses is None or poses.way is None else poses.way
 
 
-def _power(wanted: int, at_least: int) -> int:
-    """Return a size that is a power of two, so that it grows seldom."""
-    return max(at_least, 1 << max(wanted - 1, 0).bit_length())
-
-
-def _grown(history: RangeHistory, beams: int) -> RangeHistory:
-    """Return the remembered sweeps, with room for so many beams."""
-    if beams <= history.beams:
-        return history
-    larger = RangeHistory(beams)
-    larger.grow(history)
-    return larger
-
-
-def notes_of(topic: str, pose_error: PoseErrorFilter, tracks: list[Track], has_poses: bool) -> list[str]:
-    """Return notes for the user on a topic that was tracked: the error of its poses, or that it should have some."""
-    of_poses = _of_poses(topic, pose_error) if has_poses else []
-    return of_poses + _of_motion(topic, tracks, has_poses)
-
-
-def _of_poses(topic: str, pose_error: PoseErrorFilter) -> list[str]:
-    """Return notes on the delay of the poses and the place of the sensor."""
-    if pose_error.travelled < NOTED_WAY:
-        return []
-    delay, ahead, left, delay_sd, place_sd = pose_error.estimate()
-    lines = []
-    if abs(delay) > max(NOTED_DELAY, NOTED_SDS * delay_sd):
-        when = "late" if delay > 0 else "early"
-        lines.append(f"{topic}: static objects show the poses {abs(delay):.2f} s {when}: corrected for tracks")
-    if math.hypot(ahead, left) > max(NOTED_DISTANCE, NOTED_SDS * place_sd):
-        lines.append(
-            f"{topic}: static objects show the sensor {_place_in_words(ahead, left)} of where its poses are told: "
-            "corrected for tracks"
-        )
-    return lines
-
-
-def _place_in_words(ahead: float, left: float) -> str:
-    """Return where the sensor is, in words."""
-    words = []
-    if abs(ahead) >= 0.01:
-        words.append(f"{abs(ahead):.2f} m {'ahead' if ahead > 0 else 'behind'}")
-    if abs(left) >= 0.01:
-        words.append(f"{abs(left):.2f} m to the {'left' if left > 0 else 'right'}")
-    return " and ".join(words)
-
-
 def share_moving(sweeps: Sequence[int], moved: Sequence[bool]) -> float | None:
     """Return the share of long tracks that move, if it is so great that the sensor seems to; else None.
 
@@ -415,16 +364,23 @@ def share_moving(sweeps: Sequence[int], moved: Sequence[bool]) -> float | None:
     return sum(long) / len(long)
 
 
-def _of_motion(topic: str, tracks: list[Track], has_poses: bool) -> list[str]:
-    """Return a note if so many tracks move that the sensor seems to."""
-    long = [track for track in tracks if track.sweeps >= LONG_TRACK]
-    if share_moving([track.sweeps for track in tracks], [track.moved for track in tracks]) is None:
-        return []
-    moved = sum(track.moved for track in long)
-    why = (
-        "the poses may be wrong, or sweeps take long (--pose match|TOPIC|none, docs/poses.md)"
-        if has_poses
-        else "without poses the sensor is taken as standing; if it drives, tracks need a log with its poses (tf, odometry)"
-    )
-    counted = f"{topic}: {moved} of {len(long)} tracks count as moving, which is unlikely"
-    return [f"{counted}: do not trust agents here; {why}"]
+def notes_of(topic: str, pose_error: PoseErrorFilter, tracks: list[Track], has_poses: bool) -> list[str]:
+    """Return notes for the user on a topic that was tracked: the error of its poses, or that it should have some."""
+    notes = []
+    if has_poses and pose_error.travelled >= NOTED_WAY:
+        delay, ahead, left, delay_sd, place_sd = pose_error.estimate()
+        if abs(delay) > max(NOTED_DELAY, NOTED_SDS * delay_sd):
+            when = "late" if delay > 0 else "early"
+            notes.append(f"static objects show the poses {abs(delay):.2f} s {when}: corrected for tracks")
+        if math.hypot(ahead, left) > max(NOTED_DISTANCE, NOTED_SDS * place_sd):
+            sides = (ahead, "ahead" if ahead > 0 else "behind"), (left, f"to the {'left' if left > 0 else 'right'}")
+            where = " and ".join(f"{abs(off):.2f} m {words}" for off, words in sides if abs(off) >= 0.01)
+            notes.append(f"static objects show the sensor {where} of where its poses are told: corrected for tracks")
+    if share_moving([track.sweeps for track in tracks], [track.moved for track in tracks]) is not None:
+        long = [track.moved for track in tracks if track.sweeps >= LONG_TRACK]
+        why = "without poses the sensor is taken as standing; if it drives, tracks need a log with its poses (tf, odometry)"
+        if has_poses:
+            why = "the poses may be wrong, or sweeps take long (--pose match|TOPIC|none, docs/poses.md)"
+        counted = f"{sum(long)} of {len(long)} tracks count as moving, which is unlikely"
+        notes.append(f"{counted}: do not trust agents here; {why}")
+    return [f"{topic}: {note}" for note in notes]

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from lidarcli.formalism.detection import UNKNOWN, starts
 from lidarcli.formalism.tracking import grouping
 from lidarcli.formalism.tracking.grouping import LEG_WIDTH, MOST_CROWDED
-from lidarcli.formalism.tracking.kalman import Targets
+from lidarcli.formalism.tracking.kalman import Sightings, Targets
 from lidarcli.formalism.tracking.results import CONFIRMED_SIGHTINGS, EMPTY, ENDED, LEAST_WAY, LIVE, PERSON, Trajectories
 from lidarcli.formalism.tracking.smoothing import KEPT, Smoother
 from lidarcli.formalism.tracking.tracks import (
@@ -123,11 +123,11 @@ class TrackRegistry:
         live = np.flatnonzero(state == LIVE)
         tracklets.slots_used = int(live[-1]) + 1 if len(live) else 0
 
-    def settle(self, window: Window, log: dict[str, NDArray[Any]], count: int) -> WindowResult:
-        """Return the results of a window, by its sightings and those of the next one: the first `count` of the log."""
+    def settle(self, window: Window, recorded: Sightings) -> WindowResult:
+        """Return the results of a window, by its sightings and those of the next one."""
         stop = window.begin + window.count
         is_placed = float(self.sweeps.of(window.begin, stop)["placed"].mean()) > MOST_PLACED
-        sightings = WindowSightings(log, count, self.tracklets, stop)
+        sightings = WindowSightings(recorded, self.tracklets, stop)
         grouping.join(sightings, self.tracklets, is_placed)
         self._number(sightings)
         self._extend_trajectories(sightings, _smooth(sightings, self.tracklets))
@@ -233,15 +233,16 @@ class TrackRegistry:
 class WindowSightings:
     """Sightings (N,) of the tracklets that were seen often enough, by tracklet, and the results for them."""
 
-    def __init__(self, log: dict[str, NDArray[Any]], count: int, tracklets: dict[int, Tracklet], stop: int) -> None:
+    def __init__(self, recorded: Sightings, tracklets: dict[int, Tracklet], stop: int) -> None:
         """
         Parameters
         ----------
-        log, count : the sightings, and how many of them there are
+        recorded : all sightings of the window and the next one
         tracklets : tracklets that were seen often enough, by number
         stop : number of sweeps of the topic up to the end of the window
         """
-        number = log["number"][:count]
+        self.recorded, count = recorded, recorded.count
+        number = recorded.arrays["number"][:count]
         # In the order of the log within each tracklet.
         keep = np.argsort(number, kind="stable")
         self.number: Int64 = number[keep]
@@ -259,7 +260,8 @@ class WindowSightings:
         """(N,) number of the tracklet to whose track each sighting belongs; 0 for none."""
         self.track: Int64 = np.zeros(len(keep), np.int64)
         """(N,) number of the track of each sighting; 0 without one that has a row in the window."""
-        self.log, self._keep = log, keep
+        self.keep: Int64 = keep
+        """(N,) index of each among the recorded ones."""
         self.sweep: Int64 = self.column("sweep")
         self.time: Float64 = self.column("time")
         self.object: Int64 = self.column("object")
@@ -285,12 +287,8 @@ class WindowSightings:
         self.tracks: list[tuple[Track, Int64, int]] = []
 
     def column(self, name: str, of: slice | Int64 = EVERYTHING) -> NDArray[Any]:
-        """Return a column of the log of sightings, or a part of it."""
-        return self.log[name][self._keep[of]]
-
-    def rows_of(self, at: Int64) -> Int64:
-        """Return (N,) the rows of sightings in the log."""
-        return self._keep[at]
+        """Return a column of the recorded sightings, or a part of it."""
+        return self.recorded.arrays[name][self.keep[of]]
 
     def find(self, window: Window) -> tuple[Int64, Bool]:
         """Return the sightings of the objects of a window, and (K,) which objects have one, as parts of a tracklet too."""
@@ -454,13 +452,13 @@ def _smooth_track(
     sweeps = np.union1d(np.arange(begin, last + 1), sighted)
     step, count = np.searchsorted(sweeps, sighted), len(sweeps)
     stop = 0
-    rows = sightings.rows_of(at)
+    rows = sightings.keep[at]
     begins = starts(sightings.number[at])
     for number, own in zip(sightings.number[at[begins]].tolist(), np.split(rows, begins[1:]), strict=True):
         tracklet = tracklets.get(number) or Tracklet(number)
         half = np.array([_half_extent(tracklet, 0), _half_extent(tracklet, 1)])
         stop = smoother.locate(
-            stop, sightings.log, own, half, np.array(tracklet.hh), tracklet.kind, several and not is_person
+            stop, sightings.recorded, own, half, np.array(tracklet.hh), tracklet.kind, several and not is_person
         )
     state = track.state
     if state is None:
