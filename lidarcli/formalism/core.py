@@ -139,9 +139,7 @@ def _as_printed(core: Core, scans: Scans) -> None:
     surfaces.measure_reach(core.survey, core.points, core.segments, core.faces)
     if scans.has_within:
         _take_mask(core, scans)
-        objects.known(core.survey, core.segments)
-    else:
-        objects.fully_visible(core.survey, core.segments)
+    objects.fully_visible(core.survey, core.segments, scans.has_within)
     for j in range(core.segments.count):
         core.survey.wall[j] = core.segments.size[j] >= core.survey.min_beams and not core.survey.is_object[j]
         core.survey.thing[j] = NAN

@@ -56,13 +56,14 @@ cdef class Box:
     cdef double low_u, high_u, low_v, high_v
 
 
-cdef void around_circle(Box box, double x, double y, double radius) noexcept nogil
 cdef void around_points(Box box, Look look, Faces faces, double* x, double* y, Py_ssize_t n) noexcept nogil
-cdef double area_along(
-    Faces faces, Py_ssize_t f, double* x, double* y, Py_ssize_t begin, Py_ssize_t end
+cdef void _bound(
+    Box box, double* x, double* y, Py_ssize_t begin, Py_ssize_t end, double along_x, double along_y
 ) noexcept nogil
-cdef void _bound(Box box, double* x, double* y, Py_ssize_t n, double along_x, double along_y) noexcept nogil
 cdef double _area(Box box) noexcept nogil
+cdef double _slim_area(
+    Box box, Circle circle, Faces faces, Py_ssize_t f, Py_ssize_t begin, Py_ssize_t end
+) noexcept nogil
 cdef double _yaw(double x, double y) noexcept nogil
 
 
@@ -81,8 +82,6 @@ cdef class Columns:
 cdef bint has_room(Columns columns, Py_ssize_t beams) noexcept nogil
 
 
-cdef (double, double) _on_line(Faces faces, Py_ssize_t f, double x, double y) noexcept nogil
-cdef void _add_face(Columns columns, Faces faces, Py_ssize_t f, Py_ssize_t v, double length) noexcept nogil
 cdef double _overhang(
     Points points, Faces faces, Py_ssize_t f, Py_ssize_t at, Py_ssize_t inner, double side
 ) noexcept nogil
@@ -111,6 +110,7 @@ cdef void _describe_points(
 cdef void trace(
     Description description, Columns columns, Points points, Segments segments, Survey survey, Faces faces, Py_ssize_t k
 ) noexcept nogil
+@cython.locals(along=double, g=Py_ssize_t)
 cdef void _trace_part(
     Description description, Columns columns, Points points, Segments segments, Survey survey, Faces faces, Py_ssize_t j
 ) noexcept nogil
@@ -122,7 +122,7 @@ cdef bint _is_hidden(Py_ssize_t edge) noexcept nogil
 cdef Py_ssize_t _visibility(Py_ssize_t start_edge, Py_ssize_t end_edge) noexcept nogil
 @cython.locals(before=Py_ssize_t, after=Py_ssize_t, whole=double)
 cdef void _drop_stray(
-    Description description, Faces faces, Parts parts, Circle circle, Look look, Py_ssize_t k
+    Description description, Faces faces, Parts parts, Circle circle, Box box, Look look, Py_ssize_t k
 ) noexcept nogil
 cdef void _describe_shape(
     Description description, Columns columns, Points points, Survey survey, Faces faces, Circle circle, Box box,

@@ -278,13 +278,6 @@ class Box:
         self.high_v = 0.0
 
 
-def around_circle(box: Box, x: float, y: float, radius: float) -> None:
-    """Set the square around a circle that faces the sensor."""
-    box.x, box.y = x, y
-    box.length = box.width = 2.0 * radius
-    box.yaw = _yaw(x, y)
-
-
 def around_points(box: Box, look: Look, faces: Faces, x: Any, y: Any, n: int) -> None:
     """Set the smaller of the rectangles around n points [m] that have a side along one of the two longest faces of an
     object.
@@ -300,17 +293,17 @@ def around_points(box: Box, look: Look, faces: Faces, x: Any, y: Any, n: int) ->
             along_x, along_y = along_x / far, along_y / far
         else:
             along_x, along_y = 1.0, 0.0
-    _bound(box, x, y, n, along_x, along_y)
+    _bound(box, x, y, 0, n, along_x, along_y)
     if look.second >= 0:
         other_x, other_y = faces.direction_x[look.second], faces.direction_y[look.second]
         across, along = along_x * other_y - along_y * other_x, along_x * other_x + along_y * other_y
         if abs(2.0 * across * along) > SIN_TWICE:
             area = _area(box)
-            _bound(box, x, y, n, other_x, other_y)
+            _bound(box, x, y, 0, n, other_x, other_y)
             if _area(box) < (1.0 - TIE) * area:
                 along_x, along_y = other_x, other_y
             else:
-                _bound(box, x, y, n, along_x, along_y)
+                _bound(box, x, y, 0, n, along_x, along_y)
     u, v = 0.5 * (box.low_u + box.high_u), 0.5 * (box.low_v + box.high_v)
     box.x, box.y = u * along_x - v * along_y + 0.0, u * along_y + v * along_x + 0.0
     box.length, box.width = box.high_u - box.low_u, box.high_v - box.low_v
@@ -320,24 +313,11 @@ def around_points(box: Box, look: Look, faces: Faces, x: Any, y: Any, n: int) ->
     box.yaw = _yaw(along_x, along_y)
 
 
-def area_along(faces: Faces, f: int, x: Any, y: Any, begin: int, end: int) -> float:
-    """Area of the rectangle along a face around the points `begin` to `end` - 1 [m²], no side below `SLIM`."""
-    along_x, along_y = faces.direction_x[f], faces.direction_y[f]
+def _bound(box: Box, x: Any, y: Any, begin: int, end: int, along_x: float, along_y: float) -> None:
+    """Compute the bounds of the points `begin` to `end` - 1 along a direction and across it [m]."""
     low_u = high_u = x[begin] * along_x + y[begin] * along_y
     low_v = high_v = y[begin] * along_x - x[begin] * along_y
     for k in range(begin + 1, end):
-        u, v = x[k] * along_x + y[k] * along_y, y[k] * along_x - x[k] * along_y
-        low_u, high_u = min(u, low_u), max(u, high_u)
-        low_v, high_v = min(v, low_v), max(v, high_v)
-    length, width = max(high_u - low_u, SLIM), max(high_v - low_v, SLIM)
-    return float(length * width)
-
-
-def _bound(box: Box, x: Any, y: Any, n: int, along_x: float, along_y: float) -> None:
-    """Compute the bounds of points along a direction and across it [m]."""
-    low_u = high_u = x[0] * along_x + y[0] * along_y
-    low_v = high_v = y[0] * along_x - x[0] * along_y
-    for k in range(1, n):
         u, v = x[k] * along_x + y[k] * along_y, y[k] * along_x - x[k] * along_y
         low_u, high_u = min(u, low_u), max(u, high_u)
         low_v, high_v = min(v, low_v), max(v, high_v)
@@ -346,6 +326,12 @@ def _bound(box: Box, x: Any, y: Any, n: int, along_x: float, along_y: float) -> 
 
 def _area(box: Box) -> float:
     return (box.high_u - box.low_u) * (box.high_v - box.low_v)
+
+
+def _slim_area(box: Box, circle: Circle, faces: Faces, f: int, begin: int, end: int) -> float:
+    """Return the area of the rectangle along a face around some points [m²], no side below `SLIM`."""
+    _bound(box, circle.x, circle.y, begin, end, faces.direction_x[f], faces.direction_y[f])
+    return max(box.high_u - box.low_u, SLIM) * max(box.high_v - box.low_v, SLIM)
 
 
 def _yaw(x: float, y: float) -> float:
@@ -417,7 +403,7 @@ def _trace_part(
     """Write the vertices and faces of one part of an object."""
     low, high = faces.offset[j], faces.offset[j + 1]
     begin, first_vertex, first_face = description.n, columns.vertices, columns.faces
-    last_x, last_y = 0.0, 0.0
+    last_x, last_y, last_theta = 0.0, 0.0, 0.0
     for f in range(low - 1, high):
         at = faces.last[f] if f >= low else segments.first[j]
         x, y, r = points.x[at], points.y[at], points.r[at]
@@ -425,7 +411,12 @@ def _trace_part(
         n, v = description.n, columns.vertices
         description.x[n], description.y[n] = x, y
         if description.robust and high > low:
-            description.x[n], description.y[n] = _on_line(faces, max(f, low), x, y)
+            # The nearest point on the line of the face.
+            g = max(f, low)
+            away_x, away_y = x - faces.middle_x[g], y - faces.middle_y[g]
+            along = away_x * faces.direction_x[g] + away_y * faces.direction_y[g]
+            description.x[n] = faces.middle_x[g] + along * faces.direction_x[g]
+            description.y[n] = faces.middle_y[g] + along * faces.direction_y[g]
             if f >= low and f + 1 < high and faces.points[f] > 2 and faces.points[f + 1] > 2:
                 moves, meet_x, meet_y = surfaces.meeting(faces, f, f + 1)
                 spacing = min(faces.length[f] / faces.points[f], faces.length[f + 1] / faces.points[f + 1])
@@ -438,29 +429,16 @@ def _trace_part(
         columns.out.vertex_theta[v], columns.out.vertex_r[v] = theta, r
         columns.out.vertex_kind[v] = EXTREMUM if description.extremum[at] else CORNER
         if f >= low:
-            _add_face(columns, faces, f, v, math.sqrt((x - last_x) * (x - last_x) + (y - last_y) * (y - last_y)))
-        last_x, last_y = x, y
+            length = math.sqrt((x - last_x) * (x - last_x) + (y - last_y) * (y - last_y))
+            columns.out.face_theta_i[columns.faces], columns.out.face_theta_f[columns.faces] = last_theta, theta
+            columns.out.face_length[columns.faces], columns.out.face_rms[columns.faces] = length, faces.rms[f]
+            columns.faces += 1
+        last_x, last_y, last_theta = x, y, theta
         description.n += 1
         columns.vertices += 1
     columns.out.vertex_kind[first_vertex] = columns.out.vertex_kind[columns.vertices - 1] = CORNER
     if description.robust and high > low:
         _extend(description, columns, points, segments, faces, j, begin, first_face)
-
-
-def _on_line(faces: Faces, f: int, x: float, y: float) -> tuple[float, float]:
-    """Return the point of the line of a face that is nearest to x, y [m]."""
-    direction_x, direction_y = faces.direction_x[f], faces.direction_y[f]
-    along = (x - faces.middle_x[f]) * direction_x + (y - faces.middle_y[f]) * direction_y
-    return faces.middle_x[f] + along * direction_x, faces.middle_y[f] + along * direction_y
-
-
-def _add_face(columns: Columns, faces: Faces, f: int, v: int, length: float) -> None:
-    """Write a face of so many metres, which ends at a vertex that is written already."""
-    at = columns.faces
-    columns.out.face_theta_i[at] = columns.out.vertex_theta[v - 1]
-    columns.out.face_theta_f[at] = columns.out.vertex_theta[v]
-    columns.out.face_length[at], columns.out.face_rms[at] = length, faces.rms[f]
-    columns.faces += 1
 
 
 def _extend(
@@ -473,10 +451,7 @@ def _extend(
     begin: int,
     first_face: int,
 ) -> None:
-    """Extend a part past its first and its last point, by half a beam on average, if the thing ends there.
-
-    A part whose end is hidden stays as it is. `begin` is its first vertex in the outline, `first_face` that in the columns.
-    """
+    """Extend a part past its first vertex `begin` and its last one, by half a beam on average, if the thing ends there."""
     first, last = segments.first[j], segmentation.last_point(segments, j)
     if surfaces.is_end(segments.start_edge[j]):
         f = faces.offset[j]
@@ -493,11 +468,8 @@ def _extend(
 
 
 def _overhang(points: Points, faces: Faces, f: int, at: int, inner: int, side: float) -> float:
-    """Return the way along a face from its last point to the bearing half a step past it [m]; `inner` is the point before.
-
-    At a grazing angle the line of a face may meet that bearing anywhere: the way is at most the distance of the last two
-    points.
-    """
+    """Return the way along a face to the bearing half a step past its last point [m]; `inner` is the point before."""
+    # At a grazing angle the line may meet that bearing anywhere: the distance of the last two points is the most.
     x, y, along_x, along_y = points.x[at], points.y[at], faces.direction_x[f], faces.direction_y[f]
     cos, sin = points.cos_half, side * points.sin_half
     ray_x, ray_y = x * cos - y * sin, x * sin + y * cos
@@ -556,7 +528,7 @@ def describe(
         trace(description, columns, points, segments, survey, faces, k)
         examine(description.look, faces, description.parts, k, False, False)
         if description.robust:
-            _drop_stray(description, faces, description.parts, description.circle, description.look, k)
+            _drop_stray(description, faces, description.parts, description.circle, description.box, description.look, k)
         _describe_shape(description, columns, points, survey, faces, description.circle, description.box, k)
         columns.out.thing[at] = survey.thing[description.parts.segment[description.parts.begin[k]]]
         if survey.is_object[description.parts.segment[description.parts.begin[k]]]:
@@ -570,8 +542,8 @@ def describe(
         if columns.out.set[at] == OBJECT:
             objects += 1
             beams += columns.out.beams[at]
-        if columns.per_beam:
-            _mark_beams(columns, points, segments, description.parts, k)
+            if columns.per_beam:
+                _mark_beams(columns, points, segments, description.parts, k)
     columns.out.objects[row], columns.out.object_beams[row] = objects, beams
 
 
@@ -626,11 +598,8 @@ def _is_hidden(edge: int) -> bool:
     return edge == segmentation.HIDDEN or edge == segmentation.FLICKERING
 
 
-def _drop_stray(description: Description, faces: Faces, parts: Parts, circle: Circle, look: Look, k: int) -> None:
-    """Leave out the few points at an end of an object that are off its surface, if its box is less than half as large then.
-
-    The range of a beam that meets both the edge of a thing and something behind lies between the two.
-    """
+def _drop_stray(description: Description, faces: Faces, parts: Parts, circle: Circle, box: Box, look: Look, k: int) -> None:
+    """Leave out the few points at an end that lie between an object and what is behind it, if its box halves then."""
     if parts.begin[k + 1] - parts.begin[k] > 1 or look.count < 2:
         return
     j = parts.segment[parts.begin[k]]
@@ -639,11 +608,10 @@ def _drop_stray(description: Description, faces: Faces, parts: Parts, circle: Ci
     after = faces.points[high] - 1 if faces.points[high] <= STRAY + 1 and high > low else 0
     if before + after == 0 or circle.n - before - after < LEFT:
         return
-    f = look.longest
-    whole = area_along(faces, f, circle.x, circle.y, 0, circle.n)
+    whole = _slim_area(box, circle, faces, look.longest, 0, circle.n)
     examine(look, faces, parts, k, before > 0, after > 0)
     f = look.longest
-    if f >= 0 and area_along(faces, f, circle.x, circle.y, before, circle.n - after) < HALF * whole:
+    if f >= 0 and _slim_area(box, circle, faces, f, before, circle.n - after) < HALF * whole:
         circle.n -= before + after
         for p in range(circle.n):
             circle.x[p], circle.y[p] = circle.x[p + before], circle.y[p + before]
@@ -674,7 +642,9 @@ def _describe_shape(
         survey.max_width,
     )
     if kind == ROUND:
-        around_circle(box, circle.centre_x, circle.centre_y, circle.radius)
+        # The square around the circle that faces the sensor.
+        box.x, box.y, box.yaw = circle.centre_x, circle.centre_y, _yaw(circle.centre_x, circle.centre_y)
+        box.length = box.width = 2.0 * circle.radius
     elif kind == PRISMATIC and description.robust and description.n > 0 and parts == 1:
         # The vertices of a prism scatter less than its points.
         around_points(box, description.look, faces, description.x, description.y, description.n)
@@ -688,8 +658,6 @@ def _describe_shape(
 
 def _mark_beams(columns: Columns, points: Points, segments: Segments, parts: Parts, k: int) -> None:
     """Give every beam of an object its number."""
-    if columns.out.set[columns.objects - 1] != OBJECT:
-        return
     row = points.row * columns.beam_width
     for i in range(parts.begin[k], parts.begin[k + 1]):
         j = parts.segment[i]

@@ -66,13 +66,13 @@ cdef void _collect(
 ) noexcept nogil
 
 
-cdef void fully_visible(Survey survey, Segments segments) noexcept nogil
-cdef void known(Survey survey, Segments segments) noexcept nogil
-cdef bint _may_be(Survey survey, Segments segments, Py_ssize_t j) noexcept nogil
+@cython.locals(may=bint)
+cdef void fully_visible(Survey survey, Segments segments, bint is_known) noexcept nogil
 @cython.locals(wide=bint)
+@cython.locals(wide=bint, hidden=bint, surrounds=bint)
 cdef void pieces(Survey survey, Segments segments) noexcept nogil
+@cython.locals(is_whole=bint)
 cdef void known_bodies(Survey survey, Segments segments, Bodies bodies) noexcept nogil
-cdef bint _is_whole(Survey survey, Bodies bodies, Py_ssize_t j) noexcept nogil
 
 
 cdef void group_legs(Survey survey, Points points, Segments segments, double gap) noexcept nogil

@@ -333,23 +333,15 @@ def _collect(bodies: Bodies, survey: Survey, points: Points, segments: Segments,
 # Which segments are objects, or may be some.
 
 
-def fully_visible(survey: Survey, segments: Segments) -> None:
-    """Profile `paper`: segments whose edges are both their own, with points enough and no wider than an object.
+def fully_visible(survey: Survey, segments: Segments, is_known: bool) -> None:
+    """Profile `paper`: segments with points enough and no wider than an object, whose edges are both their own.
 
-    Beside a beam without a return the background is beyond range.
+    Beside a beam without a return the background is beyond range. With a background, `is_known`, the segments that belong
+    to objects are the candidates, whatever their edges.
     """
     for j in range(segments.count):
-        survey.is_object[j] = not surfaces.is_partial(segments, j) and _may_be(survey, segments, j)
-
-
-def known(survey: Survey, segments: Segments) -> None:
-    """Profile `paper` with a background: the segments that belong to objects (`candidate`), whatever their edges."""
-    for j in range(segments.count):
-        survey.is_object[j] = survey.candidate[j] and _may_be(survey, segments, j)
-
-
-def _may_be(survey: Survey, segments: Segments, j: int) -> bool:
-    return segments.size[j] >= survey.min_beams and survey.reach[j] <= survey.max_width
+        may = survey.candidate[j] if is_known else not surfaces.is_partial(segments, j)
+        survey.is_object[j] = may and segments.size[j] >= survey.min_beams and survey.reach[j] <= survey.max_width
 
 
 def pieces(survey: Survey, segments: Segments) -> None:
@@ -357,20 +349,18 @@ def pieces(survey: Survey, segments: Segments) -> None:
     for j in range(segments.count):
         wide = not survey.reach[j] <= survey.max_width and not survey.protrusion[j]
         survey.wall[j] = segments.size[j] >= survey.min_beams and wide
-        survey.candidate[j] = (
-            survey.chord[j] <= survey.max_width and not survey.wall[j] and not segmentation.surrounds(segments, j)
-        )
+        # A full turn without a breakpoint hides no edge by a step: the sensor cannot be inside of an object.
+        hidden = segments.start_edge[j] == segmentation.HIDDEN and segments.end_edge[j] == segmentation.HIDDEN
+        surrounds = hidden and segments.s_start[j] != segments.s_start[j]
+        survey.candidate[j] = survey.chord[j] <= survey.max_width and not survey.wall[j] and not surrounds
         survey.loose[j] = survey.candidate[j] and not survey.protrusion[j]
 
 
 def known_bodies(survey: Survey, segments: Segments, bodies: Bodies) -> None:
     """Mark the objects among the segments that differ from a background, joined to bodies."""
     for j in range(segments.count):
-        survey.is_object[j] = survey.candidate[j] and _is_whole(survey, bodies, j)
-
-
-def _is_whole(survey: Survey, bodies: Bodies, j: int) -> bool:
-    return bodies.size[j] >= survey.min_beams and bodies.reach[j] <= survey.max_width
+        is_whole = bodies.size[j] >= survey.min_beams and bodies.reach[j] <= survey.max_width
+        survey.is_object[j] = survey.candidate[j] and is_whole
 
 
 # §3, Fig. 8: things of several legs that stand close together, such as a chair.

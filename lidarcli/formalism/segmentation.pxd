@@ -107,7 +107,6 @@ cdef class Segments:
 
 
 cdef void cut(Segments segments, Points points, Breakpoints breakpoints, Scans scans) noexcept nogil
-cdef void _surround(Segments segments, Points points) noexcept nogil
 cdef void _enter(Segments segments, Points points, Breakpoints breakpoints, Scans scans, Py_ssize_t j) noexcept nogil
 cdef void _leave(
     Segments segments, Points points, Breakpoints breakpoints, Scans scans, Py_ssize_t j, Py_ssize_t following
@@ -116,6 +115,5 @@ cdef Py_ssize_t _beside(Points points, Scans scans, Py_ssize_t position) noexcep
 cdef void copy_segments(Segments source, Segments target) noexcept nogil
 cdef Py_ssize_t last_point(Segments segments, Py_ssize_t j) noexcept nogil
 cdef double chord(Segments segments, Points points, Py_ssize_t j) noexcept nogil
-cdef bint surrounds(Segments segments, Py_ssize_t j) noexcept nogil
 cdef Py_ssize_t following(Segments segments, Points points, Py_ssize_t j) noexcept nogil
 cdef Py_ssize_t preceding(Segments segments, Points points, Py_ssize_t j) noexcept nogil

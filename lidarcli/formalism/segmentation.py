@@ -502,7 +502,12 @@ def cut(segments: Segments, points: Points, breakpoints: Breakpoints, scans: Sca
     first, size, at = segments.first, segments.size, breakpoints.at
     count = segments.count = breakpoints.count
     if count == 0:
-        _surround(segments, points)
+        # A full turn without any breakpoint is one segment, which hides no edge of its own.
+        if points.count > 0:
+            segments.count = 1
+            first[0], size[0] = 0, points.count
+            segments.s_start[0] = segments.s_end[0] = NAN
+            segments.start_edge[0] = segments.end_edge[0] = HIDDEN
         return
     for j in range(count):
         _enter(segments, points, breakpoints, scans, j)
@@ -522,18 +527,8 @@ def cut(segments: Segments, points: Points, breakpoints: Breakpoints, scans: Sca
         segments.end_edge[last] = _beside(points, scans, points.position[points.count - 1] + 1)
 
 
-def _surround(segments: Segments, points: Points) -> None:
-    """A full turn without any breakpoint is one segment, which hides no edge of its own."""
-    if points.count == 0:
-        return
-    segments.count = 1
-    segments.first[0], segments.size[0] = 0, points.count
-    segments.s_start[0] = segments.s_end[0] = NAN
-    segments.start_edge[0] = segments.end_edge[0] = HIDDEN
-
-
 def _enter(segments: Segments, points: Points, breakpoints: Breakpoints, scans: Scans, j: int) -> None:
-    """Return the kind of the first edge of a segment, by the breakpoint before it."""
+    """Set the first edge of a segment by the breakpoint before it."""
     at = breakpoints.at[j]
     if points.missing[at] > breakpoints.max_gap:
         segments.s_start[j] = NAN
@@ -544,7 +539,7 @@ def _enter(segments: Segments, points: Points, breakpoints: Breakpoints, scans: 
 
 
 def _leave(segments: Segments, points: Points, breakpoints: Breakpoints, scans: Scans, j: int, following: int) -> None:
-    """Return the kind of the last edge of a segment, by the breakpoint before the next segment."""
+    """Set the last edge of a segment by the breakpoint before the next segment."""
     before = following - 1 if following > 0 else points.count - 1
     if points.missing[following] > breakpoints.max_gap:
         segments.s_end[j] = NAN
@@ -581,12 +576,6 @@ def last_point(segments: Segments, j: int) -> int:
 def chord(segments: Segments, points: Points, j: int) -> float:
     """Return the distance of the first and the last point of a segment [m]."""
     return distance(points, segments.first[j], last_point(segments, j))
-
-
-def surrounds(segments: Segments, j: int) -> bool:
-    """Return whether a segment is a full turn without a breakpoint, whose edges are hidden by no step."""
-    s = segments.s_start[j]
-    return segments.start_edge[j] == HIDDEN and segments.end_edge[j] == HIDDEN and s != s
 
 
 def following(segments: Segments, points: Points, j: int) -> int:

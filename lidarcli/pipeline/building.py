@@ -21,7 +21,6 @@ from lidarcli.pipeline.reading.one_log import Progress, RunSummary, read_log, re
 from lidarcli.pipeline.reading.posing import Need, PoseOptions
 from lidarcli.pipeline.runs.over_logs import LogProgress, Outcome, over_logs
 from lidarcli.stores import Place, place
-from lidarcli.sweeps import SweepBatch
 from lidarcli.tabular.background import read_background, write_background
 from lidarcli.tabular.writing import table_metadata
 
@@ -58,7 +57,11 @@ class BackgroundBuilder:
         options = self._options
         with read_log(source, options, Need.MOVING) as reading:
             for batch in reading.batches(progress):
-                self._take(batch)
+                for frame, _, mine in batch.by_frame():
+                    key = batch.topic, frame
+                    if key not in self._learning:
+                        self._learning[key] = Learning(*key, Grid.of(mine, 0), options.distance, options.angle)
+                    self._learning[key].add(mine)
             summary = reading.close()
             self._described.append(reading.describe(source))
             self._damage += [f"{self._described[-1]['name']}: {line}" for line in summary.damage]
@@ -74,18 +77,14 @@ class BackgroundBuilder:
 
     def notes(self) -> list[str]:
         """Return a line for each reason for which sweeps were left out."""
+        more = "there is no room for more stations or ranges; a greater --station-distance or a shorter --range needs less"
         lines = []
         for (topic, frame), learning in sorted(self._learning.items()):
+            name = f"{topic} ({frame or 'no frame'})"
             if learning.left_out:
-                lines.append(
-                    f"left out: {learning.left_out:,} sweeps of {topic} ({frame or 'no frame'}): there is no room for "
-                    "more stations or ranges; a greater --station-distance or a shorter --range needs less"
-                )
+                lines.append(f"left out: {learning.left_out:,} sweeps of {name}: {more}")
             if learning.unplaced:
-                lines.append(
-                    f"left out: {learning.unplaced:,} sweeps of {topic} ({frame or 'no frame'}) without a pose, "
-                    "while others have one"
-                )
+                lines.append(f"left out: {learning.unplaced:,} sweeps of {name} without a pose, while others have one")
         return lines
 
     def write(self, path: Place, sensors: Sequence[Background], overwrite: bool = True) -> list[str]:
@@ -93,22 +92,11 @@ class BackgroundBuilder:
         metadata = table_metadata(self._options.as_dict(), self._described, self._damage)
         return write_background(path, sensors, metadata, overwrite)
 
-    def _take(self, batch: SweepBatch) -> None:
-        for frame, _, mine in batch.by_frame():
-            key = batch.topic, frame
-            if key not in self._learning:
-                options = self._options
-                grid = Grid.of(mine, 0)
-                self._learning[key] = Learning(*key, grid, options.distance, options.angle)
-            self._learning[key].add(mine)
-
 
 def refuse_output(
     path: Place, sources: Sequence[Source | MissingInput], overwrite: bool, others: Sequence[Place] = ()
 ) -> None:
-    """Refuse a background table with the name of a log (`OptionError`), or that cannot be written (`OutputError`), before
-    any work.
-    """
+    """Refuse a background table that has the name of a log (`OptionError`), or cannot be written (`OutputError`)."""
     if path.name.lower().endswith(SUFFIXES):
         raise OptionError(f"{path} is the name of a log; a background is a .parquet")
     refuse([path, *others], overwrite, files_of(sources))

@@ -165,15 +165,15 @@ class Mapping:
     def add(self, source: Source, clouds: Sequence[CloudWriter] = (), progress: Progress | None = None) -> RunSummary:
         """Take one log; its points go to the clouds.
 
-        `UnreadableError`: nothing tells where its sensor was; `OptionError`: the ground that it saw is larger than a map
-        may be.
+        `UnreadableError`: nothing tells where its sensor was; `OptionError`: it saw more ground than a map may have.
         """
         options = self.options
         with read_log(source, options, options.need) as reading:
             chosen = _Selection(options.min_move, bool(options.read.topics), reading.world_of)
             for batch, sets in self._with_sets(reading.batches(progress)):
                 for frame, rows, mine in batch.by_frame():
-                    self._take(source, frame, mine, None if sets is None else sets[rows], chosen, clouds)
+                    kept = chosen.rows(batch.topic, frame, mine.poses, mine.stamp_ns)
+                    self._take(source, mine.rows(kept), None if sets is None else sets[rows][kept], clouds)
             reading.leave_out(chosen.left_out)
             summary = reading.close()
             described = reading.describe(source)
@@ -220,27 +220,22 @@ class Mapping:
                 done = waiting.popleft()
                 yield done[0], beam_sets(*done, followed)[0]
         for tracker, waiting in trackers.values():
-            for followed in tracker.finish()[0]:
-                done = waiting.popleft()
+            for done, followed in zip(waiting, tracker.finish()[0], strict=True):
                 yield done[0], beam_sets(*done, followed)[0]
 
-    def _take(
-        self,
-        source: Source,
-        frame: str,
-        batch: SweepBatch,
-        sets: UInt8 | None,
-        chosen: _Selection,
-        clouds: Sequence[CloudWriter],
-    ) -> None:
+    def _take(self, source: Source, batch: SweepBatch, sets: UInt8 | None, clouds: Sequence[CloudWriter]) -> None:
         """Count the sweeps of one sensor that tell something new."""
         poses = batch.poses
-        rows = chosen.rows(batch.topic, frame, poses, batch.stamp_ns)
-        if poses is None or not len(rows):
+        if poses is None or not len(batch):
             return
-        batch, poses = batch.rows(rows), poses.rows(rows)
-        sets = None if sets is None else sets[rows]
-        use, ranges = self._use(batch, sets)
+        use = np.where(batch.status == Status.VALID, HIT, SKIPPED).astype(np.uint8)
+        ranges = batch.ranges
+        if self.options.without is not None and sets is not None:
+            use[(sets == AGENT) & (use == HIT)] = CLEAR
+        if self.options.free_no_return > 0:
+            nothing = batch.status == Status.NO_RETURN
+            use[nothing] = CLEAR
+            ranges = np.where(nothing, np.float32(self.options.free_no_return), ranges)
         beams = placed(batch, poses, use, ranges)
         with self._in_bounds():
             self.counts.add(beams)
@@ -274,18 +269,6 @@ class Mapping:
                 "take one log, and one topic with --topic"
             )
 
-    def _use(self, batch: SweepBatch, sets: UInt8 | None) -> tuple[UInt8, Any]:
-        """Return the use of each beam and its range [m], (S, B) each."""
-        use = np.where(batch.status == Status.VALID, HIT, SKIPPED).astype(np.uint8)
-        ranges = batch.ranges
-        if self.options.without is not None and sets is not None:
-            use[(sets == AGENT) & (use == HIT)] = CLEAR
-        if self.options.free_no_return > 0:
-            nothing = batch.status == Status.NO_RETURN
-            use[nothing] = CLEAR
-            ranges = np.where(nothing, np.float32(self.options.free_no_return), ranges)
-        return use, ranges
-
     def _points(self, log: str, batch: SweepBatch, end: Float64, use: UInt8, sets: UInt8 | None) -> CloudPoints:
         """Return the points of some sweeps."""
         row, beam = np.nonzero(use == HIT)
@@ -296,16 +279,8 @@ class Mapping:
         stamp = batch.stamp_ns[row]
         if batch.duration is not None and self.options.poses.deskew:
             stamp = stamp + np.rint(batch.duration[row] * batch.shares(row, beam) * 1e9).astype(np.int64)
-        return CloudPoints(
-            log=log,
-            topic=batch.topic,
-            sweep=batch.sweep[row],
-            beam=beam.astype(np.int32),
-            stamp_ns=stamp,
-            x=x,
-            y=y,
-            set=None if sets is None else sets[row, beam].astype(np.int8),
-        )
+        of_sets = None if sets is None else sets[row, beam].astype(np.int8)
+        return CloudPoints(log, batch.topic, batch.sweep[row], beam.astype(np.int32), stamp, x, y, of_sets)
 
     def _conclude(self, source: Source, summary: RunSummary, described: dict[str, Any], chosen: _Selection) -> None:
         """Keep the results of a log, and add notes on it to the summary."""
@@ -322,12 +297,12 @@ class Mapping:
         self.paths += chosen.paths(source.name)
         self.described.append(described)
         self.damage += [f"{described['name']}: {line}" for line in summary.damage]
-        self._matched += len(chosen) if MATCH in chosen.worlds else 0
+        self._matched += len(chosen.filters) if MATCH in chosen.worlds else 0
         self._refuse_several_worlds()
         summary.notes += [
             f"{topic} is {why}: left out (--topic {shlex.quote(topic)})" for topic, why in chosen.left_out.items()
         ]
-        which = "all that have a pose" if chosen.unplaced else "all"
+        which = "all that have a pose" if any(one.unplaced for one in chosen.filters.values()) else "all"
         if self.options.min_move > 0:
             turn, wait = math.degrees(MIN_TURN), PAUSE_NS / 1e9
             which = f"one every {self.options.min_move:g} m, {turn:g} degrees or {wait:g} s; --min-move"
@@ -346,11 +321,9 @@ class _Selection:
         """World and frame → the topic."""
         self.left_out: dict[str, str] = {}
         """Topic that is left out → why."""
-        self._filters: dict[tuple[str, str], MotionFilter] = {}
+        self.filters: dict[tuple[str, str], MotionFilter] = {}
+        """Topic and frame of each sensor → its filter."""
         self._places: dict[tuple[str, str], list[SweepPoses]] = {}
-
-    def __len__(self) -> int:
-        return len(self._filters)
 
     @property
     def worlds(self) -> list[str]:
@@ -361,11 +334,6 @@ class _Selection:
     def count(self) -> int:
         """Number of these sweeps."""
         return sum(len(part.x) for parts in self._places.values() for part in parts)
-
-    @property
-    def unplaced(self) -> int:
-        """Sweeps without a pose."""
-        return sum(one.unplaced for one in self._filters.values())
 
     def rows(self, topic: str, frame: str, poses: SweepPoses | None, stamp_ns: Int64) -> Int64:
         """Return the rows (of S) of a sensor that count."""
@@ -381,10 +349,10 @@ class _Selection:
             self.left_out[topic] = f"of the same frame as {first}, most likely the same sweeps again"
             return np.zeros(0, np.int64)
         key = topic, frame
-        if key not in self._filters:
-            self._filters[key] = MotionFilter(self._min_move)
+        if key not in self.filters:
+            self.filters[key] = MotionFilter(self._min_move)
             self._places[key] = []
-        rows = self._filters[key].take(poses, stamp_ns)
+        rows = self.filters[key].take(poses, stamp_ns)
         if len(rows):
             self._places[key].append(poses.rows(rows))
         return rows
@@ -421,11 +389,9 @@ class Mapped:
 
 
 class MapRun:
-    """One map of several logs, written when all have been read, to files whose suffixes say what they are (`GRIDS`,
-    `CLOUDS`).
+    """One map of several logs, written when all have been read, to files by their suffixes (`GRIDS`, `CLOUDS`).
 
-    Other suffixes, and two outputs that would be one file, are an `OptionError`, a file that may not be replaced an
-    `OutputError`.
+    Other suffixes are an `OptionError`, a file that may not be replaced an `OutputError`.
     """
 
     def __init__(self, sources: Sequence[Source | MissingInput], outputs: Sequence[Place], options: MapOptions) -> None:
@@ -487,27 +453,23 @@ class MapRun:
         return Mapped(grid, worlds, mapping.counts.sweeps, self._files, tuple(notes))
 
     def __enter__(self) -> MapRun:
-        try:
-            self._stack.enter_context(self._new)
+        with ExitStack() as stack:
+            stack.enter_context(self._new)
             for path in self._outputs:
-                if (make := WRITERS.get(path.suffix.lower())) is not None:
-                    self._open_cloud(path, make)
-        except BaseException:
-            self._stack.close()
-            raise
+                if (make := WRITERS.get(path.suffix.lower())) is None:
+                    continue
+                with writing(path):
+                    file = self._new.part(path).open("w+b")
+                    stack.callback(_let_go, file)
+                    cloud = make(file, self._options.stamps) if make is ParquetWriter else make(file)
+                stack.callback(cloud.abandon)
+                self._clouds.append(cloud)
+                self._open.append((path, file))
+            self._stack = stack.pop_all()
         return self
 
     def __exit__(self, *exc: object) -> None:
         self._stack.close()
-
-    def _open_cloud(self, path: Place, make: type[PlyWriter] | type[PcdWriter] | type[ParquetWriter]) -> None:
-        with writing(path):
-            file = self._new.part(path).open("w+b")
-            self._stack.callback(_let_go, file)
-            cloud = make(file, self._options.stamps) if make is ParquetWriter else make(file)
-        self._stack.callback(cloud.abandon)
-        self._clouds.append(cloud)
-        self._open.append((path, file))
 
     def _write(self, path: Place, grid: Occupancy) -> None:
         """Write one output that is made of the grid."""

@@ -45,15 +45,7 @@ class PathOptions:
 
 
 def refuse_path(path: Place, source: Source, options: PathOptions) -> None:
-    """Refuse an output that cannot be written, before any work.
-
-    Raises
-    ------
-    OptionError
-        Its suffix is none of `SUFFIXES`.
-    OutputError
-        As of `newfiles.refuse`.
-    """
+    """Refuse an output whose suffix is none of `SUFFIXES` (`OptionError`), or that cannot be written (`OutputError`)."""
     if path.suffix.lower() not in SUFFIXES:
         raise OptionError(f"{path}: the suffix of a trajectory has to be one of {', '.join(SUFFIXES)}")
     refuse([path], options.overwrite, [*files_of([source]), *named_files(options)])
@@ -72,27 +64,13 @@ class PathSummary(RunSummary):
 
 
 def read_path(source: Source, options: PathOptions, progress: Progress | None = None) -> PathSummary:
-    """Return the poses of the sensors of a log at its sweeps; sweeps without one are left out.
-
-    Raises
-    ------
-    UnreadableError
-        Nothing tells where the sensor was.
-    """
+    """Return the known poses of the sensors of a log at its sweeps; without any an `UnreadableError`."""
     with read_log(source, options, Need.ALL) as reading:
         return _read(source, reading, options, progress)
 
 
 def write_path(source: Source, path: Place, options: PathOptions, progress: Progress | None = None) -> PathSummary:
-    """Write the pose of the sensor at each sweep of a log; sweeps without one are left out.
-
-    Raises
-    ------
-    UnreadableError
-        Nothing tells where the sensor was.
-    OptionError
-        There are several sensors, and a TUM file has room for one.
-    """
+    """Write what `read_path` returns; several sensors in a TUM file, which has room for one, are an `OptionError`."""
     is_table = path.suffix.lower() == PARQUET
     with read_log(source, options, Need.ALL) as reading, NewFiles([path], options.overwrite) as new:
         with writing(path, nameless=True), new.part(path).open("wb") as out:

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lidarcli.pose.fit import poses_after, steps_between, wrapped
+from lidarcli.pose.fit import steps_between, wrapped
 from lidarcli.sweeps import TURN, Bool, Float64, Int64
 
 CELL, GRID_TURNS = 0.05, tuple(np.deg2rad([7.0, 31.0, 53.0, 76.0]).tolist())
@@ -291,11 +291,6 @@ def scaled_path(poses: Float64, length: float, turn: float) -> Float64:
     x, y = step[:, 0] * (1.0 + length), step[:, 1] * (1.0 + length)
     place = np.cumsum(np.column_stack([cos * x - sin * y, sin * x + cos * y]), axis=0)
     return np.column_stack([np.vstack([poses[:1, :2], poses[0, :2] + place]), yaw])
-
-
-def mounted(poses: Float64, mount: Float64) -> Float64:
-    """Return the poses (K, 3) of a sensor that is mounted so (3,) on what has these poses."""
-    return poses_after(poses, mount)
 
 
 def stretches_of(poses: Float64, most_turn: float, most_way: float) -> Int64:

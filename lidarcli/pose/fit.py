@@ -10,7 +10,7 @@ from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -116,13 +116,9 @@ def poses_after(begin: Float64, step: Float64) -> Float64:
     """Return the poses (K, 3) after steps (K, 3) or (3,) in their frames."""
     step = np.broadcast_to(step, begin.shape)
     cos, sin = np.cos(begin[:, 2]), np.sin(begin[:, 2])
-    return np.column_stack(
-        [
-            begin[:, 0] + cos * step[:, 0] - sin * step[:, 1],
-            begin[:, 1] + sin * step[:, 0] + cos * step[:, 1],
-            wrapped(begin[:, 2] + step[:, 2]),
-        ]
-    )
+    x = begin[:, 0] + cos * step[:, 0] - sin * step[:, 1]
+    y = begin[:, 1] + sin * step[:, 0] + cos * step[:, 1]
+    return np.column_stack([x, y, wrapped(begin[:, 2] + step[:, 2])])
 
 
 @dataclass(frozen=True, slots=True)
@@ -223,7 +219,7 @@ def judge_poses(
         return _sharper(accepted, stamp_ns, begin, end, step, given_at)
     delay, mount, best = _corrected(stamp_ns, begin, end, step, given_at)
     ratio, turn_ratio = _ratios(step, best)
-    better = float(_agree(step, _mounted(best, mount)).mean())
+    better = float(_agree(step, mounted_steps(best, mount)).mean())
     # Of poses that lie at the bound, a greater delay may fit better yet.
     found = better >= CORRECTED and better >= share + GAIN and abs(delay) < LONGEST_DELAY - 0.5 * DELAY_STEP
     fits = all(not np.isfinite(one) or RATIOS[0] <= one <= RATIOS[1] for one in (ratio, turn_ratio))
@@ -280,10 +276,16 @@ def _agree(step: Steps, other: Steps) -> Bool:
     return found
 
 
-def _mounted(step: Steps, mount: tuple[float, float, float]) -> Steps:
+def mounted_steps(step: Steps, mount: tuple[float, float, float]) -> Steps:
     """Return the steps of a sensor that is mounted so on what makes `step`."""
-    where = np.broadcast_to(np.array(mount), step.shape)
-    return steps_between(where, poses_after(step, np.array(mount)))
+    at = np.array(mount)
+    return steps_between(np.broadcast_to(at, step.shape), poses_after(step, at))
+
+
+def _delayed(stamp_ns: Int64, begin: Int64, end: Int64, given_at: Callable[[Int64], Float64], delay: float) -> Steps:
+    """Return the given steps between pairs of sweeps, so much later [s]."""
+    delay_ns = round(delay * 1e9)
+    return steps_between(given_at(stamp_ns[begin] + delay_ns), given_at(stamp_ns[end] + delay_ns))
 
 
 def _sharper(
@@ -292,9 +294,7 @@ def _sharper(
     """Return the fit of accepted poses, with the delay that is clearly better than none."""
 
     def cost(delay: float) -> float:
-        delay_ns = round(delay * 1e9)
-        given = steps_between(given_at(stamp_ns[begin] + delay_ns), given_at(stamp_ns[end] + delay_ns))
-        off, turn = _off(step, given)
+        off, turn = _off(step, _delayed(stamp_ns, begin, end, given_at, delay))
         # Steps beyond the ends of the given path count as much as those that are far off.
         return float(np.mean(np.nan_to_num(np.minimum(off + turn, MOST_OFF), nan=MOST_OFF)))
 
@@ -307,8 +307,7 @@ def _sharper(
     return replace(fit, verdict="corrected", delay=round(best, 3))
 
 
-@dataclass(frozen=True, slots=True)
-class _Tried:
+class _Tried(NamedTuple):
     """A delay that was tried, with the mount that fits best with it."""
 
     cost: float
@@ -323,13 +322,12 @@ def _corrected(
     """Find the delay and the mount with which the given steps fit best; return them and the given steps so delayed."""
 
     def tried(delay: float) -> _Tried | None:
-        delay_ns = round(delay * 1e9)
-        given = steps_between(given_at(stamp_ns[begin] + delay_ns), given_at(stamp_ns[end] + delay_ns))
+        given = _delayed(stamp_ns, begin, end, given_at, delay)
         known = np.isfinite(given[:, 0])
         if known.mean() < LEAST_TOLD:
             return None
         mount = mount_between(step[known], given[known])
-        off, turn = _off(step[known], _mounted(given[known], mount))
+        off, turn = _off(step[known], mounted_steps(given[known], mount))
         cost = float(np.mean(np.minimum(off, MOST_OFF) + np.minimum(turn, MOST_OFF)))
         return _Tried(cost, delay, mount, given)
 
@@ -371,7 +369,7 @@ def mount_between(step: Steps, given: Steps) -> tuple[float, float, float]:
             normal = np.einsum("k,kij,kil->jl", weight, lever, lever) + 0.2 * np.eye(2)
             place = np.linalg.solve(normal, np.einsum("k,kij,ki->j", weight, lever, apart))
         mount = float(place[0]), float(place[1]), yaw
-        share = float(_agree(step, _mounted(given, mount)).mean())
+        share = float(_agree(step, mounted_steps(given, mount)).mean())
         if share > most + 0.02:
             best, most = mount, share
     return best
@@ -467,21 +465,15 @@ def still_at(stamp_ns: Int64, matched: Float64, slides: Float64) -> Bool:
     seconds = (stamp_ns[-1] - stamp_ns[0]) * 1e-9
     third = min(max(1, round(STILL_SECONDS / 3.0 * len(stamp_ns) / max(seconds, 1e-3))), len(known))
     numbers = np.arange(len(known))
-    filled = np.column_stack(
-        [
-            np.interp(numbers, numbers[known], matched[known, 0]),
-            np.interp(numbers, numbers[known], matched[known, 1]),
-            np.interp(numbers, numbers[known], np.unwrap(matched[known, 2])),
-        ]
-    )
+    columns = matched[known, 0], matched[known, 1], np.unwrap(matched[known, 2])
+    filled = np.column_stack([np.interp(numbers, numbers[known], column) for column in columns])
     padded = np.pad(filled, ((third, third), (0, 0)), mode="edge")
     middles = np.median(np.lib.stride_tricks.sliding_window_view(padded, third, axis=0), axis=2)
     # Medians of the third of the window before each sweep, and of the third after it.
     apart = middles[third + 1 :] - middles[: -(third + 1)]
     apart = apart[: len(known)]
-    still = (np.hypot(apart[:, 0], apart[:, 1]) < STILL_OFF) & (np.abs(apart[:, 2]) < STILL_TURN)
-    found: Bool = still
-    return found
+    still: Bool = (np.hypot(apart[:, 0], apart[:, 1]) < STILL_OFF) & (np.abs(apart[:, 2]) < STILL_TURN)
+    return still
 
 
 # The path of a sensor from its sweeps alone, as a track of poses, and the order in which it sends its beams.
@@ -816,7 +808,8 @@ def _leaps(chain: PoseChain, topic: str, is_known: bool) -> Iterator[Finding]:
         evidence = {"jumps": len(jumps.lengths), "largest": most}
         yield Finding("steps", "warning", topic, chain.frame, words, evidence, threshold)
     for track in (step.track for step in chain.steps if not step.track.static):
-        turns = _turns(track)
+        turn = track.motion.rotation
+        turns = 2.0 * np.arccos(np.clip(np.abs(np.sum(turn[1:] * turn[:-1], axis=1)), 0.0, 1.0))
         fast = turns > np.maximum(TURN_RATE * np.diff(track.stamp_ns) / SECOND_NS, LEAST_TURN)
         if fast.any():
             number, most = int(np.count_nonzero(fast)), float(turns[fast].max())
@@ -841,13 +834,6 @@ def _corrections(track: Track, topic: str, frame: str) -> Iterator[Finding]:
             "--pose match does without it"
         )
         yield Finding("steps", "warning", topic, frame, words, most, {"shift": APART})
-
-
-def _turns(track: Track) -> Float64:
-    """Return the angles between rotations that follow each other (N - 1,) [rad]."""
-    rotation = track.motion.rotation
-    angles: Float64 = 2.0 * np.arccos(np.clip(np.abs(np.sum(rotation[1:] * rotation[:-1], axis=1)), 0.0, 1.0))
-    return angles
 
 
 def contradictions(links: Sequence[Track]) -> Iterator[Finding]:

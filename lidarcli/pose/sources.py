@@ -101,10 +101,7 @@ class PoseChain:
 
     @property
     def frames(self) -> str:
-        """The frames from the world to the sensor.
-
-        Frames that no message names are left out.
-        """
+        """The frames from the world to the sensor, without those that no message names."""
         frames = [self.frame, *(step.target for step in self.steps)]
         return " > ".join(name for name in reversed(frames) if name)
 
@@ -461,7 +458,7 @@ class FrameTree:
         """
         in_world = _last(start) in WORLDS
         # Beyond a fixed frame there are other robots.
-        reached = self._reached(start, () if in_world else self._worlds())
+        reached = self._reached(start, () if in_world else {frame for frame in self._near if _last(frame) in WORLDS})
         if (base := _named(reached, BASES)) is not None:
             return _way(reached, base)
         if in_world:
@@ -473,9 +470,6 @@ class FrameTree:
             climbed.append(Step(link, down=False))
             frame = link.parent
         return tuple(climbed)
-
-    def _worlds(self) -> set[str]:
-        return {frame for frame in self._near if _last(frame) in WORLDS}
 
     def _reached(self, start: str, avoid: Collection[str] = ()) -> dict[str, Step | None]:
         """Return every frame that can be reached, the nearest first, with the step that leads to it."""
@@ -546,7 +540,7 @@ class _Level:
 
     def at(self, stamp_ns: Int64, frame_id: str) -> Levelled:
         """Return the leveling of points of `frame_id` at times (K,)."""
-        points = along(self.inward, stamp_ns, held=not _is_world(frame_name(frame_id)))
+        points = along(self.inward, stamp_ns, held=_last(frame_name(frame_id)) not in WORLDS)
         base = along(self.base, stamp_ns, held=True)
         leaning, height = base.rotation, base.position[:, 2]
         if self.world is not None:
@@ -598,7 +592,7 @@ class TreeLevels:
         name = frame or "without a name"
         if level is not None:
             return level.words
-        if _is_world(frame):
+        if _last(frame) in WORLDS:
             return f"above the origin of frame {name}, which is no sensor's: sweeps are seen from there"
         if _is_optical(frame):
             return f"above the camera of frame {name}, which is taken for level: no transform leads to the robot"
@@ -609,7 +603,7 @@ class TreeLevels:
         robot = base[-1].target if base else frame
         if not base and self._tree.to_world(frame) is None:
             return None
-        inward = base if _is_world(frame) else base[: self._inward(frame, base, stamp_ns)]
+        inward = base if _last(frame) in WORLDS else base[: self._inward(frame, base, stamp_ns)]
         here = inward[-1].target if inward else frame
         world = self._tree.to_world(here)
         topics = dict.fromkeys(step.track.topic for step in (*base, *(world or ())))
@@ -622,23 +616,14 @@ class TreeLevels:
             pose = along(base[count:], stamp_ns, held=True)
             if world is not None and not _unknown((known := along(world, stamp_ns)).rotation).any():
                 pose = known
-            if abs(_upward(pose)) >= UPRIGHT:
+            # The cosine between its z axis and the vertical.
+            if abs(rotate(pose.rotation[:1], np.array([[0.0, 0.0, 1.0]]))[0, 2]) >= UPRIGHT:
                 return count
         return 0
 
 
-def _is_world(frame: str) -> bool:
-    return frame.rpartition("/")[2] in WORLDS
-
-
 def _is_optical(frame: str) -> bool:
     return frame.endswith(("_optical_frame", "_optical"))
-
-
-def _upward(pose: Motion) -> float:
-    """Return the cosine between a frame's z axis and the vertical."""
-    up = rotate(pose.rotation[:1], np.array([[0.0, 0.0, 1.0]]))
-    return float(up[0, 2])
 
 
 def _unknown(rotation: Float64) -> Bool:

@@ -280,20 +280,8 @@ class _Growing:
             last = np.append(stamps[1:] != stamps[:-1], True)
             stamps, numbers = stamps[last], numbers[last]
         motion = Motion(numbers[:, :3], numbers[:, 3:])
-        return Track(
-            topic,
-            kind,
-            parent,
-            child,
-            static,
-            self.messages,
-            stamps,
-            motion,
-            self.record_ns,
-            self.jumps_back,
-            self.stretched,
-            differs,
-        )
+        record = self.record_ns, self.jumps_back, self.stretched
+        return Track(topic, kind, parent, child, static, self.messages, stamps, motion, *record, differs)
 
 
 class Tracks:
@@ -358,12 +346,11 @@ class Tracks:
         numbers = np.concatenate([part.numbers for part in parts])
         order = np.argsort(row, kind="stable")
         row, stamps, numbers = row[order], stamps[order], numbers[order]
-        keep = _usable(numbers, refused)
-        row, stamps, numbers = row[keep], stamps[keep], numbers[keep]
+        keep = np.flatnonzero(_usable(numbers, refused))
         known = key in self._growing or len(self._growing) < MAX_TRACKS
         fits = max(self._room, 0) if known else 0
-        self.left_out += max(len(row) - fits, 0)
-        row, stamps, numbers = row[:fits], stamps[:fits], numbers[:fits]
+        self.left_out += max(len(keep) - fits, 0)
+        row, stamps, numbers = row[keep[:fits]], stamps[keep[:fits]], numbers[keep[:fits]]
         if not len(row):
             return
         stamps = np.where(stamps == 0, record_ns[row], stamps)
@@ -503,21 +490,15 @@ def _pose(path: Path, number: int, text: str) -> tuple[int, list[float]]:
 def trajectory_lines(stamp_ns: Int64, motion: Motion) -> str:
     """Return N poses as TUM lines, without unknown ones."""
     known = ~np.isnan(motion.position).any(axis=1)
-    rows = zip(
-        stamp_ns[known].tolist(), motion.position[known].tolist(), upright(motion.rotation[known]).tolist(), strict=True
-    )
-    return "".join(f"{_seconds(stamp)} {_numbers(position, 6)} {_numbers(turn, 9)}\n" for stamp, position, turn in rows)
-
-
-def _seconds(stamp_ns: int) -> str:
-    sign = "-" if stamp_ns < 0 else ""
-    whole, rest = divmod(abs(stamp_ns), SECOND_NS)
-    return f"{sign}{whole}.{rest:09d}"
-
-
-def _numbers(values: list[float], decimals: int) -> str:
-    # What is rounded to 0 has no sign.
-    return " ".join(f"{round(value, decimals) + 0.0:.{decimals}f}" for value in values)
+    numbers = motion.position[known].tolist(), upright(motion.rotation[known]).tolist()
+    lines = []
+    for stamp, position, turn in zip(stamp_ns[known].tolist(), *numbers, strict=True):
+        whole, rest = divmod(abs(stamp), SECOND_NS)
+        # What is rounded to 0 has no sign.
+        words = [f"{round(value, 6) + 0.0:.6f}" for value in position]
+        words += [f"{round(value, 9) + 0.0:.9f}" for value in turn]
+        lines.append(f"{'-' if stamp < 0 else ''}{whole}.{rest:09d} {' '.join(words)}\n")
+    return "".join(lines)
 
 
 def upright(rotation: Float64) -> Float64:
@@ -588,8 +569,7 @@ _NUMBERS = 56
 """Bytes of a position and a quaternion."""
 
 
-@dataclass(frozen=True, slots=True)
-class _Entry:
+class _Entry(NamedTuple):
     """Position of one pose in a message."""
 
     stamp: int
@@ -666,18 +646,11 @@ def decode_ros(kind: str, encoding: str, messages: Sequence[bytes], refused: Cou
                 refused[str(err)] += 1
                 rows, matrix = rows[1:], matrix[1:]
                 continue
-            alike = _alike(matrix, walker.fixed)
+            # The messages with the layout of the first one.
+            columns = np.concatenate([np.arange(*span) for span in [(0, 0), *walker.fixed]])
+            alike = (matrix[:, columns] == matrix[0, columns]).all(axis=1)
             yield from _read(matrix[alike], rows[alike], walker)
             rows, matrix = rows[~alike], matrix[~alike]
-
-
-def _alike(matrix: UInt8, fixed: list[tuple[int, int]]) -> NDArray[np.bool_]:
-    """Return the messages with the layout of the first one."""
-    if not fixed or len(matrix) == 1:
-        return np.ones(len(matrix), bool)
-    columns = np.concatenate([np.arange(start, stop) for start, stop in fixed])
-    alike: NDArray[np.bool_] = (matrix[:, columns] == matrix[0, columns]).all(axis=1)
-    return alike
 
 
 def _read(matrix: UInt8, rows: NDArray[np.intp], walker: _Walker) -> Iterator[PoseRows]:
@@ -688,13 +661,8 @@ def _read(matrix: UInt8, rows: NDArray[np.intp], walker: _Walker) -> Iterator[Po
         if walker.encoding == "cdr":
             seconds = words[:, 0].astype(np.uint32).view(np.int32).astype(np.int64)
         numbers = matrix[:, entry.numbers : entry.numbers + _NUMBERS].copy().view(f"{order}f8")
-        yield PoseRows(
-            parent=entry.parent,
-            child=entry.child,
-            row=rows,
-            stamp_ns=seconds * 1_000_000_000 + words[:, 1],
-            numbers=numbers.astype(np.float64),
-        )
+        stamp_ns = seconds * SECOND_NS + words[:, 1]
+        yield PoseRows(entry.parent, entry.child, rows, stamp_ns, numbers.astype(np.float64))
 
 
 NOT_POSE = "not what its type says"
@@ -722,13 +690,8 @@ def decode_foxglove(kind: str, encoding: str, messages: Sequence[bytes], refused
             numbers[6] = 1.0
         found.setdefault((frame_name(parent), frame_name(child)), []).append((index, stamp_ns, numbers))
     for (parent, child), rows in found.items():
-        yield PoseRows(
-            parent=parent,
-            child=child,
-            row=np.array([row[0] for row in rows], np.intp),
-            stamp_ns=np.array([row[1] for row in rows], np.int64),
-            numbers=np.array([row[2] for row in rows], np.float64),
-        )
+        row, stamp, poses = zip(*rows, strict=True)
+        yield PoseRows(parent, child, np.array(row, np.intp), np.array(stamp, np.int64), np.array(poses, np.float64))
 
 
 _OF_SCAN = [
@@ -768,7 +731,7 @@ def _proto(kind: str, data: bytes) -> _Pose:
         fields = classes()[POSE if kind == SCAN else kind].FromString(data)
     except DecodeError:
         raise BadPoseError(NOT_PROTOBUF) from None
-    stamp_ns = int(fields.timestamp.seconds) * 1_000_000_000 + int(fields.timestamp.nanos)
+    stamp_ns = int(fields.timestamp.seconds) * SECOND_NS + int(fields.timestamp.nanos)
     if kind == TRANSFORM:
         place, turn = fields.translation, fields.rotation
         names = fields.parent_frame_id, fields.child_frame_id

@@ -9,13 +9,13 @@ from lidarcli.pose.calibration import (
     Outlines,
     cells_filled,
     joined_outlines,
-    mounted,
     overlap,
     places_beside,
     settle,
     stretches_of,
     surfaces,
 )
+from lidarcli.pose.fit import poses_after
 from lidarcli.simulation.generate import cast, place
 from lidarcli.sweeps import Float64
 from tests.pipeline.drawn import ROOM, round_about
@@ -51,21 +51,21 @@ def test_surfaces_face_the_sensor() -> None:
 @pytest.mark.parametrize("mount", [(0.0, 0.0, 0.0), (-0.13, 0.05, 0.1), (0.3, -0.2, -0.2)])
 def test_a_mount_is_found_from_nothing(mount: tuple[float, float, float]) -> None:
     true = np.array(mount)
-    outlines = seen(mounted(BASE, true))
+    outlines = seen(poses_after(BASE, true))
     stretch = stretches_of(BASE, np.pi, 10.0)
-    found = settle(outlines, lambda values: mounted(BASE, values), np.zeros(3), np.full(3, np.inf), stretch)
+    found = settle(outlines, lambda values: poses_after(BASE, values), np.zeros(3), np.full(3, np.inf), stretch)
     off = np.abs(found.values - true)
     assert off[:2].max() < 0.01
     assert off[2] < 0.005
     assert (off < 4.0 * found.deviations + 1e-3).all()
-    assert cells_filled(outlines, mounted(BASE, found.values)) <= cells_filled(outlines, mounted(BASE, np.zeros(3)))
+    assert cells_filled(outlines, poses_after(BASE, found.values)) <= cells_filled(outlines, poses_after(BASE, np.zeros(3)))
 
 
 @pytest.mark.slow
 def test_what_is_fixed_stays() -> None:
-    outlines = seen(mounted(BASE, np.array([0.1, 0.0, 0.0])))
+    outlines = seen(poses_after(BASE, np.array([0.1, 0.0, 0.0])))
     stretch = np.zeros(len(BASE), np.int64)
-    found = settle(outlines, lambda values: mounted(BASE, values), np.zeros(3), np.array([np.inf, 0.0, 0.0]), stretch)
+    found = settle(outlines, lambda values: poses_after(BASE, values), np.zeros(3), np.array([np.inf, 0.0, 0.0]), stretch)
     assert found.values[1:].tolist() == [0.0, 0.0]
     assert found.deviations[1:].tolist() == [0.0, 0.0]
     assert found.values[0] == pytest.approx(0.1, abs=0.01)
@@ -76,7 +76,7 @@ def test_on_a_straight_way_the_deviations_of_a_place_are_large() -> None:
     chain = np.column_stack([np.linspace(-2.0, 2.0, 60), np.zeros(60), np.zeros(60)])
     outlines = seen(chain)
     stretch = np.arange(60) // 10
-    found = settle(outlines, lambda values: mounted(chain, values), np.zeros(3), np.full(3, 10.0), stretch)
+    found = settle(outlines, lambda values: poses_after(chain, values), np.zeros(3), np.full(3, 10.0), stretch)
     assert found.deviations[:2].min() > 0.05
 
 

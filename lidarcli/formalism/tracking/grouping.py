@@ -58,17 +58,24 @@ def join(sightings: Any, tracklets: dict[int, Tracklet], is_placed: bool) -> Non
     is_placed : True if the place of the sensor is known: then legs beside a person are given to that person
     """
     new = [tracklets[number] for number in sightings.in_window if tracklets[number].track is None]
-    _merge_duplicates(sightings, new, tracklets)
+    merge_duplicates(sightings, new, tracklets)
     _join_legs(sightings, tracklets)
     if is_placed:
         assign_legs(sightings, tracklets)
-    is_longer = _stitch(sightings, [tracklet for tracklet in new if _is_new(sightings, tracklet)], tracklets)
+    # Tracklets with sightings of their own, whose tracks have no row yet.
+    begun = [
+        tracklet
+        for tracklet in new
+        if (tracklet.track is None or tracklet.track.number == 0)
+        and (sightings.owner[sightings.spans[tracklet.number]] == tracklet.number).any()
+    ]
+    is_longer = stitch(sightings, begun, tracklets)
     if is_placed and is_longer:
         # The pieces of a person make a longer path.
         assign_legs(sightings, tracklets)
 
 
-def _merge_duplicates(sightings: Any, new: list[Tracklet], tracklets: dict[int, Tracklet]) -> None:
+def merge_duplicates(sightings: Any, new: list[Tracklet], tracklets: dict[int, Tracklet]) -> None:
     """Join tracklets that were inside another one all the time."""
     for tracklet in new:
         if tracklet.kind == PERSON and tracklet.track is None:
@@ -83,16 +90,20 @@ def _merge_duplicates(sightings: Any, new: list[Tracklet], tracklets: dict[int, 
         other = tracklets.get(tracklet.same_as)
         if other is None or other is tracklet:
             continue
-        if (
-            _goes_with(sightings, tracklet, other)
-            if other.kind == PERSON
-            else other.moved == tracklet.moved and _is_inside(tracklet, other)
-        ):
+        if other.kind == PERSON:
+            is_same = _goes_with(sightings, tracklet, other)
+        else:
+            # A tracklet that is still where the other one is.
+            x, y = tracklet.place(still=not tracklet.moved)
+            other_x, other_y = other.place(still=not other.moved)
+            is_near = math.hypot(x - other_x, y - other_y) < math.hypot(*other.h) + DUPLICATE_MARGIN
+            is_same = other.moved == tracklet.moved and is_near
+        if is_same:
             _track_of(other).add_part(tracklet)
 
 
 def _goes_with(sightings: Any, tracklet: Tracklet, person: Tracklet) -> bool:
-    """Return whether a tracklet is slim enough for legs, and mostly within a step of where its person was at that time."""
+    """Return whether a tracklet is slim enough for legs, and mostly within a step of its person at the time."""
     if 2.0 * max(tracklet.h) > PERSON_WIDTH:
         return False
     at, path = sightings.spans[tracklet.number], sightings.spans.get(person.number)
@@ -102,13 +113,6 @@ def _goes_with(sightings: Any, tracklet: Tracklet, person: Tracklet) -> bool:
     early = np.maximum(np.maximum(then[0] - time, time - then[-1]), 0.0)
     off = sightings.place[at] - np.interp(time, then, sightings.place[path])
     return bool(np.median(np.abs(off) - STITCH_SPEED * early) <= STEP)
-
-
-def _is_inside(tracklet: Tracklet, other: Tracklet) -> bool:
-    """Return whether a tracklet is still where another one is."""
-    x, y = tracklet.place(still=not tracklet.moved)
-    other_x, other_y = other.place(still=not other.moved)
-    return math.hypot(x - other_x, y - other_y) < math.hypot(*other.h) + DUPLICATE_MARGIN
 
 
 def _track_of(tracklet: Tracklet) -> Track:
@@ -129,9 +133,9 @@ class TrackEnd:
     velocity: complex = 0.0
 
 
-def _stitch(sightings: Any, new: list[Tracklet], tracklets: dict[int, Tracklet]) -> bool:
+def stitch(sightings: Any, new: list[Tracklet], tracklets: dict[int, Tracklet]) -> bool:
     """Join pieces to tracks that have ended where the piece begins, or would be there by now; True if persons were."""
-    # Legs come and go with their persons.
+    # Legs begin and end with their persons.
     begins = [_first_end(sightings, tracklet) for tracklet in new if not tracklet.member]
     if not begins:
         return False
@@ -142,12 +146,12 @@ def _stitch(sightings: Any, new: list[Tracklet], tracklets: dict[int, Tracklet])
         if tracklet.last_sweep < last_sweep and not tracklet.member
     ]
     pairs = []
-    off = _stitch_costs(ends, begins)
+    off = stitch_costs(ends, begins)
     for i, k in np.argwhere(off < 1.0).tolist():
         earlier, later = ends[i], begins[k]
         if earlier.tracklet.moved and _stands_on_legs(later.tracklet):
             continue
-        if not _differ(earlier.tracklet, later.tracklet) and _is_over(earlier, later):
+        if not differ(earlier.tracklet, later.tracklet) and _is_over(earlier, later):
             pairs.append((off.item(i, k), later.tracklet.number, earlier.tracklet.number))
     used: set[int] = set()
     persons = False
@@ -157,7 +161,7 @@ def _stitch(sightings: Any, new: list[Tracklet], tracklets: dict[int, Tracklet])
         used |= {number, -before}
         later_body, earlier_body = tracklets[number], tracklets[before]
         track, other = _track_of(earlier_body), _track_of(later_body)
-        if track is other or other.number > 0 or _overlap(track, other):
+        if track is other or other.number > 0 or overlap(track, other):
             # A part that was stitched just before may be seen at the same time.
             continue
         track.several = track.several or other.several
@@ -169,12 +173,12 @@ def _stitch(sightings: Any, new: list[Tracklet], tracklets: dict[int, Tracklet])
     return persons
 
 
-def _overlap(one: Track, other: Track) -> bool:
+def overlap(one: Track, other: Track) -> bool:
     """Return whether two tracks are seen at the same time."""
     return any(a.last_sweep >= b.first_sweep and b.last_sweep >= a.first_sweep for a in one.parts for b in other.parts)
 
 
-def _stitch_costs(ends: list[TrackEnd], begins: list[TrackEnd]) -> Float64:
+def stitch_costs(ends: list[TrackEnd], begins: list[TrackEnd]) -> Float64:
     """Return (E, B) distances of beginnings from expected places, over the greatest allowed; inf after long gaps."""
     times = [np.array([piece.time for piece in pieces]) for pieces in (ends, begins)]
     places = [np.array([piece.place for piece in pieces]) for pieces in (ends, begins)]
@@ -194,14 +198,6 @@ def _stitch_costs(ends: list[TrackEnd], begins: list[TrackEnd]) -> Float64:
     off = np.minimum(np.minimum(going, meeting), staying) / allowed
     in_time = (after > 0.0) & (gap <= np.where(one, LONGEST_STITCH_GAP, LONGEST_STANDING_GAP))
     return np.where(in_time, off, math.inf)
-
-
-def _is_new(sightings: Any, tracklet: Tracklet) -> bool:
-    """Return whether a tracklet has sightings of its own, and its track no row yet."""
-    if tracklet.track is not None and tracklet.track.number > 0:
-        return False
-    span = sightings.spans[tracklet.number]
-    return bool((sightings.owner[span] == tracklet.number).any())
 
 
 def _is_over(earlier: TrackEnd, later: TrackEnd) -> bool:
@@ -253,7 +249,7 @@ def _speed(sightings: Any, at: slice) -> complex:
     return complex(time @ sightings.place[at]) / spread if spread > 0.0 else 0.0
 
 
-def _differ(one: Tracklet, other: Tracklet) -> bool:
+def differ(one: Tracklet, other: Tracklet) -> bool:
     """Return whether two tracklets that were both seen whole differ too much in size to be one."""
     if one.has_legs or other.has_legs:
         # A person on two legs is not large.
@@ -303,7 +299,7 @@ def _are_seen_together(sightings: Any, one: Tracklet, other: Tracklet) -> bool:
     return float(np.abs(sightings.place[at][i] - sightings.place[among][j]).std()) < LEGS_STEADY_SD
 
 
-# Rows of slim tracks that go one by one to the person beside whom they were seen.
+# Legs: sightings of slim tracks beside a person become those of the person, one by one.
 
 LEG_WIDTH = 0.35
 """[m] Greatest usual width of the measurements of one leg."""
@@ -488,7 +484,7 @@ def _gather_fragments(sightings: Any, legs: list[LegTrajectory], persons: list[L
         if leg.has_rows:
             continue
         for person in persons:
-            if len(person.sweep) <= len(leg.sweep) or not _goes_beside(leg, person):
+            if len(person.sweep) <= len(leg.sweep) or not _may_be_beside(leg, person):
                 continue
             if _away(leg.time, leg.place, person).max() < STEP:
                 _give(sightings, person, leg, np.ones(len(leg.at), bool))
@@ -496,10 +492,11 @@ def _gather_fragments(sightings: Any, legs: list[LegTrajectory], persons: list[L
 
 
 def _gather_views(sightings: Any, persons: list[LegTrajectory]) -> None:
-    """Give measurements without a track within a step of a person's path to that person, up to two legs."""
+    """Give sightings without a track within a step of a person's path to that person, up to two legs in a sweep."""
     loose = np.flatnonzero((sightings.owner == 0) & (sightings.width < LEG_WIDTH))
     for person in persons if len(loose) else ():
-        near = loose[_is_beside(sightings.time[loose], person)]
+        time = sightings.time[loose]
+        near = loose[(time >= person.time[0] - PATH_MARGIN) & (time <= person.time[-1] + PATH_MARGIN)]
         if not len(near):
             continue
         near = near[_away(sightings.time[near], sightings.place[near], person) < STEP]
@@ -511,19 +508,13 @@ def _gather_views(sightings: Any, persons: list[LegTrajectory]) -> None:
         loose = loose[sightings.owner[loose] == 0]
 
 
-def _goes_beside(leg: LegTrajectory, person: LegTrajectory) -> bool:
-    """Return whether a walk may be within a step of the path of a person, by its ends and the rectangles around both."""
+def _may_be_beside(leg: LegTrajectory, person: LegTrajectory) -> bool:
+    """Return whether a trajectory may be within a step of that of a person, by its ends and the rectangles around both."""
     begin, end, first, last = leg.time[0], leg.time[-1], person.time[0], person.time[-1]
     if begin < first or end > last:
         return bool(begin >= first - PATH_MARGIN and end <= last + PATH_MARGIN)
     over, under = person.box[0] - leg.box[1], leg.box[0] - person.box[1]
     return max(over.real, over.imag, under.real, under.imag) < STEP
-
-
-def _is_beside(time: Float64, person: LegTrajectory) -> Bool:
-    """Return (N,) whether times are between the first and the last sweep of a person, or shortly before or after."""
-    inside: Bool = (time >= person.time[0] - PATH_MARGIN) & (time <= person.time[-1] + PATH_MARGIN)
-    return inside
 
 
 def _away(time: Float64, place: Places, person: LegTrajectory) -> Float64:

@@ -87,6 +87,7 @@ cdef (double, double) to_axes(Targets targets, Py_ssize_t b, double x, double y)
 cdef double half_extent(Targets targets, Py_ssize_t b, double x, double y) noexcept nogil
 cdef double outside(Targets targets, Py_ssize_t b, double x, double y) noexcept nogil
 cdef void turn(Targets targets, Py_ssize_t b, double angle) noexcept nogil
+cdef void _rotate(double* values, Py_ssize_t one, Py_ssize_t other, double cos, double sin) noexcept nogil
 cdef void _mix(double* values, Py_ssize_t at, double keep, double give) noexcept nogil
 cdef void predict(Targets targets, Py_ssize_t b, double dt, double drift_var) noexcept nogil
 cdef void hold_still(Targets targets, Py_ssize_t b) noexcept nogil

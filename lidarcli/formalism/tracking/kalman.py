@@ -251,23 +251,11 @@ def turn(targets: Targets, b: int, angle: float) -> None:
     """Turn the axes of a target; its estimates in the world stay the same."""
     cos, sin = math.cos(angle), math.sin(angle)
     one, other = 2 * b, 2 * b + 1
-    targets.c[one], targets.c[other] = (
-        cos * targets.c[one] + sin * targets.c[other],
-        cos * targets.c[other] - sin * targets.c[one],
-    )
-    targets.v[one], targets.v[other] = (
-        cos * targets.v[one] + sin * targets.v[other],
-        cos * targets.v[other] - sin * targets.v[one],
-    )
-    targets.static_c[one], targets.static_c[other] = (
-        cos * targets.static_c[one] + sin * targets.static_c[other],
-        cos * targets.static_c[other] - sin * targets.static_c[one],
-    )
+    _rotate(targets.c, one, other, cos, sin)
+    _rotate(targets.v, one, other, cos, sin)
+    _rotate(targets.static_c, one, other, cos, sin)
     for i in range(3 * one, 3 * one + 3):
-        targets.jacobian[i], targets.jacobian[i + 3] = (
-            cos * targets.jacobian[i] + sin * targets.jacobian[i + 3],
-            cos * targets.jacobian[i + 3] - sin * targets.jacobian[i],
-        )
+        _rotate(targets.jacobian, i, i + 3, cos, sin)
     # The covariance between the axes is left out; turns from sweep to sweep are small.
     keep, give = cos * cos, sin * sin
     _mix(targets.cc, one, keep, give)
@@ -280,6 +268,12 @@ def turn(targets: Targets, b: int, angle: float) -> None:
         targets.static_ch[a] *= cos
     targets.yaw[b] += angle
     targets.cos[b], targets.sin[b] = math.cos(targets.yaw[b]), math.sin(targets.yaw[b])
+
+
+def _rotate(values: Any, one: int, other: int, cos: float, sin: float) -> None:
+    """Turn a vector, whose numbers are at two places."""
+    first, second = values[one], values[other]
+    values[one], values[other] = cos * first + sin * second, cos * second - sin * first
 
 
 def _mix(values: Any, at: int, keep: float, give: float) -> None:

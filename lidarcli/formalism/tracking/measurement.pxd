@@ -70,6 +70,7 @@ cdef void _set_bearings(Measurements meas, Detections detections, Scans scans, P
 cdef void place_sensor(Measurements meas, double share) noexcept nogil
 cdef (double, double) to_world(Measurements meas, double x, double y) noexcept nogil
 cdef (double, double) to_sensor(Measurements meas, double x, double y) noexcept nogil
+cdef double angle_past_first(Measurements meas, double ahead, double left) noexcept nogil
 cdef (double, double) _ahead_and_left(Measurements meas, double x, double y) noexcept nogil
 cdef Py_ssize_t position_of(Measurements meas, Py_ssize_t beam) noexcept nogil
 cdef void _add_measurement(Measurements meas, Detections detections, Scans scans, Py_ssize_t at) noexcept nogil
@@ -103,6 +104,7 @@ cdef class RangeHistory:
 cdef void count_flicker(RangeHistory history, Measurements meas, Scans scans) noexcept nogil
 cdef double range_at(Measurements meas, Scans scans, Py_ssize_t position) noexcept nogil
 cdef void store_sweep(RangeHistory history, Measurements meas, Scans scans) noexcept nogil
+cdef (double, double) _polar(RangeHistory history, Py_ssize_t m, double x, double y) noexcept nogil
 @cython.locals(at=Py_ssize_t)
 cdef bint was_hit(RangeHistory history, Py_ssize_t m, double x, double y) noexcept nogil
 @cython.locals(position=Py_ssize_t, at=Py_ssize_t, k=Py_ssize_t)

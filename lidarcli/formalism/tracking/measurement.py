@@ -254,13 +254,18 @@ def to_sensor(meas: Measurements, x: float, y: float) -> tuple[float, float]:
     """Return a point of the world in the sensor frame [m], at the time when the sensor looked there."""
     ahead, left = _ahead_and_left(meas, x, y)
     if meas.moves and meas.bearings > 1 and meas.step > 0.0:
-        angle = math.atan2(left, ahead) - meas.first
-        angle -= TURN * math.floor(angle / TURN)
+        angle = angle_past_first(meas, ahead, left)
         share = min(angle / (meas.step * (meas.bearings - 1)), 1.0)
         place_sensor(meas, 1.0 - share if meas.reverse else share)
         ahead, left = _ahead_and_left(meas, x, y)
         place_sensor(meas, 0.0)
     return ahead, left
+
+
+def angle_past_first(meas: Measurements, ahead: float, left: float) -> float:
+    """Return the angle of a point of the sensor frame past the first bearing, within a turn [rad]."""
+    angle = math.atan2(left, ahead) - meas.first
+    return angle - TURN * math.floor(angle / TURN)
 
 
 def _ahead_and_left(meas: Measurements, x: float, y: float) -> tuple[float, float]:
@@ -270,7 +275,7 @@ def _ahead_and_left(meas: Measurements, x: float, y: float) -> tuple[float, floa
 
 
 def position_of(meas: Measurements, beam: int) -> int:
-    """Return the index of a beam by increasing bearing."""
+    """Return the index of a beam by increasing bearing, or the beam at such an index."""
     return meas.bearings - 1 - beam if meas.reverse else beam
 
 
@@ -314,7 +319,7 @@ def _add_points(meas: Measurements, detections: Detections, scans: Scans, at: in
     meas.face_first[f] = n
     for position in range(first, last + 1):
         k = position - meas.bearings if position >= meas.bearings else position
-        beam = meas.bearings - 1 - k if meas.reverse else k
+        beam = position_of(meas, k)
         r = scans.ranges[begin + beam]
         if r != r or n >= 2 * meas.bearings:
             continue
@@ -472,14 +477,18 @@ def store_sweep(history: RangeHistory, meas: Measurements, scans: Scans) -> None
     history.count += 1
 
 
-def was_hit(history: RangeHistory, m: int, x: float, y: float) -> bool:
-    """Return whether a beam of a stored sweep ended at a point of the world."""
+def _polar(history: RangeHistory, m: int, x: float, y: float) -> tuple[float, float]:
+    """Return the angle of a point of the world past the first bearing of a stored sweep, and its range [rad, m]."""
     dx, dy = x - history.x[m], y - history.y[m]
     ahead = history.cos[m] * dx + history.sin[m] * dy
     left = history.side[m] * (history.cos[m] * dy - history.sin[m] * dx)
-    r = math.sqrt(ahead * ahead + left * left)
     angle = math.atan2(left, ahead) - history.first[m]
-    angle -= TURN * math.floor(angle / TURN)
+    return angle - TURN * math.floor(angle / TURN), math.sqrt(ahead * ahead + left * left)
+
+
+def was_hit(history: RangeHistory, m: int, x: float, y: float) -> bool:
+    """Return whether a beam of a stored sweep ended at a point of the world."""
+    angle, r = _polar(history, m, x, y)
     if history.step[m] < LEAST_STEP:
         return False
     at = int(angle / history.step[m] + 0.5)
@@ -495,13 +504,7 @@ def was_passed(history: RangeHistory, m: int, x: float, y: float, margin: float)
 
     `margin`: least distance by which they end behind it [m]; noise and the spacing of beams come on top.
     """
-    dx, dy = x - history.x[m], y - history.y[m]
-    ahead = history.cos[m] * dx + history.sin[m] * dy
-    left = history.side[m] * (history.cos[m] * dy - history.sin[m] * dx)
-    r = math.sqrt(ahead * ahead + left * left)
-    # Angle past the first bearing, within a turn.
-    angle = math.atan2(left, ahead) - history.first[m]
-    angle -= TURN * math.floor(angle / TURN)
+    angle, r = _polar(history, m, x, y)
     if history.step[m] < LEAST_STEP:
         return False
     position = int(angle / history.step[m])

@@ -212,9 +212,7 @@ def passing(meas: Measurements, scans: Scans, targets: Targets, b: int, x: float
     r = math.sqrt(ahead * ahead + left * left)
     if meas.step < measurement.LEAST_STEP or meas.bearings < 1:
         return 0.0, 0.0, 1.0
-    # Angle past the first bearing, within a turn.
-    angle = math.atan2(left, ahead) - meas.first
-    angle -= measurement.TURN * math.floor(angle / measurement.TURN)
+    angle = measurement.angle_past_first(meas, ahead, left)
     middle = angle / meas.step
     core = 0.5 * math.atan2(half_width, max(r, 0.01)) / meas.step
     # A bearing just before the first one counts as before it, not as nearly a turn behind it.
@@ -322,8 +320,7 @@ def detect_legs(targets: Targets, b: int, meas: Measurements, k: int, scans: Sca
     ):
         return
     ahead, left = measurement.to_sensor(meas, meas.middle_x[k], meas.middle_y[k])
-    angle = math.atan2(left, ahead) - meas.first
-    angle -= measurement.TURN * math.floor(angle / measurement.TURN)
+    angle = measurement.angle_past_first(meas, ahead, left)
     wide = math.asin(LEGS_FARTHEST / meas.near[k])
     first, last = int((angle - wide) / meas.step), int((angle + wide) / meas.step)
     last = min(last, first + meas.bearings)

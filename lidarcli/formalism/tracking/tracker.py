@@ -196,7 +196,10 @@ class Tracker:
         scans_of_batch = scans(batch)
         poses = _poses(batch)
         seconds = (batch.stamp_ns - np.int64(self._first_ns)) / 1e9
-        motion, shares = _motion(batch), detection.shares(batch)
+        motion = np.zeros((len(batch), 3))
+        if batch.poses is not None and batch.poses.way is not None:
+            motion = batch.poses.way
+        shares = detection.shares(batch)
         posed = _posed(batch)
         placed = posed.copy() if batch.still is None else posed | batch.still
         for name, rows, mine in batch.by_frame() if batch.still is None else ():
@@ -238,16 +241,13 @@ class Tracker:
                 if sizes is not None:
                     window.sizes.append(sizes[first:last])
                 if tracker.sweeps - window.begin == WINDOW:
-                    self._close()
+                    # All windows end together, and those before are settled.
+                    for each in self._sensors:
+                        each.register.collect(each.tracker.targets)
+                    if len(self._windows) > 1:
+                        self._settle()
+                    self._windows.append({})
         self._sweeps += len(batch)
-
-    def _close(self) -> None:
-        """End the windows that are being filled, and settle those before."""
-        for sensor in self._sensors:
-            sensor.register.collect(sensor.tracker.targets)
-        if len(self._windows) > 1:
-            self._settle()
-        self._windows.append({})
 
     def _frames(self, batch: SweepBatch) -> Int64:
         """Return (S,) the index into `frames` of each sweep; new frames get a sensor while there is room."""
@@ -328,7 +328,7 @@ def _count(rows: NDArray[np.int64], weights: NDArray[Any] | None, sweeps: int) -
 
 
 def _posed(batch: SweepBatch) -> Bool:
-    """Return (S,) True where poses of the sensor are told, be they known at the time or not."""
+    """Return (S,) True where the log gives poses of the sensor, be they known at the time or not."""
     if batch.poses is None or batch.poses.absent is None:
         return np.full(len(batch), batch.poses is not None)
     return ~batch.poses.absent
@@ -343,12 +343,6 @@ def _poses(batch: SweepBatch) -> Float64:
     columns[~np.isfinite(columns).all(axis=1), :3] = np.nan
     columns[~_posed(batch)] = [0.0, 0.0, 0.0, 1.0]
     return columns
-
-
-def _motion(batch: SweepBatch) -> Float64:
-    """Return (S, 3) the way of the sensor in x, y, yaw during each sweep."""
-    poses = batch.poses
-    return np.zeros((len(batch), 3)) if poses is None or poses.way is None else poses.way
 
 
 def share_moving(sweeps: Sequence[int], moved: Sequence[bool]) -> float | None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import dataclass, field, fields
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -166,7 +166,7 @@ class Track:
     path_stop: int = -1
     """Number of sweeps of the topic up to its last one of the settled windows; -1 before its first row."""
     static_codes: list[NDArray[np.uint8]] = field(default_factory=list)
-    """Bytes of its last sweeps while it stands (`tracks.PARTS_MASK`), of which its place is not told yet."""
+    """Bytes of its last sweeps while it stands (`PARTS_MASK`), whose rows are pending."""
 
     def prune(self, stop: int) -> None:
         """Keep, of the tracklets that have ended, the one that was seen most and the last one: the tables need no other.
@@ -223,9 +223,9 @@ def _outline(track: Track) -> dict[str, float]:
     """Return place, size, shape and end of a track, by its parts."""
     tracklet = main_part(track)
     last = max(track.parts, key=lambda part: (part.last_sweep, -part.number))
-    shape, end = _shape(track, tracklet), last.end if last.has_ended else END_OF_LOG
+    shape, end = shape_of(track, tracklet), last.end if last.has_ended else END_OF_LOG
     if (frame := frame_of_legs(track)) is not None:
-        return {**asdict(frame), "length_sd": LEG_DISTANCE_SD, "width_sd": LEG_DISTANCE_SD, "shape": shape, "end": end}
+        return frame | {"length_sd": LEG_DISTANCE_SD, "width_sd": LEG_DISTANCE_SD, "shape": shape, "end": end}
     sides = [_side(tracklet, axis) for axis in range(2)]
     yaw = tracklet.yaw
     if sides[1][0] > sides[0][0]:
@@ -264,20 +264,8 @@ def _halved(yaw: float) -> float:
     return RIGHT_ANGLE - (RIGHT_ANGLE - yaw) % math.pi
 
 
-@dataclass(frozen=True, slots=True)
-class LegFrame:
-    """The smallest rectangle through the places of standing legs [m, rad]."""
-
-    legs: int
-    length: float
-    width: float
-    x: float
-    y: float
-    yaw: float
-
-
-def frame_of_legs(track: Track) -> LegFrame | None:
-    """Return the rectangle of the standing legs of a track; None if it has no legs, or walks."""
+def frame_of_legs(track: Track) -> dict[str, float] | None:
+    """Return the smallest rectangle through the standing legs of a track [m, rad]; None if it has no legs, or walks."""
     if track.moved:
         return None
     places: list[tuple[float, float]] = []
@@ -293,7 +281,8 @@ def frame_of_legs(track: Track) -> LegFrame | None:
     angle = float(yaw[0])
     if other > one:
         one, other, angle = other, one, angle + RIGHT_ANGLE
-    return LegFrame(len(places), one, other, float(middle[0, 0]), float(middle[1, 0]), _halved(angle))
+    x, y = float(middle[0, 0]), float(middle[1, 0])
+    return {"legs": len(places), "length": one, "width": other, "x": x, "y": y, "yaw": _halved(angle)}
 
 
 def _side(tracklet: Tracklet, axis: int) -> tuple[float, float]:
@@ -334,7 +323,7 @@ def body_odds(tracklet: Tracklet) -> list[float]:
     return odds
 
 
-def _shape(track: Track, tracklet: Tracklet) -> int:
+def shape_of(track: Track, tracklet: Tracklet) -> int:
     """Return the likeliest shape of a track; unknown where no shape stands out."""
     odds = shape_odds(track, tracklet)
     best = int(np.argmax(odds))
@@ -365,7 +354,7 @@ class Path:
     """(S,) 1 where it moves."""
 
     def add_to_track(self) -> None:
-        """Add the piece to the way and the greatest speed of the track, whose place is the end of the piece from now on."""
+        """Add the piece to the distance and the greatest speed of the track, whose place is now the end of the piece."""
         track, place = self.track, self.path[:, :2]
         hidden = self.codes & PARTS_MASK == 0
         steps = np.diff(place, axis=0, prepend=place[:1] if track.path_stop < 0 else [[track.x, track.y]])
@@ -439,7 +428,7 @@ class Sweeps:
 
 
 def standing(sweeps: Sweeps, tracks: list[Track]) -> Iterator[Trajectories]:
-    """Yield the rows of what stands and was not told yet: one place each, by all that was seen of it."""
+    """Yield the pending rows of what stands: one place each, by all that was seen of it."""
     pending: list[Path] = []
     rows = 0
     for track in tracks:
@@ -450,7 +439,9 @@ def standing(sweeps: Sweeps, tracks: list[Track]) -> Iterator[Trajectories]:
         for first in range(0, len(codes), MOST_ROWS):
             some = codes[first : first + MOST_ROWS]
             begin, rest = track.path_stop - len(codes) + first, np.zeros(len(some), np.uint8)
-            pending.append(Path(track, begin, _static_path(track, len(some)), some, rest))
+            x, y, xx, xy, yy = place_of(track)
+            path = np.tile([x, y, 0.0, 0.0, xx, xy, yy, 0.0, 0.0], (len(some), 1))
+            pending.append(Path(track, begin, path, some, rest))
             rows += len(some)
             if rows >= MOST_ROWS:
                 yield joined(sweeps, pending)
@@ -468,12 +459,6 @@ def joined(sweeps: Sweeps, pieces: list[Path]) -> Trajectories:
         np.concatenate([piece.path for piece in pieces]),
         np.concatenate([piece.codes for piece in pieces]),
     )
-
-
-def _static_path(track: Track, count: int) -> Float64:
-    """Return (count, 9) the path of what stands: one place, and no velocity."""
-    x, y, xx, xy, yy = place_of(track)
-    return np.tile([x, y, 0.0, 0.0, xx, xy, yy, 0.0, 0.0], (count, 1))
 
 
 # Names of tracks (§3, matching): the thing of interest that each one is, by all that was seen of it so far.
@@ -637,7 +622,12 @@ class Naming:
         """Name tracks by all that was seen of them so far."""
         if not tracks:
             return
-        label, score = label_tracks(self._evidence(tracks), self._catalogue)
+        rows = [self._of(track) for track in tracks]
+        columns: dict[str, Any] = {key: np.array([row[key] for row in rows], float) for key in rows[0]}
+        columns["legs"] = columns["legs"].astype(np.int32)
+        columns["moved"] = columns["moved"].astype(np.bool_)
+        shape = np.array([shape_odds(each, main_part(each)) for each in tracks])
+        label, score = label_tracks(Evidence(shape=shape, **columns), self._catalogue)
         for track, one, sure in zip(tracks, label.tolist(), score.tolist(), strict=True):
             track.label, track.label_score = one, sure
 
@@ -646,14 +636,6 @@ class Naming:
         for number in numbers:
             if number in self._sizes:
                 self._sizes[number].close()
-
-    def _evidence(self, tracks: list[Track]) -> Evidence:
-        """Return the evidence of some tracks."""
-        rows = [self._of(track) for track in tracks]
-        columns: dict[str, Any] = {key: np.array([row[key] for row in rows], float) for key in rows[0]}
-        columns["legs"] = columns["legs"].astype(np.int32)
-        columns["moved"] = columns["moved"].astype(np.bool_)
-        return Evidence(shape=np.array([shape_odds(each, main_part(each)) for each in tracks]), **columns)
 
     def _of(self, track: Track) -> dict[str, float]:
         """Return the evidence of a track, without its shape."""
@@ -665,8 +647,8 @@ class Naming:
         row["intensity"] = math.nan if sizes is None else sizes.intensity
         if frame is not None:
             # The sizes of one leg tell nothing about the whole.
-            row |= {"legs": float(frame.legs), "span_1": frame.length}
-            row["span_2"] = frame.width if frame.legs > 2 else np.nan
+            row |= {"legs": float(frame["legs"]), "span_1": frame["length"]}
+            row["span_2"] = frame["width"] if frame["legs"] > 2 else np.nan
             row["span_sd"] = LEAST_SIZE_SD if sizes is None else sizes.blur
         elif any(part.has_legs for part in track.parts) or track.several:
             row["legs"] = 2.0

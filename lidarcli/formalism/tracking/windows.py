@@ -1,4 +1,4 @@
-"""Windows of sweeps, which are settled one window late: tracklets get their tracks, and objects their rows."""
+"""Windows of sweeps. Each is settled when the next one has been seen: tracklets get their tracks, objects their rows."""
 
 from __future__ import annotations
 
@@ -33,7 +33,6 @@ from lidarcli.formalism.tracking.tracks import (
 )
 from lidarcli.sweeps import Bool, Float64, Int64, UInt8
 
-EVERYTHING = slice(None)
 MOST_PLACED = 0.5
 """Share of the sweeps of a window with a known place of the sensor, above which places of before still hold."""
 ARRIVAL_SWEEPS = 8
@@ -130,7 +129,7 @@ class TrackRegistry:
         sightings = WindowSightings(recorded, self.tracklets, stop)
         grouping.join(sightings, self.tracklets, is_placed)
         self._number(sightings)
-        self._extend_trajectories(sightings, _smooth(sightings, self.tracklets))
+        self._extend_trajectories(sightings, smooth(sightings, self.tracklets))
         at, found = sightings.find(window)
         self._update_statistics(window, sightings)
         if self.naming is not None:
@@ -155,11 +154,13 @@ class TrackRegistry:
         sightings.settle_tracks()
 
     def _extend_trajectories(self, sightings: WindowSightings, paths: list[Path]) -> None:
-        """Tell the paths of what moves, and keep in which sweeps the rest was seen."""
+        """Add the rows of what moves, and keep the codes of the sweeps in which the rest was seen."""
         moving = {path.track.number for path in paths}
         for track, at in sightings.by_track():
             if track.number not in moving:
-                begin, codes = sightings.codes(track, at)
+                sweep = sightings.sweep[at]
+                begin = int(sweep[0]) if track.path_stop < 0 else track.path_stop
+                codes = sightings.bytes_of(at, sweep - begin, int(sweep[-1]) + 1 - begin)
                 track.static_codes.append(codes)
                 track.path_stop = begin + len(codes)
         for path in paths:
@@ -286,9 +287,9 @@ class WindowSightings:
         self.owners: list[int] = []
         self.tracks: list[tuple[Track, Int64, int]] = []
 
-    def column(self, name: str, of: slice | Int64 = EVERYTHING) -> NDArray[Any]:
-        """Return a column of the recorded sightings, or a part of it."""
-        return self.recorded.arrays[name][self.keep[of]]
+    def column(self, name: str) -> NDArray[Any]:
+        """Return a column of the recorded sightings."""
+        return self.recorded.arrays[name][self.keep]
 
     def find(self, window: Window) -> tuple[Int64, Bool]:
         """Return the sightings of the objects of a window, and (K,) which objects have one, as parts of a tracklet too."""
@@ -302,7 +303,7 @@ class WindowSightings:
         return at[found], found
 
     def settle_owners(self) -> None:
-        """Note the tracklets whose tracks have rows in the window, once each sighting has its owner."""
+        """Find the tracklets whose tracks have rows in the window, once each sighting has its owner."""
         begins = starts(self.owner)
         self._runs = np.diff(begins, append=len(self.owner))
         self._owner_of_run = self.owner[begins].tolist()
@@ -320,7 +321,7 @@ class WindowSightings:
         return np.repeat(np.array(values, kind), self._runs)
 
     def settle_tracks(self) -> None:
-        """Note the sightings of each track, once those with rows in the window have a number."""
+        """Find the sightings of each track, once those with rows in the window have a number."""
         self.track = self.of_owner(lambda tracklet: 0 if tracklet.track is None else tracklet.track.number, 0, np.int64)
         order = np.flatnonzero(self.track)
         order = order[np.argsort((self.track[order] << 32) + self.sweep[order], kind="stable")]
@@ -340,12 +341,6 @@ class WindowSightings:
         `ahead`: with their sightings in the next window.
         """
         return [(track, at if ahead else at[:count]) for track, at, count in self.tracks]
-
-    def codes(self, track: Track, at: Any) -> tuple[int, UInt8]:
-        """Return the sweep after the last one that was told of a track, and the bytes of all sweeps up to its last one."""
-        sweep = self.sweep[at]
-        begin = int(sweep[0]) if track.path_stop < 0 else track.path_stop
-        return begin, self.bytes_of(at, sweep - begin, int(sweep[-1]) + 1 - begin)
 
     def bytes_of(self, at: Any, step: Int64, count: int) -> UInt8:
         """Return (count,) the bytes of the sweeps of a track (`tracks.PARTS_MASK`).
@@ -379,9 +374,9 @@ def _rows(sightings: WindowSightings, at: Int64, found: Bool) -> WindowResult:
     return rows
 
 
-def _smooth(sightings: WindowSightings, tracklets: dict[int, Tracklet]) -> list[Path]:
-    """Fill in the velocities of everything that moves, and the sightings from which on it is an agent."""
-    moving = [(track, at) for track, at in sightings.by_track(ahead=True) if _moves(sightings, track, at)]
+def smooth(sightings: WindowSightings, tracklets: dict[int, Tracklet]) -> list[Path]:
+    """Smooth everything that moves: fill in its velocities and from where on it is an agent; return the paths."""
+    moving = [(track, at) for track, at in sightings.by_track(ahead=True) if is_moving(sightings, track, at)]
     if not moving:
         return []
     first = min([int(sightings.sweep.min()), *(track.path_stop for track, _ in moving if track.path_stop >= 0)])
@@ -389,7 +384,7 @@ def _smooth(sightings: WindowSightings, tracklets: dict[int, Tracklet]) -> list[
     return [_smooth_track(sightings, tracklets, track, at, smoother) for track, at in moving]
 
 
-def _moves(sightings: WindowSightings, track: Track, at: Int64) -> bool:
+def is_moving(sightings: WindowSightings, track: Track, at: Int64) -> bool:
     """Return whether a track moves, from the first onset on: one of its tracklets does, and it has left a place."""
     if track.moved:
         return True
@@ -456,7 +451,8 @@ def _smooth_track(
     begins = starts(sightings.number[at])
     for number, own in zip(sightings.number[at[begins]].tolist(), np.split(rows, begins[1:]), strict=True):
         tracklet = tracklets.get(number) or Tracklet(number)
-        half = np.array([_half_extent(tracklet, 0), _half_extent(tracklet, 1)])
+        sides = zip(tracklet.side, tracklet.side_weight, tracklet.h, strict=True)
+        half = np.array([0.5 * side if weight > 0.0 else h for side, weight, h in sides])
         stop = smoother.locate(
             stop, sightings.recorded, own, half, np.array(tracklet.hh), tracklet.kind, several and not is_person
         )
@@ -499,8 +495,3 @@ def _leaves(path: Float64, size: float) -> int:
     distance = np.hypot(path[:, 0] - path[0, 0], path[:, 1] - path[0, 1])
     var = 0.5 * (path[:, 4] + path[:, 6])
     return int(np.flatnonzero(distance <= size + LEFT_SDS * np.sqrt(var + var[0]))[-1])
-
-
-def _half_extent(tracklet: Tracklet, axis: int) -> float:
-    """Return half of the extent of a tracklet along an axis, by all sightings [m]."""
-    return 0.5 * tracklet.side[axis] if tracklet.side_weight[axis] > 0.0 else tracklet.h[axis]

@@ -51,7 +51,6 @@ from lidarcli.pose.calibration import (
     Outlines,
     cells_filled,
     joined_outlines,
-    mounted,
     overlap,
     places_beside,
     scaled_path,
@@ -59,7 +58,7 @@ from lidarcli.pose.calibration import (
     stretches_of,
     surfaces,
 )
-from lidarcli.pose.fit import ACCEPTED, AUTO, mount_between, pairs_of, steps_between, wrapped
+from lidarcli.pose.fit import ACCEPTED, AUTO, mount_between, pairs_of, poses_after, steps_between, wrapped
 from lidarcli.pose.sources import FrameTree, PoseChain, Step, along
 from lidarcli.pose.tracks import SECOND_NS, frame_name, planar
 from lidarcli.range_rules import RangeRules
@@ -373,7 +372,7 @@ class _Calibrated:
     def placing(self, values: Float64) -> Float64:
         """Return the poses of the sensor by the unknowns of `settled`."""
         base = self.base(float(values[3]), float(values[4]))
-        return mounted(scaled_path(base, values[5], values[6]), values[:3])
+        return poses_after(scaled_path(base, values[5], values[6]), values[:3])
 
 
 def _split(chain: PoseChain) -> tuple[tuple[Step, ...], tuple[Step, ...], str]:
@@ -539,7 +538,7 @@ def _fit_finding(sensor: _Sensor, found: _Calibrated | None) -> list[Finding]:
     if found is None or path.fit is None or path.fit.verdict == "unchecked" or path.follows_told or sensor.stood:
         return []
     values = found.settled.values if found.settled is not None and found.differs else found.start
-    logged = mounted(found.base(float(values[3]), float(values[4])), values[:3])
+    logged = poses_after(found.base(float(values[3]), float(values[4])), values[:3])
     first, last = sensor.times
     at_ns = found.outlines.stamp_ns + (first + (last - first) * found.outlines.share) * SECOND_NS
     matched = _matched_at(path, at_ns)
@@ -582,7 +581,7 @@ def _lasers_finding(
         there = planar(along(steps, np.zeros(1, np.int64)))
         place = np.column_stack([there.x, there.y, there.yaw])
         if found is not None and found.settled is not None and found.differs:
-            place = steps_between(found.mount[None], mounted(found.logged[None], place))
+            place = steps_between(found.mount[None], poses_after(found.logged[None], place))
         logged = place[0]
     place_of = _standing(first, second) if first.stood and second.stood else _driving(first, second, found, logged)
     why, deviation = place_of, SURE
@@ -599,7 +598,7 @@ def _lasers_finding(
     if found is not None and carried == found.parent:
         # The transform to mend is that to the robot.
         parent, carrier = found.parent, found.mount
-    mount = _mount(second.frame, parent, mounted(carrier[None], place_of.values[:3])[0])
+    mount = _mount(second.frame, parent, poses_after(carrier[None], place_of.values[:3])[0])
     stats = _placed(_mount(second.frame, first.frame, place_of.values), deviation, logged, mount)
     return judge([LASERS, LASERS_UNTOLD], stats, second.named), [mount]
 
@@ -623,7 +622,7 @@ def _driving(first: _Sensor, second: _Sensor, found: _Calibrated | None, logged:
     def placing(values: Float64) -> Float64:
         there = _poses_at(chain, parts[1].stamp_ns + round(float(values[3]) * SECOND_NS))
         # Nothing is known beyond the ends of the path, nor in its gaps.
-        return np.vstack([here, mounted(np.where(np.isnan(there), other, there), values[:3])])
+        return np.vstack([here, poses_after(np.where(np.isnan(there), other, there), values[:3])])
 
     turned = float(np.abs(wrapped(np.diff(here[:, 2]))).sum())
     if turned < LEAST_TURN:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import fields
-from math import atan2, cos, hypot, inf, pi, sin
+from math import cos, hypot, inf, pi, sin
 
 import numpy as np
 import pytest
@@ -13,7 +13,6 @@ from lidarcli import native
 from lidarcli.formalism import SHAPES, Detection, Parameters, description
 from lidarcli.formalism.detect import detect
 from lidarcli.formalism.detection import COLUMNS, REQUIRED
-from lidarcli.formalism.segmentation import Points
 from lidarcli.formalism.surfaces import Faces
 from tests.formalism.oracles import descriptions, surfaces
 from tests.formalism.oracles.recording import random_batches
@@ -69,16 +68,6 @@ def test_no_box_along_either_face_is_smaller() -> None:
         assert -pi / 2 < box.yaw <= pi / 2
 
 
-def test_the_box_of_a_circle_faces_the_sensor() -> None:
-    box = description.Box()
-    for x, y in ((2.0, 1.0), (-2.0, 1.0), (0.0, -3.0), (0.0, 3.0), (-1.0, 0.0)):
-        description.around_circle(box, x, y, 0.25)
-        assert (box.x, box.y, box.length, box.width) == (x, y, 0.5, 0.5)
-        # The same line through the sensor, named by its forward direction.
-        assert abs(cos(box.yaw) * y - sin(box.yaw) * x) < 1e-12
-        assert -pi / 2 < box.yaw <= pi / 2
-
-
 @pytest.mark.parametrize("noise", [0.001, 0.005])
 def test_boxes_and_posts_have_their_shapes(noise: float) -> None:
     rng = np.random.default_rng(6)
@@ -108,30 +97,6 @@ def test_boxes_and_posts_have_their_shapes(noise: float) -> None:
     assert {"round", "prismatic"} <= seen
 
 
-def test_how_far_a_face_goes_on_past_its_last_beam() -> None:
-    rng = np.random.default_rng(8)
-    limited = 0
-    for _ in range(300):
-        step, side = float(rng.uniform(0.002, 0.05)), float(rng.choice([-1, 1]))
-        points = Points(4)
-        points.cos_half, points.sin_half = cos(step / 2), sin(step / 2)
-        theta, r = rng.uniform(-pi, pi), rng.uniform(0.5, 5, 2)
-        places = [(float(d * cos(t)), float(d * sin(t))) for d, t in zip(r, (theta, theta - side * step), strict=True)]
-        for k, (x, y) in enumerate(places):
-            points.x[k], points.y[k] = x, y
-        face = surfaces.faces_between(places, [])[0]
-        found = description._overhang(points, core_faces([face]), 0, 0, 1, side)
-        expected = descriptions.overhang(face, places[0], places[1], side * step / 2)
-        assert found == pytest.approx(expected, rel=1e-9)
-        limited += found == pytest.approx(face.length)
-        # It ends at the bearing half a step further, if not earlier.
-        way = np.array(face.direction) * (-1 if np.dot(np.subtract(places[0], places[1]), face.direction) < 0 else 1)
-        end = np.array(places[0]) + found * way
-        turned = (atan2(end[1], end[0]) - theta) * side
-        assert (turned + pi) % (2 * pi) - pi <= step / 2 + 1e-9
-    assert limited > 0
-
-
 def test_columns_have_the_names_of_a_detection() -> None:
     assert list(COLUMNS) == [field.name for field in fields(Detection)]
     found = detect(random_batches()[0], Parameters(), per_beam=True, explain=True)
@@ -139,13 +104,6 @@ def test_columns_have_the_names_of_a_detection() -> None:
     assert {*there} >= {*REQUIRED, "beam_set", "beam_object", "beam_s", "features"}
     for name in there:
         assert getattr(found, name).dtype == COLUMNS[name].dtype, name
-
-
-def test_columns_take_a_sweep_only_if_they_have_room_for_any() -> None:
-    some = description.Columns()
-    for objects, vertices, faces, room in ((10, 20, 10, True), (9, 20, 10, False), (10, 19, 10, False), (10, 20, 9, False)):
-        some.room_objects, some.room_vertices, some.room_faces = objects, vertices, faces
-        assert description.has_room(some, 10) == room
 
 
 def test_room_is_zero_at_first_and_rounds_where_it_is_single() -> None:

@@ -19,13 +19,13 @@ def track_of(*spans: tuple[int, int]) -> Track:
 
 
 def test_tracks_that_are_seen_at_the_same_time_overlap() -> None:
-    assert not grouping._overlap(track_of((0, 10)), track_of((11, 30)))
-    assert not grouping._overlap(track_of((11, 30)), track_of((0, 10)))
-    assert grouping._overlap(track_of((0, 10)), track_of((10, 30)))
+    assert not grouping.overlap(track_of((0, 10)), track_of((11, 30)))
+    assert not grouping.overlap(track_of((11, 30)), track_of((0, 10)))
+    assert grouping.overlap(track_of((0, 10)), track_of((10, 30)))
     # A fits both others, but those are there at the same time.
     grown = track_of((0, 10), (20, 60))
-    assert grouping._overlap(grown, track_of((15, 40)))
-    assert not grouping._overlap(grown, track_of((61, 70)))
+    assert grouping.overlap(grown, track_of((15, 40)))
+    assert not grouping.overlap(grown, track_of((61, 70)))
 
 
 def sightings(number: int, time: np.ndarray, x: np.ndarray, now: bool) -> SimpleNamespace:
@@ -52,7 +52,7 @@ def test_a_piece_goes_on_after_a_gap_between_two_windows(begins_at: float, goes_
     # It was hidden for three seconds, and went on at 1 m/s.
     later = Tracklet(2, moved=1, first_sweep=80, last_sweep=129)
     seen = sightings(2, 8.0 + time, begins_at + 1.0 * time, now=True)
-    grouping._stitch(seen, [later], {1: earlier, 2: later})
+    grouping.stitch(seen, [later], {1: earlier, 2: later})
     assert (later.track is track) == goes_on
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from lidarcli.formalism.detection import LEGGED, PRISMATIC, UNKNOWN
-from lidarcli.formalism.tracking import grouping, kalman, tracks, windows
+from lidarcli.formalism.tracking import grouping, tracks, windows
 from lidarcli.formalism.tracking.results import BOX, DISC, PERSON
 from lidarcli.formalism.tracking.tracks import WHOLE_SIGHTINGS, Track, Tracklet
 
@@ -29,13 +29,13 @@ def test_a_size_is_known_once_it_was_seen_often() -> None:
 
 def test_two_sizes_that_differ_are_two_things() -> None:
     small, large = (Tracklet(n, kind=BOX, whole=WHOLE_SIGHTINGS, size=size) for n, size in ((1, 0.3), (2, 1.5)))
-    assert grouping._differ(small, large)
-    assert not grouping._differ(small, Tracklet(3, kind=BOX, whole=WHOLE_SIGHTINGS, size=0.35))
+    assert grouping.differ(small, large)
+    assert not grouping.differ(small, Tracklet(3, kind=BOX, whole=WHOLE_SIGHTINGS, size=0.35))
     # Of what was never seen whole nobody knows.
-    assert not grouping._differ(small, Tracklet(4, kind=BOX, whole=0, size=1.5))
+    assert not grouping.differ(small, Tracklet(4, kind=BOX, whole=0, size=1.5))
     person = Tracklet(5, kind=PERSON, whole=WHOLE_SIGHTINGS, size=0.4)
-    assert grouping._differ(person, large)
-    assert not grouping._differ(person, small)
+    assert grouping.differ(person, large)
+    assert not grouping.differ(person, small)
 
 
 def test_a_piece_goes_on_where_the_one_before_would_be() -> None:
@@ -44,7 +44,7 @@ def test_a_piece_goes_on_where_the_one_before_would_be() -> None:
     places = 2.0, 2.3, 0.0
     after = [grouping.TrackEnd(Tracklet(3, moved=1), 30, 3.0, x, velocity=1.0) for x in places]
     allowed = grouping.STITCH_DISTANCE + 2.0 * grouping.STITCH_SPEED
-    assert grouping._stitch_costs([before], after)[0] == pytest.approx(np.array([0.0, 0.3, 0.1]) / allowed)
+    assert grouping.stitch_costs([before], after)[0] == pytest.approx(np.array([0.0, 0.3, 0.1]) / allowed)
     late = [grouping.TrackEnd(body, 130, 15.0, 0.4) for body in (moved, static_codes)]
     ends = [before, grouping.TrackEnd(static_codes, 10, 1.0, 0.0)]
     greatest = [
@@ -53,18 +53,11 @@ def test_a_piece_goes_on_where_the_one_before_would_be() -> None:
     ]
     # Both went to and fro, or one of them.
     off = [[0.5, 0.5], [0.4, 0.4]]
-    assert grouping._stitch_costs(ends, late) == pytest.approx(np.array(off) / greatest)
+    assert grouping.stitch_costs(ends, late) == pytest.approx(np.array(off) / greatest)
     for gone, longest in ((moved, grouping.LONGEST_STITCH_GAP), (static_codes, grouping.LONGEST_STANDING_GAP)):
         end = grouping.TrackEnd(gone, 10, 1.0, 0.0)
         begins = [grouping.TrackEnd(static_codes, 30, 1.0 + gap, 0.0) for gap in (-0.1, 0.0, longest, longest + 0.1)]
-        assert np.isfinite(grouping._stitch_costs([end], begins)[0]).tolist() == [False, False, True, False]
-
-
-def test_the_pace_is_that_of_the_line_through_its_places() -> None:
-    time = np.arange(10) / 10
-    seen = SimpleNamespace(time=time, place=(2.0 - 0.5j) * time + 1.0)
-    assert grouping._speed(seen, slice(0, 10)) == pytest.approx(2.0 - 0.5j)
-    assert grouping._speed(seen, slice(3, 4)) == 0.0
+        assert np.isfinite(grouping.stitch_costs([end], begins)[0]).tolist() == [False, False, True, False]
 
 
 def test_a_track_moves_from_the_first_onset_of_its_bodies() -> None:
@@ -72,13 +65,13 @@ def test_a_track_moves_from_the_first_onset_of_its_bodies() -> None:
     for number, (moved, first, onset) in enumerate(((0, 0, 3), (1, 20, 50), (1, 40, 40 + windows.ARRIVAL_SWEEPS))):
         track.add_part(Tracklet(number, moved=moved, first_sweep=first, onset=onset))
     seen, at = sightings(0.1 * np.arange(40.0)), np.arange(40)
-    assert windows._moves(seen, track, at)
+    assert windows.is_moving(seen, track, at)
     # What shows at once has come moving.
     assert (track.moved, track.onset) == (True, 40)
     assert all(part.track is track for part in track.parts)
     still = Track()
     still.add_part(Tracklet(9))
-    assert not windows._moves(seen, still, at)
+    assert not windows.is_moving(seen, still, at)
 
 
 def sightings(x: np.ndarray, width: float = 0.5) -> SimpleNamespace:
@@ -109,7 +102,7 @@ def sightings(x: np.ndarray, width: float = 0.5) -> SimpleNamespace:
 def test_what_is_seen_again_where_it_was_does_not_move(x: np.ndarray, width: float, left: bool) -> None:
     track = Track()
     track.add_part(Tracklet(1, moved=1, first_sweep=0, onset=12))
-    assert windows._moves(sightings(x, width), track, np.arange(len(x))) == left
+    assert windows.is_moving(sightings(x, width), track, np.arange(len(x))) == left
     assert track.moved == left
 
 
@@ -122,28 +115,15 @@ def test_what_shows_more_legs_than_a_person_has_to_travel(legs: int, moves: bool
     seen.time = seen.sweep / 10
     track = Track()
     track.add_part(Tracklet(1, kind=PERSON, moved=1))
-    assert windows._moves(seen, track, np.arange(len(x))) == moves
+    assert windows.is_moving(seen, track, np.arange(len(x))) == moves
 
 
 def test_what_had_stayed_moves_from_where_it_left() -> None:
     track = Track(path_stop=10)
     track.add_part(Tracklet(1, moved=1, first_sweep=0, onset=9))
-    assert windows._moves(sightings(np.repeat([0.0, 0.8], [40, 20])), track, np.arange(60))
+    assert windows.is_moving(sightings(np.repeat([0.0, 0.8], [40, 20])), track, np.arange(60))
     # Hardly any of the 20 places after the 25th are that of before, and none after the 40th.
     assert 25 < track.onset <= 40
-
-
-def test_what_stands_on_more_than_two_legs_is_no_person_who_stopped() -> None:
-    legs = [Tracklet(number, h=(0.02, 0.02)) for number in range(4)]
-    track = Track()
-    for leg in legs[:2]:
-        track.add_part(leg)
-    assert not grouping._stands_on_legs(legs[0])
-    track.add_part(legs[2])
-    assert grouping._stands_on_legs(legs[0])
-    assert not grouping._stands_on_legs(legs[3])
-    legs[0].moved = 1
-    assert not grouping._stands_on_legs(legs[1])
 
 
 @pytest.mark.parametrize(
@@ -158,52 +138,19 @@ def test_only_what_is_slim_and_goes_with_a_person_joins_it(half: float, off: flo
         place=np.append(time[5:], time[:5]) + 1j * np.repeat([0.0, off], 5),
     )
     person, other = Tracklet(1, kind=PERSON, moved=1, h=(0.2, 0.2)), Tracklet(2, same_as=1, h=(half, 0.05))
-    grouping._merge_duplicates(seen, [other], {1: person, 2: other})
+    grouping.merge_duplicates(seen, [other], {1: person, 2: other})
     assert (other.track is not None) == joins
     assert other.track is person.track
-
-
-def test_a_side_is_known_by_sightings_or_by_the_estimate() -> None:
-    assert tracks._side(Tracklet(1, side=(0.6, 0.0), side_weight=(400.0, 0.0)), 0) == (0.6, pytest.approx(0.05))
-    assert tracks._side(Tracklet(1, h=(0.3, 0.0), hh=(1e-4, 0.0)), 0) == (0.6, pytest.approx(0.02))
-    unsure = tracks._side(Tracklet(1, h=(0.3, 0.0), hh=(tracks.KNOWN_SIZE_SD**2, 0.0)), 0)
-    assert np.isnan(unsure).all()
 
 
 def test_the_shape_is_the_likeliest_if_it_is_likelier() -> None:
     """`shape_votes` counts the views that took it for prismatic, round, legged and irregular."""
     track = Track()
     boxy = (40.0, 1.0, 0.0, 2.0)
-    assert tracks._shape(track, Tracklet(1, shape_votes=boxy)) == PRISMATIC
-    assert tracks._shape(track, Tracklet(1, shape_votes=(0.0,) * 4)) == UNKNOWN
-    assert tracks._shape(track, Tracklet(1, shape_votes=boxy, bulge=400.0, bulge_points=100.0)) != PRISMATIC
+    assert tracks.shape_of(track, Tracklet(1, shape_votes=boxy)) == PRISMATIC
+    assert tracks.shape_of(track, Tracklet(1, shape_votes=(0.0,) * 4)) == UNKNOWN
+    assert tracks.shape_of(track, Tracklet(1, shape_votes=boxy, bulge=400.0, bulge_points=100.0)) != PRISMATIC
     track.several = True
-    assert tracks._shape(track, Tracklet(1, shape_votes=boxy)) == LEGGED
+    assert tracks.shape_of(track, Tracklet(1, shape_votes=boxy)) == LEGGED
     # However long it is seen.
-    assert tracks._shape(track, Tracklet(1, shape_votes=tuple(1000.0 * count for count in boxy))) == LEGGED
-
-
-def test_room_for_sightings() -> None:
-    arrays = kalman.sighting_arrays(7)
-    assert {values.shape for values in arrays.values()} == {(7,), (7, 4)}
-    log = kalman.Sightings()
-    log.attach(arrays)
-    assert (log.count, log.capacity) == (0, 7)
-
-
-def test_a_body_has_left_its_first_place_when_it_is_further_away_than_its_size() -> None:
-    def path(x: np.ndarray, sd: float = 0.01) -> np.ndarray:
-        result = np.zeros((len(x), 9))
-        result[:, 0], result[:, [4, 6]] = x, sd * sd
-        return result
-
-    stands = np.zeros(30)
-    goes = np.arange(1, 31) / 10
-    # After 20 cm and the noise of both places.
-    assert windows._leaves(path(np.append(stands, goes)), 0.2) == 31
-    assert windows._leaves(path(np.append(stands, goes)), 0.5) == 34
-    assert windows._leaves(path(np.append(stands, goes), 0.2), 0.2) == 36
-    # It came walking.
-    assert windows._leaves(path(goes), 0.2) == 2
-    # It swings, but never leaves.
-    assert windows._leaves(path(0.1 * np.sin(np.arange(40))), 0.2) == 39
+    assert tracks.shape_of(track, Tracklet(1, shape_votes=tuple(1000.0 * count for count in boxy))) == LEGGED
