@@ -5,7 +5,6 @@ from __future__ import annotations
 from math import hypot
 
 import numpy as np
-import pytest
 
 from lidarcli.formalism import Detection, Parameters, detect, features
 from lidarcli.formalism.detect import KINDS, START, contributions, reasons
@@ -32,15 +31,6 @@ def at(found: Detection, x: float, y: float) -> dict[str, float]:
 def wall(y: float, *spans: tuple[float, float]) -> list[Segment]:
     """Pieces of a wall along x."""
     return [(low, y, high, y) for low, high in spans]
-
-
-def test_bulges_are_told_towards_the_sensor_and_away() -> None:
-    far = wall(6.0, (-9.0, 9.0))
-    nose = at(seen([(-0.4, 2.3, 0.0, 1.9), (0.0, 1.9, 0.4, 2.3), *far]), 0.0, 2.1)
-    assert nose["bulge_to"] == pytest.approx(0.4, abs=0.05)
-    assert nose["bulge_away"] == pytest.approx(0.0, abs=0.03)
-    bay = at(seen([(-0.4, 1.9, 0.0, 2.3), (0.0, 2.3, 0.4, 1.9), *far]), 0.0, 2.1)
-    assert bay["bulge_away"] == pytest.approx(0.4, abs=0.05)
 
 
 def test_a_wall_in_pieces_is_building_and_what_stands_free_is_a_thing() -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import struct
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -139,32 +140,28 @@ def test_every_image_format(tmp_path: Path, name: str) -> None:
     assert shades(tmp_path, RAMP, name) == [[100, 100, -1, -1, -1, 0, 0]]
 
 
-@pytest.mark.parametrize("negate", ["0", "false", "no", "Off"])
-def test_not_negated(tmp_path: Path, negate: str) -> None:
-    assert shades(tmp_path, gray([0, 255]), negate=negate) == [[100, 0]]
+LEVELS = gray([101, 102, 103, 203, 204, 205])
+PER_CENT = gray([0, 19, 20, 64, 65, 100, 101, 255])
+ALPHA = Image.fromarray(np.array([[(0, 255), (150, 255), (255, 255), (0, 254), (255, 0)]], np.uint8), "LA")
+OPAQUE = Image.fromarray(np.array([[[0] * 4, [0, 0, 0, 255], [255] * 3 + [0], [255] * 4]], np.uint8), "RGBA")
 
 
-def test_at_the_threshold_a_cell_counts(tmp_path: Path) -> None:
-    # 51 / 255 = 0.2 and 153 / 255 = 0.6.
-    cells = shades(tmp_path, gray([101, 102, 103, 203, 204, 205]), occupied_thresh=0.6, free_thresh=0.2)
-    assert cells == [[100, 100, -1, -1, 0, 0]]
-
-
-def test_scale_is_unknown_between_the_thresholds_and_where_it_is_transparent(tmp_path: Path) -> None:
-    pixels = [[(0, 255), (150, 255), (255, 255), (0, 254), (255, 0)]]
-    image = Image.fromarray(np.array(pixels, np.uint8), "LA")
-    assert shades(tmp_path, image, mode="scale") == [[100, -1, 0, -1, -1]]
-
-
-def test_trinary_takes_opacity_for_a_channel(tmp_path: Path) -> None:
-    # (0 + 0 + 0 + 255) / 4 is a quarter bright, (3 * 255 + 0) / 4 three quarters.
-    image = Image.fromarray(np.array([[[0] * 4, [0, 0, 0, 255], [255] * 3 + [0], [255] * 4]], np.uint8), "RGBA")
-    assert shades(tmp_path, image) == [[100, 100, -1, 0]]
-
-
-def test_raw_is_per_cent(tmp_path: Path) -> None:
-    image = gray([0, 19, 20, 64, 65, 100, 101, 255])
-    assert shades(tmp_path, image, mode="Raw", negate=1) == [[0, 0, -1, -1, 100, 100, -1, -1]]
+@pytest.mark.parametrize(
+    ("image", "keys", "cells"),
+    [
+        *((gray([0, 255]), {"negate": no}, [100, 0]) for no in ("0", "false", "no", "Off")),
+        # At the threshold a cell counts: 51 / 255 = 0.2 and 153 / 255 = 0.6.
+        (LEVELS, {"occupied_thresh": 0.6, "free_thresh": 0.2}, [100, 100, -1, -1, 0, 0]),
+        # Scale is unknown between the thresholds, and where it is transparent.
+        (ALPHA, {"mode": "scale"}, [100, -1, 0, -1, -1]),
+        # Trinary takes opacity for a channel: (0 + 0 + 0 + 255) / 4 is a quarter bright.
+        (OPAQUE, {}, [100, 100, -1, 0]),
+        # Raw is per cent.
+        (PER_CENT, {"mode": "Raw", "negate": 1}, [0, 0, -1, -1, 100, 100, -1, -1]),
+    ],
+)
+def test_every_mode(tmp_path: Path, image: Image.Image, keys: dict[str, Any], cells: list[int]) -> None:
+    assert shades(tmp_path, image, **keys) == [cells]
 
 
 def refused(path: Path) -> str:

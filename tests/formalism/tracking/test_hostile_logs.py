@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
 from dataclasses import replace
 from typing import Any
 
@@ -15,10 +13,9 @@ from lidarcli.formalism.tracking.tracker import Tracker
 from lidarcli.simulation import scene as make
 from lidarcli.simulation.scene import Course, super_ellipse
 from lidarcli.sweeps import SweepBatch, SweepPoses
+from tests.formalism.test_compiled import run_core
 from tests.formalism.tracking.following import assert_same, assert_sums, batches, follow, moving_log, scene_of, simulated
 from tests.formalism.tracking.hostile import hostile_logs
-from tests.formalism.tracking.test_tracking_steps import run
-from tests.places import ROOT
 
 
 def joined(log: list[SweepBatch]) -> SweepBatch:
@@ -58,8 +55,7 @@ def test_many_hostile_logs_are_followed_and_definition_4_sums() -> None:
 
 @pytest.mark.whole
 def test_hostile_logs_touch_nothing_outside_of_their_arrays() -> None:
-    done = run("tests.formalism.tracking.digests", "150", LIDARCLI_COMPILED="no", LIDARCLI_BOUNDS="1")
-    assert done.returncode == 0, done.stderr
+    run_core("-m", "tests.formalism.tracking.digests", "150", core="no", bounds="1")
 
 
 @pytest.mark.whole
@@ -78,10 +74,7 @@ def test_scenes_touch_nothing_outside_of_their_arrays() -> None:
         "    log = moving_log(kind, 5, driving=driving).rows(np.arange(60))\n"
         "    print(len(follow(log).tracks))\n"
     )
-    environment = {"LIDARCLI_COMPILED": "no", "LIDARCLI_BOUNDS": "1", "PYTHONPATH": str(ROOT)}
-    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, env=environment, capture_output=True, text=True)
-    assert done.returncode == 0, done.stderr
-    assert all(int(line) > 0 for line in done.stdout.split())
+    assert all(int(line) > 0 for line in run_core("-c", code, core="no", bounds="1").split())
 
 
 def standing() -> SweepBatch:

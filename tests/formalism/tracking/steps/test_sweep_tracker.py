@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
 import pytest
 
 from lidarcli.formalism.tracking import association, kalman, sweep_tracker, track_evidence
@@ -38,20 +37,6 @@ def test_how_far_a_point_is_outside_of_a_body(yaw: float) -> None:
         assert kalman.outside(targets, 0, *point) == pytest.approx(off)
     targets.kind[0] = kalman.DISC
     assert kalman.outside(targets, 0, 0.0, 1.0) == pytest.approx(1.0 - 0.3)
-
-
-def test_pairs_of_persons_and_legs_are_sorted_by_cost() -> None:
-    rng = np.random.default_rng(1)
-    room = association.Persons(10)
-    room.count = 12
-    costs = rng.choice([1.0, 2.0, 3.0], 12)
-    for i, cost in enumerate(costs):
-        room.person[i], room.measurement[i], room.cost[i] = i, 100 + i, float(cost)
-    association.sort_pairs(room)
-    # Of equals the first stays the first.
-    assert [room.person[i] for i in range(12)] == np.argsort(costs, kind="stable").tolist()
-    assert [room.measurement[i] - room.person[i] for i in range(12)] == [100] * 12
-    assert [room.cost[i] for i in range(12)] == sorted(costs)
 
 
 def test_who_was_seen_in_the_sweep_before_comes_first_and_a_duplicate_last() -> None:
