@@ -135,16 +135,6 @@ def test_what_stands_is_followed_as_standing(drives: Logs, clockwise: bool) -> N
     assert max(away) > 0.1
 
 
-@pytest.mark.parametrize("clockwise", [False, True])
-def test_the_last_sweep_puts_nothing_elsewhere(drives: Logs, clockwise: bool) -> None:
-    # It ends after the last pose of the log.
-    tracks = lidarcli.track(drives.made(clockwise=clockwise)).tracks.to_pylist()
-    standing = [row for row in tracks if row["sweeps"] > 100]
-    assert len(standing) == len(THINGS)
-    for row in standing:
-        assert np.hypot(*(np.array(THINGS)[:, :2] - (row["x"], row["y"])).T).min() < 0.04
-
-
 @pytest.mark.parametrize("command", ["detect", "track"])
 def test_sweeps_that_take_no_time_are_the_same_either_way(drives: Logs, tmp_path: Path, command: str) -> None:
     log = drives.made(0.0)

@@ -70,7 +70,10 @@ def detect(
     arrays, columns, row = _room(batch, per_beam, explain), Columns(), 0
     columns.attach(arrays, per_beam)
     while (row := core.detect(sweeps, columns, row)) < len(batch):
-        _enlarge(arrays, columns, len(batch) / max(row, 1))
+        # As many times as long as the rest may need, but at least twice and at most four times.
+        times = min(max(len(batch) / max(row, 1), 2.0), 4.0)
+        rooms = columns.room_objects, columns.room_vertices, columns.room_faces
+        _resize(arrays, *(int(times * room) + 1 for room in rooms))
         columns.attach(arrays, per_beam)
     _resize(arrays, columns.objects, columns.vertices, columns.faces)
     arrays["agents"][:] = arrays["agent_beams"][:] = 0
@@ -204,13 +207,6 @@ def _room(batch: SweepBatch, per_beam: bool, explain: bool) -> dict[str, NDArray
     if per_beam:
         arrays |= {name: np.zeros((rows, width), COLUMNS[name].dtype) for name in ("beam_object", "beam_s")}
     return arrays
-
-
-def _enlarge(arrays: dict[str, NDArray[Any]], columns: Columns, more: float) -> None:
-    """Make the arrays so many times as long, but at least twice and at most four times."""
-    times = min(max(more, 2.0), 4.0)
-    rooms = columns.room_objects, columns.room_vertices, columns.room_faces
-    _resize(arrays, *(int(times * room) + 1 for room in rooms))
 
 
 def _resize(arrays: dict[str, NDArray[Any]], objects: int, vertices: int, faces: int) -> None:

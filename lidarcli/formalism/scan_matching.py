@@ -522,10 +522,7 @@ def align(
         deskew(matcher.points, vx, vy, vyaw)
         refine(matcher.points, matcher.map, matcher.found, matcher.sums, reach, kernel, 1)
         if matcher.points.takes_time and seconds > 0.0:
-            dx, dy, turn = step_between(
-                matcher.x, matcher.y, matcher.yaw, matcher.found.x, matcher.found.y, matcher.found.yaw
-            )
-            vx, vy, vyaw = velocity_of(dx, dy, turn, seconds)
+            vx, vy, vyaw = velocity_to(matcher, matcher.found.x, matcher.found.y, matcher.found.yaw, seconds)
     return vx, vy, vyaw
 
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from benchmarks.scenes.random import KINDS, SENSORS, Kind, random_scene, sensor_with
 from lidarcli.formalism.detection import APPEARED, REMOVED
 from lidarcli.formalism.subtraction import Tolerance
-from lidarcli.simulation.scene import Course, Entity, Scene, Sensor, box, cylinder, plant, super_ellipse, wall
+from lidarcli.simulation.scene import Course, Scene, Sensor, box, cylinder, plant, super_ellipse, wall
 from lidarcli.sweeps import SweepBatch
 from tests.formalism.backgrounds import Counts, Trial, found_in, learned, score, simulated, with_poses
 
@@ -45,35 +45,6 @@ def test_the_unchanged_scene_is_empty(kind: Kind, noise: float, lost: float) -> 
         background = learned(simulated(scene, 50, seed)[0])
         false += len(found_in(simulated(scene, 334, seed + 77)[0], background, Tolerance(removed=True)))
     assert false <= 1
-
-
-def seen_by(sensor: Sensor, things: list[Entity], sweeps: int, seed: int) -> tuple[SweepBatch, NDArray[np.int32]]:
-    return simulated(Scene("test", sensor, tuple(things)), sweeps, seed)
-
-
-@pytest.mark.parametrize("noise", [0.01, 0.03])
-@pytest.mark.parametrize("sensor", SENSORS)
-def test_things_fifteen_centimetres_before_a_wall_are_found(sensor: str, noise: float) -> None:
-    """Boards on a wall 3 m ahead whose faces stand 15 cm before it."""
-    eye = sensor_with(SENSORS[sensor], noise, 0.003)
-    walls = [wall([[3, -4], [3, 4], [-3, 4], [-3, -4], [3, -4]])]
-    boards = [box(2.9, y, 0.1, width) for y, width in ((-1.5, 0.5), (0.2, 0.4), (1.6, 0.6))]
-    background = learned(seen_by(eye, walls, 50, 1)[0])
-    batch, hit = seen_by(eye, walls + boards, 60, 2)
-    counts = score(found_in(batch, background), APPEARED, hit, [1, 2, 3], batch)
-    assert counts.wanted == 180
-    assert counts.f1 >= 0.97
-
-
-@pytest.mark.parametrize("sensor", SENSORS)
-def test_things_before_open_space_are_found(sensor: str) -> None:
-    eye = sensor_with(SENSORS[sensor], 0.01, 0.003)
-    things = [cylinder(3.0, 0.0, 0.15), box(1.5, 2.0, 0.4, 0.3, 0.5), cylinder(2.0, -2.0, 0.3)]
-    background = learned(seen_by(eye, [wall([[-2, -3], [-2, 3]])], 50, 1)[0])
-    batch, hit = seen_by(eye, [wall([[-2, -3], [-2, 3]]), *things], 60, 2)
-    counts = score(found_in(batch, background), APPEARED, hit, [1, 2, 3], batch)
-    assert counts.wanted == 180
-    assert counts.f1 >= 0.99
 
 
 SPEED = 0.5

@@ -235,12 +235,6 @@ def test_the_batch_size_makes_no_difference(size: int) -> None:
             assert np.array_equal(np.concatenate([getattr(part, name) for part in parts]), getattr(whole, name))
 
 
-# Runs of beams, slowly.
-
-
-# Two detections as one.
-
-
 @pytest.mark.parametrize("depth", [0.3, 0.6, 1.0])
 @pytest.mark.parametrize("gaps", [0.0, 0.12])
 def test_foliage_beside_a_wall_is_background(depth: float, gaps: float) -> None:

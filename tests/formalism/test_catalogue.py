@@ -11,6 +11,7 @@ import pytest
 from lidarcli.formalism.matching.catalogue import (
     KINDS,
     LARGEST_SIZE,
+    LEAST_FIT,
     SMALLEST_SIZE,
     Catalogue,
     Evidence,
@@ -18,8 +19,14 @@ from lidarcli.formalism.matching.catalogue import (
     compare,
     measured,
     name,
-    possible,
 )
+
+
+def possible(evidence: Evidence, catalogue: Catalogue) -> Any:
+    """(M, E) True for entries that nothing contradicts."""
+    compared = compare(evidence, catalogue)
+    return (compared.fit >= LEAST_FIT) & ~np.isneginf(compared.ratio)
+
 
 RANGE = LARGEST_SIZE - SMALLEST_SIZE
 PALLET = Thing("pallet", "prismatic", length=1.2, width=0.8, tolerance=0.05)

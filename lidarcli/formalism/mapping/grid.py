@@ -312,12 +312,9 @@ def _bounds(beams: Beams, resolution: float) -> tuple[int, int, int, int]:
     for axis in range(2):
         begin = beams.poses[:, axis]
         ends = beams.end[axis]
-        low = min(float(np.fmin.reduce(ends, axis=None, initial=np.inf)), float(begin.min()))
-        high = max(float(np.fmax.reduce(ends, axis=None, initial=-np.inf)), float(begin.max()))
-        low, high = (
-            min(low, float((begin + beams.way[:, axis]).min())),
-            max(high, float((begin + beams.way[:, axis]).max())),
-        )
+        path = np.concatenate([begin, begin + beams.way[:, axis]])
+        low = min(float(np.fmin.reduce(ends, axis=None, initial=np.inf)), float(path.min()))
+        high = max(float(np.fmax.reduce(ends, axis=None, initial=-np.inf)), float(path.max()))
         if not max(-low, high) < FARTHEST_CELL * resolution:
             raise TooLargeError(f"{max(-low, high):,.0f} m from the origin of its world")
         limits.append((int(np.floor(low / resolution)) - 1, int(np.floor(high / resolution)) + 2))

@@ -178,13 +178,6 @@ def name(evidence: Evidence, catalogue: Catalogue) -> tuple[Int32, Float64]:
     return label, score
 
 
-def possible(evidence: Evidence, catalogue: Catalogue) -> Bool:
-    """Return (M, E) True for entries that nothing contradicts."""
-    compared = compare(evidence, catalogue)
-    contradicted: Bool = (compared.fit < LEAST_FIT) | np.isneginf(compared.ratio)
-    return ~contradicted
-
-
 def compare(evidence: Evidence, catalogue: Catalogue) -> Comparison:
     """Compare every thing with every entry."""
     count = len(evidence)

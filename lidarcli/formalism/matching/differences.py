@@ -496,19 +496,12 @@ class Compared:
 
     def _spot(self, side: int, k: int) -> Spot:
         """Return where a thing was hit, in the coordinates of the first run, and what the other run saw there."""
-        box = box_of(self._things[side], self._yaw[side], k)
-        points = self._hit(side, box)
-        if not len(points):
-            points = _filled(box)
-        return self._seen(1 - side, points)
-
-    def _hit(self, side: int, box: Float64) -> Float64:
-        """Return (K, 2) the occupied points of a run in a box, in the coordinates of the first run."""
-        ground = self._runs[side].ground
-        if ground is None:
-            return np.empty((0, 2))
-        points = np.column_stack(self._motions[side].of(ground.points[:, 0], ground.points[:, 1]))
-        return points[within(points, box, BESIDE)]
+        box, ground = box_of(self._things[side], self._yaw[side], k), self._runs[side].ground
+        points = np.empty((0, 2))
+        if ground is not None:
+            points = np.column_stack(self._motions[side].of(ground.points[:, 0], ground.points[:, 1]))
+            points = points[within(points, box, BESIDE)]
+        return self._seen(1 - side, points if len(points) else _filled(box))
 
     def _seen(self, side: int, points: Float64) -> Spot:
         """Return what a run saw of some points."""

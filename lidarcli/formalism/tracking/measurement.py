@@ -548,14 +548,8 @@ def measure_box(sides: EdgeMeasurement, meas: Measurements, k: int, cos: float, 
         if p == first:
             sides.z[0] = sides.z[1] = along
             sides.z[2] = sides.z[3] = across
-        if along < sides.z[0]:
-            sides.z[0] = along
-        if along > sides.z[1]:
-            sides.z[1] = along
-        if across < sides.z[2]:
-            sides.z[2] = across
-        if across > sides.z[3]:
-            sides.z[3] = across
+        sides.z[0], sides.z[1] = min(sides.z[0], along), max(sides.z[1], along)
+        sides.z[2], sides.z[3] = min(sides.z[2], across), max(sides.z[3], across)
     own_start = meas.start[k] != HIDDEN
     own_end = meas.end[k] != HIDDEN
     if own_start:

@@ -13,7 +13,7 @@ from lidarcli.formalism.tracking.results import END_OF_LOG, FREE
 from lidarcli.simulation import scene as make
 from lidarcli.simulation.route import Waypoint, plan_route
 from lidarcli.simulation.scene import Course, Entity, Motion, super_ellipse
-from lidarcli.sweeps import TURN, SweepBatch
+from lidarcli.sweeps import TURN
 from tests.formalism.tracking.following import SENSOR, GivenPaths, assert_sums, follow, scene_of, simulated
 
 CORNER = make.wall([[0.8, 4.0], [0.8, 2.6], [1.4, 2.6], [1.4, 4.0]])
@@ -157,12 +157,6 @@ def test_what_is_gone_ends_as_free() -> None:
     assert told.tracks.last_sweep[first - 1] == 49
     assert told.tracks.end[other - 1] == END_OF_LOG
     assert told.tracks.moved.sum() == 0
-
-
-def partial() -> SweepBatch:
-    """A sensor that looks ahead only, and a box that goes out of its view."""
-    sensor = replace(SENSOR, beams=361, angle_min=-TURN / 8, angle_increment=TURN / 4 / 360)
-    return simulated(scene_of(going(2.0, -0.5, 0.0, 0.8), sensor=sensor), 400)
 
 
 def test_a_person_on_two_legs_is_one_track() -> None:

@@ -10,7 +10,6 @@ import pytest
 
 from lidarcli.formalism.detection import SHAPES
 from lidarcli.formalism.tracking import measurement
-from lidarcli.formalism.tracking.kalman import EdgeMeasurement
 from lidarcli.formalism.tracking.measurement import Measurements
 from lidarcli.simulation import scene as make
 from lidarcli.sweeps import SweepBatch
@@ -60,18 +59,6 @@ def at(measurements: Measurements, x: float, y: float) -> int:
 
 @pytest.mark.parametrize("sensor", SENSORS)
 @pytest.mark.parametrize("drive", DRIVES)
-def test_columns_that_stand_are_where_they_stand(drive: str, sensor: str, hangs: bool) -> None:
-    measurements, _ = detections(DRIVES[drive], sensor, hangs)
-    for x, y in PLACES[: 3 if sensor == "part of a turn" else 4]:
-        k = at(measurements, x, y)
-        assert math.hypot(measurements.centre_x[k] - x, measurements.centre_y[k] - y) < 0.02
-        for p in range(measurements.begin[k], measurements.begin[k + 1]):
-            away = math.hypot(measurements.point_x[p] - x, measurements.point_y[p] - y)
-            assert away == pytest.approx(RADIUS, abs=0.02)
-
-
-@pytest.mark.parametrize("sensor", SENSORS)
-@pytest.mark.parametrize("drive", DRIVES)
 def test_a_place_of_the_world_lies_where_the_beams_found_it(drive: str, sensor: str, hangs: bool) -> None:
     measurements, batch = detections(DRIVES[drive], sensor, hangs)
     bearings = batch.bearings()[0]
@@ -87,18 +74,6 @@ def test_a_place_of_the_world_lies_where_the_beams_found_it(drive: str, sensor: 
         assert (measurements.x, measurements.y) == DRIVES[drive].start[:2]
 
 
-def test_taking_a_stand() -> None:
-    measurements, _ = detections(DRIVES["both"], "full turn", False)
-    measurement.place_sensor(measurements, 0.5)
-    half = 0.05 * (719 / 720)
-    assert (measurements.x, measurements.y) == pytest.approx((-0.1 + 0.8 * half, 0.1 + 0.6 * half), abs=1e-6)
-    yaw = -0.2 - math.radians(90) * half
-    assert (measurements.cos, measurements.sin) == pytest.approx((math.cos(yaw), math.sin(yaw)), abs=1e-6)
-    measurements.moves = False
-    measurement.place_sensor(measurements, 0.0)
-    assert measurements.x == pytest.approx(-0.1 + 0.8 * half, abs=1e-6)
-
-
 def test_a_sensor_that_stays_takes_one_stand_alone() -> None:
     still = Drive((0.3, 0.2, 0.4), (0.0, 0.0, 0.0))
     measurements, batch = detections(still, "full turn", False)
@@ -110,17 +85,3 @@ def test_a_sensor_that_stays_takes_one_stand_alone() -> None:
         ahead, left = measurement.to_sensor(measurements, x, y)
         turned = measurement.to_world(measurements, ahead, left)
         assert turned == pytest.approx((x, y), abs=1e-12)
-
-
-@pytest.mark.parametrize("sensor", SENSORS)
-@pytest.mark.parametrize("drive", DRIVES)
-def test_a_disc_lies_behind_its_nearest_point_as_seen_from_where_the_sensor_was(
-    drive: str, sensor: str, hangs: bool
-) -> None:
-    measurements, _ = detections(DRIVES[drive], sensor, hangs)
-    for x, y in PLACES[: 3 if sensor == "part of a turn" else 4]:
-        k, sides = at(measurements, x, y), EdgeMeasurement()
-        # What does not show that it is round tells no more than its two edges and how near it is.
-        measurements.shape[k] = IRREGULAR
-        measurement.measure_disc(sides, measurements, k, RADIUS, 1e-6, 0.0)
-        assert (sides.z[0], sides.z[2]) == pytest.approx((x, y), abs=0.02)
