@@ -169,10 +169,8 @@ def _refine(circle: Circle) -> None:
 
 ENOUGH_BEAMS = 5
 """Least number of beams that tell a corner from an arc."""
-FIT_FLOOR = 0.004
-"""[m] Fits better than this count as equally good."""
-STRAIGHT_FIT = 0.012
-"""[m] Points of a face may scatter this much, or twice the noise."""
+FIT_FLOOR, STRAIGHT_FIT = 0.004, 0.012
+"""[m] Fits better than this count as equally good; points of a face may scatter this much, or twice the noise."""
 SQUARE = math.radians(35.0)
 """[rad] Faces of a prism meet within this of a right angle, and point their corner at the sensor."""
 COS_SQUARE = math.cos(SQUARE)
@@ -479,12 +477,9 @@ def _overhang(points: Points, faces: Faces, f: int, at: int, inner: int, side: f
     return length / across if length < spacing * across else spacing
 
 
-STRAY = 2
-"""Most points at an end of an object that may be left out as off its surface."""
-LEFT = 3
-"""Fewest points that have to be left then."""
-HALF = 0.5
-"""Stray points are left out if the box of the others has less than this share of the area of the whole box."""
+STRAY, LEFT, HALF = 2, 3, 0.5
+"""Most points at an end of an object that may be left out as off its surface, fewest that have to be left then, and share
+of the area of the whole box that the box of these has at most."""
 
 
 class Description:

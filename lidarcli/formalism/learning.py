@@ -27,38 +27,27 @@ from lidarcli.formalism.background import (
 from lidarcli.formalism.detection import offsets_of, spans
 from lidarcli.sweeps import Bool, Float64, Int64, Status, SweepBatch, record
 
-MOST_CELLS = 1 << 24
-"""Greatest number of cells, and of beams of all stations: about a gigabyte. Sweeps that need more are left out."""
-MOST_PENDING = 1 << 20
-"""Greatest number of cells that wait to be sorted in."""
+MOST_CELLS, MOST_PENDING = 1 << 24, 1 << 20
+"""Greatest number of cells, and of beams of all stations, about a gigabyte: sweeps that need more are left out; and of
+cells that wait to be sorted in."""
 UNIT = 1e-4
 """[m] Unit in which ranges are counted, so that sums are exact in any order."""
 BIN_UNITS = 50
 """Width of a bin, in units: 5 mm."""
-SURFACE_BINS = 20
-"""Bins to either side that belong to the same surface: 10 cm."""
-FOLIAGE_BINS = 60
-"""Bins to either side of a surface where none is narrower, as in foliage: 30 cm."""
-PEAK_BINS = 5
-"""Bins to either side of the mode of a surface."""
-CLIP_SDS = 2.5
-"""Standard deviations beyond which a range does not count for r_e, as of a person close to the surface."""
-CLIPPED_SD = 0.946
-"""Standard deviation of a normal distribution that is cut there, as a share of its own."""
-LEAST_CLIP_UNITS = 200
-"""Least width of the cut, in units: 2 cm."""
+SURFACE_BINS, FOLIAGE_BINS, PEAK_BINS = 20, 60, 5
+"""Bins to either side that belong to the same surface, 10 cm; to one where none is narrower, as in foliage, 30 cm; to its
+mode."""
+CLIP_SDS, CLIPPED_SD, LEAST_CLIP_UNITS = 2.5, 0.946, 200
+"""Standard deviations beyond which a range does not count for r_e, as of a person close to the surface; standard deviation
+of a normal distribution that is cut there, as a share of its own; least width of the cut, in units: 2 cm."""
 SUPPORT_SHARE = 0.35
 """Share of the observations of a beam that back its background; people who pass have less."""
-STILL_BINS = 10
-"""Bins to either side within which a surface that stands still repeats, with any noise: 5 cm."""
-BEFORE_BINS = 30
-"""Bins before such a surface from which on nearly all ranges are its own: 15 cm."""
-REPEATED_SHARE = 0.1
-"""Share of the observations of a surface that stands still behind people who nearly always hide it."""
-LEAST_REPEATED = 10
-"""Least number of observations of such a surface; a few steps of people fall into one place by chance."""
-SET_APART_SHARE = 0.8
-"""Least share of the ranges from there on that are its own; people and leaves come in all ranges, a surface in one."""
+STILL_BINS, BEFORE_BINS = 10, 30
+"""Bins to either side within which such a surface repeats, with any noise, 5 cm; bins before it from which on nearly all
+ranges are its own, 15 cm."""
+REPEATED_SHARE, LEAST_REPEATED, SET_APART_SHARE = 0.1, 10, 0.8
+"""A surface that stands still behind people who nearly always hide it: share and least number of its observations, as a few
+steps of people fall into one place by chance, and least share of the ranges from there on that are its own."""
 OPEN_SHARE = 0.5
 """Share of observations without a return of an open beam, unless a surface has enough support."""
 

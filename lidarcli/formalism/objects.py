@@ -21,14 +21,10 @@ CORNER_TURN = math.radians(25.0)
 SIN_CORNER_TURN = math.sin(CORNER_TURN)
 BACKING = 0.4
 """[m] A face at least this long, beside which a thing stands, is wall."""
-LEAST_RELIEF = 0.1
-"""[m] A thing stands out from its wall by more than this: mouldings and skirting boards do not."""
-WIDEST = 1.5
-"""[m] What stands out over more than this is a part of the building."""
-BEHIND = 0.1
-"""[m] What is seen past the free edge of a thing lies no further than this behind the line of its wall."""
-PLANE = 0.03
-"""[m] Points stand out less than this from the wall that they are on."""
+LEAST_RELIEF, WIDEST, BEHIND, PLANE = 0.1, 1.5, 0.1, 0.03
+"""[m] A thing stands out from its wall by more than the first, as mouldings do not, over no more than the second; what is
+seen past its free edge lies no further than the third behind the line of the wall; points on the wall stand out less than
+the last."""
 TRIM = 6
 """At each end so many points may turn out to be wall: the corner is only known to every few points."""
 
@@ -255,10 +251,9 @@ def _assign(faces: Faces, segments: Segments) -> None:
 
 # Fragments of one thing that a step of its own surface tore apart: a leaf before a stem, front and side of a box.
 
-FRAGMENT_GAP = 0.16
-"""[m] Things stand further apart than this; steps below it are within one."""
-FRAGMENT_EXTENT = 0.9
-"""[m] Greatest distance between the far ends of two fragments."""
+FRAGMENT_GAP, FRAGMENT_EXTENT = 0.16, 0.9
+"""[m] Things stand further apart than this, steps below it are within one; greatest distance between the far ends of two
+fragments."""
 
 
 class Bodies:

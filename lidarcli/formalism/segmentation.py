@@ -359,14 +359,13 @@ def smallest(noise: Noise, count: int, rank: int) -> float:
 
 # Definition 3: the breakpoints of a sweep, before which f is discontinuous.
 
-ROUGHNESS = 0.08
-"""[m] Depth steps below this are the texture of a surface: foliage, folds, mouldings."""
+ROUGHNESS, SPACING_GAIN = 0.08, 1.0
+"""Depth steps below this [m], and below this share of the beam spacing r Δθ, are the texture of a surface: foliage,
+folds."""
 NOISE_GAIN = 3.5
 """A difference of two ranges exceeds this many of its standard deviations in 5 of 10,000 beams."""
 ROOT_2 = math.sqrt(2.0)
 """Standard deviation of the difference of two ranges of standard deviation 1."""
-SPACING_GAIN = 1.0
-"""Depth steps below this share of the beam spacing r Δθ are the texture of a surface, not an edge."""
 SLOPE_REACH = 3
 """Number of points on each side of a step that give the slope there."""
 TINY = sys.float_info.min

@@ -40,12 +40,10 @@ from lidarcli.formalism.detection import (
 from lidarcli.formalism.parameters import Parameters
 from lidarcli.sweeps import Bool, Closure, Float32, Float64, Int64, Status, SweepBatch, record
 
-THRESHOLD_SDS = 4.0
-"""Standard deviations from which on a range differs from the background."""
-LEAST_THRESHOLD = 0.08
-"""[m] Least difference, for errors by the reflectivity of a surface and the temperature of the sensor."""
-BESIDE_SHARE = 0.6
-"""Share of the threshold that is enough beside a beam that differs."""
+THRESHOLD_SDS, LEAST_THRESHOLD, BESIDE_SHARE = 4.0, 0.08, 0.6
+"""Standard deviations from which on a range differs from the background; least difference [m], for errors by the
+reflectivity of a surface and the temperature of the sensor; share of the threshold that is enough beside a beam that
+differs."""
 ALIGNED_ERROR = 0.015
 """[m] Error of ranges that were projected onto a station."""
 SEEN_THROUGH = 0.3
@@ -54,12 +52,9 @@ MOST_DIFFERING = 0.5
 """Share of the ranges that differ, before or behind the background, from which on a note is given. In busy halls it is
 up to a fifth; with the background of another place, or of a parked sensor that moved, it is 0.6 and more."""
 
-MOST_SWEEP_DIFFERING = 0.4
-"""Share of the ranges of a sweep that differ, above which somebody seems to have moved the sensor."""
-MOST_SWEEPS_DIFFERING = 0.05
-"""Share of such sweeps above which a note is given."""
-LEAST_SWEEPS_DIFFERING = 10
-"""Least number of such sweeps for a note."""
+MOST_SWEEP_DIFFERING, MOST_SWEEPS_DIFFERING, LEAST_SWEEPS_DIFFERING = 0.4, 0.05, 10
+"""Share of the ranges of a sweep that differ above which somebody seems to have moved the sensor; share and least number of
+such sweeps for a note."""
 
 
 @record

@@ -324,10 +324,9 @@ MARGIN = 0.1
 """A visit ends so far outside of the zone [m]."""
 CLEAR = 0.2
 """An agent has crossed a line when it was so far away from it on both sides [m]."""
-TOGETHER = 0.5
-"""Two tracks of different sensors are one agent where they are no farther apart than this at one time [m]."""
-SHARED = 0.5
-"""Least share of the times that two such tracks have in common at which they are together."""
+TOGETHER, SHARED = 0.5, 0.5
+"""Two tracks of different sensors are one agent where they are this near at one time [m], for this share of their common
+times."""
 
 
 class Path(NamedTuple):

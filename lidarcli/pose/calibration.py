@@ -26,27 +26,21 @@ DIRECTIONS = 12
 """Directions of normals that are told apart: the two sides of a board are two surfaces."""
 LADDER = ((0.8, 0.3, 4), (0.4, 0.1, 4), (0.3, 0.05, 8))
 """Sides of cells, scales of the robust weights [m], and most steps of the search with these."""
-SETTLED = 5e-4
-"""Step below which the search ends [m, rad]."""
-MOST_STEP = 0.3
-"""Greatest step of the search [m, rad]."""
-LEAST_IN_CELL = 4
-"""Fewest points of a cell that count."""
+SETTLED, MOST_STEP, LEAST_IN_CELL = 5e-4, 0.3, 4
+"""The search ends with steps below this [m, rad]; its greatest step [m, rad]; fewest points of a cell that count."""
 BESIDE_CELL, BESIDE_CELLS, BESIDE_REACH, BESIDE_TURN = 0.1, 256, 3.0, np.deg2rad(2.0)
 """Side of the cells in which two sensors are laid on each other [m], cells to each side, and the farthest place [m] and the
 steps of the turns [rad] that are tried."""
 TOGETHER = 50.0
 """Points that count as one beside what is trusted: those near each other err together."""
-FEW_CLUSTERS = 1.5
-"""Deviations by K clusters are too small by such a share over K: 95 % of a t distribution are within two of them."""
+FEW_CLUSTERS, LEAST_DEGREES, CLUSTERS = 1.5, 2.0, 12
+"""Deviations by K clusters are too small by such a share over K, as 95 % of a t distribution are within two of them;
+degrees of freedom of clusters that are no more than the unknowns; least number of parts of a run between which deviations
+are measured."""
 BESIDE_APART, BESIDE_TRIED = np.deg2rad(15.0), 4
 """Turns that are apart from each other [rad], and the most that are looked at closely."""
 SEEN_STEP, SEEN_OFF = np.deg2rad(4.0), 0.2
 """Directions that are told apart [rad], and how far something is seen through [m]."""
-LEAST_DEGREES = 2.0
-"""Degrees of freedom of clusters that are no more than the unknowns."""
-CLUSTERS = 12
-"""Least number of parts of a run between which deviations are measured."""
 
 
 @dataclass(frozen=True, eq=False, slots=True)

@@ -123,36 +123,29 @@ def tilt(motion: Motion) -> float:
     return float(np.arccos(np.clip(known.min(), 0.0, 1.0))) if len(known) else 0.0
 
 
-MAX_POSES = 2_000_000
-"""Most poses of one log that are kept, 64 bytes each; those after them are left out."""
-MAX_TRACKS = 10_000
-"""Most pairs of frames of one log that are followed."""
+MAX_POSES, MAX_TRACKS = 2_000_000, 10_000
+"""Most poses of one log that are kept, 64 bytes each, and most pairs of frames that are followed; others are left out."""
 TOGETHER = 2048
 TOGETHER_BYTES = 4 << 20
 """Messages of a topic that are decoded at once, and bytes of all that wait."""
 
-FLAT = 0.02
-"""Components of a quaternion below this are zero."""
-ROLLS = 0.05
-"""A component with a larger spread changes (6 degrees)."""
+FLAT, ROLLS = 0.02, 0.05
+"""Components of a quaternion below this are zero; one with a larger spread changes (6 degrees)."""
 SHIFTS, TURNS = 0.02, 0.02
 """Poses that differ by more tell of a motion [m, rad]."""
 GOES = 0.5
 """A frame that has moved this far [m] is no joint."""
 
 NOT_FINITE = "its pose is not finite"
-_SAME_PLACE = 1e-6
-"""Numbers of one static pose differ by no more."""
-_LARGEST = 1e12
-"""Largest coordinate [m]."""
+_SAME_PLACE, _LARGEST = 1e-6, 1e12
+"""Numbers of one static pose differ by no more; largest coordinate [m]."""
 NO_TURN = "its quaternion is zero"
 ENCODING = "its encoding is not read"
 
 SECOND_NS = 1_000_000_000
-HOLD_STEPS = 2
-"""Average steps for which the first and last pose of a track hold outside of its span."""
-HOLD_NS = 100_000_000
-"""Longest such time [ns]: nobody gets far in a tenth of a second."""
+HOLD_STEPS, HOLD_NS = 2, 100_000_000
+"""Average steps for which the first and last pose of a track hold outside of its span, and longest such time [ns]: nobody
+gets far in a tenth of a second."""
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -413,10 +406,8 @@ WORLD = "world"
 COLUMNS, KITTI_COLUMNS = 8, 12
 LONGEST_LINE = 1000
 """Characters of a line that can be a pose."""
-MOST_NS = 1 << 62
-"""Farthest stamp from 1970 [ns]: 146 years, so that differences of two fit."""
-MOST_DIGITS = 11
-"""Digits of such a stamp before the point."""
+MOST_NS, MOST_DIGITS = 1 << 62, 11
+"""Farthest stamp from 1970 [ns], 146 years, so that differences of two fit; its digits before the point."""
 
 
 def read_trajectory(path: Path) -> Track:

@@ -161,26 +161,20 @@ def islands(hits: Int32, passes: Int32, resolution: float) -> Int64:
     return cell[mine[share[piece[mine]] > ISLAND_FREE]]
 
 
-CELL = 0.1
-"""[m] Side of a cell."""
-FARTHEST = 15.0
-"""[m] Greatest range of a beam that votes: farther ones miss their cells where the pose is turned a little."""
-REACH = 150.0
-"""[m] Greatest distance of the sensor from where its world begins; farther sweeps do not vote."""
+CELL, FARTHEST, REACH = 0.1, 15.0, 150.0
+"""[m] Side of a cell; greatest range of a beam that votes, as farther ones miss their cells where the pose is turned a
+little; greatest distance of the sensor from where its world begins: farther sweeps do not vote."""
 MOST_STOPS = 16
 """Greatest number of places where a sensor without poses stood that are remembered."""
 WORLDS = MOST_STOPS + 1
 """Worlds of one sensor: the first is that of its poses."""
 MOST_SENSORS = 64
 """Most sensors of one topic that are told apart; sweeps of further frames do not vote."""
-MOST_VOTE = 4.0
-"""[log-odds] Greatest vote of a body."""
-BUILDING_VOTE = -2.0
-"""[log-odds] Vote of a beam on a surface that is no body, because it is too wide."""
+MOST_VOTE, BUILDING_VOTE, LINE_ODDS = 4.0, -2.0, -2.0
+"""[log-odds] Greatest vote of a body; vote of a beam on a surface that is no body, because it is too wide; what the map
+adds to a body that is on one of its lines as a whole."""
 SURFACE_STEP = 0.3
 """[m] Greatest difference of the ranges of neighbours on one surface."""
-LINE_ODDS = -2.0
-"""[log-odds] What the map adds to a body that is on one of its lines as a whole."""
 SAME_RANGE, SAME_RANGE_GROWTH = 0.03, 0.01
 """[m], [m/m] Greatest change of a range that is the same, and its growth with the range."""
 STANDING_SHARE = 0.8

@@ -22,18 +22,16 @@ from lidarcli.formalism.matching.catalogue import LARGEST_SIZE, SMALLEST_SIZE
 from lidarcli.formalism.matching.ground import HERE, Ground, Motion, Nearest
 from lidarcli.sweeps import TURN, Bool, Float64, Int32, Int64, record
 
-RUN_PLACE_SD = 0.1
-"""[m] Standard deviation of the place of a standing thing in a run."""
-RUN_SIZE_SD = 0.01
-"""[m] Standard deviation between two sizes of the same thing, beside their own."""
+RUN_PLACE_SD, RUN_SIZE_SD = 0.1, 0.01
+"""[m] Standard deviations of the place of a standing thing in a run, and between two sizes of one thing, beside their
+own."""
 WRONG_SIZE = 0.1
 """Share of sizes that are wrong, as of a thing of which a part was never seen."""
 SIZE_RANGE = LARGEST_SIZE - SMALLEST_SIZE
 """[m] Range of the sizes of different things."""
-STAYS = 0.9
-"""Probability that a thing stands where it stood."""
-NEARNESS = 0.05
-"""[1/m] Log-likelihood that is lost with each metre between two places of a moved thing."""
+STAYS, NEARNESS = 0.9, 0.05
+"""Probability that a thing stands where it stood, and log-likelihood that each metre between two places of a moved thing
+costs [1/m]."""
 LEAST_GAIN = 2.9
 """Least log-likelihood ratio of a pair: 18 to 1."""
 SAME_SHAPE, OTHER_SHAPE = 0.7, -2.0
@@ -42,24 +40,16 @@ SAME_LABEL, OTHER_LABEL = 2.0, -20.0
 """Log-likelihood ratio of two labels, the same or another."""
 LEAST_AREA = 10.0
 """[m²] Least area in which things stand."""
-MOST_THINGS = 40
-"""Greatest number of things of each side that propose motions, the largest first."""
-MOST_ALIGNED = 100
-"""Greatest number of things of each side by which runs are aligned, the largest first."""
-MOST_PROPOSALS = 3000
-"""Greatest number of proposals, those of the most alike pairs first."""
-MOST_REFINED = 24
-"""Greatest number of different proposals that are refined."""
-LEAST_QUALITY = 0.4
-"""Least quality of a proposal, as a share of the best one."""
+MOST_THINGS, MOST_ALIGNED = 40, 100
+"""Greatest number of things of each side that propose motions, and by which runs are aligned, the largest first."""
+MOST_PROPOSALS, MOST_REFINED, LEAST_QUALITY = 3000, 24, 0.4
+"""Most proposals, those of the most alike pairs first; most different ones that are refined; least quality of a proposal,
+as a share of the best one."""
 MOTION_REFINEMENTS = 6
 """Greatest number of refinements of a motion by the things in place."""
-PAIR_TOLERANCE = 0.3
-"""[m] Greatest difference between the distances of two pairs of the same things."""
-LEAST_ALIKE = -3.0
-"""Least log-likelihood ratio of two things that may be the same, by size, shape and label."""
-SHORTEST_PAIR = 0.3
-"""[m] Least distance between two things that give a direction."""
+PAIR_TOLERANCE, LEAST_ALIKE, SHORTEST_PAIR = 0.3, -3.0, 0.3
+"""Two pairs of the same things: greatest difference between their distances [m], least log-likelihood ratio of two things,
+and least distance between two things that give a direction [m]."""
 LEAST_IN_PLACE = 3
 """Least number of things in place for a turn and a shift, as two pairs of the same distance are common. If the frames are
 the same, two are enough."""
@@ -311,34 +301,26 @@ IN_PLACE = 0.1
 LEAST_COMMON = 0.2
 """Least share of the smaller structure, and of the smaller free ground, that both runs have in common: rooms on both sides
 of a wall do not lie on each other."""
-LEAST_POINTS = 20
-"""Least number of occupied points that both runs have in common."""
-LEAST_OVERLAP = 0.6
-"""Least share of the structure in place; runs with less do not lie on each other."""
-AS_MUCH = 0.03
-"""A second alignment explains as much if no more speaks against it than this share of the structure, …"""
-AS_MUCH_POINTS = 40
-"""… and this number of points, which one thing that was moved makes, more than against the best, …"""
-AS_MUCH_IN_PLACE = 0.8
-"""… and this share of what the best explains is in place: the rest may lie in the shadow of what was moved."""
+LEAST_POINTS, LEAST_OVERLAP = 20, 0.6
+"""Least number of occupied points that both runs have in common, and least share of the structure in place; runs with less
+do not lie on each other."""
+AS_MUCH, AS_MUCH_POINTS, AS_MUCH_IN_PLACE = 0.03, 40, 0.8
+"""A second alignment explains as much if no more speaks against it than this share of the structure and this number of
+points, which one thing that was moved makes, more than against the best, and this share of what the best explains is in
+place: the rest may lie in the shadow of what was moved."""
 CLEARLY = 6
 """Number of points against it by which a shift along walls is clearly worse."""
 HELD = 0.01
 """Least share of the structure across a direction, by the normals of its lines, that holds an alignment along it."""
 MOST_POINTS = 20_000
 """Greatest number of points by which alignments are compared; of more, every second, third, … one stands for them all."""
-COARSE = 0.2
-"""[m] Side of the cells on which all turns and shifts are tried; …"""
-MOST_COARSE = 256
-"""… so large that there are no more than so many in a row."""
+COARSE, MOST_COARSE = 0.2, 256
+"""Side of the cells on which all turns and shifts are tried [m], so large that there are no more than so many in a row."""
 MOST_TURN = math.radians(4.0)
 """[rad] Greatest step of turns that are tried."""
-PEAKS = 4
-"""Number of shifts that each turn proposes."""
-MOST_CANDIDATES = 24
-"""Greatest number of different proposals that are refined."""
-APART = 0.5
-"""[m] Proposals are different if they bring the structure this far apart."""
+PEAKS, MOST_CANDIDATES, APART = 4, 24, 0.5
+"""Number of shifts that each turn proposes; most different proposals that are refined; proposals are different if they
+bring the structure this far apart [m]."""
 NEAR_HERE, NEAR_HERE_TURN = 0.3, math.radians(5.0)
 """[m], [rad] Greatest shift and turn of a sensor that was hardly touched."""
 REFINED_POINTS = 3000

@@ -34,14 +34,10 @@ from lidarcli.sweeps import Bool, Float64, Int32, Int64, SweepBatch, record
 
 KINDS = tuple(SHAPES[code] for code in (PRISMATIC, ROUND, LEGGED, IRREGULAR))
 """Shapes of things, in the order of `Evidence.shape`."""
-LEAST_PROBABILITY = 0.95
-"""Least probability of a name."""
-LEAST_FIT = 0.01
-"""Least probability of a worse fit if the name is right; below it the evidence contradicts the name."""
-ALL_LEGS_SEEN = 0.5
-"""Probability that all legs of a legged thing are seen at once."""
-MOST_UNKNOWN_LEGS = 8
-"""Greatest number of legs of an unknown thing."""
+LEAST_PROBABILITY, LEAST_FIT = 0.95, 0.01
+"""Least probability of a name, and of a worse fit if the name is right: below it the evidence contradicts the name."""
+ALL_LEGS_SEEN, MOST_UNKNOWN_LEGS = 0.5, 8
+"""Probability that all legs of a legged thing are seen at once, and most legs of an unknown thing."""
 INTENSITY_SHARE = 0.03
 """Share of the unknown things within the limits of intensity of an entry, which are meant for bright or dark things."""
 SMALLEST_SIZE, LARGEST_SIZE = 0.05, 2.0

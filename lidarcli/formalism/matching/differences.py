@@ -25,18 +25,15 @@ from lidarcli.sweeps import Bool, Float64, Int64, record
 # A track measures a thing sweep by sweep. Of one that is partly hidden, or seen from many places, all hits together tell
 # more. A side ends where free ground was seen beyond it; where nothing was seen there, it may go on.
 
-BESIDE = 0.05
-"""[m] Points this far around a box belong to its thing."""
+BESIDE, OUTSIDE = 0.05, 0.1
+"""[m] Points this far around a box belong to its thing; hits of a thing farther outside show that its track measured too
+little."""
 LINKED = 0.11
 """[m] Greatest step between the hits of one thing, along each axis; of coarse cells a little over two."""
-SMALLEST_SIDE = 0.06
-"""[m] Least side of a box."""
-UNKNOWN_WIDTH = 0.2
-"""[m] Width of a thing of which only one side was seen, or its length if that is less."""
+SMALLEST_SIDE, UNKNOWN_WIDTH = 0.06, 0.2
+"""[m] Least side of a box, and width of a thing of which only one side was seen, or its length if that is less."""
 LEAST_HITS = 3
 """Least number of occupied cells by which a thing is measured."""
-OUTSIDE = 0.1
-"""[m] Hits of a thing that are farther outside of its box show that its track measured too little of it."""
 MEASURED_SD = 0.01
 """[m] Standard deviation of a side that was measured by occupied cells."""
 EDGE_CELLS = 1.5
@@ -186,10 +183,9 @@ REPLACED = 0.02
 MOVES = 0.08
 """Odds of a thing having been moved within its room, against one having gone and another one having come; near places are
 likelier by the inverse of 1 m and the distance."""
-FREE_SHARE = 0.5
-"""Least share of where a thing was hit that has been seen free."""
-ANY_FREE = 0.25
-"""Least share of where a thing was hit that becomes free where it is moved by less than its size."""
+FREE_SHARE, ANY_FREE = 0.5, 0.25
+"""Least share of where a thing was hit that has been seen free, and that becomes free where it is moved by less than its
+size."""
 VIEW_SIZE_SD, WRONG_VIEW = 0.02, 0.02
 """[m] Standard deviation between two sizes of one thing that is seen from other sides, and the share of wrong ones."""
 STANDING_SIZE_SD = 0.03
@@ -346,16 +342,12 @@ KNOWN, MOVED, NEW, GONE, UNCERTAIN = range(len(CHANGE_STATUSES))
 HIDDEN, OUT_OF_VIEW, NO_FREE_SPACE, SHORT, AMBIGUOUS = range(len(CHANGE_WHYS))
 CERTAIN = -1
 """In place of a reason, where there is a status."""
-EXPLAINED = 0.15
-"""[m] Changed cells this far around a thing belong to it."""
-CHANGED = 0.15
-"""[m] Structure is in place up to this distance from that of the other run."""
-SMALLEST_CHANGE = 0.3
-"""[m] Least extent of a change of the structure."""
-LEAST_CELLS = 4
-"""Least number of cells of a change of the structure."""
-MOST_CHANGES = 10_000
-"""Most changes of the structure: runs with more are hardly of one place."""
+EXPLAINED, CHANGED = 0.15, 0.15
+"""[m] Changed cells this far around a thing belong to it; structure is in place up to this distance from that of the other
+run."""
+SMALLEST_CHANGE, LEAST_CELLS, MOST_CHANGES = 0.3, 4, 10_000
+"""Least extent [m] and number of cells of a change of the structure, and most changes: runs with more are hardly of one
+place."""
 AROUND = 0.5
 """[m] What is this near to a place tells that it was in view."""
 MOST_STATIONS = 40

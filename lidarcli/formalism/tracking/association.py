@@ -19,52 +19,38 @@ from lidarcli.formalism.tracking.measurement import EdgeMeasurement, Measurement
 INFINITY = float("inf")
 GATE = 6.25
 """Cost of a target without a measurement: one that costs more is outside the gate."""
-CENTROID_SD = 0.12
-"""[m] Standard deviation of the centroid of a measurement from where it is expected."""
-CENTROID_SD_SIZE = 0.25
-"""Share of the size of the target that adds to this."""
+CENTROID_SD, CENTROID_SD_SIZE = 0.12, 0.25
+"""Standard deviation of the centroid of a measurement from where it is expected [m], and the share of the size that adds to
+it."""
 MOST_SIDE_COST = 4.0
 """Greatest cost of one side, in squared standard deviations."""
-SIZE_SD = 0.15
-"""[m] Standard deviation of the difference between two sizes of one target."""
-MOST_SIZE_COST = 2.0
-"""Greatest cost of a size that differs."""
+SIZE_SD, MOST_SIZE_COST = 0.15, 2.0
+"""Standard deviation of the difference between two sizes of one target [m], and the greatest cost of one that differs."""
 NEWCOMER_COST = 1.0
 """Cost of a target whose existence is doubtful, so that it comes after those that are certain."""
-SEEN_BEFORE = 1.5
-"""Cost by which a target that was hit in the sweep before comes first, where the place of the sensor is known."""
-SLIMMEST_LASTING = 0.2
-"""[m] Greatest width of a target without this advantage: legs swing past each other."""
-DUPLICATE_COST = 1.5
-"""Cost of a target that began inside an older one, for as long as it is young."""
-DUPLICATE_SIGHTINGS = 30
-"""Sightings from which on such a target has no disadvantage."""
+SEEN_BEFORE, SLIMMEST_LASTING = 1.5, 0.2
+"""Cost by which a target that was hit in the sweep before comes first, where the place of the sensor is known, and the
+greatest width of one without this advantage [m]: legs swing past each other."""
+DUPLICATE_COST, DUPLICATE_SIGHTINGS = 1.5, 30
+"""Cost of a target that began inside an older one, until it has so many sightings."""
 FARTHEST_VIEW = 1.5
 """[m] Greatest distance of a measurement from where it is expected, however uncertain the target is."""
 PART_MARGIN = 0.1
 """[m] Greatest distance of a further part of a target outside of it."""
-WALKING_LEG_WIDTH = 0.3
-"""[m] Greatest width of a leg that walks."""
-LEGS_WIDTH = 0.65
-"""[m] Greatest width of a measurement of two legs."""
-LEG_REACH = 0.65
-"""[m] Greatest distance of a leg from the middle of its person."""
-LEG_SD = 0.4
-"""[m] Standard deviation of that distance, roughly."""
+WALKING_LEG_WIDTH, LEGS_WIDTH = 0.3, 0.65
+"""[m] Greatest width of a measurement of a leg that walks, and of one of two legs."""
+LEG_REACH, LEG_SD = 0.65, 0.4
+"""[m] Greatest distance of a leg from the middle of its person, and roughly its standard deviation."""
 SAME_PERSON = 0.6
 """Cost by which a leg that belonged to the person before is preferred."""
 STANDING_SIGHTINGS = 12
 """Sightings from which on a target is not a leg, unless it was one before."""
-TWO_LEGS_VAR = 0.0036
-"""[m²] Variance of the middle of two legs: (6 cm)²."""
-ONE_LEG_VAR = 0.0484
-"""[m²] Variance of the middle of a person of whom one leg is seen: (22 cm)²."""
-JOINT_LEGS_VAR = 0.01
-"""[m²] Variance of the middle of two legs in one measurement: (10 cm)²."""
-PERSONS_APART = 0.45
-"""[m] Least distance between two persons who have two legs together."""
-MERGED_GAIN = 2
-"""Each sweep in which they are nearer counts as so many of `track_evidence.DUPLICATE_SWEEPS`."""
+TWO_LEGS_VAR, ONE_LEG_VAR, JOINT_LEGS_VAR = 0.0036, 0.0484, 0.01
+"""[m²] Variance of the middle of a person by two legs, (6 cm)², by one, (22 cm)², and by two in one measurement, (10
+cm)²."""
+PERSONS_APART, MERGED_GAIN = 0.45, 2
+"""Least distance between two persons who have two legs together [m]. Each sweep in which they are nearer counts as so many
+of `track_evidence.DUPLICATE_SWEEPS`."""
 PERSON_RADIUS = 0.2
 """[m] Half of the width of a person at the legs."""
 

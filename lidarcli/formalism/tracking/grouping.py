@@ -14,38 +14,25 @@ from lidarcli.formalism.tracking.results import DISC, PERSON
 from lidarcli.formalism.tracking.tracks import Track, Tracklet
 from lidarcli.sweeps import Bool, Float64, Int64
 
-PERSON_WIDTH = 0.65
-"""[m] Greatest width of a person at the legs."""
-PERSON_LEGS = 2
-"""Legs of a person. What stands on more is no person who stopped."""
-TOGETHER_SWEEPS = 3
-"""Least number of sweeps in which two legs are seen together."""
-TOGETHER_SHARE = 0.3
-"""Least share of the sightings of the leg that is seen less in which both are seen."""
-LEGS_STEADY_SD = 0.03
-"""[m] Greatest standard deviation of the distance between two legs of a thing that stands."""
-STANDING_LEG_WIDTH = 0.16
-"""[m] Greatest width of the tracklet of such a leg."""
-STANDING_LEGS_APART = 0.65
-"""[m] Greatest distance between the tracklets of two such legs."""
+PERSON_WIDTH, PERSON_LEGS = 0.65, 2
+"""Greatest width of a person at the legs [m], and number of legs: what stands on more is no person who stopped."""
+TOGETHER_SWEEPS, TOGETHER_SHARE = 3, 0.3
+"""Least number of sweeps in which two legs are seen together, and least share of the sightings of the one seen less."""
+STANDING_LEG_WIDTH, STANDING_LEGS_APART, LEGS_STEADY_SD = 0.16, 0.65, 0.03
+"""[m] Legs of a thing that stands: greatest width, distance, and standard deviation of the distance of two."""
 DUPLICATE_MARGIN = 0.1
 """[m] Greatest distance of the centre of a tracklet outside of another one from which it was split."""
 PACE_SIGHTINGS = 12
 """Sightings that give the velocity of a piece at its end."""
 LONGEST_STITCH_GAP, LONGEST_STANDING_GAP = 15.0, 30.0
 """[s] Longest gap between two pieces of a track, and between two that both stand."""
-STITCH_DISTANCE = 0.35
-"""[m] Greatest distance of a piece from where it is expected, without a gap."""
-STITCH_SPEED = 0.9
-"""[m/s] Growth of that distance with the gap."""
-MOST_STITCH_DISTANCE = 3.0
-"""[m] Greatest distance after any gap."""
+STITCH_DISTANCE, STITCH_SPEED, MOST_STITCH_DISTANCE = 0.35, 0.9, 3.0
+"""Greatest distance of a piece from where it is expected: without a gap [m], its growth with the gap [m/s], after any gap
+[m]."""
 STANDING_STITCH_SPEED, MOST_STANDING_STITCH_DISTANCE = 0.6, 2.0
 """[m/s], [m] Growth and greatest distance where one of the pieces stands."""
-SIZE_DIFFERENCE = 0.2
-"""[m] Greatest difference in size between two pieces, unless `SIZE_SHARE` allows more."""
-SIZE_SHARE = 0.3
-"""Greatest difference in size, as a share of the larger size."""
+SIZE_DIFFERENCE, SIZE_SHARE = 0.2, 0.3
+"""Greatest difference in size between two pieces [m], and as a share of the larger size; the greater of the two counts."""
 
 
 def join(sightings: Any, tracklets: dict[int, Tracklet], is_placed: bool) -> None:
@@ -301,24 +288,18 @@ def _are_seen_together(sightings: Any, one: Tracklet, other: Tracklet) -> bool:
 
 # Legs: sightings of slim tracks beside a person become those of the person, one by one.
 
-LEG_WIDTH = 0.35
-"""[m] Greatest usual width of the measurements of one leg."""
-STEP = 0.7
-"""[m] Greatest distance of a leg from the path of its person, or from the other leg."""
+LEG_WIDTH, STEP = 0.35, 0.7
+"""[m] Greatest usual width of the measurements of one leg, and its greatest distance from the path of its person."""
 PAUSE = 0.6
 """[s] Longest time between the measurements of two legs that are seen in turn."""
-RUN_SWEEPS = 4
-"""Least number of sweeps in which a leg goes beside a person, and greatest number of sweeps without it in between."""
-BESIDE_SHARE = 0.5
-"""Least share of the sweeps with both in which a leg is beside its person, and of all sweeps of a leg that stands."""
+RUN_SWEEPS, BESIDE_SHARE = 4, 0.5
+"""Least number of sweeps in which a leg goes beside a person, and greatest number without it in between; least share of the
+sweeps with both in which it does, and of all sweeps of a leg that stands."""
 MOST_CROWDED = 0.15
 """Greatest share of these sweeps in which the two have more than two measurements."""
-PATH_TIME = 0.5
-"""[s] The path of a person is the mean of the places so long before and after, which is about a step."""
-PATH_SWEEPS = 6
-"""Least number of sweeps of a path, and number of sweeps that give the velocity at its ends."""
-PATH_MARGIN = 1.0
-"""[s] Longest time before and after a path in which measurements are compared with it."""
+PATH_TIME, PATH_SWEEPS, PATH_MARGIN = 0.5, 6, 1.0
+"""The path of a person is the mean of the places so long before and after [s], about a step; least number of sweeps of a
+path, and of those that give the velocity at its ends; sightings so long before and after are compared with it [s]."""
 
 Places: TypeAlias = NDArray[np.complex128]
 """Places x + iy [m]: sums, means and distances take one operation for both."""

@@ -26,22 +26,15 @@ EMPTY, LIVE, ENDED = results.EMPTY, results.LIVE, results.ENDED
 DISC, BOX, PERSON = results.DISC, results.BOX, results.PERSON
 MOST_LEGS = results.MOST_LEGS
 QUARTER_TURN = 0.5 * math.pi
-ACCELERATION = 0.6
-"""[m²/s³] Spectral density of a target's acceleration."""
-EXTENT_GROWTH = 1e-5
-"""[m²/s] Growth of the variance of a half extent, as of a plant in the wind."""
-STANDING_GROWTH = 1e-7
-"""[m²/s] Growth of the variance of a standing target's place, for errors of the poses."""
-SPEED_SD = 0.7
-"""[m/s] Standard deviation of the velocity of a new target."""
-ANGULAR_ACCELERATION = 0.02
-"""[rad²/s³] Spectral density of a target's angular acceleration."""
-MOST_TURN = math.radians(15.0)
-"""[rad] Greatest turn of a target from one sweep to the next."""
-FASTEST_TURN = 2.0
-"""[rad/s] Greatest turn rate of a target."""
-TURN_RATE_SD = 0.15
-"""[rad/s] Standard deviation of the turn rate of a new target."""
+ACCELERATION, ANGULAR_ACCELERATION = 0.6, 0.02
+"""[m²/s³], [rad²/s³] Spectral densities of a target's acceleration and angular acceleration."""
+EXTENT_GROWTH, STANDING_GROWTH = 1e-5, 1e-7
+"""[m²/s] Growth of the variance of a half extent, as of a plant in the wind, and of a standing target's place, as poses
+err."""
+SPEED_SD, TURN_RATE_SD = 0.7, 0.15
+"""[m/s], [rad/s] Standard deviations of the velocity and the turn rate of a new target."""
+MOST_TURN, FASTEST_TURN = math.radians(15.0), 2.0
+"""Greatest turn of a target from one sweep to the next [rad], and greatest turn rate [rad/s]."""
 UNSEEN_VAR = 0.0025
 """[m²] Variance that is added to the place of a standing target while it is not seen: (5 cm)²."""
 MOST_RESIDUAL = 16.0
@@ -55,14 +48,10 @@ LOG_NUMBERS = ("time", "x", "y", "cos", "sin", "half_1", "half_2", "chord")
 LOG_SIDES = ("z", "var")
 DELAY, AHEAD, LEFT = 0, 1, 2
 """Places of the three numbers of a correction."""
-DELAY_SD = 0.2
-"""[s] Standard deviation of the delay at first."""
-PLACE_SD = 0.1
-"""[m] Standard deviation of the place of the sensor at first."""
-LEAST_DELAY_VAR = 1e-4
-"""[s²] Least variance of the delay: (10 ms)²."""
-LEAST_PLACE_VAR = 1e-5
-"""[m²] Least variance of the place of the sensor."""
+DELAY_SD, PLACE_SD = 0.2, 0.1
+"""[s], [m] Standard deviations of the delay and of the place of the sensor at first."""
+LEAST_DELAY_VAR, LEAST_PLACE_VAR = 1e-4, 1e-5
+"""[s²], [m²] Least variances of the delay, (10 ms)², and of the place of the sensor."""
 MOST_POSE_RESIDUAL = 9.0
 """Greatest squared residual, as a multiple of its variance. A larger one is that of a target that moves."""
 POSE_SIDE_VAR = 1e-4

@@ -31,22 +31,17 @@ BOX_MARGIN = 0.05
 """[m] Points outside of the box by more than this, and four times the noise, belong to an object between its parts."""
 LEAST_FACE_POINTS = 3
 """Least number of points for the line of a face."""
-SWEEPS_KEPT = 16
-"""Number of sweeps that are stored."""
-SWEEPS_APART = 0.3
-"""[s] Least time between two sweeps that are stored."""
-FLICKER_WEIGHT = 0.02
-"""Weight of one sweep in the mean number of beams that flicker."""
-MOST_FLICKER_SHARE = 0.2
-"""Share of the beams without a return that may have one a sweep later. Above it no such beam proves free space."""
+SWEEPS_KEPT, SWEEPS_APART = 16, 0.3
+"""Number of sweeps that are stored, and least time between two of them [s]."""
+FLICKER_WEIGHT, MOST_FLICKER_SHARE = 0.02, 0.2
+"""Weight of one sweep in the mean number of beams that flicker, and the share of the beams without a return that may have
+one a sweep later: above it no such beam proves free space."""
 HIT_MARGIN = 0.08
 """[m] A beam has hit a point that is this close to its end, with twice the noise on top."""
 LEAST_STEP = 1e-6
 """[rad] Beams that are closer together than this are not distinguished."""
-NO_RANGE = -1.0
-"""Range of a beam without information."""
-FREE_RANGE = 1e9
-"""Range of a beam without a return, which proves free space."""
+NO_RANGE, FREE_RANGE = -1.0, 1e9
+"""Range of a beam without information, and of one without a return, which proves free space."""
 AT_LEAST = -1.0
 """Mark in place of a variance: the side goes on at least so far."""
 COS_ALONG = math.cos(math.radians(20.0))

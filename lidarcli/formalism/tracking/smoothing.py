@@ -18,30 +18,24 @@ INFINITY = float("inf")
 ACCELERATIONS = (0.02, 0.1, 0.4)
 """[m²/s³] Spectral densities of the acceleration that are tried: a parcel on a belt, a stroll, starts and stops."""
 LIVELINESSES = len(ACCELERATIONS)
-AROUND_SIGHTINGS = 20
-"""Sweeps before and after one that decide which acceleration fits."""
-LIVELIER_GAIN = 4.0
-"""Least gain of twice the log-likelihood for which the next larger acceleration is taken."""
+AROUND_SIGHTINGS, LIVELIER_GAIN = 20, 4.0
+"""Sweeps before and after one that decide which acceleration fits, and least gain of twice the log-likelihood for which the
+next larger one is taken."""
 FIRST_SPEED_SD = 1.0
 """[m/s] Standard deviation of a velocity at first, along each axis."""
 UNKNOWN_VAR = 100.0
 """[m²] Variance of a side that was not seen."""
 PART_VAR = 0.0625
 """[m²] Variance of the place of one part in a thing of several: (25 cm)²."""
-LEGS_VAR = 0.0049
-"""[m²] Variance of the middle of two legs as the place of a person: (7 cm)²."""
-LEG_VAR = 0.0256
-"""[m²] Variance of the distance of one leg from the middle of its person, along each axis: (16 cm)²."""
-LEG_SECONDS = 0.35
-"""[s] Time in which that distance is forgotten, as the legs swing."""
+LEGS_VAR, LEG_VAR, LEG_SECONDS = 0.0049, 0.0256, 0.35
+"""Variance of the middle of two legs as the place of a person, (7 cm)², and of the distance of one leg from that, (16 cm)²,
+along each axis [m²]; time in which that distance is forgotten, as the legs swing [s]."""
 CHANGE_VAR = 0.0025
 """[m²] Variance that is added while a box was still taken for a disc: (5 cm)²."""
 MOST_MISFIT = 9.0
 """Greatest squared residual, as a multiple of its variance in the plane. A larger one counts as this."""
-LEAST_SPEED = 0.1
-"""[m/s] Least speed of what moves."""
-MOVING_SDS = 2.0
-"""Least speed of what moves, in standard deviations."""
+LEAST_SPEED, MOVING_SDS = 0.1, 2.0
+"""Least speed of what moves [m/s], also in standard deviations."""
 STATE, SQUARE, GAIN = 6, 36, 12
 """Numbers of a state (x, y, their velocities, the offset of a leg in x and y), of its covariance, and of a gain."""
 KEPT = 1 + STATE + SQUARE

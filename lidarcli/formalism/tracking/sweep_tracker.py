@@ -19,38 +19,30 @@ from lidarcli.formalism.tracking.measurement import Detections, EdgeMeasurement,
 
 PRISMATIC, UNKNOWN = detection.PRISMATIC, detection.UNKNOWN
 SIZE_OUTLIER = results.SIZE_OUTLIER
-BOX_BEAMS = 8
-"""Least number of beams of a measurement that makes a box of a disc."""
-SLIMMEST_BOX = 0.2
-"""[m] Least length of such a measurement: legs look alike from all sides."""
+BOX_BEAMS, SLIMMEST_BOX, BOX_SIGHTINGS = 8, 0.2, 3
+"""Least number of beams and least length [m] of a measurement that makes a box, as legs look alike from all sides, and
+sightings as a box that make one of a disc."""
 SIZE_BEAMS = 5
 """Least number of beams of a measurement that measures the size of a target."""
-BOX_SIGHTINGS = 3
-"""Sightings as a box that make one of a disc."""
-YAW_POINTS = 5
-"""Least number of points of a face that measures the direction of its target."""
-LEAST_YAW_VAR = 7e-4
-"""[rad²] Least variance of that direction: (1.5 degrees)²."""
+YAW_POINTS, LEAST_YAW_VAR = 5, 7e-4
+"""Least number of points of a face that measures the direction of its target, and least variance of that [rad²]:
+(1.5°)²."""
 FARTHEST_DRIFT = 100.0
 """[m] Distance from which on the error of the heading does not shift targets further."""
 POSE_DRIFT, YAW_DRIFT = 2e-4, 4e-5
 """[m²/m], [rad²/m] Growth of the variances of a pose as the sensor moves: (1.4 cm)² and (0.36 degrees)² on a metre."""
 TURN_DRIFT = 1e-4
 """[rad²/rad] Growth of the variance of the heading as the sensor turns."""
-PAST_SIDE = 0.02
-"""[m] Distance past a side from which on a point moves the side."""
-AT_LEAST_VAR = 9e-4
-"""[m²] Variance of a side that goes on at least so far: (3 cm)²."""
-SHORTEST_STEP = 1e-3
-"""[s] Least time between two sweeps that tells how fast the sensor goes: stamps may be equal, or a nanosecond apart."""
-MOST_PAUSE = 60.0
-"""[s] Longest pause between two sweeps; a longer one counts as this."""
+PAST_SIDE, AT_LEAST_VAR = 0.02, 9e-4
+"""A point so far past a side moves it [m]; variance of a side that goes on at least so far [m²]: (3 cm)²."""
+SHORTEST_STEP, MOST_PAUSE = 1e-3, 60.0
+"""[s] Least time between two sweeps that tells the speed of the sensor, as stamps may be equal or a nanosecond apart, and
+longest pause; a longer one counts as this."""
 EXTENT_VAR = 1e-4
 """[m²] Variance that is added to each measured extent: (1 cm)²."""
-POSE_SIGHTINGS = 5
-"""Least number of sightings of a target that measures the error of the poses."""
-MOST_POSE_EVIDENCE = 3.0
-"""[log-odds] Greatest evidence of motion of such a target."""
+POSE_SIGHTINGS, MOST_POSE_EVIDENCE = 5, 3.0
+"""Least number of sightings of a target that measures the error of the poses, and its greatest evidence of motion [log-
+odds]."""
 
 
 class SweepTracker:

@@ -24,32 +24,27 @@ STEADY_LENGTH = 0.06
 """[m] A target whose length seems to change by more than this is not seen as it is."""
 SAME_LENGTH = 0.2
 """[m] A measurement whose length differs by more than this shows another piece, of a wall for example."""
-MOST_SWEEP_EVIDENCE = 3.0
-"""[log-odds] Greatest evidence of one sweep, for or against motion."""
+MOST_SWEEP_EVIDENCE, MOST_PARTIAL_EVIDENCE = 3.0, 2.0
+"""[log-odds] Greatest evidence of one sweep, for or against motion, and of one with a hidden edge, for motion."""
 EVIDENCE_DECAY = 0.05
 """[log-odds] Evidence that is lost in every sweep."""
-MOST_PARTIAL_EVIDENCE = 2.0
-"""[log-odds] Greatest evidence for motion of a measurement with a hidden edge."""
 SETTLED_SIGHTINGS = 2
 """Sightings of the same kind after which a target gathers evidence."""
 MOST_EVIDENCE = 60.0
 """[log-odds] Greatest evidence that is kept."""
 FREE_SHARE = 0.3
 """Least share of the points of a moving target that lie in space that was free."""
-OCCUPIED_SHARE = 0.5
-"""Share of its points above which an earlier sweep shows that something stood there already."""
-OCCUPIED_SWEEPS = 2
-"""Number of such sweeps that refute motion. One alone may show somebody who passed by."""
+OCCUPIED_SHARE, OCCUPIED_SWEEPS = 0.5, 2
+"""Share of its points above which an earlier sweep shows that something stood there, and number of such sweeps that refute
+motion: one alone may show somebody who passed by."""
 FREE_MARGIN = 0.1
 """[m] Least distance by which beams end behind a point that they have passed."""
 OLDEST_SWEEP = 4.8
 """[s] Older sweeps tell nothing about free space."""
 MOST_POINTS = 16
 """Greatest number of points of a measurement that are compared with earlier sweeps."""
-EXISTENCE_AT_FIRST = 0.3
-"""Probability that a new target exists."""
-EXISTENCE_GAIN = 0.3
-"""Share of the doubt that each sighting takes away."""
+EXISTENCE_AT_FIRST, EXISTENCE_GAIN = 0.3, 0.3
+"""Probability that a new target exists, and the share of the doubt that each sighting takes away."""
 DETECTION_RATE = 0.9
 """Probability that a target is seen where its place is in view."""
 LEAST_PASSING = 0.3
@@ -60,10 +55,8 @@ LEAST_EXISTENCE = 0.03
 """Probability below which a target ends."""
 PASSING_MARGIN = 0.1
 """[m] Least distance by which beams end behind a target that they have passed."""
-PATIENCE_STILL = 30.0
-"""[s] Longest time in the shadow of a target that stands."""
-PATIENCE_MOVING = 6.0
-"""[s] Longest time in the shadow of a target that moves."""
+PATIENCE_STILL, PATIENCE_MOVING = 30.0, 6.0
+"""[s] Longest time in the shadow of a target that stands, and of one that moves."""
 LOST_VAR = 1.44
 """[m²] Variance of its place above which a moving target is lost: (1.2 m)²."""
 DUPLICATE_SWEEPS = 8
@@ -72,14 +65,10 @@ BEAM_VOTE = 0.05
 """Weight of each beam of a measurement in the vote on its shape; a measurement has at most one vote."""
 SLIM_LEG_WIDTH = 0.15
 """[m] Greatest width of a leg of furniture."""
-LEGS_FARTHEST = 0.75
-"""[m] Greatest distance between two legs of one thing."""
-LEGS_NEAREST = 0.1
-"""[m] Least distance between two legs of one thing."""
-SPECK_BEAMS = 2
-"""Greatest number of beams of a leg that is too slim to be an object."""
-SPECK_DEPTH = 0.25
-"""[m] Least distance by which such a leg is nearer than its neighbours."""
+LEGS_NEAREST, LEGS_FARTHEST = 0.1, 0.75
+"""[m] Least and greatest distance between two legs of one thing."""
+SPECK_BEAMS, SPECK_DEPTH = 2, 0.25
+"""A leg that is too slim to be an object has so few beams, and is so much nearer than its neighbours [m]."""
 SAME_LEG = 0.08
 """[m] Greatest distance between two sightings of the same leg."""
 

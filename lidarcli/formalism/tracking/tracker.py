@@ -40,12 +40,9 @@ NOTED_SDS = 3.0
 """Least delay or distance of a note, in standard deviations."""
 NOTED_DELAY, NOTED_DISTANCE = 0.02, 0.05
 """[s], [m] Least delay and least distance of a note."""
-LONG_TRACK = 20
-"""Least number of sweeps of a track that counts for a note on motion."""
-MOST_MOVING = 0.6
-"""Share of these tracks that move, above which the sensor seems to move."""
-LEAST_TRACKS = 4
-"""Least number of these tracks for a note."""
+LONG_TRACK, MOST_MOVING, LEAST_TRACKS = 20, 0.6, 4
+"""Least number of sweeps of a track that counts for a note on motion; share of these tracks that move above which the
+sensor seems to move; least number of them."""
 
 
 @dataclass(slots=True)

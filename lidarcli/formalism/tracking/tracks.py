@@ -33,18 +33,13 @@ WHOLE_SIGHTINGS = 3
 """Sightings of both legs of a person, or both ends of a tracklet, that are enough."""
 KNOWN_SIZE_SD = 0.15
 """[m] Greatest standard deviation of a side that is known."""
-STRAIGHT_POINTS = 60.0
-"""Least number of points of faces that decide whether the faces are straight."""
-BULGE_SPREAD = 0.25
-"""Standard deviation of the logarithm of the squared distances from straight faces, over what noise explains."""
-LEGGED_ODDS = 20.0
-"""[log-odds] Advantage of the shape legged where legs were seen."""
-LEAST_SHAPE_ODDS = 0.2
-"""[log-odds] Least advantage of a shape over the next one."""
-LEG_DISTANCE_SD = 0.03
-"""[m] Standard deviation of the distance of two legs, of which the fronts are seen."""
-ONE_LEG = 0.1
-"""[m] Places that are closer together belong to one leg."""
+STRAIGHT_POINTS, BULGE_SPREAD = 60.0, 0.25
+"""Least number of points of faces that decide whether the faces are straight, and standard deviation of the logarithm of
+the squared distances from straight ones, over what noise explains."""
+LEGGED_ODDS, LEAST_SHAPE_ODDS = 20.0, 0.2
+"""[log-odds] Advantage of the shape legged where legs were seen, and least advantage of a shape over the next one."""
+LEG_DISTANCE_SD, ONE_LEG = 0.03, 0.1
+"""[m] Standard deviation of the distance of two legs, of which the fronts are seen; places closer than this are one leg."""
 RIGHT_ANGLE = 0.5 * math.pi
 
 
@@ -465,10 +460,9 @@ def joined(sweeps: Sweeps, pieces: list[Path]) -> Trajectories:
 
 MOST_LOOKS = 256
 """Greatest number of looks at a tracklet that are remembered."""
-HALF_WEIGHT_SWEEPS = 2.0
-"""Number of sweeps of a look that counts half."""
-SHARED_SD_SHARE = 0.4
-"""Share of the standard deviation of a size that all looks have in common."""
+HALF_WEIGHT_SWEEPS, SHARED_SD_SHARE = 2.0, 0.4
+"""Number of sweeps of a look that counts half, and share of the standard deviation of a size that all looks have in
+common."""
 LEAST_SIZE_SD = 0.003
 """[m] Least standard deviation of a size by the sweeps of one log."""
 SIZES = 3

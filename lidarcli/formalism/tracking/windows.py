@@ -39,18 +39,14 @@ ARRIVAL_SWEEPS = 8
 """A tracklet that is shown to move within so many sweeps has moved from the first one on."""
 LEFT_SDS = 2.0
 """A tracklet has left its first place beyond its size and so many standard deviations of both places."""
-STAYED_SIGHTINGS = 40
-"""Least number of sightings that show that a tracklet stayed."""
-MOST_COMPARED = 160
-"""Greatest number of sightings whose places are compared with each other."""
-STAYED_SECONDS = 6.0
-"""[s] Time before and after a moment, of which the places are compared."""
-STAYED_SHARE = 0.3
-"""Share of the pairs of places before and after a moment that are one, above which the tracklet stayed."""
-STEP_SHARE = 0.05
-"""Greatest share of all pairs before and after a moment at which a tracklet made a step for good …"""
-STEP_SIGHTINGS = 0.25
-"""… with at least this share of its sightings on either side."""
+STAYED_SIGHTINGS, MOST_COMPARED = 40, 160
+"""Least number of sightings that show that a tracklet stayed, and most whose places are compared with each other."""
+STAYED_SECONDS, STAYED_SHARE = 6.0, 0.3
+"""Time before and after a moment, of which the places are compared [s]: above this share of equal pairs the tracklet
+stayed."""
+STEP_SHARE, STEP_SIGHTINGS = 0.05, 0.25
+"""Greatest share of all pairs before and after a moment at which a tracklet made a step for good, with at least this share
+of its sightings on either side."""
 LEAST_TRAVEL = 0.1
 """Least share of the moments at which something on more legs than a person has leaves its places, if it moves."""
 LEGS_APART = 0.3
