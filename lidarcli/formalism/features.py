@@ -38,10 +38,8 @@ JUMP_LEAST, JUMP_MOST, HIDDEN, OPEN, WIDTH, REACH, BEAMS, ALIGNED, SUPPORT, SUPP
 LINE, LINE_BEHIND, DEPTH_BEHIND, LINE_BEFORE, UNBROKEN, CROSS_LINE, BULGE_TO, BULGE_AWAY, WALLS = range(11, 20)
 NOISE, GRAZING, PROTRUSION, ROUGHNESS, VIEW, RANGE, FLICKER, COUNT = range(20, 28)
 
-FAR = 3.0
-"""[m] The jump at an edge behind which nothing is seen; none counts as larger."""
-NEARER = -2.0
-"""[m] None counts as less."""
+FAR, NEARER = 3.0, -2.0
+"""[m] Greatest and least jump: the greatest is also that at an edge behind which nothing is seen."""
 BINS = 52
 """Depths before and behind a line that are told apart."""
 
@@ -199,10 +197,8 @@ def measure_outline(features: Features, survey: Survey, points: Points, segments
 # The directions of a building, and how much of a sweep lies on the lines of a body.
 
 RIGHT_ANGLE = 0.5 * math.pi
-KERNEL = math.radians(4.0)
-"""[rad] A face speaks for directions up to this far from its own."""
-CLOSE = math.radians(5.0)
-"""[rad] Faces this near to the best direction make it exact."""
+KERNEL, CLOSE = math.radians(4.0), math.radians(5.0)
+"""[rad] A face speaks for directions up to the first from its own; faces up to the second from the best make it exact."""
 DIRECTION_LENGTH, DIRECTION_POINTS = 0.25, 4
 """[m] Shorter faces, and those of fewer points, do not tell directions."""
 ALIGNED_LEAST, ALIGNED_MOST = math.tan(math.radians(5.0)), math.tan(math.radians(20.0))
@@ -382,12 +378,9 @@ BEHIND_FIRST, BEHIND_LAST = 3, 15
 """Bins behind the line in which a wall may lie from which the body stands out: 6 to 30 cm."""
 BEFORE_FIRST, BEFORE_LAST = 4, 25
 """Bins before it in which one may lie that has the body in its niche: 8 to 50 cm."""
-CROSSED = 2
-"""So many beams in a row that pass through a line end it."""
-SLANT = 0.015
-"""By so much a line may turn: m per m."""
-FRONT = 0.1
-"""A line is not followed where beams meet it at a lesser sine."""
+CROSSED, SLANT, FRONT = 2, 0.015, 0.1
+"""So many beams in a row that pass through a line end it; it may turn by so much, m per m; it is not followed where beams
+meet it at a lesser sine."""
 
 
 def measure_line(features: Features, points: Points, segments: Segments, faces: Faces, scans: Scans, k: int) -> None:

@@ -16,16 +16,13 @@ NAN = float("nan")
 TURN = 2.0 * math.pi
 TINY = 1e-9
 
-NEAREST_RANGE = 0.02
-"""Ranges below this are left out [m]."""
-FARTHEST_RANGE = 30.0
-"""Ranges above this are left out [m]: flat views of far walls say little of the place, and the map stays bounded."""
+NEAREST_RANGE, FARTHEST_RANGE = 0.02, 30.0
+"""Ranges below and above these are left out [m]: flat views of far walls say little of the place, and the map stays
+bounded."""
 GRAIN = 0.05
 """Distance between points of a sweep, and between surfels [m]."""
-MOST_POINTS = 400
-"""Points of a sweep that are used; of more, evenly chosen ones."""
-LEAST_POINTS = 15
-"""A sweep of fewer points has no pose."""
+MOST_POINTS, LEAST_POINTS = 400, 15
+"""Points of a sweep that are used, of more evenly chosen ones; a sweep of fewer than the least has no pose."""
 LINE_REACH = 0.12
 """Length of wall to each side of a point to which its line is fitted [m]."""
 MOST_NEIGHBOURS = 12
@@ -53,10 +50,8 @@ MOST_HITS = 20.0
 SAME_SIDE = 0.5
 """Cosine of the angle between two normals of one wall."""
 
-MOST_STEPS = 12
-"""Steps of an alignment for each scale."""
-SMALL_STEP = 3e-4
-"""An alignment has converged at a step below this [m, rad]."""
+MOST_STEPS, SMALL_STEP = 12, 3e-4
+"""Steps of an alignment for each scale; it has converged at a step below the second [m, rad]."""
 GREATEST_STEP, GREATEST_TURN = 0.5, 0.3
 """Limits of one step of an alignment [m, rad]."""
 LIES_OFF, SPEEDS_UP, TURNS_UP = 0.2, 0.3, 0.6
@@ -79,12 +74,9 @@ FITS_POINT = 0.08
 SHARP = 0.015
 """[m] Residuals below tell a sharp map from one of sweeps that are deskewed wrongly."""
 
-GOOD_FIT = 0.6
-"""Share of points that fit; below it, other turns are tried."""
-LEAST_FIT = 0.5
-"""Below this share a sweep has no pose."""
-BETTER = 0.03
-"""Another turn counts only if the share of points that fit is greater by this."""
+GOOD_FIT, LEAST_FIT, BETTER = 0.6, 0.5, 0.03
+"""Share of points that fit below which other turns are tried, below which a sweep has no pose, and by which another turn
+has to be better."""
 TRIED_TURN, TRIED_TURNS = 0.12, 4
 """Other turns are tried in steps of so much [rad], so many to each side, ..."""
 TRIED_POINTS, TRIED_REACH, TRIED_KERNEL = 60, 0.8, 0.15

@@ -300,9 +300,8 @@ def mark_vertices(points: Points, segments: Segments, inner: Any, extremum: Any)
 
 # What is known of each segment before anybody decides what it is.
 
-STRAIGHT = 0.02
-"""[m] A face may leave its chord by this much plus three times the noise."""
-STRAIGHT_NOISE = 3.0
+STRAIGHT, STRAIGHT_NOISE = 0.02, 3.0
+"""A face may leave its chord by this much [m] plus so many times the noise."""
 WALL_STRIDE, WALL_POINTS = 4, 32
 """Of a segment too wide for an object every fourth point is looked at, or as many as make 32: enough for its lines."""
 

@@ -139,10 +139,8 @@ MAP_MARGIN = 1
 
 FARTHEST_CELL = 1 << 32
 """Greatest distance of a cell from the origin of the world, in cells: 215,000 km at 5 cm."""
-MIN_TURN = math.radians(10.0)
-"""[rad] Turn after which a sweep counts again."""
-PAUSE_NS = 5_000_000_000
-"""[ns] Time after which a sweep counts again, as things may have gone."""
+MIN_TURN, PAUSE_NS = math.radians(10.0), 5_000_000_000
+"""Turn [rad] and time [ns] after which a sweep counts again, as things may have gone."""
 
 
 class TooLargeError(ValueError):

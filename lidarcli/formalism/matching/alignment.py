@@ -50,13 +50,10 @@ MOTION_REFINEMENTS = 6
 PAIR_TOLERANCE, LEAST_ALIKE, SHORTEST_PAIR = 0.3, -3.0, 0.3
 """Two pairs of the same things: greatest difference between their distances [m], least log-likelihood ratio of two things,
 and least distance between two things that give a direction [m]."""
-LEAST_IN_PLACE = 3
-"""Least number of things in place for a turn and a shift, as two pairs of the same distance are common. If the frames are
-the same, two are enough."""
-MOTION_PRIOR = 12.0
-"""Log-likelihood by which a turn and a shift have to be better than equal frames."""
-IN_PLACE_SDS = 4.0
-"""Greatest distance of a thing from its place, in standard deviations."""
+LEAST_IN_PLACE, MOTION_PRIOR, IN_PLACE_SDS = 3, 12.0, 4.0
+"""Least number of things in place for a turn and a shift, as two pairs of the same distance are common; for equal frames
+two are enough, and another motion has to be better by so much log-likelihood. Things are in place within so many
+deviations."""
 PROPOSALS_AT_ONCE = 256
 
 

@@ -42,12 +42,9 @@ INTENSITY_SHARE = 0.03
 """Share of the unknown things within the limits of intensity of an entry, which are meant for bright or dark things."""
 SMALLEST_SIZE, LARGEST_SIZE = 0.05, 2.0
 """[m] Range of the sizes of unknown things."""
-LEAST_FIT_SD = 0.001
-"""[m] Least standard deviation of a size."""
-LEAST_LARGER_SHARE = 0.05
-"""Least share of the unknown things that are larger than what was seen."""
-LEAST_DENSITY = 1e-300
-"""Least density, so that its logarithm is finite."""
+LEAST_FIT_SD, LEAST_LARGER_SHARE, LEAST_DENSITY = 0.001, 0.05, 1e-300
+"""Least standard deviation of a size [m], share of the unknown things that are larger than what was seen, and density, so
+that its logarithm is finite."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -26,12 +26,9 @@ SEEN_FREE = 3
 """Least number of sweeps that pass a place that was seen free."""
 FINEST = 0.05
 """[m] Cells of a map that are finer are taken together."""
-REACH = 0.6
-"""[m] Greatest distance to a nearest occupied point."""
-ON_LINE = 0.15
-"""[m] Half width of the windows in which lines are fitted to occupied points."""
-STRAIGHT = 0.1
-"""Greatest ratio of the variances across and along a line."""
+REACH, ON_LINE, STRAIGHT = 0.6, 0.15, 0.1
+"""Greatest distance to a nearest occupied point [m]; half width of the windows in which lines are fitted to occupied points
+[m]; greatest ratio of the variances across and along a line."""
 MOST_CELLS = 100_000_000
 """Most cells of several grounds together: those of the largest map at 5 cm."""
 FREE_SIDE = 300

@@ -121,7 +121,7 @@ class TrackEnd:
 
 
 def stitch(sightings: Any, new: list[Tracklet], tracklets: dict[int, Tracklet]) -> bool:
-    """Join pieces to tracks that have ended where the piece begins, or would be there by now; True if persons were."""
+    """Join new tracklets to tracks that ended near there, or would be there by now; return whether persons were joined."""
     # Legs begin and end with their persons.
     begins = [_first_end(sightings, tracklet) for tracklet in new if not tracklet.member]
     if not begins:
@@ -188,7 +188,7 @@ def stitch_costs(ends: list[TrackEnd], begins: list[TrackEnd]) -> Float64:
 
 
 def _is_over(earlier: TrackEnd, later: TrackEnd) -> bool:
-    """Return whether the whole track of the earlier piece was seen before the later piece only."""
+    """Return whether the whole track of the earlier piece ended before the later piece began."""
     track = earlier.tracklet.track
     if track is None:
         return earlier.tracklet is not later.tracklet

@@ -37,10 +37,9 @@ MOST_TURN, FASTEST_TURN = math.radians(15.0), 2.0
 """Greatest turn of a target from one sweep to the next [rad], and greatest turn rate [rad/s]."""
 UNSEEN_VAR = 0.0025
 """[m²] Variance that is added to the place of a standing target while it is not seen: (5 cm)²."""
-MOST_RESIDUAL = 16.0
-"""Greatest squared residual, as a multiple of its variance. A larger one counts as this."""
-LEAST_VAR = 1e-8
-"""[m²] Least variance, against rounding."""
+MOST_RESIDUAL, LEAST_VAR = 16.0, 1e-8
+"""Greatest squared residual, as a multiple of its variance: a larger one counts as this; least variance, against rounding
+[m²]."""
 NEW_EXTENT = 0.15
 """[m] Length that a new target may go on beyond an end that was not seen."""
 LOG_INTEGERS = ("number", "sweep", "object", "centred", "whole")
@@ -52,12 +51,9 @@ DELAY_SD, PLACE_SD = 0.2, 0.1
 """[s], [m] Standard deviations of the delay and of the place of the sensor at first."""
 LEAST_DELAY_VAR, LEAST_PLACE_VAR = 1e-4, 1e-5
 """[s²], [m²] Least variances of the delay, (10 ms)², and of the place of the sensor."""
-MOST_POSE_RESIDUAL = 9.0
-"""Greatest squared residual, as a multiple of its variance. A larger one is that of a target that moves."""
-POSE_SIDE_VAR = 1e-4
-"""[m²] Variance that is added to each side, because consecutive sightings depend on each other: (1 cm)²."""
-MOST_DELAY = 0.4
-"""[s] Greatest delay."""
+MOST_POSE_RESIDUAL, POSE_SIDE_VAR, MOST_DELAY = 9.0, 1e-4, 0.4
+"""Error of the poses: greatest squared residual, as a multiple of its variance, as a larger one is that of a target that
+moves; variance that is added to each side, because sightings depend on each other [m²]: (1 cm)²; greatest delay [s]."""
 
 
 class Targets:

@@ -20,18 +20,15 @@ from lidarcli.formalism.tracking.measurement import EdgeMeasurement, Measurement
 PRISMATIC = detection.PRISMATIC
 LEFT_VIEW, FREE, LOST = results.LEFT_VIEW, results.FREE, results.LOST
 CONFIRMED_SIGHTINGS, LEAST_WAY = results.CONFIRMED_SIGHTINGS, results.LEAST_WAY
-STEADY_LENGTH = 0.06
-"""[m] A target whose length seems to change by more than this is not seen as it is."""
-SAME_LENGTH = 0.2
-"""[m] A measurement whose length differs by more than this shows another piece, of a wall for example."""
+STEADY_LENGTH, SAME_LENGTH = 0.06, 0.2
+"""[m] A target whose length seems to change by more than the first is not seen as it is; by more than the second it is
+another piece, of a wall for example."""
 MOST_SWEEP_EVIDENCE, MOST_PARTIAL_EVIDENCE = 3.0, 2.0
 """[log-odds] Greatest evidence of one sweep, for or against motion, and of one with a hidden edge, for motion."""
-EVIDENCE_DECAY = 0.05
-"""[log-odds] Evidence that is lost in every sweep."""
+EVIDENCE_DECAY, MOST_EVIDENCE = 0.05, 60.0
+"""[log-odds] Evidence of motion that is lost in every sweep, and greatest evidence that is kept."""
 SETTLED_SIGHTINGS = 2
 """Sightings of the same kind after which a target gathers evidence."""
-MOST_EVIDENCE = 60.0
-"""[log-odds] Greatest evidence that is kept."""
 FREE_SHARE = 0.3
 """Least share of the points of a moving target that lie in space that was free."""
 OCCUPIED_SHARE, OCCUPIED_SWEEPS = 0.5, 2
@@ -45,14 +42,9 @@ MOST_POINTS = 16
 """Greatest number of points of a measurement that are compared with earlier sweeps."""
 EXISTENCE_AT_FIRST, EXISTENCE_GAIN = 0.3, 0.3
 """Probability that a new target exists, and the share of the doubt that each sighting takes away."""
-DETECTION_RATE = 0.9
-"""Probability that a target is seen where its place is in view."""
-LEAST_PASSING = 0.3
-"""Share of the beams at the core of a target that have to pass before they speak against it."""
-HIT_DOUBT = 0.1
-"""Probability that a target was missed although beams hit its place."""
-LEAST_EXISTENCE = 0.03
-"""Probability below which a target ends."""
+DETECTION_RATE, LEAST_PASSING, HIT_DOUBT, LEAST_EXISTENCE = 0.9, 0.3, 0.1, 0.03
+"""Probability that a target is seen where its place is in view; share of the beams at its core that have to pass before
+they speak against it; probability that it was missed although beams hit its place; probability below which it ends."""
 PASSING_MARGIN = 0.1
 """[m] Least distance by which beams end behind a target that they have passed."""
 PATIENCE_STILL, PATIENCE_MOVING = 30.0, 6.0

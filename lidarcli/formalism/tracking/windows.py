@@ -35,10 +35,9 @@ from lidarcli.sweeps import Bool, Float64, Int64, UInt8
 
 MOST_PLACED = 0.5
 """Share of the sweeps of a window with a known place of the sensor, above which places of before still hold."""
-ARRIVAL_SWEEPS = 8
-"""A tracklet that is shown to move within so many sweeps has moved from the first one on."""
-LEFT_SDS = 2.0
-"""A tracklet has left its first place beyond its size and so many standard deviations of both places."""
+ARRIVAL_SWEEPS, LEFT_SDS = 8, 2.0
+"""A tracklet that is shown to move within so many sweeps has moved from the first one on; one has left its first place
+beyond its size and so many standard deviations of both places."""
 STAYED_SIGHTINGS, MOST_COMPARED = 40, 160
 """Least number of sightings that show that a tracklet stayed, and most whose places are compared with each other."""
 STAYED_SECONDS, STAYED_SHARE = 6.0, 0.3
@@ -96,19 +95,19 @@ class TrackRegistry:
         self.naming = naming
         """Naming of tracks, if there is a catalogue."""
         self.tracklets: dict[int, Tracklet] = {}
-        """Tracklets by number, without those that have ended and to which no later one can be joined."""
+        """Tracklets by number; one that has ended stays as long as a later one may be joined to it."""
         self.tracks: list[Track] = []
         """Tracks by number."""
         self.sweeps = Sweeps()
         self.trajectories: list[Trajectories] = []
-        """Rows that are settled, those of what moves in the order of the windows."""
+        """Rows of settled windows that nobody has fetched yet, in the order of the windows."""
 
     def collect(self, tracklets: Targets) -> None:
-        """Copy the state of all tracklets that were seen often enough, and free the slots of those that have ended."""
+        """Copy the state of all confirmed targets, and free the slots of those that have ended."""
         arrays = tracklets.arrays
         state = arrays["state"][: tracklets.slots_used]
-        believed = (state != EMPTY) & (arrays["sightings"][: tracklets.slots_used] >= CONFIRMED_SIGHTINGS)
-        columns = columns_of(arrays, np.flatnonzero(believed))
+        confirmed = (state != EMPTY) & (arrays["sightings"][: tracklets.slots_used] >= CONFIRMED_SIGHTINGS)
+        columns = columns_of(arrays, np.flatnonzero(confirmed))
         for k, number in enumerate(columns["number"]):
             tracklet = self.tracklets.get(number)
             if tracklet is None:
@@ -119,7 +118,9 @@ class TrackRegistry:
         tracklets.slots_used = int(live[-1]) + 1 if len(live) else 0
 
     def settle(self, window: Window, recorded: Sightings) -> WindowResult:
-        """Return the results of a window, by its sightings and those of the next one."""
+        """Settle a window by its sightings and those of the next one: join tracklets to tracks, number them, smooth the
+        paths of what moves, and name the tracks. Return the results for its objects.
+        """
         stop = window.begin + window.count
         is_placed = float(self.sweeps.of(window.begin, stop)["placed"].mean()) > MOST_PLACED
         sightings = WindowSightings(recorded, self.tracklets, stop)
