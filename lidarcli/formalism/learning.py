@@ -5,6 +5,7 @@ Ranges are counted per station, beam and bin of 5 mm. The background is the surf
 
 from __future__ import annotations
 
+from dataclasses import fields
 from typing import Any
 
 import numpy as np
@@ -123,20 +124,17 @@ class Learning:
         shape = self.stations, self.grid.beams
         posed = ~np.isnan(self.poses.x)
         chosen = np.flatnonzero(posed if posed.any() else ~posed)
+        beams = {each.name: getattr(found, each.name).reshape(shape)[chosen] for each in fields(Estimate)}
         return Background(
             topic=self.topic,
             frame_id=self.frame_id,
             grid=self.grid,
             range_max=self.range_max if self.range_max > 0 else np.inf,
-            r_e=found.r_e.reshape(shape)[chosen],
-            r_near=found.r_near.reshape(shape)[chosen],
-            spread=found.spread.reshape(shape)[chosen],
-            support=found.support.reshape(shape)[chosen],
-            no_return=found.no_return.reshape(shape)[chosen],
             sweeps=self._sweeps[chosen],
             poses=self.poses.rows(chosen),
             distance=self.distance,
             angle=self.angle,
+            **beams,
         )
 
     def _stations(self, batch: SweepBatch) -> Int64:

@@ -395,23 +395,19 @@ def _described(found: Detection, batch: SweepBatch, difference: Float32, within:
         start = (found.s_i > found.d_th) & np.isin(found.visibility, (START_HIDDEN, BOTH_HIDDEN))
         end = (found.s_f < -found.d_th) & np.isin(found.visibility, (END_HIDDEN, BOTH_HIDDEN))
     hidden = np.array([FULL, START_HIDDEN, END_HIDDEN, BOTH_HIDDEN], np.uint8)[start + 2 * end]
-    return replace(
-        found,
-        visibility=np.where(found.visibility == CUT, CUT, hidden).astype(np.uint8),
-        difference=_medians(found, batch, np.where(within, difference, np.nan)),
-        change=np.full(len(found), change, np.int8),
-    )
-
-
-def _medians(found: Detection, batch: SweepBatch, values: Float32) -> Float64:
-    """Return (K,) the median of the (S, B) values over the beams of each object, without NaN."""
+    # The median difference over the beams of each object, without NaN.
     count = batch.beams - (batch.closure == Closure.SHARED)
     size = (found.beam_f - found.beam_i).astype(np.int64)
     size = np.where(size < 0, size + count[found.row], size) + 1
     beam, owner, _ = spans(found.beam_i.astype(np.int64), size)
     row = found.row[owner]
-    value = values[row, beam % count[row]]
-    return grouped_medians(value, owner, len(found))
+    values = np.where(within, difference, np.nan)[row, beam % count[row]]
+    return replace(
+        found,
+        visibility=np.where(found.visibility == CUT, CUT, hidden).astype(np.uint8),
+        difference=grouped_medians(values, owner, len(found)),
+        change=np.full(len(found), change, np.int8),
+    )
 
 
 def combine(first: Detection, second: Detection, rows: Int64) -> Detection:

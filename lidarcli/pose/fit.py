@@ -398,14 +398,7 @@ def _is_scaled(step: Steps, given: Steps) -> bool:
 def joined(
     stamp_ns: Int64, matched: Float64, pieces: Float64, given: Float64, cuts: tuple[tuple[int, int], ...]
 ) -> tuple[Int64, Float64, bool]:
-    """Join the parts of a given path between jumps by the matched path.
-
-    Parameters
-    ----------
-    stamp_ns : (S,) stamps at which the poses of the sweeps are given, increasing [ns]
-    matched, given : (S, 3) x, y, yaw, NaN where they are not known
-    pieces : (S,) number of the piece of the matched path
-    cuts : stamps of the given poses before and after each jump [ns]
+    """Join the parts of a given path between jumps by the matched path, as of `judge_poses`.
 
     Returns
     -------

@@ -224,8 +224,7 @@ class PoseSources:
     def _tree(self, topic: str) -> FrameTree:
         """Return the tree of frames for the sweeps of a topic."""
         if topic not in self._trees:
-            links = [track for track in self.tracks if track.is_link]
-            self._trees[topic] = FrameTree(links, topic, self._scans)
+            self._trees[topic] = FrameTree([track for track in self.tracks if track.is_link], topic, self._scans)
         return self._trees[topic]
 
     def _unasked(self, frame: str, topic: str) -> tuple[PoseChain | None, tuple[str, ...]]:
@@ -246,7 +245,13 @@ class PoseSources:
         alike = _alike([track for *_, track, _ in best]) if best[0][-1].assumption else ()
         if not alike:
             return best[0][-1], ()
-        mine = [(track.topic, chain) for *_, track, chain in best if _same_robot(frame, track)]
+        # Those with the prefix of the sensor's frame in their topic or frame: robot_1/laser, /robot_1.
+        prefix = f"{frame.rpartition('/')[0]}/"
+        mine = [
+            (track.topic, chain)
+            for *_, track, chain in best
+            if prefix != "/" and any(f"{name}/".startswith(prefix) for name in (track.topic.strip("/"), track.child))
+        ]
         if len({topic for topic, _ in mine}) == 1:
             return mine[0][1], ()
         return None, alike
@@ -306,13 +311,6 @@ def _alike(tracks: Sequence[Track]) -> tuple[str, ...]:
     robots = {robot for _, robot in publishers}
     topics = tuple(sorted({topic for topic, _ in publishers}))
     return topics if len(robots) > 1 and len(topics) > 1 else ()
-
-
-def _same_robot(frame: str, track: Track) -> bool:
-    """Return True if the frame of the sensor has the prefix of the topic or its frame: robot_1/laser, /robot_1."""
-    prefix = frame.rpartition("/")[0]
-    names = (track.topic.strip("/"), track.child)
-    return bool(prefix) and any(name == prefix or name.startswith(f"{prefix}/") for name in names)
 
 
 def _rank(track: Track) -> tuple[int, int] | None:
@@ -569,8 +567,7 @@ class TreeLevels:
 
     def __post_init__(self) -> None:
         """Find the links."""
-        links = [track for track in self.tracks if track.is_link]
-        self._tree = FrameTree(links, self.topic, self.scans)
+        self._tree = FrameTree([track for track in self.tracks if track.is_link], self.topic, self.scans)
 
     def of(self, frame_id: str, stamp_ns: Int64) -> Levelled | None:
         """Return the leveling of points of one frame at times (K,); None if unknown."""

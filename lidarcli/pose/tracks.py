@@ -224,6 +224,10 @@ class Track:
         return interpolate(stamp_ns, self.stamp_ns, self.motion, self.hold_ns)
 
 
+TrackKey = tuple[str, str, str, str]
+"""Topic, type, parent and child."""
+
+
 @dataclass(slots=True)
 class _Growing:
     """A track that is being read, in log order."""
@@ -259,7 +263,7 @@ class _Growing:
         self.numbers.append(numbers)
         return len(stamp_ns)
 
-    def finish(self, key: tuple[str, str, str, str]) -> Track:
+    def finish(self, key: TrackKey) -> Track:
         """Return the sorted track; of several poses at one stamp the last counts."""
         topic, kind, parent, child = key
         stamps, numbers = np.concatenate(self.stamps), np.concatenate(self.numbers)
@@ -289,7 +293,7 @@ class Tracks:
         self._waiting: dict[tuple[str, str, str], tuple[list[int], list[bytes]]] = {}
         """Topic, type and encoding → record times and messages."""
         self._bytes = 0
-        self._growing: dict[tuple[str, str, str, str], _Growing] = {}
+        self._growing: dict[TrackKey, _Growing] = {}
 
     def add(self, messages: Iterable[Message]) -> None:
         """Take messages in log order."""
@@ -331,9 +335,7 @@ class Tracks:
         for cause, count in refused.items():
             self.refused[(topic, cause)] += count
 
-    def _take(
-        self, key: tuple[str, str, str, str], parts: Sequence[PoseRows], record_ns: Int64, refused: Counter[str]
-    ) -> None:
+    def _take(self, key: TrackKey, parts: Sequence[PoseRows], record_ns: Int64, refused: Counter[str]) -> None:
         row = np.concatenate([part.row for part in parts])
         stamps = np.concatenate([part.stamp_ns for part in parts])
         numbers = np.concatenate([part.numbers for part in parts])
@@ -350,16 +352,10 @@ class Tracks:
         self._room -= self._growing.setdefault(key, _Growing()).add(stamps, numbers, record_ns[row])
 
 
-def gathered(
-    key: tuple[str, str, str, str], stamp_ns: Int64, numbers: Float64, record_ns: Int64, refused: Counter[str]
-) -> Track | None:
-    """Return a track of N poses; None without a usable one.
+def gathered(key: TrackKey, stamp_ns: Int64, numbers: Float64, record_ns: Int64, refused: Counter[str]) -> Track | None:
+    """Return a track of N poses, (N, 7) x, y, z [m] and the quaternion's x, y, z, w; None without a usable one.
 
-    Parameters
-    ----------
-    key : topic, type, parent and child
-    numbers : (N, 7) x, y, z [m] and the quaternion's x, y, z, w
-    refused : takes the causes of poses that say nothing, which are left out
+    `refused` counts the causes of poses that are left out.
     """
     keep = _usable(numbers, refused)
     if not keep.any():
