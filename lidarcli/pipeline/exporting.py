@@ -12,7 +12,7 @@ import pyarrow as pa
 from lidarcli.choices import TABLE_BY_SUFFIX
 from lidarcli.errors import OptionError, UnreadableError
 from lidarcli.newfiles import NewFiles, refuse
-from lidarcli.pipeline.inputs.files import files_named
+from lidarcli.pipeline.inputs.search import files_named
 from lidarcli.stores import Place
 from lidarcli.tabular.columns import in_unit
 from lidarcli.tabular.reading import HeldTable, Readable, read_as_is, schema_of

@@ -15,7 +15,7 @@ import pyarrow as pa
 
 from lidarcli.choices import CHANGE_STATUSES
 from lidarcli.errors import OptionError, UnreadableError
-from lidarcli.pipeline.inputs.files import Named, files_named
+from lidarcli.pipeline.inputs.search import Named, files_named
 from lidarcli.reports.columns import Origin, Rows
 from lidarcli.stores import Place, place
 from lidarcli.tabular.reading import (
