@@ -14,8 +14,8 @@ import pytest
 import lidarcli
 from lidarcli.errors import LidarcliError, OptionError, UnreadableError
 from lidarcli.masks import Circle, Mask, Masks, Mount, Polygon, Sector
-from lidarcli.pipeline.inputs.masks import mask_text, masks_of, plain, read_masks
 from lidarcli.pipeline.inputs.sources import Source, open_source
+from lidarcli.pipeline.inputs.zones import mask_text, masks_of, plain, read_masks
 from lidarcli.pipeline.reading.masking import MaskRules, masking_of
 from lidarcli.pipeline.reading.posing import PoseOptions
 from lidarcli.range_rules import RangeRules
@@ -133,11 +133,11 @@ CIRCLE = "[[mask]]\ncircle = { x = 0, y = 0, radius = 1 }\n"
         (CIRCLE + "[[mount]]\nframe = 'a'", "[[mount]] number 1: 'parent' is missing"),
         (
             CIRCLE + "[[mount]]\nframe = 'a'\nparent = '/a'",
-            "[[mount]] number 1: 'parent' leads back to the frame itself: a > a",
+            "[[mount]] number 1: 'parent' leads back to where it began, by the frames a",
         ),
         (
             CIRCLE + "".join(f"[[mount]]\nframe = '{a}'\nparent = '{b}'\n" for a, b in ("xa", "ab", "bc", "ca")),
-            "[[mount]] number 2: 'parent' leads back to the frame itself: a > b > c > a",
+            "[[mount]] number 1: 'parent' leads back to where it began, by the frames a, b, c, x",
         ),
         (CIRCLE + "[[zone]]", "the file: unknown key 'zone'"),
         ("mask = 3", "the file: 'mask' must be a list"),

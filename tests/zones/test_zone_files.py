@@ -96,8 +96,8 @@ REFUSALS = {
     CIRCLE + "[[zone]]\n": "z.toml: [[zone]] number 2: 'polygon' is missing: a zone is a polygon, circle or line",
     CIRCLE * 2: "z.toml: [[zone]] number 2: 'a' is there twice",
     CIRCLE + "[[mask]]\n": "z.toml: [[mask]] number 1: 'circle' is missing: a mask is a circle, polygon or sector",
-    CIRCLE + '[[mount]]\nframe = "a"\nparent = "a"\n': "z.toml: [[mount]] number 1: 'parent' leads back to the "
-    "frame itself: a > a",
+    CIRCLE + '[[mount]]\nframe = "a"\nparent = "a"\n': "z.toml: [[mount]] number 1: 'parent' leads back to "
+    "where it began, by the frames a",
     CIRCLE + '[[mount]]\nframe = "a"\n': "z.toml: [[mount]] number 1: 'parent' is missing",
     zone(name=""): PLACE + "'name' is missing",
     zone(name='"a b"'): PLACE + "the name 'a b' must be of letters, digits, _ and - only",

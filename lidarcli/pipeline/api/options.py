@@ -30,9 +30,9 @@ from lidarcli.masks import Masks
 from lidarcli.option_forms import Number, Option, Rule, defaults_of, options_of, python_words, refuse_combinations
 from lidarcli.options import RULES, Finding, Objects, Paths, parse_removed, parse_value
 from lidarcli.pipeline.inputs.catalogue import read_catalogue
-from lidarcli.pipeline.inputs.masks import AUTO, read_masks
 from lidarcli.pipeline.inputs.search import find_logs
 from lidarcli.pipeline.inputs.sources import MissingInput, Source
+from lidarcli.pipeline.inputs.zones import AUTO, read_masks
 from lidarcli.pipeline.reading.posing import NONE, PoseOptions
 from lidarcli.pipeline.runs.over_logs import LogProgress, summed
 from lidarcli.range_rules import RangeRules, parse_no_return
