@@ -87,12 +87,6 @@ def test_each_topic_has_a_node_of_its_own() -> None:
     assert len(re.findall("LaserScanSectorFilter", text)) == 2
 
 
-def test_without_masks_there_is_nothing_to_write() -> None:
-    assert filter_text(Masks(), [View("/scan", -1.5, 1.5)]) == ""
-    assert filter_text(Masks((Mask(Sector(-0.1, 0.1, 0.2, 0.3), "/scan"),)), []) == ""
-    assert mask_text(Masks(), Masks()) == ""
-
-
 def test_other_masks_are_refused() -> None:
     with pytest.raises(OptionError, match=r"sectors of bearings; write other masks to a \.toml file"):
         filter_text(Masks((Mask(Circle(0.1, 0.0, 0.3)),)), [View("/scan", -1.5, 1.5)])
