@@ -304,10 +304,16 @@ def put(path: Path, url: Url) -> None:
         stream.close()
 
 
-def remove(url: Url) -> None:
-    """Remove an object."""
-    with _errors(url, OutputError, "cannot remove "):
-        _system(url).delete_file(_path(url))
+def remove(where: Place) -> None:
+    """Remove a file or an object."""
+    if isinstance(where, Url):
+        with _errors(where, OutputError, "cannot remove "):
+            _system(where).delete_file(_path(where))
+        return
+    try:
+        where.unlink()
+    except OSError as err:
+        raise OutputError(f"cannot remove {where}: {err.strerror or err}") from err
 
 
 def _path(url: Url) -> str:

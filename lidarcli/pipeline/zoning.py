@@ -18,9 +18,9 @@ from lidarcli.logs.base import Log, ReadReport
 from lidarcli.masks import Circle, Masks, Polygon, same_name
 from lidarcli.newfiles import refuse, scratch_folder
 from lidarcli.pipeline.detecting import detect_to_temporary, second_half
+from lidarcli.pipeline.inputs.declared import plain
 from lidarcli.pipeline.inputs.sources import MissingInput, Source, open_source
 from lidarcli.pipeline.inputs.tables import TableSet, one_table_set, world_in
-from lidarcli.pipeline.inputs.zones import plain
 from lidarcli.pipeline.objects.detection import DetectOptions
 from lidarcli.pipeline.reading.masking import masking_of
 from lidarcli.pipeline.reading.one_log import Progress, Reading, RunSummary

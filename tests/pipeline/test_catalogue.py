@@ -14,7 +14,7 @@ import pytest
 import lidarcli
 from lidarcli.errors import OptionError, UnreadableError
 from lidarcli.formalism.matching.catalogue import Catalogue, Thing
-from lidarcli.pipeline.inputs.catalogue import read_catalogue
+from lidarcli.pipeline.inputs.declared import read_catalogue
 from tests.places import SAMPLES
 
 ROOM = SAMPLES / "room.mcap"
@@ -114,7 +114,7 @@ def test_what_a_catalogue_means(tmp_path: Path) -> None:
             "[[thing]]\nname = 'a'\nintensity_min = 5\nintensity_max = 4",
             "[[thing]] number 1: 'intensity_min' is above intensity_max: 5 and 4",
         ),
-        ("thing = [" + "{}," * 1001 + "]", "1,001 things are more than a catalogue may have (1,000)"),
+        ("thing = [" + "{}," * 1001 + "]", "the catalogue: 'thing' must be a list of 0 to 1,000 values"),
     ],
 )
 def test_what_is_refused(text: str, line: str, tmp_path: Path) -> None:

@@ -12,7 +12,7 @@ from ruamel.yaml import YAML
 
 from lidarcli.errors import OptionError
 from lidarcli.masks import Circle, Mask, Masks, Mount, Sector
-from lidarcli.pipeline.inputs.zones import View, filter_text, mask_text, read_masks
+from lidarcli.pipeline.inputs.declared import View, filter_text, mask_text, read_masks
 from lidarcli.sweeps import TURN, Bool, Float32, RawSweeps
 from tests.sweeping import raw_sweeps
 

@@ -14,8 +14,8 @@ import pytest
 import lidarcli
 from lidarcli.errors import LidarcliError, OptionError, UnreadableError
 from lidarcli.masks import Circle, Mask, Masks, Mount, Polygon, Sector
+from lidarcli.pipeline.inputs.declared import mask_text, masks_of, plain, read_masks
 from lidarcli.pipeline.inputs.sources import Source, open_source
-from lidarcli.pipeline.inputs.zones import mask_text, masks_of, plain, read_masks
 from lidarcli.pipeline.reading.masking import MaskRules, masking_of
 from lidarcli.pipeline.reading.posing import PoseOptions
 from lidarcli.range_rules import RangeRules

@@ -41,8 +41,8 @@ from lidarcli.logs.base import Log, OpenOptions, ReadReport
 from lidarcli.logs.batches import ReadOptions, read_batches
 from lidarcli.logs.options import TopicChoice
 from lidarcli.masks import Mask, Masks, Mount, Sector
+from lidarcli.pipeline.inputs.declared import mask_text
 from lidarcli.pipeline.inputs.sources import Source, open_source
-from lidarcli.pipeline.inputs.zones import mask_text
 from lidarcli.pipeline.reading.masking import MOST_SENSORS, STOOD_REACH, MaskRules, MovedPath, masking_of
 from lidarcli.pipeline.reading.path_check import CheckedPath
 from lidarcli.pipeline.reading.posing import NONE, Need, PoseAttacher, PoseOptions, of_one_run

@@ -76,14 +76,7 @@ def masking_of(
 ) -> MaskRules:
     """Return the rules for the ranges of a log, with its mask learned and placed where that is asked for.
 
-    Parameters
-    ----------
-    poses, topics : how to find out where the sensor was, and the topics that matter, by default all: for `--mask auto`
-
-    Raises
-    ------
-    OptionError
-        The mask is to be learned from a log that can be read only once.
+    `poses` and `topics`, by default all, are for `--mask auto`: `OptionError` of a log that can be read only once.
     """
     masks = rules.masks
     if masks is None:
@@ -356,7 +349,6 @@ def _runs(counts: _Counts, neighbours: float) -> list[Run]:
 
 
 def _described(runs: list[Run], proposed: bool) -> str:
-    """Return the note on some beams."""
     if not runs:
         return "no beam sees the robot itself"
     beams = counted(sum(map(len, runs)), "beam")

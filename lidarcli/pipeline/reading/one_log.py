@@ -21,8 +21,8 @@ from lidarcli.logs.batches import LogBatcher, ReadOptions
 from lidarcli.logs.options import TopicChoice, nothing_read
 from lidarcli.machine import Threads
 from lidarcli.masks import Masks
+from lidarcli.pipeline.inputs.declared import AUTO, masks_of, plain
 from lidarcli.pipeline.inputs.sources import Source, made_of_clouds, open_source, parts_of
-from lidarcli.pipeline.inputs.zones import AUTO, masks_of, plain
 from lidarcli.pipeline.reading.masking import masking_of
 from lidarcli.pipeline.reading.posing import Need, PoseAttacher, PoseOptions
 from lidarcli.range_rules import NO_RETURN_WORDS, RangeRules, count_statuses

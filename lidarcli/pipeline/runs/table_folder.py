@@ -117,7 +117,7 @@ class TableFolder:
         for old in self._other_days.pop(outcome.source, ()):
             if old not in outputs:
                 try:
-                    _remove(place(old))
+                    remove(place(old))
                 except OutputError as err:
                     notes.append(f"{err}; the log has another day now, and is there twice")
         return notes
@@ -185,16 +185,6 @@ def _state(where: Place) -> State:
     if found is None:
         raise UnreadableError(f"{where}: no such file")
     return found
-
-
-def _remove(where: Place) -> None:
-    if isinstance(where, Url):
-        remove(where)
-        return
-    try:
-        where.unlink()
-    except OSError as err:
-        raise OutputError(f"cannot remove {where}: {err.strerror or err}") from err
 
 
 def _notes(name: str) -> dict[str, str]:
