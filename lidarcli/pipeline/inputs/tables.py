@@ -10,12 +10,13 @@ from dataclasses import dataclass, replace
 from os import PathLike, fspath
 from typing import Any, NamedTuple
 
+import numpy as np
 import pyarrow as pa
 
 from lidarcli.choices import CHANGE_STATUSES
 from lidarcli.errors import OptionError, UnreadableError
 from lidarcli.pipeline.inputs.search import Named, files_named
-from lidarcli.reports.columns import Origin
+from lidarcli.reports.columns import Origin, Rows
 from lidarcli.stores import Place, place
 from lidarcli.tabular.reading import (
     MAKERS,
@@ -226,10 +227,13 @@ def read_tracks(table_set: TableSet, objects: pa.Table, columns: Iterable[str]) 
     return tracks
 
 
-def _numbers(table: pa.Table) -> set[tuple[str, int]]:
+def _numbers(table: pa.Table) -> set[tuple[str, float]]:
     """Return the tracks that rows are of: topic and number."""
-    tracks = table.select(["topic", "track"]).unify_dictionaries().group_by(["topic", "track"]).aggregate([])
-    return {(row["topic"], row["track"]) for row in tracks.to_pylist() if row["track"] is not None}
+    rows = Rows.join([table])
+    code, topics = rows.words("topic")
+    track = rows.numbers("track")
+    mine = [np.unique(track[(code == k) & ~np.isnan(track)]) for k in range(len(topics))]
+    return {(topic, number) for topic, numbers in zip(topics, mine, strict=True) for number in numbers.tolist()}
 
 
 def origin_of(table_set: TableSet, sweeps: pa.Table) -> Origin:
