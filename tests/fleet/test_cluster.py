@@ -128,21 +128,6 @@ def test_other_workers_are_refused(
     assert not (tmp_path / "out").exists()
 
 
-def test_ctrl_c_ends_the_tasks(
-    bags: Path, small: bytes, tmp_path: Path, scheduler: Callable[..., str], large_log: Path
-) -> None:
-    address = scheduler({})
-    out = tmp_path / "out"
-    running = begin("detect", large_log, "-o", out, "--cluster", address, env={**os.environ})
-    wait_until(lambda: [*out.glob(".lidarcli-*.part/*")], running)
-    running.send_signal(signal.SIGINT)
-    _, said = running.communicate(timeout=HANG)
-    assert running.returncode == 130
-    assert said.decode().splitlines()[-1] == "lidarcli: interrupted"
-    wait_until(lambda: not [*out.glob(".lidarcli-*")])
-    assert [*out.glob("*.parquet")] == []
-
-
 def test_ctrl_c_ends_a_cluster_of_our_own(bags: Path, tmp_path: Path, large_log: Path) -> None:
     out = tmp_path / "out"
     running = begin("detect", large_log, "-o", out, "--cluster", "local:1", env={**os.environ})

@@ -219,21 +219,18 @@ def _logs_named(text: str, left: Counter[str] | None) -> Logs:
         if named is Named.PATTERN:
             found = _logs_of_pattern(where)
             why = "" if found else _absent(where)
-        elif isinstance(where, Path) and is_one_log(where):
-            return [Source(text, log_name(where))]
         else:
             listed = _listed(where)
             found = _logs_below(listed, left)
+            if isinstance(where, Path) and [one.path for one in found if isinstance(one, Source)] == [str(where)]:
+                # The folder itself is one log.
+                return [Source(text, log_name(where))]
             is_there = not isinstance(where, Url) or listed.files
-            why = f"no log in this folder ({known_suffixes()})" if is_there else _absent(where)
+            known = " ".join(f"*{suffix}" for suffix in SUFFIXES)
+            why = f"no log in this folder (searched for {known})" if is_there else _absent(where)
     except UnreadableError as err:
         return [MissingInput(text, UnreadableError(str(err).removeprefix(f"{place(text)}: ").removeprefix(f"{text}: ")))]
     return found or [MissingInput(text, UnreadableError(why))]
-
-
-def known_suffixes() -> str:
-    """Return the suffixes that a search knows, for a message."""
-    return "searched for " + " ".join(f"*{suffix}" for suffix in SUFFIXES)
 
 
 def _logs_below(listed: _Listing, left: Counter[str] | None = None, pattern: Sequence[str] | None = None) -> Logs:
@@ -364,15 +361,8 @@ def stem_of(name: str) -> str:
     return name if known else PurePath(name).stem
 
 
-def is_one_log(folder: Path) -> bool:
-    """Return whether a folder is one log: a ROS 2 bag, or CSV files with one sweep each."""
-    try:
-        return _are_one_log(sorted(item for item in folder.iterdir() if item.is_file()))
-    except OSError:
-        return False
-
-
 def _are_one_log(files: Sequence[Place]) -> bool:
+    """Return whether the files of a folder are one log: a ROS 2 bag, or CSV files with one sweep each."""
     names = [file.name for file in files]
     if is_bag(names):
         return True

@@ -45,18 +45,14 @@ class Source:
         return found if isinstance(found, Url) else None
 
     @property
-    def is_pattern(self) -> bool:
-        """True where it was named by a pattern, which is no file or folder."""
-        if not self.files or (url := self.url) is None:
-            return bool(self.files)
-        return not all(file.startswith(f"{url}/") for file in self.files)
-
-    @property
     def file_name(self) -> str:
         """Name of its file or folder, without what is above; where it is no single one, its name for outputs."""
-        if self.is_stdin or self.is_pattern or self.parts:
+        url = self.url
+        # Of a store, files are also those of a folder.
+        is_pattern = bool(self.files) and not (url and all(file.startswith(f"{url}/") for file in self.files))
+        if self.is_stdin or is_pattern or self.parts:
             return PurePosixPath(self.name).name
-        return Path(self.path).absolute().name if (url := self.url) is None else url.name
+        return Path(self.path).absolute().name if url is None else url.name
 
     @property
     def label(self) -> str:
