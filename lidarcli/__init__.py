@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from lidarcli.pipeline.api.tracked import clean, diff, overlay, zones
     from lidarcli.pipeline.detecting import TrackTables
     from lidarcli.pipeline.differing import Difference
-    from lidarcli.pipeline.inputs.catalogue import read_catalogue
+    from lidarcli.pipeline.inputs.declared import read_catalogue
     from lidarcli.pipeline.zoning import ZoneTables
     from lidarcli.simulation.run import Simulated
     from lidarcli.sweeps import Status, SweepBatch, SweepPoses
@@ -52,7 +52,7 @@ _HOMES = {
     "lidarcli.pipeline.api.tracked": ("clean", "diff", "overlay", "zones"),
     "lidarcli.pipeline.detecting": ("TrackTables",),
     "lidarcli.pipeline.differing": ("Difference",),
-    "lidarcli.pipeline.inputs.catalogue": ("read_catalogue",),
+    "lidarcli.pipeline.inputs.declared": ("read_catalogue",),
     "lidarcli.pipeline.zoning": ("ZoneTables",),
     "lidarcli.simulation.run": ("Simulated",),
     "lidarcli.sweeps": ("Status", "SweepBatch", "SweepPoses"),

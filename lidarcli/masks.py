@@ -118,32 +118,6 @@ class Mount:
     upside_down: bool = False
 
 
-class _Part(NamedTuple):
-    """Sweeps of some geometries."""
-
-    ranges: Float32
-    masked: Bool
-    """(S, B) of all sweeps, to write to."""
-    rows: NDArray[np.intp]
-    """(K,) those that are meant."""
-    which: NDArray[np.intp]
-    """(K,) their geometries."""
-
-    def mark(self, least: Float64, most: Float64) -> None:
-        """Mark the ranges within a stretch of the beams (G, B)."""
-        columns = np.flatnonzero((least <= most).any(axis=0))
-        if not len(columns):
-            return
-        # Ranges are float32: the edge of a circle of 0.3 m is where they say 0.3.
-        low, high = (edge[:, columns].astype(np.float32) for edge in (least, most))
-        if len(low) > 1:
-            low, high = low[self.which], high[self.which]
-        here = np.ix_(self.rows, columns)
-        values = self.ranges[here]
-        with np.errstate(invalid="ignore"):
-            self.masked[here] |= (values >= low) & (values <= high)
-
-
 @dataclass(frozen=True, slots=True)
 class Masks:
     """The masks of a log, and where its sensors are mounted. A leading slash of a name does not matter."""
@@ -171,11 +145,17 @@ class Masks:
             # Most sweeps of a sensor have one geometry.
             geometry = np.column_stack([raw.angle_min[rows], raw.angle_increment[rows]])
             geometry, which = np.unique(geometry, axis=0, return_inverse=True)
-            some = max(_TOGETHER // max(ranges.shape[1], 1), 1)
+            which, some = which.reshape(-1), max(_TOGETHER // max(ranges.shape[1], 1), 1)
             for first in range(0, len(geometry), some):
-                here = (which.reshape(-1) >= first) & (which.reshape(-1) < first + some)
-                part = _Part(ranges, masked, rows[here], which.reshape(-1)[here] - first)
-                self._mark(part, masks, raw.frame_ids[code], geometry[first : first + some])
+                angle_min, increment = geometry[first : first + some].T
+                bearing = angle_min[:, None] + increment[:, None] * np.arange(ranges.shape[1])
+                mine = np.flatnonzero((which >= first) & (which < first + some))
+                rays: dict[str, Rays] = {}
+                for mask in masks:
+                    if mask.frame not in rays:
+                        rays[mask.frame] = self._rays(mask.frame, raw.frame_ids[code], bearing)
+                    for least, most in mask.shape.spans(rays[mask.frame]):
+                        _mark(masked, ranges, rows[mine], which[mine] - first, (least, most))
         return masked
 
     def hide(self, batch: SweepBatch, bearing: Float64, distance: Float64) -> Bool:
@@ -192,16 +172,6 @@ class Masks:
     def _of_topic(self, topic: str) -> list[Mask]:
         return [mask for mask in self.masks if not mask.topic or same_name(mask.topic, topic)]
 
-    def _mark(self, part: _Part, masks: list[Mask], sensor: str, geometry: Float64) -> None:
-        """Mark what is under masks in sweeps of some geometries (G, 2)."""
-        bearing = geometry[:, :1] + geometry[:, 1:] * np.arange(part.ranges.shape[1])
-        rays: dict[str, Rays] = {}
-        for mask in masks:
-            if mask.frame not in rays:
-                rays[mask.frame] = self._rays(mask.frame, sensor, bearing)
-            for least, most in mask.shape.spans(rays[mask.frame]):
-                part.mark(least, most)
-
     def _rays(self, frame: str, sensor: str, bearing: Float64) -> Rays:
         """Return the beams of a sensor in a frame."""
         here = mounted(self.mounts, sensor, frame)
@@ -212,6 +182,21 @@ class Masks:
             )
         direction = here.yaw + (-1.0 if here.upside_down else 1.0) * bearing
         return Rays(here.x, here.y, bearing, np.cos(direction), np.sin(direction))
+
+
+def _mark(masked: Bool, ranges: Float32, rows: NDArray[np.intp], which: NDArray[np.intp], span: Span) -> None:
+    """Mark the ranges of rows (K,) that lie within a stretch of the beams of their geometries (K,)."""
+    columns = np.flatnonzero((span[0] <= span[1]).any(axis=0))
+    if not len(columns):
+        return
+    # Ranges are float32: the edge of a circle of 0.3 m is where they say 0.3.
+    low, high = (edge[:, columns].astype(np.float32) for edge in span)
+    if len(low) > 1:
+        low, high = low[which], high[which]
+    here = np.ix_(rows, columns)
+    values = ranges[here]
+    with np.errstate(invalid="ignore"):
+        masked[here] |= (values >= low) & (values <= high)
 
 
 def mounted(mounts: Sequence[Mount], sensor: str, frame: str) -> Mount | None:

@@ -142,14 +142,6 @@ def _without_user(found: re.Match[str]) -> str:
     return found[0] if known and ":" not in name else f"{found[1]}:{found[2]}...@"
 
 
-def _refuse_scheme(text: str) -> None:
-    """Refuse what is meant as a URL and would be taken for a path, with a folder named `http:`."""
-    scheme, mark, _ = text.partition("://")
-    if mark and scheme.isalnum() and len(scheme) > 1:
-        known = ", ".join(f"{each}://" for each in SCHEMES)
-        raise OptionError(f"{text}: {scheme}:// is not supported; give a path, or a URL of {known}")
-
-
 def place(text: str | PathLike[str] | Url) -> Place:
     """Return the path or the URL that a name stands for.
 
@@ -164,7 +156,11 @@ def place(text: str | PathLike[str] | Url) -> Place:
     if isinstance(text, Url):
         return text
     if not is_url(text):
-        _refuse_scheme(fspath(text))
+        scheme, mark, _ = fspath(text).partition("://")
+        # It would be a path with a folder named `http:`.
+        if mark and scheme.isalnum() and len(scheme) > 1:
+            known = ", ".join(f"{each}://" for each in SCHEMES)
+            raise OptionError(f"{fspath(text)}: {scheme}:// is not supported; give a path, or a URL of {known}")
         return Path(text)
     _refuse_bytes(fspath(text))
     found = _URL.fullmatch(fspath(text))
@@ -295,27 +291,29 @@ def put(path: Path, url: Url) -> None:
     what there is of it by then would appear.
     """
     with _errors(url, OutputError, "cannot write "):
-        data = _mapped(path)
+        import pyarrow as pa
+
+        # One write of all of it is sent in parts, of which few are in memory; nothing is mapped of an empty file.
+        data = pa.py_buffer(b"")
+        if path.stat().st_size:
+            with pa.memory_map(os.fsdecode(path)) as file:
+                data = file.read_buffer()
         stream = _system(url).open_output_stream(_path(url), compression=None)
         stream.write(data)
         # A small object is sent only now, and what is wrong with it comes out here.
         stream.close()
 
 
-def remove(url: Url) -> None:
-    """Remove an object."""
-    with _errors(url, OutputError, "cannot remove "):
-        _system(url).delete_file(_path(url))
-
-
-def _mapped(path: Path) -> pa.Buffer:
-    """Return the bytes of a file; one write of all of them is sent in parts, of which few are in memory."""
-    import pyarrow as pa
-
-    if not path.stat().st_size:
-        return pa.py_buffer(b"")
-    with pa.memory_map(os.fsdecode(path)) as file:
-        return file.read_buffer()
+def remove(where: Place) -> None:
+    """Remove a file or an object."""
+    if isinstance(where, Url):
+        with _errors(where, OutputError, "cannot remove "):
+            _system(where).delete_file(_path(where))
+        return
+    try:
+        where.unlink()
+    except OSError as err:
+        raise OutputError(f"cannot remove {where}: {err.strerror or err}") from err
 
 
 def _path(url: Url) -> str:
@@ -324,11 +322,11 @@ def _path(url: Url) -> str:
 
 
 def _system(url: Url) -> fs.FileSystem:
-    return _made(url.scheme, url.bucket)
+    return _system_of(url.scheme, url.bucket)
 
 
 @cache
-def _made(scheme: str, bucket: str) -> fs.FileSystem:
+def _system_of(scheme: str, bucket: str) -> fs.FileSystem:
     """Return the file system of a bucket, set up by the environment variables of the stores."""
     try:
         return {"s3": _s3, "gs": _gcs}.get(scheme, _azure)(bucket)

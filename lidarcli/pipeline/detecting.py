@@ -154,7 +154,7 @@ def detect_stream(
 
     `name` is what errors call the stream.
     """
-    from lidarcli.tabular.stream import FORMATS, CountingOutput
+    from lidarcli.tabular.writing import FORMATS, CountingOutput
 
     guard = CountingOutput(out, name)
     parameters = options.as_dict()

@@ -89,8 +89,7 @@ from lidarcli.sweeps import Float64, Int64, Status, SweepPoses
 from lidarcli.tabular.background import read_background
 from lidarcli.tabular.reading import TopicRows, column_names
 from lidarcli.tabular.schemas import BACKGROUND, CHANGES
-from lidarcli.tabular.stream import write_stream
-from lidarcli.tabular.writing import ALIGNMENT, CHANGE_FIGURES, SOURCE, table_metadata
+from lidarcli.tabular.writing import ALIGNMENT, CHANGE_FIGURES, SOURCE, table_metadata, write_stream
 from lidarcli.times import SECOND_NS
 
 AUTO, AS_IS, _ = ALIGN

@@ -12,12 +12,11 @@ import pyarrow as pa
 from lidarcli.choices import TABLE_BY_SUFFIX
 from lidarcli.errors import OptionError, UnreadableError
 from lidarcli.newfiles import NewFiles, refuse
-from lidarcli.pipeline.inputs.files import files_named
+from lidarcli.pipeline.inputs.search import files_named
 from lidarcli.stores import Place
 from lidarcli.tabular.columns import in_unit
 from lidarcli.tabular.reading import HeldTable, Readable, read_as_is, schema_of
-from lidarcli.tabular.stream import write_stream
-from lidarcli.tabular.writing import Output
+from lidarcli.tabular.writing import Output, write_stream
 
 MOST_COLUMNS = 1000
 """Most columns that are written: tables of lidarcli have 50; each column of others takes time and memory."""

@@ -23,7 +23,7 @@ from lidarcli.logs.options import TopicChoice, nothing_read, scan_topics
 from lidarcli.logs.piles import NoReturnDetector
 from lidarcli.logs.scan_checks import MOST, MOST_TOPICS, LogStats, ScanChecks, repeated_topics
 from lidarcli.masks import Masks
-from lidarcli.pipeline.inputs.masks import View, filter_text, mask_text
+from lidarcli.pipeline.inputs.declared import View, filter_text, mask_text
 from lidarcli.pipeline.inputs.sources import MissingInput, Source, made_of_clouds, open_source, parts_of
 from lidarcli.pipeline.reading.masking import masking_of
 from lidarcli.pipeline.reading.one_log import damage_lines

@@ -18,7 +18,7 @@ from lidarcli.logs.base import Log, ReadReport
 from lidarcli.masks import Circle, Masks, Polygon, same_name
 from lidarcli.newfiles import refuse, scratch_folder
 from lidarcli.pipeline.detecting import detect_to_temporary, second_half
-from lidarcli.pipeline.inputs.masks import plain
+from lidarcli.pipeline.inputs.declared import plain
 from lidarcli.pipeline.inputs.sources import MissingInput, Source, open_source
 from lidarcli.pipeline.inputs.tables import TableSet, one_table_set, world_in
 from lidarcli.pipeline.objects.detection import DetectOptions

@@ -80,16 +80,6 @@ def read_background(path: Place) -> tuple[list[Background], dict[str, Any]]:
             f"{path}: no {GEOMETRY} in its metadata, which other programs leave out when they write a table; "
             "build it again with lidarcli background build"
         )
-    _refuse_ranges(path, table)
-    try:
-        sensors = _sensors(table, _parsed(notes[GEOMETRY]))
-    except ValueError as err:
-        raise UnreadableError(f"{path}: its geometry and its rows do not agree; build it again") from err
-    return sensors, _making(notes) | {VERSION: notes.get(VERSION, "")}
-
-
-def _refuse_ranges(path: Place, table: pa.Table) -> None:
-    """Refuse ranges that are too small, and negative figures."""
     for name in _PER_BEAM:
         least = NEAREST if name.startswith("r_") else 0.0
         wrong = (values := _values(table, name)) < least
@@ -97,14 +87,14 @@ def _refuse_ranges(path: Place, table: pa.Table) -> None:
             raise UnreadableError(
                 f"{path}: column {name} holds {values[wrong][0]:g}; the least that it can be is {least:g}"
             )
-
-
-def _making(notes: Mapping[str, str]) -> dict[str, Any]:
-    """Return the metadata on the making of a background, as far as it can be read."""
+    try:
+        sensors = _sensors(table, parsed(notes[GEOMETRY]))
+    except ValueError as err:
+        raise UnreadableError(f"{path}: its geometry and its rows do not agree; build it again") from err
     logs = [log for log in note_value(notes, SOURCE, list) if isinstance(log, dict)]
     damage = [str(line) for line in note_value(notes, DAMAGE, list)]
     making = {PARAMETERS: note_value(notes, PARAMETERS, dict), SOURCE: logs, DAMAGE: damage}
-    return {key: value for key, value in making.items() if value}
+    return sensors, {key: value for key, value in making.items() if value} | {VERSION: notes.get(VERSION, "")}
 
 
 def _geometry(sensor: Background) -> dict[str, Any]:
@@ -121,14 +111,6 @@ def _geometry(sensor: Background) -> dict[str, Any]:
         "station_distance": sensor.distance,
         "station_angle": sensor.angle,
     }
-
-
-def _parsed(text: str) -> list[dict[str, Any]]:
-    """Return the geometry of every sensor (`ValueError` where it is none)."""
-    entries = parsed(text)
-    if not isinstance(entries, list):
-        raise ValueError("no geometry")
-    return [_entry(entry) for entry in entries]
 
 
 def _entry(entry: Any) -> dict[str, Any]:
@@ -158,7 +140,11 @@ def _entry(entry: Any) -> dict[str, Any]:
     return found
 
 
-def _sensors(table: pa.Table, geometries: list[dict[str, Any]]) -> list[Background]:
+def _sensors(table: pa.Table, entries: Any) -> list[Background]:
+    """Return the sensors of the rows of a table by their geometry (`ValueError` where it is none)."""
+    if not isinstance(entries, list):
+        raise ValueError("no geometry")
+    geometries = [_entry(entry) for entry in entries]
     rows = [entry["stations"] * entry["beams"] for entry in geometries]
     if sum(rows) != table.num_rows:
         raise ValueError("rows are missing")

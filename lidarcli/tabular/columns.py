@@ -56,7 +56,8 @@ def floats(values: NDArray[np.floating[Any]], kind: pa.DataType | None = None) -
     # What single precision cannot hold, such as a bearing of a broken header, is infinite.
     with np.errstate(over="ignore"):
         numbers = np.ascontiguousarray(values, kind.to_pandas_dtype())
-    if not any_nan(numbers):
+    # The minimum is NaN where any value is: one pass, where `isnan(...).any()` takes two.
+    if not math.isnan(np.minimum.reduce(numbers, initial=0.0)):
         return plain(numbers, kind)
     return _array(numbers, ~np.isnan(numbers), kind)
 
@@ -136,12 +137,6 @@ def are(column: pa.DictionaryArray | pa.ChunkedArray, word: str) -> NDArray[np.b
 def _bits(data: pa.Buffer) -> NDArray[np.bool_]:
     found: NDArray[np.bool_] = np.unpackbits(np.frombuffer(data, np.uint8), bitorder="little").view(bool)
     return found
-
-
-def any_nan(values: NDArray[np.floating[Any]]) -> bool:
-    """Return whether any of the (K,) values is NaN."""
-    # The minimum is NaN where any value is: one pass, where `isnan(...).any()` takes two.
-    return math.isnan(np.minimum.reduce(values, initial=0.0))
 
 
 def spelled(codes: NDArray[np.uint8], names: tuple[bytes, ...]) -> tuple[NDArray[np.int32], NDArray[np.uint8]]:
@@ -336,10 +331,7 @@ def tracked_objects(
 ) -> pa.RecordBatch:
     """Return rows of the objects table, completed by the tracking; `labels` are the names in the catalogue.
 
-    Parameters
-    ----------
-    walls : whether bodies in set S have rows, too
-    tracks : whether the columns on tracks are filled
+    With `walls` bodies in set S have rows, too; without `tracks` the columns on tracks stay as they are.
     """
     sets = followed.set
     columns: dict[str, Any] = {"object": followed.object, "shape": followed.shape, "thing": followed.thing}

@@ -77,14 +77,7 @@ Readable = Place | HeldTable
 
 
 def read_columns(path: Readable, kind: str, schema: pa.Schema, names: Iterable[str] | None = None) -> pa.Table:
-    """Read columns of a table in their declared types, with its metadata.
-
-    Parameters
-    ----------
-    path : the file
-    kind : `objects`, `sweeps`, `tracks`, `beams` or `background`, as `schemas.NULLABLE` has it
-    schema : that of the kind
-    names : columns to read, by default all of the schema
+    """Read columns of a table in their declared types, by default all of the schema of its kind, with its metadata.
 
     Raises
     ------
@@ -94,8 +87,8 @@ def read_columns(path: Readable, kind: str, schema: pa.Schema, names: Iterable[s
     """
     wanted = read_schema(schema, names)
     with _opened(path, kind) as file:
-        there = _columns_there(path, kind, file.schema_arrow.names, wanted)
-        found = file.read(columns=there, use_threads=False)
+        _refuse_columns(path, kind, file.schema_arrow.names, wanted)
+        found = file.read(columns=wanted.names, use_threads=False)
         columns = [_fitted(path, kind, field, found[field.name]) for field in wanted]
         return pa.Table.from_arrays(columns, schema=wanted.with_metadata(file.schema_arrow.metadata))
 
@@ -104,8 +97,8 @@ def read_pieces(path: Readable, kind: str, schema: pa.Schema, names: Iterable[st
     """Yield columns as `read_columns` does, piece by piece, for a table that may be large."""
     wanted = read_schema(schema, names)
     with _opened(path, kind) as file:
-        there = _columns_there(path, kind, file.schema_arrow.names, wanted)
-        for rows in file.iter_batches(columns=there, use_threads=False):
+        _refuse_columns(path, kind, file.schema_arrow.names, wanted)
+        for rows in file.iter_batches(columns=wanted.names, use_threads=False):
             columns = [
                 _fitted(path, kind, field, pa.chunked_array([rows[field.name]])).combine_chunks() for field in wanted
             ]
@@ -143,8 +136,7 @@ def notes_of(table: pa.Table) -> dict[str, str]:
 
 
 def _as_text(metadata: dict[bytes, bytes] | None) -> dict[str, str]:
-    notes = metadata or {}
-    return {key.decode("utf-8", "replace"): value.decode("utf-8", "replace") for key, value in notes.items()}
+    return {key.decode("utf-8", "replace"): value.decode("utf-8", "replace") for key, value in (metadata or {}).items()}
 
 
 def parsed(text: str) -> Any:
@@ -240,8 +232,8 @@ def _nullable(field: pa.Field) -> pa.Field:
     return field.with_type(kind).with_nullable(True)
 
 
-def _columns_there(path: Readable, kind: str, there: list[str], wanted: pa.Schema) -> list[str]:
-    """Return the wanted columns that a file has; refuse one that is missing or there twice."""
+def _refuse_columns(path: Readable, kind: str, there: list[str], wanted: pa.Schema) -> None:
+    """Refuse a file in which a wanted column is missing, or there twice."""
     missing = sorted(name for name in wanted.names if name not in there)
     if missing and isinstance(path, HeldTable):
         raise UnreadableError(f"{path} (in memory): no column {', '.join(missing)}; leave the table all of its columns")
@@ -257,7 +249,6 @@ def _columns_there(path: Readable, kind: str, there: list[str], wanted: pa.Schem
     twice = [name for name in wanted.names if there.count(name) > 1]
     if twice:
         raise UnreadableError(f"{path}: column {twice[0]} is there {there.count(twice[0])} times, not once")
-    return [name for name in wanted.names if name in there]
 
 
 def _fitted(path: Readable, kind: str, field: pa.Field, column: pa.ChunkedArray) -> pa.ChunkedArray:
@@ -304,17 +295,12 @@ def _cast(column: pa.ChunkedArray, wanted: pa.DataType) -> pa.ChunkedArray:
             return column
         return column.cast(pa.string()).dictionary_encode().cast(wanted)
     if pa.types.is_floating(column.type):
-        column = _without_nan(column)
+        import pyarrow.compute as pc
+
+        nan = pc.is_nan(column)
+        if pc.any(nan).as_py():
+            column = pc.if_else(nan, pa.scalar(None, column.type), column)
     return column if column.type.equals(wanted) else column.cast(wanted)
-
-
-def _without_nan(column: pa.ChunkedArray) -> pa.ChunkedArray:
-    import pyarrow.compute as pc
-
-    nan = pc.is_nan(column)
-    if not pc.any(nan).as_py():
-        return column
-    return pc.if_else(nan, pa.scalar(None, column.type), column)
 
 
 def _refuse_values(place: str, field: pa.Field, column: pa.ChunkedArray) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from functools import partial
 
 import pyarrow as pa
 
@@ -55,6 +56,7 @@ VERTICES, FACES = (_list(pa.struct([field_of(COLUMNS[name]) for name in fields_p
 
 _FOLLOWED, _TRACKS, _TRAJECTORIES = map(columns_of, (TrackedBatch, Tracks, Trajectories))
 
+_open = partial(Column, nullable=True)
 _LOG = Column("log", "text", "", "log the sweep comes from")
 _TOPIC = Column("topic", "text", "", "LaserScan topic")
 _FRAME = Column("frame_id", "text", "", "sensor frame of the sweep")
@@ -65,15 +67,12 @@ _BEAM = Column("beam", "int32", "1", "index of the beam in its sweep, from 0")
 BEAM_OF_SENSOR = Column("beam", "int32", "1", "index of the beam, from 0")
 _THETA = Column("theta", "float32", "rad", "bearing of the beam")
 _POSE = (
-    *(
-        Column(f"pose_{axis}", "float64", "m", "sensor position in the world frame; null without a pose", nullable=True)
-        for axis in "xy"
-    ),
-    Column("pose_yaw", "float64", "rad", "sensor yaw in the world frame; null without a pose", nullable=True),
+    *(_open(f"pose_{axis}", "float64", "m", "sensor position in the world frame; null without a pose") for axis in "xy"),
+    _open("pose_yaw", "float64", "rad", "sensor yaw in the world frame; null without a pose"),
 )
 EVENT_KINDS = ("occupied", "approach", "visit", "crossing", "stale")
 DIRECTIONS = ("in", "out")
-_NAME = Column("label", "text", "", "its name in the catalogue; null without one", nullable=True)
+_NAME = _open("label", "text", "", "its name in the catalogue; null without one")
 _ZONE = Column("zone", "text", "", "name of the zone")
 _LABEL, _LABEL_SCORE = COLUMNS["label"], COLUMNS["label_score"]
 _STATUSES = {
@@ -95,17 +94,13 @@ TABLES: dict[str, tuple[Column, ...]] = {
         *(COLUMNS["difference"], COLUMNS["change"]),
         *_between(_FOLLOWED, "track", "moving"),
         *(COLUMNS["thing"], _LABEL, _LABEL_SCORE),
-        *(
-            Column(f"world_{axis}", "float64", "m", "box centre in the world frame; null without a pose", nullable=True)
-            for axis in "xy"
-        ),
-        Column("world_yaw", "float64", "rad", "box yaw in the world frame; null without a pose", nullable=True),
-        Column(
+        *(_open(f"world_{axis}", "float64", "m", "box centre in the world frame; null without a pose") for axis in "xy"),
+        _open("world_yaw", "float64", "rad", "box yaw in the world frame; null without a pose"),
+        _open(
             "why",
             "string",
             "",
             "what each kind of evidence of this sweep adds to the log-odds of a thing; null without --explain",
-            nullable=True,
         ),
     ),
     "sweeps": (
@@ -132,7 +127,7 @@ TABLES: dict[str, tuple[Column, ...]] = {
     "trajectories": (*(_LOG, _TOPIC, _SWEEP, _STAMP, _SECONDS), *_TRAJECTORIES.values()),
     "beams": (
         *(_LOG, _TOPIC, _SWEEP, _BEAM, _THETA),
-        Column("r", "float32", "m", "range; null where the beam has none", nullable=True),
+        _open("r", "float32", "m", "range; null where the beam has none"),
         Column("status", "text", "", "valid, no_return, too_close, invalid or masked", words=STATUSES),
         *(COLUMNS[name] for name in ("beam_s", "beam_set", "beam_object", "beam_difference")),
     ),
@@ -147,53 +142,39 @@ TABLES: dict[str, tuple[Column, ...]] = {
         _ZONE,
         Column("kind", "text", "", "occupied, approach, visit, crossing or stale", words=EVENT_KINDS),
         Column("action", "text", "", "what the zone asks for: stop, slowdown, limit, approach or none", words=ACTIONS),
-        Column("polygon", "text", "", "part of a velocity_polygon that counted; null elsewhere", nullable=True),
+        _open("polygon", "text", "", "part of a velocity_polygon that counted; null elsewhere"),
         Column("start", "stamp", "ns", "stamp with which it begins"),
         Column("end", "stamp", "ns", "last stamp that belongs to it"),
         Column("t", "float64", "s", "begin, in seconds since the first sweep of the log's zones"),
         Column("duration", "float64", "s", "from start to end"),
         Column("cut", "bool", "", "true where it goes on at an end of the log"),
-        Column("points", "int32", "1", "most points at once; null where none are counted", nullable=True),
-        Column("agents", "int32", "1", "most agents at once; null without tracks", nullable=True),
-        Column("nearest", "float64", "m", "least distance from the sensor; null where nothing is measured", nullable=True),
-        Column("bearing", "float64", "rad", "bearing there, seen from the sensor; null like `nearest`", nullable=True),
-        *(
-            Column(axis, "float64", "m", "nearest point in the frame of the zone; null like `nearest`", nullable=True)
-            for axis in "xy"
-        ),
-        Column(
+        _open("points", "int32", "1", "most points at once; null where none are counted"),
+        _open("agents", "int32", "1", "most agents at once; null without tracks"),
+        _open("nearest", "float64", "m", "least distance from the sensor; null where nothing is measured"),
+        _open("bearing", "float64", "rad", "bearing there, seen from the sensor; null like `nearest`"),
+        *(_open(axis, "float64", "m", "nearest point in the frame of the zone; null like `nearest`") for axis in "xy"),
+        _open(
             "set",
             "text",
             "",
             "set of most points at that moment: O, A or S (walls and the rest); null where no objects are known",
             words=SETS,
-            nullable=True,
         ),
-        Column("track", "int64", "1", "track of most points at that moment; null without one", nullable=True),
+        _open("track", "int64", "1", "track of most points at that moment; null without one"),
         _NAME,
-        Column("direction", "text", "", "of a crossing: in or out; null elsewhere", words=DIRECTIONS, nullable=True),
-        Column("ttc", "float64", "s", "least time to collision; null where none was found", nullable=True),
-        Column(
-            "speed", "float64", "m/s", "greatest speed of the robot meanwhile; null where it is not known", nullable=True
-        ),
+        _open("direction", "text", "", "of a crossing: in or out; null elsewhere", words=DIRECTIONS),
+        _open("ttc", "float64", "s", "least time to collision; null where none was found"),
+        _open("speed", "float64", "m/s", "greatest speed of the robot meanwhile; null where it is not known"),
     ),
     "zones": (
         *(_LOG, _TOPIC, _SWEEP, _STAMP, _SECONDS),
         _ZONE,
         Column("points", "int32", "1", "points in the zone, with the newest ones of other sensors"),
-        Column(
-            "nearest", "float64", "m", "least distance of such a point from its sensor; null without one", nullable=True
-        ),
-        Column("ttc", "float64", "s", "time to collision; null where none is near", nullable=True),
+        _open("nearest", "float64", "m", "least distance of such a point from its sensor; null without one"),
+        _open("ttc", "float64", "s", "time to collision; null where none is near"),
         Column("active", "bool", "", "whether an event of the zone goes on"),
-        Column(
-            "things",
-            "int32",
-            "1",
-            "tracks or objects of sets O and A with points in it; null without objects",
-            nullable=True,
-        ),
-        Column("agents", "int32", "1", "agents in it, hidden ones too; null without tracks", nullable=True),
+        _open("things", "int32", "1", "tracks or objects of sets O and A with points in it; null without objects"),
+        _open("agents", "int32", "1", "agents in it, hidden ones too; null without tracks"),
         Column("masked", "int32", "1", "points in it that a mask leaves out"),
         Column(
             "observed",
@@ -215,28 +196,18 @@ TABLES: dict[str, tuple[Column, ...]] = {
         BEAM_OF_SENSOR,
         # All in double precision: a background that is read again is the one that was learned.
         _THETA._replace(kind="float64"),
-        Column(
-            "r_e",
-            "float64",
-            "m",
-            "range of the background; inf: open, nothing returns; null: nothing known",
-            nullable=True,
-            infinite=True,
+        _open(
+            "r_e", "float64", "m", "range of the background; inf: open, nothing returns; null: nothing known", infinite=True
         ),
-        Column(
+        _open(
             "r_near",
             "float64",
             "m",
             "nearest surface with as much support as r_e needs; r_e but for depth edges; null where nothing is known",
-            nullable=True,
             infinite=True,
         ),
-        Column(
-            "spread",
-            "float64",
-            "m",
-            "robust standard deviation of the ranges that back r_e; null where that is no range",
-            nullable=True,
+        _open(
+            "spread", "float64", "m", "robust standard deviation of the ranges that back r_e; null where that is no range"
         ),
         Column("support", "float64", "1", "share of the observations that back r_e"),
         Column("no_return", "float64", "1", "share of the observations without a return"),
@@ -250,62 +221,47 @@ TABLES: dict[str, tuple[Column, ...]] = {
         Column("thing", "int64", "1", "number of the row, 1, 2, ..."),
         Column("kind", "text", "", "thing, or structure: what no thing explains", words=CHANGE_KINDS),
         Column("status", "text", "", "known, moved, new, gone or uncertain", words=CHANGE_STATUSES),
-        Column(
+        _open(
             "why",
             "text",
             "",
             "why nobody can tell: hidden, out of view, no free space, short or ambiguous; null where it can be told",
             words=CHANGE_WHYS,
-            nullable=True,
         ),
-        Column("score", "float64", "1", "probability of the status, 0 to 1; 0 where nothing tells", nullable=True),
+        _open("score", "float64", "1", "probability of the status, 0 to 1; 0 where nothing tells"),
         *(
             column
             for run, words in (("a", "where it was in log_a"), ("b", "where it is in log_b"))
             for column in (
                 *(
-                    Column(
+                    _open(
                         f"{axis}_{run}",
                         "float64",
                         "m",
                         f"{words}, in the coordinates of the first run; null where that run has it not",
-                        nullable=True,
                     )
                     for axis in "xy"
                 ),
-                Column(f"yaw_{run}", "float64", "rad", f"direction of its longer side in log_{run}", nullable=True),
+                _open(f"yaw_{run}", "float64", "rad", f"direction of its longer side in log_{run}"),
             )
         ),
-        Column("moved", "float64", "m", "distance between both places; null without both", nullable=True),
-        Column("turned", "float64", "rad", "turn between both, -π/2 to π/2; null without both", nullable=True),
-        Column("length", "float64", "m", "longer side; null where unknown", nullable=True),
-        Column("width", "float64", "m", "shorter side; null where unknown", nullable=True),
-        Column("area", "float64", "m²", "its area, of structure that of its cells; null where unknown", nullable=True),
+        _open("moved", "float64", "m", "distance between both places; null without both"),
+        _open("turned", "float64", "rad", "turn between both, -π/2 to π/2; null without both"),
+        _open("length", "float64", "m", "longer side; null where unknown"),
+        _open("width", "float64", "m", "shorter side; null where unknown"),
+        _open("area", "float64", "m²", "its area, of structure that of its cells; null where unknown"),
         *(
-            Column(
-                f"track_{run}",
-                "int64",
-                "1",
-                f"its number in the tracks table of log_{run}; null where that run has it not",
-                nullable=True,
+            _open(
+                f"track_{run}", "int64", "1", f"its number in the tracks table of log_{run}; null where that run has it not"
             )
             for run in "ab"
         ),
         _NAME,
         *(
-            Column(
-                f"sweeps_{run}",
-                "int64",
-                "1",
-                f"sweeps of log_{run} that could see the place; null where unknown",
-                nullable=True,
-            )
+            _open(f"sweeps_{run}", "int64", "1", f"sweeps of log_{run} that could see the place; null where unknown")
             for run in "ab"
         ),
-        *(
-            Column(f"free_{run}", "float64", "1", f"share of it that log_{run} saw free; null where unknown", nullable=True)
-            for run in "ab"
-        ),
+        *(_open(f"free_{run}", "float64", "1", f"share of it that log_{run} saw free; null where unknown") for run in "ab"),
     ),
     "cloud": (
         *(_LOG, _TOPIC, _SWEEP, _BEAM),

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import datetime
 import json
 import os
 import signal
@@ -12,10 +11,6 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
-from cryptography import x509
-from cryptography.hazmat.primitives import hashes, serialization
-from cryptography.hazmat.primitives.asymmetric import rsa
-from cryptography.x509.oid import NameOID
 
 from benchmarks.fleet import KILLER, workers_of
 from lidarcli.pipeline.runs import cluster
@@ -71,12 +66,11 @@ def scheduler(tmp_path: Path) -> Iterator[Callable[..., str]]:
     """Start a scheduler and a worker as processes of their own; its address."""
     started: list[subprocess.Popen[bytes]] = []
 
-    def start(*workers: dict[str, str], protocol: str = "tcp", **config: str) -> str:
+    def start(*workers: dict[str, str]) -> str:
         file = tmp_path / "scheduler.json"
-        environment = {**os.environ, **config}
         command = [sys.executable, "-m", "distributed.cli.dask_scheduler", "--no-dashboard"]
-        place = ["--host", f"{protocol}://127.0.0.1", "--port", "0", "--scheduler-file", str(file)]
-        started.append(subprocess.Popen([*command, *place], env=environment, stderr=subprocess.DEVNULL))
+        place = ["--host", "tcp://127.0.0.1", "--port", "0", "--scheduler-file", str(file)]
+        started.append(subprocess.Popen([*command, *place], stderr=subprocess.DEVNULL))
         wait_until(lambda: file.exists() and file.read_text(), started[-1])
         address: str = json.loads(file.read_text())["address"]
         for extra in workers:
@@ -86,7 +80,7 @@ def scheduler(tmp_path: Path) -> Iterator[Callable[..., str]]:
                         *(sys.executable, "-m", "distributed.cli.dask_worker", address, "--nthreads", "1"),
                         *("--no-dashboard", "--local-directory", str(tmp_path / "scratch")),
                     ],
-                    env={**environment, **extra},
+                    env={**os.environ, **extra},
                     stderr=subprocess.DEVNULL,
                 )
             )
@@ -115,55 +109,6 @@ def test_a_cluster_that_was_there(
     assert tables(tmp_path / "there") == tables(tmp_path / "here")
 
 
-@pytest.fixture
-def certificate(tmp_path: Path) -> dict[str, str]:
-    """The environment of a cluster whose members show a certificate, made now."""
-    key, cert = tmp_path / "key.pem", tmp_path / "cert.pem"
-    private = rsa.generate_private_key(public_exponent=65537, key_size=2048)
-    name = x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, "cluster")])
-    now = datetime.datetime.now(datetime.UTC)
-    made = (
-        x509.CertificateBuilder()
-        .subject_name(name)
-        .issuer_name(name)
-        .public_key(private.public_key())
-        .serial_number(x509.random_serial_number())
-        .not_valid_before(now - datetime.timedelta(hours=1))
-        .not_valid_after(now + datetime.timedelta(days=1))
-        .add_extension(x509.BasicConstraints(ca=True, path_length=None), critical=True)
-        .sign(private, hashes.SHA256())
-    )
-    pem, form = serialization.Encoding.PEM, serialization.PrivateFormat.PKCS8
-    key.write_bytes(private.private_bytes(pem, form, serialization.NoEncryption()))
-    cert.write_bytes(made.public_bytes(pem))
-    tls = "DASK_DISTRIBUTED__COMM__TLS__"
-    members = {
-        f"{tls}{who}__{what}": str(file)
-        for who in ("SCHEDULER", "WORKER", "CLIENT")
-        for what, file in (("KEY", key), ("CERT", cert))
-    }
-    return {**members, f"{tls}CA_FILE": str(cert), "DASK_DISTRIBUTED__COMM__REQUIRE_ENCRYPTION": "true"}
-
-
-def test_tls_by_the_configuration_of_dask(
-    scheduler: Callable[..., str],
-    certificate: dict[str, str],
-    bags: Path,
-    tmp_path: Path,
-    process: Callable[..., subprocess.CompletedProcess[bytes]],
-) -> None:
-    address = scheduler({}, protocol="tls", **certificate)
-    assert address.startswith("tls://")
-    known = {**os.environ, **certificate}
-    shown = process("detect", bags, "-o", tmp_path / "out", "--cluster", address, env=known)
-    assert shown.returncode == 0, shown.stderr
-    assert len(tables(tmp_path / "out")) == 12
-    stranger = {**os.environ, "DASK_DISTRIBUTED__COMM__TIMEOUTS__CONNECT": "2s"}
-    without = process("detect", bags, "-o", tmp_path / "none", "--cluster", address, env=stranger)
-    assert without.returncode == 2
-    assert b"names no certificates for tls://" in without.stderr
-
-
 def test_a_port_that_anybody_reaches_is_warned_of() -> None:
     assert cluster.danger("tcp://127.0.0.1:8786") is None
     assert cluster.danger("tls://10.0.0.1:8786") is None
@@ -181,21 +126,6 @@ def test_other_workers_are_refused(
     assert "core not compiled, here compiled" in said
     assert len(said.splitlines()) == 1
     assert not (tmp_path / "out").exists()
-
-
-def test_ctrl_c_ends_the_tasks(
-    bags: Path, small: bytes, tmp_path: Path, scheduler: Callable[..., str], large_log: Path
-) -> None:
-    address = scheduler({})
-    out = tmp_path / "out"
-    running = begin("detect", large_log, "-o", out, "--cluster", address, env={**os.environ})
-    wait_until(lambda: [*out.glob(".lidarcli-*.part/*")], running)
-    running.send_signal(signal.SIGINT)
-    _, said = running.communicate(timeout=HANG)
-    assert running.returncode == 130
-    assert said.decode().splitlines()[-1] == "lidarcli: interrupted"
-    wait_until(lambda: not [*out.glob(".lidarcli-*")])
-    assert [*out.glob("*.parquet")] == []
 
 
 def test_ctrl_c_ends_a_cluster_of_our_own(bags: Path, tmp_path: Path, large_log: Path) -> None:
@@ -228,8 +158,8 @@ def large_log(tmp_path_factory: pytest.TempPathFactory) -> Path:
         ("local:none", "write local:N"),
         ("tcp://127.0.0.1:1", "cannot be reached"),
         ("nonsense://x:1", "write tls://HOST:PORT"),
-        ("tcp://127.0.0.1", "write tls://HOST:PORT"),
         ("", "write tls://HOST:PORT"),
+        ("tls://127.0.0.1:1", "Dask's configuration names no certificates for tls://"),
     ],
 )
 def test_an_address_that_is_none(

@@ -137,13 +137,6 @@ def test_no_scan(
 
 
 @pytest.mark.parametrize("known", [True, False])
-def test_one_of_two_topics_missing_where_topics_show_late(tmp_path: Path, opened: Opens, known: bool) -> None:
-    opened(block(), topics=[SCAN] if known else None)
-    summary = detect_to_files(SOURCE, tmp_path, asking("/scan", "/front"))
-    assert (summary.sweeps, summary.missing_topics) == (4, ("/front",))
-
-
-@pytest.mark.parametrize("known", [True, False])
 def test_topics_come_out_sorted(tmp_path: Path, opened: Opens, known: bool) -> None:
     blocks = [block("/b", 2), block("/a", 3), block("/b", 2, first=2), block("/a", 1, first=3)]
     topics = [replace(SCAN, name="/b"), replace(SCAN, name="/a")] if known else None

@@ -12,7 +12,7 @@ from ruamel.yaml import YAML
 
 from lidarcli.errors import OptionError
 from lidarcli.masks import Circle, Mask, Masks, Mount, Sector
-from lidarcli.pipeline.inputs.masks import View, filter_text, mask_text, read_masks
+from lidarcli.pipeline.inputs.declared import View, filter_text, mask_text, read_masks
 from lidarcli.sweeps import TURN, Bool, Float32, RawSweeps
 from tests.sweeping import raw_sweeps
 
@@ -85,12 +85,6 @@ def test_each_topic_has_a_node_of_its_own() -> None:
         "__node:=a_left_scan_filter_chain --params-file FILE\n"
     ) in text
     assert len(re.findall("LaserScanSectorFilter", text)) == 2
-
-
-def test_without_masks_there_is_nothing_to_write() -> None:
-    assert filter_text(Masks(), [View("/scan", -1.5, 1.5)]) == ""
-    assert filter_text(Masks((Mask(Sector(-0.1, 0.1, 0.2, 0.3), "/scan"),)), []) == ""
-    assert mask_text(Masks(), Masks()) == ""
 
 
 def test_other_masks_are_refused() -> None:

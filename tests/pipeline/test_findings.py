@@ -80,12 +80,6 @@ def stamped(change: Callable[[Any], Any]) -> Change:
     return lambda raw: replace(raw, stamp_ns=change(raw.stamp_ns))
 
 
-def two_in_turns(raw: RawSweeps) -> RawSweeps:
-    ranges = raw.ranges.copy()
-    ranges[1::2] = np.roll(ranges[1::2], 45, axis=1) * 0.5
-    return replace(raw, ranges=ranges)
-
-
 def cut_short(raw: RawSweeps) -> RawSweeps:
     return replace(raw, beams=np.where(np.arange(60) % 7 == 3, 200, 360).astype(np.int32))
 

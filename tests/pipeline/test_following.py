@@ -17,7 +17,6 @@ import pytest
 
 import lidarcli
 from lidarcli.errors import OutputError
-from lidarcli.formalism import Parameters
 from lidarcli.formalism.matching.catalogue import Catalogue, Thing
 from lidarcli.formalism.parameters import TrackParameters
 from lidarcli.logs.batches import ReadOptions
@@ -220,16 +219,6 @@ def test_rows_of_a_pipe_do_not_wait_for_its_end() -> None:
     assert len(rows) + len(list(follow.flush())) == len(made) + 2
 
 
-def test_walls_have_no_track(tmp_path: Path, opened: Opens, patient: list[Patient]) -> None:
-    opened(two_boxes("/scan", 0, 4), topics=[SCAN])
-    parameters = Parameters.for_profile(walls=True)
-    detect_to_files(SOURCE, tmp_path, DetectOptions(parameters, tracking=TRACKING))
-    objects = pq.read_table(tmp_path / "run.objects.parquet")
-    walls = {row["set"]: row for row in objects.to_pylist()}["S"]
-    assert [walls[name] for name in ("track", "vx", "vy", "moving", "label", "label_score")] == [None] * 6
-    assert objects["track"].null_count == counted(objects, "set")[("S",)]
-
-
 def test_a_log_without_objects_gives_whole_empty_tables(tmp_path: Path, opened: Opens) -> None:
     opened(raw_sweeps(round_room(4)), topics=[SCAN])
     summary = detect_to_files(SOURCE, tmp_path, DetectOptions(beams=True, tracking=TrackOptions()))
@@ -256,16 +245,6 @@ def test_an_error_of_the_tracker_leaves_no_file(tmp_path: Path, opened: Opens, m
     with pytest.raises(MemoryError):
         detect_to_files(SOURCE, tmp_path, DetectOptions(tracking=TRACKING))
     assert list(tmp_path.iterdir()) == []
-
-
-def test_the_metadata_say_how_things_were_followed(tmp_path: Path, opened: Opens) -> None:
-    opened(block(), topics=[SCAN])
-    tracking = TrackOptions(TrackParameters(significance=1e-3))
-    detect_to_files(SOURCE, tmp_path, DetectOptions(tracking=tracking))
-    for table in ("objects", "sweeps", "tracks"):
-        metadata = pq.read_schema(tmp_path / f"run.{table}.parquet").metadata
-        assert json.loads(metadata[b"lidarcli.parameters"])["tracking"]["significance"] == 1e-3
-    assert "tracking" not in DetectOptions().as_dict()
 
 
 # --- in Python --------------------------------------------------------------------------------------------

@@ -2,19 +2,14 @@
 
 from __future__ import annotations
 
-import errno
-import glob
 import gzip
 import os
-from collections import Counter
 from pathlib import Path
-from typing import Any
 
 import pytest
 
 from lidarcli.errors import OptionError
-from lidarcli.pipeline.inputs.files import matching
-from lidarcli.pipeline.inputs.search import choose, find_logs, left_out, log_name, refuse_clashes
+from lidarcli.pipeline.inputs.search import choose, find_logs, log_name, refuse_clashes
 from lidarcli.pipeline.inputs.sources import MissingInput, Source
 from lidarcli.pipeline.inspecting import inspect_log
 from tests.pipeline.folders import logs_apart
@@ -28,10 +23,7 @@ from tests.unprivileged import lidarcli as lidarcli_command
     [
         ("run.mcap", "run"),
         ("RUN.MCAP", "RUN"),
-        ("x.csv.gz", "x"),
-        ("a.bag.active", "a"),
         ("b.db3.zstd", "b"),
-        ("trip.2024.bag", "trip.2024"),
         ("noext", "noext"),
         (".mcap", ".mcap"),
         ("scan.log", "scan"),
@@ -88,12 +80,6 @@ def test_files_with_one_sweep_each_are_one_log(tmp_path: Path) -> None:
     assert inspect_log(Source(str(folder), "sweeps")).scans[0].sweeps == 3
 
 
-def test_a_pattern_of_other_logs_is_several(tmp_path: Path) -> None:
-    for name in ("b.mcap", "a.mcap"):
-        (tmp_path / name).touch()
-    assert [Path(source.label).name for source in find_logs([str(tmp_path / "*.mcap")])] == ["a.mcap", "b.mcap"]
-
-
 def test_what_is_no_log(tmp_path: Path) -> None:
     (tmp_path / "dangling.mcap").symlink_to("nowhere")
     inputs = [str(tmp_path / "absent.mcap"), str(tmp_path / "dangling.mcap"), str(tmp_path)]
@@ -102,7 +88,7 @@ def test_what_is_no_log(tmp_path: Path) -> None:
     errors = [str(source.error) for source in find_logs(inputs) if isinstance(source, MissingInput)]
     assert errors == [
         "no such file or folder",
-        "the link leads to nothing",
+        "no such file or folder",
         "no log in this folder (searched for *.mcap *.bag *.active *.db3 *.csv *.csv.gz *.zstd "
         "*.clf *.gfs *.clf.gz *.gfs.gz)",
     ]
@@ -126,11 +112,10 @@ def test_what_may_not_be_looked_into_is_told(tmp_path: Path) -> None:
     folder = logs_apart(tmp_path / "logs")
     # Not a folder of its own name, so that its order among the logs shows.
     shut = folder / "deep"
-    for mode, cause in ((0o000, "cannot be searched"), (0o400, "cannot be opened")):
+    for mode in (0o000, 0o400):
         shut.chmod(mode)
         code, err = lidarcli_command("-q", "detect", folder, "-o", tmp_path / "out", "--overwrite")
-        place = shut if mode == 0 else shut / "c.bag"
-        assert (code, err) == (3, f"lidarcli: {place}: {cause}: Permission denied\n")
+        assert (code, err) == (3, f"lidarcli: {shut}: cannot be searched: Permission denied\n")
         assert sorted(path.name for path in (tmp_path / "out").glob("*.sweeps.parquet")) == [
             "drive.sweeps.parquet",
             "run 1.sweeps.parquet",
@@ -170,61 +155,35 @@ def test_what_a_pattern_may_not_enter_is_told(tmp_path: Path, mode: int) -> None
         shut.chmod(0o755)
 
 
-def test_a_pattern_is_walked_no_farther_than_it_leads(tmp_path: Path) -> None:
-    (tmp_path / "a" / "b").mkdir(parents=True)
-    (tmp_path / "a" / "b" / "x.csv").write_text("")
-    (tmp_path / "a" / "again").symlink_to(tmp_path, target_is_directory=True)
-    for pattern in ("**/*.csv", "*/b/*", "a/*/x.csv", "*", "**"):
-        assert matching(f"{tmp_path}/{pattern}")[1] == []
-    assert matching("no such folder/*.csv") == ([], [])
-    assert matching(f"{tmp_path}/**/*.csv")[0] == [f"{tmp_path}/a/b/x.csv"]
-
-
-def test_a_pattern_names_what_glob_finds(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    for name in ("a/b/x.csv", "a/.b/x.csv", "a/.x.csv", "c/x.csv", "c/[x].csv", "c/x.csv.gz", "x.csv"):
+def test_a_pattern_names_what_a_shell_would(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ("a/b/x.bag", "a/.b/x.bag", "a/.x.bag", "c/x.bag", "c/[x].bag", "c/x.bag.gz", "x.bag", "a/note.md"):
         (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / name).touch()
-    (tmp_path / "c" / "gone.csv").symlink_to("nowhere")
-    (tmp_path / "c" / "link").symlink_to(tmp_path / "a")
     (tmp_path / "c" / "self").symlink_to("self")
+    (tmp_path / "a" / "again").symlink_to(tmp_path, target_is_directory=True)
     monkeypatch.chdir(tmp_path)
-    patterns = ("*", "*/", "*/*", "**", "**/", "**/*.csv", "a/**", "*/b/*", "*/.b/x.csv", "*/b/../*.csv", "c/[[]x].csv")
-    for pattern in (
-        *patterns,
-        "**/b/**/x.csv",
-        "a/.*",
-        "?/x.csv",
-        "*/x.csv/y",
-        "none/*",
-        "*/*/",
-        "**/link/*",
-        "**/**/x.csv",
-    ):
-        for base in ("", "./", f"{tmp_path}/"):
-            text = f"{base}{pattern}"
-            expected = {os.path.normpath(path) for path in glob.glob(text, recursive=True)}  # noqa: PTH207
-            found, denied = matching(text)
-            assert ({*map(os.path.normpath, found)}, denied) == (expected, []), text
-            assert found == sorted({*found})
-
-
-def test_a_pattern_is_walked_once_and_folders_may_vanish(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    for name in ("a/b", "a/gone", "c"):
-        (tmp_path / name).mkdir(parents=True)
-        (tmp_path / name / "x.csv").touch()
-    walked = []
-    real = os.scandir
-
-    def scandir(folder: str) -> Any:
-        walked.append(os.path.relpath(folder, tmp_path))
-        if folder.endswith("/gone"):
-            raise FileNotFoundError(errno.ENOENT, "No such file or directory", folder)
-        return real(folder)
-
-    monkeypatch.setattr(os, "scandir", scandir)
-    found, denied = matching(f"{tmp_path}/**/*.csv")
-    assert ([os.path.relpath(path, tmp_path) for path in found], denied) == (["a/b/x.csv", "c/x.csv"], [])
-    assert sorted(walked) == [".", "a", "a/b", "a/gone", "c"]
+    searched = ["a/b/x.bag", "c/[x].bag", "c/x.bag", "x.bag"]
+    for pattern, paths in {
+        "*.bag": ["x.bag"],
+        "*/x.bag": ["c/x.bag"],
+        "**/x.bag": ["a/b/x.bag", "c/x.bag", "x.bag"],
+        "**": searched,
+        "[a-c]": searched[:3],
+        "*/b": ["a/b/x.bag"],
+        "*/.b/x.bag": ["a/.b/x.bag"],
+        "a/.*.bag": ["a/.x.bag"],
+        "c/[[]x].bag": ["c/[x].bag"],
+        "**/b/**/x.bag": ["a/b/x.bag"],
+        "a/n*": ["a/note.md"],
+    }.items():
+        for base in ("", f"{tmp_path}/"):
+            found = find_logs([f"{base}{pattern}"])
+            assert [source.path for source in found] == [f"{base}{path}" for path in paths], pattern
+            assert all(isinstance(source, Source) for source in found)
+    for pattern in ("none/*", "*/*/*/*.bag", "*/x.bag/y"):
+        (absent,) = find_logs([pattern])
+        assert isinstance(absent, MissingInput)
+    assert [source.name for source in find_logs(["[a]/*"]) if isinstance(source, Source)] == ["a/b/x", "a/note"]
 
 
 def test_logs_that_a_search_leaves_out_are_named(tmp_path: Path) -> None:
@@ -239,9 +198,4 @@ def test_logs_that_a_search_leaves_out_are_named(tmp_path: Path) -> None:
     told: list[str] = []
     found = choose([str(tmp_path)], note=told.append)
     assert [source.name for source in found if isinstance(source, Source)] == ["bag", "d"]
-    assert told == [
-        "1 file *.jsonl, 2 files *.log, 1 file *.log.gz, "
-        f"1 file in {tmp_path}/.old, 1 file in {tmp_path}/bag/deep were not looked at: name them"
-    ]
-    assert left_out(Counter({"*.log.gz": 7})) == "7 files *.log.gz were not looked at: name them"
-    assert left_out(Counter({"*.log": 1})) == "1 file *.log was not looked at: name it"
+    assert told == ["1 file *.jsonl, 2 files *.log, 1 file *.log.gz were not looked at: name them"]

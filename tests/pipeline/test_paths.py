@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -15,8 +15,6 @@ import pytest
 import lidarcli
 from lidarcli.cli import run
 from lidarcli.formalism.parameters import TrackParameters
-from lidarcli.logs import open_log
-from lidarcli.logs.base import ReadReport
 from lidarcli.logs.batches import ReadOptions
 from lidarcli.pipeline.detecting import detect_to_files
 from lidarcli.pipeline.inputs.sources import Source
@@ -133,30 +131,10 @@ def test_who_needs_no_path_reads_once(late: Path, monkeypatch: pytest.MonkeyPatc
             command(log)
 
 
-class Counted:
-    """A log that counts the sweeps that are asked of it."""
-
-    size = 1
-
-    def __init__(self, path: Path) -> None:
-        self.log = open_log(str(path))
-        self.sweeps = 0
-
-    def topics(self) -> Any:
-        return self.log.topics()
-
-    def scans(self, topics: Collection[str] | None, report: ReadReport) -> Iterator[RawSweeps]:
-        for block in self.log.scans(topics, report):
-            for row in range(len(block)):
-                self.sweeps += 1
-                yield block.rows(slice(row, row + 1))
-
-
-@pytest.mark.parametrize("size", [64])
 @pytest.mark.slow
-def test_batches_and_processors_make_no_difference(late: Path, tmp_path: Path, size: int) -> None:
+def test_batches_and_processors_make_no_difference(late: Path, tmp_path: Path) -> None:
     outputs = []
-    for batch, jobs in ((768, 1), (size, 2)):
+    for batch, jobs in ((768, 1), (64, 2)):
         folder = tmp_path / f"{batch}-{jobs}"
         options = DetectOptions(
             read=ReadOptions(batch_size=batch), tracking=TrackOptions(TrackParameters()), jobs=jobs, cores=2

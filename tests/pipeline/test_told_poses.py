@@ -236,13 +236,6 @@ def test_a_standing_sensor_that_is_told_to_move_stands(tmp_path: Path) -> None:
     assert not np.abs(run.path[np.isfinite(run.path[:, 0])]).max(initial=0.0) > 0.02
 
 
-def test_poses_of_a_standing_sensor_are_kept(tmp_path: Path) -> None:
-    run = tracked(write(tmp_path / "run.mcap", told(standing(SECONDS) + np.array([7.0, 3.0, 1.0])), scene_of(standing)))
-    assert run.verdict() == ("unchecked", None, 0.0, 0)
-    np.testing.assert_allclose(run.path, np.tile([7.0, 3.0, 1.0], (SWEEPS, 1)), atol=1e-9)
-    assert run.agents == 0
-
-
 @pytest.mark.parametrize("shift", [0.5, 4.0])
 def test_poses_that_fit_half_of_the_time_do_not_spoil_the_matched_path(tmp_path: Path, shift: float) -> None:
     """The heading is told wrong from the middle on."""

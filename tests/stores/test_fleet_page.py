@@ -105,12 +105,3 @@ def test_the_task_of_airflow(folder: Path, store: Store) -> None:
     assert shlex.split(str(command))[0] == "lidarcli"
     shell(["bash", "-c", str(command)], folder)
     assert written(store) == sorted(TABLES)
-
-
-def test_the_configuration_of_dask_is_one(tmp_path: Path) -> None:
-    dask = pytest.importorskip("dask")
-    (tmp_path / "dask.yaml").write_text(file("dask.yaml"))
-    found = dask.config.collect(paths=[str(tmp_path)], env={})
-    defaults = dask.config.get("distributed.comm.tls") if "distributed" in dask.config.config else {}
-    assert found["distributed"]["comm"]["require-encryption"] is True
-    assert set(found["distributed"]["comm"]["tls"]) <= {"ca-file", "scheduler", "worker", "client", *defaults}

@@ -79,7 +79,7 @@ def test_credentials_stand_nowhere(store: Store, lidarcli: CommandLine, tmp_path
         ("logs/deep", ["er/one", "one"]),
         ("logs/b?g", ["bag"]),
         ("logs/d*", ["deep/er/one", "deep/one"]),
-        ("logs/**", ["bag", "deep/er/one", "deep/one", "notes", "one", "two words"]),
+        ("logs/**", ["bag", "deep/er/one", "deep/one", "one", "two words"]),
         ("logs/one.mcap", ["one"]),
     ],
 )
@@ -205,7 +205,7 @@ def test_an_output_that_exists_is_refused(store: Store, lidarcli: CommandLine) -
     ("log", "cause"),
     [
         ("s3://robots/none.mcap", "no such object or folder"),
-        ("s3://robots/*.mcap", "no object matches this pattern"),
+        ("s3://robots/*.mcap", "no such object or folder"),
         ("s3://nobody-has-this/run.mcap", "there is no such bucket"),
         ("s3://nobody-has-this/", "there is no such bucket"),
     ],
@@ -255,7 +255,7 @@ def test_odd_names_are_read_or_told(store: Store, lidarcli: CommandLine, tmp_pat
         store.put(f"odd/hall[1]/{name.partition('/')[2]}", (SAMPLES / name).read_bytes())
     ran = lidarcli("detect", f"s3://{store.bucket}/odd/", "-o", tmp_path / "out")
     assert ran.code == 3
-    assert "odd/z.mcap?token=...: its name reads like" in ran.err
+    assert "odd/z.mcap?token=...: its name cannot be that of a URL" in ran.err
     found = {path.name for path in (tmp_path / "out").glob("*.objects.parquet")}
     assert found == {f"{log}.objects.parquet" for log in ("br[1]", "50%", "a b#c", "hall[1]")}
     for name in ("br[1].mcap", "hall[1]"):

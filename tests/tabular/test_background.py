@@ -19,7 +19,7 @@ from lidarcli.formalism import sweep
 from lidarcli.formalism.background import Background, Grid
 from lidarcli.formalism.learning import Estimate, Learning
 from lidarcli.sweeps import SweepPoses
-from lidarcli.tabular.background import GEOMETRY, background_rows, read_background, write_background
+from lidarcli.tabular.background import GEOMETRY, read_background, write_background
 from lidarcli.tabular.schemas import BACKGROUND
 from lidarcli.tabular.writing import PARAMETERS, SOURCE, VERSION, table_metadata
 
@@ -149,12 +149,3 @@ def test_a_background_that_was_tampered_with_is_refused(path: Path) -> None:
             read_background(path)
     rewritten(path, table)
     assert len(read_background(path)[0]) == 2
-
-
-def test_rows_of_a_background(path: Path) -> None:
-    rows = background_rows(sensor(True))
-    assert rows["station"].to_pylist() == [0] * 5 + [1] * 5
-    assert rows["beam"].to_pylist() == [0, 1, 2, 3, 4] * 2
-    assert rows["theta"].to_pylist() == pytest.approx([-0.2, -0.1, 0.0, 0.1, 0.2] * 2)
-    assert rows["sweeps"].to_pylist() == [2] * 5 + [1] * 5
-    assert rows["pose_y"].to_pylist() == [0.0] * 5 + [2.0] * 5

@@ -11,7 +11,6 @@ from lidarcli.formalism import Detection
 from lidarcli.sweeps import SweepBatch
 from lidarcli.tabular import OBJECTS
 from lidarcli.tabular.columns import objects_rows
-from lidarcli.tabular.writing import table_metadata
 from tests.tabular.contract import OPEN
 from tests.tabular.writing import METADATA, write_files
 
@@ -26,12 +25,6 @@ def test_file_read_back_equals_rows_and_metadata(tmp_path: Path, batch: SweepBat
     assert {path.name for path in tmp_path.iterdir()} == {"run.objects.parquet"}
     footer = pq.read_metadata(path).metadata
     assert json.loads(footer[b"lidarcli.source"]) == {"format": "mcap", "name": "run.mcap", "size": 12}
-
-
-def test_metadata_marks_damage_only_when_there_is_any() -> None:
-    assert b"lidarcli.damage" not in METADATA
-    marked = table_metadata({}, {"name": "x"}, ["byte 12: cut off"])
-    assert marked[b"lidarcli.damage"] == b'["byte 12: cut off"]'
 
 
 def test_same_rows_same_bytes_whatever_the_batches(tmp_path: Path, batch: SweepBatch, detection: Detection) -> None:

@@ -150,22 +150,13 @@ def test_nan_is_null(tables: Path) -> None:
     ("kind", "name", "change", "message"),
     [
         ("sweeps", "topic", lambda n: pa.array([0.5] * n), "column topic is double, not text"),
-        ("sweeps", "topic", lambda n: pa.array([True] * n), "column topic is bool, not text"),
         ("objects", "width", lambda n: pa.array(["0.5"] * n), "column width is text, not float"),
-        ("objects", "sweep", lambda n: pa.array([b"1"] * n), "column sweep is binary, not int64"),
         ("sweeps", "stamp", lambda n: pa.array([5] * n), "column stamp is int64, not timestamp"),
         (
             "sweeps",
             "beams",
             lambda n: pa.array([1.5] * n),
             "column beams holds a value that is no int32: Float value 1.500000 was truncated converting to int32",
-        ),
-        (
-            "sweeps",
-            "beams",
-            lambda n: pa.array([1 << 40] * n),
-            "column beams holds a value that is no int32: Integer value 1099511627776 not in range: "
-            "-2147483648 to 2147483647",
         ),
         ("sweeps", "valid", lambda n: pa.array([-1] * n), "column valid holds -1; the least that it can be is 0"),
         (
@@ -191,13 +182,6 @@ def test_nan_is_null(tables: Path) -> None:
             "sweep",
             lambda n: pa.array([None] + [1] * (n - 1), pa.int64()),
             "column sweep is empty (null) in 1 of 6 rows",
-        ),
-        ("sweeps", "topic", lambda n: pa.array([None] * n), "column topic is empty (null) in 6 of 6 rows"),
-        (
-            "objects",
-            "vertices",
-            lambda n: pa.array([[1, 2]] * n),
-            "column vertices is list of int64, not list of struct (theta, r, kind)",
         ),
         (
             "objects",
@@ -254,35 +238,3 @@ def test_only_columns_that_say_so_may_be_null() -> None:
     for kind, schema in ALL.items():
         said = {field.name for field in schema if b"null" in field.metadata[b"description"]}
         assert said == NULLABLE[kind] == {field.name for field in schema if field.nullable}
-
-
-@pytest.mark.slow
-def test_bad_names_of_tables(original: Path, tmp_path: Path, capfdbinary: pytest.CaptureFixture[bytes]) -> None:
-    """`detect bad\\xff.mcap` writes such tables."""
-    for kind in ("objects", "sweeps", "beams"):
-        data = (original / f"room.{kind}.parquet").read_bytes()
-        (tmp_path / f"bad\udcff.{kind}.parquet").write_bytes(data)
-    (tmp_path / "worse\udcff.sweeps.parquet").write_bytes(b"")
-    for form in ("text", "markdown", "json", "junit", "html", "github"):
-        assert run(["report", str(tmp_path / "bad\udcff.objects.parquet"), "--format", form]) == 0, form
-        ran = capfdbinary.readouterr()
-        assert ran.err == b""
-        assert ran.out.decode("utf-8")
-        table = str(tmp_path / "worse\udcff.sweeps.parquet")
-        assert run(["report", str(tmp_path / "bad\udcff.sweeps.parquet"), table, "--format", form]) == 3, form
-        ran = capfdbinary.readouterr()
-        line = f"{tmp_path}/worse\\udcff.sweeps.parquet: cannot be read as Parquet: ".encode()
-        # Workflow commands are for the log of a step, which shows both streams.
-        assert ran.err == b"" if form == "github" else ran.err.startswith(b"lidarcli: " + line)
-        # In Markdown some signs have escapes of their own.
-        plain = ran.out.replace(b"\\\\", b"\\").replace(b"\\_", b"_") if form == "markdown" else ran.out
-        # The text is broken into lines of 80 characters, at spaces or in a long name.
-        if form == "text":
-            line, plain = line.replace(b" ", b""), b"".join(plain.split())
-        assert line in plain, form
-    background = tmp_path / "b\udcff\x1b.parquet"
-    background.write_bytes((original / "b.parquet").read_bytes())
-    assert run(["info", str(background)]) == 0
-    assert capfdbinary.readouterr().out.startswith(f"{tmp_path}/b\\udcff\\x1b.parquet\n".encode())
-    assert run(["info", str(background), "--format", "json"]) == 0
-    assert json.loads(capfdbinary.readouterr().out)[0]["path"] == str(background)

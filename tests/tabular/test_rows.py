@@ -6,7 +6,6 @@ from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
-import pytest
 
 from lidarcli.formalism import SETS, SHAPES, VERTEX_KINDS, VISIBILITIES, Detection, Parameters, detect
 from lidarcli.sweeps import Status, SweepBatch
@@ -71,13 +70,6 @@ def test_an_unknown_intensity_is_null(batch: SweepBatch, detection: Detection) -
     assert (str(bare.type), bare.null_count) == ("float", len(some))
 
 
-def test_undefined_difference_is_null(batch: SweepBatch, detection: Detection) -> None:
-    undefined = replace(detection, s_i=np.full(len(detection), np.nan))
-    rows = objects_rows("run", batch, undefined)
-    assert rows["s_i"].null_count == len(detection)
-    assert rows["s_f"].null_count == 0
-
-
 def test_sweep_rows_count_beams(batch: SweepBatch, detection: Detection) -> None:
     rows = sweeps_rows("run", batch, detection).to_pylist()
     assert [row["beams"] for row in rows] == [360, 360, 360]
@@ -108,8 +100,3 @@ def test_beam_rows_leave_padding_out(batch: SweepBatch) -> None:
     assert {row["set"] for row in in_object} == {"O"}
     assert len(in_object) == detection.object_beams.sum()
     assert beams_rows("run", padded, detection)["theta"][0].as_py() == np.float32(padded.angle_min[0])
-
-
-def test_beam_rows_need_the_beams(batch: SweepBatch) -> None:
-    with pytest.raises(ValueError, match="needs a detection with per_beam"):
-        beams_rows("run", batch, detect(batch, Parameters()))

@@ -5,8 +5,7 @@ from __future__ import annotations
 import pyarrow as pa
 import pytest
 
-from lidarcli.tabular import BEAMS, OBJECTS, SCHEMAS, SWEEPS, TRACKS, TRAJECTORIES
-from lidarcli.tabular.schemas import EVENTS, ZONES
+from lidarcli.tabular import SCHEMAS
 from tests.tabular.contract import CONTRACT, OPEN
 
 
@@ -27,15 +26,3 @@ def test_every_column_has_unit_and_description(table: str) -> None:
     assert all(leaf.metadata[b"description"] for field in SCHEMAS[table] for leaf in leaves(field))
     assert set(units.values()) <= {b"rad", b"m", b"m/s", b"s", b"1", b"ns", "m²".encode(), b""}
     assert all(units[name] == b"rad" for name in units if name.startswith("theta") or name.endswith("yaw"))
-
-
-def test_table_names() -> None:
-    assert SCHEMAS == {
-        "objects": OBJECTS,
-        "sweeps": SWEEPS,
-        "tracks": TRACKS,
-        "trajectories": TRAJECTORIES,
-        "beams": BEAMS,
-        "events": EVENTS,
-        "zones": ZONES,
-    }

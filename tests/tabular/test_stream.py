@@ -17,8 +17,7 @@ from lidarcli.formalism import Detection
 from lidarcli.sweeps import SweepBatch
 from lidarcli.tabular import OBJECTS
 from lidarcli.tabular.columns import objects_rows
-from lidarcli.tabular.stream import FORMATS, CountingOutput
-from lidarcli.tabular.writing import table_metadata
+from lidarcli.tabular.writing import FORMATS, CountingOutput, table_metadata
 from tests.tabular.writing import METADATA, shortest
 
 

@@ -29,8 +29,7 @@ from lidarcli.logs.options import open_options, range_rules
 from lidarcli.masks import Masks
 from lidarcli.option_forms import Number, Option, Rule, defaults_of, options_of, python_words, refuse_combinations
 from lidarcli.options import RULES, Finding, Objects, Paths, parse_removed, parse_value
-from lidarcli.pipeline.inputs.catalogue import read_catalogue
-from lidarcli.pipeline.inputs.masks import AUTO, read_masks
+from lidarcli.pipeline.inputs.declared import AUTO, read_catalogue, read_masks
 from lidarcli.pipeline.inputs.search import find_logs
 from lidarcli.pipeline.inputs.sources import MissingInput, Source
 from lidarcli.pipeline.reading.posing import NONE, PoseOptions
@@ -362,7 +361,7 @@ def clean_options(options: Values, *, overwrite: bool = False) -> CleanOptions:
 
 def plot_options(options: Values, parameters: Parameters | None, sweeps: tuple[int, ...] | None) -> PlotOptions:
     """Return what is drawn of some sweeps, None for all, and how it is found; without tracks."""
-    from lidarcli.pipeline.inputs.zones import read_zones
+    from lidarcli.pipeline.inputs.declared import read_zones
     from lidarcli.pipeline.plotting import PlotOptions
 
     read, opening, poses = log_options({**options, "topic": None, "start": None, "end": None})
@@ -383,7 +382,7 @@ def plot_options(options: Values, parameters: Parameters | None, sweeps: tuple[i
 
 def overlay_options(options: Values, logs: LogOptions, *, overwrite: bool = False) -> OverlayOptions:
     """Return what is shown, and how it is found."""
-    from lidarcli.pipeline.inputs.zones import read_zones
+    from lidarcli.pipeline.inputs.declared import read_zones
     from lidarcli.pipeline.overlaying import OverlayOptions
 
     objects, map_file = options["objects"], options["map"]
@@ -400,7 +399,7 @@ def overlay_options(options: Values, logs: LogOptions, *, overwrite: bool = Fals
 
 def zone_options(options: Values, logs: LogOptions, *, overwrite: bool = False) -> ZoneOptions:
     """Return which zones are watched, and how."""
-    from lidarcli.pipeline.inputs.zones import parse_footprint, read_zones
+    from lidarcli.pipeline.inputs.declared import parse_footprint, read_zones
     from lidarcli.pipeline.zoning import ZoneOptions, refuse_options
 
     names = several(options["zones"])

@@ -16,7 +16,7 @@ from lidarcli.logs import open_log
 from lidarcli.logs.base import CLOUD_TYPES, POSED_TYPES, Log, Message, OpenOptions, ReadReport, Slice, Topic
 from lidarcli.logs.joined import JoinedLog, Part
 from lidarcli.logs.segments import join
-from lidarcli.stores import State, Url, fetch, is_url, place
+from lidarcli.stores import Place, State, Url, fetch, is_url, place
 from lidarcli.sweeps import RawSweeps
 
 if TYPE_CHECKING:
@@ -45,18 +45,14 @@ class Source:
         return found if isinstance(found, Url) else None
 
     @property
-    def is_pattern(self) -> bool:
-        """True where it was named by a pattern, which is no file or folder."""
-        if not self.files or (url := self.url) is None:
-            return bool(self.files)
-        return not all(file.startswith(f"{url}/") for file in self.files)
-
-    @property
     def file_name(self) -> str:
         """Name of its file or folder, without what is above; where it is no single one, its name for outputs."""
-        if self.is_stdin or self.is_pattern or self.parts:
+        url = self.url
+        # Of a store, files are also those of a folder.
+        is_pattern = bool(self.files) and not (url and all(file.startswith(f"{url}/") for file in self.files))
+        if self.is_stdin or is_pattern or self.parts:
             return PurePosixPath(self.name).name
-        return Path(self.path).absolute().name if (url := self.url) is None else url.name
+        return Path(self.path).absolute().name if url is None else url.name
 
     @property
     def label(self) -> str:
@@ -160,22 +156,18 @@ def open_source(source: Source, opening: OpenOptions | None = None) -> Iterator[
 
 @contextmanager
 def _opened_source(source: Source, opening: OpenOptions | None) -> Iterator[Log]:
-    if source.parts:
-        with _joined(source, opening) as log:
-            yield log
-        return
-    if (url := source.url) is not None:
-        with open_stored(url, [found for file in source.files if isinstance(found := place(file), Url)], opening) as log:
-            yield log
-        return
-    if source.files:
-        from lidarcli.logs.csv.log import CsvLog
+    with ExitStack() as stack:
+        if source.parts:
+            log = _joined(source, opening)
+        elif (url := source.url) is not None:
+            log = _fetched(url, [one for file in source.files if isinstance(one := place(file), Url)], opening, stack)
+        elif source.files:
+            from lidarcli.logs.csv.log import CsvLog
 
-        with CsvLog(source.files, opening) as log:
-            yield log
-        return
-    with open_log(source.path, opening=opening) as log:
-        yield log
+            log = CsvLog(source.files, opening)
+        else:
+            log = open_log(source.path, opening=opening)
+        yield stack.enter_context(log)
 
 
 def _joined(source: Source, opening: OpenOptions | None) -> Log:
@@ -191,7 +183,7 @@ def _joined(source: Source, opening: OpenOptions | None) -> Log:
     )
 
 
-def hold_one_sweep_each(files: Sequence[Path | Url]) -> bool:
+def hold_one_sweep_each(files: Sequence[Place]) -> bool:
     """Return whether several text files are the sweeps of one log, as far as the first readable one shows."""
     from lidarcli.logs.csv.layouts import PER_SWEEP, NamelessError
 
@@ -199,7 +191,7 @@ def hold_one_sweep_each(files: Sequence[Path | Url]) -> bool:
         return False
     for file in files[:_TRIED]:
         try:
-            with _opened_file(file) as log:
+            with _opened_source(Source(str(file), ""), None) as log:
                 return PER_SWEEP in log.format
         except NamelessError as err:
             return err.per_sweep
@@ -208,68 +200,32 @@ def hold_one_sweep_each(files: Sequence[Path | Url]) -> bool:
     return False
 
 
-@contextmanager
-def _opened_file(file: Path | Url) -> Iterator[Log]:
-    """Open one file as a log."""
-    if isinstance(file, Url):
-        with open_stored(file, (), None) as log:
-            yield log
-        return
-    with open_log(file) as log:
-        yield log
-
-
-@contextmanager
-def open_stored(url: Url, files: Sequence[Url], opening: OpenOptions | None) -> Iterator[Log]:
-    """Open an object, or the `files` that are one log together; copies on this machine are removed in the end."""
-    with ExitStack() as stack:
-        log = stack.enter_context(_fetched(url, files, opening, stack) if files else _opened(url, opening, stack))
-        log.path = str(url)
-        yield log
-
-
-def _opened(url: Url, opening: OpenOptions | None, stack: ExitStack) -> Log:
-    """Open an object that is a log by itself, copied to this machine first."""
-    copy = _scratch(stack) / url.name
-    fetch(url, copy)
-    with _named(url, str(copy)):
-        return open_log(copy, opening=opening)
-
-
 def _fetched(url: Url, files: Sequence[Url], opening: OpenOptions | None, stack: ExitStack) -> Log:
-    """Open a log of several objects, which are copied to this machine first."""
-    folder = _scratch(stack) / "log"
-    # The folders below a pattern tell apart files of one name.
-    shared = os.path.commonprefix([file.key.split("/")[:-1] for file in files])  # noqa: RUF071 (of parts, not of characters)
-    base = "".join(f"{part}/" for part in shared)
-    copies = [folder / file.key.removeprefix(base) for file in files]
-    for file, copy in zip(files, copies, strict=True):
-        copy.parent.mkdir(parents=True, exist_ok=True)
-        fetch(file, copy)
-    with _named(url, *map(str, [*copies, folder])):
-        if all(file.key.startswith(f"{url.key}/") for file in files):
-            return open_log(folder, opening=opening)
-        from lidarcli.logs.csv.log import CsvLog
-
-        return CsvLog(copies, opening)
-
-
-def _scratch(stack: ExitStack) -> Path:
+    """Open an object, or the `files` that are one log together, copied to this machine, where `stack` removes them."""
     from lidarcli.newfiles import scratch_folder
 
-    return stack.enter_context(scratch_folder())
-
-
-@contextmanager
-def _named(url: Url, *names: str) -> Iterator[None]:
-    """Name the object in errors that name its copy."""
+    objects = files or [url]
+    folder = stack.enter_context(scratch_folder()) / "log"
+    # The folders below a pattern tell apart files of one name.
+    shared = os.path.commonprefix([one.key.split("/")[:-1] for one in objects])  # noqa: RUF071 (of parts, not of characters)
+    copies = [folder.joinpath(*one.key.split("/")[len(shared) :]) for one in objects]
+    for one, copy in zip(objects, copies, strict=True):
+        copy.parent.mkdir(parents=True, exist_ok=True)
+        fetch(one, copy)
     try:
-        yield
+        if files and not all(one.key.startswith(f"{url.key}/") for one in files):
+            from lidarcli.logs.csv.log import CsvLog
+
+            log: Log = CsvLog(copies, opening)
+        else:
+            log = open_log(folder if files else copies[0], opening=opening)
     except UnreadableError as err:
-        words = str(err)
-        for name in names:
-            words = words.replace(f"{name}: ", f"{url}: ", 1) if words.startswith(f"{name}: ") else words
-        raise UnreadableError(words) from err
+        cause = str(err)
+        for name in (*copies, folder):
+            cause = cause.removeprefix(f"{name}: ")
+        raise UnreadableError(f"{url}: {cause}") from err
+    log.path = str(url)
+    return log
 
 
 _PIPE = (

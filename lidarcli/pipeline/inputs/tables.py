@@ -15,7 +15,7 @@ import pyarrow as pa
 
 from lidarcli.choices import CHANGE_STATUSES
 from lidarcli.errors import OptionError, UnreadableError
-from lidarcli.pipeline.inputs.files import Named, files_named
+from lidarcli.pipeline.inputs.search import Named, files_named
 from lidarcli.reports.columns import Origin, Rows
 from lidarcli.stores import Place, place
 from lidarcli.tabular.reading import (
@@ -70,7 +70,7 @@ Given = str | TableSet | HeldTable
 """A name of tables, the tables of a log, or a table of changes in memory."""
 
 
-class FoundTables(NamedTuple):
+class NamedTables(NamedTuple):
     """The tables that files, folders and patterns name, each once, in their order."""
 
     table_sets: list[TableSet]
@@ -80,34 +80,34 @@ class FoundTables(NamedTuple):
     """Errors of other names."""
 
 
-def find_tables(inputs: Iterable[Given]) -> FoundTables:
+def find_tables(inputs: Iterable[Given]) -> NamedTables:
     """Return the tables that files, folders and patterns name; those that are known stay as they are."""
     table_sets: dict[TableSet, None] = {}
     changes: dict[Readable, None] = {}
     problems = []
-    for text in inputs:
-        try:
-            if isinstance(text, TableSet):
-                found = FoundTables([text], [], [])
-            else:
-                found = FoundTables([], [text], []) if isinstance(text, HeldTable) else _tables_named(text)
-        except UnreadableError as err:
-            problems.append(err)
-            continue
-        table_sets |= dict.fromkeys(found.table_sets)
-        changes |= dict.fromkeys(found.changes)
-        problems += found.problems
-    return FoundTables([*table_sets], [*changes], problems)
+    for given in inputs:
+        if isinstance(given, TableSet):
+            table_sets[given] = None
+        elif isinstance(given, HeldTable):
+            changes[given] = None
+        else:
+            try:
+                named = _tables_named(given)
+            except UnreadableError as err:
+                problems.append(err)
+                continue
+            table_sets |= dict.fromkeys(named.table_sets)
+            changes |= dict.fromkeys(named.changes)
+            problems += named.problems
+    return NamedTables([*table_sets], [*changes], problems)
 
 
 def find_table_sets(inputs: Iterable[Given]) -> tuple[list[TableSet], list[UnreadableError]]:
     """Return the tables of logs that `inputs` name, and errors of other names."""
     table_sets, changes, problems = find_tables(inputs)
-    others = [
-        UnreadableError(f"{path}: this is the changes table of lidarcli diff; it is no table of a log")
-        for path in (changes if not table_sets else ())
-    ]
-    return table_sets, [*problems, *others]
+    for path in () if table_sets else changes:
+        problems.append(UnreadableError(f"{path}: this is the changes table of lidarcli diff; it is no table of a log"))
+    return table_sets, problems
 
 
 def one_table_set(text: str | TableSet) -> TableSet:
@@ -127,34 +127,37 @@ def table_files(inputs: Iterable[str]) -> list[Place]:
     return [*(getattr(table_set, table) for table_set in found.table_sets for table in SCHEMAS), *changes]
 
 
-def _tables_named(text: str) -> FoundTables:
+def _tables_named(text: str) -> NamedTables:
     """Return the tables that a name stands for, and the errors of folders that cannot be searched."""
     named, files, denied = files_named(text)
-    changes = [file for file in files if _is_of_changes(file, named)]
-    tables = [(file, *known) for file in files if file not in changes and (known := _table_of(file)) is not None]
-    if named is Named.FOLDER:
+    changes: list[Readable] = []
+    tables: list[tuple[str, TableSet]] = []
+    for file in files:
+        known = _table_of(file)
+        if _is_of_changes(file, any_name=named is Named.FILE and known is None):
+            changes.append(file)
         # A log whose objects are gone cannot be read; it is not absent.
-        tables = sorted(
-            (each for each in tables if each[1] == "objects" or _is_named_below(text, each[0])),
-            key=lambda each: each[1] != "objects",
-        )
-        if not tables and not changes and not denied:
-            raise UnreadableError(f"{text}: no *{_OBJECTS} in this folder; write some with lidarcli detect")
+        elif known and (named is not Named.FOLDER or known[0] == "objects" or _is_named_below(text, file)):
+            tables.append(known)
+    if named is Named.FOLDER:
+        tables.sort(key=lambda each: each[0] != "objects")
     if not tables and not changes and not denied:
-        if named is Named.FILE:
-            raise UnreadableError(f"{text}: not a table of lidarcli detect (<log>{_OBJECTS} or <log>{_SWEEPS})")
-        raise UnreadableError(f"{text}: no tables match this pattern")
-    return FoundTables([table_set for _, _, table_set in tables], [*changes], denied)
+        cause = {
+            Named.FOLDER: f"no *{_OBJECTS} in this folder; write some with lidarcli detect",
+            Named.FILE: f"not a table of lidarcli detect (<log>{_OBJECTS} or <log>{_SWEEPS})",
+            Named.PATTERN: "no tables match this pattern",
+        }
+        raise UnreadableError(f"{text}: {cause[named]}")
+    return NamedTables([table_set for _, table_set in tables], changes, denied)
 
 
-def _is_of_changes(file: Place, named: Named) -> bool:
-    """Return whether a file is a table of changes: by its name and columns; one that is named itself may have any name."""
-    is_called_so = file.name == "changes.parquet" or file.name.endswith(".changes.parquet")
-    is_other = named is not Named.FILE or _table_of(file) is not None
-    if not is_called_so and (is_other or file.suffix != ".parquet"):
+def _is_of_changes(file: Place, any_name: bool) -> bool:
+    """Return whether a file is a table of changes, by its name and columns, or by its columns alone."""
+    is_called_so = f".{file.name}".endswith(".changes.parquet")
+    if not is_called_so and not (any_name and file.suffix == ".parquet"):
         return False
     try:
-        return {*CHANGES.names} <= {*column_names(file, "changes")} or (is_called_so and not is_other)
+        return {*CHANGES.names} <= {*column_names(file, "changes")} or (is_called_so and any_name)
     except UnreadableError:
         # Who reads it tells why it cannot be read.
         return is_called_so
@@ -269,24 +272,20 @@ class TracksTable:
 
 def find_tracks(inputs: Iterable[str]) -> list[Place]:
     """Return the tracks tables that files, folders and patterns name, each once (`UnreadableError` where there is none)."""
-    found: dict[Place, None] = {}
+    tracks: dict[Place, None] = {}
     for text in inputs:
-        found |= dict.fromkeys(_tables(text))
-    return list(found)
-
-
-def _tables(text: str) -> list[Place]:
-    named, files, denied = files_named(text)
-    if named is Named.FILE:
-        return files
-    if denied:
-        raise denied[0]
-    tables = [file for file in files if (known := _table_of(file)) is not None and known[0] == "tracks"]
-    if not tables and named is Named.FOLDER:
-        raise UnreadableError(f"{text}: no *{_TRACKS} in this folder; write some with lidarcli track")
-    if not tables:
-        raise UnreadableError(f"{text}: no tracks tables match this pattern")
-    return tables
+        named, files, denied = files_named(text)
+        if denied:
+            raise denied[0]
+        if named is not Named.FILE:
+            files = [file for file in files if (known := _table_of(file)) is not None and known[0] == "tracks"]
+        if not files:
+            in_folder = f"no *{_TRACKS} in this folder; write some with lidarcli track"
+            raise UnreadableError(
+                f"{text}: {in_folder if named is Named.FOLDER else 'no tracks tables match this pattern'}"
+            )
+        tracks |= dict.fromkeys(files)
+    return [*tracks]
 
 
 def read_tracks_table(path: Readable) -> TracksTable:

@@ -115,11 +115,8 @@ class DetectOptions:
 class ObjectFinder:
     """Finds the objects of batches, in any order and in several threads at once, and counts for its notes.
 
-    Without a background each sweep is looked at alone, otherwise differences are found; a catalogue adds labels.
-
-    Parameters
-    ----------
-    explain : also keep the features, for the column `why`; only without a background
+    Without a background each sweep is looked at alone, otherwise differences are found; a catalogue adds labels, and
+    `explain` the features, for the column `why`, without a background.
     """
 
     def __init__(
@@ -201,7 +198,10 @@ class BatchDetector:
         # Tracked objects are named by their tracks.
         catalogue = None if self._is_tracked else options.catalogue
         self._labels = names_in(catalogue)
-        parameters = options.parameters if options.tracking is None else options.tracking.found_with(options.parameters)
+        parameters = options.parameters
+        if options.tracking is not None and options.tracking.parameters.memory:
+            # Memory decides on every body, whatever one sweep says of it.
+            parameters = replace(parameters, min_thing=0.0)
         self.finder = ObjectFinder(parameters, options.background, catalogue, explain=options.explain)
 
     def detect(self, batches: Sequence[SweepBatch]) -> Part:
@@ -296,7 +296,11 @@ class ParallelDetection:
             yield self._detect(self._next_block())
         elif sum(batch.ranges.size + len(batch) for batch in self._batches) >= BLOCK:
             # Sweeps without beams take room, too.
-            self._blocks.append(self._handed_out(self._next_block()))
+            batches, is_busy = self._next_block(), sum(block.busy for block in self._blocks) >= DEPTH * self._most_helpers
+            if is_busy:
+                self._blocks.append(_Block(batches, self._detect(batches)))
+            else:
+                self._blocks.append(_Block(batches, future=self._helpers.submit(self._detector.detect, batches)))
             yield from self._finished(self._window)
         self._left = time.perf_counter(), time.thread_time()
 
@@ -341,13 +345,6 @@ class ParallelDetection:
             except RuntimeError:
                 # The system starts no more threads: this one does all.
                 self._most_helpers = 0
-
-    def _handed_out(self, batches: list[SweepBatch]) -> _Block:
-        """Hand a block to another thread, or make it here where all have enough to do."""
-        assert self._helpers is not None
-        if sum(block.busy for block in self._blocks) < DEPTH * self._most_helpers:
-            return _Block(batches, future=self._helpers.submit(self._detector.detect, batches))
-        return _Block(batches, self._detect(batches))
 
     def _finished(self, most: int) -> Iterator[Part]:
         """Yield the parts that are next and finished, and wait for parts while more than `most` stand in line."""

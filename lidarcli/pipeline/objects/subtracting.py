@@ -27,6 +27,7 @@ from lidarcli.formalism.subtraction import (
     changes,
     nothing_known,
 )
+from lidarcli.masks import same_name
 from lidarcli.stores import place
 from lidarcli.sweeps import Int64, Status, SweepBatch
 from lidarcli.tabular.background import read_background
@@ -149,7 +150,14 @@ class BackgroundComparison:
         for frame, stats in sorted(self._stats.items()):
             name = frame or "without a name"
             if stats.without_station:
-                lines.append(_without_station(name, stats))
+                line = (
+                    f"without a station: {stats.without_station:,} of {stats.sweeps:,} sweeps of frame {name}, not compared"
+                )
+                if stats.without_pose:
+                    line += f"; {stats.without_pose:,} of them have no pose"
+                if np.isfinite(stats.nearest):
+                    line += f"; the nearest is {stats.nearest:.2f} m away (--station-distance, --station-angle)"
+                lines.append(line)
             if stats.without_background:
                 share = stats.without_background / stats.ranges
                 lines.append(
@@ -210,11 +218,11 @@ def choose_sensor(options: BackgroundOptions, topic: str, frame: str) -> int:
         None fits, or several do.
     """
     sensors = options.sensors
-    fitting = [i for i, sensor in enumerate(sensors) if _same(sensor.frame_id, frame)]
+    fitting = [i for i, sensor in enumerate(sensors) if same_name(sensor.frame_id, frame)]
     if not fitting and options.any_frame:
         fitting = list(range(len(sensors)))
     if len(fitting) > 1:
-        fitting = [i for i in fitting if _same(sensors[i].topic, topic)] or fitting
+        fitting = [i for i in fitting if same_name(sensors[i].topic, topic)] or fitting
     if len(fitting) == 1:
         return fitting[0]
     has = ", ".join(f"{sensor.frame_id or 'no frame'} ({sensor.topic})" for sensor in sensors) or "nothing"
@@ -229,32 +237,15 @@ def choose_sensor(options: BackgroundOptions, topic: str, frame: str) -> int:
     )
 
 
-def _same(name: str, other: str) -> bool:
-    """Compare names of frames or topics without leading slashes: old logs have none, and some drivers add one."""
-    return name.lstrip("/") == other.lstrip("/")
-
-
 def _refuse_apart(name: str, sensor: Background, batch: SweepBatch, frame: str) -> None:
     """Refuse a sensor whose view has no direction in common with that of the background."""
     first = batch.rows(np.zeros(1, np.int64))
     beams = sensor.grid.beam(first.bearings()[:, : int(first.beams[0])])
     posed = bool(sensor.posed.any()) and batch.poses is not None
     if beams.size and not (beams >= 0).any() and not posed:
+        views = (np.degrees([each.min(), each.max()]) for each in (sensor.grid.bearings(), first.bearings()[0]))
+        known, here = (f"{low:.1f} to {high:.1f} deg" for low, high in views)
         raise OptionError(
-            f"the views of {name} ({_view(sensor.grid.bearings())}) and of frame {frame or 'without a name'} "
-            f"({_view(first.bearings()[0])}) do not overlap; build a background from a log of this sensor"
+            f"the views of {name} ({known}) and of frame {frame or 'without a name'} ({here}) do not overlap; build a "
+            "background from a log of this sensor"
         )
-
-
-def _view(bearings: np.ndarray[Any, np.dtype[np.float64]]) -> str:
-    low, high = np.degrees([bearings.min(), bearings.max()])
-    return f"{low:.1f} to {high:.1f} deg"
-
-
-def _without_station(name: str, stats: _ComparisonStats) -> str:
-    line = f"without a station: {stats.without_station:,} of {stats.sweeps:,} sweeps of frame {name}, not compared"
-    if stats.without_pose:
-        line += f"; {stats.without_pose:,} of them have no pose"
-    if np.isfinite(stats.nearest):
-        line += f"; the nearest is {stats.nearest:.2f} m away (--station-distance, --station-angle)"
-    return line

@@ -7,13 +7,12 @@ import tempfile
 from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, fields
 from types import TracebackType
 from typing import IO, Any, Self
 
 import numpy as np
 
-from lidarcli.formalism import Detection, Parameters
 from lidarcli.formalism.detection import AGENT
 from lidarcli.formalism.mapping.places import Places
 from lidarcli.formalism.matching.catalogue import names_in
@@ -23,7 +22,7 @@ from lidarcli.formalism.tracking.tracker import Tracker
 from lidarcli.newfiles import writing
 from lidarcli.pipeline.objects.detection import BatchRows, DetectOptions, Rows
 from lidarcli.pipeline.reading.one_log import RunSummary
-from lidarcli.sweeps import Int64, SweepBatch
+from lidarcli.sweeps import Int64
 from lidarcli.tabular.columns import (
     explained_objects,
     tracked_beams,
@@ -45,12 +44,6 @@ class TrackOptions:
     trajectories: bool = True
     """True to write the trajectories of the tracks, too."""
 
-    def found_with(self, parameters: Parameters) -> Parameters:
-        """Return the parameters of the detection: memory decides on every body, whatever one sweep says of it."""
-        if not self.parameters.memory:
-            return parameters
-        return replace(parameters, min_thing=0.0)
-
     def as_dict(self) -> dict[str, Any]:
         """Return plain values for the tables' metadata."""
         return self.parameters.as_dict()
@@ -60,12 +53,7 @@ class LogTracker:
     """Tracks the objects of one log, each topic by itself, in the order of the log, and completes its rows."""
 
     def __init__(self, log: str, options: DetectOptions, *, waits: bool = False) -> None:
-        """
-        Parameters
-        ----------
-        log : its name, as the tables have it
-        waits : all rows wait for the end of the log, so that memory decides by all of its sweeps; otherwise by those so far
-        """
+        """With `waits` all rows wait for the end of the log, so that memory decides by all of its sweeps."""
         assert options.tracking is not None
         self._log = log
         self._parameters = options.parameters
@@ -186,9 +174,9 @@ class _WaitingBatches:
         """Take a batch, and the worlds of its sweeps."""
         assert batch_rows.detected is not None
         self._batches.append((batch_rows, worlds))
-        self._bytes += sum(rows.nbytes for _, _, rows in batch_rows.rows) + sum(
-            _bytes(each) for each in batch_rows.detected
-        )
+        self._bytes += sum(rows.nbytes for _, _, rows in batch_rows.rows)
+        arrays = (getattr(record, each.name) for record in batch_rows.detected for each in fields(record))
+        self._bytes += sum(each.nbytes for each in arrays if isinstance(each, np.ndarray))
         if self._bytes <= MOST_BYTES:
             return
         with writing(f"a temporary file in {tempfile.gettempdir()}"):
@@ -214,9 +202,3 @@ class _WaitingBatches:
             # What is in its buffer is no longer needed, and may not fit on the disk.
             with suppress(OSError):
                 self._file.close()
-
-
-def _bytes(record: SweepBatch | Detection) -> int:
-    """Return the size of the arrays of a record."""
-    values = (getattr(record, each.name) for each in fields(record))
-    return sum(each.nbytes for each in values if isinstance(each, np.ndarray))

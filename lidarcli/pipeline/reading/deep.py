@@ -41,9 +41,9 @@ from lidarcli.logs.base import Log, OpenOptions, ReadReport
 from lidarcli.logs.batches import ReadOptions, read_batches
 from lidarcli.logs.options import TopicChoice
 from lidarcli.masks import Mask, Masks, Mount, Sector
-from lidarcli.pipeline.inputs.masks import mask_text
+from lidarcli.pipeline.inputs.declared import mask_text
 from lidarcli.pipeline.inputs.sources import Source, open_source
-from lidarcli.pipeline.reading.masking import MOST_SENSORS, STOOD_REACH, MaskRules, masking_of
+from lidarcli.pipeline.reading.masking import MOST_SENSORS, STOOD_REACH, MaskRules, MovedPath, masking_of
 from lidarcli.pipeline.reading.path_check import CheckedPath
 from lidarcli.pipeline.reading.posing import NONE, Need, PoseAttacher, PoseOptions, of_one_run
 from lidarcli.pose.calibration import (
@@ -60,7 +60,7 @@ from lidarcli.pose.calibration import (
 )
 from lidarcli.pose.fit import ACCEPTED, AUTO, mount_between, pairs_of, poses_after, steps_between, wrapped
 from lidarcli.pose.sources import FrameTree, PoseChain, Step, along
-from lidarcli.pose.tracks import SECOND_NS, frame_name, planar
+from lidarcli.pose.tracks import SECOND_NS, Motion, frame_name, planar
 from lidarcli.range_rules import RangeRules
 from lidarcli.sweeps import TURN, Bool, Float64, Int64, Status, SweepBatch, UInt8
 
@@ -205,9 +205,6 @@ def _body(sensor: _Sensor, masking: MaskRules) -> list[Finding]:
     return judge([BODY], body, sensor.named)
 
 
-# --- samples of the sweeps ----------------------------------------------------------------------------------
-
-
 class _Sensor:
     """Samples and counts of one topic and frame."""
 
@@ -219,12 +216,10 @@ class _Sensor:
         """Time after the header stamp at which poses fit the sweeps by their steps [s]."""
         self.step = 0.0
         self.flicker = _Flicker()
-        self.turned = 0.0
-        """Turn of the sensor in all [rad]."""
         self.times = 0.0, 0.0
         """Times of the first and of the last beam after the header stamp [s]."""
         self._every, self._moves, self._sweeps = 1, 0, 0
-        self._last: tuple[float, float, float] | None = None
+        self.moves = MovedPath(MOVED, TURNED)
         self._kept: list[tuple[int, int, Float64, Float64]] = []
         """Number of the move, stamp [ns], bearings and ranges of a sweep."""
         self._first_ns = self._last_ns = 0
@@ -248,7 +243,8 @@ class _Sensor:
         self.flicker.add(batch)
         rows = [(-1, row) for row in range(len(batch)) if self._sweeps + row < STANDING_SWEEPS]
         self._sweeps += len(batch)
-        for row in self._moved(batch):
+        chain = self.path.chain or self.chain
+        for row in self.moves.moved(np.zeros((0, 3)) if chain is None else _poses_at(chain, batch.stamp_ns)):
             if self._moves % self._every == 0:
                 rows.append((self._moves, row))
             self._moves += 1
@@ -260,23 +256,6 @@ class _Sensor:
             if len(self._kept) > MOST_SWEEPS:
                 self._every *= 2
                 self._kept = [one for one in self._kept if one[0] < 0 or one[0] % self._every == 0]
-
-    def _moved(self, batch: SweepBatch) -> list[int]:
-        """Return the rows of sweeps between which the sensor has moved."""
-        rows: list[int] = []
-        chain = self.path.chain or self.chain
-        poses = np.zeros((0, 3)) if chain is None else _poses_at(chain, batch.stamp_ns)
-        for row, (x, y, yaw) in enumerate(poses.tolist()):
-            if not math.isfinite(x + y + yaw):
-                continue
-            if self._last is not None:
-                turn = math.remainder(yaw - self._last[2], TURN)
-                if math.hypot(x - self._last[0], y - self._last[1]) < MOVED and abs(turn) < TURNED:
-                    continue
-                self.turned += abs(turn)
-                rows.append(row)
-            self._last = x, y, yaw
-        return rows
 
     def outlines(self) -> Outlines:
         """Return the points of the sampled sweeps."""
@@ -327,11 +306,13 @@ def _steps(path: CheckedPath, matched: Float64, others: Float64) -> tuple[Float6
 
 def _poses_at(chain: PoseChain, stamp_ns: Int64) -> Float64:
     """Return x, y [m] and yaw [rad] of a sensor (K, 3) at stamps (K,)."""
-    there = planar(chain.at(stamp_ns))
+    return _flat(chain.at(stamp_ns))
+
+
+def _flat(motion: Motion) -> Float64:
+    """Return x, y [m] and yaw [rad] (K, 3) of poses in space."""
+    there = planar(motion)
     return np.column_stack([there.x, there.y, there.yaw])
-
-
-# --- the mount, and the time of the poses -------------------------------------------------------------------
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -400,8 +381,7 @@ def _by_log(sensor: _Sensor) -> _Calibrated | None:
     @lru_cache(4)
     def poses(first: float, lasts: float) -> Float64:
         at_ns = outlines.stamp_ns + np.rint((first + lasts * outlines.share) * SECOND_NS).astype(np.int64)
-        there = planar(along(rest, at_ns, held=True))
-        return np.column_stack([there.x, there.y, there.yaw])
+        return _flat(along(rest, at_ns, held=True))
 
     logged = np.array([here.x[0], here.y[0], here.yaw[0]])
     path = poses(0.0, 0.0)
@@ -425,8 +405,8 @@ def _calibrated(sensor: _Sensor) -> _Calibrated | None:
         return by_log
     starts = [by_log.start]
     assert sensor.chain is not None
-    there = planar(along(_split(sensor.chain)[1], sensor.path.stamp_ns + round(sensor.delay * SECOND_NS)))
-    guess = _mount_by_steps(sensor.path, np.column_stack([there.x, there.y, there.yaw]))
+    carrier = along(_split(sensor.chain)[1], sensor.path.stamp_ns + round(sensor.delay * SECOND_NS))
+    guess = _mount_by_steps(sensor.path, _flat(carrier))
     if guess is not None and (np.abs(guess - by_log.logged) > NEARBY).any():
         starts.append(np.concatenate([guess, by_log.start[3:]]))
 
@@ -569,27 +549,22 @@ def _matched_at(path: CheckedPath, at_ns: Float64) -> Float64:
     return found
 
 
-# --- a second laser -----------------------------------------------------------------------------------------
-
-
 def _lasers_finding(
     first: _Sensor, found: _Calibrated | None, second: _Sensor, tree: FrameTree
 ) -> tuple[list[Finding], list[Mount]]:
     """Return the finding on the place of a second laser in the frame of the first one, and its mount; `tree`: static."""
     logged = None
     if (steps := tree.path(frame_name(second.frame), frame_name(first.frame))) is not None:
-        there = planar(along(steps, np.zeros(1, np.int64)))
-        place = np.column_stack([there.x, there.y, there.yaw])
+        place = _flat(along(steps, np.zeros(1, np.int64)))
         if found is not None and found.settled is not None and found.differs:
             place = steps_between(found.mount[None], poses_after(found.logged[None], place))
         logged = place[0]
     place_of = _standing(first, second) if first.stood and second.stood else _driving(first, second, found, logged)
-    why, deviation = place_of, SURE
-    if not isinstance(place_of, str):
-        deviation = np.maximum(place_of.deviations[:3], SURE * (3.0 if first.stood else 1.0))
-        why = "" if (deviation < UNSURE).all() else "they see too little alike"
-    if isinstance(place_of, str) or why:
-        stats = SimpleNamespace(first=first.topic, why=why)
+    if isinstance(place_of, str):
+        return judge([LASERS_UNKNOWN], SimpleNamespace(first=first.topic, why=place_of), second.named), []
+    deviation = np.maximum(place_of.deviations[:3], SURE * (3.0 if first.stood else 1.0))
+    if not (deviation < UNSURE).all():
+        stats = SimpleNamespace(first=first.topic, why="they see too little alike")
         return judge([LASERS_UNKNOWN], stats, second.named), []
     if logged is not None and not _differs(place_of.values[:3] - logged, deviation):
         return [], []
@@ -671,9 +646,6 @@ def _standing(first: _Sensor, second: _Sensor) -> CalibrationResult | str:
     return found
 
 
-# --- beams that flicker -------------------------------------------------------------------------------------
-
-
 SECTOR, SECTORS = np.deg2rad(30.0), 12
 _SEEING = (Status.VALID, Status.NO_RETURN, Status.TOO_CLOSE, Status.INVALID)
 
@@ -723,7 +695,7 @@ def _flickering(sensor: _Sensor) -> list[Finding]:
     others = (counts.valid / np.maximum(counts.beams, 1.0))[sees & (counts.valid > 0)]
     median = float(np.median(others)) if len(others) else 0.0
     lost = _in_sectors(sees & (counts.valid == 0), others_share=median, others=round(median, 3), valid=0.0)
-    lost.turned, lost.turned_degrees = sensor.turned, math.degrees(sensor.turned)
+    lost.turned, lost.turned_degrees = sensor.moves.turned, math.degrees(sensor.moves.turned)
     return judge([FLICKER], _in_sectors(flickers, worst=worst, changes=round(worst, 3)), sensor.named) + judge(
         [LOST_SECTORS], lost, sensor.named
     )

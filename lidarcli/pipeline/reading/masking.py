@@ -18,7 +18,7 @@ from lidarcli.masks import Mask, Masks, Mount, Sector, same_name
 from lidarcli.pipeline.inputs.sources import read_pose_messages
 from lidarcli.pipeline.reading.posing import NONE, Need, PoseAttacher, PoseOptions
 from lidarcli.range_rules import RangeRules
-from lidarcli.sweeps import TURN, Float32, Float64, Int32, Int64, SweepBatch, SweepPoses
+from lidarcli.sweeps import TURN, Float32, Float64, Int32, Int64, SweepBatch
 
 WINDOW, SHARE = 0.08, 0.6
 """A beam ends on the robot where it ends within so short a stretch [m] in at least this share of the sweeps."""
@@ -76,14 +76,7 @@ def masking_of(
 ) -> MaskRules:
     """Return the rules for the ranges of a log, with its mask learned and placed where that is asked for.
 
-    Parameters
-    ----------
-    poses, topics : how to find out where the sensor was, and the topics that matter, by default all: for `--mask auto`
-
-    Raises
-    ------
-    OptionError
-        The mask is to be learned from a log that can be read only once.
+    `poses` and `topics`, by default all, are for `--mask auto`: `OptionError` of a log that can be read only once.
     """
     masks = rules.masks
     if masks is None:
@@ -207,6 +200,36 @@ class _Counts:
         return self._cells.reshape(-1, self._steps)
 
 
+class MovedPath:
+    """The path of a sensor, taken in steps that are long enough."""
+
+    def __init__(self, step: float, turn: float) -> None:
+        self._step, self._turn = step, turn
+        self.last: tuple[float, float, float] | None = None
+        """Where it was last; None where nothing told that."""
+        self.distance = self.turned = self._heading = 0.0
+        """Length of the path [m], and all its turns together [rad]."""
+        self.turns = 0.0, 0.0
+        """Least and greatest turn since it began [rad]."""
+
+    def moved(self, poses: Float64) -> Iterator[int]:
+        """Yield those poses (K, 3) before which the sensor has moved."""
+        for row, (x, y, yaw) in enumerate(poses.tolist()):
+            if not math.isfinite(x + y + yaw):
+                continue
+            self.last = self.last or (x, y, yaw)
+            step = math.hypot(x - self.last[0], y - self.last[1])
+            turn = math.remainder(yaw - self.last[2], TURN)
+            if step < self._step and abs(turn) < self._turn:
+                continue
+            self.last = x, y, yaw
+            self.distance += step
+            self.turned += abs(turn)
+            self._heading += turn
+            self.turns = min(self.turns[0], self._heading), max(self.turns[1], self._heading)
+            yield row
+
+
 Run = list[tuple[int, float]]
 """Neighbouring beams, and for each the range at which its window begins [m]."""
 
@@ -221,15 +244,7 @@ class _Body:
         beams = self._beams if self._is_countable else 0
         self._always, self._driving = (_Counts(beams, GRAIN, REACH) for _ in range(2))
         self._far = _Counts(beams, FAR_GRAIN, FAR_REACH)
-        self._last: tuple[float, float, float] | None = None
-        self._distance = self._turn = 0.0
-        """Distance that the sensor drove [m], and its turn since it began [rad]."""
-        self._turns = 0.0, 0.0
-
-    @property
-    def is_placed(self) -> bool:
-        """True if something told where the sensor was."""
-        return self._last is not None
+        self._path = MovedPath(MOVED, TURNED)
 
     def add(self, batch: SweepBatch) -> None:
         """Take sweeps."""
@@ -237,7 +252,8 @@ class _Body:
             return
         ranges = self._in_columns(batch)
         self._always.add(ranges)
-        moved = [] if batch.poses is None else list(self._moved(batch.poses))
+        poses = batch.poses
+        moved = [] if poses is None else list(self._path.moved(np.column_stack([poses.x, poses.y, poses.yaw])))
         self._driving.add(ranges[moved])
         self._far.add(ranges[moved])
 
@@ -257,33 +273,16 @@ class _Body:
         ranges[row, columns[row, beam].astype(np.int64)] = batch.ranges[row, beam]
         return ranges
 
-    def _moved(self, poses: SweepPoses) -> Iterator[int]:
-        """Yield the sweeps before which the sensor has moved, and measure its path."""
-        for row, (x, y, yaw) in enumerate(zip(poses.x.tolist(), poses.y.tolist(), poses.yaw.tolist(), strict=True)):
-            if not math.isfinite(x + y + yaw):
-                continue
-            if self._last is None:
-                self._last = x, y, yaw
-            step = math.hypot(x - self._last[0], y - self._last[1])
-            turn = math.remainder(yaw - self._last[2], TURN)
-            if step < MOVED and abs(turn) < TURNED:
-                continue
-            self._last = x, y, yaw
-            self._distance += step
-            self._turn += turn
-            self._turns = min(self._turns[0], self._turn), max(self._turns[1], self._turn)
-            yield row
-
     def doubt(self) -> str:
         """Return why the robot itself cannot be told from what is around; empty where it can."""
         if not self._is_countable:
             return f"its sweeps have more than {MOST_BEAMS:,} beams, or no step between them"
-        if not self.is_placed:
+        if self._path.last is None:
             return "nothing tells whether the sensor drove"
-        turned = self._turns[1] - self._turns[0]
-        if self._distance < LEAST_DISTANCE or turned < LEAST_TURN or self._driving.sweeps < LEAST_SWEEPS:
+        turned, distance = self._path.turns[1] - self._path.turns[0], self._path.distance
+        if distance < LEAST_DISTANCE or turned < LEAST_TURN or self._driving.sweeps < LEAST_SWEEPS:
             return (
-                f"the sensor drove {self._distance:.1f} m and turned by {math.degrees(turned):.0f} degrees; to tell its "
+                f"the sensor drove {distance:.1f} m and turned by {math.degrees(turned):.0f} degrees; to tell its "
                 f"own body from what stands around takes {LEAST_DISTANCE:g} m and {math.degrees(LEAST_TURN):.0f} degrees"
             )
         least = SHARE * self._far.sweeps
@@ -350,7 +349,6 @@ def _runs(counts: _Counts, neighbours: float) -> list[Run]:
 
 
 def _described(runs: list[Run], proposed: bool) -> str:
-    """Return the note on some beams."""
     if not runs:
         return "no beam sees the robot itself"
     beams = counted(sum(map(len, runs)), "beam")

@@ -21,7 +21,7 @@ from lidarcli.logs.batches import LogBatcher, ReadOptions
 from lidarcli.logs.options import TopicChoice, nothing_read
 from lidarcli.machine import Threads
 from lidarcli.masks import Masks
-from lidarcli.pipeline.inputs.masks import AUTO, masks_of, plain
+from lidarcli.pipeline.inputs.declared import AUTO, masks_of, plain
 from lidarcli.pipeline.inputs.sources import Source, made_of_clouds, open_source, parts_of
 from lidarcli.pipeline.reading.masking import masking_of
 from lidarcli.pipeline.reading.posing import Need, PoseAttacher, PoseOptions
@@ -178,24 +178,11 @@ def _plain(time: float | Instant | None) -> float | str | None:
     return str(time) if isinstance(time, Instant) else time
 
 
-def describe_source(source: Source, log: Log) -> dict[str, Any]:
-    """Return the description of a source for the tables' metadata: nothing that depends on its place."""
-    described = {"name": source.file_name, "size": log.size, "format": log.format}
-    parts = [{"name": part.name, "size": part.size} for part in parts_of(log)]
-    return described | ({"parts": parts} if parts else {})
-
-
 class Reading:
-    """The sweeps of one log with their poses, counted: opens topics, remembers damage, reports missing topics.
+    """The sweeps of an open log with their poses, counted: opens topics, remembers damage, reports missing topics.
 
     A file is read ahead by a thread of its own, which has ended when this context is left; until then no other thread may
-    use the log.
-
-    Parameters
-    ----------
-    log : open log
-    options, poses : sweeps to read, and the poses for them
-    need : sensors whose path is matched where the log tells none
+    use the log. The path of the sensors of `need` is matched where the log tells none.
     """
 
     def __init__(self, log: Log, options: ReadOptions, poses: PoseOptions, need: Need = Need.TOLD) -> None:
@@ -231,25 +218,16 @@ class Reading:
         self._thread: Threads | None = None
 
     def batches(self, progress: Progress | None = None) -> Iterator[SweepBatch]:
-        """Return every batch with its poses; `progress` takes the position [bytes] once the caller is done with a batch."""
-        counted = map(self._count, self._read_ahead(map(self._attach, self._batcher.batches())))
-        return counted if progress is None else self._reported(counted, progress)
-
-    def _attach(self, batch: SweepBatch) -> tuple[SweepBatch, int]:
-        """Return a batch with its poses, and the position in the source after it [bytes]."""
-        return self._posing.attach(batch), self._log.position
-
-    def _count(self, read: tuple[SweepBatch, int]) -> SweepBatch:
-        batch, self._position = read
-        if self.date is None and len(batch):
-            self.date = str(np.datetime64(int(batch.stamp_ns[0]), "ns").astype("datetime64[D]"))
-        self.summary.add_sweeps(batch)
-        return batch
-
-    def _reported(self, batches: Iterator[SweepBatch], progress: Progress) -> Iterator[SweepBatch]:
-        for batch in batches:
+        """Yield every batch with its poses; `progress` takes the position [bytes] once the caller is done with a batch."""
+        attached = ((self._posing.attach(batch), self._log.position) for batch in self._batcher.batches())
+        for batch, position in self._read_ahead(attached):
+            self._position = position
+            if self.date is None and len(batch):
+                self.date = str(np.datetime64(int(batch.stamp_ns[0]), "ns").astype("datetime64[D]"))
+            self.summary.add_sweeps(batch)
             yield batch
-            progress(self._position)
+            if progress is not None:
+                progress(position)
 
     def motions(self, batch: SweepBatch) -> Iterator[tuple[str, Int64, Motion, str]]:
         """Yield the poses of a batch in space, as `PoseAttacher.motions`."""
@@ -260,18 +238,15 @@ class Reading:
         return self._posing.world_of(topic, frame)
 
     def _read_ahead(self, batches: Iterator[tuple[SweepBatch, int]]) -> Iterator[tuple[SweepBatch, int]]:
-        """Return what an iterator yields, which a thread of its own pulls for a file that is worth it."""
+        """Yield what an iterator yields, which a thread of its own pulls for a file that is worth it."""
         # Sweeps of a pipe are wanted at once, and reading one cannot be broken off.
-        if self._log.size is None or self._log.size < WORTH_A_THREAD:
-            return batches
-        try:
-            self._thread = Threads("read")
-        except RuntimeError:
-            # The system starts no more threads.
-            return batches
-        return self._from_thread(self._thread, batches)
-
-    def _from_thread(self, thread: Threads, batches: Iterator[tuple[SweepBatch, int]]) -> Iterator[tuple[SweepBatch, int]]:
+        if self._log.size is not None and self._log.size >= WORTH_A_THREAD:
+            # The system may start no more threads.
+            with suppress(RuntimeError):
+                self._thread = Threads("read")
+        if (thread := self._thread) is None:
+            yield from batches
+            return
         waiting = deque(thread.submit(next, batches, None) for _ in range(AHEAD))
         while (batch := waiting.popleft().result()) is not None:
             waiting.append(thread.submit(next, batches, None))
@@ -307,14 +282,15 @@ class Reading:
     def describe(self, source: Source) -> dict[str, Any]:
         """Return the description of the source, its poses and its ranges of no return, for the tables' metadata."""
         described = {
+            "parts": [{"name": part.name, "size": part.size} for part in parts_of(self._log)],
             "poses": self._posing.described(),
             "made_of_clouds": made_of_clouds(self._log),
             "segments": sorted(self._report.segments),
             "no_return_from": dict(sorted(self._report.no_return.items())),
             "mask": plain(self._masks or Masks()),
         }
-        described = {name: what for name, what in described.items() if what}
-        return describe_source(source, self._log) | described
+        known = {"name": source.file_name, "size": self._log.size, "format": self._log.format}
+        return known | {name: what for name, what in described.items() if what}
 
     def __enter__(self) -> Self:
         return self

@@ -191,20 +191,12 @@ def pose_infos(found: FoundPoses) -> tuple[PoseInfo, ...]:
     """Return the contents of every pose topic of a log."""
     infos = []
     for topic in found.sources.topics:
-        mine = [track for track in found.sources.tracks if track.topic == topic]
-        mine.sort(key=lambda track: -track.messages)
-        spans = [track.span_ns for track in mine]
-        infos.append(
-            PoseInfo(
-                topic=topic,
-                type=mine[0].type,
-                poses=sum(track.messages for track in mine),
-                rate=max((track.rate for track in mine if track.rate is not None), default=None),
-                start_ns=min(first for first, _ in spans),
-                end_ns=max(last for _, last in spans),
-                frames=tuple((track.parent, track.child) for track in mine),
-            )
-        )
+        mine = sorted((one for one in found.sources.tracks if one.topic == topic), key=lambda one: -one.messages)
+        firsts, lasts = zip(*(track.span_ns for track in mine), strict=True)
+        rate = max((track.rate for track in mine if track.rate is not None), default=None)
+        frames = tuple((track.parent, track.child) for track in mine)
+        poses = sum(track.messages for track in mine)
+        infos.append(PoseInfo(topic, mine[0].type, poses, rate, min(firsts), max(lasts), frames))
     return tuple(infos)
 
 
@@ -267,23 +259,14 @@ class PoseAttacher:
     ) -> PoseAttacher:
         """Find the poses of a log, as far as it has some and can be read twice, and check them by its sweeps.
 
-        Parameters
-        ----------
-        choice, rules : the topics to read, and how their ranges are judged
-        need : sensors whose path is matched where the log tells none
+        `choice` are the topics to read, `rules` judge their ranges; `need` are the sensors whose path is matched where the
+        log tells none.
         """
         found = find_poses(log, options)
         is_pipe = log.size is None and log.topics() is None and not log.format.startswith(_WITHOUT_POSES)
         missed = _PIPE if is_pipe and found is None and options.source != NONE else ""
-        posing = cls(
-            found,
-            missed,
-            str(options.file or ""),
-            options.delay or 0.0,
-            options.order,
-            options.deskew,
-            levelled=frozenset(made_of_clouds(log)),
-        )
+        clouds = frozenset(made_of_clouds(log))
+        posing = cls(found, missed, str(options.file or ""), options.delay or 0.0, options.order, options.deskew, clouds)
         posing.named = found is not None and any(one is not None for one in (options.source, options.file, options.delay))
         match = options.source == MATCH
         if log.size is not None and (found is not None or need is not Need.TOLD or match):
@@ -346,7 +329,15 @@ class PoseAttacher:
             at_ns = later(mine.stamp_ns, first_ns)
             motion = chain.at(at_ns)
             here = planar(motion)
-            _put(poses, rows, chain.going(here, at_ns, lasts_ns))
+            poses.x[rows], poses.y[rows], poses.yaw[rows], poses.upside_down[rows] = (
+                here.x,
+                here.y,
+                here.yaw,
+                here.upside_down,
+            )
+            going = chain.going(here, at_ns, lasts_ns).way
+            if going is not None and poses.way is not None:
+                poses.way[rows] = going
             if poses.reverse is not None and lasts_ns is not None:
                 poses.reverse[rows] = first_ns > 0
             stats.without += int(np.count_nonzero(np.isnan(here.x)))
@@ -499,14 +490,6 @@ def _nowhere(sweeps: int, moving: bool, reverse: bool) -> SweepPoses:
     )
 
 
-def _put(poses: SweepPoses, rows: Int64, here: SweepPoses) -> None:
-    """Fill in the poses of some sweeps."""
-    poses.x[rows], poses.y[rows], poses.yaw[rows] = here.x, here.y, here.yaw
-    poses.upside_down[rows] = here.upside_down
-    if here.way is not None and poses.way is not None:
-        poses.way[rows] = here.way
-
-
 def _chosen(chain: PoseChain, others: Sequence[str]) -> str:
     line = f"poses from {' and '.join(chain.topics)} ({chain.frames})"
     if chain.assumption:
@@ -584,39 +567,26 @@ def polygons(log: Log, topic: str, report: ReadReport) -> list[StampedPolygon] |
 
 
 def _decoded(
-    log: Log, topic: str, types: frozenset[str], report: ReadReport, decode: Callable[[Message], Decoded]
+    log: Log, topic: str, types: frozenset[str], report: ReadReport, decode: Callable[[Message, Cursor], Decoded]
 ) -> list[Decoded] | None:
-    """Decode every message of a topic; None where there is none."""
-    messages = _of_topic(log, topic, types, report)
+    """Decode every message of a topic; None where there is none, without a pass where the log is known to have none."""
+    if (listed := log.topics()) is not None:
+        types = types & {each.type for each in listed if same_name(each.name, topic)}
     decoded: list[Decoded] | None = None
-    for message in messages:
+    for message in log.messages(types, report) if types else ():
+        if not same_name(message.topic, topic):
+            continue
         decoded = [] if decoded is None else decoded
         try:
-            decoded.append(decode(message))
+            if message.encoding not in {"cdr", "ros1"}:
+                raise BadMessageError(f"{message.encoding} cannot be read")
+            decoded.append(decode(message, Cursor(message.data, message.encoding)))
         except BadMessageError as err:
             report.refused[message.topic, str(err)] += 1
     return decoded
 
 
-def _of_topic(log: Log, topic: str, types: frozenset[str], report: ReadReport) -> Iterator[Message]:
-    """Yield the messages of a topic, without a pass over a log that is known to have none."""
-    listed = log.topics()
-    if listed is not None:
-        types = types & {each.type for each in listed if same_name(each.name, topic)}
-    if types:
-        for message in log.messages(types, report):
-            if same_name(message.topic, topic):
-                yield message
-
-
-def _cursor(message: Message) -> Cursor:
-    if message.encoding not in {"cdr", "ros1"}:
-        raise BadMessageError(f"{message.encoding} cannot be read")
-    return Cursor(message.data, message.encoding)
-
-
-def _velocity(message: Message) -> tuple[int, tuple[float, float, float]]:
-    cursor = _cursor(message)
+def _velocity(message: Message, cursor: Cursor) -> tuple[int, tuple[float, float, float]]:
     stamp_ns = 0
     if message.type != TWIST:
         stamp_ns = cursor.stamp_ns()
@@ -633,10 +603,9 @@ def _velocity(message: Message) -> tuple[int, tuple[float, float, float]]:
     return stamp_ns or message.record_ns, (float(numbers[0]), float(numbers[1]), float(numbers[5]))
 
 
-def _polygon(message: Message) -> StampedPolygon:
+def _polygon(message: Message, cursor: Cursor) -> StampedPolygon:
     from lidarcli.pose.tracks import frame_name
 
-    cursor = _cursor(message)
     stamp_ns = cursor.stamp_ns()
     frame = frame_name(cursor.text())
     count = cursor.word()

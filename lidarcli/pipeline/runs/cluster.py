@@ -38,8 +38,6 @@ try:
 except ImportError as err:
     raise OptionError("--cluster needs distributed, which is not installed: pip install 'lidarcli[fleet]'") from err
 
-LOCAL = "local"
-"""`local:N` starts N workers on this machine."""
 MOST_WORKERS = 1024
 WINDOW = 2
 """Logs that are submitted at a time for each thread of the cluster: one at work, one waiting."""
@@ -88,7 +86,8 @@ def connected(address: str) -> Iterator[distributed.Client]:
         logging.getLogger(logger).setLevel(logging.CRITICAL)
     with ExitStack() as stack:
         try:
-            target = _local(address, stack) if is_local(address) else _known(address)
+            is_own = address.partition(":")[0] == "local"
+            target = _local(address, stack) if is_own else _known(address)
             client = stack.enter_context(distributed.Client(target, set_as_default=False, timeout=CONNECT_S))
         except (OSError, RuntimeError) as err:
             raise OptionError(f"--cluster {address}: cannot be reached: {err}") from err
@@ -109,11 +108,6 @@ def connected(address: str) -> Iterator[distributed.Client]:
         if others:
             raise OptionError(f"--cluster {address}: workers have to be of the same build: {'; '.join(others)}")
         yield client
-
-
-def is_local(address: str) -> bool:
-    """Return True for a cluster of our own on this machine."""
-    return address.partition(":")[0] == LOCAL
 
 
 def _local(address: str, stack: ExitStack) -> Any:
@@ -215,10 +209,8 @@ def _outcome(future: Any, source: Source | MissingInput, is_alone: bool) -> Outc
         # The cluster may also have lost it.
         if not is_alone:
             return None
-        code, error = (
-            UnreadableError.exit_code,
-            "ends every worker that reads it (out of memory?); try it alone, without --cluster",
-        )
+        code = UnreadableError.exit_code
+        error = "ends every worker that reads it (out of memory?); try it alone, without --cluster"
     except Exception as err:
         error = f"internal error on a worker: {type(err).__name__}: {err}"
     finally:
@@ -231,13 +223,8 @@ def _cancel(client: distributed.Client, futures: list[Any]) -> None:
     with suppress(Exception):
         client.cancel(futures, force=True)
         until = time.monotonic() + (UNWIND_S if client.cluster is not None else 0.0)
-        while time.monotonic() < until and any(client.run(_busy).values()):
+        while time.monotonic() < until and any(client.run(lambda dask_worker: len(dask_worker.active_threads)).values()):
             time.sleep(0.05)
-
-
-def _busy(dask_worker: Any) -> int:
-    """Return the number of tasks that a worker is busy with."""
-    return len(dask_worker.active_threads)
 
 
 def _sent(source: Source | MissingInput) -> Source | MissingInput:

@@ -62,18 +62,10 @@ class LogWork(Protocol):
 def over_logs(
     sources: Sequence[Source | MissingInput], work: LogWork, report: LogProgress | None = None, at_once: int = 1
 ) -> Iterator[Outcome]:
-    """Do the work for one log after the other, or for several at the same time in worker processes.
+    """Do the work for one log after the other, or for several at once in worker processes; yield the outcomes in order.
 
-    Parameters
-    ----------
-    sources : inputs of the run
-    work : what to do with a log; for worker processes a function of a module, or a `partial` of one
-    report : takes the progress of each log, of one in a worker process when it is done
-    at_once : logs at the same time, as of `logs_at_once`
-
-    Returns
-    -------
-    The outcome of each input, in their order.
+    For worker processes the work is a function of a module, or a `partial` of one, and `report` takes the progress of a log
+    when it is done.
     """
     if at_once < 2:
         for source in sources:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import glob
 import json
 import os
 import re
@@ -14,7 +15,6 @@ from pathlib import Path
 from lidarcli._version import __version__
 from lidarcli.errors import LidarcliError, OutputError, UnreadableError
 from lidarcli.newfiles import exists_already
-from lidarcli.pipeline.inputs.files import all_files
 from lidarcli.pipeline.inputs.sources import MissingInput, Source
 from lidarcli.pipeline.objects.detection import DetectOptions
 from lidarcli.pipeline.runs.over_logs import Outcome
@@ -101,8 +101,8 @@ class TableFolder:
             dated = {_DAY.sub("/", name): name for name in self._list()}
             names = (absolute(self._folder / table / f"{source.name}.parquet") for table in self._options.tables)
             return [dated[name] for name in names if name in dated]
-        days = [day for table in self._options.tables for day in all_files(self._folder / table, "")]
-        return [*filter(self.is_there, (absolute(day / f"{source.name}.parquet") for day in days if "date=" in day.name))]
+        name = f"date=*/{glob.escape(source.name)}.parquet"
+        return [absolute(path) for table in self._options.tables for path in sorted(self._folder.glob(f"{table}/{name}"))]
 
     def is_there(self, name: str) -> bool:
         """Return True if there is a file of this name."""
@@ -117,7 +117,7 @@ class TableFolder:
         for old in self._other_days.pop(outcome.source, ()):
             if old not in outputs:
                 try:
-                    _remove(place(old))
+                    remove(place(old))
                 except OutputError as err:
                     notes.append(f"{err}; the log has another day now, and is there twice")
         return notes
@@ -185,16 +185,6 @@ def _state(where: Place) -> State:
     if found is None:
         raise UnreadableError(f"{where}: no such file")
     return found
-
-
-def _remove(where: Place) -> None:
-    if isinstance(where, Url):
-        remove(where)
-        return
-    try:
-        where.unlink()
-    except OSError as err:
-        raise OutputError(f"cannot remove {where}: {err.strerror or err}") from err
 
 
 def _notes(name: str) -> dict[str, str]:

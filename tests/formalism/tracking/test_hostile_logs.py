@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import fields, replace
 from typing import Any
 
 import numpy as np
@@ -28,8 +28,8 @@ def joined(log: list[SweepBatch]) -> SweepBatch:
             row[:, : batch.width] = getattr(batch, name)
         return np.concatenate(rows)
 
-    names = ("frame", "sweep", "stamp_ns", "record_ns", "angle_min", "angle_increment")
-    names += ("range_min", "range_max", "beams", "closure")
+    first = log[0]
+    names = [one.name for one in fields(first) if np.shape(getattr(first, one.name)) == (len(first),)]
     columns = {name: np.concatenate([getattr(batch, name) for batch in log]) for name in names}
     poses = None
     if log[0].poses is not None:

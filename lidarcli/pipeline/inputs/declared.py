@@ -1,21 +1,27 @@
-"""Zones of Nav2: parameters of its Collision Monitor and Collision Detector → `Zones`; docs/zones.md lists them."""
+"""Files that users write: masks, zones and catalogues in TOML, and zones in parameters of Nav2; masks are also written."""
 
 from __future__ import annotations
 
 import ast
+import json
 import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from os import PathLike, fspath
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from lidarcli.configfiles import LARGEST, Fields, read_toml, read_yaml
 from lidarcli.errors import OptionError
-from lidarcli.masks import Circle, Mask, Masks, Polygon, same_name
-from lidarcli.pipeline.inputs.masks import MOST, MOST_CORNERS, mask_of, mounts_of, numbered, refuse_shapes, shape_of
+from lidarcli.formalism.detection import MOST_INTENSITY
+from lidarcli.formalism.matching.catalogue import KINDS as THING_SHAPES
+from lidarcli.formalism.matching.catalogue import Catalogue, Thing
+from lidarcli.masks import CLOSE, Circle, Mask, Masks, Mount, Polygon, Sector, Shape, same_name
+from lidarcli.range_rules import FARTHEST
+from lidarcli.sweeps import TURN
 from lidarcli.zone import (
     ACTIONS,
     COUNTS,
@@ -33,6 +39,228 @@ from lidarcli.zone import (
     crossing_edges,
     on_one_line,
 )
+
+AUTO = "auto"
+"""In place of a file: learn the mask from each log."""
+MOST = 1000
+"""Most tables of each kind."""
+MOST_CORNERS = 100
+MASK_SHAPES = ("circle", "polygon", "sector")
+DECIMALS = 6
+"""Of what is written: micrometres, and far less than the step between two beams."""
+
+
+def read_masks(file: str) -> Masks:
+    """Read a mask file; what is wrong with it is one line with file, table and key (`OptionError`, `UnreadableError`)."""
+    return replace(masks_of(file, read_toml(file, "mask")), path=file)
+
+
+def masks_of(file: str, tables: Mapping[str, Any]) -> Masks:
+    """Return the masks that the tables of a file tell; errors as of `read_masks`."""
+    top = Fields(file, "the file", tables)
+    masks, mounts = numbered(top, "mask"), numbered(top, "mount")
+    top.done()
+    if not (masks or mounts):
+        raise OptionError(f"{file}: no [[mask]] in this file")
+    return Masks(tuple(map(mask_of, masks)), mounts_of(mounts))
+
+
+def numbered(top: Fields, kind: str) -> list[Fields]:
+    """Return the tables [[kind]] of a file, none where it has none."""
+    if not top.has(kind):
+        return []
+    return [
+        Fields(top.file, f"[[{kind}]] number {number}", item) for number, item in enumerate(top.items(kind, 0, MOST), 1)
+    ]
+
+
+def mask_of(fields: Fields) -> Mask:
+    """Return the mask that a table [[mask]] tells."""
+    fields.has(*MASK_SHAPES, "topic", "frame")
+    fields.done()
+    shape = _shape_key(fields, "mask", MASK_SHAPES)
+    topic = fields.text("topic") if fields.has("topic") else ""
+    frame = fields.text("frame") if fields.has("frame") else ""
+    if frame and shape == "sector":
+        fields.fail("frame", "and 'sector' exclude each other: its bearings are those of the sensor")
+    return Mask(shape_of(fields, shape), topic, frame)
+
+
+def _shape_key(fields: Fields, what: str, shapes: Sequence[str]) -> str:
+    """Return the one shape that a table has; refuse one that has none, or two."""
+    given = [shape for shape in shapes if fields.has(shape)]
+    if not given:
+        fields.fail(shapes[0], f"is missing: a {what} is a {', '.join(shapes[:-1])} or {shapes[-1]}")
+    if len(given) > 1:
+        fields.fail(given[1], f"and '{given[0]}' exclude each other: a {what} has one shape")
+    return given[0]
+
+
+def shape_of(fields: Fields, kind: str) -> Shape:
+    """Return the shape that a key of `MASK_SHAPES` tells."""
+    if kind == "polygon":
+        corners = fields.points(kind, 3)
+        if len(corners) > MOST_CORNERS:
+            fields.fail(kind, f"has more than {MOST_CORNERS:,} corners")
+        return Polygon(tuple((x, y) for x, y in corners))
+    inner = fields.table(kind)
+    if kind == "circle":
+        shape: Shape = Circle(inner.number("x"), inner.number("y"), inner.number("radius", above=0))
+    else:
+        begin, end = (inner.number(key, low=-360, high=360) for key in ("from", "to"))
+        nearest = inner.number("nearest", 0.0, low=0)
+        farthest = inner.number("farthest", FARTHEST, low=nearest)
+        shape = Sector(math.radians(begin), math.radians(end), nearest, farthest)
+    inner.done()
+    return shape
+
+
+def mounts_of(tables: Sequence[Fields]) -> tuple[Mount, ...]:
+    """Return the places that the tables [[mount]] of a file tell; refuse mounts that lead back to where they began."""
+    mounts = tuple(map(_mount, tables))
+    left = dict(enumerate((mount.frame.lstrip("/"), mount.parent.lstrip("/")) for mount in mounts))
+    # What leads to a frame without a mount is in no circle.
+    before = len(left) + 1
+    while len(left) < before:
+        before, frames = len(left), {frame for frame, _ in left.values()}
+        left = {number: pair for number, pair in left.items() if pair[1] in frames}
+    for number in left:
+        tables[number].fail("parent", f"leads back to where it began, by the frames {', '.join(sorted(frames))}")
+    return mounts
+
+
+def _mount(fields: Fields) -> Mount:
+    """Return the place that a table [[mount]] tells."""
+    mount = Mount(
+        fields.text("frame"),
+        fields.text("parent"),
+        fields.number("x", 0.0),
+        fields.number("y", 0.0),
+        math.radians(fields.number("yaw", 0.0, low=-360, high=360)),
+        fields.flag("upside_down", False),
+    )
+    fields.done()
+    return mount
+
+
+def plain(masks: Masks) -> dict[str, list[dict[str, Any]]]:
+    """Return the tables of a file that tells these masks, for the metadata of tables."""
+    tables = {
+        "mask": [_mask_table(mask) for mask in masks.masks],
+        "mount": [
+            {
+                "frame": mount.frame,
+                "parent": mount.parent,
+                "x": round(mount.x, DECIMALS),
+                "y": round(mount.y, DECIMALS),
+                "yaw": round(math.degrees(mount.yaw), DECIMALS),
+                **({"upside_down": True} if mount.upside_down else {}),
+            }
+            for mount in masks.mounts
+        ],
+    }
+    return {kind: table for kind, table in tables.items() if table}
+
+
+def _mask_table(mask: Mask) -> dict[str, Any]:
+    names = {name: value for name in ("topic", "frame") if (value := getattr(mask, name))}
+    match mask.shape:
+        case Circle(x, y, radius):
+            return names | {"circle": {"x": round(x, DECIMALS), "y": round(y, DECIMALS), "radius": round(radius, DECIMALS)}}
+        case Polygon(corners):
+            return names | {"polygon": [[round(x, DECIMALS), round(y, DECIMALS)] for x, y in corners]}
+        case Sector(begin, end, nearest, farthest):
+            table = {"from": math.degrees(begin), "to": math.degrees(end), "nearest": nearest, "farthest": farthest}
+            return names | {"sector": {key: round(value, DECIMALS) for key, value in table.items()}}
+
+
+def mask_text(masks: Masks, proposed: Masks) -> str:
+    """Return the text of a mask file, empty without a mask and a mount; proposed masks are comments in it."""
+    tables = plain(masks)
+    blocks = [_block("mask", table, "") for table in tables.get("mask", [])]
+    if proposed.masks:
+        head = "# The sensor stood: what follows looks like the robot itself. Remove the # where it is.\n"
+        blocks += [head, *(_block("mask", table, "# ") for table in plain(proposed)["mask"])]
+    blocks += [_block("mount", table, "") for table in tables.get("mount", [])]
+    return "\n".join(blocks)
+
+
+def _block(kind: str, table: Mapping[str, Any], comment: str) -> str:
+    lines = [f"[[{kind}]]", *(f"{key} = {_value(value)}" for key, value in table.items())]
+    return "".join(f"{comment}{line}\n" for line in lines)
+
+
+def _value(value: Any) -> str:
+    """Return a value as TOML."""
+    if isinstance(value, dict):
+        return f"{{ {', '.join(f'{key} = {_value(one)}' for key, one in value.items())} }}"
+    # Lists, numbers and texts look the same in JSON, but for a character that only TOML has to escape.
+    return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
+
+
+NODE = "scan_to_scan_filter_chain"
+"""Program of laser_filters, and the name of its node."""
+
+
+class View(NamedTuple):
+    """Bearings of the beams of a topic, from the least to the greatest [rad]."""
+
+    topic: str
+    low: float
+    high: float
+
+
+def filter_text(masks: Masks, views: Sequence[View]) -> str:
+    """Return the parameters of a node for each topic with a mask, as YAML (`OptionError` for masks that are no sectors)."""
+    chains = {}
+    for view in views:
+        mine = [mask.shape for mask in masks.masks if not mask.topic or same_name(mask.topic, view.topic)]
+        if filters := [each for shape in mine for each in _filters(shape, view)]:
+            chains[view.topic] = filters
+    blocks = []
+    for topic, filters in chains.items():
+        node = NODE if len(chains) == 1 else f"{re.sub('[^0-9A-Za-z]+', '_', topic).strip('_')}_filter_chain"
+        named = "" if len(chains) == 1 else f" -r __node:={node}"
+        lines = [
+            f"# ros2 run laser_filters {NODE} --ros-args -r scan:={topic}{named} --params-file FILE",
+            f"{node}:",
+            "  ros__parameters:",
+        ]
+        for number, parameters in enumerate(filters, 1):
+            lines += [
+                f"    filter{number}:",
+                f"      name: mask{number}",
+                "      type: laser_filters/LaserScanSectorFilter",
+                "      params:",
+                *(f"        {key}: {value}" for key, value in parameters.items()),
+            ]
+        blocks.append("".join(f"{line}\n" for line in lines))
+    return "\n".join(blocks)
+
+
+def _filters(shape: object, view: View) -> Iterator[dict[str, str]]:
+    """Yield the parameters of the filters for one mask of a sensor."""
+    if not isinstance(shape, Sector):
+        raise OptionError("laser_filters takes sectors of bearings; write other masks to a .toml file")
+    width = shape.end - shape.begin if 0.0 <= shape.end - shape.begin <= TURN else (shape.end - shape.begin) % TURN
+    # A filter knows nothing of turns; a mask and a sensor may count their bearings from different ones.
+    first = shape.begin + TURN * np.ceil((view.low - shape.begin - width - CLOSE) / TURN)
+    while first <= view.high + CLOSE:
+        # A filter takes what lies between its limits, and a mask these, too.
+        yield {
+            "angle_min": f"{first - CLOSE:.10f}",
+            "angle_max": f"{first + width + CLOSE:.10f}",
+            "range_min": _beyond(shape.nearest, -np.inf),
+            "range_max": _beyond(shape.farthest, np.inf),
+        }
+        first += TURN
+
+
+def _beyond(edge: float, side: float) -> str:
+    """Return a limit between a range [m] and the next float32 to a side."""
+    value = np.float32(edge)
+    return f"{0.5 * (float(value) + float(np.nextafter(value, np.float32(side)))):#.10g}"
+
 
 MOST_POINTS = 1_000_000
 """Greatest number of points or sweeps that a zone asks for."""
@@ -52,15 +280,6 @@ _Named = tuple[tuple[str, ...], Any]
 """Names that lead to a node, and its parameters."""
 
 
-@dataclass(frozen=True, slots=True)
-class _Source:
-    """A source of scans."""
-
-    topic: str
-    timeout: float
-    """[s]"""
-
-
 @dataclass(slots=True)
 class _Node:
     """A node that watches polygons."""
@@ -70,17 +289,13 @@ class _Node:
     """Empty, or `/name`."""
     robot: str
     notes: list[str]
-    sources: dict[str, _Source | None]
-    """Name → source; None for one that is not read."""
+    sources: dict[str, tuple[str, float] | None]
+    """Name → topic and timeout [s] of its scans; None for a source that is not read."""
     masks: list[Mask]
 
     def topic(self, name: str) -> str:
         """Return the full name of a topic."""
         return name if name.startswith("/") else f"{self.namespace}/{name}"
-
-    def note(self, text: str) -> None:
-        """Note a part of the file that is not used."""
-        self.notes.append(text)
 
 
 def read_nav2(file: str) -> Zones:
@@ -89,13 +304,14 @@ def read_nav2(file: str) -> Zones:
     masks: list[Mask] = []
     notes: list[str] = []
     robot = ""
-    for path, parameters in _monitors([*_nodes(read_yaml(file, "zone file"), ())]):
+    for path, parameters in _monitors([*_nodes(read_yaml(file, "zone file"))]):
         fields = Fields(file, "/".join(path) or "the file", parameters)
         base = fields.text("base_frame_id", "base_footprint")
         if robot and not same_name(robot, base):
             fields.fail("base_frame_id", f"is {base}, of another node {robot}: leave one out")
         robot = robot or base
-        node = _Node(fields, _namespace(path), base, notes, {}, masks)
+        namespace = "".join(f"/{name}" for name in [name for name in path if "*" not in name][:-1])
+        node = _Node(fields, namespace, base, notes, {}, masks)
         _read_sources(node)
         zones += _zones(node)
     if not robot:
@@ -116,7 +332,7 @@ def approach_times(fields: Fields) -> tuple[float, float]:
     return ahead, step
 
 
-def _nodes(values: Mapping[str, Any], path: tuple[str, ...]) -> Iterator[_Named]:
+def _nodes(values: Mapping[str, Any], path: tuple[str, ...] = ()) -> Iterator[_Named]:
     """Yield the parameters of nodes, wherever they are, with the names that lead to them."""
     for name, value in values.items():
         if not isinstance(value, dict):
@@ -144,21 +360,11 @@ def _monitors(nodes: Sequence[_Named]) -> Iterator[_Named]:
     yield from [each for each in found if "polygons" in each[1]] or ([(_ALL_NODES, shared)] if "polygons" in shared else [])
 
 
-def _namespace(path: tuple[str, ...]) -> str:
-    """Return the namespace of a node.
-
-    >>> [_namespace(path) for path in (("collision_monitor",), ("robot1", "monitor"), ("**",))]
-    ['', '/robot1', '']
-    """
-    names = [name for name in path if "*" not in name]
-    return "".join(f"/{name}" for name in names[:-1])
-
-
 def _read_sources(node: _Node) -> None:
     """Read what the node observes."""
     fields = node.fields
     if not fields.has("observation_sources"):
-        node.note("no observation_sources: every scan topic counts")
+        node.notes.append("no observation_sources: every scan topic counts")
         return
     timeout = _timeout(fields)
     unread = []
@@ -167,15 +373,15 @@ def _read_sources(node: _Node) -> None:
         kind = source.text("type", _SCAN, _SOURCES)
         node.sources[name] = None
         if not source.flag("enabled", True):
-            node.note(f"source {name} is not enabled: it does not count")
+            node.notes.append(f"source {name} is not enabled: it does not count")
         elif kind != _SCAN:
             unread.append(f"{name} ({kind})")
         else:
             topic = node.topic(source.text("topic", "scan"))
-            node.sources[name] = _Source(topic, source.number("source_timeout", timeout, low=0, high=LONGEST))
+            node.sources[name] = (topic, source.number("source_timeout", timeout, low=0, high=LONGEST))
             _read_exclusions(node, source, topic)
     if unread:
-        node.note(f"only scans are read, not {', '.join(unread)}: the list of events is incomplete")
+        node.notes.append(f"only scans are read, not {', '.join(unread)}: the list of events is incomplete")
 
 
 def _read_exclusions(node: _Node, source: Fields, topic: str) -> None:
@@ -191,10 +397,10 @@ def _read_exclusions(node: _Node, source: Fields, topic: str) -> None:
         else:
             shape = _polygon(fields, _LEAST_EXCLUDED)
         if not fields.flag("enabled", False):
-            node.note(f"exclusion zone {name} is not enabled, which is the default: its points count")
+            node.notes.append(f"exclusion zone {name} is not enabled, which is the default: its points count")
             continue
         if fields.has("min_height", "max_height"):
-            node.note(f"exclusion zone {name} has heights, which are not used: it is taken at every height")
+            node.notes.append(f"exclusion zone {name} has heights, which are not used: it is taken at every height")
         frame = fields.values.get("frame_id") or node.robot
         if not isinstance(frame, str):
             fields.fail("frame_id", "must be a text")
@@ -206,14 +412,14 @@ def _zones(node: _Node) -> Iterator[Zone]:
     fields = node.fields
     working = fields.flag("enabled", True)
     if not working:
-        node.note(f"{fields.place} is not enabled: its polygons are not judged")
+        node.notes.append(f"{fields.place} is not enabled: its polygons are not judged")
     for name in _names(fields, "polygons"):
         polygon = fields.table(name)
         zone = _nav2_zone(node, polygon, name)
         if not polygon.flag("enabled", True):
-            node.note(f"{name} is not enabled: it is not judged")
+            node.notes.append(f"{name} is not enabled: it is not judged")
         elif node.sources and not zone.topics:
-            node.note(f"{name} has no source of scans: it is not judged")
+            node.notes.append(f"{name} has no source of scans: it is not judged")
         elif working:
             yield zone
 
@@ -271,10 +477,12 @@ def _topics(node: _Node, polygon: Fields, name: str) -> tuple[tuple[str, ...], f
     if node.sources and (unknown := [each for each in names if each not in node.sources]):
         polygon.fail("sources_names", f"has '{unknown[0]}', which is not in observation_sources")
     sources = [source for each in names if (source := node.sources.get(each)) is not None]
-    topics = tuple(dict.fromkeys(source.topic for source in sources))
-    timeouts = sorted({source.timeout or math.inf for source in sources} or {_timeout(node.fields)})
+    topics = tuple(dict.fromkeys(topic for topic, _ in sources))
+    timeouts = sorted({timeout or math.inf for _, timeout in sources} or {_timeout(node.fields)})
     if len(timeouts) > 1 and polygon.flag("enabled", True):
-        node.note(f"{name}: the shortest source_timeout of its sources, {timeouts[0]:g} s, is taken for all of them")
+        node.notes.append(
+            f"{name}: the shortest source_timeout of its sources, {timeouts[0]:g} s, is taken for all of them"
+        )
     return topics, timeouts[0] if math.isfinite(timeouts[0]) else 0.0
 
 
@@ -298,7 +506,7 @@ def _cases(node: _Node, polygon: Fields, name: str) -> Iterator[Case]:
 
 def _note_crossing(node: _Node, name: str, shape: Polygon) -> None:
     if (crossing := crossing_edges(shape)) is not None:
-        node.note(
+        node.notes.append(
             f"{name} crosses or touches itself (edges {crossing[0]} and {crossing[1]}): only what the even-odd "
             "rule calls inside counts, as in Nav2"
         )
@@ -331,7 +539,7 @@ def _polygon(fields: Fields, least: int) -> Polygon:
     return Polygon(tuple(corners))
 
 
-SHAPES = ("polygon", "circle", "line")
+ZONE_SHAPES = ("polygon", "circle", "line")
 _APPROACH_KEYS = ("time_before_collision", "simulation_time_step")
 _AREA_KEYS = ("min_points", "trigger", "hold")
 _KEYS = ("name", "frame", "topic", "action", "count", *_AREA_KEYS, *_APPROACH_KEYS)
@@ -384,12 +592,11 @@ def _read(file: str) -> Zones:
 
 
 def _zone(fields: Fields) -> Zone:
-    given = [shape for shape in SHAPES if fields.has(shape)]
-    fields.has(*_KEYS)
+    fields.has(*ZONE_SHAPES, *_KEYS)
     fields.done()
-    refuse_shapes(fields, "zone", SHAPES, given)
+    shape = _shape_key(fields, "zone", ZONE_SHAPES)
     action = fields.text("action", "none", ACTIONS)
-    if given == ["line"]:
+    if shape == "line":
         if action == "approach":
             fields.fail("action", "cannot be approach with a line, which has no inside")
         for key in _AREA_KEYS:
@@ -402,7 +609,7 @@ def _zone(fields: Fields) -> Zone:
     ahead, step = approach_times(fields)
     return Zone(
         name=fields.text("name"),
-        shape=_line(fields) if given == ["line"] else _area(fields, given[0]),
+        shape=_line(fields) if shape == "line" else _area(fields, shape),
         frame=fields.text("frame", SENSOR),
         action=action,  # type: ignore[arg-type]
         count=fields.text("count", COUNTS[0], COUNTS),  # type: ignore[arg-type]
@@ -461,3 +668,116 @@ def parse_footprint(value: str | Sequence[Sequence[float]]) -> Polygon:
     if crossing_edges(shape) is not None:
         raise OptionError(f"--footprint: '{value}' crosses itself")
     return shape
+
+
+LARGEST_THING = 100.0
+"""[m] No thing of interest is larger."""
+TOLERANCE = 0.02
+"""[m] As far as nothing else is said."""
+MOST_LEGS = 8
+SIZES = {
+    "prismatic": (("length", "width"),),
+    "round": (("diameter",),),
+    "legged": (("legs", "spacing"),),
+    "irregular": (("length", "width"), ("diameter",)),
+}
+"""Shape → the keys that tell its size, one group or another."""
+ALL_SIZES = (("length", "width"), ("diameter",), ("legs", "spacing"))
+
+
+def read_catalogue(path: str | PathLike[str]) -> Catalogue:
+    """Read a catalogue; whatever is wrong with it is one line that names the file, the thing and the key.
+
+    Raises
+    ------
+    UnreadableError
+        There is no such file, or it is no TOML.
+    OptionError
+        An entry does not say what a thing is.
+    """
+    file = fspath(path)
+    top = Fields(file, "the catalogue", read_toml(file, "catalogue"))
+    tables = numbered(top, "thing")
+    top.done()
+    if not tables:
+        raise OptionError(f"{file}: no [[thing]] in this catalogue")
+    things: dict[str, Thing] = {}
+    for fields in tables:
+        thing = _thing(fields)
+        fields.done()
+        if thing.name in things:
+            first = [*things].index(thing.name) + 1
+            fields.fail("name", f"is '{thing.name}' as that of number {first}: names must be unique")
+        things[thing.name] = thing
+    return Catalogue(tuple(things.values()), path=file)
+
+
+def _thing(fields: Fields) -> Thing:
+    """Return the thing of one entry. Unknown keys are refused before missing ones: they may be misspelt."""
+    name = fields.text("name")
+    shape = fields.text("shape", choices=THING_SHAPES) if fields.has("shape") else None
+    keys = [key for group in ALL_SIZES for key in group]
+    given = [key for key in keys if fields.has(key)]
+    is_lit = fields.has("intensity_min", "intensity_max")
+    fields.has("tolerance", "moves")
+    fields.done()
+    group = _size_keys(fields, shape, given) if given or not is_lit else ()
+    length = width = diameter = None
+    legs = 0
+    spacing: tuple[float, ...] = ()
+    if group == ("length", "width"):
+        length, width = (fields.number(key, above=0, high=LARGEST_THING) for key in group)
+    elif group == ("diameter",):
+        diameter = fields.number("diameter", above=0, high=LARGEST_THING)
+    elif group:
+        legs = fields.whole("legs", low=2, high=MOST_LEGS)
+        spacing = _spacing(fields, legs)
+    least, most = (
+        fields.number(key, low=0, high=MOST_INTENSITY, largest=MOST_INTENSITY) if fields.has(key) else None
+        for key in ("intensity_min", "intensity_max")
+    )
+    if least is not None and most is not None and least > most:
+        fields.fail("intensity_min", f"is above intensity_max: {least:g} and {most:g}")
+    return Thing(
+        name=name,
+        shape=shape,
+        length=length,
+        width=width,
+        diameter=diameter,
+        legs=legs,
+        spacing=spacing,
+        tolerance=fields.number("tolerance", TOLERANCE, low=0, high=LARGEST_THING),
+        moves=fields.flag("moves", True),
+        intensity_min=least,
+        intensity_max=most,
+    )
+
+
+def _size_keys(fields: Fields, shape: str | None, given: list[str]) -> tuple[str, ...]:
+    """Return the keys that tell the size of a thing: all of one group that its shape has, and no others."""
+    groups = ALL_SIZES if shape is None else SIZES[shape]
+    of = f"a {shape} thing" if shape != "irregular" else "an irregular thing"
+    of = "a thing" if shape is None else of
+    choices = ", or ".join(" and ".join(group) for group in groups)
+    if not given:
+        fields.fail(groups[0][0], f"is missing: the size of {of} is {choices}")
+    group = next((group for group in groups if given[0] in group), None)
+    if group is None:
+        fields.fail(given[0], f"is no size of {of}: that is {choices}")
+    for key in given:
+        if key not in group:
+            fields.fail(key, f"and '{given[0]}' exclude each other: the size of {of} is {choices}")
+    for key in group:
+        if key not in given:
+            fields.fail(key, f"is missing: the size of {of} is {choices}")
+    return group
+
+
+def _spacing(fields: Fields, legs: int) -> tuple[float, ...]:
+    """Return the distances of the axes of the legs: one of two legs, two of more."""
+    spacing = fields.numbers("spacing", above=0, high=LARGEST_THING)
+    wanted = 1 if legs == 2 else 2
+    if len(spacing) != wanted:
+        of = "two legs is one number, as [0.3]" if wanted == 1 else "more legs is two numbers, as [0.55, 0.45]"
+        fields.fail("spacing", f"of {of}")
+    return tuple(spacing)
