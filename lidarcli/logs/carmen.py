@@ -102,8 +102,6 @@ _SHORTER = (*_POSED, 7, 8, 9, 10, _WHOLE)
 """Numbers of such fields in lines of old writers, behind a number of remissions."""
 _BARE = (*_POSED, _WHOLE)
 """Numbers of such fields in lines without a number of remissions."""
-_SAMPLE = 20
-"""Lines that show how a writer spells numbers."""
 
 
 @lru_cache(1024)
@@ -302,13 +300,12 @@ class Framing:
             if cause:
                 causes[at] = cause
         if laser.posed and not laser.geometry:
-            for others in (self._unlike_most, _poses_among_ranges):
-                fit = [at for at in range(len(lines.rows)) if at not in causes]
-                misfits = others(cells, laser, lines.of(np.array(fit, np.int64)))
-                causes |= {fit[at]: cause for at, cause in misfits.items()}
+            fit = [at for at in range(len(lines.rows)) if at not in causes]
+            misfits = self._unlike_most(laser, lines.of(np.array(fit, np.int64)))
+            causes |= {fit[at]: cause for at, cause in misfits.items()}
         return causes
 
-    def _unlike_most(self, _: Cells, laser: Laser, lines: CarmenLines) -> dict[int, str]:
+    def _unlike_most(self, laser: Laser, lines: CarmenLines) -> dict[int, str]:
         """Return the lines with other fields behind the ranges than most of their kind that declare as many."""
         endings = self._endings.setdefault(laser.topic, Counter())
         kinds = list(zip(lines.beams.tolist(), lines.behind.tolist(), strict=True))
@@ -363,39 +360,6 @@ def _misfit_with_geometry(cells: Cells, laser: Laser, lines: CarmenLines, at: in
         if count_in(ranges[index]) == beams + behind - whole - 1 - index:
             return f"it declares {beams} ranges and has {index}"
     return "" if poses in shorter or behind in bare else _left_over(behind, beams)
-
-
-def _poses_among_ranges(cells: Cells, laser: Laser, lines: CarmenLines) -> dict[int, str]:
-    """Return lines that all have poses in place of their last ranges: they declare more than they have."""
-    causes: dict[int, str] = {}
-    for behind in _POSED[:-1]:
-        alike = lines.behind == behind
-        some = np.flatnonzero(alike & (lines.after > laser.count + 2 * POSE))
-        if len(some) and len(some) == np.count_nonzero(alike):
-            part = lines.of(some)
-            if _are_poses(cells, part.rows, part.after + behind, laser.count + 1):
-                for at, beams in zip(some.tolist(), part.beams.tolist(), strict=True):
-                    causes[at] = f"it declares {beams} ranges, but the last ones are poses"
-    return causes
-
-
-def _are_poses(cells: Cells, rows: Int64, end: Int64, first: int) -> bool:
-    """Return whether the six cells before `end` of all rows are two poses: equal ones, or spelled unlike the ranges."""
-    both = 2 * POSE
-    numbers = cells.numbers(rows, end - both, np.full(len(rows), both), np.float64)
-    if numbers.bad:
-        return False
-    table = numbers.values.reshape(-1, both)
-    same = (table[:, :POSE] == table[:, POSE:]).all()
-    # Three equal numbers are ranges as well.
-    if same and (table[:, :1] != table[:, 1:POSE]).any():
-        return True
-    rows, end = rows[:_SAMPLE], end[:_SAMPLE]
-    ranges, poses = (
-        {len(cell.partition(b".")[2]) for part in parts for cell in part.split(cells.separator)}
-        for parts in (cells.spans(rows, first, end - both - first), cells.spans(rows, end - both, both))
-    )
-    return len(ranges) == len(poses) == 1 and ranges != poses
 
 
 def _times_at(cells: Cells, rows: Int64, count: Int64, after: Int64, usual: int | None) -> tuple[Int64, Int64]:

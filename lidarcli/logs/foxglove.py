@@ -14,7 +14,7 @@ from lidarcli.logs.base import MAX_BEAMS, ReadReport
 from lidarcli.logs.blocks import TOO_MANY, Locate, ScanLayout, as_singles, keep_sound, pad_intensities, pad_rows, split_rows
 from lidarcli.logs.cells import DATE, S, to_ns
 from lidarcli.ros.cursor import MAX_NAME, NAME_LONG
-from lidarcli.sweeps import Float32, Int64, RawSweeps
+from lidarcli.sweeps import Float32, RawSweeps
 
 NOT_JSON = "not JSON"
 NOT_SCAN = "not a LaserScan"
@@ -275,11 +275,14 @@ def protobuf_decoder(name: str, schema: bytes) -> tuple[Decoder, Locate] | None:
     if not any(set(message.DESCRIPTOR.fields_by_name) >= fields for fields in _FIELDS):
         return None
 
-    def decode_one(data: bytes, record_ns: int) -> Scan:
+    def parse(data: bytes) -> Any:
         try:
-            return scan_of(_plain(message.FromString(data)), b"", record_ns)
+            return message.FromString(data)
         except DecodeError:
             raise RefusedError(NOT_PROTOBUF) from None
+
+    def decode_one(data: bytes, record_ns: int) -> Scan:
+        return scan_of(_plain(parse(data)), b"", record_ns)
 
     field = message.DESCRIPTOR.fields_by_name["ranges"]
     kind = {field.TYPE_DOUBLE: "<f8", field.TYPE_FLOAT: "<f4"}.get(field.type, "")
@@ -290,11 +293,14 @@ def protobuf_decoder(name: str, schema: bytes) -> tuple[Decoder, Locate] | None:
             [_] = blocks_of("", [scan], ReadReport())
         except ValueError:
             return None
-        place = _places(data, field.number, kind)
-        # What is written in another way is left as it is.
-        beams = len(scan.ranges)
-        beam = np.arange(beams) if len(place) == beams else np.zeros(0, np.int64)
-        return ScanLayout(scan.stamp_ns, beams, scan.range_min, scan.range_max, beam, place[: len(beam)], kind)
+        # All ranges stand together behind the head of their field; what is written in another way is left as it is.
+        values = parse(data).ranges
+        numbers = np.array(values, kind or "<f4")
+        alone = message(ranges=values).SerializePartialToString()
+        at = data.find(alone) if kind and alone.endswith(numbers.tobytes()) else -1
+        beam = np.arange(len(numbers) if at >= 0 else 0)
+        place = at + len(alone) - numbers.nbytes + numbers.itemsize * beam
+        return ScanLayout(scan.stamp_ns, len(scan.ranges), scan.range_min, scan.range_max, beam, place, kind)
 
     return decode_one, locate
 
@@ -309,40 +315,3 @@ def _plain(message: Any) -> dict[str, Any]:
         elif message.HasField(name):
             plain[name] = _plain(value)
     return plain
-
-
-_VARINT, _FIXED64, _BYTES, _FIXED32 = 0, 1, 2, 5
-"""Wire types of protobuf."""
-
-
-def _places(data: bytes, field: int, kind: str) -> Int64:
-    """Return the positions of the numbers of a repeated field in a message that has been decoded [bytes]."""
-    width = int(kind[-1]) if kind else 0
-    found: list[Int64] = []
-    at = 0
-
-    def varint() -> int:
-        nonlocal at
-        value = shift = 0
-        while True:
-            byte = data[at]
-            at += 1
-            value |= (byte & 0x7F) << shift
-            shift += 7
-            if byte < 0x80:
-                return value
-
-    while at < len(data):
-        tag = varint()
-        number, wire = tag >> 3, tag & 7
-        if wire == _VARINT:
-            varint()
-            continue
-        if wire not in (_FIXED64, _BYTES, _FIXED32):
-            # Groups, which nobody writes any more.
-            return np.zeros(0, np.int64)
-        length = {_FIXED64: 8, _FIXED32: 4}.get(wire) or varint()
-        if number == field and width:
-            found.append(np.arange(at, at + length, width))
-        at += length
-    return np.concatenate([np.zeros(0, np.int64), *found])

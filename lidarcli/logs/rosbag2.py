@@ -9,7 +9,7 @@ import os
 import re
 import shutil
 import sqlite3
-from collections import Counter, defaultdict
+from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Sequence
 from contextlib import ExitStack, closing, contextmanager, suppress
 from dataclasses import dataclass, field
@@ -66,55 +66,26 @@ def read_folder(folder: Path) -> Folder:
     """Find the storage files of a bag: those that are there count, the metadata gives their order."""
     files = [path for path in sorted(folder.iterdir()) if path.is_file()]
     there = {path.name: path for path in files if is_storage(path.name)}
-    named, cause = named_files(folder / METADATA)
-    notes = [f"{cause}, the storage files were read without it"] if cause else []
     # Old bags put the folder's name before the file's; nothing outside of the folder is ever read.
-    ordered, missing = _matched([PureWindowsPath(name).name for name in named], there)
-    unnamed = _unnamed(ordered, there)
+    listed, cause = named_files(folder / METADATA)
+    named = dict.fromkeys(PureWindowsPath(name).name for name in listed)
+    notes = [f"{cause}, the storage files were read without it"] if cause else []
+    # Bags are packed, unpacked and renamed without anybody changing the metadata: of packed and plain twins one counts.
+    twins: dict[str, list[str]] = {}
+    for name in there:
+        twins.setdefault(_content(name), []).append(name)
+    chosen = {key: next((name for name in alike if name in named), min(alike, key=len)) for key, alike in twins.items()}
+    ordered = [chosen[key] for key in dict.fromkeys(map(_content, named)) if key in chosen]
+    missing = [name for name in named if _content(name) not in chosen]
+    unnamed = sorted({*chosen.values()} - {*ordered}, key=natural)
     if unnamed and named:
-        notes.append(f"{METADATA} does not name {', '.join(sorted(unnamed, key=natural))}: read as well")
+        notes.append(f"{METADATA} does not name {', '.join(unnamed)}: read as well")
     logs = (*BINARY_SUFFIXES, *TEXT_SUFFIXES)
     others = [path.name for path in files if path.name not in there and path.name.lower().endswith(logs)]
     if others:
         notes.append(f"no part of this bag, and not read: {', '.join(others)}")
-    names = sorted([*ordered, *unnamed], key=natural) if unnamed else [*ordered]
+    names = sorted(chosen.values(), key=natural) if unnamed else ordered
     return Folder([there[name] for name in names], notes, missing)
-
-
-def _unnamed(ordered: Collection[str], there: Collection[str]) -> list[str]:
-    """Return the files that the metadata does not name, except compressed or plain copies of others."""
-    alike = _by_content(ordered or there)
-    twins = {name for name in there if any(other != name for other in alike[_content(name)])}
-    if not ordered:
-        twins = {name for name in twins if _PACKED.search(name)}
-    return [name for name in there if name not in ordered and name not in twins]
-
-
-def _matched(named: Iterable[str], there: Iterable[str]) -> tuple[dict[str, None], list[str]]:
-    """Return the files that the metadata names, in its order, and the names without a file.
-
-    Bags are packed, unpacked and renamed without anybody changing the metadata.
-    """
-    alike = _by_content(there)
-    ordered: dict[str, None] = {}
-    missing: dict[str, None] = {}
-    for name in named:
-        left = alike[_content(name)]
-        match = name if name in left else next(iter(left), None)
-        if match is not None:
-            left.remove(match)
-            ordered[match] = None
-        elif name not in ordered:
-            missing[name] = None
-    return ordered, list(missing)
-
-
-def _by_content(names: Iterable[str]) -> defaultdict[str, list[str]]:
-    """Group names that differ only in compression."""
-    alike: defaultdict[str, list[str]] = defaultdict(list)
-    for name in names:
-        alike[_content(name)].append(name)
-    return alike
 
 
 def _content(name: str) -> str:
@@ -195,7 +166,7 @@ class Rosbag2Log(PartedLog):
             self._codecs.add("zstd")
             if self._unpacked is None or self._unpacked[0] != file:
                 self.close()
-                plain = self._stack.enter_context(scratch_folder()) / _plain_name(file)
+                plain = self._stack.enter_context(scratch_folder()) / ("bag.mcap" if _is_mcap(file) else "bag.db3")
                 self._unpacked = (file, plain, unpack_file(file, plain))
         file, plain, cause = self._unpacked
         if cause:
@@ -636,10 +607,6 @@ class SqliteLog:
         if len(usable) < len(unpacked):
             report.refused[(topic, PACKED_CAUSE)] += len(unpacked) - len(usable)
         return [data for data, _ in usable], [time for _, time in usable]
-
-
-def _plain_name(file: Path) -> str:
-    return "bag.mcap" if _is_mcap(file) else "bag.db3"
 
 
 def _is_mcap(file: Path) -> bool:
