@@ -36,7 +36,6 @@ from lidarcli.ros.bag_metadata import METADATA
 from lidarcli.sweeps import Bool
 
 MCAP, ROS1, ROS2 = "mcap", "ros1 bag", "ros2 bag"
-"""Beginnings of the formats that can be copied."""
 
 _PUBLISHED = struct.Struct("<IQQ")
 """Sequence, log time and publish time of an MCAP message, before its payload."""
@@ -49,7 +48,6 @@ _TABLES = (
     "data BLOB NOT NULL)",
     "CREATE INDEX timestamp_idx ON messages (timestamp ASC)",
 )
-"""Tables of a bag, as rosbag2 makes them."""
 
 Edit = Callable[[str, bytes, Locate], bytes]
 """Takes topic and message, and what finds its ranges; returns the message to write, the same one if nothing changes."""
@@ -63,7 +61,6 @@ class Copy:
     """Called for every message of sweeps, in log order."""
     report: ReadReport = field(default_factory=ReadReport)
     messages: Counter[tuple[str, str]] = field(default_factory=Counter)
-    """Topic and type → messages that were copied."""
     left_out: int = 0
     """Records of applications that are no messages, attachments or metadata."""
     budget: DecompressionBudget = field(default_factory=DecompressionBudget)

@@ -15,15 +15,14 @@ from lidarcli.errors import OptionError
 from lidarcli.logs.base import Log, ReadReport
 from lidarcli.logs.blocks import split_rows
 from lidarcli.logs.clock import MAX_TOPICS
-from lidarcli.logs.options import TopicChoice
 from lidarcli.logs.piles import NoReturnDetector
+from lidarcli.logs.registry import TopicChoice
 from lidarcli.logs.scan_checks import MOST_TOPICS, LogStats, ScanChecks, repeated_topics
 from lidarcli.range_rules import RangeRules, normalise
 from lidarcli.sweeps import Bool, Int64, RawSweeps, SweepBatch, concatenate
 from lidarcli.times import Instant, as_time
 
 MOST_EVERY = 1_000_000
-"""`every` is no larger."""
 BATCH_VALUES = 3 << 17
 """Most ranges of one batch, padding included: its arrays should stay in the caches, and more take more memory."""
 
@@ -37,7 +36,6 @@ class ReadOptions:
     start: float | Instant | None = None
     """Seconds from the first sweep of the same topic and frame, or a moment, or its text; what is before is left out."""
     end: float | Instant | None = None
-    """End of the window, as `start`; sweeps from here on are left out."""
     every: int = 1
     """Only sweeps whose index is a multiple of this are read, counted per topic."""
     batch_size: int = 768
@@ -106,7 +104,6 @@ class LogBatcher:
         self._copies: dict[tuple[str, str], LogStats] = {}
         self._compares = choice.is_listed and len(choice.chosen) > 1
         self._beyond: Counter[str] = Counter()
-        """Sweeps of topics beyond `MAX_TOPICS`."""
 
     def batches(self) -> Iterator[SweepBatch]:
         """Return the batches of the whole log."""

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lidarcli.errors import unreadable
-from lidarcli.logs.base import LASERSCAN, MAX_BEAMS, Message, OpenOptions, ReadReport, Topic
+from lidarcli.logs.base import LASERSCAN, MAX_BEAMS, PLANAR, PLANAR_POSE, Message, OpenOptions, ReadReport, Topic
 from lidarcli.logs.blocks import (
     TOO_MANY,
     as_singles,
@@ -30,7 +30,6 @@ from lidarcli.logs.blocks import (
     split_rows,
 )
 from lidarcli.logs.cells import Cells, S, not_a_number, pad_cells, shown, to_ns
-from lidarcli.logs.planar import MOUNT_TYPE, MOUNTS, ODOMETRY, ODOMETRY_TYPE, POSE_TYPE, ROBOT, PlanarPoses, wrapped
 from lidarcli.logs.text import TextBlock, TextLog, TextSource
 from lidarcli.sweeps import TURN, Bool, Float32, Float64, Int64, RawSweeps
 
@@ -77,13 +76,11 @@ LASERS: dict[bytes, Laser] = {
 """First word → kind of sweep. A sensor that is written in two ways has two topics in one frame."""
 ODOM, TRUEPOS, PARAM = b"ODOM", b"TRUEPOS", b"PARAM"
 POSE = 3
-"""Numbers of a pose: x, y, yaw."""
 
 _ODD_BLANKS = re.compile(rb"[\t\f\v]|  | \n|\n ")
 _TO_BLANKS = bytes.maketrans(b"\t\f\v", b"   ")
 _NUMBER = re.compile(rb"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
 _MOST_DIGITS = 7
-"""Digits of the largest count that is believed."""
 _WORD = re.compile(rb"[A-Za-z_]\w{0,63}")
 """First word of a message of another program, which is skipped."""
 _LONGEST_HEAD = 1024
@@ -129,7 +126,6 @@ class LineBlock:
 
     cells: Cells
     line: int
-    """Number of the first line."""
     cut: int
     """Row of the last line where it has no line end; -1 otherwise."""
     bad: list[tuple[int, str]] = field(default_factory=list)
@@ -183,9 +179,7 @@ class CarmenLines:
     stamp_ns: Int64
     """(R,) Times; of equal ones that follow each other each is a nanosecond after the one before it."""
     beams: Int64
-    """(R,) Ranges."""
     after: Int64
-    """(R,) First cell behind the ranges."""
     behind: Int64
     """(R,) Cells from the last range to the time; -1 where a line has no time."""
     rest: Int64
@@ -205,7 +199,6 @@ class Framing:
     _endings: dict[str, Counter[tuple[int, int]]] = field(default_factory=dict)
     """Topic → numbers of lines so far, by their ranges and the fields behind these."""
     _timed: bool = False
-    """True once a sweep has had a time."""
     _last: dict[bytes, tuple[int, int]] = field(default_factory=dict)
     """First word → last time of its lines, and the number of lines that had it."""
 
@@ -414,6 +407,12 @@ def has_pose(line: bytes, laser: Laser) -> bool:
     return beams is not None and len(line.split()) >= laser.count + 1 + laser.width * beams + POSE + _TAIL
 
 
+ROBOT = "base_link"
+ODOMETRY_TYPE, POSE_TYPE, MOUNT_TYPE = ("nav_msgs/msg/Odometry", "geometry_msgs/msg/PoseStamped", "tf2_msgs/msg/TFMessage")
+ODOMETRY, MOUNTS = "/odom", "/tf_static"
+"""Topics of the robot's pose by its wheels, and of the mounts of its lasers."""
+
+
 CORRECTED, TRUE = "/corrected", "/truepos"
 TYPES = {ODOMETRY: ODOMETRY_TYPE, CORRECTED: POSE_TYPE, TRUE: POSE_TYPE, MOUNTS: MOUNT_TYPE}
 """Topic → its type. Poses are taken from the odometry unless the user asks for others."""
@@ -447,7 +446,6 @@ _STARTS_NUMBER = re.compile(rb"[-+.\d]")
 _STEPS = {181: 1.0, 180: 1.0, 361: 0.5, 360: 0.5, 401: 0.25, 400: 0.25}
 """Ranges → degrees from beam to beam of the SICK lasers that wrote logs without geometry."""
 _WITHOUT_LAST = [beams for beams in _STEPS if beams % 2 == 0]
-"""Those whose view ends one step beyond the last range."""
 _FIRST = {401: -50.0, 400: -50.0}
 """Ranges → first bearing [degrees]; -90 for all others."""
 _SLACK = 1.5
@@ -468,7 +466,6 @@ class CarmenLog(TextLog):
     format = "carmen"
     _topics: list[Topic] | None = None
     _posed = False
-    """True where sweeps of the log hold poses."""
 
     def topics(self) -> list[Topic] | None:
         """Return the topics by the first words of all lines, which are read once for it; None for a stream."""
@@ -516,6 +513,33 @@ class CarmenLog(TextLog):
             yield from decoder.mounts()
 
 
+@dataclass(frozen=True, eq=False, slots=True)
+class PlanarPoses:
+    """K poses of one topic."""
+
+    topic: str
+    type: str
+    parent: str
+    child: str
+    rows: Int64
+    """(K,) Lines of the block that hold them."""
+    stamp_ns: Int64
+    poses: Float64
+    """(K, 3) x, y [m], yaw [rad]."""
+
+    def messages(self) -> list[Message]:
+        """Return a message for each pose."""
+        records = np.empty(len(self.stamp_ns), PLANAR_POSE)
+        records["stamp_ns"] = self.stamp_ns
+        records["x"], records["y"], records["yaw"] = self.poses.T
+        data, size = records.tobytes(), PLANAR_POSE.itemsize
+        names = f"{self.parent}\0{self.child}".encode()
+        return [
+            Message(self.topic, self.type, PLANAR, stamp, data[at * size : (at + 1) * size] + names)
+            for at, stamp in enumerate(self.stamp_ns.tolist())
+        ]
+
+
 class _Parameters:
     """Values of parameters; each holds for the lines after it, until the next one of its name."""
 
@@ -550,7 +574,6 @@ class _Mount:
 
     first: Float64
     spread: float = 0.0
-    """Greatest change since then [m, rad]."""
 
 
 @dataclass
@@ -560,12 +583,10 @@ class _Decoder:
     options: OpenOptions
     report: ReadReport
     wanted: set[bytes]
-    """First words of the lines that are decoded."""
     parameters: _Parameters = field(default_factory=_Parameters)
     first_ns: dict[str, int] = field(default_factory=dict)
     """Frame of each laser → stamp of its first sweep, in a pass for poses."""
     _noted: set[str] = field(default_factory=set)
-    """Topics whose guessed bearings have been noted."""
     _mounts: dict[str, _Mount] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -732,6 +753,16 @@ class _Decoder:
             if pose is None or same:
                 pose = list(mount.first)
         return pose
+
+
+def wrapped(angle: Float64) -> Float64:
+    """Return angles [rad] between -π and π.
+
+    >>> wrapped(np.array([6.0])).round(3).tolist()
+    [-0.283]
+    """
+    within: Float64 = (angle + np.pi) % TURN - np.pi
+    return within
 
 
 def _remission_counts(cells: Cells, messages: CarmenLines) -> Int64:

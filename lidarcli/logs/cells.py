@@ -44,7 +44,6 @@ class Numbers:
     """Numbers of rows of cells, one after the other."""
 
     values: NDArray[Any]
-    """Values; NaN where a cell holds none."""
     empty: Bool | None
     """True for cells without a value (empty, null); None without such cells."""
     bad: dict[int, bytes]
@@ -70,7 +69,6 @@ class Cells:
         self.count: Int64 = last - self._first + 1
         """(R,) Cells of each row; an empty line has one."""
         self.length = ends[last] - self._starts[self._first]
-        """(R,) Bytes of each row."""
         self._regular = bool((self.count == self.count[:1]).all())
 
     def spans(self, rows: Int64, first: int | Int64, count: int | Int64) -> list[bytes]:
@@ -311,9 +309,7 @@ _NOTES = {
 _STEPS = ((NS, 5_000_000), (US, 5_000), (MS, 10))
 """Unit → least step from sweep to sweep in it, of a clock without a named unit: 5 ms, 5 ms, 10 ms."""
 _SINCE_1970 = 10**9
-"""Least count that is whole seconds since 1970, whatever its steps."""
 _HOUR = 3600
-"""Bound of the steps of such seconds [s]."""
 
 _UNITS = {"ns": NS, "nsec": NS, "nsecs": NS, "nanosec": NS, "nanoseconds": NS, "us": US, "usec": US, "µs": US}
 _UNITS |= {"ms": MS, "msec": MS, "s": S, "sec": S, "secs": S, "seconds": S}
@@ -342,7 +338,6 @@ _MONTHS = b"jan feb mar apr may jun jul aug sep oct nov dec - - - - mai - - - - 
 _EXCEL, _MATLAB = 25_569, 719_529
 """Number of the first day of 1970 in a spreadsheet, and in MATLAB."""
 _MOST_DAYS = 55_000
-"""Days for about 150 years from then on."""
 _MOST_DAY_STEP = 2.5e-5
 """Greatest usual step of such days, about 2 s: as seconds, no sensor is as fast."""
 _NUMBER = re.compile(rb"[-+]?(?:\d{1,30}(?:\.\d*)?|\.\d+)(?:[eE][-+]?\d{1,2})?")

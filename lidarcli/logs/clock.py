@@ -15,11 +15,8 @@ from lidarcli.times import SECOND_NS, Instant
 
 SECOND = 1e-9
 _KEPT = 1 << 16
-"""Values a `Sample` keeps at most."""
 RUNS = 3
-"""Most runs between large steps that are told apart."""
 NO_STAMPS = "stamps are 0, tracks cannot tell what moves"
-"""End of the finding on times that are not understood."""
 SAME_NS = 1
 """Equal stamps of text differ by at most this [ns]."""
 AROUND = 8
@@ -27,7 +24,6 @@ AROUND = 8
 HELD = 1024
 """Most sweeps of a topic that wait for sound stamps; fewer of many beams."""
 MOST_FRAMES = 64
-"""Frames of a topic that are told apart."""
 MAX_TOPICS = 1000
 """Topics beyond this are taken as they are: a log may have a new one in every message."""
 
@@ -39,15 +35,11 @@ class ClockInfo:
     start_ns: int | None
     """Earliest header stamp (record time where the headers have none)."""
     end_ns: int | None
-    """Latest header stamp."""
     rate: float | None
     """Sweeps per second, from the median step of the stamps."""
     backward: int
-    """Steps back in time from one sweep to the next."""
     largest_backward: float
-    """Largest step back [s]."""
     zero_stamps: int
-    """Headers without a stamp."""
     offset: float | None
     """Median of record time - header stamp."""
     sweeps: int = 0
@@ -56,7 +48,6 @@ class ClockInfo:
     repeated: int = 0
     """Sweeps with the stamp of the one before them."""
     largest_forward: float = 0.0
-    """Largest step ahead [s]."""
     copies: int = 0
     """Length of each run of equal stamps; 0 where the lengths differ."""
     runs: tuple[Run, ...] = ()
@@ -99,9 +90,7 @@ class Run:
     """Sweeps that follow each other without a leap of their stamps."""
 
     low_ns: int
-    """The earliest stamp."""
     high_ns: int
-    """The latest."""
     sweeps: int
 
 
@@ -283,7 +272,6 @@ class Clock:
         self._largest = 0
         self._zero = 0
         self._copies: int | None = None
-        """As `ClockInfo.copies`; None while unknown."""
         self._since = 0
         """Number of the sweep at which the current run of equal stamps begins."""
         self._runs: list[Run] = []

@@ -60,11 +60,8 @@ class Layout:
     rows: int
     columns: int
     row_step: int
-    """Bytes from row to row."""
     point_step: int
-    """Bytes from point to point."""
     order: str
-    """Byte order: `<` or `>`."""
     x: PointField
     y: PointField
     z: PointField | None
@@ -123,7 +120,6 @@ class Cloud:
     stamp_ns: int
     data: bytes
     start: int
-    """Offset of the first point in `data`."""
     layout: Layout
     pose: Float64 | None = None
     """(7,) x, y, z and quaternion x, y, z, w of the points' origin in the frame; None where they are one."""
@@ -296,9 +292,7 @@ class Bins:
     """The beams of a sweep that is made of a cloud."""
 
     first: float
-    """Bearing of the first one [rad]."""
     step: float
-    """Step between bearings [rad]."""
     count: int
 
     @classmethod
@@ -352,7 +346,6 @@ class Fill:
     _between: int = 0
     """Empty bins between two at about the same range."""
     _filled: int = 0
-    """Filled bins."""
 
     def __post_init__(self) -> None:
         """Begin at zero."""
@@ -411,7 +404,6 @@ WAITING_BYTES = 16 << 20
 """Clouds are sliced when this many, or this many bytes of them, have been gathered."""
 
 _MOST_FRAMES = 4
-"""Frames of one topic of which notes speak."""
 
 
 class Levelled(NamedTuple):
@@ -522,7 +514,6 @@ class Slicer:
     _bytes: int = 0
     _frames: dict[str, None] = field(default_factory=dict)
     _from_nowhere: int = 0
-    """Clouds without a known position of the robot."""
     _fill: Fill = field(init=False)
 
     def __post_init__(self) -> None:

@@ -1,18 +1,22 @@
-"""Scans in JSON and in protobuf, message by message: `foxglove.LaserScan`, and LaserScan of ROS."""
+"""Scans in JSON and in protobuf, message by message: `foxglove.LaserScan`, and LaserScan of ROS.
+
+`JsonLinesLog` reads JSON as `mcap cat --json` (or `--format=ndjson`) prints it: a message per line, of any topics.
+"""
 
 from __future__ import annotations
 
 import json
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from lidarcli.choices import ECHOES
-from lidarcli.logs.base import MAX_BEAMS, ReadReport
+from lidarcli.logs.base import MAX_BEAMS, ReadReport, Topic
 from lidarcli.logs.blocks import TOO_MANY, Locate, ScanLayout, as_singles, keep_sound, pad_intensities, pad_rows, split_rows
-from lidarcli.logs.cells import DATE, S, to_ns
+from lidarcli.logs.cells import DATE, S, time_unit, to_ns
+from lidarcli.logs.text import JSON_LINE, TextBlock, TextLog
 from lidarcli.ros.cursor import MAX_NAME, NAME_LONG
 from lidarcli.sweeps import Float32, RawSweeps
 
@@ -47,7 +51,6 @@ class Scan(NamedTuple):
     increment: float
     ranges: Float32
     intensities: Float32
-    """Empty where it has none."""
     range_min: float = 0.0
     range_max: float = np.inf
     time_increment: float = 0.0
@@ -123,7 +126,6 @@ def decode_json(data: bytes, record_ns: int, echo: str = ECHOES[0]) -> Scan:
 
 
 _CAMEL = {"startAngle": "start_angle", "endAngle": "end_angle", "frameId": "frame_id"}
-"""Names of protobuf in JSON → names of the fields."""
 _BEARINGS = frozenset({"angle_increment", "start_angle", "startAngle"})
 _DECIMAL_STAMP = re.compile(rb'"(?:time)?stamp"\s*:\s*(\d{1,12}\.\d{1,9})')
 
@@ -315,3 +317,114 @@ def _plain(message: Any) -> dict[str, Any]:
         elif message.HasField(name):
             plain[name] = _plain(value)
     return plain
+
+
+_SAMPLE = 100
+_MOST_TOPICS = 4096
+_NO_MESSAGE = "no message of `mcap cat --json`"
+_CUT = "the file ends within this line: its message is dropped"
+
+
+class JsonLinesLog(TextLog):
+    """Printed messages from a file or from a stream."""
+
+    format = "json lines"
+
+    def topics(self) -> list[Topic] | None:
+        """Return None: nothing lists the topics."""
+        return None
+
+    def _sweeps(
+        self, blocks: Iterator[TextBlock], topics: Collection[str] | None, report: ReadReport
+    ) -> Iterator[RawSweeps]:
+        decoder = _LineDecoder(topics, report, self._options.echo)
+        for block in blocks:
+            yield from decoder.feed(block)
+
+
+class _LineDecoder:
+    """Decodes lines; scans of each topic wait until they fill a block, or until the block of text ends."""
+
+    def __init__(self, topics: Collection[str] | None, report: ReadReport, echo: str) -> None:
+        self._topics = topics
+        self._echo = echo
+        self._report = report
+        self._unit: int | None = None
+        self._names: dict[bytes, str] = {}
+        self._others: set[str] = set()
+        """Topics whose first message is no scan."""
+        self._scanned: set[str] = set()
+        self._waiting: dict[str, list[Scan]] = {}
+        self._rows = self._values = 0
+
+    def feed(self, block: TextBlock) -> Iterator[RawSweeps]:
+        """Yield the sweeps of a block, in blocks of each topic."""
+        lines = block.text.split(b"\n")[:-1]
+        if self._unit is None:
+            times = [match[2] for line in lines[:_SAMPLE] if (match := JSON_LINE.match(line))]
+            self._unit = time_unit("", times) if times else None
+        for number, line in enumerate(lines, block.line):
+            if not line.strip():
+                continue
+            last = block.cut and number == block.line + block.lines - 1
+            if (cause := self._take(line)) is not None:
+                self._report.add_damage(f"line {number}", _CUT if last else cause)
+            if self._values >= VALUES or self._rows >= ROWS:
+                yield from self._flush()
+        yield from self._flush()
+
+    def _flush(self) -> Iterator[RawSweeps]:
+        """Yield the waiting scans as blocks."""
+        for topic, scans in self._waiting.items():
+            yield from blocks_of(topic, scans, self._report)
+        self._waiting, self._rows, self._values = {}, 0, 0
+
+    def _take(self, line: bytes) -> str | None:
+        """Keep the scan of a line; return the cause where the line is no message."""
+        match = JSON_LINE.match(line)
+        if match is None or self._unit is None:
+            return _NO_MESSAGE
+        topic = self._name(match[1])
+        if topic is None:
+            return NOT_JSON
+        if topic in self._others or (self._topics is not None and topic not in self._topics):
+            return None
+        record, bad = to_ns([match[2]], self._unit)
+        try:
+            whole = json.loads(line)
+        except (ValueError, RecursionError):
+            return NOT_JSON
+        if "data" not in whole:
+            return _NO_MESSAGE
+        if bad[0]:
+            return "the time cannot be read"
+        message = scan_in(whole["data"])
+        if message is not None:
+            self._keep(topic, message, line, int(record[0]))
+        elif topic in self._scanned:
+            self._report.refused[(topic, NOT_SCAN)] += 1
+        elif len(self._others) < _MOST_TOPICS:
+            self._others.add(topic)
+        return None
+
+    def _keep(self, topic: str, message: Any, line: bytes, record_ns: int) -> None:
+        try:
+            scan = scan_of(message, line, record_ns, self._echo)
+        except RefusedError as err:
+            self._report.refused[(topic, str(err))] += 1
+            return
+        self._scanned.add(topic)
+        self._waiting.setdefault(topic, []).append(scan)
+        self._rows += 1
+        self._values += len(scan.ranges)
+
+    def _name(self, text: bytes) -> str | None:
+        """Return the topic that a piece of JSON names; None where it names none."""
+        if text not in self._names:
+            if len(self._names) >= _MOST_TOPICS:
+                self._names.clear()
+            try:
+                self._names[text] = str(json.loads(text))
+            except ValueError:
+                return None
+        return self._names[text]

@@ -23,11 +23,9 @@ class Numbered(NamedTuple):
     """The name of a part, as recorders number them when they split what they record."""
 
     log: str
-    """Name without the number."""
     stem: str
     """Name that all parts share: that name without a date."""
     number: int
-    """From 0 on."""
     suffix: str
     """The first suffix, in lower case: whether a part is compressed or still active makes no difference."""
 
@@ -62,9 +60,7 @@ class Part:
     path: str
     """As errors of opening it name it."""
     name: str
-    """As damage in it is told."""
     size: int
-    """[bytes]."""
     open: Callable[[ReadReport], AbstractContextManager[Log]]
     """Opens it for a pass, whose report takes what that meets; raises `UnreadableError`."""
 
@@ -83,7 +79,6 @@ class PartedLog:
         self.path = path
         self.position = 0
         self.parts = tuple(parts)
-        """In the order in which they are read."""
         self.size: int | None = sum(part.size for part in parts)
         self._names_parts = names_parts
         self._opening = ReadReport()

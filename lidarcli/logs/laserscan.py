@@ -49,13 +49,9 @@ class _Heads:
     """Fields before the ranges, of the K messages that have not been refused."""
 
     row: NDArray[np.intp]
-    """Row of the message in the input."""
     start: Int64
-    """Start of the message [bytes]."""
     end: Int64
-    """End of the message [bytes]."""
     big: Bool
-    """True for big-endian messages."""
     stamp_ns: Int64
     frame_length: Int64
     at: Int64
@@ -426,7 +422,6 @@ class MessageBatcher:
     encoding: str
     report: ReadReport
     echo: str = OpenOptions().echo
-    """Echo taken of each beam of a MultiEchoLaserScan."""
     rows: int = ROWS
     parts: list[bytes] = field(default_factory=list)
     times: list[int] = field(default_factory=list)

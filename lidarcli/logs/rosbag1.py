@@ -36,11 +36,9 @@ MAX_FIELDS = 32
 MAX_LAYOUTS = 8
 """Most layouts of message headers read by column; a bag is written by one program, hence has one."""
 MAX_INDEX = 256 << 20
-"""Longest index section that is read [bytes]."""
 MAX_CHUNK = 256 << 20
 """Most bytes of one compressed chunk that are read, packed or not: it is held as a whole."""
 WINDOW = 1 << 20
-"""Bytes read at a time."""
 OVERLAP = 4096
 """Bytes that two searched windows share, so that a header across their border is found."""
 AHEAD = 1 << 16
@@ -244,10 +242,8 @@ class MessageBlock:
     connection: Int64
     time_ns: Int64
     starts: Int64
-    """Start of the data of each message [bytes]."""
     lengths: Int64
     declared: list[Record]
-    """Connection records among them."""
 
 
 def read_messages(data: bytes, columns: RecordColumns) -> MessageBlock:
@@ -440,11 +436,8 @@ class Pass:
         """Chunks that surely hold nothing `wanted` are skipped; `report` takes the damage."""
         self.connections = dict(index.connections)
         self.counts: Counter[int] = Counter()
-        """Messages read, by connection."""
         self.codecs: dict[str, None] = {}
-        """Compressions of the chunks read."""
         self.at = len(MAGIC)
-        """Position in the file."""
         self._file, self._size, self._index, self._wanted, self._report = file, size, index, wanted, report
         self._search = Search()
         self._budget = DecompressionBudget()

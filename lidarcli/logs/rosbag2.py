@@ -59,7 +59,6 @@ class Folder:
     files: list[Path] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
     missing: list[str] = field(default_factory=list)
-    """Files that the metadata lists and that do not exist."""
 
 
 def read_folder(folder: Path) -> Folder:
@@ -175,7 +174,6 @@ class Rosbag2Log(PartedLog):
 
 
 JOURNAL, WAL = "-journal", "-wal"
-"""Suffixes of the rollback journal and the write-ahead log."""
 
 
 class UnsoundError(Exception):
@@ -186,18 +184,14 @@ SQLITE_ERRORS = (sqlite3.Error, UnicodeDecodeError, UnsoundError)
 """Errors of reading a damaged database with SQLite; its messages may quote bytes that are no text."""
 DISK_SHARE = 0.9
 BATCH = 32
-"""Most messages fetched at a time."""
 BATCH_BYTES = 16 << 20
-"""Bytes after which no further message is fetched."""
 
 MAX_TEXT = 1 << 16
 """Longest text of the schema and of the topics table that is read [bytes]."""
 STEPS_PER_BYTE = 4
 """Most steps of SQLite's machine per statement and byte; a row, of ten bytes or more, takes about 20."""
 STEPS = 1_000_000
-"""Steps that are always allowed."""
 ASKED_EVERY = 10_000
-"""Steps between two checks of the bound."""
 
 _SCHEMA = "SELECT type, name, sql FROM sqlite_master"
 _PLAIN = re.compile(r"CREATE (TABLE|(UNIQUE )?INDEX)\b", re.IGNORECASE)
@@ -208,7 +202,6 @@ _PRAGMAS = (
     *("ignore_check_constraints", "quick_check"),
 )
 _COMPUTED = -2
-"""Column of an index over an expression."""
 ROWID = "_rowid_"
 # Rows come in the order of their numbers, in which tables keep them: sorting would hold all of them. The column `id` is
 # that number in what rosbag2 writes, and may be any other where somebody else has written the table.
@@ -235,7 +228,6 @@ _ALLOWED = {
     sqlite3.SQLITE_PRAGMA: {*_PRAGMAS},
     sqlite3.SQLITE_FUNCTION: {"max", "typeof", "length"},
 }
-"""Allowed actions of statements, and their objects."""
 
 Row = tuple[int, int, int | None, bytes | None]
 """Row id, topic id, time [ns] and message; None where it has none that can be used."""
@@ -246,13 +238,10 @@ class Known:
     """Knowledge of one look at a whole storage file, so that no pass over the file needs a second look."""
 
     counts: Counter[int] | None = None
-    """Topic id → messages."""
     orphans: dict[int, int] = field(default_factory=dict)
     """Number of messages of each missing or broken topic."""
     found: RecoveredPages | None = None
-    """Contents of the pages, if SQLite refuses the file."""
     size: int = 0
-    """Size of the examined file [bytes]."""
 
 
 def merge(database: Path, source: Path) -> None:

@@ -39,7 +39,6 @@ class TextBlock:
     line: int
     """Number of the first line, counted from 1."""
     lines: int
-    """Number of lines."""
     cut: bool = False
     """The last line had no line end: the text may have been cut off there."""
 
@@ -55,7 +54,6 @@ class TextSource:
         self.report = ReadReport()
         """Damage since the last call of `report_to`."""
         self.position = 0
-        """Bytes taken from the stream."""
         self._left = limit
         self._first = self._read(FIRST_BLOCK)
         self.compression = "gzip" if self._first[:2] == b"\x1f\x8b" else "none"

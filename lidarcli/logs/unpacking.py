@@ -11,7 +11,6 @@ import zstandard
 from lidarcli.logs.base import MAX_MESSAGE
 
 SMALL = 64 << 20
-"""Decompressed bytes that are always allowed."""
 MAX_RATIO = 1000
 """Largest ratio of a whole log beyond these. Most logs stay below 50; 1,081 beams without any return, and as many
 intensities, reach 530 as MCAP and 690 as bz2."""
@@ -42,7 +41,6 @@ def too_much(size: int, packed: int) -> str:
 
 ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
 PACKED_CAUSE = "zstd message that is broken or too long"
-"""Reason for leaving out a compressed message."""
 DISK_SHARE = 0.9
 """A storage file may unpack to this share of the free space of the temporary folder."""
 PIECE = 1 << 12

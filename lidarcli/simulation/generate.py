@@ -26,7 +26,6 @@ class Primitives:
     circles: Float64
     """(S, C, 3) x y radius"""
     segment_entity: Int32
-    """(K,)"""
     circle_entity: Int32
     """(C,)"""
 
@@ -146,7 +145,6 @@ _NEAR = 0.05
 _WAVES = ((0.7, 2), (0.5, 5))
 """Glare over the bearings: height and number of waves; where they lie is drawn."""
 _SURE = 0.95
-"""Largest probability that a beam flickers."""
 _TOGETHER = 0.6
 """Probability that a beam shares the luck of the one before it."""
 _ROUNDS = 12
@@ -285,9 +283,7 @@ class SimulatedBlock:
 
     raw: RawSweeps
     first: int
-    """Index of its first sweep."""
     seconds: Float64
-    """(S,) since the first sweep."""
     poses: Float64
     """(S, 3) of the sensor in the world."""
     entity: Int32

@@ -18,9 +18,7 @@ MAX_SECONDS = 400_000_000
 """Longest log [s]: the seconds of a ROS 2 stamp end in 2038."""
 MAX_SEED = (1 << 63) - 1
 LEAST_CELL, LARGEST_CELL = 0.001, 1000.0
-"""Bounds of the cells of a true map [m]."""
 _SUFFIXES = (*(f"{suffix}.gz" for suffix in CONTAINER_BY_SUFFIX), *CONTAINER_BY_SUFFIX)
-"""Suffixes of logs."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,7 +33,6 @@ class Simulated:
     true_map: Path | None = None
     """The YAML file of the true map, which has its image beside it; None where none was wanted."""
     notes: tuple[str, ...] = ()
-    """Notes for the user."""
 
 
 def simulate(

@@ -26,18 +26,13 @@ LEAST = 1e-3
 MAX_DELAY = 10.0
 """Most that the stamps of poses may be off [s]."""
 LEAST_COURSE = 1e-6
-"""Least length of a course that is driven [m]."""
 MAX_BEAMS = 100_000
 MAX_SWEEPS = 10_000_000
-"""Most sweeps of a log."""
 MAX_SHAPES = 10_000
 """Most straight sides and circles of all entities: each beam meets all of them."""
 MAX_FLICKER = 0.9
-"""Largest share of the beams that may flicker."""
 LEAST_RATE = 1e-3
-"""Fewest sweeps per second."""
 LEAST_STEP = 1e-9
-"""Least angle from beam to beam [degrees]."""
 
 LostAs = Literal["inf", "nan", "mixed", "zero", "max"]
 LOST_AS: tuple[LostAs, ...] = ("inf", "nan", "mixed", "zero", "max")
@@ -64,7 +59,6 @@ class Sensor:
     lost_as: LostAs = "mixed"
     """Value of a beam without a return; `mixed`: inf where nothing is, inf or NaN where lost."""
     rate: float = 10.0
-    """Sweeps per second."""
     topic: str = "/scan"
     frame_id: str = "laser"
     beams_jitter: int = 0
@@ -87,14 +81,12 @@ class Motion:
     """Motion of an entity, and the time for which it exists."""
 
     velocity: tuple[float, float] = (0.0, 0.0)
-    """World frame [m/s]."""
     yaw_rate: float = 0.0
     appears: float = -np.inf
     disappears: float = np.inf
     stride: float = 0.0
     """Legs of a walker swing forth and back by half of this, in turn; on a route, the length of a long step [m]."""
     cadence: float = 0.0
-    """Full swings per second."""
     route: Route | None = None
     """Way through waypoints, instead of a velocity."""
     ahead: bool = True
@@ -176,7 +168,6 @@ class Course:
     """(P, 2) corners, the last one joins the first."""
     speed: float = 0.0
     yaw: float = 0.0
-    """Heading of a parked sensor."""
 
     @property
     def parked(self) -> bool:
@@ -257,7 +248,6 @@ class Scene:
     path: Course | Route = PARKED
     odometry: Odometry | None = None
     sweeps: int = 100
-    """Default number of sweeps of a run."""
     mount: Mount = Mount()
 
     @property

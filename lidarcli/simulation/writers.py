@@ -23,7 +23,6 @@ from rosbags.typesys.store import Typestore
 
 from lidarcli.choices import CONTAINER_BY_SUFFIX, CONTAINERS
 from lidarcli.errors import OptionError, OutputError
-from lidarcli.ros.mcap_file import start
 from lidarcli.ros.messages import (
     BAG_COMPRESSIONS,
     ODOMETRY,
@@ -37,6 +36,7 @@ from lidarcli.ros.messages import (
     ros1_definition,
     ros1_scans,
     ros2_definition,
+    start,
 )
 from lidarcli.simulation.generate import SimulatedPoses
 from lidarcli.sweeps import Float32, RawSweeps
@@ -47,7 +47,6 @@ class Encoding:
     """An encoding of sweeps and poses as bytes."""
 
     name: str
-    """`cdr` or `ros1`."""
     scan_type: str
     odometry_type: str
     tf_type: str
@@ -108,13 +107,11 @@ ROS1_BYTES = _ros("ros1", ROS1, ROS1.serialize_ros1, ros1=True)
 
 POINTCLOUD2 = "sensor_msgs/msg/PointCloud2"
 FLOOR, CEILING = -0.5, 2.0
-"""Heights of what lies below and above the sensor [m]."""
 NEAR = 0.6
 """Floor and ceiling are seen at so much of the range of what is behind them."""
 
 _POINT = np.dtype([("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("intensity", "<f4"), ("ring", "<u2")])
 _FLOAT32, _UINT16 = 7, 4
-"""Types of numbers in PointField."""
 
 
 def as_clouds(encoding: Encoding) -> Encoding:
@@ -209,9 +206,7 @@ class McapEncoding(NamedTuple):
 
     messages: Encoding
     name: str
-    """Name that a channel has for it."""
     profile: str
-    """Profile of the file."""
     schema_of: SchemaOf
 
 
@@ -441,7 +436,6 @@ def stamp_parts(block: RawSweeps, row: int) -> list[str]:
 
 
 BAG_FOLDERS = ("ros2", "ros2-mcap")
-"""Containers that are a folder."""
 
 
 def container_of(path: Path) -> str:

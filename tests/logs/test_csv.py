@@ -21,8 +21,8 @@ from lidarcli.errors import OptionError, UnreadableError
 from lidarcli.logs.base import LASERSCAN, Damage, OpenOptions, ReadReport, Topic
 from lidarcli.logs.batches import ReadOptions, read_batches
 from lidarcli.logs.cells import shown
-from lidarcli.logs.csv.log import CsvLog as AnyCsvLog
-from lidarcli.logs.options import parse_columns
+from lidarcli.logs.csv import CsvLog as AnyCsvLog
+from lidarcli.logs.registry import parse_columns
 from lidarcli.sweeps import RawSweeps, concatenate
 from tests.logs.csv_sweeps import FIRST, START, STEP, sweeps
 from tests.logs.watched import CsvLog

@@ -16,7 +16,7 @@ import lidarcli
 from lidarcli.cli import run
 from lidarcli.errors import NoScanError, OptionError
 from lidarcli.logs.base import LASERSCAN, POINTCLOUD2, OpenOptions, ReadReport, Slice, Topic
-from lidarcli.logs.options import TopicChoice
+from lidarcli.logs.registry import TopicChoice
 from lidarcli.pipeline.inputs.sources import SlicedLog
 from lidarcli.pipeline.reading.posing import PoseAttacher, PoseOptions
 from lidarcli.range_rules import RangeRules, normalise

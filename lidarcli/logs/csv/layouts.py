@@ -33,7 +33,6 @@ RPLIDAR = "RPLIDAR"
 LAYOUTS = (ROSTOPIC, ROS2, PLOTJUGGLER, BAGPY, MCAP_CAT, LIST, WIDE, LONG, PER_SWEEP)
 
 DEFAULT_TOPIC = "/scan"
-"""Topic of a file that names none."""
 COUNTER_CLOCKWISE = "bearings run counter-clockwise; name them `clockwise` where they are those of an RPLIDAR"
 ABBREVIATED = "the arrays are abbreviated ('...'): record again with `ros2 topic echo --csv --full-length`"
 
@@ -41,7 +40,6 @@ _MARKS = re.compile(r"[./\[\]\s%#:]+")
 _LIST = re.compile(r"(?:\w[\w.]*\s*\()?\s*[\[(]|\w*array\(")
 _INDEX = re.compile(r"(\d{1,7})\]?(?:[._/]echoes[\[._]?0\]?)?\Z")
 _BEFORE_INDEX = "[._/-" + whitespace
-"""Characters between a word and its index."""
 _RANGE_WORD = re.compile(r"(?:.*(?:range|scan|dist|beam|laser|lidar|ray|bin|point|value).*|r|d|b|m|l|v|rho|col(?:umn)?|)$")
 _UNIT = r"(?:_?\(?(?:s|secs?|seconds|ms|msec|us|usec|µs|ns|nsecs?|nanosec)\)?)?"
 FIELDS = {
@@ -67,7 +65,6 @@ FIELDS = {
 """Field of a scan → the canonical names of its column."""
 _ANY_FIELD = re.compile("|".join(pattern.pattern for pattern in FIELDS.values()))
 _LONGEST_FIELD = 40
-"""Most characters of the name of a field, without its prefix."""
 _ANGLE = re.compile(
     r"(?:.*_)?(?:angle|theta|bearing|azimuth|phi|(?P<clockwise>clockwise))s?"
     r"(?:_?\(?(?P<unit>deg|degrees?|°|rad|radians?)\)?)?|(?P<bare>deg|degrees?|rad|radians?)"
@@ -81,7 +78,6 @@ _SPHERE = re.compile(r"(theta|phi)(?:_?\(?(?:deg|degrees?|°|rad|radians?)\)?)?"
 _SWEEP = re.compile(r"(?:sweep|scan|turn|revolution|rotation|seq|frame)(?:_?(?:id|index|idx|number|no|nr|num))?|id")
 
 _SHOWN = 3
-"""Most values of a column in a message."""
 _RECORD = 1 << 20
 """Bytes within which the first record with a list must end, the list itself not counted."""
 _WIDE = 8
@@ -101,7 +97,6 @@ class ScanColumns:
     ranges: Int64 = field(default_factory=lambda: _NO_COLUMNS)
     """(B,) Column of each beam; empty where `first` is enough."""
     first: int = 0
-    """First column of ranges."""
     doubled: bool = False
     """True where as many intensities follow the ranges, up to the end of the row."""
     intensities: Int64 = field(default_factory=lambda: _NO_COLUMNS)
@@ -119,18 +114,14 @@ class Layout:
     name: str
     dialect: Dialect
     start: int
-    """Number of the first line of data."""
     header: bytes = b""
     """Header line as it stands; it is left out wherever it is repeated."""
     width: int = 0
-    """Cells of a regular row."""
     scans: tuple[ScanColumns, ...] = ()
     sparse: bool = False
     """True where rows hold one topic or another: a row without any range of a topic is no sweep of it."""
     listed: bool = False
-    """True where one cell holds all ranges of a sweep."""
     brackets: bytes = b"["
-    """First character of such a list."""
     angle: int = -1
     """Long form: column of the bearing; -1 in other forms."""
     key: int | None = None
@@ -142,7 +133,6 @@ class Layout:
     spelling: str = ""
     """Long form: text of a tool for RPLIDAR sensors (`rplidar`); empty for a table."""
     scale: float | None = None
-    """Unit of ranges [m], where it is known."""
     notes: tuple[str, ...] = ()
     unread: dict[str, str] = field(default_factory=dict)
     """Topic → a note on a column of times that is not understood."""
@@ -343,7 +333,6 @@ class Family:
     prefix: str
     """Prefix of the word for ranges: `field.`, `/scan/`, or nothing."""
     columns: Int64
-    """(B,) Column of each beam."""
 
     @property
     def topic(self) -> str:

@@ -51,16 +51,13 @@ _CALLS = re.compile(rb"[A-Za-z_][\w.]*\(([^()]*)\)")
 _MOST_LISTS = 64
 """Most lists of one record; with more it is garbage."""
 _MOST_TEXT = 1 << 20
-"""Most bytes of a record outside its lists."""
 _MOST_LINES = 100_000
-"""Most lines of one record."""
 
 Frames = tuple[Int32, tuple[str, ...]]
 """Index of the frame of each sweep, and the names of the frames."""
 Ends = dict[tuple[str, str], tuple[int, int]]
 """Topic and field → where its times have ended, see `times.going_on`."""
 Column = Callable[[int], Sequence[bytes]]
-"""Returns the cells of a column."""
 
 
 @dataclass(slots=True)
@@ -71,9 +68,7 @@ class Decoder(ABC):
     options: OpenOptions
     report: ReadReport
     topics: Collection[str] | None
-    """Wanted topics; None for all."""
     last: Ends = field(default_factory=dict)
-    """The last time of each column."""
 
     @abstractmethod
     def feed(self, block: TextBlock) -> Iterator[RawSweeps]:
@@ -384,7 +379,6 @@ class _Record:
 
     line: int
     ranges: bytes
-    """Text of the list."""
     intensities: bytes
     cells: list[str]
     """All cells, with the number of a list in place of each."""
@@ -398,11 +392,8 @@ class ListDecoder(Decoder):
     """
 
     _open: list[bytes] = field(default_factory=list)
-    """Lines of an open record."""
     _open_line: int = 0
-    """Number of the first of them."""
     _open_size: int = 0
-    """Their bytes."""
 
     def feed(self, block: TextBlock) -> Iterator[RawSweeps]:
         """Yield the sweeps of a block of lines."""

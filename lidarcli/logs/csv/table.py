@@ -22,7 +22,6 @@ _LISTS = re.compile(rb"\[[^\]]*(?:\]|\Z)")
 _LISTS_AND_QUOTED = re.compile(rb'\[[^\]]*(?:\]|\Z)|"[^"]*"')
 _DECIMAL_COMMA = re.compile(rb"\s*-?\d+,\d+(?:[eE][-+]?\d+)?\s*")
 _ENOUGH = 64 << 10
-"""Bytes of a line by which its separator is guessed."""
 SAMPLE_LINES = 3000
 SAMPLE_BYTES = 256 << 10
 """Most lines and bytes by which a layout is recognised; two lines at least."""
@@ -32,7 +31,6 @@ MOST_TEXT = 64 << 10
 _COMMENTS = rb"(?:[ \t]*(?:#[^\n]*)?\r?\n)*"
 _YAML_KEY = rb"[ \t]*(?:- )?[A-Za-z_][\w.-]*:"
 _LOGGED = rb"(?:\[[A-Z]+\][^\n]*?)?"
-"""Begin of a line that a node has logged."""
 _AS_CSV = "convert it to CSV with a column per beam (`time,r0,r1,...` in the first line)"
 _RECORD = "record with `ros2 bag record` or `rosbag record`, or print with `ros2 topic echo --csv --full-length`"
 _ONLY_POSES = "it holds poses, no ranges"
@@ -57,7 +55,6 @@ class Lines:
     """Each line ended by one newline."""
     numbers: Int64
     cut: bool
-    """True where the last line had no line end."""
 
 
 def guess_dialect(lines: Sequence[bytes]) -> Dialect | None:
@@ -194,7 +191,6 @@ class Head:
     header: bytes
     """Line with the names of columns; b'' where there is none, or where it is a comment."""
     start: int
-    """Number of the first line of data."""
     lines: list[bytes]
     rows: list[list[bytes]]
     options: OpenOptions
@@ -304,7 +300,6 @@ class Other:
     name: str
     way_out: str
     marks: re.Pattern[bytes]
-    """Pattern of the beginning of such a text."""
 
     @property
     def refusal(self) -> str:

@@ -169,7 +169,7 @@ def _opened_source(source: Source, opening: OpenOptions | None) -> Iterator[Log]
             yield log
         return
     if source.files:
-        from lidarcli.logs.csv.log import CsvLog
+        from lidarcli.logs.csv import CsvLog
 
         with CsvLog(source.files, opening) as log:
             yield log
@@ -249,7 +249,7 @@ def _fetched(url: Url, files: Sequence[Url], opening: OpenOptions | None, stack:
     with _named(url, *map(str, [*copies, folder])):
         if all(file.key.startswith(f"{url.key}/") for file in files):
             return open_log(folder, opening=opening)
-        from lidarcli.logs.csv.log import CsvLog
+        from lidarcli.logs.csv import CsvLog
 
         return CsvLog(copies, opening)
 
