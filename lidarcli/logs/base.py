@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Collection, Iterable, Iterator
 from dataclasses import dataclass, field, replace
-from typing import NamedTuple, Protocol
+from typing import NamedTuple, Protocol, Self
 
 import numpy as np
 
@@ -206,6 +206,19 @@ class OpenOptions:
         """Refuse a word without a meaning (`OptionError`)."""
         if self.segments not in SEGMENTS:
             raise OptionError(f"--segments: '{self.segments}' is not one of {', '.join(SEGMENTS)}")
+
+
+class Closing:
+    """What is closed at the end of a `with`."""
+
+    def close(self) -> None:
+        """Release what is open."""
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *exc: object) -> None:
+        self.close()
 
 
 class Log(Protocol):

@@ -356,12 +356,9 @@ def _misfit_with_geometry(cells: Cells, laser: Laser, lines: CarmenLines, at: in
 
 
 def _times_at(cells: Cells, rows: Int64, count: Int64, after: Int64, usual: int | None) -> tuple[Int64, Int64]:
-    """Find the cell of each line that holds its time, and the number of cells between `after` and it.
-
-    The name of the host, which is no number, follows the time: some writers leave out the time behind it, old ones also
-    some fields before it. Without a host the time is where the `usual` number of fields puts it. The number is -1, and
-    the cell 0, where a line has no time.
-    """
+    """Return the cell of each line with its time, and the cells between `after` and it: 0 and -1 where it has no time."""
+    # The name of the host, which is no number, follows the time: some writers leave out the time behind it, old ones also
+    # some fields before it. Without a host the time is where the `usual` number of fields puts it.
     left = count - after
     most = count - 1
     second, third = cells.spans(rows, most, 1), cells.spans(rows, np.maximum(most - 1, 0), 1)
@@ -408,13 +405,17 @@ def has_pose(line: bytes, laser: Laser) -> bool:
 
 
 ROBOT = "base_link"
-ODOMETRY_TYPE, POSE_TYPE, MOUNT_TYPE = ("nav_msgs/msg/Odometry", "geometry_msgs/msg/PoseStamped", "tf2_msgs/msg/TFMessage")
 ODOMETRY, MOUNTS = "/odom", "/tf_static"
 """Topics of the robot's pose by its wheels, and of the mounts of its lasers."""
 
 
 CORRECTED, TRUE = "/corrected", "/truepos"
-TYPES = {ODOMETRY: ODOMETRY_TYPE, CORRECTED: POSE_TYPE, TRUE: POSE_TYPE, MOUNTS: MOUNT_TYPE}
+TYPES = {
+    ODOMETRY: "nav_msgs/msg/Odometry",
+    CORRECTED: "geometry_msgs/msg/PoseStamped",
+    TRUE: "geometry_msgs/msg/PoseStamped",
+    MOUNTS: "tf2_msgs/msg/TFMessage",
+}
 """Topic → its type. Poses are taken from the odometry unless the user asks for others."""
 MAX_RANGE = 80.0
 """Greatest range [m] of a sweep whose line has none: SICK lasers write greater ones for no return.
@@ -492,7 +493,7 @@ class CarmenLog(TextLog):
         scans = [Topic(each.topic, LASERSCAN, self.format, counts[word]) for word, each in LASERS.items() if counts[word]]
         poses = {ODOMETRY: posed or counts[ODOM], CORRECTED: posed, TRUE: counts[TRUEPOS]}
         topics = [*scans, *(Topic(name, TYPES[name], self.format, count) for name, count in poses.items() if count)]
-        return [*topics, Topic(MOUNTS, MOUNT_TYPE, self.format)] if scans and poses[ODOMETRY] else topics
+        return [*topics, Topic(MOUNTS, TYPES[MOUNTS], self.format)] if scans and poses[ODOMETRY] else topics
 
     def _sweeps(
         self, blocks: Iterator[TextBlock], topics: Collection[str] | None, report: ReadReport
@@ -509,35 +510,18 @@ class CarmenLog(TextLog):
         decoder = _Decoder(self._options, report, {*LASERS, TRUEPOS, *([] if self._posed else [ODOM])})
         for block in blocks:
             yield from decoder.poses(block, types)
-        if MOUNT_TYPE in types:
+        if TYPES[MOUNTS] in types:
             yield from decoder.mounts()
 
 
-@dataclass(frozen=True, eq=False, slots=True)
-class PlanarPoses:
-    """K poses of one topic."""
-
-    topic: str
-    type: str
-    parent: str
-    child: str
-    rows: Int64
-    """(K,) Lines of the block that hold them."""
-    stamp_ns: Int64
-    poses: Float64
-    """(K, 3) x, y [m], yaw [rad]."""
-
-    def messages(self) -> list[Message]:
-        """Return a message for each pose."""
-        records = np.empty(len(self.stamp_ns), PLANAR_POSE)
-        records["stamp_ns"] = self.stamp_ns
-        records["x"], records["y"], records["yaw"] = self.poses.T
-        data, size = records.tobytes(), PLANAR_POSE.itemsize
-        names = f"{self.parent}\0{self.child}".encode()
-        return [
-            Message(self.topic, self.type, PLANAR, stamp, data[at * size : (at + 1) * size] + names)
-            for at, stamp in enumerate(self.stamp_ns.tolist())
-        ]
+def planar_messages(topic: str, parent: str, child: str, stamp_ns: Int64, poses: NDArray[np.floating]) -> list[Message]:
+    """Return poses (K, 3) of a child frame in its parent, x, y [m], yaw [rad], as messages."""
+    records = np.empty(len(stamp_ns), PLANAR_POSE)
+    records["stamp_ns"] = stamp_ns
+    records["x"], records["y"], records["yaw"] = poses.T
+    names = f"{parent}\0{child}".encode()
+    times = zip(records, stamp_ns.tolist(), strict=True)
+    return [Message(topic, TYPES[topic], PLANAR, stamp, pose.tobytes() + names) for pose, stamp in times]
 
 
 class _Parameters:
@@ -568,14 +552,6 @@ class _Parameters:
         return values[-1] if values else None
 
 
-@dataclass(slots=True)
-class _Mount:
-    """Place of a laser on its robot, as the poses of both give it."""
-
-    first: Float64
-    spread: float = 0.0
-
-
 @dataclass
 class _Decoder:
     """Decodes the lines of a log in one pass, block after block."""
@@ -587,7 +563,8 @@ class _Decoder:
     first_ns: dict[str, int] = field(default_factory=dict)
     """Frame of each laser → stamp of its first sweep, in a pass for poses."""
     _noted: set[str] = field(default_factory=set)
-    _mounts: dict[str, _Mount] = field(default_factory=dict)
+    _mounts: dict[str, tuple[Float64, float]] = field(default_factory=dict)
+    """Frame of a laser → its place on the robot by the first poses of both, and the greatest change since [m, rad]."""
 
     def __post_init__(self) -> None:
         self._framing = Framing(self.report)
@@ -674,14 +651,14 @@ class _Decoder:
         for some in found:
             if some.word in LASERS:
                 self.first_ns.setdefault(LASERS[some.word].frame, int(some.stamp_ns[0]))
-            for poses in self._poses_of(lines, some):
-                if poses.type in types:
-                    messages += zip(poses.rows.tolist(), poses.messages(), strict=True)
+            for rows, poses in self._poses_of(lines, some):
+                if poses and poses[0].type in types:
+                    messages += zip(rows.tolist(), poses, strict=True)
         lines.report_bad(self.report)
         for _, message in sorted(messages, key=lambda one: one[0]):
             yield message
 
-    def _poses_of(self, lines: LineBlock, messages: CarmenLines) -> Iterator[PlanarPoses]:
+    def _poses_of(self, lines: LineBlock, messages: CarmenLines) -> Iterator[tuple[Int64, list[Message]]]:
         """Decode the poses of robot and laser."""
 
         def read(some: CarmenLines, count: int) -> tuple[CarmenLines, Float64]:
@@ -689,8 +666,8 @@ class _Decoder:
             lines.report_bad(self.report)
             return some.of(good), values
 
-        def track(topic: str, parent: str, child: str, some: CarmenLines, poses: Float64) -> PlanarPoses:
-            return PlanarPoses(topic, TYPES[topic], parent, child, some.rows, some.stamp_ns, poses)
+        def track(topic: str, parent: str, child: str, some: CarmenLines, poses: Float64) -> tuple[Int64, list[Message]]:
+            return some.rows, planar_messages(topic, parent, child, some.stamp_ns, poses)
 
         if messages.word in (ODOM, TRUEPOS):
             topic, world = (ODOMETRY, "odom") if messages.word == ODOM else (TRUE, "world")
@@ -724,18 +701,17 @@ class _Decoder:
         cos, sin = np.cos(poses[:, 5]), np.sin(poses[:, 5])
         turn = wrapped(poses[:, 2] - poses[:, 5])
         mounts = np.column_stack([cos * dx + sin * dy, cos * dy - sin * dx, turn])
-        mount = self._mounts.setdefault(frame, _Mount(mounts[0]))
-        off = mounts - mount.first
+        first, spread = self._mounts.get(frame, (mounts[0], 0.0))
+        off = mounts - first
         off[:, 2] = wrapped(off[:, 2])
         far = float(np.abs(mounts[:, :2]).max()) > _FARTHEST
-        mount.spread = np.inf if far else max(mount.spread, float(np.abs(off).max()))
+        self._mounts[frame] = first, np.inf if far else max(spread, float(np.abs(off).max()))
 
     def mounts(self) -> Iterator[Message]:
         """Yield the mounts of the lasers that had sweeps, once the whole log is read."""
         for frame, stamp_ns in self.first_ns.items():
             if (pose := self._mount(frame)) is not None:
-                row, stamp = np.zeros(1, np.int64), np.array([stamp_ns])
-                yield from PlanarPoses(MOUNTS, MOUNT_TYPE, ROBOT, frame, row, stamp, np.array([pose])).messages()
+                yield from planar_messages(MOUNTS, ROBOT, frame, np.array([stamp_ns]), np.array([pose]))
 
     def _mount(self, frame: str) -> Sequence[float] | None:
         """Return x, y [m] and yaw [rad] of a laser by parameters, else by the poses of laser and robot."""
@@ -746,12 +722,11 @@ class _Decoder:
             # A rear laser looks backwards, unless its angle is given and says so itself.
             if frame == REAR and abs(pose[2]) < 0.5 * np.pi:
                 pose[2] += np.pi
-        mount = self._mounts.get(frame)
-        if mount is not None and mount.spread <= _ALIKE:
-            same = frame == FRONT and float(np.abs(mount.first).max()) <= _SAME
-            # Where lines have one pose for both, whoever wrote them took no notice of the parameters.
-            if pose is None or same:
-                pose = list(mount.first)
+        place, spread = self._mounts.get(frame, (np.zeros(3), np.inf))
+        # Where lines have one pose for both, whoever wrote them took no notice of the parameters.
+        same = frame == FRONT and float(np.abs(place).max()) <= _SAME
+        if spread <= _ALIKE and (pose is None or same):
+            pose = list(place)
         return pose
 
 
@@ -772,10 +747,7 @@ def _remission_counts(cells: Cells, messages: CarmenLines) -> Int64:
 
 
 def _remissions(cells: Cells, laser: Laser, messages: CarmenLines, ranges: NDArray[np.floating]) -> Float32 | None:
-    """(S, B) Remissions of sweeps, NaN where one has fewer of them than ranges; None where none has any.
-
-    They follow each of the `ranges`, or all of them with their number first.
-    """
+    """(S, B) Remissions, which follow each of the `ranges`, or all of them with their number first; None without any."""
     beams = messages.beams
     if laser.pairs:
         return pad(ranges[1::2], beams, 1.0) if len(ranges) else None
@@ -789,11 +761,9 @@ def _remissions(cells: Cells, laser: Laser, messages: CarmenLines, ranges: NDArr
 
 
 def _of_lines(geometry: Float64, beams: Int64) -> tuple[Float64, Float64, Float64]:
-    """Return first bearings, steps [rad] and greatest ranges [m] by lines (S, 4): first bearing, view, step, range.
-
-    The view has all the digits that a rounded step lacks: its part for each beam is the step where it is that of the
-    ranges, or of one more. Bearings are guessed where view and step are zero.
-    """
+    """Return first bearings, steps [rad] and greatest ranges [m] by lines (S, 4): first bearing, view, step, range."""
+    # The view has all the digits that a rounded step lacks: its part for each beam is the step where it is that of the
+    # ranges, or of one more. Bearings are guessed where view and step are zero.
     first, view, step, most = geometry.T
     nothing = (view == 0.0) & (step == 0.0)
     gaps = np.maximum(beams - 1, 1)

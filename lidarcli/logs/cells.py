@@ -188,11 +188,9 @@ def not_a_number(cell: bytes) -> str:
 
 
 def _between(text: bytes, starts: Int32, ends: Int32, null: Bool | None, kind: Any) -> Any:
-    """Return an Arrow array of type `kind` whose even entries are the cells between `starts` and `ends`.
-
-    The text itself is the data of the array: a cell, the text between it and the next cell, which is null, the next
-    cell, ... So nothing is copied or tokenised a second time. Cells that are `null` are null as well.
-    """
+    """Return an Arrow array of type `kind` whose even entries are cells between `starts` and `ends`; some are `null`."""
+    # The text itself is the data of the array: a cell, the text between it and the next cell, which is null, the next
+    # cell, ... So nothing is copied or tokenised a second time.
     import pyarrow as pa
 
     slots = 2 * len(starts)
@@ -389,10 +387,7 @@ def _unit_of_steps(counts: Sequence[int]) -> int:
 
 
 def _order(dates: Sequence[bytes]) -> int:
-    """Return the order of day and month in which the dates are dates, and go on by the smallest steps.
-
-    Where both are alike, the month is first before a slash alone.
-    """
+    """Return the order in which most dates are dates, and go on by the smallest steps; the month first before a slash."""
     steps: dict[int, tuple[int, float]] = {}
     for unit in (MONTH_FIRST, DAY_FIRST) if b"/" in dates[0] else (DAY_FIRST, MONTH_FIRST):
         times, bad = to_ns(dates, unit)
@@ -489,10 +484,6 @@ def _seconds(cell: bytes) -> int:
     return _decimal(cell, S)
 
 
-def _nanoseconds(cell: bytes) -> int:
-    return int(cell) if cell.isdigit() else _decimal(cell, NS)
-
-
 def _spelled(unit: int) -> Callable[[bytes], int]:
     """Return the conversion of times that are spelled as `_SPELLINGS` has it."""
 
@@ -537,9 +528,7 @@ _CONVERTERS: dict[int, Callable[[bytes], int]] = {
     **{unit: _spelled(unit) for unit in _SPELLINGS},
     DATED: _spelled(TIME_OF_DAY),
     DAYS: _days,
-    NS: _nanoseconds,
-    US: _of_unit(US),
-    MS: _of_unit(MS),
+    **{unit: _of_unit(unit) for unit in (NS, US, MS)},
     S: _seconds,
     S_UNPADDED: lambda cell: _seconds(_padded(cell)),
     DATE_UNPADDED: lambda cell: _spelled(DATE)(_padded(cell)),

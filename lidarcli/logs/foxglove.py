@@ -350,7 +350,6 @@ class _LineDecoder:
         self._echo = echo
         self._report = report
         self._unit: int | None = None
-        self._names: dict[bytes, str] = {}
         self._others: set[str] = set()
         """Topics whose first message is no scan."""
         self._scanned: set[str] = set()
@@ -384,13 +383,11 @@ class _LineDecoder:
         match = JSON_LINE.match(line)
         if match is None or self._unit is None:
             return _NO_MESSAGE
-        topic = self._name(match[1])
-        if topic is None:
-            return NOT_JSON
-        if topic in self._others or (self._topics is not None and topic not in self._topics):
-            return None
         record, bad = to_ns([match[2]], self._unit)
         try:
+            topic = str(json.loads(match[1]))
+            if topic in self._others or (self._topics is not None and topic not in self._topics):
+                return None
             whole = json.loads(line)
         except (ValueError, RecursionError):
             return NOT_JSON
@@ -417,14 +414,3 @@ class _LineDecoder:
         self._waiting.setdefault(topic, []).append(scan)
         self._rows += 1
         self._values += len(scan.ranges)
-
-    def _name(self, text: bytes) -> str | None:
-        """Return the topic that a piece of JSON names; None where it names none."""
-        if text not in self._names:
-            if len(self._names) >= _MOST_TOPICS:
-                self._names.clear()
-            try:
-                self._names[text] = str(json.loads(text))
-            except ValueError:
-                return None
-        return self._names[text]

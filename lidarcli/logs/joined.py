@@ -7,11 +7,11 @@ from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import NamedTuple, Self
+from typing import NamedTuple
 
 from lidarcli.display import counted
 from lidarcli.errors import OptionError, UnreadableError
-from lidarcli.logs.base import CLOUD_TYPES, POSE_TYPES, SCAN_TYPES, Log, Message, ReadReport, Topic
+from lidarcli.logs.base import CLOUD_TYPES, POSE_TYPES, SCAN_TYPES, Closing, Log, Message, ReadReport, Topic
 from lidarcli.sweeps import RawSweeps
 
 _NUMBERED = re.compile(r"(.+)_(\d{1,9})(\.[a-z]\w*)?(?:\.[a-z]\w*)*", re.IGNORECASE)
@@ -69,7 +69,7 @@ class Part:
         return str(error).removeprefix(f"{self.path}: ")
 
 
-class PartedLog:
+class PartedLog(Closing):
     """A `Log` in parts: each is opened for a pass and closed behind it, and one that cannot be read is damage."""
 
     format = ""
@@ -98,10 +98,7 @@ class PartedLog:
         return None if self._topics is None else list(self._topics)
 
     def _counted(self) -> list[Topic] | None:
-        """Return the topics from a look at every part; reading meets the damage.
-
-        A topic has the encoding of the first part that has it: parts of ROS 1 and of ROS 2 differ.
-        """
+        """Return the topics from a look at every part, with the encoding of the first part that has them."""
         found: dict[tuple[str, str], Topic] = {}
         for part in self.parts:
             with self._open(part, ReadReport()) as (log, _):
@@ -130,15 +127,6 @@ class PartedLog:
         """Yield raw messages of the given types in log order, part after part."""
         for _, log, own in self.opened(report):
             yield from log.messages(types, own)
-
-    def close(self) -> None:
-        """Close nothing: parts are open only while they are read."""
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *exc: object) -> None:
-        self.close()
 
     def opened(self, report: ReadReport) -> Iterator[tuple[int, Log, ReadReport]]:
         """Yield the parts that can be opened, each with a report of its own: one pass over the log."""
@@ -255,10 +243,8 @@ def _refuse_mixed(formats: Mapping[str, str]) -> None:
 
 
 def _begin(log: Log) -> int | None:
-    """Return the time at which the first sweep, else the first pose, was recorded [ns]; None without any.
-
-    Poses come second, for recorders repeat what is latched, with its old time, at the beginning of every part.
-    """
+    """Return the time at which the first sweep, else the first pose, was recorded [ns]; None without any."""
+    # Poses come second, for recorders repeat what is latched, with its old time, at the beginning of every part.
     for message in log.messages(SCAN_TYPES | CLOUD_TYPES, ReadReport()):
         return message.record_ns
     for block in log.scans(None, ReadReport()):

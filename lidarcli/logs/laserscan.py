@@ -203,10 +203,7 @@ def _read_heads(topic: str, buffer: UInt8, offsets: Int64, lengths: Int64, encod
 
 
 def _gather_intensities(buffer: UInt8, heads: _Heads) -> Float32 | None:
-    """Return (K, B) the intensities, NaN where a sweep has fewer of them than ranges; None where no sweep has any.
-
-    A count that passes the end of its message is none.
-    """
+    """Return (K, B) the intensities, NaN where a sweep has fewer of them than ranges; None where no sweep has any."""
     at = heads.at + 32 + 4 * heads.beams
     there = at + 4 <= heads.end
     if not there.any():

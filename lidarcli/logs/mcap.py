@@ -24,6 +24,7 @@ from lidarcli.logs.base import (
     MULTI_ECHO,
     POSE_TYPES,
     SCAN_TYPES,
+    Closing,
     Message,
     OpenOptions,
     ReadReport,
@@ -487,7 +488,7 @@ def _payloads(rows: Messages) -> Iterator[bytes]:
         yield data[start:end].tobytes()
 
 
-class McapLog:
+class McapLog(Closing):
     """An MCAP as a `Log`: a file by its path, or a binary stream.
 
     A stream of known `size` [bytes] is read here and there, as a file is; any other once, in order.
@@ -669,9 +670,3 @@ class McapLog:
     def close(self) -> None:
         """Close the file or the stream."""
         self._stream.close()
-
-    def __enter__(self) -> McapLog:
-        return self
-
-    def __exit__(self, *exc: object) -> None:
-        self.close()

@@ -358,10 +358,8 @@ def _is_seen_through(ranges: Float32, least: float, beams: int) -> bool:
 
 
 def _is_round(ranges: Float32, least: float, most: float, steps: Float64) -> bool:
-    """Return True if ranges from `least` on form arcs around the sensor (`steps` [rad] between beams), unlike a wall.
-
-    A wall at a distance d is farther by d x² / 2 at an angle x from its nearest point: only so far it keeps its range.
-    """
+    """Return True if ranges from `least` on form arcs around the sensor (`steps` [rad] between beams), unlike a wall."""
+    # A wall at a distance d is farther by d x² / 2 at an angle x from its nearest point: only so far it keeps its range.
     with np.errstate(invalid="ignore"):
         piled = ranges >= np.float32(least)
         nearer = ranges < np.float32(least)

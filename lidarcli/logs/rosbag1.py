@@ -22,7 +22,7 @@ import numpy as np
 from lz4.frame import LZ4FrameDecompressor
 
 from lidarcli.errors import UnreadableError, unreadable
-from lidarcli.logs.base import MAX_MESSAGE, Message, OpenOptions, ReadReport, Topic, ros_type
+from lidarcli.logs.base import MAX_MESSAGE, Closing, Message, OpenOptions, ReadReport, Topic, ros_type
 from lidarcli.logs.laserscan import MessageBatcher, scan_type
 from lidarcli.logs.unpacking import DecompressionBudget, too_much
 from lidarcli.sweeps import Int64, RawSweeps, UInt8
@@ -626,7 +626,7 @@ class Pass:
             self._damaged("connections", f"{unknown:,} messages whose topic is not recorded were left out")
 
 
-class Rosbag1Log:
+class Rosbag1Log(Closing):
     """A ROS 1 bag of a path or of a stream; a stream is copied to a temporary file, whose name nobody sees."""
 
     format = "ros1 bag"
@@ -714,12 +714,6 @@ class Rosbag1Log:
 
     def close(self) -> None:
         self._file.close()
-
-    def __enter__(self) -> Rosbag1Log:
-        return self
-
-    def __exit__(self, *exc: object) -> None:
-        self.close()
 
     def _blocks(self, wanted: Wanted, report: ReadReport) -> Iterator[tuple[MessageBlock, dict[int, Connection]]]:
         """Yield the messages, each block with the wanted connections in it."""

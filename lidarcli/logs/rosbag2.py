@@ -24,6 +24,7 @@ from lidarcli.logs.base import (
     BINARY_SUFFIXES,
     MAX_MESSAGE,
     TEXT_SUFFIXES,
+    Closing,
     Log,
     Message,
     OpenOptions,
@@ -52,17 +53,8 @@ from lidarcli.sweeps import RawSweeps
 _PACKED = re.compile(r"\.(zstd|zst)$", re.IGNORECASE)
 
 
-@dataclass(frozen=True, slots=True)
-class Folder:
-    """Storage files in the order they were recorded, and what is wrong with the metadata."""
-
-    files: list[Path] = field(default_factory=list)
-    notes: list[str] = field(default_factory=list)
-    missing: list[str] = field(default_factory=list)
-
-
-def read_folder(folder: Path) -> Folder:
-    """Find the storage files of a bag: those that are there count, the metadata gives their order."""
+def read_folder(folder: Path) -> tuple[list[Path], list[str], list[str]]:
+    """Return the storage files of a bag in the order of the metadata, notes on it, and files that it alone names."""
     files = [path for path in sorted(folder.iterdir()) if path.is_file()]
     there = {path.name: path for path in files if is_storage(path.name)}
     # Old bags put the folder's name before the file's; nothing outside of the folder is ever read.
@@ -84,7 +76,7 @@ def read_folder(folder: Path) -> Folder:
     if others:
         notes.append(f"no part of this bag, and not read: {', '.join(others)}")
     names = sorted(chosen.values(), key=natural) if unnamed else ordered
-    return Folder([there[name] for name in names], notes, missing)
+    return [there[name] for name in names], notes, missing
 
 
 def _content(name: str) -> str:
@@ -107,18 +99,17 @@ class Rosbag2Log(PartedLog):
         where = Path(path)
         with unreadable(path):
             is_folder = where.is_dir()
-            folder = read_folder(where) if is_folder else Folder([where])
+            files, notes, missing = read_folder(where) if is_folder else ([where], [], [])
             parts = [
-                Part(str(file), file.name, file.stat().st_size, partial(self._storage, file, Known()))
-                for file in folder.files
+                Part(str(file), file.name, file.stat().st_size, partial(self._storage, file, Known())) for file in files
             ]
         if not parts:
             raise UnreadableError(f"{path}: no .db3 or .mcap file in this folder, hence no ROS 2 bag")
         super().__init__(str(path), parts, names_parts=is_folder)
-        self._opening.notes += folder.notes
-        for name in folder.missing:
+        self._opening.notes += notes
+        for name in missing:
             self._opening.add_damage(name, f"{METADATA} names this file, but it is not there")
-        kinds = {"mcap" if _is_mcap(file) else "sqlite3" for file in folder.files}
+        kinds = {"mcap" if _is_mcap(file) else "sqlite3" for file in files}
         self.format = f"ros2 bag ({'+'.join(sorted(kinds, reverse=True))})"
         try:
             self._probe()
@@ -268,7 +259,7 @@ def _sidecars(database: Path) -> list[str]:
     return [suffix for suffix, path in sidecar.items() if path.is_file() and path.stat().st_size > 0]
 
 
-class SqliteLog:
+class SqliteLog(Closing):
     """One storage file of SQLite as a `Log`: by SQLite as far as it goes, then straight from the pages."""
 
     format = "ros2 bag (sqlite3)"
@@ -426,12 +417,6 @@ class SqliteLog:
             self._file.close()
         self._stack.close()
 
-    def __enter__(self) -> SqliteLog:
-        return self
-
-    def __exit__(self, *exc: object) -> None:
-        self.close()
-
     def _open(self, path: Path) -> None:
         self._file = path.open("rb")
         if path.stat().st_size == 0:
@@ -462,13 +447,7 @@ class SqliteLog:
             self._open_damaged()
 
     def _connect(self, path: Path) -> sqlite3.Connection:
-        """Connect to the database for reading rows of plain tables in bounded time, and nothing else.
-
-        Raises
-        ------
-        UnsoundError
-            The database holds more than rows: SQL of its own would run whenever it is read.
-        """
+        """Connect for reading rows of plain tables in bounded time (`UnsoundError` where SQL of the log would run)."""
         # `immutable` keeps SQLite from making files beside the log, from looking for a journal there, and works in a
         # read-only folder.
         where = f"file:{quote(str(path.absolute()))}?mode=ro&immutable=1"
@@ -578,10 +557,7 @@ class SqliteLog:
     def _usable(
         self, topic: str, times: Sequence[int | None], messages: Sequence[bytes | None], report: ReadReport
     ) -> tuple[Sequence[bytes], Sequence[int]]:
-        """Return the messages that there are and their times, unpacked if they are packed.
-
-        A bag packs all its messages or none; plain CDR never begins as zstd does.
-        """
+        """Return the messages that there are and their times, unpacked if they are packed: all in a bag, or none."""
         with_data = [(time, data) for time, data in zip(times, messages, strict=True) if data is not None]
         rows = [(time, data) for time, data in with_data if time is not None]
         for cause, lost in ((NO_DATA, len(messages) - len(with_data)), (NO_TIME, len(with_data) - len(rows))):

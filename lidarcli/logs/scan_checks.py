@@ -156,10 +156,8 @@ class RepeatTest:
 
 
 def _is_noisy(raw: RawSweeps, row: int) -> bool:
-    """Return whether the ranges of a sweep have noise: on a straight wall 1/r is a sinusoid of the bearing.
-
-    Rounding alone makes a middle third difference of 0.9 of its step.
-    """
+    """Return whether the ranges of a sweep have noise: on a straight wall 1/r is a sinusoid of the bearing."""
+    # Rounding alone makes a middle third difference of 0.9 of its step.
     ranges = raw.ranges[row, : raw.beams[row]].astype(np.float64)
     ranges[~(np.isfinite(ranges) & (ranges > 0.0))] = np.nan
     inverse = 1.0 / ranges

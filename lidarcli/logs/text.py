@@ -12,10 +12,10 @@ from collections.abc import Collection, Iterator
 from dataclasses import dataclass, replace
 from itertools import chain
 from pathlib import Path
-from typing import BinaryIO, Protocol, Self
+from typing import BinaryIO, Protocol
 
 from lidarcli.errors import UnreadableError, unreadable
-from lidarcli.logs.base import POSE_TYPES, Message, OpenOptions, ReadReport
+from lidarcli.logs.base import POSE_TYPES, Closing, Message, OpenOptions, ReadReport
 from lidarcli.sweeps import RawSweeps
 
 MAX_LINE = 8 << 20
@@ -199,7 +199,7 @@ def _line_ends(blocks: Iterator[TextBlock]) -> Iterator[TextBlock]:
         yield replace(block, text=text)
 
 
-class TextLog(ABC):
+class TextLog(Closing, ABC):
     """A log of text, from a file or a stream; subclasses decode its lines."""
 
     def __init__(self, source: str | os.PathLike[str] | BinaryIO, options: OpenOptions | None = None) -> None:
@@ -245,12 +245,6 @@ class TextLog(ABC):
         if self._stream is not None and not self._once:
             self._stream.close()
             self._stream = None
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *exc: object) -> None:
-        self.close()
 
     def _blocks(self, report: ReadReport) -> Iterator[TextBlock]:
         """Start a pass: return all blocks; UnreadableError for the second pass over a stream."""

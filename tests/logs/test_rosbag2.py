@@ -423,9 +423,9 @@ def test_packed_and_unpacked_twins_are_read_once(tmp_path: Path) -> None:
     for part in range(2):
         file = tmp_path / "bag" / f"bag_{part}.db3"
         (tmp_path / "bag" / f"bag_{part}.db3.zstd").write_bytes(zstandard.compress(file.read_bytes()))
-    assert [file.name for file in read_folder(tmp_path / "bag").files] == ["bag_0.db3", "bag_1.db3"]
+    assert [file.name for file in read_folder(tmp_path / "bag")[0]] == ["bag_0.db3", "bag_1.db3"]
     metadata(tmp_path / "bag", ["bag_0.db3.zstd", "bag_1.db3.zstd"])
-    assert [file.name for file in read_folder(tmp_path / "bag").files] == ["bag_0.db3.zstd", "bag_1.db3.zstd"]
+    assert [file.name for file in read_folder(tmp_path / "bag")[0]] == ["bag_0.db3.zstd", "bag_1.db3.zstd"]
     assert read(tmp_path / "bag") == (list(range(10)), [])
 
 

@@ -23,6 +23,7 @@ from lidarcli.logs.csv.beam_rows import LongDecoder
 from lidarcli.logs.csv.layouts import PER_SWEEP, RPLIDAR, Layout, layout_of
 from lidarcli.logs.csv.sweep_rows import Decoder, ListDecoder, WideDecoder
 from lidarcli.logs.csv.table import other_format, read_head
+from lidarcli.logs.joined import natural
 from lidarcli.logs.text import FIRST_BLOCK, MAX_LINE, TextBlock, TextLog
 from lidarcli.sweeps import RawSweeps, concatenate
 
@@ -215,8 +216,9 @@ def _in_order(files: Sequence[Path]) -> list[Path]:
     """Sort files by the numbers in their names, so that `scan_9` comes before `scan_10`."""
     stems = [_stem(file.name) for file in files]
     if all(_NUMBER.fullmatch(stem) for stem in stems):
-        return [file for _, _, file in sorted(zip(map(_exact, stems), stems, files, strict=True))]
-    return sorted(files, key=lambda file: (_natural(_stem(file.name)), file.name))
+        numbers = [(int(whole), fraction) for whole, _, fraction in (stem.partition(".") for stem in stems)]
+        return [file for _, _, file in sorted(zip(numbers, stems, files, strict=True))]
+    return sorted(files, key=lambda file: (natural(_stem(file.name)), file.name))
 
 
 def stamp_of_name(name: str) -> int:
@@ -251,14 +253,3 @@ def _stem(name: str) -> str:
         if name.lower().endswith(suffix):
             name = name[: -len(suffix)]
     return name
-
-
-def _exact(stem: str) -> tuple[int, str]:
-    """Return whole part and fraction of a number, as written."""
-    whole, _, fraction = stem.partition(".")
-    return int(whole), fraction
-
-
-def _natural(stem: str) -> list[tuple[int, int, str]]:
-    parts = re.split(r"(\d+)", stem)
-    return [(0, int(part), "") if part.isdigit() else (1, 0, part) for part in parts if part]

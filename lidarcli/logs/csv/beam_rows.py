@@ -290,10 +290,7 @@ def _snap(values: Float64, angles: Float64, steps: NDArray[np.floating]) -> Floa
 
 
 def _on_grid(angle: Float64, values: NDArray[np.floating]) -> tuple[NDArray[np.floating], float, float] | str:
-    """Put a sweep of uneven bearings on a grid of their median step; beams that nothing falls on are NaN.
-
-    Returns ranges, first bearing and step, or the reason why there is no such grid.
-    """
+    """Return ranges on a grid of the median step, first bearing and step, or the reason why there is no such grid."""
     known = np.isfinite(angle)
     if known.sum() < 2:
         return ONE_BEAM if len(angle) == 1 else UNEVEN

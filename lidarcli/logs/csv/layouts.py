@@ -228,13 +228,7 @@ def _ros2_layout(head: Head, row: Sequence[bytes]) -> Layout:
 
 
 def _expanded(head: Head, columns: Sequence[str]) -> list[str]:
-    """Return a name for each column: `NAME*N` stands for N of them, `ranges` and `intensities` for what the others leave.
-
-    Raises
-    ------
-    UnreadableError
-        There are more or fewer names than columns.
-    """
+    """Return a name for each column: `NAME*N` for N of them, `ranges` and `intensities` for what the others leave."""
     width = head.usual or Counter(map(len, head.rows)).most_common(1)[0][0] if head.rows else len(head.names)
     parts = [(name.strip(), count.strip()) for name, _, count in (each.partition("*") for each in columns)]
     is_open = [name in ("ranges", "intensities") and not count for name, count in parts]
