@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from math import degrees, hypot, radians
 from pathlib import Path
-from typing import Literal
+from typing import Literal, cast
 
 import numpy as np
 
@@ -366,15 +366,10 @@ def _route_of(fields: Fields, others: tuple[str, ...]) -> Route | None:
     """Return the route, if there is one, and refuse the keys in `others` beside it."""
     if not fields.has("route"):
         return None
-    refuse_beside_route(fields, others)
-    return load_route(fields.table("route"))
-
-
-def refuse_beside_route(fields: Fields, keys: tuple[str, ...]) -> None:
-    """Refuse keys that a route replaces."""
-    for key in keys:
+    for key in others:
         if key in fields.values:
             fields.fail(key, "and route exclude each other: leave one out")
+    return load_route(fields.table("route"))
 
 
 def _course(fields: Fields) -> Course:
@@ -400,9 +395,9 @@ def _course(fields: Fields) -> Course:
     return Course(points, speed, yaw)
 
 
-def load_motion(fields: Fields) -> Motion:
-    """Read the motion of an entity, and when it appears and disappears."""
-    route = _route_of(fields, ("x", "y", "velocity"))
+def load_motion(fields: Fields, *beside: str) -> Motion:
+    """Read the motion of an entity, and when it appears and disappears; keys in `beside` exclude a route, too."""
+    route = _route_of(fields, ("x", "y", "velocity", *beside))
     return Motion(
         velocity=(0.0, 0.0) if route else fields.pair("velocity", (0.0, 0.0)),
         yaw_rate=radians(fields.number("yaw_rate", 0.0)),
@@ -423,9 +418,7 @@ def load_route(table: Fields) -> Route:
         if not isinstance(values, Mapping):
             table.fail("waypoints", "must hold points, as [2.5, 0] or { x = 2.5, y = 0, wait = 1 }")
         point = Fields(table.file, f"{table.inside('waypoints')} number {number}", values)
-        corner: Corner = "round"
-        named = point.text("corner", corner, CORNERS)
-        corner = next(name for name in CORNERS if name == named)
+        corner = cast(Corner, point.text("corner", "round", CORNERS))
         x, y = point.number("x"), point.number("y")
         found.append(Waypoint(x, y, point.number("speed", speed, low=LEAST), point.number("wait", 0.0, low=0), corner))
         point.done()
@@ -504,9 +497,6 @@ def _sensor(fields: Fields) -> Sensor:
     if fields.flag("clockwise", False):
         first, step = first + step * (beams - 1), -step
     range_min = fields.number("range_min", default.range_min, low=0)
-    lost_as: LostAs = "mixed"
-    named = fields.text("lost_as", lost_as, LOST_AS)
-    lost_as = next(name for name in LOST_AS if name == named)
     sensor = Sensor(
         beams=beams,
         angle_min=radians(first),
@@ -517,7 +507,7 @@ def _sensor(fields: Fields) -> Sensor:
         noise_per_metre=fields.number("noise_per_metre", 0.0, low=0, high=1),
         resolution=fields.number("resolution", 0.0, low=0, high=1),
         lost=fields.number("lost", 0.0, low=0, high=1),
-        lost_as=lost_as,
+        lost_as=cast(LostAs, fields.text("lost_as", "mixed", LOST_AS)),
         rate=fields.number("rate", default.rate, low=LEAST_RATE, high=1e6),
         topic=fields.text("topic", default.topic),
         frame_id=fields.text("frame_id", default.frame_id),
@@ -544,9 +534,7 @@ def _yaw(fields: Fields, default: float = 0.0) -> float:
 
 def _wall(fields: Fields) -> Entity:
     points = fields.points("points", 2)
-    if fields.flag("closed", False):
-        points = [*points, points[0]]
-    return wall(points)
+    return wall([*points, points[0]] if fields.flag("closed", False) else points)
 
 
 def _box(fields: Fields) -> Entity:
@@ -579,10 +567,9 @@ def _plant(fields: Fields) -> Entity:
 
 def _person(fields: Fields) -> Entity:
     """Read a person: two legs; a walker looks ahead and swings them in step with its speed unless told otherwise."""
-    motion = load_motion(fields)
+    motion = load_motion(fields, "yaw", "yaw_rate")
     gap, leg = fields.number("gap", 0.25, above=0), fields.number("leg", 0.12, above=0)
     if motion.route:
-        refuse_beside_route(fields, ("yaw", "yaw_rate"))
         return person(*_place(fields), _yaw(fields), gap, leg, motion)
     speed = hypot(*motion.velocity)
     heading = degrees(np.arctan2(motion.velocity[1], motion.velocity[0])) if speed else 0.0

@@ -9,6 +9,7 @@ import tempfile
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from functools import partial
 from math import cos, sin
 from pathlib import Path
 from typing import IO, Any, NamedTuple
@@ -193,14 +194,6 @@ SchemaOf = Callable[[str], tuple[str, str, bytes]]
 """Message type → name, encoding and text of its schema."""
 
 
-def _ros2_schema(name: str) -> tuple[str, str, bytes]:
-    return name, SchemaEncoding.ROS2, ros2_definition(name).encode()
-
-
-def _ros1_schema(name: str) -> tuple[str, str, bytes]:
-    return name.replace("/msg/", "/"), SchemaEncoding.ROS1, ros1_definition(name).encode()
-
-
 class McapEncoding(NamedTuple):
     """A way to write an MCAP."""
 
@@ -211,8 +204,15 @@ class McapEncoding(NamedTuple):
 
 
 ENCODINGS = {
-    "cdr": McapEncoding(CDR, MessageEncoding.CDR, "ros2", _ros2_schema),
-    "ros1": McapEncoding(ROS1_BYTES, MessageEncoding.ROS1, "ros1", _ros1_schema),
+    "cdr": McapEncoding(
+        CDR, MessageEncoding.CDR, "ros2", lambda name: (name, SchemaEncoding.ROS2, ros2_definition(name).encode())
+    ),
+    "ros1": McapEncoding(
+        ROS1_BYTES,
+        MessageEncoding.ROS1,
+        "ros1",
+        lambda name: (name.replace("/msg/", "/"), SchemaEncoding.ROS1, ros1_definition(name).encode()),
+    ),
 }
 
 
@@ -430,11 +430,6 @@ def frame_of(block: RawSweeps, row: int) -> str:
     return block.frame_ids[int(block.frame[row])]
 
 
-def stamp_parts(block: RawSweeps, row: int) -> list[str]:
-    """Return seconds and nanoseconds of the stamp of a sweep."""
-    return [str(part) for part in divmod(int(block.stamp_ns[row]), _S)]
-
-
 BAG_FOLDERS = ("ros2", "ros2-mcap")
 
 
@@ -509,23 +504,15 @@ def write_log(
     kind = check_options(target, container, compression, encoding, layout, clouds)
     if target.exists() or target.is_symlink():
         raise OutputError(f"{path}: exists already")
-    packed = {} if compression is None else {"compression": compression}
-    if kind == "mcap":
-        write_mcap(
-            target,
-            blocks,
-            encoding=ENCODINGS[encoding or "cdr"],
-            chunk_size=chunk_size,
-            poses=poses,
-            clouds=clouds,
-            **packed,
-        )
-    elif kind == "bag":
-        write_bag(target, blocks, poses=poses, clouds=clouds, **packed)
-    elif kind in BAG_FOLDERS:
-        storage = "mcap" if kind == "ros2-mcap" else "sqlite3"
-        write_folder(target, blocks, storage=storage, poses=poses, clouds=clouds, **packed)
-    elif kind == "db3":
-        write_db3(target, blocks, poses=poses, clouds=clouds)
-    else:
+    packed: dict[str, Any] = {} if compression is None else {"compression": compression}
+    if kind == "csv":
         write_csv(target, blocks, layout or "rostopic")
+        return
+    messages: dict[str, Callable[..., None]] = {
+        "mcap": partial(write_mcap, encoding=ENCODINGS[encoding or "cdr"], chunk_size=chunk_size, **packed),
+        "bag": partial(write_bag, **packed),
+        "ros2": partial(write_folder, **packed),
+        "ros2-mcap": partial(write_folder, storage="mcap", **packed),
+        "db3": write_db3,
+    }
+    messages[kind](target, blocks, poses=poses, clouds=clouds)
