@@ -22,17 +22,6 @@ from lidarcli.simulation.truth import true_map
 
 CELL = 0.05
 SENSOR = Sensor(beams=2880, angle_min=-np.pi, angle_increment=np.pi / 1440, range_max=30.0)
-FAULTY = replace(
-    SENSOR,
-    noise=0.1,
-    noise_per_metre=0.02,
-    resolution=0.03,
-    lost=0.2,
-    lost_as="max",
-    mixed_pixels=0.5,
-    flicker=0.3,
-    beams_jitter=9,
-)
 
 
 def room(left: float, low: float, right: float, high: float) -> Entity:
