@@ -11,11 +11,13 @@ from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, S
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from lidarcli.choices import ECHOES
 from lidarcli.logs.base import MAX_BEAMS, ReadReport, Topic
 from lidarcli.logs.blocks import TOO_MANY, Locate, ScanLayout, as_singles, keep_sound, pad_intensities, pad_rows, split_rows
 from lidarcli.logs.cells import DATE, S, time_unit, to_ns
+from lidarcli.logs.laserscan import choose
 from lidarcli.logs.text import JSON_LINE, TextBlock, TextLog
 from lidarcli.ros.cursor import MAX_NAME, NAME_LONG
 from lidarcli.sweeps import Float32, RawSweeps
@@ -144,8 +146,7 @@ def scan_of(message: Mapping[str, Any], line: bytes, record_ns: int, echo: str =
     of_ros = "angle_increment" in fields
     try:
         header = (fields.get("header") or {}) if of_ros else fields
-        chosen, intensities = _chosen(fields["ranges"], fields.get("intensities"), echo)
-        ranges = _floats(chosen)
+        ranges, intensities = _beams(fields["ranges"], fields.get("intensities"), echo)
         first = float(fields["angle_min" if of_ros else "start_angle"])
         if of_ros:
             step = float(fields["angle_increment"])
@@ -167,37 +168,27 @@ def scan_of(message: Mapping[str, Any], line: bytes, record_ns: int, echo: str =
     ):
         if bad:
             raise RefusedError(cause)
-    return Scan(frame_id, stamp_ns, record_ns, first, step, ranges, _intensities(intensities), *others)
+    return Scan(frame_id, stamp_ns, record_ns, first, step, ranges, intensities, *others)
 
 
-def _chosen(ranges: Any, intensities: Any, echo: str) -> tuple[list[Any], Any]:
+def _beams(ranges: Any, intensities: Any, echo: str) -> tuple[Float32, Float32]:
     """Return ranges and intensities of the beams; of a MultiEchoLaserScan those of one echo each."""
     if not any(isinstance(value, dict) for value in ranges):
-        return list(ranges), intensities
-    echoes = [_echoes(value) for value in ranges]
-    strengths = [_echoes(value) for value in intensities or ()]
-    strengths += [[]] * (len(echoes) - len(strengths))
-    which = [_which(many, strong, echo) for many, strong in zip(echoes, strengths, strict=False)]
-    return (
-        [many[at] if many else None for many, at in zip(echoes, which, strict=True)],
-        [strong[at] if at < len(strong) else None for strong, at in zip(strengths, which, strict=False)]
-        if any(strengths)
-        else None,
-    )
+        return _floats(list(ranges)), _intensities(intensities)
+    # As they stand in a message of ROS.
+    words = [*_words(ranges, _number), np.array([len(intensities or ())]), *_words(intensities or (), _strength)]
+    chosen = choose(np.concatenate(words).astype(np.uint32), len(ranges), echo)
+    if chosen is None:
+        raise ValueError("a message of its own lists has all of them")
+    return chosen
 
 
-def _echoes(value: Any) -> list[Any]:
-    return list(value.get("echoes") or []) if isinstance(value, dict) else [value]
-
-
-def _which(ranges: Sequence[Any], intensities: Sequence[Any], echo: str) -> int:
-    """Return the index of the echo that counts."""
-    if echo == "last":
-        return max(len(ranges) - 1, 0)
-    if echo == "strongest":
-        known = np.array([_strength(each) for each in intensities[: len(ranges)]])
-        return 0 if np.isnan(known).all() else int(np.nanargmax(known))
-    return 0
+def _words(entries: Iterable[Any], number: Callable[[Any], float]) -> Iterator[NDArray[np.uint32]]:
+    """Yield the number of echoes of each beam, and these as 32-bit words."""
+    for entry in entries:
+        echoes = [number(value) for value in ((entry.get("echoes") or ()) if isinstance(entry, dict) else (entry,))]
+        with np.errstate(over="ignore"):
+            yield np.array([len(echoes), *np.array(echoes, np.float32).view(np.uint32)], np.uint32)
 
 
 def _strength(value: Any) -> float:

@@ -315,12 +315,15 @@ class SqliteLog(Closing):
             elif count := self.counts().get(topic.id, 0):
                 report.refused[(topic.name, f"the encoding '{topic.encoding}' is not read")] += count
         try:
-            self.report_orphans()
-            for batch in self.batches(gathers) if gathers else ():
-                for topic_id, times, messages in _by_topic(batch):
-                    gather = gathers[topic_id]
-                    if gather.extend(*self._usable(gather.topic, times, messages, report)):
-                        yield from gather.flush()
+            self.counts()
+            if orphans := self._known.orphans:
+                which = ", ".join(repr(topic) for topic in sorted(orphans, key=repr)[:5])
+                lost = f"has no topic {which}; messages lost: {sum(orphans.values()):,}"
+                self.met.add_damage("topics table", lost)
+            for row in chain.from_iterable(self.batches(gathers)) if gathers else ():
+                gather = gathers[row[1]]
+                if (message := self._message(gather.topic, row, report)) is not None and gather.add(*message):
+                    yield from gather.flush()
             for gather in gathers.values():
                 yield from gather.flush()
         finally:
@@ -330,12 +333,10 @@ class SqliteLog(Closing):
         """Yield raw messages of the given types in log order."""
         wanted = {topic.id: topic for topic in self.topic_rows.values() if is_cdr(topic) and ros_type(topic.type) in types}
         try:
-            for batch in self.batches(wanted) if wanted else ():
-                for _, topic_id, timestamp, data in batch:
-                    topic = wanted[topic_id]
-                    usable = self._usable(topic.name, [timestamp], [data], report)
-                    for message, time in zip(*usable, strict=True):
-                        yield Message(topic.name, ros_type(topic.type), "cdr", time, message)
+            for row in chain.from_iterable(self.batches(wanted)) if wanted else ():
+                topic = wanted[row[1]]
+                if (message := self._message(topic.name, row, report)) is not None:
+                    yield Message(topic.name, ros_type(topic.type), "cdr", message[1], message[0])
         finally:
             report.add(self.met)
 
@@ -376,14 +377,6 @@ class SqliteLog(Closing):
         if known.counts is None:
             known.counts = Counter(self._salvage()[1].topic_ids)
         return known.counts
-
-    def report_orphans(self) -> None:
-        """Report messages of missing or broken topics as lost."""
-        self.counts()
-        if orphans := self._known.orphans:
-            which = ", ".join(repr(topic) for topic in sorted(orphans, key=repr)[:5])
-            lost = f"has no topic {which}; messages lost: {sum(orphans.values()):,}"
-            self.met.add_damage("topics table", lost)
 
     def batches(self, topics: Collection[int]) -> Iterator[list[Row]]:
         """Yield messages of the given topic ids in the order they were recorded, a few at a time."""
@@ -554,41 +547,23 @@ class SqliteLog(Closing):
             cause += f", {found.missing:,} of all topics missing before the last"
         self.met.add_damage("database", cause)
 
-    def _usable(
-        self, topic: str, times: Sequence[int | None], messages: Sequence[bytes | None], report: ReadReport
-    ) -> tuple[Sequence[bytes], Sequence[int]]:
-        """Return the messages that there are and their times, unpacked if they are packed: all in a bag, or none."""
-        with_data = [(time, data) for time, data in zip(times, messages, strict=True) if data is not None]
-        rows = [(time, data) for time, data in with_data if time is not None]
-        for cause, lost in ((NO_DATA, len(messages) - len(with_data)), (NO_TIME, len(with_data) - len(rows))):
-            if lost:
-                report.refused[(topic, cause)] += lost
-        at, present = [time for time, _ in rows], [data for _, data in rows]
-        if not present or not present[0].startswith(ZSTD_MAGIC):
-            return present, at
-        self.compression = "zstd"
-        unpacked = [(unpack_message(data, self._budget), time) for data, time in zip(present, at, strict=True)]
-        usable = [(data, time) for data, time in unpacked if data is not None]
-        if len(usable) < len(unpacked):
-            report.refused[(topic, PACKED_CAUSE)] += len(unpacked) - len(usable)
-        return [data for data, _ in usable], [time for _, time in usable]
+    def _message(self, topic: str, row: Row, report: ReadReport) -> tuple[bytes, int] | None:
+        """Return the message of a row, unpacked if it is packed, and its time; None where it is refused."""
+        _, _, time, data = row
+        cause = NO_DATA if data is None else NO_TIME
+        # Plain CDR never begins as zstd does.
+        if data is not None and time is not None and data.startswith(ZSTD_MAGIC):
+            self.compression = "zstd"
+            data, cause = unpack_message(data, self._budget), PACKED_CAUSE
+        if data is None or time is None:
+            report.refused[(topic, cause)] += 1
+            return None
+        return data, time
 
 
 def _is_mcap(file: Path) -> bool:
     """Return True if the name of a storage file is that of an MCAP."""
     return ".mcap" in "".join(file.suffixes[-2:]).lower()
-
-
-def _by_topic(batch: list[Row]) -> Iterator[tuple[int, Sequence[int | None], Sequence[bytes | None]]]:
-    """Yield topic id, times and messages of a batch, for each of its topics."""
-    _, topic_ids, times, messages = zip(*batch, strict=True)
-    present = set(topic_ids)
-    if len(present) == 1:
-        yield topic_ids[0], times, messages
-        return
-    for topic in sorted(present):
-        rows = [row for row in batch if row[1] == topic]
-        yield topic, [row[2] for row in rows], [row[3] for row in rows]
 
 
 def _wrong_size(header: bytes, size: int) -> str:

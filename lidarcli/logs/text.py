@@ -12,7 +12,7 @@ from collections.abc import Collection, Iterator
 from dataclasses import dataclass, replace
 from itertools import chain
 from pathlib import Path
-from typing import BinaryIO, Protocol
+from typing import BinaryIO
 
 from lidarcli.errors import UnreadableError, unreadable
 from lidarcli.logs.base import POSE_TYPES, Closing, Message, OpenOptions, ReadReport
@@ -23,12 +23,6 @@ MAX_LINE = 8 << 20
 FIRST_BLOCK = 64 << 10
 BLOCK = 512 << 10
 _CHUNK = 256 << 10
-
-
-class Readable(Protocol):
-    """A stream of bytes."""
-
-    def read(self, size: int = -1, /) -> bytes: ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,7 +43,7 @@ class TextSource:
     `limit` bounds the bytes taken from the stream, so that a file that grows while it is read has an end.
     """
 
-    def __init__(self, stream: Readable, limit: int | None = None) -> None:
+    def __init__(self, stream: BinaryIO, limit: int | None = None) -> None:
         self._stream = stream
         self.report = ReadReport()
         """Damage since the last call of `report_to`."""

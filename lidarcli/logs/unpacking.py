@@ -81,25 +81,18 @@ def unpack_message(data: bytes, budget: DecompressionBudget) -> bytes | None:
     """Decompress a zstd message; None if it is broken or too long, or the bag has unpacked to too much."""
     if budget.room(len(data)) < MAX_MESSAGE:
         return None
-    message = _unpacked(data)
-    budget.used(len(message or b""))
-    return message
-
-
-def _unpacked(data: bytes) -> bytes | None:
     frame = zstandard.ZstdDecompressor(max_window_size=MAX_WINDOW)
     try:
         size = zstandard.frame_content_size(data)
         if size > MAX_MESSAGE:
             return None
-        if size >= 0:
-            return frame.decompress(data)
+        message = frame.decompress(data) if size >= 0 else b""
         steps = frame.decompressobj()
-        parts: list[bytes] = []
-        for at in range(0, len(data), PIECE):
-            parts.append(steps.decompress(data[at : at + PIECE]))
-            if steps.eof or sum(map(len, parts)) > MAX_MESSAGE:
+        for at in range(0, len(data) if size < 0 else 0, PIECE):
+            message += steps.decompress(data[at : at + PIECE])
+            if steps.eof or len(message) > MAX_MESSAGE:
                 break
     except zstandard.ZstdError:
         return None
-    return b"".join(parts) if steps.eof and sum(map(len, parts)) <= MAX_MESSAGE else None
+    budget.used(len(message))
+    return message if (size >= 0 or steps.eof) and len(message) <= MAX_MESSAGE else None

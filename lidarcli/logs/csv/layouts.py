@@ -320,19 +320,10 @@ def _starts_over(values: Float64) -> bool:
 # Tables with names.
 
 
-@dataclass(frozen=True, slots=True)
-class Family:
-    """Columns that hold the beams of one scan."""
-
-    prefix: str
-    """Prefix of the word for ranges: `field.`, `/scan/`, or nothing."""
-    columns: Int64
-
-    @property
-    def topic(self) -> str:
-        """Topic by the prefix; `/scan` without one."""
-        name = self.prefix.rstrip("._/ ")
-        return DEFAULT_TOPIC if name.lower() in ("", "field", "msg", "data") else name
+def _topic(prefix: str) -> str:
+    """Return the topic by the prefix of the word for ranges (`field.`, `/scan/`); `/scan` without one."""
+    name = prefix.rstrip("._/ ")
+    return DEFAULT_TOPIC if name.lower() in ("", "field", "msg", "data") else name
 
 
 def canonical(name: str) -> str:
@@ -398,8 +389,8 @@ def _series(names: Iterable[str]) -> dict[str, dict[int, int]]:
     return series
 
 
-def find_families(names: Sequence[str]) -> list[Family]:
-    """Return the groups of columns `ranges[0]`, `ranges_1`, `r2`, ... that are the beams of a scan."""
+def find_families(names: Sequence[str]) -> list[tuple[str, Int64]]:
+    """Return prefix and (B,) columns of each group `ranges[0]`, `ranges_1`, `r2`, ... that are the beams of a scan."""
     families = []
     for stem, columns in _series("" if "intens" in name.lower() else name.strip() for name in names).items():
         word = re.split(r"[./]", stem)[-1].strip(" _-").lower()
@@ -408,10 +399,10 @@ def find_families(names: Sequence[str]) -> list[Family]:
         if whole and _RANGE_WORD.fullmatch(word):
             end = stem.lower().rfind("ranges")
             prefix = stem[:end] if end >= 0 else stem[: len(stem) - len(word)]
-            families.append((end >= 0, Family(prefix, np.array([columns[i] for i in indices], np.int64))))
+            families.append((end >= 0, (prefix, np.array([columns[i] for i in indices], np.int64))))
     if any(ranged for ranged, _ in families):
         return [family for ranged, family in families if ranged]
-    return [max((family for _, family in families), key=lambda family: len(family.columns))] if families else []
+    return [max((family for _, family in families), key=lambda family: len(family[1]))] if families else []
 
 
 def _find_intensities(names: Sequence[str]) -> dict[str, Int64]:
@@ -452,7 +443,7 @@ def _named_layout(head: Head) -> Layout:
             return Layout(name if name != WIDE else LIST, head.dialect, head.start, notes=("no ranges in it",))
         raise _unknown(head, f"a table with the columns {shown(', '.join(names).encode(), 60)}")
     index, strengths = FieldIndex(names), _find_intensities(names)
-    scans = [_scan_columns(head, index, strengths, family) for family in families]
+    scans = [_scan_columns(head, index, strengths, *family) for family in families]
     if name == MCAP_CAT:
         scans = [_of_mcap(head, each) for each in scans]
     for each in scans:
@@ -471,26 +462,28 @@ def _named_layout(head: Head) -> Layout:
     )
 
 
-def _scan_columns(head: Head, index: FieldIndex, strengths: Mapping[str, Int64], family: Family) -> ScanColumns:
+def _scan_columns(
+    head: Head, index: FieldIndex, strengths: Mapping[str, Int64], prefix: str, columns: Int64
+) -> ScanColumns:
     """Return the fields around a family of range columns, and whether rows may be ragged."""
-    fields = index.find(family.prefix)
-    first, last = int(family.columns[0]), int(family.columns[-1])
-    in_order = bool((np.diff(family.columns) == 1).all())
+    fields = index.find(prefix)
+    first, last = int(columns[0]), int(columns[-1])
+    in_order = bool((np.diff(columns) == 1).all())
     after = len(head.names) - last - 1
     # Where the step is told, rows of fewer ranges see less; where the view is, they could only be cut or joined.
     tells_view = {"angle_min", "angle_max", "angle_increment"} <= fields.keys()
     may_differ = tells_view or head.options.angle_increment is not None or head.usual != len(head.names)
-    own = strengths.get(family.prefix.lower(), _NO_COLUMNS)
-    doubled = after == len(family.columns) and all("intens" in name.lower() for name in head.names[-after:])
+    own = strengths.get(prefix.lower(), _NO_COLUMNS)
+    doubled = after == len(columns) and all("intens" in name.lower() for name in head.names[-after:])
     return ScanColumns(
-        family.topic,
+        _topic(prefix),
         fields,
         head.units(fields),
-        family.columns,
+        columns,
         first,
         doubled,
         # Those of ragged rows stand wherever the ranges end.
-        _NO_COLUMNS if doubled or len(own) != len(family.columns) else own,
+        _NO_COLUMNS if doubled or len(own) != len(columns) else own,
         in_order and may_differ and (doubled or not after),
     )
 
@@ -537,7 +530,7 @@ def _list_layout(head: Head) -> Layout | None:
     lower = [each.strip().lower() for each in head.names]
     own = f"{prefix}intensities".lower()
     intensities = np.array([lower.index(own)] if own in lower else [], np.int64)
-    scan = ScanColumns(Family(prefix, _NO_COLUMNS).topic, fields, units, first=listed, intensities=intensities)
+    scan = ScanColumns(_topic(prefix), fields, units, first=listed, intensities=intensities)
     return Layout(
         LIST if name == WIDE else f"{name}, {LIST}",
         head.dialect,
