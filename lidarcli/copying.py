@@ -231,7 +231,12 @@ def _copy_rosbag2(log: Rosbag2Log, target: Path, copy: Copy) -> None:
     is_folder = Path(log.path).is_dir()
     if is_folder:
         target.mkdir()
-        _copy_metadata(Path(log.path) / METADATA, target / METADATA, copy)
+        metadata = Path(log.path) / METADATA
+        if metadata.is_symlink():
+            # It may lead to any file of whoever reads the bag.
+            copy.report.add_damage(METADATA, "is a link, and not copied; 'ros2 bag reindex' makes a new one")
+        elif metadata.is_file():
+            shutil.copyfile(metadata, target / METADATA)
     for number, storage, report in log.opened(copy.report):
         original = Path(log.parts[number].path)
         path = target / original.name if is_folder else target
@@ -240,18 +245,12 @@ def _copy_rosbag2(log: Rosbag2Log, target: Path, copy: Copy) -> None:
             with tempfile.TemporaryDirectory(prefix="lidarcli-", dir=path.parent) as folder:
                 plain = Path(folder) / "plain"
                 _copy_storage(storage, plain, mine)
-                _pack(plain, path)
+                with plain.open("rb") as source, path.open("xb") as out:
+                    # With its size at the begin, without which rosbag2 does not unpack it.
+                    zstandard.ZstdCompressor().copy_stream(source, out, size=plain.stat().st_size)
         else:
             _copy_storage(storage, path, mine)
         copy.left_out += mine.left_out
-
-
-def _copy_metadata(source: Path, target: Path, copy: Copy) -> None:
-    """Copy the metadata.yaml of a bag; a link may lead to any file of whoever reads the bag."""
-    if source.is_symlink():
-        copy.report.add_damage(METADATA, "is a link, and not copied; 'ros2 bag reindex' makes a new one")
-    elif source.is_file():
-        shutil.copyfile(source, target)
 
 
 def _copy_storage(storage: Log, path: Path, copy: Copy) -> None:
@@ -264,12 +263,6 @@ def _copy_storage(storage: Log, path: Path, copy: Copy) -> None:
     except SQLITE_ERRORS as err:
         raise OutputError(f"cannot write {path.name}: SQLite says: {err}") from err
     copy.report.add(storage.met)
-
-
-def _pack(plain: Path, path: Path) -> None:
-    """Pack a file by zstd, with its size at the begin, without which rosbag2 does not unpack it."""
-    with plain.open("rb") as source, path.open("xb") as out:
-        zstandard.ZstdCompressor().copy_stream(source, out, size=plain.stat().st_size)
 
 
 def _copy_database(bag: SqliteLog, path: Path, copy: Copy) -> None:

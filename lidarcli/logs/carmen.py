@@ -156,18 +156,6 @@ class LineBlock:
             report.add_damage(f"line {self.line + row}", cause)
         self.bad.clear()
 
-    def poses(self, rows: Int64, first: Int64, width: int) -> tuple[Int64, Float64]:
-        """Parse `width` cells from cell `first` (R,) on; rows with a cell that is no number are bad.
-
-        Returns
-        -------
-        (K,) indices of the other rows, and their numbers (K, width)
-        """
-        parsed = self.cells.numbers(rows, first, np.full(len(rows), width), np.float64)
-        self.bad += [(int(rows[at]), "its pose: " + not_a_number(cell)) for at, cell in parsed.bad.items()]
-        good = np.delete(np.arange(len(rows)), list(parsed.bad))
-        return good, parsed.values.reshape(-1, width)[good]
-
 
 @dataclass(frozen=True, eq=False, slots=True)
 class CarmenLines:
@@ -662,9 +650,11 @@ class _Decoder:
         """Decode the poses of robot and laser."""
 
         def read(some: CarmenLines, count: int) -> tuple[CarmenLines, Float64]:
-            good, values = lines.poses(some.rows, some.after, count)
+            parsed = lines.cells.numbers(some.rows, some.after, np.full(len(some.rows), count), np.float64)
+            lines.bad += [(int(some.rows[at]), "its pose: " + not_a_number(cell)) for at, cell in parsed.bad.items()]
             lines.report_bad(self.report)
-            return some.of(good), values
+            good = np.delete(np.arange(len(some.rows)), list(parsed.bad))
+            return some.of(good), parsed.values.reshape(-1, count)[good]
 
         def track(topic: str, parent: str, child: str, some: CarmenLines, poses: Float64) -> tuple[Int64, list[Message]]:
             return some.rows, planar_messages(topic, parent, child, some.stamp_ns, poses)

@@ -258,7 +258,8 @@ class Clock:
     """Folds blocks of sweeps of one topic and frame, in log order, into `ClockInfo`."""
 
     def __init__(self) -> None:
-        self._sweeps = 0
+        self.sweeps = 0
+        """Sweeps taken so far."""
         self._recorded = 0
         self._repeated = 0
         self._number = -1
@@ -277,16 +278,11 @@ class Clock:
         self._runs: list[Run] = []
         self._astray: list[float] = []
 
-    @property
-    def sweeps(self) -> int:
-        """Number of sweeps taken so far."""
-        return self._sweeps
-
     def add(self, block: RawSweeps, sweep: Int64 | None = None) -> None:
         """Take the times of a block; `sweep` (S,) numbers its sweeps in the log, where some are left out."""
         if not len(block):
             return
-        self._sweeps += len(block)
+        self.sweeps += len(block)
         has_stamp = block.stamp_ns != 0
         self._zero += int(np.count_nonzero(~has_stamp))
         self._recorded += int(np.count_nonzero(~has_stamp & (block.record_ns != 0)))
@@ -353,7 +349,7 @@ class Clock:
             largest_backward=self._largest * SECOND,
             zero_stamps=self._zero,
             offset=None if offset is None else offset * SECOND,
-            sweeps=self._sweeps,
+            sweeps=self.sweeps,
             recorded=self._recorded,
             repeated=self._repeated,
             largest_forward=self._forward * SECOND,

@@ -165,6 +165,9 @@ _CAT = ("carmen",)
 """Formats of text that say at their beginning what the lines behind it need."""
 _CSV = "csv"
 
+_Begun = tuple[Part, int | None]
+"""A part, and when it begins [ns]; None where nothing tells."""
+
 
 class JoinedLog(PartedLog):
     """Recordings that are one log: parts in the order of their first messages, whatever they are called."""
@@ -188,10 +191,10 @@ class JoinedLog(PartedLog):
                     if log.size is None:
                         raise OptionError(f"{part.path}: a pipe is read only once, and cannot be joined")
                     formats.setdefault(log.format, part.name)
-                    begun.append(_Begun(replace(part, size=log.size), _begin(log)))
+                    begun.append((replace(part, size=log.size), _begin(log)))
             except UnreadableError as err:
                 lost.append(f"{part.name}: {part.cause(err)}")
-                begun.append(_Begun(part, None))
+                begun.append((part, None))
         if not formats:
             raise UnreadableError(f"none of its parts can be read; {lost[0]}")
         _refuse_mixed(formats)
@@ -253,13 +256,6 @@ def _begin(log: Log) -> int | None:
     for message in log.messages(POSE_TYPES, ReadReport()):
         return message.record_ns
     return None
-
-
-class _Begun(NamedTuple):
-    """A part, and when it begins [ns]; None where nothing tells."""
-
-    part: Part
-    begin: int | None
 
 
 def _in_order(begun: Sequence[_Begun]) -> list[_Begun]:

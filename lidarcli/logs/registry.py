@@ -20,7 +20,7 @@ from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from importlib import import_module
 from pathlib import Path
-from typing import Any, BinaryIO, cast
+from typing import BinaryIO, cast
 
 from lidarcli.choices import BINS, ECHOES, JOIN, UNITS
 from lidarcli.errors import LidarcliError, NoScanError, OptionError, UnreadableError, unreadable
@@ -70,9 +70,9 @@ class Format:
     many: bool = False
     """True if the reader accepts a list of files that make one log."""
 
-    def load(self) -> Any:
-        """Return the reader's class; imported only now, so that a log costs the libraries of its own container alone."""
-        return getattr(import_module(self.module), self.reader)
+    def open(self, source: object, options: OpenOptions) -> Log:
+        """Open a log; the reader is imported only now, so that a log costs the libraries of its own container alone."""
+        return cast(Log, getattr(import_module(self.module), self.reader)(source, options))
 
 
 def is_storage(name: str) -> bool:
@@ -94,25 +94,17 @@ def is_bag(names: Iterable[str]) -> bool:
     return METADATA in names or (len(stems) == 1 and None not in stems)
 
 
-def _is_rosbag2(head: bytes) -> bool:
-    return head.startswith((SQLITE, ZSTD))
-
-
 def _is_rosbag2_folder(folder: Path) -> bool:
     """Return True for the folder of one bag; storage files of different names without metadata are separate logs."""
     names = [entry.name for entry in folder.iterdir() if entry.is_file()]
     return is_bag(names) or sum(map(is_storage, names)) == 1
 
 
-def _is_csv(head: bytes) -> bool:
-    if head.startswith(GZIP):
-        head = gunzip_start(head)
-        return bool(head) and _is_text(head)
-    return head.startswith(_UTF16) or _is_text(head)
-
-
 def _is_text(head: bytes) -> bool:
     """Return True for text: no NUL, hardly a control character, valid UTF-8 up to a cut at the end."""
+    if head.startswith(_UTF16):
+        return True
+    head = gunzip_start(head) if head.startswith(GZIP) else head
     controls = sum(byte < 32 and byte not in b"\t\n\r\f" for byte in head)
     if not head or b"\0" in head or controls > len(head) // 100:
         return False
@@ -125,15 +117,12 @@ def _is_text(head: bytes) -> bool:
 
 def _text_begins(begins: Callable[[bytes], bool]) -> Callable[[bytes], bool]:
     """Wrap a test of text so that it applies to gzip and UTF-16 as well."""
-    return lambda head: begins(_as_utf8(gunzip_start(head) if head.startswith(GZIP) else head))
 
+    def sniff(head: bytes) -> bool:
+        head = gunzip_start(head) if head.startswith(GZIP) else head
+        return begins(head.decode("utf-16", "ignore").encode() if head.startswith(_UTF16) else head)
 
-def _as_utf8(head: bytes) -> bytes:
-    return head.decode("utf-16", "ignore").encode() if head.startswith(_UTF16) else head
-
-
-def _is_csv_folder(folder: Path) -> bool:
-    return has_file(folder, TEXT_SUFFIXES) and not has_file(folder, BINARY_SUFFIXES)
+    return sniff
 
 
 def gunzip_start(head: bytes) -> bytes:
@@ -152,7 +141,13 @@ def has_file(folder: Path, endings: Iterable[str]) -> bool:
 FORMATS: tuple[Format, ...] = (
     Format("MCAP", "lidarcli.logs.mcap", "McapLog", lambda head: head.startswith(MCAP), streams=True),
     Format("ROS 1 bag", "lidarcli.logs.rosbag1", "Rosbag1Log", lambda head: head.startswith(ROS1), streams=True),
-    Format("ROS 2 bag (folder, .db3, compressed)", "lidarcli.logs.rosbag2", "Rosbag2Log", _is_rosbag2, _is_rosbag2_folder),
+    Format(
+        "ROS 2 bag (folder, .db3, compressed)",
+        "lidarcli.logs.rosbag2",
+        "Rosbag2Log",
+        lambda head: head.startswith((SQLITE, ZSTD)),
+        _is_rosbag2_folder,
+    ),
     Format("CARMEN log (also .gz)", "lidarcli.logs.carmen", "CarmenLog", _text_begins(is_carmen), streams=True),
     Format(
         "JSON lines of `mcap cat` (also .gz)",
@@ -165,14 +160,15 @@ FORMATS: tuple[Format, ...] = (
         "CSV (also .gz, or a folder of one file per sweep)",
         "lidarcli.logs.csv",
         "CsvLog",
-        _is_csv,
-        _is_csv_folder,
+        _is_text,
+        lambda folder: has_file(folder, TEXT_SUFFIXES) and not has_file(folder, BINARY_SUFFIXES),
         streams=True,
         many=True,
     ),
 )
 
 
+_KNOWN = ", ".join(known.name for known in FORMATS)
 PIPE_WAIT_S = 10.0
 
 _BINARY = (*MCAP, *ROS1, SQLITE, ZSTD)
@@ -212,11 +208,7 @@ def open_log(source: str | Path | BinaryIO, *, opening: OpenOptions | None = Non
         raise UnreadableError(f"{name}: cannot be opened: {err.strerror or err}") from err
     except ValueError as err:
         raise UnreadableError(f"{name!r}: cannot be the name of a file") from err
-    return _read_by(_sniffed(head, name), path, options)
-
-
-def _read_by(known: Format, source: object, options: OpenOptions) -> Log:
-    return cast(Log, known.load()(source, options))
+    return _sniffed(head, name).open(path, options)
 
 
 def _sniffed(head: bytes, name: str) -> Format:
@@ -227,20 +219,16 @@ def _sniffed(head: bytes, name: str) -> Format:
     for known in FORMATS:
         if known.sniff(head):
             return known
-    raise UnreadableError(f"{name}: not a log lidarcli knows; it reads {_known()}")
-
-
-def _known() -> str:
-    return ", ".join(known.name for known in FORMATS)
+    raise UnreadableError(f"{name}: not a log lidarcli knows; it reads {_KNOWN}")
 
 
 def _open_folder(path: Path, name: str, options: OpenOptions) -> Log:
     for known in FORMATS:
         if known.sniff_folder(path):
-            return _read_by(known, path, options)
+            return known.open(path, options)
     if has_file(path, BINARY_SUFFIXES):
         raise UnreadableError(f"{name}: a folder of several logs; name one of them")
-    raise UnreadableError(f"{name}: a folder without a log; lidarcli reads {_known()}")
+    raise UnreadableError(f"{name}: a folder without a log; lidarcli reads {_KNOWN}")
 
 
 def _open_pattern(name: str, options: OpenOptions) -> Log:
@@ -254,7 +242,7 @@ def _open_pattern(name: str, options: OpenOptions) -> Log:
     known = kinds.pop()
     if kinds or not known.many:
         raise UnreadableError(f"{name}: only files of one sweep each (CSV) make one log; name other logs one by one")
-    log = _read_by(known, files, options)
+    log = known.open(files, options)
     log.path = name
     return log
 
@@ -268,7 +256,7 @@ def _open_stream(stream: BinaryIO, name: str, options: OpenOptions, owned: bool 
         raise UnreadableError(f"{name}: a {known.name} cannot be read from a pipe; give the name of its file instead")
     whole = cast(BinaryIO, io.BufferedReader(_Rejoined(head, stream, owned), 1 << 16))
     try:
-        log = _read_by(known, whole, options)
+        log = known.open(whole, options)
     except UnreadableError as err:
         raise UnreadableError(f"{name}: {str(err).removeprefix('-: ')}") from err
     log.path = name
