@@ -13,6 +13,7 @@ from mcap.writer import IndexType, Writer
 
 from lidarcli.errors import UnreadableError
 from lidarcli.foxglove import SCAN as FOXGLOVE_SCAN
+from lidarcli.foxglove import descriptors
 from lidarcli.logs import foxglove, mcap
 from lidarcli.logs.base import LASERSCAN, ReadReport, Topic
 from lidarcli.pipeline.detecting import detect_to_files
@@ -31,7 +32,7 @@ IDL = ("sensor_msgs/msg/LaserScan", "ros2idl", samples.LASERSCAN_IDL)
 ROS1 = ("sensor_msgs/LaserScan", "ros1msg", samples.LASERSCAN_MSG.replace(b"std_msgs/", b""))
 NO_TEXT = ("sensor_msgs/msg/LaserScan", "ros2msg", b"")
 JSON = (FOXGLOVE_SCAN, "jsonschema", b"{}")
-PROTOBUF = (FOXGLOVE_SCAN, "protobuf", samples.scan_schema().SerializeToString())
+PROTOBUF = (FOXGLOVE_SCAN, "protobuf", descriptors().SerializeToString())
 
 
 def read(source: Any, topics: set[str] | None = None) -> tuple[RawSweeps | None, ReadReport]:
