@@ -133,8 +133,8 @@ class _McapTarget:
         if isinstance(record, Metadata):
             self.writer.add_metadata(record.name, record.metadata)
         else:
-            each = record
-            self.writer.add_attachment(each.create_time, each.log_time, each.name, each.media_type, each.data)
+            name, kind = record.name, record.media_type
+            self.writer.add_attachment(record.create_time, record.log_time, name, kind, record.data)
 
 
 def _copy_mcap(log: McapLog, target: Path, copy: Copy) -> None:

@@ -93,12 +93,9 @@ class PartedLog(Closing):
 
     def topics(self) -> list[Topic] | None:
         """Return topics of all parts, with the sum of their messages; None where a part has no index of them."""
-        if self._topics is None:
-            self._topics = self._counted()
-        return None if self._topics is None else list(self._topics)
-
-    def _counted(self) -> list[Topic] | None:
-        """Return the topics from a look at every part, with the encoding of the first part that has them."""
+        if self._topics is not None:
+            return list(self._topics)
+        # With the encoding of the first part that has them.
         found: dict[tuple[str, str], Topic] = {}
         for part in self.parts:
             with self._open(part, ReadReport()) as (log, _):
@@ -110,7 +107,8 @@ class PartedLog(Closing):
                 known = before.messages is not None and topic.messages is not None
                 count = (before.messages or 0) + (topic.messages or 0) if known else None
                 found[topic.name, topic.type] = replace(before, messages=count)
-        return [*found.values()]
+        self._topics = [*found.values()]
+        return list(self._topics)
 
     def scans(self, topics: Collection[str] | None, report: ReadReport) -> Iterator[RawSweeps]:
         """Yield blocks of sweeps in log order within each topic, part after part."""

@@ -369,11 +369,10 @@ class Index:
 
     def counts(self) -> Counter[int]:
         """Return the messages by connection of the whole bag."""
-        pairs = np.frombuffer(b"".join(self.chunks.values()), "<u4").reshape(-1, 2)
-        connections, inverse = np.unique(pairs[:, 0], return_inverse=True)
-        totals = np.zeros(len(connections), np.int64)
-        np.add.at(totals, inverse, pairs[:, 1].astype(np.int64))
-        return Counter(dict(zip(connections.tolist(), totals.tolist(), strict=True)))
+        totals: Counter[int] = Counter()
+        for connection, count in np.frombuffer(b"".join(self.chunks.values()), "<u4").reshape(-1, 2).tolist():
+            totals[connection] += count
+        return totals
 
 
 def _connection(record: Record, data: bytes) -> Connection:

@@ -107,7 +107,11 @@ class CsvLog(TextLog):
     ) -> Iterator[RawSweeps]:
         if not any(topics is None or scan.topic in topics for scan in self._layout.scans):
             return
-        decoder = self._decoder(topics, report)
+        layout, options = self._layout, self._options
+        if layout.scale is not None:
+            options = replace(options, range_scale=layout.scale)
+        form = LongDecoder if self.is_long else ListDecoder if layout.listed else WideDecoder
+        decoder: Decoder = form(layout, options, report, topics)
         for block in blocks:
             yield from map(self._stamped, decoder.feed(block))
         yield from map(self._stamped, decoder.finish())
@@ -118,13 +122,6 @@ class CsvLog(TextLog):
             return block
         stamp = np.full(len(block), stamp_of_name(Path(self.path).name), np.int64)
         return replace(block, stamp_ns=stamp, record_ns=stamp)
-
-    def _decoder(self, topics: Collection[str] | None, report: ReadReport) -> Decoder:
-        layout, options = self._layout, self._options
-        if layout.scale is not None:
-            options = replace(options, range_scale=layout.scale)
-        form = LongDecoder if self.is_long else ListDecoder if layout.listed else WideDecoder
-        return form(layout, options, report, topics)
 
     def _blocks(self, report: ReadReport) -> Iterator[TextBlock]:
         """Start a pass: return all blocks, of the first pass those of recognition first."""

@@ -242,31 +242,19 @@ class WideDecoder(Decoder):
         rows, beams, view = rows[fits], beams[fits], view[fits]
         known = {name: values[fits] for name, values in known.items()}
         for part in split_rows(beams):
+            mine, given = rows[part], beams[part]
+            ranges, kept, good, bad = self._ranges(scan, cells, mine, given, view[part])
+            intensities = _intensity_columns(scan, cells, mine, given, ranges.shape[1])
+            self._bad_cells(bad, numbers[mine])
+            column = partial(cells.column, mine)
+            *times, untimed = read_times(scan, column, len(mine), self.last)
+            for line in numbers[mine[untimed & good]].tolist():
+                self._damage(line, NO_TIME)
+            frames = read_frames(scan, column, len(mine))
             some = {name: values[part] for name, values in known.items()}
-            block = self._decode(scan, cells, rows[part], numbers, some, beams[part], view[part])
+            block = self._block(scan, (times[0], times[1]), frames, some, kept, ranges, good & ~untimed, intensities)
             if block is not None:
                 yield block
-
-    def _decode(
-        self,
-        scan: ScanColumns,
-        cells: Cells,
-        rows: Int64,
-        numbers: Int64,
-        known: dict[str, Float64],
-        beams: Int64,
-        view: Int64,
-    ) -> RawSweeps | None:
-        """Decode rows of known beam counts, which may be padded to one width."""
-        given = beams
-        ranges, beams, good, bad = self._ranges(scan, cells, rows, beams, view)
-        intensities = _intensity_columns(scan, cells, rows, given, ranges.shape[1])
-        self._bad_cells(bad, numbers[rows])
-        *times, untimed = read_times(scan, partial(cells.column, rows), len(rows), self.last)
-        for line in numbers[rows[untimed & good]].tolist():
-            self._damage(line, NO_TIME)
-        frames = read_frames(scan, partial(cells.column, rows), len(rows))
-        return self._block(scan, (times[0], times[1]), frames, known, beams, ranges, good & ~untimed, intensities)
 
     def _ranges(
         self, scan: ScanColumns, cells: Cells, rows: Int64, beams: Int64, view: Int64
