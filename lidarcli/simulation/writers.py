@@ -376,13 +376,12 @@ def write_lines(path: Path, lines: Iterable[str]) -> None:
             out.write("\n")
 
 
-def only_topic(blocks: Iterable[RawSweeps], what: str, instead: str = "") -> Iterator[RawSweeps]:
-    """Yield the blocks of a log of one topic; OptionError, with what to do `instead`, at a second topic."""
+def only_topic(blocks: Iterable[RawSweeps], what: str) -> Iterator[RawSweeps]:
+    """Yield the blocks of a log of one topic; OptionError at a second topic."""
     topic = None
     for block in blocks:
         if topic not in (None, block.topic):
-            hint = f": {instead}" if instead else ""
-            raise OptionError(f"{what} holds one topic, not {topic} and {block.topic}{hint}")
+            raise OptionError(f"{what} holds one topic, not {topic} and {block.topic}")
         topic = block.topic
         yield block
 

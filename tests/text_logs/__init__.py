@@ -226,7 +226,7 @@ def _message(block: RawSweeps, row: int) -> dict[str, Any]:
 def write_csv(path: Path, blocks: Iterable[RawSweeps], layout: str = "rostopic") -> None:
     """Write sweeps of one topic (of several in layout `plotjuggler`); for layout `per-sweep` the path is a folder."""
     if layout != "plotjuggler":
-        blocks = only_topic(blocks, "this CSV layout", "use plotjuggler")
+        blocks = only_topic(blocks, "this CSV layout")
     if layout == "per-sweep":
         _write_files(path, blocks)
     else:
