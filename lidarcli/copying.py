@@ -36,7 +36,6 @@ from lidarcli.ros.bag_metadata import METADATA
 from lidarcli.sweeps import Bool
 
 MCAP, ROS1, ROS2 = "mcap", "ros1 bag", "ros2 bag"
-"""Beginnings of the formats that can be copied."""
 
 _PUBLISHED = struct.Struct("<IQQ")
 """Sequence, log time and publish time of an MCAP message, before its payload."""
@@ -49,7 +48,6 @@ _TABLES = (
     "data BLOB NOT NULL)",
     "CREATE INDEX timestamp_idx ON messages (timestamp ASC)",
 )
-"""Tables of a bag, as rosbag2 makes them."""
 
 Edit = Callable[[str, bytes, Locate], bytes]
 """Takes topic and message, and what finds its ranges; returns the message to write, the same one if nothing changes."""
@@ -63,7 +61,6 @@ class Copy:
     """Called for every message of sweeps, in log order."""
     report: ReadReport = field(default_factory=ReadReport)
     messages: Counter[tuple[str, str]] = field(default_factory=Counter)
-    """Topic and type → messages that were copied."""
     left_out: int = 0
     """Records of applications that are no messages, attachments or metadata."""
     budget: DecompressionBudget = field(default_factory=DecompressionBudget)
@@ -136,8 +133,8 @@ class _McapTarget:
         if isinstance(record, Metadata):
             self.writer.add_metadata(record.name, record.metadata)
         else:
-            each = record
-            self.writer.add_attachment(each.create_time, each.log_time, each.name, each.media_type, each.data)
+            name, kind = record.name, record.media_type
+            self.writer.add_attachment(record.create_time, record.log_time, name, kind, record.data)
 
 
 def _copy_mcap(log: McapLog, target: Path, copy: Copy) -> None:
@@ -234,7 +231,12 @@ def _copy_rosbag2(log: Rosbag2Log, target: Path, copy: Copy) -> None:
     is_folder = Path(log.path).is_dir()
     if is_folder:
         target.mkdir()
-        _copy_metadata(Path(log.path) / METADATA, target / METADATA, copy)
+        metadata = Path(log.path) / METADATA
+        if metadata.is_symlink():
+            # It may lead to any file of whoever reads the bag.
+            copy.report.add_damage(METADATA, "is a link, and not copied; 'ros2 bag reindex' makes a new one")
+        elif metadata.is_file():
+            shutil.copyfile(metadata, target / METADATA)
     for number, storage, report in log.opened(copy.report):
         original = Path(log.parts[number].path)
         path = target / original.name if is_folder else target
@@ -243,18 +245,12 @@ def _copy_rosbag2(log: Rosbag2Log, target: Path, copy: Copy) -> None:
             with tempfile.TemporaryDirectory(prefix="lidarcli-", dir=path.parent) as folder:
                 plain = Path(folder) / "plain"
                 _copy_storage(storage, plain, mine)
-                _pack(plain, path)
+                with plain.open("rb") as source, path.open("xb") as out:
+                    # With its size at the begin, without which rosbag2 does not unpack it.
+                    zstandard.ZstdCompressor().copy_stream(source, out, size=plain.stat().st_size)
         else:
             _copy_storage(storage, path, mine)
         copy.left_out += mine.left_out
-
-
-def _copy_metadata(source: Path, target: Path, copy: Copy) -> None:
-    """Copy the metadata.yaml of a bag; a link may lead to any file of whoever reads the bag."""
-    if source.is_symlink():
-        copy.report.add_damage(METADATA, "is a link, and not copied; 'ros2 bag reindex' makes a new one")
-    elif source.is_file():
-        shutil.copyfile(source, target)
 
 
 def _copy_storage(storage: Log, path: Path, copy: Copy) -> None:
@@ -267,12 +263,6 @@ def _copy_storage(storage: Log, path: Path, copy: Copy) -> None:
     except SQLITE_ERRORS as err:
         raise OutputError(f"cannot write {path.name}: SQLite says: {err}") from err
     copy.report.add(storage.met)
-
-
-def _pack(plain: Path, path: Path) -> None:
-    """Pack a file by zstd, with its size at the begin, without which rosbag2 does not unpack it."""
-    with plain.open("rb") as source, path.open("xb") as out:
-        zstandard.ZstdCompressor().copy_stream(source, out, size=plain.stat().st_size)
 
 
 def _copy_database(bag: SqliteLog, path: Path, copy: Copy) -> None:

@@ -23,7 +23,6 @@ from lidarcli.display import clipped
 from lidarcli.errors import UnreadableError
 from lidarcli.formalism.detection import SETS
 from lidarcli.formalism.mapping.grid import FREE, OCCUPIED, UNKNOWN, Occupancy
-from lidarcli.ros.mcap_file import add_channel, offered, start_ros2
 from lidarcli.sweeps import Bool, Float64, Int8, Int32, Int64, record
 from lidarcli.tabular.columns import codes, constant, floats, in_unit, plain, restamped
 from lidarcli.tabular.schemas import CLOUD, STAMP, TEXT
@@ -332,7 +331,7 @@ def write_occupancy_mcap(file: BinaryIO, grid: Occupancy, stamp_ns: int, topic: 
     A stamp [ns] that ROS 2 cannot hold, before 1970 or after 2038, becomes the nearest one that it can.
     """
     # Those who only read maps do not wait for the definitions of all messages.
-    from lidarcli.ros.messages import ros2_definition
+    from lidarcli.ros.messages import add_channel, offered, ros2_definition, start_ros2
 
     stamp_ns = min(max(stamp_ns, 0), _LAST_STAMP_NS)
     writer = start_ros2(file)

@@ -123,13 +123,13 @@ LINES = {
     "pipeline": 15_750,
     "pose": 2_700,
     "reports": 7_300,
-    "ros": 350,
-    "simulation": 2_450,
+    "ros": 320,
+    "simulation": 2_360,
     "tabular": 2_150,
     "lidarcli": 6_450,
 }
 """Most lines of Python of each room, and of the files beside them: lower them as code goes; who raises one says why."""
-MOST_FILES = 203
+MOST_FILES = 198
 
 
 def test_imports_run_one_way() -> None:

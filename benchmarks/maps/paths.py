@@ -15,7 +15,7 @@ from benchmarks.maps.scenes import Kind, drive, straight
 from lidarcli.choices import MATCH
 from lidarcli.logs.base import OpenOptions
 from lidarcli.logs.batches import ReadOptions
-from lidarcli.logs.options import TopicChoice
+from lidarcli.logs.registry import TopicChoice
 from lidarcli.pipeline.inputs.search import find_logs
 from lidarcli.pipeline.inputs.sources import MissingInput, open_source
 from lidarcli.pipeline.reading.path_check import check_paths

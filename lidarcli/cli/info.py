@@ -128,7 +128,7 @@ def info(messages: Messages, options: InfoCommand) -> int:
 def _report(messages: Messages, label: str, result: "LogInfo | Learned | Failure") -> int:
     """Tell what went wrong with a log, and return its exit code."""
     from lidarcli.errors import NoScanError
-    from lidarcli.logs.options import clouds_hint, no_scan_topic
+    from lidarcli.logs.registry import clouds_hint, no_scan_topic
     from lidarcli.pipeline.inspecting import LogInfo
     from lidarcli.pipeline.runs.over_logs import Failure
 

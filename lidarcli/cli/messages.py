@@ -279,7 +279,7 @@ def _found_lines(run: RunSummary, messages: Messages) -> list[str]:
 
 def show_losses(label: str, run: RunSummary, messages: Messages) -> None:
     """Show what of a log could not be read, and which topics were not there."""
-    from lidarcli.logs.options import no_scan_topic
+    from lidarcli.logs.registry import no_scan_topic
 
     for line in run.damage:
         messages.error(label, line)

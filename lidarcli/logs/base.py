@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Collection, Iterable, Iterator
 from dataclasses import dataclass, field, replace
-from typing import NamedTuple, Protocol
+from typing import NamedTuple, Protocol, Self
+
+import numpy as np
 
 from lidarcli import foxglove
 from lidarcli.choices import ECHOES, SEGMENTS
@@ -38,7 +40,6 @@ POSED_TYPES = POSE_TYPES | {foxglove.SCAN}
 """With those of sweeps that may tell where each was taken."""
 
 BINARY_SUFFIXES = (".mcap", ".bag", ".active", ".db3", ".zstd")
-"""Suffixes of logs that are not text."""
 TEXT_LOG_SUFFIXES = (".clf", ".gfs", ".clf.gz", ".gfs.gz")
 """Suffixes that only CARMEN logs have; a file that ends in `.log` may be anything."""
 TEXT_SUFFIXES = (".csv", ".tsv", ".txt", ".csv.gz", ".tsv.gz", ".txt.gz")
@@ -87,7 +88,6 @@ class Damage:
     place: str
     """For example `byte 1234`, `line 12`, `chunk at byte 99`, `metadata.yaml`."""
     cause: str
-    """The cause, and the loss where it is known."""
 
 
 class Message(NamedTuple):
@@ -98,6 +98,11 @@ class Message(NamedTuple):
     encoding: str
     record_ns: int
     data: bytes
+
+
+PLANAR = "planar"
+"""Encoding of poses of text logs: x, y and yaw, as `PLANAR_POSE` and the names of the parent frame, NUL and child frame."""
+PLANAR_POSE = np.dtype([("stamp_ns", "<i8"), ("x", "<f8"), ("y", "<f8"), ("yaw", "<f8")])
 
 
 @dataclass(slots=True)
@@ -112,7 +117,6 @@ class ReadReport:
     notes: list[str] = field(default_factory=list)
     """Choices the reader made that a user should know (the CSV layout taken, a missing metadata.yaml)."""
     segments: set[str] = field(default_factory=set)
-    """Topics whose messages were joined to turns (`logs.segments`)."""
     no_return: dict[str, float] = field(default_factory=dict)
     """Topic → the range [m] from which on there is no return, by a pile of values (`logs.piles`)."""
     unread: dict[str, str] = field(default_factory=dict)
@@ -173,11 +177,8 @@ class Slice:
     """Part of a point cloud that becomes a sweep: points of some heights, the nearest in each direction."""
 
     low: float
-    """Least height [m] in a level frame."""
     high: float
-    """Greatest height [m]."""
     bins: int
-    """Beams of the sweep."""
     limits: tuple[float, float] | None = None
     """Least and greatest distance that counts [m]; nearer points belong to the robot."""
 
@@ -205,6 +206,19 @@ class OpenOptions:
         """Refuse a word without a meaning (`OptionError`)."""
         if self.segments not in SEGMENTS:
             raise OptionError(f"--segments: '{self.segments}' is not one of {', '.join(SEGMENTS)}")
+
+
+class Closing:
+    """What is closed at the end of a `with`."""
+
+    def close(self) -> None:
+        """Release what is open."""
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *exc: object) -> None:
+        self.close()
 
 
 class Log(Protocol):

@@ -15,15 +15,14 @@ from lidarcli.errors import OptionError
 from lidarcli.logs.base import Log, ReadReport
 from lidarcli.logs.blocks import split_rows
 from lidarcli.logs.clock import MAX_TOPICS
-from lidarcli.logs.options import TopicChoice
 from lidarcli.logs.piles import NoReturnDetector
+from lidarcli.logs.registry import TopicChoice
 from lidarcli.logs.scan_checks import MOST_TOPICS, LogStats, ScanChecks, repeated_topics
 from lidarcli.range_rules import RangeRules, normalise
 from lidarcli.sweeps import Bool, Int64, RawSweeps, SweepBatch, concatenate
 from lidarcli.times import Instant, as_time
 
 MOST_EVERY = 1_000_000
-"""`every` is no larger."""
 BATCH_VALUES = 3 << 17
 """Most ranges of one batch, padding included: its arrays should stay in the caches, and more take more memory."""
 
@@ -37,7 +36,6 @@ class ReadOptions:
     start: float | Instant | None = None
     """Seconds from the first sweep of the same topic and frame, or a moment, or its text; what is before is left out."""
     end: float | Instant | None = None
-    """End of the window, as `start`; sweeps from here on are left out."""
     every: int = 1
     """Only sweeps whose index is a multiple of this are read, counted per topic."""
     batch_size: int = 768
@@ -59,11 +57,9 @@ class ReadOptions:
 
 def _in_order(start: float | Instant | None, end: float | Instant | None) -> bool:
     """Return False for a window that cannot hold anything; seconds and a moment cannot be compared here."""
-    if isinstance(start, Instant) and isinstance(end, Instant):
-        return start < end
-    if isinstance(start, int | float) and isinstance(end, int | float):
-        return start < end
-    return True
+    if start is None or end is None or isinstance(start, Instant) != isinstance(end, Instant):
+        return True
+    return start < end  # type: ignore[operator]
 
 
 def read_batches(
@@ -106,7 +102,6 @@ class LogBatcher:
         self._copies: dict[tuple[str, str], LogStats] = {}
         self._compares = choice.is_listed and len(choice.chosen) > 1
         self._beyond: Counter[str] = Counter()
-        """Sweeps of topics beyond `MAX_TOPICS`."""
 
     def batches(self) -> Iterator[SweepBatch]:
         """Return the batches of the whole log."""
@@ -157,29 +152,6 @@ class LogBatcher:
             self._report.add_doubts(found.topic, [replace(found, message=found.message + fix)])
 
 
-@dataclass(slots=True)
-class _Span:
-    """Times of the first and the last sweep of a topic."""
-
-    _least: list[int] = field(default_factory=list)
-    _most: list[int] = field(default_factory=list)
-    """Earliest and latest time, by date and since the first sweep of the frame [ns]."""
-
-    def widen(self, *times_ns: Int64) -> None:
-        """Take the times of at least one more sweep."""
-        least, most = [int(each.min()) for each in times_ns], [int(each.max()) for each in times_ns]
-        self._least = [*map(min, self._least or least, least)]
-        self._most = [*map(max, self._most or most, most)]
-
-    def moments(self) -> str:
-        """Return the first and the last by date."""
-        return f"{Instant(self._least[0])} and {Instant(self._most[0])}"
-
-    def seconds(self) -> str:
-        """Return the first and the last in seconds."""
-        return f"{self._least[1] / 1e9:.1f} and {self._most[1] / 1e9:.1f} s, counted from the first one"
-
-
 def _words(time: float | Instant | None, unit: str = " s") -> str:
     return f"{time:g}{unit}" if isinstance(time, int | float) else str(time)
 
@@ -195,7 +167,8 @@ class _TopicBatcher:
         self._begin_ns: int | None = None
         """Stamp of the topic's first sweep, also of one that is left out."""
         self._first_ns: dict[str, int] = {}
-        self._span = _Span()
+        self._span = np.zeros((0, 2), np.int64)
+        """Earliest and latest time, by date and since the first sweep of the frame [ns]."""
         self._taken = 0
         self._blocks: list[RawSweeps] = []
         self._sweeps: list[Int64] = []
@@ -229,7 +202,8 @@ class _TopicBatcher:
         for code, row in zip(codes.tolist(), rows.tolist(), strict=True):
             first[code] = self._first_ns.setdefault(block.frame_ids[code], int(time_ns[row]))
         since_ns = time_ns - first[block.frame]
-        self._span.widen(time_ns, since_ns)
+        span = np.concatenate([self._span, np.column_stack([time_ns, since_ns])])
+        self._span = np.stack([span.min(axis=0), span.max(axis=0)])
         for time, is_start in ((start, True), (end, False)):
             if time is not None:
                 late = time_ns >= time.ns if isinstance(time, Instant) else since_ns / 1e9 >= time
@@ -243,7 +217,10 @@ class _TopicBatcher:
             return None
         window = [*([f"from {_words(start)} on"] if start is not None else [])]
         window += [f"before {_words(end)}"] if end is not None else []
-        there = self._span.moments() if isinstance(start or end, Instant) else self._span.seconds()
+        if isinstance(start or end, Instant):
+            there = " and ".join(str(Instant(time)) for time in self._span[:, 0].tolist())
+        else:
+            there = "{:.1f} and {:.1f} s, counted from the first one".format(*self._span[:, 1] / 1e9)
         return f"no sweep of {topic} {' and '.join(window)}: its sweeps lie between {there}"
 
     def batches(self, final: bool = False) -> Iterator[SweepBatch]:

@@ -13,7 +13,6 @@ from lidarcli.logs.base import MAX_BEAMS, OpenOptions, ReadReport
 from lidarcli.sweeps import TURN, Bool, Float32, Float64, Int32, Int64, RawSweeps
 
 BLOCK_ROWS = 1024
-"""Most sweeps of one block."""
 BLOCK_VALUES = 1 << 20
 """Most ranges of one block, padding included, unless one sweep alone has more."""
 
@@ -34,7 +33,6 @@ class ScanLayout(NamedTuple):
     """Ranges of one sweep as they stand in its message."""
 
     stamp_ns: int
-    """Header stamp; 0 for none."""
     beams: int
     range_min: float
     """[m], 0 where the message tells none."""

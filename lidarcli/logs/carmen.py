@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lidarcli.errors import unreadable
-from lidarcli.logs.base import LASERSCAN, MAX_BEAMS, Message, OpenOptions, ReadReport, Topic
+from lidarcli.logs.base import LASERSCAN, MAX_BEAMS, PLANAR, PLANAR_POSE, Message, OpenOptions, ReadReport, Topic
 from lidarcli.logs.blocks import (
     TOO_MANY,
     as_singles,
@@ -30,7 +30,6 @@ from lidarcli.logs.blocks import (
     split_rows,
 )
 from lidarcli.logs.cells import Cells, S, not_a_number, pad_cells, shown, to_ns
-from lidarcli.logs.planar import MOUNT_TYPE, MOUNTS, ODOMETRY, ODOMETRY_TYPE, POSE_TYPE, ROBOT, PlanarPoses, wrapped
 from lidarcli.logs.text import TextBlock, TextLog, TextSource
 from lidarcli.sweeps import TURN, Bool, Float32, Float64, Int64, RawSweeps
 
@@ -77,13 +76,11 @@ LASERS: dict[bytes, Laser] = {
 """First word → kind of sweep. A sensor that is written in two ways has two topics in one frame."""
 ODOM, TRUEPOS, PARAM = b"ODOM", b"TRUEPOS", b"PARAM"
 POSE = 3
-"""Numbers of a pose: x, y, yaw."""
 
 _ODD_BLANKS = re.compile(rb"[\t\f\v]|  | \n|\n ")
 _TO_BLANKS = bytes.maketrans(b"\t\f\v", b"   ")
 _NUMBER = re.compile(rb"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
 _MOST_DIGITS = 7
-"""Digits of the largest count that is believed."""
 _WORD = re.compile(rb"[A-Za-z_]\w{0,63}")
 """First word of a message of another program, which is skipped."""
 _LONGEST_HEAD = 1024
@@ -102,8 +99,6 @@ _SHORTER = (*_POSED, 7, 8, 9, 10, _WHOLE)
 """Numbers of such fields in lines of old writers, behind a number of remissions."""
 _BARE = (*_POSED, _WHOLE)
 """Numbers of such fields in lines without a number of remissions."""
-_SAMPLE = 20
-"""Lines that show how a writer spells numbers."""
 
 
 @lru_cache(1024)
@@ -131,7 +126,6 @@ class LineBlock:
 
     cells: Cells
     line: int
-    """Number of the first line."""
     cut: int
     """Row of the last line where it has no line end; -1 otherwise."""
     bad: list[tuple[int, str]] = field(default_factory=list)
@@ -162,18 +156,6 @@ class LineBlock:
             report.add_damage(f"line {self.line + row}", cause)
         self.bad.clear()
 
-    def poses(self, rows: Int64, first: Int64, width: int) -> tuple[Int64, Float64]:
-        """Parse `width` cells from cell `first` (R,) on; rows with a cell that is no number are bad.
-
-        Returns
-        -------
-        (K,) indices of the other rows, and their numbers (K, width)
-        """
-        parsed = self.cells.numbers(rows, first, np.full(len(rows), width), np.float64)
-        self.bad += [(int(rows[at]), "its pose: " + not_a_number(cell)) for at, cell in parsed.bad.items()]
-        good = np.delete(np.arange(len(rows)), list(parsed.bad))
-        return good, parsed.values.reshape(-1, width)[good]
-
 
 @dataclass(frozen=True, eq=False, slots=True)
 class CarmenLines:
@@ -185,9 +167,7 @@ class CarmenLines:
     stamp_ns: Int64
     """(R,) Times; of equal ones that follow each other each is a nanosecond after the one before it."""
     beams: Int64
-    """(R,) Ranges."""
     after: Int64
-    """(R,) First cell behind the ranges."""
     behind: Int64
     """(R,) Cells from the last range to the time; -1 where a line has no time."""
     rest: Int64
@@ -207,7 +187,6 @@ class Framing:
     _endings: dict[str, Counter[tuple[int, int]]] = field(default_factory=dict)
     """Topic → numbers of lines so far, by their ranges and the fields behind these."""
     _timed: bool = False
-    """True once a sweep has had a time."""
     _last: dict[bytes, tuple[int, int]] = field(default_factory=dict)
     """First word → last time of its lines, and the number of lines that had it."""
 
@@ -302,13 +281,12 @@ class Framing:
             if cause:
                 causes[at] = cause
         if laser.posed and not laser.geometry:
-            for others in (self._unlike_most, _poses_among_ranges):
-                fit = [at for at in range(len(lines.rows)) if at not in causes]
-                misfits = others(cells, laser, lines.of(np.array(fit, np.int64)))
-                causes |= {fit[at]: cause for at, cause in misfits.items()}
+            fit = [at for at in range(len(lines.rows)) if at not in causes]
+            misfits = self._unlike_most(laser, lines.of(np.array(fit, np.int64)))
+            causes |= {fit[at]: cause for at, cause in misfits.items()}
         return causes
 
-    def _unlike_most(self, _: Cells, laser: Laser, lines: CarmenLines) -> dict[int, str]:
+    def _unlike_most(self, laser: Laser, lines: CarmenLines) -> dict[int, str]:
         """Return the lines with other fields behind the ranges than most of their kind that declare as many."""
         endings = self._endings.setdefault(laser.topic, Counter())
         kinds = list(zip(lines.beams.tolist(), lines.behind.tolist(), strict=True))
@@ -365,46 +343,10 @@ def _misfit_with_geometry(cells: Cells, laser: Laser, lines: CarmenLines, at: in
     return "" if poses in shorter or behind in bare else _left_over(behind, beams)
 
 
-def _poses_among_ranges(cells: Cells, laser: Laser, lines: CarmenLines) -> dict[int, str]:
-    """Return lines that all have poses in place of their last ranges: they declare more than they have."""
-    causes: dict[int, str] = {}
-    for behind in _POSED[:-1]:
-        alike = lines.behind == behind
-        some = np.flatnonzero(alike & (lines.after > laser.count + 2 * POSE))
-        if len(some) and len(some) == np.count_nonzero(alike):
-            part = lines.of(some)
-            if _are_poses(cells, part.rows, part.after + behind, laser.count + 1):
-                for at, beams in zip(some.tolist(), part.beams.tolist(), strict=True):
-                    causes[at] = f"it declares {beams} ranges, but the last ones are poses"
-    return causes
-
-
-def _are_poses(cells: Cells, rows: Int64, end: Int64, first: int) -> bool:
-    """Return whether the six cells before `end` of all rows are two poses: equal ones, or spelled unlike the ranges."""
-    both = 2 * POSE
-    numbers = cells.numbers(rows, end - both, np.full(len(rows), both), np.float64)
-    if numbers.bad:
-        return False
-    table = numbers.values.reshape(-1, both)
-    same = (table[:, :POSE] == table[:, POSE:]).all()
-    # Three equal numbers are ranges as well.
-    if same and (table[:, :1] != table[:, 1:POSE]).any():
-        return True
-    rows, end = rows[:_SAMPLE], end[:_SAMPLE]
-    ranges, poses = (
-        {len(cell.partition(b".")[2]) for part in parts for cell in part.split(cells.separator)}
-        for parts in (cells.spans(rows, first, end - both - first), cells.spans(rows, end - both, both))
-    )
-    return len(ranges) == len(poses) == 1 and ranges != poses
-
-
 def _times_at(cells: Cells, rows: Int64, count: Int64, after: Int64, usual: int | None) -> tuple[Int64, Int64]:
-    """Find the cell of each line that holds its time, and the number of cells between `after` and it.
-
-    The name of the host, which is no number, follows the time: some writers leave out the time behind it, old ones also
-    some fields before it. Without a host the time is where the `usual` number of fields puts it. The number is -1, and
-    the cell 0, where a line has no time.
-    """
+    """Return the cell of each line with its time, and the cells between `after` and it: 0 and -1 where it has no time."""
+    # The name of the host, which is no number, follows the time: some writers leave out the time behind it, old ones also
+    # some fields before it. Without a host the time is where the `usual` number of fields puts it.
     left = count - after
     most = count - 1
     second, third = cells.spans(rows, most, 1), cells.spans(rows, np.maximum(most - 1, 0), 1)
@@ -450,8 +392,18 @@ def has_pose(line: bytes, laser: Laser) -> bool:
     return beams is not None and len(line.split()) >= laser.count + 1 + laser.width * beams + POSE + _TAIL
 
 
+ROBOT = "base_link"
+ODOMETRY, MOUNTS = "/odom", "/tf_static"
+"""Topics of the robot's pose by its wheels, and of the mounts of its lasers."""
+
+
 CORRECTED, TRUE = "/corrected", "/truepos"
-TYPES = {ODOMETRY: ODOMETRY_TYPE, CORRECTED: POSE_TYPE, TRUE: POSE_TYPE, MOUNTS: MOUNT_TYPE}
+TYPES = {
+    ODOMETRY: "nav_msgs/msg/Odometry",
+    CORRECTED: "geometry_msgs/msg/PoseStamped",
+    TRUE: "geometry_msgs/msg/PoseStamped",
+    MOUNTS: "tf2_msgs/msg/TFMessage",
+}
 """Topic → its type. Poses are taken from the odometry unless the user asks for others."""
 MAX_RANGE = 80.0
 """Greatest range [m] of a sweep whose line has none: SICK lasers write greater ones for no return.
@@ -483,7 +435,6 @@ _STARTS_NUMBER = re.compile(rb"[-+.\d]")
 _STEPS = {181: 1.0, 180: 1.0, 361: 0.5, 360: 0.5, 401: 0.25, 400: 0.25}
 """Ranges → degrees from beam to beam of the SICK lasers that wrote logs without geometry."""
 _WITHOUT_LAST = [beams for beams in _STEPS if beams % 2 == 0]
-"""Those whose view ends one step beyond the last range."""
 _FIRST = {401: -50.0, 400: -50.0}
 """Ranges → first bearing [degrees]; -90 for all others."""
 _SLACK = 1.5
@@ -504,7 +455,6 @@ class CarmenLog(TextLog):
     format = "carmen"
     _topics: list[Topic] | None = None
     _posed = False
-    """True where sweeps of the log hold poses."""
 
     def topics(self) -> list[Topic] | None:
         """Return the topics by the first words of all lines, which are read once for it; None for a stream."""
@@ -531,7 +481,7 @@ class CarmenLog(TextLog):
         scans = [Topic(each.topic, LASERSCAN, self.format, counts[word]) for word, each in LASERS.items() if counts[word]]
         poses = {ODOMETRY: posed or counts[ODOM], CORRECTED: posed, TRUE: counts[TRUEPOS]}
         topics = [*scans, *(Topic(name, TYPES[name], self.format, count) for name, count in poses.items() if count)]
-        return [*topics, Topic(MOUNTS, MOUNT_TYPE, self.format)] if scans and poses[ODOMETRY] else topics
+        return [*topics, Topic(MOUNTS, TYPES[MOUNTS], self.format)] if scans and poses[ODOMETRY] else topics
 
     def _sweeps(
         self, blocks: Iterator[TextBlock], topics: Collection[str] | None, report: ReadReport
@@ -548,8 +498,18 @@ class CarmenLog(TextLog):
         decoder = _Decoder(self._options, report, {*LASERS, TRUEPOS, *([] if self._posed else [ODOM])})
         for block in blocks:
             yield from decoder.poses(block, types)
-        if MOUNT_TYPE in types:
+        if TYPES[MOUNTS] in types:
             yield from decoder.mounts()
+
+
+def planar_messages(topic: str, parent: str, child: str, stamp_ns: Int64, poses: NDArray[np.floating]) -> list[Message]:
+    """Return poses (K, 3) of a child frame in its parent, x, y [m], yaw [rad], as messages."""
+    records = np.empty(len(stamp_ns), PLANAR_POSE)
+    records["stamp_ns"] = stamp_ns
+    records["x"], records["y"], records["yaw"] = poses.T
+    names = f"{parent}\0{child}".encode()
+    times = zip(records, stamp_ns.tolist(), strict=True)
+    return [Message(topic, TYPES[topic], PLANAR, stamp, pose.tobytes() + names) for pose, stamp in times]
 
 
 class _Parameters:
@@ -580,15 +540,6 @@ class _Parameters:
         return values[-1] if values else None
 
 
-@dataclass(slots=True)
-class _Mount:
-    """Place of a laser on its robot, as the poses of both give it."""
-
-    first: Float64
-    spread: float = 0.0
-    """Greatest change since then [m, rad]."""
-
-
 @dataclass
 class _Decoder:
     """Decodes the lines of a log in one pass, block after block."""
@@ -596,13 +547,12 @@ class _Decoder:
     options: OpenOptions
     report: ReadReport
     wanted: set[bytes]
-    """First words of the lines that are decoded."""
     parameters: _Parameters = field(default_factory=_Parameters)
     first_ns: dict[str, int] = field(default_factory=dict)
     """Frame of each laser → stamp of its first sweep, in a pass for poses."""
     _noted: set[str] = field(default_factory=set)
-    """Topics whose guessed bearings have been noted."""
-    _mounts: dict[str, _Mount] = field(default_factory=dict)
+    _mounts: dict[str, tuple[Float64, float]] = field(default_factory=dict)
+    """Frame of a laser → its place on the robot by the first poses of both, and the greatest change since [m, rad]."""
 
     def __post_init__(self) -> None:
         self._framing = Framing(self.report)
@@ -689,23 +639,25 @@ class _Decoder:
         for some in found:
             if some.word in LASERS:
                 self.first_ns.setdefault(LASERS[some.word].frame, int(some.stamp_ns[0]))
-            for poses in self._poses_of(lines, some):
-                if poses.type in types:
-                    messages += zip(poses.rows.tolist(), poses.messages(), strict=True)
+            for rows, poses in self._poses_of(lines, some):
+                if poses and poses[0].type in types:
+                    messages += zip(rows.tolist(), poses, strict=True)
         lines.report_bad(self.report)
         for _, message in sorted(messages, key=lambda one: one[0]):
             yield message
 
-    def _poses_of(self, lines: LineBlock, messages: CarmenLines) -> Iterator[PlanarPoses]:
+    def _poses_of(self, lines: LineBlock, messages: CarmenLines) -> Iterator[tuple[Int64, list[Message]]]:
         """Decode the poses of robot and laser."""
 
         def read(some: CarmenLines, count: int) -> tuple[CarmenLines, Float64]:
-            good, values = lines.poses(some.rows, some.after, count)
+            parsed = lines.cells.numbers(some.rows, some.after, np.full(len(some.rows), count), np.float64)
+            lines.bad += [(int(some.rows[at]), "its pose: " + not_a_number(cell)) for at, cell in parsed.bad.items()]
             lines.report_bad(self.report)
-            return some.of(good), values
+            good = np.delete(np.arange(len(some.rows)), list(parsed.bad))
+            return some.of(good), parsed.values.reshape(-1, count)[good]
 
-        def track(topic: str, parent: str, child: str, some: CarmenLines, poses: Float64) -> PlanarPoses:
-            return PlanarPoses(topic, TYPES[topic], parent, child, some.rows, some.stamp_ns, poses)
+        def track(topic: str, parent: str, child: str, some: CarmenLines, poses: Float64) -> tuple[Int64, list[Message]]:
+            return some.rows, planar_messages(topic, parent, child, some.stamp_ns, poses)
 
         if messages.word in (ODOM, TRUEPOS):
             topic, world = (ODOMETRY, "odom") if messages.word == ODOM else (TRUE, "world")
@@ -739,18 +691,17 @@ class _Decoder:
         cos, sin = np.cos(poses[:, 5]), np.sin(poses[:, 5])
         turn = wrapped(poses[:, 2] - poses[:, 5])
         mounts = np.column_stack([cos * dx + sin * dy, cos * dy - sin * dx, turn])
-        mount = self._mounts.setdefault(frame, _Mount(mounts[0]))
-        off = mounts - mount.first
+        first, spread = self._mounts.get(frame, (mounts[0], 0.0))
+        off = mounts - first
         off[:, 2] = wrapped(off[:, 2])
         far = float(np.abs(mounts[:, :2]).max()) > _FARTHEST
-        mount.spread = np.inf if far else max(mount.spread, float(np.abs(off).max()))
+        self._mounts[frame] = first, np.inf if far else max(spread, float(np.abs(off).max()))
 
     def mounts(self) -> Iterator[Message]:
         """Yield the mounts of the lasers that had sweeps, once the whole log is read."""
         for frame, stamp_ns in self.first_ns.items():
             if (pose := self._mount(frame)) is not None:
-                row, stamp = np.zeros(1, np.int64), np.array([stamp_ns])
-                yield from PlanarPoses(MOUNTS, MOUNT_TYPE, ROBOT, frame, row, stamp, np.array([pose])).messages()
+                yield from planar_messages(MOUNTS, ROBOT, frame, np.array([stamp_ns]), np.array([pose]))
 
     def _mount(self, frame: str) -> Sequence[float] | None:
         """Return x, y [m] and yaw [rad] of a laser by parameters, else by the poses of laser and robot."""
@@ -761,13 +712,22 @@ class _Decoder:
             # A rear laser looks backwards, unless its angle is given and says so itself.
             if frame == REAR and abs(pose[2]) < 0.5 * np.pi:
                 pose[2] += np.pi
-        mount = self._mounts.get(frame)
-        if mount is not None and mount.spread <= _ALIKE:
-            same = frame == FRONT and float(np.abs(mount.first).max()) <= _SAME
-            # Where lines have one pose for both, whoever wrote them took no notice of the parameters.
-            if pose is None or same:
-                pose = list(mount.first)
+        place, spread = self._mounts.get(frame, (np.zeros(3), np.inf))
+        # Where lines have one pose for both, whoever wrote them took no notice of the parameters.
+        same = frame == FRONT and float(np.abs(place).max()) <= _SAME
+        if spread <= _ALIKE and (pose is None or same):
+            pose = list(place)
         return pose
+
+
+def wrapped(angle: Float64) -> Float64:
+    """Return angles [rad] between -π and π.
+
+    >>> wrapped(np.array([6.0])).round(3).tolist()
+    [-0.283]
+    """
+    within: Float64 = (angle + np.pi) % TURN - np.pi
+    return within
 
 
 def _remission_counts(cells: Cells, messages: CarmenLines) -> Int64:
@@ -777,10 +737,7 @@ def _remission_counts(cells: Cells, messages: CarmenLines) -> Int64:
 
 
 def _remissions(cells: Cells, laser: Laser, messages: CarmenLines, ranges: NDArray[np.floating]) -> Float32 | None:
-    """(S, B) Remissions of sweeps, NaN where one has fewer of them than ranges; None where none has any.
-
-    They follow each of the `ranges`, or all of them with their number first.
-    """
+    """(S, B) Remissions, which follow each of the `ranges`, or all of them with their number first; None without any."""
     beams = messages.beams
     if laser.pairs:
         return pad(ranges[1::2], beams, 1.0) if len(ranges) else None
@@ -794,11 +751,9 @@ def _remissions(cells: Cells, laser: Laser, messages: CarmenLines, ranges: NDArr
 
 
 def _of_lines(geometry: Float64, beams: Int64) -> tuple[Float64, Float64, Float64]:
-    """Return first bearings, steps [rad] and greatest ranges [m] by lines (S, 4): first bearing, view, step, range.
-
-    The view has all the digits that a rounded step lacks: its part for each beam is the step where it is that of the
-    ranges, or of one more. Bearings are guessed where view and step are zero.
-    """
+    """Return first bearings, steps [rad] and greatest ranges [m] by lines (S, 4): first bearing, view, step, range."""
+    # The view has all the digits that a rounded step lacks: its part for each beam is the step where it is that of the
+    # ranges, or of one more. Bearings are guessed where view and step are zero.
     first, view, step, most = geometry.T
     nothing = (view == 0.0) & (step == 0.0)
     gaps = np.maximum(beams - 1, 1)

@@ -44,7 +44,6 @@ class Numbers:
     """Numbers of rows of cells, one after the other."""
 
     values: NDArray[Any]
-    """Values; NaN where a cell holds none."""
     empty: Bool | None
     """True for cells without a value (empty, null); None without such cells."""
     bad: dict[int, bytes]
@@ -70,7 +69,6 @@ class Cells:
         self.count: Int64 = last - self._first + 1
         """(R,) Cells of each row; an empty line has one."""
         self.length = ends[last] - self._starts[self._first]
-        """(R,) Bytes of each row."""
         self._regular = bool((self.count == self.count[:1]).all())
 
     def spans(self, rows: Int64, first: int | Int64, count: int | Int64) -> list[bytes]:
@@ -190,11 +188,9 @@ def not_a_number(cell: bytes) -> str:
 
 
 def _between(text: bytes, starts: Int32, ends: Int32, null: Bool | None, kind: Any) -> Any:
-    """Return an Arrow array of type `kind` whose even entries are the cells between `starts` and `ends`.
-
-    The text itself is the data of the array: a cell, the text between it and the next cell, which is null, the next
-    cell, ... So nothing is copied or tokenised a second time. Cells that are `null` are null as well.
-    """
+    """Return an Arrow array of type `kind` whose even entries are cells between `starts` and `ends`; some are `null`."""
+    # The text itself is the data of the array: a cell, the text between it and the next cell, which is null, the next
+    # cell, ... So nothing is copied or tokenised a second time.
     import pyarrow as pa
 
     slots = 2 * len(starts)
@@ -311,9 +307,7 @@ _NOTES = {
 _STEPS = ((NS, 5_000_000), (US, 5_000), (MS, 10))
 """Unit → least step from sweep to sweep in it, of a clock without a named unit: 5 ms, 5 ms, 10 ms."""
 _SINCE_1970 = 10**9
-"""Least count that is whole seconds since 1970, whatever its steps."""
 _HOUR = 3600
-"""Bound of the steps of such seconds [s]."""
 
 _UNITS = {"ns": NS, "nsec": NS, "nsecs": NS, "nanosec": NS, "nanoseconds": NS, "us": US, "usec": US, "µs": US}
 _UNITS |= {"ms": MS, "msec": MS, "s": S, "sec": S, "secs": S, "seconds": S}
@@ -342,7 +336,6 @@ _MONTHS = b"jan feb mar apr may jun jul aug sep oct nov dec - - - - mai - - - - 
 _EXCEL, _MATLAB = 25_569, 719_529
 """Number of the first day of 1970 in a spreadsheet, and in MATLAB."""
 _MOST_DAYS = 55_000
-"""Days for about 150 years from then on."""
 _MOST_DAY_STEP = 2.5e-5
 """Greatest usual step of such days, about 2 s: as seconds, no sensor is as fast."""
 _NUMBER = re.compile(rb"[-+]?(?:\d{1,30}(?:\.\d*)?|\.\d+)(?:[eE][-+]?\d{1,2})?")
@@ -394,10 +387,7 @@ def _unit_of_steps(counts: Sequence[int]) -> int:
 
 
 def _order(dates: Sequence[bytes]) -> int:
-    """Return the order of day and month in which the dates are dates, and go on by the smallest steps.
-
-    Where both are alike, the month is first before a slash alone.
-    """
+    """Return the order in which most dates are dates, and go on by the smallest steps; the month first before a slash."""
     steps: dict[int, tuple[int, float]] = {}
     for unit in (MONTH_FIRST, DAY_FIRST) if b"/" in dates[0] else (DAY_FIRST, MONTH_FIRST):
         times, bad = to_ns(dates, unit)
@@ -494,10 +484,6 @@ def _seconds(cell: bytes) -> int:
     return _decimal(cell, S)
 
 
-def _nanoseconds(cell: bytes) -> int:
-    return int(cell) if cell.isdigit() else _decimal(cell, NS)
-
-
 def _spelled(unit: int) -> Callable[[bytes], int]:
     """Return the conversion of times that are spelled as `_SPELLINGS` has it."""
 
@@ -542,9 +528,7 @@ _CONVERTERS: dict[int, Callable[[bytes], int]] = {
     **{unit: _spelled(unit) for unit in _SPELLINGS},
     DATED: _spelled(TIME_OF_DAY),
     DAYS: _days,
-    NS: _nanoseconds,
-    US: _of_unit(US),
-    MS: _of_unit(MS),
+    **{unit: _of_unit(unit) for unit in (NS, US, MS)},
     S: _seconds,
     S_UNPADDED: lambda cell: _seconds(_padded(cell)),
     DATE_UNPADDED: lambda cell: _spelled(DATE)(_padded(cell)),

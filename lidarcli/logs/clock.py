@@ -15,11 +15,8 @@ from lidarcli.times import SECOND_NS, Instant
 
 SECOND = 1e-9
 _KEPT = 1 << 16
-"""Values a `Sample` keeps at most."""
 RUNS = 3
-"""Most runs between large steps that are told apart."""
 NO_STAMPS = "stamps are 0, tracks cannot tell what moves"
-"""End of the finding on times that are not understood."""
 SAME_NS = 1
 """Equal stamps of text differ by at most this [ns]."""
 AROUND = 8
@@ -27,7 +24,6 @@ AROUND = 8
 HELD = 1024
 """Most sweeps of a topic that wait for sound stamps; fewer of many beams."""
 MOST_FRAMES = 64
-"""Frames of a topic that are told apart."""
 MAX_TOPICS = 1000
 """Topics beyond this are taken as they are: a log may have a new one in every message."""
 
@@ -39,15 +35,11 @@ class ClockInfo:
     start_ns: int | None
     """Earliest header stamp (record time where the headers have none)."""
     end_ns: int | None
-    """Latest header stamp."""
     rate: float | None
     """Sweeps per second, from the median step of the stamps."""
     backward: int
-    """Steps back in time from one sweep to the next."""
     largest_backward: float
-    """Largest step back [s]."""
     zero_stamps: int
-    """Headers without a stamp."""
     offset: float | None
     """Median of record time - header stamp."""
     sweeps: int = 0
@@ -56,7 +48,6 @@ class ClockInfo:
     repeated: int = 0
     """Sweeps with the stamp of the one before them."""
     largest_forward: float = 0.0
-    """Largest step ahead [s]."""
     copies: int = 0
     """Length of each run of equal stamps; 0 where the lengths differ."""
     runs: tuple[Run, ...] = ()
@@ -99,9 +90,7 @@ class Run:
     """Sweeps that follow each other without a leap of their stamps."""
 
     low_ns: int
-    """The earliest stamp."""
     high_ns: int
-    """The latest."""
     sweeps: int
 
 
@@ -269,7 +258,8 @@ class Clock:
     """Folds blocks of sweeps of one topic and frame, in log order, into `ClockInfo`."""
 
     def __init__(self) -> None:
-        self._sweeps = 0
+        self.sweeps = 0
+        """Sweeps taken so far."""
         self._recorded = 0
         self._repeated = 0
         self._number = -1
@@ -283,22 +273,16 @@ class Clock:
         self._largest = 0
         self._zero = 0
         self._copies: int | None = None
-        """As `ClockInfo.copies`; None while unknown."""
         self._since = 0
         """Number of the sweep at which the current run of equal stamps begins."""
         self._runs: list[Run] = []
         self._astray: list[float] = []
 
-    @property
-    def sweeps(self) -> int:
-        """Number of sweeps taken so far."""
-        return self._sweeps
-
     def add(self, block: RawSweeps, sweep: Int64 | None = None) -> None:
         """Take the times of a block; `sweep` (S,) numbers its sweeps in the log, where some are left out."""
         if not len(block):
             return
-        self._sweeps += len(block)
+        self.sweeps += len(block)
         has_stamp = block.stamp_ns != 0
         self._zero += int(np.count_nonzero(~has_stamp))
         self._recorded += int(np.count_nonzero(~has_stamp & (block.record_ns != 0)))
@@ -365,7 +349,7 @@ class Clock:
             largest_backward=self._largest * SECOND,
             zero_stamps=self._zero,
             offset=None if offset is None else offset * SECOND,
-            sweeps=self._sweeps,
+            sweeps=self.sweeps,
             recorded=self._recorded,
             repeated=self._repeated,
             largest_forward=self._forward * SECOND,

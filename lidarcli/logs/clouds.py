@@ -60,11 +60,8 @@ class Layout:
     rows: int
     columns: int
     row_step: int
-    """Bytes from row to row."""
     point_step: int
-    """Bytes from point to point."""
     order: str
-    """Byte order: `<` or `>`."""
     x: PointField
     y: PointField
     z: PointField | None
@@ -87,7 +84,7 @@ class Layout:
         BadCloudError
             There are no coordinates, or the points do not fit into the bytes.
         """
-        x, y, z = (_coordinate(fields.get(axis)) for axis in "xyz")
+        x, y, z = (one if (one := fields.get(axis)) and one.kind in ("f4", "f8") else None for axis in "xyz")
         if x is None or y is None or (z is None and "z" in fields):
             raise BadCloudError(NO_COORDINATES)
         intensity = next((fields[name] for name in _INTENSITIES if name in fields), None)
@@ -111,10 +108,6 @@ class Layout:
         return self.rows * self.columns
 
 
-def _coordinate(field: PointField | None) -> PointField | None:
-    return field if field is not None and field.kind in ("f4", "f8") else None
-
-
 @dataclass(frozen=True, eq=False, slots=True)
 class Cloud:
     """The points of one message, as they lie in it."""
@@ -123,7 +116,6 @@ class Cloud:
     stamp_ns: int
     data: bytes
     start: int
-    """Offset of the first point in `data`."""
     layout: Layout
     pose: Float64 | None = None
     """(7,) x, y, z and quaternion x, y, z, w of the points' origin in the frame; None where they are one."""
@@ -157,20 +149,6 @@ _KINDS = ("", "i1", "u1", "i2", "u2", "i4", "u4", "f4", "f8")
 """Types of numbers as numpy spells them, by their number in PointField."""
 
 
-def decode_pointcloud2(data: bytes, encoding: str) -> Cloud:
-    """Decode a PointCloud2 message, `cdr` or `ros1`.
-
-    Raises
-    ------
-    BadCloudError
-        It is cut off, has no coordinates, or declares more points than it holds.
-    """
-    try:
-        return _pointcloud2(Cursor(data, encoding))
-    except BadMessageError as err:
-        raise BadCloudError(str(err)) from None
-
-
 def _pointcloud2(cursor: Cursor) -> Cloud:
     stamp_ns = cursor.stamp_ns()
     frame_id = cursor.text()
@@ -195,17 +173,6 @@ def _pointcloud2(cursor: Cursor) -> Cloud:
 
 NOT_CLOUD = "not a foxglove.PointCloud"
 NOT_FINITE = "its pose is not finite"
-
-
-def decode_foxglove(data: bytes, encoding: str) -> Cloud:
-    """Decode a foxglove.PointCloud message, `json` or `protobuf`.
-
-    Raises
-    ------
-    BadCloudError
-        It is cut off or no such message, has no coordinates, or declares more points than it holds.
-    """
-    return _json(data) if encoding == "json" else _protobuf(data)
 
 
 def _json(data: bytes) -> Cloud:
@@ -274,21 +241,24 @@ def _pose(numbers: list[float]) -> Float64 | None:
 
 
 def decode(message: Message) -> Cloud:
-    """Return the cloud of a message."""
-    if len(message.data) > MAX_MESSAGE:
+    """Return the cloud of a message: a PointCloud2 in `cdr` or `ros1`, a foxglove.PointCloud in `json` or `protobuf`.
+
+    Raises
+    ------
+    BadCloudError
+        It is cut off or no such message, has no coordinates, or declares more points than it holds.
+    """
+    data, encoding = message.data, message.encoding
+    if len(data) > MAX_MESSAGE:
         raise BadCloudError(LONG)
-    if message.encoding in ("cdr", "ros1"):
-        return decode_pointcloud2(message.data, message.encoding)
-    if message.encoding in ("json", "protobuf"):
-        return decode_foxglove(message.data, message.encoding)
-    raise BadCloudError(f"the encoding '{message.encoding}' is not read")
-
-
-MANY_HOLES = 0.05
-"""Share of empty bins between two similar ones above which a note is due."""
-WIDE = np.deg2rad(45.0)
-SOME_CLOUDS = 10
-"""Width [rad] of an unseen part of the view, and number of clouds, above which a note is due."""
+    if encoding in ("json", "protobuf"):
+        return _json(data) if encoding == "json" else _protobuf(data)
+    if encoding not in ("cdr", "ros1"):
+        raise BadCloudError(f"the encoding '{encoding}' is not read")
+    try:
+        return _pointcloud2(Cursor(data, encoding))
+    except BadMessageError as err:
+        raise BadCloudError(str(err)) from None
 
 
 @dataclass(frozen=True, slots=True)
@@ -296,9 +266,7 @@ class Bins:
     """The beams of a sweep that is made of a cloud."""
 
     first: float
-    """Bearing of the first one [rad]."""
     step: float
-    """Step between bearings [rad]."""
     count: int
 
     @classmethod
@@ -341,77 +309,11 @@ class Bins:
 _NONE = np.uint64(0xFFFFFFFFFFFFFFFF)
 
 
-@dataclass(slots=True)
-class Fill:
-    """Statistics of filled bins, over all clouds of a topic."""
-
-    bins: Bins
-    clouds: int = 0
-    _hit: Int64 = field(init=False)
-    """(B,) clouds that had a point there."""
-    _between: int = 0
-    """Empty bins between two at about the same range."""
-    _filled: int = 0
-    """Filled bins."""
-
-    def __post_init__(self) -> None:
-        """Begin at zero."""
-        self._hit = np.zeros(self.bins.count, np.int64)
-
-    def add(self, ranges: Float32) -> None:
-        """Take some sweeps."""
-        filled = np.isfinite(ranges)
-        self.clouds += len(ranges)
-        self._hit += np.count_nonzero(filled, axis=0)
-        self._filled += int(np.count_nonzero(filled))
-        if ranges.shape[1] > 2:
-            before, after = ranges[:, :-2], ranges[:, 2:]
-            with np.errstate(invalid="ignore"):
-                near = np.abs(before - after) < 0.1 * before
-            self._between += int(np.count_nonzero(near & ~filled[:, 1:-1]))
-
-    def notes(self) -> list[str]:
-        """Return notes on a wrong view, and on bins too narrow for the sensor."""
-        if not self._filled:
-            return ["no cloud has a point between these heights"] if self.clouds else []
-        notes = []
-        holes = self._between / (self._between + self._filled)
-        if holes > MANY_HOLES:
-            fitting = self.bins.count // int(np.ceil(1.0 / (1.0 - holes)))
-            notes.append(
-                f"{holes:.0%} of the bins are empty between two that are not: the sensor has fewer columns than --bins "
-                f"{self.bins.count}; try --bins {max(fitting, 2)}"
-            )
-        if self.clouds >= SOME_CLOUDS and (blind := self._blind()) is not None:
-            first, last = np.degrees(blind)
-            notes.append(
-                f"no cloud has a point from {first:.0f} to {last:.0f} degrees: if the sensor does not look there, "
-                f"--angle-min {last - 360:.0f} --fov {360 - (last - first):.0f} --degrees say so"
-            )
-        return notes
-
-    def _blind(self) -> tuple[float, float] | None:
-        """Return the widest gap of bearings never hit in a full turn [rad], if it is wide."""
-        bins = self.bins
-        if abs(bins.count * abs(bins.step) - TURN) > 1e-6:
-            return None
-        hit = np.flatnonzero(self._hit)
-        gaps = np.diff(hit, append=hit[0] + bins.count)
-        widest = int(np.argmax(gaps))
-        if gaps[widest] * abs(bins.step) < WIDE:
-            return None
-        edges = bins.first + bins.step * (hit[widest] + np.array([0, gaps[widest]]))
-        low, high = np.sort(edges)
-        turns = TURN * np.floor((low + np.pi) / TURN)
-        return float(low - turns), float(high - turns)
-
-
 ROWS = 64
 WAITING_BYTES = 16 << 20
 """Clouds are sliced when this many, or this many bytes of them, have been gathered."""
 
 _MOST_FRAMES = 4
-"""Frames of one topic of which notes speak."""
 
 
 class Levelled(NamedTuple):
@@ -460,7 +362,7 @@ def slice_cloud(cloud: Cloud, part: Slice, bins: Bins, turn: Float64, move: Floa
         height = _along(
             turn[2], move[2], [cloud.column(axis) if share else None for axis, share in zip(axes, turn[2], strict=True)]
         )
-        kept = np.flatnonzero((height >= _like(part.low, height)) & (height <= _like(part.high, height)))
+        kept = np.flatnonzero((height >= height.dtype.type(part.low)) & (height <= height.dtype.type(part.high)))
         x, y, z = (cloud.column(axis, kept if len(kept) < len(layout) else None) for axis in axes)
         if move[:2].any() and not (real := (x != 0) | (y != 0) | (z != 0)).all():
             # Drivers write zeros where there was no return; moved from there they would be a thing.
@@ -475,11 +377,6 @@ def slice_cloud(cloud: Cloud, part: Slice, bins: Bins, turn: Float64, move: Floa
     intensities = np.full(bins.count, np.nan, np.float32)
     intensities[which] = as_singles(cloud.column(layout.intensity, kept[point]))
     return CloudScan(ranges, intensities)
-
-
-def _like(limit: float, values: Floats) -> np.floating:
-    """Return a limit in the precision of the values."""
-    return values.dtype.type(limit)
 
 
 def _along(row: Float64, move: float, axes: Iterable[Floats | None]) -> Floats:
@@ -522,12 +419,9 @@ class Slicer:
     _bytes: int = 0
     _frames: dict[str, None] = field(default_factory=dict)
     _from_nowhere: int = 0
-    """Clouds without a known position of the robot."""
-    _fill: Fill = field(init=False)
-
-    def __post_init__(self) -> None:
-        """Begin to count."""
-        self._fill = Fill(self.bins)
+    _clouds: int = 0
+    _is_filled: bool = False
+    """True once a cloud has had a point."""
 
     def take(self, message: Message) -> Iterator[RawSweeps]:
         """Take a message; the sweeps that it completes a block of."""
@@ -560,7 +454,9 @@ class Slicer:
         if self._from_nowhere:
             left_out = counted(self._from_nowhere, "cloud")
             lines.append(f"{self.topic}: {left_out} left out: no transform tells where the robot was then")
-        return lines + [f"{self.topic}: {note}" for note in self._fill.notes()]
+        if self._clouds and not self._is_filled:
+            lines.append(f"{self.topic}: no cloud has a point between these heights")
+        return lines
 
     def _block(self, frame_id: str, clouds: list[tuple[int, Cloud]]) -> Iterator[RawSweeps]:
         count = len(clouds)
@@ -583,7 +479,8 @@ class Slicer:
         ]
         ranges = np.stack([each.ranges for each in scans])
         strengths = [np.empty(0, np.float32) if each.intensities is None else each.intensities for each in scans]
-        self._fill.add(ranges)
+        self._clouds += count
+        self._is_filled |= bool(np.isfinite(ranges).any())
         if len(self._frames) < _MOST_FRAMES:
             self._frames[frame_id] = None
         near, far = self.part.limits or (0.0, np.inf)

@@ -1,20 +1,26 @@
-"""Scans in JSON and in protobuf, message by message: `foxglove.LaserScan`, and LaserScan of ROS."""
+"""Scans in JSON and in protobuf, message by message: `foxglove.LaserScan`, and LaserScan of ROS.
+
+`JsonLinesLog` reads JSON as `mcap cat --json` (or `--format=ndjson`) prints it: a message per line, of any topics.
+"""
 
 from __future__ import annotations
 
 import json
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from lidarcli.choices import ECHOES
-from lidarcli.logs.base import MAX_BEAMS, ReadReport
+from lidarcli.logs.base import MAX_BEAMS, ReadReport, Topic
 from lidarcli.logs.blocks import TOO_MANY, Locate, ScanLayout, as_singles, keep_sound, pad_intensities, pad_rows, split_rows
-from lidarcli.logs.cells import DATE, S, to_ns
+from lidarcli.logs.cells import DATE, S, time_unit, to_ns
+from lidarcli.logs.laserscan import choose
+from lidarcli.logs.text import JSON_LINE, TextBlock, TextLog
 from lidarcli.ros.cursor import MAX_NAME, NAME_LONG
-from lidarcli.sweeps import Float32, Int64, RawSweeps
+from lidarcli.sweeps import Float32, RawSweeps
 
 NOT_JSON = "not JSON"
 NOT_SCAN = "not a LaserScan"
@@ -47,7 +53,6 @@ class Scan(NamedTuple):
     increment: float
     ranges: Float32
     intensities: Float32
-    """Empty where it has none."""
     range_min: float = 0.0
     range_max: float = np.inf
     time_increment: float = 0.0
@@ -123,7 +128,6 @@ def decode_json(data: bytes, record_ns: int, echo: str = ECHOES[0]) -> Scan:
 
 
 _CAMEL = {"startAngle": "start_angle", "endAngle": "end_angle", "frameId": "frame_id"}
-"""Names of protobuf in JSON → names of the fields."""
 _BEARINGS = frozenset({"angle_increment", "start_angle", "startAngle"})
 _DECIMAL_STAMP = re.compile(rb'"(?:time)?stamp"\s*:\s*(\d{1,12}\.\d{1,9})')
 
@@ -142,8 +146,7 @@ def scan_of(message: Mapping[str, Any], line: bytes, record_ns: int, echo: str =
     of_ros = "angle_increment" in fields
     try:
         header = (fields.get("header") or {}) if of_ros else fields
-        chosen, intensities = _chosen(fields["ranges"], fields.get("intensities"), echo)
-        ranges = _floats(chosen)
+        ranges, intensities = _beams(fields["ranges"], fields.get("intensities"), echo)
         first = float(fields["angle_min" if of_ros else "start_angle"])
         if of_ros:
             step = float(fields["angle_increment"])
@@ -165,37 +168,27 @@ def scan_of(message: Mapping[str, Any], line: bytes, record_ns: int, echo: str =
     ):
         if bad:
             raise RefusedError(cause)
-    return Scan(frame_id, stamp_ns, record_ns, first, step, ranges, _intensities(intensities), *others)
+    return Scan(frame_id, stamp_ns, record_ns, first, step, ranges, intensities, *others)
 
 
-def _chosen(ranges: Any, intensities: Any, echo: str) -> tuple[list[Any], Any]:
+def _beams(ranges: Any, intensities: Any, echo: str) -> tuple[Float32, Float32]:
     """Return ranges and intensities of the beams; of a MultiEchoLaserScan those of one echo each."""
     if not any(isinstance(value, dict) for value in ranges):
-        return list(ranges), intensities
-    echoes = [_echoes(value) for value in ranges]
-    strengths = [_echoes(value) for value in intensities or ()]
-    strengths += [[]] * (len(echoes) - len(strengths))
-    which = [_which(many, strong, echo) for many, strong in zip(echoes, strengths, strict=False)]
-    return (
-        [many[at] if many else None for many, at in zip(echoes, which, strict=True)],
-        [strong[at] if at < len(strong) else None for strong, at in zip(strengths, which, strict=False)]
-        if any(strengths)
-        else None,
-    )
+        return _floats(list(ranges)), _intensities(intensities)
+    # As they stand in a message of ROS.
+    words = [*_words(ranges, _number), np.array([len(intensities or ())]), *_words(intensities or (), _strength)]
+    chosen = choose(np.concatenate(words).astype(np.uint32), len(ranges), echo)
+    if chosen is None:
+        raise ValueError("a message of its own lists has all of them")
+    return chosen
 
 
-def _echoes(value: Any) -> list[Any]:
-    return list(value.get("echoes") or []) if isinstance(value, dict) else [value]
-
-
-def _which(ranges: Sequence[Any], intensities: Sequence[Any], echo: str) -> int:
-    """Return the index of the echo that counts."""
-    if echo == "last":
-        return max(len(ranges) - 1, 0)
-    if echo == "strongest":
-        known = np.array([_strength(each) for each in intensities[: len(ranges)]])
-        return 0 if np.isnan(known).all() else int(np.nanargmax(known))
-    return 0
+def _words(entries: Iterable[Any], number: Callable[[Any], float]) -> Iterator[NDArray[np.uint32]]:
+    """Yield the number of echoes of each beam, and these as 32-bit words."""
+    for entry in entries:
+        echoes = [number(value) for value in ((entry.get("echoes") or ()) if isinstance(entry, dict) else (entry,))]
+        with np.errstate(over="ignore"):
+            yield np.array([len(echoes), *np.array(echoes, np.float32).view(np.uint32)], np.uint32)
 
 
 def _strength(value: Any) -> float:
@@ -275,11 +268,14 @@ def protobuf_decoder(name: str, schema: bytes) -> tuple[Decoder, Locate] | None:
     if not any(set(message.DESCRIPTOR.fields_by_name) >= fields for fields in _FIELDS):
         return None
 
-    def decode_one(data: bytes, record_ns: int) -> Scan:
+    def parse(data: bytes) -> Any:
         try:
-            return scan_of(_plain(message.FromString(data)), b"", record_ns)
+            return message.FromString(data)
         except DecodeError:
             raise RefusedError(NOT_PROTOBUF) from None
+
+    def decode_one(data: bytes, record_ns: int) -> Scan:
+        return scan_of(_plain(parse(data)), b"", record_ns)
 
     field = message.DESCRIPTOR.fields_by_name["ranges"]
     kind = {field.TYPE_DOUBLE: "<f8", field.TYPE_FLOAT: "<f4"}.get(field.type, "")
@@ -290,11 +286,14 @@ def protobuf_decoder(name: str, schema: bytes) -> tuple[Decoder, Locate] | None:
             [_] = blocks_of("", [scan], ReadReport())
         except ValueError:
             return None
-        place = _places(data, field.number, kind)
-        # What is written in another way is left as it is.
-        beams = len(scan.ranges)
-        beam = np.arange(beams) if len(place) == beams else np.zeros(0, np.int64)
-        return ScanLayout(scan.stamp_ns, beams, scan.range_min, scan.range_max, beam, place[: len(beam)], kind)
+        # All ranges stand together behind the head of their field; what is written in another way is left as it is.
+        values = parse(data).ranges
+        numbers = np.array(values, kind or "<f4")
+        alone = message(ranges=values).SerializePartialToString()
+        at = data.find(alone) if kind and alone.endswith(numbers.tobytes()) else -1
+        beam = np.arange(len(numbers) if at >= 0 else 0)
+        place = at + len(alone) - numbers.nbytes + numbers.itemsize * beam
+        return ScanLayout(scan.stamp_ns, len(scan.ranges), scan.range_min, scan.range_max, beam, place, kind)
 
     return decode_one, locate
 
@@ -311,38 +310,98 @@ def _plain(message: Any) -> dict[str, Any]:
     return plain
 
 
-_VARINT, _FIXED64, _BYTES, _FIXED32 = 0, 1, 2, 5
-"""Wire types of protobuf."""
+_SAMPLE = 100
+_MOST_TOPICS = 4096
+_NO_MESSAGE = "no message of `mcap cat --json`"
+_CUT = "the file ends within this line: its message is dropped"
 
 
-def _places(data: bytes, field: int, kind: str) -> Int64:
-    """Return the positions of the numbers of a repeated field in a message that has been decoded [bytes]."""
-    width = int(kind[-1]) if kind else 0
-    found: list[Int64] = []
-    at = 0
+class JsonLinesLog(TextLog):
+    """Printed messages from a file or from a stream."""
 
-    def varint() -> int:
-        nonlocal at
-        value = shift = 0
-        while True:
-            byte = data[at]
-            at += 1
-            value |= (byte & 0x7F) << shift
-            shift += 7
-            if byte < 0x80:
-                return value
+    format = "json lines"
 
-    while at < len(data):
-        tag = varint()
-        number, wire = tag >> 3, tag & 7
-        if wire == _VARINT:
-            varint()
-            continue
-        if wire not in (_FIXED64, _BYTES, _FIXED32):
-            # Groups, which nobody writes any more.
-            return np.zeros(0, np.int64)
-        length = {_FIXED64: 8, _FIXED32: 4}.get(wire) or varint()
-        if number == field and width:
-            found.append(np.arange(at, at + length, width))
-        at += length
-    return np.concatenate([np.zeros(0, np.int64), *found])
+    def topics(self) -> list[Topic] | None:
+        """Return None: nothing lists the topics."""
+        return None
+
+    def _sweeps(
+        self, blocks: Iterator[TextBlock], topics: Collection[str] | None, report: ReadReport
+    ) -> Iterator[RawSweeps]:
+        decoder = _LineDecoder(topics, report, self._options.echo)
+        for block in blocks:
+            yield from decoder.feed(block)
+
+
+class _LineDecoder:
+    """Decodes lines; scans of each topic wait until they fill a block, or until the block of text ends."""
+
+    def __init__(self, topics: Collection[str] | None, report: ReadReport, echo: str) -> None:
+        self._topics = topics
+        self._echo = echo
+        self._report = report
+        self._unit: int | None = None
+        self._others: set[str] = set()
+        """Topics whose first message is no scan."""
+        self._scanned: set[str] = set()
+        self._waiting: dict[str, list[Scan]] = {}
+        self._rows = self._values = 0
+
+    def feed(self, block: TextBlock) -> Iterator[RawSweeps]:
+        """Yield the sweeps of a block, in blocks of each topic."""
+        lines = block.text.split(b"\n")[:-1]
+        if self._unit is None:
+            times = [match[2] for line in lines[:_SAMPLE] if (match := JSON_LINE.match(line))]
+            self._unit = time_unit("", times) if times else None
+        for number, line in enumerate(lines, block.line):
+            if not line.strip():
+                continue
+            last = block.cut and number == block.line + block.lines - 1
+            if (cause := self._take(line)) is not None:
+                self._report.add_damage(f"line {number}", _CUT if last else cause)
+            if self._values >= VALUES or self._rows >= ROWS:
+                yield from self._flush()
+        yield from self._flush()
+
+    def _flush(self) -> Iterator[RawSweeps]:
+        """Yield the waiting scans as blocks."""
+        for topic, scans in self._waiting.items():
+            yield from blocks_of(topic, scans, self._report)
+        self._waiting, self._rows, self._values = {}, 0, 0
+
+    def _take(self, line: bytes) -> str | None:
+        """Keep the scan of a line; return the cause where the line is no message."""
+        match = JSON_LINE.match(line)
+        if match is None or self._unit is None:
+            return _NO_MESSAGE
+        record, bad = to_ns([match[2]], self._unit)
+        try:
+            topic = str(json.loads(match[1]))
+            if topic in self._others or (self._topics is not None and topic not in self._topics):
+                return None
+            whole = json.loads(line)
+        except (ValueError, RecursionError):
+            return NOT_JSON
+        if "data" not in whole:
+            return _NO_MESSAGE
+        if bad[0]:
+            return "the time cannot be read"
+        message = scan_in(whole["data"])
+        if message is not None:
+            self._keep(topic, message, line, int(record[0]))
+        elif topic in self._scanned:
+            self._report.refused[(topic, NOT_SCAN)] += 1
+        elif len(self._others) < _MOST_TOPICS:
+            self._others.add(topic)
+        return None
+
+    def _keep(self, topic: str, message: Any, line: bytes, record_ns: int) -> None:
+        try:
+            scan = scan_of(message, line, record_ns, self._echo)
+        except RefusedError as err:
+            self._report.refused[(topic, str(err))] += 1
+            return
+        self._scanned.add(topic)
+        self._waiting.setdefault(topic, []).append(scan)
+        self._rows += 1
+        self._values += len(scan.ranges)

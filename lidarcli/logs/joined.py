@@ -7,11 +7,11 @@ from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import NamedTuple, Self
+from typing import NamedTuple
 
 from lidarcli.display import counted
 from lidarcli.errors import OptionError, UnreadableError
-from lidarcli.logs.base import CLOUD_TYPES, POSE_TYPES, SCAN_TYPES, Log, Message, ReadReport, Topic
+from lidarcli.logs.base import CLOUD_TYPES, POSE_TYPES, SCAN_TYPES, Closing, Log, Message, ReadReport, Topic
 from lidarcli.sweeps import RawSweeps
 
 _NUMBERED = re.compile(r"(.+)_(\d{1,9})(\.[a-z]\w*)?(?:\.[a-z]\w*)*", re.IGNORECASE)
@@ -23,11 +23,9 @@ class Numbered(NamedTuple):
     """The name of a part, as recorders number them when they split what they record."""
 
     log: str
-    """Name without the number."""
     stem: str
     """Name that all parts share: that name without a date."""
     number: int
-    """From 0 on."""
     suffix: str
     """The first suffix, in lower case: whether a part is compressed or still active makes no difference."""
 
@@ -62,9 +60,7 @@ class Part:
     path: str
     """As errors of opening it name it."""
     name: str
-    """As damage in it is told."""
     size: int
-    """[bytes]."""
     open: Callable[[ReadReport], AbstractContextManager[Log]]
     """Opens it for a pass, whose report takes what that meets; raises `UnreadableError`."""
 
@@ -73,7 +69,7 @@ class Part:
         return str(error).removeprefix(f"{self.path}: ")
 
 
-class PartedLog:
+class PartedLog(Closing):
     """A `Log` in parts: each is opened for a pass and closed behind it, and one that cannot be read is damage."""
 
     format = ""
@@ -83,7 +79,6 @@ class PartedLog:
         self.path = path
         self.position = 0
         self.parts = tuple(parts)
-        """In the order in which they are read."""
         self.size: int | None = sum(part.size for part in parts)
         self._names_parts = names_parts
         self._opening = ReadReport()
@@ -98,15 +93,9 @@ class PartedLog:
 
     def topics(self) -> list[Topic] | None:
         """Return topics of all parts, with the sum of their messages; None where a part has no index of them."""
-        if self._topics is None:
-            self._topics = self._counted()
-        return None if self._topics is None else list(self._topics)
-
-    def _counted(self) -> list[Topic] | None:
-        """Return the topics from a look at every part; reading meets the damage.
-
-        A topic has the encoding of the first part that has it: parts of ROS 1 and of ROS 2 differ.
-        """
+        if self._topics is not None:
+            return list(self._topics)
+        # With the encoding of the first part that has them.
         found: dict[tuple[str, str], Topic] = {}
         for part in self.parts:
             with self._open(part, ReadReport()) as (log, _):
@@ -118,7 +107,8 @@ class PartedLog:
                 known = before.messages is not None and topic.messages is not None
                 count = (before.messages or 0) + (topic.messages or 0) if known else None
                 found[topic.name, topic.type] = replace(before, messages=count)
-        return [*found.values()]
+        self._topics = [*found.values()]
+        return list(self._topics)
 
     def scans(self, topics: Collection[str] | None, report: ReadReport) -> Iterator[RawSweeps]:
         """Yield blocks of sweeps in log order within each topic, part after part."""
@@ -135,15 +125,6 @@ class PartedLog:
         """Yield raw messages of the given types in log order, part after part."""
         for _, log, own in self.opened(report):
             yield from log.messages(types, own)
-
-    def close(self) -> None:
-        """Close nothing: parts are open only while they are read."""
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *exc: object) -> None:
-        self.close()
 
     def opened(self, report: ReadReport) -> Iterator[tuple[int, Log, ReadReport]]:
         """Yield the parts that can be opened, each with a report of its own: one pass over the log."""
@@ -182,6 +163,9 @@ _CAT = ("carmen",)
 """Formats of text that say at their beginning what the lines behind it need."""
 _CSV = "csv"
 
+_Begun = tuple[Part, int | None]
+"""A part, and when it begins [ns]; None where nothing tells."""
+
 
 class JoinedLog(PartedLog):
     """Recordings that are one log: parts in the order of their first messages, whatever they are called."""
@@ -205,10 +189,10 @@ class JoinedLog(PartedLog):
                     if log.size is None:
                         raise OptionError(f"{part.path}: a pipe is read only once, and cannot be joined")
                     formats.setdefault(log.format, part.name)
-                    begun.append(_Begun(replace(part, size=log.size), _begin(log)))
+                    begun.append((replace(part, size=log.size), _begin(log)))
             except UnreadableError as err:
                 lost.append(f"{part.name}: {part.cause(err)}")
-                begun.append(_Begun(part, None))
+                begun.append((part, None))
         if not formats:
             raise UnreadableError(f"none of its parts can be read; {lost[0]}")
         _refuse_mixed(formats)
@@ -260,10 +244,8 @@ def _refuse_mixed(formats: Mapping[str, str]) -> None:
 
 
 def _begin(log: Log) -> int | None:
-    """Return the time at which the first sweep, else the first pose, was recorded [ns]; None without any.
-
-    Poses come second, for recorders repeat what is latched, with its old time, at the beginning of every part.
-    """
+    """Return the time at which the first sweep, else the first pose, was recorded [ns]; None without any."""
+    # Poses come second, for recorders repeat what is latched, with its old time, at the beginning of every part.
     for message in log.messages(SCAN_TYPES | CLOUD_TYPES, ReadReport()):
         return message.record_ns
     for block in log.scans(None, ReadReport()):
@@ -272,13 +254,6 @@ def _begin(log: Log) -> int | None:
     for message in log.messages(POSE_TYPES, ReadReport()):
         return message.record_ns
     return None
-
-
-class _Begun(NamedTuple):
-    """A part, and when it begins [ns]; None where nothing tells."""
-
-    part: Part
-    begin: int | None
 
 
 def _in_order(begun: Sequence[_Begun]) -> list[_Begun]:

@@ -8,7 +8,7 @@ A message that cannot be a sweep is refused and counted, its neighbours go on.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, field, fields, replace
 from typing import NamedTuple
 
@@ -49,13 +49,9 @@ class _Heads:
     """Fields before the ranges, of the K messages that have not been refused."""
 
     row: NDArray[np.intp]
-    """Row of the message in the input."""
     start: Int64
-    """Start of the message [bytes]."""
     end: Int64
-    """End of the message [bytes]."""
     big: Bool
-    """True for big-endian messages."""
     stamp_ns: Int64
     frame_length: Int64
     at: Int64
@@ -207,10 +203,7 @@ def _read_heads(topic: str, buffer: UInt8, offsets: Int64, lengths: Int64, encod
 
 
 def _gather_intensities(buffer: UInt8, heads: _Heads) -> Float32 | None:
-    """Return (K, B) the intensities, NaN where a sweep has fewer of them than ranges; None where no sweep has any.
-
-    A count that passes the end of its message is none.
-    """
+    """Return (K, B) the intensities, NaN where a sweep has fewer of them than ranges; None where no sweep has any."""
     at = heads.at + 32 + 4 * heads.beams
     there = at + 4 <= heads.end
     if not there.any():
@@ -426,7 +419,6 @@ class MessageBatcher:
     encoding: str
     report: ReadReport
     echo: str = OpenOptions().echo
-    """Echo taken of each beam of a MultiEchoLaserScan."""
     rows: int = ROWS
     parts: list[bytes] = field(default_factory=list)
     times: list[int] = field(default_factory=list)
@@ -437,13 +429,6 @@ class MessageBatcher:
         self.parts.append(message)
         self.times.append(record_ns)
         self.size += len(message)
-        return len(self.parts) >= self.rows or self.size >= BYTES
-
-    def extend(self, messages: Sequence[bytes], record_ns: Sequence[int]) -> bool:
-        """Take some messages; True when the block is full and wants `flush`."""
-        self.parts.extend(messages)
-        self.times.extend(record_ns)
-        self.size += sum(map(len, messages))
         return len(self.parts) >= self.rows or self.size >= BYTES
 
     def decode(self, buffer: UInt8, offsets: Int64, lengths: Int64, record_ns: Int64) -> Iterator[RawSweeps]:
@@ -490,7 +475,7 @@ def differs(type_name: str, encoding: str, text: str) -> str | None:
     expected = [(header, "header"), *(("float32", name) for name in _SCALARS), (ranges, "ranges")]
     # Behind the definition of a message stand those of its parts.
     part = re.search(rf"^MSG: {type_name.replace('/msg/', '/(?:msg/)?')}\s*$", text, re.MULTILINE)
-    found = _defined(encoding, text[part.end() :] if part else text, type_name)
+    found = _fields(encoding, text[part.end() :] if part else text, type_name)
     if not found:
         return None
     for place, (kind, name) in enumerate(expected):
@@ -512,19 +497,22 @@ def scan_type(kind: str, encoding: str = "", text: str = "") -> str:
     if not text:
         # Some logs tell no definitions; this is the one type of the kind that drivers publish.
         return LASERSCAN if kind.endswith("/ExtendedLaserScan") else ""
-    begins = _defined(encoding, text, kind)[:1] if "LaserScan" in text else []
+    begins = _fields(encoding, text, kind)[:1] if "LaserScan" in text else []
     names = ["LaserScan"] if encoding == "ros2idl" else ["sensor_msgs/LaserScan", LASERSCAN]
     return LASERSCAN if begins and begins[0][0] in names else ""
 
 
-def _defined(encoding: str, text: str, kind: str) -> list[tuple[str, str]]:
-    """Return types and names of the fields of a message."""
-    return (_idl_fields if encoding == "ros2idl" else _msg_fields)(text, kind.rsplit("/", 1)[-1])
-
-
-def _msg_fields(text: str, _name: str) -> list[tuple[str, str]]:
-    """Return types and names of a .msg definition; definitions of its parts follow a line of '='."""
+def _fields(encoding: str, text: str, kind: str) -> list[tuple[str, str]]:
+    """Return types and names of the fields of a message; in .msg, definitions of its parts follow a line of '='."""
     fields = []
+    if encoding == "ros2idl":
+        struct = re.search(rf"\bstruct\s++{re.escape(kind.rsplit('/', 1)[-1])}\s*+\{{([^}}]*+)", _NO_CODE.sub("", text))
+        for member in _ANNOTATION.sub("", struct[1]).split(";") if struct else ():
+            words = _BESIDE_TYPES.sub("", member).split()
+            if len(words) >= 2:
+                named = "".join(words[:-1])
+                fields.append((_IDL_NAMES.get(named, named), words[-1]))
+        return fields
     for raw in text.splitlines():
         line = raw.split("#", 1)[0].strip()
         if line.startswith("=="):
@@ -532,20 +520,4 @@ def _msg_fields(text: str, _name: str) -> list[tuple[str, str]]:
         words = line.split()
         if len(words) >= 2 and "=" not in line:
             fields.append((words[0], words[1]))
-    return fields
-
-
-def _idl_fields(text: str, name: str) -> list[tuple[str, str]]:
-    """Return types and names of the members of `struct name` in an IDL definition."""
-    bare = _NO_CODE.sub("", text)
-    struct = re.search(rf"\bstruct\s++{re.escape(name)}\s*+\{{([^}}]*+)", bare)
-    if struct is None:
-        return []
-    members = _ANNOTATION.sub("", struct[1])
-    fields = []
-    for member in members.split(";"):
-        words = _BESIDE_TYPES.sub("", member).split()
-        if len(words) >= 2:
-            kind = "".join(words[:-1])
-            fields.append((_IDL_NAMES.get(kind, kind), words[-1]))
     return fields

@@ -24,6 +24,7 @@ from lidarcli.logs.base import (
     MULTI_ECHO,
     POSE_TYPES,
     SCAN_TYPES,
+    Closing,
     Message,
     OpenOptions,
     ReadReport,
@@ -66,7 +67,6 @@ TOGETHER = 64
 WINDOW = 1 << 20
 """Bytes looked at together where messages stand outside chunks, or where a way past damage is sought."""
 RESCUED = 1 << 24
-"""Bytes of a damaged chunk in which channels are looked for."""
 MAX_RECORD = 1 << 40
 """A record of a pipe that declares more bytes than this is damaged; of a file, the file's size tells."""
 
@@ -76,7 +76,6 @@ _CUT = "the log is cut off here, inside a record"
 _SMALL = (Opcode.HEADER, Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE_INDEX)
 _KEPT = (Opcode.HEADER, Opcode.ATTACHMENT, Opcode.METADATA)
 _PRIVATE = 0x80
-"""Opcodes from here on are those of applications."""
 _END_LENGTHS = {int(Opcode.DATA_END): 4, int(Opcode.FOOTER): 20}
 
 _UNKNOWN = -2
@@ -141,7 +140,6 @@ class _Chunk:
     offsets: dict[int, Int64] = field(default_factory=dict)
     """Channel → offsets of its messages in the chunk."""
     sound: bool = True
-    """True while its indexes can be used."""
 
     @property
     def counts(self) -> dict[int, int]:
@@ -429,7 +427,6 @@ class _ColumnDecoder:
 
     gather: MessageBatcher
     budget: DecompressionBudget
-    """Limit for the whole log."""
 
     def locate(self, message: bytes) -> ScanLayout | None:
         """Return where the ranges of a message stand; None where it is no sweep."""
@@ -491,7 +488,7 @@ def _payloads(rows: Messages) -> Iterator[bytes]:
         yield data[start:end].tobytes()
 
 
-class McapLog:
+class McapLog(Closing):
     """An MCAP as a `Log`: a file by its path, or a binary stream.
 
     A stream of known `size` [bytes] is read here and there, as a file is; any other once, in order.
@@ -511,7 +508,6 @@ class McapLog:
         self._opening = ReadReport()
         self._used = False
         self._budget = DecompressionBudget()
-        """Limit for messages compressed one by one."""
         self._topics: list[Topic] | None = None
         if isinstance(source, str | Path):
             self.path = name or str(source)
@@ -547,7 +543,6 @@ class McapLog:
             raise UnreadableError(f"{self.path}: an MCAP of its magic alone, without a record")
         self._summary: Summary | None = read_summary(self._source, self._opening)
         self.catalogue = Catalogue() if self._summary is None else self._summary.catalogue
-        """Channels and schemas known so far."""
         if self._summary is not None:
             kinds = dict.fromkeys(chunk.compression or "none" for chunk in self._summary.chunks)
             self.compression = "+".join(kinds) or "none"
@@ -675,9 +670,3 @@ class McapLog:
     def close(self) -> None:
         """Close the file or the stream."""
         self._stream.close()
-
-    def __enter__(self) -> McapLog:
-        return self
-
-    def __exit__(self, *exc: object) -> None:
-        self.close()

@@ -36,9 +36,7 @@ MAX_OTHERS = 1 << 16
 MAX_CHUNK = 1 << 30
 """A chunk that declares more than 1 GiB is refused, compressed or not: it is held as a whole."""
 MAX_SUMMARY = 1 << 28
-"""Longest summary that is used [bytes]."""
 PART = 1 << 16
-"""Most messages that are handed on at once."""
 PIECE = 1 << 20
 """Most bytes asked of a pipe at once: a declared size is never allocated before the bytes are there."""
 
@@ -50,7 +48,6 @@ _MESSAGE = np.dtype(
     [("opcode", "u1"), ("length", "<u8"), ("channel", "<u2"), ("sequence", "<u4"), ("log", "<u8"), ("publish", "<u8")]
 )
 ENTRY = np.dtype([("log", "<u8"), ("offset", "<u8")])
-"""An entry of a message index."""
 _FOOTER = struct.Struct("<BQQQI")
 _LZ4_RATIO = 255
 _STEP = 1 << 16
@@ -63,7 +60,6 @@ class Cursor:
     def __init__(self, stream: BinaryIO, size: int | None) -> None:
         self.stream = stream
         self.size = size
-        """None for a pipe."""
         self.position = 0
         self._ahead = b""
 
@@ -120,7 +116,6 @@ class Messages:
     channel: NDArray[np.uint16]
     log_ns: Int64
     start: Int64
-    """Position of the payload [bytes]."""
     length: Int64
 
     def __len__(self) -> int:
@@ -138,7 +133,6 @@ class Records(NamedTuple):
     others: list[tuple[int, int, int]]
     """Opcode, first byte of the content and its end, of all that are no messages."""
     end: int
-    """End of the last whole record."""
 
 
 def list_records(data: bytes, first: int, last: int, messages_only: bool = False) -> Records:
@@ -209,7 +203,6 @@ class ChunkHead(NamedTuple):
     crc: int
     compression: str
     data_at: int
-    """Offset of the data from the first byte of the record."""
     data_length: int
 
 
@@ -375,7 +368,6 @@ class Summary:
     counts: dict[int, int] | None = None
     """Number of messages by channel; None without statistics."""
     chunks: list[ChunkIndex] = field(default_factory=list)
-    """Chunk indexes in file order."""
     chunk_offsets: Int64 = field(default_factory=lambda: np.empty(0, np.int64))
 
     @property

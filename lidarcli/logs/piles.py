@@ -24,7 +24,6 @@ WINDOW_VALUES = 1 << 17
 THIN = 4
 """One sweep in this many is examined; all counts below refer to these."""
 LEAST_SWEEPS = 5
-"""Fewest sweeps that hold the value of a pile."""
 LEAST_BEAMS = 10
 """Fewest bearings with the value where other sweeps see something nearer."""
 LEAST_NEARER = 0.1
@@ -54,7 +53,6 @@ NEARER = 0.1
 RARE = 0.01
 """Least frequency of a value of the pile, as a share of that of its most frequent one."""
 MOST_PILES = 3
-"""Most piles of a window; each is below the one before."""
 COARSE, MOST_COARSE = 0.25, 1 << 12
 """Width [m] and number of the bins of the first search; the last bin has no end."""
 MOST_COUNTED = 1 << 16
@@ -64,9 +62,7 @@ MOST_LOST = 0.02
 
 Of 29 topics of public recordings none has more than 1.4 %: at 8 m one sensor of a car race ends a beam in 200 beyond."""
 LEAST_LOST = 50
-"""Fewest beams worth such a note."""
 MOST_TOLD = 3
-"""Most stuck beams named in notes."""
 
 MILLIMETRES = 1000.0
 
@@ -116,22 +112,16 @@ class _Topic:
     _sweeps: int = 0
     _values: int = 0
     _earlier: int = 0
-    """Sweeps of earlier windows."""
     _beams: int = 0
     _examined: int = 0
-    """Beams of examined sweeps."""
     _since: int = 0
     """First sweep with other rules than the given ones."""
     _piled: int = 0
-    """Beams that became no return by a pile."""
     _most: float = 0.0
-    """Greatest value of the pile [m]."""
     _is_passed: bool = False
-    """True if some ranges exceed the pile."""
     _stuck: dict[int, tuple[float, int]] = field(default_factory=dict)
     """Stuck beam → its range [m] and the first sweep in which it was known."""
     _lost: int = 0
-    """Beams beyond range_max that look like measurements."""
     _lost_range: tuple[float, float] = (0.0, 0.0)
     """range_max, and the greatest of these ranges [m]."""
 
@@ -368,10 +358,8 @@ def _is_seen_through(ranges: Float32, least: float, beams: int) -> bool:
 
 
 def _is_round(ranges: Float32, least: float, most: float, steps: Float64) -> bool:
-    """Return True if ranges from `least` on form arcs around the sensor (`steps` [rad] between beams), unlike a wall.
-
-    A wall at a distance d is farther by d x² / 2 at an angle x from its nearest point: only so far it keeps its range.
-    """
+    """Return True if ranges from `least` on form arcs around the sensor (`steps` [rad] between beams), unlike a wall."""
+    # A wall at a distance d is farther by d x² / 2 at an angle x from its nearest point: only so far it keeps its range.
     with np.errstate(invalid="ignore"):
         piled = ranges >= np.float32(least)
         nearer = ranges < np.float32(least)
@@ -388,13 +376,11 @@ def _is_round(ranges: Float32, least: float, most: float, steps: Float64) -> boo
 
 
 STUCK_SWEEPS = 10
-"""Fewest sweeps in which stuck beams are looked for."""
 STEADY = 0.95
 """Least share of sweeps in which a stuck beam has its range."""
 SOME = 4
 """One of these sweeps in this many is looked at first."""
 BODY = 1.0
-"""Nearer ranges [m] are part of the robot."""
 MOST_STUCK = 0.02
 """Largest share of stuck beams: more of them see something that moves along."""
 MOST_ELSEWHERE = 0.001
@@ -402,7 +388,6 @@ MOST_ELSEWHERE = 0.001
 MOVED, LEAST_MOVED = 0.05, 0.2
 """Least change of a moved beam: share of its range, and [m]; a tenth of the sweeps at either end is left out."""
 MOVING = 0.25
-"""Least share of changed beams of a driving robot."""
 APART, MOSTLY = 0.1, 0.9
 """Share of the range by which neighbours differ, and share of the sweeps in which they do."""
 

@@ -22,7 +22,7 @@ import numpy as np
 from lz4.frame import LZ4FrameDecompressor
 
 from lidarcli.errors import UnreadableError, unreadable
-from lidarcli.logs.base import MAX_MESSAGE, Message, OpenOptions, ReadReport, Topic, ros_type
+from lidarcli.logs.base import MAX_MESSAGE, Closing, Message, OpenOptions, ReadReport, Topic, ros_type
 from lidarcli.logs.laserscan import MessageBatcher, scan_type
 from lidarcli.logs.unpacking import DecompressionBudget, too_much
 from lidarcli.sweeps import Int64, RawSweeps, UInt8
@@ -36,11 +36,9 @@ MAX_FIELDS = 32
 MAX_LAYOUTS = 8
 """Most layouts of message headers read by column; a bag is written by one program, hence has one."""
 MAX_INDEX = 256 << 20
-"""Longest index section that is read [bytes]."""
 MAX_CHUNK = 256 << 20
 """Most bytes of one compressed chunk that are read, packed or not: it is held as a whole."""
 WINDOW = 1 << 20
-"""Bytes read at a time."""
 OVERLAP = 4096
 """Bytes that two searched windows share, so that a header across their border is found."""
 AHEAD = 1 << 16
@@ -244,10 +242,8 @@ class MessageBlock:
     connection: Int64
     time_ns: Int64
     starts: Int64
-    """Start of the data of each message [bytes]."""
     lengths: Int64
     declared: list[Record]
-    """Connection records among them."""
 
 
 def read_messages(data: bytes, columns: RecordColumns) -> MessageBlock:
@@ -373,11 +369,10 @@ class Index:
 
     def counts(self) -> Counter[int]:
         """Return the messages by connection of the whole bag."""
-        pairs = np.frombuffer(b"".join(self.chunks.values()), "<u4").reshape(-1, 2)
-        connections, inverse = np.unique(pairs[:, 0], return_inverse=True)
-        totals = np.zeros(len(connections), np.int64)
-        np.add.at(totals, inverse, pairs[:, 1].astype(np.int64))
-        return Counter(dict(zip(connections.tolist(), totals.tolist(), strict=True)))
+        totals: Counter[int] = Counter()
+        for connection, count in np.frombuffer(b"".join(self.chunks.values()), "<u4").reshape(-1, 2).tolist():
+            totals[connection] += count
+        return totals
 
 
 def _connection(record: Record, data: bytes) -> Connection:
@@ -440,11 +435,8 @@ class Pass:
         """Chunks that surely hold nothing `wanted` are skipped; `report` takes the damage."""
         self.connections = dict(index.connections)
         self.counts: Counter[int] = Counter()
-        """Messages read, by connection."""
         self.codecs: dict[str, None] = {}
-        """Compressions of the chunks read."""
         self.at = len(MAGIC)
-        """Position in the file."""
         self._file, self._size, self._index, self._wanted, self._report = file, size, index, wanted, report
         self._search = Search()
         self._budget = DecompressionBudget()
@@ -633,7 +625,7 @@ class Pass:
             self._damaged("connections", f"{unknown:,} messages whose topic is not recorded were left out")
 
 
-class Rosbag1Log:
+class Rosbag1Log(Closing):
     """A ROS 1 bag of a path or of a stream; a stream is copied to a temporary file, whose name nobody sees."""
 
     format = "ros1 bag"
@@ -721,12 +713,6 @@ class Rosbag1Log:
 
     def close(self) -> None:
         self._file.close()
-
-    def __enter__(self) -> Rosbag1Log:
-        return self
-
-    def __exit__(self, *exc: object) -> None:
-        self.close()
 
     def _blocks(self, wanted: Wanted, report: ReadReport) -> Iterator[tuple[MessageBlock, dict[int, Connection]]]:
         """Yield the messages, each block with the wanted connections in it."""

@@ -9,7 +9,7 @@ import os
 import re
 import shutil
 import sqlite3
-from collections import Counter, defaultdict
+from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Sequence
 from contextlib import ExitStack, closing, contextmanager, suppress
 from dataclasses import dataclass, field
@@ -24,6 +24,7 @@ from lidarcli.logs.base import (
     BINARY_SUFFIXES,
     MAX_MESSAGE,
     TEXT_SUFFIXES,
+    Closing,
     Log,
     Message,
     OpenOptions,
@@ -52,69 +53,30 @@ from lidarcli.sweeps import RawSweeps
 _PACKED = re.compile(r"\.(zstd|zst)$", re.IGNORECASE)
 
 
-@dataclass(frozen=True, slots=True)
-class Folder:
-    """Storage files in the order they were recorded, and what is wrong with the metadata."""
-
-    files: list[Path] = field(default_factory=list)
-    notes: list[str] = field(default_factory=list)
-    missing: list[str] = field(default_factory=list)
-    """Files that the metadata lists and that do not exist."""
-
-
-def read_folder(folder: Path) -> Folder:
-    """Find the storage files of a bag: those that are there count, the metadata gives their order."""
+def read_folder(folder: Path) -> tuple[list[Path], list[str], list[str]]:
+    """Return the storage files of a bag in the order of the metadata, notes on it, and files that it alone names."""
     files = [path for path in sorted(folder.iterdir()) if path.is_file()]
     there = {path.name: path for path in files if is_storage(path.name)}
-    named, cause = named_files(folder / METADATA)
-    notes = [f"{cause}, the storage files were read without it"] if cause else []
     # Old bags put the folder's name before the file's; nothing outside of the folder is ever read.
-    ordered, missing = _matched([PureWindowsPath(name).name for name in named], there)
-    unnamed = _unnamed(ordered, there)
+    listed, cause = named_files(folder / METADATA)
+    named = dict.fromkeys(PureWindowsPath(name).name for name in listed)
+    notes = [f"{cause}, the storage files were read without it"] if cause else []
+    # Bags are packed, unpacked and renamed without anybody changing the metadata: of packed and plain twins one counts.
+    twins: dict[str, list[str]] = {}
+    for name in there:
+        twins.setdefault(_content(name), []).append(name)
+    chosen = {key: next((name for name in alike if name in named), min(alike, key=len)) for key, alike in twins.items()}
+    ordered = [chosen[key] for key in dict.fromkeys(map(_content, named)) if key in chosen]
+    missing = [name for name in named if _content(name) not in chosen]
+    unnamed = sorted({*chosen.values()} - {*ordered}, key=natural)
     if unnamed and named:
-        notes.append(f"{METADATA} does not name {', '.join(sorted(unnamed, key=natural))}: read as well")
+        notes.append(f"{METADATA} does not name {', '.join(unnamed)}: read as well")
     logs = (*BINARY_SUFFIXES, *TEXT_SUFFIXES)
     others = [path.name for path in files if path.name not in there and path.name.lower().endswith(logs)]
     if others:
         notes.append(f"no part of this bag, and not read: {', '.join(others)}")
-    names = sorted([*ordered, *unnamed], key=natural) if unnamed else [*ordered]
-    return Folder([there[name] for name in names], notes, missing)
-
-
-def _unnamed(ordered: Collection[str], there: Collection[str]) -> list[str]:
-    """Return the files that the metadata does not name, except compressed or plain copies of others."""
-    alike = _by_content(ordered or there)
-    twins = {name for name in there if any(other != name for other in alike[_content(name)])}
-    if not ordered:
-        twins = {name for name in twins if _PACKED.search(name)}
-    return [name for name in there if name not in ordered and name not in twins]
-
-
-def _matched(named: Iterable[str], there: Iterable[str]) -> tuple[dict[str, None], list[str]]:
-    """Return the files that the metadata names, in its order, and the names without a file.
-
-    Bags are packed, unpacked and renamed without anybody changing the metadata.
-    """
-    alike = _by_content(there)
-    ordered: dict[str, None] = {}
-    missing: dict[str, None] = {}
-    for name in named:
-        left = alike[_content(name)]
-        match = name if name in left else next(iter(left), None)
-        if match is not None:
-            left.remove(match)
-            ordered[match] = None
-        elif name not in ordered:
-            missing[name] = None
-    return ordered, list(missing)
-
-
-def _by_content(names: Iterable[str]) -> defaultdict[str, list[str]]:
-    """Group names that differ only in compression."""
-    alike: defaultdict[str, list[str]] = defaultdict(list)
-    for name in names:
-        alike[_content(name)].append(name)
-    return alike
+    names = sorted(chosen.values(), key=natural) if unnamed else ordered
+    return [there[name] for name in names], notes, missing
 
 
 def _content(name: str) -> str:
@@ -137,18 +99,17 @@ class Rosbag2Log(PartedLog):
         where = Path(path)
         with unreadable(path):
             is_folder = where.is_dir()
-            folder = read_folder(where) if is_folder else Folder([where])
+            files, notes, missing = read_folder(where) if is_folder else ([where], [], [])
             parts = [
-                Part(str(file), file.name, file.stat().st_size, partial(self._storage, file, Known()))
-                for file in folder.files
+                Part(str(file), file.name, file.stat().st_size, partial(self._storage, file, Known())) for file in files
             ]
         if not parts:
             raise UnreadableError(f"{path}: no .db3 or .mcap file in this folder, hence no ROS 2 bag")
         super().__init__(str(path), parts, names_parts=is_folder)
-        self._opening.notes += folder.notes
-        for name in folder.missing:
+        self._opening.notes += notes
+        for name in missing:
             self._opening.add_damage(name, f"{METADATA} names this file, but it is not there")
-        kinds = {"mcap" if _is_mcap(file) else "sqlite3" for file in folder.files}
+        kinds = {"mcap" if _is_mcap(file) else "sqlite3" for file in files}
         self.format = f"ros2 bag ({'+'.join(sorted(kinds, reverse=True))})"
         try:
             self._probe()
@@ -195,7 +156,7 @@ class Rosbag2Log(PartedLog):
             self._codecs.add("zstd")
             if self._unpacked is None or self._unpacked[0] != file:
                 self.close()
-                plain = self._stack.enter_context(scratch_folder()) / _plain_name(file)
+                plain = self._stack.enter_context(scratch_folder()) / ("bag.mcap" if _is_mcap(file) else "bag.db3")
                 self._unpacked = (file, plain, unpack_file(file, plain))
         file, plain, cause = self._unpacked
         if cause:
@@ -204,7 +165,6 @@ class Rosbag2Log(PartedLog):
 
 
 JOURNAL, WAL = "-journal", "-wal"
-"""Suffixes of the rollback journal and the write-ahead log."""
 
 
 class UnsoundError(Exception):
@@ -215,18 +175,14 @@ SQLITE_ERRORS = (sqlite3.Error, UnicodeDecodeError, UnsoundError)
 """Errors of reading a damaged database with SQLite; its messages may quote bytes that are no text."""
 DISK_SHARE = 0.9
 BATCH = 32
-"""Most messages fetched at a time."""
 BATCH_BYTES = 16 << 20
-"""Bytes after which no further message is fetched."""
 
 MAX_TEXT = 1 << 16
 """Longest text of the schema and of the topics table that is read [bytes]."""
 STEPS_PER_BYTE = 4
 """Most steps of SQLite's machine per statement and byte; a row, of ten bytes or more, takes about 20."""
 STEPS = 1_000_000
-"""Steps that are always allowed."""
 ASKED_EVERY = 10_000
-"""Steps between two checks of the bound."""
 
 _SCHEMA = "SELECT type, name, sql FROM sqlite_master"
 _PLAIN = re.compile(r"CREATE (TABLE|(UNIQUE )?INDEX)\b", re.IGNORECASE)
@@ -237,7 +193,6 @@ _PRAGMAS = (
     *("ignore_check_constraints", "quick_check"),
 )
 _COMPUTED = -2
-"""Column of an index over an expression."""
 ROWID = "_rowid_"
 # Rows come in the order of their numbers, in which tables keep them: sorting would hold all of them. The column `id` is
 # that number in what rosbag2 writes, and may be any other where somebody else has written the table.
@@ -264,7 +219,6 @@ _ALLOWED = {
     sqlite3.SQLITE_PRAGMA: {*_PRAGMAS},
     sqlite3.SQLITE_FUNCTION: {"max", "typeof", "length"},
 }
-"""Allowed actions of statements, and their objects."""
 
 Row = tuple[int, int, int | None, bytes | None]
 """Row id, topic id, time [ns] and message; None where it has none that can be used."""
@@ -275,13 +229,10 @@ class Known:
     """Knowledge of one look at a whole storage file, so that no pass over the file needs a second look."""
 
     counts: Counter[int] | None = None
-    """Topic id → messages."""
     orphans: dict[int, int] = field(default_factory=dict)
     """Number of messages of each missing or broken topic."""
     found: RecoveredPages | None = None
-    """Contents of the pages, if SQLite refuses the file."""
     size: int = 0
-    """Size of the examined file [bytes]."""
 
 
 def merge(database: Path, source: Path) -> None:
@@ -308,7 +259,7 @@ def _sidecars(database: Path) -> list[str]:
     return [suffix for suffix, path in sidecar.items() if path.is_file() and path.stat().st_size > 0]
 
 
-class SqliteLog:
+class SqliteLog(Closing):
     """One storage file of SQLite as a `Log`: by SQLite as far as it goes, then straight from the pages."""
 
     format = "ros2 bag (sqlite3)"
@@ -364,12 +315,15 @@ class SqliteLog:
             elif count := self.counts().get(topic.id, 0):
                 report.refused[(topic.name, f"the encoding '{topic.encoding}' is not read")] += count
         try:
-            self.report_orphans()
-            for batch in self.batches(gathers) if gathers else ():
-                for topic_id, times, messages in _by_topic(batch):
-                    gather = gathers[topic_id]
-                    if gather.extend(*self._usable(gather.topic, times, messages, report)):
-                        yield from gather.flush()
+            self.counts()
+            if orphans := self._known.orphans:
+                which = ", ".join(repr(topic) for topic in sorted(orphans, key=repr)[:5])
+                lost = f"has no topic {which}; messages lost: {sum(orphans.values()):,}"
+                self.met.add_damage("topics table", lost)
+            for row in chain.from_iterable(self.batches(gathers)) if gathers else ():
+                gather = gathers[row[1]]
+                if (message := self._message(gather.topic, row, report)) is not None and gather.add(*message):
+                    yield from gather.flush()
             for gather in gathers.values():
                 yield from gather.flush()
         finally:
@@ -379,12 +333,10 @@ class SqliteLog:
         """Yield raw messages of the given types in log order."""
         wanted = {topic.id: topic for topic in self.topic_rows.values() if is_cdr(topic) and ros_type(topic.type) in types}
         try:
-            for batch in self.batches(wanted) if wanted else ():
-                for _, topic_id, timestamp, data in batch:
-                    topic = wanted[topic_id]
-                    usable = self._usable(topic.name, [timestamp], [data], report)
-                    for message, time in zip(*usable, strict=True):
-                        yield Message(topic.name, ros_type(topic.type), "cdr", time, message)
+            for row in chain.from_iterable(self.batches(wanted)) if wanted else ():
+                topic = wanted[row[1]]
+                if (message := self._message(topic.name, row, report)) is not None:
+                    yield Message(topic.name, ros_type(topic.type), "cdr", message[1], message[0])
         finally:
             report.add(self.met)
 
@@ -426,14 +378,6 @@ class SqliteLog:
             known.counts = Counter(self._salvage()[1].topic_ids)
         return known.counts
 
-    def report_orphans(self) -> None:
-        """Report messages of missing or broken topics as lost."""
-        self.counts()
-        if orphans := self._known.orphans:
-            which = ", ".join(repr(topic) for topic in sorted(orphans, key=repr)[:5])
-            lost = f"has no topic {which}; messages lost: {sum(orphans.values()):,}"
-            self.met.add_damage("topics table", lost)
-
     def batches(self, topics: Collection[int]) -> Iterator[list[Row]]:
         """Yield messages of the given topic ids in the order they were recorded, a few at a time."""
         self._last = BEFORE_ALL
@@ -466,12 +410,6 @@ class SqliteLog:
             self._file.close()
         self._stack.close()
 
-    def __enter__(self) -> SqliteLog:
-        return self
-
-    def __exit__(self, *exc: object) -> None:
-        self.close()
-
     def _open(self, path: Path) -> None:
         self._file = path.open("rb")
         if path.stat().st_size == 0:
@@ -502,13 +440,7 @@ class SqliteLog:
             self._open_damaged()
 
     def _connect(self, path: Path) -> sqlite3.Connection:
-        """Connect to the database for reading rows of plain tables in bounded time, and nothing else.
-
-        Raises
-        ------
-        UnsoundError
-            The database holds more than rows: SQL of its own would run whenever it is read.
-        """
+        """Connect for reading rows of plain tables in bounded time (`UnsoundError` where SQL of the log would run)."""
         # `immutable` keeps SQLite from making files beside the log, from looking for a journal there, and works in a
         # read-only folder.
         where = f"file:{quote(str(path.absolute()))}?mode=ro&immutable=1"
@@ -615,48 +547,23 @@ class SqliteLog:
             cause += f", {found.missing:,} of all topics missing before the last"
         self.met.add_damage("database", cause)
 
-    def _usable(
-        self, topic: str, times: Sequence[int | None], messages: Sequence[bytes | None], report: ReadReport
-    ) -> tuple[Sequence[bytes], Sequence[int]]:
-        """Return the messages that there are and their times, unpacked if they are packed.
-
-        A bag packs all its messages or none; plain CDR never begins as zstd does.
-        """
-        with_data = [(time, data) for time, data in zip(times, messages, strict=True) if data is not None]
-        rows = [(time, data) for time, data in with_data if time is not None]
-        for cause, lost in ((NO_DATA, len(messages) - len(with_data)), (NO_TIME, len(with_data) - len(rows))):
-            if lost:
-                report.refused[(topic, cause)] += lost
-        at, present = [time for time, _ in rows], [data for _, data in rows]
-        if not present or not present[0].startswith(ZSTD_MAGIC):
-            return present, at
-        self.compression = "zstd"
-        unpacked = [(unpack_message(data, self._budget), time) for data, time in zip(present, at, strict=True)]
-        usable = [(data, time) for data, time in unpacked if data is not None]
-        if len(usable) < len(unpacked):
-            report.refused[(topic, PACKED_CAUSE)] += len(unpacked) - len(usable)
-        return [data for data, _ in usable], [time for _, time in usable]
-
-
-def _plain_name(file: Path) -> str:
-    return "bag.mcap" if _is_mcap(file) else "bag.db3"
+    def _message(self, topic: str, row: Row, report: ReadReport) -> tuple[bytes, int] | None:
+        """Return the message of a row, unpacked if it is packed, and its time; None where it is refused."""
+        _, _, time, data = row
+        cause = NO_DATA if data is None else NO_TIME
+        # Plain CDR never begins as zstd does.
+        if data is not None and time is not None and data.startswith(ZSTD_MAGIC):
+            self.compression = "zstd"
+            data, cause = unpack_message(data, self._budget), PACKED_CAUSE
+        if data is None or time is None:
+            report.refused[(topic, cause)] += 1
+            return None
+        return data, time
 
 
 def _is_mcap(file: Path) -> bool:
     """Return True if the name of a storage file is that of an MCAP."""
     return ".mcap" in "".join(file.suffixes[-2:]).lower()
-
-
-def _by_topic(batch: list[Row]) -> Iterator[tuple[int, Sequence[int | None], Sequence[bytes | None]]]:
-    """Yield topic id, times and messages of a batch, for each of its topics."""
-    _, topic_ids, times, messages = zip(*batch, strict=True)
-    present = set(topic_ids)
-    if len(present) == 1:
-        yield topic_ids[0], times, messages
-        return
-    for topic in sorted(present):
-        rows = [row for row in batch if row[1] == topic]
-        yield topic, [row[2] for row in rows], [row[3] for row in rows]
 
 
 def _wrong_size(header: bytes, size: int) -> str:

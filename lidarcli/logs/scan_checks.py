@@ -122,44 +122,13 @@ class ScanChecks:
         return Sensor(topic, frame, topic if alone else f"{topic} (frame {frame or 'without a name'})")
 
 
-@dataclass(slots=True)
-class RepeatTest:
-    """Sweeps that repeat the ranges of the one before, bit for bit."""
-
-    last: bytes | None = None
-    """Ranges of the last sweep."""
-    since_ns: tuple[int, int] = (0, 0)
-    """Stamp and time of the recording of the first sweep that had them."""
-
-    def add(self, raw: RawSweeps) -> tuple[Bool, Bool]:
-        """Return which sweeps (S,) have the ranges of the one before, and of one older than `FROZEN_NS`, noise and all."""
-        if not len(raw):
-            return np.zeros(0, np.bool_), np.zeros(0, np.bool_)
-        # Most sweeps differ in any few beams.
-        few = np.ascontiguousarray(raw.ranges[:, :: max(raw.ranges.shape[1] // 16, 1)]).view(np.int32)
-        same = np.concatenate([[self.last is not None], (few[1:] == few[:-1]).all(axis=1)])
-        for row in np.flatnonzero(same).tolist():
-            same[row] = self._ranges(raw, row) == (self._ranges(raw, row - 1) if row else self.last)
-        begin = np.maximum.accumulate(np.where(same, -1, np.arange(len(raw))))
-        times, begun = np.column_stack([raw.time_ns, raw.record_ns]), np.array(self.since_ns)
-        since = np.where(begin[:, None] >= 0, times[np.maximum(begin, 0)], begun)
-        frozen: Bool = same & ((times - since).max(axis=1) > FROZEN_NS)
-        for first in dict.fromkeys(begin[frozen].tolist()):
-            mine = frozen & (begin == first)
-            frozen[mine] = _is_noisy(raw, int(mine.argmax()))
-        self.last, self.since_ns = self._ranges(raw, len(raw) - 1), (int(since[-1, 0]), int(since[-1, 1]))
-        return same, frozen
-
-    @staticmethod
-    def _ranges(raw: RawSweeps, row: int) -> bytes:
-        return raw.ranges[row, : raw.beams[row]].tobytes()
+def _bytes(raw: RawSweeps, row: int) -> bytes:
+    return raw.ranges[row, : raw.beams[row]].tobytes()
 
 
 def _is_noisy(raw: RawSweeps, row: int) -> bool:
-    """Return whether the ranges of a sweep have noise: on a straight wall 1/r is a sinusoid of the bearing.
-
-    Rounding alone makes a middle third difference of 0.9 of its step.
-    """
+    """Return whether the ranges of a sweep have noise: on a straight wall 1/r is a sinusoid of the bearing."""
+    # Rounding alone makes a middle third difference of 0.9 of its step.
     ranges = raw.ranges[row, : raw.beams[row]].astype(np.float64)
     ranges[~(np.isfinite(ranges) & (ranges > 0.0))] = np.nan
     inverse = 1.0 / ranges
@@ -210,7 +179,9 @@ class SweepStats:
     repeats: int = 0
     alike: int = 0
     """Sweeps that repeat the ranges of the one before; `repeats` counts those that repeat its stamp."""
-    repeat_test: RepeatTest = field(default_factory=RepeatTest)
+    last_ranges: bytes | None = None
+    since_ns: tuple[int, int] = (0, 0)
+    """Stamp and time of the recording of the first sweep that had the ranges of the last one."""
     blind: int = 0
     """Sweeps without any range."""
     frozen: int = 0
@@ -233,7 +204,7 @@ class SweepStats:
             self._take_ranges(raw, batch, slice(first))
             self._take_ranges(raw, batch, slice(first + -(begins + first) % THIN, None, THIN))
         self._take_order(raw, batch, number)
-        same, frozen = self.repeat_test.add(raw)
+        same, frozen = self._compare(raw)
         self._take_repeats(raw, batch, same)
         frozen &= batch.observed
         self.frozen += int(np.count_nonzero(frozen))
@@ -305,6 +276,25 @@ class SweepStats:
             else f"{clock.recorded:,} of {sweeps:,} sweeps of {name} have no stamp",
         )
         return judge(SWEEP_RULES, stats, sensor)
+
+    def _compare(self, raw: RawSweeps) -> tuple[Bool, Bool]:
+        """Return which sweeps (S,) have the ranges of the one before, and of one older than `FROZEN_NS`, noise and all."""
+        if not len(raw):
+            return np.zeros(0, np.bool_), np.zeros(0, np.bool_)
+        # Most sweeps differ in any few beams.
+        few = np.ascontiguousarray(raw.ranges[:, :: max(raw.ranges.shape[1] // 16, 1)]).view(np.int32)
+        same = np.concatenate([[self.last_ranges is not None], (few[1:] == few[:-1]).all(axis=1)])
+        for row in np.flatnonzero(same).tolist():
+            same[row] = _bytes(raw, row) == (_bytes(raw, row - 1) if row else self.last_ranges)
+        begin = np.maximum.accumulate(np.where(same, -1, np.arange(len(raw))))
+        times, begun = np.column_stack([raw.time_ns, raw.record_ns]), np.array(self.since_ns)
+        since = np.where(begin[:, None] >= 0, times[np.maximum(begin, 0)], begun)
+        frozen: Bool = same & ((times - since).max(axis=1) > FROZEN_NS)
+        for first in dict.fromkeys(begin[frozen].tolist()):
+            mine = frozen & (begin == first)
+            frozen[mine] = _is_noisy(raw, int(mine.argmax()))
+        self.last_ranges, self.since_ns = _bytes(raw, len(raw) - 1), (int(since[-1, 0]), int(since[-1, 1]))
+        return same, frozen
 
     def _take_ranges(self, raw: RawSweeps, batch: SweepBatch, rows: slice) -> None:
         ranges, status, most = raw.ranges[rows], batch.status[rows], batch.range_max[rows, None]
@@ -509,7 +499,7 @@ class LogStats:
         room = MOST_COMPARED - len(self.known)
         times = zip(raw.time_ns.tolist(), raw.record_ns.tolist(), strict=True)
         for row, stamps in zip(range(min(len(raw), room)), times, strict=False):
-            self.known.setdefault(hash(raw.ranges[row, : raw.beams[row]].tobytes()), stamps)
+            self.known.setdefault(hash(_bytes(raw, row)), stamps)
 
     def findings(self, sensor: Sensor, clock: ClockInfo, known: Collection[str], lacks_frame: bool) -> list[Finding]:
         """Return the findings; `known`: identifiers of those of the topic that there are already."""

@@ -53,7 +53,6 @@ class _Topic:
     waiting: list[RawSweeps] = field(default_factory=list)
     """Blocks that wait until each of their frames is decided."""
     count: int = 0
-    """Messages before these."""
 
     def take(self, block: RawSweeps | None) -> Iterator[RawSweeps]:
         """Take a block, None for the end; yield what is complete, which is nothing while a frame is undecided."""
@@ -108,18 +107,13 @@ class _Turns:
     """The grid of the turns of one sensor, and the segments of the turn that is not complete."""
 
     step: float
-    """From column to column [rad]."""
     first: float
-    """Bearing of the first column [rad]."""
     round: int
-    """Columns of a full turn."""
     rows: RawSweeps
     place: Int64
     """Places of `rows` among the messages of the topic."""
     done: int = 0
-    """Turns of `rows` that are made."""
     width: int = 0
-    """Columns."""
     period_ns: float = 0.0
     """Time of a turn; 0 where it is not known."""
 

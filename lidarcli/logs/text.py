@@ -12,10 +12,10 @@ from collections.abc import Collection, Iterator
 from dataclasses import dataclass, replace
 from itertools import chain
 from pathlib import Path
-from typing import BinaryIO, Protocol, Self
+from typing import BinaryIO
 
 from lidarcli.errors import UnreadableError, unreadable
-from lidarcli.logs.base import POSE_TYPES, Message, OpenOptions, ReadReport
+from lidarcli.logs.base import POSE_TYPES, Closing, Message, OpenOptions, ReadReport
 from lidarcli.sweeps import RawSweeps
 
 MAX_LINE = 8 << 20
@@ -23,12 +23,6 @@ MAX_LINE = 8 << 20
 FIRST_BLOCK = 64 << 10
 BLOCK = 512 << 10
 _CHUNK = 256 << 10
-
-
-class Readable(Protocol):
-    """A stream of bytes."""
-
-    def read(self, size: int = -1, /) -> bytes: ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,7 +33,6 @@ class TextBlock:
     line: int
     """Number of the first line, counted from 1."""
     lines: int
-    """Number of lines."""
     cut: bool = False
     """The last line had no line end: the text may have been cut off there."""
 
@@ -50,12 +43,11 @@ class TextSource:
     `limit` bounds the bytes taken from the stream, so that a file that grows while it is read has an end.
     """
 
-    def __init__(self, stream: Readable, limit: int | None = None) -> None:
+    def __init__(self, stream: BinaryIO, limit: int | None = None) -> None:
         self._stream = stream
         self.report = ReadReport()
         """Damage since the last call of `report_to`."""
         self.position = 0
-        """Bytes taken from the stream."""
         self._left = limit
         self._first = self._read(FIRST_BLOCK)
         self.compression = "gzip" if self._first[:2] == b"\x1f\x8b" else "none"
@@ -201,7 +193,7 @@ def _line_ends(blocks: Iterator[TextBlock]) -> Iterator[TextBlock]:
         yield replace(block, text=text)
 
 
-class TextLog(ABC):
+class TextLog(Closing, ABC):
     """A log of text, from a file or a stream; subclasses decode its lines."""
 
     def __init__(self, source: str | os.PathLike[str] | BinaryIO, options: OpenOptions | None = None) -> None:
@@ -247,12 +239,6 @@ class TextLog(ABC):
         if self._stream is not None and not self._once:
             self._stream.close()
             self._stream = None
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *exc: object) -> None:
-        self.close()
 
     def _blocks(self, report: ReadReport) -> Iterator[TextBlock]:
         """Start a pass: return all blocks; UnreadableError for the second pass over a stream."""

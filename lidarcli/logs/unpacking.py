@@ -11,7 +11,6 @@ import zstandard
 from lidarcli.logs.base import MAX_MESSAGE
 
 SMALL = 64 << 20
-"""Decompressed bytes that are always allowed."""
 MAX_RATIO = 1000
 """Largest ratio of a whole log beyond these. Most logs stay below 50; 1,081 beams without any return, and as many
 intensities, reach 530 as MCAP and 690 as bz2."""
@@ -42,7 +41,6 @@ def too_much(size: int, packed: int) -> str:
 
 ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
 PACKED_CAUSE = "zstd message that is broken or too long"
-"""Reason for leaving out a compressed message."""
 DISK_SHARE = 0.9
 """A storage file may unpack to this share of the free space of the temporary folder."""
 PIECE = 1 << 12
@@ -83,25 +81,18 @@ def unpack_message(data: bytes, budget: DecompressionBudget) -> bytes | None:
     """Decompress a zstd message; None if it is broken or too long, or the bag has unpacked to too much."""
     if budget.room(len(data)) < MAX_MESSAGE:
         return None
-    message = _unpacked(data)
-    budget.used(len(message or b""))
-    return message
-
-
-def _unpacked(data: bytes) -> bytes | None:
     frame = zstandard.ZstdDecompressor(max_window_size=MAX_WINDOW)
     try:
         size = zstandard.frame_content_size(data)
         if size > MAX_MESSAGE:
             return None
-        if size >= 0:
-            return frame.decompress(data)
+        message = frame.decompress(data) if size >= 0 else b""
         steps = frame.decompressobj()
-        parts: list[bytes] = []
-        for at in range(0, len(data), PIECE):
-            parts.append(steps.decompress(data[at : at + PIECE]))
-            if steps.eof or sum(map(len, parts)) > MAX_MESSAGE:
+        for at in range(0, len(data) if size < 0 else 0, PIECE):
+            message += steps.decompress(data[at : at + PIECE])
+            if steps.eof or len(message) > MAX_MESSAGE:
                 break
     except zstandard.ZstdError:
         return None
-    return b"".join(parts) if steps.eof and sum(map(len, parts)) <= MAX_MESSAGE else None
+    budget.used(len(message))
+    return message if (size >= 0 or steps.eof) and len(message) <= MAX_MESSAGE else None

@@ -12,8 +12,18 @@ from typing import Any
 
 from lidarcli.maps import MAP_TYPE
 from lidarcli.overlays.markers import MARKER_TYPE
-from lidarcli.ros.mcap_file import ALL, add_channel, offered, start_ros2
-from lidarcli.ros.messages import ROS1, SCAN, TF, Outgoing, bag_writer, ros2_definition
+from lidarcli.ros.messages import (
+    ALL,
+    ROS1,
+    SCAN,
+    TF,
+    Outgoing,
+    add_channel,
+    bag_writer,
+    offered,
+    ros2_definition,
+    start_ros2,
+)
 
 OBJECTS, MAP = "/lidarcli/objects", "/lidarcli/map"
 FRAME = "laser"

@@ -25,7 +25,7 @@ from lidarcli.formalism.zones import samples, seen
 from lidarcli.logs.base import CLOUD_TYPES, SCAN_TYPES, Log, ReadReport
 from lidarcli.logs.batches import ReadOptions, read_batches
 from lidarcli.logs.blocks import Locate
-from lidarcli.logs.options import TopicChoice
+from lidarcli.logs.registry import TopicChoice
 from lidarcli.masks import Polygon
 from lidarcli.newfiles import NewFiles, refuse, refuse_nameless, writing
 from lidarcli.pipeline.detecting import detect_to_temporary, second_half

@@ -19,8 +19,8 @@ from lidarcli.findings import DEEP_IDS, IDS, Finding
 from lidarcli.logs.base import LASERSCAN, POSE_TYPES, OpenOptions, ReadReport, Topic
 from lidarcli.logs.clock import ClockInfo
 from lidarcli.logs.joined import Part
-from lidarcli.logs.options import TopicChoice, nothing_read, scan_topics
 from lidarcli.logs.piles import NoReturnDetector
+from lidarcli.logs.registry import TopicChoice, nothing_read, scan_topics
 from lidarcli.logs.scan_checks import MOST, MOST_TOPICS, LogStats, ScanChecks, repeated_topics
 from lidarcli.masks import Masks
 from lidarcli.pipeline.inputs.declared import View, filter_text, mask_text

@@ -17,7 +17,7 @@ from lidarcli.formalism.detection import ROUND, SETS, Detection
 from lidarcli.formalism.mapping.grid import HIT, placed
 from lidarcli.logs.base import OpenOptions, ReadReport
 from lidarcli.logs.batches import ReadOptions, read_batches
-from lidarcli.logs.options import TopicChoice, nothing_read
+from lidarcli.logs.registry import TopicChoice, nothing_read
 from lidarcli.newfiles import NewFiles, write_whole, writing
 from lidarcli.pipeline.inputs.sources import Source, open_source
 from lidarcli.pipeline.reading.masking import masking_of

@@ -18,10 +18,8 @@ from numpy.typing import NDArray
 from lidarcli.display import clipped
 from lidarcli.errors import UnreadableError
 from lidarcli.foxglove import POSE, SCAN, TRANSFORM, classes
-from lidarcli.logs.base import Message
+from lidarcli.logs.base import PLANAR, PLANAR_POSE, Message
 from lidarcli.logs.foxglove import NOT_JSON, NOT_PROTOBUF, STAMP, stamp_of
-from lidarcli.logs.planar import ENCODING as PLANAR
-from lidarcli.logs.planar import RECORD
 from lidarcli.ros.cursor import BadMessageError, Cursor
 from lidarcli.sweeps import Bool, Float64, Int64, SweepPoses, UInt8
 
@@ -534,14 +532,14 @@ def frame_name(name: str) -> str:
 
 
 def decode_planar(messages: Sequence[bytes]) -> Iterator[PoseRows]:
-    """Decode plane poses made by `logs.planar`."""
-    size = RECORD.itemsize
+    """Decode plane poses of text logs."""
+    size = PLANAR_POSE.itemsize
     found: dict[bytes, list[int]] = {}
     for index, data in enumerate(messages):
         found.setdefault(data[size:], []).append(index)
     for names, some in found.items():
         parent, _, child = names.decode().partition("\0")
-        records = np.frombuffer(b"".join(messages[index][:size] for index in some), RECORD)
+        records = np.frombuffer(b"".join(messages[index][:size] for index in some), PLANAR_POSE)
         numbers = np.zeros((len(some), 7))
         numbers[:, 0], numbers[:, 1] = records["x"], records["y"]
         # The sine of infinity is none; poses that are not finite are counted where all are.

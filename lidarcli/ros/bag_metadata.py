@@ -9,7 +9,6 @@ from pathlib import Path
 
 METADATA = "metadata.yaml"
 MAX_METADATA = 16 << 20
-"""Longest metadata.yaml that is read [bytes]."""
 
 _STORAGE = (".db3", ".mcap", ".zstd")
 _PATHS = "relative_file_paths:"

@@ -27,9 +27,7 @@ class Cursor:
 
     data: bytes
     encoding: str
-    """`cdr` or `ros1`."""
     order: str = field(default="<", init=False)
-    """Byte order: `<` or `>`."""
     at: int = field(default=0, init=False)
     _align: int = field(default=1, init=False)
     _base: int = field(default=0, init=False)

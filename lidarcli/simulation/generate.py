@@ -26,7 +26,6 @@ class Primitives:
     circles: Float64
     """(S, C, 3) x y radius"""
     segment_entity: Int32
-    """(K,)"""
     circle_entity: Int32
     """(C,)"""
 
@@ -53,7 +52,9 @@ def place(entities: tuple[Entity, ...], sensor_poses: Float64, seconds: Float64)
         radius = np.broadcast_to(rings[:, 2], swing.shape)
         centres = moved(rings[:, 0] + swing, rings[:, 1])
         if feet is not None:
-            centres = _seen_from(feet, sensor_poses)
+            dx, dy = feet[..., 0] - sensor_poses[:, :1], feet[..., 1] - sensor_poses[:, 1:2]
+            ahead, left = np.cos(sensor_poses[:, 2:]), np.sin(sensor_poses[:, 2:])
+            centres = [ahead * dx + left * dy, ahead * dy - left * dx]
             centres[0][~entity.present(seconds)] = np.nan
         circles.append(np.stack([*centres, radius], axis=-1))
         segment_counts.append(len(sides))
@@ -65,13 +66,6 @@ def place(entities: tuple[Entity, ...], sensor_poses: Float64, seconds: Float64)
         segment_entity=np.repeat(number, np.array(segment_counts, int)),
         circle_entity=np.repeat(number, np.array(circle_counts, int)),
     )
-
-
-def _seen_from(points: Float64, origin: Float64) -> list[Float64]:
-    """Return (S, C) x and y of (S, C, 2) world points as seen from the (S, 3) poses `origin`."""
-    dx, dy = points[..., 0] - origin[:, :1], points[..., 1] - origin[:, 1:2]
-    cos, sin = np.cos(origin[:, 2:]), np.sin(origin[:, 2:])
-    return [cos * dx + sin * dy, cos * dy - sin * dx]
 
 
 def relative(poses: Float64, origin: Float64) -> Float64:
@@ -146,7 +140,6 @@ _NEAR = 0.05
 _WAVES = ((0.7, 2), (0.5, 5))
 """Glare over the bearings: height and number of waves; where they lie is drawn."""
 _SURE = 0.95
-"""Largest probability that a beam flickers."""
 _TOGETHER = 0.6
 """Probability that a beam shares the luck of the one before it."""
 _ROUNDS = 12
@@ -179,10 +172,9 @@ class Faults:
 
     def beam_counts(self, sweeps: int) -> Int32:
         """Return (S,) beams of the next sweeps."""
-        if not self.sensor.beams_jitter:
-            return np.full(sweeps, self.sensor.beams, np.int32)
         jitter = self.sensor.beams_jitter
-        return (self.sensor.beams + self.count.integers(-jitter, jitter + 1, sweeps)).astype(np.int32)
+        varied = self.count.integers(-jitter, jitter + 1, sweeps) if jitter else np.zeros(sweeps, np.int32)
+        return (self.sensor.beams + varied).astype(np.int32)
 
     def apply(self, ideal: Float64, entity: Int32, padding: Bool, bearings: Float64) -> Float32:
         """Return (S, B) measured ranges; clears `entity` wherever a beam comes back without a range of its own."""
@@ -196,7 +188,7 @@ class Faults:
             entity[edge] = -1
         if sensor.noise or sensor.noise_per_metre:
             spread = sensor.noise + sensor.noise_per_metre * np.where(np.isfinite(measured), measured, 0.0)
-            measured = measured + spread * self._normal(ideal.shape)
+            measured = measured + spread * self.noise.standard_normal(self._full(ideal.shape))[:, : ideal.shape[1]]
         if sensor.resolution:
             measured = np.rint(measured / sensor.resolution) * sensor.resolution
         return self._limit(measured.astype(np.float32), entity, hit, padding, bearings)
@@ -264,9 +256,6 @@ class Faults:
         """Return the shape of draws: that of the widest sweep, so that blocks do not shift the streams."""
         return shape[0], self.sensor.beams + self.sensor.beams_jitter
 
-    def _normal(self, shape: tuple[int, ...]) -> Float64:
-        return self.noise.standard_normal(self._full(shape))[:, : shape[1]]
-
     def _uniform(self, stream: np.random.Generator, shape: tuple[int, ...], columns: int = 1) -> Float64:
         rows, width = self._full(shape)
         draw: Float64 = np.moveaxis(stream.random((rows, width, columns)), 2, 0)[:, :, : shape[1]]
@@ -285,9 +274,7 @@ class SimulatedBlock:
 
     raw: RawSweeps
     first: int
-    """Index of its first sweep."""
     seconds: Float64
-    """(S,) since the first sweep."""
     poses: Float64
     """(S, 3) of the sensor in the world."""
     entity: Int32
@@ -303,7 +290,9 @@ def simulate_blocks(scene: Scene, sweeps: int, seed: int = 0, size: int = 512) -
         seconds = index / scene.sensor.rate
         poses = scene.sensor_poses(seconds)
         beams = faults.beam_counts(len(index))
-        increment = _increments(scene.sensor, beams)
+        # The field of view is kept for each number of beams.
+        exact = scene.sensor.angle_increment * (scene.sensor.beams / beams)
+        increment = np.where(beams == scene.sensor.beams, scene.sensor.angle_increment, exact)
         bearings = scene.sensor.angle_min + increment[:, None] * np.arange(beams.max(initial=0))
         if scene.still and not scene.sensor.beams_jitter:
             if still is None:
@@ -330,12 +319,6 @@ def simulate_sweep_arrays(scene: Scene, n_sweeps: int, seed: int = 0) -> tuple[R
         rows, columns = block.entity.shape
         entity[block.first : block.first + rows, :columns] = block.entity
     return raw, entity, scene.entities
-
-
-def _increments(sensor: Sensor, beams: Int32) -> Float64:
-    """Return (S,) the increments that keep the field of view for each number of beams."""
-    exact = sensor.angle_increment * (sensor.beams / beams)
-    return np.where(beams == sensor.beams, sensor.angle_increment, exact)
 
 
 def _time_increments(sensor: Sensor, beams: Int32) -> Float64:

@@ -34,7 +34,6 @@ class Waypoint:
     speed: float
     """Most speed on the way from here to the next point [m/s]."""
     wait: float = 0.0
-    """Pause at this point [s]."""
     corner: Corner = "round"
     """`round`: passed on an arc; `stop`: the body stops and turns on the spot. With a `wait` it stops anyway."""
 
@@ -44,7 +43,6 @@ class Pieces:
     """The (G,) straight pieces and arcs of a way."""
 
     start: Float64
-    """(G, 2)"""
     heading: Float64
     """At the start of each [rad], not wrapped: it goes on from piece to piece."""
     curvature: Float64
@@ -93,7 +91,6 @@ class RouteState:
     yaw_rate: Float64
     phase: _Index
     since: Float64
-    """Seconds since the phase began."""
     arc: Float64
     """Length of the way so far [m], counted from the start of the round."""
 

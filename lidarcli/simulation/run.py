@@ -18,9 +18,7 @@ MAX_SECONDS = 400_000_000
 """Longest log [s]: the seconds of a ROS 2 stamp end in 2038."""
 MAX_SEED = (1 << 63) - 1
 LEAST_CELL, LARGEST_CELL = 0.001, 1000.0
-"""Bounds of the cells of a true map [m]."""
 _SUFFIXES = (*(f"{suffix}.gz" for suffix in CONTAINER_BY_SUFFIX), *CONTAINER_BY_SUFFIX)
-"""Suffixes of logs."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,7 +33,6 @@ class Simulated:
     true_map: Path | None = None
     """The YAML file of the true map, which has its image beside it; None where none was wanted."""
     notes: tuple[str, ...] = ()
-    """Notes for the user."""
 
 
 def simulate(
@@ -89,7 +86,9 @@ def simulate(
     check_options(log, container, compression, encoding, layout, clouds)
     refuse_nameless(log)
     targets = (log, *truth_paths(log))
-    map_files = () if map is None else _map_files(Path(map))
+    map_files = () if map is None else (Path(map), Path(map).with_suffix(".pgm"))
+    if map_files and map_files[0].suffix.lower() != ".yaml":
+        raise OptionError(f"{map_files[0]}: the suffix of a true map has to be .yaml; it comes with a .pgm")
     scene = load_scene(scene_path)
     count = scene.sweeps if sweeps is None else sweeps
     if duration is not None:
@@ -134,13 +133,6 @@ def simulate(
                 poses=simulate_odometry(scene, count, seed),
             )
         return replace(result, notes=tuple(new.publish()))
-
-
-def _map_files(path: Path) -> tuple[Path, Path]:
-    """Return the two files of a map."""
-    if path.suffix.lower() != ".yaml":
-        raise OptionError(f"{path}: the suffix of a true map has to be .yaml; it comes with a .pgm")
-    return path, path.with_suffix(".pgm")
 
 
 def _map_data(scene: Scene, sweeps: int, resolution: float, image: str) -> tuple[bytes, bytes]:

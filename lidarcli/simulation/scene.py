@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from math import degrees, hypot, radians
 from pathlib import Path
-from typing import Literal
+from typing import Literal, cast
 
 import numpy as np
 
@@ -26,18 +26,13 @@ LEAST = 1e-3
 MAX_DELAY = 10.0
 """Most that the stamps of poses may be off [s]."""
 LEAST_COURSE = 1e-6
-"""Least length of a course that is driven [m]."""
 MAX_BEAMS = 100_000
 MAX_SWEEPS = 10_000_000
-"""Most sweeps of a log."""
 MAX_SHAPES = 10_000
 """Most straight sides and circles of all entities: each beam meets all of them."""
 MAX_FLICKER = 0.9
-"""Largest share of the beams that may flicker."""
 LEAST_RATE = 1e-3
-"""Fewest sweeps per second."""
 LEAST_STEP = 1e-9
-"""Least angle from beam to beam [degrees]."""
 
 LostAs = Literal["inf", "nan", "mixed", "zero", "max"]
 LOST_AS: tuple[LostAs, ...] = ("inf", "nan", "mixed", "zero", "max")
@@ -64,7 +59,6 @@ class Sensor:
     lost_as: LostAs = "mixed"
     """Value of a beam without a return; `mixed`: inf where nothing is, inf or NaN where lost."""
     rate: float = 10.0
-    """Sweeps per second."""
     topic: str = "/scan"
     frame_id: str = "laser"
     beams_jitter: int = 0
@@ -87,14 +81,12 @@ class Motion:
     """Motion of an entity, and the time for which it exists."""
 
     velocity: tuple[float, float] = (0.0, 0.0)
-    """World frame [m/s]."""
     yaw_rate: float = 0.0
     appears: float = -np.inf
     disappears: float = np.inf
     stride: float = 0.0
     """Legs of a walker swing forth and back by half of this, in turn; on a route, the length of a long step [m]."""
     cadence: float = 0.0
-    """Full swings per second."""
     route: Route | None = None
     """Way through waypoints, instead of a velocity."""
     ahead: bool = True
@@ -176,7 +168,6 @@ class Course:
     """(P, 2) corners, the last one joins the first."""
     speed: float = 0.0
     yaw: float = 0.0
-    """Heading of a parked sensor."""
 
     @property
     def parked(self) -> bool:
@@ -257,7 +248,6 @@ class Scene:
     path: Course | Route = PARKED
     odometry: Odometry | None = None
     sweeps: int = 100
-    """Default number of sweeps of a run."""
     mount: Mount = Mount()
 
     @property
@@ -376,15 +366,10 @@ def _route_of(fields: Fields, others: tuple[str, ...]) -> Route | None:
     """Return the route, if there is one, and refuse the keys in `others` beside it."""
     if not fields.has("route"):
         return None
-    refuse_beside_route(fields, others)
-    return load_route(fields.table("route"))
-
-
-def refuse_beside_route(fields: Fields, keys: tuple[str, ...]) -> None:
-    """Refuse keys that a route replaces."""
-    for key in keys:
+    for key in others:
         if key in fields.values:
             fields.fail(key, "and route exclude each other: leave one out")
+    return load_route(fields.table("route"))
 
 
 def _course(fields: Fields) -> Course:
@@ -410,9 +395,9 @@ def _course(fields: Fields) -> Course:
     return Course(points, speed, yaw)
 
 
-def load_motion(fields: Fields) -> Motion:
-    """Read the motion of an entity, and when it appears and disappears."""
-    route = _route_of(fields, ("x", "y", "velocity"))
+def load_motion(fields: Fields, *beside: str) -> Motion:
+    """Read the motion of an entity, and when it appears and disappears; keys in `beside` exclude a route, too."""
+    route = _route_of(fields, ("x", "y", "velocity", *beside))
     return Motion(
         velocity=(0.0, 0.0) if route else fields.pair("velocity", (0.0, 0.0)),
         yaw_rate=radians(fields.number("yaw_rate", 0.0)),
@@ -433,9 +418,7 @@ def load_route(table: Fields) -> Route:
         if not isinstance(values, Mapping):
             table.fail("waypoints", "must hold points, as [2.5, 0] or { x = 2.5, y = 0, wait = 1 }")
         point = Fields(table.file, f"{table.inside('waypoints')} number {number}", values)
-        corner: Corner = "round"
-        named = point.text("corner", corner, CORNERS)
-        corner = next(name for name in CORNERS if name == named)
+        corner = cast(Corner, point.text("corner", "round", CORNERS))
         x, y = point.number("x"), point.number("y")
         found.append(Waypoint(x, y, point.number("speed", speed, low=LEAST), point.number("wait", 0.0, low=0), corner))
         point.done()
@@ -514,9 +497,6 @@ def _sensor(fields: Fields) -> Sensor:
     if fields.flag("clockwise", False):
         first, step = first + step * (beams - 1), -step
     range_min = fields.number("range_min", default.range_min, low=0)
-    lost_as: LostAs = "mixed"
-    named = fields.text("lost_as", lost_as, LOST_AS)
-    lost_as = next(name for name in LOST_AS if name == named)
     sensor = Sensor(
         beams=beams,
         angle_min=radians(first),
@@ -527,7 +507,7 @@ def _sensor(fields: Fields) -> Sensor:
         noise_per_metre=fields.number("noise_per_metre", 0.0, low=0, high=1),
         resolution=fields.number("resolution", 0.0, low=0, high=1),
         lost=fields.number("lost", 0.0, low=0, high=1),
-        lost_as=lost_as,
+        lost_as=cast(LostAs, fields.text("lost_as", "mixed", LOST_AS)),
         rate=fields.number("rate", default.rate, low=LEAST_RATE, high=1e6),
         topic=fields.text("topic", default.topic),
         frame_id=fields.text("frame_id", default.frame_id),
@@ -554,9 +534,7 @@ def _yaw(fields: Fields, default: float = 0.0) -> float:
 
 def _wall(fields: Fields) -> Entity:
     points = fields.points("points", 2)
-    if fields.flag("closed", False):
-        points = [*points, points[0]]
-    return wall(points)
+    return wall([*points, points[0]] if fields.flag("closed", False) else points)
 
 
 def _box(fields: Fields) -> Entity:
@@ -589,10 +567,9 @@ def _plant(fields: Fields) -> Entity:
 
 def _person(fields: Fields) -> Entity:
     """Read a person: two legs; a walker looks ahead and swings them in step with its speed unless told otherwise."""
-    motion = load_motion(fields)
+    motion = load_motion(fields, "yaw", "yaw_rate")
     gap, leg = fields.number("gap", 0.25, above=0), fields.number("leg", 0.12, above=0)
     if motion.route:
-        refuse_beside_route(fields, ("yaw", "yaw_rate"))
         return person(*_place(fields), _yaw(fields), gap, leg, motion)
     speed = hypot(*motion.velocity)
     heading = degrees(np.arctan2(motion.velocity[1], motion.velocity[0])) if speed else 0.0

@@ -204,8 +204,10 @@ def true_map(scene: Scene, sweeps: int, resolution: float) -> Occupancy:
         The ground that is seen has more than `MOST_CELLS` cells, there are more than `MOST_BEAMS` beams that take time, or
         nothing that stands still is seen.
     """
-    scene = _undisturbed(scene)
-    sensor = scene.sensor
+    faultless = {"noise": 0.0, "noise_per_metre": 0.0, "resolution": 0.0, "lost": 0.0, "mixed_pixels": 0.0, "flicker": 0.0}
+    sensor = replace(scene.sensor, lost_as="inf", beams_jitter=0, **faultless)  # type: ignore[arg-type]
+    still = tuple(replace(entity, lost=0.0) for entity in scene.entities if entity.motion.still)
+    scene = replace(scene, sensor=sensor, entities=still)
     different = min(sweeps, 1) if scene.still else sweeps
     if sensor.time_increment and different * sensor.beams > MOST_BEAMS:
         raise OptionError(
@@ -231,30 +233,10 @@ def true_map(scene: Scene, sweeps: int, resolution: float) -> Occupancy:
     return grid
 
 
-def _undisturbed(scene: Scene) -> Scene:
-    """Return the scene with the still entities only, and without faults of the sensor."""
-    sensor = replace(
-        scene.sensor,
-        noise=0.0,
-        noise_per_metre=0.0,
-        resolution=0.0,
-        lost=0.0,
-        lost_as="inf",
-        beams_jitter=0,
-        mixed_pixels=0.0,
-        flicker=0.0,
-    )
-    still = tuple(replace(entity, lost=0.0) for entity in scene.entities if entity.motion.still)
-    return replace(scene, sensor=sensor, entities=still)
-
-
 def _placed(scene: Scene, block: SimulatedBlock) -> Beams:
-    """Return the beams of a block in the world, exactly.
-
-    Beams that take time are a sweep each: within a sweep the way of a sensor is straight and even for `Beams`, but not on
-    a course that turns at once, where a laser that is not mounted on the axis leaps. With one hit to make an occupied cell
-    it makes no difference how many sweeps the beams are.
-    """
+    """Return the beams of a block in the world, exactly; those that take time are a sweep each."""
+    # Within a sweep the way of a sensor is straight and even for `Beams`, but not on a course that turns at once, where a
+    # laser that is not mounted on the axis leaps. With one hit to make an occupied cell it makes no difference.
     sensor = scene.sensor
     sweeps, beams = block.raw.ranges.shape
     batch = normalise(block.raw, block.first + np.arange(sweeps), RangeRules())

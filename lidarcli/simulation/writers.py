@@ -9,6 +9,7 @@ import tempfile
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from functools import partial
 from math import cos, sin
 from pathlib import Path
 from typing import IO, Any, NamedTuple
@@ -23,7 +24,6 @@ from rosbags.typesys.store import Typestore
 
 from lidarcli.choices import CONTAINER_BY_SUFFIX, CONTAINERS
 from lidarcli.errors import OptionError, OutputError
-from lidarcli.ros.mcap_file import start
 from lidarcli.ros.messages import (
     BAG_COMPRESSIONS,
     ODOMETRY,
@@ -37,6 +37,7 @@ from lidarcli.ros.messages import (
     ros1_definition,
     ros1_scans,
     ros2_definition,
+    start,
 )
 from lidarcli.simulation.generate import SimulatedPoses
 from lidarcli.sweeps import Float32, RawSweeps
@@ -47,7 +48,6 @@ class Encoding:
     """An encoding of sweeps and poses as bytes."""
 
     name: str
-    """`cdr` or `ros1`."""
     scan_type: str
     odometry_type: str
     tf_type: str
@@ -108,13 +108,11 @@ ROS1_BYTES = _ros("ros1", ROS1, ROS1.serialize_ros1, ros1=True)
 
 POINTCLOUD2 = "sensor_msgs/msg/PointCloud2"
 FLOOR, CEILING = -0.5, 2.0
-"""Heights of what lies below and above the sensor [m]."""
 NEAR = 0.6
 """Floor and ceiling are seen at so much of the range of what is behind them."""
 
 _POINT = np.dtype([("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("intensity", "<f4"), ("ring", "<u2")])
 _FLOAT32, _UINT16 = 7, 4
-"""Types of numbers in PointField."""
 
 
 def as_clouds(encoding: Encoding) -> Encoding:
@@ -196,28 +194,25 @@ SchemaOf = Callable[[str], tuple[str, str, bytes]]
 """Message type → name, encoding and text of its schema."""
 
 
-def _ros2_schema(name: str) -> tuple[str, str, bytes]:
-    return name, SchemaEncoding.ROS2, ros2_definition(name).encode()
-
-
-def _ros1_schema(name: str) -> tuple[str, str, bytes]:
-    return name.replace("/msg/", "/"), SchemaEncoding.ROS1, ros1_definition(name).encode()
-
-
 class McapEncoding(NamedTuple):
     """A way to write an MCAP."""
 
     messages: Encoding
     name: str
-    """Name that a channel has for it."""
     profile: str
-    """Profile of the file."""
     schema_of: SchemaOf
 
 
 ENCODINGS = {
-    "cdr": McapEncoding(CDR, MessageEncoding.CDR, "ros2", _ros2_schema),
-    "ros1": McapEncoding(ROS1_BYTES, MessageEncoding.ROS1, "ros1", _ros1_schema),
+    "cdr": McapEncoding(
+        CDR, MessageEncoding.CDR, "ros2", lambda name: (name, SchemaEncoding.ROS2, ros2_definition(name).encode())
+    ),
+    "ros1": McapEncoding(
+        ROS1_BYTES,
+        MessageEncoding.ROS1,
+        "ros1",
+        lambda name: (name.replace("/msg/", "/"), SchemaEncoding.ROS1, ros1_definition(name).encode()),
+    ),
 }
 
 
@@ -381,13 +376,12 @@ def write_lines(path: Path, lines: Iterable[str]) -> None:
             out.write("\n")
 
 
-def only_topic(blocks: Iterable[RawSweeps], what: str, instead: str = "") -> Iterator[RawSweeps]:
-    """Yield the blocks of a log of one topic; OptionError, with what to do `instead`, at a second topic."""
+def only_topic(blocks: Iterable[RawSweeps], what: str) -> Iterator[RawSweeps]:
+    """Yield the blocks of a log of one topic; OptionError at a second topic."""
     topic = None
     for block in blocks:
         if topic not in (None, block.topic):
-            hint = f": {instead}" if instead else ""
-            raise OptionError(f"{what} holds one topic, not {topic} and {block.topic}{hint}")
+            raise OptionError(f"{what} holds one topic, not {topic} and {block.topic}")
         topic = block.topic
         yield block
 
@@ -435,13 +429,7 @@ def frame_of(block: RawSweeps, row: int) -> str:
     return block.frame_ids[int(block.frame[row])]
 
 
-def stamp_parts(block: RawSweeps, row: int) -> list[str]:
-    """Return seconds and nanoseconds of the stamp of a sweep."""
-    return [str(part) for part in divmod(int(block.stamp_ns[row]), _S)]
-
-
 BAG_FOLDERS = ("ros2", "ros2-mcap")
-"""Containers that are a folder."""
 
 
 def container_of(path: Path) -> str:
@@ -515,23 +503,15 @@ def write_log(
     kind = check_options(target, container, compression, encoding, layout, clouds)
     if target.exists() or target.is_symlink():
         raise OutputError(f"{path}: exists already")
-    packed = {} if compression is None else {"compression": compression}
-    if kind == "mcap":
-        write_mcap(
-            target,
-            blocks,
-            encoding=ENCODINGS[encoding or "cdr"],
-            chunk_size=chunk_size,
-            poses=poses,
-            clouds=clouds,
-            **packed,
-        )
-    elif kind == "bag":
-        write_bag(target, blocks, poses=poses, clouds=clouds, **packed)
-    elif kind in BAG_FOLDERS:
-        storage = "mcap" if kind == "ros2-mcap" else "sqlite3"
-        write_folder(target, blocks, storage=storage, poses=poses, clouds=clouds, **packed)
-    elif kind == "db3":
-        write_db3(target, blocks, poses=poses, clouds=clouds)
-    else:
+    packed: dict[str, Any] = {} if compression is None else {"compression": compression}
+    if kind == "csv":
         write_csv(target, blocks, layout or "rostopic")
+        return
+    messages: dict[str, Callable[..., None]] = {
+        "mcap": partial(write_mcap, encoding=ENCODINGS[encoding or "cdr"], chunk_size=chunk_size, **packed),
+        "bag": partial(write_bag, **packed),
+        "ros2": partial(write_folder, **packed),
+        "ros2-mcap": partial(write_folder, storage="mcap", **packed),
+        "db3": write_db3,
+    }
+    messages[kind](target, blocks, poses=poses, clouds=clouds)

@@ -14,6 +14,7 @@ from google.protobuf.descriptor_pool import DescriptorPool
 from google.protobuf.message_factory import GetMessageClass
 from mcap.writer import CompressionType, IndexType, Writer
 
+from lidarcli.foxglove import SCAN, classes
 from tests.logs.scan_messages import scan
 
 COMPRESSIONS = {"none": CompressionType.NONE, "lz4": CompressionType.LZ4, "zstd": CompressionType.ZSTD}
@@ -87,40 +88,9 @@ def chunks(data: bytes) -> list[tuple[int, int]]:
     return [(first, end) for opcode, first, end in records(data) if opcode == 6]
 
 
-def scan_schema() -> descriptor_pb2.FileDescriptorSet:
-    """foxglove.LaserScan with the timestamp it imports, as an MCAP's schema record holds it."""
-    field = descriptor_pb2.FieldDescriptorProto
-    stamp = descriptor_pb2.FileDescriptorProto(
-        name="google/protobuf/timestamp.proto", package="google.protobuf", syntax="proto3"
-    )
-    message = stamp.message_type.add(name="Timestamp")
-    message.field.add(name="seconds", number=1, type=field.TYPE_INT64, label=field.LABEL_OPTIONAL)
-    message.field.add(name="nanos", number=2, type=field.TYPE_INT32, label=field.LABEL_OPTIONAL)
-    file = descriptor_pb2.FileDescriptorProto(
-        name="foxglove/LaserScan.proto", package="foxglove", syntax="proto3", dependency=[stamp.name]
-    )
-    message = file.message_type.add(name="LaserScan")
-    message.field.add(
-        name="timestamp",
-        number=1,
-        type=field.TYPE_MESSAGE,
-        type_name=".google.protobuf.Timestamp",
-        label=field.LABEL_OPTIONAL,
-    )
-    message.field.add(name="frame_id", number=2, type=field.TYPE_STRING, label=field.LABEL_OPTIONAL)
-    for number, name in ((4, "start_angle"), (5, "end_angle")):
-        message.field.add(name=name, number=number, type=field.TYPE_DOUBLE, label=field.LABEL_OPTIONAL)
-    for number, name in ((6, "ranges"), (7, "intensities")):
-        message.field.add(name=name, number=number, type=field.TYPE_DOUBLE, label=field.LABEL_REPEATED)
-    return descriptor_pb2.FileDescriptorSet(file=[file, stamp])
-
-
 def protobuf_scan(number: int) -> bytes:
     """Sweep `number` in protobuf."""
-    pool = DescriptorPool()
-    for file in reversed(scan_schema().file):
-        pool.Add(file)
-    message: Any = GetMessageClass(pool.FindMessageTypeByName("foxglove.LaserScan"))()
+    message: Any = classes()[SCAN]()
     message.timestamp.seconds = number
     message.timestamp.nanos = 8
     message.frame_id = "laser"

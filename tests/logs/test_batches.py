@@ -13,7 +13,6 @@ from lidarcli.errors import NoScanError
 from lidarcli.logs import batches
 from lidarcli.logs.base import LASERSCAN, ReadReport, Topic
 from lidarcli.logs.batches import ReadOptions, read_batches
-from lidarcli.range_rules import RangeRules
 from lidarcli.sweeps import RawSweeps, Status, SweepBatch
 from tests.fake_log import FakeLog
 from tests.sweeping import raw_sweeps
@@ -147,11 +146,6 @@ def test_stamps_that_jump_back_do_not_end_the_reading() -> None:
     assert sweeps(found) == [0, 1, 3, 5]
 
 
-def test_rules_reach_the_ranges() -> None:
-    found = run([block([2, 2])], rules=RangeRules(limits=(0.0, 1.5)))
-    assert found[0].status.tolist() == [[0, 0], [1, 1]]
-
-
 def test_very_wide_sweeps_use_smaller_batches(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(batches, "BATCH_VALUES", 1000)
     blocks = [block([10] * 50), block([10, 400, 10, 400, 10, 400], first=50), block([10] * 44, first=56)]
@@ -172,14 +166,6 @@ SCANS = [Topic("/scan", LASERSCAN, "cdr"), Topic("/rear", LASERSCAN, "cdr"), Top
 
 def blocks_of(*topics: str) -> list[RawSweeps]:
     return [block([3], topic=topic) for topic in topics]
-
-
-@pytest.mark.parametrize("topics", [SCANS, None])
-@pytest.mark.parametrize("name", ["/scan", "scan"])
-def test_a_leading_slash_makes_no_difference(topics: list[Topic] | None, name: str) -> None:
-    log = FakeLog(blocks_of("/scan", "/rear"), topics)
-    found = list(read_batches(log, ReadOptions(topics=(name,)), ReadReport()))
-    assert [batch.topic for batch in found] == ["/scan"]
 
 
 def test_a_leading_slash_counts_where_both_names_are_there() -> None:

@@ -350,17 +350,6 @@ def test_a_line_that_differs_from_most_of_its_laser_is_damage(fields: int, cause
     assert part.cause == f"{6 - fields} fields left over behind the 9 ranges it declares"
 
 
-@pytest.mark.parametrize("missing", [3, 6])
-@pytest.mark.parametrize("poses", ["1.500 2.500 0.100 1.500 2.500 0.100", POSES])
-def test_poses_are_no_ranges_where_all_lines_declare_too_many(missing: int, poses: str, tmp_path: Path) -> None:
-    """They are the same two, or have other decimals than the ranges."""
-    line = f"FLASER 20 {'4.125 ' * (20 - missing)}{poses} {{}} nohost 0\n"
-    start = line.replace(poses, "0 0 0 0 0 0") if poses != POSES else line
-    log = log_of(tmp_path, start.format(9) + "".join(map(line.format, range(10, 20))))
-    assert sum(map(len, log.scans())) == 0
-    assert {part.cause for part in log.report.damage} == {"it declares 20 ranges, but the last ones are poses"}
-
-
 @pytest.mark.parametrize("poses", [f" {POSES}", " 1.0 2.0 0.5", ""])
 def test_a_log_without_times_is_read_in_its_order(poses: str, tmp_path: Path) -> None:
     """With one note; where some lines have times, the others are damaged."""

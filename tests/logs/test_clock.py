@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lidarcli.logs.clock import HELD, Clock, Sample, mended
+from lidarcli.logs.clock import HELD, Clock, mended
 from lidarcli.sweeps import Int64, RawSweeps, concatenate
 from tests.pipeline.in_memory import block
 
@@ -35,18 +35,6 @@ def test_clock_does_not_depend_on_the_blocks() -> None:
     for k in range(0, 20, 3):
         parts.add(sweeps.rows(slice(k, k + 3)))
     assert parts.info() == whole.info()
-
-
-def test_sample_is_every_nth_value_whatever_the_pieces() -> None:
-    values = np.arange(1000)
-    for size in (1, 7, 64, 1000):
-        sample = Sample(kept=100)
-        for first in range(0, 1000, size):
-            sample.add(values[first : first + size])
-        assert np.concatenate(sample._parts).tolist() == values[:: sample._stride].tolist()
-        assert sample._count <= 100
-        assert sample.median() == pytest.approx(499.5, abs=8)
-    assert Sample().median() is None
 
 
 STEP, FIRST = 100_000_000, 1_700_000_000_000_000_000

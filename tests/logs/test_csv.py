@@ -5,8 +5,6 @@ from __future__ import annotations
 import gzip
 import io
 import re
-import sqlite3
-import struct
 import tracemalloc
 from dataclasses import replace
 from pathlib import Path
@@ -14,24 +12,20 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import lidarcli
 from lidarcli.choices import UNITS
-from lidarcli.cli import run
 from lidarcli.errors import OptionError, UnreadableError
 from lidarcli.logs.base import LASERSCAN, Damage, OpenOptions, ReadReport, Topic
 from lidarcli.logs.batches import ReadOptions, read_batches
 from lidarcli.logs.cells import shown
-from lidarcli.logs.csv.log import CsvLog as AnyCsvLog
-from lidarcli.logs.options import parse_columns
+from lidarcli.logs.csv import CsvLog as AnyCsvLog
+from lidarcli.logs.registry import parse_columns
 from lidarcli.sweeps import RawSweeps, concatenate
 from tests.logs.csv_sweeps import FIRST, START, STEP, sweeps
 from tests.logs.watched import CsvLog
-from tests.places import REAL_LOGS, needs_real_logs
 from tests.text_logs import LAYOUTS, write_csv
 
 GEOMETRY = OpenOptions(angle_min=FIRST, angle_increment=STEP)
 NAMED = replace(GEOMETRY, columns=("time", "ranges"))
-NO_GEOMETRY = ("wide", "drow")
 NO_FRAME = ("plotjuggler", "wide", "drow", "long", "per-sweep")
 OWN_RECORD = ("rostopic", "plotjuggler", "bagpy", "mcap", "list")
 ROS2 = "1,5,laser,-0.5,0.5,0.5,0.0,0.1,0.1,8.0,"
@@ -217,33 +211,6 @@ def test_list_damage_is_named_and_passed_over() -> None:
     ]
 
 
-@pytest.mark.slow
-@needs_real_logs
-def test_real_csv_equals_its_bag() -> None:
-    folder = REAL_LOGS / "ros2_selfdriving" / "full_bag_nav"
-    got, log = read(folder / "scan.csv", OpenOptions())
-    with sqlite3.connect(f"file:{folder}/full_bag_nav_0.db3?immutable=1", uri=True) as bag:
-        messages = bag.execute(
-            "select timestamp, data from messages where topic_id ="
-            " (select id from topics where name = '/scan') order by timestamp"
-        ).fetchall()
-    bag.close()
-    assert (len(got), len(messages), got.frame_ids) == (177, 177, ("base_scan",))
-    for row, (record, data) in enumerate(messages):
-        seconds, rest, size = struct.unpack_from("<iII", data, 4)
-        at = 4 + ((12 + size + 3) & ~3)
-        fields = struct.unpack_from("<7fI", data, at)
-        assert got.stamp_ns[row] == seconds * 10**9 + rest
-        # The CSV holds local time, an hour ahead, and says nothing of it.
-        assert got.record_ns[row] == record + 3600 * 10**9
-        assert (got.angle_min[row], got.angle_increment[row]) == (fields[0], fields[2])
-        assert (got.range_min[row], got.range_max[row], got.beams[row]) == (fields[5], fields[6], fields[7])
-        ranges = np.frombuffer(data, "<u4", fields[7], at + 32)
-        np.testing.assert_array_equal(got.ranges[row].view(np.uint32), ranges)
-    assert log.report.damage == []
-    assert "times without a zone are read as UTC" in log.report.notes[0]
-
-
 @pytest.mark.parametrize(
     ("times", "stamps"),
     [
@@ -343,15 +310,6 @@ def test_a_table_without_names_is_refused_with_names_to_copy(text: str, columns:
     assert np.nanmedian(got.ranges) < 10
 
 
-def test_columns_are_named_on_the_command_line_and_in_python(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    (tmp_path / "a.csv").write_text("1.5,5,6,7,8,5,6,7,8\n2.5,5,6,7,8,5,6,7,9\n")
-    assert run(["info", str(tmp_path / "a.csv"), "--columns", "time,ranges", "--fov", "3", "--brief"]) == 0
-    assert "/scan 2 x 8 beams" in capsys.readouterr().out
-    assert run(["info", str(tmp_path / "a.csv"), "--columns", "time,,ranges", "--fov", "3"]) == 2
-    [batch] = lidarcli.read(tmp_path / "a.csv", columns=["time", "ranges"], fov=3.0)
-    assert batch.beams.tolist() == [8, 8]
-
-
 def test_missing_cells_and_words() -> None:
     got, log = read_text("time,r0,r1,r2,r3,r4,r5\n1,,null,None,NaN,-inf,+Infinity\n2, 1.5 ,.inf,-.inf,1.#INF,--,1e3\n")
     nan, inf = np.nan, np.inf
@@ -407,12 +365,6 @@ def test_trailing_empty_cells_are_no_beams_where_the_view_says_so() -> None:
     text = "Time,header.seq,angle_min,angle_max,angle_increment,ranges_0,ranges_1,ranges_2,ranges_3\n"
     got, _ = read_text(text + "1,0,0,0.3,0.1,5,6,7,\n2,1,0,0.2,0.1,5,6,,\n3,2,0,0.1,0.1,5,6,,\n")
     assert got.beams.tolist() == [4, 3, 2]
-
-
-def test_millimetres() -> None:
-    got, _ = read_text("time,r0,r1,r2\n1,1234,0.5,inf\n", OpenOptions(fov=1.0, range_scale=0.001, range_max=5.0))
-    np.testing.assert_array_equal(got.ranges, np.array([[1.234, 0.0005, np.inf]], np.float32))
-    assert (got.range_max[0], got.range_min[0]) == (5.0, 0.0)
 
 
 @pytest.mark.parametrize(
@@ -502,16 +454,6 @@ def test_one_sweep_per_file(tmp_path: Path) -> None:
     (tmp_path / "1714555596.445048407").write_text("theta,r\n0.0,1\n0.5,2\n")
     got, log = read(tmp_path / "1714555596.445048407", OpenOptions())
     assert (got.stamp_ns.tolist(), log.format) == ([START], "csv (one file per sweep)")
-
-
-def test_whole_logs_in_a_folder_are_not_sweeps(tmp_path: Path) -> None:
-    write_csv(tmp_path / "a.csv", [sweeps(3, 5)], "rostopic")
-    with pytest.raises(UnreadableError) as error:
-        CsvLog(tmp_path)
-    assert str(error.value) == (
-        f"{tmp_path}: a.csv is a log of its own (csv (rostopic echo -p)), not one sweep (bearing, range):"
-        " name the files one by one"
-    )
 
 
 @pytest.mark.parametrize("layout", ["rostopic", "ros2", "wide", "bagpy", "plotjuggler", "drow"])
@@ -623,17 +565,6 @@ def test_header_without_rows_is_a_log_without_sweeps(tmp_path: Path) -> None:
     with CsvLog(io.BytesIO(text)) as log:
         assert list(log.scans()) == []
         assert (log.report.damage, len(log.topics() or [])) == ([], 1)
-
-
-@pytest.mark.slow
-def test_rows_of_a_hundred_thousand_beams() -> None:
-    beams = 100_000
-    row = ",".join(f"{i % 97}.25" for i in range(beams))
-    want = np.arange(beams, dtype=np.float32) % 97 + np.float32(0.25)
-    got, _ = read_text("time," + ",".join(f"r{i}" for i in range(beams)) + f"\n1.0,{row}\n2.0,{row}\n")
-    np.testing.assert_array_equal(got.ranges, np.tile(want, (2, 1)))
-    got, _ = read_text(f"1.0,{row}\n2.0,{row}\n3.0,1,2,3\n", NAMED)
-    assert got.beams.tolist() == [beams, beams, 3]
 
 
 class _Endless(io.RawIOBase):

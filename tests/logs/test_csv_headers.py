@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import re
 import sys
 from collections import Counter
 from collections.abc import Callable, Sequence
@@ -15,7 +14,6 @@ import pytest
 from lidarcli.errors import LidarcliError
 from lidarcli.logs.base import OpenOptions
 from lidarcli.logs.csv.layouts import FIELDS, FieldIndex, canonical
-from lidarcli.logs.csv.table import empty_lists
 from tests.logs.watched import CsvLog
 
 SIZE = 1_000_000
@@ -61,20 +59,6 @@ def test_the_fields_are_those_of_a_slow_look_at_every_name() -> None:
     assert found > 3000
 
 
-def test_lists_that_nothing_closes_stay() -> None:
-    texts = [b'a,[1,2],"x,y",[3', b'"a [1] b",[', b'[1, "2", 3', b"[[1]],[", b'["a"', b'[x"', b'"[",1,"']
-    for text in texts:
-        assert empty_lists(text) == re.sub(rb"\[[^\]]*\]", b"[]", text)
-
-
-def many_scans(scans: int, rows: int) -> bytes:
-    """A table with 20 columns of time for each scan."""
-    ranges = ",".join(f"{scan}/ranges{beam}" for scan in range(scans) for beam in range(3))
-    header = f"time,{ranges}," + "t," * (20 * scans)
-    row = ",".join(["1"] * (header.count(",") + 1))
-    return "\n".join([header, *[row] * rows, ""]).encode()
-
-
 def plotjuggler(topics: int, rows: int) -> bytes:
     """An export of many scans of three beams."""
     fields = ["angle_min", "angle_max", "angle_increment", "range_min", "range_max", "ranges[0]", "ranges[1]", "ranges[2]"]
@@ -93,21 +77,6 @@ def calls(work: Callable[[], object]) -> int:
     finally:
         sys.setprofile(None)
     return counted["call"] + counted["c_call"]
-
-
-def read_all(data: bytes) -> None:
-    with CsvLog(io.BytesIO(data), OpenOptions(fov=1.0)) as log:
-        for _ in log.scans():
-            pass
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("table", [plotjuggler, many_scans], ids=["plotjuggler", "times"])
-def test_twice_the_scans_of_a_table_are_twice_the_work(table: Callable[[int, int], bytes]) -> None:
-    data, twice = table(200, 3), table(400, 3)
-    # What is imported and cached at first does not count.
-    read_all(data)
-    assert calls(lambda: read_all(twice)) < 2.1 * calls(lambda: read_all(data))
 
 
 @pytest.mark.slow

@@ -13,24 +13,16 @@ from tests.text_logs import LAYOUTS, write_csv
 
 BEAMS = "convert it to CSV with a column per beam (`time,r0,r1,...` in the first line)"
 POSES = "it holds poses, no ranges"
-POINTS = "it holds points, no sweeps; record the LaserScan topic itself"
 RECORD = "record with `ros2 bag record` or `rosbag record`, or print with `ros2 topic echo --csv --full-length`"
 TUM = "".join(f"{1000 + row}.5 {row} 0.5 0 0 0 0.6 0.8\n" for row in range(9))
 
 TEXTS = {
-    "# .PCD v0.7 - Point Cloud Data file format\nVERSION 0.7\nFIELDS x y z\n": ("a point cloud (PCD)", POINTS),
-    "VERSION 0.7\nFIELDS x y z\nSIZE 4 4 4\n": ("a point cloud (PCD)", POINTS),
-    "ply\nformat ascii 1.0\nelement vertex 3\n": ("a point cloud or mesh (PLY)", POINTS),
-    "ply\r\nformat binary_little_endian 1.0\r\nend_header\r\n\0\1\2\3": ("a point cloud or mesh (PLY)", POINTS),
     "# timestamp tx ty tz qx qy qz qw\n" + TUM: ("a trajectory (TUM)", POSES),
     TUM: ("a trajectory (TUM)", POSES),
-    "VERTEX_SE2 0 0.0 0.0 0.0\nEDGE_SE2 0 1 1 0 0\n": ("a pose graph (g2o)", POSES),
     "version https://git-lfs.github.com/spec/v1\noid sha256:ab\nsize 3\n": (
         "a pointer of Git LFS, not the file itself",
         "fetch it with `git lfs pull`",
     ),
-    "LaserOdometryLog\n#Created by ArLaserLogger\nversion: 4\n": ("an ARIA log", BEAMS),
-    "## Player version 3.0.2\n0000000012.500 16777343 6665 laser 00 001 001 0001\n": ("a Player log", BEAMS),
     '{"ranges": [1.0, 2.0]}\n': ("JSON", BEAMS),
     '[{"ranges": [1.0, 2.0]}]\n': ("JSON", BEAMS),
     "[[1.0, 2.0],\n [1.0, 2.0]]\n": ("JSON", BEAMS),
@@ -53,12 +45,7 @@ def test_it_is_named_with_the_way_out(text: str, tmp_path: Path, capsys: pytest.
     path = tmp_path / "log.txt"
     path.write_bytes(text.encode())
     assert run(["info", str(path), "--fov", "180", "--degrees"]) == 3
-    message = f"lidarcli: {path}: {name}, which lidarcli does not read: {way_out}\n"
-    if "\0" not in text:
-        assert capsys.readouterr() == ("", message)
-    else:
-        # Binary data behind a head of text never gets as far as a reader of text.
-        assert capsys.readouterr().err.startswith(f"lidarcli: {path}: ")
+    assert capsys.readouterr() == ("", f"lidarcli: {path}: {name}, which lidarcli does not read: {way_out}\n")
 
 
 @pytest.mark.parametrize("layout", [name for name in LAYOUTS if name != "per-sweep"])

@@ -283,20 +283,6 @@ def test_a_database_of_a_few_bytes(tmp_path: Path, size: int) -> None:
 # Row ids.
 
 
-@pytest.mark.parametrize("wrong", ["NULL", "'seven'", "1.5", "x'00'"])
-def test_row_ids_that_are_no_whole_numbers(tmp_path: Path, wrong: str) -> None:
-    path = tmp_path / "run.db3"
-    database = bag(path)
-    database.execute("ALTER TABLE messages RENAME TO m")
-    database.execute(MESSAGES.replace("INTEGER PRIMARY KEY", "BLOB"))
-    database.execute("INSERT INTO messages SELECT * FROM m")
-    database.execute(f"UPDATE messages SET id = {wrong} WHERE id = 7")
-    database.execute("DROP TABLE m")
-    database.close()
-    # The number of a row is its own, whatever a column of that name holds.
-    assert read(path) == (list(range(20)), [])
-
-
 def test_times_that_are_no_whole_numbers(tmp_path: Path) -> None:
     """They were left out without a word."""
     path = tmp_path / "run.db3"

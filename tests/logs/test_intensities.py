@@ -16,7 +16,7 @@ from lidarcli.logs.base import ReadReport
 from lidarcli.sweeps import RawSweeps, concatenate
 from tests.places import SAMPLES
 from tests.sweeping import raw_sweeps
-from tests.text_logs import LAYOUTS, write_log
+from tests.text_logs import write_log
 from tools.fuzz.containers import poses
 
 ROWS, BEAMS = 6, 11
@@ -97,16 +97,6 @@ def test_remissions_are_lines_of_their_own(tmp_path: Path) -> None:
     found, _ = read(tmp_path / "run.log", "/front_laser")
     np.testing.assert_array_equal(found.ranges, raw.ranges[:2])
     assert found.intensities is None
-
-
-@pytest.mark.parametrize("layout", sorted({*LAYOUTS} - {*WITH, "drow"}))
-def test_other_layouts_have_no_place_for_them(layout: str, tmp_path: Path) -> None:
-    name = "run" if layout == "per-sweep" else "run.csv"
-    write_log(tmp_path / name, [lit()], container="csv", layout=layout)
-    columns = "seq,time,ranges" if layout == "drow" else ""
-    (batch,) = lidarcli.read(tmp_path / name, angle_min=-1.0, angle_increment=0.2, columns=columns)
-    assert len(batch) == ROWS
-    assert batch.intensities is None
 
 
 @pytest.mark.parametrize("case", CASES)

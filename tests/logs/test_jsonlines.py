@@ -6,20 +6,14 @@ import gzip
 import io
 import json
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-import lidarcli
-from lidarcli.cli import run
 from lidarcli.logs import open_log
 from lidarcli.logs.base import MAX_BEAMS, POSE_TYPES, Damage, OpenOptions, ReadReport
 from lidarcli.sweeps import RawSweeps
-from tests.places import SAMPLES
-from tests.sweeping import raw_sweeps
-from tests.text_logs import simulate, write_jsonlines
 
 STAMP = 1_700_000_000_000_000_000
 LASER = (
@@ -117,23 +111,6 @@ def test_one_of_several_echoes_counts(echo: str, ranges: list[float], intensitie
     np.testing.assert_array_equal(got.intensities, np.array([intensities], np.float32))
 
 
-def test_strengths_that_are_none_cost_no_sweep() -> None:
-    data = json.loads(laser()) | {
-        "ranges": [{"echoes": [1.0, 2.0]}, {"echoes": [2.0, 3.0]}, {"echoes": [3.0]}],
-        "intensities": [{"echoes": ["a", 2.0]}, {"echoes": [1.0, 9.0]}, {"echoes": [None]}],
-    }
-    with open_log(io.BytesIO(line(json.dumps(data)).encode()), opening=OpenOptions(echo="strongest")) as log:
-        [block] = log.scans(None, ReadReport())
-    assert block.ranges.tolist() == [[2.0, 3.0, 3.0]]
-
-
-def test_intensities_are_kept() -> None:
-    got = one(line(laser().replace('"intensities":[]', '"intensities":[12.5,null,900,7]')))
-    assert got.intensities is not None
-    np.testing.assert_array_equal(got.intensities, np.array([[12.5, np.nan, 900.0]], np.float32))
-    assert one(line(laser())).intensities is None
-
-
 def test_topics_stay_apart_and_others_are_passed_over() -> None:
     text = (line(laser()) + line(ODOMETRY, "/odom") + line(laser(), "/rear \\u00e9")) * 300
     blocks, report = read(text)
@@ -177,13 +154,6 @@ def test_bad_lines_are_named_by_number() -> None:
     ]
 
 
-def test_json_of_another_program_is_not_called_broken() -> None:
-    text = '{"topic":"room/1","sequence":5,"log_time":"2023-11-14T22:13:20Z","payload":{"x":1}}\n'
-    blocks, report = read(text + line(laser()))
-    assert sum(map(len, blocks)) == 1
-    assert report.damage == [Damage("line 1", "no message of `mcap cat --json`")]
-
-
 def test_limits_that_are_null_are_none() -> None:
     none = {"range_min": None, "range_max": None, "time_increment": None, "scan_time": None}
     got = one(line(json.dumps(json.loads(laser()) | none)))
@@ -212,30 +182,3 @@ def test_a_message_that_can_be_no_sweep_is_counted(change: dict[str, Any], cause
     assert sum(map(len, blocks)) == 1
     assert report.damage == []
     assert report.refused[("/scan", cause)] == 1 + (cause == "not a LaserScan")
-
-
-def test_hostile_text_is_bounded() -> None:
-    deep = line("[" * 100_000 + "]" * 100_000)
-    many = "".join(line(ODOMETRY, f"/{n}") for n in range(20_000))
-    blocks, report = read(deep + many + line(laser()))
-    assert sum(map(len, blocks)) == 1
-    assert [damage.cause for damage in report.damage] == ["not JSON"]
-
-
-def test_what_the_simulator_writes_is_read_back(tmp_path: Path) -> None:
-    ranges = np.array([[1.00012, np.nan, 3.0, np.inf, -np.inf, 0.0]], np.float32)
-    raw = raw_sweeps(ranges, angle_min=-0.3, angle_increment=0.1, stamp_ns=np.array([STAMP + 1]))
-    write_jsonlines(tmp_path / "run.jsonl", [raw])
-    got = one((tmp_path / "run.jsonl").read_bytes())
-    for name in ("ranges", "stamp_ns", "record_ns", "angle_min", "angle_increment", "range_min", "range_max"):
-        np.testing.assert_array_equal(getattr(got, name), getattr(raw, name), name)
-
-
-def test_the_commands_read_it(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    log = tmp_path / "run.jsonl"
-    simulate(SAMPLES / "people.toml", log, sweeps=3)
-    assert run(["info", str(log)]) == 0
-    text = capsys.readouterr().out
-    assert "json lines" in text
-    assert "/scan" in text
-    assert len(set(lidarcli.detect(log)["sweep"].to_pylist())) == 3

@@ -185,17 +185,3 @@ def test_intensities_beyond_the_message_cost_no_sweep(encoding: str, declared: i
     assert raw.ranges.tolist() == [[1.0, 2.0, 3.0]] * 2
     np.testing.assert_array_equal(intensities_of(raw), [[np.nan] * 3, [5.0, 6.0, 7.0]])
     assert not report.refused
-
-
-def test_sweeps_without_intensities_have_none() -> None:
-    raw, _ = read([scan([1.0, 2.0]), scan([3.0])])
-    assert raw is not None
-    assert raw.intensities is None
-
-
-def test_many_frames_keep_their_rows() -> None:
-    names = [f"f{i % 50}".encode() for i in range(200)]
-    raw, _ = read([scan([1.0], frame=name) for name in names])
-    assert raw is not None
-    assert [raw.frame_ids[code] for code in raw.frame] == [name.decode() for name in names]
-    assert len(raw.frame_ids) == 50

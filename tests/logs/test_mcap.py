@@ -13,6 +13,7 @@ from mcap.writer import IndexType, Writer
 
 from lidarcli.errors import UnreadableError
 from lidarcli.foxglove import SCAN as FOXGLOVE_SCAN
+from lidarcli.foxglove import descriptors
 from lidarcli.logs import foxglove, mcap
 from lidarcli.logs.base import LASERSCAN, ReadReport, Topic
 from lidarcli.pipeline.detecting import detect_to_files
@@ -31,7 +32,7 @@ IDL = ("sensor_msgs/msg/LaserScan", "ros2idl", samples.LASERSCAN_IDL)
 ROS1 = ("sensor_msgs/LaserScan", "ros1msg", samples.LASERSCAN_MSG.replace(b"std_msgs/", b""))
 NO_TEXT = ("sensor_msgs/msg/LaserScan", "ros2msg", b"")
 JSON = (FOXGLOVE_SCAN, "jsonschema", b"{}")
-PROTOBUF = (FOXGLOVE_SCAN, "protobuf", samples.scan_schema().SerializeToString())
+PROTOBUF = (FOXGLOVE_SCAN, "protobuf", descriptors().SerializeToString())
 
 
 def read(source: Any, topics: set[str] | None = None) -> tuple[RawSweeps | None, ReadReport]:
@@ -138,17 +139,6 @@ def test_a_stream_can_be_read_once() -> None:
     assert sum(map(len, log.scans())) == 2
     with pytest.raises(UnreadableError, match="a stream can be read only once"):
         list(log.scans())
-
-
-def test_messages_of_other_types(tmp_path: Path) -> None:
-    path = tmp_path / "run.mcap"
-    path.write_bytes(sample(3, chatter=2))
-    with McapLog(path) as log:
-        found = list(log.messages({"std_msgs/msg/String"}))
-    assert [message.record_ns for message in found] == [1, 1, 11, 11, 21, 21]
-    assert {(m.topic, m.type, m.encoding, m.data) for m in found} == {
-        ("/chat", "std_msgs/msg/String", "cdr", b"\0\1\0\0" + b"x" * 40)
-    }
 
 
 def test_publishers_of_one_topic_stay_in_order(tmp_path: Path) -> None:
@@ -305,28 +295,6 @@ def test_a_scan_of_ros_in_json(tmp_path: Path, schema: str, stamp: Any) -> None:
     assert raw is not None
     assert raw.time_increment is not None
     assert (raw.angle_increment[0], raw.range_max[0], raw.time_increment[0]) == (0.5, 99.0, 0.25)
-
-
-def test_json_of_ros_without_numbers(tmp_path: Path) -> None:
-    """As Python writes them, and as JavaScript does; with limits that are null, echoes, and no scan at all."""
-    path = tmp_path / "run.mcap"
-    values = [float("inf"), float("nan"), None, "Infinity", 2.5]
-    echoes = [{"echoes": [1, 2]}, {"echoes": []}]
-    payloads = [
-        ros_json(0, {"sec": 0, "nanosec": 8}, ranges=values, range_max=None),
-        ros_json(1, {"sec": 1}, ranges=echoes),
-        b"[]",
-        ros_json(3, "yesterday"),
-        ros_json(4, {"sec": 4}, angle_min=None),
-    ]
-    schema = ("sensor_msgs/msg/MultiEchoLaserScan", "jsonschema", b"{}")
-    path.write_bytes(sample(5, schema=schema, encoding="json", payload=payloads.__getitem__))
-    raw, report = read(path)
-    assert raw is not None
-    np.testing.assert_array_equal(raw.ranges[0], np.float32([np.inf, np.nan, np.nan, np.inf, 2.5]))
-    np.testing.assert_array_equal(raw.ranges[1, :2], np.float32([1, np.nan]))
-    assert raw.range_max.tolist() == [np.inf, 99.0]
-    assert report.refused == {("/scan", foxglove.NOT_SCAN): 3}
 
 
 def test_a_scan_of_ros_in_protobuf(tmp_path: Path) -> None:

@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import strategies as st
 
 import lidarcli
 from lidarcli.choices import ECHOES
@@ -20,26 +19,9 @@ from tests.logs.test_laserscan import intensities_of, read
 from tests.logs.test_odd_logs import WRITERS, written
 
 NAN = float("nan")
-Lists = list[list[float]]
 
 SECOND = [[1.0, 9.0], [2.0, 8.0], [3.0, 7.0]]
 STRENGTHS = [[10.0, 20.0], [40.0, 30.0], [NAN, 5.0]]
-
-
-def chosen(echoes: Lists, strengths: Lists, echo: str) -> tuple[list[float], list[float]]:
-    """Range and intensity of each beam, one beam after the other."""
-    ranges, intensities = [], []
-    for beam, values in enumerate(echoes):
-        known = strengths[beam] if beam < len(strengths) else []
-        which = len(values) - 1 if echo == "last" else 0
-        if echo == "strongest":
-            for other in range(min(len(values), len(known))):
-                best = known[which] if which < len(known) else NAN
-                if known[other] > best or (np.isnan(best) and not np.isnan(known[other])):
-                    which = other
-        ranges.append(values[which] if values else NAN)
-        intensities.append(known[which] if values and which < len(known) else NAN)
-    return ranges, intensities
 
 
 @pytest.mark.parametrize("encoding", ["cdr", "ros1"])
@@ -74,10 +56,6 @@ def test_echoes_beyond_the_message_are_refused_intensities_are_not(encoding: str
     assert raw.ranges[2, 0] == 1.0
     assert raw.intensities is None
     assert report.refused == {("/scan", laserscan.RANGES_BEYOND): 1}
-
-
-floats = st.floats(width=32, allow_infinity=True)
-lists = st.lists(st.lists(floats, max_size=4), max_size=6)
 
 
 def test_every_cut_of_a_message_is_refused_or_has_all_ranges() -> None:

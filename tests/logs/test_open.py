@@ -6,14 +6,12 @@ import gzip
 import io
 import os
 import shutil
-import sqlite3
 import subprocess
 import sys
 import threading
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 import zstandard
 
@@ -42,18 +40,6 @@ def test_content_decides_not_the_suffix(tmp_path: Path, name: str) -> None:
         with open_log(source) as log:
             assert (log.path, log.format) == (str(path), "mcap")
             assert sum(map(len, log.scans(None, ReadReport()))) == 5
-
-
-@pytest.mark.parametrize(
-    ("sample", "format_name"),
-    [("room.mcap", "mcap"), ("corridor.bag", "ros1 bag"), ("drive.db3", "ros2 bag (sqlite3)"), ("hall", "ros2 bag")],
-)
-def test_every_container_among_the_samples(sample: str, format_name: str) -> None:
-    with open_log(SAMPLES / sample) as log:
-        assert log.format.startswith(format_name)
-        blocks = list(log.scans(None, ReadReport()))
-        assert sum(map(len, blocks)) > 10
-        assert np.isfinite(concatenate(blocks).ranges).any()
 
 
 @pytest.mark.parametrize("sample", ["room.mcap", "corridor.bag"])
@@ -143,14 +129,6 @@ def test_a_database_on_a_pipe(tmp_path: Path) -> None:
     )
 
 
-def test_a_foreign_database(tmp_path: Path) -> None:
-    path = tmp_path / "some.db"
-    with sqlite3.connect(path) as database:
-        database.execute("create table t (x)")
-    database.close()
-    assert refusal(path).startswith(f"{path}: ")
-
-
 def test_a_named_pipe_is_a_stream(tmp_path: Path) -> None:
     path = tmp_path / "pipe"
     os.mkfifo(path)
@@ -214,7 +192,6 @@ def test_a_log_costs_only_the_libraries_of_its_container(tmp_path: Path) -> None
 def test_the_first_format_that_claims_a_beginning(head: bytes, name: str) -> None:
     known = next(known for known in FORMATS if known.sniff(head))
     assert known.name == name
-    assert callable(known.load())
 
 
 def test_a_pattern_is_one_log(tmp_path: Path) -> None:

@@ -14,7 +14,6 @@ import pytest
 
 import lidarcli
 from lidarcli.cli import run
-from lidarcli.logs import open_log
 from lidarcli.logs.base import ReadReport
 from lidarcli.logs.batches import ReadOptions, read_batches
 from lidarcli.logs.piles import WINDOW, WINDOW_VALUES
@@ -22,7 +21,6 @@ from lidarcli.range_rules import RangeRules
 from lidarcli.simulation.writers import write_mcap
 from lidarcli.sweeps import Float32, RawSweeps, Status, SweepBatch
 from tests.fake_log import FakeLog
-from tests.places import REAL_LOGS, needs_real_logs
 from tests.sweeping import raw_sweeps
 from tests.text_logs import write_carmen, write_csv
 
@@ -345,19 +343,3 @@ def test_any_container_has_piles(name: str, tmp_path: Path) -> None:
     with pytest.warns(UserWarning, match="end at 30 m"):
         batches = list(lidarcli.read(path))
     assert (statuses(batches) == NO_RETURN).tolist() == (block.ranges == 30.0).tolist()
-
-
-@needs_real_logs
-@pytest.mark.parametrize(("name", "limit"), [("acapulco", 51.14), ("edmonton", 51.1), ("belgioioso", None)])
-def test_real_sensors(name: str, limit: float | None) -> None:
-    """A SICK that writes 51.15 m, one of which a parameter says 10 m, and one that writes 81.91 m, as its class does."""
-    path = REAL_LOGS.parent / "judged" / "logs" / "carmen_ple" / f"{name}-corrected.log.gz"
-    if not path.is_file():
-        pytest.skip("not among the recordings")
-    report = ReadReport()
-    with open_log(str(path)) as log:
-        for _ in read_batches(log, ReadOptions(), report):
-            pass
-    assert report.no_return == ({} if limit is None else {"/front_laser": pytest.approx(limit)})
-    stuck = [note for note in report.doubted() if "beam 180 is 50 m wherever the robot goes" in note]
-    assert len(stuck) == (name == "acapulco")

@@ -19,7 +19,6 @@ from lidarcli.logs.base import LASERSCAN, Topic
 from lidarcli.logs.rosbag1 import parse
 from tests.logs.numbered import indices, laser_scan, record_time
 from tests.logs.watched import Rosbag1Log
-from tests.places import REAL_LOGS, needs_real_logs
 
 STORE = get_typestore(Stores.ROS1_NOETIC)
 TYPES = STORE.types
@@ -371,35 +370,3 @@ def test_encrypted(tmp_path: Path) -> None:
 
 
 # Real logs.
-
-COUNTS = {
-    "scan_tools/laser_scan_matcher_demo.bag": {"/scan": 360},
-    "scan_tools/laser_scan_matcher_demo_ros2branch_20230219.bag": {"/scan": 360},
-    "obstacle_detector/scans_demo.bag": {"/front_scan": 331, "/rear_scan": 330},
-    "leg_tracker/demo_stationary_simple_environment.bag": {"/scan": 1265},
-    "leg_tracker/negative_2.bag": {"/left_scan": 435, "/rear_scan": 435, "/right_scan": 434},
-    "leg_tracker/positive_1_extracted.bag": {"/training_scan": 197},
-    "leg_tracker/positive_2_extracted.bag": {"/training_scan": 83},
-    "leg_tracker/positive_3_extracted.bag": {"/training_scan": 175},
-    "leg_tracker/positive_6_extracted.bag": {"/training_scan": 187},
-    "datmo/overtake_ego.bag": {"/scan": 135},
-    "datmo/parallel.bag": {"/scan": 219},
-    "robots_ii/mylaserdata_20151128.bag": {"/car_1/scan": 199},
-    "robots_ii/src_mylaserdata_20151128.bag": {"/robot_0/base_scan": 153},
-    "turtlebot/topics.bag": {"/scan": 9},
-    "pr2/mylaserdata.bag": {"/base_scan": 32},
-}
-
-
-@pytest.mark.slow
-@needs_real_logs
-@pytest.mark.parametrize("name", COUNTS)
-def test_real_logs(name: str) -> None:
-    with Rosbag1Log(str(REAL_LOGS / name)) as log:
-        counts: dict[str, int] = {}
-        for block in log.scans():
-            counts[block.topic] = counts.get(block.topic, 0) + len(block)
-        assert counts == COUNTS[name]
-        assert log.report.damage == []
-        assert not log.report.refused
-        assert {t.name: t.messages for t in log.topics() if t.type == LASERSCAN} == counts

@@ -7,8 +7,6 @@ import random
 import re
 import shutil
 import sqlite3
-import sys
-import tempfile
 from pathlib import Path
 from typing import Any
 
@@ -17,19 +15,14 @@ import zstandard
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
-from lidarcli import newfiles
 from lidarcli.errors import UnreadableError
-from lidarcli.logs import base, open_log, unpacking
+from lidarcli.logs import base, unpacking
 from lidarcli.logs.base import LASERSCAN, Topic
 from lidarcli.logs.rosbag2 import read_folder
-from lidarcli.logs.rosbag2_salvage import Salvage
 from lidarcli.logs.unpacking import unpack_file
-from lidarcli.simulation.writers import write_log
 from tests.logs.numbered import indices, laser_scan, ranges_of, record_time
 from tests.logs.numbered import read_bag as read
 from tests.logs.watched import Rosbag2Log
-from tests.places import REAL_LOGS, needs_real_logs
-from tests.sweeping import room_sweeps
 
 STORE = get_typestore(Stores.ROS2_HUMBLE)
 TYPES = STORE.types
@@ -266,21 +259,6 @@ def test_truncation_gives_what_is_whole(tmp_path: Path, beams: int) -> None:
         ), damage[0]
 
 
-def test_salvage_equals_sqlite(tmp_path: Path) -> None:
-    for beams in (37, 3000, 20_000):
-        file = write_bag(tmp_path / f"bag{beams}", range(10), beams=beams)
-        database = sqlite3.connect(file)
-        messages = database.execute("SELECT id, topic_id, timestamp, data FROM messages ORDER BY id").fetchall()
-        topics = database.execute("SELECT id, name, type, serialization_format FROM topics").fetchall()
-        database.close()
-        with file.open("rb") as stream:
-            salvage = Salvage(stream)
-            found = salvage.find()
-            assert list(salvage.messages(found, {1, 2}, 0)) == messages
-            assert list(found.topics.values()) == topics
-            assert found.missing == 0
-
-
 def test_a_flipped_page_costs_its_own_messages_alone(tmp_path: Path) -> None:
     file = write_bag(tmp_path / "bag", beams=361)
     data = file.read_bytes()
@@ -353,12 +331,6 @@ def test_several_files_in_numeric_order(tmp_path: Path) -> None:
         assert log.position == log.size
 
 
-def test_metadata_gives_the_order(tmp_path: Path) -> None:
-    split_bag(tmp_path / "bag", 3)
-    metadata(tmp_path / "bag", ["bag_2.db3", "bag/bag_0.db3", "bag_1.db3"])
-    assert read(tmp_path / "bag") == ([*range(10, 15), *range(10)], [])
-
-
 @pytest.mark.parametrize("lines", ["[bag_1.db3, 'bag_0.db3']", '\n  - "bag_1.db3"\n  - bag/bag_0.db3 '])
 def test_ways_to_write_a_list(tmp_path: Path, lines: str) -> None:
     split_bag(tmp_path / "bag", 2)
@@ -423,9 +395,9 @@ def test_packed_and_unpacked_twins_are_read_once(tmp_path: Path) -> None:
     for part in range(2):
         file = tmp_path / "bag" / f"bag_{part}.db3"
         (tmp_path / "bag" / f"bag_{part}.db3.zstd").write_bytes(zstandard.compress(file.read_bytes()))
-    assert [file.name for file in read_folder(tmp_path / "bag").files] == ["bag_0.db3", "bag_1.db3"]
+    assert [file.name for file in read_folder(tmp_path / "bag")[0]] == ["bag_0.db3", "bag_1.db3"]
     metadata(tmp_path / "bag", ["bag_0.db3.zstd", "bag_1.db3.zstd"])
-    assert [file.name for file in read_folder(tmp_path / "bag").files] == ["bag_0.db3.zstd", "bag_1.db3.zstd"]
+    assert [file.name for file in read_folder(tmp_path / "bag")[0]] == ["bag_0.db3.zstd", "bag_1.db3.zstd"]
     assert read(tmp_path / "bag") == (list(range(10)), [])
 
 
@@ -536,45 +508,3 @@ def test_files_that_are_no_bag(tmp_path: Path) -> None:
 
 
 # Real logs.
-
-COUNTS = {
-    "ros2_selfdriving/full_bag_nav": 177,
-    "ros2_selfdriving/full_bag_nav/full_bag_nav_0.db3": 177,
-    "ros2_selfdriving/circular_bag_framed_0522": 136,
-    "ros2_selfdriving/empty_bag": 0,
-    "ros2_selfdriving/test": 0,
-    "my_gazebo_tutorials/20_53_49": 134,
-    "my_gazebo_tutorials/20_46_08": 118,
-}
-
-
-@pytest.mark.slow
-@needs_real_logs
-@pytest.mark.parametrize("name", COUNTS)
-def test_real_logs(name: str) -> None:
-    with Rosbag2Log(str(REAL_LOGS / name)) as log:
-        assert sum(map(len, log.scans())) == COUNTS[name]
-        assert log.report.damage == []
-        assert not log.report.refused
-        notes = {
-            "my_gazebo_tutorials/20_46_08": (
-                "metadata.yaml holds an unresolved merge conflict, the storage files were read without it"
-            ),
-            "ros2_selfdriving/full_bag_nav": "no part of this bag, and not read: scan.csv",
-        }
-        assert log.report.notes == ([notes[name]] if name in notes else [])
-
-
-@pytest.mark.skipif(sys.platform == "win32", reason="there are no locks to tell that a run was killed")
-def test_what_a_killed_run_unpacked_is_cleared_away(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    bag, private = tmp_path / "bag", tmp_path / "private"
-    write_log(bag, [room_sweeps()], compression="zstd")
-    left = private / f".lidarcli-{newfiles._HOST}-0123456789abcdef.part"
-    left.mkdir(parents=True)
-    (left / "bag.db3").write_text("rows")
-    monkeypatch.setattr(tempfile, "tempdir", str(private))
-    with open_log(bag) as log:
-        assert log.topics()
-        (mine,) = private.iterdir()
-        assert mine.name != left.name
-    assert [*private.iterdir()] == []

@@ -13,8 +13,8 @@ import pytest
 from lidarcli.errors import UnreadableError
 from lidarcli.logs import open_log
 from lidarcli.logs.base import OpenOptions, ReadReport
+from lidarcli.logs.csv import CsvLog as AnyCsvLog
 from lidarcli.logs.csv.beam_rows import LISTED, MEASURED, PRINTED, SAVED
-from lidarcli.logs.csv.log import CsvLog as AnyCsvLog
 from lidarcli.range_rules import RangeRules, normalise
 from lidarcli.sweeps import RawSweeps, Status, concatenate
 from tests.logs.watched import CsvLog

@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator
 from typing import Any
 
-from lidarcli.logs import carmen, mcap, rosbag1, rosbag2
+from lidarcli.logs import carmen, csv, mcap, rosbag1, rosbag2
 from lidarcli.logs.base import Message, ReadReport
-from lidarcli.logs.csv import log as csv
 from lidarcli.sweeps import RawSweeps
 
 

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from lidarcli.logs import open_log
-from lidarcli.logs.options import TopicChoice
+from lidarcli.logs.registry import TopicChoice
 from lidarcli.pipeline.reading.path_check import CheckedPath, check_paths
 from lidarcli.pipeline.reading.posing import find_poses
 from lidarcli.range_rules import RangeRules

@@ -23,7 +23,7 @@ from lidarcli import machine
 from lidarcli.formalism import Parameters
 from lidarcli.logs.base import Log
 from lidarcli.logs.batches import ReadOptions
-from lidarcli.logs.options import TopicChoice
+from lidarcli.logs.registry import TopicChoice
 from lidarcli.machine import Threads
 from lidarcli.pipeline.building import BackgroundBuilder, BuildOptions
 from lidarcli.pipeline.detecting import detect_files, detect_stream, detect_to_files

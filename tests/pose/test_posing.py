@@ -12,7 +12,7 @@ import pytest
 
 import lidarcli
 from lidarcli.logs.base import LASERSCAN, Message, ReadReport, Topic
-from lidarcli.logs.options import TopicChoice
+from lidarcli.logs.registry import TopicChoice
 from lidarcli.pipeline.detecting import detect_to_files
 from lidarcli.pipeline.inputs.sources import Source
 from lidarcli.pipeline.inspecting import inspect_log

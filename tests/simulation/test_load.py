@@ -9,7 +9,6 @@ from lidarcli.errors import LidarcliError, OptionError, UnreadableError
 from lidarcli.simulation.generate import simulate_sweep_arrays
 from lidarcli.simulation.route import Route, Waypoint
 from lidarcli.simulation.scene import load_scene
-from tests.places import SAMPLES
 
 
 @pytest.fixture
@@ -145,50 +144,32 @@ def test_routes_of_all_that_moves(load):
 ROUTE = "speed = 1, waypoints = [[0, 0], [1, 1]]"
 WRONG = [
     ("[[boxx]]", "the scene", "boxx"),
-    ("x = 1", "the scene", "x"),
     ("scene = 3", "[scene]", ""),
-    ("box = 3", "[[box]] number 1", ""),
     ("[[box]]\nx = 1", "[[box]] number 1", "length"),
     ("[[cylinder]]\nx=1\ny=1\nradius=1\n[[cylinder]]\nx=1\ny=1\nradius=-1", "[[cylinder]] number 2", "radius"),
-    ("[[cylinder]]\nx=1\ny=1\nradius=1\nvelocty=[1,0]", "[[cylinder]] number 1", "velocty"),
     ("[[cylinder]]\nx='a'\ny=1\nradius=1", "[[cylinder]] number 1", "x"),
-    ("[[cylinder]]\nx=nan\ny=1\nradius=1", "[[cylinder]] number 1", "x"),
-    ("[[cylinder]]\nx=1\ny=1\nradius=1\nvelocity=[1]", "[[cylinder]] number 1", "velocity"),
-    ("[[wall]]\npoints = [[1, 2]]", "[[wall]] number 1", "points"),
     ("[[wall]]\npoints = [[1, 2], [3]]", "[[wall]] number 1", "points"),
-    ("[[wall]]\npoints = [[0, 0], [1e308, 1]]", "[[wall]] number 1", "points"),
     (f"[[wall]]\npoints = [[0, 0], [{10**400}, 1]]", "[[wall]] number 1", "points"),
     ("[[wall]]\npoints = [" + "[0, 1], " * 12_001 + "]", "12,000 sides and circles", ""),
     ("[[ladder]]\nx=1\ny=1\nleg=0.3", "[[ladder]] number 1", "leg"),
     ("[[person]]\nx = 0\ny = 0\nvelocity = [1, -1e9]", "[[person]] number 1", "velocity"),
-    ("[[person]]\nx = 0\ny = 0\nvelocity = [1, 0]\nstride = 1e-300", "[[person]] number 1", "cadence"),
     ("[[person]]\nroute = { waypoints = [[0, 0], [1, 0]] }", "[[person]] number 1, route", "speed"),
     (f"[[person]]\nyaw = 3\nroute = {{ {ROUTE} }}", "[[person]] number 1", "yaw"),
     (f"[[box]]\nx = 1\nlength = 1\nwidth = 1\nroute = {{ {ROUTE} }}", "[[box]] number 1", "x"),
     ("[scene]\nsweeps = 10000001", "[scene]", "sweeps"),
     ("[sensor]\nbeams = 0", "[sensor]", "beams"),
-    ("[sensor]\nbeams = 1.5", "[sensor]", "beams"),
-    ("[sensor]\nfov = 1e-300", "[sensor]", "beams"),
     ("[sensor]\nlost_as = 'foo'", "[sensor]", "lost_as"),
     ("[sensor]\nfov = 90\nangle_min = 0", "[sensor]", "fov"),
     ("[sensor]\nangle_min = 10\nangle_max = 0", "[sensor]", "angle_max"),
     ("[sensor]\nrange_max = 0.05", "[sensor]", "range_max"),
-    ("[sensor]\nclockwise = 1", "[sensor]", "clockwise"),
     ("[sensor]\ntopic = ''", "[sensor]", "topic"),
-    ("[sensor]\nrate = 1e-300", "[sensor]", "rate"),
-    ("[sensor]\nnoise = 1e308", "[sensor]", "noise"),
     ("[sensor]\ntime_increment = 0.001", "[sensor]", "time_increment"),
     ("[sensor]\nflicker = 1", "[sensor]", "flicker"),
-    ("[robot]\nx = 1e7", "[robot]", "x"),
     (f"[robot]\nx = {10**400}", "[robot]", "x"),
     ("[robot]\nwaypoints = [[0, 0], [1, 0]]", "[robot]", "speed"),
     ("[robot]\nspeed = 1\nwaypoints = [[2, 3], [2, 3]]", "[robot]", "waypoints"),
-    ("[robot]\nspeed = 1\nsuper_ellipse = { a = 1e-300, b = 1e-300 }", "[robot]", "super_ellipse"),
     ("[robot]\nspeed=1\nsuper_ellipse = { a = 1, b = 1, n = 4 }", "[robot.super_ellipse]", "n"),
-    ("[robot]\nspeed = 1\nsuper_ellipse = { a = 1, b = 1, exponent = 1e-300 }", "[robot.super_ellipse]", "exponent"),
     (f"[robot]\nspeed = 1\nroute = {{ {ROUTE} }}", "[robot]", "speed"),
-    ("[robot.route]\nspeed = 1\nwaypoints = [[0, 0]]", "[robot.route]", "waypoints"),
-    ("[robot.route]\nspeed = 1\nwaypoints = [[0, 0], [1, 2, 3]]", "[robot.route]", "waypoints"),
     ("[robot.route]\nspeed = 1\nwaypoints = [[0, 0], [1, 'a']]", "[robot.route.waypoints] number 2", "y"),
     (
         "[robot.route]\nspeed = 1\nwaypoints = [[0, 0], { x = 1, y = 1, weit = 2 }]",
@@ -223,13 +204,6 @@ def test_broken_files(load, tmp_path):
     with pytest.raises(UnreadableError, match=r"^scene\.toml: byte 8: not UTF-8 text; a scene is a TOML file$"):
         load_scene("scene.toml")
     assert issubclass(UnreadableError, LidarcliError)
-
-
-def test_the_rooms_differ_in_their_objects_alone():
-    full, empty = (load_scene(SAMPLES / f"{name}.toml") for name in ("room", "room_empty"))
-    assert full.sensor == empty.sensor
-    assert [e.kind for e in full.entities] == ["wall", "box", "box", "box", "ladder", "plant"]
-    assert np.array_equal(full.entities[0].segments, empty.entities[0].segments)
 
 
 @pytest.mark.parametrize(

@@ -22,17 +22,6 @@ from lidarcli.simulation.truth import true_map
 
 CELL = 0.05
 SENSOR = Sensor(beams=2880, angle_min=-np.pi, angle_increment=np.pi / 1440, range_max=30.0)
-FAULTY = replace(
-    SENSOR,
-    noise=0.1,
-    noise_per_metre=0.02,
-    resolution=0.03,
-    lost=0.2,
-    lost_as="max",
-    mixed_pixels=0.5,
-    flicker=0.3,
-    beams_jitter=9,
-)
 
 
 def room(left: float, low: float, right: float, high: float) -> Entity:
@@ -205,7 +194,7 @@ def test_a_beam_without_a_return_says_nothing() -> None:
     assert min(i for i, _ in cells(grid, FREE)) == 0
 
 
-def test_what_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, lidarcli: Callable[..., Any]) -> None:
+def test_what_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     large = Scene("", replace(SENSOR, range_max=1e5), (room(-1500, -1500, 1500, 1500),))
     with pytest.raises(OptionError) as caught:
         true_map(large, 1, CELL)
@@ -229,11 +218,6 @@ def test_what_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, lidarc
     for log in ("a.yaml", "a.pgm", "sub/../a.yaml", "a.yaml/log"):
         with pytest.raises(OptionError, match=r"in each other's way|written twice"):
             simulate(scene, tmp_path / log, container="csv", map=tmp_path / "a.yaml")
-    alone = lidarcli("simulate", scene, "-o", tmp_path / "log", "--map-resolution", "0.1")
-    assert (alone.code, alone.err.splitlines()[-1]) == (
-        2,
-        "lidarcli: --map-resolution is that of --map: name its file, too",
-    )
     monkeypatch.setattr(truth, "MOST_BEAMS", 720)
     with pytest.raises(OptionError, match="--map: 1,440 beams that take time are more than"):
         simulate(scene, tmp_path / "log", sweeps=2, map=tmp_path / "a.yaml")

@@ -178,20 +178,6 @@ def test_a_csv_by_suffix_holds_the_geometry(tmp_path):
     assert np.array_equal(ranges, raw.ranges, equal_nan=True)
 
 
-def test_two_publishers_on_one_topic(tmp_path):
-    """Blocks may differ in frame, geometry and topic: they are written in the order given."""
-    first = replace(PLAIN.sensor, frame_id="left")
-    second = replace(PLAIN.sensor, frame_id="right", beams=10)
-    other = replace(PLAIN.sensor, topic="/rear")
-    mixed = [blocks(replace(PLAIN, sensor=sensor))[0] for sensor in (first, second, other)]
-    joined = concatenate(mixed[:2])
-    write_log(tmp_path / "a.bag", [joined, mixed[2]])
-    with AnyReader([tmp_path / "a.bag"]) as reader:
-        found = [(c.topic, reader.deserialize(d, c.msgtype)) for c, _, d in reader.messages()]
-    named = sorted({(topic, m.header.frame_id, len(m.ranges)) for topic, m in found})
-    assert named == [("/rear", "laser", 37), ("/scan", "left", 37), ("/scan", "right", 10)]
-
-
 def digest(path: Path) -> str:
     files = sorted(path.rglob("*")) if path.is_dir() else [path]
     return hashlib.sha256(b"".join(f.name.encode() + f.read_bytes() for f in files if f.is_file())).hexdigest()

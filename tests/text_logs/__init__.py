@@ -22,7 +22,6 @@ from lidarcli.simulation.writers import (
     only_topic,
     seconds,
     shortest,
-    stamp_parts,
     sweep_texts,
     texts,
     write_lines,
@@ -47,6 +46,11 @@ _CARMEN_HEADER = (
 _HOST = "simulator"
 _SIMULATED = 3
 """The type of a laser that is simulated."""
+
+
+def stamp_parts(block: RawSweeps, row: int) -> list[str]:
+    """Seconds and nanoseconds of the stamp of a sweep."""
+    return [str(part) for part in divmod(int(block.stamp_ns[row]), 10**9)]
 
 
 def write_carmen(path: Path, blocks: Iterable[RawSweeps], poses: SimulatedPoses | None = None) -> None:
@@ -222,7 +226,7 @@ def _message(block: RawSweeps, row: int) -> dict[str, Any]:
 def write_csv(path: Path, blocks: Iterable[RawSweeps], layout: str = "rostopic") -> None:
     """Write sweeps of one topic (of several in layout `plotjuggler`); for layout `per-sweep` the path is a folder."""
     if layout != "plotjuggler":
-        blocks = only_topic(blocks, "this CSV layout", "use plotjuggler")
+        blocks = only_topic(blocks, "this CSV layout")
     if layout == "per-sweep":
         _write_files(path, blocks)
     else:

@@ -36,7 +36,6 @@ DOUBLED = "several ranges for most bearings of one sweep: layers or echoes under
 MOST_VIEW = 1.1 * TURN
 """Greatest view of a sweep [rad]; a turn whose start and end overlap stays below it."""
 MOST_DOUBLED = 0.25
-"""Greatest share of beams that have the bearing of another."""
 _USUAL = 1.5
 """Least jump of the bearing, in usual steps."""
 JITTER = 0.25
@@ -61,13 +60,10 @@ class LongDecoder(Decoder):
     """Decodes one beam per row; the lines of the last sweep wait for the next block."""
 
     _carry: Lines = _NO_LINES
-    """Lines of the last sweep."""
     _cut: bool = False
     """True once the text has ended within a line."""
     _broken: bool = False
-    """True where that line is no row."""
     _usual: int = 0
-    """Beams of the sweep before."""
     _noted: bool = False
 
     @property
@@ -294,10 +290,7 @@ def _snap(values: Float64, angles: Float64, steps: NDArray[np.floating]) -> Floa
 
 
 def _on_grid(angle: Float64, values: NDArray[np.floating]) -> tuple[NDArray[np.floating], float, float] | str:
-    """Put a sweep of uneven bearings on a grid of their median step; beams that nothing falls on are NaN.
-
-    Returns ranges, first bearing and step, or the reason why there is no such grid.
-    """
+    """Return ranges on a grid of the median step, first bearing and step, or the reason why there is no such grid."""
     known = np.isfinite(angle)
     if known.sum() < 2:
         return ONE_BEAM if len(angle) == 1 else UNEVEN
@@ -349,13 +342,11 @@ _SAVED = re.compile(rb"\s*#\s*RPLIDAR\s+SCAN\s+DATA\b", re.IGNORECASE)
 _NAMES = {b"angle": "angle", b"angule": "angle", b"distance": "distance", b"quality": "quality", b"time": "time"}
 _WORD = re.compile(rb"[A-Za-z]+")
 _MOST_BEFORE = 100
-"""Most lines of other text before the first beam."""
 _LEAST_MEDIAN = 100.0
 """Least median of the distances of returns [mm]."""
 _MOST = 0.9
 """Least share of beams that a sensor can have measured; the others are damaged."""
 _ENOUGH = 64 << 10
-"""Bytes of a line by which it is recognised."""
 _PUNCTUATION = bytes.maketrans(b"(),;\t", b"     ")
 
 

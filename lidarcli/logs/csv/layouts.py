@@ -33,7 +33,6 @@ RPLIDAR = "RPLIDAR"
 LAYOUTS = (ROSTOPIC, ROS2, PLOTJUGGLER, BAGPY, MCAP_CAT, LIST, WIDE, LONG, PER_SWEEP)
 
 DEFAULT_TOPIC = "/scan"
-"""Topic of a file that names none."""
 COUNTER_CLOCKWISE = "bearings run counter-clockwise; name them `clockwise` where they are those of an RPLIDAR"
 ABBREVIATED = "the arrays are abbreviated ('...'): record again with `ros2 topic echo --csv --full-length`"
 
@@ -41,7 +40,6 @@ _MARKS = re.compile(r"[./\[\]\s%#:]+")
 _LIST = re.compile(r"(?:\w[\w.]*\s*\()?\s*[\[(]|\w*array\(")
 _INDEX = re.compile(r"(\d{1,7})\]?(?:[._/]echoes[\[._]?0\]?)?\Z")
 _BEFORE_INDEX = "[._/-" + whitespace
-"""Characters between a word and its index."""
 _RANGE_WORD = re.compile(r"(?:.*(?:range|scan|dist|beam|laser|lidar|ray|bin|point|value).*|r|d|b|m|l|v|rho|col(?:umn)?|)$")
 _UNIT = r"(?:_?\(?(?:s|secs?|seconds|ms|msec|us|usec|µs|ns|nsecs?|nanosec)\)?)?"
 FIELDS = {
@@ -67,7 +65,6 @@ FIELDS = {
 """Field of a scan → the canonical names of its column."""
 _ANY_FIELD = re.compile("|".join(pattern.pattern for pattern in FIELDS.values()))
 _LONGEST_FIELD = 40
-"""Most characters of the name of a field, without its prefix."""
 _ANGLE = re.compile(
     r"(?:.*_)?(?:angle|theta|bearing|azimuth|phi|(?P<clockwise>clockwise))s?"
     r"(?:_?\(?(?P<unit>deg|degrees?|°|rad|radians?)\)?)?|(?P<bare>deg|degrees?|rad|radians?)"
@@ -81,7 +78,6 @@ _SPHERE = re.compile(r"(theta|phi)(?:_?\(?(?:deg|degrees?|°|rad|radians?)\)?)?"
 _SWEEP = re.compile(r"(?:sweep|scan|turn|revolution|rotation|seq|frame)(?:_?(?:id|index|idx|number|no|nr|num))?|id")
 
 _SHOWN = 3
-"""Most values of a column in a message."""
 _RECORD = 1 << 20
 """Bytes within which the first record with a list must end, the list itself not counted."""
 _WIDE = 8
@@ -101,7 +97,6 @@ class ScanColumns:
     ranges: Int64 = field(default_factory=lambda: _NO_COLUMNS)
     """(B,) Column of each beam; empty where `first` is enough."""
     first: int = 0
-    """First column of ranges."""
     doubled: bool = False
     """True where as many intensities follow the ranges, up to the end of the row."""
     intensities: Int64 = field(default_factory=lambda: _NO_COLUMNS)
@@ -119,18 +114,14 @@ class Layout:
     name: str
     dialect: Dialect
     start: int
-    """Number of the first line of data."""
     header: bytes = b""
     """Header line as it stands; it is left out wherever it is repeated."""
     width: int = 0
-    """Cells of a regular row."""
     scans: tuple[ScanColumns, ...] = ()
     sparse: bool = False
     """True where rows hold one topic or another: a row without any range of a topic is no sweep of it."""
     listed: bool = False
-    """True where one cell holds all ranges of a sweep."""
     brackets: bytes = b"["
-    """First character of such a list."""
     angle: int = -1
     """Long form: column of the bearing; -1 in other forms."""
     key: int | None = None
@@ -142,7 +133,6 @@ class Layout:
     spelling: str = ""
     """Long form: text of a tool for RPLIDAR sensors (`rplidar`); empty for a table."""
     scale: float | None = None
-    """Unit of ranges [m], where it is known."""
     notes: tuple[str, ...] = ()
     unread: dict[str, str] = field(default_factory=dict)
     """Topic → a note on a column of times that is not understood."""
@@ -238,13 +228,7 @@ def _ros2_layout(head: Head, row: Sequence[bytes]) -> Layout:
 
 
 def _expanded(head: Head, columns: Sequence[str]) -> list[str]:
-    """Return a name for each column: `NAME*N` stands for N of them, `ranges` and `intensities` for what the others leave.
-
-    Raises
-    ------
-    UnreadableError
-        There are more or fewer names than columns.
-    """
+    """Return a name for each column: `NAME*N` for N of them, `ranges` and `intensities` for what the others leave."""
     width = head.usual or Counter(map(len, head.rows)).most_common(1)[0][0] if head.rows else len(head.names)
     parts = [(name.strip(), count.strip()) for name, _, count in (each.partition("*") for each in columns)]
     is_open = [name in ("ranges", "intensities") and not count for name, count in parts]
@@ -336,20 +320,10 @@ def _starts_over(values: Float64) -> bool:
 # Tables with names.
 
 
-@dataclass(frozen=True, slots=True)
-class Family:
-    """Columns that hold the beams of one scan."""
-
-    prefix: str
-    """Prefix of the word for ranges: `field.`, `/scan/`, or nothing."""
-    columns: Int64
-    """(B,) Column of each beam."""
-
-    @property
-    def topic(self) -> str:
-        """Topic by the prefix; `/scan` without one."""
-        name = self.prefix.rstrip("._/ ")
-        return DEFAULT_TOPIC if name.lower() in ("", "field", "msg", "data") else name
+def _topic(prefix: str) -> str:
+    """Return the topic by the prefix of the word for ranges (`field.`, `/scan/`); `/scan` without one."""
+    name = prefix.rstrip("._/ ")
+    return DEFAULT_TOPIC if name.lower() in ("", "field", "msg", "data") else name
 
 
 def canonical(name: str) -> str:
@@ -415,8 +389,8 @@ def _series(names: Iterable[str]) -> dict[str, dict[int, int]]:
     return series
 
 
-def find_families(names: Sequence[str]) -> list[Family]:
-    """Return the groups of columns `ranges[0]`, `ranges_1`, `r2`, ... that are the beams of a scan."""
+def find_families(names: Sequence[str]) -> list[tuple[str, Int64]]:
+    """Return prefix and (B,) columns of each group `ranges[0]`, `ranges_1`, `r2`, ... that are the beams of a scan."""
     families = []
     for stem, columns in _series("" if "intens" in name.lower() else name.strip() for name in names).items():
         word = re.split(r"[./]", stem)[-1].strip(" _-").lower()
@@ -425,10 +399,10 @@ def find_families(names: Sequence[str]) -> list[Family]:
         if whole and _RANGE_WORD.fullmatch(word):
             end = stem.lower().rfind("ranges")
             prefix = stem[:end] if end >= 0 else stem[: len(stem) - len(word)]
-            families.append((end >= 0, Family(prefix, np.array([columns[i] for i in indices], np.int64))))
+            families.append((end >= 0, (prefix, np.array([columns[i] for i in indices], np.int64))))
     if any(ranged for ranged, _ in families):
         return [family for ranged, family in families if ranged]
-    return [max((family for _, family in families), key=lambda family: len(family.columns))] if families else []
+    return [max((family for _, family in families), key=lambda family: len(family[1]))] if families else []
 
 
 def _find_intensities(names: Sequence[str]) -> dict[str, Int64]:
@@ -469,7 +443,7 @@ def _named_layout(head: Head) -> Layout:
             return Layout(name if name != WIDE else LIST, head.dialect, head.start, notes=("no ranges in it",))
         raise _unknown(head, f"a table with the columns {shown(', '.join(names).encode(), 60)}")
     index, strengths = FieldIndex(names), _find_intensities(names)
-    scans = [_scan_columns(head, index, strengths, family) for family in families]
+    scans = [_scan_columns(head, index, strengths, *family) for family in families]
     if name == MCAP_CAT:
         scans = [_of_mcap(head, each) for each in scans]
     for each in scans:
@@ -488,26 +462,28 @@ def _named_layout(head: Head) -> Layout:
     )
 
 
-def _scan_columns(head: Head, index: FieldIndex, strengths: Mapping[str, Int64], family: Family) -> ScanColumns:
+def _scan_columns(
+    head: Head, index: FieldIndex, strengths: Mapping[str, Int64], prefix: str, columns: Int64
+) -> ScanColumns:
     """Return the fields around a family of range columns, and whether rows may be ragged."""
-    fields = index.find(family.prefix)
-    first, last = int(family.columns[0]), int(family.columns[-1])
-    in_order = bool((np.diff(family.columns) == 1).all())
+    fields = index.find(prefix)
+    first, last = int(columns[0]), int(columns[-1])
+    in_order = bool((np.diff(columns) == 1).all())
     after = len(head.names) - last - 1
     # Where the step is told, rows of fewer ranges see less; where the view is, they could only be cut or joined.
     tells_view = {"angle_min", "angle_max", "angle_increment"} <= fields.keys()
     may_differ = tells_view or head.options.angle_increment is not None or head.usual != len(head.names)
-    own = strengths.get(family.prefix.lower(), _NO_COLUMNS)
-    doubled = after == len(family.columns) and all("intens" in name.lower() for name in head.names[-after:])
+    own = strengths.get(prefix.lower(), _NO_COLUMNS)
+    doubled = after == len(columns) and all("intens" in name.lower() for name in head.names[-after:])
     return ScanColumns(
-        family.topic,
+        _topic(prefix),
         fields,
         head.units(fields),
-        family.columns,
+        columns,
         first,
         doubled,
         # Those of ragged rows stand wherever the ranges end.
-        _NO_COLUMNS if doubled or len(own) != len(family.columns) else own,
+        _NO_COLUMNS if doubled or len(own) != len(columns) else own,
         in_order and may_differ and (doubled or not after),
     )
 
@@ -554,7 +530,7 @@ def _list_layout(head: Head) -> Layout | None:
     lower = [each.strip().lower() for each in head.names]
     own = f"{prefix}intensities".lower()
     intensities = np.array([lower.index(own)] if own in lower else [], np.int64)
-    scan = ScanColumns(Family(prefix, _NO_COLUMNS).topic, fields, units, first=listed, intensities=intensities)
+    scan = ScanColumns(_topic(prefix), fields, units, first=listed, intensities=intensities)
     return Layout(
         LIST if name == WIDE else f"{name}, {LIST}",
         head.dialect,

@@ -51,16 +51,13 @@ _CALLS = re.compile(rb"[A-Za-z_][\w.]*\(([^()]*)\)")
 _MOST_LISTS = 64
 """Most lists of one record; with more it is garbage."""
 _MOST_TEXT = 1 << 20
-"""Most bytes of a record outside its lists."""
 _MOST_LINES = 100_000
-"""Most lines of one record."""
 
 Frames = tuple[Int32, tuple[str, ...]]
 """Index of the frame of each sweep, and the names of the frames."""
 Ends = dict[tuple[str, str], tuple[int, int]]
 """Topic and field → where its times have ended, see `times.going_on`."""
 Column = Callable[[int], Sequence[bytes]]
-"""Returns the cells of a column."""
 
 
 @dataclass(slots=True)
@@ -71,9 +68,7 @@ class Decoder(ABC):
     options: OpenOptions
     report: ReadReport
     topics: Collection[str] | None
-    """Wanted topics; None for all."""
     last: Ends = field(default_factory=dict)
-    """The last time of each column."""
 
     @abstractmethod
     def feed(self, block: TextBlock) -> Iterator[RawSweeps]:
@@ -116,15 +111,7 @@ class Decoder(ABC):
         good: Bool,
         intensities: Float32 | None = None,
     ) -> RawSweeps | None:
-        """Make a block of the `good` sweeps (S,).
-
-        Parameters
-        ----------
-        times : stamps and record times (S,) [ns]
-        known : geometry of the file, by field; the user's options fill in the rest
-        beams : (S,) ranges of each sweep
-        ranges, intensities : (S, B), padded with NaN
-        """
+        """Make a block of the `good` sweeps (S,) by the `known` geometry of the file; the options fill in the rest."""
         rows = len(beams)
         if "angle_min" in known and "angle_increment" in known:
             first, step = known["angle_min"], known["angle_increment"]
@@ -235,7 +222,10 @@ class WideDecoder(Decoder):
         return rows[:-1]
 
     def _sweeps(self, scan: ScanColumns, cells: Cells, rows: Int64, numbers: Int64) -> Iterator[RawSweeps]:
-        rows = self._long_enough(scan, cells, rows, numbers)
+        need = max([scan.first - 1, *scan.fields.values(), *([] if scan.open_end else scan.ranges.tolist())]) + 1
+        enough = cells.count[rows] >= need
+        self._misfits(cells, rows[~enough], numbers)
+        rows = rows[enough]
         if not len(rows):
             return
         known, odd = self._geometry(scan, cells, rows)
@@ -248,36 +238,23 @@ class WideDecoder(Decoder):
             view = expected_beams(*(known[name] for name in _VIEW))
         beams = self._beams(scan, cells, rows, view)
         fits = beams >= 0
-        if not fits.all():
-            self._misfits(cells, rows[~fits], numbers)
-            rows, beams, view = rows[fits], beams[fits], view[fits]
-            known = {name: values[fits] for name, values in known.items()}
+        self._misfits(cells, rows[~fits], numbers)
+        rows, beams, view = rows[fits], beams[fits], view[fits]
+        known = {name: values[fits] for name, values in known.items()}
         for part in split_rows(beams):
+            mine, given = rows[part], beams[part]
+            ranges, kept, good, bad = self._ranges(scan, cells, mine, given, view[part])
+            intensities = _intensity_columns(scan, cells, mine, given, ranges.shape[1])
+            self._bad_cells(bad, numbers[mine])
+            column = partial(cells.column, mine)
+            *times, untimed = read_times(scan, column, len(mine), self.last)
+            for line in numbers[mine[untimed & good]].tolist():
+                self._damage(line, NO_TIME)
+            frames = read_frames(scan, column, len(mine))
             some = {name: values[part] for name, values in known.items()}
-            block = self._decode(scan, cells, rows[part], numbers, some, beams[part], view[part])
+            block = self._block(scan, (times[0], times[1]), frames, some, kept, ranges, good & ~untimed, intensities)
             if block is not None:
                 yield block
-
-    def _decode(
-        self,
-        scan: ScanColumns,
-        cells: Cells,
-        rows: Int64,
-        numbers: Int64,
-        known: dict[str, Float64],
-        beams: Int64,
-        view: Int64,
-    ) -> RawSweeps | None:
-        """Decode rows of known beam counts, which may be padded to one width."""
-        given = beams
-        ranges, beams, good, bad = self._ranges(scan, cells, rows, beams, view)
-        intensities = _intensity_columns(scan, cells, rows, given, ranges.shape[1])
-        self._bad_cells(bad, numbers[rows])
-        *times, untimed = read_times(scan, partial(cells.column, rows), len(rows), self.last)
-        for line in numbers[rows[untimed & good]].tolist():
-            self._damage(line, NO_TIME)
-        frames = read_frames(scan, partial(cells.column, rows), len(rows))
-        return self._block(scan, (times[0], times[1]), frames, known, beams, ranges, good & ~untimed, intensities)
 
     def _ranges(
         self, scan: ScanColumns, cells: Cells, rows: Int64, beams: Int64, view: Int64
@@ -300,14 +277,6 @@ class WideDecoder(Decoder):
             if self.layout.sparse:
                 good &= ~empty.all(axis=1)
         return ranges, beams, good, found.bad
-
-    def _long_enough(self, scan: ScanColumns, cells: Cells, rows: Int64, numbers: Int64) -> Int64:
-        need = max([scan.first - 1, *scan.fields.values(), *([] if scan.open_end else scan.ranges.tolist())]) + 1
-        enough = cells.count[rows] >= need
-        if not enough.all():
-            self._misfits(cells, rows[~enough], numbers)
-        kept: Int64 = rows[enough]
-        return kept
 
     def _geometry(self, scan: ScanColumns, cells: Cells, rows: Int64) -> tuple[dict[str, Float64], dict[int, bytes]]:
         """Return the geometry of each row, as exact as its message has it, and the bad cells of rows without."""
@@ -369,10 +338,7 @@ def _intensity_columns(scan: ScanColumns, cells: Cells, rows: Int64, beams: Int6
 
 
 def _without_trailing(empty: Bool, beams: Int64, view: Int64) -> Int64:
-    """Return beam counts without trailing empty cells, where the view of the row has no beam there.
-
-    A view of 0 has as many beams as cells are filled.
-    """
+    """Return beam counts without trailing empty cells outside of the view; one of 0 has as many beams as are filled."""
     filled = np.where(empty.all(axis=1), 0, empty.shape[1] - np.argmin(empty[:, ::-1], axis=1))
     view = np.where(view == 0, filled, view)
     return np.where((view >= filled) & (view < beams), view, beams)
@@ -384,7 +350,6 @@ class _Record:
 
     line: int
     ranges: bytes
-    """Text of the list."""
     intensities: bytes
     cells: list[str]
     """All cells, with the number of a list in place of each."""
@@ -398,11 +363,8 @@ class ListDecoder(Decoder):
     """
 
     _open: list[bytes] = field(default_factory=list)
-    """Lines of an open record."""
     _open_line: int = 0
-    """Number of the first of them."""
     _open_size: int = 0
-    """Their bytes."""
 
     def feed(self, block: TextBlock) -> Iterator[RawSweeps]:
         """Yield the sweeps of a block of lines."""
@@ -433,7 +395,7 @@ class ListDecoder(Decoder):
             else:
                 yield number, line
             return
-        if not odd and self._is_record(line):
+        if not odd and (b"[" in line or b"(" in line) and self._split(line) is not None:
             # The open quote was damage: do not let it swallow the records that follow.
             self._damage(self._open_line, "a quote without its end: the record is dropped")
             self._open = []
@@ -448,9 +410,6 @@ class ListDecoder(Decoder):
         elif len(self._open) > _MOST_LINES or self._open_size > MAX_LINE:
             self._damage(self._open_line, "a quote that never ends: its lines are dropped")
             self._open = []
-
-    def _is_record(self, line: bytes) -> bool:
-        return line.count(b"[") + line.count(b"(") > 0 and self._split(line) is not None
 
     def _split(self, text: bytes) -> tuple[list[bytes], list[str]] | None:
         """Return the lists of a record, and its cells with the number of a list in place of each."""
@@ -498,7 +457,7 @@ class ListDecoder(Decoder):
 
     def _sweeps(self, scan: ScanColumns, records: list[_Record]) -> Iterator[RawSweeps]:
         parts = [_plain_list(record.ranges) for record in records]
-        counts = np.array([part.count(b",") + 1 if part else 0 for part in parts], np.int64)
+        counts = _counts(parts)
         for rows in split_rows(counts):
             block = self._decode(scan, records[rows], parts[rows], counts[rows])
             if block is not None:
@@ -526,14 +485,18 @@ class ListDecoder(Decoder):
                 stamp = _header_stamps(headers, stamp)
                 record_ns = record_ns if "record" in scan.units else stamp
             if "frame" not in scan.fields:
-                frames = encode_frames([_header_frame(header) for header in headers])
+                named = (_FRAME.search(header) for header in headers)
+                frames = encode_frames([b"" if it is None else (it[1] or it[2] or it[3] or "").encode() for it in named])
         causes = dict.fromkeys(np.flatnonzero(untimed).tolist(), NO_TIME) | causes
         for row, cause in sorted(causes.items()):
             self._damage(records[row].line, cause)
         good = np.ones(len(records), np.bool_)
         good[list(causes)] = False
         ranges = pad(found.values, counts, self.options.range_scale)
-        intensities = _intensity_lists(records, ranges.shape[1])
+        parts = [_plain_list(record.intensities) for record in records]
+        lengths = _counts(parts)
+        strengths = np.split(parse_rows(parts, lengths, b",", np.float32).values, np.cumsum(lengths)[:-1])
+        intensities = pad_intensities(strengths, ranges.shape[1])
         return self._block(scan, (stamp, record_ns), frames, known, counts, ranges, good, intensities)
 
 
@@ -547,12 +510,8 @@ def _list_of(cell: str, lists: list[bytes]) -> bytes | None:
     return b"" if is_empty else None
 
 
-def _intensity_lists(records: list[_Record], width: int) -> Float32 | None:
-    """Return intensities (S, `width`) beside the ranges, padded with NaN; None where no record has any."""
-    parts = [_plain_list(record.intensities) for record in records]
-    counts = np.array([part.count(b",") + 1 if part else 0 for part in parts], np.int64)
-    found = parse_rows(parts, counts, b",", np.float32)
-    return pad_intensities(np.split(found.values, np.cumsum(counts)[:-1]), width)
+def _counts(parts: list[bytes]) -> Int64:
+    return np.array([part.count(b",") + 1 if part else 0 for part in parts], np.int64)
 
 
 def _plain_list(text: bytes) -> bytes:
@@ -591,8 +550,3 @@ def _header_stamps(headers: list[str], otherwise: np.ndarray) -> np.ndarray:
             if abs(total) < 1 << 63:
                 stamps[row] = total
     return stamps
-
-
-def _header_frame(header: str) -> bytes:
-    match = _FRAME.search(header)
-    return b"" if match is None else (match[1] or match[2] or match[3] or "").encode()

@@ -22,7 +22,6 @@ _LISTS = re.compile(rb"\[[^\]]*(?:\]|\Z)")
 _LISTS_AND_QUOTED = re.compile(rb'\[[^\]]*(?:\]|\Z)|"[^"]*"')
 _DECIMAL_COMMA = re.compile(rb"\s*-?\d+,\d+(?:[eE][-+]?\d+)?\s*")
 _ENOUGH = 64 << 10
-"""Bytes of a line by which its separator is guessed."""
 SAMPLE_LINES = 3000
 SAMPLE_BYTES = 256 << 10
 """Most lines and bytes by which a layout is recognised; two lines at least."""
@@ -32,11 +31,9 @@ MOST_TEXT = 64 << 10
 _COMMENTS = rb"(?:[ \t]*(?:#[^\n]*)?\r?\n)*"
 _YAML_KEY = rb"[ \t]*(?:- )?[A-Za-z_][\w.-]*:"
 _LOGGED = rb"(?:\[[A-Z]+\][^\n]*?)?"
-"""Begin of a line that a node has logged."""
 _AS_CSV = "convert it to CSV with a column per beam (`time,r0,r1,...` in the first line)"
 _RECORD = "record with `ros2 bag record` or `rosbag record`, or print with `ros2 topic echo --csv --full-length`"
 _ONLY_POSES = "it holds poses, no ranges"
-_ONLY_POINTS = "it holds points, no sweeps; record the LaserScan topic itself"
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,7 +54,6 @@ class Lines:
     """Each line ended by one newline."""
     numbers: Int64
     cut: bool
-    """True where the last line had no line end."""
 
 
 def guess_dialect(lines: Sequence[bytes]) -> Dialect | None:
@@ -194,7 +190,6 @@ class Head:
     header: bytes
     """Line with the names of columns; b'' where there is none, or where it is a comment."""
     start: int
-    """Number of the first line of data."""
     lines: list[bytes]
     rows: list[list[bytes]]
     options: OpenOptions
@@ -304,7 +299,6 @@ class Other:
     name: str
     way_out: str
     marks: re.Pattern[bytes]
-    """Pattern of the beginning of such a text."""
 
     @property
     def refusal(self) -> str:
@@ -316,15 +310,10 @@ TRAJECTORY = Other(
     "a trajectory (TUM)", _ONLY_POSES, re.compile(_COMMENTS + rb"#?[^\n]*\btx[ ,]+ty[ ,]+tz[ ,]+qx[ ,]+qy[ ,]+qz[ ,]+qw\b")
 )
 OTHERS = (
-    Other("a point cloud (PCD)", _ONLY_POINTS, re.compile(rb"# \.PCD |VERSION \S+\r?\nFIELDS ")),
-    Other("a point cloud or mesh (PLY)", _ONLY_POINTS, re.compile(rb"ply\r?\n(?:format|comment|obj_info) ")),
     TRAJECTORY,
-    Other("a pose graph (g2o)", _ONLY_POSES, re.compile(rb"%s(?:VERTEX|EDGE)_SE[23]\S*[ \t]+\d" % _COMMENTS)),
     Other(
         "a pointer of Git LFS, not the file itself", "fetch it with `git lfs pull`", re.compile(rb"version https://git-lfs")
     ),
-    Other("an ARIA log", _AS_CSV, re.compile(_COMMENTS + rb"[ \t]*LaserOdometryLog[ \t]*\r?\n")),
-    Other("a Player log", _AS_CSV, re.compile(rb"[ \t]*## Player version")),
     Other("JSON", _AS_CSV, re.compile(rb"\s*(?:\{\s*[\"}]|\[\s*[\[{\"])")),
     Other("XML or HTML", "look whether a download has failed", re.compile(rb"\s*<[?!A-Za-z]")),
     Other(
@@ -348,8 +337,8 @@ OTHERS = (
 def other_format(text: bytes) -> Other | None:
     """Return the format of a text that is plainly no CSV; None for all others.
 
-    >>> other_format(b"VERTEX_SE2 0 0.0 0.0 0.0").name
-    'a pose graph (g2o)'
+    >>> other_format(b"# time tx ty tz qx qy qz qw").name
+    'a trajectory (TUM)'
     """
     start = text[:MOST_TEXT]
     return next((other for other in OTHERS if other.marks.match(start)), None)

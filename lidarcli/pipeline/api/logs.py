@@ -15,7 +15,7 @@ from lidarcli.formalism.background import Background
 from lidarcli.formalism.mapping.grid import Occupancy
 from lidarcli.logs.base import ReadReport
 from lidarcli.logs.batches import read_batches
-from lidarcli.logs.options import TopicChoice, clouds_hint, no_scan_topic
+from lidarcli.logs.registry import TopicChoice, clouds_hint, no_scan_topic
 from lidarcli.option_forms import options_of
 from lidarcli.options import AnyPath, Inspecting, Learning, Mapping, Paths, Reading, Simulating, parse_without
 from lidarcli.pipeline.api.options import (

@@ -25,7 +25,7 @@ from lidarcli.formalism.matching.catalogue import Catalogue
 from lidarcli.formalism.parameters import Parameters
 from lidarcli.logs.base import OpenOptions
 from lidarcli.logs.batches import ReadOptions
-from lidarcli.logs.options import open_options, range_rules
+from lidarcli.logs.registry import open_options, range_rules
 from lidarcli.masks import Masks
 from lidarcli.option_forms import Number, Option, Rule, defaults_of, options_of, python_words, refuse_combinations
 from lidarcli.options import RULES, Finding, Objects, Paths, parse_removed, parse_value

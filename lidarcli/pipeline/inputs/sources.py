@@ -162,7 +162,7 @@ def _opened_source(source: Source, opening: OpenOptions | None) -> Iterator[Log]
         elif (url := source.url) is not None:
             log = _fetched(url, [one for file in source.files if isinstance(one := place(file), Url)], opening, stack)
         elif source.files:
-            from lidarcli.logs.csv.log import CsvLog
+            from lidarcli.logs.csv import CsvLog
 
             log = CsvLog(source.files, opening)
         else:
@@ -214,7 +214,7 @@ def _fetched(url: Url, files: Sequence[Url], opening: OpenOptions | None, stack:
         fetch(one, copy)
     try:
         if files and not all(one.key.startswith(f"{url.key}/") for one in files):
-            from lidarcli.logs.csv.log import CsvLog
+            from lidarcli.logs.csv import CsvLog
 
             log: Log = CsvLog(copies, opening)
         else:

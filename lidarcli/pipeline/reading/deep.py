@@ -39,7 +39,7 @@ from lidarcli.findings import (
 )
 from lidarcli.logs.base import Log, OpenOptions, ReadReport
 from lidarcli.logs.batches import ReadOptions, read_batches
-from lidarcli.logs.options import TopicChoice
+from lidarcli.logs.registry import TopicChoice
 from lidarcli.masks import Mask, Masks, Mount, Sector
 from lidarcli.pipeline.inputs.declared import mask_text
 from lidarcli.pipeline.inputs.sources import Source, open_source

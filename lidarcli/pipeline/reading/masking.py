@@ -13,7 +13,7 @@ from lidarcli.display import counted
 from lidarcli.errors import OptionError
 from lidarcli.logs.base import Log, ReadReport
 from lidarcli.logs.batches import LogBatcher, ReadOptions
-from lidarcli.logs.options import TopicChoice
+from lidarcli.logs.registry import TopicChoice
 from lidarcli.masks import Mask, Masks, Mount, Sector, same_name
 from lidarcli.pipeline.inputs.sources import read_pose_messages
 from lidarcli.pipeline.reading.posing import NONE, Need, PoseAttacher, PoseOptions

@@ -18,7 +18,7 @@ from lidarcli.errors import NoScanError, OptionError, UnreadableError
 from lidarcli.formalism.detection import SETS, Detection
 from lidarcli.logs.base import MAX_BEAMS, Log, OpenOptions, ReadReport, Slice
 from lidarcli.logs.batches import LogBatcher, ReadOptions
-from lidarcli.logs.options import TopicChoice, nothing_read
+from lidarcli.logs.registry import TopicChoice, nothing_read
 from lidarcli.machine import Threads
 from lidarcli.masks import Masks
 from lidarcli.pipeline.inputs.declared import AUTO, masks_of, plain

@@ -14,7 +14,7 @@ from lidarcli.display import counted, times
 from lidarcli.findings import Finding, Fix
 from lidarcli.logs.base import Log, ReadReport
 from lidarcli.logs.batches import LogBatcher, ReadOptions
-from lidarcli.logs.options import TopicChoice
+from lidarcli.logs.registry import TopicChoice
 from lidarcli.pipeline.reading.posing import Need
 from lidarcli.pose.fit import (
     ACCEPTED,

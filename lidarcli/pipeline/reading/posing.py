@@ -15,7 +15,7 @@ from lidarcli.display import moment, some_of
 from lidarcli.errors import NoScanError, OptionError
 from lidarcli.findings import Finding
 from lidarcli.logs.base import POSE_TYPES, POSED_TYPES, Log, Message, ReadReport, Topic
-from lidarcli.logs.options import TopicChoice
+from lidarcli.logs.registry import TopicChoice
 from lidarcli.masks import same_name
 from lidarcli.pipeline.inputs.sources import made_of_clouds, read_pose_messages
 from lidarcli.range_rules import RangeRules
