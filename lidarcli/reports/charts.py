@@ -11,7 +11,7 @@ import numpy as np
 
 from lidarcli.reports.figures import Density, Histogram, Spread, plain
 from lidarcli.reports.ground import Walls
-from lidarcli.reports.report import Report
+from lidarcli.reports.run import RunPart
 from lidarcli.reports.summary import Stream, Summary
 from lidarcli.reports.wording import quantity
 from lidarcli.sweeps import Float64, Int64
@@ -65,20 +65,20 @@ class Chart:
     """Width by height of a map."""
 
 
-def charts(report: Report, walls: Mapping[str, Walls]) -> Iterator[Chart]:
+def charts(run: RunPart, walls: Mapping[str, Walls]) -> Iterator[Chart]:
     """Yield the charts that have something to show.
 
     Parameters
     ----------
     walls : frame → surfaces, to be drawn below the maps
     """
-    summary = report.summary
+    summary = run.summary
     streams = summary.streams.all[:LINES]
     has_agents = any(np.nansum(stream.course.agents_max) for stream in streams)
     for name in OVER_TIME:
         if streams and (name != "agents_at_once" or has_agents):
             yield _over_time(name, summary, streams)
-    baseline = report.comparison.baseline.histograms if report.comparison else {}
+    baseline = run.comparison.baseline.histograms if run.comparison else {}
     for name in TITLES:
         if summary.histograms[name].counts.sum():
             yield _histogram(summary.histograms[name], baseline.get(name), summary.spreads[name])

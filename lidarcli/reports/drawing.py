@@ -111,10 +111,9 @@ class Panel(NamedTuple):
     """(N, 2) what labels avoid besides the marks."""
 
 
-def draw_panel(axes: Axes, panel: Panel, had: Frame | None = None) -> None:
-    """Draw a panel on axes; `had` is the frame that these have already."""
-    if panel.frame != had:
-        panel.frame.set(axes)
+def draw_panel(axes: Axes, panel: Panel) -> None:
+    """Draw a panel on axes."""
+    panel.frame.set(axes)
     draw_marks(axes, panel.marks)
     if panel.labels:
         drawn = [mark for mark in panel.marks if not (mark.area or mark.text)]
@@ -211,14 +210,14 @@ def fit_height(figure: Figure, axes: Sequence[Axes], heights: Sequence[float], a
             more[rows] = np.maximum(more[rows], lacks / len(rows))
             if len(rows) == 1:
                 have[rows] = np.maximum(have[rows], box.height * height)
-        grids[0].get_gridspec().set_height_ratios((have + more).tolist())
-        figure.set_size_inches(width, height + more.sum())
         if np.abs(more).max() < ENOUGH:
             break
+        grids[0].get_gridspec().set_height_ratios((have + more).tolist())
+        figure.set_size_inches(width, height + more.sum())
+    else:
+        layout.execute(figure)
     for one, kept in scenes:
         one.set_aspect(kept)
-    layout.execute(figure)
-    for one in axes:
         one.apply_aspect()
 
 

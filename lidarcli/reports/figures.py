@@ -344,6 +344,11 @@ def plain_number(value: float | None) -> float | int | None:
     return int(value) if value == int(value) else float(f"{value:.9g}")
 
 
+def plain_numbers(values: Mapping[str, float | None]) -> dict[str, float | None]:
+    """Return figures by their names, as of `plain_number`."""
+    return {name: plain_number(value) for name, value in values.items()}
+
+
 def plain(value: Any) -> Any:
     """Return a value or an array for JSON, with numbers as of `plain_number`."""
     if isinstance(value, np.ndarray):

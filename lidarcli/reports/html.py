@@ -8,7 +8,7 @@ import io
 import json
 import re
 import zlib
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from importlib.resources import files
 from typing import Any
@@ -25,13 +25,13 @@ from lidarcli.formalism.detection import SETS, SHAPES
 from lidarcli.formalism.mapping.grid import FREE, OCCUPIED, Occupancy
 from lidarcli.palette import COLOURS, page_style, themed
 from lidarcli.reports.charts import charts
-from lidarcli.reports.columns import Origin, Rows, Run
-from lidarcli.reports.document import NAMES, PAGE, Code, Document, FromAbove, PartsReport
+from lidarcli.reports.columns import Rows, Run
+from lidarcli.reports.document import NAMES, PAGE, Code, FromAbove, Report
 from lidarcli.reports.drawing import project_style
 from lidarcli.reports.ground import Ground, Raw, Walls, ground_of, limits_of, rows_of
 from lidarcli.reports.map_picture import MapPicture, Sight, changes_figure, map_figure
 from lidarcli.reports.programs import clean
-from lidarcli.reports.report import Report, track_cells
+from lidarcli.reports.run import RunPart, track_cells
 from lidarcli.reports.summary import KINDS, Stream, Summary
 from lidarcli.reports.wording import number, share
 from lidarcli.reports.zones import ZonesPart
@@ -85,27 +85,27 @@ class Page:
     """Command that makes the page again."""
 
 
-def render(report: Document, shown: Page | None = None) -> str:
-    """Return the page; one of a `Report` needs what is shown of its sweeps."""
-    if isinstance(report, Report):
-        assert shown is not None
-        return _page("report.html", report, report.summary.sources, **_shown(report, shown))
-    assert isinstance(report, PartsReport)
-    return _page("parts.html", report, report.sources)
+def render(report: Report) -> str:
+    """Return the page; one that begins with a run needs what is shown of its sweeps."""
+    run = report.parts[0]
+    if isinstance(run, RunPart):
+        assert report.page is not None
+        return _page("report.html", report, **_shown(run, report.page))
+    return _page("parts.html", report)
 
 
-def _shown(report: Report, shown: Page) -> dict[str, Any]:
+def _shown(run: RunPart, shown: Page) -> dict[str, Any]:
     """Return the values of the template that the document does not hold."""
     script = _script()
     digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
-    summary, viewer = report.summary, shown.viewer
+    summary, viewer = run.summary, shown.viewer
     tracks = summary.tracked.tracks if summary.tracked else ()
     overview = None
     if shown.overview is not None:
         with project_style(SVG_STYLE):
             figure = map_figure(replace(shown.overview, grid=shown.grid), OVERVIEW_SIZE, greys=GREYS)
             overview = _inline("The run from above", figure)
-    drawn = [*charts(report, shown.walls)]
+    drawn = [*charts(run, shown.walls)]
     viewer = viewer | {"charts": [chart.values for chart in drawn]}
     return {
         "summary": summary,
@@ -128,7 +128,7 @@ def _shown(report: Report, shown: Page) -> dict[str, Any]:
     }
 
 
-def _page(template: str, report: Document, sources: Iterable[Origin], **values: Any) -> str:
+def _page(template: str, report: Report, **values: Any) -> str:
     """Return a page from one of the templates. Every text of a log is escaped by the template engine."""
     environment = Environment(
         loader=PackageLoader("lidarcli.reports"),
@@ -145,7 +145,7 @@ def _page(template: str, report: Document, sources: Iterable[Origin], **values: 
         **values,
         report=report,
         sections=sections,
-        versions=sorted({one.version for one in sources if one.version}),
+        versions=sorted({one.version for one in report.parts[0].sources if one.version}),
         version=__version__,
         style=Markup(page_style() + "\n" + _part("report.css")),
     )

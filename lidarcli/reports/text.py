@@ -18,10 +18,10 @@ from lidarcli.reports.document import (
     Bands,
     Block,
     Code,
-    Document,
     Drawing,
     Facts,
     Notes,
+    Report,
     Share,
     Shares,
     Table,
@@ -34,7 +34,7 @@ COURSE, LONGEST_NAME = 48, 18
 """Characters of a band, and of its name at most."""
 
 
-def as_text(report: Document, colour: bool = False) -> str:
+def as_text(report: Report, colour: bool = False) -> str:
     """Return the report as text; `colour` for a terminal."""
     parts = [*_checks(report)]
     for section in report.sections().values():
@@ -44,7 +44,7 @@ def as_text(report: Document, colour: bool = False) -> str:
     return _printed(parts, colour)
 
 
-def brief_text(report: Document, colour: bool = False) -> str:
+def brief_text(report: Report, colour: bool = False) -> str:
     """Return the checks and the summary for the terminal."""
     lines = [_styled(line) for line in report.lines]
     return _printed([*_checks(report), *([Text()] if report.verdicts else []), *lines], colour)
@@ -71,7 +71,7 @@ def _printed(parts: Iterable[RenderableType], colour: bool) -> str:
     return "\n".join(lines).strip("\n") + "\n"
 
 
-def _checks(report: Document) -> Iterator[RenderableType]:
+def _checks(report: Report) -> Iterator[RenderableType]:
     """Yield problems, warnings, and a line for each check."""
     for kind, problem in report.named_problems:
         yield _styled(f"{kind}: {problem}", style="red")
@@ -158,7 +158,7 @@ def band_lines(block: Bands) -> list[str]:
     return [*lines, f"{'':<{width + 2 + room}}  0 s{f'{number(block.seconds)} s':>{COURSE - 3}}"]
 
 
-def as_markdown(report: Document) -> str:
+def as_markdown(report: Report) -> str:
     """Return the verdict and the key figures in sight, the rest folded."""
     lines = [*_beginning(report)]
     sections = [section for section in report.sections().values() if MARKDOWN in section.formats]
@@ -173,13 +173,13 @@ def as_markdown(report: Document) -> str:
     return "\n".join(lines).rstrip() + "\n"
 
 
-def brief_markdown(report: Document) -> str:
+def brief_markdown(report: Report) -> str:
     """Return the checks and the summary as Markdown."""
     lines = [*_beginning(report), *(f"{_escaped(line)}\n" for line in report.lines)]
     return "\n".join(lines).rstrip() + "\n"
 
 
-def _beginning(report: Document) -> Iterator[str]:
+def _beginning(report: Report) -> Iterator[str]:
     """Yield the heading, problems, warnings and checks."""
     yield f"## lidarcli report: {_escaped(report.title)}"
     yield ""

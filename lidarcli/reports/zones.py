@@ -221,10 +221,11 @@ def parse_zone_check(expression: str, zones: Collection[str], others: Collection
     return check
 
 
-def judge_zones(check: Check, values: Mapping[str, float | None], zone_rows: ZoneRows) -> Verdict:
+def judge_zones(check: Check, values: Mapping[str, float | None], zone_rows: ZoneRows | None) -> Verdict:
     """Hold a check against the figures of zones, or against the rows of their events."""
-    found = values.get(check.name) if check.condition is None else count_events(check.condition, zone_rows)
-    return verdict_of(check, found)
+    if check.condition is None or zone_rows is None:
+        return verdict_of(check, values.get(check.name))
+    return verdict_of(check, count_events(check.condition, zone_rows))
 
 
 @dataclass(frozen=True, slots=True)

@@ -20,13 +20,13 @@ from lidarcli import palette
 from lidarcli.errors import OptionError, UnreadableError
 from lidarcli.formalism.mapping.grid import FREE, OCCUPIED, UNKNOWN, Occupancy
 from lidarcli.pipeline.inputs.tables import find_table_sets, find_tables, table_files
-from lidarcli.pipeline.reporting import FORMATS, PagedReport, ReportOptions, make_report, render
+from lidarcli.pipeline.reporting import FORMATS, ReportOptions, make_report, render
 from lidarcli.reports.changes import changes_part, pairs_of
-from lidarcli.reports.document import PartsReport
+from lidarcli.reports.document import Report
 from lidarcli.reports.drawing import project_style
 from lidarcli.reports.labels import Labels
 from lidarcli.reports.map_picture import Sight, changes_figure, draw_changes
-from lidarcli.reports.report import Report
+from lidarcli.reports.run import RunPart
 from lidarcli.sweeps import Float64
 from lidarcli.tabular.schemas import CHANGES
 from lidarcli.tabular.writing import ALIGNMENT, CHANGE_FIGURES, DAMAGE
@@ -77,7 +77,7 @@ def written(path: Path, *args: Any, **options: Any) -> Path:
     return path
 
 
-def made(*tables: Path, checks: Sequence[str] = (), viewer: bool = False) -> PagedReport:
+def made(*tables: Path, checks: Sequence[str] = (), viewer: bool = False) -> Report:
     return make_report(ReportOptions(tuple(map(str, tables)), tuple(checks)), viewer=viewer)
 
 
@@ -134,14 +134,9 @@ def test_a_report_on_changes_alone_in_every_format(tmp_path: Path) -> None:
     checks = ["gone == 2", "new == 0", "overlap > 0.9", "f1 > 0.9"]
     for named in (path, tmp_path, tmp_path / "*.parquet"):
         found = made(named, checks=checks)
-        assert isinstance(found.report, PartsReport)
-        assert [(one.found, one.holds) for one in found.report.verdicts] == [
-            (2, True),
-            (1, False),
-            (0.93, True),
-            (None, False),
-        ]
-        assert found.report.exit_code == 1
+        assert not isinstance(found.parts[0], RunPart)
+        assert [(one.found, one.holds) for one in found.verdicts] == [(2, True), (1, False), (0.93, True), (None, False)]
+        assert found.exit_code == 1
     text = render(found, "text")
     assert max(map(len, text.splitlines())) <= 80
     rows = lines_of(text)
@@ -177,7 +172,7 @@ def test_a_report_on_changes_alone_in_every_format(tmp_path: Path) -> None:
     github = render(found, "github")
     assert "::error title=lidarcli%3A check failed::new == 0: expected == 0, found 1" in github
     assert "tuesday to wednesday: known 1, gone 1; 98.0 %25 of the structure in place" in github
-    assert found.report.lines[-1] in " ".join(render(found, "text", brief=True).split())
+    assert found.lines[-1] in " ".join(render(found, "text", brief=True).split())
 
 
 @pytest.mark.slow
@@ -213,10 +208,10 @@ def test_changes_beside_objects_join_the_report(tmp_path: Path) -> None:
     objects = write_run(tmp_path, **crossing())
     path = written(tmp_path / "site.changes.parquet")
     found = made(objects, path, checks=["gone == 2", "sweeps == 10"], viewer=True)
-    assert isinstance(found.report, Report)
-    assert found.report.holds
-    assert found.report.figures["gone"] == 2
-    assert "tuesday to wednesday: known 1, gone 1; 98.0 % of the structure in place" in "\n".join(found.report.lines)
+    assert isinstance(found.parts[0], RunPart)
+    assert found.holds
+    assert found.figures["gone"] == 2
+    assert "tuesday to wednesday: known 1, gone 1; 98.0 % of the structure in place" in "\n".join(found.lines)
     for kind in FORMATS:
         assert ("gone" if kind == "junit" else "wednesday") in render(found, kind)
     page = render(found, "html")
@@ -226,7 +221,7 @@ def test_changes_beside_objects_join_the_report(tmp_path: Path) -> None:
     assert (values["figures"]["sweeps"], values["figures"]["gone"]) == (10, 2)
     assert len(values["changes"]) == 7
     # A folder holds both.
-    assert made(tmp_path).report.figures["gone"] == 2
+    assert made(tmp_path).figures["gone"] == 2
     alone = json.loads(render(made(objects), "json"))
     assert not {"changes", "alignments"} & {*alone}
 
@@ -243,7 +238,7 @@ def test_a_table_that_is_named_itself_may_have_any_name(tmp_path: Path) -> None:
     path = written(tmp_path / "monday-tuesday.parquet")
     assert find_tables([str(path)]).changes == [path]
     assert table_files([str(path)]) == [path]
-    assert made(path, checks=["gone == 2"]).report.holds
+    assert made(path, checks=["gone == 2"]).holds
     # In a folder the name tells.
     with pytest.raises(UnreadableError, match=r"no \*.objects.parquet in this folder"):
         made(tmp_path)
@@ -287,7 +282,7 @@ def test_what_a_report_on_changes_alone_refuses(tmp_path: Path) -> None:
 def test_tables_of_changes_that_cannot_be_read(tmp_path: Path) -> None:
     whole = written(tmp_path / "a.changes.parquet")
     odd = written(tmp_path / "b.changes.parquet", [change(1, "vanished", a=(0.0, 0.0, 0.0))])
-    report = made(whole, odd, checks=["gone == 2"]).report
+    report = made(whole, odd, checks=["gone == 2"])
     assert report.exit_code == 3
     assert "b.changes.parquet: column status holds 'vanished'; it can be one of known, moved" in report.unread[0]
     for name, data in (("c.changes.parquet", b"PAR1"), ("d.parquet", b"")):
@@ -301,10 +296,10 @@ def test_tables_of_changes_that_cannot_be_read(tmp_path: Path) -> None:
 
 def test_checks_see_only_a_part_of_damaged_runs(tmp_path: Path) -> None:
     path = written(tmp_path / "c.changes.parquet", damage=["tuesday.mcap: chunk 3: cut"])
-    report = made(path, checks=["gone == 2"]).report
+    report = made(path, checks=["gone == 2"])
     assert report.exit_code == 3
     assert "tuesday.mcap: chunk 3: cut" in report.unseen[0]
-    assert made(path).report.exit_code == 0
+    assert made(path).exit_code == 0
 
 
 # Pictures.

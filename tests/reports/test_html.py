@@ -13,8 +13,10 @@ import numpy as np
 import pytest
 
 from lidarcli.reports import html
+from lidarcli.reports.document import Report
 from lidarcli.reports.ground import Raw
 from lidarcli.reports.html import choose_sweeps, pack
+from lidarcli.reports.run import RunPart
 from lidarcli.reports.summary import summarise
 from tests.places import SAMPLES
 from tests.reports.browser import CHROMIUM, Page, browser
@@ -237,12 +239,11 @@ def long_page(sweeps: int, beams: int) -> str:
         np.full(sweeps, beams),
         walls + 0.01 * rng.standard_normal((sweeps, beams)),
     )
-    from lidarcli.reports.report import Report
 
     summary = summarise(run)
     packed = pack(run, summary, choose_sweeps(run, summary), {(0, "/scan"): raw})
     assert packed["streams"][0]["count"] == sweeps
-    return html.render(Report(summary), html.Page({**packed, "note": ""}))
+    return html.render(Report((RunPart(summary),), page=html.Page({**packed, "note": ""})))
 
 
 @pytest.mark.slow
