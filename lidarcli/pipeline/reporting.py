@@ -214,7 +214,7 @@ def _without_objects(
     else:
         assert changes is not None
         zones, parts, incomplete = None, [changes], ()
-        checks = [parse_check(text, only=others, page="docs/diff.md") for text in options.checks]
+        checks = [parse_check(text, only=others) for text in options.checks]
     report = Report(tuple(parts), (), tuple(map(str, failed)), (*incomplete, *_unseen_changes(checks, changes)))
     return replace(report, verdicts=tuple(judge_zones(check, report.figures, zones) for check in checks))
 

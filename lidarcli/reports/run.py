@@ -48,10 +48,8 @@ from lidarcli.reports.summary import (
     beams_by_set,
     differences,
     has_agents,
-    kind_counts,
     rate,
     scene_of,
-    track_kinds,
     unlike_of,
 )
 from lidarcli.reports.wording import (
@@ -224,7 +222,7 @@ def _figures(summary: Summary) -> Iterator[tuple[str, Section]]:
 def _kinds(summary: Summary) -> Iterator[tuple[str, Section]]:
     fold = "Objects and beams by kind"
     for name in ("shape", "visibility", "change"):
-        if counts := kind_counts(summary, name):
+        if counts := summary.kinds[name]:
             shares = Shares(name, "objects", counts, sum(counts.values()))
             yield name, Section(f"Objects by {name}", [shares], fold=fold)
     beams = Shares("beams", "number", _beams(summary), sum(summary.status.values()))
@@ -240,8 +238,8 @@ def _beams(summary: Summary) -> dict[str, int]:
 def _tracks(tracked: TracksSummary) -> Iterator[tuple[str, Section]]:
     formats = (TEXT, MARKDOWN)
     yield "tracks", Section("Tracks", [Facts([*_track_facts(tracked).items()])], formats)
-    for name in tracked.kinds:
-        if counts := track_kinds(tracked, name):
+    for name, kinds in tracked.kinds.items():
+        if counts := {kind.replace("_", " "): count for kind, count in kinds.items()}:
             shares = Shares(name.removeprefix("tracks."), "tracks", counts, sum(counts.values()))
             title = name.replace(".", " by ").capitalize()
             yield name, Section(title, [shares], fold="Tracks")
