@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from lidarcli.choices import MAP_RESOLUTION, MIN_MOVE, OCCUPIED_RATIO
 from lidarcli.formalism.mapping.grid import CLEAR, HIT, SKIPPED, Beams, Counts, MotionFilter, Occupancy, TooLargeError
-from lidarcli.reports.columns import Rows, Run
+from lidarcli.reports.columns import Rows, Run, rows_of
 from lidarcli.sweeps import TURN, Bool, Closure, Float64, Int64, SweepPoses, UInt8, record
 
 CELLS = 160
@@ -103,8 +103,7 @@ def ground_of(sweeps: Rows, rows: Int64, objects: Rows, members: Int64, sweep: I
     )
 
 
-@dataclass(frozen=True, slots=True)
-class Raw:
+class Raw(NamedTuple):
     """Ranges of K sweeps of one topic, sorted by index."""
 
     sweep: Int64
@@ -118,14 +117,7 @@ class Raw:
 
     def rows(self, index: Int64) -> Raw:
         """Return some of the sweeps."""
-        return Raw(
-            self.sweep[index],
-            self.angle_min[index],
-            self.angle_increment[index],
-            self.closure[index],
-            self.beams[index],
-            self.ranges[index],
-        )
+        return Raw._make(column[index] for column in self)
 
     def bearings(self) -> Float64:
         """Return (K, B) the bearing of each beam [rad]."""
@@ -233,16 +225,12 @@ class _Placed:
 
 def _placed(run: Run, topic: str, raw: Raw) -> _Placed | None:
     """Find raw sweeps in the tables; None where none of them is there."""
-    rows = np.flatnonzero(run.sweeps.are("topic", topic))
-    index = run.sweeps.integers("sweep")[rows]
-    order = np.argsort(index, kind="stable")
-    rows, index = rows[order], index[order]
-    there = np.flatnonzero(np.isin(raw.sweep, index))
-    if not len(there):
+    rows, there = rows_of(run.sweeps, topic, raw.sweep)
+    if not len(rows):
         return None
     raw = raw.rows(there)
-    rows = rows[np.searchsorted(index, raw.sweep)]
-    members, sweep = _members(run, topic, raw.sweep)
+    members, sweep = rows_of(run.objects, topic, raw.sweep)
+    members, sweep = (column[run.is_object[members]] for column in (members, sweep))
     return _Placed(raw, rows, ground_of(run.sweeps, rows, run.objects, members, sweep), members, sweep)
 
 
@@ -313,14 +301,6 @@ def _beams(run: Run, topic: str, raw: Raw) -> Iterator[Beams]:
     yield Beams(end, use, raw.beams.astype(np.int32), where, np.zeros((len(taken), 3)))
 
 
-def _members(run: Run, topic: str, sweeps: Int64) -> tuple[Int64, Int64]:
-    """Return the rows of the objects of these sweeps, and the index of the sweep of each among them."""
-    index = run.objects.integers("sweep")
-    mine = run.objects.are("topic", topic) & run.is_object & np.isin(index, sweeps)
-    members = np.flatnonzero(mine)
-    return members, np.searchsorted(sweeps, index[members])
-
-
 def _on_objects(run: Run, raw: Raw, members: Int64, sweep: Int64) -> Bool:
     """Return (K, B) beams between the edges of an object."""
     angle_min, step = raw.angle_min[sweep], raw.angle_increment[sweep]
@@ -385,28 +365,21 @@ class Paths:
     """The tracks of one topic: rows of an objects, a sweeps and a trajectories table with `COLUMNS`."""
 
     def __init__(self, sweeps: Rows, objects: Rows, trajectories: Rows, topic: str) -> None:
-        rows = np.flatnonzero(sweeps.are("topic", topic))
-        index = sweeps.integers("sweep")[rows]
-        order = np.argsort(index, kind="stable")
-        rows, self._sweeps = rows[order], index[order]
-        mine = objects.are("topic", topic) & ~np.isnan(objects.numbers("track"))
-        members = np.flatnonzero(mine & np.isin(objects.integers("sweep"), self._sweeps))
-        at = np.searchsorted(self._sweeps, objects.integers("sweep")[members])
-        self._ground = ground_of(sweeps, rows, objects, members, at)
-        order = np.argsort(at, kind="stable")
-        members, self._seen_at = members[order], at[order]
+        self._sweeps = np.unique(sweeps.integers("sweep")[sweeps.are("topic", topic)])
+        rows, _ = rows_of(sweeps, topic, self._sweeps)
+        members, at = rows_of(objects, topic, self._sweeps)
+        tracked = ~np.isnan(objects.numbers("track")[members])
+        members, self._seen_at = members[tracked], at[tracked]
+        self._ground = ground_of(sweeps, rows, objects, members, self._seen_at)
         self._seen_track = objects.numbers("track")[members].astype(np.int64)
         self._agent = objects.are("set", "A")[members]
         self._nearest = np.stack([objects.numbers(name)[members] for name in ("r_min", "theta_min")], axis=1)
-        codes, names = objects.words("label")
-        self._labels = ["" if code < 0 else names[code] for code in codes[members].tolist()]
-        self._table, self._rows = trajectories, rows_of(trajectories, topic, self._sweeps)
-        self._at = np.searchsorted(self._sweeps, trajectories.integers("sweep")[self._rows])
-        self._track, self._seconds = (self._column(name) for name in ("track", "t"))
-        self._x, self._y = (self._column(name) - origin for name, origin in zip("xy", self._ground.origin, strict=True))
-
-    def _column(self, name: str) -> Float64:
-        return self._table.numbers(name)[self._rows]
+        self._labels = objects.texts("label", members)
+        self._rows, self._at = rows_of(trajectories, topic, self._sweeps)
+        names = ("track", "t", "x", "y", "vx", "vy")
+        self._track, self._seconds, x, y, *self._velocity = (trajectories.numbers(name)[self._rows] for name in names)
+        self._x, self._y = (place - origin for place, origin in zip((x, y), self._ground.origin, strict=True))
+        self._hidden = trajectories.are("seen", "hidden")[self._rows]
 
     @property
     def are_there(self) -> bool:
@@ -435,27 +408,17 @@ class Paths:
         return tuple(self._path(row, now, x, y, past) for row in here.tolist())
 
     def _path(self, row: int, now: int, x: Float64, y: Float64, past: Bool) -> TrackPath:
-        number = int(self._track[row])
+        number, is_seen = int(self._track[row]), not self._hidden[row]
         mine = np.flatnonzero(past & (self._track == number))
-        mine = mine[np.argsort(self._at[mine], kind="stable")]
         known = np.flatnonzero((self._seen_track == number) & (self._seen_at <= now))
         last = int(known[-1]) if len(known) else -1
-        seen = not bool(self._table.are("seen", "hidden")[self._rows[row]])
-        velocity = (self._column(name)[row : row + 1] for name in ("vx", "vy"))
-        vx, vy = self._ground.turned(now, *velocity)
+        vx, vy = self._ground.turned(now, *(each[row] for each in self._velocity))
         return TrackPath(
             number=number,
             is_agent=last >= 0 and bool(self._agent[last]),
             label=self._labels[last] if last >= 0 else "",
-            seen=seen,
+            seen=is_seen,
             x=x[mine],
             y=y[mine],
-            velocity=(float(vx[0]), float(vy[0])) if seen else (0.0, 0.0),
+            velocity=(float(vx), float(vy)) if is_seen else (0.0, 0.0),
         )
-
-
-def rows_of(trajectories: Rows, topic: str, sweeps: Int64) -> Int64:
-    """Return the rows of the trajectories of a topic in these sweeps."""
-    mine = trajectories.are("topic", topic) & np.isin(trajectories.integers("sweep"), sweeps)
-    found: Int64 = np.flatnonzero(mine)
-    return found

@@ -22,6 +22,7 @@ from lidarcli.formalism.mapping.grid import FREE, OCCUPIED, UNKNOWN, Occupancy
 from lidarcli.reports.drawing import (
     Entries,
     Frame,
+    Label,
     Mark,
     Panel,
     arrow,
@@ -36,7 +37,6 @@ from lidarcli.reports.drawing import (
     project_style,
     sensor,
 )
-from lidarcli.reports.labels import Label
 from lidarcli.reports.picture import outline_of, printable
 from lidarcli.sweeps import Float32, Float64, Int64
 
@@ -80,8 +80,6 @@ TITLE_MARKS = 90
 """Characters of a line above a panel that is `PANEL` wide."""
 SMALLEST = 0.1
 """Least side of a box that is drawn [m]."""
-REACH = 0.15
-"""Cells of a known thing lie this far around its box [m]."""
 STANDS = 0.3
 """A sensor whose places lie within so far stands [m]."""
 STYLES: dict[str, dict[str, Any]] = {
@@ -165,7 +163,7 @@ def map_figure(picture: MapPicture, longest: float = LONG, look: Look = AS_IT_CO
     figure = new_figure(look.inches(width), longest)
     axes = figure.add_subplot()
     _draw_grid(axes, picture.grid, greys or (MAP_GREYS if picture.snapshot is None else BEHIND_GREYS))
-    panel = Panel(_frame(limits), [*_marks(picture), *_scale(limits, axes)], [*_labels(picture)], _occupied(picture.grid))
+    panel = Panel(_frame(limits), [*_marks(picture)], [*_labels(picture)], _occupied(picture.grid))
     draw_panel(axes, panel)
     if picture.title and look.title:
         axes.set_title(printable(picture.title), loc="left")
@@ -194,8 +192,7 @@ def limits_of(picture: MapPicture, others: Sequence[Float64] = ()) -> Limits:
         return -1.0, 1.0, -1.0, 1.0
     (left, low), (right, high) = xy.min(axis=0).tolist(), xy.max(axis=0).tolist()
     air = max(AIR * max(right - left, high - low), 0.5)
-    # The bar of the scale has its place below.
-    return left - air, right + air, low - 2.0 * air, high + air
+    return left - air, right + air, low - air, high + air
 
 
 def _draw_grid(axes: Axes, grid: Occupancy | None, greys: Greys) -> None:
@@ -260,19 +257,6 @@ def _labels(picture: MapPicture) -> Iterator[Label]:
                 yield Label(printable(box.name), box.outline, palette.BLUE, (box.x - 1.0, box.y - 1.0))
     for track, path in picture.agents[:MOST_NUMBERS]:
         yield Label(str(track), path[-1:], palette.VERMILION, (float(path[-2:][0, 0]), float(path[-2:][0, 1])))
-
-
-def _scale(limits: Limits, axes: Axes) -> Iterator[Mark]:
-    """Yield a bar of a round length in the lower right corner, with its length above."""
-    left, right, low, high = limits
-    about = 0.2 * (right - left)
-    power = 10.0 ** np.floor(np.log10(about))
-    length = float(max(step * power for step in (1, 2, 5) if step * power <= about))
-    end, foot = right - 0.03 * (right - left), low + 0.03 * (high - low)
-    yield Mark(np.array([[end - length, foot], [end, foot]]), {"color": palette.BLACK, "lw": 2.0, "zorder": 9})
-    box = {"facecolor": axes.get_facecolor(), "edgecolor": "none", "alpha": 0.75, "pad": 0.4}
-    above = np.array([[end - 0.5 * length, foot + 0.01 * (high - low)]])
-    yield Mark(above, {"ha": "center", "va": "bottom", "zorder": 9, "bbox": box}, text=f"{length:g} m")
 
 
 def paths_of(sweeps: Rows) -> list[Float64]:
@@ -385,7 +369,7 @@ def changes_figure(pairs: Sequence[RunPair], sights: Sequence[Sight]) -> Figure:
         _draw_grid(mine, one.grid, CHANGE_GREYS)
         limits = (left, right, low, high)
         obstacles = np.concatenate([_occupied(one.grid), *(corners for corners, _ in one.polygons())])
-        panel = Panel(_frame(limits), [*one.marks(), *_scale(limits, mine)], [*one.labels()], obstacles)
+        panel = Panel(_frame(limits), [*one.marks()], [*one.labels()], obstacles)
         draw_panel(mine, panel)
         title = pair.title
         if len(title) > most:
@@ -410,8 +394,7 @@ class _ChangedRun:
     def of(pair: RunPair, sight: Sight) -> _ChangedRun:
         """Return the changes whose place is known."""
         grid = None if sight.grid is None else _known_part(sight.grid)
-        cells = _occupied(grid)
-        found = [(one, _box(one, cells), _old_box(one)) for one in pair.changes]
+        found = [(one, _box(one), _old_box(one)) for one in pair.changes]
         sensors = np.empty((0, 2)) if sight.sensors is None else sight.sensors
         sensors = sensors[np.isfinite(sensors).all(axis=1)]
         return _ChangedRun(tuple((one, box, old) for one, box, old in found if box is not None), sensors, grid)
@@ -467,27 +450,10 @@ def _known_part(grid: Occupancy) -> Occupancy:
     return replace(grid, x=grid.x + left * grid.resolution, y=grid.y + low * grid.resolution, cells=cells)
 
 
-def _box(one: Change, cells: Float64) -> Box | None:
-    """Return the box of a change in the last run that has it; a known thing takes in what the runs before saw of it."""
-    place, yaw = one.place, one.yaw_a if one.x_b is None else one.yaw_b
-    if place is None:
-        return None
-    box = _sized(one, *place, yaw or 0.0)
-    if one.status != "known" or one.x_a is None or one.y_a is None:
-        return box
-    # Each run saw the sides that were turned to its sensor.
-    cos, sin = math.cos(box.yaw), math.sin(box.yaw)
-    turn = np.array([[cos, -sin], [sin, cos]])
-    half = 0.5 * np.array([box.length, box.width])
-    places = (cells - [box.x, box.y]) @ turn
-    beyond = np.abs(places) - half
-    mine = places[(beyond.max(axis=1) <= REACH) & (beyond.min(axis=1) <= 0.0)]
-    shift = np.array([one.x_a - box.x, one.y_a - box.y]) @ turn
-    both = np.concatenate([mine, [half, -half, shift + half, shift - half]])
-    low, high = both.min(axis=0), both.max(axis=0)
-    x, y = turn @ (0.5 * (low + high))
-    length, width = (high - low).tolist()
-    return Box(box.x + float(x), box.y + float(y), box.yaw, length, width)
+def _box(one: Change) -> Box | None:
+    """Return the box of a change in the last run that has it."""
+    yaw = one.yaw_a if one.x_b is None else one.yaw_b
+    return None if one.place is None else _sized(one, *one.place, yaw or 0.0)
 
 
 def _old_box(one: Change) -> Box | None:
@@ -549,7 +515,6 @@ def _draw_background(axes: Axes, one: Background) -> None:
     support = one.support[surface][thin]
     x, y = ends[surface][thin].T
     drawn = axes.scatter(x, y, 3.0, support, cmap=SUPPORT_COLOURS, linewidths=0, rasterized=True)
-    drawn.set_clim(*_support_range(support))
     # Beside the axes themselves, so that it is as high as they are.
     bar = axes.figure.colorbar(drawn, cax=axes.inset_axes((1.03, 0.0, 0.035, 1.0)), label=SUPPORT)
     bar.ax.yaxis.set_major_formatter(PercentFormatter(1.0, decimals=0))
@@ -563,12 +528,3 @@ def _draw_background(axes: Axes, one: Background) -> None:
     axes.set(aspect="equal", xlabel="x [m]", ylabel="y [m]")
     counts = f"{counted(len(one), 'station')}, {counted(int(one.sweeps.sum()), 'sweep')}"
     axes.set_title(f"{printable(one.topic)}  {printable(one.frame_id)}: {counts}")
-
-
-def _support_range(support: Float64) -> tuple[float, float]:
-    """Return the range of the colour bar, in tenths: only support that occurs, so that small differences are seen."""
-    if not len(support):
-        return 0.0, 1.0
-    low = np.floor(10.0 * float(support.min()) + 1e-6) / 10.0
-    high = np.ceil(10.0 * float(support.max()) - 1e-6) / 10.0
-    return (float(low), float(high)) if high > low else (float(high) - 0.1, float(high))

@@ -259,17 +259,6 @@ def test_each_sensor_has_a_topic_of_its_own(lidarcli: Run, logs: Path, tmp_path:
     assert Counter(each.topic for each in read_back(chosen)) == {"/rear": counts["/rear"], OBJECTS: counts["/rear"]}
 
 
-def test_times_of_a_topic_go_on_where_header_stamps_go_back(lidarcli: Run, tmp_path: Path) -> None:
-    sweeps = room_sweeps(count=60)
-    sweeps.stamp_ns[30] -= 400_000_000
-    write_log(tmp_path / "run.mcap", [sweeps])
-    out = tmp_path / "o.mcap"
-    assert lidarcli("-q", "overlay", tmp_path / "run.mcap", "-o", out).code == 0
-    with out.open("rb") as file:
-        times = [(each.log_time, each.publish_time) for *_, each in make_reader(file).iter_messages()]
-    assert times == [(at, at) for at in sweeps.record_ns.tolist()]
-
-
 @pytest.mark.parametrize("encoding", ["json", "protobuf"])
 def test_a_log_that_is_not_ros_is_written_anew(lidarcli: Run, tmp_path: Path, encoding: str) -> None:
     log, out = tmp_path / "run.mcap", tmp_path / "o.mcap"

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import shutil
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -22,12 +21,10 @@ from lidarcli.pipeline import plotting
 from lidarcli.pipeline.inputs.search import find_logs
 from lidarcli.pipeline.inputs.sources import Source
 from lidarcli.pipeline.plotting import PlotOptions, take_pictures
-from lidarcli.simulation.writers import write_log
 from lidarcli.sweeps import SweepBatch
 from lidarcli.tabular import TRAJECTORIES
 from tests.places import SAMPLES
 from tests.reports.runs import trajectories
-from tests.sweeping import raw_sweeps
 
 Run = Callable[..., Any]
 
@@ -45,16 +42,6 @@ def test_one_sweep(lidarcli: Run, logs: Path, tmp_path: Path) -> None:
         f"lidarcli: {out} exists; use --overwrite to replace it, or -o to write elsewhere\n",
     )
     assert lidarcli("plot", logs / "run.mcap", "-o", out, "--overwrite").code == 0
-
-
-@pytest.mark.slow
-def test_a_sweep_without_beams_is_an_empty_picture(lidarcli: Run, tmp_path: Path) -> None:
-    write_log(tmp_path / "none.mcap", [raw_sweeps(np.zeros((9, 0), np.float32))])
-    out = tmp_path / "a.png"
-    ran = lidarcli("plot", tmp_path / "none.mcap", "--sweep", 3, "-o", out)
-    assert ran.code == 0
-    assert ran.err == f"  note     the sweeps of /scan have no beams\n  wrote    {out}\n"
-    assert out.stat().st_size > 1000
 
 
 @pytest.mark.usefixtures("undrawn")
@@ -218,19 +205,6 @@ def test_tracks_that_cannot_be_drawn(lidarcli: Run, logs: Path, tracked: Path, t
 
 
 @pytest.mark.slow
-def test_an_animation(lidarcli: Run, logs: Path, tmp_path: Path) -> None:
-    out = tmp_path / "a.gif"
-    ran = lidarcli("plot", logs / "run.mcap", "--sweeps", "8:12", "--view", "scene", "--animate", "-o", out)
-    assert ran.code == 0
-    with Image.open(out) as image:
-        assert getattr(image, "n_frames", 1) >= 2
-    assert [path.name for path in tmp_path.iterdir()] == ["a.gif"]
-    if shutil.which("ffmpeg") is None:
-        ran = lidarcli("plot", logs / "run.mcap", "--sweeps", "0,1", "--animate", "-o", tmp_path / "a.mp4")
-        assert (ran.code, ran.err) == (2, "lidarcli: .mp4 needs ffmpeg, which is not there; write .gif instead\n")
-
-
-@pytest.mark.slow
 def test_an_animation_of_a_time(lidarcli: Run, logs: Path, tmp_path: Path) -> None:
     found = find_logs([str(logs / "run.mcap")])[0]
     assert isinstance(found, Source)
@@ -280,13 +254,6 @@ def test_mistakes(lidarcli: Run, logs: Path, arguments: tuple[object, ...], code
     assert (ran.code, ran.out) == (code, "")
     assert words in ran.err
     assert not Path("a.png").exists()
-
-
-def test_no_log(lidarcli: Run, logs: Path, tmp_path: Path) -> None:
-    ran = lidarcli("plot", tmp_path / "no.mcap", "-o", tmp_path / "a.png")
-    assert (ran.code, ran.err) == (3, f"lidarcli: {tmp_path / 'no.mcap'}: no such file or folder\n")
-    ran = lidarcli("plot", logs, "-o", tmp_path / "a.png")
-    assert (ran.code, ran.err) == (2, f"lidarcli: {logs}: holds 3 logs; name one of them\n")
 
 
 @pytest.mark.usefixtures("undrawn")

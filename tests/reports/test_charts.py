@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from lidarcli.palette import COLOURS, HEAT, page_style
-from lidarcli.reports.charts import charts
 from lidarcli.reports.figures import Density
 from lidarcli.reports.ground import Walls
+from lidarcli.reports.html import charts
 from lidarcli.reports.run import RunPart
 from lidarcli.reports.summary import summarise
 from tests.reports.runs import run_of, sweep, thing

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -109,7 +108,7 @@ def test_where_there_is_no_map() -> None:
     assert map_of(posed, {(0, "/other"): beams[0, "/scan"]}) is None
     # Ground that is too large for cells, and bearings that are none.
     assert map_of(seen([(1e12 + k, 0.0, 0.0) for k in range(3)]), beams) is None
-    nothing = replace(beams[0, "/scan"], angle_min=np.full(3, np.nan))
+    nothing = beams[0, "/scan"]._replace(angle_min=np.full(3, np.nan))
     grid = map_of(posed, {(0, "/scan"): nothing})
     assert grid is not None
     assert (grid.occupied, grid.free) == (0, 0)
@@ -176,8 +175,8 @@ def test_odd_bearings() -> None:
     raw = beams[0, "/scan"]
     for name in ("angle_min", "angle_increment"):
         for value in (np.nan, 0.0, 1e-12, 1e12):
-            walls_of(seen(still, set="O"), {(0, "/scan"): replace(raw, **{name: np.full(4, value)})})
-    nothing = replace(raw, angle_min=np.full(4, np.nan))
+            walls_of(seen(still, set="O"), {(0, "/scan"): raw._replace(**{name: np.full(4, value)})})
+    nothing = raw._replace(angle_min=np.full(4, np.nan))
     assert walls_of(seen(still, set="O"), {(0, "/scan"): nothing}) == {}
 
 
@@ -185,8 +184,7 @@ def test_sweeps_that_run_clockwise_and_see_a_part() -> None:
     still = [(0.0, 0.0, 0.0)] * 4
     full = raw_of(*[room(0.0, 0.0, 0.0)] * 4)[0, "/scan"]
     # The beams from 89 degrees down to -90 degrees.
-    part = replace(
-        full,
+    part = full._replace(
         angle_min=np.full(4, 89 * STEP),
         angle_increment=np.full(4, -STEP),
         ranges=full.ranges[:, 269:89:-1],

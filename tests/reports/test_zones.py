@@ -309,18 +309,6 @@ def test_tables_of_zones_that_do_not_belong_together(tmp_path: Path) -> None:
         made(tmp_path)
 
 
-def test_what_a_report_on_zones_alone_refuses(tmp_path: Path) -> None:
-    events = str(write_zones(tmp_path, EVENT_ROWS, ZONE_ROWS))
-    for options, name in (
-        (ReportOptions((events,), baseline=(events,)), "--baseline"),
-        (ReportOptions((events,), logs=("run.mcap",)), "--log"),
-    ):
-        with pytest.raises(OptionError, match=f"{name}: these are tables of zones alone"):
-            make_report(options)
-    with pytest.raises(OptionError, match="unknown figure 'sweeps'"):
-        made(Path(events), checks=["sweeps > 3"])
-
-
 def test_checks_see_only_a_part_of_a_damaged_log(tmp_path: Path) -> None:
     events = write_zones(tmp_path, EVENT_ROWS, ZONE_ROWS, damage=["chunk 3: cut"])
     report = made(events, checks=["zones.stop.events == 2"])
