@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from lidarcli.choices import MAP_RESOLUTION, MIN_MOVE, OCCUPIED_RATIO
 from lidarcli.formalism.mapping.grid import CLEAR, HIT, SKIPPED, Beams, Counts, MotionFilter, Occupancy, TooLargeError
 from lidarcli.reports.columns import Rows, Run, rows_of
-from lidarcli.sweeps import TURN, Bool, Closure, Float64, Int64, SweepPoses, UInt8, record
+from lidarcli.sweeps import TURN, Bool, Float64, Int64, SweepPoses, UInt8, record
 
 CELLS = 160
 """Number of cells along the longer side of the scene, about."""
@@ -25,8 +25,6 @@ MAP_CELLS = 600
 """Most cells along a side of a map, about."""
 LEAST_STEP, MOST_ANGLE = 1e-6, 100.0
 """Least step from beam to beam, and greatest bearing of an edge, of any sensor [rad]."""
-PIECE = 500
-"""Sweeps whose beams are placed at once."""
 STANDS, HEADS = 0.05, 0.02
 """A sensor whose poses stay within this distance [m] and angle [rad] stands."""
 COLUMNS = {
@@ -136,77 +134,18 @@ class Walls:
     y: Float64
 
 
-def limits_of(raw: Raw | None, ground: Ground, x: Float64, y: Float64, of_sweep: Int64) -> dict[str, Any]:
-    """Return what holds all that is drawn of S sweeps, so that pictures do not jump, as values for JSON.
-
-    Parameters
-    ----------
-    raw : their beams, if known
-    ground : their poses
-    x, y : (N,) further points in the sensor frame [m] ...
-    of_sweep : (N,) ... each of one of the S sweeps
-
-    Returns
-    -------
-    `whole` : frame → least x, greatest x, least y, greatest y [m]; null without points
-    `curves` : greatest range and |s| [m], least and greatest bearing [rad]; null without beams
-    """
-    pieces = [(x, y, of_sweep)]
-    turns = []
-    jump = 0.0
-    for low in range(0, 0 if raw is None else len(raw.sweep), PIECE):
-        assert raw is not None
-        rows = np.arange(low, min(low + PIECE, len(raw.sweep)))
-        part, number = raw.rows(rows), np.arange(raw.ranges.shape[1])
-        theta, inside = part.bearings(), number < part.beams[:, None]
-        r = np.where(inside, part.ranges, np.nan)
-        there = np.isfinite(r) & np.isfinite(theta)
-        place = np.broadcast_to(rows[:, None], r.shape)[there]
-        pieces.append((r[there] * np.cos(theta[there]), r[there] * np.sin(theta[there]), place))
-        turns.append(theta[inside & np.isfinite(theta)])
-        # In a full turn the last beam has a neighbour, too; one on the bearing of the first is none.
-        last = part.beams - (part.closure == Closure.SHARED)
-        r[number >= last[:, None]] = np.nan
-        closed = (part.closure > 0) & (last > 1)
-        ends = r[closed, 0] - r[closed, last[closed] - 1]
-        steps = np.abs(np.concatenate([np.diff(r, axis=1).ravel(), ends]))
-        jump = max(jump, float(np.nanmax(steps, initial=0.0)))
-    sensor = _bounds([(np.zeros(1), np.zeros(1)), *((x, y) for x, y, _ in pieces)])
-    world = None
-    if ground.posed:
-        path = [(ground.pose_x, ground.pose_y)]
-        world = _bounds([*path, *(ground.from_sensor(sweep, x, y) for x, y, sweep in pieces)])
-    theta = np.concatenate([*turns, np.empty(0)])
-    reach = max((float(np.hypot(x, y).max(initial=0.0)) for x, y, _ in pieces), default=0.0)
-    curves = [reach, jump, float(theta.min()), float(theta.max())] if len(theta) else None
-    return {"whole": {"sensor": sensor, "world": world}, "curves": curves}
-
-
-def _bounds(points: Sequence[tuple[Float64, Float64]]) -> list[float] | None:
-    """Return least and greatest x and y of the points that are known; None if there are none."""
-    x, y = (np.concatenate([one[k] for one in points]) for k in (0, 1))
-    known = np.isfinite(x) & np.isfinite(y)
-    if not known.any():
-        return None
-    return [float(limit) for values in (x[known], y[known]) for limit in (values.min(), values.max())]
-
-
 def walls_of(run: Run, raw: Mapping[tuple[int, str], Raw]) -> dict[str, Walls]:
     """Return the walls by frame (`sensor`, `world`): of one log, and in the sensor frame only of one sensor that stands."""
     if len(run.sources) != 1:
         return {}
-    found: dict[str, list[tuple[Float64, Float64]]] = {"sensor": [], "world": []}
-    for (_, topic), sweeps in raw.items():
-        for frame, x, y in _points(run, topic, sweeps):
-            found[frame].append((x, y))
-    if len(raw) > 1:
-        found["sensor"] = []
-    made = {}
-    for frame, parts in found.items():
+    points = [each for (_, topic), sweeps in raw.items() for each in _points(run, topic, sweeps)]
+    found = {}
+    for frame in ("sensor", "world"):
+        parts = [(x, y) for name, x, y in points if name == frame and (frame == "world" or len(raw) == 1)]
         walls = _cells(*(np.concatenate(column) for column in zip(*parts, strict=True))) if parts else None
         if walls is not None:
-            made[frame] = walls
-    return made
+            found[frame] = walls
+    return found
 
 
 @record

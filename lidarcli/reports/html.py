@@ -29,7 +29,7 @@ from lidarcli.reports.columns import Rows, Run, rows_of
 from lidarcli.reports.document import NAMES, PAGE, Code, FromAbove, Report
 from lidarcli.reports.drawing import project_style
 from lidarcli.reports.figures import Density, Histogram, Spread, plain
-from lidarcli.reports.ground import Ground, Raw, Walls, ground_of, limits_of
+from lidarcli.reports.ground import Ground, Raw, Walls, ground_of
 from lidarcli.reports.map_picture import MapPicture, Sight, changes_figure, map_figure
 from lidarcli.reports.programs import clean
 from lidarcli.reports.run import RunPart, track_cells
@@ -56,8 +56,6 @@ LOST = 65_535
 """Code of a beam without a range."""
 NOT_KNOWN, SURE = 255, 254
 """Probability of being a thing, as a byte: unknown, and certain."""
-BOX = ("box_x", "box_y", "box_length", "box_width", "box_yaw")
-"""Columns of a box."""
 SPEED = 0.005
 """Unit of velocities as whole numbers [m/s]."""
 ANGLE = 32_767 / (3 * np.pi)
@@ -349,21 +347,9 @@ def _stream(run: Run, stream: Stream, rows: NDArray[np.intp], raw: Raw | None) -
         packed["tracks"] = _tracks(run, members)
         if run.trajectories is not None:
             packed["paths"] = _paths(run.trajectories, stream, sweeps, ground)
-    shown = None if raw is None or not len(raw.sweep) else _aligned(raw, sweeps)
-    if shown is not None:
-        packed["raw"] = _raw(shown)
-    corners = _corners(*(np.nan_to_num(columns[name]) for name in BOX))
-    return packed | limits_of(shown, ground, *corners, np.tile(of_sweep, 4))
-
-
-def _corners(x: Float64, y: Float64, length: Float64, width: Float64, yaw: Float64) -> tuple[Float64, Float64]:
-    """Return (4 K,) x and y of the corners of K boxes [m]."""
-    cos, sin = np.cos(yaw), np.sin(yaw)
-    ends = [(u * length / 2, v * width / 2) for u in (-1, 1) for v in (-1, 1)]
-    return (
-        np.concatenate([x + cos * a - sin * b for a, b in ends]),
-        np.concatenate([y + sin * a + cos * b for a, b in ends]),
-    )
+    if raw is not None and len(raw.sweep):
+        packed["raw"] = _raw(raw, sweeps)
+    return packed
 
 
 def _zones(zones: ZonesPart, stream: Stream) -> dict[str, Any]:
@@ -425,15 +411,11 @@ def _speeds(values: Float64) -> dict[str, str]:
     return _packed(np.clip(np.round(np.nan_to_num(values) / SPEED), -32_767, 32_767), np.int16)
 
 
-def _aligned(raw: Raw, sweeps: Int64) -> Raw:
+def _raw(raw: Raw, sweeps: Int64) -> dict[str, Any]:
     """Return raw sweeps with these indices; one that is not there has no beams."""
     at = np.clip(np.searchsorted(raw.sweep, sweeps), 0, len(raw.sweep) - 1)
-    there = raw.sweep[at] == sweeps
-    return raw.rows(at)._replace(sweep=sweeps, beams=np.where(there, raw.beams[at], 0))
-
-
-def _raw(raw: Raw) -> dict[str, Any]:
-    beams, ranges = raw.beams, raw.ranges
+    beams, raw = np.where(raw.sweep[at] == sweeps, raw.beams[at], 0), raw.rows(at)
+    ranges = raw.ranges
     finite = np.isfinite(ranges) & (ranges >= 0)
     scale = max(float(ranges[finite].max(initial=1.0)) / (LOST - 1), FINEST)
     whole = np.where(finite, np.round(np.where(finite, ranges, 0.0) / scale), LOST).astype(np.uint16)
