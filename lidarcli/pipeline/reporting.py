@@ -374,9 +374,9 @@ def render(report: Report, kind: str, colour: bool = False, brief: bool = False)
 
     match kind:
         case "text":
-            return text.brief_text(report, colour) if brief else text.as_text(report, colour)
+            return text.as_text(report, colour, brief)
         case "markdown":
-            return text.brief_markdown(report) if brief else text.as_markdown(report)
+            return text.as_markdown(report, brief)
         case "github":
             return programs.as_github(report, "" if brief else text.as_text(report))
         case "json":

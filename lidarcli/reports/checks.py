@@ -498,10 +498,13 @@ def _known(tokens: Tokens, token: Token, compared: bool, zones: Collection[str] 
 def _unknown(
     tokens: Tokens, token: Token, known: Collection[str], zones: Collection[str] | None, few: bool = False
 ) -> OptionError:
-    """Return the error of an unknown figure, which names the `known` ones if they are `few`."""
+    """Return the error of an unknown figure, which names what is near, or else the `known` ones if they are `few`."""
     hint = nearest(token.text, known, OFFERED) or ";"
     zone, zoned = token.text.partition(".")[0], f"{figures.ZONES}{token.text}"
     if zoned in figures.zone_names(zone) and (zones is None or zone in zones):
         hint = f"; did you mean {zoned}?"
-    more = f"there are {', '.join(known)};" if few else "docs/reports.md has all;"
-    return tokens.error(f"unknown figure '{token.text}'{hint} {more}", token)
+    if not few:
+        hint += " docs/reports.md has all;"
+    elif hint == ";":
+        hint = f"; there are {', '.join(known)};"
+    return tokens.error(f"unknown figure '{token.text}'{hint}", token)

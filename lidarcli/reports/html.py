@@ -119,7 +119,9 @@ def render(report: Report) -> str:
 
 def _shown(run: RunPart, shown: Page) -> dict[str, Any]:
     """Return the values of the template that the document does not hold."""
-    script = _script()
+    # In one function, so that its names meet no others.
+    parts = "\n".join(_part(f"viewer/{name}.js") for name in SCRIPTS)
+    script = f'"use strict";\n(async () => {{\n{parts}}})();\n'
     digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
     summary, viewer = run.summary, shown.viewer
     tracks = summary.tracked.tracks if summary.tracked else ()
@@ -205,12 +207,6 @@ def embedded(value: Any) -> str:
     """
     text = json.dumps(value, separators=(",", ":"), allow_nan=False)
     return text.replace("&", "\\u0026").replace("<", "\\u003c").replace(">", "\\u003e")
-
-
-def _script() -> str:
-    """Return the script of the viewer: its parts in one function, so that its names meet no others."""
-    parts = "\n".join(_part(f"viewer/{name}.js") for name in SCRIPTS)
-    return f'"use strict";\n(async () => {{\n{parts}}})();\n'
 
 
 def _part(name: str) -> str:

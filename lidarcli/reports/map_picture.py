@@ -394,7 +394,7 @@ class _ChangedRun:
     def of(pair: RunPair, sight: Sight) -> _ChangedRun:
         """Return the changes whose place is known."""
         grid = None if sight.grid is None else _known_part(sight.grid)
-        found = [(one, _box(one), _old_box(one)) for one in pair.changes]
+        found = [(one, *_boxes(one)) for one in pair.changes]
         sensors = np.empty((0, 2)) if sight.sensors is None else sight.sensors
         sensors = sensors[np.isfinite(sensors).all(axis=1)]
         return _ChangedRun(tuple((one, box, old) for one, box, old in found if box is not None), sensors, grid)
@@ -450,22 +450,14 @@ def _known_part(grid: Occupancy) -> Occupancy:
     return replace(grid, x=grid.x + left * grid.resolution, y=grid.y + low * grid.resolution, cells=cells)
 
 
-def _box(one: Change) -> Box | None:
-    """Return the box of a change in the last run that has it."""
-    yaw = one.yaw_a if one.x_b is None else one.yaw_b
-    return None if one.place is None else _sized(one, *one.place, yaw or 0.0)
-
-
-def _old_box(one: Change) -> Box | None:
-    """Return the box of what was moved in its old place."""
-    if one.status != "moved" or one.x_a is None or one.y_a is None or one.x_b is None:
-        return None
-    return _sized(one, one.x_a, one.y_a, one.yaw_a or 0.0)
-
-
-def _sized(one: Change, x: float, y: float, yaw: float) -> Box:
+def _boxes(one: Change) -> tuple[Box | None, Box | None]:
+    """Return the box of a change in the last run that has it, and that in its old place if it was moved."""
     length, width = (max(side or SMALLEST, SMALLEST) for side in (one.length, one.width))
-    return Box(x, y, yaw, length, width)
+    before, after = (
+        None if x is None or y is None else Box(x, y, yaw or 0.0, length, width)
+        for x, y, yaw in ((one.x_a, one.y_a, one.yaw_a), (one.x_b, one.y_b, one.yaw_b))
+    )
+    return after or before, before if one.status == "moved" and after is not None else None
 
 
 def _change_entries(runs: Sequence[_ChangedRun]) -> Entries:

@@ -100,7 +100,13 @@ def as_github(report: Report, text: str = "") -> str:
 
     `text`, the report for the terminal, follows in a fold of the step's log.
     """
-    return "\n".join([*_annotations(report), *(_folded(report.title, text) if text else ())]) + "\n"
+    lines = [*_annotations(report)]
+    if text:
+        # In the fold no line is a command until a word comes that the text cannot hold: its own digest.
+        word = hashlib.sha256(text.encode("utf-8", "backslashreplace")).hexdigest()
+        fold = (f"::group::{_escaped(report.title)}", f"::stop-commands::{word}", text.rstrip("\n"))
+        lines += [*fold, f"::{word}::", "::endgroup::"]
+    return "\n".join(lines) + "\n"
 
 
 def command(kind: str, title: str, message: str) -> str:
@@ -130,13 +136,3 @@ def _annotations(report: Report) -> Iterator[str]:
     for one in report.verdicts:
         if one.holds:
             yield command("notice", "lidarcli: check passed", f"{one.expression}: found {one.words}")
-
-
-def _folded(title: str, text: str) -> Iterator[str]:
-    """Yield a fold in which no line is a command until a word comes that the text cannot hold: its own digest."""
-    word = hashlib.sha256(text.encode("utf-8", "backslashreplace")).hexdigest()
-    yield f"::group::{_escaped(title)}"
-    yield f"::stop-commands::{word}"
-    yield text.rstrip("\n")
-    yield f"::{word}::"
-    yield "::endgroup::"

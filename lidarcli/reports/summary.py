@@ -242,12 +242,8 @@ def unlike_of(streams: Sequence[Stream]) -> Unlike:
     rates = tuple(one.rate for one in streams if one.rate is not None)
     beams = tuple(float(one.beams) for one in streams)
     frames = tuple(dict.fromkeys(one.frame_id for one in streams))
-    return Unlike(rates if _differ(rates) else (), beams if _differ(beams) else (), frames if len(frames) > 1 else ())
-
-
-def _differ(values: Sequence[float]) -> bool:
-    """Return True if the greatest is more than `ALIKE` times the least."""
-    return bool(values) and max(values) > ALIKE * min(values)
+    rates, beams = (values if values and max(values) > ALIKE * min(values) else () for values in (rates, beams))
+    return Unlike(rates, beams, frames if len(frames) > 1 else ())
 
 
 def outliers_of(run: Run, streams: Streams) -> list[Record]:
@@ -367,51 +363,37 @@ def tracked_of(run: Run, streams: Streams) -> TracksSummary | None:
         figures |= {f"{name}.{statistic}": getattr(spread, statistic) for statistic in STATISTICS}
     for name, known in TRACK_CATEGORIES.items():
         figures |= {f"{name}.{kind}": kinds[name].get(kind, 0) for kind in known}
-    return TracksSummary(
-        figures=figures,
-        spreads=spreads,
-        kinds=kinds,
-        agent_share=_agent_share(run),
-        tracks=_kept(run, rows, is_agent, streams),
-    )
+    tracked = np.array([source.tracked for source in run.sources], bool)[run.sweeps.source]
+    beams, on_agents = (float(run.sweeps.numbers(name)[tracked].sum()) for name in ("beams", "agent_beams"))
+    share = on_agents / beams if beams else None
+    return TracksSummary(figures, spreads, kinds, share, _kept(run, rows, is_agent, streams))
 
 
 def labels_of(run: Run) -> list[Record]:
     """Return each `name` of the catalogue that occurs, with numbers of `tracks`, None without any, and `objects`."""
     objects = run.objects.counts("label", run.is_object)
     tracks = {} if run.tracks is None else run.tracks.counts("label")
-    names = sorted({*objects, *tracks})
-    count = [None if run.tracks is None else tracks.get(name, 0) for name in names]
     return [
-        Record(name=name, tracks=number, objects=objects.get(name, 0)) for name, number in zip(names, count, strict=True)
+        Record(name=name, tracks=None if run.tracks is None else tracks.get(name, 0), objects=objects.get(name, 0))
+        for name in sorted({*objects, *tracks})
     ]
-
-
-def _agent_share(run: Run) -> float | None:
-    tracked = np.array([source.tracked for source in run.sources], bool)[run.sweeps.source]
-    beams = float(run.sweeps.numbers("beams")[tracked].sum())
-    return float(run.sweeps.numbers("agent_beams")[tracked].sum()) / beams if beams else None
 
 
 def _kept(run: Run, rows: Rows, is_agent: Bool, streams: Streams) -> list[Record]:
     """Return the tracks that are shown one by one, in the order of the table."""
     order = np.sort(np.lexsort((-rows.numbers("sweeps"), ~is_agent))[:KEPT])
     source = rows.source[order].tolist()
+    # By log and topic, and of several frames the track's own before others.
+    known: dict[tuple[object, ...], int] = {(one.source, one.topic): k for k, one in reversed([*enumerate(streams.all)])}
+    known |= {(one.source, one.topic, one.frame_id): k for k, one in enumerate(streams.all)}
     of_stream = [
-        _stream_of(streams, *one)
-        for one in zip(source, rows.texts("topic", order), rows.texts("frame_id", order), strict=True)
+        known.get((log, topic, frame), known.get((log, topic)))
+        for log, topic, frame in zip(source, rows.texts("topic", order), rows.texts("frame_id", order), strict=True)
     ]
     first = rows.integers("first_stamp")[order].tolist()
     begin = [stamp if k is None else streams.all[k].start_ns for k, stamp in zip(of_stream, first, strict=True)]
     start = [(stamp - since) * 1e-9 for stamp, since in zip(first, begin, strict=True)]
     return rows.records(order, TRACK_COLUMNS, log=[run.sources[k].log for k in source], stream=of_stream, start=start)
-
-
-def _stream_of(streams: Streams, source: int, topic: str, frame: str) -> int | None:
-    """Return the stream that a track belongs to."""
-    mine = [k for k, one in enumerate(streams.all) if (one.source, one.topic) == (source, topic)]
-    exact = [k for k in mine if streams.all[k].frame_id == frame]
-    return next(iter([*exact, *mine]), None)
 
 
 @dataclass(frozen=True, slots=True)

@@ -34,20 +34,16 @@ COURSE, LONGEST_NAME = 48, 18
 """Characters of a band, and of its name at most."""
 
 
-def as_text(report: Report, colour: bool = False) -> str:
-    """Return the report as text; `colour` for a terminal."""
+def as_text(report: Report, colour: bool = False, brief: bool = False) -> str:
+    """Return the report as text, `brief` its checks and summary; `colour` for a terminal."""
     parts = [*_checks(report)]
+    if brief:
+        parts += [*([Text()] if report.verdicts else []), *map(_styled, report.lines)]
     for section in report.sections().values():
-        if TEXT in section.formats:
+        if TEXT in section.formats and not brief:
             parts += [_heading(section.title)] if section.title else []
             parts += [part for block in section.blocks for part in _parts(block)]
     return _printed(parts, colour)
-
-
-def brief_text(report: Report, colour: bool = False) -> str:
-    """Return the checks and the summary for the terminal."""
-    lines = [_styled(line) for line in report.lines]
-    return _printed([*_checks(report), *([Text()] if report.verdicts else []), *lines], colour)
 
 
 def _printed(parts: Iterable[RenderableType], colour: bool) -> str:
@@ -158,10 +154,11 @@ def band_lines(block: Bands) -> list[str]:
     return [*lines, f"{'':<{width + 2 + room}}  0 s{f'{number(block.seconds)} s':>{COURSE - 3}}"]
 
 
-def as_markdown(report: Report) -> str:
-    """Return the verdict and the key figures in sight, the rest folded."""
+def as_markdown(report: Report, brief: bool = False) -> str:
+    """Return the verdict and the key figures in sight, the rest folded; `brief` the verdict and the summary."""
     lines = [*_beginning(report)]
-    sections = [section for section in report.sections().values() if MARKDOWN in section.formats]
+    lines += [f"{_escaped(line)}\n" for line in report.lines] if brief else []
+    sections = [one for one in report.sections().values() if MARKDOWN in one.formats and not brief]
     for section in sections:
         if not section.fold:
             lines += [f"### {section.title}", ""] if section.title else []
@@ -170,12 +167,6 @@ def as_markdown(report: Report) -> str:
         lines += ["<details>", f"<summary>{title}</summary>", ""]
         lines += [line for section in folded for block in section.blocks for line in _lines(block)]
         lines += ["</details>", ""]
-    return "\n".join(lines).rstrip() + "\n"
-
-
-def brief_markdown(report: Report) -> str:
-    """Return the checks and the summary as Markdown."""
-    lines = [*_beginning(report), *(f"{_escaped(line)}\n" for line in report.lines)]
     return "\n".join(lines).rstrip() + "\n"
 
 

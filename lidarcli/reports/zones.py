@@ -382,7 +382,10 @@ class ZonesPart(Part):
 
 def zones_part(zone_rows: ZoneRows, sources: Sequence[Origin]) -> ZonesPart:
     """Sum up the zones of sources."""
-    figures, events, actions = figures_of(zone_rows), zone_rows.events, _actions(zone_rows)
+    figures, events = figures_of(zone_rows), zone_rows.events
+    # Of each zone by the metadata, or else by its events.
+    actions = dict(zip(*(events.texts(name) for name in ("zone", "action")), strict=True))
+    actions |= {name: str(shape["action"]) for name, shape in zone_rows.shapes.items() if "action" in shape}
     duration = events.numbers("duration")
     found = []
     for name in zone_rows.names:
@@ -424,13 +427,6 @@ def _sweeps(rows: Rows) -> int:
     size = max(len(zones), 1)
     counts = np.bincount(stream * size + zone)
     return int(np.pad(counts, (0, -len(counts) % size)).reshape(-1, size).max(axis=1, initial=0).sum())
-
-
-def _actions(zone_rows: ZoneRows) -> dict[str, str]:
-    """Return the action of each zone, by the metadata or else by its events."""
-    zone, action = (zone_rows.events.texts(name) for name in ("zone", "action"))
-    declared = {name: str(shape["action"]) for name, shape in zone_rows.shapes.items() if "action" in shape}
-    return dict(zip(zone, action, strict=True)) | declared
 
 
 def _most_severe(rows: Rows, listed: Int64, logs: Sequence[str]) -> list[Record]:

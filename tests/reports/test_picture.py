@@ -312,18 +312,6 @@ def test_a_scene_fills_its_place(name: str, number: int, width: float | None, st
     assert (curve.x0 > above.x1) == (not stacked)
 
 
-@pytest.mark.parametrize(("name", "number"), [("corridor.bag", 3), ("hall", 5)])
-def test_a_scene_alone_is_cropped_to_its_content(name: str, number: int) -> None:
-    figure = laid_out(sample(name, number), "scene", Look(120.0))
-    assert filled(figure) > 0.98
-    bare = laid_out(sample(name, number), "scene", Look(120.0, title=False, legend=False))
-    assert bare.get_size_inches()[0] == figure.get_size_inches()[0]
-    assert bare.get_size_inches()[1] < figure.get_size_inches()[1]
-    # The scene is as large without title and legend.
-    sizes = [axes.get_window_extent().size for axes in (figure.axes[0], bare.axes[0])]
-    assert sizes[0] == pytest.approx(sizes[1], abs=2.0)
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("view", VIEWS)
 @pytest.mark.parametrize("width", [60.0, 200.0])
