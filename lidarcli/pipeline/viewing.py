@@ -91,15 +91,12 @@ def _match(sources: Sequence[Origin], logs: Sequence[str], join: bool) -> dict[i
 def _joined(parts: Sequence[SweepBatch]) -> Raw:
     """Return all sweeps of a topic in one, sorted."""
     width = max(part.ranges.shape[1] for part in parts)
-    order = np.argsort(np.concatenate([part.sweep for part in parts]), kind="stable")
-    names = ("sweep", "angle_min", "angle_increment", "closure", "beams")
-    columns = (np.concatenate([getattr(part, name) for part in parts])[order] for name in names)
-    sweep, angle_min, angle_increment, kind, beams = columns
-    ranges = np.full((len(order), width), np.nan)
-    rows = np.cumsum([0, *(len(part) for part in parts)])
+    ranges = np.full((sum(map(len, parts)), width), np.nan)
+    rows = np.cumsum([0, *map(len, parts)])
     for first, part in zip(rows, parts, strict=False):
         ranges[first : first + len(part), : part.ranges.shape[1]] = part.ranges
-    return Raw(sweep, angle_min, angle_increment, kind, beams.astype(np.int64), ranges[order])
+    raw = Raw._make([*(np.concatenate([getattr(part, name) for part in parts]) for name in Raw._fields[:-1]), ranges])
+    return raw.rows(np.argsort(raw.sweep, kind="stable"))
 
 
 def _from_log(number: int, log: Source, source: Origin, topics: dict[str, Int64]) -> dict[tuple[int, str], Raw]:

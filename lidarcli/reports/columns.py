@@ -235,16 +235,11 @@ class Run:
         """(K,) those of the objects that are agents (set A)."""
         return self.objects.are("set", "A")
 
-    @cached_property
-    def observed(self) -> NDArray[np.bool_]:
-        """(S,) sweeps that show anything."""
-        return self.sweeps.numbers("observed") > 0
-
     def observed_in(self) -> list[Sight]:
         """Return for each source how many sweeps show anything."""
         some, total = (
             np.bincount(self.sweeps.source[chosen], minlength=len(self.sources)).tolist()
-            for chosen in (self.observed, slice(None))
+            for chosen in (self.sweeps.numbers("observed") > 0, slice(None))
         )
         logs = (source.log for source in self.sources)
         return [Sight(*each) for each in zip(logs, some, total, strict=True)]

@@ -183,7 +183,9 @@ def _points(run: Run, topic: str, raw: Raw) -> Iterator[tuple[str, Float64, Floa
     hit = np.isfinite(raw.ranges) & np.isfinite(theta)
     hit &= ~_on_objects(run, raw, found.members, found.sweep)
     x, y = raw.ranges[hit] * np.cos(theta[hit]), raw.ranges[hit] * np.sin(theta[hit])
-    if not ground.posed or _stands(ground.pose_x, ground.pose_y, ground.pose_yaw):
+    there = np.isfinite(ground.pose_x)
+    extent = max(float(np.ptp(ground.pose_x[there])), float(np.ptp(ground.pose_y[there])))
+    if not ground.posed or (extent <= STANDS and np.ptp(np.unwrap(ground.pose_yaw[there])) <= HEADS):
         yield "sensor", x, y
     if ground.posed:
         world_x, world_y = ground.from_sensor(np.nonzero(hit)[0], x, y)
@@ -259,13 +261,6 @@ def _on_objects(run: Run, raw: Raw, members: Int64, sweep: Int64) -> Bool:
         inside = np.arange(size.sum()) - np.repeat(np.cumsum(size) - size, size)
         marked[np.repeat(sweep, size), np.repeat(low, size) + inside] = True
     return marked
-
-
-def _stands(x: Float64, y: Float64, yaw: Float64) -> bool:
-    there = np.isfinite(x)
-    turned = np.unwrap(yaw[there])
-    extent = max(float(np.ptp(x[there])), float(np.ptp(y[there])))
-    return extent <= STANDS and float(np.ptp(turned)) <= HEADS
 
 
 def _cells(x: Float64, y: Float64) -> Walls | None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -288,24 +289,17 @@ def overview(sweeps: Rows, tracks: Rows | None, trajectories: Rows | None, stand
 
 def _track_boxes(sweeps: Rows, tracks: Rows) -> list[Box]:
     """Return the boxes of tracks that stand and that enough sweeps have seen."""
-    of_sweep, topics = sweeps.words("topic")
-    of_track, names = tracks.words("topic")
-    rows = [
-        np.count_nonzero((sweeps.source == source) & (of_sweep == topics.index(names[code])))
-        if names[code] in topics
-        else 0
-        for source, code in zip(tracks.source.tolist(), of_track.tolist(), strict=True)
-    ]
-    least = np.minimum(LEAST_SWEEPS, np.maximum(1, np.array(rows, np.int64) // 2))
+    stream = [f"{source} {topic}" for source, topic in zip(sweeps.source.tolist(), sweeps.texts("topic"), strict=True)]
+    counts = Counter(stream)
+    of_tracks = zip(tracks.source.tolist(), tracks.texts("topic"), strict=True)
+    least = [min(LEAST_SWEEPS, max(1, counts[f"{source} {topic}"] // 2)) for source, topic in of_tracks]
     sides = np.column_stack([tracks.numbers(name) for name in ("x", "y", "yaw", "length", "width")])
     known = tracks.are("set", "O") & (tracks.integers("sweeps") >= least) & np.isfinite(sides).all(axis=1)
-    labels, words = tracks.words("label")
-    number, is_round = tracks.integers("track"), tracks.are("shape", "round")
-    found = []
-    for row, (x, y, yaw, length, width) in zip(np.flatnonzero(known).tolist(), sides[known].tolist(), strict=True):
-        name = str(number[row]) if labels[row] < 0 else f"{number[row]} {words[labels[row]]}"
-        found.append(Box(x, y, yaw, length, width, bool(is_round[row]), name))
-    return found
+    rows = np.flatnonzero(known)
+    numbers, labels = tracks.integers("track")[rows].tolist(), tracks.texts("label", rows)
+    names = [f"{number} {label}".rstrip() for number, label in zip(numbers, labels, strict=True)]
+    is_round = tracks.are("shape", "round")[rows].tolist()
+    return [Box._make([*side, *more]) for side, *more in zip(sides[rows].tolist(), is_round, names, strict=True)]
 
 
 def _track_paths(trajectories: Rows, tracks: Rows, frame: str) -> Iterator[tuple[int, Float64]]:

@@ -25,7 +25,7 @@ from lidarcli.reports.figures import (
     histogram,
     nice_edges,
 )
-from lidarcli.reports.wording import number, percent, quantity, share, span
+from lidarcli.reports.wording import means_of, number, percent, quantity, share, span
 from lidarcli.reports.zones import ZonesPart, zones_part
 from lidarcli.sweeps import STATUSES, Bool, Float64, Int64
 
@@ -199,14 +199,6 @@ def _course(columns: Record, mine: Int64) -> Record:
     """Sum up bins of equal numbers of sweeps, so that a clock that jumps makes no hole."""
     begin = np.unique(np.linspace(0, len(mine), min(COURSE_BINS, len(mine)), endpoint=False).astype(np.int64))
     size = np.diff(np.append(begin, len(mine)))
-
-    def mean(values: Float64) -> Float64:
-        there = np.isfinite(values)
-        total = np.add.reduceat(np.where(there, values, 0.0), begin)
-        count = np.add.reduceat(there.astype(np.int64), begin)
-        found: Float64 = np.divide(total, count, out=np.full(len(begin), np.nan), where=count > 0)
-        return found
-
     objects = columns.objects[mine]
     return Record(
         seconds=(columns.stamp[mine][begin] - columns.stamp[mine[0]]) * SECOND,
@@ -214,10 +206,10 @@ def _course(columns: Record, mine: Int64) -> Record:
         objects_mean=np.add.reduceat(objects, begin) / size,
         objects_min=np.minimum.reduceat(objects, begin),
         objects_max=np.maximum.reduceat(objects, begin),
-        d_th=mean(columns.d_th[mine]),
-        noise=mean(columns.noise[mine]),
-        lost_share=mean(columns.lost[mine]),
-        agents_mean=mean(columns.agents[mine]),
+        d_th=means_of(columns.d_th[mine], begin),
+        noise=means_of(columns.noise[mine], begin),
+        lost_share=means_of(columns.lost[mine], begin),
+        agents_mean=means_of(columns.agents[mine], begin),
         agents_max=np.maximum.reduceat(columns.agents[mine], begin),
     )
 
