@@ -86,11 +86,6 @@ def test_without_a_name_the_picture_is_named_after_the_log(
     monkeypatch.chdir(tmp_path)
     ran = lidarcli("plot", logs / "run.mcap", "--view", "scene")
     assert (ran.code, ran.out, ran.err) == (0, "", "  wrote    run-0.png\n")
-    ran = lidarcli("plot", logs / "run.mcap", "--view", "scene")
-    assert (ran.code, ran.err) == (
-        5,
-        "lidarcli: run-0.png exists; use --overwrite to replace it, or -o to write elsewhere\n",
-    )
     assert lidarcli("-q", "plot", logs / "run.mcap", "--view", "scene", "--sweeps", "3,4").code == 0
     words = ("--sweeps", "3,4", "--view", "scene", "--animate", "--width", 60, "--dpi", 50)
     ran = lidarcli("plot", logs / "run.mcap", *words)

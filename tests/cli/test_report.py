@@ -70,9 +70,7 @@ def test_several_outputs_at_once(lidarcli: Run, run: Path, tmp_path: Path) -> No
     ran = lidarcli("report", run, *words)
     assert (ran.code, ran.out) == (0, "")
     assert [line.split()[1] for line in ran.err.splitlines()] == [str(tmp_path / name) for name in names]
-    again = lidarcli("report", run, *words)
-    assert again.code == 5
-    assert again.err == (f"lidarcli: {tmp_path / 'a.md'} exists; use --overwrite to replace it, or -o to write elsewhere\n")
+    assert lidarcli("report", run, *words).code == 5
     assert lidarcli("report", run, *words, "--overwrite").code == 0
 
 
