@@ -95,29 +95,18 @@ def moment(stamp_ns: int) -> str:
     >>> moment(1_700_000_000_250_000_000), moment(2_500_000_000)
     ('2023-11-14T22:13:20.250Z', '2.500 s')
     """
-    if not 10**17 <= stamp_ns < 10**20:
-        return f"{stamp_ns * 1e-9:.3f} s"
-    return date_and_time(stamp_ns)
-
-
-def date_and_time(stamp_ns: int) -> str:
-    """Return date and time in UTC, to the millisecond; `OverflowError`, `ValueError` or `OSError` where the calendar ends.
-
-    >>> date_and_time(1_700_000_000_123_456_789)
-    '2023-11-14T22:13:20.123Z'
-    """
-    seconds, rest = divmod(stamp_ns, 1_000_000_000)
-    return f"{datetime.fromtimestamp(seconds, UTC):%Y-%m-%dT%H:%M:%S}.{rest // 1_000_000:03d}Z"
+    return stamp(stamp_ns) if 10**17 <= stamp_ns < 10**20 else f"{stamp_ns * 1e-9:.3f} s"
 
 
 def stamp(stamp_ns: int) -> str:
-    """Return a stamp in UTC, to the millisecond.
+    """Return a stamp in UTC, to the millisecond; in nanoseconds where the calendar ends.
 
-    >>> stamp(1_700_000_000_123_456_789)
-    '2023-11-14T22:13:20.123Z'
+    >>> stamp(1_700_000_000_123_456_789), stamp(10**30)
+    ('2023-11-14T22:13:20.123Z', '1000000000000000000000000000000 ns')
     """
+    seconds, rest = divmod(stamp_ns, 1_000_000_000)
     try:
-        return date_and_time(stamp_ns)
+        return f"{datetime.fromtimestamp(seconds, UTC):%Y-%m-%dT%H:%M:%S}.{rest // 1_000_000:03d}Z"
     except (OverflowError, ValueError, OSError):
         return f"{stamp_ns} ns"
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import shlex
 from collections.abc import Callable, Collection, Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from operator import attrgetter
 from typing import Any, Literal, NamedTuple
 
@@ -56,19 +56,11 @@ class Finding:
 
     def as_dict(self) -> dict[str, Any]:
         """Return plain values for JSON, which has no NaN."""
-        return {
-            "id": self.id,
-            "level": self.level,
-            "topic": self.topic,
-            "frame": self.frame,
-            "message": self.message,
-            "evidence": {
-                name: None if isinstance(value, float) and not math.isfinite(value) else value
-                for name, value in self.evidence.items()
-            },
-            "threshold": dict(self.threshold),
-            "fix": None if self.fix is None else {"kind": self.fix.kind, "text": self.fix.text},
+        known = {
+            name: None if isinstance(value, float) and not math.isfinite(value) else value
+            for name, value in self.evidence.items()
         }
+        return asdict(self) | {"evidence": known}
 
 
 class Sensor(NamedTuple):
@@ -120,13 +112,10 @@ class Rule:
         values: dict[str, Any] = {}
         for key, _, name in (part.partition("=") for part in self.evidence.split()):
             values |= getattr(stats, key[1:]) if key[0] == "*" else {key: attrgetter(name or key)(stats)}
-        threshold = {
-            key: attrgetter(value)(stats) if isinstance(value, str) else value for key, value in self.threshold.items()
-        }
-        words = self.words.format(stats, name=sensor.name)
+        limits = {key: attrgetter(one)(stats) if isinstance(one, str) else one for key, one in self.threshold.items()}
+        found = sensor.finding(self.id, self.level, self.words.format(stats, name=sensor.name), values, limits)
         option = self.fix.format(stats)
-        fix = Fix("option", option) if option else getattr(stats, "fix", None)
-        return Finding(self.id, self.level, sensor.topic, sensor.frame, words, values, threshold, fix)
+        return replace(found, fix=Fix("option", option) if option else getattr(stats, "fix", None))
 
 
 def judge(rules: Iterable[Rule], stats: Any, sensor: Sensor, known: Collection[str] = ()) -> list[Finding]:

@@ -10,16 +10,8 @@ from typing import Any
 
 from lidarcli.choices import SET_WORDS
 
-BLACK, ORANGE, SKY, GREEN, YELLOW, BLUE, VERMILION, PURPLE = (
-    "#000000",
-    "#E69F00",
-    "#56B4E9",
-    "#009E73",
-    "#F0E442",
-    "#0072B2",
-    "#D55E00",
-    "#CC79A7",
-)
+BLACK, ORANGE, SKY, GREEN = "#000000", "#E69F00", "#56B4E9", "#009E73"
+YELLOW, BLUE, VERMILION, PURPLE = "#F0E442", "#0072B2", "#D55E00", "#CC79A7"
 DARK, GREY, LIGHT = "#4D4D4D", "#8C8C8C", "#D9D9D9"
 ALL = (BLACK, ORANGE, SKY, GREEN, YELLOW, BLUE, VERMILION, PURPLE, DARK, GREY, LIGHT)
 
@@ -33,14 +25,7 @@ SET_LEGENDS = {name: words if name == "S" else f"beams on {words}" for name, wor
 SHAPE_COLOURS = {"prismatic": SKY, "round": ORANGE, "legged": GREEN, "irregular": PURPLE, "unknown": DARK, "wall": YELLOW}
 SHAPE_DOTS = {"irregular": (0.0, (1.2, 0.7))}
 """Shape → dots of its outline: in print its colour is as grey as that of another box."""
-SHAPE_WORDS = {
-    "prismatic": "prismatic object",
-    "round": "round object",
-    "legged": "legged object",
-    "irregular": "irregular object",
-    "unknown": "object, shape unknown",
-    "wall": "wall",
-}
+SHAPE_WORDS = {name: f"{name} object" for name in SHAPE_COLOURS} | {"unknown": "object, shape unknown", "wall": "wall"}
 """Shape → how legends call what has it."""
 VERTICES = {"start": (">", BLACK), "end": ("<", BLACK), "corner": ("s", VERMILION), "extremum": ("D", GREEN)}
 
@@ -122,20 +107,14 @@ def on_dark(colour: str) -> str:
 
 def page_style() -> str:
     """Return the colours as CSS properties; on paper, and in `.paper`, they are those for light ground."""
-    light, dark = ("".join(f" --{name}: {pair[k]};" for name, pair in COLOURS.items()) + _kinds(k) for k in (0, 1))
+    named = dict(COLOURS)
+    for kind, colours in (("shape", SHAPE_COLOURS), ("zone", ZONE_COLOURS)):
+        named |= {f"{kind}-{name}": (colour, on_dark(colour)) for name, colour in colours.items()}
+    light, dark = ("".join(f" --{name}: {pair[k]};" for name, pair in named.items()) for k in (0, 1))
     return (
         f":root, .paper {{ color-scheme: light;{light} }}\n"
         f"@media screen and (prefers-color-scheme: dark) {{ :root {{ color-scheme: dark;{dark} }} }}"
     )
-
-
-def _kinds(ground: int) -> str:
-    """Return the colours of shapes, and those of zones by action, as CSS properties."""
-    found = ""
-    for kind, colours in (("shape", SHAPE_COLOURS), ("zone", ZONE_COLOURS)):
-        for name, colour in colours.items():
-            found += f" --{kind}-{name}: {on_dark(colour) if ground else colour};"
-    return found
 
 
 def themed(svg: str) -> str:

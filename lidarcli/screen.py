@@ -13,7 +13,7 @@ from lidarcli.display import visible
 from lidarcli.stores import blotted
 
 if TYPE_CHECKING:
-    from rich.progress import ProgressColumn
+    from rich.progress import Progress, ProgressColumn
 
 LONGEST_LINE = 1000
 """A longer line [characters] loses its middle: a log may hold names of any length."""
@@ -27,26 +27,14 @@ def one_line(text: str) -> str:
     return text if len(text) <= LONGEST_LINE else f"{text[: LONGEST_LINE // 2]} ... {text[-LONGEST_LINE // 4 :]}"
 
 
-class Bar(Protocol):
-    """A progress bar that can be taken off the screen and put back."""
-
-    def stop(self) -> None: ...
-
-    def start(self) -> None: ...
-
-
-def _to_stderr(line: str) -> None:
-    print(line, file=sys.stderr)
-
-
 @dataclass(slots=True)
 class Screen:
     """Standard error, with a bar below the lines."""
 
-    write: Callable[[str], None] = field(default=_to_stderr)
+    write: Callable[[str], None] = field(default=lambda line: print(line, file=sys.stderr))
     """Takes one line; a progress bar puts its own in here while it is on the screen."""
-    bar: Bar | None = None
-    """The progress bar on the screen."""
+    bar: Progress | None = None
+    """The progress bar on the screen, which can be taken off it and put back."""
 
 
 # Progress bars: only for work that takes long, gone when it is done.
@@ -66,16 +54,9 @@ class Count(Protocol):
 @contextmanager
 def byte_bar(screen: Screen) -> Iterator[Callable[[int, int | None, str], None]]:
     """A bar by bytes read: yields what is called with their number, that of all, and the name of what is read."""
-    from rich.progress import DownloadColumn, Task, TransferSpeedColumn
-    from rich.text import Text
+    from rich.progress import DownloadColumn, TransferSpeedColumn
 
-    class Speed(TransferSpeedColumn):
-        """Bytes per second, once they are known."""
-
-        def render(self, task: Task) -> Text:
-            return super().render(task) if task.speed else Text()
-
-    with _bar("", None, (DownloadColumn(), Speed()), screen) as show:
+    with _bar("", None, (DownloadColumn(), TransferSpeedColumn()), screen) as show:
         yield show
 
 
@@ -83,11 +64,8 @@ def byte_bar(screen: Screen) -> Iterator[Callable[[int, int | None, str], None]]
 def count_bar(description: str, total: int | None, unit: str, screen: Screen) -> Iterator[Count]:
     """A bar by things done, such as sweeps: yields what the work calls with their number.
 
-    Parameters
-    ----------
-    description : what is worked on
-    total : number of all things, None where the work will tell
-    unit : what is counted, in the plural
+    `description` names what is worked on, `total` is the number of all things, None where the work will tell, and `unit`
+    what is counted, in the plural.
     """
     from rich.progress import MofNCompleteColumn, ProgressColumn, Task
     from rich.text import Text
@@ -101,14 +79,8 @@ def count_bar(description: str, total: int | None, unit: str, screen: Screen) ->
             return Text(f"{task.speed:,.{0 if task.speed >= 10 else 1}f} {unit}/s")
 
     with _bar(description, total, (MofNCompleteColumn(), Speed()), screen) as show:
-        known = total
-
-        def report(done: int, total: int | None = None, /) -> None:
-            nonlocal known
-            known = known if total is None else total
-            show(done, known, description)
-
-        yield report
+        # Without a new one the bar keeps the total that it has.
+        yield lambda done, total=None, /: show(done, total, description)
 
 
 @contextmanager

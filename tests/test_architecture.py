@@ -119,7 +119,7 @@ LINES = {
     "cli": 2_950,
     "formalism": 15_250,
     "logs": 12_150,
-    "overlays": 1_200,
+    "overlays": 1_150,
     "pipeline": 15_750,
     "pose": 2_700,
     "reports": 7_300,

@@ -75,10 +75,10 @@ def report(messages: Messages, options: Mapping[str, Any]) -> int:
     is_shown = any(name == STDOUT and form in SHORT_FORMATS for name, form in written)
     # Workflow commands are for the log of a step, which shows both.
     if not (is_shown and ((STDOUT, "github") in written or are_shown_together())):
-        for kind_of, problem in made.report.named_problems:
+        for kind_of, problem in made.named_problems:
             messages.error(*((kind_of, problem) if kind_of == "incomplete" else (problem,)))
     if not is_shown:
-        for warning in made.report.warnings:
+        for warning in made.warnings:
             messages.info(f"warning: {warning}")
     for name, form in written:
         short = brief and form in SHORT_FORMATS
@@ -90,10 +90,10 @@ def report(messages: Messages, options: Mapping[str, Any]) -> int:
             notes = write_whole(place(name), data, options["overwrite"], devices=True)
             messages.wrote([name])
             messages.notes(notes)
-    for verdict in made.report.verdicts:
+    for verdict in made.verdicts:
         if not verdict.holds:
             messages.error(f"check failed: {verdict.failure}")
-    return made.report.exit_code
+    return made.exit_code
 
 
 def _kinds(outputs: Sequence[str], kind: str | None, suffixes: dict[str, str]) -> list[str]:

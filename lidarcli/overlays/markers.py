@@ -178,7 +178,11 @@ def marker_arrays(stamp_ns: Int64, frame: str, groups: Sequence[Markers], *, cdr
     place = start + head * is_first
     buffer = np.zeros(int(taken.sum()), np.uint8)
     counts = np.bincount(message, minlength=messages)
-    _fill_heads(buffer, start[is_first], counts, cdr)
+    heads = np.zeros((messages, head // 4), "<u4")
+    if cdr:
+        heads[:, 0] = 0x00000100
+    heads[:, -1] = counts
+    scatter(buffer, start[is_first], heads.view(f"V{head}")[:, 0])
     seconds, nanoseconds = within_ros(stamp_ns)
     for number, each in enumerate(layouts):
         mine = here == number
@@ -203,16 +207,6 @@ def within_ros(stamp_ns: Int64) -> tuple[Int64, Int64]:
     """Return seconds and nanoseconds; a stamp that ROS cannot hold becomes the nearest that it can."""
     seconds, nanoseconds = np.divmod(np.clip(stamp_ns, 0, LAST_SECOND * SECOND), SECOND)
     return seconds, nanoseconds
-
-
-def _fill_heads(buffer: NDArray[np.uint8], starts: Int64, counts: NDArray[np.intp], cdr: bool) -> None:
-    builder = LayoutBuilder(cdr=False)
-    if cdr:
-        builder.number("I", 0x00000100)
-    builder.field("count", "I")
-    heads = builder.layout().filled(len(starts))
-    heads["count"] = counts
-    scatter(buffer, starts, heads)
 
 
 def _set_marker(items: Structured, group: Markers, rows: Int64) -> None:
@@ -261,8 +255,13 @@ def _layout(cdr: bool, frame: bytes, kind: Kind, length: int, deletes: bool, shi
     if points:
         builder.field("points", "d", (points, 3))
     builder.number("I", 0)  # colors
-    if cdr:
-        _no_texture(builder)
+    if cdr:  # Members of a texture, which ROS 2 has since Humble.
+        builder.text(b"")  # texture_resource
+        builder.number("I", 0, 0)  # texture.header.stamp
+        builder.text(b"")  # texture.header.frame_id
+        builder.text(b"")  # texture.format
+        builder.number("I", 0)  # texture.data
+        builder.number("I", 0)  # uv_coordinates
     builder.text_field("text", length if kind is Kind.LABEL else 0)
     builder.text(b"")  # mesh_resource
     if cdr:
@@ -270,16 +269,6 @@ def _layout(cdr: bool, frame: bytes, kind: Kind, length: int, deletes: bool, shi
         builder.number("I", 0)  # mesh_file.data
     builder.number("B", 0)  # mesh_use_embedded_materials
     return builder.layout()
-
-
-def _no_texture(builder: LayoutBuilder) -> None:
-    """Add the members of a texture, which ROS 2 has since Humble."""
-    builder.text(b"")  # texture_resource
-    builder.number("I", 0, 0)  # texture.header.stamp
-    builder.text(b"")  # texture.header.frame_id
-    builder.text(b"")  # texture.format
-    builder.number("I", 0)  # texture.data
-    builder.number("I", 0)  # uv_coordinates
 
 
 def transforms(stamp_ns: Int64, world: str, frame: str, pose: Float64, upside_down: Bool, *, cdr: bool) -> list[bytes]:

@@ -181,8 +181,8 @@ class _Objects:
         self._rows = rows
         self._message = message
         self._place = place
-        self._yaw = np.nan_to_num(_floats(rows, "box_yaw"))
-        sides = [_floats(rows, name) for name in ("box_length", "box_width")]
+        self._yaw = np.nan_to_num(numbers(rows["box_yaw"]))
+        sides = [numbers(rows[name]) for name in ("box_length", "box_width")]
         self._sides = np.fmin(np.fmax(np.column_stack(sides), LEAST_SIDE), WIDEST)
         names, shape = _coded(rows["shape"])
         self._is_round = np.array([name == "round" for name in names])[shape]
@@ -358,7 +358,7 @@ def _vertices(rows: pa.RecordBatch, place: Float64, sides: Float64, yaw: Float64
 
 def _in_sensor_frame(rows: pa.RecordBatch, message: Int64, poses: Poses) -> Float64:
     """Return (N, 2) velocity over ground in the axes of the sensor [m/s]; 0 where unknown."""
-    velocity = np.nan_to_num(np.column_stack([_floats(rows, "vx"), _floats(rows, "vy")]))
+    velocity = np.nan_to_num(np.column_stack([numbers(rows["vx"]), numbers(rows["vy"])]))
     yaw = poses.yaw[message]
     # Without a pose they are in the sensor's axes already.
     yaw = np.where(np.isfinite(yaw), yaw, 0.0)
@@ -372,8 +372,8 @@ def _in_sensor_frame(rows: pa.RecordBatch, message: Int64, poses: Poses) -> Floa
 def is_mirrored(rows: pa.RecordBatch, message: Int64, poses: Poses) -> Bool:
     """Return (N,) True where an object is on the other side of the sensor in the world: the sensor hangs head down."""
     yaw = poses.yaw[message]
-    east, north = (_floats(rows, f"world_{axis}") - at[message] for axis, at in zip("xy", (poses.x, poses.y), strict=True))
-    left = _floats(rows, "box_y")
+    east, north = (numbers(rows[f"world_{axis}"]) - at[message] for axis, at in zip("xy", (poses.x, poses.y), strict=True))
+    left = numbers(rows["box_y"])
     aside = np.cos(yaw) * north - np.sin(yaw) * east
     with np.errstate(invalid="ignore"):
         mirrored: Bool = np.abs(aside + left) < np.abs(aside - left)
@@ -382,12 +382,8 @@ def is_mirrored(rows: pa.RecordBatch, message: Int64, poses: Poses) -> Bool:
 
 def _place(rows: pa.RecordBatch, axis: str) -> Float64:
     """Return the centre of the box, or of the points where there is none."""
-    box, mean = _floats(rows, f"box_{axis}"), _floats(rows, axis)
+    box, mean = numbers(rows[f"box_{axis}"]), numbers(rows[axis])
     return np.where(np.isfinite(box), box, mean)
-
-
-def _floats(rows: pa.RecordBatch, name: str) -> Float64:
-    return numbers(rows[name])
 
 
 def _coded(column: pa.DictionaryArray) -> tuple[list[str], Int64]:

@@ -110,7 +110,6 @@ PICTURE = ".png"
 CHANGED_THINGS = tuple(CHANGE_STATUSES[code] for code in (MOVED, NEW, GONE))
 MOST_LISTED = 10
 """Most things of a run, and changes of structure, that are listed for people."""
-PAGE = "docs/diff.md"
 NO_FREE_SPACE = "tables tell no free space; name the logs to learn what is gone"
 MAP_WORLD = "map"
 """World of a map, whose file names none."""
@@ -784,7 +783,7 @@ def write_changes(found: Difference, outputs: Sequence[Place], overwrite: bool) 
 
 def parse_checks(expressions: Sequence[str]) -> list[Check]:
     """Understand checks, or raise `OptionError`."""
-    return [parse_check(each, only=(*OF_CHANGES, *OF_MAPS), page=PAGE) for each in expressions]
+    return [parse_check(each, only=(*OF_CHANGES, *OF_MAPS)) for each in expressions]
 
 
 def judged(found: Difference, checks: Sequence[Check]) -> list[Verdict]:

@@ -399,7 +399,7 @@ def understand_checks(checks: Sequence[str], deep: bool) -> list[Check]:
         return []
     from lidarcli.reports.checks import parse_check
 
-    parsed = [parse_check(text, only=FIGURES, page="docs/info.md") for text in checks]
+    parsed = [parse_check(text, only=FIGURES) for text in checks]
     for check in parsed:
         if not deep and check.name.removeprefix("findings.") in DEEP_IDS:
             raise OptionError(f"--check '{check.expression}': only --deep looks for {check.name}: add --deep")

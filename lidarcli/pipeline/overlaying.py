@@ -7,7 +7,7 @@ from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
-from itertools import chain, count
+from itertools import chain
 from operator import attrgetter
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -19,7 +19,7 @@ from lidarcli.choices import MATCH
 from lidarcli.errors import OptionError, UnreadableError
 from lidarcli.formalism.detection import SETS
 from lidarcli.formalism.mapping.grid import Occupancy
-from lidarcli.logs.base import LASERSCAN, MULTI_ECHO, POSE_TYPES, SCAN_TYPES, Log, Message, ReadReport
+from lidarcli.logs.base import LASERSCAN, MULTI_ECHO, POSE_TYPES, SCAN_TYPES, Log, ReadReport
 from lidarcli.logs.clock import mended
 from lidarcli.maps import MAP_TYPE, image_of, occupancy_cdr, read_map
 from lidarcli.newfiles import NewFiles, refuse, writing
@@ -67,7 +67,8 @@ DEFAULT_WORLD = "map"
 RECORDED = attrgetter("record_ns")
 WINDOW = 4096
 """Messages that are sorted at a time: more than come of one topic at a stretch."""
-_ROS = ("cdr", "ros1")
+ROS = ("cdr", "ros1")
+"""Encodings of messages that can be copied; others are written anew."""
 SLICED = "sliced"
 """Stands for an encoding where sweeps are made of point clouds, which no message of the log holds."""
 _OLD_TF = "tf/msg/tfMessage"
@@ -362,7 +363,7 @@ class Overlay:
         for joined in self._tables.join(log, self._report):
             raw = joined.raw
             self._sweeps += len(raw)
-            anew = not is_ros(self._encodings.get(raw.topic, ""))
+            anew = self._encodings.get(raw.topic) not in ROS
             parts: list[Iterator[Outgoing]] = []
             if self._options.with_log and anew:
                 named = tuple(name or FRAME for name in raw.frame_ids)
@@ -373,7 +374,8 @@ class Overlay:
                 self._frame_of.setdefault(raw.topic, frame)
                 if frame in self._to_place:
                     parts.append(self._poses(name, frame, mine))
-                parts.append(self._markers(name, mine))
+                data = marker_arrays(mine.raw.time_ns, name, self._groups(name, mine), cdr=self._is_ros2)
+                parts.append(of_sweeps(self._names[raw.topic], MARKER_TYPE, mine.raw, data))
             # Of equal times the scan comes first, and what is drawn on it last.
             yield from sorted(chain(*parts), key=RECORDED) if len(parts) > 1 else parts[0]
             if progress is not None:
@@ -388,15 +390,9 @@ class Overlay:
             if not known.any():
                 return
             joined = joined if known.all() else joined.rows(known)
-            here = joined.poses
-            poses = SweepPoses(here.x, here.y, here.yaw, np.full(len(here.x), self._hanging(joined, frame)))
+            poses = self._sensor_poses(joined, frame)
         batch = normalise(joined.raw, joined.index, self._rules)
         file.add(replace(batch, poses=poses), self._groups(frame, joined))
-
-    def _markers(self, frame: str, joined: TabledSweeps) -> Iterator[Outgoing]:
-        """Yield the markers of some sweeps of one frame."""
-        data = marker_arrays(joined.raw.time_ns, frame, self._groups(frame, joined), cdr=self._is_ros2)
-        return of_sweeps(self._names[joined.raw.topic], MARKER_TYPE, joined.raw, data)
 
     def _groups(self, frame: str, joined: TabledSweeps) -> list[Markers]:
         """Return the markers of some sweeps of one frame."""
@@ -411,8 +407,7 @@ class Overlay:
     def _outlines(self, showing: Showing, joined: TabledSweeps, frame: str) -> list[Markers]:
         """Return the outlines of the zones in some sweeps of one frame."""
         batch = normalise(joined.raw, joined.index, self._rules)
-        here, hangs = joined.poses, np.full(len(batch), self._hanging(joined, frame))
-        poses = SweepPoses(here.x, here.y, here.yaw, hangs) if np.isfinite(here.x).any() else None
+        poses = self._sensor_poses(joined, frame) if np.isfinite(joined.poses.x).any() else None
         objects = Objects.of(joined.objects, batch)
         owners = objects.owners(batch)
         rest = np.uint8(SETS.index("S"))
@@ -421,6 +416,10 @@ class Overlay:
             zone_of(number, one.zone.action, one.corners, one.occupied)
             for number, one in enumerate(showing.of(replace(batch, poses=poses), sets), 1)
         ]
+
+    def _sensor_poses(self, joined: TabledSweeps, frame: str) -> SweepPoses:
+        here = joined.poses
+        return SweepPoses(here.x, here.y, here.yaw, np.full(len(here.x), self._hanging(joined, frame)))
 
     def _hanging(self, joined: TabledSweeps, frame: str) -> bool:
         """Return whether a sensor hangs head down, as far as its objects have shown."""
@@ -435,14 +434,13 @@ class Overlay:
         if not known.any():
             return iter(())
         self._placing.add(name)
-        raw = joined.raw.rows(known)
-        pose = np.column_stack([joined.poses.x, joined.poses.y, joined.poses.yaw])[known]
-        hangs = np.full(len(raw), self._hanging(joined, frame))
-        data = transforms(raw.time_ns, self._worlds[frame], name, pose, hangs, cdr=self._is_ros2)
+        raw, poses = joined.raw.rows(known), self._sensor_poses(joined, frame)
+        pose = np.column_stack([poses.x, poses.y, poses.yaw])[known]
+        data = transforms(raw.time_ns, self._worlds[frame], name, pose, poses.upside_down[known], cdr=self._is_ros2)
         return of_sweeps("/tf", TF, raw, data)
 
     def _scan_topic(self, topic: str) -> str:
-        return topic if is_ros(self._encodings.get(topic, "")) else topic_name(topic)
+        return topic if self._encodings.get(topic) in ROS else topic_name(topic)
 
     def _map(self, grid: Occupancy, record_ns: int) -> Outgoing:
         """Return the map, stamped as the first message, so that players show it at once."""
@@ -461,37 +459,30 @@ def scan_encodings(log: Log) -> dict[str, str]:
     return {message.topic: message.encoding for message in log.messages(SCAN_TYPES, ReadReport())}
 
 
-def is_ros(encoding: str) -> bool:
-    """Tell whether messages can be copied; others are written anew."""
-    return encoding in _ROS
-
-
 def transform_topics(log: Log, *, of_ros: bool) -> frozenset[str]:
     """Return the topics of transforms, all or those that can be copied; of a log without an index those that ROS uses."""
     topics = log.topics()
     if topics is None:
         return frozenset({"/tf", "/tf_static"})
     transforming = [topic for topic in topics if topic.type in TRANSFORMS]
-    return frozenset(topic.name for topic in transforming if is_ros(topic.encoding) or not of_ros)
+    return frozenset(topic.name for topic in transforming if topic.encoding in ROS or not of_ros)
 
 
 def frames_in_transforms(log: Log, frames: Collection[str]) -> set[str]:
     """Return those of the frames that transforms of the log name."""
-    names = {frame: _spelled(frame) for frame in frames}
+    names: dict[str, tuple[bytes, bytes]] = {}
+    for frame in frames:
+        # As ROS 1 and ROS 2 write it; old transforms have no leading slash.
+        name = frame.removeprefix("/").encode()
+        names[frame] = len(name).to_bytes(4, "little") + name, (len(name) + 1).to_bytes(4, "little") + name + b"\0"
     found: set[str] = set()
     for message in log.messages(TRANSFORMS, ReadReport()):
-        if not is_ros(message.encoding):
+        if message.encoding not in ROS:
             continue
         found |= {frame for frame, forms in names.items() if any(form in message.data for form in forms)}
         if len(found) == len(names):
             break
     return found
-
-
-def _spelled(frame: str) -> tuple[bytes, bytes]:
-    """Return the bytes of a frame in messages of ROS 1 and of ROS 2; old transforms have no leading slash."""
-    name = frame.removeprefix("/").encode()
-    return len(name).to_bytes(4, "little") + name, (len(name) + 1).to_bytes(4, "little") + name + b"\0"
 
 
 class Copies:
@@ -505,16 +496,18 @@ class Copies:
 
     def of(self, log: Log, report: ReadReport) -> Iterator[Outgoing]:
         """Yield scans, transforms, odometry and poses in log order."""
+        convert = ROS2.ros1_to_cdr if self._is_ros2 else ROS2.cdr_to_ros1
         for message in log.messages({LASERSCAN, MULTI_ECHO} | POSE_TYPES, report):
             if message.type in SCAN_TYPES and message.topic not in self._topics:
                 continue
-            if not is_ros(message.encoding):
+            if message.encoding not in ROS:
                 if message.type in POSE_TYPES:
                     self._left_out[message.topic, message.type] += 1
                 continue
             kind = TF if message.type == _OLD_TF else message.type
             try:
-                data = self._data(message, kind)
+                is_alike = (message.encoding == "cdr") == self._is_ros2
+                data = message.data if is_alike else bytes(convert(message.data, kind))
             # The library raises errors of many kinds for messages that are not what they say.
             except Exception:
                 report.refused[message.topic, f"its {kind} cannot be copied: it is damaged"] += 1
@@ -533,12 +526,6 @@ class Copies:
             for (topic, kind), number in sorted(self._left_out.items())
         ]
 
-    def _data(self, message: Message, kind: str) -> bytes:
-        if (message.encoding == "cdr") == self._is_ros2:
-            return message.data
-        turned = ROS2.ros1_to_cdr if self._is_ros2 else ROS2.cdr_to_ros1
-        return bytes(turned(message.data, kind))
-
 
 def of_sweeps(topic: str, kind: str, raw: RawSweeps, data: Sequence[bytes]) -> Iterator[Outgoing]:
     """Yield a message for each of some sweeps, recorded when the sweep was."""
@@ -550,14 +537,11 @@ def of_sweeps(topic: str, kind: str, raw: RawSweeps, data: Sequence[bytes]) -> I
 def in_order(messages: Iterable[Outgoing]) -> Iterator[Outgoing]:
     """Yield messages by record time, within a window of `WINDOW` messages; equal times keep their order."""
     heap: list[tuple[int, int, Outgoing]] = []
-    for number, message in zip(count(), messages, strict=False):
-        entry = (message.record_ns, number, message)
-        if len(heap) < WINDOW:
-            heapq.heappush(heap, entry)
-        else:
-            yield heapq.heappushpop(heap, entry)[2]
-    for _, _, message in sorted(heap):
-        yield message
+    for number, message in enumerate(messages):
+        heapq.heappush(heap, (message.record_ns, number, message))
+        if len(heap) > WINDOW:
+            yield heapq.heappop(heap)[2]
+    yield from (message for _, _, message in sorted(heap))
 
 
 @dataclass(frozen=True, slots=True)
@@ -634,24 +618,19 @@ class Tables:
     def _join(self, block: RawSweeps, first: int) -> TabledSweeps | None:
         sweeps, objects = (cursor.until(first + len(block)) for cursor in self._cursor(block.topic))
         index = integers(sweeps, "sweep") - first
-        if not len(index):
-            if objects.num_rows:
-                raise self._other()
+        if not len(index) and not objects.num_rows:
             return None
         raw = block if len(index) == len(block) else block.rows(index)
         stamps = integers(sweeps, "stamp")
         row = np.searchsorted(index, of := integers(objects, "sweep") - first)
-        strays = (row >= len(index)) | (index[np.minimum(row, len(index) - 1)] != of)
-        if (np.diff(index) <= 0).any() or (np.abs(raw.time_ns - stamps) >= COARSE).any() or strays.any():
-            raise self._other()
+        strays = not np.isin(of, index).all()
+        if strays or (np.diff(index) <= 0).any() or (np.abs(raw.time_ns - stamps) >= COARSE).any():
+            raise UnreadableError(
+                f"{self._pair.sweeps}, {self._pair.objects.name}: not the tables of this log, whose sweeps have other "
+                f"stamps; {AGAIN}"
+            )
         poses = Poses(*(numbers(sweeps[name]) for name in ("pose_x", "pose_y", "pose_yaw")))
         return TabledSweeps(raw, poses, objects, row, index + first)
-
-    def _other(self) -> UnreadableError:
-        return UnreadableError(
-            f"{self._pair.sweeps}, {self._pair.objects.name}: not the tables of this log, whose sweeps have other stamps; "
-            f"{AGAIN}"
-        )
 
     def _cursor(self, topic: str) -> tuple[TopicRows, TopicRows]:
         if topic not in self._cursors:

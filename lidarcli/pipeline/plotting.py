@@ -26,7 +26,7 @@ from lidarcli.pipeline.reading.posing import NO_POSES, Need, PoseAttacher, PoseO
 from lidarcli.range_rules import RangeRules
 from lidarcli.reports import map_picture
 from lidarcli.reports.columns import Rows
-from lidarcli.reports.ground import COLUMNS, Paths, TrackPath
+from lidarcli.reports.ground import COLUMNS, Paths
 from lidarcli.reports.map_picture import Box, MapPicture, Snapshot, draw_map, overview
 from lidarcli.reports.picture import Picture, ZoneInSight, animate, draw, limits_of
 from lidarcli.stores import Place
@@ -191,9 +191,10 @@ def sweep_at(source: Source, time: float | Instant, topic: str | None, opening: 
                 first_ns = int(batch.stamp_ns[0])
                 target_ns = time.ns if isinstance(time, Instant) else first_ns + round(time * SECOND_NS)
             # The target may be farther away than int64 can tell.
-            for index, stamp_ns in zip(batch.sweep.tolist(), batch.stamp_ns.tolist(), strict=True):
-                if best < 0 or abs(stamp_ns - target_ns) < nearest_ns:
-                    best, nearest_ns = index, abs(stamp_ns - target_ns)
+            away = [abs(stamp_ns - target_ns) for stamp_ns in batch.stamp_ns.tolist()]
+            if best < 0 or min(away) < nearest_ns:
+                nearest_ns = min(away)
+                best = int(batch.sweep[away.index(nearest_ns)])
             if int(batch.stamp_ns.min()) > target_ns + NEAR * SECOND_NS:
                 break
         damage = damage_lines(report)
@@ -262,15 +263,17 @@ class _PictureMaker:
 
     def picture(self, batch: SweepBatch) -> Picture:
         """Return the picture of one sweep with its objects."""
-        parameters = self._options.parameters
+        parameters, known = self._options.parameters, self._paths_of(batch)
         threshold = parameters.threshold
+        paths = None if known is None else known.up_to(int(batch.sweep[0]), self._options.trail)
         picture = Picture(
             log=self._log,
             batch=batch,
             detection=self._with_agents(batch, detect(batch, parameters, per_beam=True)),
             profile=parameters.profile,
             threshold=threshold if isinstance(threshold, str) else f"{threshold:g} m",
-            tracks=self._tracks(batch),
+            # Not what stands and is hidden: a crowd hides dozens.
+            tracks=None if paths is None else tuple(one for one in paths if one.seen or one.is_agent),
             zones=tuple(
                 ZoneInSight(one.zone, one.corners[0], one.beams[0], bool(one.occupied[0]))
                 for one in self._zones.get(int(batch.sweep[0]), ())
@@ -302,13 +305,6 @@ class _PictureMaker:
         alike &= np.abs(np.sin(0.5 * (found.theta_min[:, None] - theta))) < 0.25 * step
         mine = np.isin(owner, found.object[alike.any(axis=1)])
         return replace(found, beam_set=np.where(mine, SETS.index("A"), sets).astype(sets.dtype))
-
-    def _tracks(self, batch: SweepBatch) -> tuple[TrackPath, ...] | None:
-        """Return the tracks up to this sweep, without what stands and is hidden in it: a crowd hides dozens."""
-        if (paths := self._paths_of(batch)) is None:
-            return None
-        found = paths.up_to(int(batch.sweep[0]), self._options.trail)
-        return tuple(path for path in found if path.seen or path.is_agent)
 
     def _paths_of(self, batch: SweepBatch) -> Paths | None:
         """Return the tracks of the topic of all sweeps; None without tables (`OptionError` where they lack this sweep)."""
@@ -402,19 +398,13 @@ def take_map(
     with _naming(source):
         summary = mapping.add(source)
     paths = [np.column_stack([path.x, path.y]) for path in mapping.paths]
-    found = None if tracks is None else _overview(tracks, source, mapping)
-    whole = MapPicture(
-        grid=mapping.occupancy(),
-        paths=paths,
-        boxes=() if found is None else found.boxes,
-        agents=() if found is None else found.agents,
-        title=f"{source.name}  {_frame_words(mapping.worlds)}",
-    )
-    if sweeps is None:
-        return Drawn((whole,), tuple(summary.notes), tuple(summary.damage))
-    shots = _snapshots(source, options, sweeps)
-    pictures = tuple(replace(whole, snapshot=shots[sweep], title=f"{source.name}  sweep {sweep}") for sweep in sweeps)
-    return Drawn(pictures, tuple(summary.notes), tuple(summary.damage))
+    found = MapPicture(None) if tracks is None else _overview(tracks, source, mapping)
+    whole = replace(found, grid=mapping.occupancy(), paths=paths, title=f"{source.name}  {_frame_words(mapping.worlds)}")
+    pictures = [whole]
+    if sweeps is not None:
+        shots = _snapshots(source, options, sweeps)
+        pictures = [replace(whole, snapshot=shots[sweep], title=f"{source.name}  sweep {sweep}") for sweep in sweeps]
+    return Drawn(tuple(pictures), tuple(summary.notes), tuple(summary.damage))
 
 
 def _frame_words(worlds: Iterable[str]) -> str:
@@ -481,17 +471,8 @@ def _snapshot(one: SweepBatch, poses: SweepPoses, options: MapOptions) -> Snapsh
     there = np.isfinite(end[0, 0])
     objects = detect(one, options.parameters)
     x, y, yaw = poses.to_world(objects.row, objects.box_x, objects.box_y, objects.box_yaw, objects.shares(one))
-    boxes = tuple(
-        Box(
-            float(x[k]),
-            float(y[k]),
-            float(yaw[k]),
-            float(objects.box_length[k]),
-            float(objects.box_width[k]),
-            int(objects.shape[k]) == ROUND,
-        )
-        for k in range(len(objects))
-    )
-    return Snapshot(
-        int(one.sweep[0]), (float(poses.x[0]), float(poses.y[0]), float(poses.yaw[0])), end[:, 0, there].T, boxes
-    )
+    columns = (x, y, yaw, objects.box_length, objects.box_width, objects.shape == ROUND)
+    sides = zip(*(column.tolist() for column in columns), strict=True)
+    boxes = tuple(Box._make([*each, ""]) for each in sides)
+    pose = (float(poses.x[0]), float(poses.y[0]), float(poses.yaw[0]))
+    return Snapshot(int(one.sweep[0]), pose, end[:, 0, there].T, boxes)

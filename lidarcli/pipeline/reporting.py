@@ -6,7 +6,6 @@ import shlex
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 from itertools import count
-from typing import TYPE_CHECKING
 
 import pyarrow as pa
 
@@ -22,11 +21,11 @@ from lidarcli.pipeline.inputs.tables import (
     read_tracks,
 )
 from lidarcli.reports.changes import ChangesPart, changes_part
-from lidarcli.reports.checks import Check, accepts, columns_needed, judge, parse_check, verdict_of
-from lidarcli.reports.columns import Origin, Rows, Run, ZoneRows, least_observed
-from lidarcli.reports.document import Part, PartsReport
+from lidarcli.reports.checks import Check, accepts, columns_needed, judge, parse_check
+from lidarcli.reports.columns import Origin, Rows, Run, least_observed
+from lidarcli.reports.document import Part, Report
 from lidarcli.reports.figures import DELTA, OF_CHANGES, OF_MAPS
-from lidarcli.reports.report import Report
+from lidarcli.reports.run import RunPart
 from lidarcli.reports.summary import (
     OBJECT_COLUMNS,
     SWEEP_COLUMNS,
@@ -43,9 +42,6 @@ from lidarcli.reports.zones import floored, judge_zones, parse_zone_check, unobs
 from lidarcli.stores import Place
 from lidarcli.tabular.reading import Readable
 from lidarcli.tabular.schemas import EVENTS
-
-if TYPE_CHECKING:
-    from lidarcli.reports.html import Page
 
 Progress = Callable[[int, int], None] | None
 """Takes the number of steps that are done, and of all."""
@@ -87,21 +83,12 @@ class ReportOptions:
     """True where parts of these are one log."""
 
 
-@dataclass(frozen=True, slots=True)
-class PagedReport:
-    """A report, and where the rows come from that it is about."""
-
-    report: Report | PartsReport
-    page: Page | None = None
-    """Contents of the HTML alone, where it was asked for."""
-
-
 def understand(options: ReportOptions, zones: Collection[str] | None = None) -> list[Check]:
     """Parse the checks, or raise a usage error before any work is done; `zones`: the names that zones have, once known."""
     return [parse_check(text, bool(options.baseline), zones=zones) for text in options.checks]
 
 
-def make_report(options: ReportOptions, viewer: bool = False, progress: Progress = None) -> PagedReport:
+def make_report(options: ReportOptions, viewer: bool = False, progress: Progress = None) -> Report:
     """Read the tables and make the report.
 
     Parameters
@@ -126,8 +113,7 @@ def make_report(options: ReportOptions, viewer: bool = False, progress: Progress
     changes, unread = _read_changes(tables.changes, step)
     failed = [*tables.problems, *unread]
     if all(map(_is_of_zones, tables.table_sets)) and (tables.table_sets or changes is not None):
-        zones = _zones_alone(tables.table_sets, failed, step) if tables.table_sets else None
-        return _report_parts(zones, changes, failed, options)
+        return _without_objects(tables.table_sets, changes, failed, options, step)
     run, pairs, problems = _load(tables.table_sets, failed, checks, viewer, step)
     if run.zones is not None:
         # Only now it is known which zones there are.
@@ -141,26 +127,18 @@ def make_report(options: ReportOptions, viewer: bool = False, progress: Progress
         # Both runs share the edges of their histograms.
         edges = edges_of(*(values_of(one, streams_of(one)) for one in (run, base_run)))
         summary = summarise(run, edges)
-        report = Report(summary, compare(run, summary, base_run, summarise(base_run, edges)), changes)
+        part = RunPart(summary, compare(run, summary, base_run, summarise(base_run, edges)))
     else:
-        report = Report(summarise(run), None, changes)
-    verdicts = tuple(judge(check, report.figures, run) for check in checks)
-    report = replace(report, verdicts=verdicts, unread=problems, unseen=unseen)
+        part = RunPart(summarise(run))
+    report = Report((part,) if changes is None else (part, changes), (), problems, unseen)
+    report = replace(report, verdicts=tuple(judge(check, report.figures, run) for check in checks))
     step()
-    return _with_page(report, run, pairs, options) if viewer else PagedReport(report)
+    if not viewer:
+        return report
+    from lidarcli.pipeline.viewing import page_of
 
-
-def _with_page(report: Report, run: Run, pairs: Sequence[TableSet], options: ReportOptions) -> PagedReport:
-    """Add the contents of the HTML to a report; a beams table that cannot be read is one problem more."""
-    from lidarcli.pipeline.viewing import viewer_of
-    from lidarcli.reports.html import Page
-    from lidarcli.reports.map_picture import overview
-
-    view = viewer_of(run, report.summary, pairs, options.logs, options.join)
-    report = replace(report, unread=(*report.unread, *view.problems))
-    # Every log has a world of its own.
-    above = overview(run.sweeps, run.tracks, run.trajectories) if len(run.sources) == 1 else None
-    return PagedReport(report, Page(view.data, above, view.walls, view.grid, _command(options)))
+    page, unread_beams = page_of(run, part.summary, pairs, options.logs, options.join, _command(options))
+    return replace(report, page=page, unread=(*report.unread, *unread_beams))
 
 
 def _is_of_zones(pair: TableSet) -> bool:
@@ -202,50 +180,43 @@ def _unseen_changes(checks: Sequence[Check], changes: ChangesPart | None) -> tup
     return (f"{damaged[0].log}: its runs were damaged when it was made ({damaged[0].damage[0]})",)
 
 
-def _report_parts(
-    zones: tuple[ZoneRows, list[Origin]] | None,
+def _without_objects(
+    pairs: Sequence[TableSet],
     changes: ChangesPart | None,
-    problems: Sequence[UnreadableError],
+    failed: list[UnreadableError],
     options: ReportOptions,
-) -> PagedReport:
+    step: Callable[[], None],
+) -> Report:
     """Report on zones, on changes, or on both, where there are no tables of objects."""
-    kind = "changes" if zones is None else "zones"
-    for name, values in (("--baseline", options.baseline), ("--log", options.logs)):
-        if values:
-            raise OptionError(f"{name}: these are tables of {kind} alone; name the objects table of the log as well")
-    others = () if changes is None else (*OF_CHANGES, *OF_MAPS)
-    parts: list[Part] = [] if zones is None else [zones_part(*zones)]
-    parts += [] if changes is None else [changes]
-    report = PartsReport(tuple(parts), unread=tuple(map(str, problems)))
-    if zones is None:
-        checks = [parse_check(text, only=others, page="docs/diff.md") for text in options.checks]
-        verdicts = [verdict_of(check, report.figures.get(check.name)) for check in checks]
-        unseen = _unseen_changes(checks, changes)
-    else:
-        checks = [parse_zone_check(text, zones[0].names, others) for text in options.checks]
-        verdicts = [judge_zones(check, report.figures, zones[0]) for check in checks]
-        unseen = (*_unseen(checks, zones[1]), *unobserved(checks, zones[0]), *_unseen_changes(checks, changes))
-    return PagedReport(replace(report, verdicts=tuple(verdicts), unseen=unseen))
-
-
-def _zones_alone(
-    pairs: Sequence[TableSet], problems: list[UnreadableError], step: Callable[[], None]
-) -> tuple[ZoneRows, list[Origin]]:
-    """Read tables of zones of which there are none of objects; adds to `problems` what cannot be read."""
+    kind = "zones" if pairs else "changes"
     read: dict[int, tuple[pa.Table, pa.Table]] = {}
     sources: list[Origin] = []
     for pair in pairs:
         try:
             found = _read_zones(pair)
         except UnreadableError as err:
-            problems.append(err)
+            failed.append(err)
             continue
         read[len(sources)] = found
         sources.append(origin_of(pair, found[1]))
         step()
-    if not read:
-        raise nothing_read(problems)
-    return zones_in(read), sources
+    if pairs and not read:
+        raise nothing_read(failed)
+    for name, values in (("--baseline", options.baseline), ("--log", options.logs)):
+        if values:
+            raise OptionError(f"{name}: these are tables of {kind} alone; name the objects table of the log as well")
+    others = () if changes is None else (*OF_CHANGES, *OF_MAPS)
+    if pairs:
+        zones = zones_in(read)
+        parts: list[Part] = [zones_part(zones, sources), *([] if changes is None else [changes])]
+        checks = [parse_zone_check(text, zones.names, others) for text in options.checks]
+        incomplete = (*_unseen(checks, sources), *unobserved(checks, zones))
+    else:
+        assert changes is not None
+        zones, parts, incomplete = None, [changes], ()
+        checks = [parse_check(text, only=others) for text in options.checks]
+    report = Report(tuple(parts), (), tuple(map(str, failed)), (*incomplete, *_unseen_changes(checks, changes)))
+    return replace(report, verdicts=tuple(judge_zones(check, report.figures, zones) for check in checks))
 
 
 def _command(options: ReportOptions) -> str:
@@ -393,20 +364,19 @@ def encoded(words: str) -> bytes:
     return words.encode("utf-8", "backslashreplace")
 
 
-def render(made: PagedReport, kind: str, colour: bool = False, brief: bool = False) -> str:
-    """The report in one of `FORMATS`, `brief` in one of `SHORT_FORMATS`; for html, one of tables was made with `viewer`."""
-    report = made.report
+def render(report: Report, kind: str, colour: bool = False, brief: bool = False) -> str:
+    """The report in one of `FORMATS`, `brief` in one of `SHORT_FORMATS`; for html, one that was made with `viewer`."""
     if kind == "html":
         from lidarcli.reports import html
 
-        return html.render(report, made.page)
+        return html.render(report)
     from lidarcli.reports import programs, text
 
     match kind:
         case "text":
-            return text.brief_text(report, colour) if brief else text.as_text(report, colour)
+            return text.as_text(report, colour, brief)
         case "markdown":
-            return text.brief_markdown(report) if brief else text.as_markdown(report)
+            return text.as_markdown(report, brief)
         case "github":
             return programs.as_github(report, "" if brief else text.as_text(report))
         case "json":

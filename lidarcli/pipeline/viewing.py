@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from lidarcli.errors import OptionError, UnreadableError
-from lidarcli.formalism.mapping.grid import Occupancy
 from lidarcli.logs.base import ReadReport
 from lidarcli.logs.batches import ReadOptions, read_batches
 from lidarcli.pipeline.inputs.search import find_logs
@@ -18,8 +15,9 @@ from lidarcli.pipeline.inputs.tables import TableSet, batches
 from lidarcli.pipeline.reading.one_log import opening_of, rules_of
 from lidarcli.range_rules import closure
 from lidarcli.reports.columns import Origin, Run
-from lidarcli.reports.ground import Raw, Walls, map_of, walls_of
-from lidarcli.reports.html import Choice, choose_sweeps, pack, pack_map
+from lidarcli.reports.ground import Raw, map_of, walls_of
+from lidarcli.reports.html import Choice, Page, choose_sweeps, pack, pack_map
+from lidarcli.reports.map_picture import overview
 from lidarcli.reports.summary import Summary
 from lidarcli.sweeps import Float64, Int64, SweepBatch
 from lidarcli.tabular.reading import Readable
@@ -29,22 +27,13 @@ MOST_CELLS = 50_000_000
 """Most cells (sweeps times beams) of a beams table that are shown."""
 
 
-@dataclass(frozen=True, slots=True)
-class Viewed:
-    """Contents of the HTML report alone."""
+def page_of(
+    run: Run, summary: Summary, pairs: Sequence[TableSet], logs: Sequence[str], join: bool, command: str
+) -> tuple[Page, list[str]]:
+    """Return the contents of the HTML alone, and a line for each beams table that cannot be read.
 
-    data: dict[str, Any]
-    """Data of the viewer, with a note on sweeps that are left out."""
-    walls: dict[str, Walls]
-    """Walls by frame, where there are beams."""
-    grid: Occupancy | None
-    """Map of the run, where there are poses and beams."""
-    problems: tuple[str, ...]
-    """A line for each beams table that cannot be read."""
-
-
-def viewer_of(run: Run, summary: Summary, pairs: Sequence[TableSet], logs: Sequence[str], join: bool = False) -> Viewed:
-    """Return the sweeps that the viewer shows, with their beams as far as logs or beams tables have them."""
+    `command` makes the page again.
+    """
     choice = choose_sweeps(run, summary)
     wanted = _wanted(run, summary, choice)
     origins = _match(run.sources, logs, join)
@@ -62,7 +51,9 @@ def viewer_of(run: Run, summary: Summary, pairs: Sequence[TableSet], logs: Seque
     grid = map_of(run, raw)
     if grid is not None:
         data["map"] = pack_map(grid)
-    return Viewed(data, walls_of(run, raw), grid, tuple(problems))
+    # Every log has a world of its own.
+    above = overview(run.sweeps, run.tracks, run.trajectories) if len(run.sources) == 1 else None
+    return Page(data, above, walls_of(run, raw), grid, command), problems
 
 
 def _wanted(run: Run, summary: Summary, choice: Choice) -> dict[int, dict[str, Int64]]:
@@ -100,15 +91,12 @@ def _match(sources: Sequence[Origin], logs: Sequence[str], join: bool) -> dict[i
 def _joined(parts: Sequence[SweepBatch]) -> Raw:
     """Return all sweeps of a topic in one, sorted."""
     width = max(part.ranges.shape[1] for part in parts)
-    order = np.argsort(np.concatenate([part.sweep for part in parts]), kind="stable")
-    names = ("sweep", "angle_min", "angle_increment", "closure", "beams")
-    columns = (np.concatenate([getattr(part, name) for part in parts])[order] for name in names)
-    sweep, angle_min, angle_increment, kind, beams = columns
-    ranges = np.full((len(order), width), np.nan)
-    rows = np.cumsum([0, *(len(part) for part in parts)])
+    ranges = np.full((sum(map(len, parts)), width), np.nan)
+    rows = np.cumsum([0, *map(len, parts)])
     for first, part in zip(rows, parts, strict=False):
         ranges[first : first + len(part), : part.ranges.shape[1]] = part.ranges
-    return Raw(sweep, angle_min, angle_increment, kind, beams.astype(np.int64), ranges[order])
+    raw = Raw._make([*(np.concatenate([getattr(part, name) for part in parts]) for name in Raw._fields[:-1]), ranges])
+    return raw.rows(np.argsort(raw.sweep, kind="stable"))
 
 
 def _from_log(number: int, log: Source, source: Origin, topics: dict[str, Int64]) -> dict[tuple[int, str], Raw]:

@@ -142,14 +142,10 @@ class ChangesPart(Part):
         """Return the sections by name."""
         pairs = self.pairs
         head = ("from", "to", *CHANGE_STATUSES, "overlap")
+        overlaps = ["" if one.overlap is None else percent(one.overlap) for one in pairs]
         rows = [
-            (
-                one.before,
-                one.name,
-                *(f"{count:,}" for count in one.counts.values()),
-                "" if one.overlap is None else percent(one.overlap),
-            )
-            for one in pairs
+            (one.before, one.name, *(f"{count:,}" for count in one.counts.values()), overlap)
+            for one, overlap in zip(pairs, overlaps, strict=True)
         ]
         sections = {"changed": Section("Changes from run to run", [Table(head, rows, range(2, len(head)))])}
         drawn: list[Block] = []
@@ -175,18 +171,12 @@ class ChangesPart(Part):
             if blocks:
                 sections[name] = Section("Changes by status", blocks, formats, "Changes by status")
         cells = ("from", "to", "dx", "dy", "turn", "rms")
-        aligned = [
-            (
-                one.before,
-                one.name,
-                in_unit(one.dx, "m", ".2f"),
-                in_unit(one.dy, "m", ".2f"),
-                "" if one.dyaw is None else f"{math.degrees(math.remainder(one.dyaw, math.tau)):.1f}°",
-                in_unit(one.rms, "m", ".3f"),
-            )
-            for one in pairs
-            if one.dx is not None
-        ]
+        aligned = []
+        for one in pairs:
+            if one.dx is not None:
+                shift = (in_unit(one.dx, "m", ".2f"), in_unit(one.dy, "m", ".2f"))
+                turn = "" if one.dyaw is None else f"{math.degrees(math.remainder(one.dyaw, math.tau)):.1f}°"
+                aligned.append((one.before, one.name, *shift, turn, in_unit(one.rms, "m", ".3f")))
         if aligned:
             table = Table(cells, aligned, range(2, len(cells)))
             sections["alignment"] = Section("How the runs lie on each other", [table], fold="Alignment")
@@ -250,15 +240,9 @@ def changes_part(tables: Sequence[tuple[str, pa.Table]]) -> ChangesPart:
         unknown |= {status for status in CHANGE_STATUSES if status in figures and figures[status] is None}
         of_maps |= {each: _number(figures[each]) for each in OF_MAPS if each in figures}
         pairs += pairs_of(table)
-        sources.append(
-            Origin(
-                name,
-                name.rsplit("/", maxsplit=1)[-1],
-                version=notes.get(VERSION, ""),
-                parameters=note_value(notes, PARAMETERS, dict),
-                damage=tuple(map(str, note_value(notes, DAMAGE, list))),
-            )
-        )
+        version, damage = notes.get(VERSION, ""), tuple(map(str, note_value(notes, DAMAGE, list)))
+        parameters = note_value(notes, PARAMETERS, dict)
+        sources.append(Origin(name, name.rpartition("/")[2], version=version, parameters=parameters, damage=damage))
     values: dict[str, float | None] = {
         status: None if status in unknown else sum(pair.counts[status] for pair in pairs) for status in CHANGE_STATUSES
     }

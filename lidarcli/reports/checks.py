@@ -12,12 +12,11 @@ sign       = "==" | "!=" | "<" | "<=" | ">" | ">="
 from __future__ import annotations
 
 import difflib
-import operator
 import re
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from functools import reduce
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -43,22 +42,20 @@ LONGEST_CHECK = 10_000
 """Most characters of a check."""
 SHOWN_OF_CHECK = 200
 """Most characters of a check that an error repeats."""
-COMPARE: dict[str, Callable[[Any, Any], Any]] = {
-    "==": operator.eq,
-    "!=": operator.ne,
-    "<=": operator.le,
-    ">=": operator.ge,
-    "<": operator.lt,
-    ">": operator.gt,
+COMPARE: dict[str, Callable[[Any, float, float], Any]] = {
+    "==": lambda value, low, _: value == low,
+    "!=": lambda value, low, _: value != low,
+    "<=": lambda value, low, _: value <= low,
+    ">=": lambda value, low, _: value >= low,
+    "<": lambda value, low, _: value < low,
+    ">": lambda value, low, _: value > low,
+    "between": lambda value, low, high: (low <= value) & (value <= high),
 }
+"""Sign → the comparison of a value with one or two limits."""
+SIGNS = ", ".join(COMPARE)
 COUNTED = {name: {one.name: one for one in TABLES[name]} for name in ("objects", "sweeps", "tracks", "events")}
 """The tables whose rows can be counted, and their columns by name."""
-ALIASES = {
-    "objects": {"range_min": "r_min", "range": "r_min", "bearing": "theta_min"},
-    "sweeps": dict[str, str](),
-    "tracks": dict[str, str](),
-    "events": dict[str, str](),
-}
+ALIASES = {"objects": {"range_min": "r_min", "range": "r_min", "bearing": "theta_min"}}
 """Table → other names of its columns."""
 SUMS = {"sweeps": {"objects": OBJECTS_OF_SWEEP, "object_beams": BEAMS_OF_OBJECTS}}
 """Table → name → columns that it sums up: a name means the same in checks of figures and of rows."""
@@ -78,8 +75,7 @@ _COMPARISON = re.compile(r"\s*(==|!=|<=|>=|<|>|\bbetween\b)[^=!<>]*$")
 """The end of a check, from its comparison on."""
 
 
-@dataclass(frozen=True, slots=True)
-class Token:
+class Token(NamedTuple):
     """One word of a check and where it begins."""
 
     kind: str
@@ -92,30 +88,33 @@ class Tokens:
     """The words of one check, read from left to right."""
 
     def __init__(self, expression: str) -> None:
-        self.expression = expression
-        if len(expression) > LONGEST_CHECK:
+        self.expression = text = expression
+        if len(text) > LONGEST_CHECK:
             raise OptionError(
-                f"--check '{expression[:20]}...': {len(expression):,} characters are more than a check may have "
-                f"({LONGEST_CHECK:,})"
+                f"--check '{text[:20]}...': {len(text):,} characters are more than a check may have ({LONGEST_CHECK:,})"
             )
-        self._all = self._split()
-        self._at = 0
+        self._left: list[Token] = []
+        place, end = 0, len(text.rstrip())
+        while place < end:
+            match = _TOKEN.match(text, place)
+            if match is None:
+                start = end - len(text[place:end].lstrip())
+                raise self.error("cannot be read", Token("unknown", text[start], start))
+            kind = str(match.lastgroup)
+            self._left.append(Token("text" if kind in ("double", "single") else kind, match[kind], match.start(kind)))
+            place = match.end()
+        # Two ends: the parser looks at most at the word after the next one.
+        self._left += [Token("end", "", len(text))] * 2
+        self._left.reverse()
 
     @property
     def next(self) -> Token:
         """The word that comes next."""
-        return self._all[self._at]
-
-    @property
-    def after_next(self) -> Token:
-        """The word after that."""
-        return self._all[min(self._at + 1, len(self._all) - 1)]
+        return self._left[-1]
 
     def take(self) -> Token:
-        """Take the next word."""
-        token = self.next
-        self._at = min(self._at + 1, len(self._all) - 1)
-        return token
+        """Take the next word; the end stays."""
+        return self._left.pop() if self.next.kind != "end" else self.next
 
     def take_if(self, *texts: str) -> str | None:
         """Take the next word if it is one of these keywords or signs."""
@@ -123,11 +122,36 @@ class Tokens:
             return self.take().text
         return None
 
-    def expect(self, kind: str, wanted: str) -> Token:
-        """Take the next word, which has to be of this kind."""
-        if self.next.kind != kind:
-            raise self.error(f"expected {wanted}")
-        return self.take()
+    def take_truth(self) -> bool:
+        """Take `== true` or `!= false`, and the like; without one, as where a sign belongs to the check, it is true."""
+        if self.next.text not in ("==", "!=") or self._left[-2].text not in TRUTH:
+            return True
+        equal = self.take().text == "=="
+        return TRUTH[self.take().text] == equal
+
+    def take_number(self) -> float:
+        """Take a number."""
+        if self.next.kind != "number":
+            raise self.error("expected a number")
+        return float(self.take().text)
+
+    def take_limits(self, of: str = "", more: str = "") -> tuple[str, float, float]:
+        """Take a sign and a number, or `between A and B`: the sign, and the least and the greatest limit.
+
+        `of` and `more` are for the message: the column that is compared, and what else could stand here.
+        """
+        if not self.take_if("between"):
+            if self.next.kind != "operator":
+                raise self.error(f"expected a comparison ({SIGNS}{more}){of}")
+            sign, number = self.take().text, self.take_number()
+            return sign, number, number
+        first, low = self.next, self.take_number()
+        if not self.take_if("and"):
+            raise self.error("expected 'and'")
+        high = self.take_number()
+        if low > high:
+            raise self.error(f"{low:g} is above {high:g}: nothing is between them,", first)
+        return "between", low, high
 
     def error(self, problem: str, token: Token | None = None) -> OptionError:
         """Return the error of this check at the next word, or at the one given."""
@@ -136,21 +160,8 @@ class Tokens:
         shown = self.expression if len(self.expression) <= SHOWN_OF_CHECK else f"{self.expression[:SHOWN_OF_CHECK]}..."
         return OptionError(f"--check '{shown}': {problem} {where}")
 
-    def _split(self) -> list[Token]:
-        text, place, found = self.expression.rstrip(), 0, []
-        while place < len(text):
-            match = _TOKEN.match(text, place)
-            if match is None:
-                start = place + len(text[place:]) - len(text[place:].lstrip())
-                raise self.error("cannot be read", Token("unknown", text[start], start))
-            kind = str(match.lastgroup)
-            found.append(Token("text" if kind in ("double", "single") else kind, match[kind], match.start(kind)))
-            place = match.end()
-        return [*found, Token("end", "", len(self.expression))]
 
-
-@dataclass(frozen=True, slots=True)
-class Condition:
+class Condition(NamedTuple):
     """A condition: the columns that it needs, and its function of rows."""
 
     columns: frozenset[str]
@@ -190,46 +201,47 @@ def _factor(tokens: Tokens, table: str, depth: int) -> Condition:
     negated = False
     while tokens.take_if("not"):
         negated = not negated
-    found = _plain_factor(tokens, table, depth)
-    return Condition(found.columns, lambda rows: 1.0 - found.truth(rows)) if negated else found
-
-
-def _plain_factor(tokens: Tokens, table: str, depth: int) -> Condition:
     if not tokens.take_if("("):
-        return _comparison(tokens, table)
-    if depth == DEEPEST:
+        found = _comparison(tokens, table)
+    elif depth == DEEPEST:
         raise tokens.error(f"more than {DEEPEST} brackets are open")
-    found = parse_condition(tokens, table, depth + 1)
-    if not tokens.take_if(")"):
-        raise tokens.error("expected ')'")
-    return found
+    else:
+        found = parse_condition(tokens, table, depth + 1)
+        if not tokens.take_if(")"):
+            raise tokens.error("expected ')'")
+    return Condition(found.columns, lambda rows: 1.0 - found.truth(rows)) if negated else found
 
 
 def _comparison(tokens: Tokens, table: str) -> Condition:
     name = _column(tokens, table)
     column = COUNTED[table][name]
     if tokens.take_if("is"):
-        wanted = tokens.take_if("not") is None
+        is_null = tokens.take_if("not") is None
         if not tokens.take_if("null"):
             raise tokens.error("expected null")
-        return _null(name, wanted)
+
+        def null(rows: Rows) -> Float64:
+            return np.asarray(rows.table[name].is_null().to_numpy(zero_copy_only=False) == is_null, np.float64)
+
+        return Condition(frozenset({name}), null)
     if column.kind == "text":
         return _word(tokens, column)
-    if column.kind == "bool":
-        return _truth(tokens, name)
-    summed = SUMS.get(table, {}).get(name, (name,))
-    if tokens.take_if("between"):
-        low, high = read_limits(tokens)
-        return _number(summed, lambda values: (values >= low) & (values <= high))
-    sign = tokens.expect("operator", f"a comparison ({', '.join(COMPARE)}, between, is) of {name}").text
-    limit = read_number(tokens)
-    return _number(summed, lambda values: COMPARE[sign](values, limit))
+    names = SUMS.get(table, {}).get(name, (name,))
+    sign, low, high = (
+        ("!=" if tokens.take_truth() else "==", 0.0, 0.0)
+        if column.kind == "bool"
+        else tokens.take_limits(f" of {name}", ", is")
+    )
+
+    def truth(rows: Rows) -> Float64:
+        values = rows.total(names)
+        return np.where(np.isnan(values), UNKNOWN, COMPARE[sign](values, low, high))
+
+    return Condition(frozenset(names), truth)
 
 
 def _column(tokens: Tokens, table: str) -> str:
-    token = tokens.next
-    aliases = ALIASES[table]
-    known = column_names(table)
+    token, known, aliases = tokens.next, column_names(table), ALIASES.get(table, {})
     name = aliases.get(token.text, token.text)
     names = [*known, *aliases]
     if token.kind != "name" or token.text in KEYWORDS:
@@ -266,55 +278,10 @@ def _word(tokens: Tokens, column: Column) -> Condition:
     tokens.take()
 
     def truth(rows: Rows) -> Float64:
-        codes, names = rows.words(name)
-        equal = codes == names.index(token.text) if token.text in names else np.zeros(len(codes), bool)
-        return np.where(codes < 0, UNKNOWN, equal == (sign == "=="))
+        codes, _ = rows.words(name)
+        return np.where(codes < 0, UNKNOWN, rows.are(name, token.text) == (sign == "=="))
 
     return Condition(frozenset({name}), truth)
-
-
-def _truth(tokens: Tokens, name: str) -> Condition:
-    """Parse `moving`, `moving == true`, `moving != false`; a sign before anything else belongs to the check."""
-    wanted = True
-    if tokens.next.text in ("==", "!=") and tokens.after_next.text in TRUTH:
-        equal = tokens.take().text == "=="
-        wanted = TRUTH[tokens.take().text] == equal
-    return _number((name,), lambda values: (values != 0) == wanted)
-
-
-def _number(names: Sequence[str], test: Callable[[Float64], Bool]) -> Condition:
-    """Return the condition that a test of a column holds, or of the sum of some columns."""
-
-    def truth(rows: Rows) -> Float64:
-        values = rows.total(names)
-        return np.where(np.isnan(values), UNKNOWN, test(values))
-
-    return Condition(frozenset(names), truth)
-
-
-def _null(name: str, wanted: bool) -> Condition:
-    def truth(rows: Rows) -> Float64:
-        null = rows.table[name].is_null().to_numpy(zero_copy_only=False)
-        return np.where(null == wanted, 1.0, 0.0)
-
-    return Condition(frozenset({name}), truth)
-
-
-def read_number(tokens: Tokens) -> float:
-    """Take the number that comes next."""
-    return float(tokens.expect("number", "a number").text)
-
-
-def read_limits(tokens: Tokens) -> tuple[float, float]:
-    """Take `A and B`, after `between`."""
-    first = tokens.next
-    low = read_number(tokens)
-    if not tokens.take_if("and"):
-        raise tokens.error("expected 'and'")
-    high = read_number(tokens)
-    if low > high:
-        raise tokens.error(f"{low:g} is above {high:g}: nothing is between them,", first)
-    return low, high
 
 
 @dataclass(frozen=True, slots=True)
@@ -361,9 +328,7 @@ class Check:
 
     def admits(self, value: float) -> bool:
         """Return True if a value is as expected."""
-        if self.sign == "between":
-            return self.low <= value <= self.high
-        return bool(COMPARE[self.sign](value, self.low))
+        return bool(COMPARE[self.sign](value, self.low, self.high))
 
 
 @dataclass(frozen=True, slots=True)
@@ -401,7 +366,6 @@ def parse_check(
     only: Collection[str] | None = None,
     rows: Collection[str] | None = None,
     zones: Collection[str] | None = None,
-    page: str = "docs/reports.md",
 ) -> Check:
     """Understand a check.
 
@@ -411,7 +375,6 @@ def parse_check(
     only : the figures that there are beside those of zones, where the check is not about tables of `detect`
     rows : the tables whose rows can be counted; by default all, with `only` none
     zones : the zones that there are; where that is not known yet, a zone may have any name
-    page : page of the documentation that lists these
 
     Raises
     ------
@@ -440,13 +403,8 @@ def parse_check(
     elif only is None:
         _known(tokens, token, compared, zones)
     elif token.text not in only:
-        raise _unknown(tokens, token, only, page, zones or ())
-    if tokens.take_if("between"):
-        sign = "between"
-        low, high = read_limits(tokens)
-    else:
-        sign = tokens.expect("operator", f"a comparison ({', '.join(COMPARE)}, between)").text
-        low = high = read_number(tokens)
+        raise _unknown(tokens, token, only, zones or (), bool(only))
+    sign, low, high = tokens.take_limits()
     if tokens.next.kind != "end":
         raise tokens.error("expected nothing more")
     return Check(expression, token.text, condition, sign, low, high)
@@ -523,30 +481,30 @@ def _known_of_zone(tokens: Tokens, token: Token, compared: bool, zones: Collecti
 
 def _known(tokens: Tokens, token: Token, compared: bool, zones: Collection[str] | None) -> None:
     """Refuse a figure that no tables of objects or changes have."""
-    name = token.text
-    plain = name.removeprefix(figures.DELTA)
-    names = [*figures.names(), *figures.track_names()]
-    of_changes = [*figures.OF_CHANGES, *figures.OF_MAPS]
-    if name in of_changes:
-        return
+    name, plain = token.text, token.text.removeprefix(figures.DELTA)
+    names, of_changes = [*figures.names(), *figures.track_names()], [*figures.OF_CHANGES, *figures.OF_MAPS]
     spreads = figures.SPREADS | figures.TRACK_SPREADS
     if plain in names or name in figures.COMPARED:
         if not compared and (name != plain or name in figures.COMPARED):
             raise tokens.error(f"{name} needs a --baseline to compare with;")
-        return
-    if plain in spreads:
+    elif plain in spreads and name not in of_changes:
         raise tokens.error(f"{name} has several values, choose one of .{', .'.join(STATISTICS)};")
-    known = [*names, *spreads]
-    delta = [*figures.COMPARED, *(figures.DELTA + other for other in known)]
-    raise _unknown(tokens, token, dict.fromkeys([*known, *of_changes, *delta]), zones=zones)
+    elif name not in of_changes:
+        known = [*names, *spreads]
+        delta = [*figures.COMPARED, *(figures.DELTA + other for other in known)]
+        raise _unknown(tokens, token, dict.fromkeys([*known, *of_changes, *delta]), zones)
 
 
 def _unknown(
-    tokens: Tokens, token: Token, known: Collection[str], page: str = "docs/reports.md", zones: Collection[str] | None = ()
+    tokens: Tokens, token: Token, known: Collection[str], zones: Collection[str] | None, few: bool = False
 ) -> OptionError:
-    """Return the error of an unknown figure; `zones` as of `parse_check`."""
+    """Return the error of an unknown figure, which names what is near, or else the `known` ones if they are `few`."""
     hint = nearest(token.text, known, OFFERED) or ";"
     zone, zoned = token.text.partition(".")[0], f"{figures.ZONES}{token.text}"
     if zoned in figures.zone_names(zone) and (zones is None or zone in zones):
         hint = f"; did you mean {zoned}?"
-    return tokens.error(f"unknown figure '{token.text}'{hint} {page} has all;", token)
+    if not few:
+        hint += " docs/reports.md has all;"
+    elif hint == ";":
+        hint = f"; there are {', '.join(known)};"
+    return tokens.error(f"unknown figure '{token.text}'{hint}", token)

@@ -235,16 +235,11 @@ class Run:
         """(K,) those of the objects that are agents (set A)."""
         return self.objects.are("set", "A")
 
-    @cached_property
-    def observed(self) -> NDArray[np.bool_]:
-        """(S,) sweeps that show anything."""
-        return self.sweeps.numbers("observed") > 0
-
     def observed_in(self) -> list[Sight]:
         """Return for each source how many sweeps show anything."""
         some, total = (
             np.bincount(self.sweeps.source[chosen], minlength=len(self.sources)).tolist()
-            for chosen in (self.observed, slice(None))
+            for chosen in (self.sweeps.numbers("observed") > 0, slice(None))
         )
         logs = (source.log for source in self.sources)
         return [Sight(*each) for each in zip(logs, some, total, strict=True)]
@@ -255,13 +250,21 @@ class Run:
         return self.sweeps.total(OBJECTS_OF_SWEEP)
 
     @cached_property
+    def lost_share(self) -> Float64:
+        """(S,) share of the beams of each sweep without a range; NaN without beams."""
+        beams = self.sweeps.numbers("beams")
+        lost = beams - self.sweeps.numbers("valid")
+        share: Float64 = np.divide(lost, beams, out=np.full(len(beams), np.nan), where=beams > 0)
+        return share
+
+    @cached_property
     def agents_at_once(self) -> Float64:
         """(S,) tracks of set A that are seen in each sweep, however many objects each has; NaN where nobody tracked."""
         tracked = np.array([source.tracked for source in self.sources], bool)
         numbers = np.where(tracked[self.sweeps.source], 0.0, np.nan)
         if not tracked.any() or not self.is_agent.any():
             return numbers
-        place, wanted = _places(self.objects, self.sweeps)
+        place, wanted = places(self.objects, self.sweeps)
         track = self.objects.numbers("track")
         mine = self.is_agent & ~np.isnan(track)
         names, dense = np.unique(track[mine], return_inverse=True)
@@ -274,7 +277,20 @@ class Run:
         return numbers
 
 
-def _places(*tables: Rows) -> list[Int64]:
+def rows_of(rows: Rows, topic: str, sweeps: Int64, source: int | None = None) -> tuple[Int64, Int64]:
+    """Return the rows of a table of these sweeps of a topic, which ascend, and the place of each one's sweep among them.
+
+    They are in the order of the sweeps; `source`: of all of them, if there is more than one.
+    """
+    index = rows.integers("sweep")
+    mine = rows.are("topic", topic) & np.isin(index, sweeps)
+    found = np.flatnonzero(mine if source is None else mine & (rows.source == source))
+    at = np.searchsorted(sweeps, index[found])
+    order = np.argsort(at, kind="stable")
+    return found[order], at[order]
+
+
+def places(*tables: Rows) -> list[Int64]:
     """A number for the sweep of each row, equal in all tables where source, topic and index are."""
     words = [rows.words("topic") for rows in tables]
     topics = {name: k for k, name in enumerate(dict.fromkeys(name for _, names in words for name in names))}

@@ -17,6 +17,7 @@ from lidarcli.reports.columns import Origin
 
 if TYPE_CHECKING:
     from lidarcli.reports.changes import RunPair
+    from lidarcli.reports.html import Page
 
 TEXT, MARKDOWN, PAGE = "text", "markdown", "page"
 """Formats for people: the terminal, Markdown and HTML."""
@@ -150,30 +151,51 @@ class Card(NamedTuple):
     """Meaning of the figure, for those who do not know the word."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Document(ABC):
-    """A report of any kind."""
+class Opening(NamedTuple):
+    """Beginning of a report on one kind of table alone."""
 
-    verdicts: tuple[Verdict, ...] = ()
-    unread: tuple[str, ...] = ()
-    """Tables and folders that could not be read, one line each."""
-    unseen: tuple[str, ...] = ()
-    """Data that the checks did not see although all tables could be read, one line each."""
+    cards: Sequence[Card] = ()
+    lines: Sequence[str] = ()
+    values: Mapping[str, Any] = {}
+    """Entries of its JSON."""
+
+
+class Part(ABC):
+    """Tables of one kind in a report: beside another part, or alone.
+
+    `schema` is the name of the JSON schema of a report that begins with this part; pages explain `words`.
+    """
+
+    __slots__ = ()
+    schema = ""
+    words: Mapping[str, str] = MappingProxyType({})
+    sources: tuple[Origin, ...]
+    figures: Mapping[str, float | None]
+
+    @property
+    def differences(self) -> Mapping[str, float | None]:
+        """Differences from a baseline, which the JSON has apart from the figures."""
+        return {}
+
+    @property
+    def warnings(self) -> list[str]:
+        """Reasons to doubt the figures, one line each."""
+        return []
+
+    @property
+    def opening(self) -> Opening:
+        """Beginning of a report on them alone."""
+        return Opening()
 
     @property
     @abstractmethod
     def title(self) -> str:
-        """Subject of the report in a few words."""
+        """Subject in a few words."""
 
     @property
     @abstractmethod
-    def lines(self) -> tuple[str, ...]:
-        """Summary in a line or two."""
-
-    @property
-    @abstractmethod
-    def figures(self) -> Mapping[str, float | None]:
-        """Figures by name; None where there is nothing to measure."""
+    def lines(self) -> list[str]:
+        """Summary in a few lines."""
 
     @abstractmethod
     def sections(self) -> dict[str, Section]:
@@ -183,10 +205,59 @@ class Document(ABC):
     def cards(self) -> list[Card]:
         """Return the key figures."""
 
+    @abstractmethod
+    def as_dict(self) -> dict[str, Any]:
+        """Return the entries of the JSON beside the figures."""
+
+
+@dataclass(frozen=True, slots=True)
+class Report:
+    """A report on tables of a run, of zones, of changes, or of several of these, whatever its format."""
+
+    parts: tuple[Part, ...]
+    """The first one gives the report its title; the sections of the others come before its own."""
+    verdicts: tuple[Verdict, ...] = ()
+    unread: tuple[str, ...] = ()
+    """Tables and folders that could not be read, one line each."""
+    unseen: tuple[str, ...] = ()
+    """Data that the checks did not see although all tables could be read, one line each."""
+    page: Page | None = None
+    """Contents of the HTML alone, where it was asked for, of a run."""
+
+    @property
+    def title(self) -> str:
+        """Subject of the report in a few words."""
+        return self.parts[0].title
+
+    @property
+    def lines(self) -> tuple[str, ...]:
+        """Summary in a few lines."""
+        return (*self.parts[0].opening.lines, *(line for part in self.parts for line in part.lines))
+
+    @property
+    def figures(self) -> dict[str, float | None]:
+        """Figures by name; None where there is nothing to measure."""
+        return {name: value for part in self.parts for name, value in {**part.figures, **part.differences}.items()}
+
+    def sections(self) -> dict[str, Section]:
+        """Return the sections by name, in their order."""
+        found = {name: one for part in reversed(self.parts) for name, one in part.sections().items()}
+        words = [pair for part in self.parts for pair in part.words.items()]
+        return found | ({"words": Section("Words", [Facts(words)], (PAGE,))} if words else {})
+
+    def cards(self) -> list[Card]:
+        """Return the key figures, those of checks last."""
+        found = [*self.parts[0].opening.cards, *(card for part in self.parts for card in part.cards())]
+        if total := len(self.verdicts):
+            held = sum(verdict.holds for verdict in self.verdicts)
+            words = f"{f'{total - held} failed' if held < total else 'all hold'}{self._partly}"
+            found.append(Card("checks", f"{held} of {total}", words, alarming=not self.holds))
+        return found
+
     @property
     def warnings(self) -> tuple[str, ...]:
         """Reasons to doubt the figures, one line each."""
-        return ()
+        return tuple(line for part in self.parts for line in part.warnings)
 
     @property
     def problems(self) -> tuple[str, ...]:
@@ -201,20 +272,10 @@ class Document(ABC):
     @property
     def judgement(self) -> str:
         """Number of checks that failed, and whether they saw all data, in words; empty without checks."""
-        failed = sum(not verdict.holds for verdict in self.verdicts)
-        total = len(self.verdicts)
-        if not total:
+        if not (total := len(self.verdicts)):
             return ""
-        return f"Checks: {failed or total} of {total} {'failed' if failed else 'passed'}{self._partly}"
-
-    def check_cards(self) -> list[Card]:
-        """Return the card of the checks; none without checks."""
-        if not self.verdicts:
-            return []
         failed = sum(not verdict.holds for verdict in self.verdicts)
-        words = f"{f'{failed} failed' if failed else 'all hold'}{self._partly}"
-        held = f"{len(self.verdicts) - failed} of {len(self.verdicts)}"
-        return [Card("checks", held, words, alarming=not self.holds)]
+        return f"Checks: {failed or total} of {total} {'failed' if failed else 'passed'}{self._partly}"
 
     @property
     def _partly(self) -> str:
@@ -233,91 +294,3 @@ class Document(ABC):
         if not all(verdict.holds for verdict in self.verdicts):
             return CHECK_FAILED
         return UnreadableError.exit_code if self.unseen else 0
-
-
-class Opening(NamedTuple):
-    """Beginning of a report on one kind of table alone."""
-
-    cards: Sequence[Card] = ()
-    lines: Sequence[str] = ()
-    values: Mapping[str, Any] = {}
-    """Entries of its JSON."""
-
-
-class Part(ABC):
-    """Tables of one kind in a report: beside objects, beside another part, or alone.
-
-    `figures` are as of reports, `schema` is the name of the JSON schema of a report on them alone; pages explain `words`.
-    """
-
-    __slots__ = ()
-    schema = ""
-    words: Mapping[str, str] = MappingProxyType({})
-    sources: tuple[Origin, ...]
-    figures: dict[str, float | None]
-
-    @property
-    def opening(self) -> Opening:
-        """Beginning of a report on them alone."""
-        return Opening()
-
-    @property
-    @abstractmethod
-    def title(self) -> str:
-        """Subject in a few words."""
-
-    @property
-    @abstractmethod
-    def lines(self) -> list[str]:
-        """Summary, a line for each zone or run."""
-
-    @abstractmethod
-    def sections(self) -> dict[str, Section]:
-        """Return the sections by name, in their order."""
-
-    @abstractmethod
-    def cards(self) -> list[Card]:
-        """Return the key figures."""
-
-    @abstractmethod
-    def as_dict(self) -> dict[str, Any]:
-        """Return the entries of the JSON beside the figures."""
-
-
-@dataclass(frozen=True, slots=True)
-class PartsReport(Document):
-    """A report on tables of zones, of changes, or of both, where there are no tables of objects."""
-
-    parts: tuple[Part, ...]
-    """The first one gives the report its title."""
-
-    @property
-    def title(self) -> str:
-        """Subject of the report in a few words."""
-        return self.parts[0].title
-
-    @property
-    def sources(self) -> tuple[Origin, ...]:
-        """Origins of the tables that give the report its title."""
-        return self.parts[0].sources
-
-    @property
-    def figures(self) -> Mapping[str, float | None]:
-        """Figures of all parts by name."""
-        return {name: value for part in self.parts for name, value in part.figures.items()}
-
-    @property
-    def lines(self) -> tuple[str, ...]:
-        """Summary in a line for each zone or run."""
-        return (*self.parts[0].opening.lines, *(line for part in self.parts for line in part.lines))
-
-    def sections(self) -> dict[str, Section]:
-        """Return the sections by name, in their order."""
-        found = {name: one for part in reversed(self.parts) for name, one in part.sections().items()}
-        words = [pair for part in self.parts for pair in part.words.items()]
-        return found | ({"words": Section("Words", [Facts(words)], (PAGE,))} if words else {})
-
-    def cards(self) -> list[Card]:
-        """Return the key figures, those of checks last."""
-        of_parts = [card for part in self.parts for card in part.cards()]
-        return [*self.parts[0].opening.cards, *of_parts, *self.check_cards()]

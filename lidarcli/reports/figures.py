@@ -235,16 +235,8 @@ class Spread:
         if not len(there):
             return Spread(0)
         p05, p50, p95 = (float(value) for value in np.percentile(there, (5, 50, 95)))
-        return Spread(
-            count=len(there),
-            mean=float(there.mean()),
-            std=float(there.std()),
-            min=float(there.min()),
-            p05=p05,
-            p50=p50,
-            p95=p95,
-            max=float(there.max()),
-        )
+        mean, std, least, greatest = (float(value) for value in (there.mean(), there.std(), there.min(), there.max()))
+        return Spread(len(there), mean, std, least, p05, p50, p95, greatest)
 
 
 @dataclass(frozen=True, slots=True)
@@ -319,22 +311,19 @@ def histogram(name: str, unit: str, values: Float64, edges: Float64) -> Histogra
 
 def density(frame: str, x: Float64, y: Float64) -> Density | None:
     """Count points on square cells of a round size; None without points."""
-    there = np.isfinite(x) & np.isfinite(y)
-    if not there.any():
+    xy = np.column_stack([x, y])[np.isfinite(x) & np.isfinite(y)]
+    if not len(xy):
         return None
-    x, y = x[there], y[there]
-    x_low, x_high = (float(value) for value in np.percentile(x, (100 - TAIL, TAIL)))
-    y_low, y_high = (float(value) for value in np.percentile(y, (100 - TAIL, TAIL)))
-    cell = max(round_up(max(x_high - x_low, y_high - y_low, 1e-3) / CELLS), 0.05)
-    # The map ends at whole cells; what lies beyond the tail is outside.
-    x0, y0 = math.floor(x_low / cell), math.floor(y_low / cell)
-    nx, ny = math.floor(x_high / cell) + 1 - x0, math.floor(y_high / cell) + 1 - y0
-    ix, iy = np.floor(x / cell) - x0, np.floor(y / cell) - y0
-    inside = (ix >= 0) & (ix < nx) & (iy >= 0) & (iy < ny)
-    # Far outside a cell has no number that fits.
-    place = (ix[inside] * ny + iy[inside]).astype(np.int64)
-    counts = np.bincount(place, minlength=nx * ny).reshape(nx, ny)
-    return Density(frame, x0 * cell, y0 * cell, cell, counts.astype(np.int64))
+    low, high = np.percentile(xy, (100 - TAIL, TAIL), axis=0)
+    cell = max(round_up(max(float((high - low).max()), 1e-3) / CELLS), 0.05)
+    # The map ends at whole cells; what lies beyond the tail is outside, where a cell has no number that fits.
+    first, last = np.floor(low / cell), np.floor(high / cell)
+    cells = np.floor(xy / cell)
+    inside = ((cells >= first) & (cells <= last)).all(axis=1)
+    counts: Int64 = np.zeros((last - first + 1).astype(np.int64), np.int64)
+    np.add.at(counts, tuple((cells[inside] - first).astype(np.int64).T), 1)
+    x0, y0 = (first * cell).tolist()
+    return Density(frame, x0, y0, cell, counts)
 
 
 def plain_number(value: float | None) -> float | int | None:
@@ -342,6 +331,11 @@ def plain_number(value: float | None) -> float | int | None:
     if value is None or not math.isfinite(value):
         return None
     return int(value) if value == int(value) else float(f"{value:.9g}")
+
+
+def plain_numbers(values: Mapping[str, float | None]) -> dict[str, float | None]:
+    """Return figures by their names, as of `plain_number`."""
+    return {name: plain_number(value) for name, value in values.items()}
 
 
 def plain(value: Any) -> Any:

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
 
 from lidarcli.choices import MAP_RESOLUTION, MIN_MOVE, OCCUPIED_RATIO
 from lidarcli.formalism.mapping.grid import CLEAR, HIT, SKIPPED, Beams, Counts, MotionFilter, Occupancy, TooLargeError
-from lidarcli.reports.columns import Rows, Run
-from lidarcli.sweeps import TURN, Bool, Closure, Float64, Int64, SweepPoses, UInt8, record
+from lidarcli.reports.columns import Rows, Run, rows_of
+from lidarcli.sweeps import TURN, Bool, Float64, Int64, SweepPoses, UInt8, record
 
 CELLS = 160
 """Number of cells along the longer side of the scene, about."""
@@ -25,8 +25,6 @@ MAP_CELLS = 600
 """Most cells along a side of a map, about."""
 LEAST_STEP, MOST_ANGLE = 1e-6, 100.0
 """Least step from beam to beam, and greatest bearing of an edge, of any sensor [rad]."""
-PIECE = 500
-"""Sweeps whose beams are placed at once."""
 STANDS, HEADS = 0.05, 0.02
 """A sensor whose poses stay within this distance [m] and angle [rad] stands."""
 COLUMNS = {
@@ -103,8 +101,7 @@ def ground_of(sweeps: Rows, rows: Int64, objects: Rows, members: Int64, sweep: I
     )
 
 
-@dataclass(frozen=True, slots=True)
-class Raw:
+class Raw(NamedTuple):
     """Ranges of K sweeps of one topic, sorted by index."""
 
     sweep: Int64
@@ -118,14 +115,7 @@ class Raw:
 
     def rows(self, index: Int64) -> Raw:
         """Return some of the sweeps."""
-        return Raw(
-            self.sweep[index],
-            self.angle_min[index],
-            self.angle_increment[index],
-            self.closure[index],
-            self.beams[index],
-            self.ranges[index],
-        )
+        return Raw._make(column[index] for column in self)
 
     def bearings(self) -> Float64:
         """Return (K, B) the bearing of each beam [rad]."""
@@ -144,77 +134,18 @@ class Walls:
     y: Float64
 
 
-def limits_of(raw: Raw | None, ground: Ground, x: Float64, y: Float64, of_sweep: Int64) -> dict[str, Any]:
-    """Return what holds all that is drawn of S sweeps, so that pictures do not jump, as values for JSON.
-
-    Parameters
-    ----------
-    raw : their beams, if known
-    ground : their poses
-    x, y : (N,) further points in the sensor frame [m] ...
-    of_sweep : (N,) ... each of one of the S sweeps
-
-    Returns
-    -------
-    `whole` : frame → least x, greatest x, least y, greatest y [m]; null without points
-    `curves` : greatest range and |s| [m], least and greatest bearing [rad]; null without beams
-    """
-    pieces = [(x, y, of_sweep)]
-    turns = []
-    jump = 0.0
-    for low in range(0, 0 if raw is None else len(raw.sweep), PIECE):
-        assert raw is not None
-        rows = np.arange(low, min(low + PIECE, len(raw.sweep)))
-        part, number = raw.rows(rows), np.arange(raw.ranges.shape[1])
-        theta, inside = part.bearings(), number < part.beams[:, None]
-        r = np.where(inside, part.ranges, np.nan)
-        there = np.isfinite(r) & np.isfinite(theta)
-        place = np.broadcast_to(rows[:, None], r.shape)[there]
-        pieces.append((r[there] * np.cos(theta[there]), r[there] * np.sin(theta[there]), place))
-        turns.append(theta[inside & np.isfinite(theta)])
-        # In a full turn the last beam has a neighbour, too; one on the bearing of the first is none.
-        last = part.beams - (part.closure == Closure.SHARED)
-        r[number >= last[:, None]] = np.nan
-        closed = (part.closure > 0) & (last > 1)
-        ends = r[closed, 0] - r[closed, last[closed] - 1]
-        steps = np.abs(np.concatenate([np.diff(r, axis=1).ravel(), ends]))
-        jump = max(jump, float(np.nanmax(steps, initial=0.0)))
-    sensor = _bounds([(np.zeros(1), np.zeros(1)), *((x, y) for x, y, _ in pieces)])
-    world = None
-    if ground.posed:
-        path = [(ground.pose_x, ground.pose_y)]
-        world = _bounds([*path, *(ground.from_sensor(sweep, x, y) for x, y, sweep in pieces)])
-    theta = np.concatenate([*turns, np.empty(0)])
-    reach = max((float(np.hypot(x, y).max(initial=0.0)) for x, y, _ in pieces), default=0.0)
-    curves = [reach, jump, float(theta.min()), float(theta.max())] if len(theta) else None
-    return {"whole": {"sensor": sensor, "world": world}, "curves": curves}
-
-
-def _bounds(points: Sequence[tuple[Float64, Float64]]) -> list[float] | None:
-    """Return least and greatest x and y of the points that are known; None if there are none."""
-    x, y = (np.concatenate([one[k] for one in points]) for k in (0, 1))
-    known = np.isfinite(x) & np.isfinite(y)
-    if not known.any():
-        return None
-    return [float(limit) for values in (x[known], y[known]) for limit in (values.min(), values.max())]
-
-
 def walls_of(run: Run, raw: Mapping[tuple[int, str], Raw]) -> dict[str, Walls]:
     """Return the walls by frame (`sensor`, `world`): of one log, and in the sensor frame only of one sensor that stands."""
     if len(run.sources) != 1:
         return {}
-    found: dict[str, list[tuple[Float64, Float64]]] = {"sensor": [], "world": []}
-    for (_, topic), sweeps in raw.items():
-        for frame, x, y in _points(run, topic, sweeps):
-            found[frame].append((x, y))
-    if len(raw) > 1:
-        found["sensor"] = []
-    made = {}
-    for frame, parts in found.items():
+    points = [each for (_, topic), sweeps in raw.items() for each in _points(run, topic, sweeps)]
+    found = {}
+    for frame in ("sensor", "world"):
+        parts = [(x, y) for name, x, y in points if name == frame and (frame == "world" or len(raw) == 1)]
         walls = _cells(*(np.concatenate(column) for column in zip(*parts, strict=True))) if parts else None
         if walls is not None:
-            made[frame] = walls
-    return made
+            found[frame] = walls
+    return found
 
 
 @record
@@ -233,16 +164,12 @@ class _Placed:
 
 def _placed(run: Run, topic: str, raw: Raw) -> _Placed | None:
     """Find raw sweeps in the tables; None where none of them is there."""
-    rows = np.flatnonzero(run.sweeps.are("topic", topic))
-    index = run.sweeps.integers("sweep")[rows]
-    order = np.argsort(index, kind="stable")
-    rows, index = rows[order], index[order]
-    there = np.flatnonzero(np.isin(raw.sweep, index))
-    if not len(there):
+    rows, there = rows_of(run.sweeps, topic, raw.sweep)
+    if not len(rows):
         return None
     raw = raw.rows(there)
-    rows = rows[np.searchsorted(index, raw.sweep)]
-    members, sweep = _members(run, topic, raw.sweep)
+    members, sweep = rows_of(run.objects, topic, raw.sweep)
+    members, sweep = (column[run.is_object[members]] for column in (members, sweep))
     return _Placed(raw, rows, ground_of(run.sweeps, rows, run.objects, members, sweep), members, sweep)
 
 
@@ -256,7 +183,9 @@ def _points(run: Run, topic: str, raw: Raw) -> Iterator[tuple[str, Float64, Floa
     hit = np.isfinite(raw.ranges) & np.isfinite(theta)
     hit &= ~_on_objects(run, raw, found.members, found.sweep)
     x, y = raw.ranges[hit] * np.cos(theta[hit]), raw.ranges[hit] * np.sin(theta[hit])
-    if not ground.posed or _stands(ground.pose_x, ground.pose_y, ground.pose_yaw):
+    there = np.isfinite(ground.pose_x)
+    extent = max(float(np.ptp(ground.pose_x[there])), float(np.ptp(ground.pose_y[there])))
+    if not ground.posed or (extent <= STANDS and np.ptp(np.unwrap(ground.pose_yaw[there])) <= HEADS):
         yield "sensor", x, y
     if ground.posed:
         world_x, world_y = ground.from_sensor(np.nonzero(hit)[0], x, y)
@@ -313,14 +242,6 @@ def _beams(run: Run, topic: str, raw: Raw) -> Iterator[Beams]:
     yield Beams(end, use, raw.beams.astype(np.int32), where, np.zeros((len(taken), 3)))
 
 
-def _members(run: Run, topic: str, sweeps: Int64) -> tuple[Int64, Int64]:
-    """Return the rows of the objects of these sweeps, and the index of the sweep of each among them."""
-    index = run.objects.integers("sweep")
-    mine = run.objects.are("topic", topic) & run.is_object & np.isin(index, sweeps)
-    members = np.flatnonzero(mine)
-    return members, np.searchsorted(sweeps, index[members])
-
-
 def _on_objects(run: Run, raw: Raw, members: Int64, sweep: Int64) -> Bool:
     """Return (K, B) beams between the edges of an object."""
     angle_min, step = raw.angle_min[sweep], raw.angle_increment[sweep]
@@ -340,13 +261,6 @@ def _on_objects(run: Run, raw: Raw, members: Int64, sweep: Int64) -> Bool:
         inside = np.arange(size.sum()) - np.repeat(np.cumsum(size) - size, size)
         marked[np.repeat(sweep, size), np.repeat(low, size) + inside] = True
     return marked
-
-
-def _stands(x: Float64, y: Float64, yaw: Float64) -> bool:
-    there = np.isfinite(x)
-    turned = np.unwrap(yaw[there])
-    extent = max(float(np.ptp(x[there])), float(np.ptp(y[there])))
-    return extent <= STANDS and float(np.ptp(turned)) <= HEADS
 
 
 def _cells(x: Float64, y: Float64) -> Walls | None:
@@ -385,28 +299,21 @@ class Paths:
     """The tracks of one topic: rows of an objects, a sweeps and a trajectories table with `COLUMNS`."""
 
     def __init__(self, sweeps: Rows, objects: Rows, trajectories: Rows, topic: str) -> None:
-        rows = np.flatnonzero(sweeps.are("topic", topic))
-        index = sweeps.integers("sweep")[rows]
-        order = np.argsort(index, kind="stable")
-        rows, self._sweeps = rows[order], index[order]
-        mine = objects.are("topic", topic) & ~np.isnan(objects.numbers("track"))
-        members = np.flatnonzero(mine & np.isin(objects.integers("sweep"), self._sweeps))
-        at = np.searchsorted(self._sweeps, objects.integers("sweep")[members])
-        self._ground = ground_of(sweeps, rows, objects, members, at)
-        order = np.argsort(at, kind="stable")
-        members, self._seen_at = members[order], at[order]
+        self._sweeps = np.unique(sweeps.integers("sweep")[sweeps.are("topic", topic)])
+        rows, _ = rows_of(sweeps, topic, self._sweeps)
+        members, at = rows_of(objects, topic, self._sweeps)
+        tracked = ~np.isnan(objects.numbers("track")[members])
+        members, self._seen_at = members[tracked], at[tracked]
+        self._ground = ground_of(sweeps, rows, objects, members, self._seen_at)
         self._seen_track = objects.numbers("track")[members].astype(np.int64)
         self._agent = objects.are("set", "A")[members]
         self._nearest = np.stack([objects.numbers(name)[members] for name in ("r_min", "theta_min")], axis=1)
-        codes, names = objects.words("label")
-        self._labels = ["" if code < 0 else names[code] for code in codes[members].tolist()]
-        self._table, self._rows = trajectories, rows_of(trajectories, topic, self._sweeps)
-        self._at = np.searchsorted(self._sweeps, trajectories.integers("sweep")[self._rows])
-        self._track, self._seconds = (self._column(name) for name in ("track", "t"))
-        self._x, self._y = (self._column(name) - origin for name, origin in zip("xy", self._ground.origin, strict=True))
-
-    def _column(self, name: str) -> Float64:
-        return self._table.numbers(name)[self._rows]
+        self._labels = objects.texts("label", members)
+        self._rows, self._at = rows_of(trajectories, topic, self._sweeps)
+        names = ("track", "t", "x", "y", "vx", "vy")
+        self._track, self._seconds, x, y, *self._velocity = (trajectories.numbers(name)[self._rows] for name in names)
+        self._x, self._y = (place - origin for place, origin in zip((x, y), self._ground.origin, strict=True))
+        self._hidden = trajectories.are("seen", "hidden")[self._rows]
 
     @property
     def are_there(self) -> bool:
@@ -435,27 +342,17 @@ class Paths:
         return tuple(self._path(row, now, x, y, past) for row in here.tolist())
 
     def _path(self, row: int, now: int, x: Float64, y: Float64, past: Bool) -> TrackPath:
-        number = int(self._track[row])
+        number, is_seen = int(self._track[row]), not self._hidden[row]
         mine = np.flatnonzero(past & (self._track == number))
-        mine = mine[np.argsort(self._at[mine], kind="stable")]
         known = np.flatnonzero((self._seen_track == number) & (self._seen_at <= now))
         last = int(known[-1]) if len(known) else -1
-        seen = not bool(self._table.are("seen", "hidden")[self._rows[row]])
-        velocity = (self._column(name)[row : row + 1] for name in ("vx", "vy"))
-        vx, vy = self._ground.turned(now, *velocity)
+        vx, vy = self._ground.turned(now, *(each[row] for each in self._velocity))
         return TrackPath(
             number=number,
             is_agent=last >= 0 and bool(self._agent[last]),
             label=self._labels[last] if last >= 0 else "",
-            seen=seen,
+            seen=is_seen,
             x=x[mine],
             y=y[mine],
-            velocity=(float(vx[0]), float(vy[0])) if seen else (0.0, 0.0),
+            velocity=(float(vx), float(vy)) if is_seen else (0.0, 0.0),
         )
-
-
-def rows_of(trajectories: Rows, topic: str, sweeps: Int64) -> Int64:
-    """Return the rows of the trajectories of a topic in these sweeps."""
-    mine = trajectories.are("topic", topic) & np.isin(trajectories.integers("sweep"), sweeps)
-    found: Int64 = np.flatnonzero(mine)
-    return found

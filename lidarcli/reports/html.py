@@ -6,12 +6,13 @@ import base64
 import hashlib
 import io
 import json
+import math
 import re
 import zlib
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from importlib.resources import files
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
@@ -24,16 +25,16 @@ from lidarcli.display import stamp
 from lidarcli.formalism.detection import SETS, SHAPES
 from lidarcli.formalism.mapping.grid import FREE, OCCUPIED, Occupancy
 from lidarcli.palette import COLOURS, page_style, themed
-from lidarcli.reports.charts import charts
-from lidarcli.reports.columns import Origin, Rows, Run
-from lidarcli.reports.document import NAMES, PAGE, Code, Document, FromAbove, PartsReport
+from lidarcli.reports.columns import Rows, Run, rows_of
+from lidarcli.reports.document import NAMES, PAGE, Code, FromAbove, Report
 from lidarcli.reports.drawing import project_style
-from lidarcli.reports.ground import Ground, Raw, Walls, ground_of, limits_of, rows_of
+from lidarcli.reports.figures import Density, Histogram, Spread, plain
+from lidarcli.reports.ground import Ground, Raw, Walls, ground_of
 from lidarcli.reports.map_picture import MapPicture, Sight, changes_figure, map_figure
 from lidarcli.reports.programs import clean
-from lidarcli.reports.report import Report, track_cells
+from lidarcli.reports.run import RunPart, track_cells
 from lidarcli.reports.summary import KINDS, Stream, Summary
-from lidarcli.reports.wording import number, share
+from lidarcli.reports.wording import number, quantity, share
 from lidarcli.reports.zones import ZonesPart
 from lidarcli.sweeps import Float64, Int64, UInt8
 
@@ -55,8 +56,6 @@ LOST = 65_535
 """Code of a beam without a range."""
 NOT_KNOWN, SURE = 255, 254
 """Probability of being a thing, as a byte: unknown, and certain."""
-BOX = ("box_x", "box_y", "box_length", "box_width", "box_yaw")
-"""Columns of a box."""
 SPEED = 0.005
 """Unit of velocities as whole numbers [m/s]."""
 ANGLE = 32_767 / (3 * np.pi)
@@ -67,6 +66,30 @@ OVERVIEW_SIZE = 7.0
 """Longest side of the run from above [inch]."""
 GREYS = (0.15, 1.0, int(COLOURS["pressed"][0][1:3], 16) / 255)
 """Greys of occupied, free and unknown cells of a map; the last one is a colour of the page, and turns dark with it."""
+LINES = 6
+"""Streams in one chart; more cannot be told apart."""
+SERIES = ("blue", "vermilion", "green", "purple", "orange", "ink")
+DASHES = ((), (6, 3), (6, 3, 1, 3), (1, 2), (5, 2), (2, 2))
+HEAT = 5
+"""Steps from pale to dark of a map."""
+OVER_TIME = {
+    "objects_per_sweep": ("Objects over time", "objects per sweep"),
+    "agents_at_once": ("Agents over time", "agents in view"),
+    "d_th": ("Threshold over time", "[m]"),
+    "noise": ("Noise over time", "[m]"),
+}
+"""Figure of a series → title and axis."""
+TITLES = {
+    "objects_per_sweep": ("Objects per sweep", "objects"),
+    "range": ("Range of objects", "nearest point [m]"),
+    "bearing": ("Bearing of objects", "bearing [deg]"),
+    "width": ("Width of objects", "chord [m]"),
+}
+"""Figure of a histogram → title and axis."""
+CHART_CELLS = 60
+"""Most cells along a side of a map."""
+WIDEST = 1.5
+"""Longest side of a map by its shortest."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,27 +108,29 @@ class Page:
     """Command that makes the page again."""
 
 
-def render(report: Document, shown: Page | None = None) -> str:
-    """Return the page; one of a `Report` needs what is shown of its sweeps."""
-    if isinstance(report, Report):
-        assert shown is not None
-        return _page("report.html", report, report.summary.sources, **_shown(report, shown))
-    assert isinstance(report, PartsReport)
-    return _page("parts.html", report, report.sources)
+def render(report: Report) -> str:
+    """Return the page; one that begins with a run needs what is shown of its sweeps."""
+    run = report.parts[0]
+    if isinstance(run, RunPart):
+        assert report.page is not None
+        return _page("report.html", report, **_shown(run, report.page))
+    return _page("parts.html", report)
 
 
-def _shown(report: Report, shown: Page) -> dict[str, Any]:
+def _shown(run: RunPart, shown: Page) -> dict[str, Any]:
     """Return the values of the template that the document does not hold."""
-    script = _script()
+    # In one function, so that its names meet no others.
+    parts = "\n".join(_part(f"viewer/{name}.js") for name in SCRIPTS)
+    script = f'"use strict";\n(async () => {{\n{parts}}})();\n'
     digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
-    summary, viewer = report.summary, shown.viewer
+    summary, viewer = run.summary, shown.viewer
     tracks = summary.tracked.tracks if summary.tracked else ()
     overview = None
     if shown.overview is not None:
         with project_style(SVG_STYLE):
             figure = map_figure(replace(shown.overview, grid=shown.grid), OVERVIEW_SIZE, greys=GREYS)
             overview = _inline("The run from above", figure)
-    drawn = [*charts(report, shown.walls)]
+    drawn = [*charts(run, shown.walls)]
     viewer = viewer | {"charts": [chart.values for chart in drawn]}
     return {
         "summary": summary,
@@ -128,7 +153,7 @@ def _shown(report: Report, shown: Page) -> dict[str, Any]:
     }
 
 
-def _page(template: str, report: Document, sources: Iterable[Origin], **values: Any) -> str:
+def _page(template: str, report: Report, **values: Any) -> str:
     """Return a page from one of the templates. Every text of a log is escaped by the template engine."""
     environment = Environment(
         loader=PackageLoader("lidarcli.reports"),
@@ -145,7 +170,7 @@ def _page(template: str, report: Document, sources: Iterable[Origin], **values: 
         **values,
         report=report,
         sections=sections,
-        versions=sorted({one.version for one in sources if one.version}),
+        versions=sorted({one.version for one in report.parts[0].sources if one.version}),
         version=__version__,
         style=Markup(page_style() + "\n" + _part("report.css")),
     )
@@ -182,12 +207,6 @@ def embedded(value: Any) -> str:
     """
     text = json.dumps(value, separators=(",", ":"), allow_nan=False)
     return text.replace("&", "\\u0026").replace("<", "\\u003c").replace(">", "\\u003e")
-
-
-def _script() -> str:
-    """Return the script of the viewer: its parts in one function, so that its names meet no others."""
-    parts = "\n".join(_part(f"viewer/{name}.js") for name in SCRIPTS)
-    return f'"use strict";\n(async () => {{\n{parts}}})();\n'
 
 
 def _part(name: str) -> str:
@@ -232,6 +251,7 @@ def choose_sweeps(run: Run, summary: Summary) -> Choice:
     chosen = []
     for k in range(count):
         rows = np.flatnonzero(streams.stream == k)
+        rows = rows[np.argsort(index[rows], kind="stable")]
         places = np.unique(np.linspace(0, len(rows) - 1, max(1, int(keep * len(rows)))).astype(np.int64))
         wanted = [sweep for stream, sweep in outliers if stream == k]
         kept = np.isin(np.arange(len(rows)), places) | np.isin(index[rows], wanted)
@@ -241,17 +261,10 @@ def choose_sweeps(run: Run, summary: Summary) -> Choice:
 
 def pack(run: Run, summary: Summary, choice: Choice, raw: Mapping[tuple[int, str], Raw]) -> dict[str, Any]:
     """Return all data of the viewer as values for JSON; `raw` by source and topic."""
-    objects = _Objects(run)
     streams = [
-        _stream(
-            run,
-            summary.streams.all[k],
-            rows,
-            objects,
-            raw.get((summary.streams.all[k].source, summary.streams.all[k].topic)),
-        )
-        | ({} if summary.zones is None else _zones(summary.zones, summary.streams.all[k]))
-        for k, rows in enumerate(choice.rows)
+        _stream(run, one, rows, raw.get((one.source, one.topic)))
+        | ({} if summary.zones is None else _zones(summary.zones, one))
+        for one, rows in zip(summary.streams.all, choice.rows, strict=False)
     ]
     return {
         "streams": streams,
@@ -277,41 +290,14 @@ def pack_map(grid: Occupancy) -> dict[str, Any]:
     return found
 
 
-class _Objects:
-    """The objects table by source, topic and sweep."""
-
-    def __init__(self, run: Run) -> None:
-        rows = run.objects
-        self.source = rows.source
-        self.topic, self.topics = rows.words("topic")
-        self.sweep = rows.integers("sweep")
-        self.columns = {
-            name: rows.numbers(name)
-            for name in ("object", "theta_i", "theta_f", "box_x", "box_y", "box_length", "box_width", "box_yaw", "r_min")
-        }
-        self.shape = _codes(rows.words("shape"), SHAPES)
-        self.set = _codes(rows.words("set"), SETS)
-
-    def of(self, stream: Stream, sweeps: Int64) -> tuple[NDArray[np.int64], NDArray[np.intp]]:
-        """Return offsets (K + 1,) and rows of the objects of K sweeps."""
-        code = self.topics.index(stream.topic) if stream.topic in self.topics else -2
-        mine = np.flatnonzero((self.source == stream.source) & (self.topic == code))
-        index = self.sweep[mine]
-        order = np.argsort(index, kind="stable")
-        low = np.searchsorted(index[order], sweeps, "left")
-        high = np.searchsorted(index[order], sweeps, "right")
-        size = high - low
-        offsets = np.concatenate([[0], np.cumsum(size)])
-        inside = np.arange(offsets[-1]) - np.repeat(offsets[:-1], size)
-        return offsets, mine[order[np.repeat(low, size) + inside]]
-
-
-def _stream(run: Run, stream: Stream, rows: NDArray[np.intp], objects: _Objects, raw: Raw | None) -> dict[str, Any]:
+def _stream(run: Run, stream: Stream, rows: NDArray[np.intp], raw: Raw | None) -> dict[str, Any]:
     sweeps = run.sweeps.integers("sweep")[rows]
     stamp = run.sweeps.integers("stamp")[rows]
-    offsets, members = objects.of(stream, sweeps)
-    columns = {name: values[members] for name, values in objects.columns.items()}
-    in_metres = ("box_x", "box_y", "box_length", "box_width", "r_min")
+    objects = run.objects
+    members, of_sweep = rows_of(objects, stream.topic, sweeps, stream.source)
+    offsets = np.searchsorted(of_sweep, np.arange(len(rows) + 1))
+    in_metres, angles = ("box_x", "box_y", "box_length", "box_width", "r_min"), ("box_yaw", "theta_i", "theta_f")
+    columns = {name: objects.numbers(name)[members] for name in ("object", *in_metres, *angles)}
     lengths = [columns[name] for name in in_metres]
     reach = max((float(np.nanmax(np.abs(values), initial=0)) for values in lengths), default=0.0)
     scale = max(reach, 1.0) / 32_000
@@ -329,21 +315,22 @@ def _stream(run: Run, stream: Stream, rows: NDArray[np.intp], objects: _Objects,
         "offsets": _packed(offsets, np.int32),
         "scale": scale,
         "object": _packed(np.minimum(columns["object"], LOST), np.uint16),
-        "shape": _packed(objects.shape[members], np.uint8),
-        "set": _packed(objects.set[members], np.uint8),
+        "shape": _packed(_codes(objects, "shape", SHAPES)[members], np.uint8),
+        "set": _packed(_codes(objects, "set", SETS)[members], np.uint8),
         **{name: _packed(np.nan_to_num(np.round(columns[name] / scale)), np.int16) for name in in_metres},
         **{
             name: _packed(np.clip(np.nan_to_num(np.round(columns[name] * ANGLE)), -32_767, 32_767), np.int16)
-            for name in ("box_yaw", "theta_i", "theta_f")
+            for name in angles
         },
     }
-    if run.objects.has_any("label"):
-        codes, packed["labels"] = run.objects.words("label")
+    if objects.has_any("label"):
+        codes, packed["labels"] = objects.words("label")
         packed["label"] = _packed(np.where(codes < 0, LOST, codes)[members], np.uint16)
-    if run.objects.has_any("thing"):
-        packed["thing"] = _packed(_shares(run.objects.numbers("thing")[members]), np.uint8)
-    of_sweep = np.repeat(np.arange(len(rows)), np.diff(offsets))
-    ground = ground_of(run.sweeps, rows, run.objects, members, of_sweep)
+    if objects.has_any("thing"):
+        thing = objects.numbers("thing")[members]
+        share = np.clip(np.round(np.nan_to_num(thing) * SURE), 0, SURE)
+        packed["thing"] = _packed(np.where(np.isnan(thing), NOT_KNOWN, share), np.uint8)
+    ground = ground_of(run.sweeps, rows, objects, members, of_sweep)
     if ground.posed:
         packed["pose"] = {
             "side": ground.side,
@@ -356,21 +343,9 @@ def _stream(run: Run, stream: Stream, rows: NDArray[np.intp], objects: _Objects,
         packed["tracks"] = _tracks(run, members)
         if run.trajectories is not None:
             packed["paths"] = _paths(run.trajectories, stream, sweeps, ground)
-    shown = None if raw is None or not len(raw.sweep) else _aligned(raw, sweeps)
-    if shown is not None:
-        packed["raw"] = _raw(shown)
-    corners = _corners(*(np.nan_to_num(columns[name]) for name in BOX))
-    return packed | limits_of(shown, ground, *corners, np.tile(of_sweep, 4))
-
-
-def _corners(x: Float64, y: Float64, length: Float64, width: Float64, yaw: Float64) -> tuple[Float64, Float64]:
-    """Return (4 K,) x and y of the corners of K boxes [m]."""
-    cos, sin = np.cos(yaw), np.sin(yaw)
-    ends = [(u * length / 2, v * width / 2) for u in (-1, 1) for v in (-1, 1)]
-    return (
-        np.concatenate([x + cos * a - sin * b for a, b in ends]),
-        np.concatenate([y + sin * a + cos * b for a, b in ends]),
-    )
+    if raw is not None and len(raw.sweep):
+        packed["raw"] = _raw(raw, sweeps)
+    return packed
 
 
 def _zones(zones: ZonesPart, stream: Stream) -> dict[str, Any]:
@@ -413,9 +388,7 @@ def _tracks(run: Run, members: Int64) -> dict[str, Any]:
 
 def _paths(found: Rows, stream: Stream, sweeps: Int64, ground: Ground) -> dict[str, Any]:
     """Return number, position over ground and velocity of each track in each of the sweeps, seen or not."""
-    rows = rows_of(found, stream.topic, sweeps)
-    rows = rows[found.source[rows] == stream.source]
-    at = np.searchsorted(sweeps, found.integers("sweep")[rows])
+    rows, at = rows_of(found, stream.topic, sweeps, stream.source)
     order = np.lexsort((found.integers("track")[rows], at))
     rows, at = rows[order], at[order]
     return {
@@ -434,28 +407,11 @@ def _speeds(values: Float64) -> dict[str, str]:
     return _packed(np.clip(np.round(np.nan_to_num(values) / SPEED), -32_767, 32_767), np.int16)
 
 
-def _shares(values: Float64) -> UInt8:
-    """Return shares as bytes."""
-    found: UInt8 = np.where(np.isnan(values), NOT_KNOWN, np.clip(np.round(values * SURE), 0, SURE)).astype(np.uint8)
-    return found
-
-
-def _aligned(raw: Raw, sweeps: Int64) -> Raw:
+def _raw(raw: Raw, sweeps: Int64) -> dict[str, Any]:
     """Return raw sweeps with these indices; one that is not there has no beams."""
     at = np.clip(np.searchsorted(raw.sweep, sweeps), 0, len(raw.sweep) - 1)
-    there = raw.sweep[at] == sweeps
-    return Raw(
-        sweep=sweeps,
-        angle_min=raw.angle_min[at],
-        angle_increment=raw.angle_increment[at],
-        closure=raw.closure[at],
-        beams=np.where(there, raw.beams[at], 0),
-        ranges=raw.ranges[at],
-    )
-
-
-def _raw(raw: Raw) -> dict[str, Any]:
-    beams, ranges = raw.beams, raw.ranges
+    beams, raw = np.where(raw.sweep[at] == sweeps, raw.beams[at], 0), raw.rows(at)
+    ranges = raw.ranges
     finite = np.isfinite(ranges) & (ranges >= 0)
     scale = max(float(ranges[finite].max(initial=1.0)) / (LOST - 1), FINEST)
     whole = np.where(finite, np.round(np.where(finite, ranges, 0.0) / scale), LOST).astype(np.uint16)
@@ -470,10 +426,10 @@ def _raw(raw: Raw) -> dict[str, Any]:
     }
 
 
-def _codes(words: tuple[NDArray[Any], list[str]], known: Sequence[str]) -> UInt8:
-    """Return the codes of a column in another list of names; unknown names are the last one."""
-    codes, names = words
-    table = np.array([known.index(name) if name in known else len(known) - 1 for name in names] or [0], np.uint8)
+def _codes(rows: Rows, name: str, known: Sequence[str]) -> UInt8:
+    """Return the codes of a column in a list of names; unknown names are the last one."""
+    codes, names = rows.words(name)
+    table = np.array([known.index(word) if word in known else len(known) - 1 for word in names] or [0], np.uint8)
     found: UInt8 = table[codes]
     return found
 
@@ -490,3 +446,151 @@ def _packed(values: NDArray[Any], kind: type[np.generic]) -> dict[str, str]:
     """Return values of a type, little-endian as in every browser, packed by zlib, in base64."""
     plain = np.ascontiguousarray(values, np.dtype(kind).newbyteorder("<")).tobytes()
     return {"packed": base64.b64encode(zlib.compress(plain)).decode()}
+
+
+class Key(NamedTuple):
+    """An entry of the legend of a chart."""
+
+    words: str
+    colour: str
+    """Name of a colour of the page."""
+    form: str = ""
+    """Class of its mark: a square, or `stem` for a line."""
+
+
+@dataclass(frozen=True, slots=True)
+class Chart:
+    """A chart, and what is said of it for those who do not see it."""
+
+    title: str
+    words: str
+    keys: Sequence[Key]
+    values: dict[str, Any]
+    """Values that `charts.js` draws."""
+    aspect: float | None = None
+    """Width by height of a map."""
+
+
+def charts(run: RunPart, walls: Mapping[str, Walls]) -> Iterator[Chart]:
+    """Yield the charts that have something to show.
+
+    Parameters
+    ----------
+    walls : frame → surfaces, to be drawn below the maps
+    """
+    summary = run.summary
+    streams = summary.streams.all[:LINES]
+    has_agents = any(np.nansum(stream.course.agents_max) for stream in streams)
+    for name in OVER_TIME:
+        if streams and (name != "agents_at_once" or has_agents):
+            yield _over_time(name, summary, streams)
+    baseline = run.comparison.baseline.histograms if run.comparison else {}
+    for name in TITLES:
+        if summary.histograms[name].counts.sum():
+            yield _histogram_chart(summary.histograms[name], baseline.get(name), summary.spreads[name])
+    for found in summary.densities:
+        yield _density_chart(found, walls.get(found.frame))
+
+
+def _chart_words(title: str, name: str, spread: Spread) -> str:
+    least, greatest = (quantity(name, value) for value in (spread.min, spread.max))
+    return f"{title}: {quantity(name, spread.mean)} on average, {least} to {greatest}"
+
+
+def _over_time(name: str, summary: Summary, streams: Sequence[Stream]) -> Chart:
+    """Return a series of each stream; of objects and agents of a single stream also the least and the most."""
+    title, label = OVER_TIME[name]
+    is_count = name in ("objects_per_sweep", "agents_at_once")
+    one = streams[0].course
+    series, keys = [], []
+    colours: Sequence[str] = ("vermilion",) if name == "agents_at_once" and len(streams) == 1 else SERIES
+    if is_count and len(streams) == 1:
+        is_agents = name == "agents_at_once"
+        low, high = (np.zeros_like(one.seconds), one.agents_max) if is_agents else (one.objects_min, one.objects_max)
+        colour = "bar-agents" if is_agents else "bar-objects"
+        series.append({"form": "band", "colour": colour, "x": plain(one.seconds), "low": plain(low), "y": plain(high)})
+        keys.append(Key("most" if is_agents else "least to most", colour))
+    for stream, colour, dash in zip(streams, colours, DASHES, strict=False):
+        course = stream.course
+        values = {
+            "objects_per_sweep": course.objects_mean,
+            "agents_at_once": course.agents_mean,
+            "d_th": course.d_th,
+            "noise": course.noise,
+        }[name]
+        form = "steps" if is_count else "line"
+        series.append({"form": form, "colour": colour, "dash": dash, "x": plain(course.seconds), "y": plain(values)})
+        keys.append(Key("mean" if len(streams) == 1 else stream.name, colour, "stem"))
+    spread = summary.tracked.spreads[name] if summary.tracked is not None and name == "agents_at_once" else None
+    end = max(float(np.max(stream.course.seconds, initial=0.0)) for stream in streams)
+    values_of = {"x": "time [s]", "y": label, "span": [0.0, end or 1.0], "whole_y": is_count, "series": series}
+    return Chart(title, _chart_words(title, name, spread or summary.spreads[name]), keys, values_of)
+
+
+def _histogram_chart(one: Histogram, other: Histogram | None, spread: Spread) -> Chart:
+    """Return a histogram, with that of a baseline over it."""
+    title, label = TITLES[one.name]
+    is_turn, is_count = one.unit == "rad", one.name == "objects_per_sweep"
+    edges = one.edges * (180 / math.pi if is_turn else 1.0)
+    series = [{"form": "bars", "colour": "blue", "x": plain(edges), "y": plain(one.counts)}]
+    keys: list[Key] = []
+    if other is not None:
+        # Shares, because the runs may differ in length.
+        mine, others = (counts / max(counts.sum(), 1) for counts in (one.counts, other.counts))
+        series = [
+            {"form": "bars", "colour": "sky", "x": plain(edges), "y": plain(mine)},
+            {"form": "outline", "colour": "vermilion", "x": plain(edges), "y": plain(others)},
+        ]
+        keys = [Key("here", "sky"), Key("baseline", "vermilion", "stem")]
+    counted = ("sweeps" if is_count else "objects") if other is None else "share"
+    values: dict[str, Any] = {"x": label, "y": counted, "span": [float(edges[0]), float(edges[-1])], "series": series}
+    values |= {"step": 90.0 if is_turn else None, "whole_x": is_count, "whole_y": other is None}
+    return Chart(title, _chart_words(title, one.name, spread), keys, values)
+
+
+def _density_chart(found: Density, walls: Walls | None) -> Chart:
+    """Return how often each cell had an object, in a few steps from pale to dark, over the walls."""
+    counts, cell = _coarse(found, walls)
+    ix, iy = np.nonzero(counts)
+    number = counts[ix, iy]
+    level = np.ceil(HEAT * np.sqrt(number / number.max(initial=1))).astype(np.int64)
+    keys = []
+    for step in range(1, HEAT + 1):
+        if len(mine := number[level == step]):
+            low, high = int(mine.min()), int(mine.max())
+            keys.append(Key(f"{low:,}" if low == high else f"{low:,} to {high:,}", f"heat-{step}"))
+    keys = [
+        key._replace(words=f"{key.words} objects in a cell of {cell:g} m") if not k else key for k, key in enumerate(keys)
+    ]
+    values: dict[str, Any] = {"x0": found.x0, "y0": found.y0, "cell": cell, "ix": plain(ix), "iy": plain(iy)}
+    values |= {"level": plain(level), "sensor": found.frame == "sensor"}
+    corners = [np.array([found.x0, found.y0]), np.array([found.x0, found.y0]) + cell * np.array(counts.shape)]
+    corners += [np.zeros(2)] if found.frame == "sensor" else []
+    if walls is not None and len(walls.x):
+        centres = np.column_stack([walls.x, walls.y])
+        corners += [centres.min(axis=0) - walls.cell / 2, centres.max(axis=0) + walls.cell / 2]
+        values["walls"] = {"cell": walls.cell, "x": _short(walls.x), "y": _short(walls.y)}
+        keys.append(Key("walls and rest", "grey"))
+    low, high = np.min(corners, axis=0), np.max(corners, axis=0)
+    width, height = (high - low).tolist()
+    title = f"Where objects were, {found.frame} frame"
+    words = f"{title}: {int(number.sum()):,} objects in {len(number):,} cells, {number.max(initial=0):,} at most in one"
+    values["limits"] = [*low.tolist(), *high.tolist()]
+    return Chart(title, words, keys, values, min(max(width / height, 1 / WIDEST), WIDEST))
+
+
+def _short(values: Float64) -> list[float]:
+    """Return places to the millimetre."""
+    return [float(value) for value in np.round(values, 3)]
+
+
+def _coarse(found: Density, walls: Walls | None) -> tuple[Int64, float]:
+    """Return the counts of cells and their side [m]; cells are joined where far walls would make them too small to see."""
+    nx, ny = found.counts.shape
+    extent = max(nx, ny) * found.cell
+    if walls is not None and len(walls.x):
+        extent = max(extent, float(np.ptp(walls.x)), float(np.ptp(walls.y)))
+    block = max(1, math.ceil(extent / CHART_CELLS / found.cell - 1e-9))
+    along_x = np.add.reduceat(found.counts, np.arange(0, nx, block), axis=0)
+    counts: Int64 = np.add.reduceat(along_x, np.arange(0, ny, block), axis=1)
+    return counts, block * found.cell

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -22,6 +23,7 @@ from lidarcli.formalism.mapping.grid import FREE, OCCUPIED, UNKNOWN, Occupancy
 from lidarcli.reports.drawing import (
     Entries,
     Frame,
+    Label,
     Mark,
     Panel,
     arrow,
@@ -36,7 +38,6 @@ from lidarcli.reports.drawing import (
     project_style,
     sensor,
 )
-from lidarcli.reports.labels import Label
 from lidarcli.reports.picture import outline_of, printable
 from lidarcli.sweeps import Float32, Float64, Int64
 
@@ -80,8 +81,6 @@ TITLE_MARKS = 90
 """Characters of a line above a panel that is `PANEL` wide."""
 SMALLEST = 0.1
 """Least side of a box that is drawn [m]."""
-REACH = 0.15
-"""Cells of a known thing lie this far around its box [m]."""
 STANDS = 0.3
 """A sensor whose places lie within so far stands [m]."""
 STYLES: dict[str, dict[str, Any]] = {
@@ -165,7 +164,7 @@ def map_figure(picture: MapPicture, longest: float = LONG, look: Look = AS_IT_CO
     figure = new_figure(look.inches(width), longest)
     axes = figure.add_subplot()
     _draw_grid(axes, picture.grid, greys or (MAP_GREYS if picture.snapshot is None else BEHIND_GREYS))
-    panel = Panel(_frame(limits), [*_marks(picture), *_scale(limits, axes)], [*_labels(picture)], _occupied(picture.grid))
+    panel = Panel(_frame(limits), [*_marks(picture)], [*_labels(picture)], _occupied(picture.grid))
     draw_panel(axes, panel)
     if picture.title and look.title:
         axes.set_title(printable(picture.title), loc="left")
@@ -194,8 +193,7 @@ def limits_of(picture: MapPicture, others: Sequence[Float64] = ()) -> Limits:
         return -1.0, 1.0, -1.0, 1.0
     (left, low), (right, high) = xy.min(axis=0).tolist(), xy.max(axis=0).tolist()
     air = max(AIR * max(right - left, high - low), 0.5)
-    # The bar of the scale has its place below.
-    return left - air, right + air, low - 2.0 * air, high + air
+    return left - air, right + air, low - air, high + air
 
 
 def _draw_grid(axes: Axes, grid: Occupancy | None, greys: Greys) -> None:
@@ -262,19 +260,6 @@ def _labels(picture: MapPicture) -> Iterator[Label]:
         yield Label(str(track), path[-1:], palette.VERMILION, (float(path[-2:][0, 0]), float(path[-2:][0, 1])))
 
 
-def _scale(limits: Limits, axes: Axes) -> Iterator[Mark]:
-    """Yield a bar of a round length in the lower right corner, with its length above."""
-    left, right, low, high = limits
-    about = 0.2 * (right - left)
-    power = 10.0 ** np.floor(np.log10(about))
-    length = float(max(step * power for step in (1, 2, 5) if step * power <= about))
-    end, foot = right - 0.03 * (right - left), low + 0.03 * (high - low)
-    yield Mark(np.array([[end - length, foot], [end, foot]]), {"color": palette.BLACK, "lw": 2.0, "zorder": 9})
-    box = {"facecolor": axes.get_facecolor(), "edgecolor": "none", "alpha": 0.75, "pad": 0.4}
-    above = np.array([[end - 0.5 * length, foot + 0.01 * (high - low)]])
-    yield Mark(above, {"ha": "center", "va": "bottom", "zorder": 9, "bbox": box}, text=f"{length:g} m")
-
-
 def paths_of(sweeps: Rows) -> list[Float64]:
     """Return (N, 2) path of the sensor of each log and topic, in the order of the sweeps; none without a pose."""
     topic, _ = sweeps.words("topic")
@@ -304,24 +289,17 @@ def overview(sweeps: Rows, tracks: Rows | None, trajectories: Rows | None, stand
 
 def _track_boxes(sweeps: Rows, tracks: Rows) -> list[Box]:
     """Return the boxes of tracks that stand and that enough sweeps have seen."""
-    of_sweep, topics = sweeps.words("topic")
-    of_track, names = tracks.words("topic")
-    rows = [
-        np.count_nonzero((sweeps.source == source) & (of_sweep == topics.index(names[code])))
-        if names[code] in topics
-        else 0
-        for source, code in zip(tracks.source.tolist(), of_track.tolist(), strict=True)
-    ]
-    least = np.minimum(LEAST_SWEEPS, np.maximum(1, np.array(rows, np.int64) // 2))
+    stream = [f"{source} {topic}" for source, topic in zip(sweeps.source.tolist(), sweeps.texts("topic"), strict=True)]
+    counts = Counter(stream)
+    of_tracks = zip(tracks.source.tolist(), tracks.texts("topic"), strict=True)
+    least = [min(LEAST_SWEEPS, max(1, counts[f"{source} {topic}"] // 2)) for source, topic in of_tracks]
     sides = np.column_stack([tracks.numbers(name) for name in ("x", "y", "yaw", "length", "width")])
     known = tracks.are("set", "O") & (tracks.integers("sweeps") >= least) & np.isfinite(sides).all(axis=1)
-    labels, words = tracks.words("label")
-    number, is_round = tracks.integers("track"), tracks.are("shape", "round")
-    found = []
-    for row, (x, y, yaw, length, width) in zip(np.flatnonzero(known).tolist(), sides[known].tolist(), strict=True):
-        name = str(number[row]) if labels[row] < 0 else f"{number[row]} {words[labels[row]]}"
-        found.append(Box(x, y, yaw, length, width, bool(is_round[row]), name))
-    return found
+    rows = np.flatnonzero(known)
+    numbers, labels = tracks.integers("track")[rows].tolist(), tracks.texts("label", rows)
+    names = [f"{number} {label}".rstrip() for number, label in zip(numbers, labels, strict=True)]
+    is_round = tracks.are("shape", "round")[rows].tolist()
+    return [Box._make([*side, *more]) for side, *more in zip(sides[rows].tolist(), is_round, names, strict=True)]
 
 
 def _track_paths(trajectories: Rows, tracks: Rows, frame: str) -> Iterator[tuple[int, Float64]]:
@@ -385,7 +363,7 @@ def changes_figure(pairs: Sequence[RunPair], sights: Sequence[Sight]) -> Figure:
         _draw_grid(mine, one.grid, CHANGE_GREYS)
         limits = (left, right, low, high)
         obstacles = np.concatenate([_occupied(one.grid), *(corners for corners, _ in one.polygons())])
-        panel = Panel(_frame(limits), [*one.marks(), *_scale(limits, mine)], [*one.labels()], obstacles)
+        panel = Panel(_frame(limits), [*one.marks()], [*one.labels()], obstacles)
         draw_panel(mine, panel)
         title = pair.title
         if len(title) > most:
@@ -410,8 +388,7 @@ class _ChangedRun:
     def of(pair: RunPair, sight: Sight) -> _ChangedRun:
         """Return the changes whose place is known."""
         grid = None if sight.grid is None else _known_part(sight.grid)
-        cells = _occupied(grid)
-        found = [(one, _box(one, cells), _old_box(one)) for one in pair.changes]
+        found = [(one, *_boxes(one)) for one in pair.changes]
         sensors = np.empty((0, 2)) if sight.sensors is None else sight.sensors
         sensors = sensors[np.isfinite(sensors).all(axis=1)]
         return _ChangedRun(tuple((one, box, old) for one, box, old in found if box is not None), sensors, grid)
@@ -467,39 +444,14 @@ def _known_part(grid: Occupancy) -> Occupancy:
     return replace(grid, x=grid.x + left * grid.resolution, y=grid.y + low * grid.resolution, cells=cells)
 
 
-def _box(one: Change, cells: Float64) -> Box | None:
-    """Return the box of a change in the last run that has it; a known thing takes in what the runs before saw of it."""
-    place, yaw = one.place, one.yaw_a if one.x_b is None else one.yaw_b
-    if place is None:
-        return None
-    box = _sized(one, *place, yaw or 0.0)
-    if one.status != "known" or one.x_a is None or one.y_a is None:
-        return box
-    # Each run saw the sides that were turned to its sensor.
-    cos, sin = math.cos(box.yaw), math.sin(box.yaw)
-    turn = np.array([[cos, -sin], [sin, cos]])
-    half = 0.5 * np.array([box.length, box.width])
-    places = (cells - [box.x, box.y]) @ turn
-    beyond = np.abs(places) - half
-    mine = places[(beyond.max(axis=1) <= REACH) & (beyond.min(axis=1) <= 0.0)]
-    shift = np.array([one.x_a - box.x, one.y_a - box.y]) @ turn
-    both = np.concatenate([mine, [half, -half, shift + half, shift - half]])
-    low, high = both.min(axis=0), both.max(axis=0)
-    x, y = turn @ (0.5 * (low + high))
-    length, width = (high - low).tolist()
-    return Box(box.x + float(x), box.y + float(y), box.yaw, length, width)
-
-
-def _old_box(one: Change) -> Box | None:
-    """Return the box of what was moved in its old place."""
-    if one.status != "moved" or one.x_a is None or one.y_a is None or one.x_b is None:
-        return None
-    return _sized(one, one.x_a, one.y_a, one.yaw_a or 0.0)
-
-
-def _sized(one: Change, x: float, y: float, yaw: float) -> Box:
+def _boxes(one: Change) -> tuple[Box | None, Box | None]:
+    """Return the box of a change in the last run that has it, and that in its old place if it was moved."""
     length, width = (max(side or SMALLEST, SMALLEST) for side in (one.length, one.width))
-    return Box(x, y, yaw, length, width)
+    before, after = (
+        None if x is None or y is None else Box(x, y, yaw or 0.0, length, width)
+        for x, y, yaw in ((one.x_a, one.y_a, one.yaw_a), (one.x_b, one.y_b, one.yaw_b))
+    )
+    return after or before, before if one.status == "moved" and after is not None else None
 
 
 def _change_entries(runs: Sequence[_ChangedRun]) -> Entries:
@@ -549,7 +501,6 @@ def _draw_background(axes: Axes, one: Background) -> None:
     support = one.support[surface][thin]
     x, y = ends[surface][thin].T
     drawn = axes.scatter(x, y, 3.0, support, cmap=SUPPORT_COLOURS, linewidths=0, rasterized=True)
-    drawn.set_clim(*_support_range(support))
     # Beside the axes themselves, so that it is as high as they are.
     bar = axes.figure.colorbar(drawn, cax=axes.inset_axes((1.03, 0.0, 0.035, 1.0)), label=SUPPORT)
     bar.ax.yaxis.set_major_formatter(PercentFormatter(1.0, decimals=0))
@@ -563,12 +514,3 @@ def _draw_background(axes: Axes, one: Background) -> None:
     axes.set(aspect="equal", xlabel="x [m]", ylabel="y [m]")
     counts = f"{counted(len(one), 'station')}, {counted(int(one.sweeps.sum()), 'sweep')}"
     axes.set_title(f"{printable(one.topic)}  {printable(one.frame_id)}: {counts}")
-
-
-def _support_range(support: Float64) -> tuple[float, float]:
-    """Return the range of the colour bar, in tenths: only support that occurs, so that small differences are seen."""
-    if not len(support):
-        return 0.0, 1.0
-    low = np.floor(10.0 * float(support.min()) + 1e-6) / 10.0
-    high = np.ceil(10.0 * float(support.max()) - 1e-6) / 10.0
-    return (float(low), float(high)) if high > low else (float(high) - 0.1, float(high))

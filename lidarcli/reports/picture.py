@@ -24,6 +24,7 @@ from lidarcli.masks import Polygon
 from lidarcli.reports.drawing import (
     Entries,
     Frame,
+    Label,
     Mark,
     Panel,
     arrow,
@@ -41,7 +42,6 @@ from lidarcli.reports.drawing import (
     write_gif,
 )
 from lidarcli.reports.ground import TrackPath
-from lidarcli.reports.labels import Label
 from lidarcli.sweeps import TURN, Bool, Float64, Int64, SweepBatch
 from lidarcli.zone import Line, Zone, inside
 
@@ -71,6 +71,8 @@ OFF_CIRCLE = 0.5
 """Greatest distance of a beam of a round object from its circle, by the radius."""
 FILL, TRIGGERS = 0.25, 1.8
 """Alpha of a zone that is occupied, and size of a beam in it by that of others."""
+PER_SIDE = 201
+"""Points of each side of a zone that are looked for in the picture."""
 DASH = 3.0
 """Length of the dashes of a zone that is not occupied [pt]; the gaps are half as long."""
 LINEAR = 2.0
@@ -101,9 +103,11 @@ class ZoneInSight:
         return np.concatenate([self.corners, self.corners[:closing]])
 
     def in_view(self, limits: Limits) -> Float64:
-        """Return (N, 2) ends of the pieces of its outline in view; of a zone around all of that the upper left corner."""
+        """Return (N, 2) points of its outline in view; of a zone around all of that the upper left corner."""
         (left, right), (low, high) = limits.x, limits.y
-        at = _clipped(self.outline, np.array([left, low]), np.array([right, high]))
+        along = np.linspace(0.0, 1.0, PER_SIDE)[:, None, None]
+        x, y = ((1.0 - along) * self.outline[:-1] + along * self.outline[1:]).reshape(-1, 2).T
+        at = np.column_stack([x, y])[(left <= x) & (x <= right) & (low <= y) & (y <= high)]
         if len(at) or isinstance(self.zone.shape, Line):
             return at
         corner = np.array([[left, high]])
@@ -265,21 +269,6 @@ def limits_of(pictures: Sequence[Picture]) -> Limits:
     air = max(0.09 * float(sides.min()), 0.03 * float(sides.max()), 0.1)
     (left, bottom), (right, top) = (low - air).tolist(), (high + air).tolist()
     return Limits((left, right), (bottom, top), max(1.05 * reach, 0.1), 1.1 * jump)
-
-
-def _clipped(line: Float64, low: Float64, high: Float64) -> Float64:
-    """Return (N, 2) ends of the pieces of a line, (M, 2), that lie in a rectangle of these corners."""
-    start, way = line[:-1], np.diff(line, axis=0)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        ends = np.stack([(low - start) / way, (high - start) / way])
-    # Along an edge all of a piece is on one side of it.
-    within = np.where((low <= start) & (start <= high), np.inf, -np.inf)
-    first = np.where(way == 0.0, -within, ends.min(axis=0)).max(axis=1, initial=0.0)
-    last = np.where(way == 0.0, within, ends.max(axis=0)).min(axis=1, initial=1.0)
-    kept = first <= last
-    pieces = [start[kept] + share[kept, None] * way[kept] for share in (first, last)]
-    clipped: Float64 = np.concatenate(pieces)
-    return clipped
 
 
 def unwound(angle: Float64) -> Float64:

@@ -6,147 +6,52 @@ import hashlib
 import json
 import re
 import xml.etree.ElementTree as ET
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator
 from typing import Any
 
-import numpy as np
-
 from lidarcli._version import __version__
-from lidarcli.display import stamp, visible
-from lidarcli.reports.columns import Origin
-from lidarcli.reports.document import Document, PartsReport
-from lidarcli.reports.figures import Histogram, plain_fields, plain_number
-from lidarcli.reports.report import Report
-from lidarcli.reports.summary import Comparison, Stream, Summary
+from lidarcli.display import visible
+from lidarcli.reports.document import Report
+from lidarcli.reports.figures import plain_numbers
 from lidarcli.reports.wording import number
 
-SCHEMA = "lidarcli.report/1"
-"""The name of the schema; the number changes when a program that reads it may break."""
 _NOT_XML = re.compile("[^\t\n\r\u0020-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 
 
-def as_json(report: Report | PartsReport) -> str:
+def as_json(report: Report) -> str:
     """Return one JSON object; numbers have nine digits, null stands for what cannot be measured."""
     return json.dumps(as_dict(report), ensure_ascii=False, indent=1, allow_nan=False) + "\n"
 
 
-def as_dict(report: Report | PartsReport) -> dict[str, Any]:
+def as_dict(report: Report) -> dict[str, Any]:
     """Return the report as plain values."""
-    if isinstance(report, PartsReport):
-        first = report.parts[0]
-        found = _beginning(report, first.schema) | {"sources": _sources(first.sources), "figures": _numbers(report.figures)}
-        for part in reversed(report.parts):
-            found |= {**(part.opening.values if part is first else {}), **part.as_dict()}
-        return found
-    changes, comparison = report.changes, report.comparison
-    return {
-        **_beginning(report, SCHEMA),
-        **_summary(report.summary),
-        **({} if changes is None else {"figures": _numbers(report.summary.figures | changes.figures), **changes.as_dict()}),
-        "comparison": None if comparison is None else _comparison(comparison),
-    }
-
-
-def _beginning(report: Document, schema: str) -> dict[str, Any]:
-    """Return the beginning of reports of every kind."""
-    return {
-        "schema": schema,
+    first = report.parts[0]
+    found: dict[str, Any] = {
+        "schema": first.schema,
         "lidarcli": __version__,
         "holds": report.holds,
         "checks": [verdict.as_dict() for verdict in report.verdicts],
         "problems": list(report.problems),
         "warnings": list(report.warnings),
-    }
-
-
-def _summary(summary: Summary) -> dict[str, Any]:
-    return {
-        "sources": _sources(summary.sources),
-        "figures": _numbers(summary.figures),
-        "beams": {"status": summary.status, "set": summary.sets},
-        "objects": {name: {**dict.fromkeys(summary.kinds[name], 0), **summary.kinds[name]} for name in summary.kinds},
-        "histograms": {name: _histogram(one) for name, one in summary.histograms.items()},
-        "maps": [plain_fields(one, "frame", "x0", "y0", "cell", "counts") for one in summary.densities],
-        "streams": [_stream(one) for one in summary.streams.all],
-        "standing_out": [
+        "sources": [
             {
-                **plain_fields(one, "kind", "log", "topic", "sweep"),
-                "stamp": stamp(one.stamp),
-                "value": plain_number(one.value),
+                "log": source.log,
+                "format": source.format,
+                "size": source.size,
+                "lidarcli": source.version,
+                "parameters": source.parameters,
+                "damage": list(source.damage),
             }
-            for one in summary.outliers
+            for source in first.sources
         ],
-        **_tracks(summary),
+        "figures": {name: value for part in report.parts for name, value in plain_numbers(part.figures).items()},
     }
+    for part in reversed(report.parts):
+        found |= {**(part.opening.values if part is first else {}), **part.as_dict()}
+    return found
 
 
-def _sources(sources: Sequence[Origin]) -> list[dict[str, Any]]:
-    return [
-        {
-            "log": source.log,
-            "format": source.format,
-            "size": source.size,
-            "lidarcli": source.version,
-            "parameters": source.parameters,
-            "damage": list(source.damage),
-        }
-        for source in sources
-    ]
-
-
-def _tracks(summary: Summary) -> dict[str, Any]:
-    """Return tracks and labels where there are any."""
-    found: dict[str, Any] = {}
-    if (tracked := summary.tracked) is not None:
-        found["tracks"] = {
-            "scene": tracked.scene,
-            "agent_share": plain_number(tracked.agent_share),
-            **{name.removeprefix("tracks."): counts for name, counts in tracked.kinds.items()},
-        }
-    if summary.labels:
-        found["labels"] = [vars(label) for label in summary.labels]
-    return found if summary.zones is None else found | summary.zones.as_dict()
-
-
-def _comparison(comparison: Comparison) -> dict[str, Any]:
-    baseline = comparison.baseline
-    return {
-        "baseline": {
-            "logs": [source.log for source in baseline.sources],
-            "figures": _numbers(baseline.figures),
-            "histograms": {name: _histogram(one) for name, one in baseline.histograms.items()},
-        },
-        "figures": _numbers(comparison.figures),
-        "parameters": [{"name": name, "here": here, "baseline": there} for name, here, there in comparison.parameters],
-        "changes": [plain_fields(one, "log", "topic", "sweep", "before", "now") for one in comparison.changes],
-    }
-
-
-def _histogram(one: Histogram) -> dict[str, Any]:
-    return plain_fields(one, "unit", "edges", "counts")
-
-
-def _stream(one: Stream) -> dict[str, Any]:
-    columns = ["sweep", "seconds", "objects_mean", "objects_min", "objects_max"]
-    columns += ["d_th", "noise", "lost_share"]
-    if np.isfinite(one.course.agents_max).any():
-        columns += ["agents_mean", "agents_max"]
-    return {
-        **plain_fields(one, "log", "topic", "frame_id", "sweeps", "beams", "objects"),
-        "start": stamp(one.start_ns),
-        **plain_fields(one, "start_ns", "end_ns", "duration", "rate", "gaps"),
-        "missing_sweeps": one.missing,
-        **plain_fields(one, "longest_gap", "backward", "repeated"),
-        "course": plain_fields(one.course, *columns),
-    }
-
-
-def _numbers(values: Mapping[str, float | None]) -> dict[str, float | None]:
-    """Return figures by their names, with nine digits."""
-    return {name: plain_number(value) for name, value in values.items()}
-
-
-def as_junit(report: Document) -> str:
+def as_junit(report: Report) -> str:
     """Return one suite: its properties are the figures, its cases the checks.
 
     A table that could not be read is an error.
@@ -190,12 +95,18 @@ def clean(text: str) -> str:
     return _NOT_XML.sub(lambda found: repr(found[0])[1:-1], text)
 
 
-def as_github(report: Document, text: str = "") -> str:
+def as_github(report: Report, text: str = "") -> str:
     """Return one command per line, errors first: of each kind the page shows the first ten of a step.
 
     `text`, the report for the terminal, follows in a fold of the step's log.
     """
-    return "\n".join([*_annotations(report), *(_folded(report.title, text) if text else ())]) + "\n"
+    lines = [*_annotations(report)]
+    if text:
+        # In the fold no line is a command until a word comes that the text cannot hold: its own digest.
+        word = hashlib.sha256(text.encode("utf-8", "backslashreplace")).hexdigest()
+        fold = (f"::group::{_escaped(report.title)}", f"::stop-commands::{word}", text.rstrip("\n"))
+        lines += [*fold, f"::{word}::", "::endgroup::"]
+    return "\n".join(lines) + "\n"
 
 
 def command(kind: str, title: str, message: str) -> str:
@@ -212,7 +123,7 @@ def _escaped(text: str) -> str:
     return visible(text.replace("%", "%25").replace("\r", "%0D").replace("\n", "%0A"))
 
 
-def _annotations(report: Document) -> Iterator[str]:
+def _annotations(report: Report) -> Iterator[str]:
     for kind, problem in report.named_problems:
         yield command("error", f"lidarcli: {kind}", problem)
     for one in report.verdicts:
@@ -225,13 +136,3 @@ def _annotations(report: Document) -> Iterator[str]:
     for one in report.verdicts:
         if one.holds:
             yield command("notice", "lidarcli: check passed", f"{one.expression}: found {one.words}")
-
-
-def _folded(title: str, text: str) -> Iterator[str]:
-    """Yield a fold in which no line is a command until a word comes that the text cannot hold: its own digest."""
-    word = hashlib.sha256(text.encode("utf-8", "backslashreplace")).hexdigest()
-    yield f"::group::{_escaped(title)}"
-    yield f"::stop-commands::{word}"
-    yield text.rstrip("\n")
-    yield f"::{word}::"
-    yield "::endgroup::"

@@ -9,7 +9,7 @@ import numpy as np
 
 from lidarcli.choices import beams_on
 from lidarcli.errors import OptionError
-from lidarcli.reports.columns import Origin, Record, Rows, Run
+from lidarcli.reports.columns import Origin, Record, Rows, Run, places
 from lidarcli.reports.figures import (
     CATEGORIES,
     DELTA,
@@ -25,7 +25,7 @@ from lidarcli.reports.figures import (
     histogram,
     nice_edges,
 )
-from lidarcli.reports.wording import number, percent, quantity, share, span
+from lidarcli.reports.wording import means_of, number, percent, quantity, share, span
 from lidarcli.reports.zones import ZonesPart, zones_part
 from lidarcli.sweeps import STATUSES, Bool, Float64, Int64
 
@@ -157,11 +157,10 @@ def streams_of(run: Run) -> Streams:
 
 def _columns(run: Run) -> Record:
     """Return the columns that streams need, read once."""
-    rows, beams = run.sweeps, run.sweeps.numbers("beams")
-    lost = np.divide(beams - rows.numbers("valid"), beams, out=np.zeros(len(rows)), where=beams > 0)
-    whole = {name: rows.integers(name) for name in ("stamp", "sweep")}
-    numbers = {name: rows.numbers(name) for name in ("d_th", "noise")}
-    return Record(**whole, **numbers, beams=beams, objects=run.objects_per_sweep, agents=run.agents_at_once, lost=lost)
+    whole = {name: run.sweeps.integers(name) for name in ("stamp", "sweep")}
+    numbers = {name: run.sweeps.numbers(name) for name in ("beams", "d_th", "noise")}
+    lost = np.nan_to_num(run.lost_share)
+    return Record(**whole, **numbers, objects=run.objects_per_sweep, agents=run.agents_at_once, lost=lost)
 
 
 def _stream(run: Run, columns: Record, mine: Int64, names: tuple[str, str], step: Float64, gap: Bool) -> Stream:
@@ -200,14 +199,6 @@ def _course(columns: Record, mine: Int64) -> Record:
     """Sum up bins of equal numbers of sweeps, so that a clock that jumps makes no hole."""
     begin = np.unique(np.linspace(0, len(mine), min(COURSE_BINS, len(mine)), endpoint=False).astype(np.int64))
     size = np.diff(np.append(begin, len(mine)))
-
-    def mean(values: Float64) -> Float64:
-        there = np.isfinite(values)
-        total = np.add.reduceat(np.where(there, values, 0.0), begin)
-        count = np.add.reduceat(there.astype(np.int64), begin)
-        found: Float64 = np.divide(total, count, out=np.full(len(begin), np.nan), where=count > 0)
-        return found
-
     objects = columns.objects[mine]
     return Record(
         seconds=(columns.stamp[mine][begin] - columns.stamp[mine[0]]) * SECOND,
@@ -215,10 +206,10 @@ def _course(columns: Record, mine: Int64) -> Record:
         objects_mean=np.add.reduceat(objects, begin) / size,
         objects_min=np.minimum.reduceat(objects, begin),
         objects_max=np.maximum.reduceat(objects, begin),
-        d_th=mean(columns.d_th[mine]),
-        noise=mean(columns.noise[mine]),
-        lost_share=mean(columns.lost[mine]),
-        agents_mean=mean(columns.agents[mine]),
+        d_th=means_of(columns.d_th[mine], begin),
+        noise=means_of(columns.noise[mine], begin),
+        lost_share=means_of(columns.lost[mine], begin),
+        agents_mean=means_of(columns.agents[mine], begin),
         agents_max=np.maximum.reduceat(columns.agents[mine], begin),
     )
 
@@ -243,12 +234,8 @@ def unlike_of(streams: Sequence[Stream]) -> Unlike:
     rates = tuple(one.rate for one in streams if one.rate is not None)
     beams = tuple(float(one.beams) for one in streams)
     frames = tuple(dict.fromkeys(one.frame_id for one in streams))
-    return Unlike(rates if _differ(rates) else (), beams if _differ(beams) else (), frames if len(frames) > 1 else ())
-
-
-def _differ(values: Sequence[float]) -> bool:
-    """Return True if the greatest is more than `ALIKE` times the least."""
-    return bool(values) and max(values) > ALIKE * min(values)
+    rates, beams = (values if values and max(values) > ALIKE * min(values) else () for values in (rates, beams))
+    return Unlike(rates, beams, frames if len(frames) > 1 else ())
 
 
 def outliers_of(run: Run, streams: Streams) -> list[Record]:
@@ -259,8 +246,7 @@ def outliers_of(run: Run, streams: Streams) -> list[Record]:
     length of a gap [s]), and `words`, the value for people.
     """
     rows = run.sweeps
-    objects, beams, valid = run.objects_per_sweep, rows.numbers("beams"), rows.numbers("valid")
-    lost = np.divide(beams - valid, beams, out=np.zeros(len(rows)), where=beams > 0)
+    objects, lost = run.objects_per_sweep, np.nan_to_num(run.lost_share)
     gap = np.where(streams.gap, streams.step, 0.0)
     agents = np.nan_to_num(run.agents_at_once)
     usual, usual_agents = (float(np.median(counts)) if len(counts) else 0.0 for counts in (objects, agents))
@@ -369,51 +355,37 @@ def tracked_of(run: Run, streams: Streams) -> TracksSummary | None:
         figures |= {f"{name}.{statistic}": getattr(spread, statistic) for statistic in STATISTICS}
     for name, known in TRACK_CATEGORIES.items():
         figures |= {f"{name}.{kind}": kinds[name].get(kind, 0) for kind in known}
-    return TracksSummary(
-        figures=figures,
-        spreads=spreads,
-        kinds=kinds,
-        agent_share=_agent_share(run),
-        tracks=_kept(run, rows, is_agent, streams),
-    )
+    tracked = np.array([source.tracked for source in run.sources], bool)[run.sweeps.source]
+    beams, on_agents = (float(run.sweeps.numbers(name)[tracked].sum()) for name in ("beams", "agent_beams"))
+    share = on_agents / beams if beams else None
+    return TracksSummary(figures, spreads, kinds, share, _kept(run, rows, is_agent, streams))
 
 
 def labels_of(run: Run) -> list[Record]:
     """Return each `name` of the catalogue that occurs, with numbers of `tracks`, None without any, and `objects`."""
     objects = run.objects.counts("label", run.is_object)
     tracks = {} if run.tracks is None else run.tracks.counts("label")
-    names = sorted({*objects, *tracks})
-    count = [None if run.tracks is None else tracks.get(name, 0) for name in names]
     return [
-        Record(name=name, tracks=number, objects=objects.get(name, 0)) for name, number in zip(names, count, strict=True)
+        Record(name=name, tracks=None if run.tracks is None else tracks.get(name, 0), objects=objects.get(name, 0))
+        for name in sorted({*objects, *tracks})
     ]
-
-
-def _agent_share(run: Run) -> float | None:
-    tracked = np.array([source.tracked for source in run.sources], bool)[run.sweeps.source]
-    beams = float(run.sweeps.numbers("beams")[tracked].sum())
-    return float(run.sweeps.numbers("agent_beams")[tracked].sum()) / beams if beams else None
 
 
 def _kept(run: Run, rows: Rows, is_agent: Bool, streams: Streams) -> list[Record]:
     """Return the tracks that are shown one by one, in the order of the table."""
     order = np.sort(np.lexsort((-rows.numbers("sweeps"), ~is_agent))[:KEPT])
     source = rows.source[order].tolist()
+    # By log and topic, and of several frames the track's own before others.
+    known: dict[tuple[object, ...], int] = {(one.source, one.topic): k for k, one in reversed([*enumerate(streams.all)])}
+    known |= {(one.source, one.topic, one.frame_id): k for k, one in enumerate(streams.all)}
     of_stream = [
-        _stream_of(streams, *one)
-        for one in zip(source, rows.texts("topic", order), rows.texts("frame_id", order), strict=True)
+        known.get((log, topic, frame), known.get((log, topic)))
+        for log, topic, frame in zip(source, rows.texts("topic", order), rows.texts("frame_id", order), strict=True)
     ]
     first = rows.integers("first_stamp")[order].tolist()
     begin = [stamp if k is None else streams.all[k].start_ns for k, stamp in zip(of_stream, first, strict=True)]
     start = [(stamp - since) * 1e-9 for stamp, since in zip(first, begin, strict=True)]
     return rows.records(order, TRACK_COLUMNS, log=[run.sources[k].log for k in source], stream=of_stream, start=start)
-
-
-def _stream_of(streams: Streams, source: int, topic: str, frame: str) -> int | None:
-    """Return the stream that a track belongs to."""
-    mine = [k for k, one in enumerate(streams.all) if (one.source, one.topic) == (source, topic)]
-    exact = [k for k in mine if streams.all[k].frame_id == frame]
-    return next(iter([*exact, *mine]), None)
 
 
 @dataclass(frozen=True, slots=True)
@@ -448,9 +420,7 @@ class Summary:
 def values_of(run: Run, streams: Streams) -> dict[str, Float64]:
     """Return the values of every figure that has one per sweep or per object."""
     sweeps = run.sweeps
-    beams = sweeps.numbers("beams")
-    lost = np.divide(beams - sweeps.numbers("valid"), beams, out=np.full(len(sweeps), np.nan), where=beams > 0)
-    values = {"objects_per_sweep": run.objects_per_sweep, "lost_share": lost, "step": streams.step}
+    values = {"objects_per_sweep": run.objects_per_sweep, "lost_share": run.lost_share, "step": streams.step}
     values |= {name: sweeps.numbers(column) for name, column in OF_SWEEPS.items()}
     mine = run.is_object
     all_mine = bool(mine.all())
@@ -612,8 +582,8 @@ def compare(run: Run, summary: Summary, base_run: Run, baseline: Summary) -> Com
         "removed_sweeps": len(base_run.sweeps) - len(mine),
     }
     for name, value in summary.figures.items():
-        before = baseline.figures.get(name)
-        figures[DELTA + name] = None if value is None or before is None else value - before
+        other = baseline.figures.get(name)
+        figures[DELTA + name] = None if value is None or other is None else value - other
     best = changed[np.argsort(-np.abs(difference[changed]), kind="stable")[:SHOWN]]
     first = mine[best]
     changes = run.sweeps.records(
@@ -623,7 +593,10 @@ def compare(run: Run, summary: Summary, base_run: Run, baseline: Summary) -> Com
         before=there[theirs[best]].astype(np.int64).tolist(),
         now=here[first].astype(np.int64).tolist(),
     )
-    return Comparison(baseline, figures, _parameters(run.sources, base_run.sources), changes)
+    parameters, before = _settings(run.sources), _settings(base_run.sources)
+    differing = sorted(name for name in {*parameters, *before} if parameters.get(name) != before.get(name))
+    rows_of_them = tuple((name, parameters.get(name, "-"), before.get(name, "-")) for name in differing)
+    return Comparison(baseline, figures, rows_of_them, changes)
 
 
 def _refuse_others(run: Run, base_run: Run, mine: Int64, theirs: Int64) -> None:
@@ -631,27 +604,25 @@ def _refuse_others(run: Run, base_run: Run, mine: Int64, theirs: Int64) -> None:
     if not len(run.sweeps) or not len(base_run.sweeps):
         return
     if not len(mine):
-        why = "no sweep is in both: no log and topic of the two agree"
-        raise _different(run.sources[0], base_run.sources[0], why)
-    stamp, before = (one.sweeps.integers("stamp") for one in (run, base_run))
-    beams, beams_before = (one.sweeps.integers("beams") for one in (run, base_run))
-    later = np.abs(stamp[mine] - before[theirs]) > SAME_STAMP
-    unlike = beams[mine] != beams_before[theirs]
+        raise _different(run.sources[0], base_run.sources[0], "no sweep is in both: no log and topic of the two agree")
+    of_stamps, of_beams = (
+        (run.sweeps.integers(name)[mine], base_run.sweeps.integers(name)[theirs]) for name in ("stamp", "beams")
+    )
+    later = np.abs(of_stamps[0] - of_stamps[1]) > SAME_STAMP
+    unlike = later | (of_beams[0] != of_beams[1])
     source = run.sweeps.source[mine]
     times, others, compared = (
-        np.bincount(source[chosen], minlength=len(run.sources)) for chosen in (later, later | unlike, slice(None))
+        np.bincount(source[chosen], minlength=len(run.sources)) for chosen in (later, unlike, slice(None))
     )
     for at in np.flatnonzero(2 * others > compared).tolist():
-        log = run.sources[at]
-        first = np.flatnonzero((later | unlike) & (source == at))[0]
-        other = base_run.sources[int(base_run.sweeps.source[theirs[first]])]
+        first = np.flatnonzero(unlike & (source == at))[0]
+        log, other = run.sources[at], base_run.sources[int(base_run.sweeps.source[theirs[first]])]
         if not times[at] and log.parameters.get(CLOUD_BINS) != other.parameters.get(CLOUD_BINS):
             raise OptionError(
                 f"--baseline: the clouds of {log.log} were read with other numbers of beams (--bins): "
-                f"{beams[mine[first]]:,} here, {beams_before[theirs[first]]:,} in the baseline; read both alike"
+                f"{of_beams[0][first]:,} here, {of_beams[1][first]:,} in the baseline; read both alike"
             )
-        why = f"{others[at]:,} of {compared[at]:,} sweeps have other stamps or beams"
-        raise _different(log, other, why)
+        raise _different(log, other, f"{others[at]:,} of {compared[at]:,} sweeps have other stamps or beams")
 
 
 def _different(here: Origin, there: Origin, why: str) -> OptionError:
@@ -659,39 +630,22 @@ def _different(here: Origin, there: Origin, why: str) -> OptionError:
     return OptionError(f"--baseline: {here.label} and {there.label} are of different recordings: use lidarcli diff ({why})")
 
 
-def _identities(run: Run, base_run: Run) -> tuple[Int64, Int64]:
+def _identities(run: Run, base_run: Run) -> list[Int64]:
     """Return (S,) a number for each sweep of both runs, equal where log, topic and index are."""
     single = len(run.sources) == len(base_run.sources) == 1
-    names: dict[tuple[str, str], int] = {}
-    most = max((int(one.sweeps.integers("sweep").max(initial=0)) for one in (run, base_run)), default=0) + 1
-    ids = []
+    logs: dict[str, int] = {}
+    sides = []
     for one in (run, base_run):
-        topic, topics = one.sweeps.words("topic")
-        logs = np.array([0 if single else _code(names, ("log", source.log)) for source in one.sources])
-        codes = np.array([_code(names, ("topic", text)) for text in topics] or [0])
-        key = logs[one.sweeps.source] * 1_000_003 + codes[topic]
-        ids.append(key.astype(np.int64) * most + one.sweeps.integers("sweep"))
-    return ids[0], ids[1]
-
-
-def _code(names: dict[tuple[str, str], int], name: tuple[str, str]) -> int:
-    return names.setdefault(name, len(names))
-
-
-def _parameters(here: Sequence[Origin], there: Sequence[Origin]) -> tuple[tuple[str, str, str], ...]:
-    mine, theirs = _settings(here), _settings(there)
-    return tuple(
-        (name, mine.get(name, "-"), theirs.get(name, "-"))
-        for name in sorted({*mine, *theirs})
-        if mine.get(name) != theirs.get(name)
-    )
+        number = np.array([0 if single else logs.setdefault(source.log, len(logs)) for source in one.sources], np.int32)
+        sides.append(Rows(one.sweeps.table, number[one.sweeps.source]))
+    return places(*sides)
 
 
 def _settings(sources: Sequence[Origin]) -> dict[str, str]:
+    """Return the version and the parameters of runs in words."""
     values: dict[str, set[str]] = {}
     for source in sources:
-        values.setdefault("lidarcli", set()).add(source.version)
-        for name, value in source.parameters.items():
+        for name, value in {"lidarcli": source.version, **source.parameters}.items():
             values.setdefault(name, set()).add(str(value))
     return {name: " | ".join(sorted(found)) for name, found in values.items()}
 
@@ -724,15 +678,3 @@ def beams_by_set(summary: Summary) -> dict[str, int]:
     return {
         words if name == "S" else f"on {words}": summary.sets[name] for name, words in beams_on(has_agents(summary)).items()
     }
-
-
-def kind_counts(summary: Summary, name: str) -> dict[str, int]:
-    """Return objects by kind, in the order of the declaration."""
-    counts = summary.kinds[name]
-    return {kind: counts[kind] for kind in CATEGORIES[name] if kind in counts}
-
-
-def track_kinds(tracked: TracksSummary, name: str) -> dict[str, int]:
-    """Return tracks by kind, in the order of the declaration."""
-    counts = tracked.kinds[name]
-    return {kind.replace("_", " "): counts[kind] for kind in TRACK_CATEGORIES[name] if kind in counts}

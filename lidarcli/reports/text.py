@@ -18,10 +18,10 @@ from lidarcli.reports.document import (
     Bands,
     Block,
     Code,
-    Document,
     Drawing,
     Facts,
     Notes,
+    Report,
     Share,
     Shares,
     Table,
@@ -34,20 +34,16 @@ COURSE, LONGEST_NAME = 48, 18
 """Characters of a band, and of its name at most."""
 
 
-def as_text(report: Document, colour: bool = False) -> str:
-    """Return the report as text; `colour` for a terminal."""
+def as_text(report: Report, colour: bool = False, brief: bool = False) -> str:
+    """Return the report as text, `brief` its checks and summary; `colour` for a terminal."""
     parts = [*_checks(report)]
+    if brief:
+        parts += [*([Text()] if report.verdicts else []), *map(_styled, report.lines)]
     for section in report.sections().values():
-        if TEXT in section.formats:
+        if TEXT in section.formats and not brief:
             parts += [_heading(section.title)] if section.title else []
             parts += [part for block in section.blocks for part in _parts(block)]
     return _printed(parts, colour)
-
-
-def brief_text(report: Document, colour: bool = False) -> str:
-    """Return the checks and the summary for the terminal."""
-    lines = [_styled(line) for line in report.lines]
-    return _printed([*_checks(report), *([Text()] if report.verdicts else []), *lines], colour)
 
 
 def _printed(parts: Iterable[RenderableType], colour: bool) -> str:
@@ -71,7 +67,7 @@ def _printed(parts: Iterable[RenderableType], colour: bool) -> str:
     return "\n".join(lines).strip("\n") + "\n"
 
 
-def _checks(report: Document) -> Iterator[RenderableType]:
+def _checks(report: Report) -> Iterator[RenderableType]:
     """Yield problems, warnings, and a line for each check."""
     for kind, problem in report.named_problems:
         yield _styled(f"{kind}: {problem}", style="red")
@@ -158,10 +154,11 @@ def band_lines(block: Bands) -> list[str]:
     return [*lines, f"{'':<{width + 2 + room}}  0 s{f'{number(block.seconds)} s':>{COURSE - 3}}"]
 
 
-def as_markdown(report: Document) -> str:
-    """Return the verdict and the key figures in sight, the rest folded."""
+def as_markdown(report: Report, brief: bool = False) -> str:
+    """Return the verdict and the key figures in sight, the rest folded; `brief` the verdict and the summary."""
     lines = [*_beginning(report)]
-    sections = [section for section in report.sections().values() if MARKDOWN in section.formats]
+    lines += [f"{_escaped(line)}\n" for line in report.lines] if brief else []
+    sections = [one for one in report.sections().values() if MARKDOWN in one.formats and not brief]
     for section in sections:
         if not section.fold:
             lines += [f"### {section.title}", ""] if section.title else []
@@ -173,13 +170,7 @@ def as_markdown(report: Document) -> str:
     return "\n".join(lines).rstrip() + "\n"
 
 
-def brief_markdown(report: Document) -> str:
-    """Return the checks and the summary as Markdown."""
-    lines = [*_beginning(report), *(f"{_escaped(line)}\n" for line in report.lines)]
-    return "\n".join(lines).rstrip() + "\n"
-
-
-def _beginning(report: Document) -> Iterator[str]:
+def _beginning(report: Report) -> Iterator[str]:
     """Yield the heading, problems, warnings and checks."""
     yield f"## lidarcli report: {_escaped(report.title)}"
     yield ""

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from lidarcli import display
 from lidarcli.reports.figures import Density, unit_of
-from lidarcli.sweeps import Float64
+from lidarcli.sweeps import Float64, Int64
 
 NONE = "-"
 TINY = 1e-12
@@ -201,11 +201,15 @@ def resample(values: Float64, width: int) -> Float64:
     """Return the means of at most `width` groups of values."""
     if len(values) <= width:
         return values
-    begin = np.linspace(0, len(values), width, endpoint=False).astype(int)
+    return means_of(values, np.linspace(0, len(values), width, endpoint=False).astype(np.int64))
+
+
+def means_of(values: Float64, begin: Int64) -> Float64:
+    """Return (K,) means of groups that begin at these values, NaN where none of a group is finite."""
     there = np.isfinite(values)
-    count = np.add.reduceat(there.astype(int), begin)
+    count = np.add.reduceat(there.astype(np.int64), begin)
     total = np.add.reduceat(np.where(there, values, 0.0), begin)
-    means: Float64 = np.divide(total, count, out=np.full(width, np.nan), where=count > 0)
+    means: Float64 = np.divide(total, count, out=np.full(len(begin), np.nan), where=count > 0)
     return means
 
 

@@ -27,10 +27,9 @@ from lidarcli.reports.document import (
     Opening,
     Part,
     Section,
-    Table,
     table_of,
 )
-from lidarcli.reports.figures import STATISTICS, ZONES, Spread, plain_fields, plain_number, zone_names, zone_of
+from lidarcli.reports.figures import STATISTICS, ZONES, Spread, plain_fields, plain_number, zone_of
 from lidarcli.reports.wording import NONE, column, counted, in_unit, number, percent
 from lidarcli.sweeps import Bool, Float64, Int64
 from lidarcli.tabular.reading import note_value, notes_of
@@ -105,15 +104,9 @@ def figures_of(zone_rows: ZoneRows) -> dict[str, float | None]:
 
     It is None where there is nothing to measure. A zone that was never observed has `observed` alone.
     """
-    found: dict[str, float | None] = {}
     columns = {name: zone_rows.zones.numbers(name) for name in NUMBERS}
-    for name in zone_rows.names:
-        shape, values = zone_rows.shapes.get(name), _values(zone_rows, name, columns)
-        missing = () if shape is None else OF_AREAS if "line" in shape else OF_LINES
-        for full in zone_names(name):
-            plain = full.removeprefix(f"{ZONES}{name}.")
-            found[full] = None if plain.startswith(missing) else values[plain]
-    return found
+    zones = {name: _values(zone_rows, name, columns) for name in zone_rows.names}
+    return {f"{ZONES}{zone}.{name}": value for zone, values in zones.items() for name, value in values.items()}
 
 
 def of_zone(rows: Rows, zone: str, *kinds: str) -> Bool:
@@ -126,15 +119,11 @@ def of_zone(rows: Rows, zone: str, *kinds: str) -> Bool:
 
 def _values(zone_rows: ZoneRows, zone: str, columns: Mapping[str, Float64]) -> dict[str, float | None]:
     """Return the figures of a zone without the beginning of their names; `columns`: `NUMBERS` of the rows of all zones."""
-    events, mine = zone_rows.events, of_zone(zone_rows.zones, zone)
+    events, mine, shape = zone_rows.events, of_zone(zone_rows.zones, zone), zone_rows.shapes.get(zone)
     of = {name: Spread.of(values[mine]) for name, values in columns.items()}
     agents, observed = of["agents"], min((one.share for one in sights_of(zone_rows, zone)), default=0.0)
-    if not observed:
-        names = (name.removeprefix(f"{ZONES}{zone}.") for name in zone_names(zone))
-        return dict.fromkeys(names) | {"observed": 0.0}
     alarms, visits = of_zone(events, zone, "occupied", "approach"), of_zone(events, zone, "visit")
-    crossings = of_zone(events, zone, "crossing")
-    duration = events.numbers("duration")
+    crossings, duration = of_zone(events, zone, "crossing"), events.numbers("duration")
     values: dict[str, float | None] = {
         "events": int(alarms.sum()),
         "share": of["active"].mean,
@@ -148,7 +137,10 @@ def _values(zone_rows: ZoneRows, zone: str, columns: Mapping[str, Float64]) -> d
     spreads = {"duration": Spread.of(duration[alarms]), "agents_at_once": agents, "dwell": Spread.of(duration[visits])}
     for name, spread in spreads.items():
         values |= {f"{name}.{statistic}": getattr(spread, statistic) for statistic in STATISTICS}
-    return values
+    if not observed:
+        return dict.fromkeys(values) | {"observed": 0.0}
+    missing = () if shape is None else OF_AREAS if "line" in shape else OF_LINES
+    return {name: None if name.startswith(missing) else value for name, value in values.items()}
 
 
 def sights_of(zone_rows: ZoneRows, zone: str) -> list[Sight]:
@@ -221,10 +213,11 @@ def parse_zone_check(expression: str, zones: Collection[str], others: Collection
     return check
 
 
-def judge_zones(check: Check, values: Mapping[str, float | None], zone_rows: ZoneRows) -> Verdict:
+def judge_zones(check: Check, values: Mapping[str, float | None], zone_rows: ZoneRows | None) -> Verdict:
     """Hold a check against the figures of zones, or against the rows of their events."""
-    found = values.get(check.name) if check.condition is None else count_events(check.condition, zone_rows)
-    return verdict_of(check, found)
+    if check.condition is None or zone_rows is None:
+        return verdict_of(check, values.get(check.name))
+    return verdict_of(check, count_events(check.condition, zone_rows))
 
 
 @dataclass(frozen=True, slots=True)
@@ -335,13 +328,17 @@ class ZonesPart(Part):
         rows = [one.cells() for one in self.zones]
         areas = [row for row, one in zip(rows, self.zones, strict=True) if not one.is_line]
         entered = [row for row in rows if {"visits", "in"} & {*row}]
-        blocks: list[Block] = [_table(areas, AREA_CELLS)] if areas else []
+        areas_table, entries_table = (
+            table_of({name: [row.get(name, "") for row in some] for name in names})
+            for some, names in ((areas, AREA_CELLS), (entered, ENTRY_CELLS))
+        )
+        blocks: list[Block] = [areas_table] if areas else []
         for source, found in [*self.timelines.items()][:LOGS]:
             bands = [Band(one.zone, "" if one.action == "none" else one.action, one.events, one.visits) for one in found]
             blocks.append(Bands(logs[source] if len(self.timelines) > 1 else "", self.seconds[source], bands))
         if len(self.timelines) > LOGS:
             blocks.append(Notes([(f"and {counted(len(self.timelines) - LOGS, 'more log')}",)]))
-        blocks += [_table(entered, ENTRY_CELLS)] if entered else []
+        blocks += [entries_table] if entered else []
         sections = {"zones": Section("Zones", blocks)}
         title = "Events of zones" + (", the worst first" if self.listed > 1 else "")
         for name, most, formats in (("events", EVENTS, (TEXT, MARKDOWN)), ("page of events", KEPT, (PAGE,))):
@@ -386,17 +383,19 @@ class ZonesPart(Part):
 def zones_part(zone_rows: ZoneRows, sources: Sequence[Origin]) -> ZonesPart:
     """Sum up the zones of sources."""
     figures, events = figures_of(zone_rows), zone_rows.events
-    actions = _actions(zone_rows)
+    # Of each zone by the metadata, or else by its events.
+    actions = dict(zip(*(events.texts(name) for name in ("zone", "action")), strict=True))
+    actions |= {name: str(shape["action"]) for name, shape in zone_rows.shapes.items() if "action" in shape}
     duration = events.numbers("duration")
     found = []
     for name in zone_rows.names:
-        alarms = of_zone(events, name, "occupied", "approach")
+        alarms, start = of_zone(events, name, "occupied", "approach"), f"{ZONES}{name}."
         found.append(
             ZoneSummary(
                 name=name,
                 action=actions.get(name, ""),
                 is_line=name in zone_rows.lines,
-                figures={full.removeprefix(f"{ZONES}{name}."): figures[full] for full in zone_names(name)},
+                figures={full.removeprefix(start): value for full, value in figures.items() if full.startswith(start)},
                 active=float(duration[alarms].sum()),
                 by=events.counts("set", alarms),
                 visits=int(of_zone(events, name, "visit").sum()),
@@ -407,12 +406,13 @@ def zones_part(zone_rows: ZoneRows, sources: Sequence[Origin]) -> ZonesPart:
     # Rows of a source follow each other.
     parts = zip(present.tolist(), np.split(stamp, begin[1:]), strict=False)
     spans = {source: (int(mine.min()), int(mine.max())) for source, mine in parts}
+    listed = np.flatnonzero(np.any([events.are("kind", kind) for kind in LISTED], axis=0))
     return ZonesPart(
         sources=tuple(sources),
         figures=figures,
         zones=tuple(found),
-        events=_most_severe(events, [source.log for source in sources]),
-        listed=len(_listed(events)),
+        events=_most_severe(events, listed, [source.log for source in sources]),
+        listed=len(listed),
         sweeps=_sweeps(zone_rows.zones),
         starts_ns={source: first for source, (first, _) in spans.items()},
         seconds={source: (last - first) * 1e-9 for source, (first, last) in spans.items()},
@@ -429,26 +429,13 @@ def _sweeps(rows: Rows) -> int:
     return int(np.pad(counts, (0, -len(counts) % size)).reshape(-1, size).max(axis=1, initial=0).sum())
 
 
-def _actions(zone_rows: ZoneRows) -> dict[str, str]:
-    """Return the action of each zone, by the metadata or else by its events."""
-    zone, action = (zone_rows.events.texts(name) for name in ("zone", "action"))
-    declared = {name: str(shape["action"]) for name, shape in zone_rows.shapes.items() if "action" in shape}
-    return dict(zip(zone, action, strict=True)) | declared
-
-
-def _most_severe(rows: Rows, logs: Sequence[str]) -> list[Any]:
-    """Return the events to look at first, and their number: by action, then the nearest, then the longest."""
-    mine = _listed(rows)
+def _most_severe(rows: Rows, listed: Int64, logs: Sequence[str]) -> list[Record]:
+    """Return the events to look at first: by action, then the nearest, then the longest."""
     action = np.array([RANKED.index(word) if word in RANKED else len(RANKED) for word in rows.texts("action")])
     nearest, longest = np.nan_to_num(rows.numbers("nearest"), nan=np.inf), -rows.numbers("duration")
     keys = (longest, nearest, action, rows.are("kind", "stale"))
-    order = mine[np.lexsort([key[mine] for key in keys])][:KEPT]
+    order = listed[np.lexsort([key[listed] for key in keys])][:KEPT]
     return rows.records(order, EVENT, log=[logs[source] for source in rows.source[order]])
-
-
-def _listed(rows: Rows) -> Int64:
-    """Return the events that are listed."""
-    return np.flatnonzero(np.any([rows.are("kind", kind) for kind in LISTED], axis=0))
 
 
 def _timelines(
@@ -462,13 +449,8 @@ def _timelines(
     for name in zone_rows.names:
         if not (of_zone(rows, name) & (rows.source == source)).any():
             continue
-        alarms, entries = (
-            _merged(begin[mine], end[mine])
-            for mine in (
-                of_zone(events, name, "occupied", "approach") & here,
-                of_zone(events, name, "visit", "crossing") & here,
-            )
-        )
+        chosen = (here & of_zone(events, name, *kinds) for kinds in (("occupied", "approach"), ("visit", "crossing")))
+        alarms, entries = (_merged(begin[mine], end[mine]) for mine in chosen)
         shape = zone_rows.shapes.get(name, {})
         corners = _corners(shape)
         frame = str(shape["frame"]) if corners else ""
@@ -517,7 +499,3 @@ def _event_cells(events: Sequence[Any], several: bool = False) -> dict[str, list
         "by": [f"{WHO.get(one.set, '').removesuffix('s')} {one.label}".strip() for one in events],
         "log": [one.log if several else "" for one in events],
     }
-
-
-def _table(rows: Sequence[Mapping[str, str]], names: Sequence[str]) -> Table:
-    return table_of({name: [row.get(name, "") for row in rows] for name in names})

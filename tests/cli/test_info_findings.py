@@ -75,7 +75,7 @@ def test_checks_count_the_findings_of_all_logs(lidarcli: Run, check: str, code: 
     ("check", "says"),
     [
         ("findings.eror == 0", "unknown figure 'findings.eror'; did you mean findings.errors"),
-        ("sweeps > 0", "unknown figure 'sweeps'; docs/info.md has all"),
+        ("sweeps > 0", "unknown figure 'sweeps'; there are "),
         ("objects where width > 1 == 0", "unknown figure 'objects'"),
         ("findings = 0", "findings = 0"),
         *(

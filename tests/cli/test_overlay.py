@@ -259,17 +259,6 @@ def test_each_sensor_has_a_topic_of_its_own(lidarcli: Run, logs: Path, tmp_path:
     assert Counter(each.topic for each in read_back(chosen)) == {"/rear": counts["/rear"], OBJECTS: counts["/rear"]}
 
 
-def test_times_of_a_topic_go_on_where_header_stamps_go_back(lidarcli: Run, tmp_path: Path) -> None:
-    sweeps = room_sweeps(count=60)
-    sweeps.stamp_ns[30] -= 400_000_000
-    write_log(tmp_path / "run.mcap", [sweeps])
-    out = tmp_path / "o.mcap"
-    assert lidarcli("-q", "overlay", tmp_path / "run.mcap", "-o", out).code == 0
-    with out.open("rb") as file:
-        times = [(each.log_time, each.publish_time) for *_, each in make_reader(file).iter_messages()]
-    assert times == [(at, at) for at in sweeps.record_ns.tolist()]
-
-
 @pytest.mark.parametrize("encoding", ["json", "protobuf"])
 def test_a_log_that_is_not_ros_is_written_anew(lidarcli: Run, tmp_path: Path, encoding: str) -> None:
     log, out = tmp_path / "run.mcap", tmp_path / "o.mcap"
@@ -318,18 +307,6 @@ def test_the_same_input_gives_the_same_bytes(lidarcli: Run, made: Path, tmp_path
     assert (tmp_path / "drive.rviz").read_bytes() == (made / "drive.rviz").read_bytes()
 
 
-def test_only_sweeps_that_the_tables_know_have_markers(lidarcli: Run, tmp_path: Path) -> None:
-    assert lidarcli("-q", "track", str(DRIVE), "-o", str(tmp_path), "--every", "3", "--start", "2").code == 0
-    out = tmp_path / "o.mcap"
-    assert lidarcli("-q", "overlay", str(DRIVE), "-o", str(out), "--objects", str(tmp_path)).code == 0
-    sweeps = pq.read_table(tmp_path / "drive.sweeps.parquet")["sweep"].to_pylist()
-    records = [record for _, record, _, _ in sweeps_of(DRIVE)]
-    assert [each.record_ns for each in read_back(out, OBJECTS)] == [records[sweep] for sweep in sweeps]
-    again = tmp_path / "again.mcap"
-    assert lidarcli("-q", "overlay", str(DRIVE), "-o", str(again), "--every", "3", "--start", "2").code == 0
-    assert again.read_bytes() == out.read_bytes()
-
-
 def test_tables_that_know_more_than_the_log_are_told_of(lidarcli: Run, tmp_path: Path) -> None:
     sweeps = room_sweeps(count=60)
     write_log(tmp_path / "run.mcap", [sweeps])
@@ -342,15 +319,6 @@ def test_tables_that_know_more_than_the_log_are_told_of(lidarcli: Run, tmp_path:
     assert ran.code == 3
     assert "20 sweeps of the tables are not in the log" in ran.err
     assert len(read_back(out, OBJECTS)) == 40
-
-
-def test_tables_of_another_log_are_refused(lidarcli: Run, made: Path, logs: Path, tmp_path: Path) -> None:
-    out = tmp_path / "o.mcap"
-    told = ("--objects", str(made / "people.objects.parquet"))
-    ran = lidarcli("overlay", str(logs / "run.mcap"), "-o", str(out), *told)
-    assert ran.code == 3
-    assert "not the tables of this log" in ran.err
-    assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import shutil
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -22,12 +21,10 @@ from lidarcli.pipeline import plotting
 from lidarcli.pipeline.inputs.search import find_logs
 from lidarcli.pipeline.inputs.sources import Source
 from lidarcli.pipeline.plotting import PlotOptions, take_pictures
-from lidarcli.simulation.writers import write_log
 from lidarcli.sweeps import SweepBatch
 from lidarcli.tabular import TRAJECTORIES
 from tests.places import SAMPLES
 from tests.reports.runs import trajectories
-from tests.sweeping import raw_sweeps
 
 Run = Callable[..., Any]
 
@@ -39,22 +36,7 @@ def test_one_sweep(lidarcli: Run, logs: Path, tmp_path: Path) -> None:
     with Image.open(out) as image:
         assert image.size == (1440, pytest.approx(805, abs=10))
     assert [path.name for path in out.parent.iterdir()] == ["sweep.png"]
-    again = lidarcli("plot", logs / "run.mcap", "--sweep", 5, "-o", out)
-    assert (again.code, again.err) == (
-        5,
-        f"lidarcli: {out} exists; use --overwrite to replace it, or -o to write elsewhere\n",
-    )
     assert lidarcli("plot", logs / "run.mcap", "-o", out, "--overwrite").code == 0
-
-
-@pytest.mark.slow
-def test_a_sweep_without_beams_is_an_empty_picture(lidarcli: Run, tmp_path: Path) -> None:
-    write_log(tmp_path / "none.mcap", [raw_sweeps(np.zeros((9, 0), np.float32))])
-    out = tmp_path / "a.png"
-    ran = lidarcli("plot", tmp_path / "none.mcap", "--sweep", 3, "-o", out)
-    assert ran.code == 0
-    assert ran.err == f"  note     the sweeps of /scan have no beams\n  wrote    {out}\n"
-    assert out.stat().st_size > 1000
 
 
 @pytest.mark.usefixtures("undrawn")
@@ -104,11 +86,6 @@ def test_without_a_name_the_picture_is_named_after_the_log(
     monkeypatch.chdir(tmp_path)
     ran = lidarcli("plot", logs / "run.mcap", "--view", "scene")
     assert (ran.code, ran.out, ran.err) == (0, "", "  wrote    run-0.png\n")
-    ran = lidarcli("plot", logs / "run.mcap", "--view", "scene")
-    assert (ran.code, ran.err) == (
-        5,
-        "lidarcli: run-0.png exists; use --overwrite to replace it, or -o to write elsewhere\n",
-    )
     assert lidarcli("-q", "plot", logs / "run.mcap", "--view", "scene", "--sweeps", "3,4").code == 0
     words = ("--sweeps", "3,4", "--view", "scene", "--animate", "--width", 60, "--dpi", 50)
     ran = lidarcli("plot", logs / "run.mcap", *words)
@@ -218,19 +195,6 @@ def test_tracks_that_cannot_be_drawn(lidarcli: Run, logs: Path, tracked: Path, t
 
 
 @pytest.mark.slow
-def test_an_animation(lidarcli: Run, logs: Path, tmp_path: Path) -> None:
-    out = tmp_path / "a.gif"
-    ran = lidarcli("plot", logs / "run.mcap", "--sweeps", "8:12", "--view", "scene", "--animate", "-o", out)
-    assert ran.code == 0
-    with Image.open(out) as image:
-        assert getattr(image, "n_frames", 1) >= 2
-    assert [path.name for path in tmp_path.iterdir()] == ["a.gif"]
-    if shutil.which("ffmpeg") is None:
-        ran = lidarcli("plot", logs / "run.mcap", "--sweeps", "0,1", "--animate", "-o", tmp_path / "a.mp4")
-        assert (ran.code, ran.err) == (2, "lidarcli: .mp4 needs ffmpeg, which is not there; write .gif instead\n")
-
-
-@pytest.mark.slow
 def test_an_animation_of_a_time(lidarcli: Run, logs: Path, tmp_path: Path) -> None:
     found = find_logs([str(logs / "run.mcap")])[0]
     assert isinstance(found, Source)
@@ -282,13 +246,6 @@ def test_mistakes(lidarcli: Run, logs: Path, arguments: tuple[object, ...], code
     assert not Path("a.png").exists()
 
 
-def test_no_log(lidarcli: Run, logs: Path, tmp_path: Path) -> None:
-    ran = lidarcli("plot", tmp_path / "no.mcap", "-o", tmp_path / "a.png")
-    assert (ran.code, ran.err) == (3, f"lidarcli: {tmp_path / 'no.mcap'}: no such file or folder\n")
-    ran = lidarcli("plot", logs, "-o", tmp_path / "a.png")
-    assert (ran.code, ran.err) == (2, f"lidarcli: {logs}: holds 3 logs; name one of them\n")
-
-
 @pytest.mark.usefixtures("undrawn")
 def test_a_damaged_log(lidarcli: Run, logs: Path, tmp_path: Path) -> None:
     ran = lidarcli("plot", logs / "cut.mcap", "--sweep", 10, "-o", tmp_path / "a.png")
@@ -325,19 +282,15 @@ def test_the_sweep_at_a_time(lidarcli: Run, tmp_path: Path, monkeypatch: pytest.
 
 
 @pytest.mark.parametrize(
-    ("time", "nearest"),
-    [("9999-01-01", "sweep 79, is 251,670,764,796.0 s away"), ("0001-01-01", "sweep 0, is 63,835,596,800.0 s away")],
+    ("time", "shown", "nearest"),
+    [
+        ("9999-01-01", "9999-01-01T00:00:00Z", "sweep 79, is 251,670,764,796.0 s away"),
+        ("0001-01-01", "0001-01-01T00:00:00Z", "sweep 0, is 63,835,596,800.0 s away"),
+        ("100", "100 s", "sweep 79, is 96.0 s away"),
+    ],
 )
-def test_a_date_far_from_every_log(lidarcli: Run, time: str, nearest: str) -> None:
+def test_a_time_without_a_sweep_near_it(lidarcli: Run, time: str, shown: str, nearest: str) -> None:
     """Also where int64 cannot count the nanoseconds between them."""
     log = SAMPLES / "people.csv.gz"
     ran = lidarcli("plot", log, "--at", time)
-    words = f"no sweep of /scan at {time}T00:00:00Z: the nearest, {nearest}"
-    assert (ran.code, ran.err) == (2, f"lidarcli: {log}: {words}\n")
-
-
-def test_a_time_without_a_sweep_near_it(lidarcli: Run) -> None:
-    log = SAMPLES / "people.csv.gz"
-    ran = lidarcli("plot", log, "--at", "100")
-    nearest = "the nearest, sweep 79, is 96.0 s away"
-    assert (ran.code, ran.err) == (2, f"lidarcli: {log}: no sweep of /scan at 100 s: {nearest}\n")
+    assert (ran.code, ran.err) == (2, f"lidarcli: {log}: no sweep of /scan at {shown}: the nearest, {nearest}\n")

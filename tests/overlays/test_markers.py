@@ -96,10 +96,6 @@ def test_a_message_without_objects_only_deletes(cdr: bool) -> None:
         assert only.color.a == only.scale.x == 1
 
 
-def test_no_message_gives_none() -> None:
-    assert marker_arrays(np.empty(0, np.int64), "laser", [], cdr=True) == []
-
-
 @pytest.mark.parametrize(
     ("stamp", "told"), [(-5, (0, 0)), (0, (0, 0)), (1 << 62, (LAST_SECOND, 0))], ids=["before", "0", "after"]
 )

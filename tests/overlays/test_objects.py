@@ -10,20 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 from lidarcli.overlays.markers import Kind, Markers
-from lidarcli.overlays.objects import (
-    BEHIND,
-    CLEAR,
-    LEAST_SIDE,
-    LETTER,
-    PART,
-    SOLID,
-    TEXT,
-    Poses,
-    Trajectories,
-    is_mirrored,
-    markers_of,
-    paths_of,
-)
+from lidarcli.overlays.objects import CLEAR, LEAST_SIDE, PART, SOLID, Poses, Trajectories, is_mirrored, markers_of, paths_of
 from lidarcli.palette import BLUE, SHAPE_COLOURS, VERMILION, on_dark
 from lidarcli.tabular.schemas import OBJECTS, TRAJECTORIES
 
@@ -106,27 +93,6 @@ def test_a_name_of_the_catalogue_stands_before_the_size() -> None:
 def test_the_label_tells_no_width_that_was_not_seen(width: float | None) -> None:
     (label,) = of_kind(drawn({"box_width": width}), Kind.LABEL)
     assert words(label) == ["1 0.60 m"]
-
-
-@pytest.mark.parametrize(
-    ("place", "yaw", "side"),
-    [((-3.0, 0.0), None, 0), ((0.0, 4.0), None, 1), ((-3.0, 0.0), 0.5 * np.pi, 1), ((0.0, 4.0), -0.5 * np.pi, 0)],
-)
-def test_labels_are_pale_and_beside_their_objects_in_the_shadow(
-    place: tuple[float, float], yaw: float | None, side: int
-) -> None:
-    """Seen with the world's x to the right, a text lies beside the body by its length (0), or by its height (1)."""
-    poses = NOWHERE if yaw is None else Poses(np.ones(1), np.ones(1), np.full(1, yaw))
-    body, label = (
-        group
-        for group in drawn({"box_x": place[0], "box_y": place[1]}, poses=poses)
-        if group.kind in (Kind.CUBE, Kind.LABEL)
-    )
-    half = 0.5 * TEXT * (LETTER * len(words(label)[0]) if side == 0 else 1.0)
-    away = 0.5 * np.hypot(0.6, 0.4) + BEHIND + half
-    expected = np.array(place) * (1 + away / np.hypot(*place))
-    assert label.position[0, :2] == pytest.approx(expected)
-    assert label.colour[0, :3].tolist() == pytest.approx([(1 + each) / 2 for each in body.colour[0, :3]])
 
 
 @pytest.mark.parametrize(

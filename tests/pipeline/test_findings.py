@@ -88,57 +88,29 @@ def repeated(raw: RawSweeps) -> RawSweeps:
     return replace(raw, ranges=raw.ranges[np.arange(60) // 2 * 2])
 
 
+def beyond(raw: RawSweeps) -> RawSweeps:
+    return replace(raw, range_max=np.full(60, 4.0, np.float32))
+
+
+def recorded_later(raw: RawSweeps) -> RawSweeps:
+    return replace(raw, record_ns=raw.record_ns + 2 * SECOND)
+
+
 EVERY = np.arange(60)
 FAULTS: dict[str, tuple[str, str, Change, str]] = {
-    "cut short": (
-        "geometry",
-        "warning",
-        cut_short,
-        "/scan: 200 to 360 beams see 199 to 359 deg: some sweeps are cut short",
-    ),
+    "cut short": ("geometry", "warning", cut_short, "/scan: 200 to 360 beams see 199 to 359 deg: some sweeps are"),
     "turns": ("geometry", "error", scaled(angle_increment=1.6), "/scan sees 574 deg, more than a turn and a half (60 of"),
     "degrees": ("units", "error", scaled(angle_increment=14.0), "/scan sees 5,026 deg, more than a turn and a half (60 of"),
-    "beyond": (
-        "limits",
-        "warning",
-        lambda raw: replace(raw, range_max=np.full(60, 4.0, np.float32)),
-        "/scan: 43.6% of the beams are beyond the greatest range of 4 m that the log tells, but look like measurements; "
-        "--range 0 6 takes them",
-    ),
+    "beyond": ("limits", "warning", beyond, "/scan: 43.6% of the beams are beyond the greatest range of 4 m that the log"),
     "nan": ("no_return", "hint", filled(0.2, np.nan), "/scan: 20% of the beams are NaN (--no-return nan)"),
     "zero": ("no_return", "hint", filled(0.2, 0.0), "/scan: 20% of the beams are 0"),
     "range_max": ("no_return", "hint", filled(0.2, 12.0), "/scan: 20% of the beams are range_max"),
     "near": ("too_close", "warning", filled(0.05, 0.05), "/scan: 5% of the beams are below range_min"),
-    "lost": (
-        "gaps",
-        "warning",
-        rows(EVERY[EVERY % 5 != 3]),
-        "/scan: 26% of the steps are over 1.5 times the median of 0.100 s",
-    ),
-    "thinned": (
-        "gaps",
-        "warning",
-        rows(EVERY[::5]),
-        "/scan: a sweep every 0.500 s, by scan_time every 0.100 s: 4 of 5 are",
-    ),
-    "another clock": (
-        "clock",
-        "hint",
-        lambda raw: replace(raw, record_ns=raw.record_ns + 2 * SECOND),
-        "/scan: recorded 2.0 s after the stamps",
-    ),
-    "time_increment": (
-        "rolling",
-        "warning",
-        scaled(time_increment=0.5),
-        "/scan: a sweep takes 0.050 s by time_increment, 0.100 s by its view",
-    ),
-    "microseconds": (
-        "rolling",
-        "warning",
-        scaled(time_increment=0.001, scan_time=0.001),
-        "/scan: a sweep takes 0.0001 s by time_increment, 0.100 s by its view",
-    ),
+    "lost": ("gaps", "warning", rows(EVERY[EVERY % 5 != 3]), "/scan: 26% of the steps are over 1.5 times the median"),
+    "thinned": ("gaps", "warning", rows(EVERY[::5]), "/scan: a sweep every 0.500 s, by scan_time every 0.100 s: 4 of 5"),
+    "another clock": ("clock", "hint", recorded_later, "/scan: recorded 2.0 s after the stamps"),
+    "time_increment": ("rolling", "warning", scaled(time_increment=0.5), "/scan: a sweep takes 0.050 s by time_increment,"),
+    "microseconds": ("rolling", "warning", scaled(time_increment=0.001, scan_time=0.001), "/scan: a sweep takes 0.0001 s"),
     "doubled": ("duplicate", "hint", repeated, "/scan: 30 of 60 sweeps repeat the ranges before them"),
     "no frame": ("frames", "hint", lambda raw: replace(raw, frame_ids=("",)), "/scan: the sweeps name no frame"),
 }

@@ -6,10 +6,8 @@ import numpy as np
 import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
-from matplotlib.markers import MarkerStyle
 
 import lidarcli
-from lidarcli import palette
 from lidarcli.formalism.background import Background
 from lidarcli.reports.drawing import project_style
 from lidarcli.reports.map_picture import background_figure, draw_backgrounds
@@ -27,15 +25,6 @@ def drawn(sensor: Background) -> Figure:
         figure = background_figure([sensor])
         FigureCanvasAgg(figure).draw()
     return figure
-
-
-def test_the_sensor_is_black_and_points_where_it_looks(people: Background) -> None:
-    (axes,) = drawn(people).axes[:1]
-    (sensor,) = (line for line in axes.lines if line.get_label() == "sensor")
-    assert sensor.get_markerfacecolor() == palette.BLACK
-    marker = sensor.get_marker()
-    tip = MarkerStyle(marker).get_path().transformed(MarkerStyle(marker).get_transform()).vertices
-    assert tip[np.argmax(np.hypot(tip[:, 0], tip[:, 1] * 0.99))] == pytest.approx([0.5, 0.0], abs=0.01)
 
 
 def test_the_colour_bar_is_as_high_as_its_plot_and_shows_what_occurs(people: Background) -> None:

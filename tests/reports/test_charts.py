@@ -9,16 +9,16 @@ import numpy as np
 import pytest
 
 from lidarcli.palette import COLOURS, HEAT, page_style
-from lidarcli.reports.charts import charts
 from lidarcli.reports.figures import Density
 from lidarcli.reports.ground import Walls
-from lidarcli.reports.report import Report
+from lidarcli.reports.html import charts
+from lidarcli.reports.run import RunPart
 from lidarcli.reports.summary import summarise
 from tests.reports.runs import run_of, sweep, thing
 
 
-def report_of(**tables: Any) -> Report:
-    return Report(summarise(run_of(**tables)))
+def report_of(**tables: Any) -> RunPart:
+    return RunPart(summarise(run_of(**tables)))
 
 
 def varied() -> dict[str, Any]:
@@ -34,7 +34,7 @@ def varied() -> dict[str, Any]:
     }
 
 
-def titles(report: Report) -> list[str]:
+def titles(report: RunPart) -> list[str]:
     return [chart.title for chart in charts(report, {})]
 
 

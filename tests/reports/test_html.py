@@ -13,8 +13,10 @@ import numpy as np
 import pytest
 
 from lidarcli.reports import html
+from lidarcli.reports.document import Report
 from lidarcli.reports.ground import Raw
 from lidarcli.reports.html import choose_sweeps, pack
+from lidarcli.reports.run import RunPart
 from lidarcli.reports.summary import summarise
 from tests.places import SAMPLES
 from tests.reports.browser import CHROMIUM, Page, browser
@@ -237,12 +239,11 @@ def long_page(sweeps: int, beams: int) -> str:
         np.full(sweeps, beams),
         walls + 0.01 * rng.standard_normal((sweeps, beams)),
     )
-    from lidarcli.reports.report import Report
 
     summary = summarise(run)
     packed = pack(run, summary, choose_sweeps(run, summary), {(0, "/scan"): raw})
     assert packed["streams"][0]["count"] == sweeps
-    return html.render(Report(summary), html.Page({**packed, "note": ""}))
+    return html.render(Report((RunPart(summary),), page=html.Page({**packed, "note": ""})))
 
 
 @pytest.mark.slow
@@ -293,34 +294,6 @@ def test_the_viewer_in_a_browser(page: Page, room: Path) -> None:
         assert "most lost beams (1.4 %)" in page.evaluate(WORDS)
     assert page.complaints == []
     assert [url for url in page.requests if not url.startswith(("file:", "data:"))] == []
-
-
-VERMILION = """(() => {
-  const canvas = document.getElementById('scene'), pen = canvas.getContext('2d');
-  const data = pen.getImageData(0, 0, canvas.width, canvas.height).data;
-  let count = 0;
-  for (let i = 0; i < data.length; i += 4) count += data[i] === 213 && data[i + 1] === 94 && data[i + 2] === 0;
-  return count;
-})()"""
-
-
-@pytest.mark.whole
-def test_tracks_in_a_browser(page: Page, lidarcli: Run, tmp_path: Path) -> None:
-    one = crossing()
-    one["objects"][0] |= {"label": EVIL}
-    assert lidarcli("report", write_run(tmp_path, **one), "-o", tmp_path / "a.html")[0] == 0
-    page.open(tmp_path / "a.html", 400)
-    assert page.evaluate("document.documentElement.scrollWidth") <= 400
-    assert page.evaluate(WORDS).startswith("sweep 0, 0.00 s, 3 objects (2 of agents), threshold d_th ")
-    first = page.evaluate(VERMILION)
-    assert first > 30
-    page.evaluate("document.querySelector('#tracks .jump[data-sweep=\"5\"]').click()")
-    assert page.evaluate(WORDS).startswith("sweep 5, 0.50 s, 4 objects (3 of agents), threshold d_th ")
-    assert "track of an agent" in page.evaluate("document.getElementById('legend').textContent")
-    assert page.complaints == []
-    # A path of six points, and a second agent. To look at a picture twice is worth a warning to the browser.
-    assert page.evaluate(VERMILION) > first + 60
-    page.complaints.clear()
 
 
 @pytest.mark.whole

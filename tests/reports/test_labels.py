@@ -10,8 +10,7 @@ import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from lidarcli.reports.drawing import draw_panel, project_style
-from lidarcli.reports.labels import Label, Labels, line_to, place_labels
+from lidarcli.reports.drawing import Label, Labels, draw_panel, line_to, place_labels, project_style
 from lidarcli.reports.picture import scene
 from lidarcli.sweeps import Float64
 from tests.reports.test_picture import sample
@@ -36,18 +35,6 @@ def meet(one: Float64, other: Float64) -> bool:
     return bool((one[:2] < other[2:]).all() and (other[:2] < one[2:]).all())
 
 
-def test_a_label_alone_stands_on_the_side_that_it_wants() -> None:
-    assert placed((100, 100))[0] == pytest.approx([103.0, 96.0, 113.0, 104.0])
-    assert placed((100, 100), side=(0.0, -1.0))[0] == pytest.approx([95.0, 89.0, 105.0, 97.0])
-
-
-def test_a_label_stays_in_view_and_off_the_points() -> None:
-    assert placed((196, 100))[0, 2] <= 200.0
-    points = np.array([(104.0 + dx, 98.0 + dy) for dx in range(9) for dy in range(5)])
-    (place,) = placed((100, 100), drawn=points)
-    assert not ((points > place[:2]) & (points < place[2:])).all(axis=1).any()
-
-
 def test_labels_of_a_crowd_do_not_meet() -> None:
     crowd = [(100.0 + 5 * column, 100.0 + 5 * row) for column in range(5) for row in range(5)]
     places = placed(*crowd)
@@ -66,18 +53,6 @@ def test_without_room_every_label_is_still_drawn() -> None:
     assert placed((5, 5), (6, 5), (5, 6), view=small).shape == (3, 4)
     assert np.isfinite(placed((5, 5), (6, 5), (5, 6), view=small)).all()
     assert placed(view=small).shape == (0, 4)
-
-
-def test_a_near_label_has_no_line() -> None:
-    alone = np.array([at(0, 0)])
-    assert line_to(np.array([3.0, -4.0, 13.0, 4.0]), 0, alone, 1.0) is None
-    line = line_to(np.array([12.0, -4.0, 22.0, 4.0]), 0, alone, 1.0)
-    assert line is not None
-    assert sorted(line.tolist()) == [[2.0, 0.0], [12.0, 0.0]]
-    # A neighbour that is as near makes it doubtful whose label it is.
-    near = np.array([6.0, -4.0, 16.0, 4.0])
-    assert line_to(near, 0, alone, 1.0) is None
-    assert line_to(near, 0, np.array([at(0, 0), at(20, 0)]), 1.0) is not None
 
 
 SAMPLE_SWEEPS = [("people.csv.gz", 0), ("people.csv.gz", 34), ("corridor.bag", 3), ("hall", 5), ("room.mcap", 50)]

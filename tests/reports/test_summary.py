@@ -11,8 +11,9 @@ import pytest
 
 from lidarcli.reports import figures
 from lidarcli.reports.columns import Origin, Rows, Run
+from lidarcli.reports.document import Report
 from lidarcli.reports.figures import density, nice_edges
-from lidarcli.reports.report import Report
+from lidarcli.reports.run import RunPart
 from lidarcli.reports.summary import summarise
 from lidarcli.reports.text import as_text as render
 from tests.reports.runs import START, TENTH, run_of, sweep, thing
@@ -214,7 +215,7 @@ def test_sweeps_that_stand_out_fit_a_terminal_whatever_logs_are_called() -> None
     tables = [run.sweeps.table for run in runs]
     tables[1] = pa.concat_tables([tables[1].slice(0, 8), rest.sweeps.table.slice(1)]).unify_dictionaries()
     run = Run((Origin("a", long), Origin("b", "b")), Rows.join(tables), Rows.join([run.objects.table for run in runs]))
-    text = render(Report(summarise(run)))
+    text = render(Report((RunPart(summarise(run)),)))
     lines = text[text.index("Sweeps that stand out") :].splitlines()
     assert max(map(len, lines)) <= 80
     first, other = lines.index(f"{long} /scan"), lines.index("b /scan")

@@ -11,9 +11,8 @@ from typing import Any
 
 import pytest
 
-from lidarcli.palette import COLOURS
 from tests.reports.browser import CHROMIUM, Page, browser
-from tests.reports.runs import START, crossing, sweep, thing, write_run
+from tests.reports.runs import crossing, sweep, thing, write_run
 from tests.waiting import wait_until
 
 pytestmark = [pytest.mark.whole, pytest.mark.skipif(CHROMIUM is None, reason="needs Chromium")]
@@ -386,32 +385,3 @@ def test_the_world_frame(page: Page, made: Callable[..., Path]) -> None:
     awaited(page, WAIT)
     assert page.evaluate(WORDS).startswith("sweep 2, ")
     assert page.complaints == []
-
-
-def test_walls_in_the_world_frame(page: Page, tmp_path: Path) -> None:
-    from lidarcli.cli import run
-    from tests.places import SAMPLES
-
-    log = SAMPLES / "drive.db3"
-    assert run(["-q", "detect", str(log), "-o", str(tmp_path), "--end", "4"]) == 0
-    assert run(["-q", "report", str(tmp_path), "--log", str(log), "-o", str(tmp_path / "a.html")]) == 0
-    page.open(tmp_path / "a.html", 1280)
-    cells = f'fill="{COLOURS["light"][0]}"'.encode()
-    assert saved(page, "svg").count(cells) == 0
-    page.evaluate("location.hash = '#sweep=5&view=world'")
-    awaited(page, WAIT)
-    assert saved(page, "svg").count(cells) > 100
-    assert "map (world frame)" in page.evaluate("document.getElementById('legend').textContent")
-    assert page.complaints == []
-
-
-def test_a_log_of_one_sweep_and_one_whose_clock_stands(page: Page, made: Callable[..., Path]) -> None:
-    rows = [sweep(0), *(sweep(k, 1, topic="/other", stamp=START) for k in range(3))]
-    page.open(made(sweeps=rows, objects=[]), 400)
-    press(page, "ArrowRight")
-    assert page.evaluate(WORDS).startswith("sweep 0, 0.00 s, 0 objects")
-    page.evaluate("const s = document.getElementById('stream'); s.value = 1; s.dispatchEvent(new Event('change'))")
-    press(page, "End")
-    assert page.evaluate(WORDS).startswith("sweep 2, 0.00 s, 1 object,")
-    assert page.complaints == []
-    assert page.evaluate("document.documentElement.scrollWidth") == 400

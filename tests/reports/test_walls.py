@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -10,7 +9,7 @@ import pytest
 
 from lidarcli.formalism.mapping.grid import FREE, OCCUPIED, UNKNOWN
 from lidarcli.reports.columns import Run
-from lidarcli.reports.ground import MOST, Ground, Raw, limits_of, map_of, walls_of
+from lidarcli.reports.ground import MOST, Raw, map_of, walls_of
 from lidarcli.reports.html import pack_map
 from lidarcli.sweeps import Float64
 from tests.reports.runs import array, run_of, sweep, thing, track
@@ -109,7 +108,7 @@ def test_where_there_is_no_map() -> None:
     assert map_of(posed, {(0, "/other"): beams[0, "/scan"]}) is None
     # Ground that is too large for cells, and bearings that are none.
     assert map_of(seen([(1e12 + k, 0.0, 0.0) for k in range(3)]), beams) is None
-    nothing = replace(beams[0, "/scan"], angle_min=np.full(3, np.nan))
+    nothing = beams[0, "/scan"]._replace(angle_min=np.full(3, np.nan))
     grid = map_of(posed, {(0, "/scan"): nothing})
     assert grid is not None
     assert (grid.occupied, grid.free) == (0, 0)
@@ -176,8 +175,8 @@ def test_odd_bearings() -> None:
     raw = beams[0, "/scan"]
     for name in ("angle_min", "angle_increment"):
         for value in (np.nan, 0.0, 1e-12, 1e12):
-            walls_of(seen(still, set="O"), {(0, "/scan"): replace(raw, **{name: np.full(4, value)})})
-    nothing = replace(raw, angle_min=np.full(4, np.nan))
+            walls_of(seen(still, set="O"), {(0, "/scan"): raw._replace(**{name: np.full(4, value)})})
+    nothing = raw._replace(angle_min=np.full(4, np.nan))
     assert walls_of(seen(still, set="O"), {(0, "/scan"): nothing}) == {}
 
 
@@ -185,8 +184,7 @@ def test_sweeps_that_run_clockwise_and_see_a_part() -> None:
     still = [(0.0, 0.0, 0.0)] * 4
     full = raw_of(*[room(0.0, 0.0, 0.0)] * 4)[0, "/scan"]
     # The beams from 89 degrees down to -90 degrees.
-    part = replace(
-        full,
+    part = full._replace(
         angle_min=np.full(4, 89 * STEP),
         angle_increment=np.full(4, -STEP),
         ranges=full.ranges[:, 269:89:-1],
@@ -197,37 +195,3 @@ def test_sweeps_that_run_clockwise_and_see_a_part() -> None:
     bearing = np.arctan2(walls.y, walls.x) / STEP
     assert (bearing.min(), bearing.max()) == pytest.approx((-90, 89), abs=1.5)
     assert np.abs(bearing).min() > 9
-
-
-AHEAD = Raw(
-    np.arange(1), np.zeros(1), np.full(1, np.pi / 2), np.zeros(1, np.uint8), np.array([2]), np.array([[3.0, 7.0, 99.0]])
-)
-"""One range ahead, one to the left, and what lies beyond the beams."""
-TURN = Raw(
-    *(np.arange(1), np.full(1, -np.pi), np.full(1, np.pi / 2), np.full(1, 2, np.uint8), np.array([5])),
-    np.array([[1.0, 1.5, np.nan, 2.5, 1.0]]),
-)
-"""A full turn whose last beam is the first one again."""
-BOX = np.array([4.0]), np.array([-1.0]), np.array([0])
-"""A point of a box in the first sweep."""
-
-
-def at(x: float, y: float, yaw: float, side: float, posed: bool) -> Ground:
-    return Ground(np.empty(0), np.empty(0), *(np.array([value]) for value in (x, y, yaw)), side, posed)
-
-
-def test_the_limits_of_pictures_hold_what_is_drawn() -> None:
-    found = limits_of(AHEAD, at(0, 0, 0, 1.0, False), *BOX)
-    assert found["whole"]["sensor"] == [0.0, 4.0, -1.0, 7.0]
-    assert found["whole"]["world"] is None
-    assert found["curves"] == pytest.approx([7.0, 4.0, 0.0, np.pi / 2])
-    found = limits_of(TURN, at(0, 0, 0, 1.0, False), *BOX)
-    assert found["whole"]["sensor"] == pytest.approx([-1.0, 4.0, -1.5, 2.5])
-    # The turn closes from 2.5 m ahead to 1 m behind.
-    assert found["curves"] == pytest.approx([np.hypot(4.0, 1.0), 1.5, -np.pi, np.pi])
-    # Head down and along y of the world: what is to the left is along x.
-    found = limits_of(AHEAD, at(10.0, 20.0, np.pi / 2, -1.0, True), *BOX)
-    assert found["whole"]["world"] == pytest.approx([9.0, 17.0, 20.0, 24.0])
-    none = np.empty(0), np.empty(0), np.empty(0, np.int64)
-    found = limits_of(None, at(np.nan, np.nan, np.nan, 1.0, True), *none)
-    assert found == {"whole": {"sensor": [0.0, 0.0, 0.0, 0.0], "world": None}, "curves": None}

@@ -10,10 +10,10 @@ from pathlib import Path
 import pytest
 
 from lidarcli.errors import OptionError, UnreadableError
-from lidarcli.pipeline.reporting import FORMATS, PagedReport, ReportOptions, make_report, render
+from lidarcli.pipeline.reporting import FORMATS, ReportOptions, make_report, render
 from lidarcli.reports.columns import Origin, ZoneRows
-from lidarcli.reports.document import PartsReport
-from lidarcli.reports.report import Report
+from lidarcli.reports.document import Report
+from lidarcli.reports.run import RunPart
 from lidarcli.reports.zones import figures_of, judge_zones, parse_zone_check, zones_part
 from tests.reports.browser import CHROMIUM, browser
 from tests.reports.runs import crossing, event, watch, watched_of, write_run, write_zones
@@ -217,7 +217,7 @@ SHAPES = [
 ]
 
 
-def made(*tables: Path, checks: Sequence[str] = (), viewer: bool = False) -> PagedReport:
+def made(*tables: Path, checks: Sequence[str] = (), viewer: bool = False) -> Report:
     return make_report(ReportOptions(tuple(map(str, tables)), tuple(checks)), viewer=viewer)
 
 
@@ -225,9 +225,9 @@ def test_a_report_on_zones_alone_in_every_format(tmp_path: Path) -> None:
     events = write_zones(tmp_path, EVENT_ROWS, ZONE_ROWS, shapes=SHAPES)
     for named in (events, tmp_path / "run.zones.parquet", tmp_path):
         found = made(named, checks=["zones.stop.events == 2", "zones.behind.events == 0"])
-        assert isinstance(found.report, PartsReport)
-        assert [(one.found, one.holds) for one in found.report.verdicts] == [(2, True), (None, False)]
-        assert found.report.exit_code == 1
+        assert not isinstance(found.parts[0], RunPart)
+        assert [(one.found, one.holds) for one in found.verdicts] == [(2, True), (None, False)]
+        assert found.exit_code == 1
     text = render(found, "text")
     assert max(map(len, text.splitlines())) <= 80
     assert "  stop       stop      ··········████████████▁▁▁▁▁▁▁▁▁▁▁▁▁▁▁██████·····\n" in text
@@ -273,11 +273,11 @@ def test_zones_beside_objects_join_the_report(tmp_path: Path) -> None:
         checks=["zones.stop.duration.max < 0.3", "events where set == A == 1", "sweeps == 10", *ENOUGH],
         viewer=True,
     )
-    assert isinstance(found.report, Report)
-    assert found.report.holds
-    assert found.report.figures["zones.left-door.in"] == 2
-    assert "stop: 2 events, 0.3 s, nearest 0.40 m, by agents 1, walls 1, 1 visit" in found.report.lines
-    assert "behind: never observed" in found.report.lines
+    assert isinstance(found.parts[0], RunPart)
+    assert found.holds
+    assert found.figures["zones.left-door.in"] == 2
+    assert "stop: 2 events, 0.3 s, nearest 0.40 m, by agents 1, walls 1, 1 visit" in found.lines
+    assert "behind: never observed" in found.lines
     for kind in FORMATS:
         assert "left-door" in render(found, kind)
     values = json.loads(render(found, "json"))
@@ -296,7 +296,7 @@ def test_checks_of_zones_need_their_tables(tmp_path: Path) -> None:
 def test_zones_that_lie_in_another_folder_than_their_objects_are_left_out(tmp_path: Path) -> None:
     objects = write_run(tmp_path / "tables", **crossing())
     events = write_zones(tmp_path / "out", EVENT_ROWS, ZONE_ROWS)
-    report = made(objects, events).report
+    report = made(objects, events)
     assert (report.exit_code, [line.partition(":")[0] for line in report.unread]) == (3, [str(events)])
 
 
@@ -309,24 +309,12 @@ def test_tables_of_zones_that_do_not_belong_together(tmp_path: Path) -> None:
         made(tmp_path)
 
 
-def test_what_a_report_on_zones_alone_refuses(tmp_path: Path) -> None:
-    events = str(write_zones(tmp_path, EVENT_ROWS, ZONE_ROWS))
-    for options, name in (
-        (ReportOptions((events,), baseline=(events,)), "--baseline"),
-        (ReportOptions((events,), logs=("run.mcap",)), "--log"),
-    ):
-        with pytest.raises(OptionError, match=f"{name}: these are tables of zones alone"):
-            make_report(options)
-    with pytest.raises(OptionError, match="unknown figure 'sweeps'"):
-        made(Path(events), checks=["sweeps > 3"])
-
-
 def test_checks_see_only_a_part_of_a_damaged_log(tmp_path: Path) -> None:
     events = write_zones(tmp_path, EVENT_ROWS, ZONE_ROWS, damage=["chunk 3: cut"])
-    report = made(events, checks=["zones.stop.events == 2"]).report
+    report = made(events, checks=["zones.stop.events == 2"])
     assert report.exit_code == 3
     assert "chunk 3: cut" in report.unseen[0]
-    assert made(events).report.exit_code == 0
+    assert made(events).exit_code == 0
 
 
 def test_the_viewer_holds_outlines_and_times(tmp_path: Path) -> None:
@@ -391,7 +379,7 @@ def test_of_many_logs_some_courses_are_drawn(tmp_path: Path) -> None:
     assert "  log5" in text.splitlines()
     assert "  log6" not in text.splitlines()
     assert "and 2 more logs" in text
-    assert found.report.lines[0] == "zones in 8 logs: 80 sweeps in 7.2 s, 3 zones"
+    assert found.lines[0] == "zones in 8 logs: 80 sweeps in 7.2 s, 3 zones"
 
 
 def test_figures_of_zones_beside_a_baseline(tmp_path: Path) -> None:
@@ -399,7 +387,7 @@ def test_figures_of_zones_beside_a_baseline(tmp_path: Path) -> None:
     write_zones(tmp_path / "new", EVENT_ROWS, ZONE_ROWS)
     write_zones(tmp_path / "old", EVENT_ROWS[1:], ZONE_ROWS)
     checks = ("delta.zones.stop.events == 1", "delta.zones.left-door.in == 0", "zones.stop.events == 2")
-    report = make_report(ReportOptions((str(new),), checks, (str(old),))).report
+    report = make_report(ReportOptions((str(new),), checks, (str(old),)))
     assert [(one.found, one.holds) for one in report.verdicts] == [(1, True), (0, True), (2, True)]
 
 

@@ -33,7 +33,6 @@ def import_once() -> None:
     import lidarcli.pipeline.detecting
     import lidarcli.pipeline.reporting
     import lidarcli.pipeline.viewing
-    import lidarcli.reports.charts
     import lidarcli.reports.html  # noqa: F401
 
 

@@ -30,9 +30,9 @@ from lidarcli.pipeline.api.options import Values, paths_of, plot_options, refuse
 from lidarcli.pipeline.inputs.search import files_of, find_logs, one_log
 from lidarcli.pipeline.inputs.tables import TableSet, table_files, tables_of
 from lidarcli.pipeline.plotting import picture_of, sweep_at, take_pictures, write_pictures
-from lidarcli.pipeline.reporting import PagedReport, ReportOptions, encoded, format_of, make_report, render, understand
+from lidarcli.pipeline.reporting import ReportOptions, encoded, format_of, make_report, render, understand
 from lidarcli.reports.checks import Verdict
-from lidarcli.reports.document import PartsReport
+from lidarcli.reports.document import Report
 from lidarcli.reports.picture import Axes, Figure, Picture, figure_of
 from lidarcli.reports.programs import as_dict
 from lidarcli.stores import place
@@ -141,38 +141,38 @@ class RunReport:
     problems : what could not be read, and damage that no check accepts, one line each
     """
 
-    _made: PagedReport
+    _made: Report
     _asked: ReportOptions
 
     @property
     def figures(self) -> Mapping[str, float | None]:
         """Every figure by its name, as checks name it; with a baseline also its change, `delta.NAME`."""
-        return {**self._made.report.figures}
+        return {**self._made.figures}
 
     @property
     def checks(self) -> tuple[Verdict, ...]:
         """One verdict for each check."""
-        return self._made.report.verdicts
+        return self._made.verdicts
 
     @property
     def problems(self) -> tuple[str, ...]:
         """Files that could not be read, and damage that no check accepts, one line each."""
-        return self._made.report.problems
+        return self._made.problems
 
     @property
     def holds(self) -> bool:
         """True if every check holds, and all of the data could be read."""
-        return self._made.report.holds
+        return self._made.holds
 
     def as_dict(self) -> dict[str, Any]:
         """Everything as plain values: the JSON schema of docs/reports.md."""
-        return as_dict(self._made.report)
+        return as_dict(self._made)
 
     def __repr__(self) -> str:
-        report, figures = self._made.report, self.figures
+        report, figures = self._made, self.figures
         held = sum(verdict.holds for verdict in self.checks)
         judged = f", {held} of {len(self.checks)} checks hold" if self.checks else ""
-        if isinstance(report, PartsReport):
+        if "objects" not in figures:
             return f"<report on {report.lines[0]}{judged}>"
         return f"<report on {report.title}: {figures['sweeps']:,.0f} sweeps, {figures['objects']:,.0f} objects{judged}>"
 
@@ -234,7 +234,7 @@ def report(
     read = map(str, table_files(each for each in (*asked.tables, *asked.baseline) if isinstance(each, str)))
     refuse(files, True, [*read, *files_of(find_logs(asked.logs))], devices=True)
     made = make_report(asked, viewer="html" in files.values())
-    for problem in made.report.problems:
+    for problem in made.problems:
         warn(problem)
     for file, form in files.items():
         for note in write_whole(file, encoded(render(made, form)), overwrite=True, devices=True):

@@ -39,7 +39,7 @@ function decodeAll(packed, names, Kind, into) {
 if (data.map) for (const runs of [data.map.free, data.map.occupied]) decodeAll({ ...runs }, ["row", "column", "length"], Uint16Array, runs);
 
 function unpack(one) {
-  const s = { log: one.log, topic: one.topic, frame: one.frame, count: one.count, scale: one.scale, zones: one.zones || [], bounds: one.whole, limits: one.curves };
+  const s = { log: one.log, topic: one.topic, frame: one.frame, count: one.count, scale: one.scale, zones: one.zones || [] };
   decodeAll(one, ["sweep", "offsets"], Int32Array, s);
   decodeAll(one, ["seconds", "d_th"], Float32Array, s);
   decodeAll(one, ["object", "objects", "agents"], Uint16Array, s);

@@ -6,10 +6,35 @@ const MARGIN = { left: 44, right: 8, top: 18, bottom: 34 };
 
 // The view of the ground that holds all sweeps of a stream, so that the picture does not jump, and the limits of the curves.
 function measure(s) {
-  const [reach, jump, low, high] = s.limits || [0, 0, 0, 0];
-  s.curves = { reach: 1.05 * Math.max(reach, 0.1), jump: 1.1 * Math.max(jump, 0.1), low: low, high: high };
-  if (!(high > low)) { s.curves.low = -Math.PI; s.curves.high = Math.PI; }
-  s.whole = { sensor: airy(s.bounds.sensor), world: airy(s.bounds.world) };
+  const sensor = [0, 0, 0, 0], ground = [Infinity, -Infinity, Infinity, -Infinity];
+  let reach = 0, jump = 0, low = Infinity, high = -Infinity;
+  const hold = (bounds, x, y) => {
+    if (!isFinite(x) || !isFinite(y)) return;
+    if (x < bounds[0]) bounds[0] = x;
+    if (x > bounds[1]) bounds[1] = x;
+    if (y < bounds[2]) bounds[2] = y;
+    if (y > bounds[3]) bounds[3] = y;
+  };
+  for (let k = 0; k < s.count; k++) {
+    const world = s.pose ? frameOf(s, k, true) : null;
+    if (world) hold(ground, s.pose.x[k], s.pose.y[k]);
+    const here = (x, y) => {
+      hold(sensor, x, y);
+      if (world) hold(ground, ...world.beam(x, y));
+      reach = Math.max(reach, Math.hypot(x, y) || 0);
+    };
+    for (let j = s.offsets[k]; j < s.offsets[k + 1]; j++) corners(s, j).forEach(([x, y]) => here(x, y));
+    const sweep = s.raw ? beams(s, k) : { theta: [] };
+    sweep.theta.forEach((theta, n) => {
+      low = Math.min(low, theta);
+      high = Math.max(high, theta);
+      if (!isNaN(sweep.r[n])) here(sweep.r[n] * Math.cos(theta), sweep.r[n] * Math.sin(theta));
+      jump = Math.max(jump, Math.abs(sweep.s[n]) || 0);
+    });
+  }
+  const seen = isFinite(low) && isFinite(high) && high > low;
+  s.curves = { reach: 1.05 * Math.max(reach, 0.1), jump: 1.1 * Math.max(jump, 0.1), low: seen ? low : -Math.PI, high: seen ? high : Math.PI };
+  s.whole = { sensor: airy(sensor), world: airy(ground[0] <= ground[1] ? ground : null) };
   s.view = { sensor: { ...s.whole.sensor }, world: { ...s.whole.world } };
 }
 

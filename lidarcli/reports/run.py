@@ -1,4 +1,4 @@
-"""A report on tables: the figures of a run, and the sections that say them once for every format."""
+"""A run as a part of a report: the sections that say its figures once for every format."""
 
 from __future__ import annotations
 
@@ -6,11 +6,11 @@ import math
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from lidarcli.display import stamp
-from lidarcli.reports.changes import ChangesPart
 from lidarcli.reports.columns import Origin, Record
 from lidarcli.reports.document import (
     MARKDOWN,
@@ -19,17 +19,26 @@ from lidarcli.reports.document import (
     Block,
     Card,
     Code,
-    Document,
     Drawing,
     Facts,
     Notes,
+    Part,
     Section,
     Share,
     Shares,
     Table,
     table_of,
 )
-from lidarcli.reports.figures import CATEGORIES, DELTA, SPREADS, TRACK_SPREADS, unit_of
+from lidarcli.reports.figures import (
+    CATEGORIES,
+    DELTA,
+    SPREADS,
+    TRACK_SPREADS,
+    plain_fields,
+    plain_number,
+    plain_numbers,
+    unit_of,
+)
 from lidarcli.reports.summary import (
     KINDS,
     Comparison,
@@ -39,10 +48,8 @@ from lidarcli.reports.summary import (
     beams_by_set,
     differences,
     has_agents,
-    kind_counts,
     rate,
     scene_of,
-    track_kinds,
     unlike_of,
 )
 from lidarcli.reports.wording import (
@@ -90,75 +97,9 @@ TRACK_CELLS = ("track", "kind", "shape", "label", "duration", "distance", "top s
 """Columns of a table of tracks; `track_cells` has more."""
 
 
-def sections_of(summary: Summary, comparison: Comparison | None) -> dict[str, Section]:
-    """Return the sections of a report by name, in their order."""
-    parts = [
-        *(_comparison(summary, comparison) if comparison is not None else ()),
-        ("logs", _logs(summary)),
-        ("overview", Section("Overview", [_overview(summary)], (TEXT,))),
-        ("key figures", Section("", [_key_figures(summary)], (MARKDOWN,))),
-        ("courses", Section("Over time", [*_courses(summary)], (TEXT,))),
-        *_figures(summary),
-        *_kinds(summary),
-        *(_tracks(summary.tracked) if summary.tracked is not None else ()),
-        *(summary.zones.sections().items() if summary.zones is not None else ()),
-        *_labels(summary),
-        *_distributions(summary),
-        *_outliers(summary),
-        *_streams(summary),
-        _words(summary),
-        *_sources(summary),
-    ]
-    return dict(parts)
-
-
-def cards_of(summary: Summary) -> list[Card]:
-    """Return the key figures of a page."""
-    figures, per = summary.figures, summary.spreads["objects_per_sweep"]
-    logs = f"{counted(figures['logs'], 'log')}, {counted(figures['topics'], 'topic')}"
-    beams = sum(summary.status.values())
-    lost = share(summary.status["no_return"], beams)
-    cards = [
-        _card("sweeps", number(figures["sweeps"]), logs, "sweep"),
-        Card("duration", quantity("duration", figures["duration"]), rate(summary)),
-        _card("objects", number(figures["objects"]), f"{number(per.mean)} per sweep, at most {number(per.max)}", "object"),
-        _card("beams with a range", share(summary.status["valid"], beams), f"of {beams:,}; {lost} no return", "beam"),
-    ]
-    tracked = summary.tracked
-    if tracked is not None:
-        at_once = tracked.spreads["agents_at_once"].max
-        most = f", at most {number(at_once)} at once" if at_once else ""
-        agents = f"{counted(figures['tracks.agents'], 'agent')}{most}"
-        cards.append(_card("tracks", number(figures["tracks"]), agents, "track"))
-        if (part := tracked.agent_share) is not None:
-            scene = scene_of(part)
-            cards.append(_card("beams on agents", percent(part), f"{scene} scene: {SCENES[scene]}", "agent"))
-    if summary.zones is not None:
-        cards += summary.zones.cards()
-    missing, faults = "no sweep is missing", "stamps always increase"
-    if figures["gaps"]:
-        longest = quantity("longest_gap", figures["longest_gap"])
-        missing = f"{counted(figures['missing_sweeps'], 'sweep')} missing, longest {longest}"
-    if figures["backward"] or figures["repeated"]:
-        faults = f"{number(figures['backward'])} backward, {number(figures['repeated'])} repeated"
-    cards += [
-        _card("gaps", number(figures["gaps"]), missing, "gap"),
-        _card("clock faults", number((figures["backward"] or 0) + (figures["repeated"] or 0)), faults, "clock fault"),
-    ]
-    return cards
-
-
 def _card(name: str, value: str, detail: str, word: str) -> Card:
     """Return a key figure whose meaning is that of one of `WORDS`."""
     return Card(name, value, detail, meaning=f"{word}: {WORDS[word]}")
-
-
-def damage_cards(summary: Summary) -> list[Card]:
-    """Return the card of the damage; none where the logs are whole."""
-    damage = summary.figures["damage"]
-    if not damage:
-        return []
-    return [Card("damage", number(damage), f"{'part' if damage == 1 else 'parts'} of the logs not read")]
 
 
 def _comparison(summary: Summary, comparison: Comparison) -> Iterator[tuple[str, Section]]:
@@ -281,7 +222,7 @@ def _figures(summary: Summary) -> Iterator[tuple[str, Section]]:
 def _kinds(summary: Summary) -> Iterator[tuple[str, Section]]:
     fold = "Objects and beams by kind"
     for name in ("shape", "visibility", "change"):
-        if counts := kind_counts(summary, name):
+        if counts := summary.kinds[name]:
             shares = Shares(name, "objects", counts, sum(counts.values()))
             yield name, Section(f"Objects by {name}", [shares], fold=fold)
     beams = Shares("beams", "number", _beams(summary), sum(summary.status.values()))
@@ -297,8 +238,8 @@ def _beams(summary: Summary) -> dict[str, int]:
 def _tracks(tracked: TracksSummary) -> Iterator[tuple[str, Section]]:
     formats = (TEXT, MARKDOWN)
     yield "tracks", Section("Tracks", [Facts([*_track_facts(tracked).items()])], formats)
-    for name in tracked.kinds:
-        if counts := track_kinds(tracked, name):
+    for name, kinds in tracked.kinds.items():
+        if counts := {kind.replace("_", " "): count for kind, count in kinds.items()}:
             shares = Shares(name.removeprefix("tracks."), "tracks", counts, sum(counts.values()))
             title = name.replace(".", " by ").capitalize()
             yield name, Section(title, [shares], fold="Tracks")
@@ -527,37 +468,97 @@ def _origin(source: Origin) -> str:
 
 
 @dataclass(frozen=True, slots=True)
-class Report(Document):
-    """One report on tables, whatever its format."""
+class RunPart(Part):
+    """A run, and a baseline that it is compared with, as a part of a report."""
 
     summary: Summary
     comparison: Comparison | None = None
-    changes: ChangesPart | None = None
+    schema = "lidarcli.report/1"
+
+    @property
+    def sources(self) -> tuple[Origin, ...]:  # type: ignore[override]
+        """Origins of the tables."""
+        return self.summary.sources
 
     @property
     def title(self) -> str:
-        """Subject of the report in a few words."""
+        """Name of the log, or the number of logs."""
         names = [source.log for source in self.summary.sources]
         return names[0] if len(names) == 1 else counted(len(names), "log")
 
     @property
-    def figures(self) -> Mapping[str, float | None]:
-        """Figures by name; with a baseline also their differences, with tables of changes those of these."""
-        found = self.summary.figures | (self.comparison.figures if self.comparison else {})
-        return found | (self.changes.figures if self.changes else {})
+    def figures(self) -> Mapping[str, float | None]:  # type: ignore[override]
+        """Figures by name."""
+        return self.summary.figures
+
+    @property
+    def differences(self) -> Mapping[str, float | None]:
+        """Differences from the baseline, where there is one."""
+        return self.comparison.figures if self.comparison else {}
 
     def sections(self) -> dict[str, Section]:
         """Return the sections by name, in their order."""
-        found = sections_of(self.summary, self.comparison)
-        return found if self.changes is None else self.changes.sections() | found
+        summary, comparison = self.summary, self.comparison
+        parts = [
+            *(_comparison(summary, comparison) if comparison is not None else ()),
+            ("logs", _logs(summary)),
+            ("overview", Section("Overview", [_overview(summary)], (TEXT,))),
+            ("key figures", Section("", [_key_figures(summary)], (MARKDOWN,))),
+            ("courses", Section("Over time", [*_courses(summary)], (TEXT,))),
+            *_figures(summary),
+            *_kinds(summary),
+            *(_tracks(summary.tracked) if summary.tracked is not None else ()),
+            *(summary.zones.sections().items() if summary.zones is not None else ()),
+            *_labels(summary),
+            *_distributions(summary),
+            *_outliers(summary),
+            *_streams(summary),
+            _words(summary),
+            *_sources(summary),
+        ]
+        return dict(parts)
 
     def cards(self) -> list[Card]:
-        """Return the key figures, those of checks and damage last."""
-        of_changes = [] if self.changes is None else self.changes.cards()
-        return [*cards_of(self.summary), *of_changes, *self.check_cards(), *damage_cards(self.summary)]
+        """Return the key figures of a page."""
+        summary = self.summary
+        figures, per = summary.figures, summary.spreads["objects_per_sweep"]
+        logs = f"{counted(figures['logs'], 'log')}, {counted(figures['topics'], 'topic')}"
+        objects = f"{number(per.mean)} per sweep, at most {number(per.max)}"
+        beams = sum(summary.status.values())
+        lost = share(summary.status["no_return"], beams)
+        cards = [
+            _card("sweeps", number(figures["sweeps"]), logs, "sweep"),
+            Card("duration", quantity("duration", figures["duration"]), rate(summary)),
+            _card("objects", number(figures["objects"]), objects, "object"),
+            _card("beams with a range", share(summary.status["valid"], beams), f"of {beams:,}; {lost} no return", "beam"),
+        ]
+        tracked = summary.tracked
+        if tracked is not None:
+            at_once = tracked.spreads["agents_at_once"].max
+            most = f", at most {number(at_once)} at once" if at_once else ""
+            agents = f"{counted(figures['tracks.agents'], 'agent')}{most}"
+            cards.append(_card("tracks", number(figures["tracks"]), agents, "track"))
+            if (part := tracked.agent_share) is not None:
+                scene = scene_of(part)
+                cards.append(_card("beams on agents", percent(part), f"{scene} scene: {SCENES[scene]}", "agent"))
+        if summary.zones is not None:
+            cards += summary.zones.cards()
+        missing, faults = "no sweep is missing", "stamps always increase"
+        if figures["gaps"]:
+            longest = quantity("longest_gap", figures["longest_gap"])
+            missing = f"{counted(figures['missing_sweeps'], 'sweep')} missing, longest {longest}"
+        if figures["backward"] or figures["repeated"]:
+            faults = f"{number(figures['backward'])} backward, {number(figures['repeated'])} repeated"
+        cards += [
+            _card("gaps", number(figures["gaps"]), missing, "gap"),
+            _card("clock faults", number((figures["backward"] or 0) + (figures["repeated"] or 0)), faults, "clock fault"),
+        ]
+        if damage := figures["damage"]:
+            cards.append(Card("damage", number(damage), f"{'part' if damage == 1 else 'parts'} of the logs not read"))
+        return cards
 
     @property
-    def lines(self) -> tuple[str, ...]:
+    def lines(self) -> list[str]:
         """Numbers of sweeps and objects; with a baseline also of sweeps that differ."""
         figures = self.summary.figures
         parts = [f"{counted(figures['sweeps'], 'sweep')} in {quantity('duration', figures['duration'])}"]
@@ -572,11 +573,11 @@ class Report(Document):
         if figures["damage"]:
             parts.append(f"damage in {counted(figures['damage'], 'place')} of the logs")
         lines = [f"{self.title}: {', '.join(parts)}"]
-        lines += [line for part in (self.summary.zones, self.changes) if part is not None for line in part.lines]
-        return (*lines, *(() if self.comparison is None else (self.comparison.words,)))
+        lines += [] if self.summary.zones is None else self.summary.zones.lines
+        return [*lines, *([] if self.comparison is None else [self.comparison.words])]
 
     @property
-    def warnings(self) -> tuple[str, ...]:
+    def warnings(self) -> list[str]:
         """Warnings of sensors that are pooled, or compared, but unlike."""
         found = []
         if unlike := differences(self.summary.unlike):
@@ -591,4 +592,58 @@ class Report(Document):
                 found.append(
                     f"the baseline is of another sensor ({differences(both)}): what differs need not be in the scene"
                 )
-        return tuple(found)
+        return found
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return beams, objects, tracks, zones and the comparison, for JSON."""
+        summary = self.summary
+        found: dict[str, Any] = {
+            "beams": {"status": summary.status, "set": summary.sets},
+            "objects": summary.kinds,
+            "histograms": _histograms(summary),
+            "maps": [plain_fields(one, "frame", "x0", "y0", "cell", "counts") for one in summary.densities],
+            "streams": [_stream(one) for one in summary.streams.all],
+            "standing_out": [
+                plain_fields(one, "kind", "log", "topic", "sweep")
+                | {"stamp": stamp(one.stamp), "value": plain_number(one.value)}
+                for one in summary.outliers
+            ],
+        }
+        if (tracked := summary.tracked) is not None:
+            kinds = {name.removeprefix("tracks."): counts for name, counts in tracked.kinds.items()}
+            found["tracks"] = {"scene": tracked.scene, "agent_share": plain_number(tracked.agent_share), **kinds}
+        if summary.labels:
+            found["labels"] = [vars(label) for label in summary.labels]
+        found |= {} if summary.zones is None else summary.zones.as_dict()
+        return found | {"comparison": None if self.comparison is None else _comparison_values(self.comparison)}
+
+
+def _histograms(summary: Summary) -> dict[str, Any]:
+    return {name: plain_fields(one, "unit", "edges", "counts") for name, one in summary.histograms.items()}
+
+
+def _stream(one: Stream) -> dict[str, Any]:
+    columns = ["sweep", "seconds", "objects_mean", "objects_min", "objects_max", "d_th", "noise", "lost_share"]
+    columns += ["agents_mean", "agents_max"] if np.isfinite(one.course.agents_max).any() else []
+    return {
+        **plain_fields(one, "log", "topic", "frame_id", "sweeps", "beams", "objects"),
+        "start": stamp(one.start_ns),
+        **plain_fields(one, "start_ns", "end_ns", "duration", "rate", "gaps"),
+        "missing_sweeps": one.missing,
+        **plain_fields(one, "longest_gap", "backward", "repeated"),
+        "course": plain_fields(one.course, *columns),
+    }
+
+
+def _comparison_values(comparison: Comparison) -> dict[str, Any]:
+    baseline = comparison.baseline
+    return {
+        "baseline": {
+            "logs": [source.log for source in baseline.sources],
+            "figures": plain_numbers(baseline.figures),
+            "histograms": _histograms(baseline),
+        },
+        "figures": plain_numbers(comparison.figures),
+        "parameters": [{"name": name, "here": here, "baseline": there} for name, here, there in comparison.parameters],
+        "changes": [plain_fields(one, "log", "topic", "sweep", "before", "now") for one in comparison.changes],
+    }
