@@ -23,7 +23,6 @@ NAME = "lidarcli.toml"
 NONE = "none"
 """As the name of a settings file: use none, also where LIDARCLI_CONFIG names one."""
 
-PREFIX = "LIDARCLI"
 NOT_SHARED = frozenset({"format", "output"})
 """Options whose values mean something else in each command."""
 

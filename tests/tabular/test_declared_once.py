@@ -6,10 +6,9 @@ from collections import Counter
 
 import pytest
 
-from lidarcli.columns import Column, columns_of
 from lidarcli.formalism.detection import Detection
 from lidarcli.formalism.tracking.results import TrackedBatch, Tracks
-from lidarcli.sweeps import Float64, record
+from lidarcli.sweeps import Column, Float64, columns_of, record
 from lidarcli.tabular.schemas import KINDS, TABLES
 
 
