@@ -241,6 +241,8 @@ def python_words(name: str, option: Option) -> str:
     words = spelled(option.help)
     if isinstance(option.value, Number) and (unit := _UNIT_OF.get(option.value.metavar)):
         words = _CLAUSE.sub(f" [{unit}]", words, count=1)
+    if option.several or (isinstance(option.value, Text) and option.value.is_list):
+        words = f"{words} Python {'takes' if option.several else 'also takes'} a list."
     if option.python:
         words = f"{words} {option.python}"
     # A plain default stands in the signature.

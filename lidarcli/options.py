@@ -86,13 +86,6 @@ def _threshold(text: str) -> str | float:
     return WIDTH.parse(text)
 
 
-def parse_without(text: str) -> str:
-    """`agents`."""
-    if text != "agents":
-        raise OptionError(f"'{text}' is not agents, which is all that a map leaves out")
-    return text
-
-
 def parse_removed(text: str) -> str:
     """The list as it is, once its items are known."""
     for word in text.split(","):
@@ -232,7 +225,7 @@ class Window(TypedDict, total=False):
 class _Topic(TypedDict, total=False):
     topic: Annotated[
         str | Iterable[str] | None,
-        Option(SELECT, Text("NAME"), shown="all", several=True, python="Python takes a list."),
+        Option(SELECT, Text("NAME"), shown="all", several=True),
         "LaserScan topic to read, or a pattern such as '/scan*'; may be repeated.",
     ]
 
@@ -288,9 +281,7 @@ class Limits(TypedDict, total=False):
     ]
     no_return: Annotated[
         str | Iterable[str | float],
-        Option(
-            RANGES, Text("LIST", _no_return, is_list=True), "inf,zero,max,above,pile", python="Python also takes a list."
-        ),
+        Option(RANGES, Text("LIST", _no_return, is_list=True), "inf,zero,max,above,pile"),
         "Values that mean 'no return', comma separated: inf, zero, max, above, pile (a far range that very many beams "
         "have), nan, negative, below, or metres such as 81.91.",
     ]
@@ -312,14 +303,7 @@ class Ranges(Limits, total=False):
 
     columns: Annotated[
         str | Iterable[str],
-        Option(
-            GEOMETRY,
-            Text("LIST", is_list=True),
-            "",
-            shown="those of the file",
-            rare=True,
-            python="Python also takes a list.",
-        ),
+        Option(GEOMETRY, Text("LIST", is_list=True), "", shown="those of the file", rare=True),
         "Names of the columns of a CSV, in place of its own: time,ranges for one sweep per row, angle,range for one beam "
         "per row (docs/formats.md).",
     ]
@@ -518,8 +502,7 @@ class Tabling(Tracking, Beams, total=False):
             Text("LIST", parse_names, is_list=True),
             "",
             shown="all",
-            python="Python also takes a list. Each table keeps those that it has; 'brief': a few of each that tell what "
-            "was where.",
+            python="Each table keeps those that it has; 'brief': a few of each that tell what was where.",
         ),
         _COLUMNS,
     ]
@@ -567,7 +550,7 @@ class Mapping(Reading, total=False):
     ]
     without: Annotated[
         Literal["agents"] | None,
-        Option(GRID, Text("agents", parse_without), shown="nothing"),
+        Option(GRID, ("agents",), shown="nothing"),
         "Leave out agents: what moves, by following it as `lidarcli track` does.",
     ]
     max_size: Annotated[
@@ -583,7 +566,7 @@ class Mapping(Reading, total=False):
 class _Zones(TypedDict, total=False):
     zones: Annotated[
         Paths,
-        Option(ZONES, File("FILE"), (), required=True, several=True, python="Python takes a list."),
+        Option(ZONES, File("FILE"), (), required=True, several=True),
         "Zones to watch, may be repeated: TOML, or the YAML of Nav2's Collision Monitor (docs/zones.md).",
     ]
     objects: Annotated[
@@ -628,7 +611,7 @@ class Cleaning(_Topic, Poses, Delay, _Objects, Limits, Jobs, total=False):
 
     remove: Annotated[
         str | Iterable[str],
-        Option(CLEANING, Text("LIST", parse_removed, is_list=True), "agents", python="Python also takes a list."),
+        Option(CLEANING, Text("LIST", parse_removed, is_list=True), "agents"),
         "Beams that are to say nothing, comma separated: agents (what moves by itself, from then on), temporary (what "
         "stands where the place was also seen free). What a --mask tells, too.",
     ]
@@ -684,7 +667,7 @@ class Plotting(Joining, Poses, Delay, Objects, Ranges, total=False):
     ]
     zones: Annotated[
         Paths,
-        Option(PICTURE, File("FILE"), (), shown="none", several=True, python="Python takes a list."),
+        Option(PICTURE, File("FILE"), (), shown="none", several=True),
         "Draw the zones of this file (docs/zones.md) into the scene, those that are occupied filled and with their beams; "
         "may be repeated.",
     ]
@@ -706,24 +689,17 @@ class Reporting(Joining, total=False):
 
     check: Annotated[
         str | Iterable[str],
-        Option(
-            GATES,
-            Text("EXPR", has_blanks=True),
-            (),
-            shown="none",
-            several=True,
-            python="Python takes a list; `holds` of the result tells.",
-        ),
+        Option(GATES, Text("EXPR", has_blanks=True), (), shown="none", several=True, python="`holds` of the result tells."),
         "Condition that must hold, else the exit code is 1; may be repeated (docs/reports.md).",
     ]
     baseline: Annotated[
         Tables,
-        Option(GATES, File("TABLE"), (), shown="none", several=True, python="Python takes a list, and tables in memory."),
+        Option(GATES, File("TABLE"), (), shown="none", several=True, python="Tables in memory are taken, too."),
         "Tables to compare with, may be repeated; checks may then name delta.FIGURE.",
     ]
     log: Annotated[
         Paths,
-        Option(OUTPUT, INPUT, (), shown="the beams tables, where they are", several=True, python="Python takes a list."),
+        Option(OUTPUT, INPUT, (), shown="the beams tables, where they are", several=True),
         "Log of the tables, may be repeated: HTML then shows its raw sweeps.",
     ]
 
@@ -748,7 +724,7 @@ class Overlaying(Joining, Jobs, Topics, Poses, Delay, Objects, Things, Ranges, t
     ]
     zones: Annotated[
         Paths,
-        Option(OUTPUT, File("FILE"), (), shown="none", several=True, python="Python takes a list."),
+        Option(OUTPUT, File("FILE"), (), shown="none", several=True),
         "Show the zones of this file, too (docs/zones.md), brighter while they are occupied; may be repeated.",
     ]
     layout: Annotated[
@@ -810,9 +786,7 @@ class Exporting(TypedDict, total=False):
     """Keywords of `export`."""
 
     columns: Annotated[
-        str | Iterable[str],
-        Option(OUTPUT, Text("LIST", parse_names, is_list=True), "", shown="all", python="Python also takes a list."),
-        _COLUMNS,
+        str | Iterable[str], Option(OUTPUT, Text("LIST", parse_names, is_list=True), "", shown="all"), _COLUMNS
     ]
     stamps: Annotated[Literal["ns", "us"] | None, Option(OUTPUT, choices.STAMPS, shown="as they are"), _STAMPS]
 

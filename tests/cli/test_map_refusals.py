@@ -69,10 +69,7 @@ def test_what_exists_is_not_replaced_unasked(lidarcli: Run, tmp_path: Path, ther
     ("words", "cause"),
     [
         (("--without-agents", "-o", "m.png"), "No such option '--without-agents'. Did you mean '--without'?"),
-        (
-            ("--without", "temporary", "-o", "m.png"),
-            "Invalid value for '--without': 'temporary' is not agents, which is all that a map leaves out.",
-        ),
+        (("--without", "temporary", "-o", "m.png"), "Invalid value for '--without': 'temporary' is not 'agents'."),
         (("--voxel", "0.1", "-o", "m.png"), "--voxel is for a point cloud: give -o with .ply, .pcd, .parquet"),
     ],
 )

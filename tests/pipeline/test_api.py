@@ -152,7 +152,7 @@ def test_what_python_says_of_wrong_arguments(tmp_path: Path) -> None:
             "detect() has no option 'max_widht'; did you mean 'max_width'?",
         ),
         (lambda: lidarcli.detect(path, Parameters(), max_width=1), TypeError, "give either parameters or max_width"),
-        (lambda: lidarcli.detect([1]), TypeError, "a log is the path of a file or folder, not int"),
+        (lambda: lidarcli.detect([1]), TypeError, "logs, files and outputs are named by their paths, not given as int"),
         (lambda: lidarcli.detect(path, path), TypeError, "parameters have to be Parameters, not PosixPath"),
         (lambda: lidarcli.read(path, every=0), OptionError, "--every: 0 is below 1"),
         (lambda: lidarcli.read(path, every=2.5), OptionError, "--every: 2.5 is no whole number"),

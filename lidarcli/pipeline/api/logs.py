@@ -31,7 +31,6 @@ from lidarcli.options import (
     Reading,
     Simulating,
     Zoning,
-    parse_without,
 )
 from lidarcli.pipeline.api.options import (
     LogOptions,
@@ -41,8 +40,7 @@ from lidarcli.pipeline.api.options import (
     diff_options,
     log_options,
     overlay_options,
-    path_of,
-    paths_of,
+    path_text,
     several,
     sources_of,
     watched,
@@ -69,7 +67,7 @@ from lidarcli.stores import place
 from lidarcli.sweeps import SweepBatch
 
 
-@with_keywords
+@with_keywords()
 def read(log: Paths, **options: Unpack[Reading]) -> Iterator[SweepBatch]:
     """Batches of sweeps of one or more logs in any format, log after log.
 
@@ -115,7 +113,7 @@ def _batches(sources: Sequence[Source], options: LogOptions) -> Iterator[SweepBa
     failed.conclude()
 
 
-@with_keywords
+@with_keywords()
 def info(log: Paths, *, progress: Progress = False, **options: Unpack[Inspecting]) -> list[dict[str, Any]]:
     """Topics, sweeps, geometry, clocks, beams, poses, findings and damage of a log, which is read from end to end.
 
@@ -151,7 +149,7 @@ def info(log: Paths, *, progress: Progress = False, **options: Unpack[Inspecting
     return found
 
 
-@with_keywords
+@with_keywords()
 def background(
     log: Paths, output: AnyPath | None = None, *, progress: Progress = False, **options: Unpack[Learning]
 ) -> tuple[Background, ...]:
@@ -194,7 +192,7 @@ def background(
     return tuple(sensors)
 
 
-@with_keywords
+@with_keywords()
 def map(log: Paths, output: Paths = (), *, progress: Progress = False, **options: Unpack[Mapping]) -> Occupancy:
     """One occupancy grid of one or several logs whose sensors moved.
 
@@ -217,8 +215,6 @@ def map(log: Paths, output: Paths = (), *, progress: Progress = False, **options
     OutputError
         A file cannot be written.
     """
-    if options["without"] is not None:
-        parse_without(options["without"])
     made_with = MapOptions(
         *log_options(options),
         overwrite=True,
@@ -239,7 +235,7 @@ def map(log: Paths, output: Paths = (), *, progress: Progress = False, **options
     return mapped.grid
 
 
-@with_keywords
+@with_keywords()
 def poses(
     log: Paths,
     output: AnyPath | None = None,
@@ -270,7 +266,7 @@ def poses(
     OutputError
         The file exists, or cannot be written.
     """
-    source, parsed = one_log(paths_of(log), options["join"]), PathOptions(*log_options(options), overwrite)
+    source, parsed = one_log(several(log), options["join"]), PathOptions(*log_options(options), overwrite)
     path = None if output is None else place(fspath(output))
     if path is not None:
         refuse_path(path, source, parsed)
@@ -282,7 +278,7 @@ def poses(
     return found.table
 
 
-@with_keywords
+@with_keywords()
 def simulate(
     scene: AnyPath, output: AnyPath, overwrite: bool = False, *, progress: Progress = False, **options: Unpack[Simulating]
 ) -> Simulated:
@@ -316,7 +312,7 @@ def simulate(
     return made
 
 
-@with_keywords
+@with_keywords()
 def clean(
     log: AnyPath, output: AnyPath, overwrite: bool = False, *, progress: Progress = False, **options: Unpack[Cleaning]
 ) -> pa.Table:
@@ -342,7 +338,7 @@ def clean(
     OutputError
         A file exists, or cannot be written.
     """
-    source = one_log([path_of(log)], False)
+    source = one_log([path_text(log)], False)
     parsed = clean_options(options, overwrite=overwrite)
     with watched(progress, [source]) as report:
         summary = clean_log(source, place(fspath(output)), parsed, progress_of(source, report))
@@ -351,7 +347,7 @@ def clean(
     return summary.table
 
 
-@with_keywords
+@with_keywords()
 def diff(
     before: AnyPath,
     *after: AnyPath,
@@ -387,7 +383,7 @@ def diff(
         An output exists, or cannot be written.
     """
     parsed = diff_options(options, log_options(options), overwrite=overwrite)
-    inputs = inputs_of(paths_of([before, *after]))
+    inputs = inputs_of(several([before, *after]))
     outputs = [place(each) for each in several(output)]
     refuse_outputs(outputs, inputs, parsed)
     with watched(progress, [one.source for one in inputs if one.source is not None]) as report:
@@ -398,7 +394,7 @@ def diff(
     return found
 
 
-@with_keywords(OVERLAY_RULES)
+@with_keywords(*OVERLAY_RULES)
 def overlay(
     log: Paths, output: AnyPath, overwrite: bool = False, *, progress: Progress = False, **options: Unpack[Overlaying]
 ) -> list[str]:
@@ -423,7 +419,7 @@ def overlay(
         A file exists, or cannot be written.
     """
     parsed = overlay_options(options, log_options(options), overwrite=overwrite)
-    source, path = one_log(paths_of(log), options["join"]), place(fspath(output))
+    source, path = one_log(several(log), options["join"]), place(fspath(output))
     refuse_overlay(path, source, parsed)
     with watched(progress, [source]) as report:
         summary = write_overlay(source, path, parsed, progress_of(source, report))
@@ -432,7 +428,7 @@ def overlay(
     return summary.outputs
 
 
-@with_keywords(ZONE_RULES)
+@with_keywords(*ZONE_RULES)
 def zones(log: Paths, *, progress: Progress = False, **options: Unpack[Zoning]) -> ZoneTables:
     """Tell who or what was in a zone, when, and how near: an offline check of a recording, no safety function.
 

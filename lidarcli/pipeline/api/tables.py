@@ -42,7 +42,7 @@ if TYPE_CHECKING:
 LogsOrBatches = Paths | SweepBatch | Iterable[SweepBatch]
 
 
-@with_keywords
+@with_keywords()
 def detect(
     log: LogsOrBatches, parameters: Parameters | None = None, *, progress: Progress = False, **options: Unpack[Detecting]
 ) -> pa.Table:
@@ -68,7 +68,7 @@ def detect(
     return with_sweeps(made["objects"], made["sweeps"])
 
 
-@with_keywords
+@with_keywords()
 def track(
     log: LogsOrBatches, parameters: Parameters | None = None, *, progress: Progress = False, **options: Unpack[Tracking]
 ) -> TrackTables:
@@ -117,7 +117,7 @@ class Tables(_Tables):
     """One row per thing and sweep, from its first sight to its last, unless they were left out."""
 
 
-@with_keywords
+@with_keywords()
 def tables(
     log: LogsOrBatches, parameters: Parameters | None = None, *, progress: Progress = False, **options: Unpack[Tabling]
 ) -> Tables:
@@ -202,7 +202,7 @@ def _found(
     return of_batches(chain([first], items), tables, parsed)
 
 
-@with_keywords
+@with_keywords()
 def export(tables: GivenTables, output: AnyPath, overwrite: bool = False, **options: Unpack[Exporting]) -> int:
     """Write tables of one kind as CSV, NDJSON, Arrow or Parquet, one after the other.
 
