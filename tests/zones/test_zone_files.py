@@ -89,64 +89,38 @@ def line(points: str, **keys: str) -> str:
 PLACE = "z.toml: [[zone]] number 1: "
 REFUSALS = {
     "": "z.toml: no [[zone]] in this file",
-    "zone = []": "z.toml: no [[zone]] in this file",
-    "[[mask]]\ncircle = { x = 0, y = 0, radius = 1 }\n": "z.toml: no [[zone]] in this file",
     "zone = 3": "z.toml: the file: 'zone' must be a list of 0 to 1,000 values",
-    "[[zones]]\n": "z.toml: the file: unknown key 'zones'; did you mean 'zone'?",
     CIRCLE + "[[zone]]\n": "z.toml: [[zone]] number 2: 'polygon' is missing: a zone is a polygon, circle or line",
     CIRCLE * 2: "z.toml: [[zone]] number 2: 'a' is there twice",
     CIRCLE + "[[mask]]\n": "z.toml: [[mask]] number 1: 'circle' is missing: a mask is a circle, polygon or sector",
     CIRCLE + '[[mount]]\nframe = "a"\nparent = "a"\n': "z.toml: [[mount]] number 1: 'parent' leads back to the "
     "frame itself: a > a",
-    CIRCLE + '[[mount]]\nframe = "a"\n': "z.toml: [[mount]] number 1: 'parent' is missing",
-    zone(name=""): PLACE + "'name' is missing",
     zone(name='"a b"'): PLACE + "the name 'a b' must be of letters, digits, _ and - only",
-    zone(name="3"): PLACE + "'name' must be a text, not 3",
     zone(colour='"red"'): PLACE
     + "unknown key 'colour'; known keys: polygon, circle, line, name, frame, topic, action, count, min_points, trigger, "
     "hold, time_before_collision, simulation_time_step",
-    zone(min_point="3"): PLACE + "unknown key 'min_point'; did you mean 'min_points'?",
     zone(line="[[0, 0], [1, 0]]"): PLACE + "'line' and 'circle' exclude each other: a zone has one shape",
-    zone(circle="3"): PLACE[:-2] + ", circle must be a table of keys, not 3",
-    zone(circle="{ x = 0, y = 0 }"): PLACE[:-2] + ", circle: 'radius' is missing",
     zone(circle="{ x = 0, y = 0, radius = 0 }"): PLACE[:-2] + ", circle: 'radius' must be above 0, not 0",
-    zone(circle="{ x = nan, y = 0, radius = 1 }"): PLACE[:-2] + ", circle: 'x' must be finite, not nan",
     polygon("[[0, 0], [1, 0]]"): PLACE
-    + "'polygon' must be a list of at least 3 points of finite numbers, as [[0, 0], [2.5, 0]]",
-    polygon("[[0, 0], [1, 0], [1, inf]]"): PLACE
     + "'polygon' must be a list of at least 3 points of finite numbers, as [[0, 0], [2.5, 0]]",
     polygon("[[0, 0], [1, 0], [1, 1e7]]"): PLACE + "'polygon' must hold numbers between -1e+06 and 1e+06, not 10000000.0",
     polygon(f"[{'[0, 0], ' * 101}]"): PLACE + "'polygon' has more than 100 corners",
     polygon("[[0, 0], [1, 1], [1, 0], [0, 1]]"): PLACE
     + "'polygon' crosses itself: the edges from corner 1 to 2 and from 3 to 4",
-    polygon("[[0, 0], [2, 0], [2, 2], [1, -1]]"): PLACE
-    + "'polygon' crosses itself: the edges from corner 1 to 2 and from 3 to 4",
     polygon("[[0, 1], [1, 1], [0, 0], [1, 0], [1, 0.5], [-1, 0.5]]"): PLACE
     + "'polygon' crosses itself: the edges from corner 2 to 3 and from 5 to 6",
-    polygon("[[-3, -1], [0, 0], [3, 1], [3, -1], [0, 0], [-3, 1]]"): PLACE
-    + "'polygon' crosses itself: the edges from corner 1 to 2 and from 4 to 5",
     polygon("[[0, 0], [1, 0], [2, 0]]"): PLACE + "'polygon' has no area: its corners lie on one line",
     line("[[0, 0]]"): PLACE + "'line' must be a list of at least 2 points of finite numbers, as [[0, 0], [2.5, 0]]",
     line("[[0, 0], [1, 0], [2, 0]]"): PLACE + "'line' must be two points, not 3",
     line("[[0, 1], [0.0, 1]]"): PLACE + "'line' has no length: both points are the same",
-    line("[[0, 1], [nan, 1]]"): PLACE
-    + "'line' must be a list of at least 2 points of finite numbers, as [[0, 0], [2.5, 0]]",
     line("[[0, 1], [1, 1]]", action='"approach"'): PLACE + "'action' cannot be approach with a line, which has no inside",
     line("[[0, 1], [1, 1]]", hold="1"): PLACE
     + "'hold' and 'line' exclude each other: paths that cross a line count, not points",
     zone(action='"halt"'): PLACE + "'action' must be one of stop, slowdown, limit, approach, none, not 'halt'",
     zone(count='"rays"'): PLACE + "'count' must be one of beams, things, agents, not 'rays'",
     zone(min_points="0"): PLACE + "'min_points' must be at least 1 and at most 1000000, not 0",
-    zone(min_points="1.5"): PLACE + "'min_points' must be a whole number, not 1.5",
-    zone(trigger="0"): PLACE + "'trigger' must be at least 1 and at most 1000000, not 0",
     zone(hold="-1"): PLACE + "'hold' must be at least 0 and at most 3600.0, not -1",
-    zone(hold="inf"): PLACE + "'hold' must be finite, not inf",
-    zone(frame="1"): PLACE + "'frame' must be a text, not 1",
-    zone(topic="['/a']"): PLACE + "'topic' must be a text, not a list",
     zone(time_before_collision="1"): PLACE + "'time_before_collision' is for action approach, not none",
-    zone(action='"stop"', simulation_time_step="1"): PLACE + "'simulation_time_step' is for action approach, not stop",
-    zone(action='"approach"', simulation_time_step="0"): PLACE
-    + "'simulation_time_step' must be above 0 and at most 3600.0, not 0",
     zone(action='"approach"', simulation_time_step="0.001"): PLACE
     + "'simulation_time_step' must be at least 0.002: no more than 1,000 times are tested",
 }
