@@ -149,19 +149,14 @@ class Argument:
 
 def options_of(group: type) -> dict[str, Option]:
     """Return the options of a group by their fields, in order."""
-    return {
-        name: replace(each, help=words[0]) for name, (each, *words) in _declared(group).items() if isinstance(each, Option)
-    }
+    declared = {name: get_args(hint)[1:] for name, hint in group.__annotations__.items()}
+    return {name: replace(each, help=words[0]) for name, (each, *words) in declared.items() if isinstance(each, Option)}
 
 
 def arguments_of(group: type) -> dict[str, Argument]:
     """Return the arguments of a group by their fields, in order."""
-    return {name: each for name, (each, *_) in _declared(group).items() if isinstance(each, Argument)}
-
-
-def _declared(group: type) -> dict[str, Any]:
-    """The metadata beside the types of the fields of a group."""
-    return {name: get_args(hint)[1:] for name, hint in group.__annotations__.items()}
+    declared = {name: get_args(hint)[1] for name, hint in group.__annotations__.items()}
+    return {name: each for name, each in declared.items() if isinstance(each, Argument)}
 
 
 def defaults_of(group: type) -> dict[str, Any]:
@@ -191,18 +186,15 @@ class Rule:
         values : their values
         asked : returns whether the user gave an option
         """
-        others = [other for other in self.others if other.partition("=")[0] in options]
-        if not others or any(_is_met(other, options, values) for other in others) is self.needs:
+        met = []
+        for name, mark, wanted in (other.partition("=") for other in self.others):
+            if name in options:
+                value = values[name]
+                met.append(value in wanted.split("|") if mark else options[name].is_changed(value))
+        if not met or any(met) is self.needs:
             return ""
         meant = (name for name, option in options.items() if not {name, option.heading}.isdisjoint(self.names))
         return next((f"{options[name].spelled(name)} {self.words}" for name in meant if asked(name)), "")
-
-
-def _is_met(other: str, options: Mapping[str, Option], values: Mapping[str, Any]) -> bool:
-    name, mark, wanted = other.partition("=")
-    if mark:
-        return values[name] in wanted.split("|")
-    return options[name].is_changed(values[name])
 
 
 def refuse_combinations(

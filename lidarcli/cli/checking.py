@@ -98,11 +98,7 @@ def diff(messages: Messages, options: DiffCommand) -> int:
         messages.error(line)
     messages.notes([*found.notes, *write_changes(found, outputs, options["overwrite"])])
     messages.wrote(outputs)
-    verdicts = judged(found, checks)
-    for verdict in verdicts:
-        if not verdict.holds:
-            messages.error(f"check failed: {verdict.failure}")
-    if not all(verdict.holds for verdict in verdicts):
+    if messages.failed(judged(found, checks)):
         return CHECK_FAILED
     return UnreadableError.exit_code if found.damage else 0
 
@@ -147,14 +143,13 @@ def zones(messages: Messages, options: ZonesCommand) -> int:
     logs = log_options(options)
 
     from lidarcli.errors import CHECK_FAILED, UnreadableError
-    from lidarcli.machine import keep_freed_memory
     from lidarcli.pipeline.api.options import zone_options
     from lidarcli.pipeline.zoning import ZoneSummary, judge, refuse_outputs, understand, watch_files
 
     with usage_errors():
         zoning = zone_options(options, logs, overwrite=options["overwrite"])
         checks = understand(zoning, options["check"])
-    messages.begin(options)
+    messages.begin(options, finds=True)
     sources = chosen_logs(messages, options)
     if zoning.objects is not None and len(sources) != 1:
         raise click.UsageError(f"--objects is for one log, and these are {len(sources):,}")
@@ -162,8 +157,6 @@ def zones(messages: Messages, options: ZonesCommand) -> int:
     outputs = refuse_outputs(sources, folder, zoning)
     if options["dry_run"]:
         return print_reads(sources, outputs)
-    keep_freed_memory()
-    messages.of_missing_core()
     total = Total()
     failed, tables = False, []
 
@@ -182,12 +175,9 @@ def zones(messages: Messages, options: ZonesCommand) -> int:
     verdicts, unobserved = ([], ()) if failed else judge(checks, tables)
     for line in unobserved:
         messages.error("incomplete", line)
-    for verdict in verdicts:
-        if not verdict.holds:
-            messages.error(f"check failed: {verdict.failure}")
-    code = total.exit_code(sources) or (UnreadableError.exit_code if unobserved else 0)
-    if not all(verdict.holds for verdict in verdicts):
-        code = CHECK_FAILED
+    code = CHECK_FAILED if messages.failed(verdicts) else total.exit_code(sources)
+    if not code and unobserved:
+        code = UnreadableError.exit_code
     return messages.end(code, checks=[verdict.as_dict() for verdict in verdicts])
 
 
@@ -269,9 +259,7 @@ def report(messages: Messages, options: Mapping[str, Any]) -> int:
             notes = write_whole(place(name), data, options["overwrite"], devices=True)
             messages.wrote([name])
             messages.notes(notes)
-    for verdict in made.report.verdicts:
-        if not verdict.holds:
-            messages.error(f"check failed: {verdict.failure}")
+    messages.failed(made.report.verdicts)
     return made.report.exit_code
 
 

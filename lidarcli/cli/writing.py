@@ -185,16 +185,13 @@ def clean(messages: Messages, options: CleanCommand) -> int:
     MCAP, ROS 1 bags and ROS 2 bags, each to its own kind. All messages stay as they are,
     in their order; of LaserScan messages the beams on agents say NaN.
     """
-    from lidarcli.machine import keep_freed_memory
     from lidarcli.pipeline.api.options import clean_options
     from lidarcli.pipeline.cleaning import clean_log
     from lidarcli.pipeline.inputs.search import one_log
 
     with usage_errors():
         parsed = clean_options(options, overwrite=options["overwrite"])
-    keep_freed_memory()
-    messages.of_missing_core()
-    messages.begin(options)
+    messages.begin(options, finds=True)
     source, path = one_log((options["log"],), False), place(options["output"])
     return of_one_log(
         messages,
@@ -235,15 +232,12 @@ def overlay(messages: Messages, options: OverlayCommand) -> int:
     """
     logs = log_options(options)
 
-    from lidarcli.machine import keep_freed_memory
     from lidarcli.pipeline.api.options import overlay_options
     from lidarcli.pipeline.inputs.search import one_log
     from lidarcli.pipeline.overlaying import refuse_overlay, write_overlay
 
     parsed = overlay_options(options, logs, overwrite=options["overwrite"])
-    keep_freed_memory()
-    messages.of_missing_core()
-    messages.begin(options)
+    messages.begin(options, finds=True)
     source, path = one_log(options["log"], options["join"]), place(options["output"])
     refuse_overlay(path, source, parsed)
     return of_one_log(messages, source, lambda one, progress: write_overlay(one, path, parsed, progress))

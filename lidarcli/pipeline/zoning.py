@@ -599,7 +599,8 @@ def _tables(log: str, by_zone: Sequence[ZoneEvents], metadata: dict[bytes, bytes
     events = [event for each in by_zone for event in each.events]
     order = sorted(range(len(events)), key=lambda at: (events[at]["start"], at))
     rows = [events[at] | {"log": log, "event": number} for number, at in enumerate(order, 1)]
-    found = pa.Table.from_batches([_event_rows(rows)], SCHEMAS["events"])
+    schema = SCHEMAS["events"]
+    found = pa.table([pa.array([row.get(one.name) for row in rows], one.type) for one in schema], schema)
     pieces = [_zone_rows(log, each) for each in by_zone]
     zones = pa.Table.from_batches(pieces, SCHEMAS["zones"]).unify_dictionaries()
     if zones.num_rows:
@@ -607,12 +608,6 @@ def _tables(log: str, by_zone: Sequence[ZoneEvents], metadata: dict[bytes, bytes
         topics = np.concatenate([np.array([one.topic for one in each.topics])[each.topic] for each in by_zone])
         zones = zones.take(pa.array(np.lexsort((np.asarray(zones["sweep"]), topics))))
     return ZoneTables(*(table.replace_schema_metadata(metadata) for table in (found, zones)))
-
-
-def _event_rows(events: Sequence[Mapping[str, Any]]) -> pa.RecordBatch:
-    schema = SCHEMAS["events"]
-    arrays = [pa.array([event.get(one.name) for event in events], one.type) for one in schema]
-    return pa.RecordBatch.from_arrays(arrays, schema=schema)
 
 
 def _zone_rows(log: str, one: ZoneEvents) -> pa.RecordBatch:
