@@ -24,7 +24,6 @@ from lidarcli.logs.batches import ReadOptions
 from lidarcli.pipeline.detecting import detect_to_files
 from lidarcli.pipeline.inputs.search import find_logs
 from lidarcli.pipeline.inputs.sources import Source
-from lidarcli.pipeline.inputs.tables import without_sweeps
 from lidarcli.pipeline.objects.detection import DetectOptions
 from lidarcli.simulation.writers import write_log
 from lidarcli.tabular import OBJECTS
@@ -53,7 +52,7 @@ def test_read_and_detect_a_log_in_python(tmp_path: Path) -> None:
         *(("/b", sweep) for sweep in (1, 2, 3)),
     ]
     detect_to_files(Source(str(path), "run"), tmp_path, DetectOptions(read=ReadOptions(start=0.1)))
-    assert without_sweeps(table).equals(pq.read_table(tmp_path / "run.objects.parquet"), check_metadata=True)
+    assert table.equals(pq.read_table(tmp_path / "run.objects.parquet"), check_metadata=True)
 
 
 def test_damage_is_a_warning_in_python(tmp_path: Path) -> None:
