@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -351,8 +351,9 @@ def _summary(
     summary.removed = {reason: int(count) for reason, count in zip(REASONS, totals, strict=True) if reason in asked}
     parts = ", ".join(f"{reason} {count:,}" for reason, count in summary.removed.items())
     share = f" ({removed / beams:.1%})" if beams else ""
-    says = f"say {_words(options.value)}: {parts}"
-    summary.line = f"{counted(summary.sweeps, 'sweep')}; {removed:,} of {beams:,} beams{share} {says}"
+    value = options.value
+    says = {NAN: "NaN", INF: "inf", ABOVE: "range_max + 1"}[value] if isinstance(value, str) else f"{value:g} m"
+    summary.line = f"{counted(summary.sweeps, 'sweep')}; {removed:,} of {beams:,} beams{share} say {says}: {parts}"
     alike = [
         f"{topic} ({kind.rsplit('/', 1)[-1].rsplit('.', 1)[-1]})"
         for topic, kind in sorted(copy.messages)
@@ -372,32 +373,16 @@ def _summary(
     return summary
 
 
-def _words(value: str | float) -> str:
-    """Return what beams say, for people."""
-    named = {NAN: "NaN", INF: "inf", ABOVE: "range_max + 1"}
-    return named[value] if isinstance(value, str) else f"{value:g} m"
-
-
 def _table(log: str, chosen: dict[str, Chosen]) -> pa.Table:
     """Return the table of what was left out, by topic and sweep."""
-    pieces = [_rows(log, topic, each) for topic, each in sorted(chosen.items())]
+    pieces = []
+    for topic, each in sorted(chosen.items()):
+        count = len(each.beam)
+        numbered = [np.arange(count), each.stamp_ns, *np.ascontiguousarray(each.counts.T)]
+        arrays = [pa.array(values).cast(one.type) for values, one in zip(numbered, [*CLEANED][2:], strict=True)]
+        named = [constant(log, count), constant(topic, count)]
+        pieces.append(pa.RecordBatch.from_arrays([*named, *arrays], schema=CLEANED))
     return pa.Table.from_batches(pieces, CLEANED).unify_dictionaries()
-
-
-def _rows(log: str, topic: str, each: Chosen) -> pa.RecordBatch:
-    count = len(each.beam)
-    columns: Sequence[Any] = [
-        constant(log, count),
-        constant(topic, count),
-        np.arange(count),
-        each.stamp_ns,
-        *(np.ascontiguousarray(each.counts[:, column]) for column in range(len(REASONS))),
-    ]
-    arrays = [
-        values if isinstance(values, pa.Array) else pa.array(values).cast(one.type)
-        for values, one in zip(columns, CLEANED, strict=True)
-    ]
-    return pa.RecordBatch.from_arrays(arrays, schema=CLEANED)
 
 
 class Chosen(NamedTuple):
@@ -466,8 +451,9 @@ def _reasons(
     owner = objects.owners(batch)
     is_thing = (objects.set == SETS.index("O")) & (objects.track >= 0)
     is_agent = objects.set == SETS.index("A")
-    if agents is not None:
-        is_agent |= agents.tracks.hold(objects, batch)
+    if agents is not None and len(agents.track):
+        at = np.minimum(np.searchsorted(agents.track, objects.track), len(agents.track) - 1)
+        is_agent |= (agents.track[at] == objects.track) & (batch.sweep[objects.row] >= agents.since[at])
     reason = np.zeros(valid.shape, np.uint8)
     reason[batch.status == Status.MASKED] = BODY
     reason[valid & np.append(is_thing & np.isin(objects.track, temporary), False)[owner]] = TEMPORARY
@@ -540,22 +526,6 @@ class _Places(NamedTuple):
         return whole
 
 
-class _Since(NamedTuple):
-    """Tracks whose objects are left out, and from which sweeps on."""
-
-    track: Int64
-    """(N,) ascending."""
-    sweep: Int64
-
-    def hold(self, objects: Objects, batch: SweepBatch) -> Bool:
-        """Return which objects (K,) are of these tracks by then."""
-        if not len(self.track):
-            return np.zeros(len(objects.track), np.bool_)
-        at = np.minimum(np.searchsorted(self.track, objects.track), len(self.track) - 1)
-        found: Bool = (self.track[at] == objects.track) & (batch.sweep[objects.row] >= self.sweep[at])
-        return found
-
-
 @dataclass(frozen=True, slots=True)
 class _Agents:
     """Places (N) of the agents of a topic by sweep, from when on they are on their way."""
@@ -566,8 +536,9 @@ class _Agents:
     y: Float64
     radius: Float64
     in_world: Bool
-    tracks: _Since
-    """Their tracks, and those of parts of them."""
+    track: Int64
+    """(T,) their tracks, and those of parts of them, ascending; and the sweeps (T,) from which on they are left out."""
+    since: Int64
     sweeps: Int64
     """(S,) sweeps of the topic, and the pose (S, 3) of the sensor in each."""
     pose: Float64
@@ -698,17 +669,9 @@ def _agents_of(tracks: list[_Track], paths: _Paths, sweeps: Int64, pose: Float64
     for track in tracks:
         if not track.moves and _came_along(track, paths, _Reach(at, reach), last, begun):
             since[track.number] = 0
-    numbers_of = np.array(sorted(since), np.int64)
+    numbers_of, left_out = np.array(sorted(since.items()), np.int64).reshape(-1, 2).T
     return _Agents(
-        paths.sweep[at],
-        paths.x[at],
-        paths.y[at],
-        reach,
-        paths.in_world[at],
-        _Since(numbers_of, np.array([since[number] for number in numbers_of.tolist()], np.int64)),
-        sweeps,
-        pose,
-        mirrored,
+        paths.sweep[at], paths.x[at], paths.y[at], reach, paths.in_world[at], numbers_of, left_out, sweeps, pose, mirrored
     )
 
 

@@ -29,6 +29,7 @@ from lidarcli.pipeline.runs.over_logs import LogProgress, Outcome, logs_at_once,
 from lidarcli.pipeline.zone_counting import (
     OBJECT_COLUMNS,
     OLDEST_NS,
+    Frames,
     Objects,
     Shapes,
     TopicCounter,
@@ -37,7 +38,6 @@ from lidarcli.pipeline.zone_counting import (
     ZoneSeries,
 )
 from lidarcli.pipeline.zone_events import AgentPaths, EventFinder, ZoneEvents
-from lidarcli.pipeline.zone_frames import Frames
 from lidarcli.pose.fit import Key
 from lidarcli.pose.sources import WORLDS
 from lidarcli.pose.tracks import frame_name

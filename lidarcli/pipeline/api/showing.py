@@ -130,26 +130,19 @@ def _tracks(tables: Tables | None, log: str) -> str | TableSet | None:
 
 @dataclass(frozen=True, slots=True, repr=False)
 class RunReport:
-    """Report on one or many runs. `print` shows it as text, a notebook as the page with the viewer of the sweeps.
-
-    Attributes
-    ----------
-    figures : every figure by its name, as checks name it; None where it cannot be measured
-    checks : one verdict for each check: `expression`, `holds`, `expected`, `found`
-    problems : what could not be read, and damage that no check accepts, one line each
-    """
+    """Report on one or many runs. `print` shows it as text, a notebook as the page with the viewer of the sweeps."""
 
     _made: PagedReport
     _asked: ReportOptions
 
     @property
     def figures(self) -> Mapping[str, float | None]:
-        """Every figure by its name, as checks name it; with a baseline also its change, `delta.NAME`."""
+        """Every figure by its name, as checks name it, or None; with a baseline also its change, `delta.NAME`."""
         return {**self._made.report.figures}
 
     @property
     def checks(self) -> tuple[Verdict, ...]:
-        """One verdict for each check."""
+        """One verdict for each check: `expression`, `holds`, `expected`, `found`."""
         return self._made.report.verdicts
 
     @property
