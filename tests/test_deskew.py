@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import json
 from dataclasses import dataclass, replace
-from itertools import chain
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.parquet as pq
 import pytest
 
 import lidarcli
@@ -186,28 +184,6 @@ def test_the_time_between_sweeps_moves_no_beam(drives: Logs) -> None:
     assert compare(lidarcli.map(log), truth).f1 > 0.99
 
 
-def test_poses_of_instants_tell_no_way(drives: Logs) -> None:
-    for batch in lidarcli.read(drives.made(0.0)):
-        assert batch.duration is None
-        assert batch.poses is not None
-        assert batch.poses.way is None
-    for deskew in (True, False):
-        for batch in lidarcli.read(drives.made(), deskew=deskew):
-            assert batch.duration is not None
-            assert batch.poses is not None
-            assert (batch.poses.way is not None) == deskew
-
-
-def test_the_command_says_so_only_when_it_is_off(drives: Logs, tmp_path: Path) -> None:
-    log = drives.made()
-    for name, options, expected in (("on", (), None), ("off", ("--no-deskew",), False)):
-        tables_of(log, tmp_path / name, *options)
-        table = pq.read_table(next((tmp_path / name).glob("*.objects.parquet")))
-        assert parameters_of(table).get("deskew") is expected
-        python = lidarcli.detect(log, deskew=not options)
-        assert np.array_equal(table["world_x"].to_numpy(), python["world_x"].to_numpy(), equal_nan=True)
-
-
 def test_detections_are_the_same_but_for_their_place_in_the_world(drives: Logs) -> None:
     on, off = (lidarcli.detect(drives.made(), deskew=deskew) for deskew in (True, False))
     world = [name for name in on.schema.names if name.startswith("world_")]
@@ -305,15 +281,6 @@ def test_objects_of_any_sensor_are_where_they_stand(sensor: str, upside_down: bo
         assert np.median(places_of(replace(each, poses=replace(each.poses, way=None)))) > 0.06  # type: ignore[type-var]
 
 
-@pytest.mark.parametrize("sensor", SENSORS)
-def test_a_sweep_told_backwards_is_the_same(sensor: str) -> None:
-    batch = going(sensor)
-    backwards = told_backwards(batch)
-    for row in (0, 7):
-        one, other = in_the_world(batch, row), in_the_world(backwards, row)
-        np.testing.assert_allclose(one, other[::-1], atol=1e-9)
-
-
 @pytest.mark.parametrize("told", ["forwards", "backwards"])
 @pytest.mark.parametrize("upside_down", [False, True])
 @pytest.mark.parametrize("sensor", SENSORS)
@@ -335,16 +302,6 @@ def spreads(followed: GivenPaths) -> float:
     known = followed.columns["track"] > 0
     speed = np.hypot(followed.columns["vx"][known], followed.columns["vy"][known])
     return float(np.median(speed))
-
-
-def test_all_objects_of_all_sensors_have_a_share_of_their_sweep() -> None:
-    for batch in chain.from_iterable((going(name), told_backwards(going(name))) for name in SENSORS):
-        found = detect(batch, Parameters())
-        share = found.shares(batch)
-        assert ((share >= 0.0) & (share <= 1.0)).all()
-        plain = found.beam_i <= found.beam_f
-        middle = 0.5 * (found.beam_i + found.beam_f) / (batch.beams[found.row] - 1)
-        np.testing.assert_allclose(share[plain], middle[plain])
 
 
 def test_what_crosses_the_seam_is_seen_at_its_middle() -> None:

@@ -566,18 +566,11 @@ def watch_files(
 
 
 def refuse_outputs(sources: Sequence[Source | MissingInput], folder: Place | None, options: ZoneOptions) -> list[str]:
-    """Return the files that are written, after refusing those that cannot be, and two logs of one name, before any work."""
-    if folder is None:
-        return []
-    paths: dict[str, Place] = {}
-    for source in sources:
-        if isinstance(source, Source):
-            for path in options.outputs(source, folder).values():
-                if str(path) in paths:
-                    raise OptionError(f"{path} would be written for two logs; give -o another DIR for one of them")
-                paths[str(path)] = path
-    refuse(paths.values(), options.overwrite, options.inputs(sources))
-    return [*paths]
+    """Return the files that are written, after refusing those that cannot be, before any work."""
+    logs = [source for source in sources if isinstance(source, Source)]
+    paths = [path for source in logs if folder is not None for path in options.outputs(source, folder).values()]
+    refuse(paths, options.overwrite, options.inputs(sources))
+    return [*map(str, paths)]
 
 
 def understand(options: ZoneOptions, expressions: Sequence[str]) -> list[Check]:

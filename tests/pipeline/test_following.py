@@ -258,16 +258,6 @@ def test_an_error_of_the_tracker_leaves_no_file(tmp_path: Path, opened: Opens, m
     assert list(tmp_path.iterdir()) == []
 
 
-def test_the_metadata_say_how_things_were_followed(tmp_path: Path, opened: Opens) -> None:
-    opened(block(), topics=[SCAN])
-    tracking = TrackOptions(TrackParameters(significance=1e-3))
-    detect_to_files(SOURCE, tmp_path, DetectOptions(tracking=tracking))
-    for table in ("objects", "sweeps", "tracks"):
-        metadata = pq.read_schema(tmp_path / f"run.{table}.parquet").metadata
-        assert json.loads(metadata[b"lidarcli.parameters"])["tracking"]["significance"] == 1e-3
-    assert "tracking" not in DetectOptions().as_dict()
-
-
 # --- in Python --------------------------------------------------------------------------------------------
 
 
