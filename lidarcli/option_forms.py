@@ -76,7 +76,6 @@ class File:
     metavar: str
     """Placeholder; behind `|` stand words that may be given in place of a path."""
     is_output: bool = False
-    """True for a path that is written."""
 
     @property
     def words(self) -> list[str]:
@@ -93,7 +92,6 @@ class Option:
     """One option. Its name is that of the field: `max_width` is `--max-width` on the command line."""
 
     heading: str
-    """Section of the help."""
     value: Value
     default: Any = None
     """Plain value; a flag that is on by default is `--no-NAME` on the command line."""
@@ -105,7 +103,6 @@ class Option:
     rare: bool = False
     """True if only some logs need it: `--help` leaves it out, `--help-all` shows it."""
     several: bool = False
-    """True if it may be repeated."""
     both: bool = False
     """True for a flag that is spelled both ways, `--NAME` and `--no-NAME`."""
     required: bool = False

@@ -172,8 +172,6 @@ def output(metavar: str, **more: Any) -> Option:
 
 
 class Overwrite(TypedDict, total=False):
-    """Leave to replace files."""
-
     overwrite: Annotated[bool, Option(OUTPUT, None, False), "Replace files that exist."]
 
 
@@ -187,8 +185,6 @@ class Stamped(Overwrite, total=False):
 
 
 class TextOrJson(TypedDict, total=False):
-    """The format of what a command tells."""
-
     format: Annotated[
         Literal["text", "json"], Option(OUTPUT, ("text", "json"), "text"), "Text for people, or JSON for programs."
     ]
@@ -199,8 +195,6 @@ class Reported(Stamped, TextOrJson, total=False):
 
 
 class Jobs(TypedDict, total=False):
-    """The number of processors."""
-
     jobs: Annotated[
         int | None,
         Option(OUTPUT, COUNT, shown="automatic", short="-j"),
@@ -237,8 +231,6 @@ class Topics(_Topic, Window, total=False):
 
 
 class Poses(TypedDict, total=False):
-    """The source of the poses."""
-
     pose: Annotated[
         str | None,
         Option(POSES, Text("TOPIC"), shown="the best there is, checked by the sweeps", unless=("poses",)),
@@ -262,8 +254,6 @@ class Poses(TypedDict, total=False):
 
 
 class Delay(TypedDict, total=False):
-    """The delay of the poses."""
-
     pose_delay: Annotated[
         float | None,
         Option(POSES, Number("SECONDS"), shown="what fits the sweeps"),
@@ -272,8 +262,6 @@ class Delay(TypedDict, total=False):
 
 
 class Limits(TypedDict, total=False):
-    """Ranges that count."""
-
     range: Annotated[
         tuple[float, float] | None,
         Option(RANGES, Number("MIN MAX", 0, count=2), shown="those of the log"),
@@ -348,8 +336,6 @@ class Ranges(Limits, total=False):
 
 
 class Joining(TypedDict, total=False):
-    """Logs in parts."""
-
     join: Annotated[
         bool,
         Option(MANY, None, False),
@@ -409,8 +395,6 @@ class Objects(_Objects, total=False):
 
 
 class Comparing(TypedDict, total=False):
-    """The background that sweeps are compared with."""
-
     background: Annotated[
         "AnyPath | Sequence[Background] | None",
         Option(BACKGROUND, File("FILE"), shown="none", python="Python also takes what `background` returns."),
@@ -436,8 +420,6 @@ class Comparing(TypedDict, total=False):
 
 
 class Things(TypedDict, total=False):
-    """Names of things."""
-
     catalogue: Annotated[
         "AnyPath | Catalogue | None",
         Option(THINGS, File("FILE"), shown="none", python="Python also takes what `read_catalogue` returns."),
@@ -460,14 +442,10 @@ _MEMORY = "Decide what is a thing, and its shape, by all sweeps that saw it, not
 
 
 class Detecting(Finding, total=False):
-    """Keywords of `detect`."""
-
     memory: Annotated[bool, Option(OBJECTS, None, False, both=True), _MEMORY]
 
 
 class Trajectories(TypedDict, total=False):
-    """Keywords on the table of trajectories."""
-
     trajectories: Annotated[
         bool,
         Option(OUTPUT, None, True),
@@ -476,8 +454,6 @@ class Trajectories(TypedDict, total=False):
 
 
 class Tracking(Finding, Trajectories, total=False):
-    """Keywords of `track`."""
-
     memory: Annotated[bool, Option(OBJECTS, None, True, both=True), _MEMORY]
     significance: Annotated[
         float,
@@ -487,14 +463,10 @@ class Tracking(Finding, Trajectories, total=False):
 
 
 class Beams(TypedDict, total=False):
-    """The largest of the tables."""
-
     beams: Annotated[bool, Option(OUTPUT, None, False), "Also make the table <log>.beams.parquet, one row per beam."]
 
 
 class Tabling(Tracking, Beams, total=False):
-    """Keywords of `tables`."""
-
     columns: Annotated[
         str | Iterable[str],
         Option(
@@ -509,8 +481,6 @@ class Tabling(Tracking, Beams, total=False):
 
 
 class Learning(Reading, total=False):
-    """Keywords of `background`."""
-
     station_distance: Annotated[
         float,
         Option(STATIONS, WIDTH, default=choices.STATION_DISTANCE),
@@ -524,8 +494,6 @@ class Learning(Reading, total=False):
 
 
 class Mapping(Reading, total=False):
-    """Keywords of `map`."""
-
     resolution: Annotated[
         float, Option(GRID, Number("METRES", *choices.MAP_RESOLUTIONS), choices.MAP_RESOLUTION), "Side of a cell."
     ]
@@ -591,8 +559,6 @@ class Zoning(_Zones, Joining, Topics, Poses, Delay, Objects, Comparing, Things, 
 
 
 class Diffing(Topics, Poses, Delay, Things, Ranges, Jobs, total=False):
-    """Keywords of `diff`."""
-
     align: Annotated[
         Literal["auto", "as-is", "search"],
         Option(PLACES, choices.ALIGN, choices.ALIGN[0]),
@@ -607,8 +573,6 @@ class Diffing(Topics, Poses, Delay, Things, Ranges, Jobs, total=False):
 
 
 class Cleaning(_Topic, Poses, Delay, _Objects, Limits, Jobs, total=False):
-    """Keywords of `clean`."""
-
     remove: Annotated[
         str | Iterable[str],
         Option(CLEANING, Text("LIST", parse_removed, is_list=True), "agents"),
@@ -626,8 +590,6 @@ class Cleaning(_Topic, Poses, Delay, _Objects, Limits, Jobs, total=False):
 
 
 class Inspecting(_Topic, Joining, Poses, Ranges, total=False):
-    """Keywords of `info`."""
-
     deep: Annotated[
         bool,
         Option(FINDINGS, None, False),
@@ -636,8 +598,6 @@ class Inspecting(_Topic, Joining, Poses, Ranges, total=False):
 
 
 class Plotting(Joining, Poses, Delay, Objects, Ranges, total=False):
-    """Keywords of `plot`."""
-
     at: Annotated[
         float | str | None,
         Option(PICTURE, TIME, shown="none", unless=("sweep", "sweeps", "animate")),
@@ -685,8 +645,6 @@ class Plotting(Joining, Poses, Delay, Objects, Ranges, total=False):
 
 
 class Reporting(Joining, total=False):
-    """Keywords of `report`."""
-
     check: Annotated[
         str | Iterable[str],
         Option(GATES, Text("EXPR", has_blanks=True), (), shown="none", several=True, python="`holds` of the result tells."),
@@ -705,8 +663,6 @@ class Reporting(Joining, total=False):
 
 
 class Overlaying(Joining, Jobs, Topics, Poses, Delay, Objects, Things, Ranges, total=False):
-    """Keywords of `overlay`."""
-
     objects: Annotated[
         AnyPath | None,
         Option(OUTPUT, File("TABLE"), shown="find and follow, as track does"),
@@ -735,8 +691,6 @@ class Overlaying(Joining, Jobs, Topics, Poses, Delay, Objects, Things, Ranges, t
 
 
 class Simulating(TypedDict, total=False):
-    """Keywords of `simulate`."""
-
     container: Annotated[
         Literal["mcap", "bag", "ros2", "ros2-mcap", "db3", "csv"] | None,
         Option(LOG, choices.CONTAINERS, shown="by suffix"),
@@ -783,8 +737,6 @@ class Simulating(TypedDict, total=False):
 
 
 class Exporting(TypedDict, total=False):
-    """Keywords of `export`."""
-
     columns: Annotated[
         str | Iterable[str], Option(OUTPUT, Text("LIST", parse_names, is_list=True), "", shown="all"), _COLUMNS
     ]

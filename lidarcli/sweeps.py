@@ -51,13 +51,10 @@ class Column(NamedTuple):
     """Type in the table: of numpy (`float32`), `text` (a dictionary), `string`, `stamp`, `bool`, or a type of Arrow."""
     unit: Unit
     meaning: str
-    """One line for readers of the table."""
     words: tuple[str, ...] = ()
     """Names that the array has codes for."""
     nullable: bool = False
-    """True for a column that may be null."""
     infinite: bool = False
-    """True for a column that may be infinite."""
     per: Per | Literal[""] = ""
     """Entries of the array in the record; empty for a column that is not of a record."""
     field: str = ""

@@ -115,20 +115,20 @@ def imported(path: Path) -> set[str]:
 
 
 LINES = {
-    "cli": 2_950,
+    "cli": 2_850,
     "formalism": 15_750,
     "logs": 12_150,
     "overlays": 1_200,
-    "pipeline": 15_750,
+    "pipeline": 15_450,
     "pose": 2_750,
     "reports": 7_300,
     "ros": 350,
     "simulation": 2_450,
     "tabular": 2_150,
-    "lidarcli": 6_450,
+    "lidarcli": 6_300,
 }
 """Most lines of Python of each room, and of the files beside them: lower them as code goes; who raises one says why."""
-MOST_FILES = 203
+MOST_FILES = 196
 
 
 def test_imports_run_one_way() -> None:

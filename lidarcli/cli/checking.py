@@ -40,8 +40,6 @@ from lidarcli.stores import place
 
 
 class DiffCommand(Overwrite, TextOrJson, Diffing, total=False):
-    """Options of `diff`."""
-
     runs: Annotated[tuple[str, ...], Argument("RUN...", File("RUN"), several=True)]
     output: Annotated[
         tuple[str, ...],
@@ -104,8 +102,6 @@ def diff(messages: Messages, options: DiffCommand) -> int:
 
 
 class ZonesCommand(Zoning, ManyLogs, Reported, total=False):
-    """Options of `zones`."""
-
     output: Annotated[
         str | None,
         output("DIR", shown="none, nothing is written"),
@@ -182,8 +178,6 @@ def zones(messages: Messages, options: ZonesCommand) -> int:
 
 
 class ReportCommand(Overwrite, Reporting, total=False):
-    """Options of `report`."""
-
     tables: Annotated[tuple[str, ...], Argument("TABLE...", File("TABLE"), several=True)]
     output: Annotated[
         tuple[str, ...],

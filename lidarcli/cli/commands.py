@@ -42,7 +42,6 @@ class Parsed(click.ParamType):  # type: ignore[type-arg]
         self.metavar = form.metavar
 
     def get_metavar(self, param: click.Parameter, ctx: click.Context | None = None) -> str:
-        """Return the placeholder that help shows."""
         return self.metavar
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
@@ -68,7 +67,6 @@ class Place(click.Path):
     """A path or URL. Whether it can be read is found out where it is opened, which says more than a usage error."""
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        """Return the path as it is."""
         return value
 
 
@@ -456,11 +454,9 @@ class LazyCommands(Commands):
     superseded = SUPERSEDED
 
     def list_commands(self, ctx: click.Context) -> list[str]:
-        """Names in the order of the work."""
         return list(COMMANDS)
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
-        """The command from the file of its name."""
         if cmd_name not in COMMANDS:
             return None
         command: click.Command = getattr(import_module(f"lidarcli.cli.{HOMES.get(cmd_name, cmd_name)}"), cmd_name)
@@ -468,7 +464,6 @@ class LazyCommands(Commands):
 
 
 def _print_version(ctx: click.Context, parameter: click.Parameter, value: bool) -> None:
-    """Print the version and end."""
     if value and not ctx.resilient_parsing:
         from lidarcli.cli.settings import version_text
 

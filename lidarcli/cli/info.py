@@ -26,8 +26,6 @@ if TYPE_CHECKING:
 
 
 class InfoCommand(ManyLogs, TextOrJson, Overwrite, Inspecting, total=False):
-    """Options of `info`."""
-
     output: Annotated[
         tuple[str, ...],
         output("FILE", shown="none", several=True),

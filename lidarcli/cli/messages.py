@@ -23,7 +23,6 @@ if TYPE_CHECKING:
     from lidarcli.pipeline.inputs.sources import MissingInput, Source
     from lidarcli.pipeline.reading.one_log import Progress, RunSummary
     from lidarcli.pipeline.runs.over_logs import Outcome
-    from lidarcli.reports.checks import Verdict
 
 
 def _to_stderr(line: str) -> None:
@@ -94,8 +93,8 @@ class Messages(Screen):
         """`lidarcli: run.mcap: what is wrong`, always shown."""
         self.write(one_line(": ".join(["lidarcli", *parts])))
 
-    def failed(self, verdicts: Iterable[Verdict]) -> bool:
-        """Name the checks that do not hold; return True if there are any."""
+    def failed(self, verdicts: Iterable[Any]) -> bool:
+        """Name the checks whose verdicts are that they do not hold; return True if there are any."""
         failures = [verdict.failure for verdict in verdicts if not verdict.holds]
         for failure in failures:
             self.error(f"check failed: {failure}")

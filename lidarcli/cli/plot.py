@@ -45,8 +45,6 @@ def _indices(text: str) -> tuple[int, ...]:
 
 
 class PlotCommand(OneLog, Overwrite, Window, Plotting, total=False):
-    """Options of `plot`."""
-
     sweep: Annotated[int | None, Option(PICTURE, SWEEP, shown="0", unless=("sweeps", "at")), "Sweep to draw."]
     sweeps: Annotated[
         tuple[int, ...] | None,

@@ -228,8 +228,6 @@ def _found(names: tuple[str, ...]) -> list[str]:
 
 
 class ConfigCommand(TextOrJson, total=False):
-    """Options of `config`."""
-
     command: Annotated[tuple[str, ...], Argument("[COMMAND]", Text("COMMAND"), several=True, required=False)]
 
 
@@ -287,8 +285,6 @@ def _setting(command: str, each: DeclaredOption, ctx: click.Context) -> dict[str
 
 
 class CompletionCommand(TypedDict, total=False):
-    """Options of `completion`."""
-
     shell: Annotated[str, Argument("SHELL", SHELLS)]
 
 

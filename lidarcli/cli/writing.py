@@ -44,8 +44,6 @@ if TYPE_CHECKING:
 
 
 class ExportCommand(Overwrite, Exporting, total=False):
-    """Options of `export`."""
-
     tables: Annotated[tuple[str, ...], Argument("TABLE...", File("TABLE"), several=True)]
     output: Annotated[str, output("FILE"), "File to write: .csv, .ndjson, .arrow or .parquet; - for standard output."]
     format: Annotated[
@@ -86,8 +84,6 @@ def export(messages: Messages, options: ExportCommand) -> int:
 
 
 class PosesCommand(OneLog, Reported, Reading, total=False):
-    """Options of `poses`."""
-
     output: Annotated[
         str, output("FILE"), "File to write: .tum or .txt (lines of timestamp x y z qx qy qz qw), or .parquet."
     ]
@@ -117,8 +113,6 @@ def poses(messages: Messages, options: PosesCommand) -> int:
 
 
 class SimulateCommand(Overwrite, Simulating, total=False):
-    """Options of `simulate`."""
-
     scene: Annotated[str, Argument("SCENE.toml", File("SCENE.toml"))]
     output: Annotated[
         str,
@@ -162,8 +156,6 @@ def simulate(messages: Messages, options: SimulateCommand) -> int:
 
 
 class CleanCommand(Reported, Cleaning, total=False):
-    """Options of `clean`."""
-
     log: Annotated[str, Argument("LOG", INPUT)]
     output: Annotated[
         str, output("FILE"), "Log to write, in the container of LOG; beside it the table NAME.cleaned.parquet."
@@ -202,8 +194,6 @@ def clean(messages: Messages, options: CleanCommand) -> int:
 
 
 class OverlayCommand(OneLog, Overwrite, TextOrJson, Overlaying, total=False):
-    """Options of `overlay`."""
-
     output: Annotated[
         str,
         output("FILE"),
@@ -244,8 +234,6 @@ def overlay(messages: Messages, options: OverlayCommand) -> int:
 
 
 class MapCommand(ManyLogs, Reported, Jobs, Mapping, total=False):
-    """Options of `map`."""
-
     output: Annotated[
         tuple[str, ...],
         output("FILE", several=True),

@@ -47,10 +47,6 @@ from lidarcli.tabular.writing import PARAMETERS, SOURCE, ParquetSink, table_meta
 from lidarcli.times import SECOND_NS
 from lidarcli.zone import WORLD
 
-FREEING = "inf says that nothing is there: costmaps with inf_is_valid free beams beyond walls"
-ZERO = "0 becomes range_max in AMCL and gmapping: beams free what is beyond walls"
-WALLS = "{:g} m is a range that the sensor can measure: programs take it for a wall"
-_UNMATCHED = "no poses, and the path cannot be matched"
 MOST_PLACED = 0.5
 """A sensor is placed if poses tell where it was at this share of its sweeps."""
 MOSTLY = 0.9
@@ -283,7 +279,7 @@ def _refuse_motion(
         if stood or not (drove or share is not None):
             continue
         seems = "the sensor moves" if share is None else f"{share:.0%} of what stands seems to move"
-        why = "no poses (--pose none)" if detect.poses.source == NONE else _UNMATCHED
+        why = "no poses (--pose none)" if detect.poses.source == NONE else "no poses, and the path cannot be matched"
         raise UnreadableError(f"{why}: {seems}; nothing written")
 
 
@@ -363,11 +359,11 @@ def _summary(
     shows = f"; {', '.join(alike)} may show the same" if alike else ""
     summary.copied = f"{counted(copy.messages.total(), 'message')} of {counted(topics, 'topic')}{shows}"
     if options.value == INF:
-        summary.notes.append(FREEING)
+        summary.notes.append("inf says that nothing is there: costmaps with inf_is_valid free beams beyond walls")
     elif options.value == 0:
-        summary.notes.append(ZERO)
+        summary.notes.append("0 becomes range_max in AMCL and gmapping: beams free what is beyond walls")
     elif editing.is_measurable:
-        summary.notes.append(WALLS.format(options.value))
+        summary.notes.append(f"{value:g} m is a range that the sensor can measure: programs take it for a wall")
     if copy.left_out:
         summary.notes.append(f"{counted(copy.left_out, 'record')} of applications are not copied")
     return summary

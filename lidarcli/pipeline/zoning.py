@@ -56,7 +56,6 @@ from lidarcli.zone import ROBOT, SENSOR, WORLD, Line, Zone, Zones
 TABLES = ("events", "zones")
 NAMED = ("name", "frame", "action", "count", "min_points", "trigger", "release", "hold", "timeout")
 """Fields of every zone in the metadata, beside those that it has."""
-_MASKED = "masks of the zone file hide beams, but no objects of --objects: give --mask where these are made, too"
 
 
 @dataclass(frozen=True, slots=True)
@@ -537,11 +536,10 @@ def watch(
         names = _names(by_zone)
         longest = max(map(len, names))
         summary.lines = [f"{name:<{longest}}  {_words(each)}" for name, each in zip(names, by_zone, strict=True)]
-        summary.notes += [
-            *options.zones.notes,
-            *_stale(by_zone, bool(options.zones.robot)),
-            *([_MASKED] if options.objects is not None and options.zones.masks.masks else ()),
-        ]
+        summary.notes += [*options.zones.notes, *_stale(by_zone, bool(options.zones.robot))]
+        if options.objects is not None and options.zones.masks.masks:
+            hidden = "masks of the zone file hide beams, but no objects of --objects"
+            summary.notes.append(f"{hidden}: give --mask where these are made, too")
         if paths is not None:
             files = stack.enter_context(TableFiles(paths, None, options.overwrite, options.detect.stamps))
             for name, table in tables._asdict().items():
