@@ -390,13 +390,7 @@ def _locked(folder: Path) -> Iterator[bool]:
 
 
 def _lock(folder: Path) -> int | None:
-    """Lock a folder and return its handle; None where there are no locks (some network file systems).
-
-    Raises
-    ------
-    BlockingIOError
-        Another run has it.
-    """
+    """Lock a folder and return its handle, None where there are no locks; `BlockingIOError` where another run has it."""
     if fcntl is None:
         return None
     handle = None

@@ -249,10 +249,7 @@ def _blind(pair: TableSet) -> set[str]:
 def _refuse_motion(
     log: Log, pair: TableSet, described: dict[str, Any], options: CleanOptions, rules: RangeRules, blind: Collection[str]
 ) -> None:
-    """Refuse a log if it is not known where its sensor was while it moved: what stands would be taken for agents.
-
-    In topics of which no beam has a range (`blind`) nothing can be taken for anything.
-    """
+    """Refuse a log if it is not known where its sensor was while it moved; topics in `blind` have no ranges."""
     for frame, source in described.get("poses", {}).items():
         for topic, verdict in source.get("pose_verdict", {}).items():
             if verdict == "rejected" and world_in(source, topic) not in ("", MATCH):
@@ -672,11 +669,7 @@ def _agents_of(tracks: list[_Track], paths: _Paths, sweeps: Int64, pose: Float64
 
 
 def _sets_out(paths: _Paths, rows: slice) -> int:
-    """Return the row in which an agent sets out, among those of its path up to its onset.
-
-    At its onset it is off its first place by more than its size. Its smoothed path tells that it was on its way before:
-    within a second it went further than the noise of both places.
-    """
+    """Return the row, of those up to its onset, from which on an agent went further within a second than noise explains."""
     first: int = rows.start
     if first == rows.stop:
         return first
@@ -698,16 +691,8 @@ class _Reach(NamedTuple):
 
 
 def _came_along(track: _Track, paths: _Paths, agents: _Reach, ends: _Reach, since: Int64) -> bool:
-    """Return whether a thing is part of an agent, or an agent that came to stand there.
-
-    What stands is also seen while no agent is within reach. Of an agent that stops, the track may end, and a new one begin.
-
-    Parameters
-    ----------
-    track : the thing
-    agents : all places of agents
-    ends, since : (A,) last places of agents, and the sweeps from which on they are agents
-    """
+    """Return whether a thing is part of an agent, or one that came to stand there; `ends`, `since` (A,) are of agents."""
+    # What stands is also seen while no agent is within reach. Of an agent that stops a new track may begin.
     mine = paths.of(track.number)
     rows = np.arange(mine.start, mine.stop)[~paths.hidden[mine]]
     # Most things are seen without agents at first.

@@ -709,17 +709,12 @@ def _rows(
                 row["turned"] = _line(row["yaw_b"] - row["yaw_a"])
             things, k = (new, j) if j >= 0 else (old, i)
             row |= {"length": _known(things.length[k]), "width": _known(things.width[k])}
-        row["log_a"] = before.log[i] if i >= 0 else _last_to_see(grounds, *where)
+        at = np.array([where]).T
+        # The latest run that saw the place; where none did, the latest.
+        seeing = [name for name, ground in grounds if ground is not None and ground.seen(*at)[0]]
+        row["log_a"] = before.log[i] if i >= 0 else [*seeing, grounds[0][0]][0]
         found.append(row)
     return found
-
-
-def _last_to_see(grounds: Sequence[tuple[str, Ground | None]], x: float, y: float) -> str:
-    """Return the last run that saw a place, of the latest one first; where none did, the latest."""
-    for name, ground in grounds:
-        if ground is not None and ground.seen(np.array([x]), np.array([y]))[0]:
-            return name
-    return grounds[0][0]
 
 
 def _known(value: float) -> float | None:

@@ -318,10 +318,7 @@ class EventFinder:
         return shapes.shapes, which
 
     def _visits(self) -> Iterator[tuple[int, int, int, int, bool]]:
-        """Yield topic, track, and first and last index into its path of each visit, and whether an end is not seen.
-
-        Nothing shows that an agent was there whose path is hidden in the zone all the time.
-        """
+        """Yield topic, track, first and last index into its path of each visit in view, and whether an end is not seen."""
         if self.is_line:
             return
         for index, (paths, tracked) in enumerate(zip(self.paths, self.paths_of, strict=True)):
