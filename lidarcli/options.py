@@ -231,6 +231,8 @@ class Topics(_Topic, Window, total=False):
 
 
 class Poses(TypedDict, total=False):
+    """The source of the poses."""
+
     pose: Annotated[
         str | None,
         Option(POSES, Text("TOPIC"), shown="the best there is, checked by the sweeps", unless=("poses",)),
@@ -254,6 +256,8 @@ class Poses(TypedDict, total=False):
 
 
 class Delay(TypedDict, total=False):
+    """The delay of the poses."""
+
     pose_delay: Annotated[
         float | None,
         Option(POSES, Number("SECONDS"), shown="what fits the sweeps"),
@@ -395,6 +399,8 @@ class Objects(_Objects, total=False):
 
 
 class Comparing(TypedDict, total=False):
+    """The background that sweeps are compared with."""
+
     background: Annotated[
         "AnyPath | Sequence[Background] | None",
         Option(BACKGROUND, File("FILE"), shown="none", python="Python also takes what `background` returns."),
