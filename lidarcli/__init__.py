@@ -29,10 +29,9 @@ if TYPE_CHECKING:
     from lidarcli.formalism.mapping.grid import Occupancy
     from lidarcli.formalism.matching.catalogue import Catalogue
     from lidarcli.formalism.parameters import Parameters
-    from lidarcli.pipeline.api.logs import background, info, map, poses, read, simulate
+    from lidarcli.pipeline.api.logs import background, clean, diff, info, map, overlay, poses, read, simulate, zones
     from lidarcli.pipeline.api.showing import RunReport, plot, report
     from lidarcli.pipeline.api.tables import Tables, detect, export, tables, track
-    from lidarcli.pipeline.api.tracked import clean, diff, overlay, zones
     from lidarcli.pipeline.detecting import TrackTables
     from lidarcli.pipeline.differing import Difference
     from lidarcli.pipeline.inputs.declared import read_catalogue
@@ -40,16 +39,16 @@ if TYPE_CHECKING:
     from lidarcli.simulation.run import Simulated
     from lidarcli.sweeps import Status, SweepBatch, SweepPoses
 
+_OF_LOGS = ("background", "clean", "diff", "info", "map", "overlay", "poses", "read", "simulate", "zones")
 _HOMES = {
     "lidarcli.errors": ("LidarcliError", "NoScanError", "OptionError", "OutputError", "UnreadableError"),
     "lidarcli.formalism.background": ("Background",),
     "lidarcli.formalism.matching.catalogue": ("Catalogue",),
     "lidarcli.formalism.mapping.grid": ("Occupancy",),
     "lidarcli.formalism.parameters": ("Parameters",),
-    "lidarcli.pipeline.api.logs": ("background", "info", "map", "poses", "read", "simulate"),
+    "lidarcli.pipeline.api.logs": _OF_LOGS,
     "lidarcli.pipeline.api.showing": ("RunReport", "plot", "report"),
     "lidarcli.pipeline.api.tables": ("Tables", "detect", "export", "tables", "track"),
-    "lidarcli.pipeline.api.tracked": ("clean", "diff", "overlay", "zones"),
     "lidarcli.pipeline.detecting": ("TrackTables",),
     "lidarcli.pipeline.differing": ("Difference",),
     "lidarcli.pipeline.inputs.declared": ("read_catalogue",),
@@ -60,45 +59,12 @@ _HOMES = {
 """Module → the public names that it holds, as type checkers see them above; each is imported on first use."""
 _HOME = {name: home for home, names in _HOMES.items() for name in names}
 
-__all__ = [
-    "Background",
-    "Catalogue",
-    "Difference",
-    "LidarcliError",
-    "NoScanError",
-    "Occupancy",
-    "OptionError",
-    "OutputError",
-    "Parameters",
-    "RunReport",
-    "Simulated",
-    "Status",
-    "SweepBatch",
-    "SweepPoses",
-    "Tables",
-    "TrackTables",
-    "UnreadableError",
-    "ZoneTables",
-    "__version__",
-    "background",
-    "clean",
-    "detect",
-    "diff",
-    "export",
-    "formalism",
-    "info",
-    "map",
-    "overlay",
-    "plot",
-    "poses",
-    "read",
-    "read_catalogue",
-    "report",
-    "simulate",
-    "tables",
-    "track",
-    "zones",
-]
+__all__ = ["__version__", "formalism", "read_catalogue"]
+__all__ += ["LidarcliError", "NoScanError", "OptionError", "OutputError", "UnreadableError"]
+__all__ += ["Background", "Catalogue", "Difference", "Occupancy", "Parameters", "RunReport", "Simulated", "Status"]
+__all__ += ["SweepBatch", "SweepPoses", "Tables", "TrackTables", "ZoneTables"]
+__all__ += ["background", "clean", "detect", "diff", "export", "info", "map", "overlay", "plot", "poses"]
+__all__ += ["read", "report", "simulate", "tables", "track", "zones"]
 
 
 def __getattr__(name: str) -> Any:

@@ -10,11 +10,8 @@ GREATEST_NUMBER = 1e6
 GREATEST_COUNT = 1_000_000
 """A number of beams, sweeps or processes in an option is no larger: no sweep has more beams (`logs.base.MAX_BEAMS`)."""
 VIEWS = ("all", "scene", "sweep")
-"""Views of a sweep."""
 IMAGES = (".png", ".svg", ".pdf")
-"""Suffixes of pictures."""
 ANIMATIONS = (".gif", ".mp4")
-"""Suffixes of moving pictures."""
 LAST_SWEEP = 1_000_000_000
 """The number of a sweep in an option is no larger: three years at 10 Hz."""
 MOST_SHARDS = 1_000_000
@@ -62,7 +59,6 @@ MATCH = "match"
 MAP_RESOLUTION = 0.05
 """Side of a cell of a map [m], by default."""
 MAP_RESOLUTIONS = (0.001, 10.0)
-"""Least and greatest side of a cell [m]."""
 MIN_MOVE = 0.12
 """Distance between sweeps that count for a map [m]."""
 OCCUPIED_RATIO = 0.25
@@ -76,19 +72,15 @@ TABLE_BY_SUFFIX = {".parquet": "parquet", ".csv": "csv", ".ndjson": "ndjson", ".
 CONTAINER_BY_SUFFIX = {".mcap": "mcap", ".bag": "bag", ".db3": "db3", ".csv": "csv"}
 """Suffix of a log that is simulated → its container; a CSV may end in .csv.gz as well."""
 CLOUDS = (".ply", ".pcd", ".parquet")
-"""Suffixes of point clouds."""
 NS, _ = STAMPS = ("ns", "us")
-"""Units of the stamps in tables."""
 INCH = 25.4
 """Millimetres in an inch."""
 PICTURE_WIDTHS = (40.0, 2000.0)
 """The least and the greatest width of a picture [mm]."""
 PICTURE_DPI = (30, 1200)
-"""The fewest and the most pixels per inch."""
 ANIMATED_DPI = 120
 """Pixels per inch of an animation, by default."""
 FRAMES_PER_SECOND = 10.0
-"""Frames per second of an animation, by default."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,7 +6,6 @@ from contextlib import contextmanager
 OUT_OF_MEMORY = "not enough memory; allow more, take --jobs 1, or read a part of the log with --start and --end or --every"
 """Message where `is_short_of_memory`; the exit code is that of an `UnreadableError`, since the log could not be read."""
 CHECK_FAILED = 1
-"""Exit code where a check does not hold."""
 
 
 def is_short_of_memory(err: Exception) -> bool:

@@ -148,11 +148,7 @@ def _described(path: Path) -> _Described:
 
 
 def _values(path: Path) -> dict[str, Any]:
-    """Return key → text, or list of texts, as they are written: YAML gives them no meaning, nor does yaml-cpp.
-
-    The tree of a document is not made into objects. That would resolve merges, of which a few lines can be made to take
-    hours.
-    """
+    """Return key → text, or list of texts, as they are written; merges, a few lines of which can take hours, do nothing."""
     from ruamel.yaml import YAML
     from ruamel.yaml.nodes import MappingNode, ScalarNode, SequenceNode
 
@@ -246,9 +242,7 @@ def _decoded(path: Path, shown: str, file: BinaryIO, size: int, described: _Desc
 
 
 def _opened(path: Path, shown: str, file: BinaryIO) -> ImageFile:
-    """Open the image without reading its pixels; `Image.open` would guess at fifty formats, and has a bound for all
-    programs.
-    """
+    """Open the image without reading its pixels; `Image.open` would guess at fifty formats."""
     from PIL.BmpImagePlugin import BmpImageFile
     from PIL.PngImagePlugin import PngImageFile
     from PIL.PpmImagePlugin import PpmImageFile

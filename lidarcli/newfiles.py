@@ -245,7 +245,14 @@ def refuse(
         refuse_nameless(path)
         name = str(path) if isinstance(path, Url) else os.path.join(real(path.parent), path.name)  # noqa: PTH118 (cheap)
         if isinstance(path, Url):
-            _refuse_object(path, overwrite, inputs)
+            if str(path) in map(str, inputs):
+                raise OutputError(f"{path} is an input of this run; write elsewhere with -o")
+            try:
+                exists = not overwrite and path.exists()
+            except UnreadableError as err:
+                raise OutputError(f"cannot write {err}") from err
+            if exists:
+                raise exists_already(path)
         elif devices and _is_device(path):
             continue
         else:
@@ -294,18 +301,6 @@ def _refuse_file(path: Path, overwrite: bool, never: Mapping[Inode, str], is_bag
 def _identified(paths: Iterable[str | Path]) -> dict[Inode, str]:
     """Return those of some files that there are, by what is the same whatever their names."""
     return {(found.st_dev, found.st_ino): str(path) for path in paths if (found := _stat(path))}
-
-
-def _refuse_object(url: Url, overwrite: bool, inputs: Iterable[str | Path]) -> None:
-    """Refuse an output in a store, as `refuse` does one of this machine."""
-    if str(url) in map(str, inputs):
-        raise OutputError(f"{url} is an input of this run; write elsewhere with -o")
-    try:
-        exists = not overwrite and url.exists()
-    except UnreadableError as err:
-        raise OutputError(f"cannot write {err}") from err
-    if exists:
-        raise exists_already(url)
 
 
 def exists_already(path: Place | str) -> OutputError:
@@ -395,13 +390,7 @@ def _locked(folder: Path) -> Iterator[bool]:
 
 
 def _lock(folder: Path) -> int | None:
-    """Lock a folder and return its handle; None where there are no locks (some network file systems).
-
-    Raises
-    ------
-    BlockingIOError
-        Another run has it.
-    """
+    """Lock a folder and return its handle, None where there are no locks; `BlockingIOError` where another run has it."""
     if fcntl is None:
         return None
     handle = None

@@ -76,7 +76,6 @@ class File:
     metavar: str
     """Placeholder; behind `|` stand words that may be given in place of a path."""
     is_output: bool = False
-    """True for a path that is written."""
 
     @property
     def words(self) -> list[str]:
@@ -93,7 +92,6 @@ class Option:
     """One option. Its name is that of the field: `max_width` is `--max-width` on the command line."""
 
     heading: str
-    """Section of the help."""
     value: Value
     default: Any = None
     """Plain value; a flag that is on by default is `--no-NAME` on the command line."""
@@ -105,7 +103,6 @@ class Option:
     rare: bool = False
     """True if only some logs need it: `--help` leaves it out, `--help-all` shows it."""
     several: bool = False
-    """True if it may be repeated."""
     both: bool = False
     """True for a flag that is spelled both ways, `--NAME` and `--no-NAME`."""
     required: bool = False
@@ -149,19 +146,14 @@ class Argument:
 
 def options_of(group: type) -> dict[str, Option]:
     """Return the options of a group by their fields, in order."""
-    return {
-        name: replace(each, help=words[0]) for name, (each, *words) in _declared(group).items() if isinstance(each, Option)
-    }
+    declared = {name: get_args(hint)[1:] for name, hint in group.__annotations__.items()}
+    return {name: replace(each, help=words[0]) for name, (each, *words) in declared.items() if isinstance(each, Option)}
 
 
 def arguments_of(group: type) -> dict[str, Argument]:
     """Return the arguments of a group by their fields, in order."""
-    return {name: each for name, (each, *_) in _declared(group).items() if isinstance(each, Argument)}
-
-
-def _declared(group: type) -> dict[str, Any]:
-    """The metadata beside the types of the fields of a group."""
-    return {name: get_args(hint)[1:] for name, hint in group.__annotations__.items()}
+    declared = {name: get_args(hint)[1] for name, hint in group.__annotations__.items()}
+    return {name: each for name, each in declared.items() if isinstance(each, Argument)}
 
 
 def defaults_of(group: type) -> dict[str, Any]:
@@ -191,18 +183,15 @@ class Rule:
         values : their values
         asked : returns whether the user gave an option
         """
-        others = [other for other in self.others if other.partition("=")[0] in options]
-        if not others or any(_is_met(other, options, values) for other in others) is self.needs:
+        met = []
+        for name, mark, wanted in (other.partition("=") for other in self.others):
+            if name in options:
+                value = values[name]
+                met.append(value in wanted.split("|") if mark else options[name].is_changed(value))
+        if not met or any(met) is self.needs:
             return ""
         meant = (name for name, option in options.items() if not {name, option.heading}.isdisjoint(self.names))
         return next((f"{options[name].spelled(name)} {self.words}" for name in meant if asked(name)), "")
-
-
-def _is_met(other: str, options: Mapping[str, Option], values: Mapping[str, Any]) -> bool:
-    name, mark, wanted = other.partition("=")
-    if mark:
-        return values[name] in wanted.split("|")
-    return options[name].is_changed(values[name])
 
 
 def refuse_combinations(
@@ -241,6 +230,8 @@ def python_words(name: str, option: Option) -> str:
     words = spelled(option.help)
     if isinstance(option.value, Number) and (unit := _UNIT_OF.get(option.value.metavar)):
         words = _CLAUSE.sub(f" [{unit}]", words, count=1)
+    if option.several or (isinstance(option.value, Text) and option.value.is_list):
+        words = f"{words} Python {'takes' if option.several else 'also takes'} a list."
     if option.python:
         words = f"{words} {option.python}"
     # A plain default stands in the signature.

@@ -86,13 +86,6 @@ def _threshold(text: str) -> str | float:
     return WIDTH.parse(text)
 
 
-def parse_without(text: str) -> str:
-    """`agents`."""
-    if text != "agents":
-        raise OptionError(f"'{text}' is not agents, which is all that a map leaves out")
-    return text
-
-
 def parse_removed(text: str) -> str:
     """The list as it is, once its items are known."""
     for word in text.split(","):
@@ -179,8 +172,6 @@ def output(metavar: str, **more: Any) -> Option:
 
 
 class Overwrite(TypedDict, total=False):
-    """Leave to replace files."""
-
     overwrite: Annotated[bool, Option(OUTPUT, None, False), "Replace files that exist."]
 
 
@@ -194,8 +185,6 @@ class Stamped(Overwrite, total=False):
 
 
 class TextOrJson(TypedDict, total=False):
-    """The format of what a command tells."""
-
     format: Annotated[
         Literal["text", "json"], Option(OUTPUT, ("text", "json"), "text"), "Text for people, or JSON for programs."
     ]
@@ -206,8 +195,6 @@ class Reported(Stamped, TextOrJson, total=False):
 
 
 class Jobs(TypedDict, total=False):
-    """The number of processors."""
-
     jobs: Annotated[
         int | None,
         Option(OUTPUT, COUNT, shown="automatic", short="-j"),
@@ -232,7 +219,7 @@ class Window(TypedDict, total=False):
 class _Topic(TypedDict, total=False):
     topic: Annotated[
         str | Iterable[str] | None,
-        Option(SELECT, Text("NAME"), shown="all", several=True, python="Python takes a list."),
+        Option(SELECT, Text("NAME"), shown="all", several=True),
         "LaserScan topic to read, or a pattern such as '/scan*'; may be repeated.",
     ]
 
@@ -279,8 +266,6 @@ class Delay(TypedDict, total=False):
 
 
 class Limits(TypedDict, total=False):
-    """Ranges that count."""
-
     range: Annotated[
         tuple[float, float] | None,
         Option(RANGES, Number("MIN MAX", 0, count=2), shown="those of the log"),
@@ -288,9 +273,7 @@ class Limits(TypedDict, total=False):
     ]
     no_return: Annotated[
         str | Iterable[str | float],
-        Option(
-            RANGES, Text("LIST", _no_return, is_list=True), "inf,zero,max,above,pile", python="Python also takes a list."
-        ),
+        Option(RANGES, Text("LIST", _no_return, is_list=True), "inf,zero,max,above,pile"),
         "Values that mean 'no return', comma separated: inf, zero, max, above, pile (a far range that very many beams "
         "have), nan, negative, below, or metres such as 81.91.",
     ]
@@ -312,14 +295,7 @@ class Ranges(Limits, total=False):
 
     columns: Annotated[
         str | Iterable[str],
-        Option(
-            GEOMETRY,
-            Text("LIST", is_list=True),
-            "",
-            shown="those of the file",
-            rare=True,
-            python="Python also takes a list.",
-        ),
+        Option(GEOMETRY, Text("LIST", is_list=True), "", shown="those of the file", rare=True),
         "Names of the columns of a CSV, in place of its own: time,ranges for one sweep per row, angle,range for one beam "
         "per row (docs/formats.md).",
     ]
@@ -364,8 +340,6 @@ class Ranges(Limits, total=False):
 
 
 class Joining(TypedDict, total=False):
-    """Logs in parts."""
-
     join: Annotated[
         bool,
         Option(MANY, None, False),
@@ -452,8 +426,6 @@ class Comparing(TypedDict, total=False):
 
 
 class Things(TypedDict, total=False):
-    """Names of things."""
-
     catalogue: Annotated[
         "AnyPath | Catalogue | None",
         Option(THINGS, File("FILE"), shown="none", python="Python also takes what `read_catalogue` returns."),
@@ -476,14 +448,10 @@ _MEMORY = "Decide what is a thing, and its shape, by all sweeps that saw it, not
 
 
 class Detecting(Finding, total=False):
-    """Keywords of `detect`."""
-
     memory: Annotated[bool, Option(OBJECTS, None, False, both=True), _MEMORY]
 
 
 class Trajectories(TypedDict, total=False):
-    """Keywords on the table of trajectories."""
-
     trajectories: Annotated[
         bool,
         Option(OUTPUT, None, True),
@@ -492,8 +460,6 @@ class Trajectories(TypedDict, total=False):
 
 
 class Tracking(Finding, Trajectories, total=False):
-    """Keywords of `track`."""
-
     memory: Annotated[bool, Option(OBJECTS, None, True, both=True), _MEMORY]
     significance: Annotated[
         float,
@@ -503,14 +469,10 @@ class Tracking(Finding, Trajectories, total=False):
 
 
 class Beams(TypedDict, total=False):
-    """The largest of the tables."""
-
     beams: Annotated[bool, Option(OUTPUT, None, False), "Also make the table <log>.beams.parquet, one row per beam."]
 
 
 class Tabling(Tracking, Beams, total=False):
-    """Keywords of `tables`."""
-
     columns: Annotated[
         str | Iterable[str],
         Option(
@@ -518,16 +480,13 @@ class Tabling(Tracking, Beams, total=False):
             Text("LIST", parse_names, is_list=True),
             "",
             shown="all",
-            python="Python also takes a list. Each table keeps those that it has; 'brief': a few of each that tell what "
-            "was where.",
+            python="Each table keeps those that it has; 'brief': a few of each that tell what was where.",
         ),
         _COLUMNS,
     ]
 
 
 class Learning(Reading, total=False):
-    """Keywords of `background`."""
-
     station_distance: Annotated[
         float,
         Option(STATIONS, WIDTH, default=choices.STATION_DISTANCE),
@@ -541,8 +500,6 @@ class Learning(Reading, total=False):
 
 
 class Mapping(Reading, total=False):
-    """Keywords of `map`."""
-
     resolution: Annotated[
         float, Option(GRID, Number("METRES", *choices.MAP_RESOLUTIONS), choices.MAP_RESOLUTION), "Side of a cell."
     ]
@@ -567,7 +524,7 @@ class Mapping(Reading, total=False):
     ]
     without: Annotated[
         Literal["agents"] | None,
-        Option(GRID, Text("agents", parse_without), shown="nothing"),
+        Option(GRID, ("agents",), shown="nothing"),
         "Leave out agents: what moves, by following it as `lidarcli track` does.",
     ]
     max_size: Annotated[
@@ -583,7 +540,7 @@ class Mapping(Reading, total=False):
 class _Zones(TypedDict, total=False):
     zones: Annotated[
         Paths,
-        Option(ZONES, File("FILE"), (), required=True, several=True, python="Python takes a list."),
+        Option(ZONES, File("FILE"), (), required=True, several=True),
         "Zones to watch, may be repeated: TOML, or the YAML of Nav2's Collision Monitor (docs/zones.md).",
     ]
     objects: Annotated[
@@ -608,8 +565,6 @@ class Zoning(_Zones, Joining, Topics, Poses, Delay, Objects, Comparing, Things, 
 
 
 class Diffing(Topics, Poses, Delay, Things, Ranges, Jobs, total=False):
-    """Keywords of `diff`."""
-
     align: Annotated[
         Literal["auto", "as-is", "search"],
         Option(PLACES, choices.ALIGN, choices.ALIGN[0]),
@@ -624,11 +579,9 @@ class Diffing(Topics, Poses, Delay, Things, Ranges, Jobs, total=False):
 
 
 class Cleaning(_Topic, Poses, Delay, _Objects, Limits, Jobs, total=False):
-    """Keywords of `clean`."""
-
     remove: Annotated[
         str | Iterable[str],
-        Option(CLEANING, Text("LIST", parse_removed, is_list=True), "agents", python="Python also takes a list."),
+        Option(CLEANING, Text("LIST", parse_removed, is_list=True), "agents"),
         "Beams that are to say nothing, comma separated: agents (what moves by itself, from then on), temporary (what "
         "stands where the place was also seen free). What a --mask tells, too.",
     ]
@@ -643,8 +596,6 @@ class Cleaning(_Topic, Poses, Delay, _Objects, Limits, Jobs, total=False):
 
 
 class Inspecting(_Topic, Joining, Poses, Ranges, total=False):
-    """Keywords of `info`."""
-
     deep: Annotated[
         bool,
         Option(FINDINGS, None, False),
@@ -653,8 +604,6 @@ class Inspecting(_Topic, Joining, Poses, Ranges, total=False):
 
 
 class Plotting(Joining, Poses, Delay, Objects, Ranges, total=False):
-    """Keywords of `plot`."""
-
     at: Annotated[
         float | str | None,
         Option(PICTURE, TIME, shown="none", unless=("sweep", "sweeps", "animate")),
@@ -684,7 +633,7 @@ class Plotting(Joining, Poses, Delay, Objects, Ranges, total=False):
     ]
     zones: Annotated[
         Paths,
-        Option(PICTURE, File("FILE"), (), shown="none", several=True, python="Python takes a list."),
+        Option(PICTURE, File("FILE"), (), shown="none", several=True),
         "Draw the zones of this file (docs/zones.md) into the scene, those that are occupied filled and with their beams; "
         "may be repeated.",
     ]
@@ -702,35 +651,24 @@ class Plotting(Joining, Poses, Delay, Objects, Ranges, total=False):
 
 
 class Reporting(Joining, total=False):
-    """Keywords of `report`."""
-
     check: Annotated[
         str | Iterable[str],
-        Option(
-            GATES,
-            Text("EXPR", has_blanks=True),
-            (),
-            shown="none",
-            several=True,
-            python="Python takes a list; `holds` of the result tells.",
-        ),
+        Option(GATES, Text("EXPR", has_blanks=True), (), shown="none", several=True, python="`holds` of the result tells."),
         "Condition that must hold, else the exit code is 1; may be repeated (docs/reports.md).",
     ]
     baseline: Annotated[
         Tables,
-        Option(GATES, File("TABLE"), (), shown="none", several=True, python="Python takes a list, and tables in memory."),
+        Option(GATES, File("TABLE"), (), shown="none", several=True, python="Tables in memory are taken, too."),
         "Tables to compare with, may be repeated; checks may then name delta.FIGURE.",
     ]
     log: Annotated[
         Paths,
-        Option(OUTPUT, INPUT, (), shown="the beams tables, where they are", several=True, python="Python takes a list."),
+        Option(OUTPUT, INPUT, (), shown="the beams tables, where they are", several=True),
         "Log of the tables, may be repeated: HTML then shows its raw sweeps.",
     ]
 
 
 class Overlaying(Joining, Jobs, Topics, Poses, Delay, Objects, Things, Ranges, total=False):
-    """Keywords of `overlay`."""
-
     objects: Annotated[
         AnyPath | None,
         Option(OUTPUT, File("TABLE"), shown="find and follow, as track does"),
@@ -748,7 +686,7 @@ class Overlaying(Joining, Jobs, Topics, Poses, Delay, Objects, Things, Ranges, t
     ]
     zones: Annotated[
         Paths,
-        Option(OUTPUT, File("FILE"), (), shown="none", several=True, python="Python takes a list."),
+        Option(OUTPUT, File("FILE"), (), shown="none", several=True),
         "Show the zones of this file, too (docs/zones.md), brighter while they are occupied; may be repeated.",
     ]
     layout: Annotated[
@@ -759,8 +697,6 @@ class Overlaying(Joining, Jobs, Topics, Poses, Delay, Objects, Things, Ranges, t
 
 
 class Simulating(TypedDict, total=False):
-    """Keywords of `simulate`."""
-
     container: Annotated[
         Literal["mcap", "bag", "ros2", "ros2-mcap", "db3", "csv"] | None,
         Option(LOG, choices.CONTAINERS, shown="by suffix"),
@@ -807,12 +743,8 @@ class Simulating(TypedDict, total=False):
 
 
 class Exporting(TypedDict, total=False):
-    """Keywords of `export`."""
-
     columns: Annotated[
-        str | Iterable[str],
-        Option(OUTPUT, Text("LIST", parse_names, is_list=True), "", shown="all", python="Python also takes a list."),
-        _COLUMNS,
+        str | Iterable[str], Option(OUTPUT, Text("LIST", parse_names, is_list=True), "", shown="all"), _COLUMNS
     ]
     stamps: Annotated[Literal["ns", "us"] | None, Option(OUTPUT, choices.STAMPS, shown="as they are"), _STAMPS]
 

@@ -12,7 +12,7 @@ import lidarcli
 PACKAGE = Path(lidarcli.__file__).parent
 MODULES = sorted(path.relative_to(PACKAGE) for path in PACKAGE.rglob("*.py") if path.name != "__main__.py")
 
-GROUND = {"_version", "choices", "columns", "errors", "native"}
+GROUND = {"_version", "choices", "errors", "native"}
 OPTIONS = {"option_forms", "options"}
 CORE = GROUND | {"display", "findings", "masks", "palette", "range_rules", "sweeps", "times", "zone"}
 MAY_IMPORT = {
@@ -20,7 +20,6 @@ MAY_IMPORT = {
     "palette": {"choices"},
     "_version": set[str](),
     "choices": set[str](),
-    "columns": set[str](),
     "option_forms": {"choices", "errors"},
     "options": {"choices", "errors", "formalism", "range_rules", "option_forms", "times"},
     "interrupts": set[str](),
@@ -36,7 +35,7 @@ MAY_IMPORT = {
     "ranges": {"native"},
     "display": set[str](),
     "findings": {"sweeps"},
-    "sweeps": {"columns", "display"},
+    "sweeps": {"display"},
     "masks": {"errors", "sweeps"},
     "zone": {"masks", "sweeps"},
     "range_rules": {"errors", "masks", "ranges", "sweeps"},
@@ -126,7 +125,7 @@ LINES = {
     "ros": 320,
     "simulation": 2_360,
     "tabular": 2_150,
-    "lidarcli": 6_450,
+    "lidarcli": 6_300,
 }
 """Most lines of Python of each room, and of the files beside them: lower them as code goes; who raises one says why."""
 MOST_FILES = 198

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from dataclasses import dataclass, replace
-from itertools import chain
 from pathlib import Path
 
 import numpy as np
@@ -163,18 +162,6 @@ def test_the_time_between_sweeps_moves_no_beam(drives: Logs) -> None:
     assert compare(lidarcli.map(log), truth).f1 > 0.99
 
 
-def test_poses_of_instants_tell_no_way(drives: Logs) -> None:
-    for batch in lidarcli.read(drives.made(0.0)):
-        assert batch.duration is None
-        assert batch.poses is not None
-        assert batch.poses.way is None
-    for deskew in (True, False):
-        for batch in lidarcli.read(drives.made(), deskew=deskew):
-            assert batch.duration is not None
-            assert batch.poses is not None
-            assert (batch.poses.way is not None) == deskew
-
-
 def test_detections_are_the_same_but_for_their_place_in_the_world(drives: Logs) -> None:
     on, off = (lidarcli.detect(drives.made(), deskew=deskew) for deskew in (True, False))
     world = [name for name in on.schema.names if name.startswith("world_")]
@@ -293,16 +280,6 @@ def spreads(followed: GivenPaths) -> float:
     known = followed.columns["track"] > 0
     speed = np.hypot(followed.columns["vx"][known], followed.columns["vy"][known])
     return float(np.median(speed))
-
-
-def test_all_objects_of_all_sensors_have_a_share_of_their_sweep() -> None:
-    for batch in chain.from_iterable((going(name), told_backwards(going(name))) for name in SENSORS):
-        found = detect(batch, Parameters())
-        share = found.shares(batch)
-        assert ((share >= 0.0) & (share <= 1.0)).all()
-        plain = found.beam_i <= found.beam_f
-        middle = 0.5 * (found.beam_i + found.beam_f) / (batch.beams[found.row] - 1)
-        np.testing.assert_allclose(share[plain], middle[plain])
 
 
 def test_what_crosses_the_seam_is_seen_at_its_middle() -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import shutil
-import subprocess
 import sys
 from pathlib import Path
 
@@ -17,11 +16,9 @@ from lidarcli import newfiles
 from lidarcli.cli import run
 from lidarcli.errors import OptionError, OutputError
 from lidarcli.newfiles import NewFiles, refuse, refuse_lost, scratch_folder, write_whole
-from lidarcli.simulation import simulate
 from lidarcli.tabular.writing import TableFiles
 from tests.places import SAMPLES
 from tests.unprivileged import lidarcli
-from tests.waiting import HANG
 
 ROOM = SAMPLES / "room.mcap"
 SCENE = ROOM.with_suffix(".toml")
@@ -97,47 +94,6 @@ def test_a_folder_without_locks_is_written_all_the_same(tmp_path: Path, monkeypa
     monkeypatch.setattr(newfiles, "fcntl", None)
     assert write_whole(tmp_path / "a", b"1") == []
     assert [path.name for path in tmp_path.iterdir()] == ["a"]
-
-
-def test_a_lock_that_is_never_let_go_is_not_waited_for(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(newfiles, "LOCK_WAIT_S", 0.1)
-    with newfiles._locked(tmp_path) as alone:
-        assert alone
-        assert write_whole(tmp_path / "a", b"1") == []
-    assert (tmp_path / "a").read_bytes() == b"1"
-    # Whoever holds it all the time is waited for once, not with every log.
-    assert str(tmp_path) in newfiles._TAKEN
-
-
-@pytest.mark.slow
-def test_pairs_of_runs_leave_whole_tables_of_one_of_them(tmp_path: Path) -> None:
-    """With one temporary name for both, eight of ten pairs left tables that nobody can read."""
-    lengths = {"a": 700, "b": 500}
-    for name, sweeps in lengths.items():
-        (tmp_path / name).mkdir()
-        simulate(SCENE, tmp_path / name / "run.mcap", sweeps=sweeps)
-    out = tmp_path / "out"
-    for overwrite in (["--overwrite"], ["--overwrite"], []):
-        if not overwrite:
-            shutil.rmtree(out)
-        runs = [
-            subprocess.Popen(
-                [*DETECT, str(tmp_path / name / "run.mcap"), "-o", str(out), "--beams", *overwrite],
-                stderr=subprocess.PIPE,
-                text=True,
-            )
-            for name in lengths
-        ]
-        errors = [process.communicate(timeout=HANG)[1] for process in runs]
-        codes = [process.returncode for process in runs]
-        assert sorted(codes) == ([0, 0] if overwrite else [0, 5]), errors
-        rows = pq.read_table(out / "run.sweeps.parquet").num_rows
-        assert rows in lengths.values()
-        assert pq.read_table(out / "run.objects.parquet")["sweep"].to_numpy().max() == rows - 1
-        assert pq.read_table(out / "run.beams.parquet")["sweep"].to_numpy().max() == rows - 1
-        assert sorted(path.name for path in out.iterdir()) == [
-            f"run.{table}.parquet" for table in ("beams", "objects", "sweeps")
-        ]
 
 
 @pytest.mark.slow

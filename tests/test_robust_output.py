@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import re
 import signal
-import sqlite3
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -17,8 +16,6 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from lidarcli.logs import open_log
-from lidarcli.logs.base import ReadReport
 from lidarcli.simulation.writers import write_log
 from tests.interrupting import MOMENTS, STARTS, ended, left
 from tests.sweeping import BOX, raw_sweeps, round_room
@@ -176,49 +173,6 @@ def test_full_disk(log: Path, tmp_path: Path, size: str) -> None:
     assert pq.read_metadata(tmp_path / "run.sweeps.parquet").num_rows == SWEEPS
 
 
-def test_logs_on_a_read_only_disk(log: Path, tmp_path: Path) -> None:
-    """Root may write to a read-only folder, but not to a read-only disk: no log needs anything beside itself."""
-    disk, out = tmp_path / "disk", tmp_path / "out"
-    disk.mkdir()
-    with open_log(log) as source:
-        blocks = [block for block in source.scans(None, ReadReport()) if block.topic == "/a"]
-    with mounted(disk, "size=64m"):
-        (disk / "run.mcap").write_bytes(log.read_bytes())
-        write_log(disk / "cut.bag", blocks)
-        (disk / "cut.bag").write_bytes((disk / "cut.bag").read_bytes()[:-100_000])
-        write_log(disk / "packed", blocks, compression="zstd")
-        write_log(disk / "text.csv.gz", blocks)
-        write_log(disk / "wal.db3", blocks)
-        keep_in_wal(disk / "wal.db3")
-        before = sorted(path.name for path in disk.rglob("*"))
-        assert "wal.db3-wal" in before
-        subprocess.run(["mount", "-o", "remount,ro", str(disk)], check=True)
-        process = detect(disk, out)
-        err = said(process)
-        assert process.returncode == 3
-        (line,) = err.splitlines()
-        assert line.startswith(f"lidarcli: {disk / 'cut.bag'}: ")
-        assert sorted(path.name for path in disk.rglob("*")) == before
-        assert not os.access(disk, os.W_OK)
-    rows = {path.name.split(".")[0]: pq.read_metadata(path).num_rows for path in out.glob("*.sweeps.parquet")}
-    assert 0 < rows.pop("cut") < SWEEPS // 2
-    assert rows == {"run": SWEEPS, "packed": SWEEPS // 2, "text": SWEEPS // 2, "wal": SWEEPS // 2 + 1}
-
-
-def keep_in_wal(path: Path) -> None:
-    """Add a message as a recorder that is killed leaves it: in a write-ahead log beside the database."""
-    work = path.with_name("work.db3")
-    path.rename(work)
-    database = sqlite3.connect(work, isolation_level=None)
-    database.execute("PRAGMA journal_mode = wal")
-    database.execute("PRAGMA wal_autocheckpoint = 0")
-    database.execute("INSERT INTO messages(topic_id, timestamp, data) SELECT topic_id, 1, data FROM messages LIMIT 1")
-    path.write_bytes(work.read_bytes())
-    Path(f"{path}-wal").write_bytes(Path(f"{work}-wal").read_bytes())
-    database.close()
-    work.unlink()
-
-
 def test_a_killed_overlay_leaves_nothing_that_stays(log: Path, tmp_path: Path) -> None:
     """Its tables lie beside what it writes, where the next run clears them away, and not in the temporary folder."""
     out, temporary, pipe = tmp_path / "out", tmp_path / "temporary", log.with_name("pipe") / log.name
@@ -238,20 +192,3 @@ def test_a_killed_overlay_leaves_nothing_that_stays(log: Path, tmp_path: Path) -
     assert (done.returncode, done.stderr) == (0, b"")
     assert [path.name for path in out.iterdir()] == ["run.overlay.mcap"]
     assert [*temporary.iterdir()] == []
-
-
-def test_a_killed_copy_leaves_nothing_that_stays(tmp_path: Path) -> None:
-    """Copy and table stand in a folder of their own until both are whole."""
-    out, log = tmp_path / "out", tmp_path / "run.mcap"
-    write_log(log, [raw_sweeps(round_room(20_000, 180, BOX))])
-    command = [sys.executable, "-m", "lidarcli", "-q", "clean", "-o", str(out / "run.clean.mcap")]
-    killed = subprocess.Popen([*command, str(log)], stderr=subprocess.PIPE)
-    wait_until(lambda: [*out.glob(".*.part/run.clean.mcap.tables/.*.part")], killed)
-    killed.kill()
-    killed.communicate()
-    assert killed.returncode == -signal.SIGKILL
-    assert [path.name for path in out.iterdir() if not SCRATCH.fullmatch(path.name)] == []
-    write_log(tmp_path / "short.mcap", [raw_sweeps(round_room(5, 180, BOX))])
-    done = subprocess.run([*command, str(tmp_path / "short.mcap")], capture_output=True, check=False)
-    assert (done.returncode, done.stderr) == (0, b"")
-    assert sorted(path.name for path in out.iterdir()) == ["run.clean.cleaned.parquet", "run.clean.mcap"]

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from lidarcli.errors import OptionError
 from lidarcli.range_rules import NO_RETURN_WORDS, RangeRules, closure, duration, normalise, parse_no_return
 from lidarcli.sweeps import TURN, Closure, RawSweeps, Status, SweepBatch, SweepPoses, concatenate
 from tests.sweeping import raw_sweeps
@@ -135,13 +134,6 @@ def test_given_limits_replace_those_of_the_messages() -> None:
     assert (batch.range_min.tolist(), batch.range_max.tolist()) == ([0.5], [5.0])
 
 
-def test_the_raw_block_is_left_as_it_is() -> None:
-    raw = ragged([[0.0, 2.0, inf, 9.0]])
-    before = raw.ranges.copy()
-    normalise(raw, np.arange(1), RangeRules())
-    np.testing.assert_array_equal(raw.ranges, before)
-
-
 def test_short_rows_are_padded_and_padding_is_no_beam() -> None:
     batch = normalise(ragged([[1.0, 0.0], [2.0, 3.0, inf, 4.0], []]), np.array([3, 5, 6]), RangeRules())
     assert batch.status.tolist() == [[VALID, NO_RETURN, PADDING, PADDING], [VALID, VALID, NO_RETURN, VALID], [PADDING] * 4]
@@ -238,12 +230,6 @@ def test_how_a_sweep_closes(beams: int, increment: float, expected: Closure) -> 
         assert kind.dtype == np.uint8
 
 
-def test_each_row_closes_by_its_own_geometry() -> None:
-    beams = np.array([360, 361, 270, 452], np.int32)
-    steps = np.array([TURN / 360, -TURN / 360, TURN / 360, TURN / 452])
-    assert closure(beams, steps).tolist() == [CLOSED, SHARED, OPEN, CLOSED]
-
-
 @pytest.mark.parametrize(
     ("text", "expected"),
     [
@@ -257,15 +243,6 @@ def test_each_row_closes_by_its_own_geometry() -> None:
 )
 def test_a_no_return_list(text: str, expected: tuple[frozenset[str], tuple[float, ...]]) -> None:
     assert parse_no_return(text) == expected
-
-
-def test_a_no_return_list_with_a_word_that_means_nothing() -> None:
-    with pytest.raises(OptionError) as caught:
-        parse_no_return("zero,minimum")
-    assert str(caught.value) == (
-        "--no-return: 'minimum' is neither a number nor one of inf, zero, max, above, pile, nan, negative, below"
-    )
-    assert caught.value.exit_code == 2
 
 
 def test_blocks_of_different_widths_and_frames_join() -> None:
@@ -288,11 +265,6 @@ def test_blocks_of_different_widths_and_frames_join() -> None:
     status = normalise(joined, np.arange(4), RangeRules()).status.tolist()
     assert status[0] == [VALID, VALID, PADDING]
     assert status[3] == [NO_RETURN, PADDING, PADDING]
-
-
-def test_a_single_block_is_not_copied() -> None:
-    block = ragged([[1.0]])
-    assert concatenate([block]) is block
 
 
 @pytest.mark.parametrize("index", [slice(1, 3), np.array([1, 2]), np.array([False, True, True])])
@@ -361,11 +333,6 @@ def test_nonsense_in_one_header_leaves_the_others() -> None:
     told = lasting(time_increment=[nan, 0.0001, 5.0, 0.0], scan_time=[0.1, 0.1, 0.1, 0.1])
     assert told.tolist() == pytest.approx([0.0, 0.036, 0.0, 0.0])
     assert np.isfinite(told).all()
-
-
-@pytest.mark.parametrize("beams", [0, 1])
-def test_a_single_beam_takes_no_time(beams: int) -> None:
-    assert lasting(beams, time_increment=0.1, scan_time=0.1) is None
 
 
 def test_the_longest_sweep_is_believed() -> None:
@@ -444,10 +411,3 @@ def test_the_way_as_the_sensor_has_it(upside_down: bool) -> None:
     np.testing.assert_allclose([end_x, end_y], [there.x, there.y])
     np.testing.assert_allclose(np.sin(heading - there.yaw), 0.0, atol=1e-12)
     assert replace(poses, way=None).own_way() is None
-
-
-def test_rows_of_poses_keep_their_way() -> None:
-    picked = going().rows(np.array([1, 0, 0]))
-    assert picked.way is not None
-    assert picked.way[:, 1].tolist() == [0.0, 1.0, 1.0]
-    assert replace(going(), way=None).rows(np.array([1])).way is None

@@ -11,7 +11,8 @@ import click
 import pyarrow as pa
 
 from lidarcli import errors
-from lidarcli.cli import cli, settings
+from lidarcli.cli import settings
+from lidarcli.cli.commands import cli
 from lidarcli.reports import figures
 from lidarcli.simulation.truth import TRUTH, TRUTH_BEAMS
 from lidarcli.tabular import writing

@@ -21,8 +21,6 @@ if TYPE_CHECKING:
 
 
 class BuildCommand(ManyLogs, Overwrite, TextOrJson, Learning, total=False):
-    """Options of `background build`."""
-
     output: Annotated[str, output("FILE"), "Background table to write (Parquet)."]
     plot: Annotated[
         str | None, Option(OUTPUT, File("FIG", is_output=True), shown="none"), "Also draw it: .png, .svg or .pdf."

@@ -168,6 +168,7 @@ def _one_file(output: str) -> str | None:
 
 def _into_folder(messages: Messages, options: Mapping[str, Any], parsed: "DetectOptions") -> int:
     """Write the tables of every log below a folder; return the exit code."""
+    from lidarcli.pipeline.detecting import detect_files
     from lidarcli.pipeline.inputs.search import refuse_clashes
     from lidarcli.pipeline.inputs.sources import Source
     from lidarcli.pipeline.runs.table_folder import TableFolder
@@ -191,7 +192,11 @@ def _into_folder(messages: Messages, options: Mapping[str, Any], parsed: "Detect
             total.add(step.done)
     left = [step.source for step in steps if step.done is None]
     with progress_bar(left, messages) as report:
-        for outcome in _outcomes(messages, left, folder, parsed, report, address):
+        if address is None or not left:
+            outcomes = detect_files(left, folder, parsed, report)
+        else:
+            outcomes = _on_cluster(messages, left, folder, parsed, report, address)
+        for outcome in outcomes:
             show(outcome, messages)
             messages.notes(tables.remove_other_days(outcome))
             total.add(outcome)
@@ -225,31 +230,11 @@ def _into_one(messages: Messages, options: Mapping[str, Any], kind: str, parsed:
 
 def _begin(messages: Messages, options: Mapping[str, Any], parsed: "DetectOptions") -> "list[Source | MissingInput]":
     """Return the logs of a run, after what is said before it."""
-    from lidarcli.machine import keep_freed_memory
-
-    keep_freed_memory()
-    messages.of_missing_core()
-    messages.begin(options)
+    messages.begin(options, finds=True)
     sources = chosen_logs(messages, options)
     shown = ", ".join(f"{name}={value}" for name, value in parsed.as_dict().items())
     messages.detail(f"{counted(len(sources), 'log')}; {shown}")
     return sources
-
-
-def _outcomes(
-    messages: Messages,
-    sources: "Sequence[Source | MissingInput]",
-    folder: Place,
-    parsed: "DetectOptions",
-    report: "LogProgress | None",
-    address: str | None,
-) -> "Iterator[Outcome]":
-    """Return the outcome of each log, here or on a cluster."""
-    from lidarcli.pipeline.detecting import detect_files
-
-    if address is None or not sources:
-        return detect_files(sources, folder, parsed, report)
-    return _on_cluster(messages, sources, folder, parsed, report, address)
 
 
 def _on_cluster(

@@ -26,8 +26,6 @@ if TYPE_CHECKING:
 
 
 class InfoCommand(ManyLogs, TextOrJson, Overwrite, Inspecting, total=False):
-    """Options of `info`."""
-
     output: Annotated[
         tuple[str, ...],
         output("FILE", shown="none", several=True),
@@ -102,7 +100,8 @@ def info(messages: Messages, options: InfoCommand) -> int:
             if kind == "text":
                 with messages.paused():
                     between = "\n" if len(infos) > 1 else ""
-                    click.echo(as_line(result) if brief else between + as_text(result))
+                    line = _log_line(result) if isinstance(result, LogInfo) else background_line(result)
+                    click.echo(no_command(one_line(line)) if brief else between + as_text(result))
     if kind == "json":
         click.echo(as_json(infos))
     logs = [each for each in infos if isinstance(each, LogInfo)]
@@ -112,9 +111,7 @@ def info(messages: Messages, options: InfoCommand) -> int:
             messages.wrote([path])
         else:
             messages.info(f"{path} is not written: there is nothing to fix")
-    failed = [verdict for verdict in judge_checks(checks, logs) if not verdict.holds]
-    for verdict in failed:
-        messages.error(f"check failed: {verdict.failure}")
+    failed = messages.failed(judge_checks(checks, logs))
     # Findings of a log that could not be opened are not known; those of a damaged one only get more.
     if failed and len(infos) == len(sources):
         return CHECK_FAILED
@@ -184,13 +181,6 @@ def _log_lines(info: "LogInfo") -> list[str]:
     for found in info.findings:
         lines += _finding_lines(found)
     return lines
-
-
-def as_line(info: "LogInfo | Learned") -> str:
-    """One line on a log or a background."""
-    from lidarcli.pipeline.inspecting import LogInfo
-
-    return no_command(one_line(_log_line(info) if isinstance(info, LogInfo) else background_line(info)))
 
 
 def _log_line(info: "LogInfo") -> str:

@@ -67,8 +67,13 @@ class Messages(Screen):
     summary: dict[str, list[Any]] | None = None
     """Summary that `--format json` prints in the end; None where it is not asked for."""
 
-    def begin(self, options: Mapping[str, Any]) -> None:
-        """Collect the summary if the options of the command ask for JSON."""
+    def begin(self, options: Mapping[str, Any], *, finds: bool = False) -> None:
+        """Collect the summary if the options of the command ask for JSON; get ready where it `finds` objects."""
+        if finds:
+            from lidarcli.machine import keep_freed_memory
+
+            keep_freed_memory()
+            self.of_missing_core()
         if options["format"] == "json":
             self.summary = {"logs": [], "notes": [], "written": []}
 
@@ -87,6 +92,13 @@ class Messages(Screen):
     def error(self, *parts: str) -> None:
         """`lidarcli: run.mcap: what is wrong`, always shown."""
         self.write(one_line(": ".join(["lidarcli", *parts])))
+
+    def failed(self, verdicts: Iterable[Any]) -> bool:
+        """Name the checks whose verdicts are that they do not hold; return True if there are any."""
+        failures = [verdict.failure for verdict in verdicts if not verdict.holds]
+        for failure in failures:
+            self.error(f"check failed: {failure}")
+        return bool(failures)
 
     def info(self, line: str) -> None:
         """A line of a summary."""

@@ -45,8 +45,6 @@ def _indices(text: str) -> tuple[int, ...]:
 
 
 class PlotCommand(OneLog, Overwrite, Window, Plotting, total=False):
-    """Options of `plot`."""
-
     sweep: Annotated[int | None, Option(PICTURE, SWEEP, shown="0", unless=("sweeps", "at")), "Sweep to draw."]
     sweeps: Annotated[
         tuple[int, ...] | None,
@@ -102,13 +100,20 @@ def plot(messages: Messages, options: Mapping[str, Any]) -> int:
     up to the last of these sweeps is read; with --view map, all of it.
     """
     output, view, animate = options["output"], options["view"], options["animate"]
-    in_world, sweeps = view == MAP, _wanted_sweeps(options)
+    in_world, sweeps = view == MAP, options["sweeps"]
+    if options["sweep"] is not None:
+        sweeps = (options["sweep"],)
+    elif sweeps is None and not animate:
+        sweeps = (0,)
     read = log_options({**options, "start": None, "end": None}).read
     look = Look(*(options[field] for field in ("width", "dpi", "title", "legend", "vertices", "fps")))
-    _refuse_suffix(output, animate)
+    known, suffix = ANIMATIONS if animate else IMAGES, "" if output is None else place(output).suffix.lower()
+    if output not in (None, STDOUT) and suffix not in known:
+        still = " or --animate" if suffix in ANIMATIONS else ""
+        raise click.UsageError(f"{output}: the suffix has to be one of {', '.join(known)}{still}")
     if output == STDOUT and (animate or len(sweeps or ()) != 1):
         raise click.UsageError("standard output takes one picture; give -o FIG")
-    if look.dpi is not None and output is not None and place(output).suffix.lower() in (".svg", ".pdf"):
+    if look.dpi is not None and suffix in (".svg", ".pdf"):
         raise click.UsageError("--dpi is for .png and animations; .svg and .pdf have no pixels")
 
     from dataclasses import replace
@@ -158,39 +163,14 @@ def plot(messages: Messages, options: Mapping[str, Any]) -> int:
     return UnreadableError.exit_code if drawn.damage else 0
 
 
-def _wanted_sweeps(options: Mapping[str, Any]) -> tuple[int, ...] | None:
-    """The sweeps to draw; None for all."""
-    sweep, sweeps = options["sweep"], options["sweeps"]
-    if sweep is not None:
-        return (sweep,)
-    return (0,) if sweeps is None and not options["animate"] else sweeps
-
-
 def _outputs(
     output: str | None, source: "Source", wanted: tuple[int, ...] | None, animate: bool, in_world: bool
 ) -> list[Place]:
     """The files to write: by default named after the log, in the current directory."""
     log = source.name.rpartition("/")[2]
-    one = animate or wanted is None or len(wanted) == 1
-    if output is not None:
-        path = place(output)
-        return [path] if one else _numbered(path, wanted or ())
-    if animate:
-        return [place(f"{log}.gif")]
-    name = place(f"{log}-map.png" if in_world else f"{log}.png")
-    return [name] if wanted is None else _numbered(name, wanted)
-
-
-def _refuse_suffix(output: str | None, animate: bool) -> None:
-    """Refuse a name that says no format, or the wrong one."""
-    if output is None or output == STDOUT:
-        return
-    known = ANIMATIONS if animate else IMAGES
-    if place(output).suffix.lower() not in known:
-        still = " or --animate" if place(output).suffix.lower() in ANIMATIONS else ""
-        raise click.UsageError(f"{output}: the suffix has to be one of {', '.join(known)}{still}")
-
-
-def _numbered(path: Place, sweeps: tuple[int, ...]) -> list[Place]:
-    """One name for each of several sweeps."""
-    return [path.with_name(f"{path.stem}-{index}{path.suffix}") for index in sweeps]
+    ending = ".gif" if animate else "-map.png" if in_world else ".png"
+    path = place(f"{log}{ending}" if output is None else output)
+    # A name that is given is that of a single picture.
+    if animate or wanted is None or (output is not None and len(wanted) == 1):
+        return [path]
+    return [path.with_name(f"{path.stem}-{index}{path.suffix}") for index in wanted]

@@ -23,7 +23,6 @@ NAME = "lidarcli.toml"
 NONE = "none"
 """As the name of a settings file: use none, also where LIDARCLI_CONFIG names one."""
 
-PREFIX = "LIDARCLI"
 NOT_SHARED = frozenset({"format", "output"})
 """Options whose values mean something else in each command."""
 
@@ -49,19 +48,15 @@ def _use(ctx: click.Context, tree: dict[str, Any]) -> None:
     ctx.default_map = (ctx.parent.default_map or {}).get(str(ctx.info_name), {})
 
 
-def commands(ctx: click.Context) -> Iterator[tuple[str, click.Command, click.Context]]:
-    """Every command with its name, such as `background build`, and a context of its own."""
-    yield from _below(ctx.find_root(), "")
-
-
-def _below(ctx: click.Context, words: str) -> Iterator[tuple[str, click.Command, click.Context]]:
+def commands(ctx: click.Context, words: str = "") -> Iterator[tuple[str, click.Command, click.Context]]:
+    """Every command below a context with its name, such as `background build`, and a context of its own."""
     if not isinstance(ctx.command, click.Group):
         yield words, ctx.command, ctx
         return
     for name in ctx.command.list_commands(ctx):
         command = ctx.command.get_command(ctx, name)
         assert command is not None, "it is listed"
-        yield from _below(click.Context(command, ctx, name), f"{words} {name}".lstrip())
+        yield from commands(click.Context(command, ctx, name), f"{words} {name}".lstrip())
 
 
 def settable(command: click.Command) -> list[DeclaredOption]:
@@ -76,7 +71,7 @@ def unknown_variables(ctx: click.Context) -> list[str]:
     prefix, command = f"{ctx.auto_envvar_prefix}_", ctx.info_name
     known = [
         variable.removeprefix(prefix)
-        for _, one, below in _below(ctx, "")
+        for _, one, below in commands(ctx)
         for each in settable(one)
         if (variable := each.variable(below))
     ]
@@ -109,7 +104,7 @@ def _default_maps(ctx: click.Context, file: str) -> dict[str, Any]:
     from lidarcli.configfiles import read_toml
 
     settings = read_toml(file, "settings file")
-    known = {name: {each.key: each for each in settable(one)} for name, one, _ in commands(ctx)}
+    known = {name: {each.key: each for each in settable(one)} for name, one, _ in commands(ctx.find_root())}
     shared = {_spelled(key): value for key, value in settings.items() if not isinstance(value, Mapping)}
     tables: dict[str, Any] = {}
     for key, table in settings.items():
@@ -159,8 +154,7 @@ def _spelled(key: str) -> str:
 
 def takes_one(option: DeclaredOption) -> bool:
     """Return True for an option that is neither repeated nor takes several values."""
-    is_list = option.multiple or option.nargs != 1 or getattr(option.type, "name", "") == "list"
-    return not is_list
+    return not option.multiple and option.nargs == 1 and getattr(option.type, "name", "") != "list"
 
 
 def _typed(file: str, command: str, option: DeclaredOption, value: Any) -> Any:
@@ -234,8 +228,6 @@ def _found(names: tuple[str, ...]) -> list[str]:
 
 
 class ConfigCommand(TextOrJson, total=False):
-    """Options of `config`."""
-
     command: Annotated[tuple[str, ...], Argument("[COMMAND]", Text("COMMAND"), several=True, required=False)]
 
 
@@ -258,7 +250,7 @@ def config(messages: Messages, options: ConfigCommand) -> int:
     """
     ctx = click.get_current_context()
     asked = " ".join(options["command"])
-    there = [each for each in commands(ctx) if f"{each[0]} ".startswith(f"{asked} " if asked else "")]
+    there = [each for each in commands(ctx.find_root()) if f"{each[0]} ".startswith(f"{asked} " if asked else "")]
     if not there:
         raise click.UsageError(f"there is no command '{asked}'")
     rows = [_setting(name, each, below) for name, one, below in there for each in settable(one)]
@@ -293,8 +285,6 @@ def _setting(command: str, each: DeclaredOption, ctx: click.Context) -> dict[str
 
 
 class CompletionCommand(TypedDict, total=False):
-    """Options of `completion`."""
-
     shell: Annotated[str, Argument("SHELL", SHELLS)]
 
 

@@ -1,9 +1,21 @@
-"""`lidarcli export`, `poses`, `simulate`, `clean` and `overlay`: files made of tables, of a log and of a scene."""
+"""`lidarcli export`, `poses`, `simulate`, `clean`, `overlay` and `map`: files made of tables, of logs and of a scene."""
 
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
+import click
+
+from lidarcli.choices import CLOUDS
 from lidarcli.cli.commands import command, log_options, usage_errors
-from lidarcli.cli.messages import Messages, counted_bar, of_one_log, standard_output
+from lidarcli.cli.messages import (
+    Messages,
+    chosen_logs,
+    counted_bar,
+    of_one_log,
+    print_reads,
+    progress_bar,
+    show_reading,
+    standard_output,
+)
 from lidarcli.display import counted
 from lidarcli.option_forms import Argument, File, Option, Rule, options_of
 from lidarcli.options import (
@@ -13,6 +25,9 @@ from lidarcli.options import (
     STDOUT,
     Cleaning,
     Exporting,
+    Jobs,
+    ManyLogs,
+    Mapping,
     OneLog,
     Overlaying,
     Overwrite,
@@ -24,10 +39,11 @@ from lidarcli.options import (
 )
 from lidarcli.stores import place
 
+if TYPE_CHECKING:
+    from lidarcli.pipeline.mapping import Mapped
+
 
 class ExportCommand(Overwrite, Exporting, total=False):
-    """Options of `export`."""
-
     tables: Annotated[tuple[str, ...], Argument("TABLE...", File("TABLE"), several=True)]
     output: Annotated[str, output("FILE"), "File to write: .csv, .ndjson, .arrow or .parquet; - for standard output."]
     format: Annotated[
@@ -68,8 +84,6 @@ def export(messages: Messages, options: ExportCommand) -> int:
 
 
 class PosesCommand(OneLog, Reported, Reading, total=False):
-    """Options of `poses`."""
-
     output: Annotated[
         str, output("FILE"), "File to write: .tum or .txt (lines of timestamp x y z qx qy qz qw), or .parquet."
     ]
@@ -99,8 +113,6 @@ def poses(messages: Messages, options: PosesCommand) -> int:
 
 
 class SimulateCommand(Overwrite, Simulating, total=False):
-    """Options of `simulate`."""
-
     scene: Annotated[str, Argument("SCENE.toml", File("SCENE.toml"))]
     output: Annotated[
         str,
@@ -144,8 +156,6 @@ def simulate(messages: Messages, options: SimulateCommand) -> int:
 
 
 class CleanCommand(Reported, Cleaning, total=False):
-    """Options of `clean`."""
-
     log: Annotated[str, Argument("LOG", INPUT)]
     output: Annotated[
         str, output("FILE"), "Log to write, in the container of LOG; beside it the table NAME.cleaned.parquet."
@@ -167,16 +177,13 @@ def clean(messages: Messages, options: CleanCommand) -> int:
     MCAP, ROS 1 bags and ROS 2 bags, each to its own kind. All messages stay as they are,
     in their order; of LaserScan messages the beams on agents say NaN.
     """
-    from lidarcli.machine import keep_freed_memory
     from lidarcli.pipeline.api.options import clean_options
     from lidarcli.pipeline.cleaning import clean_log
     from lidarcli.pipeline.inputs.search import one_log
 
     with usage_errors():
         parsed = clean_options(options, overwrite=options["overwrite"])
-    keep_freed_memory()
-    messages.of_missing_core()
-    messages.begin(options)
+    messages.begin(options, finds=True)
     source, path = one_log((options["log"],), False), place(options["output"])
     return of_one_log(
         messages,
@@ -187,8 +194,6 @@ def clean(messages: Messages, options: CleanCommand) -> int:
 
 
 class OverlayCommand(OneLog, Overwrite, TextOrJson, Overlaying, total=False):
-    """Options of `overlay`."""
-
     output: Annotated[
         str,
         output("FILE"),
@@ -217,15 +222,80 @@ def overlay(messages: Messages, options: OverlayCommand) -> int:
     """
     logs = log_options(options)
 
-    from lidarcli.machine import keep_freed_memory
     from lidarcli.pipeline.api.options import overlay_options
     from lidarcli.pipeline.inputs.search import one_log
     from lidarcli.pipeline.overlaying import refuse_overlay, write_overlay
 
     parsed = overlay_options(options, logs, overwrite=options["overwrite"])
-    keep_freed_memory()
-    messages.of_missing_core()
-    messages.begin(options)
+    messages.begin(options, finds=True)
     source, path = one_log(options["log"], options["join"]), place(options["output"])
     refuse_overlay(path, source, parsed)
     return of_one_log(messages, source, lambda one, progress: write_overlay(one, path, parsed, progress))
+
+
+class MapCommand(ManyLogs, Reported, Jobs, Mapping, total=False):
+    output: Annotated[
+        tuple[str, ...],
+        output("FILE", several=True),
+        "File to write; may be repeated: .yaml (map_server, with a .pgm beside it), .png, .mcap "
+        "(nav_msgs/OccupancyGrid), .ply, .pcd or .parquet (point cloud).",
+    ]
+
+
+@command(
+    MapCommand,
+    examples="""\
+  lidarcli map run.mcap -o room.yaml
+  lidarcli map run.mcap -o room.yaml -o room.png -o cloud.ply
+  lidarcli map monday.bag tuesday.bag -o site.yaml --pose /amcl_pose --jobs 2
+  lidarcli map scans.csv -o scans.png --pose match
+  lidarcli map run.mcap -o cloud.parquet --voxel 0.05 --min-move 0
+  lidarcli map run.mcap -o room.yaml --without agents --free-no-return 3""",
+)
+def map(messages: Messages, options: MapCommand) -> int:
+    """Make one map of one or several logs whose sensors moved.
+
+    Counts the cells that beams hit and pass, each at most once per sweep. Needs to know
+    where the sensor was: by the log's poses, --poses FILE.tum, or --pose match.
+    Several logs are read by as many processes, unless a point cloud is written.
+    """
+    outputs = options["output"]
+    suffixes = {place(output).suffix.lower() for output in outputs}
+    if options["voxel"] and suffixes.isdisjoint(CLOUDS):
+        raise click.UsageError(f"--voxel is for a point cloud: give -o with {', '.join(CLOUDS)}")
+
+    from lidarcli.pipeline.mapping import MapOptions, MapRun
+    from lidarcli.pipeline.runs.over_logs import exit_code
+
+    messages.of_missing_core()
+    logs = log_options(options)
+    messages.begin(options)
+    sources = chosen_logs(messages, options)
+    own = {field: options[field] for field in options_of(Mapping).keys() - options_of(Reading).keys()}  # type: ignore[literal-required]
+    own |= {"overwrite": options["overwrite"], "stamps": options["stamps"]}
+    parsed = MapOptions(*logs, jobs=options["jobs"] or 0, **own)
+    if options["dry_run"]:
+        return print_reads(sources, outputs)
+    codes = []
+    with MapRun(sources, [place(output) for output in outputs], parsed) as run:
+        with progress_bar(sources, messages) as report:
+            for outcome in run.outcomes(report):
+                show_reading(outcome, messages)
+                codes.append(outcome.exit_code)
+        mapped = None if run.is_empty else run.finish()
+    return messages.end(exit_code(codes), map=None if mapped is None else _show(mapped, messages))
+
+
+def _show(mapped: "Mapped", messages: Messages) -> dict[str, Any]:
+    """Write a summary of the map to stderr; return it as plain values."""
+    grid = mapped.grid
+    height, width = grid.cells.shape
+    size = f"{width * grid.resolution:.1f} x {height * grid.resolution:.1f} m"
+    messages.info(
+        f"map of {counted(mapped.sweeps, 'sweep')} in {', '.join(mapped.worlds)}: {size}, "
+        f"{grid.occupied:,} cells of {grid.resolution:g} m occupied, {grid.free:,} free"
+    )
+    messages.notes(mapped.notes)
+    messages.wrote(mapped.outputs)
+    cells = {"width": width, "height": height, "occupied": grid.occupied, "free": grid.free}
+    return {"sweeps": mapped.sweeps, "worlds": [*mapped.worlds], "resolution": grid.resolution, **cells}

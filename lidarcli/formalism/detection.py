@@ -6,8 +6,22 @@ from dataclasses import MISSING, fields
 
 import numpy as np
 
-from lidarcli.columns import Per, column, columns_of
-from lidarcli.sweeps import TURN, Closure, Float32, Float64, Int8, Int32, Int64, Status, SweepBatch, UInt8, record
+from lidarcli.sweeps import (
+    TURN,
+    Closure,
+    Float32,
+    Float64,
+    Int8,
+    Int32,
+    Int64,
+    Per,
+    Status,
+    SweepBatch,
+    UInt8,
+    column,
+    columns_of,
+    record,
+)
 
 SETS = ("O", "A", "S")
 SHAPES = ("prismatic", "round", "legged", "irregular", "unknown", "wall")

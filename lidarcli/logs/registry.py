@@ -22,7 +22,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import BinaryIO, cast
 
-from lidarcli.choices import BINS, ECHOES, JOIN, UNITS
+from lidarcli.choices import BINS, JOIN, UNITS
 from lidarcli.errors import LidarcliError, NoScanError, OptionError, UnreadableError, unreadable
 from lidarcli.logs.base import (
     BINARY_SUFFIXES,
@@ -352,10 +352,6 @@ def open_options(
     OptionError
         A value has no meaning, or two exclude each other.
     """
-    if range_unit not in UNITS:
-        raise OptionError(f"--range-unit: '{range_unit}' is not one of {', '.join(UNITS)}")
-    if echo not in ECHOES:
-        raise OptionError(f"--echo: '{echo}' is not one of {', '.join(ECHOES)}")
     if angle_increment is not None and fov is not None:
         raise OptionError("--angle-increment and --fov exclude each other")
     if angle_increment == 0:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -47,10 +47,6 @@ from lidarcli.tabular.writing import PARAMETERS, SOURCE, ParquetSink, table_meta
 from lidarcli.times import SECOND_NS
 from lidarcli.zone import WORLD
 
-FREEING = "inf says that nothing is there: costmaps with inf_is_valid free beams beyond walls"
-ZERO = "0 becomes range_max in AMCL and gmapping: beams free what is beyond walls"
-WALLS = "{:g} m is a range that the sensor can measure: programs take it for a wall"
-_UNMATCHED = "no poses, and the path cannot be matched"
 MOST_PLACED = 0.5
 """A sensor is placed if poses tell where it was at this share of its sweeps."""
 MOSTLY = 0.9
@@ -253,10 +249,7 @@ def _blind(pair: TableSet) -> set[str]:
 def _refuse_motion(
     log: Log, pair: TableSet, described: dict[str, Any], options: CleanOptions, rules: RangeRules, blind: Collection[str]
 ) -> None:
-    """Refuse a log if it is not known where its sensor was while it moved: what stands would be taken for agents.
-
-    In topics of which no beam has a range (`blind`) nothing can be taken for anything.
-    """
+    """Refuse a log if it is not known where its sensor was while it moved; topics in `blind` have no ranges."""
     for frame, source in described.get("poses", {}).items():
         for topic, verdict in source.get("pose_verdict", {}).items():
             if verdict == "rejected" and world_in(source, topic) not in ("", MATCH):
@@ -283,7 +276,7 @@ def _refuse_motion(
         if stood or not (drove or share is not None):
             continue
         seems = "the sensor moves" if share is None else f"{share:.0%} of what stands seems to move"
-        why = "no poses (--pose none)" if detect.poses.source == NONE else _UNMATCHED
+        why = "no poses (--pose none)" if detect.poses.source == NONE else "no poses, and the path cannot be matched"
         raise UnreadableError(f"{why}: {seems}; nothing written")
 
 
@@ -351,8 +344,9 @@ def _summary(
     summary.removed = {reason: int(count) for reason, count in zip(REASONS, totals, strict=True) if reason in asked}
     parts = ", ".join(f"{reason} {count:,}" for reason, count in summary.removed.items())
     share = f" ({removed / beams:.1%})" if beams else ""
-    says = f"say {_words(options.value)}: {parts}"
-    summary.line = f"{counted(summary.sweeps, 'sweep')}; {removed:,} of {beams:,} beams{share} {says}"
+    value = options.value
+    says = {NAN: "NaN", INF: "inf", ABOVE: "range_max + 1"}[value] if isinstance(value, str) else f"{value:g} m"
+    summary.line = f"{counted(summary.sweeps, 'sweep')}; {removed:,} of {beams:,} beams{share} say {says}: {parts}"
     alike = [
         f"{topic} ({kind.rsplit('/', 1)[-1].rsplit('.', 1)[-1]})"
         for topic, kind in sorted(copy.messages)
@@ -362,42 +356,26 @@ def _summary(
     shows = f"; {', '.join(alike)} may show the same" if alike else ""
     summary.copied = f"{counted(copy.messages.total(), 'message')} of {counted(topics, 'topic')}{shows}"
     if options.value == INF:
-        summary.notes.append(FREEING)
+        summary.notes.append("inf says that nothing is there: costmaps with inf_is_valid free beams beyond walls")
     elif options.value == 0:
-        summary.notes.append(ZERO)
+        summary.notes.append("0 becomes range_max in AMCL and gmapping: beams free what is beyond walls")
     elif editing.is_measurable:
-        summary.notes.append(WALLS.format(options.value))
+        summary.notes.append(f"{value:g} m is a range that the sensor can measure: programs take it for a wall")
     if copy.left_out:
         summary.notes.append(f"{counted(copy.left_out, 'record')} of applications are not copied")
     return summary
 
 
-def _words(value: str | float) -> str:
-    """Return what beams say, for people."""
-    named = {NAN: "NaN", INF: "inf", ABOVE: "range_max + 1"}
-    return named[value] if isinstance(value, str) else f"{value:g} m"
-
-
 def _table(log: str, chosen: dict[str, Chosen]) -> pa.Table:
     """Return the table of what was left out, by topic and sweep."""
-    pieces = [_rows(log, topic, each) for topic, each in sorted(chosen.items())]
+    pieces = []
+    for topic, each in sorted(chosen.items()):
+        count = len(each.beam)
+        numbered = [np.arange(count), each.stamp_ns, *np.ascontiguousarray(each.counts.T)]
+        arrays = [pa.array(values).cast(one.type) for values, one in zip(numbered, [*CLEANED][2:], strict=True)]
+        named = [constant(log, count), constant(topic, count)]
+        pieces.append(pa.RecordBatch.from_arrays([*named, *arrays], schema=CLEANED))
     return pa.Table.from_batches(pieces, CLEANED).unify_dictionaries()
-
-
-def _rows(log: str, topic: str, each: Chosen) -> pa.RecordBatch:
-    count = len(each.beam)
-    columns: Sequence[Any] = [
-        constant(log, count),
-        constant(topic, count),
-        np.arange(count),
-        each.stamp_ns,
-        *(np.ascontiguousarray(each.counts[:, column]) for column in range(len(REASONS))),
-    ]
-    arrays = [
-        values if isinstance(values, pa.Array) else pa.array(values).cast(one.type)
-        for values, one in zip(columns, CLEANED, strict=True)
-    ]
-    return pa.RecordBatch.from_arrays(arrays, schema=CLEANED)
 
 
 class Chosen(NamedTuple):
@@ -466,8 +444,9 @@ def _reasons(
     owner = objects.owners(batch)
     is_thing = (objects.set == SETS.index("O")) & (objects.track >= 0)
     is_agent = objects.set == SETS.index("A")
-    if agents is not None:
-        is_agent |= agents.tracks.hold(objects, batch)
+    if agents is not None and len(agents.track):
+        at = np.minimum(np.searchsorted(agents.track, objects.track), len(agents.track) - 1)
+        is_agent |= (agents.track[at] == objects.track) & (batch.sweep[objects.row] >= agents.since[at])
     reason = np.zeros(valid.shape, np.uint8)
     reason[batch.status == Status.MASKED] = BODY
     reason[valid & np.append(is_thing & np.isin(objects.track, temporary), False)[owner]] = TEMPORARY
@@ -540,22 +519,6 @@ class _Places(NamedTuple):
         return whole
 
 
-class _Since(NamedTuple):
-    """Tracks whose objects are left out, and from which sweeps on."""
-
-    track: Int64
-    """(N,) ascending."""
-    sweep: Int64
-
-    def hold(self, objects: Objects, batch: SweepBatch) -> Bool:
-        """Return which objects (K,) are of these tracks by then."""
-        if not len(self.track):
-            return np.zeros(len(objects.track), np.bool_)
-        at = np.minimum(np.searchsorted(self.track, objects.track), len(self.track) - 1)
-        found: Bool = (self.track[at] == objects.track) & (batch.sweep[objects.row] >= self.sweep[at])
-        return found
-
-
 @dataclass(frozen=True, slots=True)
 class _Agents:
     """Places (N) of the agents of a topic by sweep, from when on they are on their way."""
@@ -566,8 +529,9 @@ class _Agents:
     y: Float64
     radius: Float64
     in_world: Bool
-    tracks: _Since
-    """Their tracks, and those of parts of them."""
+    track: Int64
+    """(T,) their tracks, and those of parts of them, ascending; and the sweeps (T,) from which on they are left out."""
+    since: Int64
     sweeps: Int64
     """(S,) sweeps of the topic, and the pose (S, 3) of the sensor in each."""
     pose: Float64
@@ -698,26 +662,14 @@ def _agents_of(tracks: list[_Track], paths: _Paths, sweeps: Int64, pose: Float64
     for track in tracks:
         if not track.moves and _came_along(track, paths, _Reach(at, reach), last, begun):
             since[track.number] = 0
-    numbers_of = np.array(sorted(since), np.int64)
+    numbers_of, left_out = np.array(sorted(since.items()), np.int64).reshape(-1, 2).T
     return _Agents(
-        paths.sweep[at],
-        paths.x[at],
-        paths.y[at],
-        reach,
-        paths.in_world[at],
-        _Since(numbers_of, np.array([since[number] for number in numbers_of.tolist()], np.int64)),
-        sweeps,
-        pose,
-        mirrored,
+        paths.sweep[at], paths.x[at], paths.y[at], reach, paths.in_world[at], numbers_of, left_out, sweeps, pose, mirrored
     )
 
 
 def _sets_out(paths: _Paths, rows: slice) -> int:
-    """Return the row in which an agent sets out, among those of its path up to its onset.
-
-    At its onset it is off its first place by more than its size. Its smoothed path tells that it was on its way before:
-    within a second it went further than the noise of both places.
-    """
+    """Return the row, of those up to its onset, from which on an agent went further within a second than noise explains."""
     first: int = rows.start
     if first == rows.stop:
         return first
@@ -739,16 +691,8 @@ class _Reach(NamedTuple):
 
 
 def _came_along(track: _Track, paths: _Paths, agents: _Reach, ends: _Reach, since: Int64) -> bool:
-    """Return whether a thing is part of an agent, or an agent that came to stand there.
-
-    What stands is also seen while no agent is within reach. Of an agent that stops, the track may end, and a new one begin.
-
-    Parameters
-    ----------
-    track : the thing
-    agents : all places of agents
-    ends, since : (A,) last places of agents, and the sweeps from which on they are agents
-    """
+    """Return whether a thing is part of an agent, or one that came to stand there; `ends`, `since` (A,) are of agents."""
+    # What stands is also seen while no agent is within reach. Of an agent that stops a new track may begin.
     mine = paths.of(track.number)
     rows = np.arange(mine.start, mine.stop)[~paths.hidden[mine]]
     # Most things are seen without agents at first.

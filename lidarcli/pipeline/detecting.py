@@ -65,14 +65,11 @@ def _detect_log(
     options: DetectOptions,
     tables: Sequence[str] = (),
 ) -> None:
-    """Find the objects of one log, and write all rows of its tables, by default those of the options.
-
-    Rows come in the order of the log for each table and topic. In the end the summary of the reading is complete.
-    """
+    """Write the rows of the tables of one log, by topic in its order; in the end the summary of the reading is complete."""
     summary = reading.summary
     detector = BatchDetector(source.name, tables or options.tables, options)
     with ParallelDetection(detector, reading, options.threads) as detection, _tracker(source, reading, options) as tracker:
-        for part in _parts(batches, detection):
+        for part in chain(chain.from_iterable(map(detection.take, batches)), detection.flush()):
             summary.add_found(part.counts)
             for table, topic, rows in part.rows if tracker is None else tracker.take(part.batches):
                 files.write(table, topic, rows)
@@ -83,12 +80,6 @@ def _detect_log(
         # The end of the work: the summary tells how long it took.
         reading.close()
         summary.notes += [*detection.notes(), *([] if tracker is None else tracker.notes)]
-
-
-def _parts(batches: Iterable[SweepBatch], detection: ParallelDetection) -> Iterator[Part]:
-    for batch in batches:
-        yield from detection.take(batch)
-    yield from detection.flush()
 
 
 def _tracker(source: Source, reading: Reading, options: DetectOptions) -> AbstractContextManager[LogTracker | None]:

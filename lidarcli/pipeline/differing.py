@@ -15,17 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pyarrow as pa
 
-from lidarcli.choices import (
-    ALIGN,
-    CHANGE_KINDS,
-    CHANGE_STATUSES,
-    CHANGE_WHYS,
-    LEAST_SCORE,
-    MAP_RESOLUTION,
-    MATCH,
-    MAX_MAP_KM2,
-    OCCUPIED_RATIO,
-)
+from lidarcli import choices
 from lidarcli.errors import OptionError, UnreadableError
 from lidarcli.formalism.background import Background
 from lidarcli.formalism.mapping.grid import (
@@ -42,16 +32,7 @@ from lidarcli.formalism.mapping.grid import (
     compare,
     placed,
 )
-from lidarcli.formalism.matching.alignment import (
-    LEAST_OVERLAP,
-    NEAR_HERE_TURN,
-    Fit,
-    Standing,
-    align,
-    proposals,
-    search,
-    settle,
-)
+from lidarcli.formalism.matching import alignment
 from lidarcli.formalism.matching.differences import (
     BESIDE,
     GONE,
@@ -92,10 +73,10 @@ from lidarcli.tabular.schemas import BACKGROUND, CHANGES
 from lidarcli.tabular.writing import ALIGNMENT, CHANGE_FIGURES, SOURCE, table_metadata, write_stream
 from lidarcli.times import SECOND_NS
 
-AUTO, AS_IS, _ = ALIGN
+AUTO, AS_IS, _ = choices.ALIGN
 MOST_THINGS = 1000
 """Most standing things of a run: each is compared with all of another one."""
-MOST_GROUND = int(MAX_MAP_KM2 * KM2 / MAP_RESOLUTION**2)
+MOST_GROUND = int(choices.MAX_MAP_KM2 * KM2 / choices.MAP_RESOLUTION**2)
 """Most cells of the ground of a run."""
 MOST_OCCUPIED = 1_500_000
 """Most occupied cells of a map from a file: 75 km of walls at 5 cm."""
@@ -107,7 +88,7 @@ LEAST_CHANCE = 0.6
 """Least probability of an alignment by things alone."""
 TABLES = {".parquet": "parquet", ".csv": "csv"}
 PICTURE = ".png"
-CHANGED_THINGS = tuple(CHANGE_STATUSES[code] for code in (MOVED, NEW, GONE))
+CHANGED_THINGS = tuple(choices.CHANGE_STATUSES[code] for code in (MOVED, NEW, GONE))
 MOST_LISTED = 10
 """Most things of a run, and changes of structure, that are listed for people."""
 NO_FREE_SPACE = "tables tell no free space; name the logs to learn what is gone"
@@ -122,7 +103,7 @@ class DiffOptions:
     detect: DetectOptions
     """Options of reading logs, and of finding and following what stands in them."""
     align: str = AUTO
-    min_score: float = LEAST_SCORE
+    min_score: float = choices.LEAST_SCORE
     overwrite: bool = False
 
 
@@ -208,15 +189,15 @@ def _lines_of(rows: Sequence[dict[str, Any]]) -> list[str]:
     """Return the changes of one run for people."""
     counted = Counter(row["status"] for row in rows)
     whys = Counter(row["why"] for row in rows if row["why"])
-    words = [f"{status} {counted[status]}" for status in CHANGE_STATUSES if counted[status]]
+    words = [f"{status} {counted[status]}" for status in choices.CHANGE_STATUSES if counted[status]]
     if whys:
-        words[-1] += f" ({', '.join(f'{whys[why]} {why}' for why in CHANGE_WHYS if whys[why])})"
+        words[-1] += f" ({', '.join(f'{whys[why]} {why}' for why in choices.CHANGE_WHYS if whys[why])})"
     found = [f"  {', '.join(words)}" if words else "  nothing stands in them, and no structure differs"]
     things, structure = [], []
     for row in rows:
         x, y = (row[f"{axis}_a"] if row[f"{axis}_b"] is None else row[f"{axis}_b"] for axis in ("x", "y"))
         where = f"({x:.1f}, {y:.1f})"
-        if row["kind"] == CHANGE_KINDS[STRUCTURE]:
+        if row["kind"] == choices.CHANGE_KINDS[STRUCTURE]:
             structure.append(f"{row['status']} {row['length']:.1f} m at {where}")
         elif row["status"] in CHANGED_THINGS:
             sizes = " x ".join(f"{row[size]:.1f}" for size in ("length", "width") if row[size] is not None)
@@ -300,13 +281,13 @@ def read_input(one: Input, options: DiffOptions, progress: Progress | None = Non
         return _of_background(one.text) if one.source is None else _of_log(one.source, options, progress)
     except TooLargeError as err:
         raise OptionError(
-            f"{one.text}: the ground would reach over {err}, more than {MAX_MAP_KM2:g} km²: a pose or a "
+            f"{one.text}: the ground would reach over {err}, more than {choices.MAX_MAP_KM2:g} km²: a pose or a "
             "range may be far off; limit the log (--range, --start, --end)"
         ) from err
 
 
-_NO_VALUE, _NO_CODE = np.empty(0), np.empty(0, np.int32)
-_NOTHING = (Standing(_NO_VALUE, _NO_VALUE, _NO_VALUE, _NO_VALUE, _NO_VALUE, _NO_VALUE, _NO_CODE, _NO_CODE), _NO_VALUE)
+_NONE, _NO_CODE = np.empty(0), np.empty(0, np.int32)
+_NOTHING = alignment.Standing(_NONE, _NONE, _NONE, _NONE, _NONE, _NONE, _NO_CODE, _NO_CODE), _NONE
 """No things, and no direction of any."""
 
 
@@ -323,7 +304,7 @@ def _of_background(text: str) -> RunThings:
     chosen = max(groups, key=lambda key: sum(int(each.sweeps.sum()) for each in groups[key]))
     if len(groups) > 1:
         notes.append(f"{text}: only what lies in {_frame_words(chosen)} is compared")
-    survey = Surveying(Counts(MAP_RESOLUTION, MOST_GROUND))
+    survey = Surveying(Counts(choices.MAP_RESOLUTION, MOST_GROUND))
     places = []
     for sensor in groups[chosen]:
         x, y, yaw = (np.nan_to_num(each) for each in (sensor.poses.x, sensor.poses.y, sensor.poses.yaw))
@@ -339,14 +320,14 @@ def _of_background(text: str) -> RunThings:
         for _ in range(SEEN_FREE):
             survey.add(each)
         places.append(np.column_stack([x, y]))
-    ground = replace(survey.ground(1, OCCUPIED_RATIO), counted=False)
+    ground = replace(survey.ground(1, choices.OCCUPIED_RATIO), counted=False)
     run = Run(*_NOTHING, ground, np.concatenate(places))
     return RunThings(text, run, "" if chosen.startswith(" ") else chosen, notes=notes)
 
 
 def _key(world: str, topic: str, frame: str) -> str:
     """Return the world of a sensor; one that lies in no common frame begins with a blank, and is its own."""
-    return f" {frame} of {topic}" if world in ("", MATCH) else world
+    return f" {frame} of {topic}" if world in ("", choices.MATCH) else world
 
 
 def _frame_words(key: str) -> str:
@@ -380,13 +361,13 @@ def _of_log(source: Source, options: DiffOptions, progress: Progress | None) -> 
                         poses = SweepPoses(zero, zero, zero, np.zeros(len(mine), np.bool_))
                     world = _key(world, batch.topic, frame)
                     known = np.flatnonzero(np.isfinite(poses.x + poses.y + poses.yaw))
-                    survey = surveys.setdefault(world, Surveying(Counts(MAP_RESOLUTION, MOST_GROUND)))
+                    survey = surveys.setdefault(world, Surveying(Counts(choices.MAP_RESOLUTION, MOST_GROUND)))
                     survey.add(placed(mine.rows(known), poses.rows(known), use[at][known]), is_agent[at][known])
                     places.setdefault(world, []).append(np.column_stack([poses.x, poses.y])[known])
             summary = reading.close()
             described = reading.describe(source)
     grounds = {
-        world: survey.ground(max(1, min(survey.counts.sweeps, MIN_HITS_OF_ALL)), OCCUPIED_RATIO)
+        world: survey.ground(max(1, min(survey.counts.sweeps, MIN_HITS_OF_ALL)), choices.OCCUPIED_RATIO)
         for world, survey in surveys.items()
         if survey.counts.sweeps
     }
@@ -431,7 +412,7 @@ def _of_tracks(name: str, table: TracksTable, grounds: dict[str, Ground], places
     if len(at) > MOST_THINGS:
         raise OptionError(f"{name}: more than {MOST_THINGS:,} standing things cannot be compared; take a part with --end")
     shapes, labels = ([_code(each) for each in rows[column]] for column in ("shape", "label"))
-    things = Standing(
+    things = alignment.Standing(
         **{each: number[each][at] for each in _MEASURED if each != "yaw"},
         shape=np.array(shapes, np.int32)[at],
         label=np.array(labels, np.int32)[at],
@@ -539,7 +520,7 @@ def _compared(labels: Sequence[str], runs: Sequence[RunThings], options: DiffOpt
             grounds.insert(0, (now.name, moved))
     overlaps = [step.overlap for step in steps if step.overlap is not None]
     counted = Counter(row["status"] for row in rows)
-    figures = {status: None if short else float(counted[status]) for status in CHANGE_STATUSES}
+    figures = {status: None if short else float(counted[status]) for status in choices.CHANGE_STATUSES}
     figures["overlap"] = min(overlaps) if overlaps else None
     if len(runs) == 2 and (true := runs[0].grid) is not None and (grid := runs[1].grid) is not None:
         try:
@@ -597,7 +578,7 @@ def _align(
         words = f"as they are, in the frame {reference.world}" if common else "as they are"
         if first is None or second is None:
             return _step(reference, now, HERE, None, words), 1.0
-        here, better = settle(first, second)
+        here, better = alignment.settle(first, second)
         if better is not None:
             move = better.motion
             notes.append(
@@ -609,7 +590,7 @@ def _align(
         _refuse_apart(both, here, "; as they are, that is (--align search)")
         return _step(reference, now, here.motion, here, words), 1.0
     if first is None or second is None:
-        motion, chance = align(reference.run.things, now.run.things)
+        motion, chance = alignment.align(reference.run.things, now.run.things)
         if motion is None:
             raise UnreadableError(
                 f"{both} cannot be laid on each other: fewer than three of their things stand alike; "
@@ -618,13 +599,13 @@ def _align(
         if chance < LEAST_CHANCE:
             raise UnreadableError(f"{both} {IN_TWO_WAYS}; {ALIGN_AS_IS}")
         return _step(reference, now, motion, None, "aligned by things"), chance
-    found = search(first, second, proposals(reference.run.things, now.run.things))
+    found = alignment.search(first, second, alignment.proposals(reference.run.things, now.run.things))
     best, rival = found.best, found.rival
     _refuse_apart(both, best)
     if not found.is_certain:
         raise UnreadableError(f"{both} {SLIDING if found.slides else IN_TWO_WAYS}; {ALIGN_AS_IS}")
     if rival is not None:
-        if abs(rival.motion.turn) > NEAR_HERE_TURN:
+        if abs(rival.motion.turn) > alignment.NEAR_HERE_TURN:
             differs = f"turned by {math.degrees(abs(rival.motion.turn)):.0f} degrees, as in a symmetric room"
         else:
             apart = math.hypot(rival.motion.x - best.motion.x, rival.motion.y - best.motion.y)
@@ -641,11 +622,11 @@ SLIDING = "may slide on each other along their walls: nothing tells how far, as 
 ALIGN_AS_IS = "where their frames are the same, --align as-is takes them as they are"
 
 
-def _refuse_apart(both: str, found: Fit, hint: str = "") -> None:
+def _refuse_apart(both: str, found: alignment.Fit, hint: str = "") -> None:
     """Refuse runs that do not lie on each other (`UnreadableError`)."""
     if found.lies:
         return
-    why = f"{found.overlap:.0%} of the structure at best, {LEAST_OVERLAP:.0%} needed"
+    why = f"{found.overlap:.0%} of the structure at best, {alignment.LEAST_OVERLAP:.0%} needed"
     if not found.common:
         why = "they have too little of their structure in common"
     raise UnreadableError(f"{both} do not lie on each other: {why}{hint}")
@@ -655,7 +636,7 @@ def _distance(motion: Motion) -> str:
     return f"{motion.shift:.2f} m, {math.degrees(abs(motion.turn)):.1f} degrees"
 
 
-def _step(before: RunThings, now: RunThings, motion: Motion, found: Fit | None, how: str) -> Step:
+def _step(before: RunThings, now: RunThings, motion: Motion, found: alignment.Fit | None, how: str) -> Step:
     words = how if how.startswith("as") else f"{how}: {_distance(motion)}"
     if found is None:
         return Step(before.name, now.name, motion, None, None, words)
@@ -669,8 +650,8 @@ def _after(before: RunThings, now: RunThings, changes: Sequence[Change], motion:
     gone = {change.first for change in changes if change.status == GONE or change.second >= 0}
     kept = [k for k in range(len(before.run.things)) if k not in gone]
     old, new = before.run.things, run.things
-    names = Standing.__dataclass_fields__
-    things = Standing(**{name: np.concatenate([getattr(old, name)[kept], getattr(new, name)]) for name in names})
+    names = alignment.Standing.__dataclass_fields__
+    things = alignment.Standing(**{name: np.concatenate([getattr(old, name)[kept], getattr(new, name)]) for name in names})
     ground = before.run.ground if run.ground is None else run.ground
     if before.run.ground is not None and run.ground is not None:
         ground = run.ground.over(before.run.ground)
@@ -697,9 +678,9 @@ def _rows(
         looks = [count if known and count >= 0 else None for count, known in zip(change.looks, counted, strict=True)]
         row: dict[str, Any] = {
             "log_b": now.name,
-            "kind": CHANGE_KINDS[change.kind],
-            "status": CHANGE_STATUSES[change.status],
-            "why": None if change.why < 0 else CHANGE_WHYS[change.why],
+            "kind": choices.CHANGE_KINDS[change.kind],
+            "status": choices.CHANGE_STATUSES[change.status],
+            "why": None if change.why < 0 else choices.CHANGE_WHYS[change.why],
             "score": change.score,
             "area": _known(change.area),
             "sweeps_a": looks[0],
@@ -726,17 +707,12 @@ def _rows(
                 row["turned"] = _line(row["yaw_b"] - row["yaw_a"])
             things, k = (new, j) if j >= 0 else (old, i)
             row |= {"length": _known(things.length[k]), "width": _known(things.width[k])}
-        row["log_a"] = before.log[i] if i >= 0 else _last_to_see(grounds, *where)
+        at = np.array([where]).T
+        # The latest run that saw the place; where none did, the latest.
+        seeing = [name for name, ground in grounds if ground is not None and ground.seen(*at)[0]]
+        row["log_a"] = before.log[i] if i >= 0 else [*seeing, grounds[0][0]][0]
         found.append(row)
     return found
-
-
-def _last_to_see(grounds: Sequence[tuple[str, Ground | None]], x: float, y: float) -> str:
-    """Return the last run that saw a place, of the latest one first; where none did, the latest."""
-    for name, ground in grounds:
-        if ground is not None and ground.seen(np.array([x]), np.array([y]))[0]:
-            return name
-    return grounds[0][0]
 
 
 def _known(value: float) -> float | None:

@@ -61,7 +61,12 @@ def chosen(tables: Sequence[str | HeldTable], columns: Sequence[str] = (), stamp
         raise problems[0]
     schemas = [in_unit(schema_of(file), stamps) for file in files]
     first = schemas[0]
-    names = [_column(name, files[0], first) for name in columns] or first.names
+    for name in columns:
+        if name not in first.names:
+            near = get_close_matches(name, first.names, 1)
+            hint = f"did you mean {near[0]}?" if near else f"it has {', '.join(first.names)}"
+            raise OptionError(f"{files[0]}: no column {name}; {hint}")
+    names = [*columns] or first.names
     if len(names) > MOST_COLUMNS:
         raise OptionError(
             f"{files[0]}: has {len(names):,} columns, and at most {MOST_COLUMNS:,} are written; choose some with --columns"
@@ -79,7 +84,10 @@ def chosen(tables: Sequence[str | HeldTable], columns: Sequence[str] = (), stamp
                 hint = "; --stamps us makes them alike" if all(map(pa.types.is_timestamp, kinds)) else ""
                 raise OptionError(f"{file}: column {name} is {kinds[0]}, in {files[0]} {kinds[1]}{hint}")
     fields = [first.field(name).with_nullable(any(each.field(name).nullable for each in schemas)) for name in names]
-    schema = pa.schema(fields, metadata=_common(schemas))
+    # The metadata that all tables share: of several logs no one is the source.
+    metadata, *others = [dict(schema.metadata or {}) for schema in schemas]
+    shared = {key: value for key, value in metadata.items() if all(each.get(key) == value for each in others)}
+    schema = pa.schema(fields, metadata=shared)
     return Export(tuple(files), schema, problems)
 
 
@@ -105,12 +113,6 @@ def export_stream(export: Export, out: Output, kind: str, name: str = "standard 
     return write_stream(out, kind, name, export.schema, dict(export.schema.metadata or {}), export.pieces())
 
 
-def _common(schemas: Sequence[pa.Schema]) -> dict[bytes, bytes]:
-    """Return the metadata that all tables share: of several logs no one is the source."""
-    first, *others = [dict(schema.metadata or {}) for schema in schemas]
-    return {key: value for key, value in first.items() if all(each.get(key) == value for each in others)}
-
-
 def _tables(text: str | HeldTable) -> tuple[list[Readable], list[UnreadableError]]:
     """Return the Parquet files that a name stands for, and the folders that cannot be searched for more."""
     if isinstance(text, HeldTable):
@@ -119,11 +121,3 @@ def _tables(text: str | HeldTable) -> tuple[list[Readable], list[UnreadableError
     if not files and not denied:
         raise UnreadableError(f"{text}: no Parquet table there")
     return [*files], denied
-
-
-def _column(name: str, file: Readable, schema: pa.Schema) -> str:
-    if name in schema.names:
-        return name
-    near = get_close_matches(name, schema.names, 1)
-    hint = f"did you mean {near[0]}?" if near else f"it has {', '.join(schema.names)}"
-    raise OptionError(f"{file}: no column {name}; {hint}")

@@ -186,6 +186,8 @@ def inspect_log(
         made_of = made_of_clouds(log)
         notes, findings = posing.findings(found)
         findings = [*report.findings(), *_of_sweeps(listed, stats, checks, report), *findings]
+        rest = only_counted.total()
+        uncounted = [f"{rest:,} sweeps are counted and no more: there are over {MOST:,} frames and topics"] if rest else []
         learned = masking.learned
         if deep:
             from lidarcli.pipeline.reading.deep import deep_findings
@@ -216,18 +218,12 @@ def inspect_log(
             pose_topics=tuple(topic.name for topic in listed if topic.type in POSE_TYPES),
             pose_sources=pose_infos(poses) if poses is not None else (),
             dropped=tuple((topic, cause, count) for (topic, cause), count in sorted(report.refused.items())),
-            notes=(*report.notes, *masking.notes, *_pose_notes(posing, found), *notes, *_not_shown(only_counted)),
+            notes=(*report.notes, *masking.notes, *_pose_notes(posing, found), *notes, *uncounted),
             damage=tuple(damage_lines(report)),
             findings=tuple(sorted(findings, key=lambda each: (IDS.index(each.id), each.topic, each.frame))),
             learned=learned,
             proposed=masking.proposed,
         )
-
-
-def _not_shown(only_counted: Counter[str]) -> tuple[str, ...]:
-    if not only_counted:
-        return ()
-    return (f"{only_counted.total():,} sweeps are counted and no more: there are over {MOST:,} frames and topics",)
 
 
 def _pose(poses: FoundPoses | None, topic: str, frame_id: str) -> str:
@@ -237,16 +233,15 @@ def _pose(poses: FoundPoses | None, topic: str, frame_id: str) -> str:
 
 def _pose_notes(posing: PoseAttacher, found: Mapping[tuple[str, str], _Scan]) -> list[str]:
     """Return notes on the poses: frames with several alike, and notes of reading them."""
-    notes = []
-    if posing.found is not None:
-        sources = posing.found.sources
-        doubtful = {
-            alike_note(frame, alike, sources.alternatives(frame, topic)): None
-            for frame, topic in sorted((frame, topic) for topic, frame in found)
-            if (alike := sources.alike(frame, topic))
-        }
-        notes = [*doubtful, *posing.found.notes]
-    return notes
+    if posing.found is None:
+        return []
+    sources = posing.found.sources
+    doubtful = {
+        alike_note(frame, alike, sources.alternatives(frame, topic)): None
+        for frame, topic in sorted((frame, topic) for topic, frame in found)
+        if (alike := sources.alike(frame, topic))
+    }
+    return [*doubtful, *posing.found.notes]
 
 
 _NAMES_FRAMES = frozenset({"cdr", "ros1", "json", "protobuf"})
@@ -355,18 +350,17 @@ def inspect_logs(
     topics: Collection[str] | None = None,
 ) -> Iterator[tuple[Source | MissingInput, LogInfo | Learned | Failure]]:
     """Yield the contents of each log or background table, or its failure, one after the other."""
+
+    def look_into(source: Source) -> LogInfo | Learned:
+        if not _is_table(source):
+            return inspect_log(source, opening, rules, poses, progress_of(source, report), deep, topics)
+        # Logs should not wait for this import.
+        from lidarcli.pipeline.building import load
+
+        return load(source)
+
     for source in sources:
-        yield (
-            source,
-            attempt(
-                source,
-                lambda log: (
-                    _learned(log)
-                    if _is_table(log)
-                    else inspect_log(log, opening, rules, poses, progress_of(log, report), deep, topics)
-                ),
-            ),
-        )
+        yield source, attempt(source, look_into)
 
 
 def _is_table(source: Source) -> bool:
@@ -380,13 +374,6 @@ def _is_table(source: Source) -> bool:
             with path.open("rb") as file:
                 return file.read(len(_PARQUET)) == _PARQUET
     return False
-
-
-def _learned(source: Source) -> Learned:
-    # Logs should not wait for this import.
-    from lidarcli.pipeline.building import load
-
-    return load(source)
 
 
 FIGURES = (*("findings", "findings.errors", "findings.warnings", "findings.hints"), *(f"findings.{rule}" for rule in IDS))
@@ -433,7 +420,11 @@ def info_dict(info: LogInfo) -> dict[str, Any]:
         ],
         "scans": [_scan_json(scan) for scan in info.scans],
         "pose_topics": list(info.pose_topics),
-        "pose_sources": [_pose_json(source) for source in info.pose_sources],
+        "pose_sources": [
+            {name: getattr(source, name) for name in ("topic", "type", "poses", "rate", "start_ns", "end_ns", "span")}
+            | {"frames": [{"parent": parent, "child": child} for parent, child in source.frames]}
+            for source in info.pose_sources
+        ],
         "dropped": [{"topic": topic, "cause": cause, "messages": count} for topic, cause, count in info.dropped],
         "findings": [each.as_dict() for each in info.findings],
         "notes": list(info.notes),
@@ -444,9 +435,7 @@ def info_dict(info: LogInfo) -> dict[str, Any]:
 def _scan_json(scan: ScanInfo) -> dict[str, Any]:
     clock = scan.clock
     return {
-        "topic": scan.topic,
-        "frame_id": scan.frame_id,
-        "sweeps": scan.sweeps,
+        **{name: getattr(scan, name) for name in ("topic", "frame_id", "sweeps")},
         "beams": [int(scan.beams.low), int(scan.beams.high)],
         "field_of_view": _pair(scan.view),
         "angle_min": _pair(scan.angle_min),
@@ -454,10 +443,7 @@ def _scan_json(scan: ScanInfo) -> dict[str, Any]:
         "closure": list(scan.closure),
         "range_min": _pair(scan.range_min),
         "range_max": _pair(scan.range_max),
-        "rate": clock.rate,
-        "start_ns": clock.start_ns,
-        "end_ns": clock.end_ns,
-        "span": clock.span,
+        **{name: getattr(clock, name) for name in ("rate", "start_ns", "end_ns", "span")},
         "clock": {
             "monotonic": clock.monotonic,
             "backward_steps": clock.backward,
@@ -470,19 +456,6 @@ def _scan_json(scan: ScanInfo) -> dict[str, Any]:
         "pose": scan.pose or None,
         **{name: scan.verdict.get(name) for name in FACTS},
         "made_of": scan.made_of or None,
-    }
-
-
-def _pose_json(source: PoseInfo) -> dict[str, Any]:
-    return {
-        "topic": source.topic,
-        "type": source.type,
-        "poses": source.poses,
-        "rate": source.rate,
-        "start_ns": source.start_ns,
-        "end_ns": source.end_ns,
-        "span": source.span,
-        "frames": [{"parent": parent, "child": child} for parent, child in source.frames],
     }
 
 

@@ -45,8 +45,7 @@ from lidarcli.pipeline.inputs.sources import Source, open_source
 from lidarcli.pipeline.inputs.tables import TableSet, one_table_set, poses_of, world_in
 from lidarcli.pipeline.objects.detection import DetectOptions
 from lidarcli.pipeline.reading.one_log import Progress, RunSummary, damage_lines, opening_of, rules_of
-from lidarcli.pipeline.zone_counting import Objects
-from lidarcli.pipeline.zone_frames import Frames, Showing
+from lidarcli.pipeline.zone_counting import Frames, Objects, Showing
 from lidarcli.pose.tracks import TRANSFORMS
 from lidarcli.range_rules import normalise
 from lidarcli.ros.messages import ROS2, SCAN, TF, Outgoing, cdr_scans, ros1_scans

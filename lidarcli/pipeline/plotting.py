@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from lidarcli.pipeline.inputs.tables import TableSet
     from lidarcli.pipeline.mapping import MapOptions, Mapping
     from lidarcli.pipeline.objects.subtracting import BackgroundComparison
-    from lidarcli.pipeline.zone_frames import Showing, ShownZone
+    from lidarcli.pipeline.zone_counting import Showing, ShownZone
     from lidarcli.zone import Zones
 P = TypeVar("P")
 BATCH = 64
@@ -121,7 +121,7 @@ def _take(source: Source, options: PlotOptions, work: _PictureMaker) -> Drawn[Pi
         showing = None
         if options.zones is not None:
             # Imported here: most plots need no zones.
-            from lidarcli.pipeline.zone_frames import Frames, Showing
+            from lidarcli.pipeline.zone_counting import Frames, Showing
 
             showing = Showing(options.zones, Frames.of(log, options.zones))
         posed = options.background or (showing is not None and showing.is_in_world)

@@ -226,9 +226,7 @@ class EventFinder:
 
     def _observed(self) -> Bool:
         """Return (N,) whether something in the zone could have made an event: enough beams reach it for long enough."""
-        beams = np.sum([self._picked(index, "reach", 0) for index in range(len(self.topics))], axis=0)
-        least = 1 if self.is_line else self.zone.min_points
-        observed: Bool = beams >= least
+        observed: Bool = self._of_topics("reach").sum(axis=0) >= (1 if self.is_line else self.zone.min_points)
         if self.is_line:
             return observed
         edges = np.flatnonzero(np.diff(observed.astype(np.int8), prepend=0, append=0))
@@ -274,13 +272,12 @@ class EventFinder:
         """Return set, track and label of most points of the nearest sensor in a sweep; None where no objects are known."""
         if not self.has_objects:
             return None, None, None
-        left = int(self.points_of[index, row])
         counts: Counter[tuple[int, int]] = Counter()
         low, high = np.searchsorted(self.hits.row, [row, row + 1])
         for at in range(int(low), int(high)):
             if self.hits.topic[at] == index:
                 counts[int(self.hits.set[at]), int(self.hits.track[at])] += int(self.hits.points[at])
-        left -= counts.total()
+        left = int(self.points_of[index, row]) - counts.total()
         # Of as many points those of an agent count first, and walls last.
         best = max(counts, key=lambda key: (counts[key], key[0] == _AGENT, -key[1]), default=None)
         if best is None or counts[best] < left:
@@ -321,10 +318,7 @@ class EventFinder:
         return shapes.shapes, which
 
     def _visits(self) -> Iterator[tuple[int, int, int, int, bool]]:
-        """Yield topic, track, and first and last index into its path of each visit, and whether an end is not seen.
-
-        Nothing shows that an agent was there whose path is hidden in the zone all the time.
-        """
+        """Yield topic, track, first and last index into its path of each visit in view, and whether an end is not seen."""
         if self.is_line:
             return
         for index, (paths, tracked) in enumerate(zip(self.paths, self.paths_of, strict=True)):

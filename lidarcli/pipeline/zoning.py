@@ -29,6 +29,7 @@ from lidarcli.pipeline.runs.over_logs import LogProgress, Outcome, logs_at_once,
 from lidarcli.pipeline.zone_counting import (
     OBJECT_COLUMNS,
     OLDEST_NS,
+    Frames,
     Objects,
     Shapes,
     TopicCounter,
@@ -37,7 +38,6 @@ from lidarcli.pipeline.zone_counting import (
     ZoneSeries,
 )
 from lidarcli.pipeline.zone_events import AgentPaths, EventFinder, ZoneEvents
-from lidarcli.pipeline.zone_frames import Frames
 from lidarcli.pose.fit import Key
 from lidarcli.pose.sources import WORLDS
 from lidarcli.pose.tracks import frame_name
@@ -56,7 +56,6 @@ from lidarcli.zone import ROBOT, SENSOR, WORLD, Line, Zone, Zones
 TABLES = ("events", "zones")
 NAMED = ("name", "frame", "action", "count", "min_points", "trigger", "release", "hold", "timeout")
 """Fields of every zone in the metadata, beside those that it has."""
-_MASKED = "masks of the zone file hide beams, but no objects of --objects: give --mask where these are made, too"
 
 
 @dataclass(frozen=True, slots=True)
@@ -537,11 +536,10 @@ def watch(
         names = _names(by_zone)
         longest = max(map(len, names))
         summary.lines = [f"{name:<{longest}}  {_words(each)}" for name, each in zip(names, by_zone, strict=True)]
-        summary.notes += [
-            *options.zones.notes,
-            *_stale(by_zone, bool(options.zones.robot)),
-            *([_MASKED] if options.objects is not None and options.zones.masks.masks else ()),
-        ]
+        summary.notes += [*options.zones.notes, *_stale(by_zone, bool(options.zones.robot))]
+        if options.objects is not None and options.zones.masks.masks:
+            hidden = "masks of the zone file hide beams, but no objects of --objects"
+            summary.notes.append(f"{hidden}: give --mask where these are made, too")
         if paths is not None:
             files = stack.enter_context(TableFiles(paths, None, options.overwrite, options.detect.stamps))
             for name, table in tables._asdict().items():
@@ -566,18 +564,11 @@ def watch_files(
 
 
 def refuse_outputs(sources: Sequence[Source | MissingInput], folder: Place | None, options: ZoneOptions) -> list[str]:
-    """Return the files that are written, after refusing those that cannot be, and two logs of one name, before any work."""
-    if folder is None:
-        return []
-    paths: dict[str, Place] = {}
-    for source in sources:
-        if isinstance(source, Source):
-            for path in options.outputs(source, folder).values():
-                if str(path) in paths:
-                    raise OptionError(f"{path} would be written for two logs; give -o another DIR for one of them")
-                paths[str(path)] = path
-    refuse(paths.values(), options.overwrite, options.inputs(sources))
-    return [*paths]
+    """Return the files that are written, after refusing those that cannot be, before any work."""
+    logs = [source for source in sources if isinstance(source, Source)]
+    paths = [path for source in logs if folder is not None for path in options.outputs(source, folder).values()]
+    refuse(paths, options.overwrite, options.inputs(sources))
+    return [*map(str, paths)]
 
 
 def understand(options: ZoneOptions, expressions: Sequence[str]) -> list[Check]:
@@ -599,7 +590,8 @@ def _tables(log: str, by_zone: Sequence[ZoneEvents], metadata: dict[bytes, bytes
     events = [event for each in by_zone for event in each.events]
     order = sorted(range(len(events)), key=lambda at: (events[at]["start"], at))
     rows = [events[at] | {"log": log, "event": number} for number, at in enumerate(order, 1)]
-    found = pa.Table.from_batches([_event_rows(rows)], SCHEMAS["events"])
+    schema = SCHEMAS["events"]
+    found = pa.table([pa.array([row.get(one.name) for row in rows], one.type) for one in schema], schema)
     pieces = [_zone_rows(log, each) for each in by_zone]
     zones = pa.Table.from_batches(pieces, SCHEMAS["zones"]).unify_dictionaries()
     if zones.num_rows:
@@ -607,12 +599,6 @@ def _tables(log: str, by_zone: Sequence[ZoneEvents], metadata: dict[bytes, bytes
         topics = np.concatenate([np.array([one.topic for one in each.topics])[each.topic] for each in by_zone])
         zones = zones.take(pa.array(np.lexsort((np.asarray(zones["sweep"]), topics))))
     return ZoneTables(*(table.replace_schema_metadata(metadata) for table in (found, zones)))
-
-
-def _event_rows(events: Sequence[Mapping[str, Any]]) -> pa.RecordBatch:
-    schema = SCHEMAS["events"]
-    arrays = [pa.array([event.get(one.name) for event in events], one.type) for one in schema]
-    return pa.RecordBatch.from_arrays(arrays, schema=schema)
 
 
 def _zone_rows(log: str, one: ZoneEvents) -> pa.RecordBatch:

@@ -9,10 +9,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from lidarcli.columns import Unit
 from lidarcli.formalism.detection import CHANGES, SHAPES, VISIBILITIES
 from lidarcli.formalism.tracking.results import ENDS
-from lidarcli.sweeps import TURN, Float64, Int64
+from lidarcli.sweeps import TURN, Float64, Int64, Unit
 from lidarcli.tabular.schemas import TABLES
 
 

@@ -12,14 +12,13 @@ import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from lidarcli._version import __version__
-from lidarcli.columns import Column
 from lidarcli.errors import OptionError
 from lidarcli.formalism.mapping.grid import HIT, SKIPPED, Beams, Counts, Occupancy, TooLargeError
 from lidarcli.maps import MOST_PIXELS
 from lidarcli.range_rules import RangeRules, normalise
 from lidarcli.simulation.generate import SimulatedBlock, relative, simulate_blocks
 from lidarcli.simulation.scene import Scene
-from lidarcli.sweeps import TURN, Float64, Status
+from lidarcli.sweeps import TURN, Column, Float64, Status
 from lidarcli.tabular.schemas import BEAM_OF_SENSOR, field_of
 
 _Index = NDArray[np.intp]

@@ -8,10 +8,9 @@ from functools import partial
 import pyarrow as pa
 
 from lidarcli.choices import CHANGE_KINDS, CHANGE_STATUSES, CHANGE_WHYS
-from lidarcli.columns import Column, columns_of
 from lidarcli.formalism.detection import COLUMNS, SETS, fields_per
 from lidarcli.formalism.tracking.results import TrackedBatch, Tracks, Trajectories
-from lidarcli.sweeps import STATUSES
+from lidarcli.sweeps import STATUSES, Column, columns_of
 from lidarcli.zone import ACTIONS
 
 TEXT = pa.dictionary(pa.int32(), pa.string())

@@ -137,10 +137,8 @@ def test_first_code_that_is_not_zero_and_all_logs_done(logs: Path, tmp_path: Pat
     ("option", "value", "message"),
     [
         ("--threshold", "big", "'big' is neither adaptive nor mean nor a number of metres."),
-        ("--threshold", "nan", "'nan' is not a finite number."),
         ("--profile", "fast", "'fast' is not one of 'robust', 'paper'."),
         ("--min-beams", "0", "0 is below 1."),
-        ("--max-width", "0", "0 is not above 0."),
         ("--every", "99999999999999999999", "99999999999999999999 is above 1000000."),
         ("--range-max", "1e308", "1e308 is above 1e+06."),
         ("--start", "1e300", "'1e300' is more than 1e+09 seconds."),
@@ -282,17 +280,19 @@ def test_the_process_says_all_and_exits_with_the_code(arguments: list[str], code
         ("info run.mcap >&-", 0, "", ""),
         ("info run.mcap >/dev/full", 5, "", "lidarcli: cannot write standard output: No space left on device\n"),
         ("-q detect run.mcap -o DIR --overwrite >&- 2>&-", 0, "", ""),
+        ("detect run.mcap -o - >/dev/full", 5, "", None),
         ("detect run.mcap -o - >&-", 5, "", "lidarcli: cannot write standard output: it is closed\n"),
         ("plot run.mcap --sweep 1 -o - >&-", 5, "", "lidarcli: cannot write standard output: it is closed\n"),
         ("detect nothing.mcap -o DIR 2>&-", 3, "", ""),
     ],
 )
 def test_standard_streams_that_are_closed_or_full(
-    logs: Path, tmp_path: Path, words: str, code: int, out: str, err: str
+    logs: Path, tmp_path: Path, words: str, code: int, out: str, err: str | None
 ) -> None:
     line = f'"{sys.executable}" -m lidarcli {words.replace("DIR", str(tmp_path / "out"))}'
     ran = subprocess.run(["sh", "-c", line], cwd=logs, capture_output=True, text=True, check=False)
-    assert (ran.returncode, ran.stdout, ran.stderr) == (code, out, err)
+    assert (ran.returncode, ran.stdout) == (code, out)
+    assert ran.stderr == err if err is not None else ran.stderr.endswith(": No space left on device\n")
 
 
 def test_odd_names_of_files_neither_break_lines_nor_the_run(logs: Path, tmp_path: Path, lidarcli: Run) -> None:

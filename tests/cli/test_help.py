@@ -16,8 +16,7 @@ import pyarrow as pa
 import pytest
 
 import lidarcli as package
-from lidarcli.cli import COMMANDS, cli
-from lidarcli.cli.commands import DeclaredOption
+from lidarcli.cli.commands import COMMANDS, DeclaredOption, cli
 from lidarcli.compiled import about_core
 from lidarcli.formalism import Parameters
 from lidarcli.option_forms import options_of

@@ -112,17 +112,6 @@ def test_and_back(lidarcli: Run, tables: Path, tmp_path: Path, source: Path, opt
     assert json.loads(metadata[b"lidarcli.source"])["poses"] == {"laser": accepted("run.tum", "world")}
 
 
-def test_evo_reads_it(lidarcli: Run, tmp_path: Path) -> None:
-    file_interface = pytest.importorskip("evo.tools.file_interface")
-    out = tmp_path / "run.tum"
-    assert lidarcli("-q", "poses", DRIVE, "-o", out).code == 0
-    found = file_interface.read_tum_trajectory_file(str(out))
-    stamps, numbers = lines_of(out)
-    assert found.timestamps == pytest.approx(stamps / 1e9)
-    assert found.positions_xyz == pytest.approx(numbers[:, :3])
-    assert found.check()[0]
-
-
 def two(folder: Path) -> tuple[Path, Path]:
     """A log of two sensors, and a path that is right for any."""
     log, path = folder / "two.mcap", folder / "in.tum"
@@ -169,15 +158,6 @@ def test_stamps_that_jump_back(lidarcli: Run, tmp_path: Path) -> None:
     # A table has room for all.
     assert lidarcli("-q", "poses", log, "--poses", path, "-o", tmp_path / "out.parquet").code == 0
     assert pq.read_table(tmp_path / "out.parquet")["sweep"].to_pylist() == list(range(7))
-
-
-def test_a_damaged_log(lidarcli: Run, tmp_path: Path) -> None:
-    log = tmp_path / "cut.db3"
-    log.write_bytes(DRIVE.read_bytes()[: DRIVE.stat().st_size * 3 // 4])
-    ran = lidarcli("poses", log, "-o", tmp_path / "run.tum")
-    assert ran.code == 3
-    assert ran.err.startswith(f"lidarcli: {log}: ")
-    assert 10 < len((tmp_path / "run.tum").read_text().splitlines()) < 150
 
 
 def test_what_is_read_is_not_written(lidarcli: Run, tmp_path: Path) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 import json
 import re
 from collections.abc import Callable
@@ -138,26 +137,3 @@ def test_a_run_with_other_stamps_is_done_again(scene: Path, tmp_path: Path, lida
     assert "done before" not in lidarcli(*words).err
     assert "done before" not in lidarcli(*words, "--stamps", "us").err
     assert "done before" in lidarcli(*words, "--stamps", "us").err
-
-
-@pytest.mark.whole
-@pytest.mark.skipif(importlib.util.find_spec("pyspark") is None, reason="needs pyspark")
-def test_spark_reads_them(tables: Path) -> None:
-    from pyspark.sql import SparkSession
-
-    spark = (
-        SparkSession.builder.master("local[1]")
-        .config("spark.ui.enabled", "false")
-        .config("spark.sql.session.timeZone", "UTC")
-        .getOrCreate()
-    )
-    try:
-        for name in FOLLOWED:
-            rows = spark.read.parquet(str(tables / "us" / f"run.{name}.parquet"))
-            assert rows.count() == pq.read_metadata(tables / "us" / f"run.{name}.parquet").num_rows
-        first = spark.read.parquet(str(tables / "us" / "run.sweeps.parquet")).orderBy("sweep").first()
-        assert first["stamp"].isoformat() == "2023-11-14T22:13:20"
-        with pytest.raises(Exception, match="Illegal Parquet type"):
-            spark.read.parquet(str(tables / "ns" / "run.sweeps.parquet"))
-    finally:
-        spark.stop()

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import signal
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +18,7 @@ from tests.interrupting import MOMENTS, ended, left
 from tests.pipeline.drawn import driven, round_about, told
 from tests.places import SAMPLES
 from tests.sweeping import raw_sweeps, round_room
-from tests.zones.runs import SENSOR, column, odometry_of, scans, scene_of, sweeps_of, write_bag, zone_file
+from tests.zones.runs import column, odometry_of, scans, scene_of, sweeps_of, write_bag, zone_file
 
 STOP = """
 [[zone]]
@@ -89,8 +88,6 @@ def test_existing_tables_are_kept(lidarcli: Run, log: Path, tmp_path: Path) -> N
         ("events where kind == occupied and zone == stop == 1", 0, ""),
         ("events where kind == occupied and action == stop == 1", 3, "incomplete: run: zone behind was never observed"),
         ("zones.behind.observed == 0", 0, ""),
-        ("zones.stop.observed > 0.9", 0, ""),
-        ("events where kind == occupied == 0", 1, "expected == 0"),
         ("zones.behind.events == 0", 1, "nothing to measure"),
     ],
 )
@@ -101,16 +98,6 @@ def test_checks(lidarcli: Run, log: Path, tmp_path: Path, check: str, code: int,
     assert ran.code == code
     assert words in ran.err
     assert "behind  never observed" in ran.err
-
-
-def test_a_zone_behind_a_sensor_of_180_degrees(lidarcli: Run, tmp_path: Path) -> None:
-    half = replace(SENSOR, beams=361, angle_min=-np.pi / 2, angle_increment=np.pi / 360)
-    log = write_bag(tmp_path / "a.bag", scans(sweeps_of(scene_of(sensor=half, sweeps=5))))
-    zones = zones_of(tmp_path, STOP.replace("x = 1.0", "x = -1.0"))
-    ran = lidarcli("zones", log, *zones, "--no-objects", "--check", "zones.stop.events == 0")
-    assert ran.code == 1
-    assert "stop  never observed" in ran.err
-    assert "nothing to measure" in ran.err
 
 
 def test_a_log_that_is_cut(lidarcli: Run, log: Path, tmp_path: Path) -> None:
@@ -191,11 +178,6 @@ def test_poses_that_contradict_the_sweeps(lidarcli: Run, tmp_path: Path) -> None
         ("line = [[0, 0], [1, 0]]", ("--no-objects",), "is a line, and crossings need tracks: leave out --no-objects"),
         ('circle = { x = 1, y = 0, radius = 1 }\ncount = "agents"', ("--no-objects",), "counts agents, which need"),
         ("circle = { x = 1, y = 0, radius = 1 }", ("--footprint", "[[1, 2]]"), "--footprint"),
-        ("circle = { x = 1, y = 0, radius = 1 }", ("--footprint", "[[1, 2], [nan, 1], [2, 2]]"), "--footprint"),
-        ("circle = { x = 1, y = 0, radius = 1 }", ("--footprint", "[[0, 0], [1, 0], [2, 0]]"), "--footprint"),
-        ("circle = { x = 1, y = 0, radius = 1 }", ("--footprint", "[[0, 0], [1, 1], [1, 0], [0, 1]]"), "--footprint"),
-        ("circle = { x = 1, y = 0, radius = 1 }", ("--no-objects", "--objects", "x"), "exclude each other"),
-        ("circle = { x = 1, y = 0, radius = 1 }", ("--no-objects", "--min-size", "0.1"), "--min-size"),
         ("circle = { x = 1, y = 0, radius = 1 }", ("--check", "zones.other.events == 0"), "other"),
         ("circle = { x = 1, y = 0, radius = 1 }", ("--check", "objects == 0"), "objects"),
     ],

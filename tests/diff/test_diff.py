@@ -16,7 +16,7 @@ import pyarrow.parquet as pq
 import pytest
 
 import lidarcli as package
-from lidarcli.errors import OptionError, UnreadableError
+from lidarcli.errors import UnreadableError
 from lidarcli.pipeline.differing import Difference
 from lidarcli.simulation import scene as make
 from lidarcli.simulation.scene import Course, Entity, Sensor, super_ellipse
@@ -353,13 +353,6 @@ def test_outputs_and_checks(monday: str, tmp_path: Path, lidarcli: Run) -> None:
         ran = lidarcli(*bad)
         assert (ran.code, cause in ran.err) == (2, True), ran.err
     assert lidarcli("diff", monday, tmp_path / "none.mcap").code == 3
-
-
-def test_in_python(monday: str, tmp_path: Path) -> None:
-    with pytest.raises(OptionError, match="one run has nothing to be compared with"):
-        package.diff(monday)
-    found = package.diff(monday, monday, output=tmp_path / "c.parquet")
-    assert pq.read_table(tmp_path / "c.parquet").equals(found.changes)
 
 
 @needs_real_logs

@@ -24,7 +24,6 @@ from lidarcli.logs.batches import ReadOptions
 from lidarcli.pipeline.detecting import detect_to_files
 from lidarcli.pipeline.inputs.search import find_logs
 from lidarcli.pipeline.inputs.sources import Source
-from lidarcli.pipeline.inputs.tables import without_sweeps
 from lidarcli.pipeline.objects.detection import DetectOptions
 from lidarcli.simulation.writers import write_log
 from lidarcli.tabular import OBJECTS
@@ -53,7 +52,7 @@ def test_read_and_detect_a_log_in_python(tmp_path: Path) -> None:
         *(("/b", sweep) for sweep in (1, 2, 3)),
     ]
     detect_to_files(Source(str(path), "run"), tmp_path, DetectOptions(read=ReadOptions(start=0.1)))
-    assert without_sweeps(table).equals(pq.read_table(tmp_path / "run.objects.parquet"), check_metadata=True)
+    assert table.equals(pq.read_table(tmp_path / "run.objects.parquet"), check_metadata=True)
 
 
 def test_damage_is_a_warning_in_python(tmp_path: Path) -> None:
@@ -152,10 +151,9 @@ def test_what_python_says_of_wrong_arguments(tmp_path: Path) -> None:
             "detect() has no option 'max_widht'; did you mean 'max_width'?",
         ),
         (lambda: lidarcli.detect(path, Parameters(), max_width=1), TypeError, "give either parameters or max_width"),
-        (lambda: lidarcli.detect([1]), TypeError, "a log is the path of a file or folder, not int"),
+        (lambda: lidarcli.detect([1]), TypeError, "logs, files and outputs are named by their paths, not given as int"),
         (lambda: lidarcli.detect(path, path), TypeError, "parameters have to be Parameters, not PosixPath"),
         (lambda: lidarcli.read(path, every=0), OptionError, "--every: 0 is below 1"),
-        (lambda: lidarcli.read(path, every=2.5), OptionError, "--every: 2.5 is no whole number"),
         (
             lambda: lidarcli.read(path, start=float("nan")),
             OptionError,
@@ -174,7 +172,6 @@ def test_what_python_says_of_wrong_arguments(tmp_path: Path) -> None:
             "a background of no sensor: nothing can be compared with it",
         ),
         (lambda: lidarcli.read(tmp_path / "no"), UnreadableError, f"{tmp_path}/no: no such file or folder"),
-        (lambda: lidarcli.detect([path, tmp_path / "no"]), UnreadableError, f"{tmp_path}/no: no such file or folder"),
     ):
         with pytest.raises(error) as caught:
             call()
@@ -222,23 +219,12 @@ def test_ranges_are_judged_as_on_the_command_line(tmp_path: Path) -> None:
     marked = counts(no_return=["inf", "zero", "max", "above", float(ranges[0, 0])])
     assert marked[lidarcli.Status.NO_RETURN] > usual[lidarcli.Status.NO_RETURN]
     for options, words in (
-        ({"range": (4, 1)}, "--range: 4 to 1 m is no range; give the least and the greatest"),
         ({"no_return": "none"}, "--no-return: 'none' is neither a number nor one of"),
-        ({"no_return": "inf,1e9"}, "--no-return: 1e+09 is no range"),
-        ({"range": (-1, 1)}, "--range: -1 is below 0"),
-        ({"range_max": -5.0}, "--range-max: -5 is not above 0"),
         ({"range_unit": "km"}, "--range-unit: 'km' is not one of m, cm, mm"),
-        ({"fov": 270}, "--fov: 270 radians are more than two turns; --degrees says that angles are degrees"),
-        ({"angle_increment": 0.0}, "--angle-increment: 0 is no step from beam to beam"),
         ({"fov": 1.0, "angle_increment": 1.0}, "--angle-increment and --fov exclude each other"),
     ):
         with pytest.raises(OptionError, match=re.escape(words)):
             lidarcli.read(room, **options)
-
-
-def test_a_log_of_which_nothing_is_read_is_warned_of() -> None:
-    with pytest.warns(UserWarning, match="room.mcap: no sweep of /scan from 100 s on: its sweeps lie between 0.0 and"):
-        assert list(lidarcli.read(SAMPLES / "room.mcap", start=100)) == []
 
 
 @pytest.mark.parametrize(
@@ -246,13 +232,8 @@ def test_a_log_of_which_nothing_is_read_is_warned_of() -> None:
     [
         (lidarcli.map, {"resolution": 0}, "--resolution: 0 is below 0.001"),
         (lidarcli.map, {"resolution": "5 cm"}, "--resolution: '5 cm' is no number"),
-        (lidarcli.map, {"max_size": 0}, "--max-size: 0 is not above 0"),
-        (lidarcli.map, {"occupied_ratio": 1.5}, "--occupied-ratio: 1.5 is above 1"),
         (lidarcli.map, {"voxel": float("nan")}, "--voxel: nan is not a finite number"),
         (lidarcli.map, {"min_hits": 1.5}, "--min-hits: 1.5 is no whole number"),
-        (lidarcli.background, {"station_distance": -1}, "--station-distance: -1 is not above 0"),
-        (lidarcli.detect, {"jobs": -3}, "--jobs: -3 is below 1"),
-        (lidarcli.plot, {"width": 1e9}, "--width: 1e+09 is above 2000"),
         (lidarcli.plot, {"dpi": 1}, "--dpi: 1 is below 30"),
         (lidarcli.plot, {"output": "room.gif"}, "room.gif: the suffix has to be one of .png, .svg, .pdf"),
     ],

@@ -82,13 +82,6 @@ def test_every_keyword_is_in_the_signature_and_explained(name: str) -> None:
     assert "\nRaises\n------\n" in words
 
 
-def test_defaults_are_plain_numbers() -> None:
-    """One was `np.float64(0.08726646259971647)`."""
-    signature = inspect.signature(lidarcli.background)
-    assert str(signature.parameters["station_angle"]) == "station_angle: float = 5.0"
-    assert "[degrees]" in re.search(r"^station_angle : .*", inspect.getdoc(lidarcli.background), re.MULTILINE)[0]
-
-
 @pytest.mark.parametrize("name", FUNCTIONS)
 def test_a_wrong_name_is_told_with_the_nearest(name: str) -> None:
     """The internal class was named."""
@@ -101,22 +94,6 @@ def test_a_wrong_name_is_told_with_the_nearest(name: str) -> None:
     if name != "report":
         with pytest.raises(TypeError, match=rf"^{name}\(\) has no option 'topcis'"):
             getattr(lidarcli, name)("run.mcap", topcis="/scan")
-
-
-@pytest.mark.parametrize(
-    ("line", "names"),
-    [
-        ("lidarcli.detect('run.mcap', max_", ["max_gap=", "max_width="]),
-        ("lidarcli.plot(batch, vi", ["view="]),
-        ("lidarcli.background('run.mcap', station_", ["station_angle=", "station_distance="]),
-    ],
-)
-def test_keywords_are_completed(line: str, names: list[str]) -> None:
-    completer = pytest.importorskip("IPython.core.completer")
-    made = completer.IPCompleter(namespace={"lidarcli": lidarcli}, use_jedi=False)
-    with completer.provisionalcompleter():
-        found = [each.text for each in made.completions(line, len(line))]
-    assert [name for name in found if name.endswith("=")] == names
 
 
 def test_the_public_names_are_there_and_typed() -> None:

@@ -92,7 +92,7 @@ def test_what_cannot_be_drawn() -> None:
         (lambda: lidarcli.plot(SAMPLES), lidarcli.OptionError, f"{SAMPLES}: holds 7 logs; name one of them"),
         (lambda: lidarcli.plot("no.bag"), lidarcli.UnreadableError, "no.bag: no such file or folder"),
         (lambda: lidarcli.plot(batch, topic="/scan"), TypeError, "only a log can be read with topic"),
-        (lambda: lidarcli.plot(34), TypeError, "a log is the path of a file or folder, not int"),  # type: ignore[arg-type]
+        (lambda: lidarcli.plot(34), TypeError, "logs, files and outputs are named by their paths, not given as int"),  # type: ignore[arg-type]
         (lambda: lidarcli.plot([]), lidarcli.OptionError, "no log is named"),
         (
             lambda: lidarcli.plot([ROOM, ROOM]),

@@ -75,7 +75,7 @@ def test_tables_in_memory_are_no_paths() -> None:
     frame = lidarcli.detect(ROOM, end=0.1).to_pandas()
     with pytest.raises(TypeError, match=r"^logs, files and outputs are .*, not given as DataFrame$"):
         lidarcli.report(frame, frame)
-    with pytest.raises(TypeError, match=r"^a file is named by its path, not given as DataFrame$"):
+    with pytest.raises(TypeError, match=r"^logs, files and outputs are named by their paths, not given as DataFrame$"):
         lidarcli.report(frame, log=[frame])
-    with pytest.raises(TypeError, match=r"^a file is named by its path, not given as DataFrame$"):
+    with pytest.raises(TypeError, match=r"^logs, files and outputs are named by their paths, not given as DataFrame$"):
         lidarcli.overlay(ROOM, "x.mcap", objects=frame)

@@ -18,7 +18,7 @@ from lidarcli.logs.batches import ReadOptions, read_batches
 from lidarcli.masks import Circle, Masks, Mount, Polygon
 from lidarcli.pipeline.inputs.sources import Source
 from lidarcli.pipeline.plotting import PlotOptions, take_pictures
-from lidarcli.pipeline.zone_frames import Frames, Showing, ShownZone
+from lidarcli.pipeline.zone_counting import Frames, Showing, ShownZone
 from lidarcli.sweeps import SweepBatch, UInt8
 from lidarcli.zone import ROBOT, WORLD, Case, Line, Zone, Zones
 from tests.overlays.reading import read_back

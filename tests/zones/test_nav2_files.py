@@ -236,7 +236,6 @@ REFUSALS = {
     changed('"polygon"', '"square"'): FRONT + "'type' must be one of polygon, circle, velocity_polygon, not 'square'",
     changed('"polygon"', '"velocity_polygon"'): FRONT + "'velocity_polygons' is missing",
     changed('"none"', '"halt"'): FRONT + "'action_type' must be one of stop, slowdown, limit, approach, none, not 'halt'",
-    changed('      action_type: "none"\n'): FRONT + "'action_type' is missing",
     changed(POINTS, ""): FRONT + "'points' is missing, and so is 'polygon_sub_topic'",
     changed(", [0.0, 0.5]]"): FRONT + PAIRS,
     changed(", [0.0, 0.5]"): FRONT + "'points' must be 4 to 100 corners, not 3",

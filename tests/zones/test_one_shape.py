@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from pathlib import Path
 from typing import Any
 
@@ -10,13 +9,6 @@ import numpy as np
 import pytest
 
 import lidarcli
-from lidarcli.formalism import zones
-from lidarcli.formalism.zones import Path as Trajectory
-from lidarcli.formalism.zones import same_agents
-from lidarcli.masks import Circle
-from lidarcli.pipeline.zone_counting import Columns, Shapes, TopicSeries, ZoneSeries
-from lidarcli.pipeline.zone_events import EventFinder
-from lidarcli.zone import Zone
 from tests.zones.runs import (
     column,
     polygon_at,
@@ -84,57 +76,3 @@ def test_events_are_the_same_in_every_form(tmp_path: Path) -> None:
     for each in ("points", "things", "agents", "active"):
         assert column(tables.zones, each, zone="parts") == column(tables.zones, each, zone="polygon")
         assert column(tables.zones, each, zone="told") == column(tables.zones, each, zone="polygon")
-
-
-def flickering(sweeps: int) -> TopicSeries:
-    """A topic with a zone that is occupied in every second sweep."""
-    zone = ZoneSeries(Zone("near", Circle(0.0, 0.0, 1.0)), Shapes([Circle(0.0, 0.0, 1.0)]))
-    topic = TopicSeries("/scan", "laser", [zone], 0)
-    number = np.arange(sweeps)
-    inside = (number % 2 == 0)[:, None]
-    topic.append(sweep=number, stamp_ns=number * 100_000_000, seconds=number * 0.1)
-    zone.append(points=np.where(inside, 9, 0), masked=np.zeros((sweeps, 1), np.int32), reach=np.full((sweeps, 1), 9))
-    zone.append(**dict.fromkeys(("nearest", "bearing", "x", "y"), np.where(inside, 0.5, np.nan)))
-    zone.append(ttc=np.full((sweeps, 1), np.nan), velocity=np.full((sweeps, 3), np.nan))
-    return topic
-
-
-def test_events_cost_as_much_each_in_a_long_log(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Nothing of the size of the log is walked over once for each event: a whole column is read a few times at most."""
-    read = 0
-    column = Columns.column
-
-    def counted(self: Columns, name: str) -> Any:
-        nonlocal read
-        read += 1
-        return column(self, name)
-
-    monkeypatch.setattr(Columns, "column", counted)
-    calls = []
-    for sweeps in (200, 2000):
-        read = 0
-        topic = flickering(sweeps)
-        span_ns = 0, (sweeps - 1) * 100_000_000
-        found = EventFinder(topic.zones[0].zone, [topic], [None], has_objects=True, span_ns=span_ns, first_ns=0).find()
-        assert len(found.events) == sweeps // 2
-        calls.append(read)
-    assert calls[0] == calls[1] < 30
-
-
-def test_only_paths_of_one_time_are_compared(monkeypatch: pytest.MonkeyPatch) -> None:
-    compared = 0
-
-    def apart(path: Trajectory, other: Trajectory) -> float | None:
-        nonlocal compared
-        compared += 1
-        return 0.1
-
-    monkeypatch.setattr(zones, "_apart", apart)
-    place = np.zeros(2)
-    sensors = [{k: Trajectory(np.array([10 * k, 10 * k + 5]) + late, place, place) for k in range(300)} for late in (0, 1)]
-    begin = time.process_time()
-    numbers = same_agents(sensors)
-    assert compared == 300
-    assert time.process_time() - begin < 1.0
-    assert all(numbers[0, k] == numbers[1, k] for k in range(300))
-    assert len({*numbers.values()}) == 300

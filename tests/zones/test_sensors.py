@@ -168,9 +168,6 @@ line = [[0.0, 1.0], [0.0, 4.0]]
 # What is in view.
 
 
-NAMES = ("behind", "beside", "ahead", "wall")
-
-
 def test_sweeps_that_turn_the_other_way_and_change_their_beams(tmp_path: Path) -> None:
     """Clockwise sweeps, of a sensor whose beam count changes, and of one that hangs head down see the same."""
     scene = scene_of(make.cylinder(2.0, 1.0, 0.4), sensor=replace(SENSOR, noise=0.0), sweeps=6)
@@ -356,14 +353,8 @@ def test_a_shape_that_a_topic_tells(tmp_path: Path) -> None:
     assert set(column(given.zones, "points")) == {10}
     points = lidarcli.zones(bare, zones=file, no_objects=True, footprint=corners(1.2))
     assert points.zones.equals(given.zones)
-    for odd, error, words in (
-        (1.2, TypeError, r"^footprint is \[\[x, y\], ...\] or such a text, not float$"),
-        ([1.2, 1.2], OptionError, r"^--footprint: '\[1.2, 1.2\]' is not \[\[x, y\], ...\]$"),
-        (corners(1.2)[:2], OptionError, "has fewer than 3 corners$"),
-        ([(0.0, 0.0), (1.0, 0.0), (2.0, 0.0)], OptionError, "its corners lie on one line$"),
-    ):
-        with pytest.raises(error, match=words):
-            lidarcli.zones(bare, zones=file, no_objects=True, footprint=odd)  # type: ignore[arg-type]
+    with pytest.raises(OptionError, match=r"its corners lie on one line$"):
+        lidarcli.zones(bare, zones=file, no_objects=True, footprint=[(0.0, 0.0), (1.0, 0.0), (2.0, 0.0)])
 
 
 # Odd logs.

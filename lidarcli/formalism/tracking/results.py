@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from lidarcli.columns import column
 from lidarcli.formalism.detection import SETS, SHAPES
-from lidarcli.sweeps import Bool, Float64, Int8, Int32, Int64, UInt8, record
+from lidarcli.sweeps import Bool, Float64, Int8, Int32, Int64, UInt8, column, record
 
 ENDS = ("left view", "free", "lost", "end of log")
 """Reasons for the end of a track: it left the view, beams pass through its place, it was lost, the log ended."""

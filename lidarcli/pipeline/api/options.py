@@ -16,9 +16,9 @@ from inspect import Parameter, cleandoc, signature
 from os import PathLike, fspath
 from pathlib import Path
 from textwrap import fill
-from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar, cast, get_type_hints, overload
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar, cast, get_type_hints
 
-from lidarcli.choices import NS, SIGNIFICANCE, TRAIL
+from lidarcli.choices import NS, TRAIL
 from lidarcli.errors import OptionError, warn
 from lidarcli.formalism.background import Background
 from lidarcli.formalism.matching.catalogue import Catalogue
@@ -27,14 +27,14 @@ from lidarcli.logs.base import OpenOptions
 from lidarcli.logs.batches import ReadOptions
 from lidarcli.logs.registry import open_options, range_rules
 from lidarcli.masks import Masks
-from lidarcli.option_forms import Number, Option, Rule, defaults_of, options_of, python_words, refuse_combinations
-from lidarcli.options import RULES, Finding, Objects, Paths, parse_removed, parse_value
+from lidarcli.option_forms import Number, Rule, defaults_of, options_of, python_words, refuse_combinations
+from lidarcli.options import RULES, Finding, Objects, Tracking, parse_removed, parse_value
 from lidarcli.pipeline.inputs.declared import AUTO, read_catalogue, read_masks
 from lidarcli.pipeline.inputs.search import find_logs
 from lidarcli.pipeline.inputs.sources import MissingInput, Source
 from lidarcli.pipeline.reading.posing import NONE, PoseOptions
 from lidarcli.pipeline.runs.over_logs import LogProgress, summed
-from lidarcli.range_rules import RangeRules, parse_no_return
+from lidarcli.range_rules import parse_no_return
 from lidarcli.screen import Screen, byte_bar, count_bar
 
 if TYPE_CHECKING:
@@ -61,59 +61,48 @@ OPENING = ("columns", "angle_min", "angle_increment", "fov", "range_max", "degre
 # Functions with keywords.
 
 
-@overload
-def with_keywords(rules: F) -> F: ...
-
-
-@overload
-def with_keywords(rules: Sequence[Rule]) -> Callable[[F], F]: ...
-
-
-def with_keywords(rules: Any) -> Any:
+def with_keywords(*rules: Rule) -> Callable[[F], F]:
     """Decorate a function whose `**options: Unpack[...]` are shown, checked by name and limits, and complete.
 
     Type checkers and editors that read sources understand `Unpack`; those that look at the living function, as IPython and
     help() do, get a signature and a docstring with every keyword. `rules` are refused beside `RULES`.
     """
-    if callable(rules):
-        return _with_keywords(rules, RULES)
-    return lambda function: _with_keywords(function, (*RULES, *rules))
 
+    def decorate(function: F) -> F:
+        group = function.__globals__[function.__annotations__["options"].removeprefix("Unpack[").removesuffix("]")]
+        known, defaults = options_of(group), defaults_of(group)
+        own = signature(function, eval_str=True)
+        positional = [one for one in own.parameters.values() if one.kind is not Parameter.VAR_KEYWORD]
+        names = [one.name for one in positional] + list(known)
 
-def _with_keywords(function: F, rules: Sequence[Rule]) -> F:
-    group = _group_of(function)
-    known = options_of(group)
-    defaults = defaults_of(group)
-    own = signature(function, eval_str=True)
-    positional = [one for one in own.parameters.values() if one.kind is not Parameter.VAR_KEYWORD]
-    names = [one.name for one in positional] + list(known)
+        @wraps(function)
+        def called(*arguments: Any, **given: Any) -> Any:
+            for name, value in given.items():
+                if name not in names:
+                    close = get_close_matches(name, names, 1)
+                    hint = f"did you mean '{close[0]}'?" if close else f"there are {', '.join(names)}"
+                    raise TypeError(f"{function.__name__}() has no option '{name}'; {hint}")
+                if name in known:
+                    _check(name, known[name].value, value)
+            values = {**defaults, **given}
+            refuse_combinations((*RULES, *rules), known, values, lambda name: known[name].is_changed(values[name]))
+            return function(*arguments, **values)
 
-    @wraps(function)
-    def called(*arguments: Any, **given: Any) -> Any:
-        for name, value in given.items():
-            if name not in names:
-                raise TypeError(_unknown(function.__name__, name, names))
-            if name in known:
-                _check(name, known[name], value)
-        values = {**defaults, **given}
-        refuse_combinations(rules, known, values, lambda name: known[name].is_changed(values[name]))
-        return function(*arguments, **values)
+        types = keyword_types(group)
+        keyword_only = [
+            Parameter(name, Parameter.KEYWORD_ONLY, default=defaults[name], annotation=types[name]) for name in known
+        ]
+        called.__signature__ = own.replace(parameters=[*positional, *keyword_only])  # type: ignore[attr-defined]
+        meanings = [f"progress : {_PROGRESS}"] if "progress" in own.parameters else []
+        meanings += [f"{name} : {python_words(name, option)}" for name, option in known.items()]
+        lines = [fill(each, WIDTH, subsequent_indent="    ") for each in meanings]
+        # They stand at the end of the list of parameters.
+        text = cleandoc(function.__doc__ or "")
+        mark = next(mark for mark in ("\n\nReturns\n", "\n\nRaises\n") if mark in text)
+        called.__doc__ = text.replace(mark, "\n".join(["", *lines]) + mark, 1)
+        return cast(F, called)
 
-    types = keyword_types(group)
-    keyword_only = [
-        Parameter(name, Parameter.KEYWORD_ONLY, default=defaults[name], annotation=types[name]) for name in known
-    ]
-    called.__signature__ = own.replace(parameters=[*positional, *keyword_only])  # type: ignore[attr-defined]
-    lines = [f"progress : {_PROGRESS}"] if "progress" in own.parameters else []
-    lines += [f"{name} : {python_words(name, option)}" for name, option in known.items()]
-    called.__doc__ = _documented(cleandoc(function.__doc__ or ""), lines)
-    return cast(F, called)
-
-
-def _group_of(function: Callable[..., Any]) -> type:
-    """The group whose options a function unpacks."""
-    words: str = function.__annotations__["options"]
-    return cast(type, function.__globals__[words.removeprefix("Unpack[").removesuffix("]")])
+    return decorate
 
 
 def keyword_types(group: type) -> dict[str, Any]:
@@ -121,30 +110,18 @@ def keyword_types(group: type) -> dict[str, Any]:
     return get_type_hints(group, None, {"Background": Background, "Catalogue": Catalogue})
 
 
-def _unknown(function: str, name: str, names: list[str]) -> str:
-    close = get_close_matches(name, names, 1)
-    hint = f"did you mean '{close[0]}'?" if close else f"there are {', '.join(names)}"
-    return f"{function}() has no option '{name}'; {hint}"
-
-
-def _check(name: str, option: Option, value: Any) -> None:
-    """Refuse a number that is out of its limits (`OptionError`); None stands for a default."""
-    if value is None or not isinstance(option.value, Number):
+def _check(name: str, form: Any, value: Any) -> None:
+    """Refuse a number out of its limits, or a word that is none of a choice (`OptionError`); None stands for a default."""
+    option = f"--{name.replace('_', '-')}"
+    if isinstance(form, tuple) and value is not None and value not in form:
+        raise OptionError(f"{option}: '{value}' is not one of {', '.join(form)}")
+    if value is None or not isinstance(form, Number):
         return
     try:
-        for number in value if option.value.count > 1 else (value,):
-            option.value.check(number)
+        for number in value if form.count > 1 else (value,):
+            form.check(number)
     except OptionError as err:
-        raise OptionError(f"--{name.replace('_', '-')}: {err}") from None
-
-
-def _documented(text: str, meanings: list[str]) -> str:
-    """The docstring with the meanings of keywords at the end of its list of parameters."""
-    lines = [fill(each, WIDTH, subsequent_indent="    ") for each in meanings]
-    head, mark, tail = text.partition("\n\nReturns\n")
-    if not mark:
-        head, mark, tail = text.partition("\n\nRaises\n")
-    return "\n".join([head, *lines]) + mark + tail
+        raise OptionError(f"{option}: {err}") from None
 
 
 @contextmanager
@@ -181,7 +158,7 @@ def _function(progress: Progress) -> Callable[[int, int | None], object] | None:
 
 def sources_of(log: Any, join: bool) -> list[Source]:
     """Return the logs that are meant, each with a name of its own; `UnreadableError` where one that is named is none."""
-    named = paths_of(log)
+    named = several(log)
     found = find_logs(named, join, warn)
     for each in found:
         if isinstance(each, MissingInput):
@@ -195,33 +172,17 @@ def sources_of(log: Any, join: bool) -> list[Source]:
     return [replace(each, name=each.path) if names[each.name] > 1 else each for each in sources]
 
 
-def paths_of(log: Any) -> list[str]:
-    """Return the paths of one or several logs as text (`TypeError` if they are none)."""
-    is_one = isinstance(log, str | PathLike) or not isinstance(log, Iterable)
-    return [path_of(path) for path in ([log] if is_one else log)]
-
-
-def path_of(log: Any) -> str:
-    """Return the path of a log as text (`TypeError` if it is none)."""
-    if not isinstance(log, str | PathLike):
-        raise TypeError(f"a log is the path of a file or folder, not {type(log).__name__}")
-    return fspath(log)
-
-
-def several(values: Paths) -> list[str]:
+def several(values: Any) -> list[str]:
     """Return paths as text, from one or several (`TypeError` if these are none, such as a table in memory)."""
-    if isinstance(values, str | PathLike):
-        return [fspath(values)]
     # A data frame would give the names of its columns one by one.
-    if not isinstance(values, Iterable) or hasattr(values, "columns"):
-        raise TypeError(f"logs, files and outputs are named by their paths, not given as {type(values).__name__}")
-    return [path_text(each) for each in values]
+    is_one = isinstance(values, str | PathLike) or not isinstance(values, Iterable) or hasattr(values, "columns")
+    return [path_text(each) for each in ([values] if is_one else values)]
 
 
 def path_text(value: Any) -> str:
-    """Return the path of a file as text (`TypeError` if it is none)."""
+    """Return the path of a file or folder as text (`TypeError` if it is none)."""
     if not isinstance(value, str | PathLike):
-        raise TypeError(f"a file is named by its path, not given as {type(value).__name__}")
+        raise TypeError(f"logs, files and outputs are named by their paths, not given as {type(value).__name__}")
     return fspath(value)
 
 
@@ -238,45 +199,23 @@ class LogOptions(NamedTuple):
 
 def log_options(options: Values) -> LogOptions:
     """Return how logs are read."""
-    return LogOptions(read_options(options), opening_options(options), pose_options(options))
+    # Range limits also say which points of a cloud are the robot itself.
+    opening = open_options(
+        **{name: options[name] for name in OPENING}, heights=options["slice"], bins=options["bins"], limits=options["range"]
+    )
+    return LogOptions(read_options(options), opening, pose_options(options))
 
 
 def read_options(options: Values) -> ReadOptions:
     """Return which sweeps to read, and how ranges are judged; a command without these fields reads all sweeps."""
-    return ReadOptions(
-        topics(options.get("topic")),
-        options.get("start"),
-        options.get("end"),
-        options.get("every", 1),
-        rules=rules(options),
-    )
-
-
-def topics(names: str | Iterable[str] | None) -> frozenset[str] | None:
-    """Return names of topics; None means all."""
-    named = [names] if isinstance(names, str) else names or []
-    return frozenset(name for name in named if name) or None
-
-
-def rules(options: Values) -> RangeRules:
-    """Return how ranges are judged."""
-    no_return = options["no_return"]
+    topic, no_return, mask = options.get("topic"), options["no_return"], options["mask"]
+    topics = frozenset(name for name in ([topic] if isinstance(topic, str) else topic or []) if name) or None
     text = no_return if isinstance(no_return, str) else ",".join(map(str, no_return))
-    return range_rules(options["range"], parse_no_return(text), _masks(options["mask"]))
-
-
-def _masks(mask: str | PathLike[str] | None) -> Masks | None:
-    """Return the masks of a file, those that each log is to tell (`auto`), or none."""
-    if mask is None or mask == NONE:
-        return None
-    return Masks(learn=True) if mask == AUTO else read_masks(path_text(mask))
-
-
-def opening_options(options: Values) -> OpenOptions:
-    """Return what a log needs to be opened; range limits also say which points of a cloud are the robot itself."""
-    return open_options(
-        **{name: options[name] for name in OPENING}, heights=options["slice"], bins=options["bins"], limits=options["range"]
-    )
+    masks = None
+    if mask is not None and mask != NONE:
+        masks = Masks(learn=True) if mask == AUTO else read_masks(path_text(mask))
+    rules = range_rules(options["range"], parse_no_return(text), masks)
+    return ReadOptions(topics, options.get("start"), options.get("end"), options.get("every", 1), rules=rules)
 
 
 def pose_options(options: Values) -> PoseOptions:
@@ -312,14 +251,15 @@ def detect_options(
     )
 
 
-def tracking_of(options: Values) -> TrackOptions:
-    """Return how things are followed."""
+def tracking_of(options: Values | None = None) -> TrackOptions:
+    """Return how things are followed, by default as `track` does."""
     # These imports take long, and only tracking needs them.
     from lidarcli.formalism.parameters import TrackParameters
     from lidarcli.pipeline.objects.tracking import TrackOptions
 
+    options = defaults_of(Tracking) if options is None else options
     parsed = TrackParameters(significance=options["significance"], memory=options["memory"])
-    return TrackOptions(parsed, trajectories=options.get("trajectories", True))
+    return TrackOptions(parsed, trajectories=options["trajectories"])
 
 
 def memory_of(options: Values) -> TrackOptions | None:
@@ -335,7 +275,7 @@ def diff_options(options: Values, logs: LogOptions, *, overwrite: bool = False) 
     """Return how runs are compared."""
     from lidarcli.pipeline.differing import DiffOptions
 
-    tracking = tracking_of({"significance": SIGNIFICANCE, "memory": True, "trajectories": False})
+    tracking = tracking_of(defaults_of(Tracking) | {"trajectories": False})
     detect = detect_options({**defaults_of(Finding), **options}, logs, tracking)
     return DiffOptions(detect, options["align"], options["min_score"], overwrite)
 
@@ -345,13 +285,12 @@ def clean_options(options: Values, *, overwrite: bool = False) -> CleanOptions:
     from lidarcli.pipeline.cleaning import CleanOptions
 
     logs = LogOptions(read_options(options), OpenOptions(segments=options["segments"]), pose_options(options))
-    tracking = tracking_of({"significance": SIGNIFICANCE, "memory": True})
     remove = options["remove"]
     words = [remove] if isinstance(remove, str) else remove
     if not isinstance(words, list | tuple | set | frozenset) or not all(isinstance(each, str) for each in words):
         raise TypeError(f"remove is a list of words, or one text, not {remove!r}")
     return CleanOptions(
-        detect_options({**options, "catalogue": None}, logs, tracking),
+        detect_options({**options, "catalogue": None}, logs, tracking_of()),
         frozenset(word.strip() for word in parse_removed(",".join(words)).split(",")),
         parse_value(str(options["value"])),
         options["margin"],
@@ -387,7 +326,7 @@ def overlay_options(options: Values, logs: LogOptions, *, overwrite: bool = Fals
 
     objects, map_file = options["objects"], options["map"]
     return OverlayOptions(
-        detect_options(options, logs, tracking_of({"significance": SIGNIFICANCE, "memory": True})),
+        detect_options(options, logs, tracking_of()),
         None if objects is None else path_text(objects),
         options["with_log"],
         None if map_file is None else Path(map_file),
@@ -403,11 +342,10 @@ def zone_options(options: Values, logs: LogOptions, *, overwrite: bool = False) 
     from lidarcli.pipeline.zoning import ZoneOptions, refuse_options
 
     names = several(options["zones"])
-    tracking = tracking_of({"significance": SIGNIFICANCE, "memory": True})
     parsed = ZoneOptions(
         zones=read_zones(names),
         files=tuple(names),
-        detect=detect_options(options, logs, tracking),
+        detect=detect_options(options, logs, tracking_of()),
         objects=None if options["objects"] is None else path_text(options["objects"]),
         find=not options["no_objects"],
         footprint=None if options["footprint"] is None else parse_footprint(options["footprint"]),

@@ -8,7 +8,7 @@ from html import escape
 from os import fspath
 from typing import Any, Unpack
 
-from lidarcli.choices import VIEWS, Look
+from lidarcli.choices import Look
 from lidarcli.errors import OptionError, warn
 from lidarcli.formalism.parameters import Parameters
 from lidarcli.newfiles import refuse, write_whole
@@ -26,7 +26,7 @@ from lidarcli.options import (
     TableOrPath,
     Tables,
 )
-from lidarcli.pipeline.api.options import Values, paths_of, plot_options, refuse_reading, several, with_keywords
+from lidarcli.pipeline.api.options import Values, plot_options, refuse_reading, several, with_keywords
 from lidarcli.pipeline.inputs.search import files_of, find_logs, one_log
 from lidarcli.pipeline.inputs.tables import TableSet, table_files, tables_of
 from lidarcli.pipeline.plotting import picture_of, sweep_at, take_pictures, write_pictures
@@ -45,7 +45,7 @@ HEIGHT = 720
 """Height of the report in a notebook [px]."""
 
 
-@with_keywords(PLOT_RULES)
+@with_keywords(*PLOT_RULES)
 def plot(
     log: Paths | SweepBatch,
     sweep: int = 0,
@@ -79,8 +79,6 @@ def plot(
     OutputError
         The picture cannot be written.
     """
-    if options["view"] not in VIEWS:
-        raise OptionError(f"--view: '{options['view']}' is not one of {', '.join(VIEWS)}")
     picture = _picture(log, sweep, parameters, options)
     look = Look(**{name: options[name] for name in _LOOK})  # type: ignore[literal-required]
     if output is not None:
@@ -100,7 +98,7 @@ def _picture(log: Paths | SweepBatch, sweep: int, parameters: Parameters | None,
         if options["zones"]:
             raise TypeError("zones are drawn into the sweep of a log, not of a batch")
         return picture_of(log, sweep, replace(wanted, tracks=_tracks(options["tracks"], log.log)))
-    source = one_log(paths_of(log), options["join"])
+    source = one_log(several(log), options["join"])
     wanted = replace(wanted, tracks=_tracks(options["tracks"], source.name))
     if (at := options["at"]) is not None:
         if sweep:
@@ -132,26 +130,19 @@ def _tracks(tables: Tables | None, log: str) -> str | TableSet | None:
 
 @dataclass(frozen=True, slots=True, repr=False)
 class RunReport:
-    """Report on one or many runs. `print` shows it as text, a notebook as the page with the viewer of the sweeps.
-
-    Attributes
-    ----------
-    figures : every figure by its name, as checks name it; None where it cannot be measured
-    checks : one verdict for each check: `expression`, `holds`, `expected`, `found`
-    problems : what could not be read, and damage that no check accepts, one line each
-    """
+    """Report on one or many runs. `print` shows it as text, a notebook as the page with the viewer of the sweeps."""
 
     _made: Report
     _asked: ReportOptions
 
     @property
     def figures(self) -> Mapping[str, float | None]:
-        """Every figure by its name, as checks name it; with a baseline also its change, `delta.NAME`."""
+        """Every figure by its name, as checks name it, or None; with a baseline also its change, `delta.NAME`."""
         return {**self._made.figures}
 
     @property
     def checks(self) -> tuple[Verdict, ...]:
-        """One verdict for each check."""
+        """One verdict for each check: `expression`, `holds`, `expected`, `found`."""
         return self._made.verdicts
 
     @property
@@ -190,7 +181,7 @@ class RunReport:
         )
 
 
-@with_keywords
+@with_keywords()
 def report(
     tables: Tables | Changed | Iterable[TableOrPath | Changed], output: Paths = (), **options: Unpack[Reporting]
 ) -> RunReport:

@@ -28,7 +28,7 @@ from lidarcli.pipeline.api.options import (
 )
 from lidarcli.pipeline.detecting import TrackTables, of_batches, of_logs
 from lidarcli.pipeline.exporting import chosen, export_file, format_of
-from lidarcli.pipeline.inputs.tables import tables_to_export, with_sweeps
+from lidarcli.pipeline.inputs.tables import remember_sweeps, tables_to_export
 from lidarcli.stores import place
 from lidarcli.sweeps import SweepBatch
 from lidarcli.tabular.reading import notes_of
@@ -42,7 +42,7 @@ if TYPE_CHECKING:
 LogsOrBatches = Paths | SweepBatch | Iterable[SweepBatch]
 
 
-@with_keywords
+@with_keywords()
 def detect(
     log: LogsOrBatches, parameters: Parameters | None = None, *, progress: Progress = False, **options: Unpack[Detecting]
 ) -> pa.Table:
@@ -65,10 +65,12 @@ def detect(
         As of `read`.
     """
     made = _found(log, ("objects", "sweeps"), parameters, options, memory_of(options), progress)
-    return with_sweeps(made["objects"], made["sweeps"])
+    remember_sweeps(made["objects"], made["sweeps"])
+    objects: pa.Table = made["objects"]
+    return objects
 
 
-@with_keywords
+@with_keywords()
 def track(
     log: LogsOrBatches, parameters: Parameters | None = None, *, progress: Progress = False, **options: Unpack[Tracking]
 ) -> TrackTables:
@@ -92,7 +94,7 @@ def track(
     """
     names = [*TrackTables._fields, *(["trajectories"] if options["trajectories"] else [])]
     made = _found(log, names, parameters, options, tracking_of(options), progress)
-    made["objects"] = with_sweeps(made["objects"], made["sweeps"])
+    remember_sweeps(made["objects"], made["sweeps"])
     trajectories = made.pop("trajectories", None)
     found = TrackTables(**made)
     found.trajectories = trajectories
@@ -117,7 +119,7 @@ class Tables(_Tables):
     """One row per thing and sweep, from its first sight to its last, unless they were left out."""
 
 
-@with_keywords
+@with_keywords()
 def tables(
     log: LogsOrBatches, parameters: Parameters | None = None, *, progress: Progress = False, **options: Unpack[Tabling]
 ) -> Tables:
@@ -149,8 +151,8 @@ def tables(
     made = _found(log, names, parameters, options, tracking_of(options), progress)
     if chosen := parse_names(columns) if isinstance(columns, str) else tuple(columns):
         made = narrowed(made, chosen)
-    made["objects"] = with_sweeps(made["objects"], made["sweeps"])
     frames = {name: _frame(table) for name, table in made.items()}
+    remember_sweeps(frames["objects"], made["sweeps"])
     trajectories = frames.pop("trajectories", None)
     found = Tables(**frames)
     found.trajectories = trajectories
@@ -202,7 +204,7 @@ def _found(
     return of_batches(chain([first], items), tables, parsed)
 
 
-@with_keywords
+@with_keywords()
 def export(tables: GivenTables, output: AnyPath, overwrite: bool = False, **options: Unpack[Exporting]) -> int:
     """Write tables of one kind as CSV, NDJSON, Arrow or Parquet, one after the other.
 

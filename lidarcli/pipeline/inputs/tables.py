@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import json
 import sys
-from base64 import b64decode, b64encode
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from os import PathLike, fspath
 from typing import Any, NamedTuple
+from weakref import finalize
 
 import numpy as np
 import pyarrow as pa
@@ -312,8 +312,8 @@ KEYS = ("log", "topic")
 """Columns of every table of logs."""
 CHANGES_KEYS = frozenset(("log_a", "log_b", "status"))
 """Columns by which a table of changes is known."""
-_SWEEPS_INSIDE, _ROWS_INSIDE = "lidarcli.memory.sweeps", "lidarcli.memory.rows"
-"""Keys of the metadata of an objects table in memory: its sweeps table, and the rows for which that is the right one."""
+_SWEEPS_OF: dict[int, tuple[pa.Table, int]] = {}
+"""Objects table in memory, by its identity, that a Python function returned → its sweeps table, and its own rows then."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -326,33 +326,10 @@ class HeldTableSet(TableSet):
         return HeldTable(f"{self.before}{table}{self.after}", self.held.get(table))
 
 
-def with_sweeps(objects: pa.Table, sweeps: pa.Table) -> pa.Table:
-    """Return an objects table whose metadata hold its sweeps table: by itself it tells of no sweep without objects."""
-    sink = pa.BufferOutputStream()
-    with pa.ipc.new_stream(sink, sweeps.schema, options=pa.ipc.IpcWriteOptions(compression="zstd")) as stream:
-        stream.write_table(sweeps)
-    inside = {_SWEEPS_INSIDE: b64encode(sink.getvalue()), _ROWS_INSIDE: str(objects.num_rows)}
-    return objects.replace_schema_metadata({**(objects.schema.metadata or {}), **inside})
-
-
-def _sweeps_inside(table: pa.Table) -> pa.Table | None:
-    """Return the sweeps table in the metadata of an objects table; None where it has none, or fewer rows than it had."""
-    notes = notes_of(table)
-    if notes.get(_ROWS_INSIDE) != str(table.num_rows) or _SWEEPS_INSIDE not in notes:
-        return None
-    try:
-        return pa.ipc.open_stream(b64decode(notes[_SWEEPS_INSIDE])).read_all()
-    except (ValueError, OSError, pa.ArrowException):
-        return None
-
-
-def without_sweeps(table: pa.Table) -> pa.Table:
-    """Return a table without what `with_sweeps` puts into its metadata."""
-    metadata = table.schema.metadata or {}
-    inside = {_SWEEPS_INSIDE.encode(), _ROWS_INSIDE.encode()}
-    if metadata.keys().isdisjoint(inside):
-        return table
-    return table.replace_schema_metadata({key: value for key, value in metadata.items() if key not in inside})
+def remember_sweeps(objects: Any, sweeps: pa.Table) -> None:
+    """Remember the sweeps table of an objects table while that lives: by itself it tells of no sweep without objects."""
+    _SWEEPS_OF[id(objects)] = sweeps, len(objects)
+    finalize(objects, _SWEEPS_OF.pop, id(objects), None)
 
 
 def is_in_memory(value: Any) -> bool:
@@ -381,10 +358,12 @@ def arrow_of(value: Any) -> pa.Table:
 
 def table_sets_of(tables: Sequence[Any]) -> list[HeldTableSet]:
     """Return the tables of each log, of some that belong together (`OptionError` where two of a kind are of one log)."""
-    given = [arrow_of(table) for table in tables]
-    known = [(_kind_of(table), without_sweeps(table)) for table in given]
+    known = [(_kind_of(table), table) for table in map(arrow_of, tables)]
     if all(kind != "sweeps" for kind, _ in known):
-        known += [("sweeps", sweeps) for table in given if (sweeps := _sweeps_inside(table)) is not None]
+        for table in tables:
+            sweeps, rows = _SWEEPS_OF.get(id(table), (None, 0))
+            if sweeps is not None and rows == len(table):
+                known.append(("sweeps", sweeps))
     split = [(kind, table, _by_log(table)) for kind, table in known]
     # The order of the logs is that of their sweeps, which every log has.
     ordered = sorted(split, key=lambda each: each[0] != "sweeps")
@@ -425,7 +404,7 @@ def tables_to_export(values: Any) -> list[str | HeldTable]:
     given = [*_each_table(values)]
     if any(isinstance(each, list) for each in given):
         raise TypeError("tables of one kind are exported at a time: give one of these, as .objects")
-    return [each if isinstance(each, str) else HeldTable("the table", without_sweeps(arrow_of(each))) for each in given]
+    return [each if isinstance(each, str) else HeldTable("the table", arrow_of(each)) for each in given]
 
 
 def _each_table(values: Any) -> Iterator[Any]:

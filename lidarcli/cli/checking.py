@@ -1,0 +1,270 @@
+"""`lidarcli diff`, `zones` and `report`: what changed, who came near and what was found, held against checks."""
+
+import json
+from collections.abc import Mapping, Sequence
+from typing import Annotated, Any
+
+import click
+
+from lidarcli.cli.commands import command, log_options, usage_errors
+from lidarcli.cli.messages import (
+    Messages,
+    Total,
+    are_shown_together,
+    chosen_logs,
+    coloured,
+    counted_bar,
+    print_reads,
+    progress_bar,
+    show,
+    standard_output,
+)
+from lidarcli.display import counted, no_command
+from lidarcli.option_forms import Argument, File, Option, Text
+from lidarcli.options import (
+    GATES,
+    OUTPUT,
+    STDOUT,
+    ZONE_RULES,
+    Diffing,
+    ManyLogs,
+    Overwrite,
+    Reported,
+    Reporting,
+    TextOrJson,
+    Zoning,
+    output,
+)
+from lidarcli.screen import one_line
+from lidarcli.stores import place
+
+
+class DiffCommand(Overwrite, TextOrJson, Diffing, total=False):
+    runs: Annotated[tuple[str, ...], Argument("RUN...", File("RUN"), several=True)]
+    output: Annotated[
+        tuple[str, ...],
+        output("FILE", shown="none", several=True),
+        "File to write; may be repeated: .parquet or .csv (table of changes), .png (picture).",
+    ]
+    check: Annotated[
+        tuple[str, ...],
+        Option(GATES, Text("EXPR", has_blanks=True), (), shown="none", several=True),
+        "Condition that must hold, else the exit code is 1; may be repeated: gone == 0 (docs/diff.md).",
+    ]
+
+
+@command(
+    DiffCommand,
+    examples="""\
+  lidarcli diff monday.mcap tuesday.mcap -o changes.parquet -o changes.png
+  lidarcli diff site.yaml today.mcap --check "gone == 0" --check "new <= 2"
+  lidarcli diff monday.tracks.parquet tuesday.tracks.parquet -o changes.csv
+  lidarcli diff empty.background.parquet today.bag --align as-is
+  lidarcli diff monday.bag tuesday.bag wednesday.bag --min-score 0.95
+  lidarcli diff truth.map.yaml room.yaml --format json""",
+)
+def diff(messages: Messages, options: DiffCommand) -> int:
+    """Find what changed from run to run: moved, new, gone.
+
+    RUN is a log, a tracks table of `lidarcli track`, a background, or a map (.yaml of
+    map_server). Each is compared with the last one before it that saw the place.
+    Only what was in view can have gone: the rest is uncertain, with the reason.
+    """
+    logs = log_options(options)
+
+    from lidarcli.errors import CHECK_FAILED, UnreadableError
+    from lidarcli.machine import keep_freed_memory
+    from lidarcli.pipeline.api.options import diff_options
+    from lidarcli.pipeline.differing import diff_inputs, inputs_of, judged, parse_checks, refuse_outputs, write_changes
+
+    outputs = [place(each) for each in options["output"]]
+    with usage_errors():
+        parsed = diff_options(options, logs, overwrite=options["overwrite"])
+        checks = parse_checks(options["check"])
+        inputs = inputs_of(options["runs"])
+        refuse_outputs(outputs, inputs, parsed)
+    keep_freed_memory()
+    messages.of_missing_core()
+    with progress_bar([one.source for one in inputs if one.source is not None], messages) as report:
+        found = diff_inputs(inputs, parsed, report)
+    if options["format"] == "json":
+        click.echo(json.dumps(found.as_dict(), indent=2))
+    else:
+        for line in found.lines:
+            click.echo(no_command(one_line(line)))
+    for line in found.damage:
+        messages.error(line)
+    messages.notes([*found.notes, *write_changes(found, outputs, options["overwrite"])])
+    messages.wrote(outputs)
+    if messages.failed(judged(found, checks)):
+        return CHECK_FAILED
+    return UnreadableError.exit_code if found.damage else 0
+
+
+class ZonesCommand(Zoning, ManyLogs, Reported, total=False):
+    output: Annotated[
+        str | None,
+        output("DIR", shown="none, nothing is written"),
+        "Folder for the tables <log>.events.parquet and <log>.zones.parquet.",
+    ]
+    check: Annotated[
+        tuple[str, ...],
+        Option(GATES, Text("EXPR", has_blanks=True), (), shown="none", several=True),
+        "Condition that must hold, else the exit code is 1; may be repeated: zones.NAME.events == 0 (docs/zones.md).",
+    ]
+
+
+@command(
+    ZonesCommand,
+    examples="""\
+  lidarcli zones run.mcap --zones nav2.yaml -o tables
+  lidarcli zones run.mcap --zones zones.toml --check "zones.stop.events == 0"
+  lidarcli zones run.mcap --zones doors.toml --check "zones.door.in >= 30"
+  lidarcli zones run.bag --zones zones.toml --mask robot.toml --no-objects
+  lidarcli zones run.bag --zones zones.toml --objects run.objects.parquet
+  lidarcli zones run.db3 --zones nav2.yaml \\
+    --footprint '[[0.3, 0.2], [0.3, -0.2], [-0.3, 0.0]]'""",
+    rules=ZONE_RULES,
+)
+def zones(messages: Messages, options: ZonesCommand) -> int:
+    """Find who or what was in a zone, when, and how near.
+
+    Zones are polygons, circles and lines in the frame of the sensor, the robot or the
+    world, of a TOML file or of Nav2's Collision Monitor, whose rules they follow. All
+    valid beams count by default: a wall that is too near is an event, too.
+    An offline check of a recording, no safety function.
+    """
+    if options["output"] == STDOUT:
+        raise click.UsageError("-o is the name of a folder; there is no standard output of tables")
+    logs = log_options(options)
+
+    from lidarcli.errors import CHECK_FAILED, UnreadableError
+    from lidarcli.pipeline.api.options import zone_options
+    from lidarcli.pipeline.zoning import ZoneSummary, judge, refuse_outputs, understand, watch_files
+
+    with usage_errors():
+        zoning = zone_options(options, logs, overwrite=options["overwrite"])
+        checks = understand(zoning, options["check"])
+    messages.begin(options, finds=True)
+    sources = chosen_logs(messages, options)
+    if zoning.objects is not None and len(sources) != 1:
+        raise click.UsageError(f"--objects is for one log, and these are {len(sources):,}")
+    folder = None if options["output"] is None else place(options["output"])
+    outputs = refuse_outputs(sources, folder, zoning)
+    if options["dry_run"]:
+        return print_reads(sources, outputs)
+    total = Total()
+    failed, tables = False, []
+
+    def lines_of(run: ZoneSummary) -> list[str]:
+        where = f"{counted(run.sweeps, 'sweep')} of {', '.join(sorted(run.topics))}"
+        return [f"{where}, {counted(len(zoning.zones.zones), 'zone')}", *(f"  {line}" for line in run.lines)]
+
+    with progress_bar(sources, messages) as report:
+        for outcome in watch_files(sources, folder, zoning, report):
+            total.add(outcome)
+            show(outcome, messages, lines_of)
+            if isinstance(outcome.summary, ZoneSummary):
+                tables += [outcome.summary.tables] if checks else []
+            else:
+                failed = True
+    verdicts, unobserved = ([], ()) if failed else judge(checks, tables)
+    for line in unobserved:
+        messages.error("incomplete", line)
+    code = CHECK_FAILED if messages.failed(verdicts) else total.exit_code(sources)
+    if not code and unobserved:
+        code = UnreadableError.exit_code
+    return messages.end(code, checks=[verdict.as_dict() for verdict in verdicts])
+
+
+class ReportCommand(Overwrite, Reporting, total=False):
+    tables: Annotated[tuple[str, ...], Argument("TABLE...", File("TABLE"), several=True)]
+    output: Annotated[
+        tuple[str, ...],
+        output("FILE", shown="standard output", several=True),
+        "File to write, may be repeated: .txt, .md, .html, .json or .xml (JUnit).",
+    ]
+    format: Annotated[
+        str | None,
+        Option(OUTPUT, ("text", "markdown", "html", "json", "junit", "github"), shown="by suffix, else text"),
+        "Format, where the suffix does not say it.",
+    ]
+    brief: Annotated[
+        bool, Option(OUTPUT, None, False), "Only the checks and a summary in a line: text, markdown or github."
+    ]
+
+
+@command(
+    ReportCommand,
+    examples="""\
+  lidarcli report tables/
+  lidarcli report run.objects.parquet -o run.html --log run.mcap
+  lidarcli report tables/ -o out.md -o out.xml --check "sweeps >= 100"
+  lidarcli report tables/ --check "objects_per_sweep.p95 <= 12" --brief
+  lidarcli report tables/ --check "objects where width > 1.5 == 0"
+  lidarcli report tables/ --check "agents_at_once.max <= 3"
+  lidarcli report new/ --baseline old/ --check "changed_sweeps == 0"
+  lidarcli report site.changes.parquet -o site.html --check "gone == 0"
+  lidarcli report 'tables/*.parquet' --format json | jq .figures
+  lidarcli report tables/ --check "sweeps >= 100" --format github
+  lidarcli report tables/ --format junit -o report.xml --overwrite""",
+)
+def report(messages: Messages, options: Mapping[str, Any]) -> int:
+    """Summarise one or many runs, and test them against thresholds.
+
+    TABLE is an objects, sweeps or tracks table of detect or track (the others are
+    found beside it), a table of changes of diff, a folder to search, or a pattern.
+    """
+    tables, checks, baseline, logs = options["tables"], options["check"], options["baseline"], options["log"]
+    outputs, brief = options["output"], options["brief"]
+
+    from lidarcli.newfiles import refuse, write_whole
+    from lidarcli.pipeline.inputs.search import files_of, find_logs
+    from lidarcli.pipeline.inputs.tables import table_files
+    from lidarcli.pipeline.reporting import SHORT_FORMATS, SUFFIXES, ReportOptions, encoded, make_report, render, understand
+
+    kinds = _kinds(outputs or (STDOUT,), options["format"], SUFFIXES)
+    if brief and not {*kinds} & {*SHORT_FORMATS}:
+        raise click.UsageError(f"--brief is for {', '.join(SHORT_FORMATS)}; leave it out for {kinds[0]}")
+    report_options = ReportOptions(tables, checks, baseline, logs, options["join"])
+    understand(report_options)
+    files = [place(name) for name in outputs if name != STDOUT]
+    if files:
+        read = table_files([*tables, *baseline])
+        refuse(files, options["overwrite"], [*map(str, read), *files_of(find_logs(logs))], devices=True)
+    with counted_bar("report", None, "steps", messages) as progress:
+        made = make_report(report_options, viewer="html" in kinds, progress=progress)
+    written = [*zip(outputs or (STDOUT,), kinds, strict=True)]
+    is_shown = any(name == STDOUT and form in SHORT_FORMATS for name, form in written)
+    # Workflow commands are for the log of a step, which shows both.
+    if not (is_shown and ((STDOUT, "github") in written or are_shown_together())):
+        for kind_of, problem in made.named_problems:
+            messages.error(*((kind_of, problem) if kind_of == "incomplete" else (problem,)))
+    if not is_shown:
+        for warning in made.warnings:
+            messages.info(f"warning: {warning}")
+    for name, form in written:
+        short = brief and form in SHORT_FORMATS
+        if name == STDOUT:
+            words = render(made, form, colour=coloured(standard_output()), brief=short)
+            standard_output().buffer.write(encoded(words))
+        else:
+            data = encoded(render(made, form, brief=short))
+            notes = write_whole(place(name), data, options["overwrite"], devices=True)
+            messages.wrote([name])
+            messages.notes(notes)
+    messages.failed(made.verdicts)
+    return made.exit_code
+
+
+def _kinds(outputs: Sequence[str], kind: str | None, suffixes: dict[str, str]) -> list[str]:
+    """The format of each output: of one that of --format, of several that of --format where the suffix names none."""
+    if len(outputs) == 1 and kind is not None:
+        return [kind]
+    found = [None if name == STDOUT else suffixes.get(place(name).suffix.lower()) for name in outputs]
+    if kind is not None and None not in found:
+        raise click.UsageError("--format is for an output whose suffix does not say its format, and all of these do")
+    odd = [name for name, one in zip(outputs, found, strict=True) if one is None and name != STDOUT]
+    if kind is None and odd:
+        raise click.UsageError(f"{odd[0]}: the suffix names no format ({' '.join(suffixes)}); say which with --format")
+    return [one or kind or "text" for one in found]
