@@ -20,7 +20,7 @@ PYTHON ?= $(shell for name in python3 python3.14 python3.13 python3.12 python3.1
 	"$$name" -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null && { echo "$$name"; break; }; done)
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-all check quick lint types format samples golden docs site bench bench-full bench-compare same accuracy trees tracking fleet maps overlay reading fuzz bounds clean
+.PHONY: help demo test test-all check compile quick lint types format samples golden docs site bench bench-full bench-compare same accuracy trees tracking fleet maps overlay reading fuzz bounds clean
 
 help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "make %-13s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -45,6 +45,8 @@ check: lint types ## lint, format, types and tests
 
 test-all: lint types ## the same with all tests, also those that are marked whole (CONTRIBUTING.md lists them)
 	$(PYTEST)
+
+compile: $(VENV)/compiled ## the core once more, after a change of its files
 
 quick: lint ## lint, format and the tests that take no time, for between two edits
 	$(PYTEST) -q -m "not slow and not whole"

@@ -28,7 +28,7 @@ if compiled.is_there() and compiled.is_wanted():
         for built in path.parent.glob(f"{path.stem}.*.so"):
             newest = max(path.stat().st_mtime, path.with_suffix(".py").stat().st_mtime)
             if built.stat().st_mtime < newest:
-                raise SystemExit(f"{built.name} is older than its source: make check compiles it again")
+                raise SystemExit(f"{built.name} is older than its source: make compile")
 else:
     # Where it could not be compiled, what commands say about that is nothing that their tests expect.
     os.environ.setdefault("LIDARCLI_COMPILED", "no")

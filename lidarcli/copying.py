@@ -35,8 +35,6 @@ from lidarcli.logs.unpacking import ZSTD_MAGIC, DecompressionBudget, is_zstd, un
 from lidarcli.ros.bag_metadata import METADATA
 from lidarcli.sweeps import Bool
 
-MCAP, ROS1, ROS2 = "mcap", "ros1 bag", "ros2 bag"
-
 _PUBLISHED = struct.Struct("<IQQ")
 """Sequence, log time and publish time of an MCAP message, before its payload."""
 _PUBLISHER = ("type", "md5sum", "message_definition", "callerid", "latching")

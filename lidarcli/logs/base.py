@@ -39,11 +39,6 @@ POSE_TYPES = frozenset(
 POSED_TYPES = POSE_TYPES | {foxglove.SCAN}
 """With those of sweeps that may tell where each was taken."""
 
-BINARY_SUFFIXES = (".mcap", ".bag", ".active", ".db3", ".zstd")
-TEXT_LOG_SUFFIXES = (".clf", ".gfs", ".clf.gz", ".gfs.gz")
-"""Suffixes that only CARMEN logs have; a file that ends in `.log` may be anything."""
-TEXT_SUFFIXES = (".csv", ".tsv", ".txt", ".csv.gz", ".tsv.gz", ".txt.gz")
-
 MAX_MESSAGE = 64 << 20
 """Longest message that is read into memory [bytes]: any sweep, and clouds of a million points and more."""
 MAX_BEAMS = 400_000
@@ -227,13 +222,16 @@ class Log(Protocol):
     A constructor reads as little as it needs to know the format and raises `UnreadableError` when nothing at all can be
     read. Later damage never raises: it goes to the report that the caller of a pass (`scans`, `messages`) hands in, and
     everything readable is still yielded. A report tells all that its pass has met, and what opening has met before.
+
+    A log may be read as often as one likes; a second pass over a stream raises `UnreadableError`. Sweeps without limits of
+    their own have 0 and infinity, those without a time of recording their stamp. A reader of text applies all
+    `OpenOptions` itself; for `Format.in_metres` the pipeline applies `range_scale`, and messages tell their `range_max`.
     """
 
     path: str
     """As the user wrote it; `-` for standard input."""
     format: str
-    """For people: `mcap`, `ros1 bag`, `ros2 bag (sqlite3)`, `ros2 bag (mcap)`, `csv (rostopic echo -p)`,
-    `carmen`, `json lines`."""
+    """For people: `Format.kind`, and what else tells kinds apart: `ros2 bag (sqlite3)`, `csv (rostopic echo -p)`."""
 
     @property
     def compression(self) -> str:

@@ -1,6 +1,6 @@
 """Scans in JSON and in protobuf, message by message: `foxglove.LaserScan`, and LaserScan of ROS.
 
-`JsonLinesLog` reads JSON as `mcap cat --json` (or `--format=ndjson`) prints it: a message per line, of any topics.
+`JsonLinesLog` reads what `mcap cat --json` (or `--format=ndjson`) prints, and no other JSON lines.
 """
 
 from __future__ import annotations
@@ -317,7 +317,7 @@ _CUT = "the file ends within this line: its message is dropped"
 
 
 class JsonLinesLog(TextLog):
-    """Printed messages from a file or from a stream."""
+    """What `mcap cat --json` prints, from a file or from a stream: a message per line, of any topics."""
 
     format = "json lines"
 

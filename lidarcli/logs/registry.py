@@ -1,6 +1,6 @@
 """The containers that lidarcli reads, and `open_log`, which finds the reader of a log by its content.
 
-A new container is a package or a module in `logs/` and one entry in `FORMATS`.
+A new container is a package or a module in `logs/` and one entry in `FORMATS`, which has all that others know of it.
 """
 
 from __future__ import annotations
@@ -24,18 +24,7 @@ from typing import BinaryIO, cast
 
 from lidarcli.choices import BINS, JOIN, UNITS
 from lidarcli.errors import LidarcliError, NoScanError, OptionError, UnreadableError, unreadable
-from lidarcli.logs.base import (
-    BINARY_SUFFIXES,
-    CLOUD_TYPES,
-    LASERSCAN,
-    MAX_BEAMS,
-    SCAN_TYPES,
-    TEXT_SUFFIXES,
-    Log,
-    OpenOptions,
-    Slice,
-    Topic,
-)
+from lidarcli.logs.base import CLOUD_TYPES, LASERSCAN, MAX_BEAMS, SCAN_TYPES, Log, OpenOptions, Slice, Topic
 from lidarcli.logs.text import is_carmen, is_json_lines
 from lidarcli.masks import Masks
 from lidarcli.range_rules import FARTHEST, RangeRules
@@ -57,18 +46,37 @@ _UTF16 = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
 
 @dataclass(frozen=True, slots=True)
 class Format:
-    """A container format: its name, its reader, and how its content is recognised."""
+    """A container format: its names, its reader, how its content is recognised, and what holds for all its logs."""
 
+    kind: str
+    """How `Log.format` of its logs begins."""
     name: str
     """Name for people: `MCAP`, `ROS 1 bag` ..."""
     module: str
     reader: str
     """The class in `module`: a `Log` whose constructor takes a path and `OpenOptions`."""
-    sniff: Callable[[bytes], bool]
+    suffixes: tuple[str, ...]
+    """Suffixes of its files in a folder that is searched; a file that is named is opened whatever its suffix."""
+    vague: tuple[str, ...] = ()
+    """Suffixes that its files may have, as others that are no logs."""
+    magic: tuple[bytes, ...] = ()
+    """Beginnings of its files; none for text."""
+    begins: Callable[[bytes], bool] = lambda _text: False
+    """Recognises a text by its beginning, with gzip and UTF-16 undone."""
     sniff_folder: Callable[[Path], bool] = lambda _folder: False
+    in_metres: bool = True
+    """True where ranges are metres unless an option says otherwise; readers of text know their units."""
+    has_poses: bool = True
     streams: bool = False
     many: bool = False
     """True if the reader accepts a list of files that make one log."""
+
+    def sniff(self, head: bytes) -> bool:
+        """Return True for the first bytes of a file of this format."""
+        if self.magic:
+            return head.startswith(self.magic)
+        text = gunzip_start(head) if head.startswith(GZIP) else head
+        return self.begins(text.decode("utf-16", "ignore").encode() if text.startswith(_UTF16) else text)
 
     def open(self, source: object, options: OpenOptions) -> Log:
         """Open a log; the reader is imported only now, so that a log costs the libraries of its own container alone."""
@@ -102,9 +110,6 @@ def _is_rosbag2_folder(folder: Path) -> bool:
 
 def _is_text(head: bytes) -> bool:
     """Return True for text: no NUL, hardly a control character, valid UTF-8 up to a cut at the end."""
-    if head.startswith(_UTF16):
-        return True
-    head = gunzip_start(head) if head.startswith(GZIP) else head
     controls = sum(byte < 32 and byte not in b"\t\n\r\f" for byte in head)
     if not head or b"\0" in head or controls > len(head) // 100:
         return False
@@ -113,16 +118,6 @@ def _is_text(head: bytes) -> bool:
     except UnicodeDecodeError as err:
         return err.start >= len(head) - 3 or head.count(b"\n") > 0
     return True
-
-
-def _text_begins(begins: Callable[[bytes], bool]) -> Callable[[bytes], bool]:
-    """Wrap a test of text so that it applies to gzip and UTF-16 as well."""
-
-    def sniff(head: bytes) -> bool:
-        head = gunzip_start(head) if head.startswith(GZIP) else head
-        return begins(head.decode("utf-16", "ignore").encode() if head.startswith(_UTF16) else head)
-
-    return sniff
 
 
 def gunzip_start(head: bytes) -> bytes:
@@ -138,40 +133,73 @@ def has_file(folder: Path, endings: Iterable[str]) -> bool:
     return any(entry.name.lower().endswith(tuple(endings)) and entry.is_file() for entry in folder.iterdir())
 
 
+def _is_csv_folder(folder: Path) -> bool:
+    return has_file(folder, TEXT_SUFFIXES) and not has_file(folder, BINARY_SUFFIXES)
+
+
 FORMATS: tuple[Format, ...] = (
-    Format("MCAP", "lidarcli.logs.mcap", "McapLog", lambda head: head.startswith(MCAP), streams=True),
-    Format("ROS 1 bag", "lidarcli.logs.rosbag1", "Rosbag1Log", lambda head: head.startswith(ROS1), streams=True),
+    Format("mcap", "MCAP", "lidarcli.logs.mcap", "McapLog", (".mcap",), magic=MCAP, streams=True),
+    Format("ros1 bag", "ROS 1 bag", "lidarcli.logs.rosbag1", "Rosbag1Log", (".bag", ".active"), magic=ROS1, streams=True),
     Format(
+        "ros2 bag",
         "ROS 2 bag (folder, .db3, compressed)",
         "lidarcli.logs.rosbag2",
         "Rosbag2Log",
-        lambda head: head.startswith((SQLITE, ZSTD)),
-        _is_rosbag2_folder,
+        (".db3", ".zstd"),
+        magic=(SQLITE, ZSTD),
+        sniff_folder=_is_rosbag2_folder,
     ),
-    Format("CARMEN log (also .gz)", "lidarcli.logs.carmen", "CarmenLog", _text_begins(is_carmen), streams=True),
     Format(
-        "JSON lines of `mcap cat` (also .gz)",
-        "lidarcli.logs.foxglove",
-        "JsonLinesLog",
-        _text_begins(is_json_lines),
+        "carmen",
+        "CARMEN log (also .gz)",
+        "lidarcli.logs.carmen",
+        "CarmenLog",
+        (".clf", ".gfs", ".clf.gz", ".gfs.gz"),
+        (".log",),
+        begins=is_carmen,
+        in_metres=False,
         streams=True,
     ),
     Format(
+        "json lines",
+        "JSON lines of `mcap cat` (also .gz)",
+        "lidarcli.logs.foxglove",
+        "JsonLinesLog",
+        (),
+        (".jsonl", ".ndjson"),
+        begins=is_json_lines,
+        has_poses=False,
+        streams=True,
+    ),
+    Format(
+        "csv",
         "CSV (also .gz, or a folder of one file per sweep)",
         "lidarcli.logs.csv",
         "CsvLog",
-        _is_text,
-        lambda folder: has_file(folder, TEXT_SUFFIXES) and not has_file(folder, BINARY_SUFFIXES),
+        (".csv", ".csv.gz"),
+        (".tsv", ".txt", ".tsv.gz", ".txt.gz"),
+        begins=_is_text,
+        sniff_folder=_is_csv_folder,
+        in_metres=False,
+        has_poses=False,
         streams=True,
         many=True,
     ),
 )
-
+SUFFIXES = tuple(suffix for known in FORMATS for suffix in known.suffixes)
+"""Suffixes of logs in a folder that is searched."""
+BINARY_SUFFIXES = tuple(suffix for known in FORMATS if known.magic for suffix in known.suffixes)
+TEXT_SUFFIXES = tuple(suffix for known in FORMATS if known.many for suffix in (*known.suffixes, *known.vague))
+"""Suffixes of files that may be one sweep each."""
 
 _KNOWN = ", ".join(known.name for known in FORMATS)
+_MAGIC = tuple(magic for known in FORMATS for magic in known.magic)
 PIPE_WAIT_S = 10.0
 
-_BINARY = (*MCAP, *ROS1, SQLITE, ZSTD)
+
+def format_of(log: Log) -> Format:
+    """Return the format of an open log; of one that is joined of several parts that of its first one."""
+    return next(known for known in FORMATS if log.format.startswith(known.kind))
 
 
 def open_log(source: str | Path | BinaryIO, *, opening: OpenOptions | None = None) -> Log:
@@ -214,7 +242,7 @@ def open_log(source: str | Path | BinaryIO, *, opening: OpenOptions | None = Non
 def _sniffed(head: bytes, name: str) -> Format:
     if not head:
         raise UnreadableError(f"{name}: is empty")
-    if head.startswith(GZIP) and gunzip_start(head).startswith(_BINARY):
+    if head.startswith(GZIP) and gunzip_start(head).startswith(_MAGIC):
         raise UnreadableError(f"{name}: a log packed with gzip; unpack it first (gunzip)")
     for known in FORMATS:
         if known.sniff(head):

@@ -20,21 +20,10 @@ from typing import Any, BinaryIO
 from urllib.parse import quote
 
 from lidarcli.errors import LidarcliError, UnreadableError, unreadable
-from lidarcli.logs.base import (
-    BINARY_SUFFIXES,
-    MAX_MESSAGE,
-    TEXT_SUFFIXES,
-    Closing,
-    Log,
-    Message,
-    OpenOptions,
-    ReadReport,
-    Topic,
-    ros_type,
-)
+from lidarcli.logs.base import MAX_MESSAGE, Closing, Log, Message, OpenOptions, ReadReport, Topic, ros_type
 from lidarcli.logs.joined import Part, PartedLog, natural
 from lidarcli.logs.laserscan import MessageBatcher, scan_type
-from lidarcli.logs.registry import is_storage
+from lidarcli.logs.registry import BINARY_SUFFIXES, TEXT_SUFFIXES, is_storage
 from lidarcli.logs.rosbag2_salvage import (
     BEFORE_ALL,
     HEADER,

@@ -14,8 +14,9 @@ from lidarcli.formalism.background import MAJORITY, STEADY, Background, Grid
 from lidarcli.formalism.learning import Learning
 from lidarcli.logs.base import OpenOptions
 from lidarcli.logs.batches import ReadOptions
+from lidarcli.logs.registry import SUFFIXES
 from lidarcli.newfiles import refuse, write_whole
-from lidarcli.pipeline.inputs.search import SUFFIXES, files_of
+from lidarcli.pipeline.inputs.search import files_of
 from lidarcli.pipeline.inputs.sources import MissingInput, Source
 from lidarcli.pipeline.reading.one_log import Progress, RunSummary, read_log, reading_as_dict
 from lidarcli.pipeline.reading.posing import Need, PoseOptions

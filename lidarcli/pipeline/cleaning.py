@@ -14,7 +14,7 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from lidarcli.choices import ABOVE, INF, KEEP, MATCH, NAN
-from lidarcli.copying import MCAP, ROS1, ROS2, Copy, copy_log, replaced
+from lidarcli.copying import Copy, copy_log, replaced
 from lidarcli.display import counted
 from lidarcli.errors import OptionError, UnreadableError
 from lidarcli.findings import LEAP
@@ -25,11 +25,10 @@ from lidarcli.formalism.zones import samples, seen
 from lidarcli.logs.base import CLOUD_TYPES, SCAN_TYPES, Log, ReadReport
 from lidarcli.logs.batches import ReadOptions, read_batches
 from lidarcli.logs.blocks import Locate
-from lidarcli.logs.registry import TopicChoice
+from lidarcli.logs.registry import SUFFIXES, TopicChoice, format_of
 from lidarcli.masks import Polygon
 from lidarcli.newfiles import NewFiles, refuse, refuse_nameless, writing
 from lidarcli.pipeline.detecting import detect_to_temporary, second_half
-from lidarcli.pipeline.inputs.search import SUFFIXES
 from lidarcli.pipeline.inputs.sources import Source, open_source
 from lidarcli.pipeline.inputs.tables import TableSet, world_in
 from lidarcli.pipeline.objects.detection import DetectOptions
@@ -198,7 +197,7 @@ def _refuse_names(source: Source, path: Place) -> None:
 
 def _refuse(log: Log, source: Source, path: Place, options: CleanOptions) -> None:
     """Refuse logs that cannot be cleaned, and outputs that cannot be written, before any work."""
-    if not log.format.startswith((MCAP, ROS1, ROS2)) or source.parts:
+    if not format_of(log).magic or source.parts:
         raise OptionError(f"{source.path}: only MCAP and ROS bags can be cleaned")
     wanted = _suffix(log, source)
     name = path.name.lower()
@@ -230,13 +229,11 @@ def _bag(log: Log, source: Source, path: Place) -> Place | None:
 
 def _suffix(log: Log, source: Source) -> str:
     """Return the suffix of a copy; empty for a folder."""
-    if log.format.startswith(MCAP):
-        return ".mcap"
-    if log.format.startswith(ROS1):
-        return ".bag"
     if Path(source.path).is_dir():
         return ""
-    return ".db3.zstd" if log.compression == "zstd" and source.path.endswith(".zstd") else ".db3"
+    suffix = format_of(log).suffixes[0]
+    is_packed = suffix == ".db3" and log.compression == "zstd" and source.path.endswith(".zstd")
+    return f"{suffix}.zstd" if is_packed else suffix
 
 
 def _blind(pair: TableSet) -> set[str]:

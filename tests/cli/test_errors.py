@@ -24,7 +24,7 @@ from tests.waiting import HANG, endless, wait_until
 
 Run = Callable[..., Any]
 
-SUFFIXES = "*.mcap *.bag *.active *.db3 *.csv *.csv.gz *.zstd *.clf *.gfs *.clf.gz *.gfs.gz"
+SUFFIXES = "*.mcap *.bag *.active *.db3 *.zstd *.clf *.gfs *.clf.gz *.gfs.gz *.csv *.csv.gz"
 
 
 @pytest.fixture(params=["info", "detect"])

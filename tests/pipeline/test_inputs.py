@@ -89,8 +89,8 @@ def test_what_is_no_log(tmp_path: Path) -> None:
     assert errors == [
         "no such file or folder",
         "no such file or folder",
-        "no log in this folder (searched for *.mcap *.bag *.active *.db3 *.csv *.csv.gz *.zstd "
-        "*.clf *.gfs *.clf.gz *.gfs.gz)",
+        "no log in this folder (searched for *.mcap *.bag *.active *.db3 *.zstd "
+        "*.clf *.gfs *.clf.gz *.gfs.gz *.csv *.csv.gz)",
     ]
 
 

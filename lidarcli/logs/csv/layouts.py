@@ -13,9 +13,8 @@ from string import whitespace
 import numpy as np
 
 from lidarcli.errors import UnreadableError
-from lidarcli.findings import FAR
 from lidarcli.logs.blocks import given_geometry
-from lidarcli.logs.cells import NO_NUMBERS, shown, time_unit
+from lidarcli.logs.cells import shown
 from lidarcli.logs.clock import NO_STAMPS
 from lidarcli.logs.csv.table import TRAJECTORY, Dialect, Head, csv_cells, empty_lists, is_numeric, value_of
 from lidarcli.sweeps import TURN, Float64, Int64
@@ -80,8 +79,10 @@ _SWEEP = re.compile(r"(?:sweep|scan|turn|revolution|rotation|seq|frame)(?:_?(?:i
 _SHOWN = 3
 _RECORD = 1 << 20
 """Bytes within which the first record with a list must end, the list itself not counted."""
-_WIDE = 8
-"""Numbers in a row from which on it is guessed to be a sweep."""
+_POSE = 8
+"""Numbers in a row of a trajectory: time, place and quaternion."""
+_MOST_OF_BEAM = 3
+"""Most numbers in a row for it to be taken for a beam: bearing, range, quality."""
 _NO_COLUMNS = np.empty(0, np.int64)
 
 
@@ -252,69 +253,19 @@ def _nameless(head: Head) -> UnreadableError:
     rows = [row for row in head.rows if len(row) == width and all(map(is_numeric, row[2:]))]
     if not rows or width < 2:
         return _unknown(head, f"lines like {shown(head.lines[0], 60)}")
-    table = np.array([[value_of(cell) for cell in row[:_WIDE]] for row in rows], np.float64)
-    with np.errstate(invalid="ignore", over="ignore"):
-        length = np.sqrt((table[:, 4:] ** 2).sum(axis=1))
-    if width == _WIDE and (np.abs(length - 1.0) < 0.01).all():
-        return UnreadableError(f"{head.path}: {TRAJECTORY.refusal}")
-    bearing = next((place for place in range(min(width - 1, 3)) if _starts_over(table[:, place])), None)
-    if width < _WIDE or (bearing is not None and np.ptp(table[:, bearing]) > 6.0):
-        bearing = min(width - 2, 1) if bearing is None else bearing
-        names = [*["time", "sweep"][:bearing], "angle", "range"]
-        behind = width - len(names)
-        if behind == 1 or (behind == 2 and (np.diff(table[:, -1]) >= 0).all() and np.ptp(table[:, -1]) > 0):
-            names += ["quality", "time"][:behind]
-        if bearing == 1 and ((np.diff(table[:, 0]) < 0).any() or np.ptp(table[:, 0]) == 0):
-            names[0] = "quality"
-        elif bearing == 1 and all(row[0].isdigit() for row in rows) and table[-1, 0] < 1e8:
-            names[0] = "sweep"
-        names += ["other*" + str(width - len(names))] if width > len(names) else []
-        more = _unit_option(table[:, bearing + 1])
-        hint = "; `clockwise` in place of `angle` for bearings of an RPLIDAR" if more else ""
-        hint += "; or, with a sweep in each row, --columns time,ranges" if width > 3 else ""
-    else:
-        first, second = ([row[place] for row in rows] for place in range(2))
-        names = [*_leading(first, second), "ranges"]
-        more = _unit_option(table[:, len(names) - 1 :])
-        hint = (
-            "" if given_geometry(head.options, 2) else "; and the bearings by --fov, or --angle-min and --angle-increment"
-        )
+    if width == _POSE:
+        table = np.array([[value_of(cell) for cell in row] for row in rows], np.float64)
+        with np.errstate(invalid="ignore", over="ignore"):
+            length = np.sqrt((table[:, 4:] ** 2).sum(axis=1))
+        if (np.abs(length - 1.0) < 0.01).all():
+            return UnreadableError(f"{head.path}: {TRAJECTORY.refusal}")
     return NamelessError(
         f"{head.path}: a table of {width} columns without names, such as {shown(head.lines[0], 60)}: name them, for "
-        f"example --columns {','.join(names)}{more}{hint}",
-        per_sweep=names[0] in ("angle", "quality"),
+        "example --columns time,ranges with a sweep in each row (and the bearings by --fov, or --angle-min and "
+        "--angle-increment), or --columns angle,range with a beam in each row; `clockwise` in place of `angle` for an "
+        "RPLIDAR",
+        per_sweep=width <= _MOST_OF_BEAM,
     )
-
-
-def _unit_option(ranges: Float64) -> str:
-    known = ranges[np.isfinite(ranges)]
-    return " --range-unit mm" if len(known) and np.median(known) > FAR else ""
-
-
-def _leading(first: Sequence[bytes], second: Sequence[bytes]) -> list[str]:
-    """Return names for what may stand before the ranges of a sweep, from the cells of the first two columns."""
-    if time_unit("", first) in NO_NUMBERS:
-        return ["date", "time"] if time_unit("", second) in NO_NUMBERS else ["time"]
-    numbers, others = (np.array([value_of(cell) for cell in cells], np.float64) for cells in (first, second))
-    with np.errstate(invalid="ignore", over="ignore"):
-        steps, rises = np.diff(numbers), (np.diff(others) > 0).all()
-        if (numbers >= 1e8).all() and (numbers == np.rint(numbers)).all() and 1e5 < others.max() < 1e9:
-            return ["sec", "nsec"]
-        if (steps == 1).all() and rises and abs(numbers[0]) < 1e8 and (len(steps) or others[0] > 1e8):
-            return ["seq", "time"]
-        return ["time"] if (steps >= 0).all() else []
-
-
-def _starts_over(values: Float64) -> bool:
-    """Return whether a column climbs (or falls) nearly always, and starts over by more than half of its span."""
-    known = values[np.isfinite(values)]
-    with np.errstate(invalid="ignore", over="ignore"):
-        steps = np.diff(known)
-        if len(steps) < 2 or not (middle := np.median(steps)):
-            return False
-        back = steps * np.sign(middle) < 0
-        over = back & (np.abs(steps) > 0.5 * np.ptp(known))
-    return bool(over.any() and (back & ~over).mean() <= 0.1)
 
 
 # Tables with names.

@@ -21,17 +21,15 @@ from typing import Any, NamedTuple
 from lidarcli.display import counted
 from lidarcli.errors import LidarcliError, OptionError, UnreadableError, unreadable
 from lidarcli.logs import open_log
-from lidarcli.logs.base import BINARY_SUFFIXES, TEXT_LOG_SUFFIXES, TEXT_SUFFIXES
 from lidarcli.logs.joined import Numbered, natural, numbered
-from lidarcli.logs.registry import is_bag
+from lidarcli.logs.registry import BINARY_SUFFIXES, FORMATS, SUFFIXES, TEXT_SUFFIXES, is_bag
 from lidarcli.pipeline.inputs.sources import STDIN, MissingInput, Source, hold_one_sweep_each
 from lidarcli.stores import Place, State, Url, absolute, has_bucket, head, is_folder, is_url, listing, place, read_object
 
-SUFFIXES = (".mcap", ".bag", ".active", ".db3", ".csv", ".csv.gz", ".zstd", *TEXT_LOG_SUFFIXES)
-"""Suffixes of logs in a folder that is searched; a file that is named is opened whatever its suffix."""
-
-_CONTAINER = (".mcap", ".bag", ".db3", ".csv", ".tsv", ".txt", ".log", ".clf", ".gfs", ".jsonl", ".ndjson")
 _WRAPPER = (".gz", ".zstd", ".active")
+_CONTAINER = {suffix for known in FORMATS for suffix in (*known.suffixes, *known.vague)}.difference(_WRAPPER)
+_SINGLE = tuple(suffix for known in FORMATS if not known.many for suffix in known.suffixes)
+"""Suffixes of files that are a whole log each."""
 
 Logs = list[Source | MissingInput]
 
@@ -274,7 +272,7 @@ def _logs_of_pattern(pattern: Place) -> Logs:
     """Return the logs of a pattern, by their places below its part without signs; one where files hold one sweep each."""
     listed, parts = _matching(pattern)
     named = sorted((file for below, file in listed.files.items() if _matches(parts, below.split("/"))), key=str)
-    is_other = any(file.name.lower().endswith((*BINARY_SUFFIXES, *TEXT_LOG_SUFFIXES)) for file in named)
+    is_other = any(file.name.lower().endswith(_SINGLE) for file in named)
     if not is_other and hold_one_sweep_each(named):
         return [_together(str(pattern), named[0].parent.name, named, listed)]
     return _logs_below(listed, pattern=parts)
@@ -443,8 +441,7 @@ def _lines(listed: str) -> list[tuple[int, str]]:
 def _logs_of_line(line: str) -> Logs:
     """Return the logs that a line of a list names; a store is not asked about what can only be one log."""
     url = place(line) if is_url(line) and not line.endswith("/") else None
-    suffixes = (*BINARY_SUFFIXES, *TEXT_LOG_SUFFIXES, *TEXT_SUFFIXES)
-    if isinstance(url, Url) and not url.has_magic() and url.name.lower().endswith(suffixes):
+    if isinstance(url, Url) and not url.has_magic() and url.name.lower().endswith((*_SINGLE, *TEXT_SUFFIXES)):
         return [Source(str(url), stem_of(url.name))]
     return find_logs([line])
 

@@ -15,6 +15,7 @@ from lidarcli.errors import LidarcliError, NoScanError, UnreadableError
 from lidarcli.logs import open_log
 from lidarcli.logs.base import CLOUD_TYPES, POSED_TYPES, Log, Message, OpenOptions, ReadReport, Slice, Topic
 from lidarcli.logs.joined import JoinedLog, Part
+from lidarcli.logs.registry import format_of
 from lidarcli.logs.segments import join
 from lidarcli.stores import Place, State, Url, fetch, is_url, place
 from lidarcli.sweeps import RawSweeps
@@ -135,9 +136,6 @@ def read_pose_messages(log: Log) -> PoseMessages:
 _TRIED = 3
 """Files of a folder that are tried: one or two may be no sweep (a README)."""
 
-_IN_METRES = ("mcap", "ros1 bag", "ros2 bag", "json lines")
-"""Beginnings of formats whose ranges are metres unless an option says otherwise; readers of text know their units."""
-
 
 @contextmanager
 def open_source(source: Source, opening: OpenOptions | None = None) -> Iterator[Log]:
@@ -147,7 +145,7 @@ def open_source(source: Source, opening: OpenOptions | None = None) -> Iterator[
     """
     options = opening or OpenOptions()
     with _opened_source(source, opening) as log:
-        if options.range_scale != 1.0 and log.format.startswith(_IN_METRES):
+        if options.range_scale != 1.0 and format_of(log).in_metres:
             log = ChangedLog(log, partial(_in_metres, scale=options.range_scale))
         if options.segments == JOIN:
             log = ChangedLog(log, join)

@@ -15,7 +15,7 @@ from lidarcli.display import moment, some_of
 from lidarcli.errors import NoScanError, OptionError
 from lidarcli.findings import Finding
 from lidarcli.logs.base import POSE_TYPES, POSED_TYPES, Log, Message, ReadReport, Topic
-from lidarcli.logs.registry import TopicChoice
+from lidarcli.logs.registry import TopicChoice, format_of
 from lidarcli.masks import same_name
 from lidarcli.pipeline.inputs.sources import made_of_clouds, read_pose_messages
 from lidarcli.range_rules import RangeRules
@@ -31,8 +31,6 @@ if TYPE_CHECKING:
 AUTO, _, REVERSE, _ = BEAM_ORDERS
 TILTED = np.deg2rad(10.0)
 """Lean of a sensor from which on there is a note [rad]."""
-_WITHOUT_POSES = ("csv", "json lines")
-"""Beginnings of formats that tell no poses, also from a file."""
 _PIPE = "poses, if there are any, are not used: a pipe is read only once; give the file's name for them"
 
 
@@ -263,7 +261,7 @@ class PoseAttacher:
         log tells none.
         """
         found = find_poses(log, options)
-        is_pipe = log.size is None and log.topics() is None and not log.format.startswith(_WITHOUT_POSES)
+        is_pipe = log.size is None and log.topics() is None and format_of(log).has_poses
         missed = _PIPE if is_pipe and found is None and options.source != NONE else ""
         clouds = frozenset(made_of_clouds(log))
         posing = cls(found, missed, str(options.file or ""), options.delay or 0.0, options.order, options.deskew, clouds)
