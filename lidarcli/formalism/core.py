@@ -136,7 +136,7 @@ def _as_printed(core: Core, scans: Scans) -> None:
         surfaces.between(core.faces, core.points, core.segments, j, core.inner)
         core.survey.label[j] = core.bodies.label[j] = j
     core.faces.offset[core.segments.count] = core.faces.count
-    surfaces.measure_reach(core.survey, core.points, core.segments, core.faces)
+    surfaces.measure_extent(core.survey, core.points, core.segments, core.faces)
     if scans.has_within:
         _take_mask(core, scans)
     objects.fully_visible(core.survey, core.segments, scans.has_within)
@@ -162,7 +162,7 @@ def _within_mask(core: Core, scans: Scans) -> None:
         if core.survey.candidate[j]:
             surfaces.straight(core.faces, core.points, core.segments, j, core.segments.size[j], core.survey.tolerance[j])
     core.faces.offset[core.segments.count] = core.faces.count
-    surfaces.measure_reach(core.survey, core.points, core.segments, core.faces)
+    surfaces.measure_extent(core.survey, core.points, core.segments, core.faces)
     objects.join_fragments(core.bodies, core.survey, core.points, core.segments, core.survey.candidate)
     objects.known_bodies(core.survey, core.segments, core.bodies)
     for j in range(core.segments.count):
@@ -174,7 +174,7 @@ def _as_sensors_need(core: Core, scans: Scans) -> None:
     surfaces.find_faces(core.survey, core.points, core.segments, core.faces)
     objects.find_protrusions(core.protrusions, core.survey, core.points, core.segments, core.faces)
     objects.divide(core.protrusions, core.survey, core.points, core.segments, core.faces)
-    surfaces.measure_reach(core.survey, core.points, core.segments, core.faces)
+    surfaces.measure_extent(core.survey, core.points, core.segments, core.faces)
     objects.pieces(core.survey, core.segments)
     core.features.share = surfaces.share_of_walls(core.survey, core.points, core.segments)
     objects.join_fragments(core.bodies, core.survey, core.points, core.segments, core.survey.loose)

@@ -405,7 +405,7 @@ def _trace_part(
     for f in range(low - 1, high):
         at = faces.last[f] if f >= low else segments.first[j]
         x, y, r = points.x[at], points.y[at], points.r[at]
-        theta = segmentation.bearing(points, at) + description.parts.past[j]
+        theta = segmentation.bearing(points, at) + description.parts.past_seam[j]
         n, v = description.n, columns.vertices
         description.x[n], description.y[n] = x, y
         if description.robust and high > low:
@@ -549,7 +549,7 @@ def _describe_points(
     at = columns.objects
     first_part, last_part = parts.segment[parts.begin[k]], parts.segment[parts.begin[k + 1] - 1]
     first, last = segments.first[first_part], segmentation.last_point(segments, last_part)
-    nearest, past, n = first, parts.past[first_part], 0
+    nearest, past_seam, n = first, parts.past_seam[first_part], 0
     sum_x, sum_y = 0.0, 0.0
     several = False
     for i in range(parts.begin[k], parts.begin[k + 1]):
@@ -561,7 +561,7 @@ def _describe_points(
             sum_y += points.y[p]
             n += 1
             if points.r[p] < points.r[nearest]:
-                nearest, past = p, parts.past[j]
+                nearest, past_seam = p, parts.past_seam[j]
     circle.n = n
     columns.out.row[at], columns.out.beams[at] = points.row, n
     columns.out.shape[at] = LEGGED if several else 0
@@ -570,7 +570,7 @@ def _describe_points(
     after = segmentation.beam_at(points, points.position[last])
     columns.out.beam_i[at], columns.out.beam_f[at] = (after, before) if points.reverse else (before, after)
     columns.out.theta_i[at], columns.out.theta_f[at] = parts.theta_i[first_part], parts.theta_f[last_part]
-    columns.out.theta_min[at] = segmentation.bearing(points, nearest) + past
+    columns.out.theta_min[at] = segmentation.bearing(points, nearest) + past_seam
     columns.out.r_i[at], columns.out.r_f[at] = points.r[first], points.r[last]
     columns.out.r_min[at] = points.r[nearest]
     columns.out.s_i[at], columns.out.s_f[at] = segments.s_start[first_part], segments.s_end[last_part]

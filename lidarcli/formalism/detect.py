@@ -223,7 +223,7 @@ KINDS = {
     "edges": ("jump_least", "jump_most", "hidden", "open", "view", "flicker"),
     "lines": ("aligned", "support", "support_near", "line", "unbroken", "cross_line"),
     "relief": ("backing", "line_behind", "depth_behind", "line_before", "protrusion"),
-    "size": ("width", "reach", "beams", "range"),
+    "size": ("width", "extent", "beams", "range"),
     "form": ("bulge_to", "bulge_away", "roughness", "grazing"),
     "sweep": ("walls", "noise"),
 }

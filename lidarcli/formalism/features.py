@@ -23,7 +23,7 @@ NAMES = (
         "hidden",
         "open",
         "width",
-        "reach",
+        "extent",
         "beams",
         "aligned",
         "support",
@@ -34,7 +34,7 @@ NAMES = (
     *("noise", "grazing", "protrusion", "roughness", "view", "range", "flicker"),
 )
 """Names of the features in their order (docs/formalism.md explains them)."""
-JUMP_LEAST, JUMP_MOST, HIDDEN, OPEN, WIDTH, REACH, BEAMS, ALIGNED, SUPPORT, SUPPORT_NEAR, BACKING = range(11)
+JUMP_LEAST, JUMP_MOST, HIDDEN, OPEN, WIDTH, EXTENT, BEAMS, ALIGNED, SUPPORT, SUPPORT_NEAR, BACKING = range(11)
 LINE, LINE_BEHIND, DEPTH_BEHIND, LINE_BEFORE, UNBROKEN, CROSS_LINE, BULGE_TO, BULGE_AWAY, WALLS = range(11, 20)
 NOISE, GRAZING, PROTRUSION, ROUGHNESS, VIEW, RANGE, FLICKER, COUNT = range(20, 28)
 
@@ -92,7 +92,7 @@ def gather(features: Features, survey: Survey, points: Points, segments: Segment
     for j in range(segments.count):
         if not survey.candidate[j] or features.body[j] >= 0:
             continue
-        if bodies.size[j] < survey.min_beams or not bodies.reach[j] <= survey.max_width:
+        if bodies.size[j] < survey.min_beams or not bodies.extent[j] <= survey.max_width:
             continue
         before = segmentation.preceding(segments, points, j)
         # A body begins where none joins it from before; one that goes all around, anywhere.
@@ -151,7 +151,7 @@ def measure_edges(features: Features, points: Points, segments: Segments, bodies
     values[at + HIDDEN], values[at + OPEN] = hidden, unseen
     values[at + VIEW] = (start == segmentation.VIEW) + (end == segmentation.VIEW)
     values[at + BEAMS] = math.log(bodies.size[head])
-    values[at + REACH] = bodies.reach[head]
+    values[at + EXTENT] = bodies.extent[head]
     values[at + WALLS] = features.share
     values[at + NOISE], values[at + FLICKER] = points.sigma, points.flicker
 

@@ -55,7 +55,7 @@ cdef class Bodies:
     cdef Py_ssize_t* start_edge
     cdef Py_ssize_t* end_edge
     cdef Py_ssize_t* size
-    cdef double* reach
+    cdef double* extent
     cdef Py_ssize_t* parts
 
 
@@ -92,7 +92,7 @@ cdef class Parts:
     cdef double* least
     cdef double* theta_i
     cdef double* theta_f
-    cdef double* past
+    cdef double* past_seam
 
 
 cdef void assemble(Parts parts, Survey survey, Points points, Segments segments, bint walls) noexcept nogil

@@ -270,7 +270,7 @@ class Bodies:
         self.end_edge = native.integers(self.owner, most)
         self.size = native.integers(self.owner, most)
         """Number of points."""
-        self.reach = native.doubles(self.owner, most)
+        self.extent = native.doubles(self.owner, most)
         """Extent [m]."""
         self.parts = native.integers(self.owner, most)
         """Number of segments."""
@@ -296,7 +296,7 @@ def _belongs(survey: Survey, points: Points, segments: Segments, may: Any, j: in
     edge = segments.end_edge[j]
     if after == j or not (may[j] and may[after]) or not (edge == segmentation.OWN or edge == segmentation.HIDDEN):
         return False
-    if not (survey.reach[j] < FRAGMENT_EXTENT and survey.reach[after] < FRAGMENT_EXTENT):
+    if not (survey.extent[j] < FRAGMENT_EXTENT and survey.extent[after] < FRAGMENT_EXTENT):
         return False
     gap = segmentation.distance(points, segments.first[after], segmentation.last_point(segments, j))
     span = segmentation.distance(points, segmentation.last_point(segments, after), segments.first[j])
@@ -305,22 +305,22 @@ def _belongs(survey: Survey, points: Points, segments: Segments, may: Any, j: in
 
 def _collect(bodies: Bodies, survey: Survey, points: Points, segments: Segments, first: int, ring: bool) -> None:
     """Make one body of a segment and all that join it; in a ring of segments all around none comes last."""
-    label, last, size, parts, reach = first, first, 0, 0, 0.0
+    label, last, size, parts, extent = first, first, 0, 0, 0.0
     j = first
     while parts == 0 or (bodies.joins[last] and j != first):
         label, last = min(label, j), j
         size += segments.size[j]
-        reach = max(reach, survey.reach[j])
+        extent = max(extent, survey.extent[j])
         parts += 1
         j = segmentation.following(segments, points, j)
     if ring:
         last = first
     if parts > 1:
         across = segmentation.distance(points, segments.first[first], segmentation.last_point(segments, last))
-        reach = max(reach, across)
+        extent = max(extent, across)
     j = first
     for _ in range(parts):
-        bodies.label[j], bodies.size[j], bodies.reach[j], bodies.parts[j] = label, size, reach, parts
+        bodies.label[j], bodies.size[j], bodies.extent[j], bodies.parts[j] = label, size, extent, parts
         bodies.start_edge[j], bodies.end_edge[j] = segments.start_edge[first], segments.end_edge[last]
         j = segmentation.following(segments, points, j)
 
@@ -336,13 +336,13 @@ def fully_visible(survey: Survey, segments: Segments, is_known: bool) -> None:
     """
     for j in range(segments.count):
         may = survey.candidate[j] if is_known else not surfaces.is_partial(segments, j)
-        survey.is_object[j] = may and segments.size[j] >= survey.min_beams and survey.reach[j] <= survey.max_width
+        survey.is_object[j] = may and segments.size[j] >= survey.min_beams and survey.extent[j] <= survey.max_width
 
 
 def pieces(survey: Survey, segments: Segments) -> None:
     """Profile `robust`: mark the segments that are too large for objects, and those that may be objects or fragments."""
     for j in range(segments.count):
-        wide = not survey.reach[j] <= survey.max_width and not survey.protrusion[j]
+        wide = not survey.extent[j] <= survey.max_width and not survey.protrusion[j]
         survey.wall[j] = segments.size[j] >= survey.min_beams and wide
         # A full turn without a breakpoint hides no edge by a step: the sensor cannot be inside of an object.
         hidden = segments.start_edge[j] == segmentation.HIDDEN and segments.end_edge[j] == segmentation.HIDDEN
@@ -354,7 +354,7 @@ def pieces(survey: Survey, segments: Segments) -> None:
 def known_bodies(survey: Survey, segments: Segments, bodies: Bodies) -> None:
     """Mark the objects among the segments that differ from a background, joined to bodies."""
     for j in range(segments.count):
-        is_whole = bodies.size[j] >= survey.min_beams and bodies.reach[j] <= survey.max_width
+        is_whole = bodies.size[j] >= survey.min_beams and bodies.extent[j] <= survey.max_width
         survey.is_object[j] = survey.candidate[j] and is_whole
 
 
@@ -435,7 +435,7 @@ class Parts:
         """Bearing of the first point [rad], growing past the seam within an object."""
         self.theta_f = native.doubles(self.owner, most)
         """Bearing of the last point [rad]."""
-        self.past = native.doubles(self.owner, most)
+        self.past_seam = native.doubles(self.owner, most)
         """Part of these bearings that is for lying past the seam: a full turn or 0 [rad]."""
 
 
@@ -516,9 +516,9 @@ def _unwrap(parts: Parts, points: Points, k: int) -> None:
     parts.least[k] = INFINITY
     for i in range(begin, end):
         j = parts.sorted[i]
-        parts.past[j] = segmentation.TURN if i < most else 0.0
-        parts.theta_i[j] += parts.past[j]
-        parts.theta_f[j] += parts.past[j]
+        parts.past_seam[j] = segmentation.TURN if i < most else 0.0
+        parts.theta_i[j] += parts.past_seam[j]
+        parts.theta_f[j] += parts.past_seam[j]
         parts.least[k] = min(parts.least[k], parts.theta_i[j])
 
 

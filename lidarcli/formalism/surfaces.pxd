@@ -64,7 +64,7 @@ cdef class Survey:
     cdef double max_width
     cdef double* chord
     cdef double* tolerance
-    cdef double* reach
+    cdef double* extent
     cdef Py_ssize_t* protrusion
     cdef Py_ssize_t* wall
     cdef double* thing
@@ -76,7 +76,7 @@ cdef class Survey:
 
 cdef void measure_chords(Survey survey, Points points, Segments segments) noexcept nogil
 cdef void find_faces(Survey survey, Points points, Segments segments, Faces faces) noexcept nogil
-cdef void measure_reach(Survey survey, Points points, Segments segments, Faces faces) noexcept nogil
+cdef void measure_extent(Survey survey, Points points, Segments segments, Faces faces) noexcept nogil
 cdef bint is_partial(Segments segments, Py_ssize_t j) noexcept nogil
 cdef bint is_end(Py_ssize_t edge) noexcept nogil
 cdef double share_of_walls(Survey survey, Points points, Segments segments) noexcept nogil

@@ -318,7 +318,7 @@ class Survey:
         """Distance of its first and last points [m]."""
         self.tolerance = native.doubles(self.owner, most)
         """Greatest distance of a face from its chord [m]."""
-        self.reach = native.doubles(self.owner, most)
+        self.extent = native.doubles(self.owner, most)
         """Greatest distance of a vertex from its first or last point [m]."""
         self.protrusion = native.integers(self.owner, most)
         """True if it stands out from a wall that it touches."""
@@ -357,11 +357,11 @@ def find_faces(survey: Survey, points: Points, segments: Segments, faces: Faces)
     faces.offset[segments.count] = faces.count
 
 
-def measure_reach(survey: Survey, points: Points, segments: Segments, faces: Faces) -> None:
-    """Compute the reach of every segment [m]: the greatest distance of a vertex from its first or last point."""
+def measure_extent(survey: Survey, points: Points, segments: Segments, faces: Faces) -> None:
+    """Compute the extent of every segment [m]: the greatest distance of a vertex from its first or last point."""
     x, y = points.x, points.y
     for j in range(segments.count):
-        survey.reach[j] = survey.chord[j]
+        survey.extent[j] = survey.chord[j]
         if faces.offset[j + 1] - faces.offset[j] < 2:
             continue
         a, b = segments.first[j], segmentation.last_point(segments, j)
@@ -373,7 +373,7 @@ def measure_reach(survey: Survey, points: Points, segments: Segments, faces: Fac
                 continue
             farthest = max(farthest, (x[k] - x[a]) * (x[k] - x[a]) + (y[k] - y[a]) * (y[k] - y[a]))
             farthest = max(farthest, (x[k] - x[b]) * (x[k] - x[b]) + (y[k] - y[b]) * (y[k] - y[b]))
-        survey.reach[j] = max(survey.reach[j], math.sqrt(farthest))
+        survey.extent[j] = max(survey.extent[j], math.sqrt(farthest))
 
 
 def is_partial(segments: Segments, j: int) -> bool:

@@ -57,7 +57,7 @@ moves; variance that is added to each side, because sightings depend on each oth
 
 
 class Targets:
-    """Arrays of `most` slots, one for each target. Values along axis i of target b stand at 2 b + i."""
+    """Arrays of `capacity` slots, one for each target. Values along axis i of target b stand at 2 b + i."""
 
     def __init__(self, capacity: int) -> None:
         self.arrays: dict[str, NDArray[Any]] = {}

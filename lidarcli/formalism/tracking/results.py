@@ -1,4 +1,8 @@
-"""Results of tracking: the track of every object of a batch, the tracks themselves, and their trajectories."""
+"""Results of tracking: the track of every object of a batch, the tracks themselves, and their trajectories.
+
+From small to large: a measurement is what one sweep shows of a body, a target its slot in the filter, a tracklet what a
+target has seen until it ends, a track the tracklets of one thing.
+"""
 
 from __future__ import annotations
 
@@ -21,7 +25,7 @@ DISC, BOX, PERSON = range(3)
 MOST_LEGS = 6
 """Greatest number of legs of a body that are remembered beside it."""
 CONFIRMED_SIGHTINGS = 3
-"""Least number of sightings of a track."""
+"""Least number of sightings of a track, by which a target is confirmed."""
 LEAST_WAY = 0.2
 """[m] Least distance that a moving body has gone."""
 SIZE_OUTLIER = 9e-4

@@ -141,7 +141,8 @@ def _track(
     association.merge_fragments(targets, meas)
     for k in range(meas.count):
         meas.sighting[k] = -1
-    # Update targets that have a measurement; count a miss of the others, which drops dead ones. Persons follow below.
+    # Update targets that have a measurement; count a miss of the others, which drops dead ones. Persons follow below: of
+    # these `association` counts misses, for both legs together.
     for b in range(targets.slots_used):
         if targets.state[b] != kalman.LIVE or targets.kind[b] == kalman.PERSON:
             continue

@@ -11,7 +11,7 @@ cdef Py_ssize_t OCCUPIED_SWEEPS, SETTLED_SIGHTINGS, MOST_POINTS, DUPLICATE_SWEEP
 cdef double STEADY_LENGTH, SAME_LENGTH, MOST_SWEEP_EVIDENCE, EVIDENCE_DECAY, MOST_PARTIAL_EVIDENCE, MOST_EVIDENCE
 cdef double LEAST_WAY, FREE_SHARE, OCCUPIED_SHARE, FREE_MARGIN, OLDEST_SWEEP
 cdef double EXISTENCE_AT_FIRST, EXISTENCE_GAIN, DETECTION_RATE, LEAST_PASSING, HIT_DOUBT, LEAST_EXISTENCE, PASSING_MARGIN
-cdef double PATIENCE_STILL, PATIENCE_MOVING, LOST_VAR
+cdef double PATIENCE_STILL, MOSTLY_OUTSIDE, LOST_VAR
 cdef double BEAM_VOTE, SLIM_LEG_WIDTH, LEGS_FARTHEST, LEGS_NEAREST, SPECK_DEPTH, SAME_LEG
 
 
@@ -35,7 +35,7 @@ cdef (double, double, double) passing(
 ) noexcept nogil
 @cython.locals(is_elder=bint)
 cdef void record_hit(Targets targets, Py_ssize_t b) noexcept nogil
-@cython.locals(still=bint, astray=bint)
+@cython.locals(lost=bint)
 cdef void record_miss(Targets targets, Py_ssize_t b, Measurements meas, Scans scans) noexcept nogil
 cdef Py_ssize_t covering_target(Targets targets, Py_ssize_t b, double x, double y, double margin) noexcept nogil
 cdef void terminate(Targets targets, Py_ssize_t b, Py_ssize_t why) noexcept nogil

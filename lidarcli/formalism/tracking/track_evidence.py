@@ -47,8 +47,10 @@ DETECTION_RATE, LEAST_PASSING, HIT_DOUBT, LEAST_EXISTENCE = 0.9, 0.3, 0.1, 0.03
 they speak against it; probability that it was missed although beams hit its place; probability below which it ends."""
 PASSING_MARGIN = 0.1
 """[m] Least distance by which beams end behind a target that they have passed."""
-PATIENCE_STILL, PATIENCE_MOVING = 30.0, 6.0
-"""[s] Longest time in the shadow of a target that stands, and of one that moves."""
+PATIENCE_STILL = 30.0
+"""[s] Longest time in the shadow of a target that stands; one that moves is lost by `LOST_VAR` after 2 s."""
+MOSTLY_OUTSIDE = 0.5
+"""Share of its beams out of view above which a target that is lost has left the view."""
 LOST_VAR = 1.44
 """[m²] Variance of its place above which a moving target is lost: (1.2 m)²."""
 DUPLICATE_SWEEPS = 8
@@ -182,7 +184,10 @@ def was_free(meas: Measurements, k: int, history: RangeHistory) -> bool:
 
 
 def passing(meas: Measurements, scans: Scans, targets: Targets, b: int, x: float, y: float) -> tuple[float, float, float]:
-    """Return the shares of the beams at the core of a target at x, y that pass it, end at it, and are out of view."""
+    """Return the shares of the beams at the core of a target at x, y that pass it, end at it, and are outside of the view.
+
+    In a sweep without a geometry all of them are outside.
+    """
     dx, dy = x - meas.x, y - meas.y
     r = math.sqrt(dx * dx + dy * dy)
     if r <= 0.0:
@@ -206,18 +211,18 @@ def passing(meas: Measurements, scans: Scans, targets: Targets, b: int, x: float
     # Never more beams than there are, whatever the header of the sweep says.
     last = min(last, first + meas.bearings)
     margin = PASSING_MARGIN + 3.5 * meas.sigma
-    passes, hits, unseen, number = 0.0, 0.0, 0.0, 0.0
+    passes, hits, outside, number = 0.0, 0.0, 0.0, 0.0
     for position in range(first, last + 1):
         number += 1.0
         if meas.period == 0 and (position < 0 or position >= meas.bearings):
-            unseen += 1.0
+            outside += 1.0
             continue
         distance = measurement.range_at(meas, scans, position)
         if distance > r + half_depth + margin:
             passes += 1.0
         elif distance >= r - half_depth - margin:
             hits += 1.0
-    return passes / number, hits / number, unseen / number
+    return passes / number, hits / number, outside / number
 
 
 def record_hit(targets: Targets, b: int) -> None:
@@ -238,7 +243,7 @@ def record_hit(targets: Targets, b: int) -> None:
 def record_miss(targets: Targets, b: int, meas: Measurements, scans: Scans) -> None:
     """Lower the existence of a target that was missed, and terminate it if it is gone or lost."""
     x, y = kalman.centre(targets, b)
-    passes, hits, unseen = passing(meas, scans, targets, b, x, y)
+    passes, hits, outside = passing(meas, scans, targets, b, x, y)
     detect = DETECTION_RATE * passes if passes > LEAST_PASSING else 0.0
     detect += HIT_DOUBT * hits
     e = targets.existence[b]
@@ -255,11 +260,12 @@ def record_miss(targets: Targets, b: int, meas: Measurements, scans: Scans) -> N
         # It is the same as the other target: nothing is lost.
         terminate(targets, b, LOST)
     else:
-        still = targets.moved[b] == 0
-        patience = PATIENCE_STILL if still else PATIENCE_MOVING
-        astray = 0.5 * (targets.cc[2 * b] + targets.cc[2 * b + 1]) > LOST_VAR and not still
-        if meas.time - targets.last_time[b] > patience or astray:
-            terminate(targets, b, LEFT_VIEW if unseen > 0.5 else LOST)
+        if targets.moved[b] == 0:
+            lost = meas.time - targets.last_time[b] > PATIENCE_STILL
+        else:
+            lost = 0.5 * (targets.cc[2 * b] + targets.cc[2 * b + 1]) > LOST_VAR
+        if lost:
+            terminate(targets, b, LEFT_VIEW if outside > MOSTLY_OUTSIDE else LOST)
 
 
 def covering_target(targets: Targets, b: int, x: float, y: float, margin: float) -> int:

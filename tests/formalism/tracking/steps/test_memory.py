@@ -194,16 +194,20 @@ def test_what_was_hardly_seen_is_forgotten_at_once() -> None:
 
 
 @pytest.mark.parametrize("moved", [0, 1])
-def test_in_the_shadow_a_body_is_kept_as_long_as_there_is_patience(moved: int) -> None:
+def test_in_the_shadow_a_body_is_kept_for_a_time_or_until_its_place_is_uncertain(moved: int) -> None:
     measurements, scans = sweep_of(np.full(BEAMS, 1.0))
     targets = body_at(2.0, 0.0, 20)
     targets.moved[0], likely = moved, targets.existence[0]
-    patience = track_evidence.PATIENCE_MOVING if moved else track_evidence.PATIENCE_STILL
-    measurements.time = patience - 0.1
+    if moved:
+        targets.cc[0] = targets.cc[1] = track_evidence.LOST_VAR - 0.1
+    measurements.time = 100.0 if moved else track_evidence.PATIENCE_STILL - 0.1
     track_evidence.record_miss(targets, 0, measurements, scans)
     assert targets.state[0] == kalman.LIVE
     assert targets.existence[0] == likely
-    measurements.time = patience + 0.1
+    if moved:
+        targets.cc[0] = targets.cc[1] = track_evidence.LOST_VAR + 0.1
+    else:
+        measurements.time = track_evidence.PATIENCE_STILL + 0.1
     track_evidence.record_miss(targets, 0, measurements, scans)
     assert (targets.state[0], targets.end[0]) == (kalman.ENDED, track_evidence.LOST)
 
