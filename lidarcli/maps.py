@@ -19,6 +19,7 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from lidarcli.choices import MAP_RESOLUTIONS, NS
+from lidarcli.configfiles import read_yaml
 from lidarcli.display import clipped
 from lidarcli.errors import UnreadableError
 from lidarcli.formalism.detection import SETS
@@ -33,8 +34,6 @@ if TYPE_CHECKING:
 
 OCCUPIED_THRESHOLD, FREE_THRESHOLD = 0.65, 0.196
 """Shares of black from and up to which a cell is occupied or free, as map_saver writes them."""
-LONGEST_YAML = 1 << 16
-"""Longest YAML file that is read [bytes]: maps need some two hundred, and parsing is slow."""
 MOST_PIXELS = 400_000_000
 """Largest image that is read [pixels]: 1 km x 1 km in cells of 5 cm; …"""
 MOST_PACKED_PIXELS = 40_000_000
@@ -49,8 +48,6 @@ FARTHEST = 1e9
 """Greatest number of a file, such as a coordinate of a world whose origin is far away [m]."""
 _KEYS = ("image", "resolution", "origin", "negate", "occupied_thresh", "free_thresh")
 _MODES = ("trinary", "scale", "raw")
-_NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
-_TRUTHS = dict.fromkeys(("1", "y", "yes", "true", "on"), True) | dict.fromkeys(("0", "n", "no", "false", "off"), False)
 _PLAIN_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_.-]*\.(?:pgm|png|bmp)")
 _SIDE = 2048
 """Images are converted in squares of this side [pixels]."""
@@ -118,7 +115,7 @@ class _Described:
 
 def _described(path: Path) -> _Described:
     """Read the YAML file, each value of the right kind."""
-    values = _values(path)
+    values = read_yaml(str(path), "map")
     missing = [key for key in _KEYS if key not in values]
     if missing:
         raise _refused(path, f"no {', '.join(missing)}, hence no map of map_server", "add what is missing")
@@ -130,8 +127,8 @@ def _described(path: Path) -> _Described:
     if abs(yaw) > LEAST_YAW:
         turned = f"origin has a yaw of {yaw:g} rad, and maps that are turned are not supported"
         raise _refused(path, turned, "turn the image and set the yaw to 0")
-    negate = _text(path, "negate", values["negate"])
-    if negate.lower() not in _TRUTHS:
+    negate = values["negate"]
+    if negate not in (0, 1):
         raise _refused(path, f"negate is {_shown(negate)}", "set it to 0 or 1")
     mode = _text(path, "mode", values.get("mode", _MODES[0])).lower()
     if mode not in _MODES:
@@ -142,47 +139,16 @@ def _described(path: Path) -> _Described:
         resolution,
         x,
         y,
-        _TRUTHS[negate.lower()],
+        bool(negate),
         *(_number(path, key, values[key]) for key in ("occupied_thresh", "free_thresh")),
     )
 
 
-def _values(path: Path) -> dict[str, Any]:
-    """Return key → text, or list of texts, as they are written; merges, a few lines of which can take hours, do nothing."""
-    from ruamel.yaml import YAML
-    from ruamel.yaml.nodes import MappingNode, ScalarNode, SequenceNode
-
-    try:
-        with path.open("rb") as file:
-            data = file.read(LONGEST_YAML + 1)
-    except (OSError, ValueError) as err:
-        raise _refused(path, _reason(err), "name the YAML file of a map") from err
-    if len(data) > LONGEST_YAML:
-        raise _refused(path, f"more than {LONGEST_YAML:,} bytes", "name the YAML file, not the image")
-    try:
-        text = data.decode("utf-8-sig")
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            root = YAML(typ="safe", pure=True).compose(text)
-    # Whatever the parser stumbles over, the file is at fault: it may come from anywhere.
-    except Exception as err:
-        raise _refused(path, f"not YAML: {_reason(err)}", "name the YAML file of a map") from err
-    if not isinstance(root, MappingNode):
-        raise _refused(path, "not the YAML of a map: it has no keys", "name the YAML file of a map")
-    values: dict[str, Any] = {}
-    for key, value in root.value:
-        if isinstance(key, ScalarNode):
-            items = value.value if isinstance(value, SequenceNode) else [value]
-            texts = [str(item.value) if isinstance(item, ScalarNode) else None for item in items]
-            values.setdefault(key.value, texts if isinstance(value, SequenceNode) else texts[0])
-    return values
-
-
-def _number(path: Path, key: str, text: object, least: float = -FARTHEST, most: float = FARTHEST) -> float:
-    number = float(text) if isinstance(text, str) and _NUMBER.fullmatch(text) else math.nan
+def _number(path: Path, key: str, value: object, least: float = -FARTHEST, most: float = FARTHEST) -> float:
+    number = float(value) if isinstance(value, int | float) and not isinstance(value, bool) else math.nan
     if not least <= number <= most:
         way_out = "write 0 there" if key == "origin" and not math.isfinite(number) else _SAVE_AGAIN
-        raise _refused(path, f"{key} is {_shown(text)}, not a number from {least:g} to {most:g}", way_out)
+        raise _refused(path, f"{key} is {_shown(value)}, not a number from {least:g} to {most:g}", way_out)
     return number
 
 
@@ -301,7 +267,7 @@ def _refused(path: Path, cause: str, way_out: str) -> UnreadableError:
 
 def _shown(value: object) -> str:
     """Return a value of a file in a message, short and printable."""
-    if value is None or isinstance(value, list):
+    if value is None or isinstance(value, list | dict):
         return "a list" if isinstance(value, list) else "neither a text nor a number"
     return clipped(ascii(value))
 
@@ -310,13 +276,8 @@ def _reason(err: Exception) -> str:
     """Return the cause of an error as one short line."""
     if isinstance(err, OSError) and err.strerror:
         return err.strerror
-    if isinstance(err, RecursionError):
-        return "nested too deeply"
-    mark = getattr(err, "problem_mark", None)
-    text = str(getattr(err, "problem", None) or err or type(err).__name__).strip() or type(err).__name__
-    line = "".join(character if character.isprintable() else " " for character in text.splitlines()[0])
-    place = "" if mark is None else f"line {mark.line + 1}: "
-    return f"{place}{line[:120]}"
+    text = str(err).strip() or type(err).__name__
+    return "".join(character if character.isprintable() else " " for character in text.splitlines()[0])[:120]
 
 
 def write_occupancy_mcap(file: BinaryIO, grid: Occupancy, stamp_ns: int, topic: str = "/map") -> None:

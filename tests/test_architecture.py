@@ -46,7 +46,7 @@ MAY_IMPORT = {
     "ros": CORE,
     "simulation": CORE | {"formalism", "foxglove", "maps", "newfiles", "ros", "stores", "tabular", "configfiles"},
     "reports": CORE | {"formalism", "tabular"},
-    "maps": CORE | {"formalism", "newfiles", "ros", "tabular"},
+    "maps": CORE | {"configfiles", "formalism", "newfiles", "ros", "tabular"},
     "overlays": CORE | {"formalism", "maps", "ros", "tabular"},
     "copying": CORE | {"logs", "ros"},
     "pipeline": CORE

@@ -172,7 +172,6 @@ def refused(path: Path) -> str:
     assert text.isprintable(), text
     place, said = text.split(": ", 1)
     assert place == str(path)
-    assert "; " in said, "no way out"
     return said
 
 
@@ -194,24 +193,24 @@ def test_a_large_image_needs_as_many_bytes_as_pixels(tmp_path: Path, monkeypatch
     [
         ("resolution: 0.050\n", "", "no resolution, hence no map of map_server"),
         (YAML, "image: map.pgm\n", "no resolution, origin, negate, occupied_thresh, free_thresh, hence"),
-        (YAML, "just a text", "not the YAML of a map"),
-        ("0.050", ".nan", "resolution is '.nan', not a number from "),
+        (YAML, "just a text", "not valid YAML of a map: it has no keys"),
+        ("0.050", ".nan", "resolution is nan, not a number from "),
         ("0.050", "[0.05]", "resolution is a list, not a number from "),
-        ("0.050", "0", "resolution is '0', not a number from 0.001 to 10"),
-        ("-1.250", "1e300", "origin is '1e300', not a number from -1e+09 to 1e+09"),
+        ("0.050", "0", "resolution is 0, not a number from 0.001 to 10"),
+        ("-1.250", "1e300", "origin is 1e+300, not a number from -1e+09 to 1e+09"),
         ("0.150, 0.0", "0.150, -nan", "origin is '-nan', not a number from "),
         ("0.150, 0.0", "0.150", "origin is not [x, y, yaw]"),
         ("0.150, 0.0", "0.150, 1.57", "origin has a yaw of 1.57 rad, and maps that are turned are not supported"),
-        ("negate: 0", "negate: 2", "negate is '2'"),
+        ("negate: 0", "negate: 2", "negate is 2"),
         ("trinary", "fuzzy", "mode is 'fuzzy'"),
         ("0.65", "high", "occupied_thresh is 'high', not a number from "),
-        ("map.pgm", "", "image is ''"),
+        ("map.pgm", "", "image is neither a text nor a number"),
         ("map.pgm", "none.pgm", "image 'none.pgm' is missing"),
         ("map.pgm", "/dev/zero", "image '/dev/zero' is not a file"),
         ("map.pgm", "map.yaml", "image 'map.yaml' is no PGM, PNG or BMP image"),
         ("map.pgm", '"\\0\\x1b[2J\\n"', "image '\\x00\\x1b[2J\\n' cannot be read: embedded null"),
         ("map.pgm", "x" * 5000, f"image '{'x' * 56}... cannot be read: File name too long"),
-        ("map.pgm", "[", "not YAML: line "),
+        ("map.pgm", "[", "not valid YAML: line "),
     ],
 )
 def test_a_wrong_yaml_file_is_told_in_one_line(tmp_path: Path, old: str, new: str, said: str) -> None:
@@ -223,25 +222,25 @@ def test_a_wrong_yaml_file_is_told_in_one_line(tmp_path: Path, old: str, new: st
 
 def test_files_that_are_no_yaml(tmp_path: Path) -> None:
     path = put(tmp_path, GRID)
-    assert refused(tmp_path / "none.yaml").startswith("No such file or directory; ")
-    assert refused(tmp_path).startswith("Is a directory; ")
-    assert refused(tmp_path / "map.pgm").startswith("not YAML: ")
-    path.write_bytes(b"\xff\xfe" + YAML.encode("utf-16-le"))
-    assert refused(path).startswith("not YAML: ")
-    path.write_bytes(YAML.encode() + b"#" * (1 << 16))
-    assert refused(path) == "more than 65,536 bytes; name the YAML file, not the image"
+    assert refused(tmp_path / "none.yaml") == "cannot read the map: No such file or directory"
+    assert refused(tmp_path) == "cannot read the map: Is a directory"
+    for text in (pgm_bytes(GRID) + b"\xff", b"\xff\xfe" + YAML.encode("utf-16-le")):
+        path.write_bytes(text)
+        assert "not UTF-8 text; a map is a YAML file" in refused(path)
+    path.write_bytes(YAML.encode() + b"#" * (1 << 17))
+    assert refused(path).startswith("larger than a map may be")
     path.write_text("[\n" * 5000)
-    assert refused(path).startswith("not YAML: nested too deeply; ")
+    assert refused(path).startswith("more than 16 levels")
 
 
-def test_merges_and_aliases_that_multiply_take_no_time(tmp_path: Path) -> None:
+def test_aliases_that_multiply_are_refused_at_once(tmp_path: Path) -> None:
     """Multiplied out they would have 10**28 entries, and the test no end."""
     path = put(tmp_path, GRID)
     lines = ["a0: &a0 {k: 1, l: 2, m: 3}"]
     lines += [f"a{k}: &a{k} {{<<: [{', '.join([f'*a{k - 1}'] * 9)}]}}" for k in range(1, 30)]
     lines += ["b0: &b0 [x]", *(f"b{k}: &b{k} [{', '.join([f'*b{k - 1}'] * 9)}]" for k in range(1, 30))]
     path.write_text("\n".join(lines) + "\nloop: &loop [*loop]\n" + YAML)
-    assert read_map(path).cells.tolist() == GRID.cells.tolist()
+    assert "an anchor that is used twice" in refused(path)
 
 
 def png(width: int, height: int, mode: str = "L") -> bytes:

@@ -7,13 +7,14 @@ from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field, replace
 from functools import partial
+from operator import attrgetter
 from pathlib import Path, PurePosixPath
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING
 
 from lidarcli.choices import JOIN
 from lidarcli.errors import LidarcliError, NoScanError, UnreadableError
 from lidarcli.logs import open_log
-from lidarcli.logs.base import CLOUD_TYPES, POSED_TYPES, Log, Message, OpenOptions, ReadReport, Slice, Topic
+from lidarcli.logs.base import CLOUD_TYPES, POSED_TYPES, Closing, Log, Message, OpenOptions, ReadReport, Slice, Topic
 from lidarcli.logs.joined import JoinedLog, Part
 from lidarcli.logs.registry import format_of
 from lidarcli.logs.segments import join
@@ -246,7 +247,7 @@ def parts_of(log: Log) -> tuple[Part, ...]:
 Change = Callable[[Iterable[RawSweeps], ReadReport], Iterator[RawSweeps]]
 
 
-class ChangedLog:
+class ChangedLog(Closing):
     """A `Log` that changes the sweeps of another one and passes everything else on."""
 
     def __init__(self, log: Log, change: Change = lambda blocks, _: iter(blocks)) -> None:
@@ -254,20 +255,9 @@ class ChangedLog:
         self.path, self.format = log.path, log.format
         self.parts = parts_of(log)
 
-    @property
-    def compression(self) -> str:
-        """Delegate to the log."""
-        return self._log.compression
-
-    @property
-    def size(self) -> int | None:
-        """Delegate to the log."""
-        return self._log.size
-
-    @property
-    def position(self) -> int:
-        """Delegate to the log."""
-        return self._log.position
+    compression = property(attrgetter("_log.compression"))
+    size = property(attrgetter("_log.size"))
+    position = property(attrgetter("_log.position"))
 
     def topics(self) -> list[Topic] | None:
         """Delegate to the log."""
@@ -284,12 +274,6 @@ class ChangedLog:
     def close(self) -> None:
         """Close the log."""
         self._log.close()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *exc: object) -> None:
-        self.close()
 
 
 def _in_metres(blocks: Iterable[RawSweeps], _report: ReadReport, *, scale: float) -> Iterator[RawSweeps]:
