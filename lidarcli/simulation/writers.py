@@ -9,7 +9,6 @@ import tempfile
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from functools import partial
 from math import cos, sin
 from pathlib import Path
 from typing import IO, Any, NamedTuple
@@ -255,18 +254,10 @@ else:
 FOLDER_COMPRESSIONS = {"none": CompressionMode.NONE, "zstd": CompressionMode.FILE, "zstd-message": CompressionMode.MESSAGE}
 
 
-def write_bag(
-    path: Path,
-    blocks: Iterable[RawSweeps],
-    *,
-    compression: str = "none",
-    poses: SimulatedPoses | None = None,
-    clouds: bool = False,
-) -> None:
-    """Write a ROS 1 bag; with `clouds` its sweeps are point clouds."""
-    encode = as_clouds(ROS1_BYTES) if clouds else ROS1_BYTES
+def _write_bag(path: Path, messages: Iterable[Outgoing], compression: str = "none") -> None:
+    """Write a ROS 1 bag."""
     with bag_writer(path, compression) as writer:
-        _write_messages(writer, ROS1, outgoing(blocks, poses, encode))
+        _write_messages(writer, ROS1, messages)
 
 
 def _write_messages(writer: rosbag1.Writer | rosbag2.Writer, definitions: Typestore, messages: Iterable[Outgoing]) -> None:
@@ -277,17 +268,8 @@ def _write_messages(writer: rosbag1.Writer | rosbag2.Writer, definitions: Typest
         writer.write(channels[message.topic], message.record_ns, message.data)
 
 
-def write_folder(
-    path: Path,
-    blocks: Iterable[RawSweeps],
-    *,
-    storage: str = "sqlite3",
-    compression: str = "none",
-    poses: SimulatedPoses | None = None,
-    clouds: bool = False,
-) -> None:
-    """Write a ROS 2 bag: a folder with its metadata and one file, `sqlite3` or `mcap`; sweeps as of `write_bag`."""
-    encode = as_clouds(CDR) if clouds else CDR
+def _write_folder(path: Path, messages: Iterable[Outgoing], storage: str = "sqlite3", compression: str = "none") -> None:
+    """Write a ROS 2 bag: a folder with its metadata and one file, `sqlite3` or `mcap`."""
     plugin = {"sqlite3": StoragePlugin.SQLITE3, "mcap": StoragePlugin.MCAP}[storage]
     writer = rosbag2.Writer(path, version=8, storage_plugin=plugin)
     mode = FOLDER_COMPRESSIONS[compression]
@@ -297,18 +279,16 @@ def write_folder(
         writer.set_compression(mode, CompressionFormat.ZSTD)
     try:
         with writer:
-            _write_messages(writer, ROS2, outgoing(blocks, poses, encode))
+            _write_messages(writer, ROS2, messages)
     except DATABASE_ERRORS as err:
         raise OutputError(f"{path}: cannot write the database: {err}") from err
 
 
-def write_db3(
-    path: Path, blocks: Iterable[RawSweeps], *, poses: SimulatedPoses | None = None, clouds: bool = False
-) -> None:
-    """Write the bare database of a ROS 2 bag, without its folder; sweeps as of `write_bag`."""
+def _write_db3(path: Path, messages: Iterable[Outgoing]) -> None:
+    """Write the bare database of a ROS 2 bag, without its folder."""
     with tempfile.TemporaryDirectory(prefix=f".{path.stem}.", dir=path.parent) as scratch:
         folder = Path(scratch) / path.stem
-        write_folder(folder, blocks, poses=poses, clouds=clouds)
+        _write_folder(folder, messages)
         next(folder.glob("*.db3")).replace(path)
 
 
@@ -507,11 +487,15 @@ def write_log(
     if kind == "csv":
         write_csv(target, blocks, layout or "rostopic")
         return
-    messages: dict[str, Callable[..., None]] = {
-        "mcap": partial(write_mcap, encoding=ENCODINGS[encoding or "cdr"], chunk_size=chunk_size, **packed),
-        "bag": partial(write_bag, **packed),
-        "ros2": partial(write_folder, **packed),
-        "ros2-mcap": partial(write_folder, storage="mcap", **packed),
-        "db3": write_db3,
-    }
-    messages[kind](target, blocks, poses=poses, clouds=clouds)
+    if kind == "mcap":
+        how = ENCODINGS[encoding or "cdr"]
+        write_mcap(target, blocks, encoding=how, chunk_size=chunk_size, poses=poses, clouds=clouds, **packed)
+        return
+    encode = ROS1_BYTES if kind == "bag" else CDR
+    messages = outgoing(blocks, poses, as_clouds(encode) if clouds else encode)
+    if kind == "bag":
+        _write_bag(target, messages, **packed)
+    elif kind == "db3":
+        _write_db3(target, messages)
+    else:
+        _write_folder(target, messages, "mcap" if kind == "ros2-mcap" else "sqlite3", **packed)
