@@ -53,20 +53,15 @@ def read_text(file: str, what: str, language: str, most: int = MAX_BYTES) -> str
 
 def _refuse_nested(file: str, text: str) -> None:
     """Refuse a document that would take the parser far more memory than its size."""
-    for number, line in enumerate(_lines_without_texts(text), 1):
+    depth = 0
+    # With a letter in place of each text, and without comments.
+    for number, line in enumerate(_TEXTS.sub("x", text).split("\n"), 1):
         if any(part.count(".") > MAX_DEPTH for part in _BETWEEN_KEYS.split(line)):
             raise UnreadableError(f"{file}: line {number}: a key of more than {MAX_DEPTH} parts")
-    depth = 0
-    for number, line in enumerate(_lines_without_texts(text), 1):
         for mark in line:
             depth += (mark in "[{") - (mark in "]}")
             if depth > MAX_DEPTH:
                 raise UnreadableError(f"{file}: line {number}: more than {MAX_DEPTH} brackets are open")
-
-
-def _lines_without_texts(text: str) -> list[str]:
-    """Return the lines with a letter in place of each text, and without comments."""
-    return _TEXTS.sub("x", text).split("\n")
 
 
 LARGEST = 1e6

@@ -37,8 +37,6 @@ from lidarcli.sweeps import Bool
 
 _PUBLISHED = struct.Struct("<IQQ")
 """Sequence, log time and publish time of an MCAP message, before its payload."""
-_PUBLISHER = ("type", "md5sum", "message_definition", "callerid", "latching")
-"""Fields by which ROS 1 connections of one topic differ."""
 _TABLES = (
     "CREATE TABLE topics(id INTEGER PRIMARY KEY, name TEXT NOT NULL, type TEXT NOT NULL, "
     "serialization_format TEXT NOT NULL, offered_qos_profiles TEXT NOT NULL)",

@@ -14,6 +14,7 @@ def title(method: str) -> str:
 
 HEAD = f"""# Tracking
 
+The rules are in [the formalism](formalism.md#over-time).
 How well are things followed, how well is their motion told, and where does it fail? `make tracking` measures
 it and writes this page; no number here is typed by hand. The same seeds give the same scenes and the same noise:
 

@@ -329,7 +329,6 @@ _SPELLINGS = {
     MINUTES: rb"(?P<minute>\d{1,3}):(?P<second>\d\d?)[.,](?P<fraction>\d+)",
 }
 """Spelling of times that are no plain numbers → its pattern."""
-NO_NUMBERS = (*_SPELLINGS, DATE_UNPADDED)
 _PATTERNS = {unit: re.compile(rb"\s*%s\s*" % pattern, re.IGNORECASE) for unit, pattern in _SPELLINGS.items()}
 _MONTHS = b"jan feb mar apr may jun jul aug sep oct nov dec - - - - mai - - - - okt - dez".split()
 """First letters of months in English, and behind them where German ones differ."""

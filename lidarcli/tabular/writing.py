@@ -48,8 +48,8 @@ MOST_BYTES = 8 << 20
 BATCH_BYTES = 6 << 10
 """Bytes that a batch takes beside its rows: its columns, each with a type, buffers and a dictionary."""
 
-BY_TABLE, BY_DATE = "table", "date"
-"""Layouts beside that of files with the name of their log: a folder for each table, and in it one for each day."""
+BY_DATE = "date"
+"""Layout with a folder for each table, and in it one for each day; without days it is `table`."""
 NO_DATE = "__HIVE_DEFAULT_PARTITION__"
 """Day of a log without a sweep, as readers of partitioned folders call it."""
 

@@ -13,7 +13,7 @@ from benchmarks.scenes.moving import moving_scene
 from lidarcli.formalism import Parameters, detect
 from lidarcli.simulation.scene import Sensor
 from lidarcli.sweeps import TURN, SweepBatch
-from tests.formalism.tracking.following import GivenPaths, assert_sums, batches, follow, simulated
+from tests.formalism.tracking.following import TrackedLog, assert_sums, batches, follow, simulated
 from tests.formalism.tracking.hostile import hostile_logs
 
 SENSORS = (
@@ -38,7 +38,7 @@ def scenes() -> Iterator[SweepBatch]:
         yield batch
 
 
-def digest(told: GivenPaths) -> str:
+def digest(told: TrackedLog) -> str:
     """A few letters that differ where any bit of anything told does."""
     total = hashlib.sha256()
     arrays = {**told.columns, **{each.name: getattr(told.tracks, each.name) for each in fields(told.tracks)}}
@@ -63,7 +63,7 @@ def main_part(hostile: int, simulate: bool) -> None:
         print("scene", number, len(told.tracks), len(told.agents), digest(told))
 
 
-def _check(told: GivenPaths, found: object, begin: int, count: int) -> None:
+def _check(told: TrackedLog, found: object, begin: int, count: int) -> None:
     """Definition 4 sums in every batch."""
     rows = slice(begin, begin + count)
     for kind in ("objects", "object_beams"):

@@ -30,7 +30,7 @@ PER_SWEEP = ("objects", "agents", "object_beams", "agent_beams")
 
 
 @dataclass(frozen=True)
-class GivenPaths:
+class TrackedLog:
     """What the tracker says of a whole log of S sweeps and K objects."""
 
     row: Any
@@ -72,7 +72,7 @@ def batches(batch: SweepBatch, size: int) -> list[SweepBatch]:
 
 def follow(
     log: SweepBatch | Sequence[SweepBatch], parameters: Parameters | None = None, track: TrackParameters | None = None
-) -> GivenPaths:
+) -> TrackedLog:
     """Detect and follow what is in the batches of a log; each answer comes in its turn and fits its batch."""
     pieces = [log] if isinstance(log, SweepBatch) else list(log)
     tracker = Tracker(track)
@@ -88,7 +88,7 @@ def follow(
         assert all(len(getattr(one, name)) == len(detection) for name in PER_OBJECT)
         assert all(len(getattr(one, name)) == len(piece) for name in PER_SWEEP)
     first = np.cumsum([0, *map(len, pieces)])
-    return GivenPaths(
+    return TrackedLog(
         np.concatenate([detection.row + begin for detection, begin in zip(found, first[:-1], strict=True)]),
         {name: np.concatenate([getattr(one, name) for one in followed]) for name in PER_OBJECT + PER_SWEEP},
         tracks,
@@ -97,7 +97,7 @@ def follow(
     )
 
 
-def assert_same(one: GivenPaths, other: GivenPaths) -> None:
+def assert_same(one: TrackedLog, other: TrackedLog) -> None:
     """Every bit of what is told of two logs is the same."""
     for name, values in one.columns.items():
         np.testing.assert_array_equal(values, other.columns[name], err_msg=name, strict=True)
@@ -106,7 +106,7 @@ def assert_same(one: GivenPaths, other: GivenPaths) -> None:
         np.testing.assert_array_equal(values, getattr(other.tracks, field.name), err_msg=field.name)
 
 
-def assert_sums(told: GivenPaths, found: Detection) -> None:
+def assert_sums(told: TrackedLog, found: Detection) -> None:
     """Definition 4 sums as before: U = A ∪ S ∪ O, in objects and in beams."""
     np.testing.assert_array_equal(told.columns["objects"] + told.columns["agents"], found.objects)
     np.testing.assert_array_equal(told.columns["object_beams"] + told.columns["agent_beams"], found.object_beams)

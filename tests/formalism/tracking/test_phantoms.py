@@ -9,7 +9,7 @@ import pytest
 
 from benchmarks.scenes.random import KINDS, SENSORS, random_scene, sensor_with
 from lidarcli.simulation.scene import Course, Scene, super_ellipse
-from tests.formalism.tracking.following import GivenPaths, follow, simulated
+from tests.formalism.tracking.following import TrackedLog, follow, simulated
 
 SWEEPS = 300
 
@@ -20,7 +20,7 @@ def driven(scene: Scene) -> Scene:
     return replace(scene, path=Course(super_ellipse(0.5, 0.35, 2.5, points=36_000) + here, speed=0.4))
 
 
-def told_of(kind: str, seed: int, sensor: str, noise: float, *, drive: bool = False, log_seed: int = 0) -> GivenPaths:
+def told_of(kind: str, seed: int, sensor: str, noise: float, *, drive: bool = False, log_seed: int = 0) -> TrackedLog:
     """What is told of a standing scene."""
     lost = {0.003: 0.0, 0.01: 0.003, 0.03: 0.01}[noise]
     scene = random_scene(kind, seed, sensor_with(SENSORS[sensor], noise, lost))  # type: ignore[arg-type]

@@ -17,7 +17,7 @@ from lidarcli.formalism.tracking.tracker import WINDOW, Tracker
 from lidarcli.sweeps import TURN, SweepBatch, SweepPoses
 from tests.formalism.tracking.following import (
     SENSOR,
-    GivenPaths,
+    TrackedLog,
     assert_same,
     assert_sums,
     batches,
@@ -111,7 +111,7 @@ PLACES: tuple[tuple[Kind, int], ...] = (("room", 3), ("hall", 4), ("crossing", 5
 SWAPPED = pytest.mark.xfail(reason="which piece of a track goes on as which person may depend on the last bit")
 
 
-def matched(one: GivenPaths, other: GivenPaths, order: Any) -> float:
+def matched(one: TrackedLog, other: TrackedLog, order: Any) -> float:
     """Share of the objects whose track is the same but for its number; `order` are those of `other`."""
     mine, its = one.columns["track"], other.columns["track"][order]
     pairs, counts = np.unique(np.stack([mine, its]), axis=1, return_counts=True)
@@ -121,7 +121,7 @@ def matched(one: GivenPaths, other: GivenPaths, order: Any) -> float:
     return float(best / len(mine))
 
 
-def order_of(one: GivenPaths, other: GivenPaths, bearing: Any) -> Any:
+def order_of(one: TrackedLog, other: TrackedLog, bearing: Any) -> Any:
     """Which object of `other` each of `one` is, whose bearings are in its frame."""
     order = np.empty(len(one.row), np.int64)
     own = np.arctan2(other.detection["y"], other.detection["x"])
@@ -134,7 +134,7 @@ def order_of(one: GivenPaths, other: GivenPaths, bearing: Any) -> Any:
     return order
 
 
-def assert_alike(one: GivenPaths, other: GivenPaths, order: Any, cos: float, sin: float, side: float) -> None:
+def assert_alike(one: TrackedLog, other: TrackedLog, order: Any, cos: float, sin: float, side: float) -> None:
     """The same tracks, and velocities turned, then mirrored where the side is -1.
 
     Discs are measured along the axes of the frame, so that hardly anything is the same to the last bit.
