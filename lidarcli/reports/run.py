@@ -222,11 +222,16 @@ def _figures(summary: Summary) -> Iterator[tuple[str, Section]]:
 def _kinds(summary: Summary) -> Iterator[tuple[str, Section]]:
     fold = "Objects and beams by kind"
     for name in ("shape", "visibility", "change"):
-        if counts := summary.kinds[name]:
+        if counts := _most_first(summary.kinds[name]):
             shares = Shares(name, "objects", counts, sum(counts.values()))
             yield name, Section(f"Objects by {name}", [shares], fold=fold)
     beams = Shares("beams", "number", _beams(summary), sum(summary.status.values()))
     yield "beams", Section("Beams", [beams], (MARKDOWN, PAGE), fold)
+
+
+def _most_first(counts: Mapping[str, int]) -> dict[str, int]:
+    """Return counts by falling number, however the table has numbered its words."""
+    return dict(sorted(counts.items(), key=lambda each: (-each[1], each[0])))
 
 
 def _beams(summary: Summary) -> dict[str, int]:
@@ -239,7 +244,7 @@ def _tracks(tracked: TracksSummary) -> Iterator[tuple[str, Section]]:
     formats = (TEXT, MARKDOWN)
     yield "tracks", Section("Tracks", [Facts([*_track_facts(tracked).items()])], formats)
     for name, kinds in tracked.kinds.items():
-        if counts := {kind.replace("_", " "): count for kind, count in kinds.items()}:
+        if counts := _most_first({kind.replace("_", " "): count for kind, count in kinds.items()}):
             shares = Shares(name.removeprefix("tracks."), "tracks", counts, sum(counts.values()))
             title = name.replace(".", " by ").capitalize()
             yield name, Section(title, [shares], fold="Tracks")
