@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import shutil
-import sys
 from pathlib import Path
 
 import pyarrow.csv
@@ -22,7 +21,6 @@ from tests.unprivileged import lidarcli
 
 ROOM = SAMPLES / "room.mcap"
 SCENE = ROOM.with_suffix(".toml")
-DETECT = [sys.executable, "-m", "lidarcli", "-q", "detect"]
 
 
 def said(capsys: pytest.CaptureFixture[str]) -> list[str]:

@@ -255,9 +255,6 @@ def with_extra(extra: bytes) -> bytes:
     return data[:place] + extra + data[place:-37] + struct.pack("<BQQQI", 2, 20, 0, 0, 0) + data[-8:]
 
 
-BOMB = 3 << 30
-
-
 def bomb_zstd(size: int) -> bytes:
     compressor = zstandard.ZstdCompressor().compressobj()
     block = bytes(1 << 20)

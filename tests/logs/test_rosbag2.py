@@ -505,6 +505,3 @@ def test_files_that_are_no_bag(tmp_path: Path) -> None:
     with pytest.raises(UnreadableError) as err:
         Rosbag2Log(str(file))
     assert str(err.value) == f"{file}: holds no ROS 2 messages (SQLite says: no such table: topics)"
-
-
-# Real logs.

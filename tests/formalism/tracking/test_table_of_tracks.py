@@ -9,11 +9,9 @@ import pytest
 
 from lidarcli.formalism.detection import AGENT
 from lidarcli.formalism.tracking.results import ENDS
-from lidarcli.simulation.scene import Sensor
 from tests.formalism.tracking.following import GivenPaths, follow, moving_log, repeated
 
 LOGS = (("room", False), ("hall", True), ("crossing", False), ("people", False))
-PARTIAL = Sensor(beams=541, angle_min=-2.35, angle_increment=4.7 / 540, noise=0.01, mixed_pixels=0.2)
 
 
 @cache

@@ -26,7 +26,7 @@ SWEEPS = 260
 
 def driven(mount: Mount, delay: float) -> SweepBatch:
     """A drive around; the log tells poses too late, and of the robot instead of the sensor."""
-    sensor = replace(SENSOR, beams=360, angle_increment=TURN / 360, noise=0.005)
+    sensor = replace(SENSOR, beams=180, angle_increment=TURN / 180, noise=0.005)
     # Fine enough that the heading does not come in steps.
     path = Course(super_ellipse(3.0, 2.2, 2.5, points=36_000), speed=0.8)
     scene = replace(scene_of(*PARKED_WORLD, path=path, sensor=sensor), mount=mount)
