@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from lidarcli.formalism import Detection
+from lidarcli.formalism.detection import REQUIRED, fields_per
 from lidarcli.range_rules import RangeRules, normalise
 from lidarcli.sweeps import Closure, RawSweeps, SweepBatch
 from tests.formalism.reference import EACH_BEARING_ONCE, FIRST_BEARING_TWICE, NO_TURN, Sweep
@@ -46,66 +45,13 @@ def spans(found: Detection) -> list[tuple[int, int]]:
     return list(zip(found.beam_i.tolist(), found.beam_f.tolist(), strict=True))
 
 
-ROW_FIELDS = (
-    "frame",
-    "sweep",
-    "stamp_ns",
-    "record_ns",
-    "angle_min",
-    "angle_increment",
-    "range_min",
-    "range_max",
-    "beams",
-    "ranges",
-    "status",
-    "closure",
-)
-
-
 def rows_of(batch: SweepBatch, rows: slice) -> SweepBatch:
     """Some rows of a batch."""
-    return replace(batch, **{name: getattr(batch, name)[rows] for name in ROW_FIELDS})
+    return batch.rows(np.arange(len(batch))[rows])
 
 
-PER_OBJECT = (
-    "object",
-    "set",
-    "shape",
-    "visibility",
-    "beam_i",
-    "beam_f",
-    "beams",
-    "theta_i",
-    "theta_f",
-    "r_i",
-    "r_f",
-    "s_i",
-    "s_f",
-    "d_th",
-    "theta_min",
-    "r_min",
-    "x",
-    "y",
-    "width",
-    "box_x",
-    "box_y",
-    "box_length",
-    "box_width",
-    "box_yaw",
-)
-PER_VERTEX = ("vertex_theta", "vertex_r", "vertex_kind")
-PER_FACE = ("face_theta_i", "face_theta_f", "face_length", "face_rms")
-PER_SWEEP = (
-    "nearest",
-    "nearest_theta",
-    "d_mean",
-    "sweep_d_th",
-    "noise",
-    "objects",
-    "agents",
-    "object_beams",
-    "agent_beams",
-    "noise_beams",
+PER_OBJECT, PER_VERTEX, PER_FACE, PER_SWEEP = (
+    [name for name in fields_per(per) if name in {*REQUIRED} - {"row"}] for per in ("object", "vertex", "face", "sweep")
 )
 PER_BEAM = ("beam_set", "beam_object", "beam_s")
 

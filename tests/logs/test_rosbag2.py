@@ -304,9 +304,6 @@ def test_broken_header(tmp_path: Path) -> None:
     assert "read page by page: 60 messages recovered" in damage[0]
 
 
-# Folders.
-
-
 def split_bag(folder: Path, parts: int = 12) -> None:
     """A bag of several storage files of five scans each, as a recorder splits it."""
     folder.mkdir()
@@ -442,9 +439,6 @@ def test_a_file_that_is_nothing_costs_no_other(tmp_path: Path) -> None:
             "bag_1.db3: the whole file is lost: holds no ROS 2 messages (SQLite says: file is not a database)",
         ],
     )
-
-
-# zstd.
 
 
 def test_cut_packed_file(tmp_path: Path) -> None:

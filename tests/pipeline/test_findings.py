@@ -218,9 +218,6 @@ def test_findings_as_json(tmp_path: Path) -> None:
     assert lidarcli.info(tmp_path / "run.mcap")[0]["findings"] == entry["findings"]
 
 
-# Poses.
-
-
 def jumping(poses: SimulatedPoses) -> SimulatedPoses:
     moved = poses.poses.copy()
     moved[120:, 0] += 3.0
