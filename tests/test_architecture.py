@@ -115,20 +115,20 @@ def imported(path: Path) -> set[str]:
 
 
 LINES = {
-    "cli": 2_950,
-    "formalism": 15_250,
-    "logs": 12_150,
-    "overlays": 1_150,
-    "pipeline": 15_750,
-    "pose": 2_700,
-    "reports": 7_300,
-    "ros": 320,
-    "simulation": 2_360,
-    "tabular": 2_150,
-    "lidarcli": 6_300,
+    "cli": 2_850,
+    "formalism": 15_210,
+    "logs": 11_390,
+    "overlays": 1_155,
+    "pipeline": 14_700,
+    "pose": 2_640,
+    "reports": 6_795,
+    "ros": 315,
+    "simulation": 2_340,
+    "tabular": 2_000,
+    "lidarcli": 6_110,
 }
 """Most lines of Python of each room, and of the files beside them: lower them as code goes; who raises one says why."""
-MOST_FILES = 198
+MOST_FILES = 186
 
 
 def test_imports_run_one_way() -> None:

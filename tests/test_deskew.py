@@ -21,7 +21,7 @@ from lidarcli.simulation.scene import load_scene
 from lidarcli.simulation.truth import true_map
 from lidarcli.simulation.writers import write_log
 from lidarcli.sweeps import Float64, SweepBatch, concatenate
-from tests.formalism.tracking.following import GivenPaths, follow
+from tests.formalism.tracking.following import TrackedLog, follow
 from tests.going import SENSORS, Drive, in_the_world, seen_going, told_backwards
 
 BEAMS = 720
@@ -275,7 +275,7 @@ def test_nothing_that_stands_moves(sensor: str, upside_down: bool, told: str) ->
     assert spreads(followed) < 0.03
 
 
-def spreads(followed: GivenPaths) -> float:
+def spreads(followed: TrackedLog) -> float:
     """The greatest speed, in the middle of all, at which standing things seem to go [m/s]."""
     known = followed.columns["track"] > 0
     speed = np.hypot(followed.columns["vx"][known], followed.columns["vy"][known])

@@ -165,9 +165,6 @@ def test_a_topic_without_a_leading_slash(name: str, topic: str, asked: str, tmp_
     assert (code, err, [row["topic"] for row in rows]) == (0, "", [topic] * 6)
 
 
-# Sweeps.
-
-
 @pytest.mark.parametrize("name", CONTAINERS)
 def test_geometry_that_changes_from_sweep_to_sweep(name: str, tmp_path: Path, detect: Any, info: Any) -> None:
     """As real sensors do it: each turn has its own number of beams, hence its own increment."""
@@ -235,9 +232,6 @@ def test_a_hundred_thousand_beams(name: str, tmp_path: Path, detect: Any) -> Non
     assert code == 0
     assert [row["beams"] for row in rows] == [90] * 3 + [beams] * 3 + [90] * 3
     assert all(row["object_beams"] + row["agent_beams"] + row["noise_beams"] == row["beams"] for row in rows)
-
-
-# Clocks.
 
 
 @pytest.mark.parametrize(

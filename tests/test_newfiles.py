@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import shutil
-import sys
 from pathlib import Path
 
 import pyarrow.csv
@@ -22,7 +21,6 @@ from tests.unprivileged import lidarcli
 
 ROOM = SAMPLES / "room.mcap"
 SCENE = ROOM.with_suffix(".toml")
-DETECT = [sys.executable, "-m", "lidarcli", "-q", "detect"]
 
 
 def said(capsys: pytest.CaptureFixture[str]) -> list[str]:
@@ -114,9 +112,6 @@ def test_no_planted_link_is_written_through(tmp_path: Path, name: str, capsys: p
     capsys.readouterr()
 
 
-# Inputs.
-
-
 def inputs(folder: Path) -> Path:
     log = folder / "run.mcap"
     shutil.copy(ROOM, log)
@@ -176,9 +171,6 @@ def test_every_file_that_an_option_names_is_an_input(
         assert run([*command.split(), "-o", output, "--overwrite"]) == 5
         assert f"{output} is an input of this run (" in capsys.readouterr().err
     assert {name: Path(name).read_text() for name in texts} == texts
-
-
-# Folders.
 
 
 def a_bag(folder: Path, *names: str, listed: str = "") -> Path:

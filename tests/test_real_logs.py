@@ -64,7 +64,6 @@ LOGS = (
     Real("keelson/test.mcap", code=4, says="LaserScan"),
     Real("keelson/2024-05-15.mcap", code=3, says="carriage-return"),
 )
-TOPICS = {log.path: log.sweeps for log in LOGS}
 READABLE = [log for log in LOGS if log.sweeps]
 
 

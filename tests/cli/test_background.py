@@ -15,12 +15,9 @@ import lidarcli as package
 from lidarcli.cli import run
 from lidarcli.simulation.writers import write_log
 from lidarcli.sweeps import RawSweeps
-from tests.places import SAMPLES
 from tests.sweeping import raw_sweeps, round_room
 
 Run = Callable[..., Any]
-
-ROOM = SAMPLES / "room.mcap"
 
 
 def empty_room(count: int = 20, beams: int = 360, frame: str = "laser", first: float = -np.pi) -> RawSweeps:
@@ -164,20 +161,6 @@ def test_info_knows_a_background_by_its_content(scene: Path, tmp_path: Path, lid
         assert (ran.code, len(ran.err.splitlines())) == (3, 1)
         assert ran.err.startswith(f"lidarcli: {tmp_path / name}.parquet: {cause}")
         assert ran.out == lidarcli("info", scene / "empty.parquet").out
-
-
-def test_what_is_no_background_is_refused(scene: Path, logs: Path, lidarcli: Run) -> None:
-    for file, cause in (
-        (logs / "none.parquet", "no such file"),
-        (scene / "empty.mcap", "no Parquet file; give the table of lidarcli background build"),
-    ):
-        ran = lidarcli("detect", logs / "run.mcap", "--background", file, "-o", "-")
-        assert ran.code == 3
-        assert ran.err.startswith(f"lidarcli: {file}: {cause}")
-        assert len(ran.err.splitlines()) == 1
-
-
-OTHERWISE = "To learn from logs: lidarcli background build LOG... -o FILE"
 
 
 @pytest.mark.parametrize(

@@ -17,7 +17,6 @@ import pyarrow.parquet as pq
 import pytest
 
 from lidarcli.tabular import OBJECTS
-from tests.places import SAMPLES
 from tests.tabular.writing import shortest
 from tests.waiting import HANG
 
@@ -136,12 +135,3 @@ def test_closed_pipe_ends_quietly(logs: Path, kind: str) -> None:
     os.close(reader)
     _, err = running.communicate(timeout=HANG)
     assert (running.returncode, err) == (0, b"")
-
-
-def test_objects_are_named_by_a_catalogue(lidarcli: Run, tmp_path: Path) -> None:
-    catalogue = SAMPLES / "room.catalogue.toml"
-    ran = lidarcli("detect", SAMPLES / "room.mcap", "--catalogue", catalogue, "-o", "-", "--format", "csv", "--end", "0.05")
-    assert ran.code == 0
-    head, *rows = [line.split(",") for line in ran.out.splitlines()]
-    assert [row[-6] for row in rows] == ["smaller brown box", "brown box", "brown box", "", ""]
-    assert head[-6] == "label"

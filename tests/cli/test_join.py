@@ -68,31 +68,6 @@ def test_tables_are_those_of_the_whole_log(order: tuple[int, ...], drive: Path, 
     assert "its mount is not in the log" in alone.err.replace("\n", " ")
 
 
-def test_a_folder_holds_the_parts_of_one_log(drive: Path, lidarcli: Run, tmp_path: Path) -> None:
-    lidarcli("-q", "track", drive / "drive.mcap", "-o", tmp_path / "whole")
-    assert lidarcli("-q", "track", "--join", drive / "parts", "-o", tmp_path / "joined").code == 0
-    assert_same_tables(tmp_path / "whole", tmp_path / "joined")
-    apart = lidarcli("track", drive / "parts", "-o", tmp_path / "apart", "--dry-run")
-    note = "look like parts of one recording: --join reads them as one log"
-    assert apart.err == f"note: {drive}/parts/drive_0.mcap and 2 more {note}\n"
-    assert apart.out.count("read ") == 3
-
-
-def test_parts_in_several_containers(drive: Path, lidarcli: Run, tmp_path: Path) -> None:
-    """The end of the log in a bag of ROS 2 by itself, whose files are read by the same chain."""
-    lidarcli("-q", "detect", drive / "drive.mcap", "-o", tmp_path / "whole", "--pose", "none")
-    bag = tmp_path / "drive_2"
-    bag.mkdir()
-    shutil.copy(parts(drive, 2)[0], bag / "x_0.mcap")
-    (bag / "metadata.yaml").write_text("relative_file_paths:\n  - x_0.mcap\n")
-    ran = lidarcli("-q", "detect", "--join", *parts(drive, 0, 1), bag, "-o", tmp_path / "joined", "--pose", "none")
-    assert (ran.code, ran.err) == (0, "")
-    assert_same_tables(tmp_path / "whole", tmp_path / "joined", ("objects", "sweeps"))
-    told = source_of(tmp_path / "joined" / "drive.objects.parquet")
-    assert told["format"] == "mcap+ros2 bag (mcap)"
-    assert [part["name"] for part in told["parts"]] == ["drive_0.mcap", "drive_1.mcap", "drive_2"]  # type: ignore[attr-defined]
-
-
 def test_a_damaged_part_is_named_and_the_rest_is_read(drive: Path, lidarcli: Run, tmp_path: Path) -> None:
     shutil.copytree(drive / "parts", tmp_path / "parts")
     middle, last = tmp_path / "parts" / "drive_1.mcap", tmp_path / "parts" / "drive_2.mcap"

@@ -56,16 +56,3 @@ def test_what_exists_is_not_replaced_unasked(lidarcli: Run, tmp_path: Path, ther
     assert (names(tmp_path), (tmp_path / there).read_text()) == ([there], "mine")
     assert lidarcli("-q", *words, "--overwrite").code == 0
     assert names(tmp_path) == ["m.pgm", "m.ply", "m.yaml"]
-
-
-@pytest.mark.parametrize(
-    ("words", "cause"),
-    [
-        (("--without-agents", "-o", "m.png"), "No such option '--without-agents'. Did you mean '--without'?"),
-        (("--without", "temporary", "-o", "m.png"), "Invalid value for '--without': 'temporary' is not 'agents'."),
-    ],
-)
-def test_an_option_without_its_output(lidarcli: Run, words: tuple[str, ...], cause: str) -> None:
-    ran = lidarcli("map", DRIVE, *words)
-    assert ran.code == 2
-    assert cause in ran.err

@@ -42,20 +42,3 @@ def test_what_a_parked_sensor_sees_is_proposed(lidarcli: Run, parked: Path, tmp_
     assert "masked    120 beams (1.67%)" in lidarcli("info", parked, "--mask", file).out
     ran = lidarcli("detect", parked, "--mask", file, "-o", tmp_path)
     assert "masked 120 (1.7%)" in ran.err
-
-
-@pytest.mark.parametrize(
-    ("words", "code", "says"),
-    [
-        (["run.mcap", "run.mcap", "--mask", "auto", "-o", "new.toml"], 2, "-o is for one log, and these are 2"),
-        (["run.mcap", "--mask", "nowhere.toml"], 3, "nowhere.toml: cannot read the mask: No such file or directory"),
-    ],
-)
-def test_refusals(
-    lidarcli: Run, logs: Path, words: list[str], code: int, says: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    ran = lidarcli("info", *(logs / word if word == "run.mcap" else word for word in words))
-    assert ran.code == code
-    assert says in ran.err
-    assert not (tmp_path / "new.toml").exists()

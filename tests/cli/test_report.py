@@ -293,8 +293,8 @@ def test_a_baseline_of_another_recording_is_refused(lidarcli: Run, run: Path, tm
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("mode", [0o000, 0o444])
-def test_a_folder_that_nobody_may_enter_is_told(run: Path, mode: int) -> None:
+@pytest.mark.parametrize(("mode", "named"), [(0o000, "{}"), (0o444, "{}/**/*.objects.parquet")])
+def test_a_folder_that_nobody_may_enter_is_told(run: Path, mode: int, named: str) -> None:
     """The gate has not seen what lies below."""
     below = run.parent / "sub"
     below.mkdir()
@@ -303,11 +303,9 @@ def test_a_folder_that_nobody_may_enter_is_told(run: Path, mode: int) -> None:
     write_run(run.parent, [sweep(0, 1)], [thing(0, 1)])
     below.chmod(mode)
     try:
-        for named in (run.parent, f"{run.parent}/**/*.objects.parquet"):
-            code, err = unprivileged.lidarcli("report", named, "--check", "sweeps >= 1")
-            assert (code, err.count("\n")) == (3, 1)
-            assert err.startswith(f"lidarcli: {below}")
-            assert "Permission denied" in err
-        assert unprivileged.lidarcli("report", f"{run.parent}/*.parquet", "--check", "sweeps >= 1")[0] == 0
+        code, err = unprivileged.lidarcli("report", named.format(run.parent), "--check", "sweeps >= 1")
+        assert (code, err.count("\n")) == (3, 1)
+        assert err.startswith(f"lidarcli: {below}")
+        assert "Permission denied" in err
     finally:
         below.chmod(0o755)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pyarrow.parquet as pq
@@ -72,18 +71,6 @@ def test_turns_of_segments_are_the_sweeps_of_the_full_log(
     assert one.select(columns) == other.select(columns)
     source = json.loads(other.schema.metadata[b"lidarcli.source"])
     assert source["segments"] == ["/scan"]
-
-
-def test_info_judges_turns(logs: tuple[Path, Path], capsys: pytest.CaptureFixture[str]) -> None:
-    def told(*options: str) -> dict[str, Any]:
-        assert run(["info", str(logs[1]), "--format", "json", *options]) == 0
-        [info] = json.loads(capsys.readouterr().out)
-        return dict(info)
-
-    joined, kept = told("--check", "findings == 0"), told("--segments", "keep")
-    assert joined["notes"] == [NOTE]
-    assert (joined["scans"][0]["sweeps"], joined["scans"][0]["beams"]) == (30, [270, 270])
-    assert (kept["scans"][0]["sweeps"], kept["notes"]) == (270, [])
 
 
 def test_clean_names_the_way_out(logs: tuple[Path, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

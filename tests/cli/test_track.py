@@ -91,9 +91,6 @@ def test_a_background_leaves_what_differs(tmp_path: Path, lidarcli: Run, patient
     assert len({row["track"] for row in rows} - {None}) == 5
 
 
-# --- streams ----------------------------------------------------------------------------------------------
-
-
 def test_one_file_holds_the_objects_of_all_logs(logs: Path, tmp_path: Path, lidarcli: Run, patient: None) -> None:
     path = tmp_path / "all.csv"
     ran = lidarcli("track", logs / "run.mcap", logs / "two.mcap", "-o", path)

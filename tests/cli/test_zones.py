@@ -128,15 +128,10 @@ def test_a_log_that_is_cut(lidarcli: Run, log: Path, tmp_path: Path) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("moment", MOMENTS)
-@pytest.mark.parametrize("options", [("--no-objects",), ()])
-def test_a_run_that_is_ended_leaves_nothing(log: Path, tmp_path: Path, moment: str, options: tuple[str, ...]) -> None:
-    words = ("zones", log, *zones_of(tmp_path, STOP), "-o", tmp_path / "out", *options)
-    ran = ended(moment, signal.SIGTERM, *words)
+def test_a_run_that_is_ended_leaves_nothing(log: Path, tmp_path: Path, moment: str) -> None:
+    ran = ended(moment, signal.SIGTERM, "zones", log, *zones_of(tmp_path, STOP), "-o", tmp_path / "out")
     assert (ran.returncode, ran.stderr) == (-signal.SIGTERM, "lidarcli: terminated\n")
     assert left(tmp_path / "out") == []
-
-
-# Refusals.
 
 
 def test_nothing_leads_to_a_frame(lidarcli: Run, log: Path, tmp_path: Path) -> None:
@@ -188,9 +183,6 @@ def test_what_is_refused(lidarcli: Run, log: Path, tmp_path: Path, zone: str, op
     assert ran.code == 2, ran.err
     assert cause in ran.err
     assert not (tmp_path / "out").exists()
-
-
-# Lines.
 
 
 def test_masks_of_the_zone_file_are_masks_of_the_search_for_agents(lidarcli: Run, tmp_path: Path) -> None:

@@ -9,7 +9,6 @@ import io
 import re
 import sys
 import tempfile
-from collections import Counter
 from pathlib import Path
 
 import numpy as np
@@ -66,12 +65,6 @@ def reduced(path: Path) -> bytes:
 def pixels(png: bytes) -> np.ndarray:
     with Image.open(io.BytesIO(png)) as image:
         return np.asarray(image.convert("RGB"), dtype=float)
-
-
-def hit(objects: pd.DataFrame, entities: np.ndarray) -> list[int]:
-    """The entity that most beams of each object hit."""
-    beams = [np.arange(i, f + 1) for i, f in zip(objects["beam_i"], objects["beam_f"], strict=True)]
-    return [Counter(entities[some].tolist()).most_common(1)[0][0] for some in beams]
 
 
 @pytest.mark.whole

@@ -17,7 +17,6 @@ from tests.docs.running import run_page
 from tests.docs.test_paper_page import LIKENESS, reduced
 from tests.places import ROOT
 
-IMAGES = ROOT / "docs" / "images"
 SHOWN = {
     "reports": re.findall(
         r"\((images/plot/[\w-]+\.(?:png|gif))\)", (ROOT / "docs" / "reports.md").read_text(encoding="utf-8")

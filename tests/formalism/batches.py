@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import fields, replace
-
 import numpy as np
 
 from lidarcli.formalism import Detection
-from lidarcli.formalism.detection import fields_per
+from lidarcli.formalism.detection import REQUIRED, fields_per
 from lidarcli.range_rules import RangeRules, normalise
 from lidarcli.sweeps import Closure, RawSweeps, SweepBatch
 from tests.formalism.reference import EACH_BEARING_ONCE, FIRST_BEARING_TWICE, NO_TURN, Sweep
@@ -47,31 +45,13 @@ def spans(found: Detection) -> list[tuple[int, int]]:
     return list(zip(found.beam_i.tolist(), found.beam_f.tolist(), strict=True))
 
 
-ROW_FIELDS = (
-    "frame",
-    "sweep",
-    "stamp_ns",
-    "record_ns",
-    "angle_min",
-    "angle_increment",
-    "range_min",
-    "range_max",
-    "beams",
-    "ranges",
-    "status",
-    "closure",
-)
-
-
 def rows_of(batch: SweepBatch, rows: slice) -> SweepBatch:
     """Some rows of a batch."""
-    return replace(batch, **{name: getattr(batch, name)[rows] for name in ROW_FIELDS})
+    return batch.rows(np.arange(len(batch))[rows])
 
 
-_ALWAYS = {one.name for one in fields(Detection) if one.default is not None} - {"row"}
-"""Fields that every detection fills, but for those that count through a batch."""
 PER_OBJECT, PER_VERTEX, PER_FACE, PER_SWEEP = (
-    tuple(name for name in fields_per(each) if name in _ALWAYS) for each in ("object", "vertex", "face", "sweep")
+    [name for name in fields_per(per) if name in {*REQUIRED} - {"row"}] for per in ("object", "vertex", "face", "sweep")
 )
 PER_BEAM = ("beam_set", "beam_object", "beam_s")
 

@@ -30,7 +30,6 @@ def possible(evidence: Evidence, catalogue: Catalogue) -> Any:
 
 RANGE = LARGEST_SIZE - SMALLEST_SIZE
 PALLET = Thing("pallet", "prismatic", length=1.2, width=0.8, tolerance=0.05)
-POLE = Thing("pole", "round", diameter=0.3, tolerance=0.01)
 CHAIR = Thing("chair", "legged", legs=4, spacing=(0.4, 0.35), tolerance=0.02)
 PERSON = Thing("person", legs=2, spacing=(0.25,), tolerance=0.1)
 
@@ -147,7 +146,6 @@ def test_things_of_any_size_get_few_names() -> None:
 
 TAPE = Thing("tape", "round", diameter=0.3, tolerance=0.01, intensity_min=1000.0)
 PAINT = Thing("paint", "round", diameter=0.3, tolerance=0.01, intensity_max=1000.0)
-BRIGHT = Thing("bright", intensity_min=1000.0, intensity_max=4000.0)
 
 
 def test_an_intensity_tells_things_of_one_size() -> None:

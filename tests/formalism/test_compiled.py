@@ -47,9 +47,9 @@ def test_the_compiled_core_agrees_with_its_source_on_real_logs() -> None:
 @pytest.mark.skipif(not compiled.is_there(), reason="the core was not compiled")
 def test_the_compiled_tracking_agrees_with_its_source() -> None:
     # The source goes through so many hostile logs as well.
-    some = ("-m", "tests.formalism.tracking.digests", "120", "scenes")
+    some = ("-m", "tests.formalism.tracking.digests", "60", "scenes")
     one, other = (run_core(*some, core=core).splitlines() for core in ("yes", "no"))
-    assert len(one) == 120 + 5
+    assert len(one) == 60 + 5
     assert one == other
 
 

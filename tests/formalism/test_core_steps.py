@@ -10,11 +10,9 @@ from pathlib import Path
 
 import pytest
 
-from lidarcli import formalism
 from tests.places import ROOT
 
 HERE = Path(__file__).parent
-PACKAGE = Path(formalism.__file__).parent
 
 
 @pytest.mark.slow

@@ -14,7 +14,6 @@ from lidarcli.formalism.matching.ground import Ground, of_map
 from lidarcli.sweeps import Float64
 
 SIDE = 0.05
-NAN = math.nan
 
 
 def ground(*hits: Float64, unseen: Float64 | None = None) -> Ground:

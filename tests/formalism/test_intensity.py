@@ -21,8 +21,6 @@ from lidarcli.simulation.scene import load_scene
 from lidarcli.sweeps import TURN, Closure, SweepBatch
 from tests.places import SAMPLES
 
-PAPER = Parameters.for_profile("paper")
-
 
 def lit(ranges: Any, intensities: Any, **geometry: float) -> SweepBatch:
     told = {"angle_min": -0.22, "angle_increment": 0.01} | geometry
@@ -39,16 +37,6 @@ def medians(batch: SweepBatch, found: Detection) -> list[float]:
         values = values[~np.isnan(values)]
         expected.append(float(np.median(values.astype(float))) if len(values) else np.nan)
     return expected
-
-
-def test_the_median_of_the_beams_of_an_object() -> None:
-    ranges = [[4.0] * 20 + [2.0] * 5 + [4.0] * 20] * 3
-    intensities = np.full((3, 45), 9.0)
-    intensities[:, 20:25] = [[5, 1, 4, 2, 3], [np.nan, 1, 7, 2, np.nan], [np.nan] * 5]
-    found = detect(lit(ranges, intensities), PAPER)
-    assert found.intensity is not None
-    assert found.intensity.dtype == np.float32
-    np.testing.assert_array_equal(found.intensity, np.float32([3, 2, np.nan]))
 
 
 CHAIRS = """

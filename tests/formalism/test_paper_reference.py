@@ -83,7 +83,7 @@ def hold(sweeps: list[Sweep]) -> int:
 
 
 @pytest.mark.slow
-@settings(max_examples=250)
+@settings(max_examples=100)
 @given(st.lists(small_sweeps(), min_size=1, max_size=4))
 def test_small_sweeps_on_a_coarse_grid(sweeps: list[Sweep]) -> None:
     hold(sweeps)

@@ -9,7 +9,7 @@ import pytest
 
 from lidarcli.formalism import SHAPES, VERTEX_KINDS, VISIBILITIES, Detection, Parameters, detect
 from tests.formalism.batches import batch_of
-from tests.formalism.reference import EACH_BEARING_ONCE, FIRST_BEARING_TWICE, NO_TURN, Sweep
+from tests.formalism.reference import EACH_BEARING_ONCE, FIRST_BEARING_TWICE, Sweep
 
 Segment = tuple[float, float, float, float]
 DEGREE = pi / 180
@@ -53,12 +53,6 @@ def turn(
     return Sweep(cast(bearings_of(beams, -pi, step), segments, circles), -pi, step, closing)
 
 
-def view(half: float, segments: list[Segment], step: float = 0.25 * DEGREE) -> Sweep:
-    """A view from -half to half."""
-    beams = round(2 * half / step) + 1
-    return Sweep(cast(bearings_of(beams, -half, step), segments), -half, step, NO_TURN)
-
-
 def robust(sweep: Sweep, **overrides: object) -> Detection:
     """The default profile on one sweep."""
     return detect(batch_of([sweep]), Parameters.for_profile("robust", **overrides), per_beam=True)
@@ -83,12 +77,6 @@ def kinds(found: Detection, k: int = 0) -> list[str]:
 
 def names(codes: np.ndarray, table: tuple[str, ...]) -> list[str]:
     return [table[code] for code in codes]
-
-
-def test_an_empty_room_holds_no_object() -> None:
-    found = robust(turn(ROOM))
-    assert len(found) == 0
-    assert found.noise_beams.tolist() == [720]
 
 
 def test_a_box_seen_squarely_has_one_face_and_no_corner() -> None:
@@ -176,27 +164,6 @@ def test_a_lost_beam_inside_a_surface_does_not_split_it(lost: float) -> None:
     sweep.ranges[360 + 6] = lost
     assert len(robust(sweep)) == 2
     assert len(robust(sweep, max_gap=3)) == 1
-
-
-def test_a_pillar_is_round() -> None:
-    found = robust(turn(ROOM, circles=((2.0, 0.5, 0.3),)))
-    assert names(found.shape, SHAPES) == ["round"]
-    nearest = hypot(2.0, 0.5) - 0.3
-    assert found.r_min[0] == pytest.approx(nearest, abs=1e-3)
-    assert found.theta_min[0] == pytest.approx(atan2(0.5, 2.0), abs=0.25 * DEGREE + 1e-9)
-
-
-@pytest.mark.parametrize("sigma", [0.01, 0.03])
-def test_the_noise_is_estimated_from_the_sweep_itself(sigma: float) -> None:
-    sweep = turn([*ROOM, *rectangle(2.2, 0.0, 0.4, 0.5)], beams=1440)
-    assert robust(sweep).noise[0] == pytest.approx(0.003)
-    rng = np.random.default_rng(3)
-    sweep.ranges = (np.array(sweep.ranges) + sigma * rng.standard_normal(1440)).tolist()
-    found = robust(sweep)
-    # 1440 second differences: a few per cent.
-    assert found.noise[0] == pytest.approx(sigma, rel=0.1)
-    assert len(found) == 1
-    assert found.r_i[0] == pytest.approx(2.0, abs=4 * sigma + 0.02)
 
 
 @pytest.mark.parametrize("walls", [False, True])

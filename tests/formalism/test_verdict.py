@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from math import hypot
-
 import numpy as np
 
-from lidarcli.formalism import Detection, Parameters, detect, features
+from lidarcli.formalism import Detection, Parameters, detect
 from lidarcli.formalism.detect import KINDS, START, contributions, reasons
 from tests.formalism.batches import batch_of
 from tests.formalism.test_robust_scenes import turn
@@ -18,14 +16,6 @@ Segment = tuple[float, float, float, float]
 def seen(segments: list[Segment], beams: int = 720) -> Detection:
     """All bodies of a drawn scene, with their features."""
     return detect(batch_of([turn(segments, beams=beams)]), ALL, explain=True)
-
-
-def at(found: Detection, x: float, y: float) -> dict[str, float]:
-    """The features of the body nearest to a place."""
-    assert found.features is not None
-    k = int(np.hypot(found.x - x, found.y - y).argmin())
-    assert hypot(found.x[k] - x, found.y[k] - y) < 0.4
-    return dict(zip(features.NAMES, found.features[k].tolist(), strict=True))
 
 
 def wall(y: float, *spans: tuple[float, float]) -> list[Segment]:

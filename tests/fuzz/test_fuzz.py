@@ -126,20 +126,3 @@ def test_a_journal_that_names_a_victim_makes_sqlite_delete_it(tmp_path: Path) ->
 
 
 _KEPT: list[IO[str]] = []
-
-
-SABOTAGE = """
-import os, sys, time
-from tools.fuzz import run, targets
-from tools.fuzz.target import Target
-def write(place, number, random):
-    (place.input / "log").write_bytes(b"x" * (2_000_000 if number == 1 else 1))
-    place.note(number=number)
-def judge(place):
-    if place.noted()["number"] == 1:
-        {act}
-    return []
-targets.TARGETS["db3"] = Target("db3", write, judge)
-run.run_cases(sys.argv[1])
-"""
-"""A child in which the case of number 1 is spoilt."""

@@ -134,18 +134,6 @@ def test_each_frame_has_its_own_first_sweep() -> None:
     assert sweeps(run([both], start=1.0, end=2.0)) == [2, 3]
 
 
-def test_sweeps_without_a_stamp_go_by_the_record_time() -> None:
-    found = run([block([1] * 6, stamps=[0] * 6)], start=2.0, end=4.0)
-    assert sweeps(found) == [2, 3]
-    assert found[0].stamp_ns.tolist() == [2 * SECOND, 3 * SECOND]
-
-
-def test_stamps_that_jump_back_do_not_end_the_reading() -> None:
-    stamps = [100, 101, 300, 102, 50, 103]
-    found = run([block([1] * 6, stamps=[stamp * SECOND for stamp in stamps])], start=0.0, end=10.0)
-    assert sweeps(found) == [0, 1, 3, 5]
-
-
 def test_very_wide_sweeps_use_smaller_batches(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(batches, "BATCH_VALUES", 1000)
     blocks = [block([10] * 50), block([10, 400, 10, 400, 10, 400], first=50), block([10] * 44, first=56)]
@@ -186,14 +174,6 @@ def test_an_absent_topic_is_named_with_those_that_are_there(wanted: str) -> None
             words = "topic /tf is tf2_msgs/msg/TFMessage, not a LaserScan"
         assert str(caught.value) == words
         assert log.asked == ("nothing" if topics else None)
-
-
-def test_a_log_without_a_scan() -> None:
-    listed = "no LaserScan topic in this log (its topics: /tf tf2_msgs/msg/TFMessage)"
-    for topics, words in ((SCANS[2:], listed), (None, "no LaserScan in it")):
-        with pytest.raises(NoScanError) as caught:
-            list(read_batches(FakeLog([], topics), ReadOptions(), ReadReport()))
-        assert str(caught.value) == words
 
 
 def test_a_topic_without_a_message_is_no_error() -> None:

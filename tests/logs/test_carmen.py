@@ -391,9 +391,6 @@ def test_other_texts_are_no_carmen_logs(text: str, tmp_path: Path) -> None:
         open_log(path)
 
 
-# Poses.
-
-
 def pose_of(path: Path, frame: str, at: float, source: str | None = None) -> list[float]:
     """x, y and yaw of a sensor frame at a time."""
     with open_log(path) as log:

@@ -94,18 +94,6 @@ def test_heights_are_inclusive_to_the_digits_of_the_log() -> None:
     assert sweep(cloud, part=Slice(0.101, 0.299, 4)) == [np.inf] * 4
 
 
-def test_the_range_is_seen_from_above_and_the_nearest_counts() -> None:
-    cloud = make([[3.0, 4.0, 0.4], [3.3, 4.4, 0.0], [6.0, 8.0, 0.0]])
-    first = float(np.arctan2(4.0, 3.0))
-    assert sweep(cloud, angle_min=first) == [5.0, np.inf, np.inf, np.inf]
-
-
-def test_points_on_the_robot_and_beyond_the_range_are_left_out() -> None:
-    cloud = make([[0.2, 0.0, 0.0], [2.0, 0.0, 0.0], [0.0, 50.0, 0.0], [0.0, 0.0, 0.0]])
-    assert sweep(cloud, part=Slice(-1, 1, 4)) == pytest.approx([np.inf, np.inf, 0.2, 50.0])
-    assert sweep(cloud, part=Slice(-1, 1, 4, (0.5, 20.0))) == [np.inf, np.inf, 2.0, np.inf]
-
-
 @pytest.mark.parametrize(("name", "kind"), [("intensity", "f4"), ("intensity", "u1"), ("reflectivity", "u2"), ("i", "f4")])
 def test_the_intensity_is_that_of_the_nearest_point(name: str, kind: str) -> None:
     points = np.concatenate([POINTS, np.arange(10.0, 18.0).reshape(2, 4, 1)], axis=-1)
@@ -119,15 +107,6 @@ def test_the_intensity_is_that_of_the_nearest_point(name: str, kind: str) -> Non
     of_range = dict(zip(seen.ranges.tolist(), seen.intensities.tolist(), strict=True))
     assert {at: of_range[at] for at in (1.5, 2.0, 3.0, 4.0)} == {1.5: 12.0, 2.0: 10.0, 3.0: 11.0, 4.0: 13.0}
     assert np.isnan(of_range[np.inf])
-
-
-def test_bins_are_centred_on_their_bearings() -> None:
-    bins = Bins.of(OpenOptions(), 8)
-    assert (bins.first, bins.step) == (-np.pi, TURN / 8)
-    bearing = np.array([-np.pi, np.pi, -0.39, 0.39, 0.4, np.pi - 0.39, -np.pi + 0.39, np.pi - 0.4])
-    x, y = np.cos(bearing), np.sin(bearing)
-    at = [int(bins.nearest(x[i : i + 1], y[i : i + 1], 0.1, 9.0)[0][0]) for i in range(len(bearing))]
-    assert at == [0, 0, 4, 4, 5, 0, 0, 7]
 
 
 @pytest.mark.parametrize("kind", [np.float32, np.float64])

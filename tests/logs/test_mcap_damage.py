@@ -75,7 +75,7 @@ def after_chunks() -> list[int]:
 @pytest.mark.parametrize("options", [{}, {"index": IndexType.NONE}, {"use_chunking": False}, {"chatter": 2}])
 def test_every_whole_message_before_a_cut_is_read(tmp_path: Path, options: dict[str, Any]) -> None:
     data = sample(N, compression="none", **options)
-    cuts = sorted({*range(60, len(data), 37), *range(len(data) - 60, len(data))})
+    cuts = sorted({*range(60, len(data), 61), *range(len(data) - 60, len(data))})
     for cut in cuts:
         for found, report in both(data[:cut], tmp_path):
             assert found == list(range(whole_before(data, cut))), cut
@@ -128,7 +128,7 @@ def test_flipped_bits_in_a_chunk_record_cost_at_most_two_chunks(tmp_path: Path, 
     data = sample(N, compression=compression, index=index)
     first, _ = samples.chunks(data)[3]
     for place in range(first, first + 49):
-        for bit in range(8):
+        for bit in (0, 3, 7):
             broken = patched(data, place, bytes([data[place] ^ 1 << bit]))
             for found, report in both(broken, tmp_path):
                 assert found == sorted(set(found))
@@ -253,9 +253,6 @@ def with_extra(extra: bytes) -> bytes:
     data = sample(N, index=IndexType.NONE, use_statistics=False, repeat_channels=False, repeat_schemas=False)
     place, _ = samples.chunks(data)[2]
     return data[:place] + extra + data[place:-37] + struct.pack("<BQQQI", 2, 20, 0, 0, 0) + data[-8:]
-
-
-BOMB = 3 << 30
 
 
 def bomb_zstd(size: int) -> bytes:

@@ -107,9 +107,6 @@ def sweeps(path: Path, topic: str = "/scan") -> tuple[list[list[float]], Any]:
         return rows, report
 
 
-# Messages.
-
-
 def test_multi_echo_and_plain_scans_side_by_side(name: str, tmp_path: Path) -> None:
     encoding = WRITERS[name][0]
     echoes = [[1.0, 2.0], [], [3.0, 9.0, 27.0]]
@@ -150,9 +147,6 @@ def test_intensities_are_kept_as_far_as_they_go(
         assert batch.intensities is None
     else:
         np.testing.assert_array_equal(batch.intensities, np.float32([kept] * 3))
-
-
-# Topics.
 
 
 @pytest.mark.parametrize(("topic", "kind"), [("/tf", TF), ("/scan", CLOUD)])

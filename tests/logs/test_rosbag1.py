@@ -367,6 +367,3 @@ def test_encrypted(tmp_path: Path) -> None:
     fresh = data[:13] + struct.pack("<I", len(head)) + head + data[record.data_start - 4 :]
     with pytest.raises(UnreadableError, match=r"encrypted \(rosbag/AesCbcEncryptor\)"):
         Rosbag1Log(io.BytesIO(fresh))
-
-
-# Real logs.

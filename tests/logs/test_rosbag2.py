@@ -304,9 +304,6 @@ def test_broken_header(tmp_path: Path) -> None:
     assert "read page by page: 60 messages recovered" in damage[0]
 
 
-# Folders.
-
-
 def split_bag(folder: Path, parts: int = 12) -> None:
     """A bag of several storage files of five scans each, as a recorder splits it."""
     folder.mkdir()
@@ -444,9 +441,6 @@ def test_a_file_that_is_nothing_costs_no_other(tmp_path: Path) -> None:
     )
 
 
-# zstd.
-
-
 def test_cut_packed_file(tmp_path: Path) -> None:
     file = write_bag(tmp_path / "bag", range(400), beams=361, mode=CompressionMode.FILE)
     data = file.read_bytes()
@@ -505,6 +499,3 @@ def test_files_that_are_no_bag(tmp_path: Path) -> None:
     with pytest.raises(UnreadableError) as err:
         Rosbag2Log(str(file))
     assert str(err.value) == f"{file}: holds no ROS 2 messages (SQLite says: no such table: topics)"
-
-
-# Real logs.

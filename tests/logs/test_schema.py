@@ -8,19 +8,6 @@ from lidarcli.logs.base import LASERSCAN, MULTI_ECHO
 from lidarcli.logs.laserscan import differs
 
 MEGABYTE = 1_000_000
-IDL = """
-// struct LaserScan { double wrong; };
-module sensor_msgs { module msg {
-  /* struct LaserScan { double wrong; }; */
-  @verbatim (language="comment", text="struct LaserScan { double \\"wrong\\"; };")
-  struct LaserScan {
-    std_msgs::msg::Header header;
-    @unit (value="rad") float angle_min;
-    float angle_max; float angle_increment; float time_increment; float scan_time; float range_min; float range_max;
-    sequence< float > ranges;
-  };
-}; };
-"""
 
 
 HEAD = "std_msgs::msg::Header header; double x;"

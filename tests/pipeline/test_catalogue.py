@@ -214,22 +214,3 @@ def test_the_rectangle_around_the_legs_is_that_of_the_thing() -> None:
     assert (ladder["length"], ladder["width"]) == pytest.approx((0.47, 0.41), abs=0.08)
     assert ladder["yaw"] == pytest.approx(np.radians(15.0), abs=0.15)
     assert ladder["label"] is None
-
-
-def test_of_batches_and_of_logs_the_same() -> None:
-    one = lidarcli.detect(ROOM, catalogue=CATALOGUE)
-    other = lidarcli.detect(lidarcli.read(ROOM), catalogue=read_catalogue(CATALOGUE))
-    for column in ("label", "label_score"):
-        assert one[column].to_pylist() == other[column].to_pylist()
-    for table in (one, other):
-        parameters = json.loads(table.schema.metadata[b"lidarcli.parameters"])
-        assert [thing["name"] for thing in parameters["catalogue"]["things"]] == [
-            "brown box",
-            "smaller brown box",
-            "ladder",
-            "plant",
-        ]
-    scores = one["label_score"].to_pylist()
-    known = [score is not None for score in scores]
-    assert known == [label is not None for label in one["label"].to_pylist()]
-    assert all(0.95 <= score <= 1.0 for score in scores if score is not None)

@@ -10,8 +10,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from lidarcli.errors import NoScanError, OutputError, UnreadableError
-from lidarcli.formalism import Parameters
-from lidarcli.logs.base import OpenOptions, ReadReport, Topic
+from lidarcli.logs.base import ReadReport, Topic
 from lidarcli.logs.batches import ReadOptions
 from lidarcli.pipeline import detecting
 from lidarcli.pipeline.detecting import detect_to_files
@@ -24,53 +23,6 @@ from tests.pipeline.in_memory import CLOUD, SCAN, SOURCE, Opens, block
 
 def asking(*topics: str) -> DetectOptions:
     return DetectOptions(read=ReadOptions(topics=frozenset(topics) if topics else None))
-
-
-def test_tables_of_one_log(tmp_path: Path, opened: Opens) -> None:
-    opened(block(), topics=[SCAN, CLOUD])
-    positions: list[int] = []
-    summary = detect_to_files(SOURCE, tmp_path, DetectOptions(beams=True), positions.append)
-    assert (summary.sweeps, summary.objects, summary.beams) == (4, 4, 1440)
-    assert summary.by_status == {"valid": 1440, "no_return": 0, "too_close": 0, "invalid": 0, "masked": 0}
-    assert summary.by_set == {"O": 80, "A": 0, "S": 1360}
-    assert summary.exit_code == 0
-    assert positions == [100]
-    objects = pq.read_table(tmp_path / "run.objects.parquet").to_pylist()
-    assert [(row["sweep"], row["object"], row["beam_i"], row["beam_f"]) for row in objects] == [
-        (sweep, 1, 40, 59) for sweep in range(4)
-    ]
-    assert pq.read_table(tmp_path / "run.beams.parquet").num_rows == 1440
-    metadata = pq.read_schema(tmp_path / "run.sweeps.parquet").metadata
-    assert metadata[b"lidarcli.source"] == b'{"format": "fake", "name": "run.fake", "size": 1234}'
-    assert b"lidarcli.damage" not in metadata
-    assert summary.outputs == [str(tmp_path / f"run.{table}.parquet") for table in ("objects", "sweeps", "beams")]
-
-
-def test_parameters_are_in_the_metadata_and_nothing_else(tmp_path: Path) -> None:
-    options = DetectOptions(
-        parameters=Parameters.for_profile("paper"),
-        read=ReadOptions(topics=frozenset({"/b", "/a"}), start=1.0, every=2),
-        opening=OpenOptions(fov=1.5, range_scale=0.001),
-    )
-    assert options.as_dict() == {
-        **Parameters.for_profile("paper").as_dict(),
-        "topics": ["/a", "/b"],
-        "start": 1.0,
-        "end": None,
-        "every": 2,
-        "range": None,
-        "no_return": ["above", "inf", "max", "pile", "zero"],
-        "csv": {"fov": 1.5, "range_scale": 0.001},
-    }
-
-
-def test_damage_is_in_the_metadata_and_the_rest_in_the_tables(tmp_path: Path, opened: Opens) -> None:
-    opened(block(), topics=[SCAN], damage="cut off")
-    summary = detect_to_files(SOURCE, tmp_path, DetectOptions())
-    assert summary.damage == ["byte 99: cut off"]
-    assert summary.exit_code == 3
-    assert pq.read_schema(tmp_path / "run.objects.parquet").metadata[b"lidarcli.damage"] == b'["byte 99: cut off"]'
-    assert pq.read_table(tmp_path / "run.sweeps.parquet").num_rows == 4
 
 
 def test_messages_that_are_refused_count_as_damage(tmp_path: Path, opened: Opens) -> None:
@@ -134,19 +86,6 @@ def test_no_scan(
         message = f"no LaserScan{named} in the part that could be read; byte 99: cut off"
     assert str(caught.value).removeprefix("run.fake: ") == message
     assert list(tmp_path.iterdir()) == []
-
-
-@pytest.mark.parametrize("known", [True, False])
-def test_topics_come_out_sorted(tmp_path: Path, opened: Opens, known: bool) -> None:
-    blocks = [block("/b", 2), block("/a", 3), block("/b", 2, first=2), block("/a", 1, first=3)]
-    topics = [replace(SCAN, name="/b"), replace(SCAN, name="/a")] if known else None
-    opened(*blocks, topics=topics)
-    detect_to_files(SOURCE, tmp_path, DetectOptions())
-    rows = pq.read_table(tmp_path / "run.sweeps.parquet").to_pylist()
-    assert [(row["topic"], row["sweep"]) for row in rows] == [
-        *(("/a", sweep) for sweep in range(4)),
-        *(("/b", sweep) for sweep in range(4)),
-    ]
 
 
 def test_existing_output_is_refused_before_the_log_is_opened(

@@ -75,11 +75,6 @@ def rows(*index: Any) -> Change:
     return lambda raw: raw.rows(np.concatenate(index))
 
 
-def stamped(change: Callable[[Any], Any]) -> Change:
-    """Change the stamps."""
-    return lambda raw: replace(raw, stamp_ns=change(raw.stamp_ns))
-
-
 def cut_short(raw: RawSweeps) -> RawSweeps:
     return replace(raw, beams=np.where(np.arange(60) % 7 == 3, 200, 360).astype(np.int32))
 
@@ -221,9 +216,6 @@ def test_findings_as_json(tmp_path: Path) -> None:
     }
     assert entry["notes"] == []
     assert lidarcli.info(tmp_path / "run.mcap")[0]["findings"] == entry["findings"]
-
-
-# Poses.
 
 
 def jumping(poses: SimulatedPoses) -> SimulatedPoses:

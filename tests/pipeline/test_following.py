@@ -247,9 +247,6 @@ def test_an_error_of_the_tracker_leaves_no_file(tmp_path: Path, opened: Opens, m
     assert list(tmp_path.iterdir()) == []
 
 
-# --- in Python --------------------------------------------------------------------------------------------
-
-
 def test_track_in_python_gives_the_tables_of_the_files(source: Source, tmp_path: Path, patient: list[Patient]) -> None:
     with pytest.warns(UserWarning, match="run.mcap: "):
         found = lidarcli.track(source.path, start=1.0)

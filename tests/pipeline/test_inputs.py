@@ -8,8 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from lidarcli.errors import OptionError
-from lidarcli.pipeline.inputs.search import choose, find_logs, log_name, refuse_clashes
+from lidarcli.pipeline.inputs.search import choose, find_logs, log_name
 from lidarcli.pipeline.inputs.sources import MissingInput, Source
 from lidarcli.pipeline.inspecting import inspect_log
 from tests.pipeline.folders import logs_apart
@@ -97,14 +96,6 @@ def test_what_is_no_log(tmp_path: Path) -> None:
 def test_standard_input_is_a_log() -> None:
     assert find_logs(["-"]) == [Source("-", "stdin")]
     assert Source("-", "stdin").label == "standard input"
-
-
-def test_clashing_outputs_are_refused() -> None:
-    sources = [Source("a/run.mcap", "run"), Source("b/run.bag", "run")]
-    with pytest.raises(OptionError) as caught:
-        refuse_clashes(sources)
-    assert str(caught.value) == "a/run.mcap and b/run.bag would both write run.*; run them apart with -o"
-    refuse_clashes([Source("a/run.mcap", "a/run"), Source("b/run.bag", "b/run")])
 
 
 @pytest.mark.slow

@@ -72,9 +72,6 @@ def columns(masks: Masks | None, raw: RawSweeps) -> set[int]:
     return found
 
 
-# Files.
-
-
 def test_what_a_file_means(tmp_path: Path) -> None:
     path = tmp_path / "robot.toml"
     path.write_text(
@@ -147,9 +144,6 @@ def test_whatever_is_wrong_is_one_line(text: str, says: str, tmp_path: Path) -> 
     assert isinstance(caught.value, UnreadableError if "TOML" in says else OptionError)
 
 
-# Sweeps.
-
-
 def test_masked_beams_are_on_nothing_and_stay_in_the_sums(tmp_path: Path) -> None:
     log = SAMPLES / "room.mcap"
     path = tmp_path / "robot.toml"
@@ -206,9 +200,6 @@ def _of_base(folder: Path) -> Path:
     path = folder / "base.toml"
     path.write_text(CIRCLE + "frame = 'base_link'\n")
     return path
-
-
-# Learning.
 
 
 def test_a_drive_tells_the_robot_from_what_is_around(drive: Scene, log: Path) -> None:

@@ -175,9 +175,6 @@ def test_an_error_in_a_thread_is_one_of_the_run(
     assert [thread.name for thread in threading.enumerate() if thread.name.startswith("detect")] == []
 
 
-# --- the end ----------------------------------------------------------------------------------------------
-
-
 @pytest.fixture(scope="module")
 def long_log(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Work for several seconds (with `--beams`), in a file that is quickly made and large enough for a process."""
@@ -267,9 +264,6 @@ def test_workers_end_with_their_parent(detect: Any, tmp_path: Path, writing: boo
         wait_until(lambda: len(list((tmp_path / "out").glob(".*.part"))) == 2, process)
     process.kill()
     wait_until(lambda: gone(pids))
-
-
-# --- when it pays -----------------------------------------------------------------------------------------
 
 
 def _none_wanted(*arguments: object) -> None:

@@ -76,9 +76,6 @@ def tracked(log: Path, poses: PoseOptions | None = None) -> Outcome:
     return Outcome(summary.notes, json.loads(described)["poses"]["laser"], path, agents)
 
 
-# --- poses that fit, as they are or corrected ---------------------------------------------------------------
-
-
 def moved(first: int, after: int, way: float) -> Float64:
     """The true poses, of which some are told elsewhere."""
     poses = TRUE.copy()
@@ -166,9 +163,6 @@ def test_a_second_static_transform_of_another_log_is_corrected(tmp_path: Path) -
     assert np.nanmax(away(run.path, round_about)) < 0.02
 
 
-# --- poses that contradict the sweeps -----------------------------------------------------------------------
-
-
 def of_two_robots() -> Any:
     """Transforms of two robots with the same frame names, 4 m apart, every 50 ms in turns."""
     poses = round_about(np.arange(2 * SWEEPS) * 0.05)
@@ -250,9 +244,6 @@ def test_poses_that_fit_half_of_the_time_do_not_spoil_the_matched_path(tmp_path:
     assert np.nanmax(away(run.path, round_about)) < 0.05
 
 
-# --- named poses --------------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("options", [PoseOptions("/odom"), PoseOptions(delay=0.0)])
 def test_named_poses_that_are_late_stay_late(tmp_path: Path, options: PoseOptions) -> None:
     late = told(TRUE, stamps() + QUARTER)
@@ -278,9 +269,6 @@ def test_a_delay_that_was_named_is_judged_and_taken(tmp_path: Path) -> None:
     assert path.chain is not None
     assert path.chain.correction is not None
     assert path.chain.correction.delay_ns == QUARTER
-
-
-# --- sensors without poses ----------------------------------------------------------------------------------
 
 
 def test_a_moving_sensor_without_poses_is_matched(tmp_path: Path) -> None:

@@ -12,7 +12,6 @@ from ruamel.yaml import YAML
 
 from tests.places import ROOT
 
-WORKFLOWS = ROOT / ".github" / "workflows"
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))
 
 

@@ -4,32 +4,10 @@ from __future__ import annotations
 
 import re
 
-from lidarcli import configfiles, maps
-from lidarcli.logs import base, batches, text, unpacking
-from lidarcli.logs import mcap_records as mcap
 from tests.places import ROOT
 from tools.fuzz import judge
 
 PAGE = (ROOT / "SECURITY.md").read_text("utf-8")
-
-
-def test_the_bounds_are_those_of_the_code() -> None:
-    rows = re.findall(r"^\| (.+?) \| (.+?) \|$", PAGE, re.MULTILINE)
-    small, ratio = unpacking.SMALL >> 20, unpacking.MAX_RATIO
-    assert dict(rows) == {
-        "what": "bound",
-        "what a compressed log unpacks to": f"{small} MiB, and {ratio:,} times what is packed",
-        "a compressed chunk of an MCAP, which is held as a whole": (
-            f"{small} MiB, and {unpacking.CHUNK_RATIO} times what is packed; never more than {mcap.MAX_CHUNK >> 30} GiB"
-        ),
-        "a message of a ROS bag": f"{base.MAX_MESSAGE >> 20} MiB",
-        "a line of a text log": f"{text.MAX_LINE >> 20} MiB",
-        "beams of a sweep; LaserScan topics of a log": f"{base.MAX_BEAMS:,}; {batches.MAX_TOPICS:,}",
-        "a scene, catalogue or other TOML file": f"{configfiles.MAX_BYTES:,} bytes, {configfiles.MAX_DEPTH} brackets deep",
-        "pixels of a map that is read": (
-            f"one for each byte of its image; at least {maps.MOST_PACKED_PIXELS:,}, at most {maps.MOST_PIXELS:,}"
-        ),
-    }
 
 
 def test_the_fuzzer_holds_what_is_promised() -> None:

@@ -28,93 +28,35 @@ def table(schema: pa.Schema, rows: Sequence[Mapping[str, Any]]) -> pa.Table:
     return pa.Table.from_arrays(columns, schema=schema)
 
 
+def at(index: int, **where: Any) -> dict[str, Any]:
+    """What every row of a sweep tells of it."""
+    return {"log": "run", "topic": "/scan", "sweep": index, "stamp": START + TENTH * index, **where}
+
+
 def sweep(index: int, objects: int = 0, **other: Any) -> dict[str, Any]:
     """A sweep of 100 beams, one of them lost, at 10 Hz."""
-    return {
-        "log": "run",
-        "topic": "/scan",
-        "frame_id": "laser",
-        "sweep": index,
-        "stamp": START + TENTH * index,
-        "beams": 100,
-        "valid": 99,
-        "no_return": 1,
-        "too_close": 0,
-        "invalid": 0,
-        "masked": 0,
-        "observed": True,
-        "d_mean": 0.5,
-        "d_th": 0.1,
-        "noise": 0.01,
-        "objects": objects,
-        "agents": 0,
-        "object_beams": 5 * objects,
-        "agent_beams": 0,
-        "noise_beams": 100 - 5 * objects,
-        **other,
-    }
+    status = {"valid": 99, "no_return": 1, "too_close": 0, "invalid": 0, "masked": 0, "observed": True}
+    beams = {"beams": 100, "object_beams": 5 * objects, "agent_beams": 0, "noise_beams": 100 - 5 * objects}
+    found = {"d_mean": 0.5, "d_th": 0.1, "noise": 0.01, "objects": objects, "agents": 0}
+    return at(index, frame_id="laser") | status | beams | found | other
 
 
 def thing(index: int, number: int, **other: Any) -> dict[str, Any]:
     """An object of sweep `index`: a box of 0.4 m, 2 m ahead."""
-    return {
-        "log": "run",
-        "topic": "/scan",
-        "frame_id": "laser",
-        "sweep": index,
-        "stamp": START + TENTH * index,
-        "object": number,
-        "set": "O",
-        "shape": "prismatic",
-        "visibility": "full",
-        "beam_i": 10 * number,
-        "beam_f": 10 * number + 4,
-        "beams": 5,
-        "theta_min": 0.0,
-        "r_min": 2.0,
-        "x": 2.0,
-        "y": 0.0,
-        "width": 0.4,
-        "box_x": 2.1,
-        "box_y": 0.0,
-        "box_length": 0.4,
-        "box_width": 0.2,
-        "box_yaw": 0.5,
-        "vertices": [],
-        "faces": [],
-        **other,
-    }
+    kind = {"object": number, "set": "O", "shape": "prismatic", "visibility": "full", "vertices": [], "faces": []}
+    beams = {"beam_i": 10 * number, "beam_f": 10 * number + 4, "beams": 5}
+    place = {"theta_min": 0.0, "r_min": 2.0, "x": 2.0, "y": 0.0, "width": 0.4}
+    box = {"box_x": 2.1, "box_y": 0.0, "box_length": 0.4, "box_width": 0.2, "box_yaw": 0.5}
+    return at(index, frame_id="laser") | kind | beams | place | box | other
 
 
 def track(number: int, first: int = 0, last: int = 9, **other: Any) -> dict[str, Any]:
     """A thing that stands still from one sweep to another: the box of `thing`."""
-    return {
-        "log": "run",
-        "topic": "/scan",
-        "frame_id": "laser",
-        "track": number,
-        "set": "O",
-        "shape": "prismatic",
-        "first_sweep": first,
-        "last_sweep": last,
-        "first_stamp": START + TENTH * first,
-        "last_stamp": START + TENTH * last,
-        "duration": (last - first) / 10,
-        "sweeps": last - first + 1,
-        "hidden": 0.0,
-        "x": 2.1,
-        "y": 0.0,
-        "yaw": 0.5,
-        "length": 0.4,
-        "width": 0.2,
-        "length_sd": 0.01,
-        "width_sd": 0.01,
-        "distance": 0.0,
-        "speed_mean": 0.0,
-        "speed_max": 0.0,
-        "end": "end of log",
-        **other,
-    }
+    kind = {"log": "run", "topic": "/scan", "frame_id": "laser", "track": number, "set": "O", "shape": "prismatic"}
+    span = {"first_sweep": first, "last_sweep": last, "sweeps": last - first + 1, "hidden": 0.0, "end": "end of log"}
+    span |= {"first_stamp": START + TENTH * first, "last_stamp": START + TENTH * last, "duration": (last - first) / 10}
+    box = {"x": 2.1, "y": 0.0, "yaw": 0.5, "length": 0.4, "width": 0.2, "length_sd": 0.01, "width_sd": 0.01}
+    return kind | span | box | {"distance": 0.0, "speed_mean": 0.0, "speed_max": 0.0} | other
 
 
 def run_of(
@@ -211,43 +153,21 @@ def write_run(
 
 def event(number: int, zone: str, kind: str = "occupied", begin: int = 0, last: int = 0, **other: Any) -> dict[str, Any]:
     """An event of a zone that lasts from one sweep to another, at 10 Hz."""
-    return {
-        "log": "run",
-        "topic": "/scan",
-        "frame_id": "laser",
-        "event": number,
-        "first_sweep": begin,
-        "last_sweep": last,
-        "sweeps": last - begin + 1,
-        "zone": zone,
-        "kind": kind,
-        "action": "stop",
+    what = {"log": "run", "topic": "/scan", "frame_id": "laser", "event": number, "zone": zone, "kind": kind}
+    span = {"first_sweep": begin, "last_sweep": last, "sweeps": last - begin + 1, "cut": False, "action": "stop"}
+    span |= {
         "start": START + TENTH * begin,
         "end": START + TENTH * last,
         "t": 0.1 * begin,
         "duration": 0.1 * (last - begin),
-        "cut": False,
-        **other,
     }
+    return what | span | other
 
 
 def watch(index: int, zone: str, points: int = 0, **other: Any) -> dict[str, Any]:
     """A zone in sweep `index`: in view, and free unless there are points."""
-    return {
-        "log": "run",
-        "topic": "/scan",
-        "sweep": index,
-        "stamp": START + TENTH * index,
-        "t": 0.1 * index,
-        "zone": zone,
-        "points": points,
-        "active": False,
-        "agents": 0,
-        "things": 0,
-        "masked": 0,
-        "observed": True,
-        **other,
-    }
+    counts = {"points": points, "agents": 0, "things": 0, "masked": 0, "active": False, "observed": True}
+    return at(index, t=0.1 * index, zone=zone) | counts | other
 
 
 def watched_of(events: Sequence[Mapping[str, Any]], zones: Sequence[Mapping[str, Any]]) -> ZoneRows:

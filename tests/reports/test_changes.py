@@ -83,9 +83,6 @@ def lines_of(text: str) -> list[str]:
     return [" ".join(line.split()) for line in text.splitlines()]
 
 
-# Figures.
-
-
 def test_runs_of_a_table() -> None:
     first, second = pairs_of(told())
     assert (first.title, second.title) == ("monday to tuesday", "tuesday to wednesday")
@@ -122,9 +119,6 @@ def test_without_metadata_the_rows_tell_the_runs() -> None:
     changed = changes_part([("c", told().replace_schema_metadata(None))])
     assert [one.title for one in changed.pairs] == ["monday to tuesday", "monday to wednesday"]
     assert changed.figures == FIGURES | {"overlap": None}
-
-
-# Reports.
 
 
 def test_a_report_on_changes_alone_in_every_format(tmp_path: Path) -> None:
@@ -287,9 +281,6 @@ def test_checks_see_only_a_part_of_damaged_runs(tmp_path: Path) -> None:
     assert report.exit_code == 3
     assert "tuesday.mcap: chunk 3: cut" in report.unseen[0]
     assert made(path).exit_code == 0
-
-
-# Pictures.
 
 
 def ground() -> Occupancy:

@@ -94,12 +94,6 @@ def test_every_reader_tells_open_from_unknown(path: Path) -> None:
     assert table["r_e"].is_infinite().sum() == 3
 
 
-def test_the_same_background_gives_the_same_bytes(path: Path, tmp_path: Path) -> None:
-    again = tmp_path / "again.parquet"
-    write_background(again, [sensor(topic="/front"), sensor(True)], METADATA)
-    assert again.read_bytes() == path.read_bytes()
-
-
 @pytest.mark.parametrize(
     ("content", "message"),
     [

@@ -69,13 +69,3 @@ def of(hits: str, **rules: int) -> list[tuple[int, int, bool]]:
     default = {"trigger": 1, "release": 1, "hold_ns": 0, "longest_gap_ns": NEVER}
     time_ns = np.arange(len(hits), dtype=np.int64) * 100_000_000
     return [tuple(each) for each in episodes(enough, time_ns, **(default | rules))]
-
-
-def test_a_gap_ends_it() -> None:
-    enough = np.ones(4, np.bool_)
-    time_ns = np.array([0, 1, 10, 11], np.int64)
-    assert episodes(enough, time_ns, trigger=1, release=1, hold_ns=100, longest_gap_ns=5) == [(0, 1, True), (2, 3, True)]
-
-
-def test_no_sweeps_have_no_episodes() -> None:
-    assert of("") == []

@@ -216,9 +216,6 @@ def test_sweeps_that_turn_the_other_way_and_change_their_beams(tmp_path: Path) -
     assert np.abs(few_points[::2] - all_points[::2] / 2).max() <= 1
 
 
-# Masks.
-
-
 def body(count: int = 30) -> RawSweeps:
     """A round room of 4 m, and a mast of the robot at 0.3 m behind."""
     ranges = np.full((count, 360), 4.0, np.float32)
@@ -405,9 +402,6 @@ def test_sweeps_without_beams_or_values(tmp_path: Path) -> None:
     assert (event["sweeps"], event["cut"]) == (5, True), "hold is 0.5 s"
 
 
-# --- several frames on one topic ----------------------------------------------------------------------------
-
-
 @pytest.mark.slow
 def test_two_frames_on_one_topic_are_two_sensors(tmp_path: Path) -> None:
     """What both see of a walker is one visit and one crossing, as on two topics, and only copies of agents change."""
@@ -429,9 +423,6 @@ def test_two_frames_on_one_topic_are_two_sensors(tmp_path: Path) -> None:
         )
     assert told["one"] == told["two"]
     assert told["one"][2][0] > 500
-
-
-# --- transforms ---------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(("turns", "until", "noted"), [(0.05, 20, True), (0.05, 95, False), (0.0, 20, False)])

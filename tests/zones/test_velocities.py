@@ -13,7 +13,6 @@ from lidarcli.ros.cursor import ENCAPSULATION, SHORT
 from tests.fake_log import FakeLog
 from tests.pose.pose_messages import SECOND, Maker, message
 
-TEXT = "std_msgs/msg/String"
 BOX = [(0.5, 0.25), (0.5, -0.25), (-0.5, -0.25), (-0.5, 0.25)]
 
 

@@ -92,9 +92,6 @@ def test_things_and_agents_count_alone_where_a_zone_asks_for_them(tmp_path: Path
     assert (always["first_sweep"], always["last_sweep"], always["cut"]) == (0, 69, True)
 
 
-# Driving.
-
-
 def driving(tmp_path: Path, sweeps: int = 120, **odometry: Any) -> tuple[Path, Float64]:
     """A robot that drives along the wall at y = 1.5 m, at 0.5 m/s from x = -3; and (S, 3) its poses."""
     path = Course(np.array([[-3.0, 0.0], [3.0, 0.0], [3.0, -5.0], [-3.0, -5.0]]), speed=0.5)

@@ -44,11 +44,6 @@ x = 0.2
 CIRCLE = '[[zone]]\nname = "a"\ncircle = { x = 0, y = 0, radius = 1 }\n'
 
 
-def read_text(folder: Path, text: str) -> tuple[Zone, ...]:
-    (folder / "z.toml").write_text(text)
-    return read_zones([str(folder / "z.toml")]).zones
-
-
 def test_every_key_is_read(tmp_path: Path) -> None:
     (tmp_path / "z.toml").write_text(FULL)
     read = read_zones([str(tmp_path / "z.toml")])

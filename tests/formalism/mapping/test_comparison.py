@@ -55,29 +55,6 @@ def assert_alike(one: Comparison, other: Comparison) -> None:
         assert getattr(one, name) == pytest.approx(getattr(other, name), nan_ok=True), name
 
 
-@pytest.mark.parametrize(
-    ("column", "row", "is_right"),
-    [(1, 0, True), (-1, 0, True), (0, 1, True), (1, -1, True), (2, 0, False), (0, -2, False), (2, 1, False)],
-)
-def test_a_cell_beside_is_right_and_the_next_one_is_not(column: int, row: int, is_right: bool) -> None:
-    # Cells of a wall would have neighbours: these are far apart.
-    values = np.full((50, 50), FREE, np.int8)
-    values[5::10, 5::10] = OCCUPIED
-    told = compare(grid(values, column, row), grid(values))
-    share = float(is_right)
-    assert_alike(told, Comparison(25, 25, share, share, share))
-
-
-def test_precision_and_recall_are_of_the_one_and_the_other() -> None:
-    true = marked((10, 10), (20, 20), (30, 30), (40, 40))
-    found = marked((10, 11), (21, 19), (50, 5))
-    told = compare(found, true)
-    assert (told.cells, told.true_cells) == (3, 4)
-    assert told.precision == pytest.approx(2 / 3)
-    assert told.recall == 0.5
-    assert told.f1 == pytest.approx(2 * (2 / 3) * 0.5 / (2 / 3 + 0.5))
-
-
 @pytest.mark.parametrize("share", [0.002, 0.02, 0.3])
 @pytest.mark.parametrize("seed", range(4))
 def test_it_agrees_with_every_pair(seed: int, share: float) -> None:

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from lidarcli.formalism.mapping.grid import (
     BLOCK,
@@ -20,7 +19,6 @@ from lidarcli.formalism.mapping.grid import (
     TooLargeError,
     placed,
 )
-from lidarcli.sweeps import Float64
 from tests.formalism.mapping.seen import (
     MOST,
     RESOLUTION,
@@ -136,29 +134,3 @@ def test_what_is_occupied_free_and_unknown() -> None:
     assert (grid.resolution, grid.frame_id) == (0.5, "odom")
     assert (grid.occupied, grid.free) == (3, 4)
     assert grid.cells.dtype == np.int8
-
-
-def test_a_room_of_four_walls() -> None:
-    # 3 by 2 m, seen from three places: its walls are occupied, its inside is free, the outside unknown.
-    poses = poses_at((0.513, 0.487, 0.0), (2.411, 1.533, 1.0), (1.207, 0.911, 2.5))
-    bearing = np.linspace(-np.pi, np.pi, 721)[:-1]
-    ranges = np.array([_to_walls(x, y, yaw + bearing) for x, y, yaw in zip(poses.x, poses.y, poses.yaw, strict=True)])
-    beams = beams_of(ranges, poses, angle_min=-np.pi, angle_increment=2 * np.pi / 720)
-    grid = counted(beams).occupancy(1, 0.3, "map")
-    row, column = np.indices(grid.cells.shape)
-    x, y = grid.x + (column + 0.5) * RESOLUTION, grid.y + (row + 0.5) * RESOLUTION
-    outside = np.maximum(np.maximum(-x, x - 3.0), np.maximum(-y, y - 2.0))
-    assert (grid.cells[outside < -RESOLUTION] == FREE).all()
-    assert (grid.cells[outside > RESOLUTION] == UNKNOWN).all()
-    wall = grid.cells == OCCUPIED
-    assert np.abs(outside[wall]).max() < RESOLUTION
-    assert wall.sum() > 0.9 * 2 * (3.0 + 2.0) / RESOLUTION
-
-
-def _to_walls(x: float, y: float, bearing: Float64) -> NDArray[np.float64]:
-    """(B,) how far it is to the walls of the room of 3 x 2 m."""
-    cos, sin = np.cos(bearing), np.sin(bearing)
-    with np.errstate(divide="ignore"):
-        along = np.where(cos > 0, 3.0 - x, x) / np.abs(cos)
-        across = np.where(sin > 0, 2.0 - y, y) / np.abs(sin)
-    return np.minimum(along, across)

@@ -140,9 +140,6 @@ def test_sweeps_far_away_and_many_stops_take_no_memory() -> None:
     assert len(np.unique(worlds[worlds >= 0])) == len(known._grounds) <= places.MOST_STOPS
 
 
-# --- the lines of a map -----------------------------------------------------------------------------------
-
-
 def drawn(*parts: tuple[slice, slice]) -> tuple[Any, Any]:
     """Hits and passes of a map of 8 x 8 m, free but for these parts."""
     hits = np.zeros((80, 80), np.int32)
@@ -175,9 +172,6 @@ def test_what_stands_by_itself_on_a_line_is_spared() -> None:
     assert not on_lines(hits, passes)[hits > 0].any()
     # Where nobody looked around them they are strips of a wall.
     assert on_lines(hits, np.zeros_like(passes))[hits > 0].all()
-
-
-# --- compiled and not -------------------------------------------------------------------------------------
 
 
 def plain(name: str) -> ModuleType:

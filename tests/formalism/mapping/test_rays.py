@@ -12,7 +12,7 @@ import pytest
 from lidarcli import native
 from lidarcli.formalism.mapping import grid, rays
 from lidarcli.formalism.mapping.grid import SKIPPED, placed
-from tests.formalism.mapping.seen import beams_of, cells_of, counted, ends_of, poses_at, random_sweeps, told
+from tests.formalism.mapping.seen import cells_of, counted, ends_of, random_sweeps, told
 
 SEEDS = range(12)
 
@@ -49,18 +49,6 @@ def test_hits_and_passes_are_those_of_sets_of_cells(seed: int) -> None:
     # A cell counts once in a sweep: as hit, or else as passed.
     assert sum(hits.values()) > 50 < sum(passes.values())
     assert int((counts.hits + counts.passes).max()) <= len(batch)
-
-
-def test_a_row_of_cells_by_hand() -> None:
-    # Along x through the middle of a row: from cell 2 to cell 6, ahead and back.
-    ahead = beams_of([[0.2]], poses_at((0.125, 0.025, 0.0)), angle_min=0.0)
-    hits, passes = told(counted(ahead))
-    assert hits == {(6, 0): 1}
-    assert passes == {(column, 0): 1 for column in (2, 3, 4, 5)}
-    back = beams_of([[0.2]], poses_at((0.125, 0.025, np.pi)), angle_min=0.0)
-    hits, passes = told(counted(back))
-    assert hits == {(-2, 0): 1}
-    assert passes == {(column, 0): 1 for column in (2, 1, 0, -1)}
 
 
 @pytest.mark.skipif(rays.__file__.endswith(".py"), reason="the core was not compiled")

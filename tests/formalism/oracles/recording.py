@@ -30,7 +30,7 @@ STEPS: tuple[tuple[ModuleType, str], ...] = (
     (surfaces, "find_faces"),
     (objects, "find_protrusions"),
     (objects, "divide"),
-    (surfaces, "measure_reach"),
+    (surfaces, "measure_extent"),
     (surfaces, "mark_vertices"),
     (objects, "pieces"),
     (objects, "fully_visible"),

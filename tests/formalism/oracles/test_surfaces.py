@@ -220,7 +220,7 @@ def seen_of(one: Recorded, step: str) -> list[surfaces.Seen]:
         surfaces.Seen(
             size=segment.size,
             chord=state.survey.chord[j],
-            reach=state.survey.reach[j],
+            reach=state.survey.extent[j],
             edges=(EDGES[segment.start_edge], EDGES[segment.end_edge]),
             is_protrusion=bool(state.survey.protrusion[j]),
             faces=plain_faces(state, j),
@@ -231,7 +231,7 @@ def seen_of(one: Recorded, step: str) -> list[surfaces.Seen]:
 
 def test_how_far_segments_reach() -> None:
     for one in recordings():
-        state = one.after["surfaces.measure_reach"]
+        state = one.after["surfaces.measure_extent"]
         for j, segment in enumerate(state.segments):
             faces = plain_faces(state, j)
             if len(one.after["objects.find_protrusions"].segments) != len(state.segments):
@@ -239,7 +239,7 @@ def test_how_far_segments_reach() -> None:
                 continue
             inner = [face.last for face in faces[:-1]]
             expected = surfaces.farthest_vertex(places_of(state, segment), inner)
-            assert state.survey.reach[j] == pytest.approx(expected, abs=1e-9)
+            assert state.survey.extent[j] == pytest.approx(expected, abs=1e-9)
 
 
 def test_walls_by_their_extent() -> None:
@@ -265,7 +265,7 @@ def test_torn_things_are_one_body() -> None:
                 assert state.bodies.label[j] == min(body.members)
                 assert state.bodies.parts[j] == len(body.members)
                 assert state.bodies.size[j] == body.size
-                assert state.bodies.reach[j] == pytest.approx(body.reach, abs=1e-9)
+                assert state.bodies.extent[j] == pytest.approx(body.reach, abs=1e-9)
                 assert (EDGES[state.bodies.start_edge[j]], EDGES[state.bodies.end_edge[j]]) == body.edges
             joined += len(body.members) > 1
     assert joined > 20

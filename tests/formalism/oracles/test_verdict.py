@@ -35,7 +35,7 @@ def test_bodies_are_what_may_be_a_thing() -> None:
         state = one.after["features.measure"]
         for j in range(len(state.segments)):
             may = state.survey.candidate[j] and state.bodies.size[j] >= ROBUST.min_beams
-            may = may and state.bodies.reach[j] <= ROBUST.max_width
+            may = may and state.bodies.extent[j] <= ROBUST.max_width
             assert (state.features.body[j] >= 0) == bool(may)
         for k, members in bodies_of(state):
             assert len(members) == state.bodies.parts[members[0]]

@@ -14,7 +14,7 @@ from lidarcli.simulation import scene as make
 from lidarcli.simulation.route import Waypoint, plan_route
 from lidarcli.simulation.scene import Course, Entity, Motion, super_ellipse
 from lidarcli.sweeps import TURN
-from tests.formalism.tracking.following import SENSOR, GivenPaths, assert_sums, follow, scene_of, simulated
+from tests.formalism.tracking.following import SENSOR, TrackedLog, assert_sums, follow, scene_of, simulated
 
 CORNER = make.wall([[0.8, 4.0], [0.8, 2.6], [1.4, 2.6], [1.4, 4.0]])
 ROUND_TRIP = Course(super_ellipse(2.6, 1.9, 2.5, points=36_000), speed=0.7)
@@ -39,13 +39,13 @@ def on_route(*waypoints: tuple[float, float, float]) -> Motion:
     return Motion(route=plan_route(points, turn_rate=TURN, corner_radius=0.5), ahead=False)
 
 
-def rows_of(told: GivenPaths, number: int) -> dict[str, np.ndarray]:
+def rows_of(told: TrackedLog, number: int) -> dict[str, np.ndarray]:
     """The rows of a track."""
     at = told.of(number)
     return {name: values[at] for name, values in told.columns.items() if len(values) == len(at)} | {"sweep": told.row[at]}
 
 
-def main_agent(told: GivenPaths) -> int:
+def main_agent(told: TrackedLog) -> int:
     """The only thing that moves."""
     assert len(told.agents) == 1, told.agents
     return int(told.agents[0])
@@ -170,7 +170,7 @@ def test_a_person_on_two_legs_is_one_track() -> None:
     assert np.median(rows["vx"][middle]) == pytest.approx(0.8, abs=0.1)
 
 
-def passing_persons() -> GivenPaths:
+def passing_persons() -> TrackedLog:
     """Two persons who pass each other."""
     one = make.person(-3.0, 2.6, motion=on_route((-3.0, 2.6, 0.0), (3.0, 2.6, 0.0)))
     other = make.person(3.0, 1.4, motion=on_route((3.0, 1.4, 0.0), (-3.0, 1.4, 0.0)))

@@ -9,15 +9,13 @@ import pytest
 
 from lidarcli.formalism.detection import AGENT
 from lidarcli.formalism.tracking.results import ENDS
-from lidarcli.simulation.scene import Sensor
-from tests.formalism.tracking.following import GivenPaths, follow, moving_log, repeated
+from tests.formalism.tracking.following import TrackedLog, follow, moving_log, repeated
 
 LOGS = (("room", False), ("hall", True), ("crossing", False), ("people", False))
-PARTIAL = Sensor(beams=541, angle_min=-2.35, angle_increment=4.7 / 540, noise=0.01, mixed_pixels=0.2)
 
 
 @cache
-def told_of(kind: str, driving: bool) -> GivenPaths:
+def told_of(kind: str, driving: bool) -> TrackedLog:
     """A log of four windows."""
     return follow(repeated(moving_log(kind, 5, driving=driving), 3))  # type: ignore[arg-type]
 

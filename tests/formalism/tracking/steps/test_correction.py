@@ -11,7 +11,7 @@ from lidarcli.formalism.tracking import kalman, tracker
 from lidarcli.simulation import scene as make
 from lidarcli.simulation.scene import Course, Mount, super_ellipse
 from lidarcli.sweeps import TURN, SweepBatch, SweepPoses
-from tests.formalism.tracking.following import SENSOR, GivenPaths, follow, scene_of, simulated
+from tests.formalism.tracking.following import SENSOR, TrackedLog, follow, scene_of, simulated
 
 PARKED_WORLD = (
     make.box(1.5, 0.3, 0.6, 0.4, 0.4),
@@ -26,7 +26,7 @@ SWEEPS = 260
 
 def driven(mount: Mount, delay: float) -> SweepBatch:
     """A drive around; the log tells poses too late, and of the robot instead of the sensor."""
-    sensor = replace(SENSOR, beams=360, angle_increment=TURN / 360, noise=0.005)
+    sensor = replace(SENSOR, beams=180, angle_increment=TURN / 180, noise=0.005)
     # Fine enough that the heading does not come in steps.
     path = Course(super_ellipse(3.0, 2.2, 2.5, points=36_000), speed=0.8)
     scene = replace(scene_of(*PARKED_WORLD, path=path, sensor=sensor), mount=mount)
@@ -35,7 +35,7 @@ def driven(mount: Mount, delay: float) -> SweepBatch:
     return replace(batch, poses=SweepPoses(told[:, 0], told[:, 1], np.unwrap(told[:, 2]), np.zeros(SWEEPS, np.bool_)))
 
 
-def value_of(told: GivenPaths) -> list[float]:
+def value_of(told: TrackedLog) -> list[float]:
     return list(told.tracker._sensors[0].tracker.pose_error.value)
 
 

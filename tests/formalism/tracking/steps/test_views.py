@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from lidarcli.formalism.detection import SHAPES
 from lidarcli.formalism.tracking import measurement
 from lidarcli.formalism.tracking.measurement import Measurements
 from lidarcli.simulation import scene as make
@@ -20,7 +19,6 @@ ROOM = make.wall([[-6, -6], [6, -6], [6, 6], [-6, 6], [-6, -6]])
 RADIUS = 0.25
 PLACES = ((2.5, 0.6), (0.5, 2.4), (0.3, -2.6), (-1.5, 1.9))
 """Where columns stand; all but the last also where a sensor looks that sees no full turn."""
-IRREGULAR = SHAPES.index("irregular")
 THINGS = tuple(make.cylinder(x, y, RADIUS) for x, y in PLACES)
 DRIVES = {
     "ahead": Drive((0.1, -0.2, 0.0), (1.0, 0.0, 0.0)),
