@@ -256,6 +256,7 @@ def test_bad_poses_are_noted_and_do_not_end_the_run() -> None:
 def test_no_pass_without_poses_on_a_pipe_or_unasked() -> None:
     plain, pipe = PosesLog(), PosesLog([odometry(START, "odom", "laser", (0, 0, 0))], size=None)
     unasked = PosesLog([odometry(START, "odom", "laser", (0, 0, 0))])
+    pipe.format = "mcap"
     assert posing_of(plain).notes() == []
     assert posing_of(plain).attach(batch_of()).poses is None
     assert posing_of(unasked, NO_POSES).notes() == []
