@@ -48,8 +48,10 @@ ALIGN = ("auto", "as-is", "search")
 """Ways to lay one run on another; the first by default."""
 CHANGE_KINDS = ("thing", "structure")
 CHANGE_STATUSES = ("known", "moved", "new", "gone", "uncertain")
-CHANGE_WHYS = ("hidden", "out of view", "no free space", "short", "ambiguous")
+CHANGE_WHYS = ("hidden", "out of view", "no free space", "short", "ambiguous", "poses")
 """Kinds of changes from run to run, their statuses, and the reasons for which nobody can tell."""
+MAP_STATES = ("fits", "off", "lost", "unknown")
+"""States of a path on a map: it fits, would fit elsewhere, fits nowhere near, or nothing tells."""
 LEAST_SCORE = 0.8
 """Least probability of the status of a change, by default."""
 BEAM_ORDERS = ("auto", "forward", "reverse", "once")

@@ -21,8 +21,8 @@ FixKind = Literal["option", "transform", "mask", "mount"]
 
 IDS = (
     *("geometry", "units", "limits", "no_return", "too_close", "gaps", "clock", "rolling", "duplicate"),
-    *("observed", "frames", "steps", "delay", "pose_fit", "mirror", "stamp", "mount", "lasers", "body"),
-    "flicker",
+    *("observed", "frames", "drift", "delay", "mirror", "stamp", "mount", "lasers", "body"),
+    *("flicker", "lost"),
 )
 """Identifiers of findings, in the order of docs/info.md."""
 DEEP_IDS = ("mirror", "stamp", "lasers", "body", "flicker")
@@ -189,8 +189,6 @@ SAME_TOPIC = 0.5
 """Share of the sweeps of a topic that another one has, too."""
 MIRRORED = -0.5
 """Correlation of told turns with those seen."""
-FEWER = 0.3
-"""Share of cells that the matched path fills less."""
 STAMP_OFF = 0.15
 """Greatest distance of the delay from half or all of the time of a sweep, as a share of this."""
 LEAST_TURN = math.radians(120.0)
@@ -515,16 +513,6 @@ STAMP = Rule(
     "delay sd_delay duration",
     {"share": STAMP_OFF, "deviations": DEVIATIONS},
     "--pose-delay {0.mends:.3f}",
-)
-PATH_FIT = Rule(
-    "pose_fit",
-    "warning",
-    lambda s: s.cells_matched <= (1.0 - FEWER) * s.cells_told,
-    "{name}: the path that is matched from the sweeps fills {0.share:.0%} fewer cells than that of {0.source}: its poses "
-    "are wrong",
-    "cells_told cells_matched fewer",
-    {"fewer": FEWER},
-    "--pose match",
 )
 LASERS = Rule("lasers", "warning", lambda s: s.is_told, _SITS + "tf says {0.told_shown}", "*evidence", _ASKEW)
 LASERS_UNTOLD = Rule("lasers", "hint", lambda s: not s.is_told, _SITS + "nothing in the log tells so", "*evidence", _ASKEW)

@@ -601,6 +601,11 @@ class Inspecting(_Topic, Joining, Poses, Ranges, total=False):
         Option(FINDINGS, None, False),
         "Also find what takes a second reading: mounts, the robot itself, flicker (docs/info.md).",
     ]
+    map: Annotated[
+        AnyPath | None,
+        Option(FINDINGS, File("FILE.yaml"), shown="none"),
+        "Also find where the path of the sensor is off this map, or lost (docs/poses.md).",
+    ]
 
 
 class Plotting(Joining, Poses, Delay, Objects, Ranges, total=False):

@@ -115,20 +115,20 @@ def imported(path: Path) -> set[str]:
 
 
 LINES = {
-    "cli": 2_850,
-    "formalism": 15_210,
-    "logs": 11_390,
+    "cli": 2_905,
+    "formalism": 15_715,
+    "logs": 11_395,
     "overlays": 1_155,
-    "pipeline": 14_700,
-    "pose": 2_640,
-    "reports": 6_795,
+    "pipeline": 15_330,
+    "pose": 2_740,
+    "reports": 6_805,
     "ros": 315,
     "simulation": 2_340,
-    "tabular": 2_000,
+    "tabular": 2_020,
     "lidarcli": 6_110,
 }
 """Most lines of Python of each room, and of the files beside them: lower them as code goes; who raises one says why."""
-MOST_FILES = 186
+MOST_FILES = 190
 
 
 def test_imports_run_one_way() -> None:

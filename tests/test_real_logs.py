@@ -145,7 +145,9 @@ def test_a_folder_of_logs_is_read_in_spite_of_the_bad_ones(tmp_path: Path, capsy
 def test_what_stands_is_where_it_was_seen(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """A strip that was seen 97 times once lay 0.83 m beside all of its sightings: learning the poses carried it away."""
     log = REAL_LOGS / "comprobo24/test-bag"
-    assert run(["-q", "track", str(log), "--topic", "/scan", "-o", str(tmp_path)]) == 0, capsys.readouterr()
+    assert run(["-q", "track", str(log), "--topic", "/scan", "--pose", "match", "-o", str(tmp_path)]) == 0, (
+        capsys.readouterr()
+    )
     tracks, objects = (pq.read_table(tmp_path / f"test-bag.{kind}.parquet").to_pandas() for kind in ("tracks", "objects"))
     often = tracks[(tracks["set"] == "O") & (tracks["sweeps"] >= 30) & (tracks["shape"] != "legged")]
     assert len(often) >= 5

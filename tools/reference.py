@@ -197,7 +197,7 @@ def tables_page() -> str:
         "## poses",
         "",
         "Written by `poses -o FILE.parquet` ([poses.md](poses.md)). One row per sweep whose pose is known, in the order of "
-        "the log.",
+        "the log; the columns `map_...` tell with `--map` whether the path fits the map.",
         "",
         *_schema(POSES),
         "## truth",

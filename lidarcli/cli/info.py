@@ -3,6 +3,7 @@
 import json
 import math
 from collections.abc import Sequence
+from os import fspath
 from typing import TYPE_CHECKING, Annotated, Any
 
 import click
@@ -53,6 +54,7 @@ class InfoCommand(ManyLogs, TextOrJson, Overwrite, Inspecting, total=False):
   lidarcli info run.bag --mask auto -o robot.toml
   lidarcli info run.bag --topic /scan --deep -o robot.toml -o filter.yaml
   lidarcli info bags/ --check "findings.errors == 0"
+  lidarcli info bags/ --map site.yaml --check "findings.lost == 0"
   lidarcli info empty.background.parquet
   lidarcli info --help-all""",
     rules=[
@@ -69,7 +71,7 @@ def info(messages: Messages, options: InfoCommand) -> int:
     its sensors, stations, beams and origin. JSON is a list with one object per LOG.
     """
     kind, brief = options["format"], options["brief"]
-    deep, outputs = options["deep"], options["output"]
+    deep, outputs, site = options["deep"], options["output"], (options["map"] and fspath(options["map"])) or None
     read, opening, poses = log_options(options)
 
     from lidarcli.errors import CHECK_FAILED, UnreadableError
@@ -78,7 +80,7 @@ def info(messages: Messages, options: InfoCommand) -> int:
     from lidarcli.pipeline.inspecting import FIXES, LogInfo, fix_text, inspect_logs, judge_checks, understand_checks
     from lidarcli.pipeline.runs.over_logs import Failure, exit_code
 
-    checks = understand_checks(options["check"], deep)
+    checks = understand_checks(options["check"], deep, site is not None)
     paths = [place(name) for name in outputs]
     if odd := [name for name, path in zip(outputs, paths, strict=True) if path.suffix not in FIXES]:
         raise click.UsageError(f"-o {odd[0]}: the suffix is none of {', '.join(FIXES)}")
@@ -92,7 +94,9 @@ def info(messages: Messages, options: InfoCommand) -> int:
     infos: list[LogInfo | Learned] = []
     codes = []
     with progress_bar(sources, messages) as report:
-        for source, result in inspect_logs(sources, opening, read.rules, poses, report, deep, read.topics):
+        for source, result in inspect_logs(
+            sources, opening, read.rules, poses, report, deep, read.topics, site and fspath(site)
+        ):
             codes.append(_report(messages, source.label, result))
             if isinstance(result, Failure):
                 continue

@@ -17,8 +17,9 @@ from lidarcli.cli.messages import (
     standard_output,
 )
 from lidarcli.display import counted
-from lidarcli.option_forms import Argument, File, Option, Rule, options_of
+from lidarcli.option_forms import Argument, File, Option, Rule, Text, options_of
 from lidarcli.options import (
+    GATES,
     INPUT,
     OUTPUT,
     OVERLAY_RULES,
@@ -37,10 +38,12 @@ from lidarcli.options import (
     TextOrJson,
     output,
 )
-from lidarcli.stores import place
+from lidarcli.stores import Place, place
 
 if TYPE_CHECKING:
+    from lidarcli.pipeline.inputs.sources import Source
     from lidarcli.pipeline.mapping import Mapped
+    from lidarcli.pipeline.trajectories import PathOptions
 
 
 class ExportCommand(Overwrite, Exporting, total=False):
@@ -85,7 +88,24 @@ def export(messages: Messages, options: ExportCommand) -> int:
 
 class PosesCommand(OneLog, Reported, Reading, total=False):
     output: Annotated[
-        str, output("FILE"), "File to write: .tum or .txt (lines of timestamp x y z qx qy qz qw), or .parquet."
+        str | None,
+        output("FILE", shown="none, with --map"),
+        "File to write: .tum or .txt (lines of timestamp x y z qx qy qz qw), .parquet, with --map also .png (picture).",
+    ]
+    map: Annotated[
+        str | None,
+        Option(GATES, File("FILE.yaml"), shown="none"),
+        "Map of map_server: also tell when the path was off it, or the robot lost (docs/poses.md).",
+    ]
+    relocate: Annotated[
+        bool,
+        Option(OUTPUT, None, False),
+        "Write poses that are off as the map corrects them, and leave out those of a lost robot.",
+    ]
+    check: Annotated[
+        tuple[str, ...],
+        Option(GATES, Text("EXPR", has_blanks=True), (), shown="none", several=True),
+        "Condition that must hold, else the exit code is 1; may be repeated: lost == 0 (docs/poses.md).",
     ]
 
 
@@ -96,20 +116,55 @@ class PosesCommand(OneLog, Reported, Reading, total=False):
   lidarcli poses run.mcap -o odometry.tum --pose /odom
   lidarcli poses scans.csv -o scans.tum --pose match
   lidarcli poses run.bag -o run.poses.parquet
+  lidarcli poses run.mcap --map site.yaml --check "lost == 0"
+  lidarcli poses run.mcap --map site.yaml --relocate -o corrected.tum
   evo_traj tum run.tum --plot""",
+    rules=[Rule(("relocate", "check"), ("map",), "is for --map FILE.yaml", needs=True)],
 )
 def poses(messages: Messages, options: PosesCommand) -> int:
-    """Write where the sensor was at each sweep, as evo reads it."""
+    """Write where the sensor was at each sweep, as evo reads it.
+
+    With --map: was the robot lost? Second by second, how many beams the map explains, and
+    the correction of the pose that explains more.
+    """
     logs = log_options(options)
 
     from lidarcli.pipeline.inputs.search import one_log
     from lidarcli.pipeline.trajectories import PathOptions, refuse_path, write_path
 
     messages.begin(options)
-    source, path = one_log(options["log"], options["join"]), place(options["output"])
+    source, path = one_log(options["log"], options["join"]), place(options["output"]) if options["output"] else None
     parsed = PathOptions(*logs, options["overwrite"], options["stamps"])
+    if (site := options["map"]) is not None:
+        return _localise(messages, source, path, parsed, options, site)
+    if path is None:
+        raise click.UsageError("Missing option '-o' / '--output': where to write the path, or --map to judge it.")
     refuse_path(path, source, parsed)
     return of_one_log(messages, source, lambda one, progress: write_path(one, path, parsed, progress))
+
+
+def _localise(
+    messages: Messages, source: "Source", path: "Place | None", parsed: "PathOptions", options: PosesCommand, file: str
+) -> int:
+    """Judge the path of a log by a map."""
+    from lidarcli.pipeline.localising import LocalisedPath, localise, parse_checks, read_site, refuse_judged
+
+    with usage_errors():
+        checks = parse_checks(options["check"])
+        if options["relocate"] and path is None:
+            raise click.UsageError("--relocate writes the corrected path: name its file with -o")
+    if path is not None:
+        refuse_judged(path, source, parsed, file)
+    site = read_site(file)
+
+    def shown(run: LocalisedPath) -> list[str]:
+        for verdict in run.verdicts:
+            if not verdict.holds:
+                messages.error(f"check failed: {verdict.failure}")
+        return run.lines
+
+    relocate = options["relocate"]
+    return of_one_log(messages, source, lambda one, bar: localise(one, path, parsed, site, relocate, checks, bar), shown)
 
 
 class SimulateCommand(Overwrite, Simulating, total=False):

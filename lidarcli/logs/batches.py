@@ -8,6 +8,7 @@ from contextlib import closing
 from dataclasses import dataclass, field, replace
 from itertools import chain
 from numbers import Integral
+from time import monotonic
 
 import numpy as np
 
@@ -23,6 +24,8 @@ from lidarcli.sweeps import Bool, Int64, RawSweeps, SweepBatch, concatenate
 from lidarcli.times import Instant, as_time
 
 MOST_EVERY = 1_000_000
+LATENCY = 0.25
+"""Sweeps of a pipe, once their rules for ranges are known, wait no longer for their batch [s]."""
 BATCH_VALUES = 3 << 17
 """Most ranges of one batch, padding included: its arrays should stay in the caches, and more take more memory."""
 
@@ -101,6 +104,7 @@ class LogBatcher:
         self._batchers: dict[str, _TopicBatcher] = {}
         self._copies: dict[tuple[str, str], LogStats] = {}
         self._compares = choice.is_listed and len(choice.chosen) > 1
+        self._passed_on = monotonic()
         self._beyond: Counter[str] = Counter()
 
     def batches(self) -> Iterator[SweepBatch]:
@@ -119,6 +123,10 @@ class LogBatcher:
         self._batchers.setdefault(block.topic, _TopicBatcher(self._options, self._doubts))
         for sweeps, rules in self._detector.take(block):
             yield from self._judged(sweeps, rules)
+        if self._log.size is None and monotonic() - self._passed_on > LATENCY:
+            for topic in self._batchers.values():
+                yield from topic.batches(final=True)
+            self._passed_on = monotonic()
 
     def flush(self) -> Iterator[SweepBatch]:
         """Yield the batches that are left."""

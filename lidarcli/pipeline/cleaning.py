@@ -30,7 +30,7 @@ from lidarcli.masks import Polygon
 from lidarcli.newfiles import NewFiles, refuse, refuse_nameless, writing
 from lidarcli.pipeline.detecting import detect_to_temporary, second_half
 from lidarcli.pipeline.inputs.sources import Source, open_source
-from lidarcli.pipeline.inputs.tables import TableSet, world_in
+from lidarcli.pipeline.inputs.tables import TableSet, contradicted, world_in
 from lidarcli.pipeline.objects.detection import DetectOptions
 from lidarcli.pipeline.reading.one_log import Progress, RunSummary, damage_lines, rules_of
 from lidarcli.pipeline.reading.posing import NO_POSES, NONE, Need, PoseAttacher
@@ -248,8 +248,8 @@ def _refuse_motion(
 ) -> None:
     """Refuse a log if it is not known where its sensor was while it moved; topics in `blind` have no ranges."""
     for frame, source in described.get("poses", {}).items():
-        for topic, verdict in source.get("pose_verdict", {}).items():
-            if verdict == "rejected" and world_in(source, topic) not in ("", MATCH):
+        for topic in contradicted(source):
+            if world_in(source, topic) not in ("", MATCH):
                 raise UnreadableError(
                     f"the poses of {frame or 'the sensor'} contradict the sweeps of {topic}; nothing written; "
                     "give other poses (--pose TOPIC, --poses FILE)"

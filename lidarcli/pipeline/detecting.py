@@ -57,6 +57,10 @@ def detect_to_files(source: Source, folder: Place, options: DetectOptions, progr
     return summary
 
 
+LINES = ("ndjson", "csv")
+"""Formats of streams that are read line by line: rows of a pipe are written as its sweeps come."""
+
+
 def _detect_log(
     source: Source,
     reading: Reading,
@@ -109,13 +113,20 @@ def second_half(progress: Progress | None, size: int) -> Progress | None:
 
 
 def detect_to_sinks(
-    source: Source, sinks: Mapping[str, RowSink], options: DetectOptions, progress: Progress | None = None
+    source: Source,
+    sinks: Mapping[str, RowSink],
+    options: DetectOptions,
+    progress: Progress | None = None,
+    at_once: bool = False,
 ) -> tuple[RunSummary, dict[str, Any]]:
-    """Pass the rows of one log to the sinks of their tables; returns the counts and the description of the source."""
+    """Pass the rows of one log to the sinks of their tables; returns the counts and the description of the source.
+
+    `at_once`: those of a pipe come in its order, and not by topic.
+    """
     with (
         open_source(source, options.opening) as log,
         Reading(log, options.read, options.poses, options.need) as reading,
-        TopicOrder(sinks, reading.first, stamps=options.stamps) as order,
+        TopicOrder(sinks, reading.first, stamps=options.stamps, at_once=at_once and reading.is_pipe) as order,
     ):
         _detect_log(source, reading, reading.batches(progress), order, options, tuple(sinks))
         for table in sinks:
@@ -155,7 +166,7 @@ def detect_stream(
         stream = FORMATS[kind](guard, in_unit(OBJECTS, options.stamps), table_metadata(parameters))
 
         def work(log: Source, *, progress: Progress | None = None) -> RunSummary:
-            summary, origin = detect_to_sinks(log, {"objects": stream}, options, progress)
+            summary, origin = detect_to_sinks(log, {"objects": stream}, options, progress, kind in LINES)
             described.append(origin)
             damage.extend(summary.damage)
             summary.notes += stream.notes()

@@ -7,6 +7,7 @@ import math
 import zlib
 from collections import Counter
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -36,11 +37,15 @@ from lidarcli.formalism.matching import alignment
 from lidarcli.formalism.matching.differences import (
     BESIDE,
     GONE,
+    HIDDEN,
     MOST_CHANGES,
     MOVED,
     NEW,
+    OUT_OF_VIEW,
+    POSES,
     SAME_PLACE,
     STRUCTURE,
+    UNCERTAIN,
     Change,
     Compared,
     Run,
@@ -125,6 +130,12 @@ class RunThings:
     is_short: bool = False
     """True if nothing could be seen in it for as long as a thing has to stand."""
     source: dict[str, Any] = field(default_factory=dict)
+    before: Ground | None = None
+    """The ground by the poses as told, where a map corrects them, …"""
+    unsure: int = 0
+    """… number of the things, the last ones, that only a lost robot saw, …"""
+    poses: list[str] = field(default_factory=list)
+    """… and notes on that."""
     notes: list[str] = field(default_factory=list)
     damage: list[str] = field(default_factory=list)
 
@@ -482,12 +493,13 @@ def diff_inputs(inputs: Sequence[Input], options: DiffOptions, report: LogProgre
     for each in runs:
         each.log = [each.name] * len(each.log)
     try:
-        return _compared([one.text for one in inputs], runs, options)
+        return _compared(inputs, runs, options)
     except TooLargeError as err:
         raise OptionError(f"the ground of all runs would reach over {err}; compare fewer of them") from err
 
 
-def _compared(labels: Sequence[str], runs: Sequence[RunThings], options: DiffOptions) -> Difference:
+def _compared(inputs: Sequence[Input], runs: list[RunThings], options: DiffOptions) -> Difference:
+    labels = [one.text for one in inputs]
     reference, steps, rows = runs[0], [], []
     notes = [note for each in runs for note in each.notes]
     if any(each.run.ground is None for each in runs):
@@ -500,7 +512,9 @@ def _compared(labels: Sequence[str], runs: Sequence[RunThings], options: DiffOpt
     ]
     # Of each run so far, the latest one first.
     grounds = [(runs[0].name, runs[0].run.ground)]
-    for number, now in enumerate(runs[1:], 1):
+    for number in range(1, len(runs)):
+        now = runs[number] = _on_map(inputs[number], runs[number], runs[0], options)
+        notes += now.poses
         first, second = (None if (ground := each.run.ground) is None else Nearest(ground) for each in (reference, now))
         label = labels[0] if number == 1 else "the runs before"
         step, chance = _align(reference, now, (first, second), options.align, label, labels[number], notes)
@@ -511,6 +525,8 @@ def _compared(labels: Sequence[str], runs: Sequence[RunThings], options: DiffOpt
                 f"{label} and {labels[number]} differ in {err} places of their structure, more than are told "
                 f"({MOST_CHANGES:,}); are they of one place?"
             ) from err
+        sure = len(now.run.things) - now.unsure
+        changes = [each._replace(status=UNCERTAIN, why=POSES) if each.second >= sure else each for each in changes]
         rows += _rows(changes, reference, now, step.motion, grounds)
         known = None if reference.run.ground is None else reference.run.ground.occupancy()
         sensors = np.column_stack(step.motion.of(*now.run.sensors.T))
@@ -540,6 +556,49 @@ def _compared(labels: Sequence[str], runs: Sequence[RunThings], options: DiffOpt
         row["thing"] = number
     table = pa.Table.from_pylist(rows, CHANGES.with_metadata(metadata))
     return Difference(table, tuple(steps), figures, tuple(dict.fromkeys(notes)), tuple(damage))
+
+
+def _on_map(one: Input, now: RunThings, site: RunThings, options: DiffOptions) -> RunThings:
+    """Return a run that is laid on a map as read anew with the poses that the map corrects; itself where they fit, or where
+    its frames are to be taken as they are.
+    """
+    if site.grid is None or one.source is None or not now.world or now.run.ground is None or options.align == AS_IS:
+        return now
+    from lidarcli.pipeline.localising import given_paths, localise, read_site
+    from lidarcli.pipeline.trajectories import PathOptions
+
+    detect, motions = options.detect, [HERE]
+    with suppress(UnreadableError):
+        nearest = Nearest(of_map(site.grid)), Nearest(now.run.ground)
+        motions.insert(0, _align(site, now, nearest, options.align, "", "", [])[0].motion)
+    field, paths = read_site(site.name, site.grid), PathOptions(detect.read, detect.opening, detect.poses)
+    tried = []
+    for motion in dict.fromkeys(motions):
+        run = localise(one.source, None, paths, field, True, motion=motion)
+        if run.figures()["lost"] == 0:
+            return now
+        tried.append(run)
+    run = max(tried, key=lambda each: each.figures()["map_share"] or 0.0)
+    if not run.table.num_rows or not run.figures()["lost"]:
+        return now
+    given = given_paths(run.table, f"{site.name}, corrected")
+    poses = replace(detect.poses, source=None, file=None, delay=None, given=given)
+    again = _of_log(one.source, replace(options, detect=replace(detect, poses=poses)), None)
+    again.name, again.log, again.before = now.name, [now.name] * len(again.log), now.run.ground
+    again.poses = [f"{one.text}: {line}: placed anew where it is off, left out where it is lost" for line in run.lines]
+    old, new = now.run.things, again.run.things
+    is_lost = any(math.isnan(each.off) for path in run.paths.values() for each in path.intervals)
+    if is_lost and again.run.ground is not None:
+        # Places of their own: only a lost robot saw them.
+        kept = np.flatnonzero(again.run.ground.seen(old.x, old.y) == 0)
+        names, again.unsure = alignment.Standing.__dataclass_fields__, len(kept)
+        things = alignment.Standing(
+            **{name: np.concatenate([getattr(new, name), getattr(old, name)[kept]]) for name in names}
+        )
+        again.run = replace(again.run, things=things, yaw=np.append(again.run.yaw, now.run.yaw[kept]))
+        for name in ("log", "track", "label"):
+            getattr(again, name).extend(getattr(now, name)[k] for k in kept)
+    return again
 
 
 def _laid(grid: Occupancy, motion: Motion) -> Occupancy:
@@ -708,6 +767,8 @@ def _rows(
             things, k = (new, j) if j >= 0 else (old, i)
             row |= {"length": _known(things.length[k]), "width": _known(things.width[k])}
         at = np.array([where]).T
+        if change.why in (HIDDEN, OUT_OF_VIEW) and now.before is not None and now.before.seen(*motion.inverse.of(*at))[0]:
+            row["why"] = choices.CHANGE_WHYS[POSES]
         # The latest run that saw the place; where none did, the latest.
         seeing = [name for name, ground in grounds if ground is not None and ground.seen(*at)[0]]
         row["log_a"] = before.log[i] if i >= 0 else [*seeing, grounds[0][0]][0]

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from lidarcli.errors import NoScanError, OptionError, UnreadableError
 from lidarcli.findings import DEEP_IDS, IDS, Finding
 from lidarcli.logs.base import LASERSCAN, POSE_TYPES, OpenOptions, ReadReport, Topic
+from lidarcli.logs.batches import ReadOptions
 from lidarcli.logs.clock import ClockInfo
 from lidarcli.logs.joined import Part
 from lidarcli.logs.piles import NoReturnDetector
@@ -36,7 +37,10 @@ if TYPE_CHECKING:
     from lidarcli.pipeline.building import Learned
     from lidarcli.reports.checks import Check, Verdict
 
-FACTS = ("pose_verdict", "pose_fit", "pose_delay", "pose_cuts", "beam_order")
+FACTS = (
+    *("pose_verdict", "pose_chain", "pose_agreement", "pose_again", "pose_drift", "pose_fit", "pose_delay"),
+    "beam_order",
+)
 """Keys of the verdict on told poses; null where there is none."""
 
 _PARQUET = b"PAR1"
@@ -129,24 +133,26 @@ def inspect_log(
     progress: Callable[[int], None] | None = None,
     deep: bool = False,
     topics: Collection[str] | None = None,
+    site: str | None = None,
 ) -> LogInfo:
     """Read a log from end to end, in bounded memory, and return its contents; its poses are read first.
 
-    `deep` adds the findings that align sweeps; `topics` are those to judge, by default all.
+    `deep` adds the findings that align sweeps; `topics` are those to judge, by default all; `site` is a map for its paths.
 
     Raises
     ------
     NoScanError
         One of the topics is not there.
     OptionError
-        `deep` is for a log that can be read only once.
+        `deep` or `site` is for a log that can be read only once.
     """
     wanted = poses_from or PoseOptions()
     found: dict[tuple[str, str], _Scan] = {}
     only_counted: Counter[str] = Counter()
     with open_source(source, opening) as log:
-        if deep and log.size is None:
-            raise OptionError("--deep reads a log twice, and a pipe is read only once: give the file's name")
+        if (deep or site is not None) and log.size is None:
+            option = "--deep" if deep else "--map"
+            raise OptionError(f"{option} reads a log twice, and a pipe is read only once: give the file's name")
         choice = TopicChoice(topics, log.topics())
         if choice.wanted and choice.is_listed and (error := choice.error(every=True)) is not None:
             raise error
@@ -198,6 +204,12 @@ def inspect_log(
             findings = [each for each in findings if (each.id, each.topic, each.frame) not in known]
             findings += more.findings
             learned = Masks(more.masks.masks or learned.masks, more.mounts)
+        if site is not None:
+            from lidarcli.pipeline.localising import findings_of
+            from lidarcli.pipeline.trajectories import PathOptions
+
+            read = ReadOptions(frozenset(choice.wanted) or None, rules=rules)
+            findings += findings_of(source, PathOptions(read, opening or OpenOptions(), wanted), site)
         return LogInfo(
             path=source.label,
             format=log.format,
@@ -348,12 +360,13 @@ def inspect_logs(
     report: LogProgress | None = None,
     deep: bool = False,
     topics: Collection[str] | None = None,
+    site: str | None = None,
 ) -> Iterator[tuple[Source | MissingInput, LogInfo | Learned | Failure]]:
     """Yield the contents of each log or background table, or its failure, one after the other."""
 
     def look_into(source: Source) -> LogInfo | Learned:
         if not _is_table(source):
-            return inspect_log(source, opening, rules, poses, progress_of(source, report), deep, topics)
+            return inspect_log(source, opening, rules, poses, progress_of(source, report), deep, topics, site)
         # Logs should not wait for this import.
         from lidarcli.pipeline.building import load
 
@@ -380,7 +393,7 @@ FIGURES = (*("findings", "findings.errors", "findings.warnings", "findings.hints
 """Figures that a check of findings may name."""
 
 
-def understand_checks(checks: Sequence[str], deep: bool) -> list[Check]:
+def understand_checks(checks: Sequence[str], deep: bool, site: bool = False) -> list[Check]:
     """Parse checks of findings, or raise a usage error before any work is done."""
     if not checks:
         return []
@@ -390,6 +403,8 @@ def understand_checks(checks: Sequence[str], deep: bool) -> list[Check]:
     for check in parsed:
         if not deep and check.name.removeprefix("findings.") in DEEP_IDS:
             raise OptionError(f"--check '{check.expression}': only --deep looks for {check.name}: add --deep")
+        if not site and check.name == "findings.lost":
+            raise OptionError(f"--check '{check.expression}': only a map tells: add --map FILE.yaml")
     return parsed
 
 

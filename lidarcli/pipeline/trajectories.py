@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shlex
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import IO, TYPE_CHECKING, Any
 
@@ -44,11 +45,15 @@ class PathOptions:
     """Unit of the stamps of a table, as of `in_unit`."""
 
 
-def refuse_path(path: Place, source: Source, options: PathOptions) -> None:
-    """Refuse an output whose suffix is none of `SUFFIXES` (`OptionError`), or that cannot be written (`OutputError`)."""
-    if path.suffix.lower() not in SUFFIXES:
-        raise OptionError(f"{path}: the suffix of a trajectory has to be one of {', '.join(SUFFIXES)}")
-    refuse([path], options.overwrite, [*files_of([source]), *named_files(options)])
+def refuse_path(
+    path: Place, source: Source, options: PathOptions, more: Sequence[str] = (), read: Sequence[str] = ()
+) -> None:
+    """Refuse an output of an unknown suffix (`OptionError`), or that cannot be written (`OutputError`); `more` are known,
+    too, and further files are `read`.
+    """
+    if path.suffix.lower() not in (known := (*SUFFIXES, *more)):
+        raise OptionError(f"{path}: the suffix of a trajectory has to be one of {', '.join(known)}")
+    refuse([path], options.overwrite, [*files_of([source]), *named_files(options), *read])
 
 
 @dataclass(slots=True)
@@ -66,7 +71,7 @@ class PathSummary(RunSummary):
 def read_path(source: Source, options: PathOptions, progress: Progress | None = None) -> PathSummary:
     """Return the known poses of the sensors of a log at its sweeps; without any an `UnreadableError`."""
     with read_log(source, options, Need.ALL) as reading:
-        return _read(source, reading, options, progress)
+        return read_rows(source, reading, options, progress)
 
 
 def write_path(source: Source, path: Place, options: PathOptions, progress: Progress | None = None) -> PathSummary:
@@ -74,28 +79,39 @@ def write_path(source: Source, path: Place, options: PathOptions, progress: Prog
     is_table = path.suffix.lower() == PARQUET
     with read_log(source, options, Need.ALL) as reading, NewFiles([path], options.overwrite) as new:
         with writing(path, nameless=True), new.part(path).open("wb") as out:
-            summary = _read(source, reading, options, progress, None if is_table else out)
+            summary = read_rows(source, reading, options, progress, None if is_table else out)
             if is_table:
-                table = restamped(summary.table, options.stamps)
-                sink = ParquetSink(out, table.schema.remove_metadata())
-                try:
-                    for rows in table.to_batches():
-                        sink.write(rows)
-                    sink.finish(summary.table.schema.metadata)
-                finally:
-                    sink.abandon()
+                write_table(out, summary.table, options.stamps)
         summary.notes += new.publish()
         summary.outputs = [str(path)]
     return summary
 
 
-def _read(
-    source: Source, reading: Reading, options: PathOptions, progress: Progress | None, lines: IO[bytes] | None = None
+def write_table(out: IO[bytes], table: pa.Table, stamps: str) -> None:
+    """Write poses as a Parquet table; `stamps` as of `in_unit`."""
+    rows = restamped(table, stamps)
+    sink = ParquetSink(out, rows.schema.remove_metadata())
+    try:
+        for each in rows.to_batches():
+            sink.write(each)
+        sink.finish(table.schema.metadata)
+    finally:
+        sink.abandon()
+
+
+def read_rows(
+    source: Source,
+    reading: Reading,
+    options: PathOptions,
+    progress: Progress | None,
+    lines: IO[bytes] | None = None,
+    judge: Callable[[SweepBatch], None] = lambda batch: None,
 ) -> PathSummary:
-    """Read the poses as rows, and write them as lines where there is a stream for these."""
+    """Read the poses as rows, and write them as lines where there is a stream for these; `judge` takes each batch, too."""
     writer = PoseWriter(source.name, options.poses.source == MATCH, lines)
     for batch in reading.batches(progress):
         writer.add(batch, reading)
+        judge(batch)
     found = reading.close()
     writer.conclude(found)
     parameters = reading_as_dict(options.read, options.opening, options.poses)
@@ -119,20 +135,23 @@ class PoseWriter:
 
     def add(self, batch: SweepBatch, reading: Reading) -> None:
         """Add the poses of a batch."""
-        from lidarcli.pose.tracks import Motion, trajectory_lines
+        from lidarcli.pose.tracks import GAP, Motion, trajectory_lines
 
         for frame, rows, motion, world in reading.motions(batch):
             mine = batch.rows(rows)
-            kept = np.flatnonzero(~np.isnan(motion.position).any(axis=1))
-            if not len(kept):
-                continue
+            known = np.asarray(~np.isnan(motion.position).any(axis=1))
+            kept = np.flatnonzero(known)
             if self._lines is not None:
-                kept = self._later((batch.topic, frame, world), mine, kept)
+                kept = self._later((batch.topic, frame, world), mine, kept) if len(kept) else kept
+                # Without it, a reader would make up a way over the sweeps of which no pose is known.
+                for part in np.split(np.arange(len(known)), np.flatnonzero(np.diff(known)) + 1) if len(known) else ():
+                    some = np.intersect1d(part, kept)
+                    poses = Motion(motion.position[some], motion.rotation[some])
+                    lines = trajectory_lines(mine.stamp_ns[some], poses) if known[part[0]] else f"{GAP}\n"
+                    self._lines.write(lines.encode())
             self._count += len(kept)
             mine, motion = mine.rows(kept), Motion(motion.position[kept], motion.rotation[kept])
             self.rows.append(self._rows_of(mine, frame, world, motion))
-            if self._lines is not None:
-                self._lines.write(trajectory_lines(mine.stamp_ns, motion).encode())
 
     def _rows_of(self, batch: SweepBatch, frame: str, world: str, motion: Motion) -> pa.RecordBatch:
         from lidarcli.pose.tracks import planar, upright
@@ -150,7 +169,8 @@ class PoseWriter:
         }
         columns |= {name: floats(motion.position[:, axis].copy()) for axis, name in enumerate("xyz")}
         columns |= {f"q{name}": floats(rotation[:, axis].copy()) for axis, name in enumerate("xyzw")}
-        return pa.RecordBatch.from_arrays([columns[name] for name in POSES.names], schema=POSES)
+        arrays = [columns[field.name] if field.name in columns else pa.nulls(count, field.type) for field in POSES]
+        return pa.RecordBatch.from_arrays(arrays, schema=POSES)
 
     def conclude(self, summary: RunSummary) -> None:
         """Refuse a path without a pose, and add notes on the number of poses."""

@@ -20,7 +20,7 @@ from lidarcli.newfiles import refuse, scratch_folder
 from lidarcli.pipeline.detecting import detect_to_temporary, second_half
 from lidarcli.pipeline.inputs.declared import plain
 from lidarcli.pipeline.inputs.sources import MissingInput, Source, open_source
-from lidarcli.pipeline.inputs.tables import TableSet, one_table_set, world_in
+from lidarcli.pipeline.inputs.tables import TableSet, contradicted, one_table_set, world_in
 from lidarcli.pipeline.objects.detection import DetectOptions
 from lidarcli.pipeline.reading.masking import masking_of
 from lidarcli.pipeline.reading.one_log import Progress, Reading, RunSummary
@@ -434,7 +434,7 @@ class ZoneReader:
         notes: dict[str, None] = {}
         for frame, poses in described.get("poses", {}).items():
             for (name, topic), where in sorted(fixed.items()):
-                if poses.get("pose_verdict", {}).get(topic) == "rejected":
+                if topic in contradicted(poses):
                     raise UnreadableError(
                         f"zone '{name}' is in the frame {where}, and the poses of {frame or 'the sensor'} contradict the "
                         f"sweeps of {topic}: nothing written; give other poses (--pose TOPIC, --poses FILE)"

@@ -7,7 +7,7 @@ that the log does not tell are found from the same pairs.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any, NamedTuple
@@ -21,8 +21,10 @@ from lidarcli.findings import Finding
 from lidarcli.formalism.scan_matching import Matcher
 from lidarcli.pose.sources import WORLDS, GivenPaths, PoseChain, PoseSources, namespace
 from lidarcli.pose.tracks import SECOND_NS, Motion, Track, frame_name, gathered, planar
-from lidarcli.sweeps import Bool, Float64, Int64, SweepBatch
+from lidarcli.sweeps import TURN, Bool, Float64, Int64, SweepBatch
 
+LEAST_STEP = 0.001
+"""Stamps that are mostly closer tell no times [s]."""
 PAIR_LENGTH, PAIR_TURN = 0.3, 0.15
 """A pair ends at the first sweep that is so far from its beginning [m, rad], ..."""
 PAIR_SECONDS = 3.0
@@ -36,12 +38,10 @@ OFF_LENGTH, OFF_LENGTH_GROWS = 0.05, 0.12
 """Two steps agree if their ends are no further apart than this [m], and this share of their length more, ..."""
 OFF_TURN, OFF_TURN_GROWS = np.deg2rad(2.0), 0.1
 """... and their turns differ by no more than this [rad], and this share of the turn more."""
+TURN_RATE, LEAST_TURN = 10.0, 0.5
+"""Steps that turn faster and by more are jumps, too [rad/s, rad]."""
 JUMP_SPEED, JUMP_LENGTH = 10.0, 0.5
 """A given step that is longer than this and faster [m/s, m] is a jump."""
-MOST_JUMPS = 0.2
-"""Share of given steps that jump from which on the poses of two bodies are mixed."""
-DISAGREE, NEARER = 0.1, 3.0
-"""So do steps that are longer [m], and lead away from where the poses were one or two before by so much less."""
 LONGEST_DELAY, DELAY_STEP, FINE_STEP = 0.6, 0.05, 0.01
 """Delays that are tried, to both sides, first in large steps and then around the best in small ones [s]."""
 LEAST_TOLD, MOST_OFF, CLEARLY_BETTER = 0.6, 3.0, 0.05
@@ -56,10 +56,6 @@ RATIOS = 0.8, 1.25
 """Told lengths and turns as a share of the matched ones, from least to most."""
 LONG_STEP, LARGE_TURN, LEAST_LONG = 0.15, 0.08, 5
 """Steps that are longer, or turn more, tell such a share [m, rad]; so many or fewer tell none."""
-ONE_FACTOR = 0.2
-"""Greatest median deviation of such shares where one factor explains them, as a share of the factor."""
-STRETCH, STRETCH_FIT, STRETCHES = 10, 0.7, 0.4
-"""Pairs of a stretch, the share that agrees in a good one, and the share of good ones from which these are accepted."""
 MOUNT_SCALE = 0.05
 """Scale of the robust weights of a mount [m]."""
 
@@ -79,7 +75,7 @@ class PoseFit:
     """Fit of the given poses of one sensor to its sweeps."""
 
     verdict: str
-    """accepted, corrected, stretches, rejected or unchecked."""
+    """accepted, corrected, rejected or unchecked."""
     share: float
     """Share of pairs that agree, after the correction where there is one; NaN where there are too few."""
     pairs: int
@@ -87,17 +83,18 @@ class PoseFit:
     """The pose of a sweep is that at its header stamp and this much later [s]."""
     mount: tuple[float, float, float] = (0.0, 0.0, 0.0)
     """Pose of the sensor in the frame that the poses tell of: x, y [m], yaw [rad]."""
-    cuts: tuple[tuple[int, int], ...] = ()
-    """Stamps of the given poses before and after each jump [ns]."""
-    jumps: tuple[float, ...] = ()
-    """Length of each jump [m]."""
     ratio: float = float("nan")
     """Given lengths as a share of the matched ones."""
     turn_ratio: float = float("nan")
     moves: bool = False
     """True where nothing could be checked, though the given path goes some way."""
-    good: tuple[tuple[int, int], ...] = ()
-    """First and last stamp of the stretches that are accepted [ns]."""
+    as_told: float = float("nan")
+    """Share of pairs that agree without the correction, where there is one."""
+
+    @property
+    def is_judged(self) -> bool:
+        """True where enough steps could be compared."""
+        return self.verdict != "unchecked"
 
 
 def wrapped(angle: Float64) -> Float64:
@@ -121,45 +118,19 @@ def poses_after(begin: Float64, step: Float64) -> Float64:
     return np.column_stack([x, y, wrapped(begin[:, 2] + step[:, 2])])
 
 
-@dataclass(frozen=True, slots=True)
-class Jumps:
-    """Jumps of given poses: no sensor is that fast."""
-
-    gaps_ns: Int64
-    """(G, 2) stamps before and after each jump [ns]."""
-    lengths: Float64
-    """(G,) metres."""
-    share: float
-    """Share of the given steps that jump."""
-    in_turns: bool = False
-    """True where they go back and forth, as poses of two bodies do."""
-
-
-def jumps_of(chain: PoseChain) -> Jumps:
-    """Find the jumps in the moving poses of a chain, of which the first kind that jumps counts."""
-    for step in chain.steps:
-        track = step.track
-        if track.static or len(track.stamp_ns) < 2:
+def jump_of(chain: PoseChain) -> tuple[float, float]:
+    """Return the longest step and the widest turn of moving poses of a chain that no sensor makes [m, rad]; 0 for none."""
+    length = turn = 0.0
+    for track in (step.track for step in chain.steps if not step.track.static):
+        seconds = np.diff(track.stamp_ns) / SECOND_NS
+        if not len(seconds) or np.median(seconds) <= LEAST_STEP:
             continue
         lengths = np.hypot(*np.diff(track.motion.position[:, :2], axis=0).T)
-        seconds = np.diff(track.stamp_ns) * 1e-9
-        jumps = np.flatnonzero(lengths > np.maximum(JUMP_SPEED * seconds, JUMP_LENGTH))
-        turns = _in_turns(track.motion.position[:, :2], lengths)
-        if in_turns := len(turns) >= MOST_JUMPS * len(lengths):
-            jumps = np.union1d(jumps, turns)
-        if len(jumps):
-            gaps = np.column_stack([track.stamp_ns[jumps], track.stamp_ns[jumps + 1]])
-            return Jumps(gaps, lengths[jumps], len(jumps) / len(lengths), in_turns)
-    return Jumps(np.zeros((0, 2), np.int64), np.zeros(0), 0.0)
-
-
-def _in_turns(places: Float64, lengths: Float64) -> Int64:
-    """Return the steps between places (N, 2), of so many lengths (N - 1,), that come from two publishers in turns."""
-    again = np.full(len(lengths), np.inf)
-    for before in (2, 3):
-        apart = np.hypot(*(places[before:] - places[:-before]).T)
-        again[before - 1 :] = np.minimum(again[before - 1 :], apart)
-    return np.flatnonzero((lengths > DISAGREE) & (NEARER * again < lengths))
+        length = max(length, float(lengths[lengths > np.maximum(JUMP_SPEED * seconds, JUMP_LENGTH)].max(initial=0.0)))
+        each = track.motion.rotation
+        turns = 2.0 * np.arccos(np.clip(np.abs(np.sum(each[1:] * each[:-1], axis=1)), 0.0, 1.0))
+        turn = max(turn, float(turns[turns > np.maximum(TURN_RATE * seconds, LEAST_TURN)].max(initial=0.0)))
+    return length, turn
 
 
 def judge_poses(
@@ -167,7 +138,8 @@ def judge_poses(
     matched: Float64,
     given_at: Callable[[Int64], Float64],
     pieces: Float64 | None = None,
-    jumps: Jumps | None = None,
+    *,
+    doubted: bool = False,
 ) -> PoseFit:
     """Compare a given path with the matched one.
 
@@ -177,62 +149,46 @@ def judge_poses(
     matched : (S, 3) x, y, yaw of the matched path, NaN where a sweep has no pose
     given_at : gives the given poses of the sensor (K, 3) at stamps (K,), NaN where there is none
     pieces : (S,) number of the piece of the matched path; steps from one to another are not known
-    jumps : jumps of the given poses
+    doubted : True to look for a delay and a mount also where the steps fit as they are
 
     Returns
     -------
-    The verdict by the first rule that holds: unchecked, accepted, corrected, accepted in stretches, rejected.
+    The verdict by the first rule that holds: unchecked, accepted, corrected, rejected.
     """
     given = given_at(stamp_ns)
     seconds = (stamp_ns - stamp_ns[0]) * 1e-9 if len(stamp_ns) else np.zeros(0)
-    cuts: tuple[tuple[int, int], ...] = ()
-    sizes: tuple[float, ...] = ()
-    if jumps is not None and len(jumps.gaps_ns) and jumps.share < MOST_JUMPS:
-        cuts = tuple((int(before), int(after)) for before, after in jumps.gaps_ns)
-        sizes = tuple(jumps.lengths.tolist())
     begin, end = pairs_of(seconds, matched, given)
-    ends = np.array([after for _, after in cuts], np.int64)
-    cut = np.searchsorted(ends, stamp_ns[begin], "right") != np.searchsorted(ends, stamp_ns[end], "right")
     if pieces is not None:
-        cut |= pieces[begin] != pieces[end]
-    begin, end = begin[~cut], end[~cut]
+        whole = pieces[begin] == pieces[end]
+        begin, end = begin[whole], end[whole]
     placed = float(np.isfinite(matched[:, 0]).mean()) if len(matched) else 0.0
     if placed < 1.0 - MOST_UNPLACED or len(begin) < LEAST_PAIRS:
-        if jumps is not None and jumps.in_turns:
-            return PoseFit("rejected", float("nan"), len(begin), jumps=(float(jumps.lengths.max()),))
         gone = np.ptp(given[np.isfinite(given[:, 0]), :2], axis=0) if np.isfinite(given).any() else np.zeros(2)
         moves = bool(gone.max() > PAIR_LENGTH)
-        return PoseFit("unchecked", float("nan"), len(begin), cuts=cuts, jumps=sizes, moves=moves)
+        return PoseFit("unchecked", float("nan"), len(begin), moves=moves)
     step = steps_between(matched[begin], matched[end])
     as_given = steps_between(given[begin], given[end])
     agree = _agree(step, as_given)
     share = float(agree.mean())
-    if jumps is not None and jumps.share >= MOST_JUMPS:
-        ratio, turn_ratio = _ratios(step, as_given)
-        # Where a step jumps, what lies between given poses is of neither body.
-        clean = share * (1.0 - jumps.share)
-        rejected = PoseFit("rejected", clean, len(begin), ratio=ratio, turn_ratio=turn_ratio)
-        # Steps that are all too long by one factor do not jump.
-        return rejected if _is_scaled(step, as_given) else replace(rejected, jumps=(float(jumps.lengths.max()),))
+    accepted = None
     if share >= ACCEPTED:
-        accepted = PoseFit("accepted", share, len(begin), cuts=cuts, jumps=sizes)
-        return _sharper(accepted, stamp_ns, begin, end, step, given_at)
+        accepted = _sharper(PoseFit("accepted", share, len(begin)), stamp_ns, begin, end, step, given_at)
+        if not doubted:
+            return accepted
     delay, mount, best = _corrected(stamp_ns, begin, end, step, given_at)
     ratio, turn_ratio = _ratios(step, best)
     better = float(_agree(step, mounted_steps(best, mount)).mean())
     # Of poses that lie at the bound, a greater delay may fit better yet.
-    found = better >= CORRECTED and better >= share + GAIN and abs(delay) < LONGEST_DELAY - 0.5 * DELAY_STEP
+    gained = better >= share + GAIN or (share >= ACCEPTED and better >= share and (delay, mount) != (0.0, (0.0, 0.0, 0.0)))
+    found = better >= CORRECTED and gained and abs(delay) < LONGEST_DELAY - 0.5 * DELAY_STEP
     fits = all(not np.isfinite(one) or RATIOS[0] <= one <= RATIOS[1] for one in (ratio, turn_ratio))
     turn_given = _ratios(step, as_given)[1]
-    fit = PoseFit("rejected", share, len(begin), cuts=cuts, jumps=sizes, ratio=ratio, turn_ratio=turn_given)
+    fit = PoseFit("rejected", share, len(begin), ratio=ratio, turn_ratio=turn_given)
     if found and fits:
-        return replace(fit, verdict="corrected", share=better, delay=delay, mount=mount, turn_ratio=turn_ratio)
-    parts = np.array_split(np.arange(len(begin)), max(1, len(begin) // STRETCH))
-    good = [part for part in parts if agree[part].mean() >= STRETCH_FIT]
-    if fits and len(good) >= STRETCHES * len(parts):
-        spans = tuple((int(stamp_ns[begin[part[0]]]), int(stamp_ns[end[part[-1]]])) for part in good)
-        return replace(fit, verdict="stretches", good=spans)
-    return fit
+        return replace(
+            fit, verdict="corrected", share=better, delay=delay, mount=mount, turn_ratio=turn_ratio, as_told=share
+        )
+    return accepted or fit
 
 
 def pairs_of(seconds: Float64, matched: Float64, given: Float64) -> tuple[Int64, Int64]:
@@ -304,7 +260,7 @@ def _sharper(
     is_bound = abs(coarse) > LONGEST_DELAY - 0.5 * DELAY_STEP
     if is_bound or abs(best) < LEAST_DELAY or cost(best) > SHARPER * cost(0.0):
         return fit
-    return replace(fit, verdict="corrected", delay=round(best, 3))
+    return replace(fit, verdict="corrected", delay=round(best, 3), as_told=fit.share)
 
 
 class _Tried(NamedTuple):
@@ -384,49 +340,6 @@ def _ratios(step: Steps, given: Steps) -> tuple[float, float]:
     return ratio, float(np.median(turned)) if len(turned) > LEAST_LONG else float("nan")
 
 
-def _is_scaled(step: Steps, given: Steps) -> bool:
-    """Return whether given steps are the matched ones but for one factor, as those in other units are."""
-    length, far = np.hypot(step[:, 0], step[:, 1]), np.hypot(given[:, 0], given[:, 1])
-    long = (length > LONG_STEP) & np.isfinite(far)
-    if np.count_nonzero(long) <= LEAST_LONG:
-        return False
-    ratios = far[long] / length[long]
-    middle = float(np.median(ratios))
-    return middle > RATIOS[1] and float(np.median(np.abs(ratios - middle))) < ONE_FACTOR * middle
-
-
-def joined(
-    stamp_ns: Int64, matched: Float64, pieces: Float64, given: Float64, cuts: tuple[tuple[int, int], ...]
-) -> tuple[Int64, Float64, bool]:
-    """Join the parts of a given path between jumps by the matched path, as of `judge_poses`.
-
-    Returns
-    -------
-    gaps : (G, 2) stamps before and after each jump [ns]
-    moves : (G + 1, 3) motion of the world for each part; NaN where it is not known
-    lost : True where a part could not be joined
-    """
-    known = np.isfinite(given[:, 0]) & np.isfinite(matched[:, 0])
-    moves = [np.zeros((1, 3))]
-    for gap in cuts:
-        first, second = np.searchsorted(stamp_ns, gap[0], "right"), np.searchsorted(stamp_ns, gap[1])
-        before, behind = np.flatnonzero(known[:first]), np.flatnonzero(known[second:])
-        if not len(before) or not len(behind):
-            # There is nothing to be joined.
-            moves.append(moves[-1])
-            continue
-        if pieces[before[-1]] != pieces[second + behind[0]]:
-            moves.append(np.full((1, 3), np.nan))
-            continue
-        i, j = before[-1:], second + behind[:1]
-        here = poses_after(poses_after(moves[-1], given[i]), steps_between(matched[i], matched[j]))
-        # The motion that takes the given pose after the jump there.
-        back = steps_between(given[j], np.zeros((1, 3)))
-        moves.append(poses_after(here, back))
-    found = np.vstack(moves)
-    return np.array(cuts, np.int64).reshape(-1, 2), found, bool(np.isnan(found).any())
-
-
 def stands(matched: Float64, slides: Float64) -> bool:
     """Return whether the sensor never moves, by the matched path.
 
@@ -500,16 +413,23 @@ class Timing:
         """True where a sweep takes time whatever the headers tell."""
         return self.duration > 0.0 and self.order in (FORWARD, REVERSE)
 
-    def of(self, sweeps: SweepBatch) -> tuple[Float64, Float64]:
-        """Return (S,) the times of the first and of the last beam after the header stamp [s]."""
-        none = np.zeros(len(sweeps))
-        headers = none if sweeps.duration is None else np.nan_to_num(sweeps.duration)
+    def of(self, headers: Float64) -> tuple[Float64, Float64]:
+        """Return (S,) the times of the first and of the last beam after the header stamp [s].
+
+        `headers`: (S,) duration of each sweep as its header tells it, 0 for none.
+        """
+        none = np.zeros(len(headers))
         if self.order == AUTO:
             return none, np.where(np.abs(headers) < SHORTEST_SWEEP, 0.0, headers)
         if self.order == ONCE:
             return none, none
-        lasts = np.full(len(sweeps), self.duration) if self.duration else headers
+        lasts = np.full(len(headers), self.duration) if self.duration else headers
         return (none, lasts) if self.order == FORWARD else (lasts, none)
+
+
+def headers_of(sweeps: SweepBatch) -> Float64:
+    """Return (S,) the duration of each sweep as its header tells it [s], 0 for none."""
+    return np.zeros(len(sweeps)) if sweeps.duration is None else np.nan_to_num(sweeps.duration)
 
 
 def duration_of(sweeps: Sequence[SweepBatch]) -> tuple[float, float]:
@@ -520,7 +440,7 @@ def duration_of(sweeps: Sequence[SweepBatch]) -> tuple[float, float]:
     if not len(steps):
         return 0.0, 0.0
     period = float(np.median(steps)) / SECOND_NS
-    given = [np.nan_to_num(batch.duration) for batch in sweeps if batch.duration is not None]
+    given = [headers_of(batch) for batch in sweeps if batch.duration is not None]
     headers = float(np.median(np.concatenate(given))) if given else 0.0
     if LEAST_SHARE * period <= headers <= MOST_SHARE * period:
         return 0.0, headers
@@ -561,7 +481,7 @@ class MatchedPath:
             np.ascontiguousarray(sweeps.beams, np.int32),
             np.ascontiguousarray(sweeps.angle_min, np.float64),
             np.ascontiguousarray(sweeps.angle_increment, np.float64),
-            np.column_stack([seconds, *self.timing.of(sweeps)]),
+            np.column_stack([seconds, *self.timing.of(headers_of(sweeps))]),
             np.full((len(sweeps), 4), np.nan) if given is None else np.ascontiguousarray(given),
             found,
         )
@@ -617,14 +537,14 @@ class MatchedPath:
         steps = np.diff(self.poses[:, :2], axis=0)
         return float(np.nansum(np.hypot(steps[:, 0], steps[:, 1])))
 
-    def skews(self, duration: float) -> Float64:
-        """Return (S - 1,) the motion of the sensor during each sweep but the first [m], 0 where it is not known."""
-        poses, seconds = self.poses, np.diff(self.stamp_ns) / SECOND_NS
-        steps = np.diff(poses, axis=0)
-        moved = np.hypot(steps[:, 0], steps[:, 1]) + TYPICAL_RANGE * np.abs(steps[:, 2])
+    def turns(self, duration: float) -> Float64:
+        """Return (S,) how far points move as the sensor turns during each sweep [m], 0 where it is not known."""
+        if not len(self.stamp_ns):
+            return np.zeros(0)
+        turns, seconds = np.abs(np.diff(self.poses[:, 2])), np.diff(self.stamp_ns) / SECOND_NS
         with np.errstate(divide="ignore", invalid="ignore"):
-            found: Float64 = np.nan_to_num(moved * (duration / seconds), nan=0.0, posinf=0.0, neginf=0.0)
-        return found
+            moved = TYPICAL_RANGE * np.minimum(turns, TURN - turns) * (duration / seconds)
+        return np.concatenate([[0.0], np.nan_to_num(moved, nan=0.0, posinf=0.0, neginf=0.0)])
 
     def track(self, topic: str, frame: str) -> Track | None:
         """Return the path from the frame of the first sweep; None where no sweep has a pose.
@@ -649,6 +569,8 @@ class MatchedPath:
         there = there[np.argsort(stamps[there], kind="stable")]
         ends = np.column_stack([stamps[there[:-1]], stamps[there[1:]]])
         is_long = ends[:, 1] - ends[:, 0] > LONGEST_SLIDE * SECOND_NS
+        if len(stamps) > 1 and np.median(np.abs(np.diff(stamps))) < LEAST_STEP * SECOND_NS:
+            is_long[:] = True
         is_lost = np.diff(self.pieces[there]) != 0
         found: Int64 = ends[(np.diff(there) > 1) & (is_long | is_lost)]
         return found
@@ -687,7 +609,7 @@ def order_of(paths: Mapping[str, MatchedPath], duration: float) -> str:
     paths : order → path that was matched by it, of the same sweeps
     duration : of a sweep [s]
     """
-    skewed = 1 + np.flatnonzero(paths[FORWARD].skews(duration) > SKEWED)
+    skewed = np.flatnonzero(paths[FORWARD].turns(duration) > SKEWED)
     if len(skewed) < LEAST_SKEWED:
         return ""
     sharp = {order: path.sharp[skewed] for order, path in paths.items()}
@@ -711,13 +633,9 @@ def order_of(paths: Mapping[str, MatchedPath], duration: float) -> str:
 
 NO_UNIT = 0.01
 """Deviation of the length of a quaternion from 1 that rounding does not make."""
-TURN_RATE, LEAST_TURN = 10.0, 0.5
-"""Steps that turn faster and by more are leaps [rad/s, rad]."""
 
 APART, TURNED = 0.1, 0.1
 """Places of one frame that are further apart, or turned by more, are two [m, rad]."""
-LEVER = 2.0
-"""Distance at which a correction that turns counts as one that shifts [m]: things that are followed are rarely nearer."""
 
 Key = tuple[str, str]
 """Topic and frame of sweeps."""
@@ -755,19 +673,12 @@ def way_findings(chain: PoseChain, links: Sequence[Track], topic: str = "") -> l
                 "first, and x y z w is the order; the sensor seems to hang head down until that is mended"
             )
             found.append(Finding("frames", "error", topic, chain.frame, words))
-        found += _corrections(track, topic, chain.frame)
     children = {step.track.child for step in chain.steps}
     return found + [each for each in contradictions(links) if each.frame in children]
 
 
-def pose_findings(sources: PoseSources | GivenPaths, keys: Iterable[Key], jumping: Collection[Key]) -> list[Finding]:
-    """Return all findings on the poses of the sensors of a log.
-
-    Parameters
-    ----------
-    keys : topics and frames with sweeps
-    jumping : those of them whose poses are known to jump
-    """
+def pose_findings(sources: PoseSources | GivenPaths, keys: Iterable[Key]) -> list[Finding]:
+    """Return all findings on the poses of the sensors of a log (keys: topics and frames with sweeps)."""
     found: list[Finding] = []
     links = {frame_name(name) for track in sources.tracks if track.is_link for name in (track.parent, track.child)}
     for topic, frame in sorted(keys):
@@ -781,7 +692,6 @@ def pose_findings(sources: PoseSources | GivenPaths, keys: Iterable[Key], jumpin
                 found.append(unplaced(frame, sources.alternatives(frame, topic), topic, sources.tracks))
             continue
         found += way_findings(chain, (), topic)
-        found += _leaps(chain, topic, is_known=(topic, frame) in jumping)
     found += contradictions([track for track in sources.tracks if track.is_link])
     for track in sources.tracks:
         if track.stretched > NO_UNIT:
@@ -789,44 +699,6 @@ def pose_findings(sources: PoseSources | GivenPaths, keys: Iterable[Key], jumpin
             words = f"{track.topic}: quaternions of {link} are up to {track.stretched:.2g} off length 1"
             found.append(Finding("frames", "warning", track.topic, track.child, words, off, {"off": NO_UNIT}))
     return list({each.message: each for each in found}.values())
-
-
-def _leaps(chain: PoseChain, topic: str, is_known: bool) -> Iterator[Finding]:
-    """Yield findings on steps of the poses that are faster than any robot."""
-    jumps = jumps_of(chain)
-    threshold = {"speed": JUMP_SPEED, "length": JUMP_LENGTH}
-    if len(jumps.lengths) and not is_known:
-        most = float(jumps.lengths.max())
-        words = f"poses from {chain.topics[0]} jump {times(len(jumps.lengths))}, by up to {most:,.1f} m"
-        evidence = {"jumps": len(jumps.lengths), "largest": most}
-        yield Finding("steps", "warning", topic, chain.frame, words, evidence, threshold)
-    for track in (step.track for step in chain.steps if not step.track.static):
-        turn = track.motion.rotation
-        turns = 2.0 * np.arccos(np.clip(np.abs(np.sum(turn[1:] * turn[:-1], axis=1)), 0.0, 1.0))
-        fast = turns > np.maximum(TURN_RATE * np.diff(track.stamp_ns) / SECOND_NS, LEAST_TURN)
-        if fast.any():
-            number, most = int(np.count_nonzero(fast)), float(turns[fast].max())
-            words = f"poses from {track.topic} leap in heading {times(number)}, by up to {np.degrees(most):.0f} deg"
-            evidence, threshold = {"leaps": number, "largest": most}, {"rate": TURN_RATE, "turn": LEAST_TURN}
-            yield Finding("steps", "warning", topic, chain.frame, words, evidence, threshold)
-
-
-def _corrections(track: Track, topic: str, frame: str) -> Iterator[Finding]:
-    """Yield the finding on steps of localisation (map > odom), which no sensor makes."""
-    if track.static or not {name.rpartition("/")[2] for name in (track.parent, track.child)} <= {*WORLDS}:
-        return
-    places = _planar(track.motion)
-    x, y, turn = np.abs(steps_between(places[:-1], places[1:])).T
-    shift = np.hypot(x, y)
-    far = shift + LEVER * turn > APART
-    if far.any():
-        most = {"corrections": int(np.count_nonzero(far)), "largest": float(shift.max()), "turn": float(turn.max())}
-        words = (
-            f"{track.parent} > {track.child} is corrected {times(int(most['corrections']))}, by up to "
-            f"{most['largest']:.2f} m and {np.degrees(most['turn']):.0f} degrees: what stands may seem to move then; "
-            "--pose match does without it"
-        )
-        yield Finding("steps", "warning", topic, frame, words, most, {"shift": APART})
 
 
 def contradictions(links: Sequence[Track]) -> Iterator[Finding]:

@@ -50,10 +50,9 @@ class Correction:
     mount: Motion | None = None
     """Pose of the sensor in the frame that the poses tell of (N = 1); None where that is the sensor's own."""
     gaps: Int64 = field(default_factory=lambda: np.zeros((0, 2), np.int64))
-    """(G, 2) stamps between which poses jump or are not known [ns]: the last before each gap, and the first after it."""
-    moves: Motion | None = None
-    """G + 1 motions of the world, one for each part between gaps, that join the parts, NaN where they cannot be joined;
-    None where they are joined."""
+    """(G, 2) stamps between which poses are not known [ns]: the last before each gap, and the first after it."""
+    laid: Motion | None = None
+    """Pose of the world of the path in the one in which it is wanted (N = 1); None where it is that."""
 
     def at(self, steps: Sequence[Step], stamp_ns: Int64) -> Motion:
         """Return the corrected poses at times (S,), NaN where they are not known."""
@@ -61,11 +60,10 @@ class Correction:
         found = along(steps, at_ns)
         if self.mount is not None:
             found = compose(found, self.mount)
+        if self.laid is not None:
+            found = compose(self.laid, found)
         if len(self.gaps):
-            part = np.searchsorted(self.gaps[:, 1], at_ns, "right")
-            if self.moves is not None:
-                found = compose(Motion(self.moves.position[part], self.moves.rotation[part]), found)
-            after = np.minimum(part, len(self.gaps) - 1)
+            after = np.minimum(np.searchsorted(self.gaps[:, 1], at_ns, "right"), len(self.gaps) - 1)
             inside = (at_ns > self.gaps[after, 0]) & (at_ns < self.gaps[after, 1])
             found.position[inside], found.rotation[inside] = np.nan, np.nan
         return found
@@ -150,18 +148,26 @@ class GivenPaths:
     """Given paths of sensors, instead of all poses of a log; each names the frame of its sensor, or none for any."""
 
     tracks: tuple[Track, ...]
+    gaps: Int64 = field(default_factory=lambda: np.zeros((0, 2), np.int64))
+    """(G, 2) stamps between which no pose is known, as of `Correction`."""
 
     @property
     def topics(self) -> tuple[str, ...]:
         """Topics of the poses."""
         return tuple(dict.fromkeys(track.topic for track in self.tracks))
 
+    def chains(self, frame_id: str, topic: str = "") -> list[PoseChain]:
+        """Return the path of a sensor frame, if there is one."""
+        chain = self.chain(frame_id, topic)
+        return [] if chain is None else [chain]
+
     def chain(self, frame_id: str, topic: str = "") -> PoseChain | None:
         """Return the path of a sensor frame."""
         frame = frame_name(frame_id)
+        correction = Correction(gaps=self.gaps) if len(self.gaps) else None
         for track in self.tracks:
             if frame_name(track.child) in ("", frame):
-                return PoseChain((track.topic,), frame, track.parent, (Step(track, down=False),))
+                return PoseChain((track.topic,), frame, track.parent, (Step(track, down=False),), correction=correction)
         return None
 
     def alternatives(self, frame_id: str, topic: str = "") -> tuple[str, ...]:
@@ -197,6 +203,22 @@ class PoseSources:
     def chain(self, frame_id: str, topic: str = "") -> PoseChain | None:
         """Return the chosen chain for the sensor frame of a topic; None without a source."""
         return self._choice(frame_id, topic)[0]
+
+    def chains(self, frame_id: str, topic: str = "") -> list[PoseChain]:
+        """Return the chosen chain, then those to the other fixed frames of the tree and by the other topics."""
+        chosen = self.chain(frame_id, topic)
+        if chosen is None or self._wanted is not None:
+            return [] if chosen is None else [chosen]
+        tree = self._tree(topic)
+        frame = tree.sensor(frame_name(frame_id))
+        found = [chosen]
+        for world in tree.worlds:
+            steps = tree.path(frame, world)
+            if steps and world != chosen.steps[-1].target and any(not step.track.static for step in steps):
+                found.append(_by_steps(frame, self._world(steps[-1], topic), steps))
+        for name in self.alternatives(frame_id, topic):
+            found += self._of_topic(frame, topic, name)
+        return found
 
     def alternatives(self, frame_id: str, topic: str = "") -> tuple[str, ...]:
         """Return topics that could be chosen instead."""
@@ -285,11 +307,7 @@ class PoseSources:
 
     def _by_tree(self, frame: str, topic: str, tree: FrameTree) -> PoseChain | None:
         steps = tree.to_world(frame)
-        if not steps:
-            return None
-        moving = [step.track.topic for step in reversed(steps) if not step.track.static]
-        topics = tuple(dict.fromkeys(moving + [step.track.topic for step in steps]))
-        return PoseChain(topics, frame, self._world(steps[-1], topic), steps)
+        return _by_steps(frame, self._world(steps[-1], topic), steps) if steps else None
 
     def _by_track(self, frame: str, topic: str, track: Track) -> PoseChain:
         """Return poses of the robot, with the sensor where the tree says it is mounted, else where the robot is."""
@@ -303,6 +321,12 @@ class PoseSources:
         taken = f"the sensor {frame or 'without a frame name'} is taken to be at "
         taken += f"{track.child}: its mount is not in the log" if track.child else "the pose itself"
         return PoseChain((track.topic,), frame, world, (last,), assumption=taken)
+
+
+def _by_steps(frame: str, world: str, steps: tuple[Step, ...]) -> PoseChain:
+    """Return the chain that steps make, named by the topics of those that move, then of the others."""
+    moving = [step.track.topic for step in reversed(steps) if not step.track.static]
+    return PoseChain(tuple(dict.fromkeys(moving + [step.track.topic for step in steps])), frame, world, steps)
 
 
 def _alike(tracks: Sequence[Track]) -> tuple[str, ...]:
@@ -456,7 +480,7 @@ class FrameTree:
         """
         in_world = _last(start) in WORLDS
         # Beyond a fixed frame there are other robots.
-        reached = self._reached(start, () if in_world else {frame for frame in self._near if _last(frame) in WORLDS})
+        reached = self._reached(start, () if in_world else self.worlds)
         if (base := _named(reached, BASES)) is not None:
             return _way(reached, base)
         if in_world:
@@ -468,6 +492,11 @@ class FrameTree:
             climbed.append(Step(link, down=False))
             frame = link.parent
         return tuple(climbed)
+
+    @property
+    def worlds(self) -> list[str]:
+        """The fixed frames among them, by name."""
+        return sorted(frame for frame in self._near if _last(frame) in WORLDS)
 
     def _reached(self, start: str, avoid: Collection[str] = ()) -> dict[str, Step | None]:
         """Return every frame that can be reached, the nearest first, with the step that leads to it."""

@@ -393,6 +393,8 @@ def _usable(numbers: Float64, refused: Counter[str]) -> Bool:
     return usable
 
 
+GAP = "# gap"
+"""Line between two poses between which none is known; other programs leave it out."""
 TUM = "tum"
 """Type of a trajectory."""
 WORLD = "world"
@@ -404,8 +406,12 @@ MOST_NS, MOST_DIGITS = 1 << 62, 11
 """Farthest stamp from 1970 [ns], 146 years, so that differences of two fit; its digits before the point."""
 
 
-def read_trajectory(path: Path) -> Track:
+def read_trajectory(path: Path) -> tuple[Track, Int64]:
     """Read the path of a sensor from a file of TUM lines; empty lines and those that begin with `#` are left out.
+
+    Returns
+    -------
+    The path, and (G, 2) stamps between which no pose is known [ns]: those around the lines `# gap`.
 
     Raises
     ------
@@ -414,10 +420,12 @@ def read_trajectory(path: Path) -> Track:
     """
     stamps: list[int] = []
     numbers: list[list[float]] = []
+    cuts: list[int] = []
     try:
         with path.open(encoding="utf-8-sig", errors="replace") as file:
             for number, line in _lines(file):
                 if not (text := line.strip()) or text.startswith("#"):
+                    cuts += [len(stamps)] if text == GAP else []
                     continue
                 if len(stamps) == MAX_POSES:
                     raise UnreadableError(f"{path}: more than {MAX_POSES:,} poses")
@@ -434,7 +442,8 @@ def read_trajectory(path: Path) -> Track:
     if track is None or refused:
         cause, count = next(iter(refused.items()))
         raise UnreadableError(f"{path}: {count:,} of {len(stamps):,} poses cannot be used: {cause}")
-    return track
+    gaps = [(stamps[cut - 1], stamps[cut]) for cut in dict.fromkeys(cuts) if 0 < cut < len(stamps)]
+    return track, np.array(gaps, np.int64).reshape(-1, 2)
 
 
 def _lines(file: TextIO) -> Iterator[tuple[int, str]]:

@@ -91,6 +91,7 @@ STYLES: dict[str, dict[str, Any]] = {
     "uncertain": {"ec": palette.PURPLE, "fc": "none", "hatch": "//////"},
 }
 """Status of a change → style of its box."""
+PLACE_COLOURS = {"fits": palette.GREEN, "off": palette.VERMILION, "lost": palette.PURPLE, "unknown": palette.BLUE}
 SENSOR_WIDTH = 4.2
 """Width of the picture of the background of one sensor [inch]."""
 MOST_SURFACES = 200_000
@@ -145,6 +146,8 @@ class MapPicture:
     """Number and path, (N, 2), of what moved."""
     snapshot: Snapshot | None = None
     title: str = ""
+    places: Sequence[tuple[str, Float64]] = ()
+    """State of a path on the map, of `PLACE_COLOURS`, and (N, 2) its places in this state."""
 
 
 def draw_map(picture: MapPicture, suffix: str, look: Look = AS_IT_COMES) -> bytes:
@@ -180,7 +183,13 @@ def _frame(limits: Limits) -> Frame:
 
 def limits_of(picture: MapPicture, others: Sequence[Float64] = ()) -> Limits:
     """Return left, right, low and high limits of the drawing and of other points, with some air."""
-    parts = [np.empty((0, 2)), *picture.paths, *others, *(box.outline for box in picture.boxes)]
+    parts = [
+        np.empty((0, 2)),
+        *picture.paths,
+        *(places for _, places in picture.places),
+        *others,
+        *(box.outline for box in picture.boxes),
+    ]
     grid = picture.grid
     if grid is not None and grid.cells.size:
         origin = np.array([grid.x, grid.y])
@@ -229,6 +238,9 @@ def _occupied(grid: Occupancy | None) -> Float64:
 def _marks(picture: MapPicture) -> Iterator[Mark]:
     """Yield paths, boxes, agents, and the sweep."""
     shot = picture.snapshot
+    for state, places in picture.places:
+        if len(places):
+            yield Mark(places, {"marker": ".", "ls": "", "color": PLACE_COLOURS[state], "ms": 3.0, "zorder": 3}, state)
     for path in picture.paths:
         yield Mark(path, {"color": palette.GREEN, "lw": 1.0, "zorder": 3}, "path of the sensor")
         if shot is None:

@@ -7,7 +7,7 @@ from functools import partial
 
 import pyarrow as pa
 
-from lidarcli.choices import CHANGE_KINDS, CHANGE_STATUSES, CHANGE_WHYS
+from lidarcli.choices import CHANGE_KINDS, CHANGE_STATUSES, CHANGE_WHYS, MAP_STATES
 from lidarcli.formalism.detection import COLUMNS, SETS, fields_per
 from lidarcli.formalism.tracking.results import TrackedBatch, Tracks, Trajectories
 from lidarcli.sweeps import STATUSES, Column, columns_of
@@ -224,7 +224,7 @@ TABLES: dict[str, tuple[Column, ...]] = {
             "why",
             "text",
             "",
-            "why nobody can tell: hidden, out of view, no free space, short or ambiguous; null where it can be told",
+            "why nobody can tell: hidden, out of view, no free space, short, ambiguous or poses; null where it can be told",
             words=CHANGE_WHYS,
         ),
         _open("score", "float64", "1", "probability of the status, 0 to 1; 0 where nothing tells"),
@@ -280,6 +280,20 @@ TABLES: dict[str, tuple[Column, ...]] = {
         *(Column(axis, "float64", "1", "its rotation") for axis in ("qy", "qz")),
         Column("qw", "float64", "1", "its rotation, 0 or more"),
         Column("yaw", "float64", "rad", "direction of its x axis, seen from above"),
+        Column(
+            "map_state",
+            "text",
+            "",
+            "by a map (`--map`): the path fits it, is off, lost, or that is unknown; null without a verdict",
+            words=MAP_STATES,
+            nullable=True,
+        ),
+        Column("map_share", "float64", "1", "share of the beams of its second that the map explains", nullable=True),
+        *(
+            Column(f"map_d{axis}", "float64", "m", "correction that lays it on the map; null without one", nullable=True)
+            for axis in "xy"
+        ),
+        Column("map_dyaw", "float64", "rad", "turn of this correction", nullable=True),
     ),
 }
 """Table → its columns, in order."""

@@ -268,13 +268,20 @@ class TopicOrder:
     first : topic that sorts first, where that is known; without it every topic waits
     folder : folder of the file for rows that wait, by default that of temporary files
     stamps : unit of the stamps that come out, as of `in_unit`
+    at_once : True to pass on all rows as they come, of whatever topic
     """
 
     def __init__(
-        self, sinks: Mapping[str, RowSink], first: str | None, folder: Path | None = None, stamps: str = NS
+        self,
+        sinks: Mapping[str, RowSink],
+        first: str | None,
+        folder: Path | None = None,
+        stamps: str = NS,
+        at_once: bool = False,
     ) -> None:
         self._sinks = sinks
         self._first = first
+        self._at_once = at_once
         self._folder = folder
         self._stamps = stamps
         self._file: IO[bytes] | None = None
@@ -289,7 +296,7 @@ class TopicOrder:
         if table not in self._sinks:
             return
         rows = restamped(rows, self._stamps)
-        if topic == self._first:
+        if self._at_once or topic == self._first:
             self._sinks[table].write(rows)
             return
         self._waiting.setdefault((table, topic), []).append(rows)

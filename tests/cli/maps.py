@@ -20,8 +20,10 @@ from tests.sweeping import raw_sweeps
 
 Run = Callable[..., Any]
 DRIVE = SAMPLES / "drive.db3"
-POSES_NOTE = "  note     poses from /tf and /tf_static (odom > base_link > laser); also available: /odom (--pose TOPIC)"
-FITS_NOTE = "  note     poses from /tf fit the sweeps: 100% of 147 steps"
+POSES_NOTE = (
+    "  note     poses from /tf and /tf_static (odom > base_link > laser): 96% of the hits agree over the run; "
+    "also available: /odom (--pose TOPIC)"
+)
 COUNTED = (
     "  note     used 75 of 150 sweeps (one every 0.12 m, 10 degrees or 5 s; --min-move)",
     "map of 75 sweeps in odom: 9.4 x 7.5 m, 1,407 cells of 0.05 m occupied, 24,467 free",

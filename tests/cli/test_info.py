@@ -81,9 +81,12 @@ def test_json(logs: Path, lidarcli: Run) -> None:
         "beams_by_status": {"valid": 7180, "no_return": 20, "too_close": 0, "invalid": 0, "masked": 0},
         "pose": None,
         "pose_verdict": None,
+        "pose_chain": None,
+        "pose_agreement": None,
+        "pose_again": None,
+        "pose_drift": None,
         "pose_fit": None,
         "pose_delay": None,
-        "pose_cuts": None,
         "beam_order": None,
         "made_of": None,
     }

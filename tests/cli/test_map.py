@@ -19,8 +19,8 @@ from lidarcli.logs.batches import ReadOptions
 from lidarcli.maps import CloudPoints, PlyWriter, read_map
 from lidarcli.pipeline.mapping import WRITERS
 from lidarcli.tabular.schemas import CLOUD
-from tests.cli.maps import COUNTED, DRIVE, FITS_NOTE, POSES_NOTE, Run, mapped, names, occupied, ply, still
-from tests.pose.pose_messages import accepted
+from tests.cli.maps import COUNTED, DRIVE, POSES_NOTE, Run, mapped, names, occupied, ply, still
+from tests.pose.pose_messages import told_of_drive
 from tests.sweeping import START
 
 
@@ -30,7 +30,7 @@ def test_yaml(lidarcli: Run, tmp_path: Path) -> None:
     lines = ran.err.splitlines()
     assert lines[0].startswith(f"{DRIVE}: 150 sweeps")
     wrote = [f"  wrote    {tmp_path / name}" for name in ("room.yaml", "room.pgm")]
-    assert lines[1:] == [POSES_NOTE, FITS_NOTE, *COUNTED, *wrote]
+    assert lines[1:] == [POSES_NOTE, *COUNTED, *wrote]
     assert names(tmp_path) == ["room.pgm", "room.yaml"]
     assert (tmp_path / "room.yaml").read_text() == (
         "image: room.pgm\nmode: trinary\nresolution: 0.050\norigin: [-4.700, -3.750, 0.0]\nnegate: 0\n"
@@ -97,7 +97,7 @@ def test_clouds(lidarcli: Run, tmp_path: Path) -> None:
     parameters = json.loads(metadata[b"lidarcli.parameters"])
     assert (parameters["resolution"], parameters["min_move"], parameters["voxel"]) == (0.05, 0.12, 0.0)
     (source,) = json.loads(metadata[b"lidarcli.source"])
-    assert source["poses"] == {"laser": accepted("/tf", "odom")}
+    assert source["poses"] == {"laser": told_of_drive("/tf", "odom")}
     # Nearly every point lies in or beside an occupied cell: all but what only one sweep hit.
     cells = occupied(tmp_path / "c.yaml")
     around = {(i + di, j + dj) for i, j in cells for di in (-1, 0, 1) for dj in (-1, 0, 1)}

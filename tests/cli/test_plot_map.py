@@ -51,8 +51,8 @@ def test_every_format_and_what_is_said(lidarcli: Run, tmp_path: Path) -> None:
         ran = lidarcli("plot", DRIVE, "--view", "map", "-o", out)
         assert (ran.code, ran.out) == (0, "")
         assert ran.err.splitlines() == [
-            "  note     poses from /tf and /tf_static (odom > base_link > laser); also available: /odom (--pose TOPIC)",
-            "  note     poses from /tf fit the sweeps: 100% of 147 steps",
+            "  note     poses from /tf and /tf_static (odom > base_link > laser): 96% of the hits agree over the run; "
+            "also available: /odom (--pose TOPIC)",
             "  note     used 75 of 150 sweeps (one every 0.12 m, 10 degrees or 5 s; --min-move)",
             f"  wrote    {out}",
         ]

@@ -110,4 +110,4 @@ def test_every_key_is_described_and_no_other(unknown: bool) -> None:
 
 
 def test_every_rule_is_explained() -> None:
-    assert tuple(re.findall(r"^\| `(\w+)` \| (?:always|`--deep`) \|", PAGE, re.MULTILINE)) == IDS
+    assert tuple(re.findall(r"^\| `(\w+)` \| (?:always|`--deep`|`--map`) \|", PAGE, re.MULTILINE)) == IDS

@@ -35,7 +35,10 @@ UNLISTED = {
     *("catalogue.LEAST_LENGTH", "catalogue.LEAST_DENSITY"),
     *("differences.ROUNDS", "ground.FAR_CORNER", "alignment.SMALL", "alignment.PROPOSALS_AT_ONCE", "ground.AT_ONCE"),
     *(f"differences.{name}" for name in ("THING", "STRUCTURE", "KNOWN", "MOVED", "NEW", "GONE", "UNCERTAIN")),
-    *(f"differences.{name}" for name in ("HIDDEN", "OUT_OF_VIEW", "NO_FREE_SPACE", "SHORT", "AMBIGUOUS", "CERTAIN")),
+    *(
+        f"differences.{name}"
+        for name in ("HIDDEN", "OUT_OF_VIEW", "NO_FREE_SPACE", "SHORT", "AMBIGUOUS", "POSES", "CERTAIN")
+    ),
     *(f"grid.{name}" for name in ("UNKNOWN", "FREE", "OCCUPIED", "SKIPPED", "HIT", "CLEAR")),
 }
 """These number words, keep numbers finite and arrays small, and decide nothing."""

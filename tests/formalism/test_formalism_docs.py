@@ -41,6 +41,8 @@ MAPS = {path.stem for path in (Path(formalism.__file__).parent / "mapping").glob
 """So have maps, docs/map.md."""
 THINGS = {"catalogue", "ground", "alignment", "differences"}
 """And things of interest and what changed, docs/catalogue.md and docs/diff.md."""
+PATHS = {"path_agreement", "localisation"}
+"""And the path of the sensor, docs/poses.md."""
 
 
 def section(title: str) -> str:
@@ -101,7 +103,7 @@ def constants() -> dict[str, list[float]]:
     names = {
         name: sorted(assigned(path) - codes - MARKS.get(name, set()))
         for name, path in sources().items()
-        if name not in CODES | BACKGROUND | THINGS | MAPS
+        if name not in CODES | BACKGROUND | THINGS | MAPS | PATHS
     }
     wanted = [(module_of(sources()[name]), name, list(values)) for name, values in names.items() if values]
     program = (

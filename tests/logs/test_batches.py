@@ -229,3 +229,19 @@ def test_topics_by_pattern(listed: bool, wanted: tuple[str, ...], read: list[str
 def test_a_pattern_that_means_nothing_is_a_topic_that_is_not_there() -> None:
     with pytest.raises(NoScanError, match=r"no LaserScan topic /front\*"):
         run([block([3] * 5)], topics=["/front*"])
+
+
+def test_sweeps_of_a_pipe_do_not_wait_for_their_batch(monkeypatch: pytest.MonkeyPatch) -> None:
+    blocks = [block([9] * 20, first=20 * number) for number in range(20)]
+    whole = run(blocks)
+    assert len(whole) == 1
+    monkeypatch.setattr(batches, "LATENCY", -1.0)
+    assert len(run(blocks)) == 1
+    pipe = FakeLog(blocks, size=None)
+    found, read = [], []
+    for batch in read_batches(pipe, ReadOptions(), ReadReport()):
+        found.append(batch)
+        read.append(pipe.position)
+    # The first comes long before the pipe ends.
+    assert read[0] < 2000
+    assert sweeps(found) == sweeps(whole)

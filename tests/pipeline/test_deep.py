@@ -21,7 +21,7 @@ from lidarcli.pipeline.reading.posing import PoseOptions
 from lidarcli.range_rules import RangeRules
 from lidarcli.ros.messages import ROS1, Outgoing, bag_writer
 from lidarcli.simulation import scene as make
-from lidarcli.simulation.generate import START_NS, SimulatedPoses, relative, simulate_odometry
+from lidarcli.simulation.generate import START_NS, relative, simulate_odometry
 from lidarcli.simulation.scene import Entity, Mount, Odometry, Scene, Sensor
 from lidarcli.simulation.writers import ROS1_BYTES, outgoing, write_log
 from lidarcli.sweeps import TURN, Float64, RawSweeps
@@ -306,23 +306,6 @@ def test_stamps_of_another_beam_are_told(tmp_path: Path, beam: str, share: float
 def test_a_delay_is_no_other_finding(tmp_path: Path) -> None:
     scene = scene_of(odometry=replace(WHEELS, delay=0.25))
     assert deep(drive(tmp_path / "run.mcap", scene)) == DeepFindings()
-
-
-@pytest.mark.slow
-def test_poses_that_do_not_fit_are_told(tmp_path: Path) -> None:
-    scene = scene_of(odometry=Odometry())
-    poses = simulate_odometry(scene, scene.sweeps)
-    assert poses is not None
-    wrong = SimulatedPoses(
-        poses.odometry, poses.laser_frame, poses.stamp_ns, poses.poses * [0.5, 0.5, 1.0], poses.speed, poses.yaw_rate
-    )
-    log = tmp_path / "run.mcap"
-    write_log(log, sweeps_of(scene), poses=wrong)
-    finding = only(deep(log), "pose_fit")
-    assert finding.evidence["cells_matched"] < 0.7 * finding.evidence["cells_told"]
-    assert finding.fix is not None
-    assert finding.fix.text == "--pose match"
-    assert deep(log, source="none") == DeepFindings()
 
 
 # --- the robot's own body -------------------------------------------------------------------------------------

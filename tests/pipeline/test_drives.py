@@ -125,7 +125,7 @@ def test_what_stands_is_no_agent(tmp_path: Path, case: Case) -> None:
         write_log(tmp_path / f"{name}.mcap", [raw], poses=poses)
         tables[name] = lidarcli.track(tmp_path / f"{name}.mcap")
     assert verdict(tables["unposed"]) == "matched"
-    assert verdict(tables["posed"]) == "accepted"
+    assert verdict(tables["posed"]) == "told"
     hits = entity.astype(np.int64)
     assert share_of_agents(tables["unposed"], scene, hits) <= case.matched
     assert share_of_agents(tables["posed"], scene, hits) <= case.true

@@ -235,8 +235,8 @@ def turning(poses: SimulatedPoses) -> SimulatedPoses:
 
 
 POSES: dict[str, tuple[str, Callable[[SimulatedPoses], SimulatedPoses], str]] = {
-    "jump": ("steps", jumping, "poses from /tf jump by 3.0 m at 12.0 s: cut there"),
-    "turn": ("steps", turning, "poses from /tf leap in heading once, by up to 89 deg"),
+    "jump": ("drift", jumping, "poses from /tf jump by up to 3.0 m: the path is matched from the sweeps, guided by /tf"),
+    "turn": ("drift", turning, "poses from /tf jump by up to 89 degrees: the path is matched from the sweeps"),
     "no transform": (
         "frames",
         lambda poses: replace(poses, laser_frame="lidar"),
@@ -320,10 +320,10 @@ def test_sound_poses_have_none(tmp_path: Path) -> None:
 
 
 REAL = {
-    "comprobo24/drive_square/drive_square_0.db3": "gaps duplicate frames delay pose_fit",
-    "comprobo24/test-bag/test-bag_0.db3": "gaps*2 duplicate frames delay pose_fit",
+    "comprobo24/drive_square/drive_square_0.db3": "gaps duplicate frames delay",
+    "comprobo24/test-bag/test-bag_0.db3": "gaps*2 duplicate frames drift delay",
     "datmo/overtake_ego.bag": "rolling frames",
-    "datmo/parallel.bag": "rolling frames",
+    "datmo/parallel.bag": "rolling frames drift mount",
     "hrp_mpc_lidar/mylaserdata2.bag": "frames",
     "leg_tracker/demo_stationary_simple_environment.bag": "",
     "leg_tracker/negative_2.bag": "no_return*3 too_close*3 rolling*3",
@@ -338,8 +338,8 @@ REAL = {
     "obstacle_detector/scans_demo.bag": "no_return*2 too_close*2",
     "pr2/mylaserdata.bag": "no_return",
     "real_clients/irs_a1scan.db3": "",
-    "robots_ii/mylaserdata_20151128.bag": "no_return",
-    "robots_ii/src_mylaserdata_20151128.bag": "no_return duplicate observed steps",
+    "robots_ii/mylaserdata_20151128.bag": "no_return drift",
+    "robots_ii/src_mylaserdata_20151128.bag": "no_return duplicate observed drift",
     "ros2_selfdriving/circular_bag_framed_0522/circular_bag_framed_0.db3": "gaps clock",
     "ros2_selfdriving/full_bag_nav/full_bag_nav_0.db3": "clock",
     "ros2_selfdriving/full_bag_nav/scan.csv": "clock",
@@ -362,7 +362,7 @@ def test_what_public_recordings_have(path: str) -> None:
 
 
 def test_json_has_no_nan() -> None:
-    found = Finding("pose_fit", "warning", "/scan", "laser", "no step", {"share": math.nan, "steps": 0, "ends": [1, 2]})
+    found = Finding("drift", "warning", "/scan", "laser", "no step", {"share": math.nan, "steps": 0, "ends": [1, 2]})
     assert found.as_dict()["evidence"] == {"share": None, "steps": 0, "ends": [1, 2]}
 
 

@@ -92,7 +92,7 @@ def test_delays_of_the_sample_drive_are_found(late: float, drive: Scene, tmp_pat
 def test_poses_that_fit_are_left_alone(drive: Scene, tmp_path: Path) -> None:
     log = written(tmp_path / "right.mcap", drive, 0.0)
     alone, as_told = lidarcli.track(log), lidarcli.track(log, pose_delay=0.0)
-    assert facts(alone.objects)["pose_verdict"] == {"/scan": "accepted"}
+    assert facts(alone.objects)["pose_verdict"] == {"/scan": "told"}
     assert facts(alone.objects)["pose_delay"] == {"/scan": 0.0}
     assert alone.objects.equals(as_told.objects)
     assert alone.tracks.equals(as_told.tracks)
@@ -264,7 +264,7 @@ def test_the_order_of_the_beams_is_learned(tmp_path: Path, order: str, header: f
     [
         ("comprobo24/drive_square", "corrected", -0.34),
         ("ros_behaviors_fsm/teleop", "corrected", -0.35),
-        ("my_gazebo_tutorials/20_53_49", "accepted", 0.0),
+        ("my_gazebo_tutorials/20_53_49", "told", 0.0),
     ],
 )
 def test_verdicts_on_real_logs(log: str, verdict: str, delay: float) -> None:

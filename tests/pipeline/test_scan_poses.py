@@ -51,7 +51,7 @@ def test_a_path_that_sweeps_tell(tmp_path: Path) -> None:
     assert poses_of(note_value(notes_of(table), SOURCE, dict))["map"]["world"] == "map"
     (info,) = lidarcli.info(log)
     assert info["scans"][0]["pose"] == "/lidar (map > /lidar)"
-    assert info["scans"][0]["pose_verdict"] == "accepted"
+    assert info["scans"][0]["pose_verdict"] == "told"
 
 
 def test_a_mount_that_sweeps_tell(tmp_path: Path) -> None:

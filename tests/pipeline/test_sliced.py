@@ -70,8 +70,7 @@ def test_a_leaning_sensor_is_worth_a_note_only_where_its_sweeps_lean_with_it() -
     (block,) = log.scans(None, ReadReport())
     posing.attach(normalise(block, np.arange(3), RangeRules()))
     assert posing.notes() == [
-        "poses from /tf and /tf_static (odom > base_link > lidar)",
-        "poses from /tf are taken as they are, unchecked: the sensor hardly moves",
+        "poses from /tf and /tf_static (odom > base_link > lidar): unchecked: the sensor hardly moves"
     ]
 
 

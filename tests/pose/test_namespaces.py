@@ -11,7 +11,7 @@ import pytest
 
 from lidarcli.foxglove import SCAN, classes
 from lidarcli.logs.base import Message
-from lidarcli.pose.fit import contradictions, way_findings
+from lidarcli.pose.fit import contradictions
 from lidarcli.pose.sources import FrameTree, PoseChain, PoseSources
 from lidarcli.pose.tracks import Track, Tracks, planar
 from tests.pose.pose_messages import SECOND, Pose, message, numbers, odometry, tf
@@ -134,22 +134,3 @@ def test_contradictions_of_one_namespace() -> None:
     assert words(static, tf(0, "mast", "laser", (0, 0, 0), "/tf_static")) == [parents]
     # Two robots may differ.
     assert words(static, tf(0, "base_link", "laser", (5, 0, 0), "/robot2/tf_static")) == []
-
-
-@pytest.mark.parametrize(
-    ("shift", "turn", "told"), [(0.15, 0.0, "0.15 m and 0 degrees"), (0.0, 0.06, "0.00 m and 3 degrees"), (0.05, 0.02, "")]
-)
-def test_a_correction_of_localisation_is_told(shift: float, turn: float, told: str) -> None:
-    """Where things are followed 2 m away, it moves them as they never do; the robot drives between two messages."""
-    messages = [tf(0, "base_link", "laser", (0.1, 0, 0), "/tf_static")]
-    for number, time in enumerate(TIMES):
-        place = (shift, 0, turn) if number else (0, 0, 0)
-        messages += [tf(time, "map", "odom", place, "/tf"), tf(time, "odom", "base_link", (number, 0, 0), "/tf")]
-    links = tracks_of(messages)
-    chain = PoseSources(links).chain("laser")
-    assert chain is not None
-    assert [each.message for each in way_findings(chain, links)] == (
-        [f"map > odom is corrected once, by up to {told}: what stands may seem to move then; --pose match does without it"]
-        if told
-        else []
-    )

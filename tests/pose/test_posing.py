@@ -72,9 +72,9 @@ def test_poses_between_those_of_the_log(tmp_path: Path) -> None:
 
     summary = detect_to_files(Source(str(tmp_path / "run.mcap"), "run"), tmp_path, DetectOptions())
     assert summary.notes == [
-        "poses from /tf and /tf_static (odom > base_link > laser); also available: /odom (--pose TOPIC)",
+        "poses from /tf and /tf_static (odom > base_link > laser): unchecked: only 5 steps of its sweeps can be compared; "
+        "also available: /odom (--pose TOPIC)",
         "without a pose: 3 of 12 sweeps of frame laser, whose stamps are outside the span of /tf",
-        "poses from /tf are taken as they are, unchecked: only 5 steps of its sweeps can be compared",
     ]
     assert summary.exit_code == 0
     sweeps_table = pq.read_table(tmp_path / "run.sweeps.parquet")
@@ -230,10 +230,10 @@ def test_quaternions_that_are_written_w_first_are_noted() -> None:
 def test_poses_that_could_not_be_checked_do_not_fit_unless_they_are_named() -> None:
     messages = [tf(START + k * SECOND, "map", "laser", (k, 0, 0, 0, 0, 0, 1)) for k in range(6)]
     posing = posing_of(PosesLog(messages))
-    checked = posing.paths[("/scan", "laser")] if posing.paths else CheckedPath("unchecked")
-    for verdict, named, fits in (("unchecked", False, False), ("unchecked", True, True), ("accepted", False, True)):
+    checked = posing.paths.get(("/scan", "laser"), CheckedPath("told"))
+    for drift, named, fits in ((np.nan, False, False), (np.nan, True, True), (0.01, False, True)):
         chain = posing.found.sources.chain("laser") if posing.found is not None else None
-        posing.paths = {("/scan", "laser"): replace(checked, verdict=verdict, chain=chain)}
+        posing.paths = {("/scan", "laser"): replace(checked, drift=drift, chain=chain)}
         posing.named = named
         batch = posing.attach(batch_of())
         assert batch.fits is not None

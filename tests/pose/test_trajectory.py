@@ -22,7 +22,7 @@ MOST = tracks.MOST_NS
 def read(folder: Path, text: str | bytes) -> Track:
     path = folder / "run.tum"
     path.write_bytes(text if isinstance(text, bytes) else text.encode())
-    return read_trajectory(path)
+    return read_trajectory(path)[0]
 
 
 def stamps(track: Track) -> list[int]:

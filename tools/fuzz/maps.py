@@ -241,7 +241,7 @@ def judge_path(place: Place) -> Iterator[str]:
     """What `read_trajectory` says, and commands that use it."""
     path = place.input / _PATH
     try:
-        track = read_trajectory(path)
+        track, _ = read_trajectory(path)
     except UnreadableError as err:
         yield from odd_lines("read_trajectory", [_told(err, path)])
     except Exception:

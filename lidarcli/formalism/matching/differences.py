@@ -339,7 +339,7 @@ def _marginals(weight: Float64) -> Float64:
 
 THING, STRUCTURE = range(len(CHANGE_KINDS))
 KNOWN, MOVED, NEW, GONE, UNCERTAIN = range(len(CHANGE_STATUSES))
-HIDDEN, OUT_OF_VIEW, NO_FREE_SPACE, SHORT, AMBIGUOUS = range(len(CHANGE_WHYS))
+HIDDEN, OUT_OF_VIEW, NO_FREE_SPACE, SHORT, AMBIGUOUS, POSES = range(len(CHANGE_WHYS))
 CERTAIN = -1
 """In place of a reason, where there is a status."""
 EXPLAINED, CHANGED = 0.15, 0.15

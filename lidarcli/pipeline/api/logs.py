@@ -132,6 +132,7 @@ def info(log: Paths, *, progress: Progress = False, **options: Unpack[Inspecting
         As of `read`. A log without LaserScan is warned of.
     """
     read, opening, poses = log_options(options)
+    site = None if options["map"] is None else fspath(options["map"])
     sources = sources_of(log, options["join"])
     failed = ErrorCollector(len(sources))
     found = []
@@ -139,7 +140,7 @@ def info(log: Paths, *, progress: Progress = False, **options: Unpack[Inspecting
         for source in sources:
             with failed.noted(source):
                 tell = progress_of(source, report)
-                one = inspect_log(source, opening, read.rules, poses, tell, options["deep"], read.topics)
+                one = inspect_log(source, opening, read.rules, poses, tell, options["deep"], read.topics, site)
                 for line in one.damage:
                     warn(f"{source.label}: {line}")
                 if one.exit_code == NoScanError.exit_code:

@@ -29,7 +29,6 @@ from lidarcli.findings import (
     MIRROR,
     MOUNT,
     MOUNT_UNKNOWN,
-    PATH_FIT,
     STAMP,
     Finding,
     Fix,
@@ -44,7 +43,7 @@ from lidarcli.masks import Mask, Masks, Mount, Sector
 from lidarcli.pipeline.inputs.declared import mask_text
 from lidarcli.pipeline.inputs.sources import Source, open_source
 from lidarcli.pipeline.reading.masking import MOST_SENSORS, STOOD_REACH, MaskRules, MovedPath, masking_of
-from lidarcli.pipeline.reading.path_check import CheckedPath
+from lidarcli.pipeline.reading.path_check import DRIFT_NOTED, CheckedPath
 from lidarcli.pipeline.reading.posing import NONE, Need, PoseAttacher, PoseOptions, of_one_run
 from lidarcli.pose.calibration import (
     CalibrationResult,
@@ -58,7 +57,7 @@ from lidarcli.pose.calibration import (
     stretches_of,
     surfaces,
 )
-from lidarcli.pose.fit import ACCEPTED, AUTO, mount_between, pairs_of, poses_after, steps_between, wrapped
+from lidarcli.pose.fit import ACCEPTED, AUTO, headers_of, mount_between, pairs_of, poses_after, steps_between, wrapped
 from lidarcli.pose.sources import FrameTree, PoseChain, Step, along
 from lidarcli.pose.tracks import SECOND_NS, Motion, frame_name, planar
 from lidarcli.range_rules import RangeRules
@@ -89,8 +88,6 @@ _STAMPED = {"first": 0.0, "middle": 0.5, "last": 1.0}
 """Beam at whose time a header is stamped → its share of the time of the sweep."""
 LEAST_TIME = 0.02
 """Deviation of such a share that is told at best."""
-LONGEST_STEP = 0.5
-"""No matched pose is between sweeps further apart [s]."""
 LASER_DELAYS = 0.02
 """Deviation of the clocks of two lasers [s]."""
 LEAST_STEPS, LEAST_BEAMS = 20, 3
@@ -161,7 +158,7 @@ def deep_findings(
                 calibrated = _calibrated(sensor)
                 finding, mount = _mount_finding(sensor, calibrated)
                 firsts[world] = sensor, calibrated
-                findings += finding + _stamp_finding(sensor, calibrated) + _fit_finding(sensor, calibrated)
+                findings += finding + _stamp_finding(sensor, calibrated)
             else:
                 finding, mount = _lasers_finding(*firsts[world], sensor, FrameTree(links, sensor.topic))
                 findings += finding
@@ -237,7 +234,7 @@ class _Sensor:
     def add(self, batch: SweepBatch) -> None:
         """Take sweeps."""
         if not self._sweeps:
-            self.times = tuple(float(np.median(times)) for times in self.path.timing.of(batch))  # type: ignore[assignment]
+            self.times = tuple(float(np.median(times)) for times in self.path.timing.of(headers_of(batch)))  # type: ignore[assignment]
             self._first_ns = int(batch.stamp_ns[0])
         self.step = self.step or abs(float(batch.angle_increment[0]))
         self.flicker.add(batch)
@@ -400,8 +397,8 @@ def _calibrated(sensor: _Sensor) -> _Calibrated | None:
     by_log, fit = _by_log(sensor), sensor.path.fit
     if by_log is None or by_log.turned < LEAST_TURN or sensor.stood or fit is None:
         return by_log
-    # Where steps disagree, more than a mount is wrong.
-    if fit.verdict not in ("accepted", "corrected") or fit.share < ACCEPTED:
+    # Where steps disagree or the poses drift, more than a mount is wrong.
+    if fit.verdict not in ("accepted", "corrected") or fit.share < ACCEPTED or sensor.path.drift > DRIFT_NOTED:
         return by_log
     starts = [by_log.start]
     assert sensor.chain is not None
@@ -510,43 +507,6 @@ def _stamp_finding(sensor: _Sensor, found: _Calibrated | None) -> list[Finding]:
         duration=round(duration, 4),
     )
     return judge([STAMP], stats, sensor.named)
-
-
-def _fit_finding(sensor: _Sensor, found: _Calibrated | None) -> list[Finding]:
-    """Return the finding that the matched path fills far fewer cells than the told one, whose steps do not agree."""
-    path = sensor.path
-    if found is None or path.fit is None or path.fit.verdict == "unchecked" or path.follows_told or sensor.stood:
-        return []
-    values = found.settled.values if found.settled is not None and found.differs else found.start
-    logged = poses_after(found.base(float(values[3]), float(values[4])), values[:3])
-    first, last = sensor.times
-    at_ns = found.outlines.stamp_ns + (first + (last - first) * found.outlines.share) * SECOND_NS
-    matched = _matched_at(path, at_ns)
-    reached = np.flatnonzero(np.isfinite(matched[:, 0]))
-    if len(reached) < LEAST_STEPS * SLOTS:
-        return []
-    outlines = found.outlines.those(reached)
-    cells, fewer = cells_filled(outlines, logged[reached]), cells_filled(outlines, matched[reached])
-    share = 1.0 - fewer / max(cells, 1)
-    source = sensor.chain.topics[0] if sensor.chain else "its poses"
-    stats = SimpleNamespace(cells_told=cells, cells_matched=fewer, share=share, fewer=round(share, 3), source=source)
-    return judge([PATH_FIT], stats, sensor.named)
-
-
-def _matched_at(path: CheckedPath, at_ns: Float64) -> Float64:
-    """Return the matched poses (K, 3) at stamps (K,), NaN away from sweeps that have one, in the longest piece."""
-    reached = np.isfinite(path.matched[:, 0])
-    if not reached.any():
-        return np.full((len(at_ns), 3), np.nan)
-    pieces, counts = np.unique(path.pieces[reached], return_counts=True)
-    mine = reached & (path.pieces == pieces[counts.argmax()])
-    stamps, poses = path.stamp_ns[mine].astype(np.float64), path.matched[mine]
-    poses = np.column_stack([poses[:, :2], np.unwrap(poses[:, 2])])
-    found = np.column_stack([np.interp(at_ns, stamps, one) for one in poses.T])
-    after = np.clip(np.searchsorted(stamps, at_ns), 1, max(len(stamps) - 1, 1))
-    wide = np.full(len(at_ns), True) if len(stamps) < 2 else stamps[after] - stamps[after - 1] > LONGEST_STEP * SECOND_NS
-    found[wide | (at_ns < stamps[0]) | (at_ns > stamps[-1])] = np.nan
-    return found
 
 
 def _lasers_finding(

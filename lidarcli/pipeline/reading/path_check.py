@@ -1,8 +1,8 @@
-"""The path of each sensor of a log, by its sweeps: given poses that fit, corrected, or matched where none fit."""
+"""The path of each sensor of a log: told, or matched from its sweeps, by what they all agree on."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
@@ -12,16 +12,27 @@ import numpy as np
 from lidarcli.choices import BEAM_ORDERS
 from lidarcli.display import counted, times
 from lidarcli.findings import Finding, Fix
+from lidarcli.formalism.path_agreement import Agreement
 from lidarcli.logs.base import Log, ReadReport
 from lidarcli.logs.batches import LogBatcher, ReadOptions
 from lidarcli.logs.registry import TopicChoice
 from lidarcli.pipeline.reading.posing import Need
+from lidarcli.pose.candidates import (
+    CLEARLY,
+    DRIFTS,
+    STANDS_BETTER,
+    Candidate,
+    SweepSample,
+    best_told,
+    better_path,
+    laid,
+    poses_of,
+    told_candidates,
+)
 from lidarcli.pose.fit import (
     ACCEPTED,
     AUTO,
     CORRECTED,
-    JUMP_LENGTH,
-    JUMP_SPEED,
     LEAST_DELAY,
     LEAST_PAIRS,
     LEAST_SKEWED,
@@ -31,14 +42,14 @@ from lidarcli.pose.fit import (
     PoseFit,
     Timing,
     duration_of,
-    joined,
+    headers_of,
     judge_poses,
-    jumps_of,
+    jump_of,
     order_of,
     stands,
     still_at,
 )
-from lidarcli.pose.sources import Correction, PoseChain, Step, later
+from lidarcli.pose.sources import Correction, PoseChain, Step
 from lidarcli.pose.tracks import SECOND_NS, Motion, planar
 from lidarcli.range_rules import RangeRules
 from lidarcli.sweeps import Bool, Float64, Int64, SweepBatch
@@ -47,25 +58,27 @@ if TYPE_CHECKING:
     from lidarcli.pose.sources import GivenPaths, PoseSources
 
 MOST_MATCHED = 16
-"""Topics and frames whose paths are matched: each has a map in memory."""
-ENOUGH, ENOUGH_WAY = 2000, 30.0
-"""A given path is judged by its first so many sweeps, once the sensor has gone so far [m]."""
+"""Topics and frames whose paths are looked at: each has a map in memory."""
+ENOUGH, ENOUGH_WAY = 150, 15.0
+"""The steps of a told path are judged by its first so many sweeps, once the sensor has gone so far [m]."""
 SAMPLE, PERIOD = 5, 200
 """Of a sensor that has stood for a period of sweeps, so many of each period are matched."""
-ENOUGH_SKEWED, MOST_HELD = 300, 3000
-"""Sweeps during which the sensor moves that tell the order of the beams, and most sweeps that are held for it."""
-WELL_CORRECTED = 0.9
-"""Share of steps that agree from which on corrected poses are the path; below, they guide the matched one."""
-LESS_PLACED, LESS_SHARP = 0.02, 0.01
-"""Shares of sweeps that have no pose by a guess, and of points that lie worse, from which on the guess does harm."""
+PART, PARTED = 50, 1000
+"""So many sweeps are matched at once, of the first ones."""
+ENOUGH_TURNING, LEADING = 100, 8
+"""Sweeps during which the sensor turned that tell the order of the beams; each is matched after so many before it."""
+MOST_HELD = 600
+"""Most sweeps that are held until the order of the beams is known."""
 WORTH_A_GUESS = 0.2
-"""Share of given steps that agree from which on the given steps guide the search."""
+"""Share of told steps that fit below which they are no better a guess than none."""
+SHARP = 0.9
+"""Agreement of places seen again below which a delay and a mount are looked for though the steps fit."""
 LEAST_PLACED = 0.7
 """Least share of sweeps with a pose that tell the order of the beams."""
 SLIDING = 0.05
 """Share of the sweeps that may slide along walls from which there is a note."""
-SHOWN_JUMPS = 3
-"""Jumps of given poses that have a note each."""
+DRIFT_NOTED = 0.05
+"""A told path that is taken is told to drift from this on."""
 
 Key = tuple[str, str]
 """Topic and frame of sweeps."""
@@ -76,31 +89,34 @@ class CheckedPath:
     """The path of one sensor after a look at its sweeps."""
 
     verdict: str
-    """accepted, corrected, stretches, rejected, matched, unchecked or none."""
+    """told, corrected, matched or none."""
     chain: PoseChain | None = None
     """Path to use; None for none."""
-    given: PoseChain | None = None
-    """Told path, corrected, that does not fit well enough to be used, but guides a second look."""
+    agreement: Agreement | None = None
+    """How well the sweeps agree under it."""
     fit: PoseFit | None = None
+    """The steps of the told path beside those that are matched."""
     timing: Timing = field(default_factory=Timing)
     """Times at which the beams are sent."""
     stamp_ns: Int64 = field(default_factory=lambda: np.zeros(0, np.int64))
-    """(S,) stamps of sweeps [ns], increasing."""
+    """(S,) stamps of the sweeps that were matched [ns], increasing."""
     matched: Float64 = field(default_factory=lambda: np.zeros((0, 3)))
     """(S, 3) x, y [m] and yaw [rad] of the path that was matched from these sweeps, NaN without a pose."""
     pieces: Float64 = field(default_factory=lambda: np.zeros(0))
     """(S,) number of the piece of that path: one does not lie to the next as it should."""
     still: Bool = field(default_factory=lambda: np.zeros(0, bool))
     """(S,) True where the sensor stands at that sweep; empty where the sweeps do not tell."""
+    drift: float = float("nan")
+    """By how much places seen again agree less than those seen soon, under the told path; NaN where none are."""
     notes: tuple[str | Finding, ...] = ()
     """Notes on the path; of what is a fault of the log, the finding."""
+    remark: str = ""
+    """How well a told path agrees with the sweeps, in words."""
 
     @property
-    def follows_told(self) -> bool:
-        """True where the path to use is the told one."""
-        if self.fit is None or self.fit.verdict in ("rejected", "stretches"):
-            return False
-        return self.fit.verdict != "corrected" or self.fit.share >= WELL_CORRECTED
+    def is_checked(self) -> bool:
+        """True where steps of the path, or places that are seen again, tell that it fits the sweeps."""
+        return self.verdict == "matched" or np.isfinite(self.drift) or (self.fit is not None and self.fit.is_judged)
 
     def stood(self, stamp_ns: Int64) -> Bool:
         """Tell whether the sensor stood at stamps (S,) [ns], as at the sweep before."""
@@ -110,46 +126,60 @@ class CheckedPath:
 
     def facts(self) -> dict[str, Any]:
         """Return the verdict for the tables' metadata and `info`."""
-        given: dict[str, Any] = {"pose_verdict": self.verdict}
+        found: dict[str, Any] = {"pose_verdict": self.verdict}
+        if self.chain is not None and self.verdict != "matched":
+            found["pose_chain"] = self.chain.frames
+        if self.agreement is not None:
+            found |= {"pose_agreement": _rounded(self.agreement.all), "pose_again": _rounded(self.agreement.again)}
+            found["pose_drift"] = _rounded(self.drift)
         if self.fit is not None:
-            fit = round(self.fit.share, 3) if np.isfinite(self.fit.share) else None
-            given |= {"pose_fit": fit, "pose_delay": self.fit.delay, "pose_cuts": len(self.fit.cuts)}
-        return given | ({} if self.timing.order == AUTO else {"beam_order": self.timing.order})
+            found |= {"pose_fit": _rounded(self.fit.share), "pose_delay": self.fit.delay}
+        return found | ({} if self.timing.order == AUTO else {"beam_order": self.timing.order})
+
+
+def _rounded(value: float) -> float | None:
+    return round(value, 3) if np.isfinite(value) else None
 
 
 class _Look:
     """A look at the sweeps of one topic and frame, in log order."""
 
-    def __init__(
-        self,
-        given: PoseChain | None,
-        order: str,
-        *,
-        whole: bool = False,
-        guess: PoseChain | None = None,
-        wanted: bool = True,
-    ) -> None:
-        self.given = given
-        self.path = MatchedPath(Timing(order))
+    def __init__(self, chains: Sequence[PoseChain], timing: Timing, *, whole: bool, wanted: bool = True) -> None:
+        self.chains = chains
+        """Told paths, the chosen one first."""
+        self.path = MatchedPath(timing)
+        self.sample = SweepSample()
         self.is_whole = True
         """True where every sweep was matched."""
+        self.guess: PoseChain | None = None
+        """Told path whose steps guide the search."""
+        self.is_second = False
+        """True for a look that comes after another one, which has the sample."""
         self.sweeps = 0
-        self._whole, self._guess, self._wanted = whole, guess, wanted
-        self._held: list[SweepBatch] | None = [] if order == AUTO and wanted else None
+        self._whole, self._wanted = whole, wanted
+        self._held: list[SweepBatch] | None = [] if timing.order == AUTO and wanted else None
+        self._turning = np.zeros(0, np.int64)
+        """Sweeps among the held ones during which the sensor turned."""
 
     def add(self, sweeps: SweepBatch) -> None:
-        """Take sweeps. Some are matched while the sensor stands, and none once it has moved if no path is wanted."""
-        if self.sweeps < PERIOD < self.sweeps + len(sweeps):
+        """Take sweeps, in small parts at first: each tells whether more are needed."""
+        if self._wanted and not self.is_second:
+            self.sample.add(sweeps)
+        while len(sweeps):
+            most = PART - self.sweeps % PART if self.sweeps < PARTED else len(sweeps)
             rows = np.arange(len(sweeps))
-            for part in np.split(rows, [PERIOD - self.sweeps]):
-                self.add(sweeps.rows(part))
-            return
+            self._match(sweeps if len(sweeps) <= most else sweeps.rows(rows[:most]))
+            sweeps = sweeps.rows(rows[most:])
+
+    def _match(self, sweeps: SweepBatch) -> None:
+        """Match sweeps: some while the sensor stands, none once they are enough to judge told steps."""
         part = np.arange(len(sweeps))
-        if not self._whole and self.sweeps >= PERIOD and self.stands:
-            part = part[(self.sweeps + part) % PERIOD < SAMPLE]
-            self.is_whole = False
-        elif not self._wanted and not self.may_stand:
-            part = part[:0]
+        if not self._whole:
+            if self.sweeps >= PERIOD and self.stands:
+                part = part[(self.sweeps + part) % PERIOD < SAMPLE]
+            elif self.is_enough or not (self._wanted or self.may_stand):
+                part = part[:0]
+        self.is_whole &= len(part) == len(sweeps)
         self.sweeps += len(sweeps)
         if not len(part):
             return
@@ -157,23 +187,35 @@ class _Look:
         self.path.add(sweeps, self._guessed(sweeps))
         if self._held is not None:
             self._held.append(sweeps)
-            held = len(self.path.stamp_ns)
-            if held >= MOST_HELD or self._skewed() >= ENOUGH_SKEWED:
+            self._turning = np.flatnonzero(self.path.turns(duration_of(self._held)[1]) > SKEWED)
+            if len(self._turning) >= ENOUGH_TURNING or len(self.path.stamp_ns) >= MOST_HELD:
                 self.settle()
 
     def settle(self) -> None:
-        """Find the order of the beams by the sweeps so far."""
+        """Find the order of the beams by sweeps during which the sensor turned, each after some that lead to it."""
         held, self._held = self._held, None
-        if not held or self._skewed(held) < LEAST_SKEWED or self.path.placed < LEAST_PLACED:
+        if not held or len(self._turning) < LEAST_SKEWED or self.path.placed < LEAST_PLACED:
             return
         own, duration = duration_of(held)
+        rows = np.unique((self._turning[:ENOUGH_TURNING, None] - np.arange(LEADING)).clip(0))
+        ends = np.cumsum([0, *map(len, held)])
+        # Between these rows the sensor has gone on: the first path leads over that.
+        guess = np.column_stack([self.path.poses, np.zeros(ends[-1])])
         paths = {}
         for order in BEAM_ORDERS[1:]:
             path = paths[order] = MatchedPath(Timing(order, own))
-            for sweeps in held:
-                path.add(sweeps, self._guessed(sweeps))
-        if order := order_of(paths, duration):
-            self.path = paths[order]
+            for sweeps, first, end in zip(held, ends[:-1], ends[1:], strict=True):
+                mine = rows[(rows >= first) & (rows < end)]
+                path.add(sweeps.rows(mine - first), guess[mine])
+        if not (order := order_of(paths, duration)):
+            return
+        first, self.path = self.path, MatchedPath(Timing(order, own))
+        headers = np.concatenate([headers_of(sweeps) for sweeps in held])
+        if np.array_equal(first.timing.of(headers), self.path.timing.of(headers)):
+            first.timing, self.path = self.path.timing, first
+            return
+        for sweeps in held:
+            self.path.add(sweeps, self._guessed(sweeps))
 
     @property
     def stands(self) -> bool:
@@ -186,28 +228,16 @@ class _Look:
         return self.sweeps < PERIOD or self.stands
 
     @property
-    def is_guided(self) -> bool:
-        """True where given steps guide the search."""
-        return self._guess is not None
-
-    @property
     def is_enough(self) -> bool:
-        """True where the given path can be judged by the sweeps so far."""
-        return self.given is not None and self.sweeps >= ENOUGH and self.path.length >= ENOUGH_WAY
-
-    def _skewed(self, held: list[SweepBatch] | None = None) -> int:
-        """Return the number of sweeps during which the sensor moved."""
-        duration = duration_of(held or self._held or [])[1]
-        return int(np.count_nonzero(self.path.skews(duration) > SKEWED))
+        """True where told steps can be judged by the sweeps so far."""
+        is_far = len(self.path.stamp_ns) >= ENOUGH and self.path.length >= ENOUGH_WAY
+        return bool(self.chains) and self._held is None and is_far
 
     def _guessed(self, sweeps: SweepBatch) -> Float64 | None:
-        """Return the given poses of sweeps, as `MatchedPath.add` takes them."""
-        if self._guess is None:
+        """Return the told poses of sweeps, as `MatchedPath.add` takes them."""
+        if self.guess is None:
             return None
-        given, mirrored = _seen(self._guess, sweeps.stamp_ns)
-        cuts = np.zeros(0) if self._guess.correction is None else self._guess.correction.gaps[:, 1]
-        part = np.searchsorted(cuts, sweeps.stamp_ns, "right")
-        return np.column_stack([given * _mirror(mirrored), part])
+        return np.column_stack([poses_of(self.guess, sweeps.stamp_ns), np.zeros(len(sweeps))])
 
 
 def check_paths(
@@ -223,16 +253,16 @@ def check_paths(
     wanted: bool = True,
     order: str = AUTO,
 ) -> dict[Key, CheckedPath]:
-    """Match the sweeps of a log that can be read twice, and compare the given poses with these paths.
+    """Find the path of each sensor of a log that can be read twice.
 
     Parameters
     ----------
-    sources : given poses of the log, None for none
+    sources : told poses of the log, None for none
     choice : topics to read
     delay_ns : the pose of a sweep is told so much after its stamp [ns]
     named : the user has named the poses, so they are taken as they are
     match : the matched paths are taken in any case
-    need : sensors without given poses that need a path
+    need : sensors without told poses that need a path
     wanted : False to tell only whether the sensor stands, until it was seen to move
     order : order of the beams, of `BEAM_ORDERS`
 
@@ -241,52 +271,42 @@ def check_paths(
     By topic and frame, for at most `MOST_MATCHED`; without those that need no look.
     """
 
-    def given_by(topic: str, frame: str) -> PoseChain | None:
-        chain = None if sources is None or match else sources.chain(frame, topic)
-        return chain if chain is None or not delay_ns else replace(chain, correction=Correction(delay_ns))
+    def told_by(topic: str, frame: str) -> list[PoseChain]:
+        chains = [] if sources is None or match else sources.chains(frame, topic)
+        corrections = [replace(chain.correction or Correction(), delay_ns=delay_ns) for chain in chains]
+        return [replace(chain, correction=one) for chain, one in zip(chains, corrections, strict=True)]
 
-    matched = match or need is Need.ALL
+    match_all = match or need is Need.ALL
     looks: dict[Key, _Look] = {}
     expected = {topic.name for topic in log.topics() or () if topic.messages != 0} & set(choice.chosen)
     for key, sweeps in _sweeps(log, choice, rules):
         if key not in looks:
-            given = given_by(*key)
-            if len(looks) == MOST_MATCHED or (given is None and need is Need.TOLD and not match):
+            chains = told_by(*key)
+            if len(looks) == MOST_MATCHED or (not chains and need is Need.TOLD and not match):
                 continue
-            looks[key] = _Look(given, order, whole=match, wanted=wanted)
+            looks[key] = _Look(chains, Timing(order), whole=match, wanted=wanted)
         looks[key].add(sweeps)
-        if {topic for topic, _ in looks} >= expected > set() and all(
-            look.is_enough if wanted else not look.may_stand for look in looks.values()
-        ):
-            for look in looks.values():
-                look.is_whole = False
+        is_all = not wanted and {topic for topic, _ in looks} >= expected > set()
+        if is_all and not any(look.may_stand for look in looks.values()):
             break
-    found = {}
-    again: dict[Key, _Look] = {}
+    found: dict[Key, CheckedPath] = {}
+    choices: dict[Key, _Choice] = {}
+    again: dict[Key, list[_Look]] = {}
     for key, look in looks.items():
         look.settle()
-        found[key] = _checked(key, look, named, matched)
+        choices[key] = _Choice(key, look, named=named, match=match_all)
+        found[key], second = choices[key].first()
         if not wanted:
             still = found[key].still if look.may_stand else np.zeros(0, bool)
             found[key] = replace(found[key], verdict="none", chain=None, notes=(), still=still)
-        elif (second := _second_look(look, found[key], named)) is not None:
+        elif second:
             again[key] = second
     if again:
         for key, sweeps in _sweeps(log, choice, rules):
-            if key in again:
-                again[key].add(sweeps)
-        for key, look in again.items():
-            look.settle()
-            better = _checked(key, look, named, matched)
-            # Poses that do not fit are no help as a guess.
-            first = looks[key].path
-            is_worse = looks[key].is_whole and (
-                better.verdict in ("rejected", "unchecked")
-                or look.path.restarts > first.restarts
-                or look.path.placed < first.placed - LESS_PLACED
-                or look.path.sharpness < first.sharpness - LESS_SHARP
-            )
-            found[key] = found[key] if is_worse else better
+            for look in again.get(key, ()):
+                look.add(sweeps)
+        for key, second in again.items():
+            found[key] = choices[key].second(second)
     return found
 
 
@@ -297,164 +317,319 @@ def _sweeps(log: Log, choice: TopicChoice, rules: RangeRules) -> Iterator[tuple[
             yield (batch.topic, frame), sweeps
 
 
-def _second_look(look: _Look, first: CheckedPath, named: bool) -> _Look | None:
-    """Return a second look where the first does not do: at all sweeps, or with given steps as the guess."""
-    if named or first.verdict == "none":
-        return None
-    if first.verdict == "corrected" and not first.follows_told:
-        return _again(look, first.given)
-    if first.fit is None or first.verdict in ("accepted", "corrected"):
-        is_done = look.is_whole or (first.fit is not None and not first.fit.cuts)
-        return None if is_done else _again(look)
-    if first.verdict != "rejected" or first.fit.share >= WORTH_A_GUESS:
-        return _again(look, look.given)
-    return None if look.is_whole else _again(look)
+class _Choice:
+    """The choice of the path of one sensor, after one look at its sweeps or two."""
 
+    def __init__(self, key: Key, look: _Look, *, named: bool, match: bool) -> None:
+        self.key, self.look, self.named, self.match = key, look, named, match
+        look.sample.timing = look.path.timing
+        known = [chain for chain in look.chains if np.isfinite(poses_of(chain, look.sample.stamp_ns)).any()]
+        self.chains = known if look.sample.stamp_ns.size else []
+        self.told: Candidate | None = None
+        self.fit: PoseFit | None = None
+        self.guide: PoseChain | None = None
+        """Told path, corrected as its steps say, that leads the matched one; None for the told one as it is."""
+        self.is_guided = False
+        """True where told steps led the matched path."""
+        self.jumps = (0.0, 0.0)
+        """Longest step and widest turn of the told path that no robot makes [m, rad]; 0 for none."""
+        if self.chains:
+            self._judge_told(look.path)
 
-def _again(look: _Look, guess: PoseChain | None = None) -> _Look:
-    """Return a look at all sweeps, with the order of the beams that the first look found."""
-    again = _Look(look.given, look.path.timing.order, whole=True, guess=guess)
-    again.path = MatchedPath(look.path.timing)
-    return again
+    def _judge_told(self, path: MatchedPath) -> None:
+        """Choose among the told paths, and judge the steps of the best one by those of the matched path."""
+        sample = self.look.sample
+        told = best_told(told_candidates(self.chains, sample))
+        assert told.chain is not None
+        stamp_ns, poses, pieces, _ = _in_order(path)
+        doubted = told.drift > DRIFTS or told.by_places < SHARP
+        self.told = told
+        self.fit = judge_poses(stamp_ns, poses, partial(poses_of, told.chain), pieces, doubted=doubted)
+        self.jumps = jump_of(told.chain)
+        if self.fit.verdict == "corrected" and not self.named:
+            correction = Correction(round(self.fit.delay * SECOND_NS), _mount(self.fit.mount))
+            chain = replace(told.chain, correction=correction.after(told.chain.correction))
+            corrected = Candidate("corrected", chain, sample.agreement(chain))
+            is_told_fit = self.fit.as_told >= ACCEPTED
+            # A mount of poses whose steps fit without it has to do better, other corrections only no harm.
+            least = CLEARLY if is_told_fit and any(self.fit.mount) else -DRIFTS
+            self.guide = chain
+            if not corrected.by_places < told.by_places + least:
+                self.told = corrected
+            else:
+                verdict = "accepted" if is_told_fit else "rejected"
+                self.fit = replace(self.fit, verdict=verdict, share=self.fit.as_told, delay=0.0, mount=(0.0, 0.0, 0.0))
 
+    @property
+    def steps_fit(self) -> bool:
+        """True where nothing is known against the steps of the told path."""
+        return self.fit is not None and self.fit.verdict != "rejected"
 
-def _seen(chain: PoseChain, stamp_ns: Int64) -> tuple[Float64, bool]:
-    """Return the given poses (S, 3), and whether the sensor hangs head down at most of them."""
-    there = planar(chain.at(stamp_ns))
-    known = np.isfinite(there.x)
-    mirrored = bool(np.count_nonzero(there.upside_down & known) * 2 > np.count_nonzero(known))
-    return np.column_stack([there.x, there.y, there.yaw]), mirrored
+    @property
+    def is_likely(self) -> bool:
+        """True where most steps of the told path fit, or cannot be judged."""
+        return self.fit is not None and not self.fit.share < CORRECTED
 
+    def first(self) -> tuple[CheckedPath, list[_Look]]:
+        """Return the path as far as one look tells it, and the looks at all sweeps that are needed to decide."""
+        look, told = self.look, self.told
+        if told is None:
+            if self.named or (look.stands and not self.match):
+                # Named poses are taken also where none is of the time of the sweeps.
+                return self._checked("none", look.chains[0] if self.named and look.chains else None), []
+            if look.is_whole:
+                return self._without_told(look.path), []
+            return self._checked("none", None), [self._again(None)]
+        if look.stands and not self.steps_fit and not self.named:
+            return replace(self._checked("none", None), notes=(self._unfit("no poses: the sensor stands"),)), []
+        is_sure = self.steps_fit and not any(self.jumps) and not told.drift > DRIFTS
+        if self.named or look.stands or is_sure:
+            return self._with_told(told), []
+        # Steps that do not fit may mislead, or be of use still.
+        misleads = any(self.jumps) or (self.fit is not None and self.fit.share < ACCEPTED)
+        guide = self.guide or told.chain
+        guesses = [guide, None] if misleads else [guide]
+        return self._with_told(told), [self._again(guess) for guess in guesses]
 
-def _mirror(mirrored: bool) -> Float64:
-    """Return the signs of x, y and yaw of a sensor that sees the world mirrored."""
-    return np.array([1.0, -1.0, -1.0]) if mirrored else np.ones(3)
+    def second(self, looks: Sequence[_Look]) -> CheckedPath:
+        """Return the path after looks at all sweeps."""
+        if self.told is None:
+            return self._without_told(looks[0].path)
+        found = [(one, look) for look in looks if (one := self._matched(look.path)) is not None]
+        if not found:
+            return self._with_told(self.told)
+        # Without any guess, a path that is sharp and wrong is likelier.
+        trusted = 0.0 if any(self.jumps) or self.fit is None or self.fit.share < WORTH_A_GUESS else DRIFTS
 
+        def worth(each: tuple[Candidate, _Look]) -> float:
+            """Return the agreement of a matched path, with a gain where trusted steps led it."""
+            share = float(np.nan_to_num(each[0].by_places)) * each[0].agreement.placed
+            return share + (trusted if each[1].guess is not None else 0.0)
 
-def _checked(key: Key, look: _Look, named: bool, match: bool) -> CheckedPath:
-    """Judge the given poses of a sensor by its matched path, and choose the path to use."""
-    path, chain = look.path, look.given
-    stamp_ns, order = np.unique(path.stamp_ns, return_index=True)
-    poses, pieces = path.poses[order], path.pieces[order]
-    mine = CheckedPath(
-        "none",
-        chain,
-        timing=path.timing,
-        stamp_ns=stamp_ns,
-        matched=poses,
-        pieces=pieces,
-        still=still_at(stamp_ns, poses, path.slides[order]),
-    )
-    if chain is None or not np.isfinite(_given_at(chain, stamp_ns)).any():
-        return mine if named else _unposed(key, look, replace(mine, chain=None), match)
-    seen = poses * _mirror(_seen(chain, stamp_ns)[1])
-    fit = judge_poses(stamp_ns, seen, partial(_given_at, chain), pieces, jumps_of(chain))
-    mine = replace(mine, verdict=fit.verdict, fit=fit, notes=_fit_notes(key, chain, fit, named))
-    if named:
-        return mine
-    if fit.verdict == "corrected":
-        correction = Correction(round(fit.delay * SECOND_NS), _mount(fit.mount)).after(chain.correction)
-        chain = replace(chain, correction=correction)
-    if not mine.follows_told:
-        return replace(_unposed(key, look, replace(mine, chain=None), True), verdict=fit.verdict, given=chain)
-    if not fit.cuts or fit.verdict == "unchecked":
-        return replace(mine, chain=chain)
-    correction = chain.correction or Correction()
-    given_ns = later(stamp_ns, correction.delay_ns)
-    gaps, moves, lost = joined(given_ns, seen, pieces, _given_at(chain, stamp_ns), fit.cuts)
-    motion = Motion(np.column_stack([moves[:, :2], np.zeros(len(moves))]), _turns(moves[:, 2]))
-    chain = replace(chain, correction=replace(correction, gaps=gaps, moves=motion))
-    topic = chain.topics[0]
-    notes: list[str | Finding] = [
-        _jump(key, fit, f"poses from {topic} jump by {jump:,.1f} m at {(after - stamp_ns[0]) / SECOND_NS:.1f} s: cut there")
-        for jump, (_, after) in zip(fit.jumps[:SHOWN_JUMPS], fit.cuts, strict=False)
-    ]
-    if len(fit.jumps) > SHOWN_JUMPS:
-        notes.append(f"poses from {topic} jump {len(fit.jumps) - SHOWN_JUMPS:,} more times")
-    if lost:
-        notes.append(f"after a jump of {topic} the path cannot be joined: no world columns from there on")
-    return replace(mine, chain=chain, notes=(*mine.notes, *notes))
+        matched, look = max(found, key=worth)
+        # All sweeps tell a delay and a mount that the first ones may not.
+        self._judge_told(look.path)
+        self.is_guided = look.guess is not None
+        standing = Candidate("none", None, self.look.sample.agreement(None))
+        best = better_path(self.told, matched, standing.agreement.all, is_likely=self.is_likely, jumps=self.jumps[0] > 0.0)
+        if standing.agreement.all > best.over_run(standing.agreement.all) + STANDS_BETTER:
+            return self._standing(look.path, matched, standing)
+        if best is self.told:
+            return self._with_told(self.told, look.path)
+        checked = self._with_matched(look.path, matched)
+        findings = self._correction(self.told, self._taken) or [self._drift(matched)]
+        return replace(checked, notes=(*findings, *checked.notes))
 
+    def _again(self, guess: PoseChain | None) -> _Look:
+        """Return a look at all sweeps, with the order of the beams that the first look found."""
+        look = _Look((), self.look.path.timing, whole=True)
+        look.guess = guess
+        look.is_second = True
+        return look
 
-def _given_at(chain: PoseChain, stamp_ns: Int64) -> Float64:
-    """Return the given poses (S, 3) at stamps."""
-    return _seen(chain, stamp_ns)[0]
-
-
-def _unposed(key: Key, look: _Look, mine: CheckedPath, match: bool) -> CheckedPath:
-    """Return the matched path of a sensor that moves."""
-    if look.stands and not match:
-        return mine
-    (topic, frame), path = key, look.path
-    track = path.track(topic, frame)
-    name = frame or "without a name"
-    if track is None:
-        return replace(mine, notes=(*mine.notes, f"no path of frame {name}: the sweeps of {topic} cannot be matched"))
-    notes = []
-    if path.restarts:
-        notes.append(
-            f"the path of frame {name} was lost {times(path.restarts)}, and begins anew "
-            + ("where told steps lead" if look.is_guided else "at its last known pose: what was driven unseen is missing")
+    def _checked(self, verdict: str, chain: PoseChain | None, path: MatchedPath | None = None) -> CheckedPath:
+        """Return a path with all that the sweeps tell."""
+        path = path or self.look.path
+        stamp_ns, poses, pieces, slides = _in_order(path)
+        return CheckedPath(
+            verdict,
+            chain,
+            fit=self.fit,
+            timing=path.timing,
+            stamp_ns=stamp_ns,
+            matched=poses,
+            pieces=pieces,
+            still=still_at(stamp_ns, poses, slides),
+            drift=self.told.drift if self.told else float("nan"),
         )
-    sliding = float(np.nanmean(path.slides))
-    if sliding > SLIDING:
-        notes.append(f"{sliding:.0%} of the sweeps of {topic} may slide along their walls: the path may be too short there")
-    chain = PoseChain((topic,), frame, track.parent, (Step(track, down=False),))
-    if len(gaps := path.gaps):
-        chain = replace(chain, correction=Correction(gaps=gaps))
-        missing = np.isnan(_given_at(chain, path.stamp_ns)[:, 0])
-        notes.append(
-            f"no pose for {np.count_nonzero(missing):,} of {len(missing):,} sweeps of {topic}: they fit nowhere, or may "
-            "slide along their walls"
+
+    def _with_told(self, told: Candidate, path: MatchedPath | None = None) -> CheckedPath:
+        """Return the told path: the chosen chain, or another one in its fixed frame."""
+        chosen, chain = self.chains[0], told.chain
+        assert chain is not None
+        notes: list[str | Finding] = []
+        if chain.steps != chosen.steps:
+            share, better = self._share_of(chosen), told.by_places
+            words = f"{self._source(chosen)} ({chosen.frames}) do not agree with the sweeps over the run ({share:.0%}): "
+            words += f"{chain.frames} does ({better:.0%}), and is laid in {chosen.world}"
+            notes.append(self._finding(words))
+            chain = laid(chain, chosen, self.look.sample.stamp_ns)
+        elif told.drift > DRIFT_NOTED:
+            near, far = told.agreement.near, told.agreement.far
+            words = f"{self._source(chain)} drift: hits agree by {near:.0%} soon after, by {far:.0%} where seen again"
+            notes.append(self._finding(words + ("" if self.named else "; no path fits better")))
+        elif any(self.jumps):
+            notes.append(self._finding(f"{self._source(chain)} jump by up to {self._jump()}"))
+        if told.verdict == "corrected" or self.named:
+            notes += self._correction(told, "they are taken as they are, because they were named" if self.named else "")
+        if self.named and not self.steps_fit:
+            notes.append(self._unfit("they are taken because they were named"))
+        checked = self._checked(told.verdict, chain, path)
+        remark = self._remark(told) if chain.steps == chosen.steps else ""
+        return replace(checked, agreement=told.agreement, notes=tuple(notes), remark=remark)
+
+    def _matched(self, path: MatchedPath) -> Candidate | None:
+        """Return the matched path as a candidate; None where no sweep has a pose."""
+        track = path.track(*self.key)
+        if track is None:
+            return None
+        chain = PoseChain((self.key[0],), self.key[1], track.parent, (Step(track, down=False),))
+        if len(gaps := path.gaps):
+            chain = replace(chain, correction=Correction(gaps=gaps))
+        return Candidate("matched", chain, self.look.sample.agreement(chain))
+
+    def _with_matched(self, path: MatchedPath, matched: Candidate) -> CheckedPath:
+        """Return the matched path, in the frame of the told one where its steps have led."""
+        chain, stamp_ns = matched.chain, path.stamp_ns
+        assert chain is not None
+        topic, name = self.key[0], self.key[1] or "without a name"
+        notes: list[str | Finding] = []
+        if path.restarts:
+            where = (
+                "where told steps lead" if self.is_guided else "at its last known pose: what was driven unseen is missing"
+            )
+            notes.append(f"the path of frame {name} was lost {times(path.restarts)}, and begins anew {where}")
+        sliding = float(np.nanmean(path.slides))
+        if sliding > SLIDING:
+            notes.append(
+                f"{sliding:.0%} of the sweeps of {topic} may slide along their walls: the path may be too short there"
+            )
+        if len(path.gaps):
+            missing = np.isnan(poses_of(chain, stamp_ns)[:, 0])
+            notes.append(
+                f"no pose for {np.count_nonzero(missing):,} of {len(missing):,} sweeps of {topic}: they fit nowhere, or "
+                "may slide along their walls"
+            )
+        told = self.told.chain if self.told is not None and self.is_likely else None
+        if told is not None and not np.any(planar(told.at(stamp_ns)).upside_down):
+            # Where the told path jumps, its world is that in which it begins.
+            chain = laid(chain, told, stamp_ns[: len(stamp_ns) // 10] if self.jumps[0] else stamp_ns)
+        return replace(self._checked("matched", chain, path), agreement=matched.agreement, notes=tuple(notes))
+
+    def _without_told(self, path: MatchedPath) -> CheckedPath:
+        """Return the matched path of a sensor without told poses, unless it agrees less than standing still would."""
+        matched = self._matched(path)
+        if matched is None:
+            name = self.key[1] or "without a name"
+            note = f"no path of frame {name}: the sweeps of {self.key[0]} cannot be matched"
+            return replace(self._checked("none", None, path), notes=(note,))
+        if not self.match:
+            standing = Candidate("none", None, self.look.sample.agreement(None))
+            if standing.agreement.all > matched.over_run(standing.agreement.all) + STANDS_BETTER:
+                return self._standing(path, matched, standing)
+        return self._with_matched(path, matched)
+
+    def _standing(self, path: MatchedPath, matched: Candidate, standing: Candidate) -> CheckedPath:
+        """Return no path, as every one agrees less than standing still."""
+        words = f"no path fits the sweeps: matched {matched.agreement.all:.0%}, standing still {standing.agreement.all:.0%}"
+        if self.told is not None:
+            words += f", {self._source(self.told.chain)} {self.told.agreement.all:.0%}"
+        return replace(
+            self._checked("none", None, path),
+            agreement=standing.agreement,
+            notes=(
+                self._finding(f"{words} of the hits agree: no poses")
+                if self.told
+                else f"{words} of the hits agree: no poses",
+            ),
         )
-    return replace(mine, verdict="matched", chain=chain, notes=(*mine.notes, *notes))
 
+    def _source(self, chain: PoseChain | None) -> str:
+        """Return the poses of a told path in words."""
+        return f"poses from {chain.topics[0]}" if chain is not None else "no poses"
 
-def _jump(key: Key, fit: PoseFit, message: str) -> Finding:
-    """Return a finding on jumps of given poses."""
-    evidence = {"jumps": len(fit.jumps), "largest": max(fit.jumps)}
-    return Finding("steps", "warning", *key, message, evidence, {"speed": JUMP_SPEED, "length": JUMP_LENGTH})
+    def _share_of(self, chain: PoseChain) -> float:
+        """Return the agreement of a told path."""
+        return Candidate("told", chain, self.look.sample.agreement(chain)).by_places
 
+    def _finding(self, words: str, **evidence: float) -> Finding:
+        """Return the finding that a told path is not the one that the sweeps agree on."""
+        told = self.told
+        assert told is not None
+        facts = {"near": told.agreement.near, "far": told.agreement.far}
+        if self.fit is not None and self.fit.is_judged:
+            facts |= {"share": self.fit.share, "steps": self.fit.pairs}
+        known = {name: round(value, 3) for name, value in (facts | evidence).items() if np.isfinite(value)}
+        return Finding("drift", "warning", *self.key, words, known, {"drift": DRIFT_NOTED})
 
-def _fit_notes(key: Key, chain: PoseChain, fit: PoseFit, named: bool) -> tuple[str | Finding, ...]:
-    """Return the verdict on given poses in words."""
-    topic, steps = chain.topics[0], f"{fit.share:.0%} of {fit.pairs:,} steps" if fit.pairs else "no step"
-    if fit.verdict == "unchecked":
+    def _drift(self, matched: Candidate) -> Finding:
+        """Return the finding on a told path in place of which the matched one is taken."""
+        told, fit = self.told, self.fit
+        assert told is not None
+        assert fit is not None
+        taken = self._taken
+        if told.is_seen_again and matched.is_seen_again and self.steps_fit and not any(self.jumps):
+            words = (
+                f"{self._source(told.chain)} drift: places seen again agree by {told.agreement.far:.0%}, under the path "
+                f"matched from the sweeps by {matched.agreement.far:.0%}: {taken}"
+            )
+            return self._finding(words, matched=matched.agreement.far)
+        return self._unfit(taken, matched=matched.agreement.all)
+
+    def _unfit(self, end: str, **evidence: float) -> Finding:
+        """Return the finding on told poses whose steps do not fit the sweeps."""
+        told, fit = self.told, self.fit
+        assert told is not None
+        assert fit is not None
+        if self.steps_fit and any(self.jumps):
+            return self._finding(f"{self._source(told.chain)} jump by up to {self._jump()}: {end}", **evidence)
+        causes = []
+        if np.isfinite(fit.ratio) and not RATIOS[0] <= fit.ratio <= RATIOS[1]:
+            factor = f"{fit.ratio:,.0f}" if fit.ratio >= 100 else f"{fit.ratio:.3g}"
+            causes.append(f"told steps are {factor} times those seen")
+        if np.isfinite(fit.turn_ratio) and fit.turn_ratio < -0.5:
+            causes.append("the sensor turns the other way")
+        if any(self.jumps):
+            causes.append(f"they jump by up to {self._jump()}")
+        steps = f"{fit.share:.0%} of {fit.pairs:,} steps fit" if fit.is_judged else "no step can be judged"
+        words = f"{self._source(told.chain)} do not fit the sweeps ({'; '.join([steps, *causes])}): {end}"
+        return self._finding(words, **evidence)
+
+    def _jump(self) -> str:
+        """Return the jumps of the told path in words."""
+        length, turn = self.jumps
+        words = [f"{length:,.1f} m"] if length else []
+        return " and ".join(words + ([f"{np.degrees(turn):.0f} degrees"] if turn else []))
+
+    @property
+    def _taken(self) -> str:
+        """That the matched path is taken, in words."""
+        return "the path is matched from the sweeps" + (f", guided by {self.chains[0].topics[0]}" if self.is_guided else "")
+
+    def _remark(self, told: Candidate) -> str:
+        """Return how well the told path agrees with the sweeps, in words."""
+        fit = self.fit
+        assert fit is not None
+        if told.is_seen_again:
+            return f"{told.agreement.all:.0%} of the hits agree over the run"
+        if fit.is_judged:
+            return f"{fit.share:.0%} of {fit.pairs:,} steps fit; nothing is seen twice: drift cannot be told"
         why = "the sensor hardly moves" if fit.pairs < LEAST_PAIRS else "too few sweeps could be matched"
         if fit.moves and fit.pairs < LEAST_PAIRS:
             why = f"only {counted(fit.pairs, 'step')} of its sweeps can be compared"
-        note = f"poses from {topic} are taken as they are, unchecked: {why}"
-        if not fit.jumps:
-            return (note,)
-        most = f"by up to {max(fit.jumps):,.1f} m"
-        return note, _jump(key, fit, f"poses from {topic} jump {times(len(fit.jumps))}, {most}")
-    if fit.verdict == "accepted":
-        return (f"poses from {topic} fit the sweeps: {steps}",)
-    evidence = {"share": fit.share, "steps": fit.pairs}
-    if fit.verdict == "corrected":
-        words = "; ".join(_changes(fit))
-        hint = "" if fit.share >= WELL_CORRECTED else f"; the path is matched from the sweeps, guided by {topic}"
-        hint = "; they are taken as they are, because they were named" if named else hint
-        message = f"poses from {topic} fit the sweeps if corrected ({words}): {steps}{hint}"
+        return f"unchecked: {why}"
+
+    def _correction(self, told: Candidate, end: str) -> list[Finding]:
+        """Return the finding on a delay or a mount with which the told steps fit; `end`: words after it."""
+        fit = self.fit
+        assert fit is not None
+        if fit.verdict != "corrected":
+            return []
+        hint = f"; {end}" if end else ""
+        message = f"{self._source(told.chain)} fit the sweeps if corrected ({'; '.join(_changes(fit))}): "
+        message += f"{fit.share:.0%} of {fit.pairs:,} steps{hint}"
         x, y, yaw = fit.mount
-        evidence |= {"delay": fit.delay, "x": x, "y": y, "yaw": yaw}
+        evidence = {"share": fit.share, "steps": fit.pairs, "delay": fit.delay, "x": x, "y": y, "yaw": yaw}
         if not fit.delay:
-            return (Finding("mount", "warning", *key, message, evidence, {"share": CORRECTED}),)
+            return [Finding("mount", "warning", *self.key, message, evidence, {"share": CORRECTED})]
         fix = Fix("option", f"--pose-delay {fit.delay:.2f}")
-        return (Finding("delay", "warning", *key, message, evidence, {"delay": LEAST_DELAY}, fix),)
-    causes = []
-    if np.isfinite(fit.ratio) and not RATIOS[0] <= fit.ratio <= RATIOS[1]:
-        factor = f"{fit.ratio:,.0f}" if fit.ratio >= 100 else f"{fit.ratio:.3g}"
-        causes.append(f"told steps are {factor} times those seen")
-    if np.isfinite(fit.turn_ratio) and fit.turn_ratio < -0.5:
-        causes.append("the sensor turns the other way")
-    if fit.jumps and not fit.cuts:
-        causes.append(f"they jump by up to {fit.jumps[0]:,.1f} m and back: two publishers that disagree?")
-    cause = f"; {'; '.join(causes)}" if causes else ""
-    end = "they are taken because they were named" if named else "the path is matched from the sweeps"
-    words = f"fit the sweeps in {len(fit.good)} stretches only" if fit.verdict == "stretches" else "do not fit the sweeps"
-    message = f"poses from {topic} {words} ({steps}{cause}): {end}"
-    return (Finding("pose_fit", "warning", *key, message, evidence, {"share": ACCEPTED}),)
+        return [Finding("delay", "warning", *self.key, message, evidence, {"delay": LEAST_DELAY}, fix)]
+
+
+def _in_order(path: MatchedPath) -> tuple[Int64, Float64, Float64, Float64]:
+    """Return stamps, poses, pieces and slides of a matched path by increasing stamp, each stamp once."""
+    stamp_ns, order = np.unique(path.stamp_ns, return_index=True)
+    return stamp_ns, path.poses[order], path.pieces[order], path.slides[order]
 
 
 def _changes(fit: PoseFit) -> list[str]:
@@ -476,10 +651,5 @@ def _mount(mount: tuple[float, float, float]) -> Motion | None:
     """Return the pose of a sensor from x, y [m] and yaw [rad]; None where it is that of what carries it."""
     if mount == (0.0, 0.0, 0.0):
         return None
-    return Motion(np.array([[mount[0], mount[1], 0.0]]), _turns(np.array([mount[2]])))
-
-
-def _turns(yaw: Float64) -> Float64:
-    """Return quaternions (N, 4) of turns about z (N,) [rad]."""
-    flat = np.zeros(len(yaw))
-    return np.column_stack([flat, flat, np.sin(0.5 * yaw), np.cos(0.5 * yaw)])
+    x, y, yaw = mount
+    return Motion(np.array([[x, y, 0.0]]), np.array([[0.0, 0.0, np.sin(0.5 * yaw), np.cos(0.5 * yaw)]]))

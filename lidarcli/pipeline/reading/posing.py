@@ -78,6 +78,8 @@ class PoseOptions:
     """Order in which the beams of a sweep are sent, of `BEAM_ORDERS`."""
     deskew: bool = True
     """True to place every beam by the pose at its own time, where headers tell how long a sweep takes."""
+    given: GivenPaths | None = None
+    """Paths that are known already, in place of all others."""
 
     def __post_init__(self) -> None:
         """Refuse options that exclude each other."""
@@ -134,13 +136,16 @@ def find_poses(log: Log, options: PoseOptions | None = None) -> FoundPoses | Non
         The trajectory is none.
     """
     options = options or PoseOptions()
+    if options.given is not None:
+        return FoundPoses(options.given)
     if options.source == NONE:
         return None
     if options.file is not None:
         from lidarcli.pose.sources import GivenPaths
         from lidarcli.pose.tracks import read_trajectory
 
-        return FoundPoses(GivenPaths((read_trajectory(Path(options.file)),)))
+        track, gaps = read_trajectory(Path(options.file))
+        return FoundPoses(GivenPaths((track,), gaps))
     if options.source == MATCH:
         if log.size is None:
             raise OptionError("--pose match reads a log twice, and a pipe is read only once: give the file's name")
@@ -265,7 +270,8 @@ class PoseAttacher:
         missed = _PIPE if is_pipe and found is None and options.source != NONE else ""
         clouds = frozenset(made_of_clouds(log))
         posing = cls(found, missed, str(options.file or ""), options.delay or 0.0, options.order, options.deskew, clouds)
-        posing.named = found is not None and any(one is not None for one in (options.source, options.file, options.delay))
+        chosen = options.source, options.file, options.delay, options.given
+        posing.named = found is not None and any(one is not None for one in chosen)
         match = options.source == MATCH
         if log.size is not None and (found is not None or need is not Need.TOLD or match):
             from lidarcli.pipeline.reading.path_check import check_paths
@@ -322,7 +328,7 @@ class PoseAttacher:
                 absent[rows] = True
                 continue
             some = True
-            fits[rows] = self.named or path is None or path.verdict != "unchecked"
+            fits[rows] = self.named or path is None or path.is_checked
             first_ns, lasts_ns = self._times_ns(mine, path)
             at_ns = later(mine.stamp_ns, first_ns)
             motion = chain.at(at_ns)
@@ -370,10 +376,10 @@ class PoseAttacher:
         """Return the times of the first beams after the header stamps, and from the first beam to the last [ns]."""
         if not self.deskew or (path is None and sweeps.duration is None):
             return np.zeros(len(sweeps), np.int64), None
-        from lidarcli.pose.fit import Timing
+        from lidarcli.pose.fit import Timing, headers_of
 
         timing = Timing(self.order) if path is None else path.timing
-        firsts, lasts = (np.rint(times / SECOND).astype(np.int64) for times in timing.of(sweeps))
+        firsts, lasts = (np.rint(times / SECOND).astype(np.int64) for times in timing.of(headers_of(sweeps)))
         return firsts, lasts - firsts
 
     def notes(self) -> list[str]:
@@ -397,9 +403,13 @@ class PoseAttacher:
         if self.found is not None:
             from lidarcli.pose.fit import pose_findings
 
-            jumping = {(each.topic, each.frame) for each in found if each.id == "steps"}
-            found += pose_findings(self.found.sources, keys, jumping)
-        notes = [self._of_sensor(key, note) for key, note in keyed if not isinstance(note, Finding)]
+            found += pose_findings(self.found.sources, keys)
+        notes = [
+            self._of_sensor(key, f"poses from {path.chain.topics[0]}: {path.remark}")
+            for key, path in sorted(self.paths.items(), key=lambda one: one[0])
+            if path.chain is not None and path.remark
+        ]
+        notes += [self._of_sensor(key, note) for key, note in keyed if not isinstance(note, Finding)]
         return notes, found
 
     def _of_paths(self) -> Iterator[tuple[tuple[str, str], str | Finding]]:
@@ -421,8 +431,8 @@ class PoseAttacher:
     def described(self) -> dict[str, dict[str, Any]]:
         """Return the poses of each sensor frame and the verdict on them, for the tables' metadata.
 
-        The verdict has a value per topic: `pose_verdict`, `pose_fit`, `pose_delay` [s], `pose_cuts`, `beam_order`. So have
-        `world` and `topic` where sensors of the same frame have several worlds.
+        The verdict has a value per topic, as of `CheckedPath.facts`. So have `world` and `topic` where sensors of the same
+        frame have several worlds.
         """
         found: dict[str, dict[str, Any]] = {}
         for frame in sorted({frame for frame, _ in self.stats}):
@@ -439,7 +449,8 @@ class PoseAttacher:
                 }
             elif chains:
                 found[frame] = {"world": chains[0].world, "topic": chains[0].topics[0]}
-                if (fixed := chains[0].steps[-1].target) != chains[0].world:
+                is_laid = chains[0].correction is not None and chains[0].correction.laid is not None
+                if not is_laid and (fixed := chains[0].steps[-1].target) != chains[0].world:
                     found[frame]["fixed_frame"] = fixed
             for topic, path in paths:
                 for key, value in path.facts().items():
@@ -456,7 +467,8 @@ class PoseAttacher:
 
         if chain is None:
             return [unplaced(frame, others, "", sources.tracks).message]
-        lines = [_chosen(chain, others)]
+        path = self.paths.get((stats.topic, frame))
+        lines = [_chosen(chain, others, path.remark if path else "")]
         if stats.without:
             lines.append(_gap(name, chain, stats))
         if stats.tilt > TILTED:
@@ -488,8 +500,8 @@ def _nowhere(sweeps: int, moving: bool, reverse: bool) -> SweepPoses:
     )
 
 
-def _chosen(chain: PoseChain, others: Sequence[str]) -> str:
-    line = f"poses from {' and '.join(chain.topics)} ({chain.frames})"
+def _chosen(chain: PoseChain, others: Sequence[str], remark: str) -> str:
+    line = f"poses from {' and '.join(chain.topics)} ({chain.frames})" + (f": {remark}" if remark else "")
     if chain.assumption:
         line += f"; {chain.assumption}"
     return line + (f"; also available: {some_of(others)} (--pose TOPIC)" if others else "")

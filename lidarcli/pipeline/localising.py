@@ -1,0 +1,376 @@
+"""Was the robot lost? The path of the sensors of a log against a map, second by second."""
+
+from __future__ import annotations
+
+import io
+import math
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+import pyarrow as pa
+
+from lidarcli.choices import MAP_STATES
+from lidarcli.errors import CHECK_FAILED, UnreadableError
+from lidarcli.findings import Finding
+from lidarcli.formalism.localisation import FITTING, LOST, OFF, UNSURE, Field, field_of, intervals_of, judge, states_of
+from lidarcli.formalism.mapping.grid import HIT, SKIPPED, Occupancy, TooLargeError, placed
+from lidarcli.formalism.matching.ground import HERE, Motion
+from lidarcli.maps import image_of, read_map
+from lidarcli.newfiles import NewFiles, writing
+from lidarcli.pipeline.inputs.sources import Source
+from lidarcli.pipeline.reading.one_log import Progress, read_log
+from lidarcli.pipeline.reading.posing import Need, of_one_run
+from lidarcli.pipeline.trajectories import PARQUET, PathOptions, PathSummary, read_rows, refuse_path, write_table
+from lidarcli.reports.checks import Check, Verdict, parse_check, verdict_of
+from lidarcli.stores import Place
+from lidarcli.sweeps import Float64, Int8, Int64, Status, SweepBatch
+from lidarcli.tabular.columns import codes, floats
+from lidarcli.tabular.schemas import POSES
+from lidarcli.times import SECOND_NS
+
+if TYPE_CHECKING:
+    from lidarcli.pose.sources import GivenPaths
+
+SLOTS, MOST_BEAMS = 4, 90
+"""Sweeps of a second that are judged, the first of each part of it, and beams of a sweep, evenly chosen."""
+RANGES = 0.15, 12.0
+"""Ranges of these [m]."""
+AT_ONCE = 256
+"""Sweeps that are gathered before they are judged."""
+LEAST_SHARE = 0.7
+"""Where the map explains less than this share of the beams in the median, there is no verdict, …"""
+STEADY, NEARLY_ALL = 0.1, 0.93
+"""… unless it does once corrected, and as many corrections lie within this distance of their median [m], as of a path that
+is off as a whole; or unless it then explains nearly all beams, as of a path that drifts."""
+MOST_SHOWN = 10
+"""Intervals that a line shows."""
+JUMP = 0.1
+"""Between poses whose corrections differ by more than this, none is known [m, rad]."""
+MAP_COLUMNS = tuple(name for name in POSES.names if name.startswith("map_"))
+FIGURES = ("lost", "lost_seconds", "lost_share", "off_max", "map_share")
+"""Figures that a check of a path may name."""
+PICTURE = ".png"
+NEVER = np.int64(np.iinfo(np.int64).min)
+
+
+class Site(NamedTuple):
+    """A map, and the distances to what is occupied in it."""
+
+    grid: Occupancy
+    field: Field
+
+
+def read_site(path: str, grid: Occupancy | None = None) -> Site:
+    """Read the YAML file of a map, unless its cells are there; `UnreadableError` if it can explain no beam."""
+    grid = grid or read_map(Path(path))
+    if not grid.occupied:
+        raise UnreadableError(f"{path}: nothing in it is occupied, so it explains no beam")
+    try:
+        return Site(grid, field_of(grid))
+    except TooLargeError as err:
+        raise UnreadableError(f"{path}: reaches over {err}, more than can be judged") from err
+
+
+def refuse_judged(path: Place, source: Source, options: PathOptions, site: str) -> None:
+    """Refuse an output as `refuse_path` does; it may be a picture, and is no file of the map."""
+    refuse_path(path, source, options, (PICTURE,), [site, str(image_of(Path(site)))])
+
+
+class Interval(NamedTuple):
+    """Seconds in which a path does not fit the map, from the first sweep of its sensor."""
+
+    begin: float
+    end: float
+    off: float
+    """Median correction [m]; NaN where the path is lost."""
+    words: str
+
+
+class Localisation:
+    """The path of one sensor, judged by a map."""
+
+    def __init__(self, first_ns: int, window: Int64, points: Int64, found: Float64) -> None:
+        """`first_ns`: stamp of its first sweep; (W,) numbers of seconds from there, and of their points; `found` as of
+        `judge`.
+        """
+        order = np.argsort(window, kind="stable")
+        self.first_ns, self.window, self.found = first_ns, window[order], found[order]
+        self.state, self.share = states_of(points[order], self.found)
+        away = np.hypot(*(self.found[:, 4:6] - np.median(self.found[:, 4:6], axis=0)).T)
+        after = float(np.median(self.found[:, 2]))
+        is_steady = after >= LEAST_SHARE and np.mean(away < STEADY) >= LEAST_SHARE
+        self.tells = bool(self.share >= LEAST_SHARE or is_steady or after >= NEARLY_ALL)
+        """False where the map explains too little for a verdict."""
+        parts = intervals_of(self.window, self.state, self.found) if self.tells else []
+        self.intervals = [self._interval(part) for part in parts]
+        # One second alone is no interval.
+        alone = np.isin(self.state, (OFF, LOST))
+        alone[np.concatenate([np.zeros(0, np.int64), *parts])] = False
+        self.state[alone] = UNSURE
+
+    def _interval(self, part: Int64) -> Interval:
+        begin, end = float(self.window[part[0]]), float(self.window[part[-1]]) + 1.0
+        off, span = self.found[part[self.state[part] == OFF]], f"from {begin:.1f} to {end:.1f} s"
+        if 2 * len(off) < len(part):
+            return Interval(begin, end, math.nan, f"lost {span}")
+        size, turn = (float(np.median(each)) for each in (np.hypot(off[:, 4], off[:, 5]), np.degrees(np.abs(off[:, 6]))))
+        return Interval(begin, end, size, f"off {span}, by {size:.2f} m and {turn:.1f} degrees")
+
+    @property
+    def words(self) -> str:
+        """The verdict for people."""
+        if not self.tells:
+            return f"the map explains only {self.share:.0%} of the beams: outdated, or of another place"
+        words = [each.words for each in self.intervals] or ["the path fits it throughout"]
+        if len(words) > MOST_SHOWN:
+            words[MOST_SHOWN:] = [f"and {len(words) - MOST_SHOWN} times more"]
+        return "; ".join([f"the map explains {self.share:.0%} of the beams", *words])
+
+    def at(self, stamp_ns: Int64, x: Float64, y: Float64) -> tuple[Int8, Float64, Float64]:
+        """Return (N,) states of sweeps, -1 for no verdict, and shares, and (3, N) the corrections of their poses at x, y.
+
+        Share and correction [m, m, rad] are NaN where there is none.
+        """
+        number = (stamp_ns - self.first_ns) // SECOND_NS
+        row = np.minimum(np.searchsorted(self.window, number), len(self.window) - 1)
+        known = self.window[row] == number
+        of, state = self.found[row], np.where(known, self.state[row], UNSURE).astype(np.int8)
+        cos, sin, dx, dy = np.cos(of[:, 6]), np.sin(of[:, 6]), x - of[:, 8], y - of[:, 9]
+        moved = np.stack([of[:, 4] + cos * dx - sin * dy - dx, of[:, 5] + sin * dx + cos * dy - dy, of[:, 6]])
+        moved[:, ~np.isin(state, (FITTING, OFF)) | (not self.tells)] = np.nan
+        return state if self.tells else np.full(len(state), -1, np.int8), np.where(known, of[:, 0], np.nan), moved
+
+
+class _Sensor:
+    """The seconds of one sensor so far."""
+
+    def __init__(self, field: Field, first_ns: int) -> None:
+        self.field, self.first_ns = field, first_ns
+        self.slot = NEVER
+        self.points: list[Float64] = []
+        self.windows: list[Int64] = []
+        """Of the beams that wait: ends and places of the sensor (4, P), and numbers of seconds (P,)."""
+        self.judged: list[tuple[Int64, Int64, Float64]] = []
+
+    def add(self, sweeps: SweepBatch, motion: Motion) -> None:
+        """Take some sweeps, their poses moved."""
+        poses = sweeps.poses
+        if poses is None:
+            return
+        slot = (sweeps.stamp_ns - self.first_ns) // (SECOND_NS // SLOTS)
+        rows = np.flatnonzero(np.isfinite(poses.x + poses.y + poses.yaw))
+        rows = rows[np.diff(slot[rows], prepend=self.slot) != 0]
+        if not len(rows):
+            return
+        self.slot = slot[rows[-1]]
+        sweeps, poses = sweeps.rows(rows), poses.rows(rows)
+        use = np.full(sweeps.ranges.shape, SKIPPED, np.uint8)
+        for index, beams in enumerate(sweeps.beams.tolist()):
+            use[index, : beams : max(1, -(-beams // MOST_BEAMS))] = HIT
+        use[(sweeps.status != Status.VALID) | ~(sweeps.ranges > RANGES[0]) | ~(sweeps.ranges < RANGES[1])] = SKIPPED
+        row, beam = np.nonzero(use == HIT)
+        end = placed(sweeps, poses, use).end[:, row, beam]
+        self.points.append(np.stack([*motion.of(*end), *motion.of(poses.x[row], poses.y[row])]))
+        self.windows.append(slot[rows[row]] // SLOTS)
+        if len(self.points) >= AT_ONCE:
+            self.judge()
+
+    def judge(self, last: bool = False) -> None:
+        """Judge the seconds that are whole, at the end the last one, too."""
+        points, window = np.concatenate(self.points, axis=1), np.concatenate(self.windows)
+        begin = np.flatnonzero(np.diff(window, prepend=NEVER) != 0)
+        begin = np.append(begin, len(window)) if last else begin
+        if len(begin) > 1:
+            found = np.empty((len(begin) - 1, self.field.columns))
+            judge(self.field, np.ascontiguousarray(points), begin.astype(np.int64), found)
+            self.judged.append((window[begin[:-1]], np.diff(begin), found))
+            self.points, self.windows = [points[:, begin[-1] :]], [window[begin[-1] :]]
+
+
+@dataclass(slots=True)
+class LocalisedPath(PathSummary):
+    """The path of a log, judged by a map."""
+
+    paths: dict[tuple[str, str], Localisation] = field(default_factory=dict)
+    verdicts: list[Verdict] = field(default_factory=list)
+
+    @property
+    def tells(self) -> bool:
+        """False without a verdict."""
+        return bool(self.paths) and all(each.tells for each in self.paths.values())
+
+    @property
+    def exit_code(self) -> int:
+        """1 where a check fails, else 3 without a verdict, else as of every run."""
+        if not all(each.holds for each in self.verdicts):
+            return CHECK_FAILED
+        return PathSummary.exit_code.fget(self) if self.tells else UnreadableError.exit_code  # type: ignore[attr-defined]
+
+    @property
+    def lines(self) -> list[str]:
+        """The verdict for people."""
+        if not self.paths:
+            return ["no beam with a pose can be laid on the map"]
+        return [f"{key[0]}: {one.words}" if len(self.paths) > 1 else one.words for key, one in self.paths.items()]
+
+    def figures(self) -> dict[str, float | None]:
+        """Return the figures that a check may name, of all paths; None for what the map cannot tell."""
+        intervals = [each for path in self.paths.values() for each in path.intervals]
+        seconds = sum(each.end - each.begin for each in intervals)
+        share = seconds / max(sum(len(path.window) for path in self.paths.values()), seconds, 1.0)
+        off = max((each.off for each in intervals if not math.isnan(each.off)), default=0.0)
+        found = (float(len(intervals)), seconds, share, off) if self.tells else (None,) * 4
+        return dict(zip(FIGURES, (*found, min((each.share for each in self.paths.values()), default=None)), strict=True))
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the summary as plain values."""
+        return {**PathSummary.as_dict(self), "map": self.figures(), "verdict": self.lines}
+
+
+def findings_of(source: Source, options: PathOptions, path: str) -> list[Finding]:
+    """Return the findings on the paths of a log by a map."""
+    site = read_site(path)
+    try:
+        paths = localise(source, None, options, site).paths
+    except UnreadableError:
+        # Nothing tells where the sensor was.
+        return []
+    return [
+        Finding("lost", "warning", *key, f"{path}: {each.words}", {"map_share": each.share}, {"map_share": LEAST_SHARE})
+        for key, each in paths.items()
+        if each.intervals or not each.tells
+    ]
+
+
+def parse_checks(expressions: Sequence[str]) -> list[Check]:
+    """Understand checks, or raise `OptionError`."""
+    return [parse_check(each, only=FIGURES) for each in expressions]
+
+
+def localise(
+    source: Source,
+    path: Place | None,
+    options: PathOptions,
+    site: Site,
+    relocate: bool = False,
+    checks: Sequence[Check] = (),
+    progress: Progress | None = None,
+    motion: Motion = HERE,
+) -> LocalisedPath:
+    """Judge the path of a log by a map, and write it: a table, TUM lines or a picture.
+
+    With `relocate` poses that are off are corrected, and those of lost seconds left out; `motion`: from the coordinates of
+    the poses to those of the map. Errors as of `write_path`.
+    """
+    suffix = "" if path is None else path.suffix.lower()
+    lines = None if suffix in ("", PARQUET, PICTURE) else io.BytesIO()
+    sensors: dict[tuple[str, str], _Sensor] = {}
+
+    def take(batch: SweepBatch) -> None:
+        for frame, _, sweeps in batch.by_frame():
+            sensor = sensors.setdefault((batch.topic, frame), _Sensor(site.field, int(sweeps.stamp_ns[0])))
+            sensor.add(sweeps, motion)
+
+    with read_log(source, options, Need.ALL) as reading:
+        summary = read_rows(source, reading, options, progress, lines, take)
+    paths = {}
+    for key, sensor in sorted(sensors.items()):
+        if sensor.points:
+            sensor.judge(last=True)
+        if sensor.judged:
+            paths[key] = Localisation(sensor.first_ns, *(np.concatenate(each) for each in zip(*sensor.judged, strict=True)))
+    run = LocalisedPath(**{name: getattr(summary, name) for name in PathSummary.__dataclass_fields__}, paths=paths)
+    run.table = _judged(summary.table, paths, relocate, motion)
+    worlds = sorted({*run.table["world"].to_pylist()})
+    if not run.tells and any(map(of_one_run, worlds)):
+        run.notes.append(f"the poses are in {worlds[0]}, which begins anew in every run; the map has a frame of its own")
+    figures = run.figures()
+    run.verdicts = [verdict_of(check, figures[check.name]) for check in checks]
+    if path is not None:
+        with NewFiles([path], options.overwrite) as new:
+            with writing(path, nameless=True), new.part(path).open("wb") as out:
+                if suffix == PARQUET:
+                    write_table(out, run.table, options.stamps)
+                elif suffix == PICTURE:
+                    out.write(_picture(run.table, site.grid))
+                else:
+                    from lidarcli.pose.tracks import trajectory_lines
+
+                    stamps = run.table["stamp"].cast(pa.int64()).to_numpy()
+                    out.write(trajectory_lines(stamps, _motion(run.table)).encode())
+            run.notes += new.publish()
+            run.outputs = [str(path)]
+    return run
+
+
+def _motion(table: pa.Table) -> Any:
+    """Return the poses of a table in space."""
+    from lidarcli.pose.tracks import Motion
+
+    return Motion(
+        *(np.column_stack([table[name].to_numpy() for name in names.split()]) for names in ("x y z", "qx qy qz qw"))
+    )
+
+
+def _judged(table: pa.Table, paths: dict[tuple[str, str], Localisation], relocate: bool, motion: Motion) -> pa.Table:
+    """Return poses with the columns of a map; `relocate` and `motion` as of `localise`."""
+    from lidarcli.pose.tracks import multiply, planar, upright
+
+    count = table.num_rows
+    state, share, moved = np.full(count, -1, np.int8), np.full(count, np.nan), np.full((3, count), np.nan)
+    stamps, poses = table["stamp"].cast(pa.int64()).to_numpy(), _motion(table)
+    place = np.stack(motion.of(*poses.position[:, :2].T))
+    for rows, key in _sensors(table):
+        if (path := paths.get(key)) is not None:
+            state[rows], share[rows], moved[:, rows] = path.at(stamps[rows], *place[:, rows])
+    changed = dict(zip(MAP_COLUMNS, (codes(state, MAP_STATES), *map(floats, (share, *moved))), strict=True))
+    if relocate:
+        half, flat = 0.5 * moved[2], np.zeros(count)
+        rotation = upright(multiply(np.column_stack([flat, flat, np.sin(half), np.cos(half)]), poses.rotation))
+        yaw = planar(poses._replace(rotation=rotation)).yaw
+        values = *motion.inverse.of(*(place + moved[:2])), yaw, *rotation.T
+        for name, value in zip(("x", "y", "yaw", "qx", "qy", "qz", "qw"), values, strict=True):
+            changed[name] = floats(np.where(state == OFF, value, table[name]))
+    for name, column in changed.items():
+        index = table.schema.get_field_index(name)
+        table = table.set_column(index, table.schema.field(index), column)
+    return table.filter(pa.array(state != LOST)) if relocate else table
+
+
+def _sensors(table: pa.Table) -> Iterator[tuple[Int64, tuple[str, str]]]:
+    """Yield the rows of each topic and frame of a table of poses, and these names."""
+    names = np.array([table[name].to_pylist() for name in ("topic", "frame_id")], object).T
+    for key in sorted({*map(tuple, names.tolist())}):
+        yield np.flatnonzero((names == key).all(axis=1)), key
+
+
+def given_paths(table: pa.Table, name: str) -> GivenPaths:
+    """Return the poses of a table as paths of a source of some name; none is known between poses that jump."""
+    from lidarcli.pose.sources import GivenPaths
+    from lidarcli.pose.tracks import TUM, gathered
+
+    tracks, gaps = [], []
+    for rows, (_, frame) in _sensors(table):
+        mine = table.take(rows)
+        stamps, poses = mine["stamp"].cast(pa.int64()).to_numpy(), np.column_stack(_motion(mine))
+        key = name, TUM, mine["world"][0].as_py(), frame
+        tracks.append(gathered(key, stamps, poses, stamps, Counter()))
+        step = np.diff(mine["sweep"].to_numpy())
+        is_off = np.array(mine["map_state"].to_pylist(), object) == MAP_STATES[OFF]
+        moved = [np.diff(np.where(is_off, mine[name], 0.0)) for name in ("map_dx", "map_dy", "map_dyaw")]
+        jumps = (step > np.median(step)) | (np.abs(moved).max(axis=0) > JUMP)
+        gaps.append(np.column_stack([stamps[:-1][jumps], stamps[1:][jumps]]))
+    return GivenPaths(tuple(filter(None, tracks)), np.concatenate(gaps))
+
+
+def _picture(table: pa.Table, grid: Occupancy) -> bytes:
+    """Return the map with the path, coloured by its states."""
+    from lidarcli.reports.map_picture import MapPicture, draw_map
+
+    state, xy = table["map_state"].to_pylist(), np.column_stack([table["x"].to_numpy(), table["y"].to_numpy()])
+    places = [(name, xy[[one == name for one in state]]) for name in MAP_STATES]
+    return draw_map(MapPicture(grid, places=places), PICTURE)
