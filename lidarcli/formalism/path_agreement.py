@@ -47,8 +47,6 @@ class Agreement(NamedTuple):
     """Share of the hits that are confirmed or denied from afar."""
     placed: float
     """Share of the sweeps that have a pose."""
-    parts: Float64
-    """(P,) `near` of each part of the run; NaN without an opinion."""
 
 
 class Marks:
@@ -78,7 +76,7 @@ def agreement(
     angle_min, angle_increment : (S,) bearing of the first beam, and from beam to beam [rad]
     poses : (S, 3) x, y [m] and yaw [rad] of the sensor at the first beam, NaN without a pose
     motion : (S, 3) how these change until the last beam
-    part : (S,) number of the part of the run, not decreasing
+    part : (S,) number of the part of the run
 
     Returns
     -------
@@ -88,34 +86,31 @@ def agreement(
     placed = float(known.mean()) if len(part) else 0.0
     poses, part = np.ascontiguousarray(poses[known], np.float64), part[known]
     if not len(part):
-        return Agreement(NAN, NAN, NAN, 0.0, placed, np.zeros(0))
+        return Agreement(NAN, NAN, NAN, 0.0, placed)
     used = np.asarray(ranges[known], np.float64)
     used = np.ascontiguousarray(np.where((used > LEAST_RANGE) & (used < MOST_RANGE), used, 0.0))
-    low = poses[:, :2].min(axis=0) - MOST_RANGE - CELL
+    low = poses[:, :2].min(axis=0) - 2.0 * MOST_RANGE - CELL
     poses[:, :2] -= low
-    numbers = np.ascontiguousarray(part - part[0], np.int64)
-    parts = int(numbers[-1]) + 1
-    sums = np.zeros(7 + 2 * parts)
+    numbers = np.ascontiguousarray(part - part.min(), np.int64)
+    sums = np.zeros(7)
     count(
         used,
         np.ascontiguousarray(angle_min[known], np.float64),
         np.ascontiguousarray(angle_increment[known], np.float64),
         poses,
-        np.ascontiguousarray(np.nan_to_num(motion[known]), np.float64),
+        np.ascontiguousarray(np.clip(np.nan_to_num(motion[known]), -MOST_RANGE, MOST_RANGE), np.float64),
         numbers,
-        Marks(int(np.count_nonzero(used)), parts),
+        Marks(int(np.count_nonzero(used)), int(numbers.max()) + 1),
         sums,
     )
     near, far, every = (total / hits if hits > LEAST_HITS else NAN for total, hits in sums[:6].reshape(3, 2).tolist())
-    shares, hits = sums[7:].reshape(parts, 2).T
-    by_part = np.where(hits > LEAST_HITS, shares / np.maximum(hits, 1.0), NAN)
-    return Agreement(near, far, every, float(sums[3] / max(sums[6], 1.0)), placed, by_part)
+    return Agreement(near, far, every, float(sums[3] / max(sums[6], 1.0)), placed)
 
 
 def count(ranges: Any, first: Any, step: Any, poses: Any, motion: Any, part: Any, marks: Marks, sums: Any) -> None:
-    """Write to `sums` (7 + 2 P,) the shares of confirmed hits and their number: near, far, all; all hits; near by part.
+    """Write to `sums` (7,) the shares of confirmed hits and their number: near, far, all; and the number of hits.
 
-    `ranges` (S, B) are 0 where nothing is compared, places (S, 3) are not negative, parts (S,) begin with 0.
+    `ranges` (S, B) are 0 where nothing is compared, places (S, 3) are not negative, parts (S,) are not negative.
     """
     sweeps, beams = ranges.shape
     r, angle, increment = native.at_doubles(ranges), native.at_doubles(first), native.at_doubles(step)
@@ -211,7 +206,6 @@ def compare(marks: Marks, at: int, part: int, out: Any) -> None:
             near_confirmed += is_confirmed
             near_denied += is_denied
     add_share(out, 0, near_confirmed, near_denied)
-    add_share(out, 7 + 2 * part, near_confirmed, near_denied)
     add_share(out, 2, confirmed - near_confirmed, denied - near_denied)
     add_share(out, 4, confirmed, denied)
     out[6] += 1.0

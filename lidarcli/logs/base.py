@@ -204,7 +204,7 @@ class OpenOptions:
 
 
 class Closing:
-    """What is closed at the end of a `with`."""
+    """An object that is closed at the end of a `with`."""
 
     def close(self) -> None:
         """Release what is open."""

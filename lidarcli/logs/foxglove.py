@@ -317,7 +317,7 @@ _CUT = "the file ends within this line: its message is dropped"
 
 
 class JsonLinesLog(TextLog):
-    """What `mcap cat --json` prints, from a file or from a stream: a message per line, of any topics."""
+    """Lines that `mcap cat --json` prints, from a file or from a stream: a message per line, of any topics."""
 
     format = "json lines"
 

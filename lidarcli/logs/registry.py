@@ -49,7 +49,7 @@ class Format:
     """A container format: its names, its reader, how its content is recognised, and what holds for all its logs."""
 
     kind: str
-    """How `Log.format` of its logs begins."""
+    """Beginning of `Log.format` of its logs."""
     name: str
     """Name for people: `MCAP`, `ROS 1 bag` ..."""
     module: str

@@ -42,7 +42,7 @@ RANGES = 0.15, 12.0
 AT_ONCE = 256
 """Sweeps that are gathered before they are judged."""
 LEAST_SHARE = 0.7
-"""Where the map explains less than this share of the beams in the median, there is no verdict, …"""
+"""There is no verdict where the map explains less than this share of the beams in the median, …"""
 STEADY, NEARLY_ALL = 0.1, 0.93
 """… unless it does once corrected, and as many corrections lie within this distance of their median [m], as of a path that
 is off as a whole; or unless it then explains nearly all beams, as of a path that drifts."""

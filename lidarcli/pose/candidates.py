@@ -68,7 +68,7 @@ class SweepSample:
     def agreement(self, chain: PoseChain | None) -> Agreement:
         """Return how well the sweeps agree under a path; None for standing still."""
         if not self._held:
-            return Agreement(np.nan, np.nan, np.nan, 0.0, 0.0, np.zeros(0))
+            return Agreement(np.nan, np.nan, np.nan, 0.0, 0.0)
         width = max(part[2].shape[1] for part in self._held)
         ranges = [np.pad(part[2], ((0, 0), (0, width - part[2].shape[1])), constant_values=np.nan) for part in self._held]
         begin = end = np.zeros((len(self.stamp_ns), 3))

@@ -308,15 +308,13 @@ def world_in(description: Mapping[str, Any], topic: str) -> str:
     return world.strip("/") if isinstance(world, str) else ""
 
 
-MOST_CONTRADICTED = 0.5
-"""Share of told steps that fit below which the sweeps contradict the poses."""
-
-
 def contradicted(description: Mapping[str, Any]) -> set[str]:
     """Return the topics whose sweeps contradict the told poses, by the description of the poses of a sensor."""
+    from lidarcli.pose.fit import CORRECTED
+
     fits = description.get("pose_fit")
     fits = fits if isinstance(fits, dict) else {}
-    return {topic for topic, fit in fits.items() if isinstance(fit, int | float) and fit < MOST_CONTRADICTED}
+    return {topic for topic, fit in fits.items() if isinstance(fit, int | float) and fit < CORRECTED}
 
 
 KEYS = ("log", "topic")

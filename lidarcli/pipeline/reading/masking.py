@@ -206,7 +206,7 @@ class MovedPath:
     def __init__(self, step: float, turn: float) -> None:
         self._step, self._turn = step, turn
         self.last: tuple[float, float, float] | None = None
-        """Where it was last; None where nothing told that."""
+        """Its last pose; None where nothing tells one."""
         self.distance = self.turned = self._heading = 0.0
         """Length of the path [m], and all its turns together [rad]."""
         self.turns = 0.0, 0.0

@@ -93,7 +93,7 @@ class CheckedPath:
     chain: PoseChain | None = None
     """Path to use; None for none."""
     agreement: Agreement | None = None
-    """How well the sweeps agree under it."""
+    """Agreement of the sweeps under it."""
     fit: PoseFit | None = None
     """The steps of the told path beside those that are matched."""
     timing: Timing = field(default_factory=Timing)
@@ -111,7 +111,7 @@ class CheckedPath:
     notes: tuple[str | Finding, ...] = ()
     """Notes on the path; of what is a fault of the log, the finding."""
     remark: str = ""
-    """How well a told path agrees with the sweeps, in words."""
+    """Agreement of the sweeps under a told path, in words."""
 
     @property
     def is_checked(self) -> bool:
