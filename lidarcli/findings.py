@@ -333,6 +333,15 @@ SWEEP_RULES = (
     ),
     Rule(
         "clock",
+        "warning",
+        lambda s: len(s.clock.starts) > 1,
+        "the clock of {name} starts anew: {0.clock.runs_shown}; path and tracks end at each, --run takes one",
+        _BACK,
+        {"largest": SET_BACK},
+        chain="steps",
+    ),
+    Rule(
+        "clock",
         "error",
         lambda s: s.clock.backward > s.often,
         "stamps of {name} go back {0.back}: messages are out of order "
@@ -345,7 +354,7 @@ SWEEP_RULES = (
         "clock",
         "warning",
         lambda s: s.clock.largest_backward >= SET_BACK,
-        "stamps of {name} go back {0.back}: {0.clock.leap_remedy}",
+        "stamps of {name} go back {0.back}: the clock was set",
         _BACK,
         {"largest": SET_BACK},
         chain="steps",

@@ -216,6 +216,14 @@ class Window(TypedDict, total=False):
     end: Annotated[float | str | None, Option(SELECT, TIME, shown="the end"), "End before this time, given like --start."]
 
 
+class Run(TypedDict, total=False):
+    run: Annotated[
+        int | None,
+        Option(SELECT, COUNT, shown="all", rare=True),
+        "Run to read, counted from 1, of a log whose clock starts anew (docs/poses.md).",
+    ]
+
+
 class _Topic(TypedDict, total=False):
     topic: Annotated[
         str | Iterable[str] | None,
@@ -224,7 +232,7 @@ class _Topic(TypedDict, total=False):
     ]
 
 
-class Topics(_Topic, Window, total=False):
+class Topics(_Topic, Window, Run, total=False):
     """The sweeps of a log to read."""
 
     every: Annotated[int, Option(SELECT, COUNT, 1), "Take every N-th sweep."]
@@ -595,7 +603,7 @@ class Cleaning(_Topic, Poses, Delay, _Objects, Limits, Jobs, total=False):
     ]
 
 
-class Inspecting(_Topic, Joining, Poses, Ranges, total=False):
+class Inspecting(_Topic, Run, Joining, Poses, Ranges, total=False):
     deep: Annotated[
         bool,
         Option(FINDINGS, None, False),

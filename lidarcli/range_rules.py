@@ -164,6 +164,7 @@ def normalise(raw: RawSweeps, sweep: Int64, rules: RangeRules, first_ns: int | N
         duration=duration(raw),
         first_ns=first_ns,
         intensities=_measured_intensities(raw.intensities),
+        run=raw.run,
     )
 
 

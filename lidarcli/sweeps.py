@@ -184,6 +184,8 @@ class RawSweeps:
     """(S,) bearing of the last beam [rad] as the log tells it; the increment counts. None where it does not tell."""
     mended_ns: Int64 | None = None
     """(S,) time of each sweep where some stamps are no times among the others (`logs.clock.mended`); None: all are."""
+    run: int = 1
+    """Run of the log that they are of, counted from 1: the clock starts anew in each."""
 
     def __len__(self) -> int:
         return len(self.stamp_ns)
@@ -247,6 +249,7 @@ def concatenate(blocks: list[RawSweeps]) -> RawSweeps:
         frame_ids=frame_ids,
         frame=np.concatenate(frames),
         ranges=_stacked(blocks, "ranges"),
+        run=blocks[0].run,
         **joined,
     )
 
@@ -379,6 +382,7 @@ class SweepBatch:
     still : (S,) True where the sensor stood since the sweep before, where that is known
     fits : (S,) True where `poses` fit the sweeps or were named by the user; None: nobody has looked
     log : name of the log that it was read from, where that has been told
+    run : run of the log that these sweeps are of, from 1: the clock starts anew in each (docs/poses.md)
     """
 
     topic: str
@@ -403,6 +407,7 @@ class SweepBatch:
     still: Bool | None = None
     fits: Bool | None = None
     log: str = ""
+    run: int = 1
 
     def __len__(self) -> int:
         return len(self.stamp_ns)

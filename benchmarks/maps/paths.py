@@ -61,10 +61,10 @@ def follow(log: Path) -> Followed:
     assert not isinstance(source, MissingInput)
     with open_source(source, OpenOptions()) as opened:
         choice = TopicChoice(ReadOptions().topics, opened.topics())
-        checked = check_paths(opened, None, choice, RangeRules(), match=True)
+        checked = check_paths(opened, None, choice, RangeRules(), match=True)[0]
     batches = _sweeps(log, MATCH)
     first = batches[0]
-    timing = checked[first.topic, first.frame_ids[first.frame[0]]].timing
+    timing = checked[1, (first.topic, first.frame_ids[first.frame[0]])].timing
     path, seconds = _matched(batches, timing)
     return Followed(batches, timing, path, _poses(batches), seconds)
 

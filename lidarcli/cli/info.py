@@ -94,9 +94,7 @@ def info(messages: Messages, options: InfoCommand) -> int:
     infos: list[LogInfo | Learned] = []
     codes = []
     with progress_bar(sources, messages) as report:
-        for source, result in inspect_logs(
-            sources, opening, read.rules, poses, report, deep, read.topics, site and fspath(site)
-        ):
+        for source, result in inspect_logs(sources, opening, read, poses, report, deep, site and fspath(site)):
             codes.append(_report(messages, source.label, result))
             if isinstance(result, Failure):
                 continue

@@ -12,7 +12,8 @@ from time import monotonic
 
 import numpy as np
 
-from lidarcli.errors import OptionError
+from lidarcli.display import counted
+from lidarcli.errors import NoScanError, OptionError
 from lidarcli.logs.base import Log, ReadReport
 from lidarcli.logs.blocks import split_rows
 from lidarcli.logs.clock import MAX_TOPICS
@@ -24,6 +25,8 @@ from lidarcli.sweeps import Bool, Int64, RawSweeps, SweepBatch, concatenate
 from lidarcli.times import Instant, as_time
 
 MOST_EVERY = 1_000_000
+LONGEST = 0
+"""Run of `ReadOptions` that stands for the longest one, where the odometry begins anew in each."""
 LATENCY = 0.25
 """Sweeps of a pipe, once their rules for ranges are known, wait no longer for their batch [s]."""
 BATCH_VALUES = 3 << 17
@@ -39,6 +42,8 @@ class ReadOptions:
     start: float | Instant | None = None
     """Seconds from the first sweep of the same topic and frame, or a moment, or its text; what is before is left out."""
     end: float | Instant | None = None
+    run: int | None = None
+    """Only sweeps of this run of the log are read, counted from 1, or `LONGEST`; None: of all."""
     every: int = 1
     """Only sweeps whose index is a multiple of this are read, counted per topic."""
     batch_size: int = 768
@@ -63,6 +68,12 @@ def _in_order(start: float | Instant | None, end: float | Instant | None) -> boo
     if start is None or end is None or isinstance(start, Instant) != isinstance(end, Instant):
         return True
     return start < end  # type: ignore[operator]
+
+
+def refuse_run(run: int | None, runs: int) -> None:
+    """Refuse a run beyond those of a log (`NoScanError`)."""
+    if run and 0 < runs < run:
+        raise NoScanError(f"--run {run}: the log holds {counted(runs, 'run')}")
 
 
 def read_batches(
@@ -132,6 +143,7 @@ class LogBatcher:
         """Yield the batches that are left."""
         for sweeps, rules in self._detector.flush():
             yield from self._judged(sweeps, rules)
+        refuse_run(self._options.run, max((topic.run for topic in self._batchers.values()), default=0))
         for name, topic in self._batchers.items():
             yield from topic.batches(final=True)
             if (note := topic.empty_window(name)) is not None:
@@ -170,6 +182,8 @@ class _TopicBatcher:
     def __init__(self, options: ReadOptions, doubts: ScanChecks) -> None:
         self._options = options
         self._rules = options.rules
+        self.run = 1
+        """Run of the last sweeps."""
         self._doubts = doubts
         self._count = 0
         self._begin_ns: int | None = None
@@ -183,9 +197,9 @@ class _TopicBatcher:
 
     def take(self, block: RawSweeps, rules: RangeRules) -> Iterator[SweepBatch]:
         """Number and filter a block; yield the batches that it completes, and those to which other rules apply."""
-        if rules != self._rules:
+        if (rules, block.run) != (self._rules, self.run):
             yield from self.batches(final=True)
-            self._rules = rules
+            self._rules, self.run = rules, block.run
         if self._begin_ns is None and len(block):
             self._begin_ns = int(block.rows(slice(0, 1)).time_ns[0])
         sweep = np.arange(self._count, self._count + len(block), dtype=np.int64)
@@ -201,6 +215,8 @@ class _TopicBatcher:
 
     def _kept(self, block: RawSweeps, sweep: Int64) -> Bool:
         keep: Bool = sweep % self._options.every == 0
+        if self._options.run not in (None, LONGEST, block.run):
+            return np.zeros_like(keep)
         start, end = self._options.start, self._options.end
         if start is None and end is None:
             return keep

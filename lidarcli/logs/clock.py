@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from typing import Any
@@ -9,13 +10,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from lidarcli.display import moment
 from lidarcli.findings import LEAP, LONG, SET_BACK
 from lidarcli.sweeps import Bool, Float64, Int64, RawSweeps
 from lidarcli.times import SECOND_NS, Instant
 
 SECOND = 1e-9
 _KEPT = 1 << 16
-RUNS = 3
+TOLD = 3
+"""Runs that are told one by one, beside the last."""
 NO_STAMPS = "stamps are 0, tracks cannot tell what moves"
 SAME_NS = 1
 """Equal stamps of text differ by at most this [ns]."""
@@ -50,12 +53,14 @@ class ClockInfo:
     largest_forward: float = 0.0
     copies: int = 0
     """Length of each run of equal stamps; 0 where the lengths differ."""
-    runs: tuple[Run, ...] = ()
-    """Runs between steps that nobody waits for; at most `RUNS` + 1."""
+    leaps: tuple[int, ...] = ()
+    """Stamps after the first two leaps ahead."""
     astray: tuple[float, ...] = ()
     """Lead of stamps over those around them, if other times are taken in their place [s]."""
     long_steps: float = 0.0
     """Share of the steps ahead that are `LONG` times the median one."""
+    starts: tuple[tuple[int, int, int], ...] = ()
+    """Runs of the log, the first `TOLD` and the last: number, and number and stamp of the first sweep."""
 
     @property
     def span(self) -> float:
@@ -72,26 +77,18 @@ class ClockInfo:
         return f"once, by {most}" if self.backward == 1 else f"{self.backward:,} times, by at most {most}"
 
     @property
+    def runs_shown(self) -> str:
+        """The runs of the log, in words."""
+        return ", ".join(f"run {run:,} from sweep {sweep:,} ({moment(stamp_ns)})" for run, sweep, stamp_ns in self.starts)
+
+    @property
     def leap_remedy(self) -> str:
         """The cause of a leap, and the options that read only one side of it where the times allow it."""
         why = "the clock was set, or the log holds several runs"
-        if len(self.runs) != 2:
+        if len(self.leaps) != 1 or self.backward:
             return why
-        early, late = sorted(self.runs, key=lambda run: run.low_ns)
-        cut = late.low_ns - late.low_ns % SECOND_NS
-        if cut <= early.high_ns:
-            return why
-        first, second = ("--end", "--start") if self.runs[0] is early else ("--start", "--end")
-        return f"{why}; {first} {Instant(cut)} takes what was before, {second} {Instant(cut)} what came after"
-
-
-@dataclass(frozen=True, slots=True)
-class Run:
-    """Sweeps that follow each other without a leap of their stamps."""
-
-    low_ns: int
-    high_ns: int
-    sweeps: int
+        cut = Instant(self.leaps[0] - self.leaps[0] % SECOND_NS)
+        return f"{why}; --end {cut} takes what was before, --start {cut} what came after"
 
 
 def in_words(seconds: float) -> str:
@@ -170,11 +167,33 @@ def mended(blocks: Iterable[RawSweeps]) -> Iterator[RawSweeps]:
     yield from mender.flush()
 
 
+def restarts(times: Int64) -> list[int]:
+    """Return the rows of times (N,) at which a clock starts anew: those around are `SET_BACK` apart, all but one each side.
+
+    >>> restarts(np.concatenate([np.arange(20), np.arange(20)]) * SECOND_NS)
+    [20]
+    """
+    back = -round(SET_BACK * SECOND_NS)
+    rows = np.flatnonzero(np.diff(times) <= back) + 1
+    # Far more of them are disorder, as are several of those around.
+    rows = rows[(rows >= AROUND) & (rows <= len(times) - AROUND)][:HELD]
+    around = times[rows[:, None] + np.arange(-AROUND, AROUND)]
+    before, after = np.sort(around.reshape(-1, 2, AROUND), axis=2).swapaxes(0, 1)
+    apart = after[:, -2] - before[:, 1] <= back
+    found: list[int] = []
+    for row in rows[apart & (np.count_nonzero(np.diff(around) <= back, axis=1) <= 2)].tolist():
+        if not found or row >= found[-1] + AROUND:
+            found.append(row)
+    return found
+
+
 class _Mending:
-    """Sweeps of one topic, of which those around a stamp that is no time wait for more."""
+    """Sweeps of one topic, of which those around a stamp that is no time, or of another run, wait for more."""
 
     def __init__(self) -> None:
         self._waiting: list[RawSweeps] = []
+        self._restarts: Counter[int] = Counter()
+        """Frame → times that its clock started anew."""
         self._frames: dict[str, int] = {}
         self._sound = np.zeros((3, 0), np.int64)
         """Time, record time and frame of the last sound sweeps of each frame."""
@@ -182,9 +201,12 @@ class _Mending:
     def take(self, block: RawSweeps) -> Iterator[RawSweeps]:
         """Add a block; yield what is known to be sound or mended."""
         self._waiting.append(block)
-        times, records, _ = self._rows()
+        times, records, codes = self._rows()
         odd = (np.abs(np.diff(times, prepend=times[:1]) * SECOND) > LEAP) | ((times == 0) & (records != 0))
-        sure = np.count_nonzero(~odd) >= AROUND and not odd[-AROUND:].any()
+        order = np.argsort(codes, kind="stable")
+        odd[order[1:]] |= (np.diff(times[order]) * SECOND <= -SET_BACK) & (np.diff(codes[order]) == 0)
+        enough = AROUND * len(self._frames)
+        sure = np.count_nonzero(~odd) >= enough and not odd[-enough:].any()
         size = sum(len(each) * (HELD + each.ranges.shape[1]) for each in self._waiting)
         if sure or not odd.any() or size > HELD**2:
             yield from self.settle(bool(odd.any()))
@@ -193,6 +215,7 @@ class _Mending:
         """Yield the waiting sweeps, mended."""
         rows, place = self._rows(), self._sound.shape[1]
         odd = np.zeros(rows.shape[1], np.bool_)
+        run = np.full(len(odd), max(self._restarts.values(), default=0) + 1)
         kept = [np.zeros(0, np.int64)]
         for code in np.flatnonzero(np.bincount(rows[2])).tolist():
             mine = np.flatnonzero(rows[2] == code)
@@ -204,10 +227,17 @@ class _Mending:
             if not bad.all():
                 rows[0, mine] = _fitting(times, records, bad)
                 odd[mine] = bad
-                kept.append(mine[~bad][-AROUND:])
+                begin = 0
+                for begin in restarts(rows[0, mine]) if mends else ():
+                    self._restarts[code] += 1
+                    run[mine[begin] :] = np.maximum(run[mine[begin] :], self._restarts[code] + 1)
+                kept.append(mine[begin:][~bad[begin:]][-AROUND:])
         for block in self._waiting:
             here = slice(place, place := place + len(block))
-            yield replace(block, mended_ns=rows[0, here]) if odd[here].any() else block
+            whole = replace(block, mended_ns=rows[0, here]) if odd[here].any() else block
+            for number in dict.fromkeys(run[here].tolist()):
+                mine = run[here] == number
+                yield replace(whole if mine.all() else whole.rows(mine), run=number)
         self._sound, self._waiting = rows[:, np.sort(np.concatenate(kept))], []
 
     def _rows(self) -> Int64:
@@ -275,8 +305,9 @@ class Clock:
         self._copies: int | None = None
         self._since = 0
         """Number of the sweep at which the current run of equal stamps begins."""
-        self._runs: list[Run] = []
+        self._leaps: list[int] = []
         self._astray: list[float] = []
+        self._starts: list[tuple[int, int, int]] = []
 
     def add(self, block: RawSweeps, sweep: Int64 | None = None) -> None:
         """Take the times of a block; `sweep` (S,) numbers its sweeps in the log, where some are left out."""
@@ -301,12 +332,14 @@ class Clock:
         number = np.arange(self._number + 1, self._number + 1 + len(block)) if sweep is None else sweep
         if self._last is None:
             self._since = int(number[0])
+        if not self._starts or block.run != self._starts[-1][0]:
+            self._starts[TOLD:] = [(block.run, int(number[0]), int(stamps[0]))]
         apart = np.diff(np.concatenate([[self._number], number]))[len(stamps) - len(steps) :]
         self._number = int(number[-1])
         same = (np.abs(steps) <= SAME_NS * apart) & has_stamp[len(stamps) - len(steps) :]
         self._repeated += int(np.count_nonzero(same))
         self._count_copies(number[len(stamps) - len(steps) :][~same])
-        self._part(stamps, steps)
+        self._leaps = [*self._leaps, *stamps[len(stamps) - len(steps) :][steps > LEAP * SECOND_NS].tolist()][:2]
         low, high = int(stamps.min()), int(stamps.max())
         self._start = low if self._start is None else min(self._start, low)
         self._end = high if self._end is None else max(self._end, high)
@@ -321,20 +354,6 @@ class Clock:
         # `--every` counts from the first sweep of the log on.
         self._copies = copies if self._since % copies == 0 and (lengths == copies).all() else 0
         self._since = int(fresh[-1])
-
-    def _part(self, stamps: Int64, steps: Int64) -> None:
-        """Split the stamps into runs where they leap."""
-        leaps = np.flatnonzero((steps <= -SET_BACK * SECOND_NS) | (steps > LEAP * SECOND_NS))
-        starts = (leaps[: RUNS + 1] + len(stamps) - len(steps)).tolist()
-        for first, end in zip([0, *starts], [*starts, len(stamps)], strict=True):
-            if first == end or len(self._runs) > RUNS:
-                continue
-            part = stamps[first:end]
-            run = Run(int(part.min()), int(part.max()), len(part))
-            if self._runs and first not in starts:
-                last = self._runs.pop()
-                run = Run(min(last.low_ns, run.low_ns), max(last.high_ns, run.high_ns), last.sweeps + run.sweeps)
-            self._runs.append(run)
 
     def info(self) -> ClockInfo:
         """Return the state of the clocks so far."""
@@ -354,7 +373,8 @@ class Clock:
             repeated=self._repeated,
             largest_forward=self._forward * SECOND,
             copies=copies if self._number < self._since + copies else 0,
-            runs=tuple(self._runs),
+            leaps=tuple(self._leaps),
             astray=tuple(self._astray),
             long_steps=0.0 if step is None else self._steps.share_above(LONG * step),
+            starts=tuple(self._starts),
         )

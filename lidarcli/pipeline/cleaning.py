@@ -262,10 +262,10 @@ def _refuse_motion(
         return
     detect = options.detect
     choice = TopicChoice(detect.read.topics, log.topics())
-    paths = PoseAttacher.of(log, NO_POSES, choice, rules, need=Need.MOVING).paths
+    runs = PoseAttacher.of(log, NO_POSES, choice, ReadOptions(rules=rules), need=Need.MOVING).every
     tracks = read_columns(pair.tracks, "tracks", SCHEMAS["tracks"], ("topic", "set", "sweeps")).to_pylist()
     for topic in unplaced:
-        looks = [path for (name, _), path in paths.items() if name == topic]
+        looks = [path for run in runs for (name, _), path in run.paths.items() if name == topic]
         stood = bool(looks) and all(len(path.still) and path.still.mean() >= MOSTLY for path in looks)
         drove = any(not len(path.still) for path in looks)
         mine = [row for row in tracks if row["topic"] == topic]
@@ -758,6 +758,8 @@ class _Stay:
     places: Float64
     """(P, 2) samples of its place [m]."""
     free: int = 0
+    run: int = 0
+    """Run of the log in which it stood, once its sweeps have come: the world of each is its own."""
 
 
 def _temporary(log: Log, pair: TableSet, options: CleanOptions, rules: RangeRules) -> dict[Key, Int64]:
@@ -766,14 +768,17 @@ def _temporary(log: Log, pair: TableSet, options: CleanOptions, rules: RangeRule
     if not stays:
         return {}
     topics = TopicChoice(options.detect.read.topics, log.topics())
-    posing = PoseAttacher.of(log, options.detect.poses, topics, rules, need=Need.MOVING)
+    posing = PoseAttacher.of(log, options.detect.poses, topics, ReadOptions(rules=rules), need=Need.MOVING)
     sensors = (
         ((whole.topic, frame), batch)
         for whole in _batches(log, options, rules)
         for frame, _, batch in posing.attach(whole).by_frame()
     )
     for key, batch in sensors:
-        mine = [one for one in stays.get(key, ()) if one.free < FREE_SWEEPS]
+        for one in stays.get(key, ()):
+            if one.run != batch.run and one.last >= batch.sweep[0]:
+                one.run, one.free = batch.run, 0
+        mine = [one for one in stays.get(key, ()) if one.run == batch.run and one.free < FREE_SWEEPS]
         if not mine:
             continue
         world = None if batch.poses is None else batch.poses.at_stamp()

@@ -55,6 +55,7 @@ from lidarcli.formalism.matching.differences import (
 )
 from lidarcli.formalism.matching.ground import HERE, MOST_CELLS, SEEN_FREE, Ground, Motion, Nearest, Surveying, of_map
 from lidarcli.formalism.tracking.results import ENDS
+from lidarcli.logs.batches import LONGEST
 from lidarcli.maps import image_of, read_map
 from lidarcli.newfiles import NewFiles, refuse, scratch_folder, writing
 from lidarcli.pipeline.detecting import detect_to_temporary, second_half
@@ -347,6 +348,8 @@ def _frame_words(key: str) -> str:
 
 def _of_log(source: Source, options: DiffOptions, progress: Progress | None) -> RunThings:
     """Return the standing things of a log, and the ground that its sweeps saw in a second pass over it."""
+    read = options.detect.read
+    options = replace(options, detect=replace(options.detect, read=replace(read, run=read.run or LONGEST)))
     with scratch_folder() as private:
         pair, found = detect_to_temporary(source, private, options.detect, progress)
         table = read_tracks_table(pair.tracks)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from itertools import chain
@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from lidarcli.errors import NoScanError, OptionError, UnreadableError
 from lidarcli.findings import DEEP_IDS, IDS, Finding
 from lidarcli.logs.base import LASERSCAN, POSE_TYPES, OpenOptions, ReadReport, Topic
-from lidarcli.logs.batches import ReadOptions
+from lidarcli.logs.batches import ReadOptions, refuse_run
 from lidarcli.logs.clock import ClockInfo
 from lidarcli.logs.joined import Part
 from lidarcli.logs.piles import NoReturnDetector
@@ -30,7 +30,7 @@ from lidarcli.pipeline.reading.masking import masking_of
 from lidarcli.pipeline.reading.one_log import damage_lines
 from lidarcli.pipeline.reading.posing import FoundPoses, PoseAttacher, PoseInfo, PoseOptions, alike_note, pose_infos
 from lidarcli.pipeline.runs.over_logs import Failure, LogProgress, attempt, progress_of
-from lidarcli.range_rules import RangeRules, closure, normalise
+from lidarcli.range_rules import closure, normalise
 from lidarcli.sweeps import Closure, RawSweeps, Status, SweepBatch
 
 if TYPE_CHECKING:
@@ -128,16 +128,16 @@ class LogInfo:
 def inspect_log(
     source: Source,
     opening: OpenOptions | None = None,
-    rules: RangeRules | None = None,
+    read: ReadOptions | None = None,
     poses_from: PoseOptions | None = None,
     progress: Callable[[int], None] | None = None,
     deep: bool = False,
-    topics: Collection[str] | None = None,
     site: str | None = None,
 ) -> LogInfo:
     """Read a log from end to end, in bounded memory, and return its contents; its poses are read first.
 
-    `deep` adds the findings that align sweeps; `topics` are those to judge, by default all; `site` is a map for its paths.
+    `deep` adds the findings that align sweeps; `read` tells the topics and the run to judge, by default all; `site` is a
+    map for its paths.
 
     Raises
     ------
@@ -146,28 +146,32 @@ def inspect_log(
     OptionError
         `deep` or `site` is for a log that can be read only once.
     """
-    wanted = poses_from or PoseOptions()
+    wanted, read = poses_from or PoseOptions(), read or ReadOptions()
     found: dict[tuple[str, str], _Scan] = {}
     only_counted: Counter[str] = Counter()
     with open_source(source, opening) as log:
         if (deep or site is not None) and log.size is None:
             option = "--deep" if deep else "--map"
             raise OptionError(f"{option} reads a log twice, and a pipe is read only once: give the file's name")
-        choice = TopicChoice(topics, log.topics())
+        choice = TopicChoice(read.topics, log.topics())
         if choice.wanted and choice.is_listed and (error := choice.error(every=True)) is not None:
             raise error
-        masking = masking_of(log, rules or RangeRules(), wanted, choice.wanted or None)
-        rules = masking.rules
-        posing = PoseAttacher.of(log, wanted, choice, rules)
-        poses = posing.found
+        masking = masking_of(log, read.rules, wanted, choice.wanted or None)
+        read = ReadOptions(frozenset(choice.wanted) or None, run=read.run, rules=masking.rules)
+        posing = PoseAttacher.of(log, wanted, choice, read)
+        poses, runs = posing.found, 0
         report, checks = ReadReport(), ScanChecks(made_of_clouds(log))
         stats: dict[tuple[str, str], LogStats] = {}
         compares = len(choice.chosen) != 1
         count: Counter[str] = Counter()
         scans = log.scans(choice.asked, report)
         blocks = (one for one in scans if not choice.wanted or choice.takes(one.topic))
-        detector = NoReturnDetector(rules, report)
+        detector = NoReturnDetector(read.rules, report)
         for block, judging in chain(chain.from_iterable(map(detector.take, blocks)), detector.flush()):
+            runs = max(runs, block.run)
+            if read.run not in (None, block.run):
+                count[block.topic] += len(block)
+                continue
             for code, sweeps in zip(*np.unique(block.frame, return_counts=True), strict=True):
                 key = block.topic, block.frame_ids[code]
                 if key in found or len(found) < MOST:
@@ -186,6 +190,7 @@ def inspect_log(
                 progress(log.position)
         if choice.wanted and (error := choice.error(every=True)) is not None:
             raise nothing_read(damage_lines(report), error, choice.wanted)
+        refuse_run(read.run, runs)
         listed = _with_counts(log.topics() or (), found, only_counted)
         report = report if poses is None else poses.together(report)
         checks.report_to(report)
@@ -198,7 +203,7 @@ def inspect_log(
         if deep:
             from lidarcli.pipeline.reading.deep import deep_findings
 
-            more = deep_findings(source, opening, rules, wanted, choice.wanted or None)
+            more = deep_findings(source, opening, read, wanted)
             known = {(each.id, each.topic, each.frame) for each in more.findings}
             # A closer look counts.
             findings = [each for each in findings if (each.id, each.topic, each.frame) not in known]
@@ -208,7 +213,6 @@ def inspect_log(
             from lidarcli.pipeline.localising import findings_of
             from lidarcli.pipeline.trajectories import PathOptions
 
-            read = ReadOptions(frozenset(choice.wanted) or None, rules=rules)
             findings += findings_of(source, PathOptions(read, opening or OpenOptions(), wanted), site)
         return LogInfo(
             path=source.label,
@@ -355,18 +359,17 @@ def fix_text(info: LogInfo, suffix: str) -> str:
 def inspect_logs(
     sources: Sequence[Source | MissingInput],
     opening: OpenOptions,
-    rules: RangeRules,
+    read: ReadOptions,
     poses: PoseOptions,
     report: LogProgress | None = None,
     deep: bool = False,
-    topics: Collection[str] | None = None,
     site: str | None = None,
 ) -> Iterator[tuple[Source | MissingInput, LogInfo | Learned | Failure]]:
     """Yield the contents of each log or background table, or its failure, one after the other."""
 
     def look_into(source: Source) -> LogInfo | Learned:
         if not _is_table(source):
-            return inspect_log(source, opening, rules, poses, progress_of(source, report), deep, topics, site)
+            return inspect_log(source, opening, read, poses, progress_of(source, report), deep, site)
         # Logs should not wait for this import.
         from lidarcli.pipeline.building import load
 

@@ -125,7 +125,7 @@ def _take(source: Source, options: PlotOptions, work: _PictureMaker) -> Drawn[Pi
 
             showing = Showing(options.zones, Frames.of(log, options.zones))
         posed = options.background or (showing is not None and showing.is_in_world)
-        posing = PoseAttacher.of(log, options.poses if posed else NO_POSES, choice, options.rules)
+        posing = PoseAttacher.of(log, options.poses if posed else NO_POSES, choice, read)
         report = ReadReport()
         for raw in read_batches(log, read, report):
             batch = posing.attach(raw)

@@ -405,23 +405,23 @@ class ZoneSeries(Columns):
 
 
 class TopicSeries(Columns):
-    """The sweeps of one sensor, and what they have in each zone.
+    """The sweeps of one sensor in a run of the log, and what they have in each zone.
 
     Columns (S,) are `sweep`, `stamp_ns` and `seconds`; `pose` (S, 4) is that of the sensor in the world, as
     `ZoneSeries.placed`, NaN where it is not known.
     """
 
-    def __init__(self, topic: str, frame_id: str, zones: Sequence[ZoneSeries], first_ns: int) -> None:
+    def __init__(self, topic: str, frame_id: str, run: int, zones: Sequence[ZoneSeries], first_ns: int) -> None:
         super().__init__()
-        self.topic, self.frame_id, self.zones = topic, frame_id, zones
+        self.topic, self.frame_id, self.run, self.zones = topic, frame_id, run, zones
         self.first_ns = first_ns
         """Stamp of the first sweep of the topic in the log."""
         self.count = 0
 
     @property
-    def sensor(self) -> tuple[str, str]:
-        """Topic and frame of its sensor."""
-        return self.topic, self.frame_id
+    def sensor(self) -> tuple[str, str, int]:
+        """Topic and frame of its sensor, and the run."""
+        return self.topic, self.frame_id, self.run
 
     def of_zone(self, name: str) -> ZoneSeries:
         """Return what it has in a zone."""

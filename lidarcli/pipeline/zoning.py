@@ -164,10 +164,10 @@ class ZoneReader:
         # Beams under a mask are counted here, and left out.
         self._read = replace(detect.read, rules=replace(masking.rules, masks=None))
         self._topics: set[str] = set()
-        self._agents: dict[Key, AgentPaths | None] = {}
+        self._agents: dict[tuple[str, str, int], AgentPaths | None] = {}
         self._worlds: dict[Key, str] = {}
         """Sensor → the fixed frame of its poses."""
-        self._counting: dict[Key, TopicCounter] = {}
+        self._counting: dict[tuple[str, str, int], TopicCounter] = {}
         self._report = ReadReport()
         self._known_velocities = {
             zone.velocity_topic: self._velocities(zone) for zone in options.zones.zones if zone.velocity_topic
@@ -264,11 +264,10 @@ class ZoneReader:
         whole = self._objects(batch)
         for sensor, rows, mine in batch.by_frame():
             resolved = [self._resolved(zone, batch.topic, sensor, reading) for zone in zones]
-            key = batch.topic, sensor
+            key = batch.topic, sensor, batch.run
             if key not in self._counting:
                 series = TopicSeries(
-                    batch.topic,
-                    sensor,
+                    *key,
                     [ZoneSeries(zone, shapes) for zone in resolved if (shapes := self._shapes.get(zone.name))],
                     batch.first_ns,
                 )
@@ -375,12 +374,13 @@ class ZoneReader:
     def _events_in(self, zone: Zone) -> Iterator[ZoneEvents]:
         """Yield a zone as all sensors see it; one in the frame of the sensor for each of them."""
         counted_in = self._counted_in(zone)
-        groups = [[one] for one in counted_in] if zone.frame == SENSOR else [counted_in]
+        runs = [[one for one in counted_in if one.run == run] for run in sorted({one.run for one in counted_in})]
+        groups = [[one] for of_run in runs for one in of_run] if zone.frame == SENSOR else runs
         for one in counted_in:
             if one.sensor not in self._agents:
                 self._agents[one.sensor] = self._tracked(one)
         for group in groups:
-            every = [each.series for each in self._counting.values()]
+            every = [each.series for each in self._counting.values() if each.series.run == group[0].run]
             stamps = [each.column("stamp_ns") for each in every]
             yield EventFinder(
                 group[0].of_zone(zone.name).zone,
@@ -398,7 +398,7 @@ class ZoneReader:
         if pair is None or not pair.trajectories.exists() or not pair.tracks.exists():
             return None
         tracks = read_columns(pair.tracks, "tracks", SCHEMAS["tracks"], ("topic", "frame_id", "track", "set", "label"))
-        mine = [row for row in tracks.to_pylist() if (row["topic"], row["frame_id"]) == series.sensor]
+        mine = [row for row in tracks.to_pylist() if (row["topic"], row["frame_id"]) == series.sensor[:2]]
         agents = np.array([row["track"] for row in mine if row["set"] == "A"], np.int64)
         labels = {row["track"]: row["label"] for row in mine if row["label"] is not None}
         columns = ("topic", "track", "sweep", "frame", "x", "y", "seen")
@@ -427,7 +427,7 @@ class ZoneReader:
         """Refuse zones in a fixed frame where the sweeps contradict the poses; return notes on matched worlds."""
         fixed = {
             (zone.zone.name, topic): zone.zone.frame
-            for (topic, _), each in self._counting.items()
+            for (topic, _, _), each in self._counting.items()
             for zone in each.series.zones
             if zone.zone.frame == WORLD or frame_name(zone.zone.frame).rpartition("/")[2] in WORLDS
         }
@@ -615,9 +615,11 @@ def _zone_rows(log: str, one: ZoneEvents) -> pa.RecordBatch:
 
 def _names(by_zone: Sequence[ZoneEvents]) -> list[str]:
     """Return a name for each zone, with its topic, or also its frame, where several sensors see one of their own."""
-    count = Counter(each.zone.name for each in by_zone)
+    several = len({each.topics[0].run for each in by_zone}) > 1
+    plain = [f"{each.zone.name}, run {each.topics[0].run}" if several else each.zone.name for each in by_zone]
     names = [
-        each.zone.name if count[each.zone.name] == 1 else f"{each.zone.name} ({each.topics[0].topic})" for each in by_zone
+        name if plain.count(name) == 1 else f"{name} ({each.topics[0].topic})"
+        for name, each in zip(plain, by_zone, strict=True)
     ]
     return [
         name if names.count(name) == 1 else f"{name} ({each.topics[0].frame_id})"

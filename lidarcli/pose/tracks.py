@@ -6,7 +6,7 @@ import json
 import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from decimal import Decimal
 from pathlib import Path
 from typing import NamedTuple, TextIO
@@ -19,6 +19,7 @@ from lidarcli.display import clipped
 from lidarcli.errors import UnreadableError
 from lidarcli.foxglove import POSE, SCAN, TRANSFORM, classes
 from lidarcli.logs.base import PLANAR, PLANAR_POSE, Message
+from lidarcli.logs.clock import restarts
 from lidarcli.logs.foxglove import NOT_JSON, NOT_PROTOBUF, STAMP, stamp_of
 from lidarcli.ros.cursor import BadMessageError, Cursor
 from lidarcli.sweeps import Bool, Float64, Int64, SweepPoses, UInt8
@@ -171,6 +172,8 @@ class Track:
     """Largest deviation of the length of a quaternion from 1, before it was made 1."""
     differs: bool = False
     """True for a static one that was sent with other numbers, too."""
+    parts: tuple[Track | None, ...] = ()
+    """Its poses of each run of a log whose clock starts anew, None for none; empty where all are of all runs."""
 
     @property
     def span_ns(self) -> tuple[int, int]:
@@ -190,6 +193,8 @@ class Track:
     @property
     def rate(self) -> float | None:
         """Poses per second, on average; None for a single one."""
+        if parts := [part for part in self.parts if part is not None]:
+            return parts[0].rate
         seconds = (self.span_ns[1] - self.span_ns[0]) / SECOND_NS
         return (self.messages - 1) / seconds if seconds > 0 else None
 
@@ -232,6 +237,7 @@ class _Growing:
 
     stamps: list[Int64] = field(default_factory=list)
     numbers: list[Float64] = field(default_factory=list)
+    records: list[Int64] = field(default_factory=list)
     messages: int = 0
     record_ns: tuple[int, int] = (np.iinfo(np.int64).max, np.iinfo(np.int64).min)
     latest: int = -(1 << 62)
@@ -256,10 +262,32 @@ class _Growing:
             same = (numbers[1:] == numbers[:-1]).all(axis=1)
             kept = np.ones(len(stamp_ns), bool)
             kept[1:-1] = ~(same[:-1] & same[1:])
-            stamp_ns, numbers = stamp_ns[kept], numbers[kept]
+            stamp_ns, numbers, record_ns = stamp_ns[kept], numbers[kept], record_ns[kept]
         self.stamps.append(stamp_ns)
         self.numbers.append(numbers)
+        self.records.append(record_ns)
         return len(stamp_ns)
+
+    def restarts(self) -> list[int]:
+        """Return the poses at which the clock starts anew."""
+        return restarts(np.concatenate(self.stamps)) if self.jumps_back else []
+
+    def parts(self, key: TrackKey, lead: _Growing) -> tuple[Track | None, ...]:
+        """Return the track of each run, by its own stamps or those of the track with most runs; none if nothing tells."""
+        arrays = [np.concatenate(each) for each in (self.stamps, self.numbers, self.records)]
+        cuts, borders = self.restarts(), lead.restarts()
+        if len(cuts) != len(borders):
+            records = np.concatenate(lead.records)
+            if (np.diff(records) < 0).any():
+                return ()
+            cuts = np.searchsorted(arrays[2], records[borders]).tolist()
+        parts = zip(*(np.split(each, cuts) for each in arrays), strict=True)
+        return tuple(
+            _Growing([stamps], [numbers], [records], len(stamps), (records.min(), records.max())).finish(key)
+            if len(stamps)
+            else None
+            for stamps, numbers, records in parts
+        )
 
     def finish(self, key: TrackKey) -> Track:
         """Return the sorted track; of several poses at one stamp the last counts."""
@@ -311,6 +339,10 @@ class Tracks:
         """Return all tracks, in the order in which they first appear."""
         self._flush_all()
         found = [growing.finish(key) for key, growing in self._growing.items()]
+        lead = max(self._growing.values(), key=lambda growing: len(growing.restarts()), default=_Growing())
+        if lead.jumps_back and lead.restarts():
+            both = zip(found, self._growing.items(), strict=True)
+            found = [one if one.static else replace(one, parts=its.parts(key, lead)) for one, (key, its) in both]
         return [track for track in found if track.type != SCAN or not track.is_identity]
 
     def _flush_all(self) -> None:

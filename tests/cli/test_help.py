@@ -144,7 +144,7 @@ def test_help_leaves_out_what_only_some_logs_need(lidarcli: Run) -> None:
     }
     assert rare == {
         *("--columns", "--angle-min", "--angle-increment", "--fov", "--range-max", "--degrees", "--range-unit"),
-        *("--segments", "--echo", "--bins", "--any-frame", "--station-distance", "--station-angle"),
+        *("--segments", "--echo", "--bins", "--any-frame", "--station-distance", "--station-angle", "--run"),
     }
     shown = {name: re.search(rf"^  {name} ", some, re.MULTILINE) is not None for name in rare}
     assert not any(shown.values())

@@ -127,7 +127,8 @@ def checked(path: Path, **options: Any) -> dict[tuple[str, str], CheckedPath]:
     with open_log(str(path)) as log:
         found = find_poses(log)
         choice = TopicChoice(options.pop("topics", None), log.topics())
-        return check_paths(log, None if found is None else found.sources, choice, RangeRules(), **options)
+        paths, _ = check_paths(log, None if found is None else found.sources, choice, RangeRules(), **options)
+        return {sensor: path for (_, sensor), path in paths.items()}
 
 
 def away(found: Float64, way: Callable[[Float64], Float64]) -> Float64:

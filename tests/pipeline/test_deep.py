@@ -18,7 +18,6 @@ from lidarcli.pipeline.inputs.sources import Source
 from lidarcli.pipeline.inspecting import inspect_log
 from lidarcli.pipeline.reading.deep import DeepFindings, deep_findings
 from lidarcli.pipeline.reading.posing import PoseOptions
-from lidarcli.range_rules import RangeRules
 from lidarcli.ros.messages import ROS1, Outgoing, bag_writer
 from lidarcli.simulation import scene as make
 from lidarcli.simulation.generate import START_NS, relative, simulate_odometry
@@ -40,7 +39,7 @@ Place = tuple[float, float, float]
 
 def deep(log: Path, **options: Any) -> DeepFindings:
     """The findings of a log; each is one line and can be told as JSON."""
-    found = deep_findings(Source(str(log), "run"), OpenOptions(), RangeRules(), PoseOptions(**options))
+    found = deep_findings(Source(str(log), "run"), OpenOptions(), None, PoseOptions(**options))
     assert all("\n" not in one.message and one.as_dict()["id"] == one.id for one in found.findings)
     return found
 

@@ -15,6 +15,7 @@ import lidarcli
 from lidarcli.cli import run
 from lidarcli.errors import NoScanError, OptionError
 from lidarcli.logs.base import LASERSCAN, POINTCLOUD2, OpenOptions, ReadReport, Slice, Topic
+from lidarcli.logs.batches import ReadOptions
 from lidarcli.logs.registry import TopicChoice
 from lidarcli.pipeline.inputs.sources import SlicedLog
 from lidarcli.pipeline.reading.posing import PoseAttacher, PoseOptions
@@ -66,7 +67,7 @@ def test_a_leaning_sensor_is_worth_a_note_only_where_its_sweeps_lean_with_it() -
     ]
     topics = [Topic("/points", POINTCLOUD2, "cdr", 3), Topic("/tf", "tf2_msgs/msg/TFMessage", "cdr", 2)]
     log = sliced(FakeLog(topics=topics, messages=[*clouds(), *told]))
-    posing = PoseAttacher.of(log, PoseOptions(), TopicChoice(None, log.topics()), RangeRules())
+    posing = PoseAttacher.of(log, PoseOptions(), TopicChoice(None, log.topics()), ReadOptions())
     (block,) = log.scans(None, ReadReport())
     posing.attach(normalise(block, np.arange(3), RangeRules()))
     assert posing.notes() == [

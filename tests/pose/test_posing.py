@@ -12,6 +12,7 @@ import pytest
 
 import lidarcli
 from lidarcli.logs.base import LASERSCAN, Message, ReadReport, Topic
+from lidarcli.logs.batches import ReadOptions
 from lidarcli.logs.registry import TopicChoice
 from lidarcli.pipeline.detecting import detect_to_files
 from lidarcli.pipeline.inputs.sources import Source
@@ -127,7 +128,7 @@ class PosesLog(FakeLog):
 
 def posing_of(log: PosesLog, options: PoseOptions | None = None) -> PoseAttacher:
     """The poses of a log in memory, of which nobody reads the sweeps."""
-    return PoseAttacher.of(log, options or PoseOptions(), TopicChoice(None, log.topics()), RangeRules())
+    return PoseAttacher.of(log, options or PoseOptions(), TopicChoice(None, log.topics()), ReadOptions())
 
 
 def batch_of(count: int = 40, stamp_ns: int = START, record_ns: int = START, frame: str = "laser") -> SweepBatch:

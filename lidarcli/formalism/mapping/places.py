@@ -326,7 +326,8 @@ class Places:
     def __init__(self) -> None:
         self._grounds: dict[int, _Ground] = {}
         """Cells by world: of each sensor that of its poses, and one for every stop where it has none."""
-        self._sensors: dict[str, _Sensor] = {}
+        self._sensors: dict[tuple[str, int], _Sensor] = {}
+        """By frame and run of the log: the world of each run is its own."""
 
     def add(self, batch: SweepBatch, detection: Detection) -> Int64:
         """Take the votes of S sweeps; return (S,) their worlds, which `read` asks for, -1 where the sensor's place is not
@@ -366,9 +367,10 @@ class Places:
         """Return (S,) the world of each sweep, -1 for none."""
         found = np.full(len(batch), -1)
         for name, rows, mine in batch.by_frame():
-            if name not in self._sensors and len(self._sensors) == MOST_SENSORS:
+            key = name, batch.run
+            if key not in self._sensors and len(self._sensors) == MOST_SENSORS:
                 continue
-            sensor = self._sensors.setdefault(name, _Sensor(WORLDS * len(self._sensors)))
+            sensor = self._sensors.setdefault(key, _Sensor(WORLDS * len(self._sensors)))
             worlds = sensor.worlds(mine)
             found[rows] = np.where(worlds >= 0, sensor.first + worlds, -1)
         return found

@@ -134,6 +134,7 @@ class Tracker:
         """Notes for the user, a line each; complete after `finish`."""
         self._first_ns: int | None = None
         self._topic = ""
+        self._run = 1
         self._sensors: list[_SensorTracker] = []
         """By the index of the frame."""
         self._tracks: list[Track] = []
@@ -156,6 +157,9 @@ class Tracker:
         ValueError
             The arrays of the batch do not fit together (`detect.check`).
         """
+        if batch.run != self._run and len(batch):
+            self._end_run()
+            self._run = batch.run
         frames = self._frames(batch)
         which = np.minimum(frames, MOST_SENSORS - 1)
         if len(batch):
@@ -166,6 +170,11 @@ class Tracker:
 
     def finish(self) -> tuple[list[TrackedBatch], Tracks]:
         """Settle everything, and return the remaining results and all tracks."""
+        self._settle_all()
+        return self._results(), tracks_of(self._tracks)
+
+    def _settle_all(self) -> None:
+        """Settle everything so far."""
         for sensor in self._sensors:
             sensor.register.collect(sensor.tracker.targets)
         if not self._windows[-1]:
@@ -175,7 +184,19 @@ class Tracker:
         for frame, sensor in zip(self.frames, self._sensors, strict=False):
             name = self._topic if len(self._sensors) == 1 else f"{self._topic} ({frame or 'without a name'})"
             self.notes += notes_of(name, sensor.tracker.pose_error, sensor.register.tracks, sensor.tracker.moves)
-        return self._results(), tracks_of(self._tracks)
+
+    def _end_run(self) -> None:
+        """End all tracks, as the clock starts anew; numbers go on."""
+        self._settle_all()
+        self._windows.append({})
+        self._first_ns = None
+        for index, ended in enumerate(self._sensors):
+            sensor = self._sensors[index] = self._sensor()
+            sensor.results = ended.results
+            sensor.register.trajectories = [
+                *ended.register.trajectories,
+                *standing(ended.register.sweeps, ended.register.tracks),
+            ]
 
     def trajectories(self) -> Iterator[Trajectories]:
         """Yield the rows that are settled and were not yielded before: of what moves; after `finish` all that are left."""
@@ -253,10 +274,14 @@ class Tracker:
                 continue
             self.frames.append(name)
             if len(self._sensors) < MOST_SENSORS:
-                naming = None if self._catalogue is None else Naming(self._catalogue)
-                self._sensors.append(_SensorTracker(self.parameters.significance, TrackRegistry(naming, self._tracks)))
+                self._sensors.append(self._sensor())
         numbers: Int64 = np.array([self.frames.index(name) for name in batch.frame_ids], np.int64)
         return numbers[batch.frame]
+
+    def _sensor(self) -> _SensorTracker:
+        """Return the tracker of a sensor that has seen nothing yet."""
+        naming = None if self._catalogue is None else Naming(self._catalogue)
+        return _SensorTracker(self.parameters.significance, TrackRegistry(naming, self._tracks))
 
     def _settle(self) -> None:
         """Settle the oldest window of each sensor."""

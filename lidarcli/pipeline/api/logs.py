@@ -100,10 +100,11 @@ def _batches(sources: Sequence[Source], options: LogOptions) -> Iterator[SweepBa
     for source in sources:
         with failed.noted(source), open_source(source, opening) as log:
             masking = masking_of(log, read.rules, poses, read.topics)
-            posing = PoseAttacher.of(log, poses, TopicChoice(read.topics, log.topics()), masking.rules)
+            reading = replace(read, rules=masking.rules)
+            posing = PoseAttacher.of(log, poses, TopicChoice(read.topics, log.topics()), reading)
             report = ReadReport()
             is_empty = True
-            for batch in read_batches(log, replace(read, rules=masking.rules), report):
+            for batch in read_batches(log, reading, report):
                 is_empty = False
                 yield replace(posing.attach(batch), log=source.name)
             # Notes are for reading, but a log without a sweep needs its reason, and ranges that are none theirs.
@@ -140,7 +141,7 @@ def info(log: Paths, *, progress: Progress = False, **options: Unpack[Inspecting
         for source in sources:
             with failed.noted(source):
                 tell = progress_of(source, report)
-                one = inspect_log(source, opening, read.rules, poses, tell, options["deep"], read.topics, site)
+                one = inspect_log(source, opening, read, poses, tell, options["deep"], site)
                 for line in one.damage:
                     warn(f"{source.label}: {line}")
                 if one.exit_code == NoScanError.exit_code:

@@ -215,7 +215,8 @@ def read_options(options: Values) -> ReadOptions:
     if mask is not None and mask != NONE:
         masks = Masks(learn=True) if mask == AUTO else read_masks(path_text(mask))
     rules = range_rules(options["range"], parse_no_return(text), masks)
-    return ReadOptions(topics, options.get("start"), options.get("end"), options.get("every", 1), rules=rules)
+    start, end, run = (options.get(name) for name in ("start", "end", "run"))
+    return ReadOptions(topics, start, end, run, options.get("every", 1), rules=rules)
 
 
 def pose_options(options: Values) -> PoseOptions:

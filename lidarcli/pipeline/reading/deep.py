@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from types import SimpleNamespace
@@ -60,7 +60,6 @@ from lidarcli.pose.calibration import (
 from lidarcli.pose.fit import ACCEPTED, AUTO, headers_of, mount_between, pairs_of, poses_after, steps_between, wrapped
 from lidarcli.pose.sources import FrameTree, PoseChain, Step, along
 from lidarcli.pose.tracks import SECOND_NS, Motion, frame_name, planar
-from lidarcli.range_rules import RangeRules
 from lidarcli.sweeps import TURN, Bool, Float64, Int64, Status, SweepBatch, UInt8
 
 MOST_SWEEPS, STANDING_SWEEPS = 400, 20
@@ -114,20 +113,18 @@ class DeepFindings:
 
 
 def deep_findings(
-    source: Source,
-    opening: OpenOptions | None = None,
-    rules: RangeRules | None = None,
-    poses: PoseOptions | None = None,
-    topics: Collection[str] | None = None,
+    source: Source, opening: OpenOptions | None = None, read: ReadOptions | None = None, poses: PoseOptions | None = None
 ) -> DeepFindings:
-    """Align sweeps of a log, in bounded memory, and return what they contradict; `topics` are read, by default all."""
-    poses = poses or PoseOptions()
+    """Align sweeps of a log, in bounded memory, and return what they contradict; of several runs the longest is read."""
+    poses, read = poses or PoseOptions(), read or ReadOptions()
     with open_source(source, opening) as log:
-        choice = TopicChoice(topics, log.topics())
-        masking, posing = _masking(log, rules or RangeRules(), poses, choice)
+        choice = TopicChoice(read.topics, log.topics())
+        masking, posing = _masking(log, read, poses, choice)
+        read = ReadOptions(choice.wanted or None, run=read.run or posing.longest, rules=masking.rules)
+        posing = posing.of_run(read.run)
         sources = None if posing.found is None else posing.found.sources
         sensors: dict[Key, _Sensor] = {}
-        for batch in read_batches(log, ReadOptions(choice.wanted or None, rules=masking.rules), ReadReport(), choice):
+        for batch in read_batches(log, read, ReadReport(), choice):
             for frame, _, mine in batch.by_frame():
                 key = batch.topic, frame
                 if key not in sensors:
@@ -167,8 +164,9 @@ def deep_findings(
         return DeepFindings(tuple(findings), masking.learned, tuple(mounts))
 
 
-def _masking(log: Log, rules: RangeRules, poses: PoseOptions, choice: TopicChoice) -> tuple[MaskRules, PoseAttacher]:
+def _masking(log: Log, read: ReadOptions, poses: PoseOptions, choice: TopicChoice) -> tuple[MaskRules, PoseAttacher]:
     """Learn the mask of the robot itself, where the user gave none; return it and the poses."""
+    rules = read.rules
     if rules.masks is None or rules.masks.learn:
         try:
             masking = masking_of(log, replace(rules, masks=Masks(learn=True)), poses, choice.wanted or None)
@@ -178,7 +176,7 @@ def _masking(log: Log, rules: RangeRules, poses: PoseOptions, choice: TopicChoic
             return masking, masking.posing
     else:
         masking = masking_of(log, rules, poses, choice.wanted or None)
-    return masking, PoseAttacher.of(log, poses, choice, masking.rules, need=Need.ALL)
+    return masking, PoseAttacher.of(log, poses, choice, replace(read, rules=masking.rules), need=Need.ALL)
 
 
 def _body(sensor: _Sensor, masking: MaskRules) -> list[Finding]:

@@ -153,10 +153,11 @@ def _count_ranges(
 ) -> tuple[dict[tuple[str, str], _Body], PoseAttacher]:
     """Count the ranges of each topic and frame of a log; return the counts and the poses by which it was done."""
     choice = TopicChoice(topics, log.topics())
-    posing = PoseAttacher.of(log, poses, choice, rules, need=Need.ALL)
+    read = ReadOptions(topics, rules=rules)
+    posing = PoseAttacher.of(log, poses, choice, read, need=Need.ALL)
     bodies: dict[tuple[str, str], _Body] = {}
     # The pass over all sweeps reports the damage.
-    for batch in LogBatcher(log, ReadOptions(topics, rules=rules), ReadReport(), choice).batches():
+    for batch in LogBatcher(log, read, ReadReport(), choice).batches():
         for frame, _, mine in posing.attach(batch).by_frame():
             key = batch.topic, frame
             if key not in bodies:

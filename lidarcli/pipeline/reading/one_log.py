@@ -17,7 +17,7 @@ from lidarcli.choices import ECHOES, KEEP
 from lidarcli.errors import NoScanError, OptionError, UnreadableError
 from lidarcli.formalism.detection import SETS, Detection
 from lidarcli.logs.base import MAX_BEAMS, Log, OpenOptions, ReadReport, Slice
-from lidarcli.logs.batches import LogBatcher, ReadOptions
+from lidarcli.logs.batches import LONGEST, LogBatcher, ReadOptions
 from lidarcli.logs.registry import TopicChoice, nothing_read
 from lidarcli.machine import Threads
 from lidarcli.masks import Masks
@@ -162,6 +162,7 @@ def reading_as_dict(read: ReadOptions, opening: OpenOptions, poses: PoseOptions)
         "topics": sorted(read.topics) if read.topics else None,
         "start": _plain(read.start),
         "end": _plain(read.end),
+        **({"run": read.run} if read.run else {}),
         "every": read.every,
         "range": list(rules.limits) if rules.limits else None,
         "no_return": [*sorted(rules.no_return), *sorted(rules.markers)],
@@ -212,8 +213,15 @@ class Reading:
         self._doubts = masking.doubts
         self._masks = masking.rules.masks
         options = replace(options, rules=masking.rules)
+        self._posing = PoseAttacher.of(log, poses, choice, options, need=need)
+        if options.run == LONGEST:
+            run = self._posing.longest
+            if run is not None:
+                note = f"of {len(self._posing.runs)} runs, each in its own world, run {run} is taken: the longest (--run)"
+                self._report.notes.append(note)
+            self._posing = self._posing.of_run(run)
+            options = replace(options, run=run)
         self._batcher = LogBatcher(log, options, self._report, choice)
-        self._posing = PoseAttacher.of(log, poses, choice, options.rules, need=need)
         self._position = 0
         self._thread: Threads | None = None
 
@@ -284,6 +292,7 @@ class Reading:
         described = {
             "parts": [{"name": part.name, "size": part.size} for part in parts_of(self._log)],
             "poses": self._posing.described(),
+            "runs": {str(number): one.described() for number, one in self._posing.runs.items() if number > 1},
             "made_of_clouds": made_of_clouds(self._log),
             "segments": sorted(self._report.segments),
             "no_return_from": dict(sorted(self._report.no_return.items())),
@@ -335,8 +344,9 @@ def named_files(options: ReadingOptions) -> list[str]:
 
 @contextmanager
 def read_log(source: Source, options: ReadingOptions, need: Need = Need.TOLD) -> Iterator[Reading]:
-    """Open a log for its sweeps; `need` as of `Reading`."""
-    with open_source(source, options.opening) as log, Reading(log, options.read, options.poses, need) as reading:
+    """Open a log for its sweeps, of one world; `need` as of `Reading`."""
+    read = replace(options.read, run=options.read.run or LONGEST)
+    with open_source(source, options.opening) as log, Reading(log, read, options.poses, need) as reading:
         yield reading
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -246,18 +247,22 @@ def check_paths(
     choice: TopicChoice,
     rules: RangeRules,
     *,
+    by_run: Sequence[PoseSources] = (),
+    run: int | None = None,
     delay_ns: int = 0,
     named: bool = False,
     match: bool = False,
     need: Need = Need.MOVING,
     wanted: bool = True,
     order: str = AUTO,
-) -> dict[Key, CheckedPath]:
+) -> tuple[dict[tuple[int, Key], CheckedPath], Counter[int]]:
     """Find the path of each sensor of a log that can be read twice.
 
     Parameters
     ----------
     sources : told poses of the log, None for none
+    by_run : those of each run, taken where the sweeps have as many runs
+    run : the one run to look at; None or `LONGEST` for all
     choice : topics to read
     delay_ns : the pose of a sweep is told so much after its stamp [ns]
     named : the user has named the poses, so they are taken as they are
@@ -268,33 +273,48 @@ def check_paths(
 
     Returns
     -------
-    By topic and frame, for at most `MOST_MATCHED`; without those that need no look.
+    By run, topic and frame, for at most `MOST_MATCHED`, without those that need no look; and the sweeps of each run.
     """
 
-    def told_by(topic: str, frame: str) -> list[PoseChain]:
+    def told_by(topic: str, frame: str, sources: PoseSources | GivenPaths | None = sources) -> list[PoseChain]:
         chains = [] if sources is None or match else sources.chains(frame, topic)
         corrections = [replace(chain.correction or Correction(), delay_ns=delay_ns) for chain in chains]
         return [replace(chain, correction=one) for chain, one in zip(chains, corrections, strict=True)]
 
     match_all = match or need is Need.ALL
-    looks: dict[Key, _Look] = {}
+    looks: dict[tuple[int, Key], _Look] = {}
+    sweeps_of: Counter[int] = Counter()
+    recorded: dict[int, tuple[Any, Any]] = {}
     expected = {topic.name for topic in log.topics() or () if topic.messages != 0} & set(choice.chosen)
     for key, sweeps in _sweeps(log, choice, rules):
+        sweeps_of[key[0]] += len(sweeps)
+        first, last = recorded.get(key[0], (sweeps.record_ns[0], 0))
+        recorded[key[0]] = min(first, sweeps.record_ns.min()), max(last, sweeps.record_ns.max())
         if key not in looks:
-            chains = told_by(*key)
-            if len(looks) == MOST_MATCHED or (not chains and need is Need.TOLD and not match):
+            chains = told_by(*key[1])
+            is_left_out = run and run != key[0]
+            if len(looks) == MOST_MATCHED or is_left_out or (not chains and need is Need.TOLD and not match):
                 continue
             looks[key] = _Look(chains, Timing(order), whole=match, wanted=wanted)
         looks[key].add(sweeps)
-        is_all = not wanted and {topic for topic, _ in looks} >= expected > set()
+        is_all = not wanted and {topic for _, (topic, _) in looks} >= expected > set()
         if is_all and not any(look.may_stand for look in looks.values()):
             break
-    found: dict[Key, CheckedPath] = {}
-    choices: dict[Key, _Choice] = {}
-    again: dict[Key, list[_Look]] = {}
+    found: dict[tuple[int, Key], CheckedPath] = {}
+    choices: dict[tuple[int, Key], _Choice] = {}
+    again: dict[tuple[int, Key], list[_Look]] = {}
     for key, look in looks.items():
         look.settle()
-        choices[key] = _Choice(key, look, named=named, match=match_all)
+        if len(by_run) == len(sweeps_of):
+            look.chains = told_by(*key[1], by_run[key[0] - 1])
+        elif len(sweeps_of) > 1 and not named:
+            # What was recorded with other runs alone says nothing of this one.
+            first, last = recorded[key[0]]
+            look.chains = [one for one in look.chains if one.record_ns[0] <= last and one.record_ns[1] >= first]
+        if not look.chains and need is Need.TOLD and not match:
+            found[key] = CheckedPath("none", remark="recorded in another run")
+            continue
+        choices[key] = _Choice(key[1], look, named=named, match=match_all)
         found[key], second = choices[key].first()
         if not wanted:
             still = found[key].still if look.may_stand else np.zeros(0, bool)
@@ -307,14 +327,14 @@ def check_paths(
                 look.add(sweeps)
         for key, second in again.items():
             found[key] = choices[key].second(second)
-    return found
+    return found, sweeps_of
 
 
-def _sweeps(log: Log, choice: TopicChoice, rules: RangeRules) -> Iterator[tuple[Key, SweepBatch]]:
-    """Yield the sweeps of a log by topic and frame; the pass that makes the tables reports the damage."""
+def _sweeps(log: Log, choice: TopicChoice, rules: RangeRules) -> Iterator[tuple[tuple[int, Key], SweepBatch]]:
+    """Yield the sweeps of a log by run, topic and frame; the pass that makes the tables reports the damage."""
     for batch in LogBatcher(log, ReadOptions(choice.wanted or None, rules=rules), ReadReport(), choice).batches():
         for frame, _, sweeps in batch.by_frame():
-            yield (batch.topic, frame), sweeps
+            yield (batch.run, (batch.topic, frame)), sweeps
 
 
 class _Choice:

@@ -15,10 +15,10 @@ from lidarcli.display import moment, some_of
 from lidarcli.errors import NoScanError, OptionError
 from lidarcli.findings import Finding
 from lidarcli.logs.base import POSE_TYPES, POSED_TYPES, Log, Message, ReadReport, Topic
+from lidarcli.logs.batches import ReadOptions
 from lidarcli.logs.registry import TopicChoice, format_of
 from lidarcli.masks import same_name
 from lidarcli.pipeline.inputs.sources import made_of_clouds, read_pose_messages
-from lidarcli.range_rules import RangeRules
 from lidarcli.ros.cursor import BadMessageError, Cursor
 from lidarcli.sweeps import Float64, Int64, SweepBatch, SweepPoses
 
@@ -35,6 +35,8 @@ _PIPE = "poses, if there are any, are not used: a pipe is read only once; give t
 
 
 SECOND = 1e-9
+MOST_TOLD = 8
+"""Runs of a log of whose poses there are notes."""
 NONE = "none"
 """Value of `--pose` for no poses at all."""
 MOST_DELAY = 3600.0
@@ -114,6 +116,10 @@ class FoundPoses:
     notes: tuple[str, ...] = ()
     report: ReadReport = field(default_factory=ReadReport)
     """Damage and refused messages of the pass over their messages."""
+    by_run: tuple[PoseSources, ...] = ()
+    """Those of each run, where the clock of the poses starts anew."""
+    whole: PoseSources | GivenPaths | None = None
+    """Those of all runs, where `sources` are of one of them."""
 
     def together(self, sweeps: ReadReport) -> ReadReport:
         """Return the report of both passes, over poses and sweeps, with each damaged part once."""
@@ -166,7 +172,10 @@ def find_poses(log: Log, options: PoseOptions | None = None) -> FoundPoses | Non
     if not there and not read.tracks:
         return None
     scans = [topic.name for topic in listed if topic.is_scan]
-    return FoundPoses(PoseSources(read.tracks, wanted, scans), read.notes, read.report)
+    runs = max((len(track.parts) for track in read.tracks), default=0)
+    parts = [[one for track in read.tracks if (one := track.parts[run] if track.parts else track)] for run in range(runs)]
+    by_run = tuple(PoseSources(tracks, wanted, scans) for tracks in parts)
+    return FoundPoses(PoseSources(read.tracks, wanted, scans), read.notes, read.report, by_run)
 
 
 @dataclass(frozen=True, slots=True)
@@ -193,8 +202,9 @@ class PoseInfo:
 def pose_infos(found: FoundPoses) -> tuple[PoseInfo, ...]:
     """Return the contents of every pose topic of a log."""
     infos = []
-    for topic in found.sources.topics:
-        mine = sorted((one for one in found.sources.tracks if one.topic == topic), key=lambda one: -one.messages)
+    sources = found.whole or found.sources
+    for topic in sources.topics:
+        mine = sorted((one for one in sources.tracks if one.topic == topic), key=lambda one: -one.messages)
         firsts, lasts = zip(*(track.span_ns for track in mine), strict=True)
         rate = max((track.rate for track in mine if track.rate is not None), default=None)
         frames = tuple((track.parent, track.child) for track in mine)
@@ -255,15 +265,21 @@ class PoseAttacher:
     """Topic and frame → what a first pass over its sweeps tells of its path."""
     named: bool = False
     """True where the user chose the poses."""
+    run: int = 1
+    """Run of the log whose poses these are."""
+    runs: dict[int, PoseAttacher] = field(default_factory=dict)
+    """Run → what attaches its poses; none where the log holds one run."""
+    longest: int | None = None
+    """The longest run of a log whose odometry begins anew in each."""
 
     @classmethod
     def of(
-        cls, log: Log, options: PoseOptions, choice: TopicChoice, rules: RangeRules, *, need: Need = Need.TOLD
+        cls, log: Log, options: PoseOptions, choice: TopicChoice, read: ReadOptions, *, need: Need = Need.TOLD
     ) -> PoseAttacher:
         """Find the poses of a log, as far as it has some and can be read twice, and check them by its sweeps.
 
-        `choice` are the topics to read, `rules` judge their ranges; `need` are the sensors whose path is matched where the
-        log tells none.
+        `choice` are the topics to read, `read` tells the run and judges ranges; `need` are the sensors whose path is
+        matched where the log tells none.
         """
         found = find_poses(log, options)
         is_pipe = log.size is None and log.topics() is None and format_of(log).has_poses
@@ -276,11 +292,13 @@ class PoseAttacher:
         if log.size is not None and (found is not None or need is not Need.TOLD or match):
             from lidarcli.pipeline.reading.path_check import check_paths
 
-            posing.paths = check_paths(
+            paths, sweeps = check_paths(
                 log,
                 None if found is None else found.sources,
                 choice,
-                rules,
+                read.rules,
+                by_run=() if found is None else found.by_run,
+                run=read.run,
                 delay_ns=round(posing.delay / SECOND),
                 named=posing.named,
                 match=match,
@@ -288,14 +306,34 @@ class PoseAttacher:
                 wanted=options.source != NONE,
                 order=options.order,
             )
+            worlds = {path.chain.world for path in paths.values() if path.chain is not None}
+            if len(sweeps) > 1 and any(map(of_one_run, worlds)):
+                posing.longest = max(sweeps, key=lambda each: sweeps[each])
+            for number in sorted(sweeps):
+                mine = found
+                if found is not None and len(found.by_run) == len(sweeps):
+                    mine = replace(found, sources=found.by_run[number - 1], whole=None if read.run else found.sources)
+                its = {key: path for (of, key), path in paths.items() if of == number}
+                posing.runs[number] = replace(posing, found=mine, paths=its, run=number, stats={})
+            if sweeps:
+                posing = posing.runs[1].of_run(read.run if len(sweeps) > 1 else 1)
         return posing
+
+    def of_run(self, run: int | None) -> PoseAttacher:
+        """Return what attaches the poses of one run alone, or of all."""
+        return replace(self.runs[run], runs={}) if run in self.runs else self
+
+    @property
+    def every(self) -> list[PoseAttacher]:
+        """What attaches the poses of each run."""
+        return [*self.runs.values()] or [self]
 
     def together(self, report: ReadReport) -> ReadReport:
         """Return the report of both passes, over sweeps and poses, with poses of another time as damage."""
         if self.found is None:
             return report
         both = self.found.together(report)
-        stats = list(self.stats.values())
+        stats = [stats for each in self.every for stats in each.stats.values()]
         if self.file and stats and all(frame.without == frame.sweeps for frame in stats):
             first, last = min(frame.first_ns for frame in stats), max(frame.last_ns for frame in stats)
             both.add_damage(
@@ -307,6 +345,8 @@ class PoseAttacher:
 
     def attach(self, batch: SweepBatch) -> SweepBatch:
         """Return the batch with its poses, if the log has some for its sensor."""
+        if batch.run != self.run and batch.run in self.runs:
+            return self.runs[batch.run].attach(batch)
         if (self.found is None and not self.paths) or not len(batch):
             return batch
         from lidarcli.pose.sources import later, namespace
@@ -352,6 +392,9 @@ class PoseAttacher:
 
     def motions(self, batch: SweepBatch) -> Iterator[tuple[str, Int64, Motion, str]]:
         """Yield for each frame of a batch that has poses: its name, its rows, their poses in space, and the world frame."""
+        if batch.run != self.run and batch.run in self.runs:
+            yield from self.runs[batch.run].motions(batch)
+            return
         for frame, rows, mine in batch.by_frame():
             if (chain := self._way(batch.topic, frame)) is not None:
                 yield frame, rows, chain.at(mine.stamp_ns), chain.world
@@ -384,6 +427,11 @@ class PoseAttacher:
 
     def notes(self) -> list[str]:
         """Return notes on the choice of poses, its alternatives and its gaps, a line each."""
+        every = [*self.runs.values()][:MOST_TOLD]
+        return [f"run {one.run}: {line}" for one in every for line in one.own_notes()] if every else self.own_notes()
+
+    def own_notes(self) -> list[str]:
+        """Return the notes on one run."""
         if self.found is None:
             unused = "no poses in this log: --pose-delay changes nothing" if self.delay else ""
             return [line for line in (self.missed or unused,) if line] + self.path_notes()
@@ -398,6 +446,14 @@ class PoseAttacher:
 
     def findings(self, keys: Iterable[tuple[str, str]]) -> tuple[list[str], list[Finding]]:
         """Return the notes on the paths without the findings; and these, with those on the poses of topics and frames."""
+        if not self.runs:
+            return self.own_findings(keys)
+        told = [(f"run {one.run}: ", *one.own_findings(keys)) for one in [*self.runs.values()][:MOST_TOLD]]
+        notes = [head + note for head, notes, _ in told for note in notes]
+        return notes, [replace(each, message=head + each.message) for head, _, found in told for each in found]
+
+    def own_findings(self, keys: Iterable[tuple[str, str]]) -> tuple[list[str], list[Finding]]:
+        """Return those of one run."""
         keyed = list(self._of_paths())
         found = [note for _, note in keyed if isinstance(note, Finding)]
         if self.found is not None:
@@ -426,7 +482,8 @@ class PoseAttacher:
 
     def leave_out(self, topics: Collection[str]) -> None:
         """Forget the paths of topics whose sweeps turned out to be unused."""
-        self.paths = {key: path for key, path in self.paths.items() if key[0] not in topics}
+        for each in self.every:
+            each.paths = {key: path for key, path in each.paths.items() if key[0] not in topics}
 
     def described(self) -> dict[str, dict[str, Any]]:
         """Return the poses of each sensor frame and the verdict on them, for the tables' metadata.
