@@ -120,7 +120,7 @@ LINES = {
     "logs": 11_430,
     "overlays": 1_155,
     "pipeline": 15_430,
-    "pose": 2_770,
+    "pose": 2_775,
     "reports": 6_805,
     "ros": 315,
     "simulation": 2_340,

@@ -35,7 +35,7 @@ class InfoCommand(ManyLogs, TextOrJson, Overwrite, Inspecting, total=False):
     brief: Annotated[
         bool,
         Option(OUTPUT, None, False),
-        "One line per log: format, time span, and each topic with its sweeps, beams and rate.",
+        "One line per log: format, time span, and each topic with its sweeps, beams and rate. No path is judged.",
     ]
     check: Annotated[
         tuple[str, ...],
@@ -78,6 +78,7 @@ def info(messages: Messages, options: InfoCommand) -> int:
     from lidarcli.newfiles import refuse, write_whole
     from lidarcli.pipeline.inputs.search import files_of
     from lidarcli.pipeline.inspecting import FIXES, LogInfo, fix_text, inspect_logs, judge_checks, understand_checks
+    from lidarcli.pipeline.reading.posing import Need
     from lidarcli.pipeline.runs.over_logs import Failure, exit_code
 
     checks = understand_checks(options["check"], deep, site is not None)
@@ -93,8 +94,10 @@ def info(messages: Messages, options: InfoCommand) -> int:
         refuse(paths, options["overwrite"], files_of(sources))
     infos: list[LogInfo | Learned] = []
     codes = []
+    need = Need.NONE if brief and not (checks or deep or site) else Need.TOLD
     with progress_bar(sources, messages) as report:
-        for source, result in inspect_logs(sources, opening, read, poses, report, deep, site and fspath(site)):
+        asked = {"opening": opening, "read": read, "poses_from": poses, "deep": deep}
+        for source, result in inspect_logs(sources, report, **asked, site=site, need=need):
             codes.append(_report(messages, source.label, result))
             if isinstance(result, Failure):
                 continue

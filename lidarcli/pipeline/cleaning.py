@@ -131,7 +131,7 @@ def clean_log(source: Source, path: Place, options: CleanOptions, progress: Prog
         outputs = (path, _table_path(path))
         new = stack.enter_context(NewFiles(outputs, options.overwrite, _bag(log, source, path)))
         private = new.part(path).with_name(f"{path.name}.tables")
-        pair, found = detect_to_temporary(source, private, options.detect, progress)
+        pair, first = detect_to_temporary(source, private, options.detect, progress)
         notes = file_metadata(pair.sweeps)
         described = note_value(notes, SOURCE, dict)
         if joined := described.get("segments"):
@@ -143,13 +143,13 @@ def clean_log(source: Source, path: Place, options: CleanOptions, progress: Prog
         rules = rules_of(note_value(notes, PARAMETERS, dict), mask if isinstance(mask, dict) else None)
         blind = _blind(pair)
         _refuse_motion(log, pair, described, options, rules, blind)
-        chosen = choose(log, pair, options, rules, second_half(progress, source.size))
+        chosen = choose(log, pair, options, rules, first.posing, second_half(progress, source.size))
         editing = _Editing(chosen, options.value)
         copy = Copy(editing, ReadReport())
         with writing(path):
             copy_log(log, new.part(path), copy)
         editing.conclude()
-        summary = _summary(source, found, options, chosen, copy, editing)
+        summary = _summary(source, first.summary, options, chosen, copy, editing)
         summary.notes += [f"no beam of {topic} has a range: nothing moves there" for topic in sorted(blind)]
         metadata = table_metadata(options.as_dict(), described, summary.damage)
         table = restamped(_table(source.name, chosen), options.detect.stamps)
@@ -388,16 +388,21 @@ class Chosen(NamedTuple):
 
 
 def choose(
-    log: Log, pair: TableSet, options: CleanOptions, rules: RangeRules, progress: Progress | None = None
+    log: Log,
+    pair: TableSet,
+    options: CleanOptions,
+    rules: RangeRules,
+    posing: PoseAttacher,
+    progress: Progress | None = None,
 ) -> dict[str, Chosen]:
-    """Return the chosen beams of each topic by the tables of its objects.
+    """Return the chosen beams of each topic by the tables of its objects; `posing` is that of the pass that made them.
 
     Raises
     ------
     UnreadableError
         A table cannot be read.
     """
-    temporary = _temporary(log, pair, options, rules) if "temporary" in options.remove else {}
+    temporary = _temporary(log, pair, options, rules, posing.anew()) if "temporary" in options.remove else {}
     agents = _agents(pair) if "agents" in options.remove else {}
     found: dict[str, list[Chosen]] = {}
     cursors: dict[str, TopicRows] = {}
@@ -762,13 +767,13 @@ class _Stay:
     """Run of the log in which it stood, once its sweeps have come: the world of each is its own."""
 
 
-def _temporary(log: Log, pair: TableSet, options: CleanOptions, rules: RangeRules) -> dict[Key, Int64]:
+def _temporary(
+    log: Log, pair: TableSet, options: CleanOptions, rules: RangeRules, posing: PoseAttacher
+) -> dict[Key, Int64]:
     """Return by topic and frame the tracks that stood where the place was also seen free, in a pass of its own."""
     stays = _stood(pair)
     if not stays:
         return {}
-    topics = TopicChoice(options.detect.read.topics, log.topics())
-    posing = PoseAttacher.of(log, options.detect.poses, topics, ReadOptions(rules=rules), need=Need.MOVING)
     sensors = (
         ((whole.topic, frame), batch)
         for whole in _batches(log, options, rules)

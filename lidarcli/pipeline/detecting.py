@@ -36,6 +36,10 @@ if TYPE_CHECKING:
 
 def detect_to_files(source: Source, folder: Place, options: DetectOptions, progress: Progress | None = None) -> RunSummary:
     """Write the tables of one log below `folder`; they appear when all of them are whole, or not at all."""
+    return _read_to_files(source, folder, options, progress).summary
+
+
+def _read_to_files(source: Source, folder: Place, options: DetectOptions, progress: Progress | None) -> Reading:
     is_by_date = options.layout == BY_DATE
     inputs = options.inputs([source])
     if not is_by_date:
@@ -54,7 +58,7 @@ def detect_to_files(source: Source, folder: Place, options: DetectOptions, progr
             metadata = table_metadata(options.as_dict(), reading.describe(source), summary.damage)
             summary.notes += files.publish(metadata)
             summary.outputs = [str(path) for path in files.paths]
-    return summary
+    return reading
 
 
 LINES = ("ndjson", "csv")
@@ -97,14 +101,17 @@ def _tracker(source: Source, reading: Reading, options: DetectOptions) -> Abstra
 
 def detect_to_temporary(
     source: Source, folder: Path, options: DetectOptions, progress: Progress | None = None
-) -> tuple[TableSet, RunSummary]:
-    """Write the tables of one log below a private folder, for a second pass over the log; reports half of the progress."""
+) -> tuple[TableSet, Reading]:
+    """Write the tables of one log below a private folder, for a second pass over the log; reports half of the progress.
+
+    The reading has ended; the second pass takes mask and paths from it.
+    """
     # Only a second pass needs this import.
     from lidarcli.pipeline.inputs.tables import TableSet
 
     half = None if progress is None else lambda position: progress(position // 2)
-    summary = detect_to_files(source, folder, replace(options, overwrite=True, layout=None, stamps=NS), half)
-    return TableSet(f"{folder / source.name}.", ".parquet"), summary
+    reading = _read_to_files(source, folder, replace(options, overwrite=True, layout=None, stamps=NS), half)
+    return TableSet(f"{folder / source.name}.", ".parquet"), reading
 
 
 def second_half(progress: Progress | None, size: int) -> Progress | None:

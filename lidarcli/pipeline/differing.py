@@ -64,7 +64,7 @@ from lidarcli.pipeline.inputs.sources import MissingInput, Source
 from lidarcli.pipeline.inputs.tables import TracksTable, find_tracks, poses_of, read_tracks_table, world_in
 from lidarcli.pipeline.mapping import KM2, MIN_HITS_OF_ALL
 from lidarcli.pipeline.objects.detection import DetectOptions
-from lidarcli.pipeline.reading.one_log import Progress, read_log
+from lidarcli.pipeline.reading.one_log import Progress, Reading, read_log
 from lidarcli.pipeline.reading.posing import Need, of_one_run
 from lidarcli.pipeline.runs.over_logs import LogProgress
 from lidarcli.pipeline.zone_counting import OBJECT_COLUMNS, Objects
@@ -131,6 +131,8 @@ class RunThings:
     is_short: bool = False
     """True if nothing could be seen in it for as long as a thing has to stand."""
     source: dict[str, Any] = field(default_factory=dict)
+    reading: Reading | None = None
+    """The first reading of its log."""
     before: Ground | None = None
     """The ground by the poses as told, where a map corrects them, …"""
     unsure: int = 0
@@ -351,14 +353,14 @@ def _of_log(source: Source, options: DiffOptions, progress: Progress | None) -> 
     read = options.detect.read
     options = replace(options, detect=replace(options.detect, read=replace(read, run=read.run or LONGEST)))
     with scratch_folder() as private:
-        pair, found = detect_to_temporary(source, private, options.detect, progress)
+        pair, first = detect_to_temporary(source, private, options.detect, progress)
         table = read_tracks_table(pair.tracks)
         agents = _agents(table)
         surveys: dict[str, Surveying] = {}
         places: dict[str, list[Float64]] = {}
         cursors: dict[str, TopicRows] = {}
         stamps: list[int] = []
-        with read_log(source, options.detect, Need.MOVING) as reading:
+        with read_log(source, options.detect, Need.MOVING, first) as reading:
             for batch in reading.batches(second_half(progress, source.size)):
                 if not len(batch):
                     continue
@@ -369,7 +371,7 @@ def _of_log(source: Source, options: DiffOptions, progress: Progress | None) -> 
                 is_agent = np.append(np.isin(objects.track, agents.get(batch.topic, [])), False)[objects.owners(batch)]
                 use = np.where(batch.status == Status.VALID, HIT, SKIPPED).astype(np.uint8)
                 for frame, at, mine in batch.by_frame():
-                    world, poses = reading.world_of(batch.topic, frame).strip("/"), mine.poses
+                    world, poses = reading.posing.world_of(batch.topic, frame).strip("/"), mine.poses
                     if poses is None or not world or not np.isfinite(poses.yaw).any():
                         world, zero = "", np.zeros(len(mine))
                         poses = SweepPoses(zero, zero, zero, np.zeros(len(mine), np.bool_))
@@ -388,9 +390,9 @@ def _of_log(source: Source, options: DiffOptions, progress: Progress | None) -> 
     run = _of_tracks(source.name, table, grounds, {world: np.concatenate(parts) for world, parts in places.items()})
     seconds = (max(stamps) - min(stamps)) / SECOND_NS if stamps else 0.0
     run.is_short |= summary.sweeps < LEAST_SWEEPS or seconds < LEAST_SECONDS
-    run.source = described
-    run.damage = [f"{source.label}: {line}" for line in dict.fromkeys([*found.damage, *summary.damage])]
-    run.notes += [f"{source.label}: {line}" for line in dict.fromkeys([*found.doubts, *summary.notes])]
+    run.source, run.reading = described, first
+    run.damage = [f"{source.label}: {line}" for line in dict.fromkeys([*first.summary.damage, *summary.damage])]
+    run.notes += [f"{source.label}: {line}" for line in dict.fromkeys([*first.summary.doubts, *summary.notes])]
     return run
 
 
@@ -577,7 +579,7 @@ def _on_map(one: Input, now: RunThings, site: RunThings, options: DiffOptions) -
     field, paths = read_site(site.name, site.grid), PathOptions(detect.read, detect.opening, detect.poses)
     tried = []
     for motion in dict.fromkeys(motions):
-        run = localise(one.source, None, paths, field, True, motion=motion)
+        run = localise(one.source, None, paths, field, True, motion=motion, first=now.reading)
         if run.figures()["lost"] == 0:
             return now
         tried.append(run)

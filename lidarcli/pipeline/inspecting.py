@@ -28,7 +28,7 @@ from lidarcli.pipeline.inputs.declared import View, filter_text, mask_text
 from lidarcli.pipeline.inputs.sources import MissingInput, Source, made_of_clouds, open_source, parts_of
 from lidarcli.pipeline.reading.masking import masking_of
 from lidarcli.pipeline.reading.one_log import damage_lines
-from lidarcli.pipeline.reading.posing import FoundPoses, PoseAttacher, PoseInfo, PoseOptions, alike_note, pose_infos
+from lidarcli.pipeline.reading.posing import FoundPoses, Need, PoseAttacher, PoseInfo, PoseOptions, alike_note, pose_infos
 from lidarcli.pipeline.runs.over_logs import Failure, LogProgress, attempt, progress_of
 from lidarcli.range_rules import closure, normalise
 from lidarcli.sweeps import Closure, RawSweeps, Status, SweepBatch
@@ -133,11 +133,12 @@ def inspect_log(
     progress: Callable[[int], None] | None = None,
     deep: bool = False,
     site: str | None = None,
+    need: Need = Need.TOLD,
 ) -> LogInfo:
     """Read a log from end to end, in bounded memory, and return its contents; its poses are read first.
 
     `deep` adds the findings that align sweeps; `read` tells the topics and the run to judge, by default all; `site` is a
-    map for its paths.
+    map for its paths; with a `need` of none no sweep is matched, and the notes and findings on paths are left out.
 
     Raises
     ------
@@ -158,7 +159,7 @@ def inspect_log(
             raise error
         masking = masking_of(log, read.rules, wanted, choice.wanted or None)
         read = ReadOptions(frozenset(choice.wanted) or None, run=read.run, rules=masking.rules)
-        posing = PoseAttacher.of(log, wanted, choice, read)
+        posing = PoseAttacher.of(log, wanted, choice, read, need=need)
         poses, runs = posing.found, 0
         report, checks = ReadReport(), ScanChecks(made_of_clouds(log))
         stats: dict[tuple[str, str], LogStats] = {}
@@ -357,19 +358,13 @@ def fix_text(info: LogInfo, suffix: str) -> str:
 
 
 def inspect_logs(
-    sources: Sequence[Source | MissingInput],
-    opening: OpenOptions,
-    read: ReadOptions,
-    poses: PoseOptions,
-    report: LogProgress | None = None,
-    deep: bool = False,
-    site: str | None = None,
+    sources: Sequence[Source | MissingInput], report: LogProgress | None = None, **options: Any
 ) -> Iterator[tuple[Source | MissingInput, LogInfo | Learned | Failure]]:
-    """Yield the contents of each log or background table, or its failure, one after the other."""
+    """Yield the contents of each log or background table, or its failure, one after the other; options of `inspect_log`."""
 
     def look_into(source: Source) -> LogInfo | Learned:
         if not _is_table(source):
-            return inspect_log(source, opening, read, poses, progress_of(source, report), deep, site)
+            return inspect_log(source, progress=progress_of(source, report), **options)
         # Logs should not wait for this import.
         from lidarcli.pipeline.building import load
 

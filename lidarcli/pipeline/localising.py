@@ -20,11 +20,10 @@ from lidarcli.formalism.localisation import FITTING, LOST, OFF, UNSURE, Field, f
 from lidarcli.formalism.mapping.grid import HIT, SKIPPED, Occupancy, TooLargeError, placed
 from lidarcli.formalism.matching.ground import HERE, Motion
 from lidarcli.maps import image_of, read_map
-from lidarcli.newfiles import NewFiles, writing
 from lidarcli.pipeline.inputs.sources import Source
-from lidarcli.pipeline.reading.one_log import Progress, read_log
+from lidarcli.pipeline.reading.one_log import Progress, Reading, read_log
 from lidarcli.pipeline.reading.posing import Need, of_one_run
-from lidarcli.pipeline.trajectories import PARQUET, PathOptions, PathSummary, read_rows, refuse_path, write_table
+from lidarcli.pipeline.trajectories import PARQUET, PathOptions, PathSummary, read_rows, refuse_path, save
 from lidarcli.reports.checks import Check, Verdict, parse_check, verdict_of
 from lidarcli.stores import Place
 from lidarcli.sweeps import Float64, Int8, Int64, Status, SweepBatch
@@ -260,11 +259,12 @@ def localise(
     checks: Sequence[Check] = (),
     progress: Progress | None = None,
     motion: Motion = HERE,
+    first: Reading | None = None,
 ) -> LocalisedPath:
     """Judge the path of a log by a map, and write it: a table, TUM lines or a picture.
 
     With `relocate` poses that are off are corrected, and those of lost seconds left out; `motion`: from the coordinates of
-    the poses to those of the map. Errors as of `write_path`.
+    the poses to those of the map; `first` as of `Reading`. Errors as of `write_path`.
     """
     suffix = "" if path is None else path.suffix.lower()
     lines = None if suffix in ("", PARQUET, PICTURE) else io.BytesIO()
@@ -275,7 +275,7 @@ def localise(
             sensor = sensors.setdefault((batch.topic, frame), _Sensor(site.field, int(sweeps.stamp_ns[0])))
             sensor.add(sweeps, motion)
 
-    with read_log(source, options, Need.ALL) as reading:
+    with read_log(source, options, Need.ALL, first) as reading:
         summary = read_rows(source, reading, options, progress, lines, take)
     paths = {}
     for key, sensor in sorted(sensors.items()):
@@ -291,20 +291,16 @@ def localise(
     figures = run.figures()
     run.verdicts = [verdict_of(check, figures[check.name]) for check in checks]
     if path is not None:
-        with NewFiles([path], options.overwrite) as new:
-            with writing(path, nameless=True), new.part(path).open("wb") as out:
-                if suffix == PARQUET:
-                    write_table(out, run.table, options.stamps)
-                elif suffix == PICTURE:
-                    out.write(_picture(run.table, site.grid))
-                else:
-                    from lidarcli.pose.tracks import trajectory_lines
-
-                    stamps = run.table["stamp"].cast(pa.int64()).to_numpy()
-                    out.write(trajectory_lines(stamps, _motion(run.table)).encode())
-            run.notes += new.publish()
-            run.outputs = [str(path)]
+        data = _picture(run.table, site.grid) if suffix == PICTURE else None if lines is None else _lines(run.table)
+        save(path, options, run, data)
     return run
+
+
+def _lines(table: pa.Table) -> bytes:
+    """Return the poses of a table as lines of TUM."""
+    from lidarcli.pose.tracks import trajectory_lines
+
+    return trajectory_lines(table["stamp"].cast(pa.int64()).to_numpy(), _motion(table)).encode()
 
 
 def _motion(table: pa.Table) -> Any:

@@ -169,12 +169,12 @@ class Mapping:
         """
         options = self.options
         with read_log(source, options, options.need) as reading:
-            chosen = _Selection(options.min_move, bool(options.read.topics), reading.world_of)
+            chosen = _Selection(options.min_move, bool(options.read.topics), reading.posing.world_of)
             for batch, sets in self._with_sets(reading.batches(progress)):
                 for frame, rows, mine in batch.by_frame():
                     kept = chosen.rows(batch.topic, frame, mine.poses, mine.stamp_ns)
                     self._take(source, mine.rows(kept), None if sets is None else sets[rows][kept], clouds)
-            reading.leave_out(chosen.left_out)
+            reading.posing.leave_out(chosen.left_out)
             summary = reading.close()
             described = reading.describe(source)
         self._conclude(source, summary, described, chosen)

@@ -146,7 +146,8 @@ def write_overlay(source: Source, path: Place, options: OverlayOptions, progress
         if options.objects is not None:
             pair, found = one_table_set(options.objects), None
         else:
-            pair, found = detect_to_temporary(source, new.part(path).with_name("tables"), options.detect, progress)
+            pair, first = detect_to_temporary(source, new.part(path).with_name("tables"), options.detect, progress)
+            found = first.summary
             progress = second_half(progress, source.size)
         is_ros2 = path.suffix.lower() != BAG
         work = Overlay(source, pair, grid, options, is_ros2)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import shlex
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
@@ -68,35 +69,33 @@ class PathSummary(RunSummary):
         return {**RunSummary.as_dict(self), "poses": self.table.num_rows}
 
 
-def read_path(source: Source, options: PathOptions, progress: Progress | None = None) -> PathSummary:
-    """Return the known poses of the sensors of a log at its sweeps; without any an `UnreadableError`."""
+def write_path(source: Source, path: Place | None, options: PathOptions, progress: Progress | None = None) -> PathSummary:
+    """Return the known poses of the sensors of a log at its sweeps, and write them where a file is named.
+
+    Without any pose an `UnreadableError`; several sensors in a TUM file, which has room for one, are an `OptionError`.
+    """
+    lines = None if path is None or path.suffix.lower() == PARQUET else io.BytesIO()
     with read_log(source, options, Need.ALL) as reading:
-        return read_rows(source, reading, options, progress)
-
-
-def write_path(source: Source, path: Place, options: PathOptions, progress: Progress | None = None) -> PathSummary:
-    """Write what `read_path` returns; several sensors in a TUM file, which has room for one, are an `OptionError`."""
-    is_table = path.suffix.lower() == PARQUET
-    with read_log(source, options, Need.ALL) as reading, NewFiles([path], options.overwrite) as new:
-        with writing(path, nameless=True), new.part(path).open("wb") as out:
-            summary = read_rows(source, reading, options, progress, None if is_table else out)
-            if is_table:
-                write_table(out, summary.table, options.stamps)
-        summary.notes += new.publish()
-        summary.outputs = [str(path)]
+        summary = read_rows(source, reading, options, progress, lines)
+    if path is not None:
+        save(path, options, summary, None if lines is None else lines.getvalue())
     return summary
 
 
-def write_table(out: IO[bytes], table: pa.Table, stamps: str) -> None:
-    """Write poses as a Parquet table; `stamps` as of `in_unit`."""
-    rows = restamped(table, stamps)
-    sink = ParquetSink(out, rows.schema.remove_metadata())
-    try:
-        for each in rows.to_batches():
-            sink.write(each)
-        sink.finish(table.schema.metadata)
-    finally:
-        sink.abandon()
+def save(path: Place, options: PathOptions, run: PathSummary, data: bytes | None) -> None:
+    """Write the table of a run, or the data that stand for it."""
+    with NewFiles([path], options.overwrite) as new:
+        with writing(path, nameless=True):
+            if data is not None:
+                new.part(path).write_bytes(data)
+            else:
+                rows = restamped(run.table, options.stamps)
+                with ParquetSink(new.part(path), rows.schema.remove_metadata(), path) as sink:
+                    for each in rows.to_batches():
+                        sink.write(each)
+                    sink.finish(run.table.schema.metadata)
+        run.notes += new.publish()
+        run.outputs = [str(path)]
 
 
 def read_rows(
@@ -137,7 +136,7 @@ class PoseWriter:
         """Add the poses of a batch."""
         from lidarcli.pose.tracks import GAP, Motion, trajectory_lines
 
-        for frame, rows, motion, world in reading.motions(batch):
+        for frame, rows, motion, world in reading.posing.motions(batch):
             mine = batch.rows(rows)
             known = np.asarray(~np.isnan(motion.position).any(axis=1))
             kept = np.flatnonzero(known)

@@ -22,7 +22,7 @@ from lidarcli.pipeline.inputs.declared import plain
 from lidarcli.pipeline.inputs.sources import MissingInput, Source, open_source
 from lidarcli.pipeline.inputs.tables import TableSet, contradicted, one_table_set, world_in
 from lidarcli.pipeline.objects.detection import DetectOptions
-from lidarcli.pipeline.reading.masking import masking_of
+from lidarcli.pipeline.reading.masking import MaskRules, masking_of
 from lidarcli.pipeline.reading.one_log import Progress, Reading, RunSummary
 from lidarcli.pipeline.reading.posing import TWIST, Need, polygons, velocities
 from lidarcli.pipeline.runs.over_logs import LogProgress, Outcome, logs_at_once, over_logs
@@ -146,8 +146,11 @@ def refuse_resting(zone: Zone) -> None:
 class ZoneReader:
     """One pass over a log that counts what is in its zones."""
 
-    def __init__(self, log: Log, options: ZoneOptions, pair: TableSet | None) -> None:
-        self._log, self._options, self._pair = log, options, pair
+    def __init__(
+        self, log: Log, options: ZoneOptions, pair: TableSet | None, masking: MaskRules, first: Reading | None
+    ) -> None:
+        """`masking` is that of the log; `first` the reading that found the objects, where this run did so."""
+        self._log, self._options, self._pair, self._first = log, options, pair, first
         if pair is not None and not (pair.trajectories.exists() and pair.tracks.exists()):
             for zone in options.zones.zones:
                 if isinstance(zone.shape, Line):
@@ -155,14 +158,12 @@ class ZoneReader:
                         f"zone '{zone.name}' is a line, and crossings need tracks, which are not beside {pair.objects}: "
                         "give the tables of track, or leave out --objects"
                     )
-        detect = options.detect
-        masking = masking_of(log, detect.read.rules, detect.poses, detect.read.topics)
         own = masking.rules.masks or Masks()
         self._masks = Masks((*own.masks, *options.zones.masks.masks), (), own.path)
         self._notes = [*masking.notes]
         self._frames = Frames.of(log, options.zones, own.mounts)
         # Beams under a mask are counted here, and left out.
-        self._read = replace(detect.read, rules=replace(masking.rules, masks=None))
+        self._read = replace(options.detect.read, rules=replace(masking.rules, masks=None))
         self._topics: set[str] = set()
         self._agents: dict[tuple[str, str, int], AgentPaths | None] = {}
         self._worlds: dict[Key, str] = {}
@@ -235,8 +236,7 @@ class ZoneReader:
 
     def run(self, source: Source, progress: Progress | None) -> tuple[RunSummary, list[ZoneEvents], dict[str, Any]]:
         """Read the sweeps; returns the counts, the zones and the description of the source."""
-        detect = self._options.detect
-        with Reading(self._log, self._read, detect.poses, Need.MOVING) as reading:
+        with Reading(self._log, self._read, self._options.detect.poses, Need.MOVING, self._first) as reading:
             for batch in reading.batches(progress):
                 self._take(batch, reading)
             summary = reading.close()
@@ -278,7 +278,7 @@ class ZoneReader:
 
     def _resolved(self, zone: Zone, topic: str, sensor: str, reading: Reading) -> Zone:
         """Return a zone whose frame is `world` where it names the fixed frame of the poses; refuse one without poses."""
-        world = self._worlds[topic, sensor] = reading.world_of(topic, sensor)
+        world = self._worlds[topic, sensor] = reading.posing.world_of(topic, sensor)
         if zone.frame == WORLD or (
             world
             and zone.frame not in (SENSOR, ROBOT)
@@ -454,12 +454,11 @@ def narrowed(log: Log, options: ZoneOptions) -> ZoneOptions:
     return replace(options, detect=replace(options.detect, read=replace(read, topics=mine)))
 
 
-def masked(log: Log, options: ZoneOptions) -> DetectOptions:
+def masked(log: Log, options: ZoneOptions, masking: MaskRules) -> DetectOptions:
     """Return how objects are found where the masks of a zone file are masks of the detection, too."""
     detect, zones = options.detect, options.zones
     if not zones.masks.masks:
-        return detect
-    masking = masking_of(log, detect.read.rules, detect.poses, detect.read.topics)
+        return replace(detect, read=replace(detect.read, rules=masking.rules))
     own = masking.rules.masks or Masks()
     frames = Frames.of(log, zones, own.mounts)
     mounts = frames.mounts_in({mask.frame for mask in zones.masks.masks if mask.frame})
@@ -512,24 +511,26 @@ def watch(
     if paths is not None:
         refuse(paths.values(), options.overwrite, options.inputs([source]))
     with ExitStack() as stack:
-        found: RunSummary | None = None
+        first: Reading | None = None
         parameters = options.as_dict()
+        pair = None if options.objects is None else one_table_set(options.objects)
+        finds = pair is None and options.find
         with open_source(source, options.detect.opening) as log:
             options = narrowed(log, options)
-        pair = None if options.objects is None else one_table_set(options.objects)
-        if pair is None and options.find:
+            read = options.detect.read
+            masking = masking_of(log, read.rules, options.detect.poses, read.topics)
+            finding = masked(log, options, masking) if finds else options.detect
+        if finds:
             private = stack.enter_context(scratch_folder())
-            with open_source(source, options.detect.opening) as log:
-                finding = masked(log, options)
-            pair, found = detect_to_temporary(source, private, finding, progress)
+            pair, first = detect_to_temporary(source, private, finding, progress)
             progress = second_half(progress, source.size)
         log = stack.enter_context(open_source(source, options.detect.opening))
-        read, by_zone, described = ZoneReader(log, options, pair).run(source, progress)
-        summary = ZoneSummary(**{name: getattr(read, name) for name in RunSummary.__dataclass_fields__})
-        if found is not None:
+        found, by_zone, described = ZoneReader(log, options, pair, masking, first).run(source, progress)
+        summary = ZoneSummary(**{name: getattr(found, name) for name in RunSummary.__dataclass_fields__})
+        if first is not None:
             # Both passes tell of the same damage; the first one also of what it found.
-            summary.damage = [*dict.fromkeys([*found.damage, *summary.damage])]
-            summary.notes = [*dict.fromkeys([*found.notes, *summary.notes])]
+            summary.damage = [*dict.fromkeys([*first.summary.damage, *summary.damage])]
+            summary.notes = [*dict.fromkeys([*masking.notes, *first.summary.notes, *summary.notes])]
         metadata = table_metadata(parameters, described, summary.damage)
         tables = _tables(source.name, by_zone, metadata)
         summary.tables = tables

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from lidarcli.formalism.path_agreement import Agreement, agreement
 from lidarcli.pose.fit import LEAST_STEP, Timing, headers_of, wrapped
 from lidarcli.pose.sources import Correction, PoseChain, later
-from lidarcli.pose.tracks import SECOND_NS, Motion, compose, inverse, planar
+from lidarcli.pose.tracks import SECOND_NS, Motion, compose, inverse, lifted, planar
 from lidarcli.sweeps import Float64, Int64, SweepBatch
 
 MOST_SAMPLED = 300
@@ -97,8 +97,8 @@ class Candidate(NamedTuple):
     """A path that could be that of the sensor."""
 
     verdict: str
-    """told, corrected, matched or none."""
-    chain: PoseChain | None
+    """told, corrected or matched."""
+    chain: PoseChain
     agreement: Agreement
 
     @property
@@ -189,7 +189,7 @@ def laid(chain: PoseChain, world: PoseChain, stamp_ns: Int64) -> PoseChain:
     if not known.any():
         return chain
     yaw = float(np.angle(np.median(np.cos(flat.yaw[known])) + 1j * np.median(np.sin(flat.yaw[known]))))
-    turn = Motion(np.zeros((1, 3)), np.array([[0.0, 0.0, np.sin(0.5 * yaw), np.cos(0.5 * yaw)]]))
+    turn = lifted((0.0, 0.0, yaw))
     turned = compose(turn, here)
     place = np.nanmedian((there.position - turned.position)[known], axis=0)
     motion = Motion(place[None], turn.rotation)

@@ -20,7 +20,7 @@ from lidarcli.display import some_of, times
 from lidarcli.findings import Finding
 from lidarcli.formalism.scan_matching import Matcher
 from lidarcli.pose.sources import WORLDS, GivenPaths, PoseChain, PoseSources, namespace
-from lidarcli.pose.tracks import SECOND_NS, Motion, Track, frame_name, gathered, planar
+from lidarcli.pose.tracks import SECOND_NS, Track, flat, frame_name, gathered
 from lidarcli.sweeps import TURN, Bool, Float64, Int64, SweepBatch
 
 LEAST_STEP = 0.001
@@ -505,12 +505,6 @@ class MatchedPath:
         return self._column(5)
 
     @property
-    def sharpness(self) -> float:
-        """Mean of `sharp` over the sweeps that have a pose; 0 of none."""
-        sharp = self.sharp[np.isfinite(self.sharp)]
-        return float(sharp.mean()) if len(sharp) else 0.0
-
-    @property
     def pieces(self) -> Float64:
         """(S,) number of the piece of the path, from 1: it is not known how one lies to the next."""
         return self._column(6)
@@ -601,13 +595,14 @@ def _one(parts: list[NDArray[Any]]) -> NDArray[Any]:
     return parts[0]
 
 
-def order_of(paths: Mapping[str, MatchedPath], duration: float) -> str:
+def order_of(paths: Mapping[str, MatchedPath], duration: float, clear: float) -> str:
     """Return the order of beams by which the sweeps fit the map best, empty where it is not clear.
 
     Parameters
     ----------
     paths : order → path that was matched by it, of the same sweeps
     duration : of a sweep [s]
+    clear : standard deviations by which it must fit better than the others
     """
     skewed = np.flatnonzero(paths[FORWARD].turns(duration) > SKEWED)
     if len(skewed) < LEAST_SKEWED:
@@ -624,7 +619,7 @@ def order_of(paths: Mapping[str, MatchedPath], duration: float) -> str:
         return float(np.mean(means)) / max(spread, 1e-9)
 
     for order in paths:
-        if all(betters(order, other) > CLEAR for other in paths if other != order):
+        if all(betters(order, other) > clear for other in paths if other != order):
             return order
     return ""
 
@@ -729,11 +724,6 @@ def contradictions(links: Sequence[Track]) -> Iterator[Finding]:
 def _differ(first: Track, second: Track) -> bool:
     """Return whether two tracks of one frame in another one differ in its place at any time."""
     stamp_ns = first.stamp_ns if second.static else second.stamp_ns
-    step = steps_between(*(_planar(each.at(stamp_ns)) for each in (first, second)))
+    step = steps_between(*(flat(each.at(stamp_ns)) for each in (first, second)))
     with np.errstate(invalid="ignore"):
         return bool(((np.hypot(step[:, 0], step[:, 1]) > APART) | (np.abs(step[:, 2]) > TURNED)).any())
-
-
-def _planar(motion: Motion) -> Float64:
-    here = planar(motion)
-    return np.column_stack([here.x, here.y, here.yaw])

@@ -114,6 +114,18 @@ def planar(motion: Motion) -> SweepPoses:
     return SweepPoses(x=motion.position[:, 0].copy(), y=motion.position[:, 1].copy(), yaw=yaw, upside_down=up < 0.0)
 
 
+def flat(motion: Motion) -> Float64:
+    """Return x, y [m] and yaw [rad] (S, 3) of poses seen from above."""
+    there = planar(motion)
+    return np.column_stack([there.x, there.y, there.yaw])
+
+
+def lifted(pose: tuple[float, float, float]) -> Motion:
+    """Return a motion in the plane, x, y [m] and yaw [rad], as one in space."""
+    x, y, half = pose[0], pose[1], 0.5 * pose[2]
+    return Motion(np.array([[x, y, 0.0]]), np.array([[0.0, 0.0, np.sin(half), np.cos(half)]]))
+
+
 def tilt(motion: Motion) -> float:
     """Return the largest angle between the plane of the frame and the ground [rad], either way up; 0 without a pose."""
     x, y = motion.rotation[:, 0], motion.rotation[:, 1]

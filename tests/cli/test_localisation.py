@@ -11,6 +11,8 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
+import lidarcli as lidarcli_api
+from lidarcli.errors import OptionError
 from lidarcli.simulation.scene import Course, super_ellipse
 from lidarcli.tabular.schemas import POSES
 from tests.diff.drawn import ODOMETRY, SENSORS, closed, write_run
@@ -77,6 +79,17 @@ def test_relocate_there_and_back(lidarcli: Run, site: Path, tmp_path: Path) -> N
     assert len(again) == 300
     assert np.hypot(*(again[:, 1:3] - true[:, 1:3]).T).max() < 0.06
     assert "the path fits it throughout" in lidarcli(*words, "--poses", out).err
+
+
+def test_python_tells_the_same(lidarcli: Run, site: Path, tmp_path: Path) -> None:
+    words = ("poses", site / "run.mcap", "--map", site / "site.yaml", "--poses", site / "off.tum")
+    assert lidarcli(*words, "--relocate", "-o", tmp_path / "mended.parquet").code == 0
+    mended = lidarcli_api.poses(site / "run.mcap", map=site / "site.yaml", relocate=True, poses=site / "off.tum")
+    assert mended.equals(pq.read_table(tmp_path / "mended.parquet"))
+    with pytest.warns(UserWarning, match="the map explains only"):
+        lidarcli_api.poses(site / "run.mcap", map=site / "other.yaml")
+    with pytest.raises(OptionError, match="relocate needs a map"):
+        lidarcli_api.poses(site / "run.mcap", relocate=True)
 
 
 def test_a_lost_robot(lidarcli: Run, site: Path, tmp_path: Path) -> None:

@@ -36,7 +36,7 @@ ONLY_SHELL = {
     "zones": {"output", "check"},
     "diff": {"check"},
     "info": {"output", "check"},
-    "poses": {"map", "relocate", "check"},
+    "poses": {"check"},
     "plot": {"sweeps", "map", "animate", "fps", "start", "end"},
 }
 """Options whose work Python has elsewhere, or not: `tables(beams=True)`, `map` for a map, a loop for several sweeps."""

@@ -10,7 +10,7 @@ from typing import Any, Unpack
 
 import pyarrow as pa
 
-from lidarcli.errors import NoScanError, warn
+from lidarcli.errors import NoScanError, OptionError, warn
 from lidarcli.formalism.background import Background
 from lidarcli.formalism.mapping.grid import Occupancy
 from lidarcli.logs.base import ReadReport
@@ -54,13 +54,14 @@ from lidarcli.pipeline.differing import Difference, diff_inputs, inputs_of, refu
 from lidarcli.pipeline.inputs.search import one_log
 from lidarcli.pipeline.inputs.sources import Source, open_source
 from lidarcli.pipeline.inspecting import info_dict, inspect_log
+from lidarcli.pipeline.localising import LocalisedPath, localise, read_site, refuse_judged
 from lidarcli.pipeline.mapping import MapOptions, MapRun
 from lidarcli.pipeline.overlaying import refuse_overlay, write_overlay
 from lidarcli.pipeline.reading.masking import masking_of
 from lidarcli.pipeline.reading.one_log import damage_lines
 from lidarcli.pipeline.reading.posing import PoseAttacher
 from lidarcli.pipeline.runs.over_logs import progress_of
-from lidarcli.pipeline.trajectories import PathOptions, read_path, refuse_path, write_path
+from lidarcli.pipeline.trajectories import PathOptions, PathSummary, refuse_path, write_path
 from lidarcli.pipeline.zoning import ZoneTables, watch
 from lidarcli.simulation import Simulated, run
 from lidarcli.stores import place
@@ -243,6 +244,8 @@ def poses(
     output: AnyPath | None = None,
     overwrite: bool = False,
     *,
+    map: AnyPath | None = None,
+    relocate: bool = False,
     progress: Progress = False,
     **options: Unpack[Reading],
 ) -> pa.Table:
@@ -251,13 +254,17 @@ def poses(
     Parameters
     ----------
     log : one log as of `read`, with `join` its parts
-    output : file to write: .tum or .txt (lines of timestamp x y z qx qy qz qw, of one sensor), or .parquet; by default none
+    output : file to write: .tum or .txt (lines of timestamp x y z qx qy qz qw, of one sensor), or .parquet, with a `map`
+        also .png; by default none
     overwrite : True to replace a file that exists
+    map : map of map_server (.yaml) that judges the path, by default none; a warning tells where it explains too little
+    relocate : True to correct poses that are off the map, and leave out those of a lost robot
 
     Returns
     -------
     pyarrow.Table
         One row per pose, as `lidarcli poses` writes it (docs/poses.md); with an `output` of lines those that are in it.
+        With a `map` its columns `map_state` and others are filled.
 
     Raises
     ------
@@ -270,12 +277,19 @@ def poses(
     """
     source, parsed = one_log(several(log), options["join"]), PathOptions(*log_options(options), overwrite)
     path = None if output is None else place(fspath(output))
+    if map is None and relocate:
+        raise OptionError("relocate needs a map")
     if path is not None:
-        refuse_path(path, source, parsed)
+        refuse_path(path, source, parsed) if map is None else refuse_judged(path, source, parsed, fspath(map))
     with watched(progress, [source]) as report:
         tell = progress_of(source, report)
-        found = read_path(source, parsed, tell) if path is None else write_path(source, path, parsed, tell)
-    for line in found.damage:
+        found: PathSummary
+        if map is not None:
+            found = localise(source, path, parsed, read_site(fspath(map)), relocate, progress=tell)
+        else:
+            found = write_path(source, path, parsed, tell)
+    doubts = found.lines if isinstance(found, LocalisedPath) and not found.tells else []
+    for line in [*found.damage, *doubts]:
         warn(f"{source.label}: {line}")
     return found.table
 

@@ -59,7 +59,7 @@ from lidarcli.pose.calibration import (
 )
 from lidarcli.pose.fit import ACCEPTED, AUTO, headers_of, mount_between, pairs_of, poses_after, steps_between, wrapped
 from lidarcli.pose.sources import FrameTree, PoseChain, Step, along
-from lidarcli.pose.tracks import SECOND_NS, Motion, frame_name, planar
+from lidarcli.pose.tracks import SECOND_NS, flat, frame_name, planar
 from lidarcli.sweeps import TURN, Bool, Float64, Int64, Status, SweepBatch, UInt8
 
 MOST_SWEEPS, STANDING_SWEEPS = 400, 20
@@ -239,7 +239,7 @@ class _Sensor:
         rows = [(-1, row) for row in range(len(batch)) if self._sweeps + row < STANDING_SWEEPS]
         self._sweeps += len(batch)
         chain = self.path.chain or self.chain
-        for row in self.moves.moved(np.zeros((0, 3)) if chain is None else _poses_at(chain, batch.stamp_ns)):
+        for row in self.moves.moved(np.zeros((0, 3)) if chain is None else flat(chain.at(batch.stamp_ns))):
             if self._moves % self._every == 0:
                 rows.append((self._moves, row))
             self._moves += 1
@@ -276,7 +276,7 @@ class _Sensor:
         reached = np.isfinite(there.x)
         hangs = np.count_nonzero(there.upside_down & reached) * 2 > np.count_nonzero(reached)
         matched = self.path.matched * ([1.0, -1.0, -1.0] if hangs else [1.0, 1.0, 1.0])
-        logged, turn_seen = _steps(self.path, matched, np.column_stack([there.x, there.y, there.yaw]))
+        logged, turn_seen = _steps(self.path, matched, flat(self.chain.at(self.path.stamp_ns)))
         turn, turn_seen = logged[:, 2], turn_seen[:, 2]
         large = np.maximum(np.abs(turn_seen), np.abs(turn)) > LARGE_TURN
         turn, turn_seen = turn[large], turn_seen[large]
@@ -297,17 +297,6 @@ def _steps(path: CheckedPath, matched: Float64, others: Float64) -> tuple[Float6
     same = path.pieces[begin] == path.pieces[end]
     begin, end = begin[same], end[same]
     return steps_between(others[begin], others[end]), steps_between(matched[begin], matched[end])
-
-
-def _poses_at(chain: PoseChain, stamp_ns: Int64) -> Float64:
-    """Return x, y [m] and yaw [rad] of a sensor (K, 3) at stamps (K,)."""
-    return _flat(chain.at(stamp_ns))
-
-
-def _flat(motion: Motion) -> Float64:
-    """Return x, y [m] and yaw [rad] (K, 3) of poses in space."""
-    there = planar(motion)
-    return np.column_stack([there.x, there.y, there.yaw])
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -376,7 +365,7 @@ def _by_log(sensor: _Sensor) -> _Calibrated | None:
     @lru_cache(4)
     def poses(first: float, lasts: float) -> Float64:
         at_ns = outlines.stamp_ns + np.rint((first + lasts * outlines.share) * SECOND_NS).astype(np.int64)
-        return _flat(along(rest, at_ns, held=True))
+        return flat(along(rest, at_ns, held=True))
 
     logged = np.array([here.x[0], here.y[0], here.yaw[0]])
     path = poses(0.0, 0.0)
@@ -401,7 +390,7 @@ def _calibrated(sensor: _Sensor) -> _Calibrated | None:
     starts = [by_log.start]
     assert sensor.chain is not None
     carrier = along(_split(sensor.chain)[1], sensor.path.stamp_ns + round(sensor.delay * SECOND_NS))
-    guess = _mount_by_steps(sensor.path, _flat(carrier))
+    guess = _mount_by_steps(sensor.path, flat(carrier))
     if guess is not None and (np.abs(guess - by_log.logged) > NEARBY).any():
         starts.append(np.concatenate([guess, by_log.start[3:]]))
 
@@ -513,7 +502,7 @@ def _lasers_finding(
     """Return the finding on the place of a second laser in the frame of the first one, and its mount; `tree`: static."""
     logged = None
     if (steps := tree.path(frame_name(second.frame), frame_name(first.frame))) is not None:
-        place = _flat(along(steps, np.zeros(1, np.int64)))
+        place = flat(along(steps, np.zeros(1, np.int64)))
         if found is not None and found.settled is not None and found.differs:
             place = steps_between(found.mount[None], poses_after(found.logged[None], place))
         logged = place[0]
@@ -544,7 +533,7 @@ def _driving(first: _Sensor, second: _Sensor, found: _Calibrated | None, logged:
     if found is not None and found.settled is None and found.turned < LEAST_TURN:
         return "the robot turns too little"
     parts = [first.outlines(), second.outlines()]
-    paths = [_poses_at(chain, part.stamp_ns) for part in parts]
+    paths = [flat(chain.at(part.stamp_ns)) for part in parts]
     reached = [np.flatnonzero(np.isfinite(path[:, 0])) for path in paths]
     parts = [part.those(one) for part, one in zip(parts, reached, strict=True)]
     if min(len(part.stamp_ns) for part in parts) < LEAST_STEPS * SLOTS:
@@ -553,7 +542,7 @@ def _driving(first: _Sensor, second: _Sensor, found: _Calibrated | None, logged:
     here, other = (path[one] for path, one in zip(paths, reached, strict=True))
 
     def placing(values: Float64) -> Float64:
-        there = _poses_at(chain, parts[1].stamp_ns + round(float(values[3]) * SECOND_NS))
+        there = flat(chain.at(parts[1].stamp_ns + round(float(values[3]) * SECOND_NS)))
         # Nothing is known beyond the ends of the path, nor in its gaps.
         return np.vstack([here, poses_after(np.where(np.isnan(there), other, there), values[:3])])
 
@@ -566,7 +555,7 @@ def _driving(first: _Sensor, second: _Sensor, found: _Calibrated | None, logged:
     stretch[order] = stretches_of(both[order], *(DRIFTING if of_one_run(chain.world) else FIXED))
     starts = [] if logged is None else [logged]
     if len(second.path.stamp_ns):
-        guess = _mount_by_steps(second.path, _poses_at(chain, second.path.stamp_ns))
+        guess = _mount_by_steps(second.path, flat(chain.at(second.path.stamp_ns)))
         starts += [] if guess is None else [guess]
     if not starts:
         return "their paths cannot be matched"

@@ -93,7 +93,8 @@ def masking_of(
     }
     doubts = tuple(f"--mask: no topic {name} in this log, for which a [[mask]] is" for name in absent)
     if frames := {mask.frame for mask in masks.masks if mask.frame}:
-        masks = replace(masks, mounts=(*masks.mounts, *_mounts(log, sorted(frames))))
+        mounts = dict.fromkeys((*masks.mounts, *_mounts(log, sorted(frames))))
+        masks = replace(masks, mounts=tuple(mounts))
     return MaskRules(replace(rules, masks=masks), doubts=doubts)
 
 

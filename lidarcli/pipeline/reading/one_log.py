@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections import Counter, deque
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -23,15 +23,14 @@ from lidarcli.machine import Threads
 from lidarcli.masks import Masks
 from lidarcli.pipeline.inputs.declared import AUTO, masks_of, plain
 from lidarcli.pipeline.inputs.sources import Source, made_of_clouds, open_source, parts_of
-from lidarcli.pipeline.reading.masking import masking_of
+from lidarcli.pipeline.reading.masking import MaskRules, masking_of
 from lidarcli.pipeline.reading.posing import Need, PoseAttacher, PoseOptions
 from lidarcli.range_rules import NO_RETURN_WORDS, RangeRules, count_statuses
-from lidarcli.sweeps import STATUSES, Int64, SweepBatch
+from lidarcli.sweeps import STATUSES, SweepBatch
 from lidarcli.times import Instant
 
 if TYPE_CHECKING:
     from lidarcli.formalism.tracking.results import TrackedBatch
-    from lidarcli.pose.tracks import Motion
 
 
 @dataclass(slots=True)
@@ -183,10 +182,13 @@ class Reading:
     """The sweeps of an open log with their poses, counted: opens topics, remembers damage, reports missing topics.
 
     A file is read ahead by a thread of its own, which has ended when this context is left; until then no other thread may
-    use the log. The path of the sensors of `need` is matched where the log tells none.
+    use the log. The path of the sensors of `need` is matched where the log tells none; mask and paths are those of the
+    `first` reading of the same log, where there was one.
     """
 
-    def __init__(self, log: Log, options: ReadOptions, poses: PoseOptions, need: Need = Need.TOLD) -> None:
+    def __init__(
+        self, log: Log, options: ReadOptions, poses: PoseOptions, need: Need = Need.TOLD, first: Reading | None = None
+    ) -> None:
         self._log = log
         self._report = ReadReport()
         self.summary = RunSummary()
@@ -208,18 +210,22 @@ class Reading:
             known = [count for count in counts if count is not None]
             if len(known) == len(counts):
                 self._expected = sum(known) // options.every
-        masking = masking_of(log, options.rules, poses, options.topics)
+        masking = masking_of(log, options.rules, poses, options.topics) if first is None else first.masking
+        if options.rules.masks is None:
+            masking = MaskRules(options.rules)
+        self.masking: MaskRules = masking
         self._report.notes += masking.notes
-        self._doubts = masking.doubts
-        self._masks = masking.rules.masks
         options = replace(options, rules=masking.rules)
-        self._posing = PoseAttacher.of(log, poses, choice, options, need=need)
+        made = PoseAttacher.of(log, poses, choice, options, need=need) if first is None else first.all_runs.anew()
+        self.all_runs: PoseAttacher = made
+        self.posing = made
+        """Poses and paths of its sensors, of the run that is read or of all."""
         if options.run == LONGEST:
-            run = self._posing.longest
+            run = made.longest
             if run is not None:
-                note = f"of {len(self._posing.runs)} runs, each in its own world, run {run} is taken: the longest (--run)"
+                note = f"of {len(made.runs)} runs, each in its own world, run {run} is taken: the longest (--run)"
                 self._report.notes.append(note)
-            self._posing = self._posing.of_run(run)
+            self.posing = made.of_run(run)
             options = replace(options, run=run)
         self._batcher = LogBatcher(log, options, self._report, choice)
         self._position = 0
@@ -227,7 +233,7 @@ class Reading:
 
     def batches(self, progress: Progress | None = None) -> Iterator[SweepBatch]:
         """Yield every batch with its poses; `progress` takes the position [bytes] once the caller is done with a batch."""
-        attached = ((self._posing.attach(batch), self._log.position) for batch in self._batcher.batches())
+        attached = ((self.posing.attach(batch), self._log.position) for batch in self._batcher.batches())
         for batch, position in self._read_ahead(attached):
             self._position = position
             if self.date is None and len(batch):
@@ -236,14 +242,6 @@ class Reading:
             yield batch
             if progress is not None:
                 progress(position)
-
-    def motions(self, batch: SweepBatch) -> Iterator[tuple[str, Int64, Motion, str]]:
-        """Yield the poses of a batch in space, as `PoseAttacher.motions`."""
-        return self._posing.motions(batch)
-
-    def world_of(self, topic: str, frame: str) -> str:
-        """Return the fixed frame of the poses of a sensor; empty where there are none."""
-        return self._posing.world_of(topic, frame)
 
     def _read_ahead(self, batches: Iterator[tuple[SweepBatch, int]]) -> Iterator[tuple[SweepBatch, int]]:
         """Yield what an iterator yields, which a thread of its own pulls for a file that is worth it."""
@@ -265,10 +263,6 @@ class Reading:
         """True for a stream that is read as it comes, perhaps without end."""
         return self._log.size is None
 
-    def leave_out(self, topics: Collection[str]) -> None:
-        """Forget the delays of topics, as `PoseAttacher.leave_out`."""
-        self._posing.leave_out(topics)
-
     def ahead(self) -> int | None:
         """Return the number of sweeps still to come, by the index or the file's size; None where neither tells."""
         done, position, size = self.summary.sweeps, self._position, self._log.size
@@ -280,8 +274,8 @@ class Reading:
         """Return the counts, or raise the error of a log that turned out to have no LaserScan."""
         summary = self.summary
         self._batcher.close()
-        summary.close(self._report, self._posing)
-        summary.doubts += self._doubts
+        summary.close(self._report, self.posing)
+        summary.doubts += self.masking.doubts
         summary.seconds = time.perf_counter() - self._started
         if not self._choice.is_listed:
             self._judge_topics()
@@ -291,12 +285,12 @@ class Reading:
         """Return the description of the source, its poses and its ranges of no return, for the tables' metadata."""
         described = {
             "parts": [{"name": part.name, "size": part.size} for part in parts_of(self._log)],
-            "poses": self._posing.described(),
-            "runs": {str(number): one.described() for number, one in self._posing.runs.items() if number > 1},
+            "poses": self.posing.described(),
+            "runs": {str(number): one.described() for number, one in self.posing.runs.items() if number > 1},
             "made_of_clouds": made_of_clouds(self._log),
             "segments": sorted(self._report.segments),
             "no_return_from": dict(sorted(self._report.no_return.items())),
-            "mask": plain(self._masks or Masks()),
+            "mask": plain(self.masking.rules.masks or Masks()),
         }
         known = {"name": source.file_name, "size": self._log.size, "format": self._log.format}
         return known | {name: what for name, what in described.items() if what}
@@ -343,10 +337,12 @@ def named_files(options: ReadingOptions) -> list[str]:
 
 
 @contextmanager
-def read_log(source: Source, options: ReadingOptions, need: Need = Need.TOLD) -> Iterator[Reading]:
-    """Open a log for its sweeps, of one world; `need` as of `Reading`."""
+def read_log(
+    source: Source, options: ReadingOptions, need: Need = Need.TOLD, first: Reading | None = None
+) -> Iterator[Reading]:
+    """Open a log for its sweeps, of one world; `need` and `first` as of `Reading`."""
     read = replace(options.read, run=options.read.run or LONGEST)
-    with open_source(source, options.opening) as log, Reading(log, read, options.poses, need) as reading:
+    with open_source(source, options.opening) as log, Reading(log, read, options.poses, need, first) as reading:
         yield reading
 
 

@@ -33,6 +33,7 @@ from lidarcli.pose.candidates import (
 from lidarcli.pose.fit import (
     ACCEPTED,
     AUTO,
+    CLEAR,
     CORRECTED,
     LEAST_DELAY,
     LEAST_PAIRS,
@@ -51,7 +52,7 @@ from lidarcli.pose.fit import (
     still_at,
 )
 from lidarcli.pose.sources import Correction, PoseChain, Step
-from lidarcli.pose.tracks import SECOND_NS, Motion, planar
+from lidarcli.pose.tracks import SECOND_NS, lifted, planar
 from lidarcli.range_rules import RangeRules
 from lidarcli.sweeps import Bool, Float64, Int64, SweepBatch
 
@@ -68,6 +69,8 @@ PART, PARTED = 50, 1000
 """So many sweeps are matched at once, of the first ones."""
 ENOUGH_TURNING, LEADING = 100, 8
 """Sweeps during which the sensor turned that tell the order of the beams; each is matched after so many before it."""
+VERY_CLEAR = 4.0
+"""Standard deviations by which an order must fit better to be taken before so many sweeps."""
 MOST_HELD = 600
 """Most sweeps that are held until the order of the beams is known."""
 WORTH_A_GUESS = 0.2
@@ -80,6 +83,9 @@ SLIDING = 0.05
 """Share of the sweeps that may slide along walls from which there is a note."""
 DRIFT_NOTED = 0.05
 """A told path that is taken is told to drift from this on."""
+
+FROM_LAST = "at its last known pose: what was driven unseen is missing"
+"""There a path without a guess that was lost begins anew."""
 
 Key = tuple[str, str]
 """Topic and frame of sweeps."""
@@ -145,26 +151,32 @@ def _rounded(value: float) -> float | None:
 class _Look:
     """A look at the sweeps of one topic and frame, in log order."""
 
-    def __init__(self, chains: Sequence[PoseChain], timing: Timing, *, whole: bool, wanted: bool = True) -> None:
-        self.chains = chains
-        """Told paths, the chosen one first."""
+    def __init__(
+        self,
+        chains: Sequence[PoseChain],
+        timing: Timing,
+        *,
+        whole: bool,
+        wanted: bool = True,
+        guess: PoseChain | None = None,
+    ) -> None:
+        """Take told paths, the chosen one first, and one whose steps guide the search; the rest as of `check_paths`."""
+        self.chains, self.guess = chains, guess
         self.path = MatchedPath(timing)
         self.sample = SweepSample()
         self.is_whole = True
         """True where every sweep was matched."""
-        self.guess: PoseChain | None = None
-        """Told path whose steps guide the search."""
-        self.is_second = False
-        """True for a look that comes after another one, which has the sample."""
         self.sweeps = 0
         self._whole, self._wanted = whole, wanted
         self._held: list[SweepBatch] | None = [] if timing.order == AUTO and wanted else None
-        self._turning = np.zeros(0, np.int64)
-        """Sweeps among the held ones during which the sensor turned."""
+        self._orders: dict[str, MatchedPath] = {}
+        """Order of the beams → the path of some of the held sweeps by it."""
+        self._ordered = 0
+        """Number of held sweeps that these have seen, or were not to see."""
 
     def add(self, sweeps: SweepBatch) -> None:
         """Take sweeps, in small parts at first: each tells whether more are needed."""
-        if self._wanted and not self.is_second:
+        if self._wanted:
             self.sample.add(sweeps)
         while len(sweeps):
             most = PART - self.sweeps % PART if self.sweeps < PARTED else len(sweeps)
@@ -188,27 +200,24 @@ class _Look:
         self.path.add(sweeps, self._guessed(sweeps))
         if self._held is not None:
             self._held.append(sweeps)
-            self._turning = np.flatnonzero(self.path.turns(duration_of(self._held)[1]) > SKEWED)
-            if len(self._turning) >= ENOUGH_TURNING or len(self.path.stamp_ns) >= MOST_HELD:
-                self.settle()
+            self.settle(last=len(self.path.stamp_ns) >= MOST_HELD)
 
-    def settle(self) -> None:
-        """Find the order of the beams by sweeps during which the sensor turned, each after some that lead to it."""
-        held, self._held = self._held, None
-        if not held or len(self._turning) < LEAST_SKEWED or self.path.placed < LEAST_PLACED:
+    def settle(self, *, last: bool = True) -> None:
+        """Find the order of the beams by sweeps during which the sensor turned, each after some that lead to it.
+
+        Until the `last` of these sweeps only an order that is very clear is taken.
+        """
+        if not (held := self._held):
             return
         own, duration = duration_of(held)
-        rows = np.unique((self._turning[:ENOUGH_TURNING, None] - np.arange(LEADING)).clip(0))
-        ends = np.cumsum([0, *map(len, held)])
-        # Between these rows the sensor has gone on: the first path leads over that.
-        guess = np.column_stack([self.path.poses, np.zeros(ends[-1])])
-        paths = {}
-        for order in BEAM_ORDERS[1:]:
-            path = paths[order] = MatchedPath(Timing(order, own))
-            for sweeps, first, end in zip(held, ends[:-1], ends[1:], strict=True):
-                mine = rows[(rows >= first) & (rows < end)]
-                path.add(sweeps.rows(mine - first), guess[mine])
-        if not (order := order_of(paths, duration)):
+        turning = np.flatnonzero(self.path.turns(duration) > SKEWED)
+        last |= len(turning) >= ENOUGH_TURNING
+        order = ""
+        if len(turning) >= LEAST_SKEWED and self.path.placed >= LEAST_PLACED:
+            order = self._order(held, turning[:ENOUGH_TURNING], VERY_CLEAR if not last else CLEAR)
+        if last or order:
+            self._held = None
+        if not order:
             return
         first, self.path = self.path, MatchedPath(Timing(order, own))
         headers = np.concatenate([headers_of(sweeps) for sweeps in held])
@@ -217,6 +226,22 @@ class _Look:
             return
         for sweeps in held:
             self.path.add(sweeps, self._guessed(sweeps))
+
+    def _order(self, held: Sequence[SweepBatch], turning: Int64, clear: float) -> str:
+        """Return the order of the beams of held sweeps by those during which the sensor turned; empty for none."""
+        own, duration = duration_of(held)
+        self._orders = self._orders or {order: MatchedPath(Timing(order, own)) for order in BEAM_ORDERS[1:]}
+        rows = np.unique((turning[:, None] - np.arange(LEADING)).clip(0))
+        rows = rows[rows >= self._ordered]
+        ends = np.cumsum([0, *map(len, held)])
+        # Between these rows the sensor has gone on: the first path leads over that.
+        guess = np.column_stack([self.path.poses, np.zeros(ends[-1])])
+        for sweeps, first, end in zip(held, ends[:-1], ends[1:], strict=True):
+            mine = rows[(rows >= first) & (rows < end)]
+            for path in self._orders.values():
+                path.add(sweeps.rows(mine - first), guess[mine])
+        self._ordered = int(rows[-1]) + 1 if len(rows) else self._ordered
+        return order_of(self._orders, duration, clear)
 
     @property
     def stands(self) -> bool:
@@ -278,8 +303,7 @@ def check_paths(
 
     def told_by(topic: str, frame: str, sources: PoseSources | GivenPaths | None = sources) -> list[PoseChain]:
         chains = [] if sources is None or match else sources.chains(frame, topic)
-        corrections = [replace(chain.correction or Correction(), delay_ns=delay_ns) for chain in chains]
-        return [replace(chain, correction=one) for chain, one in zip(chains, corrections, strict=True)]
+        return [replace(one, correction=replace(one.correction or Correction(), delay_ns=delay_ns)) for one in chains]
 
     match_all = match or need is Need.ALL
     looks: dict[tuple[int, Key], _Look] = {}
@@ -301,8 +325,7 @@ def check_paths(
         if is_all and not any(look.may_stand for look in looks.values()):
             break
     found: dict[tuple[int, Key], CheckedPath] = {}
-    choices: dict[tuple[int, Key], _Choice] = {}
-    again: dict[tuple[int, Key], list[_Look]] = {}
+    again: dict[tuple[int, Key], tuple[_Choice, list[_Look]]] = {}
     for key, look in looks.items():
         look.settle()
         if len(by_run) == len(sweeps_of):
@@ -314,20 +337,17 @@ def check_paths(
         if not look.chains and need is Need.TOLD and not match:
             found[key] = CheckedPath("none", remark="recorded in another run")
             continue
-        choices[key] = _Choice(key[1], look, named=named, match=match_all)
-        found[key], second = choices[key].first()
+        choice_of = _Choice(key[1], look, named=named, match=match_all)
+        found[key], second = choice_of.first()
         if not wanted:
             still = found[key].still if look.may_stand else np.zeros(0, bool)
             found[key] = replace(found[key], verdict="none", chain=None, notes=(), still=still)
         elif second:
-            again[key] = second
-    if again:
-        for key, sweeps in _sweeps(log, choice, rules):
-            for look in again.get(key, ()):
-                look.add(sweeps)
-        for key, second in again.items():
-            found[key] = choices[key].second(second)
-    return found, sweeps_of
+            again[key] = choice_of, second
+    for key, sweeps in _sweeps(log, choice, rules) if again else ():
+        for look in again[key][1] if key in again else ():
+            look.add(sweeps)
+    return found | {key: choice_of.second(second) for key, (choice_of, second) in again.items()}, sweeps_of
 
 
 def _sweeps(log: Log, choice: TopicChoice, rules: RangeRules) -> Iterator[tuple[tuple[int, Key], SweepBatch]]:
@@ -337,58 +357,159 @@ def _sweeps(log: Log, choice: TopicChoice, rules: RangeRules) -> Iterator[tuple[
             yield (batch.run, (batch.topic, frame)), sweeps
 
 
+class _Told:
+    """The best told path of a sensor, its steps beside the matched ones, and what is to be said of it."""
+
+    def __init__(
+        self, key: Key, chains: Sequence[PoseChain], sample: SweepSample, path: MatchedPath, *, named: bool
+    ) -> None:
+        self.key, self.named, self._sample = key, named, sample
+        found = told_candidates(chains, sample)
+        self.chosen, self._best = found[0], best_told(found)
+        self.jumps = jump_of(self._best.chain)
+        """Longest step and widest turn that no robot makes [m, rad]; 0 for none."""
+        self.judge(path)
+
+    def judge(self, path: MatchedPath) -> None:
+        """Judge the steps by those of the matched path."""
+        best = self._best
+        stamp_ns, poses, pieces, _ = _in_order(path)
+        doubted = best.drift > DRIFTS or best.by_places < SHARP
+        self.taken, self.guide = best, best.chain
+        self.fit = judge_poses(stamp_ns, poses, partial(poses_of, best.chain), pieces, doubted=doubted)
+        if self.fit.verdict != "corrected" or self.named:
+            return
+        correction = Correction(round(self.fit.delay * SECOND_NS), lifted(self.fit.mount) if any(self.fit.mount) else None)
+        self.guide = replace(best.chain, correction=correction.after(best.chain.correction))
+        corrected = Candidate("corrected", self.guide, self._sample.agreement(self.guide))
+        is_told_fit = self.fit.as_told >= ACCEPTED
+        # A mount of poses whose steps fit without it has to do better, other corrections only no harm.
+        least = CLEARLY if is_told_fit and any(self.fit.mount) else -DRIFTS
+        if not corrected.by_places < best.by_places + least:
+            self.taken = corrected
+        else:
+            verdict = "accepted" if is_told_fit else "rejected"
+            self.fit = replace(self.fit, verdict=verdict, share=self.fit.as_told, delay=0.0, mount=(0.0, 0.0, 0.0))
+
+    @property
+    def steps_fit(self) -> bool:
+        """True where nothing is known against the steps."""
+        return self.fit.verdict != "rejected"
+
+    @property
+    def is_likely(self) -> bool:
+        """True where most steps fit, or cannot be judged."""
+        return not self.fit.share < CORRECTED
+
+    @property
+    def source(self) -> str:
+        """The poses in words."""
+        return f"poses from {self.taken.chain.topics[0]}"
+
+    def notes(self) -> Iterator[Finding]:
+        """Yield what is to be said where the path is taken."""
+        chosen, agreed, end = self.chosen, self.taken.agreement, ""
+        if self.named:
+            end = "they are taken as they are, because they were named"
+        if self.taken.chain.steps != chosen.chain.steps:
+            words = (
+                f"poses from {chosen.chain.topics[0]} ({chosen.chain.frames}) do not agree with the sweeps over the run "
+            )
+            words += (
+                f"({chosen.by_places:.0%}): {self.taken.chain.frames} does ({self.taken.by_places:.0%}), and is laid in "
+            )
+            yield self._finding(words + chosen.chain.world)
+        elif self.taken.drift > DRIFT_NOTED:
+            words = f"{self.source} drift: hits agree by {agreed.near:.0%} soon after, by {agreed.far:.0%} where seen again"
+            yield self._finding(words + ("" if self.named else "; no path fits better"))
+        elif any(self.jumps):
+            yield self._finding(f"{self.source} {self._jumps}")
+        if self.fit.verdict == "corrected":
+            yield self._corrected(end)
+        if self.named and not self.steps_fit:
+            yield self.unfit("they are taken because they were named")
+
+    def replaced(self, matched: Candidate, taken: str) -> Finding:
+        """Return the finding on a path in place of which the matched one is `taken`."""
+        if self.fit.verdict == "corrected":
+            return self._corrected(taken)
+        if self.taken.is_seen_again and matched.is_seen_again and self.steps_fit and not any(self.jumps):
+            words = (
+                f"{self.source} drift: places seen again agree by {self.taken.agreement.far:.0%}, under the path matched "
+                f"from the sweeps by {matched.agreement.far:.0%}: {taken}"
+            )
+            return self._finding(words, matched=matched.agreement.far)
+        return self.unfit(taken, matched=matched.agreement.all)
+
+    def unfit(self, end: str, **evidence: float) -> Finding:
+        """Return the finding on steps that do not fit the sweeps; `end`: words after it."""
+        fit = self.fit
+        if self.steps_fit and any(self.jumps):
+            return self._finding(f"{self.source} {self._jumps}: {end}", **evidence)
+        causes = [f"{fit.share:.0%} of {fit.pairs:,} steps fit" if fit.is_judged else "no step can be judged"]
+        if np.isfinite(fit.ratio) and not RATIOS[0] <= fit.ratio <= RATIOS[1]:
+            factor = f"{fit.ratio:,.0f}" if fit.ratio >= 100 else f"{fit.ratio:.3g}"
+            causes.append(f"told steps are {factor} times those seen")
+        if np.isfinite(fit.turn_ratio) and fit.turn_ratio < -0.5:
+            causes.append("the sensor turns the other way")
+        if any(self.jumps):
+            causes.append(f"they {self._jumps}")
+        return self._finding(f"{self.source} do not fit the sweeps ({'; '.join(causes)}): {end}", **evidence)
+
+    def remark(self) -> str:
+        """Return how well the path agrees with the sweeps, in words; empty where another one is taken in its frame."""
+        fit = self.fit
+        if self.taken.chain.steps != self.chosen.chain.steps:
+            return ""
+        if self.taken.is_seen_again:
+            return f"{self.taken.agreement.all:.0%} of the hits agree over the run"
+        if fit.is_judged:
+            return f"{fit.share:.0%} of {fit.pairs:,} steps fit; nothing is seen twice: drift cannot be told"
+        why = "the sensor hardly moves" if fit.pairs < LEAST_PAIRS else "too few sweeps could be matched"
+        if fit.moves and fit.pairs < LEAST_PAIRS:
+            why = f"only {counted(fit.pairs, 'step')} of its sweeps can be compared"
+        return f"unchecked: {why}"
+
+    def no_path(self, words: str) -> Finding:
+        """Return the finding that no path fits, this one neither."""
+        return self._finding(f"{words}, {self.source} {self.taken.agreement.all:.0%} of the hits agree: no poses")
+
+    @property
+    def _jumps(self) -> str:
+        length, turn = self.jumps
+        words = [f"{length:,.1f} m"] if length else []
+        return "jump by up to " + " and ".join(words + ([f"{np.degrees(turn):.0f} degrees"] if turn else []))
+
+    def _corrected(self, end: str) -> Finding:
+        """Return the finding on a delay or a mount with which the steps fit; `end`: words after it."""
+        fit = self.fit
+        message = f"{self.source} fit the sweeps if corrected ({'; '.join(_changes(fit))}): "
+        message += f"{fit.share:.0%} of {fit.pairs:,} steps" + (f"; {end}" if end else "")
+        x, y, yaw = fit.mount
+        evidence = {"share": fit.share, "steps": fit.pairs, "delay": fit.delay, "x": x, "y": y, "yaw": yaw}
+        if not fit.delay:
+            return Finding("mount", "warning", *self.key, message, evidence, {"share": CORRECTED})
+        fix = Fix("option", f"--pose-delay {fit.delay:.2f}")
+        return Finding("delay", "warning", *self.key, message, evidence, {"delay": LEAST_DELAY}, fix)
+
+    def _finding(self, words: str, **evidence: float) -> Finding:
+        """Return the finding that this is not the path that the sweeps agree on."""
+        facts = {"near": self.taken.agreement.near, "far": self.taken.agreement.far}
+        if self.fit.is_judged:
+            facts |= {"share": self.fit.share, "steps": self.fit.pairs}
+        known = {name: round(value, 3) for name, value in (facts | evidence).items() if np.isfinite(value)}
+        return Finding("drift", "warning", *self.key, words, known, {"drift": DRIFT_NOTED})
+
+
 class _Choice:
     """The choice of the path of one sensor, after one look at its sweeps or two."""
 
     def __init__(self, key: Key, look: _Look, *, named: bool, match: bool) -> None:
         self.key, self.look, self.named, self.match = key, look, named, match
-        look.sample.timing = look.path.timing
-        known = [chain for chain in look.chains if np.isfinite(poses_of(chain, look.sample.stamp_ns)).any()]
-        self.chains = known if look.sample.stamp_ns.size else []
-        self.told: Candidate | None = None
-        self.fit: PoseFit | None = None
-        self.guide: PoseChain | None = None
-        """Told path, corrected as its steps say, that leads the matched one; None for the told one as it is."""
-        self.is_guided = False
-        """True where told steps led the matched path."""
-        self.jumps = (0.0, 0.0)
-        """Longest step and widest turn of the told path that no robot makes [m, rad]; 0 for none."""
-        if self.chains:
-            self._judge_told(look.path)
-
-    def _judge_told(self, path: MatchedPath) -> None:
-        """Choose among the told paths, and judge the steps of the best one by those of the matched path."""
-        sample = self.look.sample
-        told = best_told(told_candidates(self.chains, sample))
-        assert told.chain is not None
-        stamp_ns, poses, pieces, _ = _in_order(path)
-        doubted = told.drift > DRIFTS or told.by_places < SHARP
-        self.told = told
-        self.fit = judge_poses(stamp_ns, poses, partial(poses_of, told.chain), pieces, doubted=doubted)
-        self.jumps = jump_of(told.chain)
-        if self.fit.verdict == "corrected" and not self.named:
-            correction = Correction(round(self.fit.delay * SECOND_NS), _mount(self.fit.mount))
-            chain = replace(told.chain, correction=correction.after(told.chain.correction))
-            corrected = Candidate("corrected", chain, sample.agreement(chain))
-            is_told_fit = self.fit.as_told >= ACCEPTED
-            # A mount of poses whose steps fit without it has to do better, other corrections only no harm.
-            least = CLEARLY if is_told_fit and any(self.fit.mount) else -DRIFTS
-            self.guide = chain
-            if not corrected.by_places < told.by_places + least:
-                self.told = corrected
-            else:
-                verdict = "accepted" if is_told_fit else "rejected"
-                self.fit = replace(self.fit, verdict=verdict, share=self.fit.as_told, delay=0.0, mount=(0.0, 0.0, 0.0))
-
-    @property
-    def steps_fit(self) -> bool:
-        """True where nothing is known against the steps of the told path."""
-        return self.fit is not None and self.fit.verdict != "rejected"
-
-    @property
-    def is_likely(self) -> bool:
-        """True where most steps of the told path fit, or cannot be judged."""
-        return self.fit is not None and not self.fit.share < CORRECTED
+        sample, path = look.sample, look.path
+        sample.timing = path.timing
+        known = [chain for chain in look.chains if np.isfinite(poses_of(chain, sample.stamp_ns)).any()]
+        self.told = _Told(key, known, sample, path, named=named) if known else None
 
     def first(self) -> tuple[CheckedPath, list[_Look]]:
         """Return the path as far as one look tells it, and the looks at all sweeps that are needed to decide."""
@@ -400,26 +521,24 @@ class _Choice:
             if look.is_whole:
                 return self._without_told(look.path), []
             return self._checked("none", None), [self._again(None)]
-        if look.stands and not self.steps_fit and not self.named:
-            return replace(self._checked("none", None), notes=(self._unfit("no poses: the sensor stands"),)), []
-        is_sure = self.steps_fit and not any(self.jumps) and not told.drift > DRIFTS
+        if look.stands and not told.steps_fit and not self.named:
+            return replace(self._checked("none", None), notes=(told.unfit("no poses: the sensor stands"),)), []
+        is_sure = told.steps_fit and not any(told.jumps) and not told.taken.drift > DRIFTS
         if self.named or look.stands or is_sure:
             return self._with_told(told), []
         # Steps that do not fit may mislead, or be of use still.
-        misleads = any(self.jumps) or (self.fit is not None and self.fit.share < ACCEPTED)
-        guide = self.guide or told.chain
-        guesses = [guide, None] if misleads else [guide]
+        guesses = [told.guide, None] if any(told.jumps) or told.fit.share < ACCEPTED else [told.guide]
         return self._with_told(told), [self._again(guess) for guess in guesses]
 
     def second(self, looks: Sequence[_Look]) -> CheckedPath:
         """Return the path after looks at all sweeps."""
-        if self.told is None:
+        if (told := self.told) is None:
             return self._without_told(looks[0].path)
         found = [(one, look) for look in looks if (one := self._matched(look.path)) is not None]
         if not found:
-            return self._with_told(self.told)
+            return self._with_told(told)
         # Without any guess, a path that is sharp and wrong is likelier.
-        trusted = 0.0 if any(self.jumps) or self.fit is None or self.fit.share < WORTH_A_GUESS else DRIFTS
+        trusted = 0.0 if any(told.jumps) or told.fit.share < WORTH_A_GUESS else DRIFTS
 
         def worth(each: tuple[Candidate, _Look]) -> float:
             """Return the agreement of a matched path, with a gain where trusted steps led it."""
@@ -428,65 +547,46 @@ class _Choice:
 
         matched, look = max(found, key=worth)
         # All sweeps tell a delay and a mount that the first ones may not.
-        self._judge_told(look.path)
-        self.is_guided = look.guess is not None
-        standing = Candidate("none", None, self.look.sample.agreement(None))
-        best = better_path(self.told, matched, standing.agreement.all, is_likely=self.is_likely, jumps=self.jumps[0] > 0.0)
-        if standing.agreement.all > best.over_run(standing.agreement.all) + STANDS_BETTER:
+        told.judge(look.path)
+        standing = self.look.sample.agreement(None)
+        best = better_path(told.taken, matched, standing.all, is_likely=told.is_likely, jumps=told.jumps[0] > 0.0)
+        if standing.all > best.over_run(standing.all) + STANDS_BETTER:
             return self._standing(look.path, matched, standing)
-        if best is self.told:
-            return self._with_told(self.told, look.path)
-        checked = self._with_matched(look.path, matched)
-        findings = self._correction(self.told, self._taken) or [self._drift(matched)]
-        return replace(checked, notes=(*findings, *checked.notes))
+        if best is told.taken:
+            return self._with_told(told, look.path)
+        guided = look.guess is not None
+        checked = self._with_matched(look.path, matched, "where told steps lead" if guided else FROM_LAST)
+        taken = "the path is matched from the sweeps"
+        taken += f", guided by {told.chosen.chain.topics[0]}" if guided else ""
+        return replace(checked, notes=(told.replaced(matched, taken), *checked.notes))
 
     def _again(self, guess: PoseChain | None) -> _Look:
         """Return a look at all sweeps, with the order of the beams that the first look found."""
-        look = _Look((), self.look.path.timing, whole=True)
-        look.guess = guess
-        look.is_second = True
-        return look
+        return _Look((), self.look.path.timing, whole=True, wanted=False, guess=guess)
 
     def _checked(self, verdict: str, chain: PoseChain | None, path: MatchedPath | None = None) -> CheckedPath:
         """Return a path with all that the sweeps tell."""
-        path = path or self.look.path
+        path, told = path or self.look.path, self.told
         stamp_ns, poses, pieces, slides = _in_order(path)
         return CheckedPath(
             verdict,
             chain,
-            fit=self.fit,
+            fit=told.fit if told else None,
             timing=path.timing,
             stamp_ns=stamp_ns,
             matched=poses,
             pieces=pieces,
             still=still_at(stamp_ns, poses, slides),
-            drift=self.told.drift if self.told else float("nan"),
+            drift=told.taken.drift if told else float("nan"),
         )
 
-    def _with_told(self, told: Candidate, path: MatchedPath | None = None) -> CheckedPath:
+    def _with_told(self, told: _Told, path: MatchedPath | None = None) -> CheckedPath:
         """Return the told path: the chosen chain, or another one in its fixed frame."""
-        chosen, chain = self.chains[0], told.chain
-        assert chain is not None
-        notes: list[str | Finding] = []
-        if chain.steps != chosen.steps:
-            share, better = self._share_of(chosen), told.by_places
-            words = f"{self._source(chosen)} ({chosen.frames}) do not agree with the sweeps over the run ({share:.0%}): "
-            words += f"{chain.frames} does ({better:.0%}), and is laid in {chosen.world}"
-            notes.append(self._finding(words))
-            chain = laid(chain, chosen, self.look.sample.stamp_ns)
-        elif told.drift > DRIFT_NOTED:
-            near, far = told.agreement.near, told.agreement.far
-            words = f"{self._source(chain)} drift: hits agree by {near:.0%} soon after, by {far:.0%} where seen again"
-            notes.append(self._finding(words + ("" if self.named else "; no path fits better")))
-        elif any(self.jumps):
-            notes.append(self._finding(f"{self._source(chain)} jump by up to {self._jump()}"))
-        if told.verdict == "corrected" or self.named:
-            notes += self._correction(told, "they are taken as they are, because they were named" if self.named else "")
-        if self.named and not self.steps_fit:
-            notes.append(self._unfit("they are taken because they were named"))
-        checked = self._checked(told.verdict, chain, path)
-        remark = self._remark(told) if chain.steps == chosen.steps else ""
-        return replace(checked, agreement=told.agreement, notes=tuple(notes), remark=remark)
+        chosen, taken = told.chosen.chain, told.taken
+        is_chosen = taken.chain.steps == chosen.steps
+        chain = taken.chain if is_chosen else laid(taken.chain, chosen, self.look.sample.stamp_ns)
+        checked = self._checked(taken.verdict, chain, path)
+        return replace(checked, agreement=taken.agreement, notes=tuple(told.notes()), remark=told.remark())
 
     def _matched(self, path: MatchedPath) -> Candidate | None:
         """Return the matched path as a candidate; None where no sweep has a pose."""
@@ -498,17 +598,13 @@ class _Choice:
             chain = replace(chain, correction=Correction(gaps=gaps))
         return Candidate("matched", chain, self.look.sample.agreement(chain))
 
-    def _with_matched(self, path: MatchedPath, matched: Candidate) -> CheckedPath:
-        """Return the matched path, in the frame of the told one where its steps have led."""
+    def _with_matched(self, path: MatchedPath, matched: Candidate, begins: str) -> CheckedPath:
+        """Return the matched path, in the frame of a likely told one; `begins`: where it does so anew after it was lost."""
         chain, stamp_ns = matched.chain, path.stamp_ns
-        assert chain is not None
         topic, name = self.key[0], self.key[1] or "without a name"
         notes: list[str | Finding] = []
         if path.restarts:
-            where = (
-                "where told steps lead" if self.is_guided else "at its last known pose: what was driven unseen is missing"
-            )
-            notes.append(f"the path of frame {name} was lost {times(path.restarts)}, and begins anew {where}")
+            notes.append(f"the path of frame {name} was lost {times(path.restarts)}, and begins anew {begins}")
         sliding = float(np.nanmean(path.slides))
         if sliding > SLIDING:
             notes.append(
@@ -520,10 +616,10 @@ class _Choice:
                 f"no pose for {np.count_nonzero(missing):,} of {len(missing):,} sweeps of {topic}: they fit nowhere, or "
                 "may slide along their walls"
             )
-        told = self.told.chain if self.told is not None and self.is_likely else None
-        if told is not None and not np.any(planar(told.at(stamp_ns)).upside_down):
+        told = self.told
+        if told is not None and told.is_likely and not np.any(planar(told.taken.chain.at(stamp_ns)).upside_down):
             # Where the told path jumps, its world is that in which it begins.
-            chain = laid(chain, told, stamp_ns[: len(stamp_ns) // 10] if self.jumps[0] else stamp_ns)
+            chain = laid(chain, told.taken.chain, stamp_ns[: len(stamp_ns) // 10] if told.jumps[0] else stamp_ns)
         return replace(self._checked("matched", chain, path), agreement=matched.agreement, notes=tuple(notes))
 
     def _without_told(self, path: MatchedPath) -> CheckedPath:
@@ -533,117 +629,16 @@ class _Choice:
             name = self.key[1] or "without a name"
             note = f"no path of frame {name}: the sweeps of {self.key[0]} cannot be matched"
             return replace(self._checked("none", None, path), notes=(note,))
-        if not self.match:
-            standing = Candidate("none", None, self.look.sample.agreement(None))
-            if standing.agreement.all > matched.over_run(standing.agreement.all) + STANDS_BETTER:
-                return self._standing(path, matched, standing)
-        return self._with_matched(path, matched)
+        standing = self.look.sample.agreement(None)
+        if not self.match and standing.all > matched.over_run(standing.all) + STANDS_BETTER:
+            return self._standing(path, matched, standing)
+        return self._with_matched(path, matched, FROM_LAST)
 
-    def _standing(self, path: MatchedPath, matched: Candidate, standing: Candidate) -> CheckedPath:
+    def _standing(self, path: MatchedPath, matched: Candidate, standing: Agreement) -> CheckedPath:
         """Return no path, as every one agrees less than standing still."""
-        words = f"no path fits the sweeps: matched {matched.agreement.all:.0%}, standing still {standing.agreement.all:.0%}"
-        if self.told is not None:
-            words += f", {self._source(self.told.chain)} {self.told.agreement.all:.0%}"
-        return replace(
-            self._checked("none", None, path),
-            agreement=standing.agreement,
-            notes=(
-                self._finding(f"{words} of the hits agree: no poses")
-                if self.told
-                else f"{words} of the hits agree: no poses",
-            ),
-        )
-
-    def _source(self, chain: PoseChain | None) -> str:
-        """Return the poses of a told path in words."""
-        return f"poses from {chain.topics[0]}" if chain is not None else "no poses"
-
-    def _share_of(self, chain: PoseChain) -> float:
-        """Return the agreement of a told path."""
-        return Candidate("told", chain, self.look.sample.agreement(chain)).by_places
-
-    def _finding(self, words: str, **evidence: float) -> Finding:
-        """Return the finding that a told path is not the one that the sweeps agree on."""
-        told = self.told
-        assert told is not None
-        facts = {"near": told.agreement.near, "far": told.agreement.far}
-        if self.fit is not None and self.fit.is_judged:
-            facts |= {"share": self.fit.share, "steps": self.fit.pairs}
-        known = {name: round(value, 3) for name, value in (facts | evidence).items() if np.isfinite(value)}
-        return Finding("drift", "warning", *self.key, words, known, {"drift": DRIFT_NOTED})
-
-    def _drift(self, matched: Candidate) -> Finding:
-        """Return the finding on a told path in place of which the matched one is taken."""
-        told, fit = self.told, self.fit
-        assert told is not None
-        assert fit is not None
-        taken = self._taken
-        if told.is_seen_again and matched.is_seen_again and self.steps_fit and not any(self.jumps):
-            words = (
-                f"{self._source(told.chain)} drift: places seen again agree by {told.agreement.far:.0%}, under the path "
-                f"matched from the sweeps by {matched.agreement.far:.0%}: {taken}"
-            )
-            return self._finding(words, matched=matched.agreement.far)
-        return self._unfit(taken, matched=matched.agreement.all)
-
-    def _unfit(self, end: str, **evidence: float) -> Finding:
-        """Return the finding on told poses whose steps do not fit the sweeps."""
-        told, fit = self.told, self.fit
-        assert told is not None
-        assert fit is not None
-        if self.steps_fit and any(self.jumps):
-            return self._finding(f"{self._source(told.chain)} jump by up to {self._jump()}: {end}", **evidence)
-        causes = []
-        if np.isfinite(fit.ratio) and not RATIOS[0] <= fit.ratio <= RATIOS[1]:
-            factor = f"{fit.ratio:,.0f}" if fit.ratio >= 100 else f"{fit.ratio:.3g}"
-            causes.append(f"told steps are {factor} times those seen")
-        if np.isfinite(fit.turn_ratio) and fit.turn_ratio < -0.5:
-            causes.append("the sensor turns the other way")
-        if any(self.jumps):
-            causes.append(f"they jump by up to {self._jump()}")
-        steps = f"{fit.share:.0%} of {fit.pairs:,} steps fit" if fit.is_judged else "no step can be judged"
-        words = f"{self._source(told.chain)} do not fit the sweeps ({'; '.join([steps, *causes])}): {end}"
-        return self._finding(words, **evidence)
-
-    def _jump(self) -> str:
-        """Return the jumps of the told path in words."""
-        length, turn = self.jumps
-        words = [f"{length:,.1f} m"] if length else []
-        return " and ".join(words + ([f"{np.degrees(turn):.0f} degrees"] if turn else []))
-
-    @property
-    def _taken(self) -> str:
-        """That the matched path is taken, in words."""
-        return "the path is matched from the sweeps" + (f", guided by {self.chains[0].topics[0]}" if self.is_guided else "")
-
-    def _remark(self, told: Candidate) -> str:
-        """Return how well the told path agrees with the sweeps, in words."""
-        fit = self.fit
-        assert fit is not None
-        if told.is_seen_again:
-            return f"{told.agreement.all:.0%} of the hits agree over the run"
-        if fit.is_judged:
-            return f"{fit.share:.0%} of {fit.pairs:,} steps fit; nothing is seen twice: drift cannot be told"
-        why = "the sensor hardly moves" if fit.pairs < LEAST_PAIRS else "too few sweeps could be matched"
-        if fit.moves and fit.pairs < LEAST_PAIRS:
-            why = f"only {counted(fit.pairs, 'step')} of its sweeps can be compared"
-        return f"unchecked: {why}"
-
-    def _correction(self, told: Candidate, end: str) -> list[Finding]:
-        """Return the finding on a delay or a mount with which the told steps fit; `end`: words after it."""
-        fit = self.fit
-        assert fit is not None
-        if fit.verdict != "corrected":
-            return []
-        hint = f"; {end}" if end else ""
-        message = f"{self._source(told.chain)} fit the sweeps if corrected ({'; '.join(_changes(fit))}): "
-        message += f"{fit.share:.0%} of {fit.pairs:,} steps{hint}"
-        x, y, yaw = fit.mount
-        evidence = {"share": fit.share, "steps": fit.pairs, "delay": fit.delay, "x": x, "y": y, "yaw": yaw}
-        if not fit.delay:
-            return [Finding("mount", "warning", *self.key, message, evidence, {"share": CORRECTED})]
-        fix = Fix("option", f"--pose-delay {fit.delay:.2f}")
-        return [Finding("delay", "warning", *self.key, message, evidence, {"delay": LEAST_DELAY}, fix)]
+        words = f"no path fits the sweeps: matched {matched.agreement.all:.0%}, standing still {standing.all:.0%}"
+        note = self.told.no_path(words) if self.told else f"{words} of the hits agree: no poses"
+        return replace(self._checked("none", None, path), agreement=standing, notes=(note,))
 
 
 def _in_order(path: MatchedPath) -> tuple[Int64, Float64, Float64, Float64]:
@@ -665,11 +660,3 @@ def _changes(fit: PoseFit) -> list[str]:
     if moves:
         changes.append(f"the sensor {' and '.join(moves)}")
     return changes
-
-
-def _mount(mount: tuple[float, float, float]) -> Motion | None:
-    """Return the pose of a sensor from x, y [m] and yaw [rad]; None where it is that of what carries it."""
-    if mount == (0.0, 0.0, 0.0):
-        return None
-    x, y, yaw = mount
-    return Motion(np.array([[x, y, 0.0]]), np.array([[0.0, 0.0, np.sin(0.5 * yaw), np.cos(0.5 * yaw)]]))

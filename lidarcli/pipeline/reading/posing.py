@@ -58,6 +58,8 @@ def of_one_run(world: str) -> bool:
 class Need(Enum):
     """Sensors whose path a command needs."""
 
+    NONE = "none"
+    """None: the sweeps are not asked."""
     TOLD = "told"
     """None but those whose path the log has."""
     MOVING = "moving"
@@ -289,7 +291,7 @@ class PoseAttacher:
         chosen = options.source, options.file, options.delay, options.given
         posing.named = found is not None and any(one is not None for one in chosen)
         match = options.source == MATCH
-        if log.size is not None and (found is not None or need is not Need.TOLD or match):
+        if log.size is not None and need is not Need.NONE and (found is not None or need is not Need.TOLD or match):
             from lidarcli.pipeline.reading.path_check import check_paths
 
             paths, sweeps = check_paths(
@@ -318,6 +320,13 @@ class PoseAttacher:
             if sweeps:
                 posing = posing.runs[1].of_run(read.run if len(sweeps) > 1 else 1)
         return posing
+
+    def anew(self) -> PoseAttacher:
+        """Return one for another pass over the log: sources and paths are known, and nothing is counted yet."""
+        runs: dict[int, PoseAttacher] = {}
+        for run, one in self.runs.items():
+            runs[run] = replace(one, stats={}, runs=runs)
+        return runs.get(self.run, replace(self, stats={}))
 
     def of_run(self, run: int | None) -> PoseAttacher:
         """Return what attaches the poses of one run alone, or of all."""
