@@ -214,9 +214,9 @@ class _TopicBatcher:
             yield from self.batches()
 
     def _kept(self, block: RawSweeps, sweep: Int64) -> Bool:
-        keep: Bool = sweep % self._options.every == 0
         if self._options.run not in (None, LONGEST, block.run):
-            return np.zeros_like(keep)
+            return np.zeros(len(sweep), np.bool_)
+        keep: Bool = sweep % self._options.every == 0
         start, end = self._options.start, self._options.end
         if start is None and end is None:
             return keep

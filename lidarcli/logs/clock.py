@@ -168,14 +168,14 @@ def mended(blocks: Iterable[RawSweeps]) -> Iterator[RawSweeps]:
 
 
 def restarts(times: Int64) -> list[int]:
-    """Return the rows of times (N,) at which a clock starts anew: those around are `SET_BACK` apart, all but one each side.
+    """Return the rows (N,) of restarts: all but one of `AROUND` times on each side are `SET_BACK` from the other side.
 
     >>> restarts(np.concatenate([np.arange(20), np.arange(20)]) * SECOND_NS)
     [20]
     """
     back = -round(SET_BACK * SECOND_NS)
     rows = np.flatnonzero(np.diff(times) <= back) + 1
-    # Far more of them are disorder, as are several of those around.
+    # More steps back than `HELD`, or more than two of them around a row, are disorder and no runs.
     rows = rows[(rows >= AROUND) & (rows <= len(times) - AROUND)][:HELD]
     around = times[rows[:, None] + np.arange(-AROUND, AROUND)]
     before, after = np.sort(around.reshape(-1, 2, AROUND), axis=2).swapaxes(0, 1)

@@ -134,11 +134,11 @@ class RunThings:
     reading: Reading | None = None
     """The first reading of its log."""
     before: Ground | None = None
-    """The ground by the poses as told, where a map corrects them, …"""
+    """The ground by the told poses, where a map corrects them."""
     unsure: int = 0
-    """… number of the things, the last ones, that only a lost robot saw, …"""
+    """Number of the last things, which only a lost robot saw."""
     poses: list[str] = field(default_factory=list)
-    """… and notes on that."""
+    """Notes on poses that a map corrects."""
     notes: list[str] = field(default_factory=list)
     damage: list[str] = field(default_factory=list)
 
@@ -564,9 +564,7 @@ def _compared(inputs: Sequence[Input], runs: list[RunThings], options: DiffOptio
 
 
 def _on_map(one: Input, now: RunThings, site: RunThings, options: DiffOptions) -> RunThings:
-    """Return a run that is laid on a map as read anew with the poses that the map corrects; itself where they fit, or where
-    its frames are to be taken as they are.
-    """
+    """Return a run as read anew with poses that a map corrects; itself where they fit, or frames are taken as they are."""
     if site.grid is None or one.source is None or not now.world or now.run.ground is None or options.align == AS_IS:
         return now
     from lidarcli.pipeline.localising import given_paths, localise, read_site

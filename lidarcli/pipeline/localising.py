@@ -41,10 +41,11 @@ RANGES = 0.15, 12.0
 AT_ONCE = 256
 """Sweeps that are gathered before they are judged."""
 LEAST_SHARE = 0.7
-"""There is no verdict where the map explains less than this share of the beams in the median, …"""
+"""Share of the beams that the map explains in the median, below which there is no verdict; `STEADY` and `NEARLY_ALL` are
+exceptions."""
 STEADY, NEARLY_ALL = 0.1, 0.93
-"""… unless it does once corrected, and as many corrections lie within this distance of their median [m], as of a path that
-is off as a whole; or unless it then explains nearly all beams, as of a path that drifts."""
+"""There is a verdict all the same if the corrected path explains `LEAST_SHARE` and as many corrections lie within the first
+of their median [m] (a path that is off as a whole), or if it explains the second share of the beams (one that drifts)."""
 MOST_SHOWN = 10
 """Intervals that a line shows."""
 JUMP = 0.1
@@ -54,6 +55,7 @@ FIGURES = ("lost", "lost_seconds", "lost_share", "off_max", "map_share")
 """Figures that a check of a path may name."""
 PICTURE = ".png"
 NEVER = np.int64(np.iinfo(np.int64).min)
+"""Slot before the first sweep."""
 
 
 class Site(NamedTuple):

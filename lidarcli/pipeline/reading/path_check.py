@@ -301,8 +301,8 @@ def check_paths(
     By run, topic and frame, for at most `MOST_MATCHED`, without those that need no look; and the sweeps of each run.
     """
 
-    def told_by(topic: str, frame: str, sources: PoseSources | GivenPaths | None = sources) -> list[PoseChain]:
-        chains = [] if sources is None or match else sources.chains(frame, topic)
+    def told_by(told: PoseSources | GivenPaths | None, topic: str, frame: str) -> list[PoseChain]:
+        chains = [] if told is None or match else told.chains(frame, topic)
         return [replace(one, correction=replace(one.correction or Correction(), delay_ns=delay_ns)) for one in chains]
 
     match_all = match or need is Need.ALL
@@ -315,7 +315,7 @@ def check_paths(
         first, last = recorded.get(key[0], (sweeps.record_ns[0], 0))
         recorded[key[0]] = min(first, sweeps.record_ns.min()), max(last, sweeps.record_ns.max())
         if key not in looks:
-            chains = told_by(*key[1])
+            chains = told_by(sources, *key[1])
             is_left_out = run and run != key[0]
             if len(looks) == MOST_MATCHED or is_left_out or (not chains and need is Need.TOLD and not match):
                 continue
@@ -329,7 +329,7 @@ def check_paths(
     for key, look in looks.items():
         look.settle()
         if len(by_run) == len(sweeps_of):
-            look.chains = told_by(*key[1], by_run[key[0] - 1])
+            look.chains = told_by(by_run[key[0] - 1], *key[1])
         elif len(sweeps_of) > 1 and not named:
             # What was recorded with other runs alone says nothing of this one.
             first, last = recorded[key[0]]

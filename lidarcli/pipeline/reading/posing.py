@@ -270,7 +270,7 @@ class PoseAttacher:
     run: int = 1
     """Run of the log whose poses these are."""
     runs: dict[int, PoseAttacher] = field(default_factory=dict)
-    """Run → what attaches its poses; none where the log holds one run."""
+    """Run → the attacher of its poses; none where the log holds one run."""
     longest: int | None = None
     """The longest run of a log whose odometry begins anew in each."""
 
@@ -329,12 +329,12 @@ class PoseAttacher:
         return runs.get(self.run, replace(self, stats={}))
 
     def of_run(self, run: int | None) -> PoseAttacher:
-        """Return what attaches the poses of one run alone, or of all."""
+        """Return the attacher of one run alone, or of all."""
         return replace(self.runs[run], runs={}) if run in self.runs else self
 
     @property
     def every(self) -> list[PoseAttacher]:
-        """What attaches the poses of each run."""
+        """The attachers of all runs; itself where the log holds one run."""
         return [*self.runs.values()] or [self]
 
     def together(self, report: ReadReport) -> ReadReport:
