@@ -175,7 +175,7 @@ def restarts(times: Int64) -> list[int]:
     """
     back = -round(SET_BACK * SECOND_NS)
     rows = np.flatnonzero(np.diff(times) <= back) + 1
-    # More steps back than `HELD`, or more than two of them around a row, are disorder and no runs.
+    # `HELD` rows are looked at; more than two steps back around one are disorder.
     rows = rows[(rows >= AROUND) & (rows <= len(times) - AROUND)][:HELD]
     around = times[rows[:, None] + np.arange(-AROUND, AROUND)]
     before, after = np.sort(around.reshape(-1, 2, AROUND), axis=2).swapaxes(0, 1)
