@@ -10,6 +10,7 @@ from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 
+from benchmarks.tracking.by_eye import LOGS, measure_by_eye
 from benchmarks.tracking.cells import APART, CELLS, QUICK, REPORTING, TUNING, Cell
 from benchmarks.tracking.figures import Figures, Log, as_json, median, rms
 from benchmarks.tracking.methods import NAMES, ORACLE, OURS, PARAMETERS, follow
@@ -118,6 +119,7 @@ def main() -> None:
         logs=logs,
         cars=measure_cars(Path(folder)) if folder else [],
         legs=measure_legs(Path(folder)) if folder else [],
+        by_eye=measure_by_eye(Path(folder), ["chosen"] if arguments.tune else list(LOGS), arguments.jobs) if folder else [],
     )
     print(summary(figures))
     if arguments.json:

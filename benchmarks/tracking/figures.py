@@ -8,6 +8,7 @@ from dataclasses import asdict, dataclass, field
 
 import numpy as np
 
+from benchmarks.tracking.by_eye import OneLog
 from benchmarks.tracking.cells import PERSONS, Cell
 from benchmarks.tracking.real import Car, Legs
 from benchmarks.tracking.scoring import Score, Share
@@ -71,6 +72,7 @@ class Figures:
     cars: list[Car] = field(default_factory=list)
     """Empty without the recordings."""
     legs: list[Legs] = field(default_factory=list)
+    by_eye: list[OneLog] = field(default_factory=list)
 
     @property
     def methods(self) -> list[str]:
@@ -163,5 +165,6 @@ def as_json(figures: Figures) -> str:
         "cells": cells,
         "cars": [asdict(car) for car in figures.cars],
         "legs": [asdict(legs) for legs in figures.legs],
+        "by_eye": [asdict(log) for log in figures.by_eye],
     }
     return json.dumps(tables, indent=1) + "\n"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from functools import partial
+from typing import get_args
 
 import numpy as np
 
@@ -11,10 +12,11 @@ from benchmarks.accuracy.page import BEGIN, END, KEPT, NEVER, table
 from benchmarks.scenes.random import SENSORS
 from benchmarks.tracking import real
 from benchmarks.tracking.bodies import EXPECTED, SIGHTINGS, Bodies
+from benchmarks.tracking.by_eye import LOGS, Carried, InA, OneLog, intervals
 from benchmarks.tracking.cells import LOST, Cell
 from benchmarks.tracking.figures import Figures, Log, Summary, mean, persons, rigid, summarise
 from benchmarks.tracking.methods import ORACLE, OURS
-from benchmarks.tracking.prose import HEAD, LIMITS, MEASURES, METHODS, REAL, SCENES, title
+from benchmarks.tracking.prose import BY_EYE, HEAD, LIMITS, MEASURES, METHODS, REAL, SCENES, SETS, title
 
 SHAPES = ("prismatic", "round", "legged", "irregular", "unknown")
 
@@ -23,6 +25,8 @@ def page(figures: Figures, before: str) -> str:
     """The whole page; `before` is the page as it was, whose real recordings are kept when there are no new ones."""
     parts = [
         HEAD.format(command=figures.command, first=figures.first_seed),
+        "## Who moves on real logs\n",
+        _real(figures, before),
         SCENES.format(cells=len(figures.cells), seeds=figures.seeds, logs=len(figures.logs)),
         METHODS,
         MEASURES,
@@ -37,8 +41,6 @@ def page(figures: Figures, before: str) -> str:
         _conditions(figures),
         _bodies(figures),
         _cost(figures),
-        "## Real recordings\n",
-        _real(figures, before),
         LIMITS,
     ]
     return "\n".join(parts)
@@ -46,7 +48,7 @@ def page(figures: Figures, before: str) -> str:
 
 def summary(figures: Figures) -> str:
     """The figures alone, for a terminal."""
-    parts = []
+    parts = [page_by_eye(figures.by_eye)] if figures.by_eye else []
     for name, wanted in (("Rigid bodies", rigid), ("Persons", persons)):
         if logs := figures.of(wanted):
             parts += [f"{name}, {len(logs)} logs\n", _by_method(figures, logs), _agents(figures, logs)]
@@ -234,12 +236,39 @@ def _cost(figures: Figures) -> str:
 
 
 def _real(figures: Figures, before: str) -> str:
-    if figures.cars and figures.legs:
-        body = REAL + "\n" + _cars(figures.cars) + "\n" + _legs(figures.legs)
+    if figures.by_eye and figures.cars and figures.legs:
+        parts = [BY_EYE, page_by_eye(figures.by_eye), REAL, _cars(figures.cars), _legs(figures.legs)]
+        body = "\n".join(parts)
     else:
         body = before.partition(BEGIN)[2].partition(END)[0].replace(KEPT, "").strip("\n")
         body = f"{body}\n\n{KEPT}\n" if body and NEVER not in body else NEVER + "\n"
     return f"{BEGIN}\n\n{body}\n{END}\n"
+
+
+def page_by_eye(logs: Sequence[OneLog]) -> str:
+    """The two tables of set A on real logs, each after its words."""
+    text = []
+    for name, words in SETS.items():
+        mine = [log for log in logs if log.set == name]
+        groups = {"**all**": mine}
+        if name == "untouched":
+            groups |= {f"**{way}**": [log for log in mine if log.judged.carried == way] for way in get_args(Carried)}
+        rows = [
+            _in_a(title, sum((log.in_a for log in some), InA()), intervals(some)) for title, some in groups.items() if some
+        ]
+        rows += [_in_a(log.judged.name, log.in_a, [None] * 4) for log in mine if not log.in_a.empty]
+        head = ["log", "rows in A that move", "rows of movers in A", "tracks in A that move", "tracks of movers in A"]
+        text.append(words.format(logs=len(mine), all=len(LOGS[name]), empty=sum(log.in_a.empty for log in mine)))
+        text.append(table([*head, "not judged in A: rows, tracks"], rows))
+    return "\n".join(text)
+
+
+def _in_a(name: str, one: InA, within: Sequence[tuple[float, float] | None]) -> list[str]:
+    cells = []
+    for share, ends in zip(one.shares, within, strict=True):
+        span = "" if ends is None else f" ({100 * ends[0]:.0f}–{100 * ends[1]:.0f})"
+        cells.append(f"{share.some:,} of {share.all:,}: {100 * share.value:.1f} %{span}" if share.all else "–")
+    return [name, *cells, f"{one.rows_unjudged:,}, {one.tracks_unjudged}"]
 
 
 def _cars(cars: Sequence[real.Car]) -> str:
