@@ -18,10 +18,8 @@ MOST_SHARDS = 1_000_000
 """Greatest number of shares of a run (`--shard`)."""
 PROFILES = ("robust", "paper")
 """Sets of defaults for the detection; the first by default."""
-SIGNIFICANCE = 1e-5
-"""Share of standing things that may be taken for moving by chance (`track`)."""
-SIGNIFICANCES = (1e-12, 0.1)
-"""Least and greatest value of it."""
+AGENT_SCORE = 0.5
+"""Least probability that a thing goes by itself, from which on it is an agent (`track`)."""
 MIN_THING = 0.3
 """Least probability that an object is a thing and not a piece of building; anything less counts as wall."""
 REMOVABLE = ("agents", "temporary")

@@ -469,10 +469,10 @@ class Trajectories(TypedDict, total=False):
 
 class Tracking(Finding, Trajectories, total=False):
     memory: Annotated[bool, Option(OBJECTS, None, True, both=True), _MEMORY]
-    significance: Annotated[
+    agent_score: Annotated[
         float,
-        Option(TRACKING, Number("P", *choices.SIGNIFICANCES), choices.SIGNIFICANCE),
-        "Share of standing things that may be taken for moving by chance. Lower values detect slow movers later.",
+        Option(TRACKING, Number("P", 0.0, 1.0), choices.AGENT_SCORE),
+        "Least probability that a thing goes by itself, from which on it is an agent.",
     ]
 
 

@@ -116,7 +116,7 @@ def imported(path: Path) -> set[str]:
 
 LINES = {
     "cli": 2_905,
-    "formalism": 15_735,
+    "formalism": 16_110,
     "logs": 11_430,
     "overlays": 1_155,
     "pipeline": 15_430,
@@ -128,7 +128,8 @@ LINES = {
     "lidarcli": 6_110,
 }
 """Most lines of Python of each room, and of the files beside them: lower them as code goes; who raises one says why."""
-MOST_FILES = 190
+MOST_FILES = 192
+"""Two more for what tells agents from what stands: sweeps that are kept (`keyframes`), and the verdict (`agents`)."""
 
 
 def test_imports_run_one_way() -> None:

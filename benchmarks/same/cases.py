@@ -32,7 +32,7 @@ TRACKED: tuple[tuple[str, ...], ...] = (
     (),
     ("--walls", "--beams", "--explain"),
     ("--profile", "paper"),
-    ("--no-memory", "--significance", "0.01"),
+    ("--no-memory", "--agent-score", "0.9"),
     ("--group-gap", "0.4", "--every", "2"),
     ("--pose", "none"),
     ("--no-deskew", "--pose-delay", "0.05"),

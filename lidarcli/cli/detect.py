@@ -105,7 +105,7 @@ class TrackCommand(Tables, Tracking, total=False):
   lidarcli track bags/ -o tables --jobs 4 --no-trajectories --overwrite
   lidarcli track --join run_0.bag run_1.bag run_2.bag
   lidarcli track run.mcap --background empty.background.parquet
-  lidarcli track run.bag --pose /amcl_pose --significance 1e-7
+  lidarcli track run.bag --pose /amcl_pose --agent-score 0.8
   cat run.mcap | lidarcli track - -o - | jq -c 'select(.set == "A")'""",
 )
 def track(messages: Messages, options: TrackCommand) -> int:

@@ -11,7 +11,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from lidarcli.choices import GREATEST_COUNT, MIN_THING, PROFILES, SIGNIFICANCE, SIGNIFICANCES
+from lidarcli.choices import AGENT_SCORE, GREATEST_COUNT, MIN_THING, PROFILES
 from lidarcli.errors import OptionError
 from lidarcli.range_rules import FARTHEST
 from lidarcli.sweeps import Bool, Closure, Float64, SweepBatch
@@ -95,15 +95,14 @@ class Parameters:
 class TrackParameters:
     """Parameters of `track`, beside those of the detection."""
 
-    significance: float = SIGNIFICANCE
-    """Share of the standing things that may seem to move by chance: the smaller, the later a slow mover is recognised."""
+    agent_score: float = AGENT_SCORE
+    """Least probability that a thing goes by itself, from which on it is an agent."""
     memory: bool = True
     """True to decide thing or building, and the shape, by all sweeps that saw an object, not anew in each."""
 
     def __post_init__(self) -> None:
-        least, most = SIGNIFICANCES
-        if not least <= self.significance <= most:
-            raise OptionError(f"--significance: {self.significance:g} is not between {least:g} and {most:g}")
+        if not 0.0 < self.agent_score < 1.0:
+            raise OptionError(f"--agent-score: {self.agent_score:g} is not between 0 and 1")
 
     def as_dict(self) -> dict[str, Any]:
         """Return plain values by name, for the metadata of the tables."""

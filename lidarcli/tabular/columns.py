@@ -340,6 +340,7 @@ def tracked_objects(
             "vx": followed.vx,
             "vy": followed.vy,
             "moving": answers(followed.moving),
+            "agent_score": followed.agent_score,
             **_labelled(followed, labels),
         }
     else:

@@ -91,7 +91,7 @@ TABLES: dict[str, tuple[Column, ...]] = {
         Column("vertices", VERTICES, "", "vertices in order of bearing"),
         Column("faces", FACES, "", "faces between the vertices"),
         *(COLUMNS["difference"], COLUMNS["change"]),
-        *_between(_FOLLOWED, "track", "moving"),
+        *_between(_FOLLOWED, "track", "agent_score"),
         *(COLUMNS["thing"], _LABEL, _LABEL_SCORE),
         *(_open(f"world_{axis}", "float64", "m", "box centre in the world frame; null without a pose") for axis in "xy"),
         _open("world_yaw", "float64", "rad", "box yaw in the world frame; null without a pose"),

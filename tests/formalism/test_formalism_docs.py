@@ -28,7 +28,8 @@ CODES = {"native", "forest"}
 MARKS = {
     "detect": {"OBJECTS_AT_FIRST", "VERTICES_AT_FIRST", "MOST_KEPT"},
     "segmentation": {"NEVER"},
-    "measurement": {"HIDDEN", "OPEN", "OWN", "NO_RANGE", "FREE_RANGE", "AT_LEAST"},
+    "keyframes": {"NO_RETURN"},
+    "measurement": {"HIDDEN", "OPEN", "OWN", "NO_RANGE", "FREE_RANGE", "MOST_RANGE", "AT_LEAST"},
     "kalman": {"DELAY", "AHEAD", "LEFT"},
     "scan_matching": {"COLUMNS", "TURN"},
     "smoothing": {"STATE", "SQUARE", "GAIN", "KEPT"},

@@ -72,6 +72,7 @@ class Patient:
             vx=np.where(thing, 0.0, np.nan),
             vy=np.where(thing, agent * 1.0, np.nan),
             moving=np.where(thing, agent, -1).astype(np.int8),
+            agent_score=np.where(thing, agent * 1.0, np.nan),
             set=np.where(agent, AGENT, detection.set).astype(np.uint8),
             shape=detection.shape,
             thing=detection.thing,

@@ -37,7 +37,7 @@ TRACKING = TrackOptions(TrackParameters())
 CATALOGUE = Catalogue((Thing("pallet", length=1.2, width=0.8), Thing("person", legs=2)))
 OTHER_BOX = (200, 230, 1.5)
 CHANGED = {
-    "objects": {"set", "thing", "track", "vx", "vy", "moving", "label", "label_score"},
+    "objects": {"set", "thing", "track", "vx", "vy", "moving", "agent_score", "label", "label_score"},
     "sweeps": {"objects", "agents", "object_beams", "agent_beams"},
     "beams": {"set"},
 }
@@ -275,4 +275,4 @@ def test_track_batches_in_python(patient: list[Patient]) -> None:
     assert found.objects["track"].to_pylist() == [1, 2] * 12
     assert found.sweeps["agents"].to_pylist() == [1] * 12
     told = json.loads(found.sweeps.schema.metadata[b"lidarcli.parameters"])
-    assert (told["max_width"], told["tracking"]) == (1.0, {"significance": 1e-5, "memory": True})
+    assert (told["max_width"], told["tracking"]) == (1.0, {"agent_score": 0.5, "memory": True})

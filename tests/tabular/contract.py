@@ -46,6 +46,7 @@ CONTRACT = {
         ("track", "int64"),
         *doubles("vx vy"),
         ("moving", "bool"),
+        ("agent_score", "float"),
         ("thing", "float"),
         ("label", TEXT),
         ("label_score", "float"),
@@ -78,6 +79,7 @@ CONTRACT = {
         *floats("length width length_sd width_sd distance"),
         *doubles("speed_mean speed_max"),
         ("moved_at", STAMP),
+        ("agent_score", "float"),
         ("end", TEXT),
     ],
     "trajectories": [
@@ -128,10 +130,10 @@ CONTRACT = {
 }
 
 OPEN = {
-    "objects": "s_i s_f d_th intensity difference change track vx vy moving thing label label_score "
+    "objects": "s_i s_f d_th intensity difference change track vx vy moving agent_score thing label label_score "
     "world_x world_y world_yaw why",
     "sweeps": "nearest nearest_theta d_mean d_th pose_x pose_y pose_yaw station",
-    "tracks": "label label_score length width length_sd width_sd moved_at",
+    "tracks": "label label_score length width length_sd width_sd moved_at agent_score",
     "trajectories": "",
     "beams": "r s object difference",
     "events": "polygon points agents nearest bearing x y set track label direction ttc speed",

@@ -43,9 +43,9 @@ def test_object_rows_equal_the_detection(batch: SweepBatch, detection: Detection
         lengths = detection.face_length[first:last].astype(np.float32).tolist()
         assert [face["length"] for face in row["faces"]] == lengths
         assert row["t"] == (STAMPS[at] - STAMPS[0]) / 1e9
-        tracked = ("track", "vx", "vy", "moving", "label", "label_score")
+        tracked = ("track", "vx", "vy", "moving", "agent_score", "label", "label_score")
         unknown = ("difference", "change", *tracked, "world_x", "world_y", "world_yaw")
-        assert [row[name] for name in unknown] == [None] * 11
+        assert [row[name] for name in unknown] == [None] * 12
 
 
 def test_single_precision_keeps_the_order(batch: SweepBatch, detection: Detection) -> None:

@@ -37,6 +37,7 @@ def followed(detection: Detection, agents: list[int]) -> TrackedBatch:
         vx=np.where(nothing, np.nan, 0.25),
         vy=np.where(nothing, np.nan, -0.5),
         moving=np.where(nothing, -1, is_agent).astype(np.int8),
+        agent_score=np.where(nothing, np.nan, 0.75 * is_agent),
         set=np.where(is_agent, AGENT, detection.set).astype(np.uint8),
         shape=detection.shape,
         thing=detection.thing,
@@ -79,12 +80,12 @@ def test_rows_of_objects(batch: SweepBatch, detection: Detection) -> None:
     found = followed(detection, [1])
     rows = tracked_objects(before, found, ("box", "person"), walls=False, tracks=True)
     assert rows.schema.equals(before.schema)
-    names = ("track", "set", "vx", "vy", "moving", "label", "label_score")
+    names = ("track", "set", "vx", "vy", "moving", "agent_score", "label", "label_score")
     assert [tuple(row[name] for name in names) for row in rows.to_pylist()] == [
-        (None, "O", None, None, None, None, None),
-        (11, "A", 0.25, -0.5, True, "person", 0.5),
-        (12, "O", 0.25, -0.5, False, None, None),
-        (13, "O", 0.25, -0.5, False, None, None),
+        (None, "O", None, None, None, None, None, None),
+        (11, "A", 0.25, -0.5, True, 0.75, "person", 0.5),
+        (12, "O", 0.25, -0.5, False, 0.0, None, None),
+        (13, "O", 0.25, -0.5, False, 0.0, None, None),
     ]
     others = [name for name in before.schema.names if name not in names]
     assert rows.select(others).equals(before.select(others))

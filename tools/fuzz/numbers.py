@@ -26,7 +26,7 @@ OPTIONS = [
             *("--end", "--jobs", "--no-return", "--fov", "--angle-increment", "--range-max"),
         )
     ),
-    *((_TRACK, name) for name in ("--significance", "--every")),
+    *((_TRACK, name) for name in ("--agent-score", "--every")),
     *((_BUILD, name) for name in ("--station-distance", "--station-angle", "--every")),
     *(
         (_MAP, name)

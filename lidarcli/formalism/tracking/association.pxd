@@ -3,12 +3,13 @@ cimport libc.math as math
 
 from lidarcli cimport native
 from lidarcli.formalism.segmentation cimport Scans
-from lidarcli.formalism.tracking cimport track_evidence, kalman, measurement
+from lidarcli.formalism.tracking cimport kalman, keyframes, measurement, track_evidence
 from lidarcli.formalism.tracking.kalman cimport Sightings, Targets
+from lidarcli.formalism.tracking.keyframes cimport Keyframes
 from lidarcli.formalism.tracking.measurement cimport EdgeMeasurement, Measurements
 
 cdef Py_ssize_t STANDING_SIGHTINGS, MERGED_GAIN, DUPLICATE_SIGHTINGS
-cdef double INFINITY, GATE, MOST_SIZE_COST, NEWCOMER_COST, CENTROID_SD, CENTROID_SD_SIZE, MOST_SIDE_COST, SIZE_SD
+cdef double INFINITY, LEAST_WAY, GATE, MOST_SIZE_COST, NEWCOMER_COST, CENTROID_SD, CENTROID_SD_SIZE, MOST_SIDE_COST, SIZE_SD
 cdef double FARTHEST_VIEW, PART_MARGIN, SEEN_BEFORE, SLIMMEST_LASTING, DUPLICATE_COST
 cdef double WALKING_LEG_WIDTH, LEGS_WIDTH, LEG_REACH, LEG_SD, SAME_PERSON, TWO_LEGS_VAR, ONE_LEG_VAR, JOINT_LEGS_VAR
 cdef double PERSON_RADIUS, PERSONS_APART
@@ -32,9 +33,12 @@ cdef class Candidates:
     cdef Assignment assignment
 
 
-cdef void associate(Candidates candidates, EdgeMeasurement sides, Targets targets, Measurements meas) noexcept nogil
+cdef void associate(
+    Candidates candidates, EdgeMeasurement sides, Targets targets, Measurements meas, Keyframes frames
+) noexcept nogil
+@cython.locals(is_away=bint)
 cdef void _gate(
-    Candidates candidates, EdgeMeasurement sides, Targets targets, Measurements meas
+    Candidates candidates, EdgeMeasurement sides, Targets targets, Measurements meas, Keyframes frames
 ) noexcept nogil
 cdef double precedence(Targets targets, Measurements meas, Py_ssize_t b) noexcept nogil
 cdef double _assignment_cost(

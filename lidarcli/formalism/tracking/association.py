@@ -12,11 +12,13 @@ from typing import Any
 
 from lidarcli import native
 from lidarcli.formalism.segmentation import Scans
-from lidarcli.formalism.tracking import kalman, measurement, track_evidence
+from lidarcli.formalism.tracking import kalman, keyframes, measurement, results, track_evidence
 from lidarcli.formalism.tracking.kalman import Sightings, Targets
+from lidarcli.formalism.tracking.keyframes import Keyframes
 from lidarcli.formalism.tracking.measurement import EdgeMeasurement, Measurements
 
 INFINITY = float("inf")
+LEAST_WAY = results.LEAST_WAY
 GATE = 6.25
 """Cost of a target without a measurement: one that costs more is outside the gate."""
 CENTROID_SD, CENTROID_SD_SIZE = 0.12, 0.25
@@ -77,9 +79,11 @@ class Candidates:
         self.assignment = Assignment(targets, meas)
 
 
-def associate(candidates: Candidates, sides: EdgeMeasurement, targets: Targets, meas: Measurements) -> None:
+def associate(
+    candidates: Candidates, sides: EdgeMeasurement, targets: Targets, meas: Measurements, frames: Keyframes
+) -> None:
     """Fill in `targets.measurement` and `meas.assigned`."""
-    _gate(candidates, sides, targets, meas)
+    _gate(candidates, sides, targets, meas, frames)
     for b in range(targets.slots_used):
         targets.measurement[b] = -1
     for k in range(meas.count):
@@ -90,7 +94,7 @@ def associate(candidates: Candidates, sides: EdgeMeasurement, targets: Targets, 
             _assign_group(candidates, candidates.assignment, targets, meas, candidates.group[candidates.target[i]])
 
 
-def _gate(candidates: Candidates, sides: EdgeMeasurement, targets: Targets, meas: Measurements) -> None:
+def _gate(candidates: Candidates, sides: EdgeMeasurement, targets: Targets, meas: Measurements, frames: Keyframes) -> None:
     """Collect all pairs within the gate."""
     candidates.count = 0
     for b in range(targets.slots_used):
@@ -114,10 +118,16 @@ def _gate(candidates: Candidates, sides: EdgeMeasurement, targets: Targets, meas
                 continue
             cost = far / (reach * reach) + NEWCOMER_COST * (1.0 - targets.existence[b])
             cost += _assignment_cost(sides, targets, meas, b, k)
-            if cost < GATE and candidates.count < candidates.capacity:
-                i = candidates.count
-                candidates.target[i], candidates.measurement[i], candidates.cost[i] = b, k, cost + advantage
-                candidates.count += 1
+            if cost >= GATE or candidates.count >= candidates.capacity:
+                continue
+            dx, dy = meas.middle_x[k] - targets.middle_x[b], meas.middle_y[k] - targets.middle_y[b]
+            is_away = dx * dx + dy * dy > (size + LEAST_WAY) * (size + LEAST_WAY)
+            # What stood there while the target was seen elsewhere is another thing.
+            if is_away and keyframes.stood_before(frames, meas, k, targets.last_time[b]):
+                continue
+            i = candidates.count
+            candidates.target[i], candidates.measurement[i], candidates.cost[i] = b, k, cost + advantage
+            candidates.count += 1
 
 
 def precedence(targets: Targets, meas: Measurements, b: int) -> float:

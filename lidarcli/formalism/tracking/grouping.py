@@ -10,12 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lidarcli.formalism.detection import starts
-from lidarcli.formalism.tracking.results import DISC, PERSON
+from lidarcli.formalism.tracking.results import DISC, LEAST_WAY, PERSON
 from lidarcli.formalism.tracking.tracks import Track, Tracklet
 from lidarcli.sweeps import Bool, Float64, Int64
 
-PERSON_WIDTH, PERSON_LEGS = 0.65, 2
-"""Greatest width of a person at the legs [m], and number of legs: what stands on more is no person who stopped."""
+PERSON_WIDTH = 0.65
+"""[m] Greatest width of a person at the legs."""
 TOGETHER_SWEEPS, TOGETHER_SHARE = 3, 0.3
 """Least number of sweeps in which two legs are seen together, and least share of the sightings of the one seen less."""
 STANDING_LEG_WIDTH, STANDING_LEGS_APART, LEGS_STEADY_SD = 0.16, 0.65, 0.03
@@ -136,7 +136,7 @@ def stitch(sightings: Any, new: list[Tracklet], tracklets: dict[int, Tracklet]) 
     off = stitch_costs(ends, begins)
     for i, k in np.argwhere(off < 1.0).tolist():
         earlier, later = ends[i], begins[k]
-        if earlier.tracklet.moved and _stands_on_legs(later.tracklet):
+        if _stood(sightings, earlier, later):
             continue
         if not differ(earlier.tracklet, later.tracklet) and _is_over(earlier, later):
             pairs.append((off.item(i, k), later.tracklet.number, earlier.tracklet.number))
@@ -162,7 +162,8 @@ def stitch(sightings: Any, new: list[Tracklet], tracklets: dict[int, Tracklet]) 
 
 def overlap(one: Track, other: Track) -> bool:
     """Return whether two tracks are seen at the same time."""
-    return any(a.last_sweep >= b.first_sweep and b.last_sweep >= a.first_sweep for a in one.parts for b in other.parts)
+    first, second = ([part for part in track.parts if not part.member] for track in (one, other))
+    return any(a.last_sweep >= b.first_sweep and b.last_sweep >= a.first_sweep for a in first for b in second)
 
 
 def stitch_costs(ends: list[TrackEnd], begins: list[TrackEnd]) -> Float64:
@@ -192,7 +193,17 @@ def _is_over(earlier: TrackEnd, later: TrackEnd) -> bool:
     track = earlier.tracklet.track
     if track is None:
         return earlier.tracklet is not later.tracklet
-    return track is not later.tracklet.track and all(part.last_sweep < later.sweep for part in track.parts)
+    # A leg may be that of another person by now.
+    over = all(part.last_sweep < later.sweep for part in track.parts if not part.member)
+    return over and track is not later.tracklet.track
+
+
+def _stood(sightings: Any, earlier: TrackEnd, later: TrackEnd) -> bool:
+    """Return whether a later piece stood where it begins while the earlier one was seen elsewhere."""
+    if sightings.keyframes is None or abs(later.place - earlier.place) <= 2.0 * max(earlier.tracklet.h) + LEAST_WAY:
+        return False
+    row = sightings.keep[sightings.spans[later.tracklet.number].start]
+    return bool(sightings.keyframes.stood(sightings.recorded, int(row), -math.inf, earlier.time))
 
 
 def _first_end(sightings: Any, tracklet: Tracklet) -> TrackEnd:
@@ -270,11 +281,6 @@ def _join_legs(sightings: Any, tracklets: dict[int, Tracklet]) -> None:
 def _is_leg(tracklet: Tracklet) -> bool:
     """Return whether a tracklet may be a leg of a thing that stands."""
     return not (tracklet.moved or tracklet.member) and tracklet.kind == DISC and 2.0 * max(tracklet.h) <= STANDING_LEG_WIDTH
-
-
-def _stands_on_legs(tracklet: Tracklet) -> bool:
-    """Return whether a tracklet is a leg of a thing that stands on more legs than a person has."""
-    return _is_leg(tracklet) and tracklet.track is not None and sum(map(_is_leg, tracklet.track.parts)) > PERSON_LEGS
 
 
 def _are_seen_together(sightings: Any, one: Tracklet, other: Tracklet) -> bool:

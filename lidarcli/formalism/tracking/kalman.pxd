@@ -125,6 +125,13 @@ cdef class Sightings:
     cdef double* chord
     cdef double* half_1
     cdef double* half_2
+    cdef double* middle_x
+    cdef double* middle_y
+    cdef double* ahead
+    cdef double* left
+    cdef double* sensor_x
+    cdef double* sensor_y
+    cdef double* travelled
     cdef double* z
     cdef double* var
 

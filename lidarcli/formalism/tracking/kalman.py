@@ -43,7 +43,10 @@ MOST_RESIDUAL, LEAST_VAR = 16.0, 1e-8
 NEW_EXTENT = 0.15
 """[m] Length that a new target may go on beyond an end that was not seen."""
 LOG_INTEGERS = ("number", "sweep", "object", "centred", "whole")
-LOG_NUMBERS = ("time", "x", "y", "cos", "sin", "half_1", "half_2", "chord")
+LOG_NUMBERS = (
+    *("time", "x", "y", "cos", "sin", "half_1", "half_2", "chord"),
+    *("middle_x", "middle_y", "ahead", "left", "sensor_x", "sensor_y", "travelled"),
+)
 LOG_SIDES = ("z", "var")
 DELAY, AHEAD, LEFT = 0, 1, 2
 """Places of the three numbers of a correction."""
@@ -463,6 +466,17 @@ class Sightings:
         """Distance of the edges of the view [m]."""
         self.half_1 = native.at_doubles(arrays["half_1"])
         self.half_2 = native.at_doubles(arrays["half_2"])
+        self.middle_x = native.at_doubles(arrays["middle_x"])
+        self.middle_y = native.at_doubles(arrays["middle_y"])
+        """Middle of the view in the world [m]."""
+        self.ahead = native.at_doubles(arrays["ahead"])
+        self.left = native.at_doubles(arrays["left"])
+        """The same in the frame of the sensor [m]."""
+        self.sensor_x = native.at_doubles(arrays["sensor_x"])
+        self.sensor_y = native.at_doubles(arrays["sensor_y"])
+        """Place of the sensor at the time [m]."""
+        self.travelled = native.at_doubles(arrays["travelled"])
+        """Distance that the sensor had gone [m]."""
         self.z = native.at_doubles(arrays["z"])
         self.var = native.at_doubles(arrays["var"])
         """(N, 4) sides and their variances, as in `Sides`."""
@@ -482,6 +496,12 @@ def record_sighting(
     sightings.x[i], sightings.y[i] = centre(targets, b)
     sightings.cos[i], sightings.sin[i] = targets.cos[b], targets.sin[b]
     sightings.half_1[i], sightings.half_2[i] = targets.h[2 * b], targets.h[2 * b + 1]
+    sightings.middle_x[i], sightings.middle_y[i] = meas.middle_x[k], meas.middle_y[k]
+    measurement.place_sensor(meas, meas.share[k])
+    sightings.ahead[i], sightings.left[i] = measurement.ahead_and_left(meas, meas.middle_x[k], meas.middle_y[k])
+    sightings.sensor_x[i], sightings.sensor_y[i] = meas.x, meas.y
+    measurement.place_sensor(meas, 0.0)
+    sightings.travelled[i] = meas.travelled
     sightings.centred[i] = 1 if sides.by_centre else 0
     for side in range(4):
         sightings.z[4 * i + side], sightings.var[4 * i + side] = sides.z[side], sides.var[side]

@@ -7,8 +7,8 @@ from lidarcli.formalism.segmentation cimport Scans
 cdef double AT_LEAST, COS_ALONG, CROOKED_SHARE, END_MARGIN, LEGGED_VAR, OPEN_EDGE_VAR, RAGGED_SHARE, SIN_BEHIND, SURFACE_VAR
 cdef Py_ssize_t ROUND, LEGGED
 cdef int OBJECT, FULL, START_HIDDEN, END_HIDDEN, CUT, OPEN_VIEW, SHARED, VALID, NO_RETURN
-cdef Py_ssize_t HIDDEN, OPEN, OWN, LEAST_FACE_POINTS, SWEEPS_KEPT
-cdef double TURN, BOX_MARGIN, LEAST_STEP, HIT_MARGIN, SWEEPS_APART, FLICKER_WEIGHT, MOST_FLICKER_SHARE, NO_RANGE, FREE_RANGE
+cdef Py_ssize_t HIDDEN, OPEN, OWN, LEAST_FACE_POINTS
+cdef double TURN, BOX_MARGIN, LEAST_STEP, NO_RANGE, FREE_RANGE, MOST_RANGE
 
 
 cdef class Detections:
@@ -30,7 +30,7 @@ cdef class Measurements:
     cdef Py_ssize_t count, bearings, period, row, sweep
     cdef bint reverse, steady, moves, is_placed
     cdef double start_x, start_y, start_yaw, motion_x, motion_y, motion_yaw
-    cdef double x, y, cos, sin, side, first, step, sigma, pose_var, pose_turn_var, time
+    cdef double x, y, cos, sin, side, first, step, sigma, pose_var, pose_turn_var, time, travelled
     cdef Py_ssize_t* object
     cdef Py_ssize_t* assigned
     cdef Py_ssize_t* sighting
@@ -71,44 +71,14 @@ cdef void place_sensor(Measurements meas, double share) noexcept nogil
 cdef (double, double) to_world(Measurements meas, double x, double y) noexcept nogil
 cdef (double, double) to_sensor(Measurements meas, double x, double y) noexcept nogil
 cdef double angle_past_first(Measurements meas, double ahead, double left) noexcept nogil
-cdef (double, double) _ahead_and_left(Measurements meas, double x, double y) noexcept nogil
+cdef (double, double) ahead_and_left(Measurements meas, double x, double y) noexcept nogil
 cdef Py_ssize_t position_of(Measurements meas, Py_ssize_t beam) noexcept nogil
 cdef void _add_measurement(Measurements meas, Detections detections, Scans scans, Py_ssize_t at) noexcept nogil
 cdef void _add_points(Measurements meas, Detections detections, Scans scans, Py_ssize_t at) noexcept nogil
 cdef Py_ssize_t _end_face(Measurements meas, Py_ssize_t f, Py_ssize_t n) noexcept nogil
 
 
-cdef class RangeHistory:
-    cdef list owner
-    cdef readonly Py_ssize_t beams
-    cdef Py_ssize_t count, before, watched
-    cdef double changes, lost
-    cdef double* time
-    cdef double* x
-    cdef double* y
-    cdef double* cos
-    cdef double* sin
-    cdef double* side
-    cdef double* first
-    cdef double* step
-    cdef Py_ssize_t* bearings
-    cdef Py_ssize_t* period
-    cdef double* sigma
-    cdef float* r
-    cdef Py_ssize_t* status
-
-    cpdef grow(self, RangeHistory old)
-
-
-@cython.locals(changes=Py_ssize_t, lost=Py_ssize_t, now=Py_ssize_t, then=Py_ssize_t)
-cdef void count_flicker(RangeHistory history, Measurements meas, Scans scans) noexcept nogil
 cdef double range_at(Measurements meas, Scans scans, Py_ssize_t position) noexcept nogil
-cdef void store_sweep(RangeHistory history, Measurements meas, Scans scans) noexcept nogil
-cdef (double, double) _polar(RangeHistory history, Py_ssize_t m, double x, double y) noexcept nogil
-@cython.locals(at=Py_ssize_t)
-cdef bint was_hit(RangeHistory history, Py_ssize_t m, double x, double y) noexcept nogil
-@cython.locals(position=Py_ssize_t, at=Py_ssize_t, k=Py_ssize_t)
-cdef bint was_passed(RangeHistory history, Py_ssize_t m, double x, double y, double margin) noexcept nogil
 
 
 cdef class EdgeMeasurement:

@@ -2,8 +2,6 @@
 
 A measurement gives the sides of a target along its axes. A side that faces the sensor is where its face is, and a side
 that ends in view is where its edge is. Of any other side the last point is only a lower bound.
-
-A history of ranges holds the sweeps of the last seconds, which show where space was free or occupied.
 """
 
 from __future__ import annotations
@@ -31,17 +29,11 @@ BOX_MARGIN = 0.05
 """[m] Points outside of the box by more than this, and four times the noise, belong to an object between its parts."""
 LEAST_FACE_POINTS = 3
 """Least number of points for the line of a face."""
-SWEEPS_KEPT, SWEEPS_APART = 16, 0.3
-"""Number of sweeps that are stored, and least time between two of them [s]."""
-FLICKER_WEIGHT, MOST_FLICKER_SHARE = 0.02, 0.2
-"""Weight of one sweep in the mean number of beams that flicker, and the share of the beams without a return that may have
-one a sweep later: above it no such beam proves free space."""
-HIT_MARGIN = 0.08
-"""[m] A beam has hit a point that is this close to its end, with twice the noise on top."""
 LEAST_STEP = 1e-6
 """[rad] Beams that are closer together than this are not distinguished."""
-NO_RANGE, FREE_RANGE = -1.0, 1e9
-"""Range of a beam without information, and of one without a return, which proves free space."""
+NO_RANGE, FREE_RANGE, MOST_RANGE = -1.0, 1e9, 1e8
+"""Range of a beam without information, and of one without a return, which may prove free space; what is more than the last
+one is no range [m]."""
 AT_LEAST = -1.0
 """Mark in place of a variance: the side goes on at least so far."""
 COS_ALONG = math.cos(math.radians(20.0))
@@ -130,6 +122,8 @@ class Measurements:
         self.row = 0
         self.time = 0.0
         """Time of the sweep [s]."""
+        self.travelled = 0.0
+        """Distance that the sensor has gone so far [m]."""
         self.sweep = 0
         """Number of sweeps of the sensor before it."""
         self.sigma = 0.0
@@ -247,12 +241,12 @@ def to_world(meas: Measurements, x: float, y: float) -> tuple[float, float]:
 
 def to_sensor(meas: Measurements, x: float, y: float) -> tuple[float, float]:
     """Return a point of the world in the sensor frame [m], at the time when the sensor looked there."""
-    ahead, left = _ahead_and_left(meas, x, y)
+    ahead, left = ahead_and_left(meas, x, y)
     if meas.moves and meas.bearings > 1 and meas.step > 0.0:
         angle = angle_past_first(meas, ahead, left)
         share = min(angle / (meas.step * (meas.bearings - 1)), 1.0)
         place_sensor(meas, 1.0 - share if meas.reverse else share)
-        ahead, left = _ahead_and_left(meas, x, y)
+        ahead, left = ahead_and_left(meas, x, y)
         place_sensor(meas, 0.0)
     return ahead, left
 
@@ -263,7 +257,7 @@ def angle_past_first(meas: Measurements, ahead: float, left: float) -> float:
     return angle - TURN * math.floor(angle / TURN)
 
 
-def _ahead_and_left(meas: Measurements, x: float, y: float) -> tuple[float, float]:
+def ahead_and_left(meas: Measurements, x: float, y: float) -> tuple[float, float]:
     """Return a point of the world in the frame of the current pose of the sensor [m]."""
     dx, dy = x - meas.x, y - meas.y
     return meas.cos * dx + meas.sin * dy, meas.side * (meas.cos * dy - meas.sin * dx)
@@ -373,74 +367,6 @@ def _end_face(meas: Measurements, f: int, n: int) -> int:
     return f + 1
 
 
-class RangeHistory:
-    """The latest `SWEEPS_KEPT` sweeps and the poses of the sensor; the newest replaces the oldest."""
-
-    def __init__(self, beams: int) -> None:
-        """Make room for sweeps of so many beams."""
-        self.owner: list[Any] = []
-        self.beams = beams
-        self.count = 0
-        """Number of sweeps that were stored so far."""
-        self.time = native.doubles(self.owner, SWEEPS_KEPT)
-        self.x = native.doubles(self.owner, SWEEPS_KEPT)
-        self.y = native.doubles(self.owner, SWEEPS_KEPT)
-        self.cos = native.doubles(self.owner, SWEEPS_KEPT)
-        self.sin = native.doubles(self.owner, SWEEPS_KEPT)
-        self.side = native.doubles(self.owner, SWEEPS_KEPT)
-        self.first = native.doubles(self.owner, SWEEPS_KEPT)
-        self.step = native.doubles(self.owner, SWEEPS_KEPT)
-        self.bearings = native.integers(self.owner, SWEEPS_KEPT)
-        self.period = native.integers(self.owner, SWEEPS_KEPT)
-        self.sigma = native.doubles(self.owner, SWEEPS_KEPT)
-        self.r = native.singles(self.owner, SWEEPS_KEPT * beams)
-        self.changes = 0.0
-        """Mean number of beams that change between a range and no return from sweep to sweep."""
-        self.lost = 0.0
-        """Mean number of beams without a return in either sweep."""
-        self.status = native.integers(self.owner, beams)
-        """Status of each beam in the sweep before."""
-        self.watched = 0
-        self.before = 0
-        """Number of beams of the sweep before."""
-
-    def grow(self, old: RangeHistory) -> None:
-        """Copy the sweeps of a smaller history."""
-        self.count, self.changes, self.lost = old.count, old.changes, old.lost
-        self.watched, self.before = old.watched, old.before
-        for beam in range(old.before):
-            self.status[beam] = old.status[beam]
-        for m in range(SWEEPS_KEPT):
-            self.time[m], self.x[m], self.y[m] = old.time[m], old.x[m], old.y[m]
-            self.cos[m], self.sin[m], self.side[m] = old.cos[m], old.sin[m], old.side[m]
-            self.first[m], self.step[m], self.sigma[m] = old.first[m], old.step[m], old.sigma[m]
-            self.bearings[m], self.period[m] = old.bearings[m], old.period[m]
-            for k in range(old.bearings[m]):
-                self.r[m * self.beams + k] = old.r[m * old.beams + k]
-
-
-def count_flicker(history: RangeHistory, meas: Measurements, scans: Scans) -> None:
-    """Count the beams that change between a range and no return: where few do, those without a return prove free space."""
-    begin, beams = meas.row * scans.width, scans.beams[meas.row]
-    changes, lost = 0, 0
-    if history.before == beams:
-        for beam in range(beams):
-            now, then = scans.status[begin + beam], history.status[beam]
-            if now == NO_RETURN or then == NO_RETURN:
-                lost += 1
-                if now + then == NO_RETURN:
-                    changes += 1
-        # At first a plain mean of all sweeps so far.
-        history.watched += 1
-        share = max(FLICKER_WEIGHT, 1.0 / history.watched)
-        history.changes += share * (changes - history.changes)
-        history.lost += share * (lost - history.lost)
-    for beam in range(beams):
-        history.status[beam] = scans.status[begin + beam]
-    history.before = beams
-    meas.steady = history.changes <= MOST_FLICKER_SHARE * history.lost
-
-
 def range_at(meas: Measurements, scans: Scans, position: int) -> float:
     """Return the range of the beam at a position [m]; `FREE_RANGE` for free space, `NO_RANGE` if unknown."""
     if meas.period > 0:
@@ -452,63 +378,6 @@ def range_at(meas: Measurements, scans: Scans, position: int) -> float:
     if scans.status[beam] == VALID:
         return scans.ranges[beam]
     return FREE_RANGE if meas.steady and scans.status[beam] == NO_RETURN else NO_RANGE
-
-
-def store_sweep(history: RangeHistory, meas: Measurements, scans: Scans) -> None:
-    """Store a sweep, unless the last one is too recent."""
-    last = (history.count + SWEEPS_KEPT - 1) % SWEEPS_KEPT
-    if history.count > 0 and 0.0 <= meas.time - history.time[last] < SWEEPS_APART:
-        return
-    m = history.count % SWEEPS_KEPT
-    history.time[m] = meas.time
-    # The pose in the middle of the sweep stands for all of its beams.
-    place_sensor(meas, 0.5)
-    history.x[m], history.y[m], history.cos[m], history.sin[m] = (meas.x, meas.y, meas.cos, meas.sin)
-    place_sensor(meas, 0.0)
-    history.side[m], history.first[m], history.step[m] = meas.side, meas.first, meas.step
-    history.bearings[m], history.period[m], history.sigma[m] = (meas.bearings, meas.period, meas.sigma)
-    for k in range(meas.bearings):
-        history.r[m * history.beams + k] = range_at(meas, scans, k)
-    history.count += 1
-
-
-def _polar(history: RangeHistory, m: int, x: float, y: float) -> tuple[float, float]:
-    """Return the angle of a point of the world past the first bearing of a stored sweep, and its range [rad, m]."""
-    dx, dy = x - history.x[m], y - history.y[m]
-    ahead = history.cos[m] * dx + history.sin[m] * dy
-    left = history.side[m] * (history.cos[m] * dy - history.sin[m] * dx)
-    angle = math.atan2(left, ahead) - history.first[m]
-    return angle - TURN * math.floor(angle / TURN), math.sqrt(ahead * ahead + left * left)
-
-
-def was_hit(history: RangeHistory, m: int, x: float, y: float) -> bool:
-    """Return whether a beam of a stored sweep ended at a point of the world."""
-    angle, r = _polar(history, m, x, y)
-    if history.step[m] < LEAST_STEP:
-        return False
-    at = int(angle / history.step[m] + 0.5)
-    if history.period[m] > 0:
-        at %= history.period[m]
-    if at >= history.bearings[m]:
-        return False
-    return abs(history.r[m * history.beams + at] - r) < HIT_MARGIN + 2.0 * history.sigma[m]
-
-
-def was_passed(history: RangeHistory, m: int, x: float, y: float, margin: float) -> bool:
-    """Return whether all four beams around a point of the world passed it, in a stored sweep.
-
-    `margin`: least distance by which they end behind it [m]; noise and the spacing of beams come on top.
-    """
-    angle, r = _polar(history, m, x, y)
-    if history.step[m] < LEAST_STEP:
-        return False
-    position = int(angle / history.step[m])
-    need = r + margin + 3.5 * history.sigma[m] + r * history.step[m]
-    for k in range(position - 1, position + 3):
-        at = (k + history.period[m]) % history.period[m] if history.period[m] > 0 else k
-        if at < 0 or at >= history.bearings[m] or history.r[m * history.beams + at] < need:
-            return False
-    return True
 
 
 class EdgeMeasurement:

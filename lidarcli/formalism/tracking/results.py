@@ -49,6 +49,10 @@ class TrackedBatch:
     vy: Float64 = column("m/s", "velocity of the thing over ground; null until tracked", nullable=True)
     moving: Int8 = column("", "whether the thing moves in this sweep; null until tracked", kind="bool", nullable=True)
     """-1 without a track."""
+    agent_score: Float64 = column(
+        "1", "probability that the thing has gone by itself by then; null until tracked", nullable=True
+    )
+    """NaN without a track, and where the place of the sensor is not known."""
     set: UInt8
     """(K,) set of each object (Def. 4): agents are in A, and what all sweeps together take for building is in S."""
     shape: UInt8
@@ -108,6 +112,12 @@ class Tracks:
     speed_max: Float64 = column("m/s", "greatest speed", per="track")
     moved_at_ns: Int64 = column(
         "ns", "stamp at which it began to move; null for what never moved", per="track", nullable=True
+    )
+    agent_score: Float64 = column(
+        "1",
+        "probability that it goes by itself; null where the place of the sensor is not known",
+        per="track",
+        nullable=True,
     )
     end: UInt8 = column("", "left view, free, lost or end of log: why it ends", per="track", words=ENDS)
     moved: Bool

@@ -36,7 +36,7 @@ cdef class Smoother:
     ) except -1
     cpdef measure(self, object order, object sweep, object parts, object legs)
     cpdef smooth(
-        self, object time, object parts, object legs, object state, Py_ssize_t keep, Py_ssize_t onset, object path,
+        self, object time, object parts, object legs, object state, Py_ssize_t keep, object path,
         object moving
     )
 
@@ -85,4 +85,4 @@ cdef void adjoin_update(Smoother smoother, Py_ssize_t i, Py_ssize_t legs) noexce
 @cython.locals(a=Py_ssize_t, n=Py_ssize_t)
 cdef void adjoin_step(Smoother smoother, Py_ssize_t i) noexcept nogil
 @cython.locals(at=Py_ssize_t)
-cdef void decide_motion(Py_ssize_t count, Py_ssize_t onset, double* path, unsigned char* moving) noexcept nogil
+cdef void decide_motion(Py_ssize_t count, double* path, unsigned char* moving) noexcept nogil

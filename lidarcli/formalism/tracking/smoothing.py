@@ -108,7 +108,7 @@ class Smoother:
         at, sweeps, counts = native.at_longs(order), native.at_longs(sweep), native.at_longs(parts)
         average_parts(self, len(order), len(parts), at, sweeps, counts, native.at_bytes(legs))
 
-    def smooth(self, time: Any, parts: Any, legs: Any, state: Any, keep: int, onset: int, path: Any, moving: Any) -> None:
+    def smooth(self, time: Any, parts: Any, legs: Any, state: Any, keep: int, path: Any, moving: Any) -> None:
         """Fill in the path (S, 9) float64 at the measured sweeps, in the order of time, and moving (S,) uint8.
 
         Parameters
@@ -118,13 +118,12 @@ class Smoother:
         state : (43,) time, state and covariance after the sweep before the first; time NaN for none. On return, those after
             sweep `keep` - 1
         keep : number of sweeps after which the state is kept
-        onset : index of the first sweep in which it may move
         path : columns x, y [m], vx, vy [m/s], variances and covariance xx, xy, yy [m²], variances of vx, vy [m²/s²]
         """
         at, counts, leg = native.at_doubles(time), native.at_longs(parts), native.at_bytes(legs)
         known, out, flags = native.at_doubles(state), native.at_doubles(path), native.at_bytes(moving)
         smooth_path(self, at, counts, leg, known, len(time), keep, out)
-        decide_motion(len(time), onset, out, flags)
+        decide_motion(len(time), out, flags)
 
 
 def locate_sightings(
@@ -452,14 +451,11 @@ def adjoin_step(smoother: Smoother, i: int) -> None:
             smoother.matrix[6 * n + 4 + a] *= left
 
 
-def decide_motion(count: int, onset: int, path: Any, moving: Any) -> None:
-    """Decide which velocities from the onset on are motion; before it, all are 0."""
+def decide_motion(count: int, path: Any, moving: Any) -> None:
+    """Decide which velocities are motion."""
     for i in range(count):
         at = 9 * i
         moving[i] = 0
-        if i < onset:
-            path[at + 2] = path[at + 3] = path[at + 7] = path[at + 8] = 0.0
-            continue
         x, y = path[at + 2], path[at + 3]
         speed, var = x * x + y * y, 0.5 * (path[at + 7] + path[at + 8])
         if speed > LEAST_SPEED * LEAST_SPEED and speed > MOVING_SDS * MOVING_SDS * var:

@@ -3,10 +3,11 @@ cimport libc.math as math
 
 from lidarcli cimport native
 from lidarcli.formalism.segmentation cimport Scans
-from lidarcli.formalism.tracking cimport association, track_evidence, kalman, measurement
+from lidarcli.formalism.tracking cimport association, kalman, keyframes, measurement, track_evidence
 from lidarcli.formalism.tracking.association cimport Candidates, Persons
 from lidarcli.formalism.tracking.kalman cimport PoseErrorFilter, Sightings, Targets
-from lidarcli.formalism.tracking.measurement cimport Detections, EdgeMeasurement, Measurements, RangeHistory
+from lidarcli.formalism.tracking.keyframes cimport Keyframes
+from lidarcli.formalism.tracking.measurement cimport Detections, EdgeMeasurement, Measurements
 
 cdef Py_ssize_t PRISMATIC, UNKNOWN, BOX_BEAMS, BOX_SIGHTINGS, SIZE_BEAMS, YAW_POINTS, POSE_SIGHTINGS
 cdef double SLIMMEST_BOX, LEAST_YAW_VAR, FARTHEST_DRIFT, POSE_DRIFT, YAW_DRIFT, TURN_DRIFT, PAST_SIDE, AT_LEAST_VAR, MOST_PAUSE, SHORTEST_STEP
@@ -16,7 +17,7 @@ cdef double MOST_POSE_EVIDENCE
 
 cdef class SweepTracker:
     cdef list owner
-    cdef double motion_threshold, stamp, typical_dt, elapsed, travelled, rotated
+    cdef double stamp, typical_dt, elapsed, travelled, rotated
     cdef readonly double time
     cdef public Py_ssize_t sweeps, objects
     cdef public bint moves
@@ -24,12 +25,12 @@ cdef class SweepTracker:
     cdef readonly Sightings sightings
     cdef readonly Targets targets
     cdef readonly Measurements measurements
-    cdef readonly RangeHistory range_history
+    cdef readonly Keyframes frames
     cdef Candidates candidates
     cdef Persons persons
     cdef readonly PoseErrorFilter pose_error
 
-    cpdef resize(self, Targets targets, Measurements meas, RangeHistory range_history)
+    cpdef resize(self, Targets targets, Measurements meas, Keyframes frames)
     cpdef Py_ssize_t process(self, Detections detections, Scans scans, Py_ssize_t row, Py_ssize_t stop, object track_ids) except -1
 
 

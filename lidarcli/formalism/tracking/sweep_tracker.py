@@ -12,10 +12,11 @@ from typing import Any
 from lidarcli import native
 from lidarcli.formalism import detection
 from lidarcli.formalism.segmentation import Scans
-from lidarcli.formalism.tracking import association, kalman, measurement, results, track_evidence
+from lidarcli.formalism.tracking import association, kalman, keyframes, measurement, results, track_evidence
 from lidarcli.formalism.tracking.association import Candidates, Persons
 from lidarcli.formalism.tracking.kalman import PoseErrorFilter, Sightings, Targets
-from lidarcli.formalism.tracking.measurement import Detections, EdgeMeasurement, Measurements, RangeHistory
+from lidarcli.formalism.tracking.keyframes import Keyframes
+from lidarcli.formalism.tracking.measurement import Detections, EdgeMeasurement, Measurements
 
 PRISMATIC, UNKNOWN = detection.PRISMATIC, detection.UNKNOWN
 SIZE_OUTLIER = results.SIZE_OUTLIER
@@ -48,10 +49,8 @@ odds]."""
 class SweepTracker:
     """State of the tracker after the latest sweep of a topic."""
 
-    def __init__(self, motion_threshold: float, targets: Targets, meas: Measurements, range_history: RangeHistory) -> None:
-        """`motion_threshold`: least evidence of motion of a target that moves [log-odds]."""
+    def __init__(self, targets: Targets, meas: Measurements, frames: Keyframes) -> None:
         self.owner: list[Any] = []
-        self.motion_threshold = motion_threshold
         self.time = 0.0
         self.stamp = 0.0
         self.sweeps = 0
@@ -70,13 +69,13 @@ class SweepTracker:
         self.pose_error = PoseErrorFilter()
         self.moves = False
         """True if the log has poses of the sensor."""
-        self.resize(targets, meas, range_history)
+        self.resize(targets, meas, frames)
 
-    def resize(self, targets: Targets, meas: Measurements, range_history: RangeHistory) -> None:
+    def resize(self, targets: Targets, meas: Measurements, frames: Keyframes) -> None:
         """Continue with larger arrays."""
         self.targets = targets
         self.measurements = meas
-        self.range_history = range_history
+        self.frames = frames
         self.candidates = Candidates(targets.capacity, meas.objects)
         self.persons = Persons(meas.objects)
 
@@ -130,14 +129,14 @@ def _track(
     # Measurements of the sweep.
     meas.time, meas.sweep = tracker.time, tracker.sweeps - 1
     measurement.extract(meas, detections, scans, row)
-    measurement.count_flicker(tracker.range_history, meas, scans)
+    keyframes.count_flicker(tracker.frames, meas, scans)
     measurement.classify_edges(meas)
     # Predict.
     for b in range(targets.slots_used):
         if targets.state[b] == kalman.LIVE:
             kalman.predict(targets, b, dt, _drift_variance(tracker, targets, meas, b))
     # Associate.
-    association.associate(tracker.candidates, tracker.sides, targets, meas)
+    association.associate(tracker.candidates, tracker.sides, targets, meas, tracker.frames)
     association.merge_fragments(targets, meas)
     for k in range(meas.count):
         meas.sighting[k] = -1
@@ -160,7 +159,7 @@ def _track(
             meas.assigned[k] = -2 - meas.assigned[k]
     association.track_persons(tracker.persons, targets, meas, scans, tracker.sightings)
     kalman.apply_pose_error(tracker.pose_error, targets)
-    measurement.store_sweep(tracker.range_history, meas, scans)
+    keyframes.store(tracker.frames, meas, scans)
 
 
 def advance_clock(tracker: SweepTracker, stamp: float) -> float:
@@ -194,6 +193,7 @@ def _correct_sensor_pose(
             pose_error.speed_x, pose_error.speed_y, pose_error.turning = dx / dt, dy / dt, rotated / dt
     pose_error.last[0], pose_error.last[1], pose_error.last[2], pose_error.has_pose = x, y, yaw, True
     pose_error.travelled += tracker.travelled
+    meas.travelled = pose_error.travelled
     at = 3 * row
     meas.motion_x, meas.motion_y = detections.motion[at], detections.motion[at + 1]
     meas.motion_yaw = detections.motion[at + 2]
@@ -319,8 +319,8 @@ def _update(tracker: SweepTracker, targets: Targets, meas: Measurements, scans: 
     track_evidence.detect_legs(targets, b, meas, k, scans)
     if targets.moved[b] == 0:
         track_evidence.mark_rest(targets, b, meas.sweep)
-        is_certain = targets.evidence[b] >= tracker.motion_threshold
-        if is_certain and track_evidence.has_left(targets, b, meas, scans, k, tracker.range_history):
+        is_certain = targets.evidence[b] >= track_evidence.LEAST_EVIDENCE
+        if is_certain and track_evidence.has_left(targets, b, meas, scans, k, tracker.frames):
             targets.moved[b] = 1
 
 

@@ -2,14 +2,15 @@ cimport cython
 cimport libc.math as math
 
 from lidarcli.formalism.segmentation cimport Scans
-from lidarcli.formalism.tracking cimport kalman, measurement
+from lidarcli.formalism.tracking cimport kalman, keyframes, measurement
 from lidarcli.formalism.tracking.kalman cimport Targets
-from lidarcli.formalism.tracking.measurement cimport EdgeMeasurement, Measurements, RangeHistory
+from lidarcli.formalism.tracking.keyframes cimport Keyframes
+from lidarcli.formalism.tracking.measurement cimport EdgeMeasurement, Measurements
 
 cdef Py_ssize_t PRISMATIC, LEFT_VIEW, FREE, LOST, CONFIRMED_SIGHTINGS
-cdef Py_ssize_t OCCUPIED_SWEEPS, SETTLED_SIGHTINGS, MOST_POINTS, DUPLICATE_SWEEPS, SPECK_BEAMS
-cdef double STEADY_LENGTH, SAME_LENGTH, MOST_SWEEP_EVIDENCE, EVIDENCE_DECAY, MOST_PARTIAL_EVIDENCE, MOST_EVIDENCE
-cdef double LEAST_WAY, FREE_SHARE, OCCUPIED_SHARE, FREE_MARGIN, OLDEST_SWEEP
+cdef Py_ssize_t SETTLED_SIGHTINGS, DUPLICATE_SWEEPS, SPECK_BEAMS
+cdef double STEADY_LENGTH, SAME_LENGTH, MOST_SWEEP_EVIDENCE, EVIDENCE_DECAY, LEAST_EVIDENCE, MOST_PARTIAL_EVIDENCE, MOST_EVIDENCE
+cdef double LEAST_WAY, LEAST_LOOKS, FREE_MARGIN
 cdef double EXISTENCE_AT_FIRST, EXISTENCE_GAIN, DETECTION_RATE, LEAST_PASSING, HIT_DOUBT, LEAST_EXISTENCE, PASSING_MARGIN
 cdef double PATIENCE_STILL, MOSTLY_OUTSIDE, LOST_VAR
 cdef double BEAM_VOTE, SLIM_LEG_WIDTH, LEGS_FARTHEST, LEGS_NEAREST, SPECK_DEPTH, SAME_LEG
@@ -22,11 +23,8 @@ cdef double _motion_odds(
 cdef double _axis_odds(Targets targets, Py_ssize_t a, EdgeMeasurement sides, Py_ssize_t low) noexcept nogil
 cdef void mark_rest(Targets targets, Py_ssize_t b, Py_ssize_t sweep) noexcept nogil
 cdef bint has_left(
-    Targets targets, Py_ssize_t b, Measurements meas, Scans scans, Py_ssize_t k, RangeHistory history
+    Targets targets, Py_ssize_t b, Measurements meas, Scans scans, Py_ssize_t k, Keyframes frames
 ) noexcept nogil
-@cython.locals(times=Py_ssize_t, p=Py_ssize_t)
-cdef bint was_occupied(Targets targets, Py_ssize_t b, Measurements meas, Py_ssize_t k, RangeHistory history) noexcept nogil
-cdef bint was_free(Measurements meas, Py_ssize_t k, RangeHistory history) noexcept nogil
 
 
 @cython.locals(first=Py_ssize_t, last=Py_ssize_t, position=Py_ssize_t)

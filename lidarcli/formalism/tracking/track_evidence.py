@@ -13,9 +13,10 @@ import math
 
 from lidarcli.formalism import detection
 from lidarcli.formalism.segmentation import Scans
-from lidarcli.formalism.tracking import kalman, measurement, results
+from lidarcli.formalism.tracking import kalman, keyframes, measurement, results
 from lidarcli.formalism.tracking.kalman import Targets
-from lidarcli.formalism.tracking.measurement import EdgeMeasurement, Measurements, RangeHistory
+from lidarcli.formalism.tracking.keyframes import Keyframes
+from lidarcli.formalism.tracking.measurement import EdgeMeasurement, Measurements
 
 PRISMATIC = detection.PRISMATIC
 LEFT_VIEW, FREE, LOST = results.LEFT_VIEW, results.FREE, results.LOST
@@ -25,21 +26,15 @@ STEADY_LENGTH, SAME_LENGTH = 0.06, 0.2
 another piece, of a wall for example."""
 MOST_SWEEP_EVIDENCE, MOST_PARTIAL_EVIDENCE = 3.0, 2.0
 """[log-odds] Greatest evidence of one sweep, for or against motion, and of one with a hidden edge, for motion."""
-EVIDENCE_DECAY, MOST_EVIDENCE = 0.05, 60.0
-"""[log-odds] Evidence of motion that is lost in every sweep, and greatest evidence that is kept."""
+EVIDENCE_DECAY, LEAST_EVIDENCE, MOST_EVIDENCE = 0.05, 11.5, 60.0
+"""[log-odds] Evidence of motion that is lost in every sweep, least evidence of a target that seems to move, and greatest
+evidence that is kept."""
 SETTLED_SIGHTINGS = 2
 """Sightings of the same kind after which a target gathers evidence."""
-FREE_SHARE = 0.3
-"""Least share of the points of a moving target that lie in space that was free."""
-OCCUPIED_SHARE, OCCUPIED_SWEEPS = 0.5, 2
-"""Share of its points above which an earlier sweep shows that something stood there, and number of such sweeps that refute
-motion: one alone may show somebody who passed by."""
+LEAST_LOOKS = 1.0
+"""Least weight of looks at a place before, which then decide whether a target got there."""
 FREE_MARGIN = 0.1
 """[m] Least distance by which beams end behind a point that they have passed."""
-OLDEST_SWEEP = 4.8
-"""[s] Older sweeps tell nothing about free space."""
-MOST_POINTS = 16
-"""Greatest number of points of a measurement that are compared with earlier sweeps."""
 EXISTENCE_AT_FIRST, EXISTENCE_GAIN = 0.3, 0.3
 """Probability that a new target exists, and the share of the doubt that each sighting takes away."""
 DETECTION_RATE, LEAST_PASSING, HIT_DOUBT, LEAST_EXISTENCE = 0.9, 0.3, 0.1, 0.03
@@ -125,62 +120,26 @@ def mark_rest(targets: Targets, b: int, sweep: int) -> None:
         targets.birth_x[b], targets.birth_y[b] = kalman.centre(targets, b)
 
 
-def has_left(targets: Targets, b: int, meas: Measurements, scans: Scans, k: int, history: RangeHistory) -> bool:
+def has_left(targets: Targets, b: int, meas: Measurements, scans: Scans, k: int, frames: Keyframes) -> bool:
     """Return whether free space shows that a target left the place where it had no evidence of motion last."""
     x, y = kalman.centre(targets, b)
     dx, dy = x - targets.birth_x[b], y - targets.birth_y[b]
-    if dx * dx + dy * dy < LEAST_WAY * LEAST_WAY:
+    away = math.sqrt(dx * dx + dy * dy)
+    if away < LEAST_WAY:
         return False
-    passes, hits, _ = passing(meas, scans, targets, b, targets.birth_x[b], targets.birth_y[b])
     size = 2.0 * max(targets.h[2 * b], targets.h[2 * b + 1])
-    if hits > 0.5 and dx * dx + dy * dy > (size + FREE_MARGIN) * (size + FREE_MARGIN):
-        # Its old place is still occupied: another leg of the same chair was taken for it.
+    passes, hits, _ = passing(meas, scans, targets, b, targets.birth_x[b], targets.birth_y[b])
+    if hits > 0.5 and away > size + FREE_MARGIN:
+        # Its old place is still occupied: another thing was taken for it.
         return False
-    if was_occupied(targets, b, meas, k, history):
-        return False
-    if was_free(meas, k, history):
-        return True
-    return passes > 0.5 and hits < 0.2
-
-
-def was_occupied(targets: Targets, b: int, meas: Measurements, k: int, history: RangeHistory) -> bool:
-    """Return whether something was at the place before the target got there, as a wall that seems to slide."""
-    first, stop = meas.begin[k], meas.begin[k + 1]
-    asked = min(stop - first, MOST_POINTS)
     v_x, v_y = targets.v[2 * b], targets.v[2 * b + 1]
     speed = math.sqrt(v_x * v_x + v_y * v_y)
-    clear = 2.0 * max(targets.h[2 * b], targets.h[2 * b + 1]) + LEAST_WAY
-    times = 0
-    for m in range(min(history.count, measurement.SWEEPS_KEPT)):
-        age = meas.time - history.time[m]
-        if age < measurement.SWEEPS_APART or age > OLDEST_SWEEP or speed * age < clear:
-            continue
-        hits = 0.0
-        for i in range(asked):
-            p = first + i * (stop - first) // asked
-            if measurement.was_hit(history, m, meas.point_x[p], meas.point_y[p]):
-                hits += 1.0
-        if hits >= OCCUPIED_SHARE * asked:
-            times += 1
-    return times >= OCCUPIED_SWEEPS
-
-
-def was_free(meas: Measurements, k: int, history: RangeHistory) -> bool:
-    """Return whether the beams of an earlier sweep passed the place of a measurement."""
-    first, stop = meas.begin[k], meas.begin[k + 1]
-    asked = min(stop - first, MOST_POINTS)
-    for m in range(min(history.count, measurement.SWEEPS_KEPT)):
-        age = meas.time - history.time[m]
-        if age < measurement.SWEEPS_APART or age > OLDEST_SWEEP:
-            continue
-        free = 0.0
-        for i in range(asked):
-            p = first + i * (stop - first) // asked
-            if measurement.was_passed(history, m, meas.point_x[p], meas.point_y[p], FREE_MARGIN):
-                free += 1.0
-        if asked > 0 and free >= FREE_SHARE * asked:
-            return True
-    return False
+    # Before, it was not yet there.
+    until = meas.time - (size + LEAST_WAY) / max(speed, 1e-3)
+    free, hit = keyframes.looks_at_measurement(frames, meas, k, until)
+    if free + hit < LEAST_LOOKS:
+        return passes > 0.5 and hits < 0.2
+    return free > hit
 
 
 def passing(meas: Measurements, scans: Scans, targets: Targets, b: int, x: float, y: float) -> tuple[float, float, float]:

@@ -20,7 +20,8 @@ from lidarcli.formalism.mapping.places import MOST_SENSORS, Standing
 from lidarcli.formalism.matching.catalogue import Catalogue
 from lidarcli.formalism.parameters import TrackParameters
 from lidarcli.formalism.tracking.kalman import PoseErrorFilter, Targets
-from lidarcli.formalism.tracking.measurement import Detections, Measurements, RangeHistory
+from lidarcli.formalism.tracking.keyframes import Keyframes
+from lidarcli.formalism.tracking.measurement import Detections, Measurements
 from lidarcli.formalism.tracking.results import TrackedBatch, Tracks, Trajectories
 from lidarcli.formalism.tracking.sweep_tracker import SweepTracker
 from lidarcli.formalism.tracking.tracks import Naming, Track, standing, tracks_of
@@ -60,10 +61,8 @@ class _PendingBatch:
 class _SensorTracker:
     """The tracker of one sensor, its tracks, and the results that no batch has taken yet."""
 
-    def __init__(self, significance: float, register: TrackRegistry) -> None:
-        self.tracker = SweepTracker(
-            -math.log(significance), Targets(TARGETS_AT_FIRST), Measurements(MEASUREMENTS_AT_FIRST, 1), RangeHistory(1)
-        )
+    def __init__(self, register: TrackRegistry) -> None:
+        self.tracker = SweepTracker(Targets(TARGETS_AT_FIRST), Measurements(MEASUREMENTS_AT_FIRST, 1), Keyframes(1))
         self.register = register
         self.standing = Standing()
         self.tracker.sightings.resize(SIGHTINGS_AT_FIRST)
@@ -73,7 +72,7 @@ class _SensorTracker:
     def settle(self, window: Window) -> None:
         """Settle its oldest window."""
         sightings = self.tracker.sightings
-        self.results.append(self.register.settle(window, sightings))
+        self.results.append(self.register.settle(window, sightings, self.tracker.frames))
         count = sightings.count
         done = int(np.searchsorted(sightings.arrays["sweep"][:count], window.begin + window.count))
         for values in sightings.arrays.values():
@@ -87,10 +86,10 @@ class _SensorTracker:
             rooms = (objects, tracker.measurements.objects), (beams, tracker.measurements.beams)
             # Powers of two, so that they grow seldom.
             measurements = Measurements(*(max(room, 1 << max(wanted - 1, 0).bit_length()) for wanted, room in rooms))
-            history = tracker.range_history
+            history = tracker.frames
             if measurements.beams > history.beams:
-                history = RangeHistory(measurements.beams)
-                history.grow(tracker.range_history)
+                history = Keyframes(measurements.beams)
+                history.grow(tracker.frames)
             tracker.resize(tracker.targets, measurements, history)
 
     def enlarge(self) -> None:
@@ -101,7 +100,7 @@ class _SensorTracker:
         if tracker.targets.slots_used + 2 * tracker.measurements.objects > tracker.targets.capacity:
             targets = Targets(2 * tracker.targets.capacity)
             targets.grow(tracker.targets)
-            tracker.resize(targets, tracker.measurements, tracker.range_history)
+            tracker.resize(targets, tracker.measurements, tracker.frames)
 
     def take(self, count: int) -> WindowResult:
         """Return the results for the next objects."""
@@ -281,7 +280,7 @@ class Tracker:
     def _sensor(self) -> _SensorTracker:
         """Return the tracker of a sensor that has seen nothing yet."""
         naming = None if self._catalogue is None else Naming(self._catalogue)
-        return _SensorTracker(self.parameters.significance, TrackRegistry(naming, self._tracks))
+        return _SensorTracker(TrackRegistry(self.parameters.agent_score, naming, self._tracks))
 
     def _settle(self) -> None:
         """Settle the oldest window of each sensor."""
@@ -329,6 +328,7 @@ def _tracked_batch(one: _PendingBatch, settled: WindowResult, by_memory: bool) -
         vx=settled["vx"].copy(),
         vy=settled["vy"].copy(),
         moving=np.where(known, settled["moving"], -1).astype(np.int8),
+        agent_score=settled["agent_score"].copy(),
         set=kind,
         shape=shape,
         thing=found.thing,

@@ -133,11 +133,15 @@ class Track:
     several: bool = False
     """True if parts of it are seen side by side, as legs are."""
     moved: bool = False
-    onset: int = 0
-    """Number of sweeps of the topic before it began to move."""
     is_agent: bool = False
     """True once a row of it is in set A, from the stamp `onset_ns` on."""
     onset_ns: int = 0
+    was_agent: bool = False
+    agent_score: float = 0.0
+    last_view: complex = 0.0
+    """Verdict on its last row of the settled windows (`agents.Verdict`), and where it was seen then, x + iy [m]."""
+    best_score: float = math.nan
+    """Greatest score so far; NaN where no place of the sensor was known."""
     first: tuple[int, int] = (0, 0)
     """Sweep and stamp of its first row."""
     last: tuple[int, int] = (0, 0)
@@ -209,6 +213,7 @@ def _row(track: Track) -> dict[str, float]:
         "distance": track.distance,
         "speed_mean": track.distance / lasts if lasts > 0.0 else 0.0,
         "speed_max": track.speed_max,
+        "agent_score": track.best_score,
         "moved": track.is_agent,
         "moved_at_ns": track.onset_ns,
     }

@@ -12,9 +12,10 @@ from numpy.typing import NDArray
 
 from lidarcli.formalism.detection import UNKNOWN, starts
 from lidarcli.formalism.tracking import grouping
-from lidarcli.formalism.tracking.grouping import LEG_WIDTH, MOST_CROWDED
+from lidarcli.formalism.tracking.agents import judge, own_body
 from lidarcli.formalism.tracking.kalman import Sightings, Targets
-from lidarcli.formalism.tracking.results import CONFIRMED_SIGHTINGS, EMPTY, ENDED, LEAST_WAY, LIVE, PERSON, Trajectories
+from lidarcli.formalism.tracking.keyframes import Keyframes
+from lidarcli.formalism.tracking.results import CONFIRMED_SIGHTINGS, EMPTY, ENDED, LIVE, PERSON, Trajectories
 from lidarcli.formalism.tracking.smoothing import KEPT, Smoother
 from lidarcli.formalism.tracking.tracks import (
     PARTLY_BIT,
@@ -27,7 +28,6 @@ from lidarcli.formalism.tracking.tracks import (
     Tracklet,
     columns_of,
     joined,
-    main_part,
     row_shape,
     standing,
 )
@@ -35,19 +35,6 @@ from lidarcli.sweeps import Bool, Float64, Int64, UInt8
 
 MOST_PLACED = 0.5
 """Share of the sweeps of a window with a known place of the sensor, above which places of before still hold."""
-ARRIVAL_SWEEPS, LEFT_SDS = 8, 2.0
-"""A tracklet that is shown to move within so many sweeps has moved from the first one on; one has left its first place
-beyond its size and so many standard deviations of both places."""
-STAYED_SIGHTINGS, MOST_COMPARED = 40, 160
-"""Least number of sightings that show that a tracklet stayed, and most whose places are compared with each other."""
-STAYED_SECONDS, STAYED_SHARE = 6.0, 0.3
-"""Time before and after a moment, of which the places are compared [s]: above this share of equal pairs the tracklet
-stayed."""
-STEP_SHARE, STEP_SIGHTINGS = 0.05, 0.25
-"""Greatest share of all pairs before and after a moment at which a tracklet made a step for good, with at least this share
-of its sightings on either side."""
-LEAST_TRAVEL = 0.1
-"""Least share of the moments at which something on more legs than a person has leaves its places, if it moves."""
 LEGS_APART = 0.3
 """[m] Least width of an object that is both legs of a person."""
 
@@ -75,6 +62,7 @@ RESULT = np.dtype(
         ("vy", np.float64),
         ("moving", np.bool_),
         ("agent", np.bool_),
+        ("agent_score", np.float64),
         ("label", np.int32),
         ("label_score", np.float64),
         ("shape", np.uint8),
@@ -89,8 +77,15 @@ WindowResult: TypeAlias = NDArray[np.void]
 class TrackRegistry:
     """All tracklets that were seen often enough, and the tracks they are parts of."""
 
-    def __init__(self, naming: Naming | None = None, every: list[Track] | None = None) -> None:
-        """`every`: takes the tracks of all sensors of the topic, by number."""
+    def __init__(self, least_score: float, naming: Naming | None = None, every: list[Track] | None = None) -> None:
+        """
+        Parameters
+        ----------
+        least_score : least score of an agent
+        naming : naming of tracks, if there is a catalogue
+        every : takes the tracks of all sensors of the topic, by number
+        """
+        self._least_score = least_score
         self._every = [] if every is None else every
         self.naming = naming
         """Naming of tracks, if there is a catalogue."""
@@ -99,6 +94,8 @@ class TrackRegistry:
         self.tracks: list[Track] = []
         """Tracks by number."""
         self.sweeps = Sweeps()
+        self.own_places: set[complex] = set()
+        """Places of the sensor frame where the robot itself is seen (`agents.own_body`)."""
         self.trajectories: list[Trajectories] = []
         """Rows of settled windows that nobody has fetched yet, in the order of the windows."""
 
@@ -117,16 +114,17 @@ class TrackRegistry:
         live = np.flatnonzero(state == LIVE)
         tracklets.slots_used = int(live[-1]) + 1 if len(live) else 0
 
-    def settle(self, window: Window, recorded: Sightings) -> WindowResult:
+    def settle(self, window: Window, recorded: Sightings, keyframes: Keyframes) -> WindowResult:
         """Settle a window by its sightings and those of the next one: join tracklets to tracks, number them, smooth the
         paths of what moves, and name the tracks. Return the results for its objects.
         """
         stop = window.begin + window.count
         is_placed = float(self.sweeps.of(window.begin, stop)["placed"].mean()) > MOST_PLACED
-        sightings = WindowSightings(recorded, self.tracklets, stop)
+        sightings = WindowSightings(recorded, self.tracklets, stop, keyframes, is_placed)
         grouping.join(sightings, self.tracklets, is_placed)
         self._number(sightings)
-        self._extend_trajectories(sightings, smooth(sightings, self.tracklets))
+        sightings.own = own_body(sightings, self.own_places)
+        self._extend_trajectories(sightings, smooth(sightings, self.tracklets, self._least_score))
         at, found = sightings.find(window)
         self._update_statistics(window, sightings)
         if self.naming is not None:
@@ -175,6 +173,7 @@ class TrackRegistry:
         rows = self.sweeps.of(window.begin, window.begin + window.count)
         index, stamps, frames = rows["index"], rows["stamp_ns"], rows["frame"]
         for track, at in sightings.by_track():
+            track.best_score = float(np.fmax(track.best_score, sightings.agent_score[at].max()))
             # The first of several parts in one sweep stands for all.
             firsts = at[starts(sightings.sweep[at])]
             sweeps = sightings.sweep[firsts]
@@ -231,15 +230,20 @@ class TrackRegistry:
 class WindowSightings:
     """Sightings (N,) of the tracklets that were seen often enough, by tracklet, and the results for them."""
 
-    def __init__(self, recorded: Sightings, tracklets: dict[int, Tracklet], stop: int) -> None:
+    def __init__(
+        self, recorded: Sightings, tracklets: dict[int, Tracklet], stop: int, keyframes: Keyframes, is_placed: bool
+    ) -> None:
         """
         Parameters
         ----------
         recorded : all sightings of the window and the next one
         tracklets : tracklets that were seen often enough, by number
         stop : number of sweeps of the topic up to the end of the window
+        keyframes : those before and after the window
+        is_placed : True if the place of the sensor is known
         """
         self.recorded, count = recorded, recorded.count
+        self.keyframes, self.is_placed = keyframes, is_placed
         number = recorded.arrays["number"][:count]
         # In the order of the log within each tracklet.
         keep = np.argsort(number, kind="stable")
@@ -265,8 +269,14 @@ class WindowSightings:
         self.object: Int64 = self.column("object")
         self.x: Float64 = self.column("x")
         self.y: Float64 = self.column("y")
+        self.ahead: Float64 = self.column("ahead")
+        self.left: Float64 = self.column("left")
+        self.travelled: Float64 = self.column("travelled")
+        """(N,) place in the sensor frame, and distance that the sensor had gone [m]."""
         self.width: Float64 = 2.0 * np.maximum(self.column("half_1"), self.column("half_2"))
         """(N,) width of the tracklet at each sighting [m]."""
+        self.view: Any = self.column("middle_x") + 1j * self.column("middle_y")
+        """(N,) middle of the view x + iy [m]."""
         self.place = self.x + 1j * self.y
         """(N,) place x + iy [m]."""
         self.tracklets = tracklets
@@ -275,6 +285,10 @@ class WindowSightings:
         size = len(keep)
         self.vx, self.vy = np.zeros(size), np.zeros(size)
         self.moving, self.agent = np.zeros(size, bool), np.zeros(size, bool)
+        self.agent_score = np.full(size, 0.0 if is_placed else math.nan)
+        """(N,) probability that the track has gone by then (`agents.judge`)."""
+        self.own = np.zeros(size, bool)
+        """(N,) True where the robot itself is seen."""
         first: dict[int, int] = {}
         for n, span in self.spans.items():
             if self.now[span.start]:
@@ -357,10 +371,10 @@ class WindowSightings:
 
 def _rows(sightings: WindowSightings, at: Int64, found: Bool) -> WindowResult:
     """Return the results for the objects of a window, by the sightings `at` of those that are `found`."""
-    no_track = (0, np.nan, np.nan, False, False, -1, np.nan, UNKNOWN)
+    no_track = (0, np.nan, np.nan, False, False, np.nan, -1, np.nan, UNKNOWN)
     rows = np.full(len(found), np.array(no_track, RESULT))
     known = np.empty(len(at), RESULT)
-    for name in ("track", "vx", "vy", "moving", "agent"):
+    for name in ("track", "vx", "vy", "moving", "agent", "agent_score"):
         known[name] = getattr(sightings, name)[at]
     known["label"] = sightings.of_owner(lambda one: -1 if one.track is None else one.track.label, -1, np.int32)[at]
     known["label_score"] = sightings.of_owner(
@@ -371,66 +385,30 @@ def _rows(sightings: WindowSightings, at: Int64, found: Bool) -> WindowResult:
     return rows
 
 
-def smooth(sightings: WindowSightings, tracklets: dict[int, Tracklet]) -> list[Path]:
+def smooth(sightings: WindowSightings, tracklets: dict[int, Tracklet], least_score: float) -> list[Path]:
     """Smooth everything that moves: fill in its velocities and from where on it is an agent; return the paths."""
-    moving = [(track, at) for track, at in sightings.by_track(ahead=True) if is_moving(sightings, track, at)]
+    moving = [(track, at) for track, at in sightings.by_track(ahead=True) if is_moving(track)]
     if not moving:
         return []
     first = min([int(sightings.sweep.min()), *(track.path_stop for track, _ in moving if track.path_stop >= 0)])
     smoother = Smoother(max(len(at) for _, at in moving), int(sightings.sweep.max()) + 1 - first)
-    return [_smooth_track(sightings, tracklets, track, at, smoother) for track, at in moving]
+    paths = (_smooth_track(sightings, tracklets, track, at, smoother, least_score) for track, at in moving)
+    return [path for path in paths if path is not None]
 
 
-def is_moving(sightings: WindowSightings, track: Track, at: Int64) -> bool:
-    """Return whether a track moves, from the first onset on: one of its tracklets does, and it has left a place."""
-    if track.moved:
-        return True
-    onsets = [
-        part.first_sweep if part.onset - part.first_sweep <= ARRIVAL_SWEEPS else part.onset
-        for part in track.parts
-        if part.moved
-    ]
-    if onsets and (left := _departure(sightings, track, at)) >= 0:
-        onset = min(onsets)
-        # What had stayed in the windows before has left a place since then.
-        track.moved, track.onset = True, max(onset, left) if onset < track.path_stop else onset
-    return track.moved
-
-
-def _departure(sightings: WindowSightings, track: Track, at: Int64) -> int:
-    """Return the first sweep after which a track is hardly seen where it was before; -1 if it always came back."""
-    if len(at) < STAYED_SIGHTINGS:
-        return int(sightings.sweep[at[0]])
-    # What is slim may be a leg of a thing, and then another one.
-    is_slim = float(np.median(sightings.width[at])) < LEG_WIDTH or any(part.kind == PERSON for part in track.parts)
-    legs = np.diff(starts(sightings.sweep[at]), append=len(at))
-    is_thing = is_slim and float(np.mean(legs > grouping.PERSON_LEGS)) > MOST_CROWDED
-    count = min(len(at), MOST_COMPARED)
-    at = at[np.arange(count) * len(at) // count]
-    time, now = sightings.time[at], np.arange(1, count)
-    apart = np.abs(sightings.place[at] - sightings.place[at][:, None])
-    distance = grouping.STANDING_LEGS_APART if is_slim else LEAST_WAY
-    first = np.searchsorted(time, time[now - 1] - STAYED_SECONDS)
-    stop = np.searchsorted(time, time[now] + STAYED_SECONDS, side="right")
-    left = np.flatnonzero(_share_again(apart <= distance, first, now, stop) <= STAYED_SHARE)
-    if len(left) <= (LEAST_TRAVEL * count if is_thing else 0):
-        steps = _share_again(apart <= LEAST_WAY, 0 * now, now, 0 * now + count) <= STEP_SHARE
-        left = np.flatnonzero(steps & (np.minimum(now, count - now) >= STEP_SIGHTINGS * count))
-    return int(sightings.sweep[at[now[left[0]]]]) if len(left) else -1
-
-
-def _share_again(near: Bool, first: Int64, now: Int64, stop: Int64) -> Float64:
-    """Return the shares of the pairs of a sighting from `first` to `now` and one from `now` to `stop` that are near."""
-    total = np.zeros((len(near) + 1, len(near) + 1))
-    total[1:, 1:] = near.cumsum(axis=0).cumsum(axis=1)
-    again = total[now, stop] - total[first, stop] - total[now, now] + total[first, now]
-    shares: Float64 = again / ((now - first) * (stop - now))
-    return shares
+def is_moving(track: Track) -> bool:
+    """Return whether a track has gone, or one of its tracklets seems to."""
+    return track.moved or any(part.moved for part in track.parts)
 
 
 def _smooth_track(
-    sightings: WindowSightings, tracklets: dict[int, Tracklet], track: Track, at: Int64, smoother: Smoother
-) -> Path:
+    sightings: WindowSightings,
+    tracklets: dict[int, Tracklet],
+    track: Track,
+    at: Int64,
+    smoother: Smoother,
+    least_score: float,
+) -> Path | None:
     """Fill in the velocities of a track, by all of its sightings, and return its path in the window."""
     is_person = any(part.kind == PERSON for part in track.parts)
     several = track.several or any(part.has_legs for part in track.parts)
@@ -469,26 +447,22 @@ def _smooth_track(
     parts, path, moving = np.empty(count, np.int64), np.empty((count, 9)), np.empty(count, np.uint8)
     smoother.measure(order, step, parts, legs)
     keep = last + 1 - begin
-    onset = int(np.searchsorted(sweeps, track.onset))
-    state_before = state.copy()
-    smoother.smooth(time, parts, legs, state, keep, onset, path, moving)
-    if not track.is_agent and 0 < onset < count:
-        # Looked at backwards, it may have moved before that was shown.
-        left = _leaves(path[: onset + 1], 2.0 * max(main_part(track).h))
-        if track.path_stop < 0 and left <= ARRIVAL_SWEEPS:
-            left = 0
-        if left < onset:
-            onset, track.onset = left, int(sweeps[left])
-            state[:] = state_before
-            smoother.smooth(time, parts, legs, state, keep, onset, path, moving)
+    smoother.smooth(time, parts, legs, state, keep, path, moving)
     at = at[order]
+    verdict = judge(sightings, track, at, step, time, moving, least_score)
+    sightings.agent_score[at] = verdict.score[step]
+    if not track.is_agent:
+        if not verdict.agent[step].any():
+            track.moved, track.state = False, None
+            return None
+        onset = int(np.flatnonzero(verdict.agent)[0])
+        path[:onset, [2, 3, 7, 8]] = 0.0
+        moving[:onset] = 0
+    moving[step] &= verdict.goes[step]
     sightings.vx[at], sightings.vy[at], sightings.moving[at] = path[step, 2], path[step, 3], moving[step]
-    sightings.agent[at] = step >= onset
+    sightings.agent[at] = verdict.agent[step]
+    track.moved = True
+    end = int(at[sightings.now[at]][-1])
+    track.was_agent, track.agent_score = bool(sightings.agent[end]), float(sightings.agent_score[end])
+    track.last_view = complex(sightings.view[at[sightings.sweep[at] == sightings.sweep[end]]].mean())
     return Path(track, begin, path[:keep], codes[:keep], moving[:keep])
-
-
-def _leaves(path: Float64, size: float) -> int:
-    """Return the index of the last sweep in which a tracklet is where it was first."""
-    distance = np.hypot(path[:, 0] - path[0, 0], path[:, 1] - path[0, 1])
-    var = 0.5 * (path[:, 4] + path[:, 6])
-    return int(np.flatnonzero(distance <= size + LEFT_SDS * np.sqrt(var + var[0]))[-1])

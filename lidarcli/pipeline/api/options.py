@@ -259,7 +259,7 @@ def tracking_of(options: Values | None = None) -> TrackOptions:
     from lidarcli.pipeline.objects.tracking import TrackOptions
 
     options = defaults_of(Tracking) if options is None else options
-    parsed = TrackParameters(significance=options["significance"], memory=options["memory"])
+    parsed = TrackParameters(agent_score=options["agent_score"], memory=options["memory"])
     return TrackOptions(parsed, trajectories=options["trajectories"])
 
 

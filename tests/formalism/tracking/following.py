@@ -25,7 +25,7 @@ from lidarcli.sweeps import TURN, SweepBatch, SweepPoses
 SENSOR = Sensor(beams=720, angle_increment=TURN / 720, noise=0.01)
 """A full turn, each bearing once."""
 ROOM = make.wall([[-5.0, -4.0], [5.0, -4.0], [5.0, 4.0], [-5.0, 4.0], [-5.0, -4.0]])
-PER_OBJECT = ("track", "vx", "vy", "moving", "set", "label", "label_score")
+PER_OBJECT = ("track", "vx", "vy", "moving", "agent_score", "set", "label", "label_score")
 PER_SWEEP = ("objects", "agents", "object_beams", "agent_beams")
 
 

@@ -36,6 +36,7 @@ def sightings(number: int, time: np.ndarray, x: np.ndarray, now: bool) -> Simple
         place=x + 0j,
         now=np.full(len(x), now),
         spans={number: slice(0, len(x))},
+        keyframes=None,
     )
 
 

@@ -18,10 +18,10 @@ from tests.formalism.tracking.following import follow, scene_of, simulated
 from tests.sweeping import raw_sweeps
 
 
-@pytest.mark.parametrize("share", [0.0, -1.0, 1e-13, 0.2, float("nan"), float("inf")])
-def test_a_significance_that_is_none_is_refused(share: float) -> None:
-    with pytest.raises(OptionError, match="--significance"):
-        TrackParameters(share)
+@pytest.mark.parametrize("score", [0.0, 1.0, -0.5, 1.5, float("nan"), float("inf")])
+def test_an_agent_score_that_is_no_probability_is_refused(score: float) -> None:
+    with pytest.raises(OptionError, match="--agent-score"):
+        TrackParameters(score)
 
 
 def test_a_batch_that_is_none_is_refused() -> None:

@@ -15,10 +15,41 @@ from lidarcli.formalism.tracking.measurement import Detections, Measurements
 from lidarcli.range_rules import RangeRules, normalise
 from lidarcli.simulation.generate import simulate_sweep_arrays
 from lidarcli.simulation.scene import Course, Entity, Scene, Sensor
-from lidarcli.sweeps import SweepBatch
+from lidarcli.sweeps import TURN, SweepBatch
+from tests.sweeping import raw_sweeps
 
 Pose = tuple[float, float, float, float]
 """x, y [m], yaw [rad] and side of the sensor."""
+BEAMS = 360
+STEP = TURN / BEAMS
+HERE: Pose = (0.0, 0.0, 0.0, 1.0)
+POSES: tuple[Pose, ...] = (HERE, (1.0, -2.0, 0.7, 1.0), (1.0, -2.0, 3.0, -1.0))
+GEOMETRIES = {
+    "turn": (BEAMS, -math.pi, STEP),
+    "clockwise": (BEAMS, math.pi, -STEP),
+    "from ahead": (BEAMS, 0.0, STEP),
+    "twice": (BEAMS + 1, -math.pi, STEP),
+    "more than once around": (BEAMS, 2.0, STEP),
+}
+"""Numbers of beams, first bearings and steps [rad] of a full turn."""
+
+
+def sweep_of(
+    ranges: np.ndarray,
+    first: float = -math.pi,
+    step: float = STEP,
+    pose: Pose = HERE,
+    way: tuple[float, float, float] = (0.0, 0.0, 0.0),
+) -> tuple[Measurements, Scans]:
+    """One sweep, seen from there, while the sensor goes so far."""
+    raw = raw_sweeps(ranges[None], angle_min=first, angle_increment=step, range_max=50.0)
+    return look_at(normalise(raw, np.arange(1), RangeRules()), pose, way=way)
+
+
+def at(r: float, bearing: float, pose: Pose = HERE) -> tuple[float, float]:
+    """A point of the world by range and bearing of the sensor."""
+    direction = pose[2] + pose[3] * bearing
+    return pose[0] + r * math.cos(direction), pose[1] + r * math.sin(direction)
 
 
 def look_at(

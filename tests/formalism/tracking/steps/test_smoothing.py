@@ -124,7 +124,7 @@ def sightings(rng: np.random.Generator, count: int, person: bool = False) -> Swe
     return Sweeps(time, z, r, parts, legs.astype(np.uint8))
 
 
-def smooth(seen: Sweeps, state: Array, keep: int, onset: int = 0) -> tuple[Array, Array]:
+def smooth(seen: Sweeps, state: Array, keep: int) -> tuple[Array, Array]:
     """What the core says of sweeps."""
     count = len(seen.time)
     smoother = Smoother(1, count + 3)
@@ -132,7 +132,7 @@ def smooth(seen: Sweeps, state: Array, keep: int, onset: int = 0) -> tuple[Array
         smoother.z[2 * i], smoother.z[2 * i + 1] = seen.z[i]
         smoother.r[3 * i], smoother.r[3 * i + 1], smoother.r[3 * i + 2] = seen.r[i][[0, 0, 1], [0, 1, 1]]
     path, moving = np.full((count, 9), 9.0), np.full(count, 9, np.uint8)
-    smoother.smooth(seen.time, seen.parts, seen.legs, state, keep, onset, path, moving)
+    smoother.smooth(seen.time, seen.parts, seen.legs, state, keep, path, moving)
     return path, moving
 
 

@@ -8,11 +8,12 @@ import pytest
 
 from lidarcli.formalism.tracking import association, kalman, sweep_tracker, track_evidence
 from lidarcli.formalism.tracking.kalman import Targets
-from lidarcli.formalism.tracking.measurement import Measurements, RangeHistory
+from lidarcli.formalism.tracking.keyframes import Keyframes
+from lidarcli.formalism.tracking.measurement import Measurements
 
 
 def test_the_clock_never_goes_back() -> None:
-    state = sweep_tracker.SweepTracker(10.0, Targets(4), Measurements(4, 4), RangeHistory(4))
+    state = sweep_tracker.SweepTracker(Targets(4), Measurements(4, 4), Keyframes(4))
     assert sweep_tracker.advance_clock(state, 5.0) == 0.0
     passed = []
     for stamp in (5.1, 5.2, 5.2, 4.0, 4.1, 1e6):

@@ -1,0 +1,201 @@
+"""Which tracks are agents (set A, Def. 4): what passes through places that are free before it comes or after it has gone.
+
+A track is parted into stretches at its jumps. A stretch has a score, the probability that it goes: by how clearly its
+places are seen free, by how many of them lie on its way, and by its greatest step. After a jump it is still the same
+agent, unless something stood at the new place while it was seen elsewhere.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from lidarcli.formalism.detection import starts
+from lidarcli.formalism.tracking.keyframes import Keyframes
+from lidarcli.formalism.tracking.results import LEAST_WAY
+from lidarcli.formalism.tracking.tracks import Track, main_part
+from lidarcli.sweeps import Bool, Float64, Int64, UInt8
+
+PLACES_APART = 0.06
+"""[m] Least distance of the places of a stretch at which it is looked."""
+LEAST_JUMP, LARGEST = 0.4, 2.0
+"""[m] Least distance from where a track is expected that is a jump, unless it is larger; greatest size that counts."""
+LEAST_LOOKS = 1.5
+"""Least weight of the looks at a place, before or after, that tell whether it is free."""
+ON_THE_WAY = 0.2
+"""A place lies on the way if it is so far from both ends, as a share of the way."""
+AT_FIRST, BALANCE, PLACES, STEP = -2.55, 1.45, 1.05, -0.38
+"""[log-odds] That a stretch goes: without evidence; by the mean balance of the looks at its places, from -1 (all hit) to 1
+(all free); by the logarithm of 1 + the number of free places on its way; by that of its greatest step over its way. By
+logistic regression on 29 real logs that were judged by eye and on drawn ones (docs/tracking.md)."""
+LEAST_STEP_SHARE, SHORTEST_WAY = 0.02, 0.05
+"""Added to the greatest step over the way; shortest way [m] that counts."""
+SECONDS_BEFORE, RESTS = 1.0, 0.5
+"""[s] What goes has begun so long before that is shown, unless it rested at one place for so long."""
+BODY_REACH, BODY_CELL, BODY_SHARE, BODY_WAY = 1.2, 0.06, 0.6, 2.0
+"""[m] Greatest distance of a part of the robot from its sensor, and resolution of its place; share of the way of the sensor
+on which something is at that place; least such way [m]."""
+
+
+@dataclass(frozen=True, slots=True)
+class Verdict:
+    """What a track is in each of the S sweeps of a window and the next one."""
+
+    agent: Bool
+    """(S,) True in set A."""
+    goes: Bool
+    """(S,) True where it goes by itself."""
+    score: Float64
+    """(S,) probability that it has gone by then; NaN where the place of the sensor is not known."""
+
+
+def judge(sightings: Any, track: Track, at: Int64, step: Int64, time: Float64, moving: UInt8, least: float) -> Verdict:
+    """Judge a track that seems to move.
+
+    Parameters
+    ----------
+    sightings : sightings of the window and the next one (`windows.WindowSightings`)
+    at : (N,) those of the track, in the order of the log
+    step : (N,) their sweeps, as indices into the S sweeps of its path
+    time : (S,) times of these [s]
+    moving : (S,) 1 where its smoothed speed is shown
+    least : least score of an agent
+    """
+    firsts = starts(step)
+    seen, parts = step[firsts], np.diff(firsts, append=len(at))
+    place, when = np.add.reduceat(sightings.view[at], firsts) / parts, time[seen]
+    rows, moves = sightings.keep[at[firsts]], moving[seen] == 1
+    own = np.logical_or.reduceat(sightings.own[at], firsts)
+    far = max(LEAST_JUMP, min(2.0 * max(main_part(track).h), LARGEST) + LEAST_WAY)
+    picks = _picks(place)
+    balance = _balance(sightings, sightings.keyframes, at, step, seen[picks])
+    agent, goes, score = np.zeros(len(seen), bool), np.zeros(len(seen), bool), np.zeros(len(seen))
+    was, known, last, then = track.was_agent, track.agent_score, track.last_view, track.last_time
+    begins = [0, *_jumps(place, when, far)]
+    for b, e in zip(begins, [*begins[1:], len(seen)], strict=True):
+        if was and abs(place[b] - last) > far:
+            was = not sightings.keyframes.stood(sightings.recorded, rows.item(b), -math.inf, then)
+        known = known if was and known > 0.0 else 0.0
+        of = slice(*np.searchsorted(picks, [b, e]))
+        some = picks[of]
+        chance, onset = _chance(place[some], balance[of], moves[some] & ~own[some])
+        agent[b:e], score[b:e] = was, max(known, chance)
+        if chance >= least:
+            begin = _first_row(when, some[: onset + 1])
+            agent[begin:e] = goes[begin:e] = True
+        agent[b:e] &= ~(own[b:e] | _rests_as_another(sightings, place[:e], when, rows, agent[b:e] & ~moves[b:e], far))
+        was, known, last, then = bool(agent[e - 1]), score.item(e - 1), complex(place[e - 1]), when.item(e - 1)
+    if not sightings.is_placed:
+        # Without a known place it moves from where it seems to move.
+        onset = min((part.onset for part in track.parts if part.moved), default=0)
+        agent[:] = goes[:] = (sightings.sweep[at[firsts]] >= onset) & ~own
+        score[:] = math.nan
+    every = Verdict(*(np.zeros(len(time), values.dtype) for values in (agent, goes, score)))
+    every.agent[seen], every.goes[seen], every.score[seen] = agent, goes & ~own, score
+    return every
+
+
+def _first_row(when: Float64, picks: Int64) -> int:
+    """Return from where on a track is one that goes, by its places up to the one that shows it."""
+    rests = picks[1:][np.diff(when[picks]) >= RESTS]
+    early = int(np.searchsorted(when, when[picks[-1]] - SECONDS_BEFORE))
+    return int(max(picks[0], early, *rests[-1:]))
+
+
+def _rests_as_another(sightings: Any, place: Any, when: Float64, rows: Int64, rests: Bool, far: float) -> Bool:
+    """Return which of the last places of a track are those of another thing: it stood there while the track was elsewhere.
+
+    `rests`: which of them may be.
+    """
+    another, first = np.zeros(len(rests), bool), len(place) - len(rests)
+    edges = np.flatnonzero(np.diff(rests, prepend=False, append=False)).reshape(-1, 2)
+    for b, e in edges.tolist():
+        i = first + (b + e) // 2
+        apart = np.abs(place[:i] - place[i])
+        away = np.flatnonzero(apart > 2.0 * far)
+        if len(away) and when[first + e - 1] - when[first + b] >= RESTS:
+            near = np.flatnonzero(apart[: away[-1]] <= far)
+            since = when.item(int(near[-1])) + 1.0 if len(near) else -math.inf
+            another[b:e] = sightings.keyframes.stood(sightings.recorded, rows.item(i), since, when.item(int(away[-1])))
+    return another
+
+
+def _jumps(place: Any, when: Float64, far: float) -> Int64:
+    """Return the indices at which a track is farther from its last place, and from where its speed leads, than `far`."""
+    apart, gap = np.diff(place), np.diff(when)
+    expected = np.zeros(len(apart), complex)
+    if len(apart) > 1:
+        steady = gap[:-1] <= 2.0 * np.median(gap)
+        expected[1:] = np.where(steady, apart[:-1] / np.maximum(gap[:-1], 1e-3) * gap[1:], 0.0)
+        expected[0] = apart[1] / max(gap[1], 1e-3) * gap[0]
+    return np.flatnonzero(np.minimum(np.abs(apart), np.abs(apart - expected)) > far) + 1
+
+
+def _picks(place: Any) -> Int64:
+    """Return the indices of places that are far enough from the one before."""
+    picks, last = [], complex(math.inf)
+    for k, here in enumerate(place.tolist()):
+        if abs(here - last) >= PLACES_APART:
+            picks.append(k)
+            last = here
+    return np.array(picks, np.int64)
+
+
+def _balance(sightings: Any, keyframes: Keyframes, at: Int64, step: Int64, sweeps: Int64) -> Float64:
+    """Return the balance of the looks in some sweeps, before or after: from -1, all hit, to 1, all free; NaN if unknown."""
+    which = np.flatnonzero(np.isin(step, sweeps))
+    looks = np.empty((len(which), 4))
+    keyframes.count_looks(sightings.recorded, np.ascontiguousarray(sightings.keep[at[which]]), looks)
+    groups = starts(step[which])
+    looks = np.add.reduceat(looks, groups) / np.diff(groups, append=len(which))[:, None]
+    free, hits = looks[:, ::2], looks[:, 1::2]
+    total = free + hits
+    either = np.where(total >= LEAST_LOOKS, (free - hits) / np.maximum(total, LEAST_LOOKS), np.nan)
+    balance: Float64 = np.fmax(either[:, 0], either[:, 1])
+    return balance
+
+
+def _chance(place: Any, balance: Float64, moves: Bool) -> tuple[float, int]:
+    """Return the probability that a stretch goes, by its places, and the first one from which on it does."""
+    told = moves & ~np.isnan(balance)
+    free = np.flatnonzero(told & (balance > 0.0))
+    if len(free) < 2:
+        return 0.0, 0
+    off = place[free] - place[free].mean()
+    axis = np.sqrt((off * off).mean())
+    along = (off * np.conj(axis)).real / max(abs(axis), 1e-9)
+    way = float(np.ptp(along))
+    share = (along - along.min()) / max(way, 1e-9)
+    between = np.count_nonzero((share > ON_THE_WAY) & (share < 1.0 - ON_THE_WAY))
+    step = float(np.abs(np.diff(place)).max()) / max(way, SHORTEST_WAY)
+    odds = AT_FIRST + BALANCE * float(balance[told].mean()) + PLACES * math.log1p(between)
+    odds += STEP * math.log(step + LEAST_STEP_SHARE)
+    return 1.0 / (1.0 + math.exp(-odds)), int(free[0])
+
+
+def own_body(sightings: Any, known: set[complex]) -> Bool:
+    """Return (N,) which sightings show the robot itself: what stays at a place of the sensor frame while it drives.
+
+    `known`: such places in windows before, to which those of this one are added.
+    """
+    place = sightings.ahead + 1j * sightings.left
+    own, near = np.zeros(len(place), bool), np.flatnonzero(np.abs(place) < BODY_REACH)
+    cell = np.round(place[near] / BODY_CELL)
+    sweeps, firsts = np.unique(sightings.sweep, return_index=True)
+    if len(near):
+        travelled = sightings.travelled[firsts]
+        way = dict(zip(sweeps.tolist(), np.diff(travelled, prepend=travelled[0]).tolist(), strict=True))
+        if np.ptp(travelled) >= BODY_WAY:
+            seen: dict[complex, set[int]] = {}
+            for one, sweep in zip(cell.tolist(), sightings.sweep[near].tolist(), strict=True):
+                seen.setdefault(one, set()).add(sweep)
+            around = [complex(i, k) for i in (-1, 0, 1) for k in (-1, 0, 1)]
+            for one in seen:
+                there = set().union(*(seen.get(one + each, ()) for each in around))
+                if sum(way[sweep] for sweep in there) >= BODY_SHARE * np.ptp(travelled):
+                    known.add(one)
+        own[near] = np.isin(cell, np.array([*known], complex))
+    return own

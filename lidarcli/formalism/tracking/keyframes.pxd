@@ -1,0 +1,72 @@
+cimport cython
+cimport libc.math as math
+
+from lidarcli cimport native
+from lidarcli.formalism.segmentation cimport Scans
+from lidarcli.formalism.tracking cimport measurement
+from lidarcli.formalism.tracking.kalman cimport Sightings
+from lidarcli.formalism.tracking.measurement cimport Measurements
+
+cdef int NO_RETURN
+cdef Py_ssize_t KEPT, SWEEPS_APART
+cdef double SECONDS_APART, FLICKER_WEIGHT, MOST_FLICKER_SHARE, GUARD_ANGLE, GUARD, MOST_BEAMS, LOOK_MARGIN, LOOK_MARGIN_SHARE
+cdef double SAME_VIEW, SAME_RANGE, SECONDS_BEFORE, SECONDS_AFTER, MOST_WAY, THINNED, SECONDS_UNPLACED, MOST_LOOKS
+
+
+cdef class Keyframes:
+    cdef list owner
+    cdef readonly Py_ssize_t beams, count
+    cdef Py_ssize_t last_sweep, before, watched
+    cdef double changes, lost
+    cdef double* time
+    cdef double* x
+    cdef double* y
+    cdef double* yaw
+    cdef double* motion_x
+    cdef double* motion_y
+    cdef double* motion_yaw
+    cdef double* travelled
+    cdef double* side
+    cdef double* first
+    cdef double* step
+    cdef Py_ssize_t* bearings
+    cdef Py_ssize_t* period
+    cdef float* r
+    cdef Py_ssize_t* status
+
+    cpdef grow(self, Keyframes old)
+    @cython.locals(row="long long*", out="double*", i=Py_ssize_t, number=Py_ssize_t)
+    cpdef count_looks(self, Sightings sightings, object rows, object looks)
+    @cython.locals(free=double, hits=double)
+    cpdef bint stood(self, Sightings sightings, Py_ssize_t i, double since, double until)
+
+
+@cython.locals(changes=Py_ssize_t, lost=Py_ssize_t, now=Py_ssize_t, then=Py_ssize_t)
+cdef void count_flicker(Keyframes keyframes, Measurements meas, Scans scans) noexcept nogil
+@cython.locals(elapsed=double, m=Py_ssize_t, k=Py_ssize_t, beam=Py_ssize_t, r=double)
+cdef void store(Keyframes keyframes, Measurements meas, Scans scans) noexcept nogil
+@cython.locals(
+    bearings=Py_ssize_t, step=double, share=double, open_share=double, r=double, position=double, dx=double, dy=double, moves=bint, yaw=double,
+    angle=double, beside=double, margin=double, first=Py_ssize_t, last=Py_ssize_t, passes=Py_ssize_t, returns=Py_ssize_t,
+    blocked=Py_ssize_t, unknown=Py_ssize_t, k=Py_ssize_t, at=Py_ssize_t, end=double, own=double, own_x=double, own_y=double
+)
+cdef double look(
+    Keyframes keyframes, Py_ssize_t m, double x, double y, double width, double from_x, double from_y
+) noexcept nogil
+@cython.locals(i=Py_ssize_t, m=Py_ssize_t, free=double, hits=double, seen=double)
+cdef (double, double) looks_before(
+    Keyframes keyframes, double x, double y, double width, double from_x, double from_y, double travelled, double oldest,
+    double until
+) noexcept nogil
+@cython.locals(oldest=double)
+cdef (double, double) looks_at_measurement(
+    Keyframes keyframes, Measurements meas, Py_ssize_t k, double until
+) noexcept nogil
+cdef bint stood_before(Keyframes keyframes, Measurements meas, Py_ssize_t k, double until) noexcept nogil
+@cython.locals(
+    k=Py_ssize_t, m=Py_ssize_t, first=Py_ssize_t, stop=Py_ssize_t, split=Py_ssize_t, side=Py_ssize_t, number=Py_ssize_t,
+    apart=double, most=double, off=double, seen=double
+)
+cdef void count_looks_at(
+    Keyframes keyframes, Sightings sightings, Py_ssize_t i, double* out, Py_ssize_t at
+) noexcept nogil

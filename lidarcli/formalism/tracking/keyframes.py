@@ -1,0 +1,321 @@
+"""Keyframes: sweeps half a second apart, by which a place is seen occupied or free before and after a thing is there.
+
+They reach back from a minute to two, in bounded memory. A look at a place in one of them ends there (a hit), passes it
+(free space), or tells nothing. Who moves passes through places that are free before or after (Def. 4).
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from lidarcli import native, sweeps
+from lidarcli.formalism.segmentation import Scans
+from lidarcli.formalism.tracking import measurement
+from lidarcli.formalism.tracking.kalman import Sightings
+from lidarcli.formalism.tracking.measurement import Measurements
+
+NO_RETURN = sweeps.Status.NO_RETURN.value
+KEPT, SECONDS_APART, SWEEPS_APART = 384, 0.5, 2
+"""Number of keyframes, and least time [s] and number of sweeps between two of them, by which they hold two windows."""
+FLICKER_WEIGHT, MOST_FLICKER_SHARE = 0.02, 0.2
+"""Weight of one sweep in the mean number of beams that flicker, and the share of the beams without a return that may have
+one a sweep later: above it no such beam proves free space."""
+GUARD_ANGLE, GUARD, MOST_BEAMS = 0.01, 0.05, 12.0
+"""[rad], [m], beams: a look takes the beams within the sum of both, and so many, to each side of a place."""
+LOOK_MARGIN, LOOK_MARGIN_SHARE = 0.12, 0.01
+"""Least distance of the end of a beam from a place that it has not hit [m], and its growth with the range."""
+SAME_VIEW, SAME_RANGE = math.cos(math.radians(10.0)), 1.25
+"""A beam without a return shows free space only where the thing itself was seen from about there: cosine of the greatest
+angle between both views, and greatest ratio of both ranges."""
+SECONDS_BEFORE, SECONDS_AFTER, MOST_WAY = 60.0, 25.0, 10.0
+"""Keyframes so long before and after a sighting tell of its place [s], while the sensor has gone less than this [m]: the
+path drifts."""
+
+THINNED = 1.15
+"""Least ratio of the times from a sighting to two keyframes that count."""
+SECONDS_UNPLACED = 5.0
+"""[s] The same where the place of the sensor is not known."""
+MOST_LOOKS = 8.0
+"""Weight of the looks that decide on a place."""
+
+
+class Keyframes:
+    """The latest `KEPT` keyframes and the poses of the sensor; the newest replaces the oldest."""
+
+    def __init__(self, beams: int) -> None:
+        """Make room for sweeps of so many beams."""
+        self.owner: list[Any] = []
+        self.beams = beams
+        self.count = 0
+        """Number of keyframes that were stored so far."""
+        self.last_sweep = 0
+        self.time = native.doubles(self.owner, KEPT)
+        self.x = native.doubles(self.owner, KEPT)
+        self.y = native.doubles(self.owner, KEPT)
+        self.yaw = native.doubles(self.owner, KEPT)
+        """Pose of the sensor at the first bearing [m, rad]."""
+        self.motion_x = native.doubles(self.owner, KEPT)
+        self.motion_y = native.doubles(self.owner, KEPT)
+        self.motion_yaw = native.doubles(self.owner, KEPT)
+        """Motion of the sensor from the first bearing to the last [m, rad]."""
+        self.travelled = native.doubles(self.owner, KEPT)
+        """Distance that the sensor had gone [m]."""
+        self.side = native.doubles(self.owner, KEPT)
+        self.first = native.doubles(self.owner, KEPT)
+        self.step = native.doubles(self.owner, KEPT)
+        self.bearings = native.integers(self.owner, KEPT)
+        self.period = native.integers(self.owner, KEPT)
+        self.r = native.singles(self.owner, KEPT * beams)
+        """Ranges by bearing [m]: `measurement.NO_RANGE` where unknown, `FREE_RANGE` without a return."""
+        self.changes = 0.0
+        """Mean number of beams that change between a range and no return from sweep to sweep."""
+        self.lost = 0.0
+        """Mean number of beams without a return in either sweep."""
+        self.status = native.integers(self.owner, beams)
+        """Status of each beam in the sweep before."""
+        self.watched = 0
+        self.before = 0
+        """Number of beams of the sweep before."""
+
+    def grow(self, old: Keyframes) -> None:
+        """Copy the keyframes of `old`, which have fewer beams."""
+        self.count, self.changes, self.lost = old.count, old.changes, old.lost
+        self.watched, self.before, self.last_sweep = old.watched, old.before, old.last_sweep
+        for beam in range(old.before):
+            self.status[beam] = old.status[beam]
+        for m in range(KEPT):
+            self.time[m], self.x[m], self.y[m], self.yaw[m] = old.time[m], old.x[m], old.y[m], old.yaw[m]
+            self.motion_x[m], self.motion_y[m], self.motion_yaw[m] = old.motion_x[m], old.motion_y[m], old.motion_yaw[m]
+            self.side[m], self.first[m], self.step[m] = old.side[m], old.first[m], old.step[m]
+            self.travelled[m] = old.travelled[m]
+            self.bearings[m], self.period[m] = old.bearings[m], old.period[m]
+            for k in range(old.bearings[m]):
+                self.r[m * self.beams + k] = old.r[m * old.beams + k]
+
+    def count_looks(self, sightings: Sightings, rows: Any, looks: Any) -> None:
+        """Count the looks at the places of N sightings.
+
+        Parameters
+        ----------
+        rows : (N,) int64, the sightings by their index
+        looks : (N, 4) float64 to fill in: sums of free looks and of hits before, and after
+        """
+        row, out = native.at_longs(rows), native.at_doubles(looks)
+        number = len(rows)
+        lock = native.release()
+        for i in range(number):
+            count_looks_at(self, sightings, row[i], out, 4 * i)
+        native.resume(lock)
+
+    def stood(self, sightings: Sightings, i: int, since: float, until: float) -> bool:
+        """Return whether something stood at the place of sighting i between two times [s]."""
+        free, hits = looks_before(
+            self,
+            sightings.middle_x[i],
+            sightings.middle_y[i],
+            sightings.chord[i],
+            sightings.sensor_x[i],
+            sightings.sensor_y[i],
+            sightings.travelled[i],
+            max(sightings.time[i] - SECONDS_BEFORE, since),
+            until,
+        )
+        return hits >= 1.0 and hits > free
+
+
+def count_flicker(keyframes: Keyframes, meas: Measurements, scans: Scans) -> None:
+    """Count the beams that change between a range and no return: where few do, those without a return prove free space."""
+    begin, beams = meas.row * scans.width, scans.beams[meas.row]
+    changes, lost = 0, 0
+    if keyframes.before == beams:
+        for beam in range(beams):
+            now, then = scans.status[begin + beam], keyframes.status[beam]
+            if now == NO_RETURN or then == NO_RETURN:
+                lost += 1
+                if now + then == NO_RETURN:
+                    changes += 1
+        # At first a plain mean of all sweeps so far.
+        keyframes.watched += 1
+        share = max(FLICKER_WEIGHT, 1.0 / keyframes.watched)
+        keyframes.changes += share * (changes - keyframes.changes)
+        keyframes.lost += share * (lost - keyframes.lost)
+    for beam in range(beams):
+        keyframes.status[beam] = scans.status[begin + beam]
+    keyframes.before = beams
+    meas.steady = keyframes.changes <= MOST_FLICKER_SHARE * keyframes.lost
+
+
+def store(keyframes: Keyframes, meas: Measurements, scans: Scans) -> None:
+    """Store a sweep, unless the last keyframe is too recent."""
+    if keyframes.count > 0:
+        elapsed = meas.time - keyframes.time[(keyframes.count + KEPT - 1) % KEPT]
+        if 0.0 <= elapsed < SECONDS_APART or meas.sweep - keyframes.last_sweep < SWEEPS_APART:
+            return
+    m = keyframes.count % KEPT
+    keyframes.time[m], keyframes.last_sweep, keyframes.travelled[m] = meas.time, meas.sweep, meas.travelled
+    keyframes.x[m], keyframes.y[m], keyframes.yaw[m] = meas.start_x, meas.start_y, meas.start_yaw
+    keyframes.motion_x[m], keyframes.motion_y[m] = meas.motion_x, meas.motion_y
+    keyframes.motion_yaw[m] = meas.motion_yaw
+    if meas.reverse:
+        keyframes.x[m] += meas.motion_x
+        keyframes.y[m] += meas.motion_y
+        keyframes.yaw[m] += meas.motion_yaw
+        keyframes.motion_x[m], keyframes.motion_y[m] = -meas.motion_x, -meas.motion_y
+        keyframes.motion_yaw[m] = -meas.motion_yaw
+    keyframes.side[m], keyframes.first[m], keyframes.step[m] = meas.side, meas.first, meas.step
+    keyframes.bearings[m], keyframes.period[m] = meas.bearings, meas.period
+    for k in range(meas.bearings):
+        beam = meas.row * scans.width + measurement.position_of(meas, k)
+        r = measurement.NO_RANGE
+        if scans.status[beam] == measurement.VALID:
+            r = scans.ranges[beam]
+        elif scans.status[beam] == NO_RETURN:
+            r = measurement.FREE_RANGE
+        keyframes.r[m * keyframes.beams + k] = r
+    keyframes.count += 1
+
+
+def look(keyframes: Keyframes, m: int, x: float, y: float, width: float, from_x: float, from_y: float) -> float:
+    """Look at a place in a keyframe: -1 for a hit, 0 for nothing, else the chance that a thing there would have been hit.
+
+    Parameters
+    ----------
+    m : index of the keyframe
+    x, y : place in the world [m]
+    width : width of the thing there, across the line of sight [m]
+    from_x, from_y : place of the sensor from which it was seen [m]
+    """
+    step, bearings = keyframes.step[m], keyframes.bearings[m]
+    if step < measurement.LEAST_STEP or bearings < 2:
+        return 0.0
+    share, r, position, dx, dy = 0.5, 0.0, 0.0, 0.0, 0.0
+    # The bearing gives the time, which gives the pose, which gives the bearing.
+    moves = keyframes.motion_x[m] != 0.0 or keyframes.motion_y[m] != 0.0 or keyframes.motion_yaw[m] != 0.0
+    for _ in range(2 if moves else 1):
+        dx = x - keyframes.x[m] - share * keyframes.motion_x[m]
+        dy = y - keyframes.y[m] - share * keyframes.motion_y[m]
+        yaw = keyframes.yaw[m] + share * keyframes.motion_yaw[m]
+        angle = keyframes.side[m] * (math.atan2(dy, dx) - yaw) - keyframes.first[m]
+        position = (angle - measurement.TURN * math.floor(angle / measurement.TURN)) / step
+        if position > bearings - 0.5:
+            if position < measurement.TURN / step - 0.5:
+                return 0.0
+            position -= measurement.TURN / step
+        share = min(max(position / (bearings - 1), 0.0), 1.0)
+    r = math.sqrt(dx * dx + dy * dy)
+    beside = min(max(1.0, (GUARD_ANGLE + GUARD / max(r, 0.1)) / step), MOST_BEAMS)
+    margin = LOOK_MARGIN + LOOK_MARGIN_SHARE * r
+    # C needs a conversion to integers here.
+    first, last = int(math.ceil(position - beside)), int(math.floor(position + beside))  # noqa: RUF046
+    passes, returns, blocked, unknown = 0, 0, 0, 0
+    for k in range(first, last + 1):
+        at = k
+        if keyframes.period[m] > 0:
+            at = (k + keyframes.period[m]) % keyframes.period[m]
+        if at < 0 or at >= bearings:
+            continue
+        end = keyframes.r[m * keyframes.beams + at]
+        if end < 0.0:
+            unknown += 1
+        elif end > measurement.MOST_RANGE:
+            returns += 1
+        elif end > r + margin:
+            passes += 1
+        elif end >= r - margin:
+            return -1.0
+        else:
+            blocked += 1
+    if blocked >= max(passes, 1):
+        return 0.0
+    if passes == 0:
+        # Beams without a return alone.
+        if returns == 0 or unknown > 0 or keyframes.changes > MOST_FLICKER_SHARE * keyframes.lost:
+            return 0.0
+        own_x, own_y = x - from_x, y - from_y
+        own = math.sqrt(own_x * own_x + own_y * own_y)
+        if own > SAME_RANGE * r or r > SAME_RANGE * own or own_x * dx + own_y * dy < SAME_VIEW * own * r:
+            return 0.0
+    # Beside what is nearer a small error of the pose would hide the thing.
+    open_share = 1.0 - 1.0 * blocked / max(passes, 1)
+    return open_share * open_share * min(1.0, max(width, 0.02) / max(r * step, 1e-3))
+
+
+def looks_before(
+    keyframes: Keyframes,
+    x: float,
+    y: float,
+    width: float,
+    from_x: float,
+    from_y: float,
+    travelled: float,
+    oldest: float,
+    until: float,
+) -> tuple[float, float]:
+    """Return the sums of free looks and of hits at a place, in the latest keyframes between two times [s].
+
+    x, y, width, from_x and from_y as of `look`; `travelled`: distance that the sensor had gone when it saw the thing there.
+    """
+    free, hits = 0.0, 0.0
+    for i in range(min(keyframes.count, KEPT)):
+        m = (keyframes.count - 1 - i) % KEPT
+        if keyframes.time[m] > until:
+            continue
+        if keyframes.time[m] < oldest or travelled - keyframes.travelled[m] > MOST_WAY:
+            break
+        seen = look(keyframes, m, x, y, width, from_x, from_y)
+        if seen < 0.0:
+            hits += 1.0
+        else:
+            free += seen
+        if free + hits >= MOST_LOOKS:
+            break
+    return free, hits
+
+
+def looks_at_measurement(keyframes: Keyframes, meas: Measurements, k: int, until: float) -> tuple[float, float]:
+    """Return the sums of free looks and of hits at the middle of a measurement before a time [s]."""
+    oldest = meas.time - (SECONDS_BEFORE if meas.is_placed else SECONDS_UNPLACED)
+    return looks_before(
+        keyframes, meas.middle_x[k], meas.middle_y[k], meas.chord[k], meas.x, meas.y, meas.travelled, oldest, until
+    )
+
+
+def stood_before(keyframes: Keyframes, meas: Measurements, k: int, until: float) -> bool:
+    """Return whether the latest looks before a time [s] show that something stood where a measurement is."""
+    free, hits = looks_at_measurement(keyframes, meas, k, until)
+    return hits >= 1.0 and hits > free
+
+
+def count_looks_at(keyframes: Keyframes, sightings: Sightings, i: int, out: Any, at: int) -> None:
+    """Count the looks at the place of one sighting (`Keyframes.count_looks`), the farther in time the fewer."""
+    for k in range(4):
+        out[at + k] = 0.0
+    first, stop = max(keyframes.count - KEPT, 0), keyframes.count
+    split = stop
+    while split > first and keyframes.time[(split - 1) % KEPT] >= sightings.time[i]:
+        split -= 1
+    for side in range(2):
+        number, apart, most = split - 1 + side, 0.0, SECONDS_AFTER if side else SECONDS_BEFORE
+        while first <= number < stop:
+            m = number % KEPT
+            number += 2 * side - 1
+            off = abs(keyframes.time[m] - sightings.time[i])
+            if off > most or abs(keyframes.travelled[m] - sightings.travelled[i]) > MOST_WAY:
+                break
+            if off < apart:
+                continue
+            apart = THINNED * off
+            seen = look(
+                keyframes,
+                m,
+                sightings.middle_x[i],
+                sightings.middle_y[i],
+                sightings.chord[i],
+                sightings.sensor_x[i],
+                sightings.sensor_y[i],
+            )
+            if seen < 0.0:
+                out[at + 2 * side + 1] += 1.0
+            else:
+                out[at + 2 * side] += seen
