@@ -140,6 +140,14 @@ def test_the_figures_of_the_readme_are_those_of_the_pages() -> None:
         )
         ((*told,),) = re.findall(rf"`{method}`, .*?{pattern}", section)[:1]
         assert [float(each) for each in told] == pytest.approx([100 * float(recall), 100 * float(precision)], abs=0.56)
+    moves = page("tracking").split("### Logs that nobody tuned on")[1].split("\n### ")[0]
+    for group, pattern in (
+        ("all", r"(\d+) % of the rows move and (\d+) % of the tracks; it says so of (\d+) %"),
+        ("parked", r"parked these are (\d+) %, (\d+) % and (\d+) %"),
+    ):
+        rows, movers, tracks = re.findall(rf"^\| \*\*{group}\*\* \|(.*)", moves, re.MULTILINE)[0].split("|")[:3]
+        measured = [float(re.findall(r": ([\d.]+) %", cell)[0]) for cell in (rows, tracks, movers)]
+        assert [float(each) for each in re.findall(pattern, section)[0]] == pytest.approx(measured, abs=0.56)
 
 
 @needs_real_logs
