@@ -1,6 +1,6 @@
-"""Logs written once more with other ranges: every other message stays byte for byte, whatever its container.
+"""Logs written once more with other sweeps, as a whole or in parts: every other message stays byte for byte.
 
-Writers are those of the containers' libraries: chunks and index are made anew, and of databases the rows alone change.
+Writers are those of the containers' libraries: chunks and index are made anew; of whole databases the rows alone change.
 """
 
 from __future__ import annotations
@@ -10,12 +10,13 @@ import sqlite3
 import struct
 import tempfile
 from collections import Counter
-from collections.abc import Callable
-from contextlib import closing
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, closing
 from dataclasses import dataclass, field
 from functools import partial
+from itertools import chain
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any, NamedTuple
 
 import numpy as np
 import zstandard
@@ -29,8 +30,9 @@ from lidarcli.logs.blocks import Locate, ScanLayout
 from lidarcli.logs.laserscan import locate
 from lidarcli.logs.mcap import McapLog
 from lidarcli.logs.mcap_records import Catalogue, Messages, parse
-from lidarcli.logs.rosbag1 import Rosbag1Log
+from lidarcli.logs.rosbag1 import Connection, Rosbag1Log
 from lidarcli.logs.rosbag2 import SQLITE_ERRORS, Rosbag2Log, SqliteLog, is_cdr
+from lidarcli.logs.rosbag2_salvage import TopicRow
 from lidarcli.logs.unpacking import ZSTD_MAGIC, DecompressionBudget, is_zstd, unpack_message
 from lidarcli.ros.bag_metadata import METADATA
 from lidarcli.sweeps import Bool
@@ -45,31 +47,84 @@ _TABLES = (
     "CREATE INDEX timestamp_idx ON messages (timestamp ASC)",
 )
 
-Edit = Callable[[str, bytes, Locate], bytes]
-"""Takes topic and message, and what finds its ranges; returns the message to write, the same one if nothing changes."""
+LATCHED = ("tf_static", "robot_description", "map")
+"""Ends of the names of topics whose messages count until the next: who begins to read later still gets them."""
+MOST_SAID = 1000
+"""Most such messages that are held."""
+TOGETHER = 16
+"""Parts of a log that are written in one pass over it."""
+
+Edit = Callable[[str, int, bytes, ScanLayout], bytes]
+"""Takes the topic, number and message of a sweep, and where its ranges are; returns the message to write, the same one if
+nothing changes."""
+
+Enter = Callable[[Any], Any]
+"""Opens a file until all is written."""
+
+
+class Cut(NamedTuple):
+    """A part of a log."""
+
+    first_ns: int
+    last_ns: int
+    """Times at which its first and its last message were recorded."""
+    leaves: frozenset[str] = frozenset()
+    """Topics that are left out."""
+
+
+Targets = Sequence[tuple[Path, Cut | None]]
+"""Files to write, each with its part of the log; or one file or folder with all of it (None)."""
+
+
+class Met(NamedTuple):
+    """A message of a log."""
+
+    topic: str
+    type: str
+    record_ns: int
+    data: bytes
+    origin: Any
+    """The rest that its container tells, for the writer of this container."""
 
 
 @dataclass(slots=True)
 class Copy:
-    """One copy of a log, as far as it has come."""
+    """One copy of a log, or several parts of it, as far as it has come."""
 
-    edit: Edit
-    """Called for every message of sweeps, in log order."""
+    edit: Edit | None = None
+    """Called for every message of sweeps, in log order; in each pass anew."""
     report: ReadReport = field(default_factory=ReadReport)
     messages: Counter[tuple[str, str]] = field(default_factory=Counter)
     left_out: int = 0
     """Records of applications that are no messages, attachments or metadata."""
     budget: DecompressionBudget = field(default_factory=DecompressionBudget)
     """Limit for messages that are packed one by one."""
+    sweeps: Counter[str] = field(default_factory=Counter)
+    """Topic → sweeps so far."""
+    is_cut: bool = False
+    """True while parts of the log are written, which no metadata.yaml tells to be packed."""
+    said: dict[object, Met] = field(default_factory=dict)
+    """Messages that come first in a file: given ones, and in a pass those that count until the next."""
 
-    def edited(self, topic: str, data: bytes, locate: Locate) -> bytes:
-        """Return the message to write for one of sweeps, which may be packed by zstd, and is so again."""
-        if not data.startswith(ZSTD_MAGIC):
-            return self.edit(topic, data, locate)
-        plain = unpack_message(data, self.budget)
+    def note(self, met: Met) -> None:
+        """Remember a message that counts until the next: of static transforms each, of others the last of a topic."""
+        end = met.topic.rpartition("/")[2]
+        if end in LATCHED and len(self.said) < MOST_SAID:
+            self.said[(met.topic, met.data) if end == LATCHED[0] else met.topic] = met
+
+    def edited(self, topic: str, data: bytes, locate: Locate | None, encoding: str) -> bytes:
+        """Return the message to write for one; messages that are packed by zstd are so again, but for parts of a log."""
+        is_packed = data.startswith(ZSTD_MAGIC)
+        unpacks = is_packed and self.is_cut and encoding == "cdr"
+        plain = unpack_message(data, self.budget) if unpacks or (is_packed and locate is not None) else data
         if plain is None:
             return data
-        changed = self.edit(topic, plain, locate)
+        layout, changed = None if self.edit is None or locate is None else locate(plain), plain
+        if layout is not None and self.edit is not None:
+            changed = self.edit(topic, self.sweeps[topic], plain, layout)
+            self.sweeps[topic] += 1
+        if unpacks or not is_packed:
+            return changed
         return data if changed is plain else zstandard.ZstdCompressor().compress(changed)
 
 
@@ -82,47 +137,133 @@ def replaced(message: bytes, written: ScanLayout, chosen: Bool, value: float) ->
     return data.tobytes()
 
 
-def copy_log(log: Log, target: Path, copy: Copy) -> None:
-    """Write a log of any of the containers once more (`OutputError`)."""
-    if isinstance(log, Rosbag2Log):
-        _copy_rosbag2(log, target, copy)
-    elif isinstance(log, Rosbag1Log):
-        _copy_rosbag1(log, target, copy)
-    else:
-        assert isinstance(log, McapLog)
-        _copy_mcap(log, target, copy)
+def copy_log(log: Log, targets: Path | Targets, copy: Copy) -> None:
+    """Write a log of any of the containers once more (`OutputError`); without targets `copy` sees its messages."""
+    every = [(targets, None)] if isinstance(targets, Path) else targets
+    given = copy.said
+    for first in range(0, max(len(every), 1), TOGETHER):
+        mine = every[first : first + TOGETHER]
+        copy.said, copy.is_cut = {**given}, all(cut is not None for _, cut in mine)
+        copy.left_out = 0
+        copy.sweeps.clear()
+        try:
+            if not isinstance(log, Rosbag2Log):
+                _write([log], mine, copy)
+            elif copy.is_cut:
+                _write((storage for _, storage in _storages(log, copy)), mine, copy)
+            else:
+                _copy_rosbag2(log, mine[0][0], copy)
+        except SQLITE_ERRORS as err:
+            raise OutputError(f"cannot write {mine[0][0].name if mine else log.path}: SQLite says: {err}") from err
 
 
-class _McapTarget:
+def _write(logs: Iterable[Log], targets: Targets, copy: Copy) -> None:
+    """Write the messages of logs in one container into new files of it."""
+    whole = not copy.is_cut and not copy.said
+    with ExitStack() as stack:
+        writers: list[Any] = []
+        begun: set[int] = set()
+        for log in logs:
+            records = _RECORDS[type(log)](log, copy)
+            make = next(records)
+            writers = writers or [make(stack.enter_context, path, whole) for path, _ in targets]
+            for met in records:
+                if not isinstance(met, Met):
+                    for writer in writers:
+                        writer.add(met)
+                    continue
+                for at, (writer, (_, cut)) in enumerate(zip(writers, targets, strict=True)):
+                    if cut and not cut.first_ns <= met.record_ns <= cut.last_ns:
+                        continue
+                    for one in (*(copy.said.values() if at not in begun else ()), met):
+                        if not cut or one.topic not in cut.leaves:
+                            copy.messages[one.topic, one.type] += 1
+                            writer.write(one._replace(record_ns=met.record_ns))
+                    begun.add(at)
+                copy.note(met)
+        for writer in writers:
+            writer.finish()
+
+
+def _mcap_records(log: McapLog, copy: Copy) -> Iterator[Any]:
+    """Yield what makes a writer, once the first chunk tells its compression, then messages, attachments and metadata."""
+    walk, known, begun = log.raw_records(copy.report), log.catalogue, False
+    header = Header(profile="", library="")
+    waiting: list[Attachment | Metadata] = []
+    locators: dict[int, Locate | None] = {}
+    for rows in walk.records():
+        if isinstance(rows, Messages):
+            if not begun:
+                yield partial(_McapWriter, header, next(iter(walk.compressions), ""), known)
+            begun = True
+            yield from waiting
+            waiting.clear()
+            for row, key in enumerate(rows.channel.tolist()):
+                if (channel := known.channels.get(key)) is None:
+                    continue
+                start, length = int(rows.start[row]), int(rows.length[row])
+                data = rows.data[start : start + length].tobytes()
+                if key not in locators:
+                    locators[key] = log.locator(key)
+                data = copy.edited(channel.topic, data, locators[key], channel.message_encoding)
+                sequence, log_ns, publish_ns = _PUBLISHED.unpack_from(rows.data.data, start - _PUBLISHED.size)
+                yield Met(channel.topic, known.type(key), log_ns, data, (known, key, sequence, publish_ns))
+        elif rows.opcode == Opcode.HEADER:
+            header = parse(Header.read, rows.content) or header
+        elif rows.opcode in (Opcode.ATTACHMENT, Opcode.METADATA):
+            record = parse(Attachment.read if rows.opcode == Opcode.ATTACHMENT else Metadata.read, rows.content)
+            waiting += [] if record is None else [record]
+            copy.left_out += record is None
+        else:
+            copy.left_out += 1
+        if begun:
+            yield from waiting
+            waiting.clear()
+    if not begun:
+        yield partial(_McapWriter, header, "", known)
+    yield from waiting
+
+
+class _McapWriter:
     """An MCAP that is written, as far as it has come."""
 
-    def __init__(self, out: BinaryIO, header: Header, compression: str, known: Catalogue) -> None:
-        """`compression` is that of the first chunk of the log; all channels `known` so far keep their order."""
+    def __init__(self, header: Header, compression: str, known: Catalogue, enter: Enter, path: Path, whole: bool) -> None:
+        """`compression` is that of the first chunk of the log; a `whole` copy has all channels, in their order."""
         kind = CompressionType.__members__.get(compression.upper(), CompressionType.NONE)
-        self.writer = Writer(out, compression=kind, use_summary_offsets=False)
+        self.writer = Writer(enter(path.open("xb")), compression=kind, use_summary_offsets=False)
         self.writer.start(profile=header.profile, library=header.library)
-        self._known = known
-        self._schemas, self._channels = {0: 0}, dict[int, int]()
-        self.define()
+        self._whole = known if whole else None
+        self._known: dict[int, Catalogue] = {}
+        self._ids: dict[tuple[str, int, int], int] = {}
+        self._define()
 
-    def define(self) -> None:
-        """Write the schemas and channels that have become known."""
-        for key, schema in sorted(self._known.schemas.items()):
-            if key not in self._schemas:
-                self._schemas[key] = self.writer.register_schema(schema.name, schema.encoding, schema.data)
-        for key, channel in sorted(self._known.channels.items()):
-            if key not in self._channels:
-                own = self._schemas.get(channel.schema_id, 0)
-                self._channels[key] = self.writer.register_channel(
-                    channel.topic, channel.message_encoding, own, channel.metadata
-                )
+    def _define(self) -> None:
+        """Write the schemas and channels of a whole copy that have become known."""
+        if self._whole is not None:
+            for key in sorted(self._whole.schemas):
+                self._schema(self._whole, key)
+            for key in sorted(self._whole.channels):
+                self._channel(self._whole, key)
 
-    def message(self, key: int, head: tuple[int, int, int], data: bytes) -> None:
+    def _schema(self, known: Catalogue, key: int) -> int:
+        at = ("schema", id(known), key)
+        if at not in self._ids and (schema := known.schemas.get(key)) is not None:
+            self._ids[at] = self.writer.register_schema(schema.name, schema.encoding, schema.data)
+        return self._ids.get(at, 0)
+
+    def _channel(self, known: Catalogue, key: int) -> int:
+        # It is held, so that no other gets its number.
+        self._known[id(known)] = known
+        if (at := ("channel", id(known), key)) not in self._ids:
+            channel = known.channels[key]
+            own = self._schema(known, channel.schema_id)
+            self._ids[at] = self.writer.register_channel(channel.topic, channel.message_encoding, own, channel.metadata)
+        return self._ids[at]
+
+    def write(self, met: Met) -> None:
         """Write a message with its sequence number, log time and publish time."""
-        if key not in self._channels:
-            self.define()
-        sequence, log_ns, publish_ns = head
-        self.writer.add_message(self._channels[key], log_ns, data, publish_ns, sequence)
+        known, key, sequence, publish_ns = met.origin
+        self.writer.add_message(self._channel(known, key), met.record_ns, met.data, publish_ns, sequence)
 
     def add(self, record: Attachment | Metadata) -> None:
         """Write an attachment or metadata."""
@@ -132,94 +273,128 @@ class _McapTarget:
             name, kind = record.name, record.media_type
             self.writer.add_attachment(record.create_time, record.log_time, name, kind, record.data)
 
-
-def _copy_mcap(log: McapLog, target: Path, copy: Copy) -> None:
-    """Copy an MCAP: times, sequence numbers, attachments and metadata stay."""
-    walk, known = log.raw_records(copy.report), log.catalogue
-    header = Header(profile="", library="")
-    waiting: list[Attachment | Metadata] = []
-    locators: dict[int, Locate | None] = {}
-    made: _McapTarget | None = None
-    with target.open("xb") as out:
-        for rows in walk.records():
-            if isinstance(rows, Messages):
-                made = made or _McapTarget(out, header, next(iter(walk.compressions), ""), known)
-                for row, key in enumerate(rows.channel.tolist()):
-                    if (channel := known.channels.get(key)) is None:
-                        continue
-                    start, length = int(rows.start[row]), int(rows.length[row])
-                    data = rows.data[start : start + length].tobytes()
-                    if key not in locators:
-                        locators[key] = log.locator(key)
-                    if (locator := locators[key]) is not None:
-                        data = copy.edited(channel.topic, data, locator)
-                    copy.messages[channel.topic, known.type(key)] += 1
-                    made.message(key, _PUBLISHED.unpack_from(rows.data.data, start - _PUBLISHED.size), data)
-            elif rows.opcode == Opcode.HEADER:
-                header = parse(Header.read, rows.content) or header
-            elif rows.opcode in (Opcode.ATTACHMENT, Opcode.METADATA):
-                record = parse(Attachment.read if rows.opcode == Opcode.ATTACHMENT else Metadata.read, rows.content)
-                waiting += [] if record is None else [record]
-                copy.left_out += record is None
-            else:
-                copy.left_out += 1
-            if made is not None:
-                for record in waiting:
-                    made.add(record)
-                waiting.clear()
-        made = made or _McapTarget(out, header, "", known)
-        for record in waiting:
-            made.add(record)
-        made.define()
-        made.writer.finish()  # type: ignore[no-untyped-call]
+    def finish(self) -> None:
+        """Write what no message has needed, and the index."""
+        self._define()
+        self.writer.finish()  # type: ignore[no-untyped-call]
 
 
-def _copy_rosbag1(log: Rosbag1Log, target: Path, copy: Copy) -> None:
-    """Copy a ROS 1 bag; messages whose connection is not described are damage, and left out."""
-    from lidarcli.ros.messages import bag_writer
-
+def _bag_records(log: Rosbag1Log, copy: Copy) -> Iterator[Any]:
+    """Yield what makes a writer, then messages; those whose connection is not described are damage, and left out."""
     reading = log.raw_records(copy.report)
-    with bag_writer(target, log.compression.partition("+")[0]) as writer:
-        written: dict[int, Any] = {}
-        alike: dict[tuple[object, ...], Any] = {}
+    yield partial(_BagWriter, log.compression.partition("+")[0], reading.connections)
+    for block in reading.blocks():
+        for row, number in enumerate(block.connection.tolist()):
+            connection = reading.connections.get(number)
+            if connection is None or not connection.fields:
+                continue
+            start, length, topic = int(block.starts[row]), int(block.lengths[row]), connection.topic
+            data = block.data[start : start + length].tobytes()
+            if connection.read_as:
+                where = partial(locate, encoding="ros1", several=connection.read_as == MULTI_ECHO)
+                data = copy.edited(topic, data, where, "ros1")
+            yield Met(topic, connection.type, int(block.time_ns[row]), data, connection)
 
-        def add(number: int, topic: str, fields: dict[str, str]) -> None:
-            """Write a connection; those of one publisher that are alike become one."""
-            latching = fields.get("latching", "")
-            key = (
+
+class _BagWriter:
+    """A ROS 1 bag that is written, as far as it has come."""
+
+    def __init__(self, compression: str, known: Mapping[int, Connection], enter: Enter, path: Path, whole: bool) -> None:
+        """A `whole` copy also has connections without messages."""
+        from lidarcli.ros.messages import bag_writer
+
+        self._writer, self._known = enter(bag_writer(path, compression)), known if whole else {}
+        self._written: dict[int, tuple[Connection, Any]] = {}
+        self._alike: dict[tuple[object, ...], Any] = {}
+
+    def _connection(self, connection: Connection) -> Any:
+        """Return what a connection has become; those of one publisher that are alike become one."""
+        # It is held beside, so that no other gets its number.
+        if (known := self._written.get(id(connection))) is not None:
+            return known[1]
+        topic, fields = connection.topic, connection.fields
+        latching = fields.get("latching", "")
+        same = map(fields.__getitem__, ("type", "md5sum", "message_definition"))
+        key = (topic, *same, fields.get("callerid"), latching)
+        if key not in self._alike:
+            self._alike[key] = self._writer.add_connection(
                 topic,
-                *map(fields.__getitem__, ("type", "md5sum", "message_definition")),
-                fields.get("callerid"),
-                latching,
+                ros_type(fields["type"]),
+                md5sum=fields["md5sum"],
+                msgdef=fields["message_definition"],
+                callerid=fields.get("callerid"),
+                latching=int(latching) if latching.isdecimal() else None,
             )
-            if key not in alike:
-                alike[key] = writer.add_connection(
-                    topic,
-                    ros_type(fields["type"]),
-                    md5sum=fields["md5sum"],
-                    msgdef=fields["message_definition"],
-                    callerid=fields.get("callerid"),
-                    latching=int(latching) if latching.isdecimal() else None,
-                )
-            written[number] = alike[key]
+        self._written[id(connection)] = connection, self._alike[key]
+        return self._alike[key]
 
-        for block in reading.blocks():
-            for row, number in enumerate(block.connection.tolist()):
-                connection = reading.connections.get(number)
-                if connection is None or not connection.fields:
-                    continue
-                if number not in written:
-                    add(number, connection.topic, connection.fields)
-                start, length = int(block.starts[row]), int(block.lengths[row])
-                data = block.data[start : start + length].tobytes()
-                if connection.read_as:
-                    where = partial(locate, encoding="ros1", several=connection.read_as == MULTI_ECHO)
-                    data = copy.edit(connection.topic, data, where)
-                writer.write(written[number], int(block.time_ns[row]), data)
-                copy.messages[connection.topic, connection.type] += 1
-        for number, connection in sorted(reading.connections.items()):
-            if number not in written and connection.fields:
-                add(number, connection.topic, connection.fields)
+    def write(self, met: Met) -> None:
+        """Write a message."""
+        self._writer.write(self._connection(met.origin), met.record_ns, met.data)
+
+    def finish(self) -> None:
+        """Write connections without messages."""
+        for _, connection in sorted(self._known.items()):
+            if connection.fields:
+                self._connection(connection)
+
+
+def _database_records(bag: SqliteLog, copy: Copy) -> Iterator[Any]:
+    """Yield what makes a writer, then the messages; of a damaged database those that can be read."""
+    yield partial(_DatabaseWriter, bag)
+    profiles = bag.profiles()
+    for row, topic_id, timestamp, data in chain.from_iterable(bag.batches([*bag.topic_rows])):
+        if timestamp is not None and data is not None:
+            topic = bag.topic_rows[topic_id]
+            origin = topic, profiles.get(topic_id, ""), row
+            yield Met(topic.name, ros_type(topic.type), timestamp, _edited(bag, topic_id, data, copy), origin)
+    copy.report.add(bag.met)
+
+
+class _DatabaseWriter:
+    """A database of ROS 2 that is written, as far as it has come."""
+
+    def __init__(self, bag: SqliteLog, enter: Enter, path: Path, whole: bool) -> None:
+        """A `whole` copy has all topics, and the numbers of rows."""
+        self._database, self._is_whole = enter(closing(sqlite3.connect(path))), whole
+        self._ids: dict[tuple[object, ...], int] = {}
+        for statement in ("PRAGMA journal_mode = memory", "PRAGMA synchronous = off", *_TABLES):
+            self._database.execute(statement)
+        profiles = bag.profiles()
+        for topic in bag.topic_rows.values() if whole else ():
+            self._topic(topic, profiles.get(topic.id, ""))
+
+    def _topic(self, topic: TopicRow, profile: str) -> int:
+        """Return the number of a topic: of a whole database its own."""
+        key = topic if self._is_whole else topic[1:]
+        if key not in self._ids:
+            self._ids[key] = topic.id if self._is_whole else len(self._ids) + 1
+            row = (self._ids[key], topic.name, topic.type, topic.encoding, profile)
+            self._database.execute("INSERT INTO topics VALUES (?, ?, ?, ?, ?)", row)
+        return self._ids[key]
+
+    def write(self, met: Met) -> None:
+        """Write a message."""
+        topic, profile, row = met.origin
+        number = row if self._is_whole else None
+        self._database.execute(
+            "INSERT INTO messages VALUES (?, ?, ?, ?)", (number, self._topic(topic, profile), met.record_ns, met.data)
+        )
+
+    def finish(self) -> None:
+        """Make it last."""
+        self._database.commit()
+
+
+_RECORDS: Mapping[type[Any], Any] = {McapLog: _mcap_records, Rosbag1Log: _bag_records, SqliteLog: _database_records}
+
+
+def _storages(log: Rosbag2Log, copy: Copy) -> Iterator[tuple[str, Log]]:
+    """Yield the files of a bag, each with its name; its report is that of the copy meanwhile."""
+    whole = copy.report
+    for number, storage, copy.report in log.opened(whole):
+        yield Path(log.parts[number].path).name, storage
+    copy.report = whole
 
 
 def _copy_rosbag2(log: Rosbag2Log, target: Path, copy: Copy) -> None:
@@ -233,40 +408,29 @@ def _copy_rosbag2(log: Rosbag2Log, target: Path, copy: Copy) -> None:
             copy.report.add_damage(METADATA, "is a link, and not copied; 'ros2 bag reindex' makes a new one")
         elif metadata.is_file():
             shutil.copyfile(metadata, target / METADATA)
-    for number, storage, report in log.opened(copy.report):
-        original = Path(log.parts[number].path)
-        path = target / original.name if is_folder else target
-        mine = Copy(copy.edit, report, copy.messages)
-        if is_zstd(original):
+    for name, storage in _storages(log, copy):
+        path = target / name if is_folder else target
+        if is_zstd(Path(log.path) / name if is_folder else Path(log.path)):
             with tempfile.TemporaryDirectory(prefix="lidarcli-", dir=path.parent) as folder:
                 plain = Path(folder) / "plain"
-                _copy_storage(storage, plain, mine)
+                _copy_storage(storage, plain, copy)
                 with plain.open("rb") as source, path.open("xb") as out:
                     # With its size at the begin, without which rosbag2 does not unpack it.
                     zstandard.ZstdCompressor().copy_stream(source, out, size=plain.stat().st_size)
         else:
-            _copy_storage(storage, path, mine)
-        copy.left_out += mine.left_out
+            _copy_storage(storage, path, copy)
 
 
 def _copy_storage(storage: Log, path: Path, copy: Copy) -> None:
-    if isinstance(storage, McapLog):
-        _copy_mcap(storage, path, copy)
-        return
-    assert isinstance(storage, SqliteLog)
-    try:
-        _copy_database(storage, path, copy)
-    except SQLITE_ERRORS as err:
-        raise OutputError(f"cannot write {path.name}: SQLite says: {err}") from err
-    copy.report.add(storage.met)
+    sound = storage.sound_file() if isinstance(storage, SqliteLog) and not copy.said else None
+    if isinstance(storage, SqliteLog) and sound is not None:
+        _copy_database(storage, sound, path, copy)
+    else:
+        _write([storage], [(path, None)], copy)
 
 
-def _copy_database(bag: SqliteLog, path: Path, copy: Copy) -> None:
-    """Write a database once more: of a sound one only the changed messages differ, of a damaged one what can be read."""
-    sound = bag.sound_file()
-    if sound is None:
-        _write_anew(bag, path, copy)
-        return
+def _copy_database(bag: SqliteLog, sound: Path, path: Path, copy: Copy) -> None:
+    """Write a sound database once more: only the changed messages differ."""
     shutil.copyfile(sound, path)
     scans = [topic.id for topic in bag.topic_rows.values() if is_cdr(topic) and bag.read_as(topic)]
     with closing(sqlite3.connect(path, isolation_level=None)) as database:
@@ -286,34 +450,11 @@ def _copy_database(bag: SqliteLog, path: Path, copy: Copy) -> None:
     for topic_id, count in bag.counts().items():
         if (topic := bag.topic_rows.get(topic_id)) is not None:
             copy.messages[topic.name, ros_type(topic.type)] += count
+    copy.report.add(bag.met)
 
 
 def _edited(bag: SqliteLog, topic_id: int, data: bytes, copy: Copy) -> bytes:
     topic = bag.topic_rows[topic_id]
-    kind = bag.read_as(topic)
-    if not is_cdr(topic) or not kind:
-        return data
-    where = partial(locate, encoding="cdr", several=kind == MULTI_ECHO)
-    return copy.edited(topic.name, data, where)
-
-
-def _write_anew(bag: SqliteLog, path: Path, copy: Copy) -> None:
-    """Write the topics and messages of a damaged database that can be read into a new one."""
-    with closing(sqlite3.connect(path)) as database:
-        database.execute("PRAGMA journal_mode = memory")
-        database.execute("PRAGMA synchronous = off")
-        for statement in _TABLES:
-            database.execute(statement)
-        database.executemany(
-            "INSERT INTO topics VALUES (?, ?, ?, ?, '')",
-            [(topic.id, topic.name, topic.type, topic.encoding) for topic in bag.topic_rows.values()],
-        )
-        for rows in bag.batches([*bag.topic_rows]):
-            whole = [row for row in rows if row[2] is not None and row[3] is not None]
-            for row, topic_id, timestamp, data in whole:
-                assert data is not None
-                data = _edited(bag, topic_id, data, copy)
-                database.execute("INSERT INTO messages VALUES (?, ?, ?, ?)", (row, topic_id, timestamp, data))
-                topic = bag.topic_rows[topic_id]
-                copy.messages[topic.name, ros_type(topic.type)] += 1
-        database.commit()
+    kind = bag.read_as(topic) if is_cdr(topic) else ""
+    where = partial(locate, encoding="cdr", several=kind == MULTI_ECHO) if kind else None
+    return copy.edited(topic.name, data, where, topic.encoding)

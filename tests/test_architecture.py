@@ -117,7 +117,7 @@ def imported(path: Path) -> set[str]:
 LINES = {
     "cli": 2_905,
     "formalism": 16_110,
-    "logs": 11_430,
+    "logs": 11_440,
     "overlays": 1_155,
     "pipeline": 15_430,
     "pose": 2_775,
@@ -125,7 +125,7 @@ LINES = {
     "ros": 315,
     "simulation": 2_340,
     "tabular": 2_020,
-    "lidarcli": 6_110,
+    "lidarcli": 6_270,
 }
 """Most lines of Python of each room, and of the files beside them: lower them as code goes; who raises one says why."""
 MOST_FILES = 192

@@ -187,6 +187,7 @@ ROWID = "_rowid_"
 # that number in what rosbag2 writes, and may be any other where somebody else has written the table.
 _TOPICS = "SELECT id, name, type, serialization_format FROM topics NOT INDEXED"
 _TYPES = (int, str, str, str)
+_PROFILES = "SELECT id, offered_qos_profiles FROM topics NOT INDEXED"
 _DEFINITIONS = (
     "SELECT topic_type, encoding, encoded_message_definition FROM message_definitions NOT INDEXED"
     " WHERE typeof(topic_type) || typeof(encoding) || typeof(encoded_message_definition) = 'texttexttext'"
@@ -366,6 +367,14 @@ class SqliteLog(Closing):
         if known.counts is None:
             known.counts = Counter(self._salvage()[1].topic_ids)
         return known.counts
+
+    def profiles(self) -> dict[int, str]:
+        """Return how each topic was offered, by its id, as far as SQLite tells."""
+        found: dict[int, str] = {}
+        if self._database is not None:
+            with suppress(*SQLITE_ERRORS):
+                found |= {id_: text for id_, text in self._ask(self._database, _PROFILES) if isinstance(text, str)}
+        return found
 
     def batches(self, topics: Collection[int]) -> Iterator[list[Row]]:
         """Yield messages of the given topic ids in the order they were recorded, a few at a time."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Mapping
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -24,7 +24,7 @@ from lidarcli.formalism.tracking.tracker import share_moving
 from lidarcli.formalism.zones import samples, seen
 from lidarcli.logs.base import CLOUD_TYPES, SCAN_TYPES, Log, ReadReport
 from lidarcli.logs.batches import ReadOptions, read_batches
-from lidarcli.logs.blocks import Locate
+from lidarcli.logs.blocks import ScanLayout
 from lidarcli.logs.registry import SUFFIXES, TopicChoice, format_of
 from lidarcli.masks import Polygon
 from lidarcli.newfiles import NewFiles, refuse, refuse_nameless, writing
@@ -148,7 +148,7 @@ def clean_log(source: Source, path: Place, options: CleanOptions, progress: Prog
         copy = Copy(editing, ReadReport())
         with writing(path):
             copy_log(log, new.part(path), copy)
-        editing.conclude()
+        editing.conclude(copy.sweeps)
         summary = _summary(source, first.summary, options, chosen, copy, editing)
         summary.notes += [f"no beam of {topic} has a range: nothing moves there" for topic in sorted(blind)]
         metadata = table_metadata(options.as_dict(), described, summary.damage)
@@ -282,19 +282,15 @@ class _Editing:
 
     def __init__(self, chosen: dict[str, Chosen], value: str | float) -> None:
         self._chosen, self._value = chosen, value
-        self._done = dict.fromkeys(chosen, 0)
         self.is_measurable = False
         """True where a message says a range that is within its limits."""
 
-    def __call__(self, topic: str, data: bytes, locate: Locate) -> bytes:
-        """Return the message to write, as `copies.Edit`."""
+    def __call__(self, topic: str, number: int, data: bytes, written: ScanLayout) -> bytes:
+        """Return the message to write, as `copying.Edit`."""
         mine = self._chosen.get(topic)
-        written = None if mine is None else locate(data)
-        if mine is None or written is None:
+        if mine is None:
             return data
-        number = self._done[topic]
-        self._done[topic] += 1
-        if number == len(mine.beam) or written.beams != mine.beams[number]:
+        if number >= len(mine.beam) or written.beams != mine.beams[number]:
             raise _changed(topic)
         # A stamp that is farther off has been mended.
         if written.stamp_ns and 0 < abs(written.stamp_ns - int(mine.stamp_ns[number])) < LEAP * SECOND_NS:
@@ -307,10 +303,10 @@ class _Editing:
         self.is_measurable |= written.range_min <= value <= written.range_max
         return replaced(data, written, chosen, value)
 
-    def conclude(self) -> None:
+    def conclude(self, sweeps: Mapping[str, int]) -> None:
         """Refuse a copy that lacks sweeps."""
-        for topic, count in self._done.items():
-            if count != len(self._chosen[topic].beam):
+        for topic, mine in self._chosen.items():
+            if sweeps[topic] != len(mine.beam):
                 raise _changed(topic)
 
     def _number(self, topic: str, range_max: float) -> float:

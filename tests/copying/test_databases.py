@@ -12,7 +12,7 @@ import pytest
 
 from lidarcli.copying import Copy, copy_log
 from lidarcli.errors import OutputError
-from lidarcli.logs.blocks import Locate
+from lidarcli.logs.blocks import ScanLayout
 from lidarcli.logs.rosbag2 import Rosbag2Log
 from lidarcli.pipeline.reading.one_log import damage_lines
 from lidarcli.simulation.writers import write_log
@@ -75,7 +75,7 @@ def database(
     return path
 
 
-def changed(topic: str, data: bytes, locate: Locate) -> bytes:
+def changed(topic: str, number: int, data: bytes, written: ScanLayout) -> bytes:
     """A scan whose last byte is another."""
     assert (topic, data[:4]) == ("/scan", b"\0\1\0\0")
     return data[:-1] + b"!"
