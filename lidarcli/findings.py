@@ -53,6 +53,8 @@ class Finding:
     threshold: Mapping[str, Any] = field(default_factory=dict)
     """Quantity → the value from which on it is a fault."""
     fix: Fix | None = None
+    mend: str = ""
+    """Word of `clean --mend` that mends it in a copy of the log; empty where nothing can."""
 
     def as_dict(self) -> dict[str, Any]:
         """Return plain values for JSON, which has no NaN."""
@@ -79,10 +81,11 @@ class Sensor(NamedTuple):
         evidence: Mapping[str, Any] | None = None,
         threshold: Mapping[str, Any] | None = None,
         option: str = "",
+        mend: str = "",
     ) -> Finding:
-        """Return a finding of this sensor; `option` mends it on the command line."""
+        """Return a finding of this sensor; `option` mends it on the command line, `mend` in the log."""
         fix = Fix("option", option) if option else None
-        return Finding(rule, level, self.topic, self.frame, message, evidence or {}, threshold or {}, fix)
+        return Finding(rule, level, self.topic, self.frame, message, evidence or {}, threshold or {}, fix, mend)
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,6 +109,8 @@ class Rule:
     """Of rules of one chain the first that holds counts."""
     unless: Collection[str] = ()
     """Identifiers of findings beside which this one says nothing new."""
+    mend: str = ""
+    """Word of `clean --mend`; empty where nothing can mend it."""
 
     def finding(self, stats: Any, sensor: Sensor) -> Finding:
         """Return the finding of this rule, which holds; without an option its fix is that of the statistics, if any."""
@@ -113,7 +118,9 @@ class Rule:
         for key, _, name in (part.partition("=") for part in self.evidence.split()):
             values |= getattr(stats, key[1:]) if key[0] == "*" else {key: attrgetter(name or key)(stats)}
         limits = {key: attrgetter(one)(stats) if isinstance(one, str) else one for key, one in self.threshold.items()}
-        found = sensor.finding(self.id, self.level, self.words.format(stats, name=sensor.name), values, limits)
+        found = sensor.finding(
+            self.id, self.level, self.words.format(stats, name=sensor.name), values, limits, mend=self.mend
+        )
         option = self.fix.format(stats)
         return replace(found, fix=Fix("option", option) if option else getattr(stats, "fix", None))
 
@@ -244,6 +251,7 @@ SWEEP_RULES = (
         "{0.ends_degrees[1]:.2f} deg ({0.off:,} of {0.sweeps:,} sweeps): the increment is used",
         "angle_max last_beam sweeps=off",
         {"steps": 0.5},
+        mend="angles",
     ),
     Rule(
         "geometry",
@@ -310,6 +318,7 @@ SWEEP_RULES = (
         "all {0.clock.sweeps:,} sweeps of {name} have one stamp: tracks cannot tell what moves",
         "sweeps=clock.sweeps",
         chain="steps",
+        mend="clock",
     ),
     Rule(
         "clock",
@@ -320,6 +329,7 @@ SWEEP_RULES = (
         _REPEATED,
         {"repeated": "often"},
         chain="steps",
+        mend="clock",
     ),
     Rule(
         "clock",
@@ -330,6 +340,7 @@ SWEEP_RULES = (
         "rate=clock.rate",
         {"rate": FASTEST},
         chain="steps",
+        mend="clock",
     ),
     Rule(
         "clock",
@@ -349,6 +360,7 @@ SWEEP_RULES = (
         _BACK,
         {"backward": "often"},
         chain="steps",
+        mend="stamps",
     ),
     Rule(
         "clock",
@@ -375,6 +387,7 @@ SWEEP_RULES = (
         "{0.astray_shown} those around it: times that fit these are taken",
         "astray sweeps=astray_count",
         {"astray": LEAP},
+        mend="clock",
     ),
     Rule(
         "clock",
@@ -383,6 +396,7 @@ SWEEP_RULES = (
         "{0.stampless}: the times at which they were recorded are taken for them",
         "zero_stamps=clock.recorded sweeps=clock.sweeps",
         {"zero_stamps": 1},
+        mend="clock",
     ),
 )
 """Judged in this order; their findings are notes of all commands."""
@@ -396,6 +410,27 @@ LOG_RULES = (
         "some sweeps are cut short",
         "beams=beams_span view=view_span",
         {"share": VIEW_VARIES},
+        chain="beams",
+        mend="beams",
+    ),
+    Rule(
+        "geometry",
+        "hint",
+        lambda s: s.counts[0] < s.counts[1],
+        "{name}: {0.counts[0]:,} to {0.counts[1]:,} beams by sweep: slam_toolbox takes only as many as the first had",
+        "beams=beams_span",
+        chain="beams",
+        mend="beams",
+    ),
+    Rule(
+        "limits",
+        "warning",
+        lambda s: s.unlimited,
+        "{name}: range_max is not above range_min ({0.unlimited:,} of {0.sweeps:,} sweeps): AMCL takes no such sweep, and "
+        "others none of its beams",
+        "sweeps=unlimited",
+        {"sweeps": 1},
+        mend="limits",
     ),
     *(
         Rule(
@@ -407,11 +442,12 @@ LOG_RULES = (
             {"share": LOST},
             option,
             unless=_RANGES,
+            mend=mend,
         )
-        for kind, words, option in (
-            ("nan", "NaN (--no-return nan)", "--no-return inf,zero,max,above,pile,nan"),
-            ("zero", "0", ""),
-            ("range_max", "range_max", ""),
+        for kind, words, option, mend in (
+            ("nan", "NaN (--no-return nan)", "--no-return inf,zero,max,above,pile,nan", ""),
+            ("zero", "0", "", "no-return"),
+            ("range_max", "range_max", "", "no-return"),
         )
     ),
     Rule(
@@ -462,6 +498,7 @@ LOG_RULES = (
         {"share": OFF},
         "--no-deskew",
         unless={"clock", "duplicate", "geometry", "units"},
+        mend="times",
     ),
     Rule(
         "clock",
@@ -471,8 +508,10 @@ LOG_RULES = (
         "record_minus_header=clock.offset",
         {"record_minus_header": APART},
         unless={"clock"},
+        mend="clock",
     ),
-    Rule("frames", "hint", lambda s: s.lacks_frame, "{0.topic}: the sweeps name no frame"),
+    Rule("frames", "hint", lambda s: s.lacks_frame, "{0.topic}: the sweeps name no frame", mend="frames"),
+    Rule("frames", "hint", lambda s: s.slashed, "{name}: tf2 takes no frame whose name begins with /", mend="frames"),
 )
 """Judged by `info`, after `SWEEP_RULES`."""
 
@@ -502,6 +541,7 @@ MIRROR = Rule(
     "head down and tf does not say so",
     "correlation turns",
     {"correlation": MIRRORED},
+    mend="order",
 )
 MOUNT = Rule("mount", "warning", lambda s: s.differs, _SITS + "{0.says} {0.told_shown}", "*evidence", _ASKEW)
 MOUNT_UNKNOWN = Rule(
@@ -522,6 +562,7 @@ STAMP = Rule(
     "delay sd_delay duration",
     {"share": STAMP_OFF, "deviations": DEVIATIONS},
     "--pose-delay {0.mends:.3f}",
+    mend="stamps",
 )
 LASERS = Rule("lasers", "warning", lambda s: s.is_told, _SITS + "tf says {0.told_shown}", "*evidence", _ASKEW)
 LASERS_UNTOLD = Rule("lasers", "hint", lambda s: not s.is_told, _SITS + "nothing in the log tells so", "*evidence", _ASKEW)

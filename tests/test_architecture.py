@@ -117,15 +117,15 @@ def imported(path: Path) -> set[str]:
 LINES = {
     "cli": 2_905,
     "formalism": 16_110,
-    "logs": 11_440,
+    "logs": 11_465,
     "overlays": 1_155,
-    "pipeline": 15_430,
+    "pipeline": 15_450,
     "pose": 2_775,
     "reports": 6_805,
     "ros": 315,
     "simulation": 2_340,
     "tabular": 2_020,
-    "lidarcli": 6_270,
+    "lidarcli": 6_320,
 }
 """Most lines of Python of each room, and of the files beside them: lower them as code goes; who raises one says why."""
 MOST_FILES = 192

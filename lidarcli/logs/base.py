@@ -36,6 +36,9 @@ POSE_TYPES = frozenset(
     }
 )
 
+STATIC = "/tf_static"
+"""Topic of the transforms that are sent once and for all."""
+
 POSED_TYPES = POSE_TYPES | {foxglove.SCAN}
 """With those of sweeps that may tell where each was taken."""
 
@@ -74,6 +77,11 @@ class Topic:
     def is_scan(self) -> bool:
         """True if sweeps are read from this topic."""
         return self.type in SCAN_TYPES or self.sliced or self.read_as != ""
+
+    @property
+    def is_laserscan(self) -> bool:
+        """True for a LaserScan of ROS."""
+        return self.encoding in ("cdr", "ros1") and self.type == LASERSCAN
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,6 +7,7 @@ from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from pathlib import Path
 from typing import NamedTuple
 
 from lidarcli.display import counted
@@ -42,6 +43,14 @@ def numbered(name: str) -> Numbered | None:
         return None
     log, number, suffix = found.groups()
     return Numbered(log, _DATE.sub("", log), int(number), (suffix or "").lower())
+
+
+def earlier_parts(path: Path) -> list[Path]:
+    """Return the parts of a recording that stand beside one and come before it, in their order."""
+    mine, files = numbered(path.name), [*path.parent.iterdir()] if path.parent.is_dir() else []
+    named = [(name, each) for each in files if (name := numbered(each.name)) is not None]
+    alike = [(name.number, each) for name, each in named if mine and (name.stem, name.suffix) == (mine.stem, mine.suffix)]
+    return [each for number, each in sorted(alike) if mine and number < mine.number]
 
 
 def natural(name: str) -> list[tuple[int, str]]:

@@ -238,6 +238,7 @@ class _Topic:
                     {"share": share, "range": self.rules.farthest},
                     {"share": LEAST_SHARE},
                     f"--no-return {words}",
+                    "no-return",
                 )
             )
         for beam, (value, first) in list(self._stuck.items())[:MOST_TOLD]:
@@ -250,6 +251,7 @@ class _Topic:
                     f"--no-return {words} takes it as measured",
                     {"beam": beam, "range": value},
                     option=f"--no-return {words}",
+                    mend="no-return",
                 )
             )
         if self._lost > MOST_LOST * self._examined:
@@ -264,6 +266,7 @@ class _Topic:
                     {"share": share, "range_max": limit, "greatest": greatest},
                     {"share": MOST_LOST},
                     option,
+                    "limits",
                 )
             )
         if findings:

@@ -33,7 +33,7 @@ from lidarcli.findings import (
 )
 from lidarcli.logs.base import ReadReport
 from lidarcli.logs.clock import NO_STAMPS, SAME_NS, Clock, ClockInfo, Sample, in_words
-from lidarcli.range_rules import FARTHEST, LONGEST_SWEEP
+from lidarcli.range_rules import FARTHEST
 from lidarcli.sweeps import TURN, Bool, Float32, Int32, Int64, RawSweeps, Status, SweepBatch, spared
 
 MOST = 1000
@@ -428,6 +428,8 @@ class LogStats:
     """Time of a sweep by `time_increment` [s] where that is told."""
     shares: Sample = field(default_factory=lambda: Sample(KEPT))
     """View as a share of a turn."""
+    unlimited: int = 0
+    """Sweeps whose greatest range is not above the least."""
     compared: int = 0
     repeats: int = 0
     """Sweeps with the ranges of the one before; `compared` have enough of them."""
@@ -472,6 +474,7 @@ class LogStats:
         self.views = min(self.views[0], float(views.min())), max(self.views[1], float(views.max()))
         self.counts = min(self.counts[0], int(raw.beams.min())), max(self.counts[1], int(raw.beams.max()))
         self.shares.add(views / TURN)
+        self.unlimited += int(np.count_nonzero(~(raw.range_max > np.maximum(raw.range_min, 0.0))))
         # A header may say anything.
         with np.errstate(invalid="ignore", over="ignore"):
             if raw.scan_time is not None:
@@ -479,7 +482,7 @@ class LogStats:
                 self.periods.add(scan_time[(scan_time >= 1.0 / FASTEST) & np.isfinite(scan_time)])
             if raw.time_increment is not None:
                 seconds = np.abs(raw.time_increment.astype(np.float64)) * gaps
-                self.lasting.add(seconds[(seconds > 0.0) & (seconds <= LONGEST_SWEEP)])
+                self.lasting.add(seconds[(seconds > 0.0) & np.isfinite(seconds)])
 
     def _take_repeats(self, raw: RawSweeps, batch: SweepBatch) -> None:
         """Compare some ranges of each sweep with those of the one before; without beams there are none."""
@@ -535,6 +538,9 @@ class LogStats:
             by_view=by_view,
             by_view_shown=_short(by_view),
             lacks_frame=lacks_frame,
+            slashed=sensor.frame.startswith("/"),
+            sweeps=self.sweeps,
+            unlimited=self.unlimited,
         )
         return judge(LOG_RULES, stats, sensor, known)
 

@@ -14,12 +14,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from lidarcli.choices import MENDS
 from lidarcli.errors import NoScanError, OptionError, UnreadableError
 from lidarcli.findings import DEEP_IDS, IDS, Finding
 from lidarcli.logs.base import LASERSCAN, POSE_TYPES, OpenOptions, ReadReport, Topic
 from lidarcli.logs.batches import ReadOptions, refuse_run
 from lidarcli.logs.clock import ClockInfo
-from lidarcli.logs.joined import Part
+from lidarcli.logs.joined import Part, earlier_parts
 from lidarcli.logs.piles import NoReturnDetector
 from lidarcli.logs.registry import TopicChoice, nothing_read, scan_topics
 from lidarcli.logs.scan_checks import MOST, MOST_TOPICS, LogStats, ScanChecks, repeated_topics
@@ -118,6 +119,12 @@ class LogInfo:
     """Mask of what looks like the robot itself before sensors that stood."""
 
     @property
+    def mends(self) -> list[str]:
+        """Words of `clean --mend` that mend what was found."""
+        can = {topic.name for topic in self.topics if topic.is_laserscan}
+        return [word for word in MENDS if any(each.mend == word and each.topic in can for each in self.findings)]
+
+    @property
     def exit_code(self) -> int:
         """3 on damage, 4 without a LaserScan topic, else 0."""
         if self.damage:
@@ -195,7 +202,7 @@ def inspect_log(
         listed = _with_counts(log.topics() or (), found, only_counted)
         report = report if poses is None else poses.together(report)
         checks.report_to(report)
-        made_of = made_of_clouds(log)
+        made_of, told = made_of_clouds(log), pose_infos(poses) if poses is not None else ()
         notes, findings = posing.findings(found)
         findings = [*report.findings(), *_of_sweeps(listed, stats, checks, report), *findings]
         rest = only_counted.total()
@@ -233,11 +240,16 @@ def inspect_log(
                 for key in sorted(found)
             ),
             pose_topics=tuple(topic.name for topic in listed if topic.type in POSE_TYPES),
-            pose_sources=pose_infos(poses) if poses is not None else (),
+            pose_sources=told,
             dropped=tuple((topic, cause, count) for (topic, cause), count in sorted(report.refused.items())),
             notes=(*report.notes, *masking.notes, *_pose_notes(posing, found), *notes, *uncounted),
             damage=tuple(damage_lines(report)),
-            findings=tuple(sorted(findings, key=lambda each: (IDS.index(each.id), each.topic, each.frame))),
+            findings=tuple(
+                sorted(
+                    _with_way_out(findings, source, bool(told)),
+                    key=lambda each: (IDS.index(each.id), each.topic, each.frame),
+                )
+            ),
             learned=learned,
             proposed=masking.proposed,
         )
@@ -275,6 +287,15 @@ def _of_sweeps(
         lacks_frame = not frame and encodings.get(topic) in _NAMES_FRAMES
         yield from mine.findings(checks.sensor(topic, frame), checks.clock(topic, frame), known, lacks_frame)
     yield from repeated_topics(stats)
+
+
+def _with_way_out(findings: Sequence[Finding], source: Source, has_poses: bool) -> Iterator[Finding]:
+    """Yield findings; none is mended by what there is not: an earlier part, or a clock that poses do not share."""
+    asks = any(each.mend == "statics" for each in findings) and not source.is_stdin
+    has_parts = asks and earlier_parts(Path(source.path).absolute())
+    for each in findings:
+        shared = each.mend == "clock" and has_poses and "record_minus_header" in each.evidence
+        yield replace(each, mend="") if shared or (each.mend == "statics" and not has_parts) else each
 
 
 class _Scan:

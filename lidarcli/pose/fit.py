@@ -651,7 +651,7 @@ def unplaced(frame: str, others: Sequence[str], topic: str = "", tracks: Sequenc
     if robots and not others and frame not in known:
         hint = f": {robots[0]} > {frame} is missing; in the first part? --join reads it"
     message = f"no pose for frame {frame or 'without a name'}: nothing leads from it to a fixed frame{hint}"
-    return Finding("frames", "warning", topic, frame, message)
+    return Finding("frames", "warning", topic, frame, message, mend="statics")
 
 
 def way_findings(chain: PoseChain, links: Sequence[Track], topic: str = "") -> list[Finding]:
@@ -681,7 +681,7 @@ def pose_findings(sources: PoseSources | GivenPaths, keys: Iterable[Key]) -> lis
         is_missing = frame and links and frame_name(frame) not in links and not sources.alike(frame, topic)
         if is_missing and chain is not None and chain.assumption:
             message = f"no transform leads to frame {frame}: {chain.assumption}"
-            found.append(Finding("frames", "warning", topic, frame, message))
+            found.append(Finding("frames", "warning", topic, frame, message, mend="statics"))
         if chain is None:
             if is_missing:
                 found.append(unplaced(frame, sources.alternatives(frame, topic), topic, sources.tracks))

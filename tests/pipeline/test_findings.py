@@ -91,9 +91,16 @@ def recorded_later(raw: RawSweeps) -> RawSweeps:
     return replace(raw, record_ns=raw.record_ns + 2 * SECOND)
 
 
+def motor(raw: RawSweeps) -> RawSweeps:
+    """A motor whose speed varies: fewer beams, further apart, over the same turn."""
+    beams = np.random.default_rng(3).integers(340, 361, 60).astype(np.int32)
+    return replace(raw, beams=beams, angle_increment=TURN / beams)
+
+
 EVERY = np.arange(60)
 FAULTS: dict[str, tuple[str, str, Change, str]] = {
     "cut short": ("geometry", "warning", cut_short, "/scan: 200 to 360 beams see 199 to 359 deg: some sweeps are"),
+    "motor": ("geometry", "hint", motor, "/scan: 340 to 360 beams by sweep: slam_toolbox takes only as many as the first"),
     "turns": ("geometry", "error", scaled(angle_increment=1.6), "/scan sees 574 deg, more than a turn and a half (60 of"),
     "degrees": ("units", "error", scaled(angle_increment=14.0), "/scan sees 5,026 deg, more than a turn and a half (60 of"),
     "beyond": ("limits", "warning", beyond, "/scan: 43.6% of the beams are beyond the greatest range of 4 m that the log"),
@@ -108,6 +115,14 @@ FAULTS: dict[str, tuple[str, str, Change, str]] = {
     "microseconds": ("rolling", "warning", scaled(time_increment=0.001, scan_time=0.001), "/scan: a sweep takes 0.0001 s"),
     "doubled": ("duplicate", "hint", repeated, "/scan: 30 of 60 sweeps repeat the ranges before them"),
     "no frame": ("frames", "hint", lambda raw: replace(raw, frame_ids=("",)), "/scan: the sweeps name no frame"),
+    "slash": ("frames", "hint", lambda raw: replace(raw, frame_ids=("/l",)), "/scan: tf2 takes no frame whose name begins"),
+    "no limits": ("limits", "warning", scaled(range_max=0.0), "/scan: range_max is not above range_min (60 of 60 sweeps)"),
+    "milliseconds": (
+        "rolling",
+        "warning",
+        scaled(time_increment=1000.0),
+        "/scan: a sweep takes 99.722 s by time_increment",
+    ),
 }
 """Name of a fault → the rule that finds it, its level, the change of a sound log, and how its message begins."""
 
@@ -127,12 +142,6 @@ def honest(raw: RawSweeps) -> RawSweeps:
     return replace(raw, time_increment=zero, scan_time=zero)
 
 
-def motor(raw: RawSweeps) -> RawSweeps:
-    """A motor whose speed varies: fewer beams, further apart, over the same turn."""
-    beams = np.random.default_rng(3).integers(340, 361, 60).astype(np.int32)
-    return replace(raw, beams=beams, angle_increment=TURN / beams)
-
-
 def nothing_ahead(raw: RawSweeps) -> RawSweeps:
     """Two thirds of the beams meet nothing, as REP 117 has it."""
     return replace(raw, ranges=np.where(np.arange(360) < 240, np.float32(np.inf), raw.ranges))
@@ -141,7 +150,6 @@ def nothing_ahead(raw: RawSweeps) -> RawSweeps:
 SOUND: dict[str, Change] = {
     "as it is": lambda raw: raw,
     "no times": honest,
-    "motor": motor,
     "no return is inf": nothing_ahead,
     "some NaN": filled(0.05, np.nan),
     "some near": filled(0.005, 0.05),
@@ -213,6 +221,7 @@ def test_findings_as_json(tmp_path: Path) -> None:
         "evidence": None,
         "threshold": {"share": 0.95},
         "fix": None,
+        "mend": "",
     }
     assert entry["notes"] == []
     assert lidarcli.info(tmp_path / "run.mcap")[0]["findings"] == entry["findings"]
@@ -338,14 +347,14 @@ REAL = {
     "obstacle_detector/scans_demo.bag": "no_return*2 too_close*2",
     "pr2/mylaserdata.bag": "no_return",
     "real_clients/irs_a1scan.db3": "",
-    "robots_ii/mylaserdata_20151128.bag": "no_return drift",
-    "robots_ii/src_mylaserdata_20151128.bag": "no_return duplicate observed drift",
+    "robots_ii/mylaserdata_20151128.bag": "no_return frames drift",
+    "robots_ii/src_mylaserdata_20151128.bag": "no_return duplicate observed frames drift",
     "ros2_selfdriving/circular_bag_framed_0522/circular_bag_framed_0.db3": "gaps clock",
     "ros2_selfdriving/full_bag_nav/full_bag_nav_0.db3": "clock",
     "ros2_selfdriving/full_bag_nav/scan.csv": "clock",
     "ros_behaviors_fsm/teleop/teleop_0.db3": "gaps*2 duplicate frames delay",
     "ros_behaviors_fsm/wall_follower/wall_follower_0.db3": "gaps*2 duplicate frames delay",
-    "scan_tools/laser_scan_matcher_demo.bag": "",
+    "scan_tools/laser_scan_matcher_demo.bag": "frames",
     "scan_tools/laser_scan_matcher_demo_ros2branch_20230219.bag": "",
     "sick/rms_1xxx_lms_1xx_movement_off.bag": "too_close",
     "turtlebot/topics.bag": "frames",

@@ -490,7 +490,7 @@ class _Told:
         if not fit.delay:
             return Finding("mount", "warning", *self.key, message, evidence, {"share": CORRECTED})
         fix = Fix("option", f"--pose-delay {fit.delay:.2f}")
-        return Finding("delay", "warning", *self.key, message, evidence, {"delay": LEAST_DELAY}, fix)
+        return Finding("delay", "warning", *self.key, message, evidence, {"delay": LEAST_DELAY}, fix, "stamps")
 
     def _finding(self, words: str, **evidence: float) -> Finding:
         """Return the finding that this is not the path that the sweeps agree on."""
