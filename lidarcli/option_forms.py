@@ -106,6 +106,8 @@ class Option:
     both: bool = False
     """True for a flag that is spelled both ways, `--NAME` and `--no-NAME`."""
     required: bool = False
+    alone: str | None = None
+    """Value where the command line gives the name alone."""
     unless: tuple[str, ...] = ()
     """Fields that it excludes; one of them on the command line goes before a setting of this one."""
     help: str = ""

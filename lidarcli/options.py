@@ -53,7 +53,7 @@ OBJECTS, THINGS, TRACKING = "Objects", "Things of interest", "Tracking"
 BACKGROUND, STATIONS = "Background", "Viewpoints (stations) of a moving sensor"
 GRID, CLOUD = "Occupancy grid", "Point cloud"
 PICTURE, LOOK, GATES, ZONES, FINDINGS = "Picture", "Look", "Gates", "Zones", "Findings"
-PLACES, CLEANING = "Places", "Beams that say nothing"
+PLACES, CLEANING, MENDING, CLIPS = "Places", "Beams that say nothing", "Faults", "Parts of the log"
 RUN, LOG = "Run", "Log"
 
 
@@ -87,12 +87,20 @@ def _threshold(text: str) -> str | float:
 
 
 def parse_removed(text: str) -> str:
-    """The list as it is, once its items are known."""
-    for word in text.split(","):
+    """The list as it is, once its items are known; `none` stands alone."""
+    for word in text.split(",") if text.strip() != "none" else ():
         if word.strip() == "body":
             raise OptionError("the robot's own body is what --mask FILE tells")
         if word.strip() not in choices.REMOVABLE:
             raise OptionError(f"'{word.strip()}' is not one of {', '.join(choices.REMOVABLE)}")
+    return text
+
+
+def parse_mends(text: str) -> str:
+    """The list as it is, once its items are known."""
+    known = (choices.FOUND, *choices.MENDS)
+    if odd := [word.strip() for word in text.split(",") if word.strip() not in known]:
+        raise OptionError(f"'{odd[0]}' is not one of {', '.join(known)}")
     return text
 
 
@@ -568,8 +576,20 @@ class _Zones(TypedDict, total=False):
     ]
 
 
-class Zoning(_Zones, Joining, Topics, Poses, Delay, Objects, Comparing, Things, Ranges, Jobs, total=False):
+class Around(TypedDict, total=False):
+    around: Annotated[
+        float | str, Option(CLIPS, TIME, choices.AROUND, shown="5s"), "Time before and after each part of --clips."
+    ]
+
+
+class Zoning(_Zones, Joining, Topics, Poses, Delay, Objects, Comparing, Things, Ranges, Jobs, Around, total=False):
     """Keywords of `zones`."""
+
+    clips: Annotated[
+        AnyPath | None,
+        Option(CLIPS, File("DIR", is_output=True), shown="none"),
+        "Folder for a part of the log around each event (docs/clean.md).",
+    ]
 
 
 class Diffing(Topics, Poses, Delay, Things, Ranges, Jobs, total=False):
@@ -586,12 +606,23 @@ class Diffing(Topics, Poses, Delay, Things, Ranges, Jobs, total=False):
     ]
 
 
-class Cleaning(_Topic, Poses, Delay, _Objects, Limits, Jobs, total=False):
+class Cleaning(_Topic, Window, Run, Poses, Delay, _Objects, Limits, Jobs, Around, total=False):
     remove: Annotated[
         str | Iterable[str],
         Option(CLEANING, Text("LIST", parse_removed, is_list=True), "agents"),
         "Beams that are to say nothing, comma separated: agents (what moves by itself, from then on), temporary (what "
-        "stands where the place was also seen free). What a --mask tells, too.",
+        "stands where the place was also seen free); or none. What a --mask tells, too.",
+    ]
+    mend: Annotated[
+        str | Iterable[str] | None,
+        Option(MENDING, Text("[LIST]", parse_mends, is_list=True), shown="none", alone=choices.FOUND),
+        "Mend faults: found (those that info with --deep finds), or, comma separated, beams, stamps, angles, times, order, "
+        "limits, no-return, frames, statics, clock (docs/clean.md).",
+    ]
+    clips: Annotated[
+        AnyPath | None,
+        Option(CLIPS, File("FILE.parquet"), shown="none", unless=("start", "end", "run")),
+        "Write a log for each row of this table, of events of `lidarcli zones` or any with stamps, into the folder of -o.",
     ]
     value: Annotated[
         str | float,

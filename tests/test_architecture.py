@@ -49,9 +49,10 @@ MAY_IMPORT = {
     "maps": CORE | {"configfiles", "formalism", "newfiles", "ros", "tabular"},
     "overlays": CORE | {"formalism", "maps", "ros", "tabular"},
     "copying": CORE | {"logs", "ros"},
+    "mending": CORE | {"ros"},
     "pipeline": CORE
     | OPTIONS
-    | {"logs", "pose", "formalism", "tabular", "reports", "maps", "overlays", "copying", "ros"}
+    | {"logs", "pose", "formalism", "tabular", "reports", "maps", "overlays", "copying", "mending", "ros"}
     | {"simulation", "screen", "compiled", "machine", "newfiles", "stores", "configfiles"},
     "cli": CORE
     | OPTIONS
@@ -87,7 +88,7 @@ ROOMS_OF = {
     "jinja2": {"reports"},
     "pandas": {"pipeline", "sweeps"},
     "mcap": {"logs", "simulation", "ros", "copying"},
-    "rosbags": {"simulation", "ros"},
+    "rosbags": {"simulation", "ros", "mending"},
     "sqlite3": {"logs", "simulation", "copying"},
     "pyarrow": {"tabular", "pipeline", "logs", "simulation", "reports", "maps", "overlays", "stores"},
     "distributed": {"pipeline"},
@@ -115,17 +116,17 @@ def imported(path: Path) -> set[str]:
 
 
 LINES = {
-    "cli": 2_905,
+    "cli": 2_915,
     "formalism": 16_110,
     "logs": 11_465,
     "overlays": 1_155,
-    "pipeline": 15_450,
+    "pipeline": 15_905,
     "pose": 2_775,
     "reports": 6_805,
     "ros": 315,
     "simulation": 2_340,
     "tabular": 2_020,
-    "lidarcli": 6_320,
+    "lidarcli": 6_460,
 }
 """Most lines of Python of each room, and of the files beside them: lower them as code goes; who raises one says why."""
 MOST_FILES = 192

@@ -29,6 +29,7 @@ def records(path: Path) -> list[McapRecord]:
         pytest.param(("overlay", ROOM), marks=pytest.mark.slow),
         pytest.param(("map", DRIVE), marks=pytest.mark.slow),
         pytest.param(("clean", ROOM), marks=pytest.mark.slow),
+        ("clean", ROOM, "--remove", "none", "--mend", "order", "--start", "1", "--end", "2"),
     ],
 )
 def test_no_summary_offset_is_that_of_a_group_without_records(

@@ -36,6 +36,7 @@ WITH_EXAMPLES = (
     "docs/diff.md",
     "docs/zones.md",
     "docs/clean.md",
+    "docs/refused.md",
     "docs/background.md",
     "docs/track.md",
     "docs/catalogue.md",

@@ -122,6 +122,7 @@ class ZonesCommand(Zoning, ManyLogs, Reported, total=False):
   lidarcli zones run.mcap --zones doors.toml --check "zones.door.in >= 30"
   lidarcli zones run.bag --zones zones.toml --mask robot.toml --no-objects
   lidarcli zones run.bag --zones zones.toml --objects run.objects.parquet
+  lidarcli zones run.mcap --zones nav2.yaml --clips clips --around 3s
   lidarcli zones run.db3 --zones nav2.yaml \\
     --footprint '[[0.3, 0.2], [0.3, -0.2], [-0.3, 0.0]]'""",
     rules=ZONE_RULES,

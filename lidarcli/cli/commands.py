@@ -103,6 +103,8 @@ class DeclaredOption(click.Option):
                 settings["metavar"] = value.metavar
             if isinstance(value, Number):
                 settings["nargs"] = value.count
+            if declared.alone is not None:
+                settings |= {"is_flag": False, "flag_value": declared.alone}
             if declared.default is not None and not declared.several:
                 settings["default"] = declared.default
         shown = declared.default_words(name)

@@ -2,8 +2,10 @@
 
 import json
 import math
+import shlex
 from collections.abc import Sequence
 from os import fspath
+from pathlib import PurePath
 from typing import TYPE_CHECKING, Annotated, Any
 
 import click
@@ -185,6 +187,10 @@ def _log_lines(info: "LogInfo") -> list[str]:
         lines.append("  findings")
     for found in info.findings:
         lines += _finding_lines(found)
+    if (words := info.mends) and info.format.startswith(("mcap", "ros")) and not info.parts and info.size is not None:
+        path = PurePath(info.path)
+        names = " -o ".join(shlex.quote(str(each)) for each in (path, path.with_name(f"{path.stem}.mended{path.suffix}")))
+        lines += ["  to mend them in a copy:", f"    lidarcli clean {names} --remove none --mend {','.join(words)}"]
     return lines
 
 

@@ -213,7 +213,9 @@ def simulate(messages: Messages, options: SimulateCommand) -> int:
 class CleanCommand(Reported, Cleaning, total=False):
     log: Annotated[str, Argument("LOG", INPUT)]
     output: Annotated[
-        str, output("FILE"), "Log to write, in the container of LOG; beside it the table NAME.cleaned.parquet."
+        str,
+        output("FILE"),
+        "Log to write, in the container of LOG; beside it the table NAME.cleaned.parquet. With --clips a folder.",
     ]
 
 
@@ -224,13 +226,17 @@ class CleanCommand(Reported, Cleaning, total=False):
   lidarcli clean run.bag -o run.clean.bag --remove agents,temporary
   lidarcli clean run.bag -o run.clean.bag --mask robot.toml
   lidarcli clean run.mcap -o run.clean.mcap --value inf --margin 2
+  lidarcli clean run.bag -o run.mended.bag --remove none --mend
+  lidarcli clean run.mcap -o part.mcap --remove none --start 10 --end 20
+  lidarcli clean run.mcap -o clips --remove none --clips run.events.parquet
   lidarcli map run.clean.mcap -o room.yaml""",
 )
 def clean(messages: Messages, options: CleanCommand) -> int:
-    """Write a log once more without what moves in it, for maps.
+    """Write a log once more: cleaned, mended or cut.
 
     MCAP, ROS 1 bags and ROS 2 bags, each to its own kind. All messages stay as they are,
-    in their order; of LaserScan messages the beams on agents say NaN.
+    in their order; of LaserScan messages the beams on agents say NaN, and --mend corrects
+    what other programs refuse. --remove none keeps all beams.
     """
     from lidarcli.pipeline.api.options import clean_options
     from lidarcli.pipeline.cleaning import clean_log
@@ -240,12 +246,7 @@ def clean(messages: Messages, options: CleanCommand) -> int:
         parsed = clean_options(options, overwrite=options["overwrite"])
     messages.begin(options, finds=True)
     source, path = one_log((options["log"],), False), place(options["output"])
-    return of_one_log(
-        messages,
-        source,
-        lambda one, progress: clean_log(one, path, parsed, progress),
-        lambda run: [run.line, f"  copied   {run.copied}"],
-    )
+    return of_one_log(messages, source, lambda one, progress: clean_log(one, path, parsed, progress), lambda run: run.lines)
 
 
 class OverlayCommand(OneLog, Overwrite, TextOrJson, Overlaying, total=False):

@@ -1,37 +1,39 @@
-"""A log without what moves in it: all is the same but for beams on agents, on what stood for a while, and on the robot."""
+"""A log written once more: without what moves in it, mended, or parts of it; all else is the same."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass, field, replace
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import Any, NamedTuple
 
 import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from lidarcli.choices import ABOVE, INF, KEEP, MATCH, NAN
-from lidarcli.copying import Copy, copy_log, replaced
+from lidarcli.choices import ABOVE, AROUND, INF, KEEP, MATCH, NAN
+from lidarcli.copying import Copy, Cut, Targets, copy_log, replaced
 from lidarcli.display import counted
-from lidarcli.errors import OptionError, UnreadableError
+from lidarcli.errors import NoScanError, OptionError, UnreadableError
 from lidarcli.findings import LEAP
 from lidarcli.formalism.detection import SETS
 from lidarcli.formalism.tracking.results import HIDDEN, VIEWS
 from lidarcli.formalism.tracking.tracker import share_moving
 from lidarcli.formalism.zones import samples, seen
-from lidarcli.logs.base import CLOUD_TYPES, SCAN_TYPES, Log, ReadReport
-from lidarcli.logs.batches import ReadOptions, read_batches
+from lidarcli.logs.base import CLOUD_TYPES, SCAN_TYPES, STATIC, Log, ReadReport
+from lidarcli.logs.batches import ReadOptions, read_batches, refuse_run
 from lidarcli.logs.blocks import ScanLayout
-from lidarcli.logs.registry import SUFFIXES, TopicChoice, format_of
+from lidarcli.logs.registry import SUFFIXES, TopicChoice, format_of, nothing_read, scan_topics
 from lidarcli.masks import Polygon
-from lidarcli.newfiles import NewFiles, refuse, refuse_nameless, writing
+from lidarcli.newfiles import NewFiles, refuse, refuse_nameless, scratch_folder, writing
 from lidarcli.pipeline.detecting import detect_to_temporary, second_half
 from lidarcli.pipeline.inputs.sources import Source, open_source
 from lidarcli.pipeline.inputs.tables import TableSet, contradicted, world_in
+from lidarcli.pipeline.mending import FOREVER, Mending, clips_of, cut_of, plan, survey
 from lidarcli.pipeline.objects.detection import DetectOptions
+from lidarcli.pipeline.reading.masking import masking_of
 from lidarcli.pipeline.reading.one_log import Progress, RunSummary, damage_lines, rules_of
 from lidarcli.pipeline.reading.posing import NO_POSES, NONE, Need, PoseAttacher
 from lidarcli.pipeline.zone_counting import OBJECT_COLUMNS, Objects
@@ -40,10 +42,10 @@ from lidarcli.range_rules import RangeRules
 from lidarcli.stores import Place, Url
 from lidarcli.sweeps import Bool, Closure, Float64, Int32, Int64, Status, SweepBatch, SweepPoses
 from lidarcli.tabular.columns import constant, held, numbers, restamped
-from lidarcli.tabular.reading import TopicRows, file_metadata, note_value, read_columns
+from lidarcli.tabular.reading import Readable, TopicRows, file_metadata, note_value, read_columns
 from lidarcli.tabular.schemas import CLEANED, SCHEMAS
 from lidarcli.tabular.writing import PARAMETERS, SOURCE, ParquetSink, table_metadata, table_suffix
-from lidarcli.times import SECOND_NS
+from lidarcli.times import SECOND_NS, Instant
 from lidarcli.zone import WORLD
 
 MOST_PLACED = 0.5
@@ -56,7 +58,7 @@ REASONS = ("agents", "temporary", "body", "margin")
 AGENTS, TEMPORARY, BODY, MARGIN = range(1, 5)
 FREE_SHARE, FREE_SWEEPS = 0.5, 3
 """A place was seen free where so much of it was in view and not hidden in so many sweeps."""
-REACH, AROUND = 0.45, 0.1
+REACH, REACH_AROUND = 0.45, 0.1
 """A piece belongs to an agent if it ends so near to its middle [m], or so near to its box if that is larger."""
 LINK = 0.1
 """Greatest step in range between beams of one piece [m], beside what its slant takes."""
@@ -76,7 +78,7 @@ class CleanOptions:
     """Options of `clean`, apart from input and output."""
 
     detect: DetectOptions
-    """Options of reading, detection and tracking; its mask tells the robot itself."""
+    """Options of reading, detection and tracking; a mask tells the robot itself, times and run the part to write."""
     remove: frozenset[str] = frozenset({"agents"})
     """Kinds of beams that are removed beside those under a mask: of agents and temporary."""
     value: str | float = NAN
@@ -84,10 +86,27 @@ class CleanOptions:
     margin: int = 1
     """Neighbours of these beams that are removed, too."""
     overwrite: bool = False
+    mend: frozenset[str] | None = None
+    """Faults that are mended: words of `MENDS`, or `FOUND`; None: none."""
+    clips: Readable | None = None
+    """Table with a row for each log that is written."""
+    around: float = AROUND
+    """Time before and after each of its rows [s]."""
+
+    def inputs(self, sources: Sequence[Source]) -> list[str]:
+        """Return the files that are read, none of which an output may replace."""
+        return [*self.detect.inputs(sources), *([str(self.clips)] if isinstance(self.clips, Path) else [])]
+
+    @property
+    def is_cut(self) -> bool:
+        """True if only a part of the log is written."""
+        read = self.detect.read
+        return any(each is not None for each in (read.start, read.end, read.run, self.clips))
 
     def as_dict(self) -> dict[str, Any]:
         """Return all options that the result depends on, as plain values, for the table's metadata."""
-        own = {"remove": sorted(self.remove), "value": self.value, "margin": self.margin}
+        own: dict[str, Any] = {"remove": sorted(self.remove), "value": self.value, "margin": self.margin}
+        own |= {"mend": sorted(self.mend)} if self.mend is not None else {}
         return self.detect.as_dict() | own
 
 
@@ -101,23 +120,34 @@ class CleanSummary(RunSummary):
     """Values of beams in the copy, and their reasons."""
     copied: str = ""
     """Number of messages that were copied."""
+    mended: dict[str, dict[str, int]] = field(default_factory=dict)
+    """Topic → word of `--mend` → sweeps that it changed."""
     removed: dict[str, int] = field(default_factory=dict)
     """Reason that was asked for → beams that say something else in the copy."""
 
     def as_dict(self) -> dict[str, Any]:
         """Return the summary as plain values."""
-        return {**RunSummary.as_dict(self), "removed": self.removed}
+        return {**RunSummary.as_dict(self), "removed": self.removed, "mended": self.mended}
+
+    @property
+    def lines(self) -> list[str]:
+        """The lines for people."""
+        words = {
+            topic: ", ".join(f"{word} {count:,}" for word, count in each.items()) for topic, each in self.mended.items()
+        }
+        mended = [f"  mended   {topic}: {shown}" for topic, shown in sorted(words.items())]
+        return [self.line, *mended, f"  copied   {self.copied}"]
 
 
 def clean_log(source: Source, path: Place, options: CleanOptions, progress: Progress | None = None) -> CleanSummary:
-    """Write a log without what moves in it, and beside it the table of what was left out.
+    """Write a log mended, in parts, and without what moves in it; beside it the table of what was left out, if anything.
 
     Raises
     ------
     OptionError
-        The log is none that can be cleaned, or the output is another container, or the input.
+        The log is none that can be cleaned or mended, or the output is another container, or the input.
     UnreadableError
-        The log cannot be read, or it is not known how its sensor moved.
+        The log or the table of clips cannot be read, or it is not known how its sensor moved.
     NoScanError
         The log has no LaserScan topic, or not the one that was asked for.
     OutputError
@@ -126,41 +156,121 @@ def clean_log(source: Source, path: Place, options: CleanOptions, progress: Prog
     with ExitStack() as stack:
         _refuse_names(source, path)
         # Messages are copied one by one, so they are read as they are.
-        log = stack.enter_context(open_source(source, replace(options.detect.opening, segments=KEEP)))
+        opening = replace(options.detect.opening, segments=KEEP)
+        log = stack.enter_context(open_source(source, opening))
         _refuse(log, source, path, options)
-        outputs = (path, _table_path(path))
-        new = stack.enter_context(NewFiles(outputs, options.overwrite, _bag(log, source, path)))
-        private = new.part(path).with_name(f"{path.name}.tables")
-        pair, first = detect_to_temporary(source, private, options.detect, progress)
-        notes = file_metadata(pair.sweeps)
-        described = note_value(notes, SOURCE, dict)
-        if joined := described.get("segments"):
-            raise OptionError(
-                f"{source.path}: messages of {joined[0]} are segments of a turn, which clean cannot write back; "
-                f"--segments {KEEP} cleans each alone"
-            )
-        mask = described.get("mask")
-        rules = rules_of(note_value(notes, PARAMETERS, dict), mask if isinstance(mask, dict) else None)
-        blind = _blind(pair)
-        _refuse_motion(log, pair, described, options, rules, blind)
-        chosen = choose(log, pair, options, rules, first.posing, second_half(progress, source.size))
-        editing = _Editing(chosen, options.value)
-        copy = Copy(editing, ReadReport())
-        with writing(path):
-            copy_log(log, new.part(path), copy)
-        editing.conclude(copy.sweeps)
-        summary = _summary(source, first.summary, options, chosen, copy, editing)
-        summary.notes += [f"no beam of {topic} has a range: nothing moves there" for topic in sorted(blind)]
-        metadata = table_metadata(options.as_dict(), described, summary.damage)
-        table = restamped(_table(source.name, chosen), options.detect.stamps)
-        summary.table = table.replace_schema_metadata(metadata)
-        with ParquetSink(new.part(outputs[1]), table.schema, outputs[1]) as sink:
-            for rows in summary.table.to_batches():
-                sink.write(rows)
-            sink.finish(metadata)
+        mending, cuts = _planned(source, log, path, options)
+        table = [_table_path(path)] if options.remove else []
+        outputs = [*cuts, *table]
+        new = stack.enter_context(NewFiles(outputs, options.overwrite, _bag(log, source, path, options.is_cut)))
+        targets = [(new.part(each), cut) for each, cut in cuts.items()]
+        copy = mending.copy(log)
+        if not options.remove:
+            with writing(path):
+                copy_log(log, targets, copy)
+            summary = CleanSummary(sweeps=copy.sweeps.total(), topics={*copy.sweeps})
+            summary.line = counted(summary.sweeps, "sweep")
+        else:
+            # Who moves is told by the whole log, whatever part of it is written, and by right stamps.
+            read = replace(options.detect.read, start=None, end=None, run=None)
+            poses = replace(options.detect.poses, delay=None) if mending.topics else options.detect.poses
+            options = replace(options, detect=replace(options.detect, read=read, poses=poses))
+            if mending.topics or mending.said:
+                folder = stack.enter_context(scratch_folder(path.parent if isinstance(path, Path) else None))
+                mended = replace(source, path=str(folder / Path(source.path).name), found=None)
+                with writing(path):
+                    copy_log(log, Path(mended.path), copy)
+                source, log = mended, stack.enter_context(open_source(mended, opening))
+            private = new.part(table[0]).with_name(f"{path.name}.tables")
+            summary, copy = _emptied(source, log, private, targets, options, progress)
+            with ParquetSink(new.part(table[0]), summary.table.schema, table[0]) as sink:
+                for rows in summary.table.to_batches():
+                    sink.write(rows)
+                sink.finish(summary.table.schema.metadata)
+        summary.damage = [*dict.fromkeys([*summary.damage, *damage_lines(copy.report)])]
+        for name, mend in mending.topics.items():
+            if odd := mend.done.pop("odd", 0):
+                summary.notes.append(f"{counted(odd, 'message')} of {name} not mended: more or less than a LaserScan")
+        summary.mended = {name: dict(mend.done) for name, mend in mending.topics.items() if mend.done}
+        summary.mended |= {STATIC: {"statics": len(mending.said)}} if mending.said else {}
+        if options.mend is not None and not summary.mended:
+            summary.notes.append("nothing is mended")
+        summary.copied = _copied(copy, summary.topics if options.remove else None)
+        if copy.left_out:
+            summary.notes.append(f"{counted(copy.left_out, 'record')} of applications are not copied")
+        summary.notes += mending.left
+        if not cuts:
+            summary.notes.append(f"no row of {options.clips} is of this log: no clip is written")
         summary.notes += new.publish()
         summary.outputs = [str(each) for each in outputs]
     return summary
+
+
+def _planned(source: Source, log: Log, path: Place, options: CleanOptions) -> tuple[Mending, dict[Place, Cut | None]]:
+    """Return how a log is mended, and what is written: each with its part of the log, None for all of it."""
+    detect, asked = options.detect, options.detect.read
+    if options.mend is None and not options.is_cut and (options.remove or asked.rules.masks is None):
+        if not options.remove:
+            raise OptionError("--remove none leaves nothing to do: add --mend, --start, --end, --run, --clips or --mask")
+        return Mending(), {path: None}
+    # Where beams are removed those of the robot are, too.
+    masks = None if options.remove else masking_of(log, asked.rules, detect.poses, asked.topics).rules.masks
+    read = replace(asked, rules=replace(asked.rules, masks=masks), start=None, end=None, run=None)
+    choice, report = TopicChoice(read.topics, log.topics()), ReadReport()
+    seen = survey(log, choice, read.rules, report)
+    if (error := choice.error(every=True)) is not None or not seen:
+        raise nothing_read(damage_lines(report), error or NoScanError(f"{source.path}: no sweep"), choice.wanted)
+    opening = replace(detect.opening, segments=KEEP)
+    hidden = None if options.value == ABOVE else float(options.value)
+    mending = plan(source, log, options.mend or frozenset(), replace(detect, read=read, opening=opening), hidden, seen)
+    leaves = frozenset(scan_topics(log.topics() or ()) if choice.wanted else ()) - {*seen}
+    if options.clips is not None:
+        stem, suffix = PurePosixPath(source.name).name, _suffix(log, source, True)
+        every = clips_of(options.clips, source.name, options.around)
+        clips = {path / f"{stem}.{name}{suffix}": cut_of(*times, None, seen, leaves) for name, times in every.items()}
+        return mending, {name: cut for name, cut in clips.items() if cut is not None}
+    if not options.is_cut:
+        return mending, {path: None}
+    refuse_run(asked.run, max(int(each.run.max()) for each in seen.values()))
+    begin = min(int(each.blocks[0].time_ns[0]) for each in seen.values())
+    first, last = (
+        none if each is None else each.ns if isinstance(each, Instant) else begin + math.ceil(each * SECOND_NS)
+        for each, none in ((asked.start, -FOREVER), (asked.end, FOREVER))
+    )
+    cut = cut_of(first, last - 1, asked.run, seen, leaves)
+    if cut is None:
+        raise OptionError("no sweep lies between --start and --end")
+    return mending, {path: cut}
+
+
+def _emptied(
+    source: Source, log: Log, private: Path, targets: Targets, options: CleanOptions, progress: Progress | None
+) -> tuple[CleanSummary, Copy]:
+    """Write a log without what moves in it."""
+    pair, first = detect_to_temporary(source, private, options.detect, progress)
+    notes = file_metadata(pair.sweeps)
+    described = note_value(notes, SOURCE, dict)
+    if joined := described.get("segments"):
+        raise OptionError(
+            f"{source.path}: messages of {joined[0]} are segments of a turn, which clean cannot write back; "
+            f"--segments {KEEP} cleans each alone"
+        )
+    mask = described.get("mask")
+    rules = rules_of(note_value(notes, PARAMETERS, dict), mask if isinstance(mask, dict) else None)
+    blind = _blind(pair)
+    _refuse_motion(log, pair, described, options, rules, blind)
+    chosen = choose(log, pair, options, rules, first.posing, second_half(progress, source.size))
+    editing = _Editing(chosen, options.value)
+    copy = Copy(editing)
+    with writing(private.parent):
+        copy_log(log, targets, copy)
+    editing.conclude(copy.sweeps)
+    summary = _summary(first.summary, options, chosen, editing)
+    summary.notes += [f"no beam of {topic} has a range: nothing moves there" for topic in sorted(blind)]
+    damage = [*dict.fromkeys([*summary.damage, *damage_lines(copy.report)])]
+    table = restamped(_table(source.name, chosen), options.detect.stamps)
+    summary.table = table.replace_schema_metadata(table_metadata(options.as_dict(), described, damage))
+    return summary, copy
 
 
 def _table_path(path: Place) -> Place:
@@ -199,7 +309,16 @@ def _refuse(log: Log, source: Source, path: Place, options: CleanOptions) -> Non
     """Refuse logs that cannot be cleaned, and outputs that cannot be written, before any work."""
     if not format_of(log).magic or source.parts:
         raise OptionError(f"{source.path}: only MCAP and ROS bags can be cleaned")
-    wanted = _suffix(log, source)
+    topics = log.topics() if options.remove else None
+    chosen = frozenset(TopicChoice(options.detect.read.topics, topics).chosen)
+    for topic in topics or ():
+        if topic.name in chosen and topic.encoding == "json":
+            raise OptionError(f"{source.path}: {topic.name} is in JSON, which has no NaN, and cannot be cleaned")
+        if topic.name in chosen and topic.encoding == "protobuf" and options.value == ABOVE:
+            raise OptionError(f"--value above: {topic.name} is a {topic.type}, which tells no range_max")
+    if options.clips is not None:
+        return
+    wanted = _suffix(log, source, options.is_cut)
     name = path.name.lower()
     fits = name.endswith(wanted) if wanted else not name.endswith(SUFFIXES)
     if not fits and not wanted:
@@ -211,28 +330,23 @@ def _refuse(log: Log, source: Source, path: Place, options: CleanOptions) -> Non
         raise OptionError(f"{path}: a copy of {source.path} has to have the suffix {wanted}; clean changes no container")
     if not wanted and isinstance(path, Url):
         raise OptionError(f"{path}: the folder of a ROS 2 bag is not written into a store")
-    topics = log.topics()
-    chosen = frozenset(TopicChoice(options.detect.read.topics, topics).chosen)
-    for topic in topics or ():
-        if topic.name in chosen and topic.encoding == "json":
-            raise OptionError(f"{source.path}: {topic.name} is in JSON, which has no NaN, and cannot be cleaned")
-        if topic.name in chosen and topic.encoding == "protobuf" and options.value == ABOVE:
-            raise OptionError(f"--value above: {topic.name} is a {topic.type}, which tells no range_max")
-    outputs = (path, _table_path(path))
-    refuse(outputs, options.overwrite, options.detect.inputs([source]), _bag(log, source, path))
+    outputs = [path, *([_table_path(path)] if options.remove else [])]
+    refuse(outputs, options.overwrite, options.inputs([source]), _bag(log, source, path, options.is_cut))
 
 
-def _bag(log: Log, source: Source, path: Place) -> Place | None:
+def _bag(log: Log, source: Source, path: Place, is_cut: bool) -> Place | None:
     """Return the path of a copy that is a folder."""
-    return None if _suffix(log, source) else path
+    return None if _suffix(log, source, is_cut) else path
 
 
-def _suffix(log: Log, source: Source) -> str:
-    """Return the suffix of a copy; empty for a folder."""
+def _suffix(log: Log, source: Source, is_cut: bool) -> str:
+    """Return the suffix of a copy, or of a part; empty for a folder, whose parts are files."""
     if Path(source.path).is_dir():
-        return ""
+        if is_cut and "+" in log.format:
+            raise OptionError(f"{source.path}: the bag has files of two kinds; cut one of them")
+        return "" if not is_cut else ".mcap" if "mcap" in log.format else ".db3"
     suffix = format_of(log).suffixes[0]
-    is_packed = suffix == ".db3" and log.compression == "zstd" and source.path.endswith(".zstd")
+    is_packed = suffix == ".db3" and log.compression == "zstd" and source.path.endswith(".zstd") and not is_cut
     return f"{suffix}.zstd" if is_packed else suffix
 
 
@@ -321,12 +435,10 @@ def _changed(topic: str) -> UnreadableError:
     return UnreadableError(f"the sweeps of {topic} are not those that were read before: does the log still grow?")
 
 
-def _summary(
-    source: Source, found: RunSummary, options: CleanOptions, chosen: dict[str, Chosen], copy: Copy, editing: _Editing
-) -> CleanSummary:
+def _summary(found: RunSummary, options: CleanOptions, chosen: dict[str, Chosen], editing: _Editing) -> CleanSummary:
     summary = CleanSummary(sweeps=sum(len(each.beam) for each in chosen.values()), topics=set(chosen))
     summary.missing_topics = found.missing_topics
-    summary.damage = [*dict.fromkeys([*found.damage, *damage_lines(copy.report)])]
+    summary.damage = [*found.damage]
     summary.notes = [*found.notes]
     beams = sum(int(each.beams.sum()) for each in chosen.values())
     totals = sum((each.counts.sum(axis=0) for each in chosen.values()), np.zeros(4, np.int64))
@@ -340,23 +452,25 @@ def _summary(
     value = options.value
     says = {NAN: "NaN", INF: "inf", ABOVE: "range_max + 1"}[value] if isinstance(value, str) else f"{value:g} m"
     summary.line = f"{counted(summary.sweeps, 'sweep')}; {removed:,} of {beams:,} beams{share} say {says}: {parts}"
-    alike = [
-        f"{topic} ({kind.rsplit('/', 1)[-1].rsplit('.', 1)[-1]})"
-        for topic, kind in sorted(copy.messages)
-        if kind in {*CLOUD_TYPES, POINTS} or (kind in SCAN_TYPES and topic not in chosen)
-    ]
-    topics = len({topic for topic, _ in copy.messages})
-    shows = f"; {', '.join(alike)} may show the same" if alike else ""
-    summary.copied = f"{counted(copy.messages.total(), 'message')} of {counted(topics, 'topic')}{shows}"
     if options.value == INF:
         summary.notes.append("inf says that nothing is there: costmaps with inf_is_valid free beams beyond walls")
     elif options.value == 0:
         summary.notes.append("0 becomes range_max in AMCL and gmapping: beams free what is beyond walls")
     elif editing.is_measurable:
         summary.notes.append(f"{value:g} m is a range that the sensor can measure: programs take it for a wall")
-    if copy.left_out:
-        summary.notes.append(f"{counted(copy.left_out, 'record')} of applications are not copied")
     return summary
+
+
+def _copied(copy: Copy, changed: Collection[str] | None) -> str:
+    """Return how many messages were copied, and which topics show what the `changed` ones, if any, do not."""
+    alike = [
+        f"{topic} ({kind.rsplit('/', 1)[-1].rsplit('.', 1)[-1]})"
+        for topic, kind in sorted(copy.messages)
+        if changed is not None and (kind in {*CLOUD_TYPES, POINTS} or (kind in SCAN_TYPES and topic not in changed))
+    ]
+    topics = len({topic for topic, _ in copy.messages})
+    shows = f"; {', '.join(alike)} may show the same" if alike else ""
+    return f"{counted(copy.messages.total(), 'message')} of {counted(topics, 'topic')}{shows}"
 
 
 def _table(log: str, chosen: dict[str, Chosen]) -> pa.Table:
@@ -584,7 +698,7 @@ class _Track(NamedTuple):
     @property
     def reach(self) -> float:
         """Distance from its middle in which pieces belong to it [m]."""
-        return max(REACH, self.half + AROUND)
+        return max(REACH, self.half + REACH_AROUND)
 
 
 def _agents(pair: TableSet) -> dict[Key, _Agents]:

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pyarrow as pa
 
-from lidarcli.choices import MATCH
+from lidarcli.choices import AROUND, MATCH
 from lidarcli.errors import NoScanError, OptionError, UnreadableError
 from lidarcli.logs.base import Log, ReadReport
 from lidarcli.masks import Circle, Masks, Polygon, same_name
@@ -48,7 +48,7 @@ from lidarcli.reports.zones import NEVER, figures_of, judge_zones, parse_zone_ch
 from lidarcli.stores import Place
 from lidarcli.sweeps import SweepBatch
 from lidarcli.tabular.columns import COARSE, FORMS, answers, are, codes, constant
-from lidarcli.tabular.reading import AGAIN, TopicRows, read_columns
+from lidarcli.tabular.reading import AGAIN, HeldTable, TopicRows, read_columns
 from lidarcli.tabular.schemas import DIRECTIONS, EVENT_KINDS, SCHEMAS
 from lidarcli.tabular.writing import TableFiles, table_metadata, table_paths
 from lidarcli.zone import ROBOT, SENSOR, WORLD, Line, Zone, Zones
@@ -74,6 +74,10 @@ class ZoneOptions:
     footprint: Polygon | None = None
     """Shape of zones whose shape a topic tells that the log does not have."""
     overwrite: bool = False
+    clips: Place | None = None
+    """Folder for a part of the log around each event."""
+    around: float = AROUND
+    """Time before and after each [s]."""
 
     @property
     def has_objects(self) -> bool:
@@ -548,6 +552,15 @@ def watch(
                     files.write(name, "", batch)
             summary.notes += files.publish(metadata)
             summary.outputs = [str(path) for path in files.paths]
+        if options.clips is not None:
+            # Most runs cut nothing, and should not wait for this import.
+            from lidarcli.pipeline.cleaning import CleanOptions, clean_log
+
+            held = HeldTable(f"the events of {source.label}", tables.events)
+            detect = replace(options.detect, read=replace(read, start=None, end=None, run=None, every=1))
+            cutting = CleanOptions(detect, frozenset(), overwrite=options.overwrite, clips=held, around=options.around)
+            clips = clean_log(source, options.clips, cutting)
+            summary.notes, summary.outputs = summary.notes + clips.notes, summary.outputs + clips.outputs
     return summary
 
 

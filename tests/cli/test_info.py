@@ -117,7 +117,7 @@ def test_a_log_that_tells_no_greatest_range(greatest: float, tmp_path: Path, lid
     write_log(tmp_path / "run.mcap", [raw_sweeps(ranges, range_min=0.15, range_max=greatest)])
     ran = lidarcli("info", tmp_path / "run.mcap")
     assert (ran.code, ran.err) == (0, "")
-    (line,) = [line for line in ran.out.splitlines() if "limits" in line]
+    (line,) = [line for line in ran.out.splitlines() if line.startswith("    limits")]
     assert line == "    limits    from 0.15 m; the log tells no greatest range"
     assert "valid     60 beams (100.00%)" in ran.out
 

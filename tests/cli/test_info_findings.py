@@ -38,11 +38,13 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 @pytest.mark.usefixtures("folder")
 def test_a_line_each(lidarcli: Run) -> None:
     ran = lidarcli("info", "odd.mcap")
-    assert ran.out.splitlines()[-4:] == [
+    assert ran.out.splitlines()[-6:] == [
         "  findings",
         "  error    units      most ranges of /scan are beyond 1,000 m: they are probably millimetres (--range-unit mm)",
         "    fix: --range-unit mm",
         "  hint     clock      /scan: recorded 5.1 s after the stamps",
+        "  to mend them in a copy:",
+        "    lidarcli clean odd.mcap -o odd.mended.mcap --remove none --mend clock",
     ]
     assert "findings" not in lidarcli("info", "fine.mcap").out
     assert lidarcli("info", "odd.mcap", "--brief").out.endswith(" Hz, no poses, 2 findings\n")
@@ -130,7 +132,7 @@ def test_what_a_closer_look_mends_is_written(lidarcli: Run, folder: Path, monkey
     monkeypatch.setattr(deep, "deep_findings", lambda *_: looked)
     ran = lidarcli("info", "odd.mcap", "--deep", "-o", "robot.toml", "-o", "filter.yaml")
     assert ran.code == 0
-    assert ran.out.splitlines()[-8:] == [
+    assert ran.out.splitlines()[-10:-2] == [
         "  findings",
         "  hint     units      a closer look counts",
         "  hint     clock      /scan: recorded 5.1 s after the stamps",

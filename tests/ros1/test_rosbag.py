@@ -35,6 +35,8 @@ WRITTEN: dict[str, tuple[object, ...]] = {
     "with-log": ("overlay", DRIVE, "--with-log"),
     "with-map": ("overlay", DRIVE, "--with-log", "--map", "room.yaml"),
     "clean": ("clean", SAMPLES / "corridor.bag"),
+    "mended": ("clean", SAMPLES / "corridor.bag", "--remove", "none", "--mend", "order,frames,no-return"),
+    "cut": ("clean", SAMPLES / "corridor.bag", "--remove", "none", "--start", "1", "--end", "3"),
     "of-csv": ("overlay", SAMPLES / "people.csv.gz", "--with-log"),
 }
 """Name of a bag → the command that writes it."""

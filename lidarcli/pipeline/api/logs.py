@@ -332,23 +332,24 @@ def simulate(
 def clean(
     log: AnyPath, output: AnyPath, overwrite: bool = False, *, progress: Progress = False, **options: Unpack[Cleaning]
 ) -> pa.Table:
-    """Write a log once more, bit for bit but for the beams of what moves, and beside it the table `.cleaned.parquet`.
+    """Write a log once more, bit for bit but for the beams of what moves and what is mended, or parts of it.
 
     Parameters
     ----------
     log : MCAP, ROS 1 bag or ROS 2 bag
-    output : log to write, in the same container
+    output : log to write, in the same container; with `clips` the folder of the logs
     overwrite : True to replace files that exist
 
     Returns
     -------
     pyarrow.Table
-        One row per sweep with the beams that were left out, by reason, as the command line writes it (docs/clean.md).
+        One row per sweep with the beams that were left out, by reason, as the command line writes it beside the log
+        (docs/clean.md); empty where none are to be.
 
     Raises
     ------
     OptionError
-        The log is of another container, or the output is the log.
+        The log is of another container, or the output is the log, or what is to be mended cannot be.
     UnreadableError, NoScanError
         As of `read`; also where it is not known how the sensor moved.
     OutputError

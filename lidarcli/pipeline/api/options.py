@@ -28,7 +28,7 @@ from lidarcli.logs.batches import ReadOptions
 from lidarcli.logs.registry import open_options, range_rules
 from lidarcli.masks import Masks
 from lidarcli.option_forms import Number, Rule, defaults_of, options_of, python_words, refuse_combinations
-from lidarcli.options import RULES, Finding, Objects, Tracking, parse_removed, parse_value
+from lidarcli.options import RULES, Finding, Objects, Tracking, parse_mends, parse_removed, parse_value
 from lidarcli.pipeline.inputs.declared import AUTO, read_catalogue, read_masks
 from lidarcli.pipeline.inputs.search import find_logs
 from lidarcli.pipeline.inputs.sources import MissingInput, Source
@@ -36,6 +36,8 @@ from lidarcli.pipeline.reading.posing import NONE, PoseOptions
 from lidarcli.pipeline.runs.over_logs import LogProgress, summed
 from lidarcli.range_rules import parse_no_return
 from lidarcli.screen import Screen, byte_bar, count_bar
+from lidarcli.stores import place
+from lidarcli.times import Instant, as_time
 
 if TYPE_CHECKING:
     from lidarcli.pipeline.cleaning import CleanOptions
@@ -286,17 +288,31 @@ def clean_options(options: Values, *, overwrite: bool = False) -> CleanOptions:
     from lidarcli.pipeline.cleaning import CleanOptions
 
     logs = LogOptions(read_options(options), OpenOptions(segments=options["segments"]), pose_options(options))
-    remove = options["remove"]
-    words = [remove] if isinstance(remove, str) else remove
-    if not isinstance(words, list | tuple | set | frozenset) or not all(isinstance(each, str) for each in words):
-        raise TypeError(f"remove is a list of words, or one text, not {remove!r}")
     return CleanOptions(
         detect_options({**options, "catalogue": None}, logs, tracking_of()),
-        frozenset(word.strip() for word in parse_removed(",".join(words)).split(",")),
+        _words("remove", options["remove"], parse_removed) - {NONE},
         parse_value(str(options["value"])),
         options["margin"],
         overwrite,
+        None if options["mend"] is None else _words("mend", options["mend"], parse_mends),
+        None if options["clips"] is None else place(fspath(options["clips"])),
+        _around(options["around"]),
     )
+
+
+def _around(value: float | str) -> float:
+    around = as_time(value)
+    if isinstance(around, Instant) or around < 0:
+        raise OptionError(f"--around: {value} is no time before and after a row")
+    return around
+
+
+def _words(name: str, value: Any, parse: Callable[[str], str]) -> frozenset[str]:
+    """Return the words of an option that is a list, or one text."""
+    words = [value] if isinstance(value, str) else value
+    if not isinstance(words, list | tuple | set | frozenset) or not all(isinstance(each, str) for each in words):
+        raise TypeError(f"{name} is a list of words, or one text, not {value!r}")
+    return frozenset(word.strip() for word in parse(",".join(words)).split(","))
 
 
 def plot_options(options: Values, parameters: Parameters | None, sweeps: tuple[int, ...] | None) -> PlotOptions:
@@ -351,6 +367,8 @@ def zone_options(options: Values, logs: LogOptions, *, overwrite: bool = False) 
         find=not options["no_objects"],
         footprint=None if options["footprint"] is None else parse_footprint(options["footprint"]),
         overwrite=overwrite,
+        clips=None if options["clips"] is None else place(fspath(options["clips"])),
+        around=_around(options["around"]),
     )
     refuse_options(parsed)
     return parsed

@@ -1,0 +1,313 @@
+"""What is mended of a log by what `info` finds in it, and which parts of it are cut: a pass before it is copied."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Collection, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
+from functools import partial
+from itertools import chain, count
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+
+from lidarcli import mending
+from lidarcli.choices import BEAM_ORDERS, FOUND, MENDS
+from lidarcli.copying import Copy, Cut, Met, copy_log
+from lidarcli.errors import OptionError, UnreadableError
+from lidarcli.findings import APART, FASTEST, LONG, OFTEN, SOME, Finding
+from lidarcli.logs import open_log
+from lidarcli.logs.base import STATIC, Log, ReadReport, Topic
+from lidarcli.logs.blocks import ScanLayout
+from lidarcli.logs.clock import SAME_NS
+from lidarcli.logs.joined import earlier_parts
+from lidarcli.logs.piles import NoReturnDetector
+from lidarcli.logs.registry import TopicChoice
+from lidarcli.mending import Mend
+from lidarcli.pipeline.inputs.sources import Source, read_pose_messages
+from lidarcli.pipeline.objects.detection import DetectOptions
+from lidarcli.pose.tracks import Track
+from lidarcli.range_rules import RangeRules, normalise
+from lidarcli.sweeps import Float32, Int64, RawSweeps, Status, concatenate
+from lidarcli.tabular.reading import ANY, Readable, column_names, read_as_is
+from lidarcli.times import SECOND_NS, Instant
+
+SENSOR = re.compile(r"laser|lidar|scan", re.IGNORECASE)
+"""Words in the name of a frame that is that of a sensor."""
+PLAIN = "laser"
+"""Frame of sweeps without one, in a log without any transform."""
+ROOM = 0.1
+"""A greatest range that is made up is a multiple of this above all ranges [m]."""
+MOST_CLIPS = 1000
+MOST_HELD = 10_000
+"""Sweeps out of place that are put in order."""
+LATEST_NS = (1 << 31) * SECOND_NS
+"""Stamps of ROS 2 are earlier than this [ns]."""
+FOREVER = 1 << 62
+"""Later than any time, and with a minus earlier [ns]."""
+
+
+@dataclass(slots=True)
+class Seen:
+    """The sweeps of one topic, as a pass has met them."""
+
+    blocks: list[RawSweeps] = field(default_factory=list)
+    """Without their ranges."""
+    rules: RangeRules = field(default_factory=RangeRules)
+    greatest: float = 0.0
+    """Greatest range [m] of sweeps without a limit, or with one below what they measure; 0 without such sweeps."""
+
+    @property
+    def run(self) -> Int64:
+        """(S,) run of the log of each sweep."""
+        return np.repeat([block.run for block in self.blocks], [len(block) for block in self.blocks])
+
+
+def survey(log: Log, choice: TopicChoice, rules: RangeRules, report: ReadReport) -> dict[str, Seen]:
+    """Read all chosen sweeps once; the report takes what their ranges show."""
+    seen: dict[str, Seen] = {}
+    detector = NoReturnDetector(rules, report)
+    blocks = (block for block in log.scans(choice.asked, ReadReport()) if not choice.wanted or choice.takes(block.topic))
+    for block, judging in chain(chain.from_iterable(map(detector.take, blocks)), detector.flush()):
+        mine = seen.setdefault(block.topic, Seen())
+        some = block.rows(~(block.range_max > np.maximum(block.range_min, 0.0)))
+        ranges = normalise(some, np.arange(len(some)), judging).ranges
+        mine.greatest = float(np.fmax.reduce(ranges, axis=None, initial=mine.greatest))
+        mine.rules = judging
+        mine.blocks.append(replace(block, ranges=block.ranges[:, :0].copy(), intensities=None))
+    for found in report.findings():
+        if found.mend == "limits" and found.topic in seen:
+            seen[found.topic].greatest = max(seen[found.topic].greatest, float(found.evidence["greatest"]))
+    return seen
+
+
+def _frame(names: Collection[str], tracks: Sequence[Track]) -> tuple[str, str]:
+    """Return the frame for sweeps of frames with these names, one of which may be empty; or why it is not known."""
+    links = [track for track in tracks if track.is_link]
+    children = {track.child for track in links if SENSOR.search(track.child)}
+    known = {*names} - {""} or children or ({PLAIN} if not links else set())
+    is_known = len(known) == 1 or "" not in names
+    return min(known, default="").lstrip("/"), "" if is_known else "no or several frames could be that of the sensor"
+
+
+def _turn_time(times: Int64, told: Float32 | None) -> float:
+    """Return the time of a turn [s] by the median step, or by what is `told` where sweeps are missing; 0: unknown."""
+    steps = np.diff(times)
+    period = float(np.median(steps[steps > 0])) / SECOND_NS if (steps > 0).any() else 0.0
+    told = np.zeros(0, np.float32) if told is None else told[(told >= 1.0 / FASTEST) & np.isfinite(told)]
+    scan_time = float(np.median(told.astype(np.float64))) if len(told) else period
+    return scan_time if period > LONG * scan_time else period
+
+
+def _is_stuck(times: Int64) -> bool:
+    """Return True for times that do not tell when sweeps were taken: most are the same, or as near as no sensor's."""
+    steps = np.diff(times)
+    ahead = steps[steps > SAME_NS]
+    fast = len(ahead) and np.median(ahead) * FASTEST < SECOND_NS
+    return bool(fast or np.count_nonzero(np.abs(steps) <= SAME_NS) > max(OFTEN * len(times), SOME))
+
+
+def _on_a_clock(times: Int64, records: Int64, tracks: Sequence[Track]) -> tuple[Int64, str]:
+    """Return times by the clock of the recording where those of the sweeps are none or another; or why that cannot be."""
+    offset = np.sort(records - times)[len(times) // 2]
+    if _is_stuck(times):
+        if _is_stuck(records):
+            return times, "neither stamps nor the times of the recording tell when a sweep was taken"
+        return records - offset * (abs(offset) <= SECOND_NS), ""
+    if abs(offset) <= APART * SECOND_NS:
+        return times, ""
+    if any(first <= times.max() and times.min() <= last for first, last in (track.span_ns for track in tracks)):
+        return times, "the poses have the same clock, which is another than that of the recording"
+    return times + offset, ""
+
+
+def _mend(
+    topic: Topic,
+    seen: Seen,
+    words: Collection[str],
+    tracks: Sequence[Track],
+    limits: tuple[float, float] | None,
+    delay: float,
+    hidden: float | None,
+    order: str,
+) -> tuple[Mend, dict[str, str]]:
+    """Return how the sweeps of a topic are mended by words of `--mend` or `mask`, and for words why that cannot be."""
+    mend, cannot, sweeps = Mend(topic.encoding), dict[str, str](), concatenate(seen.blocks)
+    new, times = sweeps.stamp_ns, sweeps.time_ns
+    fill = partial(mending.fill, topic=topic.name, rules=seen.rules)
+    if "clock" in words:
+        new, cannot["clock"] = _on_a_clock(times, sweeps.record_ns, tracks)
+        times = new
+    if "stamps" in words:
+        shift = round(delay * SECOND_NS)
+        new, times = np.where(new == 0, 0, new + shift), times + shift
+        places = np.lexsort((times, seen.run))
+        away = np.count_nonzero(places != np.arange(len(places)))
+        cannot["stamps"] = f"{away:,} sweeps are out of place" if away > MOST_HELD else ""
+        mend.order = places if 0 < away <= MOST_HELD else None
+    cannot["beams"] = "several sensors send on it" if len({*sweeps.frame_ids}) > 1 and "beams" in words else ""
+    usual = np.bincount(sweeps.beams).argmax()
+    first, step = (float(np.median(each[sweeps.beams == usual])) for each in (sweeps.angle_min, sweeps.angle_increment))
+    greatest = math.ceil(seen.greatest / ROOM + 1.0) * ROOM if seen.greatest else 0.0
+    frame, cannot["frames"] = _frame(sweeps.frame_ids, tracks) if "frames" in words else ("", "")
+    right = np.where((new >= 0) & (new < LATEST_NS), new, -1)
+    turn = _turn_time(np.sort(times), sweeps.scan_time)
+    steps: dict[str, mending.Step] = {
+        "frames": partial(mending.name_frame, frame=frame),
+        "clock": partial(mending.stamp, stamp_ns=right),
+        "stamps": partial(mending.stamp, stamp_ns=right),
+        "limits": partial(mending.limit, least=limits and limits[0], most=limits[1] if limits else greatest),
+        "no-return": partial(fill, status=Status.NO_RETURN, value=np.inf),
+        "mask": partial(fill, status=Status.MASKED, value=hidden),
+        "beams": partial(mending.put_on, first=first, spacing=step, beams=int(usual)),
+        "angles": mending.end,
+        "order": mending.turn_round,
+        **({"times": partial(mending.time, turn=turn, at_once=order in BEAM_ORDERS[2:])} if turn else {}),
+    }
+    mend.steps = {word: step for word, step in steps.items() if word in words and not cannot.get(word)}
+    return mend, {word: cause for word, cause in cannot.items() if cause}
+
+
+class Mending:
+    """The mends of a log."""
+
+    def __init__(self) -> None:
+        self.topics: dict[str, Mend] = {}
+        self.said: dict[object, Met] = {}
+        """Static transforms of an earlier part of the recording."""
+        self.left: list[str] = []
+        """A line for what is not mended."""
+
+    def copy(self, log: Log) -> Copy:
+        """Return what copies the log mended, once messages whose place is another are held."""
+        if any(mend.order is not None and not mend.held for mend in self.topics.values()):
+            copy_log(log, [], Copy(self._hold))
+        return Copy(self._edit, said=self.said)
+
+    def _edit(self, topic: str, number: int, data: bytes, _: ScanLayout) -> bytes:
+        mend = self.topics.get(topic)
+        return data if mend is None else mend.mended(number, data)
+
+    def _hold(self, topic: str, number: int, data: bytes, _: ScanLayout) -> bytes:
+        mend = self.topics.get(topic)
+        if mend is not None and mend.order is not None and mend.order[number] != number:
+            mend.held[number] = data
+        return data
+
+
+def plan(
+    source: Source, log: Log, asked: frozenset[str], detect: DetectOptions, hidden: float | None, seen: Mapping[str, Seen]
+) -> Mending:
+    """Return how a log is mended.
+
+    Parameters
+    ----------
+    asked : words of `--mend`
+    detect : how the log is read
+    hidden : value of beams under a mask [m]; None: range_max + 1
+    seen : as of `survey`
+
+    Raises
+    ------
+    OptionError
+        What is asked for cannot be mended in this log.
+    """
+    done, delay, found = Mending(), detect.poses.delay, tuple[Finding, ...]()
+    orders = dict.fromkeys(seen, detect.poses.order)
+    if asked & {FOUND, "stamps", "times"}:
+        # Most copies mend nothing, and should not wait for this import.
+        from lidarcli.pipeline.inspecting import inspect_log
+
+        info = inspect_log(source, detect.opening, detect.read, detect.poses, deep=bool(asked & {FOUND, "stamps"}))
+        found = info.findings
+        orders |= {scan.topic: str(scan.verdict["beam_order"]) for scan in info.scans if "beam_order" in scan.verdict}
+    every = {name: {each.mend for each in found if each.topic in (name, "") and FOUND in asked} for name in seen}
+    if FOUND in asked and (others := {each.id: None for each in found if not each.mend}):
+        done.left.append(f"not mended: {', '.join(others)} (lidarcli info --deep tells them)")
+    topics = {topic.name: topic for topic in log.topics() or ()}
+    words = {name: {*asked, *more, *(["mask"] if detect.read.rules.masks else [])} for name, more in every.items()}
+    tracks = read_pose_messages(log).tracks if any(mine & {"clock", "frames"} for mine in words.values()) else ()
+    for name in [name for name, mine in words.items() if mine & {*MENDS, "mask"} - {"statics"}]:
+        if not topics[name].is_laserscan:
+            is_not = (
+                f"{name}: only a LaserScan of ROS is mended, and this is a {topics[name].type} in {topics[name].encoding}"
+            )
+            if not any(topics[each].is_laserscan for each in seen):
+                raise OptionError(is_not)
+            done.left.append(is_not)
+            continue
+        shift = (
+            next((each for one in found if one.topic == name and (each := _delay(one))), 0.0) if delay is None else delay
+        )
+        mend, cannot = _mend(
+            topics[name], seen[name], words[name], tracks, detect.read.rules.limits, shift, hidden, orders[name]
+        )
+        done.topics[name] = mend
+        for word, cause in cannot.items():
+            if word in asked:
+                raise OptionError(f"{name}: {word} cannot be mended: {cause}")
+            done.left.append(f"{word} of {name} is not mended: {cause}")
+    if any("statics" in mine for mine in words.values()) and STATIC not in topics:
+        done.said = _said_before(source)
+        if not done.said:
+            raise OptionError(f"statics cannot be mended: no earlier part beside {source.path} has {STATIC}")
+    return done
+
+
+def _delay(found: Finding) -> float:
+    """Return the time that mends stamps by a finding [s]; 0 where it tells none."""
+    option, _, seconds = found.fix.text.partition(" ") if found.fix is not None else ("", "", "")
+    return float(seconds) if found.mend == "stamps" and option == "--pose-delay" else 0.0
+
+
+def _said_before(source: Source) -> dict[object, Met]:
+    """Return the static transforms of the first earlier part of a recording that stands beside it and has some."""
+    for path in earlier_parts(Path(source.path).absolute()):
+        with suppress(UnreadableError), open_log(str(path)) as log:
+            copy = Copy()
+            copy_log(log, [], copy)
+            if said := {key: met for key, met in copy.said.items() if met.topic == STATIC}:
+                return said
+    return {}
+
+
+def clips_of(table: Readable, log: str, around: float) -> dict[str, tuple[int, int]]:
+    """Return the times of the parts of a log around the rows of a table [s], each named by zone and time.
+
+    Raises
+    ------
+    UnreadableError, OptionError
+        It cannot be read as a table, has no times, or too many rows.
+    """
+    names, wide = column_names(table, ANY), round(around * SECOND_NS)
+    times = ["start", "end"] if {"start", "end"} <= {*names} else ["stamp", "stamp"]
+    if times[0] not in names:
+        raise OptionError(f"{table}: no columns start and end, and no stamp: nothing tells when to cut")
+    parts: dict[str, tuple[int, int]] = {}
+    for batch in read_as_is(table, [name for name in ("log", "zone", *dict.fromkeys(times)) if name in names]):
+        try:
+            first, last = (batch[name].cast(pa.timestamp("ns", "UTC")).cast(pa.int64()).to_pylist() for name in times)
+        except pa.ArrowException as err:
+            raise UnreadableError(f"{table}: {times[0]} and {times[1]} are no times that can be read") from err
+        logs, zones = (batch[name].to_pylist() if name in names else [None] * len(batch) for name in ("log", "zone"))
+        for begin, end, told, zone in zip(first, last, logs, zones, strict=True):
+            if begin is not None and end is not None and told in (None, log):
+                when = re.sub(r"[-:]", "", str(Instant(begin - begin % 1_000_000)))
+                plain = "-".join(filter(None, (re.sub(r"[^\w.-]", "_", zone or ""), when)))
+                name = next(each for n in count(1) if (each := f"{plain}-{n}" if n > 1 else plain) not in parts)
+                parts[name] = begin - wide, end + wide
+        if len(parts) > MOST_CLIPS:
+            raise OptionError(f"{table}: more than {MOST_CLIPS:,} rows, and each would be a log: choose some of them first")
+    return parts
+
+
+def cut_of(first_ns: int, last_ns: int, run: int | None, seen: Mapping[str, Seen], leaves: frozenset[str]) -> Cut | None:
+    """Return the part of the recording with the sweeps from one time to another, of one run or of all; None without any."""
+    times = np.concatenate([block.time_ns for each in seen.values() for block in each.blocks])
+    recorded = np.concatenate([block.record_ns for each in seen.values() for block in each.blocks])
+    runs = np.concatenate([each.run for each in seen.values()])
+    mine = recorded[(times >= first_ns) & (times <= last_ns) & ((runs == run) | (run is None))]
+    return Cut(int(mine.min()), int(mine.max()), leaves) if len(mine) else None
