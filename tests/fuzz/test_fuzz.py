@@ -37,7 +37,7 @@ GROUPS: dict[str, tuple[tuple[str, ...], int]] = {
     "masks": (("masks",), 25),
     "diff": (("diff",), 30),
     "zones": (("zones-toml", "zones-yaml"), 15),
-    "copies": (("clean",), 25),
+    "copies": (("clean", "clean-mend"), 25),
     "copies of databases": (("clean-db3",), len(KINDS) + 5),
     "trajectories": (("trajectories",), 25),
     "tables": (("tables",), 10),
