@@ -231,7 +231,7 @@ def _outline(track: Track) -> dict[str, float]:
     if sides[1][0] > sides[0][0]:
         sides.reverse()
         yaw += RIGHT_ANGLE
-    x, y = (track.x, track.y) if track.moved or len(track.parts) > 1 else tracklet.place(True)
+    x, y = (track.x, track.y) if track.moved else tracklet.place(True)
     (length, length_sd), (width, width_sd) = sides
     return {
         "x": x,
