@@ -1,14 +1,21 @@
-"""Which sweeps are judged: a few of every log, evenly spread over it, and on which side the log is."""
+"""Which sweeps are judged: a few of every log, evenly spread over it, and who recorded the log."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
 
 JUDGED = Path("judged", "logs")
 """Folder of further recordings, beside that of the others."""
-Side = Literal["tuning", "reporting"]
+RECORDERS = {
+    "comprobo24": "DanPark13",
+    "ros_behaviors_fsm": "zcoakley",
+    "datmo_more": "datmo",
+    "hrp_mpc_lidar": "robots_ii",
+}
+"""Folder → recorder of its logs, where another folder has some of the same; else each folder is one."""
+SEPARATE = ("carmen_ple", "leg_tracker_benchmarks")
+"""Folders with logs of many recorders."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -20,8 +27,12 @@ class Chosen:
     topic: str
     count: int
     """Sweeps that are judged."""
-    side: Side
-    """Whether constants may be chosen on it."""
+
+    @property
+    def recorder(self) -> str:
+        """Who recorded it: trees that are reported on a log have seen none of its recorder's."""
+        folder = self.log.split("/")[0]
+        return self.log if folder in SEPARATE else RECORDERS.get(folder, folder)
 
     @property
     def name(self) -> str:
@@ -40,49 +51,52 @@ class Chosen:
 
 
 CHOSEN = (
-    Chosen("scan_tools/laser_scan_matcher_demo_ros2branch_20230219.bag", "/scan", 6, "tuning"),
-    Chosen("obstacle_detector/scans_demo.bag", "/front_scan", 5, "tuning"),
-    Chosen("obstacle_detector/scans_demo.bag", "/rear_scan", 5, "tuning"),
-    Chosen("leg_tracker/positive_1_raw.bag", "right_scan", 6, "tuning"),
-    Chosen("leg_tracker/positive_2_extracted.bag", "/training_scan", 5, "tuning"),
-    Chosen("datmo/overtake_ego.bag", "/scan", 5, "tuning"),
-    Chosen("datmo/parallel.bag", "/scan", 5, "tuning"),
-    Chosen("my_gazebo_tutorials/20_53_49", "/scan", 5, "tuning"),
-    Chosen("my_gazebo_tutorials/20_46_08/rosbag2_2024_11_22-20_46_08_0.db3", "/scan", 5, "tuning"),
-    Chosen("hrp_mpc_lidar/mylaserdata2.bag", "/scan", 6, "tuning"),
-    Chosen("ros_behaviors_fsm/teleop", "/scan", 6, "tuning"),
-    Chosen("ros_behaviors_fsm/wall_follower", "/scan", 6, "tuning"),
-    Chosen("sick/rms_1xxx_lms_1xx_movement_off.bag", "/sick_lms_1xx/scan", 4, "tuning"),
-    Chosen("leg_tracker/demo_stationary_simple_environment.bag", "/scan", 6, "reporting"),
-    Chosen("leg_tracker/negative_2.bag", "/left_scan", 4, "reporting"),
-    Chosen("leg_tracker/negative_2.bag", "/rear_scan", 4, "reporting"),
-    Chosen("leg_tracker/negative_2.bag", "/right_scan", 4, "reporting"),
-    Chosen("leg_tracker/positive_3_raw.bag", "right_scan", 6, "reporting"),
-    Chosen("leg_tracker/positive_6_extracted.bag", "/training_scan", 6, "reporting"),
-    Chosen("robots_ii/mylaserdata_20151128.bag", "/car_1/scan", 5, "reporting"),
-    Chosen("robots_ii/src_mylaserdata_20151128.bag", "/robot_0/base_scan", 5, "reporting"),
-    Chosen("ros2_selfdriving/full_bag_nav", "/scan", 5, "reporting"),
-    Chosen("ros2_selfdriving/circular_bag_framed_0522", "/scan", 6, "reporting"),
-    Chosen("comprobo24/test-bag", "/scan", 6, "reporting"),
-    Chosen("comprobo24/drive_square", "/scan", 6, "reporting"),
-    Chosen("pr2/mylaserdata.bag", "/base_scan", 5, "reporting"),
-    Chosen("turtlebot/topics.bag", "/scan", 4, "reporting"),
-    Chosen("zcoakley/fsm", "/scan", 4, "tuning"),
-    Chosen("zcoakley/person_follower", "/scan", 4, "tuning"),
-    Chosen("datmo_more/intersection.bag", "/scan", 4, "tuning"),
-    Chosen("datmo_more/two_robots.bag", "/scan", 4, "tuning"),
-    Chosen("DanPark13/finite-state-controller", "/scan", 4, "reporting"),
-    Chosen("DanPark13/obstacle-avoider", "/scan", 4, "reporting"),
-    Chosen("DanPark13/person_follower", "/scan", 4, "reporting"),
-    Chosen("leg_tracker_benchmarks/general_tracking_moving_1.bag", "/scan", 9, "reporting"),
-    Chosen("leg_tracker_benchmarks/person_following_outdoor_1.bag", "/scan_base2", 6, "reporting"),
-    Chosen("carmen_ple/acapulco-corrected.log.gz", "/front_laser", 4, "reporting"),
-    Chosen("carmen_ple/belgioioso-corrected.log.gz", "/front_laser", 5, "reporting"),
-    Chosen("carmen_ple/csail-corrected.log.gz", "/front_laser", 9, "reporting"),
-    Chosen("carmen_ple/edmonton-corrected.log.gz", "/front_laser", 4, "reporting"),
-    Chosen("carmen_ple/freiburg-079-corrected-first1500.log.gz", "/front_laser", 11, "reporting"),
-    Chosen("carmen_ple/infinite-corridor-corrected-first1500.log.gz", "/front_laser", 4, "reporting"),
-    Chosen("carmen_ple/seattle-corrected.log.gz", "/front_laser", 5, "reporting"),
+    Chosen("scan_tools/laser_scan_matcher_demo_ros2branch_20230219.bag", "/scan", 6),
+    Chosen("obstacle_detector/scans_demo.bag", "/front_scan", 5),
+    Chosen("obstacle_detector/scans_demo.bag", "/rear_scan", 5),
+    Chosen("leg_tracker/positive_1_raw.bag", "right_scan", 6),
+    Chosen("leg_tracker/positive_2_extracted.bag", "/training_scan", 5),
+    Chosen("datmo/overtake_ego.bag", "/scan", 5),
+    Chosen("datmo/parallel.bag", "/scan", 5),
+    Chosen("my_gazebo_tutorials/20_53_49", "/scan", 5),
+    Chosen("my_gazebo_tutorials/20_46_08/rosbag2_2024_11_22-20_46_08_0.db3", "/scan", 5),
+    Chosen("hrp_mpc_lidar/mylaserdata2.bag", "/scan", 6),
+    Chosen("ros_behaviors_fsm/teleop", "/scan", 6),
+    Chosen("ros_behaviors_fsm/wall_follower", "/scan", 6),
+    Chosen("sick/rms_1xxx_lms_1xx_movement_off.bag", "/sick_lms_1xx/scan", 4),
+    Chosen("leg_tracker/demo_stationary_simple_environment.bag", "/scan", 6),
+    Chosen("leg_tracker/negative_2.bag", "/left_scan", 4),
+    Chosen("leg_tracker/negative_2.bag", "/rear_scan", 4),
+    Chosen("leg_tracker/negative_2.bag", "/right_scan", 4),
+    Chosen("leg_tracker/positive_3_raw.bag", "right_scan", 6),
+    Chosen("leg_tracker/positive_6_extracted.bag", "/training_scan", 6),
+    Chosen("robots_ii/mylaserdata_20151128.bag", "/car_1/scan", 5),
+    Chosen("robots_ii/src_mylaserdata_20151128.bag", "/robot_0/base_scan", 5),
+    Chosen("ros2_selfdriving/full_bag_nav", "/scan", 5),
+    Chosen("ros2_selfdriving/circular_bag_framed_0522", "/scan", 6),
+    Chosen("comprobo24/test-bag", "/scan", 6),
+    Chosen("comprobo24/drive_square", "/scan", 6),
+    Chosen("pr2/mylaserdata.bag", "/base_scan", 5),
+    Chosen("turtlebot/topics.bag", "/scan", 4),
+    Chosen("zcoakley/fsm", "/scan", 4),
+    Chosen("zcoakley/person_follower", "/scan", 4),
+    Chosen("datmo_more/intersection.bag", "/scan", 4),
+    Chosen("datmo_more/two_robots.bag", "/scan", 4),
+    Chosen("DanPark13/finite-state-controller", "/scan", 4),
+    Chosen("DanPark13/obstacle-avoider", "/scan", 4),
+    Chosen("DanPark13/person_follower", "/scan", 4),
+    Chosen("leg_tracker_benchmarks/general_tracking_moving_1.bag", "/scan", 9),
+    Chosen("leg_tracker_benchmarks/person_following_outdoor_1.bag", "/scan_base2", 6),
+    Chosen("carmen_ple/acapulco-corrected.log.gz", "/front_laser", 4),
+    Chosen("carmen_ple/belgioioso-corrected.log.gz", "/front_laser", 5),
+    Chosen("carmen_ple/csail-corrected.log.gz", "/front_laser", 9),
+    Chosen("carmen_ple/edmonton-corrected.log.gz", "/front_laser", 4),
+    Chosen("carmen_ple/freiburg-079-corrected-first1500.log.gz", "/front_laser", 11),
+    Chosen("carmen_ple/infinite-corridor-corrected-first1500.log.gz", "/front_laser", 4),
+    Chosen("carmen_ple/seattle-corrected.log.gz", "/front_laser", 5),
+    Chosen("carmen_ple/fhw-corrected.log.gz", "/front_laser", 10),
+    Chosen("carmen_ple/intel-corrected.log.gz", "/front_laser", 10),
+    Chosen("carmen_ple/orebro-corrected.log.gz", "/front_laser", 10),
+    Chosen("sea_me_coss/room_rosbag/rosbag2_2024_03_16-05_34_31_0.db3", "/scan", 5),
+    Chosen("sea_me_coss/rosbag_data/rosbag2_2024_03_16-04_36_26_0.db3", "/lidar_data", 5),
 )
-"""A log is on one side as a whole; but for leg_tracker, whose logs are of several places, so is a folder, and whoever
-recorded it."""

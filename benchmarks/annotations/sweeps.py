@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import lidarcli
-from benchmarks.annotations.choice import CHOSEN, Chosen, Side
+from benchmarks.annotations.choice import CHOSEN, Chosen
 from benchmarks.annotations.table import LABELS, Sweep, read
 from lidarcli.sweeps import Int64, SweepBatch
 
@@ -33,14 +33,14 @@ def rows_of(folder: Path, chosen: Chosen) -> list[Row]:
     return [(batch, row) for batch in lidarcli.read(chosen.path(folder), topic=chosen.topic) for row in range(len(batch))]
 
 
-def judged_sweeps(folder: Path, side: Side, labels: Path = LABELS) -> Iterator[JudgedSweep]:
-    """The judged sweeps of one side, log by log."""
+def judged_sweeps(folder: Path, labels: Path = LABELS) -> Iterator[tuple[Chosen, JudgedSweep]]:
+    """The judged sweeps, log by log."""
     told = {(each.log, each.topic, each.sweep): each for each in read(labels)}
     for chosen in CHOSEN:
-        if chosen.side != side or not chosen.path(folder).exists():
+        if not chosen.path(folder).exists():
             continue
         for batch in lidarcli.read(chosen.path(folder), topic=chosen.topic):
             for row, sweep in enumerate(batch.sweep.tolist()):
                 mine = told.get((chosen.log, chosen.topic, sweep))
                 if mine is not None:
-                    yield JudgedSweep(batch, row, mine, *mine.beams(batch.width))
+                    yield chosen, JudgedSweep(batch, row, mine, *mine.beams(batch.width))

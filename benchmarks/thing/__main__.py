@@ -1,7 +1,8 @@
 """Grow the trees that tell things from building, and write them: `make trees`.
 
-Drawn scenes of seeds that nothing is reported on, the labelled legs of two logs and the tuning half of the sweeps judged
-by eye are the examples. Without the recordings no trees are grown.
+Drawn scenes of seeds that nothing is reported on, the labelled legs of two logs, and the sweeps judged by eye are the
+examples. Without the recordings no trees are grown. What is reported on a log is that of trees that have seen none of its
+recorder's (`left_out`).
 """
 
 from __future__ import annotations
@@ -9,7 +10,7 @@ from __future__ import annotations
 import argparse
 import os
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
@@ -19,8 +20,8 @@ from benchmarks.accuracy.cells import Things
 from benchmarks.annotations.sweeps import judged_sweeps
 from benchmarks.annotations.table import BUILDING, THING
 from benchmarks.scenes import building, random
-from benchmarks.thing.examples import Examples, drawn, judged, legs, together
-from benchmarks.thing.grow import grow, odds, write
+from benchmarks.thing.examples import LEGS_BY, Examples, drawn, judged, legs, together
+from benchmarks.thing.grow import Grown, grow, write
 
 ROOT = Path(__file__).parents[2]
 FOREST = ROOT / "lidarcli" / "formalism" / "forest.py"
@@ -29,8 +30,10 @@ SEEDS = 0
 """First seed; what is reported begins with 50,000."""
 BUILDINGS, CLEAN = 120, 60
 """Scenes of each kind like real buildings, and of each kind with clean surfaces, both with and without legged things."""
-REAL, LEGS = 0.6, 0.1
+REAL, LEGS = 2.0, 0.3
 """Weight of the sweeps judged by eye, and of the labelled legs, beside that of all drawn scenes."""
+THINNED = 24
+"""Of the drawn bodies every so many is enough for trees that are only reported on."""
 CHUNK = 10
 
 
@@ -62,31 +65,30 @@ def scenes(jobs: int) -> list[Examples]:
 
 
 def judged_logs(recordings: Path) -> dict[str, Examples]:
-    """Log of the tuning half → examples of its judged sweeps."""
-    logs: dict[str, list[Examples]] = {}
-    for sweep in judged_sweeps(recordings, "tuning"):
-        found = judged(sweep.batch, sweep.row, sweep.verdict == THING, sweep.verdict == BUILDING)
-        logs.setdefault(sweep.told.log, []).append(found)
-    return {log: together(found) for log, found in logs.items()}
+    """Recorder → examples of the judged sweeps; a sweep weighs as the root of the number of its bodies."""
+    found: dict[str, list[Examples]] = {}
+    for chosen, sweep in judged_sweeps(recordings):
+        one = judged(sweep.batch, sweep.row, sweep.verdict == THING, sweep.verdict == BUILDING)
+        found.setdefault(chosen.recorder, []).append(one.scaled(float(np.sqrt(len(one.thing)))))
+    return {recorder: together(parts) for recorder, parts in found.items()}
 
 
-def weighed(drawn_ones: list[Examples], by_eye: list[Examples], on_legs: Examples) -> Examples:
+def weighed(drawn_ones: Sequence[Examples], by_eye: Sequence[Examples], on_legs: Sequence[Examples]) -> Examples:
     """All examples with their weights."""
     whole = sum(float(one.weight.sum()) for one in drawn_ones)
-    return together([*drawn_ones, together(by_eye).scaled(REAL * whole), on_legs.scaled(LEGS * whole)])
+    return together([*drawn_ones, together([*by_eye]).scaled(REAL * whole), *(one.scaled(LEGS * whole) for one in on_legs)])
 
 
-def _say(drawn_ones: list[Examples], logs: dict[str, Examples], on_legs: Examples) -> None:
-    """How far trees tell apart the bodies of each judged log that were grown without it."""
-    found = []
-    for left_out in logs:
-        others = [told for log, told in logs.items() if log != left_out]
-        found.append(odds(*grow(weighed(drawn_ones, others, on_legs)), logs[left_out].features))
-    told, thing = np.concatenate(found), together(list(logs.values())).thing
-    for least in (0.1, 0.3, 0.5):
-        kept = told >= np.log(least / (1.0 - least))
-        right = thing[kept].mean(), kept[thing].mean()
-        print(f"logs left out, thing >= {least}: precision {right[0]:.3f}, recall {right[1]:.3f}")
+def left_out(recordings: Path, jobs: int) -> dict[str, Grown]:
+    """Recorder → trees and prior that have seen none of its sweeps."""
+    thinned = [one.thinned(THINNED) for one in scenes(jobs)]
+    logs, on_legs = judged_logs(recordings), legs(recordings)
+    others = {
+        name: weighed(thinned, [told for log, told in logs.items() if log != name], [on_legs] if name != LEGS_BY else [])
+        for name in logs
+    }
+    with ProcessPoolExecutor(jobs) as pool:
+        return dict(zip(others, pool.map(grow, others.values()), strict=True))
 
 
 def main() -> None:
@@ -94,16 +96,15 @@ def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m benchmarks.thing", description=__doc__)
     parser.add_argument("--output", type=Path, default=FOREST, metavar="FILE", help="module to write")
     parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1, metavar="N", help="processes")
-    parser.add_argument("--left-out", action="store_true", help="tell, too, how right trees are that never saw a log")
     arguments = parser.parse_args()
     folder = os.environ.get(REAL_LOGS)
     if not folder:
         sys.exit(f"{REAL_LOGS} names no folder of recordings: nothing is grown without them")
-    drawn_ones, logs, on_legs = scenes(arguments.jobs), judged_logs(Path(folder)), legs(Path(folder))
-    write(arguments.output, *grow(weighed(drawn_ones, list(logs.values()), on_legs)))
-    print(f"wrote {arguments.output}")
-    if arguments.left_out:
-        _say(drawn_ones, logs, on_legs)
+    logs = judged_logs(Path(folder))
+    write(arguments.output, *grow(weighed(scenes(arguments.jobs), [*logs.values()], [legs(Path(folder))])))
+    print(
+        f"wrote {arguments.output}: {sum(len(one.thing) for one in logs.values())} judged bodies of {len(logs)} recorders"
+    )
 
 
 if __name__ == "__main__":

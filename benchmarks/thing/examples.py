@@ -17,10 +17,14 @@ from lidarcli.sweeps import Bool, Float64, SweepBatch
 
 EVERYTHING = Parameters(min_thing=0.0)
 """Every body is reported, whatever it is."""
+
+
 LEG_LOGS = ("positive_1_extracted.bag", "positive_2_extracted.bag")
-"""Logs with labelled legs that are used; the others are for reporting."""
+"""Logs with labelled legs that are used; the others are only reported on."""
 ON_LEG = 0.15
 """[m] A body with its centroid this near to a labelled leg is one."""
+LEGS_BY = "leg_tracker"
+"""Who recorded them."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,6 +39,11 @@ class Examples:
     def scaled(self, total: float) -> Examples:
         """The same with weights that sum up to a total."""
         return Examples(self.features, self.thing, self.weight * (total / max(self.weight.sum(), 1e-9)))
+
+    def thinned(self, step: int) -> Examples:
+        """Every so many of them, with the weight of all."""
+        some = Examples(self.features[::step], self.thing[::step], self.weight[::step])
+        return some.scaled(float(self.weight.sum()))
 
 
 def together(parts: list[Examples]) -> Examples:

@@ -14,12 +14,14 @@ from lidarcli.sweeps import Float64
 Question = tuple[int, float, float]
 """Feature, bound, and what the leaves below it add on average."""
 Trees = tuple[tuple[tuple[Question, ...], tuple[float, ...]], ...]
+Grown = tuple[Trees, float]
+"""Trees, and the log-odds before any tree."""
 
-TREES, DEPTH = 100, 3
+TREES, DEPTH = 64, 3
 ASKED, LEAVES = 2**DEPTH - 1, 2**DEPTH
 SEED = 1
 """Of the features that are drawn for each split."""
-RATE = 0.15
+RATE = 0.18
 """Share of what a tree has learnt that is kept; the next ones correct the rest."""
 SAMPLE = 0.5
 """Share of the features that each split may ask for."""
@@ -29,7 +31,7 @@ DIGITS = 4
 """Of the constants."""
 
 
-def grow(examples: Examples) -> tuple[Trees, float]:
+def grow(examples: Examples) -> Grown:
     """Trees for some examples, and the log-odds before any tree."""
     model = HistGradientBoostingClassifier(
         max_iter=TREES,
@@ -42,7 +44,9 @@ def grow(examples: Examples) -> tuple[Trees, float]:
         early_stopping=False,
         random_state=SEED,
     )
-    model.fit(examples.features, examples.thing, sample_weight=examples.weight)
+    # The mean weight is 1, as `LEAST` and `PENALTY` want it.
+    weight = examples.weight / examples.weight.mean()
+    model.fit(examples.features, examples.thing, sample_weight=weight)
     prior = round(float(model._baseline_prediction[0, 0]), DIGITS)
     return tuple(_tree(each.nodes) for (each,) in model._predictors), prior
 

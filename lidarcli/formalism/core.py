@@ -176,7 +176,6 @@ def _as_sensors_need(core: Core, scans: Scans) -> None:
     objects.divide(core.protrusions, core.survey, core.points, core.segments, core.faces)
     surfaces.measure_extent(core.survey, core.points, core.segments, core.faces)
     objects.pieces(core.survey, core.segments)
-    core.features.share = surfaces.share_of_walls(core.survey, core.points, core.segments)
     objects.join_fragments(core.bodies, core.survey, core.points, core.segments, core.survey.loose)
     features.gather(core.features, core.survey, core.points, core.segments, core.bodies)
     features.measure(core.features, core.survey, core.points, core.segments, core.faces, core.bodies, scans)

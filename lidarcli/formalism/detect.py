@@ -220,18 +220,17 @@ def _resize(arrays: dict[str, NDArray[Any]], objects: int, vertices: int, faces:
 # Reasons for a verdict, thing or building: the part of each kind of evidence in the log-odds.
 
 KINDS = {
-    "edges": ("jump_least", "jump_most", "hidden", "open", "view", "flicker"),
-    "lines": ("aligned", "support", "support_near", "line", "unbroken", "cross_line"),
-    "relief": ("backing", "line_behind", "depth_behind", "line_before", "protrusion"),
-    "size": ("width", "extent", "beams", "range"),
-    "form": ("bulge_to", "bulge_away", "roughness", "grazing"),
-    "sweep": ("walls", "noise"),
+    "edges": ("jump_least", "jump_most", "gap", "flicker"),
+    "around": ("beside", "beside_most", "around", "far_around", "deeper", "bodies", "slim"),
+    "lines": ("line", "unbroken", "own_line", "arms", "support", "beyond", "wall_line", "wall_before"),
+    "size": ("width", "extent", "range"),
+    "form": ("bulge_away", "arc", "noise"),
 }
 """Kind of evidence → features that belong to it."""
 START = "start"
 """Log-odds before any feature."""
-PLACE, MAP = "place", "map"
-"""Mean log-odds by all sweeps at that place, which take the place of this sweep's own, and what the map adds."""
+PLACE = "place"
+"""Mean log-odds by all sweeps at that place, which take the place of this sweep's own."""
 LEAST = 0.05
 """Least log-odds that are shown."""
 
@@ -270,13 +269,12 @@ def reasons(features: Float64, thing: Float64) -> list[str | None]:
     return lines
 
 
-def reasons_by_place(reasons: list[str | None], place: Float64, on_map: Float64) -> list[str | None]:
-    """Return (K,) the parts of the place and of the map before those of the sweep: `place -0.7; this sweep: edges +2.1`.
+def reasons_by_place(reasons: list[str | None], place: Float64) -> list[str | None]:
+    """Return (K,) the log-odds of the place before the parts of the sweep: `place -0.7; this sweep: edges +2.1`.
 
-    `place` and `on_map` (K,) are their parts in the log-odds; NaN where the body has no place that is known.
+    `place` (K,) is NaN where the body has no place that is known.
     """
-    lines = []
-    for sweep, here, line in zip(reasons, place.tolist(), on_map.tolist(), strict=True):
-        parts = [f"{PLACE} {here:+.1f}"] + [f"{MAP} {line:+.1f}"] * (abs(line) >= LEAST)
-        lines.append(sweep if sweep is None or here != here else f"{', '.join(parts)}; this sweep: {sweep}")
-    return lines
+    return [
+        sweep if sweep is None or here != here else f"{PLACE} {here:+.1f}; this sweep: {sweep}"
+        for sweep, here in zip(reasons, place.tolist(), strict=True)
+    ]

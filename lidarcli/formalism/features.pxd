@@ -8,16 +8,17 @@ from lidarcli.formalism.segmentation cimport Points, Scans, Segments
 from lidarcli.formalism.surfaces cimport Faces, Survey
 
 
-cdef Py_ssize_t JUMP_LEAST, JUMP_MOST, HIDDEN, OPEN, WIDTH, EXTENT, BEAMS, ALIGNED, SUPPORT, SUPPORT_NEAR, BACKING, LINE
-cdef Py_ssize_t LINE_BEHIND, DEPTH_BEHIND, LINE_BEFORE, UNBROKEN, CROSS_LINE, BULGE_TO, BULGE_AWAY, WALLS
-cdef Py_ssize_t NOISE, GRAZING, PROTRUSION, ROUGHNESS, VIEW, RANGE, FLICKER, COUNT, BINS
-cdef double FAR, NEARER
-cdef Py_ssize_t DIRECTION_POINTS, FACE_POINTS
-cdef double RIGHT_ANGLE, KERNEL, CLOSE, DIRECTION_LENGTH, ALIGNED_LEAST, ALIGNED_MOST, ALIGNED_NOISE, FACE_LENGTH, FACE_PLANE, FACE_PLANE_NOISE
-cdef double RELIEF, LINE_NEAR, LINE_BESIDE
-cdef Py_ssize_t OWN_POINTS, BINS_BEFORE, MOST_STRIDE, BEHIND_FIRST, BEHIND_LAST, BEFORE_FIRST, BEFORE_LAST, CROSSED
-cdef double OWN_LENGTH, LINE_REACH, LINE_PLANE, LINE_NOISE, TINY, LINE_PRIOR, BIN, SHALLOWEST, DEEPEST, SPACING, SLANT
-cdef double FRONT
+cdef Py_ssize_t JUMP_LEAST, JUMP_MOST, GAP, FLICKER, BESIDE, BESIDE_MOST, AROUND, FAR_AROUND, DEEPER, BODIES, SLIM
+cdef Py_ssize_t LINE, UNBROKEN, OWN_LINE, ARMS, SUPPORT, BEYOND, WALL_LINE, WALL_BEFORE
+cdef Py_ssize_t WIDTH, EXTENT, RANGE, BULGE_AWAY, ARC, NOISE, COUNT
+cdef double FAR, NEARER, SHORTEST, LONGEST
+cdef double OUTSIDE, DEEPEST, BESIDE_ANGLE, AROUND_ANGLE, FAR_ANGLE, DEEPER_ANGLE, DEEPER_BY
+cdef double NEAR_BODIES, SLIM_WIDTH, NO_SLIM
+cdef Py_ssize_t LOOKS, DIRECTION_POINTS, LINE_POINTS, FEW_POINTS, MOST_STRIDE, CROSSED
+cdef double RIGHT_ANGLE, KERNEL, CLOSE, DIRECTION_LENGTH, PLANE, PLANE_NOISE
+cdef double SLANTED, SHORT, SHORT_SLANT, LONG_SLANT, WIDEST, BEYOND_BY, LOG_SCALE
+cdef double WALL_LENGTH, WALL_NEAR, LINE_FAR, TIE
+cdef double ALIGNED, ARM, LINE_REACH, LINE_PRIOR, HIDDEN_BY, SPACING, SLANT, FRONT, NEAREST_LINE
 
 
 cdef class Features:
@@ -27,19 +28,20 @@ cdef class Features:
     cdef Py_ssize_t* start
     cdef double* values
     cdef Py_ssize_t* body
-    cdef Py_ssize_t* aligned
-    cdef Py_ssize_t* axis
+    cdef Py_ssize_t* first
+    cdef Py_ssize_t* last
+    cdef double* x
+    cdef double* y
+    cdef double cos, sin, met, crossed, goes_on, supported
     cdef Py_ssize_t* lines
-    cdef Py_ssize_t* begin
+    cdef Py_ssize_t* walls
+    cdef Py_ssize_t line_count, wall_count
+    cdef Py_ssize_t* axis
+    cdef double* aligned
     cdef double* offset
-    cdef double* low
-    cdef double* high
-    cdef double cos, sin, share, goes_on
     cdef double* angle
     cdef double* length
     cdef double* votes
-    cdef double* bins
-    cdef double* sums
 
 
 cdef void gather(Features features, Survey survey, Points points, Segments segments, Bodies bodies) noexcept nogil
@@ -49,16 +51,27 @@ cdef void measure(
 ) noexcept nogil
 
 
-cdef double _jump(Py_ssize_t edge, double s) noexcept nogil
-cdef bint _is_unseen(Py_ssize_t edge) noexcept nogil
-@cython.locals(hidden=Py_ssize_t, unseen=Py_ssize_t, one=double, other=double)
-cdef void measure_edges(
+@cython.locals(a=Py_ssize_t, b=Py_ssize_t, width=double, base=double, behind=double, steps=double)
+cdef void measure_outline(
     Features features, Points points, Segments segments, Bodies bodies, Py_ssize_t k
 ) noexcept nogil
-@cython.locals(number=Py_ssize_t, towards=double, behind=double, rough=double, off=double, bend=double)
-cdef void measure_outline(
-    Features features, Survey survey, Points points, Segments segments, Bodies bodies, Py_ssize_t k
-) noexcept nogil
+cdef double _jump(Py_ssize_t edge, double s) noexcept nogil
+@cython.locals(one=double, other=double)
+cdef void measure_edges(Features features, Points points, Segments segments, Py_ssize_t k) noexcept nogil
+@cython.locals(q=Py_ssize_t)
+cdef double _gap(Points points, Py_ssize_t p, int step) noexcept nogil
+
+
+@cython.locals(
+    a=Py_ssize_t, b=Py_ssize_t, from_a=Py_ssize_t, from_b=Py_ssize_t, ra=double, rb=double, steps=Py_ssize_t,
+    stride=Py_ssize_t, i=Py_ssize_t, one=double, other=double, deeper=double, per_depth=double, looks=Py_ssize_t, bodies=double,
+    slim=double, off=double
+)
+cdef void measure_surroundings(Features features, Points points, Scans scans, Py_ssize_t k) noexcept nogil
+@cython.locals(steps=Py_ssize_t)
+cdef Py_ssize_t _steps(Points points, double angle) noexcept nogil
+@cython.locals(away=double)
+cdef double _depth(Points points, Scans scans, Py_ssize_t position, double r) noexcept nogil
 
 
 @cython.locals(
@@ -67,39 +80,41 @@ cdef void measure_outline(
 )
 cdef void find_direction(Features features, Faces faces) noexcept nogil
 cdef double _turned(double angle) noexcept nogil
+@cython.locals(along=double, across=double)
+cdef void align(Features features, Faces faces) noexcept nogil
 @cython.locals(
-    turned=bint, is_line=bint, number=Py_ssize_t, more=double, less=double, allowed=double, u=double, v=double
+    face=Py_ssize_t, arm=Py_ssize_t, i=Py_ssize_t, support=double, aligned=double, told=double, beyond=double
 )
-cdef void align(Features features, Points points, Faces faces) noexcept nogil
-@cython.locals(some=bint, i=Py_ssize_t, longest=double, total=double, aligned=double)
-cdef void measure_support(
-    Features features, Points points, Segments segments, Faces faces, Py_ssize_t k
-) noexcept nogil
-@cython.locals(g=Py_ssize_t, everywhere=double, near=double, behind=double, gap=double, depth=double)
-cdef void _add_support(
-    Features features, Points points, Faces faces, Py_ssize_t k, Py_ssize_t axis, double offset, double low,
-    double high, double share
-) noexcept nogil
-
-
-@cython.locals(face=Py_ssize_t, cross=Py_ssize_t, i=Py_ssize_t)
-cdef void measure_line(
-    Features features, Points points, Segments segments, Faces faces, Scans scans, Py_ssize_t k
+cdef void measure_lines(
+    Features features, Points points, Faces faces, Scans scans, Py_ssize_t k
 ) noexcept nogil
 @cython.locals(
-    i=Py_ssize_t, half=Py_ssize_t, behind=double, depth=double, before=double, share=double, beyond=double,
-    along_x=double, along_y=double
+    i=Py_ssize_t, plane=double, slack=double, on=double, beyond=double, whole=double, per_depth=double, axis=Py_ssize_t, offset=double,
+    most=double, supported=double, aside=double, length=double, off=double, along=double,
+    turned=double
 )
+cdef double _on_line(
+    Features features, Points points, Faces faces, Py_ssize_t k, Py_ssize_t face
+) noexcept nogil
+@cython.locals(
+    i=Py_ssize_t, plane=double, most=double, one=double, other=double, off=double, on=double,
+    x=double, y=double, along=double, across=double
+)
+cdef double _supported(Features features, Points points, Faces faces, Py_ssize_t k) noexcept nogil
+cdef double _share(double off) noexcept nogil
+@cython.locals(i=Py_ssize_t, nearest=double, line=double, before=double, off=double, along=double, past=double, apart=double)
+cdef void measure_walls(Features features, Faces faces, Py_ssize_t k) noexcept nogil
+
+
+@cython.locals(along_x=double, along_y=double, ahead=double, aside=double)
 cdef void _measure_face(
-    Features features, Points points, Segments segments, Faces faces, Scans scans, Py_ssize_t k, Py_ssize_t face
+    Features features, Points points, Faces faces, Scans scans, Py_ssize_t k, Py_ssize_t face
 ) noexcept nogil
-@cython.locals(end=Py_ssize_t)
-cdef double _share(double* sums, double beyond, Py_ssize_t at, Py_ssize_t half) noexcept nogil
 @cython.locals(
-    lost=Py_ssize_t, last=double, begin=double, beyond=double, crossed=Py_ssize_t, far=double, stride=Py_ssize_t,
-    left=Py_ssize_t, skip=Py_ssize_t, turn=Py_ssize_t, step=double
+    lost=Py_ssize_t, last=double, begin=double, crossed=Py_ssize_t, far=double, stride=Py_ssize_t, left=Py_ssize_t,
+    skip=Py_ssize_t, turn=Py_ssize_t, step=double, on=double, per_plane=double
 )
-cdef double _follow(
+cdef void _follow(
     Features features, Points points, Scans scans, Py_ssize_t start, int sign, double normal_x, double normal_y,
     double c
 ) noexcept nogil

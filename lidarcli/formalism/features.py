@@ -1,13 +1,12 @@
 """Verdict of Definition 5, thing or building: features of a body, and the probability that trees give it by these.
 
-A wall goes on: in the direction of the building, on its own line, behind what hides it. A thing ends: at steps, before free
-space. Every feature is one such question, put to the whole sweep.
+A wall goes on: on its own line, past what hides it, in the direction of the building. A thing ends: at steps, before free
+space. Every feature is one such question, put to the body or to what is around it in the sweep.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from typing import Any
 
 from lidarcli import native
@@ -17,31 +16,18 @@ from lidarcli.formalism.segmentation import Points, Scans, Segments
 from lidarcli.formalism.surfaces import Faces, Survey
 
 NAMES = (
-    *(
-        "jump_least",
-        "jump_most",
-        "hidden",
-        "open",
-        "width",
-        "extent",
-        "beams",
-        "aligned",
-        "support",
-        "support_near",
-        "backing",
-    ),
-    *("line", "line_behind", "depth_behind", "line_before", "unbroken", "cross_line", "bulge_to", "bulge_away", "walls"),
-    *("noise", "grazing", "protrusion", "roughness", "view", "range", "flicker"),
+    *("jump_least", "jump_most", "gap", "flicker"),
+    *("beside", "beside_most", "around", "far_around", "deeper", "bodies", "slim"),
+    *("line", "unbroken", "own_line", "arms", "support", "beyond", "wall_line", "wall_before"),
+    *("width", "extent", "range", "bulge_away", "arc", "noise"),
 )
 """Names of the features in their order (docs/formalism.md explains them)."""
-JUMP_LEAST, JUMP_MOST, HIDDEN, OPEN, WIDTH, EXTENT, BEAMS, ALIGNED, SUPPORT, SUPPORT_NEAR, BACKING = range(11)
-LINE, LINE_BEHIND, DEPTH_BEHIND, LINE_BEFORE, UNBROKEN, CROSS_LINE, BULGE_TO, BULGE_AWAY, WALLS = range(11, 20)
-NOISE, GRAZING, PROTRUSION, ROUGHNESS, VIEW, RANGE, FLICKER, COUNT = range(20, 28)
+JUMP_LEAST, JUMP_MOST, GAP, FLICKER, BESIDE, BESIDE_MOST, AROUND, FAR_AROUND, DEEPER, BODIES, SLIM = range(11)
+LINE, UNBROKEN, OWN_LINE, ARMS, SUPPORT, BEYOND, WALL_LINE, WALL_BEFORE = range(11, 19)
+WIDTH, EXTENT, RANGE, BULGE_AWAY, ARC, NOISE, COUNT = range(19, 26)
 
 FAR, NEARER = 3.0, -2.0
 """[m] Greatest and least jump: the greatest is also that at an edge behind which nothing is seen."""
-BINS = 52
-"""Depths before and behind a line that are told apart."""
 
 
 class Features:
@@ -58,30 +44,34 @@ class Features:
         """`COUNT` features of each body, as `NAMES` lists them."""
         self.body = native.integers(self.owner, most)
         """Body of each segment, -1 for none."""
-        # Of each face: whether it is aligned, with which axis, its offset from the sensor, where it begins and ends.
-        self.aligned = native.integers(self.owner, 2 * most)
-        self.axis = native.integers(self.owner, 2 * most)
-        self.offset = native.doubles(self.owner, 2 * most)
-        self.low = native.doubles(self.owner, 2 * most)
-        self.high = native.doubles(self.owner, 2 * most)
-        self.lines = native.integers(self.owner, 2 * most)
-        """Aligned faces that are long enough to be parts of lines, those along the building before those across."""
-        self.begin = native.integers(self.owner, 3)
-        """(3,) begin of the lines of each axis in `lines`, then their end."""
+        self.first = native.integers(self.owner, most)
+        self.last = native.integers(self.owner, most)
+        """First and last point of each body."""
+        self.x = native.doubles(self.owner, most)
+        self.y = native.doubles(self.owner, most)
+        """Middle of the chord of each body [m]."""
         self.cos = 1.0
         """Direction of the building."""
         self.sin = 0.0
+        self.lines = native.integers(self.owner, 2 * most)
+        """Faces of enough points to be on a line, `line_count` of them; the long ones are walls."""
+        self.walls = native.integers(self.owner, 2 * most)
+        self.line_count = self.wall_count = 0
+        self.axis = native.integers(self.owner, 2 * most)
+        """Of each face: 1 across the building, 0 along it."""
+        self.aligned = native.doubles(self.owner, 2 * most)
+        """How much of it counts as such."""
+        self.offset = native.doubles(self.owner, 2 * most)
+        """Distance of its line from the sensor, to one side [m]."""
         self.angle = native.doubles(self.owner, 2 * most)
         self.length = native.doubles(self.owner, 2 * most)
         self.votes = native.doubles(self.owner, 2 * most)
-        self.bins = native.doubles(self.owner, BINS)
-        """[m] How much of a line is met at each depth."""
-        self.sums = native.doubles(self.owner, BINS + 1)
-        """Sums of the bins before each one, and of all."""
+        # Of the line of a body past its ends [m]: what is met on it and crossed, and how far it goes on.
+        self.met = 0.0
+        self.crossed = 0.0
         self.goes_on = 0.0
-        """[m] How far a line goes on past the ends of a body without a beam that passes through it."""
-        self.share = 0.0
-        """Share of the points of the sweep that are on walls."""
+        self.supported = 0.0
+        """How much of the aligned faces of other bodies is on the line of a face that is aligned [m]."""
 
 
 def gather(features: Features, survey: Survey, points: Points, segments: Segments, bodies: Bodies) -> None:
@@ -115,15 +105,57 @@ def measure(
     if features.count == 0:
         return
     find_direction(features, faces)
-    align(features, points, faces)
+    align(features, faces)
     for k in range(features.count):
-        measure_edges(features, points, segments, bodies, k)
-        measure_outline(features, survey, points, segments, bodies, k)
-        measure_support(features, points, segments, faces, k)
-        measure_line(features, points, segments, faces, scans, k)
+        measure_outline(features, points, segments, bodies, k)
+    for k in range(features.count):
+        measure_edges(features, points, segments, k)
+        measure_surroundings(features, points, scans, k)
+        measure_lines(features, points, faces, scans, k)
+        measure_walls(features, faces, k)
 
 
-# What is seen of a body by itself: its edges, its size, its form.
+# What is seen of a body by itself: its size, its form, its edges.
+
+
+def measure_outline(features: Features, points: Points, segments: Segments, bodies: Bodies, k: int) -> None:
+    """Fill in the features of the size and form of a body, and where it is."""
+    values, at, x, y = features.values, k * COUNT, points.x, points.y
+    head, tail = features.member[features.start[k]], features.member[features.start[k + 1] - 1]
+    a, b = segments.first[head], segmentation.last_point(segments, tail)
+    dx, dy = x[b] - x[a], y[b] - y[a]
+    width = math.sqrt(dx * dx + dy * dy)
+    features.first[k], features.last[k] = a, b
+    features.x[k], features.y[k] = 0.5 * (x[a] + x[b]), 0.5 * (y[a] + y[b])
+    values[at + WIDTH], values[at + EXTENT] = width, bodies.extent[head]
+    values[at + RANGE] = math.sqrt(features.x[k] * features.x[k] + features.y[k] * features.y[k])
+    values[at + NOISE], values[at + FLICKER] = points.sigma, points.flicker
+    # The normal points away from the sensor.
+    normal_x, normal_y, base = 0.0, 0.0, 0.0
+    if width > 0.0:
+        normal_x, normal_y = dy / width, -dx / width
+        base = normal_x * x[a] + normal_y * y[a]
+        # A chord that passes through the sensor has no far side.
+        if abs(base) < SHORTEST:
+            normal_x, normal_y, base = 0.0, 0.0, 0.0
+        elif base < 0.0:
+            normal_x, normal_y, base = -normal_x, -normal_y, -base
+    behind, steps = 0.0, 0.0
+    for part in range(features.start[k], features.start[k + 1]):
+        j = features.member[part]
+        first = segments.first[j]
+        for p in range(first, first + segments.size[j]):
+            behind = max(behind, normal_x * x[p] + normal_y * y[p] - base)
+            if p > first:
+                steps += (x[p] - x[p - 1]) * (x[p] - x[p - 1]) + (y[p] - y[p - 1]) * (y[p] - y[p - 1])
+    values[at + BULGE_AWAY] = behind
+    # The length of equal steps with these squares.
+    values[at + ARC] = min(math.sqrt(bodies.size[head] * steps) / max(width, SHORTEST), LONGEST)
+
+
+SHORTEST, LONGEST = 0.01, 5.0
+"""[m] Least chord that an outline is compared with, and least distance of one that has a far side; greatest ratio of the
+two."""
 
 
 def _jump(edge: int, s: float) -> float:
@@ -133,85 +165,105 @@ def _jump(edge: int, s: float) -> float:
     return FAR
 
 
-def _is_unseen(edge: int) -> bool:
-    """Return whether the beam beside an edge has no range."""
-    return edge == segmentation.OPEN or edge == segmentation.UNKNOWN or edge == segmentation.FLICKERING
-
-
-def measure_edges(features: Features, points: Points, segments: Segments, bodies: Bodies, k: int) -> None:
+def measure_edges(features: Features, points: Points, segments: Segments, k: int) -> None:
     """Fill in the features of the two edges of a body."""
     values, at = features.values, k * COUNT
     head, tail = features.member[features.start[k]], features.member[features.start[k + 1] - 1]
-    start, end = segments.start_edge[head], segments.end_edge[tail]
-    one = _jump(start, -segments.s_start[head])
-    other = _jump(end, segments.s_end[tail])
+    one = _jump(segments.start_edge[head], -segments.s_start[head])
+    other = _jump(segments.end_edge[tail], segments.s_end[tail])
     values[at + JUMP_LEAST], values[at + JUMP_MOST] = min(one, other), max(one, other)
-    hidden = (start == segmentation.HIDDEN) + (end == segmentation.HIDDEN)
-    unseen = _is_unseen(start) + _is_unseen(end)
-    values[at + HIDDEN], values[at + OPEN] = hidden, unseen
-    values[at + VIEW] = (start == segmentation.VIEW) + (end == segmentation.VIEW)
-    values[at + BEAMS] = math.log(bodies.size[head])
-    values[at + EXTENT] = bodies.extent[head]
-    values[at + WALLS] = features.share
-    values[at + NOISE], values[at + FLICKER] = points.sigma, points.flicker
+    values[at + GAP] = min(_gap(points, features.first[k], -1), _gap(points, features.last[k], 1))
 
 
-def measure_outline(features: Features, survey: Survey, points: Points, segments: Segments, bodies: Bodies, k: int) -> None:
-    """Fill in the features of the size and form of a body."""
-    values, at, x, y = features.values, k * COUNT, points.x, points.y
-    head, tail = features.member[features.start[k]], features.member[features.start[k + 1] - 1]
-    a, b = segments.first[head], segmentation.last_point(segments, tail)
-    dx, dy = x[b] - x[a], y[b] - y[a]
-    width = math.sqrt(dx * dx + dy * dy)
-    values[at + WIDTH] = width
-    middle_x, middle_y = 0.5 * (x[a] + x[b]), 0.5 * (y[a] + y[b])
-    away = math.sqrt(middle_x * middle_x + middle_y * middle_y)
-    values[at + RANGE] = away
-    values[at + PROTRUSION] = 1.0 if survey.protrusion[head] else 0.0
-    values[at + BULGE_TO] = values[at + BULGE_AWAY] = values[at + ROUGHNESS] = 0.0
-    values[at + GRAZING] = 1.0
-    if not width > 0.0 or not away > 0.0:
-        return
-    normal_x, normal_y = dy / width, -dx / width
-    # Towards the sensor.
-    if normal_x * x[a] + normal_y * y[a] > 0.0:
-        normal_x, normal_y = -normal_x, -normal_y
-    values[at + GRAZING] = abs(normal_x * middle_x + normal_y * middle_y) / away
-    base = normal_x * x[a] + normal_y * y[a]
-    towards, behind, rough, number = 0.0, 0.0, 0.0, 0
-    for part in range(features.start[k], features.start[k + 1]):
-        j = features.member[part]
-        first = segments.first[j]
-        for p in range(first, first + segments.size[j]):
-            off = normal_x * x[p] + normal_y * y[p] - base
-            towards, behind = max(towards, off), max(behind, -off)
-            if p > first + 1:
-                bend = off - 2.0 * (normal_x * x[p - 1] + normal_y * y[p - 1] - base)
-                bend += normal_x * x[p - 2] + normal_y * y[p - 2] - base
-                rough += abs(bend)
-                number += 1
-    values[at + BULGE_TO], values[at + BULGE_AWAY] = towards, behind
-    values[at + ROUGHNESS] = rough / number if number > 0 else 0.0
+def _gap(points: Points, p: int, step: int) -> float:
+    """Return the distance of a point to the next one in a direction [m], at most `FAR`."""
+    q = p + step
+    if points.period > 0:
+        if q < 0:
+            q += points.count
+        elif q >= points.count:
+            q -= points.count
+    if q < 0 or q >= points.count:
+        return FAR
+    return min(segmentation.distance(points, p, q), FAR)
 
 
-# The directions of a building, and how much of a sweep lies on the lines of a body.
+# What is around a body: the surfaces past both of its ends, and other bodies.
+
+OUTSIDE, DEEPEST = -4.0, 5.0
+"""[m] Depths behind a body: beyond the view, and the greatest one, which is also that of nothing; the least is -`FAR`."""
+BESIDE_ANGLE, AROUND_ANGLE, FAR_ANGLE = math.radians(1.0), math.radians(4.0), math.radians(8.0)
+"""[rad] So far past both ends one beam is looked at."""
+DEEPER_ANGLE, LOOKS, DEEPER_BY = math.radians(20.0), 5, 0.4
+"""[rad], beams to each side, about, [m]: how many of these end so much deeper."""
+NEAR_BODIES, SLIM_WIDTH, NO_SLIM = 3.0, 0.3, 2.0
+"""[m] Bodies that near are counted; the nearest slim one, of a lesser width, is no further away than that."""
+
+
+def measure_surroundings(features: Features, points: Points, scans: Scans, k: int) -> None:
+    """Fill in the features of the depths past both ends of a body, and of other bodies."""
+    values, at = features.values, k * COUNT
+    a, b = features.first[k], features.last[k]
+    from_a, from_b = points.position[a], points.position[b]
+    ra, rb = points.r[a], points.r[b]
+    steps = _steps(points, BESIDE_ANGLE)
+    one, other = _depth(points, scans, from_a - steps, ra), _depth(points, scans, from_b + steps, rb)
+    values[at + BESIDE], values[at + BESIDE_MOST] = min(one, other), max(one, other)
+    steps = _steps(points, AROUND_ANGLE)
+    values[at + AROUND] = min(_depth(points, scans, from_a - steps, ra), _depth(points, scans, from_b + steps, rb))
+    steps = _steps(points, FAR_ANGLE)
+    values[at + FAR_AROUND] = min(_depth(points, scans, from_a - steps, ra), _depth(points, scans, from_b + steps, rb))
+    steps = _steps(points, DEEPER_ANGLE)
+    stride = max(steps // LOOKS, 1)
+    deeper, per_depth, looks, i = 0.0, 1.0 / DEEPER_BY, 0, 1
+    while i <= steps:
+        one, other = _depth(points, scans, from_a - i, ra), _depth(points, scans, from_b + i, rb)
+        looks += (one > OUTSIDE) + (other > OUTSIDE)
+        deeper += 2.0 - _share(per_depth * max(one, 0.0)) - _share(per_depth * max(other, 0.0))
+        i += stride
+    values[at + DEEPER] = deeper / max(looks, 1.0)
+    bodies, slim = 0.0, NO_SLIM * NO_SLIM
+    for i in range(features.count):
+        dx, dy = features.x[i] - features.x[k], features.y[i] - features.y[k]
+        off = dx * dx + dy * dy
+        if off < 2.25 * NEAR_BODIES * NEAR_BODIES:
+            bodies += _share(math.sqrt(off) / NEAR_BODIES)
+        if i != k and values[i * COUNT + WIDTH] < SLIM_WIDTH:
+            slim = min(slim, off)
+    values[at + BODIES], values[at + SLIM] = bodies, math.sqrt(slim)
+
+
+def _steps(points: Points, angle: float) -> int:
+    """Return the number of beams within an angle, at least one and no more than there are."""
+    if angle >= points.step * points.bearings:
+        return points.bearings
+    steps = int(angle / points.step + 0.5)
+    return max(steps, 1)
+
+
+def _depth(points: Points, scans: Scans, position: int, r: float) -> float:
+    """Return how much further away than r the beam at a position ends [m]."""
+    if points.period == 0 and (position < 0 or position >= points.bearings):
+        return OUTSIDE
+    while position < 0:
+        position += points.bearings
+    while position >= points.bearings:
+        position -= points.bearings
+    away = scans.ranges[points.row * scans.width + segmentation.beam_at(points, position)] - r
+    return max(-FAR, min(away, DEEPEST)) if away == away else DEEPEST
+
+
+# The direction of a building, and how much of a sweep lies on the lines of a body.
 
 RIGHT_ANGLE = 0.5 * math.pi
 KERNEL, CLOSE = math.radians(4.0), math.radians(5.0)
 """[rad] A face speaks for directions up to the first from its own; faces up to the second from the best make it exact."""
 DIRECTION_LENGTH, DIRECTION_POINTS = 0.25, 4
 """[m] Shorter faces, and those of fewer points, do not tell directions."""
-ALIGNED_LEAST, ALIGNED_MOST = math.tan(math.radians(5.0)), math.tan(math.radians(20.0))
-"""Tangents of the angles by which an aligned face may be off, as its noise allows."""
-ALIGNED_NOISE = 4.0 * math.sqrt(3.0)
-FACE_POINTS, FACE_LENGTH = 3, 0.08
-"""[m] Lesser faces give no line."""
-FACE_PLANE, FACE_PLANE_NOISE = 0.03, 2.0
-"""[m] Faces of one line differ by so much, and by so many times the noise."""
-RELIEF = 0.32
-"""[m] What stands out from a wall does so by no more than this."""
-LINE_NEAR, LINE_BESIDE = 1.3, 0.6
-"""[m] along a line: a piece is near; a piece is behind."""
+ALIGNED = math.sin(math.radians(10.0))
+"""Sine of the angle by which an aligned face may be off."""
+PLANE, PLANE_NOISE = 0.04, 2.0
+"""[m] Surfaces of one line differ by so much, and by so many times the noise."""
 
 
 def find_direction(features: Features, faces: Faces) -> None:
@@ -250,233 +302,220 @@ def _turned(angle: float) -> float:
     return angle - RIGHT_ANGLE * math.floor(angle / RIGHT_ANGLE + 0.5)
 
 
-def align(features: Features, points: Points, faces: Faces) -> None:
-    """Mark the faces that run with or across the building, and compute their places in its axes."""
+def align(features: Features, faces: Faces) -> None:
+    """List the faces that may be on lines and the walls; mark those along the building or across it, and where they are."""
     cos, sin = features.cos, features.sin
+    features.line_count = features.wall_count = 0
     for f in range(faces.count):
-        along = faces.direction_x[f] * cos + faces.direction_y[f] * sin
-        across = faces.direction_y[f] * cos - faces.direction_x[f] * sin
-        u = faces.middle_x[f] * cos + faces.middle_y[f] * sin
-        v = faces.middle_y[f] * cos - faces.middle_x[f] * sin
-        turned = abs(across) > abs(along)
-        features.axis[f] = turned
-        more, less = abs(along), abs(across)
-        if turned:
-            more, less = less, more
-            u, v = v, u
-        features.offset[f] = v
-        half = 0.5 * faces.length[f]
-        features.low[f], features.high[f] = u - half, u + half
-        allowed = ALIGNED_LEAST
-        if faces.length[f] > 0.0:
-            noise = ALIGNED_NOISE * points.sigma / (math.sqrt(faces.points[f]) * faces.length[f])
-            allowed = max(ALIGNED_LEAST, min(ALIGNED_MOST, noise))
-        features.aligned[f] = less < allowed * more
-    for axis in range(2):
-        number = features.begin[axis]
-        for f in range(faces.count):
-            is_line = faces.points[f] >= FACE_POINTS and faces.length[f] > FACE_LENGTH
-            if is_line and features.aligned[f] and features.axis[f] == axis:
-                features.lines[number] = f
-                number += 1
-        features.begin[axis + 1] = number
+        along = abs(faces.direction_x[f] * cos + faces.direction_y[f] * sin)
+        across = abs(faces.direction_y[f] * cos - faces.direction_x[f] * sin)
+        features.axis[f] = across > along
+        features.aligned[f] = _share(min(along, across) / ALIGNED)
+        features.offset[f] = faces.middle_y[f] * cos - faces.middle_x[f] * sin
+        if across > along:
+            features.offset[f] = faces.middle_x[f] * cos + faces.middle_y[f] * sin
+        if faces.points[f] >= LINE_POINTS:
+            features.lines[features.line_count] = f
+            features.line_count += 1
+        if faces.length[f] >= WALL_LENGTH:
+            features.walls[features.wall_count] = f
+            features.wall_count += 1
 
 
-def measure_support(features: Features, points: Points, segments: Segments, faces: Faces, k: int) -> None:
-    """Fill in the features of the other faces of the sweep on the lines of a body, and a little behind them."""
+def measure_lines(features: Features, points: Points, faces: Faces, scans: Scans, k: int) -> None:
+    """Fill in the features of the lines of the two longest faces of a body."""
     values, at = features.values, k * COUNT
-    head = features.member[features.start[k]]
-    longest, total, aligned = 0.0, 0.0, 0.0
-    for part in range(features.start[k], features.start[k + 1]):
-        j = features.member[part]
-        for f in range(faces.offset[j], faces.offset[j + 1]):
-            total += faces.length[f]
-            longest = max(longest, faces.length[f])
-            if features.aligned[f]:
-                aligned += faces.length[f]
-    values[at + ALIGNED] = aligned / total if total > 0.0 else 0.0
-    values[at + SUPPORT] = values[at + SUPPORT_NEAR] = values[at + BACKING] = 0.0
-    some = False
-    for part in range(features.start[k], features.start[k + 1]):
-        j = features.member[part]
-        for f in range(faces.offset[j], faces.offset[j + 1]):
-            if features.aligned[f] and faces.length[f] >= 0.5 * longest:
-                some = True
-                _add_support(
-                    features, points, faces, k, features.axis[f], features.offset[f], features.low[f], features.high[f], 1.0
-                )
-    if not some:
-        nearest = segments.first[head]
-        for part in range(features.start[k], features.start[k + 1]):
-            j = features.member[part]
-            for p in range(segments.first[j], segments.first[j] + segments.size[j]):
-                if points.r[p] < points.r[nearest]:
-                    nearest = p
-        x, y = points.x[nearest], points.y[nearest]
-        u, v = x * features.cos + y * features.sin, y * features.cos - x * features.sin
-        _add_support(features, points, faces, k, 0, v, u, u, 0.5)
-        _add_support(features, points, faces, k, 1, u, v, v, 0.5)
-    for i in range(SUPPORT, BACKING + 1):
-        values[at + i] = math.log(1.0 + values[at + i] / 0.3)
-
-
-def _add_support(
-    features: Features,
-    points: Points,
-    faces: Faces,
-    k: int,
-    axis: int,
-    offset: float,
-    low: float,
-    high: float,
-    share: float,
-) -> None:
-    """Raise the support of a body to that of one of its lines, if that is more."""
-    values, at = features.values, k * COUNT
-    allowed = FACE_PLANE + FACE_PLANE_NOISE * points.sigma
-    everywhere, near, behind = 0.0, 0.0, 0.0
-    side = 1.0 if offset > 0.0 else -1.0
-    for i in range(features.begin[axis], features.begin[axis + 1]):
-        g = features.lines[i]
-        depth = (features.offset[g] - offset) * side
-        if not (depth >= -allowed and depth <= RELIEF) or features.body[faces.segment[g]] == k:
-            continue
-        length = faces.length[g]
-        gap = max(features.low[g] - high, low - features.high[g])
-        if depth <= allowed:
-            everywhere += length
-            if gap < LINE_NEAR:
-                near += length
-        elif gap < LINE_BESIDE:
-            behind += length
-    values[at + SUPPORT] = max(values[at + SUPPORT], share * everywhere)
-    values[at + SUPPORT_NEAR] = max(values[at + SUPPORT_NEAR], share * near)
-    values[at + BACKING] = max(values[at + BACKING], share * behind)
-
-
-# What beams meet on the line of a body past both of its ends: wall, free space, or what stands before it.
-
-OWN_LENGTH, OWN_POINTS = 0.4, 6
-"""[m] A face that is not aligned has a line of its own from this length on."""
-LINE_REACH = 2.5
-"""[m] A line is followed this far past either end of a body."""
-LINE_PLANE, LINE_NOISE = 0.035, 2.0
-"""[m] Points this near to a line, and so many times the noise, are on it."""
-TINY = 1e-9
-"""Less is rounding."""
-LINE_PRIOR = 0.3
-"""[m] So much of a line is taken for crossed beforehand."""
-BIN = 0.02
-"""[m] Depths before and behind a line are told apart by steps of this."""
-BINS_BEFORE = 30
-"""Of the bins, those before the line."""
-SHALLOWEST, DEEPEST = -BIN * BINS_BEFORE, BIN * (BINS - BINS_BEFORE) - 0.5 * BIN
-"""[m] What lies further before a line or behind it is in no bin."""
-SPACING, MOST_STRIDE = 0.08, 6
-"""[m] Beams that meet a line closer together than this are passed over, so many in a row at most."""
-BEHIND_FIRST, BEHIND_LAST = 3, 15
-"""Bins behind the line in which a wall may lie from which the body stands out: 6 to 30 cm."""
-BEFORE_FIRST, BEFORE_LAST = 4, 25
-"""Bins before it in which one may lie that has the body in its niche: 8 to 50 cm."""
-CROSSED, SLANT, FRONT = 2, 0.015, 0.1
-"""So many beams in a row that pass through a line end it; it may turn by so much, m per m; it is not followed where beams
-meet it at a lesser sine."""
-
-
-def measure_line(features: Features, points: Points, segments: Segments, faces: Faces, scans: Scans, k: int) -> None:
-    """Fill in the features of the lines of the longest face of a body and of the longest one across it, past its ends."""
-    values, at = features.values, k * COUNT
-    for i in range(LINE, CROSS_LINE + 1):
+    for i in range(LINE, WALL_LINE):
         values[at + i] = 0.0
-    face, cross = -1, -1
+    face, arm = -1, -1
     for part in range(features.start[k], features.start[k + 1]):
         j = features.member[part]
         for f in range(faces.offset[j], faces.offset[j + 1]):
             if face < 0 or faces.length[f] > faces.length[face]:
-                face = f
+                face, arm = f, face
+            elif arm < 0 or faces.length[f] > faces.length[arm]:
+                arm = f
     if face < 0:
         return
-    values[at + UNBROKEN] = faces.length[face]
-    if features.aligned[face]:
-        for part in range(features.start[k], features.start[k + 1]):
-            j = features.member[part]
-            for f in range(faces.offset[j], faces.offset[j + 1]):
-                if not features.aligned[f] or features.axis[f] == features.axis[face]:
-                    continue
-                if faces.points[f] >= FACE_POINTS and (cross < 0 or faces.length[f] > faces.length[cross]):
-                    cross = f
-    if cross >= 0:
-        _measure_face(features, points, segments, faces, scans, k, cross)
-        values[at + CROSS_LINE] = max(values[at + LINE], values[at + LINE_BEHIND])
-    _measure_face(features, points, segments, faces, scans, k, face)
+    values[at + OWN_LINE] = _on_line(features, points, faces, k, face)
+    aligned, support, told = features.aligned[face], features.supported, 0.0
+    if arm >= 0:
+        told = 1.0 - _share(faces.length[arm] / (ARM * faces.length[face]))
+    # A second face that is much shorter tells nothing.
+    if told > 0.0:
+        beyond = values[at + BEYOND]
+        values[at + ARMS] = told * _on_line(features, points, faces, k, arm)
+        values[at + BEYOND] = beyond
+        support, aligned = max(support, told * features.supported), max(aligned, told * features.aligned[arm])
+    if aligned < 1.0:
+        support = max(support, min(1.0 - aligned, 0.5) * _supported(features, points, faces, k))
+    values[at + ARMS] = max(values[at + ARMS], values[at + OWN_LINE])
+    values[at + SUPPORT] = math.log(1.0 + support / LOG_SCALE)
+    _measure_face(features, points, faces, scans, k, face)
 
 
-def _measure_face(
-    features: Features, points: Points, segments: Segments, faces: Faces, scans: Scans, k: int, face: int
-) -> None:
-    """Measure the surfaces on the line of one face of a body, before it and behind it, past both ends of the body."""
-    values, at, bins, sums = features.values, k * COUNT, features.bins, features.sums
-    for i in range(LINE, UNBROKEN):
-        values[at + i] = 0.0
-    head, tail = features.member[features.start[k]], features.member[features.start[k + 1] - 1]
+ARM = 0.5
+"""Least length of a second face that tells anything, as a share of the longest."""
+LINE_POINTS, SLANTED = 3, 0.15
+"""Faces of fewer points, or turned by more than this sine, are on no line."""
+SHORT, SHORT_SLANT, LONG_SLANT, WIDEST = 0.4, 0.06, 0.03, 0.2
+"""[m], m per m, m per m, [m]: the line of a shorter face may turn by the first slant, others by the second; in all by no
+more than the last."""
+BEYOND_BY, LOG_SCALE = 0.3, 0.3
+"""[m] What is further behind a line is beyond it; lengths are told as log(1 + length / scale)."""
+
+
+def _on_line(features: Features, points: Points, faces: Faces, k: int, face: int) -> float:
+    """Return how much of the faces of other bodies is on the line of a face, as a logarithm; write what share is beyond,
+    and how much of those that are aligned is on it if it is.
+    """
+    plane = PLANE + PLANE_NOISE * points.sigma
+    slack = SHORT_SLANT if faces.length[face] < SHORT else LONG_SLANT
+    normal_x, normal_y = faces.direction_y[face], -faces.direction_x[face]
+    c = normal_x * faces.middle_x[face] + normal_y * faces.middle_y[face]
+    if c < 0.0:
+        normal_x, normal_y, c = -normal_x, -normal_y, -c
+    on, beyond, whole, per_depth = 0.0, 0.0, 0.0, 1.0 / BEYOND_BY
+    axis, offset, most, supported = features.axis[face], features.offset[face], 1.5 * plane, 0.0
+    for i in range(features.line_count):
+        f = features.lines[i]
+        if features.body[faces.segment[f]] == k:
+            continue
+        length = faces.length[f]
+        off = normal_x * faces.middle_x[f] + normal_y * faces.middle_y[f] - c
+        whole += length
+        beyond += length * (1.0 - _share(per_depth * max(off, 0.0)))
+        aside = features.offset[f] - offset
+        if abs(aside) < most and features.axis[f] == axis:
+            supported += features.aligned[f] * length * _share(aside / plane)
+        if not abs(off) < WIDEST:
+            continue
+        along = normal_y * (faces.middle_x[f] - faces.middle_x[face]) - normal_x * (
+            faces.middle_y[f] - faces.middle_y[face]
+        )
+        turned = abs(normal_x * faces.direction_x[f] + normal_y * faces.direction_y[f])
+        if turned < SLANTED:
+            on += length * _share(off / (plane + slack * abs(along)))
+    features.values[k * COUNT + BEYOND] = beyond / whole if whole > 0.0 else 0.0
+    features.supported = features.aligned[face] * supported
+    return math.log(1.0 + on / LOG_SCALE)
+
+
+def _supported(features: Features, points: Points, faces: Faces, k: int) -> float:
+    """Return how much of the aligned faces of others is on a line along the building or across it through a body [m]."""
+    x, y = features.x[k], features.y[k]
+    along, across = y * features.cos - x * features.sin, x * features.cos + y * features.sin
+    plane = PLANE + PLANE_NOISE * points.sigma
+    most, one, other = 1.5 * plane, 0.0, 0.0
+    for i in range(features.line_count):
+        f = features.lines[i]
+        off = features.offset[f] - (across if features.axis[f] else along)
+        if abs(off) < most and features.body[faces.segment[f]] != k:
+            on = features.aligned[f] * faces.length[f] * _share(off / plane)
+            if features.axis[f]:
+                other += on
+            else:
+                one += on
+    return max(one, other)
+
+
+def _share(off: float) -> float:
+    """Return how much counts as on a line [0 to 1], by a distance as a multiple of what is allowed.
+
+    All does up to half of that, nothing from once and a half on.
+    """
+    return min(1.0, max(0.0, 1.5 - abs(off)))
+
+
+WALL_LENGTH, WALL_NEAR, LINE_FAR = 1.0, 1.5, 1.0
+"""[m] A wall is a face that long; its line counts so far past its ends; a line is at most so far away, a wall `FAR`."""
+
+
+TIE = 1e-9
+"""[m²] Walls whose squared distances differ by less are equally near."""
+
+
+def measure_walls(features: Features, faces: Faces, k: int) -> None:
+    """Fill in the features of long faces near a body."""
+    values, at = features.values, k * COUNT
+    nearest, line, before = FAR * FAR, LINE_FAR, FAR
+    for i in range(features.wall_count):
+        f = features.walls[i]
+        if features.body[faces.segment[f]] == k:
+            continue
+        dx, dy = features.x[k] - faces.middle_x[f], features.y[k] - faces.middle_y[f]
+        along = abs(dx * faces.direction_x[f] + dy * faces.direction_y[f]) - 0.5 * faces.length[f]
+        off = dx * faces.direction_y[f] - dy * faces.direction_x[f]
+        if faces.middle_y[f] * faces.direction_x[f] < faces.middle_x[f] * faces.direction_y[f]:
+            off = -off
+        past = max(along, 0.0)
+        apart = off * off + past * past
+        # Of two faces that meet there the one that it is less before, whichever comes first.
+        if apart < nearest - TIE or (apart < nearest + TIE and off < before):
+            nearest, before = min(apart, nearest), off
+        if along < WALL_NEAR:
+            line = min(line, abs(off))
+    values[at + WALL_LINE], values[at + WALL_BEFORE] = line, max(-LINE_FAR, min(before, FAR))
+
+
+# What beams meet on the line of a body past both of its ends: wall, free space, or what stands before it.
+
+FEW_POINTS = 6
+"""A face that is short, or of fewer points, has the direction of the building."""
+LINE_REACH = 2.5
+"""[m] A line is followed this far past either end of a body."""
+LINE_PRIOR = 0.3
+"""[m] So much of a line is taken for crossed beforehand."""
+HIDDEN_BY = 0.6
+"""[m] What stands further before a line hides it."""
+SPACING, MOST_STRIDE = 0.08, 6
+"""[m] Beams that meet a line closer together than this are passed over, so many in a row at most."""
+CROSSED, SLANT, FRONT = 2, 0.015, 0.1
+"""So many beams in a row that pass through a line end it; it may turn by so much, m per m; it is not followed where beams
+meet it at a lesser sine."""
+NEAREST_LINE = 0.02
+"""[m] A line nearer to the sensor is not followed."""
+
+
+def _measure_face(features: Features, points: Points, faces: Faces, scans: Scans, k: int, face: int) -> None:
+    """Measure how much of the line of one face of a body is met past both ends of the body, and how far it goes on."""
+    values, at = features.values, k * COUNT
     along_x, along_y = faces.direction_x[face], faces.direction_y[face]
-    # What is too short to have a direction gets that of the building.
-    if features.aligned[face] or faces.length[face] < OWN_LENGTH or faces.points[face] < OWN_POINTS:
+    if features.aligned[face] >= 0.5 or faces.length[face] < SHORT or faces.points[face] < FEW_POINTS:
+        ahead = abs(along_x * features.cos + along_y * features.sin)
+        aside = abs(along_y * features.cos - along_x * features.sin)
         along_x, along_y = features.cos, features.sin
-        if features.axis[face]:
+        if aside > ahead:
             along_x, along_y = -features.sin, features.cos
     normal_x, normal_y = along_y, -along_x
     c = normal_x * faces.middle_x[face] + normal_y * faces.middle_y[face]
     if c < 0.0:
         normal_x, normal_y, c = -normal_x, -normal_y, -c
-    if c < BIN:
-        return
-    for i in range(BINS):
-        bins[i] = 0.0
-    first, last = segments.first[head], segmentation.last_point(segments, tail)
-    features.goes_on = 0.0
-    beyond = _follow(features, points, scans, first, -1, normal_x, normal_y, c)
-    beyond += _follow(features, points, scans, last, 1, normal_x, normal_y, c)
+    features.met = features.crossed = features.goes_on = 0.0
+    if c >= NEAREST_LINE:
+        _follow(features, points, scans, features.first[k], -1, normal_x, normal_y, c)
+        _follow(features, points, scans, features.last[k], 1, normal_x, normal_y, c)
     values[at + UNBROKEN] = faces.length[face] + features.goes_on
-    for i in range(BINS):
-        sums[i + 1] = sums[i] + bins[i]
-    half = int((LINE_PLANE + LINE_NOISE * points.sigma) / BIN + 0.5)
-    values[at + LINE] = _share(sums, beyond, BINS_BEFORE, half)
-    behind, depth, before = 0.0, 0.0, 0.0
-    for i in range(BEHIND_FIRST, BEHIND_LAST + 1):
-        share = _share(sums, beyond, BINS_BEFORE + i, half)
-        # Of depths with the same share, which rounding must not tell apart, the least one.
-        if share > behind + TINY:
-            behind, depth = share, i * BIN
-    for i in range(BEFORE_FIRST, BEFORE_LAST + 1):
-        before = max(before, _share(sums, beyond, BINS_BEFORE - i, half))
-    values[at + LINE_BEHIND], values[at + DEPTH_BEHIND] = behind, depth
-    values[at + LINE_BEFORE] = before
-
-
-def _share(sums: Sequence[float], beyond: float, at: int, half: int) -> float:
-    """Return the share of a line that is met around a bin, of what beams have met there or crossed."""
-    end = min(at + half + 1, BINS)
-    met = sums[end] - sums[max(at - half, 0)]
-    return met / (met + sums[BINS] - sums[end] + beyond + LINE_PRIOR)
+    values[at + LINE] = features.met / (features.met + features.crossed + LINE_PRIOR)
 
 
 def _follow(
     features: Features, points: Points, scans: Scans, start: int, sign: int, normal_x: float, normal_y: float, c: float
-) -> float:
-    """Follow a line past one end of a body: add how much of it [m] is met at which depth to `bins`, and how far it goes on
-    without a beam that passes through it to `goes_on`; return how much is crossed by beams that meet nothing near it [m].
+) -> None:
+    """Follow a line past one end of a body, and add what is met, what is crossed, and how far it goes on before two beams
+    pass through it.
     """
-    bins, x, y, r, position = features.bins, points.x, points.y, points.r, points.position
+    x, y, r, position = points.x, points.y, points.r, points.position
     if start >= points.count:
         start -= points.count
-    p, beyond = start, 0.0
+    p = start
     q = normal_x * x[p] + normal_y * y[p]
     if q < FRONT * r[p]:
-        return 0.0
+        return
     begin = (normal_x * y[p] - normal_y * x[p]) * c / q
     last, crossed, far = begin, 0, 0.0
-    plane = LINE_PLANE + LINE_NOISE * points.sigma
+    plane = PLANE + PLANE_NOISE * points.sigma
+    per_plane = 1.0 / plane
     # Where beams meet the line close together, not all of them are looked at.
     stride = 1
     while stride < MOST_STRIDE and (stride + 1) * c * points.step <= SPACING:
@@ -507,7 +546,7 @@ def _follow(
         if lost > 0:
             beam = segmentation.beam_at(points, position[p] - sign)
             if beam >= 0 and scans.status[points.row * scans.width + beam] == segmentation.NO_RETURN:
-                beyond += step * lost / (lost + skip)
+                features.crossed += step * lost / (lost + skip)
             # Where beams were lost nobody knows what is on the line.
             step = 0.0
         if crossed < CROSSED:
@@ -518,12 +557,11 @@ def _follow(
                 crossed = 0
                 if depth >= -allowed:
                     far = away
-        if depth >= DEEPEST:
-            beyond += step
-        elif depth > SHALLOWEST:
-            bins[int(depth / BIN + BINS_BEFORE + 0.5)] += step
+        if depth > -HIDDEN_BY:
+            on = _share(per_plane * depth)
+            features.met += step * on
+            features.crossed += step * (1.0 - on)
     features.goes_on += far
-    return beyond
 
 
 # The verdict: small decision trees ask for the features of a body, and each adds to the log-odds of being a thing.

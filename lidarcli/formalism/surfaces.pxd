@@ -79,4 +79,3 @@ cdef void find_faces(Survey survey, Points points, Segments segments, Faces face
 cdef void measure_extent(Survey survey, Points points, Segments segments, Faces faces) noexcept nogil
 cdef bint is_partial(Segments segments, Py_ssize_t j) noexcept nogil
 cdef bint is_end(Py_ssize_t edge) noexcept nogil
-cdef double share_of_walls(Survey survey, Points points, Segments segments) noexcept nogil

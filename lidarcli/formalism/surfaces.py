@@ -384,12 +384,3 @@ def is_partial(segments: Segments, j: int) -> bool:
 def is_end(edge: int) -> bool:
     """Return whether a segment ends at an edge."""
     return edge == segmentation.OWN or edge == segmentation.OPEN
-
-
-def share_of_walls(survey: Survey, points: Points, segments: Segments) -> float:
-    """Return the share of the points of a sweep that lie on walls."""
-    on_walls = 0
-    for j in range(segments.count):
-        if survey.wall[j]:
-            on_walls += segments.size[j]
-    return on_walls / max(points.count, 1.0)

@@ -352,14 +352,14 @@ def tracked_objects(
 
 
 def explained_objects(rows: pa.RecordBatch, by_place: ByPlace) -> pa.RecordBatch:
-    """Return rows of the objects table whose column `why` also tells of places and maps, if it tells anything."""
+    """Return rows of the objects table whose column `why` also tells of places, if it tells anything."""
     reasons = rows.column("why")
     if reasons.null_count == len(reasons):
         return rows
     # Imported here, as few ask for reasons.
     from lidarcli.formalism.detect import reasons_by_place
 
-    lines = reasons_by_place(reasons.to_pylist(), by_place.place, by_place.map)
+    lines = reasons_by_place(reasons.to_pylist(), by_place.place)
     return FORMS["objects"].replaced(rows, {"why": pa.array(lines, pa.string())})
 
 

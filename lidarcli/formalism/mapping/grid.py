@@ -196,34 +196,69 @@ def placed(batch: SweepBatch, poses: SweepPoses, use: UInt8, ranges: Float32 | N
 
 
 @dataclass(slots=True)
-class Counts:
-    """Counts of hits and passes, a fold over sweeps; takes `CELL_BYTES` for each cell of the ground that was seen.
+class Ground:
+    """Arrays with a number for each cell of the ground that was seen, which grow with it.
 
     `resolution`: side of a cell [m]; `most_cells`: greatest number of cells.
     """
 
-    LAYERS: ClassVar[tuple[str, ...]] = ("hits", "passes", "_stamps")
-    """Arrays with a number for each cell."""
+    LAYERS: ClassVar[tuple[str, ...]]
+    """Names of the arrays."""
 
     resolution: float
     most_cells: int
-    sweeps: int = 0
-    """Number of sweeps that were counted."""
     column: int = 0
     row: int = 0
     """Column and row of cell (0, 0), in cells from the origin of the world."""
+    _seen: tuple[int, int, int, int] | None = None
+    """Left, low, right, high of all cells so far [cells]."""
+
+    def reach(self, left: int, low: int, right: int, high: int) -> None:
+        """Make room for the cells from column `left` and row `low` up to `right` and `high`."""
+        if self._seen is not None:
+            left, low = min(left, self._seen[0]), min(low, self._seen[1])
+            right, high = max(right, self._seen[2]), max(high, self._seen[3])
+        if (right - left) * (high - low) > self.most_cells:
+            far = f"{(right - left) * self.resolution:,.0f} x {(high - low) * self.resolution:,.0f} m"
+            raise TooLargeError(far)
+        self._seen = left, low, right, high
+        height, width = getattr(self, self.LAYERS[0]).shape
+        if height and width:
+            left, low = min(left, self.column), min(low, self.row)
+            right, high = max(right, self.column + width), max(high, self.row + height)
+            if right - left == width and high - low == height:
+                return
+        # Cells that are never touched take no memory, so the room may be larger.
+        column, row = (left // BLOCK) * BLOCK, (low // BLOCK) * BLOCK
+        shape = -(-(high - row) // BLOCK) * BLOCK, -(-(right - column) // BLOCK) * BLOCK
+        part = np.s_[self.row - row : self.row - row + height, self.column - column : self.column - column + width]
+        for name in self.LAYERS:
+            before = getattr(self, name)
+            larger = np.zeros(shape, before.dtype)
+            # Only what is not 0 is touched.
+            np.copyto(larger[part], before, where=before != 0)
+            setattr(self, name, larger)
+        self.column, self.row = column, row
+
+
+@dataclass(slots=True)
+class Counts(Ground):
+    """Counts of hits and passes, a fold over sweeps; takes `CELL_BYTES` for each cell of the ground that was seen."""
+
+    LAYERS: ClassVar[tuple[str, ...]] = ("hits", "passes", "_stamps")
+
+    sweeps: int = 0
+    """Number of sweeps that were counted."""
     hits: Int32 = field(default_factory=lambda: np.zeros((0, 0), np.int32))
     passes: Int32 = field(default_factory=lambda: np.zeros((0, 0), np.int32))
     """(H, W) number of sweeps of which a beam ended in each cell, and of which beams only passed it."""
     _stamps: Int32 = field(default_factory=lambda: np.zeros((0, 0), np.int32))
-    _seen: tuple[int, int, int, int] | None = None
-    """Left, low, right, high of all cells so far [cells]."""
 
     def add(self, beams: Beams) -> None:
         """Count the cells of some sweeps, or of none where they reach farther than the map may (`TooLargeError`)."""
         if not len(beams):
             return
-        self._reach(*_bounds(beams, self.resolution))
+        self.reach(*_bounds(beams, self.resolution))
         sweeps = beams.end, beams.use, beams.beams, beams.poses, beams.way
         layers = self.hits, self.passes, self._stamps
         rays.trace(sweeps, layers, self.sweeps + 1, self.resolution, self.column, self.row)
@@ -237,7 +272,7 @@ class Counts:
         """Add the counts of `other`, with cells of the same size (`TooLargeError` as in `add`)."""
         height, width = other.hits.shape
         if height and width:
-            self._reach(*(other._seen or (other.column, other.row, other.column + width, other.row + height)))
+            self.reach(*(other._seen or (other.column, other.row, other.column + width, other.row + height)))
             part = np.s_[
                 other.row - self.row : other.row - self.row + height,
                 other.column - self.column : other.column - self.column + width,
@@ -275,33 +310,6 @@ class Counts:
             cells,
             frame_id,
         )
-
-    def _reach(self, left: int, low: int, right: int, high: int) -> None:
-        """Make room for the cells from column `left` and row `low` up to `right` and `high`."""
-        if self._seen is not None:
-            left, low = min(left, self._seen[0]), min(low, self._seen[1])
-            right, high = max(right, self._seen[2]), max(high, self._seen[3])
-        if (right - left) * (high - low) > self.most_cells:
-            far = f"{(right - left) * self.resolution:,.0f} x {(high - low) * self.resolution:,.0f} m"
-            raise TooLargeError(far)
-        self._seen = left, low, right, high
-        height, width = self.hits.shape
-        if height and width:
-            left, low = min(left, self.column), min(low, self.row)
-            right, high = max(right, self.column + width), max(high, self.row + height)
-            if right - left == width and high - low == height:
-                return
-        # Cells that are never touched take no memory, so the room may be larger.
-        column, row = (left // BLOCK) * BLOCK, (low // BLOCK) * BLOCK
-        shape = -(-(high - row) // BLOCK) * BLOCK, -(-(right - column) // BLOCK) * BLOCK
-        part = np.s_[self.row - row : self.row - row + height, self.column - column : self.column - column + width]
-        for name in self.LAYERS:
-            before = getattr(self, name)
-            larger = np.zeros(shape, before.dtype)
-            # Only what is not 0 is touched.
-            np.copyto(larger[part], before, where=before != 0)
-            setattr(self, name, larger)
-        self.column, self.row = column, row
 
 
 def _bounds(beams: Beams, resolution: float) -> tuple[int, int, int, int]:

@@ -53,8 +53,6 @@ cdef class Ends:
     cdef double* y
 
 
-@cython.locals(count=Py_ssize_t, width=Py_ssize_t, number=Py_ssize_t, k=Py_ssize_t, at=Py_ssize_t, used=Py_ssize_t)
-cpdef place_ends(Ends ends, rows, end)
 @cython.locals(
     count=Py_ssize_t, number=Py_ssize_t, k=Py_ssize_t, across=Py_ssize_t, first=Py_ssize_t, last=Py_ssize_t,
     cell=Py_ssize_t, body=Py_ssize_t, owner=Py_ssize_t, is_new=bint
@@ -67,7 +65,7 @@ cpdef cast(
     cell=Py_ssize_t, body=Py_ssize_t, owner=Py_ssize_t, near=Py_ssize_t, line_step=Py_ssize_t, total=cython.longlong
 )
 cpdef poll(
-    Ends ends, rows, votes, line, double resolution, Py_ssize_t column, Py_ssize_t row, found
+    Ends ends, rows, votes, double resolution, Py_ssize_t column, Py_ssize_t row, found
 )
 @cython.locals(
     count=Py_ssize_t, first=Py_ssize_t, used=Py_ssize_t, k=Py_ssize_t, body=Py_ssize_t, _=Py_ssize_t, at=Py_ssize_t,

@@ -181,27 +181,6 @@ class Ends:
         self.y = native.doubles(self.owner, self.width)
 
 
-def place_ends(ends: Ends, rows: Any, end: Any) -> None:
-    """Compute the ends of the beams of some sweeps, `end` (2, R, B) float64 [m], NaN where a beam is skipped; `rows` (R,)
-    int64.
-    """
-    index, out = native.at_longs(rows), native.at_doubles(end)
-    _, count, width = end.shape
-    lock = native.release()
-    for number in range(count):
-        used = 0
-        for k in range(width):
-            at = number * width + k
-            out[at] = out[count * width + at] = NAN
-            ends.beam[used] = k
-            used += ends.ranges[index[number] * width + k] <= ends.farthest
-        _lay(ends, index[number], used)
-        for k in range(used):
-            at = number * width + ends.beam[k]
-            out[at], out[count * width + at] = ends.x[k], ends.y[k]
-    native.resume(lock)
-
-
 def cast(ends: Ends, rows: Any, vote: Any, building: int, votes: Any, resolution: float, column: int, row: int) -> None:
     """Add the votes of some sweeps.
 
@@ -232,15 +211,14 @@ def cast(ends: Ends, rows: Any, vote: Any, building: int, votes: Any, resolution
     native.resume(lock)
 
 
-def poll(ends: Ends, rows: Any, votes: Any, line: Any, resolution: float, column: int, row: int, found: Any) -> None:
+def poll(ends: Ends, rows: Any, votes: Any, resolution: float, column: int, row: int, found: Any) -> None:
     """Add what the cells of each body say, and those around them, to `found`.
 
-    As of `cast`, but no cell is at the edge; `line` (H, W) uint8 is 1 for a cell on a line of the map; `found` (K, 4)
-    int64: sum of the votes, their number, number of cells on a line, and of all cells.
+    As of `cast`, but no cell is at the edge; `found` (K, 2) int64: sum of the votes, and their number.
     """
     across = votes.shape[1]
     index, out = native.at_longs(rows), native.at_longs(found)
-    sums, on_line = native.at_longs(votes), native.at_bytes(line)
+    sums = native.at_longs(votes)
     cells = 1.0 / resolution
     first = (row + ORIGIN) * across + column + ORIGIN
     count = len(rows)
@@ -255,10 +233,8 @@ def poll(ends: Ends, rows: Any, votes: Any, line: Any, resolution: float, column
             for line_step in range(-1, 2):
                 near = cell + line_step * across
                 total += sums[near - 1] + sums[near] + sums[near + 1]
-            out[4 * body] += total >> COUNT_BITS
-            out[4 * body + 1] += total & ((1 << COUNT_BITS) - 1)
-            out[4 * body + 2] += on_line[cell]
-            out[4 * body + 3] += 1
+            out[2 * body] += total >> COUNT_BITS
+            out[2 * body + 1] += total & ((1 << COUNT_BITS) - 1)
     native.resume(lock)
 
 

@@ -43,7 +43,7 @@ def grid_of(counts: Counts) -> Occupancy:
 def of_cells(hits: Sequence[Sequence[int]], passes: Sequence[Sequence[int]], column: int, row: int) -> Counts:
     """Counts as they are after sweeps that hit and pass these cells so often."""
     values = [np.array(each, np.int32) for each in (hits, passes)]
-    return Counts(0.5, MOST, 9, column, row, *values, np.zeros_like(values[0]))
+    return Counts(0.5, MOST, column, row, sweeps=9, hits=values[0], passes=values[1], _stamps=np.zeros_like(values[0]))
 
 
 def line_of(x: float, y: float, reach: float = 1.0) -> Beams:

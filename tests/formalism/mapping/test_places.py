@@ -1,4 +1,4 @@
-"""Whether a body is a thing or building is decided by all sweeps that saw its place, and by the lines of their map."""
+"""Whether a body is a thing or building is decided by all sweeps that saw its place."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from lidarcli import native
 from lidarcli.formalism import Detection, Parameters, detect, sweep
 from lidarcli.formalism.detection import NOISE, OBJECT, WALL
 from lidarcli.formalism.mapping import places, rays
-from lidarcli.formalism.mapping.places import ByPlace, Places, lines
+from lidarcli.formalism.mapping.places import ByPlace, Places
 from lidarcli.simulation import scene as make
 from lidarcli.simulation.scene import Course, Entity
 from lidarcli.sweeps import SweepBatch
@@ -27,13 +27,11 @@ DRIVE = Course(np.array([[-3.0, -2.0], [3.0, -2.0], [3.0, 2.0], [-3.0, 2.0]]), s
 BOXES = make.box(2.0, 1.0, 0.5, 0.4), make.box(2.0, -1.0, 0.4, 0.5)
 
 
-def judged(*pieces: SweepBatch, by_map: bool = True) -> tuple[list[Detection], list[ByPlace]]:
+def judged(*pieces: SweepBatch) -> tuple[list[Detection], list[ByPlace]]:
     """What is found in the batches of one topic, and what its places say in the end."""
     known = Places()
     found = [detect(each, EVERYTHING) for each in pieces]
     worlds = [known.add(each, one) for each, one in zip(pieces, found, strict=True)]
-    if by_map:
-        known.settle()
     told = [known.read(*each) for each in zip(pieces, found, worlds, strict=True)]
     return found, told
 
@@ -80,7 +78,7 @@ def test_a_sensor_that_stands_has_a_place_for_every_stop() -> None:
 
 
 def test_a_cupboard_is_told_from_a_short_wall_over_a_drive() -> None:
-    """Single sweeps are in doubt of both; past the gaps of a fence a wall is seen in strips, which are on one line."""
+    """Single sweeps are in doubt of both; past the gaps of a fence a wall is seen in strips."""
     cupboard = make.box(0.0, 0.6, 0.9, 0.45)
     fence = [make.box(-4.0 + 0.9 * k, 3.1, 0.5, 0.3) for k in range(9)]
     batch = simulated(scene_of(cupboard, *fence, path=DRIVE), 240)
@@ -92,17 +90,12 @@ def test_a_cupboard_is_told_from_a_short_wall_over_a_drive() -> None:
     assert wall.sum() > 200
     odds = np.where(wall, -0.5, 0.5) + np.random.default_rng(7).normal(0.0, 2.0, len(found))
     doubtful = replace(found, thing=1.0 / (1.0 + np.exp(-odds)))
-    known = Places()
-    worlds = known.add(batch, doubtful)
-    known.settle()
-    told = known.read(batch, doubtful, worlds)
-    alone, by_place = doubtful.thing >= 0.4, told.judged(doubtful, 0.4).set == OBJECT
+    told = told_of(batch, doubtful)
+    alone, by_place = doubtful.thing >= 0.5, told.judged(doubtful, 0.5).set == OBJECT
     assert alone[thing].mean() < 0.8
     assert by_place[thing].all()
-    assert alone[wall].mean() > 0.4
-    assert not by_place[wall].any()
-    assert (told.map[wall] < -1.5).mean() > 0.9
-    np.testing.assert_array_equal(told.map[thing], 0.0)
+    assert alone[wall].mean() > 0.3
+    assert by_place[wall].mean() < 0.1
 
 
 @pytest.mark.parametrize(("path", "stops"), [(None, 0), (DRIVE, 0), (DRIVE, 17)])
@@ -118,7 +111,7 @@ def test_batches_of_any_size_give_the_same(path: Course | None, stops: int) -> N
     _, (whole,) = judged(batch)
     for size in (1, 7, 31):
         _, parts = judged(*batches(batch, size))
-        for name in ("thing", "place", "map"):
+        for name in ("thing", "place"):
             np.testing.assert_array_equal(
                 np.concatenate([getattr(each, name) for each in parts]), getattr(whole, name), strict=True
             )
@@ -140,40 +133,6 @@ def test_sweeps_far_away_and_many_stops_take_no_memory() -> None:
     assert len(np.unique(worlds[worlds >= 0])) == len(known._grounds) <= places.MOST_STOPS
 
 
-def drawn(*parts: tuple[slice, slice]) -> tuple[Any, Any]:
-    """Hits and passes of a map of 8 x 8 m, free but for these parts."""
-    hits = np.zeros((80, 80), np.int32)
-    for part in parts:
-        hits[part] = 4
-    return hits, np.where(hits > 0, 0, 9).astype(np.int32)
-
-
-def on_lines(hits: Any, passes: Any) -> Any:
-    found = np.zeros(hits.shape, np.bool_)
-    found.reshape(-1)[lines(hits, passes, 0.1)] = True
-    return found
-
-
-def test_a_long_wall_is_a_line_and_a_short_one_is_none() -> None:
-    wall, stub = np.s_[40:41, 10:60], np.s_[10:11, 20:40]
-    found = on_lines(*drawn(wall, stub))
-    assert found[wall].all()
-    assert not found[stub].any()
-    # The cells beside it are on it, too; those further away are not.
-    assert found[39:42, 20:50].all()
-    assert not found[:38].any()
-    assert not found[43:].any()
-
-
-def test_what_stands_by_itself_on_a_line_is_spared() -> None:
-    """A row of posts is a line, and each of them is an island."""
-    posts = [np.s_[40:42, begin : begin + 3] for begin in range(5, 70, 5)]
-    hits, passes = drawn(*posts)
-    assert not on_lines(hits, passes)[hits > 0].any()
-    # Where nobody looked around them they are strips of a wall.
-    assert on_lines(hits, np.zeros_like(passes))[hits > 0].all()
-
-
 def plain(name: str) -> ModuleType:
     """The source of the loops as plain Python, whatever was built from it."""
     path = Path(rays.__file__).parent / f"{name}.py"
@@ -192,7 +151,7 @@ def test_the_source_gives_the_same_bits_with_every_index_checked(monkeypatch: py
     source = plain("rays")
     monkeypatch.setattr(places, "rays", source)
     _, (checked,) = judged(batch)
-    for name in ("thing", "place", "map"):
+    for name in ("thing", "place"):
         np.testing.assert_array_equal(getattr(compiled, name), getattr(checked, name), strict=True)
 
 
@@ -203,10 +162,9 @@ def heard(ranges: list[float], begin: list[int], end: list[int]) -> list[tuple[i
     ends = rays.Ends(seen, bodies, np.array([[0.0, 0.0, 0.0, 1.0]]), np.zeros((1, 3)), 15.0, 0.3)
     cells, row = np.zeros((400, 400), np.int64), np.zeros(1, np.int64)
     rays.cast(ends, row, np.arange(len(begin)) + 1, -9, cells, 0.1, -200, -200)
-    place = np.empty((2, 1, len(ranges)))
-    rays.place_ends(ends, row, place)
-    assert (np.isnan(place[0, 0]) == ~(seen.ranges[0] <= 15.0)).all()
-    column, line = np.floor(np.where(np.isnan(place[:, 0]), 19.9, place[:, 0]) / 0.1).astype(int) + 200
+    theta = seen.bearings()[0]
+    x, y = seen.ranges[0] * np.cos(theta), seen.ranges[0] * np.sin(theta)
+    column, line = (np.floor(np.where(seen.ranges[0] <= 15.0, at, 19.9) / 0.1).astype(int) + 200 for at in (x, y))
     # Only the source shows its constants.
     total, count = np.divmod(cells[line, column], 1 << plain("rays").COUNT_BITS)
     return list(zip(total.tolist(), count.tolist(), strict=True))
