@@ -380,7 +380,7 @@ class SweepBatch:
     poses : where the sensor was (`SweepPoses`), where that has been asked for and the log tells
     observed : (S,) True where the sweep shows anything: it has a range, and does not repeat an older sweep (docs/tables.md)
     still : (S,) True where the sensor stood since the sweep before, where that is known
-    fits : (S,) True where `poses` fit the sweeps or were named by the user; None: nobody has looked
+    fits : (S,) True where the sweeps do not contradict `poses`, or the user named them; None: nobody has looked
     log : name of the log that it was read from, where that has been told
     run : run of the log that these sweeps are of, from 1: the clock starts anew in each (docs/poses.md)
     """

@@ -99,3 +99,12 @@ def test_one_file_holds_the_objects_of_all_logs(logs: Path, tmp_path: Path, lida
     assert [item.name for item in tmp_path.iterdir()] == [path.name]
     rows = [row["moving"] for row in csv.DictReader(io.StringIO(path.read_text()))]
     assert Counter(rows) == {"False": 60, "True": 30}
+
+
+def test_sweeps_that_decide_alone_are_told(tmp_path: Path, lidarcli: Run) -> None:
+    ran = lidarcli("track", SAMPLES / "drive.db3", "--pose", "none", "-o", tmp_path)
+    told = [line for line in ran.err.splitlines() if "each of these decides by itself what is a thing" in line]
+    assert len(told) == 1
+    assert told[0].startswith("  note     /scan: nothing tells where the sensor is in ")
+    with_poses = lidarcli("track", SAMPLES / "drive.db3", "-o", tmp_path, "--overwrite")
+    assert "decides by itself" not in with_poses.err

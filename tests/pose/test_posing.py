@@ -228,13 +228,14 @@ def test_quaternions_that_are_written_w_first_are_noted() -> None:
     assert told == [[], [note], [], [note], []]
 
 
-def test_poses_that_could_not_be_checked_do_not_fit_unless_they_are_named() -> None:
+def test_poses_that_jump_and_could_not_be_checked_do_not_fit_unless_they_are_named() -> None:
     messages = [tf(START + k * SECOND, "map", "laser", (k, 0, 0, 0, 0, 0, 1)) for k in range(6)]
     posing = posing_of(PosesLog(messages))
     checked = posing.paths.get(("/scan", "laser"), CheckedPath("told"))
-    for drift, named, fits in ((np.nan, False, False), (np.nan, True, True), (0.01, False, True)):
+    unknown, cases = np.nan, ((False, False, True), (True, False, False), (True, True, True))
+    for drift, jumps, named, fits in (*((unknown, *case) for case in cases), (0.01, True, False, True)):
         chain = posing.found.sources.chain("laser") if posing.found is not None else None
-        posing.paths = {("/scan", "laser"): replace(checked, drift=drift, chain=chain)}
+        posing.paths = {("/scan", "laser"): replace(checked, drift=drift, jumps=jumps, chain=chain)}
         posing.named = named
         batch = posing.attach(batch_of())
         assert batch.fits is not None

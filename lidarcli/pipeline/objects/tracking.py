@@ -33,6 +33,9 @@ from lidarcli.tabular.columns import (
 )
 from lidarcli.tabular.writing import MOST_BYTES
 
+ALONE = 0.1
+"""Share of the sweeps without a known place of the sensor from which on there is a note."""
+
 
 @dataclass(frozen=True, slots=True)
 class TrackOptions:
@@ -76,10 +79,13 @@ class LogTracker:
             batch, detection = batch_rows.detected
             if batch.topic not in self._topics:
                 self._topics[batch.topic] = _Topic(Tracker(self._options.parameters, self._catalogue))
+            topic = self._topics[batch.topic]
             if not self._judges:
                 yield from self._track(batch_rows)
                 continue
-            worlds = self._topics[batch.topic].places.add(batch, detection)
+            worlds = topic.places.add(batch, detection)
+            topic.sweeps += len(worlds)
+            topic.alone += int(np.count_nonzero(worlds < 0))
             if self._waits:
                 self._waiting.put(batch_rows, worlds)
             else:
@@ -87,12 +93,15 @@ class LogTracker:
 
     def flush(self) -> Iterator[Rows]:
         """Yield the rows that are left, and those of the tracks table."""
-        for topic in self._topics.values():
-            topic.places.settle()
         for batch_rows, worlds in self._waiting.taken():
             yield from self._track(self._judged(batch_rows, worlds))
         for name in sorted(self._topics):
             topic = self._topics.pop(name)
+            if topic.alone > ALONE * topic.sweeps:
+                self.notes.append(
+                    f"{name}: nothing tells where the sensor is in {topic.alone:,} of {topic.sweeps:,} sweeps: each "
+                    "of these decides by itself what is a thing"
+                )
             followed, tracks = topic.tracker.finish()
             yield from self._completed(topic, followed)
             assert not topic.waiting, "a tracker answers for every batch"
@@ -159,6 +168,9 @@ class _Topic:
 
     tracker: Tracker
     places: Places = field(default_factory=Places)
+    sweeps: int = 0
+    alone: int = 0
+    """Sweeps of which the place of the sensor is not known."""
     waiting: deque[BatchRows] = field(default_factory=deque)
 
 

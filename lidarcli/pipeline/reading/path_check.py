@@ -115,15 +115,18 @@ class CheckedPath:
     """(S,) True where the sensor stands at that sweep; empty where the sweeps do not tell."""
     drift: float = float("nan")
     """By how much places seen again agree less than those seen soon, under the told path; NaN where none are."""
+    jumps: bool = False
+    """True where the told path has steps that no robot makes."""
     notes: tuple[str | Finding, ...] = ()
     """Notes on the path; of what is a fault of the log, the finding."""
     remark: str = ""
     """Agreement of the sweeps under a told path, in words."""
 
     @property
-    def is_checked(self) -> bool:
-        """True where steps of the path, or places that are seen again, tell that it fits the sweeps."""
-        return self.verdict == "matched" or np.isfinite(self.drift) or (self.fit is not None and self.fit.is_judged)
+    def is_contradicted(self) -> bool:
+        """True where the told path jumps, and no step and no place that is seen again tells that it fits the sweeps."""
+        is_checked = np.isfinite(self.drift) or (self.fit is not None and self.fit.is_judged)
+        return self.verdict != "matched" and self.jumps and not is_checked
 
     def stood(self, stamp_ns: Int64) -> Bool:
         """Tell whether the sensor stood at stamps (S,) [ns], as at the sweep before."""
@@ -578,6 +581,7 @@ class _Choice:
             pieces=pieces,
             still=still_at(stamp_ns, poses, slides),
             drift=told.taken.drift if told else float("nan"),
+            jumps=told is not None and any(told.jumps),
         )
 
     def _with_told(self, told: _Told, path: MatchedPath | None = None) -> CheckedPath:

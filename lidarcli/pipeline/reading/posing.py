@@ -377,7 +377,7 @@ class PoseAttacher:
                 absent[rows] = True
                 continue
             some = True
-            fits[rows] = self.named or path is None or path.is_checked
+            fits[rows] = self.named or path is None or not path.is_contradicted
             first_ns, lasts_ns = self._times_ns(mine, path)
             at_ns = later(mine.stamp_ns, first_ns)
             motion = chain.at(at_ns)
