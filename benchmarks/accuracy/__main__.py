@@ -62,7 +62,7 @@ def measure_all(first: int, scenes: int, command: str, jobs: int, baselines: boo
         legs=real.measure_legs(Path(folder)) if folder else [],
         cars=real.measure_car(Path(folder)) if folder else [],
         driven=driven.measure(first, min(driven.SCENES, scenes), jobs),
-        by_eye=measure_by_eye(Path(folder), baselines=baselines) if folder else None,
+        by_eye=measure_by_eye(Path(folder), baselines=baselines, jobs=jobs) if folder else None,
     )
 
 

@@ -64,14 +64,7 @@ def as_json(figures: Figures) -> str:
         {"sensors": group, "method": method, **_score(found)} for (group, method), found in figures.driven.items()
     ]
     if figures.by_eye is not None:
-        tables["by_eye"] = [
-            {"side": side, "log": log, "place": place, "method": method, **asdict(counts)}
-            for (side, log, place, method), counts in figures.by_eye.counts.items()
-        ]
-        tables["building_kept"] = {
-            log: {"sweep": one.building_kept(one.sweep), "votes": one.building_kept(one.votes)}
-            for log, one in figures.by_eye.buildings.items()
-        }
+        tables["by_eye"] = [{**key._asdict(), **asdict(counts)} for key, counts in figures.by_eye.counts.items()]
     return json.dumps(tables, indent=1) + "\n"
 
 

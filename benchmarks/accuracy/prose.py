@@ -9,9 +9,10 @@ is typed by hand. The same seeds give the same scenes and the same noise:
 {command}
 ```
 
-The constants of profile `robust` were chosen, and the trees that tell things from building grown (`make trees`), on scenes
-with other seeds (below 2,000) and on the tuning half of the judged sweeps; what is reported here begins with seed
-{first:,}. A score is that of the options' defaults; nothing is tuned to a sensor, a noise or a kind of scene.
+The trees that tell things from building are grown (`make trees`) on scenes with other seeds (below 2,000) and on judged
+sweeps; drawn scenes that are reported here begin with seed {first:,}, and each real log is reported by trees that have
+seen no log of its recorder. A score is that of the options' defaults; nothing is tuned to a sensor, a noise or a kind of
+scene.
 """
 
 SCENES = """## The scenes
