@@ -203,7 +203,9 @@ def _stood(sightings: Any, earlier: TrackEnd, later: TrackEnd) -> bool:
     if sightings.keyframes is None or abs(later.place - earlier.place) <= 2.0 * max(earlier.tracklet.h) + LEAST_WAY:
         return False
     row = sightings.keep[sightings.spans[later.tracklet.number].start]
-    return bool(sightings.keyframes.stood(sightings.recorded, int(row), -math.inf, earlier.time))
+    # What stands now is who has gone only if its place was seen free.
+    stands = earlier.tracklet.moved and not later.tracklet.moved
+    return bool(sightings.keyframes.stood(sightings.recorded, int(row), -math.inf, earlier.time, bool(stands)))
 
 
 def _first_end(sightings: Any, tracklet: Tracklet) -> TrackEnd:

@@ -38,7 +38,7 @@ cdef class Keyframes:
     @cython.locals(row="long long*", out="double*", i=Py_ssize_t, number=Py_ssize_t)
     cpdef count_looks(self, Sightings sightings, object rows, object looks)
     @cython.locals(free=double, hits=double)
-    cpdef bint stood(self, Sightings sightings, Py_ssize_t i, double since, double until)
+    cpdef bint stood(self, Sightings sightings, Py_ssize_t i, double since, double until, bint unknown=*)
 
 
 @cython.locals(changes=Py_ssize_t, lost=Py_ssize_t, now=Py_ssize_t, then=Py_ssize_t)

@@ -108,8 +108,8 @@ class Keyframes:
             count_looks_at(self, sightings, row[i], out, 4 * i)
         native.resume(lock)
 
-    def stood(self, sightings: Sightings, i: int, since: float, until: float) -> bool:
-        """Return whether something stood at the place of sighting i between two times [s]."""
+    def stood(self, sightings: Sightings, i: int, since: float, until: float, unknown: bool = False) -> bool:
+        """Return whether something stood at the place of sighting i between two times [s]; `unknown` without a look."""
         free, hits = looks_before(
             self,
             sightings.middle_x[i],
@@ -121,7 +121,7 @@ class Keyframes:
             max(sightings.time[i] - SECONDS_BEFORE, since),
             until,
         )
-        return hits >= 1.0 and hits > free
+        return hits > free if hits + free > 0.0 else unknown
 
 
 def count_flicker(keyframes: Keyframes, meas: Measurements, scans: Scans) -> None:

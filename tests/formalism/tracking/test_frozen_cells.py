@@ -14,7 +14,7 @@ from tests.places import SAMPLES
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("number", [pytest.param(2, marks=pytest.mark.xfail(reason="17 where two persons pass")), 8])
+@pytest.mark.parametrize("number", [2, 8])
 def test_nothing_that_is_seen_all_the_time_switches_its_track(number: int) -> None:
     recording = record_cell(CELLS[number], REPORTING + APART * number)
     found = detected(in_batches(recording.batch), PARAMETERS, recording.entity)
