@@ -117,10 +117,10 @@ def imported(path: Path) -> set[str]:
 
 LINES = {
     "cli": 2_915,
-    "formalism": 16_110,
+    "formalism": 15_930,
     "logs": 11_465,
     "overlays": 1_155,
-    "pipeline": 15_905,
+    "pipeline": 15_925,
     "pose": 2_775,
     "reports": 6_805,
     "ros": 315,
@@ -130,7 +130,7 @@ LINES = {
 }
 """Most lines of Python of each room, and of the files beside them: lower them as code goes; who raises one says why."""
 MOST_FILES = 194
-"""Two each for what tells agents from what stands (`keyframes`, `agents`), and for mending (rules by message, whole logs)."""
+"""Two each for what tells agents from what stands (`keyframes`, `agents`), and for mending (a message, a log)."""
 
 
 def test_imports_run_one_way() -> None:

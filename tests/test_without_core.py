@@ -44,10 +44,10 @@ def test_detect_says_it_once_and_finds_the_same(package: Path, tmp_path: Path) -
     logs = [str(tmp_path / f"{name}.mcap") for name in ("one", "other")]
     for log in logs:
         write_log(Path(log), [raw_sweeps(round_room(2, 180, BOX))])
-    lines = run(package, "detect", *logs, "-o", str(tmp_path)).stderr.splitlines()
+    lines = run(package, "detect", *logs, "-o", str(tmp_path), "--min-thing", "0").stderr.splitlines()
     assert [line for line in lines if "compiled" in line] == [f"lidarcli: {compiled.MISSING}"]
     found = pq.read_table(tmp_path / "one.objects.parquet")
-    expected = lidarcli.detect(logs[0])
+    expected = lidarcli.detect(logs[0], min_thing=0.0)
     assert found.num_rows == len(expected) == 2
     assert found["box_x"].to_pylist() == list(expected["box_x"].to_pylist())
 

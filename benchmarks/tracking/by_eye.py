@@ -160,7 +160,7 @@ class OneLog:
 
 def measure_by_eye(folder: Path, sets: Sequence[Set], jobs: int) -> list[OneLog]:
     """The figures of the logs that are there."""
-    listed = [(name, each, Chosen(each.log, "", 0, "reporting").path(folder)) for name in sets for each in LOGS[name]]
+    listed = [(name, each, Chosen(each.log, "", 0).path(folder)) for name in sets for each in LOGS[name]]
     with ProcessPoolExecutor(jobs) as pool:
         return list(pool.map(_measure, *zip(*(one for one in listed if one[2].exists()), strict=True)))
 

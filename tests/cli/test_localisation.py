@@ -162,4 +162,4 @@ def test_diff_places_a_run_anew(lidarcli: Run, site: Path, path: str) -> None:
     assert "placed anew" not in as_is.err
     if path == "lost":
         pytest.xfail("votes from where the sensor never was make building of boxes, and one of them is told as gone")
-    assert as_is.code == 1
+    assert as_is.code == 0, as_is.out
