@@ -361,7 +361,6 @@ def test_outputs_and_checks(monday: str, tmp_path: Path, lidarcli: Run) -> None:
 
 @needs_real_logs
 @pytest.mark.slow
-@pytest.mark.xfail(reason="mixed pixels before a wall, in 98 of 396 sweeps, are told as a thing that is gone", strict=True)
 def test_a_real_room_twice() -> None:
     """Two recordings of one room with people: what flickered was once told as moved by 6 m."""
     folder = REAL_LOGS / "leg_tracker"

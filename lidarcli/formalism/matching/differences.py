@@ -531,6 +531,9 @@ class Compared:
         elif alone < 1.0 - self._least and not there:
             # It was moved, but nobody knows which one it is.
             return ambiguous
+        elif spot.is_free and self._seen(side, spot.points).is_free:
+            # Its own run saw nothing there most of the time: it flickers, or stayed for a while.
+            return UnpairedStatus(UNCERTAIN, SHORT, 0.0)
         elif spot.is_free:
             # It may be one that is found elsewhere, but nothing tells so.
             status, score = (GONE if side == 0 else NEW), (1.0 - there) * spot.certainty
