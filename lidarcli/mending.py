@@ -23,7 +23,7 @@ Step = Callable[[Any, int], bool]
 
 @dataclass(slots=True)
 class Mend:
-    """What is mended of the sweeps of one topic, and how many have been."""
+    """Rules for the sweeps of one topic, and the number of sweeps that each has changed."""
 
     encoding: str
     """`cdr` or `ros1`."""

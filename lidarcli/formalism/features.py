@@ -60,7 +60,7 @@ class Features:
         self.axis = native.integers(self.owner, 2 * most)
         """Of each face: 1 across the building, 0 along it."""
         self.aligned = native.doubles(self.owner, 2 * most)
-        """How much of it counts as such."""
+        """Share of it that counts as such."""
         self.offset = native.doubles(self.owner, 2 * most)
         """Distance of its line from the sensor, to one side [m]."""
         self.angle = native.doubles(self.owner, 2 * most)
@@ -71,7 +71,7 @@ class Features:
         self.crossed = 0.0
         self.goes_on = 0.0
         self.supported = 0.0
-        """How much of the aligned faces of other bodies is on the line of a face that is aligned [m]."""
+        """Length of the aligned faces of other bodies on the line of a face that is aligned [m]."""
 
 
 def gather(features: Features, survey: Survey, points: Points, segments: Segments, bodies: Bodies) -> None:

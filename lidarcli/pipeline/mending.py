@@ -1,4 +1,4 @@
-"""What is mended of a log by what `info` finds in it, and which parts of it are cut: a pass before it is copied."""
+"""The pass before a log is copied: it chooses the rules by what `info` finds, and the parts that are cut."""
 
 from __future__ import annotations
 

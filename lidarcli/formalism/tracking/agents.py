@@ -42,7 +42,7 @@ on which something is at that place; least such way [m]."""
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """What a track is in each of the S sweeps of a window and the next one."""
+    """Verdict on a track in each of the S sweeps of a window and the next one."""
 
     agent: Bool
     """(S,) True in set A."""
