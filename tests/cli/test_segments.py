@@ -83,3 +83,33 @@ def test_clean_names_the_way_out(logs: tuple[Path, Path], tmp_path: Path, capsys
     assert not out.exists()
     assert run(["clean", str(logs[1]), "-o", str(out), "--segments", "keep"]) == 0
     assert sum(map(len, lidarcli.read(out, segments="keep"))) == 270
+
+
+@pytest.mark.parametrize("parts", [4, 9, 12])
+def test_a_turn_in_any_number_of_segments_is_the_same_turn(parts: int, tmp_path: Path) -> None:
+    """Objects, zones, map and background of the same scans in one message and in several."""
+    turns = room(40)
+    files = written(tmp_path / "one.mcap", turns), written(tmp_path / "cut.mcap", cut(turns, -(-270 // parts)))
+    (tmp_path / "zones.toml").write_text(ZONE)
+    found = []
+    for log in files:
+        tables = lidarcli.track(log)
+        zones = lidarcli.zones(log, zones=str(tmp_path / "zones.toml"))
+        grid = lidarcli.map(log)
+        assert run(["background", "build", str(log), "-o", str(log.with_suffix(".parquet"))]) == 0
+        model = pq.read_table(log.with_suffix(".parquet"))
+        found.append((tables, zones, grid, model))
+    (tables, zones, grid, model), (others, other_zones, other_grid, other_model) = found
+    every = [*zip(tables, others, strict=True), *zip(zones, other_zones, strict=True), (model, other_model)]
+    for table, other in every:
+        assert table.num_rows == other.num_rows
+        for name in table.column_names:
+            ours, its = (each[name].to_pylist() for each in (table, other))
+            if name != "log" and ours and isinstance(next((value for value in ours if value is not None), None), float):
+                nan = float("nan")
+                one, two = ([nan if value is None else value for value in values] for values in (ours, its))
+                np.testing.assert_allclose(two, one, rtol=1e-5, atol=1e-5, err_msg=name)
+            elif name not in ("log", "vertices", "faces"):
+                assert its == ours, name
+    assert zones.events.num_rows > 0
+    np.testing.assert_array_equal(grid.cells, other_grid.cells)
