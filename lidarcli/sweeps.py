@@ -383,6 +383,7 @@ class SweepBatch:
     fits : (S,) True where the sweeps do not contradict `poses`, or the user named them; None: nobody has looked
     log : name of the log that it was read from, where that has been told
     run : run of the log that these sweeps are of, from 1: the clock starts anew in each (docs/poses.md)
+    robot : topics and frames of the sensors of a robot, this one among them, whose tracks are one; empty: its own are
     """
 
     topic: str
@@ -408,6 +409,7 @@ class SweepBatch:
     fits: Bool | None = None
     log: str = ""
     run: int = 1
+    robot: tuple[tuple[str, str], ...] = ()
 
     def __len__(self) -> int:
         return len(self.stamp_ns)

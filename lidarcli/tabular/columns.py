@@ -403,29 +403,38 @@ def beam_sets(
     return sets[row, detection.beam_object], number[row, detection.beam_object]
 
 
-def tracks_rows(log: str, topic: str, tracks: Tracks, frames: Sequence[str], labels: Sequence[str] = ()) -> pa.RecordBatch:
-    """Return rows of the tracks table: one per track of a topic, by its number; `frames` are names of sensor frames."""
+def tracks_rows(log: str, tracks: Tracks, sensors: Sequence[tuple[str, str]], labels: Sequence[str] = ()) -> pa.RecordBatch:
+    """Return rows of the tracks table: one per track, by its number; `sensors` are their topics and frames."""
     count = len(tracks)
     columns = {
         "log": constant(log, count),
-        "topic": constant(topic, count),
-        "frame_id": codes(tracks.frame, frames),
+        "topic": _of_sensors(tracks.sensor, [topic for topic, _ in sensors]),
+        "frame_id": _of_sensors(tracks.sensor, [frame for _, frame in sensors]),
         "moved_at": masked(tracks.moved_at_ns, ~tracks.moved, STAMP),
     }
     return FORMS["tracks"].fill(columns | _labelled(tracks, labels), tracks, count)
 
 
-def trajectories_rows(log: str, topic: str, found: Trajectories) -> pa.RecordBatch:
-    """Return rows of the trajectories table: one per track and sweep of a topic."""
+def trajectories_rows(log: str, sensors: Sequence[tuple[str, str]], found: Trajectories) -> pa.RecordBatch:
+    """Return rows of the trajectories table: one per track and sweep; the rest as of `tracks_rows`."""
     count = len(found)
     columns = {
         "log": constant(log, count),
-        "topic": constant(topic, count),
+        "topic": _of_sensors(found.sensor, [topic for topic, _ in sensors]),
         "sweep": found.sweep,
         "stamp": found.stamp_ns,
         "t": found.seconds,
     }
     return FORMS["trajectories"].fill(columns, found, count)
+
+
+def _of_sensors(sensor: Int32, names: Sequence[str]) -> pa.DictionaryArray:
+    """Return a column of what each of some sensors is called; null for several that have not one name."""
+    known = [*dict.fromkeys(names)]
+    if len(known) == 1:
+        return constant(known[0], len(sensor))
+    number = np.array([known.index(name) for name in names] + [-1], np.int32)
+    return codes(number[sensor], known)
 
 
 def _labelled(found: TrackedBatch | Tracks, labels: Sequence[str]) -> dict[str, Any]:

@@ -25,9 +25,9 @@ class Patient:
     label = -1
     """Entry of the catalogue that agents are."""
 
-    def __init__(self, parameters: TrackParameters, catalogue: Catalogue | None = None) -> None:
+    def __init__(self, parameters: TrackParameters, catalogue: Catalogue | None = None, **_: Any) -> None:
         self.parameters = parameters
-        self.frames: list[str] = []
+        self.sensors: list[tuple[str, str]] = []
         self.notes: list[str] = []
         self.most = 0
         """Batches that have waited at the same time."""
@@ -38,7 +38,7 @@ class Patient:
     def add(self, batch: SweepBatch, detection: Detection) -> list[TrackedBatch]:
         """What lies far enough behind."""
         if not self._seen:
-            self.frames, self._first = list(batch.frame_ids), batch
+            self.sensors, self._first = [(batch.topic, frame) for frame in batch.frame_ids], batch
         self._seen += len(batch)
         self._waiting.append((self._seen, batch, detection))
         self.most = max(self.most, len(self._waiting))
@@ -85,6 +85,7 @@ class Patient:
             object_beams=detection.object_beams - beams,
             agent_beams=beams,
             noise_beams=detection.noise_beams,
+            topic=batch.topic,
         )
 
 
@@ -93,7 +94,7 @@ def things(count: int, stamp_ns: int, label: int) -> Tracks:
     number = np.arange(1, count + 1)
     even = number % 2 == 0
     kinds: dict[str, Any] = {
-        "frame": 0,
+        "sensor": 0,
         "track": number,
         "set": np.where(even, SETS.index("A"), SETS.index("O")),
         "shape": SHAPES.index("round"),

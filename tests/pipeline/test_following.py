@@ -49,7 +49,7 @@ def patient(monkeypatch: pytest.MonkeyPatch) -> list[Patient]:
     """Every tracker that is made is one whose answers are known."""
     made: list[Patient] = []
 
-    def make(parameters: TrackParameters, catalogue: Catalogue | None) -> Patient:
+    def make(parameters: TrackParameters, catalogue: Catalogue | None, **_: Any) -> Patient:
         assert catalogue in (None, CATALOGUE)
         made.append(Patient(parameters))
         return made[-1]

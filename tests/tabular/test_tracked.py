@@ -140,7 +140,7 @@ def test_beams_without_an_agent_stay_as_they_are(batch: SweepBatch, detection: D
 
 
 def test_rows_of_things() -> None:
-    rows = tracks_rows("run", "/scan", things(2, int(STAMPS[0]), 1), ("laser",), ("box", "person"))
+    rows = tracks_rows("run", things(2, int(STAMPS[0]), 1), [("/scan", "laser")], ("box", "person"))
     assert rows.schema.names == [name for name, _ in CONTRACT["tracks"]]
     one, two = rows.to_pylist()
     assert (one["log"], one["topic"], one["frame_id"]) == ("run", "/scan", "laser")

@@ -176,21 +176,21 @@ def _chance(place: Any, balance: Float64, moves: Bool) -> tuple[float, int]:
     return 1.0 / (1.0 + math.exp(-odds)), int(free[0])
 
 
-def own_body(sightings: Any, known: set[complex]) -> Bool:
-    """Return (N,) which sightings show the robot itself: what stays at a place of the sensor frame while it drives.
+def own_body(sightings: Any, mine: Int64, known: set[complex]) -> Bool:
+    """Return (N,) which sightings of a sensor show the robot itself: what stays at a place of its frame while it drives.
 
-    `known`: such places in windows before, to which those of this one are added.
+    `mine`: (N,) those of the sensor; `known`: such places in windows before, to which those of this one are added.
     """
-    place = sightings.ahead + 1j * sightings.left
+    place = sightings.ahead[mine] + 1j * sightings.left[mine]
     own, near = np.zeros(len(place), bool), np.flatnonzero(np.abs(place) < BODY_REACH)
     cell = np.round(place[near] / BODY_CELL)
-    sweeps, firsts = np.unique(sightings.sweep, return_index=True)
     if len(near):
-        travelled = sightings.travelled[firsts]
+        sweeps, firsts = np.unique(sightings.sweep[mine], return_index=True)
+        travelled = sightings.travelled[mine[firsts]]
         way = dict(zip(sweeps.tolist(), np.diff(travelled, prepend=travelled[0]).tolist(), strict=True))
         if np.ptp(travelled) >= BODY_WAY:
             seen: dict[complex, set[int]] = {}
-            for one, sweep in zip(cell.tolist(), sightings.sweep[near].tolist(), strict=True):
+            for one, sweep in zip(cell.tolist(), sightings.sweep[mine[near]].tolist(), strict=True):
                 seen.setdefault(one, set()).add(sweep)
             around = [complex(i, k) for i in (-1, 0, 1) for k in (-1, 0, 1)]
             for one in seen:

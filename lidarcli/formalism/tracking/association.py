@@ -521,6 +521,7 @@ def _record_person_hit(targets: Targets, b: int, meas: Measurements, x: float, y
     track_evidence.record_hit(targets, b)
     targets.sightings[b] += 1
     targets.last_sweep[b], targets.last_time[b] = meas.sweep, meas.time
+    kalman.mark_seen(targets, b, meas.sensor)
     targets.middle_x[b], targets.middle_y[b] = x, y
     targets.from_x[b], targets.from_y[b] = kalman.centre(targets, b)
 

@@ -6,6 +6,7 @@ from lidarcli.formalism.tracking cimport measurement
 from lidarcli.formalism.tracking.measurement cimport EdgeMeasurement, Measurements
 
 cdef Py_ssize_t AHEAD, DELAY, LEFT
+cdef double MOUNT_VAR, MOUNT_TURN_VAR
 cdef double DELAY_SD, LEAST_DELAY_VAR, LEAST_PLACE_VAR, MOST_DELAY, MOST_POSE_RESIDUAL, PLACE_SD, POSE_SIDE_VAR
 cdef Py_ssize_t MOST_LEGS, EMPTY, LIVE, ENDED, DISC, BOX, PERSON
 cdef double ACCELERATION, EXTENT_GROWTH, STANDING_GROWTH, SPEED_SD, ANGULAR_ACCELERATION, TURN_RATE_SD, MOST_TURN, FASTEST_TURN
@@ -27,6 +28,7 @@ cdef class Targets:
     cdef long long* inside
     cdef long long* same_as
     cdef long long* member
+    cdef long long* sensors
     cdef long long* measurement
     cdef long long* first_sweep
     cdef long long* last_sweep
@@ -113,6 +115,7 @@ cdef class Sightings:
     cdef public Py_ssize_t count
     cdef readonly Py_ssize_t capacity
     cdef long long* number
+    cdef long long* sensor
     cdef long long* sweep
     cdef long long* object
     cdef long long* centred
@@ -136,6 +139,9 @@ cdef class Sightings:
     cdef double* var
 
 
+@cython.locals(one="long long")
+cdef void mark_seen(Targets targets, Py_ssize_t b, Py_ssize_t sensor) noexcept nogil
+cdef bint has_seen(Targets targets, Py_ssize_t b, Py_ssize_t sensor) noexcept nogil
 cdef void record_sighting(
     Sightings sightings, Targets targets, Py_ssize_t b, EdgeMeasurement sides, Measurements meas, Py_ssize_t k,
     Py_ssize_t objects
@@ -146,10 +152,11 @@ cdef class PoseErrorFilter:
     cdef list owner
     cdef double* value
     cdef double* cov
+    cdef readonly Py_ssize_t sensors
     cdef double* last
+    cdef double* elapsed
     cdef double speed_x, speed_y, turning
     cdef public double travelled
-    cdef bint has_pose
     cdef double* jacobian
     cdef double* product
     cdef double* change
@@ -157,6 +164,8 @@ cdef class PoseErrorFilter:
     cpdef tuple estimate(self)
 
 
+@cython.locals(sensor=Py_ssize_t)
+cdef void pass_time(PoseErrorFilter pose_error, double dt) noexcept nogil
 cdef void correct_pose(PoseErrorFilter pose_error, Measurements meas, double x, double y, double yaw, double side) noexcept nogil
 cdef void set_jacobian(PoseErrorFilter pose_error, Measurements meas, double x, double y, double u_x, double u_y, Py_ssize_t axis
 ) noexcept nogil

@@ -42,7 +42,7 @@ MOST_RESIDUAL, LEAST_VAR = 16.0, 1e-8
 [m²]."""
 NEW_EXTENT = 0.15
 """[m] Length that a new target may go on beyond an end that was not seen."""
-LOG_INTEGERS = ("number", "sweep", "object", "centred", "whole")
+LOG_INTEGERS = ("number", "sweep", "sensor", "object", "centred", "whole")
 LOG_NUMBERS = (
     *("time", "x", "y", "cos", "sin", "half_1", "half_2", "chord"),
     *("middle_x", "middle_y", "ahead", "left", "sensor_x", "sensor_y", "travelled"),
@@ -52,6 +52,8 @@ DELAY, AHEAD, LEFT = 0, 1, 2
 """Places of the three numbers of a correction."""
 DELAY_SD, PLACE_SD = 0.2, 0.1
 """[s], [m] Standard deviations of the delay and of the place of the sensor at first."""
+MOUNT_VAR, MOUNT_TURN_VAR = 1e-4, 7.6e-5
+"""[m²], [rad²] Variances of the place and of the heading of each of several sensors on a robot: (1 cm)², (0.5 degrees)²."""
 LEAST_DELAY_VAR, LEAST_PLACE_VAR = 1e-4, 1e-5
 """[s²], [m²] Least variances of the delay, (10 ms)², and of the place of the sensor."""
 MOST_POSE_RESIDUAL, POSE_SIDE_VAR, MOST_DELAY = 9.0, 1e-4, 0.4
@@ -88,6 +90,8 @@ class Targets:
         """Number of the older target, or of the person of a leg; 0 for none."""
         self.member = native.at_longs(_new(self.arrays, "member", capacity, np.int64))
         """Number of the person that it is a leg of, 0 for none."""
+        self.sensors = native.at_longs(_new(self.arrays, "sensors", capacity, np.int64))
+        """Bits of the sensors that have seen it."""
         self.measurement = native.at_longs(_new(self.arrays, "measurement", capacity, np.int64))
         """Measurement in this sweep, -1 for none."""
         self.first_sweep = native.at_longs(_new(self.arrays, "first_sweep", capacity, np.int64))
@@ -184,7 +188,7 @@ def reset(targets: Targets, b: int) -> None:
     targets.number[b] = targets.last_number
     targets.state[b] = LIVE
     targets.sightings[b] = targets.kind_hits[b] = targets.boxy[b] = targets.whole[b] = 0
-    targets.moved[b] = targets.inside[b] = targets.same_as[b] = targets.member[b] = 0
+    targets.moved[b] = targets.inside[b] = targets.same_as[b] = targets.member[b] = targets.sensors[b] = 0
     targets.size[b] = 0.0
     targets.evidence[b] = targets.max_evidence[b] = 0.0
     targets.yaw[b] = targets.yaw_rate[b] = targets.sin[b] = 0.0
@@ -200,6 +204,17 @@ def reset(targets: Targets, b: int) -> None:
     for i in range(MOST_LEGS * b, MOST_LEGS * b + MOST_LEGS):
         targets.leg_x[i] = targets.leg_y[i] = 0.0
         targets.leg_hits[i] = 0
+
+
+def mark_seen(targets: Targets, b: int, sensor: int) -> None:
+    """Note that a sensor has seen a target."""
+    one = 1
+    targets.sensors[b] |= one << sensor
+
+
+def has_seen(targets: Targets, b: int, sensor: int) -> bool:
+    """Return whether a sensor has ever seen a target: one that is mounted higher may look over it."""
+    return (targets.sensors[b] >> sensor) & 1 == 1
 
 
 def centre(targets: Targets, b: int) -> tuple[float, float]:
@@ -448,9 +463,10 @@ class Sightings:
         self.number = native.at_longs(arrays["number"])
         """Number of the target."""
         self.sweep = native.at_longs(arrays["sweep"])
-        """Number of sweeps of the topic before."""
+        """Number of sweeps before."""
+        self.sensor = native.at_longs(arrays["sensor"])
         self.object = native.at_longs(arrays["object"])
-        """Number of objects of the topic before its own."""
+        """Number of objects before its own, in the order in which they were seen."""
         self.centred = native.at_longs(arrays["centred"])
         """1 if z[0] and z[2] are the centre, 0 if they are sides."""
         self.whole = native.at_longs(arrays["whole"])
@@ -485,14 +501,14 @@ class Sightings:
 def record_sighting(
     sightings: Sightings, targets: Targets, b: int, sides: EdgeMeasurement, meas: Measurements, k: int, objects: int
 ) -> None:
-    """Record a sighting of a target by measurement k; there is room. `objects`: number of objects in batches before."""
+    """Record a sighting of a target by measurement k; there is room. `objects`: number of objects before its batch."""
     i = meas.sighting[k] = sightings.count
     sightings.whole[i] = 0
     if meas.start[k] != measurement.HIDDEN and meas.end[k] != measurement.HIDDEN:
         sightings.whole[i] = 1
     sightings.chord[i] = meas.chord[k]
     sightings.number[i], sightings.object[i] = targets.number[b], objects + meas.object[k]
-    sightings.sweep[i], sightings.time[i] = meas.sweep, meas.time
+    sightings.sweep[i], sightings.time[i], sightings.sensor[i] = meas.sweep, meas.time, meas.sensor
     sightings.x[i], sightings.y[i] = centre(targets, b)
     sightings.cos[i], sightings.sin[i] = targets.cos[b], targets.sin[b]
     sightings.half_1[i], sightings.half_2[i] = targets.h[2 * b], targets.h[2 * b + 1]
@@ -509,28 +525,35 @@ def record_sighting(
 
 
 class PoseErrorFilter:
-    """Estimated error of the poses, and the motion of the sensor at the current sweep."""
+    """Estimated error of the poses, and the motion of the sensor at the current sweep.
 
-    def __init__(self) -> None:
+    Of several sensors that are followed together the delay alone is estimated: each may have a place of its own.
+    """
+
+    def __init__(self, sensors: int = 1) -> None:
         self.owner: list[Any] = []
+        self.sensors = sensors
         self.value = native.doubles(self.owner, 3)
         """Delay of the poses [s], and place of the sensor ahead and left of its poses [m]."""
         self.cov = native.doubles(self.owner, 9)
         self.cov[0] = DELAY_SD * DELAY_SD
         self.cov[4] = self.cov[8] = PLACE_SD * PLACE_SD
-        self.last = native.doubles(self.owner, 3)
-        """Pose of the sweep before in the log: x, y [m], yaw [rad]."""
+        self.last = native.doubles(self.owner, 3 * sensors)
+        """Pose of each sensor in the log at its sweep before: x, y [m], yaw [rad]."""
+        self.elapsed = native.doubles(self.owner, sensors)
+        """Time since then [s]; negative before the first pose."""
         self.speed_x = 0.0
         self.speed_y = 0.0
         self.turning = 0.0
         """Velocity [m/s] and turn rate [rad/s] of the sensor."""
-        self.has_pose = False
         self.travelled = 0.0
         """Distance that the sensor went so far [m]."""
         self.jacobian = native.doubles(self.owner, 6)
         """Effect of the three numbers on the current point, for both axes of its target."""
         self.product = native.doubles(self.owner, 3)
         self.change = native.doubles(self.owner, 3)
+        for sensor in range(sensors):
+            self.elapsed[sensor] = -1.0
 
     def estimate(self) -> tuple[float, float, float, float, float]:
         """Return the delay [s], the place ahead and left [m], and the standard deviations of the delay and of the place."""
@@ -541,6 +564,13 @@ class PoseErrorFilter:
             math.sqrt(self.cov[0]),
             math.sqrt(max(self.cov[4], self.cov[8])),
         )
+
+
+def pass_time(pose_error: PoseErrorFilter, dt: float) -> None:
+    """Let time pass since the last pose of each sensor [s]."""
+    for sensor in range(pose_error.sensors):
+        if pose_error.elapsed[sensor] >= 0.0:
+            pose_error.elapsed[sensor] += dt
 
 
 def correct_pose(pose_error: PoseErrorFilter, meas: Measurements, x: float, y: float, yaw: float, side: float) -> None:
@@ -555,6 +585,9 @@ def correct_pose(pose_error: PoseErrorFilter, meas: Measurements, x: float, y: f
     var = pose_error.cov[0]
     speed = pose_error.speed_x * pose_error.speed_x + pose_error.speed_y * pose_error.speed_y
     meas.pose_var, meas.pose_turn_var = speed * var, pose_error.turning * pose_error.turning * var
+    if pose_error.sensors > 1:
+        meas.pose_var += MOUNT_VAR
+        meas.pose_turn_var += MOUNT_TURN_VAR
 
 
 def set_jacobian(
@@ -565,6 +598,9 @@ def set_jacobian(
     moved_x = pose_error.speed_x - pose_error.turning * dy
     moved_y = pose_error.speed_y + pose_error.turning * dx
     pose_error.jacobian[3 * axis + DELAY] = -(u_x * moved_x + u_y * moved_y)
+    if pose_error.sensors > 1:
+        pose_error.jacobian[3 * axis + AHEAD] = pose_error.jacobian[3 * axis + LEFT] = 0.0
+        return
     pose_error.jacobian[3 * axis + AHEAD] = -(u_x * meas.cos + u_y * meas.sin)
     pose_error.jacobian[3 * axis + LEFT] = -meas.side * (u_y * meas.cos - u_x * meas.sin)
 

@@ -15,9 +15,14 @@ cdef double SAME_VIEW, SAME_RANGE, SECONDS_BEFORE, SECONDS_AFTER, MOST_WAY, THIN
 
 cdef class Keyframes:
     cdef list owner
-    cdef readonly Py_ssize_t beams, count
-    cdef Py_ssize_t last_sweep, before, watched
-    cdef double changes, lost
+    cdef readonly Py_ssize_t beams, count, sensors, kept
+    cdef double* last_time
+    cdef Py_ssize_t* last_sweep
+    cdef Py_ssize_t* sensor
+    cdef double* changes
+    cdef double* lost
+    cdef Py_ssize_t* watched
+    cdef Py_ssize_t* before
     cdef double* time
     cdef double* x
     cdef double* y
@@ -41,22 +46,22 @@ cdef class Keyframes:
     cpdef bint stood(self, Sightings sightings, Py_ssize_t i, double since, double until, bint unknown=*)
 
 
-@cython.locals(changes=Py_ssize_t, lost=Py_ssize_t, now=Py_ssize_t, then=Py_ssize_t)
+@cython.locals(changes=Py_ssize_t, lost=Py_ssize_t, now=Py_ssize_t, then=Py_ssize_t, s=Py_ssize_t, last=Py_ssize_t)
 cdef void count_flicker(Keyframes keyframes, Measurements meas, Scans scans) noexcept nogil
-@cython.locals(elapsed=double, m=Py_ssize_t, k=Py_ssize_t, beam=Py_ssize_t, r=double)
+@cython.locals(elapsed=double, m=Py_ssize_t, k=Py_ssize_t, beam=Py_ssize_t, r=double, s=Py_ssize_t)
 cdef void store(Keyframes keyframes, Measurements meas, Scans scans) noexcept nogil
 @cython.locals(
     bearings=Py_ssize_t, step=double, share=double, open_share=double, r=double, position=double, dx=double, dy=double, moves=bint, yaw=double,
     angle=double, beside=double, margin=double, first=Py_ssize_t, last=Py_ssize_t, passes=Py_ssize_t, returns=Py_ssize_t,
-    blocked=Py_ssize_t, unknown=Py_ssize_t, k=Py_ssize_t, at=Py_ssize_t, end=double, own=double, own_x=double, own_y=double
+    blocked=Py_ssize_t, unknown=Py_ssize_t, k=Py_ssize_t, at=Py_ssize_t, s=Py_ssize_t, end=double, own=double, own_x=double, own_y=double
 )
 cdef double look(
     Keyframes keyframes, Py_ssize_t m, double x, double y, double width, double from_x, double from_y
 ) noexcept nogil
 @cython.locals(i=Py_ssize_t, m=Py_ssize_t, free=double, hits=double, seen=double)
 cdef (double, double) looks_before(
-    Keyframes keyframes, double x, double y, double width, double from_x, double from_y, double travelled, double oldest,
-    double until
+    Keyframes keyframes, Py_ssize_t sensor, double x, double y, double width, double from_x, double from_y, double travelled,
+    double oldest, double until
 ) noexcept nogil
 @cython.locals(oldest=double)
 cdef (double, double) looks_at_measurement(

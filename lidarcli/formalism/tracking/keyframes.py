@@ -17,7 +17,8 @@ from lidarcli.formalism.tracking.measurement import Measurements
 
 NO_RETURN = sweeps.Status.NO_RETURN.value
 KEPT, SECONDS_APART, SWEEPS_APART = 384, 0.5, 2
-"""Number of keyframes, and least time [s] and number of sweeps between two of them, by which they hold two windows."""
+"""Number of keyframes of a sensor, and least time [s] and number of sweeps between two of them, by which they hold two
+windows."""
 FLICKER_WEIGHT, MOST_FLICKER_SHARE = 0.02, 0.2
 """Weight of one sweep in the mean number of beams that flicker, and the share of the beams without a return that may have
 one a sweep later: above it no such beam proves free space."""
@@ -41,50 +42,59 @@ MOST_LOOKS = 8.0
 
 
 class Keyframes:
-    """The latest `KEPT` keyframes and the poses of the sensor; the newest replaces the oldest."""
+    """The latest keyframes, `KEPT` for each sensor, and their poses; the newest replaces the oldest."""
 
-    def __init__(self, beams: int) -> None:
-        """Make room for sweeps of so many beams."""
+    def __init__(self, beams: int, sensors: int = 1) -> None:
+        """Make room for sweeps of so many beams, of so many sensors that are followed together."""
         self.owner: list[Any] = []
-        self.beams = beams
+        self.beams, self.sensors, self.kept = beams, sensors, KEPT * sensors
         self.count = 0
         """Number of keyframes that were stored so far."""
-        self.last_sweep = 0
-        self.time = native.doubles(self.owner, KEPT)
-        self.x = native.doubles(self.owner, KEPT)
-        self.y = native.doubles(self.owner, KEPT)
-        self.yaw = native.doubles(self.owner, KEPT)
+        self.last_time = native.doubles(self.owner, sensors)
+        self.last_sweep = native.integers(self.owner, sensors)
+        """Time [s] and sweep of the last keyframe of each sensor; sweep -1 before the first."""
+        self.sensor = native.integers(self.owner, self.kept)
+        self.time = native.doubles(self.owner, self.kept)
+        self.x = native.doubles(self.owner, self.kept)
+        self.y = native.doubles(self.owner, self.kept)
+        self.yaw = native.doubles(self.owner, self.kept)
         """Pose of the sensor at the first bearing [m, rad]."""
-        self.motion_x = native.doubles(self.owner, KEPT)
-        self.motion_y = native.doubles(self.owner, KEPT)
-        self.motion_yaw = native.doubles(self.owner, KEPT)
+        self.motion_x = native.doubles(self.owner, self.kept)
+        self.motion_y = native.doubles(self.owner, self.kept)
+        self.motion_yaw = native.doubles(self.owner, self.kept)
         """Motion of the sensor from the first bearing to the last [m, rad]."""
-        self.travelled = native.doubles(self.owner, KEPT)
+        self.travelled = native.doubles(self.owner, self.kept)
         """Distance that the sensor had gone [m]."""
-        self.side = native.doubles(self.owner, KEPT)
-        self.first = native.doubles(self.owner, KEPT)
-        self.step = native.doubles(self.owner, KEPT)
-        self.bearings = native.integers(self.owner, KEPT)
-        self.period = native.integers(self.owner, KEPT)
-        self.r = native.singles(self.owner, KEPT * beams)
+        self.side = native.doubles(self.owner, self.kept)
+        self.first = native.doubles(self.owner, self.kept)
+        self.step = native.doubles(self.owner, self.kept)
+        self.bearings = native.integers(self.owner, self.kept)
+        self.period = native.integers(self.owner, self.kept)
+        self.r = native.singles(self.owner, self.kept * beams)
         """Ranges by bearing [m]: `measurement.NO_RANGE` where unknown, `FREE_RANGE` without a return."""
-        self.changes = 0.0
+        # Of each sensor.
+        self.changes = native.doubles(self.owner, sensors)
         """Mean number of beams that change between a range and no return from sweep to sweep."""
-        self.lost = 0.0
+        self.lost = native.doubles(self.owner, sensors)
         """Mean number of beams without a return in either sweep."""
-        self.status = native.integers(self.owner, beams)
+        self.status = native.integers(self.owner, sensors * beams)
         """Status of each beam in the sweep before."""
-        self.watched = 0
-        self.before = 0
+        self.watched = native.integers(self.owner, sensors)
+        self.before = native.integers(self.owner, sensors)
         """Number of beams of the sweep before."""
+        for sensor in range(sensors):
+            self.last_sweep[sensor] = -1
 
     def grow(self, old: Keyframes) -> None:
         """Copy the keyframes of `old`, which have fewer beams."""
-        self.count, self.changes, self.lost = old.count, old.changes, old.lost
-        self.watched, self.before, self.last_sweep = old.watched, old.before, old.last_sweep
-        for beam in range(old.before):
-            self.status[beam] = old.status[beam]
-        for m in range(KEPT):
+        self.count = old.count
+        for s in range(old.sensors):
+            self.changes[s], self.lost[s], self.watched[s] = old.changes[s], old.lost[s], old.watched[s]
+            self.before[s], self.last_sweep[s], self.last_time[s] = old.before[s], old.last_sweep[s], old.last_time[s]
+            for beam in range(old.before[s]):
+                self.status[s * self.beams + beam] = old.status[s * old.beams + beam]
+        for m in range(old.kept):
+            self.sensor[m] = old.sensor[m]
             self.time[m], self.x[m], self.y[m], self.yaw[m] = old.time[m], old.x[m], old.y[m], old.yaw[m]
             self.motion_x[m], self.motion_y[m], self.motion_yaw[m] = old.motion_x[m], old.motion_y[m], old.motion_yaw[m]
             self.side[m], self.first[m], self.step[m] = old.side[m], old.first[m], old.step[m]
@@ -112,6 +122,7 @@ class Keyframes:
         """Return whether something stood at the place of sighting i between two times [s]; `unknown` without a look."""
         free, hits = looks_before(
             self,
+            sightings.sensor[i],
             sightings.middle_x[i],
             sightings.middle_y[i],
             sightings.chord[i],
@@ -126,34 +137,36 @@ class Keyframes:
 
 def count_flicker(keyframes: Keyframes, meas: Measurements, scans: Scans) -> None:
     """Count the beams that change between a range and no return: where few do, those without a return prove free space."""
-    begin, beams = meas.row * scans.width, scans.beams[meas.row]
-    changes, lost = 0, 0
-    if keyframes.before == beams:
+    begin, beams, s = meas.row * scans.width, scans.beams[meas.row], meas.sensor
+    changes, lost, last = 0, 0, s * keyframes.beams
+    if keyframes.before[s] == beams:
         for beam in range(beams):
-            now, then = scans.status[begin + beam], keyframes.status[beam]
+            now, then = scans.status[begin + beam], keyframes.status[last + beam]
             if now == NO_RETURN or then == NO_RETURN:
                 lost += 1
                 if now + then == NO_RETURN:
                     changes += 1
         # At first a plain mean of all sweeps so far.
-        keyframes.watched += 1
-        share = max(FLICKER_WEIGHT, 1.0 / keyframes.watched)
-        keyframes.changes += share * (changes - keyframes.changes)
-        keyframes.lost += share * (lost - keyframes.lost)
+        keyframes.watched[s] += 1
+        share = max(FLICKER_WEIGHT, 1.0 / keyframes.watched[s])
+        keyframes.changes[s] += share * (changes - keyframes.changes[s])
+        keyframes.lost[s] += share * (lost - keyframes.lost[s])
     for beam in range(beams):
-        keyframes.status[beam] = scans.status[begin + beam]
-    keyframes.before = beams
-    meas.steady = keyframes.changes <= MOST_FLICKER_SHARE * keyframes.lost
+        keyframes.status[last + beam] = scans.status[begin + beam]
+    keyframes.before[s] = beams
+    meas.steady = keyframes.changes[s] <= MOST_FLICKER_SHARE * keyframes.lost[s]
 
 
 def store(keyframes: Keyframes, meas: Measurements, scans: Scans) -> None:
-    """Store a sweep, unless the last keyframe is too recent."""
-    if keyframes.count > 0:
-        elapsed = meas.time - keyframes.time[(keyframes.count + KEPT - 1) % KEPT]
-        if 0.0 <= elapsed < SECONDS_APART or meas.sweep - keyframes.last_sweep < SWEEPS_APART:
+    """Store a sweep, unless the last keyframe of its sensor is too recent."""
+    s = meas.sensor
+    if keyframes.last_sweep[s] >= 0:
+        elapsed = meas.time - keyframes.last_time[s]
+        if 0.0 <= elapsed < SECONDS_APART or meas.sweep - keyframes.last_sweep[s] < SWEEPS_APART * keyframes.sensors:
             return
-    m = keyframes.count % KEPT
-    keyframes.time[m], keyframes.last_sweep, keyframes.travelled[m] = meas.time, meas.sweep, meas.travelled
+    m = keyframes.count % keyframes.kept
+    keyframes.last_time[s], keyframes.last_sweep[s], keyframes.sensor[m] = meas.time, meas.sweep, s
+    keyframes.time[m], keyframes.travelled[m] = meas.time, meas.travelled
     keyframes.x[m], keyframes.y[m], keyframes.yaw[m] = meas.start_x, meas.start_y, meas.start_yaw
     keyframes.motion_x[m], keyframes.motion_y[m] = meas.motion_x, meas.motion_y
     keyframes.motion_yaw[m] = meas.motion_yaw
@@ -230,7 +243,8 @@ def look(keyframes: Keyframes, m: int, x: float, y: float, width: float, from_x:
         return 0.0
     if passes == 0:
         # Beams without a return alone.
-        if returns == 0 or unknown > 0 or keyframes.changes > MOST_FLICKER_SHARE * keyframes.lost:
+        s = keyframes.sensor[m]
+        if returns == 0 or unknown > 0 or keyframes.changes[s] > MOST_FLICKER_SHARE * keyframes.lost[s]:
             return 0.0
         own_x, own_y = x - from_x, y - from_y
         own = math.sqrt(own_x * own_x + own_y * own_y)
@@ -243,6 +257,7 @@ def look(keyframes: Keyframes, m: int, x: float, y: float, width: float, from_x:
 
 def looks_before(
     keyframes: Keyframes,
+    sensor: int,
     x: float,
     y: float,
     width: float,
@@ -252,14 +267,15 @@ def looks_before(
     oldest: float,
     until: float,
 ) -> tuple[float, float]:
-    """Return the sums of free looks and of hits at a place, in the latest keyframes between two times [s].
+    """Return the sums of free looks and of hits at a place, in the latest keyframes of a sensor between two times [s].
 
+    Another sensor, which may look over things or under them, says nothing of what this one sees.
     x, y, width, from_x and from_y as of `look`; `travelled`: distance that the sensor had gone when it saw the thing there.
     """
     free, hits = 0.0, 0.0
-    for i in range(min(keyframes.count, KEPT)):
-        m = (keyframes.count - 1 - i) % KEPT
-        if keyframes.time[m] > until:
+    for i in range(min(keyframes.count, keyframes.kept)):
+        m = (keyframes.count - 1 - i) % keyframes.kept
+        if keyframes.time[m] > until or keyframes.sensor[m] != sensor:
             continue
         if keyframes.time[m] < oldest or travelled - keyframes.travelled[m] > MOST_WAY:
             break
@@ -277,7 +293,16 @@ def looks_at_measurement(keyframes: Keyframes, meas: Measurements, k: int, until
     """Return the sums of free looks and of hits at the middle of a measurement before a time [s]."""
     oldest = meas.time - (SECONDS_BEFORE if meas.is_placed else SECONDS_UNPLACED)
     return looks_before(
-        keyframes, meas.middle_x[k], meas.middle_y[k], meas.chord[k], meas.x, meas.y, meas.travelled, oldest, until
+        keyframes,
+        meas.sensor,
+        meas.middle_x[k],
+        meas.middle_y[k],
+        meas.chord[k],
+        meas.x,
+        meas.y,
+        meas.travelled,
+        oldest,
+        until,
     )
 
 
@@ -291,19 +316,19 @@ def count_looks_at(keyframes: Keyframes, sightings: Sightings, i: int, out: Any,
     """Count the looks at the place of one sighting (`Keyframes.count_looks`), the farther in time the fewer."""
     for k in range(4):
         out[at + k] = 0.0
-    first, stop = max(keyframes.count - KEPT, 0), keyframes.count
+    first, stop = max(keyframes.count - keyframes.kept, 0), keyframes.count
     split = stop
-    while split > first and keyframes.time[(split - 1) % KEPT] >= sightings.time[i]:
+    while split > first and keyframes.time[(split - 1) % keyframes.kept] >= sightings.time[i]:
         split -= 1
     for side in range(2):
         number, apart, most = split - 1 + side, 0.0, SECONDS_AFTER if side else SECONDS_BEFORE
         while first <= number < stop:
-            m = number % KEPT
+            m = number % keyframes.kept
             number += 2 * side - 1
             off = abs(keyframes.time[m] - sightings.time[i])
             if off > most or abs(keyframes.travelled[m] - sightings.travelled[i]) > MOST_WAY:
                 break
-            if off < apart:
+            if off < apart or keyframes.sensor[m] != sightings.sensor[i]:
                 continue
             apart = THINNED * off
             seen = look(

@@ -27,7 +27,7 @@ cdef class Detections:
 cdef class Measurements:
     cdef list owner
     cdef readonly Py_ssize_t objects, beams
-    cdef Py_ssize_t count, bearings, period, row, sweep
+    cdef Py_ssize_t count, bearings, period, row, sweep, sensor
     cdef bint reverse, steady, moves, is_placed
     cdef double start_x, start_y, start_yaw, motion_x, motion_y, motion_yaw
     cdef double x, y, cos, sin, side, first, step, sigma, pose_var, pose_turn_var, time, travelled

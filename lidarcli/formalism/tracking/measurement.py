@@ -125,7 +125,9 @@ class Measurements:
         self.travelled = 0.0
         """Distance that the sensor has gone so far [m]."""
         self.sweep = 0
-        """Number of sweeps of the sensor before it."""
+        """Number of sweeps before it."""
+        self.sensor = 0
+        """Index of the sensor, of those that are followed together."""
         self.sigma = 0.0
         self.steady = True
         """True if beams without a return prove free space."""

@@ -75,14 +75,16 @@ class TrackedBatch:
     agent_beams: Int32
     noise_beams: Int32
     """(S,) number of beams of each set."""
+    topic: str = ""
+    """Topic of the batch."""
 
 
 @record
 class Tracks:
     """M tracks by number. Metres, radians, seconds; in the world frame, or without poses in that of the sensor."""
 
-    frame: Int32
-    """(M,) index into the frame names of the tracker."""
+    sensor: Int32
+    """(M,) index of the sensor among those of the tracker; -1 where several saw it."""
     track: Int64 = column("1", "number of the thing, 1, 2, ... by first sight within its topic", per="track")
     set: UInt8 = column("", "A agent: it has moved by itself; O object: it has not", per="track", words=SETS)
     shape: UInt8 = column(
@@ -132,8 +134,10 @@ class Trajectories:
     """N rows, those of one track in the order of time."""
 
     track: Int64 = column("1", "number of the thing, as in the tracks table", per="trajectory")
+    sensor: Int32
+    """(N,) index of the sensor of the sweep among those of the tracker."""
     sweep: Int64
-    """(N,) index of the sweep in the log."""
+    """(N,) index of the sweep in its topic."""
     stamp_ns: Int64
     seconds: Float64
     """(N,) stamp of the sweep [ns], and seconds since the first sweep of the topic."""

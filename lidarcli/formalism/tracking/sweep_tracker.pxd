@@ -19,7 +19,8 @@ cdef class SweepTracker:
     cdef list owner
     cdef double stamp, typical_dt, elapsed, travelled, rotated
     cdef readonly double time
-    cdef public Py_ssize_t sweeps, objects
+    cdef public Py_ssize_t sweeps, sensor
+    cdef Py_ssize_t objects, seen
     cdef public bint moves
     cdef EdgeMeasurement sides
     cdef readonly Sightings sightings
@@ -35,7 +36,7 @@ cdef class SweepTracker:
 
 
 cdef bint _has_capacity(SweepTracker tracker, Detections detections, Py_ssize_t row) noexcept nogil
-@cython.locals(at=Py_ssize_t)
+@cython.locals(at=Py_ssize_t, dt=double)
 cdef void step(SweepTracker tracker, Detections detections, Scans scans, Py_ssize_t row, long long* track_ids) noexcept nogil
 @cython.locals(b=Py_ssize_t)
 cdef void _track(
@@ -43,6 +44,7 @@ cdef void _track(
 ) noexcept nogil
 cdef double advance_clock(SweepTracker tracker, double stamp) noexcept nogil
 cdef double _drift_variance(SweepTracker tracker, Targets targets, Measurements meas, Py_ssize_t b) noexcept nogil
+@cython.locals(last=Py_ssize_t, own=double, share=double)
 cdef void _correct_sensor_pose(
     SweepTracker tracker, PoseErrorFilter pose_error, Measurements meas, Detections detections, Py_ssize_t row, double dt
 ) noexcept nogil

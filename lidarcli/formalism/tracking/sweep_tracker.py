@@ -1,4 +1,4 @@
-"""The tracker of one topic, sweep after sweep: predict, associate, update or miss, initiate.
+"""The tracker of one sensor, or of several in one world, sweep after sweep: predict, associate, update or miss, initiate.
 
 `kalman` holds the filters of the targets, `measurement` what a sweep measures of them, `association` assigns measurements
 to targets, `track_evidence` weighs whether a target moves and exists, and terminates it.
@@ -47,26 +47,30 @@ odds]."""
 
 
 class SweepTracker:
-    """State of the tracker after the latest sweep of a topic."""
+    """State of the tracker after the latest sweep."""
 
     def __init__(self, targets: Targets, meas: Measurements, frames: Keyframes) -> None:
         self.owner: list[Any] = []
         self.time = 0.0
         self.stamp = 0.0
         self.sweeps = 0
+        self.seen = 0
+        """Number of objects of all sweeps so far."""
         self.objects = 0
-        """Number of objects of all batches before the current one."""
+        """The same before the first row of the batch, if there were no other batch."""
+        self.sensor = 0
+        """Index of the sensor whose sweeps are processed."""
         self.travelled = 0.0
-        """Distance that the sensor went since the sweep before [m]."""
+        """Distance that the robot went since the sweep before [m]."""
         self.rotated = 0.0
-        """Turn of the sensor since the sweep before [rad]."""
+        """Turn of the robot since the sweep before [rad]."""
         self.elapsed = 0.0
         """Time since the last sweep with a pose [s]."""
         self.typical_dt = 0.1
         """Usual time from sweep to sweep [s]."""
         self.sides = EdgeMeasurement()
         self.sightings = Sightings()
-        self.pose_error = PoseErrorFilter()
+        self.pose_error = PoseErrorFilter(frames.sensors)
         self.moves = False
         """True if the log has poses of the sensor."""
         self.resize(targets, meas, frames)
@@ -111,8 +115,12 @@ def step(tracker: SweepTracker, detections: Detections, scans: Scans, row: int, 
     """Process one sweep. One without a pose of the sensor only advances the clock."""
     for at in range(detections.offset[row], detections.offset[row + 1]):
         track_ids[at] = 0
-    tracker.elapsed += advance_clock(tracker, detections.seconds[row])
+    dt = advance_clock(tracker, detections.seconds[row])
+    tracker.elapsed += dt
+    kalman.pass_time(tracker.pose_error, dt)
     tracker.sweeps += 1
+    tracker.objects = tracker.seen - detections.offset[row]
+    tracker.seen += detections.offset[row + 1] - detections.offset[row]
     if detections.poses[4 * row] == detections.poses[4 * row]:
         _correct_sensor_pose(tracker, tracker.pose_error, tracker.measurements, detections, row, tracker.elapsed)
         _track(tracker, tracker.targets, tracker.measurements, detections, scans, row, tracker.elapsed)
@@ -127,7 +135,7 @@ def _track(
 ) -> None:
     """Predict all targets, associate the measurements, update or miss each target, and initiate new ones."""
     # Measurements of the sweep.
-    meas.time, meas.sweep = tracker.time, tracker.sweeps - 1
+    meas.time, meas.sweep, meas.sensor = tracker.time, tracker.sweeps - 1, tracker.sensor
     measurement.extract(meas, detections, scans, row)
     keyframes.count_flicker(tracker.frames, meas, scans)
     measurement.classify_edges(meas)
@@ -185,13 +193,17 @@ def _correct_sensor_pose(
     x, y, yaw = detections.poses[4 * row], detections.poses[4 * row + 1], detections.poses[4 * row + 2]
     tracker.travelled = tracker.rotated = 0.0
     pose_error.speed_x = pose_error.speed_y = pose_error.turning = 0.0
-    if tracker.moves and pose_error.has_pose and dt > 0.0:
-        dx, dy, rotated = x - pose_error.last[0], y - pose_error.last[1], yaw - pose_error.last[2]
+    own, last = pose_error.elapsed[tracker.sensor], 3 * tracker.sensor
+    if tracker.moves and own > 0.0:
+        dx, dy, rotated = x - pose_error.last[last], y - pose_error.last[last + 1], yaw - pose_error.last[last + 2]
         rotated -= measurement.TURN * math.floor(rotated / measurement.TURN + 0.5)
-        tracker.travelled, tracker.rotated = math.sqrt(dx * dx + dy * dy), abs(rotated)
-        if dt >= SHORTEST_STEP:
-            pose_error.speed_x, pose_error.speed_y, pose_error.turning = dx / dt, dy / dt, rotated / dt
-    pose_error.last[0], pose_error.last[1], pose_error.last[2], pose_error.has_pose = x, y, yaw, True
+        # Of the time since the last sweep of this sensor others may have seen the robot go most.
+        share = dt / own
+        tracker.travelled, tracker.rotated = share * math.sqrt(dx * dx + dy * dy), share * abs(rotated)
+        if own >= SHORTEST_STEP:
+            pose_error.speed_x, pose_error.speed_y, pose_error.turning = dx / own, dy / own, rotated / own
+    pose_error.last[last], pose_error.last[last + 1], pose_error.last[last + 2] = x, y, yaw
+    pose_error.elapsed[tracker.sensor] = 0.0
     pose_error.travelled += tracker.travelled
     meas.travelled = pose_error.travelled
     at = 3 * row
@@ -409,6 +421,7 @@ def _count_measurement(tracker: SweepTracker, targets: Targets, meas: Measuremen
     targets.sightings[b] += 1
     targets.kind_hits[b] += 1
     targets.last_sweep[b], targets.last_time[b] = meas.sweep, meas.time
+    kalman.mark_seen(targets, b, meas.sensor)
     targets.middle_x[b], targets.middle_y[b] = meas.middle_x[k], meas.middle_y[k]
     targets.from_x[b], targets.from_y[b] = kalman.centre(targets, b)
     track_evidence.vote_shape(targets, b, meas, k)

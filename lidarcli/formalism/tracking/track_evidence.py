@@ -203,8 +203,10 @@ def record_miss(targets: Targets, b: int, meas: Measurements, scans: Scans) -> N
     """Lower the existence of a target that was missed, and terminate it if it is gone or lost."""
     x, y = kalman.centre(targets, b)
     passes, hits, outside = passing(meas, scans, targets, b, x, y)
-    detect = DETECTION_RATE * passes if passes > LEAST_PASSING else 0.0
-    detect += HIT_DOUBT * hits
+    detect = 0.0
+    if kalman.has_seen(targets, b, meas.sensor):
+        detect = DETECTION_RATE * passes if passes > LEAST_PASSING else 0.0
+        detect += HIT_DOUBT * hits
     e = targets.existence[b]
     targets.existence[b] = e * (1.0 - detect) / (1.0 - e * detect)
     other = covering_target(targets, b, x, y, 0.0)

@@ -1,6 +1,7 @@
-"""The tracker: follows objects from sweep to sweep, batch by batch of one topic (§3, matching and tracking).
+"""The tracker: follows objects from sweep to sweep (§3, matching and tracking).
 
-Every sensor frame of the topic has a tracker of its own: what one sensor saw says nothing of what another one sees.
+Sensors whose places in one world are known are followed together, sweep by sweep in the order of time: a thing has one
+track, whichever sensor sees it. Any other sensor has a follower of its own: it says nothing of what another one sees.
 """
 
 from __future__ import annotations
@@ -24,14 +25,14 @@ from lidarcli.formalism.tracking.keyframes import Keyframes
 from lidarcli.formalism.tracking.measurement import Detections, Measurements
 from lidarcli.formalism.tracking.results import TrackedBatch, Tracks, Trajectories
 from lidarcli.formalism.tracking.sweep_tracker import SweepTracker
-from lidarcli.formalism.tracking.tracks import Naming, Track, standing, tracks_of
+from lidarcli.formalism.tracking.tracks import Naming, SizeMeasurements, Track, standing, tracks_of
 from lidarcli.formalism.tracking.windows import RESULT, TrackRegistry, Window, WindowResult
 from lidarcli.sweeps import Bool, Float64, Int32, Int64, SweepBatch
 
 WINDOW = 256
-"""Number of sweeps of a window. Its rows are settled once the next window has been seen.
+"""Number of sweeps of a window, for each sensor. Its rows are settled once the next window has been seen.
 
-The windows of all sensors of a topic end together, as soon as that of one of them is full.
+The windows of all followers end together, as soon as that of one of them is full.
 """
 TARGETS_AT_FIRST, MEASUREMENTS_AT_FIRST, SIGHTINGS_AT_FIRST = 64, 32, 2048
 """Room for so many tracklets, objects of a sweep, and sightings before it grows."""
@@ -52,27 +53,66 @@ class _PendingBatch:
 
     batch: SweepBatch
     detection: Detection
+    settled: WindowResult
+    """(K,) the results for its objects so far."""
+    left: int
+    """Number of its sweeps that are not settled."""
+
+
+@dataclass(slots=True)
+class _Progress:
+    """A batch whose sweeps are followed, up to `row`."""
+
+    pending: _PendingBatch
+    scans: Any
+    detections: Detections
     sensor: Int64
-    """(K,) index of the sensor of each object."""
-    stop: int
-    """Number of sweeps of the topic up to its last one."""
+    """(S,) index of the sensor of each sweep."""
+    posed: Bool
+    placed: Bool
+    seconds: Float64
+    """(S,) as of `Trajectories`."""
+    sizes: SizeMeasurements | None
+    numbers: Int64
+    """(K,) number of the tracklet of each object."""
+    offsets: list[int]
+    """S + 1 numbers of objects before each sweep."""
+    row: int = 0
+
+    @property
+    def is_done(self) -> bool:
+        """True where all of its sweeps have been followed."""
+        return self.row == len(self.sensor)
+
+    def turn_of(self, row: int) -> tuple[int, int, str]:
+        """Return run, stamp and topic of a sweep: the lowest one has its turn."""
+        batch = self.pending.batch
+        return batch.run, batch.stamp_ns.item(row), batch.topic
+
+    @property
+    def turn(self) -> tuple[int, int, str]:
+        """That of its next sweep."""
+        return self.turn_of(self.row)
 
 
-class _SensorTracker:
-    """The tracker of one sensor, its tracks, and the results that no batch has taken yet."""
+class _Follower:
+    """The tracker of one sensor, or of several in one world, and the tracks."""
 
-    def __init__(self, register: TrackRegistry) -> None:
-        self.tracker = SweepTracker(Targets(TARGETS_AT_FIRST), Measurements(MEASUREMENTS_AT_FIRST, 1), Keyframes(1))
+    def __init__(self, register: TrackRegistry, sensors: int = 1) -> None:
+        frames = Keyframes(1, sensors)
+        self.tracker = SweepTracker(Targets(TARGETS_AT_FIRST), Measurements(MEASUREMENTS_AT_FIRST, 1), frames)
         self.register = register
-        self.standing = Standing()
+        self.window = WINDOW * sensors
         self.tracker.sightings.resize(SIGHTINGS_AT_FIRST)
-        self.results: deque[WindowResult] = deque()
-        """Results for the next objects, in pieces."""
 
     def settle(self, window: Window) -> None:
         """Settle its oldest window."""
         sightings = self.tracker.sightings
-        self.results.append(self.register.settle(window, sightings, self.tracker.frames))
+        settled, begin = self.register.settle(window, sightings, self.tracker.frames), 0
+        for pending, objects, sweeps in window.pieces:
+            end = begin + objects.stop - objects.start
+            pending.settled[objects], begin = settled[begin:end], end
+            pending.left -= sweeps
         count = sightings.count
         done = int(np.searchsorted(sightings.arrays["sweep"][:count], window.begin + window.count))
         for values in sightings.arrays.values():
@@ -88,7 +128,7 @@ class _SensorTracker:
             measurements = Measurements(*(max(room, 1 << max(wanted - 1, 0).bit_length()) for wanted, room in rooms))
             history = tracker.frames
             if measurements.beams > history.beams:
-                history = Keyframes(measurements.beams)
+                history = Keyframes(measurements.beams, history.sensors)
                 history.grow(tracker.frames)
             tracker.resize(tracker.targets, measurements, history)
 
@@ -102,49 +142,64 @@ class _SensorTracker:
             targets.grow(tracker.targets)
             tracker.resize(targets, tracker.measurements, tracker.frames)
 
-    def take(self, count: int) -> WindowResult:
-        """Return the results for the next objects."""
-        parts = [np.empty(0, RESULT)]
-        while count > 0:
-            piece = self.results.popleft()
-            if len(piece) > count:
-                self.results.appendleft(piece[count:])
-                piece = piece[:count]
-            parts.append(piece)
-            count -= len(piece)
-        return np.concatenate(parts)
-
 
 class Tracker:
-    """Tracks the objects of one topic in bounded memory; the size of the batches does not change the result."""
+    """Tracks the objects of one topic, or of the sensors of a robot, in bounded memory.
 
-    def __init__(self, parameters: TrackParameters | None = None, catalogue: Catalogue | None = None) -> None:
+    The size of the batches does not change the result.
+    """
+
+    def __init__(
+        self,
+        parameters: TrackParameters | None = None,
+        catalogue: Catalogue | None = None,
+        *,
+        together: Sequence[tuple[str, str]] = (),
+        before: int = 0,
+    ) -> None:
         """
         Parameters
         ----------
         parameters : parameters of the tracking
         catalogue : things of interest, which give tracks their names
+        together : topics and frames of the sensors whose poses are in one world, where they follow the same things
+        before : number of tracks of other trackers: numbers go on
         """
         self.parameters = parameters or TrackParameters()
         self._catalogue = catalogue
-        self.frames: list[str] = []
-        """Names of sensor frames, by index (`Tracks.frame`)."""
+        self.sensors: list[tuple[str, str]] = [*together]
+        """Topics and frames of the sensors, by index (`Tracks.sensor`)."""
         self.notes: list[str] = []
         """Notes for the user, a line each; complete after `finish`."""
-        self._first_ns: int | None = None
-        self._topic = ""
-        self._run = 1
-        self._sensors: list[_SensorTracker] = []
-        """By the index of the frame."""
+        self._together, self._before = len(together), before
+        self._lacking = {topic for topic, _ in together}
+        self._going: list[_Progress] = []
+        """Batches that are followed together, one of each topic."""
+        self._first_ns: dict[int, int] = {}
+        self._run = 0
         self._tracks: list[Track] = []
         """Those of all sensors, by number."""
-        self._pending: deque[_PendingBatch] = deque()
+        self._followers: list[_Follower] = []
+        self._standing: dict[tuple[int, int], Standing] = {}
+        """Run and sensor → whether it stands, where nothing else tells."""
+        self._settled_paths: list[Trajectories] = []
+        """Rows of runs that have ended."""
+        self._pending: list[_PendingBatch] = []
         self._windows: deque[dict[int, Window]] = deque([{}])
-        """Windows of the sensors that are not settled; the last ones are being filled."""
-        self._objects = self._sweeps = self._settled_sweeps = 0
+        """Windows of the followers that are not settled; the last ones are being filled."""
+        if together:
+            self._followers.append(self._follower(0))
+
+    @property
+    def lacks(self) -> str | None:
+        """The topic whose next sweeps are needed before those of others can be followed; None where none is."""
+        return min(self._lacking, default=None)
 
     def add(self, batch: SweepBatch, detection: Detection) -> list[TrackedBatch]:
-        """Take the next sweeps of the topic, and return the results for earlier batches that are settled by now, in order.
+        """Take the next sweeps of a topic, and return the results for earlier batches that are settled by now, in order.
+
+        Sweeps of sensors that are followed together are taken in the order of time: they wait until each topic has given
+        some (`lacks`).
 
         Parameters
         ----------
@@ -156,15 +211,19 @@ class Tracker:
         ValueError
             The arrays of the batch do not fit together (`detect.check`).
         """
-        if batch.run != self._run and len(batch):
-            self._end_run()
-            self._run = batch.run
-        frames = self._frames(batch)
-        which = np.minimum(frames, MOST_SENSORS - 1)
-        if len(batch):
-            self._process(batch, detection, frames, which)
-        self._pending.append(_PendingBatch(batch, detection, which[detection.row], self._sweeps))
-        self._objects += len(detection)
+        going = self._begin(batch, detection)
+        if not self._together:
+            self._follow(going, len(batch))
+        elif len(batch):
+            self._lacking.discard(batch.topic)
+            self._going.append(going)
+            self._follow_in_turn()
+        return self._results()
+
+    def end(self, topic: str) -> list[TrackedBatch]:
+        """Learn that a topic has no more sweeps, and return results as `add`."""
+        self._lacking.discard(topic)
+        self._follow_in_turn()
         return self._results()
 
     def finish(self) -> tuple[list[TrackedBatch], Tracks]:
@@ -174,141 +233,188 @@ class Tracker:
 
     def _settle_all(self) -> None:
         """Settle everything so far."""
-        for sensor in self._sensors:
-            sensor.register.collect(sensor.tracker.targets)
+        for follower in self._followers:
+            follower.register.collect(follower.tracker.targets)
         if not self._windows[-1]:
             self._windows.pop()
         while self._windows:
             self._settle()
-        for frame, sensor in zip(self.frames, self._sensors, strict=False):
-            name = self._topic if len(self._sensors) == 1 else f"{self._topic} ({frame or 'without a name'})"
-            self.notes += notes_of(name, sensor.tracker.pose_error, sensor.register.tracks, sensor.tracker.moves)
+        for index, follower in enumerate(self._followers):
+            sensors = [self.sensors[k] for k in range(len(self.sensors)) if self._follower_of(k) == index]
+            name = " and ".join(dict.fromkeys(topic for topic, _ in sensors))
+            if len(self._followers) > 1:
+                name += f" ({sensors[0][1] or 'without a name'})"
+            pose_error, moves = follower.tracker.pose_error, follower.tracker.moves
+            self.notes += notes_of(name, pose_error, follower.register.tracks, moves)
 
     def _end_run(self) -> None:
         """End all tracks, as the clock starts anew; numbers go on."""
         self._settle_all()
         self._windows.append({})
-        self._first_ns = None
-        for index, ended in enumerate(self._sensors):
-            sensor = self._sensors[index] = self._sensor()
-            sensor.results = ended.results
-            sensor.register.trajectories = [
-                *ended.register.trajectories,
-                *standing(ended.register.sweeps, ended.register.tracks),
-            ]
+        for index, ended in enumerate(self._followers):
+            rows = [*ended.register.trajectories, *standing(ended.register.sweeps, ended.register.tracks)]
+            self._followers[index] = self._follower(index)
+            self._settled_paths += rows
 
     def trajectories(self) -> Iterator[Trajectories]:
         """Yield the rows that are settled and were not yielded before: of what moves; after `finish` all that are left."""
-        for sensor in self._sensors:
-            rows, sensor.register.trajectories = sensor.register.trajectories, []
+        rows, self._settled_paths = self._settled_paths, []
+        yield from rows
+        for follower in self._followers:
+            rows, follower.register.trajectories = follower.register.trajectories, []
             yield from rows
             if not self._windows:
-                yield from standing(sensor.register.sweeps, sensor.register.tracks)
+                yield from standing(follower.register.sweeps, follower.register.tracks)
 
-    def _process(self, batch: SweepBatch, detection: Detection, frames: Int64, which: Int64) -> None:
-        """Track the sweeps of a batch, run by run of one sensor, and window by window."""
-        if self._first_ns is None:
-            self._first_ns = int(batch.stamp_ns[0])
-            self._topic = batch.topic
+    def _follow_in_turn(self) -> None:
+        """Follow the sweeps of all topics in the order of time, until those of one are needed."""
+        while self._going and not self._lacking:
+            self._going.sort(key=lambda one: one.turn)
+            one, stop = self._going[0], self._going[0].row + 1
+            while stop < len(one.sensor) and (len(self._going) == 1 or one.turn_of(stop) < self._going[1].turn):
+                stop += 1
+            self._follow(one, stop)
+            if one.is_done:
+                self._lacking.add(one.pending.batch.topic)
+                del self._going[0]
+
+    def _begin(self, batch: SweepBatch, detection: Detection) -> _Progress:
+        """Return a batch whose sweeps can be followed."""
         scans_of_batch = scans(batch)
+        sensor = self._sensors_of(batch)
+        first_ns = self._first_ns.setdefault(batch.run, int(batch.stamp_ns[0])) if len(batch) else 0
         poses = _poses(batch)
-        seconds = (batch.stamp_ns - np.int64(self._first_ns)) / 1e9
+        seconds = (batch.stamp_ns - np.int64(first_ns)) / 1e9
         motion = np.zeros((len(batch), 3))
         if batch.poses is not None and batch.poses.way is not None:
             motion = batch.poses.way
         shares = detection.shares(batch)
         posed = _posed(batch)
         placed = posed.copy() if batch.still is None else posed | batch.still
-        for name, rows, mine in batch.by_frame() if batch.still is None else ():
-            sensor = self._sensors[min(self.frames.index(name), MOST_SENSORS - 1)]
-            placed[rows] |= sensor.standing.see(mine)
-        detections = Detections(detection, poses, seconds, motion, shares, placed)
-        for index in np.flatnonzero(np.bincount(which)).tolist():
-            sensor = self._sensors[index]
-            sensor.make_room(detections.max_objects, batch.width)
-            sensor.tracker.objects = self._objects
-        times = batch.seconds()
+        for name, rows, mine in batch.by_frame() if batch.still is None and len(batch) else ():
+            key = batch.run, min(self.sensors.index((batch.topic, name)), MOST_SENSORS - 1)
+            placed[rows] |= self._standing.setdefault(key, Standing()).see(mine)
         sizes = None
-        if (naming := self._sensors[0].register.naming) is not None:
+        if self._catalogue is not None:
             then = poses[detection.row]
             then[:, 2] += shares * motion[detection.row, 2]
-            sizes = naming.measure(batch, detection, then)
-        numbers = np.zeros(len(detection), np.int64)
-        offsets = np.searchsorted(detection.row, np.arange(len(batch) + 1))
-        row = 0
-        for end in [*(np.flatnonzero(np.diff(which)) + 1).tolist(), len(batch)]:
-            index = int(which[row])
-            sensor = self._sensors[index]
-            tracker, register = sensor.tracker, sensor.register
-            while row < end:
-                begin, before = row, tracker.sweeps
-                tracker.moves = bool(posed[row])
-                window = self._windows[-1].setdefault(index, Window(before))
-                stop = min(end, row + WINDOW - (before - window.begin))
-                while (row := tracker.process(detections, scans_of_batch, row, stop, numbers)) < stop:
-                    sensor.enlarge()
-                first, last = int(offsets[begin]), int(offsets[row])
-                window.numbers.append(numbers[first:last])
-                window.sweeps.append(detection.row[first:last] + (before - begin))
-                window.count += row - begin
-                some = slice(begin, row)
-                register.sweeps.add(
-                    batch.sweep[some], batch.stamp_ns[some], times[some], tracker.moves, frames[some], placed[some]
-                )
-                if sizes is not None:
-                    window.sizes.append(sizes[first:last])
-                if tracker.sweeps - window.begin == WINDOW:
-                    # All windows end together, and those before are settled.
-                    for each in self._sensors:
-                        each.register.collect(each.tracker.targets)
-                    if len(self._windows) > 1:
-                        self._settle()
-                    self._windows.append({})
-        self._sweeps += len(batch)
+            sizes = Naming(self._catalogue).measure(batch, detection, then)
+        pending = _PendingBatch(batch, detection, np.empty(len(detection), RESULT), len(batch))
+        self._pending.append(pending)
+        return _Progress(
+            pending,
+            scans_of_batch,
+            Detections(detection, poses, seconds, motion, shares, placed),
+            sensor,
+            posed,
+            placed,
+            batch.seconds(),
+            sizes,
+            np.zeros(len(detection), np.int64),
+            np.searchsorted(detection.row, np.arange(len(batch) + 1)).tolist(),
+        )
 
-    def _frames(self, batch: SweepBatch) -> Int64:
-        """Return (S,) the index into `frames` of each sweep; new frames get a sensor while there is room."""
+    def _follow(self, going: _Progress, end: int) -> None:
+        """Follow the sweeps of a batch up to a row, run by run of one sensor, and window by window."""
+        if going.row == end:
+            return
+        batch = going.pending.batch
+        if batch.run != self._run:
+            if self._run:
+                self._end_run()
+            self._run = batch.run
+        edges = (
+            (np.flatnonzero(np.diff(going.sensor[going.row : end])) + going.row + 1).tolist() if end > going.row + 1 else []
+        )
+        for stop in [*edges, end]:
+            sensor = going.sensor.item(going.row)
+            index = self._follower_of(sensor)
+            follower = self._followers[index]
+            follower.make_room(going.detections.max_objects, batch.width)
+            follower.tracker.sensor = sensor if sensor < self._together else 0
+            while going.row < stop:
+                self._follow_in_window(going, index, stop)
+
+    def _follow_in_window(self, going: _Progress, index: int, stop: int) -> None:
+        """Follow sweeps of one sensor up to a row or to the end of the window."""
+        follower = self._followers[index]
+        tracker, register = follower.tracker, follower.register
+        begin, before, batch = going.row, tracker.sweeps, going.pending.batch
+        tracker.moves = bool(going.posed[begin])
+        window = self._windows[-1].setdefault(index, Window(before))
+        row, stop = begin, min(stop, begin + follower.window - (before - window.begin))
+        while (row := tracker.process(going.detections, going.scans, row, stop, going.numbers)) < stop:
+            follower.enlarge()
+        going.row = row
+        objects, some = slice(going.offsets[begin], going.offsets[row]), slice(begin, row)
+        window.numbers.append(going.numbers[objects])
+        window.sweeps.append(going.pending.detection.row[objects] + (before - begin))
+        window.pieces.append((going.pending, objects, row - begin))
+        window.count += row - begin
+        register.sweeps.add(
+            batch.sweep[some],
+            batch.stamp_ns[some],
+            going.seconds[some],
+            tracker.moves,
+            going.sensor[some],
+            going.placed[some],
+        )
+        if going.sizes is not None:
+            window.sizes.append(going.sizes[objects])
+        if tracker.sweeps - window.begin == follower.window:
+            # All windows end together, and those before are settled.
+            for each in self._followers:
+                each.register.collect(each.tracker.targets)
+            if len(self._windows) > 1:
+                self._settle()
+            self._windows.append({})
+
+    def _sensors_of(self, batch: SweepBatch) -> Int64:
+        """Return (S,) the index of the sensor of each sweep; new ones get a follower while there is room."""
         for name in batch.frame_ids:
-            if name in self.frames:
-                continue
-            self.frames.append(name)
-            if len(self._sensors) < MOST_SENSORS:
-                self._sensors.append(self._sensor())
-        numbers: Int64 = np.array([self.frames.index(name) for name in batch.frame_ids], np.int64)
-        return numbers[batch.frame]
+            if (batch.topic, name) not in self.sensors:
+                self.sensors.append((batch.topic, name))
+                index = self._follower_of(len(self.sensors) - 1)
+                if index == len(self._followers):
+                    self._followers.append(self._follower(index))
+        numbers = np.array([self.sensors.index((batch.topic, name)) for name in batch.frame_ids], np.int64)
+        found: Int64 = numbers[batch.frame]
+        return found
 
-    def _sensor(self) -> _SensorTracker:
-        """Return the tracker of a sensor that has seen nothing yet."""
+    def _follower_of(self, sensor: int) -> int:
+        """Return the index of the follower of a sensor: the first is that of those who are followed together."""
+        if sensor < self._together:
+            return 0
+        return min(sensor - self._together + (self._together > 0), MOST_SENSORS - 1)
+
+    def _follower(self, index: int) -> _Follower:
+        """Return a follower that has seen nothing yet."""
         naming = None if self._catalogue is None else Naming(self._catalogue)
-        return _SensorTracker(TrackRegistry(self.parameters.agent_score, naming, self._tracks))
+        register = TrackRegistry(self.parameters.agent_score, naming, self._tracks, self._before)
+        return _Follower(register, self._together if self._together and not index else 1)
 
     def _settle(self) -> None:
-        """Settle the oldest window of each sensor."""
+        """Settle the oldest window of each follower."""
         for index, window in sorted(self._windows.popleft().items()):
-            self._sensors[index].settle(window)
-            self._settled_sweeps += window.count
+            self._followers[index].settle(window)
 
     def _results(self) -> list[TrackedBatch]:
-        """Return the results for the batches whose sweeps are all settled."""
-        done = []
-        while self._pending and self._pending[0].stop <= self._settled_sweeps:
-            one = self._pending.popleft()
-            done.append(_tracked_batch(one, self._take(one), self.parameters.memory))
+        """Return the results for the batches whose sweeps are all settled, those of a topic in their order."""
+        done, left = [], []
+        waiting: set[str] = set()
+        for one in self._pending:
+            if one.left or one.batch.topic in waiting:
+                waiting.add(one.batch.topic)
+                left.append(one)
+            else:
+                done.append(_tracked_batch(one, self.parameters.memory))
+        self._pending = left
         return done
 
-    def _take(self, one: _PendingBatch) -> WindowResult:
-        """Return the results for the objects of a batch."""
-        counts = np.bincount(one.sensor).tolist()
-        parts = [self._sensors[index].take(count) for index, count in enumerate(counts) if count]
-        if len(parts) == 1:
-            return parts[0]
-        found = np.concatenate([np.empty(0, RESULT), *parts])
-        return found[np.argsort(np.argsort(one.sensor, kind="stable"))]
 
-
-def _tracked_batch(one: _PendingBatch, settled: WindowResult, by_memory: bool) -> TrackedBatch:
+def _tracked_batch(one: _PendingBatch, by_memory: bool) -> TrackedBatch:
     """Return the results for a batch; by memory, objects have the shapes of their tracks."""
-    found, sweeps = one.detection, len(one.batch)
+    found, sweeps, settled = one.detection, len(one.batch), one.settled
     known = settled["track"] > 0
     kind, shape = found.set.copy(), found.shape.copy()
     if by_memory:
@@ -341,6 +447,7 @@ def _tracked_batch(one: _PendingBatch, settled: WindowResult, by_memory: bool) -
         object_beams=object_beams,
         agent_beams=agent_beams,
         noise_beams=(one.batch.beams - object_beams - agent_beams).astype(np.int32),
+        topic=one.batch.topic,
     )
 
 

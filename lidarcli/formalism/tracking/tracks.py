@@ -25,7 +25,7 @@ from lidarcli.formalism.tracking.results import (
     Tracks,
     Trajectories,
 )
-from lidarcli.sweeps import Float64, Int64, SweepBatch, UInt8
+from lidarcli.sweeps import Float64, Int32, Int64, SweepBatch, UInt8
 
 LEG_SHARE = 0.25
 """Share of the sightings of a tracklet in which a leg beside it has to be seen."""
@@ -129,7 +129,8 @@ class Track:
     parts: list[Tracklet] = field(default_factory=list)
     number: int = 0
     """1, 2, ... by first sight; 0 before its first row."""
-    frame: int = 0
+    sensors: set[int] = field(default_factory=set)
+    """Those that saw it."""
     several: bool = False
     """True if parts of it are seen side by side, as legs are."""
     moved: bool = False
@@ -198,7 +199,7 @@ def _row(track: Track) -> dict[str, float]:
     """Return the row of a track."""
     lasts = (track.last[1] - track.first[1]) / 1e9
     return _outline(track) | {
-        "frame": track.frame,
+        "sensor": min(track.sensors) if len(track.sensors) == 1 else -1,
         "track": track.number,
         "set": AGENT if track.is_agent else OBJECT,
         "label": track.label,
@@ -371,16 +372,16 @@ SWEEP = np.dtype(
         ("stamp_ns", np.int64),
         ("seconds", np.float64),
         ("posed", np.uint8),
-        ("frame", np.int32),
+        ("sensor", np.int32),
         ("placed", np.bool_),
     ]
 )
 """Of a sweep: its index in the log; stamp [ns]; time since the first sweep [s]; 1 where places are those of the world;
-its frame; True where the place of the sensor is known, because it has a pose or stands."""
+its sensor; True where the place of the sensor is known, because it has a pose or stands."""
 
 
 class Sweeps:
-    """(N,) `SWEEP` of all sweeps of a sensor so far, by number."""
+    """(N,) `SWEEP` of all sweeps so far, of one sensor or of several that are followed together, by number."""
 
     def __init__(self) -> None:
         self.count = 0
@@ -402,6 +403,20 @@ class Sweeps:
         """Return the sweeps of some numbers."""
         return self._rows[begin:stop]
 
+    def sensors_of(self, sweeps: Int64) -> Int32:
+        """Return (N,) the sensors of some sweeps."""
+        found: Int32 = self._rows["sensor"][sweeps]
+        return found
+
+    def steps(self, before: int, sweeps: Int64) -> Int64:
+        """Return (N,) the steps to sweeps from the ones before, the first from `before`, in sweeps of their own sensors."""
+        sensors = self._rows["sensor"][before : int(sweeps[-1]) + 1]
+        mine = np.unique(self.sensors_of(sweeps), return_inverse=True)
+        passed = np.cumsum(sensors[:, None] == mine[0], axis=0)
+        at = np.concatenate([[before], sweeps]) - before
+        found: Int64 = passed[at[1:], mine[1]] - passed[at[:-1], mine[1]]
+        return found
+
     def rows(self, track: Int64, sweeps: Int64, path: Float64, codes: UInt8) -> Trajectories:
         """Return rows for (N,) tracks in sweeps by number, with (N, 9) of the path and (N,) bytes as of `PARTS_MASK`."""
         parts = (codes & PARTS_MASK).astype(np.int32)
@@ -409,6 +424,7 @@ class Sweeps:
         row = self._rows[sweeps]
         return Trajectories(
             track=track,
+            sensor=row["sensor"].copy(),
             sweep=row["index"].copy(),
             stamp_ns=row["stamp_ns"].copy(),
             seconds=row["seconds"].copy(),

@@ -44,7 +44,7 @@ class Window:
     """Sweeps that are settled together, in pieces as the batches bring them."""
 
     begin: int
-    """Number of sweeps of the sensor before."""
+    """Number of sweeps before."""
     numbers: list[Int64] = field(default_factory=list)
     """(K,) number of the tracklet of each object, 0 for none."""
     sweeps: list[Int64] = field(default_factory=list)
@@ -53,6 +53,8 @@ class Window:
     """Measured sizes of each object, where tracks are named."""
     count: int = 0
     """Number of its sweeps so far."""
+    pieces: list[tuple[Any, slice, int]] = field(default_factory=list)
+    """Batches that its objects are of, which of theirs these are, and how many sweeps."""
 
 
 RESULT = np.dtype(
@@ -77,16 +79,20 @@ WindowResult: TypeAlias = NDArray[np.void]
 class TrackRegistry:
     """All tracklets that were seen often enough, and the tracks they are parts of."""
 
-    def __init__(self, least_score: float, naming: Naming | None = None, every: list[Track] | None = None) -> None:
+    def __init__(
+        self, least_score: float, naming: Naming | None = None, every: list[Track] | None = None, before: int = 0
+    ) -> None:
         """
         Parameters
         ----------
         least_score : least score of an agent
         naming : naming of tracks, if there is a catalogue
         every : takes the tracks of all sensors of the topic, by number
+        before : number of tracks before these
         """
         self._least_score = least_score
         self._every = [] if every is None else every
+        self._before = before
         self.naming = naming
         """Naming of tracks, if there is a catalogue."""
         self.tracklets: dict[int, Tracklet] = {}
@@ -94,8 +100,8 @@ class TrackRegistry:
         self.tracks: list[Track] = []
         """Tracks by number."""
         self.sweeps = Sweeps()
-        self.own_places: set[complex] = set()
-        """Places of the sensor frame where the robot itself is seen (`agents.own_body`)."""
+        self.own_places: dict[int, set[complex]] = {}
+        """Sensor → places of its frame where the robot itself is seen (`agents.own_body`)."""
         self.trajectories: list[Trajectories] = []
         """Rows of settled windows that nobody has fetched yet, in the order of the windows."""
 
@@ -123,7 +129,10 @@ class TrackRegistry:
         sightings = WindowSightings(recorded, self.tracklets, stop, keyframes, is_placed)
         grouping.join(sightings, self.tracklets, is_placed)
         self._number(sightings)
-        sightings.own = own_body(sightings, self.own_places)
+        sensors = self.sweeps.sensors_of(sightings.sweep)
+        for sensor in np.unique(sensors).tolist():
+            mine = np.flatnonzero(sensors == sensor)
+            sightings.own[mine] = own_body(sightings, mine, self.own_places.setdefault(sensor, set()))
         self._extend_trajectories(sightings, smooth(sightings, self.tracklets, self._least_score))
         at, found = sightings.find(window)
         self._update_statistics(window, sightings)
@@ -144,7 +153,7 @@ class TrackRegistry:
             if tracklet.track.number == 0:
                 self.tracks.append(tracklet.track)
                 self._every.append(tracklet.track)
-                tracklet.track.number = len(self._every)
+                tracklet.track.number = self._before + len(self._every)
             tracklet.row_shape = row_shape(tracklet)
         sightings.settle_tracks()
 
@@ -171,7 +180,7 @@ class TrackRegistry:
     def _update_statistics(self, window: Window, sightings: WindowSightings) -> None:
         """Add the sightings of a window to the sums of the tracks."""
         rows = self.sweeps.of(window.begin, window.begin + window.count)
-        index, stamps, frames = rows["index"], rows["stamp_ns"], rows["frame"]
+        index, stamps = rows["index"], rows["stamp_ns"]
         for track, at in sightings.by_track():
             track.best_score = float(np.fmax(track.best_score, sightings.agent_score[at].max()))
             # The first of several parts in one sweep stands for all.
@@ -181,16 +190,16 @@ class TrackRegistry:
             begin, end = int(sweeps[0]) - window.begin, int(sweeps[-1]) - window.begin
             if track.sweeps == 0:
                 track.first = (index.item(begin), stamps.item(begin))
-                track.frame = frames.item(begin)
                 track.last_sweeps, track.last_time = int(sweeps[0]), float(times[0])
             missed = int(sweeps[-1]) - track.last_sweeps - len(sweeps) + (track.sweeps == 0)
             if missed > 0:
                 gaps = np.diff(times, prepend=track.last_time)
-                steps = np.diff(sweeps, prepend=track.last_sweeps)
+                steps = self.sweeps.steps(track.last_sweeps, sweeps)
                 # One sweep of a pause is the usual time from sighting to sighting.
                 track.hidden += float((gaps * (1.0 - 1.0 / np.maximum(steps, 1))).sum())
             track.last = (index.item(end), stamps.item(end))
             track.last_sweeps, track.last_time = int(sweeps[-1]), float(times[-1])
+            track.sensors.update(rows["sensor"][sweeps - window.begin].tolist())
             track.sweeps += len(sweeps)
             if track.moved:
                 agent = np.flatnonzero(sightings.agent[firsts])

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pickle
 import tempfile
 from collections import deque
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, field, fields
 from types import TracebackType
@@ -13,7 +13,7 @@ from typing import IO, Any, Self
 
 import numpy as np
 
-from lidarcli.formalism.detection import AGENT
+from lidarcli.formalism.detection import AGENT, Detection
 from lidarcli.formalism.mapping.places import Places
 from lidarcli.formalism.matching.catalogue import names_in
 from lidarcli.formalism.parameters import TrackParameters
@@ -22,7 +22,7 @@ from lidarcli.formalism.tracking.tracker import Tracker
 from lidarcli.newfiles import writing
 from lidarcli.pipeline.objects.detection import BatchRows, DetectOptions, Rows
 from lidarcli.pipeline.reading.one_log import RunSummary
-from lidarcli.sweeps import Int64
+from lidarcli.sweeps import Int64, SweepBatch
 from lidarcli.tabular.columns import (
     explained_objects,
     tracked_beams,
@@ -46,14 +46,16 @@ class TrackOptions:
     """True to fill the columns on tracks and write their table; without, memory only decides on objects."""
     trajectories: bool = True
     """True to write the trajectories of the tracks, too."""
+    apart: bool = False
+    """True to follow each sensor by itself, also where the places of several on one robot are known."""
 
     def as_dict(self) -> dict[str, Any]:
         """Return plain values for the tables' metadata."""
-        return self.parameters.as_dict()
+        return self.parameters.as_dict() | ({"apart": True} if self.apart else {})
 
 
 class LogTracker:
-    """Tracks the objects of one log, each topic by itself, in the order of the log, and completes its rows."""
+    """Tracks the objects of one log and completes its rows: each topic by itself, and those of a robot together."""
 
     def __init__(self, log: str, options: DetectOptions, *, waits: bool = False) -> None:
         """With `waits` all rows wait for the end of the log, so that memory decides by all of its sweeps."""
@@ -67,6 +69,8 @@ class LogTracker:
         self._waits = waits
         self._judges = self._options.parameters.memory and self._parameters.profile == "robust"
         self._waiting = _WaitingBatches()
+        self._shared = 0
+        """Number of tracks of robots so far: no two of them have one number."""
         self.counts = RunSummary(things=0)
         """Counts of the objects and agents in complete rows; in the end also of the tracks."""
         self.notes: list[str] = []
@@ -77,40 +81,57 @@ class LogTracker:
         for batch_rows in batches:
             assert batch_rows.detected is not None
             batch, detection = batch_rows.detected
-            if batch.topic not in self._topics:
-                self._topics[batch.topic] = _Topic(Tracker(self._options.parameters, self._catalogue))
-            topic = self._topics[batch.topic]
-            if not self._judges:
-                yield from self._track(batch_rows)
-                continue
-            worlds = topic.places.add(batch, detection)
-            topic.sweeps += len(worlds)
-            topic.alone += int(np.count_nonzero(worlds < 0))
-            if self._waits:
+            topic = self._topics.setdefault(batch.topic, _Topic())
+            topic.robot = topic.robot or batch.robot
+            worlds = None
+            if self._judges:
+                worlds = topic.places.add(batch, detection)
+                topic.sweeps += len(worlds)
+                topic.alone += int(np.count_nonzero(worlds < 0))
+            if (self._waits and self._judges) or topic.robot:
                 self._waiting.put(batch_rows, worlds)
-            else:
-                yield from self._track(self._judged(batch_rows, worlds))
+                continue
+            topic.tracker = topic.tracker or Tracker(self._options.parameters, self._catalogue)
+            followed = topic.tracker.add(*self._judged(batch_rows, worlds))
+            yield from self._completed(followed)
+            yield from self._trajectories(batch.topic, topic.tracker)
 
     def flush(self) -> Iterator[Rows]:
         """Yield the rows that are left, and those of the tracks table."""
-        for batch_rows, worlds in self._waiting.taken():
-            yield from self._track(self._judged(batch_rows, worlds))
         for name in sorted(self._topics):
-            topic = self._topics.pop(name)
+            topic = self._topics[name]
             if topic.alone > ALONE * topic.sweeps:
                 self.notes.append(
                     f"{name}: nothing tells where the sensor is in {topic.alone:,} of {topic.sweeps:,} sweeps: each "
                     "of these decides by itself what is a thing"
                 )
-            followed, tracks = topic.tracker.finish()
-            yield from self._completed(topic, followed)
-            assert not topic.waiting, "a tracker answers for every batch"
-            if not self._options.tracks:
+            mine = [other for other in sorted(self._topics) if topic.robot and self._topics[other].robot == topic.robot]
+            if mine and mine[0] != name:
                 continue
-            self.counts.add_things(len(tracks), int(np.count_nonzero(tracks.set == AGENT)))
-            yield "tracks", name, tracks_rows(self._log, name, tracks, topic.tracker.frames, self._labels)
-            yield from self._trajectories(name, topic)
-            self.notes += topic.tracker.notes
+            mine = mine or [name]
+            if topic.tracker is None:
+                sensors = [sensor for sensor in topic.robot if sensor[0] in mine]
+                topic.tracker = Tracker(
+                    self._options.parameters, self._catalogue, together=sensors, before=self._shared if sensors else 0
+                )
+            tracker = topic.tracker
+            waited = {each: self._waited(each) for each in mine}
+            while (wanted := tracker.lacks if topic.robot else name) is not None:
+                following = next(waited[wanted], None)
+                if following is None and not topic.robot:
+                    break
+                yield from self._completed(tracker.end(wanted) if following is None else tracker.add(*following))
+                yield from self._trajectories(name, tracker)
+            followed, tracks = tracker.finish()
+            yield from self._completed(followed)
+            assert not any(self._topics[each].waiting for each in mine), "a tracker answers for every batch"
+            self._shared += len(tracks) if topic.robot else 0
+            if self._options.tracks:
+                self.counts.add_things(len(tracks), int(np.count_nonzero(tracks.set == AGENT)))
+                yield "tracks", name, tracks_rows(self._log, tracks, tracker.sensors, self._labels)
+                yield from self._trajectories(name, tracker)
+                self.notes += tracker.notes
+            topic.tracker = None
 
     def __enter__(self) -> Self:
         return self
@@ -118,38 +139,39 @@ class LogTracker:
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
         self._waiting.close()
 
-    def _judged(self, batch_rows: BatchRows, worlds: Int64) -> BatchRows:
-        """Return a batch whose bodies are things or building by their places."""
+    def _waited(self, topic: str) -> Iterator[tuple[SweepBatch, Detection]]:
+        """Yield the batches of a topic that have waited, as they are followed."""
+        for batch_rows, worlds in self._waiting.taken(topic):
+            yield self._judged(batch_rows, worlds)
+
+    def _judged(self, batch_rows: BatchRows, worlds: Int64 | None) -> tuple[SweepBatch, Detection]:
+        """Return a batch whose bodies are things or building by their places, and let its rows wait for their tracks."""
         assert batch_rows.detected is not None
         batch, detection = batch_rows.detected
-        by_place = self._topics[batch.topic].places.read(batch, detection, worlds)
-        rows = [
-            (table, topic, explained_objects(each, by_place) if table == "objects" else each)
-            for table, topic, each in batch_rows.rows
-        ]
-        return BatchRows(rows, (batch, by_place.judged(detection, self._parameters.min_thing)))
-
-    def _track(self, batch_rows: BatchRows) -> Iterator[Rows]:
-        assert batch_rows.detected is not None
-        name = batch_rows.detected[0].topic
-        topic = self._topics[name]
+        topic, rows = self._topics[batch.topic], batch_rows.rows
+        if worlds is not None:
+            by_place = topic.places.read(batch, detection, worlds)
+            rows = [
+                (table, name, explained_objects(each, by_place) if table == "objects" else each)
+                for table, name, each in rows
+            ]
+            detection = by_place.judged(detection, self._parameters.min_thing)
         # Only the beams table needs the batch once more.
-        needs_batch = any(table == "beams" for table, _, _ in batch_rows.rows)
-        topic.waiting.append(batch_rows if needs_batch else BatchRows(batch_rows.rows))
-        yield from self._completed(topic, topic.tracker.add(*batch_rows.detected))
-        yield from self._trajectories(name, topic)
+        needs_batch = any(table == "beams" for table, _, _ in rows)
+        topic.waiting.append(BatchRows(rows, (batch, detection) if needs_batch else None))
+        return batch, detection
 
-    def _trajectories(self, name: str, topic: _Topic) -> Iterator[Rows]:
-        """Yield the rows of the trajectories of a topic that are settled."""
-        for rows in topic.tracker.trajectories():
+    def _trajectories(self, name: str, tracker: Tracker) -> Iterator[Rows]:
+        """Yield the rows of the trajectories of a tracker that are settled."""
+        for rows in tracker.trajectories():
             if self._options.tracks and self._options.trajectories:
-                yield "trajectories", name, trajectories_rows(self._log, name, rows)
+                yield "trajectories", name, trajectories_rows(self._log, tracker.sensors, rows)
 
-    def _completed(self, topic: _Topic, followed: Sequence[TrackedBatch]) -> Iterator[Rows]:
+    def _completed(self, followed: Iterable[TrackedBatch]) -> Iterator[Rows]:
         """Yield the rows of the batches that wait, as far as the tracker has answered for them."""
         tracks = self._options.tracks
         for one in followed:
-            batch_rows = topic.waiting.popleft()
+            batch_rows = self._topics[one.topic].waiting.popleft()
             self.counts.add_sets(one)
             for table, name, rows in batch_rows.rows:
                 if table == "objects":
@@ -164,13 +186,15 @@ class LogTracker:
 
 @dataclass(slots=True)
 class _Topic:
-    """Tracker of a topic, its places, and the rows that wait for answers of the tracker."""
+    """Places and tracker of a topic, and the rows that wait for answers of the tracker."""
 
-    tracker: Tracker
     places: Places = field(default_factory=Places)
     sweeps: int = 0
     alone: int = 0
     """Sweeps of which the place of the sensor is not known."""
+    tracker: Tracker | None = None
+    robot: tuple[tuple[str, str], ...] = ()
+    """Sensors that are followed together, as of `SweepBatch.robot`."""
     waiting: deque[BatchRows] = field(default_factory=deque)
 
 
@@ -178,14 +202,17 @@ class _WaitingBatches:
     """Batches that wait for the end of the log; what is more than `MOST_BYTES` waits in a file without a name."""
 
     def __init__(self) -> None:
-        self._batches: deque[tuple[BatchRows, Int64]] = deque()
+        self._batches: dict[str, deque[tuple[BatchRows, Int64 | None]]] = {}
+        """By topic."""
+        self._places: dict[str, list[int]] = {}
+        """Topic → places of its batches in the file."""
         self._bytes = 0
         self._file: IO[bytes] | None = None
 
-    def put(self, batch_rows: BatchRows, worlds: Int64) -> None:
+    def put(self, batch_rows: BatchRows, worlds: Int64 | None) -> None:
         """Take a batch, and the worlds of its sweeps."""
         assert batch_rows.detected is not None
-        self._batches.append((batch_rows, worlds))
+        self._batches.setdefault(batch_rows.detected[0].topic, deque()).append((batch_rows, worlds))
         self._bytes += sum(rows.nbytes for _, _, rows in batch_rows.rows)
         arrays = (getattr(record, each.name) for record in batch_rows.detected for each in fields(record))
         self._bytes += sum(each.nbytes for each in arrays if isinstance(each, np.ndarray))
@@ -194,19 +221,21 @@ class _WaitingBatches:
         with writing(f"a temporary file in {tempfile.gettempdir()}"):
             if self._file is None:
                 self._file = tempfile.TemporaryFile()  # noqa: SIM115 (closed by `close`)
-            while self._batches:
-                pickle.dump(self._batches.popleft(), self._file, pickle.HIGHEST_PROTOCOL)
+            for topic, batches in self._batches.items():
+                while batches:
+                    self._places.setdefault(topic, []).append(self._file.tell())
+                    pickle.dump(batches.popleft(), self._file, pickle.HIGHEST_PROTOCOL)
         self._bytes = 0
 
-    def taken(self) -> Iterator[tuple[BatchRows, Int64]]:
-        """Yield all of it, in order."""
-        if self._file is not None:
-            end = self._file.tell()
-            self._file.seek(0)
-            while self._file.tell() < end:
-                yield pickle.load(self._file)
-        while self._batches:
-            yield self._batches.popleft()
+    def taken(self, topic: str) -> Iterator[tuple[BatchRows, Int64 | None]]:
+        """Yield all of a topic, in order."""
+        for place in self._places.pop(topic, ()):
+            assert self._file is not None
+            self._file.seek(place)
+            yield pickle.load(self._file)
+        batches = self._batches.get(topic, deque())
+        while batches:
+            yield batches.popleft()
 
     def close(self) -> None:
         """Remove the file."""

@@ -36,7 +36,7 @@ def driven(mount: Mount, delay: float) -> SweepBatch:
 
 
 def value_of(told: TrackedLog) -> list[float]:
-    return list(told.tracker._sensors[0].tracker.pose_error.value)
+    return list(told.tracker._followers[0].tracker.pose_error.value)
 
 
 @pytest.mark.parametrize("delay", [0.1, -0.06])

@@ -100,7 +100,7 @@ def test_what_is_invalid_or_flickers_shows_no_free_space() -> None:
     frames = kept(sweep_of(ranges))
     assert look(frames, at(9.0, 0.0), 2.0) == FREE
     assert look(frames, at(9.0, -math.pi / 2), 2.0) == NOTHING
-    frames.changes, frames.lost = 30.0, 100.0
+    frames.changes[0], frames.lost[0] = 30.0, 100.0
     assert look(frames, at(9.0, 0.0), 2.0) == NOTHING
 
 

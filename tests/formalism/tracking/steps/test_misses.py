@@ -47,6 +47,7 @@ def body_at(x: float, y: float, sightings: int) -> Targets:
         kalman.initiate_axis(targets, i, place - 0.2, place + 0.2, 1e-4, 1e-4)
     targets.existence[b] = track_evidence.EXISTENCE_AT_FIRST
     targets.measurement[b] = -1
+    kalman.mark_seen(targets, b, 0)
     for _ in range(sightings):
         track_evidence.record_hit(targets, b)
         targets.sightings[b] += 1
@@ -66,6 +67,17 @@ def test_what_beams_pass_through_is_gone_soon() -> None:
     assert targets.state[0] == kalman.ENDED
     assert targets.end[0] == track_evidence.FREE
     assert missed < 10
+
+
+def test_a_sensor_that_has_never_seen_it_cannot_miss_it() -> None:
+    measurements, scans = sweep_of(np.full(BEAMS, 4.0))
+    targets = body_at(2.0, 0.0, 20)
+    likely, measurements.sensor = targets.existence[0], 1
+    track_evidence.record_miss(targets, 0, measurements, scans)
+    assert targets.existence[0] == likely
+    kalman.mark_seen(targets, 0, 1)
+    track_evidence.record_miss(targets, 0, measurements, scans)
+    assert targets.existence[0] < likely
 
 
 def test_what_was_hardly_seen_is_forgotten_at_once() -> None:
