@@ -482,6 +482,11 @@ class Tracking(Finding, Trajectories, total=False):
         Option(TRACKING, Number("P", 0.0, 1.0), choices.AGENT_SCORE),
         "Least probability that a thing goes by itself, from which on it is an agent.",
     ]
+    apart: Annotated[
+        bool,
+        Option(TRACKING, None, False),
+        "Follow each sensor by itself, also where the places of several on one robot are known.",
+    ]
 
 
 class Beams(TypedDict, total=False):

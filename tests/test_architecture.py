@@ -117,20 +117,20 @@ def imported(path: Path) -> set[str]:
 
 LINES = {
     "cli": 2_915,
-    "formalism": 15_930,
+    "formalism": 16_130,
     "logs": 11_465,
     "overlays": 1_155,
-    "pipeline": 15_925,
-    "pose": 2_775,
-    "reports": 6_805,
+    "pipeline": 16_220,
+    "pose": 2_840,
+    "reports": 6_820,
     "ros": 315,
     "simulation": 2_340,
-    "tabular": 2_020,
-    "lidarcli": 6_460,
+    "tabular": 2_030,
+    "lidarcli": 6_480,
 }
 """Most lines of Python of each room, and of the files beside them: lower them as code goes; who raises one says why."""
-MOST_FILES = 194
-"""Two each for what tells agents from what stands (`keyframes`, `agents`), and for mending (a message, a log)."""
+MOST_FILES = 195
+"""Two more for mending (a message, a log), one for the sensors of a robot (`robots`)."""
 
 
 def test_imports_run_one_way() -> None:

@@ -318,15 +318,12 @@ def episodes(
     return found
 
 
-# Visits of zones and crossings of lines by agents, and agents that two sensors see.
+# Visits of zones and crossings of lines by agents.
 
 MARGIN = 0.1
 """A visit ends so far outside of the zone [m]."""
 CLEAR = 0.2
 """An agent has crossed a line when it was so far away from it on both sides [m]."""
-TOGETHER, SHARED = 0.5, 0.5
-"""Two tracks of different sensors are one agent where they are this near at one time [m], for this share of their common
-times."""
 
 
 class Path(NamedTuple):
@@ -411,45 +408,3 @@ def crossings(line: Line, path: Path) -> tuple[list[Crossing], int]:
                     one_sided += 1
             side, passed, begun = now, 0, True
     return found, one_sided + (passed != 0)
-
-
-def same_agents(sensors: Sequence[dict[int, Path]]) -> dict[tuple[int, int], int]:
-    """Number the agents that several sensors follow, each once: (sensor, track) → 0, 1, ...
-
-    Tracks of two sensors that are together are one agent, the nearest ones first, and so are all that are one with either;
-    but no two tracks of one sensor that are there at one time. `sensors`: paths of the agents of each by track, in one
-    frame.
-    """
-    paths = {(sensor, track): path for sensor, own in enumerate(sensors) for track, path in sorted(own.items())}
-    members = {name: [name] for name in paths}
-    together: list[tuple[float, tuple[int, int], tuple[int, int]]] = []
-    there: list[tuple[int, int]] = []
-    """Those that go on when the next one begins."""
-    for name in sorted(paths, key=lambda each: int(paths[each].time_ns[0])):
-        there = [each for each in there if _at_one_time(paths[each], paths[name])]
-        for each in there:
-            other, one = sorted((each, name))
-            if other[0] < one[0] and (apart := _apart(paths[one], paths[other])) is not None:
-                together.append((apart, one, other))
-        there.append(name)
-    for _, one, other in sorted(together):
-        mine, its = members[one], members[other]
-        if mine is not its and not any(a[0] == b[0] and _at_one_time(paths[a], paths[b]) for a in mine for b in its):
-            mine += its
-            members |= dict.fromkeys(its, mine)
-    number: dict[int, int] = {}
-    return {name: number.setdefault(id(members[name]), len(number)) for name in paths}
-
-
-def _at_one_time(one: Path, other: Path) -> bool:
-    return bool(one.time_ns[0] <= other.time_ns[-1] and other.time_ns[0] <= one.time_ns[-1])
-
-
-def _apart(path: Path, other: Path) -> float | None:
-    """Return how far apart two paths are on average while they are together [m]; None where they are not."""
-    times = path.time_ns
-    common = (times >= other.time_ns[0]) & (times <= other.time_ns[-1])
-    x, y = (np.interp(times[common], other.time_ns, values) for values in (other.x, other.y))
-    apart = np.hypot(path.x[common] - x, path.y[common] - y)
-    close = apart <= TOGETHER
-    return float(apart[close].mean()) if np.count_nonzero(close) >= max(SHARED * len(apart), 1) else None

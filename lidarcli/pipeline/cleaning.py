@@ -382,7 +382,7 @@ def _refuse_motion(
         looks = [path for run in runs for (name, _), path in run.paths.items() if name == topic]
         stood = bool(looks) and all(len(path.still) and path.still.mean() >= MOSTLY for path in looks)
         drove = any(not len(path.still) for path in looks)
-        mine = [row for row in tracks if row["topic"] == topic]
+        mine = [row for row in tracks if row["topic"] in (topic, None)]
         share = share_moving([row["sweeps"] for row in mine], [row["set"] == "A" for row in mine])
         if stood or not (drove or share is not None):
             continue
@@ -712,18 +712,24 @@ def _agents(pair: TableSet) -> dict[Key, _Agents]:
 
 
 def _tracks(pair: TableSet) -> dict[Key, list[_Track]]:
-    """Return the tracks of each topic and frame by number."""
+    """Return the tracks of each topic and frame by number; those that several sensors saw are tracks of each."""
     columns = ("topic", "frame_id", "track", "set", "moved_at", "length", "width")
     rows = read_columns(pair.tracks, "tracks", SCHEMAS["tracks"], columns)
     moves = _names(rows["set"]) == "A"
     moved_at, _ = held(rows["moved_at"].cast(pa.int64()))
     half = 0.5 * np.hypot(*(np.nan_to_num(numbers(rows[name])) for name in ("length", "width")))
     names = (_names(rows[name]) for name in ("topic", "frame_id"))
-    values = (*names, np.asarray(rows["track"]), moves, moved_at, half)
-    found: dict[Key, list[_Track]] = {}
-    for topic, frame, *track in zip(*(each.tolist() for each in values), strict=True):
-        found.setdefault((topic, frame), []).append(_Track(*track))
-    return {key: sorted(tracks) for key, tracks in found.items()}
+    shared = np.asarray(rows["frame_id"].is_null())
+    values = (shared, *names, np.asarray(rows["track"]), moves, moved_at, half)
+    every = read_columns(pair.sweeps, "sweeps", SCHEMAS["sweeps"], ("topic", "frame_id"))
+    sensors = {*zip(*(_names(every[name]).tolist() for name in ("topic", "frame_id")), strict=True)}
+    found: dict[Key, dict[int, _Track]] = {}
+    # Own tracks come last, and stay.
+    for is_shared, topic, frame, *track in sorted(zip(*(each.tolist() for each in values), strict=True), reverse=True):
+        for key in sensors if is_shared else [(topic, frame)]:
+            if topic in ("", key[0]):
+                found.setdefault(key, {})[track[0]] = _Track(*track)
+    return {key: sorted(tracks.values()) for key, tracks in found.items()}
 
 
 def _paths(pair: TableSet) -> dict[str, _Paths]:
@@ -946,9 +952,10 @@ def _stood(pair: TableSet) -> dict[Key, list[_Stay]]:
 
 
 def _names(column: pa.ChunkedArray) -> NDArray[np.str_]:
-    """Return a column of names as text."""
+    """Return a column of names as text, empty for null."""
     whole = column.unify_dictionaries().combine_chunks()
     if not len(whole):
         return np.zeros(0, np.str_)
-    words: NDArray[np.str_] = np.array(whole.dictionary.to_pylist())[np.asarray(whole.indices)]
+    # The last one is that of null, which is counted as -1.
+    words: NDArray[np.str_] = np.array([*whole.dictionary.to_pylist(), ""])[np.asarray(whole.indices.fill_null(-1))]
     return words

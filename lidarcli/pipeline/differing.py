@@ -78,6 +78,7 @@ from lidarcli.tabular.reading import TopicRows, column_names
 from lidarcli.tabular.schemas import BACKGROUND, CHANGES
 from lidarcli.tabular.writing import ALIGNMENT, CHANGE_FIGURES, SOURCE, table_metadata, write_stream
 from lidarcli.times import SECOND_NS
+from lidarcli.zone import ROBOT
 
 AUTO, AS_IS, _ = choices.ALIGN
 MOST_THINGS = 1000
@@ -341,7 +342,7 @@ def _of_background(text: str) -> RunThings:
 
 def _key(world: str, topic: str, frame: str) -> str:
     """Return the world of a sensor; one that lies in no common frame begins with a blank, and is its own."""
-    return f" {frame} of {topic}" if world in ("", choices.MATCH) else world
+    return f" {frame} of {topic}" if world in ("", choices.MATCH, ROBOT) else world
 
 
 def _frame_words(key: str) -> str:
@@ -409,7 +410,10 @@ def _agents(table: TracksTable) -> dict[str, list[int]]:
 def _of_tracks(name: str, table: TracksTable, grounds: dict[str, Ground], places: dict[str, Float64]) -> RunThings:
     """Return the standing things of a tracks table in the world that has most of them, with its ground."""
     rows = table.rows.to_pydict()
-    sensors = zip(rows["topic"], rows["frame_id"], strict=True)
+    # What several sensors of a robot saw is in the world of all of them.
+    one = next(iter(table.poses), "")
+    of = next(iter(table.poses.get(one, {}).get("pose_verdict") or {}), "")
+    sensors = [(topic or of, frame or one) for topic, frame in zip(rows["topic"], rows["frame_id"], strict=True)]
     worlds = np.array([_key(world_in(table.poses.get(frame, {}), topic), topic, frame) for topic, frame in sensors], object)
     number = {each: np.array(rows[each], np.float64) for each in _MEASURED}
     sweeps = np.array(rows["sweeps"], np.int64)

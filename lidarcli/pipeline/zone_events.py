@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any, NamedTuple
@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lidarcli.formalism.detection import SETS
-from lidarcli.formalism.zones import Path, crossings, episodes, same_agents, visits
+from lidarcli.formalism.zones import Path, crossings, episodes, visits
 from lidarcli.masks import Circle, Polygon
 from lidarcli.pipeline.zone_counting import TopicSeries, ZoneSeries
 from lidarcli.sweeps import Bool, Float64, Int64, UInt8
@@ -20,8 +20,6 @@ from lidarcli.tabular.schemas import DIRECTIONS, EVENT_KINDS
 from lidarcli.zone import WORLD, Line, Zone
 
 SECOND_NS = 1e9
-BOTH_CROSS_NS = 1_000_000_000
-"""Two sensors that see an agent cross a line see it within this time [ns]."""
 OCCUPIED, APPROACH, VISIT, CROSSING, STALE = EVENT_KINDS
 IN, OUT = DIRECTIONS
 _AGENT = SETS.index("A")
@@ -42,6 +40,20 @@ class AgentPaths(NamedTuple):
     """(N,) True where the sweep sees at least a part of it."""
     labels: Mapping[int, str]
     """Track → its name in the catalogue, where it has one; also of what is no agent."""
+    shared: Collection[int] = ()
+    """Tracks that several sensors have seen: their numbers are those of the robot."""
+
+
+class _AgentPath(NamedTuple):
+    """The path of an agent, at the sweeps of one sensor or of several."""
+
+    track: int
+    path: Path
+    topic: Int64
+    """(N,) index of the topic of each sweep."""
+    number: Int64
+    """(N,) number of the sweep in the series of the topic."""
+    in_view: Bool
 
 
 class HitRows(NamedTuple):
@@ -120,9 +132,14 @@ class EventFinder:
         self.points_of = self._of_topics("points")
         self.points: Int64 = self.points_of.sum(axis=0)
         self.has_tracks = any(one is not None for one in agents)
-        self.paths = [self._paths(*one) for one in zip(topics, self.series, agents, strict=True)]
-        """Of each topic the paths of its agents in the frame of the zone."""
-        self.numbers = same_agents(self.paths)
+        self.paths = self._paths()
+        """The paths of the agents in the frame of the zone."""
+        self.numbers = {
+            (index, agent.track): number
+            for number, agent in enumerate(self.paths)
+            for index in np.unique(agent.topic).tolist()
+        }
+        """Topic and track of an agent → its number."""
         self.hits = self._hit_rows()
 
     def _timeout(self, stamps: Int64) -> int:
@@ -257,9 +274,11 @@ class EventFinder:
         return HitRows._make(values[order] for values in joined)
 
     def _things(self) -> Int64:
-        """Return (N,) the number of things with points in the zone; an agent that two sensors see counts once."""
+        """Return (N,) the number of things with points in the zone; one that several sensors have seen counts once."""
         hits = self.hits
-        own = np.where(hits.track >= 0, 2 * hits.track, 2 * hits.object + 1) * len(self.topics) + hits.topic
+        shared = np.array([track for one in self.paths_of if one is not None for track in one.shared], np.int64)
+        topic = np.where(np.isin(hits.track, shared), 0, hits.topic)
+        own = np.where(hits.track >= 0, 2 * hits.track, 2 * hits.object + 1) * len(self.topics) + topic
         thing = np.where(hits.agent >= 0, -1 - hits.agent, own)
         return self._per_row(np.unique(np.column_stack([hits.row, thing]), axis=0)[:, 0])
 
@@ -289,14 +308,26 @@ class EventFinder:
 
     # Agents.
 
-    def _paths(self, topic: TopicSeries, series: ZoneSeries, agents: AgentPaths | None) -> dict[int, Path]:
-        if agents is None:
-            return {}
-        x, y = self._in_zone(topic, series, agents)
-        stamps = topic.column("stamp_ns")[agents.number]
-        begins = np.flatnonzero(np.diff(agents.track, prepend=-1)).tolist()
-        pieces = (slice(*ends) for ends in pairwise([*begins, len(agents.track)]))
-        return {int(agents.track[some.start]): Path(stamps[some], x[some], y[some]) for some in pieces}
+    def _paths(self) -> list[_AgentPath]:
+        """Return the paths of all agents: of one that several sensors follow together, what it is at the sweeps of each."""
+        pieces: dict[tuple[int, int], list[_AgentPath]] = {}
+        for at, agents in enumerate(self.paths_of):
+            if agents is None:
+                continue
+            x, y = self._in_zone(self.topics[at], self.series[at], agents)
+            stamps = self.topics[at].column("stamp_ns")[agents.number]
+            begins = np.flatnonzero(np.diff(agents.track, prepend=-1)).tolist()
+            for some in (slice(*ends) for ends in pairwise([*begins, len(agents.track)])):
+                track, path = int(agents.track[some.start]), Path(stamps[some], x[some], y[some])
+                mine = _AgentPath(track, path, np.full(len(path.x), at), agents.number[some], agents.in_view[some])
+                pieces.setdefault((-1 if track in agents.shared else at, track), []).append(mine)
+        return [*map(_in_time_order, pieces.values())]
+
+    def _of_path(self, agent: _AgentPath, name: str, rows: slice = slice(None)) -> NDArray[Any]:
+        """Return what the zone has at the sweeps of the path of an agent."""
+        columns = [series.column(name) for series in self.series]
+        found = [columns[at][row] for at, row in zip(agent.topic[rows], agent.number[rows], strict=True)]
+        return np.array(found)
 
     def _in_zone(self, topic: TopicSeries, series: ZoneSeries, agents: AgentPaths) -> tuple[Float64, Float64]:
         """Return where agents are in the frame of the zone (N,) [m]."""
@@ -317,80 +348,74 @@ class EventFinder:
             which[self.own[mine]] = self.part[mine]
         return shapes.shapes, which
 
-    def _visits(self) -> Iterator[tuple[int, int, int, int, bool]]:
-        """Yield topic, track, first and last index into its path of each visit in view, and whether an end is not seen."""
-        if self.is_line:
+    def _visits(self) -> Iterator[tuple[int, int, int, bool]]:
+        """Yield agent, first and last index into its path of each visit in view, and whether an end is not seen."""
+        if self.is_line or not self.paths:
             return
-        for index, (paths, tracked) in enumerate(zip(self.paths, self.paths_of, strict=True)):
-            if tracked is None:
-                continue
-            shapes, which = self._shapes(index)
-            for track, path in paths.items():
-                begin = int(np.searchsorted(tracked.track, track))
-                in_view = tracked.in_view[begin:]
-                now = which[tracked.number[begin : begin + len(path.x)]]
-                for visit in visits(shapes, now, path):
-                    if in_view[visit.first : visit.last + 1].any():
-                        yield index, track, visit.first, visit.last, visit.cut
+        shapes = [self._shapes(index) for index in range(len(self.topics))]
+        for number, agent in enumerate(self.paths):
+            now = np.array([shapes[index][1][row] for index, row in zip(agent.topic, agent.number, strict=True)])
+            for visit in visits(shapes[0][0], now, agent.path):
+                if agent.in_view[visit.first : visit.last + 1].any():
+                    yield number, visit.first, visit.last, visit.cut
 
     def _agents(self) -> NDArray[np.intp]:
         """Return (K,) sweeps, by row, once for each agent that is in the zone then."""
         mine = (self.hits.set == _AGENT) & (self.hits.agent >= 0)
         pairs = [np.column_stack([self.hits.row[mine], self.hits.agent[mine]])]
-        for index, track, first, last, _ in self._visits():
-            times = self.paths[index][track].time_ns
+        for number, first, last, _ in self._visits():
+            times = self.paths[number].path.time_ns
             rows = np.arange(*np.searchsorted(self.time_ns, [times[first], times[last] + 1]))
-            pairs.append(np.column_stack([rows, np.full(len(rows), self.numbers[index, track])]))
+            pairs.append(np.column_stack([rows, np.full(len(rows), number)]))
         return np.unique(np.concatenate(pairs), axis=0)[:, 0].astype(np.intp)
 
     def _of_agents(self) -> tuple[list[dict[str, Any]], int]:
-        """Return visits or crossings, of an agent that two sensors see each once; and crossings seen on one side only."""
-        events: list[tuple[int, dict[str, Any]]] = []
+        """Return visits or crossings; and crossings that were seen on one side only."""
+        events: list[dict[str, Any]] = []
         one_sided = 0
         if isinstance(shape := self.zone.shape, Line):
-            for index, paths in enumerate(self.paths):
-                for track, path in paths.items():
-                    found, missed = crossings(shape, path)
-                    one_sided += missed
-                    for each in found:
-                        event = self._of_path(index, track, each.after, each.after, CROSSING)
-                        event["direction"] = IN if each.inwards else OUT
-                        events.append((self.numbers[index, track], event))
+            for agent in self.paths:
+                found, missed = crossings(shape, agent.path)
+                one_sided += missed
+                for each in found:
+                    event = self._of_agent(agent, each.after, each.after, CROSSING)
+                    events.append(event | {"direction": IN if each.inwards else OUT})
         else:
-            for index, track, first, last, cut in self._visits():
-                event = self._of_path(index, track, first, last, VISIT)
-                event["cut"] = cut and not self.ends[index].isdisjoint((event["start"], event["end"]))
-                events.append((self.numbers[index, track], event))
-        return _once(events), one_sided
+            for number, first, last, cut in self._visits():
+                event = self._of_agent(self.paths[number], first, last, VISIT)
+                ends = {stamp for index in np.unique(self.paths[number].topic).tolist() for stamp in self.ends[index]}
+                events.append(event | {"cut": cut and not ends.isdisjoint((event["start"], event["end"]))})
+        return events, one_sided
 
-    def _of_path(self, index: int, track: int, first: int, last: int, kind: str) -> dict[str, Any]:
+    def _of_agent(self, agent: _AgentPath, first: int, last: int, kind: str) -> dict[str, Any]:
         """Return the event of a piece of the path of an agent."""
-        path, topic = self.paths[index][track], self.topics[index]
-        tracked = self.paths_of[index]
-        assert tracked is not None
-        series = self.series[index]
-        rows = int(np.searchsorted(tracked.track, track)) + np.arange(first, last + 1)
-        x, y = path.x[first : last + 1], path.y[first : last + 1]
-        ahead, left = _to_sensor(series.column("placed")[tracked.number[rows]], x, y)
+        some, path = slice(first, last + 1), agent.path
+        x, y = path.x[some], path.y[some]
+        ahead, left = _to_sensor(self._of_path(agent, "placed", some), x, y)
         away = np.hypot(ahead, left)
         known = np.flatnonzero(np.isfinite(away))
+        # The sensor with most of it.
+        index = int(np.bincount(agent.topic[some]).argmax())
+        number = agent.number[some][agent.topic[some] == index]
+        tracked = self.paths_of[index]
+        assert tracked is not None
         event = self._event(
             index,
             kind,
-            (topic.column("sweep")[tracked.number[rows[[0, -1]]]]).tolist(),
+            self.topics[index].column("sweep")[number[[0, -1]]].tolist(),
             (int(path.time_ns[first]), int(path.time_ns[last])),
-            len(rows),
+            len(x),
         )
         if len(known):
             k = int(known[away[known].argmin()])
             bearing = float(np.arctan2(left[k], ahead[k]))
             event |= {"nearest": float(away[k]), "bearing": bearing, "x": float(x[k]), "y": float(y[k])}
-        velocity = series.column("velocity")[tracked.number[rows]]
+        velocity = self._of_path(agent, "velocity", some)
         return event | {
             "agents": 1,
             "set": "A",
-            "track": track,
-            "label": tracked.labels.get(track),
+            "track": agent.track,
+            "label": tracked.labels.get(agent.track),
             "speed": _greatest(np.hypot(velocity[:, 0], velocity[:, 1])),
         }
 
@@ -467,31 +492,12 @@ class EventFinder:
         return events
 
 
-def _once(events: Sequence[tuple[int, dict[str, Any]]]) -> list[dict[str, Any]]:
-    """Return events of agents, of those that two sensors tell of one agent the first, which lasts as long as both."""
-    kept: list[dict[str, Any]] = []
-    newest: dict[tuple[int, str | None], dict[tuple[str, str], dict[str, Any]]] = {}
-    """Agent and direction → topic and frame → the newest event that is kept, the newest of all last."""
-    for agent, event in sorted(events, key=lambda each: each[1]["start"]):
-        its = newest.setdefault((agent, event.get("direction")), {})
-        longest = BOTH_CROSS_NS if event["kind"] == CROSSING else 0
-        mine = event["topic"], event["frame_id"]
-        same = next(
-            (one for sensor, one in reversed(its.items()) if sensor != mine and event["start"] - one["end"] <= longest),
-            None,
-        )
-        if same is None:
-            kept.append(event)
-            its.pop(mine, None)
-            its[mine] = event
-            continue
-        if event["kind"] == VISIT:
-            same["end"] = max(same["end"], event["end"])
-            same["cut"] |= event["cut"]
-            same["duration"] = (same["end"] - same["start"]) / SECOND_NS
-        if (event["nearest"] or np.inf) < (same["nearest"] or np.inf):
-            same |= {name: event[name] for name in ("nearest", "bearing", "x", "y")}
-    return kept
+def _in_time_order(pieces: Sequence[_AgentPath]) -> _AgentPath:
+    """Return the pieces of the path of one agent as one."""
+    path = Path(*map(np.concatenate, zip(*(piece.path for piece in pieces), strict=True)))
+    order = np.argsort(path.time_ns, kind="stable")
+    more = (np.concatenate(values)[order] for values in zip(*(piece[2:] for piece in pieces), strict=True))
+    return _AgentPath(pieces[0].track, Path(path.time_ns[order], path.x[order], path.y[order]), *more)
 
 
 def _to_frame(place: Float64, x: Float64, y: Float64) -> tuple[Float64, Float64]:

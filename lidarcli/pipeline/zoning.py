@@ -172,6 +172,8 @@ class ZoneReader:
         self._agents: dict[tuple[str, str, int], AgentPaths | None] = {}
         self._worlds: dict[Key, str] = {}
         """Sensor → the fixed frame of its poses."""
+        self._robots: Mapping[str, tuple[Key, ...]] = {}
+        """Topic → the sensors of its robot."""
         self._counting: dict[tuple[str, str, int], TopicCounter] = {}
         self._report = ReadReport()
         self._known_velocities = {
@@ -245,6 +247,7 @@ class ZoneReader:
                 self._take(batch, reading)
             summary = reading.close()
             described = reading.describe(source)
+            self._robots = reading.posing.robots
         notes = self._refuse_contradiction(described)
         summary.damage += [
             f"topic {topic}: {counted(count, 'message')} left out: {cause}"
@@ -366,8 +369,11 @@ class ZoneReader:
     def _refuse_several_worlds(self, zone: Zone, topics: Sequence[str]) -> None:
         """Refuse a zone in the world for sensors whose poses are in different ones."""
         worlds = {at: world for at, world in self._worlds.items() if at[0] in topics}
-        # A path that is matched from the sweeps begins where its sensor was.
-        named = {(world, sensor if world == MATCH else "") for (_, sensor), world in worlds.items()}
+        # A path that is matched from the sweeps begins where its sensor was, or its robot.
+        named = {
+            (world, "" if world != MATCH else self._robots.get(topic) or sensor)
+            for (topic, sensor), world in worlds.items()
+        }
         if len(named) > 1:
             listed = ", ".join(f"{world} for {topic}" for (topic, _), world in sorted(worlds.items()))
             raise NoScanError(
@@ -402,7 +408,9 @@ class ZoneReader:
         if pair is None or not pair.trajectories.exists() or not pair.tracks.exists():
             return None
         tracks = read_columns(pair.tracks, "tracks", SCHEMAS["tracks"], ("topic", "frame_id", "track", "set", "label"))
-        mine = [row for row in tracks.to_pylist() if (row["topic"], row["frame_id"]) == series.sensor[:2]]
+        every = tracks.to_pylist()
+        shared = {row["track"] for row in every if row["frame_id"] is None}
+        mine = [row for row in every if row["frame_id"] is None or (row["topic"], row["frame_id"]) == series.sensor[:2]]
         agents = np.array([row["track"] for row in mine if row["set"] == "A"], np.int64)
         labels = {row["track"]: row["label"] for row in mine if row["label"] is not None}
         columns = ("topic", "track", "sweep", "frame", "x", "y", "seen")
@@ -425,6 +433,7 @@ class ZoneReader:
             world[order],
             ~hidden[order],
             labels,
+            shared,
         )
 
     def _refuse_contradiction(self, described: Mapping[str, Any]) -> list[str]:
@@ -461,9 +470,11 @@ def narrowed(log: Log, options: ZoneOptions) -> ZoneOptions:
 def masked(log: Log, options: ZoneOptions, masking: MaskRules) -> DetectOptions:
     """Return how objects are found where the masks of a zone file are masks of the detection, too."""
     detect, zones = options.detect, options.zones
-    if not zones.masks.masks:
-        return replace(detect, read=replace(detect.read, rules=masking.rules))
     own = masking.rules.masks or Masks()
+    if not zones.masks.masks:
+        mounted = Masks(own.masks, (*own.mounts, *zones.masks.mounts), own.path)
+        rules = replace(masking.rules, masks=mounted) if mounted.mounts else masking.rules
+        return replace(detect, read=replace(detect.read, rules=rules))
     frames = Frames.of(log, zones, own.mounts)
     mounts = frames.mounts_in({mask.frame for mask in zones.masks.masks if mask.frame})
     masks = Masks((*own.masks, *zones.masks.masks), (*frames.mounts, *mounts), own.path)

@@ -17,6 +17,8 @@ import numpy as np
 from lidarcli.pose.fit import steps_between, wrapped
 from lidarcli.sweeps import TURN, Bool, Float64, Int64
 
+SLOTS = 8
+"""Parts of a sweep that takes time; each is placed by a pose of its own."""
 CELL, GRID_TURNS = 0.05, tuple(np.deg2rad([7.0, 31.0, 53.0, 76.0]).tolist())
 """Side of the cells that are counted [m], and the directions of their grids [rad]."""
 HALF_CHORD, MOST_BESIDE, MOST_CHORD, MOST_OFF = 0.12, 12, 0.6, 0.03
@@ -72,6 +74,25 @@ class Outlines:
         return Outlines(
             self.points[mine], self.normals[mine], number[self.slot[mine]], self.stamp_ns[slots], self.share[slots]
         )
+
+
+def outlines_of(sweeps: Sequence[tuple[int, Float64, Float64]], slots: int, most: int) -> Outlines:
+    """Return the points of some sweeps in the order of time: stamps [ns], bearings and ranges (B,).
+
+    `slots` are the parts of each, `most` the points of each.
+    """
+    points, normals, slot = [np.zeros((0, 2))], [np.zeros((0, 2))], [np.zeros(0, np.int64)]
+    for number, (_, bearing, ranges) in enumerate(sweeps):
+        where, normal, beam = surfaces(bearing, ranges)
+        if len(beam) > most:
+            some = np.linspace(0, len(beam) - 1, most).astype(int)
+            where, normal, beam = where[some], normal[some], beam[some]
+        points.append(where)
+        normals.append(normal)
+        slot.append(number * slots + (beam * slots) // max(len(ranges), 1))
+    stamp = np.repeat(np.array([one[0] for one in sweeps], np.int64), slots)
+    share = np.tile((np.arange(slots) + 0.5) / slots, len(sweeps))
+    return Outlines(np.vstack(points), np.vstack(normals), np.concatenate(slot), stamp, share)
 
 
 def joined_outlines(parts: Sequence[Outlines]) -> Outlines:

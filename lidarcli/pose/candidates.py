@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +14,9 @@ from lidarcli.pose.fit import LEAST_STEP, Timing, headers_of, wrapped
 from lidarcli.pose.sources import Correction, PoseChain, later
 from lidarcli.pose.tracks import SECOND_NS, Motion, compose, inverse, lifted, planar
 from lidarcli.sweeps import Float64, Int64, SweepBatch
+
+if TYPE_CHECKING:
+    from lidarcli.pose.calibration import Outlines
 
 MOST_SAMPLED = 300
 """A sample has at least so many sweeps of a longer run, and fewer than twice as many."""
@@ -69,8 +72,45 @@ class SweepSample:
         """Return how well the sweeps agree under a path; None for standing still."""
         if not self._held:
             return Agreement(np.nan, np.nan, np.nan, 0.0, 0.0)
+        ranges, first, step, poses, motion = self._placed(chain)
+        return agreement(ranges, first, step, poses, motion, self._parts())
+
+    def agreement_with(self, other: SweepSample, chain: PoseChain, its: PoseChain) -> float:
+        """Return how well the sweeps of two sensors on one robot agree under their paths; NaN where they share nothing."""
+        if not self._held or not other._held:
+            return np.nan
+        own, others = self._placed(chain), other._placed(its)
+        width = max(own[0].shape[1], others[0].shape[1])
+        ranges = np.concatenate([_widened(each, width) for each in (own[0], others[0])])
+        first, step, poses, motion = (np.concatenate(pair) for pair in zip(own[1:], others[1:], strict=True))
+        return agreement(ranges, first, step, poses, motion, np.repeat([0, 1], [len(own[0]), len(others[0])])).all
+
+    def outlines(self, most: int) -> Outlines:
+        """Return the points of so many of the sweeps; their stamps are the times of the slots."""
+        # Few logs need this import.
+        from lidarcli.pose.calibration import SLOTS, outlines_of
+
+        if not self._held:
+            return outlines_of([], SLOTS, BEAMS)
+        rows: Int64 = np.unique(np.linspace(0, len(self.stamp_ns) - 1, most).astype(np.int64))
+        every = [one for part in self._held for one in zip(*part[1:5], strict=True)]
+        found = outlines_of(
+            [
+                (int(stamp), first + step * np.arange(len(ranges)), ranges.astype(np.float64))
+                for stamp, ranges, first, step in (every[row] for row in rows.tolist())
+            ],
+            SLOTS,
+            BEAMS,
+        )
+        begin, end = (np.repeat(times[rows], SLOTS) for times in self.timing.of(self._column(5)))
+        late = np.rint((begin + found.share * (end - begin)) * SECOND_NS).astype(np.int64)
+        return replace(found, stamp_ns=later(found.stamp_ns, late))
+
+    def _placed(
+        self, chain: PoseChain | None
+    ) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any], NDArray[Any], NDArray[Any]]:
+        """Return ranges, first bearings, increments, poses and motions as `agreement` takes them."""
         width = max(part[2].shape[1] for part in self._held)
-        ranges = [np.pad(part[2], ((0, 0), (0, width - part[2].shape[1])), constant_values=np.nan) for part in self._held]
         begin = end = np.zeros((len(self.stamp_ns), 3))
         if chain is not None:
             begin, end = (
@@ -79,7 +119,8 @@ class SweepSample:
             )
         motion = end - begin
         motion[:, 2] = wrapped(motion[:, 2])
-        return agreement(np.concatenate(ranges), self._column(3), self._column(4), begin, motion, self._parts())
+        ranges = np.concatenate([_widened(part[2], width) for part in self._held])
+        return ranges, self._column(3), self._column(4), begin, motion
 
     def _column(self, which: int) -> NDArray[Any]:
         return np.concatenate([part[which] for part in self._held])
@@ -91,6 +132,10 @@ class SweepSample:
             return np.arange(len(seconds))
         parts: Int64 = np.unique(np.floor(seconds / PART_SECONDS), return_inverse=True)[1]
         return parts
+
+
+def _widened(ranges: NDArray[Any], width: int) -> NDArray[Any]:
+    return np.pad(ranges, ((0, 0), (0, width - ranges.shape[1])), constant_values=np.nan)
 
 
 class Candidate(NamedTuple):

@@ -142,11 +142,11 @@ class Rows:
         return codes == names.index(word) if word in names else np.zeros(len(codes), bool)
 
     def of_topics(self, topics: Sequence[str]) -> Rows:
-        """The rows of some topics."""
+        """The rows of some topics, and those that are of several."""
         import pyarrow as pa
 
         codes, names = self.words("topic")
-        mine = np.isin(codes, [names.index(topic) for topic in topics if topic in names])
+        mine = np.isin(codes, [-1, *(names.index(topic) for topic in topics if topic in names)])
         return Rows(self.table.filter(pa.array(mine)).combine_chunks(), self.source[mine])
 
     def has_any(self, name: str) -> bool:

@@ -39,7 +39,7 @@ from lidarcli.reports.drawing import (
     sensor,
 )
 from lidarcli.reports.picture import outline_of, printable
-from lidarcli.sweeps import Float32, Float64, Int64
+from lidarcli.sweeps import Bool, Float32, Float64, Int64
 
 if TYPE_CHECKING:
     from lidarcli.reports.changes import Change, RunPair
@@ -303,6 +303,9 @@ def _track_boxes(sweeps: Rows, tracks: Rows) -> list[Box]:
     """Return the boxes of tracks that stand and that enough sweeps have seen."""
     stream = [f"{source} {topic}" for source, topic in zip(sweeps.source.tolist(), sweeps.texts("topic"), strict=True)]
     counts = Counter(stream)
+    for key in [*counts]:
+        # Tracks of several topics.
+        counts[key.partition(" ")[0] + " "] += counts[key]
     of_tracks = zip(tracks.source.tolist(), tracks.texts("topic"), strict=True)
     least = [min(LEAST_SWEEPS, max(1, counts[f"{source} {topic}"] // 2)) for source, topic in of_tracks]
     sides = np.column_stack([tracks.numbers(name) for name in ("x", "y", "yaw", "length", "width")])
@@ -325,9 +328,17 @@ def _track_paths(trajectories: Rows, tracks: Rows, frame: str) -> Iterator[tuple
     known = trajectories.are("frame", frame) & np.isfinite(xy[:, 0])
     for row in sorted(rows.tolist()):
         mine = known & (track == numbers[row]) & (trajectories.source == tracks.source[row])
-        at = np.flatnonzero(mine & trajectories.are("topic", topics[of_track[row]]))
+        # One that several topics saw has rows at the sweeps of each.
+        topic = topics[of_track[row]] if of_track[row] >= 0 else _most_frequent(trajectories, mine)
+        at = np.flatnonzero(mine & trajectories.are("topic", topic))
         if len(at):
             yield int(numbers[row]), xy[_thinned(at[np.argsort(sweep[at], kind="stable")])]
+
+
+def _most_frequent(trajectories: Rows, rows: Bool) -> str:
+    """Return the topic of most of some rows; empty without any."""
+    counts = trajectories.counts("topic", rows)
+    return max(counts, key=lambda name: counts[name], default="")
 
 
 def _thinned(rows: Int64) -> Int64:

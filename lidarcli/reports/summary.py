@@ -378,6 +378,8 @@ def _kept(run: Run, rows: Rows, is_agent: Bool, streams: Streams) -> list[Record
     # By log and topic, and of several frames the track's own before others.
     known: dict[tuple[object, ...], int] = {(one.source, one.topic): k for k, one in reversed([*enumerate(streams.all)])}
     known |= {(one.source, one.topic, one.frame_id): k for k, one in enumerate(streams.all)}
+    # What several topics saw counts its time from the first of them.
+    known |= {(one.source, ""): k for k, one in reversed([*enumerate(streams.all)])}
     of_stream = [
         known.get((log, topic, frame), known.get((log, topic)))
         for log, topic, frame in zip(source, rows.texts("topic", order), rows.texts("frame_id", order), strict=True)

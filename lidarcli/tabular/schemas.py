@@ -118,7 +118,9 @@ TABLES: dict[str, tuple[Column, ...]] = {
         COLUMNS["station"],
     ),
     "tracks": (
-        *(_LOG, _TOPIC, _FRAME),
+        _LOG,
+        _TOPIC._replace(meaning="LaserScan topic; null where sensors of several saw it", nullable=True),
+        _FRAME._replace(meaning="sensor frame; null where several sensors saw it", nullable=True),
         *_between(_TRACKS, "track", "shape"),
         *(_LABEL, _LABEL_SCORE),
         *_between(_TRACKS, "first_sweep", "end"),

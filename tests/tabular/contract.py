@@ -133,7 +133,7 @@ OPEN = {
     "objects": "s_i s_f d_th intensity difference change track vx vy moving agent_score thing label label_score "
     "world_x world_y world_yaw why",
     "sweeps": "nearest nearest_theta d_mean d_th pose_x pose_y pose_yaw station",
-    "tracks": "label label_score length width length_sd width_sd moved_at agent_score",
+    "tracks": "topic frame_id label label_score length width length_sd width_sd moved_at agent_score",
     "trajectories": "",
     "beams": "r s object difference",
     "events": "polygon points agents nearest bearing x y set track label direction ttc speed",

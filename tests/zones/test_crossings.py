@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from lidarcli.formalism.zones import CLEAR, MARGIN, Path, Visit, crossings, same_agents, visits
+from lidarcli.formalism.zones import CLEAR, MARGIN, Path, Visit, crossings, visits
 from lidarcli.masks import Circle, Polygon
 from lidarcli.sweeps import Float64
 from lidarcli.zone import Line
@@ -140,36 +140,3 @@ def test_visits_of_a_circle_by_random_walks() -> None:
         assert visits_of(circle, path_of(points)) == expected
         several += len(expected) > 1
     assert several > 20
-
-
-def test_agents_of_two_sensors() -> None:
-    x = np.linspace(0.0, 3.0, 40)
-    one, other = np.column_stack([x, 0 * x]), np.column_stack([x, 0 * x + 2.0])
-    here = {1: path_of(one), 2: path_of(other)}
-    there = {5: path_of(other + 0.2), 8: path_of(one + 0.3)}
-    number = same_agents([here, there])
-    assert number[0, 1] == number[1, 8] != number[0, 2] == number[1, 5]
-    far = same_agents([{1: path_of(one)}, {5: path_of(one + np.array([0.0, 0.6]))}])
-    assert far[0, 1] != far[1, 5], "0.6 m apart"
-    later = same_agents([{1: path_of(one)}, {5: path_of(one, 40 * STEP_NS)}])
-    assert later[0, 1] != later[1, 5], "not at one time"
-
-
-def test_one_sensor_that_loses_an_agent_which_the_other_one_keeps() -> None:
-    x = np.linspace(0.0, 3.0, 60)
-    whole = np.column_stack([x, 0 * x])
-    for sensors in (
-        [{1: path_of(whole[:25]), 2: path_of(whole[30:], 30 * STEP_NS)}, {7: path_of(whole + 0.1)}],
-        [{7: path_of(whole + 0.1)}, {1: path_of(whole[:25]), 2: path_of(whole[30:], 30 * STEP_NS)}],
-    ):
-        assert set(same_agents(sensors).values()) == {0}
-
-
-def test_two_agents_side_by_side_of_one_sensor_are_two() -> None:
-    x = np.linspace(0.0, 3.0, 60)
-    whole = np.column_stack([x, 0 * x])
-    number = same_agents(
-        [{1: path_of(whole), 2: path_of(whole + np.array([0, 0.4]))}, {7: path_of(whole + np.array([0, 0.15]))}]
-    )
-    assert number[0, 1] != number[0, 2]
-    assert number[1, 7] == number[0, 1]

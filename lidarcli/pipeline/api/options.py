@@ -239,11 +239,12 @@ def detect_options(
 
     background = background_options(options)
     catalogue = options["catalogue"]
+    together = tracking is not None and tracking.tracks and not tracking.apart
     return DetectOptions(
         parameters=parameters_of(parameters, options, subtracted=background is not None),
         read=logs.read,
         opening=logs.opening,
-        poses=logs.poses,
+        poses=replace(logs.poses, together=together),
         background=background,
         catalogue=read_catalogue(catalogue) if isinstance(catalogue, str | PathLike) else catalogue,
         tracking=tracking,
@@ -262,7 +263,7 @@ def tracking_of(options: Values | None = None) -> TrackOptions:
 
     options = defaults_of(Tracking) if options is None else options
     parsed = TrackParameters(agent_score=options["agent_score"], memory=options["memory"])
-    return TrackOptions(parsed, trajectories=options["trajectories"])
+    return TrackOptions(parsed, trajectories=options["trajectories"], apart=options["apart"])
 
 
 def memory_of(options: Values) -> TrackOptions | None:
@@ -278,7 +279,7 @@ def diff_options(options: Values, logs: LogOptions, *, overwrite: bool = False) 
     """Return how runs are compared."""
     from lidarcli.pipeline.differing import DiffOptions
 
-    tracking = tracking_of(defaults_of(Tracking) | {"trajectories": False})
+    tracking = tracking_of(defaults_of(Tracking) | {"trajectories": False, "apart": True})
     detect = detect_options({**defaults_of(Finding), **options}, logs, tracking)
     return DiffOptions(detect, options["align"], options["min_score"], overwrite)
 

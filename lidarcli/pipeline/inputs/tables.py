@@ -219,7 +219,9 @@ def read_tracks(table_set: TableSet, objects: pa.Table, columns: Iterable[str]) 
         return None
     tracks = read_table(table_set, "tracks", {"topic", "track", *columns})
     known, used = _numbers(tracks), _numbers(objects)
-    if (known and not used) or not used <= known:
+    # Tracks without a topic are those of several.
+    shared = {number for topic, number in known if not topic}
+    if (known and not used) or any(each not in known and each[1] not in shared for each in used):
         raise UnreadableError(
             f"{table_set.tracks}: does not belong to {table_set.objects.name}, whose tracks are others; "
             "write both again with lidarcli track"
@@ -232,8 +234,8 @@ def _numbers(table: pa.Table) -> set[tuple[str, float]]:
     rows = Rows.join([table])
     code, topics = rows.words("topic")
     track = rows.numbers("track")
-    mine = [np.unique(track[(code == k) & ~np.isnan(track)]) for k in range(len(topics))]
-    return {(topic, number) for topic, numbers in zip(topics, mine, strict=True) for number in numbers.tolist()}
+    mine = [np.unique(track[(code == k) & ~np.isnan(track)]) for k in range(-1, len(topics))]
+    return {(topic, number) for topic, numbers in zip(["", *topics], mine, strict=True) for number in numbers.tolist()}
 
 
 def origin_of(table_set: TableSet, sweeps: pa.Table) -> Origin:

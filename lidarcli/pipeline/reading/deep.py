@@ -46,16 +46,17 @@ from lidarcli.pipeline.reading.masking import MOST_SENSORS, STOOD_REACH, MaskRul
 from lidarcli.pipeline.reading.path_check import DRIFT_NOTED, CheckedPath
 from lidarcli.pipeline.reading.posing import NONE, Need, PoseAttacher, PoseOptions, of_one_run
 from lidarcli.pose.calibration import (
+    SLOTS,
     CalibrationResult,
     Outlines,
     cells_filled,
     joined_outlines,
+    outlines_of,
     overlap,
     places_beside,
     scaled_path,
     settle,
     stretches_of,
-    surfaces,
 )
 from lidarcli.pose.fit import ACCEPTED, AUTO, headers_of, mount_between, pairs_of, poses_after, steps_between, wrapped
 from lidarcli.pose.sources import FrameTree, PoseChain, Step, along
@@ -68,8 +69,6 @@ MOVED, TURNED = 0.02, 0.017
 """Others are taken after the sensor went so far [m] or turned so much [rad]."""
 MOST_POINTS = 120
 """Points of a sweep that are aligned."""
-SLOTS = 8
-"""Parts of a sweep that takes time; each is placed by a pose of its own."""
 DRIFTING, FIXED = (0.5 * np.pi, 5.0), (TURN, 50.0)
 """Turn [rad] and distance [m] of a stretch in which poses do not drift much: of odometry, and of poses in a map."""
 NEARBY = 0.1
@@ -254,19 +253,8 @@ class _Sensor:
 
     def outlines(self) -> Outlines:
         """Return the points of the sampled sweeps."""
-        kept = sorted({one[1]: one for one in self._kept}.values(), key=lambda one: one[1])
-        points, normals, slots = [np.zeros((0, 2))], [np.zeros((0, 2))], [np.zeros(0, np.int64)]
-        for number, (_, _, bearing, ranges) in enumerate(kept):
-            where, normal, beam = surfaces(bearing, ranges)
-            if len(beam) > MOST_POINTS:
-                some = np.linspace(0, len(beam) - 1, MOST_POINTS).astype(int)
-                where, normal, beam = where[some], normal[some], beam[some]
-            points.append(where)
-            normals.append(normal)
-            slots.append(number * SLOTS + (beam * SLOTS) // max(len(ranges), 1))
-        stamp = np.repeat(np.array([one[1] for one in kept], np.int64), SLOTS)
-        share = np.tile((np.arange(SLOTS) + 0.5) / SLOTS, len(kept))
-        return Outlines(np.vstack(points), np.vstack(normals), np.concatenate(slots), stamp, share)
+        kept = sorted({one[1]: one[1:] for one in self._kept}.values(), key=lambda one: one[0])
+        return outlines_of(kept, SLOTS, MOST_POINTS)
 
     def mirrored(self) -> list[Finding]:
         """Return the finding that the sensor sees turns the other way round than poses tell."""
@@ -327,7 +315,7 @@ class _Calibrated:
         if self.settled is None or self.cells[1] >= self.cells[0]:
             return False
         deviation = np.maximum(self.settled.deviations[:3], SURE)
-        return bool((deviation < UNSURE).all()) and _differs(self.settled.values[:3] - self.logged, deviation)
+        return bool((deviation < UNSURE).all()) and differs(self.settled.values[:3] - self.logged, deviation)
 
     @property
     def mount(self) -> Float64:
@@ -399,7 +387,7 @@ def _calibrated(sensor: _Sensor) -> _Calibrated | None:
         return found, cells_filled(by_log.outlines, by_log.placing(found.values), by_log.stretch)
 
     best, filled = min((tried(start, by_log.trusted) for start in starts), key=lambda one: one[1])
-    if not _differs(best.values[:3] - by_log.logged, np.maximum(best.deviations[:3], SURE)):
+    if not differs(best.values[:3] - by_log.logged, np.maximum(best.deviations[:3], SURE)):
         return replace(by_log, settled=best, cells=(filled, filled))
     _, before = tried(by_log.start, np.concatenate([np.zeros(3), by_log.trusted[3:]]))
     return replace(by_log, settled=best, cells=(before, filled))
@@ -411,7 +399,8 @@ def _mount_by_steps(path: CheckedPath, carrier: Float64) -> Float64 | None:
     return np.array(mount_between(matched, logged)) if len(logged) >= LEAST_TURNS else None
 
 
-def _differs(off: Float64, deviation: Float64) -> bool:
+def differs(off: Float64, deviation: Float64) -> bool:
+    """Return whether a mount is off (3,) by more than its deviations explain [m, rad]."""
     off = np.array([*off[:2], *wrapped(off[2:])])
     return bool((np.abs(off) > np.maximum(DEVIATIONS * deviation, [LEAST_OFF, LEAST_OFF, LEAST_ASKEW])).any())
 
@@ -513,7 +502,7 @@ def _lasers_finding(
     if not (deviation < UNSURE).all():
         stats = SimpleNamespace(first=first.topic, why="they see too little alike")
         return judge([LASERS_UNKNOWN], stats, second.named), []
-    if logged is not None and not _differs(place_of.values[:3] - logged, deviation):
+    if logged is not None and not differs(place_of.values[:3] - logged, deviation):
         return [], []
     parent, carrier = first.frame, np.zeros(3)
     carried = None if second.chain is None or second.chain.assumption else _split(second.chain)[2]

@@ -121,6 +121,8 @@ class CheckedPath:
     """Notes on the path; of what is a fault of the log, the finding."""
     remark: str = ""
     """Agreement of the sweeps under a told path, in words."""
+    sample: SweepSample | None = None
+    """Sweeps of all of the run."""
 
     @property
     def is_contradicted(self) -> bool:
@@ -582,6 +584,7 @@ class _Choice:
             still=still_at(stamp_ns, poses, slides),
             drift=told.taken.drift if told else float("nan"),
             jumps=told is not None and any(told.jumps),
+            sample=self.look.sample,
         )
 
     def _with_told(self, told: _Told, path: MatchedPath | None = None) -> CheckedPath:

@@ -17,10 +17,11 @@ from lidarcli.findings import Finding
 from lidarcli.logs.base import POSE_TYPES, POSED_TYPES, Log, Message, ReadReport, Topic
 from lidarcli.logs.batches import ReadOptions
 from lidarcli.logs.registry import TopicChoice, format_of
-from lidarcli.masks import same_name
+from lidarcli.masks import Masks, same_name
 from lidarcli.pipeline.inputs.sources import made_of_clouds, read_pose_messages
 from lidarcli.ros.cursor import BadMessageError, Cursor
 from lidarcli.sweeps import Float64, Int64, SweepBatch, SweepPoses
+from lidarcli.zone import ROBOT
 
 if TYPE_CHECKING:
     from lidarcli.pipeline.reading.path_check import CheckedPath
@@ -49,10 +50,10 @@ _ODOMETRY = "odom"
 def of_one_run(world: str) -> bool:
     """Return whether a world frame begins anew in every run: that of odometry, or of a path that was matched.
 
-    >>> [of_one_run(name) for name in ("odom", "robot_0/odom", "match", "map")]
-    [True, True, True, False]
+    >>> [of_one_run(name) for name in ("odom", "robot_0/odom", "match", "robot", "map")]
+    [True, True, True, True, False]
     """
-    return _ODOMETRY in world or world == MATCH
+    return _ODOMETRY in world or world in (MATCH, ROBOT)
 
 
 class Need(Enum):
@@ -84,6 +85,8 @@ class PoseOptions:
     """True to place every beam by the pose at its own time, where headers tell how long a sweep takes."""
     given: GivenPaths | None = None
     """Paths that are known already, in place of all others."""
+    together: bool = False
+    """True where sensors of one robot are followed together, in one world."""
 
     def __post_init__(self) -> None:
         """Refuse options that exclude each other."""
@@ -273,6 +276,10 @@ class PoseAttacher:
     """Run → the attacher of its poses; none where the log holds one run."""
     longest: int | None = None
     """The longest run of a log whose odometry begins anew in each."""
+    robots: Mapping[str, tuple[tuple[str, str], ...]] = field(default_factory=dict)
+    """Topic → topics and frames of the sensors that are followed together with it."""
+    remarks: Sequence[str] = ()
+    """Notes on these."""
 
     @classmethod
     def of(
@@ -317,6 +324,8 @@ class PoseAttacher:
                     mine = replace(found, sources=found.by_run[number - 1], whole=None if read.run else found.sources)
                 its = {key: path for (of, key), path in paths.items() if of == number}
                 posing.runs[number] = replace(posing, found=mine, paths=its, run=number, stats={})
+            if options.together and options.source != NONE:
+                _join(log, [*posing.runs.values()], read.rules.masks)
             if sweeps:
                 posing = posing.runs[1].of_run(read.run if len(sweeps) > 1 else 1)
         return posing
@@ -397,7 +406,13 @@ class PoseAttacher:
             if batch.topic not in self.levelled:
                 stats.tilt = max(stats.tilt, tilt(motion))
         poses = replace(poses, absent=absent) if absent.any() else poses
-        return replace(batch, poses=poses if some else None, still=still if knows else None, fits=fits if some else None)
+        return replace(
+            batch,
+            poses=poses if some else None,
+            still=still if knows else None,
+            fits=fits if some else None,
+            robot=self.robots.get(batch.topic, ()),
+        )
 
     def motions(self, batch: SweepBatch) -> Iterator[tuple[str, Int64, Motion, str]]:
         """Yield for each frame of a batch that has poses: its name, its rows, their poses in space, and the world frame."""
@@ -443,11 +458,11 @@ class PoseAttacher:
         """Return the notes on one run."""
         if self.found is None:
             unused = "no poses in this log: --pose-delay changes nothing" if self.delay else ""
-            return [line for line in (self.missed or unused,) if line] + self.path_notes()
+            return [line for line in (self.missed or unused, *self.remarks) if line] + self.path_notes()
         lines: list[str] = []
         for frame, space in sorted(self.stats):
             lines += self._frame_notes(frame, self.stats[frame, space], self.found.sources)
-        return [*dict.fromkeys(lines), *self.found.notes, *self.path_notes()]
+        return [*dict.fromkeys(lines), *self.remarks, *self.found.notes, *self.path_notes()]
 
     def path_notes(self) -> list[str]:
         """Return the notes on the paths that were checked or matched, and the messages of the findings among them."""
@@ -526,6 +541,8 @@ class PoseAttacher:
     def _frame_notes(self, frame: str, stats: FrameStats, sources: PoseSources | GivenPaths) -> list[str]:
         chain, others = sources.chain(frame, stats.topic), sources.alternatives(frame, stats.topic)
         name = frame or "without a name"
+        if chain is None and stats.topic in self.robots:
+            return []
         if chain is None and (alike := sources.alike(frame, stats.topic)):
             return [alike_note(frame, alike, others)]
         from lidarcli.pose.fit import unplaced, way_findings
@@ -542,6 +559,28 @@ class PoseAttacher:
             lines.append(f"frame {name} leans by up to {degrees:.0f} degrees: its poses are their projection")
         links = [one for one in sources.tracks if one.is_link and nearness(one.topic, stats.topic) is not None]
         return lines + [found.message for found in way_findings(chain, links)]
+
+
+def _join(log: Log, runs: Sequence[PoseAttacher], masks: Masks | None) -> None:
+    """Find the sensors of one robot, which are followed together; `masks` may tell how they are mounted."""
+    several = [one for one in runs if len(one.paths) > 1]
+    if not several:
+        return
+    from lidarcli.pipeline.reading.robots import robots_in
+
+    scans = [topic.name for topic in log.topics() or () if topic.is_scan]
+    mounts = () if masks is None else masks.mounts
+    found = []
+    for one in several:
+        tracks = one.found.sources.tracks if one.found is not None else read_pose_messages(log).tracks
+        found.append(robots_in(one.paths, tracks, mounts, scans))
+    # Tracks have one robot in all of the log.
+    is_same = all(each.of == found[0].of for each in found)
+    for one, each in zip(several, found, strict=True):
+        one.remarks = each.notes if is_same else ("sensors are followed apart: they belong together in some runs alone",)
+        one.paths = {**one.paths, **each.paths} if is_same else one.paths
+    for one in runs if is_same else ():
+        one.robots = found[0].of
 
 
 def alike_note(frame: str, alike: Sequence[str], others: Sequence[str]) -> str:

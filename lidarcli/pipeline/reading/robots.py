@@ -1,0 +1,215 @@
+"""Robots of several sensors: which have known places beside each other, in one world in which they see the same things."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from lidarcli.display import some_of
+from lidarcli.masks import Mount
+from lidarcli.pipeline.reading.deep import DRIFTING, FIXED, SURE, UNSURE, differs
+from lidarcli.pipeline.reading.path_check import CheckedPath
+from lidarcli.pipeline.reading.posing import of_one_run
+from lidarcli.pose.calibration import joined_outlines, settle, stretches_of
+from lidarcli.pose.fit import poses_after
+from lidarcli.pose.sources import WORLDS, FrameTree, PoseChain, Step
+from lidarcli.pose.tracks import TRANSFORMS, Motion, Track, compose, flat, frame_name, lifted, planar
+from lidarcli.sweeps import Float64
+from lidarcli.zone import ROBOT
+
+Key = tuple[str, str]
+"""Topic and frame of a sensor."""
+MOST_OUTLINES = 60
+"""Sweeps of each sensor that check how it is mounted."""
+LESS_ALIKE = 0.2
+"""Two sensors that agree less with each other than each with itself, by this share, are not where they are told to be."""
+
+
+@dataclass(slots=True)
+class Robots:
+    """The sensors that are followed together, and what is to be said of that."""
+
+    of: dict[str, tuple[Key, ...]] = field(default_factory=dict)
+    """Topic → the sensors of its robot."""
+    paths: dict[Key, CheckedPath] = field(default_factory=dict)
+    """Their paths, all in one world."""
+    notes: list[str] = field(default_factory=list)
+
+
+def robots_in(
+    paths: Mapping[Key, CheckedPath], tracks: Iterable[Track], mounts: Sequence[Mount], scans: Collection[str]
+) -> Robots:
+    """Return the robots of a run.
+
+    Parameters
+    ----------
+    paths : what is known of the path of each sensor
+    tracks : transforms of the log
+    mounts : places that files tell; they count before the transforms
+    scans : all topics of the log with sweeps
+    """
+    links = [_fixed(mount) for mount in mounts]
+    links += [one for one in tracks if one.is_link and _is_mount(one)]
+    groups: list[list[_Sensor]] = []
+    for key in sorted(paths):
+        sensor = _Sensor(key, paths[key], FrameTree(links, key[0], scans))
+        same = [group for group in groups if group[0].way_from(sensor) is not None]
+        if same and all(one.key[1] != key[1] for one in same[0]):
+            same[0].append(sensor)
+        elif not same:
+            groups.append([sensor])
+    found = Robots()
+    for group in groups:
+        if len(group) > 1:
+            _join(group, found)
+    # Sensors of several robots are each in a tree.
+    lost = {one.key[1]: one.key[0] for one, *_ in groups if one.frame not in one.tree.frames}
+    if lost and len({one.key[1] for one, *_ in groups}) > 1:
+        names = some_of([f"{frame or 'a frame without a name'} of {topic}" for frame, topic in lost.items()])
+        way_out = "info --deep finds mounts, --mask takes them"
+        found.notes.append(f"followed apart, as nothing tells where on the robot they are: {names} ({way_out})")
+    return found
+
+
+@dataclass(slots=True)
+class _Sensor:
+    key: Key
+    path: CheckedPath
+    tree: FrameTree
+
+    @property
+    def frame(self) -> str:
+        """Where its sweeps are."""
+        return self.tree.sensor(frame_name(self.key[1]))
+
+    def way_from(self, other: _Sensor) -> tuple[Step, ...] | None:
+        """Return the fixed steps from another sensor to this one, by the transforms that both know; None without any."""
+        steps = self.tree.path(other.frame, self.frame)
+        back = other.tree.path(self.frame, other.frame)
+        if not steps or not back or {id(one.track) for one in steps} != {id(one.track) for one in back}:
+            return None if other.key != self.key else ()
+        return steps
+
+
+def _fixed(mount: Mount) -> Track:
+    """Return a mount as a transform of which nothing moves."""
+    motion = lifted((mount.x, mount.y, mount.yaw))
+    if mount.upside_down:
+        motion = compose(motion, Motion(np.zeros((1, 3)), np.array([[1.0, 0.0, 0.0, 0.0]])))
+    parent, child = frame_name(mount.parent), frame_name(mount.frame)
+    return Track("", next(iter(TRANSFORMS)), parent, child, True, 1 << 60, np.zeros(1, np.int64), motion, (0, 0), 0)
+
+
+def _is_mount(link: Track) -> bool:
+    """Tell whether a transform joins two frames of one robot that do not move in each other."""
+    is_fixed = link.static or not link.moves
+    return is_fixed and all(name.rpartition("/")[2] not in WORLDS for name in (link.parent, link.child))
+
+
+def _join(group: list[_Sensor], found: Robots) -> None:
+    """Find the world of some sensors, and join those that are where they are told."""
+    for one in group:
+        if one.path.fit is not None and any(one.path.fit.mount):
+            words = f"{one.key[0]} is followed apart: its sweeps do not fit the place of {one.key[1]} on the robot"
+            found.notes.append(f"{words} (info --deep)")
+            group = [each for each in group if each is not one]
+    if len(group) < 2:
+        return
+    placed = _in_one_world(group)
+    if placed is None:
+        topics = some_of([one.key[0] for one in group])
+        found.notes.append(f"{topics} are followed apart: their sweeps do not tell one path of the robot")
+        return
+    first, *others = placed
+    together = [first]
+    for one in others:
+        if words := _misplaced(first, one):
+            found.notes.append(f"{one.key[0]} is followed apart: {words} (info --deep)")
+        else:
+            together.append(one)
+    if len(together) < 2:
+        return
+    keys = tuple(sorted(one.key for one in together))
+    found.of |= {topic: keys for topic, _ in keys}
+    found.paths |= {one.key: one.path for one in together}
+    chain = first.path.chain
+    assert chain is not None
+    names = " and ".join(dict.fromkeys(topic for topic, _ in keys))
+    where = "on a robot that stands" if chain.world == ROBOT else f"in {chain.world}"
+    found.notes.append(f"{names} are followed together, {where}; track --apart follows each by itself")
+
+
+def _in_one_world(group: list[_Sensor]) -> list[_Sensor] | None:
+    """Return sensors with paths in one world, of which the first decides; None where there is none."""
+    known = [one for one in group if one.path.chain is not None]
+    if not known:
+        if not all(len(one.path.still) and one.path.still.all() for one in group):
+            return None
+        return [replace(one, path=_resting(one, group[0])) for one in group]
+    matched = [one for one in known if one.path.verdict == "matched"]
+    chains = [one.path.chain for one in known if one.path.chain is not None]
+    if not matched and len(known) == len(group) and len({chain.world for chain in chains}) == 1:
+        return group
+    # The best path leads all others.
+    best = max(matched or known, key=lambda one: 0.0 if one.path.agreement is None else one.path.agreement.all)
+    return [best, *(replace(one, path=_led(one, best)) for one in group if one is not best)]
+
+
+def _resting(sensor: _Sensor, first: _Sensor) -> CheckedPath:
+    """Return the path of a sensor on a robot that stands: its place in the frame of the robot."""
+    base = first.tree.to_base(first.frame)
+    steps = (*(first.way_from(sensor) or ()), *base) if sensor is not first else base
+    # The sensor itself may be where the robot is.
+    steps = steps or (Step(_fixed(Mount(sensor.frame, sensor.frame, 0.0, 0.0, 0.0)), down=False),)
+    topics = tuple(dict.fromkeys(step.track.topic for step in steps))
+    return replace(sensor.path, verdict="told", chain=PoseChain(topics, sensor.frame, ROBOT, steps))
+
+
+def _led(sensor: _Sensor, lead: _Sensor) -> CheckedPath:
+    """Return the path of a sensor by that of another one on the same robot."""
+    chain, steps = lead.path.chain, lead.way_from(sensor)
+    assert chain is not None
+    led = replace(chain, frame=sensor.frame, steps=(*(steps or ()), *chain.steps))
+    return replace(sensor.path, verdict=lead.path.verdict, chain=led, agreement=lead.path.agreement, notes=(), remark="")
+
+
+def _misplaced(first: _Sensor, second: _Sensor) -> str:
+    """Return how a sensor is elsewhere on the robot than it is told, by what both see; empty where nothing tells that."""
+    here, there, mine, its = first.path.chain, second.path.chain, first.path.sample, second.path.sample
+    if here is None or there is None or mine is None or its is None:
+        return ""
+    samples = ((mine, here), (its, there))
+    if any(np.any(planar(chain.at(sample.stamp_ns)).upside_down) for sample, chain in samples):
+        return ""
+    each = [
+        (one.path.agreement or sample.agreement(chain)).all
+        for one, (sample, chain) in zip((first, second), samples, strict=True)
+    ]
+    if mine.agreement_with(its, here, there) < min(each) - LESS_ALIKE:
+        return f"it and {first.key[0]} do not see the same from where they are told to be"
+    parts = [sample.outlines(MOST_OUTLINES) for sample, _ in samples]
+    poses = [flat(chain.at(part.stamp_ns)) for part, (_, chain) in zip(parts, samples, strict=True)]
+    known = [np.flatnonzero(np.isfinite(each[:, 0])) for each in poses]
+    if min(map(len, known)) < 2:
+        return ""
+    outlines = joined_outlines([part.those(at) for part, at in zip(parts, known, strict=True)])
+    own, other = (each[at] for each, at in zip(poses, known, strict=True))
+
+    def placing(values: Float64) -> Float64:
+        return np.vstack([own, poses_after(other, values)])
+
+    # The way of the robot, by one of them.
+    both = np.vstack([own, flat(here.at(parts[1].stamp_ns[known[1]]))])
+    order = np.argsort(outlines.stamp_ns, kind="stable")
+    stretch = np.empty(len(both), np.int64)
+    stretch[order] = stretches_of(both[order], *(DRIFTING if of_one_run(here.world) else FIXED))
+    settled = settle(outlines, placing, np.zeros(3), np.full(3, np.inf), stretch)
+    deviation = np.maximum(settled.deviations, 3.0 * SURE)
+    if not (deviation < UNSURE).all() or not differs(settled.values, deviation):
+        return ""
+    x, y, yaw = settled.values.tolist()
+    off = f"{math.hypot(x, y):.2f} m and {abs(math.degrees(yaw)):.1f} degrees"
+    return f"by what both see it is {off} from where it is told to be beside {first.key[0]}"
