@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from lidarcli.ros.messages import Outgoing
 from lidarcli.simulation.generate import START_NS
 from lidarcli.simulation.scene import Mount, Scene, Sensor
 from lidarcli.sweeps import concatenate
@@ -47,22 +48,32 @@ def robot_log(
     path: Path, scene: Scene, carried: Sequence[Carried] = CORNERS, *, told: bool = True, odometry: bool = True
 ) -> Path:
     """Write what the sensors see in a scene, one a third of its period after the other; the scene counts at 10 Hz."""
+    return write_bag(path, *robot_messages(scene, carried, told=told, odometry=odometry))
+
+
+def robot_messages(
+    scene: Scene, carried: Sequence[Carried] = CORNERS, space: str = "", *, told: bool = True, odometry: bool = True
+) -> list[list[Outgoing]]:
+    """The messages of such a log, in a namespace."""
     seconds = scene.sweeps / 10.0
     messages = []
     for number, one in enumerate(carried):
         rate = 3.0 * one.sensor.rate
-        sensor = replace(one.sensor, topic=f"/{one.name}", frame_id=one.name, rate=rate)
+        sensor = replace(one.sensor, topic=f"{space}/{one.name}", frame_id=one.name, rate=rate)
         seen = replace(scene, sensor=sensor, mount=Mount(one.place), sweeps=int(seconds * rate))
         every = concatenate(sweeps_of(seen, number))
         messages.append(scans([every.rows(slice(number % 3, None, 3))]))
         if told:
             place = tuple(here + off for here, off in zip(one.place, one.off, strict=True))
-            messages.append([transform_at(START_NS, "base_link", one.name, place)])
+            messages.append([transform_at(START_NS, "base_link", one.name, place, f"{space}/tf_static")])
     if odometry and not scene.path.parked:
         times = np.arange(0.0, seconds + 0.5, 0.05)
         poses = scene.path.poses(times).tolist()
         stamps = [START_NS + round(time * 1e9) for time in times.tolist()]
         messages.append(
-            [transform_at(at, "odom", "base_link", tuple(pose), "/tf") for at, pose in zip(stamps, poses, strict=True)]
+            [
+                transform_at(at, "odom", "base_link", tuple(pose), f"{space}/tf")
+                for at, pose in zip(stamps, poses, strict=True)
+            ]
         )
-    return write_bag(path, *messages)
+    return messages

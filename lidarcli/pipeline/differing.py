@@ -342,7 +342,7 @@ def _of_background(text: str) -> RunThings:
 
 def _key(world: str, topic: str, frame: str) -> str:
     """Return the world of a sensor; one that lies in no common frame begins with a blank, and is its own."""
-    return f" {frame} of {topic}" if world in ("", choices.MATCH, ROBOT) else world
+    return f" {frame} of {topic}" if world.rpartition("/")[2] in ("", choices.MATCH, ROBOT) else world
 
 
 def _frame_words(key: str) -> str:

@@ -150,10 +150,11 @@ class Mapping:
     damage: list[str] = field(default_factory=list)
     _voxels: VoxelFilter | None = None
     _matched: int = 0
-    """Paths that were matched, each in a world of its own."""
+    """Robots whose path was matched, each in a world of its own."""
 
     def __post_init__(self) -> None:
-        options = self.options
+        # What the sensors of a robot see is one ground.
+        options = self.options = replace(self.options, poses=replace(self.options.poses, together=True))
         cells = int(options.max_size * KM2 / options.resolution**2)
         self.counts = Counts(options.resolution, cells)
         if 0 < options.voxel < MAP_RESOLUTIONS[0]:
@@ -175,6 +176,8 @@ class Mapping:
                     kept = chosen.rows(batch.topic, frame, mine.poses, mine.stamp_ns)
                     self._take(source, mine.rows(kept), None if sets is None else sets[rows][kept], clouds)
             reading.posing.leave_out(chosen.left_out)
+            robots = {reading.posing.robots.get(topic) or (topic, frame) for topic, frame in chosen.filters}
+            self._matched += len(robots) if MATCH in chosen.worlds else 0
             summary = reading.close()
             described = reading.describe(source)
         self._conclude(source, summary, described, chosen)
@@ -297,7 +300,6 @@ class Mapping:
         self.paths += chosen.paths(source.name)
         self.described.append(described)
         self.damage += [f"{described['name']}: {line}" for line in summary.damage]
-        self._matched += len(chosen.filters) if MATCH in chosen.worlds else 0
         self._refuse_several_worlds()
         summary.notes += [
             f"{topic} is {why}: left out (--topic {shlex.quote(topic)})" for topic, why in chosen.left_out.items()

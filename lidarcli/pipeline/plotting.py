@@ -402,7 +402,7 @@ def take_map(
     whole = replace(found, grid=mapping.occupancy(), paths=paths, title=f"{source.name}  {_frame_words(mapping.worlds)}")
     pictures = [whole]
     if sweeps is not None:
-        shots = _snapshots(source, options, sweeps)
+        shots = _snapshots(source, mapping.options, sweeps)
         pictures = [replace(whole, snapshot=shots[sweep], title=f"{source.name}  sweep {sweep}") for sweep in sweeps]
     return Drawn(tuple(pictures), tuple(summary.notes), tuple(summary.damage))
 

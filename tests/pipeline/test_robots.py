@@ -10,6 +10,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
+import lidarcli
 from lidarcli.cli import run
 from lidarcli.logs.batches import ReadOptions
 from lidarcli.pipeline.detecting import detect_to_files
@@ -19,8 +20,8 @@ from lidarcli.pipeline.objects.tracking import TrackOptions
 from lidarcli.pipeline.reading.posing import PoseOptions
 from lidarcli.simulation import scene as make
 from lidarcli.simulation.scene import Course, Scene, super_ellipse
-from tests.robots import CORNERS, SIDES, Carried, Place, robot_log
-from tests.zones.runs import PARKED, scene_of, walker
+from tests.robots import CORNERS, SIDES, Carried, Place, robot_log, robot_messages
+from tests.zones.runs import PARKED, scene_of, walker, write_bag
 
 HALL = make.wall([[-6.0, -5.0], [6.0, -5.0], [6.0, 3.0], [3.0, 3.0], [3.0, 5.0], [-6.0, 5.0], [-6.0, -5.0]])
 THINGS = (make.box(-4.5, 3.5, 0.8, 0.5), make.cylinder(4.5, -3.8, 0.25), make.box(5.0, 1.5, 0.5, 0.5))
@@ -73,7 +74,7 @@ def test_who_is_seen_by_several_is_one_track(
     tables, notes = tracked(log, capsys)
     names = " and ".join(sorted(f"/{one.name}" for one in carried))
     world = "on a robot that stands" if path.parked else "in odom" if odometry else "in match"
-    assert f"{names} are followed together, {world}; track --apart follows each by itself" in notes
+    assert f"{names} are taken together, {world}; track --apart takes each by itself" in notes
     agents = agents_of(tables)
     assert len(agents) == 2
     assert [(row["topic"], row["frame_id"]) for row in agents] == [(None, None)] * 2
@@ -102,7 +103,7 @@ def test_a_mount_that_is_off_a_little_does_no_harm(
 ) -> None:
     log = robot_log(tmp_path / "run.bag", walked(path), (CORNERS[0], CORNERS[1]._replace(off=off)))
     tables, notes = tracked(log, capsys)
-    assert any("followed together" in note for note in notes)
+    assert any("taken together" in note for note in notes)
     assert len(agents_of(tables)) == 2
     once, every = seen_once(tables)
     assert once >= 0.95 * every > 20
@@ -138,7 +139,7 @@ def test_without_a_mount_a_line_says_what_is_missing(tmp_path: Path, capsys: pyt
     )
     (tmp_path / "mounts.toml").write_text(mounts)
     _, notes = tracked(log, capsys, "--mask", str(tmp_path / "mounts.toml"))
-    assert any("/front and /rear are followed together" in note for note in notes)
+    assert any("/front and /rear are taken together" in note for note in notes)
 
 
 def test_the_same_rows_for_any_batch_size(tmp_path: Path) -> None:
@@ -175,3 +176,31 @@ def test_a_visit_is_one_whoever_sees_it(tmp_path: Path, capsys: pytest.CaptureFi
     assert max(pq.read_table(tmp_path / "run.zones.parquet")["agents"].to_pylist()) == 1
     (visit,) = (event for event in events if event["kind"] == "visit")
     assert visit["duration"] == pytest.approx(6.2, abs=0.5)
+
+
+@pytest.mark.parametrize(("path", "world"), [(ROUND, "match"), (PARKED, "robot")], ids=["drives", "stands"])
+def test_one_map_of_what_all_see(path: Course, world: str, tmp_path: Path) -> None:
+    scene = scene_of(*THINGS, room=(HALL,), sweeps=80, path=path)
+    one, both = (
+        lidarcli.map(robot_log(tmp_path / f"{len(carried)}.bag", scene, carried, odometry=False))
+        for carried in (CORNERS[:1], CORNERS)
+    )
+    assert both.frame_id == world
+    # Walls that do not lie on each other would be twice as many cells.
+    walls, more = (np.count_nonzero(grid.cells == 100) for grid in (one, both))
+    assert walls < more < 1.7 * walls
+
+
+def test_each_of_two_robots_has_tracks_of_its_own(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Their frames have the same names; no two shared tracks have one number."""
+    beside = Course(np.array([[1.5, 0.5]]), 0.0, 0.4)
+    robots = [robot_messages(walked(path), space=space) for space, path in (("/r1", PARKED), ("/r2", beside))]
+    tables, notes = tracked(write_bag(tmp_path / "run.bag", *robots[0], *robots[1]), capsys)
+    assert sum("/front and /r" in note and "are taken together" in note for note in notes) == 2
+    numbers = {
+        space: {row["track"] for row in tables["objects"].to_pylist() if row["topic"].startswith(space) and row["track"]}
+        for space in ("/r1", "/r2")
+    }
+    assert numbers["/r1"].isdisjoint(numbers["/r2"])
+    assert sorted(tables["tracks"]["track"].to_pylist()) == sorted(numbers["/r1"] | numbers["/r2"])
+    assert len(agents_of(tables)) == 4

@@ -50,10 +50,10 @@ _ODOMETRY = "odom"
 def of_one_run(world: str) -> bool:
     """Return whether a world frame begins anew in every run: that of odometry, or of a path that was matched.
 
-    >>> [of_one_run(name) for name in ("odom", "robot_0/odom", "match", "robot", "map")]
+    >>> [of_one_run(name) for name in ("odom", "robot_0/odom", "match", "r1/robot", "map")]
     [True, True, True, True, False]
     """
-    return _ODOMETRY in world or world in (MATCH, ROBOT)
+    return _ODOMETRY in world or world.rpartition("/")[2] in (MATCH, ROBOT)
 
 
 class Need(Enum):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import posixpath
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
@@ -15,7 +16,7 @@ from lidarcli.pipeline.reading.path_check import CheckedPath
 from lidarcli.pipeline.reading.posing import of_one_run
 from lidarcli.pose.calibration import joined_outlines, settle, stretches_of
 from lidarcli.pose.fit import poses_after
-from lidarcli.pose.sources import WORLDS, FrameTree, PoseChain, Step
+from lidarcli.pose.sources import WORLDS, FrameTree, PoseChain, Step, is_within, namespace
 from lidarcli.pose.tracks import TRANSFORMS, Motion, Track, compose, flat, frame_name, lifted, planar
 from lidarcli.sweeps import Float64
 from lidarcli.zone import ROBOT
@@ -64,7 +65,7 @@ def robots_in(
     found = Robots()
     for group in groups:
         if len(group) > 1:
-            _join(group, found)
+            _join(group, found, scans)
     # Sensors of several robots are each in a tree.
     lost = {one.key[1]: one.key[0] for one, *_ in groups if one.frame not in one.tree.frames}
     if lost and len({one.key[1] for one, *_ in groups}) > 1:
@@ -109,7 +110,7 @@ def _is_mount(link: Track) -> bool:
     return is_fixed and all(name.rpartition("/")[2] not in WORLDS for name in (link.parent, link.child))
 
 
-def _join(group: list[_Sensor], found: Robots) -> None:
+def _join(group: list[_Sensor], found: Robots, scans: Collection[str]) -> None:
     """Find the world of some sensors, and join those that are where they are told."""
     for one in group:
         if one.path.fit is not None and any(one.path.fit.mount):
@@ -118,7 +119,7 @@ def _join(group: list[_Sensor], found: Robots) -> None:
             group = [each for each in group if each is not one]
     if len(group) < 2:
         return
-    placed = _in_one_world(group)
+    placed = _in_one_world(group, _robot_of([one.key[0] for one in group], scans))
     if placed is None:
         topics = some_of([one.key[0] for one in group])
         found.notes.append(f"{topics} are followed apart: their sweeps do not tell one path of the robot")
@@ -138,18 +139,27 @@ def _join(group: list[_Sensor], found: Robots) -> None:
     chain = first.path.chain
     assert chain is not None
     names = " and ".join(dict.fromkeys(topic for topic, _ in keys))
-    where = "on a robot that stands" if chain.world == ROBOT else f"in {chain.world}"
-    found.notes.append(f"{names} are followed together, {where}; track --apart follows each by itself")
+    where = "on a robot that stands" if frame_name(chain.world).rpartition("/")[2] == ROBOT else f"in {chain.world}"
+    found.notes.append(f"{names} are taken together, {where}; track --apart takes each by itself")
 
 
-def _in_one_world(group: list[_Sensor]) -> list[_Sensor] | None:
-    """Return sensors with paths in one world, of which the first decides; None where there is none."""
+def _robot_of(topics: Sequence[str], scans: Collection[str]) -> str:
+    """Return the name of the frame of a robot, with its namespace where the log has sensors of others."""
+    space = posixpath.commonpath([namespace(topic) for topic in topics])
+    return ROBOT if all(is_within(scan, space) for scan in scans) else f"{space}/{ROBOT}"
+
+
+def _in_one_world(group: list[_Sensor], robot: str) -> list[_Sensor] | None:
+    """Return sensors with paths in one world, of which the first decides; None where there is none.
+
+    `robot`: the frame of the robot, which is the world while it stands.
+    """
     known = [one for one in group if one.path.chain is not None]
-    if not known:
-        if not all(len(one.path.still) and one.path.still.all() for one in group):
-            return None
-        return [replace(one, path=_resting(one, group[0])) for one in group]
     matched = [one for one in known if one.path.verdict == "matched"]
+    if len(matched) == len(known) and all(len(one.path.still) and one.path.still.all() for one in group):
+        return [replace(one, path=_resting(one, group[0], robot)) for one in group]
+    if not known:
+        return None
     chains = [one.path.chain for one in known if one.path.chain is not None]
     if not matched and len(known) == len(group) and len({chain.world for chain in chains}) == 1:
         return group
@@ -158,14 +168,15 @@ def _in_one_world(group: list[_Sensor]) -> list[_Sensor] | None:
     return [best, *(replace(one, path=_led(one, best)) for one in group if one is not best)]
 
 
-def _resting(sensor: _Sensor, first: _Sensor) -> CheckedPath:
-    """Return the path of a sensor on a robot that stands: its place in the frame of the robot."""
-    base = first.tree.to_base(first.frame)
-    steps = (*(first.way_from(sensor) or ()), *base) if sensor is not first else base
+def _resting(sensor: _Sensor, first: _Sensor, robot: str) -> CheckedPath:
+    """Return the path of a sensor on a robot that stands: its place in the frame of that."""
+    base, steps = first.tree.to_base(first.frame), sensor.tree.to_base(sensor.frame)
+    if [step.target for step in steps[-1:]] != [step.target for step in base[-1:]]:
+        steps = (*(first.way_from(sensor) or ()), *base)
     # The sensor itself may be where the robot is.
     steps = steps or (Step(_fixed(Mount(sensor.frame, sensor.frame, 0.0, 0.0, 0.0)), down=False),)
     topics = tuple(dict.fromkeys(step.track.topic for step in steps))
-    return replace(sensor.path, verdict="told", chain=PoseChain(topics, sensor.frame, ROBOT, steps))
+    return replace(sensor.path, verdict="told", chain=PoseChain(topics, sensor.frame, robot, steps))
 
 
 def _led(sensor: _Sensor, lead: _Sensor) -> CheckedPath:
