@@ -323,10 +323,8 @@ class Tracker:
             if self._run:
                 self._end_run()
             self._run = batch.run
-        edges = (
-            (np.flatnonzero(np.diff(going.sensor[going.row : end])) + going.row + 1).tolist() if end > going.row + 1 else []
-        )
-        for stop in [*edges, end]:
+        edges = np.flatnonzero(np.diff(going.sensor[going.row : end])) + going.row + 1
+        for stop in [*edges.tolist(), end]:
             sensor = going.sensor.item(going.row)
             index = self._follower_of(sensor)
             follower = self._followers[index]

@@ -195,11 +195,8 @@ def _misplaced(first: _Sensor, second: _Sensor) -> str:
     samples = ((mine, here), (its, there))
     if any(np.any(planar(chain.at(sample.stamp_ns)).upside_down) for sample, chain in samples):
         return ""
-    each = [
-        (one.path.agreement or sample.agreement(chain)).all
-        for one, (sample, chain) in zip((first, second), samples, strict=True)
-    ]
-    if mine.agreement_with(its, here, there) < min(each) - LESS_ALIKE:
+    alike = mine.agreement_with(its, here, there)
+    if alike < 1.0 - LESS_ALIKE and alike < min(sample.agreement(chain).all for sample, chain in samples) - LESS_ALIKE:
         return f"it and {first.key[0]} do not see the same from where they are told to be"
     parts = [sample.outlines(MOST_OUTLINES) for sample, _ in samples]
     poses = [flat(chain.at(part.stamp_ns)) for part, (_, chain) in zip(parts, samples, strict=True)]
