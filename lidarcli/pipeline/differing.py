@@ -6,7 +6,7 @@ import json
 import math
 import zlib
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -340,9 +340,12 @@ def _of_background(text: str) -> RunThings:
     return RunThings(text, run, "" if chosen.startswith(" ") else chosen, notes=notes)
 
 
-def _key(world: str, topic: str, frame: str) -> str:
-    """Return the world of a sensor; one that lies in no common frame begins with a blank, and is its own."""
-    return f" {frame} of {topic}" if world.rpartition("/")[2] in ("", choices.MATCH, ROBOT) else world
+def _key(world: str, topic: str, frame: str, robot: Sequence[tuple[str, str]] = ()) -> str:
+    """Return the world of a sensor, which may be on a robot; one that lies in no common frame begins with a blank."""
+    if world.rpartition("/")[2] not in ("", choices.MATCH, ROBOT):
+        return world
+    topic, frame = (" and ".join(dict.fromkeys(names)) for names in zip(*(robot or [(topic, frame)]), strict=True))
+    return f" {frame} of {topic}"
 
 
 def _frame_words(key: str) -> str:
@@ -369,26 +372,30 @@ def _of_log(source: Source, options: DiffOptions, progress: Progress | None) -> 
                 if batch.topic not in cursors:
                     cursors[batch.topic] = TopicRows(pair.objects, "objects", OBJECT_COLUMNS, batch.topic)
                 objects = Objects.of(cursors[batch.topic].until(int(batch.sweep[-1]) + 1), batch)
-                is_agent = np.append(np.isin(objects.track, agents.get(batch.topic, [])), False)[objects.owners(batch)]
+                robot = reading.posing.robots.get(batch.topic, ())
+                moved = [*agents.get(batch.topic, []), *(agents.get(None, []) if robot else [])]
+                is_agent = np.append(np.isin(objects.track, moved), False)[objects.owners(batch)]
                 use = np.where(batch.status == Status.VALID, HIT, SKIPPED).astype(np.uint8)
                 for frame, at, mine in batch.by_frame():
                     world, poses = reading.posing.world_of(batch.topic, frame).strip("/"), mine.poses
                     if poses is None or not world or not np.isfinite(poses.yaw).any():
                         world, zero = "", np.zeros(len(mine))
                         poses = SweepPoses(zero, zero, zero, np.zeros(len(mine), np.bool_))
-                    world = _key(world, batch.topic, frame)
+                    world = _key(world, batch.topic, frame, robot)
                     known = np.flatnonzero(np.isfinite(poses.x + poses.y + poses.yaw))
                     survey = surveys.setdefault(world, Surveying(Counts(choices.MAP_RESOLUTION, MOST_GROUND)))
                     survey.add(placed(mine.rows(known), poses.rows(known), use[at][known]), is_agent[at][known])
                     places.setdefault(world, []).append(np.column_stack([poses.x, poses.y])[known])
             summary = reading.close()
             described = reading.describe(source)
+            robots = reading.posing.robots
     grounds = {
         world: survey.ground(max(1, min(survey.counts.sweeps, MIN_HITS_OF_ALL)), choices.OCCUPIED_RATIO)
         for world, survey in surveys.items()
         if survey.counts.sweeps
     }
-    run = _of_tracks(source.name, table, grounds, {world: np.concatenate(parts) for world, parts in places.items()})
+    found = {world: np.concatenate(parts) for world, parts in places.items()}
+    run = _of_tracks(source.name, table, grounds, found, robots)
     seconds = (max(stamps) - min(stamps)) / SECOND_NS if stamps else 0.0
     run.is_short |= summary.sweeps < LEAST_SWEEPS or seconds < LEAST_SECONDS
     run.source, run.reading = described, first
@@ -397,24 +404,41 @@ def _of_log(source: Source, options: DiffOptions, progress: Progress | None) -> 
     return run
 
 
-def _agents(table: TracksTable) -> dict[str, list[int]]:
-    """Return the tracks of each topic that travelled: what only turned on the spot stands, for all that others know."""
+def _agents(table: TracksTable) -> dict[str | None, list[int]]:
+    """Return the tracks of each topic that travelled, and those of several topics by None.
+
+    What only turned on the spot stands, for all that others know.
+    """
     rows = table.rows.to_pydict()
-    moved: dict[str, list[int]] = {}
+    moved: dict[str | None, list[int]] = {}
     for topic, track, kind, distance in zip(*(rows[name] for name in ("topic", "track", "set", "distance")), strict=True):
         if kind == "A" and distance >= LEAST_TRAVELLED:
             moved.setdefault(topic, []).append(track)
     return moved
 
 
-def _of_tracks(name: str, table: TracksTable, grounds: dict[str, Ground], places: dict[str, Float64]) -> RunThings:
-    """Return the standing things of a tracks table in the world that has most of them, with its ground."""
+def _of_tracks(
+    name: str,
+    table: TracksTable,
+    grounds: dict[str, Ground],
+    places: dict[str, Float64],
+    robots: Mapping[str, Sequence[tuple[str, str]]] | None = None,
+) -> RunThings:
+    """Return the standing things of a tracks table in the world that has most of them, with its ground.
+
+    `robots`: topic → the sensors that were followed together with it.
+    """
     rows = table.rows.to_pydict()
     # What several sensors of a robot saw is in the world of all of them.
     one = next(iter(table.poses), "")
     of = next(iter(table.poses.get(one, {}).get("pose_verdict") or {}), "")
+    of, one = next(iter((robots or {}).values()), [(of, one)])[0]
     sensors = [(topic or of, frame or one) for topic, frame in zip(rows["topic"], rows["frame_id"], strict=True)]
-    worlds = np.array([_key(world_in(table.poses.get(frame, {}), topic), topic, frame) for topic, frame in sensors], object)
+    keys = [
+        _key(world_in(table.poses.get(frame, {}), topic), topic, frame, (robots or {}).get(topic, ()))
+        for topic, frame in sensors
+    ]
+    worlds = np.array(keys, object)
     number = {each: np.array(rows[each], np.float64) for each in _MEASURED}
     sweeps = np.array(rows["sweeps"], np.int64)
     long = (sweeps >= LEAST_SWEEPS) & (np.array(rows["duration"], np.float64) >= LEAST_SECONDS)

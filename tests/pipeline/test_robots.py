@@ -204,3 +204,15 @@ def test_each_of_two_robots_has_tracks_of_its_own(tmp_path: Path, capsys: pytest
     assert numbers["/r1"].isdisjoint(numbers["/r2"])
     assert sorted(tables["tracks"]["track"].to_pylist()) == sorted(numbers["/r1"] | numbers["/r2"])
     assert len(agents_of(tables)) == 4
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("path", [PARKED, ROUND], ids=["stands", "drives"])
+def test_what_any_of_them_sees_is_compared(path: Course, tmp_path: Path) -> None:
+    """Behind the robot, where one sensor alone looks, a cupboard is gone from one place and new in another."""
+    logs = [
+        robot_log(tmp_path / f"{y}.bag", scene_of(*THINGS, make.box(-3.5, y, 0.9, 0.6), room=(HALL,), path=path))
+        for y in (-3.0, 1.0)
+    ]
+    found = [row for row in lidarcli.diff(*logs).changes.to_pylist() if row["status"] != "known"]
+    assert [row["status"] for row in found] in (["moved"], ["gone", "new"], ["new", "gone"])

@@ -279,7 +279,7 @@ def diff_options(options: Values, logs: LogOptions, *, overwrite: bool = False) 
     """Return how runs are compared."""
     from lidarcli.pipeline.differing import DiffOptions
 
-    tracking = tracking_of(defaults_of(Tracking) | {"trajectories": False, "apart": True})
+    tracking = tracking_of(defaults_of(Tracking) | {"trajectories": False})
     detect = detect_options({**defaults_of(Finding), **options}, logs, tracking)
     return DiffOptions(detect, options["align"], options["min_score"], overwrite)
 
