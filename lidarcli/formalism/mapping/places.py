@@ -25,7 +25,7 @@ MOST_STOPS = 16
 WORLDS = MOST_STOPS + 1
 """Worlds of one sensor: the first is that of its poses."""
 MOST_SENSORS = 64
-"""Most sensors of one topic that are told apart; sweeps of further frames do not vote."""
+"""Most sensors of one topic or robot that are told apart; sweeps of further frames do not vote."""
 BUILDING_VOTE = -2.0
 """[log-odds] Vote of a beam on a surface that is no body, because it is too wide."""
 GAIN, PRIOR = 1.75, -0.5
@@ -158,13 +158,17 @@ class _Sensor:
 
 
 class Places:
-    """Places of one topic: a fold over its sweeps in bounded memory; batches of any size give the same."""
+    """Places of one topic, or of all of a robot: a fold over their sweeps in bounded memory; batches of any size give the
+    same.
+    """
 
     def __init__(self) -> None:
         self._grounds: dict[int, _Votes] = {}
         """Cells by world: of each sensor that of its poses, and one for every stop where it has none."""
-        self._sensors: dict[tuple[str, int], _Sensor] = {}
-        """By frame and run of the log: the world of each run is its own."""
+        self._sensors: dict[tuple[str, str, int], _Sensor] = {}
+        """By topic, frame and run of the log: the world of each run is its own."""
+        self._shared: dict[object, int] = {}
+        """Number of the world of the poses of a robot, by its sensors, the run, and the square in which they begin."""
 
     def add(self, batch: SweepBatch, detection: Detection) -> Int64:
         """Take the votes of S sweeps; return (S,) their worlds, which `read` asks for, -1 where the sensor's place is not
@@ -196,17 +200,20 @@ class Places:
         """Return (S,) the world of each sweep, -1 for none."""
         found = np.full(len(batch), -1)
         for name, rows, mine in batch.by_frame():
-            key = name, batch.run
+            key = batch.topic, name, batch.run
             if key not in self._sensors and len(self._sensors) == MOST_SENSORS:
                 continue
             sensor = self._sensors.setdefault(key, _Sensor(WORLDS * len(self._sensors)))
             worlds = sensor.worlds(mine)
             found[rows] = np.where(worlds >= 0, sensor.first + worlds, -1)
+            if sensor.begin is not None and key[:2] in batch.robot:
+                square = tuple(round(at / REACH) for at in sensor.begin)
+                found[rows[worlds == 0]] = self._shared.setdefault((batch.robot, batch.run, square), sensor.first)
         return found
 
 
-MOST_CELLS = math.ceil(2.0 * (REACH + FARTHEST + MARGIN) / CELL + 2.0) ** 2
-"""Cells of the ground that the sweeps of one world can reach."""
+MOST_CELLS = math.ceil((3.0 * REACH + 2.0 * (FARTHEST + MARGIN)) / CELL + 2.0) ** 2
+"""Cells of the ground that the sweeps of one world can reach, whose sensors begin in one square of side `REACH`."""
 
 
 def _by_world(worlds: Int64) -> list[tuple[int, Int64]]:

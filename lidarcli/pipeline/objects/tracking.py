@@ -66,6 +66,8 @@ class LogTracker:
         self._catalogue = options.catalogue
         self._labels = names_in(options.catalogue)
         self._topics: dict[str, _Topic] = {}
+        self._places: dict[object, Places] = {}
+        """By topic, and for the sensors of a robot by these."""
         self._waits = waits
         self._judges = self._options.parameters.memory and self._parameters.profile == "robust"
         self._waiting = _WaitingBatches()
@@ -85,7 +87,7 @@ class LogTracker:
             topic.robot = topic.robot or batch.robot
             worlds = None
             if self._judges:
-                worlds = topic.places.add(batch, detection)
+                worlds = self._places_of(batch).add(batch, detection)
                 topic.sweeps += len(worlds)
                 topic.alone += int(np.count_nonzero(worlds < 0))
             if (self._waits and self._judges) or topic.robot:
@@ -139,6 +141,10 @@ class LogTracker:
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
         self._waiting.close()
 
+    def _places_of(self, batch: SweepBatch) -> Places:
+        """Return the places by which the bodies of a batch are judged."""
+        return self._places.setdefault(batch.robot or batch.topic, Places())
+
     def _waited(self, topic: str) -> Iterator[tuple[SweepBatch, Detection]]:
         """Yield the batches of a topic that have waited, as they are followed."""
         for batch_rows, worlds in self._waiting.taken(topic):
@@ -150,7 +156,7 @@ class LogTracker:
         batch, detection = batch_rows.detected
         topic, rows = self._topics[batch.topic], batch_rows.rows
         if worlds is not None:
-            by_place = topic.places.read(batch, detection, worlds)
+            by_place = self._places_of(batch).read(batch, detection, worlds)
             rows = [
                 (table, name, explained_objects(each, by_place) if table == "objects" else each)
                 for table, name, each in rows
@@ -186,9 +192,8 @@ class LogTracker:
 
 @dataclass(slots=True)
 class _Topic:
-    """Places and tracker of a topic, and the rows that wait for answers of the tracker."""
+    """Tracker of a topic, and the rows that wait for its answers."""
 
-    places: Places = field(default_factory=Places)
     sweeps: int = 0
     alone: int = 0
     """Sweeps of which the place of the sensor is not known."""

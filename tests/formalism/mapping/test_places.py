@@ -193,3 +193,24 @@ def test_each_sensor_of_a_topic_has_places_of_its_own() -> None:
     assert len({*Places().add(both, found).tolist()}) == 2
     # All of them together say neither.
     assert len({*told_of(batch, found).judged(found, 0.3).set.tolist()}) == 1
+
+
+def test_the_sensors_of_a_robot_judge_one_place_together() -> None:
+    """What one of two sensors sees as building and the other one as a thing is the same for both, by all their sweeps."""
+    batch = simulated(scene_of(make.box(2.0, 1.0, 0.5, 0.4), path=DRIVE), SWEEPS)
+    found = detect(batch, EVERYTHING)
+    keys = tuple((topic, batch.frame_ids[0]) for topic in ("/front", "/rear"))
+    sets = {}
+    for robot in ((), keys):
+        known = Places()
+        sensors = [
+            (replace(batch, topic=topic, robot=robot), replace(found, thing=np.full(len(found), share)))
+            for (topic, _), share in zip(keys, (0.95, 0.2), strict=True)
+        ]
+        worlds = [known.add(*each) for each in sensors]
+        told = [known.read(*each, there) for each, there in zip(sensors, worlds, strict=True)]
+        sets[robot] = [one.judged(each[1], 0.3).set for one, each in zip(told, sensors, strict=True)]
+    assert set(sets[()][0].tolist()) == {OBJECT}
+    assert set(sets[()][1].tolist()) == {NOISE}
+    np.testing.assert_array_equal(*sets[keys])
+    assert set(sets[keys][0].tolist()) == {OBJECT}
