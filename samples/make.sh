@@ -13,3 +13,4 @@ simulate hall.toml -o hall
 simulate people.toml -o people.csv.gz
 simulate drive.toml -o drive.db3
 simulate reflectors.toml -o reflectors.mcap
+(cd .. && "$python" -m tools.two_lasers)

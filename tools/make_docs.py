@@ -30,6 +30,7 @@ WITH_EXAMPLES = (
     "docs/citing.md",
     "docs/info.md",
     "docs/poses.md",
+    "docs/lasers.md",
     "docs/clouds.md",
     "docs/map.md",
     "docs/overlay.md",

@@ -1,5 +1,7 @@
 """The logs in samples/ are what the scenes beside them make today."""
 
+from zipfile import ZipFile
+
 import numpy as np
 import pandas as pd
 import pyarrow as pa
@@ -10,6 +12,7 @@ from rosbags.typesys import Stores, get_typestore
 
 from lidarcli.simulation import simulate
 from tests.places import SAMPLES
+from tools import two_lasers
 
 LOGS = [
     ("room", "room.mcap", {}),
@@ -67,6 +70,11 @@ def test_samples_are_small_and_documented():
         # The script works inside samples/, and takes the number of sweeps from the scene.
         inside = command.removeprefix("lidarcli ").replace("samples/", "").replace(" --sweeps 100", "")
         assert inside in script.splitlines()
+
+
+def test_the_log_of_two_lasers_is_the_one_that_its_tool_draws():
+    with ZipFile(SAMPLES / "two_lasers.zip") as packed:
+        assert packed.read("two_lasers.bag") == two_lasers.draw()
 
 
 def test_the_room_shows_its_five_objects_in_every_sweep():
