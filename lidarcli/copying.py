@@ -12,7 +12,7 @@ import tempfile
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, closing
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import chain
 from pathlib import Path
@@ -103,6 +103,8 @@ class Copy:
     """Topic → sweeps so far."""
     is_cut: bool = False
     """True while parts of the log are written, which no metadata.yaml tells to be packed."""
+    after: Callable[[Met], Sequence[Met]] | None = None
+    """Returns what is written after a message, for copies that are cut."""
     said: dict[object, Met] = field(default_factory=dict)
     """Messages that come first in a file: given ones, and in a pass those that count until the next."""
 
@@ -137,6 +139,22 @@ def replaced(message: bytes, written: ScanLayout, chosen: Bool, value: float) ->
     return data.tobytes()
 
 
+def renamed(met: Met, topic: str, data: bytes, known: dict[object, tuple[Any, Any]]) -> Met:
+    """Return a message of another topic; `known` holds what writers have been told of its messages so far."""
+    kept, *rest = met.origin if isinstance(met.origin, tuple) else (met.origin,)
+    key = id(kept), met.topic
+    if key not in known:
+        if isinstance(kept, Connection):
+            other: Any = replace(kept, topic=topic, fields={**kept.fields, "topic": topic})
+        elif isinstance(kept, TopicRow):
+            other = kept._replace(name=topic)
+        else:
+            other = Catalogue({rest[0]: replace(kept.channels[rest[0]], topic=topic)}, kept.schemas)
+        known[key] = kept, other
+    other = known[key][1]
+    return met._replace(topic=topic, data=data, origin=(other, *rest) if isinstance(met.origin, tuple) else other)
+
+
 def copy_log(log: Log, targets: Path | Targets, copy: Copy) -> None:
     """Write a log of any of the containers once more (`OutputError`); without targets `copy` sees its messages."""
     every = [(targets, None)] if isinstance(targets, Path) else targets
@@ -168,6 +186,7 @@ def _write(logs: Iterable[Log], targets: Targets, copy: Copy) -> None:
             make = next(records)
             writers = writers or [make(stack.enter_context, path, whole) for path, _ in targets]
             for met in records:
+                more = copy.after(met) if copy.after is not None and isinstance(met, Met) else ()
                 if not isinstance(met, Met):
                     for writer in writers:
                         writer.add(met)
@@ -175,7 +194,7 @@ def _write(logs: Iterable[Log], targets: Targets, copy: Copy) -> None:
                 for at, (writer, (_, cut)) in enumerate(zip(writers, targets, strict=True)):
                     if cut and not cut.first_ns <= met.record_ns <= cut.last_ns:
                         continue
-                    for one in (*(copy.said.values() if at not in begun else ()), met):
+                    for one in (*(copy.said.values() if at not in begun else ()), met, *more):
                         if not cut or one.topic not in cut.leaves:
                             copy.messages[one.topic, one.type] += 1
                             writer.write(one._replace(record_ns=met.record_ns))

@@ -14,7 +14,7 @@ from rosbags.serde import SerdeError
 from lidarcli.findings import OFF
 from lidarcli.range_rules import RangeRules, normalise
 from lidarcli.ros.messages import ROS1, ROS2, SCAN
-from lidarcli.sweeps import TURN, Int64, RawSweeps, Status
+from lidarcli.sweeps import TURN, Float32, Int64, RawSweeps, Status
 from lidarcli.times import SECOND_NS
 
 Step = Callable[[Any, int], bool]
@@ -149,3 +149,20 @@ def time(scan: Any, _: int, turn: float, at_once: bool) -> bool:
         if (told := getattr(scan, name)) and not abs(abs(told) - number) <= OFF * number
     }
     return _set(scan, **wrong)
+
+
+def merged(data: bytes, encoding: str, frame: str, ranges: Float32, most: float) -> bytes | None:
+    """Return a message like another one with ranges (B,) all around a frame; None for one that holds more than a LaserScan.
+
+    `most`: the greatest range that one of the sensors measures [m].
+    """
+    is_cdr = encoding == "cdr"
+    try:
+        scan: Any = ROS2.deserialize_cdr(data, SCAN) if is_cdr else ROS1.deserialize_ros1(data, SCAN)
+    except SerdeError:
+        return None
+    scan.header.frame_id, scan.ranges, scan.intensities = frame, ranges, np.zeros(0, np.float32)
+    step = TURN / len(ranges)
+    _set(scan, angle_min=-TURN / 2, angle_max=TURN / 2 - step, angle_increment=step, time_increment=0.0)
+    _set(scan, range_min=0.0, range_max=most)
+    return bytes(ROS2.serialize_cdr(scan, SCAN) if is_cdr else ROS1.serialize_ros1(scan, SCAN))

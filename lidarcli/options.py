@@ -624,6 +624,14 @@ class Cleaning(_Topic, Window, Run, Poses, Delay, _Objects, Limits, Jobs, Around
         "Mend faults: found (those that info with --deep finds), or, comma separated, beams, stamps, angles, times, order, "
         "limits, no-return, frames, statics, clock (docs/clean.md).",
     ]
+    merge: Annotated[
+        str | None,
+        Option(MENDING, Text("TOPIC"), shown="none", unless=("mend", "clips")),
+        "Also write the sensors of a robot as one LaserScan on this topic: the nearest return by bearing (docs/clean.md).",
+    ]
+    merge_frame: Annotated[
+        str | None, Option(MENDING, Text("FRAME"), shown="the robot itself"), "Frame of the merged sweeps."
+    ]
     clips: Annotated[
         AnyPath | None,
         Option(CLIPS, File("FILE.parquet"), shown="none", unless=("start", "end", "run")),

@@ -116,21 +116,21 @@ def imported(path: Path) -> set[str]:
 
 
 LINES = {
-    "cli": 2_915,
+    "cli": 2_920,
     "formalism": 16_090,
     "logs": 11_465,
     "overlays": 1_155,
-    "pipeline": 16_270,
+    "pipeline": 16_505,
     "pose": 2_840,
     "reports": 6_820,
     "ros": 315,
     "simulation": 2_340,
     "tabular": 2_030,
-    "lidarcli": 6_480,
+    "lidarcli": 6_500,
 }
 """Most lines of Python of each room, and of the files beside them: lower them as code goes; who raises one says why."""
 MOST_FILES = 195
-"""Two more for mending (a message, a log), one for the sensors of a robot (`robots`)."""
+"""One more for the sensors of a robot (`robots`), one for what merges them (`merging`)."""
 
 
 def test_imports_run_one_way() -> None:

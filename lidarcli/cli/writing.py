@@ -227,6 +227,7 @@ class CleanCommand(Reported, Cleaning, total=False):
   lidarcli clean run.bag -o run.clean.bag --mask robot.toml
   lidarcli clean run.mcap -o run.clean.mcap --value inf --margin 2
   lidarcli clean run.bag -o run.mended.bag --remove none --mend
+  lidarcli clean run.bag -o merged.bag --remove none --merge /scan
   lidarcli clean run.mcap -o part.mcap --remove none --start 10 --end 20
   lidarcli clean run.mcap -o clips --remove none --clips run.events.parquet
   lidarcli map run.clean.mcap -o room.yaml""",

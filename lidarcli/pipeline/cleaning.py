@@ -7,7 +7,7 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path, PurePosixPath
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import pyarrow as pa
@@ -34,7 +34,7 @@ from lidarcli.pipeline.inputs.tables import TableSet, contradicted, world_in
 from lidarcli.pipeline.mending import FOREVER, Mending, clips_of, cut_of, plan, survey
 from lidarcli.pipeline.objects.detection import DetectOptions
 from lidarcli.pipeline.reading.masking import masking_of
-from lidarcli.pipeline.reading.one_log import Progress, RunSummary, damage_lines, rules_of
+from lidarcli.pipeline.reading.one_log import Progress, Reading, RunSummary, damage_lines, rules_of
 from lidarcli.pipeline.reading.posing import NO_POSES, NONE, Need, PoseAttacher
 from lidarcli.pipeline.zone_counting import OBJECT_COLUMNS, Objects
 from lidarcli.pose.fit import Key
@@ -47,6 +47,9 @@ from lidarcli.tabular.schemas import CLEANED, SCHEMAS
 from lidarcli.tabular.writing import PARAMETERS, SOURCE, ParquetSink, table_metadata, table_suffix
 from lidarcli.times import SECOND_NS, Instant
 from lidarcli.zone import WORLD
+
+if TYPE_CHECKING:
+    from lidarcli.pipeline.merging import Merging
 
 MOST_PLACED = 0.5
 """A sensor is placed if poses tell where it was at this share of its sweeps."""
@@ -92,6 +95,10 @@ class CleanOptions:
     """Table with a row for each log that is written."""
     around: float = AROUND
     """Time before and after each of its rows [s]."""
+    merge: str | None = None
+    """Topic of the merged sweeps of a robot; None: none are written."""
+    merge_frame: str | None = None
+    """Frame of these; None: that of the robot itself."""
 
     def inputs(self, sources: Sequence[Source]) -> list[str]:
         """Return the files that are read, none of which an output may replace."""
@@ -99,14 +106,20 @@ class CleanOptions:
 
     @property
     def is_cut(self) -> bool:
-        """True if only a part of the log is written."""
+        """True if only a part of the log is written, or more than it: of a folder one file."""
+        return self.merge is not None or not self.is_whole
+
+    @property
+    def is_whole(self) -> bool:
+        """True if no part of the log is left out."""
         read = self.detect.read
-        return any(each is not None for each in (read.start, read.end, read.run, self.clips))
+        return all(each is None for each in (read.start, read.end, read.run, self.clips))
 
     def as_dict(self) -> dict[str, Any]:
         """Return all options that the result depends on, as plain values, for the table's metadata."""
         own: dict[str, Any] = {"remove": sorted(self.remove), "value": self.value, "margin": self.margin}
         own |= {"mend": sorted(self.mend)} if self.mend is not None else {}
+        own |= {"merge": [self.merge, self.merge_frame]} if self.merge is not None else {}
         return self.detect.as_dict() | own
 
 
@@ -164,8 +177,11 @@ def clean_log(source: Source, path: Place, options: CleanOptions, progress: Prog
         outputs = [*cuts, *table]
         new = stack.enter_context(NewFiles(outputs, options.overwrite, _bag(log, source, path, options.is_cut)))
         targets = [(new.part(each), cut) for each, cut in cuts.items()]
+        merging = _merging(source, log, options, stack) if options.merge is not None else None
         copy = mending.copy(log)
         if not options.remove:
+            if merging is not None:
+                copy = merging.copy(copy)
             with writing(path):
                 copy_log(log, targets, copy)
             summary = CleanSummary(sweeps=copy.sweeps.total(), topics={*copy.sweeps})
@@ -182,7 +198,7 @@ def clean_log(source: Source, path: Place, options: CleanOptions, progress: Prog
                     copy_log(log, Path(mended.path), copy)
                 source, log = mended, stack.enter_context(open_source(mended, opening))
             private = new.part(table[0]).with_name(f"{path.name}.tables")
-            summary, copy = _emptied(source, log, private, targets, options, progress)
+            summary, copy = _emptied(source, log, private, targets, options, merging, progress)
             with ParquetSink(new.part(table[0]), summary.table.schema, table[0]) as sink:
                 for rows in summary.table.to_batches():
                     sink.write(rows)
@@ -199,6 +215,8 @@ def clean_log(source: Source, path: Place, options: CleanOptions, progress: Prog
         if copy.left_out:
             summary.notes.append(f"{counted(copy.left_out, 'record')} of applications are not copied")
         summary.notes += mending.left
+        if merging is not None:
+            summary.notes += merging.notes()
         if not cuts:
             summary.notes.append(f"no row of {options.clips} is of this log: no clip is written")
         summary.notes += new.publish()
@@ -209,10 +227,13 @@ def clean_log(source: Source, path: Place, options: CleanOptions, progress: Prog
 def _planned(source: Source, log: Log, path: Place, options: CleanOptions) -> tuple[Mending, dict[Place, Cut | None]]:
     """Return how a log is mended, and what is written: each with its part of the log, None for all of it."""
     detect, asked = options.detect, options.detect.read
-    if options.mend is None and not options.is_cut and (options.remove or asked.rules.masks is None):
-        if not options.remove:
-            raise OptionError("--remove none leaves nothing to do: add --mend, --start, --end, --run, --clips or --mask")
-        return Mending(), {path: None}
+    whole: dict[Place, Cut | None] = {path: None if options.merge is None else Cut(-FOREVER, FOREVER)}
+    if options.mend is None and options.is_whole and (options.remove or asked.rules.masks is None):
+        if not options.remove and options.merge is None:
+            raise OptionError(
+                "--remove none leaves nothing to do: add --mend, --merge, --start, --end, --run, --clips or --mask"
+            )
+        return Mending(), whole
     # Where beams are removed those of the robot are, too.
     masks = None if options.remove else masking_of(log, asked.rules, detect.poses, asked.topics).rules.masks
     read = replace(asked, rules=replace(asked.rules, masks=masks), start=None, end=None, run=None)
@@ -229,8 +250,8 @@ def _planned(source: Source, log: Log, path: Place, options: CleanOptions) -> tu
         every = clips_of(options.clips, source.name, options.around)
         clips = {path / f"{stem}.{name}{suffix}": cut_of(*times, None, seen, leaves) for name, times in every.items()}
         return mending, {name: cut for name, cut in clips.items() if cut is not None}
-    if not options.is_cut:
-        return mending, {path: None}
+    if options.is_whole:
+        return mending, whole
     refuse_run(asked.run, max(int(each.run.max()) for each in seen.values()))
     begin = min(int(each.blocks[0].time_ns[0]) for each in seen.values())
     first, last = (
@@ -244,7 +265,13 @@ def _planned(source: Source, log: Log, path: Place, options: CleanOptions) -> tu
 
 
 def _emptied(
-    source: Source, log: Log, private: Path, targets: Targets, options: CleanOptions, progress: Progress | None
+    source: Source,
+    log: Log,
+    private: Path,
+    targets: Targets,
+    options: CleanOptions,
+    merging: Merging | None,
+    progress: Progress | None,
 ) -> tuple[CleanSummary, Copy]:
     """Write a log without what moves in it."""
     pair, first = detect_to_temporary(source, private, options.detect, progress)
@@ -261,7 +288,7 @@ def _emptied(
     _refuse_motion(log, pair, described, options, rules, blind)
     chosen = choose(log, pair, options, rules, first.posing, second_half(progress, source.size))
     editing = _Editing(chosen, options.value)
-    copy = Copy(editing)
+    copy = Copy(editing) if merging is None else merging.copy(Copy(editing))
     with writing(private.parent):
         copy_log(log, targets, copy)
     editing.conclude(copy.sweeps)
@@ -271,6 +298,18 @@ def _emptied(
     table = restamped(_table(source.name, chosen), options.detect.stamps)
     summary.table = table.replace_schema_metadata(table_metadata(options.as_dict(), described, damage))
     return summary, copy
+
+
+def _merging(source: Source, log: Log, options: CleanOptions, stack: ExitStack) -> Merging:
+    """Return what merges the sensors of a robot; it reads the log beside the pass that copies it."""
+    # Most copies merge nothing, and should not wait for this import.
+    from lidarcli.pipeline.merging import merging_of
+
+    read = replace(options.detect.read, start=None, end=None, run=None)
+    poses = replace(options.detect.poses, together=True)
+    beside = stack.enter_context(open_source(source, replace(options.detect.opening, segments=KEEP)))
+    reading = stack.enter_context(Reading(beside, read, poses, Need.ALL))
+    return merging_of(log, reading, options.merge or "", options.merge_frame)
 
 
 def _table_path(path: Place) -> Place:

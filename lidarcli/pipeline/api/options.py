@@ -298,6 +298,8 @@ def clean_options(options: Values, *, overwrite: bool = False) -> CleanOptions:
         None if options["mend"] is None else _words("mend", options["mend"], parse_mends),
         None if options["clips"] is None else place(fspath(options["clips"])),
         _around(options["around"]),
+        options["merge"],
+        options["merge_frame"],
     )
 
 

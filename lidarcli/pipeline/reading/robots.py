@@ -10,6 +10,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from lidarcli.display import some_of
+from lidarcli.errors import OptionError
 from lidarcli.masks import Mount
 from lidarcli.pipeline.reading.deep import DRIFTING, FIXED, SURE, UNSURE, differs
 from lidarcli.pipeline.reading.path_check import CheckedPath
@@ -221,3 +222,18 @@ def _misplaced(first: _Sensor, second: _Sensor) -> str:
     x, y, yaw = settled.values.tolist()
     off = f"{math.hypot(x, y):.2f} m and {abs(math.degrees(yaw)):.1f} degrees"
     return f"by what both see it is {off} from where it is told to be beside {first.key[0]}"
+
+
+def mount_on(
+    key: Key, frame: str | None, tracks: Iterable[Track], mounts: Sequence[Mount], scans: Collection[str]
+) -> PoseChain:
+    """Return the chain from a sensor to a frame of its robot, by default the robot itself; `OptionError`: there is none."""
+    links = [_fixed(mount) for mount in mounts] + [one for one in tracks if one.is_link and _is_mount(one)]
+    tree = FrameTree(links, key[0], scans)
+    start = tree.sensor(frame_name(key[1]))
+    steps = tree.to_base(start) if frame is None else tree.path(start, frame_name(frame))
+    if steps is None:
+        raise OptionError(f"--merge-frame {frame}: nothing tells where {key[1]} of {key[0]} is in it")
+    target = steps[-1].target if steps else start
+    steps = steps or (Step(_fixed(Mount(start, start, 0.0, 0.0, 0.0)), down=False),)
+    return PoseChain((), start, target, steps)

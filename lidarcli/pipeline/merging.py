@@ -1,0 +1,179 @@
+"""The sensors of a robot as one LaserScan: the nearest return by bearing, from one frame of the robot (docs/clean.md)."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from lidarcli.copying import Copy, Edit, Met, renamed
+from lidarcli.errors import OptionError
+from lidarcli.formalism.mapping.grid import CLEAR, HIT, SKIPPED, placed
+from lidarcli.logs.base import Log
+from lidarcli.logs.blocks import ScanLayout
+from lidarcli.mending import merged
+from lidarcli.pipeline.inputs.sources import read_pose_messages
+from lidarcli.pipeline.reading.one_log import Reading
+from lidarcli.pipeline.reading.robots import Key, mount_on
+from lidarcli.pose.sources import PoseChain
+from lidarcli.pose.tracks import planar
+from lidarcli.sweeps import TURN, Bool, Float64, Status, SweepBatch, UInt8
+from lidarcli.times import SECOND_NS
+
+OLDEST = 0.25
+"""A sweep that is older than this [s] adds nothing to one of the first sensor."""
+
+
+class _Seen(NamedTuple):
+    """A sweep, its beams in the world."""
+
+    stamp_ns: int
+    end: Float64
+    """(2, B) ends of its beams [m]."""
+    use: UInt8
+    """(B,) as of `placed`."""
+    range_max: float
+    base: Float64
+    """x, y and yaw of the frame of the merged sweeps [m, rad]; of the first sensor alone."""
+
+
+@dataclass(slots=True)
+class Merging:
+    """The merged sweeps of a log, made while it is copied: for each sweep of the first sensor one, with its stamp."""
+
+    topic: str
+    encoding: str
+    keys: tuple[Key, ...]
+    batches: Iterator[SweepBatch]
+    """The sweeps of all these, with their poses."""
+    mount: PoseChain
+    """Chain from the first sensor to the frame of the merged sweeps."""
+    inner: Edit | None = None
+    """What is done with each message before."""
+    missed: int = 0
+    """Sweeps of the first sensor without a place."""
+    _beams: int = 0
+    _waiting: dict[str, deque[tuple[int, _Seen | None]]] = field(default_factory=dict)
+    _latest: dict[str, tuple[_Seen, Bool]] = field(default_factory=dict)
+    """Topic → its last sweep, and (B,) True for the beams that are removed."""
+    _made: bytes | None = None
+    _origins: dict[object, tuple[Any, Any]] = field(default_factory=dict)
+
+    def __call__(self, topic: str, number: int, data: bytes, written: ScanLayout) -> bytes:
+        """Return the message to write, as `copying.Edit`."""
+        new = data if self.inner is None else self.inner(topic, number, data, written)
+        if topic not in {name for name, _ in self.keys}:
+            return new
+        if (seen := self._sweep(topic, number)) is None:
+            self.missed += topic == self.keys[0][0]
+            return new
+        hidden = np.zeros(len(seen.use), np.bool_)
+        if new is not data and len(new) == len(data):
+            before, after = (np.frombuffer(each, np.uint8) for each in (data, new))
+            wide = written.place[:, None] + np.arange(np.dtype(written.kind).itemsize)
+            hidden[written.beam[(before[wide] != after[wide]).any(axis=1)]] = True
+        self._latest[topic] = seen, hidden
+        if topic == self.keys[0][0]:
+            self._made = self._merged(seen, data)
+            self.missed += self._made is None
+        return new
+
+    def copy(self, copy: Copy) -> Copy:
+        """Return a copy that writes the merged sweeps, too."""
+        self.inner = copy.edit
+        return replace(copy, edit=self, after=self.after)
+
+    def notes(self) -> list[str]:
+        """Return what the run has to say."""
+        names = ", ".join(name for name, _ in self.keys)
+        lines = [f"{self.topic} is {names} merged, in {self.mount.world}: a sweep for each of {self.keys[0][0]}"]
+        missed = f"{self.missed:,} sweeps of {self.keys[0][0]} have no place, and no merged one"
+        return [*lines, *([missed] if self.missed else [])]
+
+    def after(self, met: Met) -> Sequence[Met]:
+        """Return what is written after a message."""
+        data, self._made = self._made, None
+        return () if data is None else (renamed(met, self.topic, data, self._origins),)
+
+    def _sweep(self, topic: str, number: int) -> _Seen | None:
+        """Return a sweep; None where nothing tells its place."""
+        waiting = self._waiting.setdefault(topic, deque())
+        while not waiting or waiting[-1][0] < number:
+            if (batch := next(self.batches, None)) is None:
+                return None
+            self._take(batch)
+        while waiting[0][0] < number:
+            waiting.popleft()
+        return waiting[0][1] if waiting[0][0] == number else None
+
+    def _take(self, batch: SweepBatch) -> None:
+        poses, waiting = batch.poses, self._waiting.setdefault(batch.topic, deque())
+        if poses is None or not batch.robot:
+            waiting += [(number, None) for number in batch.sweep.tolist()]
+            return
+        is_clear = batch.status == Status.NO_RETURN
+        use = np.where(batch.status == Status.VALID, HIT, np.where(is_clear, CLEAR, SKIPPED)).astype(np.uint8)
+        # A beam without a return counts in its direction alone.
+        end = placed(batch, poses, use, np.where(is_clear, np.float32(10.0), batch.ranges)).end
+        base = np.zeros((len(batch), 3))
+        if batch.topic == self.keys[0][0]:
+            self._beams = self._beams or round(TURN / abs(float(batch.angle_increment[0])))
+            mount = planar(self.mount.at(batch.stamp_ns))
+            yaw = poses.yaw - mount.yaw
+            cos, sin = np.cos(yaw), np.sin(yaw)
+            base = np.column_stack([poses.x - cos * mount.x + sin * mount.y, poses.y - sin * mount.x - cos * mount.y, yaw])
+        known = np.isfinite(poses.x) & np.isfinite(poses.yaw) & np.isfinite(base).all(axis=1)
+        for row, number in enumerate(batch.sweep.tolist()):
+            stamp_ns, most = int(batch.stamp_ns[row]), float(batch.range_max[row])
+            seen = _Seen(stamp_ns, end[:, row, : batch.beams[row]], use[row, : batch.beams[row]], most, base[row])
+            waiting.append((number, seen if known[row] else None))
+
+    def _merged(self, first: _Seen, data: bytes) -> bytes | None:
+        """Return the message for a sweep of the first sensor, which is `data`."""
+        x, y, yaw = first.base
+        cos, sin = np.cos(yaw), np.sin(yaw)
+        nearest, clear, most = np.full(self._beams, np.inf), np.zeros(self._beams, np.bool_), 0.0
+        for seen, hidden in self._latest.values():
+            if abs(first.stamp_ns - seen.stamp_ns) > OLDEST * SECOND_NS:
+                continue
+            right, up = seen.end[0] - x, seen.end[1] - y
+            bearing = np.arctan2(cos * up - sin * right, cos * right + sin * up) + TURN / 2
+            for use in (HIT, CLEAR):
+                rows = np.flatnonzero((seen.use == use) & ~hidden)
+                at = np.rint(bearing[rows] * (self._beams / TURN)).astype(np.int64) % self._beams
+                if use == CLEAR:
+                    clear[at] = True
+                else:
+                    np.minimum.at(nearest, at, np.hypot(right, up)[rows])
+            most = max(most, seen.range_max)
+        ranges = np.where(np.isinf(nearest) & ~clear, np.nan, nearest).astype(np.float32)
+        return merged(data, self.encoding, self.mount.world, ranges, most)
+
+
+def merging_of(log: Log, reading: Reading, topic: str, frame: str | None) -> Merging:
+    """Return what merges the sensors of the robot of a log into a topic; `reading` has their sweeps.
+
+    Raises
+    ------
+    OptionError
+        The log has the topic, or no sensors that can be merged, or no such frame.
+    """
+    topics = {each.name: each for each in log.topics() or ()}
+    if topic in topics:
+        raise OptionError(f"--merge: the log has a topic {topic}; give another name")
+    robots = {keys for one in reading.posing.every for keys in one.robots.values()}
+    if len(robots) != 1:
+        why = "several robots; choose one by --topic" if robots else "; ".join(reading.posing.remarks) or "one sensor"
+        raise OptionError(f"--merge: no sensors of one robot: {why}")
+    (keys,) = robots
+    if odd := [name for name, _ in keys if not topics[name].is_laserscan]:
+        raise OptionError(f"--merge: {odd[0]} is a {topics[odd[0]].type}, and only a LaserScan of ROS is merged")
+    posing = reading.posing
+    tracks = posing.found.sources.tracks if posing.found is not None else read_pose_messages(log).tracks
+    masks = reading.masking.rules.masks
+    scans = [each.name for each in topics.values() if each.is_scan]
+    mount = mount_on(keys[0], frame, tracks, () if masks is None else masks.mounts, scans)
+    return Merging(topic, topics[keys[0][0]].encoding, keys, reading.batches(), mount)
