@@ -152,10 +152,7 @@ def time(scan: Any, _: int, turn: float, at_once: bool) -> bool:
 
 
 def merged(data: bytes, encoding: str, frame: str, ranges: Float32, most: float) -> bytes | None:
-    """Return a message like another one with ranges (B,) all around a frame; None for one that holds more than a LaserScan.
-
-    `most`: the greatest range that one of the sensors measures [m].
-    """
+    """Return a message like another one with ranges (B,) up to `most` [m] all around a frame; None for an odd one."""
     is_cdr = encoding == "cdr"
     try:
         scan: Any = ROS2.deserialize_cdr(data, SCAN) if is_cdr else ROS1.deserialize_ros1(data, SCAN)

@@ -120,7 +120,7 @@ LINES = {
     "formalism": 16_090,
     "logs": 11_465,
     "overlays": 1_155,
-    "pipeline": 16_505,
+    "pipeline": 16_495,
     "pose": 2_840,
     "reports": 6_820,
     "ros": 315,

@@ -178,10 +178,8 @@ def clean_log(source: Source, path: Place, options: CleanOptions, progress: Prog
         new = stack.enter_context(NewFiles(outputs, options.overwrite, _bag(log, source, path, options.is_cut)))
         targets = [(new.part(each), cut) for each, cut in cuts.items()]
         merging = _merging(source, log, options, stack) if options.merge is not None else None
-        copy = mending.copy(log)
+        copy = mending.copy(log) if merging is None else merging.copy(mending.copy(log))
         if not options.remove:
-            if merging is not None:
-                copy = merging.copy(copy)
             with writing(path):
                 copy_log(log, targets, copy)
             summary = CleanSummary(sweeps=copy.sweeps.total(), topics={*copy.sweeps})
@@ -214,9 +212,7 @@ def clean_log(source: Source, path: Place, options: CleanOptions, progress: Prog
         summary.copied = _copied(copy, summary.topics if options.remove else None)
         if copy.left_out:
             summary.notes.append(f"{counted(copy.left_out, 'record')} of applications are not copied")
-        summary.notes += mending.left
-        if merging is not None:
-            summary.notes += merging.notes()
+        summary.notes += [*mending.left, *(merging.notes() if merging is not None else [])]
         if not cuts:
             summary.notes.append(f"no row of {options.clips} is of this log: no clip is written")
         summary.notes += new.publish()
@@ -306,9 +302,8 @@ def _merging(source: Source, log: Log, options: CleanOptions, stack: ExitStack) 
     from lidarcli.pipeline.merging import merging_of
 
     read = replace(options.detect.read, start=None, end=None, run=None)
-    poses = replace(options.detect.poses, together=True)
     beside = stack.enter_context(open_source(source, replace(options.detect.opening, segments=KEEP)))
-    reading = stack.enter_context(Reading(beside, read, poses, Need.ALL))
+    reading = stack.enter_context(Reading(beside, read, replace(options.detect.poses, together=True), Need.ALL))
     return merging_of(log, reading, options.merge or "", options.merge_frame)
 
 

@@ -89,9 +89,8 @@ class Merging:
     def notes(self) -> list[str]:
         """Return what the run has to say."""
         names = ", ".join(name for name, _ in self.keys)
-        lines = [f"{self.topic} is {names} merged, in {self.mount.world}: a sweep for each of {self.keys[0][0]}"]
-        missed = f"{self.missed:,} sweeps of {self.keys[0][0]} have no place, and no merged one"
-        return [*lines, *([missed] if self.missed else [])]
+        missed = f"; {self.missed:,} of these have no place, and no merged one" if self.missed else ""
+        return [f"{self.topic} is {names} merged, in {self.mount.world}: a sweep for each of {self.keys[0][0]}{missed}"]
 
     def after(self, met: Met) -> Sequence[Met]:
         """Return what is written after a message."""
@@ -141,13 +140,10 @@ class Merging:
                 continue
             right, up = seen.end[0] - x, seen.end[1] - y
             bearing = np.arctan2(cos * up - sin * right, cos * right + sin * up) + TURN / 2
-            for use in (HIT, CLEAR):
-                rows = np.flatnonzero((seen.use == use) & ~hidden)
-                at = np.rint(bearing[rows] * (self._beams / TURN)).astype(np.int64) % self._beams
-                if use == CLEAR:
-                    clear[at] = True
-                else:
-                    np.minimum.at(nearest, at, np.hypot(right, up)[rows])
+            at = np.rint(np.nan_to_num(bearing) * (self._beams / TURN)).astype(np.int64) % self._beams
+            hit, free = ((seen.use == use) & ~hidden for use in (HIT, CLEAR))
+            np.minimum.at(nearest, at[hit], np.hypot(right, up)[hit])
+            clear[at[free]] = True
             most = max(most, seen.range_max)
         ranges = np.where(np.isinf(nearest) & ~clear, np.nan, nearest).astype(np.float32)
         return merged(data, self.encoding, self.mount.world, ranges, most)
@@ -156,10 +152,7 @@ class Merging:
 def merging_of(log: Log, reading: Reading, topic: str, frame: str | None) -> Merging:
     """Return what merges the sensors of the robot of a log into a topic; `reading` has their sweeps.
 
-    Raises
-    ------
-    OptionError
-        The log has the topic, or no sensors that can be merged, or no such frame.
+    `OptionError`: the log has the topic, or no sensors that can be merged, or no such frame.
     """
     topics = {each.name: each for each in log.topics() or ()}
     if topic in topics:
