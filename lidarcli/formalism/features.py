@@ -339,7 +339,8 @@ def measure_lines(features: Features, points: Points, faces: Faces, scans: Scans
         return
     values[at + OWN_LINE] = _on_line(features, points, faces, k, face)
     aligned, support, told = features.aligned[face], features.supported, 0.0
-    if arm >= 0:
+    # All points of a body may lie on one place.
+    if arm >= 0 and faces.length[face] > 0.0:
         told = 1.0 - _share(faces.length[arm] / (ARM * faces.length[face]))
     # A second face that is much shorter tells nothing.
     if told > 0.0:

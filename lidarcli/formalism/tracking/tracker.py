@@ -25,7 +25,7 @@ from lidarcli.formalism.tracking.keyframes import Keyframes
 from lidarcli.formalism.tracking.measurement import Detections, Measurements
 from lidarcli.formalism.tracking.results import TrackedBatch, Tracks, Trajectories
 from lidarcli.formalism.tracking.sweep_tracker import SweepTracker
-from lidarcli.formalism.tracking.tracks import Naming, SizeMeasurements, Track, standing, tracks_of
+from lidarcli.formalism.tracking.tracks import SWEEP, Naming, SizeMeasurements, Track, standing, tracks_of
 from lidarcli.formalism.tracking.windows import RESULT, TrackRegistry, Window, WindowResult
 from lidarcli.sweeps import Bool, Float64, Int32, Int64, SweepBatch
 
@@ -68,10 +68,8 @@ class _Progress:
     detections: Detections
     sensor: Int64
     """(S,) index of the sensor of each sweep."""
-    posed: Bool
-    placed: Bool
-    seconds: Float64
-    """(S,) as of `Trajectories`."""
+    rows: NDArray[np.void]
+    """(S,) `SWEEP`."""
     sizes: SizeMeasurements | None
     numbers: Int64
     """(K,) number of the tracklet of each object."""
@@ -301,14 +299,16 @@ class Tracker:
             sizes = Naming(self._catalogue).measure(batch, detection, then)
         pending = _PendingBatch(batch, detection, np.empty(len(detection), RESULT), len(batch))
         self._pending.append(pending)
+        each = (batch.sweep, batch.stamp_ns, batch.seconds(), posed, sensor, placed)
+        all_rows: NDArray[np.void] = np.empty(len(batch), SWEEP)
+        for name, values in zip(SWEEP.names or (), each, strict=True):
+            all_rows[name] = values
         return _Progress(
             pending,
             scans_of_batch,
             Detections(detection, poses, seconds, motion, shares, placed),
             sensor,
-            posed,
-            placed,
-            batch.seconds(),
+            all_rows,
             sizes,
             np.zeros(len(detection), np.int64),
             np.searchsorted(detection.row, np.arange(len(batch) + 1)).tolist(),
@@ -323,8 +323,9 @@ class Tracker:
             if self._run:
                 self._end_run()
             self._run = batch.run
-        edges = np.flatnonzero(np.diff(going.sensor[going.row : end])) + going.row + 1
-        for stop in [*edges.tolist(), end]:
+        sensors = going.sensor[going.row : end]
+        edges = (np.flatnonzero(np.diff(sensors)) + going.row + 1).tolist() if len(batch.frame_ids) > 1 else []
+        for stop in [*edges, end]:
             sensor = going.sensor.item(going.row)
             index = self._follower_of(sensor)
             follower = self._followers[index]
@@ -337,26 +338,19 @@ class Tracker:
         """Follow sweeps of one sensor up to a row or to the end of the window."""
         follower = self._followers[index]
         tracker, register = follower.tracker, follower.register
-        begin, before, batch = going.row, tracker.sweeps, going.pending.batch
-        tracker.moves = bool(going.posed[begin])
+        begin, before = going.row, tracker.sweeps
+        tracker.moves = bool(going.rows["posed"][begin])
         window = self._windows[-1].setdefault(index, Window(before))
         row, stop = begin, min(stop, begin + follower.window - (before - window.begin))
         while (row := tracker.process(going.detections, going.scans, row, stop, going.numbers)) < stop:
             follower.enlarge()
         going.row = row
-        objects, some = slice(going.offsets[begin], going.offsets[row]), slice(begin, row)
+        objects = slice(going.offsets[begin], going.offsets[row])
         window.numbers.append(going.numbers[objects])
         window.sweeps.append(going.pending.detection.row[objects] + (before - begin))
         window.pieces.append((going.pending, objects, row - begin))
         window.count += row - begin
-        register.sweeps.add(
-            batch.sweep[some],
-            batch.stamp_ns[some],
-            going.seconds[some],
-            tracker.moves,
-            going.sensor[some],
-            going.placed[some],
-        )
+        register.sweeps.add(going.rows[begin:row])
         if going.sizes is not None:
             window.sizes.append(going.sizes[objects])
         if tracker.sweeps - window.begin == follower.window:

@@ -387,16 +387,14 @@ class Sweeps:
         self.count = 0
         self._rows = np.empty(0, SWEEP)
 
-    def add(self, *columns: Any) -> None:
-        """Add the next sweeps, by the columns of `SWEEP`."""
-        stop = self.count + len(columns[0])
+    def add(self, rows: NDArray[np.void]) -> None:
+        """Add the next sweeps."""
+        stop = self.count + len(rows)
         if stop > len(self._rows):
             more = np.empty(max(len(self._rows) * 5 // 4, stop), SWEEP)
             more[: self.count] = self._rows[: self.count]
             self._rows = more
-        new = self.of(self.count, stop)
-        for name, values in zip(SWEEP.names or (), columns, strict=True):
-            new[name] = values
+        self._rows[self.count : stop] = rows
         self.count = stop
 
     def of(self, begin: int, stop: int) -> NDArray[np.void]:

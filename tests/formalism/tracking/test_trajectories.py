@@ -12,7 +12,7 @@ from benchmarks.tracking.recordings import Detected, Recording, detected, in_bat
 from lidarcli.formalism import Parameters
 from lidarcli.formalism.detection import AGENT
 from lidarcli.formalism.tracking.results import FRAMES, HIDDEN, PARTLY, Tracks, Trajectories
-from lidarcli.formalism.tracking.tracks import PARTLY_BIT, PARTS_MASK, Path, Sweeps, Track, joined
+from lidarcli.formalism.tracking.tracks import PARTLY_BIT, PARTS_MASK, SWEEP, Path, Sweeps, Track, joined
 from lidarcli.sweeps import Int64
 
 WALKERS = Cell("people", "1081", 0.01, "parked")
@@ -72,7 +72,8 @@ def test_what_moves_is_where_it_truly_was(run: Run) -> None:
 
 def test_the_way_of_a_track_goes_on_from_piece_to_piece() -> None:
     sweeps, track = Sweeps(), Track(number=3)
-    sweeps.add(np.arange(40, 60), np.arange(20) * 10**8, np.arange(20) / 10, False, 0, True)
+    rows = [(40 + each, each * 10**8, each / 10, False, 0, True) for each in range(20)]
+    sweeps.add(np.array(rows, SWEEP))
     way = np.zeros((10, 9))
     way[:, 0], way[:, 2], way[:, 4:7] = 0.1 * np.arange(10), 1.0, [4e-4, 1e-4, 9e-4]
     codes = np.full(10, 1, np.uint8)
