@@ -120,6 +120,13 @@ def parse_names(text: str) -> tuple[str, ...]:
     return tuple(name for part in text.split(",") if (name := part.strip()))
 
 
+def parse_numbers(text: str) -> tuple[int, ...]:
+    """Numbers of tracks, comma separated."""
+    if wrong := next((part for part in text.split(",") if not part.strip().isdecimal()), None):
+        raise OptionError(f"'{wrong}' is no number of a track; give them as 4,6")
+    return tuple(dict.fromkeys(int(part) for part in text.split(",")))
+
+
 def _share(text: str) -> tuple[int, int]:
     """(I, N): the I-th of N shares."""
     number, _, count = text.partition("/")
@@ -804,6 +811,11 @@ class Exporting(TypedDict, total=False):
         str | Iterable[str], Option(OUTPUT, Text("LIST", parse_names, is_list=True), "", shown="all"), _COLUMNS
     ]
     stamps: Annotated[Literal["ns", "us"] | None, Option(OUTPUT, choices.STAMPS, shown="as they are"), _STAMPS]
+    only: Annotated[
+        str | Iterable[int],
+        Option(OUTPUT, Text("LIST", parse_numbers, is_list=True), (), shown="all"),
+        "Rows of these tracks alone, 4,6; of one track of a trajectories table a .tum can be written, for evo.",
+    ]
 
 
 # Combinations of options that have no meaning.
@@ -829,6 +841,8 @@ PLOT_RULES = (
     Rule(("trail",), ("view=map",), "is for the paths of --tracks in the scene"),
     Rule(("tracks",), ("view=all|scene|map",), "is drawn in the scene; give --view all, scene or map", True),
     Rule(("zones",), ("view=all|scene",), "is drawn in the scene; give --view all or scene", True),
+    Rule(("only", "density"), ("tracks",), "is for --view map --tracks TABLE", True),
+    Rule(("only", "density"), ("view=map",), "is for --view map --tracks TABLE", True),
     Rule(("fps",), ("animate",), "is for --animate", True),
     Rule(("vertices",), ("view=all|scene",), "is for the scene; give --view all or scene", True),
 )

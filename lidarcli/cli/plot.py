@@ -10,7 +10,19 @@ from lidarcli.cli.commands import command, log_options
 from lidarcli.cli.messages import Messages, counted_bar, standard_output
 from lidarcli.errors import OptionError
 from lidarcli.option_forms import Number, Option, Text, options_of
-from lidarcli.options import LOOK, PICTURE, PLOT_RULES, STDOUT, SWEEP, OneLog, Overwrite, Plotting, Window, output
+from lidarcli.options import (
+    LOOK,
+    PICTURE,
+    PLOT_RULES,
+    STDOUT,
+    SWEEP,
+    OneLog,
+    Overwrite,
+    Plotting,
+    Window,
+    output,
+    parse_numbers,
+)
 from lidarcli.stores import Place, place
 
 if TYPE_CHECKING:
@@ -61,6 +73,14 @@ class PlotCommand(OneLog, Overwrite, Window, Plotting, total=False):
         Option(PICTURE, None, False),
         "One moving picture of the sweeps: of --sweeps, or of those from --start to --end.",
     ]
+    only: Annotated[
+        tuple[int, ...],
+        Option(PICTURE, Text("LIST", parse_numbers), (), shown="all"),
+        "With --view map --tracks: numbers of the tracks to draw, 4,6,10.",
+    ]
+    density: Annotated[
+        bool, Option(PICTURE, None, False), "With --view map --tracks: how long agents were where, in place of their paths."
+    ]
     fps: Annotated[
         float | None,
         Option(LOOK, Number("NUMBER", 0.1, MOST_FRAMES), shown=f"{FRAMES_PER_SECOND:g}"),
@@ -90,6 +110,7 @@ class PlotCommand(OneLog, Overwrite, Window, Plotting, total=False):
   lidarcli plot run.mcap --sweep 80 --tracks run.tracks.parquet -o paths.png
   lidarcli plot run.mcap --sweep 80 --zones nav2.yaml -o zones.png
   lidarcli plot run.mcap --view map --tracks run.tracks.parquet -o map.png
+  lidarcli plot run.mcap --view map --tracks run.tracks.parquet --density
   lidarcli plot run.mcap --sweeps 0:100:2 --animate --fps 20 --overwrite""",
     rules=PLOT_RULES,
 )
@@ -143,7 +164,7 @@ def plot(messages: Messages, options: Mapping[str, Any]) -> int:
         from lidarcli.pipeline.mapping import MapOptions
 
         parsed = MapOptions(read, wanted.opening, wanted.poses, parameters=wanted.parameters)
-        drawn = take_map(source, parsed, wanted.sweeps, options["tracks"])
+        drawn = take_map(source, parsed, wanted.sweeps, options["tracks"], options["only"], options["density"])
     else:
         drawn = take_pictures(source, wanted)
     messages.notes(drawn.notes)

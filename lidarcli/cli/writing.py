@@ -48,7 +48,7 @@ if TYPE_CHECKING:
 
 class ExportCommand(Overwrite, Exporting, total=False):
     tables: Annotated[tuple[str, ...], Argument("TABLE...", File("TABLE"), several=True)]
-    output: Annotated[str, output("FILE"), "File to write: .csv, .ndjson, .arrow or .parquet; - for standard output."]
+    output: Annotated[str, output("FILE"), "File to write: .csv, .ndjson, .arrow, .parquet or .tum; - for standard output."]
     format: Annotated[
         str | None, Option(OUTPUT, ("csv", "ndjson", "arrow", "parquet"), shown="csv"), "Format of the stream of -o -."
     ]
@@ -60,6 +60,7 @@ class ExportCommand(Overwrite, Exporting, total=False):
   lidarcli export run.objects.parquet -o run.csv
   lidarcli export run.tracks.parquet -o - --columns track,set,speed_mean
   lidarcli export 'tables/*.objects.parquet' -o all.ndjson --overwrite
+  lidarcli export run.trajectories.parquet --only 4 -o person.tum
   lidarcli export run.beams.parquet -o - --format arrow > beams.arrow""",
     rules=[Rule(("format",), ("output=-",), "is for the stream of -o -; a file has the format of its suffix", needs=True)],
 )
@@ -73,7 +74,7 @@ def export(messages: Messages, options: ExportCommand) -> int:
     from lidarcli.pipeline.exporting import chosen, export_file, export_stream, format_of
 
     form = (kind or "csv") if output == STDOUT else format_of(place(output))
-    wanted = chosen(options["tables"], [*options["columns"]], options["stamps"])
+    wanted = chosen(options["tables"], [*options["columns"]], options["stamps"], [int(one) for one in options["only"]])
     for problem in wanted.problems:
         messages.error(str(problem))
     if output == STDOUT:

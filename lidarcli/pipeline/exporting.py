@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from difflib import get_close_matches
 
+import numpy as np
 import pyarrow as pa
 
 from lidarcli.choices import TABLE_BY_SUFFIX
@@ -14,12 +15,15 @@ from lidarcli.errors import OptionError, UnreadableError
 from lidarcli.newfiles import NewFiles, refuse
 from lidarcli.pipeline.inputs.search import files_named
 from lidarcli.stores import Place
-from lidarcli.tabular.columns import in_unit
+from lidarcli.tabular.columns import in_unit, numbers
 from lidarcli.tabular.reading import HeldTable, Readable, read_as_is, schema_of
 from lidarcli.tabular.writing import Output, write_stream
 
 MOST_COLUMNS = 1000
 """Most columns that are written: tables of lidarcli have 50; each column of others takes time and memory."""
+TUM, TRACK = ".tum", "track"
+PATH = "stamp", "x", "y", "vx", "vy"
+"""Columns of a trajectory that are written as TUM."""
 APART = "export each kind of table by itself, as '*.objects.parquet'"
 
 
@@ -32,19 +36,27 @@ class Export:
     """The columns that are written, with the metadata that all tables share."""
     problems: tuple[UnreadableError, ...] = ()
     """Folders that cannot be searched for more."""
+    only: tuple[int, ...] = ()
+    """Numbers of the tracks whose rows are written; empty: all rows are."""
 
     def pieces(self) -> Iterator[pa.RecordBatch]:
         """Yield all rows."""
+        names = self.schema.names
         for file in self.files:
-            for rows in read_as_is(file, self.schema.names):
+            for rows in read_as_is(file, [*dict.fromkeys([*names, TRACK])] if self.only else names):
+                if self.only:
+                    mine = np.isin(numbers(rows[TRACK].cast(pa.float64())), self.only)
+                    rows = rows.filter(pa.array(mine)).select(names)
                 # Types are the same but for the unit of stamps.
                 yield rows.cast(self.schema.remove_metadata(), safe=False)
 
 
-def chosen(tables: Sequence[str | HeldTable], columns: Sequence[str] = (), stamps: str | None = None) -> Export:
+def chosen(
+    tables: Sequence[str | HeldTable], columns: Sequence[str] = (), stamps: str | None = None, only: Sequence[int] = ()
+) -> Export:
     """Choose some columns, or all, of all tables that are in memory, or that files, folders and patterns name.
 
-    `stamps` is the unit of the stamps, as of `in_unit`.
+    `stamps` is the unit of the stamps, as of `in_unit`; `only` numbers of tracks, whose rows alone are taken.
 
     Raises
     ------
@@ -61,7 +73,7 @@ def chosen(tables: Sequence[str | HeldTable], columns: Sequence[str] = (), stamp
         raise problems[0]
     schemas = [in_unit(schema_of(file), stamps) for file in files]
     first = schemas[0]
-    for name in columns:
+    for name in [*columns, *([TRACK] if only else [])]:
         if name not in first.names:
             near = get_close_matches(name, first.names, 1)
             hint = f"did you mean {near[0]}?" if near else f"it has {', '.join(first.names)}"
@@ -88,29 +100,47 @@ def chosen(tables: Sequence[str | HeldTable], columns: Sequence[str] = (), stamp
     metadata, *others = [dict(schema.metadata or {}) for schema in schemas]
     shared = {key: value for key, value in metadata.items() if all(each.get(key) == value for each in others)}
     schema = pa.schema(fields, metadata=shared)
-    return Export(tuple(files), schema, problems)
+    return Export(tuple(files), schema, problems, tuple(only))
 
 
 def format_of(path: Place) -> str:
     """Return the format that the suffix of an output names (`OptionError` where it names none)."""
-    form = TABLE_BY_SUFFIX.get(path.suffix.lower())
+    known = TABLE_BY_SUFFIX | {TUM: TUM}
+    form = known.get(path.suffix.lower())
     if form is None:
-        raise OptionError(f"{path}: the suffix of a table has to be one of {', '.join(TABLE_BY_SUFFIX)}")
+        raise OptionError(f"{path}: the suffix of a table has to be one of {', '.join(known)}")
     return form
 
 
 def export_file(export: Export, path: Place, kind: str, overwrite: bool) -> tuple[int, list[str]]:
-    """Write a file of `kind` (parquet, csv, ndjson, arrow); returns the number of rows and notes on them."""
+    """Write a file of `kind` (parquet, csv, ndjson, arrow, .tum); returns the number of rows and notes on them."""
     refuse([path], overwrite, [str(file) for file in export.files if not isinstance(file, HeldTable)])
     with NewFiles([path], overwrite) as new:
         with new.part(path).open("wb") as out:
-            rows, notes = export_stream(export, out, kind, str(path))
+            rows, notes = (_write_tum if kind == TUM else export_stream)(export, out, kind, str(path))
         return rows, [*notes, *new.publish()]
 
 
 def export_stream(export: Export, out: Output, kind: str, name: str = "standard output") -> tuple[int, list[str]]:
     """Write tables to a stream of `kind`; returns the number of rows and notes on them."""
     return write_stream(out, kind, name, export.schema, dict(export.schema.metadata or {}), export.pieces())
+
+
+def _write_tum(export: Export, out: Output, kind: str, name: str) -> tuple[int, list[str]]:
+    """Write the path of one track as lines of TUM, headed as it goes; returns the number of poses, and no notes."""
+    if len(export.only) != 1 or len(export.files) != 1 or {*PATH} - {*export.schema.names}:
+        raise OptionError(f"{name}: a {TUM} has the path of one track: give one trajectories table, --only N, no --columns")
+    from lidarcli.pose.tracks import lifted, trajectory_lines
+
+    count = 0
+    for rows in export.pieces():
+        x, y, vx, vy = (numbers(rows[column].cast(pa.float64())) for column in PATH[1:])
+        stamp = rows[PATH[0]].cast(pa.timestamp("ns", "UTC")).cast(pa.int64()).to_numpy()
+        out.write(trajectory_lines(stamp, lifted((x, y, np.arctan2(vy, vx)))).encode())
+        count += len(rows)
+    if not count:
+        raise OptionError(f"{export.files[0]}: no track {export.only[0]} in it (--only)")
+    return count, []
 
 
 def _tables(text: str | HeldTable) -> tuple[list[Readable], list[UnreadableError]]:

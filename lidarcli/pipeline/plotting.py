@@ -376,7 +376,12 @@ def write_animation(
 
 
 def take_map(
-    source: Source, options: MapOptions, sweeps: Sequence[int] | None = None, tracks: str | None = None
+    source: Source,
+    options: MapOptions,
+    sweeps: Sequence[int] | None = None,
+    tracks: str | None = None,
+    only: Sequence[int] = (),
+    density: bool = False,
 ) -> Drawn[MapPicture]:
     """Return pictures of the map of a log with the path of its sensor.
 
@@ -384,6 +389,8 @@ def take_map(
     ----------
     sweeps : a picture for each of these, with its points and the boxes of its objects; None: one of the whole run
     tracks : table of `track` beside those of the same log: what stands, and what moved
+    only : numbers of the tracks that are drawn; by default all
+    density : True to draw how long agents were where, in place of their paths
 
     Raises
     ------
@@ -398,7 +405,7 @@ def take_map(
     with _naming(source):
         summary = mapping.add(source)
     paths = [np.column_stack([path.x, path.y]) for path in mapping.paths]
-    found = MapPicture(None) if tracks is None else _overview(tracks, source, mapping)
+    found = MapPicture(None) if tracks is None else _overview(tracks, source, mapping, only, density)
     whole = replace(found, grid=mapping.occupancy(), paths=paths, title=f"{source.name}  {_frame_words(mapping.worlds)}")
     pictures = [whole]
     if sweeps is not None:
@@ -411,7 +418,7 @@ def _frame_words(worlds: Iterable[str]) -> str:
     return ", ".join("path matched from the sweeps" if one == MATCH else f"frame {one}" for one in worlds)
 
 
-def _overview(tracks: str, source: Source, mapping: Mapping) -> MapPicture:
+def _overview(tracks: str, source: Source, mapping: Mapping, only: Sequence[int], density: bool) -> MapPicture:
     """Return the things and agents in the tables of this log, of the topics and in one of the worlds of the map."""
     from lidarcli.pipeline.inputs.tables import one_table_set, poses_of, read_table, world_in
     from lidarcli.tabular.reading import note_value, notes_of
@@ -428,9 +435,13 @@ def _overview(tracks: str, source: Source, mapping: Mapping) -> MapPicture:
     sweeps, things, trajectories = (each.of_topics(topics) for each in (sweeps, things, trajectories))
     if not len(sweeps):
         raise OptionError(f"{tracks}: no tracks of {', '.join(topics)} in it; lidarcli track LOG writes them")
+    if lacking := sorted({*only} - {*things.integers("track").tolist()}):
+        raise OptionError(f"{tracks}: no track {', '.join(map(str, lacking))} in it (--only)")
+    if only:
+        things = things.where(np.isin(things.integers("track"), only))
     # A path that is matched begins at 0, and nothing else tells where a sensor is that stands.
     stands = [*mapping.worlds] == [MATCH] and all(path.stands for path in mapping.paths)
-    found = overview(sweeps, things, trajectories, stands)
+    found = overview(sweeps, things, trajectories, stands, density=density)
     sources = poses_of(note_value(notes_of(read["sweeps"]), SOURCE, dict)).values()
     worlds = {world for one in sources for topic in topics if (world := world_in(one, topic))}
     if worlds and worlds.isdisjoint(mapping.worlds):

@@ -120,10 +120,11 @@ def flat(motion: Motion) -> Float64:
     return np.column_stack([there.x, there.y, there.yaw])
 
 
-def lifted(pose: tuple[float, float, float]) -> Motion:
-    """Return a motion in the plane, x, y [m] and yaw [rad], as one in space."""
-    x, y, half = pose[0], pose[1], 0.5 * pose[2]
-    return Motion(np.array([[x, y, 0.0]]), np.array([[0.0, 0.0, np.sin(half), np.cos(half)]]))
+def lifted(pose: Sequence[float | Float64]) -> Motion:
+    """Return motions in the plane, x, y [m] and yaw [rad], as those in space."""
+    x, y, yaw = map(np.atleast_1d, pose)
+    none = np.zeros(len(x))
+    return Motion(np.column_stack([x, y, none]), np.column_stack([none, none, np.sin(0.5 * yaw), np.cos(0.5 * yaw)]))
 
 
 def tilt(motion: Motion) -> float:

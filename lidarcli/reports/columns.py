@@ -143,10 +143,13 @@ class Rows:
 
     def of_topics(self, topics: Sequence[str]) -> Rows:
         """The rows of some topics, and those that are of several."""
+        codes, names = self.words("topic")
+        return self.where(np.isin(codes, [-1, *(names.index(topic) for topic in topics if topic in names)]))
+
+    def where(self, mine: NDArray[np.bool_]) -> Rows:
+        """Some of the rows."""
         import pyarrow as pa
 
-        codes, names = self.words("topic")
-        mine = np.isin(codes, [-1, *(names.index(topic) for topic in topics if topic in names)])
         return Rows(self.table.filter(pa.array(mine)).combine_chunks(), self.source[mine])
 
     def has_any(self, name: str) -> bool:

@@ -10,14 +10,16 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
-from matplotlib.ticker import PercentFormatter
+from matplotlib.ticker import FuncFormatter, PercentFormatter
 
 from lidarcli import palette
 from lidarcli.choices import AS_IT_COMES, Look
 from lidarcli.display import counted
+from lidarcli.errors import OptionError
 from lidarcli.formalism.background import Background
 from lidarcli.formalism.mapping.grid import FREE, OCCUPIED, UNKNOWN, Occupancy
 from lidarcli.reports.drawing import (
@@ -40,6 +42,7 @@ from lidarcli.reports.drawing import (
 )
 from lidarcli.reports.picture import outline_of, printable
 from lidarcli.sweeps import Bool, Float32, Float64, Int64
+from lidarcli.times import SECOND_NS
 
 if TYPE_CHECKING:
     from lidarcli.reports.changes import Change, RunPair
@@ -65,7 +68,7 @@ MOST_PIXELS = 4_000
 """A side of the grid with more cells than this is drawn with the darkest of each group of cells."""
 COLUMNS = {
     "sweeps": ("log", "topic", "sweep", "pose_x", "pose_y"),
-    "trajectories": ("topic", "sweep", "track", "frame", "x", "y"),
+    "trajectories": ("topic", "sweep", "stamp", "track", "frame", "x", "y"),
     "tracks": ("topic", "track", "set", "shape", "label", "sweeps", "x", "y", "yaw", "length", "width"),
 }
 """Table → columns that `overview` needs."""
@@ -92,6 +95,9 @@ STYLES: dict[str, dict[str, Any]] = {
 }
 """Status of a change → style of its box."""
 PLACE_COLOURS = {"fits": palette.GREEN, "off": palette.VERMILION, "lost": palette.PURPLE, "unknown": palette.BLUE}
+DWELL_CELL, MOST_PAUSE_NS = 0.25, SECOND_NS
+"""Side of a cell in which the time of agents is summed [m], and the longest time that one place of a track counts [ns]."""
+DWELL = "time of agents in a cell of 0.25 m [s]"
 SENSOR_WIDTH = 4.2
 """Width of the picture of the background of one sensor [inch]."""
 MOST_SURFACES = 200_000
@@ -133,6 +139,16 @@ class Snapshot:
     """Boxes of the objects of the sweep."""
 
 
+class Dwell(NamedTuple):
+    """Time that agents spent in the cells of a grid."""
+
+    x: float
+    y: float
+    """Lower left corner [m]."""
+    seconds: Float64
+    """(rows, columns) from below and from the left, 0 where nobody was."""
+
+
 @dataclass(frozen=True)
 class MapPicture:
     """Content of the picture, in metres and radians of the world frame."""
@@ -148,6 +164,8 @@ class MapPicture:
     title: str = ""
     places: Sequence[tuple[str, Float64]] = ()
     """State of a path on the map, of `PLACE_COLOURS`, and (N, 2) its places in this state."""
+    dwell: Dwell | None = None
+    """In place of the paths of the agents."""
 
 
 def draw_map(picture: MapPicture, suffix: str, look: Look = AS_IT_COMES) -> bytes:
@@ -169,6 +187,8 @@ def map_figure(picture: MapPicture, longest: float = LONG, look: Look = AS_IT_CO
     _draw_grid(axes, picture.grid, greys or (MAP_GREYS if picture.snapshot is None else BEHIND_GREYS))
     panel = Panel(_frame(limits), [*_marks(picture)], [*_labels(picture)], _occupied(picture.grid))
     draw_panel(axes, panel)
+    if picture.dwell is not None:
+        _draw_dwell(axes, picture.dwell)
     if picture.title and look.title:
         axes.set_title(printable(picture.title), loc="left")
     if look.legend:
@@ -224,6 +244,17 @@ def _draw_grid(axes: Axes, grid: Occupancy | None, greys: Greys) -> None:
     high, wide_by = np.array(grey.shape) * grid.resolution * step
     extent = (grid.x, grid.x + wide_by, grid.y, grid.y + high)
     axes.imshow(grey, cmap="gray", vmin=0.0, vmax=1.0, origin="lower", interpolation="nearest", extent=extent, zorder=0)
+
+
+def _draw_dwell(axes: Axes, dwell: Dwell) -> None:
+    high, wide = np.array(dwell.seconds.shape) * DWELL_CELL
+    extent = (dwell.x, dwell.x + wide, dwell.y, dwell.y + high)
+    some = np.ma.masked_equal(dwell.seconds, 0.0)
+    # A few places where somebody waits must not hide the ways.
+    scale = LogNorm(max(some.min(), 0.05), max(some.max(), 0.1))
+    shown = axes.imshow(some, cmap="YlOrRd", norm=scale, origin="lower", interpolation="nearest", extent=extent, zorder=2)
+    bar = axes.figure.colorbar(shown, cax=axes.inset_axes((1.03, 0.0, 0.035, 1.0)), label=DWELL)
+    bar.ax.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
 
 
 def _occupied(grid: Occupancy | None) -> Float64:
@@ -284,19 +315,26 @@ def paths_of(sweeps: Rows) -> list[Float64]:
     return found
 
 
-def overview(sweeps: Rows, tracks: Rows | None, trajectories: Rows | None, stands: bool = False) -> MapPicture | None:
+def overview(
+    sweeps: Rows, tracks: Rows | None, trajectories: Rows | None, stands: bool = False, *, density: bool = False
+) -> MapPicture | None:
     """Return the run from above, what moved by its trajectories; None where no sweep has a pose.
 
-    Without poses the frame of a sensor that `stands` is the world.
+    Without poses the frame of a sensor that `stands` is the world. `density`: the time of agents by place, not their paths.
     """
     paths = paths_of(sweeps)
     if not paths and not stands:
         return None
     boxes = [] if tracks is None else _track_boxes(sweeps, tracks)
     agents: list[tuple[int, Float64]] = []
+    dwell = None
     if tracks is not None and trajectories is not None:
-        agents = [*_track_paths(trajectories, tracks, "world" if paths else "sensor")]
-    return MapPicture(None, paths, boxes, agents)
+        frame = "world" if paths else "sensor"
+        if density:
+            dwell = _dwell(trajectories, tracks, frame)
+        else:
+            agents = [*_track_paths(trajectories, tracks, frame)]
+    return MapPicture(None, paths, boxes, agents, dwell=dwell)
 
 
 def _track_boxes(sweeps: Rows, tracks: Rows) -> list[Box]:
@@ -333,6 +371,31 @@ def _track_paths(trajectories: Rows, tracks: Rows, frame: str) -> Iterator[tuple
         at = np.flatnonzero(mine & trajectories.are("topic", topic))
         if len(at):
             yield int(numbers[row]), xy[_thinned(at[np.argsort(sweep[at], kind="stable")])]
+
+
+def _dwell(trajectories: Rows, tracks: Rows, frame: str) -> Dwell | None:
+    """Return how long agents were at each place in a frame; None where there are none."""
+    agents = tracks.integers("track")[tracks.are("set", "A")]
+    track, stamp = trajectories.numbers("track"), trajectories.integers("stamp")
+    xy = np.column_stack([trajectories.numbers("x"), trajectories.numbers("y")])
+    rows = np.flatnonzero(np.isin(track, agents) & trajectories.are("frame", frame) & np.isfinite(xy[:, 0]))
+    rows = rows[np.lexsort((stamp[rows], track[rows]))]
+    if not len(rows):
+        return None
+    # Each place lasts until the next one of its track.
+    goes_on = np.append(np.diff(track[rows]) == 0, False)
+    pause = np.clip(np.append(np.diff(stamp[rows]), 0), 0, MOST_PAUSE_NS)
+    cells = np.floor(xy[rows] / DWELL_CELL).astype(np.int64)
+    low = cells.min(axis=0)
+    wide, high = (cells.max(axis=0) - low + 1).tolist()
+    if wide * high > MOST_PIXELS**2:
+        raise OptionError(
+            f"--density: the paths of the agents reach over {wide * DWELL_CELL:,.0f} x {high * DWELL_CELL:,.0f} m"
+        )
+    at = (cells - low) @ np.array([1, wide])
+    seconds = np.bincount(at, np.where(goes_on, pause, 0) / SECOND_NS, minlength=wide * high).astype(np.float64)
+    x, y = (low * DWELL_CELL).tolist()
+    return Dwell(x, y, seconds.reshape(high, wide))
 
 
 def _most_frequent(trajectories: Rows, rows: Bool) -> str:

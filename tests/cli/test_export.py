@@ -9,10 +9,13 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pyarrow as pa
+import pyarrow.compute
 import pyarrow.parquet as pq
 import pytest
 
+from tests.places import SAMPLES
 from tests.tabular.writing import shortest
 
 Run = Callable[..., Any]
@@ -101,3 +104,33 @@ def test_text_that_a_spreadsheet_would_run_is_told(lidarcli: Run, tmp_path: Path
     assert "formula" not in lidarcli("export", tmp_path / "odd.parquet", "-o", tmp_path / "odd.ndjson").err
     words = (tmp_path / "odd.parquet", "--columns", "x", "-o", tmp_path / "x.csv")
     assert "formula" not in lidarcli("export", *words).err
+
+
+@pytest.mark.slow
+def test_the_path_of_one_track_as_tum(lidarcli: Run, tmp_path: Path) -> None:
+    assert lidarcli("-q", "track", SAMPLES / "people.csv.gz", "-o", tmp_path).code == 0
+    source = tmp_path / "people.trajectories.parquet"
+    rows = pq.read_table(source)
+    mine = rows.filter(pa.compute.equal(rows["track"], 1))
+    ran = lidarcli("export", source, "--only", "1", "-o", tmp_path / "1.tum")
+    assert ran.err == f"  wrote    {tmp_path / '1.tum'} ({len(mine)} rows)\n"
+    path = np.loadtxt(tmp_path / "1.tum")
+    assert path[:, 1:3] == pytest.approx(np.column_stack([mine["x"], mine["y"]]), abs=1e-6)
+    yaw = np.arctan2(mine["vy"].to_numpy(), mine["vx"].to_numpy())
+    assert np.abs(np.angle(np.exp(1j * (2.0 * np.arctan2(path[:, 6], path[:, 7]) - yaw)))).max() < 1e-6
+    # Of any table with tracks the rows of some.
+    some = lidarcli("export", source, "--only", "1,2", "-o", "-", "--columns", "sweep").out.splitlines()
+    assert len(some) == 1 + sum(track in (1, 2) for track in rows["track"].to_pylist())
+
+
+@pytest.mark.slow
+def test_a_tum_has_one_track(lidarcli: Run, tables: Path, tmp_path: Path) -> None:
+    assert lidarcli("-q", "track", SAMPLES / "people.csv.gz", "-o", tmp_path).code == 0
+    source = tmp_path / "people.trajectories.parquet"
+    for more in ((), ("--only", "1,2"), ("--only", "1", "--columns", "x,y")):
+        ran = lidarcli("export", source, *more, "-o", tmp_path / "1.tum")
+        assert ran.code == 2
+        assert "a .tum has the path of one track" in ran.err
+    assert "no track 99 in it" in lidarcli("export", source, "--only", "99", "-o", tmp_path / "1.tum").err
+    assert "no column track" in lidarcli("export", tables / "run.sweeps.parquet", "--only", "1", "-o", "-").err
+    assert not (tmp_path / "1.tum").exists()

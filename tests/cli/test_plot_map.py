@@ -8,14 +8,18 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
+from lidarcli.errors import OptionError
 from lidarcli.logs.batches import ReadOptions
 from lidarcli.pipeline.inputs.search import find_logs
 from lidarcli.pipeline.inputs.sources import Source
 from lidarcli.pipeline.mapping import MapOptions
 from lidarcli.pipeline.plotting import take_map
+from lidarcli.reports.columns import Rows
+from lidarcli.reports.map_picture import overview
 from lidarcli.simulation import scene as make
 from lidarcli.simulation.scene import Course, Odometry
 from tests.places import SAMPLES
@@ -208,3 +212,59 @@ def test_without_poses(lidarcli: Run, tmp_path: Path) -> None:
     assert names(tmp_path) == []
     assert lidarcli("plot", room, "--view", "map", "-o", tmp_path / "m.png").code == 0
     assert names(tmp_path) == ["m.png"]
+
+
+def test_only_some_tracks_are_drawn(tables: Path) -> None:
+    drawn = take_map(source(), MapOptions(), tracks=str(tables))
+    (picture,) = drawn.pictures
+    stands = [box.name for box in picture.boxes]
+    assert len(stands) > 1
+    (some,) = take_map(source(), MapOptions(), tracks=str(tables), only=[int(stands[0])]).pictures
+    assert [box.name for box in some.boxes] == stands[:1]
+    assert not some.agents
+    with pytest.raises(OptionError, match=r"no track 98, 99 in it \(--only\)"):
+        take_map(source(), MapOptions(), tracks=str(tables), only=[99, 98])
+
+
+def test_density_is_the_time_of_agents_by_place() -> None:
+    def table(**columns: Any) -> Rows:
+        names = {name for name, values in columns.items() if isinstance(values[0], str)}
+        arrays = {name: pa.array(v).dictionary_encode() if name in names else pa.array(v) for name, v in columns.items()}
+        return Rows.join([pa.table(arrays)])
+
+    sweeps = table(topic=["/scan"] * 2, sweep=[0, 1], pose_x=[0.0, 0.1], pose_y=[0.0, 0.0])
+    sides = {name: [0.1, 0.1] for name in ("yaw", "length", "width")}
+    named = {"topic": ["/scan"] * 2, "set": ["A", "O"], "shape": ["legged"] * 2, "label": ["", ""]}
+    tracks = table(track=[1, 2], sweeps=[4, 4], x=[0.0, 0.0], y=[0.0, 0.0], **sides, **named)
+    # Half a second in one cell, a gap of which one second counts, then another cell; what stands counts nothing.
+    stamps = pa.array([0, 250_000_000, 500_000_000, 5_000_000_000, 0], pa.timestamp("ns", "UTC"))
+    x = [0.1, 0.15, 0.1, 0.6, 9.0]
+    trajectories = table(
+        topic=["/scan"] * 5,
+        sweep=[0, 1, 2, 3, 0],
+        stamp=stamps,
+        track=[1, 1, 1, 1, 2],
+        frame=["world"] * 5,
+        x=x,
+        y=[0.1] * 5,
+    )
+    found = overview(sweeps, tracks, trajectories, density=True)
+    assert found is not None
+    assert found.dwell is not None
+    assert found.dwell[:2] == (0.0, 0.0)
+    assert found.dwell.seconds.tolist() == [[1.5, 0.0, 0.0]]
+    assert not found.agents
+
+
+@pytest.mark.slow
+def test_options_of_tracks_need_them(lidarcli: Run, tables: Path, tmp_path: Path) -> None:
+    for option in (("--only", "1"), ("--density",)):
+        ran = lidarcli("plot", DRIVE, *option)
+        assert ran.code == 2
+        assert f"{option[0]} is for --view map --tracks TABLE" in ran.err
+    out = tmp_path / "some.svg"
+    assert lidarcli("-q", "plot", DRIVE, "--view", "map", "--tracks", tables, "--density", "-o", out).code == 0
+    assert ("time of agents in a cell" in words_of(out)) == (
+        "A" in pq.read_table(tables, columns=["set"])["set"].to_pylist()
+    )
+    assert lidarcli("plot", DRIVE, "--view", "map", "--tracks", tables, "--only", "1,x").code == 2

@@ -12,7 +12,7 @@ import pyarrow as pa
 
 from lidarcli.errors import OptionError, warn
 from lidarcli.formalism import Parameters
-from lidarcli.options import AnyPath, Detecting, Exporting, Paths, Reading, Tabling, Tracking, parse_names
+from lidarcli.options import AnyPath, Detecting, Exporting, Paths, Reading, Tabling, Tracking, parse_names, parse_numbers
 from lidarcli.options import Tables as GivenTables
 from lidarcli.pipeline.api.options import (
     Progress,
@@ -211,7 +211,7 @@ def export(tables: GivenTables, output: AnyPath, overwrite: bool = False, **opti
     Parameters
     ----------
     tables : Parquet tables, folders to search or patterns; Arrow tables or data frames; or several of all
-    output : file to write: .csv, .ndjson, .arrow or .parquet
+    output : file to write: .csv, .ndjson, .arrow, .parquet or, of one track of a trajectories table, .tum
     overwrite : True to replace a file that exists
 
     Returns
@@ -228,11 +228,14 @@ def export(tables: GivenTables, output: AnyPath, overwrite: bool = False, **opti
     OutputError
         The file exists, or cannot be written.
     """
-    columns = options["columns"]
+    columns, only = options["columns"], options["only"]
     path = place(fspath(output))
     form = format_of(path)
     wanted = chosen(
-        tables_to_export(tables), parse_names(columns) if isinstance(columns, str) else [*columns], options["stamps"]
+        tables_to_export(tables),
+        parse_names(columns) if isinstance(columns, str) else [*columns],
+        options["stamps"],
+        parse_numbers(only) if isinstance(only, str) else [*only],
     )
     rows, notes = export_file(wanted, path, form, overwrite)
     for line in [*map(str, wanted.problems), *notes]:
