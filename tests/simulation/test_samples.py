@@ -1,5 +1,6 @@
 """The logs in samples/ are what the scenes beside them make today."""
 
+import tomllib
 from zipfile import ZipFile
 
 import numpy as np
@@ -63,13 +64,23 @@ def test_samples_are_small_and_documented():
     script = (SAMPLES / "make.sh").read_text(encoding="utf-8")
     for path in SAMPLES.rglob("*"):
         assert path.stat().st_size < 1_000_000, path.name
-    scenes = set(SAMPLES.glob("*.toml")) - set(SAMPLES.glob("*.catalogue.toml")) - {SAMPLES / "office.toml"}
-    assert "lidarcli simulate samples/office.toml" in readme
+    without_log = {SAMPLES / "office.toml", SAMPLES / "crooked.toml"}
+    scenes = set(SAMPLES.glob("*.toml")) - set(SAMPLES.glob("*.catalogue.toml")) - without_log
+    assert all(f"lidarcli simulate samples/{scene.name}" in readme for scene in without_log)
     for scene in sorted(scenes):
         command = next(line for line in readme.splitlines() if line.startswith(f"lidarcli simulate samples/{scene.name}"))
         # The script works inside samples/, and takes the number of sweeps from the scene.
         inside = command.removeprefix("lidarcli ").replace("samples/", "").replace(" --sweeps 100", "")
         assert inside in script.splitlines()
+
+
+def test_the_crooked_office_is_the_office_with_two_faults():
+    office, crooked = (tomllib.loads((SAMPLES / f"{name}.toml").read_text("utf-8")) for name in ("office", "crooked"))
+    assert crooked["robot"].pop("mount") == {"x": 0.18, "yaw": 3.0, "told": False}
+    assert crooked["robot"]["odometry"].pop("delay") == 0.2
+    assert crooked["scene"].pop("name") == "crooked"
+    del office["scene"]["name"]
+    assert crooked == office
 
 
 def test_the_log_of_two_lasers_is_the_one_that_its_tool_draws():
