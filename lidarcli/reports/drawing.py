@@ -48,6 +48,8 @@ DECADES = 0.7
 """Height of the part of a logarithmic axis that is in proportion [decades]."""
 HEAD = 5.0
 """Size of the head of an arrow [pt]."""
+PNG_LEVEL = 3
+"""Level of compression of a PNG: half the time of the usual one, and 3 % more bytes."""
 SHADES = 6
 """Number of shades of each colour of a GIF towards white: the edges of lines and letters."""
 RINGS = np.array([1.0, 3.0, 6.0, 10.0, 15.0, 21.0, 28.0, 38.0, 52.0])
@@ -315,10 +317,21 @@ def project_style(other: dict[str, Any] | None = None) -> Iterator[None]:
         yield
 
 
+class _Canvas(FigureCanvasAgg):
+    """A canvas that parses formulas once, not anew for each figure and each size of it."""
+
+    parser: Any = None
+
+    def get_renderer(self) -> Any:
+        renderer: Any = super().get_renderer()  # type: ignore[no-untyped-call]
+        _Canvas.parser = renderer.mathtext_parser = _Canvas.parser or renderer.mathtext_parser
+        return renderer
+
+
 def new_figure(width: float, height: float = 4.0, kind: type[Figure] = Figure) -> Figure:
     """Return an empty figure of this size [inch] without a window."""
     figure = kind(figsize=(width, height), layout="constrained")
-    FigureCanvasAgg(figure)
+    _Canvas(figure)
     return figure
 
 
@@ -428,9 +441,13 @@ def file_bytes(figure: Figure, suffix: str, dpi: int | None = None) -> bytes:
     out = io.BytesIO()
     # It would lay everything out again.
     figure.set_layout_engine(None)
-    dates: dict[str, dict[str, Any]] = {".svg": {"Date": None}, ".pdf": {"CreationDate": None}}
-    with matplotlib.rc_context({"svg.fonttype": "none"}):
-        figure.savefig(out, format=suffix[1:], dpi=dpi or "figure", metadata=dates.get(suffix))
+    if suffix == ".png":
+        figure.set_dpi(dpi or figure.dpi)
+        Image.fromarray(pixels_of(figure)).save(out, "PNG", compress_level=PNG_LEVEL, dpi=(figure.dpi, figure.dpi))
+    else:
+        date = {"Date" if suffix == ".svg" else "CreationDate": None}
+        with matplotlib.rc_context({"svg.fonttype": "none"}):
+            figure.savefig(out, format=suffix[1:], dpi=dpi or "figure", metadata=date)
     return out.getvalue()
 
 
