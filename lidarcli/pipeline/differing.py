@@ -38,7 +38,6 @@ from lidarcli.formalism.matching.differences import (
     BESIDE,
     GONE,
     HIDDEN,
-    MOST_CHANGES,
     MOVED,
     NEW,
     OUT_OF_VIEW,
@@ -50,8 +49,9 @@ from lidarcli.formalism.matching.differences import (
     Compared,
     Run,
     TooManyError,
+    contained,
+    each_of,
     measured,
-    within,
 )
 from lidarcli.formalism.matching.ground import HERE, MOST_CELLS, SEEN_FREE, Ground, Motion, Nearest, Surveying, of_map
 from lidarcli.formalism.tracking.results import ENDS
@@ -81,8 +81,8 @@ from lidarcli.times import SECOND_NS
 from lidarcli.zone import ROBOT
 
 AUTO, AS_IS, _ = choices.ALIGN
-MOST_THINGS = 1000
-"""Most standing things of a run: each is compared with all of another one."""
+MOST_THINGS = 10_000
+"""Most standing things of a run."""
 MOST_GROUND = int(choices.MAX_MAP_KM2 * KM2 / choices.MAP_RESOLUTION**2)
 """Most cells of the ground of a run."""
 MOST_OCCUPIED = 1_500_000
@@ -489,12 +489,13 @@ def _distinct(number: dict[str, Float64], sweeps: Int64) -> Int64:
     """Return the things that stand in places of their own: of several in one place the one that was seen longest."""
     length, width = (np.fmax(number[name], 2.0 * (SAME_PLACE - BESIDE)) for name in ("length", "width"))
     boxes = np.column_stack([number["x"], number["y"], np.nan_to_num(number["yaw"]), length, width])
+    inside = each_of(*contained(boxes, boxes[:, :2], BESIDE), len(boxes))
     kept: list[int] = []
     alone = np.ones(len(boxes), np.bool_)
     for k in np.argsort(-sweeps, kind="stable").tolist():
         if alone[k]:
             kept.append(k)
-            alone &= ~within(boxes[:, :2], boxes[k], BESIDE)
+            alone[inside[k]] = False
         if len(kept) > MOST_THINGS:
             break
     return np.array(sorted(kept), np.int64)
@@ -554,10 +555,7 @@ def _compared(inputs: Sequence[Input], runs: list[RunThings], options: DiffOptio
         try:
             changes = Compared(reference.run, now.run, step.motion, (first, second), chance, options.min_score).changes()
         except TooManyError as err:
-            raise UnreadableError(
-                f"{label} and {labels[number]} differ in {err} places of their structure, more than are told "
-                f"({MOST_CHANGES:,}); are they of one place?"
-            ) from err
+            raise UnreadableError(f"{label} and {labels[number]} differ in {err}; are they of one place?") from err
         sure = len(now.run.things) - now.unsure
         changes = [each._replace(status=UNCERTAIN, why=POSES) if each.second >= sure else each for each in changes]
         rows += _rows(changes, reference, now, step.motion, grounds)

@@ -9,7 +9,20 @@ import pytest
 
 from lidarcli.formalism.mapping.grid import FREE, OCCUPIED, UNKNOWN, Occupancy
 from lidarcli.formalism.matching.alignment import Standing
-from lidarcli.formalism.matching.differences import Side, measured, probabilities, rectangles, same_sizes, within
+from lidarcli.formalism.matching.differences import (
+    Side,
+    boxes_of,
+    contained,
+    each_of,
+    groups,
+    in_place,
+    measured,
+    probabilities,
+    radius_of,
+    rectangles,
+    same_sizes,
+    within,
+)
 from lidarcli.formalism.matching.ground import Ground, of_map
 from lidarcli.sweeps import Float64
 
@@ -94,3 +107,38 @@ def test_of_two_candidates_the_one_that_fits_is_it_and_of_like_ones_none() -> No
     assert second < 0.05
     like = side(standing((2.0, 0.0, 0.8, 0.5), (0.0, 2.0, 0.8, 0.5)), (0.0, 0.0))
     assert probabilities(here, like, near)[0].tolist() == pytest.approx([0.49, 0.49], abs=0.02)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_groups_leave_out_only_pairs_that_cannot_be_one_thing(seed: int) -> None:
+    """A hall of 300 things, of which some were moved, gone or come: the same probabilities as of all pairs at once."""
+    rng = np.random.default_rng(seed)
+    spread, sizes = 40.0, np.sort(rng.uniform(0.2, 2.0, (300, 2)), axis=1)[:, ::-1]
+    places = rng.uniform(0.0, spread, (300, 2))
+    moved = np.where(
+        rng.random((300, 1)) < 0.1, rng.uniform(0.0, spread, (300, 2)), places + rng.normal(0.0, 0.05, (300, 2))
+    )
+    things = [standing(*np.column_stack([each, sizes])[rng.random(300) < 0.9]) for each in (places, moved)]
+    one, other = (
+        Side(each, rng.uniform(0.0, 3.0, len(each)), np.zeros((len(each), 2)), rng.random(len(each)) ** 4)
+        for each in things
+    )
+    near = in_place(one, other)
+    chance = probabilities(one, other, near)
+    found, places_of = np.zeros(chance.shape), np.zeros(near.shape, np.bool_)
+    parts = list(groups(one, other))
+    assert len(parts) > 2
+    assert [np.sort(np.concatenate(each)).tolist() for each in zip(*parts, strict=True)] == [
+        list(range(len(one.things))),
+        list(range(len(other.things))),
+    ]
+    for rows, columns in parts:
+        a, b = one.rows(rows), other.rows(columns)
+        there = in_place(a, b)
+        places_of[np.ix_(rows, columns)] = there
+        found[np.ix_(rows, columns)] = probabilities(a, b, there, radius_of(one.things, other.things))
+    assert (places_of == near).all()
+    np.testing.assert_allclose(found, chance, rtol=0.0, atol=1e-12)
+    boxes, points = boxes_of(one.things, one.yaw), rng.uniform(0.0, spread, (2000, 2))
+    inside = each_of(*contained(boxes, points, 0.05), len(boxes))
+    assert [each.tolist() for each in inside] == [np.flatnonzero(within(points, box, 0.05)).tolist() for box in boxes]

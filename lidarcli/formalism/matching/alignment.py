@@ -222,7 +222,7 @@ def align(known: Standing, run: Standing) -> tuple[Motion | None, float]:
 def proposals(known: Standing, run: Standing) -> list[Motion]:
     """Return the proposals under which most things fall into place."""
     ours, theirs = _largest(known, MOST_THINGS), _largest(run, MOST_THINGS)
-    like = alike(known, run)[np.ix_(ours, theirs)]
+    like = alike(known.rows(ours), run.rows(theirs))
     x0, y0, x1, y1 = known.x[ours], known.y[ours], run.x[theirs], run.y[theirs]
     a, b = (part.ravel() for part in np.nonzero(~np.eye(len(ours), dtype=bool)))
     i, j = np.triu_indices(len(theirs), 1)

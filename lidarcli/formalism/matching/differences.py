@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -17,7 +18,7 @@ from lidarcli.choices import CHANGE_KINDS, CHANGE_STATUSES, CHANGE_WHYS, LEAST_S
 from lidarcli.formalism.mapping.grid import UNKNOWN, pieces
 from lidarcli.formalism.matching.alignment import LEAST_AREA, SIZE_RANGE, Standing, alike, coded
 from lidarcli.formalism.matching.catalogue import LARGEST_SIZE
-from lidarcli.formalism.matching.ground import HERE, SEEN_FREE, Ground, Motion, Nearest
+from lidarcli.formalism.matching.ground import HERE, SEEN_FREE, Buckets, Ground, Motion, Nearest
 from lidarcli.sweeps import Bool, Float64, Int64, record
 
 # Extents of standing things by what their run saw of the ground around them.
@@ -55,6 +56,28 @@ def box_of(things: Standing, yaw: Float64, k: int) -> Float64:
     return np.array([things.x[k], things.y[k], yaw[k], length, width])
 
 
+def boxes_of(things: Standing, yaw: Float64) -> Float64:
+    """Return (N, 5) the boxes of things, as of `box_of`."""
+    return np.array([box_of(things, yaw, k) for k in range(len(things))]).reshape(-1, 5)
+
+
+def contained(boxes: Float64, points: Float64, around: float) -> tuple[Int64, Int64]:
+    """Return (P,) indices of boxes (N, 5) and of the points (K, 2) that are `within` them, ascending."""
+    reach = 0.5 * np.hypot(boxes[:, 3], boxes[:, 4]) + 2.0 * around
+    box, point = Buckets(points).near(boxes[:, :2], reach)
+    x, y = points[point, 0] - boxes[box, 0], points[point, 1] - boxes[box, 1]
+    cos, sin = (np.array([turn(yaw) for yaw in boxes[:, 2].tolist()])[box] for turn in (math.cos, math.sin))
+    inside = (np.abs(cos * x + sin * y) <= 0.5 * boxes[box, 3] + around) & (
+        np.abs(cos * y - sin * x) <= 0.5 * boxes[box, 4] + around
+    )
+    return box[inside], point[inside]
+
+
+def each_of(box: Int64, point: Int64, boxes: int) -> list[Int64]:
+    """Return what belongs to each of so many boxes, of pairs that ascend."""
+    return np.split(point, np.searchsorted(box, np.arange(1, boxes)))[:boxes]
+
+
 def within(points: Float64, box: Float64, around: float) -> Bool:
     """Return (K,) whether points are in a box (x, y, yaw, length, width), or this far around it [m]."""
     x, y = points[:, 0] - box[0], points[:, 1] - box[1]
@@ -76,7 +99,8 @@ def measured(things: Standing, yaw: Float64, ground: Ground) -> tuple[Standing, 
     groups = clusters(ground.points, max(LINKED, 2.1 * ground.resolution))
     for number, group in enumerate(groups):
         owner[group] = number
-    hit = [np.unique(owner[within(ground.points, box_of(things, yaw, k), BESIDE)]).tolist() for k in range(len(things))]
+    inside = each_of(*contained(boxes_of(things, yaw), ground.points, BESIDE), len(things))
+    hit = [np.unique(owner[mine]).tolist() for mine in inside]
     claims: dict[int, list[int]] = {}
     for k, mine in enumerate(hit):
         for number in mine:
@@ -196,6 +220,10 @@ HALF_ENDS = 0.6
 """[m] With so much unseen ground at its ends, one side in two ends where it was last seen."""
 ROUNDS = 60
 """Rounds of belief propagation."""
+FARTHEST = max(SAME_PLACE, 3.0 * math.hypot(UNSIZED_SD, UNSIZED_SD))
+"""[m] Greatest distance of one thing in its place from itself."""
+AT_ONCE, MOST_MOVED = 64, 1000
+"""Things that are looked at together, however few belong together; most of a run that are looked for elsewhere."""
 
 
 @record
@@ -209,6 +237,10 @@ class Side:
     """(N, 2) how far length and width may go on where the own run saw nothing [m]."""
     free: Float64
     """(N,) share of where it was hit that the other run saw free; NaN where nobody knows."""
+
+    def rows(self, index: Int64) -> Side:
+        """Return some of the things."""
+        return Side(self.things.rows(index), self.yaw[index], self.more[index], self.free[index])
 
     @property
     def left(self) -> Bool:
@@ -250,8 +282,59 @@ def _away(a: Standing, b: Standing) -> tuple[Float64, Float64]:
     return away, np.hypot(own[0][:, None], own[1])
 
 
-def probabilities(a: Side, b: Side, near: Bool) -> Float64:
-    """Return (N, M) the probability of each pair being one thing; `near` of `in_place`."""
+def groups(a: Side, b: Side) -> Iterator[tuple[Int64, Int64]]:
+    """Yield the indices of things of both sides of which none can be one with one of another group, nor hide it."""
+    count = len(a.things), len(b.things)
+    places = [np.column_stack([each.things.x, each.things.y]) for each in (a, b)]
+    boxes = [boxes_of(each.things, each.yaw) for each in (a, b)]
+    i, j = (
+        np.concatenate(each)
+        for each in zip(contained(boxes[0], places[1], BESIDE), contained(boxes[1], places[0], BESIDE)[::-1], strict=True)
+    )
+    length = [np.fmax(np.nan_to_num(each.things.length), FARTHEST) for each in (a, b)]
+    p, q = Buckets(places[1]).near(places[0], length[0])
+    away = np.hypot(*(places[0][p] - places[1][q]).T)
+    linked = away <= np.where(a.stays[p] & b.stays[q], FARTHEST, np.fmin(length[0][p], length[1][q]))
+    i, j = np.append(i, p[linked]), np.append(j, q[linked])
+    # Anything that has left its place may be anything that has come.
+    gone, come = np.flatnonzero(a.left), np.flatnonzero(b.left)
+    if max(len(gone), len(come)) > MOST_MOVED:
+        raise TooManyError(f"{max(len(gone), len(come)):,} things, more than are looked for ({MOST_MOVED:,})")
+    if len(gone) and len(come):
+        i, j = (
+            np.concatenate([i, gone, np.full(len(come), gone[0])]),
+            np.concatenate([j, np.full(len(gone), come[0]), come]),
+        )
+    group = _connected(i, j + count[0], sum(count))
+    # Those of several small groups are no more in each other's way than zeros in a sum.
+    order = np.argsort(group, kind="stable")
+    first = np.flatnonzero(np.diff(group[order], prepend=-1))
+    cuts = first[np.flatnonzero(np.diff(first // AT_ONCE, prepend=-1))]
+    for members in np.split(order, cuts[1:]):
+        members.sort()
+        yield members[members < count[0]], members[members >= count[0]] - count[0]
+
+
+def _connected(one: Int64, other: Int64, count: int) -> Int64:
+    """Return (count,) the least member of the group of each thing, by links (P,) between things."""
+    least = list(range(count))
+
+    def root(k: int) -> int:
+        while least[k] != k:
+            least[k] = k = least[least[k]]
+        return k
+
+    for i, j in zip(one.tolist(), other.tolist(), strict=True):
+        low, high = sorted((root(i), root(j)))
+        least[high] = low
+    return np.array([root(k) for k in range(count)], np.int64)
+
+
+def probabilities(a: Side, b: Side, near: Bool, radius: float | None = None) -> Float64:
+    """Return (N, M) the probability of each pair being one thing; `near` of `in_place`.
+
+    `radius`: of the disc in which all things stand [m]; None: in which these do.
+    """
     one, other = a.things, b.things
     if not len(one) or not len(other):
         return np.zeros((len(one), len(other)))
@@ -266,15 +349,18 @@ def probabilities(a: Side, b: Side, near: Bool) -> Float64:
     length, width = (np.fmax(np.nan_to_num(each.length), SAME_PLACE) for each in (one, other))
     may = (a.left[:, None] & b.left) | ((away <= np.fmin(length[:, None], width)) & ~(a.stays[:, None] & b.stays))
     may &= (sized[0][:, None] & sized[1]) | named
-    moves = np.where(may, MOVES * _nearer(away, one, other) * np.exp(same_sizes(a, b)), 0.0)
+    moves = np.where(may, MOVES * _nearer(away, radius or radius_of(one, other)) * np.exp(same_sizes(a, b)), 0.0)
     return _marginals(np.where(near, stays, moves))
 
 
-def _nearer(away: Float64, one: Standing, other: Standing) -> Float64:
-    """Return how much likelier than anywhere in the room in which things stand their places at a distance [m] are."""
+def radius_of(one: Standing, other: Standing) -> float:
+    """Return the radius of a disc over which things stand [m]."""
     x, y = (np.concatenate([getattr(one, axis), getattr(other, axis)]) for axis in ("x", "y"))
-    # Of places all over a disc.
-    radius = math.sqrt(max(2.0 * float(np.var(x) + np.var(y)), LEAST_AREA / math.pi))
+    return math.sqrt(max(2.0 * float(np.var(x) + np.var(y)) if len(x) else 0.0, LEAST_AREA / math.pi))
+
+
+def _nearer(away: Float64, radius: float) -> Float64:
+    """Return how much likelier than anywhere on a disc places at a distance [m] are."""
     result: Float64 = 0.5 * radius**2 / (radius - math.log1p(radius)) / (1.0 + away)
     return result
 
@@ -355,7 +441,7 @@ MOST_STATIONS = 40
 
 
 class TooManyError(ValueError):
-    """The structure of two runs differs in more than `MOST_CHANGES` places; the text is their number."""
+    """Two runs differ in more than `MOST_CHANGES` places or `MOST_MOVED` things; the text says in how many."""
 
 
 @record
@@ -428,32 +514,41 @@ class Compared:
         things = second.things
         self._things = first.things, things.at(*motion.of(things.x, things.y))
         self._yaw = first.yaw, second.yaw + motion.angle
-        self._spots = [[self._spot(side, k) for k in range(len(self._things[side]))] for side in (0, 1)]
+        self._boxes = [boxes_of(self._things[side], self._yaw[side]) for side in (0, 1)]
+        self._spots = [self._spots_of(side) for side in (0, 1)]
         self._changes: list[Change] = []
 
     def changes(self) -> list[Change]:
         """Return all changes, things first; `TooManyError` where there are too many to tell."""
         a, b = self._side(0), self._side(1)
-        near = in_place(a, b)
-        chance = probabilities(a, b, near)
+        radius = radius_of(a.things, b.things)
+        blocks: list[Block] = []
+        for rows, columns in groups(a, b):
+            one, other = a.rows(rows), b.rows(columns)
+            near = in_place(one, other)
+            blocks.append(Block(rows, columns, near, probabilities(one, other, near, radius)))
         paired: tuple[set[int], set[int]] = set(), set()
-        for at in np.argsort(-chance, axis=None, kind="stable").tolist():
-            i, j = divmod(at, chance.shape[1])
-            score = float(chance[i, j]) * self._chance
+        for i, j, chance, stays in _best_first([each.pairs(each.chance > 0.0) for each in blocks]):
+            score = chance * self._chance
             if score < self._least:
                 break
             if i in paired[0] or j in paired[1]:
                 continue
             paired[0].add(i)
             paired[1].add(j)
-            self._add(KNOWN if near[i, j] else MOVED, CERTAIN, score, i, j)
-        other = near & (a.some_free[:, None] | b.some_free)
-        left = [sorted({*range(len(self._things[side]))} - paired[side]) for side in (0, 1)]
-        alone = (
-            {i: self._alone(0, i, chance[i], near[i], other[i], paired[1]) for i in left[0]},
-            {j: self._alone(1, j, chance[:, j], near[:, j], other[:, j], paired[0]) for j in left[1]},
-        )
-        self._add_rest(alone, np.where(near, chance, -1.0))
+            self._add(KNOWN if stays else MOVED, CERTAIN, score, i, j)
+        alone: tuple[dict[int, UnpairedStatus], dict[int, UnpairedStatus]] = {}, {}
+        for each in blocks:
+            some_free = each.near & (a.some_free[each.rows, None] | b.some_free[each.columns])
+            tables = (each.chance, each.near, some_free), (each.chance.T, each.near.T, some_free.T)
+            for side, (mine, theirs) in enumerate(((each.rows, each.columns), (each.columns, each.rows))):
+                taken = np.array([k in paired[1 - side] for k in theirs.tolist()], np.bool_)
+                for at, k in enumerate(mine.tolist()):
+                    if k not in paired[side]:
+                        chances, places, free = tables[side]
+                        others = theirs[taken & ~places[at]]
+                        alone[side][k] = self._alone(side, k, chances[at], places[at], free[at], others)
+        self._add_rest(alone, _best_first([each.pairs(each.near) for each in blocks]))
         for side in (0, 1):
             self._structure(side)
         return self._changes
@@ -464,16 +559,17 @@ class Compared:
         more = unseen_ends(run.things, run.yaw, run.ground)
         return Side(self._things[side], self._yaw[side], more, np.array(free, np.float64))
 
-    def _add_rest(self, alone: tuple[dict[int, UnpairedStatus], dict[int, UnpairedStatus]], near: Float64) -> None:
+    def _add_rest(
+        self,
+        alone: tuple[dict[int, UnpairedStatus], dict[int, UnpairedStatus]],
+        near: Iterable[tuple[int, int, float, bool]],
+    ) -> None:
         """Add what is in no pair yet: what is known, and what else stands in its place and is not certain, is one thing.
 
-        `near`: (N, M) probability of each pair in one place, -1 for others.
+        `near`: pairs in one place, the most probable first.
         """
-        before, after = alone
-        for at in np.argsort(-near, axis=None, kind="stable").tolist():
-            i, j = divmod(at, near.shape[1])
-            if near[i, j] < 0.0:
-                break
+        before, after = (dict(sorted(each.items())) for each in alone)
+        for i, j, *_ in near:
             if i in before and j in after and {before[i].status, after[j].status} <= {KNOWN, UNCERTAIN}:
                 known = [each.score for each in (before[i], after[j]) if each.status == KNOWN]
                 if known:
@@ -486,14 +582,16 @@ class Compared:
 
     # Where a thing was hit, and what the other run saw there.
 
-    def _spot(self, side: int, k: int) -> Spot:
-        """Return where a thing was hit, in the coordinates of the first run, and what the other run saw there."""
-        box, ground = box_of(self._things[side], self._yaw[side], k), self._runs[side].ground
+    def _spots_of(self, side: int) -> list[Spot]:
+        """Return where things were hit, in the coordinates of the first run, and what the other run saw there."""
+        boxes, ground = self._boxes[side], self._runs[side].ground
         points = np.empty((0, 2))
         if ground is not None:
             points = np.column_stack(self._motions[side].of(ground.points[:, 0], ground.points[:, 1]))
-            points = points[within(points, box, BESIDE)]
-        return self._seen(1 - side, points if len(points) else _filled(box))
+        hit = each_of(*contained(boxes, points, BESIDE), len(boxes))
+        return [
+            self._seen(1 - side, points[mine] if len(mine) else _filled(box)) for box, mine in zip(boxes, hit, strict=True)
+        ]
 
     def _seen(self, side: int, points: Float64) -> Spot:
         """Return what a run saw of some points."""
@@ -516,11 +614,11 @@ class Compared:
 
     # Things.
 
-    def _alone(self, side: int, k: int, chance: Float64, near: Bool, other: Bool, paired: set[int]) -> UnpairedStatus:
+    def _alone(self, side: int, k: int, chance: Float64, near: Bool, other: Bool, taken: Int64) -> UnpairedStatus:
         """Return the status of a thing of one run that is certainly one with none of the other run.
 
         By its probability of being one thing with each of these (M,); `near` are those in its place, `other` those of which
-        some of either place was seen free, `taken` those that are certainly one with another thing.
+        some of either place was seen free, `taken` those elsewhere that are certainly one with another thing.
         """
         spot = self._spots[side][k]
         there, alone = float(chance[near].sum()), max(0.0, 1.0 - float(chance.sum()))
@@ -542,7 +640,7 @@ class Compared:
         elif near.any() and other[near].all():
             # Another one took its place.
             return ambiguous
-        elif spot.near >= FREE_SHARE and not self._is_covered(side, k, near, paired):
+        elif spot.near >= FREE_SHARE and not self._is_covered(side, k, taken):
             # The other run takes it for a part of the building, or saw something else of it.
             status, score = KNOWN, spot.near / (spot.near + spot.free)
         elif spot.passed >= FREE_SHARE:
@@ -554,14 +652,9 @@ class Compared:
             return UnpairedStatus(status, CERTAIN, score)
         return UnpairedStatus(UNCERTAIN, SHORT if spot.is_free and not there else AMBIGUOUS, score)
 
-    def _is_covered(self, side: int, k: int, near: Bool, paired: set[int]) -> bool:
+    def _is_covered(self, side: int, k: int, taken: Int64) -> bool:
         """Tell whether a thing that has another partner stands in the place of this one in the other run."""
-        other = self._things[1 - side]
-        mine = [j for j in sorted(paired) if not near[j]]
-        if not mine:
-            return False
-        points = np.column_stack([other.x[mine], other.y[mine]])
-        return bool(within(points, box_of(self._things[side], self._yaw[side], k), BESIDE).any())
+        return bool(within(self._boxes[1 - side][taken, :2], self._boxes[side][k], BESIDE).any())
 
     def _out_of_sight(self, side: int, spot: Spot) -> int:
         """Tell why the other run did not see a place: what hides it was not there, or parts around it were seen."""
@@ -631,11 +724,8 @@ class Compared:
         _, away = nearest.of(x, y)
         passed = there.passed(x, y)
         changed = (away > CHANGED) & (passed >= SEEN_FREE)
-        for each in (0, 1):
-            for k in range(len(self._things[each])):
-                if changed.any():
-                    changed[changed] &= ~within(points[changed], box_of(self._things[each], self._yaw[each], k), EXPLAINED)
         at = np.flatnonzero(changed)
+        at = np.delete(at, np.concatenate([contained(boxes, points[at], EXPLAINED)[1] for boxes in self._boxes]))
         looks = here.seen(*self._motions[side].inverse.of(points[at, 0], points[at, 1]))
         others = there.seen(x[at], y[at])
         linked = max(LINKED, 2.1 * here.resolution)
@@ -645,7 +735,7 @@ class Compared:
         boxes = rectangles(points[at[np.concatenate(found)]], np.cumsum([0, *map(len, found[:-1])]))
         large = np.flatnonzero(boxes[:, 3] >= SMALLEST_CHANGE)
         if len(large) > MOST_CHANGES:
-            raise TooManyError(f"{len(large):,}")
+            raise TooManyError(f"{len(large):,} places of their structure, more than are told ({MOST_CHANGES:,})")
         for box, cluster in ((boxes[k], found[k]) for k in large.tolist()):
             sweeps = int(np.median(passed[at[cluster]]))
             score = (sweeps + 1) / (sweeps + 2) * self._chance
@@ -657,6 +747,32 @@ class Compared:
                 pair, free = pair[::-1], free[::-1]
             why = CERTAIN if certain else SHORT
             self._changes.append(Change(STRUCTURE, status, why, score, area, pair, free, place=tuple(box.tolist())))
+
+
+@dataclass(frozen=True, slots=True)
+class Block:
+    """N things of the first run and M of the second, and what their pairs are."""
+
+    rows: Int64
+    columns: Int64
+    near: Bool
+    """(N, M) of `in_place`."""
+    chance: Float64
+    """(N, M) of `probabilities`."""
+
+    def pairs(self, some: Bool) -> tuple[Int64, Int64, Float64, Bool]:
+        """Return (P,) indices, probability and whether they are in one place, of some of the pairs."""
+        i, j = np.nonzero(some)
+        return self.rows[i], self.columns[j], self.chance[i, j], self.near[i, j]
+
+
+def _best_first(pairs: Sequence[tuple[Int64, Int64, Float64, Bool]]) -> Iterator[tuple[int, int, float, bool]]:
+    """Yield pairs of all blocks, the most probable first."""
+    if not pairs:
+        return
+    columns = [np.concatenate(each) for each in zip(*pairs, strict=True)]
+    order = np.lexsort((columns[1], columns[0], -columns[2]))
+    yield from zip(*(each[order].tolist() for each in columns), strict=True)
 
 
 class UnpairedStatus(NamedTuple):

@@ -35,6 +35,8 @@ FREE_SIDE = 300
 """Most places in a row, and rows of them, by which free ground is compared."""
 AT_ONCE = 1 << 18
 """Number of cells that are worked on at once."""
+BUCKET = 0.5
+"""[m] Side of the cells by which points in boxes are found."""
 FAR_CORNER = float(1 << 33)
 """Column and row of the origin of the world, in cells from a corner far outside, so that all cells are positive."""
 
@@ -276,6 +278,43 @@ def _summed(key: Int64, values: Float64) -> tuple[Int64, Float64]:
     keys, which = np.unique(key, return_inverse=True)
     sums = [np.bincount(which, column, len(keys)) for column in values.T]
     return keys, np.column_stack(sums).astype(np.float64).reshape(len(keys), values.shape[1])
+
+
+class Buckets:
+    """N points by square cells, so that those near a place are found without a look at all."""
+
+    def __init__(self, points: Float64) -> None:
+        """Take points (N, 2) [m]."""
+        column, row = np.floor(points / BUCKET).astype(np.int64).T
+        self._left = int(column.min(initial=0))
+        self._across = int(column.max(initial=0)) - self._left + 1
+        self._rows, rank = np.unique(row, return_inverse=True)
+        key = rank * self._across + column - self._left
+        self._order = np.argsort(key, kind="stable")
+        self._keys = key[self._order]
+
+    def near(self, places: Float64, reach: Float64) -> tuple[Int64, Int64]:
+        """Return (P,) indices of places (K, 2) and points `reach` (K,) apart or less along each axis, and of some beyond.
+
+        They ascend.
+        """
+        (left, low), (right, high) = (
+            np.floor((places + sign * reach[:, None]) / BUCKET).astype(np.int64).T for sign in (-1.0, 1.0)
+        )
+        place, rank = _counted_up(np.searchsorted(self._rows, low), np.searchsorted(self._rows, high, side="right"))
+        first = rank * self._across + np.clip(left[place] - self._left, 0, self._across)
+        last = rank * self._across + np.clip(right[place] - self._left, -1, self._across - 1)
+        which, at = _counted_up(np.searchsorted(self._keys, first), np.searchsorted(self._keys, last, side="right"))
+        place, point = place[which], self._order[at]
+        order = np.lexsort((point, place))
+        return place[order], point[order]
+
+
+def _counted_up(begin: Int64, end: Int64) -> tuple[Int64, Int64]:
+    """Return the numbers of each range, and the index of its range."""
+    count = end - begin
+    which = np.repeat(np.arange(len(begin)), count)
+    return which, np.arange(len(which)) + np.repeat(begin - np.cumsum(count) + count, count)
 
 
 class Nearest:
