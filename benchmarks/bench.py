@@ -31,14 +31,15 @@ COMPILED_EACH_TIME = "PYTHONDONTWRITEBYTECODE"
 """Where this is set every start compiles all modules, which is not how Python is used."""
 RSS_UNIT = 1 if sys.platform == "darwin" else 1024
 """Bytes in a unit of `ru_maxrss`."""
-SHORT = 100
-"""Sweeps of a log that has no share of those of the run."""
+MANY = 400
+"""Logs that one process goes through."""
 
 FINDS = ("detect", "track")
 COMMANDS = {
     **{name: f"{{python}} {{references}} {name} {{log}}" for name in ("iterate", "read", "loop", "dbscan")},
     "figure": "{python} {references} figure",
     **{name: f"{{lidarcli}} -q {name} {{log}} -o {{out}} --overwrite" for name in FINDS},
+    "many": "{lidarcli} -q detect {many} --jobs 1 -o {out} --overwrite",
     "info": "{lidarcli} -q info {log}",
     "plot": "{lidarcli} -q plot {log} -o {out}.png --overwrite",
     "gif": "{lidarcli} -q plot {log} --animate --sweeps 0:40 -o {out}.gif --overwrite",
@@ -52,7 +53,7 @@ COMMANDS = {
 STANDS = "1000000000 0 0 0 0 0 0 1\n2000000000 0 0 0 0 0 0 1\n"
 """Path of the sensor for `map`: in the simulated logs it stands."""
 WATCHED = "".join(
-    f'[[zone]]\nname = "{name}"\ncircle = {{ x = {x}, y = 0, radius = {radius} }}\n'
+    f'[[zone]]\nname = "{name}"\nhold = 0\ncircle = {{ x = {x}, y = 0, radius = {radius} }}\n'
     for name, x, radius in (("about", 0, 1.5), ("ahead", 2, 1.0), ("behind", -2, 2.0))
 )
 """Zones for `zones`."""
@@ -64,12 +65,14 @@ class Log:
 
     name: str = ""
     share: float = 1.0
-    """Length, as a share of that of the run; 0: `SHORT`."""
+    """Length, as a share of that of the run."""
     source: str = "scene.toml"
     """Scene of this folder, or recording below that of `REAL_LOGS`."""
     made: tuple[str, ...] = ()
     """Options of `make_log.py`."""
     suffix: str = ".mcap"
+    sweeps: int = 0
+    """Length, whatever that of the run; 0: the share of it."""
 
     @property
     def recorded(self) -> bool:
@@ -83,7 +86,9 @@ WIDE = Log("1081 beams", 0.5, made=("--beams", "1081"))
 PEOPLE = Log("people", 0.36, "leg_tracker/demo_stationary_simple_environment.bag")
 DRIVE = Log("drive", 0.1, "comprobo24/test-bag")
 MOVING = Log("moving", source="scene_moving.toml")
-FEW = Log("short", 0, "scene_moving.toml")
+FEW = Log("short", source="scene_moving.toml", sweeps=100)
+OFFICE = Log("office", source="../samples/office.toml", sweeps=480)
+FLICKER, HALF = (Log(name, share, made=("--beams", "45", "--blank")) for name, share in (("flicker", 0.64), ("half", 0.32)))
 PLAIN = Log("plain", 0.02, "scene_moving.toml")
 BEAMS = Log("720 beams", 0.5, made=("--beams", "720"))
 LONG = Log("long", 10, "scene_moving.toml")
@@ -123,26 +128,32 @@ class Case:
 
 CASES = (
     Case(ROOM, "iterate"),
-    Case(ROOM, "detect", "room, iterate", {"x": 2.6, "cpu_x": 4.7, "bytes_per_object": 95}),
+    Case(ROOM, "detect", "room, iterate", {"x": 2.7, "cpu_x": 4.7, "bytes_per_object": 95}),
     Case(ROOM, "detect --jobs 1", "room, iterate"),
     Case(ROOM, "detect", "room, iterate", how=PINNED),
     Case(WIDE, "iterate"),
     Case(WIDE, "detect", "1081 beams, iterate", {"x": 2.8, "cpu_x": 4.7}),
     Case(PEOPLE, "iterate"),
     Case(PEOPLE, "detect", "people, iterate", dict.fromkeys(("x", "cpu_x"), (1.15, "room, detect"))),
-    Case(PEOPLE, "track", "people, detect", {"cpu_x": 1.45}),
+    Case(PEOPLE, "track", "people, detect", {"cpu_us_more": 85}),
     Case(DRIVE, "detect"),
     Case(DRIVE, "track --pose none", "drive, detect"),
     Case(MOVING, "detect"),
-    Case(MOVING, "track", "moving, detect", {"cpu_x": 1.45}),
-    Case(MOVING, "track --pose none", "moving, detect", {"cpu_x": 1.45}),
+    Case(MOVING, "track", "moving, detect", {"cpu_us_more": 45}),
+    Case(MOVING, "track --pose none", "moving, detect", {"cpu_us_more": 45}),
     Case(MOVING, "track --pose match", "moving, track --pose none"),
+    Case(OFFICE, "detect", most={"cpu_seconds": 0.8}),
+    Case(OFFICE, "zones", most={"cpu_seconds": 1.6}),
+    Case(OFFICE, "info --brief", most={"cpu_seconds": 0.3}),
+    Case(HALF, "zones"),
+    Case(FLICKER, "zones", "half, zones", {"cpu_x": 1.3}),
+    Case(FEW, "many", most={"peak_mb": 110}),
     Case(FEW, "figure"),
-    Case(FEW, "plot", "short, figure", {"cpu_x": 1.35}),
+    Case(FEW, "plot", "short, figure", {"cpu_x": 1.3}),
     Case(FEW, "gif", most={"seconds": 6}),
     Case(FEW, "detect", "short, figure"),
     Case(FEW, "track", "short, figure", {"cpu_x": 0.5}),
-    Case(FEW, "report", "short, figure", {"cpu_x": 1.7}, after="short, track"),
+    Case(FEW, "report", "short, figure", {"cpu_x": 1.6}, after="short, track"),
     Case(FEW, "info", "short, figure"),
     Case(NO_LOG, "lidarcli --help", most={"seconds": 0.15}),
     Case(NO_LOG, "lidarcli detect --help"),
@@ -168,7 +179,7 @@ MORE = (
     Case(Log("a hundredth", 0.01), "detect", "room, detect"),
     Case(Log("a tenth", 0.1), "detect", "room, detect"),
     Case(LONG, "detect", "moving, detect", {"peak_mb": 250}),
-    Case(LONG, "track", "long, detect", {"peak_mb": 250}),
+    Case(LONG, "track", "long, detect", {"peak_mb": 260}),
     Case(PLAIN, "detect", how=NOT_COMPILED),
     Case(PLAIN, "track", "plain, detect, not compiled", {"x": 3}, NOT_COMPILED),
 )
@@ -177,7 +188,7 @@ MORE = (
 COLUMNS = {
     "seconds": ("s", ".2f"),
     "per_second": ("sweeps/s", ",.0f"),
-    "us": ("µs", ",.1f"),
+    "cpu_seconds": ("processor s", ".2f"),
     "cpu_us": ("processor µs", ",.1f"),
     "peak_mb": ("peak MB", ".0f"),
     "x": ("x", ".2f"),
@@ -243,6 +254,7 @@ def once(case: Case, log: Path, sweeps: int) -> Run:
         "references": HERE / "references.py",
         "path": log.parent / "path.tum",
         "zones": log.parent / "zones.toml",
+        "many": log.parent / "many",
         "objects": out / f"{log.stem}.objects.parquet",
         "log": log,
         "out": out,
@@ -262,8 +274,8 @@ def figures_of(runs: Sequence[Run], others: Sequence[Run]) -> Figures:
     if sweeps := runs[0].sweeps:
         figures["sweeps"] = sweeps
         figures["per_second"] = sweeps / figures["seconds"]
-        figures["us"] = 1e6 * figures["seconds"] / sweeps
-        figures["cpu_us"] = 1e6 * median(one.cpu_seconds for one in runs) / sweeps
+        figures["cpu_seconds"] = median(one.cpu_seconds for one in runs)
+        figures["cpu_us"] = 1e6 * figures["cpu_seconds"] / sweeps
     if others:
         pairs = list(zip(runs, others, strict=True))
         share = sweeps / others[0].sweeps
@@ -274,16 +286,16 @@ def figures_of(runs: Sequence[Run], others: Sequence[Run]) -> Figures:
     return figures
 
 
-def objects_in(table: Path, sweeps: int) -> Figures:
-    """Return the figures of an objects table."""
+def objects_in(table: Path, sweeps: int, recorded: bool) -> Figures:
+    """Return the figures of an objects table; bytes of a recording that is repeated would tell of the repetition."""
     script = "import sys, pyarrow.parquet as pq; print(pq.ParquetFile(sys.argv[1]).metadata.num_rows)"
     rows = int(run(sys.executable, "-c", script, str(table)).output)
-    return {"objects": rows / sweeps, "bytes_per_object": table.stat().st_size / rows}
+    return {"objects": rows / sweeps} | ({} if recorded else {"bytes_per_object": table.stat().st_size / rows})
 
 
 def measure(cases: Sequence[Case], sweeps: int, repeats: int, folder: Path) -> dict[str, Figures]:
     """Make the logs, run all cases in turns, and return the figures of each by its name."""
-    lengths = {case.log: round(case.log.share * sweeps) or SHORT for case in cases} | {NO_LOG: 0}
+    lengths = {case.log: case.log.sweeps or round(case.log.share * sweeps) for case in cases} | {NO_LOG: 0}
     logs = {log: folder / (log.name + log.suffix) for log in lengths}
     for log, length in lengths.items():
         if log != NO_LOG:
@@ -291,15 +303,20 @@ def measure(cases: Sequence[Case], sweeps: int, repeats: int, folder: Path) -> d
             make_log(folder, logs[log].name, length, *log.made, source=source)
     (folder / "path.tum").write_text(STANDS, encoding="utf-8")
     (folder / "zones.toml").write_text(WATCHED, encoding="utf-8")
+    if FEW in logs:
+        (folder / "many").mkdir()
+        for number in range(MANY):
+            os.link(logs[FEW], folder / "many" / f"{number}.mcap")
     runs: dict[str, list[Run]] = {case.name: [] for case in cases}
     objects: dict[str, Figures] = {}
     for turn in range(repeats):
         print(f"round {turn + 1} of {repeats} ...", file=sys.stderr)
         for case in cases:
-            runs[case.name].append(once(case, logs[case.log], lengths[case.log]))
+            length = lengths[case.log] * (MANY if case.command == "many" else 1)
+            runs[case.name].append(once(case, logs[case.log], length))
             if turn == 0 and case.command.split()[0] in FINDS:
                 table = folder / "out" / f"{case.log.name}.objects.parquet"
-                objects[case.name] = objects_in(table, lengths[case.log])
+                objects[case.name] = objects_in(table, lengths[case.log], case.log.recorded)
     return {
         case.name: figures_of(runs[case.name], runs.get(case.beside, ())) | objects.get(case.name, {}) for case in cases
     }

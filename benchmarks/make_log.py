@@ -14,7 +14,7 @@ from mcap.writer import Writer
 
 from lidarcli.logs import open_log
 from lidarcli.logs.base import ReadReport
-from lidarcli.simulation.generate import simulate_blocks
+from lidarcli.simulation.generate import simulate_blocks, simulate_odometry
 from lidarcli.simulation.scene import Sensor, load_scene
 from lidarcli.simulation.writers import write_log
 from lidarcli.sweeps import TURN, RawSweeps, concatenate
@@ -77,11 +77,13 @@ def to_and_fro(recording: Path, sweeps: int) -> Iterator[RawSweeps]:
         yield replace(once.rows(rows), stamp_ns=stamp_ns, record_ns=stamp_ns)
 
 
-def simulated(path: Path, sweeps: int, beams: int | None, jitter: int) -> Iterator[RawSweeps]:
-    """Yield the sweeps of a scene, seen by the scene's sensor or by one with other beams."""
+def simulated(path: Path, sweeps: int, beams: int | None, jitter: int, blank: bool) -> Iterator[RawSweeps]:
+    """Yield the sweeps of a scene, seen by its sensor or one with other beams; `blank`: every other one sees nothing."""
     scene = load_scene(path)
     sensor = replace(with_beams(scene.sensor, beams or scene.sensor.beams), beams_jitter=jitter)
     for block in simulate_blocks(replace(scene, sensor=sensor), sweeps):
+        if blank:
+            block.raw.ranges[1::2] = np.inf
         yield block.raw
 
 
@@ -93,14 +95,17 @@ def main() -> None:
     parser.add_argument("log", type=Path)
     parser.add_argument("--jitter", type=int, default=0, help="by how much the beam count of a scene varies")
     parser.add_argument("--beams", type=int, help="instead of the scene's")
+    parser.add_argument("--blank", action="store_true", help="every other sweep of a scene sees nothing")
     parser.add_argument("--compression", help="of the container; by default zstd for MCAP, none elsewhere")
     parser.add_argument("--share", type=float, help="of the bytes of an MCAP log; images are the rest")
     arguments = parser.parse_args()
+    poses = None
     if arguments.source.suffix == ".toml":
-        blocks = simulated(arguments.source, arguments.sweeps, arguments.beams, arguments.jitter)
+        poses = simulate_odometry(load_scene(arguments.source), arguments.sweeps)
+        blocks = simulated(arguments.source, arguments.sweeps, arguments.beams, arguments.jitter, arguments.blank)
     else:
         blocks = to_and_fro(arguments.source, arguments.sweeps)
-    write_log(arguments.log, blocks, compression=arguments.compression)
+    write_log(arguments.log, blocks, poses=poses, compression=arguments.compression)
     if arguments.share:
         add_images(arguments.log, arguments.share)
 
