@@ -267,10 +267,8 @@ def in_place(a: Side, b: Side) -> Bool:
     away, sd = _away(a.things, b.things)
     places = [np.column_stack([each.things.x, each.things.y]) for each in (a, b)]
     inside = np.zeros(away.shape, np.bool_)
-    for i in range(len(a.things)):
-        inside[i] |= within(places[1], box_of(a.things, a.yaw, i), BESIDE)
-    for j in range(len(b.things)):
-        inside[:, j] |= within(places[0], box_of(b.things, b.yaw, j), BESIDE)
+    inside[contained(boxes_of(a.things, a.yaw), places[1], BESIDE)] = True
+    inside.T[contained(boxes_of(b.things, b.yaw), places[0], BESIDE)] = True
     near: Bool = (away <= np.maximum(SAME_PLACE, 3.0 * sd)) | (inside & a.stays[:, None] & b.stays)
     return near
 
