@@ -34,7 +34,7 @@ CONSTANTS = {
 UNLISTED = {
     *("catalogue.LEAST_LENGTH", "catalogue.LEAST_DENSITY"),
     *("differences.ROUNDS", "ground.FAR_CORNER", "alignment.SMALL", "alignment.PROPOSALS_AT_ONCE", "ground.AT_ONCE"),
-    *("ground.BUCKET", "differences.AT_ONCE"),
+    "ground.BUCKET",
     *(f"differences.{name}" for name in ("THING", "STRUCTURE", "KNOWN", "MOVED", "NEW", "GONE", "UNCERTAIN")),
     *(
         f"differences.{name}"

@@ -10,15 +10,14 @@ import pytest
 from lidarcli.formalism.mapping.grid import FREE, OCCUPIED, UNKNOWN, Occupancy
 from lidarcli.formalism.matching.alignment import Standing
 from lidarcli.formalism.matching.differences import (
+    Pairs,
     Side,
     boxes_of,
     contained,
     each_of,
-    groups,
-    in_place,
     measured,
+    pairs_of,
     probabilities,
-    radius_of,
     rectangles,
     same_sizes,
     within,
@@ -89,29 +88,29 @@ def test_a_hidden_side_is_a_least_one() -> None:
     boxes = side(
         standing((2.0, 0.0, 0.8, 0.5), (2.0, 0.0, 0.9, 0.8), (2.0, 0.0, 0.7, 0.5), (2.0, 0.0, 1.5, 0.8)), (0.0, 0.0)
     )
-    hidden, crossed, short, long = same_sizes(face, boxes)[0].tolist()
+    hidden, crossed, short, long = same_sizes(face, boxes).tolist()
     assert hidden > 2.5
     assert crossed == pytest.approx(hidden, abs=0.1)
     assert short < 0.0
     assert long < hidden - 2.0
     whole = side(face.things, (0.0, 0.0))
-    assert same_sizes(whole, boxes)[0, 0] < 0.0
+    assert same_sizes(whole, boxes)[0] < 0.0
 
 
 def test_of_two_candidates_the_one_that_fits_is_it_and_of_like_ones_none() -> None:
     here = side(standing((0.0, 0.0, 0.8, 0.5)), (0.0, 0.0))
     there = side(standing((2.0, 0.0, 0.81, 0.49), (0.0, 2.0, 0.6, 0.5)), (0.0, 0.0))
-    near = np.zeros((1, 2), bool)
-    first, second = probabilities(here, there, near)[0].tolist()
+    pairs = Pairs(np.array([0, 0]), np.array([0, 1]), np.zeros(2, bool))
+    first, second = probabilities(here, there, pairs).tolist()
     assert first > 0.9
     assert second < 0.05
     like = side(standing((2.0, 0.0, 0.8, 0.5), (0.0, 2.0, 0.8, 0.5)), (0.0, 0.0))
-    assert probabilities(here, like, near)[0].tolist() == pytest.approx([0.49, 0.49], abs=0.02)
+    assert probabilities(here, like, pairs).tolist() == pytest.approx([0.49, 0.49], abs=0.02)
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_groups_leave_out_only_pairs_that_cannot_be_one_thing(seed: int) -> None:
-    """A hall of 300 things, of which some were moved, gone or come: the same probabilities as of all pairs at once."""
+def test_pairs_leave_out_only_those_that_cannot_be_one_thing(seed: int) -> None:
+    """A hall of 300 things, of which some were moved, gone or come: the same probabilities as of all pairs."""
     rng = np.random.default_rng(seed)
     spread, sizes = 40.0, np.sort(rng.uniform(0.2, 2.0, (300, 2)), axis=1)[:, ::-1]
     places = rng.uniform(0.0, spread, (300, 2))
@@ -123,22 +122,17 @@ def test_groups_leave_out_only_pairs_that_cannot_be_one_thing(seed: int) -> None
         Side(each, rng.uniform(0.0, 3.0, len(each)), np.zeros((len(each), 2)), rng.random(len(each)) ** 4)
         for each in things
     )
-    near = in_place(one, other)
-    chance = probabilities(one, other, near)
-    found, places_of = np.zeros(chance.shape), np.zeros(near.shape, np.bool_)
-    parts = list(groups(one, other))
-    assert len(parts) > 2
-    assert [np.sort(np.concatenate(each)).tolist() for each in zip(*parts, strict=True)] == [
-        list(range(len(one.things))),
-        list(range(len(other.things))),
-    ]
-    for rows, columns in parts:
-        a, b = one.rows(rows), other.rows(columns)
-        there = in_place(a, b)
-        places_of[np.ix_(rows, columns)] = there
-        found[np.ix_(rows, columns)] = probabilities(a, b, there, radius_of(one.things, other.things))
-    assert (places_of == near).all()
-    np.testing.assert_allclose(found, chance, rtol=0.0, atol=1e-12)
+    some = pairs_of(one, other)
+    assert len(some.first) < 0.1 * len(things[0]) * len(things[1])
+    near = np.zeros((len(things[0]), len(things[1])), np.bool_)
+    near[some.first, some.second] = some.near
+    i, j = (part.ravel() for part in np.indices(near.shape))
+    every = probabilities(one, other, Pairs(i, j, near.ravel()))
+    chance = np.zeros(near.shape)
+    chance[some.first, some.second] = probabilities(one, other, some)
+    np.testing.assert_allclose(chance.ravel(), every, rtol=0.0, atol=1e-12)
     boxes, points = boxes_of(one.things, one.yaw), rng.uniform(0.0, spread, (2000, 2))
     inside = each_of(*contained(boxes, points, 0.05), len(boxes))
     assert [each.tolist() for each in inside] == [np.flatnonzero(within(points, box, 0.05)).tolist() for box in boxes]
+    close = np.hypot(*(things[0].column.x - things[1].x, things[0].column.y - things[1].y)) <= 0.2
+    assert near[close].all()

@@ -79,6 +79,11 @@ class Standing:
         """Return some of the things."""
         return Standing(**{name: getattr(self, name)[index] for name in Standing.__dataclass_fields__})
 
+    @property
+    def column(self) -> Standing:
+        """The things as (N, 1), beside which those of another run are a row: for all pairs."""
+        return self.rows(np.arange(len(self))[:, None])
+
     def at(self, x: Float64, y: Float64) -> Standing:
         """Return the things at other places."""
         return replace(self, x=x, y=y)
@@ -86,7 +91,7 @@ class Standing:
 
 def gains(known: Standing, run: Standing) -> Float64:
     """Return (T, N) the log-likelihood ratio of each pair being one thing, in its place or moved, and not two."""
-    away, like = _distance(known, run), alike(known, run)
+    away, like = _distance(known, run), alike(known.column, run)
     sized: Bool = np.isfinite(known.length + known.width)[:, None] & np.isfinite(run.length + run.width)
     moved = np.where(sized, like + math.log(1.0 - STAYS) - NEARNESS * away, -np.inf)
     return np.maximum(like + near(away, area(known, run)), moved)
@@ -110,29 +115,28 @@ def area(known: Standing, run: Standing) -> float:
 
 
 def alike(known: Standing, run: Standing, size_sd: float = RUN_SIZE_SD, wrong: float = WRONG_SIZE) -> Float64:
-    """Return (T, N) the log-likelihood ratio of being one thing by size, shape and label; 0 if these are unknown.
+    """Return (P,) the log-likelihood ratio of pairs of being one thing by size, shape and label; 0 if these are unknown.
 
     `size_sd`: standard deviation between two sizes of one thing, beside their own [m]; `wrong`: share of sizes that are
     wrong.
     """
-    total = np.zeros((len(known), len(run)))
+    total = np.zeros(1)
     for size in ("length", "width"):
-        apart = getattr(known, size)[:, None] - getattr(run, size)
-        sd = np.hypot(getattr(known, f"{size}_sd")[:, None], getattr(run, f"{size}_sd"))
+        apart = getattr(known, size) - getattr(run, size)
+        sd = np.hypot(getattr(known, f"{size}_sd"), getattr(run, f"{size}_sd"))
         sd = np.hypot(np.nan_to_num(sd), size_sd)
         right = SIZE_RANGE / (math.sqrt(2.0 * math.pi) * sd) * np.exp(-0.5 * (apart / sd) ** 2)
         ratio = np.log((1.0 - wrong) * right + wrong)
-        total += np.where(np.isfinite(apart), ratio, 0.0)
+        total = total + np.where(np.isfinite(apart), ratio, 0.0)
     return total + coded(known, run)
 
 
 def coded(known: Standing, run: Standing) -> Float64:
-    """Return (T, N) the log-likelihood ratio of being one thing by shape and label."""
-    total = np.zeros((len(known), len(run)))
+    """Return (P,) the log-likelihood ratio of pairs of being one thing by shape and label."""
+    total = np.zeros(1)
     rules = ((known.shape, run.shape, SAME_SHAPE, OTHER_SHAPE), (known.label, run.label, SAME_LABEL, OTHER_LABEL))
     for one, other, same, unlike in rules:
-        there = (one >= 0)[:, None] & (other >= 0)
-        total += np.where(there, np.where(one[:, None] == other, same, unlike), 0.0)
+        total = total + np.where((one >= 0) & (other >= 0), np.where(one == other, same, unlike), 0.0)
     return total
 
 
@@ -222,7 +226,7 @@ def align(known: Standing, run: Standing) -> tuple[Motion | None, float]:
 def proposals(known: Standing, run: Standing) -> list[Motion]:
     """Return the proposals under which most things fall into place."""
     ours, theirs = _largest(known, MOST_THINGS), _largest(run, MOST_THINGS)
-    like = alike(known.rows(ours), run.rows(theirs))
+    like = alike(known.rows(ours[:, None]), run.rows(theirs))
     x0, y0, x1, y1 = known.x[ours], known.y[ours], run.x[theirs], run.y[theirs]
     a, b = (part.ravel() for part in np.nonzero(~np.eye(len(ours), dtype=bool)))
     i, j = np.triu_indices(len(theirs), 1)
@@ -268,7 +272,7 @@ def _largest(things: Standing, most: int) -> Int64:
 
 def _refine(known: Standing, run: Standing, motion: Motion) -> Motion:
     """Return the motion that fits best the things that fall into place."""
-    like = alike(known, run)
+    like = alike(known.column, run)
     for _ in range(MOTION_REFINEMENTS):
         placed = run.at(*motion.of(run.x, run.y))
         away = _distance(known, placed)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -222,8 +222,8 @@ ROUNDS = 60
 """Rounds of belief propagation."""
 FARTHEST = max(SAME_PLACE, 3.0 * math.hypot(UNSIZED_SD, UNSIZED_SD))
 """[m] Greatest distance of one thing in its place from itself."""
-AT_ONCE, MOST_MOVED = 64, 1000
-"""Things that are looked at together, however few belong together; most of a run that are looked for elsewhere."""
+MOST_MOVED = 1000
+"""Most things of each run that have left their places and are looked for elsewhere."""
 
 
 @record
@@ -258,113 +258,78 @@ class Side:
         return self.free >= ANY_FREE
 
 
-def in_place(a: Side, b: Side) -> Bool:
-    """Return (N, M) whether the things of each pair are in one place, as far as is known.
+class Pairs(NamedTuple):
+    """P pairs of things of two runs, by index of the first and then of the second."""
+
+    first: Int64
+    second: Int64
+    near: Bool
+    """True if they are in one place, as far as is known."""
+
+
+def pairs_of(a: Side, b: Side) -> Pairs:
+    """Return all pairs that may be one thing, or hide each other; `TooManyError` if too many have left their places.
 
     Middles of things of which other sides were seen may be farther apart; then one is within the other, and neither place
     has become free.
     """
-    away, sd = _away(a.things, b.things)
     places = [np.column_stack([each.things.x, each.things.y]) for each in (a, b)]
-    inside = np.zeros(away.shape, np.bool_)
-    inside[contained(boxes_of(a.things, a.yaw), places[1], BESIDE)] = True
-    inside.T[contained(boxes_of(b.things, b.yaw), places[0], BESIDE)] = True
-    near: Bool = (away <= np.maximum(SAME_PLACE, 3.0 * sd)) | (inside & a.stays[:, None] & b.stays)
-    return near
+    boxes, count = [boxes_of(each.things, each.yaw) for each in (a, b)], len(b.things)
+    # Anything that has left its place may be anything that has come.
+    gone, come = np.flatnonzero(a.left), np.flatnonzero(b.left)
+    if len(gone) * len(come) > MOST_MOVED**2:
+        raise TooManyError(f"{max(len(gone), len(come)):,} things, more than are looked for ({MOST_MOVED:,})")
+    within_first, (other, one) = contained(boxes[0], places[1], BESIDE), contained(boxes[1], places[0], BESIDE)
+    inside = np.concatenate([within_first[0] * count + within_first[1], one * count + other])
+    length = [np.fmax(np.nan_to_num(each.things.length), FARTHEST) for each in (a, b)]
+    i, j = Buckets(places[1]).near(places[0], length[0])
+    close = np.hypot(*(places[0][i] - places[1][j]).T) <= np.fmin(length[0][i], length[1][j])
+    key = np.unique(np.concatenate([inside, (i * count + j)[close], (gone[:, None] * count + come).ravel()]))
+    i, j = np.divmod(key, max(count, 1))
+    one, other = a.rows(i), b.rows(j)
+    away, sd = _away(one.things, other.things)
+    near: Bool = (away <= np.maximum(SAME_PLACE, 3.0 * sd)) | (np.isin(key, inside) & one.stays & other.stays)
+    return Pairs(i, j, near)
 
 
 def _away(a: Standing, b: Standing) -> tuple[Float64, Float64]:
-    """Return (N, M) the distance of each pair, and its standard deviation [m]."""
-    away = np.hypot(a.x[:, None] - b.x, a.y[:, None] - b.y)
+    """Return (P,) the distance of each pair, and its standard deviation [m]."""
     own = [np.where(np.isfinite(each.length + each.width), PLACE_SD, UNSIZED_SD) for each in (a, b)]
-    return away, np.hypot(own[0][:, None], own[1])
+    return np.hypot(a.x - b.x, a.y - b.y), np.hypot(*own)
 
 
-def groups(a: Side, b: Side) -> Iterator[tuple[Int64, Int64]]:
-    """Yield the indices of things of both sides of which none can be one with one of another group, nor hide it."""
-    count = len(a.things), len(b.things)
-    places = [np.column_stack([each.things.x, each.things.y]) for each in (a, b)]
-    boxes = [boxes_of(each.things, each.yaw) for each in (a, b)]
-    i, j = (
-        np.concatenate(each)
-        for each in zip(contained(boxes[0], places[1], BESIDE), contained(boxes[1], places[0], BESIDE)[::-1], strict=True)
-    )
-    length = [np.fmax(np.nan_to_num(each.things.length), FARTHEST) for each in (a, b)]
-    p, q = Buckets(places[1]).near(places[0], length[0])
-    away = np.hypot(*(places[0][p] - places[1][q]).T)
-    linked = away <= np.where(a.stays[p] & b.stays[q], FARTHEST, np.fmin(length[0][p], length[1][q]))
-    i, j = np.append(i, p[linked]), np.append(j, q[linked])
-    # Anything that has left its place may be anything that has come.
-    gone, come = np.flatnonzero(a.left), np.flatnonzero(b.left)
-    if max(len(gone), len(come)) > MOST_MOVED:
-        raise TooManyError(f"{max(len(gone), len(come)):,} things, more than are looked for ({MOST_MOVED:,})")
-    if len(gone) and len(come):
-        i, j = (
-            np.concatenate([i, gone, np.full(len(come), gone[0])]),
-            np.concatenate([j, np.full(len(gone), come[0]), come]),
-        )
-    group = _connected(i, j + count[0], sum(count))
-    # Those of several small groups are no more in each other's way than zeros in a sum.
-    order = np.argsort(group, kind="stable")
-    first = np.flatnonzero(np.diff(group[order], prepend=-1))
-    cuts = first[np.flatnonzero(np.diff(first // AT_ONCE, prepend=-1))]
-    for members in np.split(order, cuts[1:]):
-        members.sort()
-        yield members[members < count[0]], members[members >= count[0]] - count[0]
-
-
-def _connected(one: Int64, other: Int64, count: int) -> Int64:
-    """Return (count,) the least member of the group of each thing, by links (P,) between things."""
-    least = list(range(count))
-
-    def root(k: int) -> int:
-        while least[k] != k:
-            least[k] = k = least[least[k]]
-        return k
-
-    for i, j in zip(one.tolist(), other.tolist(), strict=True):
-        low, high = sorted((root(i), root(j)))
-        least[high] = low
-    return np.array([root(k) for k in range(count)], np.int64)
-
-
-def probabilities(a: Side, b: Side, near: Bool, radius: float | None = None) -> Float64:
-    """Return (N, M) the probability of each pair being one thing; `near` of `in_place`.
-
-    `radius`: of the disc in which all things stand [m]; None: in which these do.
-    """
+def probabilities(first: Side, second: Side, pairs: Pairs) -> Float64:
+    """Return (P,) the probability of each pair being one thing."""
+    if not len(pairs.first):
+        return np.empty(0)
+    a, b = first.rows(pairs.first), second.rows(pairs.second)
     one, other = a.things, b.things
-    if not len(one) or not len(other):
-        return np.zeros((len(one), len(other)))
     away, sd = _away(one, other)
     off = np.minimum(away / np.maximum(sd, SAME_PLACE / 3.0), 3.0)
     like = alike(one, other)
     # What was seen through where the other one stands has to be as large.
     large = np.minimum(like, alike(one, other, STANDING_SIZE_SD, WRONG_VIEW))
-    stays = np.exp(np.where(a.some_free[:, None] | b.some_free, large, like) - 0.5 * off**2) / REPLACED
-    sized = [np.isfinite(each.length) for each in (one, other)]
-    named = (one.label >= 0)[:, None] & (one.label[:, None] == other.label)
+    stays = np.exp(np.where(a.some_free | b.some_free, large, like) - 0.5 * off**2) / REPLACED
+    named = (one.label >= 0) & (one.label == other.label)
     length, width = (np.fmax(np.nan_to_num(each.length), SAME_PLACE) for each in (one, other))
-    may = (a.left[:, None] & b.left) | ((away <= np.fmin(length[:, None], width)) & ~(a.stays[:, None] & b.stays))
-    may &= (sized[0][:, None] & sized[1]) | named
-    moves = np.where(may, MOVES * _nearer(away, radius or radius_of(one, other)) * np.exp(same_sizes(a, b)), 0.0)
-    return _marginals(np.where(near, stays, moves))
+    may = (a.left & b.left) | ((away <= np.fmin(length, width)) & ~(a.stays & b.stays))
+    may &= (np.isfinite(one.length) & np.isfinite(other.length)) | named
+    nearer = _nearer(away, first.things, second.things)
+    moves = np.where(may, MOVES * nearer * np.exp(same_sizes(a, b)), 0.0)
+    return _marginals(np.where(pairs.near, stays, moves), pairs)
 
 
-def radius_of(one: Standing, other: Standing) -> float:
-    """Return the radius of a disc over which things stand [m]."""
+def _nearer(away: Float64, one: Standing, other: Standing) -> Float64:
+    """Return how much likelier than anywhere in the room in which things stand their places at a distance [m] are."""
     x, y = (np.concatenate([getattr(one, axis), getattr(other, axis)]) for axis in ("x", "y"))
-    return math.sqrt(max(2.0 * float(np.var(x) + np.var(y)) if len(x) else 0.0, LEAST_AREA / math.pi))
-
-
-def _nearer(away: Float64, radius: float) -> Float64:
-    """Return how much likelier than anywhere on a disc places at a distance [m] are."""
+    # Of places all over a disc.
+    radius = math.sqrt(max(2.0 * float(np.var(x) + np.var(y)), LEAST_AREA / math.pi))
     result: Float64 = 0.5 * radius**2 / (radius - math.log1p(radius)) / (1.0 + away)
     return result
 
 
 def same_sizes(a: Side, b: Side) -> Float64:
-    """Return (N, M) the log-likelihood ratio of two things being one, by their sizes, shapes and labels.
+    """Return (P,) the log-likelihood ratio of two things being one, by their sizes, shapes and labels.
 
     A side is as it was measured, or where nothing was seen beyond it anything up to its most.
     """
@@ -390,34 +355,34 @@ def _sides(things: Standing, more: Float64) -> tuple[Sides, Sides]:
 
 
 def _side(one: Sides, other: Sides) -> Float64:
-    """Return (N, M) the log-likelihood ratio of two sides being one."""
+    """Return (P,) the log-likelihood ratio of two sides being one."""
     (a, a_sd, a_more), (b, b_sd, b_more) = one, other
-    sd = np.hypot(np.hypot(a_sd[:, None], b_sd), VIEW_SIZE_SD)
+    sd = np.hypot(np.hypot(a_sd, b_sd), VIEW_SIZE_SD)
     a_ends, b_ends = (1.0 / (1.0 + (more / HALF_ENDS) ** 2) for more in (a_more, b_more))
-    right = np.zeros(sd.shape)
+    right = np.zeros(1)
     for p, p_chance in ((0.0 * a_more, a_ends), (a_more, 1.0 - a_ends)):
         for q, q_chance in ((0.0 * b_more, b_ends), (b_more, 1.0 - b_ends)):
-            apart = np.maximum(np.maximum(a[:, None] - (b + q), b - (a + p)[:, None]), 0.0)
-            wide = np.hypot(math.sqrt(2.0 * math.pi) * sd, np.maximum(p[:, None], q))
-            right += p_chance[:, None] * q_chance / wide * np.exp(-0.5 * (apart / sd) ** 2)
+            apart = np.maximum(np.maximum(a - (b + q), b - (a + p)), 0.0)
+            wide = np.hypot(math.sqrt(2.0 * math.pi) * sd, np.maximum(p, q))
+            right = right + p_chance * q_chance / wide * np.exp(-0.5 * (apart / sd) ** 2)
     ratio = np.log((1.0 - WRONG_VIEW) * SIZE_RANGE * right + WRONG_VIEW)
     return np.where(np.isfinite(right), ratio, 0.0)
 
 
-def _marginals(weight: Float64) -> Float64:
-    """Return (N, M) the probability of each pair by its odds against none, where every row and column is in one pair or in
-    none.
+def _marginals(weight: Float64, pairs: Pairs) -> Float64:
+    """Return (P,) the probability of each pair by its odds against none, where every thing is in one pair or in none.
 
-    >>> np.round(_marginals(np.array([[9.0, 0.0], [0.0, 1.0]])), 3).tolist()
-    [[0.9, 0.0], [0.0, 0.5]]
+    >>> pairs = Pairs(np.array([0, 1]), np.array([0, 1]), np.ones(2, np.bool_))
+    >>> np.round(_marginals(np.array([9.0, 1.0]), pairs), 3).tolist()
+    [0.9, 0.5]
     """
-    back = np.ones(weight.shape)
+    back = np.ones(len(weight))
     for _ in range(ROUNDS):
         through = weight * back
-        to = weight / (1.0 + through.sum(axis=1, keepdims=True) - through)
-        back = 1.0 / (1.0 + to.sum(axis=0, keepdims=True) - to)
+        to = weight / (1.0 + np.bincount(pairs.first, through)[pairs.first] - through)
+        back = 1.0 / (1.0 + np.bincount(pairs.second, to)[pairs.second] - to)
     through = weight * back
-    result: Float64 = through / (1.0 + through.sum(axis=1, keepdims=True))
+    result: Float64 = through / (1.0 + np.bincount(pairs.first, through)[pairs.first])
     return result
 
 
@@ -519,34 +484,28 @@ class Compared:
     def changes(self) -> list[Change]:
         """Return all changes, things first; `TooManyError` where there are too many to tell."""
         a, b = self._side(0), self._side(1)
-        radius = radius_of(a.things, b.things)
-        blocks: list[Block] = []
-        for rows, columns in groups(a, b):
-            one, other = a.rows(rows), b.rows(columns)
-            near = in_place(one, other)
-            blocks.append(Block(rows, columns, near, probabilities(one, other, near, radius)))
+        pairs = pairs_of(a, b)
+        chance = probabilities(a, b, pairs)
+        some_free = pairs.near & (a.some_free[pairs.first] | b.some_free[pairs.second])
+        best = np.argsort(-chance, kind="stable")
         paired: tuple[set[int], set[int]] = set(), set()
-        for i, j, chance, stays in _best_first([each.pairs(each.chance > 0.0) for each in blocks]):
-            score = chance * self._chance
+        for i, j, near, score in zip(*(each[best].tolist() for each in (*pairs, chance * self._chance)), strict=True):
             if score < self._least:
                 break
             if i in paired[0] or j in paired[1]:
                 continue
             paired[0].add(i)
             paired[1].add(j)
-            self._add(KNOWN if stays else MOVED, CERTAIN, score, i, j)
+            self._add(KNOWN if near else MOVED, CERTAIN, score, i, j)
         alone: tuple[dict[int, UnpairedStatus], dict[int, UnpairedStatus]] = {}, {}
-        for each in blocks:
-            some_free = each.near & (a.some_free[each.rows, None] | b.some_free[each.columns])
-            tables = (each.chance, each.near, some_free), (each.chance.T, each.near.T, some_free.T)
-            for side, (mine, theirs) in enumerate(((each.rows, each.columns), (each.columns, each.rows))):
-                taken = np.array([k in paired[1 - side] for k in theirs.tolist()], np.bool_)
-                for at, k in enumerate(mine.tolist()):
-                    if k not in paired[side]:
-                        chances, places, free = tables[side]
-                        others = theirs[taken & ~places[at]]
-                        alone[side][k] = self._alone(side, k, chances[at], places[at], free[at], others)
-        self._add_rest(alone, _best_first([each.pairs(each.near) for each in blocks]))
+        for side, (mine, theirs) in enumerate((pairs[:2], pairs[1::-1])):
+            order = np.argsort(mine, kind="stable")
+            for k, at in enumerate(each_of(mine[order], order, len(self._things[side]))):
+                if k not in paired[side]:
+                    taken = [other for other in theirs[at[~pairs.near[at]]].tolist() if other in paired[1 - side]]
+                    alone[side][k] = self._alone(side, k, chance[at], pairs.near[at], some_free[at], taken)
+        best = best[pairs.near[best]]
+        self._add_rest(alone, zip(pairs.first[best].tolist(), pairs.second[best].tolist(), strict=True))
         for side in (0, 1):
             self._structure(side)
         return self._changes
@@ -558,16 +517,14 @@ class Compared:
         return Side(self._things[side], self._yaw[side], more, np.array(free, np.float64))
 
     def _add_rest(
-        self,
-        alone: tuple[dict[int, UnpairedStatus], dict[int, UnpairedStatus]],
-        near: Iterable[tuple[int, int, float, bool]],
+        self, alone: tuple[dict[int, UnpairedStatus], dict[int, UnpairedStatus]], near: Iterable[tuple[int, int]]
     ) -> None:
         """Add what is in no pair yet: what is known, and what else stands in its place and is not certain, is one thing.
 
         `near`: pairs in one place, the most probable first.
         """
-        before, after = (dict(sorted(each.items())) for each in alone)
-        for i, j, *_ in near:
+        before, after = alone
+        for i, j in near:
             if i in before and j in after and {before[i].status, after[j].status} <= {KNOWN, UNCERTAIN}:
                 known = [each.score for each in (before[i], after[j]) if each.status == KNOWN]
                 if known:
@@ -612,7 +569,7 @@ class Compared:
 
     # Things.
 
-    def _alone(self, side: int, k: int, chance: Float64, near: Bool, other: Bool, taken: Int64) -> UnpairedStatus:
+    def _alone(self, side: int, k: int, chance: Float64, near: Bool, other: Bool, taken: list[int]) -> UnpairedStatus:
         """Return the status of a thing of one run that is certainly one with none of the other run.
 
         By its probability of being one thing with each of these (M,); `near` are those in its place, `other` those of which
@@ -650,7 +607,7 @@ class Compared:
             return UnpairedStatus(status, CERTAIN, score)
         return UnpairedStatus(UNCERTAIN, SHORT if spot.is_free and not there else AMBIGUOUS, score)
 
-    def _is_covered(self, side: int, k: int, taken: Int64) -> bool:
+    def _is_covered(self, side: int, k: int, taken: list[int]) -> bool:
         """Tell whether a thing that has another partner stands in the place of this one in the other run."""
         return bool(within(self._boxes[1 - side][taken, :2], self._boxes[side][k], BESIDE).any())
 
@@ -745,32 +702,6 @@ class Compared:
                 pair, free = pair[::-1], free[::-1]
             why = CERTAIN if certain else SHORT
             self._changes.append(Change(STRUCTURE, status, why, score, area, pair, free, place=tuple(box.tolist())))
-
-
-@dataclass(frozen=True, slots=True)
-class Block:
-    """N things of the first run and M of the second, and what their pairs are."""
-
-    rows: Int64
-    columns: Int64
-    near: Bool
-    """(N, M) of `in_place`."""
-    chance: Float64
-    """(N, M) of `probabilities`."""
-
-    def pairs(self, some: Bool) -> tuple[Int64, Int64, Float64, Bool]:
-        """Return (P,) indices, probability and whether they are in one place, of some of the pairs."""
-        i, j = np.nonzero(some)
-        return self.rows[i], self.columns[j], self.chance[i, j], self.near[i, j]
-
-
-def _best_first(pairs: Sequence[tuple[Int64, Int64, Float64, Bool]]) -> Iterator[tuple[int, int, float, bool]]:
-    """Yield pairs of all blocks, the most probable first."""
-    if not pairs:
-        return
-    columns = [np.concatenate(each) for each in zip(*pairs, strict=True)]
-    order = np.lexsort((columns[1], columns[0], -columns[2]))
-    yield from zip(*(each[order].tolist() for each in columns), strict=True)
 
 
 class UnpairedStatus(NamedTuple):
