@@ -279,8 +279,8 @@ def pairs_of(a: Side, b: Side) -> Pairs:
     gone, come = np.flatnonzero(a.left), np.flatnonzero(b.left)
     if len(gone) * len(come) > MOST_MOVED**2:
         raise TooManyError(f"{max(len(gone), len(come)):,} things, more than are looked for ({MOST_MOVED:,})")
-    within_first, (other, one) = contained(boxes[0], places[1], BESIDE), contained(boxes[1], places[0], BESIDE)
-    inside = np.concatenate([within_first[0] * count + within_first[1], one * count + other])
+    (i, j), (q, p) = contained(boxes[0], places[1], BESIDE), contained(boxes[1], places[0], BESIDE)
+    inside = np.concatenate([i * count + j, p * count + q])
     length = [np.fmax(np.nan_to_num(each.things.length), FARTHEST) for each in (a, b)]
     i, j = Buckets(places[1]).near(places[0], length[0])
     close = np.hypot(*(places[0][i] - places[1][j]).T) <= np.fmin(length[0][i], length[1][j])
