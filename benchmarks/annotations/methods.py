@@ -48,8 +48,7 @@ def held_out(batches: Sequence[SweepBatch], grown: Grown, wanted: frozenset[int]
         found.append((batch, told, known.add(batch, told)))
     labels: dict[str, Labels] = {ROBUST: {}, TRACK: {}}
     for batch, told, worlds in found:
-        by_place = known.read(batch, told, worlds).thing
-        for name, thing in ((ROBUST, told.thing), (TRACK, np.where(np.isnan(by_place), told.thing, by_place))):
+        for name, thing in ((ROBUST, told.thing), (TRACK, known.judged(batch, told, worlds, least).thing)):
             first = np.searchsorted(told.row, np.arange(len(batch)))[:, None]
             number = labels_of(told)
             body = np.clip(first + number - 1, 0, max(len(told) - 1, 0))

@@ -258,23 +258,17 @@ def contributions(features: Float64) -> dict[str, Float64]:
     return found
 
 
-def reasons(features: Float64, thing: Float64) -> list[str | None]:
-    """Return (K,) the parts in words, the greatest first: `edges +2.1, lines -0.8`; None without a verdict."""
+def reasons(features: Float64, thing: Float64, place: Float64 | None = None) -> list[str | None]:
+    """Return (K,) the parts in words, the greatest first: `edges +2.1, lines -0.8`; None without a verdict.
+
+    Log-odds of a `place`, (K,), NaN where it is not known, come before: `place -0.7; this sweep: edges +2.1`.
+    """
     parts = contributions(features)
     names, values = [*parts], np.stack([*parts.values()], axis=1)
     lines: list[str | None] = []
-    for row, known in zip(values, ~np.isnan(thing), strict=True):
+    place = np.full(len(thing), np.nan) if place is None else place
+    for row, known, here in zip(values, ~np.isnan(thing), place.tolist(), strict=True):
         order = [k for k in np.argsort(-np.abs(row)).tolist() if abs(row[k]) >= LEAST]
-        lines.append(", ".join(f"{names[k]} {row[k]:+.1f}" for k in order) if known else None)
+        before = "" if here != here else f"{PLACE} {here:+.1f}; this sweep: "
+        lines.append(before + ", ".join(f"{names[k]} {row[k]:+.1f}" for k in order) if known else None)
     return lines
-
-
-def reasons_by_place(reasons: list[str | None], place: Float64) -> list[str | None]:
-    """Return (K,) the log-odds of the place before the parts of the sweep: `place -0.7; this sweep: edges +2.1`.
-
-    `place` (K,) is NaN where the body has no place that is known.
-    """
-    return [
-        sweep if sweep is None or here != here else f"{PLACE} {here:+.1f}; this sweep: {sweep}"
-        for sweep, here in zip(reasons, place.tolist(), strict=True)
-    ]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import MISSING, fields
+from dataclasses import MISSING, fields, replace
 
 import numpy as np
 
@@ -147,6 +147,8 @@ class Detection:
     )
     features: Float64 | None = column("", "what `thing` was decided on", default=None)
     """(K, F) in the order of `features.NAMES`; only with `explain`."""
+    place: Float64 | None = column("1", "log-odds of a thing by all sweeps of its place", default=None)
+    """NaN where its place is not known; None: nobody has asked."""
     label: Int32 | None = column(
         "",
         "name in the catalogue; null without a catalogue, or where nothing in it fits",
@@ -161,6 +163,17 @@ class Detection:
 
     def __len__(self) -> int:
         return len(self.row)
+
+    def taken(self, order: Int64) -> Detection:
+        """Return some of the objects, in this order; what is told per sweep or beam stays."""
+        arrays = {name: getattr(self, name) for name in fields_per("object")}
+        chosen = {name: values[order] for name, values in arrays.items() if values is not None}
+        lists: dict[Per, str] = {"vertex": "vertex_offsets", "face": "face_offsets"}
+        for per, name in lists.items():
+            begin = getattr(self, name).astype(np.int64)
+            at, _, offsets = spans(begin[order], np.diff(begin)[order])
+            chosen |= {each: getattr(self, each)[at] for each in fields_per(per)} | {name: offsets.astype(np.int32)}
+        return replace(self, **chosen)
 
     def shares(self, batch: SweepBatch) -> Float64:
         """(K,) the share of the time of its sweep that has passed when the beam in the middle of each object is taken."""

@@ -76,10 +76,11 @@ def _detect_log(
     """Write the rows of the tables of one log, by topic in its order; in the end the summary of the reading is complete."""
     summary = reading.summary
     detector = BatchDetector(source.name, tables or options.tables, options)
-    with ParallelDetection(detector, reading, options.threads) as detection, _tracker(source, reading, options) as tracker:
+    tracking = _tracker(source, reading, detector.tables, options)
+    with ParallelDetection(detector, reading, options.threads) as detection, tracking as tracker:
         for part in chain(chain.from_iterable(map(detection.take, batches)), detection.flush()):
             summary.add_found(part.counts)
-            for table, topic, rows in part.rows if tracker is None else tracker.take(part.batches):
+            for table, topic, rows in part.rows if tracker is None else tracker.take(part.detected):
                 files.write(table, topic, rows)
         if tracker is not None:
             for table, topic, rows in tracker.flush():
@@ -90,13 +91,15 @@ def _detect_log(
         summary.notes += [*detection.notes(), *([] if tracker is None else tracker.notes)]
 
 
-def _tracker(source: Source, reading: Reading, options: DetectOptions) -> AbstractContextManager[LogTracker | None]:
+def _tracker(
+    source: Source, reading: Reading, tables: Sequence[str], options: DetectOptions
+) -> AbstractContextManager[LogTracker | None]:
     if options.tracking is None:
         return nullcontext()
     # Runs that do not track should not wait for this import.
     from lidarcli.pipeline.objects.tracking import LogTracker
 
-    return LogTracker(source.name, options, waits=options.background is None and not reading.is_pipe)
+    return LogTracker(source.name, tables, options, waits=options.background is None and not reading.is_pipe)
 
 
 def detect_to_temporary(
@@ -264,14 +267,14 @@ def of_batches(batches: Iterable[SweepBatch], tables: Sequence[str], options: De
             for table, _, rows in part.rows:
                 collected[table].write(rows)
     else:
-        _track(parts, collected, options)
+        _track(parts, detector.tables, collected, options)
     named = {"background": options.background, "tracking": options.tracking, "catalogue": options.catalogue}
     described = {name: each.as_dict() for name, each in named.items() if each is not None}
     metadata = table_metadata(options.parameters.as_dict() | described)
     return {table: _table(table, rows, metadata) for table, rows in collected.items()}
 
 
-def _track(parts: Iterable[Part], sinks: Mapping[str, RowSink], options: DetectOptions) -> None:
+def _track(parts: Iterable[Part], tables: Sequence[str], sinks: Mapping[str, RowSink], options: DetectOptions) -> None:
     """Pass the rows of batches to the sinks of their tables, by log and topic."""
     # Runs that do not track should not wait for this import.
     from lidarcli.pipeline.objects.tracking import LogTracker
@@ -279,12 +282,12 @@ def _track(parts: Iterable[Part], sinks: Mapping[str, RowSink], options: DetectO
     logs: dict[str, tuple[LogTracker, TopicOrder]] = {}
     with ExitStack() as stack:
         for part in parts:
-            for each in part.batches:
-                assert each.detected is not None
-                log = each.detected[0].log
+            for each in part.detected:
+                log = each[0].log
                 if log not in logs:
                     order = stack.enter_context(TopicOrder(sinks, None))
-                    logs[log] = stack.enter_context(LogTracker(log, options, waits=options.background is None)), order
+                    tracker = LogTracker(log, tables, options, waits=options.background is None)
+                    logs[log] = stack.enter_context(tracker), order
                 tracker, order = logs[log]
                 for table, topic, rows in tracker.take([each]):
                     order.write(table, topic, rows)

@@ -6,7 +6,7 @@ import math
 import pickle
 import shlex
 import tempfile
-from collections import deque
+from collections import defaultdict
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, nullcontext, suppress
 from dataclasses import dataclass, field, replace
@@ -19,7 +19,7 @@ import numpy as np
 from lidarcli.choices import CLOUDS, MAP_RESOLUTION, MAP_RESOLUTIONS, MATCH, MAX_MAP_KM2, MIN_MOVE, NS, OCCUPIED_RATIO
 from lidarcli.errors import OptionError, OutputError, UnreadableError
 from lidarcli.formalism import Parameters
-from lidarcli.formalism.detection import AGENT, Detection
+from lidarcli.formalism.detection import AGENT
 from lidarcli.formalism.mapping.grid import (
     CLEAR,
     HIT,
@@ -212,19 +212,13 @@ class Mapping:
         from lidarcli.tabular.columns import beam_sets
 
         find = ObjectFinder(self.options.parameters).find
-        trackers: dict[str, tuple[Tracker, deque[tuple[SweepBatch, Detection]]]] = {}
+        trackers: defaultdict[str, Tracker] = defaultdict(Tracker)
         for batch in batches:
-            if batch.topic not in trackers:
-                trackers[batch.topic] = Tracker(), deque()
-            tracker, waiting = trackers[batch.topic]
-            detection = find(batch, True)
-            waiting.append((batch, detection))
-            for followed in tracker.add(batch, detection):
-                done = waiting.popleft()
-                yield done[0], beam_sets(*done, followed)[0]
-        for tracker, waiting in trackers.values():
-            for done, followed in zip(waiting, tracker.finish()[0], strict=True):
-                yield done[0], beam_sets(*done, followed)[0]
+            for followed in trackers[batch.topic].add(batch, find(batch, True)):
+                yield followed.batch, beam_sets(followed)[0]
+        for tracker in trackers.values():
+            for followed in tracker.finish()[0]:
+                yield followed.batch, beam_sets(followed)[0]
 
     def _take(self, source: Source, batch: SweepBatch, sets: UInt8 | None, clouds: Sequence[CloudWriter]) -> None:
         """Count the sweeps of one sensor that tell something new."""

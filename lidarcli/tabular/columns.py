@@ -8,8 +8,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 import pyarrow as pa
@@ -20,9 +21,6 @@ from lidarcli.formalism.tracking.results import TrackedBatch, Tracks, Trajectori
 from lidarcli.range_rules import count_statuses
 from lidarcli.sweeps import STATUSES, Column, Int32, Per, SweepBatch, UInt8
 from lidarcli.tabular.schemas import FACES, KINDS, SCHEMAS, STAMP, TABLES, VERTICES, schema_of
-
-if TYPE_CHECKING:
-    from lidarcli.formalism.mapping.places import ByPlace
 
 
 def plain(values: NDArray[Any], kind: pa.DataType | None = None) -> pa.Array:
@@ -206,10 +204,6 @@ class Form:
             arrays.append(values if isinstance(values, pa.Array) else as_column(values, one))
         return pa.RecordBatch.from_arrays(arrays, schema=self.schema)
 
-    def replaced(self, rows: pa.RecordBatch, columns: dict[str, Any]) -> pa.RecordBatch:
-        """Return the rows with some columns in the place of theirs."""
-        return self.fill(dict(zip(rows.schema.names, rows.columns, strict=True)) | columns, None, len(rows))
-
 
 def as_column(values: NDArray[Any], one: Column) -> pa.Array:
     """Return an array as the column that is declared."""
@@ -223,10 +217,12 @@ FORMS = {table: Form(table) for table in SCHEMAS}
 """Table of a log → its form."""
 
 
-def objects_rows(log: str, batch: SweepBatch, detection: Detection, labels: Sequence[str] = ()) -> pa.RecordBatch:
+def objects_rows(
+    log: str, batch: SweepBatch, detection: Detection, labels: Sequence[str] = (), more: dict[str, Any] | None = None
+) -> pa.RecordBatch:
     """Return rows of the objects table: one per object, in the order of the detection (sweep, object).
 
-    `labels` are the names that the labels of the detection, if any, are indices of.
+    `labels` are the names that the labels of the detection, if any, are indices of; `more` are other columns.
     """
     row = detection.row
     count = len(row)
@@ -246,13 +242,13 @@ def objects_rows(log: str, batch: SweepBatch, detection: Detection, labels: Sequ
         # Imported here, as few ask for reasons.
         from lidarcli.formalism.detect import reasons
 
-        columns["why"] = pa.array(reasons(detection.features, detection.thing), pa.string())
+        columns["why"] = pa.array(reasons(detection.features, detection.thing, detection.place), pa.string())
     if batch.poses is not None:
         # An object is seen from where the sensor was when it came to the beam in its middle.
         boxes = detection.box_x, detection.box_y, detection.box_yaw
         world = batch.poses.to_world(row, *boxes, detection.shares(batch))
         columns |= zip(("world_x", "world_y", "world_yaw"), world, strict=True)
-    return FORMS["objects"].fill(columns, detection, count)
+    return FORMS["objects"].fill(columns | (more or {}), detection, count)
 
 
 def sweeps_rows(log: str, batch: SweepBatch, detection: Detection) -> pa.RecordBatch:
@@ -325,81 +321,56 @@ def _lists(detection: Detection, kind: pa.ListType, offsets: NDArray[np.int32], 
     return pa.ListArray.from_arrays(plain(offsets), items, type=kind)
 
 
-def tracked_objects(
-    rows: pa.RecordBatch, followed: TrackedBatch, labels: Sequence[str] = (), *, walls: bool, tracks: bool
+def tracked_rows(
+    table: str, log: str, found: TrackedBatch, labels: Sequence[str] = (), *, walls: bool, tracks: bool
 ) -> pa.RecordBatch:
-    """Return rows of the objects table, completed by the tracking; `labels` are the names in the catalogue.
+    """Return rows of the objects, sweeps or beams of a batch by the tracking; `labels` are the names in the catalogue.
 
-    With `walls` bodies in set S have rows, too; without `tracks` the columns on tracks stay as they are.
+    With `walls` bodies in set S have rows, too; without `tracks` agents are objects, and nothing tells of tracks.
     """
-    sets = followed.set
-    columns: dict[str, Any] = {"object": followed.object, "shape": followed.shape, "thing": followed.thing}
-    if tracks:
-        columns |= {
-            "track": masked(followed.track, followed.track == 0),
-            "vx": followed.vx,
-            "vy": followed.vy,
-            "moving": answers(followed.moving),
-            "agent_score": followed.agent_score,
-            **_labelled(followed, labels),
-        }
-    else:
-        sets = np.where(sets == AGENT, OBJECT, sets)
-    rows = FORMS["objects"].replaced(rows, {"set": sets} | columns)
-    order = followed.order if walls else followed.order[followed.set[followed.order] != NOISE]
-    whole = len(order) == len(rows) and np.array_equal(order, np.arange(len(rows)))
-    return rows if whole else rows.take(plain(order))
+    if table == "objects":
+        return _tracked_objects(log, found, labels, walls=walls, tracks=tracks)
+    if table == "beams":
+        sets, number = beam_sets(found, tracks=tracks)
+        return beams_rows(log, found.batch, replace(found.detection, beam_set=sets, beam_object=number))
+    counts = {name: getattr(found, name) for name in ("objects", "agents", "object_beams", "agent_beams", "noise_beams")}
+    for name, agents in () if tracks else (("objects", "agents"), ("object_beams", "agent_beams")):
+        counts[name], counts[agents] = counts[name] + counts[agents], np.zeros_like(counts[agents])
+    return sweeps_rows(log, found.batch, replace(found.detection, **counts))
 
 
-def explained_objects(rows: pa.RecordBatch, by_place: ByPlace) -> pa.RecordBatch:
-    """Return rows of the objects table whose column `why` also tells of places, if it tells anything."""
-    reasons = rows.column("why")
-    if reasons.null_count == len(reasons):
-        return rows
-    # Imported here, as few ask for reasons.
-    from lidarcli.formalism.detect import reasons_by_place
-
-    lines = reasons_by_place(reasons.to_pylist(), by_place.place)
-    return FORMS["objects"].replaced(rows, {"why": pa.array(lines, pa.string())})
-
-
-def tracked_sweeps(rows: pa.RecordBatch, followed: TrackedBatch, *, tracks: bool) -> pa.RecordBatch:
-    """Return rows of the sweeps table with the counts of objects and agents of the tracking."""
-    names = ("objects", "agents", "object_beams", "agent_beams", "noise_beams")
-    counts = {name: getattr(followed, name) for name in names}
+def _tracked_objects(log: str, found: TrackedBatch, labels: Sequence[str], *, walls: bool, tracks: bool) -> pa.RecordBatch:
+    order = found.order if walls else found.order[found.set[found.order] != NOISE]
+    kind = found.set[order]
+    some: dict[str, Any] = {"object": found.object[order], "shape": found.shape[order]}
     if not tracks:
-        counts["objects"] = counts["objects"] + counts["agents"]
-        counts["object_beams"] = counts["object_beams"] + counts["agent_beams"]
-        counts["agents"], counts["agent_beams"] = (np.zeros_like(counts["agents"]), np.zeros_like(counts["agents"]))
-    return FORMS["sweeps"].replaced(rows, counts)
+        some["set"] = np.where(kind == AGENT, OBJECT, kind)
+        return objects_rows(log, found.batch, replace(found.detection.taken(order), **some))
+    some |= {"set": kind, "label": found.label[order], "label_score": found.label_score[order]}
+    track = found.track[order]
+    columns = {
+        "track": masked(track, track == 0),
+        "moving": answers(found.moving[order]),
+        **{name: getattr(found, name)[order] for name in ("vx", "vy", "agent_score")},
+    }
+    return objects_rows(log, found.batch, replace(found.detection.taken(order), **some), labels, columns)
 
 
-def tracked_beams(
-    rows: pa.RecordBatch, batch: SweepBatch, detection: Detection, followed: TrackedBatch, *, tracks: bool
-) -> pa.RecordBatch:
-    """Return rows of the beams table with the object and the set of each beam of the tracking."""
-    sets, number = beam_sets(batch, detection, followed, tracks=tracks)
-    row, beam = beams_of(batch)
-    owner = number[row, beam]
-    return FORMS["beams"].replaced(rows, {"set": sets[row, beam], "object": masked(owner, owner == 0)})
-
-
-def beam_sets(
-    batch: SweepBatch, detection: Detection, followed: TrackedBatch, *, tracks: bool = True
-) -> tuple[UInt8, Int32]:
+def beam_sets(found: TrackedBatch, *, tracks: bool = True) -> tuple[UInt8, Int32]:
     """Return the set of each beam and the number of its object, 0 for none, (S, B) each, by the tracking.
 
     `tracks`: tell agents from objects. The detection was made with `per_beam`.
     """
+    detection = found.detection
     assert detection.beam_object is not None
     most = int(detection.object.max(initial=0))
-    number = np.zeros((len(batch), most + 1), np.int32)
-    sets = np.full((len(batch), most + 1), NOISE, np.uint8)
-    at = np.flatnonzero(followed.set != NOISE)
+    number = np.zeros((len(found.batch), most + 1), np.int32)
+    sets = np.full((len(found.batch), most + 1), NOISE, np.uint8)
+    at = np.flatnonzero(found.set != NOISE)
     place = detection.row[at], detection.object[at]
-    number[place] = followed.object[at]
-    sets[place] = followed.set[at] if tracks else OBJECT
-    row = np.arange(len(batch))[:, None]
+    number[place] = found.object[at]
+    sets[place] = found.set[at] if tracks else OBJECT
+    row = np.arange(len(found.batch))[:, None]
     return sets[row, detection.beam_object], number[row, detection.beam_object]
 
 
@@ -411,8 +382,9 @@ def tracks_rows(log: str, tracks: Tracks, sensors: Sequence[tuple[str, str]], la
         "topic": _of_sensors(tracks.sensor, [topic for topic, _ in sensors]),
         "frame_id": _of_sensors(tracks.sensor, [frame for _, frame in sensors]),
         "moved_at": masked(tracks.moved_at_ns, ~tracks.moved, STAMP),
+        "label": codes(tracks.label, labels),
     }
-    return FORMS["tracks"].fill(columns | _labelled(tracks, labels), tracks, count)
+    return FORMS["tracks"].fill(columns, tracks, count)
 
 
 def trajectories_rows(log: str, sensors: Sequence[tuple[str, str]], found: Trajectories) -> pa.RecordBatch:
@@ -435,8 +407,3 @@ def _of_sensors(sensor: Int32, names: Sequence[str]) -> pa.DictionaryArray:
         return constant(known[0], len(sensor))
     number = np.array([known.index(name) for name in names] + [-1], np.int32)
     return codes(number[sensor], known)
-
-
-def _labelled(found: TrackedBatch | Tracks, labels: Sequence[str]) -> dict[str, Any]:
-    """Return the columns of names in the catalogue; without one all are null."""
-    return {"label": codes(found.label, labels), "label_score": found.label_score}

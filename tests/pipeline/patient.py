@@ -68,6 +68,8 @@ class Patient:
 
         agents, beams = per_sweep(None), per_sweep(detection.beams[agent])
         return TrackedBatch(
+            batch=batch,
+            detection=detection,
             track=np.where(thing, detection.object, 0).astype(np.int64),
             vx=np.where(thing, 0.0, np.nan),
             vy=np.where(thing, agent * 1.0, np.nan),
@@ -75,7 +77,6 @@ class Patient:
             agent_score=np.where(thing, agent * 1.0, np.nan),
             set=np.where(agent, AGENT, detection.set).astype(np.uint8),
             shape=detection.shape,
-            thing=detection.thing,
             order=np.arange(len(detection)),
             object=detection.object,
             label=np.where(agent, self.label, -1).astype(np.int32),
@@ -85,7 +86,6 @@ class Patient:
             object_beams=detection.object_beams - beams,
             agent_beams=beams,
             noise_beams=detection.noise_beams,
-            topic=batch.topic,
         )
 
 

@@ -11,21 +11,13 @@ from lidarcli.formalism import SHAPES, Detection
 from lidarcli.formalism.detection import AGENT, NOISE, WALL
 from lidarcli.formalism.tracking.results import TrackedBatch
 from lidarcli.sweeps import SweepBatch
-from lidarcli.tabular.columns import (
-    beams_rows,
-    objects_rows,
-    sweeps_rows,
-    tracked_beams,
-    tracked_objects,
-    tracked_sweeps,
-    tracks_rows,
-)
+from lidarcli.tabular.columns import beams_rows, objects_rows, tracked_rows, tracks_rows
 from tests.pipeline.patient import things
 from tests.tabular.contract import CONTRACT
 from tests.tabular.writing import STAMPS
 
 
-def followed(detection: Detection, agents: list[int]) -> TrackedBatch:
+def followed(batch: SweepBatch, detection: Detection, agents: list[int]) -> TrackedBatch:
     """The second object of the first sweep and the like are agents; the first object belongs to nothing."""
     count = len(detection)
     is_agent = np.isin(np.arange(count), agents)
@@ -33,6 +25,8 @@ def followed(detection: Detection, agents: list[int]) -> TrackedBatch:
     beams = np.bincount(detection.row[is_agent], detection.beams[is_agent], 3).astype(np.int32)
     nothing = np.arange(count) == 0
     return TrackedBatch(
+        batch=batch,
+        detection=detection,
         track=np.where(nothing, 0, 10 + np.arange(count)),
         vx=np.where(nothing, np.nan, 0.25),
         vy=np.where(nothing, np.nan, -0.5),
@@ -40,7 +34,6 @@ def followed(detection: Detection, agents: list[int]) -> TrackedBatch:
         agent_score=np.where(nothing, np.nan, 0.75 * is_agent),
         set=np.where(is_agent, AGENT, detection.set).astype(np.uint8),
         shape=detection.shape,
-        thing=detection.thing,
         order=np.arange(count),
         object=detection.object,
         label=np.where(is_agent, 1, -1).astype(np.int32),
@@ -53,8 +46,9 @@ def followed(detection: Detection, agents: list[int]) -> TrackedBatch:
     )
 
 
-def without(detection: Detection, found: TrackedBatch, refused: list[int]) -> TrackedBatch:
+def without(found: TrackedBatch, refused: list[int]) -> TrackedBatch:
     """The same where some objects are pieces of building by all that was seen of them."""
+    detection = found.detection
     building = np.isin(np.arange(len(detection)), refused)
     kind = np.where(building, NOISE, found.set).astype(np.uint8)
     order = np.lexsort((detection.theta_i, kind == NOISE, detection.row))
@@ -77,8 +71,8 @@ def without(detection: Detection, found: TrackedBatch, refused: list[int]) -> Tr
 
 def test_rows_of_objects(batch: SweepBatch, detection: Detection) -> None:
     before = objects_rows("run", batch, detection)
-    found = followed(detection, [1])
-    rows = tracked_objects(before, found, ("box", "person"), walls=False, tracks=True)
+    found = followed(batch, detection, [1])
+    rows = tracked_rows("objects", "run", found, ("box", "person"), walls=False, tracks=True)
     assert rows.schema.equals(before.schema)
     names = ("track", "set", "vx", "vy", "moving", "agent_score", "label", "label_score")
     assert [tuple(row[name] for name in names) for row in rows.to_pylist()] == [
@@ -93,20 +87,20 @@ def test_rows_of_objects(batch: SweepBatch, detection: Detection) -> None:
 
 def test_without_tracks_only_the_verdict_is_told(batch: SweepBatch, detection: Detection) -> None:
     before = objects_rows("run", batch, detection)
-    rows = tracked_objects(before, followed(detection, [1]), walls=False, tracks=False)
+    rows = tracked_rows("objects", "run", followed(batch, detection, [1]), walls=False, tracks=False)
     assert rows.equals(before)
 
 
 @pytest.mark.parametrize("walls", [False, True])
 def test_what_is_building_after_all_is_wall_or_has_no_row(batch: SweepBatch, detection: Detection, walls: bool) -> None:
-    found = without(detection, followed(detection, []), [0])
-    rows = tracked_objects(objects_rows("run", batch, detection), found, walls=walls, tracks=True).to_pylist()
+    found = without(followed(batch, detection, []), [0])
+    rows = tracked_rows("objects", "run", found, walls=walls, tracks=True).to_pylist()
     here = [(row["object"], row["set"], row["shape"]) for row in rows if row["sweep"] == 0]
     shapes = [SHAPES[shape] for shape in detection.shape[detection.row == 0]]
     wall = [(len(shapes), "S", "wall")] if walls else []
     assert here == [(k, "O", shape) for k, shape in enumerate(shapes[1:], 1)] + wall
-    beams = tracked_beams(beams_rows("run", batch, detection), batch, detection, found, tracks=True).to_pylist()
-    counts = tracked_sweeps(sweeps_rows("run", batch, detection), found, tracks=True).to_pylist()[0]
+    beams = tracked_rows("beams", "run", found, walls=False, tracks=True).to_pylist()
+    counts = tracked_rows("sweeps", "run", found, walls=False, tracks=True).to_pylist()[0]
     sets = [beam["set"] for beam in beams if beam["sweep"] == 0]
     assert (sets.count("O"), sets.count("S")) == (counts["object_beams"], counts["noise_beams"])
     assert counts["objects"] == len(shapes) - 1
@@ -116,12 +110,10 @@ def test_what_is_building_after_all_is_wall_or_has_no_row(batch: SweepBatch, det
 
 def test_sets_sum_over_the_tables(batch: SweepBatch, detection: Detection) -> None:
     """Def. 4: every beam is in O, A or S, and the tables agree on how many are in each."""
-    found = followed(detection, [1, 2])
-    sweeps = tracked_sweeps(sweeps_rows("run", batch, detection), found, tracks=True).to_pylist()
-    beams = tracked_beams(beams_rows("run", batch, detection), batch, detection, found, tracks=True).to_pylist()
-    objects = tracked_objects(
-        objects_rows("run", batch, detection), found, ("box", "person"), walls=False, tracks=True
-    ).to_pylist()
+    found = followed(batch, detection, [1, 2])
+    sweeps = tracked_rows("sweeps", "run", found, walls=False, tracks=True).to_pylist()
+    beams = tracked_rows("beams", "run", found, walls=False, tracks=True).to_pylist()
+    objects = tracked_rows("objects", "run", found, ("box", "person"), walls=False, tracks=True).to_pylist()
     for row in sweeps:
         here = [beam["set"] for beam in beams if beam["sweep"] == row["sweep"]]
         sums = (row["object_beams"], row["agent_beams"], row["noise_beams"])
@@ -135,8 +127,8 @@ def test_sets_sum_over_the_tables(batch: SweepBatch, detection: Detection) -> No
 
 
 def test_beams_without_an_agent_stay_as_they_are(batch: SweepBatch, detection: Detection) -> None:
-    rows = beams_rows("run", batch, detection)
-    assert tracked_beams(rows, batch, detection, followed(detection, []), tracks=True).equals(rows)
+    rows = tracked_rows("beams", "run", followed(batch, detection, []), walls=False, tracks=True)
+    assert rows.equals(beams_rows("run", batch, detection))
 
 
 def test_rows_of_things() -> None:

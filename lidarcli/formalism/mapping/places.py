@@ -15,7 +15,7 @@ import numpy as np
 from lidarcli.formalism.detection import NOISE, OBJECT, WALL, Detection
 from lidarcli.formalism.mapping import rays
 from lidarcli.formalism.mapping.grid import Ground
-from lidarcli.sweeps import Bool, Float32, Float64, Int64, SweepBatch, record
+from lidarcli.sweeps import Bool, Float32, Float64, Int64, SweepBatch
 
 CELL, FARTHEST, REACH = 0.1, 15.0, 150.0
 """[m] Side of a cell; greatest range of a beam that votes, as farther ones miss their cells where the pose is turned a
@@ -40,24 +40,6 @@ UNIT = 12.0
 """Votes of one log-odds: whole numbers have the same sum in any order."""
 MARGIN = FARTHEST + 1.0
 """[m] Greatest distance of a cell from the way of the sensor during a sweep: beams end within it, with those around."""
-
-
-@record
-class ByPlace:
-    """Evidence of the places of K bodies; NaN where a body is in no place that is known."""
-
-    thing: Float64
-    """(K,) probability of being a thing."""
-    place: Float64
-    """(K,) the log-odds."""
-
-    def judged(self, detection: Detection, least: float) -> Detection:
-        """Return the bodies with these probabilities; what is less likely than `least` a thing is wall."""
-        thing = np.where(np.isnan(self.thing), detection.thing, self.thing)
-        kind, shape = detection.set.copy(), detection.shape.copy()
-        refused = (kind == OBJECT) & (thing < least)
-        kind[refused], shape[refused] = NOISE, WALL
-        return replace(detection, thing=thing, set=kind, shape=shape)
 
 
 @dataclass(slots=True)
@@ -184,8 +166,11 @@ class Places:
             self._grounds[world].take(sweeps, rows, vote)
         return worlds
 
-    def read(self, batch: SweepBatch, detection: Detection, worlds: Int64) -> ByPlace:
-        """Return what the places of K bodies say by all sweeps so far; `worlds` (S,) as `add` returned them."""
+    def judged(self, batch: SweepBatch, detection: Detection, worlds: Int64, least: float) -> Detection:
+        """Return the bodies by their places in all sweeps so far; what is less likely than `least` a thing is wall.
+
+        `worlds` (S,) as `add` returned them.
+        """
         found = np.zeros((len(detection), 2), np.int64)
         sweeps = SweepsInWorld(batch, detection, worlds)
         for world, rows in _by_world(worlds):
@@ -194,7 +179,11 @@ class Places:
         total, count = found.T
         known = (count > 0) & ~np.isnan(detection.thing)
         place = np.where(known, PRIOR + GAIN * total / (UNIT * np.maximum(count, 1)), np.nan)
-        return ByPlace(1.0 / (1.0 + np.exp(-place)), place)
+        thing = np.where(known, 1.0 / (1.0 + np.exp(-place)), detection.thing)
+        kind, shape = detection.set.copy(), detection.shape.copy()
+        refused = (kind == OBJECT) & (thing < least)
+        kind[refused], shape[refused] = NOISE, WALL
+        return replace(detection, thing=thing, set=kind, shape=shape, place=place)
 
     def _worlds(self, batch: SweepBatch) -> Int64:
         """Return (S,) the world of each sweep, -1 for none."""

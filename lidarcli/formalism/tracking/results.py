@@ -6,8 +6,8 @@ target has seen until it ends, a track the tracklets of one thing.
 
 from __future__ import annotations
 
-from lidarcli.formalism.detection import SETS, SHAPES
-from lidarcli.sweeps import Bool, Float64, Int8, Int32, Int64, UInt8, column, record
+from lidarcli.formalism.detection import SETS, SHAPES, Detection
+from lidarcli.sweeps import Bool, Float64, Int8, Int32, Int64, SweepBatch, UInt8, column, record
 
 ENDS = ("left view", "free", "lost", "end of log")
 """Reasons for the end of a track: it left the view, beams pass through its place, it was lost, the log ended."""
@@ -39,6 +39,9 @@ class TrackedBatch:
     The fields that a `Detection` has as well take the place of its own.
     """
 
+    batch: SweepBatch
+    detection: Detection
+    """The batch and its detection, as they were given to the tracker."""
     track: Int64 = column(
         "1", "thing that the object belongs to, 1, 2, ... by first sight; null until tracked", nullable=True
     )
@@ -57,8 +60,6 @@ class TrackedBatch:
     """(K,) set of each object (Def. 4): agents are in A, and what all sweeps together take for building is in S."""
     shape: UInt8
     """(K,) shape of each object, by all sweeps that saw its track."""
-    thing: Float64
-    """(K,) probability of being a thing, by all sweeps that saw its track; NaN where it was not asked."""
     order: Int64
     """(K,) the objects by sweep, set S last, then bearing."""
     object: Int32
@@ -75,8 +76,6 @@ class TrackedBatch:
     agent_beams: Int32
     noise_beams: Int32
     """(S,) number of beams of each set."""
-    topic: str = ""
-    """Topic of the batch."""
 
 
 @record

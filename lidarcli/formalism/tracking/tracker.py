@@ -422,6 +422,8 @@ def _tracked_batch(one: _PendingBatch, by_memory: bool) -> TrackedBatch:
     agent_beams = _count(found.row[agent], found.beams[agent], sweeps)
     object_beams = _count(found.row[thing_at], found.beams[thing_at], sweeps)
     return TrackedBatch(
+        batch=one.batch,
+        detection=found,
         track=settled["track"].copy(),
         vx=settled["vx"].copy(),
         vy=settled["vy"].copy(),
@@ -429,7 +431,6 @@ def _tracked_batch(one: _PendingBatch, by_memory: bool) -> TrackedBatch:
         agent_score=settled["agent_score"].copy(),
         set=kind,
         shape=shape,
-        thing=found.thing,
         order=order,
         object=number,
         label=settled["label"].copy(),
@@ -439,7 +440,6 @@ def _tracked_batch(one: _PendingBatch, by_memory: bool) -> TrackedBatch:
         object_beams=object_beams,
         agent_beams=agent_beams,
         noise_beams=(one.batch.beams - object_beams - agent_beams).astype(np.int32),
-        topic=one.batch.topic,
     )
 
 

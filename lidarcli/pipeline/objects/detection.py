@@ -165,26 +165,15 @@ Rows = tuple[str, str, pa.RecordBatch]
 
 
 @dataclass(slots=True)
-class BatchRows:
-    """Rows of one batch; and the batch with its detection where the objects are tracked afterwards."""
-
-    rows: list[Rows]
-    detected: tuple[SweepBatch, Detection] | None = None
-
-
-@dataclass(slots=True)
 class Part:
-    """Rows of some batches."""
+    """Rows of some batches, or, where the objects are tracked afterwards, the batches and their detections."""
 
-    batches: list[BatchRows] = field(default_factory=list)
-    """In the order of the log."""
+    rows: list[Rows] = field(default_factory=list)
+    """Rows of each table in the order of the log."""
     counts: RunSummary = field(default_factory=RunSummary)
-    """Counts of its objects, unless they are tracked afterwards."""
-
-    @property
-    def rows(self) -> Iterator[Rows]:
-        """Rows of all batches, for each table in the order of the log."""
-        return (rows for batch in self.batches for rows in batch.rows)
+    """Counts of these objects."""
+    detected: list[tuple[SweepBatch, Detection]] = field(default_factory=list)
+    """In the order of the log."""
 
 
 class BatchDetector:
@@ -205,14 +194,15 @@ class BatchDetector:
         self.finder = ObjectFinder(parameters, options.background, catalogue, explain=options.explain)
 
     def detect(self, batches: Sequence[SweepBatch]) -> Part:
-        """Return the rows of some batches."""
+        """Return the part of some batches."""
         part = Part()
         for batch in batches:
             detection = self.finder.find(batch, "beams" in self.tables)
-            if not self._is_tracked:
-                part.counts.add_sets(detection)
-            rows = [(table, batch.topic, self._rows(table, batch, detection)) for table in self.tables]
-            part.batches.append(BatchRows(rows, (batch, detection) if self._is_tracked else None))
+            if self._is_tracked:
+                part.detected.append((batch, detection))
+                continue
+            part.counts.add_sets(detection)
+            part.rows += [(table, batch.topic, self._rows(table, batch, detection)) for table in self.tables]
         return part
 
     def _rows(self, table: str, batch: SweepBatch, detection: Detection) -> pa.RecordBatch:

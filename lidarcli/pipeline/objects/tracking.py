@@ -1,11 +1,11 @@
-"""Tracks objects from batch to batch; rows wait until their tracks are settled."""
+"""Tracks objects from batch to batch; rows are made once their tracks are settled."""
 
 from __future__ import annotations
 
 import pickle
 import tempfile
 from collections import deque
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, fields
 from types import TracebackType
@@ -20,17 +20,10 @@ from lidarcli.formalism.parameters import TrackParameters
 from lidarcli.formalism.tracking.results import TrackedBatch
 from lidarcli.formalism.tracking.tracker import Tracker
 from lidarcli.newfiles import writing
-from lidarcli.pipeline.objects.detection import BatchRows, DetectOptions, Rows
+from lidarcli.pipeline.objects.detection import DetectOptions, Rows
 from lidarcli.pipeline.reading.one_log import RunSummary
 from lidarcli.sweeps import Int64, SweepBatch
-from lidarcli.tabular.columns import (
-    explained_objects,
-    tracked_beams,
-    tracked_objects,
-    tracked_sweeps,
-    tracks_rows,
-    trajectories_rows,
-)
+from lidarcli.tabular.columns import tracked_rows, tracks_rows, trajectories_rows
 from lidarcli.tabular.writing import MOST_BYTES
 
 ALONE = 0.1
@@ -55,12 +48,14 @@ class TrackOptions:
 
 
 class LogTracker:
-    """Tracks the objects of one log and completes its rows: each topic by itself, and those of a robot together."""
+    """Tracks the objects of one log and makes its rows: each topic by itself, and those of a robot together."""
 
-    def __init__(self, log: str, options: DetectOptions, *, waits: bool = False) -> None:
-        """With `waits` all rows wait for the end of the log, so that memory decides by all of its sweeps."""
+    def __init__(self, log: str, tables: Sequence[str], options: DetectOptions, *, waits: bool = False) -> None:
+        """`tables`: those whose rows each batch has. With `waits` all batches wait for the end of the log, so that memory
+        decides by all of its sweeps.
+        """
         assert options.tracking is not None
-        self._log = log
+        self._log, self._tables = log, tables
         self._parameters = options.parameters
         self._options = options.tracking
         self._catalogue = options.catalogue
@@ -74,15 +69,13 @@ class LogTracker:
         self._shared = 0
         """Number of tracks of robots so far: no two of them have one number."""
         self.counts = RunSummary(things=0)
-        """Counts of the objects and agents in complete rows; in the end also of the tracks."""
+        """Counts of the objects and agents in the rows; in the end also of the tracks."""
         self.notes: list[str] = []
         """Notes, a line each; complete when `flush` has ended."""
 
-    def take(self, batches: Iterable[BatchRows]) -> Iterator[Rows]:
-        """Yield the rows that are complete once these batches are known, those of a topic in their order."""
-        for batch_rows in batches:
-            assert batch_rows.detected is not None
-            batch, detection = batch_rows.detected
+    def take(self, detected: Iterable[tuple[SweepBatch, Detection]]) -> Iterator[Rows]:
+        """Yield the rows that are known once these batches are, those of a topic in their order."""
+        for batch, detection in detected:
             topic = self._topics.setdefault(batch.topic, _Topic())
             topic.robot = topic.robot or batch.robot
             worlds = None
@@ -91,11 +84,10 @@ class LogTracker:
                 topic.sweeps += len(worlds)
                 topic.alone += int(np.count_nonzero(worlds < 0))
             if (self._waits and self._judges) or topic.robot:
-                self._waiting.put(batch_rows, worlds)
+                self._waiting.put(batch, detection, worlds)
                 continue
             topic.tracker = topic.tracker or Tracker(self._options.parameters, self._catalogue)
-            followed = topic.tracker.add(*self._judged(batch_rows, worlds))
-            yield from self._completed(followed)
+            yield from self._rows(topic.tracker.add(batch, self._judged(batch, detection, worlds)))
             yield from self._trajectories(batch.topic, topic.tracker)
 
     def flush(self) -> Iterator[Rows]:
@@ -122,11 +114,10 @@ class LogTracker:
                 following = next(waited[wanted], None)
                 if following is None and not topic.robot:
                     break
-                yield from self._completed(tracker.end(wanted) if following is None else tracker.add(*following))
+                yield from self._rows(tracker.end(wanted) if following is None else tracker.add(*following))
                 yield from self._trajectories(name, tracker)
             followed, tracks = tracker.finish()
-            yield from self._completed(followed)
-            assert not any(self._topics[each].waiting for each in mine), "a tracker answers for every batch"
+            yield from self._rows(followed)
             self._shared += len(tracks) if topic.robot else 0
             if self._options.tracks:
                 self.counts.add_things(len(tracks), int(np.count_nonzero(tracks.set == AGENT)))
@@ -147,25 +138,14 @@ class LogTracker:
 
     def _waited(self, topic: str) -> Iterator[tuple[SweepBatch, Detection]]:
         """Yield the batches of a topic that have waited, as they are followed."""
-        for batch_rows, worlds in self._waiting.taken(topic):
-            yield self._judged(batch_rows, worlds)
+        for batch, detection, worlds in self._waiting.taken(topic):
+            yield batch, self._judged(batch, detection, worlds)
 
-    def _judged(self, batch_rows: BatchRows, worlds: Int64 | None) -> tuple[SweepBatch, Detection]:
-        """Return a batch whose bodies are things or building by their places, and let its rows wait for their tracks."""
-        assert batch_rows.detected is not None
-        batch, detection = batch_rows.detected
-        topic, rows = self._topics[batch.topic], batch_rows.rows
-        if worlds is not None:
-            by_place = self._places_of(batch).read(batch, detection, worlds)
-            rows = [
-                (table, name, explained_objects(each, by_place) if table == "objects" else each)
-                for table, name, each in rows
-            ]
-            detection = by_place.judged(detection, self._parameters.min_thing)
-        # Only the beams table needs the batch once more.
-        needs_batch = any(table == "beams" for table, _, _ in rows)
-        topic.waiting.append(BatchRows(rows, (batch, detection) if needs_batch else None))
-        return batch, detection
+    def _judged(self, batch: SweepBatch, detection: Detection, worlds: Int64 | None) -> Detection:
+        """Return the detection of a batch whose bodies are things or building by their places."""
+        if worlds is None:
+            return detection
+        return self._places_of(batch).judged(batch, detection, worlds, self._parameters.min_thing)
 
     def _trajectories(self, name: str, tracker: Tracker) -> Iterator[Rows]:
         """Yield the rows of the trajectories of a tracker that are settled."""
@@ -173,26 +153,19 @@ class LogTracker:
             if self._options.tracks and self._options.trajectories:
                 yield "trajectories", name, trajectories_rows(self._log, tracker.sensors, rows)
 
-    def _completed(self, followed: Iterable[TrackedBatch]) -> Iterator[Rows]:
-        """Yield the rows of the batches that wait, as far as the tracker has answered for them."""
-        tracks = self._options.tracks
+    def _rows(self, followed: Iterable[TrackedBatch]) -> Iterator[Rows]:
+        """Yield the rows of the batches that the tracker has answered for."""
+        walls, tracks = self._parameters.walls, self._options.tracks
         for one in followed:
-            batch_rows = self._topics[one.topic].waiting.popleft()
             self.counts.add_sets(one)
-            for table, name, rows in batch_rows.rows:
-                if table == "objects":
-                    walls = self._parameters.walls
-                    yield table, name, tracked_objects(rows, one, self._labels, walls=walls, tracks=tracks)
-                elif table == "sweeps":
-                    yield table, name, tracked_sweeps(rows, one, tracks=tracks)
-                else:
-                    assert batch_rows.detected is not None
-                    yield table, name, tracked_beams(rows, *batch_rows.detected, one, tracks=tracks)
+            for table in self._tables:
+                rows = tracked_rows(table, self._log, one, self._labels, walls=walls, tracks=tracks)
+                yield table, one.batch.topic, rows
 
 
 @dataclass(slots=True)
 class _Topic:
-    """Tracker of a topic, and the rows that wait for its answers."""
+    """Tracker of a topic, and its sweeps so far."""
 
     sweeps: int = 0
     alone: int = 0
@@ -200,26 +173,27 @@ class _Topic:
     tracker: Tracker | None = None
     robot: tuple[tuple[str, str], ...] = ()
     """Sensors that are followed together, as of `SweepBatch.robot`."""
-    waiting: deque[BatchRows] = field(default_factory=deque)
+
+
+_Waiting = tuple[SweepBatch, Detection, Int64 | None]
+"""A batch, its detection, and the worlds of its sweeps, as of `Places.add`."""
 
 
 class _WaitingBatches:
     """Batches that wait for the end of the log; what is more than `MOST_BYTES` waits in a file without a name."""
 
     def __init__(self) -> None:
-        self._batches: dict[str, deque[tuple[BatchRows, Int64 | None]]] = {}
+        self._batches: dict[str, deque[_Waiting]] = {}
         """By topic."""
         self._places: dict[str, list[int]] = {}
         """Topic → places of its batches in the file."""
         self._bytes = 0
         self._file: IO[bytes] | None = None
 
-    def put(self, batch_rows: BatchRows, worlds: Int64 | None) -> None:
-        """Take a batch, and the worlds of its sweeps."""
-        assert batch_rows.detected is not None
-        self._batches.setdefault(batch_rows.detected[0].topic, deque()).append((batch_rows, worlds))
-        self._bytes += sum(rows.nbytes for _, _, rows in batch_rows.rows)
-        arrays = (getattr(record, each.name) for record in batch_rows.detected for each in fields(record))
+    def put(self, batch: SweepBatch, detection: Detection, worlds: Int64 | None) -> None:
+        """Take a batch, its detection, and the worlds of its sweeps."""
+        self._batches.setdefault(batch.topic, deque()).append((batch, detection, worlds))
+        arrays = (getattr(record, each.name) for record in (batch, detection) for each in fields(record))
         self._bytes += sum(each.nbytes for each in arrays if isinstance(each, np.ndarray))
         if self._bytes <= MOST_BYTES:
             return
@@ -232,7 +206,7 @@ class _WaitingBatches:
                     pickle.dump(batches.popleft(), self._file, pickle.HIGHEST_PROTOCOL)
         self._bytes = 0
 
-    def taken(self, topic: str) -> Iterator[tuple[BatchRows, Int64 | None]]:
+    def taken(self, topic: str) -> Iterator[_Waiting]:
         """Yield all of a topic, in order."""
         for place in self._places.pop(topic, ()):
             assert self._file is not None

@@ -15,7 +15,7 @@ from lidarcli import native
 from lidarcli.formalism import Detection, Parameters, detect, sweep
 from lidarcli.formalism.detection import NOISE, OBJECT, WALL
 from lidarcli.formalism.mapping import places, rays
-from lidarcli.formalism.mapping.places import ByPlace, Places
+from lidarcli.formalism.mapping.places import Places
 from lidarcli.simulation import scene as make
 from lidarcli.simulation.scene import Course, Entity
 from lidarcli.sweeps import SweepBatch
@@ -27,23 +27,21 @@ DRIVE = Course(np.array([[-3.0, -2.0], [3.0, -2.0], [3.0, 2.0], [-3.0, 2.0]]), s
 BOXES = make.box(2.0, 1.0, 0.5, 0.4), make.box(2.0, -1.0, 0.4, 0.5)
 
 
-def judged(*pieces: SweepBatch) -> tuple[list[Detection], list[ByPlace]]:
-    """What is found in the batches of one topic, and what its places say in the end."""
+def judged(*pieces: SweepBatch) -> list[Detection]:
+    """What is found in the batches of one topic, as its places say in the end."""
     known = Places()
     found = [detect(each, EVERYTHING) for each in pieces]
     worlds = [known.add(each, one) for each, one in zip(pieces, found, strict=True)]
-    told = [known.read(*each) for each in zip(pieces, found, worlds, strict=True)]
-    return found, told
+    return [known.judged(*each, 0.0) for each in zip(pieces, found, worlds, strict=True)]
 
 
 def parked(*entities: Entity, sweeps: int = SWEEPS) -> SweepBatch:
     return simulated(scene_of(*entities), sweeps)
 
 
-def told_of(batch: SweepBatch, found: Detection) -> ByPlace:
+def by_places(batch: SweepBatch, found: Detection, least: float = 0.3) -> Detection:
     known = Places()
-    worlds = known.add(batch, found)
-    return known.read(batch, found, worlds)
+    return known.judged(batch, found, known.add(batch, found), least)
 
 
 def with_shares(found: Detection, left: Any) -> Detection:
@@ -56,7 +54,7 @@ def test_what_is_mostly_taken_for_building_is_building_in_every_sweep() -> None:
     shares = np.full(SWEEPS, 0.1)
     shares[::6] = 0.8
     found = with_shares(detect(batch, EVERYTHING), shares)
-    one = told_of(batch, found).judged(found, 0.3)
+    one = by_places(batch, found)
     left = found.y > 0
     assert (one.set[left] == NOISE).all()
     assert (one.shape[left] == WALL).all()
@@ -69,7 +67,7 @@ def test_a_sensor_that_stands_has_a_place_for_every_stop() -> None:
     still[[20, 40]] = False
     shares = np.repeat([0.9, 0.05, 0.9], SWEEPS // 3)
     found = with_shares(detect(batch, EVERYTHING), shares)
-    one = told_of(replace(batch, still=still, poses=None), found).judged(found, 0.3)
+    one = by_places(replace(batch, still=still, poses=None), found)
     left = found.y > 0
     # The sweep with which a stop begins is not known to stand.
     middle = (found.row >= 20) & (found.row < 40)
@@ -90,8 +88,7 @@ def test_a_cupboard_is_told_from_a_short_wall_over_a_drive() -> None:
     assert wall.sum() > 200
     odds = np.where(wall, -0.5, 0.5) + np.random.default_rng(7).normal(0.0, 2.0, len(found))
     doubtful = replace(found, thing=1.0 / (1.0 + np.exp(-odds)))
-    told = told_of(batch, doubtful)
-    alone, by_place = doubtful.thing >= 0.5, told.judged(doubtful, 0.5).set == OBJECT
+    alone, by_place = doubtful.thing >= 0.5, by_places(batch, doubtful, 0.5).set == OBJECT
     assert alone[thing].mean() < 0.8
     assert by_place[thing].all()
     assert alone[wall].mean() > 0.3
@@ -108,9 +105,9 @@ def test_batches_of_any_size_give_the_same(path: Course | None, stops: int) -> N
         way = np.tile([0.1, 0.02, 0.01], (SWEEPS, 1))
         way[stops : 2 * stops] = 0.0
         batch = replace(batch, poses=replace(batch.poses, way=way))
-    _, (whole,) = judged(batch)
+    (whole,) = judged(batch)
     for size in (1, 7, 31):
-        _, parts = judged(*batches(batch, size))
+        parts = judged(*batches(batch, size))
         for name in ("thing", "place"):
             np.testing.assert_array_equal(
                 np.concatenate([getattr(each, name) for each in parts]), getattr(whole, name), strict=True
@@ -125,7 +122,7 @@ def test_sweeps_far_away_and_many_stops_take_no_memory() -> None:
     x[20:25] = np.nan
     wild = replace(batch, poses=replace(batch.poses, x=x), still=np.zeros(SWEEPS, np.bool_))
     found = detect(wild, EVERYTHING)
-    np.testing.assert_array_equal(np.isnan(told_of(wild, found).thing), (found.row >= 10) & (found.row < 25))
+    np.testing.assert_array_equal(np.isnan(by_places(wild, found).place), (found.row >= 10) & (found.row < 25))
     known = Places()
     still = np.arange(SWEEPS) % 2 > 0
     stops = replace(batch, poses=None, still=still)
@@ -146,11 +143,11 @@ def plain(name: str) -> ModuleType:
 
 def test_the_source_gives_the_same_bits_with_every_index_checked(monkeypatch: pytest.MonkeyPatch) -> None:
     batch = simulated(scene_of(*BOXES, path=DRIVE), 12)
-    _, (compiled,) = judged(batch)
+    (compiled,) = judged(batch)
     monkeypatch.setattr(native, "_BOUNDS", True)
     source = plain("rays")
     monkeypatch.setattr(places, "rays", source)
-    _, (checked,) = judged(batch)
+    (checked,) = judged(batch)
     for name in ("thing", "place"):
         np.testing.assert_array_equal(getattr(compiled, name), getattr(checked, name), strict=True)
 
@@ -188,11 +185,11 @@ def test_each_sensor_of_a_topic_has_places_of_its_own() -> None:
     rear = np.arange(SWEEPS) % 2
     found = replace(found, thing=np.where(rear[found.row] == 1, 0.05, 0.95))
     both = replace(batch, frame_ids=("front", "rear"), frame=rear.astype(np.int32))
-    one = told_of(both, found).judged(found, 0.3)
+    one = by_places(both, found)
     np.testing.assert_array_equal(one.set == OBJECT, rear[found.row] == 0)
     assert len({*Places().add(both, found).tolist()}) == 2
     # All of them together say neither.
-    assert len({*told_of(batch, found).judged(found, 0.3).set.tolist()}) == 1
+    assert len({*by_places(batch, found).set.tolist()}) == 1
 
 
 def test_the_sensors_of_a_robot_judge_one_place_together() -> None:
@@ -208,8 +205,7 @@ def test_the_sensors_of_a_robot_judge_one_place_together() -> None:
             for (topic, _), share in zip(keys, (0.95, 0.2), strict=True)
         ]
         worlds = [known.add(*each) for each in sensors]
-        told = [known.read(*each, there) for each, there in zip(sensors, worlds, strict=True)]
-        sets[robot] = [one.judged(each[1], 0.3).set for one, each in zip(told, sensors, strict=True)]
+        sets[robot] = [known.judged(*each, there, 0.3).set for each, there in zip(sensors, worlds, strict=True)]
     assert set(sets[()][0].tolist()) == {OBJECT}
     assert set(sets[()][1].tolist()) == {NOISE}
     np.testing.assert_array_equal(*sets[keys])

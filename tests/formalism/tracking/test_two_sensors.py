@@ -125,7 +125,7 @@ def follow_together(*sensors: Sequence[SweepBatch]) -> tuple[dict[str, np.ndarra
     rest, tracks = tracker.finish()
     numbers: dict[str, list[np.ndarray]] = {}
     for one in [*found, *rest]:
-        numbers.setdefault(one.topic, []).append(one.track)
+        numbers.setdefault(one.batch.topic, []).append(one.track)
     return {topic: np.concatenate(parts) for topic, parts in numbers.items()}, tracks, tracker
 
 
