@@ -12,5 +12,5 @@ cdef void judge_row(
     float* raw, float* clean, unsigned char* status, Py_ssize_t begin, Py_ssize_t count, float least, float most
 ) noexcept nogil
 cdef Py_ssize_t _kind(float value, float least, float limit) noexcept nogil
-@cython.locals(rows=Py_ssize_t, width=Py_ssize_t, lost=Py_ssize_t)
+@cython.locals(rows=Py_ssize_t, width=Py_ssize_t, kinds=Py_ssize_t, code=cython.uchar, left=int, found=int)
 cpdef count_statuses(status, counts)

@@ -66,13 +66,18 @@ def _kind(value: float, least: float, limit: float) -> int:
 def count_statuses(status: Any, counts: Any) -> None:
     """Count the beams of each row of (S, B) uint8 by status, into (6, S) int32 that are 0."""
     rows, width = status.shape
+    kinds = len(counts)
     codes, out = native.at_bytes(status), native.at_ints(counts)
     lock = native.release()
     for row in range(rows):
-        lost = 0
-        for k in range(row * width, row * width + width):
-            if codes[k]:
-                out[codes[k] * rows + row] += 1
-                lost += 1
-        out[row] = width - lost
+        begin = row * width
+        left = width
+        # A loop for each status, of which most sweeps have one or two, is faster than one that branches.
+        for code in range(kinds):
+            if left > 0:
+                found = 0
+                for k in range(begin, begin + width):
+                    found += codes[k] == code
+                out[code * rows + row] = found
+                left -= found
     native.resume(lock)

@@ -117,15 +117,15 @@ def imported(path: Path) -> set[str]:
 
 LINES = {
     "cli": 2_920,
-    "formalism": 16_090,
+    "formalism": 16_085,
     "logs": 11_465,
     "overlays": 1_155,
-    "pipeline": 16_495,
+    "pipeline": 16_455,
     "pose": 2_840,
     "reports": 6_820,
     "ros": 315,
     "simulation": 2_340,
-    "tabular": 2_030,
+    "tabular": 1_990,
     "lidarcli": 6_500,
 }
 """Most lines of Python of each room, and of the files beside them: lower them as code goes; who raises one says why."""

@@ -1,7 +1,7 @@
 """The objects of logs: tables in a folder, one stream or file, or tables in memory.
 
 The way of a sweep is `_detect_log`: a log is read as batches with poses, batches become parts with rows, perhaps in several
-threads, the tracking completes the rows where it is asked for, and they are written.
+threads, or the tracking makes the rows where it is asked for, and they are written.
 """
 
 from __future__ import annotations

@@ -77,7 +77,11 @@ def names_of(values: NDArray[np.uint8], names: Sequence[str]) -> pa.StringArray:
     >>> names_of(np.array([1, 0, 1], np.uint8), ("O", "AS")).to_pylist()
     ['AS', 'O', 'AS']
     """
-    offsets, text = spelled(values, tuple(name.encode() for name in names))
+    encoded = [name.encode() for name in names]
+    offsets = np.zeros(len(values) + 1, np.int32)
+    np.cumsum(np.array([*map(len, encoded)], np.int32).take(values), out=offsets[1:])
+    # As an array shorter names end with zeros, which no name holds.
+    text = np.array(encoded).take(values).tobytes().translate(None, b"\0")
     return pa.StringArray.from_buffers(len(values), pa.py_buffer(offsets), pa.py_buffer(text))
 
 
@@ -134,17 +138,6 @@ def are(column: pa.DictionaryArray | pa.ChunkedArray, word: str) -> NDArray[np.b
 def _bits(data: pa.Buffer) -> NDArray[np.bool_]:
     found: NDArray[np.bool_] = np.unpackbits(np.frombuffer(data, np.uint8), bitorder="little").view(bool)
     return found
-
-
-def spelled(codes: NDArray[np.uint8], names: tuple[bytes, ...]) -> tuple[NDArray[np.int32], NDArray[np.uint8]]:
-    """Return the offsets of the names of (K,) codes, (K + 1,), and their letters."""
-    offsets = np.zeros(len(codes) + 1, np.int32)
-    np.cumsum(np.array([*map(len, names)], np.int32)[codes], out=offsets[1:])
-    text = codes.tobytes()
-    # No name holds the control characters that stand for the names still to come.
-    for code, name in enumerate(names):
-        text = text.replace(bytes([code]), name)
-    return offsets, np.frombuffer(text, np.uint8)
 
 
 @lru_cache(maxsize=256)
