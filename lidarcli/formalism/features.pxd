@@ -120,9 +120,6 @@ cdef void _follow(
 ) noexcept nogil
 
 
-cdef Py_ssize_t ASKED, LEAVES
-
-
 cdef class Trees:
     cdef list owner
     cdef readonly Py_ssize_t trees
@@ -140,6 +137,6 @@ cdef class Verdict:
 
 
 cdef void decide(Verdict verdict, Features evidence) noexcept nogil
-@cython.locals(n=Py_ssize_t, root=Py_ssize_t)
+@cython.locals(n=Py_ssize_t)
 cdef double score(Trees trees, Features evidence, Py_ssize_t k) noexcept nogil
 cdef void choose(Survey survey, Segments segments, Features evidence, Verdict verdict) noexcept nogil

@@ -567,26 +567,27 @@ def _follow(
 
 # The verdict: small decision trees ask for the features of a body, and each adds to the log-odds of being a thing.
 
-ASKED, LEAVES = 7, 8
-"""Questions and leaves of a tree."""
-
-
 class Trees:
-    """Complete binary trees: each question is whether a feature is above a bound; node n goes on with 2n + 1 or 2n + 2."""
+    """Complete binary trees of three questions each, whether a feature is above a bound: nodes n of all of them together,
+    roots first, of which each goes on with 2n or 2n + 1.
+    """
 
     def __init__(self, trees: forest.Trees, prior: float) -> None:
         """`trees` as `forest` has them, `prior` the log-odds before any tree."""
         self.owner: list[Any] = []
         self.prior = prior
         self.trees = len(trees)
-        self.feature = native.integers(self.owner, ASKED * self.trees)
-        self.bound = native.doubles(self.owner, ASKED * self.trees)
-        self.leaf = native.doubles(self.owner, LEAVES * self.trees)
+        """Number of trees, and of the first root."""
+        self.feature = native.integers(self.owner, 8 * self.trees)
+        self.bound = native.doubles(self.owner, 8 * self.trees)
+        self.leaf = native.doubles(self.owner, 16 * self.trees)
         for number, (questions, leaves) in enumerate(trees):
-            for n, (feature, bound, _) in enumerate(questions):
-                self.feature[ASKED * number + n], self.bound[ASKED * number + n] = feature, bound
+            for n, (feature, bound, _) in enumerate(questions, 1):
+                # Those of n's level in the trees before come first.
+                node = (self.trees + number - 1 << n.bit_length() - 1) + n
+                self.feature[node], self.bound[node] = feature, bound
             for n, value in enumerate(leaves):
-                self.leaf[LEAVES * number + n] = value
+                self.leaf[8 * (self.trees + number) + n] = value
 
 
 TREES = Trees(forest.TREES, forest.PRIOR)
@@ -613,14 +614,13 @@ def decide(verdict: Verdict, evidence: Features) -> None:
 def score(trees: Trees, evidence: Features, k: int) -> float:
     """Return the log-odds of a body: the sum of one leaf of each tree."""
     feature, bound, leaf, values = trees.feature, trees.bound, trees.leaf, evidence.values
-    total, begin, root = trees.prior, k * COUNT, 0
-    for tree in range(trees.trees):
+    total, begin = trees.prior, k * COUNT
+    for root in range(trees.trees, 2 * trees.trees):
         # Without branches, which would be guessed wrong.
-        n = root + 1 + (values[begin + feature[root]] > bound[root])
-        n = 2 * n + 1 - root + (values[begin + feature[n]] > bound[n])
-        n = 2 * n + 1 - root + (values[begin + feature[n]] > bound[n])
-        total += leaf[n - ASKED + tree]
-        root += ASKED
+        n = 2 * root + (values[begin + feature[root]] > bound[root])
+        n = 2 * n + (values[begin + feature[n]] > bound[n])
+        n = 2 * n + (values[begin + feature[n]] > bound[n])
+        total += leaf[n]
     return total
 
 
