@@ -7,6 +7,7 @@ from lidarcli.formalism.tracking cimport measurement
 from lidarcli.formalism.tracking.kalman cimport Sightings
 from lidarcli.formalism.tracking.measurement cimport Measurements
 
+cdef double NAN
 cdef int NO_RETURN
 cdef Py_ssize_t KEPT, SWEEPS_APART
 cdef double SECONDS_APART, FLICKER_WEIGHT, MOST_FLICKER_SHARE, GUARD_ANGLE, GUARD, MOST_BEAMS, LOOK_MARGIN, LOOK_MARGIN_SHARE
@@ -38,6 +39,9 @@ cdef class Keyframes:
     cdef Py_ssize_t* period
     cdef float* r
     cdef Py_ssize_t* status
+    cdef Py_ssize_t* pose
+    cdef Py_ssize_t seen_from
+    cdef double place_x, place_y, width, from_x, from_y, seen_at, seen_x, seen_y
 
     cpdef grow(self, Keyframes old)
     @cython.locals(row="long long*", out="double*", i=Py_ssize_t, number=Py_ssize_t)
@@ -48,20 +52,26 @@ cdef class Keyframes:
 
 @cython.locals(changes=Py_ssize_t, lost=Py_ssize_t, now=Py_ssize_t, then=Py_ssize_t, s=Py_ssize_t, last=Py_ssize_t)
 cdef void count_flicker(Keyframes keyframes, Measurements meas, Scans scans) noexcept nogil
-@cython.locals(elapsed=double, m=Py_ssize_t, k=Py_ssize_t, beam=Py_ssize_t, r=double, s=Py_ssize_t)
+@cython.locals(elapsed=double, before=Py_ssize_t, m=Py_ssize_t, k=Py_ssize_t, beam=Py_ssize_t, r=double, s=Py_ssize_t)
 cdef void store(Keyframes keyframes, Measurements meas, Scans scans) noexcept nogil
+@cython.locals(is_there=bint, goes=bint, turns=bint, alike=bint)
+cdef bint is_same_pose(Keyframes keyframes, Py_ssize_t m, Py_ssize_t n) noexcept nogil
+cdef void aim(Keyframes keyframes, double x, double y, double width, double from_x, double from_y) noexcept nogil
+@cython.locals(x=double, y=double, width=double)
+cdef void aim_at_sighting(Keyframes keyframes, Sightings sightings, Py_ssize_t i) noexcept nogil
 @cython.locals(
-    bearings=Py_ssize_t, step=double, share=double, open_share=double, r=double, position=double, dx=double, dy=double, moves=bint, yaw=double,
-    angle=double, beside=double, margin=double, first=Py_ssize_t, last=Py_ssize_t, passes=Py_ssize_t, returns=Py_ssize_t,
-    blocked=Py_ssize_t, unknown=Py_ssize_t, k=Py_ssize_t, at=Py_ssize_t, s=Py_ssize_t, end=double, own=double, own_x=double, own_y=double
+    step=double, bearings=Py_ssize_t, share=double, position=double, dx=double, dy=double, moves=bint, yaw=double, angle=double
 )
-cdef double look(
-    Keyframes keyframes, Py_ssize_t m, double x, double y, double width, double from_x, double from_y
-) noexcept nogil
+cdef void find_place(Keyframes keyframes, Py_ssize_t m) noexcept nogil
+@cython.locals(
+    bearings=Py_ssize_t, period=Py_ssize_t, step=double, open_share=double, r=double, position=double, dx=double, dy=double,
+    beside=double, margin=double, first=Py_ssize_t, last=Py_ssize_t, passes=Py_ssize_t, returns=Py_ssize_t, blocked=Py_ssize_t,
+    unknown=Py_ssize_t, k=Py_ssize_t, at=Py_ssize_t, s=Py_ssize_t, end=double, own=double, own_x=double, own_y=double
+)
+cdef double look(Keyframes keyframes, Py_ssize_t m) noexcept nogil
 @cython.locals(i=Py_ssize_t, m=Py_ssize_t, free=double, hits=double, seen=double)
 cdef (double, double) looks_before(
-    Keyframes keyframes, Py_ssize_t sensor, double x, double y, double width, double from_x, double from_y, double travelled,
-    double oldest, double until
+    Keyframes keyframes, Py_ssize_t sensor, double travelled, double oldest, double until
 ) noexcept nogil
 @cython.locals(oldest=double)
 cdef (double, double) looks_at_measurement(

@@ -15,6 +15,7 @@ from lidarcli.formalism.tracking import measurement
 from lidarcli.formalism.tracking.kalman import Sightings
 from lidarcli.formalism.tracking.measurement import Measurements
 
+NAN = float("nan")
 NO_RETURN = sweeps.Status.NO_RETURN.value
 KEPT, SECONDS_APART, SWEEPS_APART = 384, 0.5, 2
 """Number of keyframes of a sensor, and least time [s] and number of sweeps between two of them, by which they hold two
@@ -72,6 +73,11 @@ class Keyframes:
         self.period = native.integers(self.owner, self.kept)
         self.r = native.singles(self.owner, self.kept * beams)
         """Ranges by bearing [m]: `measurement.NO_RANGE` where unknown, `FREE_RANGE` without a return."""
+        self.pose = native.integers(self.owner, self.kept)
+        """The same number for keyframes in a row of a sensor that stands."""
+        # The place that is looked at (`aim`), and where it is seen from the last pose that was asked for.
+        self.place_x = self.place_y = self.width = self.from_x = self.from_y = 0.0
+        self.seen_from, self.seen_at, self.seen_x, self.seen_y = -1, 0.0, 0.0, 0.0
         # Of each sensor.
         self.changes = native.doubles(self.owner, sensors)
         """Mean number of beams that change between a range and no return from sweep to sweep."""
@@ -94,7 +100,7 @@ class Keyframes:
             for beam in range(old.before[s]):
                 self.status[s * self.beams + beam] = old.status[s * old.beams + beam]
         for m in range(old.kept):
-            self.sensor[m] = old.sensor[m]
+            self.sensor[m], self.pose[m] = old.sensor[m], old.pose[m]
             self.time[m], self.x[m], self.y[m], self.yaw[m] = old.time[m], old.x[m], old.y[m], old.yaw[m]
             self.motion_x[m], self.motion_y[m], self.motion_yaw[m] = old.motion_x[m], old.motion_y[m], old.motion_yaw[m]
             self.side[m], self.first[m], self.step[m] = old.side[m], old.first[m], old.step[m]
@@ -120,18 +126,9 @@ class Keyframes:
 
     def stood(self, sightings: Sightings, i: int, since: float, until: float, unknown: bool = False) -> bool:
         """Return whether something stood at the place of sighting i between two times [s]; `unknown` without a look."""
-        free, hits = looks_before(
-            self,
-            sightings.sensor[i],
-            sightings.middle_x[i],
-            sightings.middle_y[i],
-            sightings.chord[i],
-            sightings.sensor_x[i],
-            sightings.sensor_y[i],
-            sightings.travelled[i],
-            max(sightings.time[i] - SECONDS_BEFORE, since),
-            until,
-        )
+        aim_at_sighting(self, sightings, i)
+        since = max(sightings.time[i] - SECONDS_BEFORE, since)
+        free, hits = looks_before(self, sightings.sensor[i], sightings.travelled[i], since, until)
         return hits > free if hits + free > 0.0 else unknown
 
 
@@ -178,6 +175,8 @@ def store(keyframes: Keyframes, meas: Measurements, scans: Scans) -> None:
         keyframes.motion_yaw[m] = -meas.motion_yaw
     keyframes.side[m], keyframes.first[m], keyframes.step[m] = meas.side, meas.first, meas.step
     keyframes.bearings[m], keyframes.period[m] = meas.bearings, meas.period
+    before = (keyframes.count - 1) % keyframes.kept if keyframes.count > 0 else m
+    keyframes.pose[m] = keyframes.pose[before] if before != m and is_same_pose(keyframes, m, before) else keyframes.count
     for k in range(meas.bearings):
         beam = meas.row * scans.width + measurement.position_of(meas, k)
         r = measurement.NO_RANGE
@@ -189,33 +188,64 @@ def store(keyframes: Keyframes, meas: Measurements, scans: Scans) -> None:
     keyframes.count += 1
 
 
-def look(keyframes: Keyframes, m: int, x: float, y: float, width: float, from_x: float, from_y: float) -> float:
-    """Look at a place in a keyframe: -1 for a hit, 0 for nothing, else the chance that a thing there would have been hit.
+def is_same_pose(keyframes: Keyframes, m: int, n: int) -> bool:
+    """Return whether two keyframes see every place at the same bearing and range."""
+    is_there = (
+        keyframes.x[m] == keyframes.x[n] and keyframes.y[m] == keyframes.y[n] and keyframes.yaw[m] == keyframes.yaw[n]
+    )
+    goes = keyframes.motion_x[m] == keyframes.motion_x[n] and keyframes.motion_y[m] == keyframes.motion_y[n]
+    turns = keyframes.motion_yaw[m] == keyframes.motion_yaw[n] and keyframes.side[m] == keyframes.side[n]
+    alike = keyframes.first[m] == keyframes.first[n] and keyframes.step[m] == keyframes.step[n]
+    return is_there and goes and turns and alike and keyframes.bearings[m] == keyframes.bearings[n]
 
-    Parameters
-    ----------
-    m : index of the keyframe
-    x, y : place in the world [m]
-    width : width of the thing there, across the line of sight [m]
-    from_x, from_y : place of the sensor from which it was seen [m]
+
+def aim(keyframes: Keyframes, x: float, y: float, width: float, from_x: float, from_y: float) -> None:
+    """Set the place to look at in the world, the width of a thing there across the line of sight, and the place of the
+    sensor from which it was seen [m].
+    """
+    keyframes.place_x, keyframes.place_y, keyframes.width, keyframes.seen_from = x, y, width, -1
+    keyframes.from_x, keyframes.from_y = from_x, from_y
+
+
+def aim_at_sighting(keyframes: Keyframes, sightings: Sightings, i: int) -> None:
+    """Set the place of a sighting."""
+    x, y, width = sightings.middle_x[i], sightings.middle_y[i], sightings.chord[i]
+    aim(keyframes, x, y, width, sightings.sensor_x[i], sightings.sensor_y[i])
+
+
+def find_place(keyframes: Keyframes, m: int) -> None:
+    """Find at which position in the order of bearings the place is in a keyframe, NaN outside of the view, and where it is
+    from the sensor [m].
     """
     step, bearings = keyframes.step[m], keyframes.bearings[m]
+    keyframes.seen_from, keyframes.seen_at = keyframes.pose[m], NAN
     if step < measurement.LEAST_STEP or bearings < 2:
-        return 0.0
-    share, r, position, dx, dy = 0.5, 0.0, 0.0, 0.0, 0.0
+        return
+    share, position, dx, dy = 0.5, 0.0, 0.0, 0.0
     # The bearing gives the time, which gives the pose, which gives the bearing.
     moves = keyframes.motion_x[m] != 0.0 or keyframes.motion_y[m] != 0.0 or keyframes.motion_yaw[m] != 0.0
     for _ in range(2 if moves else 1):
-        dx = x - keyframes.x[m] - share * keyframes.motion_x[m]
-        dy = y - keyframes.y[m] - share * keyframes.motion_y[m]
+        dx = keyframes.place_x - keyframes.x[m] - share * keyframes.motion_x[m]
+        dy = keyframes.place_y - keyframes.y[m] - share * keyframes.motion_y[m]
         yaw = keyframes.yaw[m] + share * keyframes.motion_yaw[m]
         angle = keyframes.side[m] * (math.atan2(dy, dx) - yaw) - keyframes.first[m]
         position = (angle - measurement.TURN * math.floor(angle / measurement.TURN)) / step
         if position > bearings - 0.5:
             if position < measurement.TURN / step - 0.5:
-                return 0.0
+                return
             position -= measurement.TURN / step
         share = min(max(position / (bearings - 1), 0.0), 1.0)
+    keyframes.seen_at, keyframes.seen_x, keyframes.seen_y = position, dx, dy
+
+
+def look(keyframes: Keyframes, m: int) -> float:
+    """Look at the place in a keyframe: -1 for a hit, 0 for nothing, else the chance that a thing there had been hit."""
+    if keyframes.pose[m] != keyframes.seen_from:
+        find_place(keyframes, m)
+    step, bearings, period = keyframes.step[m], keyframes.bearings[m], keyframes.period[m]
+    position, dx, dy = keyframes.seen_at, keyframes.seen_x, keyframes.seen_y
+    if position != position:
+        return 0.0
     r = math.sqrt(dx * dx + dy * dy)
     beside = min(max(1.0, (GUARD_ANGLE + GUARD / max(r, 0.1)) / step), MOST_BEAMS)
     margin = LOOK_MARGIN + LOOK_MARGIN_SHARE * r
@@ -224,8 +254,10 @@ def look(keyframes: Keyframes, m: int, x: float, y: float, width: float, from_x:
     passes, returns, blocked, unknown = 0, 0, 0, 0
     for k in range(first, last + 1):
         at = k
-        if keyframes.period[m] > 0:
-            at = (k + keyframes.period[m]) % keyframes.period[m]
+        while at < 0 < period:
+            at += period
+        while at >= period > 0:
+            at -= period
         if at < 0 or at >= bearings:
             continue
         end = keyframes.r[m * keyframes.beams + at]
@@ -246,31 +278,20 @@ def look(keyframes: Keyframes, m: int, x: float, y: float, width: float, from_x:
         s = keyframes.sensor[m]
         if returns == 0 or unknown > 0 or keyframes.changes[s] > MOST_FLICKER_SHARE * keyframes.lost[s]:
             return 0.0
-        own_x, own_y = x - from_x, y - from_y
+        own_x, own_y = keyframes.place_x - keyframes.from_x, keyframes.place_y - keyframes.from_y
         own = math.sqrt(own_x * own_x + own_y * own_y)
         if own > SAME_RANGE * r or r > SAME_RANGE * own or own_x * dx + own_y * dy < SAME_VIEW * own * r:
             return 0.0
     # Beside what is nearer a small error of the pose would hide the thing.
     open_share = 1.0 - 1.0 * blocked / max(passes, 1)
-    return open_share * open_share * min(1.0, max(width, 0.02) / max(r * step, 1e-3))
+    return open_share * open_share * min(1.0, max(keyframes.width, 0.02) / max(r * step, 1e-3))
 
 
-def looks_before(
-    keyframes: Keyframes,
-    sensor: int,
-    x: float,
-    y: float,
-    width: float,
-    from_x: float,
-    from_y: float,
-    travelled: float,
-    oldest: float,
-    until: float,
-) -> tuple[float, float]:
-    """Return the sums of free looks and of hits at a place, in the latest keyframes of a sensor between two times [s].
+def looks_before(keyframes: Keyframes, sensor: int, travelled: float, oldest: float, until: float) -> tuple[float, float]:
+    """Return the sums of free looks and of hits at the place, in the latest keyframes of a sensor between two times [s].
 
     Another sensor, which may look over things or under them, says nothing of what this one sees.
-    x, y, width, from_x and from_y as of `look`; `travelled`: distance that the sensor had gone when it saw the thing there.
+    `travelled`: distance that the sensor had gone when it saw the thing there.
     """
     free, hits = 0.0, 0.0
     for i in range(min(keyframes.count, keyframes.kept)):
@@ -279,7 +300,7 @@ def looks_before(
             continue
         if keyframes.time[m] < oldest or travelled - keyframes.travelled[m] > MOST_WAY:
             break
-        seen = look(keyframes, m, x, y, width, from_x, from_y)
+        seen = look(keyframes, m)
         if seen < 0.0:
             hits += 1.0
         else:
@@ -292,28 +313,19 @@ def looks_before(
 def looks_at_measurement(keyframes: Keyframes, meas: Measurements, k: int, until: float) -> tuple[float, float]:
     """Return the sums of free looks and of hits at the middle of a measurement before a time [s]."""
     oldest = meas.time - (SECONDS_BEFORE if meas.is_placed else SECONDS_UNPLACED)
-    return looks_before(
-        keyframes,
-        meas.sensor,
-        meas.middle_x[k],
-        meas.middle_y[k],
-        meas.chord[k],
-        meas.x,
-        meas.y,
-        meas.travelled,
-        oldest,
-        until,
-    )
+    aim(keyframes, meas.middle_x[k], meas.middle_y[k], meas.chord[k], meas.x, meas.y)
+    return looks_before(keyframes, meas.sensor, meas.travelled, oldest, until)
 
 
 def stood_before(keyframes: Keyframes, meas: Measurements, k: int, until: float) -> bool:
     """Return whether the latest looks before a time [s] show that something stood where a measurement is."""
     free, hits = looks_at_measurement(keyframes, meas, k, until)
-    return hits >= 1.0 and hits > free
+    return hits > free
 
 
 def count_looks_at(keyframes: Keyframes, sightings: Sightings, i: int, out: Any, at: int) -> None:
     """Count the looks at the place of one sighting (`Keyframes.count_looks`), the farther in time the fewer."""
+    aim_at_sighting(keyframes, sightings, i)
     for k in range(4):
         out[at + k] = 0.0
     first, stop = max(keyframes.count - keyframes.kept, 0), keyframes.count
@@ -331,15 +343,7 @@ def count_looks_at(keyframes: Keyframes, sightings: Sightings, i: int, out: Any,
             if off < apart or keyframes.sensor[m] != sightings.sensor[i]:
                 continue
             apart = THINNED * off
-            seen = look(
-                keyframes,
-                m,
-                sightings.middle_x[i],
-                sightings.middle_y[i],
-                sightings.chord[i],
-                sightings.sensor_x[i],
-                sightings.sensor_y[i],
-            )
+            seen = look(keyframes, m)
             if seen < 0.0:
                 out[at + 2 * side + 1] += 1.0
             else:

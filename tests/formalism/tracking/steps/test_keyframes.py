@@ -31,7 +31,8 @@ def kept(*sweeps: Sweep) -> Keyframes:
 def look(
     frames: Keyframes, place: tuple[float, float], width: float = 0.5, seen_from: tuple[float, float] = (0, 0)
 ) -> float:
-    return keyframes.look(frames, 0, *place, width, *seen_from)
+    keyframes.aim(frames, *place, width, *seen_from)
+    return keyframes.look(frames, 0)
 
 
 @pytest.mark.parametrize("geometry", GEOMETRIES)
@@ -145,7 +146,8 @@ def stored(seconds: float, rate: float, most: float = math.inf) -> np.ndarray:
     grown = Keyframes(2 * BEAMS)
     grown.grow(frames)
     assert grown.count == frames.count
-    assert {keyframes.look(grown, m, 2.0, 0.0, 0.5, 0.0, 0.0) for m in range(len(times))} == {FREE}
+    keyframes.aim(grown, 2.0, 0.0, 0.5, 0.0, 0.0)
+    assert {keyframes.look(grown, m) for m in range(len(times))} == {FREE}
     return times
 
 
