@@ -118,7 +118,7 @@ def detect_row(core: Core, scans: Scans, columns: Columns, row: int) -> None:
     description.describe(core.description, columns, core.points, core.segments, core.survey, core.bodies, core.faces)
     if columns.explained and core.robust and not scans.has_within:
         _explain(core, columns)
-    near = segmentation.nearest(core.points)
+    near = core.points.nearest
     columns.out.nearest[row] = core.points.r[near] if near >= 0 else NAN
     columns.out.nearest_theta[row] = segmentation.bearing(core.points, near) if near >= 0 else NAN
     columns.out.d_mean[row], columns.out.sweep_d_th[row] = d_mean, core.points.d_th
@@ -188,10 +188,13 @@ def _as_sensors_need(core: Core, scans: Scans) -> None:
 def _settle(core: Core) -> None:
     """Fit the faces of the objects and walls that are reported, with one vertex for each corner."""
     core.faces.count = 0
+    # Where segments were divided the faces are not their own.
+    own = 1 if core.protrusions.count == 0 else 0
     for j in range(core.segments.count):
+        low, high = core.faces.offset[j], core.faces.offset[j + own]
         core.faces.offset[j] = core.faces.count
         if core.survey.is_object[j] or (core.report_walls and core.survey.wall[j]):
-            surfaces.settled(core.faces, core.points, core.segments, j, core.survey.tolerance[j])
+            surfaces.settled(core.faces, core.points, core.segments, j, core.survey.tolerance[j], low, high)
     core.faces.offset[core.segments.count] = core.faces.count
 
 

@@ -115,8 +115,7 @@ cdef void _trace_part(
     Description description, Columns columns, Points points, Segments segments, Survey survey, Faces faces, Py_ssize_t j
 ) noexcept nogil
 cdef void _extend(
-    Description description, Columns columns, Points points, Segments segments, Faces faces, Py_ssize_t j,
-    Py_ssize_t begin, Py_ssize_t first_face
+    Description description, Columns columns, Points points, Segments segments, Faces faces, Py_ssize_t j
 ) noexcept nogil
 cdef bint _is_hidden(Py_ssize_t edge) noexcept nogil
 cdef Py_ssize_t _visibility(Py_ssize_t start_edge, Py_ssize_t end_edge) noexcept nogil
@@ -124,8 +123,8 @@ cdef Py_ssize_t _visibility(Py_ssize_t start_edge, Py_ssize_t end_edge) noexcept
 cdef void _drop_stray(
     Description description, Faces faces, Parts parts, Circle circle, Box box, Look look, Py_ssize_t k
 ) noexcept nogil
+@cython.locals(chord=double, x=double, y=double)
 cdef void _describe_shape(
-    Description description, Columns columns, Points points, Survey survey, Faces faces, Circle circle, Box box,
-    Py_ssize_t k
+    Description description, Columns columns, double sigma, double most, Faces faces, Circle circle, Box box, Py_ssize_t k
 ) noexcept nogil
 cdef void _mark_beams(Columns columns, Points points, Segments segments, Parts parts, Py_ssize_t k) noexcept nogil

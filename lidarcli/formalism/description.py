@@ -400,7 +400,7 @@ def _trace_part(
 ) -> None:
     """Write the vertices and faces of one part of an object."""
     low, high = faces.offset[j], faces.offset[j + 1]
-    begin, first_vertex, first_face = description.n, columns.vertices, columns.faces
+    first_vertex = columns.vertices
     last_x, last_y, last_theta = 0.0, 0.0, 0.0
     for f in range(low - 1, high):
         at = faces.last[f] if f >= low else segments.first[j]
@@ -436,27 +436,19 @@ def _trace_part(
         columns.vertices += 1
     columns.out.vertex_kind[first_vertex] = columns.out.vertex_kind[columns.vertices - 1] = CORNER
     if description.robust and high > low:
-        _extend(description, columns, points, segments, faces, j, begin, first_face)
+        _extend(description, columns, points, segments, faces, j)
 
 
-def _extend(
-    description: Description,
-    columns: Columns,
-    points: Points,
-    segments: Segments,
-    faces: Faces,
-    j: int,
-    begin: int,
-    first_face: int,
-) -> None:
-    """Extend a part past its first vertex `begin` and its last one, by half a beam on average, if the thing ends there."""
+def _extend(description: Description, columns: Columns, points: Points, segments: Segments, faces: Faces, j: int) -> None:
+    """Extend a part past its first and its last vertex, by half a beam on average, if the thing ends there."""
+    count = faces.offset[j + 1] - faces.offset[j]
     first, last = segments.first[j], segmentation.last_point(segments, j)
     if surfaces.is_end(segments.start_edge[j]):
         f = faces.offset[j]
         more = _overhang(points, faces, f, first, first + 1, -1.0)
-        columns.out.face_length[first_face] += more
-        description.x[begin] -= more * faces.direction_x[f]
-        description.y[begin] -= more * faces.direction_y[f]
+        columns.out.face_length[columns.faces - count] += more
+        description.x[description.n - 1 - count] -= more * faces.direction_x[f]
+        description.y[description.n - 1 - count] -= more * faces.direction_y[f]
     if surfaces.is_end(segments.end_edge[j]):
         f = faces.offset[j + 1] - 1
         more = _overhang(points, faces, f, last, last - 1, 1.0)
@@ -524,7 +516,7 @@ def describe(
         examine(description.look, faces, description.parts, k, False, False)
         if description.robust:
             _drop_stray(description, faces, description.parts, description.circle, description.box, description.look, k)
-        _describe_shape(description, columns, points, survey, faces, description.circle, description.box, k)
+        _describe_shape(description, columns, points.sigma, survey.max_width, faces, description.circle, description.box, k)
         columns.out.thing[at] = survey.thing[description.parts.segment[description.parts.begin[k]]]
         if survey.is_object[description.parts.segment[description.parts.begin[k]]]:
             columns.out.set[at] = OBJECT
@@ -616,26 +608,12 @@ def _drop_stray(description: Description, faces: Faces, parts: Parts, circle: Ci
 
 
 def _describe_shape(
-    description: Description,
-    columns: Columns,
-    points: Points,
-    survey: Survey,
-    faces: Faces,
-    circle: Circle,
-    box: Box,
-    k: int,
+    description: Description, columns: Columns, sigma: float, most: float, faces: Faces, circle: Circle, box: Box, k: int
 ) -> None:
-    """Write the shape of an object, whose outline is traced, and its box."""
+    """Write the shape of an object, whose outline is traced, and its box; a circle is no wider than `most` [m]."""
     at, parts = columns.objects, description.parts.begin[k + 1] - description.parts.begin[k]
-    kind = classify(
-        description.look,
-        circle,
-        points.sigma,
-        columns.out.width[at],
-        columns.out.x[at],
-        columns.out.y[at],
-        survey.max_width,
-    )
+    chord, x, y = columns.out.width[at], columns.out.x[at], columns.out.y[at]
+    kind = classify(description.look, circle, sigma, chord, x, y, most)
     if kind == ROUND:
         # The square around the circle that faces the sensor.
         box.x, box.y, box.yaw = circle.centre_x, circle.centre_y, _yaw(circle.centre_x, circle.centre_y)

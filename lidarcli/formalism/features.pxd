@@ -111,8 +111,9 @@ cdef void _measure_face(
     Features features, Points points, Faces faces, Scans scans, Py_ssize_t k, Py_ssize_t face
 ) noexcept nogil
 @cython.locals(
-    lost=Py_ssize_t, last=double, begin=double, crossed=Py_ssize_t, far=double, stride=Py_ssize_t, left=Py_ssize_t,
-    skip=Py_ssize_t, turn=Py_ssize_t, step=double, on=double, per_plane=double
+    count=Py_ssize_t, p=Py_ssize_t, lost=Py_ssize_t, last=double, begin=double, through=Py_ssize_t, far=double, met=double,
+    crossed=double, stride=Py_ssize_t, left=Py_ssize_t, here=Py_ssize_t, before=Py_ssize_t, step=double, on=double,
+    per_plane=double
 )
 cdef void _follow(
     Features features, Points points, Scans scans, Py_ssize_t start, int sign, double normal_x, double normal_y,

@@ -242,14 +242,14 @@ def _steps(points: Points, angle: float) -> int:
 
 
 def _depth(points: Points, scans: Scans, position: int, r: float) -> float:
-    """Return how much further away than r the beam at a position ends [m]."""
-    if points.period == 0 and (position < 0 or position >= points.bearings):
-        return OUTSIDE
-    while position < 0:
-        position += points.bearings
-    while position >= points.bearings:
-        position -= points.bearings
-    away = scans.ranges[points.row * scans.width + segmentation.beam_at(points, position)] - r
+    """Return how much further away than r the beam at a position ends [m], at most one turn beyond the seam."""
+    if position < 0 or position >= points.bearings:
+        if points.period == 0:
+            return OUTSIDE
+        position += points.bearings if position < 0 else -points.bearings
+    if points.reverse:
+        position = points.bearings - 1 - position
+    away = scans.ranges[points.row * scans.width + position] - r
     return max(-FAR, min(away, DEEPEST)) if away == away else DEEPEST
 
 
@@ -385,7 +385,8 @@ def _on_line(features: Features, points: Points, faces: Faces, k: int, face: int
         length = faces.length[f]
         off = normal_x * faces.middle_x[f] + normal_y * faces.middle_y[f] - c
         whole += length
-        beyond += length * (1.0 - _share(per_depth * max(off, 0.0)))
+        if per_depth * off > 0.5:
+            beyond += length * (1.0 - _share(per_depth * off))
         aside = features.offset[f] - offset
         if abs(aside) < most and features.axis[f] == axis:
             supported += features.aligned[f] * length * _share(aside / plane)
@@ -506,78 +507,76 @@ def _follow(
     """Follow a line past one end of a body, and add what is met, what is crossed, and how far it goes on before two beams
     pass through it.
     """
-    x, y, r, position = points.x, points.y, points.r, points.position
-    if start >= points.count:
-        start -= points.count
-    p = start
+    x, y, r, position, count = points.x, points.y, points.r, points.position, points.count
+    p = start - count if start >= count else start
     q = normal_x * x[p] + normal_y * y[p]
     if q < FRONT * r[p]:
         return
-    begin = (normal_x * y[p] - normal_y * x[p]) * c / q
-    last, crossed, far = begin, 0, 0.0
+    # Along the line, in the direction of the walk.
+    along_x, along_y = -sign * normal_y, sign * normal_x
+    begin = (along_y * y[p] + along_x * x[p]) * c / q
+    last, through, far, met, crossed = begin, 0, 0.0, features.met, features.crossed
     plane = PLANE + PLANE_NOISE * points.sigma
     per_plane = 1.0 / plane
     # Where beams meet the line close together, not all of them are looked at.
     stride = 1
     while stride < MOST_STRIDE and (stride + 1) * c * points.step <= SPACING:
         stride += 1
-    left = points.count - 1
+    left, here = count - 1, position[p]
     while left > 0:
-        skip = min(stride, left)
-        left -= skip
-        before = p
-        p += sign * skip
-        turn = 0
-        if p < 0 or p >= points.count:
+        stride = min(stride, left)
+        left -= stride
+        p += sign * stride
+        before = here
+        if p < 0 or p >= count:
             if points.period == 0:
                 break
-            turn = points.period
-            p += points.count if p < 0 else -points.count
+            before -= sign * points.period
+            p += count if p < 0 else -count
+        here = position[p]
         q = normal_x * x[p] + normal_y * y[p]
         if q < FRONT * r[p]:
             break
-        s = (normal_x * y[p] - normal_y * x[p]) * c / q
-        step = (s - last) * sign
-        away = (s - begin) * sign
-        if step < 0.0 or away > LINE_REACH:
+        s = (along_y * y[p] + along_x * x[p]) * c / q
+        if s < last or s - begin > LINE_REACH:
             break
+        step, depth, lost = s - last, q - c, (here - before) * sign - stride
         last = s
-        lost = (position[p] - position[before]) * sign + turn - skip
-        depth = q - c
         if lost > 0:
-            beam = segmentation.beam_at(points, position[p] - sign)
+            beam = segmentation.beam_at(points, here - sign)
             if beam >= 0 and scans.status[points.row * scans.width + beam] == segmentation.NO_RETURN:
-                features.crossed += step * lost / (lost + skip)
+                crossed += step * lost / (lost + stride)
             # Where beams were lost nobody knows what is on the line.
             step = 0.0
-        if crossed < CROSSED:
-            allowed = plane + SLANT * away
+        if through < CROSSED:
+            allowed = plane + SLANT * (s - begin)
             if depth > allowed:
-                crossed += skip
+                through += stride
             else:
-                crossed = 0
+                through = 0
                 if depth >= -allowed:
-                    far = away
-        if depth > -HIDDEN_BY:
+                    far = s - begin
+        if per_plane * depth >= 1.5:
+            crossed += step
+        elif depth > -HIDDEN_BY:
             on = _share(per_plane * depth)
-            features.met += step * on
-            features.crossed += step * (1.0 - on)
+            met += step * on
+            crossed += step * (1.0 - on)
+    features.met, features.crossed = met, crossed
     features.goes_on += far
 
 
 # The verdict: small decision trees ask for the features of a body, and each adds to the log-odds of being a thing.
 
+
 class Trees:
-    """Complete binary trees of three questions each, whether a feature is above a bound: nodes n of all of them together,
-    roots first, of which each goes on with 2n or 2n + 1.
-    """
+    """Trees that ask three times if a feature is above a bound: node n of all, roots first, goes on with 2n or 2n + 1."""
 
     def __init__(self, trees: forest.Trees, prior: float) -> None:
         """`trees` as `forest` has them, `prior` the log-odds before any tree."""
         self.owner: list[Any] = []
         self.prior = prior
         self.trees = len(trees)
-        """Number of trees, and of the first root."""
         self.feature = native.integers(self.owner, 8 * self.trees)
         self.bound = native.doubles(self.owner, 8 * self.trees)
         self.leaf = native.doubles(self.owner, 16 * self.trees)

@@ -32,8 +32,7 @@ cdef void _add(
     Protrusions protrusions, Points points, Segments segments, Faces faces, Py_ssize_t j, Py_ssize_t begin,
     Py_ssize_t end, bint pointed
 ) noexcept nogil
-cdef Py_ssize_t _longest_before(Faces faces, Py_ssize_t at, Py_ssize_t low) noexcept nogil
-cdef Py_ssize_t _longest_after(Faces faces, Py_ssize_t at, Py_ssize_t high) noexcept nogil
+cdef Py_ssize_t _longest(Faces faces, Py_ssize_t at, Py_ssize_t end, Py_ssize_t step) noexcept nogil
 cdef bint _is_small(Points points, Faces faces, Py_ssize_t begin, Py_ssize_t end) noexcept nogil
 cdef double _relief(Points points, Faces faces, Py_ssize_t begin, Py_ssize_t end, Py_ssize_t wall) noexcept nogil
 cdef double depth(Points points, Faces faces, Py_ssize_t wall, Py_ssize_t at) noexcept nogil

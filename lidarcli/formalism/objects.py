@@ -83,13 +83,13 @@ def _add(
         least = max(BACKING, total)
     before, after = begin, begin
     if has_wall_before:
-        before = _longest_before(faces, begin - 1, low)
+        before = _longest(faces, begin - 1, low, -1)
         if not faces.length[before] >= least:
             return
     elif segments.start_edge[j] != segmentation.OWN:
         return
     if has_wall_after:
-        after = _longest_after(faces, end, high)
+        after = _longest(faces, end, high - 1, 1)
         if not faces.length[after] >= least:
             return
     elif segments.end_edge[j] != segmentation.OWN:
@@ -122,22 +122,12 @@ def _add(
         protrusions.count += 1
 
 
-def _longest_before(faces: Faces, at: int, low: int) -> int:
-    """Return the first of the longest run of faces that ends with `at` and has no corner."""
+def _longest(faces: Faces, at: int, end: int, step: int) -> int:
+    """Return the first of the longest run of faces from `at` towards `end` that has no corner."""
     longest, f = at, at
-    while f > low and not abs(surfaces.turn(faces, f - 1, f)) > SIN_CORNER_TURN:
-        f -= 1
-        if faces.length[f] >= faces.length[longest]:
-            longest = f
-    return longest
-
-
-def _longest_after(faces: Faces, at: int, high: int) -> int:
-    """Return the first of the longest run of faces that begins with `at` and has no corner."""
-    longest, f = at, at
-    while f + 1 < high and not abs(surfaces.turn(faces, f, f + 1)) > SIN_CORNER_TURN:
-        f += 1
-        if faces.length[f] > faces.length[longest]:
+    while f != end and not abs(surfaces.turn(faces, f, f + step)) > SIN_CORNER_TURN:
+        f += step
+        if faces.length[f] > faces.length[longest] or (step < 0 and faces.length[f] == faces.length[longest]):
             longest = f
     return longest
 

@@ -34,11 +34,12 @@ cdef class Scans:
 
 cdef class Points:
     cdef list owner
-    cdef readonly Py_ssize_t most, row, count, beams, bearings, period
+    cdef readonly Py_ssize_t most, row, count, gaps, nearest, beams, bearings, period
     cdef bint reverse
     cdef double first, step, cos_half, sin_half, sigma, d_th, flicker
     cdef Py_ssize_t* position
     cdef Py_ssize_t* missing
+    cdef Py_ssize_t* gap
     cdef double* r
     cdef double* x
     cdef double* y
@@ -51,12 +52,11 @@ cdef void repeat(Points points, Py_ssize_t lead) noexcept nogil
 cdef double bearing(Points points, Py_ssize_t at) noexcept nogil
 cdef Py_ssize_t beam_at(Points points, Py_ssize_t position) noexcept nogil
 cdef double distance(Points points, Py_ssize_t a, Py_ssize_t b) noexcept nogil
-@cython.locals(at=Py_ssize_t, least=double)
-cdef Py_ssize_t nearest(Points points) noexcept nogil
+@cython.locals(gaps=Py_ssize_t, least=double)
 cdef void differences(Points points) noexcept nogil
 @cython.locals(gone=Py_ssize_t, lost=Py_ssize_t)
 cdef double flicker(Points points, Scans scans) noexcept nogil
-@cython.locals(number=Py_ssize_t, total=double)
+@cython.locals(total=double, begin=Py_ssize_t)
 cdef double mean_difference(Points points) noexcept nogil
 
 

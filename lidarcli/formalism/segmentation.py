@@ -75,8 +75,12 @@ class Points:
         self.y = native.doubles(self.owner, 2 * most)
         self.s = native.doubles(self.owner, most)
         self.missing = native.integers(self.owner, most)
+        self.gap = native.integers(self.owner, most + 1)
+        """The `gaps` points before which beams were lost, and `count`."""
         self.row = 0
-        self.count = 0
+        self.count = self.gaps = 0
+        self.nearest = -1
+        """First point with the least range; -1 without a point."""
         self.first = 0.0
         self.step = 0.0
         self.cos_half = 1.0
@@ -155,23 +159,12 @@ def distance(points: Points, a: int, b: int) -> float:
     return math.sqrt(dx * dx + dy * dy)
 
 
-def nearest(points: Points) -> int:
-    """Return the first point with the least range; -1 without a point."""
-    at = 0
-    least = INFINITE
-    for k in range(points.count):
-        if points.r[k] < least:
-            least = points.r[k]
-            at = k
-    return at if points.count > 0 else -1
-
-
 def differences(points: Points) -> None:
-    """Def. 2: s(θ_n) = r(θ_n) - r(θ_{n-1}) [m] and the lost beams between the two.
+    """Def. 2: s(θ_n) = r(θ_n) - r(θ_{n-1}) [m] and the lost beams between the two; the gaps, and the nearest point.
 
     The point before the first is the last one on a full turn; on a partial view there is none, and s is NaN.
     """
-    position, r, s, missing = points.position, points.r, points.s, points.missing
+    position, r, s, missing, gap = points.position, points.r, points.s, points.missing, points.gap
     last = points.count - 1
     for k in range(1, points.count):
         s[k] = r[k] - r[k - 1]
@@ -183,14 +176,24 @@ def differences(points: Points) -> None:
     else:
         s[0] = NAN
         missing[0] = NEVER
+    least, gaps, points.nearest = INFINITE, 0, 0 if points.count > 0 else -1
+    for k in range(points.count):
+        gap[gaps] = k
+        gaps += missing[k] != 0
+        if r[k] < least:
+            least = r[k]
+            points.nearest = k
+    gap[gaps] = points.count
+    points.gaps = gaps
 
 
 def flicker(points: Points, scans: Scans) -> float:
     """The share of the beams of a sweep that should have returned and did not: short gaps in what goes on past them."""
     gone = 0
-    for k in range(points.count):
+    for i in range(points.gaps):
+        k = points.gap[i]
         lost = points.missing[k]
-        if lost == 0 or lost > LONGEST_GAP:
+        if lost > LONGEST_GAP:
             continue
         nearer = min(points.r[k], points.r[k] - points.s[k])
         if abs(points.s[k]) > GAP_STEP + GAP_STEP_GROWS * nearer:
@@ -204,12 +207,12 @@ def flicker(points: Points, scans: Scans) -> float:
 
 def mean_difference(points: Points) -> float:
     """Def. 3's d_th = (1/N) Σ |s(θ_n)| [m], N the number of neighbouring beams that both have a range; 0 without any."""
-    s, missing = points.s, points.missing
-    total, number = 0.0, 0
-    for k in range(points.count):
-        if missing[k] == 0:
+    s, total, begin = points.s, 0.0, 0
+    for i in range(points.gaps + 1):
+        for k in range(begin, points.gap[i]):
             total += abs(s[k])
-            number += 1
+        begin = points.gap[i] + 1
+    number = points.count - points.gaps
     return total / number if number > 0 else 0.0
 
 
@@ -404,7 +407,7 @@ def find_breakpoints(breakpoints: Breakpoints, points: Points, scans: Scans) -> 
     s, missing, d_th, masked = points.s, points.missing, points.d_th, scans.has_within
     count = 0
     for k in range(points.count):
-        if missing[k] == 0 and not abs(s[k]) > d_th and not masked:
+        if not abs(s[k]) > d_th and missing[k] == 0 and not masked:
             continue
         if missing[k] > breakpoints.max_gap:
             breaks = True

@@ -24,7 +24,10 @@ cdef class Faces:
     cdef double* direction_y
     cdef double* rms
     cdef double* length
-    cdef readonly Py_ssize_t count, n
+    cdef readonly Py_ssize_t count, begin, end
+    cdef bint thinned
+    cdef double* thin_x
+    cdef double* thin_y
     cdef double* x
     cdef double* y
     cdef Py_ssize_t* index
@@ -37,21 +40,24 @@ cdef class Faces:
 cdef void straight(
     Faces faces, Points points, Segments segments, Py_ssize_t j, Py_ssize_t most, double tolerance
 ) noexcept nogil
-cdef void settled(Faces faces, Points points, Segments segments, Py_ssize_t j, double tolerance) noexcept nogil
+@cython.locals(is_split=bint, known=Py_ssize_t, to=Py_ssize_t)
+cdef void settled(
+    Faces faces, Points points, Segments segments, Py_ssize_t j, double tolerance, Py_ssize_t low, Py_ssize_t high
+) noexcept nogil
 cdef void between(Faces faces, Points points, Segments segments, Py_ssize_t j, Py_ssize_t* inner) noexcept nogil
 @cython.locals(n=Py_ssize_t, k=Py_ssize_t)
 cdef void _trace(Faces faces, Points points, Segments segments, Py_ssize_t j, Py_ssize_t most) noexcept nogil
 cdef void split(Faces faces, double tolerance) noexcept nogil
 cdef void _split(Faces faces, Py_ssize_t begin, Py_ssize_t end, double tolerance, Py_ssize_t levels) noexcept nogil
 cdef Py_ssize_t _farthest(Faces faces, Py_ssize_t begin, Py_ssize_t end, double tolerance) noexcept nogil
-@cython.locals(low=bint)
-cdef void _drop_flat(Faces faces, double tolerance) noexcept nogil
+@cython.locals(low=bint, found=bint)
+cdef bint _drop_flat(Faces faces, double tolerance) noexcept nogil
 @cython.locals(found=bint)
-cdef bint _drop_doubled(Faces faces, Py_ssize_t start, Py_ssize_t begin) noexcept nogil
+cdef bint _drop_doubled(Faces faces, Py_ssize_t begin) noexcept nogil
 @cython.locals(usable=bint)
 cdef (bint, double, double) meeting(Faces faces, Py_ssize_t one, Py_ssize_t other) noexcept nogil
 cdef double turn(Faces faces, Py_ssize_t one, Py_ssize_t other) noexcept nogil
-cdef void _join(Faces faces, Segments segments, Py_ssize_t j) noexcept nogil
+cdef void _join(Faces faces, Py_ssize_t j) noexcept nogil
 cdef void _fit(Faces faces, Py_ssize_t f, Py_ssize_t begin, Py_ssize_t end) noexcept nogil
 
 

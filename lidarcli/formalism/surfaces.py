@@ -48,16 +48,17 @@ class Faces:
         self.length = native.doubles(self.owner, 2 * most)
         """Distance of its end points along the line [m]."""
         self.count = 0
-        # The n points that stand for a segment while its faces are sought, and which of them are inner vertices.
-        self.n = 0
-        self.x = native.doubles(self.owner, most + 1)
-        self.y = native.doubles(self.owner, most + 1)
-        self.index = native.integers(self.owner, most + 1)
-        """Of each of them, its place in the segment."""
-        self.inner = native.integers(self.owner, most + 1)
+        # The points `begin` to `end` of x and y stand for a segment while its faces are sought: its own, or some of them,
+        # `thinned`, with their places in the sweep. Where segments are not thinned, its inner vertices stay marked.
+        self.begin = self.end = 0
+        self.thinned = False
+        self.thin_x = self.x = native.doubles(self.owner, 2 * most)
+        self.thin_y = self.y = native.doubles(self.owner, 2 * most)
+        self.index = native.integers(self.owner, 2 * most)
+        self.inner = native.integers(self.owner, 2 * most)
         self.vertex = native.integers(self.owner, most + 1)
         self.share = native.doubles(self.owner, most + 1)
-        self.away = native.doubles(self.owner, most + 1)
+        self.away = native.doubles(self.owner, 2 * most)
 
 
 def straight(faces: Faces, points: Points, segments: Segments, j: int, most: int, tolerance: float) -> None:
@@ -70,25 +71,40 @@ def straight(faces: Faces, points: Points, segments: Segments, j: int, most: int
         return
     _trace(faces, points, segments, j, most)
     split(faces, tolerance)
-    _join(faces, segments, j)
+    _join(faces, j)
 
 
-def settled(faces: Faces, points: Points, segments: Segments, j: int, tolerance: float) -> None:
+def settled(faces: Faces, points: Points, segments: Segments, j: int, tolerance: float, low: int, high: int) -> None:
     """Append straight faces whose vertices stand out between their neighbours, one for each corner.
 
     Splitting at the farthest point leaves vertices that are flat once their neighbours are known, and two of them
-    where a corner lies between two beams.
+    where a corner lies between two beams. Of a segment that was split the faces are `low` to `high` - 1.
     """
     if segments.size[j] < 2:
         return
     begin = faces.count
     _trace(faces, points, segments, j, segments.size[j])
-    split(faces, tolerance)
-    _drop_flat(faces, tolerance)
-    _join(faces, segments, j)
-    if _drop_doubled(faces, segments.first[j], begin):
+    known = 1
+    for f in range(low, high):
+        known += faces.points[f] - 1
+    # Those of all its points, in whose places there are no others yet.
+    is_split = known == segments.size[j] and faces.first[low] == segments.first[j]
+    if not is_split:
+        split(faces, tolerance)
+    if _drop_flat(faces, tolerance) or not is_split:
+        _join(faces, j)
+    else:
+        for f in range(low, high):
+            to = begin + f - low
+            faces.segment[to], faces.points[to] = faces.segment[f], faces.points[f]
+            faces.first[to], faces.last[to] = faces.first[f], faces.last[f]
+            faces.middle_x[to], faces.middle_y[to] = faces.middle_x[f], faces.middle_y[f]
+            faces.direction_x[to], faces.direction_y[to] = faces.direction_x[f], faces.direction_y[f]
+            faces.rms[to], faces.length[to] = faces.rms[f], faces.length[f]
+        faces.count += high - low
+    if _drop_doubled(faces, begin):
         faces.count = begin
-        _join(faces, segments, j)
+        _join(faces, j)
 
 
 def between(faces: Faces, points: Points, segments: Segments, j: int, inner: Any) -> None:
@@ -96,33 +112,33 @@ def between(faces: Faces, points: Points, segments: Segments, j: int, inner: Any
     if segments.size[j] < 2:
         return
     _trace(faces, points, segments, j, segments.size[j])
-    for k in range(faces.n):
-        faces.inner[k] = inner[segments.first[j] + k]
-    _join(faces, segments, j)
+    for k in range(faces.begin, faces.end + 1):
+        faces.inner[k] = inner[k]
+    _join(faces, j)
 
 
 def _trace(faces: Faces, points: Points, segments: Segments, j: int, most: int) -> None:
     """Let some points of a segment stand for it, with its first and its last: evenly, and the same from either end."""
-    x, y, index, first, last = faces.x, faces.y, faces.index, segments.first[j], segments.size[j] - 1
+    first, last = segments.first[j], segments.size[j] - 1
     n = min(most, last + 1)
     # Of an odd number one is the middle, which an even number of points does not have.
     if n % 2 == 1 and last % 2 == 1 and n <= last:
         n += 1
+    faces.thinned, faces.begin, faces.end = n <= last, first, first + n - 1
+    if not faces.thinned:
+        faces.x, faces.y = points.x, points.y
+        return
+    faces.x, faces.y = faces.thin_x, faces.thin_y
     for i in range(n):
-        k = i
-        if n <= last:
-            k = i * last // (n - 1) if 2 * i < n else last - (n - 1 - i) * last // (n - 1)
-        index[i] = k
-        x[i] = points.x[first + k]
-        y[i] = points.y[first + k]
-    faces.n = n
+        k = first + (i * last // (n - 1) if 2 * i < n else last - (n - 1 - i) * last // (n - 1))
+        faces.index[first + i], faces.x[first + i], faces.y[first + i] = k, points.x[k], points.y[k]
 
 
 def split(faces: Faces, tolerance: float) -> None:
     """Mark the inner vertices of what stands for a segment: where its faces meet."""
-    for k in range(faces.n):
+    for k in range(faces.begin, faces.end + 1):
         faces.inner[k] = False
-    _split(faces, 0, faces.n - 1, tolerance, MAX_SPLITS)
+    _split(faces, faces.begin, faces.end, tolerance, MAX_SPLITS)
 
 
 def _split(faces: Faces, begin: int, end: int, tolerance: float, levels: int) -> None:
@@ -159,13 +175,19 @@ def _farthest(faces: Faces, begin: int, end: int, tolerance: float) -> int:
     return at
 
 
-def _drop_flat(faces: Faces, tolerance: float) -> None:
-    """Unmark the vertices within the tolerance of their neighbours' chord and flatter than both; not neighbours at once."""
-    x, y, inner, vertex, share, count = faces.x, faces.y, faces.inner, faces.vertex, faces.share, 0
-    for k in range(faces.n):
-        if inner[k] or k == 0 or k == faces.n - 1:
+def _drop_flat(faces: Faces, tolerance: float) -> bool:
+    """Unmark the vertices within the tolerance of their neighbours' chord and flatter than both; not neighbours at once.
+
+    True if there were any.
+    """
+    x, y, inner, vertex, share, found = faces.x, faces.y, faces.inner, faces.vertex, faces.share, False
+    vertex[0], count = faces.begin, 1
+    for k in range(faces.begin + 1, faces.end):
+        if inner[k]:
             vertex[count] = k
             count += 1
+    vertex[count] = faces.end
+    count += 1
     for _ in range(PASSES):
         share[0] = share[count - 1] = INFINITY
         low = False
@@ -188,21 +210,22 @@ def _drop_flat(faces: Faces, tolerance: float) -> None:
                 kept += 1
         if kept == count:
             break
-        count = kept
+        count, found = kept, True
+    return found
 
 
-def _drop_doubled(faces: Faces, start: int, begin: int) -> bool:
+def _drop_doubled(faces: Faces, begin: int) -> bool:
     """Of two vertices on neighbouring points unmark the one further from where the faces beside them meet; True if there
     were any.
 
-    `start` is the first point of the segment, `begin` its first face.
+    `begin` is the first face of the segment.
     """
     x, y, found = faces.x, faces.y, False
     for f in range(begin + 1, faces.count - 1):
         if faces.points[f] != 2 or faces.points[f - 1] <= 2 or faces.points[f + 1] <= 2:
             continue
         usable, meet_x, meet_y = meeting(faces, f - 1, f + 1)
-        a, b = faces.first[f] - start, faces.last[f] - start
+        a, b = faces.first[f], faces.last[f]
         from_a = (x[a] - meet_x) * (x[a] - meet_x) + (y[a] - meet_y) * (y[a] - meet_y)
         from_b = (x[b] - meet_x) * (x[b] - meet_x) + (y[b] - meet_y) * (y[b] - meet_y)
         if usable and min(from_a, from_b) < 4.0 * faces.length[f] * faces.length[f]:
@@ -227,17 +250,17 @@ def turn(faces: Faces, one: int, other: int) -> float:
     return faces.direction_x[one] * faces.direction_y[other] - faces.direction_y[one] * faces.direction_x[other]
 
 
-def _join(faces: Faces, segments: Segments, j: int) -> None:
+def _join(faces: Faces, j: int) -> None:
     """Append the faces between the vertices that are marked; a vertex between two faces belongs to both."""
-    begin, last, first = 0, faces.n - 1, segments.first[j]
+    begin, last = faces.begin, faces.end
     while begin < last:
         end = begin + 1
         while end < last and not faces.inner[end]:
             end += 1
         f = faces.count
         faces.segment[f] = j
-        faces.first[f] = first + faces.index[begin]
-        faces.last[f] = first + faces.index[end]
+        faces.first[f] = faces.index[begin] if faces.thinned else begin
+        faces.last[f] = faces.index[end] if faces.thinned else end
         faces.points[f] = end - begin + 1
         _fit(faces, f, begin, end)
         faces.count += 1
