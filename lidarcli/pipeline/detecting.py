@@ -7,7 +7,7 @@ threads, or the tracking makes the rows where it is asked for, and they are writ
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext
+from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext, suppress
 from dataclasses import replace
 from functools import partial
 from itertools import chain, islice
@@ -22,6 +22,7 @@ from lidarcli.newfiles import NewFiles, refuse
 from lidarcli.pipeline.inputs.sources import MissingInput, Source, open_source
 from lidarcli.pipeline.objects.detection import BatchDetector, DetectOptions, ParallelDetection, Part
 from lidarcli.pipeline.reading.one_log import Progress, Reading, RunSummary
+from lidarcli.pipeline.reading.posing import Need, SensorMovedError
 from lidarcli.pipeline.runs.over_logs import LogProgress, Outcome, logs_at_once, over_logs, progress_of
 from lidarcli.stores import Place
 from lidarcli.sweeps import SweepBatch
@@ -40,11 +41,19 @@ def detect_to_files(source: Source, folder: Place, options: DetectOptions, progr
 
 
 def _read_to_files(source: Source, folder: Place, options: DetectOptions, progress: Progress | None) -> Reading:
+    if options.need is Need.MOVING:
+        # One pass is enough where the sensor stands; where it moves the first one ends soon.
+        with suppress(SensorMovedError):
+            return _read_once(source, folder, options, progress, Need.STANDING)
+    return _read_once(source, folder, options, progress, options.need)
+
+
+def _read_once(source: Source, folder: Place, options: DetectOptions, progress: Progress | None, need: Need) -> Reading:
     is_by_date = options.layout == BY_DATE
     inputs = options.inputs([source])
     if not is_by_date:
         refuse(options.outputs(source, folder).values(), options.overwrite, inputs)
-    with open_source(source, options.opening) as log, Reading(log, options.read, options.poses, options.need) as reading:
+    with open_source(source, options.opening) as log, Reading(log, options.read, options.poses, need) as reading:
         batches = reading.batches(progress)
         if is_by_date:
             # The day of a log is that of its first sweep.

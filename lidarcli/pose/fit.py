@@ -376,8 +376,7 @@ def still_at(stamp_ns: Int64, matched: Float64, slides: Float64) -> Bool:
     padded = np.pad(filled, ((third, third), (0, 0)), mode="edge")
     middles = np.median(np.lib.stride_tricks.sliding_window_view(padded, third, axis=0), axis=2)
     # Medians of the third of the window before each sweep, and of the third after it.
-    apart = middles[third + 1 :] - middles[: -(third + 1)]
-    apart = apart[: len(known)]
+    apart = (middles[third + 1 :] - middles[: -(third + 1)])[: len(known)]
     still: Bool = (np.hypot(apart[:, 0], apart[:, 1]) < STILL_OFF) & (np.abs(apart[:, 2]) < STILL_TURN)
     return still
 
@@ -393,8 +392,9 @@ LEAST_SHARE, MOST_SHARE, USUAL_SHARE = 0.2, 1.25, 0.9
 """Shares of the time from sweep to sweep that a sweep can take, and the share where headers tell another."""
 SKEWED, TYPICAL_RANGE = 0.03, 2.0
 """Motion during a sweep from which on it tells the order of its beams [m]; the range at which turns move points [m]."""
-LEAST_SKEWED, BLOCKS, CLEAR = 40, 20, 2.0
-"""Least sweeps that tell an order, the blocks they are compared in, and the deviations from which a difference is clear."""
+LEAST_SKEWED, BLOCKS, CLEAR, OPPOSITE = 40, 20, 2.0, 1.5
+"""Least sweeps that tell an order, blocks they are compared in, deviations from which a difference is clear, and how many
+times as many it takes to the opposite order: all at once lies between the two."""
 LONGEST_SLIDE = 1.0
 """A slide without a guess loses its poses from this duration on, and no pose is between poses further apart [s]."""
 
@@ -462,8 +462,8 @@ class MatchedPath:
         self._record_ns: list[Int64] = []
         self._found: list[Float64] = []
 
-    def add(self, sweeps: SweepBatch, given: Float64 | None = None) -> None:
-        """Take sweeps of one topic and frame.
+    def add(self, sweeps: SweepBatch, given: Float64 | None = None) -> Float64:
+        """Take sweeps of one topic and frame; return their x, y, yaw (S, 3), as `poses` has them.
 
         Parameters
         ----------
@@ -471,7 +471,7 @@ class MatchedPath:
             the search begins with the steps between them
         """
         if not len(sweeps):
-            return
+            return np.zeros((0, 3))
         if self._first_ns is None:
             self._first_ns = int(sweeps.stamp_ns[0])
         seconds = (sweeps.stamp_ns - self._first_ns) / SECOND_NS
@@ -488,6 +488,7 @@ class MatchedPath:
         self._stamp_ns.append(sweeps.stamp_ns)
         self._record_ns.append(sweeps.record_ns)
         self._found.append(found)
+        return found[:, :3]
 
     @property
     def stamp_ns(self) -> Int64:
@@ -619,7 +620,8 @@ def order_of(paths: Mapping[str, MatchedPath], duration: float, clear: float) ->
         return float(np.mean(means)) / max(spread, 1e-9)
 
     for order in paths:
-        if all(betters(order, other) > clear for other in paths if other != order):
+        others = {other: clear if ONCE in (order, other) else OPPOSITE * clear for other in paths if other != order}
+        if all(betters(order, other) > least for other, least in others.items()):
             return order
     return ""
 

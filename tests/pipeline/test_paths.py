@@ -27,7 +27,19 @@ from lidarcli.simulation.generate import simulate_blocks, simulate_odometry
 from lidarcli.simulation.scene import Odometry, Scene, load_scene
 from lidarcli.simulation.writers import write_log
 from lidarcli.sweeps import TURN, Float64, RawSweeps
-from tests.pipeline.drawn import SENSOR, SWEEPS, away, checked, round_about, scene_of, stamps, sweeps_of, told, write
+from tests.pipeline.drawn import (
+    SENSOR,
+    SWEEPS,
+    away,
+    checked,
+    round_about,
+    scene_of,
+    stamps,
+    standing,
+    sweeps_of,
+    told,
+    write,
+)
 from tests.places import REAL_LOGS, SAMPLES, needs_real_logs
 from tests.pose.pose_messages import SECOND
 
@@ -191,6 +203,32 @@ def test_a_sensor_that_stops_stands_there(tmp_path: Path) -> None:
     assert rows.still.tolist() == [False, True]
     ((_, _, whole),) = batches[0].by_frame()
     assert whole.still is batches[0].still
+
+
+@pytest.mark.parametrize(("way", "passes"), [(standing, 0), (stop_and_go, 1)])
+def test_where_a_sensor_stands_one_pass_is_enough(
+    way: Callable[[Float64], Float64], passes: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As long as it does: where it moves both passes are made anew, and the tables are those of two passes."""
+    log = write(tmp_path / "run.mcap", None, scene_of(way))
+    two = lidarcli.track(log)
+    looked = []
+    check = path_check.check_paths
+
+    def counted(*arguments: Any, **options: Any) -> Any:
+        looked.append(1)
+        return check(*arguments, **options)
+
+    monkeypatch.setattr(path_check, "check_paths", counted)
+    detect_to_files(Source(str(log), "run"), tmp_path / "out", DetectOptions(tracking=TrackOptions(TrackParameters())))
+    assert len(looked) == passes
+    for name, table in (("objects", two.objects), ("sweeps", two.sweeps), ("tracks", two.tracks)):
+        found = pq.read_table(tmp_path / "out" / f"run.{name}.parquet")
+        assert found.equals(table.cast(found.schema))
+        assert json.loads(found.schema.metadata[b"lidarcli.source"]) == json.loads(
+            table.schema.metadata[b"lidarcli.source"]
+        )
+    assert len([*(tmp_path / "out").iterdir()]) == 4
 
 
 def test_where_the_path_is_not_known_there_are_no_poses(tmp_path: Path) -> None:

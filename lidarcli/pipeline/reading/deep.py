@@ -45,19 +45,7 @@ from lidarcli.pipeline.inputs.sources import Source, open_source
 from lidarcli.pipeline.reading.masking import MOST_SENSORS, STOOD_REACH, MaskRules, MovedPath, masking_of
 from lidarcli.pipeline.reading.path_check import DRIFT_NOTED, CheckedPath
 from lidarcli.pipeline.reading.posing import NONE, Need, PoseAttacher, PoseOptions, of_one_run
-from lidarcli.pose.calibration import (
-    SLOTS,
-    CalibrationResult,
-    Outlines,
-    cells_filled,
-    joined_outlines,
-    outlines_of,
-    overlap,
-    places_beside,
-    scaled_path,
-    settle,
-    stretches_of,
-)
+from lidarcli.pose import calibration
 from lidarcli.pose.fit import ACCEPTED, AUTO, headers_of, mount_between, pairs_of, poses_after, steps_between, wrapped
 from lidarcli.pose.sources import FrameTree, PoseChain, Step, along
 from lidarcli.pose.tracks import SECOND_NS, flat, frame_name, planar
@@ -251,10 +239,10 @@ class _Sensor:
                 self._every *= 2
                 self._kept = [one for one in self._kept if one[0] < 0 or one[0] % self._every == 0]
 
-    def outlines(self) -> Outlines:
+    def outlines(self) -> calibration.Outlines:
         """Return the points of the sampled sweeps."""
         kept = sorted({one[1]: one[1:] for one in self._kept}.values(), key=lambda one: one[0])
-        return outlines_of(kept, SLOTS, MOST_POINTS)
+        return calibration.outlines_of(kept, calibration.SLOTS, MOST_POINTS)
 
     def mirrored(self) -> list[Finding]:
         """Return the finding that the sensor sees turns the other way round than poses tell."""
@@ -296,7 +284,7 @@ class _Calibrated:
     parent: str
     turned: float
     """Turning of the poses in all [rad]."""
-    outlines: Outlines
+    outlines: calibration.Outlines
     base: Callable[[float, float], Float64]
     """Poses (K, 3) of what carries the sensor, by the times of the first beam and from it to the last [s]."""
     start: Float64
@@ -304,7 +292,7 @@ class _Calibrated:
     trusted: Float64
     """(7,) their deviations."""
     stretch: Int64
-    settled: CalibrationResult | None = None
+    settled: calibration.CalibrationResult | None = None
     """x, y, yaw, times of the first beam and from it to the last, scales of lengths and turns."""
     cells: tuple[int, int] = 0, 0
     """Cells that are filled with the mount of the log, and with the one found."""
@@ -325,7 +313,7 @@ class _Calibrated:
     def placing(self, values: Float64) -> Float64:
         """Return the poses of the sensor by the unknowns of `settled`."""
         base = self.base(float(values[3]), float(values[4]))
-        return poses_after(scaled_path(base, values[5], values[6]), values[:3])
+        return poses_after(calibration.scaled_path(base, values[5], values[6]), values[:3])
 
 
 def _split(chain: PoseChain) -> tuple[tuple[Step, ...], tuple[Step, ...], str]:
@@ -358,7 +346,7 @@ def _by_log(sensor: _Sensor) -> _Calibrated | None:
     logged = np.array([here.x[0], here.y[0], here.yaw[0]])
     path = poses(0.0, 0.0)
     turned = float(np.abs(wrapped(np.diff(path[:, 2]))).sum())
-    stretch = stretches_of(path, *(DRIFTING if of_one_run(sensor.chain.world) else FIXED))
+    stretch = calibration.stretches_of(path, *(DRIFTING if of_one_run(sensor.chain.world) else FIXED))
     first, last = sensor.times
     start = np.array([*logged, sensor.delay + first, last - first, 0.0, 0.0])
     is_known = sensor.path.timing.order != AUTO or last != first
@@ -382,9 +370,9 @@ def _calibrated(sensor: _Sensor) -> _Calibrated | None:
     if guess is not None and (np.abs(guess - by_log.logged) > NEARBY).any():
         starts.append(np.concatenate([guess, by_log.start[3:]]))
 
-    def tried(start: Float64, trusted: Float64) -> tuple[CalibrationResult, int]:
-        found = settle(by_log.outlines, by_log.placing, start, trusted, by_log.stretch)
-        return found, cells_filled(by_log.outlines, by_log.placing(found.values), by_log.stretch)
+    def tried(start: Float64, trusted: Float64) -> tuple[calibration.CalibrationResult, int]:
+        found = calibration.settle(by_log.outlines, by_log.placing, start, trusted, by_log.stretch)
+        return found, calibration.cells_filled(by_log.outlines, by_log.placing(found.values), by_log.stretch)
 
     best, filled = min((tried(start, by_log.trusted) for start in starts), key=lambda one: one[1])
     if not differs(best.values[:3] - by_log.logged, np.maximum(best.deviations[:3], SURE)):
@@ -514,7 +502,9 @@ def _lasers_finding(
     return judge([LASERS, LASERS_UNTOLD], stats, second.named), [mount]
 
 
-def _driving(first: _Sensor, second: _Sensor, found: _Calibrated | None, logged: Float64 | None) -> CalibrationResult | str:
+def _driving(
+    first: _Sensor, second: _Sensor, found: _Calibrated | None, logged: Float64 | None
+) -> calibration.CalibrationResult | str:
     """Place both lasers by the path of the first, and find where the second is by the map of both; else why not."""
     chain = first.path.chain
     if chain is None:
@@ -525,9 +515,9 @@ def _driving(first: _Sensor, second: _Sensor, found: _Calibrated | None, logged:
     paths = [flat(chain.at(part.stamp_ns)) for part in parts]
     reached = [np.flatnonzero(np.isfinite(path[:, 0])) for path in paths]
     parts = [part.those(one) for part, one in zip(parts, reached, strict=True)]
-    if min(len(part.stamp_ns) for part in parts) < LEAST_STEPS * SLOTS:
+    if min(len(part.stamp_ns) for part in parts) < LEAST_STEPS * calibration.SLOTS:
         return "too few of their sweeps have a pose"
-    outlines = joined_outlines(parts)
+    outlines = calibration.joined_outlines(parts)
     here, other = (path[one] for path, one in zip(paths, reached, strict=True))
 
     def placing(values: Float64) -> Float64:
@@ -541,7 +531,7 @@ def _driving(first: _Sensor, second: _Sensor, found: _Calibrated | None, logged:
     both = np.vstack([here, other])
     order = np.argsort(outlines.stamp_ns, kind="stable")
     stretch = np.empty(len(both), np.int64)
-    stretch[order] = stretches_of(both[order], *(DRIFTING if of_one_run(chain.world) else FIXED))
+    stretch[order] = calibration.stretches_of(both[order], *(DRIFTING if of_one_run(chain.world) else FIXED))
     starts = [] if logged is None else [logged]
     if len(second.path.stamp_ns):
         guess = _mount_by_steps(second.path, flat(chain.at(second.path.stamp_ns)))
@@ -549,16 +539,16 @@ def _driving(first: _Sensor, second: _Sensor, found: _Calibrated | None, logged:
     if not starts:
         return "their paths cannot be matched"
     trusted = np.array([np.inf, np.inf, np.inf, LASER_DELAYS])
-    tried = [settle(outlines, placing, np.array([*start, 0.0]), trusted, stretch) for start in starts]
-    return min(tried, key=lambda one: cells_filled(outlines, placing(one.values), stretch))
+    tried = [calibration.settle(outlines, placing, np.array([*start, 0.0]), trusted, stretch) for start in starts]
+    return min(tried, key=lambda one: calibration.cells_filled(outlines, placing(one.values), stretch))
 
 
-def _standing(first: _Sensor, second: _Sensor) -> CalibrationResult | str:
+def _standing(first: _Sensor, second: _Sensor) -> calibration.CalibrationResult | str:
     """Lay what the second laser sees on what the first one sees, while both stand; else return why that cannot be."""
     parts = [first.outlines(), second.outlines()]
     if not all(len(part) for part in parts):
         return "they see nothing"
-    outlines = joined_outlines(parts)
+    outlines = calibration.joined_outlines(parts)
     counts = [len(part.stamp_ns) for part in parts]
 
     def placing(values: Float64) -> Float64:
@@ -566,9 +556,9 @@ def _standing(first: _Sensor, second: _Sensor) -> CalibrationResult | str:
 
     stretch = np.zeros(sum(counts), np.int64)
     tried = []
-    for start in places_beside(parts[0].points, parts[1].points):
-        found = settle(outlines, placing, start, np.full(3, np.inf), stretch)
-        alike = overlap(parts[0].points, parts[1].points, found.values)
+    for start in calibration.places_beside(parts[0].points, parts[1].points):
+        found = calibration.settle(outlines, placing, start, np.full(3, np.inf), stretch)
+        alike = calibration.overlap(parts[0].points, parts[1].points, found.values)
         tried.append((alike.share - AGAINST * alike.against, alike, found))
     tried.sort(key=lambda one: -one[0])
     best, alike, found = tried[0]

@@ -274,6 +274,7 @@ class Reading:
         """Return the counts, or raise the error of a log that turned out to have no LaserScan."""
         summary = self.summary
         self._batcher.close()
+        self.posing.close()
         summary.close(self._report, self.posing)
         summary.doubts += self.masking.doubts
         summary.seconds = time.perf_counter() - self._started

@@ -17,40 +17,9 @@ from lidarcli.formalism.path_agreement import Agreement
 from lidarcli.logs.base import Log, ReadReport
 from lidarcli.logs.batches import LogBatcher, ReadOptions
 from lidarcli.logs.registry import TopicChoice
-from lidarcli.pipeline.reading.posing import Need
-from lidarcli.pose.candidates import (
-    CLEARLY,
-    DRIFTS,
-    STANDS_BETTER,
-    Candidate,
-    SweepSample,
-    best_told,
-    better_path,
-    laid,
-    poses_of,
-    told_candidates,
-)
-from lidarcli.pose.fit import (
-    ACCEPTED,
-    AUTO,
-    CLEAR,
-    CORRECTED,
-    LEAST_DELAY,
-    LEAST_PAIRS,
-    LEAST_SKEWED,
-    RATIOS,
-    SKEWED,
-    MatchedPath,
-    PoseFit,
-    Timing,
-    duration_of,
-    headers_of,
-    judge_poses,
-    jump_of,
-    order_of,
-    stands,
-    still_at,
-)
+from lidarcli.pipeline.reading.posing import Need, SensorMovedError
+from lidarcli.pose import candidates
+from lidarcli.pose import fit as fitting
 from lidarcli.pose.sources import Correction, PoseChain, Step
 from lidarcli.pose.tracks import SECOND_NS, lifted, planar
 from lidarcli.range_rules import RangeRules
@@ -69,20 +38,16 @@ PART, PARTED = 50, 1000
 """So many sweeps are matched at once, of the first ones."""
 ENOUGH_TURNING, LEADING = 100, 8
 """Sweeps during which the sensor turned that tell the order of the beams; each is matched after so many before it."""
-VERY_CLEAR = 4.0
-"""Standard deviations by which an order must fit better to be taken before so many sweeps."""
-MOST_HELD = 600
-"""Most sweeps that are held until the order of the beams is known."""
+VERY_CLEAR, MOST_HELD = 4.0, 600
+"""Standard deviations by which an order must fit better to be taken before so many; most sweeps held until then."""
 WORTH_A_GUESS = 0.2
 """Share of told steps that fit below which they are no better a guess than none."""
 SHARP = 0.9
 """Agreement of places seen again below which a delay and a mount are looked for though the steps fit."""
 LEAST_PLACED = 0.7
 """Least share of sweeps with a pose that tell the order of the beams."""
-SLIDING = 0.05
-"""Share of the sweeps that may slide along walls from which there is a note."""
-DRIFT_NOTED = 0.05
-"""A told path that is taken is told to drift from this on."""
+SLIDING, DRIFT_NOTED = 0.05, 0.05
+"""There is a note from this share of sweeps that may slide along walls on, and on a told path that drifts by so much."""
 
 FROM_LAST = "at its last known pose: what was driven unseen is missing"
 """There a path without a guess that was lost begins anew."""
@@ -101,9 +66,9 @@ class CheckedPath:
     """Path to use; None for none."""
     agreement: Agreement | None = None
     """Agreement of the sweeps under it."""
-    fit: PoseFit | None = None
+    fit: fitting.PoseFit | None = None
     """The steps of the told path beside those that are matched."""
-    timing: Timing = field(default_factory=Timing)
+    timing: fitting.Timing = field(default_factory=fitting.Timing)
     """Times at which the beams are sent."""
     stamp_ns: Int64 = field(default_factory=lambda: np.zeros(0, np.int64))
     """(S,) stamps of the sweeps that were matched [ns], increasing."""
@@ -121,7 +86,7 @@ class CheckedPath:
     """Notes on the path; of what is a fault of the log, the finding."""
     remark: str = ""
     """Agreement of the sweeps under a told path, in words."""
-    sample: SweepSample | None = None
+    sample: candidates.SweepSample | None = None
     """Sweeps of all of the run."""
 
     @property
@@ -146,7 +111,7 @@ class CheckedPath:
             found["pose_drift"] = _rounded(self.drift)
         if self.fit is not None:
             found |= {"pose_fit": _rounded(self.fit.share), "pose_delay": self.fit.delay}
-        return found | ({} if self.timing.order == AUTO else {"beam_order": self.timing.order})
+        return found | ({} if self.timing.order == fitting.AUTO else {"beam_order": self.timing.order})
 
 
 def _rounded(value: float) -> float | None:
@@ -157,27 +122,23 @@ class _Look:
     """A look at the sweeps of one topic and frame, in log order."""
 
     def __init__(
-        self,
-        chains: Sequence[PoseChain],
-        timing: Timing,
-        *,
-        whole: bool,
-        wanted: bool = True,
-        guess: PoseChain | None = None,
+        self, chains: Sequence[PoseChain], timing: fitting.Timing, guess: PoseChain | None, *, whole: bool, wanted: bool
     ) -> None:
         """Take told paths, the chosen one first, and one whose steps guide the search; the rest as of `check_paths`."""
         self.chains, self.guess = chains, guess
-        self.path = MatchedPath(timing)
-        self.sample = SweepSample()
+        self.path = fitting.MatchedPath(timing)
+        self.sample = candidates.SweepSample()
         self.is_whole = True
         """True where every sweep was matched."""
         self.sweeps = 0
         self._whole, self._wanted = whole, wanted
-        self._held: list[SweepBatch] | None = [] if timing.order == AUTO and wanted else None
-        self._orders: dict[str, MatchedPath] = {}
+        self._held: list[SweepBatch] | None = [] if timing.order == fitting.AUTO and wanted else None
+        self._orders: dict[str, fitting.MatchedPath] = {}
         """Order of the beams → the path of some of the held sweeps by it."""
         self._ordered = 0
         """Number of held sweeps that these have seen, or were not to see."""
+        self._stands, self._asked, self._is_off = False, 0, False
+        """The last answer on standing, by so many matched sweeps; True where one has been off the first since."""
 
     def add(self, sweeps: SweepBatch) -> None:
         """Take sweeps, in small parts at first: each tells whether more are needed."""
@@ -202,7 +163,8 @@ class _Look:
         if not len(part):
             return
         sweeps = sweeps if len(part) == len(sweeps) else sweeps.rows(part)
-        self.path.add(sweeps, self._guessed(sweeps))
+        poses = self.path.add(sweeps, self._guessed(sweeps))
+        self._is_off |= not (np.abs(poses) < (fitting.STANDING_OFF, fitting.STANDING_OFF, fitting.STANDING_TURN)).all()
         if self._held is not None:
             self._held.append(sweeps)
             self.settle(last=len(self.path.stamp_ns) >= MOST_HELD)
@@ -212,20 +174,21 @@ class _Look:
 
         Until the `last` of these sweeps only an order that is very clear is taken.
         """
+        self._asked = 0 if last else self._asked
         if not (held := self._held):
             return
-        own, duration = duration_of(held)
-        turning = np.flatnonzero(self.path.turns(duration) > SKEWED)
+        own, duration = fitting.duration_of(held)
+        turning = np.flatnonzero(self.path.turns(duration) > fitting.SKEWED)
         last |= len(turning) >= ENOUGH_TURNING
         order = ""
-        if len(turning) >= LEAST_SKEWED and self.path.placed >= LEAST_PLACED:
-            order = self._order(held, turning[:ENOUGH_TURNING], VERY_CLEAR if not last else CLEAR)
+        if len(turning) >= fitting.LEAST_SKEWED and self.path.placed >= LEAST_PLACED:
+            order = self._order(held, turning[:ENOUGH_TURNING], VERY_CLEAR if not last else fitting.CLEAR)
         if last or order:
             self._held = None
         if not order:
             return
-        first, self.path = self.path, MatchedPath(Timing(order, own))
-        headers = np.concatenate([headers_of(sweeps) for sweeps in held])
+        first, self.path = self.path, fitting.MatchedPath(fitting.Timing(order, own))
+        headers = np.concatenate([fitting.headers_of(sweeps) for sweeps in held])
         if np.array_equal(first.timing.of(headers), self.path.timing.of(headers)):
             first.timing, self.path = self.path.timing, first
             return
@@ -234,8 +197,8 @@ class _Look:
 
     def _order(self, held: Sequence[SweepBatch], turning: Int64, clear: float) -> str:
         """Return the order of the beams of held sweeps by those during which the sensor turned; empty for none."""
-        own, duration = duration_of(held)
-        self._orders = self._orders or {order: MatchedPath(Timing(order, own)) for order in BEAM_ORDERS[1:]}
+        own, duration = fitting.duration_of(held)
+        self._orders = self._orders or {order: fitting.MatchedPath(fitting.Timing(order, own)) for order in BEAM_ORDERS[1:]}
         rows = np.unique((turning[:, None] - np.arange(LEADING)).clip(0))
         rows = rows[rows >= self._ordered]
         ends = np.cumsum([0, *map(len, held)])
@@ -246,12 +209,15 @@ class _Look:
             for path in self._orders.values():
                 path.add(sweeps.rows(mine - first), guess[mine])
         self._ordered = int(rows[-1]) + 1 if len(rows) else self._ordered
-        return order_of(self._orders, duration, clear)
+        return fitting.order_of(self._orders, duration, clear)
 
     @property
     def stands(self) -> bool:
-        """True where the sensor has not moved so far."""
-        return stands(self.path.poses, self.path.slides)
+        """True where the sensor has not moved so far; found anew after a tenth more sweeps, or one off the first."""
+        count = len(self.path.stamp_ns)
+        if count >= 1.1 * self._asked or (self._stands and self._is_off):
+            self._stands, self._asked, self._is_off = fitting.stands(self.path.poses, self.path.slides), count, False
+        return self._stands
 
     @property
     def may_stand(self) -> bool:
@@ -268,7 +234,30 @@ class _Look:
         """Return the told poses of sweeps, as `MatchedPath.add` takes them."""
         if self.guess is None:
             return None
-        return np.column_stack([poses_of(self.guess, sweeps.stamp_ns), np.zeros(len(sweeps))])
+        return np.column_stack([candidates.poses_of(self.guess, sweeps.stamp_ns), np.zeros(len(sweeps))])
+
+
+class StandingWatch:
+    """Takes the only sensor of a log without told poses to stand; `SensorMovedError` where it moves, or there are two."""
+
+    def __init__(self, order: str) -> None:
+        self._look, self._keys = _Look((), fitting.Timing(order), None, whole=False, wanted=True), set[tuple[Key, int]]()
+
+    def paths(self, batch: SweepBatch | None) -> dict[Key, CheckedPath]:
+        """Return the path at the sweeps of the next batch; after all of them (None) what `check_paths` does."""
+        for frame, _, sweeps in batch.by_frame() if batch is not None else ():
+            self._keys.add(((sweeps.topic, frame), sweeps.run))
+            for first in range(0, len(sweeps), PERIOD):
+                self._look.add(sweeps.rows(np.arange(first, min(first + PERIOD, len(sweeps)))))
+                if len(self._keys) > 1 or not self._look.stands:
+                    raise SensorMovedError
+        here = CheckedPath("none", stamp_ns=np.zeros(1, np.int64), still=np.ones(1, bool))
+        if batch is None and self._keys:
+            self._look.settle()
+            if not self._look.stands:
+                raise SensorMovedError
+            here = _Choice(next(iter(self._keys))[0], self._look, named=False, match=False).first()[0]
+        return {key: here for key, _ in self._keys}
 
 
 def check_paths(
@@ -284,7 +273,7 @@ def check_paths(
     match: bool = False,
     need: Need = Need.MOVING,
     wanted: bool = True,
-    order: str = AUTO,
+    order: str = fitting.AUTO,
 ) -> tuple[dict[tuple[int, Key], CheckedPath], Counter[int]]:
     """Find the path of each sensor of a log that can be read twice.
 
@@ -324,7 +313,7 @@ def check_paths(
             is_left_out = run and run != key[0]
             if len(looks) == MOST_MATCHED or is_left_out or (not chains and need is Need.TOLD and not match):
                 continue
-            looks[key] = _Look(chains, Timing(order), whole=match, wanted=wanted)
+            looks[key] = _Look(chains, fitting.Timing(order), None, whole=match, wanted=wanted)
         looks[key].add(sweeps)
         is_all = not wanted and {topic for _, (topic, _) in looks} >= expected > set()
         if is_all and not any(look.may_stand for look in looks.values()):
@@ -365,31 +354,29 @@ def _sweeps(log: Log, choice: TopicChoice, rules: RangeRules) -> Iterator[tuple[
 class _Told:
     """The best told path of a sensor, its steps beside the matched ones, and what is to be said of it."""
 
-    def __init__(
-        self, key: Key, chains: Sequence[PoseChain], sample: SweepSample, path: MatchedPath, *, named: bool
-    ) -> None:
-        self.key, self.named, self._sample = key, named, sample
-        found = told_candidates(chains, sample)
-        self.chosen, self._best = found[0], best_told(found)
-        self.jumps = jump_of(self._best.chain)
+    def __init__(self, key: Key, chains: Sequence[PoseChain], look: _Look, *, named: bool) -> None:
+        self.key, self.named, self._sample = key, named, look.sample
+        found = candidates.told_candidates(chains, look.sample)
+        self.chosen, self._best = found[0], candidates.best_told(found)
+        self.jumps = fitting.jump_of(self._best.chain)
         """Longest step and widest turn that no robot makes [m, rad]; 0 for none."""
-        self.judge(path)
+        self.judge(look.path)
 
-    def judge(self, path: MatchedPath) -> None:
+    def judge(self, path: fitting.MatchedPath) -> None:
         """Judge the steps by those of the matched path."""
         best = self._best
         stamp_ns, poses, pieces, _ = _in_order(path)
-        doubted = best.drift > DRIFTS or best.by_places < SHARP
+        doubted = best.drift > candidates.DRIFTS or best.by_places < SHARP
         self.taken, self.guide = best, best.chain
-        self.fit = judge_poses(stamp_ns, poses, partial(poses_of, best.chain), pieces, doubted=doubted)
+        self.fit = fitting.judge_poses(stamp_ns, poses, partial(candidates.poses_of, best.chain), pieces, doubted=doubted)
         if self.fit.verdict != "corrected" or self.named:
             return
         correction = Correction(round(self.fit.delay * SECOND_NS), lifted(self.fit.mount) if any(self.fit.mount) else None)
         self.guide = replace(best.chain, correction=correction.after(best.chain.correction))
-        corrected = Candidate("corrected", self.guide, self._sample.agreement(self.guide))
-        is_told_fit = self.fit.as_told >= ACCEPTED
+        corrected = candidates.Candidate("corrected", self.guide, self._sample.agreement(self.guide))
+        is_told_fit = self.fit.as_told >= fitting.ACCEPTED
         # A mount of poses whose steps fit without it has to do better, other corrections only no harm.
-        least = CLEARLY if is_told_fit and any(self.fit.mount) else -DRIFTS
+        least = candidates.CLEARLY if is_told_fit and any(self.fit.mount) else -candidates.DRIFTS
         if not corrected.by_places < best.by_places + least:
             self.taken = corrected
         else:
@@ -404,7 +391,7 @@ class _Told:
     @property
     def is_likely(self) -> bool:
         """True where most steps fit, or cannot be judged."""
-        return not self.fit.share < CORRECTED
+        return not self.fit.share < fitting.CORRECTED
 
     @property
     def source(self) -> str:
@@ -434,7 +421,7 @@ class _Told:
         if self.named and not self.steps_fit:
             yield self.unfit("they are taken because they were named")
 
-    def replaced(self, matched: Candidate, taken: str) -> Finding:
+    def replaced(self, matched: candidates.Candidate, taken: str) -> Finding:
         """Return the finding on a path in place of which the matched one is `taken`."""
         if self.fit.verdict == "corrected":
             return self._corrected(taken)
@@ -452,7 +439,7 @@ class _Told:
         if self.steps_fit and any(self.jumps):
             return self._finding(f"{self.source} {self._jumps}: {end}", **evidence)
         causes = [f"{fit.share:.0%} of {fit.pairs:,} steps fit" if fit.is_judged else "no step can be judged"]
-        if np.isfinite(fit.ratio) and not RATIOS[0] <= fit.ratio <= RATIOS[1]:
+        if np.isfinite(fit.ratio) and not fitting.RATIOS[0] <= fit.ratio <= fitting.RATIOS[1]:
             factor = f"{fit.ratio:,.0f}" if fit.ratio >= 100 else f"{fit.ratio:.3g}"
             causes.append(f"told steps are {factor} times those seen")
         if np.isfinite(fit.turn_ratio) and fit.turn_ratio < -0.5:
@@ -470,8 +457,8 @@ class _Told:
             return f"{self.taken.agreement.all:.0%} of the hits agree over the run"
         if fit.is_judged:
             return f"{fit.share:.0%} of {fit.pairs:,} steps fit; nothing is seen twice: drift cannot be told"
-        why = "the sensor hardly moves" if fit.pairs < LEAST_PAIRS else "too few sweeps could be matched"
-        if fit.moves and fit.pairs < LEAST_PAIRS:
+        why = "the sensor hardly moves" if fit.pairs < fitting.LEAST_PAIRS else "too few sweeps could be matched"
+        if fit.moves and fit.pairs < fitting.LEAST_PAIRS:
             why = f"only {counted(fit.pairs, 'step')} of its sweeps can be compared"
         return f"unchecked: {why}"
 
@@ -493,9 +480,9 @@ class _Told:
         x, y, yaw = fit.mount
         evidence = {"share": fit.share, "steps": fit.pairs, "delay": fit.delay, "x": x, "y": y, "yaw": yaw}
         if not fit.delay:
-            return Finding("mount", "warning", *self.key, message, evidence, {"share": CORRECTED})
+            return Finding("mount", "warning", *self.key, message, evidence, {"share": fitting.CORRECTED})
         fix = Fix("option", f"--pose-delay {fit.delay:.2f}")
-        return Finding("delay", "warning", *self.key, message, evidence, {"delay": LEAST_DELAY}, fix, "stamps")
+        return Finding("delay", "warning", *self.key, message, evidence, {"delay": fitting.LEAST_DELAY}, fix, "stamps")
 
     def _finding(self, words: str, **evidence: float) -> Finding:
         """Return the finding that this is not the path that the sweeps agree on."""
@@ -511,10 +498,9 @@ class _Choice:
 
     def __init__(self, key: Key, look: _Look, *, named: bool, match: bool) -> None:
         self.key, self.look, self.named, self.match = key, look, named, match
-        sample, path = look.sample, look.path
-        sample.timing = path.timing
-        known = [chain for chain in look.chains if np.isfinite(poses_of(chain, sample.stamp_ns)).any()]
-        self.told = _Told(key, known, sample, path, named=named) if known else None
+        look.sample.timing, stamp_ns = look.path.timing, look.sample.stamp_ns
+        known = [chain for chain in look.chains if np.isfinite(candidates.poses_of(chain, stamp_ns)).any()]
+        self.told = _Told(key, known, look, named=named) if known else None
 
     def first(self) -> tuple[CheckedPath, list[_Look]]:
         """Return the path as far as one look tells it, and the looks at all sweeps that are needed to decide."""
@@ -528,11 +514,11 @@ class _Choice:
             return self._checked("none", None), [self._again(None)]
         if look.stands and not told.steps_fit and not self.named:
             return replace(self._checked("none", None), notes=(told.unfit("no poses: the sensor stands"),)), []
-        is_sure = told.steps_fit and not any(told.jumps) and not told.taken.drift > DRIFTS
+        is_sure = told.steps_fit and not any(told.jumps) and not told.taken.drift > candidates.DRIFTS
         if self.named or look.stands or is_sure:
             return self._with_told(told), []
         # Steps that do not fit may mislead, or be of use still.
-        guesses = [told.guide, None] if any(told.jumps) or told.fit.share < ACCEPTED else [told.guide]
+        guesses = [told.guide, None] if any(told.jumps) or told.fit.share < fitting.ACCEPTED else [told.guide]
         return self._with_told(told), [self._again(guess) for guess in guesses]
 
     def second(self, looks: Sequence[_Look]) -> CheckedPath:
@@ -543,9 +529,9 @@ class _Choice:
         if not found:
             return self._with_told(told)
         # Without any guess, a path that is sharp and wrong is likelier.
-        trusted = 0.0 if any(told.jumps) or told.fit.share < WORTH_A_GUESS else DRIFTS
+        trusted = 0.0 if any(told.jumps) or told.fit.share < WORTH_A_GUESS else candidates.DRIFTS
 
-        def worth(each: tuple[Candidate, _Look]) -> float:
+        def worth(each: tuple[candidates.Candidate, _Look]) -> float:
             """Return the agreement of a matched path, with a gain where trusted steps led it."""
             share = float(np.nan_to_num(each[0].by_places)) * each[0].agreement.placed
             return share + (trusted if each[1].guess is not None else 0.0)
@@ -554,8 +540,9 @@ class _Choice:
         # All sweeps tell a delay and a mount that the first ones may not.
         told.judge(look.path)
         standing = self.look.sample.agreement(None)
-        best = better_path(told.taken, matched, standing.all, is_likely=told.is_likely, jumps=told.jumps[0] > 0.0)
-        if standing.all > best.over_run(standing.all) + STANDS_BETTER:
+        jumps = told.jumps[0] > 0.0
+        best = candidates.better_path(told.taken, matched, standing.all, is_likely=told.is_likely, jumps=jumps)
+        if standing.all > best.over_run(standing.all) + candidates.STANDS_BETTER:
             return self._standing(look.path, matched, standing)
         if best is told.taken:
             return self._with_told(told, look.path)
@@ -567,9 +554,9 @@ class _Choice:
 
     def _again(self, guess: PoseChain | None) -> _Look:
         """Return a look at all sweeps, with the order of the beams that the first look found."""
-        return _Look((), self.look.path.timing, whole=True, wanted=False, guess=guess)
+        return _Look((), self.look.path.timing, guess, whole=True, wanted=False)
 
-    def _checked(self, verdict: str, chain: PoseChain | None, path: MatchedPath | None = None) -> CheckedPath:
+    def _checked(self, verdict: str, chain: PoseChain | None, path: fitting.MatchedPath | None = None) -> CheckedPath:
         """Return a path with all that the sweeps tell."""
         path, told = path or self.look.path, self.told
         stamp_ns, poses, pieces, slides = _in_order(path)
@@ -581,21 +568,21 @@ class _Choice:
             stamp_ns=stamp_ns,
             matched=poses,
             pieces=pieces,
-            still=still_at(stamp_ns, poses, slides),
+            still=fitting.still_at(stamp_ns, poses, slides),
             drift=told.taken.drift if told else float("nan"),
             jumps=told is not None and any(told.jumps),
             sample=self.look.sample,
         )
 
-    def _with_told(self, told: _Told, path: MatchedPath | None = None) -> CheckedPath:
+    def _with_told(self, told: _Told, path: fitting.MatchedPath | None = None) -> CheckedPath:
         """Return the told path: the chosen chain, or another one in its fixed frame."""
         chosen, taken = told.chosen.chain, told.taken
         is_chosen = taken.chain.steps == chosen.steps
-        chain = taken.chain if is_chosen else laid(taken.chain, chosen, self.look.sample.stamp_ns)
+        chain = taken.chain if is_chosen else candidates.laid(taken.chain, chosen, self.look.sample.stamp_ns)
         checked = self._checked(taken.verdict, chain, path)
         return replace(checked, agreement=taken.agreement, notes=tuple(told.notes()), remark=told.remark())
 
-    def _matched(self, path: MatchedPath) -> Candidate | None:
+    def _matched(self, path: fitting.MatchedPath) -> candidates.Candidate | None:
         """Return the matched path as a candidate; None where no sweep has a pose."""
         track = path.track(*self.key)
         if track is None:
@@ -603,9 +590,9 @@ class _Choice:
         chain = PoseChain((self.key[0],), self.key[1], track.parent, (Step(track, down=False),))
         if len(gaps := path.gaps):
             chain = replace(chain, correction=Correction(gaps=gaps))
-        return Candidate("matched", chain, self.look.sample.agreement(chain))
+        return candidates.Candidate("matched", chain, self.look.sample.agreement(chain))
 
-    def _with_matched(self, path: MatchedPath, matched: Candidate, begins: str) -> CheckedPath:
+    def _with_matched(self, path: fitting.MatchedPath, matched: candidates.Candidate, begins: str) -> CheckedPath:
         """Return the matched path, in the frame of a likely told one; `begins`: where it does so anew after it was lost."""
         chain, stamp_ns = matched.chain, path.stamp_ns
         topic, name = self.key[0], self.key[1] or "without a name"
@@ -618,7 +605,7 @@ class _Choice:
                 f"{sliding:.0%} of the sweeps of {topic} may slide along their walls: the path may be too short there"
             )
         if len(path.gaps):
-            missing = np.isnan(poses_of(chain, stamp_ns)[:, 0])
+            missing = np.isnan(candidates.poses_of(chain, stamp_ns)[:, 0])
             notes.append(
                 f"no pose for {np.count_nonzero(missing):,} of {len(missing):,} sweeps of {topic}: they fit nowhere, or "
                 "may slide along their walls"
@@ -626,10 +613,10 @@ class _Choice:
         told = self.told
         if told is not None and told.is_likely and not np.any(planar(told.taken.chain.at(stamp_ns)).upside_down):
             # Where the told path jumps, its world is that in which it begins.
-            chain = laid(chain, told.taken.chain, stamp_ns[: len(stamp_ns) // 10] if told.jumps[0] else stamp_ns)
+            chain = candidates.laid(chain, told.taken.chain, stamp_ns[: len(stamp_ns) // 10] if told.jumps[0] else stamp_ns)
         return replace(self._checked("matched", chain, path), agreement=matched.agreement, notes=tuple(notes))
 
-    def _without_told(self, path: MatchedPath) -> CheckedPath:
+    def _without_told(self, path: fitting.MatchedPath) -> CheckedPath:
         """Return the matched path of a sensor without told poses, unless it agrees less than standing still would."""
         matched = self._matched(path)
         if matched is None:
@@ -637,24 +624,24 @@ class _Choice:
             note = f"no path of frame {name}: the sweeps of {self.key[0]} cannot be matched"
             return replace(self._checked("none", None, path), notes=(note,))
         standing = self.look.sample.agreement(None)
-        if not self.match and standing.all > matched.over_run(standing.all) + STANDS_BETTER:
+        if not self.match and standing.all > matched.over_run(standing.all) + candidates.STANDS_BETTER:
             return self._standing(path, matched, standing)
         return self._with_matched(path, matched, FROM_LAST)
 
-    def _standing(self, path: MatchedPath, matched: Candidate, standing: Agreement) -> CheckedPath:
+    def _standing(self, path: fitting.MatchedPath, matched: candidates.Candidate, standing: Agreement) -> CheckedPath:
         """Return no path, as every one agrees less than standing still."""
         words = f"no path fits the sweeps: matched {matched.agreement.all:.0%}, standing still {standing.all:.0%}"
         note = self.told.no_path(words) if self.told else f"{words} of the hits agree: no poses"
         return replace(self._checked("none", None, path), agreement=standing, notes=(note,))
 
 
-def _in_order(path: MatchedPath) -> tuple[Int64, Float64, Float64, Float64]:
+def _in_order(path: fitting.MatchedPath) -> tuple[Int64, Float64, Float64, Float64]:
     """Return stamps, poses, pieces and slides of a matched path by increasing stamp, each stamp once."""
     stamp_ns, order = np.unique(path.stamp_ns, return_index=True)
     return stamp_ns, path.poses[order], path.pieces[order], path.slides[order]
 
 
-def _changes(fit: PoseFit) -> list[str]:
+def _changes(fit: fitting.PoseFit) -> list[str]:
     """Return the delay and the mount of a correction in words."""
     changes = []
     if fit.delay:

@@ -24,7 +24,7 @@ from lidarcli.sweeps import Float64, Int64, SweepBatch, SweepPoses
 from lidarcli.zone import ROBOT
 
 if TYPE_CHECKING:
-    from lidarcli.pipeline.reading.path_check import CheckedPath
+    from lidarcli.pipeline.reading.path_check import CheckedPath, StandingWatch
     from lidarcli.pose.sources import GivenPaths, PoseChain, PoseSources
     from lidarcli.pose.tracks import Motion
 
@@ -33,8 +33,6 @@ AUTO, _, REVERSE, _ = BEAM_ORDERS
 TILTED = np.deg2rad(10.0)
 """Lean of a sensor from which on there is a note [rad]."""
 _PIPE = "poses, if there are any, are not used: a pipe is read only once; give the file's name for them"
-
-
 SECOND = 1e-9
 MOST_TOLD = 8
 """Runs of a log of whose poses there are notes."""
@@ -56,6 +54,10 @@ def of_one_run(world: str) -> bool:
     return _ODOMETRY in world or world.rpartition("/")[2] in (MATCH, ROBOT)
 
 
+class SensorMovedError(Exception):
+    """A sensor that was taken to stand moves, or there are two: the log has to be read again."""
+
+
 class Need(Enum):
     """Sensors whose path a command needs."""
 
@@ -63,6 +65,8 @@ class Need(Enum):
     """None: the sweeps are not asked."""
     TOLD = "told"
     """None but those whose path the log has."""
+    STANDING = "standing"
+    """Those of moving sensors, but an only one is taken to stand: `SensorMovedError` tells that it moves."""
     MOVING = "moving"
     """Those of moving sensors as well."""
     ALL = "all"
@@ -280,6 +284,8 @@ class PoseAttacher:
     """Topic → topics and frames of the sensors that are followed together with it."""
     remarks: Sequence[str] = ()
     """Notes on these."""
+    watch: StandingWatch | None = None
+    """Gives the path of the only sensor as long as it stands, until all sweeps are read."""
 
     @classmethod
     def of(
@@ -298,6 +304,12 @@ class PoseAttacher:
         chosen = options.source, options.file, options.delay, options.given
         posing.named = found is not None and any(one is not None for one in chosen)
         match = options.source == MATCH
+        is_all = (read.start, read.end, read.every, read.rules.masks) == (None, None, 1, None) and not (read.run or match)
+        if need is Need.STANDING and found is None and log.size is not None and is_all and len(choice.chosen) == 1:
+            from lidarcli.pipeline.reading.path_check import StandingWatch
+
+            return replace(posing, watch=StandingWatch(options.order))
+        need = Need.MOVING if need is Need.STANDING else need
         if log.size is not None and need is not Need.NONE and (found is not None or need is not Need.TOLD or match):
             from lidarcli.pipeline.reading.path_check import check_paths
 
@@ -337,6 +349,11 @@ class PoseAttacher:
             runs[run] = replace(one, stats={}, runs=runs)
         return runs.get(self.run, replace(self, stats={}))
 
+    def close(self) -> None:
+        """Take the path that all sweeps tell of a sensor that was taken to stand (`SensorMovedError`: it moves)."""
+        if self.watch is not None:
+            self.paths, self.watch = self.watch.paths(None), None
+
     def of_run(self, run: int | None) -> PoseAttacher:
         """Return the attacher of one run alone, or of all."""
         return replace(self.runs[run], runs={}) if run in self.runs else self
@@ -363,6 +380,8 @@ class PoseAttacher:
 
     def attach(self, batch: SweepBatch) -> SweepBatch:
         """Return the batch with its poses, if the log has some for its sensor."""
+        if self.watch is not None:
+            self.paths = self.watch.paths(batch)
         if batch.run != self.run and batch.run in self.runs:
             return self.runs[batch.run].attach(batch)
         if (self.found is None and not self.paths) or not len(batch):
@@ -636,12 +655,8 @@ TWIST_STAMPED = "geometry_msgs/msg/TwistStamped"
 POLYGON = "geometry_msgs/msg/PolygonStamped"
 VELOCITY_TYPES = frozenset({TWIST, TWIST_STAMPED, ODOMETRY})
 
-_POSE = (7 + 36) * 8
-"""Bytes of a pose with its covariance."""
-_TWIST = 6 * 8
-"""Bytes of a twist: linear x, y, z and angular x, y, z."""
-_CORNER = 3 * 4
-"""Bytes of a corner: x, y, z."""
+_POSE, _TWIST, _CORNER = (7 + 36) * 8, 6 * 8, 3 * 4
+"""Bytes of a pose with its covariance, of a twist (linear x, y, z and angular x, y, z), and of a corner (x, y, z)."""
 NOT_FINITE = "a number that is not finite"
 FEW_CORNERS = "fewer than three corners"
 
