@@ -374,7 +374,7 @@ def assign_legs(sightings: Any, tracklets: dict[int, Tracklet]) -> None:
     tracklets : tracklets that were seen often enough, by number
     """
     legs = _leg_trajectories(sightings, tracklets)
-    if not any(leg.is_person for leg in legs):
+    if not legs:
         return
     _merge_legs(sightings, legs)
     legs = [leg for leg in legs if len(leg.at)]
@@ -385,7 +385,10 @@ def assign_legs(sightings: Any, tracklets: dict[int, Tracklet]) -> None:
 
 
 def _leg_trajectories(sightings: Any, tracklets: dict[int, Tracklet]) -> list[LegTrajectory]:
-    """Return the slim tracks, and slim tracklets without one, in the order of their first sweeps."""
+    """Return the slim tracks, and slim tracklets without one, in the order of their first sweeps.
+
+    Without persons there are none, and tracks with rows are left out where no person comes near.
+    """
     order = np.argsort(sightings.owner, kind="stable")
     order = order[np.searchsorted(sightings.owner[order], 1) :]
     owner = sightings.owner[order]
@@ -394,27 +397,36 @@ def _leg_trajectories(sightings: Any, tracklets: dict[int, Tracklet]) -> list[Le
         return []
     slim = np.add.reduceat((sightings.width[order] < LEG_WIDTH).astype(np.int64), begins).tolist()
     ends = np.append(begins[1:], len(owner)).tolist()
-    groups: dict[int, list[tuple[int, int, int, int]]] = {}
-    for number, begin, end, few in zip(owner[begins].tolist(), begins.tolist(), ends, slim, strict=True):
+    place = sightings.place[order]
+    sides = [end.reduceat(axis, begins).tolist() for end in (np.minimum, np.maximum) for axis in (place.real, place.imag)]
+    groups: dict[int, list[tuple[int, int, int, int, tuple[float, ...]]]] = {}
+    for number, begin, end, few, *box in zip(owner[begins].tolist(), begins.tolist(), ends, slim, *sides, strict=True):
         track = tracklets[number].track
-        groups.setdefault(number if track is None else -id(track), []).append((number, begin, end, few))
+        groups.setdefault(number if track is None else -id(track), []).append((number, begin, end, few, tuple(box)))
     legs = []
     for parts in groups.values():
-        if 2 * sum(few for *_, few in parts) <= sum(end - begin for _, begin, end, _ in parts):
+        if 2 * sum(part[3] for part in parts) <= sum(part[2] - part[1] for part in parts):
             continue
         owner_of_most = max(parts, key=lambda part: part[2] - part[1])[0]
-        at = np.concatenate([order[begin:end] for _, begin, end, _ in parts])
         track = tracklets[owner_of_most].track
         members = [tracklets[owner_of_most]] if track is None else track.parts
         leg = LegTrajectory(
             owner=owner_of_most,
-            at=at[np.argsort(sightings.sweep[at], kind="stable")],
+            at=np.concatenate([order[part[1] : part[2]] for part in parts]),
             moves=any(part.moved for part in members) or (track is not None and track.moved),
             is_person=any(part.kind == PERSON for part in members),
             has_rows=track is not None and track.number > 0,
         )
-        leg.compute(sightings)
+        x, y, x_most, y_most = zip(*(part[4] for part in parts), strict=True)
+        leg.box = complex(min(x), min(y)), complex(max(x_most), max(y_most))
         legs.append(leg)
+    persons = [leg for leg in legs if leg.is_person]
+    if not persons:
+        return []
+    legs = [leg for leg in legs if not leg.has_rows or any(_gap(leg, person) < 2.0 * STEP for person in persons)]
+    for leg in legs:
+        leg.at = leg.at[np.argsort(sightings.sweep[leg.at], kind="stable")]
+        leg.compute(sightings)
     return sorted(legs, key=lambda leg: (int(leg.sweep[0]), leg.owner))
 
 
@@ -502,8 +514,13 @@ def _may_be_beside(leg: LegTrajectory, person: LegTrajectory) -> bool:
     begin, end, first, last = leg.time[0], leg.time[-1], person.time[0], person.time[-1]
     if begin < first or end > last:
         return bool(begin >= first - PATH_MARGIN and end <= last + PATH_MARGIN)
+    return _gap(leg, person) < STEP
+
+
+def _gap(leg: LegTrajectory, person: LegTrajectory) -> float:
+    """Return the distance between the rectangles around two trajectories, along x or y [m]; negative where they overlap."""
     over, under = person.box[0] - leg.box[1], leg.box[0] - person.box[1]
-    return max(over.real, over.imag, under.real, under.imag) < STEP
+    return max(over.real, over.imag, under.real, under.imag)
 
 
 def _away(time: Float64, place: Places, person: LegTrajectory) -> Float64:
