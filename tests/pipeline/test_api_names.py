@@ -37,7 +37,7 @@ ONLY_SHELL = {
     "diff": {"check"},
     "info": {"output", "check"},
     "poses": {"check"},
-    "plot": {"sweeps", "map", "animate", "fps", "start", "end"},
+    "plot": {"sweeps", "map", "animate", "fps", "start", "end", "only", "density"},
 }
 """Options whose work Python has elsewhere, or not: `tables(beams=True)`, `map` for a map, a loop for several sweeps."""
 OWN = {"log", "tables", "scene", "before", "after", "parameters", "axes", "overwrite", "progress"}
