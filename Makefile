@@ -70,11 +70,12 @@ golden: $(VENV)/installed-dev ## accept today's tables and reports as the expect
 	$(BIN)/python -m tools.golden_reports
 	git diff --stat -- tests/golden
 
-docs: $(VENV)/compiled ## write docs/cli.md, docs/commands, docs/tables.md and the reference in docs/python.md from the code
+docs: $(VENV)/compiled ## write docs/cli.md, docs/tables.md and the figures in docs/reports.md from the code, and the outputs of examples
 	$(BIN)/python -m tools.make_docs
 
 site: $(VENV)/installed-dev ## the documentation as a site, build/site/index.html; strict about links
-	$(BIN)/python -m sphinx -W --keep-going -n -q -c docs . build/site
+	LIDARCLI_COMPILED=no $(BIN)/python -m tools.site build/pages
+	LIDARCLI_COMPILED=no $(BIN)/python -m sphinx -W --keep-going -n -q -c docs build/pages build/site
 	@echo "For a browser: $(CURDIR)/build/site/index.html"
 
 bench: $(VENV)/compiled ## time and memory of what users wait for, each command beside a reference

@@ -4,21 +4,17 @@ from __future__ import annotations
 
 import tempfile
 from collections.abc import Callable
-from functools import partial
 from pathlib import Path
 
 from tools.examples import renewed
-from tools.python_reference import python_page
-from tools.reference import cli_page, command_page, commands, page_of, reports_page, tables_page
+from tools.reference import cli_page, reports_page, tables_page
 from tools.terminal_picture import findings_picture
 
 ROOT = Path(__file__).parent.parent
 PAGES: dict[str, Callable[[], str]] = {
     "docs/cli.md": cli_page,
     "docs/tables.md": tables_page,
-    "docs/python.md": python_page,
     "docs/reports.md": reports_page,
-    **{f"docs/commands/{page_of(name)}": partial(command_page, name, command) for name, command in commands()},
     "docs/images/findings.svg": findings_picture,
 }
 WITH_EXAMPLES = (

@@ -24,9 +24,9 @@ NOTICE = "<!-- Written by `make docs` from {source}; a test fails when this page
 TABLES = {
     "objects": "One row per object per sweep, ordered by topic, sweep and object.",
     "sweeps": "One row per sweep, ordered by topic and sweep.",
-    "tracks": "One row per thing, ordered by topic and track (`track`); [track.md](track.md) says what a track is.",
-    "trajectories": "One row per thing and sweep, from its first sight to its last (`track`); the rows of a thing "
-    "are in the order of time, those of several are mixed. [track.md](track.md#trajectories) says more.",
+    "tracks": "One row per track, ordered by topic and number ([track.md](track.md)).",
+    "trajectories": "One row per track and sweep, from its first sight to its last; the rows of a track are in the order "
+    "of time, those of several are mixed ([track.md](track.md#trajectories)).",
     "beams": "One row per beam of each sweep (`--beams`).",
     "events": "One row per event of a zone, by start (`zones`); [zones.md](zones.md) says what an event is.",
     "zones": "One row per sweep and zone, ordered by topic, sweep and zone (`zones`).",
@@ -57,7 +57,7 @@ def cli_page() -> str:
         _prose(cli.help or ""),
         "",
         "Standard output carries data only; messages go to standard error. `--help` leaves out the options that only some",
-        "logs need; `lidarcli detect --help-all` shows them, as do the pages of the commands below.",
+        "logs need; `lidarcli COMMAND --help-all` shows them. The site (`make site`) has a page for each command.",
         "",
         "```",
         "lidarcli [OPTIONS] COMMAND [ARGS]...",
@@ -73,19 +73,16 @@ def cli_page() -> str:
         "",
         *as_table(
             ("command", "what it does"),
-            (
-                (f"[`lidarcli {name}`](commands/{page_of(name)})", command.get_short_help_str(limit=200))
-                for name, command in commands()
-            ),
+            ((f"`lidarcli {name} --help-all`", command.get_short_help_str(limit=200)) for name, command in commands()),
         ),
     ]
     return as_page(lines)
 
 
 def command_page(name: str, command: click.Command) -> str:
-    """The page of a command in docs/commands/."""
+    """The page of a command in docs/commands/ of the site."""
     lines = _command(name, command, click.Context(command, _root(), name))
-    lines[1:1] = ["", NOTICE.format(source="the command itself"), "", "[All commands, exit codes](../cli.md)"]
+    lines[1:1] = ["", "[All commands, exit codes](../cli.md)"]
     return as_page(lines)
 
 
@@ -116,10 +113,8 @@ def exit_codes() -> dict[int, str]:
 DUCKDB = """
 ## Stamps in DuckDB
 
-`stamp` counts nanoseconds, in UTC. DuckDB reads it as `TIMESTAMPTZ_NS`, which it compares with literals, but which
-`date_trunc`, `time_bucket`, `extract` and a difference of two do not take. `stamp::timestamptz` has microseconds and takes
-all of them (to fetch one in Python, `fetchall` wants the package pytz; `df()` and `pl()` do not). `epoch_ns(stamp)` is a
-whole number and exact.
+DuckDB reads `stamp` as `TIMESTAMPTZ_NS`, which `date_trunc`, `time_bucket`, `extract` and differences do not take: write
+`stamp::timestamptz` (to fetch one in Python, `fetchall` wants the package pytz). `epoch_ns(stamp)` is exact.
 
 ```sql
 -- Objects within 2 m, minute by minute.
@@ -139,6 +134,19 @@ select count(*) as sweeps from 'room.sweeps.parquet' where stamp >= '2023-11-14 
 """
 
 
+TABLES_HEAD = """Parquet files that pandas, DuckDB, polars and pyarrow read. Unit and meaning of every column are in its
+field metadata, too. Lengths are metres, angles radians, counter-clockwise; x is forward, y left. A *text* is a dictionary
+of strings, a *time* a timestamp in nanoseconds, UTC; `--stamps us` writes microseconds. Lengths, ranges, bearings and
+shares are single precision; times, velocities and places in the world are double. Text formats have the shortest
+decimals that give the same number.
+
+Every table has all its columns: what was not computed is null. A column that can be null says so; all others are `not
+null`. A folder of tables is no dataset, as each kind has its own columns: read `tables/*.objects.parquet`, or write a
+folder for each kind (`--partition table`, [fleet.md](fleet.md)). The same input and parameters give the same bytes;
+the metadata hold
+"""
+
+
 def tables_page() -> str:
     """docs/tables.md."""
     lines = [
@@ -146,26 +154,7 @@ def tables_page() -> str:
         "",
         NOTICE.format(source="the tables' schemas"),
         "",
-        "Parquet files that pandas, DuckDB, polars and pyarrow read directly. The unit and the meaning of every column",
-        "are in its field metadata too; lengths are metres, angles radians, counter-clockwise, x forward, y left.",
-        "A table without rows is a valid file with the full schema.",
-        "",
-        "A folder of tables is no dataset, for each kind has its own columns: read one kind,",
-        "`tables/*.objects.parquet`, or let `--partition table` write a folder for each ([fleet.md](fleet.md)).",
-        "Stamps are nanoseconds; `--stamps us` writes microseconds, for Spark and Iceberg, which read nothing finer.",
-        "",
-        "Every table has all its columns, in every format and whatever was asked for: what was not computed is null, which",
-        "takes next to no space. A column that can be null says so in its meaning. All others have a value in every row,",
-        "and the schema declares them so (`not null`, in Parquet `required`).",
-        "",
-        "Lengths, ranges, bearings and shares are single precision (`float`): a range has 24 bits. Times, velocities, and",
-        "places and headings in the world are double, and so is a background, which is read again. Text formats have the",
-        "shortest decimals that give the same number: `0.08`, not the 17 digits of its double. `d_th >= 0.08` holds for it",
-        "in DuckDB, polars, pandas and the checks of a report.",
-        "",
-        "A file is written under a temporary name and renamed when it is whole. The same input and parameters give the",
-        "same bytes: the schema metadata of these tables holds no clock and no host, only",
-        "",
+        TABLES_HEAD,
         *as_table(("key", "value"), ((f"`{key}`", text) for key, text in METADATA.items())),
     ]
     for name, text in TABLES.items():
@@ -186,7 +175,7 @@ def tables_page() -> str:
         *_schema(BACKGROUND),
         "## changes",
         "",
-        "Written by `diff -o FILE`. One row per thing or piece of structure, things first ([diff.md](diff.md)).",
+        "Written by `diff -o FILE`. One row per object or piece of structure, objects first ([diff.md](diff.md)).",
         "",
         *_schema(CHANGES),
         "## cloud",
@@ -202,18 +191,18 @@ def tables_page() -> str:
         *_schema(POSES),
         "## truth",
         "",
-        "`<log>.truth.parquet`, written by `simulate`. One row per sweep and visible entity.",
+        "`simulate` writes the truth beside the log: `<log>.truth.parquet` has a row per sweep and visible entity,",
+        "`<log>.truth-beams.parquet` one per beam. Their columns are on the site, and in their metadata.",
         "",
-        *_schema(TRUTH),
-        "## truth-beams",
-        "",
-        "`<log>.truth-beams.parquet`, written by `simulate`. One row per beam.",
-        "",
-        *_schema(TRUTH_BEAMS),
         DUCKDB.strip(),
         "",
     ]
     return as_page(lines)
+
+
+def truth_page() -> str:
+    """docs/truth.md of the site."""
+    return as_page(["# Tables of the truth", "", *_schema(TRUTH), "", *_schema(TRUTH_BEAMS)])
 
 
 def reports_page() -> str:
@@ -293,7 +282,16 @@ def _meaning(option: click.Option) -> str:
 
 
 def _schema(schema: pa.Schema) -> list[str]:
-    return as_table(("column", "type", "unit", "meaning"), (_column(field) for field in schema))
+    """The table of the columns; those that tell the sweep stand at the objects alone."""
+    known = [] if schema is SCHEMAS["objects"] else [field for field in schema if field in _sources()]
+    words = f"{', '.join(f'`{field.name}`' for field in known)}: as of [objects](tables.md#objects). " if known else ""
+    rows = (_column(field) for field in schema if field not in known)
+    return [*([words.strip(), ""] if words else []), *as_table(("column", "type", "unit", "meaning"), rows)]
+
+
+def _sources() -> list[pa.Field]:
+    """The columns of the objects that tell the sweep."""
+    return list(SCHEMAS["objects"])[:6]
 
 
 def _column(field: pa.Field) -> tuple[str, str, str, str]:
@@ -302,18 +300,19 @@ def _column(field: pa.Field) -> tuple[str, str, str, str]:
     if pa.types.is_list(field.type) and pa.types.is_struct(field.type.value_type):
         parts = ", ".join(f"`{part.name}`" for part in field.type.value_type)
         meaning = f"{meaning}, each {parts}"
-    return f"`{field.name}`", f"`{_type(field.type)}`", notes.get("unit", ""), meaning
+    unit = notes.get("unit", "")
+    return f"`{field.name}`", _type(field.type), "" if unit == "1" else unit, meaning
 
 
 def _type(kind: pa.DataType) -> str:
     if pa.types.is_dictionary(kind):
-        return f"dictionary<{_type(kind.value_type)}>"
+        return "text"
     if pa.types.is_list(kind):
         return f"list<{_type(kind.value_type)}>"
     if pa.types.is_struct(kind):
         return "struct"
     if pa.types.is_timestamp(kind):
-        return f"timestamp[{kind.unit}, {kind.tz}]"
+        return "time"
     return str(kind)
 
 

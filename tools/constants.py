@@ -1,0 +1,60 @@
+"""The page of the site with the constants of the method: names, values, and what the code says of them."""
+
+from __future__ import annotations
+
+import ast
+import importlib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from lidarcli import formalism
+from tools.reference import as_page, as_table
+
+HEAD = """# Constants
+
+The numbers of the method that are no options, as the code declares them. They were chosen on simulated scenes and logs
+other than those that [accuracy](accuracy.md), [tracking](tracking.md) and [maps](maps.md) report on.
+"""
+UNLISTED = {"native", "forest", "detection", "parameters"}
+"""Modules whose numbers are the layout of arrays, grown trees, and codes and options that stand on other pages."""
+
+
+def constants_page() -> str:
+    """docs/constants.md of the site, made from the source: compiled modules do not have their constants."""
+    lines = [HEAD]
+    for title, rows in constants().items():
+        told = [row for row in rows if row[2]]
+        lines += [f"## {title}", "", *as_table(("constant", "value", "meaning"), iter(told))] if told else []
+    return as_page(lines)
+
+
+def constants() -> dict[str, list[tuple[str, str, str]]]:
+    """Module → (names, values, docstring or '') of the numbers that it assigns to names in capitals."""
+    home = Path(formalism.__file__).parent
+    found = {}
+    for path in sorted(home.rglob("*.py")):
+        if path.stem not in UNLISTED:
+            found[path.relative_to(home).with_suffix("").as_posix()] = list(_rows(path))
+    return found
+
+
+def _rows(path: Path) -> Iterator[tuple[str, str, str]]:
+    package = Path(formalism.__file__).parent.parent
+    module = importlib.import_module(".".join(("lidarcli", *path.relative_to(package).with_suffix("").parts)))
+    body = ast.parse(path.read_text(encoding="utf-8")).body
+    for statement, after in zip(body, [*body[1:], None], strict=True):
+        if not isinstance(statement, ast.Assign | ast.AnnAssign):
+            continue
+        names = [node.id for node in ast.walk(statement) if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store)]
+        values = [_number(getattr(module, name, None)) for name in names if name.isupper()]
+        if names and len(values) == len(names) and all(values):
+            told = isinstance(after, ast.Expr) and isinstance(after.value, ast.Constant) and str(after.value.value)
+            yield ", ".join(f"`{name}`" for name in names), ", ".join(values), " ".join((told or "").split())
+
+
+def _number(value: Any) -> str:
+    """A number, or a row of numbers, as the page shows it; '' for anything else."""
+    if isinstance(value, tuple):
+        return ", ".join(map(_number, value)) if all(map(_number, value)) else ""
+    return f"{value:.6g}" if isinstance(value, int | float) else ""
