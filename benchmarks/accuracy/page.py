@@ -22,6 +22,10 @@ from lidarcli.sweeps import Int64
 BEGIN, END = "<!-- real recordings: begin -->", "<!-- real recordings: end -->"
 KEPT = "*The recordings were not at hand in the last run; these figures are those of an earlier one.*"
 NEVER = "*Not measured: set LIDARCLI_REAL_LOGS to the folder of the recordings.*"
+SHOWN_METHODS = (ROBUST, "fixed", "Dietmayer")
+"""How the methods begin that the page shows on scenes like buildings and on legged objects; a terminal shows all."""
+SHOWN_NOISE = 0.01
+"""[m] Noise of the boxes that the page shows."""
 SHOWN = ("prismatic", "round", "legged", "irregular", "unknown")
 EXPECTED = {
     "box": "prismatic",
@@ -57,15 +61,11 @@ def page(figures: Figures, before: str) -> str:
         "## Objects\n",
         _summary(figures.tally, "plain"),
         "![F1 of every method in every cell](images/accuracy.png)\n",
-        _cells(figures.tally),
-        _buildings(figures.tally, figures.scenes),
+        _buildings(figures.tally, figures.scenes, SHOWN_METHODS),
         _driven(figures.driven),
-        _kinds(figures.tally),
-        _wrong(figures.tally),
-        _legged(figures.tally),
-        _shapes(figures.tally),
-        _boxes(figures.boxes, figures.box_sweeps),
-        _cylinder(figures.cylinder),
+        _legged(figures.tally, SHOWN_METHODS),
+        "## Shapes and boxes\n\n" + _right_shapes(figures.tally),
+        _box_errors([result for result in figures.boxes if result.noise == SHOWN_NOISE]),
         LIMITS,
     ]
     return "\n".join(parts)
@@ -95,9 +95,11 @@ def _mean(values: Iterable[float]) -> float:
     return float(np.mean(list(values)))
 
 
-def _summary(tally: Tally, things: Things) -> str:
+def _summary(tally: Tally, things: Things, only: Sequence[str] = ()) -> str:
     rows = []
     for method in tally.methods(things):
+        if only and not method.startswith(tuple(only)):
+            continue
         scores = tally.of(things, method)
         f1 = [score.f1 for score in scores]
         by_kind = [
@@ -130,7 +132,7 @@ def _cells(tally: Tally) -> str:
     return "Profile `robust` cell by cell, F1 (precision / recall):\n\n" + table(head, rows)
 
 
-def _buildings(tally: Tally, scenes: int) -> str:
+def _buildings(tally: Tally, scenes: int, only: Sequence[str] = ()) -> str:
     """Scenes like real buildings: every method by kind of scene and sensor."""
     faults = {"good sensors": False, "cheap sensors": True}
     groups = [
@@ -140,6 +142,8 @@ def _buildings(tally: Tally, scenes: int) -> str:
     ]
     rows = []
     for method in tally.methods("plain"):
+        if only and not method.startswith(tuple(only)):
+            continue
         numbers = []
         for _, cells in groups:
             scores = tally.of("plain", method, cells)
@@ -200,14 +204,11 @@ def _wrong(tally: Tally) -> str:
     return text + table(head, rows)
 
 
-def _legged(tally: Tally) -> str:
+def _legged(tally: Tally, only: Sequence[str] = ()) -> str:
     return (
-        "### With legged things\n\n"
-        "Scenes as above, but more than a quarter of the free-standing things are persons (two legs), chairs, tables and\n"
-        "ladders. First every leg counts as a thing of its own:\n\n"
-        + _summary(tally, "legs")
-        + f"\nThen every legged thing counts as one, which `--group-gap {GROUP_GAP:g}` asks for:\n\n"
-        + _summary(tally, "whole")
+        "### With legged objects\n\n"
+        "Scenes as above with persons (two legs), chairs, tables and ladders, each of which counts as one object,\n"
+        f"which `--group-gap {GROUP_GAP:g}` asks for:\n\n" + _summary(tally, "whole", only)
     )
 
 
@@ -223,12 +224,17 @@ def _shapes(tally: Tally) -> str:
     everything = sum(plain.values(), np.zeros_like(plain[0.0]))
     text += _matrix(everything, ("box", "cylinder", "pole", "plant"))
     text += "\n" + _matrix(sum(whole.values(), np.zeros_like(everything)), ("person", "chair", "table", "ladder"))
+    return text + "\n" + _right_shapes(tally)
+
+
+def _right_shapes(tally: Tally) -> str:
     rows = []
     for noise, _ in FAULTS:
-        simple = _share_right(plain[noise], ("box", "cylinder", "pole", "plant"))
-        legged = _share_right(whole[noise], ("person", "chair", "table", "ladder"))
+        simple = _share_right(tally.shapes["plain", noise], ("box", "cylinder", "pole", "plant"))
+        legged = _share_right(tally.shapes["whole", noise], ("person", "chair", "table", "ladder"))
         rows.append([f"σ {100 * noise:.0f} cm", f"{simple:.3f}", f"{legged:.3f}"])
-    return text + "\nShare of the found entities whose shape is right:\n\n" + table(["", "plain", "legged"], rows)
+    text = f"Share of the found entities hit by at least {SHAPE_BEAMS} beams whose shape is right:\n\n"
+    return text + table(["", "plain", "legged"], rows)
 
 
 def _matrix(counts: Int64, things: Sequence[str]) -> str:
@@ -269,9 +275,13 @@ def _boxes(results: Sequence[boxes.BoxResult], sweeps: int) -> str:
         for r in results
     ]
     text += table(["", "found", "corner: recall / precision", "all three: recall / precision"], rows)
-    text += (
-        "\nMedian errors of the lengths of the two faces and of the oriented bounding box, and how often `box_yaw` turns\n"
-        "by 90° from one sweep to the next of the same box:\n\n"
+    return text + "\n" + _box_errors(results)
+
+
+def _box_errors(results: Sequence[boxes.BoxResult]) -> str:
+    text = (
+        "Boxes of 0.3 to 1.2 m that show two faces, 1 to 5 m away: median errors, and how often `box_yaw` turns by 90°\n"
+        "from one sweep to the next:\n\n"
     )
     rows = [
         [
@@ -306,17 +316,29 @@ def _cylinder(results: Sequence[boxes.CylinderResult]) -> str:
 
 def _real(figures: Figures, before: str) -> str:
     if figures.legs and figures.cars and figures.by_eye is not None:
-        body = by_eye.section(figures.by_eye, table) + "\n" + REAL + "\n" + _legs(figures.legs) + "\n" + _cars(figures.cars)
+        body = (
+            by_eye.section(figures.by_eye, table)
+            + "\n"
+            + REAL
+            + "\n"
+            + _legs(figures.legs, (*SHOWN_METHODS, "Borges"))
+            + "\n"
+            + _cars(figures.cars)
+        )
     else:
         body = before.partition(BEGIN)[2].partition(END)[0].replace(KEPT, "").strip("\n")
         body = f"{body}\n\n{KEPT}\n" if body and NEVER not in body else NEVER + "\n"
     return f"{BEGIN}\n\n{body}\n{END}\n"
 
 
-def _legs(results: Sequence[real.Legs]) -> str:
+def _legs(results: Sequence[real.Legs], only: Sequence[str] = ()) -> str:
     first = results[0]
     text = f"{first.labels:,} labelled legs in {first.sweeps} sweeps:\n\n"
-    rows = [[leg.method, *(f"{share:.3f}" for share in leg.within), f"{leg.detections:.1f}"] for leg in results]
+    rows = [
+        [leg.method, *(f"{share:.3f}" for share in leg.within), f"{leg.detections:.1f}"]
+        for leg in results
+        if not only or leg.method.startswith(tuple(only))
+    ]
     within = [f"within {limit} m" for limit in real.WITHIN]
     return text + table(["method", *within, "detections per sweep"], rows)
 

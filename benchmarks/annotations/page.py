@@ -9,17 +9,15 @@ from benchmarks.annotations.methods import PUBLISHED, ROBUST, TRACK
 from benchmarks.annotations.table import PLACES
 
 TEXT = """{sweeps} sweeps of {logs} public recordings by {recorders} recorders, of RPLIDAR, YDLIDAR, SICK, Hokuyo and Neato
-sensors and of simulators, judged beam by beam by eye ([how](annotating.md)). Trees tell things from building; what is
-reported on a log is that of trees which have seen no log of its recorder, with default options. A detection is right when
-70 % of its beams are on things, and a thing is found when one right detection holds half of it. `track` sees the whole log
-and decides by [places](formalism.md#places). Which features the trees have, and the constants of places, were chosen with
-such figures of these sweeps in view.
+sensors and of simulators, judged beam by beam by eye ([how](annotating.md)), with default options. A detection is right
+when 70 % of its beams are on objects, and an object is found when one right detection holds half of it. `track` sees the
+whole log and decides by [places](formalism.md#places). The features of the trees and the constants of places were chosen
+with such figures of these sweeps in view.
 
 """
 STEADY = """
 Of detections of at least 8 beams within 5 m of a parked sensor, the share that has no counterpart within 0.2 m in the next
-sweep; and the share of those with one whose shape is another. People who walk are among them. By the trees of the package,
-which have seen some sweeps of these logs:
+sweep, and of those with one the share of another shape (by the trees of the package):
 
 """
 
@@ -35,7 +33,7 @@ def section(found: ByEye, make: Table) -> str:
     text += make(["method", "precision", "recall"], [row for row in rows if len(row) > 1])
     whole = found.of(ROBUST)
     text += (
-        f"\n{whole.things} things, {whole.detections} detections of `detect`. In brackets: nine of ten draws of as many "
+        f"\n{whole.things} objects, {whole.detections} detections of `detect`. In brackets: nine of ten draws of as many "
         "logs. By kind of place, and by\nwhether the sensor stood or drove in the sweep:\n\n"
     )
     parts: dict[str, Callable[[Key], bool]] = {
@@ -43,7 +41,7 @@ def section(found: ByEye, make: Table) -> str:
         **{motion: (lambda key, motion=motion: key.motion == motion) for motion in (PARKED, DRIVING)},  # type: ignore[misc]
     }
     text += make(
-        ["", "things", *(f"{method}: {figure}" for method in OURS for figure in ("precision", "recall"))],
+        ["", "objects", *(f"{method}: {figure}" for method in OURS for figure in ("precision", "recall"))],
         [
             [
                 name,
@@ -53,12 +51,6 @@ def section(found: ByEye, make: Table) -> str:
             for name, which in parts.items()
         ],
     )
-    text += "\nBy log, precision / recall:\n\n"
-    rows = []
-    for log in found.names():
-        each = [found.of(method, lambda key, log=log: key.log == log) for method in OURS]  # type: ignore[misc]
-        rows.append([log, str(each[0].things), *(f"{one.precision:.2f} / {one.recall:.2f}" for one in each)])
-    text += make(["log", "things", *OURS], rows)
     text += STEADY
     rows = [
         [
@@ -70,11 +62,7 @@ def section(found: ByEye, make: Table) -> str:
         for method, each in found.flicker.items()
     ]
     text += make(["method", "detections", "without counterpart", "of another shape"], rows)
-    boxes = found.boxes
-    return text + (
-        f"\nOf {boxes.boxes:,} boxes of `detect` in all these logs {100 * boxes.crossed / max(boxes.boxes, 1):.1f} % cover "
-        f"more than a third of space that beams passed\nthrough, and {boxes.too_long} are longer than the limit.\n"
-    )
+    return text
 
 
 def _figures(found: ByEye, method: str, which: Callable[[Key], bool] = lambda _: True) -> list[str]:

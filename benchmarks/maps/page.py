@@ -8,7 +8,7 @@ from math import ceil, degrees, floor, isfinite, log10
 from benchmarks.accuracy.page import BEGIN, END, KEPT, NEVER, table
 from benchmarks.maps.figures import EVERY, MOVED, OURS, WITHOUT_AGENTS, Figures, PathError, mean
 from benchmarks.maps.paths import STRETCH
-from benchmarks.maps.prose import AGENTS, HEAD, LIMITS, MATCHED, PATHS, REAL, REAL_PATHS, ROLLING, RULES, SCENES, SPEED, WHY
+from benchmarks.maps.prose import AGENTS, HEAD, LIMITS, PATHS, REAL, RULES, SCENES, WHY
 from benchmarks.maps.real import PICTURES, picture_name
 from benchmarks.maps.real_paths import KNOWN
 from benchmarks.maps.recordings import RESOLUTION
@@ -27,20 +27,11 @@ def page(figures: Figures, before: str) -> str:
         _short(figures),
         _why(figures),
         SCENES,
-        _ways(figures),
         RULES,
-        _rules(figures),
+        _rules(figures, brief=True),
         f"![{OURS} beside the true map](images/maps/simulated.png)\n",
-        MATCHED,
-        _matched(figures),
-        PATHS,
-        _paths([*figures.loops, *figures.straight]),
-        ROLLING,
-        _rolled(figures),
         AGENTS,
         _agents(figures),
-        SPEED,
-        _speed(figures),
         "## Real recordings\n",
         _real(figures, before),
         LIMITS,
@@ -150,12 +141,12 @@ def _ways(figures: Figures) -> str:
     return table(head, rows)
 
 
-def _rules(figures: Figures) -> str:
+def _rules(figures: Figures, brief: bool = False) -> str:
     parts = []
     for kind in figures.kinds:
         rows = []
         for rule in figures.rules:
-            if rule == WITHOUT_AGENTS:
+            if rule == WITHOUT_AGENTS or (brief and rule.startswith("once per sweep")):
                 continue
             row = [f"**{rule}**" if rule == OURS else rule]
             for taken in (EVERY, MOVED):
@@ -229,7 +220,7 @@ def _rolled(figures: Figures) -> str:
         ]
         for one in figures.rolled
     ]
-    head = ["drive", "fastest turn", "F1", "cells per metre of wall", "things", "boxes off: median / rms"]
+    head = ["drive", "fastest turn", "F1", "cells per metre of wall", "objects", "boxes off: median / rms"]
     return table(head, rows)
 
 
@@ -269,7 +260,7 @@ def _real(figures: Figures, before: str) -> str:
         pictures = [
             f"![The map of {log}, with the path of the sensor](images/maps/{picture_name(log)})\n" for log in PICTURES
         ]
-        body = "\n".join([REAL, _recorded(figures), *pictures, REAL_PATHS, _real_paths(figures.real_paths)])
+        body = "\n".join([*pictures, PATHS, REAL, _real_paths(figures.real_paths)])
     else:
         body = before.partition(BEGIN)[2].partition(END)[0].replace(KEPT, "").strip("\n")
         body = f"{body}\n\n{KEPT}\n" if body and NEVER not in body else NEVER + "\n"

@@ -37,10 +37,8 @@ def page(figures: Figures, before: str) -> str:
         "## Persons\n",
         _by_method(figures, figures.of(persons)),
         _agents(figures, figures.of(persons)),
-        "## Condition by condition\n",
-        _conditions(figures),
-        _bodies(figures),
-        _cost(figures),
+        "## Sizes and trajectories\n",
+        _sizes_and_paths(figures),
         LIMITS,
     ]
     return "\n".join(parts)
@@ -159,8 +157,12 @@ def _bodies(figures: Figures) -> str:
             rows.append([kind, *(f"{count:,}" for count in line), f"{right:.3f}"])
     if not rows:
         return text + "*No tracks.*\n"
-    text += table(["entity", *SHAPES, "right"], rows)
-    return text + "\n" + _sizes(known) + "\n" + _paths(figures)
+    return text + table(["entity", *SHAPES, "right"], rows) + "\n" + _sizes_and_paths(figures)
+
+
+def _sizes_and_paths(figures: Figures) -> str:
+    found = [log.scores[OURS].bodies for log in figures.logs if OURS in log.scores]
+    return _sizes([one for one in found if one is not None]) + "\n" + _paths(figures)
 
 
 def _sizes(known: Sequence[Bodies]) -> str:
@@ -184,7 +186,6 @@ def _sizes(known: Sequence[Bodies]) -> str:
 
 def _paths(figures: Figures) -> str:
     text = (
-        "## Trajectories\n\n"
         "Agents in sweeps that show nothing of another entity: error of place and velocity, rows whose place\n"
         "lies within twice the stated standard deviation, and the length of their paths over that of the true ones\n"
         "(median over tracks):\n\n"
@@ -256,7 +257,8 @@ def page_by_eye(logs: Sequence[OneLog]) -> str:
         rows = [
             _in_a(title, sum((log.in_a for log in some), InA()), intervals(some)) for title, some in groups.items() if some
         ]
-        rows += [_in_a(log.judged.name, log.in_a, [None] * 4) for log in mine if not log.in_a.empty]
+        if name == "untouched":
+            rows += [_in_a(log.judged.name, log.in_a, [None] * 4) for log in mine if not log.in_a.empty]
         head = ["log", "rows in A that move", "rows of movers in A", "tracks in A that move", "tracks of movers in A"]
         text.append(words.format(logs=len(mine), all=len(LOGS[name]), empty=sum(log.in_a.empty for log in mine)))
         text.append(table([*head, "not judged in A: rows, tracks"], rows))
@@ -283,9 +285,10 @@ def _cars(cars: Sequence[real.Car]) -> str:
             f"{car.all_tracks}",
         ]
         for car in cars
+        if car.method in (OURS, "leg_tracker")
     ]
     head = ["", "rows on the car", "its velocity: RMSE / median", "tracks on it", "its rows in A"]
-    return table([*head, "rows of other things in A", "tracks in all"], rows)
+    return table([*head, "rows of other objects in A", "tracks in all"], rows)
 
 
 def _legs(legs: Sequence[real.Legs]) -> str:

@@ -238,7 +238,7 @@ class TrackTables(_TrackTables):
 
     Attributes
     ----------
-    trajectories : one row per thing and sweep, from its first sight to its last; None with `trajectories=False`
+    trajectories : one row per track and sweep, from its first sight to its last; None with `trajectories=False`
     """
 
     trajectories: pa.Table | None = None

@@ -1,4 +1,4 @@
-"""docs/cookbook.md: DuckDB, pandas and polars give the answers that the page shows."""
+"""docs/cookbook.md: DuckDB, pandas and, where it is shown, polars give the answers of the page."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def tables(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("cookbook")
     (folder / "samples").symlink_to(ROOT / "samples")
     done = list(examples.run(PAGE, folder))
-    assert len(done) == 4
+    assert len(done) == 2
     for example in done:
         assert example.holds, f"$ {example.example.command}\n{example.got}"
     return folder
@@ -81,8 +81,15 @@ def plain(cell: Any) -> Any:
     return int(cell) if float(cell) == int(cell) else round(float(cell), 6)
 
 
-@pytest.mark.parametrize("title", QUESTIONS)
-@pytest.mark.parametrize("by", ["duckdb", "pandas", "polars"])
+ANSWERED = [
+    (title, by)
+    for title in QUESTIONS
+    for by in ("duckdb", "pandas", "polars")
+    if by == "duckdb" or f"# {by}\n" in SECTIONS[title]
+]
+
+
+@pytest.mark.parametrize(("title", "by"), ANSWERED)
 def test_an_answer(title: str, by: str, tables: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tables)
     part = SECTIONS[title]

@@ -7,8 +7,10 @@ import re
 from tests.places import ROOT
 from tools import reference
 from tools.make_docs import PAGES
+from tools.site import PAGES as PAGES_OF_THE_SITE
 
 OPTIONS = sorted({name for _, name in reference.option_names()})
+MOST_BYTES = 320_000
 SHORT = {"--output": "-o", "--verbose": "-v", "--quiet": "-q"}
 
 
@@ -23,9 +25,10 @@ def test_the_exit_codes_of_the_readme_are_those_of_the_command_line() -> None:
 
 
 def command_lines() -> str:
-    """Every line of the documentation in which lidarcli is called."""
+    """Every line of the documentation, the pages of the site included, in which lidarcli is called."""
     pages = [ROOT / "README.md", ROOT / "samples" / "README.md", *(ROOT / "docs").rglob("*.md")]
-    text = "\n".join(page.read_text(encoding="utf-8") for page in pages).replace("\\\n", " ")
+    commands = [page() for name, page in PAGES_OF_THE_SITE.items() if "/commands/" in name]
+    text = "\n".join([*(page.read_text(encoding="utf-8") for page in pages), *commands]).replace("\\\n", " ")
     fences = re.findall(r"^```.*?\n(.*?)^```$", text, re.MULTILINE | re.DOTALL)
     lines = [line for fence in fences for line in fence.splitlines()]
     return "\n".join(line for line in lines if re.search(r"\blidarcli (-\S+ )*[a-z-]", line))
@@ -47,6 +50,11 @@ def test_the_pages_of_docs_are_in_its_index() -> None:
     index = (ROOT / "docs" / "README.md").read_text(encoding="utf-8")
     pages = {page.name for page in (ROOT / "docs").glob("*.md")} - {"README.md"}
     assert pages == set(re.findall(r"\]\((\w+\.md)\)", index))
+
+
+def test_the_pages_stay_short() -> None:
+    """All of docs/ in 320 kB: who says more of one thing says less of another."""
+    assert sum(page.stat().st_size for page in (ROOT / "docs").rglob("*.md")) <= MOST_BYTES
 
 
 def test_links_between_pages_lead_somewhere() -> None:

@@ -1,9 +1,7 @@
-"""Pages of docs/ say what the code says: constants, columns, keys, words, suffixes, extras."""
+"""Pages of docs/ say what the code says: columns, keys, words, suffixes, extras."""
 
 from __future__ import annotations
 
-import ast
-import importlib
 import re
 import tomllib
 from pathlib import Path
@@ -24,25 +22,6 @@ from tests.places import REAL_LOGS, ROOT, SAMPLES, needs_real_logs
 from tools import examples, reference
 
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-CONSTANTS = {
-    "background": ["background", "learning", "subtraction"],
-    "catalogue": ["matching.catalogue"],
-    "diff": [f"matching.{name}" for name in ("differences", "ground", "alignment")],
-    "map": ["mapping.grid"],
-}
-"""Page → the modules of the formalism whose constants it lists with their values."""
-UNLISTED = {
-    *("catalogue.LEAST_LENGTH", "catalogue.LEAST_DENSITY"),
-    *("differences.ROUNDS", "ground.FAR_CORNER", "alignment.SMALL", "alignment.PROPOSALS_AT_ONCE", "ground.AT_ONCE"),
-    "ground.BUCKET",
-    *(f"differences.{name}" for name in ("THING", "STRUCTURE", "KNOWN", "MOVED", "NEW", "GONE", "UNCERTAIN")),
-    *(
-        f"differences.{name}"
-        for name in ("HIDDEN", "OUT_OF_VIEW", "NO_FREE_SPACE", "SHORT", "AMBIGUOUS", "POSES", "CERTAIN")
-    ),
-    *(f"grid.{name}" for name in ("UNKNOWN", "FREE", "OCCUPIED", "SKIPPED", "HIT", "CLEAR")),
-}
-"""These number words, keep numbers finite and arrays small, and decide nothing."""
 
 
 def page(name: str) -> str:
@@ -51,27 +30,6 @@ def page(name: str) -> str:
 
 GLOSSARY = re.findall(r"^\| \*\*(.+?)\*\* \| (.*) \|$", page("glossary"), re.MULTILINE)
 """(word, the other cells) of each row."""
-
-
-def constants(modules: list[str]) -> dict[str, float]:
-    """Return every number that these modules of the formalism assign to a name in capitals, as `module.NAME`."""
-    found = {}
-    for name in modules:
-        module = importlib.import_module(f"lidarcli.formalism.{name}")
-        for statement in ast.parse(Path(str(module.__file__)).read_text(encoding="utf-8")).body:
-            for node in ast.walk(statement) if isinstance(statement, ast.Assign) else ():
-                value = getattr(module, node.id, None) if isinstance(node, ast.Name) and node.id.isupper() else None
-                if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store) and isinstance(value, int | float):
-                    found[f"{name.split('.')[-1]}.{node.id}"] = float(f"{value:.3g}")
-    return found
-
-
-@pytest.mark.parametrize("name", CONSTANTS)
-def test_every_constant_stands_with_its_value(name: str) -> None:
-    rows = re.findall(r"^\| `(\w+\.[A-Z_]+[A-Z0-9_]*)` \| (-?\d[^ |]*) \|", page(name), re.MULTILINE)
-    listed = {key: float(f"{float(value):.3g}") for key, value in rows}
-    known = {key: value for key, value in constants(CONSTANTS[name]).items() if key not in UNLISTED}
-    assert listed == pytest.approx(known, rel=1e-2)
 
 
 def test_words_and_columns_are_those_of_the_code() -> None:

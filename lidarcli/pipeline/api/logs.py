@@ -385,7 +385,7 @@ def diff(
     Returns
     -------
     Difference
-        `changes`, a pyarrow.Table with a row for each thing and each change of the structure (docs/diff.md), `figures`,
+        `changes`, a pyarrow.Table with a row for each object and each change of the structure (docs/diff.md), `figures`,
         and `steps`, how each run lies on those before it.
 
     Raises

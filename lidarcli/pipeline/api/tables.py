@@ -1,4 +1,4 @@
-"""`lidarcli.detect`, `track`, `tables` and `export`: objects, and the things that they belong to."""
+"""`lidarcli.detect`, `track`, `tables` and `export`: objects, and their tracks."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ def detect(
 def track(
     log: LogsOrBatches, parameters: Parameters | None = None, *, progress: Progress = False, **options: Unpack[Tracking]
 ) -> TrackTables:
-    """The objects and the sweeps of every log, and the things that its objects belong to, as tables.
+    """The objects and the sweeps of every log, and the tracks of its objects, as tables.
 
     Parameters
     ----------
@@ -107,7 +107,7 @@ class _Tables(NamedTuple):
     sweeps: pd.DataFrame
     """One row per sweep."""
     tracks: pd.DataFrame
-    """One row per thing."""
+    """One row per track."""
     beams: pd.DataFrame | None = None
     """One row per beam of each sweep, where that was asked for."""
 
@@ -116,7 +116,7 @@ class Tables(_Tables):
     """The tables of logs as pandas data frames, with the columns of docs/tables.md; the first four can be unpacked."""
 
     trajectories: pd.DataFrame | None = None
-    """One row per thing and sweep, from its first sight to its last, unless they were left out."""
+    """One row per track and sweep, from its first sight to its last, unless they were left out."""
 
 
 @with_keywords()
