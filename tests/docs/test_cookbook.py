@@ -49,7 +49,7 @@ def tables(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("cookbook")
     (folder / "samples").symlink_to(ROOT / "samples")
     done = list(examples.run(PAGE, folder))
-    assert len(done) == 2
+    assert len(done) == 3
     for example in done:
         assert example.holds, f"$ {example.example.command}\n{example.got}"
     return folder
@@ -105,6 +105,21 @@ def test_an_answer(title: str, by: str, tables: Path, monkeypatch: pytest.Monkey
     got = [tuple(plain(cell) for cell in row) for row in rows]
     assert (names, got) == shown(title), written(names, got)
     assert got
+
+
+@pytest.mark.parametrize("library", ["pedpy", "movingpandas", "trackeval"])
+def test_paths_of_people_in_other_libraries(library: str, tables: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip(library)
+    monkeypatch.chdir(tables)
+    names: dict[str, Any] = {}
+    for block in blocks("python", SECTIONS["People in PedPy, MovingPandas, TrackEval, evo"]):
+        if not block.startswith("# ") or block.startswith(f"# {library}\n"):
+            exec(block, names)
+    if library == "trackeval":
+        assert 0.3 < names["answer"] <= 1.0
+    else:
+        assert len(names["answer"]) == names["agents"].track.nunique()
+        assert min(dict(names["answer"]).values()) > 0.0
 
 
 def test_the_typical_tasks(tables: Path) -> None:
