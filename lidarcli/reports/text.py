@@ -121,8 +121,11 @@ def _heading(text: str) -> Text:
 
 def _grid(rows: Sequence[Sequence[str]], right: Sequence[int] = (), head: Sequence[str] = ()) -> RichTable:
     """Return a table without lines; columns in `right` are flush right, the last one wraps."""
-    table = RichTable(box=None, show_header=bool(head), pad_edge=False, padding=(0, 2, 0, 0), header_style="dim")
     columns = len(head or rows[0])
+    wide = sum(max(len(visible(row[index])) for row in [*rows, *([head] if head else [])]) for index in range(columns))
+    # A name stays whole as long as a narrower gap makes room for it.
+    gap = 1 if head and wide + 2 * (columns - 1) > WIDTH else 2
+    table = RichTable(box=None, show_header=bool(head), pad_edge=False, padding=(0, gap, 0, 0), header_style="dim")
     for index in range(columns):
         last = index == columns - 1
         table.add_column(
