@@ -58,6 +58,17 @@ def _html(self: Described) -> str:
     return f"<table>{head}{cells}</table>"
 
 
+class Routine(str):
+    """A note that tells how the work was done and asks nothing of the user: only `--verbose` shows it."""
+
+    __slots__ = ()
+
+
+def headed(head: str, note: str) -> str:
+    """Return a note with words before it, as routine as it was."""
+    return type(note)(head + note)
+
+
 def times(number: int) -> str:
     """Return how often in words.
 

@@ -208,10 +208,10 @@ OTHERS_VALID = 0.5
 """Median share of valid beams of other sectors, where one has none."""
 
 _WIDE = (
-    "{name} sees {0.view_degrees:,.0f} deg, more than a turn and a half ({0.wide:,} of {0.sweeps:,} sweeps): angles are "
-    "probably degrees that are taken as radians; a LaserScan has radians, and a text log may have --degrees"
+    "{name} sees {0.view_degrees:,.0f} deg ({0.wide:,} of {0.sweeps:,} sweeps): degrees written as radians? (--degrees of "
+    "text logs)"
 )
-_NO_RANGE = "{0.without:.1%} of the beams of {name} have no range ({0.causes_shown}): {0.remedy}"
+_NO_RANGE = "{name}: {0.without:.1%} of the beams have no range ({0.causes_shown}): {0.remedy}"
 _NO_RANGES: tuple[tuple[str, Level, Callable[[Any], Any]], ...] = (
     ("limits", "error", lambda s: s.without > UNUSABLE and s.cause == "above range_max" and not s.has_limit),
     ("too_close", "error", lambda s: s.without > UNUSABLE and s.cause == "below range_min"),
@@ -238,8 +238,7 @@ SWEEP_RULES = (
         "geometry",
         "error",
         lambda s: s.fine,
-        "the beams of {name} are {0.step:.1g} rad apart ({0.fine:,} of {0.sweeps:,} sweeps): no sensor is as fine; write "
-        "angle_increment in radians into the log, or for a text log give --fov and --angle-min",
+        "beams of {name} are {0.step:.1g} rad apart ({0.fine:,} of {0.sweeps:,} sweeps): none is so fine (text: --fov)",
         "step sweeps=fine",
         {"step": FINEST_STEP},
     ),
@@ -247,8 +246,8 @@ SWEEP_RULES = (
         "geometry",
         "warning",
         lambda s: s.off and not s.wide and not s.fine,
-        "angle_max of {name} is {0.ends_degrees[0]:.2f} deg, and by angle_min and angle_increment the last beam is at "
-        "{0.ends_degrees[1]:.2f} deg ({0.off:,} of {0.sweeps:,} sweeps): the increment is used",
+        "angle_max of {name} is {0.ends_degrees[0]:.2f} deg, by angle_increment {0.ends_degrees[1]:.2f} deg: that is used "
+        "({0.off:,} of {0.sweeps:,} sweeps)",
         "angle_max last_beam sweeps=off",
         {"steps": 0.5},
         mend="angles",
@@ -288,7 +287,7 @@ SWEEP_RULES = (
         "observed",
         "warning",
         lambda s: s.blind > s.spared and s.beams and s.without < UNUSABLE,
-        "{0.blind:,} of {0.sweeps:,} sweeps of {name} have no range at all: they show nothing of what was there",
+        "{0.blind:,} of {0.sweeps:,} sweeps of {name} have no range at all: they show nothing",
         "sweeps=blind",
         {"sweeps": "spared"},
     ),
@@ -296,8 +295,7 @@ SWEEP_RULES = (
         "observed",
         "warning",
         lambda s: s.frozen > s.spared,
-        "{0.frozen:,} of {0.sweeps:,} sweeps of {name} repeat an older one bit for bit, noise and all: the sensor or its "
-        "driver hung",
+        "{0.frozen:,} of {0.sweeps:,} sweeps of {name} repeat an older one bit for bit: the driver hung",
         "sweeps=frozen",
         {"sweeps": "spared"},
     ),
@@ -324,8 +322,8 @@ SWEEP_RULES = (
         "clock",
         "error",
         lambda s: s.clock.repeated > s.often,
-        _AGAIN + "the stamp of the sweep before, and other ranges: stamps are too coarse to tell speeds, or two sensors "
-        "share the topic",
+        "{0.clock.repeated:,} of {0.clock.sweeps:,} sweeps of {name} repeat a stamp: speeds are wrong (too coarse, or two "
+        "sensors)",
         _REPEATED,
         {"repeated": "often"},
         chain="steps",
@@ -335,8 +333,7 @@ SWEEP_RULES = (
         "clock",
         "error",
         lambda s: s.clock.rate is not None and s.clock.rate > FASTEST,
-        "stamps of {name} are {0.step_ns:,.0f} ns apart: probably milliseconds or microseconds that were written as "
-        "nanoseconds; until they are mended in the log, all speeds are wrong",
+        "stamps of {name} are {0.step_ns:,.0f} ns apart: all speeds are wrong (ms or µs written as ns?)",
         "rate=clock.rate",
         {"rate": FASTEST},
         chain="steps",
@@ -355,8 +352,7 @@ SWEEP_RULES = (
         "clock",
         "error",
         lambda s: s.clock.backward > s.often,
-        "stamps of {name} go back {0.back}: messages are out of order "
-        "(sort them by their stamps), or two sensors share the topic",
+        "stamps of {name} go back {0.back}: out of order, or of two sensors",
         _BACK,
         {"backward": "often"},
         chain="steps",

@@ -50,6 +50,12 @@ def pytest_configure(config: pytest.Config) -> None:
 HANGS = pytest.StashKey[IO[str]]()
 
 
+@pytest.fixture(autouse=True)
+def wide_screen(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let no sentence wrap: tests of what is said are none of where it is cut."""
+    monkeypatch.setenv("COLUMNS", "1000")
+
+
 @pytest.hookimpl(wrapper=True)
 def pytest_collection() -> Iterator[None]:
     """Keep what is collected out of the sight of the garbage collector, which would look at it again and again."""

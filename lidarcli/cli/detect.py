@@ -197,7 +197,7 @@ def _into_folder(messages: Messages, options: Mapping[str, Any], parsed: "Detect
         else:
             outcomes = _on_cluster(messages, left, folder, parsed, report, address)
         for outcome in outcomes:
-            show(outcome, messages)
+            show(outcome, messages, alone=len(steps) == 1)
             messages.notes(tables.remove_other_days(outcome))
             total.add(outcome)
     total.show(messages)
@@ -222,7 +222,7 @@ def _into_one(messages: Messages, options: Mapping[str, Any], kind: str, parsed:
             else detect_file(sources, place(output), kind, parsed, report)
         )
         for outcome in results:
-            show(outcome, messages)
+            show(outcome, messages, alone=len(sources) == 1)
             total.add(outcome)
     total.show(messages)
     return messages.end(total.exit_code(sources))

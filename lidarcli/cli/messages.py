@@ -4,17 +4,22 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import sys
+import textwrap
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from itertools import chain
+from math import isnan
+from shutil import get_terminal_size
 from typing import TYPE_CHECKING, Any, TextIO
 
 import click
 
 from lidarcli import compiled
 from lidarcli.choices import beams_on
-from lidarcli.display import counted
+from lidarcli.display import Routine, counted
 from lidarcli.errors import OutputError
 from lidarcli.screen import Count, Screen, byte_bar, count_bar, one_line
 from lidarcli.stores import blotted
@@ -75,7 +80,7 @@ class Messages(Screen):
             keep_freed_memory()
             self.of_missing_core()
         if options["format"] == "json":
-            self.summary = {"logs": [], "notes": [], "written": []}
+            self.summary = {"logs": [], "notes": [], "routine": [], "written": []}
 
     def end(self, code: int, **more: Any) -> int:
         """Print the summary as JSON where it was asked for; return the exit code."""
@@ -106,21 +111,28 @@ class Messages(Screen):
             self.write(one_line(line))
 
     def notes(self, notes: Iterable[str]) -> None:
-        """Lines of a summary that a user should read."""
+        """Words of a summary that a user should read; the routine ones are for --verbose."""
         for note in notes:
-            self.keep("notes", note)
-            self.info(f"  note     {note}")
+            self._say("  note     ", note)
 
     def note(self, note: str) -> None:
-        """Line on the run, and not on one log, that a user should read."""
+        """Words on the run, and not on one log, that a user should read."""
+        self._say("note: ", note)
+
+    def _say(self, head: str, note: str) -> None:
         self.keep("notes", note)
-        self.info(f"note: {note}")
+        if isinstance(note, Routine):
+            self.keep("routine", note)
+        if self.verbose or not isinstance(note, Routine):
+            for line in wrapped(head, one_line(note)):
+                self.info(line)
 
     def wrote(self, files: Iterable[object]) -> None:
-        """Lines of a summary for files that were written."""
-        for file in files:
-            self.keep("written", str(file))
-            self.info(f"  wrote    {file}")
+        """A line of a summary for the files that were written, a line for each with --verbose."""
+        for name in (names := [*map(str, files)]):
+            self.keep("written", name)
+        for name in names if self.verbose else together(names):
+            self.info(f"  wrote    {name}")
 
     def of_missing_core(self) -> None:
         """Why a detection takes so long, and how to mend it; not to those who asked for it."""
@@ -148,6 +160,43 @@ class Messages(Screen):
         """The traceback of a bug, and the request to report it."""
         self.write(trace.rstrip())
         self.write("lidarcli: this is a bug in lidarcli; please report it with the lines above")
+
+
+OPTION = re.compile(r"(?<=\s|\()(--[a-z-]+) (?=[A-Z0-9/'.<]|inf)")
+"""An option and its value, which stay on one line."""
+MOST_TOGETHER = 8
+"""Most files that are written as one name with braces; more are counted."""
+
+
+def wrapped(head: str, words: str) -> list[str]:
+    """Words after their head in the width of the terminal, 80 where there is none; no name and no option is broken.
+
+    >>> wrapped("  note     ", "give the poses of the robot in the world, and how it is mounted (--pose TOPIC)")
+    ['  note     give the poses of the robot in the world, and how it is mounted', '           (--pose TOPIC)']
+    """
+    wrapper = textwrap.TextWrapper(max(get_terminal_size().columns, 40), head, " " * len(head))
+    wrapper.break_long_words = wrapper.break_on_hyphens = False
+    return [line.replace("\u00a0", " ") for line in wrapper.wrap(OPTION.sub("\\1\u00a0", words))]
+
+
+def together(files: Sequence[str]) -> list[str]:
+    """Names of files in as few lines as can be: those that differ in one part as one, which a shell takes apart.
+
+    >>> together(["out/run.objects.parquet", "out/run.sweeps.parquet"]), together(["a.png"])
+    (['out/run.{objects,sweeps}.parquet'], ['a.png'])
+    """
+    begin, end = (os.path.commonprefix(names) for names in (files, [file[::-1] for file in files]))  # noqa: RUF071 (of names)
+    end = end[::-1]
+    begin = begin[: max(begin.rfind("."), begin.rfind("/")) + 1]
+    end = end[min((at for mark in "./" if (at := end.find(mark)) >= 0), default=len(end)) :]
+    parts = [file[len(begin) : len(file) - len(end)] for file in files]
+    if len(files) < 2 or not begin or not all(parts) or any(set(part) & set("{},/ ") for part in parts):
+        folders = dict.fromkeys(file.rpartition("/")[0] for file in files)
+        groups = [[file for file in files if file.rpartition("/")[0] == folder] for folder in folders]
+        return [*chain(*map(together, groups))] if len(groups) > 1 else [*files]
+    if len(files) > MOST_TOGETHER:
+        return [f"{begin}*{end} ({len(files):,} files)"]
+    return [f"{begin}{{{','.join(parts)}}}{end}"]
 
 
 # Progress bars: only on a terminal.
@@ -186,13 +235,14 @@ def _shows_bars(messages: Messages) -> bool:
 # Summaries.
 
 _WORDS = {"no_return": "no return", "too_close": "too close"}
-_COLUMNS = 80
 TELLING_SECONDS = 1.0
 """Shortest run [s] whose speed is shown: that of a shorter one is mostly the start of the program."""
 
 
-def show(outcome: Outcome, messages: Messages, tell: Callable[[Any], Sequence[str]] | None = None) -> None:
-    """Show the outcome of one log: errors always, the rest unless quiet.
+def show(
+    outcome: Outcome, messages: Messages, tell: Callable[[Any], Sequence[str]] | None = None, alone: bool = False
+) -> None:
+    """Show the outcome of one log, and of one that is `alone` its agents: errors always, the rest unless quiet.
 
     `tell` returns the lines on its summary, by default what was found; lines after the first stand below the log.
     """
@@ -203,7 +253,7 @@ def show(outcome: Outcome, messages: Messages, tell: Callable[[Any], Sequence[st
     if (run := outcome.summary) is not None:
         show_losses(outcome.label, run, messages)
         first, *rest = _found_lines(run, messages) if tell is None else tell(run)
-        for line in (f"{outcome.label}: {first}", *rest):
+        for line in (f"{outcome.label}: {first}", *rest, *(agents_of(run) if alone or messages.verbose else ())):
             messages.info(line)
         messages.notes(run.notes)
         messages.wrote(run.outputs)
@@ -299,6 +349,23 @@ def show_losses(label: str, run: RunSummary, messages: Messages) -> None:
         messages.error(label, no_scan_topic([topic]))
 
 
+MOST_AGENTS = 8
+"""Most agents of which there is a line."""
+
+
+def agents_of(run: RunSummary) -> list[str]:
+    """Lines on the agents of a log, farthest first: when each was seen [s from the start], how far and how fast it went."""
+    several = len({topic for topic, *_ in run.followed}) > 1
+    lines = ["  agents   track      from        to      way     mean      top  score" + "  topic" * several]
+    for topic, track, *ends, way, mean, top, score in sorted(run.followed, key=lambda one: -one[4])[:MOST_AGENTS]:
+        begin, end = (f"{(stamp_ns - (run.first_ns or 0)) * 1e-9 + 0.0:8,.1f} s" for stamp_ns in ends)
+        line = f"{track:16}{begin}{end}{way:7,.1f} m{mean:5.1f} m/s{top:5.1f} m/s"
+        lines.append(line + ("      -" if isnan(score) else f"{score:7.2f}") + f"  {topic}" * several)
+    if (more := len(run.followed) - MOST_AGENTS) > 0:
+        lines.append(f"           and {more:,} more")
+    return lines if run.followed else []
+
+
 def _counts(run: RunSummary) -> str:
     """The numbers of sweeps, objects and, after tracking, things."""
     sweeps = counted(run.sweeps, "sweep")
@@ -324,14 +391,7 @@ def _parts(head: str, counts: Mapping[str, int], total: int, always: Sequence[st
         for name, count in counts.items()
         if count or name in always
     ]
-    lines = [head + parts[0]]
-    for part in parts[1:]:
-        if len(lines[-1]) + 2 + len(part) > _COLUMNS - 1:
-            lines[-1] += ","
-            lines.append(" " * 11 + part)
-        else:
-            lines[-1] += f", {part}"
-    return lines
+    return wrapped(head[:11], head[11:] + ", ".join(part.replace(" ", "\u00a0") for part in parts))
 
 
 # Logs of a run.

@@ -11,6 +11,7 @@ import numpy as np
 
 from lidarcli import foxglove
 from lidarcli.choices import ECHOES, SEGMENTS
+from lidarcli.display import Routine
 from lidarcli.errors import OptionError
 from lidarcli.findings import Finding
 from lidarcli.sweeps import RawSweeps
@@ -171,8 +172,8 @@ class ReadReport:
         return [found for findings in self.doubts.values() for found in findings]
 
     def doubted(self) -> list[str]:
-        """Return the messages of the findings on the sweeps, topic by topic."""
-        return [found.message for found in self.findings()]
+        """Return the findings on the sweeps as notes, topic by topic."""
+        return [Routine(found.message) if found.level == "hint" else found.message for found in self.findings()]
 
 
 @dataclass(frozen=True, slots=True)

@@ -627,8 +627,8 @@ class _Decoder:
             row = int(np.argmax(guessed))
             degrees = np.degrees([first[row], step[row]])
             self.report.notes.append(
-                f"{laser.topic}: no geometry in the log; by its {beams[row]} ranges it is taken to begin at "
-                f"{degrees[0]:g} degrees and to go on by {degrees[1]:.4g}; --angle-min and --angle-increment tell better"
+                f"{laser.topic}: {beams[row]} beams taken from {degrees[0]:g} degrees by {degrees[1]:.4g}: no bearings "
+                "(--angle-min, --angle-increment)"
             )
         return first, step
 

@@ -233,8 +233,7 @@ class _Topic:
                 sensor.finding(
                     "no_return",
                     "hint",
-                    f"{topic}: {since}{share:.1%} of the beams end at {span}, {most} there is: taken as no return; "
-                    f"--no-return {words} takes them as measured, --range MIN MAX sets another limit",
+                    f"{topic}: {since}{share:.1%} of the beams end at {span}, {most} there is: taken as no return",
                     {"share": share, "range": self.rules.farthest},
                     {"share": LEAST_SHARE},
                     f"--no-return {words}",
@@ -247,8 +246,7 @@ class _Topic:
                 sensor.finding(
                     "no_return",
                     "hint",
-                    f"{topic}: {since}beam {beam} is {value:g} m wherever the robot goes: taken as no return; "
-                    f"--no-return {words} takes it as measured",
+                    f"{topic}: {since}beam {beam} is {value:g} m wherever the robot goes: taken as no return",
                     {"beam": beam, "range": value},
                     option=f"--no-return {words}",
                     mend="no-return",

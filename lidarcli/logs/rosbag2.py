@@ -19,6 +19,7 @@ from pathlib import Path, PureWindowsPath
 from typing import Any, BinaryIO
 from urllib.parse import quote
 
+from lidarcli.display import Routine
 from lidarcli.errors import LidarcliError, UnreadableError, unreadable
 from lidarcli.logs.base import MAX_MESSAGE, Closing, Log, Message, OpenOptions, ReadReport, Topic, ros_type
 from lidarcli.logs.joined import Part, PartedLog, natural
@@ -49,7 +50,7 @@ def read_folder(folder: Path) -> tuple[list[Path], list[str], list[str]]:
     # Old bags put the folder's name before the file's; nothing outside of the folder is ever read.
     listed, cause = named_files(folder / METADATA)
     named = dict.fromkeys(PureWindowsPath(name).name for name in listed)
-    notes = [f"{cause}, the storage files were read without it"] if cause else []
+    notes: list[str] = [Routine(f"{cause}, the storage files were read without it")] if cause else []
     # Bags are packed, unpacked and renamed without anybody changing the metadata: of packed and plain twins one counts.
     twins: dict[str, list[str]] = {}
     for name in there:

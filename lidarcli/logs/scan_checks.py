@@ -56,13 +56,12 @@ NOISY = 0.002
 """Least middle third difference of ranges that are measured [m]: a simulation without noise may repeat its sweeps."""
 AT_MOST, ABOVE, BELOW = "at range_max", "above range_max", "below range_min"
 REMEDIES = {
-    "NaN": "the log tells no ranges there; --no-return nan counts them as no return",
-    **dict.fromkeys(
-        ("NaN, counted as no return", "zero", "infinite", AT_MOST),
-        "nothing was within reach, or the sensor did not measure",
-    ),
+    "NaN": "no ranges (--no-return nan)",
+    **dict.fromkeys(("NaN, counted as no return", "zero", "infinite", AT_MOST), "nothing near, or nothing measured"),
 }
 """Remedies by the main cause of missing ranges."""
+TOLD_SHARE = 0.01
+"""Least share of the beams of a cause that is told."""
 COARSE_STEP = 0.2
 """Beams as far apart as this are a quarter of a degree apart that is taken as a radian [rad]."""
 WHOLE = 512
@@ -251,12 +250,11 @@ class SweepStats:
             cause=cause,
             has_limit=has_limit,
             causes_shown=", ".join(
-                f"{'all of them' if share == 1.0 else f'{share:.1%}'} {each}{f', {most:g} m' if each == AT_MOST else ''}"
+                f"{'' if share == 1.0 else f'{share:.1%} '}{each}{f', {most:g} m' if each == AT_MOST else ''}"
                 for each, share in by_share
+                if share >= TOLD_SHARE
             ),
-            remedy=REMEDIES.get(
-                cause, f"--range sets other limits than {least:g} to {most:g} m, --range-unit another unit"
-            ),
+            remedy=REMEDIES.get(cause, f"limits {least:g} to {most:g} m (--range, --range-unit)"),
             turns_share=self.turns / max(self.compared, 1),
             spared=spared(sweeps),
             often=max(OFTEN * sweeps, SOME),

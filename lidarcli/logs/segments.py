@@ -12,6 +12,7 @@ from typing import Literal
 
 import numpy as np
 
+from lidarcli.display import Routine
 from lidarcli.logs.base import ReadReport
 from lidarcli.logs.blocks import BLOCK_VALUES
 from lidarcli.logs.clock import MAX_TOPICS
@@ -85,7 +86,7 @@ class _Topic:
                     part, whole = np.degrees(abs(turns.step) * np.array([np.median(block.beams), turns.width]))
                     note = f"{block.topic}: segments of {part:.0f} deg are joined to turns of {whole:.0f} deg"
                     note += "; --segments keep leaves them"
-                    self.report.add(ReadReport(notes=[note], segments={block.topic}))
+                    self.report.add(ReadReport(notes=[Routine(note)], segments={block.topic}))
         return True
 
 

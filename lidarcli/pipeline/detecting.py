@@ -95,9 +95,10 @@ def _detect_log(
             for table, topic, rows in tracker.flush():
                 files.write(table, topic, rows)
             summary.add_found(tracker.counts)
+            summary.followed = tracker.counts.followed
         # The end of the work: the summary tells how long it took.
         reading.close()
-        summary.notes += [*detection.notes(), *([] if tracker is None else tracker.notes)]
+        summary.notes += [*detection.notes(), *([] if tracker is None else summary.told(tracker.notes))]
 
 
 def _tracker(

@@ -17,6 +17,7 @@ from typing import Any, BinaryIO
 import numpy as np
 
 from lidarcli.choices import CLOUDS, MAP_RESOLUTION, MAP_RESOLUTIONS, MATCH, MAX_MAP_KM2, MIN_MOVE, NS, OCCUPIED_RATIO
+from lidarcli.display import Routine
 from lidarcli.errors import OptionError, OutputError, UnreadableError
 from lidarcli.formalism import Parameters
 from lidarcli.formalism.detection import AGENT
@@ -302,7 +303,7 @@ class Mapping:
         if self.options.min_move > 0:
             turn, wait = math.degrees(MIN_TURN), PAUSE_NS / 1e9
             which = f"one every {self.options.min_move:g} m, {turn:g} degrees or {wait:g} s; --min-move"
-        summary.notes.append(f"used {chosen.count:,} of {summary.sweeps:,} sweeps ({which})")
+        summary.notes.append(Routine(f"used {chosen.count:,} of {summary.sweeps:,} sweeps ({which})"))
 
 
 class _Selection:

@@ -319,7 +319,7 @@ class PoseSources:
                 helping = dict.fromkeys(step.track.topic for step in mount)
                 return PoseChain((track.topic, *helping), frame, world, (*mount, last))
         taken = f"the sensor {frame or 'without a frame name'} is taken to be at "
-        taken += f"{track.child}: its mount is not in the log" if track.child else "the pose itself"
+        taken += f"{track.child}: {MOUNTLESS}" if track.child else "the pose itself"
         return PoseChain((track.topic,), frame, world, (last,), assumption=taken)
 
 
@@ -356,6 +356,8 @@ def _rank(track: Track) -> tuple[int, int] | None:
 
 # The tree of frames: which links lead from one frame to another, and what is level for the points of a sensor.
 
+MOUNTLESS = "its mount is not in the log"
+"""End of an assumption on where the sensor is on its robot."""
 WORLDS = ("map", "odom", "world", "camera_init")
 """Names of fixed frames, the better one first; a prefix (robot_0/odom) does not matter."""
 

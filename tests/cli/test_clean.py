@@ -36,8 +36,7 @@ def test_what_is_told_and_written(log: Path, tmp_path: Path, lidarcli: Run) -> N
         f"{log}: 80 sweeps; 1,280 of 28,800 beams (4.4%) say inf: agents 0, temporary 1,200, margin 80",
         "  copied   80 messages of 1 topic",
         "  note     inf says that nothing is there: costmaps with inf_is_valid free beams beyond walls",
-        f"  wrote    {tmp_path}/out.clean.mcap",
-        f"  wrote    {tmp_path}/out.clean.cleaned.parquet",
+        f"  wrote    {tmp_path}/out.clean.{{mcap,cleaned.parquet}}",
     ]
     table = pq.read_table(tmp_path / "out.clean.cleaned.parquet")
     assert table.schema.names == CLEANED.names

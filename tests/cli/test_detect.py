@@ -33,7 +33,7 @@ def test_tables_and_summary(logs: Path, tmp_path: Path, lidarcli: Run) -> None:
         "  on       objects 700 (9.7%), walls and rest 6,500 (90.3%)",
     ]
     names = ["run.objects.parquet", "run.sweeps.parquet", "run.beams.parquet"]
-    assert lines[3:] == [f"  wrote    {tmp_path / 'out' / name}" for name in names]
+    assert lines[3:] == [f"  wrote    {tmp_path}/out/run.{{objects,sweeps,beams}}.parquet"]
     objects = pq.read_table(tmp_path / "out" / names[0])
     assert objects.schema.equals(OBJECTS)
     assert objects["beam_i"].to_pylist() == [40, 200] * 10 + [40] * 10

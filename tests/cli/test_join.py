@@ -54,7 +54,7 @@ def source_of(table: Path) -> dict[str, object]:
 @pytest.mark.parametrize("order", [(0, 1, 2), (2, 0, 1)])
 def test_tables_are_those_of_the_whole_log(order: tuple[int, ...], drive: Path, lidarcli: Run, tmp_path: Path) -> None:
     lidarcli("-q", "track", drive / "drive.mcap", "-o", tmp_path / "whole")
-    ran = lidarcli("track", "--join", *parts(drive, *order), "-o", tmp_path / "joined")
+    ran = lidarcli("-v", "track", "--join", *parts(drive, *order), "-o", tmp_path / "joined")
     assert ran.code == 0
     assert f"{drive}/parts/drive_0.mcap and 2 more: {SWEEPS} sweeps" in ran.err.replace("\n", " ")
     assert "poses from /tf and /tf_static (odom > base_link > laser)" in ran.err

@@ -25,7 +25,7 @@ from tests.sweeping import START
 
 
 def test_yaml(lidarcli: Run, tmp_path: Path) -> None:
-    ran = lidarcli("map", DRIVE, "-o", tmp_path / "room.yaml")
+    ran = lidarcli("-v", "map", DRIVE, "-o", tmp_path / "room.yaml")
     assert (ran.code, ran.out) == (0, "")
     lines = ran.err.splitlines()
     assert lines[0].startswith(f"{DRIVE}: 150 sweeps")

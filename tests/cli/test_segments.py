@@ -59,7 +59,7 @@ def test_turns_of_segments_are_the_sweeps_of_the_full_log(
     full, segments = logs
     (tmp_path / "zones.toml").write_text(ZONE)
     zones = ["--zones", str(tmp_path / "zones.toml"), "--check", "zones.near.events == 1"]
-    assert run(["zones", str(full), *zones]) == run(["zones", str(segments), *zones]) == 0
+    assert run(["zones", str(full), *zones]) == run(["-v", "zones", str(segments), *zones]) == 0
     assert run(["zones", str(segments), *zones, "--segments", "keep"]) == 1
     assert capsys.readouterr().err.count(NOTE) == 1
     assert run(["detect", str(full), str(segments), "-o", str(tmp_path)]) == 0

@@ -33,7 +33,8 @@ def test_a_speed_is_told_where_it_is_not_that_of_starting(seconds: float, speed:
     assert f"  time     {seconds:.3f} s{speed}" in detailed
 
 
-def test_what_does_not_occur_is_left_out_and_lines_fit_the_terminal() -> None:
+def test_what_does_not_occur_is_left_out_and_lines_fit_the_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("COLUMNS", "80")
     lines = said(run_of(0.1, valid=71_962_000, no_return=136_000, too_close=100_000, invalid=102_000))
     assert lines[1:] == [
         "  beams    72,300,000: valid 71,962,000 (99.5%), no return 136,000 (0.2%),",

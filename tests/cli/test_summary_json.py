@@ -21,7 +21,7 @@ ZONES = (
     '[[zone]]\nname = "door"\nframe = "sensor"\nline = [[1.0, 1.0], [1.0, 2.0]]\n'
 )
 OF_LOG = ["log", "exit_code", "error", "skipped", "sweeps", "topics", "missing_topics", "beams"]
-AFTER = ["damage", "notes", "written"]
+AFTER = ["damage", "notes", "routine", "written"]
 FOUND = ["objects", "on_agents", "tracks", "moving", "sets"]
 
 
@@ -47,7 +47,7 @@ def told(lidarcli: Run, *words: str, code: int = 0) -> dict[str, Any]:
 
 def test_detect_tells_of_each_log(folder: Path, lidarcli: Run) -> None:
     document = told(lidarcli, "detect", "run.mcap", "none.mcap", "-o", "out", code=3)
-    assert [*document] == ["exit_code", "logs", "notes", "written"]
+    assert [*document] == ["exit_code", "logs", "notes", "routine", "written"]
     run, none = document["logs"]
     assert [*run] == [*OF_LOG, *FOUND, *AFTER]
     assert (run["log"], run["sweeps"], run["topics"], run["objects"]) == ("run.mcap", 40, ["/scan"], 40)

@@ -39,12 +39,11 @@ def test_tables_and_summary(logs: Path, tmp_path: Path, lidarcli: Run, patient: 
     assert (ran.code, ran.out) == (0, "")
     lines = ran.err.splitlines()
     assert lines[0].startswith(f"{logs / 'run.mcap'}: 20 sweeps, 30 objects (10 on moving things), 2 tracks (1 moving)")
-    assert lines[2:4] == [
-        "  on       agents 300 (4.2%), other objects 400 (5.6%),",
-        "           walls and rest 6,500 (90.3%)",
+    assert lines[2] == "  on       agents 300 (4.2%), other objects 400 (5.6%), walls and rest 6,500 (90.3%)"
+    assert lines[5:] == [
+        "  note     2 things in 20 sweeps of /scan",
+        f"  wrote    {tmp_path}/run.{{objects,sweeps,tracks,trajectories,beams}}.parquet",
     ]
-    assert lines[4] == "  note     2 things in 20 sweeps of /scan"
-    assert lines[5:] == [f"  wrote    {tmp_path / f'run.{table}.parquet'}" for table in (*TABLES, "beams")]
     for table in (*TABLES, "beams"):
         assert pq.read_schema(tmp_path / f"run.{table}.parquet").equals(SCHEMAS[table])
     objects = pq.read_table(tmp_path / "run.objects.parquet")
@@ -102,9 +101,27 @@ def test_one_file_holds_the_objects_of_all_logs(logs: Path, tmp_path: Path, lida
 
 
 def test_sweeps_that_decide_alone_are_told(tmp_path: Path, lidarcli: Run) -> None:
-    ran = lidarcli("track", SAMPLES / "drive.db3", "--pose", "none", "-o", tmp_path)
-    told = [line for line in ran.err.splitlines() if "each of these decides by itself what is a thing" in line]
-    assert len(told) == 1
-    assert told[0].startswith("  note     /scan: nothing tells where the sensor is in ")
-    with_poses = lidarcli("track", SAMPLES / "drive.db3", "-o", tmp_path, "--overwrite")
-    assert "decides by itself" not in with_poses.err
+    ran = lidarcli("-v", "track", SAMPLES / "drive.db3", "--pose", "none", "-o", tmp_path)
+    alone = "  note     /scan: 150 of 150 sweeps decide alone what is a thing: no path tells where the sensor is"
+    assert alone in ran.err.splitlines()
+    with_poses = lidarcli("-v", "track", SAMPLES / "drive.db3", "-o", tmp_path, "--overwrite")
+    assert "decide alone" not in with_poses.err
+
+
+def test_a_table_of_who_moved(tmp_path: Path, lidarcli: Run) -> None:
+    """Of one log the agents, farthest first; of several only with -v."""
+    log = SAMPLES / "people.csv.gz"
+    words = ("track", log, "-o", tmp_path, "--overwrite")
+    lines = lidarcli(*words).err.splitlines()
+    at = next(at for at, line in enumerate(lines) if line.startswith("  agents   track"))
+    rows = pq.read_table(tmp_path / "people.tracks.parquet").to_pandas()
+    agents = rows[rows["set"] == "A"].sort_values("distance", ascending=False)
+    shown = [line.split() for line in lines[at + 1 : at + 1 + len(agents)]]
+    assert [int(each[0]) for each in shown] == agents.track.tolist()
+    assert [float(each[5]) for each in shown] == pytest.approx(agents.distance.tolist(), abs=0.05)
+    assert [float(each[7]) for each in shown] == pytest.approx(agents.speed_mean.tolist(), abs=0.05)
+    assert [float(each[9]) for each in shown] == pytest.approx(agents.speed_max.tolist(), abs=0.05)
+    assert all(len(line) <= 80 for line in lines[at : at + 1 + len(agents)])
+    both = (*words, SAMPLES / "drive.db3")
+    assert "  agents   track" not in lidarcli(*both).err
+    assert "  agents   track" in lidarcli("-v", *both).err

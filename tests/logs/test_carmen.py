@@ -126,7 +126,7 @@ def test_geometry_is_guessed_by_the_number_of_ranges(beams: int, first: float, s
     assert np.degrees(block.angle_min).tolist() == pytest.approx([first] * 2)
     assert np.degrees(block.angle_increment).tolist() == pytest.approx([step] * 2)
     [note] = log.report.notes
-    assert note.startswith(f"/front_laser: no geometry in the log; by its {beams} ranges it is taken to begin at")
+    assert note.startswith(f"/front_laser: {beams} beams taken from {first} degrees by ")
 
 
 @pytest.mark.parametrize(

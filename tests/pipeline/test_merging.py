@@ -101,6 +101,6 @@ def test_it_says_why_nothing_is_merged(tmp_path: Path) -> None:
     with pytest.raises(OptionError, match="--merge-frame mast: nothing tells where front of /front is in it"):
         lidarcli.clean(log, tmp_path / "out.bag", merge="/scan", merge_frame="mast")
     bare = robot_log(tmp_path / "bare.bag", drawn(), told=False)
-    with pytest.raises(OptionError, match="no sensors of one robot: followed apart, as nothing tells where"):
+    with pytest.raises(OptionError, match="no sensors of one robot: followed apart: nothing tells where"):
         lidarcli.clean(bare, tmp_path / "out.bag", merge="/scan")
     assert not (tmp_path / "out.bag").exists()

@@ -230,7 +230,8 @@ def test_the_command_writes_both_files(tmp_path: Path, lidarcli: Callable[..., A
     ran = lidarcli("simulate", scene, "-o", log, "--sweeps", "4", "--map", file, *options)
     assert (ran.code, ran.out) == (0, "")
     assert ran.err.splitlines()[1:] == [
-        f"  wrote    {path}" for path in (log, tmp_path / "log.truth.parquet", tmp_path / "log.truth-beams.parquet", file)
+        f"  wrote    {tmp_path}/log.{{mcap,truth.parquet,truth-beams.parquet}}",
+        f"  wrote    {file}",
     ]
     assert sorted(path.name for path in file.parent.iterdir()) == ["log.map.pgm", "log.map.yaml"]
     read, made = read_map(file), true_map(load_scene(scene), 4, 0.1 if options else 0.05)

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from lidarcli.display import Routine, headed
 from lidarcli.formalism.detect import scans
 from lidarcli.formalism.detection import AGENT, LEGGED, NOISE, OBJECT, REMOVED, Detection
 from lidarcli.formalism.mapping.places import MOST_SENSORS, Standing
@@ -481,21 +482,18 @@ def share_moving(sweeps: Sequence[int], moved: Sequence[bool]) -> float | None:
 
 def notes_of(topic: str, pose_error: PoseErrorFilter, tracks: list[Track], has_poses: bool) -> list[str]:
     """Return notes for the user on a topic that was tracked: the error of its poses, or that it should have some."""
-    notes = []
+    notes: list[str] = []
     if has_poses and pose_error.travelled >= NOTED_WAY:
         delay, ahead, left, delay_sd, place_sd = pose_error.estimate()
         if abs(delay) > max(NOTED_DELAY, NOTED_SDS * delay_sd):
             when = "late" if delay > 0 else "early"
-            notes.append(f"static objects show the poses {abs(delay):.2f} s {when}: corrected for tracks")
+            notes.append(Routine(f"standing things show the poses {abs(delay):.2f} s {when}: corrected for tracks"))
         if math.hypot(ahead, left) > max(NOTED_DISTANCE, NOTED_SDS * place_sd):
             sides = (ahead, "ahead" if ahead > 0 else "behind"), (left, f"to the {'left' if left > 0 else 'right'}")
             where = " and ".join(f"{abs(off):.2f} m {words}" for off, words in sides if abs(off) >= 0.01)
-            notes.append(f"static objects show the sensor {where} of where its poses are told: corrected for tracks")
+            notes.append(Routine(f"standing things show the sensor {where} of its told place: corrected for tracks"))
     if share_moving([track.sweeps for track in tracks], [track.moved for track in tracks]) is not None:
         long = [track.moved for track in tracks if track.sweeps >= LONG_TRACK]
-        why = "without poses the sensor is taken as standing; if it drives, tracks need a log with its poses (tf, odometry)"
-        if has_poses:
-            why = "the poses may be wrong, or sweeps take long (--pose match|TOPIC|none, docs/poses.md)"
-        counted = f"{sum(long)} of {len(long)} tracks count as moving, which is unlikely"
-        notes.append(f"{counted}: do not trust agents here; {why}")
-    return [f"{topic}: {note}" for note in notes]
+        why = "the poses may be wrong (--pose match)" if has_poses else "if the sensor drives, it needs poses"
+        notes.append(f"{sum(long)} of {len(long)} tracks move: do not trust agents; {why}")
+    return [headed(f"{topic}: ", note) for note in notes]

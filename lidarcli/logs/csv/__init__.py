@@ -15,6 +15,7 @@ from typing import BinaryIO
 
 import numpy as np
 
+from lidarcli.display import Routine
 from lidarcli.errors import UnreadableError, unreadable
 from lidarcli.logs.base import LASERSCAN, Message, OpenOptions, ReadReport, Topic
 from lidarcli.logs.cells import time_notes, time_unit, to_ns
@@ -59,7 +60,7 @@ class CsvLog(TextLog):
         name = PER_SWEEP if self._files else self._layout.name
         self.format = f"csv ({name})"
         times = time_notes([unit for scan in self._layout.scans for unit in scan.units.values()])
-        self._note = "; ".join([f"CSV layout: {name}", *self._layout.notes, *times])
+        self._note = (str if times else Routine)("; ".join([f"CSV layout: {name}", *self._layout.notes, *times]))
 
     def _open_files(self, path: str, options: OpenOptions | None) -> None:
         self.path = path

@@ -13,6 +13,7 @@ from typing import IO, Any, Self
 
 import numpy as np
 
+from lidarcli.display import Routine
 from lidarcli.formalism.detection import AGENT, Detection
 from lidarcli.formalism.mapping.places import Places
 from lidarcli.formalism.matching.catalogue import names_in
@@ -26,6 +27,8 @@ from lidarcli.sweeps import Int64, SweepBatch
 from lidarcli.tabular.columns import tracked_rows, tracks_rows, trajectories_rows
 from lidarcli.tabular.writing import MOST_BYTES
 
+OF_AGENTS = ("track", "first_stamp_ns", "last_stamp_ns", "distance", "speed_mean", "speed_max", "agent_score")
+"""What a summary tells of each agent."""
 ALONE = 0.1
 """Share of the sweeps without a known place of the sensor from which on there is a note."""
 
@@ -95,10 +98,8 @@ class LogTracker:
         for name in sorted(self._topics):
             topic = self._topics[name]
             if topic.alone > ALONE * topic.sweeps:
-                self.notes.append(
-                    f"{name}: nothing tells where the sensor is in {topic.alone:,} of {topic.sweeps:,} sweeps: each "
-                    "of these decides by itself what is a thing"
-                )
+                alone = f"{name}: {topic.alone:,} of {topic.sweeps:,} sweeps decide alone what is a thing"
+                self.notes.append(Routine(f"{alone}: no path tells where the sensor is"))
             mine = [other for other in sorted(self._topics) if topic.robot and self._topics[other].robot == topic.robot]
             if mine and mine[0] != name:
                 continue
@@ -120,7 +121,10 @@ class LogTracker:
             yield from self._rows(followed)
             self._shared += len(tracks) if topic.robot else 0
             if self._options.tracks:
-                self.counts.add_things(len(tracks), int(np.count_nonzero(tracks.set == AGENT)))
+                agents = np.flatnonzero(tracks.set == AGENT)
+                self.counts.add_things(len(tracks), len(agents))
+                columns = [getattr(tracks, column)[agents].tolist() for column in OF_AGENTS]
+                self.counts.followed += [(name, *row) for row in zip(*columns, strict=True)]
                 yield "tracks", name, tracks_rows(self._log, tracks, tracker.sensors, self._labels)
                 yield from self._trajectories(name, tracker)
                 self.notes += tracker.notes

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import re
 import time
 from collections import Counter, deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -14,6 +15,7 @@ from typing import TYPE_CHECKING, Any, Protocol, Self
 import numpy as np
 
 from lidarcli.choices import ECHOES, KEEP
+from lidarcli.display import Routine
 from lidarcli.errors import NoScanError, OptionError, UnreadableError
 from lidarcli.formalism.detection import SETS, Detection
 from lidarcli.logs.base import MAX_BEAMS, Log, OpenOptions, ReadReport, Slice
@@ -44,6 +46,9 @@ class RunSummary:
     """Number of tracks; None where nothing was followed."""
     moved: int = 0
     """Tracks of agents."""
+    followed: list[tuple[Any, ...]] = field(default_factory=list)
+    """The agents: topic and `tracking.OF_AGENTS`."""
+    first_ns: int | None = None
     by_status: Counter[str] = field(default_factory=Counter)
     """`valid`, `no_return`, `too_close`, `invalid`, `masked` → beams."""
     by_set: Counter[str] = field(default_factory=lambda: Counter(dict.fromkeys(SETS, 0)))
@@ -56,9 +61,11 @@ class RunSummary:
     damage: list[str] = field(default_factory=list)
     """One line per loss, the dropped messages included."""
     notes: list[str] = field(default_factory=list)
-    """Notes for the user, the doubts included."""
+    """Notes for the user, the doubts included; those that are a `display.Routine` are for `--verbose`."""
     doubts: list[str] = field(default_factory=list)
     """Notes on the rules for ranges, and on sweeps that look wrong."""
+    repeated: tuple[str, ...] = ()
+    """Topics whose sweeps are those of others: what is said of them is routine."""
     outputs: list[str] = field(default_factory=list)
     seconds: float = 0.0
 
@@ -86,6 +93,7 @@ class RunSummary:
             **(found if self.by_set.total() == self.beams else {}),
             "damage": self.damage,
             "notes": self.notes,
+            "routine": [note for note in self.notes if isinstance(note, Routine)],
             "written": self.outputs,
         }
 
@@ -93,6 +101,7 @@ class RunSummary:
         """Count the sweeps of one batch."""
         self.sweeps += len(batch)
         self.topics.add(batch.topic)
+        self.first_ns = batch.first_ns if self.first_ns is None else min(self.first_ns, batch.first_ns)
         for status, count in zip(STATUSES, count_statuses(batch.status).sum(axis=1).tolist(), strict=False):
             self.by_status[status] += count
 
@@ -121,8 +130,14 @@ class RunSummary:
         report = posing.together(report)
         self.dropped = [(topic, cause, count) for (topic, cause), count in sorted(report.refused.items())]
         self.damage = damage_lines(report)
-        self.doubts = report.doubted()
-        self.notes = [*report.notes, *self.doubts, *posing.notes()]
+        self.repeated = tuple(one.topic for one in report.findings() if one.id == "duplicate" and "same" in one.evidence)
+        self.doubts = self.told(report.doubted())
+        self.notes = [*report.notes, *self.doubts, *self.told(posing.notes())]
+
+    def told(self, notes: Iterable[str]) -> list[str]:
+        """Return notes, those on a topic that repeats another one as routine."""
+        names = re.compile("|".join(rf"(?<!\S){re.escape(topic)}(?![^\s:,]| repeats)" for topic in self.repeated) or "(?!)")
+        return [Routine(note) if names.search(note) else note for note in notes]
 
 
 def damage_lines(report: ReadReport) -> list[str]:

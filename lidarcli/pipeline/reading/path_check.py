@@ -11,13 +11,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from lidarcli.choices import BEAM_ORDERS
-from lidarcli.display import counted, times
+from lidarcli.display import Routine, counted, times
 from lidarcli.findings import Finding, Fix
 from lidarcli.formalism.path_agreement import Agreement
 from lidarcli.logs.base import Log, ReadReport
 from lidarcli.logs.batches import LogBatcher, ReadOptions
 from lidarcli.logs.registry import TopicChoice
-from lidarcli.pipeline.reading.posing import Need, SensorMovedError
+from lidarcli.pipeline.reading.posing import UNPLACED, Need, SensorMovedError
 from lidarcli.pose import candidates
 from lidarcli.pose import fit as fitting
 from lidarcli.pose.sources import Correction, PoseChain, Step
@@ -49,8 +49,8 @@ LEAST_PLACED = 0.7
 SLIDING, DRIFT_NOTED = 0.05, 0.05
 """There is a note from this share of sweeps that may slide along walls on, and on a told path that drifts by so much."""
 
-FROM_LAST = "at its last known pose: what was driven unseen is missing"
-"""There a path without a guess that was lost begins anew."""
+UNCHECKED, HARDLY = "unchecked: ", "the sensor hardly moves"
+"""Beginning of a remark on a path that the sweeps do not judge; why that is routine."""
 
 Key = tuple[str, str]
 """Topic and frame of sweeps."""
@@ -94,6 +94,16 @@ class CheckedPath:
         """True where the told path jumps, and no step and no place that is seen again tells that it fits the sweeps."""
         is_checked = np.isfinite(self.drift) or (self.fit is not None and self.fit.is_judged)
         return self.verdict != "matched" and self.jumps and not is_checked
+
+    @property
+    def is_doubtful(self) -> bool:
+        """True where the sensor moves, and nothing tells whether it moves as told."""
+        return self.remark.startswith(UNCHECKED) and not self.hardly_moves
+
+    @property
+    def hardly_moves(self) -> bool:
+        """True where the sweeps say so."""
+        return self.remark.endswith(HARDLY)
 
     def stood(self, stamp_ns: Int64) -> Bool:
         """Tell whether the sensor stood at stamps (S,) [ns], as at the sweep before."""
@@ -402,17 +412,14 @@ class _Told:
         """Yield what is to be said where the path is taken."""
         chosen, agreed, end = self.chosen, self.taken.agreement, ""
         if self.named:
-            end = "they are taken as they are, because they were named"
+            end = "taken as they are, because they were named"
         if self.taken.chain.steps != chosen.chain.steps:
             words = (
-                f"poses from {chosen.chain.topics[0]} ({chosen.chain.frames}) do not agree with the sweeps over the run "
+                f"{chosen.by_places:.0%} of the hits agree under {chosen.chain.frames}, {self.taken.by_places:.0%} under "
             )
-            words += (
-                f"({chosen.by_places:.0%}): {self.taken.chain.frames} does ({self.taken.by_places:.0%}), and is laid in "
-            )
-            yield self._finding(words + chosen.chain.world)
+            yield self._finding(f"{words}{self.taken.chain.frames}: that is laid in {chosen.chain.world}")
         elif self.taken.drift > DRIFT_NOTED:
-            words = f"{self.source} drift: hits agree by {agreed.near:.0%} soon after, by {agreed.far:.0%} where seen again"
+            words = f"{self.source} drift: {agreed.near:.0%} of the hits agree, {agreed.far:.0%} where seen again"
             yield self._finding(words + ("" if self.named else "; no path fits better"))
         elif any(self.jumps):
             yield self._finding(f"{self.source} {self._jumps}")
@@ -426,11 +433,8 @@ class _Told:
         if self.fit.verdict == "corrected":
             return self._corrected(taken)
         if self.taken.is_seen_again and matched.is_seen_again and self.steps_fit and not any(self.jumps):
-            words = (
-                f"{self.source} drift: places seen again agree by {self.taken.agreement.far:.0%}, under the path matched "
-                f"from the sweeps by {matched.agreement.far:.0%}: {taken}"
-            )
-            return self._finding(words, matched=matched.agreement.far)
+            words = f"{self.source} drift ({self.taken.agreement.far:.0%} agree where seen again): {taken}"
+            return self._finding(f"{words} ({matched.agreement.far:.0%})", matched=matched.agreement.far)
         return self.unfit(taken, matched=matched.agreement.all)
 
     def unfit(self, end: str, **evidence: float) -> Finding:
@@ -446,7 +450,9 @@ class _Told:
             causes.append("the sensor turns the other way")
         if any(self.jumps):
             causes.append(f"they {self._jumps}")
-        return self._finding(f"{self.source} do not fit the sweeps ({'; '.join(causes)}): {end}", **evidence)
+        # A share says little where a cause is known.
+        why = "; ".join(causes[1:] or causes)
+        return self._finding(f"{self.source} do not fit the sweeps ({why}): {end}", **evidence)
 
     def remark(self) -> str:
         """Return how well the path agrees with the sweeps, in words; empty where another one is taken in its frame."""
@@ -457,10 +463,10 @@ class _Told:
             return f"{self.taken.agreement.all:.0%} of the hits agree over the run"
         if fit.is_judged:
             return f"{fit.share:.0%} of {fit.pairs:,} steps fit; nothing is seen twice: drift cannot be told"
-        why = "the sensor hardly moves" if fit.pairs < fitting.LEAST_PAIRS else "too few sweeps could be matched"
+        why = HARDLY if fit.pairs < fitting.LEAST_PAIRS else "too few sweeps could be matched"
         if fit.moves and fit.pairs < fitting.LEAST_PAIRS:
             why = f"only {counted(fit.pairs, 'step')} of its sweeps can be compared"
-        return f"unchecked: {why}"
+        return f"{UNCHECKED}{why}"
 
     def no_path(self, words: str) -> Finding:
         """Return the finding that no path fits, this one neither."""
@@ -475,8 +481,9 @@ class _Told:
     def _corrected(self, end: str) -> Finding:
         """Return the finding on a delay or a mount with which the steps fit; `end`: words after it."""
         fit = self.fit
-        message = f"{self.source} fit the sweeps if corrected ({'; '.join(_changes(fit))}): "
-        message += f"{fit.share:.0%} of {fit.pairs:,} steps" + (f"; {end}" if end else "")
+        changes = _changes(fit) or ["by little"]
+        message = f"{self.source} fit only if corrected ({changes[0]}): {end}"
+        message = message if end else f"{self.source} fit if corrected: {'; '.join(changes)}"
         x, y, yaw = fit.mount
         evidence = {"share": fit.share, "steps": fit.pairs, "delay": fit.delay, "x": x, "y": y, "yaw": yaw}
         if not fit.delay:
@@ -546,10 +553,8 @@ class _Choice:
             return self._standing(look.path, matched, standing)
         if best is told.taken:
             return self._with_told(told, look.path)
-        guided = look.guess is not None
-        checked = self._with_matched(look.path, matched, "where told steps lead" if guided else FROM_LAST)
+        checked = self._with_matched(look.path, matched, is_led=look.guess is not None)
         taken = "the path is matched from the sweeps"
-        taken += f", guided by {told.chosen.chain.topics[0]}" if guided else ""
         return replace(checked, notes=(told.replaced(matched, taken), *checked.notes))
 
     def _again(self, guess: PoseChain | None) -> _Look:
@@ -592,29 +597,28 @@ class _Choice:
             chain = replace(chain, correction=Correction(gaps=gaps))
         return candidates.Candidate("matched", chain, self.look.sample.agreement(chain))
 
-    def _with_matched(self, path: fitting.MatchedPath, matched: candidates.Candidate, begins: str) -> CheckedPath:
-        """Return the matched path, in the frame of a likely told one; `begins`: where it does so anew after it was lost."""
+    def _with_matched(
+        self, path: fitting.MatchedPath, matched: candidates.Candidate, *, is_led: bool = False
+    ) -> CheckedPath:
+        """Return the matched path, in the frame of a likely told one; `is_led`: by told steps where it was lost."""
         chain, stamp_ns = matched.chain, path.stamp_ns
-        topic, name = self.key[0], self.key[1] or "without a name"
-        notes: list[str | Finding] = []
+        doubts, is_weak = [], False
         if path.restarts:
-            notes.append(f"the path of frame {name} was lost {times(path.restarts)}, and begins anew {begins}")
-        sliding = float(np.nanmean(path.slides))
-        if sliding > SLIDING:
-            notes.append(
-                f"{sliding:.0%} of the sweeps of {topic} may slide along their walls: the path may be too short there"
-            )
+            doubts.append(f"lost {times(path.restarts)}" + ("" if is_led else " (what was driven unseen is missing)"))
         if len(path.gaps):
             missing = np.isnan(candidates.poses_of(chain, stamp_ns)[:, 0])
-            notes.append(
-                f"no pose for {np.count_nonzero(missing):,} of {len(missing):,} sweeps of {topic}: they fit nowhere, or "
-                "may slide along their walls"
-            )
+            doubts.append(f"{np.count_nonzero(missing):,} of {len(missing):,} sweeps fit nowhere")
+            is_weak = bool(missing.mean() > UNPLACED)
+        if (sliding := float(np.nanmean(path.slides))) > SLIDING:
+            doubts.append(f"{sliding:.0%} may slide along walls")
+        told_of = f"matched path of {self.key[0]}: {', '.join(doubts)}"
+        is_weak = is_weak or bool(path.restarts) or sliding > SLIDING
+        notes = (told_of if is_weak else Routine(told_of),) if doubts else ()
         told = self.told
         if told is not None and told.is_likely and not np.any(planar(told.taken.chain.at(stamp_ns)).upside_down):
             # Where the told path jumps, its world is that in which it begins.
             chain = candidates.laid(chain, told.taken.chain, stamp_ns[: len(stamp_ns) // 10] if told.jumps[0] else stamp_ns)
-        return replace(self._checked("matched", chain, path), agreement=matched.agreement, notes=tuple(notes))
+        return replace(self._checked("matched", chain, path), agreement=matched.agreement, notes=notes)
 
     def _without_told(self, path: fitting.MatchedPath) -> CheckedPath:
         """Return the matched path of a sensor without told poses, unless it agrees less than standing still would."""
@@ -626,7 +630,7 @@ class _Choice:
         standing = self.look.sample.agreement(None)
         if not self.match and standing.all > matched.over_run(standing.all) + candidates.STANDS_BETTER:
             return self._standing(path, matched, standing)
-        return self._with_matched(path, matched, FROM_LAST)
+        return self._with_matched(path, matched)
 
     def _standing(self, path: fitting.MatchedPath, matched: candidates.Candidate, standing: Agreement) -> CheckedPath:
         """Return no path, as every one agrees less than standing still."""
@@ -645,12 +649,11 @@ def _changes(fit: fitting.PoseFit) -> list[str]:
     """Return the delay and the mount of a correction in words."""
     changes = []
     if fit.delay:
-        side = "later" if fit.delay > 0 else "earlier"
-        changes.append(f"stamped {abs(fit.delay):.2f} s {side} than the sweeps")
+        changes.append(f"{abs(fit.delay):.2f} s {'late' if fit.delay > 0 else 'early'}")
     x, y, yaw = fit.mount
     moves = [f"turned by {np.degrees(yaw):.0f} degrees"] if abs(yaw) > 0.02 else []
     if max(abs(x), abs(y)) > 0.02:
         moves.append(f"moved by {x:.2f}, {y:.2f} m")
     if moves:
-        changes.append(f"the sensor {' and '.join(moves)}")
+        changes.append(f"sensor {', '.join(moves)}")
     return changes

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 import numpy as np
 
 from lidarcli.choices import BEAM_ORDERS, MATCH
-from lidarcli.display import moment, some_of
+from lidarcli.display import Routine, headed, moment, some_of
 from lidarcli.errors import NoScanError, OptionError
 from lidarcli.findings import Finding
 from lidarcli.logs.base import POSE_TYPES, POSED_TYPES, Log, Message, ReadReport, Topic
@@ -32,6 +32,8 @@ if TYPE_CHECKING:
 AUTO, _, REVERSE, _ = BEAM_ORDERS
 TILTED = np.deg2rad(10.0)
 """Lean of a sensor from which on there is a note [rad]."""
+UNPLACED = 0.05
+"""Share of the sweeps without a pose up to which this is routine."""
 _PIPE = "poses, if there are any, are not used: a pipe is read only once; give the file's name for them"
 SECOND = 1e-9
 MOST_TOLD = 8
@@ -471,7 +473,8 @@ class PoseAttacher:
     def notes(self) -> list[str]:
         """Return notes on the choice of poses, its alternatives and its gaps, a line each."""
         every = [*self.runs.values()][:MOST_TOLD]
-        return [f"run {one.run}: {line}" for one in every for line in one.own_notes()] if every else self.own_notes()
+        told = [headed(f"run {one.run}: ", line) for one in every for line in one.own_notes()]
+        return told if every else self.own_notes()
 
     def own_notes(self) -> list[str]:
         """Return the notes on one run."""
@@ -485,14 +488,18 @@ class PoseAttacher:
 
     def path_notes(self) -> list[str]:
         """Return the notes on the paths that were checked or matched, and the messages of the findings among them."""
-        return [self._of_sensor(key, note.message if isinstance(note, Finding) else note) for key, note in self._of_paths()]
+        # What is said of a matched path also says that it is one: why it is needed is routine then.
+        weak = {key for key, note in self._of_paths() if not isinstance(note, Finding | Routine)}
+        words = [(key, note if isinstance(note, str) else note.message, note) for key, note in self._of_paths()]
+        told = [(key, Routine(line) if note is not line and key in weak else line) for key, line, note in words]
+        return [self._of_sensor(key, line) for key, line in told]
 
     def findings(self, keys: Iterable[tuple[str, str]]) -> tuple[list[str], list[Finding]]:
         """Return the notes on the paths without the findings; and these, with those on the poses of topics and frames."""
         if not self.runs:
             return self.own_findings(keys)
         told = [(f"run {one.run}: ", *one.own_findings(keys)) for one in [*self.runs.values()][:MOST_TOLD]]
-        notes = [head + note for head, notes, _ in told for note in notes]
+        notes = [headed(head, note) for head, notes, _ in told for note in notes]
         return notes, [replace(each, message=head + each.message) for head, _, found in told for each in found]
 
     def own_findings(self, keys: Iterable[tuple[str, str]]) -> tuple[list[str], list[Finding]]:
@@ -520,8 +527,8 @@ class PoseAttacher:
         """Return a note on the path of a sensor, with its topic where there are several, or also its frame."""
         topic, frame = key
         if sum(topic == other for other, _ in self.paths) > 1:
-            return f"{topic} ({frame}): {note}"
-        return note if topic in note or len(self.paths) < 2 else f"{topic}: {note}"
+            return headed(f"{topic} ({frame}): ", note)
+        return note if topic in note or len(self.paths) < 2 else headed(f"{topic}: ", note)
 
     def leave_out(self, topics: Collection[str]) -> None:
         """Forget the paths of topics whose sweeps turned out to be unused."""
@@ -562,22 +569,37 @@ class PoseAttacher:
         name = frame or "without a name"
         if chain is None and stats.topic in self.robots:
             return []
+        path = self.paths.get((stats.topic, frame))
+        is_matched = path is not None and path.chain is not None and path.verdict == "matched"
         if chain is None and (alike := sources.alike(frame, stats.topic)):
-            return [alike_note(frame, alike, others)]
+            return [alike_note(frame, alike, others, is_matched)]
         from lidarcli.pose.fit import unplaced, way_findings
-        from lidarcli.pose.sources import nearness
+        from lidarcli.pose.sources import MOUNTLESS, nearness
 
         if chain is None:
-            return [unplaced(frame, others, "", sources.tracks).message]
-        path = self.paths.get((stats.topic, frame))
-        lines = [_chosen(chain, others, path.remark if path else "")]
-        if stats.without:
-            lines.append(_gap(name, chain, stats))
+            missing = unplaced(frame, others, "", sources.tracks).message
+            # A path that is matched, or a sensor that stands, needs none.
+            head = "the path is matched from the sweeps: " if is_matched else ""
+            return [Routine(head + missing) if head or (path is not None and not path.notes) else missing]
+        lines: list[str] = [Routine(_chosen(chain, others, path.remark if path else ""))]
+        # Where a sensor that stands is on its robot matters little.
+        if chain.assumption.endswith(MOUNTLESS) and not (path is not None and path.hardly_moves):
+            lines.append(chain.assumption)
+        if path is not None and path.is_doubtful and not path.notes:
+            lines.append(f"poses from {chain.topics[0]} are {path.remark}")
+        if stats.without and not is_matched:
+            gap = _gap(name, chain, stats)
+            lines.append(gap if stats.without > UNPLACED * stats.sweeps else Routine(gap))
         if stats.tilt > TILTED:
             degrees = np.rad2deg(stats.tilt)
             lines.append(f"frame {name} leans by up to {degrees:.0f} degrees: its poses are their projection")
         links = [one for one in sources.tracks if one.is_link and nearness(one.topic, stats.topic) is not None]
-        return lines + [found.message for found in way_findings(chain, links)]
+        # Whether a mount that is told twice is right, the sweeps say.
+        is_judged = is_matched or (path is not None and path.fit is not None and path.fit.is_judged)
+        for each in way_findings(chain, links):
+            is_routine = is_judged and each.id == "frames" and each.level != "error"
+            lines.append(Routine(each.message) if is_routine else each.message)
+        return lines
 
 
 def _join(log: Log, runs: Sequence[PoseAttacher], masks: Masks | None) -> None:
@@ -602,13 +624,11 @@ def _join(log: Log, runs: Sequence[PoseAttacher], masks: Masks | None) -> None:
         one.robots = found[0].of
 
 
-def alike_note(frame: str, alike: Sequence[str], others: Sequence[str]) -> str:
-    """Return the note on a frame without poses for which several topics are alike."""
-    also = f"; also available: {some_of(others)}" if others else ""
-    return (
-        f"no pose for frame {frame or 'without a name'}: {some_of(alike)} are alike, and nothing tells which is that of "
-        f"the sensor (--pose TOPIC){also}"
-    )
+def alike_note(frame: str, alike: Sequence[str], others: Sequence[str], is_matched: bool = False) -> str:
+    """Return the note on a frame without told poses for which several topics are alike."""
+    also = f"; also available: {some_of(others)}" if others and not is_matched else ""
+    begin = "the path is matched from the sweeps" if is_matched else f"no pose for frame {frame or 'without a name'}"
+    return f"{begin}: {some_of(alike)} are alike (--pose TOPIC){also}"
 
 
 def _nowhere(sweeps: int, moving: bool, reverse: bool) -> SweepPoses:
@@ -633,20 +653,17 @@ def _chosen(chain: PoseChain, others: Sequence[str], remark: str) -> str:
 
 def _gap(name: str, chain: PoseChain, stats: FrameStats) -> str:
     span = chain.span_ns
-    line = f"without a pose: {stats.without:,} of {stats.sweeps:,} sweeps of frame {name}"
+    line = f"{stats.without:,} of {stats.sweeps:,} sweeps of frame {name} have no pose"
     if span is None:
         return line
     if span[0] > span[1]:
-        return f"{line}; the links {chain.frames} are never known at the same time"
+        return f"{line}: the links {chain.frames} are never known at the same time"
     apart = max(span[0] - stats.last_ns, stats.first_ns - span[1])
     records = chain.record_ns
     together = records[0] <= stats.record_ns[1] and stats.record_ns[0] <= records[1]
     if stats.without == stats.sweeps and apart > 0 and together:
-        return (
-            f"{line}; their header stamps and those of {chain.topics[0]} are {apart * SECOND:,.3f} s apart, though both "
-            "were recorded at the same time: the clocks differ"
-        )
-    return f"{line}, whose stamps are outside the span of {chain.topics[0]}"
+        return f"{line}: the clock of {chain.topics[0]} differs, its stamps are {apart * SECOND:,.3f} s apart"
+    return f"{line}: they are outside the span of {chain.topics[0]}"
 
 
 ODOMETRY = "nav_msgs/msg/Odometry"
@@ -681,7 +698,7 @@ def velocities(log: Log, topic: str, report: ReadReport) -> tuple[Int64, Float64
     [m/s], turning [rad/s]. None where the log has no message of this topic. Those that cannot be read are counted in
     `report.refused`.
     """
-    decoded = _decoded(log, topic, VELOCITY_TYPES, report, _velocity)
+    decoded = messages_of(log, topic, VELOCITY_TYPES, report, _velocity)
     if decoded is None:
         return None
     stamps = np.array([stamp_ns for stamp_ns, _ in decoded], np.int64)
@@ -692,11 +709,11 @@ def velocities(log: Log, topic: str, report: ReadReport) -> tuple[Int64, Float64
 
 def polygons(log: Log, topic: str, report: ReadReport) -> list[StampedPolygon] | None:
     """Read the polygons (PolygonStamped) of a topic in order of their stamps; the rest as of `velocities`."""
-    decoded = _decoded(log, topic, frozenset({POLYGON}), report, _polygon)
+    decoded = messages_of(log, topic, frozenset({POLYGON}), report, _polygon)
     return None if decoded is None else sorted(decoded, key=lambda each: each.stamp_ns)
 
 
-def _decoded(
+def messages_of(
     log: Log, topic: str, types: frozenset[str], report: ReadReport, decode: Callable[[Message, Cursor], Decoded]
 ) -> list[Decoded] | None:
     """Decode every message of a topic; None where there is none, without a pass where the log is known to have none."""

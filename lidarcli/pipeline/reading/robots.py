@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from lidarcli.display import some_of
+from lidarcli.display import Routine, some_of
 from lidarcli.errors import OptionError
 from lidarcli.masks import Mount
 from lidarcli.pipeline.reading.deep import DRIFTING, FIXED, SURE, UNSURE, differs
@@ -70,9 +70,8 @@ def robots_in(
     # Sensors of several robots are each in a tree.
     lost = {one.key[1]: one.key[0] for one, *_ in groups if one.frame not in one.tree.frames}
     if lost and len({one.key[1] for one, *_ in groups}) > 1:
-        names = some_of([f"{frame or 'a frame without a name'} of {topic}" for frame, topic in lost.items()])
-        way_out = "info --deep finds mounts, --mask takes them"
-        found.notes.append(f"followed apart, as nothing tells where on the robot they are: {names} ({way_out})")
+        names = some_of([*dict.fromkeys(lost.values())])
+        found.notes.append(f"followed apart: nothing tells where {names} are (info --deep)")
     return found
 
 
@@ -141,7 +140,7 @@ def _join(group: list[_Sensor], found: Robots, scans: Collection[str]) -> None:
     assert chain is not None
     names = " and ".join(dict.fromkeys(topic for topic, _ in keys))
     where = "on a robot that stands" if frame_name(chain.world).rpartition("/")[2] == ROBOT else f"in {chain.world}"
-    found.notes.append(f"{names} are taken together, {where}; track --apart takes each by itself")
+    found.notes.append(Routine(f"{names} are taken together, {where}; track --apart takes each by itself"))
 
 
 def _robot_of(topics: Sequence[str], scans: Collection[str]) -> str:
