@@ -1,10 +1,13 @@
 """`lidarcli diff`, `zones` and `report`: what changed, who came near and what was found, held against checks."""
 
 import json
+import shlex
 from collections.abc import Mapping, Sequence
+from itertools import chain
 from typing import Annotated, Any
 
 import click
+from click.core import ParameterSource
 
 from lidarcli.cli.commands import command, log_options, usage_errors
 from lidarcli.cli.messages import (
@@ -18,6 +21,7 @@ from lidarcli.cli.messages import (
     progress_bar,
     show,
     standard_output,
+    wrapped,
 )
 from lidarcli.display import counted, no_command
 from lidarcli.option_forms import Argument, File, Option, Text
@@ -159,7 +163,10 @@ def zones(messages: Messages, options: ZonesCommand) -> int:
 
     def lines_of(run: ZoneSummary) -> list[str]:
         where = f"{counted(run.sweeps, 'sweep')} of {', '.join(sorted(run.topics))}"
-        return [f"{where}, {counted(len(zoning.zones.zones), 'zone')}", *(f"  {line}" for line in run.lines)]
+        alone = len(sources) == 1
+        told = chain(*(wrapped(*line) for line in (*run.lines, *(run.worst if alone or messages.verbose else ()))))
+        look = [f"  look     {_plot_command(options, *run.look)}"] if run.look and alone else []
+        return [f"{where}, {counted(len(zoning.zones.zones), 'zone')}", *told, *look]
 
     with progress_bar(sources, messages) as report:
         for outcome in watch_files(sources, folder, zoning, report):
@@ -176,6 +183,21 @@ def zones(messages: Messages, options: ZonesCommand) -> int:
     if not code and unobserved:
         code = UnreadableError.exit_code
     return messages.end(code, checks=[verdict.as_dict() for verdict in verdicts])
+
+
+def _plot_command(options: Mapping[str, Any], topic: str, seconds: float) -> str:
+    """The command that draws the sweep of a topic at a time, with those options of `zones` that it takes, too."""
+    from lidarcli.cli.plot import plot
+
+    words = ["lidarcli", "plot", *options["logs"], "--topic", topic, "--at", f"{seconds:.3f}"]
+    ctx = click.get_current_context()
+    for each in plot.params:
+        value, source = ctx.params.get(str(each.name)), ctx.get_parameter_source(str(each.name))
+        # Those of several values name tables and the like.
+        is_typed = source is ParameterSource.COMMANDLINE and each.name not in ("output", "overwrite")
+        if is_typed and isinstance(value, str | float | bool):
+            words += [each.opts[0], *([] if isinstance(value, bool) else [str(value)])]
+    return shlex.join([*words, *(word for file in options["zones"] for word in ("--zones", file))])
 
 
 class ReportCommand(Overwrite, Reporting, total=False):

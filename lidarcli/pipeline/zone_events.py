@@ -440,7 +440,12 @@ class EventFinder:
             "duration": (span_ns[1] - span_ns[0]) / SECOND_NS,
             "cut": False,
             "nearest": None,
+            "look": self._look(index, span_ns[0]),
         }
+
+    def _look(self, index: int, time_ns: int) -> tuple[str, float]:
+        """Return a topic, and a time in seconds since its first sweep, where a picture shows an event."""
+        return self.topics[index].topic, (time_ns - self.topics[index].first_ns) / SECOND_NS
 
     def _episode(self, first: int, last: int, cut: bool) -> dict[str, Any]:
         """Return the event of an episode."""
@@ -462,6 +467,7 @@ class EventFinder:
         return event | {
             "polygon": self.zone.cases[self.part[at]].name if self.zone.cases else None,
             "cut": cut,
+            "look": self._look(int(self.source[at]), int(self.time_ns[at])),
             "points": int(self.points[some].max()),
             "agents": None if self.agents is None else int(self.agents[some].max()),
             **{name: _number(getattr(self, name)[at]) for name in ("nearest", "bearing", "x", "y")},

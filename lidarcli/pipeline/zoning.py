@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import asdict, dataclass, field, replace
@@ -13,6 +12,7 @@ import numpy as np
 import pyarrow as pa
 
 from lidarcli.choices import AROUND, MATCH
+from lidarcli.display import times
 from lidarcli.errors import NoScanError, OptionError, UnreadableError
 from lidarcli.logs.base import Log, ReadReport
 from lidarcli.masks import Circle, Masks, Polygon, same_name
@@ -38,13 +38,14 @@ from lidarcli.pipeline.zone_counting import (
     ZoneSeries,
 )
 from lidarcli.pipeline.zone_events import AgentPaths, EventFinder, ZoneEvents
+from lidarcli.pipeline.zone_monitor import Act, acts_of, lines_of, states
 from lidarcli.pose.fit import Key
 from lidarcli.pose.sources import WORLDS
 from lidarcli.pose.tracks import frame_name
 from lidarcli.reports.checks import Check, Verdict, verdict_of
 from lidarcli.reports.figures import plain_number
 from lidarcli.reports.wording import counted
-from lidarcli.reports.zones import NEVER, figures_of, judge_zones, parse_zone_check, unobserved, zones_in
+from lidarcli.reports.zones import NEVER, WHO, figures_of, judge_zones, parse_zone_check, unobserved, zones_in
 from lidarcli.stores import Place
 from lidarcli.sweeps import SweepBatch
 from lidarcli.tabular.columns import COARSE, FORMS, answers, are, codes, constant
@@ -186,6 +187,10 @@ class ZoneReader:
             with self._judging(zone):
                 self._shapes[zone.name] = self._shapes_of(zone)
         self._cursors: dict[str, tuple[TopicRows, TopicRows]] = {}
+        self._late_ns: int | None = None
+        """Time from the stamps of sweeps to their recording."""
+        self.acts: list[Act] = []
+        """What Nav2 did; known when the log is read."""
 
     @property
     def _zones(self) -> list[Zone]:
@@ -220,8 +225,7 @@ class ZoneReader:
         if messages is None:
             if (footprint := self._options.footprint) is None:
                 raise NoScanError(
-                    f"zone '{zone.name}' has the shape that {zone.shape_topic} tells, and the log has no such topic: "
-                    "give --footprint '[[x, y], ...]'"
+                    f"zone '{zone.name}' has no shape without {zone.shape_topic}: give --footprint '[[x, y], ...]'"
                 )
             return Shapes([footprint])
         shapes: dict[tuple[tuple[float, float], ...], int] = {}
@@ -248,6 +252,7 @@ class ZoneReader:
             summary = reading.close()
             described = reading.describe(source)
             self._robots = reading.posing.robots
+        told = states(self._log, self._report)
         notes = self._refuse_contradiction(described)
         summary.damage += [
             f"topic {topic}: {counted(count, 'message')} left out: {cause}"
@@ -258,13 +263,15 @@ class ZoneReader:
             with self._judging(zone):
                 gaps += [*self._gaps(zone)]
         by_zone = [one for zone in self._zones for one in self._events_in(zone)]
-        left_out = [f"{error}; the others are judged" for error in self._lost.values()]
-        summary.notes += [*self._notes, *notes, *self._frames.notes(), *gaps, *left_out]
+        self.acts = acts_of(told, self._late_ns or 0, by_zone)
+        summary.notes += [*self._notes, *notes, *self._frames.notes(), *gaps, *map(str, self._lost.values())]
         return summary, by_zone, described
 
     def _take(self, batch: SweepBatch, reading: Reading) -> None:
         """Count the sweeps of a batch."""
         self._topics.add(batch.topic)
+        if self._late_ns is None and len(batch):
+            self._late_ns = int(np.median(batch.record_ns - batch.stamp_ns))
         zones = [zone for zone in self._zones if zone.is_for(batch.topic)]
         if not len(batch) or not zones:
             return
@@ -359,8 +366,8 @@ class ZoneReader:
         old = sum(self._counting[one.sensor].old[zone.velocity_topic] for one in counted_in)
         if old:
             yield (
-                f"zone '{zone.name}': the last velocity of {zone.velocity_topic} was more than {OLDEST_NS * 1e-9:g} s old "
-                f"in {old:,} of {counted(sweeps, 'sweep')}, and counted all the same"
+                f"zone '{zone.name}': {zone.velocity_topic} was over {OLDEST_NS * 1e-9:g} s old in {old:,} of "
+                f"{counted(sweeps, 'sweep')}, and counted all the same"
             )
         # Poses tell no velocity before the second sweep.
         if unknown > len(counted_in):
@@ -453,7 +460,7 @@ class ZoneReader:
                         f"sweeps of {topic}: nothing written; give other poses (--pose TOPIC, --poses FILE)"
                     )
                 if world_in(poses, topic) == MATCH and where == WORLD:
-                    notes[f"zone '{name}' is in the world of the path that is matched from the sweeps of {topic}"] = None
+                    notes[f"zone '{name}' is in the world of the matched path of {topic}"] = None
         return [*notes]
 
 
@@ -495,13 +502,22 @@ class ZoneSummary(RunSummary):
     """The counts of one run over one log, and its zones."""
 
     tables: ZoneTables = field(default_factory=lambda: ZoneTables(*(SCHEMAS[name].empty_table() for name in TABLES)))
-    lines: list[str] = field(default_factory=list)
-    """A line for each zone."""
+    lines: list[tuple[str, str]] = field(default_factory=list)
+    """Head and words for each zone, and of what Nav2 did."""
+    worst: list[tuple[str, str]] = field(default_factory=list)
+    """Those of the worst events."""
+    look: tuple[str, float] | None = None
+    """Topic and time [s] of the sweep that shows the worst event."""
+    acts: Sequence[Act] = ()
 
     def as_dict(self) -> dict[str, Any]:
         """Return the summary as plain values, with what a check may name."""
         figures = figures_of(zones_in({0: self.tables}))
-        return RunSummary.as_dict(self) | {"figures": {name: plain_number(figures[name]) for name in figures}}
+        own = {
+            "figures": {name: plain_number(figures[name]) for name in figures},
+            "nav2": [act._asdict() for act in self.acts],
+        }
+        return RunSummary.as_dict(self) | own
 
 
 def watch(
@@ -540,7 +556,8 @@ def watch(
             pair, first = detect_to_temporary(source, private, finding, progress)
             progress = second_half(progress, source.size)
         log = stack.enter_context(open_source(source, options.detect.opening))
-        found, by_zone, described = ZoneReader(log, options, pair, masking, first).run(source, progress)
+        reader = ZoneReader(log, options, pair, masking, first)
+        found, by_zone, described = reader.run(source, progress)
         summary = ZoneSummary(**{name: getattr(found, name) for name in RunSummary.__dataclass_fields__})
         if first is not None:
             # Both passes tell of the same damage; the first one also of what it found.
@@ -551,7 +568,11 @@ def watch(
         summary.tables = tables
         names = _names(by_zone)
         longest = max(map(len, names))
-        summary.lines = [f"{name:<{longest}}  {_words(each)}" for name, each in zip(names, by_zone, strict=True)]
+        summary.lines = [(f"  {name:<{longest}}  ", _words(each)) for name, each in zip(names, by_zone, strict=True)]
+        worst = _worst_first(by_zone)
+        summary.look, summary.acts = worst[0]["look"] if worst else None, reader.acts
+        summary.worst = _worst_lines(worst)
+        summary.lines += lines_of(reader.acts, summary.first_ns or 0)
         summary.notes += [*options.zones.notes, *_stale(by_zone, bool(options.zones.robot))]
         if options.objects is not None and options.zones.masks.masks:
             hidden = "masks of the zone file hide beams, but no objects of --objects"
@@ -682,25 +703,46 @@ def _words(one: ZoneEvents) -> str:
         parts.append(f"least time to collision {ttc:.1f} s")
     words = ", ".join(parts)
     by = {letter: sum(event["set"] == letter for event in alarms) for letter in ("A", "O", "S")}
-    words_of = {"A": "agents", "O": "things", "S": "walls"}
-    causes = [f"{words_of[letter]} {count}" for letter, count in by.items() if count]
+    causes = [f"{WHO[letter]} {count}" for letter, count in by.items() if count]
     words += f"; by {', '.join(causes)}" if causes else ""
     if visits := sum(event["kind"] == "visit" for event in events):
         words += f"; {counted(visits, 'visit')}"
     return words
 
 
+WORST = 5
+"""Most events of which there is a line."""
+
+
+def _worst_first(by_zone: Sequence[ZoneEvents]) -> list[dict[str, Any]]:
+    """Return the times at which zones were occupied, those that stop first and then the nearest; else the crossings."""
+    events = [event for each in by_zone for event in each.events]
+    alarms = [event for event in events if event["kind"] in EVENT_KINDS[:2]]
+    if not alarms:
+        return sorted((event for event in events if "direction" in event), key=lambda event: float(event["start"]))
+    return sorted(alarms, key=lambda one: (one["action"] != "stop", one["nearest"] is None, one["nearest"]))
+
+
+def _worst_lines(worst: Sequence[Mapping[str, Any]]) -> list[tuple[str, str]]:
+    """Return heads and words on the worst events, as many as there are lines for."""
+    width = max((len(event["zone"]) for event in worst[:WORST]), default=4)
+    lines = [("  worst    ", f"{'at':>10}  {'zone':{width}}     lasts  nearest  by")] if worst else []
+    for event in worst[:WORST]:
+        who = (WHO.get(event["set"], "").removesuffix("s"), event["track"], event["label"], event.get("direction"))
+        nearest = " " * 7 if event["nearest"] is None else f"{event['nearest']:5.2f} m"
+        words = f"{event['t']:8.1f} s  {event['zone']:{width}}  {event['duration']:6.1f} s  {nearest}  "
+        lines.append((" " * 11, words + " ".join(str(part) for part in who if part)))
+    return lines + ([(" " * 11, f"and {len(worst) - WORST:,} more")] if len(worst) > WORST else [])
+
+
 def _stale(by_zone: Sequence[ZoneEvents], is_nav2: bool) -> list[str]:
     """Return a line for each topic that told nothing for too long, be it in one zone or in several."""
-    counts = Counter(
-        (event["topic"], each.zone.timeout, each.zone.name)
-        for each in by_zone
-        for event in each.events
-        if event["kind"] == "stale"
-    )
-    times = {(topic, timeout): count for (topic, timeout, _), count in counts.items()}
+    begins: dict[tuple[str, float], set[float]] = {}
+    for each in by_zone:
+        for event in (event for event in each.events if event["kind"] == EVENT_KINDS[-1]):
+            begins.setdefault((event["topic"], each.zone.timeout), set()).add(event["t"])
     why = ": Nav2 stops the robot then (invalid source)" if is_nav2 else ""
     return [
-        f"{topic}: no sweep for more than {timeout:g} s, {counted(count, 'time')}{why}"
-        for (topic, timeout), count in times.items()
+        f"{topic}: no sweep for over {timeout:g} s, {times(len(stale))} from {min(stale):.1f} s on{why}"
+        for (topic, timeout), stale in begins.items()
     ]

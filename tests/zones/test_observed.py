@@ -174,7 +174,7 @@ def test_a_zone_without_area_and_one_that_cannot_be_judged(lidarcli: Run, tmp_pa
     ):
         ran = lidarcli(*words, "--check", check)
         assert ran.code == code, ran.err
-        assert "note     zone 'a' has the shape that /flat tells, and the log has no such topic" in ran.err
+        assert "note     zone 'a' has no shape without /flat: give --footprint" in ran.err
         assert lidarcli("report", tmp_path / "run.events.parquet", "--check", check).code in (code, 2)
     alone = zone_file(tmp_path, TOLD.replace("[a, b]", "[a]"), "alone.yaml")
     assert lidarcli("zones", bare, "--zones", alone, "--no-objects").code == 4

@@ -344,7 +344,7 @@ def test_a_shape_that_a_topic_tells(tmp_path: Path) -> None:
     assert set(column(shaking.zones, "points")) == {0}
     assert set(column(shaking.zones, "observed")) == {True}
     bare = write_bag(tmp_path / "c.bag", sweeps)
-    with pytest.raises(NoScanError, match=r"zone 'stop' .* /shape .* give --footprint"):
+    with pytest.raises(NoScanError, match=r"zone 'stop' .* /shape: give --footprint"):
         lidarcli.zones(bare, zones=file, no_objects=True)
     given = lidarcli.zones(bare, zones=file, no_objects=True, footprint=square(1.2))
     assert set(column(given.zones, "points")) == {10}

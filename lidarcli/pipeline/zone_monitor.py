@@ -1,0 +1,91 @@
+"""What Nav2's Collision Monitor did while the log was recorded, beside what the zones say."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from itertools import groupby
+from typing import NamedTuple
+
+from lidarcli.display import times
+from lidarcli.logs.base import Log, Message, ReadReport
+from lidarcli.pipeline.reading.posing import messages_of
+from lidarcli.pipeline.zone_events import APPROACH, OCCUPIED, SECOND_NS, STALE, ZoneEvents
+from lidarcli.ros.cursor import Cursor
+
+STATE = "nav2_msgs/msg/CollisionMonitorState"
+ACTS = ("", "stop", "slowdown", "approach", "limit")
+"""Actions of a state by their numbers; the first is none."""
+INVALID_SOURCE = "invalid source"
+"""Nav2's word for the polygon where it stops because a source is too old."""
+NEAR_NS = 500_000_000
+"""An event of the zones this near to an act is the same: Nav2 decides at each velocity command [ns]."""
+SHOWN = 5
+"""Most acts of which there is a line."""
+
+
+class Act(NamedTuple):
+    """A stretch of time in which Nav2 acted [ns], or, as read, did something else, too."""
+
+    start_ns: int
+    end_ns: int
+    action: str
+    zone: str
+    otherwise: str = ""
+    """What the zones say; empty if the same."""
+
+
+def states(log: Log, report: ReadReport) -> list[Act]:
+    """Read the states of the monitors, by times of the recording; what cannot be read is counted in the report."""
+    topics = [topic.name for topic in log.topics() or () if topic.type == STATE]
+    told = [one for topic in topics for one in messages_of(log, topic, frozenset({STATE}), report, _state) or ()]
+    # A monitor may tell the same again.
+    told = [next(alike) for _, alike in groupby(sorted(told), key=lambda one: one[2:4])]
+    ends = [one.start_ns for one in told[1:]] + [1 << 62]
+    return [one._replace(end_ns=end) for one, end in zip(told, ends, strict=False)]
+
+
+def _state(message: Message, cursor: Cursor) -> Act:
+    number, zone = cursor.byte(), cursor.text()
+    return Act(message.record_ns, 0, ACTS[number] if number < len(ACTS) else f"action {number}", zone)
+
+
+def acts_of(told: Sequence[Act], late_ns: int, by_zone: Sequence[ZoneEvents]) -> list[Act]:
+    """Return what Nav2 did from the first sweep to the last, by stamps of sweeps, which are recorded `late_ns` later."""
+    stamps = [each for one in by_zone if (each := one.columns["stamp"]) is not None and len(each)]
+    last = max((int(each.max()) for each in stamps), default=0)
+    first = min((int(each.min()) for each in stamps), default=last)
+    shifted = [one._replace(start_ns=one.start_ns - late_ns, end_ns=min(one.end_ns - late_ns, last)) for one in told]
+    mine = [one for one in shifted if one.action and one.start_ns <= last and one.end_ns >= first]
+    return [act._replace(otherwise=_otherwise(act, by_zone)) for act in mine]
+
+
+def _otherwise(act: Act, by_zone: Sequence[ZoneEvents]) -> str:
+    begin, end, is_stale = act.start_ns - NEAR_NS, act.end_ns + NEAR_NS, act.zone == INVALID_SOURCE
+    mine = [one for one in by_zone if is_stale or one.zone.name == act.zone]
+    kinds = (STALE,) if is_stale else (OCCUPIED, APPROACH)
+    events = [event for one in mine for event in one.events if event["kind"] in kinds]
+    if any(event["start"] <= end and event["end"] >= begin for event in events):
+        return ""
+    if is_stale or not mine:
+        return "no source was too old" if is_stale else "no zone of this name is judged"
+    most = 0
+    for columns in (one.columns for one in mine):
+        stamps, points = columns["stamp"], columns["points"]
+        assert stamps is not None
+        assert points is not None
+        most = max(most, int(points[(stamps >= begin) & (stamps <= end)].max(initial=0)))
+    return f"{most:,} of {mine[0].zone.min_points:,} points in it" if most else "nothing was in it"
+
+
+def lines_of(acts: Sequence[Act], first_ns: int) -> list[tuple[str, str]]:
+    """Return heads and words on what Nav2 did; where the zones say otherwise comes first."""
+    did = ", ".join(f"{action} {times(count)}" for action, count in Counter(act.action for act in acts).items())
+    same = sum(not act.otherwise for act in acts)
+    lines = [("  Nav2     ", f"{did}; the zones say the same {times(same) if same else 'never'}")] if acts else []
+    width = max((len(act.zone) for act in acts), default=0)
+    for act in sorted(acts, key=lambda one: (not one.otherwise, one.start_ns))[:SHOWN]:
+        begin, lasts = (act.start_ns - first_ns) / SECOND_NS, (act.end_ns - act.start_ns) / SECOND_NS
+        words = f"{begin:8.1f} s  {act.zone:{width}}  {lasts:6.1f} s  {act.action:8}  {act.otherwise or 'the same'}"
+        lines.append((" " * 11, words))
+    return lines + ([(" " * 11, f"and {len(acts) - SHOWN:,} more")] if len(acts) > SHOWN else [])
