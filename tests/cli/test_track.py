@@ -125,3 +125,16 @@ def test_a_table_of_who_moved(tmp_path: Path, lidarcli: Run) -> None:
     both = (*words, SAMPLES / "drive.db3")
     assert "  agents   track" not in lidarcli(*both).err
     assert "  agents   track" in lidarcli("-v", *both).err
+
+
+def test_notes_wrap_between_words(tmp_path: Path, lidarcli: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    words = ("-v", "track", SAMPLES / "drive.db3", "-o", tmp_path, "--overwrite")
+    (whole,) = (line for line in lidarcli(*words).err.splitlines() if "poses from" in line)
+    monkeypatch.setenv("COLUMNS", "60")
+    lines = lidarcli(*words).err.splitlines()
+    at = next(at for at, line in enumerate(lines) if "poses from" in line)
+    first, *more = lines[at : at + 3]
+    assert max(len(first), *map(len, more)) <= 60
+    assert all(line.startswith(" " * 11) and line[11] != " " for line in more)
+    assert " ".join([first, *(line.strip() for line in more)]) == whole
+    assert any("--pose TOPIC" in line for line in more)
