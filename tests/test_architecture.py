@@ -116,20 +116,20 @@ def imported(path: Path) -> set[str]:
 
 
 LINES = {
-    "cli": 2_920,
+    "cli": 3_025,
     "formalism": 16_075,
     "logs": 11_465,
     "overlays": 1_155,
-    "pipeline": 16_495,
-    "pose": 2_840,
+    "pipeline": 16_680,
+    "pose": 2_845,
     "reports": 6_820,
     "ros": 315,
     "simulation": 2_340,
     "tabular": 1_990,
-    "lidarcli": 6_500,
+    "lidarcli": 6_525,
 }
 """Most lines of Python of each room, and of the files beside them: lower them as code goes; who raises one says why."""
-MOST_FILES = 195
+MOST_FILES = 196
 """One more for the sensors of a robot (`robots`), one for what merges them (`merging`)."""
 
 
