@@ -124,7 +124,9 @@ class Messages(Screen):
         if isinstance(note, Routine):
             self.keep("routine", note)
         if self.verbose or not isinstance(note, Routine):
-            for line in wrapped(head, one_line(note)):
+            # What reads a pipe, such as grep, takes a note for a line.
+            is_wrapped = "COLUMNS" in os.environ or (sys.stderr is not None and sys.stderr.isatty())
+            for line in wrapped(head, one_line(note)) if is_wrapped else [head + one_line(note)]:
                 self.info(line)
 
     def wrote(self, files: Iterable[object]) -> None:
