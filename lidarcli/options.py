@@ -47,13 +47,12 @@ STDOUT = "-"
 
 OUTPUT, MANY = "Output", "Many logs"
 SELECT, POSES = "Sweeps to read", "Where the sensor was"
-RANGES, GEOMETRY = "Beams without a range", "Text logs without names or geometry"
-CLOUDS, ECHO = "Point clouds", "Beams with several echoes"
-OBJECTS, THINGS, TRACKING = "Objects", "Things of interest", "Tracking"
-BACKGROUND, STATIONS = "Background", "Viewpoints (stations) of a moving sensor"
+RANGES, GEOMETRY = "Beams", "Text logs without names or geometry"
+CLOUDS, OBJECTS = "Point clouds", "Objects"
+STATIONS = "Viewpoints (stations) of a moving sensor"
 GRID, CLOUD = "Occupancy grid", "Point cloud"
 PICTURE, LOOK, GATES, ZONES, FINDINGS = "Picture", "Look", "Gates", "Zones", "Findings"
-PLACES, CLEANING, MENDING, CLIPS = "Places", "Beams that say nothing", "Faults", "Parts of the log"
+PLACES, CHANGES = "Places", "What to change"
 RUN, LOG = "Run", "Log"
 
 
@@ -164,20 +163,20 @@ class ManyLogs(TypedDict, total=False):
     logs: Annotated[tuple[str, ...], Argument("LOG...", INPUT, several=True, required=False)]
     files_from: Annotated[
         str | None,
-        Option(MANY, File("FILE"), shown="none"),
+        Option(MANY, File("FILE"), shown="none", rare=True),
         "Also read the logs that this file lists, one per line; - for standard input.",
     ]
     base: Annotated[
         str | None,
-        Option(MANY, File("DIR"), shown="the folder or pattern that was given"),
+        Option(MANY, File("DIR"), shown="the folder or pattern that was given", rare=True),
         "Mirror the sub-folders of this folder or URL below DIR.",
     ]
     shard: Annotated[
         tuple[int, int] | None,
-        Option(MANY, Text("I/N", _share), shown="all"),
+        Option(MANY, Text("I/N", _share), shown="all", rare=True),
         "Process only the I-th of N shares of the logs. The name of a log alone decides which share it is in.",
     ]
-    dry_run: Annotated[bool, Option(MANY, None, False), "Only print what would be read and written."]
+    dry_run: Annotated[bool, Option(MANY, None, False, rare=True), "Only print what would be read and written."]
 
 
 def output(metavar: str, **more: Any) -> Option:
@@ -196,13 +195,11 @@ _STAMPS = "Unit of the stamps in tables; us for Spark, Iceberg and Delta, which 
 class Stamped(Overwrite, total=False):
     """Options of a command that writes tables."""
 
-    stamps: Annotated[Literal["ns", "us"], Option(OUTPUT, choices.STAMPS, choices.NS), _STAMPS]
+    stamps: Annotated[Literal["ns", "us"], Option(OUTPUT, choices.STAMPS, choices.NS, rare=True), _STAMPS]
 
 
 class TextOrJson(TypedDict, total=False):
-    format: Annotated[
-        Literal["text", "json"], Option(OUTPUT, ("text", "json"), "text"), "Text for people, or JSON for programs."
-    ]
+    format: Annotated[Literal["text", "json"], Option(OUTPUT, ("text", "json"), "text"), "Text, or JSON for programs."]
 
 
 class Reported(Stamped, TextOrJson, total=False):
@@ -210,11 +207,7 @@ class Reported(Stamped, TextOrJson, total=False):
 
 
 class Jobs(TypedDict, total=False):
-    jobs: Annotated[
-        int | None,
-        Option(OUTPUT, COUNT, shown="automatic", short="-j"),
-        "Processors to use at most: threads share a long log, processes share many logs.",
-    ]
+    jobs: Annotated[int | None, Option(OUTPUT, COUNT, shown="automatic", short="-j"), "Processors to use at most."]
 
 
 # Groups that commands and Python functions share.
@@ -226,7 +219,7 @@ class Window(TypedDict, total=False):
     start: Annotated[
         float | str | None,
         Option(SELECT, TIME, shown="0"),
-        "Start at this time: seconds after the first sweep (10, 2min), or date and time (2026-11-22T10:00:00Z).",
+        "Start at this time: seconds after the first sweep (10, 2min), or 2026-11-22T10:00:00Z.",
     ]
     end: Annotated[float | str | None, Option(SELECT, TIME, shown="the end"), "End before this time, given like --start."]
 
@@ -243,7 +236,7 @@ class _Topic(TypedDict, total=False):
     topic: Annotated[
         str | Iterable[str] | None,
         Option(SELECT, Text("NAME"), shown="all", several=True),
-        "LaserScan topic to read, or a pattern such as '/scan*'; may be repeated.",
+        "LaserScan topic to read, or a pattern, '/scan*'; may be repeated.",
     ]
 
 
@@ -258,21 +251,22 @@ class Poses(TypedDict, total=False):
 
     pose: Annotated[
         str | None,
-        Option(POSES, Text("TOPIC"), shown="the best there is, checked by the sweeps", unless=("poses",)),
-        "Topic with the poses of the sensor (docs/poses.md); none: no poses; match: find the path from the sweeps "
-        "themselves.",
+        Option(POSES, Text("TOPIC"), shown="the best that fits the sweeps", unless=("poses",)),
+        "Topic with the poses of the sensor; none; match: from the sweeps (docs/poses.md).",
     ]
     poses: Annotated[
         AnyPath | None,
-        Option(POSES, File("FILE.tum"), shown="the poses in the log", unless=("pose",)),
+        Option(POSES, File("FILE.tum"), shown="the poses in the log", unless=("pose",), rare=True),
         "Path of the sensor from a file with lines of timestamp x y z qx qy qz qw, as `lidarcli poses` and evo write it.",
     ]
     deskew: Annotated[
-        bool, Option(POSES, None, True), "Correct sweeps for the motion of the sensor while they are taken (needs poses)."
+        bool,
+        Option(POSES, None, True, rare=True),
+        "Correct sweeps for the motion of the sensor while they are taken (needs poses).",
     ]
     beam_order: Annotated[
         Literal["auto", "forward", "reverse", "once"],
-        Option(POSES, choices.BEAM_ORDERS, choices.BEAM_ORDERS[0]),
+        Option(POSES, choices.BEAM_ORDERS, choices.BEAM_ORDERS[0], rare=True),
         "Order in which the beams of a sweep are taken: from the first to the last, in reverse, or all at once; auto: "
         "learned from the sweeps of a moving sensor, else as the headers tell.",
     ]
@@ -283,7 +277,7 @@ class Delay(TypedDict, total=False):
 
     pose_delay: Annotated[
         float | None,
-        Option(POSES, Number("SECONDS"), shown="what fits the sweeps"),
+        Option(POSES, Number("SECONDS"), shown="what fits the sweeps", rare=True),
         "Use the pose from this long after the header stamp of a sweep; negative: before it.",
     ]
 
@@ -296,15 +290,14 @@ class Limits(TypedDict, total=False):
     ]
     no_return: Annotated[
         str | Iterable[str | float],
-        Option(RANGES, Text("LIST", _no_return, is_list=True), "inf,zero,max,above,pile"),
+        Option(RANGES, Text("LIST", _no_return, is_list=True), "inf,zero,max,above,pile", rare=True),
         "Values that mean 'no return', comma separated: inf, zero, max, above, pile (a far range that very many beams "
         "have), nan, negative, below, or metres such as 81.91.",
     ]
     mask: Annotated[
         AnyPath | None,
         Option(RANGES, File("FILE|auto|none"), shown="none"),
-        "Leave out the robot's own body: the beams that end on a [[mask]] of this file (TOML, docs/formats.md); auto: "
-        "those that always end near by while the sensor drives.",
+        "The robot's own body: beams that end on a [[mask]] of this file (docs/formats.md) are left out; auto: find them.",
     ]
     segments: Annotated[
         Literal["join", "keep"],
@@ -346,12 +339,12 @@ class Ranges(Limits, total=False):
     ]
     echo: Annotated[
         Literal["first", "last", "strongest"],
-        Option(ECHO, choices.ECHOES, choices.ECHOES[0], rare=True),
+        Option(RANGES, choices.ECHOES, choices.ECHOES[0], rare=True),
         "Echo to take of each beam of a MultiEchoLaserScan; strongest: that of the greatest intensity.",
     ]
     slice: Annotated[
         tuple[float, float] | None,
-        Option(CLOUDS, Number("ZMIN ZMAX", count=2), shown="clouds are not read"),
+        Option(CLOUDS, Number("ZMIN ZMAX", count=2), shown="clouds are not read", rare=True),
         "Read point clouds as sweeps: of the points between these heights [m] the nearest in each direction. "
         "Heights count from the robot's base, level by tf.",
     ]
@@ -365,9 +358,9 @@ class Ranges(Limits, total=False):
 class Joining(TypedDict, total=False):
     join: Annotated[
         bool,
-        Option(MANY, None, False),
-        "Read the recordings that are named as one log, and of a folder those of each name (run_0.bag, run_1.bag): in the "
-        "order of their times, with the transforms and poses of all.",
+        Option(MANY, None, False, rare=True),
+        "Read the parts of a recording (run_0.bag, run_1.bag) as one log, in the order of their times; of a "
+        "folder those of each name.",
     ]
 
 
@@ -380,17 +373,19 @@ class _Objects(TypedDict, total=False):
 
     profile: Annotated[
         Literal["robust", "paper"],
-        Option(OBJECTS, choices.PROFILES, choices.PROFILES[0]),
+        Option(OBJECTS, choices.PROFILES, choices.PROFILES[0], rare=True),
         "robust: tuned for real sensors; paper: the published formulas, unchanged.",
     ]
     threshold: Annotated[
         Literal["adaptive", "mean"] | float | None,
-        Option(OBJECTS, Text("adaptive|mean|METRES", _threshold), shown="adaptive; paper: mean"),
-        "Jump in range that separates two surfaces: adaptive (by noise and range), mean (of |s|, the paper's Def. 3), "
-        "or metres.",
+        Option(OBJECTS, Text("adaptive|mean|METRES", _threshold), shown="adaptive; paper: mean", rare=True),
+        "Jump in range that separates two surfaces: adaptive (by noise and range), mean (of |s|, the paper's Def. "
+        "3), or metres; with --background the smallest difference.",
     ]
     min_beams: Annotated[
-        int | None, Option(OBJECTS, COUNT, shown="3; paper: 1"), "Smallest number of valid beams that an object may have."
+        int | None,
+        Option(OBJECTS, COUNT, shown="3; paper: 1", rare=True),
+        "Smallest number of valid beams that an object may have.",
     ]
     max_width: Annotated[
         float | None,
@@ -399,17 +394,17 @@ class _Objects(TypedDict, total=False):
     ]
     max_gap: Annotated[
         int | None,
-        Option(OBJECTS, COUNT_OR_NONE, shown="2; paper: 0"),
+        Option(OBJECTS, COUNT_OR_NONE, shown="2; paper: 0", rare=True),
         "How many missing beams in a row may be bridged within one surface.",
     ]
     group_gap: Annotated[
         float | None,
-        Option(OBJECTS, LENGTH, shown="0, never"),
+        Option(OBJECTS, LENGTH, shown="0, never", rare=True),
         "Join narrow objects (up to 0.2 m) that are closer than this: the legs of a person or chair.",
     ]
     min_thing: Annotated[
         float | None,
-        Option(OBJECTS, Number("P", 0, 1), shown=str(choices.MIN_THING)),
+        Option(OBJECTS, Number("P", 0, 1), shown=str(choices.MIN_THING), rare=True),
         "Least probability, 0 to 1, that an object is a thing and not a piece of building; an object with less counts "
         "as wall.",
     ]
@@ -418,7 +413,9 @@ class _Objects(TypedDict, total=False):
 class Objects(_Objects, total=False):
     """Parameters of the objects, and which of them have rows; None stands for the default of the profile."""
 
-    walls: Annotated[bool, Option(OBJECTS, None, False), "Also show walls (set S), with the corners of the room."]
+    walls: Annotated[
+        bool, Option(OBJECTS, None, False, rare=True), "Also show walls (set S), with the corners of the room."
+    ]
 
 
 class Comparing(TypedDict, total=False):
@@ -426,24 +423,25 @@ class Comparing(TypedDict, total=False):
 
     background: Annotated[
         "AnyPath | Sequence[Background] | None",
-        Option(BACKGROUND, File("FILE"), shown="none", python="Python also takes what `background` returns."),
-        "Find only what differs from this background (docs/background.md); --threshold in metres is then the smallest "
-        "difference.",
+        Option(OBJECTS, File("FILE"), shown="none", python="Python also takes what `background` returns."),
+        "Find only what differs from this background (docs/background.md).",
     ]
     removed: Annotated[
-        bool, Option(BACKGROUND, None, False), "Also report objects that have disappeared, as rows whose change is removed."
+        bool,
+        Option(OBJECTS, None, False, rare=True),
+        "Also report objects that have disappeared, as rows whose change is removed.",
     ]
     any_frame: Annotated[
-        bool, Option(BACKGROUND, None, False, rare=True), "Accept a background that was recorded under another frame_id."
+        bool, Option(OBJECTS, None, False, rare=True), "Accept a background that was recorded under another frame_id."
     ]
     station_distance: Annotated[
         float | None,
-        Option(BACKGROUND, WIDTH, shown="as it was built", rare=True),
+        Option(OBJECTS, WIDTH, shown="as it was built", rare=True),
         "How far a sweep may be from a viewpoint of the background.",
     ]
     station_angle: Annotated[
         float | None,
-        Option(BACKGROUND, TURN, shown="as it was built", rare=True),
+        Option(OBJECTS, TURN, shown="as it was built", rare=True),
         "How far a sweep may be turned away from that viewpoint.",
     ]
 
@@ -451,8 +449,8 @@ class Comparing(TypedDict, total=False):
 class Things(TypedDict, total=False):
     catalogue: Annotated[
         "AnyPath | Catalogue | None",
-        Option(THINGS, File("FILE"), shown="none", python="Python also takes what `read_catalogue` returns."),
-        "Things with their sizes (TOML, docs/catalogue.md): objects that are one of them get its name.",
+        Option(OBJECTS, File("FILE"), shown="none", python="Python also takes what `read_catalogue` returns.", rare=True),
+        "Name the objects that are one of the things of this file (TOML, docs/catalogue.md).",
     ]
 
 
@@ -461,7 +459,7 @@ class Finding(Joining, Topics, Poses, Delay, Objects, Comparing, Things, Ranges,
 
     explain: Annotated[
         bool,
-        Option(OUTPUT, None, False),
+        Option(OUTPUT, None, False, rare=True),
         "Also fill the column why: what speaks for and against each object being a thing.",
     ]
 
@@ -471,33 +469,33 @@ _MEMORY = "Decide what is a thing, and its shape, by all sweeps that saw it, not
 
 
 class Detecting(Finding, total=False):
-    memory: Annotated[bool, Option(OBJECTS, None, False, both=True), _MEMORY]
+    memory: Annotated[bool, Option(OBJECTS, None, False, both=True, rare=True), _MEMORY]
 
 
 class Trajectories(TypedDict, total=False):
     trajectories: Annotated[
         bool,
-        Option(OUTPUT, None, True),
+        Option(OUTPUT, None, True, rare=True),
         "Make the table <log>.trajectories.parquet, one row per thing and sweep, hidden sweeps too.",
     ]
 
 
 class Tracking(Finding, Trajectories, total=False):
-    memory: Annotated[bool, Option(OBJECTS, None, True, both=True), _MEMORY]
+    memory: Annotated[bool, Option(OBJECTS, None, True, both=True, rare=True), _MEMORY]
     agent_score: Annotated[
         float,
-        Option(TRACKING, Number("P", 0.0, 1.0), choices.AGENT_SCORE),
-        "Least probability that a thing goes by itself, from which on it is an agent.",
+        Option(OBJECTS, Number("P", 0.0, 1.0), choices.AGENT_SCORE),
+        "Least probability that what moves goes by itself: it is an agent.",
     ]
     apart: Annotated[
         bool,
-        Option(TRACKING, None, False),
+        Option(OBJECTS, None, False, rare=True),
         "Follow each sensor by itself, also where the places of several on one robot are known.",
     ]
 
 
 class Beams(TypedDict, total=False):
-    beams: Annotated[bool, Option(OUTPUT, None, False), "Also make the table <log>.beams.parquet, one row per beam."]
+    beams: Annotated[bool, Option(OUTPUT, None, False), "Also write <log>.beams.parquet, one row per beam."]
 
 
 class Tabling(Tracking, Beams, total=False):
@@ -538,16 +536,18 @@ class Mapping(Reading, total=False):
         "0: every sweep counts.",
     ]
     min_hits: Annotated[
-        int | None, Option(GRID, COUNT, shown="2; with --min-move 0: 4"), "Minimum hits for a cell to be occupied."
+        int | None,
+        Option(GRID, COUNT, shown="2; with --min-move 0: 4", rare=True),
+        "Minimum hits for a cell to be occupied.",
     ]
     occupied_ratio: Annotated[
         float,
-        Option(GRID, Number("SHARE", 0, 1), choices.OCCUPIED_RATIO),
+        Option(GRID, Number("SHARE", 0, 1), choices.OCCUPIED_RATIO, rare=True),
         "Minimum hit ratio: hits among the sweeps that hit or passed the cell.",
     ]
     free_no_return: Annotated[
         float,
-        Option(GRID, LENGTH, 0.0, shown="0, they say nothing"),
+        Option(GRID, LENGTH, 0.0, shown="0, they say nothing", rare=True),
         "Take beams without a return as free up to here. Glass and black things return nothing either.",
     ]
     without: Annotated[
@@ -557,11 +557,11 @@ class Mapping(Reading, total=False):
     ]
     max_size: Annotated[
         float,
-        Option(GRID, Number("KM2", 0, above=True), choices.MAX_MAP_KM2),
+        Option(GRID, Number("KM2", 0, above=True), choices.MAX_MAP_KM2, rare=True),
         "Refuse a larger map; at 5 cm a km² takes about 6 GB, as far as it is seen.",
     ]
     voxel: Annotated[
-        float, Option(CLOUD, LENGTH, 0.0, shown="0, all points"), "Keep one point for each square of this side."
+        float, Option(CLOUD, LENGTH, 0.0, shown="0, all points", rare=True), "Keep one point for each square of this side."
     ]
 
 
@@ -569,28 +569,36 @@ class _Zones(TypedDict, total=False):
     zones: Annotated[
         Paths,
         Option(ZONES, File("FILE"), (), required=True, several=True),
-        "Zones to watch, may be repeated: TOML, or the YAML of Nav2's Collision Monitor (docs/zones.md).",
+        "Zones to watch: TOML, or the YAML of Nav2's Collision Monitor (docs/zones.md); may be repeated.",
     ]
     objects: Annotated[
         AnyPath | None,
         Option(ZONES, File("TABLE"), shown="find and follow, as track does", unless=("no_objects",)),
-        "Take the objects from <log>.objects.parquet, as detect or track have written it, with the tables beside.",
+        "Take the objects from <log>.objects.parquet of detect or track, with the tables beside it.",
     ]
     no_objects: Annotated[
         bool,
-        Option(ZONES, None, False, unless=("objects",)),
+        Option(ZONES, None, False, unless=("objects",), rare=True),
         "Count beams alone: it is not known whose they are. Takes half the time.",
     ]
     footprint: Annotated[
         str | Sequence[Sequence[float]] | None,
-        Option(ZONES, Text("POINTS", has_blanks=True), shown="what the log tells", python="Python also takes the points."),
+        Option(
+            ZONES,
+            Text("POINTS", has_blanks=True),
+            shown="what the log tells",
+            python="Python also takes the points.",
+            rare=True,
+        ),
         "Shape '[[x, y], ...]' [m] of zones whose shape a topic tells that is not in the log.",
     ]
 
 
 class Around(TypedDict, total=False):
     around: Annotated[
-        float | str, Option(CLIPS, TIME, choices.AROUND, shown="5s"), "Time before and after each part of --clips."
+        float | str,
+        Option(OUTPUT, TIME, choices.AROUND, shown="5s", rare=True),
+        "Time before and after each part of --clips.",
     ]
 
 
@@ -599,8 +607,8 @@ class Zoning(_Zones, Joining, Topics, Poses, Delay, Objects, Comparing, Things, 
 
     clips: Annotated[
         AnyPath | None,
-        Option(CLIPS, File("DIR", is_output=True), shown="none"),
-        "Folder for a part of the log around each event (docs/clean.md).",
+        Option(OUTPUT, File("DIR", is_output=True), shown="none"),
+        "Folder for a part of the log around each event.",
     ]
 
 
@@ -608,8 +616,8 @@ class Diffing(Topics, Poses, Delay, Things, Ranges, Jobs, total=False):
     align: Annotated[
         Literal["auto", "as-is", "search"],
         Option(PLACES, choices.ALIGN, choices.ALIGN[0]),
-        "How runs lie on each other: as-is, in their coordinates as they are; search, by what both saw; auto: as-is if all "
-        "are in one frame that is no odometry.",
+        "How runs lie on each other: as-is, as their coordinates say; search, by what both saw; auto: as-is in "
+        "one frame that is no odometry.",
     ]
     min_score: Annotated[
         float,
@@ -621,36 +629,38 @@ class Diffing(Topics, Poses, Delay, Things, Ranges, Jobs, total=False):
 class Cleaning(_Topic, Window, Run, Poses, Delay, _Objects, Limits, Jobs, Around, total=False):
     remove: Annotated[
         str | Iterable[str],
-        Option(CLEANING, Text("LIST", parse_removed, is_list=True), "agents"),
-        "Beams that are to say nothing, comma separated: agents (what moves by itself, from then on), temporary (what "
-        "stands where the place was also seen free); or none. What a --mask tells, too.",
+        Option(CHANGES, Text("LIST", parse_removed, is_list=True), "agents"),
+        "Beams that are to say nothing, comma separated: agents (what moves by itself, from then on), temporary "
+        "(what stands where the place was also seen free); or none.",
     ]
     mend: Annotated[
         str | Iterable[str] | None,
-        Option(MENDING, Text("[LIST]", parse_mends, is_list=True), shown="none", alone=choices.FOUND),
-        "Mend faults: found (those that info with --deep finds), or, comma separated, beams, stamps, angles, times, order, "
+        Option(CHANGES, Text("[LIST]", parse_mends, is_list=True), shown="none", alone=choices.FOUND),
+        "Mend faults: found (those of info --deep), or, comma separated, beams, stamps, angles, times, order, "
         "limits, no-return, frames, statics, clock (docs/clean.md).",
     ]
     merge: Annotated[
         str | None,
-        Option(MENDING, Text("TOPIC"), shown="none", unless=("mend", "clips")),
+        Option(CHANGES, Text("TOPIC"), shown="none", unless=("mend", "clips"), rare=True),
         "Also write the sensors of a robot as one LaserScan on this topic: the nearest return by bearing (docs/clean.md).",
     ]
     merge_frame: Annotated[
-        str | None, Option(MENDING, Text("FRAME"), shown="the robot itself"), "Frame of the merged sweeps."
+        str | None, Option(CHANGES, Text("FRAME"), shown="the robot itself", rare=True), "Frame of the merged sweeps."
     ]
     clips: Annotated[
         AnyPath | None,
-        Option(CLIPS, File("FILE.parquet"), shown="none", unless=("start", "end", "run")),
-        "Write a log for each row of this table, of events of `lidarcli zones` or any with stamps, into the folder of -o.",
+        Option(OUTPUT, File("FILE.parquet"), shown="none", unless=("start", "end", "run")),
+        "Write a log for each row of this table (events of zones, or any with stamps) into the folder of -o.",
     ]
     value: Annotated[
         str | float,
-        Option(CLEANING, Text("nan|inf|above|METRES", parse_value), "nan"),
+        Option(CHANGES, Text("nan|inf|above|METRES", parse_value), "nan", rare=True),
         "What they say instead: NaN, +inf, range_max + 1 (above), or a range (docs/clean.md).",
     ]
     margin: Annotated[
-        int, Option(CLEANING, COUNT_OR_NONE, 1), "Beams beside them that say the same, for those that hit an edge."
+        int,
+        Option(CHANGES, COUNT_OR_NONE, 1, rare=True),
+        "Beams beside them that say the same, for those that hit an edge.",
     ]
 
 
@@ -671,8 +681,7 @@ class Plotting(Joining, Poses, Delay, Objects, Ranges, total=False):
     at: Annotated[
         float | str | None,
         Option(PICTURE, TIME, shown="none", unless=("sweep", "sweeps", "animate")),
-        "Draw the sweep nearest to this time: seconds after the first sweep (10, 2min), or date and time "
-        "(2026-11-22T10:00:00Z).",
+        "Draw the sweep nearest to this time, given like --start: 10, 2min, 2026-11-22T10:00:00Z.",
     ]
     view: Annotated[
         Literal["all", "scene", "sweep"],
@@ -683,35 +692,36 @@ class Plotting(Joining, Poses, Delay, Objects, Ranges, total=False):
     background: Annotated[
         AnyPath | None,
         Option(PICTURE, File("FILE"), shown="none"),
-        "Background to compare with (docs/background.md): also r_w, r_e and their difference.",
+        "Compare with this background (docs/background.md): also r_w, r_e and their difference.",
     ]
     tracks: Annotated[
         Tables | None,
         Option(PICTURE, File("FILE"), shown="none", python="Python also takes what `track` returns."),
-        "Tracks table (the tables beside it are read, too): paths up to the sweep, numbers, velocities.",
+        "Draw paths, numbers and velocities of this tracks table.",
     ]
     trail: Annotated[
         float | None,
-        Option(PICTURE, Number("SECONDS", 0), shown=f"{choices.TRAIL:g}"),
+        Option(PICTURE, Number("SECONDS", 0), shown=f"{choices.TRAIL:g}", rare=True),
         "With --tracks: how far back the paths begin.",
     ]
     zones: Annotated[
         Paths,
         Option(PICTURE, File("FILE"), (), shown="none", several=True),
-        "Draw the zones of this file (docs/zones.md) into the scene, those that are occupied filled and with their beams; "
-        "may be repeated.",
+        "Draw the zones of this file (docs/zones.md), those that are occupied filled; may be repeated.",
     ]
     width: Annotated[
         float | None,
-        Option(LOOK, Number("MM", *choices.PICTURE_WIDTHS), shown="by --view"),
+        Option(LOOK, Number("MM", *choices.PICTURE_WIDTHS), shown="by --view", rare=True),
         "Width of the picture: 89 is a column of a paper, 183 are two.",
     ]
     dpi: Annotated[
-        int | None, Option(LOOK, Number("N", *choices.PICTURE_DPI, whole=True), shown="200"), "Pixels per inch of a .png."
+        int | None,
+        Option(LOOK, Number("N", *choices.PICTURE_DPI, whole=True), shown="200", rare=True),
+        "Pixels per inch of a .png.",
     ]
-    title: Annotated[bool, Option(LOOK, None, True), "Write a title above the picture."]
-    legend: Annotated[bool, Option(LOOK, None, True), "Explain the marks in a legend."]
-    vertices: Annotated[bool, Option(LOOK, None, False), "Mark vertices and nearest points in the scene, too."]
+    title: Annotated[bool, Option(LOOK, None, True, rare=True), "Write a title above the picture."]
+    legend: Annotated[bool, Option(LOOK, None, True, rare=True), "Explain the marks in a legend."]
+    vertices: Annotated[bool, Option(LOOK, None, False, rare=True), "Mark vertices and nearest points in the scene, too."]
 
 
 class Reporting(Joining, total=False):
@@ -736,12 +746,10 @@ class Overlaying(Joining, Jobs, Topics, Poses, Delay, Objects, Things, Ranges, t
     objects: Annotated[
         AnyPath | None,
         Option(OUTPUT, File("TABLE"), shown="find and follow, as track does"),
-        "Show what is in <log>.objects.parquet, as detect or track have written it, with the sweeps table beside.",
+        "Show the objects of <log>.objects.parquet of detect or track, with the tables beside it.",
     ]
     with_log: Annotated[
-        bool,
-        Option(OUTPUT, None, False),
-        "Copy scans, transforms, odometry and poses into the same file, for viewers that open one file only (not .rrd).",
+        bool, Option(OUTPUT, None, False), "Copy scans, transforms, odometry and poses into the same file (not .rrd)."
     ]
     map: Annotated[
         AnyPath | None,
@@ -751,11 +759,11 @@ class Overlaying(Joining, Jobs, Topics, Poses, Delay, Objects, Things, Ranges, t
     zones: Annotated[
         Paths,
         Option(OUTPUT, File("FILE"), (), shown="none", several=True),
-        "Show the zones of this file, too (docs/zones.md), brighter while they are occupied; may be repeated.",
+        "Show the zones of this file, too (docs/zones.md), brighter while occupied; may be repeated.",
     ]
     layout: Annotated[
         bool,
-        Option(OUTPUT, None, True, both=True),
+        Option(OUTPUT, None, True, both=True, rare=True),
         "Also write settings of viewers: NAME.layout.json and NAME.rviz (not for .rrd).",
     ]
 
@@ -827,10 +835,10 @@ RULES = (
     Rule(("dry_run",), ("format=json",), "prints a plan and no summary: leave out --format json"),
 )
 """For whatever has these options."""
-OVERLAY_RULES = (Rule((SELECT, POSES, OBJECTS, THINGS, RANGES, ECHO), ("objects",), _FOUND),)
+OVERLAY_RULES = (Rule((SELECT, POSES, OBJECTS, RANGES), ("objects",), _FOUND),)
 ZONE_RULES = (
-    Rule((OBJECTS, THINGS, BACKGROUND), ("objects",), _FOUND),
-    Rule((OBJECTS, THINGS, BACKGROUND), ("no_objects",), "is for finding objects, and --no-objects finds none"),
+    Rule((OBJECTS,), ("objects",), _FOUND),
+    Rule((OBJECTS,), ("no_objects",), "is for finding objects, and --no-objects finds none"),
 )
 PLOT_RULES = (
     Rule(("start", "end"), ("animate",), "is for --animate without --sweep and --sweeps", True),

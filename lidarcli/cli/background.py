@@ -36,10 +36,10 @@ class BuildCommand(ManyLogs, Overwrite, TextOrJson, Learning, total=False):
     --station-distance 0.5 --station-angle 10""",
 )
 def build(messages: Messages, options: BuildCommand) -> int:
-    """Learn r_e, the range of the background, from logs.
+    """Learn an empty scene from logs.
 
-    The scene should be empty. For every beam r_e is the farthest surface that enough
-    sweeps agree on: people may walk through the scene in up to 30 % of the sweeps.
+    For every beam it learns r_e, the farthest surface that enough sweeps agree on: people
+    may walk through the scene in up to 30 % of the sweeps.
     Several logs make one background. Where a log has poses, every viewpoint gets a
     background of its own. `lidarcli background subtract` finds what differs from it;
     info shows what it knows.
@@ -102,11 +102,11 @@ def build(messages: Messages, options: BuildCommand) -> int:
   lidarcli background subtract run.bag --background hall.parquet --any-frame""",
 )
 def subtract(messages: Messages, options: DetectCommand) -> int:
-    """Find what differs from a background, r_w - r_e, in every sweep.
+    """Find what differs from an empty scene, in every sweep.
 
     The same as `lidarcli detect --background FILE`, with the same options and tables:
-    objects are built of the beams that differ, and the columns difference and change
-    say how.
+    objects are built of the beams that differ, and the columns difference (r_w - r_e)
+    and change say how.
     """
     return find(messages, options, follow=False)
 
@@ -114,9 +114,9 @@ def subtract(messages: Messages, options: DetectCommand) -> int:
 background = Commands(
     "background",
     commands=[build, subtract],
-    help="""Learn a scene without objects, and find what differs from it.
+    help="""Learn an empty scene, and find what differs from it.
 
-    build learns r_e, the range of the background in every direction; subtract
+    build learns the range of the background in every direction; subtract
     compares logs with it (docs/background.md).
     """,
 )

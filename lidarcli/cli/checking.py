@@ -68,11 +68,11 @@ class DiffCommand(Overwrite, TextOrJson, Diffing, total=False):
   lidarcli diff truth.map.yaml room.yaml --format json""",
 )
 def diff(messages: Messages, options: DiffCommand) -> int:
-    """Find what changed from run to run: moved, new, gone.
+    """Find what changed between runs: moved, new, gone.
 
-    RUN is a log, a tracks table of `lidarcli track`, a background, or a map (.yaml of
-    map_server). Each is compared with the last one before it that saw the place.
-    Only what was in view can have gone: the rest is uncertain, with the reason.
+    RUN is a log, a tracks table, a background, or a map (.yaml of map_server). Each is
+    compared with the last one before it that saw the place. Only what was in view can
+    have gone: the rest is uncertain, with the reason.
     """
     logs = log_options(options)
 
@@ -107,9 +107,7 @@ def diff(messages: Messages, options: DiffCommand) -> int:
 
 class ZonesCommand(Zoning, ManyLogs, Reported, total=False):
     output: Annotated[
-        str | None,
-        output("DIR", shown="none, nothing is written"),
-        "Folder for the tables <log>.events.parquet and <log>.zones.parquet.",
+        str | None, output("DIR", shown="none"), "Folder for the tables <log>.events.parquet and <log>.zones.parquet."
     ]
     check: Annotated[
         tuple[str, ...],
@@ -124,19 +122,19 @@ class ZonesCommand(Zoning, ManyLogs, Reported, total=False):
   lidarcli zones run.mcap --zones nav2.yaml -o tables
   lidarcli zones run.mcap --zones zones.toml --check "zones.stop.events == 0"
   lidarcli zones run.mcap --zones doors.toml --check "zones.door.in >= 30"
-  lidarcli zones run.bag --zones zones.toml --mask robot.toml --no-objects
   lidarcli zones run.bag --zones zones.toml --objects run.objects.parquet
+  lidarcli zones run.bag --zones zones.toml --mask robot.toml --no-objects
   lidarcli zones run.mcap --zones nav2.yaml --clips clips --around 3s
   lidarcli zones run.db3 --zones nav2.yaml \\
     --footprint '[[0.3, 0.2], [0.3, -0.2], [-0.3, 0.0]]'""",
+    changed={field: {"rare": True} for field in ("background", "max_width", "clips")},
     rules=ZONE_RULES,
 )
 def zones(messages: Messages, options: ZonesCommand) -> int:
-    """Find who or what was in a zone, when, and how near.
+    """Find who or what came too close: when, how near, how long.
 
-    Zones are polygons, circles and lines in the frame of the sensor, the robot or the
-    world, of a TOML file or of Nav2's Collision Monitor, whose rules they follow. All
-    valid beams count by default: a wall that is too near is an event, too.
+    Zones are polygons, circles and lines about the sensor, the robot or in the world, of a
+    TOML file or of Nav2's Collision Monitor, whose rules they follow. Walls count, too.
     An offline check of a recording, no safety function.
     """
     if options["output"] == STDOUT:
@@ -233,7 +231,7 @@ class ReportCommand(Overwrite, Reporting, total=False):
   lidarcli report tables/ --format junit -o report.xml --overwrite""",
 )
 def report(messages: Messages, options: Mapping[str, Any]) -> int:
-    """Summarise one or many runs, and test them against thresholds.
+    """Sum up the tables of one or many runs, and check them.
 
     TABLE is an objects, sweeps or tracks table of detect or track (the others are
     found beside it), a table of changes of diff, a folder to search, or a pattern.

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import os
+import shlex
 import sys
 import traceback
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -209,6 +210,8 @@ TYPED = "lidarcli.typed"
 """Key of the context's `meta` for which of -v and -q stand on the command line."""
 SHOWS_ALL = "lidarcli.help_all"
 """Key of the context's `meta` that is set while `--help-all` prints."""
+LAST_EXAMPLE = 3 + 4
+"""Lines of the examples that `--help` shows: a headline, and four commands."""
 
 Work = Callable[[Messages, Any], int]
 """Body of a command: it gets the values of the arguments and options by their fields, and returns the exit code."""
@@ -381,11 +384,8 @@ class DeclaredCommand(_Shared):
         """Write one section per heading, in the order in which they appear."""
         sections: dict[str, list[tuple[str, str]]] = {}
         for parameter in self.get_params(ctx):
-            is_rare = isinstance(parameter, DeclaredOption) and parameter.declared.rare
-            if not isinstance(parameter, click.Option) or (is_rare and SHOWS_ALL not in ctx.meta):
-                continue
             record = parameter.get_help_record(ctx)
-            if record is not None:
+            if record is not None and (SHOWS_ALL in ctx.meta or not _is_rare(parameter)):
                 sections.setdefault(getattr(parameter, "heading", OTHER), []).append(record)
         # click puts its own --help first.
         if OTHER in sections:
@@ -393,6 +393,23 @@ class DeclaredCommand(_Shared):
         for heading, records in sections.items():
             with formatter.section(heading):
                 formatter.write_dl(records, col_max=26)
+
+    def format_epilog(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """Write the examples; without `--help-all` the first ones, and how many options it shows besides."""
+        lines = (self.epilog or "").splitlines()
+        if SHOWS_ALL not in ctx.meta:
+            more = sum(isinstance(each, DeclaredOption) and _is_rare(each) for each in self.params)
+            lines[LAST_EXAMPLE:] = ["", f"{ctx.command_path} --help-all shows {more} more options."]
+        formatter.write_paragraph()
+        with formatter.indentation():
+            formatter.write_text("\n".join(lines))
+
+
+def _is_rare(parameter: click.Parameter) -> bool:
+    """Return True for what `--help` leaves out: options that only some logs need, and those of every command."""
+    return getattr(parameter, "heading", OTHER) == OTHER or (
+        isinstance(parameter, DeclaredOption) and parameter.declared.rare
+    )
 
 
 class Commands(_Shared, click.Group):
@@ -418,13 +435,18 @@ class Commands(_Shared, click.Group):
                 return self.resolve_command(ctx, [*args[1:], "--help"])
             click.echo(ctx.get_help())
             ctx.exit()
-        if not ctx.resilient_parsing and not name.startswith("-") and self.get_command(ctx, name) is None:
+        if not ctx.resilient_parsing and not name.startswith("--") and self.get_command(ctx, name) is None:
             self._refuse(ctx, name)
         return super().resolve_command(ctx, args)
 
     def _refuse(self, ctx: click.Context, name: str) -> NoReturn:
         if name in self.superseded:
             ctx.fail(f"The command '{name}' is gone: {self.superseded[name]}")
+        if ctx.parent is None and name and (not name.isalpha() or os.path.lexists(name)):
+            ctx.fail(
+                f"A command comes first. To see what is in it: lidarcli info {shlex.quote(name)}\n"
+                "Who moved: lidarcli track LOG. Who came close: lidarcli zones LOG --zones FILE. More: lidarcli --help"
+            )
         known = self.list_commands(ctx)
         near = get_close_matches(name, known, 1)
         meant = " ".join([*ctx.command_path.split()[1:], *near])
@@ -433,10 +455,10 @@ class Commands(_Shared, click.Group):
 
 
 COMMANDS = (
-    *("info", "detect", "track", "background", "diff", "map", "zones", "clean", "overlay"),
-    *("poses", "report", "plot", "export", "simulate", "config", "completion"),
+    *("info", "track", "zones", "diff", "detect", "background", "map", "poses", "clean"),
+    *("plot", "overlay", "report", "export", "simulate", "config", "completion"),
 )
-"""Names of the commands; each has a file of its name, unless `HOMES` tells another."""
+"""Names of the commands, those that answer first; each has a file of its name, unless `HOMES` tells another."""
 HOMES = {
     "track": "detect",
     **dict.fromkeys(("config", "completion"), "settings"),

@@ -35,27 +35,26 @@ class Tables(ManyLogs, Stamped, Beams, total=False):
     output: Annotated[
         str,
         output("DIR", default=".", shown="the current directory"),
-        "Folder for the tables, <log>.objects.parquet and so on; or one file for the objects of all logs: .parquet, .csv, "
-        ".ndjson or .arrow; - streams the objects to stdout.",
+        "Folder for the tables; or one file for the objects of all logs: .parquet, .csv, .ndjson or .arrow; - for stdout.",
     ]
     format: Annotated[
         str | None,
         Option(OUTPUT, ("ndjson", "csv", "arrow", "parquet", "json"), shown="ndjson"),
-        "Format of the stream of -o -; json, beside files: print the summary as JSON (docs/ci.md).",
+        "Format of -o -; json, with a folder: print the summary as JSON (docs/ci.md).",
     ]
     resume: Annotated[
         bool,
-        Option(MANY, None, False),
+        Option(MANY, None, False, rare=True),
         "Skip logs that were done with the same parameters and version; repeat what failed or has changed (docs/fleet.md).",
     ]
     partition: Annotated[
         str | None,
-        Option(MANY, ("table", "date"), shown="DIR/<log>.objects.parquet"),
+        Option(MANY, ("table", "date"), shown="DIR/<log>.objects.parquet", rare=True),
         "A folder for each table, DIR/objects/<log>.parquet; date: and for each day, DIR/objects/date=YYYY-MM-DD/.",
     ]
     cluster: Annotated[
         str | None,
-        Option(MANY, Text("ADDRESS"), shown="this machine"),
+        Option(MANY, Text("ADDRESS"), shown="this machine", rare=True),
         "Send the logs to the workers of this Dask cluster, such as tls://host:8786; local:N starts N workers here "
         "(docs/fleet.md).",
     ]
@@ -67,12 +66,13 @@ class DetectCommand(Tables, Detecting, total=False):
 
 @command(
     DetectCommand,
+    changed={field: {"rare": False} for field in ("profile", "walls")},
     examples="""\
   lidarcli detect run.mcap
   lidarcli detect bags/ -o tables --jobs 4 --overwrite
   lidarcli detect run.bag --topic /front_scan --start 10 --end 20 --beams
-  lidarcli detect run.bag --topic '/scan*' --start 2026-11-22T10:00:00Z
   lidarcli detect run.mcap --profile paper --range 0.1 12 -o -
+  lidarcli detect run.bag --topic '/scan*' --start 2026-11-22T10:00:00Z
   lidarcli detect run.mcap --pose /amcl_pose
   lidarcli detect run.mcap --background empty.background.parquet --removed
   lidarcli detect run.bag --background hall.parquet --any-frame
@@ -86,7 +86,7 @@ class DetectCommand(Tables, Detecting, total=False):
   cat run.mcap | lidarcli detect - -o - --format csv | head""",
 )
 def detect(messages: Messages, options: DetectCommand) -> int:
-    """Find the objects of every sweep of every LaserScan topic.
+    """Find the objects of every sweep, without following them.
 
     Writes one row per object to DIR/<log>.objects.parquet and one per sweep to
     DIR/<log>.sweeps.parquet. Sub-folders of LOG are mirrored below DIR.
@@ -102,20 +102,19 @@ class TrackCommand(Tables, Tracking, total=False):
     TrackCommand,
     examples="""\
   lidarcli track run.mcap
-  lidarcli track bags/ -o tables --jobs 4 --no-trajectories --overwrite
-  lidarcli track --join run_0.bag run_1.bag run_2.bag
+  lidarcli track bags/ -o tables --jobs 4 --overwrite
   lidarcli track run.mcap --background empty.background.parquet
   lidarcli track run.bag --pose /amcl_pose --agent-score 0.8
+  lidarcli track --join run_0.bag run_1.bag run_2.bag --no-trajectories
   cat run.mcap | lidarcli track - -o - | jq -c 'select(.set == "A")'""",
 )
 def track(messages: Messages, options: TrackCommand) -> int:
-    """Find objects, and follow things from sweep to sweep.
+    """Find who and what moved: when, how far and how fast.
 
-    Does everything that `lidarcli detect` does, with the same options. In the same pass
-    it finds which objects are one thing, how fast it is, and which things move by
-    themselves (agents, set A). Beside the tables of objects and sweeps it writes
-    one row per thing to DIR/<log>.tracks.parquet, and where each thing was in every
-    sweep to DIR/<log>.trajectories.parquet.
+    Finds objects as `lidarcli detect` does, with the same options, and which of them are
+    one thing. What moves by itself is an agent (set A). Writes one row per thing to
+    DIR/<log>.tracks.parquet and where it was in each sweep to
+    DIR/<log>.trajectories.parquet, beside the tables of objects and sweeps.
     """
     return find(messages, options, follow=True)
 

@@ -32,7 +32,7 @@ class InfoCommand(ManyLogs, TextOrJson, Overwrite, Inspecting, total=False):
     output: Annotated[
         tuple[str, ...],
         output("FILE", shown="none", several=True),
-        "How to fix a log, by --mask auto or --deep; may be repeated: .toml for --mask, .yaml for laser_filters of ROS.",
+        "File to write, how to fix a log: .toml for --mask, .yaml for laser_filters of ROS; may be repeated.",
     ]
     brief: Annotated[
         bool,
@@ -57,8 +57,7 @@ class InfoCommand(ManyLogs, TextOrJson, Overwrite, Inspecting, total=False):
   lidarcli info run.bag --topic /scan --deep -o robot.toml -o filter.yaml
   lidarcli info bags/ --check "findings.errors == 0"
   lidarcli info bags/ --map site.yaml --check "findings.lost == 0"
-  lidarcli info empty.background.parquet
-  lidarcli info --help-all""",
+  lidarcli info empty.background.parquet""",
     rules=[
         Rule(("brief",), ("format=text",), "is for text; leave it out for json", needs=True),
         Rule(
@@ -67,10 +66,11 @@ class InfoCommand(ManyLogs, TextOrJson, Overwrite, Inspecting, total=False):
     ],
 )
 def info(messages: Messages, options: InfoCommand) -> int:
-    """Show what is in a log: topics, sweeps, poses and findings.
+    """Show what is in a log, and what is wrong with it.
 
-    Reads every log from end to end: geometry, times and damage, too. LOG may also be a background (docs/background.md):
-    its sensors, stations, beams and origin. JSON is a list with one object per LOG.
+    Reads every log from end to end: topics, sweeps, times, poses, damage and faults. LOG
+    may also be a background (docs/background.md): its sensors, stations, beams and origin.
+    JSON is a list with one object per LOG.
     """
     kind, brief = options["format"], options["brief"]
     deep, outputs, site = options["deep"], options["output"], (options["map"] and fspath(options["map"])) or None

@@ -65,13 +65,11 @@ class PlotCommand(OneLog, Overwrite, Window, Plotting, total=False):
     ]
     output: Annotated[
         str | None,
-        output("FIG", shown="LOG-N.png, LOG-map.png or LOG.gif in the current directory"),
-        "File to write: .png, .svg, .pdf, with --animate .gif or .mp4; - for a PNG on standard output.",
+        output("FIG", shown="LOG-N.png here"),
+        "File to write: .png, .svg, .pdf, with --animate .gif or .mp4; - for a PNG on stdout.",
     ]
     animate: Annotated[
-        bool,
-        Option(PICTURE, None, False),
-        "One moving picture of the sweeps: of --sweeps, or of those from --start to --end.",
+        bool, Option(PICTURE, None, False), "One moving picture of --sweeps, or of those from --start to --end."
     ]
     only: Annotated[
         tuple[int, ...],
@@ -83,7 +81,7 @@ class PlotCommand(OneLog, Overwrite, Window, Plotting, total=False):
     ]
     fps: Annotated[
         float | None,
-        Option(LOOK, Number("NUMBER", 0.1, MOST_FRAMES), shown=f"{FRAMES_PER_SECOND:g}"),
+        Option(LOOK, Number("NUMBER", 0.1, MOST_FRAMES), shown=f"{FRAMES_PER_SECOND:g}", rare=True),
         "Sweeps per second of --animate.",
     ]
 
@@ -93,10 +91,11 @@ class PlotCommand(OneLog, Overwrite, Window, Plotting, total=False):
     changed={
         "view": {
             "value": (*VIEWS, MAP),
-            "help": f"{options_of(Plotting)['view'].help} map: the run from above in the world, map and path of the "
-            "sensor, with --sweep its points and boxes, with --tracks what stands and what moved.",
+            "help": f"{options_of(Plotting)['view'].help} map: the whole run in the world, with the path of the "
+            "sensor, with --sweep its points, with --tracks what stands and what moved.",
         },
         "max_width": {"shown": "2; paper: no limit"},
+        **{field: {"rare": True} for field in ("start", "end", "pose")},
         "dpi": {"shown": f"200; with --animate {ANIMATED_DPI}", "help": "Pixels per inch of PNG and of animations."},
     },
     examples="""\
@@ -115,10 +114,10 @@ class PlotCommand(OneLog, Overwrite, Window, Plotting, total=False):
     rules=PLOT_RULES,
 )
 def plot(messages: Messages, options: Mapping[str, Any]) -> int:
-    """Draw sweeps: scene with boxes, r(theta), s(theta), map.
+    """Draw one sweep, a map of the run, or an animation.
 
-    Without -o the picture is LOG-0.png in the current directory, and so on. Only the log
-    up to the last of these sweeps is read; with --view map, all of it.
+    Without -o the picture is LOG-0.png in the current directory, LOG-map.png or LOG.gif.
+    Only the log up to the last sweep drawn is read; with --view map, all of it.
     """
     output, view, animate = options["output"], options["view"], options["animate"]
     in_world, sweeps = view == MAP, options["sweeps"]

@@ -297,7 +297,7 @@ class CompletionCommand(TypedDict, total=False):
   lidarcli completion fish | source""",
 )
 def completion(messages: Messages, options: CompletionCommand) -> int:
-    """Print the completion script for SHELL: bash, zsh or fish.
+    """Print what bash, zsh or fish needs to complete commands.
 
     docs/install.md says where each shell wants it.
     """

@@ -65,7 +65,7 @@ class ExportCommand(Overwrite, Exporting, total=False):
     rules=[Rule(("format",), ("output=-",), "is for the stream of -o -; a file has the format of its suffix", needs=True)],
 )
 def export(messages: Messages, options: ExportCommand) -> int:
-    """Write tables as CSV, NDJSON, Arrow or Parquet.
+    """Convert tables to CSV, NDJSON, Arrow or Parquet.
 
     TABLE is any Parquet table that lidarcli wrote, a folder to search, or a
     pattern. Several tables of one kind are written one after the other.
@@ -123,10 +123,10 @@ class PosesCommand(OneLog, Reported, Reading, total=False):
     rules=[Rule(("relocate", "check"), ("map",), "is for --map FILE.yaml", needs=True)],
 )
 def poses(messages: Messages, options: PosesCommand) -> int:
-    """Write where the sensor was at each sweep, as evo reads it.
+    """Write the path of the sensor, and judge it by a map.
 
-    With --map: was the robot lost? Second by second, how many beams the map explains, and
-    the correction of the pose that explains more.
+    The path is a file that evo reads. With --map: was the robot lost? Second by second,
+    how many beams the map explains, and the correction of the pose that explains more.
     """
     logs = log_options(options)
 
@@ -188,7 +188,7 @@ class SimulateCommand(Overwrite, Simulating, total=False):
   lidarcli simulate hall.toml -o run.mcap --map map.yaml --map-resolution 0.1""",
 )
 def simulate(messages: Messages, options: SimulateCommand) -> int:
-    """Ray-cast a scene into a log, with the truth beside it.
+    """Make a log from a scene, with the truth beside it.
 
     Writes LOG, <log>.truth.parquet (one row per sweep and visible entity) and
     <log>.truth-beams.parquet (the entity of every beam).
@@ -234,11 +234,10 @@ class CleanCommand(Reported, Cleaning, total=False):
   lidarcli map run.clean.mcap -o room.yaml""",
 )
 def clean(messages: Messages, options: CleanCommand) -> int:
-    """Write a log once more: cleaned, mended or cut.
+    """Copy a log without what moves, with faults mended, or cut.
 
-    MCAP, ROS 1 bags and ROS 2 bags, each to its own kind. All messages stay as they are,
-    in their order; of LaserScan messages the beams on agents say NaN, and --mend corrects
-    what other programs refuse. --remove none keeps all beams.
+    MCAP, ROS 1 and ROS 2 bags, each to its own kind. All messages stay as they are, in
+    their order; beams on agents say NaN, and --mend corrects what other programs refuse.
     """
     from lidarcli.pipeline.api.options import clean_options
     from lidarcli.pipeline.cleaning import clean_log
@@ -253,9 +252,7 @@ def clean(messages: Messages, options: CleanCommand) -> int:
 
 class OverlayCommand(OneLog, Overwrite, TextOrJson, Overlaying, total=False):
     output: Annotated[
-        str,
-        output("FILE"),
-        "File to write: .mcap (ROS 2, for Foxglove, Lichtblick and RViz), .bag (ROS 1) or .rrd (rerun, an extra).",
+        str, output("FILE"), "File to write: .mcap (ROS 2: Foxglove, RViz), .bag (ROS 1) or .rrd (rerun, an extra)."
     ]
 
 
@@ -273,7 +270,7 @@ class OverlayCommand(OneLog, Overwrite, TextOrJson, Overlaying, total=False):
     rules=OVERLAY_RULES,
 )
 def overlay(messages: Messages, options: OverlayCommand) -> int:
-    """Write objects and tracks as markers that viewers play.
+    """Write objects and tracks for Foxglove, RViz or rerun.
 
     One visualization_msgs/MarkerArray per sweep on /lidarcli/objects: outlines, bodies,
     labels and velocities. Open the file together with the log, or give --with-log.
@@ -311,7 +308,7 @@ class MapCommand(ManyLogs, Reported, Jobs, Mapping, total=False):
   lidarcli map run.mcap -o room.yaml --without agents --free-no-return 3""",
 )
 def map(messages: Messages, options: MapCommand) -> int:
-    """Make one map of one or several logs whose sensors moved.
+    """Make a map of the logs of a sensor that drove around.
 
     Counts the cells that beams hit and pass, each at most once per sweep. Needs to know
     where the sensor was: by the log's poses, --poses FILE.tum, or --pose match.

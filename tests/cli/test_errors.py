@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import shlex
 import signal
 import subprocess
 import sys
@@ -20,6 +21,7 @@ from lidarcli.logs import open_log
 from lidarcli.logs.base import ReadReport
 from lidarcli.pipeline import detecting
 from lidarcli.simulation.writers import write_log
+from tests.places import SAMPLES
 from tests.waiting import HANG, endless, wait_until
 
 Run = Callable[..., Any]
@@ -198,6 +200,24 @@ def test_no_input_and_no_command(lidarcli: Run) -> None:
     assert lidarcli("detect").err.splitlines()[-1] == "Error: Missing argument 'LOG...'."
     assert lidarcli("detect").code == 2
     assert lidarcli("explode").err.splitlines()[-1] == "Error: No such command 'explode'. Did you mean 'export'?"
+
+
+@pytest.mark.parametrize(
+    "log", [str(SAMPLES / "room.mcap"), str(SAMPLES / "hall"), "gone.bag", "s3://logs/*.mcap", "-", "a b"]
+)
+def test_a_log_without_a_command_is_told_what_to_do_next(lidarcli: Run, log: str) -> None:
+    ran = lidarcli(log, "--more")
+    assert (ran.code, ran.out) == (2, "")
+    first, second = ran.err.splitlines()[-2:]
+    assert first.endswith(f" lidarcli info {shlex.quote(log)}")
+    assert "lidarcli track LOG" in second
+    assert "lidarcli zones LOG" in second
+
+
+def test_a_folder_of_a_plain_name_is_a_log(lidarcli: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("explode").mkdir()
+    assert "lidarcli info explode" in lidarcli("explode").err
     assert lidarcli("-v", "-q", "info", "x").err.splitlines()[-1] == ("Error: --verbose and --quiet exclude each other")
 
 

@@ -39,11 +39,17 @@ def options(name: str) -> dict[str, click.Option]:
     }
 
 
+SCREENS = 60
+"""Most lines of a help at 80 columns: a screen and a half."""
+
+
 @pytest.mark.parametrize("name", COMMANDS)
 def test_help_fits_and_shows_defaults(lidarcli: Run, name: str) -> None:
     ran = lidarcli(name, "--help")
     assert ran.code == 0
-    assert max(map(len, ran.out.splitlines())) <= 80
+    lines = ran.out.splitlines()
+    assert max(map(len, lines)) <= 80
+    assert len(lines) <= SCREENS
     assert "Examples:" in ran.out or "Commands:" in ran.out
     for option in options(name).values():
         documented = option.is_flag or option.required or option.show_default or "default" in (option.help or "")
@@ -137,19 +143,31 @@ def test_a_command_imports_nothing_that_it_does_not_use(
     assert ran.stdout.splitlines()[-1] == "0 []"
 
 
-def test_help_leaves_out_what_only_some_logs_need(lidarcli: Run) -> None:
-    some, all_of_them = lidarcli("detect", "--help").out, lidarcli("detect", "--help-all").out
-    rare = {
-        name for name, option in options("detect").items() if getattr(option, "declared", None) and option.declared.rare
-    }
-    assert rare == {
-        *("--columns", "--angle-min", "--angle-increment", "--fov", "--range-max", "--degrees", "--range-unit"),
-        *("--segments", "--echo", "--bins", "--any-frame", "--station-distance", "--station-angle", "--run"),
-    }
-    shown = {name: re.search(rf"^  {name} ", some, re.MULTILINE) is not None for name in rare}
-    assert not any(shown.values())
-    assert all(re.search(rf"^  {name} ", all_of_them, re.MULTILINE) for name in rare)
+@pytest.mark.parametrize("name", ["detect", "track", "zones", "background build", "completion"])
+def test_help_says_how_many_options_it_leaves_out(lidarcli: Run, name: str) -> None:
+    some, all_of_them = (lidarcli(*name.split(), word).out for word in ("--help", "--help-all"))
+    shown, there = (set(re.findall(r"^  (?:-\w, )?(--[a-z-]+)", text, re.MULTILINE)) for text in (some, all_of_them))
+    assert shown < there
+    assert some.splitlines()[-1] == (
+        f"  lidarcli {name} --help-all shows {len(there - shown - {'--help', '--help-all'})} more options."
+    )
     assert max(map(len, all_of_them.splitlines())) <= 80
+    examples, all_examples = (re.findall(rf"^    lidarcli {name}.*", text, re.MULTILINE) for text in (some, all_of_them))
+    assert examples == all_examples[: len(examples)]
+
+
+def test_help_leaves_out_what_only_some_logs_need(lidarcli: Run) -> None:
+    rare = {
+        name for name, option in options("track").items() if isinstance(option, DeclaredOption) and option.declared.rare
+    }
+    assert rare >= {
+        *("--columns", "--angle-min", "--angle-increment", "--fov", "--range-max", "--degrees", "--range-unit"),
+        *("--segments", "--echo", "--bins", "--slice", "--any-frame", "--station-distance", "--station-angle", "--run"),
+        *("--threshold", "--min-beams", "--max-gap", "--group-gap", "--profile", "--min-thing", "--walls", "--no-return"),
+        *("--beam-order", "--no-deskew", "--pose-delay", "--shard", "--base", "--files-from", "--partition", "--cluster"),
+        *("--removed", "--explain"),
+    }
+    assert rare.isdisjoint({"--output", "--overwrite", "--topic", "--start", "--end", "--pose", "--background", "--mask"})
     ran = lidarcli("detect", "run.mcap", "--range-unti", "mm")
     assert ran.code == 2
     assert "--range-unit" in ran.err
