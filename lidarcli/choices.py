@@ -75,6 +75,8 @@ CONTAINERS = ("mcap", "bag", "ros2", "ros2-mcap", "db3", "csv")
 """Formats of simulated logs: `ros2` is a folder with an sqlite3 file in it, `ros2-mcap` one with an MCAP file."""
 TABLE_BY_SUFFIX = {".parquet": "parquet", ".csv": "csv", ".ndjson": "ndjson", ".jsonl": "ndjson", ".arrow": "arrow"}
 """Formats of a file that holds one table."""
+JUNIT = ".xml"
+"""Suffix of an output for the verdicts of checks."""
 CONTAINER_BY_SUFFIX = {".mcap": "mcap", ".bag": "bag", ".db3": "db3", ".csv": "csv"}
 """Suffix of a log that is simulated → its container; a CSV may end in .csv.gz as well."""
 CLOUDS = (".ply", ".pcd", ".parquet")

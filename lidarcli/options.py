@@ -51,7 +51,7 @@ RANGES, GEOMETRY = "Beams", "Text logs without names or geometry"
 CLOUDS, OBJECTS = "Point clouds", "Objects"
 STATIONS = "Viewpoints (stations) of a moving sensor"
 GRID, CLOUD = "Occupancy grid", "Point cloud"
-PICTURE, LOOK, GATES, ZONES, FINDINGS = "Picture", "Look", "Gates", "Zones", "Findings"
+PICTURE, LOOK, CHECKS, ZONES, FINDINGS = "Picture", "Look", "Checks", "Zones", "Findings"
 PLACES, CHANGES = "Places", "What to change"
 RUN, LOG = "Run", "Log"
 
@@ -204,6 +204,18 @@ class TextOrJson(TypedDict, total=False):
 
 class Reported(Stamped, TextOrJson, total=False):
     """Options of a command that writes tables, or a table among others, and prints a summary."""
+
+
+_HOLDS = "`holds` of the result tells."
+CHECK = Option(CHECKS, Text("EXPR", has_blanks=True), (), shown="none", several=True, python=_HOLDS)
+
+
+class Checked(TypedDict, total=False):
+    """Options of a command that holds what it finds against conditions."""
+
+    checks: Annotated[
+        str | None, Option(CHECKS, File("FILE"), shown="none"), "Also the checks of this file (TOML, docs/ci.md)."
+    ]
 
 
 class Jobs(TypedDict, total=False):
@@ -692,7 +704,7 @@ class Plotting(Joining, Poses, Delay, Objects, Ranges, total=False):
     background: Annotated[
         AnyPath | None,
         Option(PICTURE, File("FILE"), shown="none"),
-        "Compare with this background (docs/background.md): also r_w, r_e and their difference.",
+        "Compare with this background: also r_w, r_e, r_w - r_e (docs/background.md).",
     ]
     tracks: Annotated[
         Tables | None,
@@ -726,13 +738,11 @@ class Plotting(Joining, Poses, Delay, Objects, Ranges, total=False):
 
 class Reporting(Joining, total=False):
     check: Annotated[
-        str | Iterable[str],
-        Option(GATES, Text("EXPR", has_blanks=True), (), shown="none", several=True, python="`holds` of the result tells."),
-        "Condition that must hold, else the exit code is 1; may be repeated (docs/reports.md).",
+        str | Iterable[str], CHECK, "Condition that must hold, else the exit code is 1; may be repeated (docs/reports.md)."
     ]
     baseline: Annotated[
         Tables,
-        Option(GATES, File("TABLE"), (), shown="none", several=True, python="Tables in memory are taken, too."),
+        Option(CHECKS, File("TABLE"), (), shown="none", several=True, python="Tables in memory are taken, too."),
         "Tables to compare with, may be repeated; checks may then name delta.FIGURE.",
     ]
     log: Annotated[

@@ -116,17 +116,17 @@ def imported(path: Path) -> set[str]:
 
 
 LINES = {
-    "cli": 3_025,
+    "cli": 3_056,
     "formalism": 16_075,
     "logs": 11_465,
     "overlays": 1_155,
-    "pipeline": 16_680,
+    "pipeline": 16_724,
     "pose": 2_845,
-    "reports": 6_820,
+    "reports": 6_948,
     "ros": 315,
     "simulation": 2_340,
     "tabular": 1_990,
-    "lidarcli": 6_525,
+    "lidarcli": 6_540,
 }
 """Most lines of Python of each room, and of the files beside them: lower them as code goes; who raises one says why."""
 MOST_FILES = 196

@@ -9,6 +9,7 @@ from typing import Annotated, Any
 import click
 from click.core import ParameterSource
 
+from lidarcli.choices import JUNIT
 from lidarcli.cli.commands import command, log_options, usage_errors
 from lidarcli.cli.messages import (
     Messages,
@@ -24,12 +25,14 @@ from lidarcli.cli.messages import (
     wrapped,
 )
 from lidarcli.display import counted, no_command
-from lidarcli.option_forms import Argument, File, Option, Text
+from lidarcli.option_forms import Argument, File, Option
 from lidarcli.options import (
-    GATES,
+    CHECK,
+    CHECKS,
     OUTPUT,
     STDOUT,
     ZONE_RULES,
+    Checked,
     Diffing,
     ManyLogs,
     Overwrite,
@@ -43,17 +46,15 @@ from lidarcli.screen import one_line
 from lidarcli.stores import place
 
 
-class DiffCommand(Overwrite, TextOrJson, Diffing, total=False):
+class DiffCommand(Overwrite, TextOrJson, Diffing, Checked, total=False):
     runs: Annotated[tuple[str, ...], Argument("RUN...", File("RUN"), several=True)]
     output: Annotated[
         tuple[str, ...],
         output("FILE", shown="none", several=True),
-        "File to write; may be repeated: .parquet or .csv (table of changes), .png (picture).",
+        "File to write; may be repeated: .parquet or .csv (table of changes), .png (picture), .xml (checks, as JUnit).",
     ]
     check: Annotated[
-        tuple[str, ...],
-        Option(GATES, Text("EXPR", has_blanks=True), (), shown="none", several=True),
-        "Condition that must hold, else the exit code is 1; may be repeated: gone == 0 (docs/diff.md).",
+        tuple[str, ...], CHECK, "Condition that must hold, else exit code 1: gone == 0 (docs/diff.md); may be repeated."
     ]
 
 
@@ -80,11 +81,12 @@ def diff(messages: Messages, options: DiffCommand) -> int:
     from lidarcli.machine import keep_freed_memory
     from lidarcli.pipeline.api.options import diff_options
     from lidarcli.pipeline.differing import diff_inputs, inputs_of, judged, parse_checks, refuse_outputs, write_changes
+    from lidarcli.pipeline.reporting import checks_of
 
     outputs = [place(each) for each in options["output"]]
     with usage_errors():
         parsed = diff_options(options, logs, overwrite=options["overwrite"])
-        checks = parse_checks(options["check"])
+        checks = parse_checks(checks_of(options))
         inputs = inputs_of(options["runs"])
         refuse_outputs(outputs, inputs, parsed)
     keep_freed_memory()
@@ -98,21 +100,24 @@ def diff(messages: Messages, options: DiffCommand) -> int:
             click.echo(no_command(one_line(line)))
     for line in found.damage:
         messages.error(line)
-    messages.notes([*found.notes, *write_changes(found, outputs, options["overwrite"])])
+    verdicts = judged(found, checks)
+    messages.notes([*found.notes, *write_changes(found, outputs, options["overwrite"], verdicts)])
     messages.wrote(outputs)
-    if messages.failed(judged(found, checks)):
+    if messages.failed(verdicts):
         return CHECK_FAILED
     return UnreadableError.exit_code if found.damage else 0
 
 
-class ZonesCommand(Zoning, ManyLogs, Reported, total=False):
+class ZonesCommand(Zoning, ManyLogs, Checked, Reported, total=False):
     output: Annotated[
-        str | None, output("DIR", shown="none"), "Folder for the tables <log>.events.parquet and <log>.zones.parquet."
+        tuple[str, ...],
+        output("DIR", shown="none", several=True),
+        "Folder for the tables <log>.events.parquet and <log>.zones.parquet; also a .xml file for the checks (JUnit).",
     ]
     check: Annotated[
         tuple[str, ...],
-        Option(GATES, Text("EXPR", has_blanks=True), (), shown="none", several=True),
-        "Condition that must hold, else the exit code is 1; may be repeated: zones.NAME.events == 0 (docs/zones.md).",
+        CHECK,
+        "Condition that must hold, else exit code 1: zones.NAME.events == 0 (docs/zones.md); may be repeated.",
     ]
 
 
@@ -137,27 +142,31 @@ def zones(messages: Messages, options: ZonesCommand) -> int:
     TOML file or of Nav2's Collision Monitor, whose rules they follow. Walls count, too.
     An offline check of a recording, no safety function.
     """
-    if options["output"] == STDOUT:
-        raise click.UsageError("-o is the name of a folder; there is no standard output of tables")
+    outputs = [place(each) for each in options["output"]]
+    suites = [path for path in outputs if path.suffix.lower() == JUNIT]
+    folders = [path for path in outputs if path not in suites]
+    folder = folders[0] if folders else None
+    if STDOUT in options["output"] or len(folders) > 1:
+        raise click.UsageError("-o takes one folder, and .xml files; there is no standard output of tables")
     logs = log_options(options)
 
     from lidarcli.errors import CHECK_FAILED, UnreadableError
     from lidarcli.pipeline.api.options import zone_options
-    from lidarcli.pipeline.zoning import ZoneSummary, judge, refuse_outputs, understand, watch_files
+    from lidarcli.pipeline.reporting import checks_of
+    from lidarcli.pipeline.zoning import ZoneSummary, judge, refuse_outputs, understand, watch_files, write_verdicts
 
     with usage_errors():
         zoning = zone_options(options, logs, overwrite=options["overwrite"])
-        checks = understand(zoning, options["check"])
+        checks = understand(zoning, checks_of(options))
     messages.begin(options, finds=True)
     sources = chosen_logs(messages, options)
     if zoning.objects is not None and len(sources) != 1:
         raise click.UsageError(f"--objects is for one log, and these are {len(sources):,}")
-    folder = None if options["output"] is None else place(options["output"])
-    outputs = refuse_outputs(sources, folder, zoning)
+    writes = refuse_outputs(sources, folder, zoning, suites)
     if options["dry_run"]:
-        return print_reads(sources, outputs)
+        return print_reads(sources, writes)
     total = Total()
-    failed, tables = False, []
+    failed, tables, problems, said = False, [], [], []
 
     def lines_of(run: ZoneSummary) -> list[str]:
         where = f"{counted(run.sweeps, 'sweep')} of {', '.join(sorted(run.topics))}"
@@ -170,13 +179,20 @@ def zones(messages: Messages, options: ZonesCommand) -> int:
         for outcome in watch_files(sources, folder, zoning, report):
             total.add(outcome)
             show(outcome, messages, lines_of)
+            problems += [f"{outcome.label}: {line}" for line in outcome.problems]
             if isinstance(outcome.summary, ZoneSummary):
-                tables += [outcome.summary.tables] if checks else []
+                tables += [outcome.summary.tables] if checks or suites else []
+                said += [f"{outcome.label}: {line.strip()}" for line in lines_of(outcome.summary)]
             else:
                 failed = True
-    verdicts, unobserved = ([], ()) if failed else judge(checks, tables)
+    verdicts, unobserved, figures = ([], (), {}) if failed else judge(checks, tables)
     for line in unobserved:
         messages.error("incomplete", line)
+    for path in suites:
+        title = sources[0].label if len(sources) == 1 else counted(len(sources), "log")
+        told = (title, verdicts, figures, [*problems, *unobserved], said)
+        messages.notes(write_verdicts(path, options["overwrite"], *told))
+        messages.wrote([path])
     code = CHECK_FAILED if messages.failed(verdicts) else total.exit_code(sources)
     if not code and unobserved:
         code = UnreadableError.exit_code
@@ -198,7 +214,7 @@ def _plot_command(options: Mapping[str, Any], topic: str, seconds: float) -> str
     return shlex.join([*words, *(word for file in options["zones"] for word in ("--zones", file))])
 
 
-class ReportCommand(Overwrite, Reporting, total=False):
+class ReportCommand(Overwrite, Reporting, Checked, total=False):
     tables: Annotated[tuple[str, ...], Argument("TABLE...", File("TABLE"), several=True)]
     output: Annotated[
         tuple[str, ...],
@@ -213,14 +229,20 @@ class ReportCommand(Overwrite, Reporting, total=False):
     brief: Annotated[
         bool, Option(OUTPUT, None, False), "Only the checks and a summary in a line: text, markdown or github."
     ]
+    init: Annotated[
+        str | None,
+        Option(CHECKS, File("FILE", is_output=True), shown="none"),
+        "Write the checks of a good run to this file, for --checks (TOML, docs/ci.md).",
+    ]
 
 
 @command(
     ReportCommand,
     examples="""\
-  lidarcli report tables/
-  lidarcli report run.objects.parquet -o run.html --log run.mcap
-  lidarcli report tables/ -o out.md -o out.xml --check "sweeps >= 100"
+  lidarcli report tables/ -o run.html --log run.mcap
+  lidarcli report tables/ -o out.html -o out.xml --check "sweeps >= 100"
+  lidarcli report good/ --init checks.toml
+  lidarcli report tables/ --checks checks.toml --brief
   lidarcli report tables/ --check "objects_per_sweep.p95 <= 12" --brief
   lidarcli report tables/ --check "objects where width > 1.5 == 0"
   lidarcli report tables/ --check "agents_at_once.max <= 3"
@@ -236,27 +258,27 @@ def report(messages: Messages, options: Mapping[str, Any]) -> int:
     TABLE is an objects, sweeps or tracks table of detect or track (the others are
     found beside it), a table of changes of diff, a folder to search, or a pattern.
     """
-    tables, checks, baseline, logs = options["tables"], options["check"], options["baseline"], options["log"]
-    outputs, brief = options["output"], options["brief"]
+    tables, baseline, logs = options["tables"], options["baseline"], options["log"]
+    outputs, brief, init = options["output"], options["brief"], options["init"]
 
     from lidarcli.newfiles import refuse, write_whole
+    from lidarcli.pipeline import reporting
     from lidarcli.pipeline.inputs.search import files_of, find_logs
     from lidarcli.pipeline.inputs.tables import table_files
-    from lidarcli.pipeline.reporting import SHORT_FORMATS, SUFFIXES, ReportOptions, encoded, make_report, render, understand
 
-    kinds = _kinds(outputs or (STDOUT,), options["format"], SUFFIXES)
-    if brief and not {*kinds} & {*SHORT_FORMATS}:
-        raise click.UsageError(f"--brief is for {', '.join(SHORT_FORMATS)}; leave it out for {kinds[0]}")
-    report_options = ReportOptions(tables, checks, baseline, logs, options["join"])
-    understand(report_options)
-    files = [place(name) for name in outputs if name != STDOUT]
+    kinds = _kinds(outputs or (STDOUT,), options["format"], reporting.SUFFIXES)
+    if brief and not {*kinds} & {*reporting.SHORT_FORMATS}:
+        raise click.UsageError(f"--brief is for {', '.join(reporting.SHORT_FORMATS)}; leave it out for {kinds[0]}")
+    report_options = reporting.ReportOptions(tables, reporting.checks_of(options), baseline, logs, options["join"])
+    reporting.understand(report_options)
+    files = [place(name) for name in (*outputs, *([init] if init else [])) if name != STDOUT]
     if files:
         read = table_files([*tables, *baseline])
         refuse(files, options["overwrite"], [*map(str, read), *files_of(find_logs(logs))], devices=True)
     with counted_bar("report", None, "steps", messages) as progress:
-        made = make_report(report_options, viewer="html" in kinds, progress=progress)
+        made = reporting.make_report(report_options, viewer="html" in kinds, progress=progress)
     written = [*zip(outputs or (STDOUT,), kinds, strict=True)]
-    is_shown = any(name == STDOUT and form in SHORT_FORMATS for name, form in written)
+    is_shown = any(name == STDOUT and form in reporting.SHORT_FORMATS for name, form in written)
     # Workflow commands are for the log of a step, which shows both.
     if not (is_shown and ((STDOUT, "github") in written or are_shown_together())):
         for kind_of, problem in made.named_problems:
@@ -265,15 +287,18 @@ def report(messages: Messages, options: Mapping[str, Any]) -> int:
         for warning in made.warnings:
             messages.info(f"warning: {warning}")
     for name, form in written:
-        short = brief and form in SHORT_FORMATS
+        short = brief and form in reporting.SHORT_FORMATS
         if name == STDOUT:
-            words = render(made, form, colour=coloured(standard_output()), brief=short)
-            standard_output().buffer.write(encoded(words))
+            words = reporting.render(made, form, colour=coloured(standard_output()), brief=short)
+            standard_output().buffer.write(reporting.encoded(words))
         else:
-            data = encoded(render(made, form, brief=short))
+            data = reporting.encoded(reporting.render(made, form, brief=short))
             notes = write_whole(place(name), data, options["overwrite"], devices=True)
             messages.wrote([name])
             messages.notes(notes)
+    if init and not made.unread:
+        messages.notes(write_whole(place(init), reporting.encoded(reporting.initial_checks(made)), options["overwrite"]))
+        messages.wrote([init])
     messages.failed(made.verdicts)
     return made.exit_code
 

@@ -88,6 +88,7 @@ class DeclaredOption(click.Option):
         """`settings` are those of click that no declaration has, such as a callback."""
         self.declared = declared
         self.heading = declared.heading
+        self.is_rare = declared.rare or declared.heading == OTHER
         self.field = field
         name = field.replace("_", "-")
         names = [f"--{name}"]
@@ -385,7 +386,7 @@ class DeclaredCommand(_Shared):
         sections: dict[str, list[tuple[str, str]]] = {}
         for parameter in self.get_params(ctx):
             record = parameter.get_help_record(ctx)
-            if record is not None and (SHOWS_ALL in ctx.meta or not _is_rare(parameter)):
+            if record is not None and (SHOWS_ALL in ctx.meta or not getattr(parameter, "is_rare", True)):
                 sections.setdefault(getattr(parameter, "heading", OTHER), []).append(record)
         # click puts its own --help first.
         if OTHER in sections:
@@ -398,18 +399,11 @@ class DeclaredCommand(_Shared):
         """Write the examples; without `--help-all` the first ones, and how many options it shows besides."""
         lines = (self.epilog or "").splitlines()
         if SHOWS_ALL not in ctx.meta:
-            more = sum(isinstance(each, DeclaredOption) and _is_rare(each) for each in self.params)
+            more = sum(getattr(each, "is_rare", False) for each in self.params)
             lines[LAST_EXAMPLE:] = ["", f"{ctx.command_path} --help-all shows {more} more options."]
         formatter.write_paragraph()
         with formatter.indentation():
             formatter.write_text("\n".join(lines))
-
-
-def _is_rare(parameter: click.Parameter) -> bool:
-    """Return True for what `--help` leaves out: options that only some logs need, and those of every command."""
-    return getattr(parameter, "heading", OTHER) == OTHER or (
-        isinstance(parameter, DeclaredOption) and parameter.declared.rare
-    )
 
 
 class Commands(_Shared, click.Group):

@@ -52,12 +52,13 @@ class InfoCommand(ManyLogs, TextOrJson, Overwrite, Inspecting, total=False):
   lidarcli info run.mcap
   lidarcli info bags/ --brief
   lidarcli info bags/ --format json | jq '.[].scans[].rate'
+  lidarcli info run.bag --topic /scan --deep -o robot.toml -o filter.yaml
   lidarcli info ranges.csv --fov 270 --degrees --range-unit mm
   lidarcli info run.bag --mask auto -o robot.toml
-  lidarcli info run.bag --topic /scan --deep -o robot.toml -o filter.yaml
   lidarcli info bags/ --check "findings.errors == 0"
   lidarcli info bags/ --map site.yaml --check "findings.lost == 0"
-  lidarcli info empty.background.parquet""",
+  lidarcli info empty.background.parquet
+  lidarcli info --help-all""",
     rules=[
         Rule(("brief",), ("format=text",), "is for text; leave it out for json", needs=True),
         Rule(

@@ -60,7 +60,7 @@ class PlotCommand(OneLog, Overwrite, Window, Plotting, total=False):
     sweep: Annotated[int | None, Option(PICTURE, SWEEP, shown="0", unless=("sweeps", "at")), "Sweep to draw."]
     sweeps: Annotated[
         tuple[int, ...] | None,
-        Option(PICTURE, Text("LIST", _indices), shown="with --animate all, else --sweep", unless=("sweep", "at")),
+        Option(PICTURE, Text("LIST", _indices), shown="with --animate all", unless=("sweep", "at")),
         "Sweeps to draw, 0,50,100 or 0:100:10; each gets a file, FIG-N.png.",
     ]
     output: Annotated[
@@ -91,10 +91,10 @@ class PlotCommand(OneLog, Overwrite, Window, Plotting, total=False):
     changed={
         "view": {
             "value": (*VIEWS, MAP),
-            "help": f"{options_of(Plotting)['view'].help} map: the whole run in the world, with the path of the "
-            "sensor, with --sweep its points, with --tracks what stands and what moved.",
+            "help": f"{options_of(Plotting)['view'].help} map: the run in the world and the path of the "
+            "sensor, with --sweep its points, with --tracks what stands and moved.",
         },
-        "max_width": {"shown": "2; paper: no limit"},
+        "max_width": {"shown": "2; paper: no limit", "rare": True},
         **{field: {"rare": True} for field in ("start", "end", "pose")},
         "dpi": {"shown": f"200; with --animate {ANIMATED_DPI}", "help": "Pixels per inch of PNG and of animations."},
     },

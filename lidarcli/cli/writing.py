@@ -17,9 +17,10 @@ from lidarcli.cli.messages import (
     standard_output,
 )
 from lidarcli.display import counted
-from lidarcli.option_forms import Argument, File, Option, Rule, Text, options_of
+from lidarcli.option_forms import Argument, File, Option, Rule, options_of
 from lidarcli.options import (
-    GATES,
+    CHECK,
+    CHECKS,
     INPUT,
     OUTPUT,
     OVERLAY_RULES,
@@ -95,7 +96,7 @@ class PosesCommand(OneLog, Reported, Reading, total=False):
     ]
     map: Annotated[
         str | None,
-        Option(GATES, File("FILE.yaml"), shown="none"),
+        Option(CHECKS, File("FILE.yaml"), shown="none"),
         "Map of map_server: also tell when the path was off it, or the robot lost (docs/poses.md).",
     ]
     relocate: Annotated[
@@ -104,9 +105,7 @@ class PosesCommand(OneLog, Reported, Reading, total=False):
         "Write poses that are off as the map corrects them, and leave out those of a lost robot.",
     ]
     check: Annotated[
-        tuple[str, ...],
-        Option(GATES, Text("EXPR", has_blanks=True), (), shown="none", several=True),
-        "Condition that must hold, else the exit code is 1; may be repeated: lost == 0 (docs/poses.md).",
+        tuple[str, ...], CHECK, "Condition that must hold, else exit code 1: lost == 0 (docs/poses.md); may be repeated."
     ]
 
 

@@ -71,6 +71,7 @@ from lidarcli.pipeline.zone_counting import OBJECT_COLUMNS, Objects
 from lidarcli.reports.changes import pairs_of
 from lidarcli.reports.checks import Check, Verdict, parse_check, verdict_of
 from lidarcli.reports.figures import OF_CHANGES, OF_MAPS
+from lidarcli.reports.programs import as_junit
 from lidarcli.stores import Place, place
 from lidarcli.sweeps import Float64, Int64, Status, SweepPoses
 from lidarcli.tabular.background import read_background
@@ -819,7 +820,7 @@ def _line(angle: float) -> float:
 
 def refuse_outputs(outputs: Sequence[Place], inputs: Sequence[Input], options: DiffOptions) -> None:
     """Refuse outputs of an unknown suffix (`OptionError`), that exist or are an input, before any work."""
-    known = (*TABLES, PICTURE)
+    known = (*TABLES, PICTURE, choices.JUNIT)
     for path in outputs:
         if path.suffix.lower() not in known:
             raise OptionError(f"{path}: the suffix of an output has to be one of {', '.join(known)}")
@@ -827,8 +828,10 @@ def refuse_outputs(outputs: Sequence[Place], inputs: Sequence[Input], options: D
     refuse(outputs, options.overwrite, [*options.detect.inputs(sources), *(file for one in inputs for file in one.files)])
 
 
-def write_changes(found: Difference, outputs: Sequence[Place], overwrite: bool) -> list[str]:
-    """Write the changes as tables and pictures; returns notes."""
+def write_changes(
+    found: Difference, outputs: Sequence[Place], overwrite: bool, verdicts: Sequence[Verdict] = ()
+) -> list[str]:
+    """Write the changes as tables and pictures, and the verdicts of checks; returns notes."""
     notes: list[str] = []
     with NewFiles(outputs, overwrite) as new:
         for path in outputs:
@@ -839,6 +842,9 @@ def write_changes(found: Difference, outputs: Sequence[Place], overwrite: bool) 
 
                     sights = [Sight(step.ground, step.sensors) for step in found.steps]
                     part.write_bytes(draw_changes(pairs_of(found.changes), sights))
+                elif suffix == choices.JUNIT:
+                    title = ", ".join([found.steps[0].before, *(step.name for step in found.steps)])
+                    part.write_bytes(as_junit("diff", title, verdicts, found.figures, found.damage, found.lines).encode())
                 else:
                     table = found.changes.combine_chunks()
                     metadata = dict(table.schema.metadata)

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import json
 import shlex
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import count
+from typing import Any
 
 import pyarrow as pa
 
+from lidarcli.configfiles import read_toml
 from lidarcli.errors import LidarcliError, OptionError, UnreadableError
 from lidarcli.pipeline.inputs.tables import (
     Given,
@@ -24,7 +27,7 @@ from lidarcli.reports.changes import ChangesPart, changes_part
 from lidarcli.reports.checks import Check, accepts, columns_needed, judge, parse_check
 from lidarcli.reports.columns import Origin, Rows, Run, least_observed
 from lidarcli.reports.document import Part, Report
-from lidarcli.reports.figures import DELTA, OF_CHANGES, OF_MAPS
+from lidarcli.reports.figures import DELTA, OF_CHANGES, OF_MAPS, guards
 from lidarcli.reports.run import RunPart
 from lidarcli.reports.summary import (
     OBJECT_COLUMNS,
@@ -37,8 +40,9 @@ from lidarcli.reports.summary import (
     summarise,
     values_of,
 )
-from lidarcli.reports.wording import counted
+from lidarcli.reports.wording import counted, number
 from lidarcli.reports.zones import floored, judge_zones, parse_zone_check, unobserved, zones_in, zones_part
+from lidarcli.screen import one_line
 from lidarcli.stores import Place
 from lidarcli.tabular.reading import Readable
 from lidarcli.tabular.schemas import EVENTS
@@ -141,6 +145,24 @@ def make_report(options: ReportOptions, viewer: bool = False, progress: Progress
     return replace(report, page=page, unread=(*report.unread, *unread_beams))
 
 
+def checks_of(options: Mapping[str, Any]) -> tuple[str, ...]:
+    """Return the checks of `--check` and of the file of `--checks` (`OptionError`, `UnreadableError`)."""
+    if (file := options["checks"]) is None:
+        return tuple(options["check"])
+    held = read_toml(file, "file of checks")
+    found = held.get("checks")
+    if {*held} != {"checks"} or not isinstance(found, list) or not all(isinstance(each, str) for each in found):
+        raise OptionError(f'{file}: a file of checks holds one list of texts, checks = ["sweeps >= 100"], and nothing else')
+    return (*options["check"], *found)
+
+
+def initial_checks(report: Report) -> str:
+    """Return a file of checks that this run passes, with room for others (`figures.guards`)."""
+    lines = [f"  {json.dumps(check)},  # {number(value)} there" for check, value in guards(report.figures).items()]
+    head = f"# Checks of a good run ({one_line(report.title)}), for lidarcli report RUN --checks THIS_FILE"
+    return "\n".join([head, "checks = [", *lines, "]", ""])
+
+
 def _is_of_zones(pair: TableSet) -> bool:
     """Tell whether a log has tables of zones alone."""
     return (pair.zones.exists() or pair.events.exists()) and not (pair.objects.exists() or pair.sweeps.exists())
@@ -205,7 +227,7 @@ def _without_objects(
     for name, values in (("--baseline", options.baseline), ("--log", options.logs)):
         if values:
             raise OptionError(f"{name}: these are tables of {kind} alone; name the objects table of the log as well")
-    others = () if changes is None else (*OF_CHANGES, *OF_MAPS)
+    others = ("damage", *(() if changes is None else (*OF_CHANGES, *OF_MAPS)))
     if pairs:
         zones = zones_in(read)
         parts: list[Part] = [zones_part(zones, sources), *([] if changes is None else [changes])]
@@ -215,8 +237,11 @@ def _without_objects(
         assert changes is not None
         zones, parts, incomplete = None, [changes], ()
         checks = [parse_check(text, only=others) for text in options.checks]
-    report = Report(tuple(parts), (), tuple(map(str, failed)), (*incomplete, *_unseen_changes(checks, changes)))
-    return replace(report, verdicts=tuple(judge_zones(check, report.figures, zones) for check in checks))
+    if not accepts(checks, "damage"):
+        incomplete = (*incomplete, *_unseen_changes(checks, changes))
+    report = Report(tuple(parts), (), tuple(map(str, failed)), incomplete)
+    figures = {"damage": sum(len(source.damage) for part in parts for source in part.sources), **report.figures}
+    return replace(report, verdicts=tuple(judge_zones(check, figures, zones) for check in checks))
 
 
 def _command(options: ReportOptions) -> str:
@@ -381,7 +406,8 @@ def render(report: Report, kind: str, colour: bool = False, brief: bool = False)
             return programs.as_github(report, "" if brief else text.as_text(report))
         case "json":
             return programs.as_json(report)
-    return programs.as_junit(report)
+    warnings = [f"warning: {line}" for line in report.warnings]
+    return programs.as_junit("report", report.title, report.verdicts, report.figures, report.problems, warnings)
 
 
 def nothing_read(problems: Sequence[UnreadableError]) -> LidarcliError:

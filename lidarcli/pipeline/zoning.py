@@ -16,7 +16,7 @@ from lidarcli.display import times
 from lidarcli.errors import NoScanError, OptionError, UnreadableError
 from lidarcli.logs.base import Log, ReadReport
 from lidarcli.masks import Circle, Masks, Polygon, same_name
-from lidarcli.newfiles import refuse, scratch_folder
+from lidarcli.newfiles import refuse, scratch_folder, write_whole
 from lidarcli.pipeline.detecting import detect_to_temporary, second_half
 from lidarcli.pipeline.inputs.declared import plain
 from lidarcli.pipeline.inputs.sources import MissingInput, Source, open_source
@@ -44,6 +44,7 @@ from lidarcli.pose.sources import WORLDS
 from lidarcli.pose.tracks import frame_name
 from lidarcli.reports.checks import Check, Verdict, verdict_of
 from lidarcli.reports.figures import plain_number
+from lidarcli.reports.programs import as_junit
 from lidarcli.reports.wording import counted
 from lidarcli.reports.zones import NEVER, WHO, figures_of, judge_zones, parse_zone_check, unobserved, zones_in
 from lidarcli.stores import Place
@@ -609,10 +610,13 @@ def watch_files(
     return over_logs(sources, partial(watch, options=options, folder=folder), report, at_once)
 
 
-def refuse_outputs(sources: Sequence[Source | MissingInput], folder: Place | None, options: ZoneOptions) -> list[str]:
-    """Return the files that are written, after refusing those that cannot be, before any work."""
+def refuse_outputs(
+    sources: Sequence[Source | MissingInput], folder: Place | None, options: ZoneOptions, more: Sequence[Place] = ()
+) -> list[str]:
+    """Return the files that are written, `more` besides, after refusing those that cannot be, before any work."""
     logs = [source for source in sources if isinstance(source, Source)]
     paths = [path for source in logs if folder is not None for path in options.outputs(source, folder).values()]
+    paths += more
     refuse(paths, options.overwrite, options.inputs(sources))
     return [*map(str, paths)]
 
@@ -622,13 +626,20 @@ def understand(options: ZoneOptions, expressions: Sequence[str]) -> list[Check]:
     return [parse_zone_check(each, [zone.name for zone in options.zones.zones]) for each in expressions]
 
 
-def judge(checks: Sequence[Check], tables: Sequence[ZoneTables]) -> tuple[list[Verdict], tuple[str, ...]]:
-    """Hold checks against the tables of all logs; also returns a line for each zone that was not observed all the time."""
-    if not checks or not tables:
-        return [verdict_of(check, None) for check in checks], ()
+def judge(
+    checks: Sequence[Check], tables: Sequence[ZoneTables]
+) -> tuple[list[Verdict], tuple[str, ...], dict[str, float | None]]:
+    """Return the verdicts on all logs, a line for each zone that was not observed all the time, and the figures."""
+    if not tables:
+        return [verdict_of(check, None) for check in checks], (), {}
     rows = zones_in(dict(enumerate(tables)))
     figures = figures_of(rows)
-    return [judge_zones(check, figures, rows) for check in checks], unobserved(checks, rows)
+    return [judge_zones(check, figures, rows) for check in checks], unobserved(checks, rows), figures
+
+
+def write_verdicts(path: Place, overwrite: bool, *told: Any) -> list[str]:
+    """Write what was `told` to `as_junit` to a file; returns notes."""
+    return write_whole(path, as_junit("zones", *told).encode(), overwrite)
 
 
 def _tables(log: str, by_zone: Sequence[ZoneEvents], metadata: dict[bytes, bytes]) -> ZoneTables:

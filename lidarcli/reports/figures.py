@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from decimal import ROUND_CEILING, ROUND_FLOOR, Context, Decimal
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -156,6 +157,18 @@ COMPARED: dict[str, Figure] = {
 }
 """Figures that need a baseline, beside `delta.NAME` of every other."""
 
+GUARDED: dict[str, tuple[float | None, float | None]] = {
+    **dict.fromkeys(("sweeps", "valid_share", "known"), (0.8, None)),
+    **dict.fromkeys(("observed", "zones.NAME.observed", "overlap"), (0.9, None)),
+    "f1": (0.95, None),
+    "nearest.min": (0.5, None),
+    "rate": (0.9, 1.1),
+    **dict.fromkeys(("zones.NAME.events", "moved", "new", "gone"), (None, 1.5)),
+    **dict.fromkeys(("step.max", "agents_at_once.max"), (None, 2.0)),
+    "damage": (None, 1.0),
+}
+"""Figure that the checks of a good run hold → their least and greatest limit, as parts of the value there."""
+
 DELTA = "delta."
 STATISTICS = ("mean", "std", "min", "p05", "p50", "p95", "max")
 BINS = 24
@@ -198,6 +211,30 @@ def zone_of(name: str) -> tuple[str, str] | None:
 def _spelled(counts: Iterable[str], spreads: Iterable[str], kinds: Mapping[str, Iterable[str]]) -> list[str]:
     statistics = [f"{name}.{statistic}" for name in spreads for statistic in STATISTICS]
     return [*counts, *statistics, *(f"{name}.{kind}" for name, values in kinds.items() for kind in values)]
+
+
+def guards(found: Mapping[str, float | None]) -> dict[str, float]:
+    """Return the checks that a good run with these figures sets for others, as of `GUARDED` → the value there."""
+    checks = {}
+    for name, value in found.items():
+        of_zone = None if name.startswith(DELTA) else zone_of(name)
+        least, most = GUARDED.get(f"{ZONES}NAME.{of_zone[1]}" if of_zone else name, (None, None))
+        if value is None:
+            continue
+        low = _rounded(value * least, ROUND_FLOOR) if least and value else None
+        high = None if most is None else _rounded(value * most, ROUND_CEILING, whole=value == int(value))
+        if low and high:
+            checks[f"{name} between {low} and {high}"] = value
+        elif low or high:
+            checks[f"{name} >= {low}" if low else f"{name} <= {high}"] = value
+    return checks
+
+
+def _rounded(limit: float, how: str, whole: bool = False) -> str:
+    """Return a limit with three digits, or of a `whole` number a whole one."""
+    exact = Decimal(f"{limit:.9g}")
+    rounded = exact.to_integral_value(how) if whole else Context(prec=3, rounding=how).plus(exact)
+    return f"{rounded.normalize():f}"
 
 
 def unit_of(name: str) -> str:

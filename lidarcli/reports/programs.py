@@ -6,11 +6,12 @@ import hashlib
 import json
 import re
 import xml.etree.ElementTree as ET
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from lidarcli._version import __version__
 from lidarcli.display import visible
+from lidarcli.reports.checks import Verdict
 from lidarcli.reports.document import Report
 from lidarcli.reports.figures import plain_numbers
 from lidarcli.reports.wording import number
@@ -51,32 +52,40 @@ def as_dict(report: Report) -> dict[str, Any]:
     return found
 
 
-def as_junit(report: Report) -> str:
-    """Return one suite: its properties are the figures, its cases the checks.
+def as_junit(
+    command: str,
+    title: str,
+    verdicts: Sequence[Verdict],
+    figures: Mapping[str, float | None],
+    problems: Sequence[str],
+    lines: Sequence[str] = (),
+) -> str:
+    """Return one suite on what a `command` found: its properties are the figures, its cases the checks.
 
-    A table that could not be read is an error.
+    Each of the `problems`, for which not all was read or checked, is an error; without errors and failures the exit code
+    is 0.
     """
     counts = {
-        "tests": str(len(report.verdicts) + len(report.problems)),
-        "failures": str(sum(not verdict.holds for verdict in report.verdicts)),
-        "errors": str(len(report.problems)),
+        "tests": str(len(verdicts) + len(problems)),
+        "failures": str(sum(not verdict.holds for verdict in verdicts)),
+        "errors": str(len(problems)),
     }
-    root = ET.Element("testsuites", {"name": "lidarcli report", **counts})
-    suite = _part(root, "testsuite", name=report.title, **counts, skipped="0")
+    root = ET.Element("testsuites", {"name": f"lidarcli {command}", **counts})
+    suite = _part(root, "testsuite", name=title, **counts, skipped="0")
     properties = _part(suite, "properties")
-    for name, value in report.figures.items():
+    for name, value in figures.items():
         if value is not None:
             _part(properties, "property", name=name, value=number(value, 6).replace(",", ""))
-    for one in report.verdicts:
-        case = _part(suite, "testcase", classname="lidarcli.report", name=one.expression)
+    for one in verdicts:
+        case = _part(suite, "testcase", classname=f"lidarcli.{command}", name=one.expression)
         if not one.holds:
             why = f"expected {one.expected}, found {one.words}"
             _part(case, "failure", message=why, type="check").text = clean(f"{one.expression}\n{why}")
-    for problem in report.problems:
-        case = _part(suite, "testcase", classname="lidarcli.report", name="read the tables")
+    for count, problem in enumerate(problems, 1):
+        case = _part(suite, "testcase", classname=f"lidarcli.{command}", name=f"all of the input is read ({count})")
         _part(case, "error", message=problem, type="unreadable")
-    if report.warnings:
-        _part(suite, "system-out").text = clean("\n".join(f"warning: {line}" for line in report.warnings))
+    if lines:
+        _part(suite, "system-out").text = clean("\n".join(lines))
     ET.indent(root, " ")
     return '<?xml version="1.0" encoding="UTF-8"?>\n' + ET.tostring(root, encoding="unicode") + "\n"
 

@@ -41,6 +41,8 @@ def shell(script: str, folder: Path) -> str:
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
     (tmp_path / "samples").symlink_to(ROOT / "samples")
+    (zones,) = blocks("toml stop.toml")
+    (tmp_path / "stop.toml").write_text(zones, "utf-8")
     return tmp_path
 
 
@@ -55,22 +57,31 @@ def tables(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.mark.slow
 def test_github(folder: Path) -> None:
-    job = pipeline(".github/workflows/lidar.yml")["jobs"]["objects"]
+    job = pipeline(".github/workflows/steps.yml")["jobs"]["lidar"]
     steps = [step["run"] for step in job["steps"] if "run" in step]
     assert steps[0] == "pip install ."
     printed = [shell(step, folder) for step in steps[1:]]
-    assert "::notice title=lidarcli%3A check passed::sweeps >= 100: found 100" in printed[1].splitlines()
-    assert (folder / "summary.md").read_text("utf-8").startswith("## lidarcli report: room\n")
+    assert "::notice title=lidarcli%3A check passed::zones.stop.events == 0: found 0" in printed[1].splitlines()
+    assert (folder / "summary.md").read_text("utf-8").startswith("## lidarcli report: zones in people\n")
     assert {path.name for path in folder.glob("report.*")} == {"report.md", "report.xml", "report.html"}
+
+
+def test_the_action_knows_the_inputs_of_the_example() -> None:
+    known = YAML(typ="safe").load((ROOT / "action.yml").read_text("utf-8"))["inputs"]
+    jobs = pipeline(".github/workflows/lidar.yml")["jobs"].values()
+    given = [step["with"] for job in jobs for step in job["steps"] if step["uses"].startswith("lidarcli/")]
+    assert [one["command"] for one in given] == ["zones", "diff"]
+    assert all(one.keys() <= known.keys() for one in given)
+    assert len({one["artifact"] for one in given}) == len(given)
 
 
 @pytest.mark.slow
 def test_gitlab(folder: Path) -> None:
-    job = pipeline(".gitlab-ci.yml")["objects"]
+    job = pipeline(".gitlab-ci.yml")["lidar"]
     assert job["script"][0] == "pip install ."
     for step in job["script"][1:]:
         shell(step, folder)
-    for name in (*job["artifacts"]["paths"], job["artifacts"]["reports"]["junit"]):
+    for name in (*job["artifacts"]["paths"], *job["artifacts"]["reports"]["junit"]):
         assert (folder / name).stat().st_size > 0
 
 

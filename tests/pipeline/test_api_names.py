@@ -25,9 +25,9 @@ READING = {*COMMANDS} - {"export", "plot", "report"}
 """Functions that tell how far they are."""
 OF_THE_SHELL = {
     *("help", "help-all", "verbose", "quiet", "config", "format", "overwrite", "files-from", "base", "shard", "dry-run"),
-    *("resume", "partition", "cluster", "brief", "stamps"),
+    *("resume", "partition", "cluster", "brief", "stamps", "checks", "init"),
 }
-"""Options of how a command is run, prints or writes; `export` has the stamps in Python, too."""
+"""Options of how a command is run, checks, prints or writes; `export` has the stamps in Python, too."""
 ONLY_SHELL = {
     "background": {"plot"},
     "detect": {"output", "beams"},

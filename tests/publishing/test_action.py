@@ -7,6 +7,7 @@ import re
 import shutil
 import subprocess
 import sys
+import xml.etree.ElementTree as ET
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -120,7 +121,9 @@ def test_a_run_whose_checks_hold(runner: Runner) -> None:
     assert report.read_text("utf-8").startswith("<!doctype html>")
     (kept,) = [step["with"] for step in ACTION["runs"]["steps"] if "upload-artifact" in step.get("uses", "")]
     assert Path(runner.value(kept["path"])).parent == report.parent
-    assert {path.name for path in report.parent.glob("report.*")} == {"report.md", "report.html"}
+    assert {path.name for path in report.parent.glob("report.*")} == {"report.md", "report.html", "report.xml"}
+    suite = ET.fromstring(Path(runner.value(ACTION["outputs"]["junit"]["value"])).read_bytes())
+    assert [suite.attrib[name] for name in ("tests", "failures", "errors")] == ["2", "0", "0"]
 
 
 @needs_bash
@@ -128,6 +131,11 @@ def test_a_run_whose_checks_hold(runner: Runner) -> None:
     ("inputs", "code"),
     [
         ({"command": "simulate"}, 2),
+        ({"command": "zones"}, 2),
+        ({"command": "diff"}, 2),
+        ({"command": "zones", "zones": "$(touch planted)"}, 3),
+        ({"command": "diff", "before": "; touch planted"}, 3),
+        ({"checks-file": "`touch planted`"}, 3),
         ({"command": "detect; touch planted"}, 2),
         ({"logs": "$(touch planted)\n`touch planted`\n; touch planted"}, 3),
         ({"args": "--topic $(touch planted) ; touch planted"}, 3),
@@ -140,6 +148,47 @@ def test_inputs_are_no_commands(runner: Runner, inputs: dict[str, str], code: in
     runner.inputs |= inputs
     assert runner.run_all() == code, runner.said
     assert not (runner.folder / "planted").exists()
+
+
+@needs_bash
+@pytest.mark.whole
+def test_who_came_close(runner: Runner) -> None:
+    (runner.folder / "stop zone.toml").write_text(
+        '[[zone]]\nname = "stop"\ncircle = {x = 0, y = 0, radius = 2.0}\n', "utf-8"
+    )
+    (runner.folder / "checks.toml").write_text('checks = ["zones.stop.nearest > 1.5"]\n', "utf-8")
+    runner.inputs |= {"command": "zones", "zones": "stop zone.toml", "checks-file": "checks.toml"}
+    assert runner.run_all() == 0, runner.said
+    runner.inputs |= {"checks": "zones.stop.events == 0", "tables": "again"}
+    assert runner.run_all() == 1
+    assert "::error title=lidarcli%3A check failed::zones.stop.events == 0" in runner.said
+    suite = ET.fromstring(Path(runner.value(ACTION["outputs"]["junit"]["value"])).read_bytes())
+    assert [suite.attrib[name] for name in ("tests", "failures", "errors")] == ["2", "1", "0"]
+
+
+@needs_bash
+@pytest.mark.whole
+def test_what_changed(runner: Runner) -> None:
+    shutil.copy(SAMPLES / "room_empty.mcap", runner.folder / "before.mcap")
+    runner.inputs |= {"command": "diff", "before": "before.mcap", "checks": "gone == 0\nnew <= 5", "args": "--every 2"}
+    assert runner.run_all() == 0, runner.said
+    assert "gone == 0" in (runner.folder / "summary.md").read_text("utf-8")
+    runner.inputs |= {"checks": "new == 0", "tables": "again"}
+    assert runner.run_all() == 1
+
+
+@needs_bash
+@pytest.mark.whole
+@pytest.mark.parametrize("command", ["detect", "zones", "diff"])
+def test_damage_is_accepted_where_that_is_said(runner: Runner, command: str) -> None:
+    (runner.folder / "cut.csv.gz").write_bytes((SAMPLES / "people.csv.gz").read_bytes()[:-60_000])
+    shutil.copy(SAMPLES / "people.csv.gz", runner.folder)
+    (runner.folder / "z.toml").write_text('[[zone]]\nname = "z"\ncircle = {x = 0, y = 0, radius = 1.0}\n', "utf-8")
+    runner.inputs |= {"command": command, "logs": "cut.csv.gz", "zones": "z.toml", "before": "people.csv.gz"}
+    runner.inputs["checks"] = {"detect": "sweeps > 1", "zones": "zones.z.events == 0", "diff": "gone == 0"}[command]
+    assert runner.run_all() == 3, runner.said
+    runner.inputs |= {"accept-damage": "true", "tables": "again"}
+    assert runner.run_all() == 0, runner.said
 
 
 @needs_bash

@@ -10,6 +10,7 @@ from functools import partial
 from typing import Any, Protocol, TypeVar
 
 from lidarcli.errors import OUT_OF_MEMORY, LidarcliError, UnreadableError, is_short_of_memory
+from lidarcli.logs.registry import no_scan_topic
 from lidarcli.pipeline.inputs.sources import MissingInput, Source
 from lidarcli.pipeline.reading.one_log import Progress, RunSummary
 
@@ -42,6 +43,12 @@ class Outcome:
     """The input it is about."""
     skipped: bool = False
     """True where it was done before, and nothing was read now."""
+
+    @property
+    def problems(self) -> list[str]:
+        """Reasons for which not all was read, one line each."""
+        run = self.summary
+        return [self.error or ""] if run is None else [*run.damage, *(no_scan_topic([one]) for one in run.missing_topics)]
 
 
 @dataclass(frozen=True, slots=True)
