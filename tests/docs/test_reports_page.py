@@ -1,4 +1,4 @@
-"""The commands of docs/reports.md and docs/diff.md do what the pages say, and draw their pictures.
+"""The commands of README.md, docs/reports.md and docs/diff.md do what the pages say, and draw their pictures.
 
 `python -m tests.docs.test_reports_page` writes them anew.
 """
@@ -18,19 +18,21 @@ from tests.docs.test_paper_page import LIKENESS, reduced
 from tests.places import ROOT
 
 SHOWN = {
-    "reports": re.findall(
+    "README.md": ["images/office.png"],
+    "docs/zones.md": ["images/zones.png"],
+    "docs/reports.md": re.findall(
         r"\((images/plot/[\w-]+\.(?:png|gif))\)", (ROOT / "docs" / "reports.md").read_text(encoding="utf-8")
     ),
-    "diff": ["images/diff.png"],
+    "docs/diff.md": ["images/diff.png"],
 }
 """Page → its pictures."""
-MADE = {"images/diff.png": "changes.png"}
+MADE = {"images/diff.png": "changes.png", "images/zones.png": "near.png"}
 """Picture → its name in the commands, where that is another."""
 
 
 def drawn(page: str, folder: Path) -> dict[Path, Path]:
     """Run the commands of a page; picture of the page → the one that was drawn now, with the colours of the page."""
-    run_page(f"docs/{page}.md", folder)
+    run_page(page, folder)
     found = {ROOT / "docs" / name: folder / MADE.get(name, Path(name).name) for name in SHOWN[page]}
     for path in found.values():
         if path.suffix == ".png":
