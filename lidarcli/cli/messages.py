@@ -373,8 +373,8 @@ def _counts(run: RunSummary) -> str:
     sweeps = counted(run.sweeps, "sweep")
     if run.things is None:
         return f"{sweeps}, {counted(run.objects, 'object')}"
-    objects = f"{counted(run.objects + run.agents, 'object')} ({run.agents:,} on moving things)"
-    return f"{sweeps}, {objects}, {counted(run.things, 'track')} ({run.moved:,} moving)"
+    objects = f"{counted(run.objects + run.agents, 'object')} ({run.agents:,} of agents)"
+    return f"{sweeps}, {objects}, {counted(run.things, 'track')} ({counted(run.moved, 'agent')})"
 
 
 def _speed(run: RunSummary) -> str:

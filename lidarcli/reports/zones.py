@@ -63,7 +63,7 @@ EVENTS = 12
 """Most events that text and Markdown show; the page shows all that are kept."""
 LOGS = 6
 """Most logs whose timelines are drawn."""
-WHO = {"A": "agents", "O": "things", "S": "walls"}
+WHO = {"A": "agents", "O": "objects", "S": "walls"}
 """Set of the points of an event → what was in the zone."""
 AREA_CELLS = ("zone", "events", "active", "nearest", "observed", "by")
 """Columns of the table of areas; the first and the last one wrap."""

@@ -60,8 +60,8 @@ def test_track_counts_as_the_text_does(folder: Path, lidarcli: Run) -> None:
     (run,) = told(lidarcli, "track", "run.mcap", "-o", "out")["logs"]
     text = lidarcli("track", "run.mcap", "-o", "out", "--overwrite").err.splitlines()[0]
     assert text == (
-        f"run.mcap: {run['sweeps']} sweeps, {run['objects']} objects ({run['on_agents']} on moving things), "
-        f"{run['tracks']} track ({run['moving']} moving)"
+        f"run.mcap: {run['sweeps']} sweeps, {run['objects']} objects ({run['on_agents']} of agents), "
+        f"{run['tracks']} track ({run['moving']} agent{'' if run['moving'] == 1 else 's'})"
     )
     assert run["moving"] == 1
     (again,) = told(lidarcli, "track", "run.mcap", "-o", "out", "--resume")["logs"]

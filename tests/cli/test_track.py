@@ -38,7 +38,7 @@ def test_tables_and_summary(logs: Path, tmp_path: Path, lidarcli: Run, patient: 
     ran = lidarcli("track", logs / "run.mcap", "-o", tmp_path, "--beams")
     assert (ran.code, ran.out) == (0, "")
     lines = ran.err.splitlines()
-    assert lines[0].startswith(f"{logs / 'run.mcap'}: 20 sweeps, 30 objects (10 on moving things), 2 tracks (1 moving)")
+    assert lines[0].startswith(f"{logs / 'run.mcap'}: 20 sweeps, 30 objects (10 of agents), 2 tracks (1 agent)")
     assert lines[2] == "  on       agents 300 (4.2%), other objects 400 (5.6%), walls and rest 6,500 (90.3%)"
     assert lines[5:] == [
         "  note     2 things in 20 sweeps of /scan",
@@ -72,7 +72,7 @@ def test_several_logs_by_processes_give_the_same_bytes(
             monkeypatch.setattr(over_logs, "WORTH_A_PROCESS", 1)
         ran = lidarcli("track", logs / "run.mcap", logs / "two.mcap", "-o", tmp_path / jobs, "--jobs", jobs, "--beams")
         assert ran.code == 0
-        assert ran.err.splitlines()[-1].startswith("2 logs: 60 sweeps, 90 objects (0 on moving things), ")
+        assert ran.err.splitlines()[-1].startswith("2 logs: 60 sweeps, 90 objects (0 of agents), ")
     assert len(names(tmp_path / "1")) == 2 * (len(TABLES) + 1)
     for name in names(tmp_path / "1"):
         assert (tmp_path / "1" / name).read_bytes() == (tmp_path / "2" / name).read_bytes()
