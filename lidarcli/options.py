@@ -121,7 +121,8 @@ def parse_names(text: str) -> tuple[str, ...]:
 
 def parse_numbers(text: str) -> tuple[int, ...]:
     """Numbers of tracks, comma separated."""
-    if wrong := next((part for part in text.split(",") if not part.strip().isdecimal()), None):
+    wrong = next((part for part in text.split(",") if not part.strip().isdecimal()), None)
+    if wrong is not None:
         raise OptionError(f"'{wrong}' is no number of a track; give them as 4,6")
     return tuple(dict.fromkeys(int(part) for part in text.split(",")))
 
@@ -214,7 +215,9 @@ class Checked(TypedDict, total=False):
     """Options of a command that holds what it finds against conditions."""
 
     checks: Annotated[
-        str | None, Option(CHECKS, File("FILE"), shown="none"), "Also the checks of this file (TOML, docs/ci.md)."
+        tuple[str, ...],
+        Option(CHECKS, File("FILE"), (), shown="none", several=True),
+        "Also the checks of this file (TOML, docs/ci.md); may be repeated.",
     ]
 
 

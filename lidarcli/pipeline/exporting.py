@@ -132,10 +132,15 @@ def _write_tum(export: Export, out: Output, kind: str, name: str) -> tuple[int, 
         raise OptionError(f"{name}: a {TUM} has the path of one track: give one trajectories table, --only N, no --columns")
     from lidarcli.pose.tracks import lifted, trajectory_lines
 
-    count = 0
+    count, last = 0, None
     for rows in export.pieces():
         x, y, vx, vy = (numbers(rows[column].cast(pa.float64())) for column in PATH[1:])
         stamp = rows[PATH[0]].cast(pa.timestamp("ns", "UTC")).cast(pa.int64()).to_numpy()
+        if np.any(np.diff(stamp, prepend=stamp[:1] - 1 if last is None else last) <= 0):
+            raise OptionError(
+                f"{export.files[0]}: track {export.only[0]} has several places at a time: it is of several topics"
+            )
+        last = stamp[-1:]
         out.write(trajectory_lines(stamp, lifted((x, y, np.arctan2(vy, vx)))).encode())
         count += len(rows)
     if not count:

@@ -146,14 +146,19 @@ def make_report(options: ReportOptions, viewer: bool = False, progress: Progress
 
 
 def checks_of(options: Mapping[str, Any]) -> tuple[str, ...]:
-    """Return the checks of `--check` and of the file of `--checks` (`OptionError`, `UnreadableError`)."""
-    if (file := options["checks"]) is None:
-        return tuple(options["check"])
-    held = read_toml(file, "file of checks")
-    found = held.get("checks")
-    if {*held} != {"checks"} or not isinstance(found, list) or not all(isinstance(each, str) for each in found):
-        raise OptionError(f'{file}: a file of checks holds one list of texts, checks = ["sweeps >= 100"], and nothing else')
-    return (*options["check"], *found)
+    """Return the checks of `--check` and of the files of `--checks` (`OptionError`, `UnreadableError`)."""
+    every = [*options["check"]]
+    for file in options["checks"]:
+        held = read_toml(file, "file of checks")
+        found = held.get("checks")
+        if {*held} != {"checks"} or not isinstance(found, list) or not all(isinstance(each, str) for each in found):
+            raise OptionError(
+                f'{file}: a file of checks holds one list of texts, checks = ["sweeps >= 100"], and nothing else'
+            )
+        if not found:
+            raise OptionError(f"{file}: holds no check")
+        every += found
+    return tuple(every)
 
 
 def initial_checks(report: Report) -> str:

@@ -172,8 +172,8 @@ class Frames:
     def _lost(self, sensor: str, target: str) -> NoScanError:
         name = sensor or "without a name"
         return NoScanError(
-            f"nothing leads from frame {name} to {target or 'the robot'}; add to the zone file: [[mount]] "
-            f'frame = "{sensor}" parent = "{target or "base_link"}" x = 0.0 y = 0.0 yaw = 0.0'
+            f"nothing leads from frame {name} to {target or 'the robot'}; add to the zone file (Nav2: to one for --mask), "
+            f'a line each: [[mount]] frame = "{sensor}" parent = "{target or "base_link"}" x = 0.0 y = 0.0 yaw = 0.0'
         )
 
 

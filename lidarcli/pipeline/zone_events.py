@@ -218,7 +218,9 @@ class EventFinder:
         active = np.zeros(len(self.own), np.bool_)
         for each in found:
             active[each.first : each.last + 1] = True
-        self.agents = self._per_row(self._agents()).astype(np.int32) if self.has_tracks else None
+        self._inside = self._agents() if self.has_tracks else np.empty((0, 2), np.int64)
+        """(K, 2) row of a sweep and number of the path of each agent that is in the zone then."""
+        self.agents = self._per_row(self._inside[:, 0]).astype(np.int32) if self.has_tracks else None
         """(N,) agents in the zone; None without tracks."""
         events = [self._episode(each.first, each.last, each.cut) for each in found]
         events += self._stale()
@@ -359,15 +361,15 @@ class EventFinder:
                 if agent.in_view[visit.first : visit.last + 1].any():
                     yield number, visit.first, visit.last, visit.cut
 
-    def _agents(self) -> NDArray[np.intp]:
-        """Return (K,) sweeps, by row, once for each agent that is in the zone then."""
+    def _agents(self) -> Int64:
+        """Return (K, 2) sweeps, by row, with the number of the path of each agent that is in the zone then."""
         mine = (self.hits.set == _AGENT) & (self.hits.agent >= 0)
         pairs = [np.column_stack([self.hits.row[mine], self.hits.agent[mine]])]
         for number, first, last, _ in self._visits():
             times = self.paths[number].path.time_ns
             rows = np.arange(*np.searchsorted(self.time_ns, [times[first], times[last] + 1]))
             pairs.append(np.column_stack([rows, np.full(len(rows), number)]))
-        return np.unique(np.concatenate(pairs), axis=0)[:, 0].astype(np.intp)
+        return np.unique(np.concatenate(pairs).astype(np.int64), axis=0)
 
     def _of_agents(self) -> tuple[list[dict[str, Any]], int]:
         """Return visits or crossings; and crossings that were seen on one side only."""
@@ -457,6 +459,11 @@ class EventFinder:
         mine = np.flatnonzero(self.topic[some] == index) + first
         begin, end = (int(mine[0]), int(mine[-1])) if len(mine) else (first, last)
         letter, track, label = self._whose(at, int(self.source[at]))
+        agents = self._inside[(self._inside[:, 0] >= first) & (self._inside[:, 0] <= last), 1]
+        if letter == "S" and len(agents):
+            # Who is in the zone counts before the wall that its beams are taken for.
+            letter, track = "A", self.paths[int(np.bincount(agents).argmax())].track
+            label = next((each.labels.get(track) for each in self.paths_of if each is not None), None)
         event = self._event(
             index,
             APPROACH if self.zone.action == "approach" else OCCUPIED,

@@ -78,13 +78,29 @@ def _otherwise(act: Act, by_zone: Sequence[ZoneEvents]) -> str:
     return f"{most:,} of {mine[0].zone.min_points:,} points in it" if most else "nothing was in it"
 
 
+def missed_stops(acts: Sequence[Act], by_zone: Sequence[ZoneEvents]) -> list[Act]:
+    """Return the events of zones that stop the robot during which Nav2 did not stop it, as acts."""
+    stops = [(act.start_ns - NEAR_NS, act.end_ns + NEAR_NS) for act in acts if act.action == "stop"]
+    events = [
+        (event, one.zone.name)
+        for one in by_zone
+        for event in one.events
+        if event["kind"] in (OCCUPIED, APPROACH) and event["action"] == "stop"
+    ]
+    return [
+        Act(event["start"], event["end"], "no stop", name, "the zone says stop")
+        for event, name in events
+        if not any(event["start"] <= end and event["end"] >= begin for begin, end in stops)
+    ]
+
+
 def lines_of(acts: Sequence[Act], first_ns: int) -> list[tuple[str, str]]:
-    """Return heads and words on what Nav2 did; where the zones say otherwise comes first."""
+    """Return heads and words on what Nav2 did; stops come first, those first of which the zones say otherwise."""
     did = ", ".join(f"{action} {times(count)}" for action, count in Counter(act.action for act in acts).items())
     same = sum(not act.otherwise for act in acts)
     lines = [("  Nav2     ", f"{did}; the zones say the same {times(same) if same else 'never'}")] if acts else []
     width = max((len(act.zone) for act in acts), default=0)
-    for act in sorted(acts, key=lambda one: (not one.otherwise, one.start_ns))[:SHOWN]:
+    for act in sorted(acts, key=lambda one: ("stop" not in one.action, not one.otherwise, one.start_ns))[:SHOWN]:
         begin, lasts = (act.start_ns - first_ns) / SECOND_NS, (act.end_ns - act.start_ns) / SECOND_NS
         words = f"{begin:8.1f} s  {act.zone:{width}}  {lasts:6.1f} s  {act.action:8}  {act.otherwise or 'the same'}"
         lines.append((" " * 11, words))

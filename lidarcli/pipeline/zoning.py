@@ -38,7 +38,7 @@ from lidarcli.pipeline.zone_counting import (
     ZoneSeries,
 )
 from lidarcli.pipeline.zone_events import AgentPaths, EventFinder, ZoneEvents
-from lidarcli.pipeline.zone_monitor import Act, acts_of, lines_of, states
+from lidarcli.pipeline.zone_monitor import Act, acts_of, lines_of, missed_stops, states
 from lidarcli.pose.fit import Key
 from lidarcli.pose.sources import WORLDS
 from lidarcli.pose.tracks import frame_name
@@ -571,9 +571,10 @@ def watch(
         longest = max(map(len, names))
         summary.lines = [(f"  {name:<{longest}}  ", _words(each)) for name, each in zip(names, by_zone, strict=True)]
         worst = _worst_first(by_zone)
-        summary.look, summary.acts = worst[0]["look"] if worst else None, reader.acts
+        summary.look = worst[0]["look"] if worst else None
+        summary.acts = [*reader.acts, *(missed_stops(reader.acts, by_zone) if reader.acts else [])]
         summary.worst = _worst_lines(worst)
-        summary.lines += lines_of(reader.acts, summary.first_ns or 0)
+        summary.lines += lines_of(summary.acts, summary.first_ns or 0)
         summary.notes += [*options.zones.notes, *_stale(by_zone, bool(options.zones.robot))]
         if options.objects is not None and options.zones.masks.masks:
             hidden = "masks of the zone file hide beams, but no objects of --objects"

@@ -83,9 +83,9 @@ def test_why_nav2_stopped(tmp_path: Path, plugin: StoragePlugin, lidarcli: Run) 
     assert lines[at : at + 5] == [
         "  Nav2     stop 3 times, slowdown once; the zones say the same 2 times",
         "                4.1 s  PolygonStop        0.5 s  stop      nothing was in it",
-        "                8.0 s  Gone               0.2 s  slowdown  no zone of this name is judged",
         "                2.0 s  PolygonStop        1.1 s  stop      the same",
         "                6.6 s  invalid source     0.9 s  stop      the same",
+        "                8.0 s  Gone               0.2 s  slowdown  no zone of this name is judged",
     ]
     stale = "  note     /scan: no sweep for over 0.5 s, once from 6.4 s on: Nav2 stops the robot then (invalid source)"
     assert lines.count(stale) == 1
@@ -97,6 +97,14 @@ def test_why_nav2_stopped(tmp_path: Path, plugin: StoragePlugin, lidarcli: Run) 
         ("stop", ""),
         ("slowdown", "no zone of this name is judged"),
     ]
+
+
+def test_a_stop_that_nav2_did_not_make_is_told(tmp_path: Path, lidarcli: Run) -> None:
+    log = log_of(tmp_path, StoragePlugin.MCAP, TOLD[3:])
+    lines = lidarcli("zones", log, "--zones", tmp_path / "nav2.yaml", "--no-objects").err.splitlines()
+    at = next(at for at, line in enumerate(lines) if line.startswith("  Nav2 "))
+    assert "no stop once" in lines[at]
+    assert any(" ".join(line.split()[2:]) == "PolygonStop 1.0 s no stop the zone says stop" for line in lines[at:])
 
 
 def test_names_stay_whole_in_80_columns(tmp_path: Path, lidarcli: Run) -> None:

@@ -244,7 +244,10 @@ class Tracker:
             if len(self._followers) > 1:
                 name += f" ({sensors[0][1] or 'without a name'})"
             pose_error, moves = follower.tracker.pose_error, follower.tracker.moves
-            self.notes += notes_of(name, pose_error, follower.register.tracks, moves)
+            sweeps = follower.register.sweeps
+            # Where a sensor stands all that is in view may move.
+            stands = not moves and bool(sweeps.of(0, sweeps.count)["placed"].all())
+            self.notes += notes_of(name, pose_error, [] if stands else follower.register.tracks, moves)
 
     def _end_run(self) -> None:
         """End all tracks, as the clock starts anew; numbers go on."""
