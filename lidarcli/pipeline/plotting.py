@@ -407,11 +407,13 @@ def take_map(
     paths = [np.column_stack([path.x, path.y]) for path in mapping.paths]
     found = MapPicture(None) if tracks is None else _overview(tracks, source, mapping, only, density)
     whole = replace(found, grid=mapping.occupancy(), paths=paths, title=f"{source.name}  {_frame_words(mapping.worlds)}")
-    pictures = [whole]
+    pictures, notes = [whole], [*summary.notes]
+    if density and whole.dwell is None:
+        notes.append("no agents: --density has nothing to draw")
     if sweeps is not None:
         shots = _snapshots(source, mapping.options, sweeps)
         pictures = [replace(whole, snapshot=shots[sweep], title=f"{source.name}  sweep {sweep}") for sweep in sweeps]
-    return Drawn(tuple(pictures), tuple(summary.notes), tuple(summary.damage))
+    return Drawn(tuple(pictures), tuple(notes), tuple(summary.damage))
 
 
 def _frame_words(worlds: Iterable[str]) -> str:

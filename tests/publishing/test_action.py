@@ -132,6 +132,7 @@ def test_a_run_whose_checks_hold(runner: Runner) -> None:
     [
         ({"command": "simulate"}, 2),
         ({"command": "zones"}, 2),
+        ({"command": "detect", "zones": "z.toml"}, 2),
         ({"command": "diff"}, 2),
         ({"command": "zones", "zones": "$(touch planted)"}, 3),
         ({"command": "diff", "before": "; touch planted"}, 3),
@@ -184,11 +185,15 @@ def test_damage_is_accepted_where_that_is_said(runner: Runner, command: str) -> 
     (runner.folder / "cut.csv.gz").write_bytes((SAMPLES / "people.csv.gz").read_bytes()[:-60_000])
     shutil.copy(SAMPLES / "people.csv.gz", runner.folder)
     (runner.folder / "z.toml").write_text('[[zone]]\nname = "z"\ncircle = {x = 0, y = 0, radius = 1.0}\n', "utf-8")
-    runner.inputs |= {"command": command, "logs": "cut.csv.gz", "zones": "z.toml", "before": "people.csv.gz"}
+    own = {"detect": {}, "zones": {"zones": "z.toml"}, "diff": {"before": "people.csv.gz"}}
+    runner.inputs |= {"command": command, "logs": "cut.csv.gz", **own[command]}
     runner.inputs["checks"] = {"detect": "sweeps > 1", "zones": "zones.z.events == 0", "diff": "gone == 0"}[command]
     assert runner.run_all() == 3, runner.said
     runner.inputs |= {"accept-damage": "true", "tables": "again"}
     assert runner.run_all() == 0, runner.said
+    # A name that is mistyped is no damage.
+    runner.inputs |= {"logs": "cut.csv.gz\nmistyped.mcap", "tables": "once more"}
+    assert runner.run_all() == 3
 
 
 @needs_bash
