@@ -120,13 +120,13 @@ LINES = {
     "formalism": 16_181,
     "logs": 11_465,
     "overlays": 1_155,
-    "pipeline": 16_724,
+    "pipeline": 16_760,
     "pose": 2_845,
     "reports": 6_948,
     "ros": 315,
     "simulation": 2_340,
     "tabular": 1_990,
-    "lidarcli": 6_540,
+    "lidarcli": 6_543,
 }
 """Most lines of Python of each room, and of the files beside them: lower them as code goes; who raises one says why."""
 MOST_FILES = 196
