@@ -120,7 +120,7 @@ LINES = {
     "formalism": 16_181,
     "logs": 11_465,
     "overlays": 1_155,
-    "pipeline": 16_760,
+    "pipeline": 16_761,
     "pose": 2_845,
     "reports": 6_948,
     "ros": 315,

@@ -230,3 +230,19 @@ def test_batches_of_any_size(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) ->
     assert found[0] == found[1] == found[2]
     assert any(one is not None for one in column(found[0].zones, "ttc", zone="a"))
     assert max(column(found[0].zones, "points", zone="w")) > 10
+
+
+@pytest.mark.slow
+def test_who_is_in_a_zone_counts_before_a_wall(lidarcli: Run, tmp_path: Path) -> None:
+    """Of the office the walls are in the zone all of the time, and a person comes nearer than they are."""
+    log = tmp_path / "office.mcap"
+    assert lidarcli("-q", "simulate", SAMPLES / "office.toml", "-o", log, "--sweeps", "120").code == 0
+    zones = tmp_path / "zones.toml"
+    zones.write_text('[[zone]]\nname = "near"\ncircle = { x = 0, y = 0, radius = 1.5 }\n', "utf-8")
+    check = "events where kind == occupied and set == A == 0"
+    ran = lidarcli("zones", log, "--zones", zones, "-o", tmp_path / "out", "--check", check)
+    assert ran.code == 1, ran.err
+    events = pq.read_table(tmp_path / "out" / "office.events.parquet").to_pylist()
+    (occupied,) = (event for event in events if event["kind"] == "occupied")
+    (visit,) = (event for event in events if event["kind"] == "visit")
+    assert (occupied["set"], occupied["track"]) == ("A", visit["track"])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from zipfile import ZipFile
 
 import numpy as np
 import pyarrow as pa
@@ -20,6 +21,7 @@ from lidarcli.pipeline.objects.tracking import TrackOptions
 from lidarcli.pipeline.reading.posing import PoseOptions
 from lidarcli.simulation import scene as make
 from lidarcli.simulation.scene import Course, Scene, super_ellipse
+from tests.places import SAMPLES
 from tests.robots import CORNERS, SIDES, Carried, Place, robot_log, robot_messages
 from tests.zones.runs import PARKED, scene_of, walker, write_bag
 
@@ -119,6 +121,20 @@ def test_a_mount_that_is_wrong_is_told_and_each_is_followed_by_itself(
     tables, notes = tracked(log, capsys)
     assert sum("/rear is followed apart: " in note for note in notes) == 1
     assert not tables["tracks"]["topic"].null_count
+
+
+@pytest.mark.slow
+def test_mounts_of_a_file_count_before_those_of_the_log(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    with ZipFile(SAMPLES / "two_lasers.zip") as packed:
+        packed.extractall(tmp_path)
+    mount = '[[mount]]\nframe = "{}"\nparent = "base_link"\nx = {}\ny = {}\nyaw = {}\n'
+    for x, agents in ((-0.35, 2), (-0.45, 4)):
+        told = tmp_path / "mounts.toml"
+        told.write_text(mount.format("front", 0.35, 0.25, 45) + mount.format("rear", x, -0.25, -135), "utf-8")
+        tables, notes = tracked(tmp_path / "two_lasers.bag", capsys, "--mask", str(told))
+        assert len(agents_of(tables)) == agents
+        apart = [note for note in notes if note.startswith("/rear is followed apart: by what both see it is 0.1")]
+        assert len(apart) == (agents == 4), notes
 
 
 def test_without_a_mount_a_line_says_what_is_missing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -66,7 +66,7 @@ def robots_in(
     found = Robots()
     for group in groups:
         if len(group) > 1:
-            _join(group, found, scans)
+            _join(group, found, scans, {frame_name(mount.frame) for mount in mounts})
     # Sensors of several robots are each in a tree.
     lost = {one.key[1]: one.key[0] for one, *_ in groups if one.frame not in one.tree.frames}
     if lost and len({one.key[1] for one, *_ in groups}) > 1:
@@ -110,8 +110,8 @@ def _is_mount(link: Track) -> bool:
     return is_fixed and all(name.rpartition("/")[2] not in WORLDS for name in (link.parent, link.child))
 
 
-def _join(group: list[_Sensor], found: Robots, scans: Collection[str]) -> None:
-    """Find the world of some sensors, and join those that are where they are told."""
+def _join(group: list[_Sensor], found: Robots, scans: Collection[str], mounted: Collection[str]) -> None:
+    """Find the world of some sensors, and join those that are where they are told, by files where `mounted`."""
     for one in group:
         if one.path.fit is not None and any(one.path.fit.mount):
             words = f"{one.key[0]} is followed apart: its sweeps do not fit the place of {one.key[1]} on the robot"
@@ -119,7 +119,7 @@ def _join(group: list[_Sensor], found: Robots, scans: Collection[str]) -> None:
             group = [each for each in group if each is not one]
     if len(group) < 2:
         return
-    placed = _in_one_world(group, _robot_of([one.key[0] for one in group], scans))
+    placed = _in_one_world(group, _robot_of([one.key[0] for one in group], scans), mounted)
     if placed is None:
         topics = some_of([one.key[0] for one in group])
         found.notes.append(f"{topics} are followed apart: their sweeps do not tell one path of the robot")
@@ -149,10 +149,10 @@ def _robot_of(topics: Sequence[str], scans: Collection[str]) -> str:
     return ROBOT if all(is_within(scan, space) for scan in scans) else f"{space}/{ROBOT}"
 
 
-def _in_one_world(group: list[_Sensor], robot: str) -> list[_Sensor] | None:
+def _in_one_world(group: list[_Sensor], robot: str, mounted: Collection[str]) -> list[_Sensor] | None:
     """Return sensors with paths in one world, of which the first decides; None where there is none.
 
-    `robot`: the frame of the robot, which is the world while it stands.
+    `robot`: the frame of the robot, which is the world while it stands; `mounted`: frames whose places files tell.
     """
     known = [one for one in group if one.path.chain is not None]
     matched = [one for one in known if one.path.verdict == "matched"]
@@ -161,7 +161,8 @@ def _in_one_world(group: list[_Sensor], robot: str) -> list[_Sensor] | None:
     if not known:
         return None
     chains = [one.path.chain for one in known if one.path.chain is not None]
-    if not matched and len(known) == len(group) and len({chain.world for chain in chains}) == 1:
+    is_told = not matched and len(known) == len(group) and not any(one.frame in mounted for one in group)
+    if is_told and len({chain.world for chain in chains}) == 1:
         return group
     # The best path leads all others.
     best = max(matched or known, key=lambda one: 0.0 if one.path.agreement is None else one.path.agreement.all)
