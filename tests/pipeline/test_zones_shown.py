@@ -107,7 +107,8 @@ def test_zones_that_cannot_be_placed_are_left_out_with_a_note(room: tuple[Log, S
     )
     assert [*found] == ["box"]
     assert notes[0].startswith(
-        "zone arm is not drawn: nothing leads from frame laser to gripper; add to the zone file: [[mount]]"
+        "zone arm is not drawn: nothing leads from frame laser to gripper; add to the zone file (Nav2: to one for --mask), "
+        "a line each: [[mount]]"
     )
     assert notes[1:] == [
         "zone hall is not drawn: nothing tells where the sensor is in the world",
