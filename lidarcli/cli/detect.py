@@ -111,9 +111,9 @@ class TrackCommand(Tables, Tracking, total=False):
 def track(messages: Messages, options: TrackCommand) -> int:
     """Find who and what moved: when, how far and how fast.
 
-    Finds objects as `lidarcli detect` does, with the same options, and which of them are
-    one thing. What moves by itself is an agent (set A). Writes one row per thing to
-    DIR/<log>.tracks.parquet and where it was in each sweep to
+    Finds objects as `lidarcli detect` does, with the same options, and follows them as
+    tracks. A track that moves by itself is an agent (set A). Writes one row per track to
+    DIR/<log>.tracks.parquet and its place in each sweep to
     DIR/<log>.trajectories.parquet, beside the tables of objects and sweeps.
     """
     return find(messages, options, follow=True)

@@ -52,7 +52,7 @@ class Merging:
     mount: PoseChain
     """Chain from the first sensor to the frame of the merged sweeps."""
     inner: Edit | None = None
-    """What is done with each message before."""
+    """The edit that each message gets before."""
     missed: int = 0
     """Sweeps of the first sensor without a place."""
     _beams: int = 0

@@ -1,4 +1,4 @@
-"""What Nav2's Collision Monitor did while the log was recorded, beside what the zones say."""
+"""Acts of Nav2's Collision Monitor while the log was recorded, held against the events of the zones."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class Act(NamedTuple):
     action: str
     zone: str
     otherwise: str = ""
-    """What the zones say; empty if the same."""
+    """The zones' view of it; empty if the same."""
 
 
 def states(log: Log, report: ReadReport) -> list[Act]:

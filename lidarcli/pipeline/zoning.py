@@ -191,7 +191,7 @@ class ZoneReader:
         self._late_ns: int | None = None
         """Time from the stamps of sweeps to their recording."""
         self.acts: list[Act] = []
-        """What Nav2 did; known when the log is read."""
+        """Acts of Nav2; known when the log is read."""
 
     @property
     def _zones(self) -> list[Zone]:

@@ -28,7 +28,7 @@ from lidarcli.tabular.columns import tracked_rows, tracks_rows, trajectories_row
 from lidarcli.tabular.writing import MOST_BYTES
 
 OF_AGENTS = ("track", "first_stamp_ns", "last_stamp_ns", "distance", "speed_mean", "speed_max", "agent_score")
-"""What a summary tells of each agent."""
+"""Columns of the tracks table that a summary has of each agent."""
 ALONE = 0.1
 """Share of the sweeps without a known place of the sensor from which on there is a note."""
 

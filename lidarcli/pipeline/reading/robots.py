@@ -83,7 +83,7 @@ class _Sensor:
 
     @property
     def frame(self) -> str:
-        """Where its sweeps are."""
+        """The frame that its sweeps are in."""
         return self.tree.sensor(frame_name(self.key[1]))
 
     def way_from(self, other: _Sensor) -> tuple[Step, ...] | None:
