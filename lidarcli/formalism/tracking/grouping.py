@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lidarcli.formalism.detection import starts
-from lidarcli.formalism.tracking.results import DISC, LEAST_WAY, PERSON
+from lidarcli.formalism.tracking.results import DISC, LEAST_WAY, LEFT_VIEW, PERSON
 from lidarcli.formalism.tracking.tracks import Track, Tracklet
 from lidarcli.sweeps import Bool, Float64, Int64
 
@@ -22,10 +22,13 @@ STANDING_LEG_WIDTH, STANDING_LEGS_APART, LEGS_STEADY_SD = 0.16, 0.65, 0.03
 """[m] Legs of a thing that stands: greatest width, distance, and standard deviation of the distance of two."""
 DUPLICATE_MARGIN = 0.1
 """[m] Greatest distance of the centre of a tracklet outside of another one from which it was split."""
+ALL_BESIDE = 0.9
+"""Share of the sightings of a leg that are within a step of its person, if all of it is that person."""
 PACE_SIGHTINGS = 12
 """Sightings that give the velocity of a piece at its end."""
-LONGEST_STITCH_GAP, LONGEST_STANDING_GAP = 15.0, 30.0
-"""[s] Longest gap between two pieces of a track, and between two that both stand."""
+LONGEST_STITCH_GAP, LONGEST_STANDING_GAP, LONGEST_UNCOVERED = 15.0, 30.0, 1.0
+"""[s] Longest gap between two pieces of a track, and between two that both stand; longest time in it in which nothing hid
+what moves."""
 STITCH_DISTANCE, STITCH_SPEED, MOST_STITCH_DISTANCE = 0.35, 0.9, 3.0
 """Greatest distance of a piece from where it is expected: without a gap [m], its growth with the gap [m/s], after any gap
 [m]."""
@@ -68,6 +71,7 @@ def merge_duplicates(sightings: Any, new: list[Tracklet], tracklets: dict[int, T
         if tracklet.kind == PERSON and tracklet.track is None:
             # A leg that was followed before its person was founded brings its track.
             legs = (leg for leg in tracklets.values() if leg.same_as == tracklet.number and leg.track is not None)
+            legs = (leg for leg in legs if leg.number not in sightings.spans or _goes_with(sightings, leg, tracklet))
             leg = min(legs, key=lambda leg: leg.number, default=None)
             if leg is not None:
                 _track_of(leg).add_part(tracklet)
@@ -90,7 +94,7 @@ def merge_duplicates(sightings: Any, new: list[Tracklet], tracklets: dict[int, T
 
 
 def _goes_with(sightings: Any, tracklet: Tracklet, person: Tracklet) -> bool:
-    """Return whether a tracklet is slim enough for legs, and mostly within a step of its person at the time."""
+    """Return whether a tracklet is slim enough for legs, and within a step of its person all the time."""
     if 2.0 * max(tracklet.h) > PERSON_WIDTH:
         return False
     at, path = sightings.spans[tracklet.number], sightings.spans.get(person.number)
@@ -99,7 +103,8 @@ def _goes_with(sightings: Any, tracklet: Tracklet, person: Tracklet) -> bool:
     time, then = sightings.time[at], sightings.time[path]
     early = np.maximum(np.maximum(then[0] - time, time - then[-1]), 0.0)
     off = sightings.place[at] - np.interp(time, then, sightings.place[path])
-    return bool(np.median(np.abs(off) - STITCH_SPEED * early) <= STEP)
+    goes = (np.abs(off) - STITCH_SPEED * early <= STEP) & (early <= PATH_MARGIN)
+    return bool(goes.mean() >= ALL_BESIDE)
 
 
 def _track_of(tracklet: Tracklet) -> Track:
@@ -136,20 +141,20 @@ def stitch(sightings: Any, new: list[Tracklet], tracklets: dict[int, Tracklet]) 
     off = stitch_costs(ends, begins)
     for i, k in np.argwhere(off < 1.0).tolist():
         earlier, later = ends[i], begins[k]
-        if _stood(sightings, earlier, later):
+        if not _follows(earlier, later) or differ(earlier.tracklet, later.tracklet):
             continue
-        if not differ(earlier.tracklet, later.tracklet) and _is_over(earlier, later):
-            pairs.append((off.item(i, k), later.tracklet.number, earlier.tracklet.number))
+        if not _stood(sightings, earlier, later) and _may_be_one(sightings, earlier, later):
+            pairs.append((off.item(i, k), later.tracklet.number, earlier.tracklet.number, earlier, later))
     used: set[int] = set()
     persons = False
-    for _, number, before in sorted(pairs):
+    for _, number, before, earlier, later in sorted(pairs, key=lambda pair: pair[:3]):
         if number in used or -before in used:
             continue
         used |= {number, -before}
-        later_body, earlier_body = tracklets[number], tracklets[before]
+        later_body, earlier_body = later.tracklet, earlier.tracklet
         track, other = _track_of(earlier_body), _track_of(later_body)
-        if track is other or other.number > 0 or overlap(track, other):
-            # A part that was stitched just before may be seen at the same time.
+        # Another part may have been stitched to either just before.
+        if other.number > 0 or not _follows(earlier, later):
             continue
         track.several = track.several or other.several
         for part in [*other.parts]:
@@ -158,12 +163,6 @@ def stitch(sightings: Any, new: list[Tracklet], tracklets: dict[int, Tracklet]) 
         if earlier_body.moved and not later_body.moved:
             later_body.moved, later_body.onset = 1, later_body.first_sweep
     return persons
-
-
-def overlap(one: Track, other: Track) -> bool:
-    """Return whether two tracks are seen at the same time."""
-    first, second = ([part for part in track.parts if not part.member] for track in (one, other))
-    return any(a.last_sweep >= b.first_sweep and b.last_sweep >= a.first_sweep for a in first for b in second)
 
 
 def stitch_costs(ends: list[TrackEnd], begins: list[TrackEnd]) -> Float64:
@@ -188,14 +187,40 @@ def stitch_costs(ends: list[TrackEnd], begins: list[TrackEnd]) -> Float64:
     return np.where(in_time, off, math.inf)
 
 
-def _is_over(earlier: TrackEnd, later: TrackEnd) -> bool:
-    """Return whether the whole track of the earlier piece ended before the later piece began."""
-    track = earlier.tracklet.track
-    if track is None:
-        return earlier.tracklet is not later.tracklet
+def _follows(earlier: TrackEnd, later: TrackEnd) -> bool:
+    """Return whether the track of one piece ends with it before that of another one begins with that."""
+    one, other = earlier.tracklet, later.tracklet
+    if one is other or one.track is other.track is not None:
+        return False
     # A leg may be that of another person by now.
-    over = all(part.last_sweep < later.sweep for part in track.parts if not part.member)
-    return over and track is not later.tracklet.track
+    before, after = (
+        [] if piece.track is None else [part for part in piece.track.parts if part is not piece and not part.member]
+        for piece in (one, other)
+    )
+    return (
+        earlier.sweep < later.sweep
+        and all(part.last_sweep < later.sweep and part.first_sweep <= earlier.sweep for part in before)
+        and all(part.first_sweep >= later.sweep for part in after)
+    )
+
+
+def _may_be_one(sightings: Any, earlier: TrackEnd, later: TrackEnd) -> bool:
+    """Return whether one thing can be both pieces: it was hidden in between, and has not left the view."""
+    pieces, gap = (earlier.tracklet, later.tracklet), later.time - earlier.time
+    if not sightings.is_placed:
+        return True
+    # What stands does so unseen no longer than it was seen to stand.
+    stood = [piece.last_time - piece.first_time for piece in pieces if not piece.moved]
+    if any(gap > max(seen, LONGEST_UNCOVERED) for seen in stood):
+        return False
+    if len(stood) == 2:
+        return True
+    if pieces[0].moved and pieces[0].end == LEFT_VIEW:
+        return False
+    sensor = int(sightings.column("sensor")[sightings.spans[pieces[1].number].start])
+    width = 2.0 * max(*pieces[0].h, *pieces[1].h)
+    free = sightings.keyframes.uncovered(sensor, earlier.time, earlier.place, later.time, later.place, width)
+    return bool(free <= LONGEST_UNCOVERED)
 
 
 def _stood(sightings: Any, earlier: TrackEnd, later: TrackEnd) -> bool:
@@ -209,24 +234,33 @@ def _stood(sightings: Any, earlier: TrackEnd, later: TrackEnd) -> bool:
 
 
 def _first_end(sightings: Any, tracklet: Tracklet) -> TrackEnd:
-    """Return the first place of a tracklet and its velocity there."""
-    i = sightings.spans[tracklet.number].start
+    """Return the first place of a tracklet that is its own, and its velocity there."""
+    at = _own(sightings, tracklet)[:PACE_SIGHTINGS]
+    i = at[0]
     piece = TrackEnd(tracklet, int(sightings.sweep[i]), float(sightings.time[i]), complex(sightings.place[i]))
     if tracklet.moved:
-        piece.velocity = _speed(sightings, slice(i, min(i + PACE_SIGHTINGS, sightings.spans[tracklet.number].stop)))
+        piece.velocity = _speed(sightings, at)
     return piece
 
 
 def _last_end(sightings: Any, tracklet: Tracklet) -> TrackEnd:
-    """Return the last place of a tracklet and its velocity there; one that never moved still stands."""
+    """Return the last place of a tracklet that is its own, and its velocity there; one that never moved still stands."""
     piece = TrackEnd(tracklet, tracklet.last_sweep, tracklet.last_time, complex(*tracklet.place(still=not tracklet.moved)))
     if tracklet.final is not None:
         piece.place, piece.velocity = tracklet.final
-    elif (span := sightings.spans.get(tracklet.number)) is not None:
-        piece.place = complex(sightings.place[span.stop - 1])
+    elif len(at := _own(sightings, tracklet)[-PACE_SIGHTINGS:]):
+        i = at[-1]
+        piece.sweep, piece.time, piece.place = int(sightings.sweep[i]), float(sightings.time[i]), complex(sightings.place[i])
         if tracklet.moved:
-            piece.velocity = _speed(sightings, slice(max(span.start, span.stop - PACE_SIGHTINGS), span.stop))
+            piece.velocity = _speed(sightings, at)
     return piece
+
+
+def _own(sightings: Any, tracklet: Tracklet) -> Int64:
+    """Return the sightings of a tracklet that are not those of a person whose leg it is then."""
+    span = sightings.spans.get(tracklet.number, slice(0, 0))
+    own: Int64 = span.start + np.flatnonzero(sightings.owner[span] == tracklet.number)
+    return own
 
 
 def store_end(sightings: Any, tracklet: Tracklet) -> None:
@@ -242,7 +276,7 @@ def is_expired(sightings: Any, tracklet: Tracklet) -> bool:
     return float(sightings.time[sightings.now].max(initial=-math.inf)) - tracklet.last_time > longest
 
 
-def _speed(sightings: Any, at: slice) -> complex:
+def _speed(sightings: Any, at: Int64) -> complex:
     """Return the velocity of a tracklet over some sightings [m/s], by the line through its places."""
     time = sightings.time[at] - sightings.time[at].mean()
     spread = float(time @ time)

@@ -12,6 +12,7 @@ cdef int NO_RETURN
 cdef Py_ssize_t KEPT, SWEEPS_APART
 cdef double SECONDS_APART, FLICKER_WEIGHT, MOST_FLICKER_SHARE, GUARD_ANGLE, GUARD, MOST_BEAMS, LOOK_MARGIN, LOOK_MARGIN_SHARE
 cdef double SAME_VIEW, SAME_RANGE, SECONDS_BEFORE, SECONDS_AFTER, MOST_WAY, THINNED, SECONDS_UNPLACED, MOST_LOOKS
+cdef double WIDEST_COVER, COVER_STEP, SLOW_WALK
 
 
 cdef class Keyframes:
@@ -41,6 +42,7 @@ cdef class Keyframes:
     cdef Py_ssize_t* status
     cdef Py_ssize_t* pose
     cdef Py_ssize_t seen_from
+    cdef bint is_covered
     cdef double place_x, place_y, width, from_x, from_y, seen_at, seen_x, seen_y
 
     cpdef grow(self, Keyframes old)
@@ -48,6 +50,13 @@ cdef class Keyframes:
     cpdef count_looks(self, Sightings sightings, object rows, object looks)
     @cython.locals(free=double, hits=double)
     cpdef bint stood(self, Sightings sightings, Py_ssize_t i, double since, double until, bint unknown=*)
+    @cython.locals(
+        x=double, y=double, dx=double, dy=double, free=double, left=double, later=double, i=Py_ssize_t, m=Py_ssize_t, share=double,
+        seen=double
+    )
+    cpdef double uncovered(
+        self, Py_ssize_t sensor, double since, double complex begin, double until, double complex end, double width
+    )
 
 
 @cython.locals(changes=Py_ssize_t, lost=Py_ssize_t, now=Py_ssize_t, then=Py_ssize_t, s=Py_ssize_t, last=Py_ssize_t)
@@ -85,3 +94,8 @@ cdef bint stood_before(Keyframes keyframes, Measurements meas, Py_ssize_t k, dou
 cdef void count_looks_at(
     Keyframes keyframes, Sightings sightings, Py_ssize_t i, double* out, Py_ssize_t at
 ) noexcept nogil
+@cython.locals(
+    r=double, period=Py_ssize_t, bearings=Py_ssize_t, middle=Py_ssize_t, i=Py_ssize_t, before=double, ends=bint,
+    k=Py_ssize_t, at=Py_ssize_t, end=double
+)
+cdef bint is_enclosed(Keyframes keyframes, Py_ssize_t m) noexcept nogil

@@ -38,6 +38,9 @@ THINNED = 1.15
 """Least ratio of the times from a sighting to two keyframes that count."""
 SECONDS_UNPLACED = 5.0
 """[s] The same where the place of the sensor is not known."""
+WIDEST_COVER, COVER_STEP, SLOW_WALK = 2.5, 0.5, 0.4
+"""Greatest width of what hides a thing to each side of it, and least step in range at its edges [m]: wider is a wall, behind
+which a thing has left; speed of a thing that walks on behind it [m/s]."""
 MOST_LOOKS = 8.0
 """Weight of the looks that decide on a place."""
 
@@ -78,6 +81,8 @@ class Keyframes:
         # The place that is looked at (`aim`), and where it is seen from the last pose that was asked for.
         self.place_x = self.place_y = self.width = self.from_x = self.from_y = 0.0
         self.seen_from, self.seen_at, self.seen_x, self.seen_y = -1, 0.0, 0.0, 0.0
+        self.is_covered = False
+        """True where the last look ended at what is nearer than the place."""
         # Of each sensor.
         self.changes = native.doubles(self.owner, sensors)
         """Mean number of beams that change between a range and no return from sweep to sweep."""
@@ -130,6 +135,68 @@ class Keyframes:
         since = max(sightings.time[i] - SECONDS_BEFORE, since)
         free, hits = looks_before(self, sightings.sensor[i], sightings.travelled[i], since, until)
         return hits > free if hits + free > 0.0 else unknown
+
+    def uncovered(self, sensor: int, since: float, begin: complex, until: float, end: complex, width: float) -> float:
+        """Return for how long a thing on the straight way from one place x + iy to another was not certainly hidden [s].
+
+        A sensor had seen it then, its way was out of view, or it may have left behind what hid it: then who appears may be
+        another one. Who walks on behind something has the time that this takes.
+
+        Parameters
+        ----------
+        sensor : the sensor that looks
+        since, until : times at both ends of the way [s]
+        begin, end : these ends [m]
+        width : width of the thing across the line of sight [m]
+        """
+        x, y, dx, dy = begin.real, begin.imag, end.real - begin.real, end.imag - begin.imag
+        free, left, later = 0.0, 0.0, until
+        for i in range(min(self.count, self.kept)):
+            m = (self.count - 1 - i) % self.kept
+            if self.time[m] >= until or self.sensor[m] != sensor:
+                continue
+            if self.time[m] <= since:
+                break
+            share = (self.time[m] - since) / (until - since)
+            aim(self, x + share * dx, y + share * dy, width, self.x[m], self.y[m])
+            seen = look(self, m)
+            if seen > 0.0:
+                free += seen * (later - self.time[m])
+            elif seen == 0.0 and not self.is_covered:
+                free += later - self.time[m]
+            elif seen < 0.0 or not is_enclosed(self, m):
+                left += later - self.time[m]
+            later = self.time[m]
+        return free + max(left - math.sqrt(dx * dx + dy * dy) / SLOW_WALK, 0.0)
+
+
+def is_enclosed(keyframes: Keyframes, m: int) -> bool:
+    """Return whether what hides the place ends on both sides before what is behind it, so that nobody leaves unseen."""
+    r = math.sqrt(keyframes.seen_x * keyframes.seen_x + keyframes.seen_y * keyframes.seen_y)
+    period, bearings = keyframes.period[m], keyframes.bearings[m]
+    middle = int(math.floor(keyframes.seen_at + 0.5))  # noqa: RUF046
+    for i in range(2):
+        before, ends = r, False
+        for k in range(bearings):
+            at = middle + k if i else middle - k
+            if k * r * keyframes.step[m] > WIDEST_COVER:
+                return False
+            if period > 0:
+                at = (at + period) % period
+            if at < 0 or at >= bearings:
+                return False
+            end = keyframes.r[m * keyframes.beams + at]
+            if end < 0.0:
+                continue
+            if end > measurement.MOST_RANGE:
+                return False
+            if end > r and end > before + COVER_STEP:
+                ends = True
+                break
+            before = end
+        if not ends:
+            return False
+    return True
 
 
 def count_flicker(keyframes: Keyframes, meas: Measurements, scans: Scans) -> None:
@@ -242,6 +309,7 @@ def look(keyframes: Keyframes, m: int) -> float:
     """Look at the place in a keyframe: -1 for a hit, 0 for nothing, else the chance that a thing there had been hit."""
     if keyframes.pose[m] != keyframes.seen_from:
         find_place(keyframes, m)
+    keyframes.is_covered = False
     step, bearings, period = keyframes.step[m], keyframes.bearings[m], keyframes.period[m]
     position, dx, dy = keyframes.seen_at, keyframes.seen_x, keyframes.seen_y
     if position != position:
@@ -272,6 +340,7 @@ def look(keyframes: Keyframes, m: int) -> float:
         else:
             blocked += 1
     if blocked >= max(passes, 1):
+        keyframes.is_covered = True
         return 0.0
     if passes == 0:
         # Beams without a return alone.

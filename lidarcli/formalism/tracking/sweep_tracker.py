@@ -157,7 +157,7 @@ def _track(
             _update(tracker, targets, meas, scans, b, targets.measurement[b])
         else:
             track_evidence.record_miss(targets, b, meas, scans)
-            if targets.moved[b] == 0:
+            if track_evidence.stands(targets, b):
                 kalman.hold_still(targets, b)
     # Initiate targets for measurements without one.
     for k in range(meas.count):

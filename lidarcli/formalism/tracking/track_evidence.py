@@ -42,8 +42,9 @@ DETECTION_RATE, LEAST_PASSING, HIT_DOUBT, LEAST_EXISTENCE = 0.9, 0.3, 0.1, 0.03
 they speak against it; probability that it was missed although beams hit its place; probability below which it ends."""
 PASSING_MARGIN = 0.1
 """[m] Least distance by which beams end behind a target that they have passed."""
-PATIENCE_STILL = 30.0
-"""[s] Longest time in the shadow of a target that stands; one that moves is lost by `LOST_VAR` after 2 s."""
+PATIENCE_NEW, PATIENCE_STILL = 2.0, 30.0
+"""[s] Longest time in the shadow of a target that stands, if it is new, and if it stood for so long before; one that moves
+is lost by `LOST_VAR` after 2 s."""
 MOSTLY_OUTSIDE = 0.5
 """Share of its beams out of view above which a target that is lost has left the view."""
 LOST_VAR = 1.44
@@ -143,7 +144,7 @@ def has_left(targets: Targets, b: int, meas: Measurements, scans: Scans, k: int,
 
 
 def passing(meas: Measurements, scans: Scans, targets: Targets, b: int, x: float, y: float) -> tuple[float, float, float]:
-    """Return the shares of the beams at the core of a target at x, y that pass it, end at it, and are outside of the view.
+    """Return the shares of the beams at the core of a target at x, y that pass it, end at it, and do not reach it in the view.
 
     In a sweep without a geometry all of them are outside.
     """
@@ -170,6 +171,9 @@ def passing(meas: Measurements, scans: Scans, targets: Targets, b: int, x: float
     # Never more beams than there are, whatever the header of the sweep says.
     last = min(last, first + meas.bearings)
     margin = PASSING_MARGIN + 3.5 * meas.sigma
+    # How far away it was seen: a beam without a return says nothing of what is farther.
+    dx, dy = targets.middle_x[b] - meas.x, targets.middle_y[b] - meas.y
+    reach = math.sqrt(dx * dx + dy * dy)
     passes, hits, outside, number = 0.0, 0.0, 0.0, 0.0
     for position in range(first, last + 1):
         number += 1.0
@@ -179,6 +183,8 @@ def passing(meas: Measurements, scans: Scans, targets: Targets, b: int, x: float
         distance = measurement.range_at(meas, scans, position)
         if distance > r + half_depth + margin:
             passes += 1.0
+            if distance > measurement.MOST_RANGE and r > reach:
+                outside += 1.0
         elif distance >= r - half_depth - margin:
             hits += 1.0
     return passes / number, hits / number, outside / number
@@ -216,17 +222,24 @@ def record_miss(targets: Targets, b: int, meas: Measurements, scans: Scans) -> N
             # A leg stays that of its person.
             targets.same_as[b] = targets.number[other]
     if targets.existence[b] < LEAST_EXISTENCE:
-        terminate(targets, b, FREE)
+        terminate(targets, b, LEFT_VIEW if outside > MOSTLY_OUTSIDE else FREE)
     elif targets.inside[b] >= DUPLICATE_SWEEPS:
         # It is the same as the other target: nothing is lost.
         terminate(targets, b, LOST)
     else:
-        if targets.moved[b] == 0:
-            lost = meas.time - targets.last_time[b] > PATIENCE_STILL
+        if stands(targets, b):
+            # It stands unseen no longer than it was seen to stand.
+            stood = targets.last_time[b] - targets.first_time[b]
+            lost = meas.time - targets.last_time[b] > min(max(stood, PATIENCE_NEW), PATIENCE_STILL)
         else:
             lost = 0.5 * (targets.cc[2 * b] + targets.cc[2 * b + 1]) > LOST_VAR
         if lost:
             terminate(targets, b, LEFT_VIEW if outside > MOSTLY_OUTSIDE else LOST)
+
+
+def stands(targets: Targets, b: int) -> bool:
+    """Return whether a target that is missed is still at its place: it never moved, and is no leg of a person."""
+    return targets.moved[b] == 0 and targets.member[b] == 0
 
 
 def covering_target(targets: Targets, b: int, x: float, y: float, margin: float) -> int:

@@ -58,6 +58,7 @@ class Tracklet:
     end: int = END_OF_LOG
     same_as: int = 0
     member: int = 0
+    first_time: float = 0.0
     last_time: float = 0.0
     yaw: float = 0.0
     size: float = 0.0
