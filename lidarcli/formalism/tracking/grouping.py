@@ -22,6 +22,8 @@ STANDING_LEG_WIDTH, STANDING_LEGS_APART, LEGS_STEADY_SD = 0.16, 0.65, 0.03
 """[m] Legs of a thing that stands: greatest width, distance, and standard deviation of the distance of two."""
 DUPLICATE_MARGIN = 0.1
 """[m] Greatest distance of the centre of a tracklet outside of another one from which it was split."""
+LONGEST_SHARED = 2.0
+"""[s] Longest time in which one moving thing is seen in two parts, until the later part goes on alone."""
 ALL_BESIDE = 0.9
 """Share of the sightings of a leg that are within a step of its person, if all of it is that person."""
 PACE_SIGHTINGS = 12
@@ -34,6 +36,8 @@ STITCH_DISTANCE, STITCH_SPEED, MOST_STITCH_DISTANCE = 0.35, 0.9, 3.0
 [m]."""
 STANDING_STITCH_SPEED, MOST_STANDING_STITCH_DISTANCE = 0.6, 2.0
 """[m/s], [m] Growth and greatest distance where one of the pieces stands."""
+SLOW_WALK = 0.4
+"""[m/s] Least speed of who walks on behind something."""
 SIZE_DIFFERENCE, SIZE_SHARE = 0.2, 0.3
 """Greatest difference in size between two pieces [m], and as a share of the larger size; the greater of the two counts."""
 
@@ -59,6 +63,7 @@ def join(sightings: Any, tracklets: dict[int, Tracklet], is_placed: bool) -> Non
         if (tracklet.track is None or tracklet.track.number == 0)
         and (sightings.owner[sightings.spans[tracklet.number]] == tracklet.number).any()
     ]
+    _join_halves(sightings, begun, tracklets)
     is_longer = stitch(sightings, begun, tracklets)
     if is_placed and is_longer:
         # The pieces of a person make a longer path.
@@ -94,17 +99,19 @@ def merge_duplicates(sightings: Any, new: list[Tracklet], tracklets: dict[int, T
 
 
 def _goes_with(sightings: Any, tracklet: Tracklet, person: Tracklet) -> bool:
-    """Return whether a tracklet is slim enough for legs, and within a step of its person all the time."""
+    """Return whether a tracklet is slim enough for legs, becomes a person, and is within a step of it all the time."""
     if 2.0 * max(tracklet.h) > PERSON_WIDTH:
         return False
     at, path = sightings.spans[tracklet.number], sightings.spans.get(person.number)
     if path is None:
         return not person.has_ended
     time, then = sightings.time[at], sightings.time[path]
-    early = np.maximum(np.maximum(then[0] - time, time - then[-1]), 0.0)
+    early, late = np.maximum(then[0] - time, 0.0), np.maximum(time - then[-1], 0.0)
     off = sightings.place[at] - np.interp(time, then, sightings.place[path])
-    goes = (np.abs(off) - STITCH_SPEED * early <= STEP) & (early <= PATH_MARGIN)
-    return bool(goes.mean() >= ALL_BESIDE)
+    near = (np.abs(off) <= STEP + STITCH_SPEED * (early + late)) & (late <= PATH_MARGIN)
+    # Of those before the person was founded the last one counts.
+    near = near[max(np.count_nonzero(early > 0.0) - 1, 0) :]
+    return bool(near.mean() >= ALL_BESIDE)
 
 
 def _track_of(tracklet: Tracklet) -> Track:
@@ -112,6 +119,32 @@ def _track_of(tracklet: Tracklet) -> Track:
         Track().add_part(tracklet)
     assert tracklet.track is not None
     return tracklet.track
+
+
+def _join_halves(sightings: Any, new: list[Tracklet], tracklets: dict[int, Tracklet]) -> None:
+    """Join what moves and began beside another one that ends there soon: one thing that was seen in two parts."""
+    for later in new:
+        if later.member or not later.moved:
+            continue
+        for earlier in tracklets.values():
+            shared = earlier.last_time - later.first_time
+            if earlier.member or not earlier.moved or not earlier.has_ended or not 0.0 <= shared <= LONGEST_SHARED:
+                continue
+            if earlier.first_time >= later.first_time or earlier.last_time >= later.last_time:
+                continue
+            track, other = _track_of(earlier), _track_of(later)
+            ends = all(part.last_sweep <= earlier.last_sweep for part in track.parts if not part.member)
+            if track is other or other.number > 0 or not ends or differ(earlier, later):
+                continue
+            at, span = (sightings.spans.get(part.number, slice(0, 0)) for part in (earlier, later))
+            both = span.start + np.flatnonzero(sightings.time[span] <= earlier.last_time)
+            if at.start == at.stop or not len(both):
+                continue
+            off = sightings.place[both] - np.interp(sightings.time[both], sightings.time[at], sightings.place[at])
+            if np.abs(off).max() <= STEP:
+                for part in [*other.parts]:
+                    track.add_part(part)
+                break
 
 
 @dataclass(slots=True)
@@ -219,8 +252,11 @@ def _may_be_one(sightings: Any, earlier: TrackEnd, later: TrackEnd) -> bool:
         return False
     sensor = int(sightings.column("sensor")[sightings.spans[pieces[1].number].start])
     width = 2.0 * max(*pieces[0].h, *pieces[1].h)
-    free = sightings.keyframes.uncovered(sensor, earlier.time, earlier.place, later.time, later.place, width)
-    return bool(free <= LONGEST_UNCOVERED)
+    free, left = sightings.keyframes.uncovered(sensor, earlier.time, earlier.place, later.time, later.place, width)
+    # Who walks on behind something has the time that this takes.
+    goes_on = (earlier.velocity * later.velocity.conjugate()).real >= 0.0
+    way = abs(later.place - earlier.place) if goes_on else 0.0
+    return bool(free + max(left - way / SLOW_WALK, 0.0) <= LONGEST_UNCOVERED)
 
 
 def _stood(sightings: Any, earlier: TrackEnd, later: TrackEnd) -> bool:

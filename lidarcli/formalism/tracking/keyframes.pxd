@@ -12,7 +12,7 @@ cdef int NO_RETURN
 cdef Py_ssize_t KEPT, SWEEPS_APART
 cdef double SECONDS_APART, FLICKER_WEIGHT, MOST_FLICKER_SHARE, GUARD_ANGLE, GUARD, MOST_BEAMS, LOOK_MARGIN, LOOK_MARGIN_SHARE
 cdef double SAME_VIEW, SAME_RANGE, SECONDS_BEFORE, SECONDS_AFTER, MOST_WAY, THINNED, SECONDS_UNPLACED, MOST_LOOKS
-cdef double WIDEST_COVER, COVER_STEP, SLOW_WALK
+cdef double WIDEST_COVER, COVER_STEP
 
 
 cdef class Keyframes:
@@ -21,6 +21,7 @@ cdef class Keyframes:
     cdef double* last_time
     cdef Py_ssize_t* last_sweep
     cdef Py_ssize_t* sensor
+    cdef double* farthest
     cdef double* changes
     cdef double* lost
     cdef Py_ssize_t* watched
@@ -54,7 +55,7 @@ cdef class Keyframes:
         x=double, y=double, dx=double, dy=double, free=double, left=double, later=double, i=Py_ssize_t, m=Py_ssize_t, share=double,
         seen=double
     )
-    cpdef double uncovered(
+    cpdef (double, double) uncovered(
         self, Py_ssize_t sensor, double since, double complex begin, double until, double complex end, double width
     )
 

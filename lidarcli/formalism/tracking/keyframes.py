@@ -38,9 +38,9 @@ THINNED = 1.15
 """Least ratio of the times from a sighting to two keyframes that count."""
 SECONDS_UNPLACED = 5.0
 """[s] The same where the place of the sensor is not known."""
-WIDEST_COVER, COVER_STEP, SLOW_WALK = 2.5, 0.5, 0.4
-"""Greatest width of what hides a thing to each side of it, and least step in range at its edges [m]: wider is a wall, behind
-which a thing has left; speed of a thing that walks on behind it [m/s]."""
+WIDEST_COVER, COVER_STEP = 2.5, 0.5
+"""[m] Greatest width of what hides a thing to each side of it, and least step in range at its edges: wider is a wall, behind
+which a thing may leave unseen."""
 MOST_LOOKS = 8.0
 """Weight of the looks that decide on a place."""
 
@@ -84,6 +84,8 @@ class Keyframes:
         self.is_covered = False
         """True where the last look ended at what is nearer than the place."""
         # Of each sensor.
+        self.farthest = native.doubles(self.owner, sensors)
+        """Greatest range in its keyframes so far [m]."""
         self.changes = native.doubles(self.owner, sensors)
         """Mean number of beams that change between a range and no return from sweep to sweep."""
         self.lost = native.doubles(self.owner, sensors)
@@ -101,6 +103,7 @@ class Keyframes:
         self.count = old.count
         for s in range(old.sensors):
             self.changes[s], self.lost[s], self.watched[s] = old.changes[s], old.lost[s], old.watched[s]
+            self.farthest[s] = old.farthest[s]
             self.before[s], self.last_sweep[s], self.last_time[s] = old.before[s], old.last_sweep[s], old.last_time[s]
             for beam in range(old.before[s]):
                 self.status[s * self.beams + beam] = old.status[s * old.beams + beam]
@@ -136,11 +139,13 @@ class Keyframes:
         free, hits = looks_before(self, sightings.sensor[i], sightings.travelled[i], since, until)
         return hits > free if hits + free > 0.0 else unknown
 
-    def uncovered(self, sensor: int, since: float, begin: complex, until: float, end: complex, width: float) -> float:
-        """Return for how long a thing on the straight way from one place x + iy to another was not certainly hidden [s].
+    def uncovered(
+        self, sensor: int, since: float, begin: complex, until: float, end: complex, width: float
+    ) -> tuple[float, float]:
+        """Return for how long a thing on the straight way from one place x + iy to another was not hidden, and for how long
+        it was hidden where it may have left unseen [s].
 
-        A sensor had seen it then, its way was out of view, or it may have left behind what hid it: then who appears may be
-        another one. Who walks on behind something has the time that this takes.
+        It is not hidden where a sensor had seen it, or its way was out of view.
 
         Parameters
         ----------
@@ -167,7 +172,7 @@ class Keyframes:
             elif seen < 0.0 or not is_enclosed(self, m):
                 left += later - self.time[m]
             later = self.time[m]
-        return free + max(left - math.sqrt(dx * dx + dy * dy) / SLOW_WALK, 0.0)
+        return free, left
 
 
 def is_enclosed(keyframes: Keyframes, m: int) -> bool:
@@ -219,6 +224,7 @@ def count_flicker(keyframes: Keyframes, meas: Measurements, scans: Scans) -> Non
         keyframes.status[last + beam] = scans.status[begin + beam]
     keyframes.before[s] = beams
     meas.steady = keyframes.changes[s] <= MOST_FLICKER_SHARE * keyframes.lost[s]
+    meas.farthest = keyframes.farthest[s]
 
 
 def store(keyframes: Keyframes, meas: Measurements, scans: Scans) -> None:
@@ -249,6 +255,7 @@ def store(keyframes: Keyframes, meas: Measurements, scans: Scans) -> None:
         r = measurement.NO_RANGE
         if scans.status[beam] == measurement.VALID:
             r = scans.ranges[beam]
+            keyframes.farthest[s] = max(keyframes.farthest[s], r)
         elif scans.status[beam] == NO_RETURN:
             r = measurement.FREE_RANGE
         keyframes.r[m * keyframes.beams + k] = r

@@ -30,7 +30,7 @@ cdef class Measurements:
     cdef Py_ssize_t count, bearings, period, row, sweep, sensor
     cdef bint reverse, steady, moves, is_placed
     cdef double start_x, start_y, start_yaw, motion_x, motion_y, motion_yaw
-    cdef double x, y, cos, sin, side, first, step, sigma, pose_var, pose_turn_var, time, travelled
+    cdef double x, y, cos, sin, side, first, step, sigma, pose_var, pose_turn_var, time, travelled, farthest
     cdef Py_ssize_t* object
     cdef Py_ssize_t* assigned
     cdef Py_ssize_t* sighting

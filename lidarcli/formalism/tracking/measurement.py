@@ -131,6 +131,8 @@ class Measurements:
         self.sigma = 0.0
         self.steady = True
         """True if beams without a return prove free space."""
+        self.farthest = 0.0
+        """Greatest range of the sensor so far [m]."""
         self.pose_var = 0.0
         self.pose_turn_var = 0.0
         """Variance of a point from the error of the pose [m²], and its growth with the squared range [m²/m²]."""

@@ -12,7 +12,7 @@ cdef Py_ssize_t SETTLED_SIGHTINGS, DUPLICATE_SWEEPS, SPECK_BEAMS
 cdef double STEADY_LENGTH, SAME_LENGTH, MOST_SWEEP_EVIDENCE, EVIDENCE_DECAY, LEAST_EVIDENCE, MOST_PARTIAL_EVIDENCE, MOST_EVIDENCE
 cdef double LEAST_WAY, LEAST_LOOKS, FREE_MARGIN
 cdef double EXISTENCE_AT_FIRST, EXISTENCE_GAIN, DETECTION_RATE, LEAST_PASSING, HIT_DOUBT, LEAST_EXISTENCE, PASSING_MARGIN
-cdef double PATIENCE_NEW, PATIENCE_STILL, MOSTLY_OUTSIDE, LOST_VAR
+cdef double PATIENCE_NEW, PATIENCE_STILL, MOSTLY_OUTSIDE, REACH, LOST_VAR
 cdef double BEAM_VOTE, SLIM_LEG_WIDTH, LEGS_FARTHEST, LEGS_NEAREST, SPECK_DEPTH, SAME_LEG
 
 
@@ -27,7 +27,7 @@ cdef bint has_left(
 ) noexcept nogil
 
 
-@cython.locals(first=Py_ssize_t, last=Py_ssize_t, position=Py_ssize_t, reach=double)
+@cython.locals(first=Py_ssize_t, last=Py_ssize_t, position=Py_ssize_t)
 cdef (double, double, double) passing(
     Measurements meas, Scans scans, Targets targets, Py_ssize_t b, double x, double y
 ) noexcept nogil

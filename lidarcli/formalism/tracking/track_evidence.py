@@ -45,8 +45,9 @@ PASSING_MARGIN = 0.1
 PATIENCE_NEW, PATIENCE_STILL = 2.0, 30.0
 """[s] Longest time in the shadow of a target that stands, if it is new, and if it stood for so long before; one that moves
 is lost by `LOST_VAR` after 2 s."""
-MOSTLY_OUTSIDE = 0.5
-"""Share of its beams out of view above which a target that is lost has left the view."""
+MOSTLY_OUTSIDE, REACH = 0.5, 0.9
+"""Share of its beams out of view above which a target that is lost has left the view; share of the greatest range so far
+from which on a beam without a return is out of view."""
 LOST_VAR = 1.44
 """[m²] Variance of its place above which a moving target is lost: (1.2 m)²."""
 DUPLICATE_SWEEPS = 8
@@ -171,9 +172,6 @@ def passing(meas: Measurements, scans: Scans, targets: Targets, b: int, x: float
     # Never more beams than there are, whatever the header of the sweep says.
     last = min(last, first + meas.bearings)
     margin = PASSING_MARGIN + 3.5 * meas.sigma
-    # How far away it was seen: a beam without a return says nothing of what is farther.
-    dx, dy = targets.middle_x[b] - meas.x, targets.middle_y[b] - meas.y
-    reach = math.sqrt(dx * dx + dy * dy)
     passes, hits, outside, number = 0.0, 0.0, 0.0, 0.0
     for position in range(first, last + 1):
         number += 1.0
@@ -183,7 +181,7 @@ def passing(meas: Measurements, scans: Scans, targets: Targets, b: int, x: float
         distance = measurement.range_at(meas, scans, position)
         if distance > r + half_depth + margin:
             passes += 1.0
-            if distance > measurement.MOST_RANGE and r > reach:
+            if distance > measurement.MOST_RANGE and r > REACH * meas.farthest:
                 outside += 1.0
         elif distance >= r - half_depth - margin:
             hits += 1.0
