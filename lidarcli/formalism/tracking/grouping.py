@@ -28,15 +28,15 @@ ALL_BESIDE = 0.9
 """Share of the sightings of a leg that are within a step of its person, if all of it is that person."""
 PACE_SIGHTINGS = 12
 """Sightings that give the velocity of a piece at its end."""
-LONGEST_STITCH_GAP, LONGEST_STANDING_GAP, LONGEST_UNCOVERED = 15.0, 30.0, 1.0
+LONGEST_STITCH_GAP, LONGEST_STANDING_GAP, LONGEST_UNCOVERED, SHORTEST_STAND = 15.0, 30.0, 0.7, 2.0
 """[s] Longest gap between two pieces of a track, and between two that both stand; longest time in it in which nothing hid
-what moves."""
+it; what stands before or after a piece that moves does so unseen no longer than it was seen to stand, or than the last."""
 STITCH_DISTANCE, STITCH_SPEED, MOST_STITCH_DISTANCE = 0.35, 0.9, 3.0
 """Greatest distance of a piece from where it is expected: without a gap [m], its growth with the gap [m/s], after any gap
 [m]."""
 STANDING_STITCH_SPEED, MOST_STANDING_STITCH_DISTANCE = 0.6, 2.0
 """[m/s], [m] Growth and greatest distance where one of the pieces stands."""
-SLOW_WALK = 0.4
+SLOW_WALK = 0.2
 """[m/s] Least speed of who walks on behind something."""
 SIZE_DIFFERENCE, SIZE_SHARE = 0.2, 0.3
 """Greatest difference in size between two pieces [m], and as a share of the larger size; the greater of the two counts."""
@@ -242,21 +242,23 @@ def _may_be_one(sightings: Any, earlier: TrackEnd, later: TrackEnd) -> bool:
     pieces, gap = (earlier.tracklet, later.tracklet), later.time - earlier.time
     if not sightings.is_placed:
         return True
-    # What stands does so unseen no longer than it was seen to stand.
-    stood = [piece.last_time - piece.first_time for piece in pieces if not piece.moved]
-    if any(gap > max(seen, LONGEST_UNCOVERED) for seen in stood):
-        return False
-    if len(stood) == 2:
-        return True
-    if pieces[0].moved and pieces[0].end == LEFT_VIEW:
-        return False
     sensor = int(sightings.column("sensor")[sightings.spans[pieces[1].number].start])
     width = 2.0 * max(*pieces[0].h, *pieces[1].h)
-    free, left = sightings.keyframes.uncovered(sensor, earlier.time, earlier.place, later.time, later.place, width)
+    free, outside, left = sightings.keyframes.uncovered(
+        sensor, earlier.time, earlier.place, later.time, later.place, width
+    )
+    stood = [piece.last_time - piece.first_time for piece in pieces if not piece.moved]
+    if len(stood) == 2:
+        return bool(free <= LONGEST_UNCOVERED)
+    if all(piece.kind != PERSON for piece in pieces):
+        return bool(free + outside <= LONGEST_UNCOVERED)
+    # The next person looks the same.
+    if (pieces[0].moved and pieces[0].end == LEFT_VIEW) or any(gap > max(seen, SHORTEST_STAND) for seen in stood):
+        return False
     # Who walks on behind something has the time that this takes.
     goes_on = (earlier.velocity * later.velocity.conjugate()).real >= 0.0
-    way = abs(later.place - earlier.place) if goes_on else 0.0
-    return bool(free + max(left - way / SLOW_WALK, 0.0) <= LONGEST_UNCOVERED)
+    walk = abs(later.place - earlier.place) / SLOW_WALK if goes_on else 0.0
+    return bool(free + outside + max(left - walk, 0.0) <= LONGEST_UNCOVERED)
 
 
 def _stood(sightings: Any, earlier: TrackEnd, later: TrackEnd) -> bool:

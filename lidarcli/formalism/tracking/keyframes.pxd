@@ -52,10 +52,10 @@ cdef class Keyframes:
     @cython.locals(free=double, hits=double)
     cpdef bint stood(self, Sightings sightings, Py_ssize_t i, double since, double until, bint unknown=*)
     @cython.locals(
-        x=double, y=double, dx=double, dy=double, free=double, left=double, later=double, i=Py_ssize_t, m=Py_ssize_t, share=double,
+        x=double, y=double, dx=double, dy=double, free=double, outside=double, left=double, later=double, i=Py_ssize_t, m=Py_ssize_t, share=double,
         seen=double
     )
-    cpdef (double, double) uncovered(
+    cpdef (double, double, double) uncovered(
         self, Py_ssize_t sensor, double since, double complex begin, double until, double complex end, double width
     )
 
@@ -96,7 +96,7 @@ cdef void count_looks_at(
     Keyframes keyframes, Sightings sightings, Py_ssize_t i, double* out, Py_ssize_t at
 ) noexcept nogil
 @cython.locals(
-    r=double, period=Py_ssize_t, bearings=Py_ssize_t, middle=Py_ssize_t, i=Py_ssize_t, before=double, ends=bint,
+    r=double, period=Py_ssize_t, bearings=Py_ssize_t, middle=Py_ssize_t, i=Py_ssize_t, before=double, ends=bint, lost=Py_ssize_t,
     k=Py_ssize_t, at=Py_ssize_t, end=double
 )
 cdef bint is_enclosed(Keyframes keyframes, Py_ssize_t m) noexcept nogil

@@ -141,11 +141,9 @@ class Keyframes:
 
     def uncovered(
         self, sensor: int, since: float, begin: complex, until: float, end: complex, width: float
-    ) -> tuple[float, float]:
-        """Return for how long a thing on the straight way from one place x + iy to another was not hidden, and for how long
-        it was hidden where it may have left unseen [s].
-
-        It is not hidden where a sensor had seen it, or its way was out of view.
+    ) -> tuple[float, float, float]:
+        """Return for how long a thing on the straight way from one place x + iy to another had been seen, was out of view,
+        and was hidden where it may have left unseen [s].
 
         Parameters
         ----------
@@ -155,7 +153,7 @@ class Keyframes:
         width : width of the thing across the line of sight [m]
         """
         x, y, dx, dy = begin.real, begin.imag, end.real - begin.real, end.imag - begin.imag
-        free, left, later = 0.0, 0.0, until
+        free, outside, left, later = 0.0, 0.0, 0.0, until
         for i in range(min(self.count, self.kept)):
             m = (self.count - 1 - i) % self.kept
             if self.time[m] >= until or self.sensor[m] != sensor:
@@ -168,11 +166,11 @@ class Keyframes:
             if seen > 0.0:
                 free += seen * (later - self.time[m])
             elif seen == 0.0 and not self.is_covered:
-                free += later - self.time[m]
+                outside += later - self.time[m]
             elif seen < 0.0 or not is_enclosed(self, m):
                 left += later - self.time[m]
             later = self.time[m]
-        return free, left
+        return free, outside, left
 
 
 def is_enclosed(keyframes: Keyframes, m: int) -> bool:
@@ -181,7 +179,7 @@ def is_enclosed(keyframes: Keyframes, m: int) -> bool:
     period, bearings = keyframes.period[m], keyframes.bearings[m]
     middle = int(math.floor(keyframes.seen_at + 0.5))  # noqa: RUF046
     for i in range(2):
-        before, ends = r, False
+        before, ends, lost = r, False, 0
         for k in range(bearings):
             at = middle + k if i else middle - k
             if k * r * keyframes.step[m] > WIDEST_COVER:
@@ -193,12 +191,15 @@ def is_enclosed(keyframes: Keyframes, m: int) -> bool:
             end = keyframes.r[m * keyframes.beams + at]
             if end < 0.0:
                 continue
-            if end > measurement.MOST_RANGE:
+            # One beam alone may have been lost.
+            lost = lost + 1 if end > measurement.MOST_RANGE else 0
+            if lost > 1:
                 return False
-            if end > r and end > before + COVER_STEP:
+            if lost == 0 and end > before + COVER_STEP:
                 ends = True
                 break
-            before = end
+            if lost == 0:
+                before = end
         if not ends:
             return False
     return True
