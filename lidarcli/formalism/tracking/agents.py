@@ -86,6 +86,9 @@ def judge(sightings: Any, track: Track, at: Int64, step: Int64, time: Float64, m
         if chance >= least:
             begin = _first_row(when, some[: onset + 1])
             agent[begin:e] = goes[begin:e] = True
+            if not was and begin > b and _left(sightings, rows.item(begin - 1)):
+                # Who stood there was itself all the while.
+                agent[b:begin], score[b:begin] = True, known
         agent[b:e] &= ~(own[b:e] | _rests_as_another(sightings, place[:e], when, rows, agent[b:e] & ~moves[b:e], far))
         was, known, last, then = bool(agent[e - 1]), score.item(e - 1), complex(place[e - 1]), when.item(e - 1)
     if not sightings.is_placed:
@@ -103,6 +106,14 @@ def _first_row(when: Float64, picks: Int64) -> int:
     rests = picks[1:][np.diff(when[picks]) >= RESTS]
     early = int(np.searchsorted(when, when[picks[-1]] - SECONDS_BEFORE))
     return int(max(picks[0], early, *rests[-1:]))
+
+
+def _left(sightings: Any, row: int) -> bool:
+    """Return whether the place of a sighting is seen free afterwards: what stood there has gone."""
+    looks = np.empty((1, 4))
+    sightings.keyframes.count_looks(sightings.recorded, np.array([row], np.int64), looks)
+    free, hits = looks[0, 2:].tolist()
+    return bool(free >= LEAST_LOOKS and free > hits)
 
 
 def _rests_as_another(sightings: Any, place: Any, when: Float64, rows: Int64, rests: Bool, far: float) -> Bool:

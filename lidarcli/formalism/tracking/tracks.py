@@ -136,8 +136,9 @@ class Track:
     """True if parts of it are seen side by side, as legs are."""
     moved: bool = False
     is_agent: bool = False
-    """True once a row of it is in set A, from the stamp `onset_ns` on."""
+    """True once a row of it is in set A."""
     onset_ns: int = 0
+    """Stamp at which it began to go; 0 before."""
     was_agent: bool = False
     agent_score: float = 0.0
     last_view: complex = 0.0
@@ -217,7 +218,7 @@ def _row(track: Track) -> dict[str, float]:
         "speed_max": track.speed_max,
         "agent_score": track.best_score,
         "moved": track.is_agent,
-        "moved_at_ns": track.onset_ns,
+        "moved_at_ns": track.onset_ns or track.last[1],
     }
 
 

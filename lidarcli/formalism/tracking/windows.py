@@ -202,10 +202,10 @@ class TrackRegistry:
             track.sensors.update(rows["sensor"][sweeps - window.begin].tolist())
             track.sweeps += len(sweeps)
             if track.moved:
-                agent = np.flatnonzero(sightings.agent[firsts])
-                if len(agent) and not track.is_agent:
-                    track.is_agent = True
-                    track.onset_ns = stamps.item(int(sweeps[agent[0]]) - window.begin)
+                goes = np.flatnonzero(sightings.goes[firsts])
+                track.is_agent = track.is_agent or bool(sightings.agent[firsts].any())
+                if len(goes) and track.onset_ns == 0:
+                    track.onset_ns = stamps.item(int(sweeps[goes[0]]) - window.begin)
             else:
                 last = sightings.sweep[at] == sweeps[-1]
                 track.x, track.y = float(sightings.x[at][last].mean()), float(sightings.y[at][last].mean())
@@ -293,7 +293,7 @@ class WindowSightings:
         """(N,) True in the window, False in the next one."""
         size = len(keep)
         self.vx, self.vy = np.zeros(size), np.zeros(size)
-        self.moving, self.agent = np.zeros(size, bool), np.zeros(size, bool)
+        self.moving, self.agent, self.goes = np.zeros(size, bool), np.zeros(size, bool), np.zeros(size, bool)
         self.agent_score = np.full(size, 0.0 if is_placed else math.nan)
         """(N,) probability that the track has gone by then (`agents.judge`)."""
         self.own = np.zeros(size, bool)
@@ -464,12 +464,12 @@ def _smooth_track(
         if not verdict.agent[step].any():
             track.moved, track.state = False, None
             return None
-        onset = int(np.flatnonzero(verdict.agent)[0])
+        onset = int(np.argmax(verdict.goes))
         path[:onset, [2, 3, 7, 8]] = 0.0
         moving[:onset] = 0
     moving[step] &= verdict.goes[step]
     sightings.vx[at], sightings.vy[at], sightings.moving[at] = path[step, 2], path[step, 3], moving[step]
-    sightings.agent[at] = verdict.agent[step]
+    sightings.agent[at], sightings.goes[at] = verdict.agent[step], verdict.goes[step]
     track.moved = True
     end = int(at[sightings.now[at]][-1])
     track.was_agent, track.agent_score = bool(sightings.agent[end]), float(sightings.agent_score[end])
