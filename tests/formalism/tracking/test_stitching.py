@@ -1,4 +1,4 @@
-"""Pieces of tracks: no two that are seen at the same time become one."""
+"""Pieces of tracks: one goes on with another that begins after it has ended, and only once."""
 
 from __future__ import annotations
 
@@ -11,23 +11,6 @@ from lidarcli.formalism.tracking import grouping
 from lidarcli.formalism.tracking.tracks import Track, Tracklet
 
 
-def track_of(*spans: tuple[int, int]) -> Track:
-    track = Track()
-    for number, (first, last) in enumerate(spans, 1):
-        track.add_part(Tracklet(number, first_sweep=first, last_sweep=last))
-    return track
-
-
-def test_tracks_that_are_seen_at_the_same_time_overlap() -> None:
-    assert not grouping.overlap(track_of((0, 10)), track_of((11, 30)))
-    assert not grouping.overlap(track_of((11, 30)), track_of((0, 10)))
-    assert grouping.overlap(track_of((0, 10)), track_of((10, 30)))
-    # A fits both others, but those are there at the same time.
-    grown = track_of((0, 10), (20, 60))
-    assert grouping.overlap(grown, track_of((15, 40)))
-    assert not grouping.overlap(grown, track_of((61, 70)))
-
-
 def sightings(number: int, time: np.ndarray, x: np.ndarray, now: bool) -> SimpleNamespace:
     """The sightings of one body at ten sweeps a second, in the window or in the next one."""
     return SimpleNamespace(
@@ -35,8 +18,10 @@ def sightings(number: int, time: np.ndarray, x: np.ndarray, now: bool) -> Simple
         sweep=np.round(10 * time).astype(int),
         place=x + 0j,
         now=np.full(len(x), now),
+        owner=np.full(len(x), number),
         spans={number: slice(0, len(x))},
         keyframes=None,
+        is_placed=False,
     )
 
 
@@ -54,6 +39,33 @@ def test_a_piece_goes_on_after_a_gap_between_two_windows(begins_at: float, goes_
     later = Tracklet(2, moved=1, first_sweep=80, last_sweep=129)
     seen = sightings(2, 8.0 + time, begins_at + 1.0 * time, now=True)
     grouping.stitch(seen, [later], {1: earlier, 2: later})
+    assert (later.track is track) == goes_on
+
+
+@pytest.mark.parametrize(
+    ("others", "goes_on"),
+    [
+        ((), True),
+        # Its track has gone on elsewhere, and ended there.
+        (((60, 70),), False),
+        # It still goes on elsewhere.
+        (((45, 90),), False),
+        # One that began before was seen longer.
+        (((10, 85),), False),
+        # A leg is that of another person by now.
+        (((45, 90, 7),), True),
+    ],
+)
+def test_a_piece_with_a_successor_is_no_end(others: tuple[tuple[int, ...], ...], goes_on: bool) -> None:
+    earlier = Tracklet(1, moved=1, first_sweep=0, last_sweep=49, last_time=4.9, has_ended=True, final=(4.9, 1.0))
+    track = Track()
+    track.add_part(earlier)
+    for number, (first, last, *member) in enumerate(others, 3):
+        track.add_part(Tracklet(number, first_sweep=first, last_sweep=last, member=sum(member), has_ended=True))
+    later = Tracklet(2, moved=1, first_sweep=80, last_sweep=129)
+    time = np.arange(50) / 10
+    seen = sightings(2, 8.0 + time, 8.0 + time, now=True)
+    grouping.stitch(seen, [later], {part.number: part for part in (*track.parts, later)})
     assert (later.track is track) == goes_on
 
 
