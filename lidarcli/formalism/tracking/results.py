@@ -87,7 +87,7 @@ class Tracks:
     track: Int64 = column("1", "number of the thing, 1, 2, ... by first sight within its topic", per="track")
     set: UInt8 = column("", "A agent: it has moved by itself; O object: it has not", per="track", words=SETS)
     shape: UInt8 = column(
-        "", "prismatic, round, legged, irregular or unknown, by all that was seen of it", per="track", words=SHAPES
+        "", "prismatic, round, legged (slim parts), irregular or unknown, by all that was seen", per="track", words=SHAPES
     )
     label: Int32
     """(M,) index into the catalogue, -1 for none."""

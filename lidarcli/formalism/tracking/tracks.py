@@ -40,6 +40,8 @@ LEGGED_ODDS, LEAST_SHAPE_ODDS = 20.0, 0.2
 """[log-odds] Advantage of the shape legged where legs were seen, and least advantage of a shape over the next one."""
 LEG_DISTANCE_SD, ONE_LEG = 0.03, 0.1
 """[m] Standard deviation of the distance of two legs, of which the fronts are seen; places closer than this are one leg."""
+NEXT_LEG = 0.65
+"""[m] Greatest distance of a leg to the next one of its thing."""
 RIGHT_ANGLE = 0.5 * math.pi
 
 
@@ -226,7 +228,7 @@ def _outline(track: Track) -> dict[str, float]:
     last = max(track.parts, key=lambda part: (part.last_sweep, -part.number))
     shape, end = shape_of(track, tracklet), last.end if last.has_ended else END_OF_LOG
     if (frame := frame_of_legs(track)) is not None:
-        return frame | {"length_sd": LEG_DISTANCE_SD, "width_sd": LEG_DISTANCE_SD, "shape": shape, "end": end}
+        return frame | {"length_sd": frame["sd"], "width_sd": frame["sd"], "shape": shape, "end": end}
     sides = [_side(tracklet, axis) for axis in range(2)]
     yaw = tracklet.yaw
     if sides[1][0] > sides[0][0]:
@@ -266,14 +268,17 @@ def _halved(yaw: float) -> float:
 
 
 def frame_of_legs(track: Track) -> dict[str, float] | None:
-    """Return the smallest rectangle through the standing legs of a track [m, rad]; None if it has no legs, or walks."""
+    """Return the smallest rectangle through the legs of a track at one time [m, rad]; None if it has none, or walks."""
     if track.moved:
         return None
     places: list[tuple[float, float]] = []
-    for part in track.parts if track.several else [main_part(track)]:
-        for place in (part.place(True), *part.legs):
-            if all(math.dist(place, other) > ONE_LEG for other in places):
-                places.append(place)
+    parts = _side_by_side(track) if track.several else [main_part(track)]
+    # From leg to next leg, the one that was seen most first: what is farther off came and went as another thing.
+    ahead = [place for part in parts for place in (part.place(True), *part.legs)]
+    while near := [place for place in ahead if not places or min(math.dist(place, one) for one in places) < NEXT_LEG]:
+        ahead.remove(near[0])
+        if all(math.dist(near[0], other) > ONE_LEG for other in places):
+            places.append(near[0])
     if len(places) < 2:
         return None
     x, y = np.array([places]).transpose(2, 0, 1)
@@ -283,7 +288,16 @@ def frame_of_legs(track: Track) -> dict[str, float] | None:
     if other > one:
         one, other, angle = other, one, angle + RIGHT_ANGLE
     x, y = float(middle[0, 0]), float(middle[1, 0])
-    return {"legs": len(places), "length": one, "width": other, "x": x, "y": y, "yaw": _halved(angle)}
+    sd = math.hypot(LEG_DISTANCE_SD, math.sqrt(2.0 * max(max(part.static_cc) for part in parts)))
+    return {"legs": len(places), "length": one, "width": other, "sd": sd, "x": x, "y": y, "yaw": _halved(angle)}
+
+
+def _side_by_side(track: Track) -> list[Tracklet]:
+    """Return the legs of a track that were followed at one time, of all such times those seen most; the best one first."""
+    legs = [part for part in track.parts if part.kind != PERSON] or track.parts
+    times = [[other for other in legs if other.first_sweep <= part.first_sweep <= other.last_sweep] for part in legs]
+    found = max(times, key=lambda parts: (sum(part.sightings for part in parts), len(parts)))
+    return sorted(found, key=lambda part: (-part.sightings, part.number))
 
 
 def _side(tracklet: Tracklet, axis: int) -> tuple[float, float]:
