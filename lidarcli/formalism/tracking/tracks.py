@@ -25,7 +25,7 @@ from lidarcli.formalism.tracking.results import (
     Tracks,
     Trajectories,
 )
-from lidarcli.sweeps import Float64, Int32, Int64, SweepBatch, UInt8
+from lidarcli.sweeps import Bool, Float64, Int32, Int64, SweepBatch, UInt8
 
 LEG_SHARE = 0.25
 """Share of the sightings of a tracklet in which a leg beside it has to be seen."""
@@ -156,6 +156,11 @@ class Track:
     sweeps: int = 0
     hidden: float = 0.0
     distance: float = 0.0
+    distance_hidden: float = 0.0
+    seen_ns: int = 0
+    """Way that sweeps saw, the rest of its way [m], and the time of the first [ns] (`seen_steps`)."""
+    seen_stop: int = -1
+    """Number of sweeps of the topic up to its last row, if that row is seen; else -1."""
     speed_max: float = 0.0
     x: float = 0.0
     y: float = 0.0
@@ -214,7 +219,8 @@ def _row(track: Track) -> dict[str, float]:
         "sweeps": track.sweeps,
         "hidden": track.hidden,
         "distance": track.distance,
-        "speed_mean": track.distance / lasts if lasts > 0.0 else 0.0,
+        "distance_hidden": track.distance_hidden,
+        "speed_mean": 1e9 * track.distance / track.seen_ns if track.seen_ns > 0 else 0.0,
         "speed_max": track.speed_max,
         "agent_score": track.best_score,
         "moved": track.is_agent,
@@ -350,8 +356,31 @@ def shape_of(track: Track, tracklet: Tracklet) -> int:
 
 PARTS_MASK, PARTLY_BIT = 63, 64
 """A byte for a sweep of a track: the number of its parts that are seen, and whether more of it is hidden."""
+LONGEST_STEP, PAUSE = 1.0, 3.0
+"""[s] A longer step from row to row is a pause of the log, in which nothing was seen, unless it is less than so many times
+the median step."""
 MOST_ROWS = 65_536
 """Rows that are handed out at once, about."""
+
+
+def seen_steps(seconds: Float64, seen: Bool, sensor: NDArray[np.integer[Any]]) -> Bool:
+    """Return (N,) whether sweeps saw a track all the way to each of its rows from the one before.
+
+    They saw the way between two rows that are seen if no other sweep of the sensor of the latter lies between them, and no
+    pause of the log. The rows are those of one track in the order of time, with the sensor of each.
+    """
+    at, steps = np.flatnonzero(seen), np.diff(seconds)
+    before = np.full(len(seen), -1)
+    for one in np.unique(sensor):
+        mine = np.flatnonzero(sensor == one)
+        before[mine[1:]] = mine[:-1]
+    longest = max(LONGEST_STEP, PAUSE * float(np.median(steps))) if len(steps) else 0.0
+    whole = np.flatnonzero((before[at[1:]] <= at[:-1]) & (np.diff(seconds[at]) <= longest))
+    edges = np.zeros(len(seen) + 1, np.int64)
+    edges[at[whole] + 1] += 1
+    edges[at[whole + 1] + 1] -= 1
+    found: Bool = np.cumsum(edges)[:-1] > 0
+    return found
 
 
 @dataclass(slots=True)
@@ -368,13 +397,25 @@ class Path:
     moving: UInt8
     """(S,) 1 where it moves."""
 
+    def add_way(self, sweeps: Sweeps) -> None:
+        """Add the way of the piece to that of the track, apart what sweeps saw of it and what they did not."""
+        track, place, stop = self.track, self.path[:, :2], self.begin + len(self.codes)
+        seen = self.codes & PARTS_MASK > 0
+        # The row before is the last one of the piece before.
+        lead = int(track.seen_stop == self.begin)
+        rows = sweeps.of(self.begin - lead, stop)
+        step = seen_steps(rows["seconds"], np.pad(seen, (lead, 0), constant_values=True), rows["sensor"])[lead:]
+        goes_on = track.path_stop >= 0 and self.moving.any()
+        way = np.hypot(*np.diff(place, axis=0, prepend=[[track.x, track.y]] if goes_on else place[:1]).T)
+        track.distance += float(way[step & (self.moving == 1)].sum())
+        track.distance_hidden += float(way[~step].sum())
+        track.seen_ns += int(np.diff(rows["stamp_ns"], prepend=rows["stamp_ns"][:1])[lead:][step].sum())
+        track.seen_stop = stop if seen[-1] else -1
+
     def add_to_track(self) -> None:
-        """Add the piece to the distance and the greatest speed of the track, whose place is now the end of the piece."""
+        """Add the piece to the greatest speed of the track, whose place is now the end of the piece."""
         track, place = self.track, self.path[:, :2]
-        hidden = self.codes & PARTS_MASK == 0
-        steps = np.diff(place, axis=0, prepend=place[:1] if track.path_stop < 0 else [[track.x, track.y]])
-        track.distance += float(np.hypot(steps[:, 0], steps[:, 1])[hidden | (self.moving == 1)].sum())
-        speed = np.hypot(self.path[:, 2], self.path[:, 3])[~hidden]
+        speed = np.hypot(self.path[:, 2], self.path[:, 3])[self.codes & PARTS_MASK > 0]
         track.speed_max = max(track.speed_max, float(speed.max(initial=0.0)))
         track.x, track.y = float(place[-1, 0]), float(place[-1, 1])
         track.path_stop = self.begin + len(self.codes)
@@ -479,7 +520,9 @@ def standing(sweeps: Sweeps, tracks: list[Track]) -> Iterator[Trajectories]:
 
 
 def joined(sweeps: Sweeps, pieces: list[Path]) -> Trajectories:
-    """Return the rows of pieces of paths, one after the other."""
+    """Return the rows of pieces of paths, one after the other, and add their ways to those of the tracks."""
+    for piece in pieces:
+        piece.add_way(sweeps)
     lengths = [len(piece.codes) for piece in pieces]
     return sweeps.rows(
         np.repeat([piece.track.number for piece in pieces], lengths).astype(np.int64),
