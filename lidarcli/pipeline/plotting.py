@@ -305,12 +305,13 @@ class _PictureMaker:
 
     def _owners(self, batch: SweepBatch) -> tuple[Int64, Int64]:
         """Return set and track of the object of the tables that each beam of one sweep is on (1, B); -1 for none."""
-        from lidarcli.pipeline.zone_counting import Objects
-
         self._paths_of(batch)
         if self._objects is None or not len(rows := rows_of(self._objects, batch.topic, batch.sweep)[0]):
             return (none := np.full(batch.ranges.shape, -1)), none
-        found = Objects.of(self._objects.table.take(rows).combine_chunks().to_batches()[0], batch)
+        from lidarcli.pipeline.zone_counting import Objects
+        from lidarcli.tabular.columns import plain
+
+        found = Objects.of(self._objects.table.take(plain(rows)).combine_chunks().to_batches()[0], batch)
         owner = found.owners(batch)
         letter, track = (np.append(values.astype(np.int64), -1)[owner] for values in (found.set, found.track))
         return letter, track

@@ -22,7 +22,6 @@ from lidarcli.display import counted
 from lidarcli.errors import OptionError
 from lidarcli.formalism.background import Background
 from lidarcli.formalism.mapping.grid import FREE, OCCUPIED, UNKNOWN, Occupancy
-from lidarcli.formalism.tracking.tracks import seen_steps
 from lidarcli.reports.drawing import (
     Entries,
     Frame,
@@ -359,6 +358,9 @@ def _track_boxes(sweeps: Rows, tracks: Rows) -> list[Box]:
 
 def _of_agents(trajectories: Rows, tracks: Rows, frame: str) -> Iterator[tuple[int, int, Int64, Bool]]:
     """Yield each agent in a frame: its row and number, the rows of its path by time, and which steps to these were seen."""
+    # Imported here: most pictures need no tracks.
+    from lidarcli.formalism.tracking.tracks import seen_steps
+
     track, stamp = trajectories.numbers("track"), trajectories.integers("stamp")
     (topic, topics), (of_track, names) = trajectories.words("topic"), tracks.words("topic")
     seen = ~trajectories.are("seen", "hidden")
