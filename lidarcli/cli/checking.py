@@ -211,7 +211,9 @@ def _plot_command(options: Mapping[str, Any], topic: str, seconds: float) -> str
         is_typed = source is ParameterSource.COMMANDLINE and each.name not in ("output", "overwrite")
         if is_typed and isinstance(value, str | float | bool):
             words += [each.opts[0], *([] if isinstance(value, bool) else [str(value)])]
-    return shlex.join([*words, *(word for file in options["zones"] for word in ("--zones", file))])
+    words += [word for file in options["zones"] for word in ("--zones", file)]
+    tracks = options["objects"] or options["logs"][0]
+    return shlex.join(words if options["no_objects"] else [*words, "--tracks", str(tracks)])
 
 
 class ReportCommand(Overwrite, Reporting, Checked, total=False):

@@ -1,6 +1,7 @@
 """`lidarcli plot`: sweeps as pictures."""
 
 from collections.abc import Mapping, Sequence
+from contextlib import ExitStack
 from typing import TYPE_CHECKING, Annotated, Any
 
 import click
@@ -94,6 +95,7 @@ class PlotCommand(OneLog, Overwrite, Window, Plotting, total=False):
             "help": f"{options_of(Plotting)['view'].help} map: the run in the world and the path of the "
             "sensor, with --sweep its points, with --tracks what stands and moved.",
         },
+        "tracks": {"help": f"{options_of(Plotting)['tracks'].help} Given LOG itself, its things are followed first."},
         "max_width": {"shown": "2; paper: no limit", "rare": True},
         **{field: {"rare": True} for field in ("start", "end", "pose")},
         "dpi": {"shown": f"200; with --animate {ANIMATED_DPI}", "help": "Pixels per inch of PNG and of animations."},
@@ -139,43 +141,49 @@ def plot(messages: Messages, options: Mapping[str, Any]) -> int:
     from dataclasses import replace
 
     from lidarcli.errors import UnreadableError
-    from lidarcli.newfiles import refuse
-    from lidarcli.pipeline.api.options import plot_options
+    from lidarcli.newfiles import refuse, scratch_folder
+    from lidarcli.pipeline import plotting
+    from lidarcli.pipeline.api.options import detect_options, plot_options, tracking_of
     from lidarcli.pipeline.inputs.search import files_of, one_log
-    from lidarcli.pipeline.plotting import picture_bytes, sweep_at, take_map, take_pictures, write_animation, write_pictures
 
     wanted = replace(plot_options(options, None, sweeps), tracks=options["tracks"])
     source = one_log(options["log"], options["join"])
     if options["at"] is not None:
-        wanted = replace(wanted, sweeps=(sweep_at(source, options["at"], wanted.topic, wanted.opening),))
+        wanted = replace(wanted, sweeps=(plotting.sweep_at(source, options["at"], wanted.topic, wanted.opening),))
     elif in_world and options["sweep"] is None and options["sweeps"] is None:
         wanted = replace(wanted, sweeps=None)
     paths = _outputs(output, source, wanted.sweeps, animate, in_world)
     if output != STDOUT:
         others = [file for file in (wanted.background, options["mask"], wanted.poses.file, *options["zones"]) if file]
-        if options["tracks"]:
+        if options["tracks"] and options["tracks"] not in options["log"]:
             from lidarcli.pipeline.inputs.tables import table_files
 
             others += map(str, table_files([options["tracks"]]))
         refuse(paths, options["overwrite"], [*files_of([source]), *others])
     drawn: Drawn[Any]
-    if in_world:
-        from lidarcli.pipeline.mapping import MapOptions
+    with ExitStack() as stack:
+        if options["tracks"] in options["log"]:
+            every = {**options, "topic": None, "start": None, "end": None, "background": None, "catalogue": None, "jobs": 0}
+            detect = detect_options(every, log_options(every), tracking_of())
+            tracks = plotting.followed(source, wanted.zones, detect, stack.enter_context(scratch_folder()))
+            wanted = replace(wanted, tracks=tracks)
+        if in_world:
+            from lidarcli.pipeline.mapping import MapOptions
 
-        parsed = MapOptions(read, wanted.opening, wanted.poses, parameters=wanted.parameters)
-        drawn = take_map(source, parsed, wanted.sweeps, options["tracks"], options["only"], options["density"])
-    else:
-        drawn = take_pictures(source, wanted)
+            parsed = MapOptions(read, wanted.opening, wanted.poses, parameters=wanted.parameters)
+            drawn = plotting.take_map(source, parsed, wanted.sweeps, wanted.tracks, options["only"], options["density"])
+        else:
+            drawn = plotting.take_pictures(source, wanted)
     messages.notes(drawn.notes)
     pictures: Sequence[Any] = drawn.pictures
     if output == STDOUT:
-        standard_output().buffer.write(picture_bytes(pictures[0], view, ".png", look))
+        standard_output().buffer.write(plotting.picture_bytes(pictures[0], view, ".png", look))
     else:
         if animate:
             with counted_bar(paths[0].name, len(pictures), "frames", messages) as report:
-                notes = write_animation(paths[0], pictures, view, options["overwrite"], look, report)
+                notes = plotting.write_animation(paths[0], pictures, view, options["overwrite"], look, report)
         else:
-            notes = write_pictures(paths, pictures, view, options["overwrite"], look)
+            notes = plotting.write_pictures(paths, pictures, view, options["overwrite"], look)
         messages.wrote(paths)
         messages.notes(notes)
     for line in drawn.damage:

@@ -334,6 +334,8 @@ class Path(NamedTuple):
     x: Float64
     y: Float64
     """(N,) [m]; NaN where its place in the frame is not known."""
+    steps: Bool
+    """(N,) True where sweeps saw it all the way from the place before."""
 
 
 class Visit(NamedTuple):
@@ -376,8 +378,9 @@ def visits(shapes: Sequence[Circle | Polygon], which: Int64, path: Path) -> list
     return found
 
 
-def crossings(line: Line, path: Path) -> tuple[list[Crossing], int]:
-    """Return the crossings of a line, and how often the path went through it but was clear of it on one side alone.
+def crossings(line: Line, path: Path) -> tuple[list[Crossing], int, int]:
+    """Return the crossings of a line that sweeps saw; how often the path was clear of it on one side alone; how often it
+    went through unseen.
 
     A crossing is a path through the line, between its ends, from `CLEAR` away on one side to as far on the other; it goes
     in where it arrives to the left of the way from the first end to the second.
@@ -389,22 +392,23 @@ def crossings(line: Line, path: Path) -> tuple[list[Crossing], int]:
     left, along = ahead_x * dy - ahead_y * dx, ahead_x * dx + ahead_y * dy
     known = np.flatnonzero(np.isfinite(left))
     found: list[Crossing] = []
-    one_sided = 0
+    one_sided = unseen = 0
     side, passed, after = 0, 0, -1
-    begun = False
-    """True once the path was clear of the line."""
+    begun, hidden = False, False
+    """True once the path was clear of the line; where no sweep saw it go through."""
     for before, here in zip([-1, *known[:-1].tolist()], known.tolist(), strict=True):
         if before >= 0 and (left[before] > 0.0) != (left[here] > 0.0):
             share = left[before] / (left[before] - left[here])
             if 0.0 <= along[before] + share * (along[here] - along[before]) <= length:
                 passed += 1 if left[here] > 0.0 else -1
                 after = here
+                hidden |= not path.steps[before + 1 : here + 1].all()
         if abs(left[here]) >= CLEAR:
             now = 1 if left[here] > 0.0 else -1
             if passed * now > 0:
-                if begun and side == -now:
+                if begun and side == -now and not hidden:
                     found.append(Crossing(after, now > 0))
-                elif not begun:
-                    one_sided += 1
-            side, passed, begun = now, 0, True
-    return found, one_sided + (passed != 0)
+                unseen += begun and side == -now and hidden
+                one_sided += not begun
+            side, passed, begun, hidden = now, 0, True, False
+    return found, one_sided + (passed != 0), unseen

@@ -21,7 +21,7 @@ COLUMNS = (
     *("box_width", "box_yaw", "vertices", "track", "vx", "vy", "moving", "label", "world_x", "world_y"),
 )
 """Columns of the objects table that markers need."""
-PATH_COLUMNS = ("topic", "sweep", "t", "track", "frame", "x", "y", "vx", "vy")
+PATH_COLUMNS = ("topic", "sweep", "t", "track", "frame", "x", "y", "vx", "vy", "seen")
 """Columns of the trajectories table that paths need."""
 
 HEIGHT, LEAST_SIDE, WIDEST = 0.2, 0.02, 1e6
@@ -68,6 +68,8 @@ class Trajectories:
     in_world: Bool
     is_agent: Bool
     """True from where it began to move."""
+    seen: Bool
+    """True where its sweep sees it."""
 
     @staticmethod
     def of(table: pa.Table, topic: str) -> Trajectories:
@@ -83,14 +85,16 @@ class Trajectories:
         track, moving = track[rows], moving[rows]
         begin, count = np.searchsorted(track, track), np.cumsum(moving)
         is_agent = count - count[begin] + moving[begin] > 0
-        return Trajectories(track, sweep[rows], seconds[rows], x[rows], y[rows], in_world, is_agent)
+        seen = ~are(table["seen"], "hidden")[rows]
+        return Trajectories(track, sweep[rows], seconds[rows], x[rows], y[rows], in_world, is_agent, seen)
 
     def up_to(self, sweep: int) -> Iterator[tuple[int, Int64]]:
-        """Yield each track that has a row in a sweep with its rows in the last `TRAIL` seconds."""
+        """Yield each track that a sweep sees with its rows in the last `TRAIL` seconds, since it was hidden last."""
         for row in np.flatnonzero(self.sweep == sweep).tolist():
             begin = int(np.searchsorted(self.track, self.track[row]))
             mine = np.arange(begin, row + 1)
-            yield int(self.track[row]), mine[self.seconds[mine] >= self.seconds[row] - TRAIL]
+            mine = mine[self.seconds[mine] >= self.seconds[row] - TRAIL]
+            yield int(self.track[row]), mine[np.logical_and.accumulate(self.seen[mine][::-1])[::-1]]
 
 
 def markers_of(rows: pa.RecordBatch, message: Int64, poses: Poses) -> list[Markers]:
@@ -131,7 +135,7 @@ def paths_of(trajectories: Trajectories, index: Int64, poses: Poses, hangs: bool
     for message, sweep in enumerate(index.tolist()):
         for number, rows in trajectories.up_to(sweep):
             x, y = trajectories.x[rows], trajectories.y[rows]
-            if trajectories.in_world[rows[-1]]:
+            if len(rows) and trajectories.in_world[rows[-1]]:
                 cos, sin = np.cos(poses.yaw[message]), np.sin(poses.yaw[message])
                 x, y = x - poses.x[message], y - poses.y[message]
                 x, y = cos * x + sin * y, (cos * y - sin * x) * (-1.0 if hangs else 1.0)

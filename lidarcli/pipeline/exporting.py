@@ -11,6 +11,7 @@ import numpy as np
 import pyarrow as pa
 
 from lidarcli.choices import TABLE_BY_SUFFIX
+from lidarcli.display import counted
 from lidarcli.errors import OptionError, UnreadableError
 from lidarcli.newfiles import NewFiles, refuse
 from lidarcli.pipeline.inputs.search import files_named
@@ -22,7 +23,7 @@ from lidarcli.tabular.writing import Output, write_stream
 MOST_COLUMNS = 1000
 """Most columns that are written: tables of lidarcli have 50; each column of others takes time and memory."""
 TUM, TRACK = ".tum", "track"
-PATH = "stamp", "x", "y", "vx", "vy"
+PATH = "stamp", "x", "y", "vx", "vy", "seen"
 """Columns of a trajectory that are written as TUM."""
 APART = "export each kind of table by itself, as '*.objects.parquet'"
 
@@ -127,25 +128,28 @@ def export_stream(export: Export, out: Output, kind: str, name: str = "standard 
 
 
 def _write_tum(export: Export, out: Output, kind: str, name: str) -> tuple[int, list[str]]:
-    """Write the path of one track as lines of TUM, headed as it goes; returns the number of poses, and no notes."""
+    """Write the path of one track where sweeps saw it, headed as it goes, as TUM; returns the number of poses and notes."""
     if len(export.only) != 1 or len(export.files) != 1 or {*PATH} - {*export.schema.names}:
         raise OptionError(f"{name}: a {TUM} has the path of one track: give one trajectories table, --only N, no --columns")
-    from lidarcli.pose.tracks import lifted, trajectory_lines
+    from lidarcli.pose.tracks import GAP, lifted, trajectory_lines
 
-    count, last = 0, None
+    count, hidden, last = 0, 0, None
     for rows in export.pieces():
-        x, y, vx, vy = (numbers(rows[column].cast(pa.float64())) for column in PATH[1:])
+        x, y, vx, vy = (numbers(rows[column].cast(pa.float64())) for column in PATH[1:-1])
         stamp = rows[PATH[0]].cast(pa.timestamp("ns", "UTC")).cast(pa.int64()).to_numpy()
         if np.any(np.diff(stamp, prepend=stamp[:1] - 1 if last is None else last) <= 0):
             raise OptionError(
                 f"{export.files[0]}: track {export.only[0]} has several places at a time: it is of several topics"
             )
         last = stamp[-1:]
-        out.write(trajectory_lines(stamp, lifted((x, y, np.arctan2(vy, vx)))).encode())
-        count += len(rows)
+        seen = np.array([word != "hidden" for word in rows[PATH[-1]].to_pylist()], np.bool_)
+        for some in np.split(np.arange(len(rows)), np.flatnonzero(np.diff(seen)) + 1) if len(rows) else ():
+            poses = lifted((x[some], y[some], np.arctan2(vy[some], vx[some])))
+            out.write((trajectory_lines(stamp[some], poses) if seen[some[0]] else f"{GAP}\n").encode())
+        count, hidden = count + int(seen.sum()), hidden + int((~seen).sum())
     if not count:
         raise OptionError(f"{export.files[0]}: no track {export.only[0]} in it (--only)")
-    return count, []
+    return count, [f"{counted(hidden, 'place')} left out, where no sweep saw it"] if hidden else []
 
 
 def _tables(text: str | HeldTable) -> tuple[list[Readable], list[UnreadableError]]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Generic, TypeVar
 
 import numpy as np
@@ -25,17 +26,18 @@ from lidarcli.pipeline.reading.one_log import damage_lines, read_log
 from lidarcli.pipeline.reading.posing import NO_POSES, Need, PoseAttacher, PoseOptions
 from lidarcli.range_rules import RangeRules
 from lidarcli.reports import map_picture
-from lidarcli.reports.columns import Rows
+from lidarcli.reports.columns import Rows, rows_of
 from lidarcli.reports.ground import COLUMNS, Paths
 from lidarcli.reports.map_picture import Box, MapPicture, Snapshot, draw_map, overview
 from lidarcli.reports.picture import Picture, ZoneInSight, animate, draw, limits_of
 from lidarcli.stores import Place
-from lidarcli.sweeps import Status, SweepBatch, SweepPoses
+from lidarcli.sweeps import Int64, Status, SweepBatch, SweepPoses
 from lidarcli.times import SECOND_NS, Instant
 
 if TYPE_CHECKING:
     from lidarcli.pipeline.inputs.tables import TableSet
     from lidarcli.pipeline.mapping import MapOptions, Mapping
+    from lidarcli.pipeline.objects.detection import DetectOptions
     from lidarcli.pipeline.objects.subtracting import BackgroundComparison
     from lidarcli.pipeline.zone_counting import Showing, ShownZone
     from lidarcli.zone import Zones
@@ -45,8 +47,6 @@ NEAR = 1.0
 """Farthest time from a sweep that stands for it [s]: most sensors sweep ten times in a second."""
 MOST_PICTURES = 2_000
 """Most pictures of one call."""
-SAME_RANGE = 1e-3
-"""Greatest difference of two ranges of the same beam [m]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -249,6 +249,7 @@ class _PictureMaker:
 
             self._subtracting = BackgroundComparison(BackgroundOptions.of(options.background), options.parameters)
         self._paths: Paths | None = None
+        self._objects: Rows | None = None
         self._showing: Showing | None = None
         self._zones: dict[int, list[ShownZone]] = {}
         """Sweep → zones before its sensor."""
@@ -266,10 +267,14 @@ class _PictureMaker:
         parameters, known = self._options.parameters, self._paths_of(batch)
         threshold = parameters.threshold
         paths = None if known is None else known.up_to(int(batch.sweep[0]), self._options.trail)
+        detection = self._with_agents(batch, detect(batch, parameters, per_beam=True))
+        if paths is not None:
+            culprits = self._culprits(batch)
+            paths = tuple(replace(one, zone=culprits.get(one.number, "")) for one in paths)
         picture = Picture(
             log=self._log,
             batch=batch,
-            detection=self._with_agents(batch, detect(batch, parameters, per_beam=True)),
+            detection=detection,
             profile=parameters.profile,
             threshold=threshold if isinstance(threshold, str) else f"{threshold:g} m",
             # Not what stands and is hidden: a crowd hides dozens.
@@ -293,18 +298,33 @@ class _PictureMaker:
 
     def _with_agents(self, batch: SweepBatch, found: Detection) -> Detection:
         """Return a detection whose beams on agents are in set A, as far as tracks tell."""
-        if (paths := self._paths_of(batch)) is None:
-            return found
-        owner, sets = found.beam_object, found.beam_set
-        assert owner is not None  # pictures are made with `per_beam`
-        assert sets is not None
-        r, theta = paths.agents(int(batch.sweep[0])).T
-        step = abs(float(batch.angle_increment[0]))
-        # By other options an object may end elsewhere; the beam that is nearest is the one most likely to stay.
-        alike = np.abs(found.r_min[:, None] - r) < SAME_RANGE
-        alike &= np.abs(np.sin(0.5 * (found.theta_min[:, None] - theta))) < 0.25 * step
-        mine = np.isin(owner, found.object[alike.any(axis=1)])
-        return replace(found, beam_set=np.where(mine, SETS.index("A"), sets).astype(sets.dtype))
+        assert found.beam_set is not None  # pictures are made with `per_beam`
+        letter, _ = self._owners(batch)
+        mine = letter == SETS.index("A")
+        return replace(found, beam_set=np.where(mine, letter, found.beam_set).astype(found.beam_set.dtype))
+
+    def _owners(self, batch: SweepBatch) -> tuple[Int64, Int64]:
+        """Return set and track of the object of the tables that each beam of one sweep is on (1, B); -1 for none."""
+        self._paths_of(batch)
+        if self._objects is None or not len(rows := rows_of(self._objects, batch.topic, batch.sweep)[0]):
+            return (none := np.full(batch.ranges.shape, -1)), none
+        from lidarcli.pipeline.zone_counting import Objects
+        from lidarcli.tabular.columns import plain
+
+        found = Objects.of(self._objects.table.take(plain(rows)).combine_chunks().to_batches()[0], batch)
+        owner = found.owners(batch)
+        letter, track = (np.append(values.astype(np.int64), -1)[owner] for values in (found.set, found.track))
+        return letter, track
+
+    def _culprits(self, batch: SweepBatch) -> dict[int, str]:
+        """Return the track with most points in each occupied zone → the name of the zone, as `zones` tells it."""
+        track, culprits = self._owners(batch)[1][0], dict[int, str]()
+        for one in self._zones.get(int(batch.sweep[0]), ()):
+            numbers, counts = np.unique(track[one.beams[0]], return_counts=True)
+            # Of as many points a wall, -1, comes last, as in the events.
+            if one.occupied[0] and (most := numbers[counts == counts.max()].max()) >= 0:
+                culprits.setdefault(int(most), one.zone.name)
+        return culprits
 
     def _paths_of(self, batch: SweepBatch) -> Paths | None:
         """Return the tracks of the topic of all sweeps; None without tables (`OptionError` where they lack this sweep)."""
@@ -316,7 +336,9 @@ class _PictureMaker:
             from lidarcli.pipeline.inputs.tables import one_table_set, read_table
 
             pair = one_table_set(tables)
-            read = {kind: Rows.join([read_table(pair, kind, columns)]) for kind, columns in COLUMNS.items()}
+            columns = COLUMNS | {"objects": (*COLUMNS["objects"], "object", "beam_i", "beam_f", "vx", "vy")}
+            read = {kind: Rows.join([read_table(pair, kind, names)]) for kind, names in columns.items()}
+            self._objects = read["objects"]
             self._paths = Paths(read["sweeps"], read["objects"], read["trajectories"], batch.topic)
             if not self._paths.are_there:
                 raise OptionError(f"{name}: no tracks of {batch.topic} in it; lidarcli track LOG writes them")
@@ -334,6 +356,18 @@ class _PictureMaker:
 def picture_bytes(picture: Picture | MapPicture, view: str, suffix: str, look: Look = AS_IT_COMES) -> bytes:
     """Return a picture as a PNG, SVG or PDF."""
     return draw_map(picture, suffix, look) if isinstance(picture, MapPicture) else draw(picture, view, suffix, look)
+
+
+def followed(source: Source, zones: Zones | None, detect: DetectOptions, folder: Path) -> TableSet:
+    """Return the tables of the tracks of a log, written below a folder, with the numbers that `zones` gives them."""
+    from lidarcli.pipeline.detecting import detect_to_temporary
+    from lidarcli.pipeline.zoning import ZoneOptions, masked, narrowed
+    from lidarcli.zone import Zones
+
+    with open_source(source, detect.opening) as log:
+        options = narrowed(log, ZoneOptions(zones or Zones(()), (), detect))
+        masking = masking_of(log, detect.read.rules, detect.poses, options.detect.read.topics)
+        return detect_to_temporary(source, folder, masked(log, options, masking))[0]
 
 
 def write_pictures(
@@ -379,7 +413,7 @@ def take_map(
     source: Source,
     options: MapOptions,
     sweeps: Sequence[int] | None = None,
-    tracks: str | None = None,
+    tracks: str | TableSet | None = None,
     only: Sequence[int] = (),
     density: bool = False,
 ) -> Drawn[MapPicture]:
@@ -420,7 +454,7 @@ def _frame_words(worlds: Iterable[str]) -> str:
     return ", ".join("path matched from the sweeps" if one == MATCH else f"frame {one}" for one in worlds)
 
 
-def _overview(tracks: str, source: Source, mapping: Mapping, only: Sequence[int], density: bool) -> MapPicture:
+def _overview(tracks: str | TableSet, source: Source, mapping: Mapping, only: Sequence[int], density: bool) -> MapPicture:
     """Return the things and agents in the tables of this log, of the topics and in one of the worlds of the map."""
     from lidarcli.pipeline.inputs.tables import one_table_set, poses_of, read_table, world_in
     from lidarcli.tabular.reading import note_value, notes_of

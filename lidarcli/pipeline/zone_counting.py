@@ -297,12 +297,12 @@ class Objects(NamedTuple):
     def of(rows: pa.RecordBatch, batch: SweepBatch) -> Objects:
         """Return the objects of a batch among rows of the table; walls are none."""
         sweep, first, beam_i, beam_f = (
-            np.asarray(rows[name]).astype(np.int64) for name in ("sweep", "object", "beam_i", "beam_f")
+            held(rows[name])[0].astype(np.int64) for name in ("sweep", "object", "beam_i", "beam_f")
         )
         row = np.searchsorted(batch.sweep, sweep)
         names = rows["set"]
         letters = np.array([SETS.index(str(name)) for name in names.dictionary.to_pylist()] or [0], np.uint8)
-        its = letters[np.asarray(names.indices)] if len(names) else np.zeros(0, np.uint8)
+        its = letters[held(names.indices)[0]] if len(names) else np.zeros(0, np.uint8)
         mine = its != SETS.index("S")
         track, there = held(rows["track"])
         velocity = np.column_stack([numbers(rows["vx"]), numbers(rows["vy"])])

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lidarcli.formalism.detection import SETS
+from lidarcli.formalism.tracking.tracks import seen_steps
 from lidarcli.formalism.zones import Path, crossings, episodes, visits
 from lidarcli.masks import Circle, Polygon
 from lidarcli.pipeline.zone_counting import TopicSeries, ZoneSeries
@@ -80,6 +81,8 @@ class ZoneEvents:
     columns: dict[str, NDArray[Any] | None]
     one_sided: int | None = None
     """Of a line: how often an agent went through it that was not clear of it on both sides; None without tracks."""
+    unseen: int = 0
+    """Of a line: how often an agent went through it out of sight."""
     topics: Sequence[TopicSeries] = ()
     in_force: bool = True
     """False for a velocity_polygon none of whose polygons ever covered the velocity."""
@@ -224,9 +227,9 @@ class EventFinder:
         """(N,) agents in the zone; None without tracks."""
         events = [self._episode(each.first, each.last, each.cut) for each in found]
         events += self._stale()
-        one_sided = None
+        one_sided, unseen = None, 0
         if self.has_tracks:
-            own, one_sided = self._of_agents()
+            own, one_sided, unseen = self._of_agents()
             events += own
         columns: dict[str, NDArray[Any] | None] = {
             "sweep": self.sweep,
@@ -241,7 +244,8 @@ class EventFinder:
             "masked": self._of_topics("masked").sum(axis=0).astype(np.int32),
             "observed": self._observed(),
         }
-        return ZoneEvents(zone, events, self.topic, columns, one_sided, self.topics, bool((self.part >= 0).any()))
+        in_force = bool((self.part >= 0).any())
+        return ZoneEvents(zone, events, self.topic, columns, one_sided, unseen, self.topics, in_force)
 
     def _observed(self) -> Bool:
         """Return (N,) whether something in the zone could have made an event: enough beams reach it for long enough."""
@@ -320,7 +324,7 @@ class EventFinder:
             stamps = self.topics[at].column("stamp_ns")[agents.number]
             begins = np.flatnonzero(np.diff(agents.track, prepend=-1)).tolist()
             for some in (slice(*ends) for ends in pairwise([*begins, len(agents.track)])):
-                track, path = int(agents.track[some.start]), Path(stamps[some], x[some], y[some])
+                track, path = int(agents.track[some.start]), Path(stamps[some], x[some], y[some], agents.in_view[some])
                 mine = _AgentPath(track, path, np.full(len(path.x), at), agents.number[some], agents.in_view[some])
                 pieces.setdefault((-1 if track in agents.shared else at, track), []).append(mine)
         return [*map(_in_time_order, pieces.values())]
@@ -351,34 +355,37 @@ class EventFinder:
         return shapes.shapes, which
 
     def _visits(self) -> Iterator[tuple[int, int, int, bool]]:
-        """Yield agent, first and last index into its path of each visit in view, and whether an end is not seen."""
+        """Yield agent, first and last index into its path of each visit, both seen, and whether the path ends in it."""
         if self.is_line or not self.paths:
             return
         shapes = [self._shapes(index) for index in range(len(self.topics))]
         for number, agent in enumerate(self.paths):
             now = np.array([shapes[index][1][row] for index, row in zip(agent.topic, agent.number, strict=True)])
             for visit in visits(shapes[0][0], now, agent.path):
-                if agent.in_view[visit.first : visit.last + 1].any():
-                    yield number, visit.first, visit.last, visit.cut
+                seen = visit.first + np.flatnonzero(agent.in_view[visit.first : visit.last + 1])
+                if len(seen):
+                    yield number, int(seen[0]), int(seen[-1]), visit.cut
 
     def _agents(self) -> Int64:
         """Return (K, 2) sweeps, by row, with the number of the path of each agent that is in the zone then."""
         mine = (self.hits.set == _AGENT) & (self.hits.agent >= 0)
         pairs = [np.column_stack([self.hits.row[mine], self.hits.agent[mine]])]
         for number, first, last, _ in self._visits():
-            times = self.paths[number].path.time_ns
+            times, steps = self.paths[number].path.time_ns, self.paths[number].path.steps
             rows = np.arange(*np.searchsorted(self.time_ns, [times[first], times[last] + 1]))
-            pairs.append(np.column_stack([rows, np.full(len(rows), number)]))
+            after = np.searchsorted(times, self.time_ns[rows])
+            seen = steps[after] | (self.paths[number].in_view[after] & (times[after] == self.time_ns[rows]))
+            pairs.append(np.column_stack([rows[seen], np.full(np.count_nonzero(seen), number)]))
         return np.unique(np.concatenate(pairs).astype(np.int64), axis=0)
 
-    def _of_agents(self) -> tuple[list[dict[str, Any]], int]:
-        """Return visits or crossings; and crossings that were seen on one side only."""
+    def _of_agents(self) -> tuple[list[dict[str, Any]], int, int]:
+        """Return visits or crossings; crossings that were seen on one side only, and those out of sight."""
         events: list[dict[str, Any]] = []
-        one_sided = 0
+        one_sided = unseen = 0
         if isinstance(shape := self.zone.shape, Line):
             for agent in self.paths:
-                found, missed = crossings(shape, agent.path)
-                one_sided += missed
+                found, missed, hidden = crossings(shape, agent.path)
+                one_sided, unseen = one_sided + missed, unseen + hidden
                 for each in found:
                     event = self._of_agent(agent, each.after, each.after, CROSSING)
                     events.append(event | {"direction": IN if each.inwards else OUT})
@@ -386,8 +393,11 @@ class EventFinder:
             for number, first, last, cut in self._visits():
                 event = self._of_agent(self.paths[number], first, last, VISIT)
                 ends = {stamp for index in np.unique(self.paths[number].topic).tolist() for stamp in self.ends[index]}
+                seen = self.paths[number].path.steps[first + 1 : last + 1]
+                steps = np.diff(self.paths[number].path.time_ns[first : last + 1])
+                event |= {"hidden": int(steps[~seen].sum()) / SECOND_NS}
                 events.append(event | {"cut": cut and not ends.isdisjoint((event["start"], event["end"]))})
-        return events, one_sided
+        return events, one_sided, unseen
 
     def _of_agent(self, agent: _AgentPath, first: int, last: int, kind: str) -> dict[str, Any]:
         """Return the event of a piece of the path of an agent."""
@@ -406,7 +416,7 @@ class EventFinder:
             kind,
             self.topics[index].column("sweep")[number[[0, -1]]].tolist(),
             (int(path.time_ns[first]), int(path.time_ns[last])),
-            len(x),
+            int(agent.in_view[some].sum()),
         )
         if len(known):
             k = int(known[away[known].argmin()])
@@ -510,7 +520,10 @@ def _in_time_order(pieces: Sequence[_AgentPath]) -> _AgentPath:
     path = Path(*map(np.concatenate, zip(*(piece.path for piece in pieces), strict=True)))
     order = np.argsort(path.time_ns, kind="stable")
     more = (np.concatenate(values)[order] for values in zip(*(piece[2:] for piece in pieces), strict=True))
-    return _AgentPath(pieces[0].track, Path(path.time_ns[order], path.x[order], path.y[order]), *more)
+    topic, number, in_view = more
+    times = path.time_ns[order]
+    steps = seen_steps(times / SECOND_NS, in_view, topic)
+    return _AgentPath(pieces[0].track, Path(times, path.x[order], path.y[order], steps), topic, number, in_view)
 
 
 def _to_frame(place: Float64, x: Float64, y: Float64) -> tuple[Float64, Float64]:

@@ -46,7 +46,7 @@ from lidarcli.reports.checks import Check, Verdict, verdict_of
 from lidarcli.reports.figures import plain_number
 from lidarcli.reports.programs import as_junit
 from lidarcli.reports.wording import counted
-from lidarcli.reports.zones import NEVER, WHO, figures_of, judge_zones, parse_zone_check, unobserved, zones_in
+from lidarcli.reports.zones import NEVER, WHO, by_words, figures_of, judge_zones, parse_zone_check, unobserved, zones_in
 from lidarcli.stores import Place
 from lidarcli.sweeps import SweepBatch
 from lidarcli.tabular.columns import COARSE, FORMS, answers, are, codes, constant
@@ -698,25 +698,25 @@ def _words(one: ZoneEvents) -> str:
     if isinstance(zone.shape, Line):
         counts = [sum(event.get("direction") == direction for event in events) for direction in DIRECTIONS]
         missed = f"; {one.one_sided} seen on one side only" if one.one_sided else ""
+        missed += f"; {one.unseen} out of sight, not counted" if one.unseen else ""
         if one.one_sided is None:
             return "no tracks"
         return f"in {counts[0]}, out {counts[1]}{missed}"
     alarms = [event for event in events if event["kind"] in EVENT_KINDS[:2]]
-    stamps = columns["stamp"]
+    stamps, away = columns["stamp"], columns["nearest"]
     assert stamps is not None
+    assert away is not None
     span = (int(stamps.max()) - int(stamps.min())) * 1e-9
     active = sum(event["duration"] for event in alarms)
-    nearest = min((event["nearest"] for event in alarms if event["nearest"] is not None), default=None)
     parts = [f"{counted(len(alarms), 'event')}, {active:.1f} s of {span:.1f} s"]
-    if nearest is not None:
-        parts.append(f"nearest {nearest:.2f} m")
+    if np.isfinite(away).any():
+        # Of all sweeps, as checks and reports have it: too few points for an event may be nearer.
+        parts.append(f"nearest {np.nanmin(away):.2f} m")
     ttc = min((event["ttc"] for event in alarms if event["ttc"] is not None), default=None)
     if ttc is not None:
         parts.append(f"least time to collision {ttc:.1f} s")
-    words = ", ".join(parts)
-    by = {letter: sum(event["set"] == letter for event in alarms) for letter in ("A", "O", "S")}
-    causes = [f"{WHO[letter]} {count}" for letter, count in by.items() if count]
-    words += f"; by {', '.join(causes)}" if causes else ""
+    causes = by_words({letter: sum(event["set"] == letter for event in alarms) for letter in WHO})
+    words = "; ".join(filter(None, [", ".join(parts), causes]))
     if visits := sum(event["kind"] == "visit" for event in events):
         words += f"; {counted(visits, 'visit')}"
     return words

@@ -127,8 +127,8 @@ ZONE_COUNTS: dict[str, Figure] = {
 
 ZONE_SPREADS: dict[str, Figure] = {
     "duration": _of("events", "duration", "how long such an event lasted"),
-    "agents_at_once": _of("zones", "agents", "agents in it in a sweep, hidden ones too"),
-    "dwell": _of("events", "duration", "how long an agent stayed in it"),
+    "agents_at_once": _of("zones", "agents", "agents in it that are seen in a sweep"),
+    "dwell": _of("events", "duration", "how long an agent was seen in it"),
 }
 """Figures of each zone with a value per event, sweep or visit, with the same statistics."""
 

@@ -289,10 +289,19 @@ class TrackPath:
     seen: bool
     """True if the track is seen in this sweep; else it is hidden and seen again later."""
     x: Float64
-    """(N,) positions [m] by its trajectory, the last one in this sweep."""
+    """(N,) positions [m] by its trajectory, the last one in this sweep; NaN where it was hidden before."""
     y: Float64
     velocity: tuple[float, float]
     """Velocity over ground [m/s]; zero while the track stands or is hidden."""
+    point: tuple[float, float] | None = None
+    """Its nearest point in this sweep [m]; None where no beam of it is known."""
+    zone: str = ""
+    """Name of an occupied zone in which most points are on it."""
+
+    @property
+    def mark(self) -> tuple[float, float]:
+        """Where its mark stands [m]: on its nearest point, or where it would be."""
+        return self.point or (float(self.x[-1]), float(self.y[-1]))
 
 
 class Paths:
@@ -324,12 +333,6 @@ class Paths:
         """Return True if the tables hold this sweep."""
         return sweep in self._sweeps
 
-    def agents(self, sweep: int) -> Float64:
-        """Return (N, 2) range and bearing of the nearest point of each object on an agent in this sweep [m, rad]."""
-        now = int(np.searchsorted(self._sweeps, sweep))
-        nearest: Float64 = self._nearest[(self._seen_at == now) & self._agent]
-        return nearest
-
     def up_to(self, sweep: int, seconds: float = np.inf) -> tuple[TrackPath, ...]:
         """Return the tracks that go on in this sweep, by number, from `seconds` before; none without a pose."""
         now = int(np.searchsorted(self._sweeps, sweep))
@@ -347,12 +350,15 @@ class Paths:
         known = np.flatnonzero((self._seen_track == number) & (self._seen_at <= now))
         last = int(known[-1]) if len(known) else -1
         vx, vy = self._ground.turned(now, *(each[row] for each in self._velocity))
+        dark = self._hidden[mine] & (mine != row)
+        nearest = min(map(tuple, self._nearest[known[self._seen_at[known] == now]].tolist()), default=None)
         return TrackPath(
             number=number,
             is_agent=last >= 0 and bool(self._agent[last]),
             label=self._labels[last] if last >= 0 else "",
             seen=is_seen,
-            x=x[mine],
-            y=y[mine],
+            x=np.where(dark, np.nan, x[mine]),
+            y=np.where(dark, np.nan, y[mine]),
             velocity=(float(vx), float(vy)) if is_seen else (0.0, 0.0),
+            point=None if nearest is None else (nearest[0] * np.cos(nearest[1]), nearest[0] * np.sin(nearest[1])),
         )

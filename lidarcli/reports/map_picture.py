@@ -68,7 +68,7 @@ MOST_PIXELS = 4_000
 """A side of the grid with more cells than this is drawn with the darkest of each group of cells."""
 COLUMNS = {
     "sweeps": ("log", "topic", "sweep", "pose_x", "pose_y"),
-    "trajectories": ("topic", "sweep", "stamp", "track", "frame", "x", "y"),
+    "trajectories": ("topic", "sweep", "stamp", "track", "frame", "x", "y", "seen"),
     "tracks": ("topic", "track", "set", "shape", "label", "sweeps", "x", "y", "yaw", "length", "width"),
 }
 """Table → columns that `overview` needs."""
@@ -95,8 +95,8 @@ STYLES: dict[str, dict[str, Any]] = {
 }
 """Status of a change → style of its box."""
 PLACE_COLOURS = {"fits": palette.GREEN, "off": palette.VERMILION, "lost": palette.PURPLE, "unknown": palette.BLUE}
-DWELL_CELL, MOST_PAUSE_NS = 0.25, SECOND_NS
-"""Side of a cell in which the time of agents is summed [m], and the longest time that one place of a track counts [ns]."""
+DWELL_CELL = 0.25
+"""Side of a cell in which the time of agents is summed [m]."""
 DWELL = "time of agents in a cell of 0.25 m [s]"
 SENSOR_WIDTH = 4.2
 """Width of the picture of the background of one sensor [inch]."""
@@ -159,7 +159,7 @@ class MapPicture:
     boxes: Sequence[Box] = ()
     """Boxes of tracks that stand."""
     agents: Sequence[tuple[int, Float64]] = ()
-    """Number and path, (N, 2), of what moved."""
+    """Number and path, (N, 2), of what moved; NaN where no sweep saw it go on."""
     snapshot: Snapshot | None = None
     title: str = ""
     places: Sequence[tuple[str, Float64]] = ()
@@ -300,7 +300,8 @@ def _labels(picture: MapPicture) -> Iterator[Label]:
                 # To the upper right.
                 yield Label(printable(box.name), box.outline, palette.BLUE, (box.x - 1.0, box.y - 1.0))
     for track, path in picture.agents[:MOST_NUMBERS]:
-        yield Label(str(track), path[-1:], palette.VERMILION, (float(path[-2:][0, 0]), float(path[-2:][0, 1])))
+        before = path[np.isfinite(path[:, 0])][-2:][0]
+        yield Label(str(track), path[-1:], palette.VERMILION, (float(before[0]), float(before[1])))
 
 
 def paths_of(sweeps: Rows) -> list[Float64]:
@@ -355,37 +356,55 @@ def _track_boxes(sweeps: Rows, tracks: Rows) -> list[Box]:
     return [Box._make([*side, *more]) for side, *more in zip(sides[rows].tolist(), is_round, names, strict=True)]
 
 
-def _track_paths(trajectories: Rows, tracks: Rows, frame: str) -> Iterator[tuple[int, Float64]]:
-    """Yield number and path of each agent in a frame."""
-    rows = np.flatnonzero(tracks.are("set", "A"))
-    rows = rows[np.argsort(-tracks.integers("sweeps")[rows], kind="stable")][:MOST_AGENTS]
-    xy = np.column_stack([trajectories.numbers("x"), trajectories.numbers("y")])
-    track, sweep = trajectories.numbers("track"), trajectories.integers("sweep")
-    of_track, topics = tracks.words("topic")
+def _of_agents(trajectories: Rows, tracks: Rows, frame: str) -> Iterator[tuple[int, int, Int64, Bool]]:
+    """Yield each agent in a frame: its row and number, the rows of its path by time, and which steps to these were seen."""
+    # Imported here: most pictures need no tracks.
+    from lidarcli.formalism.tracking.tracks import seen_steps
+
+    track, stamp = trajectories.numbers("track"), trajectories.integers("stamp")
+    (topic, topics), (of_track, names) = trajectories.words("topic"), tracks.words("topic")
+    seen = ~trajectories.are("seen", "hidden")
     numbers = tracks.integers("track")
-    known = trajectories.are("frame", frame) & np.isfinite(xy[:, 0])
-    for row in sorted(rows.tolist()):
-        mine = known & (track == numbers[row]) & (trajectories.source == tracks.source[row])
-        # One that several topics saw has rows at the sweeps of each.
-        topic = topics[of_track[row]] if of_track[row] >= 0 else _most_frequent(trajectories, mine)
-        at = np.flatnonzero(mine & trajectories.are("topic", topic))
+    known = np.flatnonzero(trajectories.are("frame", frame) & np.isfinite(trajectories.numbers("x")))
+    known = known[np.lexsort((stamp[known], track[known]))]
+    ordered = track[known]
+    for row in np.flatnonzero(tracks.are("set", "A")).tolist():
+        at = known[slice(*np.searchsorted(ordered, [numbers[row], numbers[row] + 1]))]
+        # One that several topics saw has rows at the sweeps of each, others have its number in their own topics.
+        alike = of_track[(numbers == numbers[row]) & (tracks.source == tracks.source[row])]
+        own = [topics.index(names[code]) for code in alike.tolist() if code >= 0 and names[code] in topics]
+        its = names[of_track[row]] if of_track[row] >= 0 else ""
+        here = topic[at] == topics.index(its) if its in topics else ~np.isin(topic[at], own)
+        at = at[here & (trajectories.source[at] == tracks.source[row])]
         if len(at):
-            yield int(numbers[row]), xy[_thinned(at[np.argsort(sweep[at], kind="stable")])]
+            yield row, int(numbers[row]), at, seen_steps(stamp[at] / SECOND_NS, seen[at], topic[at])
+
+
+def _track_paths(trajectories: Rows, tracks: Rows, frame: str) -> Iterator[tuple[int, Float64]]:
+    """Yield number and path of each agent in a frame, with NaN before a place to which no sweep saw it go."""
+    longest = np.argsort(-np.where(tracks.are("set", "A"), tracks.integers("sweeps"), 0), kind="stable")
+    kept = {*longest[:MOST_AGENTS].tolist()}
+    xy = np.column_stack([trajectories.numbers("x"), trajectories.numbers("y")])
+    for row, number, at, steps in _of_agents(trajectories, tracks, frame):
+        if row in kept:
+            some = _thinned(np.arange(len(at)))
+            missed = np.diff(np.cumsum(~steps)[some], prepend=1) > 0
+            yield number, np.insert(xy[at[some]], np.flatnonzero(missed), np.nan, axis=0)
 
 
 def _dwell(trajectories: Rows, tracks: Rows, frame: str) -> Dwell | None:
-    """Return how long agents were at each place in a frame; None where there are none."""
-    agents = tracks.integers("track")[tracks.are("set", "A")]
-    track, stamp = trajectories.numbers("track"), trajectories.integers("stamp")
-    xy = np.column_stack([trajectories.numbers("x"), trajectories.numbers("y")])
-    rows = np.flatnonzero(np.isin(track, agents) & trajectories.are("frame", frame) & np.isfinite(xy[:, 0]))
-    rows = rows[np.lexsort((stamp[rows], track[rows]))]
-    if not len(rows):
+    """Return how long agents were seen at each place in a frame; None where there are none."""
+    places, times = [np.empty((0, 2))], [np.empty(0)]
+    xy, stamp = np.column_stack([trajectories.numbers("x"), trajectories.numbers("y")]), trajectories.integers("stamp")
+    for _, _, at, steps in _of_agents(trajectories, tracks, frame):
+        # Each place lasts until the next one, if sweeps saw the agent go there.
+        from_here = np.flatnonzero(steps) - 1
+        places.append(xy[at[from_here]])
+        times.append((stamp[at[from_here + 1]] - stamp[at[from_here]]) / SECOND_NS)
+    found, pause = np.concatenate(places), np.concatenate(times)
+    if not len(found):
         return None
-    # Each place lasts until the next one of its track.
-    goes_on = np.append(np.diff(track[rows]) == 0, False)
-    pause = np.clip(np.append(np.diff(stamp[rows]), 0), 0, MOST_PAUSE_NS)
-    cells = np.floor(xy[rows] / DWELL_CELL).astype(np.int64)
+    cells = np.floor(found / DWELL_CELL).astype(np.int64)
     low = cells.min(axis=0)
     wide, high = (cells.max(axis=0) - low + 1).tolist()
     if wide * high > MOST_PIXELS**2:
@@ -393,15 +412,9 @@ def _dwell(trajectories: Rows, tracks: Rows, frame: str) -> Dwell | None:
             f"--density: the paths of the agents reach over {wide * DWELL_CELL:,.0f} x {high * DWELL_CELL:,.0f} m"
         )
     at = (cells - low) @ np.array([1, wide])
-    seconds = np.bincount(at, np.where(goes_on, pause, 0) / SECOND_NS, minlength=wide * high).astype(np.float64)
+    seconds = np.bincount(at, pause, minlength=wide * high).astype(np.float64)
     x, y = (low * DWELL_CELL).tolist()
     return Dwell(x, y, seconds.reshape(high, wide))
-
-
-def _most_frequent(trajectories: Rows, rows: Bool) -> str:
-    """Return the topic of most of some rows; empty without any."""
-    counts = trajectories.counts("topic", rows)
-    return max(counts, key=lambda name: counts[name], default="")
 
 
 def _thinned(rows: Int64) -> Int64:

@@ -256,7 +256,7 @@ def limits_of(pictures: Sequence[Picture]) -> Limits:
         mine = float(np.hypot(*beams.T).max(initial=0.0))
         others = [np.empty((0, 2)), *(picture.outline(k) for k in picture.things)]
         for path in picture.tracks or ():
-            head = np.array([[path.x[-1], path.y[-1]]])
+            head = np.array([path.mark])
             others += [head, head + path.velocity]
         outlines = np.concatenate(others)
         # A profile without a largest size fits circles to walls.
@@ -313,8 +313,8 @@ def scene(picture: Picture, limits: Limits | None = None, width: float = NARROW,
         marks.append(Mark(nearest[picture.things], cross, "nearest point"))
     for path in picture.tracks or ():
         marks += _track(path)
-        words = f"{path.number} {printable(path.label)}".rstrip()
-        at = np.array([[path.x[-1], path.y[-1]]])
+        words = f"{path.number} {printable(path.label)}".rstrip() + (f" in {printable(path.zone)}" if path.zone else "")
+        at = np.array([path.mark])
         # On the side that it does not move to, or away from the sensor.
         ahead = (float(at[0, 0] + path.velocity[0]), float(at[0, 1] + path.velocity[1]))
         colour = palette.SET_STYLES["A" if path.is_agent else "O"][0]
@@ -400,15 +400,18 @@ def _zone(one: ZoneInSight, points: Float64, dot: float) -> Iterator[Mark]:
 
 
 def _track(path: TrackPath) -> Iterator[Mark]:
-    """Yield a track, agents by colour and mark, hollow where hidden, with the way of one second."""
+    """Yield a track, agents by colour and mark, hollow where hidden, with the way of one second; ringed in a zone."""
     name = "agent" if path.is_agent else "object"
     colour, mark, _ = palette.SET_STYLES["A" if path.is_agent else "O"]
-    way = np.column_stack([path.x, path.y])
+    way, at = np.column_stack([path.x, path.y]), np.array([path.mark])
     yield Mark(way, {"color": colour, "lw": 0.9 if path.is_agent else 0.6, "zorder": 8})
     face, words = (colour, f"track: {name}") if path.seen else ("white", f"track: {name}, hidden")
-    yield Mark(way[-1:], {"marker": mark, "mfc": face, "mec": colour, "ms": 3.0, "mew": 0.7, "zorder": 9}, words)
+    if path.zone:
+        ring = {"marker": "o", "mfc": "none", "mec": palette.BLACK, "ms": 9.0, "mew": 1.2, "zorder": 10}
+        yield Mark(at, ring, "track with most points in a zone")
+    yield Mark(at, {"marker": mark, "mfc": face, "mec": colour, "ms": 3.0, "mew": 0.7, "zorder": 9}, words)
     if any(path.velocity):
-        yield from arrow(way[-1].tolist(), (way[-1] + path.velocity).tolist(), colour, lw=1.0, zorder=9)
+        yield from arrow(at[0].tolist(), (at[0] + path.velocity).tolist(), colour, lw=1.0, zorder=9)
 
 
 def sweep(picture: Picture, limits: Limits) -> Panel:

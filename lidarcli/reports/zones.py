@@ -75,7 +75,7 @@ ZONE_WORDS = {
     "active": "the time that all events of a zone took",
     "nearest": "the least distance from the sensor to a point in the zone",
     "observed": "the share of the sweeps in which something in the zone could have been found: enough beams reach it",
-    "visit, dwell": "the stay of an agent in a zone, and how long it lasts",
+    "visit, dwell": "the stay of an agent in a zone, and how long it is seen there",
     "in, out": "crossings of a line to the left and to the right of the way from its first point to its second",
     "ttc": "time to collision: until the robot meets what is in the zone, at its present speed",
     "by": "what most of the points in the zone were on: agents, other things, walls",
@@ -124,6 +124,7 @@ def _values(zone_rows: ZoneRows, zone: str, columns: Mapping[str, Float64]) -> d
     agents, observed = of["agents"], min((one.share for one in sights_of(zone_rows, zone)), default=0.0)
     alarms, visits = of_zone(events, zone, "occupied", "approach"), of_zone(events, zone, "visit")
     crossings, duration = of_zone(events, zone, "crossing"), events.numbers("duration")
+    seen = duration - np.nan_to_num(events.numbers("hidden"))
     values: dict[str, float | None] = {
         "events": int(alarms.sum()),
         "share": of["active"].mean,
@@ -134,7 +135,7 @@ def _values(zone_rows: ZoneRows, zone: str, columns: Mapping[str, Float64]) -> d
         **{name: int((crossings & events.are("direction", name)).sum()) if agents.count else None for name in OF_LINES},
         "observed": observed,
     }
-    spreads = {"duration": Spread.of(duration[alarms]), "agents_at_once": agents, "dwell": Spread.of(duration[visits])}
+    spreads = {"duration": Spread.of(duration[alarms]), "agents_at_once": agents, "dwell": Spread.of(seen[visits])}
     for name, spread in spreads.items():
         values |= {f"{name}.{statistic}": getattr(spread, statistic) for statistic in STATISTICS}
     if not observed:
@@ -213,6 +214,11 @@ def parse_zone_check(expression: str, zones: Collection[str], others: Collection
     return check
 
 
+def by_words(by: Mapping[str, int]) -> str:
+    """Return how many events each set caused, in words: `1 by agents, 2 by objects`."""
+    return ", ".join(f"{by[letter]} by {WHO[letter]}" for letter in WHO if by.get(letter))
+
+
 def judge_zones(check: Check, values: Mapping[str, float | None], zone_rows: ZoneRows | None) -> Verdict:
     """Hold a check against the figures of zones, or against the rows of their events."""
     if check.condition is None or zone_rows is None:
@@ -249,8 +255,7 @@ class ZoneSummary:
             cells |= {"visits": number(self.visits), "dwell": in_unit(values["dwell.mean"], "s")}
         if self.is_line or values["in"] or values["out"]:
             cells |= {name: number(values[name]) for name in ("in", "out")}
-        by = ", ".join(f"{WHO[name]} {self.by[name]}" for name in WHO if self.by.get(name))
-        return cells | {"observed": percent(values["observed"]).replace(".0 %", " %"), "by": by}
+        return cells | {"observed": percent(values["observed"]).replace(".0 %", " %"), "by": by_words(self.by)}
 
     @property
     def line(self) -> str:
@@ -262,7 +267,7 @@ class ZoneSummary:
             parts.append(counted(self.figures["events"], "event"))
             parts += [cells["active"]] if self.figures["events"] else []
             parts += [f"nearest {cells['nearest']}"] if cells["nearest"] else []
-            parts += [f"by {cells['by']}"] if cells["by"] else []
+            parts += [cells["by"]] if cells["by"] else []
         parts += [counted(self.visits, "visit")] if self.visits else []
         parts += [f"in {cells['in']}, out {cells['out']}"] if "in" in cells else []
         return f"{self.name}: {', '.join(parts)}"

@@ -118,6 +118,13 @@ def test_the_path_of_one_track_as_tum(lidarcli: Run, tmp_path: Path) -> None:
     assert path[:, 1:3] == pytest.approx(np.column_stack([mine["x"], mine["y"]]), abs=1e-6)
     yaw = np.arctan2(mine["vy"].to_numpy(), mine["vx"].to_numpy())
     assert np.abs(np.angle(np.exp(1j * (2.0 * np.arctan2(path[:, 6], path[:, 7]) - yaw)))).max() < 1e-6
+    # Where no sweep saw it there is a gap.
+    seen = ["hidden" if row in (5, 6) else word for row, word in enumerate(mine["seen"].to_pylist())]
+    pq.write_table(mine.set_column(mine.column_names.index("seen"), "seen", pa.array(seen)), tmp_path / "gap.parquet")
+    ran = lidarcli("export", tmp_path / "gap.parquet", "--only", "1", "-o", tmp_path / "gap.tum")
+    assert "2 places left out, where no sweep saw it" in ran.err
+    lines = (tmp_path / "gap.tum").read_text().splitlines()
+    assert (len(lines), lines.index("# gap")) == (len(mine) - 2 + 1, 5)
     # Of any table with tracks the rows of some.
     some = lidarcli("export", source, "--only", "1,2", "-o", "-", "--columns", "sweep").out.splitlines()
     assert len(some) == 1 + sum(track in (1, 2) for track in rows["track"].to_pylist())

@@ -141,7 +141,8 @@ def test_the_world_of_a_sensor_that_stands_without_poses_is_its_frame(lidarcli: 
     assert [number for number, _ in picture.agents] == [row["track"] for row in tracks if row["set"] == "A"]
     ways = pq.read_table(tmp_path / "people.trajectories.parquet").to_pylist()
     for number, path in picture.agents:
-        x, y = path.T
+        # Of what nobody saw there is a break in the line.
+        x, y = path[np.isfinite(path[:, 0])].T
         mine = [(row["x"], row["y"]) for row in ways if row["track"] == number]
         assert [*zip(x.tolist(), y.tolist(), strict=True)] == mine
     # Of a sensor that drives nobody knows where its things are, be the path matched or not.
@@ -231,24 +232,31 @@ def test_density_is_the_time_of_agents_by_place() -> None:
     sides = {name: [0.1, 0.1] for name in ("yaw", "length", "width")}
     named = {"topic": ["/scan"] * 2, "set": ["A", "O"], "shape": ["legged"] * 2, "label": ["", ""]}
     tracks = table(track=[1, 2], sweeps=[4, 4], x=[0.0, 0.0], y=[0.0, 0.0], **sides, **named)
-    # Half a second in one cell, a gap of which one second counts, then another cell; what stands counts nothing.
-    stamps = pa.array([0, 250_000_000, 500_000_000, 5_000_000_000, 0], pa.timestamp("ns", "UTC"))
-    x = [0.1, 0.15, 0.1, 0.6, 9.0]
+    # Half a second in one cell and a quarter in the next, where it is hidden then; in a gap nobody saw it, and what stands
+    # counts nothing.
+    stamps = pa.array([*range(0, 1_500_000_000, 250_000_000), 5_000_000_000, 0], pa.timestamp("ns", "UTC"))
     trajectories = table(
-        topic=["/scan"] * 5,
-        sweep=[0, 1, 2, 3, 0],
+        topic=["/scan"] * 8,
+        sweep=[0, 1, 2, 3, 4, 5, 6, 0],
         stamp=stamps,
-        track=[1, 1, 1, 1, 2],
-        frame=["world"] * 5,
-        x=x,
-        y=[0.1] * 5,
+        track=[1] * 7 + [2],
+        frame=["world"] * 8,
+        x=[0.1, 0.15, 0.3, 0.3, 0.6, 0.9, 1.9, 9.0],
+        y=[0.1] * 8,
+        seen=["seen", "seen", "partly", "seen", "hidden", "seen", "seen", "seen"],
     )
     found = overview(sweeps, tracks, trajectories, density=True)
     assert found is not None
     assert found.dwell is not None
     assert found.dwell[:2] == (0.0, 0.0)
-    assert found.dwell.seconds.tolist() == [[1.5, 0.0, 0.0]]
+    assert found.dwell.seconds.tolist() == [[0.5, 0.25]]
     assert not found.agents
+    found = overview(sweeps, tracks, trajectories)
+    assert found is not None
+    ((number, path),) = found.agents
+    assert number == 1
+    # No line leads to where it was hidden, from there, or over the gap.
+    assert np.flatnonzero(np.isnan(path[:, 0])).tolist() == [4, 6, 8]
 
 
 @pytest.mark.slow

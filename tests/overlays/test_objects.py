@@ -208,6 +208,15 @@ def test_what_moves_has_a_path_of_the_last_seconds() -> None:
     assert long.colour[0, :3].tolist() == pytest.approx(rgb(VERMILION))
 
 
+def test_a_path_begins_where_it_was_hidden_last() -> None:
+    walked = walk()
+    walked.seen[(walked.track == 3) & (walked.sweep == 40)] = False
+    (found,) = paths_of(walked, np.array([40, 50]), NOWHERE, False)
+    assert found.message.tolist() == [1], "none while it is hidden"
+    assert found.points is not None
+    assert found.points[0, [0, -1], 0] == pytest.approx([4.1, 5.0])
+
+
 def test_a_path_is_that_of_an_agent_from_where_it_began_to_move() -> None:
     """Track 3 stands in the first ten sweeps, as track 4 does in all of them, and moves in the next ten alone."""
     rows = [

@@ -46,8 +46,12 @@ def test_a_thing_that_stands_is_one_point_for_a_driving_sensor(upside_down: bool
     for index, row in ((0, 0), (1, 1), (3, 2), (4, 3)):
         (path,) = found.up_to(index)
         assert (path.number, path.seen, path.is_agent) == (7, True, False)
-        assert path.x == pytest.approx(np.full(index + 1, box["box_x"][row]), abs=1e-6)
-        assert path.y == pytest.approx(np.full(index + 1, box["box_y"][row]), abs=1e-6)
+        seen = np.arange(index + 1) != 2
+        assert np.isnan(path.x[~seen]).all(), "no line leads to where it was hidden"
+        assert path.x[seen] == pytest.approx(np.full(seen.sum(), box["box_x"][row]), abs=1e-6)
+        assert path.y[seen] == pytest.approx(np.full(seen.sum(), box["box_y"][row]), abs=1e-6)
+        r, theta = (run.objects.numbers(name)[row] for name in ("r_min", "theta_min"))
+        assert path.mark == pytest.approx((r * np.cos(theta), r * np.sin(theta))), "the mark stands on a point"
     # The velocity is along x over ground; the sensor has turned by 0.8 rad, which upside down is the other way.
     (last,) = found.up_to(4)
     side = -1 if upside_down else 1
@@ -58,6 +62,7 @@ def test_a_thing_that_stands_is_one_point_for_a_driving_sensor(upside_down: bool
 def test_a_hidden_thing_is_where_it_was_last_seen() -> None:
     (path,) = paths_of(driving()).up_to(2)
     assert (path.seen, len(path.x), path.velocity) == (False, 3, (0.0, 0.0))
+    assert path.mark == (path.x[-1], path.y[-1])
     dx, dy = 3.0 - 0.6, 1.0 - 0.2
     assert (path.x[-1], path.y[-1]) == pytest.approx(
         (np.cos(0.4) * dx + np.sin(0.4) * dy, np.cos(0.4) * dy - np.sin(0.4) * dx)

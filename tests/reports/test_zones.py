@@ -233,14 +233,14 @@ def test_a_report_on_zones_alone_in_every_format(tmp_path: Path) -> None:
     assert "  stop       stop      ··········████████████▁▁▁▁▁▁▁▁▁▁▁▁▁▁▁██████·····\n" in text
     rows = [" ".join(line.split()) for line in text.splitlines()]
     for row in (
-        "stop 2 0.3 s 0.40 m 70 % agents 1, walls 1",
+        "stop 2 0.3 s 0.40 m 70 % 1 by agents, 1 by walls",
         "behind 0 % never observed",
         "stop 1 0.6 s 70 %",
         "left-door 2 1 100 %",
         "stop 0.70 s approach 0.10 s 5 0.60 m 0.50 s wall",
     ):
         assert row in rows
-    assert "| stop | 2 | 0.3 s | 0.40 m | 70 % | agents 1, walls 1 |" in render(found, "markdown")
+    assert "| stop | 2 | 0.3 s | 0.40 m | 70 % | 1 by agents, 1 by walls |" in render(found, "markdown")
     values = json.loads(render(found, "json"))
     assert values["schema"] == "lidarcli.zones/1"
     assert values["figures"]["zones.stop.observed"] == 0.7
@@ -276,7 +276,7 @@ def test_zones_beside_objects_join_the_report(tmp_path: Path) -> None:
     assert isinstance(found.parts[0], RunPart)
     assert found.holds
     assert found.figures["zones.left-door.in"] == 2
-    assert "stop: 2 events, 0.3 s, nearest 0.40 m, by agents 1, walls 1, 1 visit" in found.lines
+    assert "stop: 2 events, 0.3 s, nearest 0.40 m, 1 by agents, 1 by walls, 1 visit" in found.lines
     assert "behind: never observed" in found.lines
     for kind in FORMATS:
         assert "left-door" in render(found, kind)

@@ -76,7 +76,7 @@ CONTRACT = {
         ("duration", "double"),
         ("sweeps", "int64"),
         *doubles("hidden x y yaw"),
-        *floats("length width length_sd width_sd distance"),
+        *floats("length width length_sd width_sd distance distance_hidden"),
         *doubles("speed_mean speed_max"),
         ("moved_at", STAMP),
         ("agent_score", "float"),
@@ -109,7 +109,7 @@ CONTRACT = {
         *[(name, "int64") for name in ("event", "first_sweep", "last_sweep", "sweeps")],
         *[(name, TEXT) for name in ("zone", "kind", "action", "polygon")],
         *[(name, STAMP) for name in ("start", "end")],
-        *doubles("t duration"),
+        *doubles("t duration hidden"),
         ("cut", "bool"),
         *counts("points agents"),
         *doubles("nearest bearing x y"),
@@ -136,7 +136,7 @@ OPEN = {
     "tracks": "topic frame_id label label_score length width length_sd width_sd moved_at agent_score",
     "trajectories": "",
     "beams": "r s object difference",
-    "events": "polygon points agents nearest bearing x y set track label direction ttc speed",
+    "events": "polygon hidden points agents nearest bearing x y set track label direction ttc speed",
     "zones": "nearest ttc things agents",
 }
 """Columns that may be null; all others have a value in every row."""

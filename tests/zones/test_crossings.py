@@ -16,9 +16,10 @@ from lidarcli.zone import Line
 STEP_NS = 50_000_000
 
 
-def path_of(points: Any, first_ns: int = 0) -> Path:
+def path_of(points: Any, first_ns: int = 0, unseen: Sequence[int] = ()) -> Path:
     points = np.asarray(points, np.float64).reshape(-1, 2)
-    return Path(first_ns + np.arange(len(points)) * STEP_NS, points[:, 0], points[:, 1])
+    steps = ~np.isin(np.arange(len(points)), unseen)
+    return Path(first_ns + np.arange(len(points)) * STEP_NS, points[:, 0], points[:, 1], steps)
 
 
 def walked(corners: Sequence[tuple[float, float]], step: float) -> Float64:
@@ -77,9 +78,9 @@ def test_routes_that_cross_touch_turn_back_and_pass_beside() -> None:
     for number in range(200):
         line, route, into, out = drawn_route(rng)
         path = path_of(walked(route, 0.06))
-        found, one_sided = crossings(line, path)
+        found, one_sided, unseen = crossings(line, path)
         ways = [each.inwards for each in found]
-        assert (ways.count(True), ways.count(False), one_sided) == (into, out, 0), (number, line, route)
+        assert (ways.count(True), ways.count(False), one_sided, unseen) == (into, out, 0, 0), (number, line, route)
         counts += len(found)
     assert counts > 140
 
@@ -88,7 +89,7 @@ LINE = Line((0.0, 0.0), (2.0, 0.0))
 
 
 def crossed(*corners: tuple[float, float]) -> tuple[list[bool], int]:
-    found, one_sided = crossings(LINE, path_of(walked(corners, 0.05)))
+    found, one_sided, _ = crossings(LINE, path_of(walked(corners, 0.05)))
     return [each.inwards for each in found], one_sided
 
 
@@ -106,7 +107,15 @@ def test_the_event_is_the_first_place_behind_the_line() -> None:
 
 def test_places_that_are_not_known_do_not_hide_a_crossing() -> None:
     path = path_of([(1.0, -0.5), (np.nan, np.nan), (1.0, 0.5)])
-    assert crossings(LINE, path) == ([(2, True)], 0)
+    assert crossings(LINE, path) == ([(2, True)], 0, 0)
+
+
+def test_a_crossing_that_no_sweep_saw_is_counted_apart() -> None:
+    there = [(1.0, y) for y in (-0.5, -0.3, -0.1, 0.1, 0.3, 0.5)]
+    assert crossings(LINE, path_of(there, unseen=[3])) == ([], 0, 1)
+    assert crossings(LINE, path_of(there, unseen=[2, 4])) == ([(3, True)], 0, 0), "hidden beside the line"
+    both = path_of([*there, *there[::-1]], unseen=[3])
+    assert crossings(LINE, both) == ([(9, False)], 0, 1), "it came back in sight"
 
 
 def visits_of(shape: Circle | Polygon, path: Path) -> list[Visit]:

@@ -11,6 +11,7 @@ import pytest
 
 import lidarcli
 from lidarcli.cli import run
+from lidarcli.reports.zones import figures_of, zones_in
 from lidarcli.simulation import scene as make
 from lidarcli.simulation.scene import Course, Odometry
 from lidarcli.sweeps import Float64
@@ -229,13 +230,20 @@ def test_a_visit_goes_on_while_its_agent_is_hidden(tmp_path: Path) -> None:
     assert abs(visit["last_sweep"] - np.flatnonzero(away <= 0.1)[-1]) <= 1
     points, agents = (np.array(column(tables.zones, name)) for name in ("points", "agents"))
     during = slice(visit["first_sweep"], visit["last_sweep"] + 1)
-    assert np.count_nonzero(points[during] == 0) >= 2, "behind the box"
-    assert set(agents[during]) == {1}
+    behind = points[during] == 0
+    assert np.count_nonzero(behind) >= 2, "behind the box"
+    assert agents[during].tolist() == (~behind).astype(int).tolist()
+    assert visit["sweeps"] == np.count_nonzero(~behind)
+    # A step counts as hidden that begins or ends out of sight.
+    dark = np.count_nonzero(behind[1:] | behind[:-1])
+    assert visit["hidden"] == pytest.approx(dark * visit["duration"] / (len(behind) - 1))
+    figures = figures_of(zones_in({0: tables}))
+    assert figures["zones.circle.dwell.max"] == pytest.approx(visit["duration"] - visit["hidden"])
     assert set(column(tables.zones, "observed")) == {True}, "in part, while the agent is behind the box"
 
 
 @pytest.mark.slow
-def test_a_visit_needs_a_sweep_that_sees_the_agent_and_a_crossing_none(tmp_path: Path) -> None:
+def test_visits_and_crossings_need_sweeps_that_see_the_agent(tmp_path: Path) -> None:
     """A wide box hides two metres of the way, with a circle and a line; a circle before it ends in the shadow."""
     person = walker((4.0, -3.0), (4.0, 3.0))
     scene = scene_of(person, make.box(2.0, 0.0, 0.1, 1.0), sweeps=65)
@@ -261,6 +269,6 @@ def test_a_visit_needs_a_sweep_that_sees_the_agent_and_a_crossing_none(tmp_path:
     (visit,) = rows(tables.events, zone="edge", kind="visit")
     away = np.abs(place[:, 1] + 0.9) - 0.8
     assert abs(visit["first_sweep"] - np.flatnonzero(away < 0.0)[0]) <= 1
-    # Hidden, the path is a guess between what was seen before and behind the box.
-    assert abs(visit["last_sweep"] - np.flatnonzero(away <= 0.1)[-1]) <= 3
-    assert column(tables.events, "direction", zone="line") == ["in"]
+    # It ends where the agent is seen last, at the edge of the shadow.
+    assert abs(visit["last_sweep"] - np.flatnonzero(place[:, 1] < -0.9)[-1]) <= 3
+    assert rows(tables.events, zone="line") == []

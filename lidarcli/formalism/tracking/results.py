@@ -87,7 +87,7 @@ class Tracks:
     track: Int64 = column("1", "number of the thing, 1, 2, ... by first sight within its topic", per="track")
     set: UInt8 = column("", "A agent: it has moved by itself; O object: it has not", per="track", words=SETS)
     shape: UInt8 = column(
-        "", "prismatic, round, legged, irregular or unknown, by all that was seen of it", per="track", words=SHAPES
+        "", "prismatic, round, legged (slim parts), irregular or unknown, by all that was seen", per="track", words=SHAPES
     )
     label: Int32
     """(M,) index into the catalogue, -1 for none."""
@@ -108,9 +108,10 @@ class Tracks:
     width: Float64 = column("m", "shorter side by all that was seen of it; null where unknown", per="track", nullable=True)
     length_sd: Float64 = column("m", "standard deviation of the length; null with it", per="track", nullable=True)
     width_sd: Float64 = column("m", "standard deviation of the width; null with it", per="track", nullable=True)
-    distance: Float64 = column("m", "way travelled over ground, in the sweeps in which it moves", per="track")
-    speed_mean: Float64 = column("m/s", "mean speed from the first sight to the last", per="track")
-    speed_max: Float64 = column("m/s", "greatest speed", per="track")
+    distance: Float64 = column("m", "way over ground that was seen", per="track")
+    distance_hidden: Float64 = column("m", "way over ground that was not seen", per="track")
+    speed_mean: Float64 = column("m/s", "mean speed while it was seen", per="track")
+    speed_max: Float64 = column("m/s", "greatest speed while it was seen", per="track")
     moved_at_ns: Int64 = column(
         "ns", "stamp at which it began to move; null for what never moved", per="track", nullable=True
     )

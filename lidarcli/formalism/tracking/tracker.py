@@ -43,6 +43,8 @@ NOTED_SDS = 3.0
 """Least delay or distance of a note, in standard deviations."""
 NOTED_DELAY, NOTED_DISTANCE = 0.02, 0.05
 """[s], [m] Least delay and least distance of a note."""
+MOSTLY = 0.9
+"""Share of the sweeps at which a sensor without poses stood, from which on it stands."""
 LONG_TRACK, MOST_MOVING, LEAST_TRACKS = 20, 0.6, 4
 """Least number of sweeps of a track that counts for a note on motion; share of these tracks that move above which the
 sensor seems to move; least number of them."""
@@ -179,6 +181,8 @@ class Tracker:
         self._tracks: list[Track] = []
         """Those of all sensors, by number."""
         self._followers: list[_Follower] = []
+        self._doubted: set[tuple[str, str]] = set()
+        """Sensors whose poses some of their sweeps contradict."""
         self._standing: dict[tuple[int, int], Standing] = {}
         """Run and sensor → whether it stands, where nothing else tells."""
         self._settled_paths: list[Trajectories] = []
@@ -245,9 +249,10 @@ class Tracker:
                 name += f" ({sensors[0][1] or 'without a name'})"
             pose_error, moves = follower.tracker.pose_error, follower.tracker.moves
             sweeps = follower.register.sweeps
-            # Where a sensor stands all that is in view may move.
-            stands = not moves and bool(sweeps.of(0, sweeps.count)["placed"].all())
-            self.notes += notes_of(name, pose_error, [] if stands else follower.register.tracks, moves)
+            # Many things may move where a sensor stands, and about one whose poses fit.
+            placed = sweeps.of(0, sweeps.count)["placed"]
+            doubted = any(sensor in self._doubted for sensor in sensors) if moves else placed.mean() < MOSTLY
+            self.notes += notes_of(name, pose_error, follower.register.tracks if doubted else [], moves)
 
     def _end_run(self) -> None:
         """End all tracks, as the clock starts anew; numbers go on."""
@@ -293,6 +298,8 @@ class Tracker:
         shares = detection.shares(batch)
         posed = _posed(batch)
         placed = posed.copy() if batch.still is None else posed | batch.still
+        if batch.fits is not None:
+            self._doubted |= {(batch.topic, batch.frame_ids[one]) for one in np.unique(batch.frame[~batch.fits]).tolist()}
         for name, rows, mine in batch.by_frame() if batch.still is None and len(batch) else ():
             key = batch.run, min(self.sensors.index((batch.topic, name)), MOST_SENSORS - 1)
             placed[rows] |= self._standing.setdefault(key, Standing()).see(mine)

@@ -25,7 +25,7 @@ from lidarcli.formalism.tracking.results import (
     Tracks,
     Trajectories,
 )
-from lidarcli.sweeps import Float64, Int32, Int64, SweepBatch, UInt8
+from lidarcli.sweeps import Bool, Float64, Int32, Int64, SweepBatch, UInt8
 
 LEG_SHARE = 0.25
 """Share of the sightings of a tracklet in which a leg beside it has to be seen."""
@@ -40,6 +40,8 @@ LEGGED_ODDS, LEAST_SHAPE_ODDS = 20.0, 0.2
 """[log-odds] Advantage of the shape legged where legs were seen, and least advantage of a shape over the next one."""
 LEG_DISTANCE_SD, ONE_LEG = 0.03, 0.1
 """[m] Standard deviation of the distance of two legs, of which the fronts are seen; places closer than this are one leg."""
+NEXT_LEG = 0.65
+"""[m] Greatest distance of a leg to the next one of its thing."""
 RIGHT_ANGLE = 0.5 * math.pi
 
 
@@ -156,6 +158,11 @@ class Track:
     sweeps: int = 0
     hidden: float = 0.0
     distance: float = 0.0
+    distance_hidden: float = 0.0
+    seen_ns: int = 0
+    """Way that sweeps saw, the rest of its way [m], and the time of the first [ns] (`seen_steps`)."""
+    seen_stop: int = -1
+    """Number of sweeps of the topic up to its last row, if that row is seen; else -1."""
     speed_max: float = 0.0
     x: float = 0.0
     y: float = 0.0
@@ -214,7 +221,8 @@ def _row(track: Track) -> dict[str, float]:
         "sweeps": track.sweeps,
         "hidden": track.hidden,
         "distance": track.distance,
-        "speed_mean": track.distance / lasts if lasts > 0.0 else 0.0,
+        "distance_hidden": track.distance_hidden,
+        "speed_mean": 1e9 * track.distance / track.seen_ns if track.seen_ns > 0 else 0.0,
         "speed_max": track.speed_max,
         "agent_score": track.best_score,
         "moved": track.is_agent,
@@ -228,7 +236,7 @@ def _outline(track: Track) -> dict[str, float]:
     last = max(track.parts, key=lambda part: (part.last_sweep, -part.number))
     shape, end = shape_of(track, tracklet), last.end if last.has_ended else END_OF_LOG
     if (frame := frame_of_legs(track)) is not None:
-        return frame | {"length_sd": LEG_DISTANCE_SD, "width_sd": LEG_DISTANCE_SD, "shape": shape, "end": end}
+        return frame | {"length_sd": frame["sd"], "width_sd": frame["sd"], "shape": shape, "end": end}
     sides = [_side(tracklet, axis) for axis in range(2)]
     yaw = tracklet.yaw
     if sides[1][0] > sides[0][0]:
@@ -268,14 +276,17 @@ def _halved(yaw: float) -> float:
 
 
 def frame_of_legs(track: Track) -> dict[str, float] | None:
-    """Return the smallest rectangle through the standing legs of a track [m, rad]; None if it has no legs, or walks."""
+    """Return the smallest rectangle through the legs of a track at one time [m, rad]; None if it has none, or walks."""
     if track.moved:
         return None
     places: list[tuple[float, float]] = []
-    for part in track.parts if track.several else [main_part(track)]:
-        for place in (part.place(True), *part.legs):
-            if all(math.dist(place, other) > ONE_LEG for other in places):
-                places.append(place)
+    parts = _side_by_side(track) if track.several else [main_part(track)]
+    # From leg to next leg, the one that was seen most first: what is farther off came and went as another thing.
+    ahead = [place for part in parts for place in (part.place(True), *part.legs)]
+    while near := [place for place in ahead if not places or min(math.dist(place, one) for one in places) < NEXT_LEG]:
+        ahead.remove(near[0])
+        if all(math.dist(near[0], other) > ONE_LEG for other in places):
+            places.append(near[0])
     if len(places) < 2:
         return None
     x, y = np.array([places]).transpose(2, 0, 1)
@@ -285,7 +296,16 @@ def frame_of_legs(track: Track) -> dict[str, float] | None:
     if other > one:
         one, other, angle = other, one, angle + RIGHT_ANGLE
     x, y = float(middle[0, 0]), float(middle[1, 0])
-    return {"legs": len(places), "length": one, "width": other, "x": x, "y": y, "yaw": _halved(angle)}
+    sd = math.hypot(LEG_DISTANCE_SD, math.sqrt(2.0 * max(max(part.static_cc) for part in parts)))
+    return {"legs": len(places), "length": one, "width": other, "sd": sd, "x": x, "y": y, "yaw": _halved(angle)}
+
+
+def _side_by_side(track: Track) -> list[Tracklet]:
+    """Return the legs of a track that were followed at one time, of all such times those seen most; the best one first."""
+    legs = [part for part in track.parts if part.kind != PERSON] or track.parts
+    times = [[other for other in legs if other.first_sweep <= part.first_sweep <= other.last_sweep] for part in legs]
+    found = max(times, key=lambda parts: (sum(part.sightings for part in parts), len(parts)))
+    return sorted(found, key=lambda part: (-part.sightings, part.number))
 
 
 def _side(tracklet: Tracklet, axis: int) -> tuple[float, float]:
@@ -338,8 +358,31 @@ def shape_of(track: Track, tracklet: Tracklet) -> int:
 
 PARTS_MASK, PARTLY_BIT = 63, 64
 """A byte for a sweep of a track: the number of its parts that are seen, and whether more of it is hidden."""
+LONGEST_STEP, PAUSE = 1.0, 3.0
+"""[s] A longer step from row to row is a pause of the log, in which nothing was seen, unless it is less than so many times
+the median step."""
 MOST_ROWS = 65_536
 """Rows that are handed out at once, about."""
+
+
+def seen_steps(seconds: Float64, seen: Bool, sensor: NDArray[np.integer[Any]]) -> Bool:
+    """Return (N,) whether sweeps saw a track all the way to each of its rows from the one before.
+
+    They saw the way between two rows that are seen if no other sweep of the sensor of the latter lies between them, and no
+    pause of the log. The rows are those of one track in the order of time, with the sensor of each.
+    """
+    at, steps = np.flatnonzero(seen), np.diff(seconds)
+    before = np.full(len(seen), -1)
+    for one in np.unique(sensor):
+        mine = np.flatnonzero(sensor == one)
+        before[mine[1:]] = mine[:-1]
+    longest = max(LONGEST_STEP, PAUSE * float(np.median(steps))) if len(steps) else 0.0
+    whole = np.flatnonzero((before[at[1:]] <= at[:-1]) & (np.diff(seconds[at]) <= longest))
+    edges = np.zeros(len(seen) + 1, np.int64)
+    edges[at[whole] + 1] += 1
+    edges[at[whole + 1] + 1] -= 1
+    found: Bool = np.cumsum(edges)[:-1] > 0
+    return found
 
 
 @dataclass(slots=True)
@@ -356,13 +399,25 @@ class Path:
     moving: UInt8
     """(S,) 1 where it moves."""
 
+    def add_way(self, sweeps: Sweeps) -> None:
+        """Add the way of the piece to that of the track, apart what sweeps saw of it and what they did not."""
+        track, place, stop = self.track, self.path[:, :2], self.begin + len(self.codes)
+        seen = self.codes & PARTS_MASK > 0
+        # The row before is the last one of the piece before.
+        lead = int(track.seen_stop == self.begin)
+        rows = sweeps.of(self.begin - lead, stop)
+        step = seen_steps(rows["seconds"], np.pad(seen, (lead, 0), constant_values=True), rows["sensor"])[lead:]
+        goes_on = track.path_stop >= 0 and self.moving.any()
+        way = np.hypot(*np.diff(place, axis=0, prepend=[[track.x, track.y]] if goes_on else place[:1]).T)
+        track.distance += float(way[step & (self.moving == 1)].sum())
+        track.distance_hidden += float(way[~step].sum())
+        track.seen_ns += int(np.diff(rows["stamp_ns"], prepend=rows["stamp_ns"][:1])[lead:][step].sum())
+        track.seen_stop = stop if seen[-1] else -1
+
     def add_to_track(self) -> None:
-        """Add the piece to the distance and the greatest speed of the track, whose place is now the end of the piece."""
+        """Add the piece to the greatest speed of the track, whose place is now the end of the piece."""
         track, place = self.track, self.path[:, :2]
-        hidden = self.codes & PARTS_MASK == 0
-        steps = np.diff(place, axis=0, prepend=place[:1] if track.path_stop < 0 else [[track.x, track.y]])
-        track.distance += float(np.hypot(steps[:, 0], steps[:, 1])[hidden | (self.moving == 1)].sum())
-        speed = np.hypot(self.path[:, 2], self.path[:, 3])[~hidden]
+        speed = np.hypot(self.path[:, 2], self.path[:, 3])[self.codes & PARTS_MASK > 0]
         track.speed_max = max(track.speed_max, float(speed.max(initial=0.0)))
         track.x, track.y = float(place[-1, 0]), float(place[-1, 1])
         track.path_stop = self.begin + len(self.codes)
@@ -467,7 +522,9 @@ def standing(sweeps: Sweeps, tracks: list[Track]) -> Iterator[Trajectories]:
 
 
 def joined(sweeps: Sweeps, pieces: list[Path]) -> Trajectories:
-    """Return the rows of pieces of paths, one after the other."""
+    """Return the rows of pieces of paths, one after the other, and add their ways to those of the tracks."""
+    for piece in pieces:
+        piece.add_way(sweeps)
     lengths = [len(piece.codes) for piece in pieces]
     return sweeps.rows(
         np.repeat([piece.track.number for piece in pieces], lengths).astype(np.int64),

@@ -174,7 +174,7 @@ class BackgroundComparison:
                 lines.append(
                     f"{stats.apart:,} of {stats.sweeps:,} sweeps of frame {name}, from sweep {stats.first_apart:.0f} on, "
                     f"differ from {self._options.name} in more than {MOST_SWEEP_DIFFERING:.0%} of their ranges: the sensor "
-                    "seems to have moved; compare what comes after it with a background of its own (--start, --end)"
+                    "moved, or much before it did; compare what comes after with a background of its own (--start, --end)"
                 )
         return lines
 

@@ -11,7 +11,7 @@ import pytest
 from lidarcli.formalism.detection import LEGGED, PRISMATIC, UNKNOWN
 from lidarcli.formalism.tracking import grouping, tracks
 from lidarcli.formalism.tracking.results import BOX, DISC, PERSON
-from lidarcli.formalism.tracking.tracks import WHOLE_SIGHTINGS, Track, Tracklet
+from lidarcli.formalism.tracking.tracks import LEG_DISTANCE_SD, WHOLE_SIGHTINGS, Track, Tracklet, frame_of_legs
 
 
 def test_where_a_body_and_its_twin_are() -> None:
@@ -88,3 +88,32 @@ def test_the_shape_is_the_likeliest_if_it_is_likelier() -> None:
     assert tracks.shape_of(track, Tracklet(1, shape_votes=boxy)) == LEGGED
     # However long it is seen.
     assert tracks.shape_of(track, Tracklet(1, shape_votes=tuple(1000.0 * count for count in boxy))) == LEGGED
+
+
+def legged(*parts: tuple[float, float, int, int], kind: int = DISC) -> Track:
+    """A track of legs: place [m], and first and last sweep of each."""
+    track = Track(several=True)
+    for number, (x, y, first, last) in enumerate(parts, 1):
+        seen = {"sightings": last - first + 1, "first_sweep": first, "last_sweep": last}
+        track.add_part(Tracklet(number, kind=kind, static_c=(x, y), static_cc=(4e-4, 1e-4), **seen))
+    return track
+
+
+def test_a_frame_is_as_long_as_its_legs_at_one_time() -> None:
+    chair = legged((0.0, 0.0, 0, 90), (0.4, 0.0, 3, 90), (0.0, 0.5, 0, 80), (0.4, 0.5, 5, 60))
+    frame = frame_of_legs(chair)
+    assert frame is not None
+    assert (frame["legs"], frame["length"], frame["width"]) == pytest.approx((4, 0.5, 0.4))
+    # As sure as the places of its legs, not more.
+    assert frame["sd"] == pytest.approx(math.hypot(LEG_DISTANCE_SD, 0.02 * math.sqrt(2)))
+    # Later, other legs took the place of the first ones, 0.6 m further each time.
+    later = ((0.4 + 0.6 * k, 0.0, 50 * k + 50, 50 * k + 80) for k in (1, 2, 3))
+    frame = frame_of_legs(legged((0.0, 0.0, 0, 90), (0.4, 0.0, 0, 90), *later))
+    assert frame is not None
+    assert frame["length"] == pytest.approx(0.4)
+    # What stands metres away is no leg of it, whatever brought the two together, nor is a person.
+    assert frame_of_legs(legged((0.0, 0.0, 0, 90), (2.3, 0.9, 10, 90))) is None
+    chair.add_part(Tracklet(9, kind=PERSON, sightings=80, last_sweep=90, static_c=(0.9, 0.0)))
+    frame = frame_of_legs(chair)
+    assert frame is not None
+    assert frame["length"] == pytest.approx(0.5)

@@ -12,7 +12,7 @@ from benchmarks.tracking.recordings import Detected, Recording, detected, in_bat
 from lidarcli.formalism import Parameters
 from lidarcli.formalism.detection import AGENT
 from lidarcli.formalism.tracking.results import FRAMES, HIDDEN, PARTLY, Tracks, Trajectories
-from lidarcli.formalism.tracking.tracks import PARTLY_BIT, PARTS_MASK, SWEEP, Path, Sweeps, Track, joined
+from lidarcli.formalism.tracking.tracks import PARTLY_BIT, PARTS_MASK, SWEEP, Path, Sweeps, Track, joined, seen_steps
 from lidarcli.sweeps import Int64
 
 WALKERS = Cell("people", "1081", 0.01, "parked")
@@ -80,10 +80,31 @@ def test_the_way_of_a_track_goes_on_from_piece_to_piece() -> None:
     codes[4:6], codes[8] = 0, 2 | PARTLY_BIT
     for begin in (5, 10):
         piece = slice(begin - 5, begin)
-        Path(track, begin, way[piece], codes[piece], np.ones(5, np.uint8)).add_to_track()
-    assert (track.distance, track.speed_max, track.x, track.path_stop) == pytest.approx((0.9, 1.0, 0.9, 15))
+        path = Path(track, begin, way[piece], codes[piece], np.ones(5, np.uint8))
+        joined(sweeps, [path])
+        path.add_to_track()
+    # No sweep saw the way from 0.3 m to 0.6 m.
+    assert (track.distance, track.distance_hidden, track.seen_ns) == pytest.approx((0.6, 0.3, 6 * 10**8))
+    assert (track.speed_max, track.x, track.path_stop) == pytest.approx((1.0, 0.9, 15))
     rows = joined(sweeps, [Path(track, 5, way, codes, np.ones(10, np.uint8))])
     assert rows.sweep.tolist() == list(range(45, 55))
     assert rows.parts.tolist() == (codes & PARTS_MASK).tolist()
     assert rows.seen[[4, 8]].tolist() == [HIDDEN, PARTLY]
     assert (rows.x_sd[0], rows.y_sd[0], rows.xy_cov[0]) == pytest.approx((0.02, 0.03, 1e-4))
+
+
+def test_only_what_lies_between_two_sightings_in_a_row_was_seen() -> None:
+    def told(seen: str, sensors: str = "", times: list[float] | None = None) -> str:
+        seconds = np.arange(len(seen)) / 10 if times is None else np.array(times)
+        sensor = np.array([*map(int, sensors or "0" * len(seen))], np.int32)
+        return "".join("-+"[int(step)] for step in seen_steps(seconds, np.array([*seen]) == "x", sensor))
+
+    assert told("xxx..xx.x") == "-++---+--"
+    # Of two sensors in turn the second one never sees it, or sees it later.
+    assert told("x.x.x.x", "0101010") == "-++++++"
+    assert told("x.x..x.x", "01010101") == "-++---++"
+    # In a pause of the log nobody saw anything.
+    assert told("xxxx", times=[0.0, 0.1, 5.0, 5.1]) == "-+-+"
+    assert told("xxxx", times=[0.0, 4.0, 8.0, 12.0]) == "-+++"
+    assert told("x") == "-"
+    assert told("") == ""

@@ -155,7 +155,7 @@ function paths(s, k, seconds, most, ended) {
           vx: t.vx[i] * s.tracks.speed, vy: t.vy[i] * s.tracks.speed, label: object === undefined ? "" : labelOf(s, object), points: [],
         });
       }
-      found.get(number).points.push([t.x[i], t.y[i]]);
+      found.get(number).points.push([t.x[i], t.y[i], t.seen[i] === 1]);
     }
   }
   return [...found.values()];

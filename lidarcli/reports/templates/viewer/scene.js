@@ -169,12 +169,13 @@ function drawTracks(pen, s, k, p, frame, colours, names, world) {
   const found = paths(s, k, world ? WORLD_SECONDS : PATH_SECONDS, PATH_SWEEPS, world);
   const named = found.filter((one) => one.over).length <= MOST_NUMBERS;
   for (const one of found) {
-    const points = one.points.map(([x, y]) => frame.ground(x, y)).filter(([x]) => !isNaN(x));
+    const points = one.points.map(([x, y, seen]) => [...frame.ground(x, y), seen]).filter(([x]) => !isNaN(x));
     if (!points.length) continue;
     const [x, y] = points[0], u = p.X(x), v = p.Y(y), colour = one.agent ? colours.vermilion : colours.blue;
     pen.strokeStyle = colour; pen.lineWidth = one.over ? 0.8 : one.agent ? 2 : 1.2;
     pen.beginPath();
-    points.forEach(([a, b], i) => (i ? pen.lineTo(p.X(a), p.Y(b)) : pen.moveTo(p.X(a), p.Y(b))));
+    // No line where no sweep saw it go.
+    points.forEach(([a, b, seen], i) => (i && seen && points[i - 1][2] ? pen.lineTo(p.X(a), p.Y(b)) : pen.moveTo(p.X(a), p.Y(b))));
     pen.stroke();
     if (one.over) {
       pen.fillStyle = colour; dot(pen, u, v, 2);
