@@ -60,6 +60,8 @@ LEAST_SCORE = 0.8
 """Least probability of the status of a change, by default."""
 BEAM_ORDERS = ("auto", "forward", "reverse", "once")
 """Orders in which the beams of a sweep are sent; the first by default."""
+MOST_DELAY = 3600.0
+"""Greatest `--pose-delay` [s], either way: what is more is another clock."""
 MATCH = "match"
 """Value of `--pose` for poses found by matching sweeps, and the name of their world frame."""
 MAP_RESOLUTION = 0.05

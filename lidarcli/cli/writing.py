@@ -124,7 +124,7 @@ class PosesCommand(OneLog, Reported, Reading, total=False):
 def poses(messages: Messages, options: PosesCommand) -> int:
     """Write the path of the sensor, and judge it by a map.
 
-    The path is a file that evo reads. With --map: was the robot lost? Second by second,
+    The path is a file that evo reads. With --map: was the robot lost? Each half second,
     how many beams the map explains, and the correction of the pose that explains more.
     """
     logs = log_options(options)
@@ -161,6 +161,8 @@ def _localise(
         for verdict in run.verdicts:
             if not verdict.holds:
                 messages.error(f"check failed: {verdict.failure}")
+        for line in run.unobserved:
+            messages.error("incomplete", line)
         return run.lines
 
     relocate = options["relocate"]

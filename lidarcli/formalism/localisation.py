@@ -1,7 +1,7 @@
 """Sweeps against a map: how many of their beams it explains, and the correction of the pose that would explain more.
 
-A window is a second of sweeps, laid out as one body by the told poses. On the distances to the occupied cells of the map it
-climbs from the told place; where the map explains little of it, places around are tried, too.
+A window is half a second of sweeps, laid out as one body by the told poses. On the distances to the occupied cells of the
+map it climbs from the told place; where the map explains little of it, places around are tried, too.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from lidarcli import native
 from lidarcli.formalism.mapping import grid as grid_cells
 from lidarcli.formalism.mapping.grid import Occupancy, TooLargeError
 from lidarcli.formalism.matching.ground import MOST_CELLS, Nearest, of_map
-from lidarcli.sweeps import Float64, Int8, Int64
+from lidarcli.sweeps import Bool, Float64, Int8, Int64
 
 FIELD_CELL, MARGIN = 0.05, 5
 """Side of the cells of a field of distances [m], and cells of it around the map."""
@@ -58,6 +58,8 @@ RELATIVE, LESS_THROUGH = 0.6, 0.1
 FEWEST, GREATEST_GAP, ALIKE = 2, 2, 1.2
 """An interval has so many windows that are off or lost, each at most so many after the one before, and corrections that
 differ by no more than this [m] from one to the next: those of rows of like shelves do."""
+CLEAR_GAIN = 0.3
+"""A window alone is one, too, where the correction explains so much more of the beams."""
 
 
 class Field:
@@ -255,8 +257,10 @@ def field_of(grid: Occupancy) -> Field:
     return Field(cells, left, low)
 
 
-def states_of(points: Int64, found: Float64) -> tuple[Int8, float]:
-    """Return (W,) states of windows of so many points, by the result of `judge`, and the median of the explained shares."""
+def states_of(points: Int64, found: Float64) -> tuple[Int8, float, Bool]:
+    """Return (W,) states of windows of so many points, by the result of `judge`; the median of the explained shares; and
+    (W,) True where there are enough points.
+    """
     share, known, after, known_after, x, y, turn, through, _, _ = found.T
     tells = points >= LEAST_POINTS
     median = float(np.median(share[tells])) if tells.any() else 0.0
@@ -266,7 +270,7 @@ def states_of(points: Int64, found: Float64) -> tuple[Int8, float]:
     better = (after >= np.maximum(share + GAIN, LEAST_AFTER)) & (known - share >= known_after - after + LESS_AGAINST)
     state[better & ((np.hypot(x, y) > LEAST_OFF) | (np.abs(turn) > LEAST_TURN))] = OFF
     state[~tells] = UNSURE
-    return state.astype(np.int8), median
+    return state.astype(np.int8), median, tells
 
 
 def intervals_of(window: Int64, state: Int8, found: Float64) -> list[Int64]:
@@ -275,4 +279,5 @@ def intervals_of(window: Int64, state: Int8, found: Float64) -> list[Int64]:
     apart = np.diff(window[bad]) > GREATEST_GAP
     step = np.hypot(*np.diff(found[bad, 4:6], axis=0).T)
     apart |= (step > ALIKE) & (state[bad[1:]] == OFF) & (state[bad[:-1]] == OFF)
-    return [part for part in np.split(bad, np.flatnonzero(apart) + 1) if len(part) >= FEWEST]
+    clear = (state == OFF) & (found[:, 2] - found[:, 0] >= CLEAR_GAIN)
+    return [part for part in np.split(bad, np.flatnonzero(apart) + 1) if len(part) >= FEWEST or clear[part].any()]

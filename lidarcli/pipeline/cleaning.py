@@ -396,12 +396,9 @@ def _refuse_motion(
 ) -> None:
     """Refuse a log if it is not known where its sensor was while it moved; topics in `blind` have no ranges."""
     for frame, source in described.get("poses", {}).items():
-        for topic in contradicted(source):
-            if world_in(source, topic) not in ("", MATCH):
-                raise UnreadableError(
-                    f"the poses of {frame or 'the sensor'} contradict the sweeps of {topic}; nothing written; "
-                    "give other poses (--pose TOPIC, --poses FILE)"
-                )
+        for topic, (words, is_apart) in contradicted(source).items():
+            if world_in(source, topic) not in (("",) if is_apart else ("", MATCH)):
+                raise UnreadableError(f"the poses of {frame or 'the sensor'} {words}")
     rows = read_columns(pair.sweeps, "sweeps", SCHEMAS["sweeps"], ("topic", "pose_x"))
     topics, known = np.array(rows["topic"].to_pylist(), np.str_), held(rows["pose_x"])[1]
     seeing = [name for name in np.unique(topics).tolist() if name not in blind]

@@ -605,9 +605,17 @@ def _on_map(one: Input, now: RunThings, site: RunThings, options: DiffOptions) -
     tried = []
     for motion in dict.fromkeys(motions):
         run = localise(one.source, None, paths, field, True, motion=motion, first=now.reading)
-        if run.figures()["lost"] == 0:
-            return now
         tried.append(run)
+        if run.figures()["lost"] == 0:
+            break
+    if now.reading is not None and now.reading.posing.is_other:
+        for where in (HERE, motion):
+            if (own := localise(one.source, None, paths, field, motion=where)).tells:
+                break
+        lines = own.lines if own.figures()["lost"] != 0 else []
+        now.poses = [f"{one.text}: by the robot's own localisation {line}; compared is another path" for line in lines]
+    if run.figures()["lost"] == 0:
+        return now
     run = max(tried, key=lambda each: each.figures()["map_share"] or 0.0)
     if not run.table.num_rows or not run.figures()["lost"]:
         return now
@@ -615,7 +623,9 @@ def _on_map(one: Input, now: RunThings, site: RunThings, options: DiffOptions) -
     poses = replace(detect.poses, source=None, file=None, delay=None, given=given)
     again = _of_log(one.source, replace(options, detect=replace(detect, poses=poses)), None)
     again.name, again.log, again.before = now.name, [now.name] * len(again.log), now.run.ground
-    again.poses = [f"{one.text}: {line}: placed anew where it is off, left out where it is lost" for line in run.lines]
+    again.poses = [*now.poses] + [
+        f"{one.text}: {line}: placed anew where it is off, left out where it is lost" for line in run.lines
+    ]
     old, new = now.run.things, again.run.things
     is_lost = any(math.isnan(each.off) for path in run.paths.values() for each in path.intervals)
     if is_lost and again.run.ground is not None:

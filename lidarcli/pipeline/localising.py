@@ -1,4 +1,4 @@
-"""Was the robot lost? The path of the sensors of a log against a map, second by second."""
+"""Was the robot lost? The path of the sensors of a log against a map, part by part."""
 
 from __future__ import annotations
 
@@ -6,14 +6,14 @@ import io
 import math
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import pyarrow as pa
 
-from lidarcli.choices import MAP_STATES
+from lidarcli.choices import MAP_STATES, MATCH
 from lidarcli.errors import CHECK_FAILED, UnreadableError
 from lidarcli.findings import Finding
 from lidarcli.formalism.localisation import FITTING, LOST, OFF, UNSURE, Field, field_of, intervals_of, judge, states_of
@@ -24,7 +24,9 @@ from lidarcli.pipeline.inputs.sources import Source
 from lidarcli.pipeline.reading.one_log import Progress, Reading, read_log
 from lidarcli.pipeline.reading.posing import Need, of_one_run
 from lidarcli.pipeline.trajectories import PARQUET, PathOptions, PathSummary, read_rows, refuse_path, save
-from lidarcli.reports.checks import Check, Verdict, parse_check, verdict_of
+from lidarcli.reports.checks import Check, Verdict, accepts, parse_check, verdict_of
+from lidarcli.reports.columns import Sight, least_observed, missing_of
+from lidarcli.reports.zones import floored
 from lidarcli.stores import Place
 from lidarcli.sweeps import Float64, Int8, Int64, Status, SweepBatch
 from lidarcli.tabular.columns import codes, floats
@@ -34,8 +36,8 @@ from lidarcli.times import SECOND_NS
 if TYPE_CHECKING:
     from lidarcli.pose.sources import GivenPaths
 
-SLOTS, MOST_BEAMS = 4, 90
-"""Sweeps of a second that are judged, the first of each part of it, and beams of a sweep, evenly chosen."""
+WINDOW_NS, SLOTS, MOST_BEAMS = SECOND_NS // 2, 2, 90
+"""Time that is judged at once [ns]; sweeps of it, the first of each part of it, and beams of a sweep, evenly chosen."""
 RANGES = 0.15, 12.0
 """Ranges of these [m]."""
 AT_ONCE = 256
@@ -43,15 +45,16 @@ AT_ONCE = 256
 LEAST_SHARE = 0.7
 """Share of the beams that the map explains in the median, below which there is no verdict; `STEADY` and `NEARLY_ALL` are
 exceptions."""
-STEADY, NEARLY_ALL = 0.1, 0.93
+STEADY, AT_TIMES, NEARLY_ALL = 0.1, 0.25, 0.93
 """There is a verdict all the same if the corrected path explains `LEAST_SHARE` and as many corrections lie within the first
-of their median [m] (a path that is off as a whole), or if it explains the second share of the beams (one that drifts)."""
+of their median [m] (a path that is off as a whole), or the told one does so in the second share of the windows (one that is
+off most of the time), or if it explains the third share of the beams (one that drifts)."""
 MOST_SHOWN = 10
 """Intervals that a line shows."""
 JUMP = 0.1
 """Between poses whose corrections differ by more than this, none is known [m, rad]."""
 MAP_COLUMNS = tuple(name for name in POSES.names if name.startswith("map_"))
-FIGURES = ("lost", "lost_seconds", "lost_share", "off_max", "map_share")
+FIGURES = ("lost", "lost_seconds", "lost_share", "off_max", "map_share", "observed")
 """Figures that a check of a path may name."""
 PICTURE = ".png"
 NEVER = np.int64(np.iinfo(np.int64).min)
@@ -87,56 +90,78 @@ class Interval(NamedTuple):
     begin: float
     end: float
     off: float
-    """Median correction [m]; NaN where the path is lost."""
+    """Greatest correction [m]; NaN where the path is lost."""
     words: str
 
 
 class Localisation:
     """The path of one sensor, judged by a map."""
 
-    def __init__(self, first_ns: int, window: Int64, points: Int64, found: Float64) -> None:
-        """`first_ns`: stamp of its first sweep; (W,) numbers of seconds from there, and of their points; `found` as of
-        `judge`.
-        """
+    def __init__(self, sensor: _Sensor) -> None:
+        """Judge what a sensor has seen."""
+        nothing = np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros((0, sensor.field.columns))
+        window, points, found = (np.concatenate(each) for each in zip(nothing, *sensor.judged, strict=True))
         order = np.argsort(window, kind="stable")
-        self.first_ns, self.window, self.found = first_ns, window[order], found[order]
-        self.state, self.share = states_of(points[order], self.found)
-        away = np.hypot(*(self.found[:, 4:6] - np.median(self.found[:, 4:6], axis=0)).T)
-        after = float(np.median(self.found[:, 2]))
-        is_steady = after >= LEAST_SHARE and np.mean(away < STEADY) >= LEAST_SHARE
-        self.tells = bool(self.share >= LEAST_SHARE or is_steady or after >= NEARLY_ALL)
+        state, self.share, enough = states_of(points[order], found[order])
+        self.first_ns, self.state = sensor.first_ns, state[enough]
+        self.window, self.found = window[order][enough], found[order][enough]
+        judged = self.window[self.state != UNSURE]
+        self.tells = False
         """False where the map explains too little for a verdict."""
+        if len(judged):
+            away = np.hypot(*(self.found[:, 4:6] - np.median(self.found[:, 4:6], axis=0)).T)
+            after = float(np.median(self.found[:, 2]))
+            is_steady = np.mean(away < STEADY) >= LEAST_SHARE or np.mean(self.found[:, 0] >= LEAST_SHARE) >= AT_TIMES
+            mends = after >= LEAST_SHARE and is_steady
+            self.tells = bool(self.share >= LEAST_SHARE or mends or after >= NEARLY_ALL)
         parts = intervals_of(self.window, self.state, self.found) if self.tells else []
         self.intervals = [self._interval(part) for part in parts]
-        # One second alone is no interval.
+        # One window alone is no interval, and none that fits.
         alone = np.isin(self.state, (OFF, LOST))
         alone[np.concatenate([np.zeros(0, np.int64), *parts])] = False
         self.state[alone] = UNSURE
+        number, stamps = (np.concatenate([nothing[0], *each]) for each in (sensor.seen, sensor.stamps))
+        self.sight = Sight("", int(np.isin(number, judged).sum()), len(stamps) + missing_of(np.sort(stamps)))
+        """Sweeps whose part of the path was judged, and all, those missing in gaps, too."""
 
     def _interval(self, part: Int64) -> Interval:
-        begin, end = float(self.window[part[0]]), float(self.window[part[-1]]) + 1.0
+        each_s = WINDOW_NS / SECOND_NS
+        begin, end = each_s * float(self.window[part[0]]), each_s * float(self.window[part[-1]] + 1)
         off, span = self.found[part[self.state[part] == OFF]], f"from {begin:.1f} to {end:.1f} s"
         if 2 * len(off) < len(part):
             return Interval(begin, end, math.nan, f"lost {span}")
-        size, turn = (float(np.median(each)) for each in (np.hypot(off[:, 4], off[:, 5]), np.degrees(np.abs(off[:, 6]))))
-        return Interval(begin, end, size, f"off {span}, by {size:.2f} m and {turn:.1f} degrees")
+        sizes, turns = np.hypot(off[:, 4], off[:, 5]), np.degrees(np.abs(off[:, 6]))
+        most, turn = float(sizes.max()), float(turns.max())
+        # Corrections of a path that slides away grow; of others they are noisy.
+        by = f"up to {most:.2f} m and {turn:.1f}"
+        if np.ptp(sizes) <= JUMP:
+            most, turn = float(np.median(sizes)), float(np.median(turns))
+            by = f"{most:.2f} m and {turn:.1f}"
+        return Interval(begin, end, most, f"off {span}, by {by} degrees")
 
     @property
     def words(self) -> str:
         """The verdict for people."""
+        if not len(self.window):
+            return "no part of the path can be judged: too few beams of a sweep with a pose have a range"
         if not self.tells:
-            return f"the map explains only {self.share:.0%} of the beams: outdated, or of another place"
-        words = [each.words for each in self.intervals] or ["the path fits it throughout"]
+            return f"the map explains only {self.share:.0%} of the beams: outdated, or of another place or frame"
+        lacks = least_observed([self.sight])
+        fits = "the path fits it throughout" if lacks is None else "where it can be judged, the path fits"
+        words = [each.words for each in self.intervals] or [fits]
         if len(words) > MOST_SHOWN:
             words[MOST_SHOWN:] = [f"and {len(words) - MOST_SHOWN} times more"]
-        return "; ".join([f"the map explains {self.share:.0%} of the beams", *words])
+        more = [] if lacks is None else [f"judged in {self.sight.observed:,} of {self.sight.sweeps:,} sweeps"]
+        return "; ".join([f"the map explains {self.share:.0%} of the beams", *words, *more])
 
     def at(self, stamp_ns: Int64, x: Float64, y: Float64) -> tuple[Int8, Float64, Float64]:
         """Return (N,) states of sweeps, -1 for no verdict, and shares, and (3, N) the corrections of their poses at x, y.
 
         Share and correction [m, m, rad] are NaN where there is none.
         """
-        number = (stamp_ns - self.first_ns) // SECOND_NS
+        number = (stamp_ns - self.first_ns) // WINDOW_NS
+        if not len(self.window):
+            return np.full(len(number), -1, np.int8), np.full(len(number), np.nan), np.full((3, len(number)), np.nan)
         row = np.minimum(np.searchsorted(self.window, number), len(self.window) - 1)
         known = self.window[row] == number
         of, state = self.found[row], np.where(known, self.state[row], UNSURE).astype(np.int8)
@@ -147,23 +172,29 @@ class Localisation:
 
 
 class _Sensor:
-    """The seconds of one sensor so far."""
+    """The windows of one sensor so far."""
 
     def __init__(self, field: Field, first_ns: int) -> None:
         self.field, self.first_ns = field, first_ns
         self.slot = NEVER
         self.points: list[Float64] = []
         self.windows: list[Int64] = []
-        """Of the beams that wait: ends and places of the sensor (4, P), and numbers of seconds (P,)."""
+        """Of the beams that wait: ends and places of the sensor (4, P), and numbers of windows (P,)."""
         self.judged: list[tuple[Int64, Int64, Float64]] = []
+        self.stamps: list[Int64] = []
+        """Of all sweeps [ns]."""
+        self.seen: list[Int64] = []
+        """Number of the window of each sweep that shows something and has a pose."""
 
     def add(self, sweeps: SweepBatch, motion: Motion) -> None:
         """Take some sweeps, their poses moved."""
+        self.stamps.append(sweeps.stamp_ns)
         poses = sweeps.poses
         if poses is None:
             return
-        slot = (sweeps.stamp_ns - self.first_ns) // (SECOND_NS // SLOTS)
-        rows = np.flatnonzero(np.isfinite(poses.x + poses.y + poses.yaw))
+        slot = (sweeps.stamp_ns - self.first_ns) // (WINDOW_NS // SLOTS)
+        rows = np.flatnonzero(np.isfinite(poses.x + poses.y + poses.yaw) & sweeps.observed)
+        self.seen.append(slot[rows] // SLOTS)
         rows = rows[np.diff(slot[rows], prepend=self.slot) != 0]
         if not len(rows):
             return
@@ -181,7 +212,9 @@ class _Sensor:
             self.judge()
 
     def judge(self, last: bool = False) -> None:
-        """Judge the seconds that are whole, at the end the last one, too."""
+        """Judge the windows that are whole, at the end the last one, too."""
+        if not self.points:
+            return
         points, window = np.concatenate(self.points, axis=1), np.concatenate(self.windows)
         begin = np.flatnonzero(np.diff(window, prepend=NEVER) != 0)
         begin = np.append(begin, len(window)) if last else begin
@@ -198,6 +231,8 @@ class LocalisedPath(PathSummary):
 
     paths: dict[tuple[str, str], Localisation] = field(default_factory=dict)
     verdicts: list[Verdict] = field(default_factory=list)
+    unobserved: list[str] = field(default_factory=list)
+    """Lines on paths that checks are about and that were not judged all the time."""
 
     @property
     def tells(self) -> bool:
@@ -205,11 +240,17 @@ class LocalisedPath(PathSummary):
         return bool(self.paths) and all(each.tells for each in self.paths.values())
 
     @property
+    def least(self) -> Sight | None:
+        """The path that was judged least, named by its topic; None where all were judged all the time."""
+        return least_observed([each.sight._replace(log=key[0]) for key, each in self.paths.items()])
+
+    @property
     def exit_code(self) -> int:
-        """1 where a check fails, else 3 without a verdict, else as of every run."""
+        """1 where a check fails, else 3 without a verdict, or with less than checks ask for, else as of every run."""
         if not all(each.holds for each in self.verdicts):
             return CHECK_FAILED
-        return PathSummary.exit_code.fget(self) if self.tells else UnreadableError.exit_code  # type: ignore[attr-defined]
+        tells = self.tells and not self.unobserved
+        return PathSummary.exit_code.fget(self) if tells else UnreadableError.exit_code  # type: ignore[attr-defined]
 
     @property
     def lines(self) -> list[str]:
@@ -222,10 +263,12 @@ class LocalisedPath(PathSummary):
         """Return the figures that a check may name, of all paths; None for what the map cannot tell."""
         intervals = [each for path in self.paths.values() for each in path.intervals]
         seconds = sum(each.end - each.begin for each in intervals)
-        share = seconds / max(sum(len(path.window) for path in self.paths.values()), seconds, 1.0)
+        whole = sum(len(path.window) for path in self.paths.values()) * WINDOW_NS / SECOND_NS
         off = max((each.off for each in intervals if not math.isnan(each.off)), default=0.0)
-        found = (float(len(intervals)), seconds, share, off) if self.tells else (None,) * 4
-        return dict(zip(FIGURES, (*found, min((each.share for each in self.paths.values()), default=None)), strict=True))
+        found = (float(len(intervals)), seconds, seconds / max(whole, seconds, 1.0), off) if self.tells else (None,) * 4
+        share = min((each.share for each in self.paths.values()), default=None)
+        observed = min((each.sight.share for each in self.paths.values()), default=0.0)
+        return dict(zip(FIGURES, (*found, share, observed), strict=True))
 
     def as_dict(self) -> dict[str, Any]:
         """Return the summary as plain values."""
@@ -237,13 +280,19 @@ def findings_of(source: Source, options: PathOptions, path: str) -> list[Finding
     site = read_site(path)
     try:
         paths = localise(source, None, options, site).paths
-    except UnreadableError:
-        # Nothing tells where the sensor was.
-        return []
+    except UnreadableError as err:
+        return [Finding("lost", "warning", "", "", f"{path}: nothing is judged: {err}")]
     return [
-        Finding("lost", "warning", *key, f"{path}: {each.words}", {"map_share": each.share}, {"map_share": LEAST_SHARE})
+        Finding(
+            "lost",
+            "warning",
+            *key,
+            f"{path}: {each.words}",
+            {"map_share": each.share, "observed": each.sight.share},
+            {"map_share": LEAST_SHARE},
+        )
         for key, each in paths.items()
-        if each.intervals or not each.tells
+        if each.intervals or not each.tells or least_observed([each.sight]) is not None
     ]
 
 
@@ -265,6 +314,7 @@ def localise(
 ) -> LocalisedPath:
     """Judge the path of a log by a map, and write it: a table, TUM lines or a picture.
 
+    The path is the told one to the frame of the map, as it is, or one that was named; that of a `first` reading as there.
     With `relocate` poses that are off are corrected, and those of lost seconds left out; `motion`: from the coordinates of
     the poses to those of the map; `first` as of `Reading`. Errors as of `write_path`.
     """
@@ -274,24 +324,35 @@ def localise(
 
     def take(batch: SweepBatch) -> None:
         for frame, _, sweeps in batch.by_frame():
+            if not reading.posing.world_of(batch.topic, frame):
+                continue
             sensor = sensors.setdefault((batch.topic, frame), _Sensor(site.field, int(sweeps.stamp_ns[0])))
             sensor.add(sweeps, motion)
 
-    with read_log(source, options, Need.ALL, first) as reading:
+    match = options.poses.source == MATCH
+    options = replace(options, poses=replace(options.poses, on_map=not match))
+    with read_log(source, options, Need.ALL if match else Need.TOLD, first) as reading:
         summary = read_rows(source, reading, options, progress, lines, take)
-    paths = {}
-    for key, sensor in sorted(sensors.items()):
-        if sensor.points:
-            sensor.judge(last=True)
-        if sensor.judged:
-            paths[key] = Localisation(sensor.first_ns, *(np.concatenate(each) for each in zip(*sensor.judged, strict=True)))
+    for sensor in sensors.values():
+        sensor.judge(last=True)
+    paths = {key: Localisation(sensor) for key, sensor in sorted(sensors.items())}
     run = LocalisedPath(**{name: getattr(summary, name) for name in PathSummary.__dataclass_fields__}, paths=paths)
     run.table = _judged(summary.table, paths, relocate, motion)
     worlds = sorted({*run.table["world"].to_pylist()})
     if not run.tells and any(map(of_one_run, worlds)):
-        run.notes.append(f"the poses are in {worlds[0]}, which begins anew in every run; the map has a frame of its own")
+        run.notes.append(
+            f"the poses are in {worlds[0]}, which begins anew in every run, and the map has a frame of its own: "
+            f"lidarcli diff MAP {source.name} lays them on each other"
+        )
+    chains = (path.chain for _, path in sorted(reading.posing.paths.items()))
+    run.notes += dict.fromkeys(f"the path is that of {one.topics[0]} ({one.frames})" for one in chains if one is not None)
     figures = run.figures()
     run.verdicts = [verdict_of(check, figures[check.name]) for check in checks]
+    if checks and run.tells and (least := run.least) is not None and not accepts(checks, "observed"):
+        run.unobserved.append(
+            f"the path of {least.log} was judged in {least.observed:,} of {least.sweeps:,} sweeps; "
+            f"--check 'observed >= {floored(least.share)}' accepts that"
+        )
     if path is not None:
         data = _picture(run.table, site.grid) if suffix == PICTURE else None if lines is None else _lines(run.table)
         save(path, options, run, data)
@@ -370,5 +431,6 @@ def _picture(table: pa.Table, grid: Occupancy) -> bytes:
     from lidarcli.reports.map_picture import MapPicture, draw_map
 
     state, xy = table["map_state"].to_pylist(), np.column_stack([table["x"].to_numpy(), table["y"].to_numpy()])
-    places = [(name, xy[[one == name for one in state]]) for name in MAP_STATES]
+    # Without a verdict nothing is known of any place.
+    places = [(name, xy[[(one or MAP_STATES[UNSURE]) == name for one in state]]) for name in MAP_STATES]
     return draw_map(MapPicture(grid, places=places), PICTURE)

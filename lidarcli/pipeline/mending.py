@@ -110,13 +110,18 @@ def _is_stuck(times: Int64) -> bool:
     return bool(fast or np.count_nonzero(np.abs(steps) <= SAME_NS) > max(OFTEN * len(times), SOME))
 
 
-def _on_a_clock(times: Int64, records: Int64, tracks: Sequence[Track]) -> tuple[Int64, str]:
-    """Return times by the clock of the recording where those of the sweeps are none or another; or why that cannot be."""
+def _on_a_clock(times: Int64, records: Int64, tracks: Sequence[Track], delay: float) -> tuple[Int64, str]:
+    """Return times by the clock of the recording where those of the sweeps are none or another; or why that cannot be.
+
+    `delay`: time [s] after which poses of another clock fit the sweeps; it is taken where there is one.
+    """
     offset = np.sort(records - times)[len(times) // 2]
     if _is_stuck(times):
         if _is_stuck(records):
             return times, "neither stamps nor the times of the recording tell when a sweep was taken"
         return records - offset * (abs(offset) <= SECOND_NS), ""
+    if delay:
+        return times + round(delay * SECOND_NS), ""
     if abs(offset) <= APART * SECOND_NS:
         return times, ""
     if any(first <= times.max() and times.min() <= last for first, last in (track.span_ns for track in tracks)):
@@ -139,10 +144,10 @@ def _mend(
     new, times = sweeps.stamp_ns, sweeps.time_ns
     fill = partial(mending.fill, topic=topic.name, rules=seen.rules)
     if "clock" in words:
-        new, cannot["clock"] = _on_a_clock(times, sweeps.record_ns, tracks)
+        new, cannot["clock"] = _on_a_clock(times, sweeps.record_ns, tracks, delay)
         times = new
     if "stamps" in words:
-        shift = round(delay * SECOND_NS)
+        shift = 0 if "clock" in words else round(delay * SECOND_NS)
         new, times = np.where(new == 0, 0, new + shift), times + shift
         places = np.lexsort((times, seen.run))
         away = np.count_nonzero(places != np.arange(len(places)))
@@ -217,7 +222,7 @@ def plan(
     """
     done, delay, found = Mending(), detect.poses.delay, tuple[Finding, ...]()
     orders = dict.fromkeys(seen, detect.poses.order)
-    if asked & {FOUND, "stamps", "times"}:
+    if asked & {FOUND, "clock", "stamps", "times"}:
         # Most copies mend nothing, and should not wait for this import.
         from lidarcli.pipeline.inspecting import inspect_log
 
@@ -258,9 +263,10 @@ def plan(
 
 
 def _delay(found: Finding) -> float:
-    """Return the time that mends stamps by a finding [s]; 0 where it tells none."""
+    """Return the time that mends stamps or clock by a finding [s]; 0 where it tells none."""
     option, _, seconds = found.fix.text.partition(" ") if found.fix is not None else ("", "", "")
-    return float(seconds) if found.mend == "stamps" and option == "--pose-delay" else 0.0
+    known = float(seconds) if option == "--pose-delay" else float(found.evidence.get("delay", 0.0))
+    return known if found.mend in ("clock", "stamps") else 0.0
 
 
 def _said_before(source: Source) -> dict[object, Met]:

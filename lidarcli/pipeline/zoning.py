@@ -299,6 +299,9 @@ class ZoneReader:
             and zone.frame not in (SENSOR, ROBOT)
             and (same_name(zone.frame, world) or world.endswith(f"/{frame_name(zone.frame)}"))
         ):
+            path = reading.posing.paths.get((topic, sensor))
+            if not world and path is not None and path.apart is not None:
+                raise UnreadableError(f"zone '{zone.name}' is in the world: {path.apart.message}")
             if not world:
                 raise NoScanError(
                     f"zone '{zone.name}' is in the world, and nothing tells where the sensor of {topic} is: give --pose "
@@ -455,10 +458,9 @@ class ZoneReader:
         notes: dict[str, None] = {}
         for frame, poses in described.get("poses", {}).items():
             for (name, topic), where in sorted(fixed.items()):
-                if topic in contradicted(poses):
+                if topic in (wrong := contradicted(poses)):
                     raise UnreadableError(
-                        f"zone '{name}' is in the frame {where}, and the poses of {frame or 'the sensor'} contradict the "
-                        f"sweeps of {topic}: nothing written; give other poses (--pose TOPIC, --poses FILE)"
+                        f"zone '{name}' is in the frame {where}, and the poses of {frame or 'the sensor'} {wrong[topic][0]}"
                     )
                 if world_in(poses, topic) == MATCH and where == WORLD:
                     notes[f"zone '{name}' is in the world of the matched path of {topic}"] = None

@@ -15,11 +15,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from lidarcli.choices import BEAM_ORDERS, MATCH
+from lidarcli.choices import BEAM_ORDERS, MATCH, MOST_DELAY
 from lidarcli.display import some_of, times
-from lidarcli.findings import Finding
+from lidarcli.findings import Finding, Fix
 from lidarcli.formalism.scan_matching import Matcher
-from lidarcli.pose.sources import WORLDS, GivenPaths, PoseChain, PoseSources, namespace
+from lidarcli.pose.sources import WORLDS, GivenPaths, PoseChain, PoseSources, later, namespace
 from lidarcli.pose.tracks import SECOND_NS, Track, flat, frame_name, gathered
 from lidarcli.sweeps import TURN, Bool, Float64, Int64, SweepBatch
 
@@ -46,8 +46,11 @@ LONGEST_DELAY, DELAY_STEP, FINE_STEP = 0.6, 0.05, 0.01
 """Delays that are tried, to both sides, first in large steps and then around the best in small ones [s]."""
 LEAST_TOLD, MOST_OFF, CLEARLY_BETTER = 0.6, 3.0, 0.05
 """Least share of pairs with a delayed pose; greatest cost of a pair; share by which a larger delay has to be better."""
+FAR_STEP, MOST_TRIED, FAR_PAIRS = 0.1, 1 << 17, 60
+"""Greater delays are tried in such steps [s], so many at most, by so many pairs."""
 LEAST_DELAY, SHARPER = 0.03, 0.7
-"""Least delay of poses that fit also without one [s], and the greatest cost with it as a share of that without."""
+"""Least delay of poses that fit also without one [s], and the greatest cost with it as a share of that without; that of a
+far delay as a share of that of another one."""
 ACCEPTED = 0.8
 """Share of agreeing pairs from which poses are accepted as they are."""
 CORRECTED, GAIN = 0.5, 0.1
@@ -189,6 +192,66 @@ def judge_poses(
             fit, verdict="corrected", share=better, delay=delay, mount=mount, turn_ratio=turn_ratio, as_told=share
         )
     return accepted or fit
+
+
+def far_delay(
+    stamp_ns: Int64,
+    matched: Float64,
+    given_at: Callable[[Int64], Float64],
+    pieces: Float64 | None,
+    span_ns: tuple[int, int] | None,
+    recorded_ns: int,
+) -> PoseFit | None:
+    """Find a delay of any size with which the given steps fit the matched ones; None where none or several do.
+
+    Parameters are as of `judge_poses`; `span_ns`: first and last stamp of the given poses; `recorded_ns`: the delay by the
+    times of the recording, 0 for none.
+    """
+    if span_ns is None or not len(stamp_ns):
+        return None
+    begin, end = pairs_of((stamp_ns - stamp_ns[0]) * 1e-9, matched, matched)
+    if pieces is not None:
+        whole = pieces[begin] == pieces[end]
+        begin, end = begin[whole], end[whole]
+    if len(begin) < LEAST_PAIRS:
+        return None
+    step = steps_between(matched[begin], matched[end])
+
+    def fit_at(delay_ns: int) -> PoseFit:
+        """Return the fit with the best delay and mount around a delay."""
+        delay, mount, given = _corrected(stamp_ns, begin, end, step, lambda at_ns: given_at(later(at_ns, delay_ns)))
+        known = np.isfinite(given[:, 0])
+        share = float(_agree(step[known], mounted_steps(given[known], mount)).mean()) if known.any() else 0.0
+        return PoseFit("corrected", share, len(begin), round(delay + delay_ns / SECOND_NS, 3), mount)
+
+    if abs(recorded_ns) > LONGEST_DELAY * SECOND_NS:
+        found = fit_at(recorded_ns)
+        if found.share >= CORRECTED:
+            return found
+    # All delays at which the paths overlap, by some of the pairs.
+    some = np.unique(np.linspace(0, len(begin) - 1, FAR_PAIRS).astype(np.int64))
+    first_ns, whole = int(stamp_ns[0]), int(stamp_ns[-1] - stamp_ns[0])
+    tick = max(round(FAR_STEP * SECOND_NS), (span_ns[1] - span_ns[0] + whole) // MOST_TRIED)
+    pad, count = whole // tick + 2, (span_ns[1] - span_ns[0] + whole) // tick + 2
+    grid = given_at(span_ns[0] + tick * np.arange(-pad, count + 2, dtype=np.int64))
+    ahead = np.diff(grid, axis=0)
+    ahead[:, 2] = wrapped(ahead[:, 2])
+    cost, known = np.zeros(count), np.zeros(count)
+    for k in some.tolist():
+        places = [divmod(int(stamp_ns[row[k]]) - first_ns, tick) for row in (begin, end)]
+        poses = [grid[at : at + count] + part / tick * ahead[at : at + count] for at, part in places]
+        off = np.minimum(np.add(*_off(step[k : k + 1], steps_between(*poses))), MOST_OFF)
+        known += np.isfinite(off)
+        cost += np.nan_to_num(off)
+    cost = np.where(known >= max(LEAST_TOLD * known.max(), 1.0), cost / np.maximum(known, 1.0), MOST_OFF)
+    best = int(np.argmin(cost))
+    near = round(2.0 * LONGEST_DELAY * SECOND_NS / tick)
+    others = np.concatenate([cost[: max(best - near, 0)], cost[best + near + 1 :]])
+    delay_ns = span_ns[0] - first_ns + (best - pad) * tick
+    if cost[best] > SHARPER * others.min(initial=MOST_OFF) or abs(delay_ns) < LONGEST_DELAY * SECOND_NS:
+        return None
+    found = fit_at(delay_ns)
+    return found if found.share >= ACCEPTED else None
 
 
 def pairs_of(seconds: Float64, matched: Float64, given: Float64) -> tuple[Int64, Int64]:
@@ -496,6 +559,11 @@ class MatchedPath:
         return _one(self._stamp_ns) if self._stamp_ns else np.zeros(0, np.int64)
 
     @property
+    def record_ns(self) -> Int64:
+        """(S,) record times of all sweeps [ns]."""
+        return _one(self._record_ns) if self._record_ns else np.zeros(0, np.int64)
+
+    @property
     def poses(self) -> Float64:
         """(S, 3) x, y [m] and yaw [rad] of all sweeps, from the first; NaN without a pose."""
         return self._column(slice(0, 3))
@@ -551,8 +619,7 @@ class MatchedPath:
             return None
         half, flat = 0.5 * poses[there, 2], np.zeros(len(there))
         numbers = np.column_stack([poses[there, :2], flat, flat, flat, np.sin(half), np.cos(half)])
-        record_ns = _one(self._record_ns)
-        return gathered((topic, TYPE, MATCH, frame), self.stamp_ns[there], numbers, record_ns[there], Counter())
+        return gathered((topic, TYPE, MATCH, frame), self.stamp_ns[there], numbers, self.record_ns[there], Counter())
 
     @property
     def gaps(self) -> Int64:
@@ -654,6 +721,25 @@ def unplaced(frame: str, others: Sequence[str], topic: str = "", tracks: Sequenc
         hint = f": {robots[0]} > {frame} is missing; in the first part? --join reads it"
     message = f"no pose for frame {frame or 'without a name'}: nothing leads from it to a fixed frame{hint}"
     return Finding("frames", "warning", topic, frame, message, mend="statics")
+
+
+def clock_words(topic: str, delay: float) -> str:
+    """Return that poses are stamped by another clock than the sweeps, `delay` later [s]."""
+    side = "ahead of" if delay > 0.0 else "behind"
+    return f"the clock of {topic} is {abs(delay):,.2f} s {side} that of the sweeps"
+
+
+def apart_finding(key: Key, chain: PoseChain, delay: float) -> Finding:
+    """Return the finding on a told path that has no pose at any sweep; `delay`: by how much it is late [s], 0: unknown."""
+    words, span = f"no sweep of {key[0]} has a pose", chain.span_ns
+    if not delay:
+        together = f"the links {chain.frames} are never known at the same time"
+        is_split = span is not None and span[0] > span[1]
+        why = together if is_split else f"those of {chain.topics[0]} are of other times"
+        return Finding("clock", "error", *key, f"{words}: {why}")
+    fix = Fix("option", f"--pose-delay {delay:.2f}") if abs(delay) <= MOST_DELAY else None
+    words = f"{words}: {clock_words(chain.topics[0], delay)} ({fix.text if fix else 'clean --mend clock'})"
+    return Finding("clock", "error", *key, words, {"delay": delay}, {"delay": LONGEST_DELAY}, fix, "clock")
 
 
 def way_findings(chain: PoseChain, links: Sequence[Track], topic: str = "") -> list[Finding]:

@@ -10,10 +10,12 @@ from typing import NamedTuple
 
 import numpy as np
 
+from lidarcli.findings import APART
 from lidarcli.foxglove import SCAN
 from lidarcli.logs.clouds import Levelled
 from lidarcli.pose.tracks import (
     ODOMETRY,
+    SECOND_NS,
     TRANSFORMS,
     WITH_COVARIANCE,
     Motion,
@@ -115,6 +117,21 @@ class PoseChain:
         moving = [step.track for step in self.steps if not step.track.static] or [self.steps[0].track]
         return max(track.record_ns[0] for track in moving), min(track.record_ns[1] for track in moving)
 
+    def recorded_delay_ns(self, stamps: tuple[int, int], records: tuple[int, int]) -> int:
+        """Return by how much poses of another clock are later than the sweeps, by record times [ns]; 0 where none tell.
+
+        `stamps`, `records`: the first and last of the sweeps [ns].
+        """
+        span, own = self.span_ns, self.record_ns
+        if span is None or span[1] <= span[0] or own[1] < records[0] or records[1] < own[0]:
+            return 0
+        ends = [[record - stamp for record, stamp in zip(*each, strict=True)] for each in ((own, span), (records, stamps))]
+        delay_ns = (sum(ends[1]) - sum(ends[0])) // 2
+        is_steady = all(abs(last - first) <= SECOND_NS for first, last in ends)
+        if not is_steady or abs(delay_ns) <= APART * SECOND_NS:
+            return 0
+        return delay_ns - (0 if self.correction is None else self.correction.delay_ns)
+
     def at(self, stamp_ns: Int64) -> Motion:
         """Return the pose of the sensor in the world at each time (S,), NaN outside the span of any moving link."""
         if self.correction is not None:
@@ -187,10 +204,14 @@ class PoseSources:
     taken unasked: they may be those of several robots. Poses in the namespace of the sweeps come first.
     """
 
-    def __init__(self, tracks: Sequence[Track], wanted: str | None = None, scans: Collection[str] = ()) -> None:
-        """`wanted`: topic of the poses that the user chose; `scans`: all topics of the log with sweeps."""
+    def __init__(
+        self, tracks: Sequence[Track], wanted: str | None = None, scans: Collection[str] = (), *, on_map: bool = False
+    ) -> None:
+        """`wanted`: topic of the poses that the user chose; `scans`: all topics of the log with sweeps; `on_map`: the one
+        chain by which the robot knew where it was on its map is chosen, if there is one.
+        """
         self.tracks = tuple(tracks)
-        self._wanted = wanted
+        self._wanted, self._on_map = wanted, on_map
         self._scans = tuple(scans)
         self._trees: dict[str, FrameTree] = {}
         self._ways: dict[tuple[str, str], tuple[PoseChain | None, tuple[str, ...], tuple[str, ...]]] = {}
@@ -200,6 +221,11 @@ class PoseSources:
         """Topics with poses."""
         return tuple(dict.fromkeys(track.topic for track in self.tracks))
 
+    def localised(self, frame_id: str, topic: str = "") -> PoseChain | None:
+        """Return the chain by which the robot knew where the sensor was on its map; None where the log tells none."""
+        chain = PoseSources(self.tracks, None, self._scans, on_map=True).chain(frame_id, topic)
+        return chain if chain is not None and _last(chain.world) == MAP else None
+
     def chain(self, frame_id: str, topic: str = "") -> PoseChain | None:
         """Return the chosen chain for the sensor frame of a topic; None without a source."""
         return self._choice(frame_id, topic)[0]
@@ -207,7 +233,7 @@ class PoseSources:
     def chains(self, frame_id: str, topic: str = "") -> list[PoseChain]:
         """Return the chosen chain, then those to the other fixed frames of the tree and by the other topics."""
         chosen = self.chain(frame_id, topic)
-        if chosen is None or self._wanted is not None:
+        if chosen is None or self._wanted is not None or self._on_map:
             return [] if chosen is None else [chosen]
         tree = self._tree(topic)
         frame = tree.sensor(frame_name(frame_id))
@@ -235,6 +261,9 @@ class PoseSources:
             alike: tuple[str, ...] = ()
             if self._wanted is None:
                 chosen, alike = self._unasked(frame, topic)
+                if self._on_map and (chosen is None or _last(chosen.world) != MAP):
+                    found = self._unasked(frame, topic, MAP)
+                    chosen, alike = found if any(found) else (chosen, alike)
             else:
                 chosen = next(iter(self._of_topic(frame, topic, self._wanted)), None)
             used = {*chosen.topics} if chosen else {*alike}
@@ -249,14 +278,14 @@ class PoseSources:
             self._trees[topic] = FrameTree([track for track in self.tracks if track.is_link], topic, self._scans)
         return self._trees[topic]
 
-    def _unasked(self, frame: str, topic: str) -> tuple[PoseChain | None, tuple[str, ...]]:
-        """Return the chain to take unasked; none, and the topics, where several are alike."""
-        if (chain := self._by_tree(frame, topic, self._tree(topic))) is not None:
+    def _unasked(self, frame: str, topic: str, world: str = "") -> tuple[PoseChain | None, tuple[str, ...]]:
+        """Return the chain to take unasked; none, and the topics, where several are alike; `world`: no tree, but this."""
+        if not world and (chain := self._by_tree(frame, topic, self._tree(topic))) is not None:
             return chain, ()
         found = []
         for track in self.tracks:
             rank, near = None if track.is_link else _rank(track), nearness(track.topic, topic, self._scans)
-            if rank is not None and near is not None:
+            if rank is not None and near is not None and world in ("", _last(track.parent)):
                 chain = self._by_track(frame, topic, track)
                 mountless = bool(chain.assumption) and track.type == ODOMETRY
                 found.append(((-near, rank[0], mountless, rank), -track.messages, track.topic, track, chain))
@@ -318,6 +347,8 @@ class PoseSources:
             if mount is not None:
                 helping = dict.fromkeys(step.track.topic for step in mount)
                 return PoseChain((track.topic, *helping), frame, world, (*mount, last))
+        elif self._on_map and (mount := self._tree(topic).to_base(frame)):
+            return PoseChain((track.topic,), frame, world, (*mount, last))
         taken = f"the sensor {frame or 'without a frame name'} is taken to be at "
         taken += f"{track.child}: {MOUNTLESS}" if track.child else "the pose itself"
         return PoseChain((track.topic,), frame, world, (last,), assumption=taken)
@@ -358,7 +389,9 @@ def _rank(track: Track) -> tuple[int, int] | None:
 
 MOUNTLESS = "its mount is not in the log"
 """End of an assumption on where the sensor is on its robot."""
-WORLDS = ("map", "odom", "world", "camera_init")
+MAP = "map"
+"""Name of the fixed frame of a map."""
+WORLDS = (MAP, "odom", "world", "camera_init")
 """Names of fixed frames, the better one first; a prefix (robot_0/odom) does not matter."""
 
 

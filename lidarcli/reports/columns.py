@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lidarcli.sweeps import Float64, Int32, Int64, spared
+from lidarcli.zone import TIMEOUT
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -175,6 +176,14 @@ class Sight(NamedTuple):
     def share(self) -> float:
         """Share of the sweeps."""
         return self.observed / self.sweeps if self.sweeps else 0.0
+
+
+def missing_of(stamp_ns: Int64) -> int:
+    """Return how many sweeps are missing in gaps above `TIMEOUT` of increasing stamps (S,) [ns]."""
+    steps = np.diff(stamp_ns) * 1e-9
+    step = float(np.median(steps)) if len(steps) else 0.0
+    gaps = steps[steps > max(TIMEOUT, 1.5 * step)]
+    return int(np.maximum(np.rint(gaps / step) - 1.0, 0.0).sum()) if len(gaps) and step else 0
 
 
 def least_observed(sights: Iterable[Sight]) -> Sight | None:

@@ -14,7 +14,7 @@ from lidarcli.errors import OptionError
 from lidarcli.masks import Circle
 from lidarcli.palette import ZONE_COLOURS
 from lidarcli.reports.checks import Check, Verdict, accepts, count_events, parse_check, verdict_of
-from lidarcli.reports.columns import Origin, Record, Rows, Sight, ZoneRows, least_observed
+from lidarcli.reports.columns import Origin, Record, Rows, Sight, ZoneRows, least_observed, missing_of
 from lidarcli.reports.document import (
     MARKDOWN,
     PAGE,
@@ -34,7 +34,7 @@ from lidarcli.reports.wording import NONE, column, counted, in_unit, number, per
 from lidarcli.sweeps import Bool, Float64, Int64
 from lidarcli.tabular.reading import note_value, notes_of
 from lidarcli.tabular.writing import PARAMETERS
-from lidarcli.zone import SENSOR, TIMEOUT, WORLD, outline
+from lidarcli.zone import SENSOR, WORLD, outline
 
 _ZONE_NAMED = re.compile(r"\bzone\s*([=!])=\s*([\w-]+)")
 """A zone that the condition of a check names, and whether it is the one or any other."""
@@ -152,12 +152,8 @@ def sights_of(zone_rows: ZoneRows, zone: str) -> list[Sight]:
     mine = mine[np.lexsort((stamp[mine], key[mine]))]
     found = [Sight(name, 0, 1) for name, left_out in zone_rows.left_out if left_out == zone]
     for some in np.split(mine, np.flatnonzero(np.diff(key[mine])) + 1) if len(mine) else ():
-        stamps: Int64 = np.unique(stamp[some])
-        steps = np.diff(stamps) * 1e-9
-        step = float(np.median(steps)) if len(steps) else 0.0
-        gaps = steps[steps > max(TIMEOUT, 1.5 * step)]
-        missing = int(np.maximum(np.rint(gaps / step) - 1.0, 0.0).sum()) if len(gaps) else 0
-        found.append(Sight(logs[log[some[0]]], int(observed[some].sum()), len(some) + missing))
+        sweeps = len(some) + missing_of(np.unique(stamp[some]))
+        found.append(Sight(logs[log[some[0]]], int(observed[some].sum()), sweeps))
     return found
 
 

@@ -194,6 +194,23 @@ def test_a_sensor_that_was_driven_on_in_a_corridor(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize(
+    ("yaw", "x", "y", "statuses"),
+    [(0.5 * np.pi, 1.4, 1.4, ["known"]), (0.0, -1.0, 0.6, ["moved"]), (0.0, 1.4, 1.4, ["known"])],
+)
+def test_a_square_room_that_is_turned_has_no_moved_thing(
+    tmp_path: Path, yaw: float, x: float, y: float, statuses: list[str]
+) -> None:
+    """The turn that explains all wins over the old place and a thing that was moved just so; half of it does not."""
+    room = closed(((-3, -3), (3, -3), (3, 3), (-3, 3)))
+    one = write_run(tmp_path / "one.mcap", (room, make.box(1.4, 1.4, 0.4, 0.4, 0.0)), seed=1)
+    other = write_run(tmp_path / "other.mcap", (room, make.box(x, y, 0.4, 0.4, 0.0)), parked(yaw=yaw), seed=2)
+    found = package.diff(one, other, align="search")
+    assert [row["status"] for row in found.changes.to_pylist()] == statuses
+    assert found.steps[0].motion.turn == pytest.approx(yaw, abs=0.01)
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("size", [(0.4, 0.4), (0.45, 0.3), (0.5, 0.3), (0.8, 0.5)])
 def test_runs_that_are_exchanged_tell_the_mirror_image(size: tuple[float, float], monday: str, tmp_path: Path) -> None:
     """Also where a part of the place of a box was seen free, as another one stands there."""

@@ -91,6 +91,9 @@ def test_intervals_have_two_windows_with_corrections_alike() -> None:
     found[2, 4] = 2.0
     assert [part.tolist() for part in intervals_of(np.arange(14), state, found)] == [[7, 9]]
     assert intervals_of(np.arange(0), state[:0], found[:0]) == []
+    # Alone is enough where it explains much more.
+    found[12, 2] = 0.4
+    assert [part.tolist() for part in intervals_of(np.arange(14), state, found)] == [[7, 9], [12]]
 
 
 @pytest.mark.slow

@@ -257,7 +257,7 @@ def test_a_delay_that_was_named_is_judged_and_taken(tmp_path: Path) -> None:
     assert run.verdict()[0] == "told"
     # The last pose of the log holds for 0.1 s.
     assert np.nanmax(away(run.path, round_about)) < 0.05
-    (path,) = checked(log, delay_ns=QUARTER, named=True).values()
+    (path,) = checked(log, delay_ns=QUARTER, named="they were named").values()
     assert path.chain is not None
     assert path.chain.correction is not None
     assert path.chain.correction.delay_ns == QUARTER

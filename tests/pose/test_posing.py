@@ -191,7 +191,7 @@ def test_clocks_that_differ_are_not_mixed() -> None:
     assert poses is not None
     assert np.isnan(poses.x).all()
     assert notes[1] == (
-        "40 of 40 sweeps of frame laser have no pose: the clock of /odom differs, its stamps are 8,035,195.000 s apart"
+        "40 of 40 sweeps of frame laser have no pose: the clock of /odom is 8,035,200.00 s behind that of the sweeps"
     )
     # Recorded at other times, it is no fault of a clock.
     _, notes = posed([message._replace(record_ns=message.record_ns - far) for message in messages])

@@ -437,6 +437,10 @@ def search(first: Nearest, second: Nearest, proposed: list[Motion]) -> Alignment
     if stays:
         exact = fit(first, second, HERE)
         best = here if exact.gain < here.gain - CLEARLY or exact.rms > here.rms + SMALL else exact
+        # A motion that explains most of what is not in place is likelier than a thing that was moved just so.
+        most = [each for each in whole if each.lies and 2 * (each.against + CLEARLY) < best.against]
+        if most:
+            best, stays, whole = most[0], False, most
     rivals = [
         each
         for each in whole

@@ -288,7 +288,7 @@ def poses(
             found = localise(source, path, parsed, read_site(fspath(map)), relocate, progress=tell)
         else:
             found = write_path(source, path, parsed, tell)
-    doubts = found.lines if isinstance(found, LocalisedPath) and not found.tells else []
+    doubts = found.lines if isinstance(found, LocalisedPath) and not (found.tells and found.least is None) else []
     for line in [*found.damage, *doubts]:
         warn(f"{source.label}: {line}")
     return found.table

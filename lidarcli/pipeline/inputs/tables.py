@@ -310,13 +310,24 @@ def world_in(description: Mapping[str, Any], topic: str) -> str:
     return world.strip("/") if isinstance(world, str) else ""
 
 
-def contradicted(description: Mapping[str, Any]) -> set[str]:
-    """Return the topics whose sweeps contradict the told poses, by the description of the poses of a sensor."""
-    from lidarcli.pose.fit import CORRECTED
+def contradicted(description: Mapping[str, Any]) -> dict[str, tuple[str, bool]]:
+    """Return the topics whose sweeps contradict the told poses, by the description of the poses of a sensor: what is wrong
+    and the way out in words, and True where no sweep has a pose, as clocks differ.
+    """
+    from lidarcli.pose.fit import CORRECTED, clock_words
 
-    fits = description.get("pose_fit")
-    fits = fits if isinstance(fits, dict) else {}
-    return {topic for topic, fit in fits.items() if isinstance(fit, int | float) and fit < CORRECTED}
+    fits, delays, found = description.get("pose_fit"), description.get("pose_delay"), {}
+    for topic, fit in fits.items() if isinstance(fits, dict) else ():
+        if not isinstance(fit, int | float) or not fit < CORRECTED:
+            continue
+        delay = delays.get(topic) if isinstance(delays, dict) else 0.0
+        is_apart = fit == 0.0 and bool(delay is None or delay)
+        words = f"contradict the sweeps of {topic}; nothing written; give other poses (--pose TOPIC, --poses FILE)"
+        if is_apart:
+            why = clock_words("these", delay) if delay else "no sweep has one"
+            words = f"are of other times than {topic}, {why}; nothing written; --pose-delay or clean --mend clock may help"
+        found[topic] = words, is_apart
+    return found
 
 
 KEYS = ("log", "topic")

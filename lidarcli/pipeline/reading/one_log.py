@@ -356,9 +356,11 @@ def named_files(options: ReadingOptions) -> list[str]:
 def read_log(
     source: Source, options: ReadingOptions, need: Need = Need.TOLD, first: Reading | None = None
 ) -> Iterator[Reading]:
-    """Open a log for its sweeps, of one world; `need` and `first` as of `Reading`."""
+    """Open a log for its sweeps, of one world; `need` and `first` as of `Reading`, errors also of `refuse_apart`."""
     read = replace(options.read, run=options.read.run or LONGEST)
     with open_source(source, options.opening) as log, Reading(log, read, options.poses, need, first) as reading:
+        # A path of its own would pass for the one that the log tells.
+        reading.all_runs.refuse_apart()
         yield reading
 
 

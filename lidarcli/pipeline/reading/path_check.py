@@ -86,6 +86,8 @@ class CheckedPath:
     """Notes on the path; of what is a fault of the log, the finding."""
     remark: str = ""
     """Agreement of the sweeps under a told path, in words."""
+    apart: Finding | None = None
+    """The finding that no sweep has a told pose, though the log tells a path."""
     sample: candidates.SweepSample | None = None
     """Sweeps of all of the run."""
 
@@ -120,7 +122,7 @@ class CheckedPath:
             found |= {"pose_agreement": _rounded(self.agreement.all), "pose_again": _rounded(self.agreement.again)}
             found["pose_drift"] = _rounded(self.drift)
         if self.fit is not None:
-            found |= {"pose_fit": _rounded(self.fit.share), "pose_delay": self.fit.delay}
+            found |= {"pose_fit": _rounded(self.fit.share), "pose_delay": _rounded(self.fit.delay)}
         return found | ({} if self.timing.order == fitting.AUTO else {"beam_order": self.timing.order})
 
 
@@ -266,7 +268,7 @@ class StandingWatch:
             self._look.settle()
             if not self._look.stands:
                 raise SensorMovedError
-            here = _Choice(next(iter(self._keys))[0], self._look, named=False, match=False).first()[0]
+            here = _Choice(next(iter(self._keys))[0], self._look, named="", match=False).first()[0]
         return {key: here for key, _ in self._keys}
 
 
@@ -279,7 +281,7 @@ def check_paths(
     by_run: Sequence[PoseSources] = (),
     run: int | None = None,
     delay_ns: int = 0,
-    named: bool = False,
+    named: str = "",
     match: bool = False,
     need: Need = Need.MOVING,
     wanted: bool = True,
@@ -294,7 +296,7 @@ def check_paths(
     run : the one run to look at; None or `LONGEST` for all
     choice : topics to read
     delay_ns : the pose of a sweep is told so much after its stamp [ns]
-    named : the user has named the poses, so they are taken as they are
+    named : why the poses are taken as they are; empty where the sweeps choose
     match : the matched paths are taken in any case
     need : sensors without told poses that need a path
     wanted : False to tell only whether the sensor stands, until it was seen to move
@@ -348,10 +350,12 @@ def check_paths(
             found[key] = replace(found[key], verdict="none", chain=None, notes=(), still=still)
         elif second:
             again[key] = choice_of, second
+        else:
+            found[key] = choice_of.beside(found[key])
     for key, sweeps in _sweeps(log, choice, rules) if again else ():
         for look in again[key][1] if key in again else ():
             look.add(sweeps)
-    return found | {key: choice_of.second(second) for key, (choice_of, second) in again.items()}, sweeps_of
+    return found | {key: one.beside(one.second(second)) for key, (one, second) in again.items()}, sweeps_of
 
 
 def _sweeps(log: Log, choice: TopicChoice, rules: RangeRules) -> Iterator[tuple[tuple[int, Key], SweepBatch]]:
@@ -364,7 +368,7 @@ def _sweeps(log: Log, choice: TopicChoice, rules: RangeRules) -> Iterator[tuple[
 class _Told:
     """The best told path of a sensor, its steps beside the matched ones, and what is to be said of it."""
 
-    def __init__(self, key: Key, chains: Sequence[PoseChain], look: _Look, *, named: bool) -> None:
+    def __init__(self, key: Key, chains: Sequence[PoseChain], look: _Look, *, named: str) -> None:
         self.key, self.named, self._sample = key, named, look.sample
         found = candidates.told_candidates(chains, look.sample)
         self.chosen, self._best = found[0], candidates.best_told(found)
@@ -378,12 +382,32 @@ class _Told:
         stamp_ns, poses, pieces, _ = _in_order(path)
         doubted = best.drift > candidates.DRIFTS or best.by_places < SHARP
         self.taken, self.guide = best, best.chain
-        self.fit = fitting.judge_poses(stamp_ns, poses, partial(candidates.poses_of, best.chain), pieces, doubted=doubted)
-        if self.fit.verdict != "corrected" or self.named:
+        given_at = partial(candidates.poses_of, best.chain)
+        self.fit = fitting.judge_poses(stamp_ns, poses, given_at, pieces, doubted=doubted)
+        if self.fit.verdict == "corrected" and not self.named:
+            self._correct()
+        is_missing = best.agreement.placed < 1.0 - fitting.MOST_UNPLACED
+        if self.steps_fit and not is_missing and not self.taken.drift > candidates.DRIFTS:
             return
-        correction = Correction(round(self.fit.delay * SECOND_NS), lifted(self.fit.mount) if any(self.fit.mount) else None)
-        self.guide = replace(best.chain, correction=correction.after(best.chain.correction))
-        corrected = candidates.Candidate("corrected", self.guide, self._sample.agreement(self.guide))
+        far = fitting.far_delay(stamp_ns, poses, given_at, pieces, best.chain.span_ns, _recorded(best.chain, path))
+        if far is None:
+            return
+        corrected = self._corrected_by(far)
+        if not corrected.by_places <= self.taken.by_places + candidates.CLEARLY:
+            self.fit = replace(far, as_told=self.fit.share)
+            self.taken, self.guide = (self.taken, self.guide) if self.named else (corrected, corrected.chain)
+
+    def _corrected_by(self, fit: fitting.PoseFit) -> candidates.Candidate:
+        """Return the best told path with the delay and the mount of a fit."""
+        chain = self._best.chain
+        correction = Correction(round(fit.delay * SECOND_NS), lifted(fit.mount) if any(fit.mount) else None)
+        chain = replace(chain, correction=correction.after(chain.correction))
+        return candidates.Candidate("corrected", chain, self._sample.agreement(chain))
+
+    def _correct(self) -> None:
+        """Take the delay and the mount with which the steps fit, unless the sweeps agree less with them."""
+        best, corrected = self._best, self._corrected_by(self.fit)
+        self.guide = corrected.chain
         is_told_fit = self.fit.as_told >= fitting.ACCEPTED
         # A mount of poses whose steps fit without it has to do better, other corrections only no harm.
         least = candidates.CLEARLY if is_told_fit and any(self.fit.mount) else -candidates.DRIFTS
@@ -412,7 +436,7 @@ class _Told:
         """Yield what is to be said where the path is taken."""
         chosen, agreed, end = self.chosen, self.taken.agreement, ""
         if self.named:
-            end = "taken as they are, because they were named"
+            end = f"taken as they are, because {self.named}"
         if self.taken.chain.steps != chosen.chain.steps:
             words = (
                 f"{chosen.by_places:.0%} of the hits agree under {chosen.chain.frames}, {self.taken.by_places:.0%} under "
@@ -426,7 +450,7 @@ class _Told:
         if self.fit.verdict == "corrected":
             yield self._corrected(end)
         if self.named and not self.steps_fit:
-            yield self.unfit("they are taken because they were named")
+            yield self.unfit(f"they are taken because {self.named}")
 
     def replaced(self, matched: candidates.Candidate, taken: str) -> Finding:
         """Return the finding on a path in place of which the matched one is `taken`."""
@@ -503,11 +527,13 @@ class _Told:
 class _Choice:
     """The choice of the path of one sensor, after one look at its sweeps or two."""
 
-    def __init__(self, key: Key, look: _Look, *, named: bool, match: bool) -> None:
+    def __init__(self, key: Key, look: _Look, *, named: str, match: bool) -> None:
         self.key, self.look, self.named, self.match = key, look, named, match
         look.sample.timing, stamp_ns = look.path.timing, look.sample.stamp_ns
         known = [chain for chain in look.chains if np.isfinite(candidates.poses_of(chain, stamp_ns)).any()]
         self.told = _Told(key, known, look, named=named) if known else None
+        self.is_apart = bool(look.chains and len(stamp_ns)) and look.chains[0] not in known
+        """True where no sweep has a pose by the best of the told paths."""
 
     def first(self) -> tuple[CheckedPath, list[_Look]]:
         """Return the path as far as one look tells it, and the looks at all sweeps that are needed to decide."""
@@ -556,6 +582,23 @@ class _Choice:
         checked = self._with_matched(look.path, matched, is_led=look.guess is not None)
         taken = "the path is matched from the sweeps"
         return replace(checked, notes=(told.replaced(matched, taken), *checked.notes))
+
+    def beside(self, found: CheckedPath) -> CheckedPath:
+        """Return a path with the finding on the best of the told ones, where no sweep has a pose by it."""
+        if not self.is_apart:
+            return found
+        chain, path = self.look.chains[0], self.look.path
+        recorded_ns, at = _recorded(chain, path), partial(candidates.poses_of, chain)
+        far = fitting.far_delay(found.stamp_ns, found.matched, at, found.pieces, chain.span_ns, recorded_ns)
+        delay = recorded_ns / SECOND_NS if far is None else far.delay
+        delay += chain.correction.delay_ns / SECOND_NS if delay and chain.correction is not None else 0.0
+        note = fitting.apart_finding(self.key, chain, round(delay, 2))
+        # That named poses are of other times is noted anyway.
+        notes = (note, *found.notes) if delay or not self.named else found.notes
+        if self.told is not None:
+            return replace(found, notes=(replace(note, level="warning"), *found.notes))
+        fit = fitting.PoseFit("rejected", 0.0, 0, round(delay, 2) or float("nan"))
+        return replace(found, fit=fit, notes=notes, apart=note)
 
     def _again(self, guess: PoseChain | None) -> _Look:
         """Return a look at all sweeps, with the order of the beams that the first look found."""
@@ -637,6 +680,12 @@ class _Choice:
         words = f"no path fits the sweeps: matched {matched.agreement.all:.0%}, standing still {standing.all:.0%}"
         note = self.told.no_path(words) if self.told else f"{words} of the hits agree: no poses"
         return replace(self._checked("none", None, path), agreement=standing, notes=(note,))
+
+
+def _recorded(chain: PoseChain, path: fitting.MatchedPath) -> int:
+    """Return the delay of told poses that record times tell [ns]; 0 for none."""
+    ends = [(int(each.min()), int(each.max())) for each in (path.stamp_ns, path.record_ns) if len(each)]
+    return chain.recorded_delay_ns(*ends) if ends else 0
 
 
 def _in_order(path: fitting.MatchedPath) -> tuple[Int64, Float64, Float64, Float64]:

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 import numpy as np
 
-from lidarcli.choices import BEAM_ORDERS, MATCH
+from lidarcli.choices import BEAM_ORDERS, MATCH, MOST_DELAY
 from lidarcli.display import Routine, headed, moment, some_of
-from lidarcli.errors import NoScanError, OptionError
+from lidarcli.errors import NoScanError, OptionError, UnreadableError
 from lidarcli.findings import Finding
 from lidarcli.logs.base import POSE_TYPES, POSED_TYPES, Log, Message, ReadReport, Topic
 from lidarcli.logs.batches import ReadOptions
@@ -40,9 +40,6 @@ MOST_TOLD = 8
 """Runs of a log of whose poses there are notes."""
 NONE = "none"
 """Value of `--pose` for no poses at all."""
-MOST_DELAY = 3600.0
-"""Greatest `--pose-delay` [s], either way: what is more is another clock."""
-
 _ODOMETRY = "odom"
 """Part of the names of worlds that begin anew in every run."""
 
@@ -91,6 +88,8 @@ class PoseOptions:
     """True to place every beam by the pose at its own time, where headers tell how long a sweep takes."""
     given: GivenPaths | None = None
     """Paths that are known already, in place of all others."""
+    on_map: bool = False
+    """True where a map judges the path: that which the log tells of the robot on its map, as it is."""
     together: bool = False
     """True where sensors of one robot are followed together, in one world."""
 
@@ -185,8 +184,8 @@ def find_poses(log: Log, options: PoseOptions | None = None) -> FoundPoses | Non
     scans = [topic.name for topic in listed if topic.is_scan]
     runs = max((len(track.parts) for track in read.tracks), default=0)
     parts = [[one for track in read.tracks if (one := track.parts[run] if track.parts else track)] for run in range(runs)]
-    by_run = tuple(PoseSources(tracks, wanted, scans) for tracks in parts)
-    return FoundPoses(PoseSources(read.tracks, wanted, scans), read.notes, read.report, by_run)
+    whole, *by_run = (PoseSources(one, wanted, scans, on_map=options.on_map) for one in (read.tracks, *parts))
+    return FoundPoses(whole, read.notes, read.report, tuple(by_run))
 
 
 @dataclass(frozen=True, slots=True)
@@ -274,8 +273,8 @@ class PoseAttacher:
     """Frame and namespace of sweeps → their counts."""
     paths: Mapping[tuple[str, str], CheckedPath] = field(default_factory=dict)
     """Topic and frame → what a first pass over its sweeps tells of its path."""
-    named: bool = False
-    """True where the user chose the poses."""
+    named: str = ""
+    """Why the poses are taken as they are; empty where the sweeps choose."""
     run: int = 1
     """Run of the log whose poses these are."""
     runs: dict[int, PoseAttacher] = field(default_factory=dict)
@@ -304,7 +303,8 @@ class PoseAttacher:
         clouds = frozenset(made_of_clouds(log))
         posing = cls(found, missed, str(options.file or ""), options.delay or 0.0, options.order, options.deskew, clouds)
         chosen = options.source, options.file, options.delay, options.given
-        posing.named = found is not None and any(one is not None for one in chosen)
+        if found is not None and (options.on_map or any(one is not None for one in chosen)):
+            posing.named = "they are what is judged" if options.on_map else "they were named"
         match = options.source == MATCH
         is_all = (read.start, read.end, read.every, read.rules.masks) == (None, None, 1, None) and not (read.run or match)
         if need is Need.STANDING and found is None and log.size is not None and is_all and len(choice.chosen) == 1:
@@ -407,7 +407,7 @@ class PoseAttacher:
                 absent[rows] = True
                 continue
             some = True
-            fits[rows] = self.named or path is None or not path.is_contradicted
+            fits[rows] = bool(self.named) or path is None or not path.is_contradicted
             first_ns, lasts_ns = self._times_ns(mine, path)
             at_ns = later(mine.stamp_ns, first_ns)
             motion = chain.at(at_ns)
@@ -475,6 +475,20 @@ class PoseAttacher:
         every = [*self.runs.values()][:MOST_TOLD]
         told = [headed(f"run {one.run}: ", line) for one in every for line in one.own_notes()]
         return told if every else self.own_notes()
+
+    def refuse_apart(self) -> None:
+        """Refuse a matched path in place of one that the log tells, of which no sweep has a pose (`UnreadableError`)."""
+        for path in (path for each in self.every for path in each.paths.values()):
+            if path.verdict == "matched" and path.apart is not None:
+                raise UnreadableError(f"{path.apart.message}; or --pose match, the path matched from the sweeps")
+
+    @property
+    def is_other(self) -> bool:
+        """True where a path is not the one by which the robot knew where it was on its map, though the log tells that."""
+        if self.named or self.found is None or not hasattr(sources := self.found.sources, "localised"):
+            return False
+        every = ((sources.localised(frame, topic), path) for (topic, frame), path in self.paths.items())
+        return any(own is not None and (path.chain is None or path.chain.steps != own.steps) for own, path in every)
 
     def own_notes(self) -> list[str]:
         """Return the notes on one run."""
@@ -587,7 +601,7 @@ class PoseAttacher:
             lines.append(chain.assumption)
         if path is not None and path.is_doubtful and not path.notes:
             lines.append(f"poses from {chain.topics[0]} are {path.remark}")
-        if stats.without and not is_matched:
+        if stats.without and not is_matched and not (path is not None and path.apart in path.notes):
             gap = _gap(name, chain, stats)
             lines.append(gap if stats.without > UNPLACED * stats.sweeps else Routine(gap))
         if stats.tilt > TILTED:
@@ -658,11 +672,11 @@ def _gap(name: str, chain: PoseChain, stats: FrameStats) -> str:
         return line
     if span[0] > span[1]:
         return f"{line}: the links {chain.frames} are never known at the same time"
-    apart = max(span[0] - stats.last_ns, stats.first_ns - span[1])
-    records = chain.record_ns
-    together = records[0] <= stats.record_ns[1] and stats.record_ns[0] <= records[1]
-    if stats.without == stats.sweeps and apart > 0 and together:
-        return f"{line}: the clock of {chain.topics[0]} differs, its stamps are {apart * SECOND:,.3f} s apart"
+    delay_ns = chain.recorded_delay_ns((stats.first_ns, stats.last_ns), stats.record_ns)
+    if stats.without == stats.sweeps and delay_ns:
+        from lidarcli.pose.fit import clock_words
+
+        return f"{line}: {clock_words(chain.topics[0], delay_ns * SECOND)}"
     return f"{line}: they are outside the span of {chain.topics[0]}"
 
 
