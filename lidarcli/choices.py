@@ -18,7 +18,7 @@ MOST_SHARDS = 1_000_000
 """Greatest number of shares of a run (`--shard`)."""
 PROFILES = ("robust", "paper")
 """Sets of defaults for the detection; the first by default."""
-AGENT_SCORE = 0.5
+AGENT_SCORE = 0.55
 """Least probability that a thing goes by itself, from which on it is an agent (`track`)."""
 MIN_THING = 0.3
 """Least probability that an object is a thing and not a piece of building; anything less counts as wall."""
