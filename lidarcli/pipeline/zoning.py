@@ -48,7 +48,7 @@ from lidarcli.reports.programs import as_junit
 from lidarcli.reports.wording import counted
 from lidarcli.reports.zones import NEVER, WHO, figures_of, judge_zones, parse_zone_check, unobserved, zones_in
 from lidarcli.stores import Place
-from lidarcli.sweeps import SweepBatch
+from lidarcli.sweeps import SweepBatch, spared
 from lidarcli.tabular.columns import COARSE, FORMS, answers, are, codes, constant
 from lidarcli.tabular.reading import AGAIN, HeldTable, TopicRows, read_columns
 from lidarcli.tabular.schemas import DIRECTIONS, EVENT_KINDS, SCHEMAS
@@ -264,6 +264,12 @@ class ZoneReader:
             with self._judging(zone):
                 gaps += [*self._gaps(zone)]
         by_zone = [one for zone in self._zones for one in self._events_in(zone)]
+        gaps += [
+            f"zone '{one.zone.name}': {one.lost[0]:,} of {counted(len(one.topic), 'sweep')} do not show up to "
+            f"{one.lost[1]:.0%} of it (lost beams, or a silent sensor)"
+            for one in by_zone
+            if one.lost[0] > spared(len(one.topic))
+        ]
         self.acts = acts_of(told, self._late_ns or 0, by_zone)
         summary.notes += [*self._notes, *notes, *self._frames.notes(), *gaps, *map(str, self._lost.values())]
         return summary, by_zone, described

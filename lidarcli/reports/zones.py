@@ -34,7 +34,7 @@ from lidarcli.reports.wording import NONE, column, counted, in_unit, number, per
 from lidarcli.sweeps import Bool, Float64, Int64
 from lidarcli.tabular.reading import note_value, notes_of
 from lidarcli.tabular.writing import PARAMETERS
-from lidarcli.zone import SENSOR, TIMEOUT, WORLD, outline
+from lidarcli.zone import SENSOR, UNSEEN, WORLD, outline
 
 _ZONE_NAMED = re.compile(r"\bzone\s*([=!])=\s*([\w-]+)")
 """A zone that the condition of a check names, and whether it is the one or any other."""
@@ -144,18 +144,29 @@ def _values(zone_rows: ZoneRows, zone: str, columns: Mapping[str, Float64]) -> d
 
 
 def sights_of(zone_rows: ZoneRows, zone: str) -> list[Sight]:
-    """Return how a zone was observed in each log that has it; those missing in gaps above `TIMEOUT` count, too."""
+    """Return how a zone was observed in each log that has it; sweeps that are missing for longer than `UNSEEN` count, too.
+
+    They are missing where no sensor has any; in the frame of the sensor, where one of them has none.
+    """
     rows, mine = zone_rows.zones, np.flatnonzero(of_zone(zone_rows.zones, zone))
-    (log, logs), observed, stamp = rows.words("log"), rows.numbers("observed"), rows.integers("stamp")
+    (log, logs), (topic, _), observed, stamp = (
+        *map(rows.words, ("log", "topic")),
+        rows.numbers("observed"),
+        rows.integers("stamp"),
+    )
     key = rows.source.astype(np.int64) * max(len(logs), 1) + log
+    apart = topic * (zone_rows.shapes.get(zone, {}).get("frame") == SENSOR)
     mine = mine[np.lexsort((stamp[mine], key[mine]))]
     found = [Sight(name, 0, 1) for name, left_out in zone_rows.left_out if left_out == zone]
     for some in np.split(mine, np.flatnonzero(np.diff(key[mine])) + 1) if len(mine) else ():
-        stamps: Int64 = np.unique(stamp[some])
-        steps = np.diff(stamps) * 1e-9
-        step = float(np.median(steps)) if len(steps) else 0.0
-        gaps = steps[steps > max(TIMEOUT, 1.5 * step)]
-        missing = int(np.maximum(np.rint(gaps / step) - 1.0, 0.0).sum()) if len(gaps) else 0
+        ends = stamp[some[[0, -1]]]
+        missing = 0
+        for one in np.unique(apart[some]).tolist():
+            own: Int64 = np.unique(stamp[some[apart[some] == one]])
+            step = float(np.median(np.diff(own))) * 1e-9 if len(own) > 1 else UNSEEN
+            steps = np.diff(own, prepend=ends[:1], append=ends[1:]) * 1e-9
+            gaps = steps[steps > max(UNSEEN, 1.5 * step)]
+            missing += int(np.maximum(np.rint(gaps / step) - 1.0, 0.0).sum())
         found.append(Sight(logs[log[some[0]]], int(observed[some].sum()), len(some) + missing))
     return found
 
