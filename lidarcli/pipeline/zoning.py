@@ -266,7 +266,7 @@ class ZoneReader:
         by_zone = [one for zone in self._zones for one in self._events_in(zone)]
         gaps += [
             f"zone '{one.zone.name}': {one.lost[0]:,} of {counted(len(one.topic), 'sweep')} do not show up to "
-            f"{one.lost[1]:.0%} of it (lost beams, or a silent sensor)"
+            f"{one.lost[1]:.0%} of it (lost beams, or a sensor that hangs or is silent)"
             for one in by_zone
             if one.lost[0] > spared(len(one.topic))
         ]

@@ -179,6 +179,20 @@ class GivenPaths:
         return ()
 
 
+WENT = 0.3
+"""A sensor has moved that is so far from where it was [m, rad]: the poses of one that stands may be corrected."""
+
+
+def went(sources: PoseSources | GivenPaths, topic: str, frame: str, since_ns: Int64, stamp_ns: Int64) -> Bool:
+    """Return whether the sensor of a topic and frame has gone from some stamps to others (S,) [ns], as poses tell."""
+    if (chain := sources.chain(frame, topic)) is None:
+        return np.zeros(len(stamp_ns), np.bool_)
+    way = _between(*(planar(chain.at(each)) for each in (since_ns, stamp_ns)))
+    with np.errstate(invalid="ignore"):
+        gone: Bool = (np.hypot(way[:, 0], way[:, 1]) > WENT) | (np.abs(way[:, 2]) > WENT)
+    return gone
+
+
 class PoseSources:
     """The tracks of a log, and the choice among them for each sensor: the frame of the sweeps of a topic.
 
