@@ -18,7 +18,7 @@ from lidarcli.formalism.zones import Inside, Sight, candidates, collision_steps,
 from lidarcli.logs.base import Log
 from lidarcli.masks import Circle, Mask, Masks, Mount, Polygon, mounted, same_name
 from lidarcli.pipeline.inputs.sources import read_pose_messages
-from lidarcli.pose.sources import WORLDS, FrameTree, Step, along
+from lidarcli.pose.sources import WORLDS, FrameTree, Step, along, namespace
 from lidarcli.pose.tracks import HOLD_STEPS, SECOND_NS, Track, frame_name, planar
 from lidarcli.sweeps import TURN, Bool, Float32, Float64, Int32, Int64, Status, SweepBatch, SweepPoses, UInt8, record
 from lidarcli.tabular.columns import held, numbers
@@ -122,6 +122,14 @@ class Frames:
         if frame_name(sensor).rpartition("/")[2].startswith("base"):
             return sensor
         raise self._lost(sensor, "")
+
+    def carrier_of(self, frame: str, sensor: str) -> tuple[str, str]:
+        """Return the name of the frame of a zone, and the namespace that tells it: robots may have the same names."""
+        target = self.robot_of(sensor) if frame == ROBOT else frame
+        if frame in (SENSOR, WORLD) or mounted(self.mounts, sensor, target) is not None:
+            return target, ""
+        steps = self.tree.path(self.tree.sensor(frame_name(sensor)), frame_name(target))
+        return frame_name(target), namespace(steps[-1].track.topic) if steps else ""
 
     def corners_in(self, sensor: str, frame: str, stamp_ns: int, corners: Float64) -> Float64 | None:
         """Return points (C, 2) of another frame in that of the robot at a time; None where nothing leads there."""

@@ -396,10 +396,14 @@ class ZoneReader:
             )
 
     def _events_in(self, zone: Zone) -> Iterator[ZoneEvents]:
-        """Yield a zone as all sensors see it; one in the frame of the sensor for each of them."""
+        """Yield a zone as all sensors of a robot see it; one in the frame of the sensor for each of them."""
         counted_in = self._counted_in(zone)
-        runs = [[one for one in counted_in if one.run == run] for run in sorted({one.run for one in counted_in})]
-        groups = [[one] for of_run in runs for one in of_run] if zone.frame == SENSOR else runs
+        by_robot: dict[tuple[int, tuple[object, ...]], list[TopicSeries]] = {}
+        for one in counted_in:
+            frame = one.of_zone(zone.name).zone.frame
+            carrier = self._frames.of_topic(one.topic).carrier_of(frame, one.frame_id)
+            by_robot.setdefault((one.run, one.sensor if frame == SENSOR else carrier), []).append(one)
+        groups = [by_robot[key] for key in sorted(by_robot, key=lambda key: key[0])]
         for one in counted_in:
             if one.sensor not in self._agents:
                 self._agents[one.sensor] = self._tracked(one)
