@@ -47,6 +47,8 @@ class Frames:
     _found: dict[tuple[str, str, str], Mount] = field(default_factory=dict)
     _held: dict[str, float] = field(default_factory=dict)
     """Link that moves → longest time for which it is held [s]."""
+    _used: set[str] = field(default_factory=set)
+    """Frames whose places count."""
 
     @classmethod
     def of(cls, log: Log, zones: Zones, mounts: Sequence[Mount] = ()) -> Frames:
@@ -92,6 +94,7 @@ class Frames:
 
     def _along(self, steps: Sequence[Step], stamp_ns: Int64, *, held: bool) -> SweepPoses:
         """Return the places at times (S,); note links that are `held` though they moved."""
+        self._used.update(step.track.child for step in steps)
         for track in (step.track for step in steps if held and step.track.moves):
             first, last = track.span_ns
             beyond = max(first - int(stamp_ns.min()), int(stamp_ns.max()) - last) / SECOND_NS
@@ -101,8 +104,11 @@ class Frames:
         return planar(along(steps, stamp_ns, held=held))
 
     def notes(self) -> list[str]:
-        """Return a note on each link that was held for long, though it moved."""
-        return [
+        """Return a note on each link that was held for long, though it moved, and on those that contradict each other."""
+        from lidarcli.pose.fit import contradictions
+
+        links = self._links[0] if self._links else []
+        return [each.message for each in contradictions(links) if each.frame in self._used] + [
             f"sweeps are up to {seconds:.1f} s beyond the transforms of {link}, which moved: it is held there"
             for link, seconds in self._held.items()
         ]

@@ -19,7 +19,7 @@ from lidarcli.choices import BEAM_ORDERS, MATCH
 from lidarcli.display import some_of, times
 from lidarcli.findings import Finding
 from lidarcli.formalism.scan_matching import Matcher
-from lidarcli.pose.sources import WORLDS, GivenPaths, PoseChain, PoseSources, namespace
+from lidarcli.pose.sources import WORLDS, GivenPaths, PoseChain, PoseSources, by_precedence, namespace
 from lidarcli.pose.tracks import SECOND_NS, Track, flat, frame_name, gathered
 from lidarcli.sweeps import TURN, Bool, Float64, Int64, SweepBatch
 
@@ -707,10 +707,12 @@ def contradictions(links: Sequence[Track]) -> Iterator[Finding]:
         parents = sorted({link.parent for link in mine})
         words = [
             f"{link.topic}: {child} is told at two places in {link.parent}: the last counts"
+            if link.static
+            else f"{link.topic}: {child} is told at two places in {link.parent} at one stamp: the first counts"
             for link in mine
-            if link.static and link.differs
+            if link.differs
         ]
-        mine.sort(key=lambda link: (not link.static, -link.messages))
+        mine = by_precedence(mine)
         words += [
             f"{first.topic} and {second.topic} differ on where {child} is in {parent}: {first.topic} counts"
             for parent in parents
@@ -718,7 +720,8 @@ def contradictions(links: Sequence[Track]) -> Iterator[Finding]:
             if _differ(first, second)
         ]
         if len(parents) > 1 and any(link.static for link in mine):
-            words.append(f"frame {child} has {len(parents)} parents: {some_of(parents)}")
+            last = f"; tf2 takes {mine[0].parent}, told last" if sum(link.static for link in mine) > 1 else ""
+            words.append(f"frame {child} has {len(parents)} parents: {some_of(parents)}{last}")
         for message in words:
             yield Finding("frames", "warning", mine[0].topic, child, message)
 

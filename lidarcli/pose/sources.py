@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
@@ -432,6 +432,13 @@ def nearness(poses: str, topic: str, scans: Collection[str] = ()) -> int | None:
     return None if topic and any(is_within(scan, space) for scan in scans) else 0
 
 
+def by_precedence(links: Sequence[Track]) -> list[Track]:
+    """Return links in the order in which they count: static ones first, the last told before others, then the longest."""
+    static = [one for one in reversed(links) if one.static]
+    static.sort(key=lambda one: -one.record_ns[1])
+    return static + sorted((one for one in links if not one.static), key=lambda one: -one.messages)
+
+
 class FrameTree:
     """The links of a log, both ways, as the sweeps of a topic see them.
 
@@ -443,11 +450,22 @@ class FrameTree:
         self._near: dict[str, dict[str, Step]] = {}
         self._parent: dict[str, Track] = {}
         nearest: dict[str, int] = {}
-        near = [(at, link) for link in links if (at := nearness(link.topic, topic, scans)) is not None]
-        for at, track in sorted(near, key=lambda one: (-one[0], not one[1].static, -one[1].messages)):
+        near = [(at, link) for link in by_precedence(links) if (at := nearness(link.topic, topic, scans)) is not None]
+        joined = Counter(name for _, link in near for name in (link.parent, link.child))
+        for at, track in sorted(near, key=lambda one: -one[0]):
             if track.parent == track.child or not track.parent or not track.child:
                 continue
             if nearest.setdefault(track.child, at) != at:
+                continue
+            # A frame has one parent at a time, unless that is none of the tree.
+            other = self._parent.get(track.child)
+            if (
+                other is not None
+                and other.static
+                and track.static
+                and joined[other.parent] > 1
+                and other.parent != track.parent
+            ):
                 continue
             # Of two links that join the same frames the better one has come first.
             self._near.setdefault(track.child, {}).setdefault(track.parent, Step(track, down=False))

@@ -184,7 +184,7 @@ class Track:
     stretched: float = 0.0
     """Largest deviation of the length of a quaternion from 1, before it was made 1."""
     differs: bool = False
-    """True for a static one that was sent with other numbers, too."""
+    """True for a static one that was sent with other numbers, too, and for one with several poses at one stamp."""
     parts: tuple[Track | None, ...] = ()
     """Its poses of each run of a log whose clock starts anew, None for none; empty where all are of all runs."""
 
@@ -303,7 +303,7 @@ class _Growing:
         )
 
     def finish(self, key: TrackKey) -> Track:
-        """Return the sorted track; of several poses at one stamp the last counts."""
+        """Return the sorted track; of several poses at one stamp the first counts, as in tf2; of static ones the last."""
         topic, kind, parent, child = key
         stamps, numbers = np.concatenate(self.stamps), np.concatenate(self.numbers)
         static = topic.rpartition("/")[2] == "tf_static"
@@ -313,8 +313,10 @@ class _Growing:
         elif (np.diff(stamps) <= 0).any():
             order = np.argsort(stamps, kind="stable")
             stamps, numbers = stamps[order], numbers[order]
-            last = np.append(stamps[1:] != stamps[:-1], True)
-            stamps, numbers = stamps[last], numbers[last]
+            is_first = np.append(True, stamps[1:] != stamps[:-1])
+            again = np.abs(numbers - numbers[is_first][np.cumsum(is_first) - 1])
+            differs = bool((again > (3 * (SHIFTS,) + 4 * (0.5 * TURNS,))).any())
+            stamps, numbers = stamps[is_first], numbers[is_first]
         motion = Motion(numbers[:, :3], numbers[:, 3:])
         record = self.record_ns, self.jumps_back, self.stretched
         return Track(topic, kind, parent, child, static, self.messages, stamps, motion, *record, differs)

@@ -130,7 +130,27 @@ def test_contradictions_of_one_namespace() -> None:
     elsewhere = tf(0, "base_link", "laser", (0.3, 0, 0), "/tf_static")
     twice = "/tf_static: laser is told at two places in base_link: the last counts"
     assert words(static, elsewhere) == [twice]
-    parents = "frame laser has 2 parents: base_link, mast"
+    parents = "frame laser has 2 parents: base_link, mast; tf2 takes mast, told last"
     assert words(static, tf(0, "mast", "laser", (0, 0, 0), "/tf_static")) == [parents]
     # Two robots may differ.
     assert words(static, tf(0, "base_link", "laser", (5, 0, 0), "/robot2/tf_static")) == []
+    both = [tf(time, "odom", "base_link", (x, 0, 0), "/tf") for time in TIMES for x in (1.0, 1.5)]
+    assert words(*both) == ["/tf: base_link is told at two places in odom at one stamp: the first counts"]
+    nearly = [tf(time, "odom", "base_link", (x, 0, 0), "/tf") for time in TIMES for x in (1.0, 1.001)]
+    assert words(*nearly) == []
+
+
+def test_what_counts_is_what_tf2_takes() -> None:
+    """The first of one stamp; of static ones the last, also where it has another parent, if that is in the tree."""
+    both = [tf(time, "odom", "base_link", (x, 0, 0), "/tf") for time in TIMES for x in (1.0, 1.5)]
+    mounts = [tf(0, "base_link", "laser", (0.1, 0, 0), "/tf_static"), tf(0, "mast", "laser", (0, 0, 0), "/tf_static")]
+    mast = tf(0, "base_link", "mast", (0.5, 0, 0), "/tf_static")
+    for links, frames, x in (
+        ([*both, *mounts, mast], "odom > base_link > mast > laser", 1.5),
+        ([*both, mast, *mounts[::-1]], "odom > base_link > laser", 1.1),
+        ([*both, *mounts], "odom > base_link > laser", 1.1),
+    ):
+        chain = PoseSources(tracks_of(links), None, ["/scan"]).chain("laser", "/scan")
+        assert chain is not None
+        assert chain.frames == frames
+        np.testing.assert_allclose(planar(chain.at(AT)).x, x)

@@ -16,6 +16,7 @@ from lidarcli.simulation import scene as make
 from lidarcli.simulation.generate import START_NS
 from lidarcli.simulation.scene import Course, Scene
 from lidarcli.sweeps import TURN, RawSweeps
+from tests.cli.maps import Run
 from tests.sweeping import STEP, raw_sweeps
 from tests.zones.runs import (
     SENSOR,
@@ -96,6 +97,13 @@ def test_points_of_two_lasers_are_added(told_by: str, tmp_path: Path) -> None:
     (event,) = tables.events.to_pylist()
     assert (event["points"], event["cut"], event["sweeps"]) == (max(expected.max(), (front + rear).max()), True, 40)
     assert event["x"] ** 2 + (event["y"] - 1.5) ** 2 == pytest.approx(0.3**2, abs=0.02)
+
+
+def test_a_mount_that_is_told_twice_is_noted(lidarcli: Run, tmp_path: Path) -> None:
+    links = [transform_at(START_NS + at, "base_link", "laser", (float(at), 0.0, 0.0)) for at in (0, 3)]
+    log = write_bag(tmp_path / "run.bag", scans(sweeps_of(scene_of(sweeps=3))), links)
+    ran = lidarcli("zones", log, "--zones", zone_file(tmp_path, ROBOT_CIRCLE), "--no-objects")
+    assert ran.err.count("note     /tf_static: laser is told at two places in base_link: the last counts") == 1
 
 
 @pytest.mark.parametrize("named", ["by their frames", "by their namespaces"])
