@@ -105,10 +105,12 @@ class Frames:
 
     def notes(self) -> list[str]:
         """Return a note on each link that was held for long, though it moved, and on those that contradict each other."""
-        from lidarcli.pose.fit import contradictions
+        from lidarcli.pose.fit import contradictions, upright_words
 
         links = self._links[0] if self._links else []
-        return [each.message for each in contradictions(links) if each.frame in self._used] + [
+        noted = [each.message for each in contradictions(links) if each.frame in self._used]
+        noted += filter(None, [upright_words(self._used)])
+        return noted + [
             f"sweeps are up to {seconds:.1f} s beyond the transforms of {link}, which moved: it is held there"
             for link, seconds in self._held.items()
         ]

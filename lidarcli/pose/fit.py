@@ -19,7 +19,7 @@ from lidarcli.choices import BEAM_ORDERS, MATCH
 from lidarcli.display import some_of, times
 from lidarcli.findings import Finding
 from lidarcli.formalism.scan_matching import Matcher
-from lidarcli.pose.sources import WORLDS, GivenPaths, PoseChain, PoseSources, by_precedence, namespace
+from lidarcli.pose.sources import LEVEL, WORLDS, GivenPaths, PoseChain, PoseSources, by_precedence, namespace
 from lidarcli.pose.tracks import SECOND_NS, Track, flat, frame_name, gathered
 from lidarcli.sweeps import TURN, Bool, Float64, Int64, SweepBatch
 
@@ -671,7 +671,15 @@ def way_findings(chain: PoseChain, links: Sequence[Track], topic: str = "") -> l
             )
             found.append(Finding("frames", "error", topic, chain.frame, words))
     children = {step.track.child for step in chain.steps}
+    if words := upright_words(children):
+        found.append(Finding("frames", "warning", topic, chain.frame.removesuffix(LEVEL), words))
     return found + [each for each in contradictions(links) if each.frame in children]
+
+
+def upright_words(frames: Iterable[str]) -> str:
+    """Return a line on sweeps of an optical frame, where some frames of their way are the level one of it; else empty."""
+    names = [name.removesuffix(LEVEL) for name in frames if name.endswith(LEVEL)]
+    return f"frame {names[0]} is optical, its plane upright: sweeps are taken as level, ahead along z" if names else ""
 
 
 def pose_findings(sources: PoseSources | GivenPaths, keys: Iterable[Key]) -> list[Finding]:

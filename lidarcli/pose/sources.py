@@ -15,6 +15,7 @@ from lidarcli.logs.clouds import Levelled
 from lidarcli.pose.tracks import (
     ODOMETRY,
     TRANSFORMS,
+    UPRIGHT,
     WITH_COVARIANCE,
     Motion,
     Track,
@@ -376,6 +377,10 @@ WORLDS = ("map", "odom", "world", "camera_init")
 """Names of fixed frames, the better one first; a prefix (robot_0/odom) does not matter."""
 
 
+LEVEL = " (level)"
+"""End of the name of a level frame that looks where an optical one does."""
+_AHEAD = np.array([[0.5, -0.5, 0.5, 0.5]])
+"""Rotation of such a frame in the optical one, whose z axis is ahead and y axis down (REP 103)."""
 BASES = ("base_footprint", "base_link", "base")
 """Names of the frame of the robot itself, the one on the floor first."""
 
@@ -471,6 +476,22 @@ class FrameTree:
             self._near.setdefault(track.child, {}).setdefault(track.parent, Step(track, down=False))
             self._near.setdefault(track.parent, {}).setdefault(track.child, Step(track, down=True))
             self._parent.setdefault(track.child, track)
+        for frame in [name for name in self._near if _is_optical(name)]:
+            self._level(frame)
+
+    def _level(self, frame: str) -> None:
+        """Join an optical frame whose x-y plane is upright to the level one that looks ahead: no sweep is seen upright."""
+        if steps := self.to_base(frame):
+            first = steps[0].track
+            x, y = along(steps, first.stamp_ns[:1], held=True).rotation[0, :2]
+            if abs(1.0 - 2.0 * (x * x + y * y)) < UPRIGHT:
+                turned = Motion(np.zeros((1, 3)), _AHEAD)
+                link = Track(
+                    first.topic, first.type, frame, frame + LEVEL, True, 1, np.zeros(1, np.int64), turned, (0, 0), 0
+                )
+                self._near[frame + LEVEL] = {frame: Step(link, down=False)}
+                self._near[frame][frame + LEVEL] = Step(link, down=True)
+                self._parent[frame + LEVEL] = link
 
     @property
     def frames(self) -> list[str]:
@@ -478,8 +499,13 @@ class FrameTree:
         return [*self._near]
 
     def sensor(self, frame: str) -> str:
-        """Return where the sweeps of the topic are that say this frame: in it, or where each says that it is in it."""
-        return self._own if frame in self._near.get(self._own, {}) else frame
+        """Return where the sweeps of the topic are that say this frame: in it, or where each says that it is in it.
+
+        Those of an optical frame that is upright are in the level one.
+        """
+        if frame in self._near.get(self._own, {}):
+            return self._own
+        return frame + LEVEL if frame + LEVEL in self._near else frame
 
     def path(self, start: str, target: str, avoid: Collection[str] = ()) -> tuple[Step, ...] | None:
         """Return the shortest chain between two frames, empty if they are one; None if there is none."""
@@ -577,9 +603,6 @@ def _named(frames: Iterable[str], names: Sequence[str]) -> str | None:
 def _last(frame: str) -> str:
     return frame.rpartition("/")[2]
 
-
-UPRIGHT = 0.5
-"""Sweeps are in a frame whose z axis is within 60 degrees of the vertical: the cosine of that."""
 
 _OPTICAL = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
 """Axes of an optical frame (z ahead, y down) in a frame with x ahead and z up (REP 103)."""

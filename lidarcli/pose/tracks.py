@@ -106,12 +106,19 @@ def _arc(start: Float64, end: Float64, share: Float64) -> Float64:
     return turned
 
 
+UPRIGHT = 0.5
+"""Sweeps are in a frame whose z axis is within 60 degrees of the vertical, either way up: the cosine of that."""
+
+
 def planar(motion: Motion) -> SweepPoses:
-    """Return the poses seen from above: the direction of the frame's x axis is the yaw."""
+    """Return the poses seen from above: the direction of the frame's x axis is the yaw.
+
+    What stands upright does not hang head down, on whichever side of 90 degrees rounding leaves it.
+    """
     x, y, z, w = motion.rotation.T
     up = 1.0 - 2.0 * (x * x + y * y)
     yaw = np.arctan2(2.0 * (x * y + w * z), 1.0 - 2.0 * (y * y + z * z))
-    return SweepPoses(x=motion.position[:, 0].copy(), y=motion.position[:, 1].copy(), yaw=yaw, upside_down=up < 0.0)
+    return SweepPoses(x=motion.position[:, 0].copy(), y=motion.position[:, 1].copy(), yaw=yaw, upside_down=up < -UPRIGHT)
 
 
 def flat(motion: Motion) -> Float64:
