@@ -286,6 +286,7 @@ def localise(
         if sensor.judged:
             paths[key] = Localisation(sensor.first_ns, *(np.concatenate(each) for each in zip(*sensor.judged, strict=True)))
     run = LocalisedPath(**{name: getattr(summary, name) for name in PathSummary.__dataclass_fields__}, paths=paths)
+    run.notes += filter(None, [site.grid.note])
     run.table = _judged(summary.table, paths, relocate, motion)
     worlds = sorted({*run.table["world"].to_pylist()})
     if not run.tells and any(map(of_one_run, worlds)):
