@@ -354,7 +354,8 @@ class ZoneReader:
                 f"{', '.join(sorted(self._topics))})"
             )
         topics = [one.topic for one in counted_in]
-        missing = [name for name in zone.topics if not any(same_name(name, topic) for topic in topics)]
+        scans = [] if self._read.topics else [topic.name for topic in self._log.topics() or () if topic.is_scan]
+        missing = [name for name in zone.topics or scans if not any(same_name(name, topic) for topic in topics)]
         if missing:
             yield f"zone '{zone.name}': no sweeps of {', '.join(missing)}, which would count in it too"
         if counted_in[0].of_zone(zone.name).zone.frame == WORLD:

@@ -463,14 +463,8 @@ class FrameTree:
             if nearest.setdefault(track.child, at) != at:
                 continue
             # A frame has one parent at a time, unless that is none of the tree.
-            other = self._parent.get(track.child)
-            if (
-                other is not None
-                and other.static
-                and track.static
-                and joined[other.parent] > 1
-                and other.parent != track.parent
-            ):
+            other = self._parent.get(track.child, track)
+            if track.static and other.parent != track.parent and joined[other.parent] > 1:
                 continue
             # Of two links that join the same frames the better one has come first.
             self._near.setdefault(track.child, {}).setdefault(track.parent, Step(track, down=False))
@@ -485,10 +479,8 @@ class FrameTree:
             first = steps[0].track
             x, y = along(steps, first.stamp_ns[:1], held=True).rotation[0, :2]
             if abs(1.0 - 2.0 * (x * x + y * y)) < UPRIGHT:
-                turned = Motion(np.zeros((1, 3)), _AHEAD)
-                link = Track(
-                    first.topic, first.type, frame, frame + LEVEL, True, 1, np.zeros(1, np.int64), turned, (0, 0), 0
-                )
+                ends = {"parent": frame, "child": frame + LEVEL, "static": True, "differs": False}
+                link = replace(first, **ends, stamp_ns=first.stamp_ns[:1], motion=Motion(np.zeros((1, 3)), _AHEAD))
                 self._near[frame + LEVEL] = {frame: Step(link, down=False)}
                 self._near[frame][frame + LEVEL] = Step(link, down=True)
                 self._parent[frame + LEVEL] = link

@@ -321,8 +321,9 @@ class _Growing:
             order = np.argsort(stamps, kind="stable")
             stamps, numbers = stamps[order], numbers[order]
             is_first = np.append(True, stamps[1:] != stamps[:-1])
-            again = np.abs(numbers - numbers[is_first][np.cumsum(is_first) - 1])
-            differs = bool((again > (3 * (SHIFTS,) + 4 * (0.5 * TURNS,))).any())
+            firsts = numbers[is_first][np.cumsum(is_first) - 1]
+            turned = np.abs((numbers[:, 3:] * firsts[:, 3:]).sum(axis=1)).min() < np.cos(0.5 * TURNS)
+            differs = bool(turned or np.abs(numbers - firsts)[:, :3].max() > SHIFTS)
             stamps, numbers = stamps[is_first], numbers[is_first]
         motion = Motion(numbers[:, :3], numbers[:, 3:])
         record = self.record_ns, self.jumps_back, self.stretched
