@@ -303,8 +303,8 @@ SWEEP_RULES = (
         "no_return",
         "warning",
         lambda s: s.zeros > spared(s.examined),
-        "{name}: in {0.zeros_share:.0%} of the sweeps up to {0.zeros_degrees:.0f} degrees in a row are 0: nothing there, "
-        "or blind (--no-return inf,max takes it so)",
+        "{name}: in {0.zeros_share:.0%} of the sweeps up to {0.zeros_degrees:.0f} degrees in a row are 0 or senseless: "
+        "nothing there, or blind (--no-return inf,max takes it so)",
         "share=zeros_share",
         chain="ranges",
     ),

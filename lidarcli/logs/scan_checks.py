@@ -77,8 +77,8 @@ MOST_TOPICS = 16
 KEPT = 4096
 """Most values of a header that are kept for a median."""
 KINDS = ("nan", "zero", "range_max")
-ZEROS = TURN / 6
-"""Least view that is all zeros to be told [rad]: nothing may be there, or nothing measured."""
+ZEROS = TURN / 8
+"""Least view to be told of zeros, or values beyond all sense, [rad]: nothing may be there, or nothing measured."""
 Went = Callable[[str, str, Int64, Int64], Bool]
 """Tells whether the sensor of a topic and frame has gone from some stamps to others (S,) [ns], by told poses."""
 
@@ -328,7 +328,8 @@ class SweepStats:
         if few.any():
             self._take_causes(ranges[few], status[few], least[few], most[few])
         self._take_units(ranges, status, valid)
-        self._take_zeros((ranges == 0.0) & (status == Status.NO_RETURN), np.abs(batch.angle_increment[rows]))
+        odd = (ranges == 0.0) | ((ranges > FARTHEST) & np.isfinite(ranges))
+        self._take_zeros(odd & (status == Status.NO_RETURN), np.abs(batch.angle_increment[rows]))
 
     def _take_zeros(self, zeros: Bool, step: Float64) -> None:
         """Count the sweeps whose beams are 0 over a wide view, step by step [rad]."""

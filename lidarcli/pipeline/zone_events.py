@@ -23,7 +23,7 @@ SECOND_NS = 1e9
 OCCUPIED, APPROACH, VISIT, CROSSING, STALE = EVENT_KINDS
 IN, OUT = DIRECTIONS
 _AGENT = SETS.index("A")
-FEW = 4
+FEW = 2
 """Places of a zone, of `SAMPLES`, from which on it is not observed where they are lost."""
 
 

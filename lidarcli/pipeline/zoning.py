@@ -265,8 +265,8 @@ class ZoneReader:
                 gaps += [*self._gaps(zone)]
         by_zone = [one for zone in self._zones for one in self._events_in(zone)]
         gaps += [
-            f"zone '{one.zone.name}': {one.lost[0]:,} of {counted(len(one.topic), 'sweep')} do not show up to "
-            f"{one.lost[1]:.0%} of it (lost beams, or a sensor that hangs or is silent)"
+            f"zone '{one.zone.name}': in {one.lost[0]:,} of {counted(len(one.topic), 'sweep')} up to {one.lost[1]:.0%} of "
+            "it is lost (no usable beams, or a sensor that hangs or is silent); a mask takes a part out"
             for one in by_zone
             if one.lost[0] > spared(len(one.topic))
         ]

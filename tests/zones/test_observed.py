@@ -180,7 +180,7 @@ def test_each_sensor_has_to_observe_its_part(lidarcli: Run, case: str, frame: st
     ran = lidarcli(*words, "--check", "zones.near.events == 0")
     is_never = (case, frame) == ("dead", "robot")
     assert ran.code == (0 if not missed else 1 if is_never else 3)
-    assert ("(lost beams, or a sensor that hangs or is silent)" in ran.err) == (
+    assert ("of it is lost (no usable beams, or a sensor that hangs or is silent)" in ran.err) == (
         "dead" in case or (frame == "robot" and missed > 0)
     )
     observed = column(pq.read_table(tmp_path / "out" / "run.zones.parquet"), "observed")
