@@ -479,8 +479,8 @@ class FrameTree:
             first = steps[0].track
             x, y = along(steps, first.stamp_ns[:1], held=True).rotation[0, :2]
             if abs(1.0 - 2.0 * (x * x + y * y)) < UPRIGHT:
-                ends = {"parent": frame, "child": frame + LEVEL, "static": True, "differs": False}
-                link = replace(first, **ends, stamp_ns=first.stamp_ns[:1], motion=Motion(np.zeros((1, 3)), _AHEAD))
+                still = replace(first, static=True, differs=False, stamp_ns=first.stamp_ns[:1])
+                link = replace(still, parent=frame, child=frame + LEVEL, motion=Motion(np.zeros((1, 3)), _AHEAD))
                 self._near[frame + LEVEL] = {frame: Step(link, down=False)}
                 self._near[frame][frame + LEVEL] = Step(link, down=True)
                 self._parent[frame + LEVEL] = link
