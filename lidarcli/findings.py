@@ -13,7 +13,7 @@ from dataclasses import asdict, dataclass, field, replace
 from operator import attrgetter
 from typing import Any, Literal, NamedTuple
 
-from lidarcli.sweeps import TURN
+from lidarcli.sweeps import TURN, spared
 
 Level = Literal["error", "warning", "hint"]
 """`error`: tables of this log would be wrong; `warning`: they may be; `hint`: good to know."""
@@ -298,6 +298,15 @@ SWEEP_RULES = (
         "{0.frozen:,} of {0.sweeps:,} sweeps of {name} repeat an older one bit for bit: the driver hung",
         "sweeps=frozen",
         {"sweeps": "spared"},
+    ),
+    Rule(
+        "no_return",
+        "warning",
+        lambda s: s.zeros > spared(s.examined),
+        "{name}: in {0.zeros_share:.0%} of the sweeps up to {0.zeros_degrees:.0f} degrees in a row are 0 or senseless: "
+        "nothing there, or blind (--no-return inf,max takes it so)",
+        "share=zeros_share",
+        chain="ranges",
     ),
     Rule(
         "duplicate",

@@ -88,6 +88,8 @@ def read_map(path: Path) -> Occupancy:
     Nav2 and ROS 1 differ, and this is Nav2's rule. The rest is unknown. So it is in mode `scale`, which has shades of
     likelihood there, and where anything is transparent as well. In mode `raw` a pixel of 0 to 100 is the likelihood of
     its cell in per cent, which is judged by the same thresholds, and any other is unknown; `negate` means nothing then.
+    An image that has 205 beside 0 and 254 alone is one of map_saver, which writes 205 for unknown: it is, whatever
+    `free_thresh` says (Nav2's default of 0.25 would make it free), with a note.
 
     Raises
     ------
@@ -96,7 +98,9 @@ def read_map(path: Path) -> Occupancy:
         is turned (a yaw in its origin), which hardly any program supports.
     """
     described = _described(path)
-    return Occupancy(described.resolution, described.x, described.y, _cells(path, described))
+    cells, is_saved = _cells(path, described)
+    note = f"{path}: 205 is unknown, as map_saver writes it; by its free_thresh of {described.free:g} it would be free"
+    return Occupancy(described.resolution, described.x, described.y, cells, note=note if is_saved else "")
 
 
 @dataclass(frozen=True)
@@ -158,8 +162,8 @@ def _text(path: Path, key: str, value: object) -> str:
     return value
 
 
-def _cells(path: Path, described: _Described) -> Int8:
-    """Return the cells of the image, row 0 with the least y."""
+def _cells(path: Path, described: _Described) -> tuple[Int8, bool]:
+    """Return the cells of the image, row 0 with the least y; and True where 205 is unknown against the thresholds."""
     named = path.parent / described.image
     shown = f"image {_shown(described.image)}"
     beside = path.parent / re.split(r"[\\/]", described.image)[-1]
@@ -185,7 +189,7 @@ def _cells(path: Path, described: _Described) -> Int8:
         raise _refused(path, f"{shown} cannot be read: {_reason(err)}", _SAVE_AGAIN) from err
 
 
-def _decoded(path: Path, shown: str, file: BinaryIO, size: int, described: _Described) -> Int8:
+def _decoded(path: Path, shown: str, file: BinaryIO, size: int, described: _Described) -> tuple[Int8, bool]:
     image = _opened(path, shown, file)
     width, height = image.size
     most = min(max(size, MOST_PACKED_PIXELS), MOST_PIXELS)
@@ -195,6 +199,13 @@ def _decoded(path: Path, shown: str, file: BinaryIO, size: int, described: _Desc
     image.load()
     cells = np.empty((height, width), np.int8)
     tables: dict[int, Int8] = {}
+    is_saved = False
+    if image.mode == "L" and described.mode == "trinary" and not described.negate:
+        unknown = int(_PIXELS[UNKNOWN])
+        tables[255] = _judged(np.arange(256) / 255, described)
+        shades = {shade for _, shade in image.getcolors(len({*_PIXELS.tolist()})) or ()}
+        is_saved = unknown in shades <= {*_PIXELS.tolist()} and tables[255][unknown] == FREE
+        tables[255][unknown] = UNKNOWN if is_saved else tables[255][unknown]
     tops, lefts = range(0, height, _SIDE), range(0, width, _SIDE)
     for rows, columns in itertools.product(*([slice(at, at + _SIDE) for at in begins] for begins in (tops, lefts))):
         part: Any = image.crop((columns.start, rows.start, min(columns.stop, width), min(rows.stop, height)))
@@ -204,7 +215,7 @@ def _decoded(path: Path, shown: str, file: BinaryIO, size: int, described: _Desc
         cells[::-1][rows, columns] = tables[white][levels]
         if opaque is not None and described.mode == "scale":
             cells[::-1][rows, columns][~opaque] = UNKNOWN
-    return cells
+    return cells, is_saved
 
 
 def _opened(path: Path, shown: str, file: BinaryIO) -> ImageFile:

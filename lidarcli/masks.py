@@ -158,15 +158,20 @@ class Masks:
                         _mark(masked, ranges, rows[mine], which[mine] - first, (least, most))
         return masked
 
-    def hide(self, batch: SweepBatch, bearing: Float64, distance: Float64) -> Bool:
-        """Return which places (S, P), by bearing [rad] and distance [m] from the sensors of sweeps, are under a mask."""
+    def hide(self, batch: SweepBatch, bearing: Float64, distance: Float64, *, beyond: bool = False) -> Bool:
+        """Return which places (S, P), by bearing [rad] and distance [m] from the sensors of sweeps, are under a mask.
+
+        `beyond`: or behind one.
+        """
         hidden = np.zeros(bearing.shape, np.bool_)
         masks = self._of_topic(batch.topic)
         for frame, rows, _ in batch.by_frame() if masks else ():
             for some in np.array_split(rows, -(-bearing[rows].size // _TOGETHER)):
                 for mask in masks:
                     for least, most in mask.shape.spans(self._rays(mask.frame, frame, bearing[some])):
-                        hidden[some] |= (least <= distance[some]) & (distance[some] <= most)
+                        hidden[some] |= (
+                            (least <= distance[some]) & (distance[some] <= (np.inf if beyond else most)) & (least <= most)
+                        )
         return hidden
 
     def _of_topic(self, topic: str) -> list[Mask]:

@@ -25,6 +25,7 @@ Int32 = NDArray[np.int32]
 Int64 = NDArray[np.int64]
 Int8 = NDArray[np.int8]
 UInt8 = NDArray[np.uint8]
+UInt64 = NDArray[np.uint64]
 Bool = NDArray[np.bool_]
 
 TURN = 2.0 * np.pi

@@ -25,6 +25,8 @@ HOLD = 0.5
 """Time below `min_points` until an event ends [s]."""
 TIMEOUT = 2.0
 """Age from which on the last sweep of a sensor tells nothing of now [s]."""
+UNSEEN = 0.5
+"""Longest time without a sweep in which nobody comes and goes unseen [s]; that of slow sensors is a step and a half."""
 TIME_BEFORE_COLLISION, TIME_STEP = 2.0, 0.1
 """Time that `approach` looks ahead, and the steps in which it does [s]."""
 

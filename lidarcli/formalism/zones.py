@@ -10,12 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lidarcli.masks import Circle, Masks, Polygon
-from lidarcli.sweeps import TURN, Bool, Float32, Float64, Int32, Int64, Status, SweepBatch, SweepPoses
+from lidarcli.sweeps import TURN, Bool, Closure, Float32, Float64, Int32, Int64, Status, SweepBatch, SweepPoses, UInt64
 from lidarcli.zone import Line, inside
 
 Shape = Circle | Polygon | Line
 SAMPLES = 64
-"""Places of a zone at which is asked whether a sweep sees them."""
+"""Places of a zone at which is asked whether a sweep sees them: a bit each of a number."""
+HIDES = 0.3
+"""Least width of lost beams side by side behind which somebody may stand [m]; narrower are those that dark things lose."""
 _STEP = 0.7548776662466927, 0.5698402909980532
 """Steps of a sequence that fills a square evenly (powers of the plastic number)."""
 _FLAT = 1e-9
@@ -108,8 +110,11 @@ def seen(batch: SweepBatch, place: SweepPoses, places: Float64) -> Bool:
     return _seen(batch, *_from_sensor(place, places))[0]
 
 
-def _seen(batch: SweepBatch, bearing: Float64, distance: Float64) -> tuple[Bool, Bool]:
-    """Return which places sweeps see, and which of the rest lie behind beams without a usable value."""
+def _seen(batch: SweepBatch, bearing: Float64, distance: Float64) -> tuple[Bool, Bool, Float64]:
+    """Return which places sweeps see, which of the rest are within the limits, and how wide their lost beams are [m].
+
+    The width is that of all lost beams side by side at the place, and 0 where the beam to it is not lost.
+    """
     step = batch.angle_increment[:, None]
     with np.errstate(divide="ignore", invalid="ignore"):
         after = np.where(step < 0.0, -1.0, 1.0) * (bearing - batch.angle_min[:, None])
@@ -119,34 +124,66 @@ def _seen(batch: SweepBatch, bearing: Float64, distance: Float64) -> tuple[Bool,
         known = np.isfinite(at) & (at < batch.beams[:, None])
     column = np.where(known, at, 0).astype(np.intp)
     if not batch.width:
-        return np.zeros(known.shape, np.bool_), np.zeros(known.shape, np.bool_)
+        return np.zeros(known.shape, np.bool_), np.zeros(known.shape, np.bool_), np.zeros(known.shape)
     row = np.arange(len(batch))[:, None]
     status, ranges = batch.status[row, column], batch.ranges[row, column]
     farthest = np.where(batch.range_max > batch.range_min, batch.range_max, np.inf)[:, None]
     with np.errstate(invalid="ignore"):
-        clear: Bool = (status == Status.NO_RETURN) & (distance <= farthest)
-        clear |= (status == Status.VALID) & (distance <= ranges + 1e-3)
-        clear &= known & (distance >= batch.range_min[:, None])
-    return clear, known & (status != Status.VALID) & (status != Status.NO_RETURN)
+        within = known & (distance >= batch.range_min[:, None]) & (distance <= farthest)
+        clear: Bool = within & (status == Status.NO_RETURN)
+        clear |= known & (status == Status.VALID) & (distance <= ranges + 1e-3) & (distance >= batch.range_min[:, None])
+        width = np.where(known, _in_a_row(batch)[row, column] * np.abs(step) * distance, 0.0)
+    return clear, within & ~clear, width
 
 
-def reach(batch: SweepBatch, place: SweepPoses, places: Float64, masks: Masks) -> Int32:
-    """Return how many beams of each sweep (S,) could end at some places: from the first to the last that sees one of them.
+def _in_a_row(batch: SweepBatch) -> Int32:
+    """Return of each beam (S, B) that is lost how many are so side by side, itself among them; 0 of others."""
+    lost = np.zeros((len(batch), batch.width + 1), np.bool_)
+    lost[:, :-1] = ~np.isin(batch.status, (Status.VALID, Status.NO_RETURN, Status.PADDING))
+    counts = np.zeros(lost.shape, np.int32)
+    begin, end = np.flatnonzero(np.diff(lost.ravel(), prepend=False)).reshape(-1, 2).T
+    counts[lost] = np.repeat(end - begin, end - begin)
+    last = np.maximum(batch.beams - 1, 0)
+    around = (batch.closure != Closure.OPEN) & lost[:, 0] & lost[np.arange(len(batch)), last] & (counts[:, 0] <= last)
+    for row in np.flatnonzero(around).tolist():
+        first, final = counts[row, 0], counts[row, last[row]]
+        counts[row, :first] = counts[row, last[row] + 1 - final : last[row] + 1] = first + final
+    return counts[:, :-1]
 
-    `masks` hide places, too, with a mount for each frame that they name; the rest as of `seen`. Where most beams that could
-    see any are lost, none counts.
+
+class Sight(NamedTuple):
+    """What sweeps (S,) see of places."""
+
+    beams: Int32
+    """(S,) beams that could end at some of them: from the first to the last that sees one; 0 where most are lost."""
+    seen: UInt64
+    lost: UInt64
+    """(S,) a bit for each place that they see, and for each that too many lost beams side by side keep from them."""
+
+
+def sight(batch: SweepBatch, place: SweepPoses, places: Float64, masks: Masks) -> Sight:
+    """Return what sweeps see of places.
+
+    `masks` hide places, too, with a mount for each frame that they name; the rest as of `seen`. A sweep that shows nothing
+    has lost all that is in view; nothing is lost behind the robot itself, as masks tell.
     """
     bearing, distance = _from_sensor(place, places)
-    clear, lost = _seen(batch, bearing, distance)
-    clear &= (2 * np.count_nonzero(lost, axis=1) <= np.count_nonzero(clear | lost, axis=1))[:, None]
+    clear, rest, width = _seen(batch, bearing, distance)
+    shows = batch.observed[:, None]
+    lost = (rest & (width >= HIDES)) | (~shows & (rest | clear))
+    enough = 2 * np.count_nonzero(width, axis=1) <= np.count_nonzero(clear | (width > 0.0), axis=1)
+    clear &= shows
     if masks.masks:
         clear &= ~masks.hide(batch, bearing, distance)
+        lost &= ~masks.hide(batch, bearing, distance, beyond=True)
+    bits = [np.packbits(each, axis=1, bitorder="little").view(np.uint64)[:, 0] for each in (clear, lost)]
+    clear &= enough[:, None]
     # From one of them to both sides: only around the sensor do they spread over more than half a turn.
     begin = bearing[np.arange(len(batch)), clear.argmax(axis=1)]
     with np.errstate(divide="ignore", invalid="ignore"):
         side = np.where(clear, (bearing - begin[:, None] + 0.5 * TURN) % TURN - 0.5 * TURN, 0.0)
         beams = np.rint(np.ptp(side, axis=1) / np.abs(batch.angle_increment)) + 1.0
-    return np.where(clear.any(axis=1), np.fmin(beams, batch.beams), 0.0).astype(np.int32)
+    return Sight(np.where(clear.any(axis=1), np.fmin(beams, batch.beams), 0.0).astype(np.int32), *bits)
 
 
 def _from_sensor(place: SweepPoses, places: Float64) -> tuple[Float64, Float64]:

@@ -19,7 +19,7 @@ from lidarcli.logs.blocks import split_rows
 from lidarcli.logs.clock import MAX_TOPICS
 from lidarcli.logs.piles import NoReturnDetector
 from lidarcli.logs.registry import TopicChoice
-from lidarcli.logs.scan_checks import MOST_TOPICS, LogStats, ScanChecks, repeated_topics
+from lidarcli.logs.scan_checks import MOST_TOPICS, LogStats, ScanChecks, Went, repeated_topics
 from lidarcli.range_rules import RangeRules, normalise
 from lidarcli.sweeps import Bool, Int64, RawSweeps, SweepBatch, concatenate
 from lidarcli.times import Instant, as_time
@@ -93,6 +93,7 @@ class LogBatcher:
     ----------
     report : takes what reading meets; the doubts when this is closed
     choice : the topics, where the caller judges which of them are missing; by default all those of `options`
+    went : tells whether sensors move, by poses
 
     Raises
     ------
@@ -100,7 +101,14 @@ class LogBatcher:
         A topic is not there: at once where the log knows its topics, in the end of a stream otherwise.
     """
 
-    def __init__(self, log: Log, options: ReadOptions, report: ReadReport, choice: TopicChoice | None = None) -> None:
+    def __init__(
+        self,
+        log: Log,
+        options: ReadOptions,
+        report: ReadReport,
+        choice: TopicChoice | None = None,
+        went: Went | None = None,
+    ) -> None:
         self._is_strict = choice is None
         if choice is None:
             choice = TopicChoice(options.topics, log.topics())
@@ -111,7 +119,7 @@ class LogBatcher:
         self._options = options
         self._report = report
         self._detector = NoReturnDetector(options.rules, report)
-        self._doubts = ScanChecks([topic.name for topic in log.topics() or () if topic.sliced])
+        self._doubts = ScanChecks([topic.name for topic in log.topics() or () if topic.sliced], went)
         self._batchers: dict[str, _TopicBatcher] = {}
         self._copies: dict[tuple[str, str], LogStats] = {}
         self._compares = choice.is_listed and len(choice.chosen) > 1

@@ -8,8 +8,10 @@ from __future__ import annotations
 
 import shlex
 from collections import Counter
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass, field
+from functools import partial
+from itertools import pairwise
 from types import SimpleNamespace
 
 import numpy as np
@@ -34,7 +36,7 @@ from lidarcli.findings import (
 from lidarcli.logs.base import ReadReport
 from lidarcli.logs.clock import NO_STAMPS, SAME_NS, Clock, ClockInfo, Sample, in_words
 from lidarcli.range_rules import FARTHEST
-from lidarcli.sweeps import TURN, Bool, Float32, Int32, Int64, RawSweeps, Status, SweepBatch, spared
+from lidarcli.sweeps import TURN, Bool, Float32, Float64, Int64, RawSweeps, Status, SweepBatch, spared
 
 MOST = 1000
 """Most pairs of topic and frame examined: a log may have a new name in every message."""
@@ -52,6 +54,8 @@ NEARER = 3.0
 """Factor by which a sweep must be nearer to the second or third one before it."""
 FROZEN_NS = 500_000_000
 """Age from which on the same ranges are those of a sensor that hangs [ns]; a driver may send each sweep some times."""
+TURNS_OF = 8
+"""Most old sweeps that a sensor that hangs sends in turns."""
 NOISY = 0.002
 """Least middle third difference of ranges that are measured [m]: a simulation without noise may repeat its sweeps."""
 AT_MOST, ABOVE, BELOW = "at range_max", "above range_max", "below range_min"
@@ -73,14 +77,19 @@ MOST_TOPICS = 16
 KEPT = 4096
 """Most values of a header that are kept for a median."""
 KINDS = ("nan", "zero", "range_max")
+ZEROS = TURN / 8
+"""Least view to be told of zeros, or values beyond all sense, [rad]: nothing may be there, or nothing measured."""
+Went = Callable[[str, str, Int64, Int64], Bool]
+"""Tells whether the sensor of a topic and frame has gone from some stamps to others (S,) [ns], by told poses."""
 
 
 class ScanChecks:
     """Collects findings on sweeps, taken in the order of the log."""
 
-    def __init__(self, clouds: Collection[str] = ()) -> None:
+    def __init__(self, clouds: Collection[str] = (), went: Went | None = None) -> None:
         self._clouds = clouds
         """Topics of point clouds: in metres, whatever the unit of the log."""
+        self._went = went
         self._stats: dict[tuple[str, str], SweepStats] = {}
 
     def add(self, raw: RawSweeps, batch: SweepBatch) -> Bool:
@@ -92,7 +101,8 @@ class ScanChecks:
                 if len(self._stats) == MOST:
                     continue
                 self._stats[key] = SweepStats()
-            frozen[rows] = self._stats[key].add(raw if mine is batch else raw.rows(rows), mine)
+            went = None if self._went is None else partial(self._went, *key)
+            frozen[rows] = self._stats[key].add(raw if mine is batch else raw.rows(rows), mine, went)
         return frozen
 
     def clock(self, topic: str, frame: str) -> ClockInfo:
@@ -178,9 +188,12 @@ class SweepStats:
     repeats: int = 0
     alike: int = 0
     """Sweeps that repeat the ranges of the one before; `repeats` counts those that repeat its stamp."""
-    last_ranges: bytes | None = None
-    since_ns: tuple[int, int] = (0, 0)
-    """Stamp and time of the recording of the first sweep that had the ranges of the last one."""
+    recent: dict[int, tuple[int, int]] = field(default_factory=dict)
+    """Hash of the ranges of the last sweeps that differ → stamp and time of the recording of the first that had them."""
+    examined: int = 0
+    zeros: int = 0
+    """Sweeps that were examined; `zeros` counts those with a view of zeros, of which `most_zeros` is the widest [rad]."""
+    most_zeros: float = 0.0
     blind: int = 0
     """Sweeps without any range."""
     frozen: int = 0
@@ -191,8 +204,8 @@ class SweepStats:
         """True if most ranges are too large for metres."""
         return 2 * self.far > self.ranged
 
-    def add(self, raw: RawSweeps, batch: SweepBatch) -> Bool:
-        """Take sweeps; return (S,) which repeat older ones."""
+    def add(self, raw: RawSweeps, batch: SweepBatch, went: Callable[[Int64, Int64], Bool] | None = None) -> Bool:
+        """Take sweeps; return (S,) which repeat older ones. `went` is `Went` for this sensor."""
         number = self.times.sweeps + np.arange(len(raw))
         self.times.add(raw, batch.sweep)
         self._take_geometry(raw)
@@ -203,7 +216,7 @@ class SweepStats:
             self._take_ranges(raw, batch, slice(first))
             self._take_ranges(raw, batch, slice(first + -(begins + first) % THIN, None, THIN))
         self._take_order(raw, batch, number)
-        same, frozen = self._compare(raw)
+        same, frozen = self._compare(raw, went)
         self._take_repeats(raw, batch, same)
         frozen &= batch.observed
         self.frozen += int(np.count_nonzero(frozen))
@@ -232,7 +245,12 @@ class SweepStats:
         every = f"--every {clock.copies}" if clock.copies > 1 and alone else ""
         stats = SimpleNamespace(
             **{each: getattr(self, each) for each in ("some", "beams", "wide", "coarse", "fine", "step", "view", "off")},
-            **{each: getattr(self, each) for each in ("is_far", "turns", "compared", "frozen", "blind")},
+            **{
+                each: getattr(self, each)
+                for each in ("is_far", "turns", "compared", "frozen", "blind", "zeros", "examined")
+            },
+            zeros_share=self.zeros / max(self.examined, 1),
+            zeros_degrees=np.degrees(self.most_zeros),
             clock=clock,
             sweeps=sweeps,
             view_degrees=np.degrees(self.view),
@@ -275,23 +293,25 @@ class SweepStats:
         )
         return judge(SWEEP_RULES, stats, sensor)
 
-    def _compare(self, raw: RawSweeps) -> tuple[Bool, Bool]:
-        """Return which sweeps (S,) have the ranges of the one before, and of one older than `FROZEN_NS`, noise and all."""
-        if not len(raw):
-            return np.zeros(0, np.bool_), np.zeros(0, np.bool_)
-        # Most sweeps differ in any few beams.
-        few = np.ascontiguousarray(raw.ranges[:, :: max(raw.ranges.shape[1] // 16, 1)]).view(np.int32)
-        same = np.concatenate([[self.last_ranges is not None], (few[1:] == few[:-1]).all(axis=1)])
-        for row in np.flatnonzero(same).tolist():
-            same[row] = _bytes(raw, row) == (_bytes(raw, row - 1) if row else self.last_ranges)
-        begin = np.maximum.accumulate(np.where(same, -1, np.arange(len(raw))))
-        times, begun = np.column_stack([raw.time_ns, raw.record_ns]), np.array(self.since_ns)
-        since = np.where(begin[:, None] >= 0, times[np.maximum(begin, 0)], begun)
-        frozen: Bool = same & ((times - since).max(axis=1) > FROZEN_NS)
-        for first in dict.fromkeys(begin[frozen].tolist()):
-            mine = frozen & (begin == first)
-            frozen[mine] = _is_noisy(raw, int(mine.argmax()))
-        self.last_ranges, self.since_ns = _bytes(raw, len(raw) - 1), (int(since[-1, 0]), int(since[-1, 1]))
+    def _compare(self, raw: RawSweeps, went: Callable[[Int64, Int64], Bool] | None) -> tuple[Bool, Bool]:
+        """Return which sweeps (S,) have the ranges of the one before, and which of one older than `FROZEN_NS`.
+
+        These have them noise and all, or while the sensor `went` on.
+        """
+        same, since = np.zeros(len(raw), np.bool_), np.column_stack([raw.time_ns, raw.record_ns])
+        times, keys = since.copy(), [hash(_bytes(raw, row)) for row in range(len(raw))]
+        for row, key in enumerate(keys):
+            same[row] = key == next(reversed(self.recent), None)
+            if key not in self.recent and len(self.recent) == TURNS_OF:
+                del self.recent[next(iter(self.recent))]
+            since[row] = self.recent[key] = self.recent.pop(key, (int(times[row, 0]), int(times[row, 1])))
+        frozen: Bool = (times - since).max(axis=1, initial=0) > FROZEN_NS
+        old = np.flatnonzero(frozen)
+        if len(old):
+            noisy = {keys[row]: _is_noisy(raw, row) for row in {keys[row]: row for row in old.tolist()}.values()}
+            frozen[old] = [noisy[keys[row]] for row in old.tolist()]
+            if went is not None and not frozen[old].all():
+                frozen[old] |= went(since[old, 0], times[old, 0])
         return same, frozen
 
     def _take_ranges(self, raw: RawSweeps, batch: SweepBatch, rows: slice) -> None:
@@ -308,6 +328,16 @@ class SweepStats:
         if few.any():
             self._take_causes(ranges[few], status[few], least[few], most[few])
         self._take_units(ranges, status, valid)
+        odd = (ranges == 0.0) | ((ranges > FARTHEST) & np.isfinite(ranges))
+        self._take_zeros(odd & (status == Status.NO_RETURN), np.abs(batch.angle_increment[rows]))
+
+    def _take_zeros(self, zeros: Bool, step: Float64) -> None:
+        """Count the sweeps whose beams are 0 over a wide view, step by step [rad]."""
+        self.examined += len(zeros)
+        for row in np.flatnonzero(np.count_nonzero(zeros, axis=1) * step >= ZEROS).tolist():
+            view = float(np.diff(np.flatnonzero(np.diff(zeros[row], prepend=False, append=False)))[::2].max() * step[row])
+            self.zeros += view >= ZEROS
+            self.most_zeros = max(self.most_zeros, view)
 
     def _take_geometry(self, raw: RawSweeps) -> None:
         step = np.abs(raw.angle_increment)
@@ -431,8 +461,8 @@ class LogStats:
     compared: int = 0
     repeats: int = 0
     """Sweeps with the ranges of the one before; `compared` have enough of them."""
-    last: Int32 = field(default_factory=lambda: np.zeros(0, np.int32))
-    """Some ranges of the last sweep, bit by bit."""
+    last: int | None = None
+    """Hash of the ranges of the last sweep."""
     known: dict[int, tuple[int, int]] = field(default_factory=dict)
     """Hash of the ranges of a sweep → its stamp and record time [ns]."""
 
@@ -483,17 +513,14 @@ class LogStats:
                 self.lasting.add(seconds[(seconds > 0.0) & np.isfinite(seconds)])
 
     def _take_repeats(self, raw: RawSweeps, batch: SweepBatch) -> None:
-        """Compare some ranges of each sweep with those of the one before; without beams there are none."""
-        if not raw.ranges.shape[1]:
-            return
-        columns = np.arange(BEAMS) * int(raw.beams[0]) // BEAMS
-        some = np.ascontiguousarray(raw.ranges[:, columns]).view(np.int32)
-        enough = np.count_nonzero(batch.status[:, columns] == Status.VALID, axis=1) >= BEAMS // 4
-        before = np.concatenate([self.last[None] if len(self.last) else some[:1] ^ 1, some[:-1]])
-        same = (some == before).all(axis=1)
+        """Compare the ranges of each sweep with those of the one before; few say nothing."""
+        some = [hash(_bytes(raw, row)) for row in range(len(raw))]
+        valid = np.count_nonzero(batch.status == Status.VALID, axis=1)
+        enough = valid * 4 >= np.maximum(raw.beams, 1)
+        same = np.array([before == now for before, now in pairwise([self.last, *some])], np.bool_)
         self.compared += int(np.count_nonzero(enough))
         self.repeats += int(np.count_nonzero(enough & same))
-        self.last = some[-1].copy()
+        self.last = some[-1]
 
     def add_hashes(self, raw: RawSweeps) -> None:
         """Take sweeps, as the log holds them, only to compare them with those of other topics."""

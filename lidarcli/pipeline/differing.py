@@ -289,7 +289,13 @@ def read_input(one: Input, options: DiffOptions, progress: Progress | None = Non
                 f"{one.text}: {grid.occupied:,} occupied cells are more than can be compared ({MOST_OCCUPIED:,}); make "
                 "what lies behind walls unknown, or save the map with larger cells"
             )
-        return RunThings(one.text, Run(*_NOTHING, of_map(grid), np.empty((0, 2))), MAP_WORLD, grid=grid)
+        return RunThings(
+            one.text,
+            Run(*_NOTHING, of_map(grid), np.empty((0, 2))),
+            MAP_WORLD,
+            grid=grid,
+            notes=[*filter(None, [grid.note])],
+        )
     if one.source is None and one.kind == "tracks":
         table = read_tracks_table(place(one.text))
         return _of_tracks(one.text, table, {}, {})

@@ -168,7 +168,7 @@ def inspect_log(
         read = ReadOptions(frozenset(choice.wanted) or None, run=read.run, rules=masking.rules)
         posing = PoseAttacher.of(log, wanted, choice, read, need=need)
         poses, runs = posing.found, 0
-        report, checks = ReadReport(), ScanChecks(made_of_clouds(log))
+        report, checks = ReadReport(), ScanChecks(made_of_clouds(log), posing.went)
         stats: dict[tuple[str, str], LogStats] = {}
         compares = len(choice.chosen) != 1
         count: Counter[str] = Counter()

@@ -337,6 +337,7 @@ def localise(
         sensor.judge(last=True)
     paths = {key: Localisation(sensor) for key, sensor in sorted(sensors.items())}
     run = LocalisedPath(**{name: getattr(summary, name) for name in PathSummary.__dataclass_fields__}, paths=paths)
+    run.notes += filter(None, [site.grid.note])
     run.table = _judged(summary.table, paths, relocate, motion)
     worlds = sorted({*run.table["world"].to_pylist()})
     if not run.tells and any(map(of_one_run, worlds)):

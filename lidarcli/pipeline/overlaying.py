@@ -164,7 +164,7 @@ def write_overlay(source: Source, path: Place, options: OverlayOptions, progress
                 new.part(paths[1]).write_bytes(layout_json(work.scene()))
                 new.part(paths[2]).write_bytes(rviz_config(work.scene(), is_ros2=is_ros2))
         summary = work.summary(found)
-        summary.notes += new.publish()
+        summary.notes += [*([grid.note] if grid and grid.note else []), *new.publish()]
     summary.outputs = [str(each) for each in paths]
     return summary
 

@@ -14,11 +14,11 @@ from numpy.typing import NDArray
 
 from lidarcli.errors import NoScanError
 from lidarcli.formalism.detection import SETS
-from lidarcli.formalism.zones import Inside, candidates, collision_steps, meeting, reach, samples, times
+from lidarcli.formalism.zones import Inside, Sight, candidates, collision_steps, meeting, samples, sight, times
 from lidarcli.logs.base import Log
 from lidarcli.masks import Circle, Mask, Masks, Mount, Polygon, mounted, same_name
 from lidarcli.pipeline.inputs.sources import read_pose_messages
-from lidarcli.pose.sources import WORLDS, FrameTree, Step, along
+from lidarcli.pose.sources import WORLDS, FrameTree, Step, along, namespace
 from lidarcli.pose.tracks import HOLD_STEPS, SECOND_NS, Track, frame_name, planar
 from lidarcli.sweeps import TURN, Bool, Float32, Float64, Int32, Int64, Status, SweepBatch, SweepPoses, UInt8, record
 from lidarcli.tabular.columns import held, numbers
@@ -47,6 +47,8 @@ class Frames:
     _found: dict[tuple[str, str, str], Mount] = field(default_factory=dict)
     _held: dict[str, float] = field(default_factory=dict)
     """Link that moves → longest time for which it is held [s]."""
+    _used: set[str] = field(default_factory=set)
+    """Frames whose places count."""
 
     @classmethod
     def of(cls, log: Log, zones: Zones, mounts: Sequence[Mount] = ()) -> Frames:
@@ -92,6 +94,7 @@ class Frames:
 
     def _along(self, steps: Sequence[Step], stamp_ns: Int64, *, held: bool) -> SweepPoses:
         """Return the places at times (S,); note links that are `held` though they moved."""
+        self._used.update(step.track.child for step in steps)
         for track in (step.track for step in steps if held and step.track.moves):
             first, last = track.span_ns
             beyond = max(first - int(stamp_ns.min()), int(stamp_ns.max()) - last) / SECOND_NS
@@ -101,8 +104,13 @@ class Frames:
         return planar(along(steps, stamp_ns, held=held))
 
     def notes(self) -> list[str]:
-        """Return a note on each link that was held for long, though it moved."""
-        return [
+        """Return a note on each link that was held for long, though it moved, and on those that contradict each other."""
+        from lidarcli.pose.fit import contradictions, upright_words
+
+        links = self._links[0] if self._links else []
+        noted = [each.message for each in contradictions(links) if each.frame in self._used]
+        noted += filter(None, [upright_words(self._used)])
+        return noted + [
             f"sweeps are up to {seconds:.1f} s beyond the transforms of {link}, which moved: it is held there"
             for link, seconds in self._held.items()
         ]
@@ -122,6 +130,14 @@ class Frames:
         if frame_name(sensor).rpartition("/")[2].startswith("base"):
             return sensor
         raise self._lost(sensor, "")
+
+    def carrier_of(self, frame: str, sensor: str) -> tuple[str, str]:
+        """Return the name of the frame of a zone, and the namespace that tells it: robots may have the same names."""
+        target = self.robot_of(sensor) if frame == ROBOT else frame
+        if frame in (SENSOR, WORLD) or mounted(self.mounts, sensor, target) is not None:
+            return target, ""
+        steps = self.tree.path(self.tree.sensor(frame_name(sensor)), frame_name(target))
+        return frame_name(target), namespace(steps[-1].track.topic) if steps else ""
 
     def corners_in(self, sensor: str, frame: str, stamp_ns: int, corners: Float64) -> Float64 | None:
         """Return points (C, 2) of another frame in that of the robot at a time; None where nothing leads there."""
@@ -382,9 +398,9 @@ class ZoneSeries(Columns):
     """Counts of the sweeps of one topic in a zone, by part: its shape of the time, or each of its cases.
 
     Columns (S, parts) are `points`, `nearest`, `bearing`, `x`, `y`, `masked`, `reach` (beams that could have ended in it; 0
-    in sweeps that show nothing) and `ttc`. `placed` (S, 4) is the place of the sensor in the frame of the zone: x, y [m],
-    yaw [rad], 1 where it hangs head down; `velocity` (S, 3) that of the robot: ahead, left [m/s], turning [rad/s], NaN
-    where it is not known.
+    in sweeps that show nothing), `seen` and `lost` of `formalism.zones.Sight`, and `ttc`. `placed` (S, 4) is the place of
+    the sensor in the frame of the zone: x, y [m], yaw [rad], 1 where it hangs head down; `velocity` (S, 3) that of the
+    robot: ahead, left [m/s], turning [rad/s], NaN where it is not known.
     """
 
     def __init__(self, zone: Zone, shapes: Shapes) -> None:
@@ -501,9 +517,9 @@ class TopicCounter:
         points, away = np.zeros((count, parts), np.int32), np.zeros((count, parts), np.int32)
         nearest, bearing = (np.full((count, parts), np.nan, np.float32) for _ in range(2))
         x, y, ttc = (np.full((count, parts), np.nan) for _ in range(3))
-        whole, beams = sweeps, np.zeros((count, parts), np.int32)
-        for part, places in enumerate(into.places if now is None else [np.stack(into.places)[now]]):
-            beams[:, part] = sweeps.reach(into.zone, places)
+        whole = sweeps
+        sights = [sweeps.sight(into.zone, each) for each in (into.places if now is None else [np.stack(into.places)[now]])]
+        beams, seen, lost = (np.stack(values, axis=1) for values in zip(*sights, strict=True))
         for number, shape in enumerate(into.shapes.shapes):
             part, sweeps = number, whole
             if now is not None:
@@ -530,8 +546,8 @@ class TopicCounter:
             if masked is not None:
                 under = candidates(sweeps.batch, masked, sweeps.place, shape)
                 away[:, part] += np.bincount(under.row, minlength=count).astype(np.int32)
-        reached = np.maximum(beams, points)
-        into.append(points=points, nearest=nearest, bearing=bearing, x=x, y=y, masked=away, reach=reached, ttc=ttc)
+        into.append(points=points, nearest=nearest, bearing=bearing, x=x, y=y, masked=away, ttc=ttc)
+        into.append(reach=np.maximum(beams, points), seen=seen, lost=lost)
 
     def _velocity(self, batch: SweepBatch, carried: SweepPoses) -> dict[str, Float64]:
         """Return the velocity of the robot (S, 3) as each topic tells it; of one that does not, by the poses."""
@@ -593,17 +609,19 @@ class _PlacedSweeps(NamedTuple):
         bearing: Float64 = self.batch.angle_min[row] + self.batch.angle_increment[row] * beam
         return bearing
 
-    def reach(self, zone: Zone, places: Float64) -> Int32:
-        """Return how many beams (S,) could have found something in a zone; of one that approaches, wherever it may go."""
+    def sight(self, zone: Zone, places: Float64) -> Sight:
+        """Return what is seen of a zone by these places of it; of one that approaches, on its way."""
         batch = self.batch
         if zone.action == "approach":
             usable = np.isfinite(self.ranges) | (batch.status == Status.NO_RETURN)
             judged = np.isfinite(self.velocity).all(axis=1) & np.isfinite(self.place.x)
-            found = np.where(judged, np.count_nonzero(usable, axis=1), 0).astype(np.int32)
+            beams = np.where(judged, np.count_nonzero(usable, axis=1), 0).astype(np.int32)
+            ahead = np.linspace(0.0, zone.time_before_collision, places.shape[-2])[:, None]
+            found = sight(batch, self.place, places + self.velocity[:, None, :2] * ahead, self.masks)._replace(beams=beams)
         else:
-            found = reach(batch, self.place, places, self.masks)
-        shows: Bool = batch.observed & np.isfinite(self.ranges).any(axis=1)
-        return np.where(shows, found, 0)
+            found = sight(batch, self.place, places, self.masks)
+        shows = np.isfinite(self.ranges).any(axis=1)
+        return found._replace(beams=np.where(batch.observed & shows, found.beams, 0))
 
     def inside(self, zone: Zone, shape: Circle | Polygon) -> tuple[Inside, Inside]:
         """Return the points that count and are inside of a shape; and, for `approach`, all that count wherever they are."""

@@ -13,17 +13,19 @@ from numpy.typing import NDArray
 
 from lidarcli.formalism.detection import SETS
 from lidarcli.formalism.tracking.tracks import seen_steps
-from lidarcli.formalism.zones import Path, crossings, episodes, visits
+from lidarcli.formalism.zones import SAMPLES, Path, crossings, episodes, visits
 from lidarcli.masks import Circle, Polygon
 from lidarcli.pipeline.zone_counting import TopicSeries, ZoneSeries
 from lidarcli.sweeps import Bool, Float64, Int64, UInt8
 from lidarcli.tabular.schemas import DIRECTIONS, EVENT_KINDS
-from lidarcli.zone import WORLD, Line, Zone
+from lidarcli.zone import UNSEEN, WORLD, Line, Zone
 
 SECOND_NS = 1e9
 OCCUPIED, APPROACH, VISIT, CROSSING, STALE = EVENT_KINDS
 IN, OUT = DIRECTIONS
 _AGENT = SETS.index("A")
+FEW = 2
+"""Places of a zone, of `SAMPLES`, from which on it is not observed where they are lost."""
 
 
 class AgentPaths(NamedTuple):
@@ -84,6 +86,8 @@ class ZoneEvents:
     unseen: int = 0
     """Of a line: how often an agent went through it out of sight."""
     topics: Sequence[TopicSeries] = ()
+    lost: tuple[int, float] = (0, 0.0)
+    """Sweeps in which too much of the zone is lost that a sensor could see, and the greatest share of it."""
     in_force: bool = True
     """False for a velocity_polygon none of whose polygons ever covered the velocity."""
 
@@ -156,11 +160,16 @@ class EventFinder:
     def _latest(self, index: int, stamps: Int64) -> Int64:
         if len(self.topics) == 1:
             return self.own
-        order = np.argsort(stamps, kind="stable")
-        at = np.searchsorted(stamps[order], self.time_ns, side="right") - 1
-        there = (at >= 0) & (self.time_ns - stamps[order][np.maximum(at, 0)] <= self._timeout_ns[index])
-        latest: Int64 = np.where(there, order[np.maximum(at, 0)], -1)
+        newest = self._newest(stamps)
+        age = self.time_ns - stamps[newest]
+        latest: Int64 = np.where((age >= 0) & (age <= self._timeout_ns[index]), newest, -1)
         return np.where(self.topic == index, self.own, latest)
+
+    def _newest(self, stamps: Int64) -> Int64:
+        """Return (N,) for each sweep the newest one of a topic; before its first one that."""
+        order = np.argsort(stamps, kind="stable")
+        newest: Int64 = order[np.maximum(np.searchsorted(stamps[order], self.time_ns, side="right") - 1, 0)]
+        return newest
 
     def _own(self, name: str) -> NDArray[Any]:
         """Return a quantity of the sweep itself."""
@@ -245,13 +254,31 @@ class EventFinder:
             "observed": self._observed(),
         }
         in_force = bool((self.part >= 0).any())
-        return ZoneEvents(zone, events, self.topic, columns, one_sided, unseen, self.topics, in_force)
+        return ZoneEvents(zone, events, self.topic, columns, one_sided, unseen, self.topics, self.lost, in_force)
 
     def _observed(self) -> Bool:
-        """Return (N,) whether something in the zone could have made an event: enough beams reach it for long enough."""
+        """Return (N,) whether something in the zone could have made an event: enough beams reach it for long enough.
+
+        Nor is any part of it lost that a sensor could see; one that is silent has lost all that it saw last.
+        """
         observed: Bool = self._of_topics("reach").sum(axis=0) >= (1 if self.is_line else self.zone.min_points)
+        seen, lost = np.zeros((2, len(self.own)), np.uint64)
+        part = np.maximum(self.part, 0)
+        for index, topic in enumerate(self.topics):
+            stamps = topic.column("stamp_ns")
+            at = np.where(self.topic == index, self.own, self._newest(stamps))
+            its_seen, its_lost = (self.series[index].column(name)[at, part] for name in ("seen", "lost"))
+            step = float(np.median(np.diff(np.sort(stamps)))) if len(stamps) > 1 else 0.0
+            silent = np.abs(self.time_ns - stamps[at]) > max(UNSEEN * SECOND_NS, 1.5 * step)
+            seen |= np.where(silent, np.uint64(0), its_seen)
+            lost |= np.where(silent, its_seen | its_lost, its_lost)
+        places = np.bitwise_count(lost & ~seen)
+        is_lost = (places >= FEW) & (self.points < self.zone.min_points)
+        self.lost = int(np.count_nonzero(is_lost)), float(places[is_lost].max(initial=0)) / SAMPLES
+        observed &= places < FEW
         if self.is_line:
             return observed
+        observed |= self.points >= self.zone.min_points
         edges = np.flatnonzero(np.diff(observed.astype(np.int8), prepend=0, append=0))
         for begin, end in edges.reshape(-1, 2).tolist():
             observed[begin:end] = end - begin >= self.zone.trigger

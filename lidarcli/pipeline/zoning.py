@@ -48,7 +48,7 @@ from lidarcli.reports.programs import as_junit
 from lidarcli.reports.wording import counted
 from lidarcli.reports.zones import NEVER, WHO, by_words, figures_of, judge_zones, parse_zone_check, unobserved, zones_in
 from lidarcli.stores import Place
-from lidarcli.sweeps import SweepBatch
+from lidarcli.sweeps import SweepBatch, spared
 from lidarcli.tabular.columns import COARSE, FORMS, answers, are, codes, constant
 from lidarcli.tabular.reading import AGAIN, HeldTable, TopicRows, read_columns
 from lidarcli.tabular.schemas import DIRECTIONS, EVENT_KINDS, SCHEMAS
@@ -264,6 +264,12 @@ class ZoneReader:
             with self._judging(zone):
                 gaps += [*self._gaps(zone)]
         by_zone = [one for zone in self._zones for one in self._events_in(zone)]
+        gaps += [
+            f"zone '{one.zone.name}': in {one.lost[0]:,} of {counted(len(one.topic), 'sweep')} up to {one.lost[1]:.0%} of "
+            "it is lost (no usable beams, or a sensor that hangs or is silent); a mask takes a part out"
+            for one in by_zone
+            if one.lost[0] > spared(len(one.topic))
+        ]
         self.acts = acts_of(told, self._late_ns or 0, by_zone)
         summary.notes += [*self._notes, *notes, *self._frames.notes(), *gaps, *map(str, self._lost.values())]
         return summary, by_zone, described
@@ -351,7 +357,8 @@ class ZoneReader:
                 f"{', '.join(sorted(self._topics))})"
             )
         topics = [one.topic for one in counted_in]
-        missing = [name for name in zone.topics if not any(same_name(name, topic) for topic in topics)]
+        scans = [] if self._read.topics else [topic.name for topic in self._log.topics() or () if topic.is_scan]
+        missing = [name for name in zone.topics or scans if not any(same_name(name, topic) for topic in topics)]
         if missing:
             yield f"zone '{zone.name}': no sweeps of {', '.join(missing)}, which would count in it too"
         if counted_in[0].of_zone(zone.name).zone.frame == WORLD:
@@ -393,10 +400,14 @@ class ZoneReader:
             )
 
     def _events_in(self, zone: Zone) -> Iterator[ZoneEvents]:
-        """Yield a zone as all sensors see it; one in the frame of the sensor for each of them."""
+        """Yield a zone as all sensors of a robot see it; one in the frame of the sensor for each of them."""
         counted_in = self._counted_in(zone)
-        runs = [[one for one in counted_in if one.run == run] for run in sorted({one.run for one in counted_in})]
-        groups = [[one] for of_run in runs for one in of_run] if zone.frame == SENSOR else runs
+        by_robot: dict[tuple[int, tuple[object, ...]], list[TopicSeries]] = {}
+        for one in counted_in:
+            frame = one.of_zone(zone.name).zone.frame
+            carrier = self._frames.of_topic(one.topic).carrier_of(frame, one.frame_id)
+            by_robot.setdefault((one.run, one.sensor if frame == SENSOR else carrier), []).append(one)
+        groups = [by_robot[key] for key in sorted(by_robot, key=lambda key: key[0])]
         for one in counted_in:
             if one.sensor not in self._agents:
                 self._agents[one.sensor] = self._tracked(one)

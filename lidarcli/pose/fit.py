@@ -19,7 +19,7 @@ from lidarcli.choices import BEAM_ORDERS, MATCH, MOST_DELAY
 from lidarcli.display import some_of, times
 from lidarcli.findings import Finding, Fix
 from lidarcli.formalism.scan_matching import Matcher
-from lidarcli.pose.sources import WORLDS, GivenPaths, PoseChain, PoseSources, later, namespace
+from lidarcli.pose.sources import LEVEL, WORLDS, GivenPaths, PoseChain, PoseSources, by_precedence, later, namespace
 from lidarcli.pose.tracks import SECOND_NS, Track, flat, frame_name, gathered
 from lidarcli.sweeps import TURN, Bool, Float64, Int64, SweepBatch
 
@@ -757,7 +757,15 @@ def way_findings(chain: PoseChain, links: Sequence[Track], topic: str = "") -> l
             )
             found.append(Finding("frames", "error", topic, chain.frame, words))
     children = {step.track.child for step in chain.steps}
+    if words := upright_words(children):
+        found.append(Finding("frames", "warning", topic, chain.frame.removesuffix(LEVEL), words))
     return found + [each for each in contradictions(links) if each.frame in children]
+
+
+def upright_words(frames: Iterable[str]) -> str:
+    """Return a line on sweeps of an optical frame, where some frames of their way are the level one of it; else empty."""
+    names = [name.removesuffix(LEVEL) for name in frames if name.endswith(LEVEL)]
+    return f"frame {names[0]} is optical, its plane upright: sweeps are taken as level, ahead along z" if names else ""
 
 
 def pose_findings(sources: PoseSources | GivenPaths, keys: Iterable[Key]) -> list[Finding]:
@@ -793,10 +801,12 @@ def contradictions(links: Sequence[Track]) -> Iterator[Finding]:
         parents = sorted({link.parent for link in mine})
         words = [
             f"{link.topic}: {child} is told at two places in {link.parent}: the last counts"
+            if link.static
+            else f"{link.topic}: {child} is told at two places in {link.parent} at one stamp: the first counts"
             for link in mine
-            if link.static and link.differs
+            if link.differs
         ]
-        mine.sort(key=lambda link: (not link.static, -link.messages))
+        mine = by_precedence(mine)
         words += [
             f"{first.topic} and {second.topic} differ on where {child} is in {parent}: {first.topic} counts"
             for parent in parents
@@ -804,7 +814,8 @@ def contradictions(links: Sequence[Track]) -> Iterator[Finding]:
             if _differ(first, second)
         ]
         if len(parents) > 1 and any(link.static for link in mine):
-            words.append(f"frame {child} has {len(parents)} parents: {some_of(parents)}")
+            last = f"; tf2 takes {mine[0].parent}, told last" if sum(link.static for link in mine) > 1 else ""
+            words.append(f"frame {child} has {len(parents)} parents: {some_of(parents)}{last}")
         for message in words:
             yield Finding("frames", "warning", mine[0].topic, child, message)
 

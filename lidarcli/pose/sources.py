@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
@@ -17,6 +17,7 @@ from lidarcli.pose.tracks import (
     ODOMETRY,
     SECOND_NS,
     TRANSFORMS,
+    UPRIGHT,
     WITH_COVARIANCE,
     Motion,
     Track,
@@ -194,6 +195,20 @@ class GivenPaths:
     def alike(self, frame_id: str, topic: str = "") -> tuple[str, ...]:
         """Return nothing."""
         return ()
+
+
+WENT = 0.3
+"""A sensor has moved that is so far from where it was [m, rad]: the poses of one that stands may be corrected."""
+
+
+def went(sources: PoseSources | GivenPaths, topic: str, frame: str, since_ns: Int64, stamp_ns: Int64) -> Bool:
+    """Return whether the sensor of a topic and frame has gone from some stamps to others (S,) [ns], as poses tell."""
+    if (chain := sources.chain(frame, topic)) is None:
+        return np.zeros(len(stamp_ns), np.bool_)
+    way = _between(*(planar(chain.at(each)) for each in (since_ns, stamp_ns)))
+    with np.errstate(invalid="ignore"):
+        gone: Bool = (np.hypot(way[:, 0], way[:, 1]) > WENT) | (np.abs(way[:, 2]) > WENT)
+    return gone
 
 
 class PoseSources:
@@ -395,6 +410,10 @@ WORLDS = (MAP, "odom", "world", "camera_init")
 """Names of fixed frames, the better one first; a prefix (robot_0/odom) does not matter."""
 
 
+LEVEL = " (level)"
+"""End of the name of a level frame that looks where an optical one does."""
+_AHEAD = np.array([[0.5, -0.5, 0.5, 0.5]])
+"""Rotation of such a frame in the optical one, whose z axis is ahead and y axis down (REP 103)."""
 BASES = ("base_footprint", "base_link", "base")
 """Names of the frame of the robot itself, the one on the floor first."""
 
@@ -451,6 +470,13 @@ def nearness(poses: str, topic: str, scans: Collection[str] = ()) -> int | None:
     return None if topic and any(is_within(scan, space) for scan in scans) else 0
 
 
+def by_precedence(links: Sequence[Track]) -> list[Track]:
+    """Return links in the order in which they count: static ones first, the last told before others, then the longest."""
+    static = [one for one in reversed(links) if one.static]
+    static.sort(key=lambda one: -one.record_ns[1])
+    return static + sorted((one for one in links if not one.static), key=lambda one: -one.messages)
+
+
 class FrameTree:
     """The links of a log, both ways, as the sweeps of a topic see them.
 
@@ -462,16 +488,35 @@ class FrameTree:
         self._near: dict[str, dict[str, Step]] = {}
         self._parent: dict[str, Track] = {}
         nearest: dict[str, int] = {}
-        near = [(at, link) for link in links if (at := nearness(link.topic, topic, scans)) is not None]
-        for at, track in sorted(near, key=lambda one: (-one[0], not one[1].static, -one[1].messages)):
+        near = [(at, link) for link in by_precedence(links) if (at := nearness(link.topic, topic, scans)) is not None]
+        joined = Counter(name for _, link in near for name in (link.parent, link.child))
+        for at, track in sorted(near, key=lambda one: -one[0]):
             if track.parent == track.child or not track.parent or not track.child:
                 continue
             if nearest.setdefault(track.child, at) != at:
+                continue
+            # A frame has one parent at a time, unless that is none of the tree.
+            other = self._parent.get(track.child, track)
+            if track.static and other.parent != track.parent and joined[other.parent] > 1:
                 continue
             # Of two links that join the same frames the better one has come first.
             self._near.setdefault(track.child, {}).setdefault(track.parent, Step(track, down=False))
             self._near.setdefault(track.parent, {}).setdefault(track.child, Step(track, down=True))
             self._parent.setdefault(track.child, track)
+        for frame in [name for name in self._near if _is_optical(name)]:
+            self._level(frame)
+
+    def _level(self, frame: str) -> None:
+        """Join an optical frame whose x-y plane is upright to the level one that looks ahead: no sweep is seen upright."""
+        if steps := self.to_base(frame):
+            first = steps[0].track
+            x, y = along(steps, first.stamp_ns[:1], held=True).rotation[0, :2]
+            if abs(1.0 - 2.0 * (x * x + y * y)) < UPRIGHT:
+                still = replace(first, static=True, differs=False, stamp_ns=first.stamp_ns[:1])
+                link = replace(still, parent=frame, child=frame + LEVEL, motion=Motion(np.zeros((1, 3)), _AHEAD))
+                self._near[frame + LEVEL] = {frame: Step(link, down=False)}
+                self._near[frame][frame + LEVEL] = Step(link, down=True)
+                self._parent[frame + LEVEL] = link
 
     @property
     def frames(self) -> list[str]:
@@ -479,8 +524,13 @@ class FrameTree:
         return [*self._near]
 
     def sensor(self, frame: str) -> str:
-        """Return where the sweeps of the topic are that say this frame: in it, or where each says that it is in it."""
-        return self._own if frame in self._near.get(self._own, {}) else frame
+        """Return where the sweeps of the topic are that say this frame: in it, or where each says that it is in it.
+
+        Those of an optical frame that is upright are in the level one.
+        """
+        if frame in self._near.get(self._own, {}):
+            return self._own
+        return frame + LEVEL if frame + LEVEL in self._near else frame
 
     def path(self, start: str, target: str, avoid: Collection[str] = ()) -> tuple[Step, ...] | None:
         """Return the shortest chain between two frames, empty if they are one; None if there is none."""
@@ -578,9 +628,6 @@ def _named(frames: Iterable[str], names: Sequence[str]) -> str | None:
 def _last(frame: str) -> str:
     return frame.rpartition("/")[2]
 
-
-UPRIGHT = 0.5
-"""Sweeps are in a frame whose z axis is within 60 degrees of the vertical: the cosine of that."""
 
 _OPTICAL = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
 """Axes of an optical frame (z ahead, y down) in a frame with x ahead and z up (REP 103)."""

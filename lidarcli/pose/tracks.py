@@ -106,12 +106,19 @@ def _arc(start: Float64, end: Float64, share: Float64) -> Float64:
     return turned
 
 
+UPRIGHT = 0.5
+"""Sweeps are in a frame whose z axis is within 60 degrees of the vertical, either way up: the cosine of that."""
+
+
 def planar(motion: Motion) -> SweepPoses:
-    """Return the poses seen from above: the direction of the frame's x axis is the yaw."""
+    """Return the poses seen from above: the direction of the frame's x axis is the yaw.
+
+    What stands upright does not hang head down, on whichever side of 90 degrees rounding leaves it.
+    """
     x, y, z, w = motion.rotation.T
     up = 1.0 - 2.0 * (x * x + y * y)
     yaw = np.arctan2(2.0 * (x * y + w * z), 1.0 - 2.0 * (y * y + z * z))
-    return SweepPoses(x=motion.position[:, 0].copy(), y=motion.position[:, 1].copy(), yaw=yaw, upside_down=up < 0.0)
+    return SweepPoses(x=motion.position[:, 0].copy(), y=motion.position[:, 1].copy(), yaw=yaw, upside_down=up < -UPRIGHT)
 
 
 def flat(motion: Motion) -> Float64:
@@ -184,7 +191,7 @@ class Track:
     stretched: float = 0.0
     """Largest deviation of the length of a quaternion from 1, before it was made 1."""
     differs: bool = False
-    """True for a static one that was sent with other numbers, too."""
+    """True for a static one that was sent with other numbers, too, and for one with several poses at one stamp."""
     parts: tuple[Track | None, ...] = ()
     """Its poses of each run of a log whose clock starts anew, None for none; empty where all are of all runs."""
 
@@ -303,7 +310,7 @@ class _Growing:
         )
 
     def finish(self, key: TrackKey) -> Track:
-        """Return the sorted track; of several poses at one stamp the last counts."""
+        """Return the sorted track; of several poses at one stamp the first counts, as in tf2; of static ones the last."""
         topic, kind, parent, child = key
         stamps, numbers = np.concatenate(self.stamps), np.concatenate(self.numbers)
         static = topic.rpartition("/")[2] == "tf_static"
@@ -313,8 +320,11 @@ class _Growing:
         elif (np.diff(stamps) <= 0).any():
             order = np.argsort(stamps, kind="stable")
             stamps, numbers = stamps[order], numbers[order]
-            last = np.append(stamps[1:] != stamps[:-1], True)
-            stamps, numbers = stamps[last], numbers[last]
+            is_first = np.append(True, stamps[1:] != stamps[:-1])
+            firsts = numbers[is_first][np.cumsum(is_first) - 1]
+            turned = np.abs((numbers[:, 3:] * firsts[:, 3:]).sum(axis=1)).min() < np.cos(0.5 * TURNS)
+            differs = bool(turned or np.abs(numbers - firsts)[:, :3].max() > SHIFTS)
+            stamps, numbers = stamps[is_first], numbers[is_first]
         motion = Motion(numbers[:, :3], numbers[:, 3:])
         record = self.record_ns, self.jumps_back, self.stretched
         return Track(topic, kind, parent, child, static, self.messages, stamps, motion, *record, differs)

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lidarcli.sweeps import Float64, Int32, Int64, spared
-from lidarcli.zone import TIMEOUT
+from lidarcli.zone import UNSEEN
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -178,12 +178,16 @@ class Sight(NamedTuple):
         return self.observed / self.sweeps if self.sweeps else 0.0
 
 
-def missing_of(stamp_ns: Int64) -> int:
-    """Return how many sweeps are missing in gaps above `TIMEOUT` of increasing stamps (S,) [ns]."""
-    steps = np.diff(stamp_ns) * 1e-9
-    step = float(np.median(steps)) if len(steps) else 0.0
-    gaps = steps[steps > max(TIMEOUT, 1.5 * step)]
-    return int(np.maximum(np.rint(gaps / step) - 1.0, 0.0).sum()) if len(gaps) and step else 0
+def missing_of(stamp_ns: Int64, ends: Int64 | None = None) -> int:
+    """Return how many sweeps are missing in gaps above `UNSEEN` of increasing stamps (S,) [ns].
+
+    `ends`: (2,) stamps from which on and up to which there should be some; without, the first and the last.
+    """
+    own = np.diff(stamp_ns) * 1e-9
+    step = float(np.median(own)) if len(own) else UNSEEN
+    steps = own if ends is None else np.diff(stamp_ns, prepend=ends[:1], append=ends[1:]) * 1e-9
+    gaps = steps[steps > max(UNSEEN, 1.5 * step)]
+    return int(np.maximum(np.rint(gaps / step) - 1.0, 0.0).sum()) if step else 0
 
 
 def least_observed(sights: Iterable[Sight]) -> Sight | None:

@@ -145,15 +145,25 @@ def _values(zone_rows: ZoneRows, zone: str, columns: Mapping[str, Float64]) -> d
 
 
 def sights_of(zone_rows: ZoneRows, zone: str) -> list[Sight]:
-    """Return how a zone was observed in each log that has it; those missing in gaps above `TIMEOUT` count, too."""
+    """Return how a zone was observed in each log that has it; sweeps that are missing for longer than `UNSEEN` count, too.
+
+    They are missing where no sensor has any; in the frame of the sensor, where one of them has none.
+    """
     rows, mine = zone_rows.zones, np.flatnonzero(of_zone(zone_rows.zones, zone))
-    (log, logs), observed, stamp = rows.words("log"), rows.numbers("observed"), rows.integers("stamp")
+    (log, logs), (topic, _), observed, stamp = (
+        *map(rows.words, ("log", "topic")),
+        rows.numbers("observed"),
+        rows.integers("stamp"),
+    )
     key = rows.source.astype(np.int64) * max(len(logs), 1) + log
+    apart = topic * (zone_rows.shapes.get(zone, {}).get("frame") == SENSOR)
     mine = mine[np.lexsort((stamp[mine], key[mine]))]
     found = [Sight(name, 0, 1) for name, left_out in zone_rows.left_out if left_out == zone]
     for some in np.split(mine, np.flatnonzero(np.diff(key[mine])) + 1) if len(mine) else ():
-        sweeps = len(some) + missing_of(np.unique(stamp[some]))
-        found.append(Sight(logs[log[some[0]]], int(observed[some].sum()), sweeps))
+        ends = stamp[some[[0, -1]]]
+        own = [stamp[some[apart[some] == one]] for one in np.unique(apart[some])]
+        missing = sum(missing_of(np.unique(each), ends) for each in own)
+        found.append(Sight(logs[log[some[0]]], int(observed[some].sum()), len(some) + missing))
     return found
 
 

@@ -111,7 +111,7 @@ TABLES: dict[str, tuple[Column, ...]] = {
             "bool",
             "",
             "whether the sweep shows anything: it has a range, and does not repeat a sweep of over half a second ago "
-            "bit for bit with its noise",
+            "bit for bit, with its noise or while the poses move",
         ),
         *_between(COLUMNS, "nearest", "noise_beams"),
         *_POSE,

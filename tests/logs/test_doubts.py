@@ -15,9 +15,9 @@ import lidarcli
 from lidarcli.logs.base import LASERSCAN, ReadReport
 from lidarcli.logs.batches import ReadOptions, read_batches
 from lidarcli.logs.blocks import IN_DEGREES
-from lidarcli.logs.scan_checks import MOST, ScanChecks
+from lidarcli.logs.scan_checks import MOST, LogStats, ScanChecks
 from lidarcli.range_rules import RangeRules, normalise
-from lidarcli.sweeps import TURN, RawSweeps, concatenate
+from lidarcli.sweeps import TURN, Bool, Int64, RawSweeps, concatenate
 from lidarcli.times import as_time
 from tests.fake_log import FakeLog
 from tests.logs.scan_messages import scan
@@ -348,3 +348,55 @@ def test_a_sensor_that_hangs_is_found_however_sweeps_are_cut() -> None:
             told = [each.message for each in report.findings() if each.id == "observed"]
             line = "14 of 40 sweeps of /scan repeat an older one bit for bit: the driver hung"
             assert told == ([line] if expected else [])
+
+
+def added(doubts: ScanChecks, raw: RawSweeps) -> list[int]:
+    return np.flatnonzero(doubts.add(raw, normalise(raw, np.arange(len(raw)), RangeRules()))).tolist()
+
+
+@pytest.mark.parametrize("turns", [1, 2, 3, 8])
+def test_a_sensor_that_hangs_may_send_old_sweeps_in_turns(turns: int) -> None:
+    ranges = 2.0 + np.random.default_rng(6).normal(0.0, 0.005, (60, 90)).astype(np.float32)
+    ranges[20:] = ranges[20 + np.arange(40) % turns]
+    # Each is first repeated when half a second has passed.
+    assert added(ScanChecks(), raw_sweeps(ranges)) == [*range(20 + max(6, turns), 60)]
+
+
+def test_sweeps_without_noise_repeat_old_ones_while_the_sensor_moves() -> None:
+    """A simulation may stand; the told poses of this one go on from the 30th sweep."""
+    raw = raw_sweeps(np.full((60, 90), 1.0, np.float32))
+    begin = int(raw.stamp_ns[30])
+    asked = []
+
+    def went(topic: str, frame: str, since_ns: Int64, stamp_ns: Int64) -> Bool:
+        asked.append((topic, frame))
+        assert (since_ns == raw.stamp_ns[0]).all()
+        return np.asarray(stamp_ns >= begin)
+
+    assert added(ScanChecks(), raw) == []
+    assert added(ScanChecks(went=went), raw) == [*range(30, 60)]
+    assert set(asked) == {("/scan", "laser")}
+
+
+@pytest.mark.parametrize(("beams", "told"), [(40, False), (140, True)])
+def test_zeros_over_a_wide_view_are_told(beams: int, told: bool) -> None:
+    ranges = np.full((40, 360), 3.0, np.float32)
+    ranges[:, 100 : 100 + beams] = 0.0
+    (line,) = notes(raw_sweeps(ranges)) or ("",)
+    assert (
+        line.startswith(
+            "/scan: in 100% of the sweeps up to 140 degrees in a row are 0 or senseless: nothing there, or blind"
+        )
+        == told
+    )
+    assert not notes(raw_sweeps(ranges), rules=RangeRules(no_return=frozenset({"inf"})))
+
+
+def test_sweeps_that_differ_in_one_beam_repeat_nothing() -> None:
+    ranges = np.full((40, 360), 3.0, np.float32)
+    ranges[np.arange(40), 3 + np.arange(40)] = 2.0
+    raw, found = raw_sweeps(ranges), LogStats()
+    found.add(raw, normalise(raw, np.arange(40), RangeRules()))
+    assert (found.repeats, found.compared) == (0, 40)
+    found.add(raw.rows(slice(39, 40)), normalise(raw.rows(slice(39, 40)), np.arange(1), RangeRules()))
+    assert found.repeats == 1

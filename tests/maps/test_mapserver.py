@@ -140,6 +140,30 @@ def test_every_image_format(tmp_path: Path, name: str) -> None:
     assert shades(tmp_path, RAMP, name) == [[100, 100, -1, -1, -1, 0, 0]]
 
 
+@pytest.mark.parametrize("name", ["map.png", "map.pgm"])
+@pytest.mark.parametrize(
+    ("image", "keys", "cells"),
+    [
+        (gray([0, 205, 254]), {}, [100, -1, 0]),
+        (gray([205, 205]), {}, [-1, -1]),
+        # Any other shade is none of map_saver, and a file may mean what it says.
+        (gray([0, 205, 254, 255]), {}, [100, 0, 0, 0]),
+        (gray([0, 205, 254]), {"negate": 1}, [0, 100, 100]),
+        (gray([0, 205, 254]), {"mode": "scale"}, [100, 0, 0]),
+    ],
+)
+def test_unknown_cells_as_map_saver_writes_them(
+    tmp_path: Path, image: Image.Image, keys: dict[str, Any], cells: list[int], name: str
+) -> None:
+    """Nav2's saver has 0.25 for `free_thresh` by default, by which they would be free: nobody drove there."""
+    assert shades(tmp_path, image, name, **({"free_thresh": 0.25} | keys)) == [cells]
+    note = read_map(tmp_path / "map.yaml").note
+    words = "205 is unknown, as map_saver writes it; by its free_thresh of 0.25 it would be free"
+    assert (words in note) == (-1 in cells and not keys)
+    assert shades(tmp_path, gray([0, 205, 254]), name) == [[100, -1, 0]]
+    assert not read_map(tmp_path / "map.yaml").note
+
+
 LEVELS = gray([101, 102, 103, 203, 204, 205])
 PER_CENT = gray([0, 19, 20, 64, 65, 100, 101, 255])
 ALPHA = Image.fromarray(np.array([[(0, 255), (150, 255), (255, 255), (0, 254), (255, 0)]], np.uint8), "LA")

@@ -11,7 +11,7 @@ import pytest
 
 from lidarcli.foxglove import SCAN, classes
 from lidarcli.logs.base import Message
-from lidarcli.pose.fit import contradictions
+from lidarcli.pose.fit import contradictions, way_findings
 from lidarcli.pose.sources import FrameTree, PoseChain, PoseSources
 from lidarcli.pose.tracks import Track, Tracks, planar
 from tests.pose.pose_messages import SECOND, Pose, message, numbers, odometry, tf
@@ -130,7 +130,69 @@ def test_contradictions_of_one_namespace() -> None:
     elsewhere = tf(0, "base_link", "laser", (0.3, 0, 0), "/tf_static")
     twice = "/tf_static: laser is told at two places in base_link: the last counts"
     assert words(static, elsewhere) == [twice]
-    parents = "frame laser has 2 parents: base_link, mast"
+    parents = "frame laser has 2 parents: base_link, mast; tf2 takes mast, told last"
     assert words(static, tf(0, "mast", "laser", (0, 0, 0), "/tf_static")) == [parents]
     # Two robots may differ.
     assert words(static, tf(0, "base_link", "laser", (5, 0, 0), "/robot2/tf_static")) == []
+    both = [tf(time, "odom", "base_link", (x, 0, 0), "/tf") for time in TIMES for x in (1.0, 1.5)]
+    assert words(*both) == ["/tf: base_link is told at two places in odom at one stamp: the first counts"]
+    nearly = [tf(time, "odom", "base_link", (x, 0, 0), "/tf") for time in TIMES for x in (1.0, 1.001)]
+    assert words(*nearly) == []
+
+
+def test_what_counts_is_what_tf2_takes() -> None:
+    """The first of one stamp; of static ones the last, also where it has another parent, if that is in the tree."""
+    both = [tf(time, "odom", "base_link", (x, 0, 0), "/tf") for time in TIMES for x in (1.0, 1.5)]
+    mounts = [tf(0, "base_link", "laser", (0.1, 0, 0), "/tf_static"), tf(0, "mast", "laser", (0, 0, 0), "/tf_static")]
+    mast = tf(0, "base_link", "mast", (0.5, 0, 0), "/tf_static")
+    for links, frames, x in (
+        ([*both, *mounts, mast], "odom > base_link > mast > laser", 1.5),
+        ([*both, mast, *mounts[::-1]], "odom > base_link > laser", 1.1),
+        ([*both, *mounts], "odom > base_link > laser", 1.1),
+    ):
+        chain = PoseSources(tracks_of(links), None, ["/scan"]).chain("laser", "/scan")
+        assert chain is not None
+        assert chain.frames == frames
+        np.testing.assert_allclose(planar(chain.at(AT)).x, x)
+
+
+# --- optical frames -----------------------------------------------------------------------------------------
+
+
+def looking_ahead(roll: float, yaw: float) -> tuple[float, ...]:
+    """The quaternion of a roll and then a yaw."""
+    sin_roll, cos_roll, sin_yaw, cos_yaw = np.sin(roll / 2), np.cos(roll / 2), np.sin(yaw / 2), np.cos(yaw / 2)
+    return sin_roll * cos_yaw, sin_roll * sin_yaw, cos_roll * sin_yaw, cos_roll * cos_yaw
+
+
+UPRIGHTS = {
+    "exact": (-0.5, 0.5, -0.5, 0.5),
+    "half turns": looking_ahead(-pi / 2, -pi / 2),
+    "too little": looking_ahead(-1.57, -1.57),
+    "too much": looking_ahead(-1.5708, -1.5708),
+}
+
+
+@pytest.mark.parametrize("spelled", UPRIGHTS)
+def test_sweeps_of_an_optical_frame_are_level_however_it_is_spelled(spelled: str) -> None:
+    moving = [tf(time, "odom", "base_link", (time, 0, 0.003 * time), "/tf") for time in TIMES]
+    for frame, is_level in (("eye_optical_frame", True), ("eye", False)):
+        pose = (0.2, 0.1, 0.3, *UPRIGHTS[spelled])
+        sources = PoseSources(tracks_of([*moving, tf(0, "base_link", frame, pose, "/tf_static")]), None, ["/scan"])
+        chain = sources.chain(frame, "/scan")
+        assert chain is not None
+        here, base = planar(chain.at(AT)), 0.003 * AT
+        assert not here.upside_down.any()
+        turned = 0.0 if is_level else -pi / 2
+        np.testing.assert_allclose(here.yaw, base + turned, atol=0.002)
+        np.testing.assert_allclose(here.x, AT + 0.2 * np.cos(base) - 0.1 * np.sin(base), atol=1e-6)
+        told = [found.message for found in way_findings(chain, ())]
+        words = "frame eye_optical_frame is optical, its plane upright: sweeps are taken as level, ahead along z"
+        assert told == ([words] if is_level else [])
+
+
+def test_an_optical_frame_that_is_level_is_left_as_it_is() -> None:
+    links = [*robot("", 0.2, 1.0), tf(0, "laser", "eye_optical", (0.1, 0, 0.5), "/tf_static")]
+    chain = PoseSources(tracks_of(links), None, ["/scan"]).chain("eye_optical", "/scan")
+    assert chain is not None
+    np.testing.assert_allclose(planar(chain.at(AT)).yaw, 0.5)

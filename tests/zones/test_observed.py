@@ -119,13 +119,73 @@ def test_a_zone_that_is_under_a_mask_in_part_is_observed(tmp_path: Path) -> None
     assert set(column(watched(log_of(tmp_path, sweeps()), NEAR + mask, no_objects=True).zones, "observed")) == {True}
 
 
-@pytest.mark.parametrize(("half", "share"), [(10, 60), (20, 0)])
-def test_a_zone_of_which_most_beams_are_lost_is_not_observed(tmp_path: Path, half: int, share: int) -> None:
-    """It spans 60 degrees, of which 20 or 40 in its middle have no value."""
+@pytest.mark.parametrize(("half", "share"), [(2, 60), (10, 0), (20, 0)])
+@pytest.mark.parametrize("value", [np.nan, -1.0, 0.05])
+def test_a_zone_of_which_beams_are_lost_side_by_side_is_not_observed(
+    tmp_path: Path, half: int, share: int, value: float
+) -> None:
+    """It spans 60 degrees, of which 4, 20 or 40 in its middle have no value: behind 4 nobody can stand."""
     ranges = 4.0 + NOISE
-    ranges[:, 180 - half : 180 + half] = np.nan
-    tables = watched(log_of(tmp_path, raw_sweeps(ranges)), NEAR, no_objects=True)
+    ranges[:, 180 - half : 180 + half] = value
+    raw = raw_sweeps(ranges, range_min=np.full(SWEEPS, 0.1, np.float32))
+    tables = watched(log_of(tmp_path, raw), NEAR, no_objects=True)
     assert column(tables.zones, "observed").count(True) == share
+    mask = "[[mask]]\nsector = { from = -30, to = 30, farthest = 0.2 }\n"
+    assert set(column(watched(log_of(tmp_path, raw), NEAR + mask, no_objects=True).zones, "observed")) == {half < 20}
+
+
+def test_beams_that_are_lost_on_both_sides_of_the_seam_lie_side_by_side(tmp_path: Path) -> None:
+    ranges = 4.0 + NOISE
+    ranges[:, :9] = ranges[:, -9:] = np.nan
+    behind = NEAR.replace("x = 1.0", "x = -1.0")
+    assert set(column(watched(log_of(tmp_path, raw_sweeps(ranges)), behind, no_objects=True).zones, "observed")) == {False}
+
+
+def test_single_beams_that_flicker_lose_nothing(tmp_path: Path) -> None:
+    ranges = 4.0 + NOISE
+    ranges[np.random.default_rng(4).random(ranges.shape) < 0.2] = np.nan
+    assert set(column(watched(log_of(tmp_path, raw_sweeps(ranges)), NEAR, no_objects=True).zones, "observed")) == {True}
+
+
+LASERS = "".join(
+    f'[[mount]]\nframe = "{name}"\nparent = "base_link"\nx = {x}\ny = 0\nyaw = {yaw}\n'
+    for name, x, yaw in (("front", 0.3, 0), ("rear", -0.3, 180))
+)
+AROUND = '[[zone]]\nname = "near"\nframe = "robot"\npolygon = [[-2.5, -1.5], [0.9, -1.5], [0.9, 1.5], [-2.5, 1.5]]\n'
+REAR = {
+    "sound": (sweeps(), 0),
+    "dead": (changed(sweeps(), slice(0, 60), 0.0), 120),
+    "dead for a while": (changed(sweeps(), slice(20, 40), np.nan), 40),
+    "late": (sweeps().rows(slice(30, 60)), 25),
+    "silent from a second on": (sweeps().rows(slice(0, 10)), 45),
+    "silent for a while": (sweeps().rows(np.r_[0:20, 38:60]), 13),
+}
+
+
+@pytest.mark.parametrize("frame", ["robot", "sensor"])
+@pytest.mark.parametrize("case", REAR)
+def test_each_sensor_has_to_observe_its_part(lidarcli: Run, case: str, frame: str, tmp_path: Path) -> None:
+    """Two lasers see 180 degrees each; what only the rear one could see is lost without it."""
+    rear, missed = REAR[case]
+    half, both = np.arange(90, 270), []
+    for name, raw in (("front", sweeps()), ("rear", rear)):
+        ranges = np.ascontiguousarray(raw.ranges[:, half])
+        begin = raw.angle_min + raw.angle_increment * half[0]
+        beams = np.full(len(raw), 180, np.int32)
+        one = replace(raw, topic=f"/{name}", frame_ids=(name,), ranges=ranges, angle_min=begin, beams=beams)
+        both.append(scans([one]))
+    log = write_bag(tmp_path / "run.bag", *both)
+    zones = zone_file(tmp_path, LASERS + AROUND.replace("robot", frame))
+    words = "zones", log, "--zones", zones, "--no-objects", "-o", tmp_path / "out"
+    ran = lidarcli(*words, "--check", "zones.near.events == 0")
+    is_never = (case, frame) == ("dead", "robot")
+    assert ran.code == (0 if not missed else 1 if is_never else 3)
+    assert ("of it is lost (no usable beams, or a sensor that hangs or is silent)" in ran.err) == (
+        "dead" in case or (frame == "robot" and missed > 0)
+    )
+    observed = column(pq.read_table(tmp_path / "out" / "run.zones.parquet"), "observed")
+    if frame == "robot":
+        assert observed.count(False) == pytest.approx(missed, abs=2)
 
 
 def test_a_trigger_needs_sweeps_in_a_row(tmp_path: Path) -> None:

@@ -16,6 +16,7 @@ from lidarcli.simulation import scene as make
 from lidarcli.simulation.generate import START_NS
 from lidarcli.simulation.scene import Course, Scene
 from lidarcli.sweeps import TURN, RawSweeps
+from tests.cli.maps import Run
 from tests.sweeping import STEP, raw_sweeps
 from tests.zones.runs import (
     SENSOR,
@@ -96,6 +97,36 @@ def test_points_of_two_lasers_are_added(told_by: str, tmp_path: Path) -> None:
     (event,) = tables.events.to_pylist()
     assert (event["points"], event["cut"], event["sweeps"]) == (max(expected.max(), (front + rear).max()), True, 40)
     assert event["x"] ** 2 + (event["y"] - 1.5) ** 2 == pytest.approx(0.3**2, abs=0.02)
+
+
+def test_a_mount_that_is_told_twice_is_noted(lidarcli: Run, tmp_path: Path) -> None:
+    links = [transform_at(START_NS + at, "base_link", "laser", (float(at), 0.0, 0.0)) for at in (0, 3)]
+    log = write_bag(tmp_path / "run.bag", scans(sweeps_of(scene_of(sweeps=3))), links)
+    ran = lidarcli("zones", log, "--zones", zone_file(tmp_path, ROBOT_CIRCLE), "--no-objects")
+    assert ran.err.count("note     /tf_static: laser is told at two places in base_link: the last counts") == 1
+
+
+@pytest.mark.parametrize("named", ["by their frames", "by their namespaces"])
+@pytest.mark.parametrize("frame", ["robot", "base_link"])
+def test_each_of_two_robots_has_the_zone(named: str, frame: str, tmp_path: Path) -> None:
+    """Both see a cylinder in it by some beams: those of two robots are never added."""
+    messages: list[Any] = []
+    for robot in ("r1", "r2"):
+        prefix = f"{robot}/" if named == "by their frames" else ""
+        sensor = replace(SENSOR, topic=f"/{robot}/scan", frame_id=f"{prefix}laser")
+        messages.append(scans(sweeps_of(scene_of(make.cylinder(0.0, 1.5, 0.3), sensor=sensor, sweeps=5))))
+        link = transform_at(START_NS, f"{prefix}base_link", f"{prefix}laser", (0.0, 0.0, 0.0))
+        messages.append([link if prefix else link._replace(topic=f"/{robot}/tf_static")])
+    log = write_bag(tmp_path / "two.bag", *messages)
+    zone = ROBOT_CIRCLE.replace('"robot"', f'"{frame}"')
+    if frame == "base_link" and named == "by their frames":
+        with pytest.raises(NoScanError, match="nothing leads from frame r1/laser to base_link"):
+            watched(log, zone, no_objects=True)
+        return
+    tables = watched(log, zone, no_objects=True)
+    points_of = {topic: column(tables.zones, "points", topic=topic) for topic in ("/r1/scan", "/r2/scan")}
+    assert [event["points"] for event in tables.events.to_pylist()] == [max(each) for each in points_of.values()]
+    assert np.ptp([*points_of.values()]) < 10
 
 
 def test_two_lasers_of_which_nothing_tells_the_mount(tmp_path: Path) -> None:

@@ -40,6 +40,7 @@ class Occupancy:
     x, y : where the lower left corner of cell (0, 0) is [m]
     cells : (H, W) int8: -1 unknown, 0 free, 100 occupied; row 0 has the least y, column 0 the least x
     frame_id : name of the fixed frame
+    note : what of its file was not taken as it says; empty for nothing
     """
 
     resolution: float
@@ -47,6 +48,7 @@ class Occupancy:
     y: float
     cells: Int8
     frame_id: str = "map"
+    note: str = ""
 
     @property
     def occupied(self) -> int:

@@ -108,7 +108,7 @@ def _mounts(log: Log, frames: list[str]) -> Iterator[Mount]:
     tree = FrameTree(links)
     for frame in dict.fromkeys(name for link in links for name in (link.child, link.parent)):
         for target in map(frame_name, frames):
-            if steps := tree.path(frame, target):
+            if steps := tree.path(tree.sensor(frame), target):
                 here = planar(along(steps, np.zeros(1, np.int64)))
                 x, y, yaw = (float(each[0]) for each in (here.x, here.y, here.yaw))
                 yield Mount(frame, target, x, y, yaw, bool(here.upside_down[0]))

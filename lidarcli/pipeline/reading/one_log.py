@@ -242,7 +242,7 @@ class Reading:
                 self._report.notes.append(note)
             self.posing = made.of_run(run)
             options = replace(options, run=run)
-        self._batcher = LogBatcher(log, options, self._report, choice)
+        self._batcher = LogBatcher(log, options, self._report, choice, self.posing.went)
         self._position = 0
         self._thread: Threads | None = None
 

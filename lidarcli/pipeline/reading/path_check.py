@@ -17,13 +17,14 @@ from lidarcli.formalism.path_agreement import Agreement
 from lidarcli.logs.base import Log, ReadReport
 from lidarcli.logs.batches import LogBatcher, ReadOptions
 from lidarcli.logs.registry import TopicChoice
+from lidarcli.logs.scan_checks import Went
 from lidarcli.pipeline.reading.posing import UNPLACED, Need, SensorMovedError
 from lidarcli.pose import candidates
 from lidarcli.pose import fit as fitting
-from lidarcli.pose.sources import Correction, PoseChain, Step
+from lidarcli.pose.sources import Correction, PoseChain, Step, went
 from lidarcli.pose.tracks import SECOND_NS, lifted, planar
 from lidarcli.range_rules import RangeRules
-from lidarcli.sweeps import Bool, Float64, Int64, SweepBatch
+from lidarcli.sweeps import Bool, Float64, Int64, Status, SweepBatch
 
 if TYPE_CHECKING:
     from lidarcli.pose.sources import GivenPaths, PoseSources
@@ -316,7 +317,8 @@ def check_paths(
     sweeps_of: Counter[int] = Counter()
     recorded: dict[int, tuple[Any, Any]] = {}
     expected = {topic.name for topic in log.topics() or () if topic.messages != 0} & set(choice.chosen)
-    for key, sweeps in _sweeps(log, choice, rules):
+    moves = None if sources is None else partial(went, sources)
+    for key, sweeps in _sweeps(log, choice, rules, moves):
         sweeps_of[key[0]] += len(sweeps)
         first, last = recorded.get(key[0], (sweeps.record_ns[0], 0))
         recorded[key[0]] = min(first, sweeps.record_ns.min()), max(last, sweeps.record_ns.max())
@@ -352,17 +354,24 @@ def check_paths(
             again[key] = choice_of, second
         else:
             found[key] = choice_of.beside(found[key])
-    for key, sweeps in _sweeps(log, choice, rules) if again else ():
+    for key, sweeps in _sweeps(log, choice, rules, moves) if again else ():
         for look in again[key][1] if key in again else ():
             look.add(sweeps)
     return found | {key: one.beside(one.second(second)) for key, (one, second) in again.items()}, sweeps_of
 
 
-def _sweeps(log: Log, choice: TopicChoice, rules: RangeRules) -> Iterator[tuple[tuple[int, Key], SweepBatch]]:
-    """Yield the sweeps of a log by run, topic and frame; the pass that makes the tables reports the damage."""
-    for batch in LogBatcher(log, ReadOptions(choice.wanted or None, rules=rules), ReadReport(), choice).batches():
+def _sweeps(
+    log: Log, choice: TopicChoice, rules: RangeRules, moves: Went | None
+) -> Iterator[tuple[tuple[int, Key], SweepBatch]]:
+    """Yield the sweeps of a log by run, topic and frame; the pass that makes the tables reports the damage.
+
+    Those that repeat old ones say nothing of the path.
+    """
+    for batch in LogBatcher(log, ReadOptions(choice.wanted or None, rules=rules), ReadReport(), choice, moves).batches():
         for frame, _, sweeps in batch.by_frame():
-            yield (batch.run, (batch.topic, frame)), sweeps
+            hung = ~sweeps.observed & (sweeps.status == Status.VALID).any(axis=1)
+            if not hung.all():
+                yield (batch.run, (batch.topic, frame)), sweeps.rows(np.flatnonzero(~hung)) if hung.any() else sweeps
 
 
 class _Told:

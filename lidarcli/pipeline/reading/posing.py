@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from enum import Enum
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
@@ -17,6 +18,7 @@ from lidarcli.findings import Finding
 from lidarcli.logs.base import POSE_TYPES, POSED_TYPES, Log, Message, ReadReport, Topic
 from lidarcli.logs.batches import ReadOptions
 from lidarcli.logs.registry import TopicChoice, format_of
+from lidarcli.logs.scan_checks import Went
 from lidarcli.masks import Masks, same_name
 from lidarcli.pipeline.inputs.sources import made_of_clouds, read_pose_messages
 from lidarcli.ros.cursor import BadMessageError, Cursor
@@ -359,6 +361,15 @@ class PoseAttacher:
     def of_run(self, run: int | None) -> PoseAttacher:
         """Return the attacher of one run alone, or of all."""
         return replace(self.runs[run], runs={}) if run in self.runs else self
+
+    @property
+    def went(self) -> Went | None:
+        """Tells whether a sensor moves by its poses; None where there are none."""
+        if self.found is None:
+            return None
+        from lidarcli.pose.sources import went
+
+        return partial(went, self.found.whole or self.found.sources)
 
     @property
     def every(self) -> list[PoseAttacher]:

@@ -53,7 +53,7 @@ def robots_in(
     mounts : places that files tell; they count before the transforms
     scans : all topics of the log with sweeps
     """
-    links = [_fixed(mount) for mount in mounts]
+    links = [_fixed(mount) for mount in reversed(mounts)]
     links += [one for one in tracks if one.is_link and _is_mount(one)]
     groups: list[list[_Sensor]] = []
     for key in sorted(paths):
@@ -101,7 +101,7 @@ def _fixed(mount: Mount) -> Track:
     if mount.upside_down:
         motion = compose(motion, Motion(np.zeros((1, 3)), np.array([[1.0, 0.0, 0.0, 0.0]])))
     parent, child = frame_name(mount.parent), frame_name(mount.frame)
-    return Track("", next(iter(TRANSFORMS)), parent, child, True, 1 << 60, np.zeros(1, np.int64), motion, (0, 0), 0)
+    return Track("", next(iter(TRANSFORMS)), parent, child, True, 1, np.zeros(1, np.int64), motion, (0, 1 << 62), 0)
 
 
 def _is_mount(link: Track) -> bool:
@@ -228,7 +228,7 @@ def mount_on(
     key: Key, frame: str | None, tracks: Iterable[Track], mounts: Sequence[Mount], scans: Collection[str]
 ) -> PoseChain:
     """Return the chain from a sensor to a frame of its robot, by default the robot itself; `OptionError`: there is none."""
-    links = [_fixed(mount) for mount in mounts] + [one for one in tracks if one.is_link and _is_mount(one)]
+    links = [_fixed(mount) for mount in reversed(mounts)] + [one for one in tracks if one.is_link and _is_mount(one)]
     tree = FrameTree(links, key[0], scans)
     start = tree.sensor(frame_name(key[1]))
     steps = tree.to_base(start) if frame is None else tree.path(start, frame_name(frame))
