@@ -287,10 +287,9 @@ def _unpacked(compression: str, data: bytes, size: int) -> bytes:
         declared = zstandard.frame_content_size(data)
         if declared > size:
             raise CodecError(f"it declares {size} bytes and holds {declared}")
-        first = zstandard.ZstdDecompressor().decompress(data, max_output_size=max(size, 1)) if declared in (-1, size) else b""
-        if len(first) == size:
-            return first
-        return zstandard.ZstdDecompressor().stream_reader(data, read_across_frames=True).read(size + 1)
+        zstd = zstandard.ZstdDecompressor()
+        first = zstd.decompress(data, max_output_size=max(size, 1)) if declared in (-1, size) else b""
+        return first if len(first) == size else zstd.stream_reader(data, read_across_frames=True).read(size + 1)
     except (zstandard.ZstdError, RuntimeError, EOFError) as err:
         raise CodecError(f"{compression}: {err}") from err
 

@@ -300,9 +300,7 @@ def test_a_hostile_chunk_is_refused_alone(tmp_path: Path, extra: bytes, cause: s
         ("lz4", lz4.frame.compress),
     ],
 )
-def test_a_chunk_of_several_frames_is_read_whole(
-    tmp_path: Path, compression: str, pack: Callable[[bytes], bytes]
-) -> None:
+def test_a_chunk_of_several_frames_is_read_whole(tmp_path: Path, compression: str, pack: Callable[[bytes], bytes]) -> None:
     plain = {"use_statistics": False, "repeat_channels": False, "repeat_schemas": False}
     data = sample(N, compression="none", index=IndexType.NONE, **plain)
     start, end = samples.chunks(data)[2]
