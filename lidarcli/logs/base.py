@@ -18,8 +18,8 @@ from lidarcli.sweeps import RawSweeps
 
 LASERSCAN = "sensor_msgs/msg/LaserScan"
 MULTI_ECHO = "sensor_msgs/msg/MultiEchoLaserScan"
-PROTOBUF_SCAN = "ros.sensor_msgs.LaserScan"
-SCAN_TYPES = frozenset({LASERSCAN, MULTI_ECHO, PROTOBUF_SCAN, foxglove.SCAN})
+PROTOBUF_SCANS = ("ros.sensor_msgs.LaserScan", "gz.msgs.LaserScan", "ignition.msgs.LaserScan")
+SCAN_TYPES = frozenset({LASERSCAN, MULTI_ECHO, *PROTOBUF_SCANS, foxglove.SCAN})
 
 POINTCLOUD2 = "sensor_msgs/msg/PointCloud2"
 CLOUD_TYPES = frozenset({POINTCLOUD2, foxglove.CLOUD})
