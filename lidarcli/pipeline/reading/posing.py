@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from enum import Enum
+from itertools import groupby
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
@@ -542,11 +543,12 @@ class PoseAttacher:
         frame have several worlds.
         """
         found: dict[str, dict[str, Any]] = {}
-        for frame in sorted({frame for frame, _ in self.stats}):
-            paths = [(topic, path) for (topic, name), path in sorted(self.paths.items()) if name == frame]
-            topics = [topic for topic, _ in paths] or [
-                stats.topic for (name, _), stats in sorted(self.stats.items()) if name == frame
-            ]
+        read = groupby(sorted(self.stats.items()), key=lambda each: each[0][0])
+        known_paths = sorted(self.paths.items(), key=lambda each: (each[0][1], each[0][0]))
+        paths_of = {frame: [*mine] for frame, mine in groupby(known_paths, key=lambda each: each[0][1])}
+        for frame, mine in read:
+            paths = [(topic, path) for (topic, _), path in paths_of.get(frame, ())]
+            topics = [topic for topic, _ in paths] or [stats.topic for _, stats in mine]
             known = {topic: chain for topic in topics if (chain := self._way(topic, frame)) is not None}
             chains = [*known.values()]
             if len({chain.world for chain in chains}) > 1:
