@@ -191,6 +191,8 @@ MISSING = 0.01
 """Share of long steps above which sweeps are missing: no sensor of public recordings has one by chance."""
 APART = 1.0
 """Most seconds between header stamp and record time of one clock."""
+ASIDE = 0.25
+"""Distance in steps from which on a beam lies between those of another sweep; sweeps of one step end nearer."""
 OFF = 0.2
 """Deviation of the time of a sweep by `time_increment` from that by view and period, as a share."""
 SAME_TOPIC = 0.5
@@ -409,6 +411,16 @@ LOG_RULES = (
         {"share": VIEW_VARIES},
         chain="beams",
         mend="beams",
+    ),
+    Rule(
+        "geometry",
+        "hint",
+        lambda s: s.counts[0] < s.counts[1] and s.between > OFTEN * s.sweeps,
+        "{name}: the beams of {0.between:,} of {0.sweeps:,} sweeps lie between those of the first: slam_toolbox takes no "
+        "such sensor",
+        "sweeps=between beams=beams_span",
+        {"share": OFTEN, "steps": ASIDE},
+        chain="beams",
     ),
     Rule(
         "geometry",

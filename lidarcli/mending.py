@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from rosbags.serde import SerdeError
 
-from lidarcli.findings import OFF
+from lidarcli.findings import ASIDE, OFF
 from lidarcli.range_rules import RangeRules, normalise
 from lidarcli.ros.messages import ROS1, ROS2, SCAN
 from lidarcli.sweeps import TURN, Float32, Int64, RawSweeps, Status
@@ -110,12 +110,18 @@ def _status(scan: Any, topic: str, rules: RangeRules) -> Any:
 
 
 def put_on(scan: Any, _: int, first: float, spacing: float, beams: int) -> bool:
-    """Give each of `beams` from a bearing on the range of the beam that is nearest within half a step, NaN without one."""
+    """Give each of `beams` from a bearing on the range of the beam that is nearest within half a step, NaN without one.
+
+    A sweep of the same step keeps its bearings: a whole sweep between the beams of others would seem turned.
+    """
     count = len(scan.ranges)
     if count == beams:
         return False
     # A single beam may have no step.
     step = scan.angle_increment or spacing or 1.0
+    if abs(step - spacing) * count <= ASIDE * abs(step):
+        aside = (scan.angle_min - first) / step
+        first, spacing = first + (aside - np.rint(aside)) * step, step
     bearing = first + spacing * np.arange(beams, dtype=np.float64)
     # Steps from the first beam on, within the turn that begins half a step before it.
     steps = np.mod((bearing - scan.angle_min) / step + 0.5, max(TURN / abs(step), count - 0.5)) - 0.5

@@ -311,7 +311,9 @@ _HOUR = 3600
 
 _UNITS = {"ns": NS, "nsec": NS, "nsecs": NS, "nanosec": NS, "nanoseconds": NS, "us": US, "usec": US, "µs": US}
 _UNITS |= {"ms": MS, "msec": MS, "s": S, "sec": S, "secs": S, "seconds": S}
-_UNITS |= {f"{parts}{s}": unit for parts, unit in (("nano", NS), ("micro", US), ("milli", MS)) for s in ("s", "sec", "seconds")}
+_UNITS |= {
+    f"{parts}{s}": unit for parts, unit in (("nano", NS), ("micro", US), ("milli", MS)) for s in ("s", "sec", "seconds")
+}
 _UNIT_IN_NAME = re.compile(rf"(?:[_(\[ ]|^(?=[mnuµ]))({'|'.join(_UNITS)})[)\]]*$")
 _SECOND = rb"(?P<second>\d\d)(?:(?:[.,]|:(?=\d{3}\b))(?P<fraction>\d+))?"
 _HALF = rb"(?:\s*(?P<half>[AP])\.?M\b\.?)?"

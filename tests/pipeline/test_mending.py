@@ -256,6 +256,34 @@ def test_sweeps_of_the_usual_number_stay_and_others_get_their_nearest_beams(tmp_
     assert short[3].ranges[:200].tobytes() == sound().ranges[3, :200].tobytes()
 
 
+def interlaced(phases: int, fewer: int) -> Change:
+    """Every `phases`-th sweep lies on the beams of the first, the others between them, with fewer beams."""
+
+    def change(raw: RawSweeps) -> RawSweeps:
+        phase, step = np.arange(SWEEPS) % phases, TURN / 360
+        first = raw.angle_min + phase / phases * step
+        beams = np.where(phase > 0, 360 - fewer, 360).astype(np.int32)
+        return replace(raw, angle_min=first, beams=beams)
+
+    return change
+
+
+@pytest.mark.parametrize(("phases", "fewer"), [(2, 1), (4, 1), (3, 40)])
+def test_sweeps_between_the_beams_of_others_keep_their_bearings(phases: int, fewer: int, tmp_path: Path) -> None:
+    log = written(tmp_path, "mcap", [interlaced(phases, fewer)(sound())])
+    [found] = [each for each in findings_of(log) if each.id == "geometry"]
+    assert (found.mend == "") is (fewer < 40)
+    copy = decoded(messages(mended(log, "beams")))
+    assert len({len(after.ranges) for after in copy}) == 1
+    for before, after in zip(decoded(messages(log)), copy, strict=True):
+        was, now = (each.angle_min + each.angle_increment * np.arange(len(each.ranges)) for each in (before, after))
+        for bearing, value in zip(now, after.ranges, strict=True):
+            nearest = int(np.argmin(np.abs(was - bearing)))
+            if np.isfinite(value):
+                assert abs(was[nearest] - bearing) < 1e-5
+                assert before.ranges[nearest] == value
+
+
 def test_headers_that_say_anything_are_mended_without_a_warning(tmp_path: Path) -> None:
     """One beam without a step, angles that no float32 can tell, stamps of the far future."""
     raw = sound()
