@@ -20,13 +20,14 @@ from lidarcli.copying import Copy, Cut, Met, copy_log
 from lidarcli.errors import OptionError, UnreadableError
 from lidarcli.findings import APART, FASTEST, LONG, OFTEN, SOME, Finding
 from lidarcli.logs import open_log
-from lidarcli.logs.base import STATIC, Log, ReadReport, Topic
+from lidarcli.logs.base import POSE_TYPES, STATIC, Log, ReadReport, Topic
 from lidarcli.logs.blocks import ScanLayout
 from lidarcli.logs.clock import SAME_NS
 from lidarcli.logs.joined import earlier_parts
 from lidarcli.logs.piles import NoReturnDetector
 from lidarcli.logs.registry import TopicChoice
 from lidarcli.mending import Mend
+from lidarcli.newfiles import scratch_folder
 from lidarcli.pipeline.inputs.sources import Source, read_pose_messages
 from lidarcli.pipeline.objects.detection import DetectOptions
 from lidarcli.pose.tracks import Track
@@ -41,6 +42,8 @@ PLAIN = "laser"
 """Frame of sweeps without one, in a log without any transform."""
 ROOM = 0.1
 """A greatest range that is made up is a multiple of this above all ranges [m]."""
+MOVING = ("order", "clock", "stamps", "times")
+"""Words that change where or when beams are seen: what the poses tell of that."""
 MOST_CLIPS = 1000
 MOST_HELD = 10_000
 """Sweeps out of place that are put in order."""
@@ -113,13 +116,14 @@ def _is_stuck(times: Int64) -> bool:
 def _on_a_clock(times: Int64, records: Int64, tracks: Sequence[Track]) -> tuple[Int64, str]:
     """Return times by the clock of the recording where those of the sweeps are none or another; or why that cannot be."""
     offset = np.sort(records - times)[len(times) // 2]
+    shared = any(first <= times.max() and times.min() <= last for first, last in (track.span_ns for track in tracks))
     if _is_stuck(times):
         if _is_stuck(records):
             return times, "neither stamps nor the times of the recording tell when a sweep was taken"
-        return records - offset * (abs(offset) <= SECOND_NS), ""
+        return records - offset * (shared or abs(offset) <= SECOND_NS), ""
     if abs(offset) <= APART * SECOND_NS:
         return times, ""
-    if any(first <= times.max() and times.min() <= last for first, last in (track.span_ns for track in tracks)):
+    if shared:
         return times, "the poses have the same clock, which is another than that of the recording"
     return times + offset, ""
 
@@ -217,11 +221,12 @@ def plan(
     """
     done, delay, found = Mending(), detect.poses.delay, tuple[Finding, ...]()
     orders = dict.fromkeys(seen, detect.poses.order)
-    if asked & {FOUND, "stamps", "times"}:
+    if asked & {FOUND, *MOVING}:
         # Most copies mend nothing, and should not wait for this import.
         from lidarcli.pipeline.inspecting import inspect_log
 
-        info = inspect_log(source, detect.opening, detect.read, detect.poses, deep=bool(asked & {FOUND, "stamps"}))
+        poses = replace(detect.poses, delay=None)
+        info = inspect_log(source, detect.opening, detect.read, poses, deep=bool(asked & {FOUND, "stamps", "order"}))
         found = info.findings
         orders |= {scan.topic: str(scan.verdict["beam_order"]) for scan in info.scans if "beam_order" in scan.verdict}
     every = {name: {each.mend for each in found if each.topic in (name, "") and FOUND in asked} for name in seen}
@@ -250,11 +255,43 @@ def plan(
             if word in asked:
                 raise OptionError(f"{name}: {word} cannot be mended: {cause}")
             done.left.append(f"{word} of {name} is not mended: {cause}")
+    _leave_worse(source, log, detect, found, done)
     if any("statics" in mine for mine in words.values()) and STATIC not in topics:
         done.said = _said_before(source)
         if not done.said:
             raise OptionError(f"statics cannot be mended: no earlier part beside {source.path} has {STATIC}")
     return done
+
+
+def _leave_worse(source: Source, log: Log, detect: DetectOptions, found: Sequence[Finding], done: Mending) -> None:
+    """Leave out, by name, the words with which a copy fits its poses less: `info` finds there what it does not `found` here."""
+    words = [word for word in MOVING if any(word in mend.steps for mend in done.topics.values())]
+    if not words or not any(topic.type in POSE_TYPES for topic in log.topics() or ()):
+        return
+    from lidarcli.pipeline.inspecting import inspect_log
+
+    def faults() -> set[tuple[str, str]]:
+        with scratch_folder() as folder:
+            copy = replace(source, path=str(folder / Path(source.path).name), found=None)
+            copy_log(log, Path(copy.path), done.copy(log))
+            poses = replace(detect.poses, delay=None)
+            after = inspect_log(copy, detect.opening, detect.read, poses, deep="order" in words).findings
+        return {(one.id, one.topic) for one in after if one.level != "hint"} - {(one.id, one.topic) for one in found}
+
+    worse = faults()
+    for word in words:
+        if worse:
+            whole = {name: (dict(mend.steps), mend.order) for name, mend in done.topics.items()}
+            for mend in done.topics.values():
+                mend.steps.pop(word, None)
+                mend.order = None if word == "stamps" else mend.order
+            if len(without := faults()) < len(worse):
+                added = ", ".join(sorted({name for name, _ in worse - without}))
+                done.left.append(f"{word} is not mended: it would add what info finds as {added}")
+                worse = without
+                continue
+            for name, mend in done.topics.items():
+                mend.steps, mend.order = whole[name]
 
 
 def _delay(found: Finding) -> float:

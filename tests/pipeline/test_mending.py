@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import struct
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -365,6 +366,35 @@ def test_beams_in_the_wrong_order(kind: str, tmp_path: Path) -> None:
     for before, after in zip(decoded(messages(log)), decoded(messages(out)), strict=True):
         assert before.ranges.tobytes() == after.ranges.tobytes()
         assert (after.angle_min, after.angle_increment) == (-before.angle_min, -before.angle_increment)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("word", "options", "added"),
+    [("order", [], "mirror"), ("stamps", ["--pose-delay", "-0.4"], "delay")],
+)
+def test_what_would_fit_less_is_left_out_by_name(
+    word: str, options: list[str], added: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    sensor = Sensor(beams=360, angle_min=-np.pi + np.pi / 360, angle_increment=TURN / 360, noise=0.01)
+    sweeps = [clear(each) for each in sweeps_of(scene_of(sensor=sensor))]
+    cut = [replace(each, frame_ids=("/laser",)) for each in sweeps]
+    log = written(tmp_path, "mcap", cut, poses=drive())
+    out = str(tmp_path / "out.mcap")
+    assert run(["clean", str(log), "-o", out, "--remove", "none", "--mend", f"{word},frames", *options]) == 0
+    assert re.search(rf"{word} is not mended: .* {added}", " ".join(capsys.readouterr().err.split()))
+    (tmp_path / "want").mkdir()
+    want = written(tmp_path / "want", "mcap", sweeps, poses=drive())
+    assert plain_data(messages(tmp_path / "out.mcap")) == plain_data(messages(want))
+
+
+def test_stamps_of_one_second_keep_the_clock_that_poses_share(tmp_path: Path) -> None:
+    def coarsely(raw: RawSweeps) -> RawSweeps:
+        return replace(raw, stamp_ns=raw.stamp_ns // SECOND * SECOND, record_ns=raw.stamp_ns + 40 * SECOND)
+
+    log = written(tmp_path, "mcap", [coarsely(each) for each in sweeps_of(scene_of())], poses=drive())
+    for before, after in zip(decoded(messages(log)), decoded(messages(mended(log, "clock"))), strict=True):
+        assert abs(stamp_of(before) + SECOND // 2 - stamp_of(after)) < SECOND
 
 
 def halves(tmp_path: Path, kind: str) -> tuple[Path, Path]:
