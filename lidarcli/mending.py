@@ -12,6 +12,7 @@ import numpy as np
 from rosbags.serde import SerdeError
 
 from lidarcli.findings import ASIDE, OFF
+from lidarcli.logs.blocks import limits_in_metres
 from lidarcli.range_rules import RangeRules, normalise
 from lidarcli.ros.messages import ROS1, ROS2, SCAN
 from lidarcli.sweeps import TURN, Float32, Int64, RawSweeps, Status
@@ -144,6 +145,14 @@ def end(scan: Any, _: int) -> bool:
 def turn_round(scan: Any, _: int) -> bool:
     """Let the beams run the other way: in the order of time the ranges stay as they are."""
     return _set(scan, angle_min=-scan.angle_min, angle_max=-scan.angle_max, angle_increment=-scan.angle_increment)
+
+
+def convert(scan: Any, _: int, angle: float, length: float) -> bool:
+    """Bring angles to radians and ranges to metres, by factors."""
+    scan.ranges = scan.ranges * np.float32(length)
+    angles = {name: getattr(scan, name) * angle for name in ("angle_min", "angle_max", "angle_increment")}
+    least, most = limits_in_metres(np.float32([scan.range_min]), np.float32([scan.range_max]), length)
+    return _set(scan, range_min=float(least[0]), range_max=float(most[0]), **angles)
 
 
 def time(scan: Any, _: int, turn: float, at_once: bool) -> bool:

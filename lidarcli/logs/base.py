@@ -128,6 +128,9 @@ class ReadReport:
     doubts: dict[str, tuple[Finding, ...]] = field(default_factory=dict)
     """Topic → what a user should know of how its ranges are judged, and what looks wrong in its sweeps (`logs.doubts`)."""
 
+    takes_degrees: bool = False
+    """True for a pass over a log whose angles are known to be degrees: steps too large for radians are not refused."""
+
     MAX_DAMAGE = 20
 
     def add_damage(self, place: str, cause: str) -> None:
@@ -197,6 +200,8 @@ class OpenOptions:
     range_max: float | None = None
     range_scale: float = 1.0
     """Factor from the log's unit to metres (`--range-unit mm`: 0.001)."""
+    angle_scale: float = 1.0
+    """Factor from the unit of the angles in the log to radians (`--degrees` without another angle)."""
     slice: Slice | None = None
     """Slice of point clouds that becomes a sweep; None: point clouds are not read."""
     echo: str = ECHOES[0]

@@ -131,7 +131,10 @@ def decode_json(data: bytes, record_ns: int, echo: str = ECHOES[0]) -> Scan:
 
 _SPELLED = {"startAngle": "start_angle", "endAngle": "end_angle", "frameId": "frame_id", "angleMin": "angle_min"} | {
     **dict.fromkeys(("angle_step", "angleStep"), "angle_increment"),
-    "angleMax": "angle_max", "rangeMin": "range_min", "rangeMax": "range_max", "verticalCount": "vertical_count",
+    "angleMax": "angle_max",
+    "rangeMin": "range_min",
+    "rangeMax": "range_max",
+    "verticalCount": "vertical_count",
 }
 _BEARINGS = frozenset({"angle_increment", "start_angle", "startAngle", "angle_step", "angleStep"})
 _DECIMAL_STAMP = re.compile(rb'"(?:time)?stamp"\s*:\s*(\d{1,12}\.\d{1,9})')

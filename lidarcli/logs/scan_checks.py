@@ -243,6 +243,7 @@ class SweepStats:
             far_share=self.far / max(self.ranged, 1),
             far_from=CERTAINLY_MM if in_unit and millimetres else FAR,
             unit_option=f"--range-unit {option}" if in_unit else "",
+            unit_mend="units" if in_unit and millimetres else "",
             unit_remedy=f"they are probably {unit} (--range-unit {option})"
             if in_unit
             else "the points of the clouds are probably not in metres",

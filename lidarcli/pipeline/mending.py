@@ -15,7 +15,7 @@ import numpy as np
 import pyarrow as pa
 
 from lidarcli import mending
-from lidarcli.choices import BEAM_ORDERS, FOUND, MENDS
+from lidarcli.choices import BEAM_ORDERS, FOUND, MENDS, UNITS
 from lidarcli.copying import Copy, Cut, Met, copy_log
 from lidarcli.errors import OptionError, UnreadableError
 from lidarcli.findings import APART, FASTEST, LONG, OFTEN, SOME, Finding
@@ -32,7 +32,7 @@ from lidarcli.pipeline.inputs.sources import Source, read_pose_messages
 from lidarcli.pipeline.objects.detection import DetectOptions
 from lidarcli.pose.tracks import Track
 from lidarcli.range_rules import RangeRules, normalise
-from lidarcli.sweeps import Float32, Int64, RawSweeps, Status, concatenate
+from lidarcli.sweeps import TURN, Float32, Int64, RawSweeps, Status, concatenate
 from lidarcli.tabular.reading import ANY, Readable, column_names, read_as_is
 from lidarcli.times import SECOND_NS, Instant
 
@@ -73,7 +73,7 @@ def survey(log: Log, choice: TopicChoice, rules: RangeRules, report: ReadReport)
     """Read all chosen sweeps once; the report takes what their ranges show."""
     seen: dict[str, Seen] = {}
     detector = NoReturnDetector(rules, report)
-    blocks = (block for block in log.scans(choice.asked, ReadReport()) if not choice.wanted or choice.takes(block.topic))
+    blocks = (block for block in log.scans(choice.asked, report) if not choice.wanted or choice.takes(block.topic))
     for block, judging in chain(chain.from_iterable(map(detector.take, blocks)), detector.flush()):
         mine = seen.setdefault(block.topic, Seen())
         some = block.rows(~(block.range_max > np.maximum(block.range_min, 0.0)))
@@ -137,6 +137,7 @@ def _mend(
     delay: float,
     hidden: float | None,
     order: str,
+    units: tuple[float, float],
 ) -> tuple[Mend, dict[str, str]]:
     """Return how the sweeps of a topic are mended by words of `--mend` or `mask`, and for words why that cannot be."""
     mend, cannot, sweeps = Mend(topic.encoding), dict[str, str](), concatenate(seen.blocks)
@@ -169,6 +170,7 @@ def _mend(
         "beams": partial(mending.put_on, first=first, spacing=step, beams=int(usual)),
         "angles": mending.end,
         "order": mending.turn_round,
+        **({} if units == (1.0, 1.0) else {"units": partial(mending.convert, angle=units[0], length=units[1])}),
         **({"times": partial(mending.time, turn=turn, at_once=order in BEAM_ORDERS[2:])} if turn else {}),
     }
     mend.steps = {word: step for word, step in steps.items() if word in words and not cannot.get(word)}
@@ -221,7 +223,7 @@ def plan(
     """
     done, delay, found = Mending(), detect.poses.delay, tuple[Finding, ...]()
     orders = dict.fromkeys(seen, detect.poses.order)
-    if asked & {FOUND, *MOVING}:
+    if asked & {FOUND, "units", *MOVING}:
         # Most copies mend nothing, and should not wait for this import.
         from lidarcli.pipeline.inspecting import inspect_log
 
@@ -247,8 +249,10 @@ def plan(
         shift = (
             next((each for one in found if one.topic == name and (each := _delay(one))), 0.0) if delay is None else delay
         )
+        fixes = {one.fix.text for one in found if one.mend == "units" and one.topic == name and one.fix}
+        units = TURN / 360.0 if "--degrees" in fixes else 1.0, UNITS["mm" if "--range-unit mm" in fixes else "m"]
         mend, cannot = _mend(
-            topics[name], seen[name], words[name], tracks, detect.read.rules.limits, shift, hidden, orders[name]
+            topics[name], seen[name], words[name], tracks, detect.read.rules.limits, shift, hidden, orders[name], units
         )
         done.topics[name] = mend
         for word, cause in cannot.items():
@@ -264,7 +268,7 @@ def plan(
 
 
 def _leave_worse(source: Source, log: Log, detect: DetectOptions, found: Sequence[Finding], done: Mending) -> None:
-    """Leave out, by name, the words with which a copy fits its poses less: `info` finds there what it does not `found` here."""
+    """Leave out, by name, words with which a copy fits its poses less: `info` finds there what is not `found` here."""
     words = [word for word in MOVING if any(word in mend.steps for mend in done.topics.values())]
     if not words or not any(topic.type in POSE_TYPES for topic in log.topics() or ()):
         return
@@ -279,19 +283,22 @@ def _leave_worse(source: Source, log: Log, detect: DetectOptions, found: Sequenc
         return {(one.id, one.topic) for one in after if one.level != "hint"} - {(one.id, one.topic) for one in found}
 
     worse = faults()
-    for word in words:
-        if worse:
-            whole = {name: (dict(mend.steps), mend.order) for name, mend in done.topics.items()}
-            for mend in done.topics.values():
-                mend.steps.pop(word, None)
-                mend.order = None if word == "stamps" else mend.order
-            if len(without := faults()) < len(worse):
-                added = ", ".join(sorted({name for name, _ in worse - without}))
-                done.left.append(f"{word} is not mended: it would add what info finds as {added}")
-                worse = without
-                continue
-            for name, mend in done.topics.items():
-                mend.steps, mend.order = whole[name]
+    for word in words if worse else ():
+        whole = done.topics
+        done.topics = {
+            name: replace(
+                mend,
+                steps={one: step for one, step in mend.steps.items() if one != word},
+                order=None if word == "stamps" else mend.order,
+            )
+            for name, mend in whole.items()
+        }
+        if len(without := faults()) < len(worse):
+            added = ", ".join(sorted({name for name, _ in worse - without}))
+            done.left.append(f"{word} is not mended: it would add what info finds as {added}")
+            worse = without
+        else:
+            done.topics = whole
 
 
 def _delay(found: Finding) -> float:

@@ -151,6 +151,13 @@ FAULTS = {
     "angle_max": Fault("geometry", "angles", edit=wrong_end),
     "milliseconds": Fault("rolling", "times", scaled(time_increment=1000.0), refused="laser_geometry: times"),
     "microseconds": Fault("rolling", "times", scaled(time_increment=1e-3, scan_time=1e-3)),
+    "millimetres": Fault(
+        "units",
+        "units",
+        scaled(ranges=1000.0, range_min=1000.0, range_max=1000.0),
+        refused="slam_toolbox: limits",
+        restores=False,
+    ),
     "no limits": Fault("limits", "limits", same(range_min=0.0, range_max=0.0), refused="AMCL: range_max", restores=False),
     "near limit": Fault("limits", "limits", same(range_max=4.0), restores=False),
     "zeros": Fault("no_return", "no-return", filled(0.0), refused="AMCL: no return", restores=False),
@@ -285,6 +292,24 @@ def test_sweeps_between_the_beams_of_others_keep_their_bearings(phases: int, few
                 assert before.ranges[nearest] == value
 
 
+@pytest.mark.parametrize("kind", FEW)
+def test_angles_in_degrees_become_radians(kind: str, tmp_path: Path) -> None:
+    half = replace(sound(), angle_min=np.full(SWEEPS, -90.0), angle_increment=np.full(SWEEPS, 0.5))
+    log = written(tmp_path, kind, [half])
+    assert [(each.id, each.mend) for each in findings_of(log)] == [("units", "units")]
+    out = mended(log)
+    assert "units" not in {each.id for each in findings_of(out)}
+    for before, after in zip(decoded(messages(log)), decoded(messages(out)), strict=True):
+        assert before.ranges.tobytes() == after.ranges.tobytes()
+        angles = after.angle_min, after.angle_max, after.angle_increment
+        assert np.degrees(angles) == pytest.approx([-90.0, 89.5, 0.5], abs=1e-4)
+
+
+def test_ranges_of_no_certain_unit_are_left(tmp_path: Path) -> None:
+    log = written(tmp_path, "mcap", [scaled(ranges=100.0, range_min=100.0, range_max=100.0)(sound())])
+    assert [(each.id, each.mend) for each in findings_of(log)] == [("units", "")]
+
+
 def test_headers_that_say_anything_are_mended_without_a_warning(tmp_path: Path) -> None:
     """One beam without a step, angles that no float32 can tell, stamps of the far future."""
     raw = sound()
@@ -370,8 +395,7 @@ def test_beams_in_the_wrong_order(kind: str, tmp_path: Path) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("word", "options", "added"),
-    [("order", [], "mirror"), ("stamps", ["--pose-delay", "-0.4"], "delay")],
+    ("word", "options", "added"), [("order", [], "mirror"), ("stamps", ["--pose-delay", "-0.4"], "delay")]
 )
 def test_what_would_fit_less_is_left_out_by_name(
     word: str, options: list[str], added: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]

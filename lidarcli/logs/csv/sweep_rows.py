@@ -113,6 +113,10 @@ class Decoder(ABC):
     ) -> RawSweeps | None:
         """Make a block of the `good` sweeps (S,) by the `known` geometry of the file; the options fill in the rest."""
         rows = len(beams)
+        if self.layout.angle < 0:
+            known = {
+                name: values * (self.options.angle_scale if "angle" in name else 1.0) for name, values in known.items()
+            }
         if "angle_min" in known and "angle_increment" in known:
             first, step = known["angle_min"], known["angle_increment"]
         elif scan.to_last:

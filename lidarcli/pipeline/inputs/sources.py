@@ -146,8 +146,8 @@ def open_source(source: Source, opening: OpenOptions | None = None) -> Iterator[
     """
     options = opening or OpenOptions()
     with _opened_source(source, opening) as log:
-        if options.range_scale != 1.0 and format_of(log).in_metres:
-            log = ChangedLog(log, partial(_in_metres, scale=options.range_scale))
+        if (options.range_scale, options.angle_scale) != (1.0, 1.0) and format_of(log).in_metres:
+            log = ChangedLog(log, partial(_in_units, scale=options.range_scale, turned=options.angle_scale))
         if options.segments == JOIN:
             log = ChangedLog(log, join)
         yield log if options.slice is None else SlicedLog(log, options, options.slice)
@@ -276,13 +276,16 @@ class ChangedLog(Closing):
         self._log.close()
 
 
-def _in_metres(blocks: Iterable[RawSweeps], _report: ReadReport, *, scale: float) -> Iterator[RawSweeps]:
-    """Yield sweeps of LaserScan messages in metres."""
+def _in_units(blocks: Iterable[RawSweeps], report: ReadReport, *, scale: float, turned: float) -> Iterator[RawSweeps]:
+    """Yield sweeps of LaserScan messages in metres and radians."""
     from lidarcli.logs.blocks import as_singles, limits_in_metres
 
+    report.takes_degrees = turned != 1.0
     for block in blocks:
         least, most = limits_in_metres(block.range_min, block.range_max, scale)
-        yield replace(block, ranges=as_singles(block.ranges * scale), range_min=least, range_max=most)
+        known = ("angle_min", "angle_increment", *(["angle_max"] if block.angle_max is not None else []))
+        angles = {name: getattr(block, name) * turned for name in known}
+        yield replace(block, ranges=as_singles(block.ranges * scale), range_min=least, range_max=most, **angles)
 
 
 class SlicedLog(ChangedLog):
