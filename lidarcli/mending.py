@@ -151,7 +151,7 @@ def convert(scan: Any, _: int, angle: float, length: float) -> bool:
     """Bring angles to radians and ranges to metres, by factors."""
     scan.ranges = scan.ranges * np.float32(length)
     angles = {name: getattr(scan, name) * angle for name in ("angle_min", "angle_max", "angle_increment")}
-    least, most = limits_in_metres(np.float32([scan.range_min]), np.float32([scan.range_max]), length)
+    least, most = limits_in_metres(*np.array([[scan.range_min], [scan.range_max]], np.float32), length)
     return _set(scan, range_min=float(least[0]), range_max=float(most[0]), **angles)
 
 

@@ -69,6 +69,17 @@ class Text:
     """True if the text may hold blanks: a variable of the environment then has one text per line."""
 
 
+_LOST = re.compile(r"-{1,2}[A-Za-z]")
+
+
+def refuse_name(text: str) -> None:
+    """Refuse a text that names nothing, or the option that stands where a value is missing (`OptionError`)."""
+    if not text:
+        raise OptionError("an empty text names nothing")
+    if _LOST.match(text):
+        raise OptionError(f"'{text}' is an option, not a value")
+
+
 @dataclass(frozen=True, slots=True)
 class File:
     """The path or URL of a file or folder."""

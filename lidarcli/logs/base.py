@@ -210,6 +210,8 @@ class OpenOptions:
     """Use of messages that are segments of a turn: one of `choices.SEGMENTS`."""
     columns: tuple[str, ...] = ()
     """Names of the columns of a CSV, in place of its own, as `--columns` takes them; empty for its own."""
+    used: set[str] = field(default_factory=set, compare=False)
+    """Fields that had an effect on the log that is read with them."""
 
     def __post_init__(self) -> None:
         """Refuse a word without a meaning (`OptionError`)."""

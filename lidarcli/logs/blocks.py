@@ -151,6 +151,7 @@ def given_geometry(options: OpenOptions, beams: int) -> tuple[float, float] | No
     >>> given_geometry(OpenOptions(angle_min=-1.0, angle_increment=0.5), 5)
     (-1.0, 0.5)
     """
+    options.used.update(("angle_min", "angle_increment", "fov"))
     if options.angle_min is not None and options.angle_increment is not None:
         return options.angle_min, options.angle_increment
     if options.fov is None:

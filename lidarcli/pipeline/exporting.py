@@ -40,15 +40,18 @@ class Export:
     """Numbers of the tracks whose rows are written; empty: all rows are."""
 
     def pieces(self) -> Iterator[pa.RecordBatch]:
-        """Yield all rows."""
-        names = self.schema.names
+        """Yield all rows, and refuse numbers of tracks that none has (`OptionError`)."""
+        names, missing = self.schema.names, {*self.only}
         for file in self.files:
             for rows in read_as_is(file, [*dict.fromkeys([*names, TRACK])] if self.only else names):
                 if self.only:
-                    mine = np.isin(numbers(rows[TRACK].cast(pa.float64())), self.only)
+                    tracks = numbers(rows[TRACK].cast(pa.float64()))
+                    mine, missing = np.isin(tracks, self.only), missing - {*np.unique(tracks).tolist()}
                     rows = rows.filter(pa.array(mine)).select(names)
                 # Types are the same but for the unit of stamps.
                 yield rows.cast(self.schema.remove_metadata(), safe=False)
+        if missing:
+            raise OptionError(f"--only: no row is of {', '.join(map(str, sorted(missing)))}")
 
 
 def chosen(

@@ -150,6 +150,7 @@ class LongDecoder(Decoder):
         texts = {column: cells.codes(whole[good], column) for column in sorted(wanted)}
         bearing = angle.values[good]
         if layout.degrees or self.options.angle_scale != 1.0:
+            self.options.used.update([] if layout.degrees else ["angle_scale"])
             bearing = np.deg2rad(bearing)
         if layout.clockwise:
             bearing = 0.0 - bearing

@@ -167,6 +167,7 @@ def layout_of(head: Head) -> Layout:
                 return _ros2_layout(head, row)
         raise _nameless(head)
     if columns:
+        head.options.used.add("columns")
         head = replace(head, names=_expanded(head, columns))
     layout = _named_layout(head)
     return replace(layout, unread=unread_times(head, layout.scans))

@@ -14,7 +14,18 @@ from typing import TYPE_CHECKING
 from lidarcli.choices import JOIN
 from lidarcli.errors import LidarcliError, NoScanError, UnreadableError
 from lidarcli.logs import open_log
-from lidarcli.logs.base import CLOUD_TYPES, POSED_TYPES, Closing, Log, Message, OpenOptions, ReadReport, Slice, Topic
+from lidarcli.logs.base import (
+    CLOUD_TYPES,
+    MULTI_ECHO,
+    POSED_TYPES,
+    Closing,
+    Log,
+    Message,
+    OpenOptions,
+    ReadReport,
+    Slice,
+    Topic,
+)
 from lidarcli.logs.joined import JoinedLog, Part
 from lidarcli.logs.registry import format_of
 from lidarcli.logs.segments import join
@@ -144,13 +155,32 @@ def open_source(source: Source, opening: OpenOptions | None = None) -> Iterator[
 
     With a slice of point clouds, the log has the sweeps of these, too.
     """
-    options = opening or OpenOptions()
-    with _opened_source(source, opening) as log:
+    options = replace(opening or OpenOptions(), used=set())
+    with _opened_source(source, options) as log:
         if (options.range_scale, options.angle_scale) != (1.0, 1.0) and format_of(log).in_metres:
+            options.used.add("angle_scale")
             log = ChangedLog(log, partial(_in_units, scale=options.range_scale, turned=options.angle_scale))
         if options.segments == JOIN:
             log = ChangedLog(log, join)
+        asked = [name for name in _OF_SOME_LOGS if getattr(options, name) != getattr(OpenOptions(), name)]
+        if asked and options.slice is None:
+            options.used.update(["echo"] if MULTI_ECHO in {topic.type for topic in log.topics() or ()} else [])
+            log = ChangedLog(log, partial(_tell_unused, asked=asked, used=options.used))
         yield log if options.slice is None else SlicedLog(log, options, options.slice)
+
+
+_OF_SOME_LOGS = ("columns", "angle_min", "angle_increment", "fov", "range_max", "angle_scale", "echo")
+"""Options of opening that only some logs need."""
+
+
+def _tell_unused(
+    blocks: Iterable[RawSweeps], report: ReadReport, *, asked: Sequence[str], used: Collection[str]
+) -> Iterator[RawSweeps]:
+    """Yield blocks, and note in the end which options that were `asked` for had no effect."""
+    yield from blocks
+    names = {"angle_scale": "degrees"}
+    if unused := [f"--{names.get(name, name)}".replace("_", "-") for name in asked if name not in used]:
+        report.notes.append(f"no effect on this log: {', '.join(unused)}")
 
 
 @contextmanager
