@@ -681,7 +681,7 @@ class Cleaning(_Topic, Window, Run, Poses, Delay, _Objects, Limits, Jobs, Around
     ]
 
 
-class Inspecting(_Topic, Run, Joining, Poses, Ranges, total=False):
+class Inspecting(_Topic, Run, Joining, Poses, Delay, Ranges, total=False):
     deep: Annotated[
         bool,
         Option(FINDINGS, None, False),

@@ -23,18 +23,7 @@ from click.core import ParameterSource
 from lidarcli.cli.messages import Messages
 from lidarcli.errors import OUT_OF_MEMORY, LidarcliError, OptionError, OutputError, UnreadableError, is_short_of_memory
 from lidarcli.interrupts import Terminated
-from lidarcli.option_forms import (
-    File,
-    Number,
-    Option,
-    Rule,
-    Text,
-    Value,
-    arguments_of,
-    options_of,
-    refuse_combinations,
-    refuse_name,
-)
+from lidarcli.option_forms import File, Number, Option, Rule, Text, Value, arguments_of, options_of, refuse_combinations
 from lidarcli.options import RULES, STDOUT
 from lidarcli.stores import blotted
 
@@ -61,10 +50,12 @@ class Parsed(click.ParamType):  # type: ignore[type-arg]
         # A shell that completes a line has no time for the imports of a parser.
         if not isinstance(value, str) or (ctx and ctx.resilient_parsing):
             return value
+        if isinstance(self.form, Text) and not self.form.is_list and (words := Text.lost(value)):
+            self.fail(f"{words}.", param, ctx)
+        if self.form.parse is None:
+            return value
         try:
-            if isinstance(self.form, Text) and not self.form.is_list:
-                refuse_name(value)
-            return value if self.form.parse is None else self.form.parse(value)
+            return self.form.parse(value)
         except OptionError as err:
             words = str(err)
             prefix = f"{param.opts[-1]}: " if param is not None else ""
@@ -81,9 +72,8 @@ class Place(click.Path):
     """A path or URL. Whether it can be read is found out where it is opened, which says more than a usage error."""
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        if isinstance(value, str) and value and isinstance(param, click.Option):
-            with usage_errors(f"--{param.opts[-1].lstrip('-')}: "):
-                refuse_name(value)
+        if value and isinstance(value, str) and isinstance(param, click.Option) and (words := Text.lost(value)):
+            self.fail(f"{words}.", param, ctx)
         return value
 
 
@@ -201,12 +191,12 @@ class DeclaredOption(click.Option):
 
 
 @contextmanager
-def usage_errors(start: str = "") -> Iterator[None]:
+def usage_errors() -> Iterator[None]:
     """Turn an `OptionError` whose words begin with an option into a usage error; any other is on what a file says."""
     try:
         yield
     except OptionError as err:
-        name, mark, words = f"{start}{err}".partition(": ")
+        name, mark, words = str(err).partition(": ")
         if not name.startswith("--"):
             raise
         if mark and " " not in name:

@@ -265,7 +265,7 @@ def _pose(poses: FoundPoses | None, topic: str, frame_id: str) -> str:
 def _pose_notes(posing: PoseAttacher, found: Mapping[tuple[str, str], _Scan]) -> list[str]:
     """Return notes on the poses: frames with several alike, and notes of reading them."""
     if posing.found is None:
-        return []
+        return [posing.unused] if posing.unused else []
     sources = posing.found.sources
     doubtful = {
         alike_note(frame, alike, sources.alternatives(frame, topic)): None

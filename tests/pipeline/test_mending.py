@@ -346,6 +346,9 @@ def test_a_delay_of_the_poses_goes_into_the_stamps(kind: str, tmp_path: Path) ->
     log = written(tmp_path, kind, [clear(each) for each in sweeps_of(scene_of())], poses=drive(late=0.3))
     (found,) = findings_of(log)
     assert (found.id, found.mend) == ("delay", "stamps")
+    assert found.fix is not None
+    name, value = found.fix.text.split()
+    assert (name, lidarcli.info(log, pose_delay=float(value))[0]["findings"]) == ("--pose-delay", [])
     out = mended(log)
     assert findings_of(out) == ()
     assert refusals(out) == set()

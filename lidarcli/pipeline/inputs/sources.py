@@ -14,18 +14,7 @@ from typing import TYPE_CHECKING
 from lidarcli.choices import JOIN
 from lidarcli.errors import LidarcliError, NoScanError, UnreadableError
 from lidarcli.logs import open_log
-from lidarcli.logs.base import (
-    CLOUD_TYPES,
-    MULTI_ECHO,
-    POSED_TYPES,
-    Closing,
-    Log,
-    Message,
-    OpenOptions,
-    ReadReport,
-    Slice,
-    Topic,
-)
+from lidarcli.logs.base import CLOUD_TYPES, POSED_TYPES, Closing, Log, Message, OpenOptions, ReadReport, Slice, Topic
 from lidarcli.logs.joined import JoinedLog, Part
 from lidarcli.logs.registry import format_of
 from lidarcli.logs.segments import join
@@ -164,7 +153,7 @@ def open_source(source: Source, opening: OpenOptions | None = None) -> Iterator[
             log = ChangedLog(log, join)
         asked = [name for name in _OF_SOME_LOGS if getattr(options, name) != getattr(OpenOptions(), name)]
         if asked and options.slice is None:
-            options.used.update(["echo"] if MULTI_ECHO in {topic.type for topic in log.topics() or ()} else [])
+            options.used.update("echo" for topic in log.topics() or () if topic.type.endswith("/MultiEchoLaserScan"))
             log = ChangedLog(log, partial(_tell_unused, asked=asked, used=options.used))
         yield log if options.slice is None else SlicedLog(log, options, options.slice)
 

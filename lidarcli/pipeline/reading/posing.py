@@ -477,11 +477,18 @@ class PoseAttacher:
         told = [headed(f"run {one.run}: ", line) for one in every for line in one.own_notes()]
         return told if every else self.own_notes()
 
+    @property
+    def unused(self) -> str:
+        """A note on options that change nothing without poses; empty where there are none."""
+        names = ["--pose-delay"] * bool(self.delay)
+        if not self.named and not self.paths:
+            names += ["--beam-order"] * (self.order != AUTO) + ["--no-deskew"] * (not self.deskew)
+        return f"no poses in this log: {', '.join(names)} change{'s' * (len(names) < 2)} nothing" if names else ""
+
     def own_notes(self) -> list[str]:
         """Return the notes on one run."""
         if self.found is None:
-            unused = "no poses in this log: --pose-delay changes nothing" if self.delay else ""
-            return [line for line in (self.missed or unused, *self.remarks) if line] + self.path_notes()
+            return [line for line in (self.missed or self.unused, *self.remarks) if line] + self.path_notes()
         lines: list[str] = []
         for frame, space in sorted(self.stats):
             lines += self._frame_notes(frame, self.stats[frame, space], self.found.sources)
