@@ -151,8 +151,10 @@ def convert(scan: Any, _: int, angle: float, length: float) -> bool:
     """Bring angles to radians and ranges to metres, by factors."""
     scan.ranges = scan.ranges * np.float32(length)
     angles = {name: getattr(scan, name) * angle for name in ("angle_min", "angle_max", "angle_increment")}
-    least, most = limits_in_metres(*np.array([[scan.range_min], [scan.range_max]], np.float32), length)
-    return _set(scan, range_min=float(least[0]), range_max=float(most[0]), **angles)
+    told = np.array([[scan.range_min], [scan.range_max]], np.float32)
+    least, most = limits_in_metres(told[0], told[1], length)
+    _set(scan, range_min=float(least[0]), range_max=float(most[0]), **angles)
+    return True
 
 
 def time(scan: Any, _: int, turn: float, at_once: bool) -> bool:

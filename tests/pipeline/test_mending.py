@@ -305,6 +305,14 @@ def test_angles_in_degrees_become_radians(kind: str, tmp_path: Path) -> None:
         assert np.degrees(angles) == pytest.approx([-90.0, 89.5, 0.5], abs=1e-4)
 
 
+def test_millimetres_beside_limits_in_metres(tmp_path: Path) -> None:
+    log = written(tmp_path, "mcap", [scaled(ranges=1000.0)(sound())])
+    assert [(each.id, each.mend) for each in findings_of(log)] == [("units", "units")]
+    out = mended(log)
+    assert findings_of(out) == ()
+    assert {scan.range_max for scan in decoded(messages(out))} == {12.0}
+
+
 def test_ranges_of_no_certain_unit_are_left(tmp_path: Path) -> None:
     log = written(tmp_path, "mcap", [scaled(ranges=100.0, range_min=100.0, range_max=100.0)(sound())])
     assert [(each.id, each.mend) for each in findings_of(log)] == [("units", "")]
