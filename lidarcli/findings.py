@@ -13,7 +13,6 @@ from dataclasses import asdict, dataclass, field, replace
 from operator import attrgetter
 from typing import Any, Literal, NamedTuple
 
-from lidarcli.display import visible
 from lidarcli.sweeps import TURN
 
 Level = Literal["error", "warning", "hint"]
@@ -146,7 +145,7 @@ def transform_lines(parent: str, child: str, x: float, y: float, yaw: float) -> 
     rosrun tf2_ros static_transform_publisher -0.13 0 0 0 0 0 base_link laser
     """
     east, north, turn = (f"{round(value, 6) + 0.0:.6f}".rstrip("0").rstrip(".") for value in (x, y, yaw))
-    outer, inner = (shlex.quote(visible(name)) for name in (parent, child))
+    outer, inner = shlex.quote(parent), shlex.quote(child)
     program = "tf2_ros static_transform_publisher"
     named = f"--x {east} --y {north} --z 0 --yaw {turn} --frame-id {outer} --child-frame-id {inner}"
     return f"ros2 run {program} {named}\nrosrun {program} {east} {north} 0 {turn} 0 0 {outer} {inner}"

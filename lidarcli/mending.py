@@ -11,8 +11,7 @@ from typing import Any
 import numpy as np
 from rosbags.serde import SerdeError
 
-from lidarcli.findings import ASIDE, OFF
-from lidarcli.logs.blocks import limits_in_metres
+from lidarcli.findings import ASIDE, FAR, OFF
 from lidarcli.range_rules import RangeRules, normalise
 from lidarcli.ros.messages import ROS1, ROS2, SCAN
 from lidarcli.sweeps import TURN, Float32, Int64, RawSweeps, Status
@@ -151,9 +150,9 @@ def convert(scan: Any, _: int, angle: float, length: float) -> bool:
     """Bring angles to radians and ranges to metres, by factors."""
     scan.ranges = scan.ranges * np.float32(length)
     angles = {name: getattr(scan, name) * angle for name in ("angle_min", "angle_max", "angle_increment")}
-    told = np.array([[scan.range_min], [scan.range_max]], np.float32)
-    least, most = limits_in_metres(told[0], told[1], length)
-    _set(scan, range_min=float(least[0]), range_max=float(most[0]), **angles)
+    # Many a driver has its limits in metres beside ranges in millimetres.
+    limits = length if scan.range_max > FAR else 1.0
+    _set(scan, range_min=scan.range_min * limits, range_max=scan.range_max * limits, **angles)
     return True
 
 
