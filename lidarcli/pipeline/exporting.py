@@ -51,7 +51,7 @@ class Export:
                 # Types are the same but for the unit of stamps.
                 yield rows.cast(self.schema.remove_metadata(), safe=False)
         if missing:
-            raise OptionError(f"--only: no row is of {', '.join(map(str, sorted(missing)))}")
+            raise OptionError(f"{self.files[0]}: no track {', '.join(map(str, sorted(missing)))} in it (--only)")
 
 
 def chosen(
@@ -146,8 +146,6 @@ def _write_tum(export: Export, out: Output, kind: str, name: str) -> tuple[int, 
         last = stamp[-1:]
         out.write(trajectory_lines(stamp, lifted((x, y, np.arctan2(vy, vx)))).encode())
         count += len(rows)
-    if not count:
-        raise OptionError(f"{export.files[0]}: no track {export.only[0]} in it (--only)")
     return count, []
 
 
