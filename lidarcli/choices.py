@@ -22,7 +22,7 @@ AGENT_SCORE = 0.55
 """Least probability that a thing goes by itself, from which on it is an agent (`track`)."""
 MIN_THING = 0.3
 """Least probability that an object is a thing and not a piece of building; anything less counts as wall."""
-MENDS = ("beams", "stamps", "angles", "times", "order", "limits", "no-return", "frames", "statics", "clock")
+MENDS = ("beams", "stamps", "angles", "times", "order", "units", "limits", "no-return", "frames", "statics", "clock")
 """Faults of a log that `clean` mends."""
 FOUND = "found"
 """Word for those that `info --deep` finds."""

@@ -243,6 +243,9 @@ MAX_YAML_BYTES = 1 << 17
 """Most bytes of a file: all parameters of Nav2 take some 20,000, and parsing is slow."""
 _TRUTHS = dict.fromkeys(("y", "yes", "true", "on"), True) | dict.fromkeys(("n", "no", "false", "off"), False)
 _INTEGER = re.compile(r"[-+]?(0[0-7]{0,21}|0x[0-9a-f]{1,16}|[1-9][0-9]{0,18})", re.IGNORECASE)
+_OF_C = re.compile(
+    r"[-+]?(inf(inity)?|nan|0x([0-9a-f]+\.?[0-9a-f]*|\.[0-9a-f]+)(p[-+]?[0-9]+)?|\.?[0-9]+\.?[0-9]*e[-+]?[0-9]+)"
+)
 _TAG = "tag:yaml.org,2002:"
 
 
@@ -303,12 +306,17 @@ def _scalar(node: ScalarNode) -> Any:
     if kind in {"bool", "str"} and not node.style and text.lower() in _TRUTHS:
         return _TRUTHS[text.lower()]
     # As in the parser of ROS: 030 is octal, and neither 1_5 nor 0o17 is a number.
-    if kind == "int" and _INTEGER.fullmatch(text):
+    if kind == "int" and not node.style and _INTEGER.fullmatch(text):
         digits = text.lower().lstrip("+-")
         return int(text, 16 if digits.startswith("0x") else 8 if digits.startswith("0") else 10)
-    if kind in {"int", "float"} and not set(text.lower()) & set("_oxb:"):
-        with suppress(ValueError):
-            return float(text.lower().replace(".inf", "inf").replace(".nan", "nan"))
+    plain = text.lower().replace(".inf", "inf").replace(".nan", "nan")
+    # What YAML takes for a text may be a number of C: inf, 0x1p3.
+    if not node.style and (_OF_C.fullmatch(plain) or (kind in {"int", "float"} and not set(plain) & set("_oxb:"))):
+        with suppress(ValueError, OverflowError):
+            number = float.fromhex(plain) if "x" in plain else float(plain)
+            # 1e400 is beyond a double, and stays a text.
+            if isfinite(number) or "n" in plain:
+                return number
     return text
 
 

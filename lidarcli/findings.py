@@ -119,7 +119,7 @@ class Rule:
             values |= getattr(stats, key[1:]) if key[0] == "*" else {key: attrgetter(name or key)(stats)}
         limits = {key: attrgetter(one)(stats) if isinstance(one, str) else one for key, one in self.threshold.items()}
         found = sensor.finding(
-            self.id, self.level, self.words.format(stats, name=sensor.name), values, limits, mend=self.mend
+            self.id, self.level, self.words.format(stats, name=sensor.name), values, limits, mend=self.mend.format(stats)
         )
         option = self.fix.format(stats)
         return replace(found, fix=Fix("option", option) if option else getattr(stats, "fix", None))
@@ -190,6 +190,8 @@ MISSING = 0.01
 """Share of long steps above which sweeps are missing: no sensor of public recordings has one by chance."""
 APART = 1.0
 """Most seconds between header stamp and record time of one clock."""
+ASIDE = 0.25
+"""Distance in steps from which on a beam lies between those of another sweep; sweeps of one step end nearer."""
 OFF = 0.2
 """Deviation of the time of a sweep by `time_increment` from that by view and period, as a share."""
 SAME_TOPIC = 0.5
@@ -207,10 +209,7 @@ FLICKERS = 0.2
 OTHERS_VALID = 0.5
 """Median share of valid beams of other sectors, where one has none."""
 
-_WIDE = (
-    "{name} sees {0.view_degrees:,.0f} deg ({0.wide:,} of {0.sweeps:,} sweeps): degrees written as radians? (--degrees of "
-    "text logs)"
-)
+_WIDE = "{name} sees {0.view_degrees:,.0f} deg ({0.wide:,} of {0.sweeps:,} sweeps): degrees written as radians? (--degrees)"
 _NO_RANGE = "{name}: {0.without:.1%} of the beams have no range ({0.causes_shown}): {0.remedy}"
 _NO_RANGES: tuple[tuple[str, Level, Callable[[Any], Any]], ...] = (
     ("limits", "error", lambda s: s.without > UNUSABLE and s.cause == "above range_max" and not s.has_limit),
@@ -224,7 +223,16 @@ _BACK = "backward=clock.backward largest=clock.largest_backward sweeps=clock.swe
 _RANGES = {"no_return", "too_close", "units"}
 
 SWEEP_RULES = (
-    Rule("units", "error", lambda s: s.wide and s.coarse, _WIDE, "view sweeps=wide", {"view": WIDEST_VIEW}, "--degrees"),
+    Rule(
+        "units",
+        "error",
+        lambda s: s.wide and s.coarse,
+        _WIDE,
+        "view sweeps=wide",
+        {"view": WIDEST_VIEW},
+        "--degrees",
+        mend="units",
+    ),
     Rule(
         "geometry",
         "error",
@@ -233,6 +241,7 @@ SWEEP_RULES = (
         "view sweeps=wide",
         {"view": WIDEST_VIEW},
         "--degrees",
+        mend="units",
     ),
     Rule(
         "geometry",
@@ -269,6 +278,7 @@ SWEEP_RULES = (
         {"share": 0.5, "range": FAR},
         "{0.unit_option}",
         "ranges",
+        mend="{0.unit_mend}",
     ),
     *(
         Rule(id_, level, holds, _NO_RANGE, "*without_by_cause", {"share": UNUSABLE}, chain="ranges")
@@ -417,6 +427,16 @@ LOG_RULES = (
         {"share": VIEW_VARIES},
         chain="beams",
         mend="beams",
+    ),
+    Rule(
+        "geometry",
+        "hint",
+        lambda s: s.counts[0] < s.counts[1] and s.between > OFTEN * s.sweeps,
+        "{name}: the beams of {0.between:,} of {0.sweeps:,} sweeps lie between those of the first: slam_toolbox takes no "
+        "such sensor",
+        "sweeps=between beams=beams_span",
+        {"share": OFTEN, "steps": ASIDE},
+        chain="beams",
     ),
     Rule(
         "geometry",

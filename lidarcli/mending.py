@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from rosbags.serde import SerdeError
 
-from lidarcli.findings import OFF
+from lidarcli.findings import ASIDE, FAR, OFF
 from lidarcli.range_rules import RangeRules, normalise
 from lidarcli.ros.messages import ROS1, ROS2, SCAN
 from lidarcli.sweeps import TURN, Float32, Int64, RawSweeps, Status
@@ -110,12 +110,18 @@ def _status(scan: Any, topic: str, rules: RangeRules) -> Any:
 
 
 def put_on(scan: Any, _: int, first: float, spacing: float, beams: int) -> bool:
-    """Give each of `beams` from a bearing on the range of the beam that is nearest within half a step, NaN without one."""
+    """Give each of `beams` from a bearing on the range of the beam that is nearest within half a step, NaN without one.
+
+    A sweep of the same step keeps its bearings: a whole sweep between the beams of others would seem turned.
+    """
     count = len(scan.ranges)
     if count == beams:
         return False
     # A single beam may have no step.
     step = scan.angle_increment or spacing or 1.0
+    if abs(step - spacing) * count <= ASIDE * abs(step):
+        aside = (scan.angle_min - first) / step
+        first, spacing = first + (aside - np.rint(aside)) * step, step
     bearing = first + spacing * np.arange(beams, dtype=np.float64)
     # Steps from the first beam on, within the turn that begins half a step before it.
     steps = np.mod((bearing - scan.angle_min) / step + 0.5, max(TURN / abs(step), count - 0.5)) - 0.5
@@ -138,6 +144,16 @@ def end(scan: Any, _: int) -> bool:
 def turn_round(scan: Any, _: int) -> bool:
     """Let the beams run the other way: in the order of time the ranges stay as they are."""
     return _set(scan, angle_min=-scan.angle_min, angle_max=-scan.angle_max, angle_increment=-scan.angle_increment)
+
+
+def convert(scan: Any, _: int, angle: float, length: float) -> bool:
+    """Bring angles to radians and ranges to metres, by factors."""
+    scan.ranges = scan.ranges * np.float32(length)
+    angles = {name: getattr(scan, name) * angle for name in ("angle_min", "angle_max", "angle_increment")}
+    # Many a driver has its limits in metres beside ranges in millimetres.
+    limits = length if scan.range_max > FAR else 1.0
+    _set(scan, range_min=scan.range_min * limits, range_max=scan.range_max * limits, **angles)
+    return True
 
 
 def time(scan: Any, _: int, turn: float, at_once: bool) -> bool:

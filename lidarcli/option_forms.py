@@ -68,6 +68,12 @@ class Text:
     has_blanks: bool = False
     """True if the text may hold blanks: a variable of the environment then has one text per line."""
 
+    @staticmethod
+    def lost(text: str) -> str:
+        """Return why a text is no value: there is none, or the option that follows stands in its place; else ''."""
+        is_option = re.match("-{1,2}[A-Za-z]", text)
+        return f"'{text}' is an option, not a value" if is_option else "" if text else "an empty text names nothing"
+
 
 @dataclass(frozen=True, slots=True)
 class File:

@@ -347,7 +347,9 @@ class Ranges(Limits, total=False):
         float | None, Option(GEOMETRY, WIDTH, shown="from the file, or none", rare=True), "Greatest range of the sensor."
     ]
     degrees: Annotated[
-        bool, Option(GEOMETRY, None, False, shown="radians", rare=True), "The three angles above are in degrees."
+        bool,
+        Option(GEOMETRY, None, False, shown="radians", rare=True),
+        "The three angles above, or without them those of the log, are in degrees.",
     ]
     range_unit: Annotated[
         Literal["m", "cm", "mm"], Option(GEOMETRY, tuple(choices.UNITS), "m", rare=True), "Unit of the ranges in the log."
@@ -651,7 +653,7 @@ class Cleaning(_Topic, Window, Run, Poses, Delay, _Objects, Limits, Jobs, Around
     mend: Annotated[
         str | Iterable[str] | None,
         Option(CHANGES, Text("[LIST]", parse_mends, is_list=True), shown="none", alone=choices.FOUND),
-        "Mend faults: found (those of info --deep), or, comma separated, beams, stamps, angles, times, order, "
+        "Mend faults: found (those of info --deep), or, comma separated, beams, stamps, angles, times, order, units, "
         "limits, no-return, frames, statics, clock (docs/clean.md).",
     ]
     merge: Annotated[
@@ -679,7 +681,7 @@ class Cleaning(_Topic, Window, Run, Poses, Delay, _Objects, Limits, Jobs, Around
     ]
 
 
-class Inspecting(_Topic, Run, Joining, Poses, Ranges, total=False):
+class Inspecting(_Topic, Run, Joining, Poses, Delay, Ranges, total=False):
     deep: Annotated[
         bool,
         Option(FINDINGS, None, False),

@@ -190,7 +190,7 @@ def zones(messages: Messages, options: ZonesCommand) -> int:
         messages.error("incomplete", line)
     for path in suites:
         title = sources[0].label if len(sources) == 1 else counted(len(sources), "log")
-        told = (title, verdicts, figures, [*problems, *unobserved], said)
+        told = (title, verdicts, figures, [*problems, *unobserved], said, [each.expression for each in checks if failed])
         messages.notes(write_verdicts(path, options["overwrite"], *told))
         messages.wrote([path])
     code = CHECK_FAILED if messages.failed(verdicts) else total.exit_code(sources)

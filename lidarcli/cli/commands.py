@@ -48,7 +48,11 @@ class Parsed(click.ParamType):  # type: ignore[type-arg]
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
         """Return the value, or raise a usage error that says what is wrong with it."""
         # A shell that completes a line has no time for the imports of a parser.
-        if not isinstance(value, str) or self.form.parse is None or (ctx and ctx.resilient_parsing):
+        if not isinstance(value, str) or (ctx and ctx.resilient_parsing):
+            return value
+        if isinstance(self.form, Text) and not self.form.is_list and (words := Text.lost(value)):
+            self.fail(f"{words}.", param, ctx)
+        if self.form.parse is None:
             return value
         try:
             return self.form.parse(value)
@@ -68,6 +72,8 @@ class Place(click.Path):
     """A path or URL. Whether it can be read is found out where it is opened, which says more than a usage error."""
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        if value and isinstance(value, str) and isinstance(param, click.Option) and (words := Text.lost(value)):
+            self.fail(f"{words}.", param, ctx)
         return value
 
 

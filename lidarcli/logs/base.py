@@ -18,8 +18,8 @@ from lidarcli.sweeps import RawSweeps
 
 LASERSCAN = "sensor_msgs/msg/LaserScan"
 MULTI_ECHO = "sensor_msgs/msg/MultiEchoLaserScan"
-PROTOBUF_SCAN = "ros.sensor_msgs.LaserScan"
-SCAN_TYPES = frozenset({LASERSCAN, MULTI_ECHO, PROTOBUF_SCAN, foxglove.SCAN})
+PROTOBUF_SCANS = ("ros.sensor_msgs.LaserScan", "gz.msgs.LaserScan", "ignition.msgs.LaserScan")
+SCAN_TYPES = frozenset({LASERSCAN, MULTI_ECHO, *PROTOBUF_SCANS, foxglove.SCAN})
 
 POINTCLOUD2 = "sensor_msgs/msg/PointCloud2"
 CLOUD_TYPES = frozenset({POINTCLOUD2, foxglove.CLOUD})
@@ -128,6 +128,9 @@ class ReadReport:
     doubts: dict[str, tuple[Finding, ...]] = field(default_factory=dict)
     """Topic → what a user should know of how its ranges are judged, and what looks wrong in its sweeps (`logs.doubts`)."""
 
+    takes_degrees: bool = False
+    """True for a pass over a log whose angles are known to be degrees: steps too large for radians are not refused."""
+
     MAX_DAMAGE = 20
 
     def add_damage(self, place: str, cause: str) -> None:
@@ -197,6 +200,8 @@ class OpenOptions:
     range_max: float | None = None
     range_scale: float = 1.0
     """Factor from the log's unit to metres (`--range-unit mm`: 0.001)."""
+    angle_scale: float = 1.0
+    """Factor from the unit of the angles in the log to radians (`--degrees` without another angle)."""
     slice: Slice | None = None
     """Slice of point clouds that becomes a sweep; None: point clouds are not read."""
     echo: str = ECHOES[0]
@@ -205,6 +210,8 @@ class OpenOptions:
     """Use of messages that are segments of a turn: one of `choices.SEGMENTS`."""
     columns: tuple[str, ...] = ()
     """Names of the columns of a CSV, in place of its own, as `--columns` takes them; empty for its own."""
+    used: set[str] = field(default_factory=set, compare=False)
+    """Fields that had an effect on the log that is read with them."""
 
     def __post_init__(self) -> None:
         """Refuse a word without a meaning (`OptionError`)."""

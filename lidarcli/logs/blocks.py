@@ -23,10 +23,7 @@ BEARINGS = "the last bearing is not finite"
 INCREMENT_ZERO = "angle_increment is zero"
 WIDEST_STEP = 0.9
 """Steps between beams above this [rad] (52 degrees) are degrees taken as radians, if the view is too wide as well."""
-IN_DEGREES = (
-    f"angle_increment is beyond {WIDEST_STEP} rad: probably degrees; a LaserScan has radians, and a text log may have "
-    "--degrees"
-)
+IN_DEGREES = f"angle_increment is beyond {WIDEST_STEP} rad: probably degrees, where a LaserScan has radians (--degrees)"
 
 
 class ScanLayout(NamedTuple):
@@ -131,7 +128,7 @@ def keep_sound(block: RawSweeps, good: Bool | None, report: ReadReport) -> RawSw
         (~np.isfinite(block.angle_increment), INCREMENT),
         (~np.isfinite(last), BEARINGS),
         ((block.angle_increment == 0) & (block.beams > 1), INCREMENT_ZERO),
-        (in_degrees(block.beams, block.angle_increment), IN_DEGREES),
+        (in_degrees(block.beams, block.angle_increment) & (not report.takes_degrees), IN_DEGREES),
     ):
         fresh = bad & whole
         if fresh.any():
@@ -154,6 +151,7 @@ def given_geometry(options: OpenOptions, beams: int) -> tuple[float, float] | No
     >>> given_geometry(OpenOptions(angle_min=-1.0, angle_increment=0.5), 5)
     (-1.0, 0.5)
     """
+    options.used.update(("angle_min", "angle_increment", "fov"))
     if options.angle_min is not None and options.angle_increment is not None:
         return options.angle_min, options.angle_increment
     if options.fov is None:

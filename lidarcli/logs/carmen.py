@@ -595,6 +595,7 @@ class _Decoder:
             cut = self.parameters.at(laser.frame, "max", rows + lines.line)
             ranges[ranges == as_singles(cut * scale)[:, None]] = np.inf
         options = self.options
+        options.used.add("range_max")
         if given_geometry(options, 2) is not None:
             first, step = given_geometries(options, beams)
         if options.angle_increment is not None:

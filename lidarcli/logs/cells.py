@@ -311,7 +311,10 @@ _HOUR = 3600
 
 _UNITS = {"ns": NS, "nsec": NS, "nsecs": NS, "nanosec": NS, "nanoseconds": NS, "us": US, "usec": US, "µs": US}
 _UNITS |= {"ms": MS, "msec": MS, "s": S, "sec": S, "secs": S, "seconds": S}
-_UNIT_IN_NAME = re.compile(rf"[_(\[ ]({'|'.join(_UNITS)})[)\]]*$")
+_UNITS |= {
+    f"{parts}{s}": unit for parts, unit in (("nano", NS), ("micro", US), ("milli", MS)) for s in ("s", "sec", "seconds")
+}
+_UNIT_IN_NAME = re.compile(rf"(?:[_(\[ ]|^(?=[mnuµ]))({'|'.join(_UNITS)})[)\]]*$")
 _SECOND = rb"(?P<second>\d\d)(?:(?:[.,]|:(?=\d{3}\b))(?P<fraction>\d+))?"
 _HALF = rb"(?:\s*(?P<half>[AP])\.?M\b\.?)?"
 _CLOCK = rb"(?:(?:[T_,]|\s)+(?P<hour>\d\d?):(?P<minute>\d\d)(?::%s)?%s)?" % (_SECOND, _HALF)

@@ -216,8 +216,10 @@ class _Mending:
         rows, place = self._rows(), self._sound.shape[1]
         odd = np.zeros(rows.shape[1], np.bool_)
         run = np.full(len(odd), max(self._restarts.values(), default=0) + 1)
-        kept = [np.zeros(0, np.int64)]
-        for code in np.flatnonzero(np.bincount(rows[2])).tolist():
+        new = np.bincount(rows[2, place:], minlength=len(self._frames)) > 0
+        # A log may have a frame in every sweep: those without new ones wait as they are.
+        kept = [np.flatnonzero(~new[rows[2, :place]])]
+        for code in np.flatnonzero(new).tolist():
             mine = np.flatnonzero(rows[2] == code)
             times, records, _ = rows[:, mine]
             bad = (times == 0) & (records != 0) if mends else odd[mine]

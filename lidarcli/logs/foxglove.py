@@ -26,6 +26,7 @@ NOT_JSON = "not JSON"
 NOT_SCAN = "not a LaserScan"
 NOT_PROTOBUF = "not protobuf of its schema"
 STAMP = "timestamp out of range"
+LAYERED = "a scan of several layers"
 
 ROWS = 256
 VALUES = 1 << 20
@@ -34,8 +35,9 @@ VALUES = 1 << 20
 _FIELDS = (
     frozenset({"timestamp", "frame_id", "start_angle", "end_angle", "ranges"}),
     frozenset({"header", "angle_min", "angle_increment", "ranges"}),
+    frozenset({"header", "angle_min", "angle_step", "ranges"}),
 )
-"""Fields of a scan, of foxglove and of ROS."""
+"""Fields of a scan, of foxglove, of ROS and of Gazebo."""
 _WORDS = {"nan": np.nan, "infinity": np.inf, "inf": np.inf, "-infinity": -np.inf, "-inf": -np.inf}
 
 
@@ -127,8 +129,14 @@ def decode_json(data: bytes, record_ns: int, echo: str = ECHOES[0]) -> Scan:
     return scan_of(message, data, record_ns, echo)
 
 
-_CAMEL = {"startAngle": "start_angle", "endAngle": "end_angle", "frameId": "frame_id"}
-_BEARINGS = frozenset({"angle_increment", "start_angle", "startAngle"})
+_SPELLED = {"startAngle": "start_angle", "endAngle": "end_angle", "frameId": "frame_id", "angleMin": "angle_min"} | {
+    **dict.fromkeys(("angle_step", "angleStep"), "angle_increment"),
+    "angleMax": "angle_max",
+    "rangeMin": "range_min",
+    "rangeMax": "range_max",
+    "verticalCount": "vertical_count",
+}
+_BEARINGS = frozenset({"angle_increment", "start_angle", "startAngle", "angle_step", "angleStep"})
 _DECIMAL_STAMP = re.compile(rb'"(?:time)?stamp"\s*:\s*(\d{1,12}\.\d{1,9})')
 
 
@@ -142,7 +150,7 @@ def scan_in(message: Any) -> dict[str, Any] | None:
 
 def scan_of(message: Mapping[str, Any], line: bytes, record_ns: int, echo: str = ECHOES[0]) -> Scan:
     """Return the sweep of a message that `scan_in` found; `line` is its text. RefusedError where it can be none."""
-    fields = {_CAMEL.get(name, name): value for name, value in message.items()}
+    fields = {_SPELLED.get(name, name): value for name, value in message.items()}
     of_ros = "angle_increment" in fields
     try:
         header = (fields.get("header") or {}) if of_ros else fields
@@ -158,10 +166,12 @@ def scan_of(message: Mapping[str, Any], line: bytes, record_ns: int, echo: str =
             for name, default in Scan._field_defaults.items()
         ]
         stamp_ns = stamp_of(header.get("stamp" if of_ros else "timestamp"), line)
-        frame_id = str(header.get("frame_id", ""))
+        frame_id = str(header.get("frame_id") or fields.get("frame") or "")
+        layers = int(fields.get("vertical_count") or 1)
     except (AttributeError, KeyError, TypeError, ValueError, OverflowError):
         raise RefusedError(NOT_SCAN) from None
     for bad, cause in (
+        (layers > 1, LAYERED),
         (len(frame_id) > MAX_NAME, NAME_LONG),
         (len(ranges) > MAX_BEAMS, TOO_MANY),
         (not -(2**63) <= stamp_ns < 2**63, STAMP),

@@ -198,7 +198,7 @@ def _read_heads(topic: str, buffer: UInt8, offsets: Int64, lengths: Int64, encod
         (~np.isfinite(geometry[:, 0]), ANGLE_MIN),
         (~np.isfinite(geometry[:, 2]), INCREMENT),
         ((geometry[:, 2] == 0) & (beams > 1), INCREMENT_ZERO),
-        (in_degrees(beams, geometry[:, 2]), IN_DEGREES),
+        (in_degrees(beams, geometry[:, 2]) & (not report.takes_degrees), IN_DEGREES),
     )
 
 

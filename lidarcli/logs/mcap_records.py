@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from lidarcli.logs.base import SCAN_TYPES, ReadReport, ros_type
 from lidarcli.logs.laserscan import scan_type
-from lidarcli.logs.unpacking import CHUNK_RATIO, SMALL, DecompressionBudget, too_much
+from lidarcli.logs.unpacking import CHUNK_RATIO, LZ4_MAGIC, SMALL, DecompressionBudget, too_much, unpack_frames
 from lidarcli.sweeps import Bool, Int64, UInt8, record
 
 MAGIC = b"\x89MCAP0\r\n"
@@ -280,14 +280,16 @@ def inflate(head: ChunkHead, data: bytes, budget: DecompressionBudget) -> bytes:
 
 
 def _unpacked(compression: str, data: bytes, size: int) -> bytes:
+    """Decompress the frames of a chunk, most often one, up to a byte beyond the size that it declares."""
     try:
         if compression == "lz4":
-            inflated: bytes = lz4.frame.LZ4FrameDecompressor().decompress(data, size + 1)
-            return inflated
+            return unpack_frames(lz4.frame.LZ4FrameDecompressor, data, LZ4_MAGIC, size + 1)[0]
         declared = zstandard.frame_content_size(data)
-        if declared not in (-1, size):
+        if declared > size:
             raise CodecError(f"it declares {size} bytes and holds {declared}")
-        return zstandard.ZstdDecompressor().decompress(data, max_output_size=max(size, 1))
+        zstd = zstandard.ZstdDecompressor()
+        first = zstd.decompress(data, max_output_size=max(size, 1)) if declared in (-1, size) else b""
+        return first if len(first) == size else zstd.stream_reader(data, read_across_frames=True).read(size + 1)
     except (zstandard.ZstdError, RuntimeError, EOFError) as err:
         raise CodecError(f"{compression}: {err}") from err
 
@@ -300,7 +302,7 @@ def inflate_start(head: ChunkHead, data: bytes, most: int = MAX_CHUNK) -> bytes:
     start = bytearray()
     try:
         if head.compression == "zstd":
-            reader = zstandard.ZstdDecompressor().stream_reader(io.BytesIO(data))
+            reader = zstandard.ZstdDecompressor().stream_reader(io.BytesIO(data), read_across_frames=True)
             while len(start) < limit and (piece := reader.read(min(_STEP, limit - len(start)))):
                 start += piece
         elif head.compression == "lz4":

@@ -371,7 +371,7 @@ def open_options(
     bins: int | None = None,
     limits: tuple[float, float] | None = None,
 ) -> OpenOptions:
-    """Return checked options for opening a log; the three angles are radians, or `degrees`.
+    """Return checked options for opening a log; the three angles, or without them those of the log, are `degrees`.
 
     `heights`, `bins` and `limits` say which points of a cloud are a sweep (`Slice`); without heights none are.
 
@@ -403,6 +403,7 @@ def open_options(
         fov=radians("--fov", fov),
         range_max=range_max,
         range_scale=UNITS[range_unit],
+        angle_scale=TURN / 360.0 if degrees and angle_min is angle_increment is fov is None else 1.0,
         slice=part,
         echo=echo,
         segments=segments,

@@ -24,7 +24,7 @@ from lz4.frame import LZ4FrameDecompressor
 from lidarcli.errors import UnreadableError, unreadable
 from lidarcli.logs.base import MAX_MESSAGE, Closing, Message, OpenOptions, ReadReport, Topic, ros_type
 from lidarcli.logs.laserscan import MessageBatcher, scan_type
-from lidarcli.logs.unpacking import DecompressionBudget, too_much
+from lidarcli.logs.unpacking import LZ4_MAGIC, DecompressionBudget, too_much, unpack_frames
 from lidarcli.sweeps import Int64, RawSweeps, UInt8
 
 MAGIC = b"#ROSBAG V2.0\n"
@@ -47,7 +47,7 @@ STEP = 512
 """Compressed bytes taken at a time from broken lz4 data, so that everything before the break comes out."""
 DENSE = 128
 """Fewest messages of one topic in one buffer that are decoded in place instead of gathered."""
-CODECS = {"bz2": b"BZh", "lz4": b"\x04\x22\x4d\x18"}
+CODECS = {"bz2": b"BZh", "lz4": LZ4_MAGIC}
 """Known compressions and how their data begins."""
 
 _U32 = struct.Struct("<I").unpack_from
@@ -310,17 +310,17 @@ def unpack(packed: bytes, codec: str, most: int) -> tuple[bytes, int, str]:
     Nothing comes out of broken bz2 data: what precedes the comparison of a checksum may be plausible records of
     shuffled bytes. Data that is cut off gives its whole blocks.
     """
-    state = bz2.BZ2Decompressor() if codec == "bz2" else LZ4FrameDecompressor()
     data = b""
+    make = bz2.BZ2Decompressor if codec == "bz2" else LZ4FrameDecompressor
     try:
-        data = state.decompress(packed, max_length=most + 1)
+        data, state = unpack_frames(make, packed, CODECS[codec], most + 1)
     except (OSError, RuntimeError, ValueError) as err:
         error = f"its {codec} data is broken ({err})"
         if codec == "lz4":
-            state = LZ4FrameDecompressor()
+            again = LZ4FrameDecompressor()
             with suppress(OSError, RuntimeError, ValueError):
                 for at in range(0, len(packed), STEP):
-                    data += state.decompress(packed[at : at + STEP], max_length=most + 1 - len(data))
+                    data += again.decompress(packed[at : at + STEP], max_length=most + 1 - len(data))
                     if len(data) > most:
                         break
         return data[:most], 0, error

@@ -17,6 +17,7 @@ from types import SimpleNamespace
 import numpy as np
 
 from lidarcli.findings import (
+    ASIDE,
     CERTAINLY_MM,
     FAR,
     FASTEST,
@@ -260,6 +261,7 @@ class SweepStats:
             far_share=self.far / max(self.ranged, 1),
             far_from=CERTAINLY_MM if in_unit and millimetres else FAR,
             unit_option=f"--range-unit {option}" if in_unit else "",
+            unit_mend="units" if in_unit and millimetres else "",
             unit_remedy=f"they are probably {unit} (--range-unit {option})"
             if in_unit
             else "the points of the clouds are probably not in metres",
@@ -458,6 +460,10 @@ class LogStats:
     """View as a share of a turn."""
     unlimited: int = 0
     """Sweeps whose greatest range is not above the least."""
+    grid: tuple[float, float] | None = None
+    """First bearing and step [rad] of the first sweep."""
+    between: int = 0
+    """Sweeps of this step whose beams lie between those of the first."""
     compared: int = 0
     repeats: int = 0
     """Sweeps with the ranges of the one before; `compared` have enough of them."""
@@ -503,8 +509,12 @@ class LogStats:
         self.counts = min(self.counts[0], int(raw.beams.min())), max(self.counts[1], int(raw.beams.max()))
         self.shares.add(views / TURN)
         self.unlimited += int(np.count_nonzero(~(raw.range_max > np.maximum(raw.range_min, 0.0))))
+        self.grid = self.grid or (float(raw.angle_min[0]), float(raw.angle_increment[0]) or 1.0)
         # A header may say anything.
         with np.errstate(invalid="ignore", over="ignore"):
+            aside = (raw.angle_min - self.grid[0]) / self.grid[1]
+            alike = np.abs(raw.angle_increment - self.grid[1]) * raw.beams <= ASIDE * abs(self.grid[1])
+            self.between += int(np.count_nonzero(alike & (np.abs(aside - np.rint(aside)) > ASIDE)))
             if raw.scan_time is not None:
                 scan_time = raw.scan_time.astype(np.float64)
                 self.periods.add(scan_time[(scan_time >= 1.0 / FASTEST) & np.isfinite(scan_time)])
@@ -545,6 +555,7 @@ class LogStats:
             offset=abs(clock.offset or 0.0),
             side="before" if (clock.offset or 0.0) < 0 else "after",
             counts=self.counts,
+            between=self.between,
             beams_span=list(self.counts),
             views=self.views,
             view_span=list(self.views),

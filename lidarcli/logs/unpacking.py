@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import shutil
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import zstandard
 
@@ -39,6 +41,23 @@ def too_much(size: int, packed: int) -> str:
     return f"it declares {size:,} bytes, more than is believed of {packed:,} packed ones"
 
 
+MOST_FRAMES = 1000
+"""Most frames of lz4 or bz2 in a row: each step copies what is left."""
+
+
+def unpack_frames(make: Callable[[], Any], packed: bytes, magic: bytes, most: int) -> tuple[bytes, Any]:
+    """Return what frames that follow each other hold, up to `most` bytes, and the decompressor of the last one."""
+    state = make()
+    data: bytes = state.decompress(packed, max_length=most)
+    for _ in range(MOST_FRAMES):
+        if len(data) >= most or not state.eof or not (rest := state.unused_data or b"").startswith(magic):
+            break
+        state = make()
+        data += state.decompress(rest, max_length=most - len(data))
+    return data, state
+
+
+LZ4_MAGIC = b"\x04\x22\x4d\x18"
 ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
 PACKED_CAUSE = "zstd message that is broken or too long"
 DISK_SHARE = 0.9

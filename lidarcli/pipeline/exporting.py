@@ -41,15 +41,18 @@ class Export:
     """Numbers of the tracks whose rows are written; empty: all rows are."""
 
     def pieces(self) -> Iterator[pa.RecordBatch]:
-        """Yield all rows."""
-        names = self.schema.names
+        """Yield all rows, and refuse numbers of tracks that none has (`OptionError`)."""
+        names, missing = self.schema.names, {*self.only}
         for file in self.files:
             for rows in read_as_is(file, [*dict.fromkeys([*names, TRACK])] if self.only else names):
                 if self.only:
-                    mine = np.isin(numbers(rows[TRACK].cast(pa.float64())), self.only)
+                    tracks = numbers(rows[TRACK].cast(pa.float64()))
+                    mine, missing = np.isin(tracks, self.only), missing - {*np.unique(tracks).tolist()}
                     rows = rows.filter(pa.array(mine)).select(names)
                 # Types are the same but for the unit of stamps.
                 yield rows.cast(self.schema.remove_metadata(), safe=False)
+        if missing:
+            raise OptionError(f"{self.files[0]}: no track {', '.join(map(str, sorted(missing)))} in it (--only)")
 
 
 def chosen(
@@ -147,8 +150,6 @@ def _write_tum(export: Export, out: Output, kind: str, name: str) -> tuple[int, 
             poses = lifted((x[some], y[some], np.arctan2(vy[some], vx[some])))
             out.write((trajectory_lines(stamp[some], poses) if seen[some[0]] else f"{GAP}\n").encode())
         count, hidden = count + int(seen.sum()), hidden + int((~seen).sum())
-    if not count:
-        raise OptionError(f"{export.files[0]}: no track {export.only[0]} in it (--only)")
     return count, [f"{counted(hidden, 'place')} left out, where no sweep saw it"] if hidden else []
 
 

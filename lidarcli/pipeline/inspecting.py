@@ -205,6 +205,8 @@ def inspect_log(
         made_of, told = made_of_clouds(log), pose_infos(poses) if poses is not None else ()
         notes, findings = posing.findings(found)
         findings = [*report.findings(), *_of_sweeps(listed, stats, checks, report), *findings]
+        if not wanted.deskew:
+            findings = [each for each in findings if each.fix is None or each.fix.text != "--no-deskew"]
         rest = only_counted.total()
         uncounted = [f"{rest:,} sweeps are counted and no more: there are over {MOST:,} frames and topics"] if rest else []
         learned = masking.learned
@@ -263,7 +265,7 @@ def _pose(poses: FoundPoses | None, topic: str, frame_id: str) -> str:
 def _pose_notes(posing: PoseAttacher, found: Mapping[tuple[str, str], _Scan]) -> list[str]:
     """Return notes on the poses: frames with several alike, and notes of reading them."""
     if posing.found is None:
-        return []
+        return [posing.unused] if posing.unused else []
     sources = posing.found.sources
     doubtful = {
         alike_note(frame, alike, sources.alternatives(frame, topic)): None

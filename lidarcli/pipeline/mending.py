@@ -15,23 +15,24 @@ import numpy as np
 import pyarrow as pa
 
 from lidarcli import mending
-from lidarcli.choices import BEAM_ORDERS, FOUND, MENDS
+from lidarcli.choices import BEAM_ORDERS, FOUND, MENDS, UNITS
 from lidarcli.copying import Copy, Cut, Met, copy_log
 from lidarcli.errors import OptionError, UnreadableError
 from lidarcli.findings import APART, FASTEST, LONG, OFTEN, SOME, Finding
 from lidarcli.logs import open_log
-from lidarcli.logs.base import STATIC, Log, ReadReport, Topic
+from lidarcli.logs.base import POSE_TYPES, STATIC, Log, ReadReport, Topic
 from lidarcli.logs.blocks import ScanLayout
 from lidarcli.logs.clock import SAME_NS
 from lidarcli.logs.joined import earlier_parts
 from lidarcli.logs.piles import NoReturnDetector
 from lidarcli.logs.registry import TopicChoice
 from lidarcli.mending import Mend
+from lidarcli.newfiles import scratch_folder
 from lidarcli.pipeline.inputs.sources import Source, read_pose_messages
 from lidarcli.pipeline.objects.detection import DetectOptions
 from lidarcli.pose.tracks import Track
 from lidarcli.range_rules import RangeRules, normalise
-from lidarcli.sweeps import Float32, Int64, RawSweeps, Status, concatenate
+from lidarcli.sweeps import TURN, Float32, Int64, RawSweeps, Status, concatenate
 from lidarcli.tabular.reading import ANY, Readable, column_names, read_as_is
 from lidarcli.times import SECOND_NS, Instant
 
@@ -41,6 +42,8 @@ PLAIN = "laser"
 """Frame of sweeps without one, in a log without any transform."""
 ROOM = 0.1
 """A greatest range that is made up is a multiple of this above all ranges [m]."""
+MOVING = ("order", "clock", "stamps", "times")
+"""Words that change where or when beams are seen: what the poses tell of that."""
 MOST_CLIPS = 1000
 MOST_HELD = 10_000
 """Sweeps out of place that are put in order."""
@@ -70,7 +73,7 @@ def survey(log: Log, choice: TopicChoice, rules: RangeRules, report: ReadReport)
     """Read all chosen sweeps once; the report takes what their ranges show."""
     seen: dict[str, Seen] = {}
     detector = NoReturnDetector(rules, report)
-    blocks = (block for block in log.scans(choice.asked, ReadReport()) if not choice.wanted or choice.takes(block.topic))
+    blocks = (block for block in log.scans(choice.asked, report) if not choice.wanted or choice.takes(block.topic))
     for block, judging in chain(chain.from_iterable(map(detector.take, blocks)), detector.flush()):
         mine = seen.setdefault(block.topic, Seen())
         some = block.rows(~(block.range_max > np.maximum(block.range_min, 0.0)))
@@ -116,15 +119,16 @@ def _on_a_clock(times: Int64, records: Int64, tracks: Sequence[Track], delay: fl
     `delay`: time [s] after which poses of another clock fit the sweeps; it is taken where there is one.
     """
     offset = np.sort(records - times)[len(times) // 2]
+    shared = any(first <= times.max() and times.min() <= last for first, last in (track.span_ns for track in tracks))
     if _is_stuck(times):
         if _is_stuck(records):
             return times, "neither stamps nor the times of the recording tell when a sweep was taken"
-        return records - offset * (abs(offset) <= SECOND_NS), ""
+        return records - offset * (shared or abs(offset) <= SECOND_NS), ""
     if delay:
         return times + round(delay * SECOND_NS), ""
     if abs(offset) <= APART * SECOND_NS:
         return times, ""
-    if any(first <= times.max() and times.min() <= last for first, last in (track.span_ns for track in tracks)):
+    if shared:
         return times, "the poses have the same clock, which is another than that of the recording"
     return times + offset, ""
 
@@ -138,6 +142,7 @@ def _mend(
     delay: float,
     hidden: float | None,
     order: str,
+    units: tuple[float, float],
 ) -> tuple[Mend, dict[str, str]]:
     """Return how the sweeps of a topic are mended by words of `--mend` or `mask`, and for words why that cannot be."""
     mend, cannot, sweeps = Mend(topic.encoding), dict[str, str](), concatenate(seen.blocks)
@@ -170,6 +175,7 @@ def _mend(
         "beams": partial(mending.put_on, first=first, spacing=step, beams=int(usual)),
         "angles": mending.end,
         "order": mending.turn_round,
+        **({} if units == (1.0, 1.0) else {"units": partial(mending.convert, angle=units[0], length=units[1])}),
         **({"times": partial(mending.time, turn=turn, at_once=order in BEAM_ORDERS[2:])} if turn else {}),
     }
     mend.steps = {word: step for word, step in steps.items() if word in words and not cannot.get(word)}
@@ -222,11 +228,12 @@ def plan(
     """
     done, delay, found = Mending(), detect.poses.delay, tuple[Finding, ...]()
     orders = dict.fromkeys(seen, detect.poses.order)
-    if asked & {FOUND, "clock", "stamps", "times"}:
+    if asked & {FOUND, "units", *MOVING}:
         # Most copies mend nothing, and should not wait for this import.
         from lidarcli.pipeline.inspecting import inspect_log
 
-        info = inspect_log(source, detect.opening, detect.read, detect.poses, deep=bool(asked & {FOUND, "stamps"}))
+        poses = replace(detect.poses, delay=None)
+        info = inspect_log(source, detect.opening, detect.read, poses, deep=bool(asked & {FOUND, "stamps", "order"}))
         found = info.findings
         orders |= {scan.topic: str(scan.verdict["beam_order"]) for scan in info.scans if "beam_order" in scan.verdict}
     every = {name: {each.mend for each in found if each.topic in (name, "") and FOUND in asked} for name in seen}
@@ -247,19 +254,56 @@ def plan(
         shift = (
             next((each for one in found if one.topic == name and (each := _delay(one))), 0.0) if delay is None else delay
         )
+        fixes = {one.fix.text for one in found if one.mend == "units" and one.topic == name and one.fix}
+        units = TURN / 360.0 if "--degrees" in fixes else 1.0, UNITS["mm" if "--range-unit mm" in fixes else "m"]
         mend, cannot = _mend(
-            topics[name], seen[name], words[name], tracks, detect.read.rules.limits, shift, hidden, orders[name]
+            topics[name], seen[name], words[name], tracks, detect.read.rules.limits, shift, hidden, orders[name], units
         )
         done.topics[name] = mend
         for word, cause in cannot.items():
             if word in asked:
                 raise OptionError(f"{name}: {word} cannot be mended: {cause}")
             done.left.append(f"{word} of {name} is not mended: {cause}")
+    _leave_worse(source, log, detect, found, done)
     if any("statics" in mine for mine in words.values()) and STATIC not in topics:
         done.said = _said_before(source)
         if not done.said:
             raise OptionError(f"statics cannot be mended: no earlier part beside {source.path} has {STATIC}")
     return done
+
+
+def _leave_worse(source: Source, log: Log, detect: DetectOptions, found: Sequence[Finding], done: Mending) -> None:
+    """Leave out, by name, words with which a copy fits its poses less: `info` finds there what is not `found` here."""
+    words = [word for word in MOVING if any(word in mend.steps for mend in done.topics.values())]
+    if not words or not any(topic.type in POSE_TYPES for topic in log.topics() or ()):
+        return
+    from lidarcli.pipeline.inspecting import inspect_log
+
+    def faults() -> set[tuple[str, str]]:
+        with scratch_folder() as folder:
+            copy = replace(source, path=str(folder / Path(source.path).name), found=None)
+            copy_log(log, Path(copy.path), done.copy(log))
+            poses = replace(detect.poses, delay=None)
+            after = inspect_log(copy, detect.opening, detect.read, poses, deep="order" in words).findings
+        return {(one.id, one.topic) for one in after if one.level != "hint"} - {(one.id, one.topic) for one in found}
+
+    worse = faults()
+    for word in words if worse else ():
+        whole = done.topics
+        done.topics = {
+            name: replace(
+                mend,
+                steps={one: step for one, step in mend.steps.items() if one != word},
+                order=None if word == "stamps" else mend.order,
+            )
+            for name, mend in whole.items()
+        }
+        if len(without := faults()) < len(worse):
+            added = ", ".join(sorted({name for name, _ in worse - without}))
+            done.left.append(f"{word} is not mended: it would add what info finds as {added}")
+            worse = without
+        else:
+            done.topics = whole
 
 
 def _delay(found: Finding) -> float:

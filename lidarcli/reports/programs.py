@@ -59,19 +59,20 @@ def as_junit(
     figures: Mapping[str, float | None],
     problems: Sequence[str],
     lines: Sequence[str] = (),
+    skipped: Sequence[str] = (),
 ) -> str:
     """Return one suite on what a `command` found: its properties are the figures, its cases the checks.
 
     Each of the `problems`, for which not all was read or checked, is an error; without errors and failures the exit code
-    is 0.
+    is 0. Checks that were `skipped` have their cases, too.
     """
     counts = {
-        "tests": str(len(verdicts) + len(problems)),
+        "tests": str(len(verdicts) + len(problems) + len(skipped)),
         "failures": str(sum(not verdict.holds for verdict in verdicts)),
         "errors": str(len(problems)),
     }
     root = ET.Element("testsuites", {"name": f"lidarcli {command}", **counts})
-    suite = _part(root, "testsuite", name=title, **counts, skipped="0")
+    suite = _part(root, "testsuite", name=title, **counts, skipped=str(len(skipped)))
     properties = _part(suite, "properties")
     for name, value in figures.items():
         if value is not None:
@@ -81,6 +82,8 @@ def as_junit(
         if not one.holds:
             why = f"expected {one.expected}, found {one.words}"
             _part(case, "failure", message=why, type="check").text = clean(f"{one.expression}\n{why}")
+    for expression in skipped:
+        _part(_part(suite, "testcase", classname=f"lidarcli.{command}", name=expression), "skipped", message="not run")
     for count, problem in enumerate(problems, 1):
         case = _part(suite, "testcase", classname=f"lidarcli.{command}", name=f"all of the input is read ({count})")
         _part(case, "error", message=problem, type="unreadable")

@@ -138,6 +138,10 @@ def test_a_tum_has_one_track(lidarcli: Run, tables: Path, tmp_path: Path) -> Non
         ran = lidarcli("export", source, *more, "-o", tmp_path / "1.tum")
         assert ran.code == 2
         assert "a .tum has the path of one track" in ran.err
-    assert "no track 99 in it" in lidarcli("export", source, "--only", "99", "-o", tmp_path / "1.tum").err
+    for name, only in (("1.tum", "99"), ("1.csv", "99"), ("1.csv", "1,99")):
+        ran = lidarcli("export", source, "--only", only, "-o", tmp_path / name)
+        assert ran.code == 2
+        assert "no track 99 in it" in ran.err
+        assert not (tmp_path / name).exists()
     assert "no column track" in lidarcli("export", tables / "run.sweeps.parquet", "--only", "1", "-o", "-").err
     assert not (tmp_path / "1.tum").exists()

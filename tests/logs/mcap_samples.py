@@ -99,10 +99,10 @@ def protobuf_scan(number: int) -> bytes:
     return bytes(message.SerializeToString())
 
 
-def ros_schema() -> descriptor_pb2.FileDescriptorSet:
-    """ros.sensor_msgs.LaserScan, as an MCAP's schema record holds it."""
+def ros_schema(package: str = "ros.sensor_msgs") -> descriptor_pb2.FileDescriptorSet:
+    """LaserScan of ROS, or of Gazebo (`gz.msgs`), as an MCAP's schema record holds it."""
     field = descriptor_pb2.FieldDescriptorProto
-    file = descriptor_pb2.FileDescriptorProto(name="ros/LaserScan.proto", package="ros.sensor_msgs", syntax="proto3")
+    file = descriptor_pb2.FileDescriptorProto(name="LaserScan.proto", package=package, syntax="proto3")
 
     def add(message: Any, number: int, name: str, kind: Any, **more: Any) -> None:
         message.field.add(name=name, number=number, type=kind, **{"label": field.LABEL_OPTIONAL, **more})
@@ -110,23 +110,30 @@ def ros_schema() -> descriptor_pb2.FileDescriptorSet:
     stamp, header, laser = (file.message_type.add(name=name) for name in ("Time", "Header", "LaserScan"))
     add(stamp, 1, "sec", field.TYPE_UINT32)
     add(stamp, 2, "nsec", field.TYPE_UINT32)
-    add(header, 1, "stamp", field.TYPE_MESSAGE, type_name=".ros.sensor_msgs.Time")
-    add(header, 2, "frame_id", field.TYPE_STRING)
-    add(laser, 1, "header", field.TYPE_MESSAGE, type_name=".ros.sensor_msgs.Header")
-    for number, name in enumerate(("angle_min", "angle_max", "angle_increment", "range_min", "range_max"), 2):
-        add(laser, number, name, field.TYPE_FLOAT)
-    add(laser, 9, "ranges", field.TYPE_FLOAT, label=field.LABEL_REPEATED)
+    add(header, 1, "stamp", field.TYPE_MESSAGE, type_name=f".{package}.Time")
+    is_ros = package == "ros.sensor_msgs"
+    add(header if is_ros else laser, 2 if is_ros else 10, "frame_id" if is_ros else "frame", field.TYPE_STRING)
+    add(laser, 1, "header", field.TYPE_MESSAGE, type_name=f".{package}.Header")
+    step = "angle_increment" if is_ros else "angle_step"
+    for number, name in enumerate(("angle_min", "angle_max", step, "range_min", "range_max"), 2):
+        add(laser, number, name, field.TYPE_FLOAT if is_ros else field.TYPE_DOUBLE)
+    add(laser, 9, "ranges", field.TYPE_FLOAT if is_ros else field.TYPE_DOUBLE, label=field.LABEL_REPEATED)
+    if not is_ros:
+        add(laser, 11, "vertical_count", field.TYPE_UINT32)
     return descriptor_pb2.FileDescriptorSet(file=[file])
 
 
-def ros_protobuf_scan(number: int) -> bytes:
-    """Sweep `number` as ros.sensor_msgs.LaserScan."""
+def ros_protobuf_scan(number: int, package: str = "ros.sensor_msgs", layers: int = 1) -> bytes:
+    """Sweep `number` as a message of `ros_schema`."""
     pool = DescriptorPool()
-    pool.Add(ros_schema().file[0])
-    message: Any = GetMessageClass(pool.FindMessageTypeByName("ros.sensor_msgs.LaserScan"))()
+    pool.Add(ros_schema(package).file[0])
+    message: Any = GetMessageClass(pool.FindMessageTypeByName(f"{package}.LaserScan"))()
     message.header.stamp.sec, message.header.stamp.nsec = number, 8
-    message.header.frame_id = "laser"
-    message.angle_min, message.angle_increment, message.range_max = -1.5, 0.5, 99.0
+    message.angle_min, message.range_max = -1.5, 99.0
+    if package == "ros.sensor_msgs":
+        message.header.frame_id, message.angle_increment = "laser", 0.5
+    else:
+        message.frame, message.angle_step, message.vertical_count = "laser", 0.5, layers
     message.ranges.extend(ranges_of(number).tolist())
     return bytes(message.SerializeToString())
 

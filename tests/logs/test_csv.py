@@ -410,6 +410,24 @@ def test_long_form_in_any_order_of_columns_and_in_degrees() -> None:
     assert "bearings beyond a turn in radians: taken as degrees" in log.report.notes[0]
 
 
+@pytest.mark.parametrize(
+    ("name", "unit"),
+    [
+        *(("millis", 1000), ("micros", 10**6), ("elapsed_ms", 1000), ("us", 10**6), ("epoch_us", 10**6), ("uptime", 1)),
+        *(("time_milliseconds", 1000), ("gps_time_ns", 10**9), ("unix_time", 1), ("Timestamp (microseconds)", 10**6)),
+    ],
+)
+def test_a_time_for_each_beam_in_any_unit(name: str, unit: int) -> None:
+    """Two beams in each millisecond, a turn in 0.36 s."""
+    rows = [(0.18 * s + a / 2000, a) for s in range(3) for a in range(0, 360, 1)]
+    text = f"{name},angle_deg,distance\n" + "".join(
+        f"{round(t * unit) if unit > 1 else round(t, 4)},{a},{2 + a / 1000:.3f}\n" for t, a in rows
+    )
+    got, log = read_text(text, OpenOptions())
+    assert got.stamp_ns.tolist() == [0, 180_000_000, 360_000_000]
+    assert not log.report.unread
+
+
 def test_long_form_across_blocks_and_with_damage(tmp_path: Path) -> None:
     want = sweeps(60, 500)
     text = text_of("long", tmp_path, want).split(b"\n")

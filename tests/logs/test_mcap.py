@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -297,17 +298,43 @@ def test_a_scan_of_ros_in_json(tmp_path: Path, schema: str, stamp: Any) -> None:
     assert (raw.angle_increment[0], raw.range_max[0], raw.time_increment[0]) == (0.5, 99.0, 0.25)
 
 
-def test_a_scan_of_ros_in_protobuf(tmp_path: Path) -> None:
-    """As ros-to-mcap converters named them before foxglove.LaserScan was there."""
+@pytest.mark.parametrize("package", ["ros.sensor_msgs", "gz.msgs", "ignition.msgs"])
+def test_a_scan_of_ros_or_gazebo_in_protobuf(tmp_path: Path, package: str) -> None:
+    """As ros-to-mcap converters named them before foxglove.LaserScan was there, and as Gazebo logs its own."""
     path = tmp_path / "run.mcap"
-    schema = ("ros.sensor_msgs.LaserScan", "protobuf", samples.ros_schema().SerializeToString())
-    path.write_bytes(sample(N, schema=schema, encoding="protobuf", payload=samples.ros_protobuf_scan))
+    schema = (f"{package}.LaserScan", "protobuf", samples.ros_schema(package).SerializeToString())
+    payload = partial(samples.ros_protobuf_scan, package=package)
+    path.write_bytes(sample(N, schema=schema, encoding="protobuf", payload=payload))
     raw, report = read(path)
     assert_whole(raw, report)
     assert raw is not None
     assert (raw.angle_min[0], raw.angle_increment[0], raw.range_max[0]) == (-1.5, 0.5, 99.0)
     with McapLog(path) as log:
-        assert [(topic.type, topic.is_scan) for topic in log.topics() or ()][:1] == [("ros.sensor_msgs.LaserScan", True)]
+        assert [(topic.type, topic.is_scan) for topic in log.topics() or ()][:1] == [(f"{package}.LaserScan", True)]
+
+
+def test_a_scan_of_gazebo_in_json(tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+    plain = {"header": {"stamp": {"sec": "7", "nsec": 8}}, "frame": "laser", "angleMin": -1.5, "angleStep": 0.5}
+    path.write_bytes(
+        sample(1, schema=JSON, encoding="json", payload=lambda i: json.dumps({**plain, "ranges": [1.0, 2.0]}).encode())
+    )
+    raw, _ = read(path)
+    assert raw is not None
+    assert (raw.frame_ids, raw.angle_min[0], raw.angle_increment[0], raw.stamp_ns[0]) == (
+        ("laser",),
+        -1.5,
+        0.5,
+        7 * 10**9 + 8,
+    )
+
+
+def test_layers_of_gazebo_are_no_sweep(tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+    schema = ("gz.msgs.LaserScan", "protobuf", samples.ros_schema("gz.msgs").SerializeToString())
+    payload = partial(samples.ros_protobuf_scan, package="gz.msgs", layers=2)
+    path.write_bytes(sample(2, schema=schema, encoding="protobuf", payload=payload))
+    assert read(path)[1].refused == {("/scan", foxglove.LAYERED): 2}
 
 
 def test_broken_protobuf_is_refused(tmp_path: Path) -> None:

@@ -7,6 +7,7 @@ import random
 import re
 import struct
 import tracemalloc
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -289,6 +290,31 @@ def test_a_hostile_chunk_is_refused_alone(tmp_path: Path, extra: bytes, cause: s
         assert found == list(range(N))
         [line] = lines(report)
         assert line.startswith(f"chunk at byte {place}: the chunk cannot be read: {cause}")
+
+
+@pytest.mark.parametrize(
+    ("compression", "pack"),
+    [
+        ("zstd", zstandard.compress),
+        ("zstd", zstandard.ZstdCompressor(write_content_size=False).compress),
+        ("lz4", lz4.frame.compress),
+    ],
+)
+def test_a_chunk_of_several_frames_is_read_whole(tmp_path: Path, compression: str, pack: Callable[[bytes], bytes]) -> None:
+    plain = {"use_statistics": False, "repeat_channels": False, "repeat_schemas": False}
+    data = sample(N, compression="none", index=IndexType.NONE, **plain)
+    start, end = samples.chunks(data)[2]
+    content = data[start + 9 + 32 + 8 : end]
+    packed = b"".join(map(pack, (content[:99], b"", content[99:500], content[500:])))
+    changed = data[:start] + chunk(content, compression=compression, data=packed) + data[end:-37]
+    for found, report in both(changed + struct.pack("<BQQQI", 2, 20, 0, 0, 0) + data[-8:], tmp_path):
+        assert found == list(range(N))
+        assert not report.damage
+    # Less than the chunk declares is still lost.
+    short = data[:start] + chunk(content, compression=compression, data=pack(content[:99])) + data[end:-37]
+    for found, report in both(short + struct.pack("<BQQQI", 2, 20, 0, 0, 0) + data[-8:], tmp_path):
+        assert len(found) < N
+        assert f"it declares {len(content)} bytes and holds 99" in lines(report)[0]
 
 
 def test_a_bomb_stays_within_its_bound(tmp_path: Path) -> None:

@@ -7,8 +7,10 @@ import io
 import random
 import re
 import struct
+from collections.abc import Callable
 from pathlib import Path
 
+import lz4.frame
 import pytest
 from rosbags.rosbag1 import Writer
 from rosbags.typesys import Stores, get_typestore
@@ -305,6 +307,17 @@ def chunk_record(codec: bytes, size: int, data: bytes) -> bytes:
     fields = [b"op=\x05", b"compression=" + codec, b"size=" + struct.pack("<I", size)]
     head = b"".join(struct.pack("<I", len(field)) + field for field in fields)
     return struct.pack("<I", len(head)) + head + struct.pack("<I", len(data)) + data
+
+
+@pytest.mark.parametrize(("codec", "pack"), [("bz2", bz2.compress), ("lz4", lz4.frame.compress)])
+def test_a_chunk_of_two_frames_is_read_whole(tmp_path: Path, codec: str, pack: Callable[[bytes], bytes]) -> None:
+    data = write_bag(tmp_path / "a.bag", 20, chunk=1 << 20)
+    [(start, end)] = chunk_bounds(data)
+    record = parse(data, start)
+    assert record is not None
+    content = data[record.data_start : end]
+    packed = pack(content[:999]) + pack(content[999:])
+    assert read(data[:start] + chunk_record(codec.encode(), len(content), packed) + data[end:])[0] == list(range(20))
 
 
 def test_a_bomb_is_unpacked_to_its_bound(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

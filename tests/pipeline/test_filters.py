@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import shlex
 from pathlib import Path
 from typing import Any
 
@@ -102,3 +103,14 @@ def test_mounts_are_written_and_read_back(tmp_path: Path, masks: tuple[Mask, ...
         (each.frame, each.parent, each.x, each.y, each.upside_down) for each in mounts
     ]
     np.testing.assert_allclose([each.yaw for each in found.mounts], [0.5, 3.0], atol=1e-7)
+
+
+def test_names_of_topics_stay_names() -> None:
+    topics = ("/a-b", "/a_b", "/scan\nevil: {}\n# \x1b[31m; reboot")
+    masks = Masks((Mask(Sector(0.0, 1.0, 0.0, 1.0)),))
+    text = filter_text(masks, [View(topic, -TURN / 2, TURN / 2) for topic in topics])
+    nodes = YAML(typ="safe").load(text)
+    assert len(nodes) == len(topics)
+    assert "evil" not in nodes
+    assert all(line.isprintable() for line in text.split("\n"))
+    assert len(shlex.split(next(line for line in text.splitlines() if "evil" in line)[1:])) == 11

@@ -15,8 +15,9 @@ import numpy as np
 import pytest
 
 import lidarcli
+from lidarcli.cli import run
 from lidarcli.cli.info import as_json
-from lidarcli.findings import Finding, Fix
+from lidarcli.findings import LOG_RULES, REPEATED_TOPIC, STAMP, SWEEP_RULES, Finding, Fix
 from lidarcli.pipeline.inputs.sources import Source
 from lidarcli.pipeline.inspecting import inspect_log
 from lidarcli.simulation.generate import START_NS, SimulatedPoses, simulate_blocks
@@ -379,3 +380,54 @@ def test_only_some_topics_are_compared(tmp_path: Path) -> None:
     write_log(tmp_path / "run.mcap", [replace(raw, topic=f"/scan_{k:02}") for k in range(20)])
     found = [each.topic for each in findings_of(tmp_path / "run.mcap")]
     assert found == [f"/scan_{k:02}" for k in range(1, 16)]
+
+
+# --- fixes ----------------------------------------------------------------------------------------------------
+
+
+def in_turns(raw: RawSweeps) -> RawSweeps:
+    return replace(raw, ranges=np.where(np.arange(60)[:, None] % 2, raw.ranges[:, ::-1] + np.float32(0.7), raw.ranges))
+
+
+def twice(raw: RawSweeps) -> RawSweeps:
+    return raw.rows(np.arange(60) // 2)
+
+
+FIXES: dict[str, tuple[Change, str]] = {
+    "degrees": (scaled(angle_increment=14.0), "units --degrees"),
+    "wide": (scaled(angle_increment=1.6), "geometry --degrees"),
+    "millimetres": (scaled(ranges=1000.0, range_max=1000.0), "units --range-unit mm"),
+    "nan": (filled(0.2, np.nan), "no_return --no-return inf,zero,max,above,pile,nan"),
+    "pile": (filled(0.3, 11.5), "no_return --no-return inf,zero,max,above"),
+    "beyond": (beyond, "limits --range 0 6"),
+    "in turns": (in_turns, "frames --every 2"),
+    "twice": (twice, "duplicate --every 2"),
+    "time_increment": (scaled(time_increment=0.5), "rolling --no-deskew"),
+}
+"""Fault → its change of a sound log, and the rule that finds it with its fix."""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("fault", FIXES)
+@pytest.mark.parametrize("suffix", [".mcap", ".bag", ".db3"])
+def test_a_fault_is_gone_with_its_fix(fault: str, suffix: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    change, words = FIXES[fault]
+    path = tmp_path / f"run{suffix}"
+    write_log(path, [change(sound())])
+    [found] = [each for each in findings_of(path) if each.fix is not None]
+    assert found.fix is not None
+    assert (f"{found.id} {found.fix.text}", found.fix.kind) == (words, "option")
+    # info reads every sweep; other commands tell the same in a note.
+    command = ["info"] if "--every" not in words else ["detect", "-o", str(tmp_path / "tables")]
+    assert run([*command, str(path), *found.fix.text.split()]) == 0
+    told = capsys.readouterr()
+    assert " ".join(found.message.split()) not in " ".join((told.out + told.err).split())
+    assert f"fix: {found.fix.text}" not in told.out
+
+
+def test_every_fix_of_a_rule_is_tried() -> None:
+    tried = {words.split()[1] for _, words in FIXES.values()}
+    # Other tests try these on logs of their own.
+    tried |= {"--topic", "--pose-delay"}
+    declared = {rule.fix.split()[0] for rule in (*SWEEP_RULES, *LOG_RULES, REPEATED_TOPIC, STAMP) if rule.fix}
+    assert declared - tried == {"{0.unit_option}", "{0.every}"}

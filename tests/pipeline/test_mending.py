@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import struct
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -150,6 +151,13 @@ FAULTS = {
     "angle_max": Fault("geometry", "angles", edit=wrong_end),
     "milliseconds": Fault("rolling", "times", scaled(time_increment=1000.0), refused="laser_geometry: times"),
     "microseconds": Fault("rolling", "times", scaled(time_increment=1e-3, scan_time=1e-3)),
+    "millimetres": Fault(
+        "units",
+        "units",
+        scaled(ranges=1000.0, range_min=1000.0, range_max=1000.0),
+        refused="slam_toolbox: limits",
+        restores=False,
+    ),
     "no limits": Fault("limits", "limits", same(range_min=0.0, range_max=0.0), refused="AMCL: range_max", restores=False),
     "near limit": Fault("limits", "limits", same(range_max=4.0), restores=False),
     "zeros": Fault("no_return", "no-return", filled(0.0), refused="AMCL: no return", restores=False),
@@ -256,6 +264,60 @@ def test_sweeps_of_the_usual_number_stay_and_others_get_their_nearest_beams(tmp_
     assert short[3].ranges[:200].tobytes() == sound().ranges[3, :200].tobytes()
 
 
+def interlaced(phases: int, fewer: int) -> Change:
+    """Every `phases`-th sweep lies on the beams of the first, the others between them, with fewer beams."""
+
+    def change(raw: RawSweeps) -> RawSweeps:
+        phase, step = np.arange(SWEEPS) % phases, TURN / 360
+        first = raw.angle_min + phase / phases * step
+        beams = np.where(phase > 0, 360 - fewer, 360).astype(np.int32)
+        return replace(raw, angle_min=first, beams=beams)
+
+    return change
+
+
+@pytest.mark.parametrize(("phases", "fewer"), [(2, 1), (4, 1), (3, 40)])
+def test_sweeps_between_the_beams_of_others_keep_their_bearings(phases: int, fewer: int, tmp_path: Path) -> None:
+    log = written(tmp_path, "mcap", [interlaced(phases, fewer)(sound())])
+    [found] = [each for each in findings_of(log) if each.id == "geometry"]
+    assert (found.mend == "") is (fewer < 40)
+    copy = decoded(messages(mended(log, "beams")))
+    assert len({len(after.ranges) for after in copy}) == 1
+    for before, after in zip(decoded(messages(log)), copy, strict=True):
+        was, now = (each.angle_min + each.angle_increment * np.arange(len(each.ranges)) for each in (before, after))
+        for bearing, value in zip(now, after.ranges, strict=True):
+            nearest = int(np.argmin(np.abs(was - bearing)))
+            if np.isfinite(value):
+                assert abs(was[nearest] - bearing) < 1e-5
+                assert before.ranges[nearest] == value
+
+
+@pytest.mark.parametrize("kind", FEW)
+def test_angles_in_degrees_become_radians(kind: str, tmp_path: Path) -> None:
+    half = replace(sound(), angle_min=np.full(SWEEPS, -90.0), angle_increment=np.full(SWEEPS, 0.5))
+    log = written(tmp_path, kind, [half])
+    assert [(each.id, each.mend) for each in findings_of(log)] == [("units", "units")]
+    out = mended(log)
+    assert "units" not in {each.id for each in findings_of(out)}
+    for before, after in zip(decoded(messages(log)), decoded(messages(out)), strict=True):
+        assert before.ranges.tobytes() == after.ranges.tobytes()
+        angles = after.angle_min, after.angle_max, after.angle_increment
+        assert np.degrees(angles) == pytest.approx([-90.0, 89.5, 0.5], abs=1e-4)
+
+
+def test_millimetres_beside_limits_in_metres(tmp_path: Path) -> None:
+    log = written(tmp_path, "mcap", [scaled(ranges=1000.0)(sound())])
+    assert [(each.id, each.mend) for each in findings_of(log)] == [("units", "units")]
+    out = mended(log)
+    assert findings_of(out) == ()
+    assert {scan.range_max for scan in decoded(messages(out))} == {12.0}
+
+
+def test_ranges_of_no_certain_unit_are_left(tmp_path: Path) -> None:
+    log = written(tmp_path, "mcap", [scaled(ranges=100.0, range_min=100.0, range_max=100.0)(sound())])
+    assert [(each.id, each.mend) for each in findings_of(log)] == [("units", "")]
+
+
 def test_headers_that_say_anything_are_mended_without_a_warning(tmp_path: Path) -> None:
     """One beam without a step, angles that no float32 can tell, stamps of the far future."""
     raw = sound()
@@ -292,6 +354,9 @@ def test_a_delay_of_the_poses_goes_into_the_stamps(kind: str, tmp_path: Path) ->
     log = written(tmp_path, kind, [clear(each) for each in sweeps_of(scene_of())], poses=drive(late=0.3))
     (found,) = findings_of(log)
     assert (found.id, found.mend) == ("delay", "stamps")
+    assert found.fix is not None
+    name, value = found.fix.text.split()
+    assert (name, lidarcli.info(log, pose_delay=float(value))[0]["findings"]) == ("--pose-delay", [])
     out = mended(log)
     assert findings_of(out) == ()
     assert refusals(out) == set()
@@ -337,6 +402,34 @@ def test_beams_in_the_wrong_order(kind: str, tmp_path: Path) -> None:
     for before, after in zip(decoded(messages(log)), decoded(messages(out)), strict=True):
         assert before.ranges.tobytes() == after.ranges.tobytes()
         assert (after.angle_min, after.angle_increment) == (-before.angle_min, -before.angle_increment)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("word", "options", "added"), [("order", [], "mirror"), ("stamps", ["--pose-delay", "-0.4"], "delay")]
+)
+def test_what_would_fit_less_is_left_out_by_name(
+    word: str, options: list[str], added: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    sensor = Sensor(beams=360, angle_min=-np.pi + np.pi / 360, angle_increment=TURN / 360, noise=0.01)
+    sweeps = [clear(each) for each in sweeps_of(scene_of(sensor=sensor))]
+    cut = [replace(each, frame_ids=("/laser",)) for each in sweeps]
+    log = written(tmp_path, "mcap", cut, poses=drive())
+    out = str(tmp_path / "out.mcap")
+    assert run(["clean", str(log), "-o", out, "--remove", "none", "--mend", f"{word},frames", *options]) == 0
+    assert re.search(rf"{word} is not mended: .* {added}", " ".join(capsys.readouterr().err.split()))
+    (tmp_path / "want").mkdir()
+    want = written(tmp_path / "want", "mcap", sweeps, poses=drive())
+    assert plain_data(messages(tmp_path / "out.mcap")) == plain_data(messages(want))
+
+
+def test_stamps_of_one_second_keep_the_clock_that_poses_share(tmp_path: Path) -> None:
+    def coarsely(raw: RawSweeps) -> RawSweeps:
+        return replace(raw, stamp_ns=raw.stamp_ns // SECOND * SECOND, record_ns=raw.stamp_ns + 40 * SECOND)
+
+    log = written(tmp_path, "mcap", [coarsely(each) for each in sweeps_of(scene_of())], poses=drive())
+    for before, after in zip(decoded(messages(log)), decoded(messages(mended(log, "clock"))), strict=True):
+        assert abs(stamp_of(before) + SECOND // 2 - stamp_of(after)) < SECOND
 
 
 def halves(tmp_path: Path, kind: str) -> tuple[Path, Path]:

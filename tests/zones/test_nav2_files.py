@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import json
 import math
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+from ruamel.yaml import YAML
 
 from lidarcli.errors import LidarcliError, OptionError, UnreadableError
 from lidarcli.masks import Circle, Mask, Polygon
@@ -346,6 +350,32 @@ def test_numbers_are_those_of_ros() -> None:
         return zone.shape.radius
 
     assert [radius(told) for told in ("030", "0x1F", "08", "1e1", "+7", "0.25")] == [24.0, 31.0, 8.0, 10.0, 7.0, 0.25]
-    for told in ("1_5", "0o17", "1_0.5", "9" * 5000):
+    assert [radius(told) for told in ("0x1p3", "0x.8", ".5e1", "!!float 3")] == [8.0, 0.5, 5.0, 3.0]
+    for told in ("inf", "-Infinity", ".inf", "nan"):
+        with pytest.raises(OptionError, match="'radius' must be finite"):
+            radius(told)
+    for told in ("1_5", "0o17", "1_0.5", "9" * 5000, "1E400", "0x1p9999", '"3"', '!!int "3"'):
         with pytest.raises(OptionError, match="'radius'"):
             radius(told)
+
+
+def flat(values: dict[str, Any], start: str = "") -> Iterator[str]:
+    """Lines of parameters, each by its whole name."""
+    for key, value in values.items():
+        yield from flat(value, f"{start}{key}.") if isinstance(value, dict) else [f"    {start}{key}: {json.dumps(value)}"]
+
+
+def test_a_dot_in_a_name_leads_into_a_table() -> None:
+    told = YAML(typ="safe", pure=True).load(MONITOR.replace("enabled: no", "enabled: false"))["collision_monitor"][
+        "ros__parameters"
+    ]
+    spelled = "\n".join(["collision_monitor:", "  ros__parameters:", *flat(told), ""])
+    assert "    Cases.ahead.points: " in spelled
+    assert read_text(spelled).zones == read_text(MONITOR).zones
+    for more, cause in {
+        "Halt.type: circle": "nav2.yaml: parameter 'Halt.type' is there twice, with a dot and without",
+        "Halt.type.deep: 3": "nav2.yaml: parameter 'type' is a value and has others inside",
+    }.items():
+        with pytest.raises(OptionError, match=cause):
+            read_text(f"{MONITOR}\n    {more}\n")
+    assert read_text(f"{MONITOR}\n    {'a.' * 400}: 3\n").zones == read_text(MONITOR).zones

@@ -374,13 +374,14 @@ class Tracker:
 
     def _sensors_of(self, batch: SweepBatch) -> Int64:
         """Return (S,) the index of the sensor of each sweep; new ones get a follower while there is room."""
+        known = {sensor: index for index, sensor in enumerate(self.sensors)}
         for name in batch.frame_ids:
-            if (batch.topic, name) not in self.sensors:
+            if known.setdefault((batch.topic, name), len(self.sensors)) == len(self.sensors):
                 self.sensors.append((batch.topic, name))
                 index = self._follower_of(len(self.sensors) - 1)
                 if index == len(self._followers):
                     self._followers.append(self._follower(index))
-        numbers = np.array([self.sensors.index((batch.topic, name)) for name in batch.frame_ids], np.int64)
+        numbers = np.array([known[batch.topic, name] for name in batch.frame_ids], np.int64)
         found: Int64 = numbers[batch.frame]
         return found
 

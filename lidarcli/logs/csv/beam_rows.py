@@ -149,7 +149,8 @@ class LongDecoder(Decoder):
         good = np.delete(np.arange(len(whole)), list(bad))
         texts = {column: cells.codes(whole[good], column) for column in sorted(wanted)}
         bearing = angle.values[good]
-        if layout.degrees:
+        if layout.degrees or self.options.angle_scale != 1.0:
+            self.options.used.update([] if layout.degrees else ["angle_scale"])
             bearing = np.deg2rad(bearing)
         if layout.clockwise:
             bearing = 0.0 - bearing

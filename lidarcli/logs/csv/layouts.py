@@ -40,7 +40,9 @@ _LIST = re.compile(r"(?:\w[\w.]*\s*\()?\s*[\[(]|\w*array\(")
 _INDEX = re.compile(r"(\d{1,7})\]?(?:[._/]echoes[\[._]?0\]?)?\Z")
 _BEFORE_INDEX = "[._/-" + whitespace
 _RANGE_WORD = re.compile(r"(?:.*(?:range|scan|dist|beam|laser|lidar|ray|bin|point|value).*|r|d|b|m|l|v|rho|col(?:umn)?|)$")
-_UNIT = r"(?:_?\(?(?:s|secs?|seconds|ms|msec|us|usec|µs|ns|nsecs?|nanosec)\)?)?"
+_PARTS = r"(?:milli|micro|nano)(?:s|sec|seconds)"
+_WHOSE = r"(?:date|bag|record|log|unix|epoch|system|host|device|ros|utc|gps|boot|elapsed)"
+_UNIT = rf"(?:_?\(?(?:s|secs?|seconds|ms|msec|us|usec|µs|ns|nsecs?|nanosec|{_PARTS})\)?)?"
 FIELDS = {
     name: re.compile(pattern)
     for name, pattern in {
@@ -54,7 +56,7 @@ FIELDS = {
         "seconds": r"(?:(?:header_)?(?:(?:time)?stamp_)?(?:secs?|seconds))",
         "nanoseconds": r"(?:(?:header_)?(?:(?:time)?stamp_)?(?:nsecs?|nanosecs?|nanoseconds))",
         "stamp": rf"(?:header_)?stamp{_UNIT}",
-        "record": rf"(?:rosbag)?(?:time_?stamp|(?:date|bag|record|log)?_?time|t|record){_UNIT}",
+        "record": rf"(?:rosbag)?(?:time_?stamp|{_WHOSE}?_?time|t|record|epoch|elapsed|uptime){_UNIT}|{_PARTS}|[mun]s",
         "date": r"date",
         "frame": r"(?:header_)?(?:frame_?id|frame)",
         "header": r"header",
@@ -165,6 +167,7 @@ def layout_of(head: Head) -> Layout:
                 return _ros2_layout(head, row)
         raise _nameless(head)
     if columns:
+        head.options.used.add("columns")
         head = replace(head, names=_expanded(head, columns))
     layout = _named_layout(head)
     return replace(layout, unread=unread_times(head, layout.scans))

@@ -113,6 +113,11 @@ class Decoder(ABC):
     ) -> RawSweeps | None:
         """Make a block of the `good` sweeps (S,) by the `known` geometry of the file; the options fill in the rest."""
         rows = len(beams)
+        if self.layout.angle < 0 and "angle_min" in known:
+            self.options.used.add("angle_scale")
+            known = {
+                name: values * (self.options.angle_scale if "angle" in name else 1.0) for name, values in known.items()
+            }
         if "angle_min" in known and "angle_increment" in known:
             first, step = known["angle_min"], known["angle_increment"]
         elif scan.to_last:
@@ -124,6 +129,7 @@ class Decoder(ABC):
         most = known.get("range_max", np.full(rows, np.inf))
         range_min, range_max = limits_in_metres(least, most, self.options.range_scale)
         if "range_max" not in known and self.options.range_max is not None:
+            self.options.used.add("range_max")
             range_max = as_singles(np.full(rows, self.options.range_max))
         seconds = {name: as_singles(known[name]) for name in ("time_increment", "scan_time") if name in known}
         block = RawSweeps(

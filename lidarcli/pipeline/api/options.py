@@ -27,7 +27,7 @@ from lidarcli.logs.base import OpenOptions
 from lidarcli.logs.batches import ReadOptions
 from lidarcli.logs.registry import open_options, range_rules
 from lidarcli.masks import Masks
-from lidarcli.option_forms import Number, Rule, defaults_of, options_of, python_words, refuse_combinations
+from lidarcli.option_forms import Number, Rule, Text, defaults_of, options_of, python_words, refuse_combinations
 from lidarcli.options import RULES, Finding, Objects, Tracking, parse_mends, parse_removed, parse_value
 from lidarcli.pipeline.inputs.declared import AUTO, read_catalogue, read_masks
 from lidarcli.pipeline.inputs.search import find_logs
@@ -117,6 +117,8 @@ def _check(name: str, form: Any, value: Any) -> None:
     option = f"--{name.replace('_', '-')}"
     if isinstance(form, tuple) and value is not None and value not in form:
         raise OptionError(f"{option}: '{value}' is not one of {', '.join(form)}")
+    if isinstance(form, Text) and isinstance(value, str) and not form.is_list and (words := Text.lost(value)):
+        raise OptionError(f"{option}: {words}")
     if value is None or not isinstance(form, Number):
         return
     try:

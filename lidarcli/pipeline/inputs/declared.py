@@ -6,15 +6,19 @@ import ast
 import json
 import math
 import re
+import shlex
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import reduce
+from itertools import count
 from os import PathLike, fspath
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from lidarcli.configfiles import LARGEST, Fields, read_toml, read_yaml
+from lidarcli.configfiles import LARGEST, MAX_DEPTH, Fields, read_toml, read_yaml
+from lidarcli.display import clipped, visible
 from lidarcli.errors import OptionError
 from lidarcli.formalism.detection import MOST_INTENSITY
 from lidarcli.formalism.matching.catalogue import KINDS as THING_SHAPES
@@ -217,12 +221,15 @@ def filter_text(masks: Masks, views: Sequence[View]) -> str:
         mine = [mask.shape for mask in masks.masks if not mask.topic or same_name(mask.topic, view.topic)]
         if filters := [each for shape in mine for each in _filters(shape, view)]:
             chains[view.topic] = filters
-    blocks = []
+    blocks: dict[str, str] = {}
     for topic, filters in chains.items():
-        node = NODE if len(chains) == 1 else f"{re.sub('[^0-9A-Za-z]+', '_', topic).strip('_')}_filter_chain"
+        stem = re.sub("[^0-9A-Za-z]+", "_", topic).strip("_")
+        several = (f"{stem}{'_' * bool(n)}{n or ''}_filter_chain" for n in count())
+        node = NODE if len(chains) == 1 else next(name for name in several if name not in blocks)
         named = "" if len(chains) == 1 else f" -r __node:={node}"
+        remap = shlex.quote(visible(f"scan:={topic}"))
         lines = [
-            f"# ros2 run laser_filters {NODE} --ros-args -r scan:={topic}{named} --params-file FILE",
+            f"# ros2 run laser_filters {NODE} --ros-args -r {remap}{named} --params-file FILE",
             f"{node}:",
             "  ros__parameters:",
         ]
@@ -234,8 +241,8 @@ def filter_text(masks: Masks, views: Sequence[View]) -> str:
                 "      params:",
                 *(f"        {key}: {value}" for key, value in parameters.items()),
             ]
-        blocks.append("".join(f"{line}\n" for line in lines))
-    return "\n".join(blocks)
+        blocks[node] = "".join(f"{line}\n" for line in lines)
+    return "\n".join(blocks.values())
 
 
 def _filters(shape: object, view: View) -> Iterator[dict[str, str]]:
@@ -304,7 +311,7 @@ def read_nav2(file: str) -> Zones:
     masks: list[Mask] = []
     notes: list[str] = []
     robot = ""
-    for path, parameters in _monitors([*_nodes(read_yaml(file, "zone file"))]):
+    for path, parameters in _monitors([*_nodes(file, read_yaml(file, "zone file"))]):
         fields = Fields(file, "/".join(path) or "the file", parameters)
         base = fields.text("base_frame_id", "base_footprint")
         if robot and not same_name(robot, base):
@@ -332,15 +339,37 @@ def approach_times(fields: Fields) -> tuple[float, float]:
     return ahead, step
 
 
-def _nodes(values: Mapping[str, Any], path: tuple[str, ...] = ()) -> Iterator[_Named]:
+def _nodes(file: str, values: Mapping[str, Any], path: tuple[str, ...] = ()) -> Iterator[_Named]:
     """Yield the parameters of nodes, wherever they are, with the names that lead to them."""
     for name, value in values.items():
         if not isinstance(value, dict):
             continue
         if name == _PARAMETERS:
-            yield tuple(part for part in "/".join(path).split("/") if part), value
+            parameters: dict[str, Any] = {}
+            _put(file, parameters, value)
+            yield tuple(part for part in "/".join(path).split("/") if part), parameters
         else:
-            yield from _nodes(value, (*path, name))
+            yield from _nodes(file, value, (*path, name))
+
+
+def _put(file: str, table: dict[str, Any], values: Mapping[str, Any]) -> None:
+    """Put parameters into a table: in a name, a dot leads into a table inside, as for ROS."""
+    for name, value in values.items():
+        *outer, last = name.split(".", MAX_DEPTH)
+        inner = table
+        for part in [*outer, *([last] if isinstance(value, dict) else [])]:
+            inner = inner.setdefault(part, {})
+            if not isinstance(inner, dict):
+                raise OptionError(f"{file}: parameter '{clipped(part)}' is a value and has others inside")
+        if isinstance(value, dict):
+            _put(file, inner, value)
+        elif inner.setdefault(last, value) is not value:
+            raise OptionError(f"{file}: parameter '{clipped(name)}' is there twice, with a dot and without")
+
+
+def _inside(fields: Fields, name: str) -> Fields:
+    """Return the table of a name, which `_put` has put where its dots lead."""
+    return reduce(Fields.table, name.split(".", MAX_DEPTH), fields)
 
 
 def _monitors(nodes: Sequence[_Named]) -> Iterator[_Named]:
@@ -369,7 +398,7 @@ def _read_sources(node: _Node) -> None:
     timeout = _timeout(fields)
     unread = []
     for name in _names(fields, "observation_sources"):
-        source = fields.table(name)
+        source = _inside(fields, name)
         kind = source.text("type", _SCAN, _SOURCES)
         node.sources[name] = None
         if not source.flag("enabled", True):
@@ -389,7 +418,7 @@ def _read_exclusions(node: _Node, source: Fields, topic: str) -> None:
     if not source.has("exclusion_zones"):
         return
     for name in _names(source, "exclusion_zones"):
-        fields = node.fields.table(name)
+        fields = _inside(node.fields, name)
         kind = fields.text("type", "polygon", ("polygon", "circle"))
         shape: Circle | Polygon
         if kind == "circle":
@@ -414,7 +443,7 @@ def _zones(node: _Node) -> Iterator[Zone]:
     if not working:
         node.notes.append(f"{fields.place} is not enabled: its polygons are not judged")
     for name in _names(fields, "polygons"):
-        polygon = fields.table(name)
+        polygon = _inside(fields, name)
         zone = _nav2_zone(node, polygon, name)
         if not polygon.flag("enabled", True):
             node.notes.append(f"{name} is not enabled: it is not judged")
@@ -494,7 +523,7 @@ def _cases(node: _Node, polygon: Fields, name: str) -> Iterator[Case]:
     """Yield the polygons of a velocity polygon."""
     holonomic = polygon.flag("holonomic", False)
     for case in _names(polygon, "velocity_polygons"):
-        fields = polygon.table(case)
+        fields = _inside(polygon, case)
         shape = _polygon(fields, _LEAST_CORNERS)
         _note_crossing(node, f"{name}.{case}", shape)
         direction = None

@@ -144,13 +144,32 @@ def open_source(source: Source, opening: OpenOptions | None = None) -> Iterator[
 
     With a slice of point clouds, the log has the sweeps of these, too.
     """
-    options = opening or OpenOptions()
-    with _opened_source(source, opening) as log:
-        if options.range_scale != 1.0 and format_of(log).in_metres:
-            log = ChangedLog(log, partial(_in_metres, scale=options.range_scale))
+    options = replace(opening or OpenOptions(), used=set())
+    with _opened_source(source, options) as log:
+        if (options.range_scale, options.angle_scale) != (1.0, 1.0) and format_of(log).in_metres:
+            options.used.add("angle_scale")
+            log = ChangedLog(log, partial(_in_units, scale=options.range_scale, turned=options.angle_scale))
         if options.segments == JOIN:
             log = ChangedLog(log, join)
+        asked = [name for name in _OF_SOME_LOGS if getattr(options, name) != getattr(OpenOptions(), name)]
+        if asked and options.slice is None:
+            options.used.update("echo" for topic in log.topics() or () if topic.type.endswith("/MultiEchoLaserScan"))
+            log = ChangedLog(log, partial(_tell_unused, asked=asked, used=options.used))
         yield log if options.slice is None else SlicedLog(log, options, options.slice)
+
+
+_OF_SOME_LOGS = ("columns", "angle_min", "angle_increment", "fov", "range_max", "angle_scale", "echo")
+"""Options of opening that only some logs need."""
+
+
+def _tell_unused(
+    blocks: Iterable[RawSweeps], report: ReadReport, *, asked: Sequence[str], used: Collection[str]
+) -> Iterator[RawSweeps]:
+    """Yield blocks, and note in the end which options that were `asked` for had no effect."""
+    yield from blocks
+    names = {"angle_scale": "degrees"}
+    if unused := [f"--{names.get(name, name)}".replace("_", "-") for name in asked if name not in used]:
+        report.notes.append(f"no effect on this log: {', '.join(unused)}")
 
 
 @contextmanager
@@ -276,13 +295,16 @@ class ChangedLog(Closing):
         self._log.close()
 
 
-def _in_metres(blocks: Iterable[RawSweeps], _report: ReadReport, *, scale: float) -> Iterator[RawSweeps]:
-    """Yield sweeps of LaserScan messages in metres."""
+def _in_units(blocks: Iterable[RawSweeps], report: ReadReport, *, scale: float, turned: float) -> Iterator[RawSweeps]:
+    """Yield sweeps of LaserScan messages in metres and radians."""
     from lidarcli.logs.blocks import as_singles, limits_in_metres
 
+    report.takes_degrees = turned != 1.0
     for block in blocks:
         least, most = limits_in_metres(block.range_min, block.range_max, scale)
-        yield replace(block, ranges=as_singles(block.ranges * scale), range_min=least, range_max=most)
+        known = ("angle_min", "angle_increment", *(["angle_max"] if block.angle_max is not None else []))
+        angles = {name: getattr(block, name) * turned for name in known}
+        yield replace(block, ranges=as_singles(block.ranges * scale), range_min=least, range_max=most, **angles)
 
 
 class SlicedLog(ChangedLog):

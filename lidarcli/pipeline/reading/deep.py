@@ -10,7 +10,7 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from lidarcli.display import counted
+from lidarcli.display import counted, visible
 from lidarcli.errors import OptionError
 from lidarcli.findings import (
     BODY,
@@ -407,7 +407,7 @@ def _placed(place: Mount, deviation: Float64, logged: Float64 | None, fixed: Mou
     if logged is not None:
         evidence |= {f"told_{name}": round(float(one), 4) for name, one in zip(names, logged, strict=True)}
         shown = f"x {logged[0] + 0.0:.2f} m, y {logged[1] + 0.0:.2f} m, yaw {math.degrees(logged[2]) + 0.0:.1f} degrees"
-    lines = transform_lines(fixed.parent, fixed.frame, fixed.x, fixed.y, fixed.yaw)
+    lines = transform_lines(visible(fixed.parent), visible(fixed.frame), fixed.x, fixed.y, fixed.yaw)
     return SimpleNamespace(
         child=place.frame or "the sensor",
         parent=place.parent,

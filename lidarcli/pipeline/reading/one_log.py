@@ -159,7 +159,7 @@ AHEAD = 2
 WORTH_A_THREAD = 4 << 20
 """Bytes of a file from which on a thread reads ahead."""
 
-GEOMETRY = ("columns", "angle_min", "angle_increment", "fov", "range_max", "range_scale")
+GEOMETRY = ("columns", "angle_min", "angle_increment", "fov", "range_max", "range_scale", "angle_scale")
 """Fields of `OpenOptions` that a log of text may lack."""
 _AS_IT_IS = OpenOptions()
 

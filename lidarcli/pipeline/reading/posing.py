@@ -6,6 +6,7 @@ from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, S
 from dataclasses import dataclass, field, replace
 from enum import Enum
 from functools import partial
+from itertools import groupby
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
@@ -501,11 +502,18 @@ class PoseAttacher:
         every = ((sources.localised(frame, topic), path) for (topic, frame), path in self.paths.items())
         return any(own is not None and (path.chain is None or path.chain.steps != own.steps) for own, path in every)
 
+    @property
+    def unused(self) -> str:
+        """A note on options that change nothing without poses; empty where there are none."""
+        names = ["--pose-delay"] * bool(self.delay)
+        if not self.named and not self.paths:
+            names += ["--beam-order"] * (self.order != AUTO) + ["--no-deskew"] * (not self.deskew)
+        return f"no poses in this log: {', '.join(names)} change{'s' * (len(names) < 2)} nothing" if names else ""
+
     def own_notes(self) -> list[str]:
         """Return the notes on one run."""
         if self.found is None:
-            unused = "no poses in this log: --pose-delay changes nothing" if self.delay else ""
-            return [line for line in (self.missed or unused, *self.remarks) if line] + self.path_notes()
+            return [line for line in (self.missed or self.unused, *self.remarks) if line] + self.path_notes()
         lines: list[str] = []
         for frame, space in sorted(self.stats):
             lines += self._frame_notes(frame, self.stats[frame, space], self.found.sources)
@@ -567,11 +575,12 @@ class PoseAttacher:
         frame have several worlds.
         """
         found: dict[str, dict[str, Any]] = {}
-        for frame in sorted({frame for frame, _ in self.stats}):
-            paths = [(topic, path) for (topic, name), path in sorted(self.paths.items()) if name == frame]
-            topics = [topic for topic, _ in paths] or [
-                stats.topic for (name, _), stats in sorted(self.stats.items()) if name == frame
-            ]
+        read = groupby(sorted(self.stats.items()), key=lambda each: each[0][0])
+        known_paths = sorted(self.paths.items(), key=lambda each: (each[0][1], each[0][0]))
+        paths_of = {frame: [*mine] for frame, mine in groupby(known_paths, key=lambda each: each[0][1])}
+        for frame, mine in read:
+            paths = [(topic, path) for (topic, _), path in paths_of.get(frame, ())]
+            topics = [topic for topic, _ in paths] or [stats.topic for _, stats in mine]
             known = {topic: chain for topic in topics if (chain := self._way(topic, frame)) is not None}
             chains = [*known.values()]
             if len({chain.world for chain in chains}) > 1:
