@@ -234,6 +234,9 @@ def find_place(keyframes: Keyframes, m: int) -> None:
             if position < measurement.TURN / step - 0.5:
                 return
             position -= measurement.TURN / step
+        # Beyond some angle no number tells parts of a turn.
+        if not -1.0 <= position <= bearings:
+            return
         share = min(max(position / (bearings - 1), 0.0), 1.0)
     keyframes.seen_at, keyframes.seen_x, keyframes.seen_y = position, dx, dy
 
