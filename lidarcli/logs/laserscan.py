@@ -16,14 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lidarcli.logs.base import LASERSCAN, MAX_BEAMS, MULTI_ECHO, OpenOptions, ReadReport
-from lidarcli.logs.blocks import (
-    BLOCK_ROWS,
-    ScanLayout,
-    pad_intensities,
-    pad_rows,
-    split_rows,
-    unsound,
-)
+from lidarcli.logs.blocks import BLOCK_ROWS, ScanLayout, pad_intensities, pad_rows, split_rows, unsound
 from lidarcli.ros.cursor import ENCAPSULATION, MAX_NAME, NAME_LONG
 from lidarcli.sweeps import Bool, Float32, Int32, Int64, RawSweeps, UInt8, record
 

@@ -14,7 +14,7 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from lidarcli.choices import ABOVE, AROUND, INF, KEEP, MATCH, NAN
-from lidarcli.copying import Copy, Cut, Targets, copy_log, replaced
+from lidarcli.copying import ALL, Copy, Cut, Targets, copy_log, replaced
 from lidarcli.display import counted
 from lidarcli.errors import NoScanError, OptionError, UnreadableError
 from lidarcli.findings import LEAP
@@ -31,7 +31,7 @@ from lidarcli.newfiles import NewFiles, refuse, refuse_nameless, scratch_folder,
 from lidarcli.pipeline.detecting import detect_to_temporary, second_half
 from lidarcli.pipeline.inputs.sources import Source, open_source
 from lidarcli.pipeline.inputs.tables import TableSet, contradicted, world_in
-from lidarcli.pipeline.mending import FOREVER, Mending, clips_of, cut_of, plan, survey
+from lidarcli.pipeline.mending import FOREVER, Cutting, Mending, clips_of, plan, survey
 from lidarcli.pipeline.objects.detection import DetectOptions
 from lidarcli.pipeline.reading.masking import masking_of
 from lidarcli.pipeline.reading.one_log import Progress, Reading, RunSummary, damage_lines, rules_of
@@ -223,7 +223,7 @@ def clean_log(source: Source, path: Place, options: CleanOptions, progress: Prog
 def _planned(source: Source, log: Log, path: Place, options: CleanOptions) -> tuple[Mending, dict[Place, Cut | None]]:
     """Return how a log is mended, and what is written: each with its part of the log, None for all of it."""
     detect, asked = options.detect, options.detect.read
-    whole: dict[Place, Cut | None] = {path: None if options.merge is None else Cut(-FOREVER, FOREVER)}
+    whole: dict[Place, Cut | None] = {path: None if options.merge is None else ALL}
     if options.mend is None and options.is_whole and (options.remove or asked.rules.masks is None):
         if not options.remove and options.merge is None:
             raise OptionError(
@@ -241,11 +241,20 @@ def _planned(source: Source, log: Log, path: Place, options: CleanOptions) -> tu
     hidden = None if options.value == ABOVE else float(options.value)
     mending = plan(source, log, options.mend or frozenset(), replace(detect, read=read, opening=opening), hidden, seen)
     leaves = frozenset(scan_topics(log.topics() or ()) if choice.wanted else ()) - {*seen}
+    cutting = Cutting(seen, mending, leaves)
     if options.clips is not None:
         stem, suffix = PurePosixPath(source.name).name, _suffix(log, source, True)
-        every = clips_of(options.clips, source.name, options.around)
-        clips = {path / f"{stem}.{name}{suffix}": cut_of(*times, None, seen, leaves) for name, times in every.items()}
-        return mending, {name: cut for name, cut in clips.items() if cut is not None}
+        cuts: dict[Place, Cut | None] = {}
+        lacking = 0
+        for name, clip in clips_of(options.clips, source.name, options.around).items():
+            found = cutting.around(clip)
+            lacking += not found
+            for run, cut in found.items():
+                of_run = f"-run{run}" if len(found) > 1 else ""
+                cuts[path / f"{stem}.{name}{of_run}{suffix}"] = cut
+        if lacking and cuts:
+            mending.left.append(f"{counted(lacking, 'row')} of {options.clips} without a sweep around: no clip")
+        return mending, cuts
     if options.is_whole:
         return mending, whole
     refuse_run(asked.run, max(int(each.run.max()) for each in seen.values()))
@@ -254,7 +263,7 @@ def _planned(source: Source, log: Log, path: Place, options: CleanOptions) -> tu
         none if each is None else each.ns if isinstance(each, Instant) else begin + math.ceil(each * SECOND_NS)
         for each, none in ((asked.start, -FOREVER), (asked.end, FOREVER))
     )
-    cut = cut_of(first, last - 1, asked.run, seen, leaves)
+    cut = cutting.part(first, last - 1, asked.run)
     if cut is None:
         raise OptionError("no sweep lies between --start and --end")
     return mending, {path: cut}
