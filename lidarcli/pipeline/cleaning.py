@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections import Counter
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path, PurePosixPath
@@ -14,7 +15,7 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from lidarcli.choices import ABOVE, AROUND, INF, KEEP, MATCH, NAN
-from lidarcli.copying import ALL, Copy, Cut, Targets, copy_log, replaced
+from lidarcli.copying import ALL, MOST_SAID, Copy, Cut, Targets, copy_log, replaced
 from lidarcli.display import counted
 from lidarcli.errors import NoScanError, OptionError, UnreadableError
 from lidarcli.findings import LEAP
@@ -40,7 +41,7 @@ from lidarcli.pipeline.zone_counting import OBJECT_COLUMNS, Objects
 from lidarcli.pose.fit import Key
 from lidarcli.range_rules import RangeRules
 from lidarcli.stores import Place, Url
-from lidarcli.sweeps import Bool, Closure, Float64, Int32, Int64, Status, SweepBatch, SweepPoses
+from lidarcli.sweeps import STATUSES, Bool, Closure, Float64, Int32, Int64, Status, SweepBatch, SweepPoses
 from lidarcli.tabular.columns import constant, held, numbers, restamped
 from lidarcli.tabular.reading import Readable, TopicRows, file_metadata, note_value, read_columns
 from lidarcli.tabular.schemas import CLEANED, SCHEMAS
@@ -178,11 +179,17 @@ def clean_log(source: Source, path: Place, options: CleanOptions, progress: Prog
         new = stack.enter_context(NewFiles(outputs, options.overwrite, _bag(log, source, path, options.is_cut)))
         targets = [(new.part(each), cut) for each, cut in cuts.items()]
         merging = _merging(source, log, options, stack) if options.merge is not None else None
+        if merging is not None:
+            merging.copies = _copies(cuts.values(), merging.keys[0][0])
+        for name, mend in mending.topics.items():
+            mend.copies = _copies(cuts.values(), name)
+        parameters = options.as_dict()
         copy = mending.copy(log) if merging is None else merging.copy(mending.copy(log))
         if not options.remove:
             with writing(path):
                 copy_log(log, targets, copy)
-            summary = CleanSummary(sweeps=copy.sweeps.total(), topics={*copy.sweeps})
+            copied = copy.written if all(cuts.values()) else copy.sweeps
+            summary = CleanSummary(sweeps=copied.total(), topics={*copied})
             summary.line = counted(summary.sweeps, "sweep")
         else:
             # Who moves is told by the whole log, whatever part of it is written, and by right stamps.
@@ -196,7 +203,7 @@ def clean_log(source: Source, path: Place, options: CleanOptions, progress: Prog
                     copy_log(log, Path(mended.path), copy)
                 source, log = mended, stack.enter_context(open_source(mended, opening))
             private = new.part(table[0]).with_name(f"{path.name}.tables")
-            summary, copy = _emptied(source, log, private, targets, options, merging, progress)
+            summary, copy = _emptied(source, log, private, targets, options, parameters, merging, progress)
             with ParquetSink(new.part(table[0]), summary.table.schema, table[0]) as sink:
                 for rows in summary.table.to_batches():
                     sink.write(rows)
@@ -212,6 +219,8 @@ def clean_log(source: Source, path: Place, options: CleanOptions, progress: Prog
         summary.copied = _copied(copy, summary.topics if options.remove else None)
         if copy.left_out:
             summary.notes.append(f"{counted(copy.left_out, 'record')} of applications are not copied")
+        if copy.unsaid:
+            summary.notes.append(f"{counted(copy.unsaid, 'latched message')} of before not copied: more than {MOST_SAID:,}")
         summary.notes += [*mending.left, *(merging.notes() if merging is not None else [])]
         if not cuts:
             summary.notes.append(f"no row of {options.clips} is of this log: no clip is written")
@@ -249,9 +258,9 @@ def _planned(source: Source, log: Log, path: Place, options: CleanOptions) -> tu
         for name, clip in clips_of(options.clips, source.name, options.around).items():
             found = cutting.around(clip)
             lacking += not found
-            for run, cut in found.items():
+            for run, part in found.items():
                 of_run = f"-run{run}" if len(found) > 1 else ""
-                cuts[path / f"{stem}.{name}{of_run}{suffix}"] = cut
+                cuts[path / f"{stem}.{name}{of_run}{suffix}"] = part
         if lacking and cuts:
             mending.left.append(f"{counted(lacking, 'row')} of {options.clips} without a sweep around: no clip")
         return mending, cuts
@@ -275,10 +284,11 @@ def _emptied(
     private: Path,
     targets: Targets,
     options: CleanOptions,
+    parameters: dict[str, Any],
     merging: Merging | None,
     progress: Progress | None,
 ) -> tuple[CleanSummary, Copy]:
-    """Write a log without what moves in it."""
+    """Write a log without what moves in it; `parameters` are those that the table tells."""
     pair, first = detect_to_temporary(source, private, options.detect, progress)
     notes = file_metadata(pair.sweeps)
     described = note_value(notes, SOURCE, dict)
@@ -297,11 +307,17 @@ def _emptied(
     with writing(private.parent):
         copy_log(log, targets, copy)
     editing.conclude(copy.sweeps)
-    summary = _summary(first.summary, options, chosen, editing)
+    rows: dict[str, Int64] = {}
+    """Topic → sweeps in the copy, several times where several parts have them."""
+    for topic, each in chosen.items():
+        copies = _copies([cut for _, cut in targets], topic)
+        rows[topic] = np.array(range(len(each.beam)) if copies is None else sorted(copies.elements()), np.int64)
+    summary = _summary(first.summary, options, chosen, rows, editing)
+    summary.by_status = _statuses(pair, rows)
     summary.notes += [f"no beam of {topic} has a range: nothing moves there" for topic in sorted(blind)]
     damage = [*dict.fromkeys([*summary.damage, *damage_lines(copy.report)])]
-    table = restamped(_table(source.name, chosen), options.detect.stamps)
-    summary.table = table.replace_schema_metadata(table_metadata(options.as_dict(), described, damage))
+    table = restamped(_table(source.name, chosen, rows), options.detect.stamps)
+    summary.table = table.replace_schema_metadata(table_metadata(parameters, described, damage))
     return summary, copy
 
 
@@ -478,15 +494,31 @@ def _changed(topic: str) -> UnreadableError:
     return UnreadableError(f"the sweeps of {topic} are not those that were read before: does the log still grow?")
 
 
-def _summary(found: RunSummary, options: CleanOptions, chosen: dict[str, Chosen], editing: _Editing) -> CleanSummary:
-    summary = CleanSummary(sweeps=sum(len(each.beam) for each in chosen.values()), topics=set(chosen))
+def _copies(cuts: Iterable[Cut | None], topic: str) -> Counter[int] | None:
+    """Return how often each sweep of a topic is written; None where all are, once."""
+    every = [cut.sweeps.get(topic) if cut is not None and cut.sweeps else None for cut in cuts]
+    return None if None in every else Counter(number for numbers in every for number in numbers or ())
+
+
+def _statuses(pair: TableSet, rows: Mapping[str, Int64]) -> Counter[str]:
+    """Return the beams by status of some sweeps of each topic."""
+    table = read_columns(pair.sweeps, "sweeps", SCHEMAS["sweeps"], ("topic", *STATUSES))
+    topics = _names(table["topic"])
+    mine = np.concatenate([np.flatnonzero(topics == topic)[numbers] for topic, numbers in rows.items()])
+    return Counter({name: int(held(table[name])[0][mine].sum()) for name in STATUSES})
+
+
+def _summary(
+    found: RunSummary, options: CleanOptions, chosen: dict[str, Chosen], rows: Mapping[str, Int64], editing: _Editing
+) -> CleanSummary:
+    """Return the counts of the copy, which has the sweeps in `rows` of each topic."""
+    summary = CleanSummary(sweeps=sum(map(len, rows.values())), topics={name for name in rows if len(rows[name])})
     summary.missing_topics = found.missing_topics
     summary.damage = [*found.damage]
     summary.notes = [*found.notes]
-    beams = sum(int(each.beams.sum()) for each in chosen.values())
-    totals = sum((each.counts.sum(axis=0) for each in chosen.values()), np.zeros(4, np.int64))
+    beams = sum(int(each.beams[rows[name]].sum()) for name, each in chosen.items())
+    totals = sum((each.counts[rows[name]].sum(axis=0) for name, each in chosen.items()), np.zeros(4, np.int64))
     removed = int(totals.sum())
-    summary.by_status = found.by_status
     by_mask = ["body"] if options.detect.read.rules.masks else []
     asked = [*options.remove, *by_mask, *(["margin"] if options.margin else [])]
     summary.removed = {reason: int(count) for reason, count in zip(REASONS, totals, strict=True) if reason in asked}
@@ -516,12 +548,13 @@ def _copied(copy: Copy, changed: Collection[str] | None) -> str:
     return f"{counted(copy.messages.total(), 'message')} of {counted(topics, 'topic')}{shows}"
 
 
-def _table(log: str, chosen: dict[str, Chosen]) -> pa.Table:
-    """Return the table of what was left out, by topic and sweep."""
+def _table(log: str, chosen: dict[str, Chosen], rows: Mapping[str, Int64]) -> pa.Table:
+    """Return the table of what was left out, by topic and sweep, of the sweeps in `rows` of each topic."""
     pieces = []
     for topic, each in sorted(chosen.items()):
-        count = len(each.beam)
-        numbered = [np.arange(count), each.stamp_ns, *np.ascontiguousarray(each.counts.T)]
+        at = np.unique(rows[topic])
+        count = len(at)
+        numbered = [at, each.stamp_ns[at], *np.ascontiguousarray(each.counts[at].T)]
         arrays = [pa.array(values).cast(one.type) for values, one in zip(numbered, [*CLEANED][2:], strict=True)]
         named = [constant(log, count), constant(topic, count)]
         pieces.append(pa.RecordBatch.from_arrays([*named, *arrays], schema=CLEANED))
