@@ -9,6 +9,7 @@ from dataclasses import dataclass, field, replace
 from itertools import chain
 from numbers import Integral
 from time import monotonic
+from zlib import crc32
 
 import numpy as np
 
@@ -31,6 +32,8 @@ LATENCY = 0.25
 """Sweeps of a pipe, once their rules for ranges are known, wait no longer for their batch [s]."""
 BATCH_VALUES = 3 << 17
 """Most ranges of one batch, padding included: its arrays should stay in the caches, and more take more memory."""
+SAMPLED = 16
+"""One of so many sweeps tells recordings apart: two with the same ranges in all of these are one."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -158,6 +161,10 @@ class LogBatcher:
         if self._is_strict and not known and (error := self._choice.error()) is not None:
             raise error
 
+    def recording(self) -> dict[str, str]:
+        """Return by topic what is the same for one recording, whatever is read of it: number and checksum of its sweeps."""
+        return {name: topic.recording for name, topic in sorted(self._batchers.items())}
+
     def _judged(self, sweeps: RawSweeps, rules: RangeRules) -> Iterator[SweepBatch]:
         key = sweeps.topic, ""
         if self._compares and (key in self._copies or len(self._copies) < MOST_TOPICS):
@@ -185,7 +192,7 @@ class _TopicBatcher:
         self.run = 1
         """Run of the last sweeps."""
         self._doubts = doubts
-        self._count = 0
+        self._count = self._checksum = 0
         self._begin_ns: int | None = None
         """Stamp of the topic's first sweep, also of one that is left out."""
         self._first_ns: dict[str, int] = {}
@@ -202,6 +209,9 @@ class _TopicBatcher:
             self._rules, self.run = rules, block.run
         if self._begin_ns is None and len(block):
             self._begin_ns = int(block.rows(slice(0, 1)).time_ns[0])
+        for row in range(-self._count % SAMPLED, len(block), SAMPLED):
+            self._checksum = crc32(block.ranges[row, : block.beams[row]].tobytes(), self._checksum)
+            self._checksum = crc32(block.stamp_ns[row : row + 1].tobytes(), self._checksum)
         sweep = np.arange(self._count, self._count + len(block), dtype=np.int64)
         self._count += len(block)
         keep = self._kept(block, sweep)
@@ -212,6 +222,11 @@ class _TopicBatcher:
             self._blocks.append(block)
             self._sweeps.append(sweep)
             yield from self.batches()
+
+    @property
+    def recording(self) -> str:
+        """As of `LogBatcher.recording`."""
+        return f"{self._count} {self._checksum:08x}"
 
     def _kept(self, block: RawSweeps, sweep: Int64) -> Bool:
         if self._options.run not in (None, LONGEST, block.run):

@@ -868,7 +868,8 @@ def _sets_out(paths: _Paths, rows: slice) -> int:
     if first == rows.stop:
         return first
     x, y, var, stamp_ns = paths.x[rows], paths.y[rows], paths.sd[rows] ** 2, paths.stamp_ns[rows]
-    before = np.searchsorted(stamp_ns, stamp_ns - SECOND_NS)
+    # Of a clock that steps back none is later.
+    before = np.minimum(np.searchsorted(stamp_ns, stamp_ns - SECOND_NS), np.arange(len(x)))
     distance = np.hypot(x - x[before], y - y[before])
     least = LEAST_SPEED * 1e-9 * (stamp_ns - stamp_ns[before])
     stands = np.flatnonzero(~(distance > np.maximum(least, MOVING_SDS * np.sqrt(var + var[before]))))[-1]

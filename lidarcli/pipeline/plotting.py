@@ -25,10 +25,11 @@ from lidarcli.pipeline.reading.one_log import damage_lines, read_log
 from lidarcli.pipeline.reading.posing import NO_POSES, Need, PoseAttacher, PoseOptions
 from lidarcli.range_rules import RangeRules
 from lidarcli.reports import map_picture
-from lidarcli.reports.columns import Rows
+from lidarcli.reports.columns import Rows, same_recording
 from lidarcli.reports.ground import COLUMNS, Paths
 from lidarcli.reports.map_picture import Box, MapPicture, Snapshot, draw_map, overview
 from lidarcli.reports.picture import Picture, ZoneInSight, animate, draw, limits_of
+from lidarcli.reports.summary import SAME_STAMP
 from lidarcli.stores import Place
 from lidarcli.sweeps import Status, SweepBatch, SweepPoses
 from lidarcli.times import SECOND_NS, Instant
@@ -313,16 +314,17 @@ class _PictureMaker:
         # The objects table stands for those in memory.
         name = tables if isinstance(tables, str) else str(tables.objects)
         if self._paths is None:
-            from lidarcli.pipeline.inputs.tables import one_table_set, read_table
+            from lidarcli.pipeline.inputs.tables import one_table_set, read_together
 
-            pair = one_table_set(tables)
-            read = {kind: Rows.join([read_table(pair, kind, columns)]) for kind, columns in COLUMNS.items()}
+            read = {kind: Rows.join([each]) for kind, each in read_together(one_table_set(tables), COLUMNS).items()}
             self._paths = Paths(read["sweeps"], read["objects"], read["trajectories"], batch.topic)
             if not self._paths.are_there:
                 raise OptionError(f"{name}: no tracks of {batch.topic} in it; lidarcli track LOG writes them")
         sweep = int(batch.sweep[0])
-        if not self._paths.has(sweep):
+        if (stamp_ns := self._paths.stamp_of(sweep)) is None:
             raise OptionError(f"{name}: no sweep {sweep} of {batch.topic} in it")
+        if abs(stamp_ns - int(batch.stamp_ns[0])) > SAME_STAMP:
+            raise UnreadableError(f"{name}: not of this log: sweep {sweep} of {batch.topic} has another stamp in it")
         return self._paths
 
     def notes(self) -> list[str]:
@@ -405,9 +407,12 @@ def take_map(
     with _naming(source):
         summary = mapping.add(source)
     paths = [np.column_stack([path.x, path.y]) for path in mapping.paths]
-    found = MapPicture(None) if tracks is None else _overview(tracks, source, mapping, only, density)
+    found, notes = MapPicture(None), [*summary.notes]
+    if tracks is not None:
+        found, more = _overview(tracks, source, mapping, summary.first_ns or 0, only, density)
+        notes += more
     whole = replace(found, grid=mapping.occupancy(), paths=paths, title=f"{source.name}  {_frame_words(mapping.worlds)}")
-    pictures, notes = [whole], [*summary.notes]
+    pictures = [whole]
     if density and whole.dwell is None:
         notes.append("no agents: --density has nothing to draw")
     if sweeps is not None:
@@ -420,14 +425,18 @@ def _frame_words(worlds: Iterable[str]) -> str:
     return ", ".join("path matched from the sweeps" if one == MATCH else f"frame {one}" for one in worlds)
 
 
-def _overview(tracks: str, source: Source, mapping: Mapping, only: Sequence[int], density: bool) -> MapPicture:
-    """Return the things and agents in the tables of this log, of the topics and in one of the worlds of the map."""
-    from lidarcli.pipeline.inputs.tables import one_table_set, poses_of, read_table, world_in
+def _overview(
+    tracks: str, source: Source, mapping: Mapping, first_ns: int, only: Sequence[int], density: bool
+) -> tuple[MapPicture, list[str]]:
+    """Return the things and agents in the tables of this log, of the topics and in one of the worlds of the map, and notes.
+
+    `first_ns` is the stamp of the first sweep of the log.
+    """
+    from lidarcli.pipeline.inputs.tables import one_table_set, poses_of, read_together, recording_in, world_in
     from lidarcli.tabular.reading import note_value, notes_of
     from lidarcli.tabular.writing import SOURCE
 
-    pair = one_table_set(tracks)
-    read = {kind: read_table(pair, kind, columns) for kind, columns in map_picture.COLUMNS.items()}
+    read = read_together(one_table_set(tracks), map_picture.COLUMNS)
     sweeps, things, trajectories = (Rows.join([read[kind]]) for kind in ("sweeps", "tracks", "trajectories"))
     _, logs = sweeps.words("log")
     here = source.name.rpartition("/")[2]
@@ -437,6 +446,11 @@ def _overview(tracks: str, source: Source, mapping: Mapping, only: Sequence[int]
     sweeps, things, trajectories = (each.of_topics(topics) for each in (sweeps, things, trajectories))
     if not len(sweeps):
         raise OptionError(f"{tracks}: no tracks of {', '.join(topics)} in it; lidarcli track LOG writes them")
+    stamps = sweeps.integers("stamp")
+    if stamps.max() < first_ns - SAME_STAMP or stamps.min() > mapping.end_ns + SAME_STAMP:
+        raise UnreadableError(f"{tracks}: not of this log: its sweeps have other stamps")
+    of_this = same_recording(recording_in(notes_of(read["sweeps"])), mapping.described[-1]["recording"])
+    notes = [f"{tracks}: of another recording of the same time, or of a changed copy"] if of_this is False else []
     if lacking := sorted({*only} - {*things.integers("track").tolist()}):
         raise OptionError(f"{tracks}: no track {', '.join(map(str, lacking))} in it (--only)")
     if only:
@@ -455,7 +469,7 @@ def _overview(tracks: str, source: Source, mapping: Mapping, only: Sequence[int]
         raise OptionError(
             f"{tracks}: its sweeps have no poses: things have no place in the world; give track and plot the same --pose"
         )
-    return found
+    return found, notes
 
 
 def _snapshots(source: Source, options: MapOptions, sweeps: Sequence[int]) -> dict[int, Snapshot]:
