@@ -163,7 +163,7 @@ class LogBatcher:
 
     def recording(self) -> dict[str, str]:
         """Return by topic what is the same for one recording, whatever is read of it: number and checksum of its sweeps."""
-        return {name: topic.recording for name, topic in sorted(self._batchers.items())}
+        return {name: str(topic.met) for name, topic in sorted(self._batchers.items())}
 
     def _judged(self, sweeps: RawSweeps, rules: RangeRules) -> Iterator[SweepBatch]:
         key = sweeps.topic, ""
@@ -183,6 +183,23 @@ def _words(time: float | Instant | None, unit: str = " s") -> str:
     return f"{time:g}{unit}" if isinstance(time, int | float) else str(time)
 
 
+class Checksum:
+    """Number and checksum of the sweeps of a topic, before any is left out."""
+
+    def __init__(self) -> None:
+        self.count = self._sum = 0
+
+    def add(self, block: RawSweeps) -> None:
+        """Take the next sweeps."""
+        for row in range(-self.count % SAMPLED, len(block), SAMPLED):
+            self._sum = crc32(block.ranges[row, : block.beams[row]].tobytes(), self._sum)
+            self._sum = crc32(block.stamp_ns[row : row + 1].tobytes(), self._sum)
+        self.count += len(block)
+
+    def __str__(self) -> str:
+        return f"{self.count} {self._sum:08x}"
+
+
 class _TopicBatcher:
     """Sweeps of one topic that wait for their batch."""
 
@@ -192,7 +209,7 @@ class _TopicBatcher:
         self.run = 1
         """Run of the last sweeps."""
         self._doubts = doubts
-        self._count = self._checksum = 0
+        self.met = Checksum()
         self._begin_ns: int | None = None
         """Stamp of the topic's first sweep, also of one that is left out."""
         self._first_ns: dict[str, int] = {}
@@ -209,11 +226,8 @@ class _TopicBatcher:
             self._rules, self.run = rules, block.run
         if self._begin_ns is None and len(block):
             self._begin_ns = int(block.rows(slice(0, 1)).time_ns[0])
-        for row in range(-self._count % SAMPLED, len(block), SAMPLED):
-            self._checksum = crc32(block.ranges[row, : block.beams[row]].tobytes(), self._checksum)
-            self._checksum = crc32(block.stamp_ns[row : row + 1].tobytes(), self._checksum)
-        sweep = np.arange(self._count, self._count + len(block), dtype=np.int64)
-        self._count += len(block)
+        sweep = np.arange(self.met.count, self.met.count + len(block), dtype=np.int64)
+        self.met.add(block)
         keep = self._kept(block, sweep)
         if not keep.all():
             block, sweep = block.rows(keep), sweep[keep]
@@ -222,11 +236,6 @@ class _TopicBatcher:
             self._blocks.append(block)
             self._sweeps.append(sweep)
             yield from self.batches()
-
-    @property
-    def recording(self) -> str:
-        """As of `LogBatcher.recording`."""
-        return f"{self._count} {self._checksum:08x}"
 
     def _kept(self, block: RawSweeps, sweep: Int64) -> Bool:
         if self._options.run not in (None, LONGEST, block.run):
@@ -252,7 +261,7 @@ class _TopicBatcher:
     def empty_window(self, topic: str) -> str | None:
         """Return a note if no sweep lies between the wanted start and end although the topic has sweeps."""
         start, end = self._options.start, self._options.end
-        if self._taken or (start is None and end is None) or not self._count:
+        if self._taken or (start is None and end is None) or not self.met.count:
             return None
         window = [*([f"from {_words(start)} on"] if start is not None else [])]
         window += [f"before {_words(end)}"] if end is not None else []

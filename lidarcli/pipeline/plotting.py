@@ -25,7 +25,7 @@ from lidarcli.pipeline.reading.one_log import damage_lines, read_log
 from lidarcli.pipeline.reading.posing import NO_POSES, Need, PoseAttacher, PoseOptions
 from lidarcli.range_rules import RangeRules
 from lidarcli.reports import map_picture
-from lidarcli.reports.columns import Rows, same_recording
+from lidarcli.reports.columns import Rows
 from lidarcli.reports.ground import COLUMNS, Paths
 from lidarcli.reports.map_picture import Box, MapPicture, Snapshot, draw_map, overview
 from lidarcli.reports.picture import Picture, ZoneInSight, animate, draw, limits_of
@@ -432,11 +432,12 @@ def _overview(
 
     `first_ns` is the stamp of the first sweep of the log.
     """
-    from lidarcli.pipeline.inputs.tables import one_table_set, poses_of, read_together, recording_in, world_in
+    from lidarcli.pipeline.inputs.tables import one_table_set, other_recording, poses_of, read_together, world_in
     from lidarcli.tabular.reading import note_value, notes_of
     from lidarcli.tabular.writing import SOURCE
 
-    read = read_together(one_table_set(tracks), map_picture.COLUMNS)
+    pair = one_table_set(tracks)
+    read = read_together(pair, map_picture.COLUMNS)
     sweeps, things, trajectories = (Rows.join([read[kind]]) for kind in ("sweeps", "tracks", "trajectories"))
     _, logs = sweeps.words("log")
     here = source.name.rpartition("/")[2]
@@ -449,8 +450,7 @@ def _overview(
     stamps = sweeps.integers("stamp")
     if stamps.max() < first_ns - SAME_STAMP or stamps.min() > mapping.end_ns + SAME_STAMP:
         raise UnreadableError(f"{tracks}: not of this log: its sweeps have other stamps")
-    of_this = same_recording(recording_in(notes_of(read["sweeps"])), mapping.described[-1]["recording"])
-    notes = [f"{tracks}: of another recording of the same time, or of a changed copy"] if of_this is False else []
+    notes = other_recording(pair, mapping.described[-1].get("recording", {}))
     if lacking := sorted({*only} - {*things.integers("track").tolist()}):
         raise OptionError(f"{tracks}: no track {', '.join(map(str, lacking))} in it (--only)")
     if only:

@@ -142,7 +142,7 @@ def test_tracks_of_other_objects_are_told(lidarcli: Run, run: Path, tracked: Pat
     assert "whose tracks are others" in lidarcli("report", tracked).err
     pq.write_table(table.drop_columns(["end"]), tracked.with_name("run.tracks.parquet"))
     ran = lidarcli("report", tracked)
-    assert (ran.code, "not a table of lidarcli track: no column end" in ran.err) == (1, True)
+    assert (ran.code, "not a table of lidarcli track: no column end" in ran.err) == (3, True)
 
 
 def test_objects_are_the_same_rows_after_detect_and_after_track(lidarcli: Run, tmp_path: Path) -> None:

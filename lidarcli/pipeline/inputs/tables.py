@@ -24,6 +24,7 @@ from lidarcli.tabular.reading import (
     HeldTable,
     Readable,
     column_names,
+    file_metadata,
     is_text,
     note_value,
     notes_of,
@@ -206,6 +207,16 @@ def read_together(table_set: TableSet, columns: Mapping[str, Iterable[str]]) -> 
     return read
 
 
+def tables_together(text: str | TableSet) -> TableSet:
+    """Return `one_table_set`, once it is known that its tables are of one log (`UnreadableError`)."""
+    table_set = one_table_set(text)
+    keys = {"sweeps": ("topic", "sweep", "stamp"), "objects": ("topic",), "tracks": ("topic",)}
+    keys["trajectories"] = keys["sweeps"]
+    if found := {kind: names for kind, names in keys.items() if getattr(table_set, kind).exists()}:
+        read_together(table_set, found)
+    return table_set
+
+
 def read_changes(path: Readable) -> pa.Table:
     """Read a table of changes, or raise `UnreadableError` with one line."""
     table = read_columns(path, "changes", CHANGES)
@@ -336,6 +347,13 @@ def recording_in(notes: Mapping[str, str]) -> dict[str, str]:
     """Return what metadata say of the recording of a log (`LogBatcher.recording`)."""
     found = note_value(notes, SOURCE, dict).get("recording")
     return found if isinstance(found, dict) else {}
+
+
+def other_recording(table_set: TableSet, recording: Mapping[str, str]) -> list[str]:
+    """Return a note where the tables are not of the recording that is read, though its sweeps have the same stamps."""
+    if same_recording(recording_in(file_metadata(table_set.sweeps)), recording) is not False:
+        return []
+    return [f"{table_set.sweeps}: of another recording with the same stamps, or of a changed copy"]
 
 
 def refuse_mixed(table_set: TableSet, tables: Mapping[str, pa.Table]) -> None:
