@@ -250,6 +250,8 @@ class _PictureMaker:
 
             self._subtracting = BackgroundComparison(BackgroundOptions.of(options.background), options.parameters)
         self._paths: Paths | None = None
+        self._lacks_agents = False
+        """True where no beam of a sweep has the range of an agent in the tables."""
         self._showing: Showing | None = None
         self._zones: dict[int, list[ShownZone]] = {}
         """Sweep → zones before its sensor."""
@@ -300,6 +302,7 @@ class _PictureMaker:
         assert owner is not None  # pictures are made with `per_beam`
         assert sets is not None
         r, theta = paths.agents(int(batch.sweep[0])).T
+        self._lacks_agents |= len(r) > 0 and not (np.abs(batch.ranges[0] - r[:, None]) < SAME_RANGE).any()
         step = abs(float(batch.angle_increment[0]))
         # By other options an object may end elsewhere; the beam that is nearest is the one most likely to stay.
         alike = np.abs(found.r_min[:, None] - r) < SAME_RANGE
@@ -330,6 +333,7 @@ class _PictureMaker:
     def notes(self) -> list[str]:
         """Return the notes of the comparison, and of zones."""
         compared = [] if self._subtracting is None else self._subtracting.notes()
+        compared += ["agents in --tracks have other ranges: of another recording, or a changed copy"] * self._lacks_agents
         return compared if self._showing is None else [*compared, *self._showing.notes()]
 
 
