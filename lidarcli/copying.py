@@ -14,7 +14,7 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, closing
 from dataclasses import dataclass, field, replace
-from functools import partial
+from functools import lru_cache, partial
 from itertools import chain
 from pathlib import Path
 from types import MappingProxyType
@@ -126,7 +126,7 @@ class Copy:
     def note(self, met: Met) -> None:
         """Remember a message that counts until the next: the newest of each static transform, topic and publisher."""
         end, (publisher, offered, encoding) = met.topic.rpartition("/")[2], _channel_of(met)
-        if end not in LATCHED and (met.topic in self.sweeps or not DURABLE.search(offered)):
+        if end not in LATCHED and (met.topic in self.sweeps or not _is_durable(offered)):
             return
         key: object = (met.topic, publisher)
         if end == LATCHED[0]:
@@ -261,6 +261,12 @@ def _write(logs: Iterable[Log], targets: Targets, copy: Copy) -> None:
                 copy.note(met)
         for part in parts:
             part.writer.finish()
+
+
+@lru_cache(maxsize=1024)
+def _is_durable(offered: str) -> bool:
+    """Return whether who begins to read later still gets the last messages of a topic, by how it was offered."""
+    return DURABLE.search(offered) is not None
 
 
 def _channel_of(met: Met) -> tuple[str, str, str]:
