@@ -5,6 +5,7 @@ Writers are those of the containers' libraries: chunks and index are made anew; 
 
 from __future__ import annotations
 
+import re
 import shutil
 import sqlite3
 import struct
@@ -13,9 +14,10 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, closing
 from dataclasses import dataclass, field, replace
-from functools import partial
+from functools import lru_cache, partial
 from itertools import chain
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -35,6 +37,7 @@ from lidarcli.logs.rosbag2 import SQLITE_ERRORS, Rosbag2Log, SqliteLog, is_cdr
 from lidarcli.logs.rosbag2_salvage import TopicRow
 from lidarcli.logs.unpacking import ZSTD_MAGIC, DecompressionBudget, is_zstd, unpack_message
 from lidarcli.ros.bag_metadata import METADATA
+from lidarcli.ros.cursor import BadMessageError, Cursor
 from lidarcli.sweeps import Bool
 
 _PUBLISHED = struct.Struct("<IQQ")
@@ -49,8 +52,10 @@ _TABLES = (
 
 LATCHED = ("tf_static", "robot_description", "map")
 """Ends of the names of topics whose messages count until the next: who begins to read later still gets them."""
+DURABLE = re.compile(r"""durability["']?: *["']?(?:1\b|transient_local)""")
+"""What a topic of ROS 2 says that is offered so."""
 MOST_SAID = 1000
-"""Most such messages that are held."""
+"""Most such messages that are held, the newest."""
 TOGETHER = 16
 """Parts of a log that are written in one pass over it."""
 
@@ -65,12 +70,17 @@ Enter = Callable[[Any], Any]
 class Cut(NamedTuple):
     """A part of a log."""
 
-    first_ns: int
-    last_ns: int
-    """Times at which its first and its last message were recorded."""
+    spans: tuple[tuple[int, int], ...] = ()
+    """Times from and until which its messages were recorded, those of sweeps of `sweeps` apart; empty where no such times
+    can be relied on: messages count that stand between two sweeps of one run."""
     leaves: frozenset[str] = frozenset()
     """Topics that are left out."""
+    sweeps: Mapping[str, Mapping[int, int]] = MappingProxyType({})
+    """Topic → number of each of its sweeps in log order → run, counted from 1."""
 
+
+ALL = Cut(((-(1 << 63), 1 << 64),))
+"""A part with all messages."""
 
 Targets = Sequence[tuple[Path, Cut | None]]
 """Files to write, each with its part of the log; or one file or folder with all of it (None)."""
@@ -101,6 +111,8 @@ class Copy:
     """Limit for messages that are packed one by one."""
     sweeps: Counter[str] = field(default_factory=Counter)
     """Topic → sweeps so far."""
+    written: Counter[str] = field(default_factory=Counter)
+    """Topic → sweeps in the parts that are written."""
     is_cut: bool = False
     """True while parts of the log are written, which no metadata.yaml tells to be packed."""
     after: Callable[[Met], Sequence[Met]] | None = None
@@ -108,11 +120,26 @@ class Copy:
     said: dict[object, Met] = field(default_factory=dict)
     """Messages that come first in a file: given ones, and in a pass those that count until the next."""
 
+    unsaid: int = 0
+    """Messages that count until the next, and of which there are more than are held."""
+
     def note(self, met: Met) -> None:
-        """Remember a message that counts until the next: of static transforms each, of others the last of a topic."""
-        end = met.topic.rpartition("/")[2]
-        if end in LATCHED and len(self.said) < MOST_SAID:
-            self.said[(met.topic, met.data) if end == LATCHED[0] else met.topic] = met
+        """Remember a message that counts until the next: the newest of each static transform, topic and publisher."""
+        end, (publisher, offered, encoding) = met.topic.rpartition("/")[2], _channel_of(met)
+        if end not in LATCHED and (met.topic in self.sweeps or not _is_durable(offered)):
+            return
+        key: object = (met.topic, publisher)
+        if end == LATCHED[0]:
+            frames = _children(met.data, encoding) if encoding in ("cdr", "ros1") else frozenset()
+            key = (met.topic, frames or met.data)
+            for topic, known in [one for one in self.said if isinstance(one, tuple)]:
+                if topic == met.topic and isinstance(known, frozenset) and known < frames:
+                    del self.said[topic, known]
+        self.said.pop(key, None)
+        self.said[key] = met
+        if len(self.said) > MOST_SAID:
+            self.said.pop(next(iter(self.said)))
+            self.unsaid += 1
 
     def edited(self, topic: str, data: bytes, locate: Locate | None, encoding: str) -> bytes:
         """Return the message to write for one; messages that are packed by zstd are so again, but for parts of a log."""
@@ -175,33 +202,103 @@ def copy_log(log: Log, targets: Path | Targets, copy: Copy) -> None:
             raise OutputError(f"cannot write {mine[0][0].name if mine else log.path}: SQLite says: {err}") from err
 
 
+class _Part:
+    """A file that is written, and how far its part of the log has come."""
+
+    def __init__(self, writer: Any, cut: Cut) -> None:
+        self.writer, self._cut = writer, cut
+        self._left: Counter[int] = Counter()
+        """Run → sweeps of this part that are still to come."""
+        for runs in cut.sweeps.values():
+            self._left.update(runs.values())
+        self._run = 0
+        self._is_empty = True
+
+    def takes(self, met: Met, number: int | None) -> bool:
+        """Return whether a message belongs to the part; `number` that of a sweep within its topic."""
+        cut, runs = self._cut, self._cut.sweeps.get(met.topic)
+        if number is not None and runs is not None:
+            run = runs.get(number, 0)
+            self._run = run or self._run
+            self._left[run] -= 1
+            return run > 0
+        if cut.spans:
+            return any(first <= met.record_ns <= last for first, last in cut.spans)
+        return self._left[self._run] > 0
+
+    def write(self, met: Met, more: Sequence[Met], copy: Copy) -> None:
+        """Write a message, before the first one those that count since before, and what comes after it."""
+        for one in (*(copy.said.values() if self._is_empty else ()), met, *more):
+            if one.topic not in self._cut.leaves:
+                copy.messages[one.topic, one.type] += 1
+                self.writer.write(one._replace(record_ns=met.record_ns))
+        self._is_empty = False
+
+
 def _write(logs: Iterable[Log], targets: Targets, copy: Copy) -> None:
     """Write the messages of logs in one container into new files of it."""
     whole = not copy.is_cut and not copy.said
     with ExitStack() as stack:
-        writers: list[Any] = []
-        begun: set[int] = set()
+        parts: list[_Part] = []
         for log in logs:
             records = _RECORDS[type(log)](log, copy)
             make = next(records)
-            writers = writers or [make(stack.enter_context, path, whole) for path, _ in targets]
+            parts = parts or [_Part(make(stack.enter_context, path, whole), cut or ALL) for path, cut in targets]
+            sweeps = copy.sweeps.copy()
             for met in records:
-                more = copy.after(met) if copy.after is not None and isinstance(met, Met) else ()
                 if not isinstance(met, Met):
-                    for writer in writers:
-                        writer.add(met)
+                    for part in parts:
+                        part.writer.add(met)
                     continue
-                for at, (writer, (_, cut)) in enumerate(zip(writers, targets, strict=True)):
-                    if cut and not cut.first_ns <= met.record_ns <= cut.last_ns:
-                        continue
-                    for one in (*(copy.said.values() if at not in begun else ()), met, *more):
-                        if not cut or one.topic not in cut.leaves:
-                            copy.messages[one.topic, one.type] += 1
-                            writer.write(one._replace(record_ns=met.record_ns))
-                    begun.add(at)
+                more = copy.after(met) if copy.after is not None else ()
+                is_sweep = copy.sweeps[met.topic] > sweeps[met.topic]
+                number = sweeps[met.topic] if is_sweep else None
+                sweeps[met.topic] += is_sweep
+                for part in parts:
+                    if part.takes(met, number):
+                        part.write(met, more, copy)
+                        copy.written[met.topic] += is_sweep
                 copy.note(met)
-        for writer in writers:
-            writer.finish()
+        for part in parts:
+            part.writer.finish()
+
+
+@lru_cache(maxsize=1024)
+def _is_durable(offered: str) -> bool:
+    """Return whether who begins to read later still gets the last messages of a topic, by how it was offered."""
+    return DURABLE.search(offered) is not None
+
+
+def _channel_of(met: Met) -> tuple[str, str, str]:
+    """Return who sends a message, where that is told, how its topic was offered, and the encoding."""
+    match met.origin:
+        case Connection(fields=fields):
+            return fields.get("callerid", ""), "durability: 1" if fields.get("latching") == "1" else "", "ros1"
+        case (Catalogue() as known, key, *_):
+            channel = known.channels[key]
+            return "", channel.metadata.get("offered_qos_profiles", ""), channel.message_encoding
+        case (topic, profile, *_):
+            return "", profile, topic.encoding
+    return "", "", ""
+
+
+def _children(data: bytes, encoding: str) -> frozenset[str]:
+    """Return the frames whose place a message of transforms of ROS tells; none of a message that cannot be read."""
+    found = set()
+    try:
+        cursor = Cursor(data, encoding)
+        for _ in range(cursor.word()):
+            cursor.skip(4 * (encoding == "ros1"))
+            cursor.align(4)
+            cursor.skip(8)
+            cursor.text()
+            cursor.align(4)
+            found.add(cursor.text())
+            cursor.align(8)
+            cursor.skip(7 * 8)
+    except BadMessageError:
+        return frozenset()
+    return frozenset(found)
 
 
 def _mcap_records(log: McapLog, copy: Copy) -> Iterator[Any]:

@@ -34,25 +34,27 @@ class Mend:
     held: dict[int, bytes] = field(default_factory=dict)
     """Number → message of each sweep whose place is another."""
     done: Counter[str] = field(default_factory=Counter)
-    """Word → sweeps that it has changed in this pass; `odd`: messages with more or less than a LaserScan, which stay."""
+    """Word → sweeps of the copy that it has changed in this pass; `odd`: messages with more or less than a LaserScan."""
+    copies: Counter[int] | None = None
+    """Number of times that the sweep at each place is copied; None: all are, once."""
 
     def mended(self, number: int, data: bytes) -> bytes:
         """Return the message at the place of a sweep, the same one where nothing is to be mended."""
         if not number:
             self.done.clear()
-        changed = []
+        changed, times = [], 1 if self.copies is None else self.copies[number]
         if self.order is not None and (wanted := int(self.order[number])) != number:
             number, data, changed = wanted, self.held[wanted], ["stamps"]
         is_cdr = self.encoding == "cdr"
         try:
             scan: Any = ROS2.deserialize_cdr(data, SCAN) if is_cdr else ROS1.deserialize_ros1(data, SCAN)
         except SerdeError:
-            self.done["odd"] += 1
+            self.done["odd"] += times
             return data
         # A header may say anything.
         with np.errstate(over="ignore", invalid="ignore"):
             changed += [word for word, step in self.steps.items() if len(scan.ranges) and step(scan, number)]
-        self.done.update(dict.fromkeys(changed, 1))
+        self.done.update(dict.fromkeys(changed if times else (), times))
         if is_cdr:
             return data[:4] + bytes(ROS2.serialize_cdr(scan, SCAN, little_endian=data[1] == 1)[4:]) if changed else data
         return bytes(ROS1.serialize_ros1(scan, SCAN)) if changed else data

@@ -34,8 +34,9 @@ TABLES = {
 METADATA = {
     writing.VERSION: "version of lidarcli",
     writing.PARAMETERS: "everything the result depends on, as JSON",
-    writing.SOURCE: "name, size and format of the source log, its parts where several are joined, what tells its poses (of "
-    "further `runs`, too) and how well they fit, and where a pile of ranges is no return, as JSON",
+    writing.SOURCE: "name, size and format of the source log, `recording` (by topic number and checksum of its sweeps, the "
+    "same whatever is read of it), its parts where several are joined, what tells its poses (of further `runs`, too) and "
+    "how well they fit, and where a pile of ranges is no return, as JSON",
     writing.DAMAGE: "what could not be read, a JSON list; only where the source was damaged",
 }
 OTHER_CODES = {

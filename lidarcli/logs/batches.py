@@ -9,6 +9,7 @@ from dataclasses import dataclass, field, replace
 from itertools import chain
 from numbers import Integral
 from time import monotonic
+from zlib import crc32
 
 import numpy as np
 
@@ -31,6 +32,8 @@ LATENCY = 0.25
 """Sweeps of a pipe, once their rules for ranges are known, wait no longer for their batch [s]."""
 BATCH_VALUES = 3 << 17
 """Most ranges of one batch, padding included: its arrays should stay in the caches, and more take more memory."""
+SAMPLED = 16
+"""One of so many sweeps tells recordings apart: two with the same ranges in all of these are one."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -166,6 +169,10 @@ class LogBatcher:
         if self._is_strict and not known and (error := self._choice.error()) is not None:
             raise error
 
+    def recording(self) -> dict[str, str]:
+        """Return by topic what is the same for one recording, whatever is read of it: number and checksum of its sweeps."""
+        return {name: str(topic.met) for name, topic in sorted(self._batchers.items())}
+
     def _judged(self, sweeps: RawSweeps, rules: RangeRules) -> Iterator[SweepBatch]:
         key = sweeps.topic, ""
         if self._compares and (key in self._copies or len(self._copies) < MOST_TOPICS):
@@ -184,6 +191,23 @@ def _words(time: float | Instant | None, unit: str = " s") -> str:
     return f"{time:g}{unit}" if isinstance(time, int | float) else str(time)
 
 
+class Checksum:
+    """Number and checksum of the sweeps of a topic, before any is left out."""
+
+    def __init__(self) -> None:
+        self.count = self._sum = 0
+
+    def add(self, block: RawSweeps) -> None:
+        """Take the next sweeps."""
+        for row in range(-self.count % SAMPLED, len(block), SAMPLED):
+            self._sum = crc32(block.ranges[row, : block.beams[row]].tobytes(), self._sum)
+            self._sum = crc32(block.stamp_ns[row : row + 1].tobytes(), self._sum)
+        self.count += len(block)
+
+    def __str__(self) -> str:
+        return f"{self.count} {self._sum:08x}"
+
+
 class _TopicBatcher:
     """Sweeps of one topic that wait for their batch."""
 
@@ -193,7 +217,7 @@ class _TopicBatcher:
         self.run = 1
         """Run of the last sweeps."""
         self._doubts = doubts
-        self._count = 0
+        self.met = Checksum()
         self._begin_ns: int | None = None
         """Stamp of the topic's first sweep, also of one that is left out."""
         self._first_ns: dict[str, int] = {}
@@ -210,8 +234,8 @@ class _TopicBatcher:
             self._rules, self.run = rules, block.run
         if self._begin_ns is None and len(block):
             self._begin_ns = int(block.rows(slice(0, 1)).time_ns[0])
-        sweep = np.arange(self._count, self._count + len(block), dtype=np.int64)
-        self._count += len(block)
+        sweep = np.arange(self.met.count, self.met.count + len(block), dtype=np.int64)
+        self.met.add(block)
         keep = self._kept(block, sweep)
         if not keep.all():
             block, sweep = block.rows(keep), sweep[keep]
@@ -245,7 +269,7 @@ class _TopicBatcher:
     def empty_window(self, topic: str) -> str | None:
         """Return a note if no sweep lies between the wanted start and end although the topic has sweeps."""
         start, end = self._options.start, self._options.end
-        if self._taken or (start is None and end is None) or not self._count:
+        if self._taken or (start is None and end is None) or not self.met.count:
             return None
         window = [*([f"from {_words(start)} on"] if start is not None else [])]
         window += [f"before {_words(end)}"] if end is not None else []

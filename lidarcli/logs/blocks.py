@@ -19,7 +19,9 @@ BLOCK_VALUES = 1 << 20
 TOO_MANY = f"more than {MAX_BEAMS} beams declared"
 ANGLE_MIN = "angle_min is not finite"
 INCREMENT = "angle_increment is not finite"
-BEARINGS = "the last bearing is not finite"
+FARTHEST = 1e6
+"""Greatest bearing [rad]: single precision tells one beyond it to a few degrees alone."""
+BEARINGS = f"the first or last bearing is beyond {FARTHEST:,.0f} rad"
 INCREMENT_ZERO = "angle_increment is zero"
 WIDEST_STEP = 0.9
 """Steps between beams above this [rad] (52 degrees) are degrees taken as radians, if the view is too wide as well."""
@@ -55,6 +57,20 @@ def in_degrees(beams: Int32 | Int64, angle_increment: Float32 | Float64) -> Bool
     """
     step = np.abs(angle_increment.astype(np.float64))
     return np.asarray((step > WIDEST_STEP) & (step > WIDEST_VIEW / np.maximum(beams - 1, 1)) & (beams > 1))
+
+
+def unsound(
+    beams: Int32 | Int64, first: Float32 | Float64, step: Float32 | Float64, report: ReadReport
+) -> Iterator[tuple[Bool, str]]:
+    """Yield (S,) which headers are of no sweep, and why, by the number of beams, the first bearing and the step [rad]."""
+    yield beams > MAX_BEAMS, TOO_MANY
+    yield ~np.isfinite(first), ANGLE_MIN
+    yield ~np.isfinite(step), INCREMENT
+    yield (step == 0) & (beams > 1), INCREMENT_ZERO
+    yield in_degrees(beams, step) & (not report.takes_degrees), IN_DEGREES
+    with np.errstate(over="ignore", invalid="ignore"):
+        last = first + step.astype(np.float64) * beams
+        yield ~(np.maximum(np.abs(first), np.abs(last)) <= FARTHEST), BEARINGS
 
 
 def limits_in_metres(least: Float32 | Float64, most: Float32 | Float64, scale: float) -> tuple[Float32, Float32]:
@@ -120,16 +136,7 @@ def keep_sound(block: RawSweeps, good: Bool | None, report: ReadReport) -> RawSw
     if good is not None and not good.all():
         block = block.rows(good)
     whole = np.ones(len(block), np.bool_)
-    with np.errstate(over="ignore", invalid="ignore"):
-        last = block.angle_min + block.angle_increment * block.beams
-    for bad, cause in (
-        (block.beams > MAX_BEAMS, TOO_MANY),
-        (~np.isfinite(block.angle_min), ANGLE_MIN),
-        (~np.isfinite(block.angle_increment), INCREMENT),
-        (~np.isfinite(last), BEARINGS),
-        ((block.angle_increment == 0) & (block.beams > 1), INCREMENT_ZERO),
-        (in_degrees(block.beams, block.angle_increment) & (not report.takes_degrees), IN_DEGREES),
-    ):
+    for bad, cause in unsound(block.beams, block.angle_min, block.angle_increment, report):
         fresh = bad & whole
         if fresh.any():
             report.refused[(block.topic, cause)] += int(fresh.sum())

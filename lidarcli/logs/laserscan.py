@@ -16,19 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lidarcli.logs.base import LASERSCAN, MAX_BEAMS, MULTI_ECHO, OpenOptions, ReadReport
-from lidarcli.logs.blocks import (
-    ANGLE_MIN,
-    BLOCK_ROWS,
-    IN_DEGREES,
-    INCREMENT,
-    INCREMENT_ZERO,
-    TOO_MANY,
-    ScanLayout,
-    in_degrees,
-    pad_intensities,
-    pad_rows,
-    split_rows,
-)
+from lidarcli.logs.blocks import BLOCK_ROWS, ScanLayout, pad_intensities, pad_rows, split_rows, unsound
 from lidarcli.ros.cursor import ENCAPSULATION, MAX_NAME, NAME_LONG
 from lidarcli.sweeps import Bool, Float32, Int32, Int64, RawSweeps, UInt8, record
 
@@ -192,13 +180,9 @@ def _read_heads(topic: str, buffer: UInt8, offsets: Int64, lengths: Int64, encod
     heads = replace(heads, geometry=geometry, beams=beams)
     return check(
         heads,
-        (beams > MAX_BEAMS, TOO_MANY),
         # A list of echoes has at least its own count: four bytes per beam hold for both types.
-        (heads.at + 32 + 4 * beams > heads.end, RANGES_BEYOND),
-        (~np.isfinite(geometry[:, 0]), ANGLE_MIN),
-        (~np.isfinite(geometry[:, 2]), INCREMENT),
-        ((geometry[:, 2] == 0) & (beams > 1), INCREMENT_ZERO),
-        (in_degrees(beams, geometry[:, 2]) & (not report.takes_degrees), IN_DEGREES),
+        ((heads.at + 32 + 4 * beams > heads.end) & (beams <= MAX_BEAMS), RANGES_BEYOND),
+        *unsound(beams, geometry[:, 0], geometry[:, 2], report),
     )
 
 

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections import Counter
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path, PurePosixPath
@@ -14,7 +15,7 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from lidarcli.choices import ABOVE, AROUND, INF, KEEP, MATCH, NAN
-from lidarcli.copying import Copy, Cut, Targets, copy_log, replaced
+from lidarcli.copying import ALL, MOST_SAID, Copy, Cut, Targets, copy_log, replaced
 from lidarcli.display import counted
 from lidarcli.errors import NoScanError, OptionError, UnreadableError
 from lidarcli.findings import LEAP
@@ -31,7 +32,7 @@ from lidarcli.newfiles import NewFiles, refuse, refuse_nameless, scratch_folder,
 from lidarcli.pipeline.detecting import detect_to_temporary, second_half
 from lidarcli.pipeline.inputs.sources import Source, open_source
 from lidarcli.pipeline.inputs.tables import TableSet, contradicted, world_in
-from lidarcli.pipeline.mending import FOREVER, Mending, clips_of, cut_of, plan, survey
+from lidarcli.pipeline.mending import FOREVER, Cutting, Mending, clips_of, plan, survey
 from lidarcli.pipeline.objects.detection import DetectOptions
 from lidarcli.pipeline.reading.masking import masking_of
 from lidarcli.pipeline.reading.one_log import Progress, Reading, RunSummary, damage_lines, rules_of
@@ -40,7 +41,7 @@ from lidarcli.pipeline.zone_counting import OBJECT_COLUMNS, Objects
 from lidarcli.pose.fit import Key
 from lidarcli.range_rules import RangeRules
 from lidarcli.stores import Place, Url
-from lidarcli.sweeps import Bool, Closure, Float64, Int32, Int64, Status, SweepBatch, SweepPoses
+from lidarcli.sweeps import STATUSES, Bool, Closure, Float64, Int32, Int64, Status, SweepBatch, SweepPoses
 from lidarcli.tabular.columns import constant, held, numbers, restamped
 from lidarcli.tabular.reading import Readable, TopicRows, file_metadata, note_value, read_columns
 from lidarcli.tabular.schemas import CLEANED, SCHEMAS
@@ -178,11 +179,17 @@ def clean_log(source: Source, path: Place, options: CleanOptions, progress: Prog
         new = stack.enter_context(NewFiles(outputs, options.overwrite, _bag(log, source, path, options.is_cut)))
         targets = [(new.part(each), cut) for each, cut in cuts.items()]
         merging = _merging(source, log, options, stack) if options.merge is not None else None
+        if merging is not None:
+            merging.copies = _copies(cuts.values(), merging.keys[0][0])
+        for name, mend in mending.topics.items():
+            mend.copies = _copies(cuts.values(), name)
+        parameters = options.as_dict()
         copy = mending.copy(log) if merging is None else merging.copy(mending.copy(log))
         if not options.remove:
             with writing(path):
                 copy_log(log, targets, copy)
-            summary = CleanSummary(sweeps=copy.sweeps.total(), topics={*copy.sweeps})
+            copied = copy.written if all(cuts.values()) else copy.sweeps
+            summary = CleanSummary(sweeps=copied.total(), topics={*copied})
             summary.line = counted(summary.sweeps, "sweep")
         else:
             # Who moves is told by the whole log, whatever part of it is written, and by right stamps.
@@ -196,7 +203,7 @@ def clean_log(source: Source, path: Place, options: CleanOptions, progress: Prog
                     copy_log(log, Path(mended.path), copy)
                 source, log = mended, stack.enter_context(open_source(mended, opening))
             private = new.part(table[0]).with_name(f"{path.name}.tables")
-            summary, copy = _emptied(source, log, private, targets, options, merging, progress)
+            summary, copy = _emptied(source, log, private, targets, options, parameters, merging, progress)
             with ParquetSink(new.part(table[0]), summary.table.schema, table[0]) as sink:
                 for rows in summary.table.to_batches():
                     sink.write(rows)
@@ -212,6 +219,8 @@ def clean_log(source: Source, path: Place, options: CleanOptions, progress: Prog
         summary.copied = _copied(copy, summary.topics if options.remove else None)
         if copy.left_out:
             summary.notes.append(f"{counted(copy.left_out, 'record')} of applications are not copied")
+        if copy.unsaid:
+            summary.notes.append(f"{counted(copy.unsaid, 'latched message')} of before not copied: more than {MOST_SAID:,}")
         summary.notes += [*mending.left, *(merging.notes() if merging is not None else [])]
         if not cuts:
             summary.notes.append(f"no row of {options.clips} is of this log: no clip is written")
@@ -223,7 +232,7 @@ def clean_log(source: Source, path: Place, options: CleanOptions, progress: Prog
 def _planned(source: Source, log: Log, path: Place, options: CleanOptions) -> tuple[Mending, dict[Place, Cut | None]]:
     """Return how a log is mended, and what is written: each with its part of the log, None for all of it."""
     detect, asked = options.detect, options.detect.read
-    whole: dict[Place, Cut | None] = {path: None if options.merge is None else Cut(-FOREVER, FOREVER)}
+    whole: dict[Place, Cut | None] = {path: None if options.merge is None else ALL}
     if options.mend is None and options.is_whole and (options.remove or asked.rules.masks is None):
         if not options.remove and options.merge is None:
             raise OptionError(
@@ -241,11 +250,20 @@ def _planned(source: Source, log: Log, path: Place, options: CleanOptions) -> tu
     hidden = None if options.value == ABOVE else float(options.value)
     mending = plan(source, log, options.mend or frozenset(), replace(detect, read=read, opening=opening), hidden, seen)
     leaves = frozenset(scan_topics(log.topics() or ()) if choice.wanted else ()) - {*seen}
+    cutting = Cutting(seen, mending, leaves)
     if options.clips is not None:
         stem, suffix = PurePosixPath(source.name).name, _suffix(log, source, True)
-        every = clips_of(options.clips, source.name, options.around)
-        clips = {path / f"{stem}.{name}{suffix}": cut_of(*times, None, seen, leaves) for name, times in every.items()}
-        return mending, {name: cut for name, cut in clips.items() if cut is not None}
+        cuts: dict[Place, Cut | None] = {}
+        lacking = 0
+        for name, clip in clips_of(options.clips, source.name, options.around).items():
+            found = cutting.around(clip)
+            lacking += not found
+            for run, part in found.items():
+                of_run = f"-run{run}" if len(found) > 1 else ""
+                cuts[path / f"{stem}.{name}{of_run}{suffix}"] = part
+        if lacking and cuts:
+            mending.left.append(f"{counted(lacking, 'row')} of {options.clips} without a sweep around: no clip")
+        return mending, cuts
     if options.is_whole:
         return mending, whole
     refuse_run(asked.run, max(int(each.run.max()) for each in seen.values()))
@@ -254,7 +272,7 @@ def _planned(source: Source, log: Log, path: Place, options: CleanOptions) -> tu
         none if each is None else each.ns if isinstance(each, Instant) else begin + math.ceil(each * SECOND_NS)
         for each, none in ((asked.start, -FOREVER), (asked.end, FOREVER))
     )
-    cut = cut_of(first, last - 1, asked.run, seen, leaves)
+    cut = cutting.part(first, last - 1, asked.run)
     if cut is None:
         raise OptionError("no sweep lies between --start and --end")
     return mending, {path: cut}
@@ -266,10 +284,11 @@ def _emptied(
     private: Path,
     targets: Targets,
     options: CleanOptions,
+    parameters: dict[str, Any],
     merging: Merging | None,
     progress: Progress | None,
 ) -> tuple[CleanSummary, Copy]:
-    """Write a log without what moves in it."""
+    """Write a log without what moves in it; `parameters` are those that the table tells."""
     pair, first = detect_to_temporary(source, private, options.detect, progress)
     notes = file_metadata(pair.sweeps)
     described = note_value(notes, SOURCE, dict)
@@ -288,11 +307,17 @@ def _emptied(
     with writing(private.parent):
         copy_log(log, targets, copy)
     editing.conclude(copy.sweeps)
-    summary = _summary(first.summary, options, chosen, editing)
+    rows: dict[str, Int64] = {}
+    """Topic → sweeps in the copy, several times where several parts have them."""
+    for topic, each in chosen.items():
+        copies = _copies([cut for _, cut in targets], topic)
+        rows[topic] = np.array(range(len(each.beam)) if copies is None else sorted(copies.elements()), np.int64)
+    summary = _summary(first.summary, options, chosen, rows, editing)
+    summary.by_status = _statuses(pair, rows)
     summary.notes += [f"no beam of {topic} has a range: nothing moves there" for topic in sorted(blind)]
     damage = [*dict.fromkeys([*summary.damage, *damage_lines(copy.report)])]
-    table = restamped(_table(source.name, chosen), options.detect.stamps)
-    summary.table = table.replace_schema_metadata(table_metadata(options.as_dict(), described, damage))
+    table = restamped(_table(source.name, chosen, rows), options.detect.stamps)
+    summary.table = table.replace_schema_metadata(table_metadata(parameters, described, damage))
     return summary, copy
 
 
@@ -466,15 +491,31 @@ def _changed(topic: str) -> UnreadableError:
     return UnreadableError(f"the sweeps of {topic} are not those that were read before: does the log still grow?")
 
 
-def _summary(found: RunSummary, options: CleanOptions, chosen: dict[str, Chosen], editing: _Editing) -> CleanSummary:
-    summary = CleanSummary(sweeps=sum(len(each.beam) for each in chosen.values()), topics=set(chosen))
+def _copies(cuts: Iterable[Cut | None], topic: str) -> Counter[int] | None:
+    """Return how often each sweep of a topic is written; None where all are, once."""
+    every = [cut.sweeps.get(topic) if cut is not None and cut.sweeps else None for cut in cuts]
+    return None if None in every else Counter(number for numbers in every for number in numbers or ())
+
+
+def _statuses(pair: TableSet, rows: Mapping[str, Int64]) -> Counter[str]:
+    """Return the beams by status of some sweeps of each topic."""
+    table = read_columns(pair.sweeps, "sweeps", SCHEMAS["sweeps"], ("topic", *STATUSES))
+    topics = _names(table["topic"])
+    mine = np.concatenate([np.flatnonzero(topics == topic)[numbers] for topic, numbers in rows.items()])
+    return Counter({name: int(held(table[name])[0][mine].sum()) for name in STATUSES})
+
+
+def _summary(
+    found: RunSummary, options: CleanOptions, chosen: dict[str, Chosen], rows: Mapping[str, Int64], editing: _Editing
+) -> CleanSummary:
+    """Return the counts of the copy, which has the sweeps in `rows` of each topic."""
+    summary = CleanSummary(sweeps=sum(map(len, rows.values())), topics={name for name in rows if len(rows[name])})
     summary.missing_topics = found.missing_topics
     summary.damage = [*found.damage]
     summary.notes = [*found.notes]
-    beams = sum(int(each.beams.sum()) for each in chosen.values())
-    totals = sum((each.counts.sum(axis=0) for each in chosen.values()), np.zeros(4, np.int64))
+    beams = sum(int(each.beams[rows[name]].sum()) for name, each in chosen.items())
+    totals = sum((each.counts[rows[name]].sum(axis=0) for name, each in chosen.items()), np.zeros(4, np.int64))
     removed = int(totals.sum())
-    summary.by_status = found.by_status
     by_mask = ["body"] if options.detect.read.rules.masks else []
     asked = [*options.remove, *by_mask, *(["margin"] if options.margin else [])]
     summary.removed = {reason: int(count) for reason, count in zip(REASONS, totals, strict=True) if reason in asked}
@@ -504,12 +545,13 @@ def _copied(copy: Copy, changed: Collection[str] | None) -> str:
     return f"{counted(copy.messages.total(), 'message')} of {counted(topics, 'topic')}{shows}"
 
 
-def _table(log: str, chosen: dict[str, Chosen]) -> pa.Table:
-    """Return the table of what was left out, by topic and sweep."""
+def _table(log: str, chosen: dict[str, Chosen], rows: Mapping[str, Int64]) -> pa.Table:
+    """Return the table of what was left out, by topic and sweep, of the sweeps in `rows` of each topic."""
     pieces = []
     for topic, each in sorted(chosen.items()):
-        count = len(each.beam)
-        numbered = [np.arange(count), each.stamp_ns, *np.ascontiguousarray(each.counts.T)]
+        at = np.unique(rows[topic])
+        count = len(at)
+        numbered = [at, each.stamp_ns[at], *np.ascontiguousarray(each.counts[at].T)]
         arrays = [pa.array(values).cast(one.type) for values, one in zip(numbered, [*CLEANED][2:], strict=True)]
         named = [constant(log, count), constant(topic, count)]
         pieces.append(pa.RecordBatch.from_arrays([*named, *arrays], schema=CLEANED))
@@ -823,7 +865,8 @@ def _sets_out(paths: _Paths, rows: slice) -> int:
     if first == rows.stop:
         return first
     x, y, var, stamp_ns = paths.x[rows], paths.y[rows], paths.sd[rows] ** 2, paths.stamp_ns[rows]
-    before = np.searchsorted(stamp_ns, stamp_ns - SECOND_NS)
+    # Of a clock that steps back none is later.
+    before = np.minimum(np.searchsorted(stamp_ns, stamp_ns - SECOND_NS), np.arange(len(x)))
     distance = np.hypot(x - x[before], y - y[before])
     least = LEAST_SPEED * 1e-9 * (stamp_ns - stamp_ns[before])
     stands = np.flatnonzero(~(distance > np.maximum(least, MOVING_SDS * np.sqrt(var + var[before]))))[-1]

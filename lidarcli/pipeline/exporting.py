@@ -15,10 +15,12 @@ from lidarcli.display import counted
 from lidarcli.errors import OptionError, UnreadableError
 from lidarcli.newfiles import NewFiles, refuse
 from lidarcli.pipeline.inputs.search import files_named
+from lidarcli.pipeline.inputs.tables import recording_in
+from lidarcli.reports.columns import same_recording
 from lidarcli.stores import Place
 from lidarcli.tabular.columns import in_unit, numbers
-from lidarcli.tabular.reading import HeldTable, Readable, read_as_is, schema_of
-from lidarcli.tabular.writing import Output, write_stream
+from lidarcli.tabular.reading import HeldTable, Readable, file_metadata, note_value, read_as_is, schema_of
+from lidarcli.tabular.writing import SOURCE, Output, write_stream
 
 MOST_COLUMNS = 1000
 """Most columns that are written: tables of lidarcli have 50; each column of others takes time and memory."""
@@ -41,18 +43,29 @@ class Export:
     """Numbers of the tracks whose rows are written; empty: all rows are."""
 
     def pieces(self) -> Iterator[pa.RecordBatch]:
-        """Yield all rows, and refuse numbers of tracks that none has (`OptionError`)."""
-        names, missing = self.schema.names, {*self.only}
+        """Yield all rows (`OptionError` in the end where a track is in no table)."""
+        names, lacking = self.schema.names, {*self.only}
         for file in self.files:
             for rows in read_as_is(file, [*dict.fromkeys([*names, TRACK])] if self.only else names):
                 if self.only:
                     tracks = numbers(rows[TRACK].cast(pa.float64()))
-                    mine, missing = np.isin(tracks, self.only), missing - {*np.unique(tracks).tolist()}
-                    rows = rows.filter(pa.array(mine)).select(names)
+                    lacking -= {*tracks.tolist()}
+                    rows = rows.filter(pa.array(np.isin(tracks, self.only))).select(names)
                 # Types are the same but for the unit of stamps.
                 yield rows.cast(self.schema.remove_metadata(), safe=False)
-        if missing:
-            raise OptionError(f"{self.files[0]}: no track {', '.join(map(str, sorted(missing)))} in it (--only)")
+        if lacking:
+            raise OptionError(f"{self.files[0]}: no track {', '.join(map(str, sorted(lacking)))} in it (--only)")
+
+    def notes(self) -> list[str]:
+        """Return a line where logs of one name are two recordings: no row tells which of them it is of."""
+        known: dict[str, tuple[Readable, dict[str, str]]] = {}
+        for file in self.files:
+            notes = file_metadata(file)
+            name, recording = str(note_value(notes, SOURCE, dict).get("name")), recording_in(notes)
+            first, other = known.setdefault(name, (file, recording))
+            if same_recording(recording, other) is False:
+                return [f"{first} and {file} are of two recordings, both {name}: no row tells of which it is"]
+        return []
 
 
 def chosen(
@@ -127,7 +140,8 @@ def export_file(export: Export, path: Place, kind: str, overwrite: bool) -> tupl
 
 def export_stream(export: Export, out: Output, kind: str, name: str = "standard output") -> tuple[int, list[str]]:
     """Write tables to a stream of `kind`; returns the number of rows and notes on them."""
-    return write_stream(out, kind, name, export.schema, dict(export.schema.metadata or {}), export.pieces())
+    rows, notes = write_stream(out, kind, name, export.schema, dict(export.schema.metadata or {}), export.pieces())
+    return rows, [*export.notes(), *notes]
 
 
 def _write_tum(export: Export, out: Output, kind: str, name: str) -> tuple[int, list[str]]:

@@ -10,6 +10,7 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import chain, count
 from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 import pyarrow as pa
@@ -33,7 +34,7 @@ from lidarcli.pipeline.objects.detection import DetectOptions
 from lidarcli.pose.tracks import Track
 from lidarcli.range_rules import RangeRules, normalise
 from lidarcli.sweeps import TURN, Float32, Int64, RawSweeps, Status, concatenate
-from lidarcli.tabular.reading import ANY, Readable, column_names, read_as_is
+from lidarcli.tabular.reading import ANY, Readable, column_names, is_text, read_as_is
 from lidarcli.times import SECOND_NS, Instant
 
 SENSOR = re.compile(r"laser|lidar|scan", re.IGNORECASE)
@@ -324,40 +325,87 @@ def _said_before(source: Source) -> dict[object, Met]:
     return {}
 
 
-def clips_of(table: Readable, log: str, around: float) -> dict[str, tuple[int, int]]:
+class Clip(NamedTuple):
+    """A time around a row of a table."""
+
+    first_ns: int
+    last_ns: int
+    sweep: tuple[str, int] | None
+    """Topic and index of the sweep that the row names."""
+
+
+def clips_of(table: Readable, log: str, around: float) -> dict[str, Clip]:
     """Return the times of the parts of a log around the rows of a table [s], each named by zone and time.
 
     Raises
     ------
     UnreadableError, OptionError
-        It cannot be read as a table, has no times, or too many rows.
+        It cannot be read as a table, has no times, or too many rows, or columns of other types.
     """
     names, wide = column_names(table, ANY), round(around * SECOND_NS)
     times = ["start", "end"] if {"start", "end"} <= {*names} else ["stamp", "stamp"]
     if times[0] not in names:
         raise OptionError(f"{table}: no columns start and end, and no stamp: nothing tells when to cut")
-    parts: dict[str, tuple[int, int]] = {}
-    for batch in read_as_is(table, [name for name in ("log", "zone", *dict.fromkeys(times)) if name in names]):
+    parts: dict[str, Clip] = {}
+    words, index = ("log", "zone", "topic"), "first_sweep" if "first_sweep" in names else "sweep"
+    for batch in read_as_is(table, [name for name in (*words, index, *dict.fromkeys(times)) if name in names]):
+        told: dict[str, list[Any]] = dict.fromkeys((*words, index), [None] * len(batch))
+        for name in told.keys() & {*names}:
+            kind = batch[name].type
+            if not (pa.types.is_null(kind) or (pa.types.is_integer(kind) if name == index else is_text(kind))):
+                raise OptionError(f"{table}: column {name} is {kind}, not {'integers' if name == index else 'text'}")
+            told[name] = batch[name].to_pylist()
         try:
             first, last = (batch[name].cast(pa.timestamp("ns", "UTC")).cast(pa.int64()).to_pylist() for name in times)
         except pa.ArrowException as err:
             raise UnreadableError(f"{table}: {times[0]} and {times[1]} are no times that can be read") from err
-        logs, zones = (batch[name].to_pylist() if name in names else [None] * len(batch) for name in ("log", "zone"))
-        for begin, end, told, zone in zip(first, last, logs, zones, strict=True):
-            if begin is not None and end is not None and told in (None, log):
+        for begin, end, of_log, zone, topic, sweep in zip(first, last, *told.values(), strict=True):
+            if begin is not None and end is not None and of_log in (None, log):
                 when = re.sub(r"[-:]", "", str(Instant(begin - begin % 1_000_000)))
                 plain = "-".join(filter(None, (re.sub(r"[^\w.-]", "_", zone or ""), when)))
                 name = next(each for n in count(1) if (each := f"{plain}-{n}" if n > 1 else plain) not in parts)
-                parts[name] = begin - wide, end + wide
+                parts[name] = Clip(begin - wide, end + wide, None if None in (topic, sweep) else (topic, sweep))
         if len(parts) > MOST_CLIPS:
             raise OptionError(f"{table}: more than {MOST_CLIPS:,} rows, and each would be a log: choose some of them first")
     return parts
 
 
-def cut_of(first_ns: int, last_ns: int, run: int | None, seen: Mapping[str, Seen], leaves: frozenset[str]) -> Cut | None:
-    """Return the part of the recording with the sweeps from one time to another, of one run or of all; None without any."""
-    times = np.concatenate([block.time_ns for each in seen.values() for block in each.blocks])
-    recorded = np.concatenate([block.record_ns for each in seen.values() for block in each.blocks])
-    runs = np.concatenate([each.run for each in seen.values()])
-    mine = recorded[(times >= first_ns) & (times <= last_ns) & ((runs == run) | (run is None))]
-    return Cut(int(mine.min()), int(mine.max()), leaves) if len(mine) else None
+class Cutting:
+    """Cuts parts of a log, each by its sweeps, as far as the sweeps of the copy tell; `leaves` are left out of all."""
+
+    def __init__(self, seen: Mapping[str, Seen], mending: Mending, leaves: frozenset[str]) -> None:
+        self._leaves = leaves
+        self._times: dict[str, Int64] = {}
+        self._recorded = {name: np.concatenate([block.record_ns for block in each.blocks]) for name, each in seen.items()}
+        self.run = {name: each.run for name, each in seen.items()}
+        """Topic → (S,) run of each sweep."""
+        for name, each in seen.items():
+            times = np.concatenate([block.time_ns for block in each.blocks])
+            mend = mending.topics.get(name)
+            if mend is not None and mend.order is not None:
+                times, self.run[name] = times[mend.order], self.run[name][mend.order]
+            self._times[name] = times
+        # Who wrote the log may have had a clock that was set, or none.
+        self._is_told = all((np.diff(each) >= 0).all() and not _is_stuck(each) for each in self._recorded.values())
+
+    def part(self, first_ns: int, last_ns: int, run: int | None) -> Cut | None:
+        """Return the part with the sweeps from one time to another, of one run or of all; None without any."""
+        sweeps, spans = dict[str, dict[int, int]](), dict[int, list[int]]()
+        for name, times in self._times.items():
+            mine = np.flatnonzero((times >= first_ns) & (times <= last_ns) & ((self.run[name] == run) | (run is None)))
+            runs, recorded = self.run[name][mine], self._recorded[name][mine]
+            sweeps[name] = dict(zip(mine.tolist(), runs.tolist(), strict=True))
+            for each in np.unique(runs).tolist():
+                held = recorded[runs == each]
+                spans.setdefault(each, []).extend((int(held.min()), int(held.max())))
+        known = tuple((min(each), max(each)) for each in spans.values()) if self._is_told else ()
+        return Cut(known, self._leaves, sweeps) if spans else None
+
+    def around(self, clip: Clip) -> dict[int, Cut]:
+        """Return the parts of each run around a row: of that of its sweep, else of all that have sweeps then."""
+        topic, sweep = clip.sweep or ("", 0)
+        times = self._times.get(topic, ())
+        is_there = 0 <= sweep < len(times) and clip.first_ns <= times[sweep] <= clip.last_ns
+        every = np.unique(np.concatenate([*self.run.values()])).tolist()
+        runs = [int(self.run[topic][sweep])] if is_there else every
+        return {run: cut for run in runs if (cut := self.part(clip.first_ns, clip.last_ns, run)) is not None}

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from lidarcli.copying import Copy, Edit, Met, renamed
+from lidarcli.display import counted
 from lidarcli.errors import OptionError
 from lidarcli.formalism.mapping.grid import CLEAR, HIT, SKIPPED, placed
 from lidarcli.logs.base import Log
@@ -25,6 +26,8 @@ from lidarcli.times import SECOND_NS
 
 OLDEST = 0.25
 """A sweep that is older than this [s] adds nothing to one of the first sensor."""
+MOST_BEAMS = 100_000
+"""Most beams of a merged sweep: no sensor has steps below 0.004 degrees."""
 
 
 class _Seen(NamedTuple):
@@ -53,8 +56,12 @@ class Merging:
     """Chain from the first sensor to the frame of the merged sweeps."""
     inner: Edit | None = None
     """The edit that each message gets before."""
+    copies: Counter[int] | None = None
+    """Number of times that each sweep of the first sensor is copied; None: all are, once."""
     missed: int = 0
-    """Sweeps of the first sensor without a place."""
+    """Sweeps of the first sensor that are copied without a merged one, for they have no place."""
+    lacking: Counter[str] = field(default_factory=Counter)
+    """Topic → merged sweeps to which it adds nothing."""
     _beams: int = 0
     _waiting: dict[str, deque[tuple[int, _Seen | None]]] = field(default_factory=dict)
     _latest: dict[str, tuple[_Seen, Bool]] = field(default_factory=dict)
@@ -67,8 +74,10 @@ class Merging:
         new = data if self.inner is None else self.inner(topic, number, data, written)
         if topic not in {name for name, _ in self.keys}:
             return new
+        first = self.keys[0][0]
+        times = (1 if self.copies is None else self.copies[number]) if topic == first else 0
         if (seen := self._sweep(topic, number)) is None:
-            self.missed += topic == self.keys[0][0]
+            self.missed += times
             return new
         hidden = np.zeros(len(seen.use), np.bool_)
         if new is not data and len(new) == len(data):
@@ -76,9 +85,12 @@ class Merging:
             wide = written.place[:, None] + np.arange(np.dtype(written.kind).itemsize)
             hidden[written.beam[(before[wide] != after[wide]).any(axis=1)]] = True
         self._latest[topic] = seen, hidden
-        if topic == self.keys[0][0]:
-            self._made = self._merged(seen, data)
-            self.missed += self._made is None
+        if topic == first:
+            there = [name for name, (one, _) in self._latest.items() if self._is_recent(one, seen)]
+            self._made = self._merged(seen, there, data)
+            self.missed += times * (self._made is None)
+            for name in {name for name, _ in self.keys} - {*there} if times else ():
+                self.lacking[name] += times
         return new
 
     def copy(self, copy: Copy) -> Copy:
@@ -90,7 +102,12 @@ class Merging:
         """Return what the run has to say."""
         names = ", ".join(name for name, _ in self.keys)
         missed = f"; {self.missed:,} of these have no place, and no merged one" if self.missed else ""
-        return [f"{self.topic} is {names} merged, in {self.mount.world}: a sweep for each of {self.keys[0][0]}{missed}"]
+        lacking = [
+            f"{counted(number, 'sweep')} of {self.topic} without {name}, which has none at most {OLDEST} s before"
+            for name, number in sorted(self.lacking.items())
+        ]
+        made = f"{self.topic} is {names} merged, in {self.mount.world}: a sweep for each of {self.keys[0][0]}{missed}"
+        return [made, *lacking]
 
     def after(self, met: Met) -> Sequence[Met]:
         """Return what is written after a message."""
@@ -119,7 +136,13 @@ class Merging:
         end = placed(batch, poses, use, np.where(is_clear, np.float32(10.0), batch.ranges)).end
         base = np.zeros((len(batch), 3))
         if batch.topic == self.keys[0][0]:
-            self._beams = self._beams or round(TURN / abs(float(batch.angle_increment[0])))
+            step = abs(float(batch.angle_increment[0]))
+            if not self._beams and step * MOST_BEAMS < TURN:
+                raise OptionError(
+                    f"--merge: the first beams of {batch.topic} are {step:g} rad apart, which makes more than "
+                    f"{MOST_BEAMS:,} of a turn"
+                )
+            self._beams = self._beams or round(TURN / step)
             mount = planar(self.mount.at(batch.stamp_ns))
             yaw = poses.yaw - mount.yaw
             cos, sin = np.cos(yaw), np.sin(yaw)
@@ -130,14 +153,16 @@ class Merging:
             seen = _Seen(stamp_ns, end[:, row, : batch.beams[row]], use[row, : batch.beams[row]], most, base[row])
             waiting.append((number, seen if known[row] else None))
 
-    def _merged(self, first: _Seen, data: bytes) -> bytes | None:
-        """Return the message for a sweep of the first sensor, which is `data`."""
+    def _is_recent(self, seen: _Seen, first: _Seen) -> bool:
+        """Return whether a sweep is recent enough to be merged with one of the first sensor."""
+        return abs(first.stamp_ns - seen.stamp_ns) <= OLDEST * SECOND_NS
+
+    def _merged(self, first: _Seen, topics: Sequence[str], data: bytes) -> bytes | None:
+        """Return the message for a sweep of the first sensor, which is `data`, with the last sweeps of some topics."""
         x, y, yaw = first.base
         cos, sin = np.cos(yaw), np.sin(yaw)
         nearest, clear, most = np.full(self._beams, np.inf), np.zeros(self._beams, np.bool_), 0.0
-        for seen, hidden in self._latest.values():
-            if abs(first.stamp_ns - seen.stamp_ns) > OLDEST * SECOND_NS:
-                continue
+        for seen, hidden in map(self._latest.__getitem__, topics):
             right, up = seen.end[0] - x, seen.end[1] - y
             bearing = np.arctan2(cos * up - sin * right, cos * right + sin * up) + TURN / 2
             at = np.rint(np.nan_to_num(bearing) * (self._beams / TURN)).astype(np.int64) % self._beams
@@ -155,6 +180,8 @@ def merging_of(log: Log, reading: Reading, topic: str, frame: str | None) -> Mer
     `OptionError`: the log has the topic, or no sensors that can be merged, or no such frame.
     """
     topics = {each.name: each for each in log.topics() or ()}
+    if not topic.strip("/ "):
+        raise OptionError("--merge: give the topic a name, as /scan")
     if topic in topics:
         raise OptionError(f"--merge: the log has a topic {topic}; give another name")
     robots = {keys for one in reading.posing.every for keys in one.robots.values()}

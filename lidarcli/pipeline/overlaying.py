@@ -20,6 +20,7 @@ from lidarcli.errors import OptionError, UnreadableError
 from lidarcli.formalism.detection import SETS
 from lidarcli.formalism.mapping.grid import Occupancy
 from lidarcli.logs.base import LASERSCAN, MULTI_ECHO, POSE_TYPES, SCAN_TYPES, Log, ReadReport
+from lidarcli.logs.batches import Checksum
 from lidarcli.logs.clock import mended
 from lidarcli.maps import MAP_TYPE, image_of, occupancy_cdr, read_map
 from lidarcli.newfiles import NewFiles, refuse, writing
@@ -42,7 +43,7 @@ from lidarcli.overlays.viewers import (
 )
 from lidarcli.pipeline.detecting import detect_to_temporary, second_half
 from lidarcli.pipeline.inputs.sources import Source, open_source
-from lidarcli.pipeline.inputs.tables import TableSet, one_table_set, poses_of, world_in
+from lidarcli.pipeline.inputs.tables import TableSet, one_table_set, other_recording, poses_of, tables_together, world_in
 from lidarcli.pipeline.objects.detection import DetectOptions
 from lidarcli.pipeline.reading.one_log import Progress, RunSummary, damage_lines, opening_of, rules_of
 from lidarcli.pipeline.zone_counting import Frames, Objects, Showing
@@ -144,7 +145,7 @@ def write_overlay(source: Source, path: Place, options: OverlayOptions, progress
     with ExitStack() as stack:
         new = stack.enter_context(NewFiles(paths, options.overwrite))
         if options.objects is not None:
-            pair, found = one_table_set(options.objects), None
+            pair, found = tables_together(options.objects), None
         else:
             pair, first = detect_to_temporary(source, new.part(path).with_name("tables"), options.detect, progress)
             found = first.summary
@@ -295,7 +296,7 @@ class Overlay:
                 self._report.add_damage("the end", f"{left:,} sweeps of the tables are not in the log")
             summary = RunSummary(sweeps=self._sweeps, topics=set(self._tables.topics))
             summary.damage = damage_lines(self._report)
-            summary.notes = list(self._report.notes)
+            summary.notes = [*self._report.notes, *self._tables.notes()]
         summary.damage += [line for line in damage_lines(self._copied) if line not in summary.damage]
         summary.notes += self._copies.notes()
         summary.notes += [] if self._showing is None else self._showing.notes()
@@ -584,7 +585,7 @@ class Tables:
         self.is_posed = columns["pose_x"].null_count < columns.num_rows
         """True where some sweep has a pose."""
         self._cursors: dict[str, tuple[TopicRows, TopicRows]] = {}
-        self._counts: dict[str, int] = {}
+        self._met: dict[str, Checksum] = {}
         self._trajectories: dict[str, Trajectories] = {}
 
     def join(self, log: Log, report: ReadReport) -> Iterator[TabledSweeps]:
@@ -598,9 +599,9 @@ class Tables:
         if not self.topics:
             return
         for block in mended(log.scans(frozenset(self.topics), report)):
-            first = self._counts.get(block.topic, 0)
-            self._counts[block.topic] = first + len(block)
-            joined = self._join(block, first)
+            met = self._met.setdefault(block.topic, Checksum())
+            joined = self._join(block, met.count)
+            met.add(block)
             if joined is not None:
                 yield joined
 
@@ -610,6 +611,10 @@ class Tables:
         if topic not in self._trajectories and path.exists():
             self._trajectories[topic] = Trajectories.of(read_columns(path, "trajectories", schema, PATH_COLUMNS), topic)
         return self._trajectories.get(topic)
+
+    def notes(self) -> list[str]:
+        """Return what a user should know of them."""
+        return other_recording(self._pair, {topic: str(met) for topic, met in self._met.items()})
 
     def left(self) -> int:
         """Count the sweeps of the tables that the log does not have."""

@@ -30,6 +30,7 @@ from lidarcli.reports.columns import Rows, rows_of
 from lidarcli.reports.ground import COLUMNS, Paths
 from lidarcli.reports.map_picture import Box, MapPicture, Snapshot, draw_map, overview
 from lidarcli.reports.picture import Picture, ZoneInSight, animate, draw, limits_of
+from lidarcli.reports.summary import SAME_STAMP
 from lidarcli.stores import Place
 from lidarcli.sweeps import Int64, Status, SweepBatch, SweepPoses
 from lidarcli.times import SECOND_NS, Instant
@@ -45,6 +46,8 @@ P = TypeVar("P")
 BATCH = 64
 NEAR = 1.0
 """Farthest time from a sweep that stands for it [s]: most sensors sweep ten times in a second."""
+SAME_RANGE = 1e-3
+"""Greatest difference of two ranges of the same beam [m]."""
 MOST_PICTURES = 2_000
 """Most pictures of one call."""
 
@@ -250,6 +253,8 @@ class _PictureMaker:
             self._subtracting = BackgroundComparison(BackgroundOptions.of(options.background), options.parameters)
         self._paths: Paths | None = None
         self._objects: Rows | None = None
+        self._lacks_agents = False
+        """True where no beam of a sweep has the range of an agent in the tables."""
         self._showing: Showing | None = None
         self._zones: dict[int, list[ShownZone]] = {}
         """Sweep → zones before its sensor."""
@@ -312,6 +317,8 @@ class _PictureMaker:
         from lidarcli.tabular.columns import plain
 
         found = Objects.of(self._objects.table.take(plain(rows)).combine_chunks().to_batches()[0], batch)
+        r = self._objects.numbers("r_min")[rows][found.set == SETS.index("A")]
+        self._lacks_agents |= len(r) > 0 and not (np.abs(batch.ranges[0] - r[:, None]) < SAME_RANGE).any()
         owner = found.owners(batch)
         letter, track = (np.append(values.astype(np.int64), -1)[owner] for values in (found.set, found.track))
         return letter, track
@@ -333,23 +340,25 @@ class _PictureMaker:
         # The objects table stands for those in memory.
         name = tables if isinstance(tables, str) else str(tables.objects)
         if self._paths is None:
-            from lidarcli.pipeline.inputs.tables import one_table_set, read_table
+            from lidarcli.pipeline.inputs.tables import one_table_set, read_together
 
-            pair = one_table_set(tables)
             columns = COLUMNS | {"objects": (*COLUMNS["objects"], "object", "beam_i", "beam_f", "vx", "vy")}
-            read = {kind: Rows.join([read_table(pair, kind, names)]) for kind, names in columns.items()}
+            read = {kind: Rows.join([each]) for kind, each in read_together(one_table_set(tables), columns).items()}
             self._objects = read["objects"]
             self._paths = Paths(read["sweeps"], read["objects"], read["trajectories"], batch.topic)
             if not self._paths.are_there:
                 raise OptionError(f"{name}: no tracks of {batch.topic} in it; lidarcli track LOG writes them")
         sweep = int(batch.sweep[0])
-        if not self._paths.has(sweep):
+        if (stamp_ns := self._paths.stamp_of(sweep)) is None:
             raise OptionError(f"{name}: no sweep {sweep} of {batch.topic} in it")
+        if abs(stamp_ns - int(batch.stamp_ns[0])) > SAME_STAMP:
+            raise UnreadableError(f"{name}: not of this log: sweep {sweep} of {batch.topic} has another stamp in it")
         return self._paths
 
     def notes(self) -> list[str]:
         """Return the notes of the comparison, and of zones."""
         compared = [] if self._subtracting is None else self._subtracting.notes()
+        compared += ["agents in --tracks have other ranges: of another recording, or a changed copy"] * self._lacks_agents
         return compared if self._showing is None else [*compared, *self._showing.notes()]
 
 
@@ -439,9 +448,12 @@ def take_map(
     with _naming(source):
         summary = mapping.add(source)
     paths = [np.column_stack([path.x, path.y]) for path in mapping.paths]
-    found = MapPicture(None) if tracks is None else _overview(tracks, source, mapping, only, density)
+    found, notes = MapPicture(None), [*summary.notes]
+    if tracks is not None:
+        found, more = _overview(tracks, source, mapping, summary.first_ns or 0, only, density)
+        notes += more
     whole = replace(found, grid=mapping.occupancy(), paths=paths, title=f"{source.name}  {_frame_words(mapping.worlds)}")
-    pictures, notes = [whole], [*summary.notes]
+    pictures = [whole]
     if density and whole.dwell is None:
         notes.append("no agents: --density has nothing to draw")
     if sweeps is not None:
@@ -454,14 +466,19 @@ def _frame_words(worlds: Iterable[str]) -> str:
     return ", ".join("path matched from the sweeps" if one == MATCH else f"frame {one}" for one in worlds)
 
 
-def _overview(tracks: str | TableSet, source: Source, mapping: Mapping, only: Sequence[int], density: bool) -> MapPicture:
-    """Return the things and agents in the tables of this log, of the topics and in one of the worlds of the map."""
-    from lidarcli.pipeline.inputs.tables import one_table_set, poses_of, read_table, world_in
+def _overview(
+    tracks: str | TableSet, source: Source, mapping: Mapping, first_ns: int, only: Sequence[int], density: bool
+) -> tuple[MapPicture, list[str]]:
+    """Return the things and agents in the tables of this log, of the topics and in one of the worlds of the map, and notes.
+
+    `first_ns` is the stamp of the first sweep of the log.
+    """
+    from lidarcli.pipeline.inputs.tables import one_table_set, other_recording, poses_of, read_together, world_in
     from lidarcli.tabular.reading import note_value, notes_of
     from lidarcli.tabular.writing import SOURCE
 
     pair = one_table_set(tracks)
-    read = {kind: read_table(pair, kind, columns) for kind, columns in map_picture.COLUMNS.items()}
+    read = read_together(pair, map_picture.COLUMNS)
     sweeps, things, trajectories = (Rows.join([read[kind]]) for kind in ("sweeps", "tracks", "trajectories"))
     _, logs = sweeps.words("log")
     here = source.name.rpartition("/")[2]
@@ -471,6 +488,10 @@ def _overview(tracks: str | TableSet, source: Source, mapping: Mapping, only: Se
     sweeps, things, trajectories = (each.of_topics(topics) for each in (sweeps, things, trajectories))
     if not len(sweeps):
         raise OptionError(f"{tracks}: no tracks of {', '.join(topics)} in it; lidarcli track LOG writes them")
+    stamps = sweeps.integers("stamp")
+    if stamps.max() < first_ns - SAME_STAMP or stamps.min() > mapping.end_ns + SAME_STAMP:
+        raise UnreadableError(f"{tracks}: not of this log: its sweeps have other stamps")
+    notes = other_recording(pair, mapping.described[-1].get("recording", {}))
     if lacking := sorted({*only} - {*things.integers("track").tolist()}):
         raise OptionError(f"{tracks}: no track {', '.join(map(str, lacking))} in it (--only)")
     if only:
@@ -489,7 +510,7 @@ def _overview(tracks: str | TableSet, source: Source, mapping: Mapping, only: Se
         raise OptionError(
             f"{tracks}: its sweeps have no poses: things have no place in the world; give track and plot the same --pose"
         )
-    return found
+    return found, notes
 
 
 def _snapshots(source: Source, options: MapOptions, sweeps: Sequence[int]) -> dict[int, Snapshot]:

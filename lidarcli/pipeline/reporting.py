@@ -22,12 +22,13 @@ from lidarcli.pipeline.inputs.tables import (
     read_changes,
     read_table,
     read_tracks,
+    refuse_mixed,
 )
 from lidarcli.reports.changes import ChangesPart, changes_part
 from lidarcli.reports.checks import Check, accepts, columns_needed, judge, parse_check
 from lidarcli.reports.columns import Origin, Rows, Run, least_observed
 from lidarcli.reports.document import Part, Report
-from lidarcli.reports.figures import DELTA, OF_CHANGES, OF_MAPS, guards
+from lidarcli.reports.figures import COMPARED, OF_CHANGES, OF_MAPS, guards
 from lidarcli.reports.run import RunPart
 from lidarcli.reports.summary import (
     OBJECT_COLUMNS,
@@ -124,14 +125,18 @@ def make_report(options: ReportOptions, viewer: bool = False, progress: Progress
         checks = understand(options, run.zones.names)
     unseen = (*_unseen(checks, run.sources), *_unobserved(checks, run), *_unseen_changes(checks, changes))
     if options.baseline:
-        compared = [check for check in checks if check.name.startswith(DELTA)]
+        compared = [check for check in checks if check.name != check.figure]
         base_run, _, base_problems = _load(*base_found, compared, False, step)
         if base_problems:
             raise UnreadableError(f"baseline: {base_problems[0]}")
         # Both runs share the edges of their histograms.
         edges = edges_of(*(values_of(one, streams_of(one)) for one in (run, base_run)))
         summary = summarise(run, edges)
-        part = RunPart(summary, compare(run, summary, base_run, summarise(base_run, edges)))
+        comparison = compare(run, summary, base_run, summarise(base_run, edges))
+        part = RunPart(summary, comparison)
+        of_sweeps = [check.expression for check in checks if check.name in COMPARED]
+        if of_sweeps and not comparison.is_same:
+            unseen += (f"--check '{of_sweeps[0]}': the baseline is of another recording, with other sweeps",)
     else:
         part = RunPart(summarise(run))
     report = Report((part,) if changes is None else (part, changes), (), problems, unseen)
@@ -183,6 +188,7 @@ def _read_zones(pair: TableSet) -> tuple[pa.Table, pa.Table]:
             f"{pair.events}: does not belong to {pair.zones.name}, which has no zone {others[0]}; "
             "write both again with lidarcli zones"
         )
+    refuse_mixed(pair, {"zones": zones, "events": events})
     return events, zones
 
 
@@ -308,14 +314,19 @@ def _load(
             sweeps = read_table(pair, "sweeps", sweep_columns)
             step()
             objects = read_table(pair, "objects", columns)
+            refuse_mixed(pair, {"sweeps": sweeps, "objects": objects})
             step()
         except UnreadableError as err:
             problems.append(err)
             continue
         try:
             found = read_tracks(pair, objects, track_columns)
+            if found is not None:
+                refuse_mixed(pair, {"sweeps": sweeps, "tracks": found})
             if found is not None and viewer and pair.trajectories.exists():
-                trajectories[len(read)] = read_table(pair, "trajectories", path_columns)
+                paths = read_table(pair, "trajectories", path_columns)
+                refuse_mixed(pair, {"sweeps": sweeps, "trajectories": paths})
+                trajectories[len(read)] = paths
         except UnreadableError as err:
             problems.append(err)
             found = None
@@ -323,7 +334,9 @@ def _load(
             tracks[len(read)] = found
         try:
             if pair.zones.exists() or pair.events.exists():
-                zones[len(read)] = _read_zones(pair)
+                events, rows = _read_zones(pair)
+                refuse_mixed(pair, {"sweeps": sweeps, "zones": rows})
+                zones[len(read)] = events, rows
         except UnreadableError as err:
             problems.append(err)
         read.append((pair, replace(origin_of(pair, sweeps), tracked=found is not None), sweeps, objects))
@@ -332,9 +345,9 @@ def _load(
     kept, sources, sweep_tables, object_tables = zip(*read, strict=True)
     _refuse_missing(checks, kept)
     things = Rows.join([*tracks.values()], [*tracks]) if tracks else None
-    paths = Rows.join([*trajectories.values()], [*trajectories]) if trajectories else None
+    ways = Rows.join([*trajectories.values()], [*trajectories]) if trajectories else None
     zone_rows = zones_in(zones) if zones else None
-    run = Run(sources, Rows.join(sweep_tables), Rows.join(object_tables), things, paths, zone_rows)
+    run = Run(sources, Rows.join(sweep_tables), Rows.join(object_tables), things, ways, zone_rows)
     return run, kept, tuple(str(problem) for problem in problems)
 
 

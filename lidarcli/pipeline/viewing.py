@@ -8,13 +8,13 @@ import numpy as np
 
 from lidarcli.errors import OptionError, UnreadableError
 from lidarcli.logs.base import ReadReport
-from lidarcli.logs.batches import ReadOptions, read_batches
+from lidarcli.logs.batches import LogBatcher, ReadOptions
 from lidarcli.pipeline.inputs.search import find_logs
 from lidarcli.pipeline.inputs.sources import MissingInput, Source, open_source
 from lidarcli.pipeline.inputs.tables import TableSet, batches
 from lidarcli.pipeline.reading.one_log import opening_of, rules_of
 from lidarcli.range_rules import closure
-from lidarcli.reports.columns import Origin, Run
+from lidarcli.reports.columns import Origin, Run, same_recording
 from lidarcli.reports.ground import Raw, map_of, walls_of
 from lidarcli.reports.html import Choice, Page, choose_sweeps, pack, pack_map
 from lidarcli.reports.map_picture import overview
@@ -104,10 +104,13 @@ def _from_log(number: int, log: Source, source: Origin, topics: dict[str, Int64]
     parts: dict[str, list[SweepBatch]] = {}
     with open_source(log, opening_of(source.parameters)) as opened:
         options = ReadOptions(topics=frozenset(topics), rules=rules_of(source.parameters, source.mask))
-        for batch in read_batches(opened, options, ReadReport()):
+        batcher = LogBatcher(opened, options, ReadReport())
+        for batch in batcher.batches():
             rows = np.flatnonzero(np.isin(batch.sweep, topics.get(batch.topic, [])))
             if len(rows):
                 parts.setdefault(batch.topic, []).append(batch.rows(rows))
+        if same_recording(batcher.recording(), source.recording) is False:
+            raise UnreadableError(f"--log {log.label}: of another recording than {source.label}")
     return {(number, topic): _joined(found) for topic, found in parts.items()}
 
 

@@ -20,7 +20,14 @@ from lidarcli.newfiles import refuse, scratch_folder, write_whole
 from lidarcli.pipeline.detecting import detect_to_temporary, second_half
 from lidarcli.pipeline.inputs.declared import plain
 from lidarcli.pipeline.inputs.sources import MissingInput, Source, open_source
-from lidarcli.pipeline.inputs.tables import TableSet, contradicted, one_table_set, world_in
+from lidarcli.pipeline.inputs.tables import (
+    TableSet,
+    contradicted,
+    one_table_set,
+    other_recording,
+    tables_together,
+    world_in,
+)
 from lidarcli.pipeline.objects.detection import DetectOptions
 from lidarcli.pipeline.reading.masking import MaskRules, masking_of
 from lidarcli.pipeline.reading.one_log import Progress, Reading, RunSummary
@@ -558,7 +565,7 @@ def watch(
     with ExitStack() as stack:
         first: Reading | None = None
         parameters = options.as_dict()
-        pair = None if options.objects is None else one_table_set(options.objects)
+        pair = None if options.objects is None else tables_together(options.objects)
         finds = pair is None and options.find
         with open_source(source, options.detect.opening) as log:
             options = narrowed(log, options)
@@ -589,6 +596,8 @@ def watch(
         summary.worst = _worst_lines(worst)
         summary.lines += lines_of(summary.acts, summary.first_ns or 0)
         summary.notes += [*options.zones.notes, *_stale(by_zone, bool(options.zones.robot))]
+        if pair is not None and options.objects is not None:
+            summary.notes += other_recording(pair, described.get("recording", {}))
         if options.objects is not None and options.zones.masks.masks:
             hidden = "masks of the zone file hide beams, but no objects of --objects"
             summary.notes.append(f"{hidden}: give --mask where these are made, too")

@@ -30,7 +30,7 @@ from lidarcli.tabular.schemas import TABLES
 _TOKEN = re.compile(
     r"""\s*(?:
     (?P<number>[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?(?![\w.]))
-  | (?P<name>(?:(?:delta\.)?zones\.[\w-]+|[A-Za-z_]\w*)(?:\.[A-Za-z_]\w*)*)
+  | (?P<name>(?:(?:(?:delta|percent)\.)?zones\.[\w-]+|[A-Za-z_]\w*)(?:\.[A-Za-z_]\w*)*)
   | (?P<operator>==|!=|<=|>=|<|>)
   | (?P<bracket>[()])
   | "(?P<double>[^"]*)" | '(?P<single>[^']*)'
@@ -306,7 +306,7 @@ class Check:
     @property
     def figure(self) -> str:
         """Name of the figure, be it the value or its difference from a baseline."""
-        return self.name.removeprefix(figures.DELTA)
+        return figures.plain_name(self.name)
 
     @property
     def needs_tracks(self) -> bool:
@@ -474,13 +474,13 @@ def _known_of_zone(tokens: Tokens, token: Token, compared: bool, zones: Collecti
         there = ", ".join([*figures.ZONE_COUNTS, *(f"{name}.mean" for name in figures.ZONE_SPREADS)])
         hint = nearest(rest, names, OFFERED) or f"; there are {there};"
         raise tokens.error(f"unknown figure '{rest}' of zone {zone}{hint}", token)
-    if token.text.startswith(figures.DELTA) and not compared:
+    if token.text != figures.plain_name(token.text) and not compared:
         raise tokens.error(f"{token.text} needs a --baseline to compare with;")
 
 
 def _known(tokens: Tokens, token: Token, compared: bool, zones: Collection[str] | None) -> None:
     """Refuse a figure that no tables of objects or changes have."""
-    name, plain = token.text, token.text.removeprefix(figures.DELTA)
+    name, plain = token.text, figures.plain_name(token.text)
     names, of_changes = [*figures.names(), *figures.track_names()], [*figures.OF_CHANGES, *figures.OF_MAPS]
     spreads = figures.SPREADS | figures.TRACK_SPREADS
     if plain in names or name in figures.COMPARED:

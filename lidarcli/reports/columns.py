@@ -42,6 +42,14 @@ class Origin:
     damage: tuple[str, ...] = ()
     tracked: bool = False
     """True if a tracks table lies beside."""
+    recording: dict[str, str] = field(default_factory=dict)
+    """Topic → what is the same for one recording; empty where nobody tells."""
+
+
+def same_recording(one: Mapping[str, str], other: Mapping[str, str]) -> bool | None:
+    """Return whether two logs are of one recording, by their topics as of `Origin`; None where they share none."""
+    shared = one.keys() & other.keys()
+    return all(one[topic] == other[topic] for topic in shared) if shared else None
 
 
 @dataclass(frozen=True)

@@ -155,7 +155,7 @@ COMPARED: dict[str, Figure] = {
     "added_sweeps": Figure("1", "sweeps that are not in the baseline"),
     "removed_sweeps": Figure("1", "sweeps that are in the baseline alone"),
 }
-"""Figures that need a baseline, beside `delta.NAME` of every other."""
+"""Figures that need a baseline, beside `delta.NAME` and `percent.NAME` of every other."""
 
 GUARDED: dict[str, tuple[float | None, float | None]] = {
     **dict.fromkeys(("sweeps", "valid_share", "known"), (0.8, None)),
@@ -169,7 +169,8 @@ GUARDED: dict[str, tuple[float | None, float | None]] = {
 }
 """Figure that the checks of a good run hold → their least and greatest limit, as parts of the value there."""
 
-DELTA = "delta."
+DELTA, PERCENT = "delta.", "percent."
+"""Before the name of a figure: its difference from a baseline, and that in percent of the baseline's value."""
 STATISTICS = ("mean", "std", "min", "p05", "p50", "p95", "max")
 BINS = 24
 CELLS = 48
@@ -195,13 +196,18 @@ def zone_names(zone: str) -> list[str]:
     return [f"{ZONES}{zone}.{name}" for name in _spelled(ZONE_COUNTS, ZONE_SPREADS, {})]
 
 
+def plain_name(name: str) -> str:
+    """Return the name of a figure without what makes it a difference from a baseline."""
+    return name.removeprefix(DELTA).removeprefix(PERCENT)
+
+
 def zone_of(name: str) -> tuple[str, str] | None:
     """Return the zone that a figure is of, and the rest of its name; None for a figure of no zone.
 
     >>> zone_of("zones.left-door.dwell.mean"), zone_of("delta.zones.stop.events"), zone_of("sweeps")
     (('left-door', 'dwell.mean'), ('stop', 'events'), None)
     """
-    plain = name.removeprefix(DELTA)
+    plain = plain_name(name)
     if not plain.startswith(ZONES):
         return None
     zone, _, rest = plain.removeprefix(ZONES).partition(".")
@@ -217,7 +223,7 @@ def guards(found: Mapping[str, float | None]) -> dict[str, float]:
     """Return the checks that a good run with these figures sets for others, as of `GUARDED` → the value there."""
     checks = {}
     for name, value in found.items():
-        of_zone = None if name.startswith(DELTA) else zone_of(name)
+        of_zone = zone_of(name) if name == plain_name(name) else None
         least, most = GUARDED.get(f"{ZONES}NAME.{of_zone[1]}" if of_zone else name, (None, None))
         if value is None:
             continue
@@ -239,7 +245,9 @@ def _rounded(limit: float, how: str, whole: bool = False) -> str:
 
 def unit_of(name: str) -> str:
     """Return the unit of a figure, `1` for a count or a share."""
-    plain = name.removeprefix(DELTA)
+    if name.startswith(PERCENT):
+        return "%"
+    plain = plain_name(name)
     entries = COUNTS | TRACK_COUNTS | SPREADS | TRACK_SPREADS
     if (of_zone := zone_of(name)) is not None:
         plain, entries = of_zone[1], ZONE_COUNTS | ZONE_SPREADS

@@ -33,7 +33,7 @@ COLUMNS = {
         *("box_x", "box_y", "world_x", "world_y"),
         *("r_min", "theta_min"),
     ),
-    "sweeps": ("topic", "sweep", "pose_x", "pose_y", "pose_yaw"),
+    "sweeps": ("topic", "sweep", "stamp", "pose_x", "pose_y", "pose_yaw"),
     "trajectories": ("topic", "sweep", "t", "track", "x", "y", "vx", "vy", "seen"),
 }
 """Table → columns that `Paths` needs."""
@@ -310,6 +310,7 @@ class Paths:
     def __init__(self, sweeps: Rows, objects: Rows, trajectories: Rows, topic: str) -> None:
         self._sweeps = np.unique(sweeps.integers("sweep")[sweeps.are("topic", topic)])
         rows, _ = rows_of(sweeps, topic, self._sweeps)
+        self._stamps = sweeps.integers("stamp")[rows]
         members, at = rows_of(objects, topic, self._sweeps)
         tracked = ~np.isnan(objects.numbers("track")[members])
         members, self._seen_at = members[tracked], at[tracked]
@@ -329,9 +330,9 @@ class Paths:
         """True if there is any track of the topic."""
         return len(self._track) > 0
 
-    def has(self, sweep: int) -> bool:
-        """Return True if the tables hold this sweep."""
-        return sweep in self._sweeps
+    def stamp_of(self, sweep: int) -> int | None:
+        """Return the stamp of a sweep [ns]; None where the tables do not hold it."""
+        return int(self._stamps[np.searchsorted(self._sweeps, sweep)]) if sweep in self._sweeps else None
 
     def up_to(self, sweep: int, seconds: float = np.inf) -> tuple[TrackPath, ...]:
         """Return the tracks that go on in this sweep, by number, from `seconds` before; none without a pose."""

@@ -67,7 +67,7 @@ MOST_NUMBERS = 60
 MOST_PIXELS = 4_000
 """A side of the grid with more cells than this is drawn with the darkest of each group of cells."""
 COLUMNS = {
-    "sweeps": ("log", "topic", "sweep", "pose_x", "pose_y"),
+    "sweeps": ("log", "topic", "sweep", "stamp", "pose_x", "pose_y"),
     "trajectories": ("topic", "sweep", "stamp", "track", "frame", "x", "y", "seen"),
     "tracks": ("topic", "track", "set", "shape", "label", "sweeps", "x", "y", "yaw", "length", "width"),
 }

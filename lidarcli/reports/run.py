@@ -32,6 +32,7 @@ from lidarcli.reports.document import (
 from lidarcli.reports.figures import (
     CATEGORIES,
     DELTA,
+    PERCENT,
     SPREADS,
     TRACK_SPREADS,
     plain_fields,
@@ -113,12 +114,14 @@ def _comparison(summary: Summary, comparison: Comparison) -> Iterator[tuple[str,
         if (before or now) if is_kind else (before is not None or now is not None):
             change = comparison.figures.get(DELTA + name)
             *both, words = quantities(name, [before, now, change])
-            rows.append((Code(name), *both, f"+{words}" if change and change > 0 else words))
+            share = comparison.figures.get(PERCENT + name)
+            more = "" if not share else f"{share:+.1f} %"
+            rows.append((Code(name), *both, f"+{words}" if change and change > 0 else words, more))
     notes = [
         (f"parameter {name}: ", Code(other), " in the baseline, ", Code(mine), " here")
         for name, mine, other in comparison.parameters
     ]
-    table = Table(("figure", "baseline", "here", "difference"), rows, (1, 2, 3))
+    table = Table(("figure", "baseline", "here", "difference", "in percent"), rows, (1, 2, 3, 4))
     yield "comparison", Section("Compared with the baseline", [table, Notes([*notes, (comparison.words,)])])
     if comparison.changes:
         changes = [

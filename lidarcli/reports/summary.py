@@ -9,10 +9,11 @@ import numpy as np
 
 from lidarcli.choices import beams_on
 from lidarcli.errors import OptionError
-from lidarcli.reports.columns import Origin, Record, Rows, Run, places
+from lidarcli.reports.columns import Origin, Record, Rows, Run, places, same_recording
 from lidarcli.reports.figures import (
     CATEGORIES,
     DELTA,
+    PERCENT,
     SPREADS,
     STATISTICS,
     TRACK_CATEGORIES,
@@ -79,6 +80,8 @@ NAMED = 3
 """Most frames that are named."""
 CLOUD_BINS = "bins"
 """Parameter of tables made of point clouds: beams of a sweep."""
+AS_READ = (CLOUD_BINS, "slice", "csv", "echo", "segments")
+"""Parameters that tell what ranges the sweeps of a log have."""
 SAME_STAMP = 1_000_000
 """Greatest difference of equal stamps [ns]: programs rewrite them in coarser units."""
 
@@ -543,8 +546,10 @@ class Comparison:
     """A run beside its baseline."""
 
     baseline: Summary
+    is_same: bool
+    """True where both are of one recording: of two, sweeps have nothing to do with each other."""
     figures: dict[str, float | None]
-    """`delta.NAME` of every figure, and the names of `figures.COMPARED`."""
+    """`delta.NAME` and `percent.NAME` of every figure, and the names of `figures.COMPARED`, None of two recordings."""
     parameters: tuple[tuple[str, str, str], ...]
     """(name, here, in the baseline) of the parameters that differ."""
     changes: list[Record]
@@ -553,6 +558,8 @@ class Comparison:
     @property
     def words(self) -> str:
         """Number of sweeps in which the two runs differ, in words."""
+        if not self.is_same:
+            return "Two recordings: their figures are compared, and no sweeps; lidarcli diff tells what was moved"
         compared, changed, added, removed = (
             self.figures[name] for name in ("compared_sweeps", "changed_sweeps", "added_sweeps", "removed_sweeps")
         )
@@ -564,17 +571,14 @@ class Comparison:
 
 
 def compare(run: Run, summary: Summary, base_run: Run, baseline: Summary) -> Comparison:
-    """Compare two runs. Sweeps are matched by log, topic and index; of one log each, the names of the logs may differ.
+    """Compare two runs, sweep by sweep those of one recording.
 
-    Raises
-    ------
-    OptionError
-        The baseline is of other recordings.
+    Sweeps are matched by log, topic and index; of one log each, the names of the logs may differ.
     """
     rows, base_rows = _identities(run, base_run)
     here, there = run.objects_per_sweep, base_run.objects_per_sweep
     _, mine, theirs = np.intersect1d(rows, base_rows, return_indices=True)
-    _refuse_others(run, base_run, mine, theirs)
+    is_same = _are_same(run, base_run, mine, theirs)
     difference = here[mine] - there[theirs]
     changed = np.flatnonzero(difference)
     figures: dict[str, float | None] = {
@@ -583,9 +587,12 @@ def compare(run: Run, summary: Summary, base_run: Run, baseline: Summary) -> Com
         "added_sweeps": len(run.sweeps) - len(mine),
         "removed_sweeps": len(base_run.sweeps) - len(mine),
     }
+    if not is_same:
+        figures, changed = dict.fromkeys(figures), changed[:0]
     for name, value in summary.figures.items():
         other = baseline.figures.get(name)
-        figures[DELTA + name] = None if value is None or other is None else value - other
+        change = figures[DELTA + name] = None if value is None or other is None else value - other
+        figures[PERCENT + name] = 100.0 * change / abs(other) if change is not None and other else None
     best = changed[np.argsort(-np.abs(difference[changed]), kind="stable")[:SHOWN]]
     first = mine[best]
     changes = run.sweeps.records(
@@ -598,38 +605,41 @@ def compare(run: Run, summary: Summary, base_run: Run, baseline: Summary) -> Com
     parameters, before = _settings(run.sources), _settings(base_run.sources)
     differing = sorted(name for name in {*parameters, *before} if parameters.get(name) != before.get(name))
     rows_of_them = tuple((name, parameters.get(name, "-"), before.get(name, "-")) for name in differing)
-    return Comparison(baseline, figures, rows_of_them, changes)
+    return Comparison(baseline, is_same, figures, rows_of_them, changes)
 
 
-def _refuse_others(run: Run, base_run: Run, mine: Int64, theirs: Int64) -> None:
-    """Refuse another recording: its sweeps have other stamps, or other numbers of beams, or none is in both runs."""
+def _are_same(run: Run, base_run: Run, mine: Int64, theirs: Int64) -> bool:
+    """Return whether two runs are of one recording, whose sweeps have the same stamps, beams, and ranges by their checksum.
+
+    Raises
+    ------
+    OptionError
+        They are of the same clouds, read as sweeps with other numbers of beams.
+    """
     if not len(run.sweeps) or not len(base_run.sweeps):
-        return
-    if not len(mine):
-        raise _different(run.sources[0], base_run.sources[0], "no sweep is in both: no log and topic of the two agree")
+        return True
     of_stamps, of_beams = (
         (run.sweeps.integers(name)[mine], base_run.sweeps.integers(name)[theirs]) for name in ("stamp", "beams")
     )
     later = np.abs(of_stamps[0] - of_stamps[1]) > SAME_STAMP
     unlike = later | (of_beams[0] != of_beams[1])
-    source = run.sweeps.source[mine]
-    times, others, compared = (
-        np.bincount(source[chosen], minlength=len(run.sources)) for chosen in (later, unlike, slice(None))
-    )
-    for at in np.flatnonzero(2 * others > compared).tolist():
-        first = np.flatnonzero(unlike & (source == at))[0]
-        log, other = run.sources[at], base_run.sources[int(base_run.sweeps.source[theirs[first]])]
-        if not times[at] and log.parameters.get(CLOUD_BINS) != other.parameters.get(CLOUD_BINS):
-            raise OptionError(
-                f"--baseline: the clouds of {log.log} were read with other numbers of beams (--bins): "
-                f"{of_beams[0][first]:,} here, {of_beams[1][first]:,} in the baseline; read both alike"
-            )
-        raise _different(log, other, f"{others[at]:,} of {compared[at]:,} sweeps have other stamps or beams")
-
-
-def _different(here: Origin, there: Origin, why: str) -> OptionError:
-    """Return the error on tables of which no report can compare the figures."""
-    return OptionError(f"--baseline: {here.label} and {there.label} are of different recordings: use lidarcli diff ({why})")
+    source, other = run.sweeps.source[mine], base_run.sweeps.source[theirs]
+    is_same = len(mine) > 0
+    for at in np.unique(source).tolist():
+        of_it = np.flatnonzero(source == at)
+        log, its = run.sources[at], base_run.sources[int(other[of_it[0]])]
+        differs = [name for name in AS_READ if log.parameters.get(name) != its.parameters.get(name)]
+        if 2 * np.count_nonzero(unlike[of_it]) > len(of_it):
+            first = of_it[unlike[of_it]][0]
+            if not later[of_it].any() and CLOUD_BINS in differs:
+                raise OptionError(
+                    f"--baseline: the clouds of {log.log} were read with other numbers of beams (--bins): "
+                    f"{of_beams[0][first]:,} here, {of_beams[1][first]:,} in the baseline; read both alike"
+                )
+            is_same = False
+        # Of one log that is read otherwise the ranges are others.
+        is_same &= bool(differs) or same_recording(log.recording, its.recording) is not False
+    return is_same
 
 
 def _identities(run: Run, base_run: Run) -> list[Int64]:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lidarcli import display
-from lidarcli.reports.figures import Density, unit_of
+from lidarcli.reports.figures import PERCENT, Density, unit_of
 from lidarcli.sweeps import Float64, Int64
 
 NONE = "-"
@@ -109,7 +109,7 @@ def quantities(name: str, values: Sequence[float | None], with_unit: bool = True
 
 
 def _is_share(name: str) -> bool:
-    return name.endswith("_share") or name.startswith("lost_share.")
+    return not name.startswith(PERCENT) and (name.endswith("_share") or name.startswith("lost_share."))
 
 
 def share(count: float, total: float) -> str:

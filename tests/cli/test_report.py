@@ -270,20 +270,26 @@ def test_a_log_without_one_of_its_tables_is_not_passed_over(lidarcli: Run, run: 
     assert (ran.code, json.loads(ran.out)["holds"]) == (3, False)
 
 
-def test_a_baseline_of_another_recording_is_refused(lidarcli: Run, run: Path, tmp_path: Path) -> None:
-    way_out = "are of different recordings: use lidarcli diff"
+def test_of_another_recording_the_figures_alone_are_compared(lidarcli: Run, run: Path, tmp_path: Path) -> None:
     later = [sweep(k, 1, stamp=START + 7 * TENTH * k + 5) for k in range(20)]
     other = write_run(tmp_path / "other", later, [thing(k, 1) for k in range(20)])
-    ran = lidarcli("report", run, "--baseline", other)
-    assert (ran.code, ran.out) == (2, "")
-    assert ran.err == (f"lidarcli: --baseline: {run} and {other} {way_out} (19 of 20 sweeps have other stamps or beams)\n")
     beams = write_run(tmp_path / "beams", [sweep(k, 1, beams=200, noise_beams=195) for k in range(20)])
-    assert "20 of 20 sweeps have other stamps or beams" in lidarcli("report", run, "--baseline", beams).err
     topic = write_run(tmp_path / "topic", [sweep(k, 1, topic="/front") for k in range(20)])
-    ran = lidarcli("report", run, "--baseline", topic)
-    assert ran.err == (
-        f"lidarcli: --baseline: {run} and {topic} {way_out} (no sweep is in both: no log and topic of the two agree)\n"
-    )
+    # Simulated runs may have the same stamps.
+    unlike = write_run(tmp_path / "unlike", [sweep(k, 1) for k in range(20)], recording={"/scan": "20 1"})
+    here = write_run(tmp_path / "here", [sweep(k, 2) for k in range(20)], recording={"/scan": "20 2"})
+    for mine, base in ((run, other), (run, beams), (run, topic), (here, unlike)):
+        ran = lidarcli(
+            "report", mine, "--baseline", base, "--check", "percent.objects between -50 and 100", "--format", "json"
+        )
+        found = json.loads(ran.out)["comparison"]
+        assert (ran.code, found["changes"], found["figures"]["compared_sweeps"]) == (0, [], None)
+        assert found["figures"]["percent.objects"] == 100 * found["figures"]["delta.objects"] / 20
+        assert "Two recordings" in lidarcli("report", mine, "--baseline", base).out
+        judged = lidarcli("report", mine, "--baseline", base, "--check", "changed_sweeps == 0")
+        assert (judged.code, "the baseline is of another recording" in judged.err) == (1, True)
+    same = write_run(tmp_path / "same", [sweep(k, 1) for k in range(20)], recording={"/scan": "20 2"})
+    assert "Sweeps in both runs: 20, 20 of them" in " ".join(lidarcli("report", here, "--baseline", same).out.split())
     # Other programs write stamps in microseconds, and a mended log may have a few others.
     rewritten = [sweep(k, 2, stamp=START + TENTH * k + 999 + 10**9 * (k in (3, 4))) for k in range(20)]
     same = write_run(tmp_path / "same", rewritten)

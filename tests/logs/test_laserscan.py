@@ -120,6 +120,9 @@ def test_any_mixture_equals_its_parts(rows: list[tuple[Any, ...]], encoding: str
         (scan([1.0], geometry=(np.nan, *GEOMETRY[1:])), block_bounds.ANGLE_MIN),
         (scan([1.0], geometry=(*GEOMETRY[:2], np.inf, *GEOMETRY[3:])), block_bounds.INCREMENT),
         (scan([1.0, 2.0], geometry=(*GEOMETRY[:2], 0.0, *GEOMETRY[3:])), block_bounds.INCREMENT_ZERO),
+        (scan([1.0], geometry=(1e30, *GEOMETRY[1:])), block_bounds.BEARINGS),
+        (scan([1.0], geometry=(-2e6, *GEOMETRY[1:])), block_bounds.BEARINGS),
+        (scan([1.0], geometry=(*GEOMETRY[:2], 1e30, *GEOMETRY[3:])), block_bounds.BEARINGS),
     ],
 )
 def test_a_bad_message_is_refused_alone(bad: bytes, cause: str) -> None:

@@ -440,7 +440,7 @@ def halves(tmp_path: Path, kind: str) -> tuple[Path, Path]:
     first, second = tmp_path / f"trip_0{suffix}", tmp_path / f"trip_1{suffix}"
     middle = 1_700_000_010 * SECOND
     with open_log(str(whole)) as log:
-        parts = [(first, Cut(0, middle)), (second, Cut(middle, 1 << 62, frozenset({"/tf_static"})))]
+        parts = [(first, Cut(((0, middle),))), (second, Cut(((middle, 1 << 62),), frozenset({"/tf_static"})))]
         copy_log(log, parts, Copy())
     return first, second
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,13 +13,14 @@ from rosbags.convert.converter import convert
 from rosbags.typesys import Stores, get_typestore
 
 import lidarcli
+from lidarcli.cli import run
 from lidarcli.errors import OptionError
 from lidarcli.simulation import scene as make
 from lidarcli.simulation.scene import Course, Entity, Scene, super_ellipse
 from lidarcli.sweeps import SweepBatch
 from tests.copying.reading import messages
-from tests.robots import CORNERS, SIDES, Carried, robot_log
-from tests.zones.runs import PARKED, scene_of, walker
+from tests.robots import CORNERS, SIDES, Carried, robot_log, robot_messages
+from tests.zones.runs import PARKED, scene_of, walker, write_bag
 
 HALL = make.wall([[-6.0, -5.0], [6.0, -5.0], [6.0, 3.0], [3.0, 3.0], [3.0, 5.0], [-6.0, 5.0], [-6.0, -5.0]])
 THINGS = (make.box(-4.5, 3.5, 0.8, 0.5), make.box(5.0, 1.5, 0.5, 0.5))
@@ -104,3 +106,30 @@ def test_it_says_why_nothing_is_merged(tmp_path: Path) -> None:
     with pytest.raises(OptionError, match="no sensors of one robot: followed apart: nothing tells where"):
         lidarcli.clean(bare, tmp_path / "out.bag", merge="/scan")
     assert not (tmp_path / "out.bag").exists()
+
+
+def test_merged_sweeps_without_a_sensor_say_so(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    told = robot_messages(drawn(PARKED))
+    late = max(one.record_ns for each in told for one in each) - 1_000_000_000
+    log = write_bag(
+        tmp_path / "run.bag", *([one for one in each if "rear" not in one.topic or one.record_ns < late] for each in told)
+    )
+    words = ["clean", str(log), "-o", str(tmp_path / "out.bag"), "--remove", "none", "--merge", "/scan"]
+    assert run(words) == 0
+    made = sweeps_of(tmp_path / "out.bag", "/scan").ranges
+    halves = int((np.isnan(made).mean(axis=1) > 0.2).sum())
+    assert halves > 5
+    assert f"{halves} sweeps of /scan without /rear" in " ".join(capsys.readouterr().err.split())
+    # Of a part only its own sweeps count.
+    assert run([*words, "--overwrite", "--end", "2s"]) == 0
+    assert "without /rear" not in " ".join(capsys.readouterr().err.split()).replace("1 sweep of /scan without", "")
+
+
+def test_what_no_sensor_makes_is_not_merged(tmp_path: Path) -> None:
+    fine = CORNERS[0]._replace(sensor=replace(CORNERS[0].sensor, angle_increment=3e-8))
+    log = robot_log(tmp_path / "run.bag", drawn(PARKED), (fine, CORNERS[1]))
+    with pytest.raises(OptionError, match="more than 100,000 of a turn"):
+        lidarcli.clean(log, tmp_path / "out.bag", remove="none", merge="/scan")
+    for name in ("", "/", " "):
+        with pytest.raises(OptionError, match="--merge: give the topic a name"):
+            lidarcli.clean(log, tmp_path / "out.bag", remove="none", merge=name)

@@ -136,10 +136,11 @@ def write_run(
     damage: Sequence[str] = (),
     tracks: Sequence[Mapping[str, Any]] | None = None,
     parameters: Mapping[str, Any] | None = None,
+    recording: Mapping[str, str] | None = None,
 ) -> Path:
     """The tables of one log in `folder`, that of the tracks where there are any; the path of the objects table."""
     folder.mkdir(parents=True, exist_ok=True)
-    origin = {"name": f"{name}.mcap", "size": 1000, "format": "mcap"}
+    origin = {"name": f"{name}.mcap", "size": 1000, "format": "mcap", **({"recording": recording} if recording else {})}
     metadata = table_metadata({"profile": "robust", "every": 1, **(parameters or {})}, origin, damage)
     tables = {"objects": (OBJECTS, objects), "sweeps": (SWEEPS, sweeps)}
     if tracks is not None:

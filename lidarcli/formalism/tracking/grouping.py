@@ -287,8 +287,8 @@ def _last_end(sightings: Any, tracklet: Tracklet) -> TrackEnd:
     if tracklet.final is not None:
         piece.place, piece.velocity = tracklet.final
     elif len(at := _own(sightings, tracklet)[-PACE_SIGHTINGS:]):
-        i = at[-1]
-        piece.sweep, piece.time, piece.place = int(sightings.sweep[i]), float(sightings.time[i]), complex(sightings.place[i])
+        piece.sweep, piece.time = int(sightings.sweep[at[-1]]), float(sightings.time[at[-1]])
+        piece.place = complex(sightings.place[at[-1]])
         if tracklet.moved:
             piece.velocity = _speed(sightings, at)
     return piece

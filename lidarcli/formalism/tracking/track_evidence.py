@@ -145,9 +145,10 @@ def has_left(targets: Targets, b: int, meas: Measurements, scans: Scans, k: int,
 
 
 def passing(meas: Measurements, scans: Scans, targets: Targets, b: int, x: float, y: float) -> tuple[float, float, float]:
-    """Return the shares of the beams at the core of a target at x, y that pass it, end at it, and do not reach it in the view.
+    """Return the shares of the beams at the core of a target at x, y that pass it, end at it, and are outside of the view.
 
-    In a sweep without a geometry all of them are outside.
+    Beams without a return are outside, too, where the target is as far away as the sensor ever saw something; in a sweep
+    without a geometry all of them are.
     """
     dx, dy = x - meas.x, y - meas.y
     r = math.sqrt(dx * dx + dy * dy)

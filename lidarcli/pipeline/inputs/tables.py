@@ -16,13 +16,15 @@ import pyarrow as pa
 from lidarcli.choices import CHANGE_STATUSES
 from lidarcli.errors import OptionError, UnreadableError
 from lidarcli.pipeline.inputs.search import Named, files_named
-from lidarcli.reports.columns import Origin, Rows
+from lidarcli.reports.columns import Origin, Rows, places, same_recording
+from lidarcli.reports.summary import SAME_STAMP
 from lidarcli.stores import Place, place
 from lidarcli.tabular.reading import (
     MAKERS,
     HeldTable,
     Readable,
     column_names,
+    file_metadata,
     is_text,
     note_value,
     notes_of,
@@ -198,6 +200,23 @@ def read_table(table_set: TableSet, kind: str, columns: Iterable[str]) -> pa.Tab
     return read_columns(path, kind, SCHEMAS[kind], columns)
 
 
+def read_together(table_set: TableSet, columns: Mapping[str, Iterable[str]]) -> dict[str, pa.Table]:
+    """Read some tables of a log, each with its columns (`UnreadableError` also where they are of several logs)."""
+    read = {kind: read_table(table_set, kind, names) for kind, names in columns.items()}
+    refuse_mixed(table_set, read)
+    return read
+
+
+def tables_together(text: str | TableSet) -> TableSet:
+    """Return `one_table_set`, once it is known that its tables are of one log (`UnreadableError`)."""
+    table_set = one_table_set(text)
+    keys = {"sweeps": ("topic", "sweep", "stamp"), "objects": ("topic",), "tracks": ("topic",)}
+    keys["trajectories"] = keys["sweeps"]
+    if found := {kind: names for kind, names in keys.items() if getattr(table_set, kind).exists()}:
+        read_together(table_set, found)
+    return table_set
+
+
 def read_changes(path: Readable) -> pa.Table:
     """Read a table of changes, or raise `UnreadableError` with one line."""
     table = read_columns(path, "changes", CHANGES)
@@ -254,6 +273,7 @@ def origin_of(table_set: TableSet, sweeps: pa.Table) -> Origin:
         parameters=note_value(notes, PARAMETERS, dict),
         mask=mask if isinstance(mask, dict) else {},
         damage=tuple(map(str, note_value(notes, DAMAGE, list))),
+        recording=recording_in(notes),
     )
 
 
@@ -328,6 +348,49 @@ def contradicted(description: Mapping[str, Any]) -> dict[str, tuple[str, bool]]:
             words = f"are of other times than {topic}, {why}; nothing written; --pose-delay or clean --mend clock may help"
         found[topic] = words, is_apart
     return found
+
+
+WHOLE: dict[str, Any] = {"start": None, "end": None, "run": None, "every": 1}
+"""Parameters that tell of which part of a recording tables are, as they are for all of it."""
+
+
+def recording_in(notes: Mapping[str, str]) -> dict[str, str]:
+    """Return what metadata say of the recording of a log (`LogBatcher.recording`)."""
+    found = note_value(notes, SOURCE, dict).get("recording")
+    return found if isinstance(found, dict) else {}
+
+
+def other_recording(table_set: TableSet, recording: Mapping[str, str]) -> list[str]:
+    """Return a note where the tables are not of the recording that is read, though its sweeps have the same stamps."""
+    if same_recording(recording_in(file_metadata(table_set.sweeps)), recording) is not False:
+        return []
+    return [f"{table_set.sweeps}: of another recording with the same stamps, or of a changed copy"]
+
+
+def refuse_mixed(table_set: TableSet, tables: Mapping[str, pa.Table]) -> None:
+    """Refuse tables that were named as those of one log and are not: of another recording, or of another part of it.
+
+    `tables` by their kind, that of the sweeps first; those that other programs wrote are known by their stamps alone.
+    """
+    (first, sweeps), *others = tables.items()
+    notes, keys = notes_of(sweeps), {"topic", "sweep", "stamp"}
+    for kind, table in others:
+        own, why = notes_of(table), ""
+        told = [WHOLE | note_value(each, PARAMETERS, dict) for each in (notes, own)]
+        if PARAMETERS in notes.keys() & own.keys() and any(told[0][name] != told[1][name] for name in WHOLE):
+            why = "is of another part of the log: make both with the same --start, --end, --run and --every"
+        if keys <= {*sweeps.column_names} & {*table.column_names} and min(len(sweeps), len(table)):
+            rows = Rows.join([sweeps]), Rows.join([table])
+            here, there = places(*rows)
+            _, at, which = np.intersect1d(here, there, return_indices=True)
+            stamps = rows[0].integers("stamp")[at] - rows[1].integers("stamp")[which]
+            shared = rows[0].counts("topic").keys() & rows[1].counts("topic").keys()
+            if (np.abs(stamps) > SAME_STAMP).any() or (shared and not len(at)):
+                why = "has sweeps of other stamps: it is of another log"
+        if same_recording(*map(recording_in, (notes, own))) is False:
+            why = "is of another recording"
+        if why:
+            raise UnreadableError(f"{getattr(table_set, kind)}: does not belong to {getattr(table_set, first).name}: {why}")
 
 
 KEYS = ("log", "topic")

@@ -298,8 +298,9 @@ class Reading:
         return summary
 
     def describe(self, source: Source) -> dict[str, Any]:
-        """Return the description of the source, its poses and its ranges of no return, for the tables' metadata."""
+        """Return the description of the source and its sweeps, poses and ranges of no return, for the tables' metadata."""
         described = {
+            "recording": self._batcher.recording(),
             "parts": [{"name": part.name, "size": part.size} for part in parts_of(self._log)],
             "poses": self.posing.described(),
             "runs": {str(number): one.described() for number, one in self.posing.runs.items() if number > 1},
