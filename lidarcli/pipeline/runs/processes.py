@@ -101,8 +101,7 @@ def _stop_workers(pool: ProcessPoolExecutor) -> None:
         for process in workers:
             process.kill()
         # The thread behind the pool would wait for ever for the rest of an answer that broke off.
-        answers = getattr(pool, "_result_queue", None)
-        if answers is not None:
+        if (answers := getattr(pool, "_result_queue", None)) is not None:
             answers._writer.close()
         # Waits for that thread, which at the end of the program would stumble over what is half closed.
         pool.shutdown(cancel_futures=True)
