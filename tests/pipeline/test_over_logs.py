@@ -150,11 +150,13 @@ def test_a_worker_that_is_stopped_clears_away_however_long_it_takes(
     monkeypatch.setattr(BaseProcess, "join", lambda self, timeout=None: join(self) if timeout is None else None)
     other = multiprocessing.get_context("spawn").Process(target=signal.pause)
     other.start()
-    _at_work(name, tmp_path).close()
-    assert [*tmp_path.iterdir()] == []
-    assert multiprocessing.active_children() == [other]
-    other.kill()
-    other.join()
+    try:
+        _at_work(name, tmp_path).close()
+        assert [*tmp_path.iterdir()] == []
+        assert multiprocessing.active_children() == [other]
+    finally:
+        other.kill()
+        other.join()
 
 
 @pytest.mark.slow
