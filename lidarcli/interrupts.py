@@ -30,9 +30,9 @@ def wait_for_imports() -> None:
     sys.unraisablehook = _raise_again
     # Where somebody else decides what a signal does (`nohup`, a host program), nothing changes.
     if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
-        signal.signal(signal.SIGINT, _interrupt)
+        signal.signal(signal.SIGINT, interrupt)
     if signal.getsignal(signal.SIGTERM) is signal.SIG_DFL:
-        signal.signal(signal.SIGTERM, _interrupt)
+        signal.signal(signal.SIGTERM, interrupt)
 
 
 def end_as_terminated() -> None:
@@ -41,7 +41,8 @@ def end_as_terminated() -> None:
     os.kill(os.getpid(), signal.SIGTERM)
 
 
-def _interrupt(number: int, frame: FrameType | None) -> None:
+def interrupt(number: int, frame: FrameType | None) -> None:
+    """Handle a signal: raise its error, at once or as soon as what is under way can bear it."""
     global _last
     if time.monotonic() - _last < _ENOUGH:
         return

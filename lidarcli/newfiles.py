@@ -184,10 +184,13 @@ def scratch_folder(folder: Path | None = None) -> Iterator[Path]:
         yield scratch
     finally:
         _TAKEN.discard(str(scratch))
-        with suppress(OSError):
-            shutil.rmtree(scratch)
-        if lock is not None:
-            os.close(lock)
+        try:
+            shutil.rmtree(scratch, ignore_errors=True)
+        finally:
+            # Once more, where an interrupt has struck in it.
+            shutil.rmtree(scratch, ignore_errors=True)
+            if lock is not None:
+                os.close(lock)
 
 
 def write_whole(path: Place, data: bytes, overwrite: bool = True, devices: bool = False) -> list[str]:

@@ -39,16 +39,22 @@ STARTS = {
 }
 """The same of several logs and `--jobs 2`."""
 
+ENDS = {
+    "as a private folder is removed": ("shutil.rmtree", ".part"),
+    "as the place of a part is removed": ("os.rmdir", ".part"),
+}
+"""The same once the outputs have their names."""
+
 
 def ended(moment: str, signal: Signals, *words: object) -> subprocess.CompletedProcess[str]:
     """Run `lidarcli WORDS`, and send it the signal at this moment.
 
     Parameters
     ----------
-    moment : a name in `MOMENTS` or `STARTS`
+    moment : a name in `MOMENTS`, `STARTS` or `ENDS`
     words : command, options and a log whose name begins with `run.`
     """
-    event, about = (MOMENTS | STARTS)[moment]
+    event, about = (MOMENTS | STARTS | ENDS)[moment]
     command: Sequence[str] = [sys.executable, "-c", _CHILD, event, about, str(int(signal)), *map(str, words)]
     return subprocess.run(command, capture_output=True, text=True, timeout=HANG, check=False)
 

@@ -53,7 +53,7 @@ MAY_IMPORT = {
     "pipeline": CORE
     | OPTIONS
     | {"logs", "pose", "formalism", "tabular", "reports", "maps", "overlays", "copying", "mending", "ros"}
-    | {"simulation", "screen", "compiled", "machine", "newfiles", "stores", "configfiles"},
+    | {"simulation", "screen", "compiled", "interrupts", "machine", "newfiles", "stores", "configfiles"},
     "cli": CORE
     | OPTIONS
     | {

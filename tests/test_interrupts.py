@@ -107,17 +107,23 @@ def test_python_does_not_ignore_it_where_an_object_ends(number: str, raised: str
 
 IMPATIENT = """
 import os, signal, time
-from lidarcli.interrupts import wait_for_imports
-wait_for_imports()
+from lidarcli import interrupts
+class Clock:
+    now = 100.0
+    def monotonic():
+        return Clock.now
+interrupts.time = Clock
+interrupts.wait_for_imports()
 try:
     os.kill(os.getpid(), signal.SIGINT)
     time.sleep(10)
 except KeyboardInterrupt:
+    Clock.now += 0.99
     os.kill(os.getpid(), signal.SIGINT)
     os.kill(os.getpid(), signal.SIGTERM)
     time.sleep(0.1)
     print("cleared away")
-time.sleep(1.0)
+Clock.now += 0.01
 try:
     os.kill(os.getpid(), signal.SIGINT)
     time.sleep(10)

@@ -17,7 +17,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from lidarcli.simulation.writers import write_log
-from tests.interrupting import MOMENTS, STARTS, ended, left
+from tests.interrupting import ENDS, MOMENTS, STARTS, ended, left
 from tests.sweeping import BOX, raw_sweeps, round_room
 from tests.waiting import HANG, endless, wait_until
 
@@ -95,6 +95,13 @@ def test_interrupted_at_any_moment(log: Path, tmp_path: Path, moment: str) -> No
     ran = ended(moment, signal.SIGINT, *words(log, tmp_path))
     assert (ran.returncode, ran.stderr) == (130, "lidarcli: interrupted\n")
     assert left(tmp_path) == []
+
+
+@pytest.mark.parametrize("moment", ENDS)
+def test_interrupted_while_it_clears_away(log: Path, whole: dict[str, bytes], tmp_path: Path, moment: str) -> None:
+    ran = ended(moment, signal.SIGINT, *words(log, tmp_path))
+    assert (ran.returncode, ran.stderr) == (130, "lidarcli: interrupted\n")
+    assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == whole
 
 
 def test_interrupted_while_it_writes(log: Path, tmp_path: Path) -> None:

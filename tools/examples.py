@@ -33,7 +33,8 @@ FIRST = re.compile(r"(?P<call>lidarcli .*?)(?P<joint> 2>&1 \| | \| |; )(?P<rest>
 """A call of lidarcli before something that needs a shell: what it prints, or its exit code, goes on there."""
 STOPPING = "set -e\n"
 """Lets a shell stop at the first command that fails."""
-SECONDS = 120
+HANG = 600
+"""[s] after which a command counts as one that hangs, however busy the machine is."""
 VOLATILE = re.compile(r"(?<=, )[\d,]+(?= sweeps/s)|(?<=  size        )[\d,]+(?= bytes)")
 """What differs from machine to machine: pages have `...` there."""
 
@@ -133,7 +134,7 @@ def in_shell(command: str, folder: Path, given: str = "") -> tuple[int, str]:
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
         text=True,
-        timeout=SECONDS,
+        timeout=HANG,
         check=False,
     )
     return done.returncode, done.stdout

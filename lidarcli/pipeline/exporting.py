@@ -19,7 +19,16 @@ from lidarcli.pipeline.inputs.tables import recording_in
 from lidarcli.reports.columns import same_recording
 from lidarcli.stores import Place
 from lidarcli.tabular.columns import in_unit, numbers
-from lidarcli.tabular.reading import HeldTable, Readable, file_metadata, note_value, read_as_is, schema_of
+from lidarcli.tabular.reading import (
+    ANY,
+    HeldTable,
+    Readable,
+    file_metadata,
+    note_value,
+    read_as_is,
+    refuse_columns,
+    schema_of,
+)
 from lidarcli.tabular.writing import SOURCE, Output, write_stream
 
 MOST_COLUMNS = 1000
@@ -95,18 +104,20 @@ def chosen(
             near = get_close_matches(name, first.names, 1)
             hint = f"did you mean {near[0]}?" if near else f"it has {', '.join(first.names)}"
             raise OptionError(f"{files[0]}: no column {name}; {hint}")
-    names = [*columns] or first.names
+    names = [*columns] or [*dict.fromkeys(first.names)]
     if len(names) > MOST_COLUMNS:
         raise OptionError(
             f"{files[0]}: has {len(names):,} columns, and at most {MOST_COLUMNS:,} are written; choose some with --columns"
         )
     if twice := [name for name, count in Counter(names).items() if count > 1]:
         raise OptionError(f"--columns: {', '.join(twice)} is named twice; every column of a table has its own name")
+    refuse_columns(files[0], ANY, first.names, names)
     for file, schema in zip(files[1:], schemas[1:], strict=True):
         if missing := [name for name in names if name not in schema.names]:
             raise OptionError(f"{file}: no column {', '.join(missing)}, which {files[0]} has; {APART}")
         if not columns and (more := [name for name in schema.names if name not in names]):
             raise OptionError(f"{files[0]}: no column {', '.join(more)}, which {file} has; {APART}")
+        refuse_columns(file, ANY, schema.names, names)
         for name in names:
             if schema.field(name).type != first.field(name).type:
                 kinds = [schema.field(name).type, first.field(name).type]

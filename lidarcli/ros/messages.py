@@ -109,7 +109,7 @@ class BagWriter(rosbag1.Writer):
 def bag_writer(path: Path, compression: str) -> BagWriter:
     """Return a writer of a new bag, packed by one of `BAG_COMPRESSIONS`; it is still to be opened."""
     writer = BagWriter(path)
-    if (form := BAG_COMPRESSIONS[compression]) is not None:
+    if (form := BAG_COMPRESSIONS.get(compression)) is not None:
         writer.set_compression(form)
     if compression == "lz4":
         writer.compressor = lz4_frame

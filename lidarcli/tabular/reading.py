@@ -87,7 +87,7 @@ def read_columns(path: Readable, kind: str, schema: pa.Schema, names: Iterable[s
     """
     wanted = read_schema(schema, names)
     with _opened(path, kind) as file:
-        _refuse_columns(path, kind, file.schema_arrow.names, wanted)
+        refuse_columns(path, kind, file.schema_arrow.names, wanted.names)
         found = file.read(columns=wanted.names, use_threads=False)
         columns = [_fitted(path, kind, field, found[field.name]) for field in wanted]
         return pa.Table.from_arrays(columns, schema=wanted.with_metadata(file.schema_arrow.metadata))
@@ -97,7 +97,7 @@ def read_pieces(path: Readable, kind: str, schema: pa.Schema, names: Iterable[st
     """Yield columns as `read_columns` does, piece by piece, for a table that may be large."""
     wanted = read_schema(schema, names)
     with _opened(path, kind) as file:
-        _refuse_columns(path, kind, file.schema_arrow.names, wanted)
+        refuse_columns(path, kind, file.schema_arrow.names, wanted.names)
         for rows in file.iter_batches(columns=wanted.names, use_threads=False):
             columns = [
                 _fitted(path, kind, field, pa.chunked_array([rows[field.name]])).combine_chunks() for field in wanted
@@ -118,8 +118,9 @@ def schema_of(path: Readable) -> pa.Schema:
 
 
 def read_as_is(path: Readable, names: Sequence[str]) -> Iterator[pa.RecordBatch]:
-    """Yield columns of any table piece by piece, as they are."""
+    """Yield columns of any table piece by piece, as they are; `UnreadableError` where one is there twice."""
     with _opened(path, ANY) as file:
+        refuse_columns(path, ANY, file.schema_arrow.names, names)
         for rows in file.iter_batches(columns=list(names), use_threads=False):
             yield rows.select(list(names))
 
@@ -232,9 +233,9 @@ def _nullable(field: pa.Field) -> pa.Field:
     return field.with_type(kind).with_nullable(True)
 
 
-def _refuse_columns(path: Readable, kind: str, there: list[str], wanted: pa.Schema) -> None:
+def refuse_columns(path: Readable, kind: str, there: list[str], wanted: Sequence[str]) -> None:
     """Refuse a file in which a wanted column is missing, or there twice."""
-    missing = sorted(name for name in wanted.names if name not in there)
+    missing = sorted(name for name in wanted if name not in there)
     if missing and isinstance(path, HeldTable):
         raise UnreadableError(f"{path} (in memory): no column {', '.join(missing)}; leave the table all of its columns")
     if missing:
@@ -246,7 +247,7 @@ def _refuse_columns(path: Readable, kind: str, there: list[str], wanted: pa.Sche
                 f"give the {kind} table of lidarcli {maker}"
             )
         raise UnreadableError(f"{path}: not a table of lidarcli {maker}: no column {', '.join(missing)}")
-    twice = [name for name in wanted.names if there.count(name) > 1]
+    twice = [name for name in wanted if there.count(name) > 1]
     if twice:
         raise UnreadableError(f"{path}: column {twice[0]} is there {there.count(twice[0])} times, not once")
 

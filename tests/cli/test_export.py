@@ -93,6 +93,18 @@ def test_what_is_refused(lidarcli: Run, tables: Path, tmp_path: Path) -> None:
     assert "text.parquet: cannot be read as Parquet" in ran.err
 
 
+@pytest.mark.parametrize("options", [[], ["--columns", "objects"], ["--columns", "sweep,objects"]])
+def test_a_column_there_twice_is_refused(lidarcli: Run, tables: Path, tmp_path: Path, options: list[str]) -> None:
+    found = pq.read_table(tables / "run.sweeps.parquet")
+    odd = tmp_path / "odd.parquet"
+    pq.write_table(found.append_column(found.schema.field("objects"), found["objects"]), odd)
+    line = f"lidarcli: {odd}: column objects is there 2 times, not once\n"
+    for given in ([odd], [tables / "run.sweeps.parquet", odd]):
+        ran = lidarcli("export", *map(str, given), "-o", "-", *options)
+        assert (ran.code, ran.out, ran.err) == (3, "", line)
+    assert lidarcli("export", str(odd), "-o", "-", "--columns", "sweep").code == 0
+
+
 def test_text_that_a_spreadsheet_would_run_is_told(lidarcli: Run, tmp_path: Path) -> None:
     """The data stay as the log has them, for pandas and joins by name; people are warned."""
     table = pa.table({"log": ["a", "-b"], "topic": pa.array(["=cmd|x", "/scan"]).dictionary_encode(), "x": [-1.0, 2.0]})

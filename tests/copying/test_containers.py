@@ -19,6 +19,7 @@ from lidarcli.cli import run
 from lidarcli.foxglove import descriptors
 from lidarcli.logs import open_log
 from lidarcli.logs.base import ReadReport
+from lidarcli.ros.messages import ROS1, bag_writer
 from lidarcli.simulation.generate import simulate_blocks
 from lidarcli.simulation.scene import load_scene
 from lidarcli.sweeps import RawSweeps, concatenate
@@ -259,3 +260,11 @@ def test_a_log_with_odd_stamps_is_copied_as_it_is(nobody: RawSweeps, tmp_path: P
     write_log(tmp_path / "run.mcap", [replace(nobody, stamp_ns=stamps, record_ns=nobody.stamp_ns)])
     out, table = cleaned(tmp_path / "run.mcap")
     assert assert_only_beams_differ(tmp_path / "run.mcap", out, table) == 0
+
+
+def test_a_bag_is_written_without_compression_where_its_name_is_damaged(tmp_path: Path) -> None:
+    """The name stands in the header of a chunk: without an index it is what the log says of itself."""
+    with bag_writer(tmp_path / "copy.bag", "@\0\0\0") as writer:
+        scans = writer.add_connection("/scan", SINGLE, typestore=ROS1)
+        writer.write(scans, 1, scan([1.0, 2.0], encoding="ros1"))
+    assert b"compression=none" in (tmp_path / "copy.bag").read_bytes()

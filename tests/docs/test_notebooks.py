@@ -14,9 +14,9 @@ import nbformat
 import pytest
 
 from tests.places import ROOT
+from tests.waiting import HANG
 
 NOTEBOOKS = sorted((ROOT / "docs" / "notebooks").glob("*.ipynb"))
-SECONDS = 240
 STRICT = "import warnings\nwarnings.simplefilter('error')\n%matplotlib inline"
 LARGE = 50_000
 """[bytes] Greatest HTML of an output that is kept: the page of a report is not."""
@@ -41,7 +41,8 @@ def run(path: Path, home: Path) -> Any:
     notebook.cells.insert(0, nbformat.v4.new_code_cell(STRICT))
     environment = {"IPYTHONDIR": str(home), "JUPYTER_RUNTIME_DIR": str(home), "PYTHONPATH": str(ROOT)}
     kept = {name: value for name, value in os.environ.items() if name != "MPLBACKEND"}
-    client = NotebookClient(notebook, timeout=SECONDS, resources={"metadata": {"path": str(path.parent)}})
+    limits = dict.fromkeys(("timeout", "startup_timeout", "iopub_timeout"), int(HANG))
+    client = NotebookClient(notebook, **limits, resources={"metadata": {"path": str(path.parent)}})
     client.execute(env=kept | environment)
     del notebook.cells[0]
     return notebook

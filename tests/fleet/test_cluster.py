@@ -90,7 +90,7 @@ def scheduler(tmp_path: Path) -> Iterator[Callable[..., str]]:
     for process in started:
         process.terminate()
     for process in started:
-        process.wait(20)
+        process.wait(HANG)
 
 
 def test_a_cluster_that_was_there(

@@ -138,6 +138,11 @@ def test_clips_that_cannot_be(tmp_path: Path) -> None:
     pq.write_table(pa.table({"start": ["soon"], "end": ["later"]}), tmp_path / "t.parquet")
     with pytest.raises(UnreadableError, match="start and end are no times that can be read"):
         lidarcli.clean(log, tmp_path / "clips", remove="none", clips=tmp_path / "t.parquet")
+    zones = pa.array(["door"])
+    stamp = pa.array([START], pa.timestamp("ns", "UTC"))
+    pq.write_table(pa.Table.from_arrays([stamp, zones, zones], ["stamp", "zone", "zone"]), tmp_path / "t.parquet")
+    with pytest.raises(UnreadableError, match="column zone is there 2 times"):
+        lidarcli.clean(log, tmp_path / "clips", remove="none", clips=tmp_path / "t.parquet")
     rows = table(tmp_path / "t.parquet")
     lidarcli.clean(log, tmp_path / "clips", remove="none", clips=rows)
     with pytest.raises(OutputError, match="exists; use --overwrite"):

@@ -3,16 +3,22 @@
 from __future__ import annotations
 
 import gc
+import multiprocessing
 import os
 import signal
+import threading
 import weakref
+from collections.abc import Generator
 from functools import partial
+from multiprocessing.process import BaseProcess
 from pathlib import Path
+from typing import cast
 
 import pytest
 
 from lidarcli.errors import UnreadableError
 from lidarcli.logs.base import OpenOptions
+from lidarcli.newfiles import scratch_folder
 from lidarcli.pipeline import detecting
 from lidarcli.pipeline.detecting import detect_files
 from lidarcli.pipeline.inputs.sources import MissingInput, Source
@@ -22,6 +28,7 @@ from lidarcli.pipeline.runs.over_logs import Outcome, exit_code, outcome_of, ove
 from lidarcli.pipeline.runs.processes import side_by_side
 from tests.fake_log import FakeLog
 from tests.pipeline.in_memory import SCAN, SOURCE, block
+from tests.waiting import wait_until
 
 
 def test_one_bad_log_does_not_stop_the_rest(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -91,6 +98,82 @@ def test_a_log_that_kills_every_worker(tmp_path: Path) -> None:
     assert outcomes[1].error == (
         "its worker process died twice, ended by the system (out of memory?); try it alone with --jobs 1"
     )
+
+
+class _Ends:
+    """Its end, at which Python ignores errors, comes only with a signal."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+
+    def __del__(self) -> None:
+        (self.folder / "begun").touch()
+        signal.pause()
+
+
+def _is_stopped(source: Source, folder: Path) -> RunSummary:
+    """Stands in for work that comes to no end by itself, but for that of the log `short`."""
+    if source.label == "short":
+        return RunSummary()
+    with scratch_folder(folder) as scratch:
+        if source.label == "ends":
+            thing = _Ends(scratch)
+            del thing
+        try:
+            (scratch / "begun").touch()
+            signal.pause()
+        except BaseException:
+            if source.label == "writes":
+                raise
+            # As a library does that makes an error of its own of it.
+        while source.label == "endless":
+            signal.pause()
+    return RunSummary()
+
+
+def _at_work(name: str, folder: Path) -> Generator[Outcome]:
+    """The outcomes that are left while a worker is busy with the log of this name."""
+    sources = [Source(name, name) for name in ("short", name)]
+    outcomes = cast("Generator[Outcome]", side_by_side(sources, partial(_is_stopped, folder=folder), 2))
+    assert next(outcomes).label == "short"
+    wait_until(lambda: [*folder.glob(".*.part/begun")])
+    return outcomes
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["writes", "ends", "ignores"])
+def test_a_worker_that_is_stopped_clears_away_however_long_it_takes(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Every limit of time is over at once, as on a machine that is busy; and processes of others are left alone."""
+    join = BaseProcess.join
+    monkeypatch.setattr(BaseProcess, "join", lambda self, timeout=None: join(self) if timeout is None else None)
+    other = multiprocessing.get_context("spawn").Process(target=signal.pause)
+    other.start()
+    try:
+        _at_work(name, tmp_path).close()
+        assert [*tmp_path.iterdir()] == []
+        assert multiprocessing.active_children() == [other]
+    finally:
+        other.kill()
+        other.join()
+
+
+@pytest.mark.slow
+def test_a_further_interrupt_waits_for_no_worker(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    join = BaseProcess.join
+
+    def interrupted(self: BaseProcess, timeout: float | None = None) -> None:
+        if threading.current_thread() is threading.main_thread():
+            raise KeyboardInterrupt
+        join(self, timeout)
+
+    outcomes = _at_work("endless", tmp_path)
+    with monkeypatch.context() as patching:
+        patching.setattr(BaseProcess, "join", interrupted)
+        with pytest.raises(KeyboardInterrupt):
+            outcomes.close()
+    assert multiprocessing.active_children() == []
 
 
 class Reader:

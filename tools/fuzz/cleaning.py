@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import tempfile
+import zipfile
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from functools import cache
+from pathlib import Path
 
 from lidarcli.choices import FOUND, MENDS
 from lidarcli.copying import Copy, Met, copy_log
@@ -11,12 +15,15 @@ from lidarcli.errors import UnreadableError
 from lidarcli.logs import open_log
 from lidarcli.logs.base import LASERSCAN
 from tools.fuzz import databases
-from tools.fuzz.commands import judge_commands
+from tools.fuzz.commands import judge_commands, run
 from tools.fuzz.containers import CONTAINERS, Sample, sample_of
 from tools.fuzz.libraries import LIBRARY_LOGS, library_sample
+from tools.fuzz.mutate import mutate
 from tools.fuzz.place import Place
-from tools.fuzz.tables import LOG, tables
+from tools.fuzz.tables import LOG, mutated_table, tables
 from tools.fuzz.target import Random, Target
+from tools.fuzz.words import mutate_words
+from tools.fuzz.zones import ZONES
 
 _PREFIXES = ("mcap", "bag", "db3", "ros2")
 KNOWN_OUTPUTS = (".", "in", "in/run.mcap", "victims", "out/a/b", "-")
@@ -100,6 +107,67 @@ class _Seen(Copy):
             self.others.append((met.topic, met.type, met.record_ns, met.data))
 
 
+_EVENTS = "run.events.parquet"
+_AROUND = ("0", "0.5", "1ms", "1e9", "nan", "-1", "x")
+_TWO = "two.bag"
+_MERGED = ("/scan", "scan", "/front", "/tf", "", "/", "//", "a b", "/\x1b[31m", "/é", "/" + "a" * 5000, "~", "/scan/")
+_FRAMES = ("base_link", "front", "laser", "odom", "map", "", "/", "nothing", "\x1b[31m", "/base_link")
+
+
+@cache
+def _events() -> bytes:
+    """The events of some zones in the log."""
+    with tempfile.TemporaryDirectory() as folder:
+        log, zones = Path(folder) / LOG, Path(folder) / "zones.toml"
+        log.write_bytes(tables()[LOG])
+        zones.write_text(ZONES, encoding="utf-8")
+        if (ran := run(["-q", "zones", str(log), "--zones", str(zones), "-o", folder])).code:
+            raise RuntimeError(ran.err)
+        return (Path(folder) / _EVENTS).read_bytes()
+
+
+@cache
+def _two_lasers() -> bytes:
+    """A second of a robot with two lasers."""
+    sample = Path(__file__).parents[2] / "samples" / "two_lasers.zip"
+    with tempfile.TemporaryDirectory() as folder, zipfile.ZipFile(sample) as packed:
+        (name,) = packed.namelist()
+        part = Path(folder) / _TWO
+        told = ["--remove", "none", "--start", "0", "--end", "1"]
+        if (ran := run(["-q", "clean", packed.extract(name, folder), "-o", str(part), *told])).code:
+            raise RuntimeError(ran.err)
+        return part.read_bytes()
+
+
+def write_clips(place: Place, number: int, random: Random) -> None:
+    """A log in parts, by a table that is sound or changed; now and then the log is changed, too."""
+    log, events = tables()[LOG], _events()
+    if number >= len(_AROUND):
+        events = mutated_table(_EVENTS, random, events)
+        if not random.integers(4):
+            log = mutate(log, random)
+    (place.input / LOG).write_bytes(log)
+    (place.input / _EVENTS).write_bytes(events)
+    around = _AROUND[number % len(_AROUND) if number < 2 * len(_AROUND) else int(random.integers(4))]
+    told = ["--remove", "none", "--clips", f"in/{_EVENTS}", "--around", around]
+    place.note(commands=[["-q", "clean", f"in/{LOG}", "-o", "out/clips", "--overwrite", *told]])
+
+
+def write_merged(place: Place, number: int, random: Random) -> None:
+    """Two lasers as one under odd names, then of a log that is changed."""
+    names, log, drawn = len(_MERGED) + len(_FRAMES), _two_lasers(), number >= len(_MERGED) + len(_FRAMES)
+    topic = _MERGED[number] if number < len(_MERGED) else _MERGED[0]
+    frame = _FRAMES[number - len(_MERGED)] if len(_MERGED) <= number < names else _FRAMES[0]
+    if drawn:
+        log = mutate(log, random)
+        topic, frame = (each if random.integers(4) else mutate_words(each, random) for each in (topic, frame))
+    (place.input / _TWO).write_bytes(log)
+    # No argument of a process holds a zero byte.
+    told = [each.replace("\0", "") for each in ("--merge", topic, "--merge-frame", frame)]
+    clean, info = _commands(_TWO, f"out/{_TWO}")
+    place.note(commands=[[*clean, "--remove", "none", *told], info])
+
+
 def _commands(log: str, output: str) -> list[list[str]]:
     """Copy it, and read the copy."""
     return [["-q", "clean", f"in/{log}", "-o", output, "--overwrite"], ["-q", "info", output]]
@@ -112,4 +180,6 @@ def cleaning_targets() -> list[Target]:
         Target("clean", write, judge_commands, weight=60, known=known),
         Target("clean-mend", write_mended, judge_mended, weight=60, known=len(_samples())),
         Target("clean-db3", write_database, judge_commands, weight=60, known=len(databases.KINDS)),
+        Target("clips", write_clips, judge_commands, weight=60, known=len(_AROUND)),
+        Target("merge", write_merged, judge_commands, weight=30, known=len(_MERGED) + len(_FRAMES)),
     ]

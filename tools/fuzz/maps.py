@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import math
 import struct
+import tempfile
 import traceback
 import zlib
 from collections.abc import Iterator
@@ -18,7 +19,7 @@ from lidarcli.errors import UnreadableError
 from lidarcli.formalism.mapping.grid import FREE, OCCUPIED, UNKNOWN, Occupancy, UnlikeError, compare
 from lidarcli.maps import pgm_bytes, read_map, yaml_bytes
 from lidarcli.pose.tracks import read_trajectory, trajectory_lines
-from tools.fuzz.commands import judge_commands
+from tools.fuzz.commands import judge_commands, run
 from tools.fuzz.logs import LONGEST, odd_lines
 from tools.fuzz.mutate import mutate
 from tools.fuzz.place import Place
@@ -256,9 +257,56 @@ def judge_path(place: Place) -> Iterator[str]:
     yield from judge_commands(place)
 
 
+@cache
+def _site() -> tuple[str, bytes]:
+    """YAML and image of a map of the room in which the log was taken."""
+    with tempfile.TemporaryDirectory() as folder:
+        log, path = Path(folder) / LOG, Path(folder) / _MAP
+        log.write_bytes(tables()[LOG])
+        if (ran := run(["-q", "map", str(log), "-o", str(path)])).code:
+            raise RuntimeError(ran.err)
+        return path.read_text(encoding="utf-8"), path.with_suffix(".pgm").read_bytes()
+
+
+_JUDGED: tuple[tuple[str, ...], ...] = (
+    ("-o", "out/p.parquet", "--format", "json", "--check", "lost == 0"),
+    ("-o", "out/p.tum", "--relocate", "--check", "off <= 1"),
+    ("-o", "out/p.png"),
+    ("--format", "json", "--poses", f"in/{_PATH}"),
+    ("-o", "out/p.tum", "--poses", f"in/{_PATH}", "--relocate"),
+)
+"""What is asked of a path that a map judges."""
+
+
+def write_judged(place: Place, number: int, random: Random) -> None:
+    """All as it is, then maps made to harm, then one of map, log and path changed, or two."""
+    text, image = _site()
+    log, path = tables()[LOG], _PLAIN
+    if len(_JUDGED) <= number < len(_JUDGED) + len(_KNOWN_MAPS):
+        text, image = _KNOWN_MAPS[number - len(_JUDGED)]
+    elif number >= len(_JUDGED):
+        for _ in range(int(random.integers(1, 3))):
+            kind = int(random.integers(4))
+            if kind == 0:
+                text = mutate_words(text, random)
+            elif kind == 1:
+                image = mutate(image, random)
+            elif kind == 2:
+                log = mutate(log, random)
+            else:
+                path = mutate_words(path, random)
+    for name, data in ((_MAP, text), (_PATH, path)):
+        (place.input / name).write_bytes(data.encode("utf-8", "surrogateescape"))
+    (place.input / "map.pgm").write_bytes(image)
+    (place.input / LOG).write_bytes(log)
+    asked = _JUDGED[number % len(_JUDGED)]
+    place.note(commands=[["poses", f"in/{LOG}", "--map", f"in/{_MAP}", "--overwrite", *asked]])
+
+
 def map_targets() -> list[Target]:
-    """Maps and trajectories."""
+    """Maps, trajectories, and paths that a map judges."""
     return [
         Target("maps", write_map, judge_map, weight=60, known=len(_KNOWN_MAPS)),
         Target("trajectories", write_path, judge_path, weight=60, known=len(_KNOWN_PATHS)),
+        Target("poses-map", write_judged, judge_commands, weight=30, known=len(_JUDGED) + len(_KNOWN_MAPS)),
     ]

@@ -105,11 +105,11 @@ def write(place: Place, number: int, random: Random) -> None:
     place.note(commands=commands, table=name)
 
 
-def mutated_table(name: str, random: Random) -> bytes:
-    """A table with one to three changes, now and then of its bytes, too."""
+def mutated_table(name: str, random: Random, data: bytes = b"") -> bytes:
+    """A table with one to three changes, now and then of its bytes, too; `data` where it is none of `tables`."""
     many = int(random.choice([1, 1, 2, 3]))
     changes = [CHANGES[int(random.integers(len(CHANGES)))] for _ in range(many)]
-    data = _changed(tables()[name], changes, random)
+    data = _changed(data or tables()[name], changes, random)
     return data if random.integers(4) else mutate(data, random)
 
 
@@ -385,6 +385,31 @@ KNOWN: list[tuple[str, list[Change]]] = [
 ]
 
 
+_COMPARED = (
+    *("delta.objects == 0", "delta.sweeps >= 0", "added_sweeps == 0", "removed_sweeps == 0", "delta.width.mean < 1"),
+    *("delta.objects_per_sweep.p95 between -1 and 1", "objects where change == 'appeared' == 0", "delta.gaps is null"),
+)
+_RUNS = ("run.objects.parquet", "run.sweeps.parquet", TRACKS, DIFFERENCE)
+
+
+def _write_compared(place: Place, number: int, random: Random) -> None:
+    """Two runs, of which one has a changed table, or both the same one; each as it is first."""
+    name = _RUNS[number % len(_RUNS)]
+    put(place)
+    if number >= len(_RUNS):
+        name = NAMES[int(random.integers(len(NAMES)))]
+        data = mutated_table(name, random)
+        which = int(random.integers(3))
+        for folder in (place.input, place.input / "base")[which % 2 : 1 + (which > 0)]:
+            (folder / name).write_bytes(data)
+    run_of = name if name in _RUNS else _RUNS[int(random.integers(len(_RUNS)))]
+    baseline = "in/base" if random.integers(2) else f"in/base/{_RUNS[int(random.integers(len(_RUNS)))]}"
+    checks = [_COMPARED[int(random.integers(len(_COMPARED)))] for _ in range(int(random.integers(3)))]
+    told = [part for check in checks for part in ("--check", check)]
+    form = FORMATS[int(random.integers(len(FORMATS)))]
+    place.note(commands=[["report", f"in/{run_of}", "--baseline", baseline, "--format", form, *told]])
+
+
 def _write_names(place: Place, number: int, random: Random) -> None:
     """Sound tables whose file names no terminal and no UTF-8 can take."""
     name = _ODD_NAMES[number % len(_ODD_NAMES)]
@@ -400,8 +425,9 @@ _ODD_NAMES = (b"bad\xff", b"red\x1b[31m", b"two\nlines", b"<b>&'\"", "\u202eabc"
 
 
 def table_targets() -> list[Target]:
-    """Changed contents, and odd names."""
+    """Changed contents, also of two runs that are compared, and odd names."""
     return [
         Target("tables", write, judge_commands, weight=15, known=len(KNOWN)),
+        Target("baseline", _write_compared, judge_commands, weight=15, known=len(_RUNS)),
         Target("table-names", _write_names, judge_commands, weight=4, known=len(_ODD_NAMES) * len(FORMATS)),
     ]

@@ -244,9 +244,7 @@ def _may_be_one(sightings: Any, earlier: TrackEnd, later: TrackEnd) -> bool:
         return True
     sensor = int(sightings.column("sensor")[sightings.spans[pieces[1].number].start])
     width = 2.0 * max(*pieces[0].h, *pieces[1].h)
-    free, outside, left = sightings.keyframes.uncovered(
-        sensor, earlier.time, earlier.place, later.time, later.place, width
-    )
+    free, outside, left = sightings.keyframes.uncovered(sensor, earlier.time, earlier.place, later.time, later.place, width)
     stood = [piece.last_time - piece.first_time for piece in pieces if not piece.moved]
     if len(stood) == 2:
         return bool(free <= LONGEST_UNCOVERED)

@@ -49,8 +49,8 @@ OWN_SETTINGS = {
 }
 """Settings of a cluster of our own: its profiles and logs are not used, and take time and memory."""
 CONNECT_S, FIRST_WORKER_S = 10.0, 30.0
-UNWIND_S = 5.0
-"""Time for logs at work to remove their unfinished files before their workers are ended [s]."""
+UNWIND_S = 60.0
+"""Longest time for logs at work to remove their unfinished files [s]: a thread that waits for a pipe ends for nobody."""
 LOOK_S = 5.0
 """Time between looks at the size of the cluster [s]."""
 

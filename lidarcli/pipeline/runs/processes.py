@@ -15,16 +15,10 @@ from dataclasses import replace
 from multiprocessing import resource_tracker
 from types import FrameType
 
+from lidarcli.interrupts import interrupt, wait_for_imports
 from lidarcli.machine import keep_freed_memory
 from lidarcli.pipeline.inputs.sources import MissingInput, Source
 from lidarcli.pipeline.runs.over_logs import INTERNAL_ERROR, Outcome, Work, outcome_of
-
-_working = False
-"""True while this worker process is busy with a log (set in workers only)."""
-
-
-class _Stopped(BaseException):
-    """The parent ends this worker: unwinds through the writers, which remove their unfinished files."""
 
 
 def side_by_side(sources: Sequence[Source | MissingInput], work: Work, jobs: int) -> Iterator[Outcome]:
@@ -95,19 +89,22 @@ def start_workers(count: int) -> ProcessPoolExecutor:
 
 
 def _stop_workers(pool: ProcessPoolExecutor) -> None:
-    """End the workers at once."""
-    workers = multiprocessing.active_children()
-    for process in workers:
-        process.terminate()
-    for process in workers:
-        process.join(5)
-        process.kill()
-    # The thread behind the pool would wait for ever for the rest of an answer that broke off.
-    answers = getattr(pool, "_result_queue", None)
-    if answers is not None:
-        answers._writer.close()
-    # Waits for that thread, which at the end of the program would stumble over what is half closed.
-    pool.shutdown(cancel_futures=True)
+    """End the workers as soon as they have removed their unfinished files; at once where an interrupt ends the wait."""
+    # There are none after a shutdown. Those of a host program are no business of ours.
+    workers = [*(pool._processes or {}).values()]
+    try:
+        for process in workers:
+            process.terminate()
+        for process in workers:
+            process.join()
+    finally:
+        for process in workers:
+            process.kill()
+        # The thread behind the pool would wait for ever for the rest of an answer that broke off.
+        if (answers := getattr(pool, "_result_queue", None)) is not None:
+            answers._writer.close()
+        # Waits for that thread, which at the end of the program would stumble over what is half closed.
+        pool.shutdown(cancel_futures=True)
 
 
 @contextmanager
@@ -145,14 +142,12 @@ def signals_held() -> Iterator[None]:
 
 def _do(work: Work, source: Source | MissingInput) -> Outcome:
     """Do one log."""
-    global _working
-    _working = True
     try:
         return outcome_of(source, work)
-    except _Stopped:
-        os._exit(1)
     finally:
-        _working = False
+        # Whatever has become on its way of the error that was raised.
+        if signal.getsignal(signal.SIGTERM) is not _leave:
+            os._exit(1)
 
 
 def _do_nothing() -> None:
@@ -163,6 +158,7 @@ def _be_a_worker() -> None:
     """Prepare a worker: it ignores ctrl-C, which is for the parent, and ends with the parent or by SIGTERM."""
     signal.signal(signal.SIGTERM, _leave)
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    wait_for_imports()
     threading.Thread(target=_end_with_the_parent, daemon=True).start()
     keep_freed_memory()
 
@@ -174,9 +170,13 @@ def _end_with_the_parent() -> None:
         os.kill(os.getpid(), signal.SIGTERM)
 
 
-def _leave(number: int, frame: object) -> None:
-    if not _working:
+def _leave(number: int, frame: FrameType | None) -> None:
+    """End this worker; a log that it is busy with by an error, at which writers remove their unfinished files."""
+    at = frame
+    while at is not None and at.f_code is not outcome_of.__code__:
+        at = at.f_back
+    if at is None:
         os._exit(1)
     # The pool says it once more when another worker has gone; that must not disturb the clearing away.
     signal.signal(signal.SIGTERM, signal.SIG_IGN)
-    raise _Stopped
+    interrupt(number, frame)
