@@ -39,8 +39,8 @@ THINNED = 1.15
 SECONDS_UNPLACED = 5.0
 """[s] The same where the place of the sensor is not known."""
 WIDEST_COVER, COVER_STEP = 2.5, 0.5
-"""[m] Greatest width of what hides a thing to each side of it, and least step in range at its edges: what is wider is a wall,
-behind which a thing may leave unseen."""
+"""[m] Greatest width of what hides a thing to each side of it, and least step in range at its edges: what is wider is a
+wall, behind which a thing may leave unseen."""
 MOST_LOOKS = 8.0
 """Weight of the looks that decide on a place."""
 
