@@ -16,6 +16,8 @@ LONGEST = 1_000_000_000
 LATEST = 100_000_000_000
 """Greatest number of seconds since 1970: the year 5138."""
 SECOND_NS = 1_000_000_000
+SAME_STAMP = 1_000_000
+"""Greatest difference of equal stamps [ns]: programs rewrite them in coarser units."""
 _UNITS = {"": 1.0, "ms": 1e-3, "s": 1.0, "min": 60.0, "h": 3600.0}
 _SECONDS = re.compile(r"([-+]?(?:\d+\.?\d*|\.\d+)(?:e[-+]?\d+)?) ?(ms|s|min|h|)", re.IGNORECASE)
 _FRACTION = re.compile(r"\.(\d{1,9})(?=Z|[+-]|$)", re.IGNORECASE)

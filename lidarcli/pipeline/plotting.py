@@ -30,10 +30,9 @@ from lidarcli.reports.columns import Rows, rows_of
 from lidarcli.reports.ground import COLUMNS, Paths
 from lidarcli.reports.map_picture import Box, MapPicture, Snapshot, draw_map, overview
 from lidarcli.reports.picture import Picture, ZoneInSight, animate, draw, limits_of
-from lidarcli.reports.summary import SAME_STAMP
 from lidarcli.stores import Place
 from lidarcli.sweeps import Int64, Status, SweepBatch, SweepPoses
-from lidarcli.times import SECOND_NS, Instant
+from lidarcli.times import SAME_STAMP, SECOND_NS, Instant
 
 if TYPE_CHECKING:
     from lidarcli.pipeline.inputs.tables import TableSet

@@ -29,6 +29,7 @@ from lidarcli.reports.figures import (
 from lidarcli.reports.wording import means_of, number, percent, quantity, share, span
 from lidarcli.reports.zones import ZonesPart, zones_part
 from lidarcli.sweeps import STATUSES, Bool, Float64, Int64
+from lidarcli.times import SAME_STAMP
 
 GAP = 1.5
 """Least step that is a gap, by the median step: at least one sweep is missing."""
@@ -82,8 +83,6 @@ CLOUD_BINS = "bins"
 """Parameter of tables made of point clouds: beams of a sweep."""
 AS_READ = (CLOUD_BINS, "slice", "csv", "echo", "segments")
 """Parameters that tell what ranges the sweeps of a log have."""
-SAME_STAMP = 1_000_000
-"""Greatest difference of equal stamps [ns]: programs rewrite them in coarser units."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -63,6 +63,7 @@ def test_options_reach_the_tables(logs: Path, tmp_path: Path, lidarcli: Run) -> 
         "no_return": ["zero", 50.0],
     }
     source = json.loads(table.schema.metadata[b"lidarcli.source"])
+    assert source.pop("recording").keys() == {"/scan"}
     assert source == {"format": "mcap", "name": "run.mcap", "size": (logs / "run.mcap").stat().st_size}
 
 

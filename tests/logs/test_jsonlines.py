@@ -171,7 +171,7 @@ def test_limits_that_are_null_are_none() -> None:
         ({"header": {"stamp": {"sec": "soon"}}}, "not a LaserScan"),
         ({"header": {"stamp": {"sec": 10**12}}}, "timestamp out of range"),
         ({"angle_increment": 0.0}, "angle_increment is zero"),
-        ({"angle_increment": 1e308}, "the last bearing is not finite"),
+        ({"angle_increment": 1e308}, "the first or last bearing is beyond 1,000,000 rad"),
         ({"angle_min": float("nan")}, "angle_min is not finite"),
         ({"ranges": [1.0] * (MAX_BEAMS + 1)}, f"more than {MAX_BEAMS} beams declared"),
     ],

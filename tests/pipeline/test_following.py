@@ -266,4 +266,4 @@ def test_track_batches_in_python(patient: list[Patient]) -> None:
     assert found.objects["track"].to_pylist() == [1, 2] * 12
     assert found.sweeps["agents"].to_pylist() == [1] * 12
     told = json.loads(found.sweeps.schema.metadata[b"lidarcli.parameters"])
-    assert (told["max_width"], told["tracking"]) == (1.0, {"agent_score": 0.5, "memory": True})
+    assert (told["max_width"], told["tracking"]) == (1.0, {"agent_score": 0.55, "memory": True})

@@ -83,7 +83,7 @@ def test_sweeps_without_a_pose_are_left_out() -> None:
 def test_paths_of_a_crossing() -> None:
     found = paths_of(run_of(**crossing()))
     assert found.are_there
-    assert (found.has(9), found.has(10)) == (True, False)
+    assert (found.stamp_of(9) is None, found.stamp_of(10) is None) == (False, True)
     pallet, person, robot = found.up_to(6)
     assert [(one.number, one.is_agent, one.label) for one in (pallet, person, robot)] == [
         (1, False, "pallet"),

@@ -83,7 +83,8 @@ def judge(sightings: Any, track: Track, at: Int64, step: Int64, time: Float64, m
         some = picks[of]
         chance, onset = _chance(place[some], balance[of], moves[some] & ~own[some])
         agent[b:e], score[b:e] = was, max(known, chance)
-        if chance >= least:
+        # An agent goes on with even odds.
+        if chance >= (min(least, 0.5) if was else least):
             begin = _first_row(when, some[: onset + 1])
             agent[begin:e] = goes[begin:e] = True
             if not was and begin > b and _left(sightings, rows.item(begin - 1)):

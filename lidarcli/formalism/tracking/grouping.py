@@ -247,7 +247,8 @@ def _may_be_one(sightings: Any, earlier: TrackEnd, later: TrackEnd) -> bool:
     free, outside, left = sightings.keyframes.uncovered(sensor, earlier.time, earlier.place, later.time, later.place, width)
     stood = [piece.last_time - piece.first_time for piece in pieces if not piece.moved]
     if len(stood) == 2:
-        return bool(free <= LONGEST_UNCOVERED)
+        # What stood for a while is known by its place.
+        return bool(free <= LONGEST_UNCOVERED or max(stood) >= SHORTEST_STAND)
     if all(piece.kind != PERSON for piece in pieces):
         return bool(free + outside <= LONGEST_UNCOVERED)
     # The next person looks the same.

@@ -226,7 +226,7 @@ def _row(track: Track) -> dict[str, float]:
         "speed_max": track.speed_max,
         "agent_score": track.best_score,
         "moved": track.is_agent,
-        "moved_at_ns": track.onset_ns or track.last[1],
+        "moved_at_ns": (track.onset_ns or track.last[1]) if track.is_agent else 0,
     }
 
 

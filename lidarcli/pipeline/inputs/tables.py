@@ -17,7 +17,6 @@ from lidarcli.choices import CHANGE_STATUSES
 from lidarcli.errors import OptionError, UnreadableError
 from lidarcli.pipeline.inputs.search import Named, files_named
 from lidarcli.reports.columns import Origin, Rows, places, same_recording
-from lidarcli.reports.summary import SAME_STAMP
 from lidarcli.stores import Place, place
 from lidarcli.tabular.reading import (
     MAKERS,
@@ -33,6 +32,7 @@ from lidarcli.tabular.reading import (
 )
 from lidarcli.tabular.schemas import CHANGES, SCHEMAS
 from lidarcli.tabular.writing import DAMAGE, PARAMETERS, SOURCE, VERSION, table_suffix
+from lidarcli.times import SAME_STAMP
 
 _OBJECTS, _SWEEPS, _TRACKS = map(table_suffix, ("objects", "sweeps", "tracks"))
 TRACK_COLUMNS = (

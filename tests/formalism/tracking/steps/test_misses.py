@@ -94,6 +94,7 @@ def test_in_the_shadow_a_body_is_kept_for_a_time_or_until_its_place_is_uncertain
     measurements, scans = sweep_of(np.full(BEAMS, 1.0))
     targets = body_at(2.0, 0.0, 20)
     targets.moved[0], likely = moved, targets.existence[0]
+    targets.first_time[0] = targets.last_time[0] - track_evidence.PATIENCE_STILL
     if moved:
         targets.cc[0] = targets.cc[1] = track_evidence.LOST_VAR - 0.1
     measurements.time = 100.0 if moved else track_evidence.PATIENCE_STILL - 0.1
