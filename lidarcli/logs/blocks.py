@@ -67,10 +67,10 @@ def unsound(
     yield ~np.isfinite(first), ANGLE_MIN
     yield ~np.isfinite(step), INCREMENT
     yield (step == 0) & (beams > 1), INCREMENT_ZERO
-    yield in_degrees(beams, step) & (not report.takes_degrees), IN_DEGREES
     with np.errstate(over="ignore", invalid="ignore"):
         last = first + step.astype(np.float64) * beams
         yield ~(np.maximum(np.abs(first), np.abs(last)) <= FARTHEST), BEARINGS
+    yield in_degrees(beams, step) & (not report.takes_degrees), IN_DEGREES
 
 
 def limits_in_metres(least: Float32 | Float64, most: Float32 | Float64, scale: float) -> tuple[Float32, Float32]:
