@@ -10,16 +10,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lidarcli.formalism.detection import starts
-from lidarcli.formalism.tracking.results import DISC, LEAST_WAY, LEFT_VIEW, PERSON
-from lidarcli.formalism.tracking.tracks import Track, Tracklet
+from lidarcli.formalism.tracking.results import DISC, LEAST_WAY, LEFT_VIEW, PERSON, SHORTEST_STAND
+from lidarcli.formalism.tracking.tracks import STANDING_LEGS_APART, Track, Tracklet
 from lidarcli.sweeps import Bool, Float64, Int64
 
 PERSON_WIDTH = 0.65
 """[m] Greatest width of a person at the legs."""
 TOGETHER_SWEEPS, TOGETHER_SHARE = 3, 0.3
 """Least number of sweeps in which two legs are seen together, and least share of the sightings of the one seen less."""
-STANDING_LEG_WIDTH, STANDING_LEGS_APART, LEGS_STEADY_SD = 0.16, 0.65, 0.03
-"""[m] Legs of a thing that stands: greatest width, distance, and standard deviation of the distance of two."""
+STANDING_LEG_WIDTH, LEGS_STEADY_SD = 0.16, 0.03
+"""[m] Legs of a thing that stands: greatest width, and standard deviation of the distance of two."""
 DUPLICATE_MARGIN = 0.1
 """[m] Greatest distance of the centre of a tracklet outside of another one from which it was split."""
 LONGEST_SHARED = 2.0
@@ -28,14 +28,12 @@ ALL_BESIDE = 0.9
 """Share of the sightings of a leg that are within a step of its person, if all of it is that person."""
 PACE_SIGHTINGS = 12
 """Sightings that give the velocity of a piece at its end."""
-LONGEST_STITCH_GAP, LONGEST_STANDING_GAP, LONGEST_UNCOVERED, SHORTEST_STAND = 15.0, 30.0, 0.7, 2.0
+LONGEST_STITCH_GAP, LONGEST_STANDING_GAP, LONGEST_UNCOVERED = 15.0, 30.0, 0.7
 """[s] Longest gap between two pieces of a track, and between two that both stand; longest time in it in which nothing hid
-it; what stands before or after a piece that moves does so unseen no longer than it was seen to stand, or than the last."""
+it."""
 STITCH_DISTANCE, STITCH_SPEED, MOST_STITCH_DISTANCE = 0.35, 0.9, 3.0
-"""Greatest distance of a piece from where it is expected: without a gap [m], its growth with the gap [m/s], after any gap
-[m]."""
-STANDING_STITCH_SPEED, MOST_STANDING_STITCH_DISTANCE = 0.6, 2.0
-"""[m/s], [m] Growth and greatest distance where one of the pieces stands."""
+"""Greatest distance of a piece from where it is expected: without a gap [m], its growth with the gap where either piece
+moves [m/s], after any gap [m]."""
 SLOW_WALK = 0.2
 """[m/s] Least speed of who walks on behind something."""
 SIZE_DIFFERENCE, SIZE_SHARE = 0.2, 0.3
@@ -206,10 +204,9 @@ def stitch_costs(ends: list[TrackEnd], begins: list[TrackEnd]) -> Float64:
     earlier, later = (np.array([piece.tracklet.moved for piece in pieces]) > 0 for pieces in (ends, begins))
     after = times[1] - times[0][:, None]
     gap = np.maximum(after, 0.0)
-    one, both = earlier[:, None] | later, earlier[:, None] & later
-    # A tracklet that never moved has hardly gone far in the shadow; one that stands now may have moved while hidden.
-    allowed = STITCH_DISTANCE + np.where(both, STITCH_SPEED, np.where(one, STANDING_STITCH_SPEED, 0.0)) * gap
-    allowed = np.minimum(allowed, np.where(both, MOST_STITCH_DISTANCE, MOST_STANDING_STITCH_DISTANCE))
+    # One that stands now may have moved while hidden.
+    one = earlier[:, None] | later
+    allowed = np.minimum(STITCH_DISTANCE + np.where(one, STITCH_SPEED, 0.0) * gap, MOST_STITCH_DISTANCE)
     apart = places[1] - places[0][:, None]
     going = np.abs(apart - ahead[0][:, None] * gap)
     meeting = np.abs(apart - (ahead[0][:, None] + ahead[1]) * (0.5 * gap))

@@ -26,6 +26,8 @@ MOST_LEGS = 6
 """Greatest number of legs of a body that are remembered beside it."""
 CONFIRMED_SIGHTINGS = 3
 """Least number of sightings of a track, by which a target is confirmed."""
+SHORTEST_STAND = 2.0
+"""[s] What stands does so unseen no longer than it was seen to stand, or than this."""
 LEAST_WAY = 0.2
 """[m] Least distance that a moving body has gone."""
 SIZE_OUTLIER = 9e-4

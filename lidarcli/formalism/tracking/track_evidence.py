@@ -20,7 +20,7 @@ from lidarcli.formalism.tracking.measurement import EdgeMeasurement, Measurement
 
 PRISMATIC = detection.PRISMATIC
 LEFT_VIEW, FREE, LOST = results.LEFT_VIEW, results.FREE, results.LOST
-CONFIRMED_SIGHTINGS, LEAST_WAY = results.CONFIRMED_SIGHTINGS, results.LEAST_WAY
+CONFIRMED_SIGHTINGS, LEAST_WAY, SHORTEST_STAND = results.CONFIRMED_SIGHTINGS, results.LEAST_WAY, results.SHORTEST_STAND
 STEADY_LENGTH, SAME_LENGTH = 0.06, 0.2
 """[m] A target whose length seems to change by more than the first is not seen as it is; by more than the second it is
 another piece, of a wall for example."""
@@ -42,9 +42,9 @@ DETECTION_RATE, LEAST_PASSING, HIT_DOUBT, LEAST_EXISTENCE = 0.9, 0.3, 0.1, 0.03
 they speak against it; probability that it was missed although beams hit its place; probability below which it ends."""
 PASSING_MARGIN = 0.1
 """[m] Least distance by which beams end behind a target that they have passed."""
-PATIENCE_OUTSIDE, PATIENCE_NEW, PATIENCE_STILL = 0.3, 2.0, 30.0
-"""[s] Longest time unseen of a person out of view, and in the shadow of a target that stands, if it is new, and if it stood
-for so long before; one that moves is lost by `LOST_VAR` after 2 s."""
+PATIENCE_OUTSIDE, PATIENCE_STILL = 0.3, 30.0
+"""[s] Longest time unseen of a person out of view, and in the shadow of a target that stood for so long before; one that
+moves is lost by `LOST_VAR` after 2 s."""
 MOSTLY_OUTSIDE, REACH = 0.5, 0.9
 """Share of its beams out of view above which a target that is lost has left the view; share of the greatest range so far
 from which on a beam without a return is out of view."""
@@ -227,9 +227,8 @@ def record_miss(targets: Targets, b: int, meas: Measurements, scans: Scans) -> N
         terminate(targets, b, LOST)
     else:
         if stands(targets, b):
-            # It stands unseen no longer than it was seen to stand.
             stood = targets.last_time[b] - targets.first_time[b]
-            lost = meas.time - targets.last_time[b] > min(max(stood, PATIENCE_NEW), PATIENCE_STILL)
+            lost = meas.time - targets.last_time[b] > min(max(stood, SHORTEST_STAND), PATIENCE_STILL)
         elif targets.kind[b] == kalman.PERSON and outside > MOSTLY_OUTSIDE:
             # Who comes in there next looks the same.
             lost = meas.time - targets.last_time[b] > PATIENCE_OUTSIDE

@@ -40,7 +40,7 @@ LEGGED_ODDS, LEAST_SHAPE_ODDS = 20.0, 0.2
 """[log-odds] Advantage of the shape legged where legs were seen, and least advantage of a shape over the next one."""
 LEG_DISTANCE_SD, ONE_LEG = 0.03, 0.1
 """[m] Standard deviation of the distance of two legs, of which the fronts are seen; places closer than this are one leg."""
-NEXT_LEG = 0.65
+STANDING_LEGS_APART = 0.65
 """[m] Greatest distance of a leg to the next one of its thing."""
 RIGHT_ANGLE = 0.5 * math.pi
 
@@ -283,7 +283,9 @@ def frame_of_legs(track: Track) -> dict[str, float] | None:
     parts = _side_by_side(track) if track.several else [main_part(track)]
     # From leg to next leg, the one that was seen most first: what is farther off came and went as another thing.
     ahead = [place for part in parts for place in (part.place(True), *part.legs)]
-    while near := [place for place in ahead if not places or min(math.dist(place, one) for one in places) < NEXT_LEG]:
+    while near := [
+        place for place in ahead if not places or min(math.dist(place, one) for one in places) < STANDING_LEGS_APART
+    ]:
         ahead.remove(near[0])
         if all(math.dist(near[0], other) > ONE_LEG for other in places):
             places.append(near[0])
