@@ -116,17 +116,17 @@ def imported(path: Path) -> set[str]:
 
 
 LINES = {
-    "cli": 3_056,
-    "formalism": 16_181,
-    "logs": 11_465,
-    "overlays": 1_155,
-    "pipeline": 16_761,
-    "pose": 2_845,
-    "reports": 6_948,
+    "cli": 3_074,
+    "formalism": 16_481,
+    "logs": 11_578,
+    "overlays": 1_157,
+    "pipeline": 17_414,
+    "pose": 3_030,
+    "reports": 7_026,
     "ros": 315,
     "simulation": 2_340,
     "tabular": 1_990,
-    "lidarcli": 6_543,
+    "lidarcli": 6_779,
 }
 """Most lines of Python of each room, and of the files beside them: lower them as code goes; who raises one says why."""
 MOST_FILES = 196
