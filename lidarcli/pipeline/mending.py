@@ -286,7 +286,10 @@ def _leave_worse(source: Source, log: Log, detect: DetectOptions, found: Sequenc
             copy_log(log, Path(copy.path), done.copy(log))
             poses = replace(detect.poses, delay=None)
             after = inspect_log(copy, detect.opening, detect.read, poses, deep="order" in words).findings
-        return {(one.id, one.topic) for one in after if one.level != "hint"} - {(one.id, one.topic) for one in found}
+        known, still = ({(one.id, one.topic) for one in some} for some in (found, after))
+        # What an error hid before is no fault of its mending.
+        cured = any(one.level == "error" and (one.id, one.topic) not in still for one in found)
+        return {(one.id, one.topic) for one in after if one.level == "error" or (one.level != "hint" and not cured)} - known
 
     worse = faults()
     for word in words if worse else ():
