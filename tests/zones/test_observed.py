@@ -243,3 +243,17 @@ def test_a_zone_without_area_and_one_that_cannot_be_judged(lidarcli: Run, tmp_pa
         assert lidarcli("report", tmp_path / "run.events.parquet", "--check", check).code in (code, 2)
     alone = zone_file(tmp_path, TOLD.replace("[a, b]", "[a]"), "alone.yaml")
     assert lidarcli("zones", bare, "--zones", alone, "--no-objects").code == 4
+
+
+@pytest.mark.parametrize("increment", [0.0, np.nan])
+@pytest.mark.parametrize("more", [(), ("--no-objects",), ("--topic", "/b")])
+def test_why_no_sweep_was_read_is_told(lidarcli: Run, more: tuple[str, ...], increment: float, tmp_path: Path) -> None:
+    refused = sweeps(topic="/b", angle_increment=increment)
+    log = write_bag(tmp_path / "run.bag", scans([refused]), scans([sweeps()]) if "/b" in more else [])
+    ran = lidarcli("zones", log, "--zones", zone_file(tmp_path, NEAR), *more)
+    assert ran.code == 3
+    assert (
+        "run.bag: no sweep has been read: the log holds none, or none from --start to --end; topic /b: 60 mess" in ran.err
+    )
+    sound = log_of(tmp_path, sweeps())
+    assert lidarcli("zones", sound, "--zones", zone_file(tmp_path, NEAR), "--no-objects", "--start", "100").code == 4
