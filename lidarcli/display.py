@@ -64,6 +64,12 @@ class Routine(str):
     __slots__ = ()
 
 
+class Unused(str):
+    """A note on options that change nothing: the Python functions warn of it, too."""
+
+    __slots__ = ()
+
+
 def headed(head: str, note: str) -> str:
     """Return a note with words before it, as routine as it was."""
     return type(note)(head + note)

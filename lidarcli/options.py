@@ -835,7 +835,7 @@ class Exporting(TypedDict, total=False):
     ]
     stamps: Annotated[Literal["ns", "us"] | None, Option(OUTPUT, choices.STAMPS, shown="as they are"), _STAMPS]
     only: Annotated[
-        str | Iterable[int],
+        int | str | Iterable[int],
         Option(OUTPUT, Text("LIST", parse_numbers, is_list=True), (), shown="all"),
         "Rows of these tracks alone, 4,6; of one track of a trajectories table a .tum can be written, for evo.",
     ]

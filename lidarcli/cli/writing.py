@@ -75,7 +75,8 @@ def export(messages: Messages, options: ExportCommand) -> int:
     from lidarcli.pipeline.exporting import chosen, export_file, export_stream, format_of
 
     form = (kind or "csv") if output == STDOUT else format_of(place(output))
-    wanted = chosen(options["tables"], [*options["columns"]], options["stamps"], [int(one) for one in options["only"]])
+    only = [int(one) for one in options["only"]]  # type: ignore[union-attr]
+    wanted = chosen(options["tables"], [*options["columns"]], options["stamps"], only)
     for problem in wanted.problems:
         messages.error(str(problem))
     if output == STDOUT:

@@ -113,7 +113,8 @@ def seen(batch: SweepBatch, place: SweepPoses, places: Float64) -> Bool:
 def _seen(batch: SweepBatch, bearing: Float64, distance: Float64) -> tuple[Bool, Bool, Float64]:
     """Return which places sweeps see, which of the rest are within the limits, and how wide their lost beams are [m].
 
-    The width is that of all lost beams side by side at the place, and 0 where the beam to it is not lost.
+    The width is that of all lost beams side by side at the place, and 0 where the beam to it is not lost. The limits of a
+    sweep that has no range, or of which most beams are lost, are not believed: all that is in view is within them.
     """
     step = batch.angle_increment[:, None]
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -132,8 +133,10 @@ def _seen(batch: SweepBatch, bearing: Float64, distance: Float64) -> tuple[Bool,
         within = known & (distance >= batch.range_min[:, None]) & (distance <= farthest)
         clear: Bool = within & (status == Status.NO_RETURN)
         clear |= known & (status == Status.VALID) & (distance <= ranges + 1e-3) & (distance >= batch.range_min[:, None])
-        width = np.where(known, _in_a_row(batch)[row, column] * np.abs(step) * distance, 0.0)
-    return clear, within & ~clear, width
+        in_a_row = _in_a_row(batch)
+        width = np.where(known, in_a_row[row, column] * np.abs(step) * distance, 0.0)
+    believed = (batch.status == Status.VALID).any(axis=1) & (2 * np.count_nonzero(in_a_row, axis=1) <= batch.beams)
+    return clear, (within | (known & ~believed[:, None])) & ~clear, width
 
 
 def _in_a_row(batch: SweepBatch) -> Int32:

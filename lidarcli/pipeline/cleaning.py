@@ -290,6 +290,8 @@ def _emptied(
 ) -> tuple[CleanSummary, Copy]:
     """Write a log without what moves in it; `parameters` are those that the table tells."""
     pair, first = detect_to_temporary(source, private, options.detect, progress)
+    if not first.summary.sweeps:
+        raise nothing_read(first.summary.damage, NoScanError("no sweep to clean"), sorted(options.detect.read.topics or ()))
     notes = file_metadata(pair.sweeps)
     described = note_value(notes, SOURCE, dict)
     if joined := described.get("segments"):

@@ -259,7 +259,7 @@ def of_logs(
             described.append(origin)
             damage += [line if len(sources) == 1 else f"{source.name}: {line}" for line in summary.damage]
             # Notes are for reading, but a table without a sweep needs its reason.
-            for line in [*summary.damage, *(summary.doubts if summary.sweeps else summary.notes)]:
+            for line in dict.fromkeys([*summary.warnings, *(summary.doubts if summary.sweeps else summary.notes)]):
                 warn(f"{source.label}: {line}")
     errors.conclude()
     origins = described[0] if len(described) == 1 else described

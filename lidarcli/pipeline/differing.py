@@ -17,7 +17,7 @@ import numpy as np
 import pyarrow as pa
 
 from lidarcli import choices
-from lidarcli.errors import OptionError, UnreadableError
+from lidarcli.errors import NoScanError, OptionError, UnreadableError
 from lidarcli.formalism.background import Background
 from lidarcli.formalism.mapping.grid import (
     CLEAR,
@@ -56,6 +56,7 @@ from lidarcli.formalism.matching.differences import (
 from lidarcli.formalism.matching.ground import HERE, MOST_CELLS, SEEN_FREE, Ground, Motion, Nearest, Surveying, of_map
 from lidarcli.formalism.tracking.results import ENDS
 from lidarcli.logs.batches import LONGEST
+from lidarcli.logs.registry import nothing_read
 from lidarcli.maps import image_of, read_map
 from lidarcli.newfiles import NewFiles, refuse, scratch_folder, writing
 from lidarcli.pipeline.detecting import detect_to_temporary, second_half
@@ -396,6 +397,9 @@ def _of_log(source: Source, options: DiffOptions, progress: Progress | None) -> 
             summary = reading.close()
             described = reading.describe(source)
             robots = reading.posing.robots
+    if not summary.sweeps:
+        none = nothing_read(summary.damage, NoScanError("no sweep to compare"), sorted(read.topics or ()))
+        raise type(none)(f"{source.label}: {none}")
     grounds = {
         world: survey.ground(max(1, min(survey.counts.sweeps, MIN_HITS_OF_ALL)), choices.OCCUPIED_RATIO)
         for world, survey in surveys.items()

@@ -101,7 +101,7 @@ def chosen(
     first = schemas[0]
     for name in [*columns, *([TRACK] if only else [])]:
         if name not in first.names:
-            near = get_close_matches(name, first.names, 1)
+            near = get_close_matches(str(name), first.names, 1)
             hint = f"did you mean {near[0]}?" if near else f"it has {', '.join(first.names)}"
             raise OptionError(f"{files[0]}: no column {name}; {hint}")
     names = [*columns] or [*dict.fromkeys(first.names)]

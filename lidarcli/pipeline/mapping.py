@@ -290,7 +290,8 @@ class Mapping:
             others = "" if self.options.poses.file else ", or give --poses FILE.tum"
             is_matched = self.options.poses.source == MATCH
             hint = "" if is_matched else f"; find its path with --pose match{others}"
-            raise UnreadableError(f"no poses: {why}{hint}" if summary.sweeps else "no sweep to map")
+            none = "; ".join(["no sweep to map", *summary.damage])
+            raise UnreadableError(f"no poses: {why}{hint}" if summary.sweeps else none)
         self.worlds |= dict.fromkeys(chosen.worlds)
         self.paths += chosen.paths(source.name)
         self.described.append(described)

@@ -173,6 +173,8 @@ class PoseWriter:
 
     def conclude(self, summary: RunSummary) -> None:
         """Refuse a path without a pose, and add notes on the number of poses."""
+        if not summary.sweeps:
+            raise UnreadableError("; ".join(["no sweep that could have a pose", *summary.damage, *summary.notes]))
         if not self._count:
             why = "; ".join(summary.notes) or "nothing in the log tells where the sensor was"
             hint = "" if self._is_matched else "; --pose match finds the path from the sweeps"

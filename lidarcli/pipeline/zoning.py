@@ -266,6 +266,9 @@ class ZoneReader:
             f"topic {topic}: {counted(count, 'message')} left out: {cause}"
             for (topic, cause), count in sorted(self._report.refused.items())
         ]
+        if not self._topics:
+            none = "no sweep has been read: the log holds none, or none from --start to --end"
+            raise UnreadableError("; ".join([none, *summary.damage])) if summary.damage else NoScanError(none)
         gaps: list[str] = []
         for zone in self._zones:
             with self._judging(zone):
@@ -357,8 +360,6 @@ class ZoneReader:
         """Yield what a zone needs and the log has only in part; refuse one for which it has nothing of it."""
         counted_in = self._counted_in(zone)
         if not counted_in:
-            if not self._topics:
-                raise NoScanError("no sweep has been read: the log holds none, or none from --start to --end")
             raise NoScanError(
                 f"zone '{zone.name}' is for {', '.join(zone.topics)}, and no sweeps of it have been read (only of "
                 f"{', '.join(sorted(self._topics))})"

@@ -8,6 +8,7 @@ import shutil
 from collections import Counter
 from collections.abc import Callable
 from datetime import UTC, datetime
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -152,6 +153,11 @@ def test_what_python_says_of_wrong_arguments(tmp_path: Path) -> None:
         ),
         (lambda: lidarcli.detect(path, Parameters(), max_width=1), TypeError, "give either parameters or max_width"),
         (lambda: lidarcli.detect([1]), TypeError, "logs, files and outputs are named by their paths, not given as int"),
+        *(
+            (partial(call, log), TypeError, f"logs, files and outputs are named by their paths, not given as {kind}")
+            for call in (lidarcli.track, lidarcli.detect, lidarcli.tables)
+            for log, kind in ((None, "NoneType"), (5, "int"), ([None], "NoneType"))
+        ),
         (lambda: lidarcli.detect(path, path), TypeError, "parameters have to be Parameters, not PosixPath"),
         (lambda: lidarcli.read(path, every=0), OptionError, "--every: 0 is below 1"),
         (
@@ -298,3 +304,29 @@ def test_warnings_name_the_line_that_called(tmp_path: Path) -> None:
         with pytest.warns(UserWarning, match=r"cut\.mcap: not a log lidarcli knows") as caught:
             call(folder)
         assert [warning.filename for warning in caught] == [__file__]
+
+
+@pytest.mark.parametrize(
+    ("options", "note"),
+    [
+        ({"angle_min": -1.0}, "no effect on this log: --angle-min"),
+        ({"echo": "last"}, "no effect on this log: --echo"),
+        ({"pose_delay": 0.1}, "no poses in this log: --pose-delay changes nothing"),
+    ],
+)
+def test_options_that_change_nothing_are_warned_of(options: dict[str, Any], note: str, tmp_path: Path) -> None:
+    path, zone = tmp_path / "run.mcap", tmp_path / "zone.toml"
+    write_log(path, [block()])
+    zone.write_text('[[zone]]\nname = "near"\ncircle = { x = 1.0, y = 0.0, radius = 0.5 }\n')
+    for call in (
+        lidarcli.detect,
+        lidarcli.track,
+        lambda *log, **more: [*lidarcli.read(*log, **more)],
+        partial(lidarcli.zones, zones=zone, no_objects=True),
+        partial(lidarcli.overlay, output=tmp_path / "shown.mcap", overwrite=True),
+    ):
+        with pytest.warns(UserWarning, match=rf"run\.mcap: {note}$") as caught:
+            call(path, **options)
+        assert len(caught) == 1
+    with pytest.warns(UserWarning, match=r"no effect on this log: --columns$"):
+        lidarcli.track(path, columns="2")

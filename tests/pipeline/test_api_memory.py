@@ -178,6 +178,17 @@ def test_tables_of_other_libraries(tracked: Any, tmp_path: Path) -> None:
     assert lidarcli.export(OfAnother(tracked.tracks), tmp_path / "tracks.csv") == tracked.tracks.num_rows
 
 
+def test_one_track_or_column_is_a_list_of_one(tracked: Any, tmp_path: Path) -> None:
+    out = tmp_path / "tracks.csv"
+    track = tracked.tracks["track"][0].as_py()
+    for only, count in ((track, 1), ([track], 1), (str(track), 1), (None, tracked.tracks.num_rows)):
+        assert lidarcli.export(tracked.tracks, out, True, only=only) == count
+    with pytest.raises(OptionError, match=r"^the table: no track 99 in it \(--only\)$"):
+        lidarcli.export(tracked.tracks, out, True, only=99)
+    with pytest.raises(OptionError, match=r"^the table: no column 5; it has log, "):
+        lidarcli.export(tracked.tracks, out, True, columns=5)
+
+
 def test_what_is_no_table(tracked: Any, frames: Any) -> None:
     kinds = r"^tables are named by their paths, or are what detect, track, tables, zones and diff return, .*, not int$"
     for call in (lambda: lidarcli.report(3), lambda: lidarcli.plot(PEOPLE, tracks=3), lambda: lidarcli.export(3, "x.csv")):

@@ -206,6 +206,35 @@ def test_a_log_without_any_range_is_copied(beams: int, tmp_path: Path, capsys: p
     assert sorted(each.name for each in tmp_path.iterdir()) == ["OUT.MCAP", "OUT.cleaned.parquet", "run.mcap"]
 
 
+@pytest.mark.parametrize("name", ["run.mcap", "run.bag", "run"])
+@pytest.mark.parametrize("wrong", [{"angle_min": np.nan}, {"angle_min": 1e30}, {"angle_increment": 0.0}], ids=str)
+def test_a_log_of_which_no_sweep_can_be_read_is_no_copy(
+    name: str, wrong: dict[str, float], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    log, out = tmp_path / name, tmp_path / name.replace("run", "out")
+    write_log(log, [raw_sweeps(round_room(5), topic="/b", **wrong)])
+    why = "no LaserScan{} in the part that could be read; topic /b: 5 messages left out: "
+    for words in ([], ["--topic", "/b"], ["--remove", "temporary"], ["--mend", "found"]):
+        assert run(["clean", str(log), "-o", str(out), *words]) == 3
+        assert why.format(" topic /b" if "--topic" in words else "") in " ".join(capsys.readouterr().err.split())
+    with pytest.raises(UnreadableError, match="5 messages left out"):
+        lidarcli.clean(log, out)
+    assert [each.name for each in tmp_path.iterdir()] == [name]
+    # Other commands tell the reason, too.
+    sound = tmp_path / "sound.mcap"
+    write_log(sound, [raw_sweeps(round_room(5))])
+    for words in (
+        ["map", str(log), "-o", str(tmp_path / "map.png")],
+        ["poses", str(log), "-o", str(tmp_path / "path.tum")],
+        ["diff", str(log), str(sound)],
+        ["diff", str(sound), str(log), "--align", "as-is"],
+    ):
+        assert run(words) == 3
+        told = " ".join(capsys.readouterr().err.split())
+        assert f"{name}: no " in told
+        assert "topic /b: 5 messages left out: " in told
+
+
 @pytest.mark.parametrize(
     ("value", "says"),
     [

@@ -30,7 +30,7 @@ def log_of(path: Path, raw: RawSweeps, *more: object) -> Path:
     return write_bag(path / "run.bag", scans([raw]), *more)  # type: ignore[arg-type]
 
 
-def changed(raw: RawSweeps, some: slice, values: float | np.ndarray) -> RawSweeps:
+def changed(raw: RawSweeps, some: slice | tuple[slice, slice], values: float | np.ndarray) -> RawSweeps:
     ranges = raw.ranges.copy()
     ranges[some] = values
     return replace(raw, ranges=ranges)
@@ -155,6 +155,11 @@ AROUND = '[[zone]]\nname = "near"\nframe = "robot"\npolygon = [[-2.5, -1.5], [0.
 REAR = {
     "sound": (sweeps(), 0),
     "dead": (changed(sweeps(), slice(0, 60), 0.0), 120),
+    "dead, as its least range is beyond the room": (sweeps(range_min=5.0), 120),
+    "dead, as its limits are no limits": (sweeps(range_min=99.0), 120),
+    "dead, as its greatest range is far too short": (sweeps(range_max=0.3), 120),
+    "dead but for a few beams": (changed(sweeps(range_min=3.0), np.s_[:, 5:], 2.9), 120),
+    "sound, of a short range": (changed(sweeps(range_max=2.0), np.s_[:, 90:95], 1.9), 0),
     "dead for a while": (changed(sweeps(), slice(20, 40), np.nan), 40),
     "late": (sweeps().rows(slice(30, 60)), 25),
     "silent from a second on": (sweeps().rows(slice(0, 10)), 45),
@@ -178,7 +183,7 @@ def test_each_sensor_has_to_observe_its_part(lidarcli: Run, case: str, frame: st
     zones = zone_file(tmp_path, LASERS + AROUND.replace("robot", frame))
     words = "zones", log, "--zones", zones, "--no-objects", "-o", tmp_path / "out"
     ran = lidarcli(*words, "--check", "zones.near.events == 0")
-    is_never = (case, frame) == ("dead", "robot")
+    is_never = (missed, frame) == (120, "robot")
     assert ran.code == (0 if not missed else 1 if is_never else 3)
     assert ("of it is lost (no usable beams, or a sensor that hangs or is silent)" in ran.err) == (
         "dead" in case or (frame == "robot" and missed > 0)
@@ -238,3 +243,17 @@ def test_a_zone_without_area_and_one_that_cannot_be_judged(lidarcli: Run, tmp_pa
         assert lidarcli("report", tmp_path / "run.events.parquet", "--check", check).code in (code, 2)
     alone = zone_file(tmp_path, TOLD.replace("[a, b]", "[a]"), "alone.yaml")
     assert lidarcli("zones", bare, "--zones", alone, "--no-objects").code == 4
+
+
+@pytest.mark.parametrize("increment", [0.0, np.nan])
+@pytest.mark.parametrize("more", [(), ("--no-objects",), ("--topic", "/b")])
+def test_why_no_sweep_was_read_is_told(lidarcli: Run, more: tuple[str, ...], increment: float, tmp_path: Path) -> None:
+    refused = sweeps(topic="/b", angle_increment=increment)
+    log = write_bag(tmp_path / "run.bag", scans([refused]), scans([sweeps()]) if "/b" in more else [])
+    ran = lidarcli("zones", log, "--zones", zone_file(tmp_path, NEAR), *more)
+    assert ran.code == 3
+    assert (
+        "run.bag: no sweep has been read: the log holds none, or none from --start to --end; topic /b: 60 mess" in ran.err
+    )
+    sound = log_of(tmp_path, sweeps())
+    assert lidarcli("zones", sound, "--zones", zone_file(tmp_path, NEAR), "--no-objects", "--start", "100").code == 4

@@ -10,6 +10,7 @@ from typing import Any, Unpack
 
 import pyarrow as pa
 
+from lidarcli.display import Unused
 from lidarcli.errors import NoScanError, OptionError, warn
 from lidarcli.formalism.background import Background
 from lidarcli.formalism.mapping.grid import Occupancy
@@ -109,7 +110,8 @@ def _batches(sources: Sequence[Source], options: LogOptions) -> Iterator[SweepBa
                 is_empty = False
                 yield replace(posing.attach(batch), log=source.name)
             # Notes are for reading, but a log without a sweep needs its reason, and ranges that are none theirs.
-            notes = [*masking.doubts, *(report.notes if is_empty else []), *report.doubted()]
+            unused = [note for note in [*report.notes, *posing.notes()] if isinstance(note, Unused)]
+            notes = [*masking.doubts, *(report.notes if is_empty else unused), *report.doubted()]
             for line in [*damage_lines(posing.together(report)), *notes]:
                 warn(f"{source.label}: {line}")
     failed.conclude()
@@ -185,7 +187,7 @@ def background(
         refuse_output(place(fspath(output)), sources, overwrite=True)
     with watched(progress, sources) as report:
         for source in sources:
-            for line in building.add(source, progress_of(source, report)).damage:
+            for line in building.add(source, progress_of(source, report)).warnings:
                 warn(f"{source.label}: {line}")
     sensors = building.sensors()
     refuse_nothing(sensors)
@@ -229,7 +231,7 @@ def map(log: Paths, output: Paths = (), *, progress: Progress = False, **options
     with MapRun(sources, outputs, made_with) as run, watched(progress, sources) as report:
         for source in sources:
             with failed.noted(source):
-                for line in run.add(source, progress_of(source, report)).damage:
+                for line in run.add(source, progress_of(source, report)).warnings:
                     warn(f"{source.label}: {line}")
         failed.conclude()
         mapped = run.finish()
@@ -289,7 +291,7 @@ def poses(
         else:
             found = write_path(source, path, parsed, tell)
     doubts = found.lines if isinstance(found, LocalisedPath) and not (found.tells and found.least is None) else []
-    for line in [*found.damage, *doubts]:
+    for line in [*found.warnings, *doubts]:
         warn(f"{source.label}: {line}")
     return found.table
 
@@ -359,7 +361,7 @@ def clean(
     parsed = clean_options(options, overwrite=overwrite)
     with watched(progress, [source]) as report:
         summary = clean_log(source, place(fspath(output)), parsed, progress_of(source, report))
-    for line in summary.damage:
+    for line in summary.warnings:
         warn(f"{source.label}: {line}")
     return summary.table
 
@@ -440,7 +442,7 @@ def overlay(
     refuse_overlay(path, source, parsed)
     with watched(progress, [source]) as report:
         summary = write_overlay(source, path, parsed, progress_of(source, report))
-    for line in summary.damage:
+    for line in summary.warnings:
         warn(f"{source.label}: {line}")
     return summary.outputs
 
@@ -477,7 +479,7 @@ def zones(log: Paths, *, progress: Progress = False, **options: Unpack[Zoning]) 
             with failed.noted(source):
                 summary = watch(source, parsed, progress=progress_of(source, report))
                 found.append(summary.tables)
-                for line in summary.damage:
+                for line in summary.warnings:
                     warn(f"{source.label}: {line}")
     failed.conclude()
     if len(found) == 1:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from difflib import get_close_matches
 from itertools import chain
 from os import PathLike, fspath
@@ -149,7 +149,7 @@ def tables(
     # Here the name is that of the columns of the tables.
     columns, options["columns"] = options["columns"], ""
     made = _found(log, names, parameters, options, tracking_of(options), progress)
-    if chosen := parse_names(columns) if isinstance(columns, str) else tuple(columns):
+    if chosen := _listed(columns, parse_names):
         made = narrowed(made, chosen)
     frames = {name: _frame(table) for name, table in made.items()}
     remember_sweeps(frames["objects"], made["sweeps"])
@@ -159,6 +159,13 @@ def tables(
     return found
 
 
+def _listed(value: Any, parse: Callable[[str], Sequence[Any]]) -> list[Any]:
+    """Return the values of an option that is a list, one text or one value alone; None stands for the default."""
+    if value is None:
+        return []
+    return [*parse(value)] if isinstance(value, str) else [*value] if isinstance(value, Iterable) else [value]
+
+
 def narrowed(tables: Mapping[str, pa.Table], columns: Sequence[str]) -> dict[str, pa.Table]:
     """Return of each table the columns that it has (`OptionError` where none has one)."""
     if [*columns] == ["brief"]:
@@ -166,7 +173,7 @@ def narrowed(tables: Mapping[str, pa.Table], columns: Sequence[str]) -> dict[str
     there = [*dict.fromkeys(name for table in tables.values() for name in table.column_names)]
     for name in columns:
         if name not in there:
-            near = get_close_matches(name, there, 1)
+            near = get_close_matches(str(name), there, 1)
             hint = f"did you mean {near[0]}?" if near else f"there are {', '.join(there)}"
             raise OptionError(f"--columns: no table has a column {name}; {hint}")
     return {kind: table.select([name for name in columns if name in table.column_names]) for kind, table in tables.items()}
@@ -194,10 +201,12 @@ def _found(
 ) -> dict[str, pa.Table]:
     """Some tables of logs or of batches, by their names."""
     parsed = detect_options(options, log_options(options), tracking, parameters)
-    items: Iterator[Any] = iter([log] if isinstance(log, str | PathLike | SweepBatch) else log)
-    first = next(items, None)
+    is_one = isinstance(log, str | PathLike | SweepBatch)
+    # What is no path is refused as such.
+    items: Iterator[Any] = iter(log if isinstance(log, Iterable) and not is_one else [log])
+    first = next(items, items)
     if not isinstance(first, SweepBatch):
-        sources = sources_of([] if first is None else [first, *items], options["join"])
+        sources = sources_of([] if first is items else [first, *items], options["join"])
         with watched(progress, sources) as report:
             return of_logs(sources, tables, parsed, report)
     refuse_reading({**options, "progress": progress or None}, Reading, "jobs", "progress")
@@ -228,15 +237,10 @@ def export(tables: GivenTables, output: AnyPath, overwrite: bool = False, **opti
     OutputError
         The file exists, or cannot be written.
     """
-    columns, only = options["columns"], options["only"]
+    columns, only = _listed(options["columns"], parse_names), _listed(options["only"], parse_numbers)
     path = place(fspath(output))
     form = format_of(path)
-    wanted = chosen(
-        tables_to_export(tables),
-        parse_names(columns) if isinstance(columns, str) else [*columns],
-        options["stamps"],
-        parse_numbers(only) if isinstance(only, str) else [*only],
-    )
+    wanted = chosen(tables_to_export(tables), columns, options["stamps"], only)
     rows, notes = export_file(wanted, path, form, overwrite)
     for line in [*map(str, wanted.problems), *notes]:
         warn(line)

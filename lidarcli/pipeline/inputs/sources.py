@@ -12,6 +12,7 @@ from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING
 
 from lidarcli.choices import JOIN
+from lidarcli.display import Unused
 from lidarcli.errors import LidarcliError, NoScanError, UnreadableError
 from lidarcli.logs import open_log
 from lidarcli.logs.base import CLOUD_TYPES, POSED_TYPES, Closing, Log, Message, OpenOptions, ReadReport, Slice, Topic
@@ -169,7 +170,7 @@ def _tell_unused(
     yield from blocks
     names = {"angle_scale": "degrees"}
     if unused := [f"--{names.get(name, name)}".replace("_", "-") for name in asked if name not in used]:
-        report.notes.append(f"no effect on this log: {', '.join(unused)}")
+        report.notes.append(Unused(f"no effect on this log: {', '.join(unused)}"))
 
 
 @contextmanager

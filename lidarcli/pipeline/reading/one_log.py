@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, Protocol, Self
 import numpy as np
 
 from lidarcli.choices import ECHOES, KEEP
-from lidarcli.display import Routine
+from lidarcli.display import Routine, Unused
 from lidarcli.errors import NoScanError, OptionError, UnreadableError
 from lidarcli.formalism.detection import SETS, Detection
 from lidarcli.logs.base import MAX_BEAMS, Log, OpenOptions, ReadReport, Slice
@@ -73,6 +73,11 @@ class RunSummary:
     def beams(self) -> int:
         """Beams of all sweeps."""
         return self.by_status.total()
+
+    @property
+    def warnings(self) -> list[str]:
+        """What the Python functions warn of: the damage, and options that change nothing."""
+        return [*self.damage, *(note for note in self.notes if isinstance(note, Unused))]
 
     @property
     def exit_code(self) -> int:

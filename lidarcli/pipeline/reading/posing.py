@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 import numpy as np
 
 from lidarcli.choices import BEAM_ORDERS, MATCH, MOST_DELAY
-from lidarcli.display import Routine, headed, moment, some_of
+from lidarcli.display import Routine, Unused, headed, moment, some_of
 from lidarcli.errors import NoScanError, OptionError, UnreadableError
 from lidarcli.findings import Finding
 from lidarcli.logs.base import POSE_TYPES, POSED_TYPES, Log, Message, ReadReport, Topic
@@ -508,7 +508,7 @@ class PoseAttacher:
         names = ["--pose-delay"] * bool(self.delay)
         if not self.named and not self.paths:
             names += ["--beam-order"] * (self.order != AUTO) + ["--no-deskew"] * (not self.deskew)
-        return f"no poses in this log: {', '.join(names)} change{'s' * (len(names) < 2)} nothing" if names else ""
+        return Unused(f"no poses in this log: {', '.join(names)} change{'s' * (len(names) < 2)} nothing") if names else ""
 
     def own_notes(self) -> list[str]:
         """Return the notes on one run."""
