@@ -13,13 +13,6 @@ from lidarcli.choices import GREATEST_NUMBER
 from lidarcli.errors import OptionError
 
 
-def lost(text: str, *, is_alone: bool = True) -> str:
-    """Return why a text is no value: there is none, or, where it is one item alone, the next option in its place; else ''."""
-    if not text:
-        return "an empty text names nothing"
-    return f"'{text}' is an option, not a value" if is_alone and re.match("-{1,2}[A-Za-z]", text) else ""
-
-
 @dataclass(frozen=True, slots=True)
 class Number:
     """A number with limits, which the command line and Python check alike."""
@@ -74,6 +67,12 @@ class Text:
     """True if a comma separates items within the text."""
     has_blanks: bool = False
     """True if the text may hold blanks: a variable of the environment then has one text per line."""
+
+    @staticmethod
+    def lost(text: str, *, is_alone: bool = True) -> str:
+        """Return why a text is no value: there is none, or, of one item alone, an option stands in its place; else ''."""
+        is_option = is_alone and re.match("-{1,2}[A-Za-z]", text)
+        return f"'{text}' is an option, not a value" if is_option else "" if text else "an empty text names nothing"
 
 
 @dataclass(frozen=True, slots=True)

@@ -3,7 +3,6 @@
 import json
 import shlex
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
 from functools import wraps
 from itertools import chain
 from typing import Annotated, Any
@@ -53,28 +52,22 @@ def telling_errors(work: Work) -> Work:
 
     @wraps(work)
     def told(messages: Messages, options: Any) -> int:
-        from lidarcli.errors import LidarcliError, NoScanError, OutputError, UnreadableError
+        from lidarcli.errors import NoScanError, OutputError, UnreadableError
         from lidarcli.newfiles import write_whole
-        from lidarcli.pipeline.reporting import checks_of, encoded
-        from lidarcli.reports.programs import as_junit
+        from lidarcli.pipeline.reporting import unread_suite
 
+        names = options["output"] or (STDOUT,)
+        is_junit = options.get("format") == "junit" and len(names) == 1
         try:
             return work(messages, options)
         except (NoScanError, UnreadableError) as err:
-            skipped = options["check"]
-            with suppress(LidarcliError):
-                skipped = checks_of(options)
-            title = ", ".join(options.get("runs") or options.get("logs") or options.get("tables") or (work.__name__,))
-            data = encoded(as_junit(work.__name__, title, [], {}, [str(err)], skipped=skipped))
-            names = options["output"] or (STDOUT,)
-            is_junit = options.get("format") == "junit" and len(names) == 1
+            data = unread_suite(work.__name__, options, err)
             for name in (name for name in names if is_junit or place(name).suffix.lower() == JUNIT):
                 try:
                     if name == STDOUT:
                         standard_output().buffer.write(data)
                     else:
                         messages.notes(write_whole(place(name), data, options["overwrite"], devices=True))
-                        messages.wrote([name])
                 except OutputError as failed:
                     messages.error(str(failed))
             raise

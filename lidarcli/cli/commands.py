@@ -23,7 +23,7 @@ from click.core import ParameterSource
 from lidarcli.cli.messages import Messages
 from lidarcli.errors import OUT_OF_MEMORY, LidarcliError, OptionError, OutputError, UnreadableError, is_short_of_memory
 from lidarcli.interrupts import Terminated
-from lidarcli.option_forms import File, Number, Option, Rule, Text, Value, arguments_of, lost, options_of, refuse_combinations
+from lidarcli.option_forms import File, Number, Option, Rule, Text, Value, arguments_of, options_of, refuse_combinations
 from lidarcli.options import RULES, STDOUT
 from lidarcli.stores import blotted
 
@@ -50,8 +50,8 @@ class Parsed(click.ParamType):  # type: ignore[type-arg]
         # A shell that completes a line has no time for the imports of a parser.
         if not isinstance(value, str) or (ctx and ctx.resilient_parsing):
             return value
-        if isinstance(self.form, Text):
-            refuse_lost(self, value, param, ctx, is_alone=not self.form.is_list)
+        if isinstance(self.form, Text) and (words := Text.lost(value, is_alone=not self.form.is_list)):
+            self.fail(f"{words}.", param, ctx)
         if self.form.parse is None:
             return value
         try:
@@ -72,15 +72,9 @@ class Place(click.Path):
     """A path or URL. Whether it can be read is found out where it is opened, which says more than a usage error."""
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        if isinstance(value, str):
-            refuse_lost(self, value, param, ctx, is_alone=isinstance(param, click.Option))
+        if isinstance(value, str) and (words := Text.lost(value, is_alone=isinstance(param, click.Option))):
+            self.fail(f"{words}.", param, ctx)
         return value
-
-
-def refuse_lost(form: click.ParamType, value: str, *where: Any, is_alone: bool) -> None:  # type: ignore[type-arg]
-    """Raise a usage error on a text that is no value; `is_alone` as of `lost`."""
-    if words := lost(value, is_alone=is_alone):
-        form.fail(f"{words}.", *where)
 
 
 def click_type(value: Value) -> click.ParamType:  # type: ignore[type-arg]

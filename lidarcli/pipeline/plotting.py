@@ -478,7 +478,12 @@ def _overview(
     stamps = sweeps.integers("stamp")
     if stamps.max() < first_ns - SAME_STAMP or stamps.min() > mapping.end_ns + SAME_STAMP:
         raise UnreadableError(f"{tracks}: not of this log: its sweeps have other stamps")
-    notes = other_recording(pair, mapping.described[-1].get("recording", {}))
+    notes = other_recording(pair, recording := mapping.described[-1].get("recording", {}))
+    whole = sum(int(recording.get(topic, "0").split()[0]) for topic in topics)
+    if len(sweeps) < whole:
+        begin, end = ((int(each) - first_ns) / SECOND_NS + 0.0 for each in (stamps.min(), stamps.max()))
+        some = f"{len(sweeps):,} of {whole:,} sweeps ({begin:.1f} s to {end:.1f} s)"
+        notes.append(f"{pair.tracks}: of {some}: what is in the others is not drawn")
     if lacking := sorted({*only} - {*things.integers("track").tolist()}):
         raise OptionError(f"{tracks}: no track {', '.join(map(str, lacking))} in it (--only)")
     if only:

@@ -27,7 +27,7 @@ from lidarcli.logs.base import OpenOptions
 from lidarcli.logs.batches import ReadOptions
 from lidarcli.logs.registry import open_options, range_rules
 from lidarcli.masks import Masks
-from lidarcli.option_forms import File, Number, Rule, Text, defaults_of, lost, options_of, python_words, refuse_combinations
+from lidarcli.option_forms import File, Number, Rule, Text, defaults_of, options_of, python_words, refuse_combinations
 from lidarcli.options import RULES, Finding, Objects, Tracking, parse_mends, parse_removed, parse_value
 from lidarcli.pipeline.inputs.declared import AUTO, read_catalogue, read_masks
 from lidarcli.pipeline.inputs.search import find_logs
@@ -133,9 +133,9 @@ def _check(name: str, form: Any, value: Any) -> None:
 
 
 def _refuse_lost(name: str, value: Any, *, is_alone: bool = False) -> None:
-    """Refuse a text that is no value, alone or in a list (`OptionError`); `is_alone` as of `lost`."""
+    """Refuse a text that is no value, alone or in a list (`OptionError`); `is_alone` as of `Text.lost`."""
     for text in value if isinstance(value, list | tuple | set) else (value,):
-        if isinstance(text, str) and (words := lost(text, is_alone=is_alone)):
+        if isinstance(text, str) and (words := Text.lost(text, is_alone=is_alone)):
             raise OptionError(f"{name}: {words}")
 
 
