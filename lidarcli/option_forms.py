@@ -69,9 +69,9 @@ class Text:
     """True if the text may hold blanks: a variable of the environment then has one text per line."""
 
     @staticmethod
-    def lost(text: str) -> str:
-        """Return why a text is no value: there is none, or the option that follows stands in its place; else ''."""
-        is_option = re.match("-{1,2}[A-Za-z]", text)
+    def lost(text: str, *, is_alone: bool = True) -> str:
+        """Return why a text is no value: there is none, or, of one item alone, an option stands in its place; else ''."""
+        is_option = is_alone and re.match("-{1,2}[A-Za-z]", text)
         return f"'{text}' is an option, not a value" if is_option else "" if text else "an empty text names nothing"
 
 

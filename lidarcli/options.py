@@ -326,7 +326,7 @@ class Ranges(Limits, total=False):
 
     columns: Annotated[
         str | Iterable[str],
-        Option(GEOMETRY, Text("LIST", is_list=True), "", shown="those of the file", rare=True),
+        Option(GEOMETRY, Text("LIST", is_list=True), (), shown="those of the file", rare=True),
         "Names of the columns of a CSV, in place of its own: time,ranges for one sweep per row, angle,range for one beam "
         "per row (docs/formats.md).",
     ]
@@ -521,7 +521,7 @@ class Tabling(Tracking, Beams, total=False):
         Option(
             OUTPUT,
             Text("LIST", parse_names, is_list=True),
-            "",
+            (),
             shown="all",
             python="Each table keeps those that it has; 'brief': a few of each that tell what was where.",
         ),
@@ -831,7 +831,7 @@ class Simulating(TypedDict, total=False):
 
 class Exporting(TypedDict, total=False):
     columns: Annotated[
-        str | Iterable[str], Option(OUTPUT, Text("LIST", parse_names, is_list=True), "", shown="all"), _COLUMNS
+        str | Iterable[str], Option(OUTPUT, Text("LIST", parse_names, is_list=True), (), shown="all"), _COLUMNS
     ]
     stamps: Annotated[Literal["ns", "us"] | None, Option(OUTPUT, choices.STAMPS, shown="as they are"), _STAMPS]
     only: Annotated[

@@ -3,6 +3,7 @@
 import json
 import shlex
 from collections.abc import Mapping, Sequence
+from functools import wraps
 from itertools import chain
 from typing import Annotated, Any
 
@@ -10,7 +11,7 @@ import click
 from click.core import ParameterSource
 
 from lidarcli.choices import JUNIT
-from lidarcli.cli.commands import command, log_options, usage_errors
+from lidarcli.cli.commands import Work, command, log_options, usage_errors
 from lidarcli.cli.messages import (
     Messages,
     Total,
@@ -46,6 +47,34 @@ from lidarcli.screen import one_line
 from lidarcli.stores import place
 
 
+def telling_errors(work: Work) -> Work:
+    """Let an error by which nothing is checked stand in the JUnit files of a command: none of an earlier run is left."""
+
+    @wraps(work)
+    def told(messages: Messages, options: Any) -> int:
+        from lidarcli.errors import NoScanError, OutputError, UnreadableError
+        from lidarcli.newfiles import write_whole
+        from lidarcli.pipeline.reporting import unread_suite
+
+        names = options["output"] or (STDOUT,)
+        is_junit = options.get("format") == "junit" and len(names) == 1
+        try:
+            return work(messages, options)
+        except (NoScanError, UnreadableError) as err:
+            data = unread_suite(work.__name__, options, err)
+            for name in (name for name in names if is_junit or place(name).suffix.lower() == JUNIT):
+                try:
+                    if name == STDOUT:
+                        standard_output().buffer.write(data)
+                    else:
+                        messages.notes(write_whole(place(name), data, options["overwrite"], devices=True))
+                except OutputError as failed:
+                    messages.error(str(failed))
+            raise
+
+    return told
+
+
 class DiffCommand(Overwrite, TextOrJson, Diffing, Checked, total=False):
     runs: Annotated[tuple[str, ...], Argument("RUN...", File("RUN"), several=True)]
     output: Annotated[
@@ -68,6 +97,7 @@ class DiffCommand(Overwrite, TextOrJson, Diffing, Checked, total=False):
   lidarcli diff monday.bag tuesday.bag wednesday.bag --min-score 0.95
   lidarcli diff truth.map.yaml room.yaml --format json""",
 )
+@telling_errors
 def diff(messages: Messages, options: DiffCommand) -> int:
     """Find what changed between runs: moved, new, gone.
 
@@ -135,6 +165,7 @@ class ZonesCommand(Zoning, ManyLogs, Checked, Reported, total=False):
     changed={field: {"rare": True} for field in ("background", "max_width", "clips")},
     rules=ZONE_RULES,
 )
+@telling_errors
 def zones(messages: Messages, options: ZonesCommand) -> int:
     """Find who or what came too close: when, how near, how long.
 
@@ -254,6 +285,7 @@ class ReportCommand(Overwrite, Reporting, Checked, total=False):
   lidarcli report tables/ --check "sweeps >= 100" --format github
   lidarcli report tables/ --format junit -o report.xml --overwrite""",
 )
+@telling_errors
 def report(messages: Messages, options: Mapping[str, Any]) -> int:
     """Sum up the tables of one or many runs, and check them.
 

@@ -50,7 +50,7 @@ class Parsed(click.ParamType):  # type: ignore[type-arg]
         # A shell that completes a line has no time for the imports of a parser.
         if not isinstance(value, str) or (ctx and ctx.resilient_parsing):
             return value
-        if isinstance(self.form, Text) and not self.form.is_list and (words := Text.lost(value)):
+        if isinstance(self.form, Text) and (words := Text.lost(value, is_alone=not self.form.is_list)):
             self.fail(f"{words}.", param, ctx)
         if self.form.parse is None:
             return value
@@ -72,7 +72,7 @@ class Place(click.Path):
     """A path or URL. Whether it can be read is found out where it is opened, which says more than a usage error."""
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        if value and isinstance(value, str) and isinstance(param, click.Option) and (words := Text.lost(value)):
+        if isinstance(value, str) and (words := Text.lost(value, is_alone=isinstance(param, click.Option))):
             self.fail(f"{words}.", param, ctx)
         return value
 

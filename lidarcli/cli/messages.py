@@ -69,6 +69,8 @@ class Messages(Screen):
     write: Callable[[str], None] = field(default=_to_stderr)
     quiet: bool = False
     verbose: bool = False
+    errors: int = 0
+    """Errors that were shown."""
     summary: dict[str, list[Any]] | None = None
     """Summary that `--format json` prints in the end; None where it is not asked for."""
 
@@ -96,6 +98,7 @@ class Messages(Screen):
 
     def error(self, *parts: str) -> None:
         """`lidarcli: run.mcap: what is wrong`, always shown."""
+        self.errors += 1
         self.write(one_line(": ".join(["lidarcli", *parts])))
 
     def failed(self, verdicts: Iterable[Any]) -> bool:
@@ -248,6 +251,7 @@ def show(
 
     `tell` returns the lines on its summary, by default what was found; lines after the first stand below the log.
     """
+    before = messages.errors
     if outcome.trace:
         messages.bug(outcome.trace)
     for trouble in filter(None, (outcome.remark, outcome.error)):
@@ -255,6 +259,8 @@ def show(
     if (run := outcome.summary) is not None:
         show_losses(outcome.label, run, messages)
         first, *rest = _found_lines(run, messages) if tell is None else tell(run)
+        if messages.quiet and outcome.exit_code and messages.errors == before:
+            messages.error(outcome.label, first)
         for line in (f"{outcome.label}: {first}", *rest, *(agents_of(run) if alone or messages.verbose else ())):
             messages.info(line)
         messages.notes(run.notes)

@@ -302,7 +302,7 @@ def _emptied(
     mask = described.get("mask")
     rules = rules_of(note_value(notes, PARAMETERS, dict), mask if isinstance(mask, dict) else None)
     blind = _blind(pair)
-    _refuse_motion(log, pair, described, options, rules, blind)
+    _refuse_motion(log, pair, described | {"gap": first.posing.file_gap}, options, rules, blind)
     chosen = choose(log, pair, options, rules, first.posing, second_half(progress, source.size))
     editing = _Editing(chosen, options.value)
     copy = Copy(editing) if merging is None else merging.copy(Copy(editing))
@@ -423,7 +423,7 @@ def _refuse_motion(
 ) -> None:
     """Refuse a log if it is not known where its sensor was while it moved; topics in `blind` have no ranges."""
     for frame, source in described.get("poses", {}).items():
-        for topic, (words, is_apart) in contradicted(source).items():
+        for topic, (words, is_apart) in contradicted(source, described["gap"]).items():
             if world_in(source, topic) not in (("",) if is_apart else ("", MATCH)):
                 raise UnreadableError(f"the poses of {frame or 'the sensor'} {words}")
     rows = read_columns(pair.sweeps, "sweeps", SCHEMAS["sweeps"], ("topic", "pose_x"))

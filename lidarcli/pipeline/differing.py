@@ -61,7 +61,7 @@ from lidarcli.maps import image_of, read_map
 from lidarcli.newfiles import NewFiles, refuse, scratch_folder, writing
 from lidarcli.pipeline.detecting import detect_to_temporary, second_half
 from lidarcli.pipeline.inputs.search import find_logs
-from lidarcli.pipeline.inputs.sources import MissingInput, Source
+from lidarcli.pipeline.inputs.sources import MissingInput, Source, naming
 from lidarcli.pipeline.inputs.tables import TracksTable, find_tracks, poses_of, read_tracks_table, world_in
 from lidarcli.pipeline.mapping import KM2, MIN_HITS_OF_ALL
 from lidarcli.pipeline.objects.detection import DetectOptions
@@ -301,7 +301,10 @@ def read_input(one: Input, options: DiffOptions, progress: Progress | None = Non
         table = read_tracks_table(place(one.text))
         return _of_tracks(one.text, table, {}, {})
     try:
-        return _of_background(one.text) if one.source is None else _of_log(one.source, options, progress)
+        if one.source is None:
+            return _of_background(one.text)
+        with naming(one.source):
+            return _of_log(one.source, options, progress)
     except TooLargeError as err:
         raise OptionError(
             f"{one.text}: the ground would reach over {err}, more than {choices.MAX_MAP_KM2:g} km²: a pose or a "

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Generic, TypeVar
@@ -20,7 +19,7 @@ from lidarcli.logs.base import OpenOptions, ReadReport
 from lidarcli.logs.batches import ReadOptions, read_batches
 from lidarcli.logs.registry import TopicChoice, nothing_read
 from lidarcli.newfiles import NewFiles, write_whole, writing
-from lidarcli.pipeline.inputs.sources import Source, open_source
+from lidarcli.pipeline.inputs.sources import Source, naming, open_source
 from lidarcli.pipeline.reading.masking import masking_of
 from lidarcli.pipeline.reading.one_log import damage_lines, read_log
 from lidarcli.pipeline.reading.posing import NO_POSES, Need, PoseAttacher, PoseOptions
@@ -96,19 +95,8 @@ def take_pictures(source: Source, options: PlotOptions) -> Drawn[Picture]:
     NoScanError
         There is no LaserScan, or not the topic that was asked for.
     """
-    with _naming(source):
+    with naming(source):
         return _take(source, options, _PictureMaker(source, options))
-
-
-@contextmanager
-def _naming(source: Source) -> Iterator[None]:
-    """Let errors of reading name the log."""
-    try:
-        yield
-    except (NoScanError, UnreadableError) as err:
-        if str(err).startswith((f"{source.path}: ", f"{source.label}: ")):
-            raise
-        raise type(err)(f"{source.label}: {err}") from err
 
 
 def _take(source: Source, options: PlotOptions, work: _PictureMaker) -> Drawn[Picture]:
@@ -444,7 +432,7 @@ def take_map(
     from lidarcli.pipeline.mapping import Mapping
 
     mapping = Mapping(options)
-    with _naming(source):
+    with naming(source):
         summary = mapping.add(source)
     paths = [np.column_stack([path.x, path.y]) for path in mapping.paths]
     found, notes = MapPicture(None), [*summary.notes]
@@ -490,7 +478,12 @@ def _overview(
     stamps = sweeps.integers("stamp")
     if stamps.max() < first_ns - SAME_STAMP or stamps.min() > mapping.end_ns + SAME_STAMP:
         raise UnreadableError(f"{tracks}: not of this log: its sweeps have other stamps")
-    notes = other_recording(pair, mapping.described[-1].get("recording", {}))
+    notes = other_recording(pair, recording := mapping.described[-1].get("recording", {}))
+    whole = sum(int(recording.get(topic, "0").split()[0]) for topic in topics)
+    if len(sweeps) < whole:
+        begin, end = ((int(each) - first_ns) / SECOND_NS + 0.0 for each in (stamps.min(), stamps.max()))
+        some = f"{len(sweeps):,} of {whole:,} sweeps ({begin:.1f} s to {end:.1f} s)"
+        notes.append(f"{pair.tracks}: of {some}: what is in the others is not drawn")
     if lacking := sorted({*only} - {*things.integers("track").tolist()}):
         raise OptionError(f"{tracks}: no track {', '.join(map(str, lacking))} in it (--only)")
     if only:

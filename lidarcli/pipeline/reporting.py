@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import shlex
 from collections.abc import Callable, Collection, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import count
 from typing import Any
@@ -164,6 +165,17 @@ def checks_of(options: Mapping[str, Any]) -> tuple[str, ...]:
             raise OptionError(f"{file}: holds no check")
         every += found
     return tuple(every)
+
+
+def unread_suite(command: str, options: Mapping[str, Any], error: LidarcliError) -> bytes:
+    """Return the JUnit suite of a command that could not read its input: each of its checks is not run."""
+    from lidarcli.reports.programs import as_junit
+
+    checks = options["check"]
+    with suppress(LidarcliError):
+        checks = checks_of(options)
+    title = ", ".join(options.get("runs") or options.get("logs") or options.get("tables") or (command,))
+    return encoded(as_junit(command, title, (), {}, [str(error)], skipped=checks))
 
 
 def initial_checks(report: Report) -> str:

@@ -261,7 +261,7 @@ class ZoneReader:
             described = reading.describe(source)
             self._robots = reading.posing.robots
         told = states(self._log, self._report)
-        notes = self._refuse_contradiction(described)
+        notes = self._refuse_contradiction(described, reading.posing.file_gap)
         summary.damage += [
             f"topic {topic}: {counted(count, 'message')} left out: {cause}"
             for (topic, cause), count in sorted(self._report.refused.items())
@@ -466,8 +466,8 @@ class ZoneReader:
             shared,
         )
 
-    def _refuse_contradiction(self, described: Mapping[str, Any]) -> list[str]:
-        """Refuse zones in a fixed frame where the sweeps contradict the poses; return notes on matched worlds."""
+    def _refuse_contradiction(self, described: Mapping[str, Any], gap: str) -> list[str]:
+        """Refuse zones in a fixed frame where the sweeps contradict the poses, as of `contradicted`; return notes."""
         fixed = {
             (zone.zone.name, topic): zone.zone.frame
             for (topic, _, _), each in self._counting.items()
@@ -477,7 +477,7 @@ class ZoneReader:
         notes: dict[str, None] = {}
         for frame, poses in described.get("poses", {}).items():
             for (name, topic), where in sorted(fixed.items()):
-                if topic in (wrong := contradicted(poses)):
+                if topic in (wrong := contradicted(poses, gap)):
                     raise UnreadableError(
                         f"zone '{name}' is in the frame {where}, and the poses of {frame or 'the sensor'} {wrong[topic][0]}"
                     )

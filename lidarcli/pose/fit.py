@@ -20,7 +20,7 @@ from lidarcli.display import some_of, times
 from lidarcli.findings import Finding, Fix
 from lidarcli.formalism.scan_matching import Matcher
 from lidarcli.pose.sources import LEVEL, WORLDS, GivenPaths, PoseChain, PoseSources, by_precedence, later, namespace
-from lidarcli.pose.tracks import SECOND_NS, Track, flat, frame_name, gathered
+from lidarcli.pose.tracks import SECOND_NS, TUM, Track, flat, frame_name, gathered
 from lidarcli.sweeps import TURN, Bool, Float64, Int64, SweepBatch
 
 LEAST_STEP = 0.001
@@ -738,8 +738,10 @@ def apart_finding(key: Key, chain: PoseChain, delay: float) -> Finding:
         why = together if is_split else f"those of {chain.topics[0]} are of other times"
         return Finding("clock", "error", *key, f"{words}: {why}")
     fix = Fix("option", f"--pose-delay {delay:.2f}") if abs(delay) <= MOST_DELAY else None
-    words = f"{words}: {clock_words(chain.topics[0], delay)} ({fix.text if fix else 'clean --mend clock'})"
-    return Finding("clock", "error", *key, words, {"delay": delay}, {"delay": LONGEST_DELAY}, fix, "clock")
+    mend = "" if chain.steps[0].track.type == TUM else "clock"
+    way = fix.text if fix else "clean --mend clock" if mend else "correct the stamps of the file"
+    words = f"{words}: {clock_words(chain.topics[0], delay)} ({way})"
+    return Finding("clock", "error", *key, words, {"delay": delay}, {"delay": LONGEST_DELAY}, fix, mend)
 
 
 def way_findings(chain: PoseChain, links: Sequence[Track], topic: str = "") -> list[Finding]:

@@ -360,3 +360,24 @@ def test_too_little_memory_is_no_bug(
     assert ran.err == f"lidarcli: {log}not enough memory; {advice}\n"
     assert lidarcli("info", "x?aws_secret_access_key=K").err.startswith("lidarcli: x?aws_secret_access_key=...: no")
     assert "pass" not in lidarcli("detect", "x", "-o", "https://me:pass@host/x.txt").err
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        *(("info", ""), ("track", "", "-o", "t"), ("clean", "", "-o", "x.mcap"), ("diff", "a.mcap", "")),
+        *(
+            ("zones", "", "--zones", "z.toml"),
+            ("report", ""),
+            ("report", "t", "--baseline", ""),
+            ("report", "t", "--log", ""),
+        ),
+        *(("track", "a.mcap", "-o", ""), ("track", "a.mcap", "--columns", ""), ("track", "a.mcap", "--base", "")),
+        *(("export", "a.parquet", "-o", "x.csv", "--only", ""), ("plot", "a.mcap", "--tracks", "")),
+    ],
+)
+def test_an_empty_text_is_no_folder(words: tuple[str, ...], lidarcli: Run) -> None:
+    """A variable of a shell that is not set would read, or write, whatever lies in the current folder."""
+    ran = lidarcli(*words)
+    assert ran.code == 2
+    assert "an empty text names nothing." in ran.err

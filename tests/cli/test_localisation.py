@@ -163,3 +163,10 @@ def test_diff_places_a_run_anew(lidarcli: Run, site: Path, path: str) -> None:
     if path == "lost":
         pytest.xfail("votes from where the sensor never was make building of boxes, and one of them is told as gone")
     assert as_is.code == 0, as_is.out
+
+
+def test_without_a_verdict_quiet_says_so(lidarcli: Run, site: Path) -> None:
+    loud = lidarcli("poses", site / "run.mcap", "--map", site / "other.yaml")
+    ran = lidarcli("-q", "poses", site / "run.mcap", "--map", site / "other.yaml")
+    assert ran.code == loud.code == 3
+    assert ran.err == f"lidarcli: {loud.err.splitlines()[0]}\n"

@@ -272,3 +272,18 @@ def test_options_of_tracks_need_them(lidarcli: Run, tables: Path, tmp_path: Path
     assert "  note     no agents: --density has nothing to draw" in ran.err.splitlines()
     assert "time of agents in a cell" not in words_of(out)
     assert lidarcli("plot", DRIVE, "--view", "map", "--tracks", tables, "--only", "1,x").code == 2
+
+
+def test_tables_of_a_part_are_told(lidarcli: Run, tables: Path, tmp_path: Path) -> None:
+    for name, part, some in (("end", ("--end", "2s"), "(0.0 s to 1.8 s)"), ("every", ("--every", "2"), " of ")):
+        assert lidarcli("-q", "track", DRIVE, "-o", tmp_path / name, *part).code == 0
+        of_part = tmp_path / name / "drive.tracks.parquet"
+        for more in ((), ("--density",)):
+            ran = lidarcli(
+                "plot", DRIVE, "--view", "map", "--tracks", of_part, *more, "-o", tmp_path / "a.png", "--overwrite"
+            )
+            assert ran.code == 0
+            (note,) = (line for line in ran.err.splitlines() if "what is in the others is not drawn" in line)
+            assert some in note
+    ran = lidarcli("plot", DRIVE, "--view", "map", "--tracks", tables, "-o", tmp_path / "b.png")
+    assert "is not drawn" not in ran.err

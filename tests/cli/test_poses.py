@@ -178,17 +178,19 @@ def test_what_is_read_is_not_written(lidarcli: Run, tmp_path: Path) -> None:
 @pytest.mark.parametrize("far", [-400.0, 400.0])
 def test_a_path_of_another_time(lidarcli: Run, logs: Path, tmp_path: Path, far: float) -> None:
     """No sweep has a place, and it is told why."""
+    side = "after" if far > 0 else "before"
     path = tmp_path / "in.tum"
     path.write_text("".join(f"{1_700_000_000 + far + k / 10:.1f} {k} 0 0 0 0 0 1\n" for k in range(20)))
     ran = lidarcli("detect", logs / "run.mcap", "--poses", path, "-o", tmp_path / "tables")
     assert ran.code == 3
     assert ran.err.splitlines()[0] == (
         f"lidarcli: {logs / 'run.mcap'}: --poses {path}: none of its poses is from the time of the sweeps, "
-        "2023-11-14T22:13:20.000Z to 2023-11-14T22:13:21.900Z: is it of another log?"
+        f"2023-11-14T22:13:20.000Z to 2023-11-14T22:13:21.900Z: they begin 400.00 s {side} the sweeps: "
+        "is it of another log, or of another clock (--pose-delay)?"
     )
     assert (
-        "  note     20 of 20 sweeps of frame laser have no pose: they are outside the span of in.tum"
-        in ran.err.splitlines()
+        "  note     20 of 20 sweeps of frame laser have no pose: they are outside the span of in.tum, "
+        f"whose poses begin 400.00 s {side} the sweeps" in ran.err.splitlines()
     )
     objects = pq.read_table(tmp_path / "tables" / "run.objects.parquet")
     sweeps = pq.read_table(tmp_path / "tables" / "run.sweeps.parquet")

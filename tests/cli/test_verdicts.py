@@ -195,3 +195,36 @@ def test_the_page_tells_the_limits() -> None:
         for name in re.findall(r"`([\w.]+)`", names)
     }
     assert told == GUARDED
+
+
+@pytest.mark.parametrize(
+    ("words", "check", "cause"),
+    [
+        (("diff", "room.mcap", "broken.mcap"), "gone == 0", "broken.mcap: "),
+        (("diff", "room.mcap", "absent.mcap"), "gone == 0", "absent.mcap: "),
+        (("report", "absent"), "sweeps >= 1", "absent: "),
+        (("zones", "room.mcap", "--zones", "absent.toml"), "zones.stop.events == 0", "absent.toml: "),
+    ],
+)
+def test_an_input_that_cannot_be_read_leaves_no_earlier_verdict(
+    words: tuple[str, ...], check: str, cause: str, folder: Path, lidarcli: Run
+) -> None:
+    Path("broken.mcap").write_bytes(b"\x89MCAP0\r\n" + b"x" * 100)
+    Path("out.xml").write_text("all is well")
+    ran = lidarcli(*words, "--check", check, "-o", "out.xml", "--overwrite")
+    assert ran.code == 3
+    assert ran.err.splitlines()[-1].startswith(f"lidarcli: {cause}")
+    assert counts(folder / "out.xml") == (2, 0, 1)
+    (case,) = (
+        case for case in ET.fromstring(Path("out.xml").read_bytes()).iter("testcase") if case.find("skipped") is not None
+    )
+    assert case.attrib["name"] == check
+    Path("out.xml").write_text("mine")
+    assert lidarcli(*words, "--check", check, "-o", "out.xml").code in (3, 5)
+    assert Path("out.xml").read_text() == "mine"
+
+
+def test_an_unread_report_on_standard_output_is_junit_too(folder: Path, lidarcli: Run) -> None:
+    ran = lidarcli("report", "absent", "--format", "junit")
+    assert ran.code == 3
+    assert ET.fromstring(ran.out).attrib["errors"] == "1"

@@ -7,6 +7,7 @@ import inspect
 import re
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import click
@@ -142,3 +143,16 @@ def test_a_function_for_each_command() -> None:
     functions = {name for name in lidarcli.__all__ if inspect.isfunction(getattr(lidarcli, name))}
     assert functions == {*FUNCTIONS, "read_catalogue"}
     assert {*COMMANDS} <= {name.removesuffix(" build") for name, _ in commands()}
+
+
+@pytest.mark.parametrize(
+    "call",
+    [
+        *(lambda: lidarcli.track(""), lambda: lidarcli.report([""]), lambda: lidarcli.info(log="")),
+        *(lambda: lidarcli.report("t", baseline=""), lambda: lidarcli.diff("a.mcap", ""), lambda: lidarcli.clean("a", "")),
+        *(lambda: lidarcli.track("a.mcap", columns=""), lambda: lidarcli.track(iter([""]))),
+    ],
+)
+def test_an_empty_text_is_no_folder(call: Callable[[], object]) -> None:
+    with pytest.raises(lidarcli.OptionError, match="an empty text names nothing"):
+        call()

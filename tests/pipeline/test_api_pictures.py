@@ -109,3 +109,8 @@ def test_what_cannot_be_drawn() -> None:
         with pytest.raises(error) as caught:
             call()
         assert str(caught.value) == words
+
+
+def test_a_sweep_is_counted_from_the_first() -> None:
+    with pytest.raises(OptionError, match=r"--sweep: -1 is below 0"):
+        lidarcli.plot(ROOM, sweep=-1)

@@ -163,3 +163,16 @@ def test_no_delay_is_told_of_an_even_motion(tmp_path: Path) -> None:
     (note,) = [each for each in path.notes if isinstance(each, Finding)]
     assert (note.fix, note.mend) == (None, "")
     assert note.message == "no sweep of /scan has a pose: those of /tf are of other times"
+
+
+@pytest.mark.slow
+def test_a_file_of_another_time_is_told_by_how_much(lidarcli: Run, tmp_path: Path) -> None:
+    """No mend of the log helps a file."""
+    log, zone = apart(tmp_path / "run.bag", 0.0, way=straight), tmp_path / "zone.toml"
+    zone.write_text('[[zone]]\nname = "door"\nframe = "world"\ncircle = { x = 9, y = 9, radius = 1 }\n')
+    rows = zip(SECONDS, straight(SECONDS), strict=True)
+    (tmp_path / "run.tum").write_text("".join(f"{1_700_000_600 + t:.1f} {x} {y} 0 0 0 0 1\n" for t, (x, y, _) in rows))
+    for words in (("zones", log, "--zones", zone), ("clean", log, "-o", tmp_path / "clean.bag")):
+        ran = lidarcli(*words, "--poses", tmp_path / "run.tum")
+        assert ran.code == 3
+        assert "they begin 600.00 s after the sweeps; nothing written; --pose-delay may help" in ran.err

@@ -27,7 +27,7 @@ from lidarcli.logs.base import OpenOptions
 from lidarcli.logs.batches import ReadOptions
 from lidarcli.logs.registry import open_options, range_rules
 from lidarcli.masks import Masks
-from lidarcli.option_forms import Number, Rule, Text, defaults_of, options_of, python_words, refuse_combinations
+from lidarcli.option_forms import File, Number, Rule, Text, defaults_of, options_of, python_words, refuse_combinations
 from lidarcli.options import RULES, Finding, Objects, Tracking, parse_mends, parse_removed, parse_value
 from lidarcli.pipeline.inputs.declared import AUTO, read_catalogue, read_masks
 from lidarcli.pipeline.inputs.search import find_logs
@@ -79,6 +79,8 @@ def with_keywords(*rules: Rule) -> Callable[[F], F]:
 
         @wraps(function)
         def called(*arguments: Any, **given: Any) -> Any:
+            for at, value in enumerate(arguments):
+                _refuse_lost(names[min(at, len(positional) - 1)], value)
             for name, value in given.items():
                 if name not in names:
                     close = get_close_matches(name, names, 1)
@@ -86,6 +88,8 @@ def with_keywords(*rules: Rule) -> Callable[[F], F]:
                     raise TypeError(f"{function.__name__}() has no option '{name}'; {hint}")
                 if name in known:
                     _check(name, known[name].value, value)
+                else:
+                    _refuse_lost(name, value)
             values = {**defaults, **given}
             refuse_combinations((*RULES, *rules), known, values, lambda name: known[name].is_changed(values[name]))
             return function(*arguments, **values)
@@ -117,8 +121,8 @@ def _check(name: str, form: Any, value: Any) -> None:
     option = f"--{name.replace('_', '-')}"
     if isinstance(form, tuple) and value is not None and value not in form:
         raise OptionError(f"{option}: '{value}' is not one of {', '.join(form)}")
-    if isinstance(form, Text) and isinstance(value, str) and not form.is_list and (words := Text.lost(value)):
-        raise OptionError(f"{option}: {words}")
+    if isinstance(form, Text | File):
+        _refuse_lost(option, value, is_alone=isinstance(form, Text) and not form.is_list)
     if value is None or not isinstance(form, Number):
         return
     try:
@@ -126,6 +130,13 @@ def _check(name: str, form: Any, value: Any) -> None:
             form.check(number)
     except OptionError as err:
         raise OptionError(f"{option}: {err}") from None
+
+
+def _refuse_lost(name: str, value: Any, *, is_alone: bool = False) -> None:
+    """Refuse a text that is no value, alone or in a list (`OptionError`); `is_alone` as of `Text.lost`."""
+    for text in value if isinstance(value, list | tuple | set) else (value,):
+        if isinstance(text, str) and (words := Text.lost(text, is_alone=is_alone)):
+            raise OptionError(f"{name}: {words}")
 
 
 @contextmanager
@@ -187,6 +198,7 @@ def path_text(value: Any) -> str:
     """Return the path of a file or folder as text (`TypeError` if it is none)."""
     if not isinstance(value, str | PathLike):
         raise TypeError(f"logs, files and outputs are named by their paths, not given as {type(value).__name__}")
+    _refuse_lost("a path", value)
     return fspath(value)
 
 

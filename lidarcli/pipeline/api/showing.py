@@ -14,6 +14,7 @@ from lidarcli.formalism.parameters import Parameters
 from lidarcli.newfiles import refuse, write_whole
 from lidarcli.options import (
     PLOT_RULES,
+    SWEEP,
     AnyPath,
     Changed,
     Delay,
@@ -92,6 +93,10 @@ class _OfLogs(Joining, Poses, Delay, Ranges):
 
 
 def _picture(log: Paths | SweepBatch, sweep: int, parameters: Parameters | None, options: Values) -> Picture:
+    try:
+        SWEEP.check(sweep)
+    except OptionError as err:
+        raise OptionError(f"--sweep: {err}") from None
     wanted = plot_options(options, parameters, (sweep,))
     if isinstance(log, SweepBatch):
         refuse_reading(options, _OfLogs, "topic", "at")

@@ -147,7 +147,7 @@ def tables(
     more = [name for name in ("trajectories", "beams") if options[name]]
     names = ("objects", "sweeps", "tracks", *more)
     # Here the name is that of the columns of the tables.
-    columns, options["columns"] = options["columns"], ""
+    columns, options["columns"] = options["columns"], ()
     made = _found(log, names, parameters, options, tracking_of(options), progress)
     if chosen := _listed(columns, parse_names):
         made = narrowed(made, chosen)

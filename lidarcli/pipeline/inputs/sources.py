@@ -107,6 +107,17 @@ class MissingInput:
         return self.path
 
 
+@contextmanager
+def naming(source: Source) -> Iterator[None]:
+    """Let errors of reading name the log."""
+    try:
+        yield
+    except (NoScanError, UnreadableError) as err:
+        if str(err).startswith((f"{source.path}: ", f"{source.label}: ")):
+            raise
+        raise type(err)(f"{source.label}: {err}") from err
+
+
 @dataclass(frozen=True, slots=True)
 class PoseMessages:
     """Poses that the messages of a log tell."""

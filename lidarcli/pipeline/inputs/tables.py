@@ -330,9 +330,9 @@ def world_in(description: Mapping[str, Any], topic: str) -> str:
     return world.strip("/") if isinstance(world, str) else ""
 
 
-def contradicted(description: Mapping[str, Any]) -> dict[str, tuple[str, bool]]:
+def contradicted(description: Mapping[str, Any], gap: str = "") -> dict[str, tuple[str, bool]]:
     """Return the topics whose sweeps contradict the told poses, by the description of the poses of a sensor: what is wrong
-    and the way out in words, and True where no sweep has a pose, as clocks differ.
+    and the way out in words, and True where no sweep has a pose, as clocks differ; `gap`: when poses of a file begin.
     """
     from lidarcli.pose.fit import CORRECTED, clock_words
 
@@ -344,8 +344,9 @@ def contradicted(description: Mapping[str, Any]) -> dict[str, tuple[str, bool]]:
         is_apart = fit == 0.0 and bool(delay is None or delay)
         words = f"contradict the sweeps of {topic}; nothing written; give other poses (--pose TOPIC, --poses FILE)"
         if is_apart:
-            why = clock_words("these", delay) if delay else "no sweep has one"
-            words = f"are of other times than {topic}, {why}; nothing written; --pose-delay or clean --mend clock may help"
+            why = clock_words("these", delay) if delay else f"they {gap}" if gap else "no sweep has one"
+            way = "--pose-delay" if gap else "--pose-delay or clean --mend clock"
+            words = f"are of other times than {topic}, {why}; nothing written; {way} may help"
         found[topic] = words, is_apart
     return found
 

@@ -382,15 +382,23 @@ class PoseAttacher:
         if self.found is None:
             return report
         both = self.found.together(report)
-        stats = [stats for each in self.every for stats in each.stats.values()]
-        if self.file and stats and all(frame.without == frame.sweeps for frame in stats):
+        if gap := self.file_gap:
+            stats = [stats for each in self.every for stats in each.stats.values()]
             first, last = min(frame.first_ns for frame in stats), max(frame.last_ns for frame in stats)
             both.add_damage(
                 f"--poses {self.file}",
-                f"none of its poses is from the time of the sweeps, {moment(first)} to {moment(last)}: "
-                "is it of another log?",
+                f"none of its poses is from the time of the sweeps, {moment(first)} to {moment(last)}: they {gap}: "
+                "is it of another log, or of another clock (--pose-delay)?",
             )
         return both
+
+    @property
+    def file_gap(self) -> str:
+        """When the poses of a file begin, none of which is from the time of the sweeps; empty where some are."""
+        stats = [stats for each in self.every for stats in each.stats.values()]
+        if not self.file or self.found is None or not stats or any(frame.without < frame.sweeps for frame in stats):
+            return ""
+        return _begins(self.found.sources.tracks[0].span_ns, min(frame.first_ns for frame in stats))
 
     def attach(self, batch: SweepBatch) -> SweepBatch:
         """Return the batch with its poses, if the log has some for its sensor."""
@@ -697,7 +705,14 @@ def _gap(name: str, chain: PoseChain, stats: FrameStats) -> str:
         from lidarcli.pose.fit import clock_words
 
         return f"{line}: {clock_words(chain.topics[0], delay_ns * SECOND)}"
-    return f"{line}: they are outside the span of {chain.topics[0]}"
+    when = f", whose poses {_begins(span, stats.first_ns)}" if stats.without == stats.sweeps else ""
+    return f"{line}: they are outside the span of {chain.topics[0]}{when}"
+
+
+def _begins(span_ns: tuple[int, int], first_ns: int) -> str:
+    """Return when poses begin, seen from the first sweep."""
+    seconds = (span_ns[0] - first_ns) * SECOND
+    return f"begin {abs(seconds):,.2f} s {'after' if seconds > 0.0 else 'before'} the sweeps"
 
 
 ODOMETRY = "nav_msgs/msg/Odometry"
