@@ -116,17 +116,17 @@ def imported(path: Path) -> set[str]:
 
 
 LINES = {
-    "cli": 3_074,
-    "formalism": 16_481,
+    "cli": 3_113,
+    "formalism": 16_484,
     "logs": 11_578,
     "overlays": 1_157,
-    "pipeline": 17_414,
-    "pose": 3_030,
+    "pipeline": 17_491,
+    "pose": 3_032,
     "reports": 7_026,
     "ros": 315,
     "simulation": 2_340,
     "tabular": 1_990,
-    "lidarcli": 6_779,
+    "lidarcli": 6_785,
 }
 """Most lines of Python of each room, and of the files beside them: lower them as code goes; who raises one says why."""
 MOST_FILES = 196
