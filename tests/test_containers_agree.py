@@ -125,7 +125,7 @@ def test_the_objects_are_the_same(
             "angle_min": first.angle_min[0],
             "angle_increment": first.angle_increment[0],
             "range_max": float(first.range_max[0]),
-            "columns": "seq,time,ranges" if case.options["layout"] == "drow" else "",
+            "columns": "seq,time,ranges" if case.options["layout"] == "drow" else (),
         }
     table = lidarcli.detect(path, **told)
     assert table.num_rows == expected.num_rows
