@@ -97,7 +97,7 @@ def merge_duplicates(sightings: Any, new: list[Tracklet], tracklets: dict[int, T
 
 
 def _goes_with(sightings: Any, tracklet: Tracklet, person: Tracklet) -> bool:
-    """Return whether a tracklet is slim enough for legs, becomes a person, and is within a step of it all the time."""
+    """Return whether a tracklet is slim enough for a leg, and is within a step of its person in nearly all sightings."""
     if 2.0 * max(tracklet.h) > PERSON_WIDTH:
         return False
     at, path = sightings.spans[tracklet.number], sightings.spans.get(person.number)
@@ -120,7 +120,7 @@ def _track_of(tracklet: Tracklet) -> Track:
 
 
 def _join_halves(sightings: Any, new: list[Tracklet], tracklets: dict[int, Tracklet]) -> None:
-    """Join what moves and began beside another one that ends there soon: one thing that was seen in two parts."""
+    """Join two moving tracklets that are one thing in two parts: the later begins beside the earlier, which ends there."""
     for later in new:
         if later.member or not later.moved:
             continue
