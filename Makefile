@@ -2,7 +2,7 @@
 
 VENV ?= .venv
 BIN := $(VENV)/bin
-CORE := $(filter-out %/native.pxd,$(wildcard lidarcli/*.pxd lidarcli/formalism/*.pxd lidarcli/formalism/*/*.pxd))
+CORE := $(filter-out %/native.pxd,$(wildcard lidarcli/*/*.pxd lidarcli/*/*/*.pxd))
 PYTEST := $(BIN)/pytest -n auto --dist worksteal
 PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
 # Bytecode is kept, whatever the surroundings say: tests start many processes, and each worker rewrites all assertions.
@@ -127,7 +127,7 @@ $(VENV)/installed: pyproject.toml setup.py | $(BIN)/python
 	$(call install,.)
 	@touch $@
 
-$(VENV)/compiled: lidarcli/native.pxd lidarcli/formalism/detection.py $(CORE) $(CORE:.pxd=.py) | $(VENV)/installed
+$(VENV)/compiled: lidarcli/system/native.pxd lidarcli/formalism/detection.py $(CORE) $(CORE:.pxd=.py) | $(VENV)/installed
 	@if [ -n "$$(find $^ -newer $(VENV)/installed)" ]; then echo "Compiling what has changed ..."; \
 		$(BIN)/python -m tools.requirements build-system > build/needs.txt && $(PIP) install -r build/needs.txt \
 		&& $(BIN)/python setup.py --quiet build_ext --inplace; fi

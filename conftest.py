@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from lidarcli import compiled
+from lidarcli.system import compiled
 
 ROOT = Path(__file__).parent
 CORE = sorted(ROOT.glob("lidarcli/**/*.pxd"))

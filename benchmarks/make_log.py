@@ -17,7 +17,7 @@ from lidarcli.logs.base import ReadReport
 from lidarcli.simulation.generate import simulate_blocks, simulate_odometry
 from lidarcli.simulation.scene import Sensor, load_scene
 from lidarcli.simulation.writers import write_log
-from lidarcli.sweeps import TURN, RawSweeps, concatenate
+from lidarcli.sweeps.types import TURN, RawSweeps, concatenate
 
 BLOCK = 512
 """Sweeps of a block that is written."""

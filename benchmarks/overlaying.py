@@ -15,7 +15,6 @@ from pathlib import Path
 
 from mcap.reader import make_reader
 
-from lidarcli.machine import keep_freed_memory
 from lidarcli.overlays.markers import MARKER_TYPE
 from lidarcli.pipeline.detecting import detect_to_files
 from lidarcli.pipeline.inputs.sources import Source
@@ -23,6 +22,7 @@ from lidarcli.pipeline.objects.detection import DetectOptions
 from lidarcli.pipeline.objects.tracking import TrackOptions
 from lidarcli.pipeline.overlaying import OverlayOptions, write_overlay
 from lidarcli.ros.messages import ROS2
+from lidarcli.system.machine import keep_freed_memory
 from lidarcli.tabular.reading import read_columns
 from lidarcli.tabular.schemas import OBJECTS
 

@@ -17,11 +17,11 @@ from mcap.writer import CompressionType, Writer
 
 from benchmarks.overlaying import least
 from lidarcli.logs.base import POINTCLOUD2, OpenOptions, ReadReport, Slice
-from lidarcli.machine import keep_freed_memory
 from lidarcli.pipeline.inputs.sources import Source, open_source
 from lidarcli.ros.messages import ROS2, ros2_definition
 from lidarcli.simulation.writers import write_log
-from lidarcli.sweeps import RawSweeps
+from lidarcli.sweeps.types import RawSweeps
+from lidarcli.system.machine import keep_freed_memory
 
 BEAMS = 181
 COLUMNS, RINGS = 1024, 64

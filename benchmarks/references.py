@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from lidarcli.sweeps import SweepBatch
+    from lidarcli.sweeps.types import SweepBatch
 
 FEW = 300
 """Sweeps for those that are slow."""

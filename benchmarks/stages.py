@@ -18,8 +18,8 @@ from lidarcli.formalism import Parameters, detect
 from lidarcli.logs import open_log
 from lidarcli.logs.base import ReadReport
 from lidarcli.logs.batches import ReadOptions, read_batches
-from lidarcli.machine import keep_freed_memory
 from lidarcli.pipeline.reading.one_log import RunSummary
+from lidarcli.system.machine import keep_freed_memory
 from lidarcli.tabular.columns import objects_rows, sweeps_rows
 from lidarcli.tabular.writing import TableFiles, table_metadata, table_paths
 

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 from lidarcli._version import __version__
 
 if "LIDARCLI_COMPILED" in os.environ:
-    from lidarcli import compiled
+    from lidarcli.system import compiled
 
     if not compiled.is_wanted():
         compiled.use_source()
@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from lidarcli.pipeline.inputs.declared import read_catalogue
     from lidarcli.pipeline.zoning import ZoneTables
     from lidarcli.simulation.run import Simulated
-    from lidarcli.sweeps import Status, SweepBatch, SweepPoses
+    from lidarcli.sweeps.types import Status, SweepBatch, SweepPoses
 
 _OF_LOGS = ("background", "clean", "diff", "info", "map", "overlay", "poses", "read", "simulate", "zones")
 _HOMES = {
@@ -54,7 +54,7 @@ _HOMES = {
     "lidarcli.pipeline.inputs.declared": ("read_catalogue",),
     "lidarcli.pipeline.zoning": ("ZoneTables",),
     "lidarcli.simulation.run": ("Simulated",),
-    "lidarcli.sweeps": ("Status", "SweepBatch", "SweepPoses"),
+    "lidarcli.sweeps.types": ("Status", "SweepBatch", "SweepPoses"),
 }
 """Module → the public names that it holds, as type checkers see them above; each is imported on first use."""
 _HOME = {name: home for home, names in _HOMES.items() for name in names}

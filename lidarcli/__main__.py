@@ -5,7 +5,7 @@ import os
 import sys
 from contextlib import suppress
 
-from lidarcli.interrupts import Terminated, end_as_terminated, wait_for_imports
+from lidarcli.system.interrupts import Terminated, end_as_terminated, wait_for_imports
 
 # numpy would start a thread per processor for linear algebra, of which there is none here.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")

@@ -6,7 +6,7 @@ from collections.abc import Collection, Iterator, Sequence
 from typing import Any
 
 from lidarcli.logs.base import Message, ReadReport, Topic
-from lidarcli.sweeps import RawSweeps
+from lidarcli.sweeps.types import RawSweeps
 
 
 class FakeLog:

@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from lidarcli.range_rules import RangeRules, normalise
 from lidarcli.simulation.generate import simulate_sweep_arrays
 from lidarcli.simulation.scene import Entity, Scene, Sensor
-from lidarcli.sweeps import TURN, Float64, SweepBatch, SweepPoses
+from lidarcli.sweeps.range_rules import RangeRules, normalise
+from lidarcli.sweeps.types import TURN, Float64, SweepBatch, SweepPoses
 
 BEAMS = 720
 SPINNING = Sensor(beams=BEAMS, angle_increment=TURN / BEAMS, time_increment=0.1 / BEAMS)

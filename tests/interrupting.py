@@ -24,7 +24,7 @@ main()
 assert event is None, "it never came"
 """
 MOMENTS = {
-    "while modules are imported": ("import", "lidarcli.sweeps"),
+    "while modules are imported": ("import", "lidarcli.sweeps.types"),
     "before the log is read": ("open", "run."),
     "as a private folder is made": ("os.mkdir", ".part"),
     "before the outputs get their names": ("os.rename", ".part"),

@@ -12,7 +12,7 @@ import numpy as np
 from lidarcli.ros.messages import Outgoing
 from lidarcli.simulation.generate import START_NS
 from lidarcli.simulation.scene import Mount, Scene, Sensor
-from lidarcli.sweeps import concatenate
+from lidarcli.sweeps.types import concatenate
 from tests.zones.runs import scans, sweeps_of, transform_at, write_bag
 
 Place = tuple[float, float, float]

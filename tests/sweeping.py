@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from lidarcli.sweeps import RawSweeps
+from lidarcli.sweeps.types import RawSweeps
 
 START = 1_700_000_000_000_000_000
 """Stamp of the first sweep [ns]."""

@@ -129,7 +129,7 @@ LINES = {
     "lidarcli": 6_785,
 }
 """Most lines of Python of each room, and of the files beside them: lower them as code goes; who raises one says why."""
-MOST_FILES = 196
+MAX_FILES = 196
 """One more for the sensors of a robot (`robots`), one for what merges them (`merging`)."""
 
 
@@ -208,4 +208,4 @@ def test_rooms_keep_to_their_budget() -> None:
         if count > LINES[room]
     ]
     assert over == [], "look first for what can go; who raises a budget in LINES says why in the commit"
-    assert len(MODULES) <= MOST_FILES
+    assert len(MODULES) <= MAX_FILES

@@ -12,11 +12,11 @@ import pyarrow.compute as pc
 import pytest
 
 import lidarcli
-from lidarcli.range_rules import RangeRules, normalise
 from lidarcli.simulation.generate import simulate_blocks
 from lidarcli.simulation.scene import load_scene
 from lidarcli.simulation.writers import MCAP_COMPRESSIONS
-from lidarcli.sweeps import RawSweeps, SweepBatch
+from lidarcli.sweeps.range_rules import RangeRules, normalise
+from lidarcli.sweeps.types import RawSweeps, SweepBatch
 from tests.places import SAMPLES
 from tests.text_logs import LAYOUTS, write_log
 

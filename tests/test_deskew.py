@@ -20,7 +20,7 @@ from lidarcli.simulation.generate import simulate_blocks, simulate_odometry
 from lidarcli.simulation.scene import load_scene
 from lidarcli.simulation.truth import true_map
 from lidarcli.simulation.writers import write_log
-from lidarcli.sweeps import Float64, SweepBatch, concatenate
+from lidarcli.sweeps.types import Float64, SweepBatch, concatenate
 from tests.formalism.tracking.following import TrackedLog, follow
 from tests.going import SENSORS, Drive, in_the_world, seen_going, told_backwards
 

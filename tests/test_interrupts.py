@@ -12,7 +12,7 @@ from pathlib import Path
 import pyarrow as pa
 import pytest
 
-from lidarcli.newfiles import NewFiles
+from lidarcli.files.newfiles import NewFiles
 from lidarcli.tabular.writing import ROWS_PER_GROUP, ParquetSink
 from tests.waiting import HANG
 
@@ -32,7 +32,7 @@ whole = True
 """
 IMPORTING = """
 import signal, sys, time
-from lidarcli.interrupts import wait_for_imports
+from lidarcli.system.interrupts import wait_for_imports
 wait_for_imports()
 try:
     import imported
@@ -59,8 +59,8 @@ def test_it_waits_for_an_import(tmp_path: Path, number: str, raised: str) -> Non
 COMPARING = """
 import enum, os, signal, sys, time
 import numpy as np
-from lidarcli.interrupts import wait_for_imports
-from lidarcli.sweeps import Status
+from lidarcli.system.interrupts import wait_for_imports
+from lidarcli.sweeps.types import Status
 wait_for_imports()
 def inside(frame, event, argument):
     if frame.f_code.co_filename == enum.__file__:
@@ -84,7 +84,7 @@ def test_numpy_does_not_swallow_it_over_an_enumeration(number: str, raised: str)
 
 IGNORING = """
 import os, signal, sys
-from lidarcli.interrupts import wait_for_imports
+from lidarcli.system.interrupts import wait_for_imports
 wait_for_imports()
 class Ends:
     def __del__(self):
@@ -107,7 +107,7 @@ def test_python_does_not_ignore_it_where_an_object_ends(number: str, raised: str
 
 IMPATIENT = """
 import os, signal, time
-from lidarcli import interrupts
+from lidarcli.system import interrupts
 class Clock:
     now = 100.0
     def monotonic():
@@ -138,7 +138,7 @@ def test_an_impatient_user_does_not_disturb_the_clearing_away() -> None:
 
 STARTING = """
 import os, signal, time
-from lidarcli.interrupts import wait_for_imports
+from lidarcli.system.interrupts import wait_for_imports
 from lidarcli.pipeline.runs import processes
 wait_for_imports()
 inside = []
@@ -168,7 +168,7 @@ def test_it_waits_for_the_start_of_processes(tmp_path: Path, number: str, raised
 
 def test_where_it_is_ignored_it_stays_ignored() -> None:
     script = (
-        "import signal; from lidarcli.interrupts import wait_for_imports; wait_for_imports();"
+        "import signal; from lidarcli.system.interrupts import wait_for_imports; wait_for_imports();"
         "signal.raise_signal(signal.SIGINT); print('still here')"
     )
     ran = subprocess.run(
@@ -209,7 +209,7 @@ def test_no_thread_is_at_a_table_that_is_given_up(tmp_path: Path, monkeypatch: p
 
 CLOSING = """
 import os, signal, sys, threading, time
-from lidarcli.machine import Threads
+from lidarcli.system.machine import Threads
 done, begun = [], threading.Event()
 def closing():
     frame = sys._current_frames()[threading.main_thread().ident]

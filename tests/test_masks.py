@@ -10,9 +10,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from lidarcli.errors import OptionError
-from lidarcli.masks import Circle, Mask, Masks, Mount, Polygon, Sector
-from lidarcli.range_rules import RangeRules, count_statuses, normalise
-from lidarcli.sweeps import Status
+from lidarcli.sweeps.masks import Circle, Mask, Masks, Mount, Polygon, Sector
+from lidarcli.sweeps.range_rules import RangeRules, count_statuses, normalise
+from lidarcli.sweeps.types import Status
 from tests.sweeping import raw_sweeps
 
 BEAMS = 90

@@ -17,7 +17,7 @@ import pytest
 from lidarcli.cli import run
 from lidarcli.logs.mcap import McapLog
 from lidarcli.simulation.writers import write_log
-from lidarcli.sweeps import RawSweeps
+from lidarcli.sweeps.types import RawSweeps
 from tests.sweeping import START, STEP, raw_sweeps, round_room
 
 YEAR = 365 * 86400 * 10**9

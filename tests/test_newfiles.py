@@ -11,10 +11,10 @@ import pyarrow.ipc
 import pyarrow.parquet as pq
 import pytest
 
-from lidarcli import newfiles
 from lidarcli.cli import run
 from lidarcli.errors import OptionError, OutputError
-from lidarcli.newfiles import NewFiles, refuse, refuse_lost, scratch_folder, write_whole
+from lidarcli.files import newfiles
+from lidarcli.files.newfiles import NewFiles, refuse, refuse_lost, scratch_folder, write_whole
 from lidarcli.tabular.writing import TableFiles
 from tests.places import SAMPLES
 from tests.unprivileged import lidarcli
@@ -399,7 +399,7 @@ def test_a_name_of_another_kind_of_file_is_refused(tmp_path: Path, name: str, ca
 
 
 def test_nothing_waits_for_a_private_folder_of_its_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("lidarcli.newfiles.time.sleep", lambda _: pytest.fail("it waits"))
+    monkeypatch.setattr("lidarcli.files.newfiles.time.sleep", lambda _: pytest.fail("it waits"))
     with scratch_folder(tmp_path) as outer, scratch_folder(outer) as inner, NewFiles([inner / "x"]) as files:
         files.part(inner / "x").write_bytes(b"x")
         files.publish()

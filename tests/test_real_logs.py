@@ -13,7 +13,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from lidarcli.cli import run
-from lidarcli.sweeps import STATUSES
+from lidarcli.sweeps.types import STATUSES
 from tests.places import REAL_LOGS, needs_real_logs
 
 pytestmark = [needs_real_logs, pytest.mark.slow]

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from lidarcli.range_rules import NO_RETURN_WORDS, RangeRules, closure, duration, normalise, parse_no_return
-from lidarcli.sweeps import TURN, Closure, RawSweeps, Status, SweepBatch, SweepPoses, concatenate
+from lidarcli.sweeps.range_rules import NO_RETURN_WORDS, RangeRules, closure, duration, normalise, parse_no_return
+from lidarcli.sweeps.types import TURN, Closure, RawSweeps, Status, SweepBatch, SweepPoses, concatenate
 from tests.sweeping import raw_sweeps
 
 VALID, NO_RETURN, TOO_CLOSE, INVALID, MASKED, PADDING = Status

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from lidarcli.errors import OptionError
-from lidarcli.times import Instant, parse_time
+from lidarcli.options.times import Instant, parse_time
 
 
 @pytest.mark.parametrize(

@@ -12,8 +12,8 @@ import pyarrow.parquet as pq
 import pytest
 
 import lidarcli
-from lidarcli import compiled
 from lidarcli.simulation.writers import write_log
+from lidarcli.system import compiled
 from tests.sweeping import BOX, raw_sweeps, round_room
 
 ENVIRONMENT = {name: value for name, value in os.environ.items() if name != "LIDARCLI_COMPILED"}

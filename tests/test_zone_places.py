@@ -7,9 +7,9 @@ import math
 import numpy as np
 import pytest
 
-from lidarcli.masks import Circle, Mount, Polygon, mounted
-from lidarcli.sweeps import SweepPoses
-from lidarcli.zone import ROUND, Line, outline, placed
+from lidarcli.sweeps.masks import Circle, Mount, Polygon, mounted
+from lidarcli.sweeps.types import SweepPoses
+from lidarcli.sweeps.zone import ROUND, Line, outline, placed
 
 AHEAD = Polygon(((1.0, 0.0), (2.0, 0.0), (2.0, 1.0)))
 MOUNTED = Mount("laser", "base_link", 0.2, -0.1, math.pi / 2)

@@ -13,7 +13,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 import lidarcli
-from lidarcli import palette
+from lidarcli.display import palette
 from lidarcli.formalism.background import Background
 from lidarcli.reports.drawing import draw_marks, project_style
 from lidarcli.reports.drawing import sensor as sensor_mark

@@ -16,7 +16,7 @@ ROOT = Path(__file__).parent.parent
 REAL_LOGS = "LIDARCLI_REAL_LOGS"
 ENVIRONMENT = {**os.environ, "LIDARCLI_COMPILED": "no", "LIDARCLI_BOUNDS": "1"}
 WILD = """
-from lidarcli import native
+from lidarcli.system import native
 values = native.doubles([], 2)
 for index in (-1, 2):
     try:

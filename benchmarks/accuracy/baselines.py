@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from sklearn.cluster import DBSCAN
 
-from lidarcli.sweeps import Closure, Float64, Int64, Status, SweepBatch
+from lidarcli.sweeps.types import Closure, Float64, Int64, Status, SweepBatch
 
 MIN_POINTS = 3
 MAX_WIDTH = 2.0

@@ -13,7 +13,7 @@ from benchmarks.scenes.random import SENSORS, sensor_with
 from lidarcli.formalism import SHAPES, VERTEX_KINDS, Detection, detect
 from lidarcli.simulation import scene as make
 from lidarcli.simulation.scene import Course, Entity, Scene, Sensor
-from lidarcli.sweeps import TURN, Bool, Float64, Int64, SweepBatch
+from lidarcli.sweeps.types import TURN, Bool, Float64, Int64, SweepBatch
 
 NEAR = 0.05
 """A vertex is right within this distance of a corner [m]."""

@@ -10,10 +10,10 @@ import numpy as np
 
 from benchmarks.scenes import building
 from benchmarks.scenes.random import CHEAP_NOISE, FAULTS, KINDS, SENSORS, Kind, cheap, random_scene, sensor_with
-from lidarcli.range_rules import RangeRules, normalise
 from lidarcli.simulation.generate import simulate_sweep_arrays
 from lidarcli.simulation.scene import Entity, Scene, Sensor
-from lidarcli.sweeps import TURN, Float64, Int32, RawSweeps, SweepBatch, UInt8, concatenate
+from lidarcli.sweeps.range_rules import RangeRules, normalise
+from lidarcli.sweeps.types import TURN, Float64, Int32, RawSweeps, SweepBatch, UInt8, concatenate
 
 Things = Literal["plain", "whole", "legs"]
 """Scenes without legged things; with them, each one entity; with them, each leg an entity of its own."""

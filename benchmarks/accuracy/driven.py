@@ -16,7 +16,7 @@ from benchmarks.accuracy.scoring import Score, score
 from benchmarks.annotations.methods import TRACK, from_rows
 from benchmarks.scenes.building import KINDS, SWEEPS, building_scene
 from lidarcli.simulation.generate import simulate_sweep_arrays
-from lidarcli.sweeps import Int64, SweepBatch, SweepPoses
+from lidarcli.sweeps.types import Int64, SweepBatch, SweepPoses
 
 Driven = dict[tuple[str, str], Score]
 """Kind of sensor and method → score over all sweeps."""

@@ -8,7 +8,7 @@ import numpy as np
 
 from benchmarks.accuracy.baselines import BASELINES, MAX_WIDTH, MIN_POINTS
 from lidarcli.formalism import Detection, Parameters, detect
-from lidarcli.sweeps import Int64, SweepBatch
+from lidarcli.sweeps.types import Int64, SweepBatch
 
 Method = Callable[[SweepBatch], Int64]
 

@@ -13,7 +13,7 @@ from benchmarks.accuracy.scoring import Score, assign, score
 from benchmarks.scenes import building
 from benchmarks.scenes.random import Kind
 from lidarcli.formalism import SHAPES, Parameters, detect
-from lidarcli.sweeps import Int64, SweepBatch
+from lidarcli.sweeps.types import Int64, SweepBatch
 
 SHAPE_BEAMS = 12
 """Shapes are asked of entities hit by at least so many beams."""

@@ -17,7 +17,7 @@ from benchmarks.annotations import page as by_eye
 from benchmarks.scenes import building
 from benchmarks.scenes.random import FAULTS, KINDS, SENSORS
 from lidarcli.formalism import SHAPES
-from lidarcli.sweeps import Int64
+from lidarcli.sweeps.types import Int64
 
 BEGIN, END = "<!-- real recordings: begin -->", "<!-- real recordings: end -->"
 KEPT = "*The recordings were not at hand in the last run; these figures are those of an earlier one.*"

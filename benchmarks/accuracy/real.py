@@ -17,7 +17,7 @@ import lidarcli
 from benchmarks.accuracy.cells import points_xy
 from benchmarks.accuracy.methods import METHODS
 from lidarcli.formalism import detect
-from lidarcli.sweeps import Float64, Int64, SweepBatch
+from lidarcli.sweeps.types import Float64, Int64, SweepBatch
 
 LEG_LOGS = "leg_tracker/positive_*_extracted.bag"
 LEG_TOPIC = "/leg_cluster_positions"

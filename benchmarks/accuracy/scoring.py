@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from benchmarks.accuracy.cells import THINGS, WALL, Truth
-from lidarcli.sweeps import Bool, Int64, Status, SweepBatch
+from lidarcli.sweeps.types import Bool, Int64, Status, SweepBatch
 
 PURE = 0.7
 """A detection is right when this share of its beams hit one entity that is no wall."""

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lidarcli.formalism import Detection
-from lidarcli.sweeps import TURN, Closure, Float64, SweepBatch
+from lidarcli.sweeps.types import TURN, Closure, Float64, SweepBatch
 
 GRID = 10
 """Places along each side of a box that are asked."""

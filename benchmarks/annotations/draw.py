@@ -14,7 +14,7 @@ from scipy.spatial import cKDTree
 
 from benchmarks.annotations.pieces import Piece, pieces
 from benchmarks.annotations.sweeps import Row
-from lidarcli.sweeps import Float64, SweepBatch
+from lidarcli.sweeps.types import Float64, SweepBatch
 
 NEAR = 3.0
 """[m] from the sensor to the borders of the near picture."""

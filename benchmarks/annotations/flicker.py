@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 import pyarrow as pa
 
-from lidarcli.sweeps import Bool, SweepBatch
+from lidarcli.sweeps.types import Bool, SweepBatch
 
-LEAST_BEAMS, FARTHEST, WITHIN = 8, 5.0, 0.2
+MIN_BEAMS, FARTHEST, WITHIN = 8, 5.0, 0.2
 """Detections of at least so many beams, up to so far away [m], have a counterpart that is so near [m]."""
 PARKED, SAME, SAME_GROWS = 0.9, 0.03, 0.01
 """A sensor is parked where this share of the beams with a range in both sweeps changes by less than so much [m], [m/m]."""
@@ -73,7 +73,7 @@ def measure(objects: pa.Table, batches: Sequence[SweepBatch]) -> Flicker:
     for one, other in parked_pairs(batches):
         here = np.arange(*np.searchsorted(sweep, [one, one + 1]))
         there = np.arange(*np.searchsorted(sweep, [other, other + 1]))
-        asked = here[(beams[here] >= LEAST_BEAMS) & (np.hypot(x[here], y[here]) <= FARTHEST)]
+        asked = here[(beams[here] >= MIN_BEAMS) & (np.hypot(x[here], y[here]) <= FARTHEST)]
         if not len(asked):
             continue
         if not len(there):

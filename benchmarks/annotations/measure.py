@@ -31,7 +31,7 @@ from lidarcli.pipeline.api.options import sources_of
 from lidarcli.pipeline.inputs.sources import open_source
 from lidarcli.pipeline.reading.one_log import Reading
 from lidarcli.pipeline.reading.posing import Need, PoseOptions
-from lidarcli.sweeps import Int64, SweepBatch
+from lidarcli.sweeps.types import Int64, SweepBatch
 
 DRAWS = 1000
 STEADY = ("fixed 0.3 m",)

@@ -13,7 +13,7 @@ from benchmarks.thing.examples import EVERYTHING
 from benchmarks.thing.grow import Grown, odds
 from lidarcli.formalism import Detection, Parameters, detect
 from lidarcli.formalism.mapping.places import Places
-from lidarcli.sweeps import Int64, SweepBatch
+from lidarcli.sweeps.types import Int64, SweepBatch
 
 ROBUST, TRACK = "detect", "track"
 Labels = dict[int, Int64]

@@ -10,12 +10,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lidarcli.sweeps import Closure, Float64, Int64, SweepBatch
+from lidarcli.sweeps.types import Closure, Float64, Int64, SweepBatch
 
 STEP = 0.1
 """[m] Neighbouring points further apart than this, and three times the beam spacing, are of two pieces."""
 SPACINGS = 3.0
-MOST_LOST = 3
+MAX_LOST = 3
 """Lost beams within a piece."""
 LEAST = 3
 """Beams of a piece that is judged."""
@@ -57,7 +57,7 @@ def pieces(batch: SweepBatch, row: int) -> list[Piece]:
     lost = (np.diff(beam, append=beam[0] + count) - 1).astype(float)
     away = np.hypot(np.roll(x, -1) - x, np.roll(y, -1) - y)
     spacing = np.minimum(r, np.roll(r, -1)) * abs(batch.angle_increment[row])
-    breaks = (away > STEP + SPACINGS * spacing * (1 + lost)) | (lost > MOST_LOST)
+    breaks = (away > STEP + SPACINGS * spacing * (1 + lost)) | (lost > MAX_LOST)
     if batch.closure[row] == Closure.OPEN:
         breaks[-1] = True
     ends = np.flatnonzero(breaks)

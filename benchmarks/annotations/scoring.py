@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from benchmarks.annotations.table import BUILDING, THING
-from lidarcli.sweeps import Int64
+from lidarcli.sweeps.types import Int64
 
 SHARE = 0.7
 """A detection is right when this share of its beams that were judged thing or building are on things."""

@@ -9,7 +9,7 @@ from pathlib import Path
 import lidarcli
 from benchmarks.annotations.choice import CHOSEN, Chosen
 from benchmarks.annotations.table import LABELS, Sweep, read
-from lidarcli.sweeps import Int64, SweepBatch
+from lidarcli.sweeps.types import Int64, SweepBatch
 
 Row = tuple[SweepBatch, int]
 """A row of a batch."""

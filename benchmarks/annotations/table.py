@@ -11,8 +11,8 @@ from typing import Literal
 
 import numpy as np
 
-from benchmarks.annotations.pieces import MOST_LOST, Piece
-from lidarcli.sweeps import Bool, Int64
+from benchmarks.annotations.pieces import MAX_LOST, Piece
+from lidarcli.sweeps.types import Bool, Int64
 
 Verdict = Literal["building", "thing", "own", "unclear"]
 VERDICTS: tuple[Verdict, ...] = ("building", "thing", "own", "unclear")
@@ -87,7 +87,7 @@ def write(path: Path, sweeps: Iterable[Judged]) -> None:
                 continue
             # Few lost beams lie within the stretch of their neighbours; a stray, which was not judged, ends it.
             strays = np.cumsum(each.verdict == STRAY)[judged]
-            breaks = (np.diff(code[judged]) != 0) | (np.diff(judged) > MOST_LOST + 1) | (np.diff(strays) > 0)
+            breaks = (np.diff(code[judged]) != 0) | (np.diff(judged) > MAX_LOST + 1) | (np.diff(strays) > 0)
             for part in np.split(judged, np.flatnonzero(breaks) + 1):
                 kind, number = divmod(int(code[part[0]]), 1000)
                 row = (each.log, each.topic, each.sweep, each.place, part[0], part[-1], VERDICTS[kind], number)

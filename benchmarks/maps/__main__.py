@@ -24,7 +24,7 @@ from benchmarks.maps.scenes import KINDS, Kind
 ROOT = Path(__file__).parents[2]
 PAGE = ROOT / "docs" / "maps.md"
 COMMAND = "make maps"
-SEEDS, MOST_SEEDS = 2, 100
+SEEDS, MAX_SEEDS = 2, 100
 LOOPS: dict[Kind, int] = {"corridors": 4, "rooms": 3}
 """Drives whose paths are measured."""
 STRAIGHT = 4
@@ -85,8 +85,8 @@ def main() -> None:
     parser.add_argument("--page", type=Path, default=PAGE, metavar="FILE", help="page to write (docs/maps.md)")
     arguments = parser.parse_args()
     seeds = (1 if arguments.quick else SEEDS) if arguments.seeds is None else arguments.seeds
-    if not 1 <= seeds <= MOST_SEEDS:
-        parser.error(f"--seeds is 1 to {MOST_SEEDS}")
+    if not 1 <= seeds <= MAX_SEEDS:
+        parser.error(f"--seeds is 1 to {MAX_SEEDS}")
     first = TUNING if arguments.tune else REPORTING
     written = not (arguments.tune or arguments.quick or arguments.paths)
     target: Path = arguments.page

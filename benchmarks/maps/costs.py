@@ -19,7 +19,7 @@ from lidarcli.formalism.mapping.grid import SKIPPED
 from lidarcli.simulation.generate import START_NS, SimulatedPoses
 from lidarcli.simulation.scene import Odometry
 from lidarcli.simulation.writers import write_log
-from lidarcli.sweeps import Float64, RawSweeps
+from lidarcli.sweeps.types import Float64, RawSweeps
 
 ROUNDS = 20
 """How often the drive is in the long log."""

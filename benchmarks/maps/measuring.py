@@ -25,9 +25,9 @@ from benchmarks.maps.recordings import RESOLUTION, Drive, new_sweeps, record_dri
 from benchmarks.maps.rules import counts_of, maps_by_rules, maps_once
 from benchmarks.maps.scenes import FAST, ROLLING, SENSOR, Kind, drive, fastest_turn, length, walkers
 from benchmarks.maps.scoring import score
-from lidarcli.choices import MIN_MOVE
+from lidarcli.options.choices import MIN_MOVE
 from lidarcli.simulation.scene import Scene
-from lidarcli.sweeps import Float64
+from lidarcli.sweeps.types import Float64
 
 STANDING = ("box", "cylinder")
 """Kinds of things whose boxes are looked for."""

@@ -12,18 +12,18 @@ import lidarcli
 from benchmarks.maps.figures import TOLD, PathError
 from benchmarks.maps.recordings import record_drive, write_drive
 from benchmarks.maps.scenes import Kind, drive, straight
-from lidarcli.choices import MATCH
 from lidarcli.logs.base import OpenOptions
 from lidarcli.logs.batches import ReadOptions
 from lidarcli.logs.registry import TopicChoice
+from lidarcli.options.choices import MATCH
 from lidarcli.pipeline.inputs.search import find_logs
 from lidarcli.pipeline.inputs.sources import MissingInput, open_source
 from lidarcli.pipeline.reading.path_check import check_paths
 from lidarcli.pose.fit import MatchedPath, Timing, steps_between
-from lidarcli.range_rules import RangeRules
 from lidarcli.simulation.generate import simulate_odometry
 from lidarcli.simulation.scene import Odometry, Scene
-from lidarcli.sweeps import Float64, Int64, SweepBatch, record
+from lidarcli.sweeps.range_rules import RangeRules
+from lidarcli.sweeps.types import Float64, Int64, SweepBatch, record
 
 STRETCH = 5.0
 """Errors are those over so much of the true way [m], or over half of one that is shorter."""

@@ -11,7 +11,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from lidarcli.formalism.mapping.grid import Occupancy
-from lidarcli.maps import read_map
+from lidarcli.maps.grids import read_map
 
 LIDARCLI = str(Path(sys.executable).with_name("lidarcli"))
 

@@ -20,8 +20,8 @@ from benchmarks.maps.rules import (
 )
 from benchmarks.maps.scoring import GHOST
 from benchmarks.tracking.real import MOUNT
-from lidarcli.choices import MIN_MOVE
 from lidarcli.formalism.mapping.grid import MIN_TURN, PAUSE_NS
+from lidarcli.options.choices import MIN_MOVE
 
 TUNING, REPORTING = 0, 80_000
 """First seeds of drives that constants may be chosen on, and of what is reported."""

@@ -13,7 +13,7 @@ from benchmarks.accuracy.real import EGO, Mocap, mocap, poses_at
 from benchmarks.maps.figures import PathError
 from benchmarks.maps.paths import Followed, errors_over, follow, path_error, told_poses
 from benchmarks.tracking.real import MOUNT
-from lidarcli.sweeps import Float64
+from lidarcli.sweeps.types import Float64
 
 JUDGED = Path("judged", "logs")
 """Folder of further recordings, beside that of the others."""

@@ -8,14 +8,14 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.maps.scenes import walkers
-from lidarcli.choices import MAP_RESOLUTION
 from lidarcli.formalism.mapping.grid import HIT, SKIPPED, Beams, MotionFilter, Occupancy, placed
-from lidarcli.range_rules import RangeRules, normalise
+from lidarcli.options.choices import MAP_RESOLUTION
 from lidarcli.simulation.generate import simulate_blocks, simulate_odometry
 from lidarcli.simulation.scene import Scene
 from lidarcli.simulation.truth import true_map
 from lidarcli.simulation.writers import write_log
-from lidarcli.sweeps import Bool, Float64, Int32, Int64, RawSweeps, Status, SweepPoses, concatenate, record
+from lidarcli.sweeps.range_rules import RangeRules, normalise
+from lidarcli.sweeps.types import Bool, Float64, Int32, Int64, RawSweeps, Status, SweepPoses, concatenate, record
 
 RESOLUTION = MAP_RESOLUTION
 

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lidarcli.formalism.mapping.grid import FREE, OCCUPIED, SKIPPED, UNKNOWN, Beams, Counts, Occupancy
-from lidarcli.sweeps import Bool, Float64, Int64
+from lidarcli.sweeps.types import Bool, Float64, Int64
 
 GMAPPING_RATIO = 0.25
 """slam_gmapping, `occ_thresh`."""

@@ -18,7 +18,7 @@ from benchmarks.scenes.stage import Rng, Stage, timed
 from lidarcli.simulation import scene as make
 from lidarcli.simulation.route import Route, Waypoint, plan_route
 from lidarcli.simulation.scene import Entity, Motion, Odometry, Scene, Sensor
-from lidarcli.sweeps import TURN, Bool, Float64
+from lidarcli.sweeps.types import TURN, Bool, Float64
 
 Kind = Literal["corridors", "rooms"]
 KINDS: tuple[Kind, ...] = ("corridors", "rooms")

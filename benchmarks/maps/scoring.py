@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from lidarcli.formalism.mapping.grid import OCCUPIED, TOLERANCE, Occupancy, compare
-from lidarcli.sweeps import Float64, Int64
+from lidarcli.sweeps.types import Float64, Int64
 
 GHOST = 0.3
 """A wrong cell within this of where a leg was at any sweep is the person's [m]."""

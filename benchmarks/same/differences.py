@@ -13,7 +13,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
-from lidarcli.sweeps import Bool, Float64, Int64
+from lidarcli.sweeps.types import Bool, Float64, Int64
 
 TOLERANCE = 1e-9
 """Numbers that differ by no more are the same [m], [rad]."""

@@ -20,7 +20,7 @@ from lidarcli.pipeline.inputs.sources import Source
 from lidarcli.simulation.generate import simulate_sweep_arrays
 from lidarcli.simulation.scene import LOST_AS, Sensor
 from lidarcli.simulation.writers import write_log
-from lidarcli.sweeps import TURN, RawSweeps, concatenate
+from lidarcli.sweeps.types import TURN, RawSweeps, concatenate
 
 SAMPLES = HERE.parent / "samples"
 SAMPLE_LOGS = ("room.mcap", "room_empty.mcap", "corridor.bag", "hall", "people.csv.gz", "drive.db3")

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from lidarcli.sweeps import TURN, Bool, Float32, Float64, Int32, RawSweeps
+from lidarcli.sweeps.types import TURN, Bool, Float32, Float64, Int32, RawSweeps
 
 LOST = np.array([np.inf, np.inf, np.nan, -np.inf], np.float32)
 BAD = np.array([np.nan, np.inf, -np.inf, 0, -1, 0.01, 9, 10, 99, 2e6], np.float32)

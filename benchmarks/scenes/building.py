@@ -16,7 +16,7 @@ from benchmarks.scenes.clearance import distance, outline
 from benchmarks.scenes.random import Plan, Rng, draw_thing
 from lidarcli.simulation import scene as make
 from lidarcli.simulation.scene import Course, Entity, Scene, Sensor
-from lidarcli.sweeps import Float64
+from lidarcli.sweeps.types import Float64
 
 Kind = Literal["passage", "chamber"]
 KINDS: tuple[Kind, ...] = ("passage", "chamber")

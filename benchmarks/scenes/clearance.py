@@ -6,7 +6,7 @@ import numpy as np
 
 from lidarcli.simulation import scene as make
 from lidarcli.simulation.scene import Entity
-from lidarcli.sweeps import Float64
+from lidarcli.sweeps.types import Float64
 
 
 def outline(entity: Entity) -> Float64:

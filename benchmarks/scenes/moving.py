@@ -17,7 +17,7 @@ from lidarcli.errors import OptionError
 from lidarcli.simulation import scene as make
 from lidarcli.simulation.route import STEPS, Route, plan_route
 from lidarcli.simulation.scene import Course, Entity, Motion, Scene, Sensor, super_ellipse
-from lidarcli.sweeps import TURN, Float64
+from lidarcli.sweeps.types import TURN, Float64
 
 Kind = Literal["room", "hall", "crossing", "people"]
 KINDS: tuple[Kind, ...] = ("room", "hall", "crossing", "people")

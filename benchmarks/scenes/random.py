@@ -14,7 +14,7 @@ import numpy as np
 from benchmarks.scenes.clearance import covers, distance, in_polygon, outline
 from lidarcli.simulation import scene as make
 from lidarcli.simulation.scene import Course, Entity, Scene, Sensor
-from lidarcli.sweeps import TURN, Float64
+from lidarcli.sweeps.types import TURN, Float64
 
 Kind = Literal["room", "corridor", "hall"]
 KINDS: tuple[Kind, ...] = ("room", "corridor", "hall")

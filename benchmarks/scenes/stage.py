@@ -11,7 +11,7 @@ import numpy as np
 from benchmarks.scenes.clearance import covers, distance, in_polygon, outline, to_segments
 from lidarcli.simulation.route import AHEAD, Corner, Route, Waypoint
 from lidarcli.simulation.scene import Course, Entity
-from lidarcli.sweeps import Float64
+from lidarcli.sweeps.types import Float64
 
 Rng = np.random.Generator
 
@@ -25,7 +25,7 @@ _FROM_WALLS = 0.06
 """Least distance between a mover and a wall [m]."""
 _SHORTEST, _LONGEST = 0.6, 6.0
 """Way from one waypoint to the next [m]."""
-_MOST_POINTS = 14
+_MAX_POINTS = 14
 _TRIES = 30
 
 
@@ -121,7 +121,7 @@ class Stage:
             return []
         points = list(begin)
         way = 0.0
-        while (way < far or not points) and len(points) < _MOST_POINTS:
+        while (way < far or not points) and len(points) < _MAX_POINTS:
             place = self.spot(rng, around, points[-1] if points else None)
             if place is None:
                 break

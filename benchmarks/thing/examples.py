@@ -13,7 +13,7 @@ from benchmarks.accuracy.methods import labels_of
 from benchmarks.accuracy.real import centroids, labelled_legs
 from benchmarks.accuracy.scoring import assign
 from lidarcli.formalism import Parameters, detect
-from lidarcli.sweeps import Bool, Float64, SweepBatch
+from lidarcli.sweeps.types import Bool, Float64, SweepBatch
 
 EVERYTHING = Parameters(min_thing=0.0)
 """Every body is reported, whatever it is."""

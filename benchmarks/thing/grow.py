@@ -9,7 +9,7 @@ import numpy as np
 from sklearn.ensemble import HistGradientBoostingClassifier
 
 from benchmarks.thing.examples import Examples
-from lidarcli.sweeps import Float64
+from lidarcli.sweeps.types import Float64
 
 Question = tuple[int, float, float]
 """Feature, bound, and what the leaves below it add on average."""

@@ -10,13 +10,13 @@ from benchmarks.tracking.methods import Result
 from benchmarks.tracking.recordings import Detected, Recording
 from lidarcli.formalism.detection import AGENT, SHAPES
 from lidarcli.formalism.tracking.results import HIDDEN, Tracks, Trajectories
-from lidarcli.sweeps import Float64, Int64
+from lidarcli.sweeps.types import Float64, Int64
 
 EXPECTED = {"box": "prismatic", "cylinder": "round", "plant": "irregular", "person": "legged"}
 """Kind of entity → shape of its track."""
 SIGHTINGS = 20
 """Tracks seen in fewer sweeps are not asked."""
-LEAST_WAY = 0.5
+MIN_WAY = 0.5
 """[m]"""
 _NOTHING = np.empty(0)
 
@@ -46,7 +46,7 @@ class Paths:
     speed_errors: Float64
     """(N,) [m/s]"""
     ratios: Float64
-    """Length of each path over that of the true one, where that is at least `LEAST_WAY`."""
+    """Length of each path over that of the true one, where that is at least `MIN_WAY`."""
 
 
 def paths(recording: Recording, found: Detected, track: Int64, tracks: Tracks, rows: Trajectories) -> Paths:
@@ -67,7 +67,7 @@ def paths(recording: Recording, found: Detected, track: Int64, tracks: Tracks, r
         deviations.append(off / np.hypot(rows.x_sd[at], rows.y_sd[at]))
         speeds.append(np.hypot(*(velocity - recording.velocity[sweep, entity]).T))
         ways = [float(np.hypot(*np.diff(one, axis=0).T).sum()) for one in (path, true)]
-        if ways[1] >= LEAST_WAY:
+        if ways[1] >= MIN_WAY:
             ratios.append(ways[0] / ways[1])
     return Paths(np.concatenate(places), np.concatenate(deviations), np.concatenate(speeds), np.array(ratios))
 

@@ -21,20 +21,20 @@ from benchmarks.tracking.scoring import Share
 
 LABELS = Path(__file__).parents[1] / "annotations"
 """Folder of the judged rows, `movers_SET.parquet`: log, topic, sweep, first and last beam, verdict, and the number of the
-track by which an earlier tracker had the row in set A, for as long as `LEAST_SECONDS` or `LEAST_SWEEPS`; else 0."""
+track by which an earlier tracker had the row in set A, for as long as `MIN_SECONDS` or `MIN_SWEEPS`; else 0."""
 Set = Literal["chosen", "untouched"]
 Carried = Literal["driving", "parked", "outdoors, no poses"]
 Beams = tuple[int, int]
 MOVER, STATIC = "mover", "static"
 BEAMS = ("topic", "sweep", "beam_i", "beam_f")
-LEAST_SHARED = 0.3
+MIN_SHARED = 0.3
 """Rows and judgements that share fewer of their beams are not of the same thing."""
-LEAST_SECONDS, LEAST_SWEEPS = 1.0, 10
+MIN_SECONDS, MIN_SWEEPS = 1.0, 10
 """Tracks with less of both in set A are not asked."""
-LEAST_FOUND = 0.5
+MIN_FOUND = 0.5
 """Share of the rows of a mover's track."""
 DRAWS, INTERVAL = 2000, (0.025, 0.975)
-LEAST_LOGS = 3
+MIN_LOGS = 3
 """Of fewer recordings there is no interval."""
 
 
@@ -201,12 +201,12 @@ def score(rows: pd.DataFrame, told: pd.DataFrame, *, still: bool = False) -> InA
         seen.setdefault((topic, sweep), []).append((first, last))
         near = [(shared(beams, (first, last)), verdict) for beams, verdict in known.get((topic, sweep), [])]
         likest, verdict = max(near, key=itemgetter(0), default=(0.0, ""))
-        verdicts.append(verdict if likest >= LEAST_SHARED else STATIC if still else "")
+        verdicts.append(verdict if likest >= MIN_SHARED else STATIC if still else "")
     rows = rows.assign(mover=[one == MOVER for one in verdicts], static=[one == STATIC for one in verdicts])
     right = Share(int(rows["mover"].sum()), int(rows["mover"].sum() + rows["static"].sum()))
     tracks, unjudged = NONE, 0
     for _, mine in rows.groupby("track"):
-        if mine["t"].max() - mine["t"].min() < LEAST_SECONDS and mine["sweep"].nunique() < LEAST_SWEEPS:
+        if mine["t"].max() - mine["t"].min() < MIN_SECONDS and mine["sweep"].nunique() < MIN_SWEEPS:
             continue
         movers, statics = int(mine["mover"].sum()), int(mine["static"].sum())
         if movers + statics < len(mine) / 2:
@@ -222,7 +222,7 @@ def _found(told: pd.DataFrame, seen: Mapping[tuple[str, int], Sequence[Beams]]) 
     of_movers = told[told["verdict"] == MOVER]
     found = np.array(
         [
-            any(shared((first, last), beams) >= LEAST_SHARED for beams in seen.get((topic, sweep), []))
+            any(shared((first, last), beams) >= MIN_SHARED for beams in seen.get((topic, sweep), []))
             for topic, sweep, first, last in _values(of_movers, *BEAMS)
         ],
         np.bool_,
@@ -230,7 +230,7 @@ def _found(told: pd.DataFrame, seen: Mapping[tuple[str, int], Sequence[Beams]]) 
     tracks = NONE
     for number, mine in told[told["track"] > 0].groupby("track"):
         if np.count_nonzero(mine["verdict"] == MOVER) > np.count_nonzero(mine["verdict"] == STATIC):
-            tracks += Share(int(found[(of_movers["track"] == number).to_numpy()].mean() >= LEAST_FOUND), 1)
+            tracks += Share(int(found[(of_movers["track"] == number).to_numpy()].mean() >= MIN_FOUND), 1)
     return Share(int(found.sum()), len(found)), tracks
 
 
@@ -243,7 +243,7 @@ def intervals(logs: Sequence[OneLog]) -> list[tuple[float, float] | None]:
     for shares in zip(*(sums[name].shares for name in recordings), strict=True):
         counts = np.array([(share.some, share.all) for share in shares])
         some, every = counts[draw].sum(axis=1).T
-        enough = np.count_nonzero(counts[:, 1]) >= LEAST_LOGS
+        enough = np.count_nonzero(counts[:, 1]) >= MIN_LOGS
         low, high = np.quantile(some[every > 0] / every[every > 0], INTERVAL) if enough else (0.0, 0.0)
         result.append((float(low), float(high)) if enough else None)
     return result

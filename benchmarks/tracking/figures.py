@@ -12,7 +12,7 @@ from benchmarks.tracking.by_eye import OneLog
 from benchmarks.tracking.cells import PERSONS, Cell
 from benchmarks.tracking.real import Car, Legs
 from benchmarks.tracking.scoring import Score, Share
-from lidarcli.sweeps import Float64
+from lidarcli.sweeps.types import Float64
 
 NAN = float("nan")
 

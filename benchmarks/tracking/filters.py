@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from lidarcli.sweeps import Bool, Float64, Int64
+from lidarcli.sweeps.types import Bool, Float64, Int64
 
 
 class Filters:

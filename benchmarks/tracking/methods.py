@@ -16,7 +16,7 @@ from lidarcli.formalism.detection import AGENT, Detection
 from lidarcli.formalism.parameters import Parameters
 from lidarcli.formalism.tracking.results import Tracks, Trajectories
 from lidarcli.formalism.tracking.tracker import Tracker
-from lidarcli.sweeps import Bool, Float64, Int64, SweepBatch, record
+from lidarcli.sweeps.types import Bool, Float64, Int64, SweepBatch, record
 
 PARAMETERS = Parameters()
 """Of the detection, the same for all."""

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from lidarcli.sweeps import Bool, Float64, Int64, record
+from lidarcli.sweeps.types import Bool, Float64, Int64, record
 
 ALPHAS = np.arange(0.05, 0.99, 0.05)
 """The 19 similarities from which on HOTA takes two for the same."""

@@ -6,7 +6,7 @@ import numpy as np
 
 from benchmarks.tracking.filters import Filters
 from benchmarks.tracking.rules import Seen, distances, one_to_one, velocities
-from lidarcli.sweeps import Bool, Float64, Int64
+from lidarcli.sweeps.types import Bool, Float64, Int64
 
 
 class Sort:

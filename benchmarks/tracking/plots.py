@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from benchmarks.tracking.figures import Figures, rigid, summarise
 from benchmarks.tracking.methods import ORACLE, OURS
 from benchmarks.tracking.prose import title
-from lidarcli.sweeps import Float64
+from lidarcli.sweeps.types import Float64
 
 
 def plot(figures: Figures, target: Path) -> None:

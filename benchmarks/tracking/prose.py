@@ -52,11 +52,11 @@ of what never moves.
 
 BY_EYE = f"""Set A is to hold what moves or has moved. The rows (objects of one sweep) of public recordings were
 judged *{by_eye.MOVER}*, *{by_eye.STATIC}* or *unclear* by eye (`benchmarks/annotations/movers_*.parquet`). A row in
-set A has the verdict of the judged row that shares most beams with it, at least {100 * by_eye.LEAST_SHARED:.0f} %. A
-track counts when it is in set A for {by_eye.LEAST_SECONDS:g} s or in {by_eye.LEAST_SWEEPS} sweeps: it moves when most
+set A has the verdict of the judged row that shares most beams with it, at least {100 * by_eye.MIN_SHARED:.0f} %. A
+track counts when it is in set A for {by_eye.MIN_SECONDS:g} s or in {by_eye.MIN_SWEEPS} sweeps: it moves when most
 of its judged rows do. A mover's track is one that an earlier tracker had in set A for as long; it is found when half
 of its rows are. In brackets: 95 % intervals in percent, by drawing whole recordings, where at least
-{by_eye.LEAST_LOGS} count.
+{by_eye.MIN_LOGS} count.
 
 **One judge**: in a second look at 47 random rows, without the verdicts shown, 46 agreed and one could not be told. Marks of
 legs by the authors of leg_tracker lie on rows judged movers (414 of 419) and on none judged static.

@@ -14,7 +14,7 @@ import lidarcli
 from benchmarks.accuracy.real import CAR, CAR_LOGS, EGO, LEG_LOGS, labelled_legs, mocap, poses_at, seen_from
 from benchmarks.tracking.methods import METHODS, PARAMETERS
 from benchmarks.tracking.recordings import Detected, detected
-from lidarcli.sweeps import Float64, Int64, SweepBatch, SweepPoses
+from lidarcli.sweeps.types import Float64, Int64, SweepBatch, SweepPoses
 
 MOUNT = -0.12
 """[m] The laser sits so far before the body that the motion capture follows (datmo's launch file)."""

@@ -10,10 +10,10 @@ import numpy as np
 
 from benchmarks.tracking.cells import SLOW, Cell, scene_of
 from lidarcli.formalism import Detection, Parameters, detect
-from lidarcli.range_rules import RangeRules, normalise
 from lidarcli.simulation.generate import simulate_odometry, simulate_sweep_arrays
 from lidarcli.simulation.scene import Odometry, Scene
-from lidarcli.sweeps import Bool, Float64, Int64, SweepBatch, SweepPoses, record
+from lidarcli.sweeps.range_rules import RangeRules, normalise
+from lidarcli.sweeps.types import Bool, Float64, Int64, SweepBatch, SweepPoses, record
 
 BATCH = 256
 """Sweeps of a batch."""

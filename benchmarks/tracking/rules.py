@@ -12,7 +12,7 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from benchmarks.tracking.filters import Filters
-from lidarcli.sweeps import Float64, Int64, record
+from lidarcli.sweeps.types import Float64, Int64, record
 
 
 @record

@@ -10,7 +10,7 @@ from benchmarks.tracking.bodies import Bodies, bodies
 from benchmarks.tracking.methods import Result
 from benchmarks.tracking.metrics import Agreement, agreement, overlaps
 from benchmarks.tracking.recordings import Detected, Recording
-from lidarcli.sweeps import Bool, Float64, Int64
+from lidarcli.sweeps.types import Bool, Float64, Int64
 
 LEAST = 3
 """No object has fewer beams."""

@@ -6,14 +6,14 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import click
 
-from lidarcli.choices import IMAGES
 from lidarcli.cli.commands import Commands, command, log_options
 from lidarcli.cli.detect import DetectCommand, find
 from lidarcli.cli.messages import Messages, chosen_logs, print_reads, progress_bar, show_reading
-from lidarcli.display import counted
-from lidarcli.option_forms import File, Option
-from lidarcli.options import OUTPUT, STDOUT, Learning, ManyLogs, Overwrite, TextOrJson, output
-from lidarcli.stores import place
+from lidarcli.display.texts import counted
+from lidarcli.files.stores import place
+from lidarcli.options.choices import IMAGES
+from lidarcli.options.forms import File, Option
+from lidarcli.options.groups import OUTPUT, STDOUT, Learning, ManyLogs, Overwrite, TextOrJson, output
 
 if TYPE_CHECKING:
     from lidarcli.formalism.background import Background

@@ -10,7 +10,6 @@ from typing import Annotated, Any
 import click
 from click.core import ParameterSource
 
-from lidarcli.choices import JUNIT
 from lidarcli.cli.commands import Work, command, log_options, usage_errors
 from lidarcli.cli.messages import (
     Messages,
@@ -25,9 +24,12 @@ from lidarcli.cli.messages import (
     standard_output,
     wrapped,
 )
-from lidarcli.display import counted, no_command
-from lidarcli.option_forms import Argument, File, Option
-from lidarcli.options import (
+from lidarcli.display.screen import one_line
+from lidarcli.display.texts import counted, no_command
+from lidarcli.files.stores import place
+from lidarcli.options.choices import JUNIT
+from lidarcli.options.forms import Argument, File, Option
+from lidarcli.options.groups import (
     CHECK,
     CHECKS,
     OUTPUT,
@@ -43,8 +45,6 @@ from lidarcli.options import (
     Zoning,
     output,
 )
-from lidarcli.screen import one_line
-from lidarcli.stores import place
 
 
 def telling_errors(work: Work) -> Work:
@@ -53,7 +53,7 @@ def telling_errors(work: Work) -> Work:
     @wraps(work)
     def told(messages: Messages, options: Any) -> int:
         from lidarcli.errors import NoScanError, OutputError, UnreadableError
-        from lidarcli.newfiles import write_whole
+        from lidarcli.files.newfiles import write_whole
         from lidarcli.pipeline.reporting import unread_suite
 
         names = options["output"] or (STDOUT,)
@@ -108,10 +108,10 @@ def diff(messages: Messages, options: DiffCommand) -> int:
     logs = log_options(options)
 
     from lidarcli.errors import CHECK_FAILED, UnreadableError
-    from lidarcli.machine import keep_freed_memory
     from lidarcli.pipeline.api.options import diff_options
     from lidarcli.pipeline.differing import diff_inputs, inputs_of, judged, parse_checks, refuse_outputs, write_changes
     from lidarcli.pipeline.reporting import checks_of
+    from lidarcli.system.machine import keep_freed_memory
 
     outputs = [place(each) for each in options["output"]]
     with usage_errors():
@@ -295,7 +295,7 @@ def report(messages: Messages, options: Mapping[str, Any]) -> int:
     tables, baseline, logs = options["tables"], options["baseline"], options["log"]
     outputs, brief, init = options["output"], options["brief"], options["init"]
 
-    from lidarcli.newfiles import refuse, write_whole
+    from lidarcli.files.newfiles import refuse, write_whole
     from lidarcli.pipeline import reporting
     from lidarcli.pipeline.inputs.search import files_of, find_logs
     from lidarcli.pipeline.inputs.tables import table_files

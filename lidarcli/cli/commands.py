@@ -21,11 +21,11 @@ import click
 from click.core import ParameterSource
 
 from lidarcli.cli.messages import Messages
+from lidarcli.display.credentials import blotted
 from lidarcli.errors import OUT_OF_MEMORY, LidarcliError, OptionError, OutputError, UnreadableError, is_short_of_memory
-from lidarcli.interrupts import Terminated
-from lidarcli.option_forms import File, Number, Option, Rule, Text, Value, arguments_of, options_of, refuse_combinations
-from lidarcli.options import RULES, STDOUT
-from lidarcli.stores import blotted
+from lidarcli.options.forms import File, Number, Option, Rule, Text, Value, arguments_of, options_of, refuse_combinations
+from lidarcli.options.groups import RULES, STDOUT
+from lidarcli.system.interrupts import Terminated
 
 if TYPE_CHECKING:
     from lidarcli.pipeline.api.options import LogOptions
@@ -278,7 +278,7 @@ def _arguments(group: type) -> list[click.Parameter]:
 
 def _run(work: Work, options: Mapping[str, Option], read: list[str], rules: Sequence[Rule], /, **values: Any) -> int:
     """Call the body of a command with the values by their fields; no file that they name, or settings, is written."""
-    from lidarcli.newfiles import reading
+    from lidarcli.files.newfiles import reading
 
     for field in [field for field, option in options.items() if option.is_negated]:
         values[field] = not values.pop(f"no_{field}")

@@ -10,14 +10,14 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import click
 
-from lidarcli.choices import TABLE_BY_SUFFIX
 from lidarcli.cli.commands import command, log_options
 from lidarcli.cli.messages import Messages, Total, chosen_logs, print_read, print_reads, progress_bar, show, standard_output
-from lidarcli.display import counted
-from lidarcli.option_forms import Option, Text
-from lidarcli.options import MANY, OUTPUT, STDOUT, Beams, Detecting, ManyLogs, Stamped, Tracking, output
-from lidarcli.screen import one_line
-from lidarcli.stores import Place, absolute, is_url, place
+from lidarcli.display.screen import one_line
+from lidarcli.display.texts import counted
+from lidarcli.files.stores import Place, absolute, is_url, place
+from lidarcli.options.choices import TABLE_BY_SUFFIX
+from lidarcli.options.forms import Option, Text
+from lidarcli.options.groups import MANY, OUTPUT, STDOUT, Beams, Detecting, ManyLogs, Stamped, Tracking, output
 
 if TYPE_CHECKING:
     from lidarcli.pipeline.inputs.sources import MissingInput, Source

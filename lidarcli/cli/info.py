@@ -13,19 +13,19 @@ import click
 from lidarcli.cli.background import background_dict, background_line, background_lines
 from lidarcli.cli.commands import command, log_options
 from lidarcli.cli.messages import Messages, chosen_logs, print_reads, progress_bar
-from lidarcli.display import counted, moment, no_command
-from lidarcli.option_forms import Option, Rule, Text
-from lidarcli.options import FINDINGS, OUTPUT, Inspecting, ManyLogs, Overwrite, TextOrJson, output
-from lidarcli.screen import one_line
-from lidarcli.stores import place
+from lidarcli.display.screen import one_line
+from lidarcli.display.texts import counted, moment, no_command
+from lidarcli.files.stores import place
+from lidarcli.options.forms import Option, Rule, Text
+from lidarcli.options.groups import FINDINGS, OUTPUT, Inspecting, ManyLogs, Overwrite, TextOrJson, output
 
 if TYPE_CHECKING:
-    from lidarcli.findings import Finding
     from lidarcli.logs.base import Topic
     from lidarcli.logs.clock import ClockInfo
     from lidarcli.pipeline.building import Learned
     from lidarcli.pipeline.inspecting import LogInfo, ScanInfo, Span
     from lidarcli.pipeline.runs.over_logs import Failure
+    from lidarcli.sweeps.findings import Finding
 
 
 class InfoCommand(ManyLogs, TextOrJson, Overwrite, Inspecting, total=False):
@@ -78,7 +78,7 @@ def info(messages: Messages, options: InfoCommand) -> int:
     read, opening, poses = log_options(options)
 
     from lidarcli.errors import CHECK_FAILED, UnreadableError
-    from lidarcli.newfiles import refuse, write_whole
+    from lidarcli.files.newfiles import refuse, write_whole
     from lidarcli.pipeline.inputs.search import files_of
     from lidarcli.pipeline.inspecting import FIXES, LogInfo, fix_text, inspect_logs, judge_checks, understand_checks
     from lidarcli.pipeline.reading.posing import Need
@@ -274,7 +274,7 @@ def _pose_lines(info: "LogInfo") -> list[str]:
 
 
 def _scan_lines(scan: "ScanInfo") -> list[str]:
-    from lidarcli.sweeps import worth_telling
+    from lidarcli.sweeps.types import worth_telling
 
     frame = f"frame {scan.frame_id}" if scan.frame_id else "no frame"
     clock = scan.clock
@@ -309,7 +309,7 @@ def _scan_lines(scan: "ScanInfo") -> list[str]:
 
 def _limits(least: "Span", greatest: "Span") -> str:
     """The ranges that the sensor declares; one that has no greatest range writes 0, inf or 3.4e38."""
-    from lidarcli.range_rules import FARTHEST
+    from lidarcli.sweeps.range_rules import FARTHEST
 
     limits = f"{_span(least, '{:g}')} m"
     if not max(least.low, 0) < greatest.high <= FARTHEST:

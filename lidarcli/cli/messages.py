@@ -17,12 +17,12 @@ from typing import TYPE_CHECKING, Any, TextIO
 
 import click
 
-from lidarcli import compiled
-from lidarcli.choices import beams_on
-from lidarcli.display import Routine, counted
+from lidarcli.display.credentials import blotted
+from lidarcli.display.screen import Count, Screen, byte_bar, count_bar, one_line
+from lidarcli.display.texts import Routine, counted
 from lidarcli.errors import OutputError
-from lidarcli.screen import Count, Screen, byte_bar, count_bar, one_line
-from lidarcli.stores import blotted
+from lidarcli.options.choices import beams_on
+from lidarcli.system import compiled
 
 if TYPE_CHECKING:
     from lidarcli.pipeline.inputs.sources import MissingInput, Source
@@ -77,7 +77,7 @@ class Messages(Screen):
     def begin(self, options: Mapping[str, Any], *, finds: bool = False) -> None:
         """Collect the summary if the options of the command ask for JSON; get ready where it `finds` objects."""
         if finds:
-            from lidarcli.machine import keep_freed_memory
+            from lidarcli.system.machine import keep_freed_memory
 
             keep_freed_memory()
             self.of_missing_core()
@@ -169,7 +169,7 @@ class Messages(Screen):
 
 OPTION = re.compile(r"(?<=\s|\()(--[a-z-]+) (?=[A-Z0-9/'.<]|inf)")
 """An option and its value, which stay on one line."""
-MOST_TOGETHER = 8
+MAX_TOGETHER = 8
 """Most files that are written as one name with braces; more are counted."""
 
 
@@ -199,7 +199,7 @@ def together(files: Sequence[str]) -> list[str]:
         folders = dict.fromkeys(file.rpartition("/")[0] for file in files)
         groups = [[file for file in files if file.rpartition("/")[0] == folder] for folder in folders]
         return [*chain(*map(together, groups))] if len(groups) > 1 else [*files]
-    if len(files) > MOST_TOGETHER:
+    if len(files) > MAX_TOGETHER:
         return [f"{begin}*{end} ({len(files):,} files)"]
     return [f"{begin}{{{','.join(parts)}}}{end}"]
 
@@ -357,7 +357,7 @@ def show_losses(label: str, run: RunSummary, messages: Messages) -> None:
         messages.error(label, no_scan_topic([topic]))
 
 
-MOST_AGENTS = 8
+MAX_AGENTS = 8
 """Most agents of which there is a line."""
 
 
@@ -365,11 +365,11 @@ def agents_of(run: RunSummary) -> list[str]:
     """Lines on the agents of a log, farthest first: when each was seen [s from the start], how far and how fast it went."""
     several = len({topic for topic, *_ in run.followed}) > 1
     lines = ["  agents   track      from        to      way     mean      top  score" + "  topic" * several]
-    for topic, track, *ends, way, mean, top, score in sorted(run.followed, key=lambda one: -one[4])[:MOST_AGENTS]:
+    for topic, track, *ends, way, mean, top, score in sorted(run.followed, key=lambda one: -one[4])[:MAX_AGENTS]:
         begin, end = (f"{(stamp_ns - (run.first_ns or 0)) * 1e-9 + 0.0:8,.1f} s" for stamp_ns in ends)
         line = f"{track:16}{begin}{end}{way:7,.1f} m{mean:5.1f} m/s{top:5.1f} m/s"
         lines.append(line + ("      -" if isnan(score) else f"{score:7.2f}") + f"  {topic}" * several)
-    if (more := len(run.followed) - MOST_AGENTS) > 0:
+    if (more := len(run.followed) - MAX_AGENTS) > 0:
         lines.append(f"           and {more:,} more")
     return lines if run.followed else []
 

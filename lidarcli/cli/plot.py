@@ -6,12 +6,13 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import click
 
-from lidarcli.choices import ANIMATED_DPI, ANIMATIONS, FRAMES_PER_SECOND, GREATEST_COUNT, IMAGES, LAST_SWEEP, VIEWS, Look
 from lidarcli.cli.commands import command, log_options
 from lidarcli.cli.messages import Messages, counted_bar, standard_output
 from lidarcli.errors import OptionError
-from lidarcli.option_forms import Number, Option, Text, options_of
-from lidarcli.options import (
+from lidarcli.files.stores import Place, place
+from lidarcli.options.choices import ANIMATED_DPI, ANIMATIONS, FRAMES_PER_SECOND, IMAGES, LAST_SWEEP, MAX_COUNT, VIEWS, Look
+from lidarcli.options.forms import Number, Option, Text, options_of
+from lidarcli.options.groups import (
     LOOK,
     PICTURE,
     PLOT_RULES,
@@ -24,7 +25,6 @@ from lidarcli.options import (
     output,
     parse_numbers,
 )
-from lidarcli.stores import Place, place
 
 if TYPE_CHECKING:
     from lidarcli.pipeline.inputs.sources import Source
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 MAP = "map"
 """View of the whole run in the world."""
-MOST_FRAMES = 50.0
+MAX_FRAMES = 50.0
 """Greatest number of frames per second: viewers of GIF files show no more."""
 
 
@@ -49,7 +49,7 @@ def _indices(text: str) -> tuple[int, ...]:
         more = range(*numbers) if len(numbers) > 1 else numbers
         if max(numbers) > LAST_SWEEP:
             raise OptionError(f"'{part[:40]}' goes beyond {LAST_SWEEP:,}")
-        if len(found) + len(more) > GREATEST_COUNT:
+        if len(found) + len(more) > MAX_COUNT:
             raise OptionError(f"'{part}' is too many sweeps")
         found |= dict.fromkeys(more)
     if not found:
@@ -82,7 +82,7 @@ class PlotCommand(OneLog, Overwrite, Window, Plotting, total=False):
     ]
     fps: Annotated[
         float | None,
-        Option(LOOK, Number("NUMBER", 0.1, MOST_FRAMES), shown=f"{FRAMES_PER_SECOND:g}", rare=True),
+        Option(LOOK, Number("NUMBER", 0.1, MAX_FRAMES), shown=f"{FRAMES_PER_SECOND:g}", rare=True),
         "Sweeps per second of --animate.",
     ]
 
@@ -141,7 +141,7 @@ def plot(messages: Messages, options: Mapping[str, Any]) -> int:
     from dataclasses import replace
 
     from lidarcli.errors import UnreadableError
-    from lidarcli.newfiles import refuse, scratch_folder
+    from lidarcli.files.newfiles import refuse, scratch_folder
     from lidarcli.pipeline import plotting
     from lidarcli.pipeline.api.options import detect_options, plot_options, tracking_of
     from lidarcli.pipeline.inputs.search import files_of, one_log

@@ -10,14 +10,14 @@ from typing import Annotated, Any, TypedDict
 
 import click
 
-from lidarcli import compiled
 from lidarcli._version import __version__
 from lidarcli.cli.commands import ORIGINS, DeclaredOption, command
 from lidarcli.cli.messages import Messages
+from lidarcli.display.screen import one_line
 from lidarcli.errors import OptionError
-from lidarcli.option_forms import Argument, File, Text
-from lidarcli.options import TextOrJson
-from lidarcli.screen import one_line
+from lidarcli.options.forms import Argument, File, Text
+from lidarcli.options.groups import TextOrJson
+from lidarcli.system import compiled
 
 NAME = "lidarcli.toml"
 NONE = "none"
@@ -101,7 +101,7 @@ def show_settings(ctx: click.Context) -> None:
 
 def _default_maps(ctx: click.Context, file: str) -> dict[str, Any]:
     """The file's values as the default maps of all commands, as `click` nests them; all of the file is checked."""
-    from lidarcli.configfiles import read_toml
+    from lidarcli.files.configfiles import read_toml
 
     settings = read_toml(file, "settings file")
     known = {name: {each.key: each for each in settable(one)} for name, one, _ in commands(ctx.find_root())}

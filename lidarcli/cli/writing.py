@@ -4,7 +4,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import click
 
-from lidarcli.choices import CLOUDS
 from lidarcli.cli.commands import command, log_options, usage_errors
 from lidarcli.cli.messages import (
     Messages,
@@ -16,9 +15,11 @@ from lidarcli.cli.messages import (
     show_reading,
     standard_output,
 )
-from lidarcli.display import counted
-from lidarcli.option_forms import Argument, File, Option, Rule, options_of
-from lidarcli.options import (
+from lidarcli.display.texts import counted
+from lidarcli.files.stores import Place, place
+from lidarcli.options.choices import CLOUDS
+from lidarcli.options.forms import Argument, File, Option, Rule, options_of
+from lidarcli.options.groups import (
     CHECK,
     CHECKS,
     INPUT,
@@ -39,7 +40,6 @@ from lidarcli.options import (
     TextOrJson,
     output,
 )
-from lidarcli.stores import Place, place
 
 if TYPE_CHECKING:
     from lidarcli.pipeline.inputs.sources import Source

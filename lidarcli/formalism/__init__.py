@@ -10,12 +10,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from lidarcli.choices import PROFILES
 from lidarcli.formalism.detect import detect, difference, noise
 from lidarcli.formalism.detection import SETS, SHAPES, VERTEX_KINDS, VISIBILITIES, Detection
 from lidarcli.formalism.parameters import Parameters
-from lidarcli.range_rules import RangeRules, normalise
-from lidarcli.sweeps import Float32, RawSweeps, SweepBatch
+from lidarcli.options.choices import PROFILES
+from lidarcli.sweeps.range_rules import RangeRules, normalise
+from lidarcli.sweeps.types import Float32, RawSweeps, SweepBatch
 
 __all__ = [
     "PROFILES",

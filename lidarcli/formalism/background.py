@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from lidarcli.choices import STATION_ANGLE, STATION_DISTANCE
-from lidarcli.display import Facts, counted, shown, span
-from lidarcli.range_rules import NEAREST
-from lidarcli.sweeps import TURN, Bool, Closure, Float32, Float64, Int32, Int64, SweepBatch, SweepPoses, record
+from lidarcli.display.texts import Facts, counted, shown, span
+from lidarcli.options.choices import STATION_ANGLE, STATION_DISTANCE
+from lidarcli.sweeps.range_rules import NEAREST
+from lidarcli.sweeps.types import TURN, Bool, Closure, Float32, Float64, Int32, Int64, SweepBatch, SweepPoses, record
 
 # Stations, "a map linking each LASER sweep to a certain position". Sweeps with other bearings, or taken beside a station,
 # are projected onto its bearings. Because odometry alone is not exact enough, they are first aligned with what it has seen.
@@ -356,7 +356,7 @@ KNOWN_GAP = 0.05
 
 STEADY = 0.8
 """Share of the observations that back the background of a steady beam."""
-MOST_UNSTEADY = 0.4
+MAX_UNSTEADY = 0.4
 """Greatest share of unsteady beams of a parked sensor. Among people it is up to 0.3; for a sensor that stood in two
 places, a metre or five degrees apart, it is 0.5 and more."""
 MAJORITY = 0.5
@@ -443,7 +443,7 @@ class Background:
         """
         returning = ~np.isnan(self.r_e) & (self.no_return < MAJORITY) & ~self.posed[:, None]
         lost = np.count_nonzero(returning & (self.support < STEADY))
-        return bool(lost > MOST_UNSTEADY * np.count_nonzero(returning))
+        return bool(lost > MAX_UNSTEADY * np.count_nonzero(returning))
 
 
 @record

@@ -1,6 +1,6 @@
 cimport cython
 
-from lidarcli cimport native
+from lidarcli.system cimport native
 from lidarcli.formalism cimport description, features, objects, segmentation, surfaces
 from lidarcli.formalism.description cimport Columns, Description
 from lidarcli.formalism.features cimport Features, Verdict

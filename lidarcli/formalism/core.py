@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import Any
 
-from lidarcli import native
 from lidarcli.formalism import description, features, objects, segmentation, surfaces
 from lidarcli.formalism.description import Columns, Description
 from lidarcli.formalism.features import Features, Verdict
@@ -12,6 +11,7 @@ from lidarcli.formalism.objects import Bodies, Protrusions
 from lidarcli.formalism.parameters import Parameters
 from lidarcli.formalism.segmentation import Breakpoints, Noise, Points, Scans, Segments
 from lidarcli.formalism.surfaces import Faces, Survey
+from lidarcli.system import native
 
 NAN = float("nan")
 

@@ -1,7 +1,7 @@
 cimport cython
 cimport libc.math as math
 
-from lidarcli cimport native
+from lidarcli.system cimport native
 from lidarcli.formalism cimport segmentation, surfaces
 from lidarcli.formalism.objects cimport Bodies, Parts
 from lidarcli.formalism.segmentation cimport Points, Segments
@@ -10,7 +10,7 @@ from lidarcli.formalism.surfaces cimport Faces, Survey
 
 cdef Py_ssize_t REFINEMENTS
 cdef double LARGEST, INFINITY
-cdef Py_ssize_t PRISMATIC, ROUND, IRREGULAR, UNKNOWN, ENOUGH_BEAMS, MOST_FACES
+cdef Py_ssize_t PRISMATIC, ROUND, IRREGULAR, UNKNOWN, ENOUGH_BEAMS, MAX_FACES
 cdef double FIT_FLOOR, STRAIGHT_FIT, SQUARE, COS_SQUARE, WORSE, ARC
 cdef double RIGHT_ANGLE_TOLERANCE, SIN_TWICE, TIE, SLIM
 

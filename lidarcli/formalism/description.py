@@ -13,11 +13,11 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from lidarcli import native
 from lidarcli.formalism import detection, segmentation, surfaces
 from lidarcli.formalism.objects import Bodies, Parts
 from lidarcli.formalism.segmentation import Points, Segments
 from lidarcli.formalism.surfaces import Faces, Survey
+from lidarcli.system import native
 
 # §3: the shape of an object (Fig. 8) and the oriented box around it (Fig. 6). The shape is the simpler of straight faces
 # and a circle that explains the points. Both are compared by their Bayesian information: n log rms² + p log n, with p
@@ -174,7 +174,7 @@ FIT_FLOOR, STRAIGHT_FIT = 0.004, 0.012
 SQUARE = math.radians(35.0)
 """[rad] Faces of a prism meet within this of a right angle, and point their corner at the sensor."""
 COS_SQUARE = math.cos(SQUARE)
-MOST_FACES = 3
+MAX_FACES = 3
 """Greatest number of faces of a box that are seen, even from its inside."""
 WORSE = 1.5
 """Factor by which the algebraic circle may fit worse than the best one."""
@@ -244,7 +244,7 @@ def classify(look: Look, circle: Circle, sigma: float, chord: float, mean_x: flo
             and 2.0 * circle.radius <= max_width
         ):
             return ROUND
-    if look.square and look.count <= MOST_FACES and look.rms <= allowed:
+    if look.square and look.count <= MAX_FACES and look.rms <= allowed:
         return PRISMATIC
     return IRREGULAR
 

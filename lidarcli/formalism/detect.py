@@ -17,11 +17,11 @@ from lidarcli.formalism.detection import COLUMNS, NOISE, OBJECT, REQUIRED, Detec
 from lidarcli.formalism.features import NAMES
 from lidarcli.formalism.parameters import Parameters, check
 from lidarcli.formalism.segmentation import Scans
-from lidarcli.sweeps import Bool, Closure, Float64, Int64, SweepBatch
+from lidarcli.sweeps.types import Bool, Closure, Float64, Int64, SweepBatch
 
 OBJECTS_AT_FIRST, VERTICES_AT_FIRST = 16, 3
 """Room for so many objects per sweep, and vertices per object, before it is known how many there are."""
-MOST_KEPT = 1 << 12
+MAX_KEPT = 1 << 12
 """Most beams for which a thread keeps its core: the room for them is some MB."""
 
 _LOCAL = threading.local()
@@ -152,7 +152,7 @@ def _core(width: int, parameters: Parameters | None = None) -> Core:
         return kept[2]
     parameters = parameters or Parameters()
     core = Core(max(width, 1), parameters)
-    if width <= MOST_KEPT:
+    if width <= MAX_KEPT:
         _LOCAL.kept = width, parameters, core
     return core
 

@@ -6,7 +6,7 @@ from dataclasses import MISSING, fields, replace
 
 import numpy as np
 
-from lidarcli.sweeps import (
+from lidarcli.sweeps.types import (
     TURN,
     Closure,
     Float32,
@@ -262,14 +262,14 @@ def grouped_medians(value: Float32, owner: Int64, groups: int) -> Float64:
 
 # Intensity of objects: the median over their own beams, for all objects of a batch at once.
 
-MOST_INTENSITY = 1e9
+MAX_INTENSITY = 1e9
 """Greatest intensity that a sensor can mean, in any unit; the bytes of a broken message may give more."""
 
 
 def object_intensities(batch: SweepBatch, found: Detection) -> Float32:
     """Return (K,) the median intensity of each of K objects, in the unit of the sensor.
 
-    NaN where no beam of the object has an intensity, or it is above `MOST_INTENSITY`.
+    NaN where no beam of the object has an intensity, or it is above `MAX_INTENSITY`.
     """
     if batch.intensities is None:
         return np.full(len(found), np.nan, np.float32)
@@ -287,7 +287,7 @@ def object_intensities(batch: SweepBatch, found: Detection) -> Float32:
     mine = batch.status.ravel()[at] == Status.VALID.value
     medians = grouped_medians(values[mine], owner[part[mine]], len(found))
     with np.errstate(invalid="ignore"):
-        medians[~(np.abs(medians) <= MOST_INTENSITY)] = np.nan
+        medians[~(np.abs(medians) <= MAX_INTENSITY)] = np.nan
     return medians.astype(np.float32)
 
 

@@ -1,7 +1,7 @@
 cimport cython
 cimport libc.math as math
 
-from lidarcli cimport native
+from lidarcli.system cimport native
 from lidarcli.formalism cimport segmentation
 from lidarcli.formalism.objects cimport Bodies
 from lidarcli.formalism.segmentation cimport Points, Scans, Segments
@@ -14,7 +14,7 @@ cdef Py_ssize_t WIDTH, EXTENT, RANGE, BULGE_AWAY, ARC, NOISE, COUNT
 cdef double FAR, NEARER, SHORTEST, LONGEST
 cdef double OUTSIDE, DEEPEST, BESIDE_ANGLE, AROUND_ANGLE, FAR_ANGLE, DEEPER_ANGLE, DEEPER_BY
 cdef double NEAR_BODIES, SLIM_WIDTH, NO_SLIM
-cdef Py_ssize_t LOOKS, DIRECTION_POINTS, LINE_POINTS, FEW_POINTS, MOST_STRIDE, CROSSED
+cdef Py_ssize_t LOOKS, DIRECTION_POINTS, LINE_POINTS, FEW_POINTS, MAX_STRIDE, CROSSED
 cdef double RIGHT_ANGLE, KERNEL, CLOSE, DIRECTION_LENGTH, PLANE, PLANE_NOISE
 cdef double SLANTED, SHORT, SHORT_SLANT, LONG_SLANT, WIDEST, BEYOND_BY, LOG_SCALE
 cdef double WALL_LENGTH, WALL_NEAR, LINE_FAR, TIE

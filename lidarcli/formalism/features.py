@@ -9,11 +9,11 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from lidarcli import native
 from lidarcli.formalism import forest, segmentation
 from lidarcli.formalism.objects import Bodies
 from lidarcli.formalism.segmentation import Points, Scans, Segments
 from lidarcli.formalism.surfaces import Faces, Survey
+from lidarcli.system import native
 
 NAMES = (
     *("jump_least", "jump_most", "gap", "flicker"),
@@ -470,7 +470,7 @@ LINE_PRIOR = 0.3
 """[m] So much of a line is taken for crossed beforehand."""
 HIDDEN_BY = 0.6
 """[m] What stands further before a line hides it."""
-SPACING, MOST_STRIDE = 0.08, 6
+SPACING, MAX_STRIDE = 0.08, 6
 """[m] Beams that meet a line closer together than this are passed over, so many in a row at most."""
 CROSSED, SLANT, FRONT = 2, 0.015, 0.1
 """So many beams in a row that pass through a line end it; it may turn by so much, m per m; it is not followed where beams
@@ -520,7 +520,7 @@ def _follow(
     per_plane = 1.0 / plane
     # Where beams meet the line close together, not all of them are looked at.
     stride = 1
-    while stride < MOST_STRIDE and (stride + 1) * c * points.step <= SPACING:
+    while stride < MAX_STRIDE and (stride + 1) * c * points.step <= SPACING:
         stride += 1
     left, here = count - 1, position[p]
     while left > 0:

@@ -26,9 +26,9 @@ from lidarcli.formalism.background import (
     shift,
 )
 from lidarcli.formalism.detection import offsets_of, spans
-from lidarcli.sweeps import Bool, Float64, Int64, Status, SweepBatch, record
+from lidarcli.sweeps.types import Bool, Float64, Int64, Status, SweepBatch, record
 
-MOST_CELLS, MOST_PENDING = 1 << 24, 1 << 20
+MAX_CELLS, MAX_PENDING = 1 << 24, 1 << 20
 """Greatest number of cells, and of beams of all stations, about a gigabyte: sweeps that need more are left out; and of
 cells that wait to be sorted in."""
 UNIT = 1e-4
@@ -38,7 +38,7 @@ BIN_UNITS = 50
 SURFACE_BINS, FOLIAGE_BINS, PEAK_BINS = 20, 60, 5
 """Bins to either side that belong to the same surface, 10 cm; to one where none is narrower, as in foliage, 30 cm; to its
 mode."""
-CLIP_SDS, CLIPPED_SD, LEAST_CLIP_UNITS = 2.5, 0.946, 200
+CLIP_SDS, CLIPPED_SD, MIN_CLIP_UNITS = 2.5, 0.946, 200
 """Standard deviations beyond which a range does not count for r_e, as of a person close to the surface; standard deviation
 of a normal distribution that is cut there, as a share of its own; least width of the cut, in units: 2 cm."""
 SUPPORT_SHARE = 0.35
@@ -46,7 +46,7 @@ SUPPORT_SHARE = 0.35
 STILL_BINS, BEFORE_BINS = 10, 30
 """Bins to either side within which such a surface repeats, with any noise, 5 cm; bins before it from which on nearly all
 ranges are its own, 15 cm."""
-REPEATED_SHARE, LEAST_REPEATED, SET_APART_SHARE = 0.1, 10, 0.8
+REPEATED_SHARE, MIN_REPEATED, SET_APART_SHARE = 0.1, 10, 0.8
 """A surface that stands still behind people who nearly always hide it: share and least number of its observations, as a few
 steps of people fall into one place by chance, and least share of the ranges from there on that are its own."""
 OPEN_SHARE = 0.5
@@ -139,10 +139,10 @@ class Learning:
 
     def _stations(self, batch: SweepBatch) -> Int64:
         """Return the station of each sweep, new ones included; -1 where there is no room for one."""
-        if self._settled + self._pending >= MOST_CELLS:
+        if self._settled + self._pending >= MAX_CELLS:
             self._settle()
-        full = self._settled >= MOST_CELLS
-        room = self.stations if full else max(MOST_CELLS // max(self.grid.beams, 1), 1)
+        full = self._settled >= MAX_CELLS
+        room = self.stations if full else max(MAX_CELLS // max(self.grid.beams, 1), 1)
         poses = batch.poses or UNKNOWN_PLACE.rows(np.zeros(len(batch), np.int64))
         station, places = gather(poses, self.poses, self.distance, self.angle, room)
         unknown = np.isnan(poses.x)
@@ -191,7 +191,7 @@ class Learning:
         valid = in_view & (batch.status == Status.VALID)
         self._parts.append(count_ranges(place[valid], ranges[valid]))
         self._pending += len(self._parts[-1])
-        if self._pending > max(MOST_PENDING, self._settled):
+        if self._pending > max(MAX_PENDING, self._settled):
             self._settle()
 
     def _settle(self) -> Cells:
@@ -328,7 +328,7 @@ def estimate(cells: Cells, no_return: Int64) -> Estimate:
         diffuse = _set_apart(few, wide.backing, FOLIAGE_BINS) >= need[few.beam]
         _take(result, few, wanted, wide, diffuse, FOLIAGE_BINS, observed)
         near, narrow = _windows(few, SURFACE_BINS), _windows(few, STILL_BINS)
-        least = np.maximum(np.maximum(REPEATED_SHARE * observed, no_return), LEAST_REPEATED)
+        least = np.maximum(np.maximum(REPEATED_SHARE * observed, no_return), MIN_REPEATED)
         repeats = _set_apart(few, narrow.backing, BEFORE_BINS) >= least[few.beam]
         _take(result, few, wanted, _Windows(near.begin, near.end, narrow.backing), repeats, STILL_BINS, observed)
     return result
@@ -413,13 +413,13 @@ def _describe(result: Estimate, cells: Cells, found: Int64, begin: Int64, end: I
     r_e = near.peak()
     for _ in range(2):
         count, mean, square = near.moments(r_e - 0.5 * BIN_UNITS, np.full(len(r_e), np.inf), r_e)
-        clip = np.maximum(CLIP_SDS * np.sqrt(square), LEAST_CLIP_UNITS)
+        clip = np.maximum(CLIP_SDS * np.sqrt(square), MIN_CLIP_UNITS)
         count, mean, square = near.moments(r_e - clip, r_e + clip, r_e)
         r_e = r_e + mean
     result.r_e[found] = (near.origin + r_e) * UNIT
     spread = np.sqrt(np.maximum(square - mean * mean, 0.0)) / CLIPPED_SD
     result.spread[found] = spread * UNIT
-    reach = np.maximum(BACKING_SDS * spread, LEAST_CLIP_UNITS)
+    reach = np.maximum(BACKING_SDS * spread, MIN_CLIP_UNITS)
     count, _, _ = near.moments(r_e - reach, r_e + reach, r_e)
     result.support[found] = count / observed[found]
 

@@ -11,11 +11,11 @@ from typing import Any
 
 import numpy as np
 
-from lidarcli import native
 from lidarcli.formalism.mapping import grid as grid_cells
 from lidarcli.formalism.mapping.grid import Occupancy, TooLargeError
-from lidarcli.formalism.matching.ground import MOST_CELLS, Nearest, of_map
-from lidarcli.sweeps import Bool, Float64, Int8, Int64
+from lidarcli.formalism.matching.ground import MAX_CELLS, Nearest, of_map
+from lidarcli.sweeps.types import Bool, Float64, Int8, Int64
+from lidarcli.system import native
 
 FIELD_CELL, MARGIN = 0.05, 5
 """Side of the cells of a field of distances [m], and cells of it around the map."""
@@ -27,7 +27,7 @@ EXPLAINED = 0.12
 """A beam is explained that ends within this distance of an occupied cell [m]."""
 SHARP, WIDE, FLAT = 0.08, 0.12, 0.05
 """Standard deviations of the worth of a distance, for climbing and for places around, which take the last as none [m]."""
-STEP, STEP_TURN, SIZES, MOST_STEPS, LEAST_STEP = 0.1, math.pi / 90.0, 4, 8, 1e-6
+STEP, STEP_TURN, SIZES, MAX_STEPS, MIN_STEP = 0.1, math.pi / 90.0, 4, 8, 1e-6
 """First steps of climbing [m, rad], how often they are halved, the most of each size, and what one has to gain."""
 DOUBTFUL, HALF_KNOWN = 0.8, 0.6
 """Places around are tried where the map explains less than this share of the beams that end where it is known, or where
@@ -43,19 +43,19 @@ COLUMNS = 10
 
 FITTING, OFF, LOST, UNSURE = range(4)
 """Codes of `MAP_STATES`."""
-LEAST_POINTS, LEAST_KNOWN = 40, 0.5
+MIN_POINTS, MIN_KNOWN = 40, 0.5
 """A window of fewer points is unknown, and one of which fewer beams than this share end where the map is known."""
-GAIN, LESS_AGAINST, LEAST_AFTER = 0.08, 0.04, 0.65
+GAIN, LESS_AGAINST, MIN_AFTER = 0.08, 0.04, 0.65
 """A correction explains more of the beams by the first share, leaves fewer by the second that end in free space, explains
 the third, …"""
-LEAST_OFF, LEAST_TURN = 0.15, math.pi / 60.0
+MIN_OFF, MIN_TURN = 0.15, math.pi / 60.0
 """… and is more than this [m, rad]."""
 LITTLE, THROUGH, SOME_KNOWN = 0.5, 0.15, 0.3
 """Lost: the map explains less than the first share, more than the second go through walls, and more than the third end
 where it is known; …"""
 RELATIVE, LESS_THROUGH = 0.6, 0.1
 """… or it explains less than this share of what it does in the median, and more than the second go through walls."""
-FEWEST, GREATEST_GAP, ALIKE = 2, 2, 1.2
+FEWEST, MAX_GAP, ALIKE = 2, 2, 1.2
 """An interval has so many windows that are off or lost, each at most so many after the one before, and corrections that
 differ by no more than this [m] from one to the next: those of rows of like shelves do."""
 CLEAR_GAIN = 0.3
@@ -181,14 +181,14 @@ def climb(field: Field, p: Any, x: float, y: float, turn: float) -> None:
     step, step_turn = 2.0 * STEP, 2.0 * STEP_TURN
     for _ in range(SIZES):
         step, step_turn = 0.5 * step, 0.5 * step_turn
-        for _ in range(MOST_STEPS):
+        for _ in range(MAX_STEPS):
             x, y, turn = found[1], found[2], found[3]
             moved = False
             for k in range(27):
                 to_x, to_y = x + step * (k % 3 - 1), y + step * (k // 3 % 3 - 1)
                 to_turn = turn + step_turn * (k // 9 - 1)
                 worth = worth_of(field, p, field.sharp, 1, to_x, to_y, to_turn)
-                if worth > found[0] + LEAST_STEP:
+                if worth > found[0] + MIN_STEP:
                     found[0], found[1], found[2], found[3] = worth, to_x, to_y, to_turn
                     moved = True
             if not moved:
@@ -235,13 +235,13 @@ def through_walls(field: Field, p: Any) -> float:
 def field_of(grid: Occupancy) -> Field:
     """Return the distances to the occupied cells of a map, and where it is known.
 
-    The field reaches beyond the map by the distance at which a cell is known. More than `MOST_CELLS` of cells raise a
+    The field reaches beyond the map by the distance at which a cell is known. More than `MAX_CELLS` of cells raise a
     `TooLargeError`.
     """
     ground = of_map(grid)
     nearest = Nearest(ground)
     height, width = (int(np.ceil(side * ground.resolution / FIELD_CELL)) + 2 * MARGIN for side in ground.cells.shape)
-    if height * width > MOST_CELLS:
+    if height * width > MAX_CELLS:
         raise TooLargeError(f"{width * FIELD_CELL:,.0f} x {height * FIELD_CELL:,.0f} m")
     left, low = ground.x - MARGIN * FIELD_CELL, ground.y - MARGIN * FIELD_CELL
     cells = np.empty((height, width), np.uint8)
@@ -262,13 +262,13 @@ def states_of(points: Int64, found: Float64) -> tuple[Int8, float, Bool]:
     (W,) True where there are enough points.
     """
     share, known, after, known_after, x, y, turn, through, _, _ = found.T
-    tells = points >= LEAST_POINTS
+    tells = points >= MIN_POINTS
     median = float(np.median(share[tells])) if tells.any() else 0.0
-    state = np.where(known < LEAST_KNOWN, UNSURE, FITTING)
+    state = np.where(known < MIN_KNOWN, UNSURE, FITTING)
     lost = (share < LITTLE) & (through > THROUGH) & (known > SOME_KNOWN)
     state[lost | ((share < RELATIVE * median) & (through > LESS_THROUGH))] = LOST
-    better = (after >= np.maximum(share + GAIN, LEAST_AFTER)) & (known - share >= known_after - after + LESS_AGAINST)
-    state[better & ((np.hypot(x, y) > LEAST_OFF) | (np.abs(turn) > LEAST_TURN))] = OFF
+    better = (after >= np.maximum(share + GAIN, MIN_AFTER)) & (known - share >= known_after - after + LESS_AGAINST)
+    state[better & ((np.hypot(x, y) > MIN_OFF) | (np.abs(turn) > MIN_TURN))] = OFF
     state[~tells] = UNSURE
     return state.astype(np.int8), median, tells
 
@@ -276,7 +276,7 @@ def states_of(points: Int64, found: Float64) -> tuple[Int8, float, Bool]:
 def intervals_of(window: Int64, state: Int8, found: Float64) -> list[Int64]:
     """Return the intervals in which a path is off or lost: the indices of their windows, by (W,) numbers and states."""
     bad = np.flatnonzero((state == OFF) | (state == LOST))
-    apart = np.diff(window[bad]) > GREATEST_GAP
+    apart = np.diff(window[bad]) > MAX_GAP
     step = np.hypot(*np.diff(found[bad, 4:6], axis=0).T)
     apart |= (step > ALIKE) & (state[bad[1:]] == OFF) & (state[bad[:-1]] == OFF)
     clear = (state == OFF) & (found[:, 2] - found[:, 0] >= CLEAR_GAIN)

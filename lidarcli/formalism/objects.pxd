@@ -1,12 +1,12 @@
 cimport cython
 cimport libc.math as math
 
-from lidarcli cimport native
+from lidarcli.system cimport native
 from lidarcli.formalism cimport segmentation, surfaces
 from lidarcli.formalism.segmentation cimport Points, Segments
 from lidarcli.formalism.surfaces cimport Faces, Survey
 
-cdef double CORNER_TURN, SIN_CORNER_TURN, BACKING, LEAST_RELIEF, WIDEST, BEHIND, PLANE
+cdef double CORNER_TURN, SIN_CORNER_TURN, BACKING, MIN_RELIEF, WIDEST, BEHIND, PLANE
 cdef Py_ssize_t TRIM
 cdef double FRAGMENT_GAP, FRAGMENT_EXTENT
 cdef double LEG_WIDTH

@@ -9,10 +9,10 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from lidarcli import native
 from lidarcli.formalism import segmentation, surfaces
 from lidarcli.formalism.segmentation import Points, Segments
 from lidarcli.formalism.surfaces import Faces, Survey
+from lidarcli.system import native
 
 # Things that touch a wall: where no step divides the two, the corner between them does.
 
@@ -21,7 +21,7 @@ CORNER_TURN = math.radians(25.0)
 SIN_CORNER_TURN = math.sin(CORNER_TURN)
 BACKING = 0.4
 """[m] A face at least this long, beside which a thing stands, is wall."""
-LEAST_RELIEF, WIDEST, BEHIND, PLANE = 0.1, 1.5, 0.1, 0.03
+MIN_RELIEF, WIDEST, BEHIND, PLANE = 0.1, 1.5, 0.1, 0.03
 """[m] A thing stands out from its wall by more than the first, as mouldings do not, over no more than the second; what is
 seen past its free edge lies no further than the third behind the line of the wall; points on the wall stand out less than
 the last."""
@@ -99,9 +99,9 @@ def _add(
     first, last = faces.first[begin], faces.last[end - 1]
     if not _is_small(points, faces, begin, end):
         return
-    if has_wall_before and not _relief(points, faces, begin, end, before) > LEAST_RELIEF + margin:
+    if has_wall_before and not _relief(points, faces, begin, end, before) > MIN_RELIEF + margin:
         return
-    if has_wall_after and not _relief(points, faces, begin, end, after) > LEAST_RELIEF + margin:
+    if has_wall_after and not _relief(points, faces, begin, end, after) > MIN_RELIEF + margin:
         return
     # At a free end the wall goes on, or is seen through a doorway.
     if not has_wall_after:

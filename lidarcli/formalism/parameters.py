@@ -11,10 +11,10 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from lidarcli.choices import AGENT_SCORE, GREATEST_COUNT, MIN_THING, PROFILES
 from lidarcli.errors import OptionError
-from lidarcli.range_rules import FARTHEST
-from lidarcli.sweeps import Bool, Closure, Float64, SweepBatch
+from lidarcli.options.choices import AGENT_SCORE, MAX_COUNT, MIN_THING, PROFILES
+from lidarcli.sweeps.range_rules import FARTHEST
+from lidarcli.sweeps.types import Bool, Closure, Float64, SweepBatch
 
 Profile = Literal["robust", "paper"]
 
@@ -70,8 +70,8 @@ class Parameters:
         elif not 0 <= self.threshold <= FARTHEST:
             raise OptionError(f"--threshold: {self.threshold} m is not a distance")
         for name, least, most in (
-            ("min_beams", 1, GREATEST_COUNT),
-            ("max_gap", 0, GREATEST_COUNT),
+            ("min_beams", 1, MAX_COUNT),
+            ("max_gap", 0, MAX_COUNT),
             ("group_gap", 0, FARTHEST),
             ("min_thing", 0, 1),
         ):

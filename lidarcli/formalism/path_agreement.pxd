@@ -1,7 +1,7 @@
 cimport cython
 cimport libc.math as math
 
-from lidarcli cimport native
+from lidarcli.system cimport native
 
 cdef double CELL, BEFORE_HIT, BEFORE_HIT_GROWS, STEP
 cdef Py_ssize_t NEAR, BITS, COLUMN

@@ -11,13 +11,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from lidarcli import native
-from lidarcli.sweeps import Float64, Int64
+from lidarcli.sweeps.types import Float64, Int64
+from lidarcli.system import native
 
 NAN = float("nan")
 CELL = 0.05
 """Side of the cells in which hits are compared [m]."""
-LEAST_RANGE, MOST_RANGE = 0.15, 12.0
+MIN_RANGE, MAX_RANGE = 0.15, 12.0
 """Ranges that are compared [m]: those of far walls tell the heading alone."""
 BEFORE_HIT, BEFORE_HIT_GROWS = 0.3, 0.02
 """A beam denies nothing in its last piece of this length [m], and this share of its range more; nor in its first."""
@@ -25,7 +25,7 @@ STEP = 0.075
 """A beam is looked along in steps of this length [m]."""
 NEAR = 2
 """Parts of the run that are at most so many apart are near."""
-LEAST_HITS = 50
+MIN_HITS = 50
 """Fewer hits that others confirm or deny tell nothing."""
 FARTHEST = 1e8
 """Poses beyond this are none [m]."""
@@ -80,7 +80,7 @@ def agreement(
 
     Returns
     -------
-    The agreement; NaN where fewer than `LEAST_HITS` hits can be compared.
+    The agreement; NaN where fewer than `MIN_HITS` hits can be compared.
     """
     known = np.isfinite(poses).all(axis=1) & (np.abs(poses) < FARTHEST).all(axis=1)
     placed = float(known.mean()) if len(part) else 0.0
@@ -88,8 +88,8 @@ def agreement(
     if not len(part):
         return Agreement(NAN, NAN, NAN, 0.0, placed)
     used = np.asarray(ranges[known], np.float64)
-    used = np.ascontiguousarray(np.where((used > LEAST_RANGE) & (used < MOST_RANGE), used, 0.0))
-    low = poses[:, :2].min(axis=0) - 2.0 * MOST_RANGE - CELL
+    used = np.ascontiguousarray(np.where((used > MIN_RANGE) & (used < MAX_RANGE), used, 0.0))
+    low = poses[:, :2].min(axis=0) - 2.0 * MAX_RANGE - CELL
     poses[:, :2] -= low
     numbers = np.ascontiguousarray(part - part.min(), np.int64)
     sums = np.zeros(7)
@@ -98,12 +98,12 @@ def agreement(
         np.ascontiguousarray(angle_min[known], np.float64),
         np.ascontiguousarray(angle_increment[known], np.float64),
         poses,
-        np.ascontiguousarray(np.clip(np.nan_to_num(motion[known]), -MOST_RANGE, MOST_RANGE), np.float64),
+        np.ascontiguousarray(np.clip(np.nan_to_num(motion[known]), -MAX_RANGE, MAX_RANGE), np.float64),
         numbers,
         Marks(int(np.count_nonzero(used)), int(numbers.max()) + 1),
         sums,
     )
-    near, far, every = (total / hits if hits > LEAST_HITS else NAN for total, hits in sums[:6].reshape(3, 2).tolist())
+    near, far, every = (total / hits if hits > MIN_HITS else NAN for total, hits in sums[:6].reshape(3, 2).tolist())
     return Agreement(near, far, every, float(sums[3] / max(sums[6], 1.0)), placed)
 
 

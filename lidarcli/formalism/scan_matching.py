@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from lidarcli import native
+from lidarcli.system import native
 
 NAN = float("nan")
 TURN = 2.0 * math.pi
@@ -21,12 +21,12 @@ NEAREST_RANGE, FARTHEST_RANGE = 0.02, 30.0
 bounded."""
 GRAIN = 0.05
 """Distance between points of a sweep, and between surfels [m]."""
-MOST_POINTS, LEAST_POINTS = 400, 15
+MAX_POINTS, MIN_POINTS = 400, 15
 """Points of a sweep that are used, of more evenly chosen ones; a sweep of fewer than the least has no pose."""
 LINE_REACH = 0.12
 """Length of wall to each side of a point to which its line is fitted [m]."""
-MOST_NEIGHBOURS = 12
-LEAST_NEIGHBOURS = 2
+MAX_NEIGHBOURS = 12
+MIN_NEIGHBOURS = 2
 GAP = 0.15
 """Neighbours further apart than this are not of one wall [m], ..."""
 GAP_BEAMS = 4.0
@@ -44,27 +44,27 @@ CELL = 0.2
 """Side of the cells of the map [m]."""
 SIDE = 512
 """Cells of the map in each direction, which repeat beyond: more than the reach of all ranges to both sides."""
-MOST_SURFELS = 1 << 16
-MOST_HITS = 20.0
+MAX_SURFELS = 1 << 16
+MAX_HITS = 20.0
 """The mean of a surfel forgets beyond this many points."""
 SAME_SIDE = 0.5
 """Cosine of the angle between two normals of one wall."""
 
-MOST_STEPS, SMALL_STEP = 12, 3e-4
+MAX_STEPS, SMALL_STEP = 12, 3e-4
 """Steps of an alignment for each scale; it has converged at a step below the second [m, rad]."""
-GREATEST_STEP, GREATEST_TURN = 0.5, 0.3
+MAX_STEP, MAX_TURN = 0.5, 0.3
 """Limits of one step of an alignment [m, rad]."""
 LIES_OFF, SPEEDS_UP, TURNS_UP = 0.2, 0.3, 0.6
 """Deviations: of a sweep from the map as a whole [m], and of its velocity from that until then [m/s, rad/s]."""
 FINE_REACH, FINE_KERNEL = 0.15, 0.03
 """Reach and scale of weights of the last steps of an alignment [m]."""
-MOST_BENDS, SMALL_BEND = 4, 3e-3
+MAX_BENDS, SMALL_BEND = 4, 3e-3
 """Corrections of the velocity of a sweep that takes time, until one is below this [m/s, rad/s]."""
 POINT_WEIGHT = 0.3
 """Weight of a point without a line."""
 SEEN_HITS = 2.0
 """A surfel that so many points hit has half of the weight of one that many hit."""
-LEAST_WEIGHT = 1.0
+MIN_WEIGHT = 1.0
 SLIDES, SPINS = 0.02, 0.01
 """The walls do not fix the place along a direction whose curvature is a smaller share of all weights, nor the heading where
 its curvature is a smaller share of what it can be."""
@@ -74,7 +74,7 @@ FITS_POINT = 0.08
 SHARP = 0.015
 """[m] Residuals below tell a sharp map from one of sweeps that are deskewed wrongly."""
 
-GOOD_FIT, LEAST_FIT, BETTER = 0.6, 0.5, 0.03
+GOOD_FIT, MIN_FIT, BETTER = 0.6, 0.5, 0.03
 """Share of points that fit below which other turns are tried, below which a sweep has no pose, and by which another turn
 has to be better."""
 TRIED_TURN, TRIED_TURNS = 0.12, 4
@@ -125,15 +125,15 @@ class Surfels:
     def __init__(self) -> None:
         self.owner: list[Any] = []
         self.count = 0
-        self.x = native.doubles(self.owner, MOST_SURFELS)
-        self.y = native.doubles(self.owner, MOST_SURFELS)
-        self.nx = native.doubles(self.owner, MOST_SURFELS)
-        self.ny = native.doubles(self.owner, MOST_SURFELS)
-        self.hits = native.doubles(self.owner, MOST_SURFELS)
-        self.line = native.integers(self.owner, MOST_SURFELS)
-        self.column = native.integers(self.owner, MOST_SURFELS)
-        self.row = native.integers(self.owner, MOST_SURFELS)
-        self.next = native.integers(self.owner, MOST_SURFELS)
+        self.x = native.doubles(self.owner, MAX_SURFELS)
+        self.y = native.doubles(self.owner, MAX_SURFELS)
+        self.nx = native.doubles(self.owner, MAX_SURFELS)
+        self.ny = native.doubles(self.owner, MAX_SURFELS)
+        self.hits = native.doubles(self.owner, MAX_SURFELS)
+        self.line = native.integers(self.owner, MAX_SURFELS)
+        self.column = native.integers(self.owner, MAX_SURFELS)
+        self.row = native.integers(self.owner, MAX_SURFELS)
+        self.next = native.integers(self.owner, MAX_SURFELS)
         """Next surfel of the chain, counted from 1; 0 at its end."""
         self.head = native.integers(self.owner, SIDE * SIDE)
 
@@ -255,12 +255,12 @@ def read_outline(points: Outline, r: Any, at: int, beams: int, first: float, ste
         points.nx[i] = points.ny[i] = 0.0
         if fit_line(points, i, k, beams, closed, turn):
             points.count += 1
-    if points.count > MOST_POINTS:
-        for i in range(MOST_POINTS):
-            k = i * points.count // MOST_POINTS
+    if points.count > MAX_POINTS:
+        for i in range(MAX_POINTS):
+            k = i * points.count // MAX_POINTS
             points.x[i], points.y[i], points.r[i], points.late[i] = (points.x[k], points.y[k], points.r[k], points.late[k])
             points.nx[i], points.ny[i], points.line[i] = points.nx[k], points.ny[k], points.line[k]
-        points.count = MOST_POINTS
+        points.count = MAX_POINTS
 
 
 def fit_line(points: Outline, i: int, k: int, beams: int, closed: int, turn: float) -> int:
@@ -268,7 +268,7 @@ def fit_line(points: Outline, i: int, k: int, beams: int, closed: int, turn: flo
     x, y, r = points.beam_x, points.beam_y, points.beam_r
     spacing = max(r[k] * turn, 1e-4)
     most = int(math.ceil(min(LINE_REACH / spacing, 1e6)))  # noqa: RUF046
-    most = max(min(most, MOST_NEIGHBOURS), LEAST_NEIGHBOURS)
+    most = max(min(most, MAX_NEIGHBOURS), MIN_NEIGHBOURS)
     gap = max(GAP, GAP_BEAMS * spacing)
     sx, sy, sxx, sxy, syy = 0.0, 0.0, 0.0, 0.0, 0.0
     number, fewest = 1, beams
@@ -292,7 +292,7 @@ def fit_line(points: Outline, i: int, k: int, beams: int, closed: int, turn: flo
             taken += 1
         number += taken
         fewest = min(fewest, taken)
-    if fewest >= LEAST_NEIGHBOURS:
+    if fewest >= MIN_NEIGHBOURS:
         mx, my = sx / number, sy / number
         a, b, c = sxx / number - mx * mx, sxy / number - mx * my, syy / number - my * my
         root = math.sqrt(0.25 * (a - c) * (a - c) + b * b)
@@ -425,7 +425,7 @@ def add_surfel(surfels: Surfels, x: float, y: float, nx: float, ny: float, line:
     if at >= 0:
         if surfels.line[at] and line:
             off = surfels.nx[at] * (x - surfels.x[at]) + surfels.ny[at] * (y - surfels.y[at])
-            share = 1.0 / (min(surfels.hits[at], MOST_HITS) + 1.0)
+            share = 1.0 / (min(surfels.hits[at], MAX_HITS) + 1.0)
             surfels.x[at] += share * off * surfels.nx[at]
             surfels.y[at] += share * off * surfels.ny[at]
             ax = surfels.nx[at] + share * (nx - surfels.nx[at])
@@ -439,7 +439,7 @@ def add_surfel(surfels: Surfels, x: float, y: float, nx: float, ny: float, line:
         else:
             surfels.hits[at] += 1.0
         return
-    if surfels.count == MOST_SURFELS:
+    if surfels.count == MAX_SURFELS:
         return
     at = surfels.count
     surfels.count += 1
@@ -477,7 +477,7 @@ def forget_far(surfels: Surfels, x: float, y: float, reach: float) -> None:
 def enter_sweep(matcher: Matcher, points: Outline, vx: float, vy: float, vyaw: float) -> None:
     """Add a sweep to the map at the pose of the matcher."""
     reach = 2.0 * FARTHEST_RANGE
-    while matcher.map.count > MOST_SURFELS - MOST_POINTS:
+    while matcher.map.count > MAX_SURFELS - MAX_POINTS:
         forget_far(matcher.map, matcher.x, matcher.y, reach)
         reach *= 0.7
     deskew(points, vx, vy, vyaw)
@@ -523,10 +523,10 @@ def refine(
 ) -> None:
     """Take Gauss-Newton steps, and do not slide along walls; one point of `every` is used."""
     number = max((points.count + every - 1) // every, 1)
-    for _ in range(MOST_STEPS):
+    for _ in range(MAX_STEPS):
         sum_up(points, surfels, found, sums, reach, kernel, every, 0, 0.0)
         found.fit, found.sharp = sums.fits / (1.0 * number), sums.sharp / (1.0 * number)
-        if sums.total < LEAST_WEIGHT:
+        if sums.total < MIN_WEIGHT:
             break
         # Yaw is taken out (Schur complement), so that translation is judged by itself.
         htt = max(sums.htt, TINY)
@@ -544,9 +544,9 @@ def refine(
         dx, dy = cos * along - sin * aside, sin * along + cos * aside
         turn = -(sums.gt + sums.hxt * dx + sums.hyt * dy) / htt if htt > SPINS * sums.arms else 0.0
         far = math.sqrt(dx * dx + dy * dy)
-        if far > GREATEST_STEP:
-            dx, dy = dx * GREATEST_STEP / far, dy * GREATEST_STEP / far
-        turn = max(-GREATEST_TURN, min(GREATEST_TURN, turn))
+        if far > MAX_STEP:
+            dx, dy = dx * MAX_STEP / far, dy * MAX_STEP / far
+        turn = max(-MAX_TURN, min(MAX_TURN, turn))
         found.x += dx
         found.y += dy
         found.yaw = math.remainder(found.yaw + turn, TURN)
@@ -568,7 +568,7 @@ def bend(
     off = LIES_OFF * LIES_OFF
     straight, round_about = off / (SPEEDS_UP * SPEEDS_UP), off / (TURNS_UP * TURNS_UP)
     ux, uy, turned = 0.0, 0.0, 0.0
-    for _ in range(MOST_BENDS):
+    for _ in range(MAX_BENDS):
         cos, sin = math.cos(found.yaw), math.sin(found.yaw)
         deskew(points, vx + cos * ux + sin * uy, vy + cos * uy - sin * ux, vyaw + turned)
         refine(points, surfels, found, sums, FINE_REACH, FINE_KERNEL, 1)
@@ -700,7 +700,7 @@ def place_sweep(matcher: Matcher, time: float, prior: Any, at: int, out: Any, to
     if matcher.begun and time == matcher.time:
         return
     matcher.passed += 1
-    if matcher.points.count < LEAST_POINTS:
+    if matcher.points.count < MIN_POINTS:
         return
     guided = False
     if not matcher.begun:
@@ -729,13 +729,13 @@ def place_sweep(matcher: Matcher, time: float, prior: Any, at: int, out: Any, to
         vx, vy, vyaw = align(matcher, x, y, yaw, vx, vy, vyaw, seconds, wide)
         if matcher.found.fit < GOOD_FIT:
             vx, vy, vyaw = look_around(matcher, x, y, yaw, vx, vy, vyaw, seconds)
-        if follows and matcher.alone and matcher.first.takes_time and matcher.found.fit >= 0.8 * LEAST_FIT:
+        if follows and matcher.alone and matcher.first.takes_time and matcher.found.fit >= 0.8 * MIN_FIT:
             # Now that the motion is known, the first sweep can be deskewed as well.
             forget_far(matcher.map, 0.0, 0.0, 0.0)
             enter_sweep(matcher, matcher.first, vx, vy, vyaw)
             vx, vy, vyaw = align(matcher, matcher.found.x, matcher.found.y, matcher.found.yaw, vx, vy, vyaw, seconds, 1)
         dx, dy, turn = step_between(x, y, yaw, matcher.found.x, matcher.found.y, matcher.found.yaw)
-        if matcher.found.fit < LEAST_FIT or dx * dx + dy * dy >= FARTHEST_STEP * FARTHEST_STEP or abs(turn) >= WIDEST_STEP:
+        if matcher.found.fit < MIN_FIT or dx * dx + dy * dy >= FARTHEST_STEP * FARTHEST_STEP or abs(turn) >= WIDEST_STEP:
             matcher.misses += 1
             if matcher.misses < PATIENCE:
                 return

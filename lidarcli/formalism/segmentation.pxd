@@ -1,7 +1,7 @@
 cimport cython
 cimport libc.math as math
 
-from lidarcli cimport native
+from lidarcli.system cimport native
 
 cdef Py_ssize_t NEVER, LONGEST_GAP
 cdef double NAN, INFINITE, TURN, GAP_STEP, GAP_STEP_GROWS
@@ -12,7 +12,7 @@ cdef Py_ssize_t FEW_VALUES
 cdef double ROUGHNESS, NOISE_GAIN, ROOT_2, SPACING_GAIN, TINY
 cdef Py_ssize_t SLOPE_REACH
 cdef Py_ssize_t OWN, HIDDEN, OPEN, UNKNOWN, VIEW, FLICKERING, NO_RETURN
-cdef double MOST_FLICKER
+cdef double MAX_FLICKER
 
 
 cdef class Scans:

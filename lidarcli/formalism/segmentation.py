@@ -12,19 +12,20 @@ from typing import Any
 
 import numpy as np
 
-from lidarcli import native, sweeps
+from lidarcli.sweeps import types
+from lidarcli.system import native
 
 NEVER = 1 << 24
 """Number of lost beams between a point and a predecessor that does not exist: above every `max_gap`, in 32 bits, too."""
 NAN = float("nan")
 INFINITE = float("inf")
-TURN = sweeps.TURN
+TURN = types.TURN
 LONGEST_GAP = 3
 """Greatest number of lost beams in a row that should have returned."""
 GAP_STEP, GAP_STEP_GROWS = 0.1, 0.02
 """[m], and per metre of range: greatest change of range of a surface past a gap."""
-NO_RETURN = sweeps.Status.NO_RETURN.value
-OPEN_TURN, SHARED_TURN = sweeps.Closure.OPEN.value, sweeps.Closure.SHARED.value
+NO_RETURN = types.Status.NO_RETURN.value
+OPEN_TURN, SHARED_TURN = types.Closure.OPEN.value, types.Closure.SHARED.value
 
 
 def kept(owner: list[Any], values: Any, kind: Any) -> Any:
@@ -37,7 +38,7 @@ def kept(owner: list[Any], values: Any, kind: Any) -> Any:
 class Scans:
     """Columns of a batch of S sweeps with up to B beams, for the loops over one sweep."""
 
-    def __init__(self, batch: sweeps.SweepBatch, direction: Any, within: Any, sigma: Any) -> None:
+    def __init__(self, batch: types.SweepBatch, direction: Any, within: Any, sigma: Any) -> None:
         """`direction`: cos θ and sin θ, (D, B) each by increasing bearing, and which of them each sweep has, (S,)."""
         cos, sin, code = direction
         self.owner: list[Any] = []
@@ -480,7 +481,7 @@ def slope(points: Points, at: int, sign: int, max_gap: int) -> float:
 OWN, HIDDEN, OPEN, UNKNOWN, VIEW, FLICKERING = range(6)
 """An edge of a segment: the segment is the nearer side; the neighbour is, and hides the rest; a beam without a return is
 beside it; an invalid or too close one is; the view ends; a beam without a return where such beams prove nothing."""
-MOST_FLICKER = 0.05
+MAX_FLICKER = 0.05
 """Share of lost beams among those that should return, above which a beam without a return is no proof of free space."""
 
 
@@ -558,7 +559,7 @@ def _beside(points: Points, scans: Scans, position: int) -> int:
         return VIEW
     if scans.status[points.row * scans.width + beam] != NO_RETURN:
         return UNKNOWN
-    return FLICKERING if points.flicker > MOST_FLICKER else OPEN
+    return FLICKERING if points.flicker > MAX_FLICKER else OPEN
 
 
 def copy_segments(source: Segments, target: Segments) -> None:

@@ -38,9 +38,9 @@ from lidarcli.formalism.detection import (
     spans,
 )
 from lidarcli.formalism.parameters import Parameters
-from lidarcli.sweeps import Bool, Closure, Float32, Float64, Int64, Status, SweepBatch, record
+from lidarcli.sweeps.types import Bool, Closure, Float32, Float64, Int64, Status, SweepBatch, record
 
-THRESHOLD_SDS, LEAST_THRESHOLD, BESIDE_SHARE = 4.0, 0.08, 0.6
+THRESHOLD_SDS, MIN_THRESHOLD, BESIDE_SHARE = 4.0, 0.08, 0.6
 """Standard deviations from which on a range differs from the background; least difference [m], for errors by the
 reflectivity of a surface and the temperature of the sensor; share of the threshold that is enough beside a beam that
 differs."""
@@ -48,11 +48,11 @@ ALIGNED_ERROR = 0.015
 """[m] Error of ranges that were projected onto a station."""
 SEEN_THROUGH = 0.3
 """[m] Distance behind r_e from which on a range shows that the background is gone or another one."""
-MOST_DIFFERING = 0.5
+MAX_DIFFERING = 0.5
 """Share of the ranges that differ, before or behind the background, from which on a note is given. In busy halls it is
 up to a fifth; with the background of another place, or of a parked sensor that moved, it is 0.6 and more."""
 
-MOST_SWEEP_DIFFERING, MOST_SWEEPS_DIFFERING, LEAST_SWEEPS_DIFFERING = 0.4, 0.05, 10
+MAX_SWEEP_DIFFERING, MAX_SWEEPS_DIFFERING, MIN_SWEEPS_DIFFERING = 0.4, 0.05, 10
 """Share of the ranges of a sweep that differ above which somebody seems to have moved the sensor; share and least number of
 such sweeps for a note."""
 
@@ -208,7 +208,7 @@ class Subtraction:
         noisy = np.maximum(spread, sigma.astype(np.float32)[:, None])
         noisy *= np.float32(THRESHOLD_SDS)
         noisy += np.float32(error)
-        threshold: Float32 = np.maximum(noisy, np.float32(LEAST_THRESHOLD), out=noisy)
+        threshold: Float32 = np.maximum(noisy, np.float32(MIN_THRESHOLD), out=noisy)
         return threshold
 
     def _judge(

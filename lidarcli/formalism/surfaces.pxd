@@ -1,7 +1,7 @@
 cimport cython
 cimport libc.math as math
 
-from lidarcli cimport native
+from lidarcli.system cimport native
 from lidarcli.formalism cimport segmentation
 from lidarcli.formalism.segmentation cimport Points, Segments
 

@@ -10,9 +10,9 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from lidarcli import native
 from lidarcli.formalism import segmentation
 from lidarcli.formalism.segmentation import Points, Segments
+from lidarcli.system import native
 
 MAX_SPLITS = 24
 """Levels of splitting; a segment of n points needs log2 n, a jagged one more."""

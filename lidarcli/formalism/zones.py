@@ -9,9 +9,21 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from lidarcli.masks import Circle, Masks, Polygon
-from lidarcli.sweeps import TURN, Bool, Closure, Float32, Float64, Int32, Int64, Status, SweepBatch, SweepPoses, UInt64
-from lidarcli.zone import Line, inside
+from lidarcli.sweeps.masks import Circle, Masks, Polygon
+from lidarcli.sweeps.types import (
+    TURN,
+    Bool,
+    Closure,
+    Float32,
+    Float64,
+    Int32,
+    Int64,
+    Status,
+    SweepBatch,
+    SweepPoses,
+    UInt64,
+)
+from lidarcli.sweeps.zone import Line, inside
 
 Shape = Circle | Polygon | Line
 SAMPLES = 64

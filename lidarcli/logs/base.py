@@ -9,12 +9,12 @@ from typing import NamedTuple, Protocol, Self
 
 import numpy as np
 
-from lidarcli import foxglove
-from lidarcli.choices import ECHOES, SEGMENTS
-from lidarcli.display import Routine
+from lidarcli.display.texts import Routine
 from lidarcli.errors import OptionError
-from lidarcli.findings import Finding
-from lidarcli.sweeps import RawSweeps
+from lidarcli.options.choices import ECHOES, SEGMENTS
+from lidarcli.ros import foxglove
+from lidarcli.sweeps.findings import Finding
+from lidarcli.sweeps.types import RawSweeps
 
 LASERSCAN = "sensor_msgs/msg/LaserScan"
 MULTI_ECHO = "sensor_msgs/msg/MultiEchoLaserScan"

@@ -13,19 +13,19 @@ from zlib import crc32
 
 import numpy as np
 
-from lidarcli.display import counted
+from lidarcli.display.texts import counted
 from lidarcli.errors import NoScanError, OptionError
 from lidarcli.logs.base import Log, ReadReport
 from lidarcli.logs.blocks import split_rows
 from lidarcli.logs.clock import MAX_TOPICS
 from lidarcli.logs.piles import NoReturnDetector
 from lidarcli.logs.registry import TopicChoice
-from lidarcli.logs.scan_checks import MOST_TOPICS, LogStats, ScanChecks, Went, repeated_topics
-from lidarcli.range_rules import RangeRules, normalise
-from lidarcli.sweeps import Bool, Int64, RawSweeps, SweepBatch, concatenate
-from lidarcli.times import Instant, as_time
+from lidarcli.logs.scan_checks import MAX_COMPARED_TOPICS, LogStats, ScanChecks, Went, repeated_topics
+from lidarcli.options.times import Instant, as_time
+from lidarcli.sweeps.range_rules import RangeRules, normalise
+from lidarcli.sweeps.types import Bool, Int64, RawSweeps, SweepBatch, concatenate
 
-MOST_EVERY = 1_000_000
+MAX_EVERY = 1_000_000
 LONGEST = 0
 """Run of `ReadOptions` that stands for the longest one, where the odometry begins anew in each."""
 LATENCY = 0.25
@@ -54,8 +54,8 @@ class ReadOptions:
 
     def __post_init__(self) -> None:
         """Refuse values without a meaning (`OptionError`)."""
-        if not isinstance(self.every, Integral) or not 1 <= self.every <= MOST_EVERY:
-            raise OptionError(f"--every: {self.every} is no whole number from 1 to {MOST_EVERY:,}")
+        if not isinstance(self.every, Integral) or not 1 <= self.every <= MAX_EVERY:
+            raise OptionError(f"--every: {self.every} is no whole number from 1 to {MAX_EVERY:,}")
         for name in ("start", "end"):
             if (value := getattr(self, name)) is not None:
                 try:
@@ -175,7 +175,7 @@ class LogBatcher:
 
     def _judged(self, sweeps: RawSweeps, rules: RangeRules) -> Iterator[SweepBatch]:
         key = sweeps.topic, ""
-        if self._compares and (key in self._copies or len(self._copies) < MOST_TOPICS):
+        if self._compares and (key in self._copies or len(self._copies) < MAX_COMPARED_TOPICS):
             self._copies.setdefault(key, LogStats()).add_hashes(sweeps)
         yield from self._batchers[sweeps.topic].take(sweeps, rules)
 

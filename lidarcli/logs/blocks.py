@@ -8,9 +8,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from lidarcli.findings import FAR, WIDEST_VIEW
 from lidarcli.logs.base import MAX_BEAMS, OpenOptions, ReadReport
-from lidarcli.sweeps import TURN, Bool, Float32, Float64, Int32, Int64, RawSweeps
+from lidarcli.sweeps.findings import FAR, WIDEST_VIEW
+from lidarcli.sweeps.types import TURN, Bool, Float32, Float64, Int32, Int64, RawSweeps
 
 BLOCK_ROWS = 1024
 BLOCK_VALUES = 1 << 20

@@ -31,7 +31,7 @@ from lidarcli.logs.blocks import (
 )
 from lidarcli.logs.cells import Cells, S, not_a_number, pad_cells, shown, to_ns
 from lidarcli.logs.text import TextBlock, TextLog, TextSource
-from lidarcli.sweeps import TURN, Bool, Float32, Float64, Int64, RawSweeps
+from lidarcli.sweeps.types import TURN, Bool, Float32, Float64, Int64, RawSweeps
 
 FRONT, REAR = "front_laser", "rear_laser"
 
@@ -80,7 +80,7 @@ POSE = 3
 _ODD_BLANKS = re.compile(rb"[\t\f\v]|  | \n|\n ")
 _TO_BLANKS = bytes.maketrans(b"\t\f\v", b"   ")
 _NUMBER = re.compile(rb"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
-_MOST_DIGITS = 7
+_MAX_DIGITS = 7
 _WORD = re.compile(rb"[A-Za-z_]\w{0,63}")
 """First word of a message of another program, which is skipped."""
 _LONGEST_HEAD = 1024
@@ -117,7 +117,7 @@ def count_in(cell: bytes) -> int | None:
     >>> count_in(b"181"), count_in(b"-1")
     (181, None)
     """
-    return int(cell) if cell.isdigit() and len(cell) <= _MOST_DIGITS else None
+    return int(cell) if cell.isdigit() and len(cell) <= _MAX_DIGITS else None
 
 
 @dataclass(slots=True)

@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lidarcli.display import moment
-from lidarcli.findings import LEAP, LONG, SET_BACK
-from lidarcli.sweeps import Bool, Float64, Int64, RawSweeps
-from lidarcli.times import SECOND_NS, Instant
+from lidarcli.display.texts import moment
+from lidarcli.options.times import SECOND_NS, Instant
+from lidarcli.sweeps.findings import LEAP, LONG, SET_BACK
+from lidarcli.sweeps.types import Bool, Float64, Int64, RawSweeps
 
 SECOND = 1e-9
 _KEPT = 1 << 16
@@ -26,7 +26,7 @@ AROUND = 8
 """Sweeps around a stamp by which it is judged."""
 HELD = 1024
 """Most sweeps of a topic that wait for sound stamps; fewer of many beams."""
-MOST_FRAMES = 64
+MAX_FRAMES = 64
 MAX_TOPICS = 1000
 """Topics beyond this are taken as they are: a log may have a new one in every message."""
 
@@ -246,7 +246,7 @@ class _Mending:
         """Return stamps, record times and frames (3, S) of the last sound sweeps and those that wait."""
         parts = [self._sound]
         for block in self._waiting:
-            for name in block.frame_ids if len(self._frames) < MOST_FRAMES else ():
+            for name in block.frame_ids if len(self._frames) < MAX_FRAMES else ():
                 self._frames.setdefault(name, len(self._frames))
             codes = np.array([self._frames.get(name, 0) for name in block.frame_ids], np.int64)
             parts.append(np.stack([block.stamp_ns, block.record_ns, codes[block.frame]]))

@@ -15,14 +15,14 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from lidarcli.display import counted
-from lidarcli.foxglove import CLOUD, NUMBER_KINDS, classes
+from lidarcli.display.texts import counted
 from lidarcli.logs.base import MAX_MESSAGE, Message, OpenOptions, ReadReport, Slice
 from lidarcli.logs.blocks import as_singles, given_geometry, pad_intensities
 from lidarcli.logs.foxglove import NOT_JSON, NOT_PROTOBUF, STAMP
-from lidarcli.range_rules import FARTHEST, NEAREST
 from lidarcli.ros.cursor import MAX_NAME, NAME_LONG, BadMessageError, Cursor
-from lidarcli.sweeps import TURN, Float32, Float64, Int64, RawSweeps
+from lidarcli.ros.foxglove import CLOUD, NUMBER_KINDS, classes
+from lidarcli.sweeps.range_rules import FARTHEST, NEAREST
+from lidarcli.sweeps.types import TURN, Float32, Float64, Int64, RawSweeps
 
 Floats = NDArray[np.floating]
 
@@ -313,7 +313,7 @@ ROWS = 64
 WAITING_BYTES = 16 << 20
 """Clouds are sliced when this many, or this many bytes of them, have been gathered."""
 
-_MOST_FRAMES = 4
+_MAX_FRAMES = 4
 
 
 class Levelled(NamedTuple):
@@ -481,7 +481,7 @@ class Slicer:
         strengths = [np.empty(0, np.float32) if each.intensities is None else each.intensities for each in scans]
         self._clouds += count
         self._is_filled |= bool(np.isfinite(ranges).any())
-        if len(self._frames) < _MOST_FRAMES:
+        if len(self._frames) < _MAX_FRAMES:
             self._frames[frame_id] = None
         near, far = self.part.limits or (0.0, np.inf)
         yield RawSweeps(

@@ -13,14 +13,14 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from lidarcli.choices import ECHOES
 from lidarcli.logs.base import MAX_BEAMS, ReadReport, Topic
 from lidarcli.logs.blocks import TOO_MANY, Locate, ScanLayout, as_singles, keep_sound, pad_intensities, pad_rows, split_rows
 from lidarcli.logs.cells import DATE, S, time_unit, to_ns
 from lidarcli.logs.laserscan import choose
 from lidarcli.logs.text import JSON_LINE, TextBlock, TextLog
+from lidarcli.options.choices import ECHOES
 from lidarcli.ros.cursor import MAX_NAME, NAME_LONG
-from lidarcli.sweeps import Float32, RawSweeps
+from lidarcli.sweeps.types import Float32, RawSweeps
 
 NOT_JSON = "not JSON"
 NOT_SCAN = "not a LaserScan"
@@ -321,7 +321,7 @@ def _plain(message: Any) -> dict[str, Any]:
 
 
 _SAMPLE = 100
-_MOST_TOPICS = 4096
+_MAX_TOPICS = 4096
 _NO_MESSAGE = "no message of `mcap cat --json`"
 _CUT = "the file ends within this line: its message is dropped"
 
@@ -401,7 +401,7 @@ class _LineDecoder:
             self._keep(topic, message, line, int(record[0]))
         elif topic in self._scanned:
             self._report.refused[(topic, NOT_SCAN)] += 1
-        elif len(self._others) < _MOST_TOPICS:
+        elif len(self._others) < _MAX_TOPICS:
             self._others.add(topic)
         return None
 

@@ -10,10 +10,10 @@ from itertools import pairwise
 from pathlib import Path
 from typing import NamedTuple
 
-from lidarcli.display import counted
+from lidarcli.display.texts import counted
 from lidarcli.errors import OptionError, UnreadableError
 from lidarcli.logs.base import CLOUD_TYPES, POSE_TYPES, SCAN_TYPES, Closing, Log, Message, ReadReport, Topic
-from lidarcli.sweeps import RawSweeps
+from lidarcli.sweeps.types import RawSweeps
 
 _NUMBERED = re.compile(r"(.+)_(\d{1,9})(\.[a-z]\w*)?(?:\.[a-z]\w*)*", re.IGNORECASE)
 _DATE = re.compile(r"(?:^|_)\d{4}(?:-\d\d){5}$")

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from lidarcli.logs.base import LASERSCAN, MAX_BEAMS, MULTI_ECHO, OpenOptions, ReadReport
 from lidarcli.logs.blocks import BLOCK_ROWS, ScanLayout, pad_intensities, pad_rows, split_rows, unsound
 from lidarcli.ros.cursor import ENCAPSULATION, MAX_NAME, NAME_LONG
-from lidarcli.sweeps import Bool, Float32, Int32, Int64, RawSweeps, UInt8, record
+from lidarcli.sweeps.types import Bool, Float32, Int32, Int64, RawSweeps, UInt8, record
 
 SHORTEST = 48
 """Bytes of a LaserScan with an empty frame name and no beams, in either serialisation."""

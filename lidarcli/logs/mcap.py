@@ -59,7 +59,7 @@ from lidarcli.logs.mcap_records import (
     skippable_chunks,
 )
 from lidarcli.logs.unpacking import PACKED_CAUSE, ZSTD_MAGIC, DecompressionBudget, unpack_message
-from lidarcli.sweeps import Int64, RawSweeps
+from lidarcli.sweeps.types import Int64, RawSweeps
 
 STRIPPED_MAGIC = b"\x89MCAP0\n"
 TOGETHER = 64

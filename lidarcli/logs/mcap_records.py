@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from lidarcli.logs.base import SCAN_TYPES, ReadReport, ros_type
 from lidarcli.logs.laserscan import scan_type
 from lidarcli.logs.unpacking import CHUNK_RATIO, LZ4_MAGIC, SMALL, DecompressionBudget, too_much, unpack_frames
-from lidarcli.sweeps import Bool, Int64, UInt8, record
+from lidarcli.sweeps.types import Bool, Int64, UInt8, record
 
 MAGIC = b"\x89MCAP0\r\n"
 RECORD = struct.Struct("<BQ")

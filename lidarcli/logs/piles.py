@@ -11,11 +11,11 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from lidarcli.findings import Sensor
 from lidarcli.logs.base import ReadReport
 from lidarcli.logs.clock import MAX_TOPICS, StampMender
-from lidarcli.range_rules import FARTHEST, PILE, RangeRules, bounds, is_marked, judge, same_range
-from lidarcli.sweeps import Bool, Float32, Float64, Int64, RawSweeps, concatenate
+from lidarcli.sweeps.findings import Sensor
+from lidarcli.sweeps.range_rules import FARTHEST, PILE, RangeRules, bounds, is_marked, judge, same_range
+from lidarcli.sweeps.types import Bool, Float32, Float64, Int64, RawSweeps, concatenate
 
 WINDOW = 256
 """Sweeps of a topic examined together before any of them is judged."""
@@ -23,14 +23,14 @@ WINDOW_VALUES = 1 << 17
 """Most ranges of such a window: they wait in memory."""
 THIN = 4
 """One sweep in this many is examined; all counts below refer to these."""
-LEAST_SWEEPS = 5
-LEAST_BEAMS = 10
+MIN_SWEEPS = 5
+MIN_BEAMS = 10
 """Fewest bearings with the value where other sweeps see something nearer."""
-LEAST_NEARER = 0.1
+MIN_NEARER = 0.1
 """Least share of nearer ranges at such a bearing."""
-MOST_STEADY = 0.5
+MAX_STEADY = 0.5
 """Most of the pile may lie at other bearings by this share: a standing sensor sees a far wall there all the time."""
-LEAST_SHARE = 0.002
+MIN_SHARE = 0.002
 """Share of all beams that a pile holds."""
 SPREAD = 0.06
 """Width of a pile [m]: one value, or two up to 5 cm apart, each a centimetre wide."""
@@ -38,31 +38,31 @@ TWO_VALUES = 0.8
 """Least share of a pile held by two values to the millimetre: measurements spread over more."""
 CLEAR = 20
 """Factor by which each slightly smaller value, and all larger ones together, are less frequent than the pile."""
-BAND, LEAST_BAND = 0.01, 0.25
+BAND, MIN_BAND = 0.01, 0.25
 """Band below the pile in which smaller values are compared: a share of the range, and at least [m]."""
 QUANTUM, WIDER = 0.01, 3.0
 """Rounding of ranges of a wall [m], and the factor by which arcs of a pile are wider than a wall within that."""
 IN_ARCS = 0.5
 """Least share of a pile in such arcs."""
-MOST_ROUND = 0.6
+MAX_ROUND = 0.6
 """Largest share of beams in a pile of arcs: the wall of a round room has more."""
-LEAST_VALUES = 50
+MIN_VALUES = 50
 """Fewest distinct smaller values [mm] beside a pile of arcs."""
 NEARER = 0.1
 """Share of the range by which other sweeps must see nearer things."""
 RARE = 0.01
 """Least frequency of a value of the pile, as a share of that of its most frequent one."""
-MOST_PILES = 3
-COARSE, MOST_COARSE = 0.25, 1 << 12
+MAX_PILES = 3
+COARSE, MAX_COARSE = 0.25, 1 << 12
 """Width [m] and number of the bins of the first search; the last bin has no end."""
-MOST_COUNTED = 1 << 16
+MAX_COUNTED = 1 << 16
 """Span [mm] of values up to which all whole numbers in it are counted; values farther apart are sorted."""
-MOST_LOST = 0.02
+MAX_LOST = 0.02
 """Share of beams beyond range_max that is worth a note if they look like measurements.
 
 Of 29 topics of public recordings none has more than 1.4 %: at 8 m one sensor of a car race ends a beam in 200 beyond."""
-LEAST_LOST = 50
-MOST_TOLD = 3
+MIN_LOST = 50
+MAX_TOLD = 3
 
 MILLIMETRES = 1000.0
 
@@ -177,7 +177,7 @@ class _Topic:
             ranges[is_marked(ranges, self.rules)] = np.nan
 
     def _find_piles(self, window: RawSweeps, ranges: Float32) -> None:
-        for _ in range(MOST_PILES):
+        for _ in range(MAX_PILES):
             pile = _pile(ranges, int(window.beams.sum()), np.abs(window.angle_increment))
             if pile is None:
                 return
@@ -202,7 +202,7 @@ class _Topic:
     def _find_beyond(self, window: RawSweeps, high: Float32) -> None:
         with np.errstate(invalid="ignore"):
             beyond = (window.ranges > high[:, None]) & (window.ranges <= FARTHEST)
-        few = MOST_LOST * window.beams.sum()
+        few = MAX_LOST * window.beams.sum()
         # Most logs have hardly anything there, not even as padding.
         if np.count_nonzero(beyond) <= few:
             return
@@ -213,7 +213,7 @@ class _Topic:
         # What a driver writes for no return is one value, or a few.
         usual = counts * CLEAR > counts.sum()
         lost = counts[~usual].sum()
-        if lost <= max(MOST_LOST * window.beams.sum(), LEAST_LOST):
+        if lost <= max(MAX_LOST * window.beams.sum(), MIN_LOST):
             return
         self._lost += int(lost)
         greatest = max(self._lost_range[1], float(values[~usual][-1] / MILLIMETRES))
@@ -235,12 +235,12 @@ class _Topic:
                     "hint",
                     f"{topic}: {since}{share:.1%} of the beams end at {span}, {most} there is: taken as no return",
                     {"share": share, "range": self.rules.farthest},
-                    {"share": LEAST_SHARE},
+                    {"share": MIN_SHARE},
                     f"--no-return {words}",
                     "no-return",
                 )
             )
-        for beam, (value, first) in list(self._stuck.items())[:MOST_TOLD]:
+        for beam, (value, first) in list(self._stuck.items())[:MAX_TOLD]:
             since = f"from sweep {first} on, " if first else ""
             findings.append(
                 sensor.finding(
@@ -252,7 +252,7 @@ class _Topic:
                     mend="no-return",
                 )
             )
-        if self._lost > MOST_LOST * self._examined:
+        if self._lost > MAX_LOST * self._examined:
             limit, greatest = self._lost_range
             share, option = self._lost / self._examined, f"--range 0 {np.ceil(greatest):g}"
             findings.append(
@@ -262,7 +262,7 @@ class _Topic:
                     f"{topic}: {share:.1%} of the beams are beyond the greatest range of {limit:g} m that the log "
                     f"tells, but look like measurements; {option} takes them",
                     {"share": share, "range_max": limit, "greatest": greatest},
-                    {"share": MOST_LOST},
+                    {"share": MAX_LOST},
                     option,
                     "limits",
                 )
@@ -295,7 +295,7 @@ def _millimetres(values: Float32) -> Int64:
 def _counted(values: Int64) -> tuple[Int64, Int64]:
     """Return the distinct values (N,) in their order, and how often each is there; N > 0."""
     least = int(values.min())
-    if int(values.max()) - least > MOST_COUNTED:
+    if int(values.max()) - least > MAX_COUNTED:
         return np.unique(values, return_counts=True)
     counts = np.bincount(values - least)
     found = np.flatnonzero(counts)
@@ -305,21 +305,21 @@ def _counted(values: Int64) -> tuple[Int64, Int64]:
 def _pile(ranges: Float32, beams: int, steps: Float64) -> tuple[float, float] | None:
     """Return the least and the greatest value of the farthest pile of (S, B) ranges, NaN where there is none [m]."""
     # The farthest values that are together the share of the beams that could be a pile: no less than the last of them.
-    share = max(math.ceil(LEAST_SHARE * beams), 1)
+    share = max(math.ceil(MIN_SHARE * beams), 1)
     if share > ranges.size:
         return None
     last = _greatest(ranges, share)
     if not last:
         return None
-    edge = (min(last // COARSE, MOST_COARSE - 1) - 1) * COARSE
-    band = max(LEAST_BAND, BAND * edge)
+    edge = (min(last // COARSE, MAX_COARSE - 1) - 1) * COARSE
+    band = max(MIN_BAND, BAND * edge)
     with np.errstate(invalid="ignore"):
         far = ranges >= np.float32(edge - band)
     if not far.any():
         return None
     values, counts = _counted(_millimetres(ranges[far]))
     at = int(counts.argmax())
-    band = max(LEAST_BAND, BAND * values[at] / MILLIMETRES)
+    band = max(MIN_BAND, BAND * values[at] / MILLIMETRES)
     near = np.abs(values - values[at]) <= SPREAD * MILLIMETRES
     below = ~near & (values < values[at]) & (values >= values[at] - band * MILLIMETRES)
     over = ~near & (values > values[at])
@@ -349,13 +349,13 @@ def _is_seen_through(ranges: Float32, least: float, beams: int) -> bool:
     with np.errstate(invalid="ignore"):
         piled = ranges >= np.float32(least)
         nearer = ranges < np.float32(least * (1.0 - NEARER))
-    if np.count_nonzero(piled.any(axis=1)) < LEAST_SWEEPS:
+    if np.count_nonzero(piled.any(axis=1)) < MIN_SWEEPS:
         return False
     hits, others = np.count_nonzero(piled, axis=0), np.count_nonzero(nearer, axis=0)
-    changing = (hits > 0) & (others >= LEAST_NEARER * (hits + others))
+    changing = (hits > 0) & (others >= MIN_NEARER * (hits + others))
     changed = int(hits[changing].sum())
-    enough = changed >= LEAST_SHARE * beams and hits.sum() - changed <= MOST_STEADY * hits.sum()
-    return bool(enough and np.count_nonzero(changing) >= LEAST_BEAMS)
+    enough = changed >= MIN_SHARE * beams and hits.sum() - changed <= MAX_STEADY * hits.sum()
+    return bool(enough and np.count_nonzero(changing) >= MIN_BEAMS)
 
 
 def _is_round(ranges: Float32, least: float, most: float, steps: Float64) -> bool:
@@ -365,7 +365,7 @@ def _is_round(ranges: Float32, least: float, most: float, steps: Float64) -> boo
         piled = ranges >= np.float32(least)
         nearer = ranges < np.float32(least)
     count, others = np.count_nonzero(piled), np.count_nonzero(nearer)
-    if count > MOST_ROUND * (count + others) or len(np.unique(_millimetres(ranges[nearer]))) < LEAST_VALUES:
+    if count > MAX_ROUND * (count + others) or len(np.unique(_millimetres(ranges[nearer]))) < MIN_VALUES:
         return False
     width = WIDER * 2.0 * math.sqrt(2.0 * (most - least + QUANTUM) / least)
     # Where arcs begin and end, row by row.
@@ -373,7 +373,7 @@ def _is_round(ranges: Float32, least: float, most: float, steps: Float64) -> boo
     (row, begin), (_, end) = np.nonzero(edges == 1), np.nonzero(edges == -1)
     wide = (end - begin) * steps[row] > width
     within = int((end - begin)[wide].sum())
-    return bool(len(np.unique(row[wide])) >= LEAST_SWEEPS and within >= IN_ARCS * count)
+    return bool(len(np.unique(row[wide])) >= MIN_SWEEPS and within >= IN_ARCS * count)
 
 
 STUCK_SWEEPS = 10
@@ -382,11 +382,11 @@ STEADY = 0.95
 SOME = 4
 """One of these sweeps in this many is looked at first."""
 BODY = 1.0
-MOST_STUCK = 0.02
+MAX_STUCK = 0.02
 """Largest share of stuck beams: more of them see something that moves along."""
-MOST_ELSEWHERE = 0.001
+MAX_ELSEWHERE = 0.001
 """Largest share of the same range among other beams: a more frequent range is no matter of one beam."""
-MOVED, LEAST_MOVED = 0.05, 0.2
+MOVED, MIN_MOVED = 0.05, 0.2
 """Least change of a moved beam: share of its range, and [m]; a tenth of the sweeps at either end is left out."""
 MOVING = 0.25
 APART, MOSTLY = 0.1, 0.9
@@ -403,12 +403,12 @@ def find_stuck_beams(ranges: Float32) -> dict[int, float]:
     steady = np.flatnonzero((changes <= (1.0 - STEADY) * len(ranges) + 1.0) & (usual > BODY))
     stuck = np.zeros(len(usual), bool)
     stuck[steady] = same_range(ranges[:, steady], usual[steady]).mean(axis=0) >= STEADY
-    if not 0 < np.count_nonzero(stuck) <= max(1.0, MOST_STUCK * len(stuck)) or not _moves(ranges):
+    if not 0 < np.count_nonzero(stuck) <= max(1.0, MAX_STUCK * len(stuck)) or not _moves(ranges):
         return {}
     return {
         beam: float(str(usual[beam]))
         for beam in np.flatnonzero(stuck).tolist()
-        if same_range(ranges[:, ~stuck], usual[beam]).mean() <= MOST_ELSEWHERE
+        if same_range(ranges[:, ~stuck], usual[beam]).mean() <= MAX_ELSEWHERE
         and all(_differ(ranges[:, other], float(usual[beam])) for other in _neighbours(stuck, beam))
     }
 
@@ -420,7 +420,7 @@ def _moves(ranges: Float32) -> bool:
     ordered, last = np.sort(ranges[:, known_beams], axis=0), known[known_beams] - 1
     beams = np.arange(len(known_beams))
     low, high = (ordered[(share * last).astype(np.int64), beams] for share in (0.1, 0.9))
-    moved = high - low > np.maximum(LEAST_MOVED, MOVED * high)
+    moved = high - low > np.maximum(MIN_MOVED, MOVED * high)
     return len(known_beams) > 0 and bool(np.count_nonzero(moved) >= MOVING * len(known_beams))
 
 

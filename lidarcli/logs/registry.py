@@ -22,14 +22,14 @@ from importlib import import_module
 from pathlib import Path
 from typing import BinaryIO, cast
 
-from lidarcli.choices import BINS, JOIN, UNITS
 from lidarcli.errors import LidarcliError, NoScanError, OptionError, UnreadableError, unreadable
 from lidarcli.logs.base import CLOUD_TYPES, LASERSCAN, MAX_BEAMS, SCAN_TYPES, Log, OpenOptions, Slice, Topic
 from lidarcli.logs.text import is_carmen, is_json_lines
-from lidarcli.masks import Masks
-from lidarcli.range_rules import FARTHEST, RangeRules
+from lidarcli.options.choices import BINS, JOIN, UNITS
 from lidarcli.ros.bag_metadata import METADATA
-from lidarcli.sweeps import TURN
+from lidarcli.sweeps.masks import Masks
+from lidarcli.sweeps.range_rules import FARTHEST, RangeRules
+from lidarcli.sweeps.types import TURN
 
 HEAD = 4096
 
@@ -334,7 +334,7 @@ class _Rejoined(io.RawIOBase):
         super().close()
 
 
-MOST_BINS = 100_000
+MAX_BINS = 100_000
 
 
 def range_rules(
@@ -460,8 +460,8 @@ def _slice(heights: tuple[float, float] | None, bins: int | None, limits: tuple[
     if not -math.inf < low <= high < math.inf:
         raise OptionError(f"--slice: {low:g} to {high:g} m are no heights; give the least and the greatest")
     count = BINS if bins is None else bins
-    if not 1 < count <= MOST_BINS:
-        raise OptionError(f"--bins: {count} is not from 2 to {MOST_BINS:,}")
+    if not 1 < count <= MAX_BINS:
+        raise OptionError(f"--bins: {count} is not from 2 to {MAX_BINS:,}")
     return Slice(low, high, count, None if limits is None else (float(limits[0]), float(limits[1])))
 
 

@@ -25,7 +25,7 @@ from lidarcli.errors import UnreadableError, unreadable
 from lidarcli.logs.base import MAX_MESSAGE, Closing, Message, OpenOptions, ReadReport, Topic, ros_type
 from lidarcli.logs.laserscan import MessageBatcher, scan_type
 from lidarcli.logs.unpacking import LZ4_MAGIC, DecompressionBudget, too_much, unpack_frames
-from lidarcli.sweeps import Int64, RawSweeps, UInt8
+from lidarcli.sweeps.types import Int64, RawSweeps, UInt8
 
 MAGIC = b"#ROSBAG V2.0\n"
 OLD_MAGIC = b"#ROS"

@@ -19,8 +19,9 @@ from pathlib import Path, PureWindowsPath
 from typing import Any, BinaryIO
 from urllib.parse import quote
 
-from lidarcli.display import Routine
+from lidarcli.display.texts import Routine
 from lidarcli.errors import LidarcliError, UnreadableError, unreadable
+from lidarcli.files.newfiles import scratch_folder
 from lidarcli.logs.base import MAX_MESSAGE, Closing, Log, Message, OpenOptions, ReadReport, Topic, ros_type
 from lidarcli.logs.joined import Part, PartedLog, natural
 from lidarcli.logs.laserscan import MessageBatcher, scan_type
@@ -36,9 +37,8 @@ from lidarcli.logs.rosbag2_salvage import (
     guess_topics,
 )
 from lidarcli.logs.unpacking import PACKED_CAUSE, ZSTD_MAGIC, DecompressionBudget, is_zstd, unpack_file, unpack_message
-from lidarcli.newfiles import scratch_folder
 from lidarcli.ros.bag_metadata import METADATA, named_files
-from lidarcli.sweeps import RawSweeps
+from lidarcli.sweeps.types import RawSweeps
 
 _PACKED = re.compile(r"\.(zstd|zst)$", re.IGNORECASE)
 

@@ -16,7 +16,9 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from lidarcli.findings import (
+from lidarcli.logs.base import ReadReport
+from lidarcli.logs.clock import NO_STAMPS, SAME_NS, Clock, ClockInfo, Sample, in_words
+from lidarcli.sweeps.findings import (
     ASIDE,
     CERTAINLY_MM,
     FAR,
@@ -34,10 +36,8 @@ from lidarcli.findings import (
     Sensor,
     judge,
 )
-from lidarcli.logs.base import ReadReport
-from lidarcli.logs.clock import NO_STAMPS, SAME_NS, Clock, ClockInfo, Sample, in_words
-from lidarcli.range_rules import FARTHEST
-from lidarcli.sweeps import TURN, Bool, Float32, Float64, Int64, RawSweeps, Status, SweepBatch, spared
+from lidarcli.sweeps.range_rules import FARTHEST
+from lidarcli.sweeps.types import TURN, Bool, Float32, Float64, Int64, RawSweeps, Status, SweepBatch, spared
 
 MOST = 1000
 """Most pairs of topic and frame examined: a log may have a new name in every message."""
@@ -71,9 +71,9 @@ COARSE_STEP = 0.2
 """Beams as far apart as this are a quarter of a degree apart that is taken as a radian [rad]."""
 WHOLE = 512
 """The first sweeps of which `LogStats` counts every beam, then one sweep in `THIN`, which stands for all of these."""
-MOST_COMPARED, LEAST_COMPARED = 2000, 10
+MAX_COMPARED, MIN_COMPARED = 2000, 10
 """Most and fewest sweeps of a topic that are compared with those of others."""
-MOST_TOPICS = 16
+MAX_COMPARED_TOPICS = 16
 """Most topics that are compared: a log may have a new one in every message."""
 KEPT = 4096
 """Most values of a header that are kept for a median."""
@@ -534,7 +534,7 @@ class LogStats:
 
     def add_hashes(self, raw: RawSweeps) -> None:
         """Take sweeps, as the log holds them, only to compare them with those of other topics."""
-        room = MOST_COMPARED - len(self.known)
+        room = MAX_COMPARED - len(self.known)
         times = zip(raw.time_ns.tolist(), raw.record_ns.tolist(), strict=True)
         for row, stamps in zip(range(min(len(raw), room)), times, strict=False):
             self.known.setdefault(hash(_bytes(raw, row)), stamps)
@@ -587,7 +587,7 @@ def _short(seconds: float | None) -> str:
 
 def repeated_topics(stats: Mapping[tuple[str, str], LogStats]) -> Iterator[Finding]:
     """Yield findings on topics whose sweeps are those of another topic."""
-    keys = sorted(key for key, each in stats.items() if len(each.known) >= LEAST_COMPARED)
+    keys = sorted(key for key, each in stats.items() if len(each.known) >= MIN_COMPARED)
     repeating: set[tuple[str, str]] = set()
     for at, one in enumerate(keys):
         for other in keys[at + 1 :]:
@@ -595,7 +595,7 @@ def repeated_topics(stats: Mapping[tuple[str, str], LogStats]) -> Iterator[Findi
                 continue
             mine, theirs = stats[one].known, stats[other].known
             both = np.array([(*mine[each], *theirs[each]) for each in mine.keys() & theirs.keys()], np.int64)
-            if len(both) < LEAST_COMPARED:
+            if len(both) < MIN_COMPARED:
                 continue
             stamps, records = (float(np.median(both[:, 2 + by] - both[:, by])) * 1e-9 for by in (0, 1))
             # What was recorded later repeats the other.

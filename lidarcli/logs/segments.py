@@ -12,12 +12,12 @@ from typing import Literal
 
 import numpy as np
 
-from lidarcli.display import Routine
+from lidarcli.display.texts import Routine
 from lidarcli.logs.base import ReadReport
 from lidarcli.logs.blocks import BLOCK_VALUES
 from lidarcli.logs.clock import MAX_TOPICS
-from lidarcli.range_rules import LONGEST_SWEEP
-from lidarcli.sweeps import TURN, Bool, Float32, Float64, Int64, RawSweeps, concatenate
+from lidarcli.sweeps.range_rules import LONGEST_SWEEP
+from lidarcli.sweeps.types import TURN, Bool, Float32, Float64, Int64, RawSweeps, concatenate
 
 WIDEST, FINEST = 0.7, 1 << 14
 """Share of a turn that no segment exceeds, and most beams of a turn."""

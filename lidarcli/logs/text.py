@@ -16,7 +16,7 @@ from typing import BinaryIO
 
 from lidarcli.errors import UnreadableError, unreadable
 from lidarcli.logs.base import POSE_TYPES, Closing, Message, OpenOptions, ReadReport
-from lidarcli.sweeps import RawSweeps
+from lidarcli.sweeps.types import RawSweeps
 
 MAX_LINE = 8 << 20
 """Bytes of the longest line that is read (100,000 beams with intensities fit); a longer one is skipped and reported."""

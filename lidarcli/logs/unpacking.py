@@ -41,7 +41,7 @@ def too_much(size: int, packed: int) -> str:
     return f"it declares {size:,} bytes, more than is believed of {packed:,} packed ones"
 
 
-MOST_FRAMES = 1000
+MAX_FRAMES = 1000
 """Most frames of lz4 or bz2 in a row: each step copies what is left."""
 
 
@@ -49,7 +49,7 @@ def unpack_frames(make: Callable[[], Any], packed: bytes, magic: bytes, most: in
     """Return what frames that follow each other hold, up to `most` bytes, and the decompressor of the last one."""
     state = make()
     data: bytes = state.decompress(packed, max_length=most)
-    for _ in range(MOST_FRAMES):
+    for _ in range(MAX_FRAMES):
         if len(data) >= most or not state.eof or not (rest := state.unused_data or b"").startswith(magic):
             break
         state = make()

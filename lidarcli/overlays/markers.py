@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from lidarcli.sweeps import Bool, Float32, Float64, Int32, Int64, record
+from lidarcli.sweeps.types import Bool, Float32, Float64, Int32, Int64, record
 
 Structured = NDArray[np.void]
 MARKER_TYPE = "visualization_msgs/msg/MarkerArray"

@@ -10,10 +10,10 @@ import pyarrow as pa
 import pyarrow.compute as pc
 from numpy.typing import NDArray
 
-from lidarcli import palette
-from lidarcli.choices import TRAIL
+from lidarcli.display import palette
+from lidarcli.options.choices import TRAIL
 from lidarcli.overlays.markers import Kind, Markers
-from lidarcli.sweeps import Bool, Float32, Float64, Int32, Int64, record
+from lidarcli.sweeps.types import Bool, Float32, Float64, Int32, Int64, record
 from lidarcli.tabular.columns import answers, are, codes, held, numbers, plain
 
 COLUMNS = (
@@ -24,7 +24,7 @@ COLUMNS = (
 PATH_COLUMNS = ("topic", "sweep", "t", "track", "frame", "x", "y", "vx", "vy", "seen")
 """Columns of the trajectories table that paths need."""
 
-HEIGHT, LEAST_SIDE, WIDEST = 0.2, 0.02, 1e6
+HEIGHT, MIN_SIDE, WIDEST = 0.2, 0.02, 1e6
 """Height of every body, for a sweep has none, and the least and the greatest side of a body [m]."""
 LINE, TEXT, SHAFT = 0.02, 0.25, 0.05
 """Width of outlines, height of letters, and width of arrows [m]."""
@@ -40,7 +40,7 @@ PALE = 0.5
 """Share of white in the colour of letters, which are thin and lie on dark ground."""
 SOLID, CLEAR = 1.0, 0.35
 """Alpha of lines and letters, and of bodies, behind which the beams are still seen."""
-LEAST_SPEED = 0.05
+MIN_SPEED = 0.05
 """Least speed of a track with an arrow [m/s]: a shorter one would be wider than long."""
 PART = 1_000_000
 """Added to the id for each further object of a sweep that belongs to the same track."""
@@ -187,7 +187,7 @@ class _Objects:
         self._place = place
         self._yaw = np.nan_to_num(numbers(rows["box_yaw"]))
         sides = [numbers(rows[name]) for name in ("box_length", "box_width")]
-        self._sides = np.fmin(np.fmax(np.column_stack(sides), LEAST_SIDE), WIDEST)
+        self._sides = np.fmin(np.fmax(np.column_stack(sides), MIN_SIDE), WIDEST)
         names, shape = _coded(rows["shape"])
         self._is_round = np.array([name == "round" for name in names])[shape]
         number, self._is_tracked = held(rows["track"])
@@ -243,7 +243,7 @@ class _Objects:
         """Yield an arrow for each track that moves: its way in a second."""
         speed = np.hypot(*velocity.T)
         moving = np.logical_and(*held(self._rows["moving"]))
-        rows = np.flatnonzero(moving & (speed > LEAST_SPEED) & self._is_tracked & (self._part == 0))
+        rows = np.flatnonzero(moving & (speed > MIN_SPEED) & self._is_tracked & (self._part == 0))
         if len(rows):
             scale = np.column_stack([speed[rows], np.full((len(rows), 2), SHAFT)])
             yaw = np.arctan2(velocity[rows, 1], velocity[rows, 0])
@@ -303,7 +303,7 @@ class _Objects:
         length, width = (_metres(side) for side in self._sides[rows].T)
         both = pc.binary_join_element_wise(length, width, times)
         # A side that is no more than what is drawn at least was not seen.
-        known = self._sides[rows] > LEAST_SIDE
+        known = self._sides[rows] > MIN_SIDE
         alone = (self._is_round[rows] | ~known[:, 1]).astype(np.int8)
         size = pc.if_else(answers(np.where(known[:, 0], alone, np.int8(-1))), length, both)
         number = plain(self._number[rows]).cast(pa.string())

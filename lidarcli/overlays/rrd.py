@@ -13,7 +13,7 @@ from lidarcli.errors import OptionError
 from lidarcli.formalism.mapping.grid import FREE, OCCUPIED, Occupancy
 from lidarcli.overlays import viewers
 from lidarcli.overlays.markers import Kind, Markers, quaternions
-from lidarcli.sweeps import Float64, SweepBatch
+from lidarcli.sweeps.types import Float64, SweepBatch
 
 try:
     import rerun

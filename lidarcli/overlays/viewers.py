@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from lidarcli.maps import MAP_TYPE
+from lidarcli.maps.grids import MAP_TYPE
 from lidarcli.overlays.markers import MARKER_TYPE
 from lidarcli.ros.messages import (
     ALL,

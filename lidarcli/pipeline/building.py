@@ -8,20 +8,20 @@ from typing import Any
 
 import numpy as np
 
-from lidarcli.choices import STATION_ANGLE, STATION_DISTANCE
 from lidarcli.errors import NoScanError, OptionError, UnreadableError
+from lidarcli.files.newfiles import refuse, write_whole
+from lidarcli.files.stores import Place, place
 from lidarcli.formalism.background import MAJORITY, STEADY, Background, Grid
 from lidarcli.formalism.learning import Learning
 from lidarcli.logs.base import OpenOptions
 from lidarcli.logs.batches import ReadOptions
 from lidarcli.logs.registry import SUFFIXES
-from lidarcli.newfiles import refuse, write_whole
+from lidarcli.options.choices import STATION_ANGLE, STATION_DISTANCE
 from lidarcli.pipeline.inputs.search import files_of
 from lidarcli.pipeline.inputs.sources import MissingInput, Source
 from lidarcli.pipeline.reading.one_log import Progress, RunSummary, read_log, reading_as_dict
 from lidarcli.pipeline.reading.posing import Need, PoseOptions
 from lidarcli.pipeline.runs.over_logs import LogProgress, Outcome, over_logs
-from lidarcli.stores import Place, place
 from lidarcli.tabular.background import read_background, write_background
 from lidarcli.tabular.writing import table_metadata
 

@@ -14,11 +14,11 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from lidarcli.choices import ABOVE, AROUND, INF, KEEP, MATCH, NAN
-from lidarcli.copying import ALL, MOST_SAID, Copy, Cut, Targets, copy_log, replaced
-from lidarcli.display import counted
+from lidarcli.copying.copying import ALL, MAX_SAID, Copy, Cut, Targets, copy_log, replaced
+from lidarcli.display.texts import counted
 from lidarcli.errors import NoScanError, OptionError, UnreadableError
-from lidarcli.findings import LEAP
+from lidarcli.files.newfiles import NewFiles, refuse, refuse_nameless, scratch_folder, writing
+from lidarcli.files.stores import Place, Url
 from lidarcli.formalism.detection import SETS
 from lidarcli.formalism.tracking.results import HIDDEN, VIEWS
 from lidarcli.formalism.tracking.tracker import share_moving
@@ -27,8 +27,8 @@ from lidarcli.logs.base import CLOUD_TYPES, SCAN_TYPES, STATIC, Log, ReadReport
 from lidarcli.logs.batches import ReadOptions, read_batches, refuse_run
 from lidarcli.logs.blocks import ScanLayout
 from lidarcli.logs.registry import SUFFIXES, TopicChoice, format_of, nothing_read, scan_topics
-from lidarcli.masks import Polygon
-from lidarcli.newfiles import NewFiles, refuse, refuse_nameless, scratch_folder, writing
+from lidarcli.options.choices import ABOVE, AROUND, INF, KEEP, MATCH, NAN
+from lidarcli.options.times import SECOND_NS, Instant
 from lidarcli.pipeline.detecting import detect_to_temporary, second_half
 from lidarcli.pipeline.inputs.sources import Source, open_source
 from lidarcli.pipeline.inputs.tables import TableSet, contradicted, world_in
@@ -39,20 +39,20 @@ from lidarcli.pipeline.reading.one_log import Progress, Reading, RunSummary, dam
 from lidarcli.pipeline.reading.posing import NO_POSES, NONE, Need, PoseAttacher
 from lidarcli.pipeline.zone_counting import OBJECT_COLUMNS, Objects
 from lidarcli.pose.fit import Key
-from lidarcli.range_rules import RangeRules
-from lidarcli.stores import Place, Url
-from lidarcli.sweeps import STATUSES, Bool, Closure, Float64, Int32, Int64, Status, SweepBatch, SweepPoses
+from lidarcli.sweeps.findings import LEAP
+from lidarcli.sweeps.masks import Polygon
+from lidarcli.sweeps.range_rules import RangeRules
+from lidarcli.sweeps.types import STATUSES, Bool, Closure, Float64, Int32, Int64, Status, SweepBatch, SweepPoses
+from lidarcli.sweeps.zone import WORLD
 from lidarcli.tabular.columns import constant, held, numbers, restamped
 from lidarcli.tabular.reading import Readable, TopicRows, file_metadata, note_value, read_columns
 from lidarcli.tabular.schemas import CLEANED, SCHEMAS
 from lidarcli.tabular.writing import PARAMETERS, SOURCE, ParquetSink, table_metadata, table_suffix
-from lidarcli.times import SECOND_NS, Instant
-from lidarcli.zone import WORLD
 
 if TYPE_CHECKING:
     from lidarcli.pipeline.merging import Merging
 
-MOST_PLACED = 0.5
+MAX_PLACED = 0.5
 """A sensor is placed if poses tell where it was at this share of its sweeps."""
 MOSTLY = 0.9
 """A sensor stood if it did so at this share of its sweeps."""
@@ -66,13 +66,13 @@ REACH, REACH_AROUND = 0.45, 0.1
 """A piece belongs to an agent if it ends so near to its middle [m], or so near to its box if that is larger."""
 LINK = 0.1
 """Greatest step in range between beams of one piece [m], beside what its slant takes."""
-MOST_SD = 0.3
+MAX_SD = 0.3
 """Greatest standard deviation of a place of an agent that tells where its beams are [m]."""
-LEAST_SPEED, MOVING_SDS = 0.1, 2.0
+MIN_SPEED, MOVING_SDS = 0.1, 2.0
 """Least speed of what is on its way [m/s], and least way in standard deviations."""
 PAIRS = 256
 """Places of agents that are looked at together."""
-LEAST_SIDE = 0.1
+MIN_SIDE = 0.1
 """Least side of the place of a thing [m]: what stands at a leg is wider than the points on it."""
 _NONE = np.zeros(0, np.int64)
 
@@ -220,7 +220,7 @@ def clean_log(source: Source, path: Place, options: CleanOptions, progress: Prog
         if copy.left_out:
             summary.notes.append(f"{counted(copy.left_out, 'record')} of applications are not copied")
         if copy.unsaid:
-            summary.notes.append(f"{counted(copy.unsaid, 'latched message')} of before not copied: more than {MOST_SAID:,}")
+            summary.notes.append(f"{counted(copy.unsaid, 'latched message')} of before not copied: more than {MAX_SAID:,}")
         summary.notes += [*mending.left, *(merging.notes() if merging is not None else [])]
         if not cuts:
             summary.notes.append(f"no row of {options.clips} is of this log: no clip is written")
@@ -429,7 +429,7 @@ def _refuse_motion(
     rows = read_columns(pair.sweeps, "sweeps", SCHEMAS["sweeps"], ("topic", "pose_x"))
     topics, known = np.array(rows["topic"].to_pylist(), np.str_), held(rows["pose_x"])[1]
     seeing = [name for name in np.unique(topics).tolist() if name not in blind]
-    unplaced = [name for name in seeing if known[topics == name].mean() < MOST_PLACED]
+    unplaced = [name for name in seeing if known[topics == name].mean() < MAX_PLACED]
     if not unplaced:
         return
     detect = options.detect
@@ -843,7 +843,7 @@ def _agents_of(tracks: list[_Track], paths: _Paths, sweeps: Int64, pose: Float64
         onset = mine.start + min(onset, count - 1)
         first = _sets_out(paths, slice(mine.start, onset))
         since[track.number] = int(paths.sweep[first])
-        sure = first + np.flatnonzero(paths.sd[first : mine.stop] <= MOST_SD)
+        sure = first + np.flatnonzero(paths.sd[first : mine.stop] <= MAX_SD)
         rows.append(sure)
         radius.append(np.full(len(sure), track.reach))
     begun = np.array([sweep for sweep, some in zip(since.values(), rows[1:], strict=True) if len(some)], np.int64)
@@ -870,7 +870,7 @@ def _sets_out(paths: _Paths, rows: slice) -> int:
     # Of a clock that steps back none is later.
     before = np.minimum(np.searchsorted(stamp_ns, stamp_ns - SECOND_NS), np.arange(len(x)))
     distance = np.hypot(x - x[before], y - y[before])
-    least = LEAST_SPEED * 1e-9 * (stamp_ns - stamp_ns[before])
+    least = MIN_SPEED * 1e-9 * (stamp_ns - stamp_ns[before])
     stands = np.flatnonzero(~(distance > np.maximum(least, MOVING_SDS * np.sqrt(var + var[before]))))[-1]
     # What is on its way so soon after it was first seen was so before.
     return first if before[stands] == 0 else first + int(stands)
@@ -1014,7 +1014,7 @@ def _stood(pair: TableSet) -> dict[Key, list[_Stay]]:
             nearest = int(np.argmin(np.hypot(values[names[0]] - x, values[names[1]] - y)))
             yaw = float(values[names[2]][nearest])
             sides = (float(np.median(values[name])) for name in ("box_length", "box_width"))
-            length, width = (max(side, LEAST_SIDE) for side in sides)
+            length, width = (max(side, MIN_SIDE) for side in sides)
             ahead = np.array([1.0, 1.0, -1.0, -1.0]) * length / 2
             left = np.array([1.0, -1.0, -1.0, 1.0]) * width / 2
             corners = np.column_stack(

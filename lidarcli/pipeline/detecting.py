@@ -16,16 +16,16 @@ from typing import IO, TYPE_CHECKING, Any, NamedTuple
 
 import pyarrow as pa
 
-from lidarcli.choices import NS
 from lidarcli.errors import LidarcliError, warn
-from lidarcli.newfiles import NewFiles, refuse
+from lidarcli.files.newfiles import NewFiles, refuse
+from lidarcli.files.stores import Place
+from lidarcli.options.choices import NS
 from lidarcli.pipeline.inputs.sources import MissingInput, Source, open_source
 from lidarcli.pipeline.objects.detection import BatchDetector, DetectOptions, ParallelDetection, Part
 from lidarcli.pipeline.reading.one_log import Progress, Reading, RunSummary
 from lidarcli.pipeline.reading.posing import Need, SensorMovedError
 from lidarcli.pipeline.runs.over_logs import LogProgress, Outcome, logs_at_once, over_logs, progress_of
-from lidarcli.stores import Place
-from lidarcli.sweeps import SweepBatch
+from lidarcli.sweeps.types import SweepBatch
 from lidarcli.tabular.columns import in_unit
 from lidarcli.tabular.schemas import OBJECTS, SCHEMAS
 from lidarcli.tabular.writing import BY_DATE, RowSink, TableFiles, TopicOrder, table_metadata

@@ -16,8 +16,9 @@ from typing import Any, NamedTuple
 import numpy as np
 import pyarrow as pa
 
-from lidarcli import choices
 from lidarcli.errors import NoScanError, OptionError, UnreadableError
+from lidarcli.files.newfiles import NewFiles, refuse, scratch_folder, writing
+from lidarcli.files.stores import Place, place
 from lidarcli.formalism.background import Background
 from lidarcli.formalism.mapping.grid import (
     CLEAR,
@@ -53,12 +54,13 @@ from lidarcli.formalism.matching.differences import (
     each_of,
     measured,
 )
-from lidarcli.formalism.matching.ground import HERE, MOST_CELLS, SEEN_FREE, Ground, Motion, Nearest, Surveying, of_map
+from lidarcli.formalism.matching.ground import HERE, MAX_CELLS, SEEN_FREE, Ground, Motion, Nearest, Surveying, of_map
 from lidarcli.formalism.tracking.results import ENDS
 from lidarcli.logs.batches import LONGEST
 from lidarcli.logs.registry import nothing_read
-from lidarcli.maps import image_of, read_map
-from lidarcli.newfiles import NewFiles, refuse, scratch_folder, writing
+from lidarcli.maps.grids import image_of, read_map
+from lidarcli.options import choices
+from lidarcli.options.times import SECOND_NS
 from lidarcli.pipeline.detecting import detect_to_temporary, second_half
 from lidarcli.pipeline.inputs.search import find_logs
 from lidarcli.pipeline.inputs.sources import MissingInput, Source, naming
@@ -73,32 +75,30 @@ from lidarcli.reports.changes import pairs_of
 from lidarcli.reports.checks import Check, Verdict, parse_check, verdict_of
 from lidarcli.reports.figures import OF_CHANGES, OF_MAPS
 from lidarcli.reports.programs import as_junit
-from lidarcli.stores import Place, place
-from lidarcli.sweeps import Float64, Int64, Status, SweepPoses
+from lidarcli.sweeps.types import Float64, Int64, Status, SweepPoses
+from lidarcli.sweeps.zone import ROBOT
 from lidarcli.tabular.background import read_background
 from lidarcli.tabular.reading import TopicRows, column_names
 from lidarcli.tabular.schemas import BACKGROUND, CHANGES
 from lidarcli.tabular.writing import ALIGNMENT, CHANGE_FIGURES, SOURCE, table_metadata, write_stream
-from lidarcli.times import SECOND_NS
-from lidarcli.zone import ROBOT
 
 AUTO, AS_IS, _ = choices.ALIGN
-MOST_THINGS = 10_000
+MAX_THINGS = 10_000
 """Most standing things of a run."""
-MOST_GROUND = int(choices.MAX_MAP_KM2 * KM2 / choices.MAP_RESOLUTION**2)
+MAX_GROUND = int(choices.MAX_MAP_KM2 * KM2 / choices.MAP_RESOLUTION**2)
 """Most cells of the ground of a run."""
-MOST_OCCUPIED = 1_500_000
+MAX_OCCUPIED = 1_500_000
 """Most occupied cells of a map from a file: 75 km of walls at 5 cm."""
-LEAST_SWEEPS, LEAST_SECONDS = 10, 2.0
+MIN_SWEEPS, MIN_SECONDS = 10, 2.0
 """Fewest sweeps, and shortest time [s], in which a standing thing was seen."""
-LEAST_TRAVELLED = 0.5
+MIN_TRAVELLED = 0.5
 """Least distance that an agent travelled [m], whose place is not that of a standing thing."""
-LEAST_CHANCE = 0.6
+MIN_CHANCE = 0.6
 """Least probability of an alignment by things alone."""
 TABLES = {".parquet": "parquet", ".csv": "csv"}
 PICTURE = ".png"
 CHANGED_THINGS = tuple(choices.CHANGE_STATUSES[code] for code in (MOVED, NEW, GONE))
-MOST_LISTED = 10
+MAX_LISTED = 10
 """Most things of a run, and changes of structure, that are listed for people."""
 NO_FREE_SPACE = "tables tell no free space; name the logs to learn what is gone"
 MAP_WORLD = "map"
@@ -112,7 +112,7 @@ class DiffOptions:
     detect: DetectOptions
     """Options of reading logs, and of finding and following what stands in them."""
     align: str = AUTO
-    min_score: float = choices.LEAST_SCORE
+    min_score: float = choices.MIN_SCORE
     overwrite: bool = False
 
 
@@ -221,11 +221,11 @@ def _lines_of(rows: Sequence[dict[str, Any]]) -> list[str]:
             moved = "at" if row["moved"] is None else f"by {row['moved']:.2f} m to"
             names = (row["status"], row["label"], sizes and f"{sizes} m", moved, where)
             things.append("  " + " ".join(word for word in names if word))
-    found += things[:MOST_LISTED]
-    if len(things) > MOST_LISTED:
-        found.append(f"  and {len(things) - MOST_LISTED} more")
-    if len(structure) > MOST_LISTED:
-        structure[MOST_LISTED:] = [f"and {len(structure) - MOST_LISTED} more"]
+    found += things[:MAX_LISTED]
+    if len(things) > MAX_LISTED:
+        found.append(f"  and {len(things) - MAX_LISTED} more")
+    if len(structure) > MAX_LISTED:
+        structure[MAX_LISTED:] = [f"and {len(structure) - MAX_LISTED} more"]
     return [*found, f"  structure: {', '.join(structure)}"] if structure else found
 
 
@@ -285,9 +285,9 @@ def read_input(one: Input, options: DiffOptions, progress: Progress | None = Non
     """
     if one.kind == "map":
         grid = read_map(Path(one.text))
-        if grid.occupied > MOST_OCCUPIED:
+        if grid.occupied > MAX_OCCUPIED:
             raise UnreadableError(
-                f"{one.text}: {grid.occupied:,} occupied cells are more than can be compared ({MOST_OCCUPIED:,}); make "
+                f"{one.text}: {grid.occupied:,} occupied cells are more than can be compared ({MAX_OCCUPIED:,}); make "
                 "what lies behind walls unknown, or save the map with larger cells"
             )
         return RunThings(
@@ -330,7 +330,7 @@ def _of_background(text: str) -> RunThings:
     chosen = max(groups, key=lambda key: sum(int(each.sweeps.sum()) for each in groups[key]))
     if len(groups) > 1:
         notes.append(f"{text}: only what lies in {_frame_words(chosen)} is compared")
-    survey = Surveying(Counts(choices.MAP_RESOLUTION, MOST_GROUND))
+    survey = Surveying(Counts(choices.MAP_RESOLUTION, MAX_GROUND))
     places = []
     for sensor in groups[chosen]:
         x, y, yaw = (np.nan_to_num(each) for each in (sensor.poses.x, sensor.poses.y, sensor.poses.yaw))
@@ -394,7 +394,7 @@ def _of_log(source: Source, options: DiffOptions, progress: Progress | None) -> 
                         poses = SweepPoses(zero, zero, zero, np.zeros(len(mine), np.bool_))
                     world = _key(world, batch.topic, frame, robot)
                     known = np.flatnonzero(np.isfinite(poses.x + poses.y + poses.yaw))
-                    survey = surveys.setdefault(world, Surveying(Counts(choices.MAP_RESOLUTION, MOST_GROUND)))
+                    survey = surveys.setdefault(world, Surveying(Counts(choices.MAP_RESOLUTION, MAX_GROUND)))
                     survey.add(placed(mine.rows(known), poses.rows(known), use[at][known]), is_agent[at][known])
                     places.setdefault(world, []).append(np.column_stack([poses.x, poses.y])[known])
             summary = reading.close()
@@ -411,7 +411,7 @@ def _of_log(source: Source, options: DiffOptions, progress: Progress | None) -> 
     found = {world: np.concatenate(parts) for world, parts in places.items()}
     run = _of_tracks(source.name, table, grounds, found, robots)
     seconds = (max(stamps) - min(stamps)) / SECOND_NS if stamps else 0.0
-    run.is_short |= summary.sweeps < LEAST_SWEEPS or seconds < LEAST_SECONDS
+    run.is_short |= summary.sweeps < MIN_SWEEPS or seconds < MIN_SECONDS
     run.source, run.reading = described, first
     run.damage = [f"{source.label}: {line}" for line in dict.fromkeys([*first.summary.damage, *summary.damage])]
     run.notes += [f"{source.label}: {line}" for line in dict.fromkeys([*first.summary.doubts, *summary.notes])]
@@ -426,7 +426,7 @@ def _agents(table: TracksTable) -> dict[str | None, list[int]]:
     rows = table.rows.to_pydict()
     moved: dict[str | None, list[int]] = {}
     for topic, track, kind, distance in zip(*(rows[name] for name in ("topic", "track", "set", "distance")), strict=True):
-        if kind == "A" and distance >= LEAST_TRAVELLED:
+        if kind == "A" and distance >= MIN_TRAVELLED:
             moved.setdefault(topic, []).append(track)
     return moved
 
@@ -455,7 +455,7 @@ def _of_tracks(
     worlds = np.array(keys, object)
     number = {each: np.array(rows[each], np.float64) for each in _MEASURED}
     sweeps = np.array(rows["sweeps"], np.int64)
-    long = (sweeps >= LEAST_SWEEPS) & (np.array(rows["duration"], np.float64) >= LEAST_SECONDS)
+    long = (sweeps >= MIN_SWEEPS) & (np.array(rows["duration"], np.float64) >= MIN_SECONDS)
     stands = (np.array(rows["set"], object) == "O") & (np.array(rows["end"], object) != ENDS[1])
     sizes = dict.fromkeys(worlds, 0) | {world: len(ground.points) for world, ground in grounds.items()}
     key = max(sorted(sizes), key=lambda each: (sizes[each], int((worlds == each).sum())), default=" ")
@@ -467,8 +467,8 @@ def _of_tracks(
         )
     at = np.flatnonzero(stands & long & np.isfinite(number["x"] + number["y"]) & (worlds == key))
     at = at[_distinct({name: values[at] for name, values in number.items()}, sweeps[at])]
-    if len(at) > MOST_THINGS:
-        raise OptionError(f"{name}: more than {MOST_THINGS:,} standing things cannot be compared; take a part with --end")
+    if len(at) > MAX_THINGS:
+        raise OptionError(f"{name}: more than {MAX_THINGS:,} standing things cannot be compared; take a part with --end")
     shapes, labels = ([_code(each) for each in rows[column]] for column in ("shape", "label"))
     things = alignment.Standing(
         **{each: number[each][at] for each in _MEASURED if each != "yaw"},
@@ -510,7 +510,7 @@ def _distinct(number: dict[str, Float64], sweeps: Int64) -> Int64:
         if alone[k]:
             kept.append(k)
             alone[inside[k]] = False
-        if len(kept) > MOST_THINGS:
+        if len(kept) > MAX_THINGS:
             break
     return np.array(sorted(kept), np.int64)
 
@@ -554,7 +554,7 @@ def _compared(inputs: Sequence[Input], runs: list[RunThings], options: DiffOptio
         notes.append(NO_FREE_SPACE)
     short = [label for label, each in zip(labels, runs, strict=True) if each.is_short]
     notes += [
-        f"{label} is too short: a thing has to stand in {LEAST_SWEEPS} sweeps and for {LEAST_SECONDS:g} s; only structure "
+        f"{label} is too short: a thing has to stand in {MIN_SWEEPS} sweeps and for {MIN_SECONDS:g} s; only structure "
         "is compared, and checks of numbers of changes fail"
         for label in short
     ]
@@ -666,7 +666,7 @@ def _laid(grid: Occupancy, motion: Motion) -> Occupancy:
     columns = np.floor(x / side).astype(np.int64) - left
     rows = np.floor(y / side).astype(np.int64) - low
     height, width = int(rows.max()) + 1, int(columns.max()) + 1
-    if height * width > MOST_CELLS:
+    if height * width > MAX_CELLS:
         raise TooLargeError(f"{width * side:,.0f} x {height * side:,.0f} m")
     cells = np.full((height, width), UNKNOWN, np.int8)
     cells[rows, columns] = OCCUPIED
@@ -708,7 +708,7 @@ def _align(
                 f"{both} cannot be laid on each other: fewer than three of their things stand alike; "
                 "name the logs, or take places as they are (--align as-is)"
             )
-        if chance < LEAST_CHANCE:
+        if chance < MIN_CHANCE:
             raise UnreadableError(f"{both} {IN_TWO_WAYS}; {ALIGN_AS_IS}")
         return _step(reference, now, motion, None, "aligned by things"), chance
     found = alignment.search(first, second, alignment.proposals(reference.run.things, now.run.things))
@@ -738,7 +738,7 @@ def _refuse_apart(both: str, found: alignment.Fit, hint: str = "") -> None:
     """Refuse runs that do not lie on each other (`UnreadableError`)."""
     if found.lies:
         return
-    why = f"{found.overlap:.0%} of the structure at best, {alignment.LEAST_OVERLAP:.0%} needed"
+    why = f"{found.overlap:.0%} of the structure at best, {alignment.MIN_OVERLAP:.0%} needed"
     if not found.common:
         why = "they have too little of their structure in common"
     raise UnreadableError(f"{both} do not lie on each other: {why}{hint}")

@@ -10,14 +10,14 @@ from difflib import get_close_matches
 import numpy as np
 import pyarrow as pa
 
-from lidarcli.choices import TABLE_BY_SUFFIX
-from lidarcli.display import counted
+from lidarcli.display.texts import counted
 from lidarcli.errors import OptionError, UnreadableError
-from lidarcli.newfiles import NewFiles, refuse
+from lidarcli.files.newfiles import NewFiles, refuse
+from lidarcli.files.stores import Place
+from lidarcli.options.choices import TABLE_BY_SUFFIX
 from lidarcli.pipeline.inputs.search import files_named
 from lidarcli.pipeline.inputs.tables import recording_in
 from lidarcli.reports.columns import same_recording
-from lidarcli.stores import Place
 from lidarcli.tabular.columns import in_unit, numbers
 from lidarcli.tabular.reading import (
     ANY,
@@ -31,7 +31,7 @@ from lidarcli.tabular.reading import (
 )
 from lidarcli.tabular.writing import SOURCE, Output, write_stream
 
-MOST_COLUMNS = 1000
+MAX_COLUMNS = 1000
 """Most columns that are written: tables of lidarcli have 50; each column of others takes time and memory."""
 TUM, TRACK = ".tum", "track"
 PATH = "stamp", "x", "y", "vx", "vy", "seen"
@@ -105,9 +105,9 @@ def chosen(
             hint = f"did you mean {near[0]}?" if near else f"it has {', '.join(first.names)}"
             raise OptionError(f"{files[0]}: no column {name}; {hint}")
     names = [*columns] or [*dict.fromkeys(first.names)]
-    if len(names) > MOST_COLUMNS:
+    if len(names) > MAX_COLUMNS:
         raise OptionError(
-            f"{files[0]}: has {len(names):,} columns, and at most {MOST_COLUMNS:,} are written; choose some with --columns"
+            f"{files[0]}: has {len(names):,} columns, and at most {MAX_COLUMNS:,} are written; choose some with --columns"
         )
     if twice := [name for name, count in Counter(names).items() if count > 1]:
         raise OptionError(f"--columns: {', '.join(twice)} is named twice; every column of a table has its own name")

@@ -14,25 +14,25 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lidarcli.choices import MENDS
 from lidarcli.errors import NoScanError, OptionError, UnreadableError
-from lidarcli.findings import DEEP_IDS, IDS, Finding
 from lidarcli.logs.base import LASERSCAN, POSE_TYPES, OpenOptions, ReadReport, Topic
 from lidarcli.logs.batches import ReadOptions, refuse_run
 from lidarcli.logs.clock import ClockInfo
 from lidarcli.logs.joined import Part, earlier_parts
 from lidarcli.logs.piles import NoReturnDetector
 from lidarcli.logs.registry import TopicChoice, nothing_read, scan_topics
-from lidarcli.logs.scan_checks import MOST, MOST_TOPICS, LogStats, ScanChecks, repeated_topics
-from lidarcli.masks import Masks
+from lidarcli.logs.scan_checks import MAX_COMPARED_TOPICS, MOST, LogStats, ScanChecks, repeated_topics
+from lidarcli.options.choices import MENDS
 from lidarcli.pipeline.inputs.declared import View, filter_text, mask_text
 from lidarcli.pipeline.inputs.sources import MissingInput, Source, made_of_clouds, open_source, parts_of
 from lidarcli.pipeline.reading.masking import masking_of
 from lidarcli.pipeline.reading.one_log import damage_lines
 from lidarcli.pipeline.reading.posing import FoundPoses, Need, PoseAttacher, PoseInfo, PoseOptions, alike_note, pose_infos
 from lidarcli.pipeline.runs.over_logs import Failure, LogProgress, attempt, progress_of
-from lidarcli.range_rules import closure, normalise
-from lidarcli.sweeps import Closure, RawSweeps, Status, SweepBatch
+from lidarcli.sweeps.findings import DEEP_IDS, IDS, Finding
+from lidarcli.sweeps.masks import Masks
+from lidarcli.sweeps.range_rules import closure, normalise
+from lidarcli.sweeps.types import Closure, RawSweeps, Status, SweepBatch
 
 if TYPE_CHECKING:
     from lidarcli.pipeline.building import Learned
@@ -184,7 +184,7 @@ def inspect_log(
                 key = block.topic, block.frame_ids[code]
                 if key in found or len(found) < MOST:
                     if key not in found:
-                        found[key], stats[key] = _Scan(), LogStats(compares and len(found) < MOST_TOPICS)
+                        found[key], stats[key] = _Scan(), LogStats(compares and len(found) < MAX_COMPARED_TOPICS)
                     rows = np.flatnonzero(block.frame == code)
                     mine = block.rows(rows)
                     batch = normalise(mine, rows + count[block.topic], judging)

@@ -13,13 +13,14 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 import pyarrow as pa
 
-from lidarcli.choices import MAP_STATES, MATCH
 from lidarcli.errors import CHECK_FAILED, UnreadableError
-from lidarcli.findings import Finding
+from lidarcli.files.stores import Place
 from lidarcli.formalism.localisation import FITTING, LOST, OFF, UNSURE, Field, field_of, intervals_of, judge, states_of
 from lidarcli.formalism.mapping.grid import HIT, SKIPPED, Occupancy, TooLargeError, placed
 from lidarcli.formalism.matching.ground import HERE, Motion
-from lidarcli.maps import image_of, read_map
+from lidarcli.maps.grids import image_of, read_map
+from lidarcli.options.choices import MAP_STATES, MATCH
+from lidarcli.options.times import SECOND_NS
 from lidarcli.pipeline.inputs.sources import Source
 from lidarcli.pipeline.reading.one_log import Progress, Reading, read_log
 from lidarcli.pipeline.reading.posing import Need, of_one_run
@@ -27,29 +28,28 @@ from lidarcli.pipeline.trajectories import PARQUET, PathOptions, PathSummary, re
 from lidarcli.reports.checks import Check, Verdict, accepts, parse_check, verdict_of
 from lidarcli.reports.columns import Sight, least_observed, missing_of
 from lidarcli.reports.zones import floored
-from lidarcli.stores import Place
-from lidarcli.sweeps import Float64, Int8, Int64, Status, SweepBatch
+from lidarcli.sweeps.findings import Finding
+from lidarcli.sweeps.types import Float64, Int8, Int64, Status, SweepBatch
 from lidarcli.tabular.columns import codes, floats
 from lidarcli.tabular.schemas import POSES
-from lidarcli.times import SECOND_NS
 
 if TYPE_CHECKING:
     from lidarcli.pose.sources import GivenPaths
 
-WINDOW_NS, SLOTS, MOST_BEAMS = SECOND_NS // 2, 2, 90
+WINDOW_NS, SLOTS, MAX_BEAMS = SECOND_NS // 2, 2, 90
 """Time that is judged at once [ns]; sweeps of it, the first of each part of it, and beams of a sweep, evenly chosen."""
 RANGES = 0.15, 12.0
 """Ranges of these [m]."""
 AT_ONCE = 256
 """Sweeps that are gathered before they are judged."""
-LEAST_SHARE = 0.7
+MIN_SHARE = 0.7
 """Share of the beams that the map explains in the median, below which there is no verdict; `STEADY` and `NEARLY_ALL` are
 exceptions."""
 STEADY, AT_TIMES, NEARLY_ALL = 0.1, 0.25, 0.93
-"""There is a verdict all the same if the corrected path explains `LEAST_SHARE` and as many corrections lie within the first
+"""There is a verdict all the same if the corrected path explains `MIN_SHARE` and as many corrections lie within the first
 of their median [m] (a path that is off as a whole), or the told one does so in the second share of the windows (one that is
 off most of the time), or if it explains the third share of the beams (one that drifts)."""
-MOST_SHOWN = 10
+MAX_SHOWN = 10
 """Intervals that a line shows."""
 JUMP = 0.1
 """Between poses whose corrections differ by more than this, none is known [m, rad]."""
@@ -111,9 +111,9 @@ class Localisation:
         if len(judged):
             away = np.hypot(*(self.found[:, 4:6] - np.median(self.found[:, 4:6], axis=0)).T)
             after = float(np.median(self.found[:, 2]))
-            is_steady = np.mean(away < STEADY) >= LEAST_SHARE or np.mean(self.found[:, 0] >= LEAST_SHARE) >= AT_TIMES
-            mends = after >= LEAST_SHARE and is_steady
-            self.tells = bool(self.share >= LEAST_SHARE or mends or after >= NEARLY_ALL)
+            is_steady = np.mean(away < STEADY) >= MIN_SHARE or np.mean(self.found[:, 0] >= MIN_SHARE) >= AT_TIMES
+            mends = after >= MIN_SHARE and is_steady
+            self.tells = bool(self.share >= MIN_SHARE or mends or after >= NEARLY_ALL)
         parts = intervals_of(self.window, self.state, self.found) if self.tells else []
         self.intervals = [self._interval(part) for part in parts]
         # One window alone is no interval, and none that fits.
@@ -149,8 +149,8 @@ class Localisation:
         lacks = least_observed([self.sight])
         fits = "the path fits it throughout" if lacks is None else "where it can be judged, the path fits"
         words = [each.words for each in self.intervals] or [fits]
-        if len(words) > MOST_SHOWN:
-            words[MOST_SHOWN:] = [f"and {len(words) - MOST_SHOWN} times more"]
+        if len(words) > MAX_SHOWN:
+            words[MAX_SHOWN:] = [f"and {len(words) - MAX_SHOWN} times more"]
         more = [] if lacks is None else [f"judged in {self.sight.observed:,} of {self.sight.sweeps:,} sweeps"]
         return "; ".join([f"the map explains {self.share:.0%} of the beams", *words, *more])
 
@@ -202,7 +202,7 @@ class _Sensor:
         sweeps, poses = sweeps.rows(rows), poses.rows(rows)
         use = np.full(sweeps.ranges.shape, SKIPPED, np.uint8)
         for index, beams in enumerate(sweeps.beams.tolist()):
-            use[index, : beams : max(1, -(-beams // MOST_BEAMS))] = HIT
+            use[index, : beams : max(1, -(-beams // MAX_BEAMS))] = HIT
         use[(sweeps.status != Status.VALID) | ~(sweeps.ranges > RANGES[0]) | ~(sweeps.ranges < RANGES[1])] = SKIPPED
         row, beam = np.nonzero(use == HIT)
         end = placed(sweeps, poses, use).end[:, row, beam]
@@ -289,7 +289,7 @@ def findings_of(source: Source, options: PathOptions, path: str) -> list[Finding
             *key,
             f"{path}: {each.words}",
             {"map_share": each.share, "observed": each.sight.share},
-            {"map_share": LEAST_SHARE},
+            {"map_share": MIN_SHARE},
         )
         for key, each in paths.items()
         if each.intervals or not each.tells or least_observed([each.sight]) is not None

@@ -16,9 +16,10 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
-from lidarcli.choices import CLOUDS, MAP_RESOLUTION, MAP_RESOLUTIONS, MATCH, MAX_MAP_KM2, MIN_MOVE, NS, OCCUPIED_RATIO
-from lidarcli.display import Routine
+from lidarcli.display.texts import Routine
 from lidarcli.errors import OptionError, OutputError, UnreadableError
+from lidarcli.files.newfiles import NewFiles, refuse, scratch_folder, writing
+from lidarcli.files.stores import Place
 from lidarcli.formalism import Parameters
 from lidarcli.formalism.detection import AGENT
 from lidarcli.formalism.mapping.grid import (
@@ -35,8 +36,7 @@ from lidarcli.formalism.mapping.grid import (
 )
 from lidarcli.logs.base import OpenOptions
 from lidarcli.logs.batches import ReadOptions
-from lidarcli.machine import cores
-from lidarcli.maps import (
+from lidarcli.maps.grids import (
     CloudPoints,
     CloudWriter,
     ParquetWriter,
@@ -47,15 +47,24 @@ from lidarcli.maps import (
     write_occupancy_mcap,
     yaml_bytes,
 )
-from lidarcli.newfiles import NewFiles, refuse, scratch_folder, writing
+from lidarcli.options.choices import (
+    CLOUDS,
+    MAP_RESOLUTION,
+    MAP_RESOLUTIONS,
+    MATCH,
+    MAX_MAP_KM2,
+    MIN_MOVE,
+    NS,
+    OCCUPIED_RATIO,
+)
 from lidarcli.pipeline.inputs.search import files_of
 from lidarcli.pipeline.inputs.sources import MissingInput, Source
 from lidarcli.pipeline.reading.one_log import Progress, RunSummary, named_files, read_log, reading_as_dict
 from lidarcli.pipeline.reading.posing import NONE, Need, PoseOptions, of_one_run
 from lidarcli.pipeline.runs.over_logs import LogProgress, Outcome, logs_at_once, over_logs
 from lidarcli.pose.fit import stands
-from lidarcli.stores import Place
-from lidarcli.sweeps import Float64, Int64, Status, SweepBatch, SweepPoses, UInt8
+from lidarcli.sweeps.types import Float64, Int64, Status, SweepBatch, SweepPoses, UInt8
+from lidarcli.system.machine import cores
 from lidarcli.tabular.writing import table_metadata
 
 MIN_HITS, MIN_HITS_OF_ALL = 2, 4

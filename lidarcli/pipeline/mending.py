@@ -15,11 +15,11 @@ from typing import Any, NamedTuple
 import numpy as np
 import pyarrow as pa
 
-from lidarcli import mending
-from lidarcli.choices import BEAM_ORDERS, FOUND, MENDS, UNITS
-from lidarcli.copying import Copy, Cut, Met, copy_log
+from lidarcli.copying import mends
+from lidarcli.copying.copying import Copy, Cut, Met, copy_log
+from lidarcli.copying.mends import Mend
 from lidarcli.errors import OptionError, UnreadableError
-from lidarcli.findings import APART, FASTEST, LONG, OFTEN, SOME, Finding
+from lidarcli.files.newfiles import scratch_folder
 from lidarcli.logs import open_log
 from lidarcli.logs.base import POSE_TYPES, STATIC, Log, ReadReport, Topic
 from lidarcli.logs.blocks import ScanLayout
@@ -27,15 +27,15 @@ from lidarcli.logs.clock import SAME_NS
 from lidarcli.logs.joined import earlier_parts
 from lidarcli.logs.piles import NoReturnDetector
 from lidarcli.logs.registry import TopicChoice
-from lidarcli.mending import Mend
-from lidarcli.newfiles import scratch_folder
+from lidarcli.options.choices import BEAM_ORDERS, FOUND, MENDS, UNITS
+from lidarcli.options.times import SECOND_NS, Instant
 from lidarcli.pipeline.inputs.sources import Source, read_pose_messages
 from lidarcli.pipeline.objects.detection import DetectOptions
 from lidarcli.pose.tracks import Track
-from lidarcli.range_rules import RangeRules, normalise
-from lidarcli.sweeps import TURN, Float32, Int64, RawSweeps, Status, concatenate
+from lidarcli.sweeps.findings import APART, FASTEST, LONG, OFTEN, SOME, Finding
+from lidarcli.sweeps.range_rules import RangeRules, normalise
+from lidarcli.sweeps.types import TURN, Float32, Int64, RawSweeps, Status, concatenate
 from lidarcli.tabular.reading import ANY, Readable, column_names, is_text, read_as_is
-from lidarcli.times import SECOND_NS, Instant
 
 SENSOR = re.compile(r"laser|lidar|scan", re.IGNORECASE)
 """Words in the name of a frame that is that of a sensor."""
@@ -45,8 +45,8 @@ ROOM = 0.1
 """A greatest range that is made up is a multiple of this above all ranges [m]."""
 MOVING = ("order", "clock", "stamps", "times")
 """Words that change where or when beams are seen: what the poses tell of that."""
-MOST_CLIPS = 1000
-MOST_HELD = 10_000
+MAX_CLIPS = 1000
+MAX_HELD = 10_000
 """Sweeps out of place that are put in order."""
 LATEST_NS = (1 << 31) * SECOND_NS
 """Stamps of ROS 2 are earlier than this [ns]."""
@@ -148,7 +148,7 @@ def _mend(
     """Return how the sweeps of a topic are mended by words of `--mend` or `mask`, and for words why that cannot be."""
     mend, cannot, sweeps = Mend(topic.encoding), dict[str, str](), concatenate(seen.blocks)
     new, times = sweeps.stamp_ns, sweeps.time_ns
-    fill = partial(mending.fill, topic=topic.name, rules=seen.rules)
+    fill = partial(mends.fill, topic=topic.name, rules=seen.rules)
     if "clock" in words:
         new, cannot["clock"] = _on_a_clock(times, sweeps.record_ns, tracks, delay)
         times = new
@@ -157,8 +157,8 @@ def _mend(
         new, times = np.where(new == 0, 0, new + shift), times + shift
         places = np.lexsort((times, seen.run))
         away = np.count_nonzero(places != np.arange(len(places)))
-        cannot["stamps"] = f"{away:,} sweeps are out of place" if away > MOST_HELD else ""
-        mend.order = places if 0 < away <= MOST_HELD else None
+        cannot["stamps"] = f"{away:,} sweeps are out of place" if away > MAX_HELD else ""
+        mend.order = places if 0 < away <= MAX_HELD else None
     cannot["beams"] = "several sensors send on it" if len({*sweeps.frame_ids}) > 1 and "beams" in words else ""
     usual = np.bincount(sweeps.beams).argmax()
     first, step = (float(np.median(each[sweeps.beams == usual])) for each in (sweeps.angle_min, sweeps.angle_increment))
@@ -166,18 +166,18 @@ def _mend(
     frame, cannot["frames"] = _frame(sweeps.frame_ids, tracks) if "frames" in words else ("", "")
     right = np.where((new >= 0) & (new < LATEST_NS), new, -1)
     turn = _turn_time(np.sort(times), sweeps.scan_time)
-    steps: dict[str, mending.Step] = {
-        "frames": partial(mending.name_frame, frame=frame),
-        "clock": partial(mending.stamp, stamp_ns=right),
-        "stamps": partial(mending.stamp, stamp_ns=right),
-        "limits": partial(mending.limit, least=limits and limits[0], most=limits[1] if limits else greatest),
+    steps: dict[str, mends.Step] = {
+        "frames": partial(mends.name_frame, frame=frame),
+        "clock": partial(mends.stamp, stamp_ns=right),
+        "stamps": partial(mends.stamp, stamp_ns=right),
+        "limits": partial(mends.limit, least=limits and limits[0], most=limits[1] if limits else greatest),
         "no-return": partial(fill, status=Status.NO_RETURN, value=np.inf),
         "mask": partial(fill, status=Status.MASKED, value=hidden),
-        "beams": partial(mending.put_on, first=first, spacing=step, beams=int(usual)),
-        "angles": mending.end,
-        "order": mending.turn_round,
-        **({} if units == (1.0, 1.0) else {"units": partial(mending.convert, angle=units[0], length=units[1])}),
-        **({"times": partial(mending.time, turn=turn, at_once=order in BEAM_ORDERS[2:])} if turn else {}),
+        "beams": partial(mends.put_on, first=first, spacing=step, beams=int(usual)),
+        "angles": mends.end,
+        "order": mends.turn_round,
+        **({} if units == (1.0, 1.0) else {"units": partial(mends.convert, angle=units[0], length=units[1])}),
+        **({"times": partial(mends.time, turn=turn, at_once=order in BEAM_ORDERS[2:])} if turn else {}),
     }
     mend.steps = {word: step for word, step in steps.items() if word in words and not cannot.get(word)}
     return mend, {word: cause for word, cause in cannot.items() if cause}
@@ -368,8 +368,8 @@ def clips_of(table: Readable, log: str, around: float) -> dict[str, Clip]:
                 plain = "-".join(filter(None, (re.sub(r"[^\w.-]", "_", zone or ""), when)))
                 name = next(each for n in count(1) if (each := f"{plain}-{n}" if n > 1 else plain) not in parts)
                 parts[name] = Clip(begin - wide, end + wide, None if None in (topic, sweep) else (topic, sweep))
-        if len(parts) > MOST_CLIPS:
-            raise OptionError(f"{table}: more than {MOST_CLIPS:,} rows, and each would be a log: choose some of them first")
+        if len(parts) > MAX_CLIPS:
+            raise OptionError(f"{table}: more than {MAX_CLIPS:,} rows, and each would be a log: choose some of them first")
     return parts
 
 

@@ -9,24 +9,24 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from lidarcli.copying import Copy, Edit, Met, renamed
-from lidarcli.display import counted
+from lidarcli.copying.copying import Copy, Edit, Met, renamed
+from lidarcli.copying.mends import merged
+from lidarcli.display.texts import counted
 from lidarcli.errors import OptionError
 from lidarcli.formalism.mapping.grid import CLEAR, HIT, SKIPPED, placed
 from lidarcli.logs.base import Log
 from lidarcli.logs.blocks import ScanLayout
-from lidarcli.mending import merged
+from lidarcli.options.times import SECOND_NS
 from lidarcli.pipeline.inputs.sources import read_pose_messages
 from lidarcli.pipeline.reading.one_log import Reading
 from lidarcli.pipeline.reading.robots import Key, mount_on
 from lidarcli.pose.sources import PoseChain
 from lidarcli.pose.tracks import planar
-from lidarcli.sweeps import TURN, Bool, Float64, Status, SweepBatch, UInt8
-from lidarcli.times import SECOND_NS
+from lidarcli.sweeps.types import TURN, Bool, Float64, Status, SweepBatch, UInt8
 
 OLDEST = 0.25
 """A sweep that is older than this [s] adds nothing to one of the first sensor."""
-MOST_BEAMS = 100_000
+MAX_BEAMS = 100_000
 """Most beams of a merged sweep: no sensor has steps below 0.004 degrees."""
 
 
@@ -137,10 +137,10 @@ class Merging:
         base = np.zeros((len(batch), 3))
         if batch.topic == self.keys[0][0]:
             step = abs(float(batch.angle_increment[0]))
-            if not self._beams and step * MOST_BEAMS < TURN:
+            if not self._beams and step * MAX_BEAMS < TURN:
                 raise OptionError(
                     f"--merge: the first beams of {batch.topic} are {step:g} rad apart, which makes more than "
-                    f"{MOST_BEAMS:,} of a turn"
+                    f"{MAX_BEAMS:,} of a turn"
                 )
             self._beams = self._beams or round(TURN / step)
             mount = planar(self.mount.at(batch.stamp_ns))

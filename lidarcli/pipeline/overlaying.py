@@ -15,15 +15,16 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pyarrow as pa
 
-from lidarcli.choices import MATCH
 from lidarcli.errors import OptionError, UnreadableError
+from lidarcli.files.newfiles import NewFiles, refuse, writing
+from lidarcli.files.stores import Place
 from lidarcli.formalism.detection import SETS
 from lidarcli.formalism.mapping.grid import Occupancy
 from lidarcli.logs.base import LASERSCAN, MULTI_ECHO, POSE_TYPES, SCAN_TYPES, Log, ReadReport
 from lidarcli.logs.batches import Checksum
 from lidarcli.logs.clock import mended
-from lidarcli.maps import MAP_TYPE, image_of, occupancy_cdr, read_map
-from lidarcli.newfiles import NewFiles, refuse, writing
+from lidarcli.maps.grids import MAP_TYPE, image_of, occupancy_cdr, read_map
+from lidarcli.options.choices import MATCH
 from lidarcli.overlays.markers import LAST_SECOND, MARKER_TYPE, SECOND, Markers, marker_arrays, transforms
 from lidarcli.overlays.objects import COLUMNS, PATH_COLUMNS, Poses, Trajectories, is_mirrored, markers_of, paths_of, zone_of
 from lidarcli.overlays.viewers import (
@@ -48,15 +49,14 @@ from lidarcli.pipeline.objects.detection import DetectOptions
 from lidarcli.pipeline.reading.one_log import Progress, RunSummary, damage_lines, opening_of, rules_of
 from lidarcli.pipeline.zone_counting import Frames, Objects, Showing
 from lidarcli.pose.tracks import TRANSFORMS
-from lidarcli.range_rules import normalise
 from lidarcli.ros.messages import ROS2, SCAN, TF, Outgoing, cdr_scans, ros1_scans
-from lidarcli.stores import Place
-from lidarcli.sweeps import Bool, Int64, RawSweeps, SweepPoses
+from lidarcli.sweeps.range_rules import normalise
+from lidarcli.sweeps.types import Bool, Int64, RawSweeps, SweepPoses
+from lidarcli.sweeps.zone import Zones
 from lidarcli.tabular.columns import COARSE, integers, numbers, plain
 from lidarcli.tabular.reading import AGAIN, TopicRows, file_metadata, note_value, read_columns
 from lidarcli.tabular.schemas import SCHEMAS
 from lidarcli.tabular.writing import PARAMETERS, SOURCE
-from lidarcli.zone import Zones
 
 if TYPE_CHECKING:
     from lidarcli.overlays.rrd import Recording

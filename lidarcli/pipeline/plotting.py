@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Generic, TypeVar
 
 import numpy as np
 
-from lidarcli.choices import AS_IT_COMES, IMAGES, MATCH, TRAIL, Look
 from lidarcli.errors import NoScanError, OptionError, UnreadableError
+from lidarcli.files.newfiles import NewFiles, write_whole, writing
+from lidarcli.files.stores import Place
 from lidarcli.formalism import Parameters, detect
 from lidarcli.formalism.detect import noise
 from lidarcli.formalism.detection import ROUND, SETS, Detection
@@ -18,20 +19,19 @@ from lidarcli.formalism.mapping.grid import HIT, placed
 from lidarcli.logs.base import OpenOptions, ReadReport
 from lidarcli.logs.batches import ReadOptions, read_batches
 from lidarcli.logs.registry import TopicChoice, nothing_read
-from lidarcli.newfiles import NewFiles, write_whole, writing
+from lidarcli.options.choices import AS_IT_COMES, IMAGES, MATCH, TRAIL, Look
+from lidarcli.options.times import SAME_STAMP, SECOND_NS, Instant
 from lidarcli.pipeline.inputs.sources import Source, naming, open_source
 from lidarcli.pipeline.reading.masking import masking_of
 from lidarcli.pipeline.reading.one_log import damage_lines, read_log
 from lidarcli.pipeline.reading.posing import NO_POSES, Need, PoseAttacher, PoseOptions
-from lidarcli.range_rules import RangeRules
 from lidarcli.reports import map_picture
 from lidarcli.reports.columns import Rows, rows_of
 from lidarcli.reports.ground import COLUMNS, Paths
 from lidarcli.reports.map_picture import Box, MapPicture, Snapshot, draw_map, overview
 from lidarcli.reports.picture import Picture, ZoneInSight, animate, draw, limits_of
-from lidarcli.stores import Place
-from lidarcli.sweeps import Int64, Status, SweepBatch, SweepPoses
-from lidarcli.times import SAME_STAMP, SECOND_NS, Instant
+from lidarcli.sweeps.range_rules import RangeRules
+from lidarcli.sweeps.types import Int64, Status, SweepBatch, SweepPoses
 
 if TYPE_CHECKING:
     from lidarcli.pipeline.inputs.tables import TableSet
@@ -39,14 +39,14 @@ if TYPE_CHECKING:
     from lidarcli.pipeline.objects.detection import DetectOptions
     from lidarcli.pipeline.objects.subtracting import BackgroundComparison
     from lidarcli.pipeline.zone_counting import Showing, ShownZone
-    from lidarcli.zone import Zones
+    from lidarcli.sweeps.zone import Zones
 P = TypeVar("P")
 BATCH = 64
 NEAR = 1.0
 """Farthest time from a sweep that stands for it [s]: most sensors sweep ten times in a second."""
 SAME_RANGE = 1e-3
 """Greatest difference of two ranges of the same beam [m]."""
-MOST_PICTURES = 2_000
+MAX_PICTURES = 2_000
 """Most pictures of one call."""
 
 
@@ -127,8 +127,8 @@ def _take(source: Source, options: PlotOptions, work: _PictureMaker) -> Drawn[Pi
             last = int(batch.sweep[-1])
             if options.sweeps is not None and last >= max(options.sweeps):
                 break
-            if len(rows) > MOST_PICTURES:
-                raise OptionError(f"more than {MOST_PICTURES:,} sweeps to draw; choose some with --sweeps")
+            if len(rows) > MAX_PICTURES:
+                raise OptionError(f"more than {MAX_PICTURES:,} sweeps to draw; choose some with --sweeps")
         damage = tuple(damage_lines(posing.together(report)))
         work.place(rows, showing)
     if last < 0 and report.notes and (options.start is not None or options.end is not None):
@@ -358,7 +358,7 @@ def followed(source: Source, zones: Zones | None, detect: DetectOptions, folder:
     """Return the tables of the tracks of a log, written below a folder, with the numbers that `zones` gives them."""
     from lidarcli.pipeline.detecting import detect_to_temporary
     from lidarcli.pipeline.zoning import ZoneOptions, masked, narrowed
-    from lidarcli.zone import Zones
+    from lidarcli.sweeps.zone import Zones
 
     with open_source(source, detect.opening) as log:
         options = narrowed(log, ZoneOptions(zones or Zones(()), (), detect))

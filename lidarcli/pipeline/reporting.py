@@ -12,8 +12,10 @@ from typing import Any
 
 import pyarrow as pa
 
-from lidarcli.configfiles import read_toml
+from lidarcli.display.screen import one_line
 from lidarcli.errors import LidarcliError, OptionError, UnreadableError
+from lidarcli.files.configfiles import read_toml
+from lidarcli.files.stores import Place
 from lidarcli.pipeline.inputs.tables import (
     Given,
     TableSet,
@@ -44,8 +46,6 @@ from lidarcli.reports.summary import (
 )
 from lidarcli.reports.wording import counted, number
 from lidarcli.reports.zones import floored, judge_zones, parse_zone_check, unobserved, zones_in, zones_part
-from lidarcli.screen import one_line
-from lidarcli.stores import Place
 from lidarcli.tabular.reading import Readable
 from lidarcli.tabular.schemas import EVENTS
 

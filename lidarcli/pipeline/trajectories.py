@@ -11,17 +11,17 @@ from typing import IO, TYPE_CHECKING, Any
 import numpy as np
 import pyarrow as pa
 
-from lidarcli.choices import MATCH, NS
 from lidarcli.errors import OptionError, UnreadableError
+from lidarcli.files.newfiles import NewFiles, refuse, writing
+from lidarcli.files.stores import Place
 from lidarcli.logs.base import OpenOptions
 from lidarcli.logs.batches import ReadOptions
-from lidarcli.newfiles import NewFiles, refuse, writing
+from lidarcli.options.choices import MATCH, NS
 from lidarcli.pipeline.inputs.search import files_of
 from lidarcli.pipeline.inputs.sources import Source
 from lidarcli.pipeline.reading.one_log import Progress, Reading, RunSummary, named_files, read_log, reading_as_dict
 from lidarcli.pipeline.reading.posing import Need, PoseOptions
-from lidarcli.stores import Place
-from lidarcli.sweeps import SweepBatch
+from lidarcli.sweeps.types import SweepBatch
 from lidarcli.tabular.columns import constant, floats, plain, restamped
 from lidarcli.tabular.schemas import POSES, STAMP
 from lidarcli.tabular.writing import ParquetSink, table_metadata

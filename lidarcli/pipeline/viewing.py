@@ -13,17 +13,17 @@ from lidarcli.pipeline.inputs.search import find_logs
 from lidarcli.pipeline.inputs.sources import MissingInput, Source, open_source
 from lidarcli.pipeline.inputs.tables import TableSet, batches
 from lidarcli.pipeline.reading.one_log import opening_of, rules_of
-from lidarcli.range_rules import closure
 from lidarcli.reports.columns import Origin, Run, same_recording
 from lidarcli.reports.ground import Raw, map_of, walls_of
 from lidarcli.reports.html import Choice, Page, choose_sweeps, pack, pack_map
 from lidarcli.reports.map_picture import overview
 from lidarcli.reports.summary import Summary
-from lidarcli.sweeps import Float64, Int64, SweepBatch
+from lidarcli.sweeps.range_rules import closure
+from lidarcli.sweeps.types import Float64, Int64, SweepBatch
 from lidarcli.tabular.reading import Readable
 
 BEAM_COLUMNS = ["topic", "sweep", "beam", "theta", "r"]
-MOST_CELLS = 50_000_000
+MAX_CELLS = 50_000_000
 """Most cells (sweeps times beams) of a beams table that are shown."""
 
 
@@ -140,7 +140,7 @@ def _table(path: Readable, sweep: Int64, beam: Int64, theta: Float64, r: Float64
     """Turn rows of the beams table into one row per sweep."""
     indices, row, beams = np.unique(sweep, return_inverse=True, return_counts=True)
     width = int(beam.max()) + 1
-    if width * len(indices) > MOST_CELLS:
+    if width * len(indices) > MAX_CELLS:
         raise UnreadableError(
             f"{path}: column beam holds {width - 1:,}: {len(indices):,} sweeps of so many beams are too many to show"
         )

@@ -16,13 +16,13 @@ from lidarcli.errors import NoScanError
 from lidarcli.formalism.detection import SETS
 from lidarcli.formalism.zones import Inside, Sight, candidates, collision_steps, meeting, samples, sight, times
 from lidarcli.logs.base import Log
-from lidarcli.masks import Circle, Mask, Masks, Mount, Polygon, mounted, same_name
 from lidarcli.pipeline.inputs.sources import read_pose_messages
 from lidarcli.pose.sources import WORLDS, FrameTree, Step, along, namespace
 from lidarcli.pose.tracks import HOLD_STEPS, SECOND_NS, Track, frame_name, planar
-from lidarcli.sweeps import TURN, Bool, Float32, Float64, Int32, Int64, Status, SweepBatch, SweepPoses, UInt8, record
+from lidarcli.sweeps.masks import Circle, Mask, Masks, Mount, Polygon, mounted, same_name
+from lidarcli.sweeps.types import TURN, Bool, Float32, Float64, Int32, Int64, Status, SweepBatch, SweepPoses, UInt8, record
+from lidarcli.sweeps.zone import ROBOT, SENSOR, WORLD, Line, Zone, Zones, placed
 from lidarcli.tabular.columns import held, numbers
-from lidarcli.zone import ROBOT, SENSOR, WORLD, Line, Zone, Zones, placed
 
 LONG_HELD = 1.0
 """A link that moves and is held for longer beyond its transforms has a note [s]."""

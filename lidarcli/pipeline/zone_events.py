@@ -14,11 +14,11 @@ from numpy.typing import NDArray
 from lidarcli.formalism.detection import SETS
 from lidarcli.formalism.tracking.tracks import seen_steps
 from lidarcli.formalism.zones import SAMPLES, Path, crossings, episodes, visits
-from lidarcli.masks import Circle, Polygon
 from lidarcli.pipeline.zone_counting import TopicSeries, ZoneSeries
-from lidarcli.sweeps import Bool, Float64, Int64, UInt8
+from lidarcli.sweeps.masks import Circle, Polygon
+from lidarcli.sweeps.types import Bool, Float64, Int64, UInt8
+from lidarcli.sweeps.zone import UNSEEN, WORLD, Line, Zone
 from lidarcli.tabular.schemas import DIRECTIONS, EVENT_KINDS
-from lidarcli.zone import UNSEEN, WORLD, Line, Zone
 
 SECOND_NS = 1e9
 OCCUPIED, APPROACH, VISIT, CROSSING, STALE = EVENT_KINDS

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from itertools import groupby
 from typing import NamedTuple
 
-from lidarcli.display import times
+from lidarcli.display.texts import times
 from lidarcli.logs.base import Log, Message, ReadReport
 from lidarcli.pipeline.reading.posing import messages_of
 from lidarcli.pipeline.zone_events import APPROACH, OCCUPIED, SECOND_NS, STALE, ZoneEvents

@@ -11,12 +11,12 @@ from typing import Any, NamedTuple
 import numpy as np
 import pyarrow as pa
 
-from lidarcli.choices import AROUND, MATCH
-from lidarcli.display import times
+from lidarcli.display.texts import times
 from lidarcli.errors import NoScanError, OptionError, UnreadableError
+from lidarcli.files.newfiles import refuse, scratch_folder, write_whole
+from lidarcli.files.stores import Place
 from lidarcli.logs.base import Log, ReadReport
-from lidarcli.masks import Circle, Masks, Polygon, same_name
-from lidarcli.newfiles import refuse, scratch_folder, write_whole
+from lidarcli.options.choices import AROUND, MATCH
 from lidarcli.pipeline.detecting import detect_to_temporary, second_half
 from lidarcli.pipeline.inputs.declared import plain
 from lidarcli.pipeline.inputs.sources import MissingInput, Source, open_source
@@ -54,13 +54,13 @@ from lidarcli.reports.figures import plain_number
 from lidarcli.reports.programs import as_junit
 from lidarcli.reports.wording import counted
 from lidarcli.reports.zones import NEVER, WHO, by_words, figures_of, judge_zones, parse_zone_check, unobserved, zones_in
-from lidarcli.stores import Place
-from lidarcli.sweeps import SweepBatch, spared
+from lidarcli.sweeps.masks import Circle, Masks, Polygon, same_name
+from lidarcli.sweeps.types import SweepBatch, spared
+from lidarcli.sweeps.zone import ROBOT, SENSOR, WORLD, Line, Zone, Zones
 from lidarcli.tabular.columns import COARSE, FORMS, answers, are, codes, constant
 from lidarcli.tabular.reading import AGAIN, HeldTable, TopicRows, read_columns
 from lidarcli.tabular.schemas import DIRECTIONS, EVENT_KINDS, SCHEMAS
 from lidarcli.tabular.writing import TableFiles, table_metadata, table_paths
-from lidarcli.zone import ROBOT, SENSOR, WORLD, Line, Zone, Zones
 
 TABLES = ("events", "zones")
 NAMED = ("name", "frame", "action", "count", "min_points", "trigger", "release", "hold", "timeout")

@@ -15,27 +15,27 @@ from dataclasses import dataclass
 import numpy as np
 
 from lidarcli.pose.fit import steps_between, wrapped
-from lidarcli.sweeps import TURN, Bool, Float64, Int64
+from lidarcli.sweeps.types import TURN, Bool, Float64, Int64
 
 SLOTS = 8
 """Parts of a sweep that takes time; each is placed by a pose of its own."""
 CELL, GRID_TURNS = 0.05, tuple(np.deg2rad([7.0, 31.0, 53.0, 76.0]).tolist())
 """Side of the cells that are counted [m], and the directions of their grids [rad]."""
-HALF_CHORD, MOST_BESIDE, MOST_CHORD, MOST_OFF = 0.12, 12, 0.6, 0.03
+HALF_CHORD, MAX_BESIDE, MAX_CHORD, MAX_OFF = 0.12, 12, 0.6, 0.03
 """The normal at a point is that of the chord between beams so far beside it [m], so many at most; the chord is no longer
 than this and the point no farther off it [m]."""
 DIRECTIONS = 12
 """Directions of normals that are told apart: the two sides of a board are two surfaces."""
 LADDER = ((0.8, 0.3, 4), (0.4, 0.1, 4), (0.3, 0.05, 8))
 """Sides of cells, scales of the robust weights [m], and most steps of the search with these."""
-SETTLED, MOST_STEP, LEAST_IN_CELL = 5e-4, 0.3, 4
+SETTLED, MAX_STEP, MIN_IN_CELL = 5e-4, 0.3, 4
 """The search ends with steps below this [m, rad]; its greatest step [m, rad]; fewest points of a cell that count."""
 BESIDE_CELL, BESIDE_CELLS, BESIDE_REACH, BESIDE_TURN = 0.1, 256, 3.0, np.deg2rad(2.0)
 """Side of the cells in which two sensors are laid on each other [m], cells to each side, and the farthest place [m] and the
 steps of the turns [rad] that are tried."""
 TOGETHER = 50.0
 """Points that count as one beside what is trusted: those near each other err together."""
-FEW_CLUSTERS, LEAST_DEGREES, CLUSTERS = 1.5, 2.0, 12
+FEW_CLUSTERS, MIN_DEGREES, CLUSTERS = 1.5, 2.0, 12
 """Deviations by K clusters are too small by such a share over K, as 95 % of a t distribution are within two of them;
 degrees of freedom of clusters that are no more than the unknowns; least number of parts of a run between which deviations
 are measured."""
@@ -118,7 +118,7 @@ def surfaces(bearing: Float64, ranges: Float64) -> tuple[Float64, Float64, Int64
     points = ranges[:, None] * np.column_stack([np.cos(bearing), np.sin(bearing)])
     step = abs(float(bearing[1] - bearing[0])) if beams > 1 else 0.0
     with np.errstate(invalid="ignore", divide="ignore"):
-        offset = np.clip(np.ceil(HALF_CHORD / (ranges * step)), 1, MOST_BESIDE)
+        offset = np.clip(np.ceil(HALF_CHORD / (ranges * step)), 1, MAX_BESIDE)
     known = np.flatnonzero(np.isfinite(offset))
     offset = offset[known].astype(np.int64)
     inside = (known >= offset) & (known + offset < beams)
@@ -129,7 +129,7 @@ def surfaces(bearing: Float64, ranges: Float64) -> tuple[Float64, Float64, Int64
         normal = np.column_stack([-chord[:, 1], chord[:, 0]]) / length[:, None]
         normal *= -np.sign((normal * here).sum(1))[:, None]
         off = np.abs((normal * (here - points[known - offset])).sum(1))
-        good = (length < MOST_CHORD) & (off < MOST_OFF) & (length > 0.0)
+        good = (length < MAX_CHORD) & (off < MAX_OFF) & (length > 0.0)
     return here[good], normal[good], known[good]
 
 
@@ -199,7 +199,7 @@ def settle(outlines: Outlines, placing: Placing, start: Float64, trusted: Float6
             sums = _sums(outlines, placing, values, free, stretch, (cell, 0.5 * cell * (number % 2), scale))
             ridge = np.diag(prior[free]) * sums.spread**2 * TOGETHER
             step = -np.linalg.lstsq(sums.normal + ridge, sums.slope + ridge @ values[free], rcond=1e-9)[0]
-            step *= min(1.0, MOST_STEP / max(float(np.abs(step).max()), 1e-12))
+            step *= min(1.0, MAX_STEP / max(float(np.abs(step).max()), 1e-12))
             values[free] += step
             if number > 1 and np.abs(step).max() < SETTLED:
                 break
@@ -240,7 +240,7 @@ def _sums(
     key += stretch[slot] << 50
     _, which, count = np.unique(key, return_inverse=True, return_counts=True)
     which = which.reshape(-1)
-    enough = count[which] >= LEAST_IN_CELL
+    enough = count[which] >= MIN_IN_CELL
 
     def middle(of: Float64) -> Float64:
         found: Float64 = np.bincount(which, of) / count
@@ -290,7 +290,7 @@ def _covariance(sums: _Sums, ridge: Float64, free: Int64, unknowns: int) -> Floa
             continue
         slopes = slopes - slopes.mean(axis=0)
         # The slopes of the clusters sum up to about nothing, and what was fitted to them makes them smaller yet.
-        degrees = max(float(len(slopes) - len(free)), LEAST_DEGREES)
+        degrees = max(float(len(slopes) - len(free)), MIN_DEGREES)
         share = len(slopes) / degrees * (1.0 + FEW_CLUSTERS / degrees) ** 2
         mine = inverse @ (slopes.T @ slopes * share + ridge) @ inverse
         if np.trace(mine) > np.trace(found):

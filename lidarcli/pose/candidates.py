@@ -10,15 +10,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lidarcli.formalism.path_agreement import Agreement, agreement
-from lidarcli.pose.fit import LEAST_STEP, Timing, headers_of, wrapped
+from lidarcli.pose.fit import MIN_STEP, Timing, headers_of, wrapped
 from lidarcli.pose.sources import Correction, PoseChain, later
 from lidarcli.pose.tracks import SECOND_NS, Motion, compose, inverse, lifted, planar
-from lidarcli.sweeps import Float64, Int64, SweepBatch
+from lidarcli.sweeps.types import Float64, Int64, SweepBatch
 
 if TYPE_CHECKING:
     from lidarcli.pose.calibration import Outlines
 
-MOST_SAMPLED = 300
+MAX_SAMPLED = 300
 """A sample has at least so many sweeps of a longer run, and fewer than twice as many."""
 BEAMS = 120
 """Beams of a sweep that are compared, about."""
@@ -33,7 +33,7 @@ CLEARLY, LESS, MUCH = 0.01, 0.02, 0.175
 better by places seen soon."""
 STANDS_BETTER = 0.05
 """Share by which standing still must agree better than every path."""
-LEAST_PLACED = 0.8
+MIN_PLACED = 0.8
 """Least share of sweeps with a pose of a matched path that replaces a told one by places seen again."""
 SAME_PLACE = 1e-3
 """Paths that are nowhere further apart are one [m, rad]."""
@@ -59,7 +59,7 @@ class SweepSample:
         first, apart = sweeps.angle_min[rows], sweeps.angle_increment[rows] * step
         ranges, headers = sweeps.ranges[rows, ::step], headers_of(sweeps)[rows]
         self._held.append((number[rows], sweeps.stamp_ns[rows], ranges, first, apart, headers))
-        while sum(len(part[0]) for part in self._held) >= 2 * MOST_SAMPLED:
+        while sum(len(part[0]) for part in self._held) >= 2 * MAX_SAMPLED:
             self._every *= 2
             self._held = [tuple(values[part[0] % self._every == 0] for values in part) for part in self._held]
 
@@ -128,7 +128,7 @@ class SweepSample:
     def _parts(self) -> Int64:
         """Return (K,) the number of the part of the run: each sweep is one of its own where stamps tell no times."""
         seconds = (self.stamp_ns - self.stamp_ns.min()) / SECOND_NS
-        if len(seconds) > 1 and np.median(np.abs(np.diff(seconds))) < LEAST_STEP:
+        if len(seconds) > 1 and np.median(np.abs(np.diff(seconds))) < MIN_STEP:
             return np.arange(len(seconds))
         parts: Int64 = np.unique(np.floor(seconds / PART_SECONDS), return_inverse=True)[1]
         return parts
@@ -205,7 +205,7 @@ def better_path(told: Candidate, matched: Candidate, standing: float, *, is_like
     gain = matched.over_run(standing) - told.over_run(standing)
     if jumps:
         is_better = gain > (CLEARLY if told.is_seen_again else -CLEARLY)
-    elif told.is_seen_again and matched.is_seen_again and matched.agreement.placed > LEAST_PLACED:
+    elif told.is_seen_again and matched.is_seen_again and matched.agreement.placed > MIN_PLACED:
         is_sharper = matched.agreement.far > told.agreement.far + CLEARLY and gain > 0.0
         is_better = is_sharper and (not is_likely or told.drift > matched.drift + LESS)
         is_better |= matched.agreement.near > told.agreement.near + MUCH

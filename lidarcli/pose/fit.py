@@ -15,40 +15,40 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from lidarcli.choices import BEAM_ORDERS, MATCH, MOST_DELAY
-from lidarcli.display import some_of, times
-from lidarcli.findings import Finding, Fix
+from lidarcli.display.texts import some_of, times
 from lidarcli.formalism.scan_matching import Matcher
+from lidarcli.options.choices import BEAM_ORDERS, MATCH, MAX_DELAY
 from lidarcli.pose.sources import LEVEL, WORLDS, GivenPaths, PoseChain, PoseSources, by_precedence, later, namespace
 from lidarcli.pose.tracks import SECOND_NS, TUM, Track, flat, frame_name, gathered
-from lidarcli.sweeps import TURN, Bool, Float64, Int64, SweepBatch
+from lidarcli.sweeps.findings import Finding, Fix
+from lidarcli.sweeps.types import TURN, Bool, Float64, Int64, SweepBatch
 
-LEAST_STEP = 0.001
+MIN_STEP = 0.001
 """Stamps that are mostly closer tell no times [s]."""
 PAIR_LENGTH, PAIR_TURN = 0.3, 0.15
 """A pair ends at the first sweep that is so far from its beginning [m, rad], ..."""
 PAIR_SECONDS = 3.0
 """... or after so long [s], where either path has gone `MOVED_LENGTH` or `MOVED_TURN` by then."""
 MOVED_LENGTH, MOVED_TURN = 0.1, 0.05
-MOST_PAIRS = 400
-LEAST_PAIRS = 8
-MOST_UNPLACED = 0.3
+MAX_PAIRS = 400
+MIN_PAIRS = 8
+MAX_UNPLACED = 0.3
 """Nothing is judged where a greater share of the sweeps has no matched pose."""
 OFF_LENGTH, OFF_LENGTH_GROWS = 0.05, 0.12
 """Two steps agree if their ends are no further apart than this [m], and this share of their length more, ..."""
 OFF_TURN, OFF_TURN_GROWS = np.deg2rad(2.0), 0.1
 """... and their turns differ by no more than this [rad], and this share of the turn more."""
-TURN_RATE, LEAST_TURN = 10.0, 0.5
+TURN_RATE, MIN_TURN = 10.0, 0.5
 """Steps that turn faster and by more are jumps, too [rad/s, rad]."""
 JUMP_SPEED, JUMP_LENGTH = 10.0, 0.5
 """A given step that is longer than this and faster [m/s, m] is a jump."""
 LONGEST_DELAY, DELAY_STEP, FINE_STEP = 0.6, 0.05, 0.01
 """Delays that are tried, to both sides, first in large steps and then around the best in small ones [s]."""
-LEAST_TOLD, MOST_OFF, CLEARLY_BETTER = 0.6, 3.0, 0.05
+MIN_TOLD, MAX_OFF, CLEARLY_BETTER = 0.6, 3.0, 0.05
 """Least share of pairs with a delayed pose; greatest cost of a pair; share by which a larger delay has to be better."""
-FAR_STEP, MOST_TRIED, FAR_PAIRS = 0.1, 1 << 17, 60
+FAR_STEP, MAX_TRIED, FAR_PAIRS = 0.1, 1 << 17, 60
 """Greater delays are tried in such steps [s], so many at most, by so many pairs."""
-LEAST_DELAY, SHARPER = 0.03, 0.7
+MIN_DELAY, SHARPER = 0.03, 0.7
 """Least delay of poses that fit also without one [s], and the greatest cost with it as a share of that without; that of a
 far delay as a share of that of another one."""
 ACCEPTED = 0.8
@@ -57,14 +57,14 @@ CORRECTED, GAIN = 0.5, 0.1
 """Share from which they are accepted with a delay and a mount, and by how much these must better it."""
 RATIOS = 0.8, 1.25
 """Told lengths and turns as a share of the matched ones, from least to most."""
-LONG_STEP, LARGE_TURN, LEAST_LONG = 0.15, 0.08, 5
+LONG_STEP, LARGE_TURN, MIN_LONG = 0.15, 0.08, 5
 """Steps that are longer, or turn more, tell such a share [m, rad]; so many or fewer tell none."""
 MOUNT_SCALE = 0.05
 """Scale of the robust weights of a mount [m]."""
 
 STANDING_OFF, STANDING_TURN = 0.02, np.deg2rad(0.5)
 """A sensor stands whose matched poses are no further from their middle [m, rad], but for 1 % of them."""
-MOST_SLIDING = 0.5
+MAX_SLIDING = 0.5
 """Share of sweeps that may slide of a sensor that is known to stand."""
 STILL_SECONDS, STILL_OFF, STILL_TURN = 2.0, 0.05, 0.035
 """It stands at a sweep if the poses at both ends of so many seconds around it are no further apart [m, rad]."""
@@ -126,13 +126,13 @@ def jump_of(chain: PoseChain) -> tuple[float, float]:
     length = turn = 0.0
     for track in (step.track for step in chain.steps if not step.track.static):
         seconds = np.diff(track.stamp_ns) / SECOND_NS
-        if not len(seconds) or np.median(seconds) <= LEAST_STEP:
+        if not len(seconds) or np.median(seconds) <= MIN_STEP:
             continue
         lengths = np.hypot(*np.diff(track.motion.position[:, :2], axis=0).T)
         length = max(length, float(lengths[lengths > np.maximum(JUMP_SPEED * seconds, JUMP_LENGTH)].max(initial=0.0)))
         each = track.motion.rotation
         turns = 2.0 * np.arccos(np.clip(np.abs(np.sum(each[1:] * each[:-1], axis=1)), 0.0, 1.0))
-        turn = max(turn, float(turns[turns > np.maximum(TURN_RATE * seconds, LEAST_TURN)].max(initial=0.0)))
+        turn = max(turn, float(turns[turns > np.maximum(TURN_RATE * seconds, MIN_TURN)].max(initial=0.0)))
     return length, turn
 
 
@@ -165,7 +165,7 @@ def judge_poses(
         whole = pieces[begin] == pieces[end]
         begin, end = begin[whole], end[whole]
     placed = float(np.isfinite(matched[:, 0]).mean()) if len(matched) else 0.0
-    if placed < 1.0 - MOST_UNPLACED or len(begin) < LEAST_PAIRS:
+    if placed < 1.0 - MAX_UNPLACED or len(begin) < MIN_PAIRS:
         gone = np.ptp(given[np.isfinite(given[:, 0]), :2], axis=0) if np.isfinite(given).any() else np.zeros(2)
         moves = bool(gone.max() > PAIR_LENGTH)
         return PoseFit("unchecked", float("nan"), len(begin), moves=moves)
@@ -213,7 +213,7 @@ def far_delay(
     if pieces is not None:
         whole = pieces[begin] == pieces[end]
         begin, end = begin[whole], end[whole]
-    if len(begin) < LEAST_PAIRS:
+    if len(begin) < MIN_PAIRS:
         return None
     step = steps_between(matched[begin], matched[end])
 
@@ -231,7 +231,7 @@ def far_delay(
     # All delays at which the paths overlap, by some of the pairs.
     some = np.unique(np.linspace(0, len(begin) - 1, FAR_PAIRS).astype(np.int64))
     first_ns, whole = int(stamp_ns[0]), int(stamp_ns[-1] - stamp_ns[0])
-    tick = max(round(FAR_STEP * SECOND_NS), (span_ns[1] - span_ns[0] + whole) // MOST_TRIED)
+    tick = max(round(FAR_STEP * SECOND_NS), (span_ns[1] - span_ns[0] + whole) // MAX_TRIED)
     pad, count = whole // tick + 2, (span_ns[1] - span_ns[0] + whole) // tick + 2
     grid = given_at(span_ns[0] + tick * np.arange(-pad, count + 2, dtype=np.int64))
     ahead = np.diff(grid, axis=0)
@@ -240,15 +240,15 @@ def far_delay(
     for k in some.tolist():
         places = [divmod(int(stamp_ns[row[k]]) - first_ns, tick) for row in (begin, end)]
         poses = [grid[at : at + count] + part / tick * ahead[at : at + count] for at, part in places]
-        off = np.minimum(np.add(*_off(step[k : k + 1], steps_between(*poses))), MOST_OFF)
+        off = np.minimum(np.add(*_off(step[k : k + 1], steps_between(*poses))), MAX_OFF)
         known += np.isfinite(off)
         cost += np.nan_to_num(off)
-    cost = np.where(known >= max(LEAST_TOLD * known.max(), 1.0), cost / np.maximum(known, 1.0), MOST_OFF)
+    cost = np.where(known >= max(MIN_TOLD * known.max(), 1.0), cost / np.maximum(known, 1.0), MAX_OFF)
     best = int(np.argmin(cost))
     near = round(2.0 * LONGEST_DELAY * SECOND_NS / tick)
     others = np.concatenate([cost[: max(best - near, 0)], cost[best + near + 1 :]])
     delay_ns = span_ns[0] - first_ns + (best - pad) * tick
-    if cost[best] > SHARPER * others.min(initial=MOST_OFF) or abs(delay_ns) < LONGEST_DELAY * SECOND_NS:
+    if cost[best] > SHARPER * others.min(initial=MAX_OFF) or abs(delay_ns) < LONGEST_DELAY * SECOND_NS:
         return None
     found = fit_at(delay_ns)
     return found if found.share >= ACCEPTED else None
@@ -273,8 +273,8 @@ def pairs_of(seconds: Float64, matched: Float64, given: Float64) -> tuple[Int64,
         moved = (np.hypot(both[:, 0], both[:, 1]) > MOVED_LENGTH) | (np.abs(both[:, 2]) > MOVED_TURN)
         if seconds[later[-1]] - seconds[first] >= PAIR_SECONDS and moved.any():
             pairs.append((first, int(later[-1])))
-    if len(pairs) > MOST_PAIRS:
-        pairs = [pairs[k] for k in np.linspace(0, len(pairs) - 1, MOST_PAIRS).astype(int)]
+    if len(pairs) > MAX_PAIRS:
+        pairs = [pairs[k] for k in np.linspace(0, len(pairs) - 1, MAX_PAIRS).astype(int)]
     found = np.array(pairs, np.int64).reshape(-1, 2)
     return found[:, 0], found[:, 1]
 
@@ -315,13 +315,13 @@ def _sharper(
     def cost(delay: float) -> float:
         off, turn = _off(step, _delayed(stamp_ns, begin, end, given_at, delay))
         # Steps beyond the ends of the given path count as much as those that are far off.
-        return float(np.mean(np.nan_to_num(np.minimum(off + turn, MOST_OFF), nan=MOST_OFF)))
+        return float(np.mean(np.nan_to_num(np.minimum(off + turn, MAX_OFF), nan=MAX_OFF)))
 
     count, fine = round(LONGEST_DELAY / DELAY_STEP), round(DELAY_STEP / FINE_STEP)
     coarse = min((number * DELAY_STEP for number in range(-count, count + 1)), key=cost)
     best = min((coarse + number * FINE_STEP for number in range(1 - fine, fine)), key=cost)
     is_bound = abs(coarse) > LONGEST_DELAY - 0.5 * DELAY_STEP
-    if is_bound or abs(best) < LEAST_DELAY or cost(best) > SHARPER * cost(0.0):
+    if is_bound or abs(best) < MIN_DELAY or cost(best) > SHARPER * cost(0.0):
         return fit
     return replace(fit, verdict="corrected", delay=round(best, 3), as_told=fit.share)
 
@@ -343,11 +343,11 @@ def _corrected(
     def tried(delay: float) -> _Tried | None:
         given = _delayed(stamp_ns, begin, end, given_at, delay)
         known = np.isfinite(given[:, 0])
-        if known.mean() < LEAST_TOLD:
+        if known.mean() < MIN_TOLD:
             return None
         mount = mount_between(step[known], given[known])
         off, turn = _off(step[known], mounted_steps(given[known], mount))
-        cost = float(np.mean(np.minimum(off, MOST_OFF) + np.minimum(turn, MOST_OFF)))
+        cost = float(np.mean(np.minimum(off, MAX_OFF) + np.minimum(turn, MAX_OFF)))
         return _Tried(cost, delay, mount, given)
 
     best: _Tried | None = None
@@ -398,9 +398,9 @@ def _ratios(step: Steps, given: Steps) -> tuple[float, float]:
     """Return given lengths and turns as a share of the matched ones, by medians; NaN where there are too few."""
     length, far = np.hypot(step[:, 0], step[:, 1]), np.hypot(given[:, 0], given[:, 1])
     long, turns = ((length > LONG_STEP) & np.isfinite(far), (np.abs(step[:, 2]) > LARGE_TURN) & np.isfinite(far))
-    ratio = float(np.median(far[long] / length[long])) if np.count_nonzero(long) > LEAST_LONG else float("nan")
+    ratio = float(np.median(far[long] / length[long])) if np.count_nonzero(long) > MIN_LONG else float("nan")
     turned = wrapped(given[turns, 2]) / step[turns, 2]
-    return ratio, float(np.median(turned)) if len(turned) > LEAST_LONG else float("nan")
+    return ratio, float(np.median(turned)) if len(turned) > MIN_LONG else float("nan")
 
 
 def stands(matched: Float64, slides: Float64) -> bool:
@@ -412,12 +412,12 @@ def stands(matched: Float64, slides: Float64) -> bool:
     slides : (S,) 1 where the place is not fixed along some direction
     """
     known = np.isfinite(matched[:, 0])
-    if len(known) == 0 or known.mean() < 1.0 - MOST_UNPLACED:
+    if len(known) == 0 or known.mean() < 1.0 - MAX_UNPLACED:
         return False
     middle = np.median(matched[known], axis=0)
     off = np.hypot(matched[known, 0] - middle[0], matched[known, 1] - middle[1])
     turn = np.abs(wrapped(matched[known, 2] - middle[2]))
-    fixed = float(np.mean(slides[known] > 0)) < MOST_SLIDING
+    fixed = float(np.mean(slides[known] > 0)) < MAX_SLIDING
     return bool(fixed and np.quantile(off, 0.99) < STANDING_OFF and np.quantile(turn, 0.99) < STANDING_TURN)
 
 
@@ -427,7 +427,7 @@ def still_at(stamp_ns: Int64, matched: Float64, slides: Float64) -> Bool:
     Parameters are as of `stands`, with the stamps of the sweeps (S,) [ns], increasing.
     """
     known = np.isfinite(matched[:, 0])
-    if len(known) == 0 or known.mean() < 1.0 - MOST_UNPLACED:
+    if len(known) == 0 or known.mean() < 1.0 - MAX_UNPLACED:
         return np.zeros(0, bool)
     if stands(matched, slides):
         return np.ones(len(known), bool)
@@ -451,11 +451,11 @@ TYPE = "matched"
 AUTO, FORWARD, REVERSE, ONCE = BEAM_ORDERS
 SHORTEST_SWEEP = 0.005
 """Duration below which headers do not count [s]: all beams are taken at once."""
-LEAST_SHARE, MOST_SHARE, USUAL_SHARE = 0.2, 1.25, 0.9
+MIN_SHARE, MAX_SHARE, USUAL_SHARE = 0.2, 1.25, 0.9
 """Shares of the time from sweep to sweep that a sweep can take, and the share where headers tell another."""
 SKEWED, TYPICAL_RANGE = 0.03, 2.0
 """Motion during a sweep from which on it tells the order of its beams [m]; the range at which turns move points [m]."""
-LEAST_SKEWED, BLOCKS, CLEAR, OPPOSITE = 40, 20, 2.0, 1.5
+MIN_SKEWED, BLOCKS, CLEAR, OPPOSITE = 40, 20, 2.0, 1.5
 """Least sweeps that tell an order, blocks they are compared in, deviations from which a difference is clear, and how many
 times as many it takes to the opposite order: all at once lies between the two."""
 LONGEST_SLIDE = 1.0
@@ -505,7 +505,7 @@ def duration_of(sweeps: Sequence[SweepBatch]) -> tuple[float, float]:
     period = float(np.median(steps)) / SECOND_NS
     given = [headers_of(batch) for batch in sweeps if batch.duration is not None]
     headers = float(np.median(np.concatenate(given))) if given else 0.0
-    if LEAST_SHARE * period <= headers <= MOST_SHARE * period:
+    if MIN_SHARE * period <= headers <= MAX_SHARE * period:
         return 0.0, headers
     return USUAL_SHARE * period, USUAL_SHARE * period
 
@@ -631,7 +631,7 @@ class MatchedPath:
         there = there[np.argsort(stamps[there], kind="stable")]
         ends = np.column_stack([stamps[there[:-1]], stamps[there[1:]]])
         is_long = ends[:, 1] - ends[:, 0] > LONGEST_SLIDE * SECOND_NS
-        if len(stamps) > 1 and np.median(np.abs(np.diff(stamps))) < LEAST_STEP * SECOND_NS:
+        if len(stamps) > 1 and np.median(np.abs(np.diff(stamps))) < MIN_STEP * SECOND_NS:
             is_long[:] = True
         is_lost = np.diff(self.pieces[there]) != 0
         found: Int64 = ends[(np.diff(there) > 1) & (is_long | is_lost)]
@@ -673,7 +673,7 @@ def order_of(paths: Mapping[str, MatchedPath], duration: float, clear: float) ->
     clear : standard deviations by which it must fit better than the others
     """
     skewed = np.flatnonzero(paths[FORWARD].turns(duration) > SKEWED)
-    if len(skewed) < LEAST_SKEWED:
+    if len(skewed) < MIN_SKEWED:
         return ""
     sharp = {order: path.sharp[skewed] for order, path in paths.items()}
 
@@ -737,7 +737,7 @@ def apart_finding(key: Key, chain: PoseChain, delay: float) -> Finding:
         is_split = span is not None and span[0] > span[1]
         why = together if is_split else f"those of {chain.topics[0]} are of other times"
         return Finding("clock", "error", *key, f"{words}: {why}")
-    fix = Fix("option", f"--pose-delay {delay:.2f}") if abs(delay) <= MOST_DELAY else None
+    fix = Fix("option", f"--pose-delay {delay:.2f}") if abs(delay) <= MAX_DELAY else None
     mend = "" if chain.steps[0].track.type == TUM else "clock"
     way = fix.text if fix else "clean --mend clock" if mend else "correct the stamps of the file"
     words = f"{words}: {clock_words(chain.topics[0], delay)} ({way})"

@@ -10,8 +10,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from lidarcli.findings import APART
-from lidarcli.foxglove import SCAN
 from lidarcli.logs.clouds import Levelled
 from lidarcli.pose.tracks import (
     ODOMETRY,
@@ -27,7 +25,9 @@ from lidarcli.pose.tracks import (
     planar,
     rotate,
 )
-from lidarcli.sweeps import TURN, Bool, Float64, Int64, SweepPoses
+from lidarcli.ros.foxglove import SCAN
+from lidarcli.sweeps.findings import APART
+from lidarcli.sweeps.types import TURN, Bool, Float64, Int64, SweepPoses
 
 _OF_ROBOT = re.compile(
     "ego|self|robot|base|vehicle|car|current|local|locali[sz]ation|localizer|amcl|slam|tracked|odom|odometry|"

@@ -15,14 +15,14 @@ import numpy as np
 from google.protobuf.message import DecodeError
 from numpy.typing import NDArray
 
-from lidarcli.display import clipped
+from lidarcli.display.texts import clipped
 from lidarcli.errors import UnreadableError
-from lidarcli.foxglove import POSE, SCAN, TRANSFORM, classes
 from lidarcli.logs.base import PLANAR, PLANAR_POSE, Message
 from lidarcli.logs.clock import restarts
 from lidarcli.logs.foxglove import NOT_JSON, NOT_PROTOBUF, STAMP, stamp_of
 from lidarcli.ros.cursor import BadMessageError, Cursor
-from lidarcli.sweeps import Bool, Float64, Int64, SweepPoses, UInt8
+from lidarcli.ros.foxglove import POSE, SCAN, TRANSFORM, classes
+from lidarcli.sweeps.types import Bool, Float64, Int64, SweepPoses, UInt8
 
 SMALL_TURN = 1e-4
 """Largest angle [rad] at which a straight line replaces the arc between two rotations."""
@@ -457,7 +457,7 @@ WORLD = "world"
 COLUMNS, KITTI_COLUMNS = 8, 12
 LONGEST_LINE = 1000
 """Characters of a line that can be a pose."""
-MOST_NS, MOST_DIGITS = 1 << 62, 11
+MAX_NS, MAX_DIGITS = 1 << 62, 11
 """Farthest stamp from 1970 [ns], 146 years, so that differences of two fit; its digits before the point."""
 
 
@@ -519,17 +519,17 @@ def _pose(path: Path, number: int, text: str) -> tuple[int, list[float]]:
             raise ValueError
         # Seconds since 1970 with nine decimals are more than a float holds.
         seconds = Decimal(words[0])
-        if not seconds.is_finite() or seconds.adjusted() > MOST_DIGITS:
+        if not seconds.is_finite() or seconds.adjusted() > MAX_DIGITS:
             raise ValueError
         stamp = int((seconds * SECOND_NS).to_integral_value())
-        if abs(stamp) > MOST_NS:
+        if abs(stamp) > MAX_NS:
             raise ValueError
         return stamp, [float(word) for word in words[1:]]
     except (ValueError, ArithmeticError):
         why = ""
         if len(words) == KITTI_COLUMNS:
             why = " (KITTI files tell no times)"
-        elif words and words[0].isdigit() and len(words[0]) > MOST_DIGITS:
+        elif words and words[0].isdigit() and len(words[0]) > MAX_DIGITS:
             why = " (nanoseconds, as in EuRoC files, whose qw comes first: write seconds)"
         raise UnreadableError(
             f"{path}: line {number}: '{clipped(text)}' is no pose{why}; lines are timestamp x y z qx qy qz qw"

@@ -8,8 +8,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
-from lidarcli.choices import CHANGE_STATUSES
-from lidarcli.display import counted
+from lidarcli.display.texts import counted
+from lidarcli.options.choices import CHANGE_STATUSES
 from lidarcli.reports.columns import Origin, Record
 from lidarcli.reports.document import MARKDOWN, PAGE, TEXT, Block, Card, FromAbove, Notes, Part, Section, Table, table_of
 from lidarcli.reports.figures import OF_MAPS, plain_fields

@@ -24,7 +24,7 @@ from lidarcli.errors import OptionError
 from lidarcli.reports import figures
 from lidarcli.reports.columns import BEAMS_OF_OBJECTS, OBJECTS_OF_SWEEP, Rows, Run, ZoneRows
 from lidarcli.reports.figures import STATISTICS
-from lidarcli.sweeps import Bool, Column, Float64
+from lidarcli.sweeps.types import Bool, Column, Float64
 from lidarcli.tabular.schemas import TABLES
 
 _TOKEN = re.compile(

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from lidarcli.sweeps import Float64, Int32, Int64, spared
-from lidarcli.zone import UNSEEN
+from lidarcli.sweeps.types import Float64, Int32, Int64, spared
+from lidarcli.sweeps.zone import UNSEEN
 
 if TYPE_CHECKING:
     import pyarrow as pa

@@ -29,8 +29,8 @@ from matplotlib.transforms import IdentityTransform
 from numpy.typing import NDArray
 from PIL import Image
 
-from lidarcli import palette
-from lidarcli.sweeps import Bool, Float64
+from lidarcli.display import palette
+from lidarcli.sweeps.types import Bool, Float64
 
 ROUNDS = 5
 """Most times that a figure is laid out to find its height."""
@@ -38,7 +38,7 @@ ENOUGH = 0.02
 """Greatest error of the height of a row [inch]."""
 TALLEST = 2.2
 """Greatest height of a scene by the width of its place."""
-MOST_COLUMNS = 8
+MAX_COLUMNS = 8
 """Most columns of a legend."""
 HANDLE, GAP, BETWEEN, BORDER = 1.4, 0.5, 1.2, 0.4
 """Of a legend: length of a mark, gap after it, gap between columns, margin; each by the size of letters."""
@@ -409,7 +409,7 @@ def draw_legend(figure: Figure, entries: Entries, place: str) -> None:
     unit = float(texts[0].get_fontsize()) * figure.dpi / 72.0
     widths = np.array([text.get_window_extent().width for text in texts]) / unit + HANDLE + GAP
     room = 0.99 * figure.bbox.width / unit - 2.0 * BORDER
-    for count in range(min(len(entries), MOST_COLUMNS), 1, -1):
+    for count in range(min(len(entries), MAX_COLUMNS), 1, -1):
         columns = np.array_split(widths, count)
         if sum(column.max() for column in columns) + (count - 1) * BETWEEN <= room:
             legend.remove()

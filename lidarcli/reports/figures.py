@@ -12,7 +12,7 @@ import numpy as np
 
 from lidarcli.formalism.detection import CHANGES, SHAPES, VISIBILITIES
 from lidarcli.formalism.tracking.results import ENDS
-from lidarcli.sweeps import TURN, Float64, Int64, Unit
+from lidarcli.sweeps.types import TURN, Float64, Int64, Unit
 from lidarcli.tabular.schemas import TABLES
 
 

@@ -8,22 +8,22 @@ from typing import NamedTuple
 
 import numpy as np
 
-from lidarcli.choices import MAP_RESOLUTION, MIN_MOVE, OCCUPIED_RATIO
 from lidarcli.formalism.mapping.grid import CLEAR, HIT, SKIPPED, Beams, Counts, MotionFilter, Occupancy, TooLargeError
+from lidarcli.options.choices import MAP_RESOLUTION, MIN_MOVE, OCCUPIED_RATIO
 from lidarcli.reports.columns import Rows, Run, rows_of
-from lidarcli.sweeps import TURN, Bool, Float64, Int64, SweepPoses, UInt8, record
+from lidarcli.sweeps.types import TURN, Bool, Float64, Int64, SweepPoses, UInt8, record
 
 CELLS = 160
 """Number of cells along the longer side of the scene, about."""
 FINEST = 0.05
 """[m]"""
-LEAST_HITS, LEAST_SHARE = 2, 0.05
+MIN_HITS, MIN_SHARE = 2, 0.05
 """Least number of beams that ended in a cell of a wall, absolute and by the 90th percentile of all cells."""
 MOST = 4_000
 """Most cells that are drawn, those that were hit most."""
 MAP_CELLS = 600
 """Most cells along a side of a map, about."""
-LEAST_STEP, MOST_ANGLE = 1e-6, 100.0
+MIN_STEP, MAX_ANGLE = 1e-6, 100.0
 """Least step from beam to beam, and greatest bearing of an edge, of any sensor [rad]."""
 STANDS, HEADS = 0.05, 0.02
 """A sensor whose poses stay within this distance [m] and angle [rad] stands."""
@@ -213,7 +213,7 @@ def map_of(run: Run, raw: Mapping[tuple[int, str], Raw]) -> Occupancy | None:
             counts.add(part)
     except TooLargeError:
         return None
-    return counts.occupancy(min(counts.sweeps, LEAST_HITS), OCCUPIED_RATIO, "world")
+    return counts.occupancy(min(counts.sweeps, MIN_HITS), OCCUPIED_RATIO, "world")
 
 
 def _beams(run: Run, topic: str, raw: Raw) -> Iterator[Beams]:
@@ -247,7 +247,7 @@ def _on_objects(run: Run, raw: Raw, members: Int64, sweep: Int64) -> Bool:
     angle_min, step = raw.angle_min[sweep], raw.angle_increment[sweep]
     first, last = (run.objects.numbers(name)[members] for name in ("theta_i", "theta_f"))
     # What another program has written may be anything.
-    known = (np.abs(step) > LEAST_STEP) & (np.abs([first, last, angle_min]).max(axis=0) < MOST_ANGLE)
+    known = (np.abs(step) > MIN_STEP) & (np.abs([first, last, angle_min]).max(axis=0) < MAX_ANGLE)
     sweep, step, angle_min = sweep[known], step[known], angle_min[known]
     first, last = first[known], last[known]
     marked = np.zeros(raw.ranges.shape, bool)
@@ -274,7 +274,7 @@ def _cells(x: Float64, y: Float64) -> Walls | None:
     ix, iy = np.floor((x - x0) / cell).astype(np.int64), np.floor((y - y0) / cell).astype(np.int64)
     width = int(iy.max()) + 1
     place, hits = np.unique(ix * width + iy, return_counts=True)
-    enough = np.flatnonzero(hits >= max(LEAST_HITS, LEAST_SHARE * np.percentile(hits, 90)))
+    enough = np.flatnonzero(hits >= max(MIN_HITS, MIN_SHARE * np.percentile(hits, 90)))
     kept = np.sort(enough[np.argsort(-hits[enough], kind="stable")[:MOST]])
     return Walls(cell, x0 + (place[kept] // width + 0.5) * cell, y0 + (place[kept] % width + 0.5) * cell)
 

@@ -21,10 +21,10 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from lidarcli._version import __version__
-from lidarcli.display import stamp
+from lidarcli.display.palette import COLOURS, page_style, themed
+from lidarcli.display.texts import stamp
 from lidarcli.formalism.detection import SETS, SHAPES
 from lidarcli.formalism.mapping.grid import FREE, OCCUPIED, Occupancy
-from lidarcli.palette import COLOURS, page_style, themed
 from lidarcli.reports.columns import Rows, Run, rows_of
 from lidarcli.reports.document import NAMES, PAGE, Code, FromAbove, Report
 from lidarcli.reports.drawing import project_style
@@ -36,7 +36,7 @@ from lidarcli.reports.run import RunPart, track_cells
 from lidarcli.reports.summary import KINDS, Stream, Summary
 from lidarcli.reports.wording import number, quantity, share
 from lidarcli.reports.zones import ZonesPart
-from lidarcli.sweeps import Float64, Int64, UInt8
+from lidarcli.sweeps.types import Float64, Int64, UInt8
 
 SCRIPTS = ("data", "pen", "scene", "curves", "charts", "timeline", "looking", "saving", "main")
 """Parts of the viewer, each after those that it needs."""

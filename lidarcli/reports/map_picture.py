@@ -16,12 +16,13 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.ticker import FuncFormatter, PercentFormatter
 
-from lidarcli import palette
-from lidarcli.choices import AS_IT_COMES, Look
-from lidarcli.display import counted
+from lidarcli.display import palette
+from lidarcli.display.texts import counted
 from lidarcli.errors import OptionError
 from lidarcli.formalism.background import Background
 from lidarcli.formalism.mapping.grid import FREE, OCCUPIED, UNKNOWN, Occupancy
+from lidarcli.options.choices import AS_IT_COMES, Look
+from lidarcli.options.times import SECOND_NS
 from lidarcli.reports.drawing import (
     Entries,
     Frame,
@@ -41,8 +42,7 @@ from lidarcli.reports.drawing import (
     sensor,
 )
 from lidarcli.reports.picture import outline_of, printable
-from lidarcli.sweeps import Bool, Float32, Float64, Int64
-from lidarcli.times import SECOND_NS
+from lidarcli.sweeps.types import Bool, Float32, Float64, Int64
 
 if TYPE_CHECKING:
     from lidarcli.reports.changes import Change, RunPair
@@ -62,9 +62,9 @@ MAP_GREYS, BEHIND_GREYS = (0.15, 1.0, 0.85), (0.6, 1.0, 0.85)
 """Greys of the cells, and of those behind a sweep, whose points lie on them."""
 CHANGE_GREYS = 0.45, 0.9, 1.0
 """Greys of the cells behind changes."""
-MOST_NUMBERS = 60
+MAX_NUMBERS = 60
 """Most boxes that are numbered."""
-MOST_PIXELS = 4_000
+MAX_PIXELS = 4_000
 """A side of the grid with more cells than this is drawn with the darkest of each group of cells."""
 COLUMNS = {
     "sweeps": ("log", "topic", "sweep", "stamp", "pose_x", "pose_y"),
@@ -72,11 +72,11 @@ COLUMNS = {
     "tracks": ("topic", "track", "set", "shape", "label", "sweeps", "x", "y", "yaw", "length", "width"),
 }
 """Table → columns that `overview` needs."""
-MOST_POINTS = 2_000
+MAX_POINTS = 2_000
 """Points of a line that are drawn; more are thinned out evenly."""
-MOST_AGENTS = 200
+MAX_AGENTS = 200
 """Agents whose ways are drawn, those that were seen longest."""
-LEAST_SWEEPS = 5
+MIN_SWEEPS = 5
 """Least number of sweeps that saw a track that is drawn, or half of all sweeps if that is fewer."""
 PANEL, WIDEST = 6.2, 24.0
 """Longest side of the map of a panel of changes, and greatest width of a picture of many [inch]."""
@@ -100,7 +100,7 @@ DWELL_CELL = 0.25
 DWELL = "time of agents in a cell of 0.25 m [s]"
 SENSOR_WIDTH = 4.2
 """Width of the picture of the background of one sensor [inch]."""
-MOST_SURFACES = 200_000
+MAX_SURFACES = 200_000
 """More points of a background than this are thinned out."""
 SUPPORT, SUPPORT_COLOURS = "share of the sweeps that saw $r_e$", "viridis_r"
 """Words of the colour bar, and its colours: dark is sure, as printed letters are."""
@@ -234,7 +234,7 @@ def _draw_grid(axes: Axes, grid: Occupancy | None, greys: Greys) -> None:
     grey: Float32 = np.full(grid.cells.shape, unknown, np.float32)
     grey[grid.cells == FREE] = free
     grey[grid.cells == OCCUPIED] = occupied
-    step = -(-max(grey.shape) // MOST_PIXELS)
+    step = -(-max(grey.shape) // MAX_PIXELS)
     if step > 1:
         # Thin walls must not vanish between the pixels.
         rows, columns = (-(-side // step) * step for side in grey.shape)
@@ -294,12 +294,12 @@ def _marks(picture: MapPicture) -> Iterator[Mark]:
 
 def _labels(picture: MapPicture) -> Iterator[Label]:
     """Yield labels of tracks that stand, and of agents at their last position."""
-    if len(picture.boxes) <= MOST_NUMBERS:
+    if len(picture.boxes) <= MAX_NUMBERS:
         for box in picture.boxes:
             if box.name:
                 # To the upper right.
                 yield Label(printable(box.name), box.outline, palette.BLUE, (box.x - 1.0, box.y - 1.0))
-    for track, path in picture.agents[:MOST_NUMBERS]:
+    for track, path in picture.agents[:MAX_NUMBERS]:
         before = path[np.isfinite(path[:, 0])][-2:][0]
         yield Label(str(track), path[-1:], palette.VERMILION, (float(before[0]), float(before[1])))
 
@@ -346,7 +346,7 @@ def _track_boxes(sweeps: Rows, tracks: Rows) -> list[Box]:
         # Tracks of several topics.
         counts[key.partition(" ")[0] + " "] += counts[key]
     of_tracks = zip(tracks.source.tolist(), tracks.texts("topic"), strict=True)
-    least = [min(LEAST_SWEEPS, max(1, counts[f"{source} {topic}"] // 2)) for source, topic in of_tracks]
+    least = [min(MIN_SWEEPS, max(1, counts[f"{source} {topic}"] // 2)) for source, topic in of_tracks]
     sides = np.column_stack([tracks.numbers(name) for name in ("x", "y", "yaw", "length", "width")])
     known = tracks.are("set", "O") & (tracks.integers("sweeps") >= least) & np.isfinite(sides).all(axis=1)
     rows = np.flatnonzero(known)
@@ -383,7 +383,7 @@ def _of_agents(trajectories: Rows, tracks: Rows, frame: str) -> Iterator[tuple[i
 def _track_paths(trajectories: Rows, tracks: Rows, frame: str) -> Iterator[tuple[int, Float64]]:
     """Yield number and path of each agent in a frame, with NaN before a place to which no sweep saw it go."""
     longest = np.argsort(-np.where(tracks.are("set", "A"), tracks.integers("sweeps"), 0), kind="stable")
-    kept = {*longest[:MOST_AGENTS].tolist()}
+    kept = {*longest[:MAX_AGENTS].tolist()}
     xy = np.column_stack([trajectories.numbers("x"), trajectories.numbers("y")])
     for row, number, at, steps in _of_agents(trajectories, tracks, frame):
         if row in kept:
@@ -407,7 +407,7 @@ def _dwell(trajectories: Rows, tracks: Rows, frame: str) -> Dwell | None:
     cells = np.floor(found / DWELL_CELL).astype(np.int64)
     low = cells.min(axis=0)
     wide, high = (cells.max(axis=0) - low + 1).tolist()
-    if wide * high > MOST_PIXELS**2:
+    if wide * high > MAX_PIXELS**2:
         raise OptionError(
             f"--density: the paths of the agents reach over {wide * DWELL_CELL:,.0f} x {high * DWELL_CELL:,.0f} m"
         )
@@ -418,10 +418,10 @@ def _dwell(trajectories: Rows, tracks: Rows, frame: str) -> Dwell | None:
 
 
 def _thinned(rows: Int64) -> Int64:
-    """Return at most `MOST_POINTS` rows, evenly spaced, the last one included."""
-    if len(rows) <= MOST_POINTS:
+    """Return at most `MAX_POINTS` rows, evenly spaced, the last one included."""
+    if len(rows) <= MAX_POINTS:
         return rows
-    return rows[np.linspace(0, len(rows) - 1, MOST_POINTS).astype(np.int64)]
+    return rows[np.linspace(0, len(rows) - 1, MAX_POINTS).astype(np.int64)]
 
 
 @dataclass(frozen=True, slots=True)
@@ -528,7 +528,7 @@ class _ChangedRun:
         """Yield numbers: on the far side of the place that a thing comes from, else to the upper right."""
         from lidarcli.reports.changes import FIRST
 
-        for one, box, old in sorted(self.changes, key=lambda each: FIRST.index(each[0].status))[:MOST_NUMBERS]:
+        for one, box, old in sorted(self.changes, key=lambda each: FIRST.index(each[0].status))[:MAX_NUMBERS]:
             away = (box.x - 1.0, box.y - 1.0) if old is None else old[:2]
             yield Label(str(one.thing), box.outline, STYLES[one.status]["ec"], away)
 
@@ -596,7 +596,7 @@ def _draw_background(axes: Axes, one: Background) -> None:
     surface = np.isfinite(one.r_e)
     ahead = np.stack([np.cos(direction), np.sin(direction)], axis=-1)
     ends = np.stack([x0, y0], axis=-1)[:, None] + np.where(surface, one.r_e, 0.0)[..., None] * ahead
-    thin = slice(None, None, max(1, int(np.count_nonzero(surface)) // MOST_SURFACES))
+    thin = slice(None, None, max(1, int(np.count_nonzero(surface)) // MAX_SURFACES))
     support = one.support[surface][thin]
     x, y = ends[surface][thin].T
     drawn = axes.scatter(x, y, 3.0, support, cmap=SUPPORT_COLOURS, linewidths=0, rasterized=True)

@@ -14,13 +14,12 @@ from matplotlib.animation import FFMpegWriter
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from lidarcli import palette
-from lidarcli.choices import ANIMATED_DPI, AS_IT_COMES, FRAMES_PER_SECOND, Look
-from lidarcli.display import counted, stamp
+from lidarcli.display import palette
+from lidarcli.display.texts import counted, stamp
 from lidarcli.errors import OptionError
 from lidarcli.formalism import Detection
 from lidarcli.formalism.detection import CORNER, OBJECT, ROUND, SETS, SHAPES, VERTEX_KINDS, WALL
-from lidarcli.masks import Polygon
+from lidarcli.options.choices import ANIMATED_DPI, AS_IT_COMES, FRAMES_PER_SECOND, Look
 from lidarcli.reports.drawing import (
     Entries,
     Frame,
@@ -42,8 +41,9 @@ from lidarcli.reports.drawing import (
     write_gif,
 )
 from lidarcli.reports.ground import TrackPath
-from lidarcli.sweeps import TURN, Bool, Float64, Int64, SweepBatch
-from lidarcli.zone import Line, Zone, inside
+from lidarcli.sweeps.masks import Polygon
+from lidarcli.sweeps.types import TURN, Bool, Float64, Int64, SweepBatch
+from lidarcli.sweeps.zone import Line, Zone, inside
 
 __all__ = ["Axes", "Figure", "figure_of"]
 CIRCLE = np.stack([np.cos(turns := np.linspace(0.0, 2.0 * np.pi, 73)), np.sin(turns)], axis=1)
@@ -55,13 +55,13 @@ WIDE, MIDDLE, NARROW = 7.2, 5.04, 3.5
 WIDTHS = {"all": WIDE, "scene": NARROW, "sweep": MIDDLE}
 ELONGATED = 1.5
 """Least ratio of width to height of a scene that stands above its curves."""
-LEAST_WIDE = 5.0
+MIN_WIDE = 5.0
 """Least width of a picture whose scene stands beside its curves [inch]."""
 CURVE, LOW_CURVE = 1.3, 1.1
 """Height of a curve beside a scene or alone, and of one below a scene [inch]."""
-MOST_NUMBERS = 60
+MAX_NUMBERS = 60
 """Most objects that are numbered."""
-DOT, LEAST_DOT, LARGEST_DOT = 0.045, 1.4, 2.8
+DOT, MIN_DOT, MAX_DOT = 0.045, 1.4, 2.8
 """Diameter of a beam's dot [m], and its bounds [pt]."""
 CURVE_DOT = 1.7
 """Diameter of a beam's dot in a curve [pt]."""
@@ -293,7 +293,7 @@ def scene(picture: Picture, limits: Limits | None = None, width: float = NARROW,
     vertices : mark start, end and corners of each object, and the point that is nearest to the sensor
     """
     limits = limits or limits_of([picture])
-    dot = float(np.clip(DOT * 72.0 * width / (limits.x[1] - limits.x[0]), LEAST_DOT, LARGEST_DOT))
+    dot = float(np.clip(DOT * 72.0 * width / (limits.x[1] - limits.x[0]), MIN_DOT, MAX_DOT))
     marks = [*_beams(picture, picture.points, dot), sensor()]
     labels = []
     # The gravest lie on top.
@@ -319,7 +319,7 @@ def scene(picture: Picture, limits: Limits | None = None, width: float = NARROW,
         ahead = (float(at[0, 0] + path.velocity[0]), float(at[0, 1] + path.velocity[1]))
         colour = palette.SET_STYLES["A" if path.is_agent else "O"][0]
         labels.append(Label(words, at, colour, ahead if any(path.velocity) else (0.0, 0.0)))
-    if picture.tracks is None and len(picture.things) <= MOST_NUMBERS:
+    if picture.tracks is None and len(picture.things) <= MAX_NUMBERS:
         labels = [*(Label(str(int(found.object[k])), picture.outline(k)) for k in picture.things), *labels]
     return Panel(Frame(limits.x, limits.y, ("x [m]", "y [m]"), equal=True), marks, labels)
 
@@ -571,7 +571,7 @@ def places_of(picture: Picture, view: str, limits: Limits, look: Look) -> list[P
     """Return the panels of a view."""
     compared = [] if picture.background is None else [backgrounds, subtraction]
     curves, width = [sweep, difference, *compared], width_of(view, look)
-    side_by_side = view == "all" and limits.aspect <= ELONGATED and width >= LEAST_WIDE
+    side_by_side = view == "all" and limits.aspect <= ELONGATED and width >= MIN_WIDE
 
     def above(picture: Picture, limits: Limits) -> Panel:
         return scene(picture, limits, 0.85 * width * (_share(limits) if side_by_side else 1.0), vertices=look.vertices)

@@ -10,7 +10,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from lidarcli._version import __version__
-from lidarcli.display import visible
+from lidarcli.display.texts import visible
 from lidarcli.reports.checks import Verdict
 from lidarcli.reports.document import Report
 from lidarcli.reports.figures import plain_numbers

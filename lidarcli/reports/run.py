@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from lidarcli.display import stamp
+from lidarcli.display.texts import stamp
 from lidarcli.reports.columns import Origin, Record
 from lidarcli.reports.document import (
     MARKDOWN,
@@ -69,7 +69,7 @@ from lidarcli.reports.wording import (
     share,
     spark,
 )
-from lidarcli.sweeps import Float64, worth_telling
+from lidarcli.sweeps.types import Float64, worth_telling
 
 STREAMS, STREAMS_OF_PAGE = 12, 100
 """Most logs and topics that tables show; the JSON holds all."""

@@ -7,8 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lidarcli.choices import beams_on
 from lidarcli.errors import OptionError
+from lidarcli.options.choices import beams_on
+from lidarcli.options.times import SAME_STAMP
 from lidarcli.reports.columns import Origin, Record, Rows, Run, places, same_recording
 from lidarcli.reports.figures import (
     CATEGORIES,
@@ -28,8 +29,7 @@ from lidarcli.reports.figures import (
 )
 from lidarcli.reports.wording import means_of, number, percent, quantity, share, span
 from lidarcli.reports.zones import ZonesPart, zones_part
-from lidarcli.sweeps import STATUSES, Bool, Float64, Int64
-from lidarcli.times import SAME_STAMP
+from lidarcli.sweeps.types import STATUSES, Bool, Float64, Int64
 
 GAP = 1.5
 """Least step that is a gap, by the median step: at least one sweep is missing."""

@@ -11,7 +11,7 @@ from rich.console import Console, RenderableType
 from rich.table import Table as RichTable
 from rich.text import Text
 
-from lidarcli.display import no_command, visible
+from lidarcli.display.texts import no_command, visible
 from lidarcli.reports.document import (
     MARKDOWN,
     TEXT,

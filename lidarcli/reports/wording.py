@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lidarcli import display
+from lidarcli.display import texts
 from lidarcli.reports.figures import PERCENT, Density, unit_of
-from lidarcli.sweeps import Float64, Int64
+from lidarcli.sweeps.types import Float64, Int64
 
 NONE = "-"
 TINY = 1e-12
@@ -146,7 +146,7 @@ def counted(value: float | None, name: str) -> str:
     >>> counted(1, "log"), counted(1200, "log")
     ('1 log', '1,200 logs')
     """
-    return f"{NONE} {name}s" if value is None else display.counted(int(value), name)
+    return f"{NONE} {name}s" if value is None else texts.counted(int(value), name)
 
 
 def in_unit(value: float | None, unit: str = "", form: str = "") -> str:

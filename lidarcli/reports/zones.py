@@ -10,9 +10,8 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
+from lidarcli.display.palette import ZONE_COLOURS
 from lidarcli.errors import OptionError
-from lidarcli.masks import Circle
-from lidarcli.palette import ZONE_COLOURS
 from lidarcli.reports.checks import Check, Verdict, accepts, count_events, parse_check, verdict_of
 from lidarcli.reports.columns import Origin, Record, Rows, Sight, ZoneRows, least_observed, missing_of
 from lidarcli.reports.document import (
@@ -31,10 +30,11 @@ from lidarcli.reports.document import (
 )
 from lidarcli.reports.figures import STATISTICS, ZONES, Spread, plain_fields, plain_number, zone_of
 from lidarcli.reports.wording import NONE, column, counted, in_unit, number, percent
-from lidarcli.sweeps import Bool, Float64, Int64
+from lidarcli.sweeps.masks import Circle
+from lidarcli.sweeps.types import Bool, Float64, Int64
+from lidarcli.sweeps.zone import SENSOR, WORLD, outline
 from lidarcli.tabular.reading import note_value, notes_of
 from lidarcli.tabular.writing import PARAMETERS
-from lidarcli.zone import SENSOR, WORLD, outline
 
 _ZONE_NAMED = re.compile(r"\bzone\s*([=!])=\s*([\w-]+)")
 """A zone that the condition of a check names, and whether it is the one or any other."""
@@ -48,7 +48,7 @@ KEPT = 100
 """Most events that are kept one by one."""
 FINEST = 1_000
 """Parts of the time of a log that bands tell apart."""
-MOST_CORNERS = 1_000
+MAX_CORNERS = 1_000
 """Most corners of an outline that a page shows."""
 LISTED = ("occupied", "approach", "stale")
 """Kinds of the events that are listed; visits and crossings are counted."""
@@ -480,7 +480,7 @@ def _corners(shape: Mapping[str, Any]) -> tuple[tuple[float, float], ...]:
             points = np.array(shape.get("polygon", shape.get("line")), np.float64)
     except (KeyError, TypeError, ValueError):
         return ()
-    known = points.ndim == 2 and points.shape[1] == 2 and len(points) <= MOST_CORNERS
+    known = points.ndim == 2 and points.shape[1] == 2 and len(points) <= MAX_CORNERS
     return tuple((x, y) for x, y in points.tolist()) if known and np.isfinite(points).all() else ()
 
 

@@ -9,7 +9,7 @@ from math import ceil
 import numpy as np
 
 from lidarcli.simulation.scene import Entity, Odometry, Scene, Sensor
-from lidarcli.sweeps import TURN, Bool, Float32, Float64, Int32, Int64, RawSweeps, concatenate
+from lidarcli.sweeps.types import TURN, Bool, Float32, Float64, Int32, Int64, RawSweeps, concatenate
 
 _CELLS = 1 << 20
 """Largest number of beam × primitive pairs held at once: what stays near the cache."""

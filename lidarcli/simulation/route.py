@@ -13,7 +13,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from lidarcli.sweeps import Float64
+from lidarcli.sweeps.types import Float64
 
 Corner = Literal["round", "stop"]
 CORNERS: tuple[Corner, ...] = ("round", "stop")

@@ -7,17 +7,17 @@ from dataclasses import dataclass, replace
 from os import PathLike
 from pathlib import Path
 
-from lidarcli.choices import CONTAINER_BY_SUFFIX, MAP_RESOLUTION
 from lidarcli.errors import OptionError
-from lidarcli.newfiles import NewFiles, refuse, refuse_nameless, writing
+from lidarcli.files.newfiles import NewFiles, refuse, refuse_nameless, writing
+from lidarcli.files.stores import Url, place
+from lidarcli.options.choices import CONTAINER_BY_SUFFIX, MAP_RESOLUTION
 from lidarcli.simulation.scene import MAX_SWEEPS, Scene, load_scene
-from lidarcli.stores import Url, place
-from lidarcli.sweeps import RawSweeps
+from lidarcli.sweeps.types import RawSweeps
 
 MAX_SECONDS = 400_000_000
 """Longest log [s]: the seconds of a ROS 2 stamp end in 2038."""
 MAX_SEED = (1 << 63) - 1
-LEAST_CELL, LARGEST_CELL = 0.001, 1000.0
+MIN_CELL, MAX_CELL = 0.001, 1000.0
 _SUFFIXES = (*(f"{suffix}.gz" for suffix in CONTAINER_BY_SUFFIX), *CONTAINER_BY_SUFFIX)
 
 
@@ -74,10 +74,8 @@ def simulate(
     if not 0 <= seed <= MAX_SEED:
         raise OptionError(f"--seed must be at least 0 and at most {MAX_SEED}, not {seed}")
     resolution = MAP_RESOLUTION if map_resolution is None else map_resolution
-    if not LEAST_CELL <= resolution <= LARGEST_CELL:
-        raise OptionError(
-            f"--map-resolution must be at least {LEAST_CELL:g} and at most {LARGEST_CELL:g} m, not {resolution:g}"
-        )
+    if not MIN_CELL <= resolution <= MAX_CELL:
+        raise OptionError(f"--map-resolution must be at least {MIN_CELL:g} and at most {MAX_CELL:g} m, not {resolution:g}")
     if map is None and map_resolution is not None:
         raise OptionError("--map-resolution is that of --map: name its file, too")
     log = place(out)
@@ -137,7 +135,7 @@ def simulate(
 
 def _map_data(scene: Scene, sweeps: int, resolution: float, image: str) -> tuple[bytes, bytes]:
     """Return the true map as YAML and PGM."""
-    from lidarcli.maps import pgm_bytes, yaml_bytes
+    from lidarcli.maps.grids import pgm_bytes, yaml_bytes
     from lidarcli.simulation.truth import true_map
 
     grid = true_map(scene, sweeps, resolution)

@@ -15,24 +15,24 @@ from typing import Literal, cast
 
 import numpy as np
 
-from lidarcli.configfiles import Fields, read_toml
 from lidarcli.errors import OptionError
+from lidarcli.files.configfiles import Fields, read_toml
 from lidarcli.simulation.route import CORNERS, STEPS, Corner, Route, Waypoint, feet, plan_route
-from lidarcli.sweeps import TURN, Bool, Float64
+from lidarcli.sweeps.types import TURN, Bool, Float64
 
 MAX_WAYPOINTS = 1_000
 LEAST = 1e-3
 """Least of a route's speeds [m/s], accelerations [m/s²], turn rates [degrees/s], radii and ways between points [m]."""
 MAX_DELAY = 10.0
 """Most that the stamps of poses may be off [s]."""
-LEAST_COURSE = 1e-6
+MIN_COURSE = 1e-6
 MAX_BEAMS = 100_000
 MAX_SWEEPS = 10_000_000
 MAX_SHAPES = 10_000
 """Most straight sides and circles of all entities: each beam meets all of them."""
 MAX_FLICKER = 0.9
-LEAST_RATE = 1e-3
-LEAST_STEP = 1e-9
+MIN_RATE = 1e-3
+MIN_STEP = 1e-9
 
 LostAs = Literal["inf", "nan", "mixed", "zero", "max"]
 LOST_AS: tuple[LostAs, ...] = ("inf", "nan", "mixed", "zero", "max")
@@ -389,9 +389,9 @@ def _course(fields: Fields) -> Course:
         course.done()
     if fields.has("waypoints", "super_ellipse") and speed == 0:
         fields.fail("speed", "must be above 0 for a robot that drives")
-    if speed and len(points) > 1 and np.ptp(points, axis=0).max() < LEAST_COURSE:
+    if speed and len(points) > 1 and np.ptp(points, axis=0).max() < MIN_COURSE:
         driven = "waypoints" if fields.has("waypoints") else "super_ellipse"
-        fields.fail(driven, f"must reach over {LEAST_COURSE:g} m at least: there is no way to drive")
+        fields.fail(driven, f"must reach over {MIN_COURSE:g} m at least: there is no way to drive")
     return Course(points, speed, yaw)
 
 
@@ -492,8 +492,8 @@ def _sensor(fields: Fields) -> Sensor:
         if last <= first:
             fields.fail("angle_max", "must be above angle_min; for a sensor turning clockwise set clockwise = true")
         step = (last - first) / max(beams - 1, 1)
-    if beams > 1 and step < LEAST_STEP:
-        fields.fail("beams", f"leaves {step:g} degrees from beam to beam; the least is {LEAST_STEP:g}")
+    if beams > 1 and step < MIN_STEP:
+        fields.fail("beams", f"leaves {step:g} degrees from beam to beam; the least is {MIN_STEP:g}")
     if fields.flag("clockwise", False):
         first, step = first + step * (beams - 1), -step
     range_min = fields.number("range_min", default.range_min, low=0)
@@ -508,7 +508,7 @@ def _sensor(fields: Fields) -> Sensor:
         resolution=fields.number("resolution", 0.0, low=0, high=1),
         lost=fields.number("lost", 0.0, low=0, high=1),
         lost_as=cast(LostAs, fields.text("lost_as", "mixed", LOST_AS)),
-        rate=fields.number("rate", default.rate, low=LEAST_RATE, high=1e6),
+        rate=fields.number("rate", default.rate, low=MIN_RATE, high=1e6),
         topic=fields.text("topic", default.topic),
         frame_id=fields.text("frame_id", default.frame_id),
         beams_jitter=fields.whole("beams_jitter", 0, low=0, high=beams - 1),

@@ -14,11 +14,11 @@ from numpy.typing import NDArray
 from lidarcli._version import __version__
 from lidarcli.errors import OptionError
 from lidarcli.formalism.mapping.grid import HIT, SKIPPED, Beams, Counts, Occupancy, TooLargeError
-from lidarcli.maps import MOST_PIXELS
-from lidarcli.range_rules import RangeRules, normalise
+from lidarcli.maps.grids import MAX_PIXELS
 from lidarcli.simulation.generate import SimulatedBlock, relative, simulate_blocks
 from lidarcli.simulation.scene import Scene
-from lidarcli.sweeps import TURN, Column, Float64, Status
+from lidarcli.sweeps.range_rules import RangeRules, normalise
+from lidarcli.sweeps.types import TURN, Column, Float64, Status
 from lidarcli.tabular.schemas import BEAM_OF_SENSOR, field_of
 
 _Index = NDArray[np.intp]
@@ -176,9 +176,9 @@ def _wrap(angle: Float64) -> Float64:
     return wrapped
 
 
-MOST_CELLS = MOST_PIXELS
+MAX_CELLS = MAX_PIXELS
 """Largest map: what is written can be read again."""
-MOST_BEAMS = (1 << 31) - 1
+MAX_BEAMS = (1 << 31) - 1
 """Most beams that are counted one by one: counts are int32."""
 _BLOCK, _BLOCK_BEAMS = 512, 1 << 18
 """Most sweeps, and about as many beams, that are held at once."""
@@ -200,7 +200,7 @@ def true_map(scene: Scene, sweeps: int, resolution: float) -> Occupancy:
     Raises
     ------
     OptionError
-        The ground that is seen has more than `MOST_CELLS` cells, there are more than `MOST_BEAMS` beams that take time, or
+        The ground that is seen has more than `MAX_CELLS` cells, there are more than `MAX_BEAMS` beams that take time, or
         nothing that stands still is seen.
     """
     faultless = {"noise": 0.0, "noise_per_metre": 0.0, "resolution": 0.0, "lost": 0.0, "mixed_pixels": 0.0, "flicker": 0.0}
@@ -208,19 +208,19 @@ def true_map(scene: Scene, sweeps: int, resolution: float) -> Occupancy:
     still = tuple(replace(entity, lost=0.0) for entity in scene.entities if entity.motion.still)
     scene = replace(scene, sensor=sensor, entities=still)
     different = min(sweeps, 1) if scene.still else sweeps
-    if sensor.time_increment and different * sensor.beams > MOST_BEAMS:
+    if sensor.time_increment and different * sensor.beams > MAX_BEAMS:
         raise OptionError(
-            f"--map: {different * sensor.beams:,} beams that take time are more than a true map counts ({MOST_BEAMS:,}); "
+            f"--map: {different * sensor.beams:,} beams that take time are more than a true map counts ({MAX_BEAMS:,}); "
             "take fewer --sweeps"
         )
-    counts = Counts(resolution, MOST_CELLS)
+    counts = Counts(resolution, MAX_CELLS)
     size = min(_BLOCK, max(1, _BLOCK_BEAMS // sensor.beams))
     for block in simulate_blocks(scene, different, size=size):
         try:
             counts.add(_placed(scene, block))
         except TooLargeError as err:
             raise OptionError(
-                f"--map: the true map would reach over {err}, more than {MOST_CELLS:,} cells of {resolution:g} m; "
+                f"--map: the true map would reach over {err}, more than {MAX_CELLS:,} cells of {resolution:g} m; "
                 "take a coarser --map-resolution"
             ) from err
     grid = counts.occupancy(1, 0.0, "map")

@@ -21,8 +21,8 @@ from rosbags.interfaces import Connection
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
 from rosbags.typesys.store import Typestore
 
-from lidarcli.choices import CONTAINER_BY_SUFFIX, CONTAINERS
 from lidarcli.errors import OptionError, OutputError
+from lidarcli.options.choices import CONTAINER_BY_SUFFIX, CONTAINERS
 from lidarcli.ros.messages import (
     BAG_COMPRESSIONS,
     ODOMETRY,
@@ -39,7 +39,7 @@ from lidarcli.ros.messages import (
     start,
 )
 from lidarcli.simulation.generate import SimulatedPoses
-from lidarcli.sweeps import Float32, RawSweeps
+from lidarcli.sweeps.types import Float32, RawSweeps
 
 
 @dataclass(frozen=True, slots=True)

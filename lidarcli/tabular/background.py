@@ -10,12 +10,12 @@ import numpy as np
 import pyarrow as pa
 
 from lidarcli.errors import UnreadableError
+from lidarcli.files.newfiles import NewFiles
+from lidarcli.files.stores import Place
 from lidarcli.formalism.background import SAME_BEAM, Background, Grid
-from lidarcli.newfiles import NewFiles
-from lidarcli.stores import Place
-from lidarcli.sweeps import Float64, SweepPoses
+from lidarcli.sweeps.types import Float64, SweepPoses
 from lidarcli.tabular.columns import codes, floats, plain
-from lidarcli.tabular.reading import GREATEST_VALUE, note_value, notes_of, parsed, read_columns
+from lidarcli.tabular.reading import MAX_VALUE, note_value, notes_of, parsed, read_columns
 from lidarcli.tabular.schemas import BACKGROUND
 from lidarcli.tabular.writing import DAMAGE, PARAMETERS, SOURCE, VERSION, ParquetSink
 
@@ -25,9 +25,9 @@ GEOMETRY = "lidarcli.geometry"
 _PER_BEAM = ("r_e", "r_near", "spread", "support", "no_return")
 NEAREST = 1e-9
 """Smallest range of a background [m]: no sensor measures that near, and steps of bearings are divided by it."""
-LEAST_STEP = 1e-9
+MIN_STEP = 1e-9
 """Smallest angle from beam to beam [rad]."""
-MOST_BEAMS_OF_SENSOR = 10_000_000
+MAX_BEAMS_OF_SENSOR = 10_000_000
 """Most beams of a sensor; sweeps have fewer."""
 SINGLE = 1e-6
 """Relative precision of a bearing that has been kept in single precision."""
@@ -129,10 +129,10 @@ def _entry(entry: Any) -> dict[str, Any]:
     angles = abs(found["angle_min"]), abs(found["angle_increment"])
     stations = found["station_distance"], found["station_angle"]
     if (
-        not (0 <= found["beams"] <= MOST_BEAMS_OF_SENSOR and 0 <= found["period"] <= found["beams"])
+        not (0 <= found["beams"] <= MAX_BEAMS_OF_SENSOR and 0 <= found["period"] <= found["beams"])
         or found["stations"] < 0
-        or not max(*angles, *stations) <= GREATEST_VALUE
-        or (found["beams"] > 1 and angles[1] < LEAST_STEP)
+        or not max(*angles, *stations) <= MAX_VALUE
+        or (found["beams"] > 1 and angles[1] < MIN_STEP)
         or not min(stations) > 0
         or not found["range_max"] > 0
     ):

@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 
 from lidarcli.formalism.detection import AGENT, COLUMNS, NOISE, OBJECT, Detection, fields_per
 from lidarcli.formalism.tracking.results import TrackedBatch, Tracks, Trajectories
-from lidarcli.range_rules import count_statuses
-from lidarcli.sweeps import STATUSES, Column, Int32, Per, SweepBatch, UInt8
+from lidarcli.sweeps.range_rules import count_statuses
+from lidarcli.sweeps.types import STATUSES, Column, Int32, Per, SweepBatch, UInt8
 from lidarcli.tabular.schemas import FACES, KINDS, SCHEMAS, STAMP, TABLES, VERTICES, schema_of
 
 

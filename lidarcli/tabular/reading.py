@@ -19,13 +19,13 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from lidarcli.errors import UnreadableError
-from lidarcli.stores import Place, Url
+from lidarcli.files.stores import Place, Url
 from lidarcli.tabular.columns import are, integers, plain
 from lidarcli.tabular.schemas import BACKGROUND, CHANGES, INFINITE, NULLABLE, SCHEMAS
 
 T = TypeVar("T")
 
-GREATEST_VALUE = 1e12
+MAX_VALUE = 1e12
 """Greatest number of a table [m], [rad]: no place on Earth is farther, whatever the origin."""
 DEEPEST_METADATA = 20
 """Levels of lists and objects in a value of the metadata; what lidarcli writes has four."""
@@ -37,7 +37,7 @@ MAKERS = {"background": "background build", "tracks": "track", "trajectories": "
 """Kind of table → the command that writes it, where that is not `detect`."""
 KINDS = {**SCHEMAS, "background": BACKGROUND, "changes": CHANGES}
 """Kind of table → the columns by which it is recognised."""
-MOST_WHOLE = 1 << 53
+MAX_WHOLE = 1 << 53
 """Greatest count or index: up to here a double holds every whole number."""
 
 
@@ -211,7 +211,7 @@ def _begins_as_parquet(path: Place) -> bool:
 def _file(path: Place) -> pa.NativeFile:
     """Open a file of which parts are read."""
     if isinstance(path, Url):
-        from lidarcli.stores import open_object
+        from lidarcli.files.stores import open_object
 
         return open_object(path)
     # A name need not be UTF-8, and Arrow takes such a one as bytes alone.
@@ -313,7 +313,7 @@ def _refuse_values(place: str, field: pa.Field, column: pa.ChunkedArray) -> None
 
     if field.name in INFINITE:
         column = pc.if_else(pc.is_inf(column), pa.scalar(None, column.type), column)
-    least, most = (0, MOST_WHOLE) if whole else (-GREATEST_VALUE, GREATEST_VALUE)
+    least, most = (0, MAX_WHOLE) if whole else (-MAX_VALUE, MAX_VALUE)
     found = pc.min_max(column).as_py()
     if found["min"] is not None and found["min"] < least:
         raise UnreadableError(f"{place} holds {found['min']}; the least that it can be is {least:g}")

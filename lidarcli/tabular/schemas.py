@@ -7,11 +7,11 @@ from functools import partial
 
 import pyarrow as pa
 
-from lidarcli.choices import CHANGE_KINDS, CHANGE_STATUSES, CHANGE_WHYS, MAP_STATES
 from lidarcli.formalism.detection import COLUMNS, SETS, fields_per
 from lidarcli.formalism.tracking.results import TrackedBatch, Tracks, Trajectories
-from lidarcli.sweeps import STATUSES, Column, columns_of
-from lidarcli.zone import ACTIONS
+from lidarcli.options.choices import CHANGE_KINDS, CHANGE_STATUSES, CHANGE_WHYS, MAP_STATES
+from lidarcli.sweeps.types import STATUSES, Column, columns_of
+from lidarcli.sweeps.zone import ACTIONS
 
 TEXT = pa.dictionary(pa.int32(), pa.string())
 STAMP = pa.timestamp("ns", tz="UTC")

@@ -19,11 +19,11 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from lidarcli._version import __version__
-from lidarcli.choices import NS
 from lidarcli.errors import OutputError
-from lidarcli.machine import Threads
-from lidarcli.newfiles import NewFiles, writing
-from lidarcli.stores import Place
+from lidarcli.files.newfiles import NewFiles, writing
+from lidarcli.files.stores import Place
+from lidarcli.options.choices import NS
+from lidarcli.system.machine import Threads
 from lidarcli.tabular.columns import in_unit, restamped
 from lidarcli.tabular.schemas import SCHEMAS
 
@@ -41,9 +41,9 @@ WORTH_A_THREAD = 20_000
 """Rows left over in the end from which on a thread encodes them."""
 ORDERED = ("log", "topic", "station", "sweep", "stamp")
 """Columns with statistics: rows are in their order, so that readers may skip row groups."""
-MOST_PARTS = 500
+MAX_PARTS = 500
 """Batches that wait as they came: thousands of tiny ones would take far more memory than their rows."""
-MOST_BYTES = 8 << 20
+MAX_BYTES = 8 << 20
 """Bytes of rows that wait in memory for the rows of an earlier topic; more are put on disk."""
 BATCH_BYTES = 6 << 10
 """Bytes that a batch takes beside its rows: its columns, each with a type, buffers and a dictionary."""
@@ -133,7 +133,7 @@ class ParquetSink:
             return
         self._pending.append(rows)
         self._rows += rows.num_rows
-        if len(self._pending) > MOST_PARTS:
+        if len(self._pending) > MAX_PARTS:
             self._pending = self._joined().combine_chunks().to_batches()
         if self._rows >= ROWS_PER_GROUP:
             table = self._take(self._rows - self._rows % ROWS_PER_GROUP)
@@ -259,7 +259,7 @@ def _leaves(schema: pa.Schema) -> tuple[list[str], list[str]]:
 class TopicOrder:
     """Passes the rows of the first topic on at once and keeps those of other topics until `drain`.
 
-    Logs interleave their topics, and tables are in the order of topics. What is more than `MOST_BYTES` waits in one file,
+    Logs interleave their topics, and tables are in the order of topics. What is more than `MAX_BYTES` waits in one file,
     which has no name, so that nothing is left behind whatever happens to the process.
 
     Parameters
@@ -301,7 +301,7 @@ class TopicOrder:
             return
         self._waiting.setdefault((table, topic), []).append(rows)
         self._size += rows.nbytes + BATCH_BYTES
-        if self._size > MOST_BYTES:
+        if self._size > MAX_BYTES:
             self._put_away()
 
     def drain(self, table: str) -> None:

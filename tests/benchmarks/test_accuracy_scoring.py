@@ -8,7 +8,7 @@ import pytest
 from benchmarks.accuracy.cells import THINGS, WALL, Truth
 from benchmarks.accuracy.scoring import BEAMS, Score, assign, score
 from lidarcli.formalism import sweep
-from lidarcli.sweeps import Int64, SweepBatch
+from lidarcli.sweeps.types import Int64, SweepBatch
 
 BOX, POLE = THINGS.index("box"), THINGS.index("pole")
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from benchmarks.tracking.metrics import HALF, Agreement, Overlaps, agreement, overlaps
-from lidarcli.sweeps import Int64
+from lidarcli.sweeps.types import Int64
 
 
 def judge(truth: list[list[int]], tracks: list[list[int]]) -> Agreement:

@@ -10,7 +10,7 @@ import pytest
 from benchmarks.tracking.filters import Filters
 from benchmarks.tracking.more_rules import LegTracker, Sort
 from benchmarks.tracking.rules import Datmo, DynamicObstacleDetector, ObstacleDetector, Rules, Seen
-from lidarcli.sweeps import Float64
+from lidarcli.sweeps.types import Float64
 
 STEP = 0.1
 SQUARE = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * 0.15

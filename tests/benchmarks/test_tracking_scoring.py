@@ -12,7 +12,7 @@ from benchmarks.tracking.recordings import Detected, Recording, detected, in_bat
 from benchmarks.tracking.scoring import Share, score, too_small, undetected
 from lidarcli.simulation import scene as make
 from lidarcli.simulation.scene import Course, Motion, Scene, Sensor
-from lidarcli.sweeps import Float64
+from lidarcli.sweeps.types import Float64
 
 WALL, BOX, MOVER = 0, 1, 2
 

@@ -10,11 +10,11 @@ import numpy as np
 
 from lidarcli.formalism.mapping.grid import OCCUPIED
 from lidarcli.logs.batches import ReadOptions
-from lidarcli.maps import read_map
+from lidarcli.maps.grids import read_map
 from lidarcli.pipeline.inputs.search import find_logs
 from lidarcli.pipeline.mapping import MapOptions, Mapped, MapRun
 from lidarcli.simulation.writers import write_log
-from lidarcli.sweeps import RawSweeps
+from lidarcli.sweeps.types import RawSweeps
 from tests.places import SAMPLES
 from tests.sweeping import raw_sweeps
 

@@ -14,7 +14,7 @@ import pytest
 import lidarcli as package
 from lidarcli.cli import run
 from lidarcli.simulation.writers import write_log
-from lidarcli.sweeps import RawSweeps
+from lidarcli.sweeps.types import RawSweeps
 from tests.sweeping import raw_sweeps, round_room
 
 Run = Callable[..., Any]

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from lidarcli.simulation.writers import ROS1_BYTES, Outgoing, outgoing
-from lidarcli.sweeps import Bool, Float64
+from lidarcli.sweeps.types import Bool, Float64
 from tests.pipeline.drawn import SWEEPS, driven, round_about, stamps, told, write, write_messages
 from tests.pose.pose_messages import WITH_COVARIANCE, Maker
 

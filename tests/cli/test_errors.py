@@ -15,12 +15,12 @@ from typing import Any
 
 import pytest
 
-from lidarcli import machine
 from lidarcli.cli.settings import version_text
 from lidarcli.logs import open_log
 from lidarcli.logs.base import ReadReport
 from lidarcli.pipeline import detecting
 from lidarcli.simulation.writers import write_log
+from lidarcli.system import machine
 from tests.places import SAMPLES
 from tests.waiting import HANG, endless, wait_until
 

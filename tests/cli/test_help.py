@@ -17,11 +17,11 @@ import pytest
 
 import lidarcli as package
 from lidarcli.cli.commands import COMMANDS, DeclaredOption, cli
-from lidarcli.compiled import about_core
 from lidarcli.formalism import Parameters
-from lidarcli.option_forms import options_of
-from lidarcli.options import Learning, Mapping, Plotting, Reading, Reporting, Tabling
-from lidarcli.range_rules import RangeRules, parse_no_return
+from lidarcli.options.forms import options_of
+from lidarcli.options.groups import Learning, Mapping, Plotting, Reading, Reporting, Tabling
+from lidarcli.sweeps.range_rules import RangeRules, parse_no_return
+from lidarcli.system.compiled import about_core
 from tests.places import SAMPLES
 from tools.reference import commands
 

@@ -13,10 +13,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from lidarcli.findings import Finding, Fix, transform_lines
-from lidarcli.masks import Mask, Masks, Mount, Sector
 from lidarcli.pipeline.reading import deep
 from lidarcli.simulation.writers import write_log
+from lidarcli.sweeps.findings import Finding, Fix, transform_lines
+from lidarcli.sweeps.masks import Mask, Masks, Mount, Sector
 from tests.sweeping import room_sweeps
 
 Run = Callable[..., Any]

@@ -72,8 +72,8 @@ def test_a_damaged_log_is_mapped_as_far_as_it_can_be_read(lidarcli: Run, walk: P
 BEYOND = """
 import numpy as np
 from lidarcli.formalism.mapping.grid import Counts, TooLargeError, placed
-from lidarcli.range_rules import RangeRules, normalise
-from lidarcli.sweeps import SweepPoses
+from lidarcli.sweeps.range_rules import RangeRules, normalise
+from lidarcli.sweeps.types import SweepPoses
 from tests.sweeping import raw_sweeps, round_room
 batch = normalise(raw_sweeps(round_room(1, 90)), np.arange(1), RangeRules())
 for far in (1e12, 1e13, 1e15, 1.98e15, -1.98e15, 1e17, 1e25, 1e300):

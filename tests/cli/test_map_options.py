@@ -10,9 +10,9 @@ import pyarrow.parquet as pq
 import pytest
 
 from lidarcli.formalism.mapping.grid import OCCUPIED
-from lidarcli.maps import read_map
+from lidarcli.maps.grids import read_map
 from lidarcli.simulation.writers import write_log
-from lidarcli.sweeps import RawSweeps
+from lidarcli.sweeps.types import RawSweeps
 from tests.cli.maps import DRIVE, GHOST, Run, fields, near, occupied, ply
 from tests.sweeping import room_sweeps
 

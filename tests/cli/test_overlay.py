@@ -23,11 +23,11 @@ from rosbags.typesys import Stores, get_typestore
 from lidarcli.formalism.mapping.grid import Occupancy
 from lidarcli.logs import open_log
 from lidarcli.logs.base import POSE_TYPES, SCAN_TYPES, ReadReport
-from lidarcli.maps import pgm_bytes, yaml_bytes
+from lidarcli.maps.grids import pgm_bytes, yaml_bytes
 from lidarcli.overlays import viewers
 from lidarcli.overlays.objects import PART
 from lidarcli.simulation.writers import write_log
-from lidarcli.sweeps import RawSweeps, concatenate
+from lidarcli.sweeps.types import RawSweeps, concatenate
 from tests import text_logs
 from tests.overlays.reading import Read, read_back, stamp_ns
 from tests.places import REAL_LOGS, SAMPLES, needs_real_logs

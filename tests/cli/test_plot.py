@@ -21,7 +21,7 @@ from lidarcli.pipeline import plotting
 from lidarcli.pipeline.inputs.search import find_logs
 from lidarcli.pipeline.inputs.sources import Source
 from lidarcli.pipeline.plotting import PlotOptions, take_pictures
-from lidarcli.sweeps import SweepBatch
+from lidarcli.sweeps.types import SweepBatch
 from lidarcli.tabular import TRAJECTORIES
 from tests.places import SAMPLES
 from tests.reports.runs import trajectories

@@ -46,7 +46,7 @@ def _patience(monkeypatch: pytest.MonkeyPatch) -> None:
     for name in ("NO_COLOR", "FORCE_COLOR"):
         monkeypatch.delenv(name, raising=False)
     monkeypatch.setenv("TERM", "xterm")
-    monkeypatch.setattr("lidarcli.screen.PATIENCE", 0.0)
+    monkeypatch.setattr("lidarcli.display.screen.PATIENCE", 0.0)
 
 
 @contextmanager

@@ -14,7 +14,7 @@ from mcap.writer import Writer
 import lidarcli
 from lidarcli.cli import run
 from lidarcli.ros.messages import SCAN, cdr_scans, ros2_definition
-from lidarcli.sweeps import RawSweeps
+from lidarcli.sweeps.types import RawSweeps
 from tests.logs.test_segments import DEGREE, TURN_NS, cut
 from tests.sweeping import START, raw_sweeps
 

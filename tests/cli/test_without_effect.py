@@ -10,8 +10,8 @@ import click
 import pytest
 
 from lidarcli.cli.commands import COMMANDS, DeclaredOption, cli
-from lidarcli.option_forms import File, Text, options_of
-from lidarcli.options import CLOUDS, GEOMETRY, Ranges, Reading
+from lidarcli.options.forms import File, Text, options_of
+from lidarcli.options.groups import CLOUDS, GEOMETRY, Ranges, Reading
 from lidarcli.simulation.writers import write_log
 from tests.sweeping import room_sweeps
 

@@ -16,13 +16,13 @@ from mcap.writer import CompressionType, Writer
 
 import lidarcli
 from lidarcli.cli import run
-from lidarcli.foxglove import descriptors
 from lidarcli.logs import open_log
 from lidarcli.logs.base import ReadReport
+from lidarcli.ros.foxglove import descriptors
 from lidarcli.ros.messages import ROS1, bag_writer
 from lidarcli.simulation.generate import simulate_blocks
 from lidarcli.simulation.scene import load_scene
-from lidarcli.sweeps import RawSweeps, concatenate
+from lidarcli.sweeps.types import RawSweeps, concatenate
 from tests.copying.reading import bytes_that_differ, messages, ranges
 from tests.logs.scan_messages import scan
 from tests.places import SAMPLES

@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from lidarcli.copying import Copy, copy_log
+from lidarcli.copying.copying import Copy, copy_log
 from lidarcli.errors import OutputError
 from lidarcli.logs.blocks import ScanLayout
 from lidarcli.logs.rosbag2 import Rosbag2Log

@@ -13,7 +13,7 @@ from lidarcli.simulation import scene as make
 from lidarcli.simulation.generate import simulate_blocks, simulate_odometry
 from lidarcli.simulation.scene import Course, Entity, Odometry, Scene, Sensor, super_ellipse
 from lidarcli.simulation.writers import write_log
-from lidarcli.sweeps import TURN, Bool, Float64
+from lidarcli.sweeps.types import TURN, Bool, Float64
 
 SENSORS = (
     Sensor(beams=720, angle_increment=TURN / 720, noise=0.01, range_max=20.0),

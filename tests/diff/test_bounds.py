@@ -14,7 +14,7 @@ import lidarcli as package
 from lidarcli.errors import OptionError, UnreadableError
 from lidarcli.formalism.mapping.grid import FREE, OCCUPIED, Int8, Occupancy
 from lidarcli.formalism.matching import differences, ground
-from lidarcli.maps import pgm_bytes, yaml_bytes
+from lidarcli.maps.grids import pgm_bytes, yaml_bytes
 from lidarcli.pipeline import differing
 from tests.waiting import HANG
 
@@ -37,7 +37,7 @@ def walls(boxes: int) -> Int8:
 
 def test_a_map_of_too_many_occupied_cells(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     one = write_map(tmp_path / "one.yaml", walls(0))
-    monkeypatch.setattr(differing, "MOST_OCCUPIED", 395)
+    monkeypatch.setattr(differing, "MAX_OCCUPIED", 395)
     with pytest.raises(UnreadableError, match=r"one.yaml: 396 occupied cells are more than .*; make what lies"):
         package.diff(one, one)
 
@@ -45,7 +45,7 @@ def test_a_map_of_too_many_occupied_cells(tmp_path: Path, monkeypatch: pytest.Mo
 def test_structure_that_differs_in_too_many_places(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     one, other = (write_map(tmp_path / f"{boxes}.yaml", walls(boxes)) for boxes in (0, 3))
     assert package.diff(one, other).figures["new"] == 3.0
-    monkeypatch.setattr(differences, "MOST_CHANGES", 2)
+    monkeypatch.setattr(differences, "MAX_CHANGES", 2)
     with pytest.raises(UnreadableError, match=r"differ in 3 places of their structure, more than are told \(2\)"):
         package.diff(one, other)
 
@@ -53,7 +53,7 @@ def test_structure_that_differs_in_too_many_places(tmp_path: Path, monkeypatch: 
 def test_the_ground_of_all_runs_is_too_large(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     one = write_map(tmp_path / "one.yaml", walls(1))
     assert package.diff(one, one, one).figures["overlap"] == 1.0
-    monkeypatch.setattr(ground, "MOST_CELLS", 5000)
+    monkeypatch.setattr(ground, "MAX_CELLS", 5000)
     with pytest.raises(OptionError, match=r"^the ground of all runs would reach over 6 x 4 m; compare fewer"):
         package.diff(one, one, one)
 

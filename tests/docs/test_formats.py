@@ -7,10 +7,12 @@ from pathlib import Path
 
 import pytest
 
-from lidarcli import choices, configfiles, maps
+from lidarcli.files import configfiles
 from lidarcli.logs import base, batches, mcap_records, open_log, rosbag2, text, unpacking
 from lidarcli.logs.base import OpenOptions, ReadReport
 from lidarcli.logs.csv.layouts import LAYOUTS
+from lidarcli.maps import grids
+from lidarcli.options import choices
 from lidarcli.ros import bag_metadata
 from tests.docs.format_tests import ROWS
 from tests.places import ROOT
@@ -60,11 +62,11 @@ def test_the_bounds_are_those_of_the_code() -> None:
         "a line of a text log": f"{text.MAX_LINE >> 20} MiB",
         "damaged places that are named one by one": str(base.ReadReport.MAX_DAMAGE),
         "pixels of a map": (
-            f"one for each byte of its image; at least {maps.MOST_PACKED_PIXELS:,}, at most {maps.MOST_PIXELS:,}"
+            f"one for each byte of its image; at least {grids.MAX_PACKED_PIXELS:,}, at most {grids.MAX_PIXELS:,}"
         ),
         "numbers of files in YAML and TOML": (
             f"-{configfiles.LARGEST:,.0f} to {configfiles.LARGEST:,.0f} where nothing else is said; "
-            f"origins of maps within {maps.FARTHEST:,.0f} m; "
+            f"origins of maps within {grids.FARTHEST:,.0f} m; "
             f"cells of a map {1000 * choices.MAP_RESOLUTIONS[0]:g} mm to {choices.MAP_RESOLUTIONS[1]:g} m"
         ),
     }

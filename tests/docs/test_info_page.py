@@ -12,13 +12,13 @@ from typing import Any
 import pytest
 
 from lidarcli.cli.info import as_json
-from lidarcli.findings import IDS, Finding, Fix
 from lidarcli.logs.base import Topic
 from lidarcli.logs.clock import ClockInfo
 from lidarcli.logs.joined import Part
 from lidarcli.pipeline.inspecting import LogInfo, ScanInfo, Span
 from lidarcli.pipeline.reading.posing import PoseInfo
-from lidarcli.sweeps import Closure, Status
+from lidarcli.sweeps.findings import IDS, Finding, Fix
+from lidarcli.sweeps.types import Closure, Status
 from tests.fake_log import FakeLog
 from tests.places import ROOT
 

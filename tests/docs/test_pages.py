@@ -8,9 +8,10 @@ from pathlib import Path
 
 import pytest
 
-from lidarcli import __version__, choices
+from lidarcli import __version__
 from lidarcli.formalism.detection import SHAPES, VISIBILITIES
 from lidarcli.formalism.tracking.results import ENDS
+from lidarcli.options import choices
 from lidarcli.overlays import objects, viewers
 from lidarcli.overlays.markers import Kind
 from lidarcli.pipeline import mapping

@@ -17,7 +17,7 @@ from lidarcli.formalism.learning import Learning
 from lidarcli.formalism.subtraction import Subtraction, Tolerance, changes
 from lidarcli.simulation.generate import simulate_sweep_arrays
 from lidarcli.simulation.scene import Scene
-from lidarcli.sweeps import SweepBatch, SweepPoses
+from lidarcli.sweeps.types import SweepBatch, SweepPoses
 
 WIDE = Parameters(max_width=np.inf)
 """The parameters that go with a background."""

@@ -6,8 +6,8 @@ import numpy as np
 
 from lidarcli.formalism import Detection
 from lidarcli.formalism.detection import REQUIRED, fields_per
-from lidarcli.range_rules import RangeRules, normalise
-from lidarcli.sweeps import Closure, RawSweeps, SweepBatch
+from lidarcli.sweeps.range_rules import RangeRules, normalise
+from lidarcli.sweeps.types import Closure, RawSweeps, SweepBatch
 from tests.formalism.reference import EACH_BEARING_ONCE, FIRST_BEARING_TWICE, NO_TURN, Sweep
 from tests.sweeping import raw_sweeps
 

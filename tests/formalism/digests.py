@@ -14,9 +14,9 @@ from lidarcli.formalism import Detection, Parameters, detect, noise
 from lidarcli.logs import open_log
 from lidarcli.logs.base import ReadReport
 from lidarcli.logs.batches import ReadOptions, read_batches
-from lidarcli.range_rules import RangeRules, normalise
 from lidarcli.simulation.generate import simulate_sweep_arrays
-from lidarcli.sweeps import SweepBatch, concatenate
+from lidarcli.sweeps.range_rules import RangeRules, normalise
+from lidarcli.sweeps.types import SweepBatch, concatenate
 from tests.formalism.odd_batches import odd_batches
 
 PARAMETERS = [

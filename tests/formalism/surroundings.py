@@ -9,9 +9,9 @@ import numpy as np
 
 from benchmarks.scenes.random import FAULTS, KINDS, SENSORS, random_scene, sensor_with
 from lidarcli.formalism import Parameters
-from lidarcli.range_rules import RangeRules, normalise
 from lidarcli.simulation.generate import simulate_sweep_arrays
-from lidarcli.sweeps import SweepBatch, concatenate
+from lidarcli.sweeps.range_rules import RangeRules, normalise
+from lidarcli.sweeps.types import SweepBatch, concatenate
 from tests.formalism.batches import batch_of
 from tests.formalism.random_sweeps import random_sweep
 from tests.formalism.reference import EACH_BEARING_ONCE, Sweep

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from lidarcli.formalism.learning import BIN_UNITS, UNIT, Estimate, count_ranges, estimate, merge
-from lidarcli.sweeps import Float64
+from lidarcli.sweeps.types import Float64
 
 Observed = st.lists(st.tuples(st.integers(0, 3), st.floats(0.02, 30.0)), max_size=60)
 

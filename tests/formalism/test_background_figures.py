@@ -12,7 +12,7 @@ from benchmarks.scenes.random import KINDS, SENSORS, Kind, random_scene, sensor_
 from lidarcli.formalism.detection import APPEARED, REMOVED
 from lidarcli.formalism.subtraction import Tolerance
 from lidarcli.simulation.scene import Course, Scene, Sensor, box, cylinder, plant, super_ellipse, wall
-from lidarcli.sweeps import SweepBatch
+from lidarcli.sweeps.types import SweepBatch
 from tests.formalism.backgrounds import Counts, Trial, found_in, learned, score, simulated, with_poses
 
 SEEDS = range(6)

@@ -9,7 +9,7 @@ import pytest
 
 from lidarcli.formalism.background import Grid, Shift, align, expected, lines, project, shift
 from lidarcli.simulation import scene as make
-from lidarcli.sweeps import Float64, SweepBatch
+from lidarcli.sweeps.types import Float64, SweepBatch
 from tests.going import SENSORS, Drive, seen_going
 
 ROOM = make.wall([[-5, -4], [5, -4], [5, 4], [-5, 4], [-5, -4]])

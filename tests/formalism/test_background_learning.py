@@ -12,7 +12,7 @@ from benchmarks.scenes.random import KINDS, SENSORS, random_scene, sensor_with
 from lidarcli.formalism import learning as module
 from lidarcli.formalism.background import Background, Grid, Shift, align, expected, gather, lines, project, shift
 from lidarcli.formalism.learning import Estimate
-from lidarcli.sweeps import TURN, SweepBatch, SweepPoses
+from lidarcli.sweeps.types import TURN, SweepBatch, SweepPoses
 from tests.formalism.backgrounds import STEP, learned, learning, partial, simulated, with_poses
 
 PER_BEAM = [field.name for field in fields(Estimate)]
@@ -91,13 +91,13 @@ def test_a_sensor_that_moves_without_poses_seems_to_have_moved() -> None:
 
 
 def test_memory_is_bounded(monkeypatch: pytest.MonkeyPatch, drive: SweepBatch) -> None:
-    monkeypatch.setattr(module, "MOST_CELLS", 361 * 2)
+    monkeypatch.setattr(module, "MAX_CELLS", 361 * 2)
     state = learning(drive, 5)
     assert state.stations <= 2
     assert state.left_out > 10
     assert state.background().sweeps.sum() + state.left_out == 40
-    monkeypatch.setattr(module, "MOST_CELLS", 2000)
-    monkeypatch.setattr(module, "MOST_PENDING", 10)
+    monkeypatch.setattr(module, "MAX_CELLS", 2000)
+    monkeypatch.setattr(module, "MAX_PENDING", 10)
     crowded = room(400, seed=2)
     rng = np.random.default_rng(0)
     crowded = replace(crowded, ranges=rng.uniform(1, 9, crowded.ranges.shape).astype(np.float32))

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from lidarcli.formalism import Detection, sweep
 from lidarcli.formalism.detection import APPEARED, REMOVED, VISIBILITIES
 from lidarcli.formalism.subtraction import Tolerance
-from lidarcli.sweeps import TURN, SweepBatch
+from lidarcli.sweeps.types import TURN, SweepBatch
 from tests.formalism.backgrounds import found_in, learned, partial, with_poses
 
 GONE = Tolerance(removed=True)

@@ -10,9 +10,9 @@ import pytest
 
 from lidarcli.formalism.matching.catalogue import (
     KINDS,
-    LARGEST_SIZE,
-    LEAST_FIT,
-    SMALLEST_SIZE,
+    MAX_SIZE,
+    MIN_FIT,
+    MIN_SIZE,
     Catalogue,
     Evidence,
     Thing,
@@ -25,10 +25,10 @@ from lidarcli.formalism.matching.catalogue import (
 def possible(evidence: Evidence, catalogue: Catalogue) -> Any:
     """(M, E) True for entries that nothing contradicts."""
     compared = compare(evidence, catalogue)
-    return (compared.fit >= LEAST_FIT) & ~np.isneginf(compared.ratio)
+    return (compared.fit >= MIN_FIT) & ~np.isneginf(compared.ratio)
 
 
-RANGE = LARGEST_SIZE - SMALLEST_SIZE
+RANGE = MAX_SIZE - MIN_SIZE
 PALLET = Thing("pallet", "prismatic", length=1.2, width=0.8, tolerance=0.05)
 CHAIR = Thing("chair", "legged", legs=4, spacing=(0.4, 0.35), tolerance=0.02)
 PERSON = Thing("person", legs=2, spacing=(0.25,), tolerance=0.1)

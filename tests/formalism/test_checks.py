@@ -12,9 +12,9 @@ import pytest
 
 from lidarcli.formalism import detect, difference, noise, sweep
 from lidarcli.formalism.parameters import check
-from lidarcli.range_rules import RangeRules as Rules
-from lidarcli.range_rules import count_statuses, normalise
-from lidarcli.sweeps import SweepBatch
+from lidarcli.sweeps.range_rules import RangeRules as Rules
+from lidarcli.sweeps.range_rules import count_statuses, normalise
+from lidarcli.sweeps.types import SweepBatch
 from tests.sweeping import room_sweeps
 
 BATCH = sweep(np.tile([4.0, 4.0, 4.0, 2.0, 2.0, 2.0, 4.0, 4.0], (3, 1)), angle_increment=0.01)

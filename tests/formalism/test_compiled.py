@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from lidarcli import compiled
+from lidarcli.system import compiled
 from tests.places import REAL_LOGS, ROOT, SAMPLES, needs_real_logs
 
 

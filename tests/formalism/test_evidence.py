@@ -13,7 +13,7 @@ from lidarcli.formalism.matching.catalogue import KINDS, SEEN_AS, Evidence, evid
 from lidarcli.simulation import scene as make
 from lidarcli.simulation.generate import cast, place
 from lidarcli.simulation.scene import Entity
-from lidarcli.sweeps import Float64
+from lidarcli.sweeps.types import Float64
 
 BEAMS = 1440
 STEP = 2 * math.pi / BEAMS

@@ -23,7 +23,7 @@ from lidarcli.formalism.matching.differences import (
     within,
 )
 from lidarcli.formalism.matching.ground import Ground, of_map
-from lidarcli.sweeps import Float64
+from lidarcli.sweeps.types import Float64
 
 SIDE = 0.05
 

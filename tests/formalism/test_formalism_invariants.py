@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from lidarcli.formalism import PROFILES, SETS, Detection, detect
-from lidarcli.sweeps import Closure, SweepBatch
+from lidarcli.sweeps.types import Closure, SweepBatch
 from tests.formalism.batches import PER_BEAM, PER_FACE, PER_OBJECT, PER_SWEEP, PER_VERTEX, batch_of, joined, rows_of
 from tests.formalism.random_sweeps import random_sweep
 from tests.formalism.reference import Sweep

@@ -7,9 +7,9 @@ from math import hypot
 import numpy as np
 import pytest
 
-from lidarcli.choices import PROFILES
 from lidarcli.formalism import SHAPES, VISIBILITIES, Detection, Parameters, detect
 from lidarcli.formalism.parameters import Profile
+from lidarcli.options.choices import PROFILES
 from tests.formalism.batches import batch_of
 from tests.formalism.reference import EACH_BEARING_ONCE, Sweep
 

@@ -15,10 +15,10 @@ from lidarcli.formalism import Detection, Parameters, detect, sweep
 from lidarcli.formalism.detect import noise
 from lidarcli.formalism.detection import REMOVED, WALL, grouped_medians
 from lidarcli.formalism.subtraction import Difference, changes
-from lidarcli.range_rules import RangeRules, normalise
 from lidarcli.simulation.generate import simulate_sweep_arrays
 from lidarcli.simulation.scene import load_scene
-from lidarcli.sweeps import TURN, Closure, SweepBatch
+from lidarcli.sweeps.range_rules import RangeRules, normalise
+from lidarcli.sweeps.types import TURN, Closure, SweepBatch
 from tests.places import SAMPLES
 
 

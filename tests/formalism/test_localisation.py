@@ -9,11 +9,11 @@ import sys
 import numpy as np
 import pytest
 
-from lidarcli import compiled
-from lidarcli.choices import MAP_STATES
 from lidarcli.formalism.localisation import Field, field_of, intervals_of, judge, states_of
 from lidarcli.formalism.mapping.grid import FREE, OCCUPIED, UNKNOWN, Occupancy
-from lidarcli.sweeps import TURN, Float64
+from lidarcli.options.choices import MAP_STATES
+from lidarcli.sweeps.types import TURN, Float64
+from lidarcli.system import compiled
 from tests.places import ROOT
 
 SIZE, SIDE = 160, 0.05

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from lidarcli.formalism import Parameters, detect, sweep
-from lidarcli.sweeps import TURN
+from lidarcli.sweeps.types import TURN
 from tests.formalism.batches import spans
 
 WIDE = Parameters(max_width=np.inf)

@@ -8,10 +8,10 @@ from collections.abc import Sequence
 import numpy as np
 import pytest
 
-from lidarcli.choices import CHANGE_STATUSES, CHANGE_WHYS
 from lidarcli.formalism.matching.alignment import Standing, align
 from lidarcli.formalism.matching.differences import Change, Compared, Run
 from lidarcli.formalism.matching.ground import HERE, Motion
+from lidarcli.options.choices import CHANGE_STATUSES, CHANGE_WHYS
 
 Row = tuple[float, float, float, float]
 ROOM: tuple[Row, ...] = (

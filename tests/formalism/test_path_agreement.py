@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from lidarcli.formalism.path_agreement import Agreement, agreement
-from lidarcli.sweeps import Float64
+from lidarcli.sweeps.types import Float64
 
 SWEEPS, BEAMS = 60, 120
 STEP = 2.0 * np.pi / BEAMS

@@ -9,9 +9,9 @@ import sys
 import numpy as np
 import pytest
 
-from lidarcli import compiled
 from lidarcli.formalism.scan_matching import Matcher
-from lidarcli.sweeps import Float32, Float64
+from lidarcli.sweeps.types import Float32, Float64
+from lidarcli.system import compiled
 from tests.places import ROOT
 
 BEAMS = 181

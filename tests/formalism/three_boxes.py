@@ -9,11 +9,11 @@ import numpy as np
 
 import lidarcli
 from lidarcli.formalism.matching.catalogue import Catalogue, Thing
-from lidarcli.range_rules import RangeRules, normalise
 from lidarcli.simulation import scene as make
 from lidarcli.simulation.generate import simulate_sweep_arrays
 from lidarcli.simulation.scene import PARKED, Course, Scene, Sensor, super_ellipse
-from lidarcli.sweeps import TURN, SweepPoses
+from lidarcli.sweeps.range_rules import RangeRules, normalise
+from lidarcli.sweeps.types import TURN, SweepPoses
 
 SIDES = {"small": (0.70, 0.50), "middle": (0.75, 0.55), "large": (0.80, 0.60)}
 CATALOGUE = Catalogue(tuple(Thing(name, length=a, width=b, tolerance=0.005) for name, (a, b) in SIDES.items()))

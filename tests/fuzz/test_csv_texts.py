@@ -12,7 +12,7 @@ import pytest
 
 from lidarcli.errors import LidarcliError
 from lidarcli.logs.base import OpenOptions
-from lidarcli.range_rules import RangeRules, normalise
+from lidarcli.sweeps.range_rules import RangeRules, normalise
 from tests.logs.watched import CsvLog
 from tests.sweeping import STEP, raw_sweeps
 from tests.text_logs import LAYOUTS, write_csv

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from lidarcli.sweeps import RawSweeps
+from lidarcli.sweeps.types import RawSweeps
 from tests.sweeping import raw_sweeps
 
 START = 1_714_555_596_445_048_407

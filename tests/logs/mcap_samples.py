@@ -14,7 +14,7 @@ from google.protobuf.descriptor_pool import DescriptorPool
 from google.protobuf.message_factory import GetMessageClass
 from mcap.writer import CompressionType, IndexType, Writer
 
-from lidarcli.foxglove import SCAN, classes
+from lidarcli.ros.foxglove import SCAN, classes
 from tests.logs.scan_messages import scan
 
 COMPRESSIONS = {"none": CompressionType.NONE, "lz4": CompressionType.LZ4, "zstd": CompressionType.ZSTD}

@@ -13,7 +13,7 @@ from lidarcli.errors import NoScanError
 from lidarcli.logs import batches
 from lidarcli.logs.base import LASERSCAN, ReadReport, Topic
 from lidarcli.logs.batches import ReadOptions, read_batches
-from lidarcli.sweeps import RawSweeps, Status, SweepBatch
+from lidarcli.sweeps.types import RawSweeps, Status, SweepBatch
 from tests.fake_log import FakeLog
 from tests.sweeping import raw_sweeps
 

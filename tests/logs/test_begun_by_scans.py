@@ -16,7 +16,7 @@ from lidarcli.logs.base import ReadReport
 from lidarcli.logs.laserscan import scan_type
 from lidarcli.pipeline.inputs.sources import Source
 from lidarcli.pipeline.inspecting import inspect_log
-from lidarcli.sweeps import concatenate
+from lidarcli.sweeps.types import concatenate
 from tests.logs.mcap_samples import LASERSCAN_IDL, LASERSCAN_MSG, sample
 from tests.logs.scan_messages import scan
 from tests.logs.test_odd_logs import write_db3

@@ -18,7 +18,7 @@ from lidarcli.logs.base import POSE_TYPES, ReadReport
 from lidarcli.logs.carmen import LASERS
 from lidarcli.pipeline.reading.posing import PoseOptions, find_poses
 from lidarcli.pose.tracks import planar
-from lidarcli.sweeps import RawSweeps, Status, concatenate
+from lidarcli.sweeps.types import RawSweeps, Status, concatenate
 from tests.logs.watched import CarmenLog
 from tests.places import SAMPLES
 from tests.text_logs import simulate

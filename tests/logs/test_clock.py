@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from lidarcli.logs.clock import HELD, Clock, mended
-from lidarcli.sweeps import Int64, RawSweeps, concatenate
+from lidarcli.sweeps.types import Int64, RawSweeps, concatenate
 from tests.pipeline.in_memory import block
 
 

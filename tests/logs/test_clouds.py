@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from lidarcli.foxglove import CLOUD, classes
 from lidarcli.logs import clouds
 from lidarcli.logs.base import Message, OpenOptions, ReadReport, Slice
 from lidarcli.logs.clouds import Bins, Levelled, Slicer, slice_cloud
 from lidarcli.ros import cursor
-from lidarcli.sweeps import TURN
+from lidarcli.ros.foxglove import CLOUD, classes
+from lidarcli.sweeps.types import TURN
 from tests.logs.cloud_messages import XYZ, message, point_bytes
 from tests.logs.cloud_messages import pointcloud2 as make
 from tests.pose.pose_messages import Pose

@@ -11,14 +11,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from lidarcli.choices import UNITS
 from lidarcli.errors import OptionError, UnreadableError
 from lidarcli.logs.base import LASERSCAN, Damage, OpenOptions, ReadReport, Topic
 from lidarcli.logs.batches import ReadOptions, read_batches
 from lidarcli.logs.cells import shown
 from lidarcli.logs.csv import CsvLog as AnyCsvLog
 from lidarcli.logs.registry import parse_columns
-from lidarcli.sweeps import RawSweeps, concatenate
+from lidarcli.options.choices import UNITS
+from lidarcli.sweeps.types import RawSweeps, concatenate
 from tests.logs.csv_sweeps import FIRST, START, STEP, sweeps
 from tests.logs.watched import CsvLog
 from tests.text_logs import LAYOUTS, write_csv

@@ -12,7 +12,7 @@ import pytest
 from lidarcli.errors import UnreadableError
 from lidarcli.logs.base import OpenOptions
 from lidarcli.logs.csv.beam_rows import BACK, DOUBLED, TURNS
-from lidarcli.sweeps import RawSweeps, concatenate
+from lidarcli.sweeps.types import RawSweeps, concatenate
 from tests.logs.watched import CsvLog
 
 FOV = OpenOptions(fov=2 * np.pi)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from lidarcli.errors import UnreadableError
-from lidarcli.sweeps import RawSweeps, concatenate
+from lidarcli.sweeps.types import RawSweeps, concatenate
 from tests.logs.watched import CsvLog
 
 HEAD = "log_time,publish_time,sequence"

@@ -16,9 +16,9 @@ from lidarcli.logs.base import LASERSCAN, ReadReport
 from lidarcli.logs.batches import ReadOptions, read_batches
 from lidarcli.logs.blocks import IN_DEGREES
 from lidarcli.logs.scan_checks import MOST, LogStats, ScanChecks
-from lidarcli.range_rules import RangeRules, normalise
-from lidarcli.sweeps import TURN, Bool, Int64, RawSweeps, concatenate
-from lidarcli.times import as_time
+from lidarcli.options.times import as_time
+from lidarcli.sweeps.range_rules import RangeRules, normalise
+from lidarcli.sweeps.types import TURN, Bool, Int64, RawSweeps, concatenate
 from tests.fake_log import FakeLog
 from tests.logs.scan_messages import scan
 from tests.logs.test_odd_logs import written

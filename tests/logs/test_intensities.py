@@ -13,7 +13,7 @@ import pytest
 import lidarcli
 from lidarcli.logs import open_log
 from lidarcli.logs.base import ReadReport
-from lidarcli.sweeps import RawSweeps, concatenate
+from lidarcli.sweeps.types import RawSweeps, concatenate
 from tests.places import SAMPLES
 from tests.sweeping import raw_sweeps
 from tests.text_logs import write_log

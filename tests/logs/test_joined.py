@@ -12,7 +12,7 @@ import pytest
 from lidarcli.errors import OptionError, UnreadableError
 from lidarcli.logs.base import LASERSCAN, POSE_TYPES, Log, Message, ReadReport, Topic
 from lidarcli.logs.joined import JoinedLog, Numbered, Part, numbered
-from lidarcli.sweeps import RawSweeps
+from lidarcli.sweeps.types import RawSweeps
 from tests.fake_log import FakeLog
 from tests.sweeping import room_sweeps
 

@@ -13,7 +13,7 @@ import pytest
 
 from lidarcli.logs import open_log
 from lidarcli.logs.base import MAX_BEAMS, POSE_TYPES, Damage, OpenOptions, ReadReport
-from lidarcli.sweeps import RawSweeps
+from lidarcli.sweeps.types import RawSweeps
 
 STAMP = 1_700_000_000_000_000_000
 LASER = (

@@ -15,7 +15,7 @@ from lidarcli.logs.base import MAX_BEAMS, ReadReport
 from lidarcli.logs.blocks import split_rows
 from lidarcli.logs.laserscan import decode_blocks
 from lidarcli.ros import cursor
-from lidarcli.sweeps import RawSweeps, concatenate
+from lidarcli.sweeps.types import RawSweeps, concatenate
 from tests.logs.scan_messages import GEOMETRY, scan
 
 

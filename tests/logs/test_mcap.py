@@ -13,14 +13,14 @@ import pytest
 from mcap.writer import IndexType, Writer
 
 from lidarcli.errors import UnreadableError
-from lidarcli.foxglove import SCAN as FOXGLOVE_SCAN
-from lidarcli.foxglove import descriptors
 from lidarcli.logs import foxglove, mcap
 from lidarcli.logs.base import LASERSCAN, ReadReport, Topic
 from lidarcli.pipeline.detecting import detect_to_files
 from lidarcli.pipeline.inputs.sources import Source
 from lidarcli.pipeline.objects.detection import DetectOptions
-from lidarcli.sweeps import RawSweeps, concatenate
+from lidarcli.ros.foxglove import SCAN as FOXGLOVE_SCAN
+from lidarcli.ros.foxglove import descriptors
+from lidarcli.sweeps.types import RawSweeps, concatenate
 from lidarcli.tabular.reading import file_metadata
 from lidarcli.tabular.writing import DAMAGE
 from tests.logs import mcap_samples as samples

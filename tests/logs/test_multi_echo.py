@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 import lidarcli
-from lidarcli.choices import ECHOES
 from lidarcli.errors import OptionError
 from lidarcli.logs import laserscan
 from lidarcli.logs.base import LASERSCAN, MULTI_ECHO
+from lidarcli.options.choices import ECHOES
 from lidarcli.tabular.reading import file_metadata
 from tests.logs.scan_messages import scan
 from tests.logs.test_laserscan import intensities_of, read

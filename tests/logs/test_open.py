@@ -19,7 +19,7 @@ from lidarcli.errors import UnreadableError
 from lidarcli.logs import open_log, registry
 from lidarcli.logs.base import ReadReport
 from lidarcli.logs.registry import FORMATS
-from lidarcli.sweeps import concatenate
+from lidarcli.sweeps.types import concatenate
 from tests.logs import mcap_samples
 from tests.places import ROOT, SAMPLES
 

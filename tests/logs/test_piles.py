@@ -17,9 +17,9 @@ from lidarcli.cli import run
 from lidarcli.logs.base import ReadReport
 from lidarcli.logs.batches import ReadOptions, read_batches
 from lidarcli.logs.piles import WINDOW, WINDOW_VALUES
-from lidarcli.range_rules import RangeRules
 from lidarcli.simulation.writers import write_mcap
-from lidarcli.sweeps import Float32, RawSweeps, Status, SweepBatch
+from lidarcli.sweeps.range_rules import RangeRules
+from lidarcli.sweeps.types import Float32, RawSweeps, Status, SweepBatch
 from tests.fake_log import FakeLog
 from tests.sweeping import raw_sweeps
 from tests.text_logs import write_carmen, write_csv

@@ -15,8 +15,8 @@ from lidarcli.logs import open_log
 from lidarcli.logs.base import OpenOptions, ReadReport
 from lidarcli.logs.csv import CsvLog as AnyCsvLog
 from lidarcli.logs.csv.beam_rows import LISTED, MEASURED, PRINTED, SAVED
-from lidarcli.range_rules import RangeRules, normalise
-from lidarcli.sweeps import RawSweeps, Status, concatenate
+from lidarcli.sweeps.range_rules import RangeRules, normalise
+from lidarcli.sweeps.types import RawSweeps, Status, concatenate
 from tests.logs.watched import CsvLog
 from tests.sweeping import raw_sweeps
 from tests.text_logs import write_rplidar

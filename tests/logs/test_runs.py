@@ -11,7 +11,7 @@ from lidarcli.errors import NoScanError
 from lidarcli.logs.base import ReadReport
 from lidarcli.logs.batches import ReadOptions, read_batches
 from lidarcli.logs.clock import mended, restarts
-from lidarcli.sweeps import Int64, RawSweeps
+from lidarcli.sweeps.types import Int64, RawSweeps
 from tests.fake_log import FakeLog
 from tests.logs.test_clock import block
 

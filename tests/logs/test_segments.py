@@ -10,7 +10,7 @@ import pytest
 
 from lidarcli.logs.base import ReadReport
 from lidarcli.logs.segments import join
-from lidarcli.sweeps import RawSweeps, concatenate
+from lidarcli.sweeps.types import RawSweeps, concatenate
 from tests.sweeping import START, raw_sweeps
 
 TURN_NS = 100_000_000

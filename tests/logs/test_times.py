@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from lidarcli.logs.cells import DAYS, MINUTES, TIME_OF_DAY, going_on, time_notes, time_unit, to_ns
-from lidarcli.times import Instant
+from lidarcli.options.times import Instant
 
 NOON = "2026-11-26T13:05:10"
 

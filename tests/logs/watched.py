@@ -7,7 +7,7 @@ from typing import Any
 
 from lidarcli.logs import carmen, csv, mcap, rosbag1, rosbag2
 from lidarcli.logs.base import Message, ReadReport
-from lidarcli.sweeps import RawSweeps
+from lidarcli.sweeps.types import RawSweeps
 
 
 class _Watched:

@@ -12,7 +12,7 @@ from rosbags.rosbag2.metadata import parse_qos
 from rosbags.typesys import Stores, get_typestore
 
 from lidarcli.formalism.mapping.grid import Occupancy
-from lidarcli.maps import MAP_TYPE, occupancy_cdr, write_occupancy_mcap
+from lidarcli.maps.grids import MAP_TYPE, occupancy_cdr, write_occupancy_mcap
 from lidarcli.ros.messages import ros2_definition
 
 STORE = get_typestore(Stores.ROS2_HUMBLE)

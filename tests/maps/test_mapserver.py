@@ -15,10 +15,10 @@ from hypothesis.extra.numpy import arrays
 from numpy.typing import NDArray
 from PIL import Image
 
-from lidarcli import maps
+import lidarcli.maps.grids
 from lidarcli.errors import UnreadableError
 from lidarcli.formalism.mapping.grid import Occupancy
-from lidarcli.maps import pgm_bytes, read_map, yaml_bytes
+from lidarcli.maps.grids import pgm_bytes, read_map, yaml_bytes
 
 GRID = Occupancy(0.05, -1.25, 3 * 0.05, np.array([[-1, 0, 100, 0], [100, -1, 0, 0], [0, 0, 0, 100]], np.int8))
 YAML = """\
@@ -201,13 +201,13 @@ def refused(path: Path) -> str:
 
 def test_a_large_image_needs_as_many_bytes_as_pixels(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A PNG of 8 kB may have 9 million pixels, and a bit of a PBM is one."""
-    monkeypatch.setattr(maps, "MOST_PACKED_PIXELS", 100)
+    monkeypatch.setattr(lidarcli.maps.grids, "MAX_PACKED_PIXELS", 100)
     path = put(tmp_path, GRID)
     (tmp_path / "map.pgm").write_bytes(b"P5\n20 20\n255\n" + bytes(400))
     assert read_map(path).occupied == 400
     (tmp_path / "map.pgm").write_bytes(b"P4\n20 20\n" + bytes(60))
     assert "has 20 x 20 pixels, and no more than 10" in refused(path)
-    monkeypatch.setattr(maps, "MOST_PIXELS", 399)
+    monkeypatch.setattr(lidarcli.maps.grids, "MAX_PIXELS", 399)
     (tmp_path / "map.pgm").write_bytes(b"P5\n20 20\n255\n" + bytes(400))
     assert refused(path).endswith("no more than 399 are read; cut it, or save the map with larger cells")
 

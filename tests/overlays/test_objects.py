@@ -9,9 +9,9 @@ import pyarrow as pa
 import pytest
 from numpy.typing import NDArray
 
+from lidarcli.display.palette import BLUE, SHAPE_COLOURS, VERMILION, on_dark
 from lidarcli.overlays.markers import Kind, Markers
-from lidarcli.overlays.objects import CLEAR, LEAST_SIDE, PART, SOLID, Poses, Trajectories, is_mirrored, markers_of, paths_of
-from lidarcli.palette import BLUE, SHAPE_COLOURS, VERMILION, on_dark
+from lidarcli.overlays.objects import CLEAR, MIN_SIDE, PART, SOLID, Poses, Trajectories, is_mirrored, markers_of, paths_of
 from lidarcli.tabular.schemas import OBJECTS, TRAJECTORIES
 
 NOWHERE = Poses(*(np.full(9, np.nan) for _ in range(3)))
@@ -89,7 +89,7 @@ def test_a_name_of_the_catalogue_stands_before_the_size() -> None:
     assert words(label) == ["1 Europalette € 0.60 x 0.40 m"]
 
 
-@pytest.mark.parametrize("width", [None, 0.0, LEAST_SIDE])
+@pytest.mark.parametrize("width", [None, 0.0, MIN_SIDE])
 def test_the_label_tells_no_width_that_was_not_seen(width: float | None) -> None:
     (label,) = of_kind(drawn({"box_width": width}), Kind.LABEL)
     assert words(label) == ["1 0.60 m"]

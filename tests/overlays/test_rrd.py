@@ -13,7 +13,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from lidarcli.formalism.mapping.grid import FREE, OCCUPIED, UNKNOWN, Occupancy
-from lidarcli.maps import pgm_bytes, yaml_bytes
+from lidarcli.maps.grids import pgm_bytes, yaml_bytes
 from lidarcli.pose.tracks import rotate
 from lidarcli.simulation.writers import write_log
 from tests.places import SAMPLES

@@ -7,7 +7,7 @@ import pytest
 from lidarcli.logs.base import Topic
 from lidarcli.pipeline import detecting, inspecting
 from lidarcli.pipeline.reading import one_log
-from lidarcli.sweeps import RawSweeps
+from lidarcli.sweeps.types import RawSweeps
 from tests.fake_log import FakeLog
 from tests.pipeline.in_memory import Opens
 

@@ -14,13 +14,13 @@ from lidarcli.logs import open_log
 from lidarcli.logs.registry import TopicChoice
 from lidarcli.pipeline.reading.path_check import CheckedPath, check_paths
 from lidarcli.pipeline.reading.posing import find_poses
-from lidarcli.range_rules import RangeRules
 from lidarcli.ros.messages import ROS1, Outgoing, bag_writer
 from lidarcli.simulation import scene as make
 from lidarcli.simulation.generate import START_NS, SimulatedPoses, relative, simulate_blocks
 from lidarcli.simulation.scene import Odometry, Scene, Sensor
 from lidarcli.simulation.writers import ROS1_BYTES, outgoing, write_log
-from lidarcli.sweeps import TURN, Float64, Int64, RawSweeps
+from lidarcli.sweeps.range_rules import RangeRules
+from lidarcli.sweeps.types import TURN, Float64, Int64, RawSweeps
 from tests.pose.pose_messages import SECOND
 
 SWEEPS = 200

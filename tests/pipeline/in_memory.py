@@ -8,7 +8,7 @@ import numpy as np
 
 from lidarcli.logs.base import LASERSCAN, Topic
 from lidarcli.pipeline.inputs.sources import Source
-from lidarcli.sweeps import RawSweeps
+from lidarcli.sweeps.types import RawSweeps
 from tests.fake_log import FakeLog
 from tests.sweeping import BOX, START, STEP, raw_sweeps, round_room
 

@@ -13,7 +13,7 @@ from lidarcli.formalism.detection import AGENT, OBJECT, SETS, SHAPES, Detection
 from lidarcli.formalism.matching.catalogue import Catalogue
 from lidarcli.formalism.parameters import TrackParameters
 from lidarcli.formalism.tracking.results import ENDS, TrackedBatch, Tracks, Trajectories
-from lidarcli.sweeps import SweepBatch
+from lidarcli.sweeps.types import SweepBatch
 
 PATIENCE = 100
 """Sweeps that are seen before the rows of one are settled."""

@@ -15,7 +15,7 @@ from lidarcli.ros.messages import ROS1, ROS2, Outgoing, bag_writer
 from lidarcli.simulation.generate import SimulatedPoses, relative
 from lidarcli.simulation.scene import Scene
 from lidarcli.simulation.writers import CDR, ENCODINGS, ROS1_BYTES, Encoding, outgoing, write_csv
-from lidarcli.sweeps import Float64, RawSweeps
+from lidarcli.sweeps.types import Float64, RawSweeps
 from tests.pipeline.drawn import ROOM, SENSOR, Drive, round_about, stamps, sweeps_of, told
 
 Recorded = tuple[list[RawSweeps], SimulatedPoses | None]

@@ -122,7 +122,7 @@ def test_importing_the_package_imports_no_work() -> None:
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.splitlines()[1] == "[]"
     first = set(ast.literal_eval(done.stdout.splitlines()[0]))
-    assert first <= {"lidarcli", "lidarcli._version", "lidarcli.compiled"}
+    assert first <= {"lidarcli", "lidarcli._version", "lidarcli.system.compiled"}
 
 
 def test_functions_stay_when_packages_of_like_names_are_imported() -> None:

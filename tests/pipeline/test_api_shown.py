@@ -10,7 +10,7 @@ import pytest
 
 import lidarcli
 from lidarcli.errors import OptionError
-from lidarcli.sweeps import STATUSES
+from lidarcli.sweeps.types import STATUSES
 from tests.places import SAMPLES
 
 BATCH = """\

@@ -153,7 +153,7 @@ def test_progress_of_runs_that_are_compared(tmp_path: Path) -> None:
 
 def test_a_bar_on_standard_error(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setenv("TERM", "xterm")
-    monkeypatch.setattr("lidarcli.screen.PATIENCE", 0.0)
+    monkeypatch.setattr("lidarcli.display.screen.PATIENCE", 0.0)
     with terminal() as screen:
         lidarcli.detect(ROOM, progress=True)
         lidarcli.simulate(SAMPLES / "room.toml", tmp_path / "room.mcap", sweeps=30, progress=True)

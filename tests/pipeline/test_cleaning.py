@@ -23,7 +23,7 @@ from lidarcli.logs.base import ReadReport
 from lidarcli.pipeline.cleaning import REASONS, neighbours
 from lidarcli.simulation.generate import simulate_blocks, simulate_odometry
 from lidarcli.simulation.scene import Odometry, Scene
-from lidarcli.sweeps import Bool, Closure, Float64
+from lidarcli.sweeps.types import Bool, Closure, Float64
 from tests.pipeline import drawn
 from tests.places import REAL_LOGS, SAMPLES, needs_real_logs
 from tests.sweeping import raw_sweeps, room_sweeps, round_room

@@ -21,7 +21,7 @@ from lidarcli.logs import open_log
 from lidarcli.logs.base import ReadReport
 from lidarcli.ros.messages import SCAN, TF, cdr_scans, ros2_definition
 from lidarcli.simulation.writers import write_log
-from lidarcli.sweeps import Float64, RawSweeps
+from lidarcli.sweeps.types import Float64, RawSweeps
 from tests.copying.reading import Message, messages, ranges
 from tests.pipeline.drawn import round_about, scene_of, sweeps_of, told
 from tests.places import SAMPLES

@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 
 from lidarcli.errors import OptionError
-from lidarcli.findings import Finding, transform_lines
 from lidarcli.logs.base import OpenOptions
 from lidarcli.pipeline.inputs.sources import Source
 from lidarcli.pipeline.inspecting import inspect_log
@@ -23,7 +22,8 @@ from lidarcli.simulation import scene as make
 from lidarcli.simulation.generate import START_NS, relative, simulate_odometry
 from lidarcli.simulation.scene import Entity, Mount, Odometry, Scene, Sensor
 from lidarcli.simulation.writers import ROS1_BYTES, outgoing, write_log
-from lidarcli.sweeps import TURN, Float64, RawSweeps
+from lidarcli.sweeps.findings import Finding, transform_lines
+from lidarcli.sweeps.types import TURN, Float64, RawSweeps
 from tests.fake_log import FakeLog
 from tests.pipeline.drawn import ROOM, SENSOR, Drive, round_about, scene_of, standing, straight, sweeps_of
 from tests.places import REAL_LOGS, needs_real_logs

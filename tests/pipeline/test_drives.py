@@ -17,7 +17,7 @@ from benchmarks.scenes.random import SENSORS
 from lidarcli.simulation.generate import relative, simulate_odometry, simulate_sweep_arrays
 from lidarcli.simulation.scene import Course, Odometry, Scene
 from lidarcli.simulation.writers import write_log
-from lidarcli.sweeps import Int64
+from lidarcli.sweeps.types import Int64
 
 Timing = Literal["once", "told", "untold"]
 SPEED = 0.3

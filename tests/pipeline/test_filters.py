@@ -12,9 +12,9 @@ import pytest
 from ruamel.yaml import YAML
 
 from lidarcli.errors import OptionError
-from lidarcli.masks import Circle, Mask, Masks, Mount, Sector
 from lidarcli.pipeline.inputs.declared import View, filter_text, mask_text, read_masks
-from lidarcli.sweeps import TURN, Bool, Float32, RawSweeps
+from lidarcli.sweeps.masks import Circle, Mask, Masks, Mount, Sector
+from lidarcli.sweeps.types import TURN, Bool, Float32, RawSweeps
 from tests.sweeping import raw_sweeps
 
 

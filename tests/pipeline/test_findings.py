@@ -17,13 +17,13 @@ import pytest
 import lidarcli
 from lidarcli.cli import run
 from lidarcli.cli.info import as_json
-from lidarcli.findings import LOG_RULES, REPEATED_TOPIC, STAMP, SWEEP_RULES, Finding, Fix
 from lidarcli.pipeline.inputs.sources import Source
 from lidarcli.pipeline.inspecting import inspect_log
 from lidarcli.simulation.generate import START_NS, SimulatedPoses, simulate_blocks
 from lidarcli.simulation.scene import Sensor
 from lidarcli.simulation.writers import ROS1_BYTES, outgoing, write_log
-from lidarcli.sweeps import TURN, RawSweeps, concatenate
+from lidarcli.sweeps.findings import LOG_RULES, REPEATED_TOPIC, STAMP, SWEEP_RULES, Finding, Fix
+from lidarcli.sweeps.types import TURN, RawSweeps, concatenate
 from tests.pipeline import drawn
 from tests.pipeline.drawn import (
     SWEEPS,

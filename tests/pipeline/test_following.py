@@ -25,7 +25,7 @@ from lidarcli.pipeline.objects import detection, tracking
 from lidarcli.pipeline.objects.detection import BatchDetector, DetectOptions
 from lidarcli.pipeline.objects.tracking import LogTracker, TrackOptions
 from lidarcli.simulation.writers import write_log
-from lidarcli.sweeps import RawSweeps
+from lidarcli.sweeps.types import RawSweeps
 from lidarcli.tabular import SCHEMAS
 from tests.pipeline.in_memory import SCAN, SOURCE, Opens, block
 from tests.pipeline.patient import PATIENCE, Patient
@@ -181,7 +181,7 @@ def test_rows_wait_no_longer_than_they_must(patient: list[Patient]) -> None:
 
 def test_what_waits_for_the_end_may_wait_on_disk(source: Source, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     detect_to_files(source, tmp_path / "memory", followed(beams=True))
-    monkeypatch.setattr(tracking, "MOST_BYTES", 100_000)
+    monkeypatch.setattr(tracking, "MAX_BYTES", 100_000)
     detect_to_files(source, tmp_path / "disk", followed(beams=True))
     for path in (tmp_path / "memory").iterdir():
         assert path.read_bytes() == (tmp_path / "disk" / path.name).read_bytes()
@@ -191,7 +191,7 @@ def test_a_disk_without_room_is_one_line(source: Source, tmp_path: Path, monkeyp
     def full(*_: object) -> None:
         raise OSError(errno.ENOSPC, "No space left on device")
 
-    monkeypatch.setattr(tracking, "MOST_BYTES", 0)
+    monkeypatch.setattr(tracking, "MAX_BYTES", 0)
     monkeypatch.setattr(tracking.pickle, "dump", full)
     with pytest.raises(OutputError, match=r"a temporary file in .*No space left on device"):
         detect_to_files(source, tmp_path, followed())

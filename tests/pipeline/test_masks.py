@@ -13,17 +13,17 @@ import pytest
 
 import lidarcli
 from lidarcli.errors import LidarcliError, OptionError, UnreadableError
-from lidarcli.masks import Circle, Mask, Masks, Mount, Polygon, Sector
 from lidarcli.pipeline.inputs.declared import mask_text, masks_of, plain, read_masks
 from lidarcli.pipeline.inputs.sources import Source, open_source
 from lidarcli.pipeline.reading.masking import MaskRules, masking_of
 from lidarcli.pipeline.reading.posing import PoseOptions
-from lidarcli.range_rules import RangeRules
 from lidarcli.simulation.generate import simulate_odometry, simulate_sweep_arrays
 from lidarcli.simulation.scene import PARKED, Entity, Motion, Odometry, Scene, load_scene
 from lidarcli.simulation.scene import Mount as Laser
 from lidarcli.simulation.writers import write_mcap
-from lidarcli.sweeps import Int32, RawSweeps, Status
+from lidarcli.sweeps.masks import Circle, Mask, Masks, Mount, Polygon, Sector
+from lidarcli.sweeps.range_rules import RangeRules
+from lidarcli.sweeps.types import Int32, RawSweeps, Status
 from tests.fake_log import FakeLog
 from tests.places import REAL_LOGS, SAMPLES, needs_real_logs
 from tests.sweeping import raw_sweeps

@@ -11,7 +11,7 @@ import pytest
 FAULTS = """
 import resource, sys
 import numpy as np
-from lidarcli.machine import keep_freed_memory
+from lidarcli.system.machine import keep_freed_memory
 if sys.argv[1] == "keep":
     keep_freed_memory()
 sizes = [100_000] * 20

@@ -15,9 +15,8 @@ import pytest
 
 import lidarcli
 from lidarcli.cli import run
-from lidarcli.copying import Copy, Cut, Edit, copy_log
+from lidarcli.copying.copying import Copy, Cut, Edit, copy_log
 from lidarcli.errors import NoScanError, OptionError
-from lidarcli.findings import Finding
 from lidarcli.logs import open_log
 from lidarcli.logs.blocks import ScanLayout
 from lidarcli.logs.registry import TopicChoice
@@ -26,7 +25,8 @@ from lidarcli.pipeline.inspecting import inspect_log
 from lidarcli.simulation.generate import SimulatedPoses, simulate_blocks
 from lidarcli.simulation.scene import Sensor
 from lidarcli.simulation.writers import write_log
-from lidarcli.sweeps import TURN, Float64, RawSweeps, concatenate
+from lidarcli.sweeps.findings import Finding
+from lidarcli.sweeps.types import TURN, Float64, RawSweeps, concatenate
 from tests.copying.accepting import decoded, refusals
 from tests.copying.reading import Message, messages
 from tests.pipeline.drawn import round_about, scene_of, standing, sweeps_of, told

@@ -17,7 +17,7 @@ from lidarcli.cli import run
 from lidarcli.errors import OptionError
 from lidarcli.simulation import scene as make
 from lidarcli.simulation.scene import Course, Entity, Scene, super_ellipse
-from lidarcli.sweeps import SweepBatch
+from lidarcli.sweeps.types import SweepBatch
 from tests.copying.reading import messages
 from tests.robots import CORNERS, SIDES, Carried, robot_log, robot_messages
 from tests.zones.runs import PARKED, scene_of, walker, write_bag

@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from lidarcli.findings import Finding
 from lidarcli.pipeline.inputs.sources import Source
 from lidarcli.pipeline.inspecting import inspect_log
 from lidarcli.pipeline.reading.posing import PoseOptions
 from lidarcli.simulation.writers import ROS1_BYTES, outgoing
-from lidarcli.sweeps import Float64
+from lidarcli.sweeps.findings import Finding
+from lidarcli.sweeps.types import Float64
 from tests.pipeline.drawn import (
     SWEEPS,
     checked,

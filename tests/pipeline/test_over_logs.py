@@ -17,8 +17,8 @@ from typing import cast
 import pytest
 
 from lidarcli.errors import UnreadableError
+from lidarcli.files.newfiles import scratch_folder
 from lidarcli.logs.base import OpenOptions
-from lidarcli.newfiles import scratch_folder
 from lidarcli.pipeline import detecting
 from lidarcli.pipeline.detecting import detect_files
 from lidarcli.pipeline.inputs.sources import MissingInput, Source

@@ -26,7 +26,7 @@ from lidarcli.pose.tracks import planar
 from lidarcli.simulation.generate import simulate_blocks, simulate_odometry
 from lidarcli.simulation.scene import Odometry, Scene, load_scene
 from lidarcli.simulation.writers import write_log
-from lidarcli.sweeps import TURN, Float64, RawSweeps
+from lidarcli.sweeps.types import TURN, Float64, RawSweeps
 from tests.pipeline.drawn import (
     SENSOR,
     SWEEPS,

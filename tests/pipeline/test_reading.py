@@ -15,7 +15,7 @@ from lidarcli.pipeline.inputs.sources import Source, open_source
 from lidarcli.pipeline.reading import one_log
 from lidarcli.pipeline.reading.one_log import Reading
 from lidarcli.pipeline.reading.posing import PoseOptions
-from lidarcli.sweeps import SweepBatch
+from lidarcli.sweeps.types import SweepBatch
 from tests.places import SAMPLES
 
 OPTIONS = ReadOptions(batch_size=8)

@@ -10,9 +10,9 @@ import pytest
 from mcap.writer import Writer
 
 import lidarcli
-from lidarcli.foxglove import SCAN
 from lidarcli.pipeline.inputs.tables import poses_of
-from lidarcli.sweeps import Float64
+from lidarcli.ros.foxglove import SCAN
+from lidarcli.sweeps.types import Float64
 from lidarcli.tabular.reading import note_value, notes_of
 from lidarcli.tabular.writing import SOURCE
 from tests.pipeline.drawn import driven, round_about

@@ -19,9 +19,9 @@ from lidarcli.logs.batches import ReadOptions
 from lidarcli.logs.registry import TopicChoice
 from lidarcli.pipeline.inputs.sources import SlicedLog
 from lidarcli.pipeline.reading.posing import PoseAttacher, PoseOptions
-from lidarcli.range_rules import RangeRules, normalise
 from lidarcli.simulation import simulate
-from lidarcli.sweeps import Status
+from lidarcli.sweeps.range_rules import RangeRules, normalise
+from lidarcli.sweeps.types import Status
 from tests.fake_log import FakeLog
 from tests.logs.cloud_messages import message, pointcloud2
 from tests.places import REAL_LOGS, SAMPLES, needs_real_logs

@@ -19,12 +19,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from lidarcli import machine
 from lidarcli.formalism import Parameters
 from lidarcli.logs.base import Log
 from lidarcli.logs.batches import ReadOptions
 from lidarcli.logs.registry import TopicChoice
-from lidarcli.machine import Threads
 from lidarcli.pipeline.building import BackgroundBuilder, BuildOptions
 from lidarcli.pipeline.detecting import detect_files, detect_stream, detect_to_files
 from lidarcli.pipeline.inputs.sources import Source
@@ -35,11 +33,13 @@ from lidarcli.pipeline.reading import path_check
 from lidarcli.pipeline.reading.one_log import RunSummary
 from lidarcli.pipeline.reading.posing import NO_POSES
 from lidarcli.pipeline.runs import over_logs, processes
-from lidarcli.range_rules import RangeRules
 from lidarcli.simulation.generate import simulate_blocks, simulate_odometry
 from lidarcli.simulation.scene import load_scene
 from lidarcli.simulation.writers import write_log
-from lidarcli.sweeps import SweepBatch
+from lidarcli.sweeps.range_rules import RangeRules
+from lidarcli.sweeps.types import SweepBatch
+from lidarcli.system import machine
+from lidarcli.system.machine import Threads
 from tests.descendants import descendants, gone
 from tests.places import SAMPLES
 from tests.sweeping import raw_sweeps, round_room

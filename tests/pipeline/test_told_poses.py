@@ -13,7 +13,6 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from lidarcli.findings import Fix
 from lidarcli.formalism.parameters import TrackParameters
 from lidarcli.pipeline.detecting import detect_to_files
 from lidarcli.pipeline.inputs.sources import Source
@@ -22,7 +21,8 @@ from lidarcli.pipeline.objects.detection import DetectOptions
 from lidarcli.pipeline.objects.tracking import TrackOptions
 from lidarcli.pipeline.reading.posing import PoseOptions
 from lidarcli.simulation.generate import START_NS, relative
-from lidarcli.sweeps import Float64
+from lidarcli.sweeps.findings import Fix
+from lidarcli.sweeps.types import Float64
 from tests.pipeline.drawn import (
     SWEEPS,
     away,

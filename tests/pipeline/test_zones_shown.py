@@ -15,12 +15,12 @@ from lidarcli.formalism.detection import SETS
 from lidarcli.logs import open_log
 from lidarcli.logs.base import Log, ReadReport
 from lidarcli.logs.batches import ReadOptions, read_batches
-from lidarcli.masks import Circle, Masks, Mount, Polygon
 from lidarcli.pipeline.inputs.sources import Source
 from lidarcli.pipeline.plotting import PlotOptions, take_pictures
 from lidarcli.pipeline.zone_counting import Frames, Showing, ShownZone
-from lidarcli.sweeps import SweepBatch, UInt8
-from lidarcli.zone import ROBOT, WORLD, Case, Line, Zone, Zones
+from lidarcli.sweeps.masks import Circle, Masks, Mount, Polygon
+from lidarcli.sweeps.types import SweepBatch, UInt8
+from lidarcli.sweeps.zone import ROBOT, WORLD, Case, Line, Zone, Zones
 from tests.overlays.reading import read_back
 from tests.places import SAMPLES
 

@@ -17,7 +17,7 @@ from lidarcli.pose.calibration import (
 )
 from lidarcli.pose.fit import poses_after
 from lidarcli.simulation.generate import cast, place
-from lidarcli.sweeps import Float64
+from lidarcli.sweeps.types import Float64
 from tests.pipeline.drawn import ROOM, round_about
 
 BEARING = np.deg2rad(np.arange(-180.0, 180.0, 2.0))

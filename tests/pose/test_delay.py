@@ -15,7 +15,7 @@ from lidarcli.cli import run
 from lidarcli.simulation.generate import simulate_blocks, simulate_odometry
 from lidarcli.simulation.scene import load_scene
 from lidarcli.simulation.writers import write_log
-from lidarcli.sweeps import Float64
+from lidarcli.sweeps.types import Float64
 from tests.places import SAMPLES
 from tests.pose.pose_messages import SECOND
 

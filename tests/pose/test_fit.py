@@ -8,9 +8,9 @@ from functools import partial
 import numpy as np
 import pytest
 
-from lidarcli.pose.fit import LEAST_PAIRS, MOST_PAIRS, PoseFit, judge_poses, jump_of, poses_after, stands, still_at, wrapped
+from lidarcli.pose.fit import MAX_PAIRS, MIN_PAIRS, PoseFit, judge_poses, jump_of, poses_after, stands, still_at, wrapped
 from lidarcli.pose.tracks import SECOND_NS
-from lidarcli.sweeps import Float64, Int64
+from lidarcli.sweeps.types import Float64, Int64
 from tests.pipeline.drawn import round_about, stamps, straight
 from tests.pose.pose_messages import odometry
 from tests.pose.test_sources import sources
@@ -56,7 +56,7 @@ def scaled(seconds: Float64, length: float, turn: float = 1.0) -> Float64:
 def test_a_path_that_is_true_is_accepted() -> None:
     fit = judged(round_about)
     assert (fit.verdict, fit.share, fit.delay, fit.mount) == ("accepted", 1.0, 0.0, (0.0, 0.0, 0.0))
-    assert LEAST_PAIRS < fit.pairs <= MOST_PAIRS
+    assert MIN_PAIRS < fit.pairs <= MAX_PAIRS
 
 
 @pytest.mark.parametrize("delay", [-0.5, -0.4, -0.3, -0.25, -0.2, -0.13, -0.07, 0.07, 0.13, 0.2, 0.25, 0.3, 0.4, 0.5])

@@ -10,7 +10,7 @@ import pytest
 
 from lidarcli.logs.base import Message
 from lidarcli.pipeline.reading.posing import PoseOptions
-from lidarcli.sweeps import SweepBatch
+from lidarcli.sweeps.types import SweepBatch
 from tests.pose.pose_messages import SECOND, odometry, tf
 from tests.pose.test_posing import PosesLog, batch_of, cut, posing_of
 from tests.sweeping import START

@@ -9,7 +9,7 @@ from lidarcli.logs.base import Message
 from lidarcli.logs.clouds import Levelled
 from lidarcli.pose.sources import TreeLevels
 from lidarcli.pose.tracks import Motion, Tracks, multiply, planar, rotate
-from lidarcli.sweeps import Float64
+from lidarcli.sweeps.types import Float64
 from tests.pose.pose_messages import SECOND, Pose, tf
 
 LEFT, PITCH, ROLL = (0.0, 0.0, 1.0), (0.0, 1.0, 0.0), (1.0, 0.0, 0.0)

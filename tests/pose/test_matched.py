@@ -10,12 +10,12 @@ import pytest
 
 from lidarcli.pose.fit import MatchedPath
 from lidarcli.pose.tracks import SECOND_NS, Track, planar
-from lidarcli.range_rules import RangeRules, normalise
 from lidarcli.simulation import scene as make
 from lidarcli.simulation.generate import START_NS, simulate_blocks
 from lidarcli.simulation.route import Waypoint, plan_route
 from lidarcli.simulation.scene import Motion, Scene, Sensor, load_scene
-from lidarcli.sweeps import TURN, Float64, Int64, SweepBatch, concatenate
+from lidarcli.sweeps.range_rules import RangeRules, normalise
+from lidarcli.sweeps.types import TURN, Float64, Int64, SweepBatch, concatenate
 from tests.places import SAMPLES
 
 SENSOR = Sensor(noise=0.01, lost=0.005, mixed_pixels=0.3, range_max=8.0)

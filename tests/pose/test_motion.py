@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from lidarcli.pose.tracks import Motion, compose, interpolate, inverse, planar, rotate
-from lidarcli.sweeps import Float64
+from lidarcli.sweeps.types import Float64
 
 
 def flat(*poses: tuple[float, float, float]) -> Motion:

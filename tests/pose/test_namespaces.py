@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from lidarcli.foxglove import SCAN, classes
 from lidarcli.logs.base import Message
 from lidarcli.pose.fit import contradictions, way_findings
 from lidarcli.pose.sources import FrameTree, PoseChain, PoseSources
 from lidarcli.pose.tracks import Track, Tracks, planar
+from lidarcli.ros.foxglove import SCAN, classes
 from tests.pose.pose_messages import SECOND, Pose, message, numbers, odometry, tf
 
 SCANS = ("/robot1/scan", "/robot2/scan")

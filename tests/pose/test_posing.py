@@ -20,10 +20,10 @@ from lidarcli.pipeline.inspecting import inspect_log
 from lidarcli.pipeline.objects.detection import DetectOptions
 from lidarcli.pipeline.reading.path_check import CheckedPath
 from lidarcli.pipeline.reading.posing import NO_POSES, PoseAttacher, PoseOptions
-from lidarcli.range_rules import RangeRules, normalise
 from lidarcli.simulation.generate import SimulatedPoses, simulate_blocks, simulate_odometry
 from lidarcli.simulation.scene import Scene, load_scene
-from lidarcli.sweeps import RawSweeps, SweepBatch, SweepPoses
+from lidarcli.sweeps.range_rules import RangeRules, normalise
+from lidarcli.sweeps.types import RawSweeps, SweepBatch, SweepPoses
 from tests.fake_log import FakeLog
 from tests.places import SAMPLES
 from tests.pose.pose_messages import ODOMETRY, SECOND, odometry, pose_stamped, tf

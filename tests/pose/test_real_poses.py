@@ -14,7 +14,7 @@ import lidarcli
 from lidarcli.pipeline.detecting import detect_to_files
 from lidarcli.pipeline.inputs.sources import Source
 from lidarcli.pipeline.objects.detection import DetectOptions
-from lidarcli.sweeps import Float64
+from lidarcli.sweeps.types import Float64
 from tests.places import REAL_LOGS, needs_real_logs
 from tests.pose.pose_messages import ROS2
 

@@ -8,7 +8,7 @@ import pytest
 from lidarcli.logs.base import Message
 from lidarcli.pose.sources import PoseSources
 from lidarcli.pose.tracks import Tracks, planar
-from lidarcli.sweeps import Int64
+from lidarcli.sweeps.types import Int64
 from tests.pose.pose_messages import Pose, odometry, pose_stamped, tf
 
 

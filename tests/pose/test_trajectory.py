@@ -16,7 +16,7 @@ from lidarcli.pose.tracks import Motion, Track, read_trajectory, trajectory_line
 
 HERE = "0 0 0 0 0 0 1"
 S = 1_000_000_000
-MOST = tracks.MOST_NS
+MOST = tracks.MAX_NS
 
 
 def read(folder: Path, text: str | bytes) -> Track:

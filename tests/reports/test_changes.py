@@ -16,7 +16,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import PathPatch
 
-from lidarcli import palette
+from lidarcli.display import palette
 from lidarcli.errors import OptionError, UnreadableError
 from lidarcli.formalism.mapping.grid import FREE, OCCUPIED, UNKNOWN, Occupancy
 from lidarcli.pipeline.inputs.tables import find_table_sets, find_tables, table_files

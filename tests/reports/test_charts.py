@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from lidarcli.palette import COLOURS, HEAT, page_style
+from lidarcli.display.palette import COLOURS, HEAT, page_style
 from lidarcli.reports.figures import Density
 from lidarcli.reports.ground import Walls
 from lidarcli.reports.html import charts

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 
 from lidarcli.reports.drawing import Label, Labels, draw_panel, line_to, place_labels, project_style
 from lidarcli.reports.picture import scene
-from lidarcli.sweeps import Float64
+from lidarcli.sweeps.types import Float64
 from tests.reports.test_picture import sample
 
 VIEW = np.array([0.0, 0.0, 200.0, 200.0])

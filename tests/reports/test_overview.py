@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from lidarcli.reports.columns import Rows, Run
-from lidarcli.reports.map_picture import MOST_POINTS, MapPicture, overview, paths_of
+from lidarcli.reports.map_picture import MAX_POINTS, MapPicture, overview, paths_of
 from lidarcli.tabular.schemas import SWEEPS
 from tests.places import SAMPLES
 from tests.reports.runs import run_of, sweep, table, thing, track
@@ -118,7 +118,7 @@ def test_the_same_number_of_two_topics() -> None:
 
 
 def test_long_ways_are_thinned_out() -> None:
-    count = 3 * MOST_POINTS
+    count = 3 * MAX_POINTS
     k = np.arange(count)
     sweeps = table(SWEEPS, [sweep(0)]).take([0] * count)
     for name, values in (("sweep", k), ("pose_x", 0.1 * k), ("pose_y", 0.0 * k)):
@@ -127,7 +127,7 @@ def test_long_ways_are_thinned_out() -> None:
     found = overview(Rows.join([sweeps]), None, None)
     assert found is not None
     ((x, _),) = (path.T for path in found.paths)
-    assert (len(x), x[0], x[-1]) == (MOST_POINTS, 0.0, pytest.approx(0.1 * (count - 1)))
+    assert (len(x), x[0], x[-1]) == (MAX_POINTS, 0.0, pytest.approx(0.1 * (count - 1)))
     assert np.diff(x).min() > 0
 
 

@@ -9,7 +9,7 @@ import pytest
 
 from lidarcli.reports.columns import Run
 from lidarcli.reports.ground import Ground, Paths, ground_of
-from lidarcli.sweeps import SweepPoses
+from lidarcli.sweeps.types import SweepPoses
 from tests.reports.runs import crossing, run_of, sweep, thing, track
 
 

@@ -13,11 +13,10 @@ import pytest
 from matplotlib.figure import Figure
 from PIL import Image
 
-from lidarcli import palette
-from lidarcli.choices import VIEWS, Look
+from lidarcli.display import palette
 from lidarcli.formalism import Parameters, detect, sweep
 from lidarcli.formalism.detection import VERTEX_KINDS
-from lidarcli.masks import Polygon
+from lidarcli.options.choices import VIEWS, Look
 from lidarcli.pipeline.inputs.search import find_logs
 from lidarcli.pipeline.inputs.sources import Source
 from lidarcli.pipeline.plotting import PlotOptions, take_pictures
@@ -26,8 +25,9 @@ from lidarcli.reports import picture as panels
 from lidarcli.reports.drawing import Mark, Panel, draw_panel, write_gif
 from lidarcli.reports.ground import TrackPath
 from lidarcli.reports.picture import Limits, Picture, ZoneInSight, animate, draw, limits_of, printable, scene
-from lidarcli.sweeps import Float64
-from lidarcli.zone import Line, Zone
+from lidarcli.sweeps.masks import Polygon
+from lidarcli.sweeps.types import Float64
+from lidarcli.sweeps.zone import Line, Zone
 from tests.places import SAMPLES
 
 

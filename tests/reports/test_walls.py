@@ -11,7 +11,7 @@ from lidarcli.formalism.mapping.grid import FREE, OCCUPIED, UNKNOWN
 from lidarcli.reports.columns import Run
 from lidarcli.reports.ground import MOST, Raw, map_of, walls_of
 from lidarcli.reports.html import pack_map
-from lidarcli.sweeps import Float64
+from lidarcli.sweeps.types import Float64
 from tests.reports.runs import array, run_of, sweep, thing, track
 
 STEP = np.pi / 180

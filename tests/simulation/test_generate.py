@@ -8,7 +8,7 @@ import pytest
 from lidarcli.simulation import scene as make
 from lidarcli.simulation.generate import START_NS, simulate_blocks, simulate_sweep_arrays
 from lidarcli.simulation.scene import Motion, Scene, Sensor
-from lidarcli.sweeps import concatenate
+from lidarcli.sweeps.types import concatenate
 
 ROOM = (make.wall([[-3, -3], [3, -3], [3, 3], [-3, 3], [-3, -3]]),)
 HALF = (make.wall([[3, -30], [3, 30]]),)

@@ -13,7 +13,7 @@ import pytest
 
 from lidarcli.errors import OptionError
 from lidarcli.formalism.mapping.grid import FREE, OCCUPIED, UNKNOWN, Occupancy
-from lidarcli.maps import read_map
+from lidarcli.maps.grids import read_map
 from lidarcli.simulation import scene as make
 from lidarcli.simulation import simulate, truth
 from lidarcli.simulation.route import Waypoint, plan_route
@@ -218,7 +218,7 @@ def test_what_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Non
     for log in ("a.yaml", "a.pgm", "sub/../a.yaml", "a.yaml/log"):
         with pytest.raises(OptionError, match=r"in each other's way|written twice"):
             simulate(scene, tmp_path / log, container="csv", map=tmp_path / "a.yaml")
-    monkeypatch.setattr(truth, "MOST_BEAMS", 720)
+    monkeypatch.setattr(truth, "MAX_BEAMS", 720)
     with pytest.raises(OptionError, match="--map: 1,440 beams that take time are more than"):
         simulate(scene, tmp_path / "log", sweeps=2, map=tmp_path / "a.yaml")
     assert list(tmp_path.iterdir()) == [scene]

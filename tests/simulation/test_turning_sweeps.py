@@ -11,7 +11,7 @@ from lidarcli.simulation import scene as make
 from lidarcli.simulation.generate import simulate_blocks, simulate_sweep_arrays
 from lidarcli.simulation.scene import Course, Motion, Scene, Sensor
 from lidarcli.simulation.writers import write_log
-from lidarcli.sweeps import concatenate
+from lidarcli.sweeps.types import concatenate
 
 INCREMENT = 0.001
 SENSOR = Sensor(beams=91, angle_min=-np.pi / 4, angle_increment=np.pi / 180, time_increment=INCREMENT)

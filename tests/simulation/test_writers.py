@@ -20,7 +20,7 @@ from lidarcli.simulation import scene as make
 from lidarcli.simulation.generate import simulate_blocks, simulate_odometry, simulate_sweep_arrays
 from lidarcli.simulation.scene import Course, Odometry, Scene, Sensor
 from lidarcli.simulation.writers import container_of, write_log
-from lidarcli.sweeps import concatenate
+from lidarcli.sweeps.types import concatenate
 from tests.text_logs.foxglove import write_foxglove
 
 SWEEPS = 12

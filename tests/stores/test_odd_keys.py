@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import pytest
 
+from lidarcli.display.credentials import blotted
+from lidarcli.files.stores import State, Url
 from lidarcli.pipeline.inputs import search
 from lidarcli.pipeline.inputs.sources import Source
-from lidarcli.stores import State, Url, blotted
 
 
 def test_keys_that_stand_for_no_place_are_told(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -77,7 +77,7 @@ def az(monkeypatch: pytest.MonkeyPatch) -> Iterator[str]:
 def test_the_commands_in_another_store(
     name: str, request: pytest.FixtureRequest, lidarcli: Callable[..., Ran], tmp_path: Path
 ) -> None:
-    from lidarcli.stores import Url, place, put
+    from lidarcli.files.stores import Url, place, put
 
     base = request.getfixturevalue(name)
     for log in ("room.mcap", "corridor.bag"):
@@ -92,7 +92,7 @@ def test_the_commands_in_another_store(
     assert "2 done before" in lidarcli(*command).err
     assert lidarcli("detect", f"{base}/logs/room.mcap", "-o", f"{base}/tables").code == 5
     for table in sorted(tmp_path.iterdir()):
-        from lidarcli.stores import read_object
+        from lidarcli.files.stores import read_object
 
         stored = place(f"{base}/tables/{table.name}")
         assert isinstance(stored, Url)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from lidarcli.formalism import Detection, Parameters, detect, sweep
-from lidarcli.sweeps import SweepBatch
+from lidarcli.sweeps.types import SweepBatch
 from tests.sweeping import round_room
 from tests.tabular.writing import STAMPS
 

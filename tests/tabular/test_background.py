@@ -18,7 +18,7 @@ from lidarcli.errors import UnreadableError
 from lidarcli.formalism import sweep
 from lidarcli.formalism.background import Background, Grid
 from lidarcli.formalism.learning import Estimate, Learning
-from lidarcli.sweeps import SweepPoses
+from lidarcli.sweeps.types import SweepPoses
 from lidarcli.tabular.background import GEOMETRY, read_background, write_background
 from lidarcli.tabular.schemas import BACKGROUND
 from lidarcli.tabular.writing import PARAMETERS, SOURCE, VERSION, table_metadata

@@ -8,7 +8,7 @@ from pathlib import Path
 import pyarrow.parquet as pq
 
 from lidarcli.formalism import Detection
-from lidarcli.sweeps import SweepBatch
+from lidarcli.sweeps.types import SweepBatch
 from lidarcli.tabular import OBJECTS
 from lidarcli.tabular.columns import objects_rows
 from tests.tabular.contract import OPEN

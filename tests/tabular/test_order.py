@@ -11,7 +11,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from lidarcli.formalism import Detection
-from lidarcli.sweeps import SweepBatch
+from lidarcli.sweeps.types import SweepBatch
 from lidarcli.tabular.columns import objects_rows, sweeps_rows
 from lidarcli.tabular.writing import TableFiles, TopicOrder, table_paths
 from tests.tabular.writing import METADATA, write_files

@@ -62,7 +62,7 @@ import resource, signal, sys
 from pathlib import Path
 import numpy as np, pyarrow as pa
 from lidarcli.errors import OutputError
-from lidarcli.newfiles import NewFiles
+from lidarcli.files.newfiles import NewFiles
 from lidarcli.tabular.writing import ParquetSink
 signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
 resource.setrlimit(resource.RLIMIT_FSIZE, (1 << 20, 1 << 20))

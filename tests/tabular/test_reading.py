@@ -17,7 +17,7 @@ import pytest
 
 from lidarcli.cli import run
 from lidarcli.tabular.background import GEOMETRY
-from lidarcli.tabular.reading import GREATEST_VALUE, MOST_WHOLE, read_columns
+from lidarcli.tabular.reading import MAX_VALUE, MAX_WHOLE, read_columns
 from lidarcli.tabular.schemas import BACKGROUND, NULLABLE, OBJECTS, SCHEMAS
 from tests.places import SAMPLES
 
@@ -162,20 +162,20 @@ def test_nan_is_null(tables: Path) -> None:
         (
             "sweeps",
             "sweep",
-            lambda n: pa.array([MOST_WHOLE + 1] * n),
-            f"column sweep holds {MOST_WHOLE + 1}; the most that it can be is {MOST_WHOLE:g}",
+            lambda n: pa.array([MAX_WHOLE + 1] * n),
+            f"column sweep holds {MAX_WHOLE + 1}; the most that it can be is {MAX_WHOLE:g}",
         ),
         (
             "objects",
             "width",
             lambda n: pa.array([np.inf] * n),
-            f"column width holds inf; the most that it can be is {GREATEST_VALUE:g}",
+            f"column width holds inf; the most that it can be is {MAX_VALUE:g}",
         ),
         (
             "objects",
             "x",
             lambda n: pa.array([-1e300] * n),
-            f"column x holds -1e+300; the least that it can be is {-GREATEST_VALUE:g}",
+            f"column x holds -1e+300; the least that it can be is {-MAX_VALUE:g}",
         ),
         (
             "sweeps",

@@ -8,7 +8,7 @@ from itertools import pairwise
 import numpy as np
 
 from lidarcli.formalism import SETS, SHAPES, VERTEX_KINDS, VISIBILITIES, Detection, Parameters, detect
-from lidarcli.sweeps import Status, SweepBatch
+from lidarcli.sweeps.types import Status, SweepBatch
 from lidarcli.tabular.columns import beams_rows, objects_rows, sweeps_rows
 from tests.tabular.contract import CONTRACT
 from tests.tabular.writing import STAMPS

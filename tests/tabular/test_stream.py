@@ -14,7 +14,7 @@ import pytest
 
 from lidarcli.errors import OutputError
 from lidarcli.formalism import Detection
-from lidarcli.sweeps import SweepBatch
+from lidarcli.sweeps.types import SweepBatch
 from lidarcli.tabular import OBJECTS
 from lidarcli.tabular.columns import objects_rows
 from lidarcli.tabular.writing import FORMATS, CountingOutput, table_metadata

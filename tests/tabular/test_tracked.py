@@ -10,7 +10,7 @@ import pytest
 from lidarcli.formalism import SHAPES, Detection
 from lidarcli.formalism.detection import AGENT, NOISE, WALL
 from lidarcli.formalism.tracking.results import TrackedBatch
-from lidarcli.sweeps import SweepBatch
+from lidarcli.sweeps.types import SweepBatch
 from lidarcli.tabular.columns import beams_rows, objects_rows, tracked_rows, tracks_rows
 from tests.pipeline.patient import things
 from tests.tabular.contract import CONTRACT

@@ -26,7 +26,7 @@ from lidarcli.simulation.writers import (
     texts,
     write_lines,
 )
-from lidarcli.sweeps import Float64, Int64, RawSweeps
+from lidarcli.sweeps.types import Float64, Int64, RawSweeps
 from tests.text_logs.foxglove import ENCODINGS, number_or_word, write_foxglove
 
 _S = 1_000_000_000

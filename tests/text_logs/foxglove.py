@@ -13,10 +13,10 @@ from typing import Any
 
 from mcap.well_known import MessageEncoding, SchemaEncoding
 
-from lidarcli import foxglove
+from lidarcli.ros import foxglove
 from lidarcli.simulation.generate import SimulatedPoses
 from lidarcli.simulation.writers import Encoding, McapEncoding, cloud_fields, cloud_points, write_mcap
-from lidarcli.sweeps import RawSweeps
+from lidarcli.sweeps.types import RawSweeps
 
 _JSON_TYPES: dict[str, dict[str, Any]] = {
     "double": {"type": "number"},

@@ -20,7 +20,7 @@ from lidarcli.simulation.generate import START_NS, SimulatedPoses, simulate_bloc
 from lidarcli.simulation.route import Waypoint, plan_route
 from lidarcli.simulation.scene import Course, Entity, Motion, Scene, Sensor
 from lidarcli.simulation.writers import ROS1_BYTES, outgoing
-from lidarcli.sweeps import TURN, Float64, Int64, RawSweeps
+from lidarcli.sweeps.types import TURN, Float64, Int64, RawSweeps
 from lidarcli.tabular.schemas import SCHEMAS
 from tests.pose.pose_messages import Maker
 from tests.zones.test_velocities import polygon, twist

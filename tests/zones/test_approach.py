@@ -15,7 +15,7 @@ from lidarcli.pipeline.zoning import ZoneTables
 from lidarcli.ros.messages import Outgoing
 from lidarcli.simulation import scene as make
 from lidarcli.simulation.scene import Course, Mount, Odometry, Scene
-from lidarcli.sweeps import Float64, SweepPoses
+from lidarcli.sweeps.types import Float64, SweepPoses
 from tests.zones.runs import (
     SENSOR,
     column,

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 
 from lidarcli.formalism.zones import CLEAR, MARGIN, Path, Visit, crossings, visits
-from lidarcli.masks import Circle, Polygon
-from lidarcli.sweeps import Float64
-from lidarcli.zone import Line
+from lidarcli.sweeps.masks import Circle, Polygon
+from lidarcli.sweeps.types import Float64
+from lidarcli.sweeps.zone import Line
 
 STEP_NS = 50_000_000
 

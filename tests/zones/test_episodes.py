@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from lidarcli.formalism.zones import Episode, episodes
-from lidarcli.sweeps import Bool, Int64
+from lidarcli.sweeps.types import Bool, Int64
 
 NEVER = 1 << 60
 

@@ -13,9 +13,9 @@ import pytest
 from ruamel.yaml import YAML
 
 from lidarcli.errors import LidarcliError, OptionError, UnreadableError
-from lidarcli.masks import Circle, Mask, Polygon
 from lidarcli.pipeline.inputs.declared import read_zones
-from lidarcli.zone import ROBOT, Case, Zone, Zones
+from lidarcli.sweeps.masks import Circle, Mask, Polygon
+from lidarcli.sweeps.zone import ROBOT, Case, Zone, Zones
 from tools.fuzz.mutate import mutate
 from tools.fuzz.words import mutate_words
 

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from lidarcli.formalism.zones import Inside, collision_steps, times
-from lidarcli.masks import Circle, Polygon
-from lidarcli.zone import Case, crossing_edges, inside
+from lidarcli.sweeps.masks import Circle, Polygon
+from lidarcli.sweeps.zone import Case, crossing_edges, inside
 from tests.zones.nav2_rules import counts_on_the_way, is_covered, is_in_circle, is_in_polygon
 
 POINTS = 20

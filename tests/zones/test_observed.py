@@ -10,7 +10,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from lidarcli.simulation.generate import START_NS
-from lidarcli.sweeps import RawSweeps
+from lidarcli.sweeps.types import RawSweeps
 from tests.cli.maps import Run
 from tests.sweeping import STEP, raw_sweeps
 from tests.zones.runs import column, polygon_at, scans, watched, write_bag, zone_file

@@ -15,7 +15,7 @@ from lidarcli.errors import NoScanError, OptionError
 from lidarcli.simulation import scene as make
 from lidarcli.simulation.generate import START_NS
 from lidarcli.simulation.scene import Course, Scene
-from lidarcli.sweeps import TURN, RawSweeps
+from lidarcli.sweeps.types import TURN, RawSweeps
 from tests.cli.maps import Run
 from tests.sweeping import STEP, raw_sweeps
 from tests.zones.runs import (

@@ -14,7 +14,7 @@ from lidarcli.cli import run
 from lidarcli.reports.zones import figures_of, zones_in
 from lidarcli.simulation import scene as make
 from lidarcli.simulation.scene import Course, Odometry
-from lidarcli.sweeps import Float64
+from lidarcli.sweeps.types import Float64
 from tests.zones.runs import column, odometry_of, rows, scans, scene_of, sweeps_of, walker, watched, where, write_bag
 
 CIRCLE = """

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from lidarcli.errors import LidarcliError, OptionError
-from lidarcli.masks import Circle, Mask, Mount, Polygon
 from lidarcli.pipeline.inputs.declared import read_zones
-from lidarcli.zone import HOLD, Line, Zone
+from lidarcli.sweeps.masks import Circle, Mask, Mount, Polygon
+from lidarcli.sweeps.zone import HOLD, Line, Zone
 from tools.fuzz.mutate import mutate
 from tools.fuzz.words import mutate_words
 

@@ -9,11 +9,11 @@ from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
 
-from lidarcli.choices import FOUND, MENDS
-from lidarcli.copying import Copy, Met, copy_log
+from lidarcli.copying.copying import Copy, Met, copy_log
 from lidarcli.errors import UnreadableError
 from lidarcli.logs import open_log
 from lidarcli.logs.base import LASERSCAN
+from lidarcli.options.choices import FOUND, MENDS
 from tools.fuzz import databases
 from tools.fuzz.commands import judge_commands, run
 from tools.fuzz.containers import CONTAINERS, Sample, sample_of

@@ -19,7 +19,7 @@ import zstandard
 
 from lidarcli.simulation.generate import SimulatedPoses
 from lidarcli.simulation.scene import Odometry
-from lidarcli.sweeps import RawSweeps
+from lidarcli.sweeps.types import RawSweeps
 from tests.text_logs import LAYOUTS, write_log
 from tools.fuzz.mutate import Random, mutate
 

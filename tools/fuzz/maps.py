@@ -17,7 +17,7 @@ from PIL import Image
 
 from lidarcli.errors import UnreadableError
 from lidarcli.formalism.mapping.grid import FREE, OCCUPIED, UNKNOWN, Occupancy, UnlikeError, compare
-from lidarcli.maps import pgm_bytes, read_map, yaml_bytes
+from lidarcli.maps.grids import pgm_bytes, read_map, yaml_bytes
 from lidarcli.pose.tracks import read_trajectory, trajectory_lines
 from tools.fuzz.commands import judge_commands, run
 from tools.fuzz.logs import LONGEST, odd_lines

@@ -12,9 +12,9 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from lidarcli.display import Facts, counted, shown, span
+from lidarcli.display.texts import Facts, counted, shown, span
 from lidarcli.formalism.mapping import rays
-from lidarcli.sweeps import TURN, Float32, Float64, Int32, Int64, SweepBatch, SweepPoses, UInt8, record
+from lidarcli.sweeps.types import TURN, Float32, Float64, Int32, Int64, SweepBatch, SweepPoses, UInt8, record
 
 Int8 = NDArray[np.int8]
 

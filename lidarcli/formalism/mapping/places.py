@@ -15,16 +15,16 @@ import numpy as np
 from lidarcli.formalism.detection import NOISE, OBJECT, WALL, Detection
 from lidarcli.formalism.mapping import rays
 from lidarcli.formalism.mapping.grid import Ground
-from lidarcli.sweeps import Bool, Float32, Float64, Int64, SweepBatch
+from lidarcli.sweeps.types import Bool, Float32, Float64, Int64, SweepBatch
 
 CELL, FARTHEST, REACH = 0.1, 15.0, 150.0
 """[m] Side of a cell; greatest range of a beam that votes, as farther ones miss their cells where the pose is turned a
 little; greatest distance of the sensor from where its world begins: farther sweeps do not vote."""
-MOST_STOPS = 16
+MAX_STOPS = 16
 """Greatest number of places where a sensor without poses stood that are remembered."""
-WORLDS = MOST_STOPS + 1
+WORLDS = MAX_STOPS + 1
 """Worlds of one sensor: the first is that of its poses."""
-MOST_SENSORS = 64
+MAX_SENSORS = 64
 """Most sensors of one topic or robot that are told apart; sweeps of further frames do not vote."""
 BUILDING_VOTE = -2.0
 """[log-odds] Vote of a beam on a surface that is no body, because it is too wide."""
@@ -119,7 +119,7 @@ class _Sensor:
         stops = self.stops + np.cumsum(~stood)
         if len(batch):
             self.stops = int(stops[-1])
-        worlds = np.where(stood & (stops <= MOST_STOPS), stops, -1)
+        worlds = np.where(stood & (stops <= MAX_STOPS), stops, -1)
         poses = batch.poses
         if poses is None:
             return worlds
@@ -162,7 +162,7 @@ class Places:
         sweeps = SweepsInWorld(batch, detection, worlds)
         for world, rows in _by_world(worlds):
             if world not in self._grounds:
-                self._grounds[world] = _Votes(CELL, MOST_CELLS)
+                self._grounds[world] = _Votes(CELL, MAX_CELLS)
             self._grounds[world].take(sweeps, rows, vote)
         return worlds
 
@@ -190,7 +190,7 @@ class Places:
         found = np.full(len(batch), -1)
         for name, rows, mine in batch.by_frame():
             key = batch.topic, name, batch.run
-            if key not in self._sensors and len(self._sensors) == MOST_SENSORS:
+            if key not in self._sensors and len(self._sensors) == MAX_SENSORS:
                 continue
             sensor = self._sensors.setdefault(key, _Sensor(WORLDS * len(self._sensors)))
             worlds = sensor.worlds(mine)
@@ -201,7 +201,7 @@ class Places:
         return found
 
 
-MOST_CELLS = math.ceil((3.0 * REACH + 2.0 * (FARTHEST + MARGIN)) / CELL + 2.0) ** 2
+MAX_CELLS = math.ceil((3.0 * REACH + 2.0 * (FARTHEST + MARGIN)) / CELL + 2.0) ** 2
 """Cells of the ground that the sweeps of one world can reach, whose sensors begin in one square of side `REACH`."""
 
 

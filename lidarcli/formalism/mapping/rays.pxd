@@ -1,7 +1,7 @@
 cimport cython
 cimport libc.math as math
 
-from lidarcli cimport native
+from lidarcli.system cimport native
 
 
 cdef int HIT, SKIPPED

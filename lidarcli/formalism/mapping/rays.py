@@ -10,8 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from lidarcli import native, sweeps
 from lidarcli.formalism import detection, segmentation
+from lidarcli.sweeps import types
+from lidarcli.system import native
 
 NAN = float("nan")
 USES = 0, 1, 2
@@ -142,7 +143,7 @@ class Ends:
     """Beams of a batch of S sweeps, the bodies that they belong to, and where they end in the world."""
 
     def __init__(
-        self, batch: sweeps.SweepBatch, found: detection.Detection, poses: Any, way: Any, farthest: float, step: float
+        self, batch: types.SweepBatch, found: detection.Detection, poses: Any, way: Any, farthest: float, step: float
     ) -> None:
         """`poses` (S, 4) and `way` (S, 3) as of `place`; beams of use end within `farthest` [m], and neighbours on one
         surface have ranges that differ by less than `step` [m].

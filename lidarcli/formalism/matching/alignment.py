@@ -18,39 +18,39 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from lidarcli.formalism.mapping.grid import FREE, UNKNOWN
-from lidarcli.formalism.matching.catalogue import LARGEST_SIZE, SMALLEST_SIZE
+from lidarcli.formalism.matching.catalogue import MAX_SIZE, MIN_SIZE
 from lidarcli.formalism.matching.ground import HERE, Ground, Motion, Nearest
-from lidarcli.sweeps import TURN, Bool, Float64, Int32, Int64, record
+from lidarcli.sweeps.types import TURN, Bool, Float64, Int32, Int64, record
 
 RUN_PLACE_SD, RUN_SIZE_SD = 0.1, 0.01
 """[m] Standard deviations of the place of a standing thing in a run, and between two sizes of one thing, beside their
 own."""
 WRONG_SIZE = 0.1
 """Share of sizes that are wrong, as of a thing of which a part was never seen."""
-SIZE_RANGE = LARGEST_SIZE - SMALLEST_SIZE
+SIZE_RANGE = MAX_SIZE - MIN_SIZE
 """[m] Range of the sizes of different things."""
 STAYS, NEARNESS = 0.9, 0.05
 """Probability that a thing stands where it stood, and log-likelihood that each metre between two places of a moved thing
 costs [1/m]."""
-LEAST_GAIN = 2.9
+MIN_GAIN = 2.9
 """Least log-likelihood ratio of a pair: 18 to 1."""
 SAME_SHAPE, OTHER_SHAPE = 0.7, -2.0
 """Log-likelihood ratio of two known shapes, the same or another."""
 SAME_LABEL, OTHER_LABEL = 2.0, -20.0
 """Log-likelihood ratio of two labels, the same or another."""
-LEAST_AREA = 10.0
+MIN_AREA = 10.0
 """[m²] Least area in which things stand."""
-MOST_THINGS, MOST_ALIGNED = 40, 100
+MAX_THINGS, MAX_ALIGNED = 40, 100
 """Greatest number of things of each side that propose motions, and by which runs are aligned, the largest first."""
-MOST_PROPOSALS, MOST_REFINED, LEAST_QUALITY = 3000, 24, 0.4
+MAX_PROPOSALS, MAX_REFINED, MIN_QUALITY = 3000, 24, 0.4
 """Most proposals, those of the most alike pairs first; most different ones that are refined; least quality of a proposal,
 as a share of the best one."""
 MOTION_REFINEMENTS = 6
 """Greatest number of refinements of a motion by the things in place."""
-PAIR_TOLERANCE, LEAST_ALIKE, SHORTEST_PAIR = 0.3, -3.0, 0.3
+PAIR_TOLERANCE, MIN_ALIKE, SHORTEST_PAIR = 0.3, -3.0, 0.3
 """Two pairs of the same things: greatest difference between their distances [m], least log-likelihood ratio of two things,
 and least distance between two things that give a direction [m]."""
-LEAST_IN_PLACE, MOTION_PRIOR, IN_PLACE_SDS = 3, 12.0, 4.0
+MIN_IN_PLACE, MOTION_PRIOR, IN_PLACE_SDS = 3, 12.0, 4.0
 """Least number of things in place for a turn and a shift, as two pairs of the same distance are common; for equal frames
 two are enough, and another motion has to be better by so much log-likelihood. Things are in place within so many
 deviations."""
@@ -100,7 +100,7 @@ def gains(known: Standing, run: Standing) -> Float64:
 def near(distance: Float64, room: float) -> Float64:
     """Return the log-likelihood ratio of one thing at two places with a distance [m], in a room of an area [m²]."""
     result: Float64 = (
-        math.log(STAYS * max(room, LEAST_AREA) / (4.0 * math.pi * RUN_PLACE_SD**2)) - 0.25 * (distance / RUN_PLACE_SD) ** 2
+        math.log(STAYS * max(room, MIN_AREA) / (4.0 * math.pi * RUN_PLACE_SD**2)) - 0.25 * (distance / RUN_PLACE_SD) ** 2
     )
     return result
 
@@ -111,7 +111,7 @@ def area(known: Standing, run: Standing) -> float:
     for one, other in ((known.x, run.x), (known.y, run.y)):
         both = np.concatenate([one, other])
         sides.append(float(np.ptp(both)) + 1.0 if len(both) else 1.0)
-    return max(sides[0] * sides[1], LEAST_AREA)
+    return max(sides[0] * sides[1], MIN_AREA)
 
 
 def alike(known: Standing, run: Standing, size_sd: float = RUN_SIZE_SD, wrong: float = WRONG_SIZE) -> Float64:
@@ -199,18 +199,18 @@ def align(known: Standing, run: Standing) -> tuple[Motion | None, float]:
     """Return the motion from the coordinates of a run to those of the known things, and its probability; None for none."""
     if not len(known) or not len(run):
         return None, 0.0
-    known, run = (each.rows(_largest(each, MOST_ALIGNED)) for each in (known, run))
+    known, run = (each.rows(_largest(each, MAX_ALIGNED)) for each in (known, run))
     found: dict[bytes, tuple[float, Motion]] = {}
     for motion in [HERE, *proposals(known, run)]:
         refined = motion if motion == HERE else _refine(known, run, motion)
         placed = run.at(*refined.of(run.x, run.y))
         gain = gains(known, placed)
-        pair = assign(gain.T - LEAST_GAIN)
+        pair = assign(gain.T - MIN_GAIN)
         one = np.flatnonzero(pair >= 0)
         standing = int(np.count_nonzero(_distance(known, placed)[pair[one], one] < IN_PLACE_SDS * RUN_PLACE_SD))
-        if standing < (min(2, len(known), len(run)) if refined == HERE else LEAST_IN_PLACE):
+        if standing < (min(2, len(known), len(run)) if refined == HERE else MIN_IN_PLACE):
             continue
-        total = float((gain[pair[one], one] - LEAST_GAIN).sum()) - (0.0 if refined == HERE else MOTION_PRIOR)
+        total = float((gain[pair[one], one] - MIN_GAIN).sum()) - (0.0 if refined == HERE else MOTION_PRIOR)
         key = pair.tobytes()
         if key not in found or total > found[key][0]:
             found[key] = total, refined
@@ -225,7 +225,7 @@ def align(known: Standing, run: Standing) -> tuple[Motion | None, float]:
 
 def proposals(known: Standing, run: Standing) -> list[Motion]:
     """Return the proposals under which most things fall into place."""
-    ours, theirs = _largest(known, MOST_THINGS), _largest(run, MOST_THINGS)
+    ours, theirs = _largest(known, MAX_THINGS), _largest(run, MAX_THINGS)
     like = alike(known.rows(ours[:, None]), run.rows(theirs))
     x0, y0, x1, y1 = known.x[ours], known.y[ours], run.x[theirs], run.y[theirs]
     a, b = (part.ravel() for part in np.nonzero(~np.eye(len(ours), dtype=bool)))
@@ -233,10 +233,10 @@ def proposals(known: Standing, run: Standing) -> list[Motion]:
     there, here = np.hypot(x0[b] - x0[a], y0[b] - y0[a]), np.hypot(x1[j] - x1[i], y1[j] - y1[i])
     first, second = like[a][:, i], like[b][:, j]
     fits = np.abs(there[:, None] - here) < PAIR_TOLERANCE
-    fits &= (first > LEAST_ALIKE) & (second > LEAST_ALIKE) & (there[:, None] > SHORTEST_PAIR) & (here > SHORTEST_PAIR)
+    fits &= (first > MIN_ALIKE) & (second > MIN_ALIKE) & (there[:, None] > SHORTEST_PAIR) & (here > SHORTEST_PAIR)
     p, q = np.nonzero(fits)
     weight = (first + second)[p, q] - ((there[p] - here[q]) / (2.0 * RUN_PLACE_SD)) ** 2
-    order = np.lexsort((-there[p], -weight))[:MOST_PROPOSALS]
+    order = np.lexsort((-there[p], -weight))[:MAX_PROPOSALS]
     a, b, i, j = a[p[order]], b[p[order]], i[q[order]], j[q[order]]
     angle = np.arctan2(y0[b] - y0[a], x0[b] - x0[a]) - np.arctan2(y1[j] - y1[i], x1[j] - x1[i])
     cos, sin = np.cos(angle), np.sin(angle)
@@ -250,7 +250,7 @@ def proposals(known: Standing, run: Standing) -> list[Motion]:
         x = shift_x[at, None] + c * x1 - s * y1
         y = shift_y[at, None] + s * x1 + c * y1
         away = np.hypot(x[:, None, :] - x0[:, None], y[:, None, :] - y0[:, None])
-        gain = np.maximum(like + near(away, room) - LEAST_GAIN, 0.0)
+        gain = np.maximum(like + near(away, room) - MIN_GAIN, 0.0)
         quality[at] = np.minimum(gain.max(axis=2).sum(axis=1), gain.max(axis=1).sum(axis=1))
     best: list[Motion] = []
     for k in np.argsort(-quality, kind="stable").tolist():
@@ -259,7 +259,7 @@ def proposals(known: Standing, run: Standing) -> list[Motion]:
         places = (other.of(x1, y1) for other in best)
         if not any(np.hypot(u - x, v - y).max() < IN_PLACE_SDS * RUN_PLACE_SD for u, v in places):
             best.append(motion)
-        if len(best) == MOST_REFINED or quality[k] < LEAST_QUALITY * quality.max():
+        if len(best) == MAX_REFINED or quality[k] < MIN_QUALITY * quality.max():
             break
     return best
 
@@ -276,7 +276,7 @@ def _refine(known: Standing, run: Standing, motion: Motion) -> Motion:
     for _ in range(MOTION_REFINEMENTS):
         placed = run.at(*motion.of(run.x, run.y))
         away = _distance(known, placed)
-        gain = np.where(away < IN_PLACE_SDS * RUN_PLACE_SD, like + near(away, area(known, placed)) - LEAST_GAIN, -np.inf)
+        gain = np.where(away < IN_PLACE_SDS * RUN_PLACE_SD, like + near(away, area(known, placed)) - MIN_GAIN, -np.inf)
         pair = assign(gain.T)
         one = np.flatnonzero(pair >= 0)
         if len(one) < 2:
@@ -299,10 +299,10 @@ def _fit(x: Float64, y: Float64, to_x: Float64, to_y: Float64) -> Motion:
 
 IN_PLACE = 0.1
 """[m] Greatest distance of structure in place from that of the other run."""
-LEAST_COMMON = 0.2
+MIN_COMMON = 0.2
 """Least share of the smaller structure, and of the smaller free ground, that both runs have in common: rooms on both sides
 of a wall do not lie on each other."""
-LEAST_POINTS, LEAST_OVERLAP = 20, 0.6
+MIN_POINTS, MIN_OVERLAP = 20, 0.6
 """Least number of occupied points that both runs have in common, and least share of the structure in place; runs with less
 do not lie on each other."""
 AS_MUCH, AS_MUCH_POINTS, AS_MUCH_IN_PLACE = 0.03, 40, 0.8
@@ -313,13 +313,13 @@ CLEARLY = 6
 """Number of points against it by which a shift along walls is clearly worse."""
 HELD = 0.01
 """Least share of the structure across a direction, by the normals of its lines, that holds an alignment along it."""
-MOST_POINTS = 20_000
+MAX_POINTS = 20_000
 """Greatest number of points by which alignments are compared; of more, every second, third, … one stands for them all."""
-COARSE, MOST_COARSE = 0.2, 256
+COARSE, MAX_COARSE = 0.2, 256
 """Side of the cells on which all turns and shifts are tried [m], so large that there are no more than so many in a row."""
-MOST_TURN = math.radians(4.0)
+MAX_TURN = math.radians(4.0)
 """[rad] Greatest step of turns that are tried."""
-PEAKS, MOST_CANDIDATES, APART = 4, 24, 0.5
+PEAKS, MAX_CANDIDATES, APART = 4, 24, 0.5
 """Number of shifts that each turn proposes; most different proposals that are refined; proposals are different if they
 bring the structure this far apart [m]."""
 NEAR_HERE, NEAR_HERE_TURN = 0.3, math.radians(5.0)
@@ -353,7 +353,7 @@ class Fit:
     @property
     def lies(self) -> bool:
         """True if the runs lie on each other."""
-        return self.common and self.overlap >= LEAST_OVERLAP
+        return self.common and self.overlap >= MIN_OVERLAP
 
     @property
     def gain(self) -> int:
@@ -366,7 +366,7 @@ def fit(first: Nearest, second: Nearest, motion: Motion) -> Fit:
     shares, explained, against, squares = [], 0, 0, 0.0
     free = np.count_nonzero(first.ground.state(*motion.of(*second.free.T)) == FREE)
     both_free = free / max(1, len(second.free)) * second.area
-    common = both_free >= LEAST_COMMON * min(first.area, second.area)
+    common = both_free >= MIN_COMMON * min(first.area, second.area)
     for here, there, leads in ((first, second, motion), (second, first, motion.inverse)):
         x, y = leads.of(*_some(there.ground.points).T)
         every = max(1, round(len(there.ground.points) / max(1, len(x))))
@@ -379,14 +379,14 @@ def fit(first: Nearest, second: Nearest, motion: Motion) -> Fit:
         against += both - placed
         squares += every * float((away[near] ** 2).sum())
         least = min(len(here.ground.points), len(there.ground.points))
-        common &= both >= max(LEAST_POINTS, LEAST_COMMON * least)
+        common &= both >= max(MIN_POINTS, MIN_COMMON * least)
     rms = math.sqrt(squares / explained) if explained else math.nan
     return Fit(motion, min(shares), explained, against, rms, common)
 
 
 def _some(points: Float64) -> Float64:
     """Return points (N, 2), of many every second, third, … one."""
-    return points[:: max(1, len(points) // MOST_POINTS)]
+    return points[:: max(1, len(points) // MAX_POINTS)]
 
 
 def settle(first: Nearest, second: Nearest) -> tuple[Fit, Fit | None]:
@@ -487,7 +487,7 @@ def _different(motions: list[Motion], ground: Ground) -> list[Motion]:
     for motion in motions:
         if all(_apart(motion, other, ground) > APART for other in kept):
             kept.append(motion)
-        if len(kept) == MOST_CANDIDATES:
+        if len(kept) == MAX_CANDIDATES:
             break
     return kept
 
@@ -500,7 +500,7 @@ def refine(first: Nearest, points: Float64, motion: Motion) -> Motion:
         x, y = motion.of(points[:, 0], points[:, 1])
         index, away = first.of(x, y)
         near = np.flatnonzero(away <= reach)
-        if len(near) < LEAST_POINTS:
+        if len(near) < MIN_POINTS:
             break
         target = first.ground.points[index[near]]
         normal, on_line = first.lines(index[near])
@@ -540,7 +540,7 @@ def _tried(one: Nearest, other: Nearest) -> list[Motion]:
     radius = float(np.hypot(*(second.points - middle).T).max())
     left, low = first.points.min(axis=0) - COARSE
     extent = first.points.max(axis=0) - [left, low]
-    side = max(COARSE, (float(extent.max()) + 2.0 * radius) / MOST_COARSE)
+    side = max(COARSE, (float(extent.max()) + 2.0 * radius) / MAX_COARSE)
     wide, high = (math.ceil((float(length) + 2.0 * radius) / side) + 4 for length in extent)
     shape = _even(high), _even(wide)
     ours = _counted(first.points, left, low, side, shape)
@@ -549,7 +549,7 @@ def _tried(one: Nearest, other: Nearest) -> list[Motion]:
     our_free = _counted(one.free, left, low, side, shape) > 0
     worth = np.where(near, np.where(ours > 0, 1.0, 0.5), np.where(our_free, -1.0, 0.0))
     for_points, for_free = np.fft.rfft2(worth), np.fft.rfft2(ours)
-    step = min(MOST_TURN, max(side / max(radius, side), math.radians(0.5)))
+    step = min(MAX_TURN, max(side / max(radius, side), math.radians(0.5)))
     turns = np.arange(0.0, TURN, TURN / math.ceil(TURN / step))
     found: list[tuple[float, Motion]] = []
     for angle in turns.tolist():

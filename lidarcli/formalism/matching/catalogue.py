@@ -1,7 +1,7 @@
 """Things of interest (§3, matching): the entry of a catalogue that explains what was seen of a thing.
 
 Only what was seen may contradict an entry: one face of 1.2 m or 0.8 m makes a pallet possible, two faces make it certain.
-Every entry is compared with "none of them", a thing of any size between `SMALLEST_SIZE` and `LARGEST_SIZE`. A name is given
+Every entry is compared with "none of them", a thing of any size between `MIN_SIZE` and `MAX_SIZE`. A name is given
 where one entry is probable beside the others and none, and also a good fit by chi-square.
 """
 
@@ -30,19 +30,19 @@ from lidarcli.formalism.detection import (
     Detection,
     spans,
 )
-from lidarcli.sweeps import Bool, Float64, Int32, Int64, SweepBatch, record
+from lidarcli.sweeps.types import Bool, Float64, Int32, Int64, SweepBatch, record
 
 KINDS = tuple(SHAPES[code] for code in (PRISMATIC, ROUND, LEGGED, IRREGULAR))
 """Shapes of things, in the order of `Evidence.shape`."""
-LEAST_PROBABILITY, LEAST_FIT = 0.95, 0.01
+MIN_PROBABILITY, MIN_FIT = 0.95, 0.01
 """Least probability of a name, and of a worse fit if the name is right: below it the evidence contradicts the name."""
-ALL_LEGS_SEEN, MOST_UNKNOWN_LEGS = 0.5, 8
+ALL_LEGS_SEEN, MAX_UNKNOWN_LEGS = 0.5, 8
 """Probability that all legs of a legged thing are seen at once, and most legs of an unknown thing."""
 INTENSITY_SHARE = 0.03
 """Share of the unknown things within the limits of intensity of an entry, which are meant for bright or dark things."""
-SMALLEST_SIZE, LARGEST_SIZE = 0.05, 2.0
+MIN_SIZE, MAX_SIZE = 0.05, 2.0
 """[m] Range of the sizes of unknown things."""
-LEAST_FIT_SD, LEAST_LARGER_SHARE, LEAST_DENSITY = 0.001, 0.05, 1e-300
+MIN_FIT_SD, MIN_LARGER_SHARE, MIN_DENSITY = 0.001, 0.05, 1e-300
 """Least standard deviation of a size [m], share of the unknown things that are larger than what was seen, and density, so
 that its logarithm is finite."""
 
@@ -161,7 +161,7 @@ def name(evidence: Evidence, catalogue: Catalogue) -> tuple[Int32, Float64]:
     top = np.maximum(compared.ratio.max(axis=1, initial=0.0), 0.0)[:, None]
     weight = np.exp(compared.ratio - top)
     probability = weight / (weight.sum(axis=1, keepdims=True) + np.exp(-top))
-    good = (probability >= LEAST_PROBABILITY) & (compared.fit >= LEAST_FIT) & compared.certain
+    good = (probability >= MIN_PROBABILITY) & (compared.fit >= MIN_FIT) & compared.certain
     # As probabilities sum to one, at most one entry is good.
     found = good.any(axis=1)
     best = np.argmax(good, axis=1) if catalogue.things else np.zeros(len(evidence), np.intp)
@@ -253,7 +253,7 @@ def _by_legs(evidence: Evidence, thing: Thing) -> tuple[Float64, Float64, Bool]:
         certain = seen & np.isfinite(evidence.span_1) & (two | np.isfinite(evidence.span_2))
     if thing.legs:
         hidden = (1.0 - ALL_LEGS_SEEN) / max(thing.legs - 1, 1)
-        chance = np.log(np.where(evidence.legs == thing.legs, ALL_LEGS_SEEN, hidden) * MOST_UNKNOWN_LEGS)
+        chance = np.log(np.where(evidence.legs == thing.legs, ALL_LEGS_SEEN, hidden) * MAX_UNKNOWN_LEGS)
         too_many = evidence.legs > thing.legs
         ratio = np.where(too_many, -np.inf, ratio + np.where(seen, chance, 0.0))
         fit = np.where(too_many, 0.0, fit)
@@ -294,14 +294,14 @@ def measured(value: Float64, sd: Float64, low: float, high: float) -> Fit:
     `sd`: standard deviations, tolerance included [m]; the bounds are equal for a known size.
     """
     seen = np.isfinite(value)
-    value, spread = np.where(seen, value, low), np.where(seen, np.hypot(sd, LEAST_FIT_SD), 1.0)
+    value, spread = np.where(seen, value, low), np.where(seen, np.hypot(sd, MIN_FIT_SD), 1.0)
     off = np.maximum(np.maximum(low - value, value - high), 0.0) / spread
-    if high - low > LEAST_FIT_SD:
+    if high - low > MIN_FIT_SD:
         density = (below((value - low) / spread) - below((value - high) / spread)) / (high - low)
-        log_density = np.log(np.maximum(density, LEAST_DENSITY))
+        log_density = np.log(np.maximum(density, MIN_DENSITY))
     else:
         log_density = -0.5 * off**2 - np.log(spread * math.sqrt(2.0 * math.pi))
-    ratio = log_density + math.log(LARGEST_SIZE - SMALLEST_SIZE)
+    ratio = log_density + math.log(MAX_SIZE - MIN_SIZE)
     return Fit(np.where(seen, ratio, 0.0), np.where(seen, off**2, 0.0), seen.astype(np.float64))
 
 
@@ -311,10 +311,10 @@ def at_least(least: Float64, sd: Float64, size: float) -> Fit:
     `sd`: standard deviations, tolerance included [m].
     """
     seen = np.isfinite(least)
-    least, spread = np.where(seen, least, 0.0), np.where(seen, np.hypot(sd, LEAST_FIT_SD), 1.0)
+    least, spread = np.where(seen, least, 0.0), np.where(seen, np.hypot(sd, MIN_FIT_SD), 1.0)
     off = (least - size) / spread
-    longer = np.clip((LARGEST_SIZE - least) / (LARGEST_SIZE - SMALLEST_SIZE), LEAST_LARGER_SHARE, 1.0)
-    ratio = np.log(np.maximum(below(-off), LEAST_DENSITY)) - np.log(longer)
+    longer = np.clip((MAX_SIZE - least) / (MAX_SIZE - MIN_SIZE), MIN_LARGER_SHARE, 1.0)
+    ratio = np.log(np.maximum(below(-off), MIN_DENSITY)) - np.log(longer)
     exceeds = seen & (off > 0.0)
     return Fit(np.where(seen, ratio, 0.0), np.where(exceeds, off**2, 0.0), exceeds.astype(np.float64))
 
@@ -354,9 +354,9 @@ SHORT_FACE = 3.5
 """Least number of points of a face whose ends are certain."""
 ROUGH = 0.05
 """Standard deviation of the extent of an irregular thing from all sides, as a share."""
-MOST_PARTS = 8
+MAX_PARTS = 8
 """Greatest number of legs of a thing whose legs are measured."""
-LEAST_LENGTH = 1e-9
+MIN_LENGTH = 1e-9
 SEEN_AS = ((0.925, 0.02, 0.005, 0.05), (0.06, 0.855, 0.005, 0.08), (0.06, 0.14, 0.60, 0.20), (0.33, 0.13, 0.005, 0.535))
 """Shares of the sweeps that take a prismatic, round, legged or irregular thing (rows) for prismatic, round,
 legged or irregular: those of docs/accuracy.md with more room for rare cases, as one sweep is no proof. Sweeps that find
@@ -408,7 +408,7 @@ def _sides(detection: Detection, step: Float64, sigma: Float64, found: dict[str,
     theta, r = detection.vertex_theta, detection.vertex_r
     x, y = r * np.cos(theta), r * np.sin(theta)
     dx, dy = x[first + 1] - x[first], y[first + 1] - y[first]
-    straight = np.maximum(np.hypot(dx, dy), LEAST_LENGTH)
+    straight = np.maximum(np.hypot(dx, dy), MIN_LENGTH)
     visibility = detection.visibility[owner]
     variance = np.zeros(len(face))
     points = np.abs(np.diff(theta)) / np.repeat(step, vertices)[:-1] + 1.0 if len(theta) else theta
@@ -419,8 +419,8 @@ def _sides(detection: Detection, step: Float64, sigma: Float64, found: dict[str,
         edge = place == (faces[owner] - 1 if end else 0)
         hides = (visibility == hidden) | (visibility == BOTH_HIDDEN) | (visibility == CUT)
         own &= np.where(edge, ~hides, detection.vertex_kind[at] == CORNER)
-        grazing = np.abs(dx * y[at] - dy * x[at]) / (straight * np.maximum(r[at], LEAST_LENGTH))
-        along = np.minimum(r[at] * step[owner] / np.maximum(grazing, LEAST_LENGTH), straight)
+        grazing = np.abs(dx * y[at] - dy * x[at]) / (straight * np.maximum(r[at], MIN_LENGTH))
+        along = np.minimum(r[at] * step[owner] / np.maximum(grazing, MIN_LENGTH), straight)
         # The line of the face beyond the corner gives the end of this one.
         beyond = np.clip(at if end else at - 1, 0, len(points) - 1)
         sharp = ~edge & (np.minimum(points[beyond], points[first]) > FEW_POINTS)
@@ -456,7 +456,7 @@ def _legs(detection: Detection) -> tuple[Int32, Float64, Float64]:
     vertices, faces = np.diff(detection.vertex_offsets), np.diff(detection.face_offsets)
     parts = np.where(detection.shape == LEGGED, vertices - faces, 0).astype(np.int32)
     span_1, span_2 = np.full(count, np.nan), np.full(count, np.nan)
-    rows = np.flatnonzero((parts >= 2) & (parts <= MOST_PARTS))
+    rows = np.flatnonzero((parts >= 2) & (parts <= MAX_PARTS))
     if not len(rows):
         return parts, span_1, span_2
     x, y = _places(detection, rows)
@@ -498,7 +498,7 @@ def _ends(along: Float64) -> tuple[Float64, Float64]:
 
 
 def _places(detection: Detection, rows: Int64) -> tuple[Float64, Float64]:
-    """Return (R, MOST_PARTS) the middles of the vertices of every part of some objects [m], NaN for fewer parts."""
+    """Return (R, MAX_PARTS) the middles of the vertices of every part of some objects [m], NaN for fewer parts."""
     begin = detection.vertex_offsets[rows].astype(np.int64)
     vertex, row, offsets = spans(begin, np.diff(detection.vertex_offsets)[rows].astype(np.int64))
     face, owner, _ = spans(
@@ -509,11 +509,11 @@ def _places(detection: Detection, rows: Int64) -> tuple[Float64, Float64]:
     starts = ~np.isin(row + 1j * theta, owner + 1j * detection.face_theta_f[face])
     counted: Int64 = np.cumsum(starts)
     number: Int64 = counted - counted[offsets[:-1]][row]
-    place = row * MOST_PARTS + np.minimum(number, MOST_PARTS - 1)
-    weight = np.bincount(place, minlength=len(rows) * MOST_PARTS)
+    place = row * MAX_PARTS + np.minimum(number, MAX_PARTS - 1)
+    weight = np.bincount(place, minlength=len(rows) * MAX_PARTS)
     with np.errstate(invalid="ignore"):
         x, y = (
-            (np.bincount(place, at, len(weight)) / weight).reshape(-1, MOST_PARTS)
+            (np.bincount(place, at, len(weight)) / weight).reshape(-1, MAX_PARTS)
             for at in (r * np.cos(theta), r * np.sin(theta))
         )
     return x, y

@@ -14,12 +14,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from lidarcli.choices import CHANGE_KINDS, CHANGE_STATUSES, CHANGE_WHYS, LEAST_SCORE
 from lidarcli.formalism.mapping.grid import UNKNOWN, pieces
-from lidarcli.formalism.matching.alignment import LEAST_AREA, SIZE_RANGE, Standing, alike, coded
-from lidarcli.formalism.matching.catalogue import LARGEST_SIZE
+from lidarcli.formalism.matching.alignment import MIN_AREA, SIZE_RANGE, Standing, alike, coded
+from lidarcli.formalism.matching.catalogue import MAX_SIZE
 from lidarcli.formalism.matching.ground import HERE, SEEN_FREE, Buckets, Ground, Motion, Nearest
-from lidarcli.sweeps import Bool, Float64, Int64, record
+from lidarcli.options.choices import CHANGE_KINDS, CHANGE_STATUSES, CHANGE_WHYS, MIN_SCORE
+from lidarcli.sweeps.types import Bool, Float64, Int64, record
 
 # Extents of standing things by what their run saw of the ground around them.
 #
@@ -31,9 +31,9 @@ BESIDE, OUTSIDE = 0.05, 0.1
 little."""
 LINKED = 0.11
 """[m] Greatest step between the hits of one thing, along each axis; of coarse cells a little over two."""
-SMALLEST_SIDE, UNKNOWN_WIDTH = 0.06, 0.2
+MIN_SIDE, UNKNOWN_WIDTH = 0.06, 0.2
 """[m] Least side of a box, and width of a thing of which only one side was seen, or its length if that is less."""
-LEAST_HITS = 3
+MIN_HITS = 3
 """Least number of occupied cells by which a thing is measured."""
 MEASURED_SD = 0.01
 """[m] Standard deviation of a side that was measured by occupied cells."""
@@ -51,8 +51,8 @@ TURNS = (np.radians(np.arange(-45.0, 45.0, 1.5)), np.radians(np.arange(-1.5, 1.7
 def box_of(things: Standing, yaw: Float64, k: int) -> Float64:
     """Return x, y, yaw, length and width of a thing; sizes that are unknown are guessed."""
     length, width = float(things.length[k]), float(things.width[k])
-    length = SMALLEST_SIDE if not length > SMALLEST_SIDE else length
-    width = min(length, UNKNOWN_WIDTH) if not width > 0 else max(width, SMALLEST_SIDE)
+    length = MIN_SIDE if not length > MIN_SIDE else length
+    width = min(length, UNKNOWN_WIDTH) if not width > 0 else max(width, MIN_SIDE)
     return np.array([things.x[k], things.y[k], yaw[k], length, width])
 
 
@@ -110,7 +110,7 @@ def measured(things: Standing, yaw: Float64, ground: Ground) -> tuple[Standing, 
     dropped: set[int] = set()
     for k, mine in enumerate(hit):
         points = ground.points[np.concatenate([groups[number] for number in mine])] if mine else np.empty((0, 2))
-        if k in dropped or len(points) < LEAST_HITS or np.ptp(points, axis=0).max() > LARGEST_SIZE:
+        if k in dropped or len(points) < MIN_HITS or np.ptp(points, axis=0).max() > MAX_SIZE:
             continue
         others = {other for number in mine for other in claims[number]} - {k}
         if not others and within(points, box_of(things, yaw, k), OUTSIDE).all():
@@ -163,7 +163,7 @@ def unseen_ends(things: Standing, yaw: Float64, ground: Ground | None) -> Float6
     if ground is None:
         return found
     step = 0.5 * ground.resolution
-    past = np.arange(0.5, LARGEST_SIZE / step) * step
+    past = np.arange(0.5, MAX_SIZE / step) * step
     for k, axis in itertools.product(range(len(things)), (0, 1)):
         box = box_of(things, yaw, k)
         along, across = 0.5 * box[3 + axis], 0.5 * box[4 - axis]
@@ -175,8 +175,8 @@ def unseen_ends(things: Standing, yaw: Float64, ground: Ground | None) -> Float6
             u, v = np.repeat(side * (along + past), len(sideways)), np.tile(sideways, len(past))
             x, y = box[0] + cos * u - sin * v, box[1] + sin * u + cos * v
             free = (ground.passed(x, y) >= SEEN_FREE).reshape(len(past), -1).any(axis=1)
-            more += float(past[int(np.argmax(free))]) if free.any() else LARGEST_SIZE
-        found[k, axis] = min(more, max(LARGEST_SIZE - 2.0 * along, 0.0))
+            more += float(past[int(np.argmax(free))]) if free.any() else MAX_SIZE
+        found[k, axis] = min(more, max(MAX_SIZE - 2.0 * along, 0.0))
     return found
 
 
@@ -222,7 +222,7 @@ ROUNDS = 60
 """Rounds of belief propagation."""
 FARTHEST = max(SAME_PLACE, 3.0 * math.hypot(UNSIZED_SD, UNSIZED_SD))
 """[m] Greatest distance of one thing in its place from itself."""
-MOST_MOVED = 1000
+MAX_MOVED = 1000
 """Most things of each run that have left their places and are looked for elsewhere."""
 
 
@@ -277,8 +277,8 @@ def pairs_of(a: Side, b: Side) -> Pairs:
     boxes, count = [boxes_of(each.things, each.yaw) for each in (a, b)], len(b.things)
     # Anything that has left its place may be anything that has come.
     gone, come = np.flatnonzero(a.left), np.flatnonzero(b.left)
-    if len(gone) * len(come) > MOST_MOVED**2:
-        raise TooManyError(f"{max(len(gone), len(come)):,} things, more than are looked for ({MOST_MOVED:,})")
+    if len(gone) * len(come) > MAX_MOVED**2:
+        raise TooManyError(f"{max(len(gone), len(come)):,} things, more than are looked for ({MAX_MOVED:,})")
     (i, j), (q, p) = contained(boxes[0], places[1], BESIDE), contained(boxes[1], places[0], BESIDE)
     inside = np.concatenate([i * count + j, p * count + q])
     length = [np.fmax(np.nan_to_num(each.things.length), FARTHEST) for each in (a, b)]
@@ -323,7 +323,7 @@ def _nearer(away: Float64, one: Standing, other: Standing) -> Float64:
     """Return how much likelier than anywhere in the room in which things stand their places at a distance [m] are."""
     x, y = (np.concatenate([getattr(one, axis), getattr(other, axis)]) for axis in ("x", "y"))
     # Of places all over a disc.
-    radius = math.sqrt(max(2.0 * float(np.var(x) + np.var(y)), LEAST_AREA / math.pi))
+    radius = math.sqrt(max(2.0 * float(np.var(x) + np.var(y)), MIN_AREA / math.pi))
     result: Float64 = 0.5 * radius**2 / (radius - math.log1p(radius)) / (1.0 + away)
     return result
 
@@ -394,17 +394,17 @@ CERTAIN = -1
 EXPLAINED, CHANGED = 0.15, 0.15
 """[m] Changed cells this far around a thing belong to it; structure is in place up to this distance from that of the other
 run."""
-SMALLEST_CHANGE, LEAST_CELLS, MOST_CHANGES = 0.3, 4, 10_000
+MIN_CHANGE, MIN_CELLS, MAX_CHANGES = 0.3, 4, 10_000
 """Least extent [m] and number of cells of a change of the structure, and most changes: runs with more are hardly of one
 place."""
 AROUND = 0.5
 """[m] What is this near to a place tells that it was in view."""
-MOST_STATIONS = 40
+MAX_STATIONS = 40
 """Greatest number of places of the sensor from which a thing may have been hidden."""
 
 
 class TooManyError(ValueError):
-    """Two runs differ in more than `MOST_CHANGES` places or `MOST_MOVED` things; the text says in how many."""
+    """Two runs differ in more than `MAX_CHANGES` places or `MAX_MOVED` things; the text says in how many."""
 
 
 @record
@@ -464,7 +464,7 @@ class Compared:
         motion: Motion,
         nearest: tuple[Nearest | None, Nearest | None],
         chance: float = 1.0,
-        least: float = LEAST_SCORE,
+        least: float = MIN_SCORE,
     ) -> None:
         """`motion` leads from the coordinates of the second run to those of the first, and is right by `chance`.
 
@@ -620,7 +620,7 @@ class Compared:
         x, y = spot.points.mean(axis=0).tolist()
         back, to_old = self._motions[1 - side].inverse, self._motions[side].inverse
         (there_x,), (there_y,) = back.of(np.array([x]), np.array([y]))
-        stations = run.sensors[:: max(1, len(run.sensors) // MOST_STATIONS)]
+        stations = run.sensors[:: max(1, len(run.sensors) // MAX_STATIONS)]
         for begin in stations:
             ahead = np.array([there_x, there_y]) - begin
             length = float(np.hypot(*ahead))
@@ -684,13 +684,13 @@ class Compared:
         looks = here.seen(*self._motions[side].inverse.of(points[at, 0], points[at, 1]))
         others = there.seen(x[at], y[at])
         linked = max(LINKED, 2.1 * here.resolution)
-        found = [each for each in clusters(points[at], linked) if len(each) >= LEAST_CELLS]
+        found = [each for each in clusters(points[at], linked) if len(each) >= MIN_CELLS]
         if not found:
             return
         boxes = rectangles(points[at[np.concatenate(found)]], np.cumsum([0, *map(len, found[:-1])]))
-        large = np.flatnonzero(boxes[:, 3] >= SMALLEST_CHANGE)
-        if len(large) > MOST_CHANGES:
-            raise TooManyError(f"{len(large):,} places of their structure, more than are told ({MOST_CHANGES:,})")
+        large = np.flatnonzero(boxes[:, 3] >= MIN_CHANGE)
+        if len(large) > MAX_CHANGES:
+            raise TooManyError(f"{len(large):,} places of their structure, more than are told ({MAX_CHANGES:,})")
         for box, cluster in ((boxes[k], found[k]) for k in large.tolist()):
             sweeps = int(np.median(passed[at[cluster]]))
             score = (sweeps + 1) / (sweeps + 2) * self._chance

@@ -20,7 +20,7 @@ from lidarcli.formalism.mapping.grid import (
     Occupancy,
     TooLargeError,
 )
-from lidarcli.sweeps import TURN, Bool, Float64, Int32, Int64, record
+from lidarcli.sweeps.types import TURN, Bool, Float64, Int32, Int64, record
 
 SEEN_FREE = 3
 """Least number of sweeps that pass a place that was seen free."""
@@ -29,7 +29,7 @@ FINEST = 0.05
 REACH, ON_LINE, STRAIGHT = 0.6, 0.15, 0.1
 """Greatest distance to a nearest occupied point [m]; half width of the windows in which lines are fitted to occupied points
 [m]; greatest ratio of the variances across and along a line."""
-MOST_CELLS = 100_000_000
+MAX_CELLS = 100_000_000
 """Most cells of several grounds together: those of the largest map at 5 cm."""
 FREE_SIDE = 300
 """Most places in a row, and rows of them, by which free ground is compared."""
@@ -175,11 +175,11 @@ def _laid(
 ) -> tuple[float, float, Int8, Int32, Int32]:
     """Return the lower left corner of cells that hold some places, and their layers as `read` tells them of their middles.
 
-    More than `MOST_CELLS` raise a `TooLargeError`.
+    More than `MAX_CELLS` raise a `TooLargeError`.
     """
     left, low = math.floor(x.min() / side), math.floor(y.min() / side)
     height, width = math.ceil(y.max() / side) - low, math.ceil(x.max() / side) - left
-    if height * width > MOST_CELLS:
+    if height * width > MAX_CELLS:
         raise TooLargeError(f"{width * side:,.0f} x {height * side:,.0f} m")
     layers = np.empty((height, width), np.int8), *np.empty((2, height, width), np.int32)
     middle_x, middle_y = ((np.arange(many) + first + 0.5) * side for many, first in ((width, left), (height, low)))

@@ -15,15 +15,15 @@ import numpy as np
 
 from lidarcli.formalism.detection import starts
 from lidarcli.formalism.tracking.keyframes import Keyframes
-from lidarcli.formalism.tracking.results import LEAST_WAY
+from lidarcli.formalism.tracking.results import MIN_WAY
 from lidarcli.formalism.tracking.tracks import Track, main_part
-from lidarcli.sweeps import Bool, Float64, Int64, UInt8
+from lidarcli.sweeps.types import Bool, Float64, Int64, UInt8
 
 PLACES_APART = 0.06
 """[m] Least distance of the places of a stretch at which it is looked."""
-LEAST_JUMP, LARGEST = 0.4, 2.0
+MIN_JUMP, LARGEST = 0.4, 2.0
 """[m] Least distance from where a track is expected that is a jump, unless it is larger; greatest size that counts."""
-LEAST_LOOKS = 1.5
+MIN_LOOKS = 1.5
 """Least weight of the looks at a place, before or after, that tell whether it is free."""
 ON_THE_WAY = 0.2
 """A place lies on the way if it is so far from both ends, as a share of the way."""
@@ -31,7 +31,7 @@ AT_FIRST, BALANCE, PLACES, STEP = -2.55, 1.45, 1.05, -0.38
 """[log-odds] That a stretch goes: without evidence; by the mean balance of the looks at its places, from -1 (all hit) to 1
 (all free); by the logarithm of 1 + the number of free places on its way; by that of its greatest step over its way. By
 logistic regression on 29 real logs that were judged by eye and on drawn ones (docs/tracking.md)."""
-LEAST_STEP_SHARE, SHORTEST_WAY = 0.02, 0.05
+MIN_STEP_SHARE, SHORTEST_WAY = 0.02, 0.05
 """Added to the greatest step over the way; shortest way [m] that counts."""
 SECONDS_BEFORE, RESTS = 1.0, 0.5
 """[s] What goes has begun so long before that is shown, unless it rested at one place for so long."""
@@ -69,7 +69,7 @@ def judge(sightings: Any, track: Track, at: Int64, step: Int64, time: Float64, m
     place, when = np.add.reduceat(sightings.view[at], firsts) / parts, time[seen]
     rows, moves = sightings.keep[at[firsts]], moving[seen] == 1
     own = np.logical_or.reduceat(sightings.own[at], firsts)
-    far = max(LEAST_JUMP, min(2.0 * max(main_part(track).h), LARGEST) + LEAST_WAY)
+    far = max(MIN_JUMP, min(2.0 * max(main_part(track).h), LARGEST) + MIN_WAY)
     picks = _picks(place)
     balance = _balance(sightings, sightings.keyframes, at, step, seen[picks])
     agent, goes, score = np.zeros(len(seen), bool), np.zeros(len(seen), bool), np.zeros(len(seen))
@@ -114,7 +114,7 @@ def _left(sightings: Any, row: int) -> bool:
     looks = np.empty((1, 4))
     sightings.keyframes.count_looks(sightings.recorded, np.array([row], np.int64), looks)
     free, hits = looks[0, 2:].tolist()
-    return bool(free >= LEAST_LOOKS and free > hits)
+    return bool(free >= MIN_LOOKS and free > hits)
 
 
 def _rests_as_another(sightings: Any, place: Any, when: Float64, rows: Int64, rests: Bool, far: float) -> Bool:
@@ -165,7 +165,7 @@ def _balance(sightings: Any, keyframes: Keyframes, at: Int64, step: Int64, sweep
     looks = np.add.reduceat(looks, groups) / np.diff(groups, append=len(which))[:, None]
     free, hits = looks[:, ::2], looks[:, 1::2]
     total = free + hits
-    either = np.where(total >= LEAST_LOOKS, (free - hits) / np.maximum(total, LEAST_LOOKS), np.nan)
+    either = np.where(total >= MIN_LOOKS, (free - hits) / np.maximum(total, MIN_LOOKS), np.nan)
     balance: Float64 = np.fmax(either[:, 0], either[:, 1])
     return balance
 
@@ -184,7 +184,7 @@ def _chance(place: Any, balance: Float64, moves: Bool) -> tuple[float, int]:
     between = np.count_nonzero((share > ON_THE_WAY) & (share < 1.0 - ON_THE_WAY))
     step = float(np.abs(np.diff(place)).max()) / max(way, SHORTEST_WAY)
     odds = AT_FIRST + BALANCE * float(balance[told].mean()) + PLACES * math.log1p(between)
-    odds += STEP * math.log(step + LEAST_STEP_SHARE)
+    odds += STEP * math.log(step + MIN_STEP_SHARE)
     return 1.0 / (1.0 + math.exp(-odds)), int(free[0])
 
 

@@ -1,7 +1,7 @@
 cimport cython
 cimport libc.math as math
 
-from lidarcli cimport native
+from lidarcli.system cimport native
 from lidarcli.formalism.segmentation cimport Scans
 from lidarcli.formalism.tracking cimport kalman, keyframes, measurement, track_evidence
 from lidarcli.formalism.tracking.kalman cimport Sightings, Targets
@@ -9,7 +9,7 @@ from lidarcli.formalism.tracking.keyframes cimport Keyframes
 from lidarcli.formalism.tracking.measurement cimport EdgeMeasurement, Measurements
 
 cdef Py_ssize_t STANDING_SIGHTINGS, MERGED_GAIN, DUPLICATE_SIGHTINGS
-cdef double INFINITY, LEAST_WAY, GATE, MOST_SIZE_COST, NEWCOMER_COST, CENTROID_SD, CENTROID_SD_SIZE, MOST_SIDE_COST, SIZE_SD
+cdef double INFINITY, MIN_WAY, GATE, MAX_SIZE_COST, NEWCOMER_COST, CENTROID_SD, CENTROID_SD_SIZE, MAX_SIDE_COST, SIZE_SD
 cdef double FARTHEST_VIEW, PART_MARGIN, SEEN_BEFORE, SLIMMEST_LASTING, DUPLICATE_COST
 cdef double WALKING_LEG_WIDTH, LEGS_WIDTH, LEG_REACH, LEG_SD, SAME_PERSON, TWO_LEGS_VAR, ONE_LEG_VAR, JOINT_LEGS_VAR
 cdef double PERSON_RADIUS, PERSONS_APART

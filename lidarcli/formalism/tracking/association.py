@@ -10,23 +10,23 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from lidarcli import native
 from lidarcli.formalism.segmentation import Scans
 from lidarcli.formalism.tracking import kalman, keyframes, measurement, results, track_evidence
 from lidarcli.formalism.tracking.kalman import Sightings, Targets
 from lidarcli.formalism.tracking.keyframes import Keyframes
 from lidarcli.formalism.tracking.measurement import EdgeMeasurement, Measurements
+from lidarcli.system import native
 
 INFINITY = float("inf")
-LEAST_WAY = results.LEAST_WAY
+MIN_WAY = results.MIN_WAY
 GATE = 6.25
 """Cost of a target without a measurement: one that costs more is outside the gate."""
 CENTROID_SD, CENTROID_SD_SIZE = 0.12, 0.25
 """Standard deviation of the centroid of a measurement from where it is expected [m], and the share of the size that adds to
 it."""
-MOST_SIDE_COST = 4.0
+MAX_SIDE_COST = 4.0
 """Greatest cost of one side, in squared standard deviations."""
-SIZE_SD, MOST_SIZE_COST = 0.15, 2.0
+SIZE_SD, MAX_SIZE_COST = 0.15, 2.0
 """Standard deviation of the difference between two sizes of one target [m], and the greatest cost of one that differs."""
 NEWCOMER_COST = 1.0
 """Cost of a target whose existence is doubtful, so that it comes after those that are certain."""
@@ -121,7 +121,7 @@ def _gate(candidates: Candidates, sides: EdgeMeasurement, targets: Targets, meas
             if cost >= GATE or candidates.count >= candidates.capacity:
                 continue
             dx, dy = meas.middle_x[k] - targets.middle_x[b], meas.middle_y[k] - targets.middle_y[b]
-            is_away = dx * dx + dy * dy > (size + LEAST_WAY) * (size + LEAST_WAY)
+            is_away = dx * dx + dy * dy > (size + MIN_WAY) * (size + MIN_WAY)
             # What stood there while the target was seen elsewhere is another thing.
             if is_away and keyframes.stood_before(frames, meas, k, targets.last_time[b]):
                 continue
@@ -151,13 +151,13 @@ def _assignment_cost(sides: EdgeMeasurement, targets: Targets, meas: Measurement
             continue
         sign = 0.0 if sides.by_centre else (1.0 if side == 1 or side == 3 else -1.0)
         off, s = kalman.residual(targets, 2 * b + side // 2, sides.z[side], sign, sides.var[side])
-        total += min(off * off / s, MOST_SIDE_COST)
+        total += min(off * off / s, MAX_SIDE_COST)
         number += 1.0
     cost = 0.5 * total / number if number > 0.0 else 0.0
     if targets.whole[b] >= 3 and not measurement.is_partial(meas, k):
         size = math.sqrt(meas.length[k] * meas.length[k] + meas.width[k] * meas.width[k])
         off = (size - targets.size[b]) / (SIZE_SD + 0.2 * targets.size[b])
-        cost += min(off * off, MOST_SIZE_COST)
+        cost += min(off * off, MAX_SIZE_COST)
     return cost
 
 

@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lidarcli.formalism.detection import starts
-from lidarcli.formalism.tracking.results import DISC, LEAST_WAY, LEFT_VIEW, PERSON, SHORTEST_STAND
+from lidarcli.formalism.tracking.results import DISC, LEFT_VIEW, MIN_WAY, PERSON, SHORTEST_STAND
 from lidarcli.formalism.tracking.tracks import STANDING_LEGS_APART, Track, Tracklet
-from lidarcli.sweeps import Bool, Float64, Int64
+from lidarcli.sweeps.types import Bool, Float64, Int64
 
 PERSON_WIDTH = 0.65
 """[m] Greatest width of a person at the legs."""
@@ -31,7 +31,7 @@ PACE_SIGHTINGS = 12
 LONGEST_STITCH_GAP, LONGEST_STANDING_GAP, LONGEST_UNCOVERED = 15.0, 30.0, 0.7
 """[s] Longest gap between two pieces of a track, and between two that both stand; longest time in it in which nothing hid
 it."""
-STITCH_DISTANCE, STITCH_SPEED, MOST_STITCH_DISTANCE = 0.35, 0.9, 3.0
+STITCH_DISTANCE, STITCH_SPEED, MAX_STITCH_DISTANCE = 0.35, 0.9, 3.0
 """Greatest distance of a piece from where it is expected: without a gap [m], its growth with the gap where either piece
 moves [m/s], after any gap [m]."""
 SLOW_WALK = 0.2
@@ -206,7 +206,7 @@ def stitch_costs(ends: list[TrackEnd], begins: list[TrackEnd]) -> Float64:
     gap = np.maximum(after, 0.0)
     # One that stands now may have moved while hidden.
     one = earlier[:, None] | later
-    allowed = np.minimum(STITCH_DISTANCE + np.where(one, STITCH_SPEED, 0.0) * gap, MOST_STITCH_DISTANCE)
+    allowed = np.minimum(STITCH_DISTANCE + np.where(one, STITCH_SPEED, 0.0) * gap, MAX_STITCH_DISTANCE)
     apart = places[1] - places[0][:, None]
     going = np.abs(apart - ahead[0][:, None] * gap)
     meeting = np.abs(apart - (ahead[0][:, None] + ahead[1]) * (0.5 * gap))
@@ -259,7 +259,7 @@ def _may_be_one(sightings: Any, earlier: TrackEnd, later: TrackEnd) -> bool:
 
 def _stood(sightings: Any, earlier: TrackEnd, later: TrackEnd) -> bool:
     """Return whether a later piece stood where it begins while the earlier one was seen elsewhere."""
-    if sightings.keyframes is None or abs(later.place - earlier.place) <= 2.0 * max(earlier.tracklet.h) + LEAST_WAY:
+    if sightings.keyframes is None or abs(later.place - earlier.place) <= 2.0 * max(earlier.tracklet.h) + MIN_WAY:
         return False
     row = sightings.keep[sightings.spans[later.tracklet.number].start]
     # What stands now is who has gone only if its place was seen free.
@@ -371,7 +371,7 @@ PAUSE = 0.6
 RUN_SWEEPS, BESIDE_SHARE = 4, 0.5
 """Least number of sweeps in which a leg goes beside a person, and greatest number without it in between; least share of the
 sweeps with both in which it does, and of all sweeps of a leg that stands."""
-MOST_CROWDED = 0.15
+MAX_CROWDED = 0.15
 """Greatest share of these sweeps in which the two have more than two measurements."""
 PATH_TIME, PATH_SWEEPS, PATH_MARGIN = 0.5, 6, 1.0
 """The path of a person is the mean of the places so long before and after [s], about a step; least number of sweeps of a
@@ -533,7 +533,7 @@ def _give_runs(sightings: Any, person: LegTrajectory, leg: LegTrajectory) -> Non
     for run in np.split(near, np.flatnonzero(np.diff(near) >= RUN_SWEEPS) + 1):
         is_whole = len(run) >= BESIDE_SHARE * len(leg.sweep)
         is_leg = is_whole or (leg.moves and len(run) >= RUN_SWEEPS)
-        given[run] = is_leg and np.mean(measurements[run] > 2) <= MOST_CROWDED
+        given[run] = is_leg and np.mean(measurements[run] > 2) <= MAX_CROWDED
     if given.any():
         _give(sightings, person, leg, np.isin(sightings.sweep[leg.at], leg.sweep[given]))
 

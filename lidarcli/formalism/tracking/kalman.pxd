@@ -1,16 +1,16 @@
 cimport cython
 cimport libc.math as math
 
-from lidarcli cimport native
+from lidarcli.system cimport native
 from lidarcli.formalism.tracking cimport measurement
 from lidarcli.formalism.tracking.measurement cimport EdgeMeasurement, Measurements
 
 cdef Py_ssize_t AHEAD, DELAY, LEFT
 cdef double MOUNT_VAR, MOUNT_TURN_VAR
-cdef double DELAY_SD, LEAST_DELAY_VAR, LEAST_PLACE_VAR, MOST_DELAY, MOST_POSE_RESIDUAL, PLACE_SD, POSE_SIDE_VAR
-cdef Py_ssize_t MOST_LEGS, EMPTY, LIVE, ENDED, DISC, BOX, PERSON
-cdef double ACCELERATION, EXTENT_GROWTH, STANDING_GROWTH, SPEED_SD, ANGULAR_ACCELERATION, TURN_RATE_SD, MOST_TURN, FASTEST_TURN
-cdef double UNSEEN_VAR, MOST_RESIDUAL, LEAST_VAR, QUARTER_TURN, NEW_EXTENT
+cdef double DELAY_SD, MIN_DELAY_VAR, MIN_PLACE_VAR, MAX_DELAY, MAX_POSE_RESIDUAL, PLACE_SD, POSE_SIDE_VAR
+cdef Py_ssize_t MAX_LEGS, EMPTY, LIVE, ENDED, DISC, BOX, PERSON
+cdef double ACCELERATION, EXTENT_GROWTH, STANDING_GROWTH, SPEED_SD, ANGULAR_ACCELERATION, TURN_RATE_SD, MAX_TURN, FASTEST_TURN
+cdef double UNSEEN_VAR, MAX_RESIDUAL, MIN_VAR, QUARTER_TURN, NEW_EXTENT
 
 
 cdef class Targets:

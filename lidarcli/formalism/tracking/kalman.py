@@ -18,13 +18,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lidarcli import native
 from lidarcli.formalism.tracking import measurement, results
 from lidarcli.formalism.tracking.measurement import EdgeMeasurement, Measurements
+from lidarcli.system import native
 
 EMPTY, LIVE, ENDED = results.EMPTY, results.LIVE, results.ENDED
 DISC, BOX, PERSON = results.DISC, results.BOX, results.PERSON
-MOST_LEGS = results.MOST_LEGS
+MAX_LEGS = results.MAX_LEGS
 QUARTER_TURN = 0.5 * math.pi
 ACCELERATION, ANGULAR_ACCELERATION = 0.6, 0.02
 """[m²/s³], [rad²/s³] Spectral densities of a target's acceleration and angular acceleration."""
@@ -33,11 +33,11 @@ EXTENT_GROWTH, STANDING_GROWTH = 1e-5, 1e-7
 err."""
 SPEED_SD, TURN_RATE_SD = 0.7, 0.15
 """[m/s], [rad/s] Standard deviations of the velocity and the turn rate of a new target."""
-MOST_TURN, FASTEST_TURN = math.radians(15.0), 2.0
+MAX_TURN, FASTEST_TURN = math.radians(15.0), 2.0
 """Greatest turn of a target from one sweep to the next [rad], and greatest turn rate [rad/s]."""
 UNSEEN_VAR = 0.0025
 """[m²] Variance that is added to the place of a standing target while it is not seen: (5 cm)²."""
-MOST_RESIDUAL, LEAST_VAR = 16.0, 1e-8
+MAX_RESIDUAL, MIN_VAR = 16.0, 1e-8
 """Greatest squared residual, as a multiple of its variance: a larger one counts as this; least variance, against rounding
 [m²]."""
 NEW_EXTENT = 0.15
@@ -54,9 +54,9 @@ DELAY_SD, PLACE_SD = 0.2, 0.1
 """[s], [m] Standard deviations of the delay and of the place of the sensor at first."""
 MOUNT_VAR, MOUNT_TURN_VAR = 1e-4, 7.6e-5
 """[m²], [rad²] Variances of the place and of the heading of each of several sensors on a robot: (1 cm)², (0.5 degrees)²."""
-LEAST_DELAY_VAR, LEAST_PLACE_VAR = 1e-4, 1e-5
+MIN_DELAY_VAR, MIN_PLACE_VAR = 1e-4, 1e-5
 """[s²], [m²] Least variances of the delay, (10 ms)², and of the place of the sensor."""
-MOST_POSE_RESIDUAL, POSE_SIDE_VAR, MOST_DELAY = 9.0, 1e-4, 0.4
+MAX_POSE_RESIDUAL, POSE_SIDE_VAR, MAX_DELAY = 9.0, 1e-4, 0.4
 """Error of the poses: greatest squared residual, as a multiple of its variance, as a larger one is that of a target that
 moves; variance that is added to each side, because sightings depend on each other [m²]: (1 cm)²; greatest delay [s]."""
 
@@ -152,10 +152,10 @@ class Targets:
         """Sum of the squared distances of points from their faces, in variances of the noise."""
         self.bulge_points = native.at_doubles(_new(self.arrays, "bulge_points", capacity, np.float64))
         """Expected value of that sum for straight faces."""
-        self.leg_x = native.at_doubles(_new(self.arrays, "leg_x", MOST_LEGS * capacity, np.float64))
-        self.leg_y = native.at_doubles(_new(self.arrays, "leg_y", MOST_LEGS * capacity, np.float64))
+        self.leg_x = native.at_doubles(_new(self.arrays, "leg_x", MAX_LEGS * capacity, np.float64))
+        self.leg_y = native.at_doubles(_new(self.arrays, "leg_y", MAX_LEGS * capacity, np.float64))
         """Mean places of legs beside it that are too slim to be objects [m]."""
-        self.leg_hits = native.at_longs(_new(self.arrays, "leg_hits", MOST_LEGS * capacity, np.int64))
+        self.leg_hits = native.at_longs(_new(self.arrays, "leg_hits", MAX_LEGS * capacity, np.int64))
         """Number of sightings of each of these legs."""
         self.shape_votes = native.at_doubles(_new(self.arrays, "shape_votes", 5 * capacity, np.float64))
         """Votes of its measurements, by shape."""
@@ -201,7 +201,7 @@ def reset(targets: Targets, b: int) -> None:
         targets.jacobian[i] = 0.0
     for i in range(5 * b, 5 * b + 5):
         targets.shape_votes[i] = 0.0
-    for i in range(MOST_LEGS * b, MOST_LEGS * b + MOST_LEGS):
+    for i in range(MAX_LEGS * b, MAX_LEGS * b + MAX_LEGS):
         targets.leg_x[i] = targets.leg_y[i] = 0.0
         targets.leg_hits[i] = 0
 
@@ -336,8 +336,8 @@ def static_residual(targets: Targets, a: int, z: float, sign: float, var: float)
 def update(targets: Targets, a: int, z: float, sign: float, var: float) -> None:
     """Update an axis with a measurement of c + sign h; sign is 0 for the centre itself."""
     off, s = residual(targets, a, z, sign, var)
-    if off * off > MOST_RESIDUAL * s:
-        s = off * off / MOST_RESIDUAL
+    if off * off > MAX_RESIDUAL * s:
+        s = off * off / MAX_RESIDUAL
     p, q, w = (
         targets.cc[a] + sign * targets.ch[a],
         targets.cv[a] + sign * targets.vh[a],
@@ -347,26 +347,26 @@ def update(targets: Targets, a: int, z: float, sign: float, var: float) -> None:
     targets.c[a] += gain_c * off
     targets.v[a] += gain_v * off
     targets.h[a] = max(targets.h[a] + gain_h * off, 0.01)
-    targets.cc[a] = max(targets.cc[a] - gain_c * p, LEAST_VAR)
+    targets.cc[a] = max(targets.cc[a] - gain_c * p, MIN_VAR)
     targets.cv[a] -= gain_c * q
     targets.ch[a] -= gain_c * w
-    targets.vv[a] = max(targets.vv[a] - gain_v * q, LEAST_VAR)
+    targets.vv[a] = max(targets.vv[a] - gain_v * q, MIN_VAR)
     targets.vh[a] -= gain_v * w
-    targets.hh[a] = max(targets.hh[a] - gain_h * w, LEAST_VAR)
+    targets.hh[a] = max(targets.hh[a] - gain_h * w, MIN_VAR)
 
 
 def update_static(targets: Targets, a: int, z: float, sign: float, var: float) -> float:
     """Update the static model with a measurement of c + sign h; return the gain of its centre."""
     off, s = static_residual(targets, a, z, sign, var)
-    if off * off > MOST_RESIDUAL * s:
-        s = off * off / MOST_RESIDUAL
+    if off * off > MAX_RESIDUAL * s:
+        s = off * off / MAX_RESIDUAL
     p, w = targets.static_cc[a] + sign * targets.static_ch[a], targets.static_ch[a] + sign * targets.static_hh[a]
     gain_c, gain_h = p / s, w / s
     targets.static_c[a] += gain_c * off
     targets.static_h[a] = max(targets.static_h[a] + gain_h * off, 0.01)
-    targets.static_cc[a] = max(targets.static_cc[a] - gain_c * p, LEAST_VAR)
+    targets.static_cc[a] = max(targets.static_cc[a] - gain_c * p, MIN_VAR)
     targets.static_ch[a] -= gain_c * w
-    targets.static_hh[a] = max(targets.static_hh[a] - gain_h * w, LEAST_VAR)
+    targets.static_hh[a] = max(targets.static_hh[a] - gain_h * w, MIN_VAR)
     return gain_c
 
 
@@ -384,7 +384,7 @@ def update_yaw(targets: Targets, b: int, yaw: float, var: float) -> None:
     off = yaw - targets.yaw[b]
     off -= QUARTER_TURN * math.floor(off / QUARTER_TURN + 0.5)
     s = targets.yaw_var[b] + var
-    if abs(off) > MOST_TURN:
+    if abs(off) > MAX_TURN:
         # More likely another face than such a turn.
         s += off * off
     gain, gain_rate = targets.yaw_var[b] / s, targets.yaw_cov[b] / s
@@ -619,16 +619,16 @@ def update_pose_error(pose_error: PoseErrorFilter, targets: Targets, a: int, off
         s += pose_error.product[i] * (pose_error.jacobian[3 * axis + i] - targets.jacobian[3 * a + i])
         expected += (pose_error.jacobian[3 * axis + i] - targets.jacobian[3 * a + i]) * (pose_error.change[i])
     off -= expected
-    if off * off > MOST_POSE_RESIDUAL * s:
+    if off * off > MAX_POSE_RESIDUAL * s:
         return
     for i in range(3):
         pose_error.change[i] += pose_error.product[i] / s * off
     for i in range(3):
         for j in range(3):
             pose_error.cov[3 * i + j] -= pose_error.product[i] * pose_error.product[j] / s
-    pose_error.cov[0] = max(pose_error.cov[0], LEAST_DELAY_VAR)
-    pose_error.cov[4] = max(pose_error.cov[4], LEAST_PLACE_VAR)
-    pose_error.cov[8] = max(pose_error.cov[8], LEAST_PLACE_VAR)
+    pose_error.cov[0] = max(pose_error.cov[0], MIN_DELAY_VAR)
+    pose_error.cov[4] = max(pose_error.cov[4], MIN_PLACE_VAR)
+    pose_error.cov[8] = max(pose_error.cov[8], MIN_PLACE_VAR)
 
 
 def mix_jacobian(pose_error: PoseErrorFilter, targets: Targets, a: int, gain: float, axis: int) -> None:
@@ -656,4 +656,4 @@ def apply_pose_error(pose_error: PoseErrorFilter, targets: Targets) -> None:
     for i in range(3):
         pose_error.value[i] += pose_error.change[i]
         pose_error.change[i] = 0.0
-    pose_error.value[DELAY] = min(max(pose_error.value[DELAY], -MOST_DELAY), MOST_DELAY)
+    pose_error.value[DELAY] = min(max(pose_error.value[DELAY], -MAX_DELAY), MAX_DELAY)

@@ -1,7 +1,7 @@
 cimport cython
 cimport libc.math as math
 
-from lidarcli cimport native
+from lidarcli.system cimport native
 from lidarcli.formalism.segmentation cimport Scans
 from lidarcli.formalism.tracking cimport measurement
 from lidarcli.formalism.tracking.kalman cimport Sightings
@@ -10,8 +10,8 @@ from lidarcli.formalism.tracking.measurement cimport Measurements
 cdef double NAN
 cdef int NO_RETURN
 cdef Py_ssize_t KEPT, SWEEPS_APART
-cdef double SECONDS_APART, FLICKER_WEIGHT, MOST_FLICKER_SHARE, GUARD_ANGLE, GUARD, MOST_BEAMS, LOOK_MARGIN, LOOK_MARGIN_SHARE
-cdef double SAME_VIEW, SAME_RANGE, SECONDS_BEFORE, SECONDS_AFTER, MOST_WAY, THINNED, SECONDS_UNPLACED, MOST_LOOKS
+cdef double SECONDS_APART, FLICKER_WEIGHT, MAX_FLICKER_SHARE, GUARD_ANGLE, GUARD, MAX_BEAMS, LOOK_MARGIN, LOOK_MARGIN_SHARE
+cdef double SAME_VIEW, SAME_RANGE, SECONDS_BEFORE, SECONDS_AFTER, MAX_WAY, THINNED, SECONDS_UNPLACED, MAX_LOOKS
 cdef double WIDEST_COVER, COVER_STEP
 
 

@@ -9,28 +9,29 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from lidarcli import native, sweeps
 from lidarcli.formalism.segmentation import Scans
 from lidarcli.formalism.tracking import measurement
 from lidarcli.formalism.tracking.kalman import Sightings
 from lidarcli.formalism.tracking.measurement import Measurements
+from lidarcli.sweeps import types
+from lidarcli.system import native
 
 NAN = float("nan")
-NO_RETURN = sweeps.Status.NO_RETURN.value
+NO_RETURN = types.Status.NO_RETURN.value
 KEPT, SECONDS_APART, SWEEPS_APART = 384, 0.5, 2
 """Number of keyframes of a sensor, and least time [s] and number of sweeps between two of them, by which they hold two
 windows."""
-FLICKER_WEIGHT, MOST_FLICKER_SHARE = 0.02, 0.2
+FLICKER_WEIGHT, MAX_FLICKER_SHARE = 0.02, 0.2
 """Weight of one sweep in the mean number of beams that flicker, and the share of the beams without a return that may have
 one a sweep later: above it no such beam proves free space."""
-GUARD_ANGLE, GUARD, MOST_BEAMS = 0.01, 0.05, 12.0
+GUARD_ANGLE, GUARD, MAX_BEAMS = 0.01, 0.05, 12.0
 """[rad], [m], beams: a look takes the beams within the sum of both, and so many, to each side of a place."""
 LOOK_MARGIN, LOOK_MARGIN_SHARE = 0.12, 0.01
 """Least distance of the end of a beam from a place that it has not hit [m], and its growth with the range."""
 SAME_VIEW, SAME_RANGE = math.cos(math.radians(10.0)), 1.25
 """A beam without a return shows free space only where the thing itself was seen from about there: cosine of the greatest
 angle between both views, and greatest ratio of both ranges."""
-SECONDS_BEFORE, SECONDS_AFTER, MOST_WAY = 60.0, 25.0, 10.0
+SECONDS_BEFORE, SECONDS_AFTER, MAX_WAY = 60.0, 25.0, 10.0
 """Keyframes so long before and after a sighting tell of its place [s], while the sensor has gone less than this [m]: the
 path drifts."""
 
@@ -41,7 +42,7 @@ SECONDS_UNPLACED = 5.0
 WIDEST_COVER, COVER_STEP = 2.5, 0.5
 """[m] Greatest width of what hides a thing to each side of it, and least step in range at its edges: what is wider is a
 wall, behind which a thing may leave unseen."""
-MOST_LOOKS = 8.0
+MAX_LOOKS = 8.0
 """Weight of the looks that decide on a place."""
 
 
@@ -192,7 +193,7 @@ def is_enclosed(keyframes: Keyframes, m: int) -> bool:
             if end < 0.0:
                 continue
             # One beam alone may have been lost.
-            lost = lost + 1 if end > measurement.MOST_RANGE else 0
+            lost = lost + 1 if end > measurement.MAX_RANGE else 0
             if lost > 1:
                 return False
             if lost == 0 and end > before + COVER_STEP:
@@ -224,7 +225,7 @@ def count_flicker(keyframes: Keyframes, meas: Measurements, scans: Scans) -> Non
     for beam in range(beams):
         keyframes.status[last + beam] = scans.status[begin + beam]
     keyframes.before[s] = beams
-    meas.steady = keyframes.changes[s] <= MOST_FLICKER_SHARE * keyframes.lost[s]
+    meas.steady = keyframes.changes[s] <= MAX_FLICKER_SHARE * keyframes.lost[s]
     meas.farthest = keyframes.farthest[s]
 
 
@@ -294,7 +295,7 @@ def find_place(keyframes: Keyframes, m: int) -> None:
     """
     step, bearings = keyframes.step[m], keyframes.bearings[m]
     keyframes.seen_from, keyframes.seen_at = keyframes.pose[m], NAN
-    if step < measurement.LEAST_STEP or bearings < 2:
+    if step < measurement.MIN_STEP or bearings < 2:
         return
     share, position, dx, dy = 0.5, 0.0, 0.0, 0.0
     # The bearing gives the time, which gives the pose, which gives the bearing.
@@ -326,7 +327,7 @@ def look(keyframes: Keyframes, m: int) -> float:
     if position != position:
         return 0.0
     r = math.sqrt(dx * dx + dy * dy)
-    beside = min(max(1.0, (GUARD_ANGLE + GUARD / max(r, 0.1)) / step), MOST_BEAMS)
+    beside = min(max(1.0, (GUARD_ANGLE + GUARD / max(r, 0.1)) / step), MAX_BEAMS)
     margin = LOOK_MARGIN + LOOK_MARGIN_SHARE * r
     # C needs a conversion to integers here.
     first, last = int(math.ceil(position - beside)), int(math.floor(position + beside))  # noqa: RUF046
@@ -342,7 +343,7 @@ def look(keyframes: Keyframes, m: int) -> float:
         end = keyframes.r[m * keyframes.beams + at]
         if end < 0.0:
             unknown += 1
-        elif end > measurement.MOST_RANGE:
+        elif end > measurement.MAX_RANGE:
             returns += 1
         elif end > r + margin:
             passes += 1
@@ -356,7 +357,7 @@ def look(keyframes: Keyframes, m: int) -> float:
     if passes == 0:
         # Beams without a return alone.
         s = keyframes.sensor[m]
-        if returns == 0 or unknown > 0 or keyframes.changes[s] > MOST_FLICKER_SHARE * keyframes.lost[s]:
+        if returns == 0 or unknown > 0 or keyframes.changes[s] > MAX_FLICKER_SHARE * keyframes.lost[s]:
             return 0.0
         own_x, own_y = keyframes.place_x - keyframes.from_x, keyframes.place_y - keyframes.from_y
         own = math.sqrt(own_x * own_x + own_y * own_y)
@@ -378,14 +379,14 @@ def looks_before(keyframes: Keyframes, sensor: int, travelled: float, oldest: fl
         m = (keyframes.count - 1 - i) % keyframes.kept
         if keyframes.time[m] > until or keyframes.sensor[m] != sensor:
             continue
-        if keyframes.time[m] < oldest or travelled - keyframes.travelled[m] > MOST_WAY:
+        if keyframes.time[m] < oldest or travelled - keyframes.travelled[m] > MAX_WAY:
             break
         seen = look(keyframes, m)
         if seen < 0.0:
             hits += 1.0
         else:
             free += seen
-        if free + hits >= MOST_LOOKS:
+        if free + hits >= MAX_LOOKS:
             break
     return free, hits
 
@@ -418,7 +419,7 @@ def count_looks_at(keyframes: Keyframes, sightings: Sightings, i: int, out: Any,
             m = number % keyframes.kept
             number += 2 * side - 1
             off = abs(keyframes.time[m] - sightings.time[i])
-            if off > most or abs(keyframes.travelled[m] - sightings.travelled[i]) > MOST_WAY:
+            if off > most or abs(keyframes.travelled[m] - sightings.travelled[i]) > MAX_WAY:
                 break
             if off < apart or keyframes.sensor[m] != sightings.sensor[i]:
                 continue

@@ -1,14 +1,14 @@
 cimport cython
 cimport libc.math as math
 
-from lidarcli cimport native
+from lidarcli.system cimport native
 from lidarcli.formalism.segmentation cimport Scans
 
 cdef double AT_LEAST, COS_ALONG, CROOKED_SHARE, END_MARGIN, LEGGED_VAR, OPEN_EDGE_VAR, RAGGED_SHARE, SIN_BEHIND, SURFACE_VAR
 cdef Py_ssize_t ROUND, LEGGED
 cdef int OBJECT, FULL, START_HIDDEN, END_HIDDEN, CUT, OPEN_VIEW, SHARED, VALID, NO_RETURN
-cdef Py_ssize_t HIDDEN, OPEN, OWN, LEAST_FACE_POINTS
-cdef double TURN, BOX_MARGIN, LEAST_STEP, NO_RANGE, FREE_RANGE, MOST_RANGE
+cdef Py_ssize_t HIDDEN, OPEN, OWN, MIN_FACE_POINTS
+cdef double TURN, BOX_MARGIN, MIN_STEP, NO_RANGE, FREE_RANGE, MAX_RANGE
 
 
 cdef class Detections:

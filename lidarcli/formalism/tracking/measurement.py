@@ -11,27 +11,28 @@ from typing import Any
 
 import numpy as np
 
-from lidarcli import native, sweeps
 from lidarcli.formalism import detection
 from lidarcli.formalism.detection import COLUMNS, REQUIRED, Detection
 from lidarcli.formalism.segmentation import Scans
-from lidarcli.sweeps import Bool
+from lidarcli.sweeps import types
+from lidarcli.sweeps.types import Bool
+from lidarcli.system import native
 
 OBJECT, REMOVED = detection.OBJECT, detection.REMOVED
 ROUND, LEGGED = detection.ROUND, detection.LEGGED
 FULL, START_HIDDEN, END_HIDDEN, CUT = (detection.FULL, detection.START_HIDDEN, detection.END_HIDDEN, detection.CUT)
-OPEN_VIEW, SHARED = sweeps.Closure.OPEN.value, sweeps.Closure.SHARED.value
-VALID, NO_RETURN = sweeps.Status.VALID.value, sweeps.Status.NO_RETURN.value
-TURN = sweeps.TURN
+OPEN_VIEW, SHARED = types.Closure.OPEN.value, types.Closure.SHARED.value
+VALID, NO_RETURN = types.Status.VALID.value, types.Status.NO_RETURN.value
+TURN = types.TURN
 HIDDEN, OPEN, OWN = 0, 1, 2
 """Kinds of edges: hidden by a nearer object or the end of the view; beside beams without a return; the object's own."""
 BOX_MARGIN = 0.05
 """[m] Points outside of the box by more than this, and four times the noise, belong to an object between its parts."""
-LEAST_FACE_POINTS = 3
+MIN_FACE_POINTS = 3
 """Least number of points for the line of a face."""
-LEAST_STEP = 1e-6
+MIN_STEP = 1e-6
 """[rad] Beams that are closer together than this are not distinguished."""
-NO_RANGE, FREE_RANGE, MOST_RANGE = -1.0, 1e9, 1e8
+NO_RANGE, FREE_RANGE, MAX_RANGE = -1.0, 1e9, 1e8
 """Range of a beam without information, and of one without a return, which may prove free space; what is more than the last
 one is no range [m]."""
 AT_LEAST = -1.0
@@ -343,7 +344,7 @@ def _end_face(meas: Measurements, f: int, n: int) -> int:
     first = meas.face_first[f]
     count = n - first
     meas.face_first[f + 1] = n
-    if count < LEAST_FACE_POINTS:
+    if count < MIN_FACE_POINTS:
         meas.face_first[f] = n
         return f
     mean_x, mean_y, xx, xy, yy = 0.0, 0.0, 0.0, 0.0, 0.0

@@ -7,7 +7,7 @@ target has seen until it ends, a track the tracklets of one thing.
 from __future__ import annotations
 
 from lidarcli.formalism.detection import SETS, SHAPES, Detection
-from lidarcli.sweeps import Bool, Float64, Int8, Int32, Int64, SweepBatch, UInt8, column, record
+from lidarcli.sweeps.types import Bool, Float64, Int8, Int32, Int64, SweepBatch, UInt8, column, record
 
 ENDS = ("left view", "free", "lost", "end of log")
 """Reasons for the end of a track: it left the view, beams pass through its place, it was lost, the log ended."""
@@ -22,13 +22,13 @@ EMPTY, LIVE, ENDED = range(3)
 """States of a slot: without a body, with one, with one that has ended and waits for its window to be settled."""
 DISC, BOX, PERSON = range(3)
 """Kinds of bodies."""
-MOST_LEGS = 6
+MAX_LEGS = 6
 """Greatest number of legs of a body that are remembered beside it."""
 CONFIRMED_SIGHTINGS = 3
 """Least number of sightings of a track, by which a target is confirmed."""
 SHORTEST_STAND = 2.0
 """[s] What stands does so unseen no longer than it was seen to stand, or than this."""
-LEAST_WAY = 0.2
+MIN_WAY = 0.2
 """[m] Least distance that a moving body has gone."""
 SIZE_OUTLIER = 9e-4
 """[m²] A measured size that differs from the others by the root of this, (3 cm)², counts half."""

@@ -1,12 +1,12 @@
 cimport cython
 cimport libc.math as math
 
-from lidarcli cimport native
+from lidarcli.system cimport native
 from lidarcli.formalism.tracking.kalman cimport Sightings
 
 cdef Py_ssize_t BOX, AROUND_SIGHTINGS, LIVELINESSES, STATE, SQUARE, GAIN
 cdef double INFINITY, LIVELIER_GAIN, FIRST_SPEED_SD, UNKNOWN_VAR, PART_VAR, LEGS_VAR, LEG_VAR, LEG_SECONDS, CHANGE_VAR
-cdef double MOST_MISFIT, LEAST_SPEED, MOVING_SDS
+cdef double MAX_MISFIT, MIN_SPEED, MOVING_SDS
 
 
 cdef class Smoother:

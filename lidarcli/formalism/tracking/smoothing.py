@@ -9,9 +9,9 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from lidarcli import native
 from lidarcli.formalism.tracking import results
 from lidarcli.formalism.tracking.kalman import Sightings
+from lidarcli.system import native
 
 BOX = results.BOX
 INFINITY = float("inf")
@@ -32,9 +32,9 @@ LEGS_VAR, LEG_VAR, LEG_SECONDS = 0.0049, 0.0256, 0.35
 along each axis [m²]; time in which that distance is forgotten, as the legs swing [s]."""
 CHANGE_VAR = 0.0025
 """[m²] Variance that is added while a box was still taken for a disc: (5 cm)²."""
-MOST_MISFIT = 9.0
+MAX_MISFIT = 9.0
 """Greatest squared residual, as a multiple of its variance in the plane. A larger one counts as this."""
-LEAST_SPEED, MOVING_SDS = 0.1, 2.0
+MIN_SPEED, MOVING_SDS = 0.1, 2.0
 """Least speed of what moves [m/s], also in standard deviations."""
 STATE, SQUARE, GAIN = 6, 36, 12
 """Numbers of a state (x, y, their velocities, the offset of a leg in x and y), of its covariance, and of a gain."""
@@ -324,8 +324,8 @@ def update_state(smoother: Smoother, i: int, legs: int) -> float:
     yy = smoother.gain[g + 3] + leg * smoother.gain[g + 11] + smoother.r[3 * i + 2]
     size = xx * yy - xy * xy
     squared = (yy * off_x * off_x - 2.0 * xy * off_x * off_y + xx * off_y * off_y) / size
-    misfit = min(squared, MOST_MISFIT) + math.log(size)
-    less = MOST_MISFIT / squared if squared > MOST_MISFIT else 1.0
+    misfit = min(squared, MAX_MISFIT) + math.log(size)
+    less = MAX_MISFIT / squared if squared > MAX_MISFIT else 1.0
     a_xx, a_xy, a_yy = less * yy / size, -less * xy / size, less * xx / size
     smoother.inverse[3 * i], smoother.inverse[3 * i + 1], smoother.inverse[3 * i + 2] = a_xx, a_xy, a_yy
     smoother.off[2 * i], smoother.off[2 * i + 1] = off_x, off_y
@@ -458,5 +458,5 @@ def decide_motion(count: int, path: Any, moving: Any) -> None:
         moving[i] = 0
         x, y = path[at + 2], path[at + 3]
         speed, var = x * x + y * y, 0.5 * (path[at + 7] + path[at + 8])
-        if speed > LEAST_SPEED * LEAST_SPEED and speed > MOVING_SDS * MOVING_SDS * var:
+        if speed > MIN_SPEED * MIN_SPEED and speed > MOVING_SDS * MOVING_SDS * var:
             moving[i] = 1

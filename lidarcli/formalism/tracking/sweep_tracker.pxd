@@ -1,7 +1,7 @@
 cimport cython
 cimport libc.math as math
 
-from lidarcli cimport native
+from lidarcli.system cimport native
 from lidarcli.formalism.segmentation cimport Scans
 from lidarcli.formalism.tracking cimport association, kalman, keyframes, measurement, track_evidence
 from lidarcli.formalism.tracking.association cimport Candidates, Persons
@@ -10,9 +10,9 @@ from lidarcli.formalism.tracking.keyframes cimport Keyframes
 from lidarcli.formalism.tracking.measurement cimport Detections, EdgeMeasurement, Measurements
 
 cdef Py_ssize_t PRISMATIC, UNKNOWN, BOX_BEAMS, BOX_SIGHTINGS, SIZE_BEAMS, YAW_POINTS, POSE_SIGHTINGS
-cdef double SLIMMEST_BOX, LEAST_YAW_VAR, FARTHEST_DRIFT, POSE_DRIFT, YAW_DRIFT, TURN_DRIFT, PAST_SIDE, AT_LEAST_VAR, MOST_PAUSE, SHORTEST_STEP
+cdef double SLIMMEST_BOX, MIN_YAW_VAR, FARTHEST_DRIFT, POSE_DRIFT, YAW_DRIFT, TURN_DRIFT, PAST_SIDE, AT_LEAST_VAR, MAX_PAUSE, SHORTEST_STEP
 cdef double EXTENT_VAR, SIZE_OUTLIER
-cdef double MOST_POSE_EVIDENCE
+cdef double MAX_POSE_EVIDENCE
 
 
 cdef class SweepTracker:

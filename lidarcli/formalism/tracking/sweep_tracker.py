@@ -9,7 +9,6 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from lidarcli import native
 from lidarcli.formalism import detection
 from lidarcli.formalism.segmentation import Scans
 from lidarcli.formalism.tracking import association, kalman, keyframes, measurement, results, track_evidence
@@ -17,6 +16,7 @@ from lidarcli.formalism.tracking.association import Candidates, Persons
 from lidarcli.formalism.tracking.kalman import PoseErrorFilter, Sightings, Targets
 from lidarcli.formalism.tracking.keyframes import Keyframes
 from lidarcli.formalism.tracking.measurement import Detections, EdgeMeasurement, Measurements
+from lidarcli.system import native
 
 PRISMATIC, UNKNOWN = detection.PRISMATIC, detection.UNKNOWN
 SIZE_OUTLIER = results.SIZE_OUTLIER
@@ -25,7 +25,7 @@ BOX_BEAMS, SLIMMEST_BOX, BOX_SIGHTINGS = 8, 0.2, 3
 sightings as a box that make one of a disc."""
 SIZE_BEAMS = 5
 """Least number of beams of a measurement that measures the size of a target."""
-YAW_POINTS, LEAST_YAW_VAR = 5, 7e-4
+YAW_POINTS, MIN_YAW_VAR = 5, 7e-4
 """Least number of points of a face that measures the direction of its target, and least variance of that [rad²]:
 (1.5°)²."""
 FARTHEST_DRIFT = 100.0
@@ -36,12 +36,12 @@ TURN_DRIFT = 1e-4
 """[rad²/rad] Growth of the variance of the heading as the sensor turns."""
 PAST_SIDE, AT_LEAST_VAR = 0.02, 9e-4
 """A point so far past a side moves it [m]; variance of a side that goes on at least so far [m²]: (3 cm)²."""
-SHORTEST_STEP, MOST_PAUSE = 1e-3, 60.0
+SHORTEST_STEP, MAX_PAUSE = 1e-3, 60.0
 """[s] Least time between two sweeps that tells the speed of the sensor, as stamps may be equal or a nanosecond apart, and
 longest pause; a longer one counts as this."""
 EXTENT_VAR = 1e-4
 """[m²] Variance that is added to each measured extent: (1 cm)²."""
-POSE_SIGHTINGS, MOST_POSE_EVIDENCE = 5, 3.0
+POSE_SIGHTINGS, MAX_POSE_EVIDENCE = 5, 3.0
 """Least number of sightings of a target that measures the error of the poses, and its greatest evidence of motion [log-
 odds]."""
 
@@ -177,8 +177,8 @@ def advance_clock(tracker: SweepTracker, stamp: float) -> float:
         dt = stamp - tracker.stamp
         if dt < 0.0:
             dt = tracker.typical_dt
-        elif dt > MOST_PAUSE:
-            dt = MOST_PAUSE
+        elif dt > MAX_PAUSE:
+            dt = MAX_PAUSE
         elif 0.0 < dt < 1.0:
             tracker.typical_dt += 0.05 * (dt - tracker.typical_dt)
     tracker.stamp = stamp
@@ -301,7 +301,7 @@ def _face_direction(meas: Measurements, k: int) -> tuple[float, float]:
         return (math.atan2(meas.point_y[last] - meas.point_y[first], meas.point_x[last] - meas.point_x[first]), -1.0)
     length = max(meas.extent[best], 0.01)
     var = 12.0 * meas.sigma * meas.sigma / (meas.face_points[best] * length * length)
-    return math.atan2(meas.along_y[best], meas.along_x[best]), var + LEAST_YAW_VAR
+    return math.atan2(meas.along_y[best], meas.along_x[best]), var + MIN_YAW_VAR
 
 
 def _update(tracker: SweepTracker, targets: Targets, meas: Measurements, scans: Scans, b: int, k: int) -> None:
@@ -331,7 +331,7 @@ def _update(tracker: SweepTracker, targets: Targets, meas: Measurements, scans: 
     track_evidence.detect_legs(targets, b, meas, k, scans)
     if targets.moved[b] == 0:
         track_evidence.mark_rest(targets, b, meas.sweep)
-        is_certain = targets.evidence[b] >= track_evidence.LEAST_EVIDENCE
+        is_certain = targets.evidence[b] >= track_evidence.MIN_EVIDENCE
         if is_certain and track_evidence.has_left(targets, b, meas, scans, k, tracker.frames):
             targets.moved[b] = 1
 
@@ -358,7 +358,7 @@ def _try_box(tracker: SweepTracker, targets: Targets, meas: Measurements, b: int
 
 def _observe_pose_error(tracker: SweepTracker, targets: Targets, meas: Measurements, b: int, k: int) -> None:
     """Learn the error of the poses from the sides of a target that stands."""
-    tells = targets.moved[b] == 0 and targets.kind_hits[b] >= POSE_SIGHTINGS and targets.evidence[b] < MOST_POSE_EVIDENCE
+    tells = targets.moved[b] == 0 and targets.kind_hits[b] >= POSE_SIGHTINGS and targets.evidence[b] < MAX_POSE_EVIDENCE
     for i in range(2):
         u_x, u_y = kalman.to_world(targets, b, 1.0 - i, 1.0 * i)
         a = 2 * b + i

@@ -20,24 +20,24 @@ from lidarcli.formalism.tracking.measurement import EdgeMeasurement, Measurement
 
 PRISMATIC = detection.PRISMATIC
 LEFT_VIEW, FREE, LOST = results.LEFT_VIEW, results.FREE, results.LOST
-CONFIRMED_SIGHTINGS, LEAST_WAY, SHORTEST_STAND = results.CONFIRMED_SIGHTINGS, results.LEAST_WAY, results.SHORTEST_STAND
+CONFIRMED_SIGHTINGS, MIN_WAY, SHORTEST_STAND = results.CONFIRMED_SIGHTINGS, results.MIN_WAY, results.SHORTEST_STAND
 STEADY_LENGTH, SAME_LENGTH = 0.06, 0.2
 """[m] A target whose length seems to change by more than the first is not seen as it is; by more than the second it is
 another piece, of a wall for example."""
-MOST_SWEEP_EVIDENCE, MOST_PARTIAL_EVIDENCE = 3.0, 2.0
+MAX_SWEEP_EVIDENCE, MAX_PARTIAL_EVIDENCE = 3.0, 2.0
 """[log-odds] Greatest evidence of one sweep, for or against motion, and of one with a hidden edge, for motion."""
-EVIDENCE_DECAY, LEAST_EVIDENCE, MOST_EVIDENCE = 0.05, 11.5, 60.0
+EVIDENCE_DECAY, MIN_EVIDENCE, MAX_EVIDENCE = 0.05, 11.5, 60.0
 """[log-odds] Evidence of motion that is lost in every sweep, least evidence of a target that seems to move, and greatest
 evidence that is kept."""
 SETTLED_SIGHTINGS = 2
 """Sightings of the same kind after which a target gathers evidence."""
-LEAST_LOOKS = 1.0
+MIN_LOOKS = 1.0
 """Least weight of looks at a place before, which then decide whether a target got there."""
 FREE_MARGIN = 0.1
 """[m] Least distance by which beams end behind a point that they have passed."""
 EXISTENCE_AT_FIRST, EXISTENCE_GAIN = 0.3, 0.3
 """Probability that a new target exists, and the share of the doubt that each sighting takes away."""
-DETECTION_RATE, LEAST_PASSING, HIT_DOUBT, LEAST_EXISTENCE = 0.9, 0.3, 0.1, 0.03
+DETECTION_RATE, MIN_PASSING, HIT_DOUBT, MIN_EXISTENCE = 0.9, 0.3, 0.1, 0.03
 """Probability that a target is seen where its place is in view; share of the beams at its core that have to pass before
 they speak against it; probability that it was missed although beams hit its place; probability below which it ends."""
 PASSING_MARGIN = 0.1
@@ -74,12 +74,12 @@ def update_motion_evidence(targets: Targets, b: int, sides: EdgeMeasurement, is_
     else:
         for i in range(2):
             total += _axis_odds(targets, 2 * b + i, sides, 2 * i)
-    total = min(max(total, -MOST_SWEEP_EVIDENCE), MOST_SWEEP_EVIDENCE) - EVIDENCE_DECAY
+    total = min(max(total, -MAX_SWEEP_EVIDENCE), MAX_SWEEP_EVIDENCE) - EVIDENCE_DECAY
     if targets.kind_hits[b] < SETTLED_SIGHTINGS:
         total = min(total, 0.0)
     elif not is_whole:
-        total = min(total, MOST_PARTIAL_EVIDENCE)
-    targets.evidence[b] = min(max(targets.evidence[b] + total, 0.0), MOST_EVIDENCE)
+        total = min(total, MAX_PARTIAL_EVIDENCE)
+    targets.evidence[b] = min(max(targets.evidence[b] + total, 0.0), MAX_EVIDENCE)
     targets.max_evidence[b] = max(targets.max_evidence[b], targets.evidence[b])
 
 
@@ -127,7 +127,7 @@ def has_left(targets: Targets, b: int, meas: Measurements, scans: Scans, k: int,
     x, y = kalman.centre(targets, b)
     dx, dy = x - targets.birth_x[b], y - targets.birth_y[b]
     away = math.sqrt(dx * dx + dy * dy)
-    if away < LEAST_WAY:
+    if away < MIN_WAY:
         return False
     size = 2.0 * max(targets.h[2 * b], targets.h[2 * b + 1])
     passes, hits, _ = passing(meas, scans, targets, b, targets.birth_x[b], targets.birth_y[b])
@@ -137,9 +137,9 @@ def has_left(targets: Targets, b: int, meas: Measurements, scans: Scans, k: int,
     v_x, v_y = targets.v[2 * b], targets.v[2 * b + 1]
     speed = math.sqrt(v_x * v_x + v_y * v_y)
     # Before, it was not yet there.
-    until = meas.time - (size + LEAST_WAY) / max(speed, 1e-3)
+    until = meas.time - (size + MIN_WAY) / max(speed, 1e-3)
     free, hit = keyframes.looks_at_measurement(frames, meas, k, until)
-    if free + hit < LEAST_LOOKS:
+    if free + hit < MIN_LOOKS:
         return passes > 0.5 and hits < 0.2
     return free > hit
 
@@ -158,7 +158,7 @@ def passing(meas: Measurements, scans: Scans, targets: Targets, b: int, x: float
     half_depth, half_width = kalman.half_extent(targets, b, dx, dy), kalman.half_extent(targets, b, -dy, dx)
     ahead, left = measurement.to_sensor(meas, x, y)
     r = math.sqrt(ahead * ahead + left * left)
-    if meas.step < measurement.LEAST_STEP or meas.bearings < 1:
+    if meas.step < measurement.MIN_STEP or meas.bearings < 1:
         return 0.0, 0.0, 1.0
     angle = measurement.angle_past_first(meas, ahead, left)
     middle = angle / meas.step
@@ -182,7 +182,7 @@ def passing(meas: Measurements, scans: Scans, targets: Targets, b: int, x: float
         distance = measurement.range_at(meas, scans, position)
         if distance > r + half_depth + margin:
             passes += 1.0
-            if distance > measurement.MOST_RANGE and r > REACH * meas.farthest:
+            if distance > measurement.MAX_RANGE and r > REACH * meas.farthest:
                 outside += 1.0
         elif distance >= r - half_depth - margin:
             hits += 1.0
@@ -210,7 +210,7 @@ def record_miss(targets: Targets, b: int, meas: Measurements, scans: Scans) -> N
     passes, hits, outside = passing(meas, scans, targets, b, x, y)
     detect = 0.0
     if kalman.has_seen(targets, b, meas.sensor):
-        detect = DETECTION_RATE * passes if passes > LEAST_PASSING else 0.0
+        detect = DETECTION_RATE * passes if passes > MIN_PASSING else 0.0
         detect += HIT_DOUBT * hits
     e = targets.existence[b]
     targets.existence[b] = e * (1.0 - detect) / (1.0 - e * detect)
@@ -220,7 +220,7 @@ def record_miss(targets: Targets, b: int, meas: Measurements, scans: Scans) -> N
         if targets.member[b] == 0:
             # A leg stays that of its person.
             targets.same_as[b] = targets.number[other]
-    if targets.existence[b] < LEAST_EXISTENCE:
+    if targets.existence[b] < MIN_EXISTENCE:
         terminate(targets, b, LEFT_VIEW if outside > MOSTLY_OUTSIDE else FREE)
     elif targets.inside[b] >= DUPLICATE_SWEEPS:
         # It is the same as the other target: nothing is lost.
@@ -277,7 +277,7 @@ def detect_legs(targets: Targets, b: int, meas: Measurements, k: int, scans: Sca
     if (
         targets.moved[b] != 0
         or meas.length[k] > SLIM_LEG_WIDTH
-        or meas.step < measurement.LEAST_STEP
+        or meas.step < measurement.MIN_STEP
         or meas.near[k] <= LEGS_FARTHEST
     ):
         return
@@ -305,7 +305,7 @@ def detect_legs(targets: Targets, b: int, meas: Measurements, k: int, scans: Sca
 
 def _record_leg(targets: Targets, b: int, x: float, y: float) -> None:
     """Add a sighting to the mean place of a leg."""
-    for i in range(kalman.MOST_LEGS * b, kalman.MOST_LEGS * b + kalman.MOST_LEGS):
+    for i in range(kalman.MAX_LEGS * b, kalman.MAX_LEGS * b + kalman.MAX_LEGS):
         hits = targets.leg_hits[i]
         dx, dy = x - targets.leg_x[i], y - targets.leg_y[i]
         if hits == 0 or dx * dx + dy * dy < SAME_LEG * SAME_LEG:

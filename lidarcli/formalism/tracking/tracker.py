@@ -15,10 +15,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lidarcli.display import Routine, headed
+from lidarcli.display.texts import Routine, headed
 from lidarcli.formalism.detect import scans
 from lidarcli.formalism.detection import AGENT, LEGGED, NOISE, OBJECT, REMOVED, Detection
-from lidarcli.formalism.mapping.places import MOST_SENSORS, Standing
+from lidarcli.formalism.mapping.places import MAX_SENSORS, Standing
 from lidarcli.formalism.matching.catalogue import Catalogue
 from lidarcli.formalism.parameters import TrackParameters
 from lidarcli.formalism.tracking.kalman import PoseErrorFilter, Targets
@@ -28,7 +28,7 @@ from lidarcli.formalism.tracking.results import TrackedBatch, Tracks, Trajectori
 from lidarcli.formalism.tracking.sweep_tracker import SweepTracker
 from lidarcli.formalism.tracking.tracks import SWEEP, Naming, SizeMeasurements, Track, standing, tracks_of
 from lidarcli.formalism.tracking.windows import RESULT, TrackRegistry, Window, WindowResult
-from lidarcli.sweeps import Bool, Float64, Int32, Int64, SweepBatch
+from lidarcli.sweeps.types import Bool, Float64, Int32, Int64, SweepBatch
 
 WINDOW = 256
 """Number of sweeps of a window, for each sensor. Its rows are settled once the next window has been seen.
@@ -45,7 +45,7 @@ NOTED_DELAY, NOTED_DISTANCE = 0.02, 0.05
 """[s], [m] Least delay and least distance of a note."""
 MOSTLY = 0.9
 """Share of the sweeps at which a sensor without poses stood, from which on it stands."""
-LONG_TRACK, MOST_MOVING, LEAST_TRACKS = 20, 0.6, 4
+LONG_TRACK, MAX_MOVING, MIN_TRACKS = 20, 0.6, 4
 """Least number of sweeps of a track that counts for a note on motion; share of these tracks that move above which the
 sensor seems to move; least number of them."""
 
@@ -301,7 +301,7 @@ class Tracker:
         if batch.fits is not None:
             self._doubted |= {(batch.topic, batch.frame_ids[one]) for one in np.unique(batch.frame[~batch.fits]).tolist()}
         for name, rows, mine in batch.by_frame() if batch.still is None and len(batch) else ():
-            key = batch.run, min(self.sensors.index((batch.topic, name)), MOST_SENSORS - 1)
+            key = batch.run, min(self.sensors.index((batch.topic, name)), MAX_SENSORS - 1)
             placed[rows] |= self._standing.setdefault(key, Standing()).see(mine)
         sizes = None
         if self._catalogue is not None:
@@ -389,7 +389,7 @@ class Tracker:
         """Return the index of the follower of a sensor: the first is that of those who are followed together."""
         if sensor < self._together:
             return 0
-        return min(sensor - self._together + (self._together > 0), MOST_SENSORS - 1)
+        return min(sensor - self._together + (self._together > 0), MAX_SENSORS - 1)
 
     def _follower(self, index: int) -> _Follower:
         """Return a follower that has seen nothing yet."""
@@ -486,7 +486,7 @@ def share_moving(sweeps: Sequence[int], moved: Sequence[bool]) -> float | None:
     sweeps, moved : for each track the sweeps that saw it, and whether it ever moved
     """
     long = [moves for count, moves in zip(sweeps, moved, strict=True) if count >= LONG_TRACK]
-    if len(long) < LEAST_TRACKS or sum(long) <= MOST_MOVING * len(long):
+    if len(long) < MIN_TRACKS or sum(long) <= MAX_MOVING * len(long):
         return None
     return sum(long) / len(long)
 

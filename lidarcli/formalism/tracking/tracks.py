@@ -25,7 +25,7 @@ from lidarcli.formalism.tracking.results import (
     Tracks,
     Trajectories,
 )
-from lidarcli.sweeps import Bool, Float64, Int32, Int64, SweepBatch, UInt8
+from lidarcli.sweeps.types import Bool, Float64, Int32, Int64, SweepBatch, UInt8
 
 LEG_SHARE = 0.25
 """Share of the sightings of a tracklet in which a leg beside it has to be seen."""
@@ -36,7 +36,7 @@ KNOWN_SIZE_SD = 0.15
 STRAIGHT_POINTS, BULGE_SPREAD = 60.0, 0.25
 """Least number of points of faces that decide whether the faces are straight, and standard deviation of the logarithm of
 the squared distances from straight ones, over what noise explains."""
-LEGGED_ODDS, LEAST_SHAPE_ODDS = 20.0, 0.2
+LEGGED_ODDS, MIN_SHAPE_ODDS = 20.0, 0.2
 """[log-odds] Advantage of the shape legged where legs were seen, and least advantage of a shape over the next one."""
 LEG_DISTANCE_SD, ONE_LEG = 0.03, 0.1
 """[m] Standard deviation of the distance of two legs, of which the fronts are seen; places closer than this are one leg."""
@@ -324,7 +324,7 @@ def row_shape(tracklet: Tracklet) -> int:
         return tracklet.row_shape
     odds = body_odds(tracklet)
     best = int(np.argmax(odds))
-    if tracklet.row_shape != UNKNOWN and odds[best] - odds[tracklet.row_shape] <= LEAST_SHAPE_ODDS:
+    if tracklet.row_shape != UNKNOWN and odds[best] - odds[tracklet.row_shape] <= MIN_SHAPE_ODDS:
         return tracklet.row_shape
     return best
 
@@ -353,7 +353,7 @@ def shape_of(track: Track, tracklet: Tracklet) -> int:
     odds = shape_odds(track, tracklet)
     best = int(np.argmax(odds))
     rest = sorted(odds)[-2]
-    return best if odds[best] - rest > LEAST_SHAPE_ODDS else UNKNOWN
+    return best if odds[best] - rest > MIN_SHAPE_ODDS else UNKNOWN
 
 
 # Trajectories: where each track was in every sweep from its first sight to its last, seen or not.
@@ -363,7 +363,7 @@ PARTS_MASK, PARTLY_BIT = 63, 64
 LONGEST_STEP, PAUSE = 1.0, 3.0
 """[s] A longer step from row to row is a pause of the log, in which nothing was seen, unless it is less than so many times
 the median step."""
-MOST_ROWS = 65_536
+MAX_ROWS = 65_536
 """Rows that are handed out at once, about."""
 
 
@@ -509,14 +509,14 @@ def standing(sweeps: Sweeps, tracks: list[Track]) -> Iterator[Trajectories]:
             continue
         codes = np.concatenate(track.static_codes)
         track.static_codes.clear()
-        for first in range(0, len(codes), MOST_ROWS):
-            some = codes[first : first + MOST_ROWS]
+        for first in range(0, len(codes), MAX_ROWS):
+            some = codes[first : first + MAX_ROWS]
             begin, rest = track.path_stop - len(codes) + first, np.zeros(len(some), np.uint8)
             x, y, xx, xy, yy = place_of(track)
             path = np.tile([x, y, 0.0, 0.0, xx, xy, yy, 0.0, 0.0], (len(some), 1))
             pending.append(Path(track, begin, path, some, rest))
             rows += len(some)
-            if rows >= MOST_ROWS:
+            if rows >= MAX_ROWS:
                 yield joined(sweeps, pending)
                 pending, rows = [], 0
     if pending:
@@ -538,12 +538,12 @@ def joined(sweeps: Sweeps, pieces: list[Path]) -> Trajectories:
 
 # Names of tracks (§3, matching): the thing of interest that each one is, by all that was seen of it so far.
 
-MOST_LOOKS = 256
+MAX_LOOKS = 256
 """Greatest number of looks at a tracklet that are remembered."""
 HALF_WEIGHT_SWEEPS, SHARED_SD_SHARE = 2.0, 0.4
 """Number of sweeps of a look that counts half, and share of the standard deviation of a size that all looks have in
 common."""
-LEAST_SIZE_SD = 0.003
+MIN_SIZE_SD = 0.003
 """[m] Least standard deviation of a size by the sweeps of one log."""
 SIZES = 3
 """Number of sizes: sides along both axes, and the extent across the line of sight."""
@@ -600,7 +600,7 @@ class _SizeEstimate:
         for edges, more in zip(each.tolist(), total, strict=True):
             if edges in self.looks:
                 self.looks[edges] += more
-            elif len(self.looks) < MOST_LOOKS and more[0].any():
+            elif len(self.looks) < MAX_LOOKS and more[0].any():
                 self.looks[edges] = more
         self.sightings += len(at)
         self.blur += float((measured["blur"][at] - self.blur).sum()) / self.sightings
@@ -641,7 +641,7 @@ def _mean(count: Float64, weight: Float64, size: Float64) -> tuple[float, float]
     variance = (
         total / float((share * weight).sum()) * (1.0 / looks + SHARED_SD_SHARE * SHARED_SD_SHARE * (1.0 - 1.0 / looks))
     )
-    return float((share * size).sum() / total), float(np.hypot(math.sqrt(variance), LEAST_SIZE_SD))
+    return float((share * size).sum() / total), float(np.hypot(math.sqrt(variance), MIN_SIZE_SD))
 
 
 class Naming:
@@ -717,13 +717,13 @@ class Naming:
         sizes = self._sizes.get(tracklet.number)
         frame = frame_of_legs(track)
         row = dict.fromkeys(_MEASURED, np.nan)
-        row |= {"legs": 0.0, "moved": float(track.moved), "least_sd": LEAST_SIZE_SD, "span_sd": LEAST_SIZE_SD}
+        row |= {"legs": 0.0, "moved": float(track.moved), "least_sd": MIN_SIZE_SD, "span_sd": MIN_SIZE_SD}
         row["intensity"] = math.nan if sizes is None else sizes.intensity
         if frame is not None:
             # The sizes of one leg tell nothing about the whole.
             row |= {"legs": float(frame["legs"]), "span_1": frame["length"]}
             row["span_2"] = frame["width"] if frame["legs"] > 2 else np.nan
-            row["span_sd"] = LEAST_SIZE_SD if sizes is None else sizes.blur
+            row["span_sd"] = MIN_SIZE_SD if sizes is None else sizes.blur
         elif any(part.has_legs for part in track.parts) or track.several:
             row["legs"] = 2.0
         elif sizes is not None:

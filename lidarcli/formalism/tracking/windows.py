@@ -31,9 +31,9 @@ from lidarcli.formalism.tracking.tracks import (
     row_shape,
     standing,
 )
-from lidarcli.sweeps import Bool, Float64, Int64, UInt8
+from lidarcli.sweeps.types import Bool, Float64, Int64, UInt8
 
-MOST_PLACED = 0.5
+MAX_PLACED = 0.5
 """Share of the sweeps of a window with a known place of the sensor, above which places of before still hold."""
 LEGS_APART = 0.3
 """[m] Least width of an object that is both legs of a person."""
@@ -125,7 +125,7 @@ class TrackRegistry:
         paths of what moves, and name the tracks. Return the results for its objects.
         """
         stop = window.begin + window.count
-        is_placed = float(self.sweeps.of(window.begin, stop)["placed"].mean()) > MOST_PLACED
+        is_placed = float(self.sweeps.of(window.begin, stop)["placed"].mean()) > MAX_PLACED
         sightings = WindowSightings(recorded, self.tracklets, stop, keyframes, is_placed)
         grouping.join(sightings, self.tracklets, is_placed)
         self._number(sightings)

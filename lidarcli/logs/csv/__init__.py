@@ -15,7 +15,7 @@ from typing import BinaryIO
 
 import numpy as np
 
-from lidarcli.display import Routine
+from lidarcli.display.texts import Routine
 from lidarcli.errors import UnreadableError, unreadable
 from lidarcli.logs.base import LASERSCAN, Message, OpenOptions, ReadReport, Topic
 from lidarcli.logs.cells import time_notes, time_unit, to_ns
@@ -26,7 +26,7 @@ from lidarcli.logs.csv.sweep_rows import Decoder, ListDecoder, WideDecoder
 from lidarcli.logs.csv.table import other_format, read_head
 from lidarcli.logs.joined import natural
 from lidarcli.logs.text import FIRST_BLOCK, MAX_LINE, TextBlock, TextLog
-from lidarcli.sweeps import RawSweeps, concatenate
+from lidarcli.sweeps.types import RawSweeps, concatenate
 
 _SUFFIXES = (".csv", ".txt", ".tsv", ".dat", ".xy", ".scan", ".gz")
 _NUMBER = re.compile(r"-?\d+(?:\.\d+)?")

@@ -21,7 +21,7 @@ from lidarcli.logs.csv.layouts import DEFAULT_TOPIC, PER_SWEEP, RPLIDAR, Layout,
 from lidarcli.logs.csv.sweep_rows import NO_TIME, Decoder, read_frames, read_times
 from lidarcli.logs.csv.table import Dialect, Head, Lines, read_lines
 from lidarcli.logs.text import TextBlock
-from lidarcli.sweeps import TURN, Bool, Float64, Int64, RawSweeps
+from lidarcli.sweeps.types import TURN, Bool, Float64, Int64, RawSweeps
 
 _NO_LINES = Lines(b"", np.empty(0, np.int64), False)
 CUT = "the file ends within this sweep: it is dropped"
@@ -33,9 +33,9 @@ UNEVEN = "bearings without a common step"
 TURNS = "bearings over more than a turn in one sweep: several layers or sweeps under one key"
 BACK = "bearings start over within one sweep: several layers or sweeps under one key"
 DOUBLED = "several ranges for most bearings of one sweep: layers or echoes under one key"
-MOST_VIEW = 1.1 * TURN
+MAX_VIEW = 1.1 * TURN
 """Greatest view of a sweep [rad]; a turn whose start and end overlap stays below it."""
-MOST_DOUBLED = 0.25
+MAX_DOUBLED = 0.25
 _USUAL = 1.5
 """Least jump of the bearing, in usual steps."""
 JITTER = 0.25
@@ -231,7 +231,7 @@ def cut_turns(angle: Float64, begins: Bool) -> Int64:
         flags = np.unique(np.concatenate([start, flags]))
         turned = np.unwrap(angle)
         ends = np.append(flags[1:], len(angle))
-        long = np.abs(turned[ends - 1] - turned[flags]) > MOST_VIEW
+        long = np.abs(turned[ends - 1] - turned[flags]) > MAX_VIEW
     parts = [cut_restarts(angle[flags[at] : ends[at]]) + flags[at] for at in np.flatnonzero(long).tolist()]
     return np.unique(np.concatenate([flags, *parts]))
 
@@ -269,7 +269,7 @@ def even_sweeps(
         step = (angle[starts + lengths - 1] - first) / steps
         off = np.abs(angle - (np.repeat(first, lengths) + place * np.repeat(step, lengths)))
         even = np.maximum.reduceat(off, starts) <= JITTER * np.abs(step)
-        even &= (lengths > 1) & (np.abs(step) * steps <= MOST_VIEW)
+        even &= (lengths > 1) & (np.abs(step) * steps <= MAX_VIEW)
     first, step = _snap(first, first, np.ones(len(first))), _snap(step, first, steps)
     parts, causes = np.split(values, starts[1:]), [""] * len(starts)
     for sweep in np.flatnonzero(~even).tolist():
@@ -296,7 +296,7 @@ def _on_grid(angle: Float64, values: NDArray[np.floating]) -> tuple[NDArray[np.f
     if known.sum() < 2:
         return ONE_BEAM if len(angle) == 1 else UNEVEN
     turned = np.unwrap(angle[known])
-    if np.ptp(turned) > MOST_VIEW:
+    if np.ptp(turned) > MAX_VIEW:
         return TURNS
     if len(cut_restarts(turned)) > 1:
         return BACK
@@ -306,7 +306,7 @@ def _on_grid(angle: Float64, values: NDArray[np.floating]) -> tuple[NDArray[np.f
     order = np.argsort(turned, kind="stable")
     turned, values = turned[order], values[order]
     gaps = np.diff(turned)
-    if (gaps <= 1e-9).mean() > MOST_DOUBLED:
+    if (gaps <= 1e-9).mean() > MAX_DOUBLED:
         return DOUBLED
     gaps = gaps[gaps > 1e-9]
     step = float(np.median(gaps))
@@ -342,8 +342,8 @@ _BEAM = re.compile(rb"(\d+)[ \t,;]+(%s)[ \t,;]+(%s)" % (_NUMBER, _NUMBER))
 _SAVED = re.compile(rb"\s*#\s*RPLIDAR\s+SCAN\s+DATA\b", re.IGNORECASE)
 _NAMES = {b"angle": "angle", b"angule": "angle", b"distance": "distance", b"quality": "quality", b"time": "time"}
 _WORD = re.compile(rb"[A-Za-z]+")
-_MOST_BEFORE = 100
-_LEAST_MEDIAN = 100.0
+_MAX_BEFORE = 100
+_MIN_MEDIAN = 100.0
 """Least median of the distances of returns [mm]."""
 _MOST = 0.9
 """Least share of beams that a sensor can have measured; the others are damaged."""
@@ -354,7 +354,7 @@ _PUNCTUATION = bytes.maketrans(b"(),;\t", b"     ")
 def recognise(lines: Sequence[bytes]) -> Layout | None:
     """Return the layout of a text that begins with `lines`, where a tool for RPLIDAR sensors has written it; else None."""
     numbered = [(number, line) for number, line in enumerate(lines, 1) if line.strip()]
-    for number, line in numbered[:_MOST_BEFORE]:
+    for number, line in numbered[:_MAX_BEFORE]:
         if _PRINTED.fullmatch(line):
             return _layout(PRINTED, number, 1, 2)
     if not numbered:
@@ -423,7 +423,7 @@ def _are_beams(lines: Sequence[bytes]) -> bool:
     returns = distance[distance > 0]
     return bool(
         np.mean((quality <= 255.0) & (angle <= 361.0)) >= _MOST
-        and (np.median(returns) > _LEAST_MEDIAN if len(returns) else True)
+        and (np.median(returns) > _MIN_MEDIAN if len(returns) else True)
     )
 
 

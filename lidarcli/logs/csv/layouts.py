@@ -17,7 +17,7 @@ from lidarcli.logs.blocks import given_geometry
 from lidarcli.logs.cells import shown
 from lidarcli.logs.clock import NO_STAMPS
 from lidarcli.logs.csv.table import TRAJECTORY, Dialect, Head, csv_cells, empty_lists, is_numeric, value_of
-from lidarcli.sweeps import TURN, Float64, Int64
+from lidarcli.sweeps.types import TURN, Float64, Int64
 
 ROSTOPIC = "rostopic echo -p"
 ROS2 = "ros2 topic echo --csv"
@@ -83,7 +83,7 @@ _RECORD = 1 << 20
 """Bytes within which the first record with a list must end, the list itself not counted."""
 _POSE = 8
 """Numbers in a row of a trajectory: time, place and quaternion."""
-_MOST_OF_BEAM = 3
+_MAX_OF_BEAM = 3
 """Most numbers in a row for it to be taken for a beam: bearing, range, quality."""
 _NO_COLUMNS = np.empty(0, np.int64)
 
@@ -267,7 +267,7 @@ def _nameless(head: Head) -> UnreadableError:
         "example --columns time,ranges with a sweep in each row (and the bearings by --fov, or --angle-min and "
         "--angle-increment), or --columns angle,range with a beam in each row; `clockwise` in place of `angle` for an "
         "RPLIDAR",
-        per_sweep=width <= _MOST_OF_BEAM,
+        per_sweep=width <= _MAX_OF_BEAM,
     )
 
 

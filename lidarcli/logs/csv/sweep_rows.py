@@ -36,7 +36,7 @@ from lidarcli.logs.cells import (
 from lidarcli.logs.csv.layouts import Layout, ScanColumns, expected_beams
 from lidarcli.logs.csv.table import csv_cells, read_lines
 from lidarcli.logs.text import MAX_LINE, TextBlock
-from lidarcli.sweeps import Bool, Float32, Float64, Int32, Int64, RawSweeps
+from lidarcli.sweeps.types import Bool, Float32, Float64, Int32, Int64, RawSweeps
 
 _GEOMETRY = ("angle_min", "angle_max", "angle_increment", "time_increment", "scan_time", "range_min", "range_max")
 _LIST_GEOMETRY = ("angle_min", "angle_increment", "range_min", "range_max")
@@ -48,10 +48,10 @@ _NANOSECONDS = re.compile(r"\bn(?:ano)?secs?['\"]?\s*[:=]\s*(\d+)")
 _FRAME = re.compile(r"frame_id['\"]?\s*[:=]\s*(?:'([^']*)'|\"([^\"]*)\"|([^\s,'\"})]*))")
 _PARENTHESES = re.compile(rb'"\s*\(([^()]*)\)\s*"')
 _CALLS = re.compile(rb"[A-Za-z_][\w.]*\(([^()]*)\)")
-_MOST_LISTS = 64
+_MAX_LISTS = 64
 """Most lists of one record; with more it is garbage."""
-_MOST_TEXT = 1 << 20
-_MOST_LINES = 100_000
+_MAX_TEXT = 1 << 20
+_MAX_LINES = 100_000
 
 Frames = tuple[Int32, tuple[str, ...]]
 """Index of the frame of each sweep, and the names of the frames."""
@@ -413,7 +413,7 @@ class ListDecoder(Decoder):
             start, text = self._open_line, b" ".join(self._open)
             self._open = []
             yield start, text
-        elif len(self._open) > _MOST_LINES or self._open_size > MAX_LINE:
+        elif len(self._open) > _MAX_LINES or self._open_size > MAX_LINE:
             self._damage(self._open_line, "a quote that never ends: its lines are dropped")
             self._open = []
 
@@ -425,19 +425,19 @@ class ListDecoder(Decoder):
         plain: list[bytes] = []
         place = 0
         if self.layout.brackets == b"(":
-            for match in islice(_PARENTHESES.finditer(text), _MOST_LISTS):
+            for match in islice(_PARENTHESES.finditer(text), _MAX_LISTS):
                 plain += [text[place : match.start()], b"\x01%d" % len(lists)]
                 lists.append(match[1])
                 place = match.end()
         else:
             while (begin := text.find(b"[", place)) >= 0 and (end := text.find(b"]", begin)) >= 0:
-                if len(lists) == _MOST_LISTS:
+                if len(lists) == _MAX_LISTS:
                     return None
                 plain += [text[place:begin], b"\x01%d" % len(lists)]
                 lists.append(text[begin + 1 : end])
                 place = end + 1
         plain.append(text[place:])
-        if sum(map(len, plain)) > _MOST_TEXT:
+        if sum(map(len, plain)) > _MAX_TEXT:
             return None
         try:
             cells = csv_cells(b"".join(plain).decode("utf-8", "replace"), self.layout.dialect.separator.decode())

@@ -14,7 +14,7 @@ from lidarcli.errors import UnreadableError
 from lidarcli.logs.base import OpenOptions, ReadReport
 from lidarcli.logs.cells import DATED, NS, TIME_OF_DAY, parse_number, shown, time_unit
 from lidarcli.logs.text import TextBlock
-from lidarcli.sweeps import Int64
+from lidarcli.sweeps.types import Int64
 
 _QUOTED = re.compile(rb'"[^"]*"')
 # A bracket that nothing closes takes all that follows: to try each of many costs the square of their number.
@@ -26,7 +26,7 @@ SAMPLE_LINES = 3000
 SAMPLE_BYTES = 256 << 10
 """Most lines and bytes by which a layout is recognised; two lines at least."""
 
-MOST_TEXT = 64 << 10
+MAX_TEXT = 64 << 10
 """Bytes at the start of a file in which other formats are looked for."""
 _COMMENTS = rb"(?:[ \t]*(?:#[^\n]*)?\r?\n)*"
 _YAML_KEY = rb"[ \t]*(?:- )?[A-Za-z_][\w.-]*:"
@@ -340,5 +340,5 @@ def other_format(text: bytes) -> Other | None:
     >>> other_format(b"# time tx ty tz qx qy qz qw").name
     'a trajectory (TUM)'
     """
-    start = text[:MOST_TEXT]
+    start = text[:MAX_TEXT]
     return next((other for other in OTHERS if other.marks.match(start)), None)

@@ -10,15 +10,16 @@ from typing import Any, Unpack
 
 import pyarrow as pa
 
-from lidarcli.display import Unused
+from lidarcli.display.texts import Unused
 from lidarcli.errors import NoScanError, OptionError, warn
+from lidarcli.files.stores import place
 from lidarcli.formalism.background import Background
 from lidarcli.formalism.mapping.grid import Occupancy
 from lidarcli.logs.base import ReadReport
 from lidarcli.logs.batches import read_batches
 from lidarcli.logs.registry import TopicChoice, clouds_hint, no_scan_topic
-from lidarcli.option_forms import options_of
-from lidarcli.options import (
+from lidarcli.options.forms import options_of
+from lidarcli.options.groups import (
     OVERLAY_RULES,
     ZONE_RULES,
     AnyPath,
@@ -65,8 +66,7 @@ from lidarcli.pipeline.runs.over_logs import progress_of
 from lidarcli.pipeline.trajectories import PathOptions, PathSummary, refuse_path, write_path
 from lidarcli.pipeline.zoning import ZoneTables, watch
 from lidarcli.simulation import Simulated, run
-from lidarcli.stores import place
-from lidarcli.sweeps import SweepBatch
+from lidarcli.sweeps.types import SweepBatch
 
 
 @with_keywords()

@@ -1,6 +1,6 @@
 """Keywords of the Python functions: shown, checked, and made into the options of the rooms below.
 
-The command line makes its options by the same functions: both name the values by the fields of `lidarcli.options`.
+The command line makes its options by the same functions: both name the values by the fields of `lidarcli.options.groups`.
 """
 
 from __future__ import annotations
@@ -18,26 +18,26 @@ from pathlib import Path
 from textwrap import fill
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar, cast, get_type_hints
 
-from lidarcli.choices import NS, TRAIL
+from lidarcli.display.screen import Screen, byte_bar, count_bar
 from lidarcli.errors import OptionError, warn
+from lidarcli.files.stores import place
 from lidarcli.formalism.background import Background
 from lidarcli.formalism.matching.catalogue import Catalogue
 from lidarcli.formalism.parameters import Parameters
 from lidarcli.logs.base import OpenOptions
 from lidarcli.logs.batches import ReadOptions
 from lidarcli.logs.registry import open_options, range_rules
-from lidarcli.masks import Masks
-from lidarcli.option_forms import File, Number, Rule, Text, defaults_of, options_of, python_words, refuse_combinations
-from lidarcli.options import RULES, Finding, Objects, Tracking, parse_mends, parse_removed, parse_value
+from lidarcli.options.choices import NS, TRAIL
+from lidarcli.options.forms import File, Number, Rule, Text, defaults_of, options_of, python_words, refuse_combinations
+from lidarcli.options.groups import RULES, Finding, Objects, Tracking, parse_mends, parse_removed, parse_value
+from lidarcli.options.times import Instant, as_time
 from lidarcli.pipeline.inputs.declared import AUTO, read_catalogue, read_masks
 from lidarcli.pipeline.inputs.search import find_logs
 from lidarcli.pipeline.inputs.sources import MissingInput, Source
 from lidarcli.pipeline.reading.posing import NONE, PoseOptions
 from lidarcli.pipeline.runs.over_logs import LogProgress, summed
-from lidarcli.range_rules import parse_no_return
-from lidarcli.screen import Screen, byte_bar, count_bar
-from lidarcli.stores import place
-from lidarcli.times import Instant, as_time
+from lidarcli.sweeps.masks import Masks
+from lidarcli.sweeps.range_rules import parse_no_return
 
 if TYPE_CHECKING:
     from lidarcli.pipeline.cleaning import CleanOptions

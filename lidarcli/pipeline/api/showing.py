@@ -8,11 +8,12 @@ from html import escape
 from os import fspath
 from typing import Any, Unpack
 
-from lidarcli.choices import Look
 from lidarcli.errors import OptionError, warn
+from lidarcli.files.newfiles import refuse, write_whole
+from lidarcli.files.stores import place
 from lidarcli.formalism.parameters import Parameters
-from lidarcli.newfiles import refuse, write_whole
-from lidarcli.options import (
+from lidarcli.options.choices import Look
+from lidarcli.options.groups import (
     PLOT_RULES,
     SWEEP,
     AnyPath,
@@ -27,6 +28,7 @@ from lidarcli.options import (
     TableOrPath,
     Tables,
 )
+from lidarcli.options.times import as_time
 from lidarcli.pipeline.api.options import Values, plot_options, refuse_reading, several, with_keywords
 from lidarcli.pipeline.inputs.search import files_of, find_logs, one_log
 from lidarcli.pipeline.inputs.tables import TableSet, table_files, tables_of
@@ -36,10 +38,8 @@ from lidarcli.reports.checks import Verdict
 from lidarcli.reports.document import Report
 from lidarcli.reports.picture import Axes, Figure, Picture, figure_of
 from lidarcli.reports.programs import as_dict
-from lidarcli.stores import place
-from lidarcli.sweeps import SweepBatch
+from lidarcli.sweeps.types import SweepBatch
 from lidarcli.tabular.reading import HeldTable
-from lidarcli.times import as_time
 
 _LOOK = ("width", "dpi", "title", "legend", "vertices")
 HEIGHT = 720

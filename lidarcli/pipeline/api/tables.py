@@ -11,9 +11,20 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Unpack
 import pyarrow as pa
 
 from lidarcli.errors import OptionError, warn
+from lidarcli.files.stores import place
 from lidarcli.formalism import Parameters
-from lidarcli.options import AnyPath, Detecting, Exporting, Paths, Reading, Tabling, Tracking, parse_names, parse_numbers
-from lidarcli.options import Tables as GivenTables
+from lidarcli.options.groups import (
+    AnyPath,
+    Detecting,
+    Exporting,
+    Paths,
+    Reading,
+    Tabling,
+    Tracking,
+    parse_names,
+    parse_numbers,
+)
+from lidarcli.options.groups import Tables as GivenTables
 from lidarcli.pipeline.api.options import (
     Progress,
     Values,
@@ -29,8 +40,7 @@ from lidarcli.pipeline.api.options import (
 from lidarcli.pipeline.detecting import TrackTables, of_batches, of_logs
 from lidarcli.pipeline.exporting import chosen, export_file, format_of
 from lidarcli.pipeline.inputs.tables import remember_sweeps, tables_to_export
-from lidarcli.stores import place
-from lidarcli.sweeps import SweepBatch
+from lidarcli.sweeps.types import SweepBatch
 from lidarcli.tabular.reading import notes_of
 from lidarcli.tabular.schemas import BRIEF
 

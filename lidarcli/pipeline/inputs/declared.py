@@ -17,16 +17,16 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from lidarcli.configfiles import LARGEST, MAX_DEPTH, Fields, read_toml, read_yaml
-from lidarcli.display import clipped, visible
+from lidarcli.display.texts import clipped, visible
 from lidarcli.errors import OptionError
-from lidarcli.formalism.detection import MOST_INTENSITY
+from lidarcli.files.configfiles import LARGEST, MAX_DEPTH, Fields, read_toml, read_yaml
+from lidarcli.formalism.detection import MAX_INTENSITY
 from lidarcli.formalism.matching.catalogue import KINDS as THING_SHAPES
 from lidarcli.formalism.matching.catalogue import Catalogue, Thing
-from lidarcli.masks import CLOSE, Circle, Mask, Masks, Mount, Polygon, Sector, Shape, same_name
-from lidarcli.range_rules import FARTHEST
-from lidarcli.sweeps import TURN
-from lidarcli.zone import (
+from lidarcli.sweeps.masks import CLOSE, Circle, Mask, Masks, Mount, Polygon, Sector, Shape, same_name
+from lidarcli.sweeps.range_rules import FARTHEST
+from lidarcli.sweeps.types import TURN
+from lidarcli.sweeps.zone import (
     ACTIONS,
     COUNTS,
     HOLD,
@@ -48,7 +48,7 @@ AUTO = "auto"
 """In place of a file: learn the mask from each log."""
 MOST = 1000
 """Most tables of each kind."""
-MOST_CORNERS = 100
+MAX_CORNERS = 100
 MASK_SHAPES = ("circle", "polygon", "sector")
 DECIMALS = 6
 """Of what is written: micrometres, and far less than the step between two beams."""
@@ -104,8 +104,8 @@ def shape_of(fields: Fields, kind: str) -> Shape:
     """Return the shape that a key of `MASK_SHAPES` tells."""
     if kind == "polygon":
         corners = fields.points(kind, 3)
-        if len(corners) > MOST_CORNERS:
-            fields.fail(kind, f"has more than {MOST_CORNERS:,} corners")
+        if len(corners) > MAX_CORNERS:
+            fields.fail(kind, f"has more than {MAX_CORNERS:,} corners")
         return Polygon(tuple((x, y) for x, y in corners))
     inner = fields.table(kind)
     if kind == "circle":
@@ -269,16 +269,16 @@ def _beyond(edge: float, side: float) -> str:
     return f"{0.5 * (float(value) + float(np.nextafter(value, np.float32(side)))):#.10g}"
 
 
-MOST_POINTS = 1_000_000
+MAX_POINTS = 1_000_000
 """Greatest number of points or sweeps that a zone asks for."""
 LONGEST = 3600.0
 """Greatest time that a zone tells [s]."""
-MOST_STEPS = 1000
+MAX_STEPS = 1000
 """Most times that `approach` tests."""
 _PARAMETERS = "ros__parameters"
 _SCAN = "scan"
 _SOURCES = (_SCAN, "pointcloud", "range", "polygon", "costmap")
-_LEAST_CORNERS, _LEAST_EXCLUDED = 4, 3
+_MIN_CORNERS, _MIN_EXCLUDED = 4, 3
 _ALL_NODES = ("**",)
 _POINTS = re.compile(r"\s*\[(?:[\s,]*\[[^\[\]]*\])*[\s,]*\]\s*")
 _POINT = re.compile(r"\[([^\[\]]*)\]")
@@ -332,9 +332,9 @@ def approach_times(fields: Fields) -> tuple[float, float]:
     """Return how far ahead `approach` looks, and in which steps [s]."""
     ahead = fields.number("time_before_collision", TIME_BEFORE_COLLISION, low=0, high=LONGEST)
     step = fields.number("simulation_time_step", TIME_STEP, above=0, high=LONGEST)
-    if ahead > MOST_STEPS * step:
+    if ahead > MAX_STEPS * step:
         fields.fail(
-            "simulation_time_step", f"must be at least {ahead / MOST_STEPS:g}: no more than {MOST_STEPS:,} times are tested"
+            "simulation_time_step", f"must be at least {ahead / MAX_STEPS:g}: no more than {MAX_STEPS:,} times are tested"
         )
     return ahead, step
 
@@ -420,11 +420,7 @@ def _read_exclusions(node: _Node, source: Fields, topic: str) -> None:
     for name in _names(source, "exclusion_zones"):
         fields = _inside(node.fields, name)
         kind = fields.text("type", "polygon", ("polygon", "circle"))
-        shape: Circle | Polygon
-        if kind == "circle":
-            shape = Circle(0.0, 0.0, fields.number("radius", above=0))
-        else:
-            shape = _polygon(fields, _LEAST_EXCLUDED)
+        shape = Circle(0.0, 0.0, fields.number("radius", above=0)) if kind == "circle" else _polygon(fields, _MIN_EXCLUDED)
         if not fields.flag("enabled", False):
             node.notes.append(f"exclusion zone {name} is not enabled, which is the default: its points count")
             continue
@@ -464,7 +460,7 @@ def _nav2_zone(node: _Node, polygon: Fields, name: str) -> Zone:
     elif kind == "velocity_polygon":
         cases = tuple(_cases(node, polygon, name))
     elif polygon.has("points"):
-        shape = _polygon(polygon, _LEAST_CORNERS)
+        shape = _polygon(polygon, _MIN_CORNERS)
         _note_crossing(node, name, shape)
     elif action == "approach":
         shape_topic = polygon.text("footprint_topic", "local_costmap/published_footprint")
@@ -476,12 +472,12 @@ def _nav2_zone(node: _Node, polygon: Fields, name: str) -> Zone:
     topics, timeout = _topics(node, polygon, name)
     # `approach` has no delay.
     trigger, release = (
-        1 if action == "approach" else polygon.whole(f"{kind}_consecutive_points", 1, low=1, high=MOST_POINTS)
+        1 if action == "approach" else polygon.whole(f"{kind}_consecutive_points", 1, low=1, high=MAX_POINTS)
         for kind in ("trigger", "release")
     )
-    least = polygon.whole("min_points", MIN_POINTS, low=1, high=MOST_POINTS)
+    least = polygon.whole("min_points", MIN_POINTS, low=1, high=MAX_POINTS)
     if polygon.has("max_points"):
-        least = polygon.whole("max_points", low=0, high=MOST_POINTS) + 1
+        least = polygon.whole("max_points", low=0, high=MAX_POINTS) + 1
     return Zone(
         name=name,
         shape=shape,
@@ -524,7 +520,7 @@ def _cases(node: _Node, polygon: Fields, name: str) -> Iterator[Case]:
     holonomic = polygon.flag("holonomic", False)
     for case in _names(polygon, "velocity_polygons"):
         fields = _inside(polygon, case)
-        shape = _polygon(fields, _LEAST_CORNERS)
+        shape = _polygon(fields, _MIN_CORNERS)
         _note_crossing(node, f"{name}.{case}", shape)
         direction = None
         if holonomic:
@@ -563,8 +559,8 @@ def _polygon(fields: Fields, least: int) -> Polygon:
         if not (abs(x) <= LARGEST and abs(y) <= LARGEST):
             fields.fail("points", f"must hold finite numbers between {-LARGEST:g} and {LARGEST:g}")
         corners.append((x, y))
-    if not least <= len(corners) <= MOST_CORNERS:
-        fields.fail("points", f"must be {least} to {MOST_CORNERS} corners, not {len(corners)}")
+    if not least <= len(corners) <= MAX_CORNERS:
+        fields.fail("points", f"must be {least} to {MAX_CORNERS} corners, not {len(corners)}")
     return Polygon(tuple(corners))
 
 
@@ -642,8 +638,8 @@ def _zone(fields: Fields) -> Zone:
         frame=fields.text("frame", SENSOR),
         action=action,  # type: ignore[arg-type]
         count=fields.text("count", COUNTS[0], COUNTS),  # type: ignore[arg-type]
-        min_points=fields.whole("min_points", MIN_POINTS, low=1, high=MOST_POINTS),
-        trigger=fields.whole("trigger", 1, low=1, high=MOST_POINTS),
+        min_points=fields.whole("min_points", MIN_POINTS, low=1, high=MAX_POINTS),
+        trigger=fields.whole("trigger", 1, low=1, high=MAX_POINTS),
         hold=fields.number("hold", HOLD, low=0, high=LONGEST),
         topics=(fields.text("topic"),) if fields.has("topic") else (),
         time_before_collision=ahead,
@@ -699,11 +695,11 @@ def parse_footprint(value: str | Sequence[Sequence[float]]) -> Polygon:
     return shape
 
 
-LARGEST_THING = 100.0
+MAX_THING = 100.0
 """[m] No thing of interest is larger."""
 TOLERANCE = 0.02
 """[m] As far as nothing else is said."""
-MOST_LEGS = 8
+MAX_LEGS = 8
 SIZES = {
     "prismatic": (("length", "width"),),
     "round": (("diameter",),),
@@ -755,14 +751,14 @@ def _thing(fields: Fields) -> Thing:
     legs = 0
     spacing: tuple[float, ...] = ()
     if group == ("length", "width"):
-        length, width = (fields.number(key, above=0, high=LARGEST_THING) for key in group)
+        length, width = (fields.number(key, above=0, high=MAX_THING) for key in group)
     elif group == ("diameter",):
-        diameter = fields.number("diameter", above=0, high=LARGEST_THING)
+        diameter = fields.number("diameter", above=0, high=MAX_THING)
     elif group:
-        legs = fields.whole("legs", low=2, high=MOST_LEGS)
+        legs = fields.whole("legs", low=2, high=MAX_LEGS)
         spacing = _spacing(fields, legs)
     least, most = (
-        fields.number(key, low=0, high=MOST_INTENSITY, largest=MOST_INTENSITY) if fields.has(key) else None
+        fields.number(key, low=0, high=MAX_INTENSITY, largest=MAX_INTENSITY) if fields.has(key) else None
         for key in ("intensity_min", "intensity_max")
     )
     if least is not None and most is not None and least > most:
@@ -775,7 +771,7 @@ def _thing(fields: Fields) -> Thing:
         diameter=diameter,
         legs=legs,
         spacing=spacing,
-        tolerance=fields.number("tolerance", TOLERANCE, low=0, high=LARGEST_THING),
+        tolerance=fields.number("tolerance", TOLERANCE, low=0, high=MAX_THING),
         moves=fields.flag("moves", True),
         intensity_min=least,
         intensity_max=most,
@@ -804,7 +800,7 @@ def _size_keys(fields: Fields, shape: str | None, given: list[str]) -> tuple[str
 
 def _spacing(fields: Fields, legs: int) -> tuple[float, ...]:
     """Return the distances of the axes of the legs: one of two legs, two of more."""
-    spacing = fields.numbers("spacing", above=0, high=LARGEST_THING)
+    spacing = fields.numbers("spacing", above=0, high=MAX_THING)
     wanted = 1 if legs == 2 else 2
     if len(spacing) != wanted:
         of = "two legs is one number, as [0.3]" if wanted == 1 else "more legs is two numbers, as [0.55, 0.45]"

@@ -18,13 +18,25 @@ from hashlib import blake2b
 from pathlib import Path, PurePath, PurePosixPath
 from typing import Any, NamedTuple
 
-from lidarcli.display import counted
+from lidarcli.display.texts import counted
 from lidarcli.errors import LidarcliError, OptionError, UnreadableError, unreadable
+from lidarcli.files.stores import (
+    Place,
+    State,
+    Url,
+    absolute,
+    has_bucket,
+    head,
+    is_folder,
+    is_url,
+    listing,
+    place,
+    read_object,
+)
 from lidarcli.logs import open_log
 from lidarcli.logs.joined import Numbered, natural, numbered
 from lidarcli.logs.registry import BINARY_SUFFIXES, FORMATS, SUFFIXES, TEXT_SUFFIXES, is_bag
 from lidarcli.pipeline.inputs.sources import STDIN, MissingInput, Source, hold_one_sweep_each
-from lidarcli.stores import Place, State, Url, absolute, has_bucket, head, is_folder, is_url, listing, place, read_object
 
 _WRAPPER = (".gz", ".zstd", ".active")
 _CONTAINER = {suffix for known in FORMATS for suffix in (*known.suffixes, *known.vague)}.difference(_WRAPPER)

@@ -11,16 +11,16 @@ from operator import attrgetter
 from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING
 
-from lidarcli.choices import JOIN
-from lidarcli.display import Unused
+from lidarcli.display.texts import Unused
 from lidarcli.errors import LidarcliError, NoScanError, UnreadableError
+from lidarcli.files.stores import Place, State, Url, fetch, is_url, place
 from lidarcli.logs import open_log
 from lidarcli.logs.base import CLOUD_TYPES, POSED_TYPES, Closing, Log, Message, OpenOptions, ReadReport, Slice, Topic
 from lidarcli.logs.joined import JoinedLog, Part
 from lidarcli.logs.registry import format_of
 from lidarcli.logs.segments import join
-from lidarcli.stores import Place, State, Url, fetch, is_url, place
-from lidarcli.sweeps import RawSweeps
+from lidarcli.options.choices import JOIN
+from lidarcli.sweeps.types import RawSweeps
 
 if TYPE_CHECKING:
     from lidarcli.pose.tracks import Track
@@ -232,7 +232,7 @@ def hold_one_sweep_each(files: Sequence[Place]) -> bool:
 
 def _fetched(url: Url, files: Sequence[Url], opening: OpenOptions | None, stack: ExitStack) -> Log:
     """Open an object, or the `files` that are one log together, copied to this machine, where `stack` removes them."""
-    from lidarcli.newfiles import scratch_folder
+    from lidarcli.files.newfiles import scratch_folder
 
     objects = files or [url]
     folder = stack.enter_context(scratch_folder()) / "log"
@@ -266,7 +266,7 @@ _NO_CLOUDS = "no point cloud in it, and --slice reads of a pipe nothing else; le
 _PIPED = "mcap"
 """The one format with clouds that may be read without knowing its topics: others list them, or hold no clouds."""
 _NONE = "no point cloud in this log: --slice changes nothing"
-MOST_WAITING = 256 << 20
+MAX_WAITING = 256 << 20
 """Bytes of clouds after which none of them waits for others of its topic."""
 
 
@@ -390,7 +390,7 @@ class SlicedLog(ChangedLog):
                 slicers[message.topic] = slicer
             yield from slicer.take(message)
             waiting += len(message.data)
-            if waiting > MOST_WAITING:
+            if waiting > MAX_WAITING:
                 for each in slicers.values():
                     yield from each.flush()
                 waiting = 0

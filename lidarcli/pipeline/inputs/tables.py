@@ -13,11 +13,12 @@ from weakref import finalize
 import numpy as np
 import pyarrow as pa
 
-from lidarcli.choices import CHANGE_STATUSES
 from lidarcli.errors import OptionError, UnreadableError
+from lidarcli.files.stores import Place, place
+from lidarcli.options.choices import CHANGE_STATUSES
+from lidarcli.options.times import SAME_STAMP
 from lidarcli.pipeline.inputs.search import Named, files_named
 from lidarcli.reports.columns import Origin, Rows, places, same_recording
-from lidarcli.stores import Place, place
 from lidarcli.tabular.reading import (
     MAKERS,
     HeldTable,
@@ -32,7 +33,6 @@ from lidarcli.tabular.reading import (
 )
 from lidarcli.tabular.schemas import CHANGES, SCHEMAS
 from lidarcli.tabular.writing import DAMAGE, PARAMETERS, SOURCE, VERSION, table_suffix
-from lidarcli.times import SAME_STAMP
 
 _OBJECTS, _SWEEPS, _TRACKS = map(table_suffix, ("objects", "sweeps", "tracks"))
 TRACK_COLUMNS = (

@@ -15,18 +15,18 @@ from typing import TYPE_CHECKING, Any, Self
 
 import pyarrow as pa
 
-from lidarcli.choices import NS
+from lidarcli.files.stores import Place
 from lidarcli.formalism import Detection, Parameters, detect
 from lidarcli.formalism.matching.catalogue import Catalogue, name, names_in
 from lidarcli.logs.base import OpenOptions
 from lidarcli.logs.batches import ReadOptions
-from lidarcli.machine import Threads, cores
+from lidarcli.options.choices import NS
 from lidarcli.pipeline.inputs.search import files_of
 from lidarcli.pipeline.inputs.sources import MissingInput, Source
 from lidarcli.pipeline.reading.one_log import Reading, RunSummary, named_files, reading_as_dict
 from lidarcli.pipeline.reading.posing import Need, PoseOptions
-from lidarcli.stores import Place
-from lidarcli.sweeps import SweepBatch
+from lidarcli.sweeps.types import SweepBatch
+from lidarcli.system.machine import Threads, cores
 from lidarcli.tabular.columns import beams_rows, objects_rows, sweeps_rows
 from lidarcli.tabular.writing import table_paths
 
@@ -218,7 +218,7 @@ ALONE = 2_000_000
 """Ranges ahead from which on other threads help: a tenth of a second of work."""
 DEPTH = 2
 """Blocks that a thread has at once: one at work, one waiting, as this thread is busy in between."""
-MOST_WAITING = 4
+MAX_WAITING = 4
 """Finished blocks per thread that may wait for an earlier one; one where every beam is a row."""
 MAX_THREADS = 8
 """Most threads of one log: the interpreter and the encoding of tables limit the use of more."""
@@ -259,7 +259,7 @@ class ParallelDetection:
         self._detector = detector
         self._reading = reading
         self._most_helpers = min(threads, MAX_THREADS) - 1
-        self._window = (self._most_helpers + 1) * (1 if "beams" in detector.tables else MOST_WAITING)
+        self._window = (self._most_helpers + 1) * (1 if "beams" in detector.tables else MAX_WAITING)
         self._helpers: Threads | None = None
         self._batches: list[SweepBatch] = []
         """Batches of the next block."""

@@ -10,15 +10,16 @@ from typing import Any
 import numpy as np
 
 from lidarcli.errors import OptionError
+from lidarcli.files.stores import place
 from lidarcli.formalism import Detection, Parameters
 from lidarcli.formalism.background import Background
 from lidarcli.formalism.detect import noise
 from lidarcli.formalism.detection import APPEARED, REMOVED
 from lidarcli.formalism.subtraction import (
-    LEAST_SWEEPS_DIFFERING,
-    MOST_DIFFERING,
-    MOST_SWEEP_DIFFERING,
-    MOST_SWEEPS_DIFFERING,
+    MAX_DIFFERING,
+    MAX_SWEEP_DIFFERING,
+    MAX_SWEEPS_DIFFERING,
+    MIN_SWEEPS_DIFFERING,
     SEEN_THROUGH,
     Difference,
     Subtraction,
@@ -27,9 +28,8 @@ from lidarcli.formalism.subtraction import (
     changes,
     nothing_known,
 )
-from lidarcli.masks import same_name
-from lidarcli.stores import place
-from lidarcli.sweeps import Int64, Status, SweepBatch
+from lidarcli.sweeps.masks import same_name
+from lidarcli.sweeps.types import Int64, Status, SweepBatch
 from lidarcli.tabular.background import read_background
 
 
@@ -165,15 +165,15 @@ class BackgroundComparison:
                     f"of frame {name}: they look where it does not"
                 )
             compared = stats.ranges - stats.without_background
-            if stats.differing > MOST_DIFFERING * compared:
+            if stats.differing > MAX_DIFFERING * compared:
                 lines.append(
                     f"{stats.differing / compared:.0%} of the ranges of frame {name} differ from {self._options.name}: "
                     "it is of another place, or the sensor moved"
                 )
-            elif stats.apart > max(MOST_SWEEPS_DIFFERING * stats.sweeps, LEAST_SWEEPS_DIFFERING - 1):
+            elif stats.apart > max(MAX_SWEEPS_DIFFERING * stats.sweeps, MIN_SWEEPS_DIFFERING - 1):
                 lines.append(
                     f"{stats.apart:,} of {stats.sweeps:,} sweeps of frame {name}, from sweep {stats.first_apart:.0f} on, "
-                    f"differ from {self._options.name} in more than {MOST_SWEEP_DIFFERING:.0%} of their ranges: the sensor "
+                    f"differ from {self._options.name} in more than {MAX_SWEEP_DIFFERING:.0%} of their ranges: the sensor "
                     "moved, or much before it did; compare what comes after with a background of its own (--start, --end)"
                 )
         return lines
@@ -194,7 +194,7 @@ class BackgroundComparison:
             behind = np.isfinite(part.r_e) & (part.difference > SEEN_THROUGH)
         differing = valid & part.known & (part.appeared | behind)
         compared = np.count_nonzero(valid & part.known, axis=1)
-        apart = np.flatnonzero(np.count_nonzero(differing, axis=1) > MOST_SWEEP_DIFFERING * compared)
+        apart = np.flatnonzero(np.count_nonzero(differing, axis=1) > MAX_SWEEP_DIFFERING * compared)
         with self._counting:
             stats = self._stats.setdefault(frame, _ComparisonStats())
             stats.sweeps += len(batch)

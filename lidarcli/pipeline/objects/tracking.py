@@ -13,19 +13,19 @@ from typing import IO, Any, Self
 
 import numpy as np
 
-from lidarcli.display import Routine
+from lidarcli.display.texts import Routine
+from lidarcli.files.newfiles import writing
 from lidarcli.formalism.detection import AGENT, Detection
 from lidarcli.formalism.mapping.places import Places
 from lidarcli.formalism.matching.catalogue import names_in
 from lidarcli.formalism.parameters import TrackParameters
 from lidarcli.formalism.tracking.results import TrackedBatch
 from lidarcli.formalism.tracking.tracker import Tracker
-from lidarcli.newfiles import writing
 from lidarcli.pipeline.objects.detection import DetectOptions, Rows
 from lidarcli.pipeline.reading.one_log import RunSummary
-from lidarcli.sweeps import Int64, SweepBatch
+from lidarcli.sweeps.types import Int64, SweepBatch
 from lidarcli.tabular.columns import tracked_rows, tracks_rows, trajectories_rows
-from lidarcli.tabular.writing import MOST_BYTES
+from lidarcli.tabular.writing import MAX_BYTES
 
 OF_AGENTS = ("track", "first_stamp_ns", "last_stamp_ns", "distance", "speed_mean", "speed_max", "agent_score")
 """Columns of the tracks table that a summary has of each agent."""
@@ -184,7 +184,7 @@ _Waiting = tuple[SweepBatch, Detection, Int64 | None]
 
 
 class _WaitingBatches:
-    """Batches that wait for the end of the log; what is more than `MOST_BYTES` waits in a file without a name."""
+    """Batches that wait for the end of the log; what is more than `MAX_BYTES` waits in a file without a name."""
 
     def __init__(self) -> None:
         self._batches: dict[str, deque[_Waiting]] = {}
@@ -199,7 +199,7 @@ class _WaitingBatches:
         self._batches.setdefault(batch.topic, deque()).append((batch, detection, worlds))
         arrays = (getattr(record, each.name) for record in (batch, detection) for each in fields(record))
         self._bytes += sum(each.nbytes for each in arrays if isinstance(each, np.ndarray))
-        if self._bytes <= MOST_BYTES:
+        if self._bytes <= MAX_BYTES:
             return
         with writing(f"a temporary file in {tempfile.gettempdir()}"):
             if self._file is None:

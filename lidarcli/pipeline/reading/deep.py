@@ -10,9 +10,21 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from lidarcli.display import counted, visible
+from lidarcli.display.texts import counted, visible
 from lidarcli.errors import OptionError
-from lidarcli.findings import (
+from lidarcli.logs.base import Log, OpenOptions, ReadReport
+from lidarcli.logs.batches import ReadOptions, read_batches
+from lidarcli.logs.registry import TopicChoice
+from lidarcli.pipeline.inputs.declared import mask_text
+from lidarcli.pipeline.inputs.sources import Source, open_source
+from lidarcli.pipeline.reading.masking import MAX_SENSORS, STOOD_REACH, MaskRules, MovedPath, masking_of
+from lidarcli.pipeline.reading.path_check import DRIFT_NOTED, CheckedPath
+from lidarcli.pipeline.reading.posing import NONE, Need, PoseAttacher, PoseOptions, of_one_run
+from lidarcli.pose import calibration
+from lidarcli.pose.fit import ACCEPTED, AUTO, headers_of, mount_between, pairs_of, poses_after, steps_between, wrapped
+from lidarcli.pose.sources import FrameTree, PoseChain, Step, along
+from lidarcli.pose.tracks import SECOND_NS, flat, frame_name, planar
+from lidarcli.sweeps.findings import (
     BODY,
     BODY_UNKNOWN,
     DEVIATIONS,
@@ -22,10 +34,10 @@ from lidarcli.findings import (
     LASERS,
     LASERS_UNKNOWN,
     LASERS_UNTOLD,
-    LEAST_ASKEW,
-    LEAST_OFF,
-    LEAST_TURN,
     LOST_SECTORS,
+    MIN_ASKEW,
+    MIN_OFF,
+    MIN_TURN,
     MIRROR,
     MOUNT,
     MOUNT_UNKNOWN,
@@ -36,26 +48,14 @@ from lidarcli.findings import (
     judge,
     transform_lines,
 )
-from lidarcli.logs.base import Log, OpenOptions, ReadReport
-from lidarcli.logs.batches import ReadOptions, read_batches
-from lidarcli.logs.registry import TopicChoice
-from lidarcli.masks import Mask, Masks, Mount, Sector
-from lidarcli.pipeline.inputs.declared import mask_text
-from lidarcli.pipeline.inputs.sources import Source, open_source
-from lidarcli.pipeline.reading.masking import MOST_SENSORS, STOOD_REACH, MaskRules, MovedPath, masking_of
-from lidarcli.pipeline.reading.path_check import DRIFT_NOTED, CheckedPath
-from lidarcli.pipeline.reading.posing import NONE, Need, PoseAttacher, PoseOptions, of_one_run
-from lidarcli.pose import calibration
-from lidarcli.pose.fit import ACCEPTED, AUTO, headers_of, mount_between, pairs_of, poses_after, steps_between, wrapped
-from lidarcli.pose.sources import FrameTree, PoseChain, Step, along
-from lidarcli.pose.tracks import SECOND_NS, flat, frame_name, planar
-from lidarcli.sweeps import TURN, Bool, Float64, Int64, Status, SweepBatch, UInt8
+from lidarcli.sweeps.masks import Mask, Masks, Mount, Sector
+from lidarcli.sweeps.types import TURN, Bool, Float64, Int64, Status, SweepBatch, UInt8
 
-MOST_SWEEPS, STANDING_SWEEPS = 400, 20
+MAX_SWEEPS, STANDING_SWEEPS = 400, 20
 """Most sweeps of a sensor that are aligned, and the first ones, which are taken though it stands."""
 MOVED, TURNED = 0.02, 0.017
 """Others are taken after the sensor went so far [m] or turned so much [rad]."""
-MOST_POINTS = 120
+MAX_POINTS = 120
 """Points of a sweep that are aligned."""
 DRIFTING, FIXED = (0.5 * np.pi, 5.0), (TURN, 50.0)
 """Turn [rad] and distance [m] of a stretch in which poses do not drift much: of odometry, and of poses in a map."""
@@ -68,19 +68,19 @@ SURE = np.array([0.003, 0.003, np.deg2rad(0.1)])
 DELAYS, KNOWN_TIME, SCALES = 0.2, 0.1, 0.02
 """Deviations before the sweeps are looked at of a delay [s], of the time of a sweep that is told, as a share of the period,
 and of the scales of told lengths and turns."""
-LARGE_TURN, LEAST_TURNS = 0.08, 8
+LARGE_TURN, MIN_TURNS = 0.08, 8
 """Turns that count [rad], and the fewest of them."""
 _STAMPED = {"first": 0.0, "middle": 0.5, "last": 1.0}
 """Beam at whose time a header is stamped → its share of the time of the sweep."""
-LEAST_TIME = 0.02
+MIN_TIME = 0.02
 """Deviation of such a share that is told at best."""
 LASER_DELAYS = 0.02
 """Deviation of the clocks of two lasers [s]."""
-LEAST_STEPS, LEAST_BEAMS = 20, 3
+MIN_STEPS, MIN_BEAMS = 20, 3
 """Fewest steps that tell of a flicker, and fewest beams of a sector."""
 AGAINST, CLEARLY = 2.0, 0.25
 """Points against a place count so much more than points for it; and by how much the next best place is worse."""
-LEAST_OVERLAP, LEAST_WIDTH, MOST_AGAINST = 0.6, np.deg2rad(120.0), 0.05
+MIN_OVERLAP, MIN_WIDTH, MAX_AGAINST = 0.6, np.deg2rad(120.0), 0.05
 """Of what a second laser sees while both stand: the least share that is on what the first one sees, the least width of this
 [rad], and the greatest share that speaks against it."""
 
@@ -115,7 +115,7 @@ def deep_findings(
             for frame, _, mine in batch.by_frame():
                 key = batch.topic, frame
                 if key not in sensors:
-                    if len(sensors) == MOST_SENSORS:
+                    if len(sensors) == MAX_SENSORS:
                         continue
                     chain = None if sources is None or poses.source == NONE else sources.chain(frame, batch.topic)
                     sensors[key] = _Sensor(*key, posing.paths.get(key), chain, poses.delay or 0.0)
@@ -235,14 +235,14 @@ class _Sensor:
             bearing = batch.angle_min[row] + batch.angle_increment[row] * np.arange(batch.beams[row])
             ranges = batch.ranges[row, : batch.beams[row]].astype(np.float64)
             self._kept.append((number, int(batch.stamp_ns[row]), bearing, ranges))
-            if len(self._kept) > MOST_SWEEPS:
+            if len(self._kept) > MAX_SWEEPS:
                 self._every *= 2
                 self._kept = [one for one in self._kept if one[0] < 0 or one[0] % self._every == 0]
 
     def outlines(self) -> calibration.Outlines:
         """Return the points of the sampled sweeps."""
         kept = sorted({one[1]: one[1:] for one in self._kept}.values(), key=lambda one: one[0])
-        return calibration.outlines_of(kept, calibration.SLOTS, MOST_POINTS)
+        return calibration.outlines_of(kept, calibration.SLOTS, MAX_POINTS)
 
     def mirrored(self) -> list[Finding]:
         """Return the finding that the sensor sees turns the other way round than poses tell."""
@@ -256,7 +256,7 @@ class _Sensor:
         turn, turn_seen = logged[:, 2], turn_seen[:, 2]
         large = np.maximum(np.abs(turn_seen), np.abs(turn)) > LARGE_TURN
         turn, turn_seen = turn[large], turn_seen[large]
-        if len(turn) < LEAST_TURNS:
+        if len(turn) < MIN_TURNS:
             return []
         # About 0, not about the mean: a robot may turn to one side only.
         related = float((turn * turn_seen).sum() / np.sqrt((turn**2).sum() * (turn_seen**2).sum()))
@@ -358,7 +358,7 @@ def _by_log(sensor: _Sensor) -> _Calibrated | None:
 def _calibrated(sensor: _Sensor) -> _Calibrated | None:
     """Find the mount and the delay of the poses by the sweeps of a sensor; None where poses tell nothing of it."""
     by_log, fit = _by_log(sensor), sensor.path.fit
-    if by_log is None or by_log.turned < LEAST_TURN or sensor.stood or fit is None:
+    if by_log is None or by_log.turned < MIN_TURN or sensor.stood or fit is None:
         return by_log
     # Where steps disagree or the poses drift, more than a mount is wrong.
     if fit.verdict not in ("accepted", "corrected") or fit.share < ACCEPTED or sensor.path.drift > DRIFT_NOTED:
@@ -384,13 +384,13 @@ def _calibrated(sensor: _Sensor) -> _Calibrated | None:
 def _mount_by_steps(path: CheckedPath, carrier: Float64) -> Float64 | None:
     """Return the mount by the steps of the matched path and those of what carries the sensor; None where they are few."""
     logged, matched = _steps(path, path.matched, carrier)
-    return np.array(mount_between(matched, logged)) if len(logged) >= LEAST_TURNS else None
+    return np.array(mount_between(matched, logged)) if len(logged) >= MIN_TURNS else None
 
 
 def differs(off: Float64, deviation: Float64) -> bool:
     """Return whether a mount is off (3,) by more than its deviations explain [m, rad]."""
     off = np.array([*off[:2], *wrapped(off[2:])])
-    return bool((np.abs(off) > np.maximum(DEVIATIONS * deviation, [LEAST_OFF, LEAST_OFF, LEAST_ASKEW])).any())
+    return bool((np.abs(off) > np.maximum(DEVIATIONS * deviation, [MIN_OFF, MIN_OFF, MIN_ASKEW])).any())
 
 
 def _mount(frame: str, parent: str, values: Float64) -> Mount:
@@ -432,7 +432,7 @@ def _mount_finding(sensor: _Sensor, found: _Calibrated | None) -> tuple[list[Fin
             return [], []
         degrees, child = math.degrees(found.turned), sensor.frame or sensor.topic
         stats = SimpleNamespace(turned=round(found.turned, 3), turned_degrees=degrees, child=child)
-        return (judge([MOUNT_UNKNOWN], stats, sensor.named) if found.turned < LEAST_TURN else []), []
+        return (judge([MOUNT_UNKNOWN], stats, sensor.named) if found.turned < MIN_TURN else []), []
     if not found.differs:
         return [], []
     mount = _mount(sensor.frame, found.parent, found.settled.values)
@@ -461,7 +461,7 @@ def _stamp_finding(sensor: _Sensor, found: _Calibrated | None) -> list[Finding]:
     stats = SimpleNamespace(
         beam=beam,
         off=abs(_STAMPED[beam] - share),
-        unsure=max(deviation / duration, LEAST_TIME),
+        unsure=max(deviation / duration, MIN_TIME),
         early=-begin,
         deviation=deviation,
         seconds=duration,
@@ -509,13 +509,13 @@ def _driving(
     chain = first.path.chain
     if chain is None:
         return "nothing tells how the robot drove"
-    if found is not None and found.settled is None and found.turned < LEAST_TURN:
+    if found is not None and found.settled is None and found.turned < MIN_TURN:
         return "the robot turns too little"
     parts = [first.outlines(), second.outlines()]
     paths = [flat(chain.at(part.stamp_ns)) for part in parts]
     reached = [np.flatnonzero(np.isfinite(path[:, 0])) for path in paths]
     parts = [part.those(one) for part, one in zip(parts, reached, strict=True)]
-    if min(len(part.stamp_ns) for part in parts) < LEAST_STEPS * calibration.SLOTS:
+    if min(len(part.stamp_ns) for part in parts) < MIN_STEPS * calibration.SLOTS:
         return "too few of their sweeps have a pose"
     outlines = calibration.joined_outlines(parts)
     here, other = (path[one] for path, one in zip(paths, reached, strict=True))
@@ -526,8 +526,8 @@ def _driving(
         return np.vstack([here, poses_after(np.where(np.isnan(there), other, there), values[:3])])
 
     turned = float(np.abs(wrapped(np.diff(here[:, 2]))).sum())
-    if turned < LEAST_TURN:
-        return f"the robot turns by {math.degrees(turned):.0f} degrees, and {math.degrees(LEAST_TURN):.0f} are needed"
+    if turned < MIN_TURN:
+        return f"the robot turns by {math.degrees(turned):.0f} degrees, and {math.degrees(MIN_TURN):.0f} are needed"
     both = np.vstack([here, other])
     order = np.argsort(outlines.stamp_ns, kind="stable")
     stretch = np.empty(len(both), np.int64)
@@ -562,7 +562,7 @@ def _standing(first: _Sensor, second: _Sensor) -> calibration.CalibrationResult 
         tried.append((alike.share - AGAINST * alike.against, alike, found))
     tried.sort(key=lambda one: -one[0])
     best, alike, found = tried[0]
-    if alike.share < LEAST_OVERLAP or alike.against > MOST_AGAINST or alike.width < LEAST_WIDTH:
+    if alike.share < MIN_OVERLAP or alike.against > MAX_AGAINST or alike.width < MIN_WIDTH:
         return "they see too little alike while they stand"
     for score, _, other in tried[1:]:
         x, y, yaw = other.values[:3] - found.values[:3]
@@ -611,13 +611,13 @@ class _Flicker:
 def _flickering(sensor: _Sensor) -> list[Finding]:
     """Return the findings on sectors that flicker, and on those that are always lost though the sensor turned."""
     counts = sensor.flicker
-    if counts.sweeps <= LEAST_STEPS:
+    if counts.sweeps <= MIN_STEPS:
         return []
     # Of each two changes of a beam that flickers one is back.
     share = 2.0 * counts.changes / np.maximum(counts.steps, 1.0)
-    flickers = (counts.steps >= LEAST_STEPS * LEAST_BEAMS) & (share > FLICKERS)
+    flickers = (counts.steps >= MIN_STEPS * MIN_BEAMS) & (share > FLICKERS)
     worst = float(share[flickers].max(initial=0.0))
-    sees = counts.beams >= LEAST_BEAMS * counts.sweeps
+    sees = counts.beams >= MIN_BEAMS * counts.sweeps
     others = (counts.valid / np.maximum(counts.beams, 1.0))[sees & (counts.valid > 0)]
     median = float(np.median(others)) if len(others) else 0.0
     lost = _in_sectors(sees & (counts.valid == 0), others_share=median, others=round(median, 3), valid=0.0)

@@ -9,16 +9,16 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from lidarcli.display import counted
+from lidarcli.display.texts import counted
 from lidarcli.errors import OptionError
 from lidarcli.logs.base import Log, ReadReport
 from lidarcli.logs.batches import LogBatcher, ReadOptions
 from lidarcli.logs.registry import TopicChoice
-from lidarcli.masks import Mask, Masks, Mount, Sector, same_name
 from lidarcli.pipeline.inputs.sources import read_pose_messages
 from lidarcli.pipeline.reading.posing import NONE, Need, PoseAttacher, PoseOptions
-from lidarcli.range_rules import RangeRules
-from lidarcli.sweeps import TURN, Float32, Float64, Int32, Int64, SweepBatch
+from lidarcli.sweeps.masks import Mask, Masks, Mount, Sector, same_name
+from lidarcli.sweeps.range_rules import RangeRules
+from lidarcli.sweeps.types import TURN, Float32, Float64, Int32, Int64, SweepBatch
 
 WINDOW, SHARE = 0.08, 0.6
 """A beam ends on the robot where it ends within so short a stretch [m] in at least this share of the sweeps."""
@@ -28,7 +28,7 @@ GRAZED = 0.2
 """Least share of the sweeps where beside it is such a beam, as near: it grazes the robot."""
 GRAIN = 0.005
 """Step in which ranges are counted [m]."""
-LEAST_DISTANCE, LEAST_TURN = 3.0, 2.0
+MIN_DISTANCE, MIN_TURN = 3.0, 2.0
 """Least distance [m] and turn [rad] of a sensor: the robot carries what stays before it all the time."""
 MOVED, TURNED = 0.05, 0.05
 """A sweep counts where the sensor went so far [m] or turned so much [rad] since the last one that did."""
@@ -40,9 +40,9 @@ LONGEST = 0.16
 """Neighbouring beams share one sector as long as it spans no more than this [m]."""
 STOOD_REACH, STOOD_WIDTH, DETACHED = 0.45, 0.2, 0.15
 """Of what a parked sensor sees, what is so near, so narrow and so far before things beside it [m] may be the robot."""
-LEAST_SWEEPS = 10
+MIN_SWEEPS = 10
 """Fewest sweeps of a sensor that tell anything."""
-MOST_BEAMS, MOST_SENSORS = 10_000, 16
+MAX_BEAMS, MAX_SENSORS = 10_000, 16
 """Most beams of a sweep, and most sensors, of which the mask is learned: ranges are counted for each beam."""
 _PIPE = "--mask auto reads a log twice, and a pipe is read only once: give the file's name, or a mask FILE"
 
@@ -162,8 +162,8 @@ def _count_ranges(
         for frame, _, mine in posing.attach(batch).by_frame():
             key = batch.topic, frame
             if key not in bodies:
-                if len(bodies) == MOST_SENSORS:
-                    raise OptionError(f"--mask auto: the log has more than {MOST_SENSORS} sensors; name some with --topic")
+                if len(bodies) == MAX_SENSORS:
+                    raise OptionError(f"--mask auto: the log has more than {MAX_SENSORS} sensors; name some with --topic")
                 bodies[key] = _Body(mine)
             bodies[key].add(mine)
     return bodies, posing
@@ -242,7 +242,7 @@ class _Body:
     def __init__(self, batch: SweepBatch) -> None:
         self._beams = batch.width
         self._first, self._step = float(batch.angle_min[0]), float(batch.angle_increment[0])
-        self._is_countable = self._beams <= MOST_BEAMS and self._step != 0.0
+        self._is_countable = self._beams <= MAX_BEAMS and self._step != 0.0
         beams = self._beams if self._is_countable else 0
         self._always, self._driving = (_Counts(beams, GRAIN, REACH) for _ in range(2))
         self._far = _Counts(beams, FAR_GRAIN, FAR_REACH)
@@ -278,14 +278,14 @@ class _Body:
     def doubt(self) -> str:
         """Return why the robot itself cannot be told from what is around; empty where it can."""
         if not self._is_countable:
-            return f"its sweeps have more than {MOST_BEAMS:,} beams, or no step between them"
+            return f"its sweeps have more than {MAX_BEAMS:,} beams, or no step between them"
         if self._path.last is None:
             return "nothing tells whether the sensor drove"
         turned, distance = self._path.turns[1] - self._path.turns[0], self._path.distance
-        if distance < LEAST_DISTANCE or turned < LEAST_TURN or self._driving.sweeps < LEAST_SWEEPS:
+        if distance < MIN_DISTANCE or turned < MIN_TURN or self._driving.sweeps < MIN_SWEEPS:
             return (
                 f"the sensor drove {distance:.1f} m and turned by {math.degrees(turned):.0f} degrees; to tell its "
-                f"own body from what stands around takes {LEAST_DISTANCE:g} m and {math.degrees(LEAST_TURN):.0f} degrees"
+                f"own body from what stands around takes {MIN_DISTANCE:g} m and {math.degrees(MIN_TURN):.0f} degrees"
             )
         least = SHARE * self._far.sweeps
         far_beams = self._far.beyond(REACH) >= SEEN * self._far.sweeps
@@ -300,13 +300,13 @@ class _Body:
 
     def unchanging(self) -> int:
         """Return the number of beams that mostly end within one window below `STOOD_REACH`."""
-        if self._always.sweeps < LEAST_SWEEPS:
+        if self._always.sweeps < MIN_SWEEPS:
             return 0
         return sum(low + WINDOW <= STOOD_REACH for run in _runs(self._always, SHARE) for _, low in run)
 
     def proposals(self) -> list[Run]:
         """Return the beams that look like that, of one that stood."""
-        if self._always.sweeps < LEAST_SWEEPS:
+        if self._always.sweeps < MIN_SWEEPS:
             return []
         runs = _runs(self._always, SHARE)
         at = {beam: low for run in runs for beam, low in run}

@@ -14,22 +14,22 @@ from typing import TYPE_CHECKING, Any, Protocol, Self
 
 import numpy as np
 
-from lidarcli.choices import ECHOES, KEEP
-from lidarcli.display import Routine, Unused
+from lidarcli.display.texts import Routine, Unused
 from lidarcli.errors import NoScanError, OptionError, UnreadableError
 from lidarcli.formalism.detection import SETS, Detection
 from lidarcli.logs.base import MAX_BEAMS, Log, OpenOptions, ReadReport, Slice
 from lidarcli.logs.batches import LONGEST, LogBatcher, ReadOptions
 from lidarcli.logs.registry import TopicChoice, nothing_read
-from lidarcli.machine import Threads
-from lidarcli.masks import Masks
+from lidarcli.options.choices import ECHOES, KEEP
+from lidarcli.options.times import Instant
 from lidarcli.pipeline.inputs.declared import AUTO, masks_of, plain
 from lidarcli.pipeline.inputs.sources import Source, made_of_clouds, open_source, parts_of
 from lidarcli.pipeline.reading.masking import MaskRules, masking_of
 from lidarcli.pipeline.reading.posing import Need, PoseAttacher, PoseOptions
-from lidarcli.range_rules import NO_RETURN_WORDS, RangeRules, count_statuses
-from lidarcli.sweeps import STATUSES, SweepBatch
-from lidarcli.times import Instant
+from lidarcli.sweeps.masks import Masks
+from lidarcli.sweeps.range_rules import NO_RETURN_WORDS, RangeRules, count_statuses
+from lidarcli.sweeps.types import STATUSES, SweepBatch
+from lidarcli.system.machine import Threads
 
 if TYPE_CHECKING:
     from lidarcli.formalism.tracking.results import TrackedBatch
@@ -410,6 +410,6 @@ def opening_of(parameters: dict[str, Any]) -> OpenOptions:
 
 def _is_number(value: object) -> bool:
     """Return whether a value of the metadata, which anybody may have written, is a number to compute with."""
-    from lidarcli.tabular.reading import GREATEST_VALUE
+    from lidarcli.tabular.reading import MAX_VALUE
 
-    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= GREATEST_VALUE
+    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= MAX_VALUE

@@ -10,26 +10,26 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from lidarcli.choices import BEAM_ORDERS
-from lidarcli.display import Routine, counted, times
-from lidarcli.findings import Finding, Fix
+from lidarcli.display.texts import Routine, counted, times
 from lidarcli.formalism.path_agreement import Agreement
 from lidarcli.logs.base import Log, ReadReport
 from lidarcli.logs.batches import LogBatcher, ReadOptions
 from lidarcli.logs.registry import TopicChoice
 from lidarcli.logs.scan_checks import Went
+from lidarcli.options.choices import BEAM_ORDERS
 from lidarcli.pipeline.reading.posing import UNPLACED, Need, SensorMovedError
 from lidarcli.pose import candidates
 from lidarcli.pose import fit as fitting
 from lidarcli.pose.sources import Correction, PoseChain, Step, went
 from lidarcli.pose.tracks import SECOND_NS, lifted, planar
-from lidarcli.range_rules import RangeRules
-from lidarcli.sweeps import Bool, Float64, Int64, Status, SweepBatch
+from lidarcli.sweeps.findings import Finding, Fix
+from lidarcli.sweeps.range_rules import RangeRules
+from lidarcli.sweeps.types import Bool, Float64, Int64, Status, SweepBatch
 
 if TYPE_CHECKING:
     from lidarcli.pose.sources import GivenPaths, PoseSources
 
-MOST_MATCHED = 16
+MAX_MATCHED = 16
 """Topics and frames whose paths are looked at: each has a map in memory."""
 ENOUGH, ENOUGH_WAY = 150, 15.0
 """The steps of a told path are judged by its first so many sweeps, once the sensor has gone so far [m]."""
@@ -39,13 +39,13 @@ PART, PARTED = 50, 1000
 """So many sweeps are matched at once, of the first ones."""
 ENOUGH_TURNING, LEADING = 100, 8
 """Sweeps during which the sensor turned that tell the order of the beams; each is matched after so many before it."""
-VERY_CLEAR, MOST_HELD = 4.0, 600
+VERY_CLEAR, MAX_HELD = 4.0, 600
 """Standard deviations by which an order must fit better to be taken before so many; most sweeps held until then."""
 WORTH_A_GUESS = 0.2
 """Share of told steps that fit below which they are no better a guess than none."""
 SHARP = 0.9
 """Agreement of places seen again below which a delay and a mount are looked for though the steps fit."""
-LEAST_PLACED = 0.7
+MIN_PLACED = 0.7
 """Least share of sweeps with a pose that tell the order of the beams."""
 SLIDING, DRIFT_NOTED = 0.05, 0.05
 """There is a note from this share of sweeps that may slide along walls on, and on a told path that drifts by so much."""
@@ -180,7 +180,7 @@ class _Look:
         self._is_off |= not (np.abs(poses) < (fitting.STANDING_OFF, fitting.STANDING_OFF, fitting.STANDING_TURN)).all()
         if self._held is not None:
             self._held.append(sweeps)
-            self.settle(last=len(self.path.stamp_ns) >= MOST_HELD)
+            self.settle(last=len(self.path.stamp_ns) >= MAX_HELD)
 
     def settle(self, *, last: bool = True) -> None:
         """Find the order of the beams by sweeps during which the sensor turned, each after some that lead to it.
@@ -194,7 +194,7 @@ class _Look:
         turning = np.flatnonzero(self.path.turns(duration) > fitting.SKEWED)
         last |= len(turning) >= ENOUGH_TURNING
         order = ""
-        if len(turning) >= fitting.LEAST_SKEWED and self.path.placed >= LEAST_PLACED:
+        if len(turning) >= fitting.MIN_SKEWED and self.path.placed >= MIN_PLACED:
             order = self._order(held, turning[:ENOUGH_TURNING], VERY_CLEAR if not last else fitting.CLEAR)
         if last or order:
             self._held = None
@@ -305,7 +305,7 @@ def check_paths(
 
     Returns
     -------
-    By run, topic and frame, for at most `MOST_MATCHED`, without those that need no look; and the sweeps of each run.
+    By run, topic and frame, for at most `MAX_MATCHED`, without those that need no look; and the sweeps of each run.
     """
 
     def told_by(told: PoseSources | GivenPaths | None, topic: str, frame: str) -> list[PoseChain]:
@@ -325,7 +325,7 @@ def check_paths(
         if key not in looks:
             chains = told_by(sources, *key[1])
             is_left_out = run and run != key[0]
-            if len(looks) == MOST_MATCHED or is_left_out or (not chains and need is Need.TOLD and not match):
+            if len(looks) == MAX_MATCHED or is_left_out or (not chains and need is Need.TOLD and not match):
                 continue
             looks[key] = _Look(chains, fitting.Timing(order), None, whole=match, wanted=wanted)
         looks[key].add(sweeps)
@@ -395,7 +395,7 @@ class _Told:
         self.fit = fitting.judge_poses(stamp_ns, poses, given_at, pieces, doubted=doubted)
         if self.fit.verdict == "corrected" and not self.named:
             self._correct()
-        is_missing = best.agreement.placed < 1.0 - fitting.MOST_UNPLACED
+        is_missing = best.agreement.placed < 1.0 - fitting.MAX_UNPLACED
         if self.steps_fit and not is_missing and not self.taken.drift > candidates.DRIFTS:
             return
         far = fitting.far_delay(stamp_ns, poses, given_at, pieces, best.chain.span_ns, _recorded(best.chain, path))
@@ -496,8 +496,8 @@ class _Told:
             return f"{self.taken.agreement.all:.0%} of the hits agree over the run"
         if fit.is_judged:
             return f"{fit.share:.0%} of {fit.pairs:,} steps fit; nothing is seen twice: drift cannot be told"
-        why = HARDLY if fit.pairs < fitting.LEAST_PAIRS else "too few sweeps could be matched"
-        if fit.moves and fit.pairs < fitting.LEAST_PAIRS:
+        why = HARDLY if fit.pairs < fitting.MIN_PAIRS else "too few sweeps could be matched"
+        if fit.moves and fit.pairs < fitting.MIN_PAIRS:
             why = f"only {counted(fit.pairs, 'step')} of its sweeps can be compared"
         return f"{UNCHECKED}{why}"
 
@@ -522,7 +522,7 @@ class _Told:
         if not fit.delay:
             return Finding("mount", "warning", *self.key, message, evidence, {"share": fitting.CORRECTED})
         fix = Fix("option", f"--pose-delay {fit.delay:.2f}")
-        return Finding("delay", "warning", *self.key, message, evidence, {"delay": fitting.LEAST_DELAY}, fix, "stamps")
+        return Finding("delay", "warning", *self.key, message, evidence, {"delay": fitting.MIN_DELAY}, fix, "stamps")
 
     def _finding(self, words: str, **evidence: float) -> Finding:
         """Return the finding that this is not the path that the sweeps agree on."""

@@ -12,19 +12,19 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 import numpy as np
 
-from lidarcli.choices import BEAM_ORDERS, MATCH, MOST_DELAY
-from lidarcli.display import Routine, Unused, headed, moment, some_of
+from lidarcli.display.texts import Routine, Unused, headed, moment, some_of
 from lidarcli.errors import NoScanError, OptionError, UnreadableError
-from lidarcli.findings import Finding
 from lidarcli.logs.base import POSE_TYPES, POSED_TYPES, Log, Message, ReadReport, Topic
 from lidarcli.logs.batches import ReadOptions
 from lidarcli.logs.registry import TopicChoice, format_of
 from lidarcli.logs.scan_checks import Went
-from lidarcli.masks import Masks, same_name
+from lidarcli.options.choices import BEAM_ORDERS, MATCH, MAX_DELAY
 from lidarcli.pipeline.inputs.sources import made_of_clouds, read_pose_messages
 from lidarcli.ros.cursor import BadMessageError, Cursor
-from lidarcli.sweeps import Float64, Int64, SweepBatch, SweepPoses
-from lidarcli.zone import ROBOT
+from lidarcli.sweeps.findings import Finding
+from lidarcli.sweeps.masks import Masks, same_name
+from lidarcli.sweeps.types import Float64, Int64, SweepBatch, SweepPoses
+from lidarcli.sweeps.zone import ROBOT
 
 if TYPE_CHECKING:
     from lidarcli.pipeline.reading.path_check import CheckedPath, StandingWatch
@@ -39,7 +39,7 @@ UNPLACED = 0.05
 """Share of the sweeps without a pose up to which this is routine."""
 _PIPE = "poses, if there are any, are not used: a pipe is read only once; give the file's name for them"
 SECOND = 1e-9
-MOST_TOLD = 8
+MAX_TOLD = 8
 """Runs of a log of whose poses there are notes."""
 NONE = "none"
 """Value of `--pose` for no poses at all."""
@@ -100,8 +100,8 @@ class PoseOptions:
         """Refuse options that exclude each other."""
         if self.delay is None:
             return
-        if not abs(self.delay) <= MOST_DELAY:
-            raise OptionError(f"--pose-delay: {self.delay:g} s is not within {MOST_DELAY:,.0f} s")
+        if not abs(self.delay) <= MAX_DELAY:
+            raise OptionError(f"--pose-delay: {self.delay:g} s is not within {MAX_DELAY:,.0f} s")
         if self.source == NONE and self.delay:
             raise OptionError("--pose-delay is for poses, and --pose none leaves them out")
         if self.source == MATCH and self.delay:
@@ -492,7 +492,7 @@ class PoseAttacher:
 
     def notes(self) -> list[str]:
         """Return notes on the choice of poses, its alternatives and its gaps, a line each."""
-        every = [*self.runs.values()][:MOST_TOLD]
+        every = [*self.runs.values()][:MAX_TOLD]
         told = [headed(f"run {one.run}: ", line) for one in every for line in one.own_notes()]
         return told if every else self.own_notes()
 
@@ -539,7 +539,7 @@ class PoseAttacher:
         """Return the notes on the paths without the findings; and these, with those on the poses of topics and frames."""
         if not self.runs:
             return self.own_findings(keys)
-        told = [(f"run {one.run}: ", *one.own_findings(keys)) for one in [*self.runs.values()][:MOST_TOLD]]
+        told = [(f"run {one.run}: ", *one.own_findings(keys)) for one in [*self.runs.values()][:MAX_TOLD]]
         notes = [headed(head, note) for head, notes, _ in told for note in notes]
         return notes, [replace(each, message=head + each.message) for head, _, found in told for each in found]
 

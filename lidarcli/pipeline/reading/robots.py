@@ -9,9 +9,8 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from lidarcli.display import Routine, some_of
+from lidarcli.display.texts import Routine, some_of
 from lidarcli.errors import OptionError
-from lidarcli.masks import Mount
 from lidarcli.pipeline.reading.deep import DRIFTING, FIXED, SURE, UNSURE, differs
 from lidarcli.pipeline.reading.path_check import CheckedPath
 from lidarcli.pipeline.reading.posing import of_one_run
@@ -19,12 +18,13 @@ from lidarcli.pose.calibration import joined_outlines, settle, stretches_of
 from lidarcli.pose.fit import poses_after
 from lidarcli.pose.sources import WORLDS, FrameTree, PoseChain, Step, is_within, namespace
 from lidarcli.pose.tracks import TRANSFORMS, Motion, Track, compose, flat, frame_name, lifted, planar
-from lidarcli.sweeps import Float64
-from lidarcli.zone import ROBOT
+from lidarcli.sweeps.masks import Mount
+from lidarcli.sweeps.types import Float64
+from lidarcli.sweeps.zone import ROBOT
 
 Key = tuple[str, str]
 """Topic and frame of a sensor."""
-MOST_OUTLINES = 60
+MAX_OUTLINES = 60
 """Sweeps of each sensor that check how it is mounted."""
 LESS_ALIKE = 0.2
 """Two sensors that agree less with each other than each with itself, by this share, are not where they are told to be."""
@@ -199,7 +199,7 @@ def _misplaced(first: _Sensor, second: _Sensor) -> str:
     alike = mine.agreement_with(its, here, there)
     if alike < 1.0 - LESS_ALIKE and alike < min(sample.agreement(chain).all for sample, chain in samples) - LESS_ALIKE:
         return f"it and {first.key[0]} do not see the same from where they are told to be"
-    parts = [sample.outlines(MOST_OUTLINES) for sample, _ in samples]
+    parts = [sample.outlines(MAX_OUTLINES) for sample, _ in samples]
     poses = [flat(chain.at(part.stamp_ns)) for part, (_, chain) in zip(parts, samples, strict=True)]
     known = [np.flatnonzero(np.isfinite(each[:, 0])) for each in poses]
     if min(map(len, known)) < 2:

@@ -21,16 +21,16 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
 
-from lidarcli import compiled
 from lidarcli._version import __version__
 from lidarcli.errors import OptionError, UnreadableError
-from lidarcli.machine import keep_freed_memory
-from lidarcli.newfiles import scratch_folder
+from lidarcli.files.newfiles import scratch_folder
+from lidarcli.files.stores import absolute, is_url
 from lidarcli.pipeline.inputs.sources import MissingInput, Source
 from lidarcli.pipeline.reading.one_log import RunSummary
 from lidarcli.pipeline.runs.over_logs import INTERNAL_ERROR, LogWork, Outcome, outcome_of
 from lidarcli.pipeline.runs.processes import signals_held
-from lidarcli.stores import absolute, is_url
+from lidarcli.system import compiled
+from lidarcli.system.machine import keep_freed_memory
 
 try:
     import dask
@@ -38,7 +38,7 @@ try:
 except ImportError as err:
     raise OptionError("--cluster needs distributed, which is not installed: pip install 'lidarcli[fleet]'") from err
 
-MOST_WORKERS = 1024
+MAX_WORKERS = 1024
 WINDOW = 2
 """Logs that are submitted at a time for each thread of the cluster: one at work, one waiting."""
 OWN_SETTINGS = {
@@ -112,7 +112,7 @@ def connected(address: str) -> Iterator[distributed.Client]:
 
 def _local(address: str, stack: ExitStack) -> Any:
     number = address.partition(":")[2]
-    if not number.isdecimal() or not 0 < int(number) <= MOST_WORKERS:
+    if not number.isdecimal() or not 0 < int(number) <= MAX_WORKERS:
         raise OptionError(f"--cluster {address}: write local:N with N workers")
     stack.enter_context(dask.config.set(OWN_SETTINGS))
     # Ctrl-C is for this process, which ends the workers.

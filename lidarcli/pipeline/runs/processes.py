@@ -15,10 +15,10 @@ from dataclasses import replace
 from multiprocessing import resource_tracker
 from types import FrameType
 
-from lidarcli.interrupts import interrupt, wait_for_imports
-from lidarcli.machine import keep_freed_memory
 from lidarcli.pipeline.inputs.sources import MissingInput, Source
 from lidarcli.pipeline.runs.over_logs import INTERNAL_ERROR, Outcome, Work, outcome_of
+from lidarcli.system.interrupts import interrupt, wait_for_imports
+from lidarcli.system.machine import keep_freed_memory
 
 
 def side_by_side(sources: Sequence[Source | MissingInput], work: Work, jobs: int) -> Iterator[Outcome]:

@@ -14,11 +14,11 @@ from pathlib import Path
 
 from lidarcli._version import __version__
 from lidarcli.errors import LidarcliError, OutputError, UnreadableError
-from lidarcli.newfiles import exists_already
+from lidarcli.files.newfiles import exists_already
+from lidarcli.files.stores import Place, State, Url, absolute, has_bucket, head, listing, place, remove
 from lidarcli.pipeline.inputs.sources import MissingInput, Source
 from lidarcli.pipeline.objects.detection import DetectOptions
 from lidarcli.pipeline.runs.over_logs import Outcome
-from lidarcli.stores import Place, State, Url, absolute, has_bucket, head, listing, place, remove
 from lidarcli.tabular.reading import file_metadata, note_value
 from lidarcli.tabular.writing import BY_DATE, DAMAGE, PARAMETERS, SOURCE, VERSION
 

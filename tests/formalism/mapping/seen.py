@@ -9,8 +9,8 @@ from dataclasses import replace
 import numpy as np
 
 from lidarcli.formalism.mapping.grid import CLEAR, HIT, SKIPPED, Beams, Counts, Occupancy, placed
-from lidarcli.range_rules import RangeRules, normalise
-from lidarcli.sweeps import Float64, SweepBatch, SweepPoses, UInt8
+from lidarcli.sweeps.range_rules import RangeRules, normalise
+from lidarcli.sweeps.types import Float64, SweepBatch, SweepPoses, UInt8
 from tests.sweeping import raw_sweeps
 
 RESOLUTION = 0.05

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from lidarcli.formalism.mapping.grid import PAUSE_NS, MotionFilter
-from lidarcli.sweeps import Int64, SweepPoses
+from lidarcli.sweeps.types import Int64, SweepPoses
 
 SECOND = 1_000_000_000
 

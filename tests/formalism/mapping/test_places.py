@@ -11,14 +11,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from lidarcli import native
 from lidarcli.formalism import Detection, Parameters, detect, sweep
 from lidarcli.formalism.detection import NOISE, OBJECT, WALL
 from lidarcli.formalism.mapping import places, rays
 from lidarcli.formalism.mapping.places import Places
 from lidarcli.simulation import scene as make
 from lidarcli.simulation.scene import Course, Entity
-from lidarcli.sweeps import SweepBatch
+from lidarcli.sweeps.types import SweepBatch
+from lidarcli.system import native
 from tests.formalism.tracking.following import batches, scene_of, simulated
 
 EVERYTHING = Parameters(min_thing=0.0)
@@ -127,7 +127,7 @@ def test_sweeps_far_away_and_many_stops_take_no_memory() -> None:
     still = np.arange(SWEEPS) % 2 > 0
     stops = replace(batch, poses=None, still=still)
     worlds = known.add(stops, detect(stops, EVERYTHING))
-    assert len(np.unique(worlds[worlds >= 0])) == len(known._grounds) <= places.MOST_STOPS
+    assert len(np.unique(worlds[worlds >= 0])) == len(known._grounds) <= places.MAX_STOPS
 
 
 def plain(name: str) -> ModuleType:

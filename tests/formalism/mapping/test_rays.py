@@ -9,9 +9,9 @@ from types import ModuleType
 import numpy as np
 import pytest
 
-from lidarcli import native
 from lidarcli.formalism.mapping import grid, rays
 from lidarcli.formalism.mapping.grid import SKIPPED, placed
+from lidarcli.system import native
 from tests.formalism.mapping.seen import cells_of, counted, ends_of, random_sweeps, told
 
 SEEDS = range(12)

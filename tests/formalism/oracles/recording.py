@@ -14,7 +14,7 @@ from unittest.mock import patch
 import numpy as np
 
 from lidarcli.formalism import Detection, Parameters, core, description, detect, features, objects, segmentation, surfaces
-from lidarcli.sweeps import SweepBatch
+from lidarcli.sweeps.types import SweepBatch
 from tests.formalism.batches import batch_of, rows_of
 from tests.formalism.random_sweeps import random_sweep
 from tests.formalism.reference import NO_TURN, Sweep

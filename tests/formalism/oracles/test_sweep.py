@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from lidarcli.formalism import segmentation
-from lidarcli.sweeps import Closure, Status
+from lidarcli.sweeps.types import Closure, Status
 from tests.formalism.oracles import sweeps
 from tests.formalism.oracles.recording import ROBUST, Recorded, recordings
 

@@ -9,11 +9,11 @@ from math import cos, hypot, inf, pi, sin
 import numpy as np
 import pytest
 
-from lidarcli import native
 from lidarcli.formalism import SHAPES, Detection, Parameters, description
 from lidarcli.formalism.detect import detect
 from lidarcli.formalism.detection import COLUMNS, REQUIRED
 from lidarcli.formalism.surfaces import Faces
+from lidarcli.system import native
 from tests.formalism.oracles import descriptions, surfaces
 from tests.formalism.oracles.recording import random_batches
 from tests.formalism.oracles.surfaces import Ambiguous, Place

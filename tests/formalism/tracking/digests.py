@@ -12,7 +12,7 @@ import numpy as np
 from benchmarks.scenes.moving import moving_scene
 from lidarcli.formalism import Parameters, detect
 from lidarcli.simulation.scene import Sensor
-from lidarcli.sweeps import TURN, SweepBatch
+from lidarcli.sweeps.types import TURN, SweepBatch
 from tests.formalism.tracking.following import TrackedLog, assert_sums, batches, follow, simulated
 from tests.formalism.tracking.hostile import hostile_logs
 

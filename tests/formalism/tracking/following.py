@@ -16,11 +16,11 @@ from lidarcli.formalism.detection import AGENT, Detection
 from lidarcli.formalism.parameters import TrackParameters
 from lidarcli.formalism.tracking.results import TrackedBatch, Tracks
 from lidarcli.formalism.tracking.tracker import Tracker
-from lidarcli.range_rules import RangeRules, normalise
 from lidarcli.simulation import scene as make
 from lidarcli.simulation.generate import simulate_sweep_arrays
 from lidarcli.simulation.scene import PARKED, Course, Entity, Scene, Sensor
-from lidarcli.sweeps import TURN, SweepBatch, SweepPoses
+from lidarcli.sweeps.range_rules import RangeRules, normalise
+from lidarcli.sweeps.types import TURN, SweepBatch, SweepPoses
 
 SENSOR = Sensor(beams=720, angle_increment=TURN / 720, noise=0.01)
 """A full turn, each bearing once."""

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from lidarcli.formalism import Parameters
-from lidarcli.range_rules import RangeRules, normalise
-from lidarcli.sweeps import SweepBatch, SweepPoses
+from lidarcli.sweeps.range_rules import RangeRules, normalise
+from lidarcli.sweeps.types import SweepBatch, SweepPoses
 from tests.sweeping import START, raw_sweeps
 
 PARAMETERS = (

@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from lidarcli.choices import AGENT_SCORE
 from lidarcli.formalism.detection import AGENT
 from lidarcli.formalism.tracking import agents, tracks
+from lidarcli.options.choices import AGENT_SCORE
 from lidarcli.simulation import scene as make
 from lidarcli.simulation.scene import PARKED, Course, Motion
-from lidarcli.sweeps import Status, SweepBatch
+from lidarcli.sweeps.types import Status, SweepBatch
 from tests.formalism.tracking.following import SENSOR, TrackedLog, follow, scene_of, simulated
 from tests.formalism.tracking.test_motion_of_things import CORNER, ROUND_TRIP, STANDING, on_route
 

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from lidarcli.formalism.tracking.results import HIDDEN, LEFT_VIEW
-from lidarcli.range_rules import RangeRules, normalise
 from lidarcli.simulation import scene as make
 from lidarcli.simulation.generate import simulate_sweep_arrays
 from lidarcli.simulation.scene import PARKED, Entity, Motion, Scene, Sensor
-from lidarcli.sweeps import TURN
+from lidarcli.sweeps.range_rules import RangeRules, normalise
+from lidarcli.sweeps.types import TURN
 from tests.formalism.tracking.following import TrackedLog, follow
 
 HALF_TURN = Sensor(beams=512, angle_min=-TURN / 4, angle_increment=TURN / 1024, noise=0.01, range_max=5.6, rate=10.0)

@@ -12,7 +12,7 @@ from lidarcli.formalism import Parameters, detect
 from lidarcli.formalism.tracking.tracker import Tracker
 from lidarcli.simulation import scene as make
 from lidarcli.simulation.scene import Course, super_ellipse
-from lidarcli.sweeps import SweepBatch, SweepPoses
+from lidarcli.sweeps.types import SweepBatch, SweepPoses
 from tests.formalism.test_compiled import run_core
 from tests.formalism.tracking.following import assert_same, assert_sums, batches, follow, moving_log, scene_of, simulated
 from tests.formalism.tracking.hostile import hostile_logs

@@ -13,7 +13,7 @@ from lidarcli.formalism.parameters import TrackParameters
 from lidarcli.formalism.tracking.results import TrackedBatch, Tracks
 from lidarcli.formalism.tracking.tracker import Tracker
 from lidarcli.simulation import scene as make
-from lidarcli.sweeps import SweepBatch
+from lidarcli.sweeps.types import SweepBatch
 from tests.formalism.tracking.following import scene_of, simulated
 
 SWEEPS = 60

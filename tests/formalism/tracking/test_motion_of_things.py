@@ -13,7 +13,7 @@ from lidarcli.formalism.tracking.results import END_OF_LOG, FREE
 from lidarcli.simulation import scene as make
 from lidarcli.simulation.route import Waypoint, plan_route
 from lidarcli.simulation.scene import Course, Entity, Motion, super_ellipse
-from lidarcli.sweeps import TURN
+from lidarcli.sweeps.types import TURN
 from tests.formalism.tracking.following import SENSOR, TrackedLog, assert_sums, follow, scene_of, simulated
 
 CORNER = make.wall([[0.8, 4.0], [0.8, 2.6], [1.4, 2.6], [1.4, 4.0]])

@@ -47,7 +47,7 @@ def test_a_piece_goes_on_where_the_one_before_would_be() -> None:
     assert grouping.stitch_costs([before], after)[0] == pytest.approx(np.array([0.0, 0.3, 0.1]) / allowed)
     late = [grouping.TrackEnd(body, 130, 15.0, 0.4) for body in (moved, static_codes)]
     ends = [before, grouping.TrackEnd(static_codes, 10, 1.0, 0.0)]
-    greatest = [[grouping.MOST_STITCH_DISTANCE] * 2, [grouping.MOST_STITCH_DISTANCE, grouping.STITCH_DISTANCE]]
+    greatest = [[grouping.MAX_STITCH_DISTANCE] * 2, [grouping.MAX_STITCH_DISTANCE, grouping.STITCH_DISTANCE]]
     # Both went to and fro, or one of them.
     off = [[0.5, 0.5], [0.4, 0.4]]
     assert grouping.stitch_costs(ends, late) == pytest.approx(np.array(off) / greatest)

@@ -12,8 +12,8 @@ from lidarcli.formalism import Parameters, detect
 from lidarcli.formalism.detection import REMOVED
 from lidarcli.formalism.parameters import TrackParameters
 from lidarcli.formalism.tracking.tracker import Tracker
-from lidarcli.range_rules import RangeRules, normalise
 from lidarcli.simulation import scene as make
+from lidarcli.sweeps.range_rules import RangeRules, normalise
 from tests.formalism.tracking.following import follow, scene_of, simulated
 from tests.sweeping import raw_sweeps
 

@@ -13,7 +13,7 @@ from lidarcli.formalism import Parameters
 from lidarcli.formalism.detection import AGENT
 from lidarcli.formalism.tracking.results import FRAMES, HIDDEN, PARTLY, Tracks, Trajectories
 from lidarcli.formalism.tracking.tracks import PARTLY_BIT, PARTS_MASK, SWEEP, Path, Sweeps, Track, joined, seen_steps
-from lidarcli.sweeps import Int64
+from lidarcli.sweeps.types import Int64
 
 WALKERS = Cell("people", "1081", 0.01, "parked")
 DRIVEN = Cell("room", "720", 0.01, "driving")

@@ -14,7 +14,7 @@ from lidarcli.formalism.tracking.results import Tracks
 from lidarcli.formalism.tracking.tracker import Tracker
 from lidarcli.simulation import scene as make
 from lidarcli.simulation.scene import Motion, Mount
-from lidarcli.sweeps import _BATCH_ROW_FIELDS, SweepBatch, SweepPoses
+from lidarcli.sweeps.types import _BATCH_ROW_FIELDS, SweepBatch, SweepPoses
 from tests.formalism.tracking.following import PER_OBJECT, assert_same, batches, follow, scene_of, simulated
 
 COUNT = 40
@@ -87,7 +87,7 @@ def test_one_without_poses_is_taken_as_standing_beside_one_with_poses() -> None:
 
 
 def test_further_frames_count_as_the_last_sensor(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(tracking, "MOST_SENSORS", 2)
+    monkeypatch.setattr(tracking, "MAX_SENSORS", 2)
     one, other = of_sensors()
     both = in_turns(one, other)
     third = replace(both, frame_ids=("front", "rear", "third"), frame=np.where(both.frame == 1, 2, 0).astype(np.int32))

@@ -14,7 +14,7 @@ from lidarcli.formalism import Parameters, detect
 from lidarcli.formalism.detection import AGENT
 from lidarcli.formalism.tracking.results import END_OF_LOG
 from lidarcli.formalism.tracking.tracker import WINDOW, Tracker
-from lidarcli.sweeps import TURN, SweepBatch, SweepPoses
+from lidarcli.sweeps.types import TURN, SweepBatch, SweepPoses
 from tests.formalism.tracking.following import (
     SENSOR,
     TrackedLog,

@@ -1,7 +1,7 @@
 // The scene from above: beams, boxes, tracks; as the sensor sees it, or in the world.
 const PATH_SECONDS = 3, WORLD_SECONDS = 60, PATH_SWEEPS = 2000;
 // Of more tracks that have ended nobody could read the numbers.
-const MOST_NUMBERS = 60;
+const MAX_NUMBERS = 60;
 const MARGIN = { left: 44, right: 8, top: 18, bottom: 34 };
 
 // The view of the ground that holds all sweeps of a stream, so that the picture does not jump, and the limits of the curves.
@@ -167,7 +167,7 @@ function drawBox(pen, s, j, p, frame, colours, names, marked) {
 // Agents are triangles, objects circles; hollow where the thing is hidden in this sweep. The arrow is the way of a second.
 function drawTracks(pen, s, k, p, frame, colours, names, world) {
   const found = paths(s, k, world ? WORLD_SECONDS : PATH_SECONDS, PATH_SWEEPS, world);
-  const named = found.filter((one) => one.over).length <= MOST_NUMBERS;
+  const named = found.filter((one) => one.over).length <= MAX_NUMBERS;
   for (const one of found) {
     const points = one.points.map(([x, y, seen]) => [...frame.ground(x, y), seen]).filter(([x]) => !isNaN(x));
     if (!points.length) continue;

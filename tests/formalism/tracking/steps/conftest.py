@@ -2,6 +2,6 @@
 
 from __future__ import annotations
 
-from lidarcli import compiled
+from lidarcli.system import compiled
 
 collect_ignore_glob = ["*.py"] if compiled.is_there() and compiled.is_wanted() else []

@@ -12,10 +12,10 @@ from lidarcli.formalism.detect import scans
 from lidarcli.formalism.segmentation import Scans
 from lidarcli.formalism.tracking import measurement
 from lidarcli.formalism.tracking.measurement import Detections, Measurements
-from lidarcli.range_rules import RangeRules, normalise
 from lidarcli.simulation.generate import simulate_sweep_arrays
 from lidarcli.simulation.scene import Course, Entity, Scene, Sensor
-from lidarcli.sweeps import TURN, SweepBatch
+from lidarcli.sweeps.range_rules import RangeRules, normalise
+from lidarcli.sweeps.types import TURN, SweepBatch
 from tests.sweeping import raw_sweeps
 
 Pose = tuple[float, float, float, float]

@@ -31,7 +31,7 @@ class Filter:
     def update(self, z: float, sign: float, var: float) -> np.ndarray:
         look = np.array([1.0, 0.0, sign])
         off = z - look @ self.x
-        s = max(look @ self.p @ look + var, off * off / kalman.MOST_RESIDUAL)
+        s = max(look @ self.p @ look + var, off * off / kalman.MAX_RESIDUAL)
         gain = self.p @ look / s
         self.x = self.x + gain * off
         self.p = self.p - s * np.outer(gain, gain)

@@ -10,7 +10,7 @@ import pytest
 from lidarcli.formalism.tracking import kalman, tracker
 from lidarcli.simulation import scene as make
 from lidarcli.simulation.scene import Course, Mount, super_ellipse
-from lidarcli.sweeps import TURN, SweepBatch, SweepPoses
+from lidarcli.sweeps.types import TURN, SweepBatch, SweepPoses
 from tests.formalism.tracking.following import SENSOR, TrackedLog, follow, scene_of, simulated
 
 PARKED_WORLD = (
@@ -65,7 +65,7 @@ def test_right_poses_are_left_as_they_are() -> None:
 
 def test_no_delay_is_longer_than_the_longest() -> None:
     told = follow(driven(Mount(), 1.5))
-    assert abs(value_of(told)[0]) <= kalman.MOST_DELAY
+    assert abs(value_of(told)[0]) <= kalman.MAX_DELAY
 
 
 def test_without_poses_nothing_is_learned() -> None:

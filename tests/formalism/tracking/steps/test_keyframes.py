@@ -184,7 +184,7 @@ def test_looks_are_counted_before_and_after() -> None:
     for time, counts in ((3.5, (1, 3, 4, 0)), (1.5, (0, 2, 5, 1)), (-0.5, (0, 0, 5, 3)), (90.0, (0, 0, 0, 0))):
         frames.count_looks(sighting(time), np.zeros(1, np.int64), looks)
         assert tuple(looks[0]) == counts
-    frames.count_looks(sighting(3.5, travelled=keyframes.MOST_WAY + 0.1), np.zeros(1, np.int64), looks)
+    frames.count_looks(sighting(3.5, travelled=keyframes.MAX_WAY + 0.1), np.zeros(1, np.int64), looks)
     assert not looks.any()
 
 

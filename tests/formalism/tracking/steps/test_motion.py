@@ -78,12 +78,12 @@ def test_what_stands_has_no_evidence_however_long() -> None:
 def test_one_sweep_says_no_more_than_so_much(whole: bool) -> None:
     targets = box()
     added = see(targets, sides_at(0.5), whole=whole)
-    assert added <= (track_evidence.MOST_SWEEP_EVIDENCE if whole else track_evidence.MOST_PARTIAL_EVIDENCE) - (
+    assert added <= (track_evidence.MAX_SWEEP_EVIDENCE if whole else track_evidence.MAX_PARTIAL_EVIDENCE) - (
         track_evidence.EVIDENCE_DECAY if whole else 0.0
     )
     for k in range(200):
         see(targets, sides_at(0.5 + 0.1 * k), whole=whole)
-    assert targets.evidence[0] == track_evidence.MOST_EVIDENCE
+    assert targets.evidence[0] == track_evidence.MAX_EVIDENCE
 
 
 def test_what_has_not_settled_does_not_speak_for_motion() -> None:

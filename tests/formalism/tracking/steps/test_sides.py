@@ -12,7 +12,7 @@ from lidarcli.formalism.tracking.kalman import EdgeMeasurement
 from lidarcli.formalism.tracking.measurement import Measurements
 from lidarcli.simulation import scene as make
 from lidarcli.simulation.scene import Sensor
-from lidarcli.sweeps import TURN
+from lidarcli.sweeps.types import TURN
 from tests.formalism.tracking.steps.looking import Pose, seen_from
 
 BEAMS = 1440

@@ -75,8 +75,8 @@ def filtered(
             h = measured_by(legs)
             off, s = seen.z[i] - h @ x, h @ p @ h.T + seen.r[i]
             squared = off @ np.linalg.solve(s, off)
-            misfits[i] = min(squared, smoothing.MOST_MISFIT) + math.log(np.linalg.det(s))
-            s = s * max(squared / smoothing.MOST_MISFIT, 1.0)
+            misfits[i] = min(squared, smoothing.MAX_MISFIT) + math.log(np.linalg.det(s))
+            s = s * max(squared / smoothing.MAX_MISFIT, 1.0)
             gain = np.linalg.solve(s, h @ p).T
             x, p = x + gain @ off, p - gain @ h @ p
         states.append(x)

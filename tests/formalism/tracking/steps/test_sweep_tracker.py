@@ -21,7 +21,7 @@ def test_the_clock_never_goes_back() -> None:
         passed.append(sweep_tracker.advance_clock(state, stamp))
     assert passed[:3] == pytest.approx([0.1, 0.1, 0.0])
     # Set back: as long as a sweep usually takes. After ages: no longer than the longest pause.
-    assert passed[3:] == pytest.approx([0.1, 0.1, sweep_tracker.MOST_PAUSE], rel=0.05)
+    assert passed[3:] == pytest.approx([0.1, 0.1, sweep_tracker.MAX_PAUSE], rel=0.05)
     assert state.time == pytest.approx(sum(passed))
 
 

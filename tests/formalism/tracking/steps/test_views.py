@@ -11,7 +11,7 @@ import pytest
 from lidarcli.formalism.tracking import measurement
 from lidarcli.formalism.tracking.measurement import Measurements
 from lidarcli.simulation import scene as make
-from lidarcli.sweeps import SweepBatch
+from lidarcli.sweeps.types import SweepBatch
 from tests.formalism.tracking.steps.looking import Pose, look_at
 from tests.going import SENSORS, Drive, seen_going
 

@@ -11,11 +11,11 @@ from typing import Any
 import numpy as np
 from rosbags.serde import SerdeError
 
-from lidarcli.findings import ASIDE, FAR, OFF
-from lidarcli.range_rules import RangeRules, normalise
+from lidarcli.options.times import SECOND_NS
 from lidarcli.ros.messages import ROS1, ROS2, SCAN
-from lidarcli.sweeps import TURN, Float32, Int64, RawSweeps, Status
-from lidarcli.times import SECOND_NS
+from lidarcli.sweeps.findings import ASIDE, FAR, OFF
+from lidarcli.sweeps.range_rules import RangeRules, normalise
+from lidarcli.sweeps.types import TURN, Float32, Int64, RawSweeps, Status
 
 Step = Callable[[Any, int], bool]
 """Mends a message, of the sweep with a number, in place; True if it has changed something."""

@@ -9,8 +9,8 @@ from dataclasses import dataclass, replace
 from numbers import Integral, Real
 from typing import Any, get_args
 
-from lidarcli.choices import GREATEST_NUMBER
 from lidarcli.errors import OptionError
+from lidarcli.options.choices import MAX_NUMBER
 
 
 @dataclass(frozen=True, slots=True)
@@ -19,8 +19,8 @@ class Number:
 
     metavar: str
     """Placeholder in the help; it names the unit."""
-    least: float = -GREATEST_NUMBER
-    most: float = GREATEST_NUMBER
+    least: float = -MAX_NUMBER
+    most: float = MAX_NUMBER
     above: bool = False
     """True to refuse `least` itself."""
     whole: bool = False

@@ -18,13 +18,13 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from lidarcli.choices import MAP_RESOLUTIONS, NS
-from lidarcli.configfiles import read_yaml
-from lidarcli.display import clipped
+from lidarcli.display.texts import clipped
 from lidarcli.errors import UnreadableError
+from lidarcli.files.configfiles import read_yaml
 from lidarcli.formalism.detection import SETS
 from lidarcli.formalism.mapping.grid import FREE, OCCUPIED, UNKNOWN, Occupancy
-from lidarcli.sweeps import Bool, Float64, Int8, Int32, Int64, record
+from lidarcli.options.choices import MAP_RESOLUTIONS, NS
+from lidarcli.sweeps.types import Bool, Float64, Int8, Int32, Int64, record
 from lidarcli.tabular.columns import codes, constant, floats, in_unit, plain, restamped
 from lidarcli.tabular.schemas import CLOUD, STAMP, TEXT
 from lidarcli.tabular.writing import ParquetSink
@@ -34,11 +34,11 @@ if TYPE_CHECKING:
 
 OCCUPIED_THRESHOLD, FREE_THRESHOLD = 0.65, 0.196
 """Shares of black from and up to which a cell is occupied or free, as map_saver writes them."""
-MOST_PIXELS = 400_000_000
+MAX_PIXELS = 400_000_000
 """Largest image that is read [pixels]: 1 km x 1 km in cells of 5 cm; …"""
-MOST_PACKED_PIXELS = 40_000_000
+MAX_PACKED_PIXELS = 40_000_000
 """… one of fewer bytes than pixels: 300 m x 300 m in cells of 5 cm."""
-LEAST_YAW = 1e-6
+MIN_YAW = 1e-6
 """Least turn of a map that is no rounding [rad]: 1 mm at 1 km."""
 
 _PIXELS = np.full(256, 205, np.uint8)
@@ -128,7 +128,7 @@ def _described(path: Path) -> _Described:
     if not isinstance(origin, list) or len(origin) != 3:
         raise _refused(path, "origin is not [x, y, yaw]", _SAVE_AGAIN)
     x, y, yaw = (_number(path, "origin", value) for value in origin)
-    if abs(yaw) > LEAST_YAW:
+    if abs(yaw) > MIN_YAW:
         turned = f"origin has a yaw of {yaw:g} rad, and maps that are turned are not supported"
         raise _refused(path, turned, "turn the image and set the yaw to 0")
     negate = values["negate"]
@@ -192,7 +192,7 @@ def _cells(path: Path, described: _Described) -> tuple[Int8, bool]:
 def _decoded(path: Path, shown: str, file: BinaryIO, size: int, described: _Described) -> tuple[Int8, bool]:
     image = _opened(path, shown, file)
     width, height = image.size
-    most = min(max(size, MOST_PACKED_PIXELS), MOST_PIXELS)
+    most = min(max(size, MAX_PACKED_PIXELS), MAX_PIXELS)
     if width * height > most:
         large = f"{shown} has {width:,} x {height:,} pixels, and no more than {most:,} are read"
         raise _refused(path, large, "cut it, or save the map with larger cells")
@@ -330,7 +330,7 @@ def _align(body: bytearray, size: int) -> None:
 # Point clouds as files: PLY and PCD for viewers, Parquet for programs.
 
 _FARTHEST_CELL = float(1 << 31)
-_MOST_POINTS = 10**15 - 1
+_MAX_POINTS = 10**15 - 1
 
 
 @record
@@ -382,7 +382,7 @@ class _Binary:
 
     def _head(self) -> bytes:
         """Return the header, always of the same length: a comment fills up the number, as readers split at every blank."""
-        room = self.HEADER.count("{count}") * (len(str(_MOST_POINTS)) - len(str(self._count)))
+        room = self.HEADER.count("{count}") * (len(str(_MAX_POINTS)) - len(str(self._count)))
         return self.HEADER.format(count=self._count, note="." * room).encode()
 
 

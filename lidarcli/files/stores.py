@@ -17,6 +17,7 @@ from os import PathLike, fspath
 from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING, Any
 
+from lidarcli.display.credentials import SECRETS, blotted, without_users
 from lidarcli.errors import LidarcliError, OptionError, OutputError, UnreadableError
 
 if TYPE_CHECKING:
@@ -27,16 +28,6 @@ SCHEMES = ("s3", "gs", "az", "abfs", "abfss")
 """Stores that are read and written; `az` and `abfs` are two spellings of one."""
 
 _URL = re.compile(r"([A-Za-z][A-Za-z0-9+.-]*)://([^/]*)/?(.*)", re.DOTALL)
-_SECRETS = re.compile(
-    r"(?i)([?&](?:x-amz-[a-z-]+|[\w-]*(?:sig|signature|token|secret|password|key)(?:[_-]?id)?)="
-    r"|\b(?:sig|signature|token|secret|password|accountkey)=)[^&;:\s\"']+"
-)
-"""Credentials in the query of a URL, and as stores name them in their messages."""
-
-_USER = re.compile(r"([A-Za-z][A-Za-z0-9+.-]{0,30}):(//?)([^\s/@:]{0,2000}+(?::[^\s@]{0,2000}+)?)@")
-"""A URL up to the end of its user; a password may hold slashes, and a path has lost one. Lengths have limits: a log may
-hold names of any length, and without it the time to search them grows with the square of theirs."""
-
 _MAGIC = re.compile(r"[*?[]")
 
 
@@ -126,22 +117,6 @@ def is_url(text: str | PathLike[str]) -> bool:
     return bool(mark) and scheme.lower() in SCHEMES
 
 
-def blotted(text: str) -> str:
-    """Return a text without credentials.
-
-    >>> blotted("https://me:pass@host/x?aws_secret_access_key=K: no such file")
-    'https://...@host/x?aws_secret_access_key=...: no such file'
-    """
-    return _SECRETS.sub(r"\1...", _USER.sub(_without_user, text))
-
-
-def _without_user(found: re.Match[str]) -> str:
-    scheme, name = found[1].lower(), found[3]
-    # Nobody in particular, and the container of an account of Azure, are no secret.
-    known = scheme in ("s3", "gs") if name == "anonymous" else scheme in ("az", "abfs", "abfss")
-    return found[0] if known and ":" not in name else f"{found[1]}:{found[2]}...@"
-
-
 def place(text: str | PathLike[str] | Url) -> Place:
     """Return the path or the URL that a name stands for.
 
@@ -166,8 +141,8 @@ def place(text: str | PathLike[str] | Url) -> Place:
     found = _URL.fullmatch(fspath(text))
     assert found is not None
     scheme, bucket, key = found[1].lower(), found[2], found[3]
-    secret = _SECRETS.search(key)
-    if _USER.sub(_without_user, fspath(text)) != fspath(text) or (secret and secret[0][0] in "?&"):
+    secret = SECRETS.search(key)
+    if without_users(fspath(text)) != fspath(text) or (secret and secret[0][0] in "?&"):
         raise OptionError(
             f"{scheme}://...: credentials do not belong in a URL; the store takes them from its own configuration "
             "and environment (docs/fleet.md)"

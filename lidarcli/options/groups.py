@@ -11,9 +11,9 @@ from collections.abc import Iterable, Sequence
 from os import PathLike
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Protocol, TypedDict
 
-from lidarcli import choices
 from lidarcli.errors import OptionError
-from lidarcli.option_forms import Argument, File, Number, Option, Rule, Text
+from lidarcli.options import choices
+from lidarcli.options.forms import Argument, File, Number, Option, Rule, Text
 
 if TYPE_CHECKING:
     from lidarcli.formalism.background import Background
@@ -58,7 +58,7 @@ RUN, LOG = "Run", "Log"
 
 def _time(text: str) -> Any:
     """Seconds after the first sweep, or an `Instant`."""
-    from lidarcli.times import parse_time
+    from lidarcli.options.times import parse_time
 
     found = parse_time(text)
     if isinstance(found, float) and found < 0:
@@ -68,7 +68,7 @@ def _time(text: str) -> Any:
 
 def _no_return(text: str) -> str:
     """The list as it is, once its items are known to be words and ranges."""
-    from lidarcli.range_rules import parse_no_return
+    from lidarcli.sweeps.range_rules import parse_no_return
 
     parse_no_return(text)
     return text
@@ -132,16 +132,13 @@ def _share(text: str) -> tuple[int, int]:
     number, _, count = text.partition("/")
     if not (number.isdecimal() and count.isdecimal()):
         raise OptionError(f"'{text}' is not I/N, as 1/8")
-    if not 1 <= int(number) <= int(count) <= choices.MOST_SHARDS:
+    if not 1 <= int(number) <= int(count) <= choices.MAX_SHARDS:
         raise OptionError(f"'{text}': shares are numbered from 1 to {count}")
     return int(number), int(count)
 
 
 WIDTH, LENGTH = Number("METRES", 0, above=True), Number("METRES", 0)
-COUNT, COUNT_OR_NONE = (
-    Number("N", 1, choices.GREATEST_COUNT, whole=True),
-    Number("N", 0, choices.GREATEST_COUNT, whole=True),
-)
+COUNT, COUNT_OR_NONE = (Number("N", 1, choices.MAX_COUNT, whole=True), Number("N", 0, choices.MAX_COUNT, whole=True))
 ANY_COUNT = Number("N", 0, math.inf, whole=True)
 ANGLE, TURN = Number("ANGLE"), Number("DEGREES", 0, above=True)
 SWEEP = Number("N", 0, choices.LAST_SWEEP, whole=True)
@@ -638,7 +635,7 @@ class Diffing(Topics, Poses, Delay, Things, Ranges, Jobs, total=False):
     ]
     min_score: Annotated[
         float,
-        Option(PLACES, Number("P", 0, 1), choices.LEAST_SCORE),
+        Option(PLACES, Number("P", 0, 1), choices.MIN_SCORE),
         "Least probability of known, moved, new and gone; below it the status is uncertain.",
     ]
 

@@ -10,8 +10,8 @@ from typing import Literal
 
 import numpy as np
 
-from lidarcli.masks import Circle, Masks, Polygon, same_name
-from lidarcli.sweeps import TURN, Bool, Float64, SweepPoses
+from lidarcli.sweeps.masks import Circle, Masks, Polygon, same_name
+from lidarcli.sweeps.types import TURN, Bool, Float64, SweepPoses
 
 SENSOR, ROBOT, WORLD = "sensor", "robot", "world"
 """Names of frames that every log has; any other name is that of a frame of its transforms."""

@@ -1,6 +1,6 @@
 cimport cython
 
-from lidarcli cimport native
+from lidarcli.system cimport native
 
 cdef float NAN, INFINITY
 cdef Py_ssize_t IS_NAN, IS_INF, IS_MINUS_INF, IS_NEGATIVE, IS_ZERO, IS_BELOW, IS_MAX, IS_ABOVE, IS_PADDING

@@ -7,7 +7,7 @@ import sys
 from importlib.machinery import EXTENSION_SUFFIXES, SOURCE_SUFFIXES, FileFinder, SourceFileLoader
 from pathlib import Path
 
-_PACKAGE = Path(__file__).parent
+_PACKAGE = Path(__file__).parent.parent
 MISSING = (
     "the detection is not compiled and takes about fifty times as long; "
     "install a C compiler, then lidarcli again (docs/performance.md)"
@@ -34,7 +34,7 @@ def about_core() -> str:
 def use_source() -> None:
     """Let the core's files be imported as they are written, whatever was built from them."""
     # Spelled as imports do, which look a folder up by its name: a `Path` would leave out a slash too many.
-    package = __file__.rpartition(os.sep)[0]
+    package = __file__.rsplit(os.sep, 2)[0]
     for folder in {path.parent.relative_to(_PACKAGE) for path in _PACKAGE.rglob("*.pxd")}:
         name = package + "".join(f"{os.sep}{part}" for part in folder.parts)
         sys.path_importer_cache[name] = FileFinder(name, (SourceFileLoader, SOURCE_SUFFIXES))

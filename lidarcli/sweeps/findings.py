@@ -13,7 +13,7 @@ from dataclasses import asdict, dataclass, field, replace
 from operator import attrgetter
 from typing import Any, Literal, NamedTuple
 
-from lidarcli.sweeps import TURN, spared
+from lidarcli.sweeps.types import TURN, spared
 
 Level = Literal["error", "warning", "hint"]
 """`error`: tables of this log would be wrong; `warning`: they may be; `hint`: good to know."""
@@ -200,9 +200,9 @@ MIRRORED = -0.5
 """Correlation of told turns with those seen."""
 STAMP_OFF = 0.15
 """Greatest distance of the delay from half or all of the time of a sweep, as a share of this."""
-LEAST_TURN = math.radians(120.0)
+MIN_TURN = math.radians(120.0)
 """Turning of the poses from which on they tell a mount [rad]: of the path that is told, also to and fro."""
-DEVIATIONS, LEAST_OFF, LEAST_ASKEW = 3.0, 0.02, math.radians(1.0)
+DEVIATIONS, MIN_OFF, MIN_ASKEW = 3.0, 0.02, math.radians(1.0)
 """A mount is told that is off by so many deviations and by this [m, rad]."""
 FLICKERS = 0.2
 """Share of the steps from sweep to sweep in which a beam changes between valid and no return."""
@@ -555,7 +555,7 @@ _SITS = (
     "{0.child} sits at x {0.x:.2f} +- {0.sd[0]:.2f} m, y {0.y:.2f} +- {0.sd[1]:.2f} m, yaw {0.yaw_degrees:.1f} +- "
     "{0.sd_degrees:.1f} degrees in {0.parent}; "
 )
-_ASKEW = {"distance": LEAST_OFF, "yaw": round(LEAST_ASKEW, 4), "deviations": DEVIATIONS}
+_ASKEW = {"distance": MIN_OFF, "yaw": round(MIN_ASKEW, 4), "deviations": DEVIATIONS}
 _SECTORS = "{name}: beams from {0.places} degrees "
 
 MIRROR = Rule(
@@ -572,11 +572,11 @@ MOUNT = Rule("mount", "warning", lambda s: s.differs, _SITS + "{0.says} {0.told_
 MOUNT_UNKNOWN = Rule(
     "mount",
     "hint",
-    lambda s: s.turned < LEAST_TURN,
+    lambda s: s.turned < MIN_TURN,
     "mount of {0.child}: cannot be told: the poses turn by {0.turned_degrees:.0f} degrees, and "
-    f"{math.degrees(LEAST_TURN):.0f} are needed",
+    f"{math.degrees(MIN_TURN):.0f} are needed",
     "turned",
-    {"turned": round(LEAST_TURN, 3)},
+    {"turned": round(MIN_TURN, 3)},
 )
 STAMP = Rule(
     "stamp",
@@ -619,7 +619,7 @@ FLICKER = Rule(
 LOST_SECTORS = Rule(
     "flicker",
     "warning",
-    lambda s: len(s.sectors) and s.others_share >= OTHERS_VALID and s.turned >= LEAST_TURN,
+    lambda s: len(s.sectors) and s.others_share >= OTHERS_VALID and s.turned >= MIN_TURN,
     _SECTORS + "never have a range, though the sensor turned by {0.turned_degrees:.0f} degrees",
     "sectors valid others",
     {"others": OTHERS_VALID},

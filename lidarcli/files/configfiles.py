@@ -12,7 +12,7 @@ from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
-from lidarcli.display import clipped
+from lidarcli.display.texts import clipped
 from lidarcli.errors import OptionError, UnreadableError
 
 if TYPE_CHECKING:

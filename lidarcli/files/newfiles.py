@@ -20,9 +20,9 @@ from types import TracebackType
 from typing import Self, cast
 
 from lidarcli.errors import OptionError, OutputError, UnreadableError
-from lidarcli.machine import Threads
+from lidarcli.files.stores import Place, Url
 from lidarcli.ros.bag_metadata import is_one_bag
-from lidarcli.stores import Place, Url
+from lidarcli.system.machine import Threads
 
 try:
     import fcntl
@@ -145,7 +145,7 @@ class NewFiles:
 
     def _put(self, objects: Sequence[Url]) -> None:
         # Runs that put nothing into a store should not wait for this import.
-        from lidarcli.stores import put
+        from lidarcli.files.stores import put
 
         for path in objects:
             put(self.part(path), path)

@@ -5,16 +5,16 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-GREATEST_NUMBER = 1e6
+MAX_NUMBER = 1e6
 """A length, an angle or a time of an option is no larger [m], [rad], [degrees]: no range is (`range_rules.FARTHEST`)."""
-GREATEST_COUNT = 1_000_000
+MAX_COUNT = 1_000_000
 """A number of beams, sweeps or processes in an option is no larger: no sweep has more beams (`logs.base.MAX_BEAMS`)."""
 VIEWS = ("all", "scene", "sweep")
 IMAGES = (".png", ".svg", ".pdf")
 ANIMATIONS = (".gif", ".mp4")
 LAST_SWEEP = 1_000_000_000
 """The number of a sweep in an option is no larger: three years at 10 Hz."""
-MOST_SHARDS = 1_000_000
+MAX_SHARDS = 1_000_000
 """Greatest number of shares of a run (`--shard`)."""
 PROFILES = ("robust", "paper")
 """Sets of defaults for the detection; the first by default."""
@@ -56,11 +56,11 @@ CHANGE_WHYS = ("hidden", "out of view", "no free space", "short", "ambiguous", "
 """Kinds of changes from run to run, their statuses, and the reasons for which nobody can tell."""
 MAP_STATES = ("fits", "off", "lost", "unknown")
 """States of a path on a map: it fits, would fit elsewhere, fits nowhere near, or nothing tells."""
-LEAST_SCORE = 0.8
+MIN_SCORE = 0.8
 """Least probability of the status of a change, by default."""
 BEAM_ORDERS = ("auto", "forward", "reverse", "once")
 """Orders in which the beams of a sweep are sent; the first by default."""
-MOST_DELAY = 3600.0
+MAX_DELAY = 3600.0
 """Greatest `--pose-delay` [s], either way: what is more is another clock."""
 MATCH = "match"
 """Value of `--pose` for poses found by matching sweeps, and the name of their world frame."""

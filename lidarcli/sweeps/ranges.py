@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from lidarcli import native
+from lidarcli.system import native
 
 NAN, INFINITY = float("nan"), float("inf")
 IS_NAN, IS_INF, IS_MINUS_INF, IS_NEGATIVE, IS_ZERO, IS_BELOW, IS_MAX, IS_ABOVE, IS_PADDING = range(9)

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-import lidarcli.ranges
+import lidarcli.sweeps.ranges
 from lidarcli.errors import OptionError
-from lidarcli.masks import Masks
-from lidarcli.sweeps import TURN, Bool, Closure, Float32, Float64, Int32, Int64, RawSweeps, Status, SweepBatch, UInt8
+from lidarcli.sweeps.masks import Masks
+from lidarcli.sweeps.types import TURN, Bool, Closure, Float32, Float64, Int32, Int64, RawSweeps, Status, SweepBatch, UInt8
 
 
 @dataclass(frozen=True, slots=True)
@@ -232,7 +232,7 @@ def judge(ranges: Float32, beams: Int32, low: Float32, high: Float32, words: fro
     if raw.size:
         verdicts = np.array([_verdict(word, words) for word in _KINDS], np.uint8)
         most = np.nextafter(high, np.float32(-np.inf)) if "max" in words else high
-        lidarcli.ranges.judge(raw, np.ascontiguousarray(beams, np.int32), low, most, high, verdicts, clean, status)
+        lidarcli.sweeps.ranges.judge(raw, np.ascontiguousarray(beams, np.int32), low, most, high, verdicts, clean, status)
     return clean, status
 
 
@@ -251,5 +251,5 @@ def count_statuses(status: UInt8) -> Int32:
     if status.max(initial=0) >= len(Status):
         raise ValueError(f"{status.max()} is no status of a beam")
     counts = np.zeros((len(Status), len(status)), np.int32)
-    lidarcli.ranges.count_statuses(np.ascontiguousarray(status, np.uint8), counts)
+    lidarcli.sweeps.ranges.count_statuses(np.ascontiguousarray(status, np.uint8), counts)
     return counts

@@ -38,7 +38,7 @@ from lidarcli.logs.rosbag2_salvage import TopicRow
 from lidarcli.logs.unpacking import ZSTD_MAGIC, DecompressionBudget, is_zstd, unpack_message
 from lidarcli.ros.bag_metadata import METADATA
 from lidarcli.ros.cursor import BadMessageError, Cursor
-from lidarcli.sweeps import Bool
+from lidarcli.sweeps.types import Bool
 
 _PUBLISHED = struct.Struct("<IQQ")
 """Sequence, log time and publish time of an MCAP message, before its payload."""
@@ -54,7 +54,7 @@ LATCHED = ("tf_static", "robot_description", "map")
 """Ends of the names of topics whose messages count until the next: who begins to read later still gets them."""
 DURABLE = re.compile(r"""durability["']?: *["']?(?:1\b|transient_local)""")
 """What a topic of ROS 2 says that is offered so."""
-MOST_SAID = 1000
+MAX_SAID = 1000
 """Most such messages that are held, the newest."""
 TOGETHER = 16
 """Parts of a log that are written in one pass over it."""
@@ -137,7 +137,7 @@ class Copy:
                     del self.said[topic, known]
         self.said.pop(key, None)
         self.said[key] = met
-        if len(self.said) > MOST_SAID:
+        if len(self.said) > MAX_SAID:
             self.said.pop(next(iter(self.said)))
             self.unsaid += 1
 

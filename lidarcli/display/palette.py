@@ -8,7 +8,7 @@ from __future__ import annotations
 import re
 from typing import Any
 
-from lidarcli.choices import SET_WORDS
+from lidarcli.options.choices import SET_WORDS
 
 BLACK, ORANGE, SKY, GREEN = "#000000", "#E69F00", "#56B4E9", "#009E73"
 YELLOW, BLUE, VERMILION, PURPLE = "#F0E442", "#0072B2", "#D55E00", "#CC79A7"

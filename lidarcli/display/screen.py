@@ -9,8 +9,8 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Protocol
 
-from lidarcli.display import visible
-from lidarcli.stores import blotted
+from lidarcli.display.credentials import blotted
+from lidarcli.display.texts import visible
 
 if TYPE_CHECKING:
     from rich.progress import Progress, ProgressColumn

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lidarcli.errors import OptionError
-from lidarcli.sweeps import TURN, Bool, Float32, Float64, RawSweeps, SweepBatch
+from lidarcli.sweeps.types import TURN, Bool, Float32, Float64, RawSweeps, SweepBatch
 
 CLOSE = 1e-9
 """Rounding of a bearing [rad]."""

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple, SupportsIndex, TypeV
 import numpy as np
 from numpy.typing import NDArray
 
-from lidarcli.display import Facts, counted, moment, shown, span
+from lidarcli.display.texts import Facts, counted, moment, shown, span
 
 if TYPE_CHECKING:
     import pandas as pd

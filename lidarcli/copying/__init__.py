@@ -1,0 +1,1 @@
+"""Logs written once more, as a whole or in parts, by the writers of their libraries."""

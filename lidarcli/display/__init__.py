@@ -1,0 +1,1 @@
+"""How lidarcli shows itself: words of records, text on a terminal, colours."""

@@ -1,0 +1,1 @@
+"""Occupancy grids and point clouds as files."""

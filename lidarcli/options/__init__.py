@@ -1,0 +1,1 @@
+"""Every option, declared once for command line, Python, settings and docs."""

@@ -1,0 +1,1 @@
+"""What lidarcli asks of the machine: threads, memory, ctrl-C, the compiled core."""
