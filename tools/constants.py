@@ -44,13 +44,19 @@ def _rows(path: Path) -> Iterator[tuple[str, str, str]]:
     module = importlib.import_module(".".join(("lidarcli", *path.relative_to(package).with_suffix("").parts)))
     body = ast.parse(path.read_text(encoding="utf-8")).body
     for statement, after in zip(body, [*body[1:], None], strict=True):
-        if not isinstance(statement, ast.Assign | ast.AnnAssign):
+        if not isinstance(statement, ast.Assign | ast.AnnAssign) or _is_borrowed(statement.value):
             continue
         names = [node.id for node in ast.walk(statement) if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store)]
         values = [_number(getattr(module, name, None)) for name in names if name.isupper()]
         if names and len(values) == len(names) and all(values):
             told = isinstance(after, ast.Expr) and isinstance(after.value, ast.Constant) and str(after.value.value)
             yield ", ".join(f"`{name}`" for name in names), ", ".join(values), " ".join((told or "").split())
+
+
+def _is_borrowed(value: ast.expr | None) -> bool:
+    """True for constants of other modules: `results.MAX_LEGS`, or several of them."""
+    parts = value.elts if isinstance(value, ast.Tuple) else [value]
+    return all(isinstance(part, ast.Attribute) for part in parts)
 
 
 def _number(value: Any) -> str:

@@ -2,38 +2,16 @@ cimport cython
 cimport libc.math as math
 
 from lidarcli.system cimport native
-from lidarcli.formalism cimport segmentation, surfaces
+from lidarcli.formalism cimport circle_fit, segmentation, surfaces
+from lidarcli.formalism.circle_fit cimport Circle
 from lidarcli.formalism.objects cimport Bodies, Parts
 from lidarcli.formalism.segmentation cimport Points, Segments
 from lidarcli.formalism.surfaces cimport Faces, Survey
 
 
-cdef Py_ssize_t REFINEMENTS
-cdef double LARGEST, INFINITY
 cdef Py_ssize_t PRISMATIC, ROUND, IRREGULAR, UNKNOWN, ENOUGH_BEAMS, MAX_FACES
 cdef double FIT_FLOOR, STRAIGHT_FIT, SQUARE, COS_SQUARE, WORSE, ARC
 cdef double RIGHT_ANGLE_TOLERANCE, SIN_TWICE, TIE, SLIM
-
-
-cdef class Circle:
-    cdef list owner
-    cdef public Py_ssize_t n
-    cdef double* x
-    cdef double* y
-    cdef double centre_x, centre_y, radius, rms, middle_x, middle_y
-    cdef bint known
-    cdef double* u
-    cdef double* v
-    cdef double* from_x
-    cdef double* from_y
-    cdef double* distance
-
-
-cdef void fit_circle(Circle circle, double within) noexcept nogil
-cdef void _algebraic(Circle circle) noexcept nogil
-cdef void _measure(Circle circle) noexcept nogil
-cdef double _rms(Circle circle) noexcept nogil
-cdef void _refine(Circle circle) noexcept nogil
 
 
 cdef class Look:

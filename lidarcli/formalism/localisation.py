@@ -13,7 +13,7 @@ import numpy as np
 
 from lidarcli.formalism.mapping import grid as grid_cells
 from lidarcli.formalism.mapping.grid import Occupancy, TooLargeError
-from lidarcli.formalism.matching.ground import MAX_CELLS, Nearest, of_map
+from lidarcli.formalism.matching.free_space import MAX_CELLS, Nearest, of_map
 from lidarcli.sweeps.types import Bool, Float64, Int8, Int64
 from lidarcli.system import native
 

@@ -10,7 +10,8 @@ import pytest
 
 from lidarcli.formalism.matching.catalogue import Catalogue, Thing
 from lidarcli.formalism.tracking.results import BOX
-from lidarcli.formalism.tracking.tracks import SIZE_MEASUREMENT, Naming, SizeMeasurements, Track, Tracklet
+from lidarcli.formalism.tracking.track_labels import SIZE_MEASUREMENT, Naming, SizeMeasurements
+from lidarcli.formalism.tracking.tracks import Track, Tracklet
 from tests.formalism.three_boxes import Named, named
 
 PALLET = Catalogue((Thing("pallet", "prismatic", length=1.2, width=0.8, moves=False),))

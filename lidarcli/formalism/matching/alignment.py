@@ -19,7 +19,7 @@ import numpy as np
 
 from lidarcli.formalism.mapping.grid import FREE, UNKNOWN
 from lidarcli.formalism.matching.catalogue import MAX_SIZE, MIN_SIZE
-from lidarcli.formalism.matching.ground import HERE, Ground, Motion, Nearest
+from lidarcli.formalism.matching.free_space import HERE, Ground, Motion, Nearest
 from lidarcli.sweeps.types import TURN, Bool, Float64, Int32, Int64, record
 
 RUN_PLACE_SD, RUN_SIZE_SD = 0.1, 0.01

@@ -21,12 +21,15 @@ from lidarcli.formalism.detection import AGENT, LEGGED, NOISE, OBJECT, REMOVED, 
 from lidarcli.formalism.mapping.places import MAX_SENSORS, Standing
 from lidarcli.formalism.matching.catalogue import Catalogue
 from lidarcli.formalism.parameters import TrackParameters
-from lidarcli.formalism.tracking.kalman import PoseErrorFilter, Targets
+from lidarcli.formalism.tracking.kalman import Targets
 from lidarcli.formalism.tracking.keyframes import Keyframes
 from lidarcli.formalism.tracking.measurement import Detections, Measurements
+from lidarcli.formalism.tracking.pose_filter import PoseErrorFilter
 from lidarcli.formalism.tracking.results import TrackedBatch, Tracks, Trajectories
 from lidarcli.formalism.tracking.sweep_tracker import SweepTracker
-from lidarcli.formalism.tracking.tracks import SWEEP, Naming, SizeMeasurements, Track, standing, tracks_of
+from lidarcli.formalism.tracking.track_labels import Naming, SizeMeasurements
+from lidarcli.formalism.tracking.tracks import Track, tracks_of
+from lidarcli.formalism.tracking.trajectories import SWEEP, standing
 from lidarcli.formalism.tracking.windows import RESULT, TrackRegistry, Window, WindowResult
 from lidarcli.sweeps.types import Bool, Float64, Int32, Int64, SweepBatch
 

@@ -11,26 +11,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lidarcli.formalism.detection import UNKNOWN, starts
-from lidarcli.formalism.tracking import grouping
+from lidarcli.formalism.tracking import joins
 from lidarcli.formalism.tracking.agents import judge, own_body
 from lidarcli.formalism.tracking.kalman import Sightings, Targets
 from lidarcli.formalism.tracking.keyframes import Keyframes
 from lidarcli.formalism.tracking.results import CONFIRMED_SIGHTINGS, EMPTY, ENDED, LIVE, PERSON, Trajectories
 from lidarcli.formalism.tracking.smoothing import KEPT, Smoother
-from lidarcli.formalism.tracking.tracks import (
-    PARTLY_BIT,
-    PARTS_MASK,
-    Naming,
-    Path,
-    SizeMeasurements,
-    Sweeps,
-    Track,
-    Tracklet,
-    columns_of,
-    joined,
-    row_shape,
-    standing,
-)
+from lidarcli.formalism.tracking.track_labels import Naming, SizeMeasurements
+from lidarcli.formalism.tracking.tracks import Track, Tracklet, columns_of, row_shape
+from lidarcli.formalism.tracking.trajectories import PARTLY_BIT, PARTS_MASK, Path, Sweeps, joined, standing
 from lidarcli.sweeps.types import Bool, Float64, Int64, UInt8
 
 MAX_PLACED = 0.5
@@ -127,7 +116,7 @@ class TrackRegistry:
         stop = window.begin + window.count
         is_placed = float(self.sweeps.of(window.begin, stop)["placed"].mean()) > MAX_PLACED
         sightings = WindowSightings(recorded, self.tracklets, stop, keyframes, is_placed)
-        grouping.join(sightings, self.tracklets, is_placed)
+        joins.join(sightings, self.tracklets, is_placed)
         self._number(sightings)
         sensors = self.sweeps.sensors_of(sightings.sweep)
         for sensor in np.unique(sensors).tolist():
@@ -226,8 +215,8 @@ class TrackRegistry:
         """Drop the tracklets that have ended and are not joined to later ones; their tracks keep them as parts."""
         settled = [n for n, tracklet in self.tracklets.items() if tracklet.has_ended and tracklet.last_sweep < stop]
         for number in settled:
-            grouping.store_end(sightings, self.tracklets[number])
-        over = [n for n in settled if not is_placed or grouping.is_expired(sightings, self.tracklets[n])]
+            joins.store_end(sightings, self.tracklets[number])
+        over = [n for n in settled if not is_placed or joins.is_expired(sightings, self.tracklets[n])]
         for track in {id(track): track for n in over if (track := self.tracklets[n].track) is not None}.values():
             track.prune(stop)
         for number in over:

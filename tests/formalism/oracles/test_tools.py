@@ -9,7 +9,7 @@ from math import cos, hypot, inf, pi, sin
 import numpy as np
 import pytest
 
-from lidarcli.formalism import SHAPES, Detection, Parameters, description
+from lidarcli.formalism import SHAPES, Detection, Parameters, circle_fit, description
 from lidarcli.formalism.detect import detect
 from lidarcli.formalism.detection import COLUMNS, REQUIRED
 from lidarcli.formalism.surfaces import Faces
@@ -82,7 +82,7 @@ def test_boxes_and_posts_have_their_shapes(noise: float) -> None:
             cloud = np.stack([2 + r * np.cos(angles), r * np.sin(angles)], 1)[::-1]
             places = [(float(x), float(y)) for x, y in cloud]
             faces = surfaces.faces_between(places, surfaces.split(places, 0.02 + 3 * noise))
-        circle = description.Circle(len(places))
+        circle = circle_fit.Circle(len(places))
         circle.n = len(places)
         for k, place in enumerate(places):
             circle.x[k], circle.y[k] = place
