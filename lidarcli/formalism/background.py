@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from lidarcli.display.texts import Facts, counted, shown, span
@@ -12,22 +14,35 @@ from lidarcli.sweeps.types import TURN, Bool, Closure, Float32, Float64, Int32, 
 # Stations, "a map linking each LASER sweep to a certain position". Sweeps with other bearings, or taken beside a station,
 # are projected onto its bearings. Because odometry alone is not exact enough, they are first aligned with what it has seen.
 
-STILL_DISTANCE, STILL_ANGLE = 1e-3, 1e-4
-"""[m], [rad] Greatest shift of a sensor that is parked."""
+
+@dataclass(frozen=True)
+class AlignmentRules:
+    """How sweeps are laid onto a background."""
+
+    static_distance: float = 1e-3
+    """[m] A sensor that moves by less is parked, ..."""
+    static_angle: float = 1e-4
+    """[rad] ... if it also turns by less."""
+    line_window: float = 0.035
+    """[rad] Half width of the windows in which lines are fitted, 2°: of wider ones fewer walls are straight."""
+    straight_rms: float = 0.05
+    """[m] Points with a greater rms from their line are not on one."""
+    points: int = 180
+    """Of a sweep with more points so many are aligned."""
+    reaches: tuple[float, ...] = (0.4, 0.4, 0.3, 0.2, 0.15, 0.1, 0.1)
+    """[m] Points further from their line are left out, round by round."""
+    point_sd: float = 0.03
+    """[m] Standard deviation of a point across its line."""
+    place_sd: float = 0.1
+    """[m] Standard deviation of the odometry: it decides where the lines do not, as along a corridor."""
+    heading_sd: float = 0.05
+    """[rad] Standard deviation of its heading."""
+
+
+ALIGN = AlignmentRules()
+
 SAME_BEAM = 0.05
 """Greatest difference between two bearings that are the same, as a share of a step."""
-LINE_WINDOW = 0.035
-"""[rad] Half width of the windows in which lines are fitted: 2°."""
-STRAIGHT_RMS = 0.05
-"""[m] Greatest rms of a line."""
-ALIGNED_POINTS = 180
-"""Greatest number of points of a sweep that are aligned."""
-LINE_REACHES = (0.4, 0.4, 0.3, 0.2, 0.15, 0.1, 0.1)
-"""[m] Greatest distance of a point from its line, round by round."""
-POINT_ERROR = 0.03
-"""[m] Standard deviation of a point across its line."""
-POSE_ERROR, HEADING_ERROR = 0.1, 0.05
-"""[m], [rad] Standard deviations of the odometry, which decides where the lines do not, as along a corridor."""
 
 
 def joined(parts: list[SweepPoses]) -> SweepPoses:
@@ -56,9 +71,11 @@ class Shift:
     @property
     def none(self) -> Bool:
         """(S,) True for sensors that stand at their station."""
-        still: Bool = (np.hypot(self.x, self.y) <= STILL_DISTANCE) & (np.abs(self.yaw) <= STILL_ANGLE)
+        still: Bool = (np.hypot(self.x, self.y) <= ALIGN.static_distance) & (np.abs(self.yaw) <= ALIGN.static_angle)
         if self.way is not None:
-            still &= (np.hypot(self.way[:, 0], self.way[:, 1]) <= STILL_DISTANCE) & (np.abs(self.way[:, 2]) <= STILL_ANGLE)
+            still &= (np.hypot(self.way[:, 0], self.way[:, 1]) <= ALIGN.static_distance) & (
+                np.abs(self.way[:, 2]) <= ALIGN.static_angle
+            )
         return still
 
     def rows(self, index: Int64) -> Shift:
@@ -275,7 +292,7 @@ def lines(grid: Grid, ranges: Float64) -> Lines:
     u = 1/r of a line is a sinusoid, nearly linear over a few degrees.
     """
     step = grid.angle_increment
-    reach = max(2, round(LINE_WINDOW / abs(step)))
+    reach = max(2, round(ALIGN.line_window / abs(step)))
     known = np.isfinite(ranges) & (ranges > 0)
     u = 1.0 / np.where(known, ranges, 1.0)
     offset = np.arange(-reach, reach + 1)
@@ -294,7 +311,7 @@ def lines(grid: Grid, ranges: Float64) -> Lines:
     moment = float(np.square(offset).sum())
     slope /= moment
     rms = np.sqrt(np.maximum(square / count - mean * mean - slope * slope * moment / count, 0.0))
-    straight = whole & (rms < STRAIGHT_RMS * mean * mean)
+    straight = whole & (rms < ALIGN.straight_rms * mean * mean)
     if not grid.period:
         straight[:, :reach] = False
         straight[:, grid.beams - reach :] = False
@@ -315,7 +332,7 @@ def align(batch: SweepBatch, grid: Grid, known: Lines, station: Int64, start: Sh
     from any line to count.
     """
     # The choice of columns does not depend on the widest sweep of the batch, so that sums do not either.
-    column = np.arange(0, grid.beams, max(1, -(-grid.beams // ALIGNED_POINTS)))
+    column = np.arange(0, grid.beams, max(1, -(-grid.beams // ALIGN.points)))
     bearing = batch.angle_min[:, None] + batch.angle_increment[:, None] * column
     there = np.minimum(column, max(batch.width - 1, 0))
     ranges = batch.ranges[:, there].astype(np.float64)
@@ -325,9 +342,9 @@ def align(batch: SweepBatch, grid: Grid, known: Lines, station: Int64, start: Sh
     x, y = ranges * np.cos(bearing + turn) + ahead, ranges * np.sin(bearing + turn) + left
     pose = np.stack([start.x, start.y, start.yaw], axis=1)
     guess = pose.copy()
-    prior = np.diag(1.0 / np.square([POSE_ERROR, POSE_ERROR, HEADING_ERROR]))
+    prior = np.diag(1.0 / np.square([ALIGN.place_sd, ALIGN.place_sd, ALIGN.heading_sd]))
     row = station[:, None]
-    for reach in LINE_REACHES:
+    for reach in ALIGN.reaches:
         cos, sin = np.cos(pose[:, 2:]), np.sin(pose[:, 2:])
         turned_x, turned_y = cos * x - sin * y, sin * x + cos * y
         at_x, at_y = turned_x + pose[:, :1], turned_y + pose[:, 1:2]
@@ -337,7 +354,7 @@ def align(batch: SweepBatch, grid: Grid, known: Lines, station: Int64, start: Sh
         with np.errstate(invalid="ignore"):
             near = valid & (beam >= 0) & (np.abs(away) < reach)
         away = np.where(near, away, 0.0)
-        weight = np.where(near, np.square(1.0 - np.square(away / reach)), 0.0) / POINT_ERROR**2
+        weight = np.where(near, np.square(1.0 - np.square(away / reach)), 0.0) / ALIGN.point_sd**2
         lever = np.where(near, normal_y * turned_x - normal_x * turned_y, 0.0)
         parts = (np.where(near, normal_x, 0.0), np.where(near, normal_y, 0.0), lever)
         weighted = [weight * part for part in parts]

@@ -198,8 +198,8 @@ def placed(batch: SweepBatch, poses: SweepPoses, use: UInt8, ranges: Float32 | N
 
 
 @dataclass(slots=True)
-class Ground:
-    """Arrays with a number for each cell of the ground that was seen, which grow with it.
+class CellLayers:
+    """Arrays with a number for each cell of the space that was observed, which grow with it.
 
     `resolution`: side of a cell [m]; `most_cells`: greatest number of cells.
     """
@@ -244,7 +244,7 @@ class Ground:
 
 
 @dataclass(slots=True)
-class Counts(Ground):
+class Counts(CellLayers):
     """Counts of hits and passes, a fold over sweeps; takes `CELL_BYTES` for each cell of the ground that was seen."""
 
     LAYERS: ClassVar[tuple[str, ...]] = ("hits", "passes", "_stamps")

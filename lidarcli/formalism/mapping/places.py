@@ -14,7 +14,7 @@ import numpy as np
 
 from lidarcli.formalism.detection import NOISE, OBJECT, WALL, Detection
 from lidarcli.formalism.mapping import rays
-from lidarcli.formalism.mapping.grid import Ground
+from lidarcli.formalism.mapping.grid import CellLayers
 from lidarcli.sweeps.types import Bool, Float32, Float64, Int64, SweepBatch
 
 CELL, FARTHEST, REACH = 0.1, 15.0, 150.0
@@ -43,7 +43,7 @@ MARGIN = FARTHEST + 1.0
 
 
 @dataclass(slots=True)
-class _Votes(Ground):
+class _Votes(CellLayers):
     """Votes of the cells of one world."""
 
     LAYERS: ClassVar[tuple[str, ...]] = ("votes",)

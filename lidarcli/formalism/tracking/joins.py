@@ -8,35 +8,55 @@ from typing import Any
 
 import numpy as np
 
-from lidarcli.formalism.tracking.legs import PATH_MARGIN, STEP, assign_legs
+from lidarcli.formalism.tracking.legs import LEGS, assign_legs
 from lidarcli.formalism.tracking.results import DISC, LEFT_VIEW, MIN_WAY, PERSON, SHORTEST_STAND
 from lidarcli.formalism.tracking.tracks import STANDING_LEGS_APART, Track, Tracklet
 from lidarcli.sweeps.types import Float64, Int64
 
-PERSON_WIDTH = 0.65
-"""[m] Greatest width of a person at the legs."""
-TOGETHER_SWEEPS, TOGETHER_SHARE = 3, 0.3
-"""Least number of sweeps in which two legs are seen together, and least share of the sightings of the one seen less."""
-STANDING_LEG_WIDTH, LEGS_STEADY_SD = 0.16, 0.03
-"""[m] Legs of a thing that stands: greatest width, and standard deviation of the distance of two."""
-DUPLICATE_MARGIN = 0.1
-"""[m] Greatest distance of the centre of a tracklet outside of another one from which it was split."""
-LONGEST_SHARED = 2.0
-"""[s] Longest time in which one moving thing is seen in two parts, until the later part goes on alone."""
-ALL_BESIDE = 0.9
-"""Share of the sightings of a leg that are within a step of its person, if all of it is that person."""
-PACE_SIGHTINGS = 12
-"""Sightings that give the velocity of a piece at its end."""
-LONGEST_STITCH_GAP, LONGEST_STANDING_GAP, LONGEST_UNCOVERED = 15.0, 30.0, 0.7
-"""[s] Longest gap between two pieces of a track, and between two that both stand; longest time in it in which nothing hid
-it."""
-STITCH_DISTANCE, STITCH_SPEED, MAX_STITCH_DISTANCE = 0.35, 0.9, 3.0
-"""Greatest distance of a piece from where it is expected: without a gap [m], its growth with the gap where either piece
-moves [m/s], after any gap [m]."""
-SLOW_WALK = 0.2
-"""[m/s] Least speed of who walks on behind something."""
-SIZE_DIFFERENCE, SIZE_SHARE = 0.2, 0.3
-"""Greatest difference in size between two pieces [m], and as a share of the larger size; the greater of the two counts."""
+
+@dataclass(frozen=True)
+class JoinRules:
+    """When tracklets are parts of one track."""
+
+    person_width: float = 0.65
+    """[m] What is wider at the legs is no person."""
+    together_sweeps: int = 3
+    """Two legs of one object are measured together in so many sweeps, ..."""
+    together_share: float = 0.3
+    """... and in this share of the sightings of the one that is visible less often."""
+    leg_width: float = 0.16
+    """[m] What is wider is no leg of a static object."""
+    leg_distance_sd: float = 0.03
+    """[m] The distance of two legs of one static object varies by less than this standard deviation."""
+    duplicate_margin: float = 0.1
+    """[m] A tracklet is one with the one that it was split from while its centre is no further outside."""
+    longest_shared: float = 2.0
+    """[s] A moving object is measured in two parts for no longer than this, until the later part goes on alone."""
+    leg_share: float = 0.9
+    """A leg is all of its person where this share of its sightings is within a step of it."""
+    pace_sightings: int = 12
+    """Sightings that give the velocity of a piece at its end."""
+    longest_gap: float = 15.0
+    """[s] Pieces further apart in time are two tracks, ..."""
+    longest_static_gap: float = 30.0
+    """[s] ... and pieces that are both static after this gap."""
+    longest_uncovered: float = 0.7
+    """[s] A gap in which nothing hid the object for longer parts two tracks."""
+    distance: float = 0.35
+    """[m] A piece may begin so far from where it is expected without a gap; ..."""
+    speed: float = 0.9
+    """[m/s] ... this grows with the gap where either piece moves, ..."""
+    max_distance: float = 3.0
+    """[m] ... up to this."""
+    slow_walk: float = 0.2
+    """[m/s] Who walks on behind something is no slower than this."""
+    size_difference: float = 0.2
+    """[m] Pieces whose sizes differ by more are two objects, if also by more than ..."""
+    size_share: float = 0.3
+    """... this share of the larger size."""
+
+
+JOIN = JoinRules()
 
 
 def join(sightings: Any, tracklets: dict[int, Tracklet], is_placed: bool) -> None:
@@ -89,7 +109,7 @@ def merge_duplicates(sightings: Any, new: list[Tracklet], tracklets: dict[int, T
             # A tracklet that is still where the other one is.
             x, y = tracklet.place(still=not tracklet.moved)
             other_x, other_y = other.place(still=not other.moved)
-            is_near = math.hypot(x - other_x, y - other_y) < math.hypot(*other.h) + DUPLICATE_MARGIN
+            is_near = math.hypot(x - other_x, y - other_y) < math.hypot(*other.h) + JOIN.duplicate_margin
             is_same = other.moved == tracklet.moved and is_near
         if is_same:
             _track_of(other).add_part(tracklet)
@@ -97,7 +117,7 @@ def merge_duplicates(sightings: Any, new: list[Tracklet], tracklets: dict[int, T
 
 def _goes_with(sightings: Any, tracklet: Tracklet, person: Tracklet) -> bool:
     """Return whether a tracklet is slim enough for a leg, and is within a step of its person in nearly all sightings."""
-    if 2.0 * max(tracklet.h) > PERSON_WIDTH:
+    if 2.0 * max(tracklet.h) > JOIN.person_width:
         return False
     at, path = sightings.spans[tracklet.number], sightings.spans.get(person.number)
     if path is None:
@@ -105,10 +125,10 @@ def _goes_with(sightings: Any, tracklet: Tracklet, person: Tracklet) -> bool:
     time, then = sightings.time[at], sightings.time[path]
     early, late = np.maximum(then[0] - time, 0.0), np.maximum(time - then[-1], 0.0)
     off = sightings.place[at] - np.interp(time, then, sightings.place[path])
-    near = (np.abs(off) <= STEP + STITCH_SPEED * (early + late)) & (late <= PATH_MARGIN)
+    near = (np.abs(off) <= LEGS.step + JOIN.speed * (early + late)) & (late <= LEGS.path_margin)
     # Of those before the person was founded the last one counts.
     near = near[max(np.count_nonzero(early > 0.0) - 1, 0) :]
-    return bool(near.mean() >= ALL_BESIDE)
+    return bool(near.mean() >= JOIN.leg_share)
 
 
 def _track_of(tracklet: Tracklet) -> Track:
@@ -125,7 +145,7 @@ def _join_halves(sightings: Any, new: list[Tracklet], tracklets: dict[int, Track
             continue
         for earlier in tracklets.values():
             shared = earlier.last_time - later.first_time
-            if earlier.member or not earlier.moved or not earlier.has_ended or not 0.0 <= shared <= LONGEST_SHARED:
+            if earlier.member or not earlier.moved or not earlier.has_ended or not 0.0 <= shared <= JOIN.longest_shared:
                 continue
             if earlier.first_time >= later.first_time or earlier.last_time >= later.last_time:
                 continue
@@ -138,7 +158,7 @@ def _join_halves(sightings: Any, new: list[Tracklet], tracklets: dict[int, Track
             if at.start == at.stop or not len(both):
                 continue
             off = sightings.place[both] - np.interp(sightings.time[both], sightings.time[at], sightings.place[at])
-            if np.abs(off).max() <= STEP:
+            if np.abs(off).max() <= LEGS.step:
                 for part in [*other.parts]:
                     track.add_part(part)
                 break
@@ -205,14 +225,14 @@ def stitch_costs(ends: list[TrackEnd], begins: list[TrackEnd]) -> Float64:
     gap = np.maximum(after, 0.0)
     # One that stands now may have moved while hidden.
     one = earlier[:, None] | later
-    allowed = np.minimum(STITCH_DISTANCE + np.where(one, STITCH_SPEED, 0.0) * gap, MAX_STITCH_DISTANCE)
+    allowed = np.minimum(JOIN.distance + np.where(one, JOIN.speed, 0.0) * gap, JOIN.max_distance)
     apart = places[1] - places[0][:, None]
     going = np.abs(apart - ahead[0][:, None] * gap)
     meeting = np.abs(apart - (ahead[0][:, None] + ahead[1]) * (0.5 * gap))
     # A tracklet that turned back or stopped is where it was last.
     staying = np.abs(apart) + 0.1
     off = np.minimum(np.minimum(going, meeting), staying) / allowed
-    in_time = (after > 0.0) & (gap <= np.where(one, LONGEST_STITCH_GAP, LONGEST_STANDING_GAP))
+    in_time = (after > 0.0) & (gap <= np.where(one, JOIN.longest_gap, JOIN.longest_static_gap))
     return np.where(in_time, off, math.inf)
 
 
@@ -244,16 +264,16 @@ def _may_be_one(sightings: Any, earlier: TrackEnd, later: TrackEnd) -> bool:
     stood = [piece.last_time - piece.first_time for piece in pieces if not piece.moved]
     if len(stood) == 2:
         # What stood for a while is known by its place.
-        return bool(free <= LONGEST_UNCOVERED or max(stood) >= SHORTEST_STAND)
+        return bool(free <= JOIN.longest_uncovered or max(stood) >= SHORTEST_STAND)
     if all(piece.kind != PERSON for piece in pieces):
-        return bool(free + outside <= LONGEST_UNCOVERED)
+        return bool(free + outside <= JOIN.longest_uncovered)
     # The next person looks the same.
     if (pieces[0].moved and pieces[0].end == LEFT_VIEW) or any(gap > max(seen, SHORTEST_STAND) for seen in stood):
         return False
     # Who walks on behind something has the time that this takes.
     goes_on = (earlier.velocity * later.velocity.conjugate()).real >= 0.0
-    walk = abs(later.place - earlier.place) / SLOW_WALK if goes_on else 0.0
-    return bool(free + outside + max(left - walk, 0.0) <= LONGEST_UNCOVERED)
+    walk = abs(later.place - earlier.place) / JOIN.slow_walk if goes_on else 0.0
+    return bool(free + outside + max(left - walk, 0.0) <= JOIN.longest_uncovered)
 
 
 def _stood(sightings: Any, earlier: TrackEnd, later: TrackEnd) -> bool:
@@ -268,7 +288,7 @@ def _stood(sightings: Any, earlier: TrackEnd, later: TrackEnd) -> bool:
 
 def _first_end(sightings: Any, tracklet: Tracklet) -> TrackEnd:
     """Return the first place of a tracklet that is its own, and its velocity there."""
-    at = _own(sightings, tracklet)[:PACE_SIGHTINGS]
+    at = _own(sightings, tracklet)[: JOIN.pace_sightings]
     i = at[0]
     piece = TrackEnd(tracklet, int(sightings.sweep[i]), float(sightings.time[i]), complex(sightings.place[i]))
     if tracklet.moved:
@@ -281,7 +301,7 @@ def _last_end(sightings: Any, tracklet: Tracklet) -> TrackEnd:
     piece = TrackEnd(tracklet, tracklet.last_sweep, tracklet.last_time, complex(*tracklet.place(still=not tracklet.moved)))
     if tracklet.final is not None:
         piece.place, piece.velocity = tracklet.final
-    elif len(at := _own(sightings, tracklet)[-PACE_SIGHTINGS:]):
+    elif len(at := _own(sightings, tracklet)[-JOIN.pace_sightings :]):
         piece.sweep, piece.time = int(sightings.sweep[at[-1]]), float(sightings.time[at[-1]])
         piece.place = complex(sightings.place[at[-1]])
         if tracklet.moved:
@@ -305,7 +325,7 @@ def store_end(sightings: Any, tracklet: Tracklet) -> None:
 
 def is_expired(sightings: Any, tracklet: Tracklet) -> bool:
     """Return whether no piece that begins after the window can be joined to a tracklet that has ended."""
-    longest = LONGEST_STITCH_GAP if tracklet.moved else LONGEST_STANDING_GAP
+    longest = JOIN.longest_gap if tracklet.moved else JOIN.longest_static_gap
     return float(sightings.time[sightings.now].max(initial=-math.inf)) - tracklet.last_time > longest
 
 
@@ -321,10 +341,10 @@ def differ(one: Tracklet, other: Tracklet) -> bool:
     if one.has_legs or other.has_legs:
         # A person on two legs is not large.
         single = other if one.has_legs else one
-        return not single.has_legs and single.size_is_known and single.size > PERSON_WIDTH
+        return not single.has_legs and single.size_is_known and single.size > JOIN.person_width
     if not (one.size_is_known and other.size_is_known):
         return False
-    return abs(one.size - other.size) > max(SIZE_DIFFERENCE, SIZE_SHARE * max(one.size, other.size))
+    return abs(one.size - other.size) > max(JOIN.size_difference, JOIN.size_share * max(one.size, other.size))
 
 
 def _join_legs(sightings: Any, tracklets: dict[int, Tracklet]) -> None:
@@ -349,13 +369,13 @@ def _join_legs(sightings: Any, tracklets: dict[int, Tracklet]) -> None:
 
 def _is_leg(tracklet: Tracklet) -> bool:
     """Return whether a tracklet may be a leg of a thing that stands."""
-    return not (tracklet.moved or tracklet.member) and tracklet.kind == DISC and 2.0 * max(tracklet.h) <= STANDING_LEG_WIDTH
+    return not (tracklet.moved or tracklet.member) and tracklet.kind == DISC and 2.0 * max(tracklet.h) <= JOIN.leg_width
 
 
 def _are_seen_together(sightings: Any, one: Tracklet, other: Tracklet) -> bool:
     """Return whether two tracklets are often seen in the same sweeps, at a steady distance."""
     at, among = sightings.spans[one.number], sightings.spans[other.number]
     _, i, j = np.intersect1d(sightings.sweep[at], sightings.sweep[among], assume_unique=True, return_indices=True)
-    if len(i) < max(TOGETHER_SWEEPS, TOGETHER_SHARE * min(at.stop - at.start, among.stop - among.start)):
+    if len(i) < max(JOIN.together_sweeps, JOIN.together_share * min(at.stop - at.start, among.stop - among.start)):
         return False
-    return float(np.abs(sightings.place[at][i] - sightings.place[among][j]).std()) < LEGS_STEADY_SD
+    return float(np.abs(sightings.place[at][i] - sightings.place[among][j]).std()) < JOIN.leg_distance_sd

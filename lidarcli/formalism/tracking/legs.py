@@ -13,18 +13,33 @@ from lidarcli.formalism.tracking.results import PERSON
 from lidarcli.formalism.tracking.tracks import Tracklet
 from lidarcli.sweeps.types import Bool, Float64, Int64
 
-LEG_WIDTH, STEP = 0.35, 0.7
-"""[m] Greatest usual width of the measurements of one leg, and its greatest distance from the path of its person."""
-PAUSE = 0.6
-"""[s] Longest time between the measurements of two legs that are seen in turn."""
-RUN_SWEEPS, BESIDE_SHARE = 4, 0.5
-"""Least number of sweeps in which a leg goes beside a person, and greatest number without it in between; least share of the
-sweeps with both in which it does, and of all sweeps of a leg that stands."""
-MAX_CROWDED = 0.15
-"""Greatest share of these sweeps in which the two have more than two measurements."""
-PATH_TIME, PATH_SWEEPS, PATH_MARGIN = 0.5, 6, 1.0
-"""The path of a person is the mean of the places so long before and after [s], about a step; least number of sweeps of a
-path, and of those that give the velocity at its ends; sightings so long before and after are compared with it [s]."""
+
+@dataclass(frozen=True)
+class LegRules:
+    """When sightings of a slim track are those of a person next to it."""
+
+    width: float = 0.35
+    """[m] Wider measurements are not of one leg, as a rule."""
+    step: float = 0.7
+    """[m] A leg is no further from the path of its person than this."""
+    pause: float = 0.6
+    """[s] Two legs that are visible in turn are measured no later than this one after the other."""
+    run_sweeps: int = 4
+    """Sweeps that a leg goes next to a person before they count, and sweeps without it that end them."""
+    share: float = 0.5
+    """Share of the sweeps with both, and of all sweeps of a static leg, below which a leg is not of the person."""
+    max_crowded: float = 0.15
+    """Share of sweeps in which both have more than two measurements, above which they are two persons."""
+    path_time: float = 0.5
+    """[s] The path is the mean of the places so long before and after: longer hides more of the swing of the legs."""
+    path_sweeps: int = 6
+    """A person of fewer sweeps has no path; so many give the velocity at its ends."""
+    path_margin: float = 1.0
+    """[s] Sightings so long before and after a path are compared with it."""
+
+
+LEGS = LegRules()
+
 
 Places: TypeAlias = NDArray[np.complex128]
 """Places x + iy [m]: sums, means and distances take one operation for both."""
@@ -74,8 +89,8 @@ class LegTrajectory:
         """(S,) places without the swing of the legs [m]: the means over as many sweeps before as after."""
         if self._path is None:
             here = np.arange(len(self.time))
-            first = np.searchsorted(self.time, self.time - PATH_TIME)
-            stop = np.searchsorted(self.time, self.time + PATH_TIME, side="right")
+            first = np.searchsorted(self.time, self.time - LEGS.path_time)
+            stop = np.searchsorted(self.time, self.time + LEGS.path_time, side="right")
             half = np.minimum(here - first, stop - 1 - here)
             total = np.append(0.0, np.cumsum(self.place))
             self._path = (total[here + half + 1] - total[here - half]) / (2 * half + 1)
@@ -95,7 +110,7 @@ def assign_legs(sightings: Any, tracklets: dict[int, Tracklet]) -> None:
         return
     _merge_legs(sightings, legs)
     legs = [leg for leg in legs if len(leg.at)]
-    persons = [leg for leg in legs if leg.is_person and len(leg.sweep) >= PATH_SWEEPS]
+    persons = [leg for leg in legs if leg.is_person and len(leg.sweep) >= LEGS.path_sweeps]
     persons.sort(key=lambda leg: (-len(leg.sweep), leg.owner))
     _gather_fragments(sightings, legs, persons)
     _gather_views(sightings, [leg for leg in persons if len(leg.at)])
@@ -112,7 +127,7 @@ def _leg_trajectories(sightings: Any, tracklets: dict[int, Tracklet]) -> list[Le
     begins = starts(owner)
     if not len(begins):
         return []
-    slim = np.add.reduceat((sightings.width[order] < LEG_WIDTH).astype(np.int64), begins).tolist()
+    slim = np.add.reduceat((sightings.width[order] < LEGS.width).astype(np.int64), begins).tolist()
     ends = np.append(begins[1:], len(owner)).tolist()
     place = sightings.place[order]
     sides = [end.reduceat(axis, begins).tolist() for end in (np.minimum, np.maximum) for axis in (place.real, place.imag)]
@@ -140,7 +155,7 @@ def _leg_trajectories(sightings: Any, tracklets: dict[int, Tracklet]) -> list[Le
     persons = [leg for leg in legs if leg.is_person]
     if not persons:
         return []
-    legs = [leg for leg in legs if not leg.has_rows or any(_gap(leg, person) < 2.0 * STEP for person in persons)]
+    legs = [leg for leg in legs if not leg.has_rows or any(_gap(leg, person) < 2.0 * LEGS.step for person in persons)]
     for leg in legs:
         leg.at = leg.at[np.argsort(sightings.sweep[leg.at], kind="stable")]
         leg.compute(sightings)
@@ -153,8 +168,8 @@ def _merge_legs(sightings: Any, legs: list[LegTrajectory]) -> None:
     persons = np.array([leg.is_person for leg in legs])
     together = (first <= last[:, None]) & (persons | persons[:, None])
     low, high = (np.array([leg.box[i] for leg in legs]) for i in (0, 1))
-    together &= (low.real - STEP < high.real[:, None]) & (low.real[:, None] - STEP < high.real)
-    together &= (low.imag - STEP < high.imag[:, None]) & (low.imag[:, None] - STEP < high.imag)
+    together &= (low.real - LEGS.step < high.real[:, None]) & (low.real[:, None] - LEGS.step < high.real)
+    together &= (low.imag - LEGS.step < high.imag[:, None]) & (low.imag[:, None] - LEGS.step < high.imag)
     pairs = []
     for i, k in np.argwhere(np.triu(together, 1)).tolist():
         one, other = legs[i], legs[k]
@@ -172,17 +187,17 @@ def _give_runs(sightings: Any, person: LegTrajectory, leg: LegTrajectory) -> Non
     before = np.maximum(after - 1, 0)
     pause = np.minimum(np.abs(leg.time - person.time[before]), np.abs(leg.time - person.time[after]))
     off = leg.place - np.interp(leg.time, person.time, person.place)
-    both = pause < PAUSE
-    near = np.flatnonzero(both & (np.abs(off) < STEP))
+    both = pause < LEGS.pause
+    near = np.flatnonzero(both & (np.abs(off) < LEGS.step))
     # Two who pass each other are near for a while only.
-    if len(near) < max(BESIDE_SHARE * np.count_nonzero(both), 2):
+    if len(near) < max(LEGS.share * np.count_nonzero(both), 2):
         return
     measurements = leg.count + np.where(person.sweep[after] == leg.sweep, person.count[after], 0)
     given = np.zeros(len(leg.sweep), bool)
-    for run in np.split(near, np.flatnonzero(np.diff(near) >= RUN_SWEEPS) + 1):
-        is_whole = len(run) >= BESIDE_SHARE * len(leg.sweep)
-        is_leg = is_whole or (leg.moves and len(run) >= RUN_SWEEPS)
-        given[run] = is_leg and np.mean(measurements[run] > 2) <= MAX_CROWDED
+    for run in np.split(near, np.flatnonzero(np.diff(near) >= LEGS.run_sweeps) + 1):
+        is_whole = len(run) >= LEGS.share * len(leg.sweep)
+        is_leg = is_whole or (leg.moves and len(run) >= LEGS.run_sweeps)
+        given[run] = is_leg and np.mean(measurements[run] > 2) <= LEGS.max_crowded
     if given.any():
         _give(sightings, person, leg, np.isin(sightings.sweep[leg.at], leg.sweep[given]))
 
@@ -204,20 +219,20 @@ def _gather_fragments(sightings: Any, legs: list[LegTrajectory], persons: list[L
         for person in persons:
             if len(person.sweep) <= len(leg.sweep) or not _may_be_beside(leg, person):
                 continue
-            if _away(leg.time, leg.place, person).max() < STEP:
+            if _away(leg.time, leg.place, person).max() < LEGS.step:
                 _give(sightings, person, leg, np.ones(len(leg.at), bool))
                 break
 
 
 def _gather_views(sightings: Any, persons: list[LegTrajectory]) -> None:
     """Give sightings without a track within a step of a person's path to that person, up to two legs in a sweep."""
-    loose = np.flatnonzero((sightings.owner == 0) & (sightings.width < LEG_WIDTH))
+    loose = np.flatnonzero((sightings.owner == 0) & (sightings.width < LEGS.width))
     for person in persons if len(loose) else ():
         time = sightings.time[loose]
-        near = loose[(time >= person.time[0] - PATH_MARGIN) & (time <= person.time[-1] + PATH_MARGIN)]
+        near = loose[(time >= person.time[0] - LEGS.path_margin) & (time <= person.time[-1] + LEGS.path_margin)]
         if not len(near):
             continue
-        near = near[_away(sightings.time[near], sightings.place[near], person) < STEP]
+        near = near[_away(sightings.time[near], sightings.place[near], person) < LEGS.step]
         legs = dict(zip(person.sweep.tolist(), person.count.tolist(), strict=True))
         for i, sweep in zip(near.tolist(), sightings.sweep[near].tolist(), strict=True):
             legs[sweep] = legs.get(sweep, 0) + 1
@@ -230,8 +245,8 @@ def _may_be_beside(leg: LegTrajectory, person: LegTrajectory) -> bool:
     """Return whether a trajectory may be within a step of that of a person, by its ends and the rectangles around both."""
     begin, end, first, last = leg.time[0], leg.time[-1], person.time[0], person.time[-1]
     if begin < first or end > last:
-        return bool(begin >= first - PATH_MARGIN and end <= last + PATH_MARGIN)
-    return _gap(leg, person) < STEP
+        return bool(begin >= first - LEGS.path_margin and end <= last + LEGS.path_margin)
+    return _gap(leg, person) < LEGS.step
 
 
 def _gap(leg: LegTrajectory, person: LegTrajectory) -> float:
@@ -243,7 +258,7 @@ def _gap(leg: LegTrajectory, person: LegTrajectory) -> float:
 def _away(time: Float64, place: Places, person: LegTrajectory) -> Float64:
     """Return (N,) the distances [m] of places from the path of a person, which goes on at both ends at its speed there."""
     early, late = np.minimum(time - person.time[0], 0.0), np.maximum(time - person.time[-1], 0.0)
-    few = min(PATH_SWEEPS, len(person.time)) - 1
+    few = min(LEGS.path_sweeps, len(person.time)) - 1
     path = person.path
     begin = (path[few] - path[0]) / max(person.time[few] - person.time[0], 1e-3)
     end = (path[-1] - path[-1 - few]) / max(person.time[-1] - person.time[-1 - few], 1e-3)

@@ -16,13 +16,23 @@ from lidarcli.formalism.tracking.results import BOX, SIZE_OUTLIER
 from lidarcli.formalism.tracking.tracks import Track, Tracklet, frame_of_legs, main_part, shape_odds
 from lidarcli.sweeps.types import Float64, Int64, SweepBatch
 
-MAX_LOOKS = 256
-"""Greatest number of looks at a tracklet that are remembered."""
-HALF_WEIGHT_SWEEPS, SHARED_SD_SHARE = 2.0, 0.4
-"""Number of sweeps of a look that counts half, and share of the standard deviation of a size that all looks have in
-common."""
-MIN_SIZE_SD = 0.003
-"""[m] Least standard deviation of a size by the sweeps of one log."""
+
+@dataclass(frozen=True)
+class SizeRules:
+    """How the sizes that sweeps measure make one size of a track."""
+
+    max_views: int = 256
+    """Views of a tracklet (by the beams at its edges) that are kept; further ones are left out."""
+    half_weight_sweeps: float = 2.0
+    """A view of so many sweeps counts half: beams at the same edges err alike."""
+    shared_sd_share: float = 0.4
+    """Share of the standard deviation that all views have in common, so that more views do not reduce it."""
+    min_sd: float = 0.003
+    """[m] No size has a smaller standard deviation, by the sweeps of one log."""
+
+
+SIZE = SizeRules()
+
 SIZES = 3
 """Number of sizes: sides along both axes, and the extent across the line of sight."""
 
@@ -78,7 +88,7 @@ class _SizeEstimate:
         for edges, more in zip(each.tolist(), total, strict=True):
             if edges in self.looks:
                 self.looks[edges] += more
-            elif len(self.looks) < MAX_LOOKS and more[0].any():
+            elif len(self.looks) < SIZE.max_views and more[0].any():
                 self.looks[edges] = more
         self.sightings += len(at)
         self.blur += float((measured["blur"][at] - self.blur).sum()) / self.sightings
@@ -113,13 +123,15 @@ def _mean(count: Float64, weight: Float64, size: Float64) -> tuple[float, float]
     order = np.argsort(size, kind="stable")
     half = np.searchsorted(np.cumsum(count[order]), 0.5 * count.sum())
     off = size - size[order[half]]
-    share = weight * count / (count + HALF_WEIGHT_SWEEPS) / (1.0 + np.square(off) / (SIZE_OUTLIER + 1.0 / weight))
+    share = weight * count / (count + SIZE.half_weight_sweeps) / (1.0 + np.square(off) / (SIZE_OUTLIER + 1.0 / weight))
     total = share.sum()
     looks = total * total / np.square(share).sum()
     variance = (
-        total / float((share * weight).sum()) * (1.0 / looks + SHARED_SD_SHARE * SHARED_SD_SHARE * (1.0 - 1.0 / looks))
+        total
+        / float((share * weight).sum())
+        * (1.0 / looks + SIZE.shared_sd_share * SIZE.shared_sd_share * (1.0 - 1.0 / looks))
     )
-    return float((share * size).sum() / total), float(np.hypot(math.sqrt(variance), MIN_SIZE_SD))
+    return float((share * size).sum() / total), float(np.hypot(math.sqrt(variance), SIZE.min_sd))
 
 
 class Naming:
@@ -195,13 +207,13 @@ class Naming:
         sizes = self._sizes.get(tracklet.number)
         frame = frame_of_legs(track)
         row = dict.fromkeys(_MEASURED, np.nan)
-        row |= {"legs": 0.0, "moved": float(track.moved), "least_sd": MIN_SIZE_SD, "span_sd": MIN_SIZE_SD}
+        row |= {"legs": 0.0, "moved": float(track.moved), "least_sd": SIZE.min_sd, "span_sd": SIZE.min_sd}
         row["intensity"] = math.nan if sizes is None else sizes.intensity
         if frame is not None:
             # The sizes of one leg tell nothing about the whole.
             row |= {"legs": float(frame["legs"]), "span_1": frame["length"]}
             row["span_2"] = frame["width"] if frame["legs"] > 2 else np.nan
-            row["span_sd"] = MIN_SIZE_SD if sizes is None else sizes.blur
+            row["span_sd"] = SIZE.min_sd if sizes is None else sizes.blur
         elif any(part.has_legs for part in track.parts) or track.several:
             row["legs"] = 2.0
         elif sizes is not None:

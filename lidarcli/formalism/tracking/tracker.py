@@ -40,17 +40,31 @@ The windows of all followers end together, as soon as that of one of them is ful
 """
 TARGETS_AT_FIRST, MEASUREMENTS_AT_FIRST, SIGHTINGS_AT_FIRST = 64, 32, 2048
 """Room for so many tracklets, objects of a sweep, and sightings before it grows."""
-NOTED_WAY = 1.0
-"""[m] Least distance that the sensor has gone for a note on its poses."""
-NOTED_SDS = 3.0
-"""Least delay or distance of a note, in standard deviations."""
-NOTED_DELAY, NOTED_DISTANCE = 0.02, 0.05
-"""[s], [m] Least delay and least distance of a note."""
-MOSTLY = 0.9
-"""Share of the sweeps at which a sensor without poses stood, from which on it stands."""
-LONG_TRACK, MAX_MOVING, MIN_TRACKS = 20, 0.6, 4
-"""Least number of sweeps of a track that counts for a note on motion; share of these tracks that move above which the
-sensor seems to move; least number of them."""
+
+
+@dataclass(frozen=True)
+class NoteRules:
+    """When a note says that poses are off, or that a sensor without poses seems to move."""
+
+    min_path: float = 1.0
+    """[m] Poses are noted once the sensor has gone so far."""
+    deviations: float = 3.0
+    """A delay or distance is noted that is so many standard deviations, ..."""
+    min_delay: float = 0.02
+    """[s] ... and this delay, ..."""
+    min_distance: float = 0.05
+    """[m] ... or this distance."""
+    static_share: float = 0.9
+    """A sensor without poses that was static at this share of the sweeps does not move."""
+    long_track: int = 20
+    """Tracks of so many sweeps count."""
+    max_moving: float = 0.6
+    """The sensor seems to move where a larger share of these moves, ..."""
+    min_tracks: int = 4
+    """... if there are so many."""
+
+
+NOTES = NoteRules()
 
 
 @dataclass(slots=True)
@@ -254,7 +268,7 @@ class Tracker:
             sweeps = follower.register.sweeps
             # Many things may move where a sensor stands, and about one whose poses fit.
             placed = sweeps.of(0, sweeps.count)["placed"]
-            doubted = any(sensor in self._doubted for sensor in sensors) if moves else placed.mean() < MOSTLY
+            doubted = any(sensor in self._doubted for sensor in sensors) if moves else placed.mean() < NOTES.static_share
             self.notes += notes_of(name, pose_error, follower.register.tracks if doubted else [], moves)
 
     def _end_run(self) -> None:
@@ -488,8 +502,8 @@ def share_moving(sweeps: Sequence[int], moved: Sequence[bool]) -> float | None:
     ----------
     sweeps, moved : for each track the sweeps that saw it, and whether it ever moved
     """
-    long = [moves for count, moves in zip(sweeps, moved, strict=True) if count >= LONG_TRACK]
-    if len(long) < MIN_TRACKS or sum(long) <= MAX_MOVING * len(long):
+    long = [moves for count, moves in zip(sweeps, moved, strict=True) if count >= NOTES.long_track]
+    if len(long) < NOTES.min_tracks or sum(long) <= NOTES.max_moving * len(long):
         return None
     return sum(long) / len(long)
 
@@ -497,17 +511,17 @@ def share_moving(sweeps: Sequence[int], moved: Sequence[bool]) -> float | None:
 def notes_of(topic: str, pose_error: PoseErrorFilter, tracks: list[Track], has_poses: bool) -> list[str]:
     """Return notes for the user on a topic that was tracked: the error of its poses, or that it should have some."""
     notes: list[str] = []
-    if has_poses and pose_error.travelled >= NOTED_WAY:
+    if has_poses and pose_error.travelled >= NOTES.min_path:
         delay, ahead, left, delay_sd, place_sd = pose_error.estimate()
-        if abs(delay) > max(NOTED_DELAY, NOTED_SDS * delay_sd):
+        if abs(delay) > max(NOTES.min_delay, NOTES.deviations * delay_sd):
             when = "late" if delay > 0 else "early"
             notes.append(Routine(f"standing things show the poses {abs(delay):.2f} s {when}: corrected for tracks"))
-        if math.hypot(ahead, left) > max(NOTED_DISTANCE, NOTED_SDS * place_sd):
+        if math.hypot(ahead, left) > max(NOTES.min_distance, NOTES.deviations * place_sd):
             sides = (ahead, "ahead" if ahead > 0 else "behind"), (left, f"to the {'left' if left > 0 else 'right'}")
             where = " and ".join(f"{abs(off):.2f} m {words}" for off, words in sides if abs(off) >= 0.01)
             notes.append(Routine(f"standing things show the sensor {where} of its told place: corrected for tracks"))
     if share_moving([track.sweeps for track in tracks], [track.moved for track in tracks]) is not None:
-        long = [track.moved for track in tracks if track.sweeps >= LONG_TRACK]
+        long = [track.moved for track in tracks if track.sweeps >= NOTES.long_track]
         why = "the poses may be wrong (--pose match)" if has_poses else "if the sensor drives, it needs poses"
         notes.append(f"{sum(long)} of {len(long)} tracks move: do not trust agents; {why}")
     return [headed(f"{topic}: ", note) for note in notes]

@@ -43,15 +43,15 @@ def test_a_piece_goes_on_where_the_one_before_would_be() -> None:
     before = joins.TrackEnd(moved, 10, 1.0, 0.0, velocity=1.0)
     places = 2.0, 2.3, 0.0
     after = [joins.TrackEnd(Tracklet(3, moved=1), 30, 3.0, x, velocity=1.0) for x in places]
-    allowed = joins.STITCH_DISTANCE + 2.0 * joins.STITCH_SPEED
+    allowed = joins.JOIN.distance + 2.0 * joins.JOIN.speed
     assert joins.stitch_costs([before], after)[0] == pytest.approx(np.array([0.0, 0.3, 0.1]) / allowed)
     late = [joins.TrackEnd(body, 130, 15.0, 0.4) for body in (moved, static_codes)]
     ends = [before, joins.TrackEnd(static_codes, 10, 1.0, 0.0)]
-    greatest = [[joins.MAX_STITCH_DISTANCE] * 2, [joins.MAX_STITCH_DISTANCE, joins.STITCH_DISTANCE]]
+    greatest = [[joins.JOIN.max_distance] * 2, [joins.JOIN.max_distance, joins.JOIN.distance]]
     # Both went to and fro, or one of them.
     off = [[0.5, 0.5], [0.4, 0.4]]
     assert joins.stitch_costs(ends, late) == pytest.approx(np.array(off) / greatest)
-    for gone, longest in ((moved, joins.LONGEST_STITCH_GAP), (static_codes, joins.LONGEST_STANDING_GAP)):
+    for gone, longest in ((moved, joins.JOIN.longest_gap), (static_codes, joins.JOIN.longest_static_gap)):
         end = joins.TrackEnd(gone, 10, 1.0, 0.0)
         begins = [joins.TrackEnd(static_codes, 30, 1.0 + gap, 0.0) for gap in (-0.1, 0.0, longest, longest + 0.1)]
         assert np.isfinite(joins.stitch_costs([end], begins)[0]).tolist() == [False, False, True, False]
