@@ -190,8 +190,7 @@ class Grid:
 
     def bearings(self) -> Float64:
         """Return (B,) the bearings [rad]."""
-        bearings: Float64 = self.angle_min + self.angle_increment * np.arange(self.beams, dtype=np.float64)
-        return bearings
+        return self.angle_min + self.angle_increment * np.arange(self.beams, dtype=np.float64)
 
     def beam(self, bearing: Float64) -> Int32:
         """Return the beams with the nearest bearings, -1 out of view; arrays of any shape."""

@@ -208,8 +208,7 @@ class Subtraction:
         noisy = np.maximum(spread, sigma.astype(np.float32)[:, None])
         noisy *= np.float32(THRESHOLD_SDS)
         noisy += np.float32(error)
-        threshold: Float32 = np.maximum(noisy, np.float32(MIN_THRESHOLD), out=noisy)
-        return threshold
+        return np.maximum(noisy, np.float32(MIN_THRESHOLD), out=noisy)
 
     def _judge(
         self,

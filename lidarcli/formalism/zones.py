@@ -84,8 +84,7 @@ def samples(shape: Shape) -> Float64:
         found = places[inside(shape, *places.T)]
         if len(found) >= SAMPLES:
             return found[:SAMPLES]
-    few: Float64 = np.resize(found if len(found) else np.nan, (SAMPLES, 2))
-    return few
+    return np.resize(found if len(found) else np.nan, (SAMPLES, 2))
 
 
 def candidates(batch: SweepBatch, ranges: Float32, place: SweepPoses, shape: Circle | Polygon) -> Inside:
@@ -226,8 +225,7 @@ def distance_to_line(line: Line, x: Float64, y: Float64) -> Float64:
     dx, dy = second_x - first_x, second_y - first_y
     length = max(math.hypot(dx, dy), _FLAT)
     along = np.clip(((x - first_x) * dx + (y - first_y) * dy) / length**2, 0.0, 1.0)
-    away: Float64 = np.hypot(x - first_x - along * dx, y - first_y - along * dy)
-    return away
+    return np.hypot(x - first_x - along * dx, y - first_y - along * dy)
 
 
 # Points that a moving shape will meet: the steps of the Collision Monitor's action `approach`.

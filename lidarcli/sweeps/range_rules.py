@@ -84,8 +84,7 @@ def closure(beams: Int32, angle_increment: Float64) -> UInt8:
     enough = np.asarray(beams) > 3
     shared = np.abs(turn - step - TURN) <= 0.5 * step
     closed = (turn >= TURN - slack) & (turn <= TURN + 0.5 * step) & ~shared
-    kind: UInt8 = np.where(shared & enough, Closure.SHARED, np.where(closed & enough, Closure.CLOSED, 0)).astype(np.uint8)
-    return kind
+    return np.where(shared & enough, Closure.SHARED, np.where(closed & enough, Closure.CLOSED, 0)).astype(np.uint8)
 
 
 LONGEST_SWEEP = 1.0

@@ -498,8 +498,7 @@ class SweepBatch:
     def bearings(self) -> Float64:
         """(S, B) θ_n = angle_min + n angle_increment [rad], also for padding."""
         columns = np.arange(self.width)
-        bearings: Float64 = self.angle_min[:, None] + self.angle_increment[:, None] * columns
-        return bearings
+        return self.angle_min[:, None] + self.angle_increment[:, None] * columns
 
     def points(self) -> Float64:
         """(S, B, 2) where each beam ended in the sensor frame: x ahead, y to the left [m]; NaN where it has no range."""

@@ -163,8 +163,7 @@ def placed(shape: Circle | Polygon | Line, place: SweepPoses) -> Float64:
     x, y = (corner - at[:, None] for corner, at in zip(outline(shape).T, (here.x, here.y), strict=True))
     cos, sin = np.cos(here.yaw)[:, None], np.sin(here.yaw)[:, None]
     side = np.where(here.upside_down, -1.0, 1.0)[:, None]
-    corners: Float64 = np.stack([cos * x + sin * y, side * (cos * y - sin * x)], axis=-1)
-    return corners
+    return np.stack([cos * x + sin * y, side * (cos * y - sin * x)], axis=-1)
 
 
 def crossing_edges(shape: Polygon) -> tuple[int, int] | None:

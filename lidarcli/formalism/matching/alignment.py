@@ -100,10 +100,7 @@ def gains(known: Standing, run: Standing) -> Float64:
 
 def near(distance: Float64, room: float) -> Float64:
     """Return the log-likelihood ratio of one thing at two places with a distance [m], in a room of an area [m²]."""
-    result: Float64 = (
-        math.log(STAYS * max(room, MIN_AREA) / (4.0 * math.pi * RUN_PLACE_SD**2)) - 0.25 * (distance / RUN_PLACE_SD) ** 2
-    )
-    return result
+    return math.log(STAYS * max(room, MIN_AREA) / (4.0 * math.pi * RUN_PLACE_SD**2)) - 0.25 * (distance / RUN_PLACE_SD) ** 2
 
 
 def area(known: Standing, run: Standing) -> float:
@@ -143,8 +140,7 @@ def coded(known: Standing, run: Standing) -> Float64:
 
 def _distance(known: Standing, run: Standing) -> Float64:
     """Return (T, N) the distances of things [m]."""
-    result: Float64 = np.hypot(known.x[:, None] - run.x, known.y[:, None] - run.y)
-    return result
+    return np.hypot(known.x[:, None] - run.x, known.y[:, None] - run.y)
 
 
 def align(known: Standing, run: Standing) -> tuple[Motion | None, float]:

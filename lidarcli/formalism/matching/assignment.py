@@ -25,8 +25,7 @@ def assign(gain: Float64) -> Int64:
     price = np.zeros(columns + rows)
     for row in range(rows):
         _augment(cost, row, price, row_of, column_of)
-    result: Int64 = np.where(column_of < columns, column_of, -1)
-    return result
+    return np.where(column_of < columns, column_of, -1)
 
 
 def _augment(cost: Float64, start: int, price: Float64, row_of: Int64, column_of: Int64) -> None:

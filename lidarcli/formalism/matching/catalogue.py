@@ -284,8 +284,7 @@ class Fit:
         """Return the probability of no better a fit if the size is right, 0 to 1."""
         one = 2.0 * below(-np.sqrt(self.chi))
         two = np.exp(-0.5 * self.chi)
-        result: Float64 = np.where(self.freedom == 0, 1.0, np.where(self.freedom == 1, one, two))
-        return result
+        return np.where(self.freedom == 0, 1.0, np.where(self.freedom == 1, one, two))
 
 
 def measured(value: Float64, sd: Float64, low: float, high: float) -> Fit:
@@ -337,8 +336,7 @@ def below(z: Float64) -> Float64:
     t = 1.0 / (1.0 + 0.2316419 * np.abs(z))
     sum_ = t * (0.319381530 + t * (-0.356563782 + t * (1.781477937 + t * (-1.821255978 + t * 1.330274429))))
     tail = np.exp(-0.5 * np.square(z)) / math.sqrt(2.0 * math.pi) * sum_
-    result: Float64 = np.where(z > 0, 1.0 - tail, tail)
-    return result
+    return np.where(z > 0, 1.0 - tail, tail)
 
 
 # The evidence of one sweep: a face is a side of the thing if both of its ends are the thing's own, a corner, or an edge

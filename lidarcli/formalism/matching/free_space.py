@@ -106,8 +106,7 @@ class Ground:
     def state(self, x: Float64, y: Float64) -> Int8:
         """Return (K,) the cells of places."""
         row, column, inside = self.index(x, y)
-        found: Int8 = np.where(inside, self.cells[row, column], UNKNOWN).astype(np.int8)
-        return found
+        return np.where(inside, self.cells[row, column], UNKNOWN).astype(np.int8)
 
     def passed(self, x: Float64, y: Float64) -> Int32:
         """Return (K,) the number of sweeps that saw places free; 0 for occupied ones."""

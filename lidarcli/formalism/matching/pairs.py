@@ -142,8 +142,7 @@ def _nearer(away: Float64, one: Standing, other: Standing) -> Float64:
     x, y = (np.concatenate([getattr(one, axis), getattr(other, axis)]) for axis in ("x", "y"))
     # Of places all over a disc.
     radius = math.sqrt(max(2.0 * float(np.var(x) + np.var(y)), MIN_AREA / math.pi))
-    result: Float64 = 0.5 * radius**2 / (radius - math.log1p(radius)) / (1.0 + away)
-    return result
+    return 0.5 * radius**2 / (radius - math.log1p(radius)) / (1.0 + away)
 
 
 def same_sizes(a: Side, b: Side) -> Float64:
@@ -155,8 +154,7 @@ def same_sizes(a: Side, b: Side) -> Float64:
     straight = _side(one[0], other[0]) + _side(one[1], other[1])
     # Of which side too little was seen, nobody knows whether it is the longer one.
     crossed = _side(one[0], other[1]) + _side(one[1], other[0])
-    result: Float64 = np.maximum(straight, crossed) + coded(a.things, b.things)
-    return result
+    return np.maximum(straight, crossed) + coded(a.things, b.things)
 
 
 Sides = tuple[Float64, Float64, Float64]
@@ -200,8 +198,7 @@ def _marginals(weight: Float64, pairs: Pairs) -> Float64:
         to = weight / (1.0 + np.bincount(pairs.first, through)[pairs.first] - through)
         back = 1.0 / (1.0 + np.bincount(pairs.second, to)[pairs.second] - to)
     through = weight * back
-    result: Float64 = through / (1.0 + np.bincount(pairs.first, through)[pairs.first])
-    return result
+    return through / (1.0 + np.bincount(pairs.first, through)[pairs.first])
 
 
 class TooManyError(ValueError):

@@ -190,8 +190,7 @@ def _balance(sightings: Any, keyframes: Keyframes, at: Int64, step: Int64, sweep
     free, hits = looks[:, ::2], looks[:, 1::2]
     total = free + hits
     either = np.where(total >= AGENTS.min_looks, (free - hits) / np.maximum(total, AGENTS.min_looks), np.nan)
-    balance: Float64 = np.fmax(either[:, 0], either[:, 1])
-    return balance
+    return np.fmax(either[:, 0], either[:, 1])
 
 
 def _chance(place: Any, balance: Float64, moves: Bool) -> tuple[float, int]:

@@ -399,8 +399,7 @@ class Tracker:
                 if index == len(self._followers):
                     self._followers.append(self._follower(index))
         numbers = np.array([known[batch.topic, name] for name in batch.frame_ids], np.int64)
-        found: Int64 = numbers[batch.frame]
-        return found
+        return numbers[batch.frame]
 
     def _follower_of(self, sensor: int) -> int:
         """Return the index of the follower of a sensor: the first is that of those who are followed together."""

@@ -38,8 +38,7 @@ def seen_steps(seconds: Float64, seen: Bool, sensor: NDArray[np.integer[Any]]) -
     edges = np.zeros(len(seen) + 1, np.int64)
     edges[at[whole] + 1] += 1
     edges[at[whole + 1] + 1] -= 1
-    found: Bool = np.cumsum(edges)[:-1] > 0
-    return found
+    return np.cumsum(edges)[:-1] > 0
 
 
 @dataclass(slots=True)
@@ -117,8 +116,7 @@ class Sweeps:
 
     def sensors_of(self, sweeps: Int64) -> Int32:
         """Return (N,) the sensors of some sweeps."""
-        found: Int32 = self._rows["sensor"][sweeps]
-        return found
+        return self._rows["sensor"][sweeps]
 
     def steps(self, before: int, sweeps: Int64) -> Int64:
         """Return (N,) the steps to sweeps from the ones before, the first from `before`, in sweeps of their own sensors."""
