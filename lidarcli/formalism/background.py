@@ -11,8 +11,9 @@ from lidarcli.options.choices import STATION_ANGLE, STATION_DISTANCE
 from lidarcli.sweeps.range_rules import NEAREST
 from lidarcli.sweeps.types import TURN, Bool, Closure, Float32, Float64, Int32, Int64, SweepBatch, SweepPoses, record
 
-# Stations, "a map linking each LASER sweep to a certain position". Sweeps with other bearings, or taken beside a station,
-# are projected onto its bearings. Because odometry alone is not exact enough, they are first aligned with what it has seen.
+# Stations, "a map linking each LASER sweep to a certain position". Sweeps with other bearings, or taken next to a station,
+# are projected onto its bearings. Because odometry alone is not exact enough, they are first aligned with what it has
+# observed.
 
 
 @dataclass(frozen=True)
@@ -70,7 +71,7 @@ class Shift:
 
     @property
     def none(self) -> Bool:
-        """(S,) True for sensors that stand at their station."""
+        """(S,) True for sensors that are static at their station."""
         still: Bool = (np.hypot(self.x, self.y) <= ALIGN.static_distance) & (np.abs(self.yaw) <= ALIGN.static_angle)
         if self.way is not None:
             still &= (np.hypot(self.way[:, 0], self.way[:, 1]) <= ALIGN.static_distance) & (
@@ -83,7 +84,7 @@ class Shift:
         return Shift(self.x[index], self.y[index], self.yaw[index], None if self.way is None else self.way[index])
 
     def during(self, share: Float64) -> tuple[Float64, Float64, Float64]:
-        """Return (S, B) the way ahead, left [m], turned [rad] of the sensor at shares (S, B) of its sweep."""
+        """Return (S, B) the path ahead, left [m], turned [rad] of the sensor at shares (S, B) of its sweep."""
         if self.way is None:
             nowhere = np.zeros((len(self.x), 1))
             return nowhere, nowhere, nowhere
@@ -92,7 +93,7 @@ class Shift:
 
 
 def shift(poses: SweepPoses, places: SweepPoses) -> Shift:
-    """Return the poses (S,) as seen from a place each (S,); no shift where one of the two is unknown."""
+    """Return the poses (S,) as observed from a place each (S,); no shift where one of the two is unknown."""
     dx, dy = poses.x - places.x, poses.y - places.y
     side = np.where(places.upside_down, -1.0, 1.0)
     cos, sin = np.cos(places.yaw), np.sin(places.yaw)
@@ -236,7 +237,7 @@ def project(batch: SweepBatch, grid: Grid, moved: Shift | None) -> tuple[Int32, 
 
 
 def expected(batch: SweepBatch, grid: Grid, ranges: Float64, moved: Shift) -> Float64:
-    """Return (S, B) the ranges [m] that sensors beside a station would see of the ranges (S, C) of the station.
+    """Return (S, B) the ranges [m] that sensors next to a station would see of the ranges (S, C) of the station.
 
     These are inf without a surface, NaN if unknown. Where several fall on one beam the nearest counts, NaN where none does.
     """
@@ -327,7 +328,7 @@ def align(batch: SweepBatch, grid: Grid, known: Lines, station: Int64, start: Sh
     """Return the shifts of the sensor from its stations (S,), by aligning each sweep with the lines `known` of its station.
 
     Points look for the line in their direction; their distances are made small by robust least squares. Where the lines
-    leave a direction open, as in a corridor, `start`, the shifts by the poses, decides. People and new things are too far
+    leave a direction open, as in a corridor, `start`, the shifts by the poses, decides. People and new objects are too far
     from any line to count.
     """
     # The choice of columns does not depend on the widest sweep of the batch, so that sums do not either.
@@ -373,13 +374,13 @@ KNOWN_GAP = 0.05
 STEADY = 0.8
 """Share of the observations that back the background of a steady beam."""
 MAX_UNSTEADY = 0.4
-"""Greatest share of unsteady beams of a parked sensor. Among people it is up to 0.3; for a sensor that stood in two
+"""Greatest share of unsteady beams of a parked sensor. Among people it is up to 0.3; for a sensor that was static in two
 places, a metre or five degrees apart, it is 0.5 and more."""
 MAJORITY = 0.5
 """Share of the observations below which the support of a background is weak."""
 
 LATERAL = 0.05
-"""[m] Distance by which a surface may look wider from beside a station."""
+"""[m] Distance by which a surface may look wider from next to a station."""
 
 
 @shown

@@ -2,7 +2,7 @@
 
 Definitions 6 and 7 give the vertices of an object, and the faces between them. The vertices of a part are its first point,
 the points between its faces, and its last point; a segment of a single point has one vertex. An inner vertex lies where
-its faces meet, which noise moves less than the point. A thing ends somewhere between the last beam that hits it and the
+its faces meet, which noise moves less than the point. An object ends somewhere between the last beam that hits it and the
 next one, which passes it.
 """
 
@@ -37,14 +37,14 @@ SQUARE = math.radians(35.0)
 """[rad] Faces of a prism meet within this of a right angle, and point their corner at the sensor."""
 COS_SQUARE = math.cos(SQUARE)
 MAX_FACES = 3
-"""Greatest number of faces of a box that are seen, even from its inside."""
+"""Greatest number of faces of a box that are visible, even from its inside."""
 WORSE = 1.5
 """Factor by which the algebraic circle may fit worse than the best one."""
 ARC = 1.0
 """A circle is believed where the chord of its arc is longer than this share of its radius: else any flat piece is one."""
 
 
-class Look:
+class FaceFit:
     """Fit of the faces of one object to its points."""
 
     def __init__(self) -> None:
@@ -59,7 +59,7 @@ class Look:
         self.second = -1
 
 
-def examine(look: Look, faces: Faces, parts: Parts, k: int, without_first: bool, without_last: bool) -> None:
+def examine(look: FaceFit, faces: Faces, parts: Parts, k: int, without_first: bool, without_last: bool) -> None:
     """Look at the faces of an object, all of them or without the first or the last one."""
     total, weight, before = 0.0, 0.0, -1
     first = faces.offset[parts.segment[parts.begin[k]]]
@@ -84,7 +84,9 @@ def examine(look: Look, faces: Faces, parts: Parts, k: int, without_first: bool,
     look.rms = math.sqrt(total / max(weight, 1.0))
 
 
-def classify(look: Look, circle: Circle, sigma: float, chord: float, mean_x: float, mean_y: float, max_width: float) -> int:
+def classify(
+    look: FaceFit, circle: Circle, sigma: float, chord: float, mean_x: float, mean_y: float, max_width: float
+) -> int:
     """Return PRISMATIC, ROUND, IRREGULAR or UNKNOWN; the circle is fitted where it may win.
 
     `chord` is the distance of the first point from the last one, `mean_x`, `mean_y` the mean of the points, all in metres.
@@ -138,7 +140,7 @@ class Box:
         self.high_v = 0.0
 
 
-def around_points(box: Box, look: Look, faces: Faces, x: Any, y: Any, n: int) -> None:
+def around_points(box: Box, look: FaceFit, faces: Faces, x: Any, y: Any, n: int) -> None:
     """Set the smaller of the rectangles around n points [m] that have a side along one of the two longest faces of an
     object.
 
@@ -237,7 +239,7 @@ class Columns:
 
 
 def has_room(columns: Columns, beams: int) -> bool:
-    """Tell if all objects of another sweep of so many beams can be added, however many there are."""
+    """Return if all objects of another sweep of so many beams can be added, however many there are."""
     return (
         columns.objects + beams <= columns.room_objects
         and columns.vertices + 2 * beams <= columns.room_vertices
@@ -302,7 +304,7 @@ def _trace_part(
 
 
 def _extend(description: Description, columns: Columns, points: Points, segments: Segments, faces: Faces, j: int) -> None:
-    """Extend a part past its first and its last vertex, by half a beam on average, if the thing ends there."""
+    """Extend a part past its first and its last vertex, by half a beam on average, if the object ends there."""
     count = faces.offset[j + 1] - faces.offset[j]
     first, last = segments.first[j], segmentation.last_point(segments, j)
     if surfaces.is_end(segments.start_edge[j]):
@@ -320,7 +322,7 @@ def _extend(description: Description, columns: Columns, points: Points, segments
 
 
 def _overhang(points: Points, faces: Faces, f: int, at: int, inner: int, side: float) -> float:
-    """Return the way along a face to the bearing half a step past its last point [m]; `inner` is the point before."""
+    """Return the path along a face to the bearing half a step past its last point [m]; `inner` is the point before."""
     # At a grazing angle the line may meet that bearing anywhere: the distance of the last two points is the most.
     x, y, along_x, along_y = points.x[at], points.y[at], faces.direction_x[f], faces.direction_y[f]
     cos, sin = points.cos_half, side * points.sin_half
@@ -346,7 +348,7 @@ class Description:
         self.adaptive = adaptive
         self.parts = Parts(most)
         self.circle = Circle(2 * most)
-        self.look = Look()
+        self.look = FaceFit()
         self.box = Box()
         self.n = 0
         self.x = native.doubles(self.owner, 2 * most)
@@ -443,11 +445,13 @@ def _visibility(start_edge: int, end_edge: int) -> int:
 
 
 def _is_hidden(edge: int) -> bool:
-    """Tell if more of a body may lie past an edge."""
+    """Return if more of a body may lie past an edge."""
     return edge == segmentation.HIDDEN or edge == segmentation.FLICKERING
 
 
-def _drop_stray(description: Description, faces: Faces, parts: Parts, circle: Circle, box: Box, look: Look, k: int) -> None:
+def _drop_stray(
+    description: Description, faces: Faces, parts: Parts, circle: Circle, box: Box, look: FaceFit, k: int
+) -> None:
     """Leave out the few points at an end that lie between an object and what is behind it, if its box halves then."""
     if parts.begin[k + 1] - parts.begin[k] > 1 or look.count < 2:
         return

@@ -315,10 +315,10 @@ def estimate(cells: Cells, no_return: Int64) -> Estimate:
     Ranges within 10 cm of one another are one surface, and 35 % of the observations are enough support. Where no
     surface has as much, one of these is the background, in this order:
 
-    1. what has 35 % within 30 cm, and 80 % of all ranges from there on: foliage, or a wall that a shaking sensor sees
+    1. what has 35 % within 30 cm, and 80 % of all ranges from there on: foliage, or a wall that a shaking sensor observes
        at many ranges. Between people who come and go more shows of what is behind them;
     2. what repeats within 5 cm though people hide it most of the time: at least 10 % of the observations and 10 of
-       them, no fewer than those without a return, and 80 % of all ranges from 15 cm before it on. What stands still
+       them, no fewer than those without a return, and 80 % of all ranges from 15 cm before it on. What is static still
        repeats exactly and nothing is behind it; people and leaves are spread;
     3. nothing: the beam is open, and whatever returns is new.
 

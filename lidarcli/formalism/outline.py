@@ -47,7 +47,7 @@ class Outline:
         self.late = native.doubles(self.owner, beams)
         self.r = native.doubles(self.owner, beams)
         self.line = native.integers(self.owner, beams)
-        # Seen from where the sensor was at the header stamp.
+        # Observed from where the sensor was at the header stamp.
         self.at_x = native.doubles(self.owner, beams)
         self.at_y = native.doubles(self.owner, beams)
         self.at_nx = native.doubles(self.owner, beams)
@@ -136,7 +136,7 @@ def fit_line(points: Outline, i: int, k: int, beams: int, closed: int, turn: flo
             bearing = 0.5 * math.atan2(2.0 * b, a - c)
             set_normal(points, i, -math.sin(bearing), math.cos(bearing))
             return 1
-    # Walls seen at a flat angle: in 1/r three beams of a line are even.
+    # Walls observed at a flat angle: in 1/r three beams of a line are even.
     one, other = adjacent_beam(k - 1, beams, closed), adjacent_beam(k + 1, beams, closed)
     left, right = adjacent_beam(k - 2, beams, closed), adjacent_beam(k + 2, beams, closed)
     u, v = -1, -1
@@ -181,7 +181,7 @@ def set_normal(points: Outline, i: int, nx: float, ny: float) -> None:
 
 
 def deskew(points: Outline, vx: float, vy: float, vyaw: float) -> None:
-    """Place all points as seen from where the sensor was at the header stamp, for a velocity in its frame."""
+    """Place all points as observed from where the sensor was at the header stamp, for a velocity in its frame."""
     if not points.takes_time:
         for i in range(points.count):
             points.at_x[i], points.at_y[i] = points.x[i], points.y[i]

@@ -27,7 +27,7 @@ cdef class Surfels:
     cdef Py_ssize_t* head
 
 
-cdef class Alignment:
+cdef class Placement:
     cdef double x, y, yaw, fit, sharp, least, along_x, along_y
 
 
@@ -40,7 +40,7 @@ cdef class Matcher:
     cdef readonly Py_ssize_t beams, columns, pieces
     cdef Outline points, first
     cdef Surfels map
-    cdef Alignment found, best
+    cdef Placement found, best
     cdef Sums sums
     cdef bint begun, moves, alone, stepped
     cdef double x, y, yaw, vx, vy, vyaw, step_x, step_y, step_yaw, time, prior_x, prior_y, prior_yaw, prior_part
@@ -70,18 +70,18 @@ cdef (double, double, double) align(
 ) noexcept nogil
 @cython.locals(number=Py_ssize_t)
 cdef void refine(
-    Outline points, Surfels surfels, Alignment found, Sums sums, double reach, double kernel, Py_ssize_t every
+    Outline points, Surfels surfels, Placement found, Sums sums, double reach, double kernel, Py_ssize_t every
 ) noexcept nogil
 @cython.locals(i=Py_ssize_t)
 cdef (double, double, double) bend(
-    Outline points, Surfels surfels, Alignment found, Sums sums, double vx, double vy, double vyaw
+    Outline points, Surfels surfels, Placement found, Sums sums, double vx, double vy, double vyaw
 ) noexcept nogil
 @cython.locals(fits=Py_ssize_t, sharp=Py_ssize_t, number=Py_ssize_t, at=Py_ssize_t, i=Py_ssize_t, k=Py_ssize_t)
 cdef void sum_up(
-    Outline points, Surfels surfels, Alignment found, Sums sums, double reach, double kernel, Py_ssize_t every,
+    Outline points, Surfels surfels, Placement found, Sums sums, double reach, double kernel, Py_ssize_t every,
     Py_ssize_t bends, double middle
 ) noexcept nogil
-cdef void copy_alignment(Alignment to, Alignment of) noexcept nogil
+cdef void copy_placement(Placement to, Placement of) noexcept nogil
 cdef void begin_map(Matcher matcher, double time) noexcept nogil
 @cython.locals(seconds=double, follows=bint, guided=bint, wide=Py_ssize_t)
 cdef void place_sweep(

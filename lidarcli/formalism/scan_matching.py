@@ -93,7 +93,7 @@ class Surfels:
         self.head = native.integers(self.owner, SIDE * SIDE)
 
 
-class Alignment:
+class Placement:
     """A pose on the map, and how well the points fit there."""
 
     def __init__(self) -> None:
@@ -127,7 +127,7 @@ class Matcher:
         self.first = Outline(beams)
         """The sweep with which the map begins, while it is all there is of it."""
         self.map = Surfels()
-        self.found, self.best = Alignment(), Alignment()
+        self.found, self.best = Placement(), Placement()
         self.sums = Sums()
         self.begun = self.moves = self.alone = False
         self.x = self.y = self.yaw = 0.0
@@ -307,7 +307,7 @@ def align(
 
 
 def refine(
-    points: Outline, surfels: Surfels, found: Alignment, sums: Sums, reach: float, kernel: float, every: int
+    points: Outline, surfels: Surfels, found: Placement, sums: Sums, reach: float, kernel: float, every: int
 ) -> None:
     """Take Gauss-Newton steps, and do not slide along walls; one point of `every` is used."""
     number = max((points.count + every - 1) // every, 1)
@@ -316,7 +316,7 @@ def refine(
         found.fit, found.sharp = sums.fits / (1.0 * number), sums.sharp / (1.0 * number)
         if sums.total < MIN_WEIGHT:
             break
-        # Yaw is taken out (Schur complement), so that translation is judged by itself.
+        # Yaw is taken out (Schur complement), so that translation is evaluated by itself.
         htt = max(sums.htt, TINY)
         a, b = sums.hxx - sums.hxt * sums.hxt / htt, sums.hxy - sums.hxt * sums.hyt / htt
         c = sums.hyy - sums.hyt * sums.hyt / htt
@@ -343,7 +343,7 @@ def refine(
 
 
 def bend(
-    points: Outline, surfels: Surfels, found: Alignment, sums: Sums, vx: float, vy: float, vyaw: float
+    points: Outline, surfels: Surfels, found: Placement, sums: Sums, vx: float, vy: float, vyaw: float
 ) -> tuple[float, float, float]:
     """Correct the velocity during the sweep by the points themselves, about the middle of the sweep; return it.
 
@@ -381,7 +381,7 @@ def bend(
 def sum_up(
     points: Outline,
     surfels: Surfels,
-    found: Alignment,
+    found: Placement,
     sums: Sums,
     reach: float,
     kernel: float,
@@ -392,7 +392,7 @@ def sum_up(
     """Sum up the normal equations of residuals e with weights (k² / (k² + e²))², over one point of `every`.
 
     They are those of a step, or where `bends` of a velocity, that moves a point by how much later than `middle` it was
-    seen [s].
+    observed [s].
     """
     k2, number = kernel * kernel, (points.count + every - 1) // every
     hxx, hxy, hyy, hxt, hyt, htt = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
@@ -456,7 +456,7 @@ def sum_up(
     sums.fits, sums.sharp = fits, sharp
 
 
-def copy_alignment(to: Alignment, of: Alignment) -> None:
+def copy_placement(to: Placement, of: Placement) -> None:
     """Write one alignment over another."""
     to.x, to.y, to.yaw, to.fit, to.sharp = of.x, of.y, of.yaw, of.fit, of.sharp
     to.least, to.along_x, to.along_y = of.least, of.along_x, of.along_y
@@ -580,7 +580,7 @@ def look_around(
     matcher: Matcher, x: float, y: float, yaw: float, vx: float, vy: float, vyaw: float, seconds: float
 ) -> tuple[float, float, float]:
     """Try other turns, at the guess and at the last pose, and the best of them with all points; return its velocity."""
-    copy_alignment(matcher.best, matcher.found)
+    copy_placement(matcher.best, matcher.found)
     fit, tx, ty, tyaw = -1.0, x, y, yaw
     for place in range(2):
         for k in range(-TRIED_TURNS, TRIED_TURNS + 1):
@@ -593,5 +593,5 @@ def look_around(
     wx, wy, wyaw = align(matcher, tx, ty, tyaw, wx, wy, wyaw, seconds, 1)
     if matcher.found.fit >= GOOD_FIT and matcher.found.fit > matcher.best.fit + BETTER:
         return wx, wy, wyaw
-    copy_alignment(matcher.found, matcher.best)
+    copy_placement(matcher.found, matcher.best)
     return vx, vy, vyaw

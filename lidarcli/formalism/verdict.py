@@ -41,7 +41,7 @@ class Verdict:
     """Verdicts on the bodies of a sweep."""
 
     def __init__(self, most: int, least: float) -> None:
-        """`most` is the greatest number of beams of a sweep, `least` the least probability of a thing."""
+        """`most` is the greatest number of beams of a sweep, `least` the least probability of an object."""
         self.owner: list[Any] = []
         self.trees = TREES
         self.least = least
@@ -50,7 +50,7 @@ class Verdict:
 
 
 def decide(verdict: Verdict, evidence: Features) -> None:
-    """Decide the probability of each body to be a thing."""
+    """Decide the probability of each body to be an object."""
     for k in range(evidence.count):
         verdict.thing[k] = 1.0 / (1.0 + math.exp(-score(verdict.trees, evidence, k)))
 

@@ -36,12 +36,12 @@ SET_BACK = 1.0
 LEAP = 3600.0
 """No pause between two sweeps is this long [s]."""
 LOST = 0.08
-"""Share of NaN, 0 or range_max above which they are told: REP 117 writes inf for no return.
+"""Share of NaN, 0 or range_max above which they are reported: REP 117 writes inf for no return.
 
 Topics of public recordings have 5 % and less of them, or 10 % and more.
 """
 TOO_CLOSE = 0.01
-"""Share of beams below range_min above which something near is not seen."""
+"""Share of beams below range_min above which something near is missed."""
 VIEW_VARIES = 0.05
 """Share by which views differ where sweeps are cut short; beams alone vary with the speed of many a motor."""
 OFTEN = 0.05
@@ -59,13 +59,13 @@ OFF = 0.2
 SAME_TOPIC = 0.5
 """Share of the sweeps of a topic that another one has, too."""
 MIRRORED = -0.5
-"""Correlation of told turns with those seen."""
+"""Correlation of the turns of the poses with those of the sweeps."""
 STAMP_OFF = 0.15
 """Greatest distance of the delay from half or all of the time of a sweep, as a share of this."""
 MIN_TURN = math.radians(120.0)
-"""Turning of the poses from which on they tell a mount [rad]: of the path that is told, also to and fro."""
+"""Turning of the poses from which on they determine a mount [rad], turns to and fro included."""
 DEVIATIONS, MIN_OFF, MIN_ASKEW = 3.0, 0.02, math.radians(1.0)
-"""A mount is told that is off by so many deviations and by this [m, rad]."""
+"""A mount is reported that is off by so many deviations and by this [m, rad]."""
 FLICKERS = 0.2
 """Share of the steps from sweep to sweep in which a beam changes between valid and no return."""
 OTHERS_VALID = 0.5
@@ -276,7 +276,7 @@ SWEEP_RULES = (
         mend="clock",
     ),
 )
-"""Judged in this order; their findings are notes of all commands."""
+"""Evaluated in this order; their findings are notes of all commands."""
 
 LOG_RULES = (
     Rule(
@@ -400,7 +400,7 @@ LOG_RULES = (
     Rule("frames", "hint", lambda s: s.lacks_frame, "{0.topic}: the sweeps name no frame", mend="frames"),
     Rule("frames", "hint", lambda s: s.slashed, "{name}: tf2 takes no frame whose name begins with /", mend="frames"),
 )
-"""Judged by `info`, after `SWEEP_RULES`."""
+"""Evaluated by `info`, after `SWEEP_RULES`."""
 
 REPEATED_TOPIC = Rule(
     "duplicate",

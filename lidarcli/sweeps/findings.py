@@ -102,7 +102,7 @@ class Rule:
     chain: str = ""
     """Of rules of one chain the first that holds counts."""
     unless: Collection[str] = ()
-    """Identifiers of findings beside which this one says nothing new."""
+    """Identifiers of findings that make this one redundant."""
     mend: str = ""
     """Word of `clean --mend`; empty where nothing can mend it."""
 

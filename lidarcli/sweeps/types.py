@@ -105,7 +105,7 @@ T = TypeVar("T")
 
 @dataclass_transform(frozen_default=True, eq_default=False, field_specifiers=(column,))
 def record(cls: type[T]) -> type[T]:
-    """A dataclass whose fields are arrays: they stay what they are, as the type checker sees to.
+    """A dataclass whose fields are arrays: they stay what they are, as the type checker ensures.
 
     Arrays have no equality that is true or false, so neither have records. Without that, their text and a guard at run
     time a class is made in a third of the time; there are some forty of them, and most runs are short.
@@ -135,7 +135,7 @@ def worth_telling(statuses: Mapping[str, int]) -> dict[str, int]:
 
 
 def spared(sweeps: int) -> int:
-    """Return how many sweeps may show nothing where all are to be seen: one, or one in a hundred up to ten."""
+    """Return how many sweeps may show nothing where all should show something: one, or one in a hundred up to ten."""
     return max(1, min(sweeps // 100, 10))
 
 

@@ -38,26 +38,26 @@ HIDDEN, OUT_OF_VIEW, NO_FREE_SPACE, SHORT, AMBIGUOUS, POSES = range(len(CHANGE_W
 CERTAIN = -1
 """In place of a reason, where there is a status."""
 EXPLAINED, CHANGED = 0.15, 0.15
-"""[m] Changed cells this far around a thing belong to it; structure is in place up to this distance from that of the other
-run."""
+"""[m] Changed cells this far around an object belong to it; structure is in place up to this distance from that of the
+other run."""
 MIN_CHANGE, MIN_CELLS, MAX_CHANGES = 0.3, 4, 10_000
 """Least extent [m] and number of cells of a change of the structure, and most changes: runs with more are hardly of one
 place."""
 AROUND = 0.5
 """[m] What is this near to a place tells that it was in view."""
 MAX_STATIONS = 40
-"""Greatest number of places of the sensor from which a thing may have been hidden."""
+"""Greatest number of places of the sensor from which an object may have been hidden."""
 
 
 @record
 class Run:
-    """Evidence of a run: N standing things, the ground, and P places of its sensors."""
+    """Evidence of a run: N static objects, the space, and P places of its sensors."""
 
     things: Standing
     yaw: Float64
     """(N,) direction of the longer side [rad]."""
     ground: Ground | None
-    """None where only things are known."""
+    """None where only objects are known."""
     sensors: Float64
     """(P, 2) in the coordinates of the run [m]."""
 
@@ -72,7 +72,7 @@ class Run:
 
 
 class Change(NamedTuple):
-    """Change of a thing or piece of structure; coordinates of the first run, those of the second are in its own."""
+    """Change of an object or piece of structure; coordinates of the first run, those of the second are in its own."""
 
     kind: int
     """Index into `CHANGE_KINDS`."""
@@ -87,13 +87,13 @@ class Change(NamedTuple):
     looks: tuple[int, int]
     """Sweeps of both runs that could see the place; -1 where unknown."""
     free: tuple[float, float]
-    """Share of it that both runs saw free; NaN where unknown."""
+    """Share of it that both runs observed free; NaN where unknown."""
     first: int = -1
-    """Index of the thing of the first run; -1 for none."""
+    """Index of the object of the first run; -1 for none."""
     second: int = -1
-    """Index of the thing of the second run; -1 for none."""
+    """Index of the object of the second run; -1 for none."""
     place: tuple[float, ...] = ()
-    """x, y, yaw, length and width of a piece of structure [m, rad]; empty for things."""
+    """x, y, yaw, length and width of a piece of structure [m, rad]; empty for objects."""
 
 
 class Compared:
@@ -124,7 +124,7 @@ class Compared:
         self._changes: list[Change] = []
 
     def changes(self) -> list[Change]:
-        """Return all changes, things first; `TooManyError` where there are too many to tell."""
+        """Return all changes, objects first; `TooManyError` where there are too many to tell."""
         a, b = self._side(0), self._side(1)
         pairs = pairs_of(a, b)
         chance = probabilities(a, b, pairs)
@@ -153,7 +153,7 @@ class Compared:
         return self._changes
 
     def _side(self, side: int) -> Side:
-        """Return the things of a run with what is known of their places."""
+        """Return the objects of a run with what is known of their places."""
         run, free = self._runs[side], [spot.free for spot in self._spots[side]]
         more = unseen_ends(run.things, run.yaw, run.ground)
         return Side(self._things[side], self._yaw[side], more, np.array(free, np.float64))
@@ -161,7 +161,7 @@ class Compared:
     def _add_rest(
         self, alone: tuple[dict[int, UnpairedStatus], dict[int, UnpairedStatus]], near: Iterable[tuple[int, int]]
     ) -> None:
-        """Add what is in no pair yet: what is known, and what else stands in its place and is not certain, is one thing.
+        """Add what is in no pair yet: what is known, and what else stands in its place and is not certain, is one object.
 
         `near`: pairs in one place, the most probable first.
         """
@@ -177,10 +177,10 @@ class Compared:
         for j, each in after.items():
             self._add(*each, -1, j)
 
-    # Where a thing was hit, and what the other run saw there.
+    # Where an object was hit, and what the other run observed there.
 
     def _spots_of(self, side: int) -> list[Spot]:
-        """Return where things were hit, in the coordinates of the first run, and what the other run saw there."""
+        """Return where objects were hit, in the coordinates of the first run, and what the other run observed there."""
         boxes, ground = self._boxes[side], self._runs[side].ground
         points = np.empty((0, 2))
         if ground is not None:
@@ -191,7 +191,7 @@ class Compared:
         ]
 
     def _seen(self, side: int, points: Float64) -> Spot:
-        """Return what a run saw of some points."""
+        """Return what a run observed of some points."""
         ground, nearest = self._runs[side].ground, self._nearest[side]
         if ground is None or nearest is None:
             return Spot(points, np.nan, 0.0, 0.0, -1, 0)
@@ -209,13 +209,13 @@ class Compared:
             sweeps=int(np.median(passed[free])) if free.any() else 0,
         )
 
-    # Things.
+    # Objects.
 
     def _alone(self, side: int, k: int, chance: Float64, near: Bool, other: Bool, taken: list[int]) -> UnpairedStatus:
-        """Return the status of a thing of one run that is certainly one with none of the other run.
+        """Return the status of an object of one run that is certainly one with none of the other run.
 
-        By its probability of being one thing with each of these (M,); `near` are those in its place, `other` those of which
-        some of either place was seen free, `taken` those elsewhere that are certainly one with another thing.
+        By its probability of being one object with each of these (M,); `near` are those in its place, `other` those of
+        which some of either place was observed free, `taken` those elsewhere that are certainly one with another object.
         """
         spot = self._spots[side][k]
         there, alone = float(chance[near].sum()), max(0.0, 1.0 - float(chance.sum()))
@@ -224,10 +224,10 @@ class Compared:
             # It is in its place, whichever of several it is.
             status, score = KNOWN, there
         elif alone < 1.0 - self._least and not there:
-            # It was moved, but nobody knows which one it is.
+            # It was moved, but it is unknown which one it is.
             return ambiguous
         elif spot.is_free and self._seen(side, spot.points).is_free:
-            # Its own run saw nothing there most of the time: it flickers, or stayed for a while.
+            # Its own run observed nothing there most of the time: it flickers, or stayed for a while.
             return UnpairedStatus(UNCERTAIN, SHORT, 0.0)
         elif spot.is_free:
             # It may be one that is found elsewhere, but nothing tells so.
@@ -238,7 +238,7 @@ class Compared:
             # Another one took its place.
             return ambiguous
         elif spot.near >= FREE_SHARE and not self._is_covered(side, k, taken):
-            # The other run takes it for a part of the building, or saw something else of it.
+            # The other run takes it for a part of the building, or observed something else of it.
             status, score = KNOWN, spot.near / (spot.near + spot.free)
         elif spot.passed >= FREE_SHARE:
             return UnpairedStatus(UNCERTAIN, SHORT, 0.0)
@@ -250,11 +250,11 @@ class Compared:
         return UnpairedStatus(UNCERTAIN, SHORT if spot.is_free and not there else AMBIGUOUS, score)
 
     def _is_covered(self, side: int, k: int, taken: list[int]) -> bool:
-        """Tell whether a thing that has another partner stands in the place of this one in the other run."""
+        """Return whether an object that has another partner stands in the place of this one in the other run."""
         return bool(within(self._boxes[1 - side][taken, :2], self._boxes[side][k], BESIDE).any())
 
     def _out_of_sight(self, side: int, spot: Spot) -> int:
-        """Tell why the other run did not see a place: what hides it was not there, or parts around it were seen."""
+        """Return why the other run did not see a place: what hides it was not there, or parts around it were observed."""
         run, old = self._runs[1 - side], self._nearest[side]
         nearest = self._nearest[1 - side]
         assert run.ground is not None
@@ -285,13 +285,13 @@ class Compared:
         return HIDDEN if known.mean() >= 0.25 else OUT_OF_VIEW
 
     def _add(self, status: int, why: int, score: float, i: int, j: int) -> None:
-        """Keep a thing; sizes are those of the run that has seen it, of both the second one."""
+        """Keep an object; sizes are those of the run that has observed it, of both the second one."""
         side, k = (1, j) if j >= 0 else (0, i)
         things = self._things[side]
         area = float(things.length[k] * things.width[k])
         before = self._spots[1][j] if j >= 0 else None
         after = self._spots[0][i] if i >= 0 else None
-        # What a run saw of a thing of its own is that thing.
+        # What a run observed of an object of its own is that object.
         looks = (
             self._own_looks(0, i) if before is None else before.looks,
             self._own_looks(1, j) if after is None else after.looks,
@@ -300,7 +300,7 @@ class Compared:
         self._changes.append(Change(THING, status, why, score, area, looks, free, i, j))
 
     def _own_looks(self, side: int, k: int) -> int:
-        """Return the number of sweeps that could see a thing of their own run."""
+        """Return the number of sweeps that could see an object of their own run."""
         ground = self._runs[side].ground
         if ground is None:
             return -1
@@ -311,7 +311,7 @@ class Compared:
     # Structure.
 
     def _structure(self, side: int) -> None:
-        """Find clusters of structure of one run where the other saw free ground."""
+        """Find clusters of structure of one run where the other observed free space."""
         here, there = self._runs[side].ground, self._runs[1 - side].ground
         nearest = self._nearest[1 - side]
         if here is None or there is None or nearest is None or not len(here.points):
@@ -347,7 +347,7 @@ class Compared:
 
 
 class UnpairedStatus(NamedTuple):
-    """Status of a thing that is in no pair."""
+    """Status of an object that is in no pair."""
 
     status: int
     why: int
@@ -356,24 +356,24 @@ class UnpairedStatus(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Spot:
-    """Place of the hits of a thing, and what the other run saw of it."""
+    """Place of the hits of an object, and what the other run observed of it."""
 
     points: Float64
     """(K, 2) in the coordinates of the first run [m]."""
     free: float
-    """Share that was seen free by `SEEN_FREE` sweeps; NaN where nobody knows."""
+    """Share that was observed free by `SEEN_FREE` sweeps; NaN where it is unknown."""
     passed: float
-    """Share that was seen free by any sweep."""
+    """Share that was observed free by any sweep."""
     near: float
     """Share within `CHANGED` of structure of the other run."""
     looks: int
-    """Most sweeps that saw any of it; -1 where unknown."""
+    """Most sweeps that observed any of it; -1 where unknown."""
     sweeps: int
-    """Sweeps that saw free what was free, the median."""
+    """Sweeps that observed free what was free, the median."""
 
     @property
     def is_free(self) -> bool:
-        """True if enough of it was seen free."""
+        """True if enough of it was observed free."""
         return self.free >= FREE_SHARE
 
     @property

@@ -1,6 +1,6 @@
 """Extents of static objects by what their run observed of the space around them.
 
-A track measures an object sweep by sweep. Of one that is partly hidden, or seen from many places, all hits together say
+A track measures an object sweep by sweep. Of one that is partly hidden, or observed from many places, all hits together say
 more. A side ends where free space was observed beyond it; where nothing was observed there, it may go on.
 """
 
@@ -18,20 +18,20 @@ from lidarcli.formalism.matching.free_space import SEEN_FREE, Buckets, Ground
 from lidarcli.sweeps.types import Bool, Float64, Int64
 
 BESIDE, OUTSIDE = 0.05, 0.1
-"""[m] Points this far around a box belong to its thing; hits of a thing farther outside show that its track measured too
+"""[m] Points this far around a box belong to its object; hits of an object farther outside show that its track measured too
 little."""
 LINKED = 0.11
-"""[m] Greatest step between the hits of one thing, along each axis; of coarse cells a little over two."""
+"""[m] Greatest step between the hits of one object, along each axis; of coarse cells a little over two."""
 MIN_SIDE, UNKNOWN_WIDTH = 0.06, 0.2
-"""[m] Least side of a box, and width of a thing of which only one side was seen, or its length if that is less."""
+"""[m] Least side of a box, and width of an object of which only one side was observed, or its length if that is less."""
 MIN_HITS = 3
-"""Least number of occupied cells by which a thing is measured."""
+"""Least number of occupied cells by which an object is measured."""
 MEASURED_SD = 0.01
 """[m] Standard deviation of a side that was measured by occupied cells."""
 EDGE_CELLS = 1.5
-"""Cells at the edges of a face that may be seen free beside the thing."""
+"""Cells at the edges of a face that may be observed free next to the object."""
 THIN = 0.15
-"""[m] Hits of several things are those of one thin wall if they lie within this width."""
+"""[m] Hits of several objects are those of one thin wall if they lie within this width."""
 SIZES = ("length", "width")
 NEAR_EDGE = 0.1
 """[m] Points farther from all edges of a rectangle count as this."""
@@ -40,7 +40,7 @@ TURNS = (np.radians(np.arange(-45.0, 45.0, 1.5)), np.radians(np.arange(-1.5, 1.7
 
 
 def box_of(things: Standing, yaw: Float64, k: int) -> Float64:
-    """Return x, y, yaw, length and width of a thing; sizes that are unknown are guessed."""
+    """Return x, y, yaw, length and width of an object; sizes that are unknown are guessed."""
     length, width = float(things.length[k]), float(things.width[k])
     length = MIN_SIDE if not length > MIN_SIDE else length
     width = min(length, UNKNOWN_WIDTH) if not width > 0 else max(width, MIN_SIDE)
@@ -48,7 +48,7 @@ def box_of(things: Standing, yaw: Float64, k: int) -> Float64:
 
 
 def boxes_of(things: Standing, yaw: Float64) -> Float64:
-    """Return (N, 5) the boxes of things, as of `box_of`."""
+    """Return (N, 5) the boxes of objects, as of `box_of`."""
     return np.array([box_of(things, yaw, k) for k in range(len(things))]).reshape(-1, 5)
 
 
@@ -80,9 +80,9 @@ def within(points: Float64, box: Float64, around: float) -> Bool:
 
 
 def measured(things: Standing, yaw: Float64, ground: Ground) -> tuple[Standing, Float64, Int64]:
-    """Return things and the directions of their longer sides by all that their run hit of them, and their indices.
+    """Return objects and the directions of their longer sides by all that their run hit of them, and their indices.
 
-    One whose hits go on into those of another one or of the building stays as it is. Faces of one thin wall are one thing.
+    One whose hits go on into those of another one or of the building stays as it is. Faces of one thin wall are one object.
     """
     if not len(ground.points):
         return things, yaw, np.arange(len(things))
@@ -146,9 +146,9 @@ def _turned(points: Float64, angle: Float64, sizes: Int64) -> tuple[Float64, Flo
 
 
 def unseen_ends(things: Standing, yaw: Float64, ground: Ground | None) -> Float64:
-    """Return (N, 2) how far length and width of things may go on, at both ends together, until free ground [m].
+    """Return (N, 2) how far length and width of objects may go on, at both ends together, until free space [m].
 
-    `ground` is what their own run saw, in their coordinates; without one nothing is known to go on.
+    `ground` is what their own run observed, in their coordinates; without one nothing is known to go on.
     """
     found = np.zeros((len(things), 2))
     if ground is None:

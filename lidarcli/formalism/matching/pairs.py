@@ -17,67 +17,68 @@ from lidarcli.formalism.matching.free_space import Buckets
 from lidarcli.sweeps.types import Bool, Float64, Int64, record
 
 SAME_PLACE = 0.2
-"""[m] A thing is in its place up to this distance, …"""
+"""[m] An object is in its place up to this distance, …"""
 PLACE_SD, UNSIZED_SD = 0.03, 0.1
-"""[m] … or three standard deviations: of a thing whose sizes are known, and of others."""
+"""[m] … or three standard deviations: of an object whose sizes are known, and of others."""
 REPLACED = 0.02
-"""Odds of another thing having taken the place of one, against it being the same."""
+"""Odds of another object having taken the place of one, against it being the same."""
 MOVES = 0.08
-"""Odds of a thing having been moved within its room, against one having gone and another one having come; near places are
+"""Odds of an object having been moved within its room, against one having gone and another one having come; near places are
 likelier by the inverse of 1 m and the distance."""
 FREE_SHARE, ANY_FREE = 0.5, 0.25
-"""Least share of where a thing was hit that has been seen free, and that becomes free where it is moved by less than its
-size."""
+"""Least share of where an object was hit that has been observed free, and that becomes free where it is moved by less than
+its size."""
 VIEW_SIZE_SD, WRONG_VIEW = 0.02, 0.02
-"""[m] Standard deviation between two sizes of one thing that is seen from other sides, and the share of wrong ones."""
+"""[m] Standard deviation between two sizes of one object that is observed from other sides, and the share of wrong ones."""
 STANDING_SIZE_SD = 0.03
-"""[m] The same deviation of one that stands in a place of which some was seen free, whatever is hidden of its sides."""
+"""[m] The same deviation of one that is static in a place of which some was observed free, whatever is hidden of its
+sides."""
 GRAZING_SD = 0.1
-"""Standard deviation of a side, as a share of what was not seen at its ends: beams there are as far apart."""
+"""Standard deviation of a side, as a share of what was not observed at its ends: beams there are as far apart."""
 HALF_ENDS = 0.6
-"""[m] With so much unseen ground at its ends, one side in two ends where it was last seen."""
+"""[m] With so much unobserved space at its ends, one side in two ends where it was last observed."""
 ROUNDS = 60
 """Rounds of belief propagation."""
 FARTHEST = max(SAME_PLACE, 3.0 * math.hypot(UNSIZED_SD, UNSIZED_SD))
-"""[m] Greatest distance of one thing in its place from itself."""
+"""[m] Greatest distance of one object in its place from itself."""
 MAX_MOVED = 1000
-"""Most things of each run that have left their places and are looked for elsewhere."""
+"""Most objects of each run that have left their places and are looked for elsewhere."""
 
 
 @record
 class Side:
-    """N things of one run in the coordinates of the first one, and what is known of their places."""
+    """N objects of one run in the coordinates of the first one, and what is known of their places."""
 
     things: Standing
     yaw: Float64
     """(N,) direction of the longer side [rad]."""
     more: Float64
-    """(N, 2) how far length and width may go on where the own run saw nothing [m]."""
+    """(N, 2) how far length and width may go on where the own run observed nothing [m]."""
     free: Float64
-    """(N,) share of where it was hit that the other run saw free; NaN where nobody knows."""
+    """(N,) share of where it was hit that the other run observed free; NaN where it is unknown."""
 
     def rows(self, index: Int64) -> Side:
-        """Return some of the things."""
+        """Return some of the objects."""
         return Side(self.things.rows(index), self.yaw[index], self.more[index], self.free[index])
 
     @property
     def left(self) -> Bool:
-        """(N,) True if the place was seen free."""
+        """(N,) True if the place was observed free."""
         return self.free >= FREE_SHARE
 
     @property
     def stays(self) -> Bool:
-        """(N,) True if hardly any of the place was seen free."""
+        """(N,) True if hardly any of the place was observed free."""
         return self.free < ANY_FREE
 
     @property
     def some_free(self) -> Bool:
-        """(N,) True if some of the place was seen free."""
+        """(N,) True if some of the place was observed free."""
         return self.free >= ANY_FREE
 
 
 class Pairs(NamedTuple):
-    """P pairs of things of two runs, by index of the first and then of the second."""
+    """P pairs of objects of two runs, by index of the first and then of the second."""
 
     first: Int64
     second: Int64
@@ -86,11 +87,10 @@ class Pairs(NamedTuple):
 
 
 def pairs_of(a: Side, b: Side) -> Pairs:
-    """Return all pairs that may be one thing, or hide each other; `TooManyError` if too many have left their places.
+    """Return all pairs that may be one object, or hide each other; `TooManyError` if too many have left their places.
 
-    Middles of things of which other sides were seen may be farther apart; then one is within the other, and neither place
-    has become free.
-    """
+    Middles of objects of which other sides were observed may be farther apart; then one is within the other, and neither
+    place has become free."""
     places = [np.column_stack([each.things.x, each.things.y]) for each in (a, b)]
     boxes, count = [boxes_of(each.things, each.yaw) for each in (a, b)], len(b.things)
     # Anything that has left its place may be anything that has come.
@@ -117,7 +117,7 @@ def _away(a: Standing, b: Standing) -> tuple[Float64, Float64]:
 
 
 def probabilities(first: Side, second: Side, pairs: Pairs) -> Float64:
-    """Return (P,) the probability of each pair being one thing."""
+    """Return (P,) the probability of each pair being one object."""
     if not len(pairs.first):
         return np.empty(0)
     a, b = first.rows(pairs.first), second.rows(pairs.second)
@@ -125,7 +125,7 @@ def probabilities(first: Side, second: Side, pairs: Pairs) -> Float64:
     away, sd = _away(one, other)
     off = np.minimum(away / np.maximum(sd, SAME_PLACE / 3.0), 3.0)
     like = alike(one, other)
-    # What was seen through where the other one stands has to be as large.
+    # What was observed through where the other one stands has to be as large.
     large = np.minimum(like, alike(one, other, STANDING_SIZE_SD, WRONG_VIEW))
     stays = np.exp(np.where(a.some_free | b.some_free, large, like) - 0.5 * off**2) / REPLACED
     named = (one.label >= 0) & (one.label == other.label)
@@ -138,7 +138,7 @@ def probabilities(first: Side, second: Side, pairs: Pairs) -> Float64:
 
 
 def _nearer(away: Float64, one: Standing, other: Standing) -> Float64:
-    """Return how much likelier than anywhere in the room in which things stand their places at a distance [m] are."""
+    """Return how much likelier than anywhere in the room in which objects stand their places at a distance [m] are."""
     x, y = (np.concatenate([getattr(one, axis), getattr(other, axis)]) for axis in ("x", "y"))
     # Of places all over a disc.
     radius = math.sqrt(max(2.0 * float(np.var(x) + np.var(y)), MIN_AREA / math.pi))
@@ -146,19 +146,19 @@ def _nearer(away: Float64, one: Standing, other: Standing) -> Float64:
 
 
 def same_sizes(a: Side, b: Side) -> Float64:
-    """Return (P,) the log-likelihood ratio of two things being one, by their sizes, shapes and labels.
+    """Return (P,) the log-likelihood ratio of two objects being one, by their sizes, shapes and labels.
 
-    A side is as it was measured, or where nothing was seen beyond it anything up to its most.
+    A side is as it was measured, or where nothing was observed beyond it anything up to its most.
     """
     one, other = _sides(a.things, a.more), _sides(b.things, b.more)
     straight = _side(one[0], other[0]) + _side(one[1], other[1])
-    # Of which side too little was seen, nobody knows whether it is the longer one.
+    # Of which side too little was observed, it is unknown whether it is the longer one.
     crossed = _side(one[0], other[1]) + _side(one[1], other[0])
     return np.maximum(straight, crossed) + coded(a.things, b.things)
 
 
 Sides = tuple[Float64, Float64, Float64]
-"""Sizes of things, their standard deviations, and how far they may go on [m]."""
+"""Sizes of objects, their standard deviations, and how far they may go on [m]."""
 
 
 def _sides(things: Standing, more: Float64) -> tuple[Sides, Sides]:

@@ -1,8 +1,8 @@
 """Which tracks are agents (set A, Def. 4): what passes through places that are free before it comes or after it has gone.
 
 A track is parted into stretches at its jumps. A stretch has a score, the probability that it goes: by how clearly its
-places are seen free, by how many of them lie on its way, and by its greatest step. After a jump it is still the same
-agent, unless something stood at the new place while it was seen elsewhere.
+places are observed free, by how many of them lie on its path, and by its greatest step. After a jump it is still the same
+agent, unless something stood at the new place while it was observed elsewhere.
 """
 
 from __future__ import annotations
@@ -65,7 +65,7 @@ AGENTS = AgentRules()
 
 
 @dataclass(frozen=True, slots=True)
-class Verdict:
+class AgentVerdict:
     """Verdict on a track in each of the S sweeps of a window and the next one."""
 
     agent: Bool
@@ -76,8 +76,8 @@ class Verdict:
     """(S,) probability that it has gone by then; NaN where the place of the sensor is not known."""
 
 
-def judge(sightings: Any, track: Track, at: Int64, step: Int64, time: Float64, moving: UInt8, least: float) -> Verdict:
-    """Judge a track that seems to move.
+def judge(sightings: Any, track: Track, at: Int64, step: Int64, time: Float64, moving: UInt8, least: float) -> AgentVerdict:
+    """Evaluate a track that seems to move.
 
     Parameters
     ----------
@@ -121,7 +121,7 @@ def judge(sightings: Any, track: Track, at: Int64, step: Int64, time: Float64, m
         onset = min((part.onset for part in track.parts if part.moved), default=0)
         agent[:] = goes[:] = (sightings.sweep[at[firsts]] >= onset) & ~own
         score[:] = math.nan
-    every = Verdict(*(np.zeros(len(time), values.dtype) for values in (agent, goes, score)))
+    every = AgentVerdict(*(np.zeros(len(time), values.dtype) for values in (agent, goes, score)))
     every.agent[seen], every.goes[seen], every.score[seen] = agent, goes & ~own, score
     return every
 
@@ -134,7 +134,7 @@ def _first_row(when: Float64, picks: Int64) -> int:
 
 
 def _left(sightings: Any, row: int) -> bool:
-    """Return whether the place of a sighting is seen free afterwards: what stood there has gone."""
+    """Return whether the place of a sighting is observed free afterwards: what was static there has gone."""
     looks = np.empty((1, 4))
     sightings.keyframes.count_looks(sightings.recorded, np.array([row], np.int64), looks)
     free, hits = looks[0, 2:].tolist()
@@ -142,7 +142,7 @@ def _left(sightings: Any, row: int) -> bool:
 
 
 def _rests_as_another(sightings: Any, place: Any, when: Float64, rows: Int64, rests: Bool, far: float) -> Bool:
-    """Return which of the last places of a track are those of another thing: it stood there while the track was elsewhere.
+    """Return which of the last places of a track are those of another object: it stood there while the track was elsewhere.
 
     `rests`: which of them may be.
     """

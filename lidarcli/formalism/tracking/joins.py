@@ -65,8 +65,8 @@ def join(sightings: Any, tracklets: dict[int, Tracklet], is_placed: bool) -> Non
     Parameters
     ----------
     sightings : sightings of the window and the next one (`windows.WindowSightings`)
-    tracklets : tracklets that were seen often enough, by number
-    is_placed : True if the place of the sensor is known: then legs beside a person are given to that person
+    tracklets : confirmed tracklets, by number
+    is_placed : True if the place of the sensor is known: then legs next to a person are given to that person
     """
     new = [tracklets[number] for number in sightings.in_window if tracklets[number].track is None]
     merge_duplicates(sightings, new, tracklets)
@@ -139,7 +139,8 @@ def _track_of(tracklet: Tracklet) -> Track:
 
 
 def _join_halves(sightings: Any, new: list[Tracklet], tracklets: dict[int, Tracklet]) -> None:
-    """Join two moving tracklets that are one thing in two parts: the later begins beside the earlier, which ends there."""
+    """Join two moving tracklets that are one object in two parts: the later begins next to the earlier, which ends
+    there."""
     for later in new:
         if later.member or not later.moved:
             continue
@@ -223,7 +224,7 @@ def stitch_costs(ends: list[TrackEnd], begins: list[TrackEnd]) -> Float64:
     earlier, later = (np.array([piece.tracklet.moved for piece in pieces]) > 0 for pieces in (ends, begins))
     after = times[1] - times[0][:, None]
     gap = np.maximum(after, 0.0)
-    # One that stands now may have moved while hidden.
+    # One that is static now may have moved while hidden.
     one = earlier[:, None] | later
     allowed = np.minimum(JOIN.distance + np.where(one, JOIN.speed, 0.0) * gap, JOIN.max_distance)
     apart = places[1] - places[0][:, None]
@@ -254,7 +255,7 @@ def _follows(earlier: TrackEnd, later: TrackEnd) -> bool:
 
 
 def _may_be_one(sightings: Any, earlier: TrackEnd, later: TrackEnd) -> bool:
-    """Return whether one thing can be both pieces: it was hidden in between, and has not left the view."""
+    """Return whether one object can be both pieces: it was hidden in between, and has not left the view."""
     pieces, gap = (earlier.tracklet, later.tracklet), later.time - earlier.time
     if not sightings.is_placed:
         return True
@@ -263,7 +264,7 @@ def _may_be_one(sightings: Any, earlier: TrackEnd, later: TrackEnd) -> bool:
     free, outside, left = sightings.keyframes.uncovered(sensor, earlier.time, earlier.place, later.time, later.place, width)
     stood = [piece.last_time - piece.first_time for piece in pieces if not piece.moved]
     if len(stood) == 2:
-        # What stood for a while is known by its place.
+        # What was static for a while is known by its place.
         return bool(free <= JOIN.longest_uncovered or max(stood) >= SHORTEST_STAND)
     if all(piece.kind != PERSON for piece in pieces):
         return bool(free + outside <= JOIN.longest_uncovered)
@@ -277,11 +278,11 @@ def _may_be_one(sightings: Any, earlier: TrackEnd, later: TrackEnd) -> bool:
 
 
 def _stood(sightings: Any, earlier: TrackEnd, later: TrackEnd) -> bool:
-    """Return whether a later piece stood where it begins while the earlier one was seen elsewhere."""
+    """Return whether a later piece stood where it begins while the earlier one was observed elsewhere."""
     if sightings.keyframes is None or abs(later.place - earlier.place) <= 2.0 * max(earlier.tracklet.h) + MIN_WAY:
         return False
     row = sightings.keep[sightings.spans[later.tracklet.number].start]
-    # What stands now is who has gone only if its place was seen free.
+    # What is static now is who has gone only if its place was observed free.
     stands = earlier.tracklet.moved and not later.tracklet.moved
     return bool(sightings.keyframes.stood(sightings.recorded, int(row), -math.inf, earlier.time, bool(stands)))
 
@@ -297,7 +298,7 @@ def _first_end(sightings: Any, tracklet: Tracklet) -> TrackEnd:
 
 
 def _last_end(sightings: Any, tracklet: Tracklet) -> TrackEnd:
-    """Return the last place of a tracklet that is its own, and its velocity there; one that never moved still stands."""
+    """Return the last place of a tracklet that is its own, and its velocity there; one that never moved is still static."""
     piece = TrackEnd(tracklet, tracklet.last_sweep, tracklet.last_time, complex(*tracklet.place(still=not tracklet.moved)))
     if tracklet.final is not None:
         piece.place, piece.velocity = tracklet.final
@@ -337,7 +338,7 @@ def _speed(sightings: Any, at: Int64) -> complex:
 
 
 def differ(one: Tracklet, other: Tracklet) -> bool:
-    """Return whether two tracklets that were both seen whole differ too much in size to be one."""
+    """Return whether two tracklets that were both observed whole differ too much in size to be one."""
     if one.has_legs or other.has_legs:
         # A person on two legs is not large.
         single = other if one.has_legs else one
@@ -348,7 +349,7 @@ def differ(one: Tracklet, other: Tracklet) -> bool:
 
 
 def _join_legs(sightings: Any, tracklets: dict[int, Tracklet]) -> None:
-    """Join slim tracklets that stand at a steady distance: they are the legs of one thing."""
+    """Join slim tracklets that are static at a steady distance: they are the legs of one object."""
     legs = [tracklets[number] for number in sorted(sightings.spans) if _is_leg(tracklets[number])]
     place = np.array([complex(*leg.place(still=True)) for leg in legs])
     apart = np.abs(place - place[:, None])
@@ -368,12 +369,12 @@ def _join_legs(sightings: Any, tracklets: dict[int, Tracklet]) -> None:
 
 
 def _is_leg(tracklet: Tracklet) -> bool:
-    """Return whether a tracklet may be a leg of a thing that stands."""
+    """Return whether a tracklet may be a leg of a static object."""
     return not (tracklet.moved or tracklet.member) and tracklet.kind == DISC and 2.0 * max(tracklet.h) <= JOIN.leg_width
 
 
 def _are_seen_together(sightings: Any, one: Tracklet, other: Tracklet) -> bool:
-    """Return whether two tracklets are often seen in the same sweeps, at a steady distance."""
+    """Return whether two tracklets are often observed in the same sweeps, at a steady distance."""
     at, among = sightings.spans[one.number], sightings.spans[other.number]
     _, i, j = np.intersect1d(sightings.sweep[at], sightings.sweep[among], assume_unique=True, return_indices=True)
     if len(i) < max(JOIN.together_sweeps, JOIN.together_share * min(at.stop - at.start, among.stop - among.start)):

@@ -2,7 +2,7 @@
 
 A target is a rectangle with the half extents h along two axes, or a disc. Along each axis a filter estimates its centre
 c, velocity v and half extent h, because a side measures only c + h or c - h: no reference point can jump from corner to
-corner. A *static model* estimates c and h as if the target stood still; motion has to be shown against it.
+corner. A *static model* estimates c and h as if the target was static; motion has to be shown against it.
 """
 
 from __future__ import annotations
@@ -24,19 +24,19 @@ QUARTER_TURN = 0.5 * math.pi
 ACCELERATION, ANGULAR_ACCELERATION = 0.6, 0.02
 """[m²/s³], [rad²/s³] Spectral densities of a target's acceleration and angular acceleration."""
 EXTENT_GROWTH, STANDING_GROWTH = 1e-5, 1e-7
-"""[m²/s] Growth of the variance of a half extent, as of a plant in the wind, and of a standing target's place, as poses
+"""[m²/s] Growth of the variance of a half extent, as of a plant in the wind, and of a static target's place, as poses
 err."""
 SPEED_SD, TURN_RATE_SD = 0.7, 0.15
 """[m/s], [rad/s] Standard deviations of the velocity and the turn rate of a new target."""
 MAX_TURN, FASTEST_TURN = math.radians(15.0), 2.0
 """Greatest turn of a target from one sweep to the next [rad], and greatest turn rate [rad/s]."""
 UNSEEN_VAR = 0.0025
-"""[m²] Variance that is added to the place of a standing target while it is not seen: (5 cm)²."""
+"""[m²] Variance that is added to the place of a static target while it is not observed: (5 cm)²."""
 MAX_RESIDUAL, MIN_VAR = 16.0, 1e-8
 """Greatest squared residual, as a multiple of its variance: a larger one counts as this; least variance, against rounding
 [m²]."""
 NEW_EXTENT = 0.15
-"""[m] Length that a new target may go on beyond an end that was not seen."""
+"""[m] Length that a new target may go on beyond an end that was not observed."""
 LOG_INTEGERS = ("number", "sweep", "sensor", "object", "centred", "whole")
 LOG_NUMBERS = (
     *("time", "x", "y", "cos", "sin", "half_1", "half_2", "chord"),
@@ -60,7 +60,7 @@ class Targets:
         self.number = native.at_longs(_new(self.arrays, "number", capacity, np.int64))
         self.kind = native.at_longs(_new(self.arrays, "kind", capacity, np.int64))
         self.sightings = native.at_longs(_new(self.arrays, "sightings", capacity, np.int64))
-        """Number of sweeps that saw it."""
+        """Number of sweeps that observed it."""
         self.kind_hits = native.at_longs(_new(self.arrays, "kind_hits", capacity, np.int64))
         """Number of sightings since its kind was chosen; of a person, its legs in this sweep."""
         self.boxy = native.at_longs(_new(self.arrays, "boxy", capacity, np.int64))
@@ -75,7 +75,7 @@ class Targets:
         self.member = native.at_longs(_new(self.arrays, "member", capacity, np.int64))
         """Number of the person that it is a leg of, 0 for none."""
         self.sensors = native.at_longs(_new(self.arrays, "sensors", capacity, np.int64))
-        """Bits of the sensors that have seen it."""
+        """Bits of the sensors that have observed it."""
         self.measurement = native.at_longs(_new(self.arrays, "measurement", capacity, np.int64))
         """Measurement in this sweep, -1 for none."""
         self.first_sweep = native.at_longs(_new(self.arrays, "first_sweep", capacity, np.int64))
@@ -138,7 +138,7 @@ class Targets:
         """Expected value of that sum for straight faces."""
         self.leg_x = native.at_doubles(_new(self.arrays, "leg_x", MAX_LEGS * capacity, np.float64))
         self.leg_y = native.at_doubles(_new(self.arrays, "leg_y", MAX_LEGS * capacity, np.float64))
-        """Mean places of legs beside it that are too slim to be objects [m]."""
+        """Mean places of legs next to it that are too slim to be objects [m]."""
         self.leg_hits = native.at_longs(_new(self.arrays, "leg_hits", MAX_LEGS * capacity, np.int64))
         """Number of sightings of each of these legs."""
         self.shape_votes = native.at_doubles(_new(self.arrays, "shape_votes", 5 * capacity, np.float64))
@@ -191,13 +191,13 @@ def reset(targets: Targets, b: int) -> None:
 
 
 def mark_seen(targets: Targets, b: int, sensor: int) -> None:
-    """Note that a sensor has seen a target."""
+    """Note that a sensor has observed a target."""
     one = 1
     targets.sensors[b] |= one << sensor
 
 
 def has_seen(targets: Targets, b: int, sensor: int) -> bool:
-    """Return whether a sensor has ever seen a target: one that is mounted higher may look over it."""
+    """Return whether a sensor has ever observed a target: one that is mounted higher may look over it."""
     return (targets.sensors[b] >> sensor) & 1 == 1
 
 
@@ -270,7 +270,7 @@ def _mix(values: Any, at: int, keep: float, give: float) -> None:
 
 
 def predict(targets: Targets, b: int, dt: float, drift_var: float) -> None:
-    """Predict a target after a time dt [s]. `drift_var`: variance that is added to standing targets as poses drift [m²]."""
+    """Predict a target after a time dt [s]. `drift_var`: variance that is added to static targets as poses drift [m²]."""
     if targets.kind[b] == BOX:
         targets.yaw_var[b] += (
             dt * (2.0 * targets.yaw_cov[b] + dt * targets.rate_var[b]) + ANGULAR_ACCELERATION * dt * dt * dt / 3.0
@@ -450,7 +450,7 @@ class Sightings:
         """Number of sweeps before."""
         self.sensor = native.at_longs(arrays["sensor"])
         self.object = native.at_longs(arrays["object"])
-        """Number of objects before its own, in the order in which they were seen."""
+        """Number of objects before its own, in the order in which they were observed."""
         self.centred = native.at_longs(arrays["centred"])
         """1 if z[0] and z[2] are the centre, 0 if they are sides."""
         self.whole = native.at_longs(arrays["whole"])

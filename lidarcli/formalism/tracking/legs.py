@@ -50,7 +50,7 @@ class LegTrajectory:
     """Sightings of a slim track, or of a slim tracklet without one, and the places of its S sweeps."""
 
     owner: int
-    """Number of the tracklet that was seen most."""
+    """Number of the tracklet that was observed most."""
     at: Int64
     """(N,) sightings in the order of the log."""
     moves: bool
@@ -103,7 +103,7 @@ def assign_legs(sightings: Any, tracklets: dict[int, Tracklet]) -> None:
     Parameters
     ----------
     sightings : the sightings (`windows.WindowSightings`), of which `owner` changes
-    tracklets : tracklets that were seen often enough, by number
+    tracklets : confirmed tracklets, by number
     """
     legs = _leg_trajectories(sightings, tracklets)
     if not legs:
@@ -163,7 +163,7 @@ def _leg_trajectories(sightings: Any, tracklets: dict[int, Tracklet]) -> list[Le
 
 
 def _merge_legs(sightings: Any, legs: list[LegTrajectory]) -> None:
-    """Give a track that goes beside a person to that person, run by run."""
+    """Give a track that goes next to a person to that person, run by run."""
     first, last = (np.array([leg.sweep[i] for leg in legs]) for i in (0, -1))
     persons = np.array([leg.is_person for leg in legs])
     together = (first <= last[:, None]) & (persons | persons[:, None])
@@ -182,7 +182,7 @@ def _merge_legs(sightings: Any, legs: list[LegTrajectory]) -> None:
 
 
 def _give_runs(sightings: Any, person: LegTrajectory, leg: LegTrajectory) -> None:
-    """Give the sightings of a leg to a person in the runs of sweeps in which it is beside that person."""
+    """Give the sightings of a leg to a person in the runs of sweeps in which it is next to that person."""
     after = np.minimum(np.searchsorted(person.sweep, leg.sweep), len(person.sweep) - 1)
     before = np.maximum(after - 1, 0)
     pause = np.minimum(np.abs(leg.time - person.time[before]), np.abs(leg.time - person.time[after]))

@@ -111,7 +111,7 @@ def set_jacobian(
 
 
 def update_pose_error(pose_error: PoseErrorFilter, targets: Targets, a: int, off: float, var: float, axis: int) -> None:
-    """Update the estimate with the residual of a side of a standing target [m] along axis a, after `set_jacobian`."""
+    """Update the estimate with the residual of a side of a static target [m] along axis a, after `set_jacobian`."""
     s = var + POSE_SIDE_VAR
     expected = 0.0
     for i in range(3):

@@ -198,7 +198,7 @@ def _correct_sensor_pose(
     if tracker.moves and own > 0.0:
         dx, dy, rotated = x - pose_error.last[last], y - pose_error.last[last + 1], yaw - pose_error.last[last + 2]
         rotated -= measurement.TURN * math.floor(rotated / measurement.TURN + 0.5)
-        # Of the time since the last sweep of this sensor others may have seen the robot go most.
+        # Of the time since the last sweep of this sensor others may have observed the robot go most.
         share = dt / own
         tracker.travelled, tracker.rotated = share * math.sqrt(dx * dx + dy * dy), share * abs(rotated)
         if own >= SHORTEST_STEP:
@@ -215,7 +215,7 @@ def _correct_sensor_pose(
 
 
 def _drift_variance(tracker: SweepTracker, targets: Targets, meas: Measurements, b: int) -> float:
-    """Return the variance by which a standing target seems to move, because poses drift as the sensor moves [m²]."""
+    """Return the variance by which a static target seems to move, because poses drift as the sensor moves [m²]."""
     dx, dy = targets.from_x[b] - meas.x, targets.from_y[b] - meas.y
     distance2 = min(dx * dx + dy * dy, FARTHEST_DRIFT * FARTHEST_DRIFT)
     return tracker.travelled * (POSE_DRIFT + YAW_DRIFT * distance2) + tracker.rotated * TURN_DRIFT * distance2
@@ -358,7 +358,7 @@ def _try_box(tracker: SweepTracker, targets: Targets, meas: Measurements, b: int
 
 
 def _observe_pose_error(tracker: SweepTracker, targets: Targets, meas: Measurements, b: int, k: int) -> None:
-    """Learn the error of the poses from the sides of a target that stands."""
+    """Learn the error of the poses from the sides of a target that is static."""
     tells = targets.moved[b] == 0 and targets.kind_hits[b] >= POSE_SIGHTINGS and targets.evidence[b] < MAX_POSE_EVIDENCE
     for i in range(2):
         u_x, u_y = kalman.to_world(targets, b, 1.0 - i, 1.0 * i)

@@ -48,7 +48,7 @@ SIZE_MEASUREMENT = np.dtype(
     ]
 )
 """Of an object in one sweep: sides along both axes of the box and the extent across the line of sight [m], NaN where
-not seen; their standard deviations [m]; direction of the first axis in the world [rad]; standard deviation of the
+not observed; their standard deviations [m]; direction of the first axis in the world [rad]; standard deviation of the
 distance of two legs at that range [m]; median intensity, NaN without; first and last beam as one number."""
 
 SizeMeasurements: TypeAlias = NDArray[np.void]
@@ -100,7 +100,7 @@ class _SizeEstimate:
             self.intensity = before + float((lit - before).sum()) / self.lit
 
     def estimate(self) -> Float64:
-        """Return (SIZES, 2) each size and its standard deviation [m]; NaN where it was not seen."""
+        """Return (SIZES, 2) each size and its standard deviation [m]; NaN where it was not observed."""
         if self.known is not None:
             return self.known
         result = np.full((SIZES, 2), np.nan)
@@ -134,8 +134,8 @@ def _mean(count: Float64, weight: Float64, size: Float64) -> tuple[float, float]
     return float((share * size).sum() / total), float(np.hypot(math.sqrt(variance), SIZE.min_sd))
 
 
-class Naming:
-    """Naming of the tracks of one topic, window by window."""
+class TrackLabels:
+    """TrackLabels of the tracks of one topic, window by window."""
 
     def __init__(self, catalogue: Catalogue) -> None:
         self._catalogue = catalogue
@@ -159,9 +159,9 @@ class Naming:
         Parameters
         ----------
         pieces : measurements of K objects
-        number : (K,) number of the tracklet of each object, 0 without one that was seen often enough
+        number : (K,) number of the tracklet of each object, 0 without one that is confirmed
         axes : (K,) direction of the first axis of the tracklet at the time [rad]; NaN for a disc
-        known : tracklets that were seen often enough, by number
+        known : confirmed tracklets, by number
         """
         if not pieces:
             return
@@ -182,8 +182,8 @@ class Naming:
             off = measured["yaw"][rows] - (axes[rows] if is_box else sizes.yaw)
             sizes.take(measured, rows, np.abs(np.sin(off)) > np.abs(np.cos(off)))
 
-    def name(self, tracks: list[Track]) -> None:
-        """Name tracks by all that was seen of them so far."""
+    def label(self, tracks: list[Track]) -> None:
+        """Label tracks by all that was observed of them so far."""
         if not tracks:
             return
         rows = [self._of(track) for track in tracks]
@@ -228,4 +228,4 @@ _MEASURED = (
     *("side_1", "side_1_sd", "side_2", "side_2_sd", "least_1", "least_2", "least_sd", "across", "across_sd"),
     *("span_1", "span_2", "span_sd"),
 )
-"""Fields of `Evidence` that are NaN where nothing was seen."""
+"""Fields of `Evidence` that are NaN where nothing was observed."""

@@ -1,8 +1,8 @@
 """The tracker: follows objects from sweep to sweep (§3, matching and tracking).
 
-Sensors whose places in one world are known are followed together, sweep by sweep in the order of time: a thing has one
-track, whichever sensor sees it. Any other sensor has a follower of its own: it says nothing of what another one sees.
-"""
+Sensors whose places in one world are known are followed together, sweep by sweep in the order of time: an object has one
+track, whichever sensor observes it. Any other sensor has a follower of its own: it says nothing of what another one
+observes."""
 
 from __future__ import annotations
 
@@ -27,14 +27,14 @@ from lidarcli.formalism.tracking.measurement import Detections, Measurements
 from lidarcli.formalism.tracking.pose_filter import PoseErrorFilter
 from lidarcli.formalism.tracking.results import TrackedBatch, Tracks, Trajectories
 from lidarcli.formalism.tracking.sweep_tracker import SweepTracker
-from lidarcli.formalism.tracking.track_labels import Naming, SizeMeasurements
+from lidarcli.formalism.tracking.track_labels import SizeMeasurements, TrackLabels
 from lidarcli.formalism.tracking.tracks import Track, tracks_of
 from lidarcli.formalism.tracking.trajectories import SWEEP, standing
 from lidarcli.formalism.tracking.windows import RESULT, TrackRegistry, Window, WindowResult
 from lidarcli.sweeps.types import Bool, Float64, Int32, Int64, SweepBatch
 
 WINDOW = 256
-"""Number of sweeps of a window, for each sensor. Its rows are settled once the next window has been seen.
+"""Number of sweeps of a window, for each sensor. Its rows are settled once the next window has been observed.
 
 The windows of all followers end together, as soon as that of one of them is full.
 """
@@ -179,8 +179,8 @@ class Tracker:
         Parameters
         ----------
         parameters : parameters of the tracking
-        catalogue : things of interest, which give tracks their names
-        together : topics and frames of the sensors whose poses are in one world, where they follow the same things
+        catalogue : objects of interest, which give tracks their names
+        together : topics and frames of the sensors whose poses are in one world, where they follow the same objects
         before : number of tracks of other trackers: numbers go on
         """
         self.parameters = parameters or TrackParameters()
@@ -201,7 +201,7 @@ class Tracker:
         self._doubted: set[tuple[str, str]] = set()
         """Sensors whose poses some of their sweeps contradict."""
         self._standing: dict[tuple[int, int], Standing] = {}
-        """Run and sensor → whether it stands, where nothing else tells."""
+        """Run and sensor → whether it is static, where nothing else tells."""
         self._settled_paths: list[Trajectories] = []
         """Rows of runs that have ended."""
         self._pending: list[_PendingBatch] = []
@@ -266,13 +266,13 @@ class Tracker:
                 name += f" ({sensors[0][1] or 'without a name'})"
             pose_error, moves = follower.tracker.pose_error, follower.tracker.moves
             sweeps = follower.register.sweeps
-            # Many things may move where a sensor stands, and about one whose poses fit.
+            # Many objects may move where a sensor is static, and about one whose poses fit.
             placed = sweeps.of(0, sweeps.count)["placed"]
             doubted = any(sensor in self._doubted for sensor in sensors) if moves else placed.mean() < NOTES.static_share
             self.notes += notes_of(name, pose_error, follower.register.tracks if doubted else [], moves)
 
     def _end_run(self) -> None:
-        """End all tracks, as the clock starts anew; numbers go on."""
+        """End all tracks, as the clock starts again; numbers go on."""
         self._settle_all()
         self._windows.append({})
         for index, ended in enumerate(self._followers):
@@ -324,7 +324,7 @@ class Tracker:
         if self._catalogue is not None:
             then = poses[detection.row]
             then[:, 2] += shares * motion[detection.row, 2]
-            sizes = Naming(self._catalogue).measure(batch, detection, then)
+            sizes = TrackLabels(self._catalogue).measure(batch, detection, then)
         pending = _PendingBatch(batch, detection, np.empty(len(detection), RESULT), len(batch))
         self._pending.append(pending)
         each = (batch.sweep, batch.stamp_ns, batch.seconds(), posed, sensor, placed)
@@ -408,9 +408,9 @@ class Tracker:
         return min(sensor - self._together + (self._together > 0), MAX_SENSORS - 1)
 
     def _follower(self, index: int) -> _Follower:
-        """Return a follower that has seen nothing yet."""
-        naming = None if self._catalogue is None else Naming(self._catalogue)
-        register = TrackRegistry(self.parameters.agent_score, naming, self._tracks, self._before)
+        """Return a follower that has observed nothing yet."""
+        labels = None if self._catalogue is None else TrackLabels(self._catalogue)
+        register = TrackRegistry(self.parameters.agent_score, labels, self._tracks, self._before)
         return _Follower(register, self._together if self._together and not index else 1)
 
     def _settle(self) -> None:
@@ -484,7 +484,7 @@ def _posed(batch: SweepBatch) -> Bool:
 
 
 def _poses(batch: SweepBatch) -> Float64:
-    """Return (S, 4) x, y, yaw and side of the sensor; without poses it is taken to stand."""
+    """Return (S, 4) x, y, yaw and side of the sensor; without poses it is taken as static."""
     poses = batch.poses
     if poses is None:
         return np.tile([0.0, 0.0, 0.0, 1.0], (len(batch), 1))
@@ -499,7 +499,7 @@ def share_moving(sweeps: Sequence[int], moved: Sequence[bool]) -> float | None:
 
     Parameters
     ----------
-    sweeps, moved : for each track the sweeps that saw it, and whether it ever moved
+    sweeps, moved : for each track the sweeps that observed it, and whether it ever moved
     """
     long = [moves for count, moves in zip(sweeps, moved, strict=True) if count >= NOTES.long_track]
     if len(long) < NOTES.min_tracks or sum(long) <= NOTES.max_moving * len(long):

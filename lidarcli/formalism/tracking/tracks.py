@@ -1,4 +1,4 @@
-"""Tracklets that were seen often enough, the tracks they are parts of, and the rows of the tracks table."""
+"""Confirmed tracklets, the tracks they are parts of, and the rows of the tracks table."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from lidarcli.formalism.tracking.results import BOX, END_OF_LOG, ENDED, PERSON, 
 from lidarcli.sweeps.types import Int64
 
 LEG_SHARE = 0.25
-"""Share of the sightings of a tracklet in which a leg beside it has to be seen."""
+"""Share of the sightings of a tracklet in which a leg next to it has to be observed."""
 WHOLE_SIGHTINGS = 3
 """Sightings of both legs of a person, or both ends of a tracklet, that are enough."""
 KNOWN_SIZE_SD = 0.15
@@ -24,17 +24,18 @@ STRAIGHT_POINTS, BULGE_SPREAD = 60.0, 0.25
 """Least number of points of faces that decide whether the faces are straight, and standard deviation of the logarithm of
 the squared distances from straight ones, over what noise explains."""
 LEGGED_ODDS, MIN_SHAPE_ODDS = 20.0, 0.2
-"""[log-odds] Advantage of the shape legged where legs were seen, and least advantage of a shape over the next one."""
+"""[log-odds] Advantage of the shape legged where legs were observed, and least advantage of a shape over the next one."""
 LEG_DISTANCE_SD, ONE_LEG = 0.03, 0.1
-"""[m] Standard deviation of the distance of two legs, of which the fronts are seen; places closer than this are one leg."""
+"""[m] Standard deviation of the distance of two legs, of which the fronts are visible; places closer than this are one
+leg."""
 STANDING_LEGS_APART = 0.65
-"""[m] Greatest distance of a leg to the next one of its thing."""
+"""[m] Greatest distance of a leg to the next one of its object."""
 RIGHT_ANGLE = 0.5 * math.pi
 
 
 @dataclass(slots=True, eq=False)
 class Tracklet:
-    """A tracklet that was seen often enough, as it was at the end of a window; fields as in `kalman.Targets`."""
+    """A confirmed tracklet, as it was at the end of a window; fields as in `kalman.Targets`."""
 
     number: int
     kind: int = 0
@@ -68,7 +69,7 @@ class Tracklet:
     final: tuple[complex, complex] | None = None
     """Last place x + iy [m] and velocity there [m/s], once the sightings are settled."""
     row_shape: int = UNKNOWN
-    """Shape in the rows, by what was seen so far."""
+    """Shape in the rows, by what was observed so far."""
     track: Track | None = None
 
     def take(self, columns: dict[str, list[Any]], k: int) -> None:
@@ -78,16 +79,16 @@ class Tracklet:
 
     @property
     def has_legs(self) -> bool:
-        """True for a person whose two legs were seen at once."""
+        """True for a person whose two legs were observed at once."""
         return self.kind == PERSON and self.whole >= WHOLE_SIGHTINGS
 
     @property
     def size_is_known(self) -> bool:
-        """True once the size was seen often enough."""
+        """True once the size was observed often enough."""
         return (self.sightings if self.kind == PERSON else self.whole) >= WHOLE_SIGHTINGS and self.size > 0.0
 
     def place(self, still: bool) -> tuple[float, float]:
-        """Return the centre in the world [m], of the tracklet or of its static model that stands."""
+        """Return the centre in the world [m], of the tracklet or of its static model that is static."""
         along, across = self.static_c if still else self.c
         cos, sin = float(np.cos(self.yaw)), float(np.sin(self.yaw))
         return cos * along - sin * across, sin * along + cos * across
@@ -118,11 +119,11 @@ class Track:
 
     parts: list[Tracklet] = field(default_factory=list)
     number: int = 0
-    """1, 2, ... by first sight; 0 before its first row."""
+    """1, 2, ... by first sighting; 0 before its first row."""
     sensors: set[int] = field(default_factory=set)
-    """Those that saw it."""
+    """Those that observed it."""
     several: bool = False
-    """True if parts of it are seen side by side, as legs are."""
+    """True if parts of it are visible side by side, as legs are."""
     moved: bool = False
     is_agent: bool = False
     """True once a row of it is in set A."""
@@ -131,7 +132,7 @@ class Track:
     was_agent: bool = False
     agent_score: float = 0.0
     last_view: complex = 0.0
-    """Verdict on its last row of the settled windows (`agents.Verdict`), and where it was seen then, x + iy [m]."""
+    """Verdict on its last row of the settled windows, and where it was observed then, x + iy [m]."""
     best_score: float = math.nan
     """Greatest score so far; NaN where no place of the sensor was known."""
     first: tuple[int, int] = (0, 0)
@@ -147,14 +148,14 @@ class Track:
     distance: float = 0.0
     distance_hidden: float = 0.0
     seen_ns: int = 0
-    """Way that sweeps saw, the rest of its way [m], and the time of the first [ns] (`seen_steps`)."""
+    """Path that sweeps observed, the rest of its path [m], and the time of the first [ns] (`seen_steps`)."""
     seen_stop: int = -1
-    """Number of sweeps of the topic up to its last row, if that row is seen; else -1."""
+    """Number of sweeps of the topic up to its last row, if that row is visible; else -1."""
     speed_max: float = 0.0
     x: float = 0.0
     y: float = 0.0
     label: int = -1
-    """Index into the catalogue, by what was seen so far; -1 for none."""
+    """Index into the catalogue, by what was observed so far; -1 for none."""
     label_score: float = math.nan
     """Probability of the label."""
     state: NDArray[np.float64] | None = None
@@ -162,10 +163,11 @@ class Track:
     path_stop: int = -1
     """Number of sweeps of the topic up to its last one of the settled windows; -1 before its first row."""
     static_codes: list[NDArray[np.uint8]] = field(default_factory=list)
-    """Bytes of its last sweeps while it stands (`PARTS_MASK`), whose rows are pending."""
+    """Bytes of its last sweeps while it is static (`PARTS_MASK`), whose rows are pending."""
 
     def prune(self, stop: int) -> None:
-        """Keep, of the tracklets that have ended, the one that was seen most and the last one: the tables need no other.
+        """Keep, of the tracklets that have ended, the one that was observed most and the last one: the tables need no
+        other.
 
         `stop`: number of sweeps of the topic that are settled.
         """
@@ -253,7 +255,7 @@ def place_of(track: Track) -> tuple[float, float, float, float, float]:
 
 
 def main_part(track: Track) -> Tracklet:
-    """Return the part that was seen most often."""
+    """Return the part that was observed most often."""
     return max(track.parts, key=lambda part: (part.sightings, -part.number))
 
 
@@ -268,7 +270,7 @@ def frame_of_legs(track: Track) -> dict[str, float] | None:
         return None
     places: list[tuple[float, float]] = []
     parts = _side_by_side(track) if track.several else [main_part(track)]
-    # From leg to next leg, the one that was seen most first: what is farther off came and went as another thing.
+    # From leg to next leg, the one that was observed most first: what is farther off came and went as another object.
     ahead = [place for part in parts for place in (part.place(True), *part.legs)]
     while near := [
         place for place in ahead if not places or min(math.dist(place, one) for one in places) < STANDING_LEGS_APART
@@ -290,7 +292,8 @@ def frame_of_legs(track: Track) -> dict[str, float] | None:
 
 
 def _side_by_side(track: Track) -> list[Tracklet]:
-    """Return the legs of a track that were followed at one time, of all such times those seen most; the best one first."""
+    """Return the legs of a track that were followed at one time, of all such times those observed most; the best one
+    first."""
     legs = [part for part in track.parts if part.kind != PERSON] or track.parts
     times = [[other for other in legs if other.first_sweep <= part.first_sweep <= other.last_sweep] for part in legs]
     found = max(times, key=lambda parts: (sum(part.sightings for part in parts), len(parts)))

@@ -14,20 +14,19 @@ from lidarcli.formalism.tracking.tracks import Track, place_of
 from lidarcli.sweeps.types import Bool, Float64, Int32, Int64, UInt8
 
 PARTS_MASK, PARTLY_BIT = 63, 64
-"""A byte for a sweep of a track: the number of its parts that are seen, and whether more of it is hidden."""
+"""A byte for a sweep of a track: the number of its parts that are visible, and whether more of it is hidden."""
 LONGEST_STEP, PAUSE = 1.0, 3.0
-"""[s] A longer step from row to row is a pause of the log, in which nothing was seen, unless it is less than so many times
-the median step."""
+"""[s] A longer step from row to row is a pause of the log, in which nothing was observed, unless it is less than so many
+times the median step."""
 MAX_ROWS = 65_536
 """Rows that are handed out at once, about."""
 
 
 def seen_steps(seconds: Float64, seen: Bool, sensor: NDArray[np.integer[Any]]) -> Bool:
-    """Return (N,) whether sweeps saw a track all the way to each of its rows from the one before.
+    """Return (N,) whether sweeps observed a track all the path to each of its rows from the one before.
 
-    They saw the way between two rows that are seen if no other sweep of the sensor of the latter lies between them, and no
-    pause of the log. The rows are those of one track in the order of time, with the sensor of each.
-    """
+    They observed the path between two rows that are visible if no other sweep of the sensor of the latter lies between
+    them, and no pause of the log. The rows are those of one track in the order of time, with the sensor of each."""
     at, steps = np.flatnonzero(seen), np.diff(seconds)
     before = np.full(len(seen), -1)
     for one in np.unique(sensor):
@@ -56,7 +55,7 @@ class Path:
     """(S,) 1 where it moves."""
 
     def add_way(self, sweeps: Sweeps) -> None:
-        """Add the way of the piece to that of the track, apart what sweeps saw of it and what they did not."""
+        """Add the path of the piece to that of the track, apart what sweeps observed of it and what they did not."""
         track, place, stop = self.track, self.path[:, :2], self.begin + len(self.codes)
         seen = self.codes & PARTS_MASK > 0
         # The row before is the last one of the piece before.
@@ -154,7 +153,7 @@ class Sweeps:
 
 
 def standing(sweeps: Sweeps, tracks: list[Track]) -> Iterator[Trajectories]:
-    """Yield the pending rows of what stands: one place each, by all that was seen of it."""
+    """Yield the pending rows of what is static: one place each, by all that was observed of it."""
     pending: list[Path] = []
     rows = 0
     for track in tracks:
@@ -177,7 +176,7 @@ def standing(sweeps: Sweeps, tracks: list[Track]) -> Iterator[Trajectories]:
 
 
 def joined(sweeps: Sweeps, pieces: list[Path]) -> Trajectories:
-    """Return the rows of pieces of paths, one after the other, and add their ways to those of the tracks."""
+    """Return the rows of pieces of paths, one after the other, and add their paths to those of the tracks."""
     for piece in pieces:
         piece.add_way(sweeps)
     lengths = [len(piece.codes) for piece in pieces]
