@@ -43,14 +43,34 @@ def _rows(path: Path) -> Iterator[tuple[str, str, str]]:
     package = Path(formalism.__file__).parent.parent
     module = importlib.import_module(".".join(("lidarcli", *path.relative_to(package).with_suffix("").parts)))
     body = ast.parse(path.read_text(encoding="utf-8")).body
-    for statement, after in zip(body, [*body[1:], None], strict=True):
-        if not isinstance(statement, ast.Assign | ast.AnnAssign):
+    records = {statement.name: statement for statement in body if isinstance(statement, ast.ClassDef)}
+    for statement, words in _explained(body):
+        if _is_borrowed(statement.value):
             continue
         names = [node.id for node in ast.walk(statement) if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store)]
         values = [_number(getattr(module, name, None)) for name in names if name.isupper()]
         if names and len(values) == len(names) and all(values):
-            told = isinstance(after, ast.Expr) and isinstance(after.value, ast.Constant) and str(after.value.value)
-            yield ", ".join(f"`{name}`" for name in names), ", ".join(values), " ".join((told or "").split())
+            yield ", ".join(f"`{name}`" for name in names), ", ".join(values), words
+        elif names and isinstance(statement.value, ast.Call) and (record := records.get(ast.unparse(statement.value.func))):
+            # A record of the thresholds of one stage, with the values that its class declares.
+            for field, meaning in _explained(record.body):
+                target = ast.unparse(field.target) if isinstance(field, ast.AnnAssign) else ""
+                if value := _number(getattr(getattr(module, names[0]), target, None)):
+                    yield f"`{names[0]}.{target}`", value, meaning
+
+
+def _explained(body: list[ast.stmt]) -> Iterator[tuple[ast.Assign | ast.AnnAssign, str]]:
+    """Yield the assignments of a module or class, each with its docstring."""
+    for statement, after in zip(body, [*body[1:], None], strict=True):
+        if isinstance(statement, ast.Assign | ast.AnnAssign):
+            words = isinstance(after, ast.Expr) and isinstance(after.value, ast.Constant) and str(after.value.value)
+            yield statement, " ".join((words or "").split())
+
+
+def _is_borrowed(value: ast.expr | None) -> bool:
+    """True for constants of other modules: `results.MAX_LEGS`, or several of them."""
+    parts = value.elts if isinstance(value, ast.Tuple) else [value]
+    return all(isinstance(part, ast.Attribute) for part in parts)
 
 
 def _number(value: Any) -> str:

@@ -90,7 +90,7 @@ def odds(trees: Trees, prior: float, features: Float64) -> Float64:
 
 HEAD = '''"""The trees that tell things from pieces of building. Written by `python -m benchmarks.thing`: do not edit.
 
-A tree is its questions and its leaves, as `features.Trees` goes through them. A question is a feature (its place in
+A tree is its questions and its leaves, as `verdict.Trees` goes through them. A question is a feature (its place in
 `features.NAMES`), a bound, and what the leaves below it add on average; a leaf is what it adds to the log-odds.
 """
 

@@ -13,7 +13,7 @@ from rosbags.serde import SerdeError
 
 from lidarcli.options.times import SECOND_NS
 from lidarcli.ros.messages import ROS1, ROS2, SCAN
-from lidarcli.sweeps.findings import ASIDE, FAR, OFF
+from lidarcli.sweeps.finding_rules import ASIDE, FAR, OFF
 from lidarcli.sweeps.range_rules import RangeRules, normalise
 from lidarcli.sweeps.types import TURN, Float32, Int64, RawSweeps, Status
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from lidarcli.display.texts import Facts, counted, shown, span
@@ -9,25 +11,39 @@ from lidarcli.options.choices import STATION_ANGLE, STATION_DISTANCE
 from lidarcli.sweeps.range_rules import NEAREST
 from lidarcli.sweeps.types import TURN, Bool, Closure, Float32, Float64, Int32, Int64, SweepBatch, SweepPoses, record
 
-# Stations, "a map linking each LASER sweep to a certain position". Sweeps with other bearings, or taken beside a station,
-# are projected onto its bearings. Because odometry alone is not exact enough, they are first aligned with what it has seen.
+# Stations, "a map linking each LASER sweep to a certain position". Sweeps with other bearings, or taken next to a station,
+# are projected onto its bearings. Because odometry alone is not exact enough, they are first aligned with what it has
+# observed.
 
-STILL_DISTANCE, STILL_ANGLE = 1e-3, 1e-4
-"""[m], [rad] Greatest shift of a sensor that is parked."""
+
+@dataclass(frozen=True)
+class AlignmentRules:
+    """How sweeps are laid onto a background."""
+
+    static_distance: float = 1e-3
+    """[m] A sensor that moves by less is parked, ..."""
+    static_angle: float = 1e-4
+    """[rad] ... if it also turns by less."""
+    line_window: float = 0.035
+    """[rad] Half width of the windows in which lines are fitted, 2°: of wider ones fewer walls are straight."""
+    straight_rms: float = 0.05
+    """[m] Points with a greater rms from their line are not on one."""
+    points: int = 180
+    """Of a sweep with more points so many are aligned."""
+    reaches: tuple[float, ...] = (0.4, 0.4, 0.3, 0.2, 0.15, 0.1, 0.1)
+    """[m] Points further from their line are left out, round by round."""
+    point_sd: float = 0.03
+    """[m] Standard deviation of a point across its line."""
+    place_sd: float = 0.1
+    """[m] Standard deviation of the odometry: it decides where the lines do not, as along a corridor."""
+    heading_sd: float = 0.05
+    """[rad] Standard deviation of its heading."""
+
+
+ALIGN = AlignmentRules()
+
 SAME_BEAM = 0.05
 """Greatest difference between two bearings that are the same, as a share of a step."""
-LINE_WINDOW = 0.035
-"""[rad] Half width of the windows in which lines are fitted: 2°."""
-STRAIGHT_RMS = 0.05
-"""[m] Greatest rms of a line."""
-ALIGNED_POINTS = 180
-"""Greatest number of points of a sweep that are aligned."""
-LINE_REACHES = (0.4, 0.4, 0.3, 0.2, 0.15, 0.1, 0.1)
-"""[m] Greatest distance of a point from its line, round by round."""
-POINT_ERROR = 0.03
-"""[m] Standard deviation of a point across its line."""
-POSE_ERROR, HEADING_ERROR = 0.1, 0.05
-"""[m], [rad] Standard deviations of the odometry, which decides where the lines do not, as along a corridor."""
 
 
 def joined(parts: list[SweepPoses]) -> SweepPoses:
@@ -55,10 +71,12 @@ class Shift:
 
     @property
     def none(self) -> Bool:
-        """(S,) True for sensors that stand at their station."""
-        still: Bool = (np.hypot(self.x, self.y) <= STILL_DISTANCE) & (np.abs(self.yaw) <= STILL_ANGLE)
+        """(S,) True for sensors that are static at their station."""
+        still: Bool = (np.hypot(self.x, self.y) <= ALIGN.static_distance) & (np.abs(self.yaw) <= ALIGN.static_angle)
         if self.way is not None:
-            still &= (np.hypot(self.way[:, 0], self.way[:, 1]) <= STILL_DISTANCE) & (np.abs(self.way[:, 2]) <= STILL_ANGLE)
+            still &= (np.hypot(self.way[:, 0], self.way[:, 1]) <= ALIGN.static_distance) & (
+                np.abs(self.way[:, 2]) <= ALIGN.static_angle
+            )
         return still
 
     def rows(self, index: Int64) -> Shift:
@@ -66,7 +84,7 @@ class Shift:
         return Shift(self.x[index], self.y[index], self.yaw[index], None if self.way is None else self.way[index])
 
     def during(self, share: Float64) -> tuple[Float64, Float64, Float64]:
-        """Return (S, B) the way ahead, left [m], turned [rad] of the sensor at shares (S, B) of its sweep."""
+        """Return (S, B) the path ahead, left [m], turned [rad] of the sensor at shares (S, B) of its sweep."""
         if self.way is None:
             nowhere = np.zeros((len(self.x), 1))
             return nowhere, nowhere, nowhere
@@ -75,7 +93,7 @@ class Shift:
 
 
 def shift(poses: SweepPoses, places: SweepPoses) -> Shift:
-    """Return the poses (S,) as seen from a place each (S,); no shift where one of the two is unknown."""
+    """Return the poses (S,) as observed from a place each (S,); no shift where one of the two is unknown."""
     dx, dy = poses.x - places.x, poses.y - places.y
     side = np.where(places.upside_down, -1.0, 1.0)
     cos, sin = np.cos(places.yaw), np.sin(places.yaw)
@@ -173,8 +191,7 @@ class Grid:
 
     def bearings(self) -> Float64:
         """Return (B,) the bearings [rad]."""
-        bearings: Float64 = self.angle_min + self.angle_increment * np.arange(self.beams, dtype=np.float64)
-        return bearings
+        return self.angle_min + self.angle_increment * np.arange(self.beams, dtype=np.float64)
 
     def beam(self, bearing: Float64) -> Int32:
         """Return the beams with the nearest bearings, -1 out of view; arrays of any shape."""
@@ -220,7 +237,7 @@ def project(batch: SweepBatch, grid: Grid, moved: Shift | None) -> tuple[Int32, 
 
 
 def expected(batch: SweepBatch, grid: Grid, ranges: Float64, moved: Shift) -> Float64:
-    """Return (S, B) the ranges [m] that sensors beside a station would see of the ranges (S, C) of the station.
+    """Return (S, B) the ranges [m] that sensors next to a station would see of the ranges (S, C) of the station.
 
     These are inf without a surface, NaN if unknown. Where several fall on one beam the nearest counts, NaN where none does.
     """
@@ -275,7 +292,7 @@ def lines(grid: Grid, ranges: Float64) -> Lines:
     u = 1/r of a line is a sinusoid, nearly linear over a few degrees.
     """
     step = grid.angle_increment
-    reach = max(2, round(LINE_WINDOW / abs(step)))
+    reach = max(2, round(ALIGN.line_window / abs(step)))
     known = np.isfinite(ranges) & (ranges > 0)
     u = 1.0 / np.where(known, ranges, 1.0)
     offset = np.arange(-reach, reach + 1)
@@ -294,7 +311,7 @@ def lines(grid: Grid, ranges: Float64) -> Lines:
     moment = float(np.square(offset).sum())
     slope /= moment
     rms = np.sqrt(np.maximum(square / count - mean * mean - slope * slope * moment / count, 0.0))
-    straight = whole & (rms < STRAIGHT_RMS * mean * mean)
+    straight = whole & (rms < ALIGN.straight_rms * mean * mean)
     if not grid.period:
         straight[:, :reach] = False
         straight[:, grid.beams - reach :] = False
@@ -311,11 +328,11 @@ def align(batch: SweepBatch, grid: Grid, known: Lines, station: Int64, start: Sh
     """Return the shifts of the sensor from its stations (S,), by aligning each sweep with the lines `known` of its station.
 
     Points look for the line in their direction; their distances are made small by robust least squares. Where the lines
-    leave a direction open, as in a corridor, `start`, the shifts by the poses, decides. People and new things are too far
+    leave a direction open, as in a corridor, `start`, the shifts by the poses, decides. People and new objects are too far
     from any line to count.
     """
     # The choice of columns does not depend on the widest sweep of the batch, so that sums do not either.
-    column = np.arange(0, grid.beams, max(1, -(-grid.beams // ALIGNED_POINTS)))
+    column = np.arange(0, grid.beams, max(1, -(-grid.beams // ALIGN.points)))
     bearing = batch.angle_min[:, None] + batch.angle_increment[:, None] * column
     there = np.minimum(column, max(batch.width - 1, 0))
     ranges = batch.ranges[:, there].astype(np.float64)
@@ -325,9 +342,9 @@ def align(batch: SweepBatch, grid: Grid, known: Lines, station: Int64, start: Sh
     x, y = ranges * np.cos(bearing + turn) + ahead, ranges * np.sin(bearing + turn) + left
     pose = np.stack([start.x, start.y, start.yaw], axis=1)
     guess = pose.copy()
-    prior = np.diag(1.0 / np.square([POSE_ERROR, POSE_ERROR, HEADING_ERROR]))
+    prior = np.diag(1.0 / np.square([ALIGN.place_sd, ALIGN.place_sd, ALIGN.heading_sd]))
     row = station[:, None]
-    for reach in LINE_REACHES:
+    for reach in ALIGN.reaches:
         cos, sin = np.cos(pose[:, 2:]), np.sin(pose[:, 2:])
         turned_x, turned_y = cos * x - sin * y, sin * x + cos * y
         at_x, at_y = turned_x + pose[:, :1], turned_y + pose[:, 1:2]
@@ -337,7 +354,7 @@ def align(batch: SweepBatch, grid: Grid, known: Lines, station: Int64, start: Sh
         with np.errstate(invalid="ignore"):
             near = valid & (beam >= 0) & (np.abs(away) < reach)
         away = np.where(near, away, 0.0)
-        weight = np.where(near, np.square(1.0 - np.square(away / reach)), 0.0) / POINT_ERROR**2
+        weight = np.where(near, np.square(1.0 - np.square(away / reach)), 0.0) / ALIGN.point_sd**2
         lever = np.where(near, normal_y * turned_x - normal_x * turned_y, 0.0)
         parts = (np.where(near, normal_x, 0.0), np.where(near, normal_y, 0.0), lever)
         weighted = [weight * part for part in parts]
@@ -357,13 +374,13 @@ KNOWN_GAP = 0.05
 STEADY = 0.8
 """Share of the observations that back the background of a steady beam."""
 MAX_UNSTEADY = 0.4
-"""Greatest share of unsteady beams of a parked sensor. Among people it is up to 0.3; for a sensor that stood in two
+"""Greatest share of unsteady beams of a parked sensor. Among people it is up to 0.3; for a sensor that was static in two
 places, a metre or five degrees apart, it is 0.5 and more."""
 MAJORITY = 0.5
 """Share of the observations below which the support of a background is weak."""
 
 LATERAL = 0.05
-"""[m] Distance by which a surface may look wider from beside a station."""
+"""[m] Distance by which a surface may look wider from next to a station."""
 
 
 @shown

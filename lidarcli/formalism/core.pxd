@@ -1,9 +1,10 @@
 cimport cython
 
 from lidarcli.system cimport native
-from lidarcli.formalism cimport description, features, objects, segmentation, surfaces
+from lidarcli.formalism cimport description, features, objects, segmentation, surfaces, verdict
 from lidarcli.formalism.description cimport Columns, Description
-from lidarcli.formalism.features cimport Features, Verdict
+from lidarcli.formalism.features cimport Features
+from lidarcli.formalism.verdict cimport Verdict
 from lidarcli.formalism.objects cimport Bodies, Protrusions
 from lidarcli.formalism.segmentation cimport Breakpoints, Noise, Points, Scans, Segments
 from lidarcli.formalism.surfaces cimport Faces, Survey

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from typing import Any
 
-from lidarcli.formalism import description, features, objects, segmentation, surfaces
+from lidarcli.formalism import description, features, objects, segmentation, surfaces, verdict
 from lidarcli.formalism.description import Columns, Description
-from lidarcli.formalism.features import Features, Verdict
+from lidarcli.formalism.features import Features
 from lidarcli.formalism.objects import Bodies, Protrusions
 from lidarcli.formalism.parameters import Parameters
 from lidarcli.formalism.segmentation import Breakpoints, Noise, Points, Scans, Segments
 from lidarcli.formalism.surfaces import Faces, Survey
+from lidarcli.formalism.verdict import Verdict
 from lidarcli.system import native
 
 NAN = float("nan")
@@ -179,8 +180,8 @@ def _as_sensors_need(core: Core, scans: Scans) -> None:
     objects.join_fragments(core.bodies, core.survey, core.points, core.segments, core.survey.loose)
     features.gather(core.features, core.survey, core.points, core.segments, core.bodies)
     features.measure(core.features, core.survey, core.points, core.segments, core.faces, core.bodies, scans)
-    features.decide(core.verdict, core.features)
-    features.choose(core.survey, core.segments, core.features, core.verdict)
+    verdict.decide(core.verdict, core.features)
+    verdict.choose(core.survey, core.segments, core.features, core.verdict)
     for j in range(core.segments.count):
         core.survey.label[j] = core.bodies.label[j]
 

@@ -2,51 +2,29 @@ cimport cython
 cimport libc.math as math
 
 from lidarcli.system cimport native
-from lidarcli.formalism cimport segmentation, surfaces
+from lidarcli.formalism cimport circle_fit, segmentation, surfaces
+from lidarcli.formalism.circle_fit cimport Circle
 from lidarcli.formalism.objects cimport Bodies, Parts
 from lidarcli.formalism.segmentation cimport Points, Segments
 from lidarcli.formalism.surfaces cimport Faces, Survey
 
 
-cdef Py_ssize_t REFINEMENTS
-cdef double LARGEST, INFINITY
 cdef Py_ssize_t PRISMATIC, ROUND, IRREGULAR, UNKNOWN, ENOUGH_BEAMS, MAX_FACES
 cdef double FIT_FLOOR, STRAIGHT_FIT, SQUARE, COS_SQUARE, WORSE, ARC
 cdef double RIGHT_ANGLE_TOLERANCE, SIN_TWICE, TIE, SLIM
 
 
-cdef class Circle:
-    cdef list owner
-    cdef public Py_ssize_t n
-    cdef double* x
-    cdef double* y
-    cdef double centre_x, centre_y, radius, rms, middle_x, middle_y
-    cdef bint known
-    cdef double* u
-    cdef double* v
-    cdef double* from_x
-    cdef double* from_y
-    cdef double* distance
-
-
-cdef void fit_circle(Circle circle, double within) noexcept nogil
-cdef void _algebraic(Circle circle) noexcept nogil
-cdef void _measure(Circle circle) noexcept nogil
-cdef double _rms(Circle circle) noexcept nogil
-cdef void _refine(Circle circle) noexcept nogil
-
-
-cdef class Look:
+cdef class FaceFit:
     cdef readonly Py_ssize_t count, longest, second
     cdef readonly double rms
     cdef readonly bint square
 
 
 cdef void examine(
-    Look look, Faces faces, Parts parts, Py_ssize_t k, bint without_first, bint without_last
+    FaceFit look, Faces faces, Parts parts, Py_ssize_t k, bint without_first, bint without_last
 ) noexcept nogil
 cdef Py_ssize_t classify(
-    Look look, Circle circle, double sigma, double chord, double mean_x, double mean_y,
+    FaceFit look, Circle circle, double sigma, double chord, double mean_x, double mean_y,
     double max_width
 ) noexcept nogil
 
@@ -56,7 +34,7 @@ cdef class Box:
     cdef double low_u, high_u, low_v, high_v
 
 
-cdef void around_points(Box box, Look look, Faces faces, double* x, double* y, Py_ssize_t n) noexcept nogil
+cdef void around_points(Box box, FaceFit look, Faces faces, double* x, double* y, Py_ssize_t n) noexcept nogil
 cdef void _bound(
     Box box, double* x, double* y, Py_ssize_t begin, Py_ssize_t end, double along_x, double along_y
 ) noexcept nogil
@@ -92,7 +70,7 @@ cdef class Description:
     cdef bint adaptive, robust
     cdef Parts parts
     cdef Circle circle
-    cdef Look look
+    cdef FaceFit look
     cdef Box box
     cdef readonly Py_ssize_t n
     cdef double* x
@@ -121,7 +99,7 @@ cdef bint _is_hidden(Py_ssize_t edge) noexcept nogil
 cdef Py_ssize_t _visibility(Py_ssize_t start_edge, Py_ssize_t end_edge) noexcept nogil
 @cython.locals(before=Py_ssize_t, after=Py_ssize_t, whole=double)
 cdef void _drop_stray(
-    Description description, Faces faces, Parts parts, Circle circle, Box box, Look look, Py_ssize_t k
+    Description description, Faces faces, Parts parts, Circle circle, Box box, FaceFit look, Py_ssize_t k
 ) noexcept nogil
 @cython.locals(chord=double, x=double, y=double)
 cdef void _describe_shape(

@@ -2,7 +2,7 @@
 
 Definitions 6 and 7 give the vertices of an object, and the faces between them. The vertices of a part are its first point,
 the points between its faces, and its last point; a segment of a single point has one vertex. An inner vertex lies where
-its faces meet, which noise moves less than the point. A thing ends somewhere between the last beam that hits it and the
+its faces meet, which noise moves less than the point. An object ends somewhere between the last beam that hits it and the
 next one, which passes it.
 """
 
@@ -13,7 +13,8 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from lidarcli.formalism import detection, segmentation, surfaces
+from lidarcli.formalism import circle_fit, detection, segmentation, surfaces
+from lidarcli.formalism.circle_fit import Circle
 from lidarcli.formalism.objects import Bodies, Parts
 from lidarcli.formalism.segmentation import Points, Segments
 from lidarcli.formalism.surfaces import Faces, Survey
@@ -26,145 +27,6 @@ from lidarcli.system import native
 PRISMATIC, ROUND = detection.PRISMATIC, detection.ROUND
 IRREGULAR, UNKNOWN = detection.IRREGULAR, detection.UNKNOWN
 
-# The circle through the points of a round object: an algebraic first guess, then least squares of the true distances.
-
-REFINEMENTS = 4
-"""Gauss-Newton steps; the algebraic guess is near enough that more change nothing that matters."""
-LARGEST = 2.0
-"""[m] A circle larger than this is taken for a straight line: its centre is not determined."""
-INFINITY = float("inf")
-
-
-class Circle:
-    """A circle and the `n` points it is fitted to, joined from the parts of an object."""
-
-    def __init__(self, most: int) -> None:
-        """Make room for so many points."""
-        self.owner: list[Any] = []
-        self.n = 0
-        self.x = native.doubles(self.owner, most)
-        """Points, forward [m]."""
-        self.y = native.doubles(self.owner, most)
-        self.centre_x = 0.0
-        """[m]"""
-        self.centre_y = 0.0
-        self.radius = 0.0
-        self.rms = INFINITY
-        """Root mean square distance of the points from the circle [m]; inf where there is none."""
-        # The points from their middle, from the centre, and how far they are from that.
-        self.middle_x = 0.0
-        self.middle_y = 0.0
-        self.known = False
-        self.u = native.doubles(self.owner, most)
-        self.v = native.doubles(self.owner, most)
-        self.from_x = native.doubles(self.owner, most)
-        self.from_y = native.doubles(self.owner, most)
-        self.distance = native.doubles(self.owner, most)
-
-
-def fit_circle(circle: Circle, within: float) -> None:
-    """Fit the circle to the points, by the least squares of their distances from it.
-
-    The algebraic circle (Kåsa 1976), which is too small for short noisy arcs, is the start of a Gauss-Newton descent; one
-    that fits worse than `within` [m] is not refined, and its rms is inf.
-    """
-    _algebraic(circle)
-    rms = _rms(circle) if circle.known else INFINITY
-    circle.rms = INFINITY
-    if rms <= within:
-        for _ in range(REFINEMENTS):
-            _refine(circle)
-        if circle.known and circle.radius < LARGEST:
-            circle.rms = _rms(circle)
-    circle.centre_x += circle.middle_x
-    circle.centre_y += circle.middle_y
-
-
-def _algebraic(circle: Circle) -> None:
-    """The circle from linear equations, about the middle of the points."""
-    n, u, v = circle.n, circle.u, circle.v
-    sum_x, sum_y = 0.0, 0.0
-    for k in range(n):
-        sum_x += circle.x[k]
-        sum_y += circle.y[k]
-    middle_x, middle_y = sum_x / n, sum_y / n
-    for k in range(n):
-        u[k] = circle.x[k] - middle_x
-        v[k] = circle.y[k] - middle_y
-    circle.middle_x, circle.middle_y = middle_x, middle_y
-    uu, vv, uv, uw, vw = 0.0, 0.0, 0.0, 0.0, 0.0
-    for k in range(n):
-        w = u[k] * u[k] + v[k] * v[k]
-        uu += u[k] * u[k]
-        vv += v[k] * v[k]
-        uv += u[k] * v[k]
-        uw += u[k] * w
-        vw += v[k] * w
-    determinant = uu * vv - uv * uv
-    circle.known = determinant > 1e-9 * ((uu + vv) * (uu + vv))
-    circle.centre_x = circle.centre_y = 0.0
-    if circle.known:
-        circle.centre_x = 0.5 * (uw * vv - vw * uv) / determinant
-        circle.centre_y = 0.5 * (vw * uu - uw * uv) / determinant
-    a, b = circle.centre_x, circle.centre_y
-    circle.radius = math.sqrt(a * a + b * b + (uu + vv) / n)
-    _measure(circle)
-
-
-def _measure(circle: Circle) -> None:
-    """Compute the distances and directions of the points from the centre."""
-    from_x, from_y, distance = circle.from_x, circle.from_y, circle.distance
-    centre_x, centre_y = circle.centre_x, circle.centre_y
-    for k in range(circle.n):
-        dx, dy = circle.u[k] - centre_x, circle.v[k] - centre_y
-        from_x[k], from_y[k] = dx, dy
-        distance[k] = math.sqrt(dx * dx + dy * dy)
-
-
-def _rms(circle: Circle) -> float:
-    total = 0.0
-    for k in range(circle.n):
-        total += (circle.distance[k] - circle.radius) * (circle.distance[k] - circle.radius)
-    return math.sqrt(total / circle.n)
-
-
-def _refine(circle: Circle) -> None:
-    """One Gauss-Newton step; the radius is eliminated, which leaves two equations for the centre."""
-    n, distance, from_x, from_y = circle.n, circle.distance, circle.from_x, circle.from_y
-    mean, mean_x, mean_y = 0.0, 0.0, 0.0
-    for k in range(n):
-        inverse = 1.0 / max(distance[k], 1e-9)
-        from_x[k] *= inverse
-        from_y[k] *= inverse
-    for k in range(n):
-        mean += distance[k]
-        mean_x += from_x[k]
-        mean_y += from_y[k]
-    mean, mean_x, mean_y = mean / n, mean_x / n, mean_y / n
-    xx, yy, xy, rx, ry = 0.0, 0.0, 0.0, 0.0, 0.0
-    for k in range(n):
-        jx, jy, residual = mean_x - from_x[k], mean_y - from_y[k], distance[k] - mean
-        xx += jx * jx
-        yy += jy * jy
-        xy += jx * jy
-        rx += jx * residual
-        ry += jy * residual
-    determinant = xx * yy - xy * xy
-    circle.known = circle.known and determinant > 1e-12 * ((xx + yy) * (xx + yy))
-    if circle.known:
-        step_x, step_y = (ry * xy - rx * yy) / determinant, (rx * xy - ry * xx) / determinant
-        # No step beyond the radius: a nearly straight arc would throw the centre to infinity.
-        length = math.sqrt(step_x * step_x + step_y * step_y)
-        limit = min(1.0, max(circle.radius, 1e-9) / max(length, 1e-9))
-        circle.centre_x += step_x * limit
-        circle.centre_y += step_y * limit
-    _measure(circle)
-    total = 0.0
-    for k in range(n):
-        total += distance[k]
-    circle.radius = total / n
-
-
 # The category of an object by the topology of the faces that join its vertices.
 
 ENOUGH_BEAMS = 5
@@ -175,14 +37,14 @@ SQUARE = math.radians(35.0)
 """[rad] Faces of a prism meet within this of a right angle, and point their corner at the sensor."""
 COS_SQUARE = math.cos(SQUARE)
 MAX_FACES = 3
-"""Greatest number of faces of a box that are seen, even from its inside."""
+"""Greatest number of faces of a box that are visible, even from its inside."""
 WORSE = 1.5
 """Factor by which the algebraic circle may fit worse than the best one."""
 ARC = 1.0
 """A circle is believed where the chord of its arc is longer than this share of its radius: else any flat piece is one."""
 
 
-class Look:
+class FaceFit:
     """Fit of the faces of one object to its points."""
 
     def __init__(self) -> None:
@@ -197,7 +59,7 @@ class Look:
         self.second = -1
 
 
-def examine(look: Look, faces: Faces, parts: Parts, k: int, without_first: bool, without_last: bool) -> None:
+def examine(look: FaceFit, faces: Faces, parts: Parts, k: int, without_first: bool, without_last: bool) -> None:
     """Look at the faces of an object, all of them or without the first or the last one."""
     total, weight, before = 0.0, 0.0, -1
     first = faces.offset[parts.segment[parts.begin[k]]]
@@ -222,7 +84,9 @@ def examine(look: Look, faces: Faces, parts: Parts, k: int, without_first: bool,
     look.rms = math.sqrt(total / max(weight, 1.0))
 
 
-def classify(look: Look, circle: Circle, sigma: float, chord: float, mean_x: float, mean_y: float, max_width: float) -> int:
+def classify(
+    look: FaceFit, circle: Circle, sigma: float, chord: float, mean_x: float, mean_y: float, max_width: float
+) -> int:
     """Return PRISMATIC, ROUND, IRREGULAR or UNKNOWN; the circle is fitted where it may win.
 
     `chord` is the distance of the first point from the last one, `mean_x`, `mean_y` the mean of the points, all in metres.
@@ -234,7 +98,7 @@ def classify(look: Look, circle: Circle, sigma: float, chord: float, mean_x: flo
         # A circle has three parameters, c faces have 3c - 1: so many times worse may it fit to be simpler.
         handicap = math.exp((1.5 * look.count - 2.0) * math.log(n) / n)
         rival = max(look.rms, level) * handicap
-        fit_circle(circle, WORSE * rival)
+        circle_fit.fit_circle(circle, WORSE * rival)
         x, y = circle.centre_x, circle.centre_y
         if (
             max(circle.rms, level) < rival
@@ -276,7 +140,7 @@ class Box:
         self.high_v = 0.0
 
 
-def around_points(box: Box, look: Look, faces: Faces, x: Any, y: Any, n: int) -> None:
+def around_points(box: Box, look: FaceFit, faces: Faces, x: Any, y: Any, n: int) -> None:
     """Set the smaller of the rectangles around n points [m] that have a side along one of the two longest faces of an
     object.
 
@@ -375,7 +239,7 @@ class Columns:
 
 
 def has_room(columns: Columns, beams: int) -> bool:
-    """Tell if all objects of another sweep of so many beams can be added, however many there are."""
+    """Return if all objects of another sweep of so many beams can be added, however many there are."""
     return (
         columns.objects + beams <= columns.room_objects
         and columns.vertices + 2 * beams <= columns.room_vertices
@@ -440,7 +304,7 @@ def _trace_part(
 
 
 def _extend(description: Description, columns: Columns, points: Points, segments: Segments, faces: Faces, j: int) -> None:
-    """Extend a part past its first and its last vertex, by half a beam on average, if the thing ends there."""
+    """Extend a part past its first and its last vertex, by half a beam on average, if the object ends there."""
     count = faces.offset[j + 1] - faces.offset[j]
     first, last = segments.first[j], segmentation.last_point(segments, j)
     if surfaces.is_end(segments.start_edge[j]):
@@ -458,7 +322,7 @@ def _extend(description: Description, columns: Columns, points: Points, segments
 
 
 def _overhang(points: Points, faces: Faces, f: int, at: int, inner: int, side: float) -> float:
-    """Return the way along a face to the bearing half a step past its last point [m]; `inner` is the point before."""
+    """Return the path along a face to the bearing half a step past its last point [m]; `inner` is the point before."""
     # At a grazing angle the line may meet that bearing anywhere: the distance of the last two points is the most.
     x, y, along_x, along_y = points.x[at], points.y[at], faces.direction_x[f], faces.direction_y[f]
     cos, sin = points.cos_half, side * points.sin_half
@@ -484,7 +348,7 @@ class Description:
         self.adaptive = adaptive
         self.parts = Parts(most)
         self.circle = Circle(2 * most)
-        self.look = Look()
+        self.look = FaceFit()
         self.box = Box()
         self.n = 0
         self.x = native.doubles(self.owner, 2 * most)
@@ -581,11 +445,13 @@ def _visibility(start_edge: int, end_edge: int) -> int:
 
 
 def _is_hidden(edge: int) -> bool:
-    """Tell if more of a body may lie past an edge."""
+    """Return if more of a body may lie past an edge."""
     return edge == segmentation.HIDDEN or edge == segmentation.FLICKERING
 
 
-def _drop_stray(description: Description, faces: Faces, parts: Parts, circle: Circle, box: Box, look: Look, k: int) -> None:
+def _drop_stray(
+    description: Description, faces: Faces, parts: Parts, circle: Circle, box: Box, look: FaceFit, k: int
+) -> None:
     """Leave out the few points at an end that lie between an object and what is behind it, if its box halves then."""
     if parts.begin[k + 1] - parts.begin[k] > 1 or look.count < 2:
         return

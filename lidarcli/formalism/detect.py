@@ -217,7 +217,7 @@ def _resize(arrays: dict[str, NDArray[Any]], objects: int, vertices: int, faces:
             array.resize((sizes[per], *array.shape[1:]), refcheck=False)
 
 
-# Reasons for a verdict, thing or building: the part of each kind of evidence in the log-odds.
+# Reasons for a verdict, object or building: the part of each kind of evidence in the log-odds.
 
 KINDS = {
     "edges": ("jump_least", "jump_most", "gap", "flicker"),
@@ -236,7 +236,7 @@ LEAST = 0.05
 
 
 def contributions(features: Float64) -> dict[str, Float64]:
-    """Return the part of each kind of evidence in the log-odds of being a thing; their sum is the whole.
+    """Return the part of each kind of evidence in the log-odds of being an object; their sum is the whole.
 
     `features` is (K, F) as `Detection.features` has them.
     """

@@ -165,7 +165,7 @@ class Detection:
         return len(self.row)
 
     def taken(self, order: Int64) -> Detection:
-        """Return some of the objects, in this order; what is told per sweep or beam stays."""
+        """Return some of the objects, in this order; what is given per sweep or beam stays."""
         arrays = {name: getattr(self, name) for name in fields_per("object")}
         chosen = {name: values[order] for name, values in arrays.items() if values is not None}
         lists: dict[Per, str] = {"vertex": "vertex_offsets", "face": "face_offsets"}

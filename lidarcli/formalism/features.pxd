@@ -119,25 +119,3 @@ cdef void _follow(
     Features features, Points points, Scans scans, Py_ssize_t start, int sign, double normal_x, double normal_y,
     double c
 ) noexcept nogil
-
-
-cdef class Trees:
-    cdef list owner
-    cdef readonly Py_ssize_t trees
-    cdef double prior
-    cdef Py_ssize_t* feature
-    cdef double* bound
-    cdef double* leaf
-
-
-cdef class Verdict:
-    cdef list owner
-    cdef Trees trees
-    cdef double least
-    cdef double* thing
-
-
-cdef void decide(Verdict verdict, Features evidence) noexcept nogil
-@cython.locals(n=Py_ssize_t)
-cdef double score(Trees trees, Features evidence, Py_ssize_t k) noexcept nogil
-cdef void choose(Survey survey, Segments segments, Features evidence, Verdict verdict) noexcept nogil

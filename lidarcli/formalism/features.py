@@ -1,6 +1,6 @@
-"""Verdict of Definition 5, thing or building: features of a body, and the probability that trees give it by these.
+"""Features of a body by which Definition 5 is decided: object or building.
 
-A wall goes on: on its own line, past what hides it, in the direction of the building. A thing ends: at steps, before free
+A wall goes on: on its own line, past what hides it, in the direction of the building. An object ends: at steps, before free
 space. Every feature is one such question, put to the body or to what is around it in the sweep.
 """
 
@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from lidarcli.formalism import forest, segmentation
+from lidarcli.formalism import segmentation
 from lidarcli.formalism.objects import Bodies
 from lidarcli.formalism.segmentation import Points, Scans, Segments
 from lidarcli.formalism.surfaces import Faces, Survey
@@ -27,11 +27,11 @@ LINE, UNBROKEN, OWN_LINE, ARMS, SUPPORT, BEYOND, WALL_LINE, WALL_BEFORE = range(
 WIDTH, EXTENT, RANGE, BULGE_AWAY, ARC, NOISE, COUNT = range(19, 26)
 
 FAR, NEARER = 3.0, -2.0
-"""[m] Greatest and least jump: the greatest is also that at an edge behind which nothing is seen."""
+"""[m] Greatest and least jump: the greatest is also that at an edge behind which nothing is visible."""
 
 
 class Features:
-    """Bodies of a sweep that may be things, with their features."""
+    """Bodies of a sweep that may be objects, with their features."""
 
     def __init__(self, most: int) -> None:
         """Make room for sweeps of up to so many beams."""
@@ -75,7 +75,7 @@ class Features:
 
 
 def gather(features: Features, survey: Survey, points: Points, segments: Segments, bodies: Bodies) -> None:
-    """List the bodies that may be things: of candidate segments, with enough points and no wider than an object."""
+    """List the bodies that may be objects: of candidate segments, with enough points and no wider than an object."""
     features.count = features.start[0] = 0
     for j in range(segments.count):
         features.body[j] = -1
@@ -115,7 +115,7 @@ def measure(
         measure_walls(features, faces, k)
 
 
-# What is seen of a body by itself: its size, its form, its edges.
+# What is visible of a body by itself: its size, its form, its edges.
 
 
 def measure_outline(features: Features, points: Points, segments: Segments, bodies: Bodies, k: int) -> None:
@@ -363,7 +363,7 @@ SHORT, SHORT_SLANT, LONG_SLANT, WIDEST = 0.4, 0.06, 0.03, 0.2
 """[m], m per m, m per m, [m]: the line of a shorter face may turn by the first slant, others by the second; in all by no
 more than the last."""
 BEYOND_BY, LOG_SCALE = 0.3, 0.3
-"""[m] What is further behind a line is beyond it; lengths are told as log(1 + length / scale)."""
+"""[m] What is further behind a line is beyond it; lengths are given as log(1 + length / scale)."""
 
 
 def _on_line(features: Features, points: Points, faces: Faces, k: int, face: int) -> float:
@@ -460,7 +460,7 @@ def measure_walls(features: Features, faces: Faces, k: int) -> None:
     values[at + WALL_LINE], values[at + WALL_BEFORE] = line, max(-LINE_FAR, min(before, FAR))
 
 
-# What beams meet on the line of a body past both of its ends: wall, free space, or what stands before it.
+# What beams meet on the line of a body past both of its ends: wall, free space, or what is before it.
 
 FEW_POINTS = 6
 """A face that is short, or of fewer points, has the direction of the building."""
@@ -469,7 +469,7 @@ LINE_REACH = 2.5
 LINE_PRIOR = 0.3
 """[m] So much of a line is taken for crossed beforehand."""
 HIDDEN_BY = 0.6
-"""[m] What stands further before a line hides it."""
+"""[m] What is further before a line hides it."""
 SPACING, MAX_STRIDE = 0.08, 6
 """[m] Beams that meet a line closer together than this are passed over, so many in a row at most."""
 CROSSED, SLANT, FRONT = 2, 0.015, 0.1
@@ -546,7 +546,7 @@ def _follow(
             beam = segmentation.beam_at(points, here - sign)
             if beam >= 0 and scans.status[points.row * scans.width + beam] == segmentation.NO_RETURN:
                 crossed += step * lost / (lost + stride)
-            # Where beams were lost nobody knows what is on the line.
+            # Where beams were lost what is on the line is unknown.
             step = 0.0
         if through < CROSSED:
             allowed = plane + SLANT * (s - begin)
@@ -564,70 +564,3 @@ def _follow(
             crossed += step * (1.0 - on)
     features.met, features.crossed = met, crossed
     features.goes_on += far
-
-
-# The verdict: small decision trees ask for the features of a body, and each adds to the log-odds of being a thing.
-
-
-class Trees:
-    """Trees that ask three times if a feature is above a bound: node n of all, roots first, goes on with 2n or 2n + 1."""
-
-    def __init__(self, trees: forest.Trees, prior: float) -> None:
-        """`trees` as `forest` has them, `prior` the log-odds before any tree."""
-        self.owner: list[Any] = []
-        self.prior = prior
-        self.trees = len(trees)
-        self.feature = native.integers(self.owner, 8 * self.trees)
-        self.bound = native.doubles(self.owner, 8 * self.trees)
-        self.leaf = native.doubles(self.owner, 16 * self.trees)
-        for number, (questions, leaves) in enumerate(trees):
-            for n, (feature, bound, _) in enumerate(questions, 1):
-                # Those of n's level in the trees before come first.
-                node = (self.trees + number - 1 << n.bit_length() - 1) + n
-                self.feature[node], self.bound[node] = feature, bound
-            for n, value in enumerate(leaves):
-                self.leaf[8 * (self.trees + number) + n] = value
-
-
-TREES = Trees(forest.TREES, forest.PRIOR)
-
-
-class Verdict:
-    """Verdicts on the bodies of a sweep."""
-
-    def __init__(self, most: int, least: float) -> None:
-        """`most` is the greatest number of beams of a sweep, `least` the least probability of a thing."""
-        self.owner: list[Any] = []
-        self.trees = TREES
-        self.least = least
-        self.thing = native.doubles(self.owner, most)
-        """Probability of each body."""
-
-
-def decide(verdict: Verdict, evidence: Features) -> None:
-    """Decide the probability of each body to be a thing."""
-    for k in range(evidence.count):
-        verdict.thing[k] = 1.0 / (1.0 + math.exp(-score(verdict.trees, evidence, k)))
-
-
-def score(trees: Trees, evidence: Features, k: int) -> float:
-    """Return the log-odds of a body: the sum of one leaf of each tree."""
-    feature, bound, leaf, values = trees.feature, trees.bound, trees.leaf, evidence.values
-    total, begin = trees.prior, k * COUNT
-    for root in range(trees.trees, 2 * trees.trees):
-        # Without branches, which would be guessed wrong.
-        n = 2 * root + (values[begin + feature[root]] > bound[root])
-        n = 2 * n + (values[begin + feature[n]] > bound[n])
-        n = 2 * n + (values[begin + feature[n]] > bound[n])
-        total += leaf[n]
-    return total
-
-
-def choose(survey: Survey, segments: Segments, evidence: Features, verdict: Verdict) -> None:
-    """Profile `robust`: mark the segments that are objects or fragments of some, and those that are building."""
-    for j in range(segments.count):
-        body = evidence.body[j]
-        survey.thing[j] = verdict.thing[body] if body >= 0 else 0.0
-        survey.is_object[j] = body >= 0 and survey.thing[j] >= verdict.least
-        if body >= 0 and not survey.is_object[j] and segments.size[j] >= survey.min_beams:
-            survey.wall[j] = True

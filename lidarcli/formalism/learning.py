@@ -5,7 +5,7 @@ Ranges are counted per station, beam and bin of 5 mm. The background is the surf
 
 from __future__ import annotations
 
-from dataclasses import fields
+from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
@@ -35,25 +35,44 @@ UNIT = 1e-4
 """[m] Unit in which ranges are counted, so that sums are exact in any order."""
 BIN_UNITS = 50
 """Width of a bin, in units: 5 mm."""
-SURFACE_BINS, FOLIAGE_BINS, PEAK_BINS = 20, 60, 5
-"""Bins to either side that belong to the same surface, 10 cm; to one where none is narrower, as in foliage, 30 cm; to its
-mode."""
-CLIP_SDS, CLIPPED_SD, MIN_CLIP_UNITS = 2.5, 0.946, 200
-"""Standard deviations beyond which a range does not count for r_e, as of a person close to the surface; standard deviation
-of a normal distribution that is cut there, as a share of its own; least width of the cut, in units: 2 cm."""
-SUPPORT_SHARE = 0.35
-"""Share of the observations of a beam that back its background; people who pass have less."""
-STILL_BINS, BEFORE_BINS = 10, 30
-"""Bins to either side within which such a surface repeats, with any noise, 5 cm; bins before it from which on nearly all
-ranges are its own, 15 cm."""
-REPEATED_SHARE, MIN_REPEATED, SET_APART_SHARE = 0.1, 10, 0.8
-"""A surface that stands still behind people who nearly always hide it: share and least number of its observations, as a few
-steps of people fall into one place by chance, and least share of the ranges from there on that are its own."""
-OPEN_SHARE = 0.5
-"""Share of observations without a return of an open beam, unless a surface has enough support."""
 
-BACKING_SDS = 4.0
-"""Standard deviations up to which a range supports r_e."""
+
+@dataclass(frozen=True)
+class SurfaceRules:
+    """How the counted ranges of a beam become its background r_e. Bins are `BIN_UNITS` wide."""
+
+    bins: int = 20
+    """Ranges so many bins to either side of a mode are of its surface: 10 cm."""
+    foliage_bins: int = 60
+    """The same where no surface is narrower, as in foliage: 30 cm."""
+    peak_bins: int = 5
+    """Bins to either side that make a mode."""
+    clip_sds: float = 2.5
+    """Ranges beyond so many standard deviations do not count for r_e, as of a person close to the surface."""
+    clipped_sd: float = 0.946
+    """Standard deviation of a normal distribution that is cut there, as a share of its own."""
+    min_clip: int = 200
+    """[units] Ranges nearer to the mode always count: 2 cm."""
+    support: float = 0.35
+    """A surface with a smaller share of the observations of its beam is no background; people who pass have less."""
+    static_bins: int = 10
+    """A static surface repeats within so many bins, with any noise: 5 cm."""
+    before_bins: int = 30
+    """From so many bins before such a surface on nearly all ranges are its own: 15 cm."""
+    repeated_share: float = 0.1
+    """Share of its observations from which on a surface behind people who nearly always hide it is background, ..."""
+    min_repeated: int = 10
+    """... and their number, as a few steps of people fall into one place by chance, ..."""
+    set_apart_share: float = 0.8
+    """... if this share of the ranges from there on is its own."""
+    open_share: float = 0.5
+    """A beam with a greater share without a return is open, unless a surface has enough support."""
+    support_sds: float = 4.0
+    """A range within so many standard deviations of r_e supports it."""
+
+
+SURFACE = SurfaceRules()
+
 
 _BITS = np.int64(23)
 _FAR = (np.int64(1) << _BITS) - 1
@@ -296,10 +315,10 @@ def estimate(cells: Cells, no_return: Int64) -> Estimate:
     Ranges within 10 cm of one another are one surface, and 35 % of the observations are enough support. Where no
     surface has as much, one of these is the background, in this order:
 
-    1. what has 35 % within 30 cm, and 80 % of all ranges from there on: foliage, or a wall that a shaking sensor sees
+    1. what has 35 % within 30 cm, and 80 % of all ranges from there on: foliage, or a wall that a shaking sensor observes
        at many ranges. Between people who come and go more shows of what is behind them;
     2. what repeats within 5 cm though people hide it most of the time: at least 10 % of the observations and 10 of
-       them, no fewer than those without a return, and 80 % of all ranges from 15 cm before it on. What stands still
+       them, no fewer than those without a return, and 80 % of all ranges from 15 cm before it on. What is static still
        repeats exactly and nothing is behind it; people and leaves are spread;
     3. nothing: the beam is open, and whatever returns is new.
 
@@ -316,21 +335,21 @@ def estimate(cells: Cells, no_return: Int64) -> Estimate:
         support=no_return / np.maximum(observed, 1),
         no_return=no_return / np.maximum(observed, 1),
     )
-    need = SUPPORT_SHARE * observed
+    need = SURFACE.support * observed
     wanted = returns > 0
-    near = _windows(cells, SURFACE_BINS)
-    _take(result, cells, wanted, near, near.backing >= need[beam], SURFACE_BINS, observed)
+    near = _windows(cells, SURFACE.bins)
+    _take(result, cells, wanted, near, near.backing >= need[beam], SURFACE.bins, observed)
     # What returns less often than not may be people alone: nothing but enough support makes them a surface.
-    wanted &= no_return < OPEN_SHARE * observed
+    wanted &= no_return < SURFACE.open_share * observed
     if wanted.any():
         few = cells.of(wanted)
-        wide = _windows(few, FOLIAGE_BINS)
-        diffuse = _set_apart(few, wide.backing, FOLIAGE_BINS) >= need[few.beam]
-        _take(result, few, wanted, wide, diffuse, FOLIAGE_BINS, observed)
-        near, narrow = _windows(few, SURFACE_BINS), _windows(few, STILL_BINS)
-        least = np.maximum(np.maximum(REPEATED_SHARE * observed, no_return), MIN_REPEATED)
-        repeats = _set_apart(few, narrow.backing, BEFORE_BINS) >= least[few.beam]
-        _take(result, few, wanted, _Windows(near.begin, near.end, narrow.backing), repeats, STILL_BINS, observed)
+        wide = _windows(few, SURFACE.foliage_bins)
+        diffuse = _set_apart(few, wide.backing, SURFACE.foliage_bins) >= need[few.beam]
+        _take(result, few, wanted, wide, diffuse, SURFACE.foliage_bins, observed)
+        near, narrow = _windows(few, SURFACE.bins), _windows(few, SURFACE.static_bins)
+        least = np.maximum(np.maximum(SURFACE.repeated_share * observed, no_return), SURFACE.min_repeated)
+        repeats = _set_apart(few, narrow.backing, SURFACE.before_bins) >= least[few.beam]
+        _take(result, few, wanted, _Windows(near.begin, near.end, narrow.backing), repeats, SURFACE.static_bins, observed)
     return result
 
 
@@ -373,7 +392,7 @@ def _set_apart(cells: Cells, backing: Int64, before: int) -> Int64:
     until = offsets_of(cells.count)
     start = np.searchsorted(cells.key, np.maximum(cells.key - before * BIN_UNITS, base))
     onwards = until[np.searchsorted(cells.key, base + _FAR, side="right")] - until[start]
-    return np.where(backing >= SET_APART_SHARE * onwards, backing, 0)
+    return np.where(backing >= SURFACE.set_apart_share * onwards, backing, 0)
 
 
 def _windows(cells: Cells, reach: int) -> _Windows:
@@ -413,13 +432,13 @@ def _describe(result: Estimate, cells: Cells, found: Int64, begin: Int64, end: I
     r_e = near.peak()
     for _ in range(2):
         count, mean, square = near.moments(r_e - 0.5 * BIN_UNITS, np.full(len(r_e), np.inf), r_e)
-        clip = np.maximum(CLIP_SDS * np.sqrt(square), MIN_CLIP_UNITS)
+        clip = np.maximum(SURFACE.clip_sds * np.sqrt(square), SURFACE.min_clip)
         count, mean, square = near.moments(r_e - clip, r_e + clip, r_e)
         r_e = r_e + mean
     result.r_e[found] = (near.origin + r_e) * UNIT
-    spread = np.sqrt(np.maximum(square - mean * mean, 0.0)) / CLIPPED_SD
+    spread = np.sqrt(np.maximum(square - mean * mean, 0.0)) / SURFACE.clipped_sd
     result.spread[found] = spread * UNIT
-    reach = np.maximum(BACKING_SDS * spread, MIN_CLIP_UNITS)
+    reach = np.maximum(SURFACE.support_sds * spread, SURFACE.min_clip)
     count, _, _ = near.moments(r_e - reach, r_e + reach, r_e)
     result.support[found] = count / observed[found]
 
@@ -440,9 +459,9 @@ class _Surface:
     def peak(self) -> Float64:
         """(F,) mean of the ranges where most of them are."""
         base = self._owner << _BITS
-        low = base | np.maximum(self._unit - PEAK_BINS * BIN_UNITS, 0)
+        low = base | np.maximum(self._unit - SURFACE.peak_bins * BIN_UNITS, 0)
         begin = np.searchsorted(self._key, low)
-        end = np.searchsorted(self._key, base | (self._unit + PEAK_BINS * BIN_UNITS), side="right")
+        end = np.searchsorted(self._key, base | (self._unit + SURFACE.peak_bins * BIN_UNITS), side="right")
         backing = self._count[end] - self._count[begin]
         best = np.lexsort((backing, self._owner))[np.cumsum(np.bincount(self._owner)) - 1]
         begin, end = begin[best], end[best]

@@ -13,7 +13,7 @@ import numpy as np
 
 from lidarcli.formalism.mapping import grid as grid_cells
 from lidarcli.formalism.mapping.grid import Occupancy, TooLargeError
-from lidarcli.formalism.matching.ground import MAX_CELLS, Nearest, of_map
+from lidarcli.formalism.matching.free_space import MAX_CELLS, Nearest, of_map
 from lidarcli.sweeps.types import Bool, Float64, Int8, Int64
 from lidarcli.system import native
 
@@ -35,7 +35,8 @@ fewer than this share end there."""
 STRIDE, STRIDE_TURN, PLACES, TURNS = 0.2, 2.5 * math.pi / 180.0, 7, 10
 """Places around are tried in such steps [m, rad], so many to each side: up to 1.4 m and 25 degrees."""
 TRIED_POINTS, CLIMBED, BETTER = 80, 6, 0.03
-"""Points by which they are judged, number of the best from which climbing begins, and by how much one has to be better."""
+"""Points by which they are evaluated, number of the best from which climbing begins, and by how much one has to be
+better."""
 SHORT, NEAREST = 0.35, 0.05
 """A beam goes through a wall that is more than this before its end [m], and than this share of it from the sensor."""
 COLUMNS = 10
@@ -63,7 +64,7 @@ CLEAR_GAIN = 0.3
 
 
 class Field:
-    """Distances to the occupied cells of a map, and the window that is judged."""
+    """Distances to the occupied cells of a map, and the window that is evaluated."""
 
     def __init__(self, cells: Any, x: float, y: float) -> None:
         """`cells`: (H, W) uint8, as of `field_of`; `x`, `y`: lower left corner of cell (0, 0) [m]."""
@@ -92,7 +93,7 @@ class Field:
 
 
 def judge(field: Field, points: Any, windows: Any, found: Any) -> None:
-    """Judge W windows.
+    """Evaluate W windows.
 
     Parameters
     ----------
@@ -113,7 +114,7 @@ def judge(field: Field, points: Any, windows: Any, found: Any) -> None:
 
 
 def judge_window(field: Field, p: Any, out: Any, to: int) -> None:
-    """Judge the window of a field."""
+    """Evaluate the window of a field."""
     n = 1.0 * (field.end - field.begin)
     pivot_x, pivot_y = 0.0, 0.0
     for k in range(field.begin, field.end):

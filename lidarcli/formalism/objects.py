@@ -1,8 +1,7 @@
 """Definition 5: objects of one segment, of several together, or of a part of one.
 
-Things that touch a wall are cut out of its segment, fragments of one thing are joined, and so are the legs of a chair where
-that is asked for. What profile `robust` takes for a thing is for `features` to say.
-"""
+Objects that touch a wall are cut out of its segment, fragments of one object are joined, and so are the legs of a chair
+where that is asked for. What profile `robust` takes for an object is for `verdict` to say."""
 
 from __future__ import annotations
 
@@ -14,17 +13,17 @@ from lidarcli.formalism.segmentation import Points, Segments
 from lidarcli.formalism.surfaces import Faces, Survey
 from lidarcli.system import native
 
-# Things that touch a wall: where no step divides the two, the corner between them does.
+# Objects that touch a wall: where no step divides the two, the corner between them does.
 
 CORNER_TURN = math.radians(25.0)
 """[rad] Faces that turn less than this do not make a corner."""
 SIN_CORNER_TURN = math.sin(CORNER_TURN)
 BACKING = 0.4
-"""[m] A face at least this long, beside which a thing stands, is wall."""
+"""[m] A face at least this long, next to which an object stands, is wall."""
 MIN_RELIEF, WIDEST, BEHIND, PLANE = 0.1, 1.5, 0.1, 0.03
-"""[m] A thing stands out from its wall by more than the first, as mouldings do not, over no more than the second; what is
-seen past its free edge lies no further than the third behind the line of the wall; points on the wall stand out less than
-the last."""
+"""[m] An object stands out from its wall by more than the first, as mouldings do not, over no more than the second; what is
+observed past its free edge lies no further than the third behind the line of the wall; points on the wall stand out less
+than the last."""
 TRIM = 6
 """At each end so many points may turn out to be wall: the corner is only known to every few points."""
 
@@ -103,7 +102,7 @@ def _add(
         return
     if has_wall_after and not _relief(points, faces, begin, end, after) > MIN_RELIEF + margin:
         return
-    # At a free end the wall goes on, or is seen through a doorway.
+    # At a free end the wall goes on, or is visible through a doorway.
     if not has_wall_after:
         beyond = segments.first[segmentation.following(segments, points, j)]
         if not depth(points, faces, before, beyond) >= -(BEHIND + margin):
@@ -161,7 +160,7 @@ def depth(points: Points, faces: Faces, wall: int, at: int) -> float:
 
 
 def _trimmed(points: Points, faces: Faces, wall: int, at: int, other: int, step: int, tolerance: float) -> int:
-    """Return an end of a stretch, moved inwards past the points that lie on the wall beside it."""
+    """Return an end of a stretch, moved inwards past the points that lie on the wall next to it."""
     for _ in range(TRIM):
         if (other - at) * step <= 0 or not depth(points, faces, wall, at) <= tolerance:
             break
@@ -239,10 +238,10 @@ def _assign(faces: Faces, segments: Segments) -> None:
     faces.offset[segments.count] = f
 
 
-# Fragments of one thing that a step of its own surface tore apart: a leaf before a stem, front and side of a box.
+# Fragments of one object that a step of its own surface tore apart: a leaf before a stem, front and side of a box.
 
 FRAGMENT_GAP, FRAGMENT_EXTENT = 0.16, 0.9
-"""[m] Things stand further apart than this, steps below it are within one; greatest distance between the far ends of two
+"""[m] Objects stand further apart than this, steps below it are within one; greatest distance between the far ends of two
 fragments."""
 
 
@@ -321,7 +320,7 @@ def _collect(bodies: Bodies, survey: Survey, points: Points, segments: Segments,
 def fully_visible(survey: Survey, segments: Segments, is_known: bool) -> None:
     """Profile `paper`: segments with points enough and no wider than an object, whose edges are both their own.
 
-    Beside a beam without a return the background is beyond range. With a background, `is_known`, the segments that belong
+    Next to a beam without a return the background is beyond range. With a background, `is_known`, the segments that belong
     to objects are the candidates, whatever their edges.
     """
     for j in range(segments.count):
@@ -348,7 +347,7 @@ def known_bodies(survey: Survey, segments: Segments, bodies: Bodies) -> None:
         survey.is_object[j] = survey.candidate[j] and is_whole
 
 
-# §3, Fig. 8: things of several legs that stand close together, such as a chair.
+# §3, Fig. 8: objects of several legs that are static close together, such as a chair.
 
 LEG_WIDTH = 0.2
 """[m] Legs are no wider than this; what is stands by itself."""
@@ -381,7 +380,7 @@ def _root(survey: Survey, j: int) -> int:
 def _are_close(points: Points, segments: Segments, a: int, b: int, gap: float) -> bool:
     """Return whether the nearest points of two segments are no further apart than a gap [m]."""
     x, y, begin, end = points.x, points.y, segments.first[b], segments.first[b] + segments.size[b]
-    # No point of b is further from its first one than this: most pairs are told apart by that alone.
+    # No point of b is further from its first one than this: most pairs are ruled out by that alone.
     radius = 0.0
     for k in range(begin, end):
         dx, dy = x[k] - x[begin], y[k] - y[begin]
@@ -397,7 +396,7 @@ def _are_close(points: Points, segments: Segments, a: int, b: int, gap: float) -
     return False
 
 
-# The objects of a sweep as lists of segments: one segment each, or the parts of a thing in the order of their bearings.
+# The objects of a sweep as lists of segments: one segment each, or the parts of an object in the order of their bearings.
 
 INFINITY = float("inf")
 

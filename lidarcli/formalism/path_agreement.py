@@ -41,7 +41,7 @@ class Agreement(NamedTuple):
     near: float
     """By parts soon before and after; NaN where too few hits have any."""
     far: float
-    """By parts far apart: places that are seen again."""
+    """By parts far apart: places that are visible again."""
     all: float
     again: float
     """Share of the hits that are confirmed or denied from afar."""

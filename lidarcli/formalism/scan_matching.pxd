@@ -2,32 +2,14 @@ cimport cython
 cimport libc.math as math
 
 from lidarcli.system cimport native
+from lidarcli.formalism cimport outline
+from lidarcli.formalism.outline cimport Outline
 
-cdef double NAN, TURN, TINY, NEAREST_RANGE, FARTHEST_RANGE, GRAIN, LINE_REACH, GAP, GAP_BEAMS, LINE_VAR, LINE_VAR_GROWS
-cdef double STRETCHED, EVEN, LONGEST_CHORD, CELL, MAX_HITS, SAME_SIDE, SMALL_STEP, MAX_STEP, MAX_TURN
-cdef double POINT_WEIGHT, MIN_WEIGHT, SLIDES, FITS, FITS_GROWS, FITS_POINT, SHARP, GOOD_FIT, MIN_FIT, BETTER
-cdef double APART, SPINS, SEEN_HITS, LIES_OFF, SPEEDS_UP, TURNS_UP, SMALL_BEND, FINE_REACH, FINE_KERNEL, TRIED_TURN, TRIED_REACH, TRIED_KERNEL, FARTHEST_STEP, WIDEST_STEP, HORIZON
-cdef Py_ssize_t MAX_POINTS, MIN_POINTS, MAX_NEIGHBOURS, MIN_NEIGHBOURS, SIDE, MAX_SURFELS, MAX_STEPS, TRIED_TURNS
-cdef Py_ssize_t TRIED_POINTS, MAX_BENDS, PATIENCE, COLUMNS
-
-
-cdef class Outline:
-    cdef list owner
-    cdef Py_ssize_t most, count, takes_time
-    cdef double* x
-    cdef double* y
-    cdef double* nx
-    cdef double* ny
-    cdef double* late
-    cdef double* r
-    cdef Py_ssize_t* line
-    cdef double* at_x
-    cdef double* at_y
-    cdef double* at_nx
-    cdef double* at_ny
-    cdef double* beam_x
-    cdef double* beam_y
-    cdef double* beam_r
+cdef double NAN, TURN, TINY, FARTHEST_RANGE, GRAIN, CELL, MAX_HITS, SAME_SIDE, SMALL_STEP, MAX_STEP, MAX_TURN
+cdef double LIES_OFF, SPEEDS_UP, TURNS_UP, FINE_REACH, FINE_KERNEL, SMALL_BEND, POINT_WEIGHT, HALF_WEIGHT_HITS, MIN_WEIGHT
+cdef double SLIDES, SPINS, FITS, FITS_POINT, FITS_GROWS, SHARP, GOOD_FIT, MIN_FIT, BETTER
+cdef double TRIED_TURN, TRIED_REACH, TRIED_KERNEL, APART, FARTHEST_STEP, WIDEST_STEP, HORIZON
+cdef Py_ssize_t MAX_POINTS, MIN_POINTS, SIDE, MAX_SURFELS, MAX_STEPS, MAX_BENDS, TRIED_POINTS, TRIED_TURNS, PATIENCE, COLUMNS
 
 
 cdef class Surfels:
@@ -45,7 +27,7 @@ cdef class Surfels:
     cdef Py_ssize_t* head
 
 
-cdef class Alignment:
+cdef class Placement:
     cdef double x, y, yaw, fit, sharp, least, along_x, along_y
 
 
@@ -58,7 +40,7 @@ cdef class Matcher:
     cdef readonly Py_ssize_t beams, columns, pieces
     cdef Outline points, first
     cdef Surfels map
-    cdef Alignment found, best
+    cdef Placement found, best
     cdef Sums sums
     cdef bint begun, moves, alone, stepped
     cdef double x, y, yaw, vx, vy, vyaw, step_x, step_y, step_yaw, time, prior_x, prior_y, prior_yaw, prior_part
@@ -68,31 +50,6 @@ cdef class Matcher:
     cpdef follow(self, ranges, beams, angle_min, angle_increment, timing, prior, found)
 
 
-@cython.locals(closed=Py_ssize_t, last=Py_ssize_t, k=Py_ssize_t, i=Py_ssize_t)
-cdef void read_outline(
-    Outline points, float* r, Py_ssize_t at, Py_ssize_t beams, double first, double step, double begin, double end
-) noexcept nogil
-@cython.locals(
-    most=Py_ssize_t, number=Py_ssize_t, fewest=Py_ssize_t, side=Py_ssize_t, d=Py_ssize_t, before=Py_ssize_t,
-    taken=Py_ssize_t, q=Py_ssize_t, j=Py_ssize_t, u=Py_ssize_t, v=Py_ssize_t
-)
-cdef Py_ssize_t fit_line(
-    Outline points, Py_ssize_t i, Py_ssize_t k, Py_ssize_t beams, Py_ssize_t closed, double turn
-) noexcept nogil
-cdef Py_ssize_t beam_beside(Py_ssize_t k, Py_ssize_t beams, Py_ssize_t closed) noexcept nogil
-cdef Py_ssize_t is_even(
-    Outline points, Py_ssize_t one, Py_ssize_t middle, Py_ssize_t other, double turn
-) noexcept nogil
-cdef void set_normal(Outline points, Py_ssize_t i, double nx, double ny) noexcept nogil
-cdef void deskew(Outline points, double vx, double vy, double vyaw) noexcept nogil
-cdef (double, double, double) driven(double vx, double vy, double vyaw, double seconds) noexcept nogil
-cdef (double, double, double) velocity_of(double x, double y, double yaw, double seconds) noexcept nogil
-cdef (double, double, double) step_between(
-    double x, double y, double yaw, double to_x, double to_y, double to_yaw
-) noexcept nogil
-cdef (double, double, double) pose_after(
-    double x, double y, double yaw, double dx, double dy, double turn
-) noexcept nogil
 @cython.locals(
     column=Py_ssize_t, row=Py_ssize_t, around=Py_ssize_t, found=Py_ssize_t, ring=Py_ssize_t, i=Py_ssize_t, j=Py_ssize_t,
     at=Py_ssize_t, edge=bint
@@ -113,20 +70,18 @@ cdef (double, double, double) align(
 ) noexcept nogil
 @cython.locals(number=Py_ssize_t)
 cdef void refine(
-    Outline points, Surfels surfels, Alignment found, Sums sums, double reach, double kernel, Py_ssize_t every
+    Outline points, Surfels surfels, Placement found, Sums sums, double reach, double kernel, Py_ssize_t every
 ) noexcept nogil
 @cython.locals(i=Py_ssize_t)
 cdef (double, double, double) bend(
-    Outline points, Surfels surfels, Alignment found, Sums sums, double vx, double vy, double vyaw
+    Outline points, Surfels surfels, Placement found, Sums sums, double vx, double vy, double vyaw
 ) noexcept nogil
 @cython.locals(fits=Py_ssize_t, sharp=Py_ssize_t, number=Py_ssize_t, at=Py_ssize_t, i=Py_ssize_t, k=Py_ssize_t)
 cdef void sum_up(
-    Outline points, Surfels surfels, Alignment found, Sums sums, double reach, double kernel, Py_ssize_t every,
+    Outline points, Surfels surfels, Placement found, Sums sums, double reach, double kernel, Py_ssize_t every,
     Py_ssize_t bends, double middle
 ) noexcept nogil
-cdef void copy_alignment(Alignment to, Alignment of) noexcept nogil
-@cython.locals(i=Py_ssize_t)
-cdef void copy_outline(Outline to, Outline of) noexcept nogil
+cdef void copy_placement(Placement to, Placement of) noexcept nogil
 cdef void begin_map(Matcher matcher, double time) noexcept nogil
 @cython.locals(seconds=double, follows=bint, guided=bint, wide=Py_ssize_t)
 cdef void place_sweep(

@@ -10,69 +10,50 @@ from __future__ import annotations
 import math
 from typing import Any
 
+from lidarcli.formalism import outline
+from lidarcli.formalism.outline import Outline
 from lidarcli.system import native
 
 NAN = float("nan")
-TURN = 2.0 * math.pi
-TINY = 1e-9
+TURN, TINY = outline.TURN, outline.TINY
+FARTHEST_RANGE, GRAIN, MAX_POINTS = outline.FARTHEST_RANGE, outline.GRAIN, outline.MAX_POINTS
+MIN_POINTS = 15
+"""A sweep of fewer points has no pose."""
 
-NEAREST_RANGE, FARTHEST_RANGE = 0.02, 30.0
-"""Ranges below and above these are left out [m]: flat views of far walls say little of the place, and the map stays
-bounded."""
-GRAIN = 0.05
-"""Distance between points of a sweep, and between surfels [m]."""
-MAX_POINTS, MIN_POINTS = 400, 15
-"""Points of a sweep that are used, of more evenly chosen ones; a sweep of fewer than the least has no pose."""
-LINE_REACH = 0.12
-"""Length of wall to each side of a point to which its line is fitted [m]."""
-MAX_NEIGHBOURS = 12
-MIN_NEIGHBOURS = 2
-GAP = 0.15
-"""Neighbours further apart than this are not of one wall [m], ..."""
-GAP_BEAMS = 4.0
-"""... and than this many times the distance of neighbours on a wall seen head on."""
-LINE_VAR, LINE_VAR_GROWS = 4e-4, 2.5e-5
-"""Greatest variance across a line [m²], and its growth per squared range."""
-STRETCHED = 6.0
-"""A line is this many times longer than wide, in variance."""
-EVEN = 0.05
-"""Three beams lie on one line if the middle one is no further off than this [m]; for walls seen at a flat angle."""
-LONGEST_CHORD = 1.5
-"""Points of a flat wall whose neighbours are further apart than this are not used [m]."""
+# The map.
 
-CELL = 0.2
-"""Side of the cells of the map [m]."""
-SIDE = 512
-"""Cells of the map in each direction, which repeat beyond: more than the reach of all ranges to both sides."""
-MAX_SURFELS = 1 << 16
-MAX_HITS = 20.0
-"""The mean of a surfel forgets beyond this many points."""
+CELL, SIDE = 0.2, 512
+"""Side of the cells of the map [m], and cells in each direction, which repeat beyond: more than the reach of all ranges to
+both sides."""
+MAX_SURFELS, MAX_HITS = 1 << 16, 20.0
+"""Room for surfels; the mean of one forgets beyond this many points."""
 SAME_SIDE = 0.5
-"""Cosine of the angle between two normals of one wall."""
+"""Cosine of the angle between two normals, above which they are of one side of a wall."""
+
+# An alignment.
 
 MAX_STEPS, SMALL_STEP = 12, 3e-4
 """Steps of an alignment for each scale; it has converged at a step below the second [m, rad]."""
 MAX_STEP, MAX_TURN = 0.5, 0.3
-"""Limits of one step of an alignment [m, rad]."""
+"""[m, rad] Limits of one step of an alignment."""
 LIES_OFF, SPEEDS_UP, TURNS_UP = 0.2, 0.3, 0.6
 """Deviations: of a sweep from the map as a whole [m], and of its velocity from that until then [m/s, rad/s]."""
 FINE_REACH, FINE_KERNEL = 0.15, 0.03
-"""Reach and scale of weights of the last steps of an alignment [m]."""
+"""[m] Reach and scale of weights of the last steps of an alignment."""
 MAX_BENDS, SMALL_BEND = 4, 3e-3
 """Corrections of the velocity of a sweep that takes time, until one is below this [m/s, rad/s]."""
-POINT_WEIGHT = 0.3
-"""Weight of a point without a line."""
-SEEN_HITS = 2.0
-"""A surfel that so many points hit has half of the weight of one that many hit."""
-MIN_WEIGHT = 1.0
+POINT_WEIGHT, HALF_WEIGHT_HITS, MIN_WEIGHT = 0.3, 2.0, 1.0
+"""Weight of a point without a line; number of points that give a surfel half of the weight of one that many hit; least sum
+of weights of a step."""
 SLIDES, SPINS = 0.02, 0.01
 """The walls do not fix the place along a direction whose curvature is a smaller share of all weights, nor the heading where
 its curvature is a smaller share of what it can be."""
-FITS, FITS_GROWS = 0.05, 0.005
-"""A point fits that is no further from a line than this [m], and this share of its range more."""
-FITS_POINT = 0.08
+FITS, FITS_POINT, FITS_GROWS = 0.05, 0.08, 0.005
+"""A point fits that is no further from a line or from a point than this [m], and this share of its range more."""
 SHARP = 0.015
-"""[m] Residuals below tell a sharp map from one of sweeps that are deskewed wrongly."""
+"""[m] Residuals below are of a sharp map, not one of sweeps that are deskewed wrongly."""
+
+# The search for the place of a sweep.
 
 GOOD_FIT, MIN_FIT, BETTER = 0.6, 0.5, 0.03
 """Share of points that fit below which other turns are tried, below which a sweep has no pose, and by which another turn
@@ -82,41 +63,15 @@ TRIED_TURN, TRIED_TURNS = 0.12, 4
 TRIED_POINTS, TRIED_REACH, TRIED_KERNEL = 60, 0.8, 0.15
 """... with about so many of the points, and with this reach and scale of weights [m]."""
 APART = 0.05
-"""Both the velocity and the last step are tried if they lead further apart than this [m, rad]."""
+"""[m, rad] Both the velocity and the last step are tried if they lead further apart than this."""
 FARTHEST_STEP, WIDEST_STEP = 3.0, 1.2
-"""A sweep is no further from its guess than this [m, rad]."""
+"""[m, rad] A sweep is no further from its guess than this."""
 PATIENCE = 10
-"""After this many sweeps in a row that fit nowhere, the map begins anew."""
+"""After this many sweeps in a row that fit nowhere, the map begins again."""
 HORIZON = 1.0
-"""A velocity holds for this long [s]."""
+"""[s] A velocity is valid for this long."""
 COLUMNS = 9
 """Numbers of each sweep in the result of `Matcher.follow`."""
-
-
-class Outline:
-    """The points of one sweep, thinned, each with the normal of its wall where it lies on one."""
-
-    def __init__(self, beams: int) -> None:
-        self.owner: list[Any] = []
-        self.most = beams
-        self.count = 0
-        self.takes_time = 0
-        self.x = native.doubles(self.owner, beams)
-        self.y = native.doubles(self.owner, beams)
-        self.nx = native.doubles(self.owner, beams)
-        self.ny = native.doubles(self.owner, beams)
-        self.late = native.doubles(self.owner, beams)
-        self.r = native.doubles(self.owner, beams)
-        self.line = native.integers(self.owner, beams)
-        # Seen from where the sensor was at the header stamp.
-        self.at_x = native.doubles(self.owner, beams)
-        self.at_y = native.doubles(self.owner, beams)
-        self.at_nx = native.doubles(self.owner, beams)
-        self.at_ny = native.doubles(self.owner, beams)
-        # All beams of the sweep: place, and range 0 where there is none.
-        self.beam_x = native.doubles(self.owner, beams)
-        self.beam_y = native.doubles(self.owner, beams)
-        self.beam_r = native.doubles(self.owner, beams)
 
 
 class Surfels:
@@ -138,7 +93,7 @@ class Surfels:
         self.head = native.integers(self.owner, SIDE * SIDE)
 
 
-class Alignment:
+class Placement:
     """A pose on the map, and how well the points fit there."""
 
     def __init__(self) -> None:
@@ -172,7 +127,7 @@ class Matcher:
         self.first = Outline(beams)
         """The sweep with which the map begins, while it is all there is of it."""
         self.map = Surfels()
-        self.found, self.best = Alignment(), Alignment()
+        self.found, self.best = Placement(), Placement()
         self.sums = Sums()
         self.begun = self.moves = self.alone = False
         self.x = self.y = self.yaw = 0.0
@@ -207,7 +162,7 @@ class Matcher:
         if width > self.beams:
             first, self.points = self.first, Outline(width)
             self.first = Outline(width)
-            copy_outline(self.first, first)
+            outline.copy_outline(self.first, first)
             self.beams = width
         r, counted = native.at_singles(ranges), native.at_ints(beams)
         angles, step = native.at_doubles(angle_min), native.at_doubles(angle_increment)
@@ -216,178 +171,11 @@ class Matcher:
         for row in range(rows):
             for k in range(COLUMNS):
                 out[COLUMNS * row + k] = NAN
-            read_outline(
+            outline.read_outline(
                 self.points, r, row * width, counted[row], angles[row], step[row], times[3 * row + 1], times[3 * row + 2]
             )
             place_sweep(self, times[3 * row], guesses, 4 * row, out, COLUMNS * row)
         native.resume(lock)
-
-
-def read_outline(points: Outline, r: Any, at: int, beams: int, first: float, step: float, begin: float, end: float) -> None:
-    """Take the points of a sweep, and fit lines to them."""
-    points.count = 0
-    points.takes_time = 1 if begin != 0.0 or end != 0.0 else 0
-    x, y, ranges = points.beam_x, points.beam_y, points.beam_r
-    cos, sin = math.cos(first), math.sin(first)
-    by_cos, by_sin = math.cos(step), math.sin(step)
-    for k in range(beams):
-        if k % 64 == 0:
-            cos, sin = math.cos(first + step * k), math.sin(first + step * k)
-        ranges[k] = r[at + k] if r[at + k] > NEAREST_RANGE and r[at + k] < FARTHEST_RANGE else 0.0
-        x[k], y[k] = ranges[k] * cos, ranges[k] * sin
-        cos, sin = cos * by_cos - sin * by_sin, sin * by_cos + cos * by_sin
-    turn = abs(step)
-    closed = 1 if abs(turn * beams - TURN) < 1.5 * turn else 0
-    lag = (end - begin) / (beams - 1) if beams > 1 else 0.0
-    last = -1
-    for k in range(beams):
-        if ranges[k] == 0.0:
-            continue
-        if last >= 0:
-            dx, dy = x[k] - x[last], y[k] - y[last]
-            if dx * dx + dy * dy < GRAIN * GRAIN:
-                continue
-        last = k
-        i = points.count
-        points.x[i], points.y[i], points.r[i] = x[k], y[k], ranges[k]
-        points.late[i] = begin + lag * k
-        points.line[i] = 0
-        points.nx[i] = points.ny[i] = 0.0
-        if fit_line(points, i, k, beams, closed, turn):
-            points.count += 1
-    if points.count > MAX_POINTS:
-        for i in range(MAX_POINTS):
-            k = i * points.count // MAX_POINTS
-            points.x[i], points.y[i], points.r[i], points.late[i] = (points.x[k], points.y[k], points.r[k], points.late[k])
-            points.nx[i], points.ny[i], points.line[i] = points.nx[k], points.ny[k], points.line[k]
-        points.count = MAX_POINTS
-
-
-def fit_line(points: Outline, i: int, k: int, beams: int, closed: int, turn: float) -> int:
-    """Find the normal of the wall at beam k, for point i; return 0 if the point is not to be used."""
-    x, y, r = points.beam_x, points.beam_y, points.beam_r
-    spacing = max(r[k] * turn, 1e-4)
-    most = int(math.ceil(min(LINE_REACH / spacing, 1e6)))  # noqa: RUF046
-    most = max(min(most, MAX_NEIGHBOURS), MIN_NEIGHBOURS)
-    gap = max(GAP, GAP_BEAMS * spacing)
-    sx, sy, sxx, sxy, syy = 0.0, 0.0, 0.0, 0.0, 0.0
-    number, fewest = 1, beams
-    for side in range(2):
-        d = 2 * side - 1
-        before, taken = k, 0
-        for q in range(1, most + 1):
-            j = beam_beside(k + d * q, beams, closed)
-            if j < 0 or r[j] == 0.0:
-                break
-            dx, dy = x[j] - x[before], y[j] - y[before]
-            if dx * dx + dy * dy > gap * gap:
-                break
-            dx, dy = x[j] - x[k], y[j] - y[k]
-            sx += dx
-            sy += dy
-            sxx += dx * dx
-            sxy += dx * dy
-            syy += dy * dy
-            before = j
-            taken += 1
-        number += taken
-        fewest = min(fewest, taken)
-    if fewest >= MIN_NEIGHBOURS:
-        mx, my = sx / number, sy / number
-        a, b, c = sxx / number - mx * mx, sxy / number - mx * my, syy / number - my * my
-        root = math.sqrt(0.25 * (a - c) * (a - c) + b * b)
-        across, along = 0.5 * (a + c) - root, 0.5 * (a + c) + root
-        if across < LINE_VAR + LINE_VAR_GROWS * r[k] * r[k] and along > STRETCHED * across:
-            bearing = 0.5 * math.atan2(2.0 * b, a - c)
-            set_normal(points, i, -math.sin(bearing), math.cos(bearing))
-            return 1
-    # Walls seen at a flat angle: in 1/r three beams of a line are even.
-    one, other = beam_beside(k - 1, beams, closed), beam_beside(k + 1, beams, closed)
-    left, right = beam_beside(k - 2, beams, closed), beam_beside(k + 2, beams, closed)
-    u, v = -1, -1
-    if is_even(points, one, k, other, turn):
-        u, v = one, other
-    elif is_even(points, left, one, k, turn):
-        u, v = left, k
-    elif is_even(points, k, other, right, turn):
-        u, v = k, right
-    if u >= 0:
-        dx, dy = x[v] - x[u], y[v] - y[u]
-        chord = math.sqrt(dx * dx + dy * dy)
-        if chord > 2.0 * spacing:
-            set_normal(points, i, -dy / chord, dx / chord)
-            if chord > LONGEST_CHORD:
-                return 0
-    return 1
-
-
-def beam_beside(k: int, beams: int, closed: int) -> int:
-    """Return the beam at a position, -1 beyond the ends of a sweep that is no full circle."""
-    if k >= 0 and k < beams:
-        return k
-    if closed and k >= -beams and k < 2 * beams:
-        return k + beams if k < 0 else k - beams
-    return -1
-
-
-def is_even(points: Outline, one: int, middle: int, other: int, turn: float) -> int:
-    """Return 1 if three beams lie on one line."""
-    r = points.beam_r
-    if one < 0 or middle < 0 or other < 0 or r[one] == 0.0 or r[middle] == 0.0 or r[other] == 0.0:
-        return 0
-    between = 2.0 * math.cos(turn) / (1.0 / r[one] + 1.0 / r[other])
-    return 1 if abs(between - r[middle]) < EVEN else 0
-
-
-def set_normal(points: Outline, i: int, nx: float, ny: float) -> None:
-    """Make point i one of a wall, whose normal looks towards the sensor."""
-    sign = -1.0 if nx * points.x[i] + ny * points.y[i] > 0.0 else 1.0
-    points.nx[i], points.ny[i], points.line[i] = sign * nx, sign * ny, 1
-
-
-def deskew(points: Outline, vx: float, vy: float, vyaw: float) -> None:
-    """Place all points as seen from where the sensor was at the header stamp, for a velocity in its frame."""
-    if not points.takes_time:
-        for i in range(points.count):
-            points.at_x[i], points.at_y[i] = points.x[i], points.y[i]
-            points.at_nx[i], points.at_ny[i] = points.nx[i], points.ny[i]
-        return
-    for i in range(points.count):
-        dx, dy, turn = driven(vx, vy, vyaw, points.late[i])
-        cos, sin = math.cos(turn), math.sin(turn)
-        points.at_x[i] = dx + cos * points.x[i] - sin * points.y[i]
-        points.at_y[i] = dy + sin * points.x[i] + cos * points.y[i]
-        points.at_nx[i] = cos * points.nx[i] - sin * points.ny[i]
-        points.at_ny[i] = sin * points.nx[i] + cos * points.ny[i]
-
-
-def driven(vx: float, vy: float, vyaw: float, seconds: float) -> tuple[float, float, float]:
-    """Return the step that a constant velocity makes, along an arc."""
-    turn = vyaw * seconds
-    ahead, aside = 1.0, 0.0
-    if abs(turn) > TINY:
-        ahead, aside = math.sin(turn) / turn, (1.0 - math.cos(turn)) / turn
-    return seconds * (vx * ahead - vy * aside), seconds * (vx * aside + vy * ahead), turn
-
-
-def velocity_of(x: float, y: float, yaw: float, seconds: float) -> tuple[float, float, float]:
-    """Return the constant velocity that makes a step: the inverse of `driven`."""
-    half = 0.5 * yaw
-    along = half / math.tan(half) if abs(half) > TINY else 1.0
-    return (along * x + half * y) / seconds, (along * y - half * x) / seconds, yaw / seconds
-
-
-def step_between(x: float, y: float, yaw: float, to_x: float, to_y: float, to_yaw: float) -> tuple[float, float, float]:
-    """Return the step from one pose to another, in the frame of the first."""
-    cos, sin = math.cos(yaw), math.sin(yaw)
-    dx, dy = to_x - x, to_y - y
-    return cos * dx + sin * dy, cos * dy - sin * dx, math.remainder(to_yaw - yaw, TURN)
-
-
-def pose_after(x: float, y: float, yaw: float, dx: float, dy: float, turn: float) -> tuple[float, float, float]:
-    """Return the pose after a step in the frame of a pose."""
-    cos, sin = math.cos(yaw), math.sin(yaw)
-    return x + cos * dx - sin * dy, y + sin * dx + cos * dy, math.remainder(yaw + turn, TURN)
 
 
 def nearest_surfel(surfels: Surfels, x: float, y: float, nx: float, ny: float, line: int, reach: float) -> int:
@@ -480,7 +268,7 @@ def enter_sweep(matcher: Matcher, points: Outline, vx: float, vy: float, vyaw: f
     while matcher.map.count > MAX_SURFELS - MAX_POINTS:
         forget_far(matcher.map, matcher.x, matcher.y, reach)
         reach *= 0.7
-    deskew(points, vx, vy, vyaw)
+    outline.deskew(points, vx, vy, vyaw)
     cos, sin = math.cos(matcher.yaw), math.sin(matcher.yaw)
     for i in range(points.count):
         x = matcher.x + cos * points.at_x[i] - sin * points.at_y[i]
@@ -511,7 +299,7 @@ def align(
             reach, kernel = FINE_REACH, FINE_KERNEL
             if matcher.points.takes_time:
                 return bend(matcher.points, matcher.map, matcher.found, matcher.sums, vx, vy, vyaw)
-        deskew(matcher.points, vx, vy, vyaw)
+        outline.deskew(matcher.points, vx, vy, vyaw)
         refine(matcher.points, matcher.map, matcher.found, matcher.sums, reach, kernel, 1)
         if matcher.points.takes_time and seconds > 0.0:
             vx, vy, vyaw = velocity_to(matcher, matcher.found.x, matcher.found.y, matcher.found.yaw, seconds)
@@ -519,7 +307,7 @@ def align(
 
 
 def refine(
-    points: Outline, surfels: Surfels, found: Alignment, sums: Sums, reach: float, kernel: float, every: int
+    points: Outline, surfels: Surfels, found: Placement, sums: Sums, reach: float, kernel: float, every: int
 ) -> None:
     """Take Gauss-Newton steps, and do not slide along walls; one point of `every` is used."""
     number = max((points.count + every - 1) // every, 1)
@@ -528,7 +316,7 @@ def refine(
         found.fit, found.sharp = sums.fits / (1.0 * number), sums.sharp / (1.0 * number)
         if sums.total < MIN_WEIGHT:
             break
-        # Yaw is taken out (Schur complement), so that translation is judged by itself.
+        # Yaw is taken out (Schur complement), so that translation is evaluated by itself.
         htt = max(sums.htt, TINY)
         a, b = sums.hxx - sums.hxt * sums.hxt / htt, sums.hxy - sums.hxt * sums.hyt / htt
         c = sums.hyy - sums.hyt * sums.hyt / htt
@@ -555,7 +343,7 @@ def refine(
 
 
 def bend(
-    points: Outline, surfels: Surfels, found: Alignment, sums: Sums, vx: float, vy: float, vyaw: float
+    points: Outline, surfels: Surfels, found: Placement, sums: Sums, vx: float, vy: float, vyaw: float
 ) -> tuple[float, float, float]:
     """Correct the velocity during the sweep by the points themselves, about the middle of the sweep; return it.
 
@@ -570,7 +358,7 @@ def bend(
     ux, uy, turned = 0.0, 0.0, 0.0
     for _ in range(MAX_BENDS):
         cos, sin = math.cos(found.yaw), math.sin(found.yaw)
-        deskew(points, vx + cos * ux + sin * uy, vy + cos * uy - sin * ux, vyaw + turned)
+        outline.deskew(points, vx + cos * ux + sin * uy, vy + cos * uy - sin * ux, vyaw + turned)
         refine(points, surfels, found, sums, FINE_REACH, FINE_KERNEL, 1)
         sum_up(points, surfels, found, sums, FINE_REACH, FINE_KERNEL, 1, 1, middle)
         htt, gt = sums.htt + round_about, sums.gt + round_about * turned
@@ -593,7 +381,7 @@ def bend(
 def sum_up(
     points: Outline,
     surfels: Surfels,
-    found: Alignment,
+    found: Placement,
     sums: Sums,
     reach: float,
     kernel: float,
@@ -604,7 +392,7 @@ def sum_up(
     """Sum up the normal equations of residuals e with weights (k² / (k² + e²))², over one point of `every`.
 
     They are those of a step, or where `bends` of a velocity, that moves a point by how much later than `middle` it was
-    seen [s].
+    observed [s].
     """
     k2, number = kernel * kernel, (points.count + every - 1) // every
     hxx, hxy, hyy, hxt, hyt, htt = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
@@ -622,7 +410,7 @@ def sum_up(
         if at < 0:
             continue
         moves = points.late[i] - middle if bends else 1.0
-        known = surfels.hits[at] / (surfels.hits[at] + SEEN_HITS)
+        known = surfels.hits[at] / (surfels.hits[at] + HALF_WEIGHT_HITS)
         dx, dy = x - surfels.x[at], y - surfels.y[at]
         if surfels.line[at]:
             nx, ny = surfels.nx[at], surfels.ny[at]
@@ -668,25 +456,17 @@ def sum_up(
     sums.fits, sums.sharp = fits, sharp
 
 
-def copy_alignment(to: Alignment, of: Alignment) -> None:
+def copy_placement(to: Placement, of: Placement) -> None:
     """Write one alignment over another."""
     to.x, to.y, to.yaw, to.fit, to.sharp = of.x, of.y, of.yaw, of.fit, of.sharp
     to.least, to.along_x, to.along_y = of.least, of.along_x, of.along_y
-
-
-def copy_outline(to: Outline, of: Outline) -> None:
-    """Write the points of one sweep over those of another."""
-    to.count, to.takes_time = of.count, of.takes_time
-    for i in range(of.count):
-        to.x[i], to.y[i], to.nx[i], to.ny[i] = of.x[i], of.y[i], of.nx[i], of.ny[i]
-        to.late[i], to.r[i], to.line[i] = of.late[i], of.r[i], of.line[i]
 
 
 def begin_map(matcher: Matcher, time: float) -> None:
     """Begin a map with the sweep at hand, at the pose of the matcher."""
     forget_far(matcher.map, 0.0, 0.0, 0.0)
     enter_sweep(matcher, matcher.points, 0.0, 0.0, 0.0)
-    copy_outline(matcher.first, matcher.points)
+    outline.copy_outline(matcher.first, matcher.points)
     matcher.begun, matcher.alone, matcher.moves = True, True, False
     matcher.vx = matcher.vy = matcher.vyaw = 0.0
     matcher.time, matcher.misses, matcher.passed = time, 0, 0
@@ -713,16 +493,16 @@ def place_sweep(matcher: Matcher, time: float, prior: Any, at: int, out: Any, to
         x, y, yaw = matcher.x, matcher.y, matcher.yaw
         vx, vy, vyaw = matcher.vx, matcher.vy, matcher.vyaw
         if follows and matcher.moves:
-            dx, dy, turn = driven(vx, vy, vyaw, seconds)
-            x, y, yaw = pose_after(x, y, yaw, dx, dy, turn)
+            dx, dy, turn = outline.driven(vx, vy, vyaw, seconds)
+            x, y, yaw = outline.pose_after(x, y, yaw, dx, dy, turn)
         guided = prior[at] == prior[at] and matcher.prior_x == matcher.prior_x and prior[at + 3] == matcher.prior_part
         if guided:
-            dx, dy, turn = step_between(
+            dx, dy, turn = outline.step_between(
                 matcher.prior_x, matcher.prior_y, matcher.prior_yaw, prior[at], prior[at + 1], prior[at + 2]
             )
-            x, y, yaw = pose_after(matcher.x, matcher.y, matcher.yaw, dx, dy, turn)
+            x, y, yaw = outline.pose_after(matcher.x, matcher.y, matcher.yaw, dx, dy, turn)
             if follows:
-                vx, vy, vyaw = velocity_of(dx, dy, turn, seconds)
+                vx, vy, vyaw = outline.velocity_of(dx, dy, turn, seconds)
         wide = 0 if guided or (follows and matcher.moves) else 1
         if not guided and matcher.stepped:
             x, y, yaw = start_of(matcher, x, y, yaw, seconds)
@@ -734,7 +514,7 @@ def place_sweep(matcher: Matcher, time: float, prior: Any, at: int, out: Any, to
             forget_far(matcher.map, 0.0, 0.0, 0.0)
             enter_sweep(matcher, matcher.first, vx, vy, vyaw)
             vx, vy, vyaw = align(matcher, matcher.found.x, matcher.found.y, matcher.found.yaw, vx, vy, vyaw, seconds, 1)
-        dx, dy, turn = step_between(x, y, yaw, matcher.found.x, matcher.found.y, matcher.found.yaw)
+        dx, dy, turn = outline.step_between(x, y, yaw, matcher.found.x, matcher.found.y, matcher.found.yaw)
         if matcher.found.fit < MIN_FIT or dx * dx + dy * dy >= FARTHEST_STEP * FARTHEST_STEP or abs(turn) >= WIDEST_STEP:
             matcher.misses += 1
             if matcher.misses < PATIENCE:
@@ -744,7 +524,7 @@ def place_sweep(matcher: Matcher, time: float, prior: Any, at: int, out: Any, to
             begin_map(matcher, time)
         else:
             matcher.moves = follows
-            dx, dy, turn = step_between(
+            dx, dy, turn = outline.step_between(
                 matcher.x, matcher.y, matcher.yaw, matcher.found.x, matcher.found.y, matcher.found.yaw
             )
             if matcher.passed == 1:
@@ -752,7 +532,7 @@ def place_sweep(matcher: Matcher, time: float, prior: Any, at: int, out: Any, to
                 matcher.step_x, matcher.step_y, matcher.step_yaw = dx, dy, turn
             if follows:
                 if not matcher.points.takes_time:
-                    vx, vy, vyaw = velocity_of(dx, dy, turn, seconds)
+                    vx, vy, vyaw = outline.velocity_of(dx, dy, turn, seconds)
                 matcher.vx, matcher.vy, matcher.vyaw = vx, vy, vyaw
             matcher.x, matcher.y, matcher.yaw, matcher.time = (matcher.found.x, matcher.found.y, matcher.found.yaw, time)
             matcher.alone, matcher.misses, matcher.passed = False, 0, 0
@@ -769,8 +549,8 @@ def start_of(matcher: Matcher, x: float, y: float, yaw: float, seconds: float) -
     """Return where to begin: where the velocity leads, or where the last step does, if stamps are uneven or far apart."""
     sx, sy, syaw = matcher.x, matcher.y, matcher.yaw
     for _ in range(matcher.passed):
-        sx, sy, syaw = pose_after(sx, sy, syaw, matcher.step_x, matcher.step_y, matcher.step_yaw)
-    dx, dy, turn = step_between(x, y, yaw, sx, sy, syaw)
+        sx, sy, syaw = outline.pose_after(sx, sy, syaw, matcher.step_x, matcher.step_y, matcher.step_yaw)
+    dx, dy, turn = outline.step_between(x, y, yaw, sx, sy, syaw)
     if dx * dx + dy * dy < APART * APART and abs(turn) < APART:
         return x, y, yaw
     try_pose(matcher, x, y, yaw, seconds)
@@ -783,14 +563,14 @@ def velocity_to(matcher: Matcher, x: float, y: float, yaw: float, seconds: float
     """Return the velocity from the last pose to another, 0 where `seconds` are."""
     if seconds <= 0.0:
         return 0.0, 0.0, 0.0
-    dx, dy, turn = step_between(matcher.x, matcher.y, matcher.yaw, x, y, yaw)
-    return velocity_of(dx, dy, turn, seconds)
+    dx, dy, turn = outline.step_between(matcher.x, matcher.y, matcher.yaw, x, y, yaw)
+    return outline.velocity_of(dx, dy, turn, seconds)
 
 
 def try_pose(matcher: Matcher, x: float, y: float, yaw: float, seconds: float) -> None:
     """Lay some of the points onto the map; the result is `matcher.found`."""
     vx, vy, vyaw = velocity_to(matcher, x, y, yaw, seconds)
-    deskew(matcher.points, vx, vy, vyaw)
+    outline.deskew(matcher.points, vx, vy, vyaw)
     every = max(matcher.points.count // TRIED_POINTS, 1)
     matcher.found.x, matcher.found.y, matcher.found.yaw = x, y, yaw
     refine(matcher.points, matcher.map, matcher.found, matcher.sums, TRIED_REACH, TRIED_KERNEL, every)
@@ -800,7 +580,7 @@ def look_around(
     matcher: Matcher, x: float, y: float, yaw: float, vx: float, vy: float, vyaw: float, seconds: float
 ) -> tuple[float, float, float]:
     """Try other turns, at the guess and at the last pose, and the best of them with all points; return its velocity."""
-    copy_alignment(matcher.best, matcher.found)
+    copy_placement(matcher.best, matcher.found)
     fit, tx, ty, tyaw = -1.0, x, y, yaw
     for place in range(2):
         for k in range(-TRIED_TURNS, TRIED_TURNS + 1):
@@ -813,5 +593,5 @@ def look_around(
     wx, wy, wyaw = align(matcher, tx, ty, tyaw, wx, wy, wyaw, seconds, 1)
     if matcher.found.fit >= GOOD_FIT and matcher.found.fit > matcher.best.fit + BETTER:
         return wx, wy, wyaw
-    copy_alignment(matcher.found, matcher.best)
+    copy_placement(matcher.found, matcher.best)
     return vx, vy, vyaw

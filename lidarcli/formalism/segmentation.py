@@ -480,7 +480,7 @@ def slope(points: Points, at: int, sign: int, max_gap: int) -> float:
 
 OWN, HIDDEN, OPEN, UNKNOWN, VIEW, FLICKERING = range(6)
 """An edge of a segment: the segment is the nearer side; the neighbour is, and hides the rest; a beam without a return is
-beside it; an invalid or too close one is; the view ends; a beam without a return where such beams prove nothing."""
+next to it; an invalid or too close one is; the view ends; a beam without a return where such beams prove nothing."""
 MAX_FLICKER = 0.05
 """Share of lost beams among those that should return, above which a beam without a return is no proof of free space."""
 
@@ -553,7 +553,7 @@ def _leave(segments: Segments, points: Points, breakpoints: Breakpoints, scans: 
 
 
 def _beside(points: Points, scans: Scans, position: int) -> int:
-    """Return the kind of an edge by the beam at a position beside the segment."""
+    """Return the kind of an edge by the beam at a position next to the segment."""
     beam = beam_at(points, position)
     if beam < 0 or beam >= points.beams:
         return VIEW

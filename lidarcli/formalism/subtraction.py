@@ -42,7 +42,7 @@ from lidarcli.sweeps.types import Bool, Closure, Float32, Float64, Int64, Status
 
 THRESHOLD_SDS, MIN_THRESHOLD, BESIDE_SHARE = 4.0, 0.08, 0.6
 """Standard deviations from which on a range differs from the background; least difference [m], for errors by the
-reflectivity of a surface and the temperature of the sensor; share of the threshold that is enough beside a beam that
+reflectivity of a surface and the temperature of the sensor; share of the threshold that is enough next to a beam that
 differs."""
 ALIGNED_ERROR = 0.015
 """[m] Error of ranges that were projected onto a station."""
@@ -166,7 +166,7 @@ class Subtraction:
         )
 
     def _elsewhere(self, batch: SweepBatch, station: Int64, sigma: Float64, moved: Shift | None) -> Difference:
-        """Compare sweeps with other bearings, or taken beside a station."""
+        """Compare sweeps with other bearings, or taken next to a station."""
         background = self.background
         if moved is not None:
             if self._known is None:
@@ -181,7 +181,7 @@ class Subtraction:
             around = self._surroundings(width)
             row, column = np.nonzero((beam >= 0) & (reach == width)[:, None])
             place = station[row], beam[row, column]
-            # From beside a station both sides of an edge may be seen.
+            # From next to a station both sides of an edge may be observed.
             near[row, column], far[row, column] = around.nearest[place], around.far[place]
             r_e[row, column], spread[row, column] = around.r_e[place], around.spread[place]
             returns[row, column] = around.returns[place]
@@ -208,8 +208,7 @@ class Subtraction:
         noisy = np.maximum(spread, sigma.astype(np.float32)[:, None])
         noisy *= np.float32(THRESHOLD_SDS)
         noisy += np.float32(error)
-        threshold: Float32 = np.maximum(noisy, np.float32(MIN_THRESHOLD), out=noisy)
-        return threshold
+        return np.maximum(noisy, np.float32(MIN_THRESHOLD), out=noisy)
 
     def _judge(
         self,
@@ -294,7 +293,7 @@ def _runs(own: Float32, beyond: Float32, threshold: Float32, lost: Bool | None =
     """Return (S, B) True for runs of beams that differ from the background.
 
     Every beam of a run is beyond its `own` r_e, and one of them also `beyond` that of its neighbours [m]: a depth edge that
-    jitters by a beam has no such beam. `BESIDE_SHARE` of the threshold is enough beside a beam beyond it. More than
+    jitters by a beam has no such beam. `BESIDE_SHARE` of the threshold is enough next to a beam beyond it. More than
     `most_lost` beams in a row that are `lost`, without a return that they should have, need none. A single beam between two
     runs joins them if it is on their side of the background at all.
     """

@@ -2,7 +2,7 @@
 
 Faces are found by splitting and merging: a stretch splits at its point farthest from the chord, as long as that distance
 exceeds a tolerance (iterative end point fit; Nguyen et al. 2005); vertices that turn out to be flat between their
-neighbours are dropped again, and so is one of two beside the same corner.
+neighbours are dropped again, and so is one of two next to the same corner.
 """
 
 from __future__ import annotations
@@ -215,7 +215,7 @@ def _drop_flat(faces: Faces, tolerance: float) -> bool:
 
 
 def _drop_doubled(faces: Faces, begin: int) -> bool:
-    """Of two vertices on neighbouring points unmark the one further from where the faces beside them meet; True if there
+    """Of two vertices on neighbouring points unmark the one further from where the faces next to them meet; True if there
     were any.
 
     `begin` is the first face of the segment.
@@ -347,7 +347,7 @@ class Survey:
         """True if it stands out from a wall that it touches."""
         self.wall = native.integers(self.owner, most)
         self.thing = native.doubles(self.owner, most)
-        """Probability of being a thing and not building; NaN where it was not asked."""
+        """Probability of being an object and not building; NaN where it was not asked."""
         self.candidate = native.integers(self.owner, most)
         """True if it may be an object or a fragment of one."""
         self.loose = native.integers(self.owner, most)
@@ -391,7 +391,7 @@ def measure_extent(survey: Survey, points: Points, segments: Segments, faces: Fa
         farthest = 0.0
         for f in range(faces.offset[j], faces.offset[j + 1]):
             k = faces.last[f]
-            # Where a thing was cut out of a wall a face may go on past its end.
+            # Where an object was cut out of a wall a face may go on past its end.
             if k > b:
                 continue
             farthest = max(farthest, (x[k] - x[a]) * (x[k] - x[a]) + (y[k] - y[a]) * (y[k] - y[a]))

@@ -27,9 +27,9 @@ from lidarcli.sweeps.zone import Line, inside
 
 Shape = Circle | Polygon | Line
 SAMPLES = 64
-"""Places of a zone at which is asked whether a sweep sees them: a bit each of a number."""
+"""Places of a zone at which is asked whether a sweep observes them: a bit each of a number."""
 HIDES = 0.3
-"""Least width of lost beams side by side behind which somebody may stand [m]; narrower are those that dark things lose."""
+"""Least width of lost beams side by side behind which somebody may stand [m]; narrower are those that dark objects lose."""
 _STEP = 0.7548776662466927, 0.5698402909980532
 """Steps of a sequence that fills a square evenly (powers of the plastic number)."""
 _FLAT = 1e-9
@@ -84,8 +84,7 @@ def samples(shape: Shape) -> Float64:
         found = places[inside(shape, *places.T)]
         if len(found) >= SAMPLES:
             return found[:SAMPLES]
-    few: Float64 = np.resize(found if len(found) else np.nan, (SAMPLES, 2))
-    return few
+    return np.resize(found if len(found) else np.nan, (SAMPLES, 2))
 
 
 def candidates(batch: SweepBatch, ranges: Float32, place: SweepPoses, shape: Circle | Polygon) -> Inside:
@@ -116,9 +115,8 @@ def candidates(batch: SweepBatch, ranges: Float32, place: SweepPoses, shape: Cir
 def seen(batch: SweepBatch, place: SweepPoses, places: Float64) -> Bool:
     """Return which places (S, P) sweeps see: in view, within the limits of the sensor, and not behind a point.
 
-    A beam without a return sees all the way; one that is masked or has no usable value sees nothing. The places are (P, 2)
-    [m], or (S, P, 2) of each sweep, in the frame of the poses.
-    """
+    A beam without a return observes all the path; one that is masked or has no usable value observes nothing. The places
+    are (P, 2) [m], or (S, P, 2) of each sweep, in the frame of the poses."""
     return _seen(batch, *_from_sensor(place, places))[0]
 
 
@@ -170,7 +168,7 @@ class Sight(NamedTuple):
     """What sweeps (S,) see of places."""
 
     beams: Int32
-    """(S,) beams that could end at some of them: from the first to the last that sees one; 0 where most are lost."""
+    """(S,) beams that could end at some of them: from the first to the last that observes one; 0 where most are lost."""
     seen: UInt64
     lost: UInt64
     """(S,) a bit for each place that they see, and for each that too many lost beams side by side keep from them."""
@@ -179,9 +177,8 @@ class Sight(NamedTuple):
 def sight(batch: SweepBatch, place: SweepPoses, places: Float64, masks: Masks) -> Sight:
     """Return what sweeps see of places.
 
-    `masks` hide places, too, with a mount for each frame that they name; the rest as of `seen`. A sweep that shows nothing
-    has lost all that is in view; nothing is lost behind the robot itself, as masks tell.
-    """
+    `masks` hide places, too, with a mount for each frame that they name; the rest as of `observed`. A sweep that shows
+    nothing has lost all that is in view; nothing is lost behind the robot itself, as masks tell."""
     bearing, distance = _from_sensor(place, places)
     clear, rest, width = _seen(batch, bearing, distance)
     shows = batch.observed[:, None]
@@ -226,8 +223,7 @@ def distance_to_line(line: Line, x: Float64, y: Float64) -> Float64:
     dx, dy = second_x - first_x, second_y - first_y
     length = max(math.hypot(dx, dy), _FLAT)
     along = np.clip(((x - first_x) * dx + (y - first_y) * dy) / length**2, 0.0, 1.0)
-    away: Float64 = np.hypot(x - first_x - along * dx, y - first_y - along * dy)
-    return away
+    return np.hypot(x - first_x - along * dx, y - first_y - along * dy)
 
 
 # Points that a moving shape will meet: the steps of the Collision Monitor's action `approach`.
@@ -257,7 +253,7 @@ def collision_steps(
     """Count the points that are inside of a shape at each tested time (S, K), while it moves with the robot.
 
     The robot moves by a step before each test, the first one too, and its velocity turns with it; so does
-    `getCollisionTime`, hence a contact counts that lies up to one step beyond the time that it is told for. Shape and
+    `getCollisionTime`, hence a contact counts that lies up to one step beyond the time that it is given for. Shape and
     points (N,) are in the frame of the robot before it moves [m]; `velocity` (S, 3) is ahead, left [m/s], turning [rad/s],
     and where one is NaN nothing is met; `point_velocity` (N, 2) is that of each point [m/s]; they stand by default.
     """
@@ -345,7 +341,7 @@ def episodes(
 
     An episode begins with the sweep that is the `trigger`-th in a row with enough points. It ends as soon as `release`
     sweeps in a row have fewer and `hold_ns` have passed since the last one with enough. Nobody knows what was in a gap
-    between two sweeps that is longer than `longest_gap_ns`: an episode ends before it, and all counts begin anew.
+    between two sweeps that is longer than `longest_gap_ns`: an episode ends before it, and all counts begin again.
     """
     found: list[Episode] = []
     if not len(enough):
@@ -387,7 +383,7 @@ class Path(NamedTuple):
     y: Float64
     """(N,) [m]; NaN where its place in the frame is not known."""
     steps: Bool
-    """(N,) True where sweeps saw it all the way from the place before."""
+    """(N,) True where sweeps observed it all the path from the place before."""
 
 
 class Visit(NamedTuple):
@@ -431,11 +427,11 @@ def visits(shapes: Sequence[Circle | Polygon], which: Int64, path: Path) -> list
 
 
 def crossings(line: Line, path: Path) -> tuple[list[Crossing], int, int]:
-    """Return the crossings of a line that sweeps saw; how often the path was clear of it on one side alone; how often it
-    went through unseen.
+    """Return the crossings of a line that sweeps observed; how often the path was clear of it on one side alone; how often
+    it went through unobserved.
 
     A crossing is a path through the line, between its ends, from `CLEAR` away on one side to as far on the other; it goes
-    in where it arrives to the left of the way from the first end to the second.
+    in where it arrives to the left of the path from the first end to the second.
     """
     (first_x, first_y), (second_x, second_y) = line.first, line.second
     length = np.hypot(second_x - first_x, second_y - first_y)
@@ -447,7 +443,7 @@ def crossings(line: Line, path: Path) -> tuple[list[Crossing], int, int]:
     one_sided = unseen = 0
     side, passed, after = 0, 0, -1
     begun, hidden = False, False
-    """True once the path was clear of the line; where no sweep saw it go through."""
+    """True once the path was clear of the line; where no sweep observed it go through."""
     for before, here in zip([-1, *known[:-1].tolist()], known.tolist(), strict=True):
         if before >= 0 and (left[before] > 0.0) != (left[here] > 0.0):
             share = left[before] / (left[before] - left[here])

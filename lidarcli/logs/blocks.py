@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lidarcli.logs.base import MAX_BEAMS, OpenOptions, ReadReport
-from lidarcli.sweeps.findings import FAR, WIDEST_VIEW
+from lidarcli.sweeps.finding_rules import FAR, WIDEST_VIEW
 from lidarcli.sweeps.types import TURN, Bool, Float32, Float64, Int32, Int64, RawSweeps
 
 BLOCK_ROWS = 1024

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from lidarcli.display.texts import moment
 from lidarcli.options.times import SECOND_NS, Instant
-from lidarcli.sweeps.findings import LEAP, LONG, SET_BACK
+from lidarcli.sweeps.finding_rules import LEAP, LONG, SET_BACK
 from lidarcli.sweeps.types import Bool, Float64, Int64, RawSweeps
 
 SECOND = 1e-9

@@ -18,7 +18,7 @@ import numpy as np
 
 from lidarcli.logs.base import ReadReport
 from lidarcli.logs.clock import NO_STAMPS, SAME_NS, Clock, ClockInfo, Sample, in_words
-from lidarcli.sweeps.findings import (
+from lidarcli.sweeps.finding_rules import (
     ASIDE,
     CERTAINLY_MM,
     FAR,
@@ -32,10 +32,8 @@ from lidarcli.sweeps.findings import (
     SWEEP_RULES,
     UNUSABLE,
     WIDEST_VIEW,
-    Finding,
-    Sensor,
-    judge,
 )
+from lidarcli.sweeps.findings import Finding, Sensor, judge
 from lidarcli.sweeps.range_rules import FARTHEST
 from lidarcli.sweeps.types import TURN, Bool, Float32, Float64, Int64, RawSweeps, Status, SweepBatch, spared
 

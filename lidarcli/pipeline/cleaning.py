@@ -39,7 +39,7 @@ from lidarcli.pipeline.reading.one_log import Progress, Reading, RunSummary, dam
 from lidarcli.pipeline.reading.posing import NO_POSES, NONE, Need, PoseAttacher
 from lidarcli.pipeline.zone_counting import OBJECT_COLUMNS, Objects
 from lidarcli.pose.fit import Key
-from lidarcli.sweeps.findings import LEAP
+from lidarcli.sweeps.finding_rules import LEAP
 from lidarcli.sweeps.masks import Polygon
 from lidarcli.sweeps.range_rules import RangeRules
 from lidarcli.sweeps.types import STATUSES, Bool, Closure, Float64, Int32, Int64, Status, SweepBatch, SweepPoses

@@ -36,25 +36,21 @@ from lidarcli.formalism.mapping.grid import (
 )
 from lidarcli.formalism.matching import alignment
 from lidarcli.formalism.matching.differences import (
-    BESIDE,
     GONE,
     HIDDEN,
     MOVED,
     NEW,
     OUT_OF_VIEW,
     POSES,
-    SAME_PLACE,
     STRUCTURE,
     UNCERTAIN,
     Change,
     Compared,
     Run,
-    TooManyError,
-    contained,
-    each_of,
-    measured,
 )
-from lidarcli.formalism.matching.ground import HERE, MAX_CELLS, SEEN_FREE, Ground, Motion, Nearest, Surveying, of_map
+from lidarcli.formalism.matching.extents import BESIDE, contained, each_of, measured
+from lidarcli.formalism.matching.free_space import HERE, MAX_CELLS, SEEN_FREE, Ground, Motion, Nearest, Surveying, of_map
+from lidarcli.formalism.matching.pairs import SAME_PLACE, TooManyError
 from lidarcli.formalism.tracking.results import ENDS
 from lidarcli.logs.batches import LONGEST
 from lidarcli.logs.registry import nothing_read

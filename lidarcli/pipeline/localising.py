@@ -17,7 +17,7 @@ from lidarcli.errors import CHECK_FAILED, UnreadableError
 from lidarcli.files.stores import Place
 from lidarcli.formalism.localisation import FITTING, LOST, OFF, UNSURE, Field, field_of, intervals_of, judge, states_of
 from lidarcli.formalism.mapping.grid import HIT, SKIPPED, Occupancy, TooLargeError, placed
-from lidarcli.formalism.matching.ground import HERE, Motion
+from lidarcli.formalism.matching.free_space import HERE, Motion
 from lidarcli.maps.grids import image_of, read_map
 from lidarcli.options.choices import MAP_STATES, MATCH
 from lidarcli.options.times import SECOND_NS

@@ -32,7 +32,8 @@ from lidarcli.options.times import SECOND_NS, Instant
 from lidarcli.pipeline.inputs.sources import Source, read_pose_messages
 from lidarcli.pipeline.objects.detection import DetectOptions
 from lidarcli.pose.tracks import Track
-from lidarcli.sweeps.findings import APART, FASTEST, LONG, OFTEN, SOME, Finding
+from lidarcli.sweeps.finding_rules import APART, FASTEST, LONG, OFTEN, SOME
+from lidarcli.sweeps.findings import Finding
 from lidarcli.sweeps.range_rules import RangeRules, normalise
 from lidarcli.sweeps.types import TURN, Float32, Int64, RawSweeps, Status, concatenate
 from lidarcli.tabular.reading import ANY, Readable, column_names, is_text, read_as_is

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lidarcli.formalism.detection import SETS
-from lidarcli.formalism.tracking.tracks import seen_steps
+from lidarcli.formalism.tracking.trajectories import seen_steps
 from lidarcli.formalism.zones import SAMPLES, Path, crossings, episodes, visits
 from lidarcli.pipeline.zone_counting import TopicSeries, ZoneSeries
 from lidarcli.sweeps.masks import Circle, Polygon

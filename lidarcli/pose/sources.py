@@ -26,7 +26,7 @@ from lidarcli.pose.tracks import (
     rotate,
 )
 from lidarcli.ros.foxglove import SCAN
-from lidarcli.sweeps.findings import APART
+from lidarcli.sweeps.finding_rules import APART
 from lidarcli.sweeps.types import TURN, Bool, Float64, Int64, SweepPoses
 
 _OF_ROBOT = re.compile(

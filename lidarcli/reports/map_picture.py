@@ -359,7 +359,7 @@ def _track_boxes(sweeps: Rows, tracks: Rows) -> list[Box]:
 def _of_agents(trajectories: Rows, tracks: Rows, frame: str) -> Iterator[tuple[int, int, Int64, Bool]]:
     """Yield each agent in a frame: its row and number, the rows of its path by time, and which steps to these were seen."""
     # Imported here: most pictures need no tracks.
-    from lidarcli.formalism.tracking.tracks import seen_steps
+    from lidarcli.formalism.tracking.trajectories import seen_steps
 
     track, stamp = trajectories.numbers("track"), trajectories.integers("stamp")
     (topic, topics), (of_track, names) = trajectories.words("topic"), tracks.words("topic")

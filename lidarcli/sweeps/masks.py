@@ -20,7 +20,7 @@ _TOGETHER = 1 << 14
 
 
 class Rays(NamedTuple):
-    """The beams of G sweeps as seen from the frame of a mask."""
+    """The beams of G sweeps in the frame of a mask."""
 
     x: float
     y: float
@@ -106,7 +106,7 @@ class Mask:
 
 @dataclass(frozen=True, slots=True)
 class Mount:
-    """Place of a frame, seen from above, in the one that carries it."""
+    """Place of a frame, as seen from above, in the one that carries it."""
 
     frame: str
     parent: str

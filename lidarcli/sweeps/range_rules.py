@@ -18,9 +18,9 @@ class RangeRules:
     """Rules by which raw ranges become a range and a status."""
 
     no_return: frozenset[str] = frozenset({"inf", "zero", "max", "above", "pile"})
-    """Kinds of values that stand for "no return", of `NO_RETURN_WORDS`."""
+    """Kinds of values that mean "no return", of `NO_RETURN_WORDS`."""
     markers: tuple[float, ...] = ()
-    """Magic values [m] that stand for "no return" on some drivers (81.91, 50, ...)."""
+    """Magic values [m] that mean "no return" on some drivers (81.91, 50, ...)."""
     limits: tuple[float, float] | None = None
     """Range limits [m] that replace those of the messages."""
     farthest: float = math.inf
@@ -28,7 +28,7 @@ class RangeRules:
     stuck: tuple[tuple[int, float], ...] = ()
     """Beams that always tell one range [m], which is none, because they do (`logs.piles`)."""
     masks: Masks | None = None
-    """Masks of the robot itself, which is in the way of its beams."""
+    """Masks of the robot itself, which its beams hit."""
 
     @property
     def words(self) -> frozenset[str]:
@@ -84,8 +84,7 @@ def closure(beams: Int32, angle_increment: Float64) -> UInt8:
     enough = np.asarray(beams) > 3
     shared = np.abs(turn - step - TURN) <= 0.5 * step
     closed = (turn >= TURN - slack) & (turn <= TURN + 0.5 * step) & ~shared
-    kind: UInt8 = np.where(shared & enough, Closure.SHARED, np.where(closed & enough, Closure.CLOSED, 0)).astype(np.uint8)
-    return kind
+    return np.where(shared & enough, Closure.SHARED, np.where(closed & enough, Closure.CLOSED, 0)).astype(np.uint8)
 
 
 LONGEST_SWEEP = 1.0
@@ -112,7 +111,7 @@ NEAREST, FARTHEST = 1e-6, 1e6
 
 
 def normalise(raw: RawSweeps, sweep: Int64, rules: RangeRules, first_ns: int | None = None) -> SweepBatch:
-    """Judge every range once: `RawSweeps` → `SweepBatch`.
+    """Evaluate every range once: `RawSweeps` → `SweepBatch`.
 
     Parameters
     ----------
@@ -169,7 +168,7 @@ def normalise(raw: RawSweeps, sweep: Int64, rules: RangeRules, first_ns: int | N
 
 
 def is_marked(ranges: Float32, rules: RangeRules) -> Bool:
-    """Return a mask (S, B) of the ranges that stand for no return, whatever the limits."""
+    """Return a mask (S, B) of the ranges that mean no return, whatever the limits."""
     marked = np.zeros(ranges.shape, np.bool_)
     for marker in rules.markers:
         marked |= same_range(ranges, marker)

@@ -12,7 +12,7 @@ IS_NAN, IS_INF, IS_MINUS_INF, IS_NEGATIVE, IS_ZERO, IS_BELOW, IS_MAX, IS_ABOVE, 
 
 
 def judge(ranges: Any, beams: Any, low: Any, most: Any, limit: Any, verdicts: Any, clean: Any, status: Any) -> None:
-    """Judge the raw ranges of a batch of S sweeps with up to B beams.
+    """Evaluate the raw ranges of a batch of S sweeps with up to B beams.
 
     Parameters
     ----------

@@ -105,7 +105,7 @@ T = TypeVar("T")
 
 @dataclass_transform(frozen_default=True, eq_default=False, field_specifiers=(column,))
 def record(cls: type[T]) -> type[T]:
-    """A dataclass whose fields are arrays: they stay what they are, as the type checker sees to.
+    """A dataclass whose fields are arrays: they stay what they are, as the type checker ensures.
 
     Arrays have no equality that is true or false, so neither have records. Without that, their text and a guard at run
     time a class is made in a third of the time; there are some forty of them, and most runs are short.
@@ -135,7 +135,7 @@ def worth_telling(statuses: Mapping[str, int]) -> dict[str, int]:
 
 
 def spared(sweeps: int) -> int:
-    """Return how many sweeps may show nothing where all are to be seen: one, or one in a hundred up to ten."""
+    """Return how many sweeps may show nothing where all should show something: one, or one in a hundred up to ten."""
     return max(1, min(sweeps // 100, 10))
 
 
@@ -498,8 +498,7 @@ class SweepBatch:
     def bearings(self) -> Float64:
         """(S, B) θ_n = angle_min + n angle_increment [rad], also for padding."""
         columns = np.arange(self.width)
-        bearings: Float64 = self.angle_min[:, None] + self.angle_increment[:, None] * columns
-        return bearings
+        return self.angle_min[:, None] + self.angle_increment[:, None] * columns
 
     def points(self) -> Float64:
         """(S, B, 2) where each beam ended in the sensor frame: x ahead, y to the left [m]; NaN where it has no range."""

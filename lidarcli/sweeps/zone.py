@@ -19,14 +19,14 @@ Action = Literal["stop", "slowdown", "limit", "approach", "none"]
 ACTIONS: tuple[Action, ...] = ("stop", "slowdown", "limit", "approach", "none")
 Count = Literal["beams", "things", "agents"]
 COUNTS: tuple[Count, ...] = ("beams", "things", "agents")
-"""Beams that count: every valid one, those on things (sets O and A), those on agents (set A)."""
+"""Beams that count: every valid one, those on objects (sets O and A), those on agents (set A)."""
 MIN_POINTS = 4
 HOLD = 0.5
 """Time below `min_points` until an event ends [s]."""
 TIMEOUT = 2.0
 """Age from which on the last sweep of a sensor tells nothing of now [s]."""
 UNSEEN = 0.5
-"""Longest time without a sweep in which nobody comes and goes unseen [s]; that of slow sensors is a step and a half."""
+"""Longest time without a sweep in which nobody comes and goes unobserved [s]; that of slow sensors is a step and a half."""
 TIME_BEFORE_COLLISION, TIME_STEP = 2.0, 0.1
 """Time that `approach` looks ahead, and the steps in which it does [s]."""
 
@@ -163,8 +163,7 @@ def placed(shape: Circle | Polygon | Line, place: SweepPoses) -> Float64:
     x, y = (corner - at[:, None] for corner, at in zip(outline(shape).T, (here.x, here.y), strict=True))
     cos, sin = np.cos(here.yaw)[:, None], np.sin(here.yaw)[:, None]
     side = np.where(here.upside_down, -1.0, 1.0)[:, None]
-    corners: Float64 = np.stack([cos * x + sin * y, side * (cos * y - sin * x)], axis=-1)
-    return corners
+    return np.stack([cos * x + sin * y, side * (cos * y - sin * x)], axis=-1)
 
 
 def crossing_edges(shape: Polygon) -> tuple[int, int] | None:
@@ -185,7 +184,7 @@ def crossing_edges(shape: Polygon) -> tuple[int, int] | None:
     low, high = np.minimum(begin, end), np.maximum(begin, end)
     near = (low[:, None] <= high).all(axis=2)
     meets = np.triu(parted & parted.T & near & near.T, 2)
-    # The last edge is beside the first.
+    # The last edge is next to the first.
     meets[:1, -1:] = False
     found = np.argwhere(meets)
     return (int(edges[found[0, 0]]) + 1, int(edges[found[0, 1]]) + 1) if len(found) else None

@@ -13,7 +13,7 @@ import pytest
 import lidarcli as package
 from lidarcli.errors import OptionError, UnreadableError
 from lidarcli.formalism.mapping.grid import FREE, OCCUPIED, Int8, Occupancy
-from lidarcli.formalism.matching import differences, ground
+from lidarcli.formalism.matching import differences, free_space
 from lidarcli.maps.grids import pgm_bytes, yaml_bytes
 from lidarcli.pipeline import differing
 from tests.waiting import HANG
@@ -53,7 +53,7 @@ def test_structure_that_differs_in_too_many_places(tmp_path: Path, monkeypatch: 
 def test_the_ground_of_all_runs_is_too_large(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     one = write_map(tmp_path / "one.yaml", walls(1))
     assert package.diff(one, one, one).figures["overlap"] == 1.0
-    monkeypatch.setattr(ground, "MAX_CELLS", 5000)
+    monkeypatch.setattr(free_space, "MAX_CELLS", 5000)
     with pytest.raises(OptionError, match=r"^the ground of all runs would reach over 6 x 4 m; compare fewer"):
         package.diff(one, one, one)
 

@@ -9,7 +9,7 @@ import pytest
 
 from lidarcli.formalism.mapping.grid import FREE, OCCUPIED, UNKNOWN, Occupancy, TooLargeError
 from lidarcli.formalism.matching.alignment import refine
-from lidarcli.formalism.matching.ground import HERE, REACH, SEEN_FREE, Ground, Motion, Nearest, of_map
+from lidarcli.formalism.matching.free_space import HERE, REACH, SEEN_FREE, Ground, Motion, Nearest, of_map
 
 SIDE = 0.05
 

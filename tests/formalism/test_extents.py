@@ -9,20 +9,9 @@ import pytest
 
 from lidarcli.formalism.mapping.grid import FREE, OCCUPIED, UNKNOWN, Occupancy
 from lidarcli.formalism.matching.alignment import Standing
-from lidarcli.formalism.matching.differences import (
-    Pairs,
-    Side,
-    boxes_of,
-    contained,
-    each_of,
-    measured,
-    pairs_of,
-    probabilities,
-    rectangles,
-    same_sizes,
-    within,
-)
-from lidarcli.formalism.matching.ground import Ground, of_map
+from lidarcli.formalism.matching.extents import boxes_of, contained, each_of, measured, rectangles, within
+from lidarcli.formalism.matching.free_space import Ground, of_map
+from lidarcli.formalism.matching.pairs import Pairs, Side, pairs_of, probabilities, same_sizes
 from lidarcli.sweeps.types import Float64
 
 SIDE = 0.05

@@ -10,7 +10,7 @@ import pytest
 
 from lidarcli.formalism.matching.alignment import Standing, align
 from lidarcli.formalism.matching.differences import Change, Compared, Run
-from lidarcli.formalism.matching.ground import HERE, Motion
+from lidarcli.formalism.matching.free_space import HERE, Motion
 from lidarcli.options.choices import CHANGE_STATUSES, CHANGE_WHYS
 
 Row = tuple[float, float, float, float]

@@ -10,7 +10,8 @@ import pytest
 
 from lidarcli.formalism.matching.catalogue import Catalogue, Thing
 from lidarcli.formalism.tracking.results import BOX
-from lidarcli.formalism.tracking.tracks import SIZE_MEASUREMENT, Naming, SizeMeasurements, Track, Tracklet
+from lidarcli.formalism.tracking.track_labels import SIZE_MEASUREMENT, SizeMeasurements, TrackLabels
+from lidarcli.formalism.tracking.tracks import Track, Tracklet
 from tests.formalism.three_boxes import Named, named
 
 PALLET = Catalogue((Thing("pallet", "prismatic", length=1.2, width=0.8, moves=False),))
@@ -31,11 +32,11 @@ def body(**known: Any) -> Tracklet:
 
 def label_of(track: Track, *seen: SizeMeasurements) -> tuple[int, float]:
     """The label of a track of one body after some windows."""
-    names = Naming(PALLET)
+    names = TrackLabels(PALLET)
     for one in seen:
         number, axes = np.full(len(one), 7), np.zeros(len(one))
         names.take([one], number, axes, {7: track.parts[0]})
-        names.name([track])
+        names.label([track])
     return track.label, track.label_score
 
 

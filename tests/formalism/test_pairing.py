@@ -7,7 +7,7 @@ from itertools import permutations
 import numpy as np
 import pytest
 
-from lidarcli.formalism.matching.alignment import assign
+from lidarcli.formalism.matching.assignment import assign
 
 
 def greatest(gain: np.ndarray) -> float:

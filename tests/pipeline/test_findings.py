@@ -22,7 +22,8 @@ from lidarcli.pipeline.inspecting import inspect_log
 from lidarcli.simulation.generate import START_NS, SimulatedPoses, simulate_blocks
 from lidarcli.simulation.scene import Sensor
 from lidarcli.simulation.writers import ROS1_BYTES, outgoing, write_log
-from lidarcli.sweeps.findings import LOG_RULES, REPEATED_TOPIC, STAMP, SWEEP_RULES, Finding, Fix
+from lidarcli.sweeps.finding_rules import LOG_RULES, REPEATED_TOPIC, STAMP, SWEEP_RULES
+from lidarcli.sweeps.findings import Finding, Fix
 from lidarcli.sweeps.types import TURN, RawSweeps, concatenate
 from tests.pipeline import drawn
 from tests.pipeline.drawn import (

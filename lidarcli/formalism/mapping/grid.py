@@ -1,6 +1,6 @@
-"""Fig. 7b: occupancy grids of the ground, from the number of sweeps that have hit and passed each cell.
+"""Fig. 7b: occupancy grids, from the number of sweeps that have hit and passed each cell.
 
-Counts add up in any order. Sweeps of a sensor that waits are left out, because people who wait beside it are no wall.
+Counts add up in any order. Sweeps of a sensor that waits are left out, because people who wait next to it are no wall.
 """
 
 from __future__ import annotations
@@ -81,7 +81,7 @@ class UnlikeError(ValueError):
 
 @dataclass(frozen=True, slots=True)
 class Comparison:
-    """Figures of a map beside a true one; shares of no cells are NaN."""
+    """Figures of a map compared with a true one; shares of no cells are NaN."""
 
     cells: int
     """Number of occupied cells of the map."""
@@ -132,9 +132,9 @@ def _share_near(cells: Int64, others: Int64) -> float:
 
 
 BLOCK = 256
-"""Least number of cells by which the counted ground grows on each side."""
+"""Least number of cells by which the counted space grows on each side."""
 CELL_BYTES = 12
-"""Memory of a cell that was seen [bytes]: hits, passes, and the last sweep that counted."""
+"""Memory of a cell that was observed [bytes]: hits, passes, and the last sweep that counted."""
 MAP_MARGIN = 1
 """Number of unknown cells around the known ones, as some programs lose walls on the edge of a map."""
 
@@ -142,11 +142,11 @@ MAP_MARGIN = 1
 FARTHEST_CELL = 1 << 32
 """Greatest distance of a cell from the origin of the world, in cells: 215,000 km at 5 cm."""
 MIN_TURN, PAUSE_NS = math.radians(10.0), 5_000_000_000
-"""Turn [rad] and time [ns] after which a sweep counts again, as things may have gone."""
+"""Turn [rad] and time [ns] after which a sweep counts again, as objects may have gone."""
 
 
 class TooLargeError(ValueError):
-    """The ground that was seen is larger than the map may be; the text is its extent."""
+    """The space that was observed is larger than the map may be; the text is its extent."""
 
 
 @record
@@ -198,8 +198,8 @@ def placed(batch: SweepBatch, poses: SweepPoses, use: UInt8, ranges: Float32 | N
 
 
 @dataclass(slots=True)
-class Ground:
-    """Arrays with a number for each cell of the ground that was seen, which grow with it.
+class CellLayers:
+    """Arrays with a number for each cell of the space that was observed, which grow with it.
 
     `resolution`: side of a cell [m]; `most_cells`: greatest number of cells.
     """
@@ -244,8 +244,8 @@ class Ground:
 
 
 @dataclass(slots=True)
-class Counts(Ground):
-    """Counts of hits and passes, a fold over sweeps; takes `CELL_BYTES` for each cell of the ground that was seen."""
+class Counts(CellLayers):
+    """Counts of hits and passes, a fold over sweeps; takes `CELL_BYTES` for each cell of the space that was observed."""
 
     LAYERS: ClassVar[tuple[str, ...]] = ("hits", "passes", "_stamps")
 

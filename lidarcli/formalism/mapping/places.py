@@ -1,8 +1,7 @@
-"""Verdict by place: what all sweeps say of the cells of the ground that a body covers.
+"""Verdict by place: what all sweeps say of the cells of the map that a body covers.
 
-One sweep cannot tell a short wall from a cupboard. Where the place of the sensor is known, what stands at one place is one
-thing or one piece of building in all sweeps, whatever parts of it they see. Votes add up in any order.
-"""
+One sweep cannot tell a short wall from a cupboard. Where the place of the sensor is known, what is static at one place is
+one object or one piece of building in all sweeps, whatever parts of it they see. Votes add up in any order."""
 
 from __future__ import annotations
 
@@ -14,7 +13,7 @@ import numpy as np
 
 from lidarcli.formalism.detection import NOISE, OBJECT, WALL, Detection
 from lidarcli.formalism.mapping import rays
-from lidarcli.formalism.mapping.grid import Ground
+from lidarcli.formalism.mapping.grid import CellLayers
 from lidarcli.sweeps.types import Bool, Float32, Float64, Int64, SweepBatch
 
 CELL, FARTHEST, REACH = 0.1, 15.0, 150.0
@@ -25,7 +24,7 @@ MAX_STOPS = 16
 WORLDS = MAX_STOPS + 1
 """Worlds of one sensor: the first is that of its poses."""
 MAX_SENSORS = 64
-"""Most sensors of one topic or robot that are told apart; sweeps of further frames do not vote."""
+"""Most sensors of one topic or robot that are distinguished; sweeps of further frames do not vote."""
 BUILDING_VOTE = -2.0
 """[log-odds] Vote of a beam on a surface that is no body, because it is too wide."""
 GAIN, PRIOR = 1.75, -0.5
@@ -35,15 +34,15 @@ SURFACE_STEP = 0.3
 SAME_RANGE, SAME_RANGE_GROWTH = 0.03, 0.01
 """[m], [m/m] Greatest change of a range that is the same, and its growth with the range."""
 STANDING_SHARE = 0.8
-"""Share of the beams with a range in two sweeps that measure the same if the sensor stands."""
+"""Share of the beams with a range in two sweeps that measure the same if the sensor is static."""
 UNIT = 12.0
 """Votes of one log-odds: whole numbers have the same sum in any order."""
 MARGIN = FARTHEST + 1.0
-"""[m] Greatest distance of a cell from the way of the sensor during a sweep: beams end within it, with those around."""
+"""[m] Greatest distance of a cell from the path of the sensor during a sweep: beams end within it, with those around."""
 
 
 @dataclass(slots=True)
-class _Votes(Ground):
+class _Votes(CellLayers):
     """Votes of the cells of one world."""
 
     LAYERS: ClassVar[tuple[str, ...]] = ("votes",)
@@ -70,7 +69,7 @@ class SweepsInWorld:
         self.poses: Float64 = np.zeros((len(batch), 4))
         """(S, 4) x, y, yaw and side of the sensor; where it is known by none but itself, it is the origin."""
         self.way: Float64 = np.zeros((len(batch), 3))
-        """(S, 3) its way in x, y, yaw during the sweep."""
+        """(S, 3) its path in x, y, yaw during the sweep."""
         self.poses[:, 3] = 1.0
         at, poses = (worlds >= 0) & (worlds % WORLDS == 0), batch.poses
         if poses is not None:
@@ -82,13 +81,14 @@ class SweepsInWorld:
 
 
 class Standing:
-    """A fold over the sweeps of a topic that tells whether the sensor stands, by the beams that measure the same again."""
+    """A fold over the sweeps of a topic that says whether the sensor is static, by the beams that measure the same
+    again."""
 
     def __init__(self) -> None:
         self._before: Float32 = np.empty(0, np.float32)
 
     def see(self, batch: SweepBatch) -> Bool:
-        """Return (S,) True where the sensor stood since the sweep before, and for the first sweep."""
+        """Return (S,) True where the sensor was static since the sweep before, and for the first sweep."""
         ranges = batch.ranges
         # Padding depends on the batch and has no ranges, nor has the sweep before the first one.
         last = np.full((1, batch.width), np.nan, ranges.dtype)
@@ -167,7 +167,7 @@ class Places:
         return worlds
 
     def judged(self, batch: SweepBatch, detection: Detection, worlds: Int64, least: float) -> Detection:
-        """Return the bodies by their places in all sweeps so far; what is less likely than `least` a thing is wall.
+        """Return the bodies by their places in all sweeps so far; what is less likely than `least` an object is wall.
 
         `worlds` (S,) as `add` returned them.
         """
@@ -202,7 +202,7 @@ class Places:
 
 
 MAX_CELLS = math.ceil((3.0 * REACH + 2.0 * (FARTHEST + MARGIN)) / CELL + 2.0) ** 2
-"""Cells of the ground that the sweeps of one world can reach, whose sensors begin in one square of side `REACH`."""
+"""Cells of the space that the sweeps of one world can reach, whose sensors begin in one square of side `REACH`."""
 
 
 def _by_world(worlds: Int64) -> list[tuple[int, Int64]]:

@@ -130,8 +130,8 @@ def _count(passed: Any, stamped: Any, stamp: int, cell: int) -> None:
         passed[cell] += 1
 
 
-# Votes on the cells of the ground: bodies give them their log-odds of being things, and a body is told by its cells. A body
-# is in all cells that its beams end in. Beams next to each other that end in one cell are one vote.
+# Votes on the cells of the map: bodies give them their log-odds of being objects, and a body is recognised by its cells. A
+# body is in all cells that its beams end in. Beams next to each other that end in one cell are one vote.
 
 NO_BODY = -1
 """Body of a beam that is in none."""
@@ -269,7 +269,7 @@ def _use(ends: Ends, sweep: int, surfaces: bool) -> int:
 
 
 def _lay(ends: Ends, sweep: int, used: int) -> None:
-    """Compute where the beams of use end, each seen from the pose of the sensor at its own time."""
+    """Compute where the beams of use end, each observed from the pose of the sensor at its own time."""
     x, y = ends.poses[4 * sweep], ends.poses[4 * sweep + 1]
     yaw, side = ends.poses[4 * sweep + 2], ends.poses[4 * sweep + 3]
     first = sweep * ends.width

@@ -1,14 +1,13 @@
-"""Coordinates of one run in those of another (§3, matching), by its standing things and by what both saw of the ground.
+"""Coordinates of one run in those of another (§3, matching), by its static objects and by what both observed of the space.
 
-Every pair of a known thing and a thing of the next run is weighed: how much likelier are the measurements of both if they
-are one thing than if they are two? A thing that stands where it stood is recognised by its place, one that was moved by its
-size, shape and label. Every two things of a run, beside two known ones of similar sizes and the same distance, propose a
-turn and a shift; further ones come of trying all turns and shifts on coarse cells.
+Every pair of a known object and an object of the next run is weighed: how much likelier are the measurements of both if
+they are one object than if they are two? An object that is where it was is recognised by its place, one that was moved by
+its size, shape and label. Every two objects of a run, together with two known ones of similar sizes and the same distance,
+propose a turn and a shift; further ones come of trying all turns and shifts on coarse cells.
 
-Two runs lie on each other where the structure of each, as far as the other saw the place, lies on that of the other. Each
-proposal is refined point to line, and the one that explains most of both runs wins, unless another one explains as much, or
-nothing holds it along its walls.
-"""
+Two runs lie on each other where the structure of each, as far as the other observed the place, lies on that of the other.
+Each proposal is refined point to line, and the one that explains most of both runs wins, unless another one explains as
+much, or nothing holds it along its walls."""
 
 from __future__ import annotations
 
@@ -18,19 +17,20 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from lidarcli.formalism.mapping.grid import FREE, UNKNOWN
+from lidarcli.formalism.matching.assignment import assign
 from lidarcli.formalism.matching.catalogue import MAX_SIZE, MIN_SIZE
-from lidarcli.formalism.matching.ground import HERE, Ground, Motion, Nearest
+from lidarcli.formalism.matching.free_space import HERE, Ground, Motion, Nearest
 from lidarcli.sweeps.types import TURN, Bool, Float64, Int32, Int64, record
 
 RUN_PLACE_SD, RUN_SIZE_SD = 0.1, 0.01
-"""[m] Standard deviations of the place of a standing thing in a run, and between two sizes of one thing, beside their
-own."""
+"""[m] Standard deviations of the place of a static object in a run, and between two sizes of one object, in addition to
+their own."""
 WRONG_SIZE = 0.1
-"""Share of sizes that are wrong, as of a thing of which a part was never seen."""
+"""Share of sizes that are wrong, as of an object of which a part was never observed."""
 SIZE_RANGE = MAX_SIZE - MIN_SIZE
-"""[m] Range of the sizes of different things."""
+"""[m] Range of the sizes of different objects."""
 STAYS, NEARNESS = 0.9, 0.05
-"""Probability that a thing stands where it stood, and log-likelihood that each metre between two places of a moved thing
+"""Probability that an object is where it was, and log-likelihood that each metre between two places of a moved object
 costs [1/m]."""
 MIN_GAIN = 2.9
 """Least log-likelihood ratio of a pair: 18 to 1."""
@@ -39,27 +39,27 @@ SAME_SHAPE, OTHER_SHAPE = 0.7, -2.0
 SAME_LABEL, OTHER_LABEL = 2.0, -20.0
 """Log-likelihood ratio of two labels, the same or another."""
 MIN_AREA = 10.0
-"""[m²] Least area in which things stand."""
+"""[m²] Least area in which objects stand."""
 MAX_THINGS, MAX_ALIGNED = 40, 100
-"""Greatest number of things of each side that propose motions, and by which runs are aligned, the largest first."""
+"""Greatest number of objects of each side that propose motions, and by which runs are aligned, the largest first."""
 MAX_PROPOSALS, MAX_REFINED, MIN_QUALITY = 3000, 24, 0.4
 """Most proposals, those of the most alike pairs first; most different ones that are refined; least quality of a proposal,
 as a share of the best one."""
 MOTION_REFINEMENTS = 6
-"""Greatest number of refinements of a motion by the things in place."""
+"""Greatest number of refinements of a motion by the objects in place."""
 PAIR_TOLERANCE, MIN_ALIKE, SHORTEST_PAIR = 0.3, -3.0, 0.3
-"""Two pairs of the same things: greatest difference between their distances [m], least log-likelihood ratio of two things,
-and least distance between two things that give a direction [m]."""
+"""Two pairs of the same objects: greatest difference between their distances [m], least log-likelihood ratio of two
+objects, and least distance between two objects that give a direction [m]."""
 MIN_IN_PLACE, MOTION_PRIOR, IN_PLACE_SDS = 3, 12.0, 4.0
-"""Least number of things in place for a turn and a shift, as two pairs of the same distance are common; for equal frames
-two are enough, and another motion has to be better by so much log-likelihood. Things are in place within so many
+"""Least number of objects in place for a turn and a shift, as two pairs of the same distance are common; for equal frames
+two are enough, and another motion has to be better by so much log-likelihood. Objects are in place within so many
 deviations."""
 PROPOSALS_AT_ONCE = 256
 
 
 @record
 class Standing:
-    """N standing things of one run, (N,) each; lengths in metres, NaN if unknown."""
+    """N static objects of one run, (N,) each; lengths in metres, NaN if unknown."""
 
     x: Float64
     y: Float64
@@ -76,21 +76,21 @@ class Standing:
         return len(self.x)
 
     def rows(self, index: Int64) -> Standing:
-        """Return some of the things."""
+        """Return some of the objects."""
         return Standing(**{name: getattr(self, name)[index] for name in Standing.__dataclass_fields__})
 
     @property
     def column(self) -> Standing:
-        """The things as (N, 1), beside which those of another run are a row: for all pairs."""
+        """The objects as (N, 1), broadcast against those of another run: for all pairs."""
         return self.rows(np.arange(len(self))[:, None])
 
     def at(self, x: Float64, y: Float64) -> Standing:
-        """Return the things at other places."""
+        """Return the objects at other places."""
         return replace(self, x=x, y=y)
 
 
 def gains(known: Standing, run: Standing) -> Float64:
-    """Return (T, N) the log-likelihood ratio of each pair being one thing, in its place or moved, and not two."""
+    """Return (T, N) the log-likelihood ratio of each pair being one object, in its place or moved, and not two."""
     away, like = _distance(known, run), alike(known.column, run)
     sized: Bool = np.isfinite(known.length + known.width)[:, None] & np.isfinite(run.length + run.width)
     moved = np.where(sized, like + math.log(1.0 - STAYS) - NEARNESS * away, -np.inf)
@@ -98,15 +98,12 @@ def gains(known: Standing, run: Standing) -> Float64:
 
 
 def near(distance: Float64, room: float) -> Float64:
-    """Return the log-likelihood ratio of one thing at two places with a distance [m], in a room of an area [m²]."""
-    result: Float64 = (
-        math.log(STAYS * max(room, MIN_AREA) / (4.0 * math.pi * RUN_PLACE_SD**2)) - 0.25 * (distance / RUN_PLACE_SD) ** 2
-    )
-    return result
+    """Return the log-likelihood ratio of one object at two places with a distance [m], in a room of an area [m²]."""
+    return math.log(STAYS * max(room, MIN_AREA) / (4.0 * math.pi * RUN_PLACE_SD**2)) - 0.25 * (distance / RUN_PLACE_SD) ** 2
 
 
 def area(known: Standing, run: Standing) -> float:
-    """Return the area in which the things stand [m²]."""
+    """Return the area in which the objects stand [m²]."""
     sides = []
     for one, other in ((known.x, run.x), (known.y, run.y)):
         both = np.concatenate([one, other])
@@ -115,11 +112,10 @@ def area(known: Standing, run: Standing) -> float:
 
 
 def alike(known: Standing, run: Standing, size_sd: float = RUN_SIZE_SD, wrong: float = WRONG_SIZE) -> Float64:
-    """Return (P,) the log-likelihood ratio of pairs of being one thing by size, shape and label; 0 if these are unknown.
+    """Return (P,) the log-likelihood ratio of pairs of being one object by size, shape and label; 0 if these are unknown.
 
-    `size_sd`: standard deviation between two sizes of one thing, beside their own [m]; `wrong`: share of sizes that are
-    wrong.
-    """
+    `size_sd`: standard deviation between two sizes of one object, in addition to their own [m]; `wrong`: share of sizes
+    that are wrong."""
     total = np.zeros(1)
     for size in ("length", "width"):
         apart = getattr(known, size) - getattr(run, size)
@@ -132,7 +128,7 @@ def alike(known: Standing, run: Standing, size_sd: float = RUN_SIZE_SD, wrong: f
 
 
 def coded(known: Standing, run: Standing) -> Float64:
-    """Return (P,) the log-likelihood ratio of pairs of being one thing by shape and label."""
+    """Return (P,) the log-likelihood ratio of pairs of being one object by shape and label."""
     total = np.zeros(1)
     rules = ((known.shape, run.shape, SAME_SHAPE, OTHER_SHAPE), (known.label, run.label, SAME_LABEL, OTHER_LABEL))
     for one, other, same, unlike in rules:
@@ -141,62 +137,12 @@ def coded(known: Standing, run: Standing) -> Float64:
 
 
 def _distance(known: Standing, run: Standing) -> Float64:
-    """Return (T, N) the distances of things [m]."""
-    result: Float64 = np.hypot(known.x[:, None] - run.x, known.y[:, None] - run.y)
-    return result
-
-
-def assign(gain: Float64) -> Int64:
-    """Return (N,) the columns of the pairs with the greatest sum of gains, by shortest augmenting paths; -1 for none.
-
-    No pair has a gain of 0 or less; -inf rules one out. The choice among equal sums is always the same.
-
-    >>> assign(np.array([[3.0, 2.0], [2.0, -1.0]])).tolist()
-    [1, 0]
-    """
-    rows, columns = gain.shape
-    # Behind the others every row has a column of its own with no gain.
-    cost = np.full((rows, columns + rows), np.inf)
-    cost[:, :columns] = np.where(gain > 0.0, -gain, np.inf)
-    cost[np.arange(rows), columns + np.arange(rows)] = 0.0
-    row_of = np.full(columns + rows, -1)
-    column_of = np.full(rows, -1)
-    price = np.zeros(columns + rows)
-    for row in range(rows):
-        _augment(cost, row, price, row_of, column_of)
-    result: Int64 = np.where(column_of < columns, column_of, -1)
-    return result
-
-
-def _augment(cost: Float64, start: int, price: Float64, row_of: Int64, column_of: Int64) -> None:
-    """Give a row a column along the cheapest path of changes of the other rows."""
-    distance = np.full(cost.shape[1], np.inf)
-    before = np.full(cost.shape[1], start)
-    done = np.zeros(cost.shape[1], np.bool_)
-    row, total = start, 0.0
-    while True:
-        # By the prices, pairs that exist cost nothing along the path.
-        level = 0.0 if row == start else cost[row, column_of[row]] - price[column_of[row]]
-        through = total + cost[row] - price - level
-        shorter = ~done & (through < distance)
-        distance[shorter], before[shorter] = through[shorter], row
-        column = int(np.argmin(np.where(done, np.inf, distance)))
-        total = float(distance[column])
-        done[column] = True
-        if row_of[column] < 0:
-            break
-        row = int(row_of[column])
-    price[done] += distance[done] - total
-    while True:
-        row = int(before[column])
-        row_of[column] = row
-        column_of[row], column = column, int(column_of[row])
-        if row == start:
-            return
+    """Return (T, N) the distances of objects [m]."""
+    return np.hypot(known.x[:, None] - run.x, known.y[:, None] - run.y)
 
 
 def align(known: Standing, run: Standing) -> tuple[Motion | None, float]:
-    """Return the motion from the coordinates of a run to those of the known things, and its probability; None for none."""
+    """Return the motion from the coordinates of a run to those of the known objects, and its probability; None for none."""
     if not len(known) or not len(run):
         return None, 0.0
     known, run = (each.rows(_largest(each, MAX_ALIGNED)) for each in (known, run))
@@ -224,7 +170,7 @@ def align(known: Standing, run: Standing) -> tuple[Motion | None, float]:
 
 
 def proposals(known: Standing, run: Standing) -> list[Motion]:
-    """Return the proposals under which most things fall into place."""
+    """Return the proposals under which most objects fall into place."""
     ours, theirs = _largest(known, MAX_THINGS), _largest(run, MAX_THINGS)
     like = alike(known.rows(ours[:, None]), run.rows(theirs))
     x0, y0, x1, y1 = known.x[ours], known.y[ours], run.x[theirs], run.y[theirs]
@@ -265,13 +211,13 @@ def proposals(known: Standing, run: Standing) -> list[Motion]:
 
 
 def _largest(things: Standing, most: int) -> Int64:
-    """Return the indices of the largest things."""
+    """Return the indices of the largest objects."""
     size = np.nan_to_num(things.length, nan=-1.0)
     return np.sort(np.argsort(-size, kind="stable")[:most]).astype(np.int64)
 
 
 def _refine(known: Standing, run: Standing, motion: Motion) -> Motion:
-    """Return the motion that fits best the things that fall into place."""
+    """Return the motion that fits best the objects that fall into place."""
     like = alike(known.column, run)
     for _ in range(MOTION_REFINEMENTS):
         placed = run.at(*motion.of(run.x, run.y))
@@ -300,14 +246,14 @@ def _fit(x: Float64, y: Float64, to_x: Float64, to_y: Float64) -> Motion:
 IN_PLACE = 0.1
 """[m] Greatest distance of structure in place from that of the other run."""
 MIN_COMMON = 0.2
-"""Least share of the smaller structure, and of the smaller free ground, that both runs have in common: rooms on both sides
+"""Least share of the smaller structure, and of the smaller free space, that both runs have in common: rooms on both sides
 of a wall do not lie on each other."""
 MIN_POINTS, MIN_OVERLAP = 20, 0.6
 """Least number of occupied points that both runs have in common, and least share of the structure in place; runs with less
 do not lie on each other."""
 AS_MUCH, AS_MUCH_POINTS, AS_MUCH_IN_PLACE = 0.03, 40, 0.8
 """A second alignment explains as much if no more speaks against it than this share of the structure and this number of
-points, which one thing that was moved makes, more than against the best, and this share of what the best explains is in
+points, which one object that was moved makes, more than against the best, and this share of what the best explains is in
 place: the rest may lie in the shadow of what was moved."""
 CLEARLY = 6
 """Number of points against it by which a shift along walls is clearly worse."""
@@ -340,11 +286,11 @@ class Fit:
 
     motion: Motion
     overlap: float
-    """Share of the structure in place, as far as the other run saw the place; of both runs the smaller one."""
+    """Share of the structure in place, as far as the other run observed the place; of both runs the smaller one."""
     explained: int
     """Number of points of both runs that are in place."""
     against: int
-    """Number of points of both runs where the other saw nothing of them."""
+    """Number of points of both runs where the other observed nothing of them."""
     rms: float
     """Root mean square of the distances of the points in place [m]."""
     common: bool
@@ -417,7 +363,7 @@ class Alignment:
 
 
 def search(first: Nearest, second: Nearest, proposed: list[Motion]) -> Alignment:
-    """Return the alignment of a run with the first one that explains most; things propose further motions."""
+    """Return the alignment of a run with the first one that explains most; objects propose further motions."""
     nothing = Fit(HERE, 0.0, 0, 0, math.nan, False)
     if not len(first.ground.points) or not len(second.ground.points):
         return Alignment(nothing)
@@ -437,7 +383,7 @@ def search(first: Nearest, second: Nearest, proposed: list[Motion]) -> Alignment
     if stays:
         exact = fit(first, second, HERE)
         best = here if exact.gain < here.gain - CLEARLY or exact.rms > here.rms + SMALL else exact
-        # A motion that explains most of what is not in place is likelier than a thing that was moved just so.
+        # A motion that explains most of what is not in place is likelier than an object that was moved just so.
         most = [each for each in whole if each.lies and 2 * (each.against + CLEARLY) < best.against]
         if most:
             best, stays, whole = most[0], False, most
@@ -456,13 +402,13 @@ def search(first: Nearest, second: Nearest, proposed: list[Motion]) -> Alignment
 
 
 def _explains_as_much(one: Fit, best: Fit) -> bool:
-    """Tell whether one explains as much as the best, but for noise and for what one thing that was moved makes."""
+    """Return whether one explains as much as the best, but for noise and for what one object that was moved makes."""
     more = AS_MUCH_POINTS + AS_MUCH * (best.explained + best.against)
     return one.against <= best.against + more and one.explained >= AS_MUCH_IN_PLACE * best.explained
 
 
 def _slides(first: Nearest, second: Nearest, motion: Motion) -> bool:
-    """Tell whether all structure in place is along one direction, so that nothing holds a motion along it."""
+    """Return whether all structure in place is along one direction, so that nothing holds a motion along it."""
     index, away = first.of(*motion.of(*_some(second.ground.points).T))
     near = index[away <= IN_PLACE]
     across, is_line = first.lines(near)
@@ -589,7 +535,7 @@ def _counted(points: Float64, left: float, low: float, side: float, shape: tuple
 
 
 def _widened(cells: Bool) -> Bool:
-    """Return the cells and those beside them."""
+    """Return the cells and those next to them."""
     wide = cells.copy()
     for axis in (0, 1):
         before = wide.copy()

@@ -1,9 +1,8 @@
-"""Things of interest (§3, matching): the entry of a catalogue that explains what was seen of a thing.
+"""Objects of interest (§3, matching): the entry of a catalogue that explains what was observed of an object.
 
-Only what was seen may contradict an entry: one face of 1.2 m or 0.8 m makes a pallet possible, two faces make it certain.
-Every entry is compared with "none of them", a thing of any size between `MIN_SIZE` and `MAX_SIZE`. A name is given
-where one entry is probable beside the others and none, and also a good fit by chi-square.
-"""
+Only what was observed may contradict an entry: one face of 1.2 m or 0.8 m makes a pallet possible, two faces make it
+certain. Every entry is compared with "none of them", an object of any size between `MIN_SIZE` and `MAX_SIZE`. A name is
+given where one entry is probable compared with the others and none, and also a good fit by chi-square."""
 
 from __future__ import annotations
 
@@ -33,18 +32,18 @@ from lidarcli.formalism.detection import (
 from lidarcli.sweeps.types import Bool, Float64, Int32, Int64, SweepBatch, record
 
 KINDS = tuple(SHAPES[code] for code in (PRISMATIC, ROUND, LEGGED, IRREGULAR))
-"""Shapes of things, in the order of `Evidence.shape`."""
+"""Shapes of objects, in the order of `Evidence.shape`."""
 MIN_PROBABILITY, MIN_FIT = 0.95, 0.01
 """Least probability of a name, and of a worse fit if the name is right: below it the evidence contradicts the name."""
 ALL_LEGS_SEEN, MAX_UNKNOWN_LEGS = 0.5, 8
-"""Probability that all legs of a legged thing are seen at once, and most legs of an unknown thing."""
+"""Probability that all legs of a legged object are visible at once, and most legs of an unknown object."""
 INTENSITY_SHARE = 0.03
-"""Share of the unknown things within the limits of intensity of an entry, which are meant for bright or dark things."""
+"""Share of the unknown objects within the limits of intensity of an entry, which are meant for bright or dark objects."""
 MIN_SIZE, MAX_SIZE = 0.05, 2.0
-"""[m] Range of the sizes of unknown things."""
+"""[m] Range of the sizes of unknown objects."""
 MIN_FIT_SD, MIN_LARGER_SHARE, MIN_DENSITY = 0.001, 0.05, 1e-300
-"""Least standard deviation of a size [m], share of the unknown things that are larger than what was seen, and density, so
-that its logarithm is finite."""
+"""Least standard deviation of a size [m], share of the unknown objects that are larger than what was observed, and density,
+so that its logarithm is finite."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,7 +101,7 @@ def names_in(catalogue: Catalogue | None) -> tuple[str, ...]:
 
 @record
 class Evidence:
-    """Measurements of M things, (M,) each; NaN where nothing was seen. Only what was seen may contradict an entry.
+    """Measurements of M objects, (M,) each; NaN where nothing was observed. Only what was observed may contradict an entry.
 
     Standard deviations include errors that more sweeps of the same beams do not reduce.
     """
@@ -110,7 +109,7 @@ class Evidence:
     shape: Float64
     """(M, 4) log-likelihood of each of `KINDS`; all equal if the shape is unknown."""
     side_1: Float64
-    """Side along axis 1 of the thing, if both of its ends were seen [m]."""
+    """Side along axis 1 of the object, if both of its ends were observed [m]."""
     side_1_sd: Float64
     side_2: Float64
     """Side along axis 2, across axis 1; either may be the longer [m]."""
@@ -121,14 +120,14 @@ class Evidence:
     least_sd: Float64
     """Standard deviation of both least lengths [m]."""
     across: Float64
-    """Extent across the line of sight if both ends were seen, or the diameter of a round thing [m]."""
+    """Extent across the line of sight if both ends were observed, or the diameter of a round object [m]."""
     across_sd: Float64
     legs: Int32
-    """Greatest number of legs seen at once; 0 for a thing without legs."""
+    """Greatest number of legs observed at once; 0 for an object without legs."""
     span_1: Float64
     """Distance of the axes of its legs, along axis 1 [m]."""
     span_2: Float64
-    """Distance of the axes of its legs across axis 1 [m]; NaN for a thing of two legs."""
+    """Distance of the axes of its legs across axis 1 [m]; NaN for an object of two legs."""
     span_sd: Float64
     moved: Bool
     """True if it ever moved."""
@@ -140,19 +139,19 @@ class Evidence:
 
 
 @record
-class Comparison:
-    """Comparison of M things with E entries of a catalogue, (M, E) each."""
+class CatalogueMatch:
+    """CatalogueMatch of M objects with E entries of a catalogue, (M, E) each."""
 
     ratio: Float64
     """Log-likelihood of the entry less that of "none of them"; -inf if it is impossible."""
     fit: Float64
     """Probability of no better a fit if the entry is right, 0 to 1."""
     certain: Bool
-    """True if all sizes of the entry were seen; otherwise it is only possible."""
+    """True if all sizes of the entry were observed; otherwise it is only possible."""
 
 
 def name(evidence: Evidence, catalogue: Catalogue) -> tuple[Int32, Float64]:
-    """Return (M,) the entry of each thing, -1 for none, and (M,) its probability, NaN for none.
+    """Return (M,) the entry of each object, -1 for none, and (M,) its probability, NaN for none.
 
     Each entry is as likely beforehand as "none of them".
     """
@@ -171,8 +170,8 @@ def name(evidence: Evidence, catalogue: Catalogue) -> tuple[Int32, Float64]:
     return label, score
 
 
-def compare(evidence: Evidence, catalogue: Catalogue) -> Comparison:
-    """Compare every thing with every entry."""
+def compare(evidence: Evidence, catalogue: Catalogue) -> CatalogueMatch:
+    """Compare every object with every entry."""
     count = len(evidence)
     # Only ratios count, as any outcome of many sweeps is unlikely.
     shape = evidence.shape - evidence.shape.max(axis=1)[:, None]
@@ -182,17 +181,17 @@ def compare(evidence: Evidence, catalogue: Catalogue) -> Comparison:
     certain = np.zeros((count, len(columns)), np.bool_)
     for i, column in enumerate(columns):
         ratio[:, i], fit[:, i], certain[:, i] = column
-    return Comparison(ratio=ratio, fit=fit, certain=certain)
+    return CatalogueMatch(ratio=ratio, fit=fit, certain=certain)
 
 
 def _compare(evidence: Evidence, thing: Thing, shape: Float64) -> tuple[Float64, Float64, Bool]:
-    """Return the columns of `Comparison` for one entry; `shape` is relative to the mean over the shapes."""
+    """Return the columns of `CatalogueMatch` for one entry; `shape` is relative to the mean over the shapes."""
     if thing.legs or thing.spacing:
         ratio, fit, certain = _by_legs(evidence, thing)
     elif thing.diameter is not None:
         ratio, fit, certain = _by_extent(evidence, thing.diameter, thing.diameter, thing.tolerance)
     elif thing.length is not None and thing.width is not None:
-        # The sides of an irregular thing bound its extent, seen from anywhere.
+        # The sides of an irregular object bound its extent, observed from anywhere.
         by = _by_extent if thing.shape == "irregular" else _by_sides
         ratio, fit, certain = by(evidence, thing.length, thing.width, thing.tolerance)
     else:
@@ -261,35 +260,34 @@ def _by_legs(evidence: Evidence, thing: Thing) -> tuple[Float64, Float64, Bool]:
 
 
 @record
-class Fit:
+class SizeFit:
     """Fits of sizes, (M,) each."""
 
     ratio: Float64
-    """Log-likelihood less that of a thing of any size."""
+    """Log-likelihood less that of an object of any size."""
     chi: Float64
     """Sum of squared deviations, in standard deviations."""
     freedom: Float64
     """Number of deviations: 0, 1 or 2."""
 
-    def plus(self, other: Fit) -> Fit:
+    def plus(self, other: SizeFit) -> SizeFit:
         """Return the fit of both sizes together."""
-        return Fit(self.ratio + other.ratio, self.chi + other.chi, self.freedom + other.freedom)
+        return SizeFit(self.ratio + other.ratio, self.chi + other.chi, self.freedom + other.freedom)
 
-    def where(self, known: Bool, other: Fit) -> Fit:
+    def where(self, known: Bool, other: SizeFit) -> SizeFit:
         """Return this fit where `known` is True, elsewhere the other."""
         pairs = ((self.ratio, other.ratio), (self.chi, other.chi), (self.freedom, other.freedom))
-        return Fit(*(np.where(known, mine, its) for mine, its in pairs))
+        return SizeFit(*(np.where(known, mine, its) for mine, its in pairs))
 
     def likely(self) -> Float64:
         """Return the probability of no better a fit if the size is right, 0 to 1."""
         one = 2.0 * below(-np.sqrt(self.chi))
         two = np.exp(-0.5 * self.chi)
-        result: Float64 = np.where(self.freedom == 0, 1.0, np.where(self.freedom == 1, one, two))
-        return result
+        return np.where(self.freedom == 0, 1.0, np.where(self.freedom == 1, one, two))
 
 
-def measured(value: Float64, sd: Float64, low: float, high: float) -> Fit:
-    """Return the fits of measured sizes (M,) to a size from `low` to `high` [m]; NaN counts as not seen.
+def measured(value: Float64, sd: Float64, low: float, high: float) -> SizeFit:
+    """Return the fits of measured sizes (M,) to a size from `low` to `high` [m]; NaN counts as not observed.
 
     `sd`: standard deviations, tolerance included [m]; the bounds are equal for a known size.
     """
@@ -302,11 +300,11 @@ def measured(value: Float64, sd: Float64, low: float, high: float) -> Fit:
     else:
         log_density = -0.5 * off**2 - np.log(spread * math.sqrt(2.0 * math.pi))
     ratio = log_density + math.log(MAX_SIZE - MIN_SIZE)
-    return Fit(np.where(seen, ratio, 0.0), np.where(seen, off**2, 0.0), seen.astype(np.float64))
+    return SizeFit(np.where(seen, ratio, 0.0), np.where(seen, off**2, 0.0), seen.astype(np.float64))
 
 
-def at_least(least: Float64, sd: Float64, size: float) -> Fit:
-    """Return the fits of least lengths (M,) to a size [m], which only a longer one contradicts; NaN counts as not seen.
+def at_least(least: Float64, sd: Float64, size: float) -> SizeFit:
+    """Return the fits of least lengths (M,) to a size [m], which only a longer one contradicts; NaN counts as not observed.
 
     `sd`: standard deviations, tolerance included [m].
     """
@@ -316,10 +314,10 @@ def at_least(least: Float64, sd: Float64, size: float) -> Fit:
     longer = np.clip((MAX_SIZE - least) / (MAX_SIZE - MIN_SIZE), MIN_LARGER_SHARE, 1.0)
     ratio = np.log(np.maximum(below(-off), MIN_DENSITY)) - np.log(longer)
     exceeds = seen & (off > 0.0)
-    return Fit(np.where(seen, ratio, 0.0), np.where(exceeds, off**2, 0.0), exceeds.astype(np.float64))
+    return SizeFit(np.where(seen, ratio, 0.0), np.where(exceeds, off**2, 0.0), exceeds.astype(np.float64))
 
 
-def any_of(fits: Sequence[Fit]) -> tuple[Float64, Float64]:
+def any_of(fits: Sequence[SizeFit]) -> tuple[Float64, Float64]:
     """Return the log-likelihood ratio of several equally likely fits, and the fit of the best, (M,) each."""
     ratio: Float64 = np.logaddexp.reduce([each.ratio for each in fits]) - math.log(len(fits))
     fit: Float64 = np.max([each.likely() for each in fits], axis=0)
@@ -337,11 +335,10 @@ def below(z: Float64) -> Float64:
     t = 1.0 / (1.0 + 0.2316419 * np.abs(z))
     sum_ = t * (0.319381530 + t * (-0.356563782 + t * (1.781477937 + t * (-1.821255978 + t * 1.330274429))))
     tail = np.exp(-0.5 * np.square(z)) / math.sqrt(2.0 * math.pi) * sum_
-    result: Float64 = np.where(z > 0, 1.0 - tail, tail)
-    return result
+    return np.where(z > 0, 1.0 - tail, tail)
 
 
-# The evidence of one sweep: a face is a side of the thing if both of its ends are the thing's own, a corner, or an edge
+# The evidence of one sweep: a face is a side of the object if both of its ends are the object's own, a corner, or an edge
 # that nothing hides. If an end is hidden or cut off, the face may go on there, and its length is a lower bound.
 
 UNIFORM_SD = 1.0 / math.sqrt(12.0)
@@ -353,16 +350,16 @@ FEW_POINTS = 2.5
 SHORT_FACE = 3.5
 """Least number of points of a face whose ends are certain."""
 ROUGH = 0.05
-"""Standard deviation of the extent of an irregular thing from all sides, as a share."""
+"""Standard deviation of the extent of an irregular object from all sides, as a share."""
 MAX_PARTS = 8
-"""Greatest number of legs of a thing whose legs are measured."""
+"""Greatest number of legs of an object whose legs are measured."""
 MIN_LENGTH = 1e-9
 SEEN_AS = ((0.925, 0.02, 0.005, 0.05), (0.06, 0.855, 0.005, 0.08), (0.06, 0.14, 0.60, 0.20), (0.33, 0.13, 0.005, 0.535))
-"""Shares of the sweeps that take a prismatic, round, legged or irregular thing (rows) for prismatic, round,
+"""Shares of the sweeps that take a prismatic, round, legged or irregular object (rows) for prismatic, round,
 legged or irregular: those of docs/accuracy.md with more room for rare cases, as one sweep is no proof. Sweeps that find
-no shape, as few beams hit the thing, are left out."""
+no shape, as few beams hit the object, are left out."""
 ALIKE = (10.0, 10.0, 5.0, 4.0)
-"""Weight of these shares for prismatic, round, legged and irregular things, in sweeps: a box looks like any box, while
+"""Weight of these shares for prismatic, round, legged and irregular objects, in sweeps: a box looks like any box, while
 each plant is different."""
 
 
@@ -396,10 +393,10 @@ def evidence_of(batch: SweepBatch, detection: Detection) -> Evidence:
 
 
 def _sides(detection: Detection, step: Float64, sigma: Float64, found: dict[str, Float64]) -> None:
-    """Measure the longest faces of prismatic things with two own ends, along and across their boxes."""
+    """Measure the longest faces of prismatic objects with two own ends, along and across their boxes."""
     vertices, faces = np.diff(detection.vertex_offsets), np.diff(detection.face_offsets)
     owner = np.repeat(np.arange(len(detection)), faces)
-    # A thing that a thin one in front cuts in two has hidden ends in its middle.
+    # An object that a thin one in front cuts in two has hidden ends in its middle.
     mine = (detection.shape == PRISMATIC) & (vertices == faces + 1)
     face = np.flatnonzero(mine[owner])
     owner = owner[face]
@@ -437,7 +434,7 @@ def _sides(detection: Detection, step: Float64, sigma: Float64, found: dict[str,
 
 
 def _extents(detection: Detection, step: Float64, sigma: Float64, found: dict[str, Float64]) -> None:
-    """Measure round things and the extents of irregular ones across the line of sight, if both edges are their own."""
+    """Measure round objects and the extents of irregular ones across the line of sight, if both edges are their own."""
     spacing = detection.r_min * step
     whole = detection.visibility == FULL
     is_round, irregular = (whole & (detection.shape == code) for code in (ROUND, IRREGULAR))
@@ -451,7 +448,7 @@ def _extents(detection: Detection, step: Float64, sigma: Float64, found: dict[st
 
 
 def _legs(detection: Detection) -> tuple[Int32, Float64, Float64]:
-    """Return the legs of legged things, and the sides of the smallest rectangles through their places [m]."""
+    """Return the legs of legged objects, and the sides of the smallest rectangles through their places [m]."""
     count = len(detection)
     vertices, faces = np.diff(detection.vertex_offsets), np.diff(detection.face_offsets)
     parts = np.where(detection.shape == LEGGED, vertices - faces, 0).astype(np.int32)

@@ -1,8 +1,8 @@
 """Which tracks are agents (set A, Def. 4): what passes through places that are free before it comes or after it has gone.
 
 A track is parted into stretches at its jumps. A stretch has a score, the probability that it goes: by how clearly its
-places are seen free, by how many of them lie on its way, and by its greatest step. After a jump it is still the same
-agent, unless something stood at the new place while it was seen elsewhere.
+places are observed free, by how many of them lie on its path, and by its greatest step. After a jump it is still the same
+agent, unless something stood at the new place while it was observed elsewhere.
 """
 
 from __future__ import annotations
@@ -19,29 +19,53 @@ from lidarcli.formalism.tracking.results import MIN_WAY
 from lidarcli.formalism.tracking.tracks import Track, main_part
 from lidarcli.sweeps.types import Bool, Float64, Int64, UInt8
 
-PLACES_APART = 0.06
-"""[m] Least distance of the places of a stretch at which it is looked."""
-MIN_JUMP, LARGEST = 0.4, 2.0
-"""[m] Least distance from where a track is expected that is a jump, unless it is larger; greatest size that counts."""
-MIN_LOOKS = 1.5
-"""Least weight of the looks at a place, before or after, that tell whether it is free."""
-ON_THE_WAY = 0.2
-"""A place lies on the way if it is so far from both ends, as a share of the way."""
-AT_FIRST, BALANCE, PLACES, STEP = -2.55, 1.45, 1.05, -0.38
-"""[log-odds] That a stretch goes: without evidence; by the mean balance of the looks at its places, from -1 (all hit) to 1
-(all free); by the logarithm of 1 + the number of free places on its way; by that of its greatest step over its way. By
-logistic regression on 29 real logs that were judged by eye and on drawn ones (docs/tracking.md)."""
-MIN_STEP_SHARE, SHORTEST_WAY = 0.02, 0.05
-"""Added to the greatest step over the way; shortest way [m] that counts."""
-SECONDS_BEFORE, RESTS = 1.0, 0.5
-"""[s] What goes has begun so long before that is shown, unless it rested at one place for so long."""
-BODY_REACH, BODY_CELL, BODY_SHARE, BODY_WAY = 1.2, 0.06, 0.6, 2.0
-"""[m] Greatest distance of a part of the robot from its sensor, and resolution of its place; share of the way of the sensor
-on which something is at that place; least such way [m]."""
+
+@dataclass(frozen=True)
+class AgentRules:
+    """When a track is an agent."""
+
+    places_apart: float = 0.06
+    """[m] A stretch is examined at places that are at least so far apart."""
+    min_jump: float = 0.4
+    """[m] A track jumps where it is further than this from where it is expected, or than its size if that is larger, ..."""
+    largest: float = 2.0
+    """[m] ... of which no more than this counts."""
+    min_looks: float = 1.5
+    """Looks at a place, before or after, of less weight do not decide whether it is free."""
+    between: float = 0.2
+    """A place lies on the path of a stretch if it is further from both ends than this share of the path."""
+    odds: float = -2.55
+    """[log-odds] That a stretch goes without evidence. This and the next three are of a logistic regression on 29 real logs
+    that were labelled by eye and on simulated ones (docs/tracking.md)."""
+    balance: float = 1.45
+    """[log-odds] By the mean balance of the looks at its places, from -1 (all hit) to 1 (all free)."""
+    places: float = 1.05
+    """[log-odds] By the logarithm of 1 + the number of free places on its path."""
+    step: float = -0.38
+    """[log-odds] By the logarithm of its greatest step over the length of its path."""
+    min_step_share: float = 0.02
+    """Added to that ratio."""
+    shortest_path: float = 0.05
+    """[m] A shorter path counts as this."""
+    seconds_before: float = 1.0
+    """[s] What goes has begun so long before that is shown, ..."""
+    rest: float = 0.5
+    """[s] ... unless it rested at one place for so long."""
+    body_reach: float = 1.2
+    """[m] What is further from the sensor is no part of the robot."""
+    body_cell: float = 0.06
+    """[m] Resolution of the places of parts of the robot."""
+    body_share: float = 0.6
+    """A part of the robot is at its place on this share of the path of the sensor, ..."""
+    body_path: float = 2.0
+    """[m] ... which is no shorter than this."""
+
+
+AGENTS = AgentRules()
 
 
 @dataclass(frozen=True, slots=True)
-class Verdict:
+class AgentVerdict:
     """Verdict on a track in each of the S sweeps of a window and the next one."""
 
     agent: Bool
@@ -52,8 +76,8 @@ class Verdict:
     """(S,) probability that it has gone by then; NaN where the place of the sensor is not known."""
 
 
-def judge(sightings: Any, track: Track, at: Int64, step: Int64, time: Float64, moving: UInt8, least: float) -> Verdict:
-    """Judge a track that seems to move.
+def judge(sightings: Any, track: Track, at: Int64, step: Int64, time: Float64, moving: UInt8, least: float) -> AgentVerdict:
+    """Evaluate a track that seems to move.
 
     Parameters
     ----------
@@ -69,7 +93,7 @@ def judge(sightings: Any, track: Track, at: Int64, step: Int64, time: Float64, m
     place, when = np.add.reduceat(sightings.view[at], firsts) / parts, time[seen]
     rows, moves = sightings.keep[at[firsts]], moving[seen] == 1
     own = np.logical_or.reduceat(sightings.own[at], firsts)
-    far = max(MIN_JUMP, min(2.0 * max(main_part(track).h), LARGEST) + MIN_WAY)
+    far = max(AGENTS.min_jump, min(2.0 * max(main_part(track).h), AGENTS.largest) + MIN_WAY)
     picks = _picks(place)
     balance = _balance(sightings, sightings.keyframes, at, step, seen[picks])
     agent, goes, score = np.zeros(len(seen), bool), np.zeros(len(seen), bool), np.zeros(len(seen))
@@ -97,28 +121,28 @@ def judge(sightings: Any, track: Track, at: Int64, step: Int64, time: Float64, m
         onset = min((part.onset for part in track.parts if part.moved), default=0)
         agent[:] = goes[:] = (sightings.sweep[at[firsts]] >= onset) & ~own
         score[:] = math.nan
-    every = Verdict(*(np.zeros(len(time), values.dtype) for values in (agent, goes, score)))
+    every = AgentVerdict(*(np.zeros(len(time), values.dtype) for values in (agent, goes, score)))
     every.agent[seen], every.goes[seen], every.score[seen] = agent, goes & ~own, score
     return every
 
 
 def _first_row(when: Float64, picks: Int64) -> int:
     """Return from where on a track is one that goes, by its places up to the one that shows it."""
-    rests = picks[1:][np.diff(when[picks]) >= RESTS]
-    early = int(np.searchsorted(when, when[picks[-1]] - SECONDS_BEFORE))
+    rests = picks[1:][np.diff(when[picks]) >= AGENTS.rest]
+    early = int(np.searchsorted(when, when[picks[-1]] - AGENTS.seconds_before))
     return int(max(picks[0], early, *rests[-1:]))
 
 
 def _left(sightings: Any, row: int) -> bool:
-    """Return whether the place of a sighting is seen free afterwards: what stood there has gone."""
+    """Return whether the place of a sighting is observed free afterwards: what was static there has gone."""
     looks = np.empty((1, 4))
     sightings.keyframes.count_looks(sightings.recorded, np.array([row], np.int64), looks)
     free, hits = looks[0, 2:].tolist()
-    return bool(free >= MIN_LOOKS and free > hits)
+    return bool(free >= AGENTS.min_looks and free > hits)
 
 
 def _rests_as_another(sightings: Any, place: Any, when: Float64, rows: Int64, rests: Bool, far: float) -> Bool:
-    """Return which of the last places of a track are those of another thing: it stood there while the track was elsewhere.
+    """Return which of the last places of a track are those of another object: it stood there while the track was elsewhere.
 
     `rests`: which of them may be.
     """
@@ -128,7 +152,7 @@ def _rests_as_another(sightings: Any, place: Any, when: Float64, rows: Int64, re
         i = first + (b + e) // 2
         apart = np.abs(place[:i] - place[i])
         away = np.flatnonzero(apart > 2.0 * far)
-        if len(away) and when[first + e - 1] - when[first + b] >= RESTS:
+        if len(away) and when[first + e - 1] - when[first + b] >= AGENTS.rest:
             near = np.flatnonzero(apart[: away[-1]] <= far)
             since = when.item(int(near[-1])) + 1.0 if len(near) else -math.inf
             another[b:e] = sightings.keyframes.stood(sightings.recorded, rows.item(i), since, when.item(int(away[-1])))
@@ -150,7 +174,7 @@ def _picks(place: Any) -> Int64:
     """Return the indices of places that are far enough from the one before."""
     picks, last = [], complex(math.inf)
     for k, here in enumerate(place.tolist()):
-        if abs(here - last) >= PLACES_APART:
+        if abs(here - last) >= AGENTS.places_apart:
             picks.append(k)
             last = here
     return np.array(picks, np.int64)
@@ -165,9 +189,8 @@ def _balance(sightings: Any, keyframes: Keyframes, at: Int64, step: Int64, sweep
     looks = np.add.reduceat(looks, groups) / np.diff(groups, append=len(which))[:, None]
     free, hits = looks[:, ::2], looks[:, 1::2]
     total = free + hits
-    either = np.where(total >= MIN_LOOKS, (free - hits) / np.maximum(total, MIN_LOOKS), np.nan)
-    balance: Float64 = np.fmax(either[:, 0], either[:, 1])
-    return balance
+    either = np.where(total >= AGENTS.min_looks, (free - hits) / np.maximum(total, AGENTS.min_looks), np.nan)
+    return np.fmax(either[:, 0], either[:, 1])
 
 
 def _chance(place: Any, balance: Float64, moves: Bool) -> tuple[float, int]:
@@ -181,10 +204,10 @@ def _chance(place: Any, balance: Float64, moves: Bool) -> tuple[float, int]:
     along = (off * np.conj(axis)).real / max(abs(axis), 1e-9)
     way = float(np.ptp(along))
     share = (along - along.min()) / max(way, 1e-9)
-    between = np.count_nonzero((share > ON_THE_WAY) & (share < 1.0 - ON_THE_WAY))
-    step = float(np.abs(np.diff(place)).max()) / max(way, SHORTEST_WAY)
-    odds = AT_FIRST + BALANCE * float(balance[told].mean()) + PLACES * math.log1p(between)
-    odds += STEP * math.log(step + MIN_STEP_SHARE)
+    between = np.count_nonzero((share > AGENTS.between) & (share < 1.0 - AGENTS.between))
+    step = float(np.abs(np.diff(place)).max()) / max(way, AGENTS.shortest_path)
+    odds = AGENTS.odds + AGENTS.balance * float(balance[told].mean()) + AGENTS.places * math.log1p(between)
+    odds += AGENTS.step * math.log(step + AGENTS.min_step_share)
     return 1.0 / (1.0 + math.exp(-odds)), int(free[0])
 
 
@@ -194,20 +217,20 @@ def own_body(sightings: Any, mine: Int64, known: set[complex]) -> Bool:
     `mine`: (N,) those of the sensor; `known`: such places in windows before, to which those of this one are added.
     """
     place = sightings.ahead[mine] + 1j * sightings.left[mine]
-    own, near = np.zeros(len(place), bool), np.flatnonzero(np.abs(place) < BODY_REACH)
-    cell = np.round(place[near] / BODY_CELL)
+    own, near = np.zeros(len(place), bool), np.flatnonzero(np.abs(place) < AGENTS.body_reach)
+    cell = np.round(place[near] / AGENTS.body_cell)
     if len(near):
         sweeps, firsts = np.unique(sightings.sweep[mine], return_index=True)
         travelled = sightings.travelled[mine[firsts]]
         way = dict(zip(sweeps.tolist(), np.diff(travelled, prepend=travelled[0]).tolist(), strict=True))
-        if np.ptp(travelled) >= BODY_WAY:
+        if np.ptp(travelled) >= AGENTS.body_path:
             seen: dict[complex, set[int]] = {}
             for one, sweep in zip(cell.tolist(), sightings.sweep[mine[near]].tolist(), strict=True):
                 seen.setdefault(one, set()).add(sweep)
             around = [complex(i, k) for i in (-1, 0, 1) for k in (-1, 0, 1)]
             for one in seen:
                 there = set().union(*(seen.get(one + each, ()) for each in around))
-                if sum(way[sweep] for sweep in there) >= BODY_SHARE * np.ptp(travelled):
+                if sum(way[sweep] for sweep in there) >= AGENTS.body_share * np.ptp(travelled):
                     known.add(one)
         own[near] = np.isin(cell, np.array([*known], complex))
     return own

@@ -122,7 +122,7 @@ def _gate(candidates: Candidates, sides: EdgeMeasurement, targets: Targets, meas
                 continue
             dx, dy = meas.middle_x[k] - targets.middle_x[b], meas.middle_y[k] - targets.middle_y[b]
             is_away = dx * dx + dy * dy > (size + MIN_WAY) * (size + MIN_WAY)
-            # What stood there while the target was seen elsewhere is another thing.
+            # What was static there while the target was observed elsewhere is another object.
             if is_away and keyframes.stood_before(frames, meas, k, targets.last_time[b]):
                 continue
             i = candidates.count
@@ -242,7 +242,7 @@ def merge_fragments(targets: Targets, meas: Measurements) -> None:
                 continue
             out = kalman.outside(targets, b, meas.middle_x[k], meas.middle_y[k])
             if not measurement.is_partial(meas, targets.measurement[b]):
-                # A target that is seen whole has no further parts, unless it is ragged.
+                # A target that is visible whole has no further parts, unless it is ragged.
                 out += 1.5 * PART_MARGIN
             size = math.sqrt(targets.h[2 * b] * targets.h[2 * b] + targets.h[2 * b + 1] * targets.h[2 * b + 1])
             if out < least and meas.chord[k] <= 2.0 * size + PART_MARGIN:

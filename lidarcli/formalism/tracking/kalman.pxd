@@ -5,9 +5,6 @@ from lidarcli.system cimport native
 from lidarcli.formalism.tracking cimport measurement
 from lidarcli.formalism.tracking.measurement cimport EdgeMeasurement, Measurements
 
-cdef Py_ssize_t AHEAD, DELAY, LEFT
-cdef double MOUNT_VAR, MOUNT_TURN_VAR
-cdef double DELAY_SD, MIN_DELAY_VAR, MIN_PLACE_VAR, MAX_DELAY, MAX_POSE_RESIDUAL, PLACE_SD, POSE_SIDE_VAR
 cdef Py_ssize_t MAX_LEGS, EMPTY, LIVE, ENDED, DISC, BOX, PERSON
 cdef double ACCELERATION, EXTENT_GROWTH, STANDING_GROWTH, SPEED_SD, ANGULAR_ACCELERATION, TURN_RATE_SD, MAX_TURN, FASTEST_TURN
 cdef double UNSEEN_VAR, MAX_RESIDUAL, MIN_VAR, QUARTER_TURN, NEW_EXTENT
@@ -146,30 +143,3 @@ cdef void record_sighting(
     Sightings sightings, Targets targets, Py_ssize_t b, EdgeMeasurement sides, Measurements meas, Py_ssize_t k,
     Py_ssize_t objects
 ) noexcept nogil
-
-
-cdef class PoseErrorFilter:
-    cdef list owner
-    cdef double* value
-    cdef double* cov
-    cdef readonly Py_ssize_t sensors
-    cdef double* last
-    cdef double* elapsed
-    cdef double speed_x, speed_y, turning
-    cdef public double travelled
-    cdef double* jacobian
-    cdef double* product
-    cdef double* change
-
-    cpdef tuple estimate(self)
-
-
-@cython.locals(sensor=Py_ssize_t)
-cdef void pass_time(PoseErrorFilter pose_error, double dt) noexcept nogil
-cdef void correct_pose(PoseErrorFilter pose_error, Measurements meas, double x, double y, double yaw, double side) noexcept nogil
-cdef void set_jacobian(PoseErrorFilter pose_error, Measurements meas, double x, double y, double u_x, double u_y, Py_ssize_t axis
-) noexcept nogil
-cdef void update_pose_error(PoseErrorFilter pose_error, Targets targets, Py_ssize_t a, double off, double var, Py_ssize_t axis
-) noexcept nogil
-cdef void mix_jacobian(PoseErrorFilter pose_error, Targets targets, Py_ssize_t a, double gain, Py_ssize_t axis) noexcept nogil
-cdef void apply_pose_error(PoseErrorFilter pose_error, Targets targets) noexcept nogil

@@ -1,4 +1,4 @@
-"""Keyframes: sweeps half a second apart, by which a place is seen occupied or free before and after a thing is there.
+"""Keyframes: sweeps half a second apart, by which a place is observed occupied or free before and after an object is there.
 
 They reach back from a minute to two, in bounded memory. A look at a place in one of them ends there (a hit), passes it
 (free space), or tells nothing. Who moves passes through places that are free before or after (Def. 4).
@@ -29,8 +29,8 @@ GUARD_ANGLE, GUARD, MAX_BEAMS = 0.01, 0.05, 12.0
 LOOK_MARGIN, LOOK_MARGIN_SHARE = 0.12, 0.01
 """Least distance of the end of a beam from a place that it has not hit [m], and its growth with the range."""
 SAME_VIEW, SAME_RANGE = math.cos(math.radians(10.0)), 1.25
-"""A beam without a return shows free space only where the thing itself was seen from about there: cosine of the greatest
-angle between both views, and greatest ratio of both ranges."""
+"""A beam without a return shows free space only where the object itself was observed from about there: cosine of the
+greatest angle between both views, and greatest ratio of both ranges."""
 SECONDS_BEFORE, SECONDS_AFTER, MAX_WAY = 60.0, 25.0, 10.0
 """Keyframes so long before and after a sighting tell of its place [s], while the sensor has gone less than this [m]: the
 path drifts."""
@@ -40,8 +40,8 @@ THINNED = 1.15
 SECONDS_UNPLACED = 5.0
 """[s] The same where the place of the sensor is not known."""
 WIDEST_COVER, COVER_STEP = 2.5, 0.5
-"""[m] Greatest width of what hides a thing to each side of it, and least step in range at its edges: what is wider is a
-wall, behind which a thing may leave unseen."""
+"""[m] Greatest width of what hides an object to each side of it, and least step in range at its edges: what is wider is a
+wall, behind which an object may leave unobserved."""
 MAX_LOOKS = 8.0
 """Weight of the looks that decide on a place."""
 
@@ -78,8 +78,8 @@ class Keyframes:
         self.r = native.singles(self.owner, self.kept * beams)
         """Ranges by bearing [m]: `measurement.NO_RANGE` where unknown, `FREE_RANGE` without a return."""
         self.pose = native.integers(self.owner, self.kept)
-        """The same number for keyframes in a row of a sensor that stands."""
-        # The place that is looked at (`aim`), and where it is seen from the last pose that was asked for.
+        """The same number for keyframes in a row of a sensor that is static."""
+        # The place that is looked at (`aim`), and where it is observed from the last pose that was asked for.
         self.place_x = self.place_y = self.width = self.from_x = self.from_y = 0.0
         self.seen_from, self.seen_at, self.seen_x, self.seen_y = -1, 0.0, 0.0, 0.0
         self.is_covered = False
@@ -143,15 +143,15 @@ class Keyframes:
     def uncovered(
         self, sensor: int, since: float, begin: complex, until: float, end: complex, width: float
     ) -> tuple[float, float, float]:
-        """Return for how long a thing on the straight way from one place x + iy to another had been seen, was out of view,
-        and was hidden where it may have left unseen [s].
+        """Return for how long an object on the straight path from one place x + iy to another had been observed, was out of
+        view, and was hidden where it may have left unobserved [s].
 
         Parameters
         ----------
         sensor : the sensor that looks
-        since, until : times at both ends of the way [s]
+        since, until : times at both ends of the path [s]
         begin, end : these ends [m]
-        width : width of the thing across the line of sight [m]
+        width : width of the object across the line of sight [m]
         """
         x, y, dx, dy = begin.real, begin.imag, end.real - begin.real, end.imag - begin.imag
         free, outside, left, later = 0.0, 0.0, 0.0, until
@@ -175,7 +175,7 @@ class Keyframes:
 
 
 def is_enclosed(keyframes: Keyframes, m: int) -> bool:
-    """Return whether what hides the place ends on both sides before what is behind it, so that nobody leaves unseen."""
+    """Return whether what hides the place ends on both sides before what is behind it, so that nobody leaves unobserved."""
     r = math.sqrt(keyframes.seen_x * keyframes.seen_x + keyframes.seen_y * keyframes.seen_y)
     period, bearings = keyframes.period[m], keyframes.bearings[m]
     middle = int(math.floor(keyframes.seen_at + 0.5))  # noqa: RUF046
@@ -276,8 +276,8 @@ def is_same_pose(keyframes: Keyframes, m: int, n: int) -> bool:
 
 
 def aim(keyframes: Keyframes, x: float, y: float, width: float, from_x: float, from_y: float) -> None:
-    """Set the place to look at in the world, the width of a thing there across the line of sight, and the place of the
-    sensor from which it was seen [m].
+    """Set the place to look at in the world, the width of an object there across the line of sight, and the place of the
+    sensor from which it was observed [m].
     """
     keyframes.place_x, keyframes.place_y, keyframes.width, keyframes.seen_from = x, y, width, -1
     keyframes.from_x, keyframes.from_y = from_x, from_y
@@ -318,7 +318,7 @@ def find_place(keyframes: Keyframes, m: int) -> None:
 
 
 def look(keyframes: Keyframes, m: int) -> float:
-    """Look at the place in a keyframe: -1 for a hit, 0 for nothing, else the chance that a thing there had been hit."""
+    """Look at the place in a keyframe: -1 for a hit, 0 for nothing, else the chance that an object there had been hit."""
     if keyframes.pose[m] != keyframes.seen_from:
         find_place(keyframes, m)
     keyframes.is_covered = False
@@ -363,7 +363,7 @@ def look(keyframes: Keyframes, m: int) -> float:
         own = math.sqrt(own_x * own_x + own_y * own_y)
         if own > SAME_RANGE * r or r > SAME_RANGE * own or own_x * dx + own_y * dy < SAME_VIEW * own * r:
             return 0.0
-    # Beside what is nearer a small error of the pose would hide the thing.
+    # Next to what is nearer a small error of the pose would hide the object.
     open_share = 1.0 - 1.0 * blocked / max(passes, 1)
     return open_share * open_share * min(1.0, max(keyframes.width, 0.02) / max(r * step, 1e-3))
 
@@ -371,8 +371,8 @@ def look(keyframes: Keyframes, m: int) -> float:
 def looks_before(keyframes: Keyframes, sensor: int, travelled: float, oldest: float, until: float) -> tuple[float, float]:
     """Return the sums of free looks and of hits at the place, in the latest keyframes of a sensor between two times [s].
 
-    Another sensor, which may look over things or under them, says nothing of what this one sees.
-    `travelled`: distance that the sensor had gone when it saw the thing there.
+    Another sensor, which may look over objects or under them, says nothing of what this one observes.
+    `travelled`: distance that the sensor had gone when it observed the object there.
     """
     free, hits = 0.0, 0.0
     for i in range(min(keyframes.count, keyframes.kept)):

@@ -25,7 +25,7 @@ OPEN_VIEW, SHARED = types.Closure.OPEN.value, types.Closure.SHARED.value
 VALID, NO_RETURN = types.Status.VALID.value, types.Status.NO_RETURN.value
 TURN = types.TURN
 HIDDEN, OPEN, OWN = 0, 1, 2
-"""Kinds of edges: hidden by a nearer object or the end of the view; beside beams without a return; the object's own."""
+"""Kinds of edges: hidden by a nearer object or the end of the view; next to beams without a return; the object's own."""
 BOX_MARGIN = 0.05
 """[m] Points outside of the box by more than this, and four times the noise, belong to an object between its parts."""
 MIN_FACE_POINTS = 3
@@ -50,7 +50,7 @@ CROOKED_SHARE = 0.25
 RAGGED_SHARE = 0.12
 """Standard deviation of the middle of an object without faces, as a share of its size."""
 OPEN_EDGE_VAR = 0.01
-"""[m²] Variance of an edge beside beams that come and go: (10 cm)²."""
+"""[m²] Variance of an edge next to beams that come and go: (10 cm)²."""
 LEGGED_VAR = 0.0081
 """[m²] Variance of the middle of a group of legs: (9 cm)²."""
 
@@ -66,7 +66,7 @@ class Detections:
         poses : (S, 4) x, y, yaw, side of the sensor; the side is -1 where it hangs head down
         seconds : (S,) times of the sweeps [s]
         motion : (S, 3) motion of the sensor in x, y, yaw during each sweep
-        shares : (K,) share of the time of its sweep that had passed when each object was seen
+        shares : (K,) share of the time of its sweep that had passed when each object was observed
         placed : (S,) True where the place of the sensor is known
         """
         arrays = {name: np.require(getattr(found, name), COLUMNS[name].dtype, ["C", "A"]) for name in REQUIRED}
@@ -163,13 +163,13 @@ class Measurements:
         self.near = native.doubles(self.owner, objects)
         """Least range [m]."""
         self.share = native.doubles(self.owner, objects)
-        """Share of the time of the sweep that had passed when it was seen."""
+        """Share of the time of the sweep that had passed when it was observed."""
         self.begin = native.integers(self.owner, objects + 1)
         self.face_begin = native.integers(self.owner, objects + 1)
         # Of each point.
         self.point_x = native.doubles(self.owner, 2 * beams + objects)
         self.point_y = native.doubles(self.owner, 2 * beams + objects)
-        # Of each face: a point of its line, its direction counter-clockwise as seen by the sensor, how many points.
+        # Of each face: a point of its line, its direction counter-clockwise as observed by the sensor, how many points.
         self.face_x = native.doubles(self.owner, beams)
         self.face_y = native.doubles(self.owner, beams)
         self.along_x = native.doubles(self.owner, beams)
@@ -195,7 +195,7 @@ def extract(meas: Measurements, detections: Detections, scans: Scans, row: int) 
 
 
 def classify_edges(meas: Measurements) -> None:
-    """Make edges beside beams without a return the object's own, if such beams prove free space."""
+    """Make edges next to beams without a return the object's own, if such beams prove free space."""
     for k in range(meas.count):
         if meas.steady and meas.start[k] == OPEN:
             meas.start[k] = OWN
@@ -431,7 +431,7 @@ def measure_box(sides: EdgeMeasurement, meas: Measurements, k: int, cos: float, 
 
 
 def _edge_doubt(edge: int) -> float:
-    """Return the variance to add for an edge beside beams without a return that come and go [m²]."""
+    """Return the variance to add for an edge next to beams without a return that come and go [m²]."""
     return OPEN_EDGE_VAR if edge == OPEN else 0.0
 
 

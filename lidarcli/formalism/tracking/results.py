@@ -1,7 +1,7 @@
 """Results of tracking: the track of every object of a batch, the tracks themselves, and their trajectories.
 
 From small to large: a measurement is what one sweep shows of a body, a target its slot in the filter, a tracklet what a
-target has seen until it ends, a track the tracklets of one thing.
+target has observed until it ends, a track the tracklets of one object.
 """
 
 from __future__ import annotations
@@ -17,17 +17,17 @@ VIEWS = ("seen", "partly", "hidden")
 """Share of a track that a sweep shows: all of it, a part of it (of a person one leg), or nothing."""
 SEEN, PARTLY, HIDDEN = range(3)
 FRAMES = ("sensor", "world")
-"""Frames of places: of a sensor that stands, and the fixed frame of the poses."""
+"""Frames of places: of a sensor that is static, and the fixed frame of the poses."""
 EMPTY, LIVE, ENDED = range(3)
 """States of a slot: without a body, with one, with one that has ended and waits for its window to be settled."""
 DISC, BOX, PERSON = range(3)
 """Kinds of bodies."""
 MAX_LEGS = 6
-"""Greatest number of legs of a body that are remembered beside it."""
+"""Greatest number of legs of a body that are remembered next to it."""
 CONFIRMED_SIGHTINGS = 3
 """Least number of sightings of a track, by which a target is confirmed."""
 SHORTEST_STAND = 2.0
-"""[s] What stands does so unseen no longer than it was seen to stand, or than this."""
+"""[s] A static object may be unobserved for as long as it was observed to be static, or for this long."""
 MIN_WAY = 0.2
 """[m] Least distance that a moving body has gone."""
 SIZE_OUTLIER = 9e-4
@@ -61,7 +61,7 @@ class TrackedBatch:
     set: UInt8
     """(K,) set of each object (Def. 4): agents are in A, and what all sweeps together take for building is in S."""
     shape: UInt8
-    """(K,) shape of each object, by all sweeps that saw its track."""
+    """(K,) shape of each object, by all sweeps that observed its track."""
     order: Int64
     """(K,) the objects by sweep, set S last, then bearing."""
     object: Int32
@@ -85,7 +85,7 @@ class Tracks:
     """M tracks by number. Metres, radians, seconds; in the world frame, or without poses in that of the sensor."""
 
     sensor: Int32
-    """(M,) index of the sensor among those of the tracker; -1 where several saw it."""
+    """(M,) index of the sensor among those of the tracker; -1 where several observed it."""
     track: Int64 = column("1", "number of the thing, 1, 2, ... by first sight within its topic", per="track")
     set: UInt8 = column("", "A agent: it has moved by itself; O object: it has not", per="track", words=SETS)
     shape: UInt8 = column(

@@ -1,8 +1,7 @@
-"""Path of a track by what was seen before and after: a Kalman filter forward, then a smoother backward.
+"""Path of a track by what was observed before and after: a Kalman filter forward, then a smoother backward.
 
-The state holds place and velocity in the plane and, of a person, how far the one leg that is seen is from the middle of the
-target. Backward runs the smoother of Bryson and Frazier, which needs no inverse of a covariance.
-"""
+The state holds place and velocity in the plane and, of a person, how far the one leg that is visible is from the middle of
+the target. Backward runs the smoother of Bryson and Frazier, which needs no inverse of a covariance."""
 
 from __future__ import annotations
 
@@ -24,9 +23,9 @@ next larger one is taken."""
 FIRST_SPEED_SD = 1.0
 """[m/s] Standard deviation of a velocity at first, along each axis."""
 UNKNOWN_VAR = 100.0
-"""[m²] Variance of a side that was not seen."""
+"""[m²] Variance of a side that was not observed."""
 PART_VAR = 0.0625
-"""[m²] Variance of the place of one part in a thing of several: (25 cm)²."""
+"""[m²] Variance of the place of one part in an object of several: (25 cm)²."""
 LEGS_VAR, LEG_VAR, LEG_SECONDS = 0.0049, 0.0256, 0.35
 """Variance of the middle of two legs as the place of a person, (7 cm)², and of the distance of one leg from that, (16 cm)²,
 along each axis [m²]; time in which that distance is forgotten, as the legs swing [s]."""
@@ -137,7 +136,7 @@ def locate_sightings(
     kind: int,
     more: float,
 ) -> None:
-    """Compute the places of a target in the world, by the sides that were seen."""
+    """Compute the places of a target in the world, by the sides that were observed."""
     for i in range(count):
         row, side = rows[i], 4 * rows[i]
         c, s = sightings.cos[row], sightings.sin[row]
@@ -260,7 +259,7 @@ def filter_forward(
 
 
 def begin_path(smoother: Smoother, legs: int) -> None:
-    """Set the state in the first sweep of a track, which saw it."""
+    """Set the state in the first sweep of a track, which observed it."""
     for k in range(STATE):
         smoother.x[k] = 0.0
     for k in range(SQUARE):
@@ -344,7 +343,7 @@ def update_state(smoother: Smoother, i: int, legs: int) -> float:
 
 
 def smooth_backward(smoother: Smoother, parts: Any, legs: Any, count: int, path: Any) -> None:
-    """Correct the path by what was seen after each sweep too (modified Bryson and Frazier)."""
+    """Correct the path by what was observed after each sweep too (modified Bryson and Frazier)."""
     for k in range(STATE):
         smoother.adjoint[k] = 0.0
     for k in range(SQUARE):

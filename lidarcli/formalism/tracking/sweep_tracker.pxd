@@ -3,9 +3,10 @@ cimport libc.math as math
 
 from lidarcli.system cimport native
 from lidarcli.formalism.segmentation cimport Scans
-from lidarcli.formalism.tracking cimport association, kalman, keyframes, measurement, track_evidence
+from lidarcli.formalism.tracking cimport association, kalman, keyframes, measurement, pose_filter, track_evidence
 from lidarcli.formalism.tracking.association cimport Candidates, Persons
-from lidarcli.formalism.tracking.kalman cimport PoseErrorFilter, Sightings, Targets
+from lidarcli.formalism.tracking.kalman cimport Sightings, Targets
+from lidarcli.formalism.tracking.pose_filter cimport PoseErrorFilter
 from lidarcli.formalism.tracking.keyframes cimport Keyframes
 from lidarcli.formalism.tracking.measurement cimport Detections, EdgeMeasurement, Measurements
 

@@ -1,7 +1,7 @@
 """The tracker of one sensor, or of several in one world, sweep after sweep: predict, associate, update or miss, initiate.
 
-`kalman` holds the filters of the targets, `measurement` what a sweep measures of them, `association` assigns measurements
-to targets, `track_evidence` weighs whether a target moves and exists, and terminates it.
+`kalman` holds the filters of the targets, `pose_filter` that of the error of the poses, `measurement` what a sweep measures
+of the targets; `association` assigns measurements to them, `track_evidence` weighs whether a target moves and exists.
 """
 
 from __future__ import annotations
@@ -11,11 +11,12 @@ from typing import Any
 
 from lidarcli.formalism import detection
 from lidarcli.formalism.segmentation import Scans
-from lidarcli.formalism.tracking import association, kalman, keyframes, measurement, results, track_evidence
+from lidarcli.formalism.tracking import association, kalman, keyframes, measurement, pose_filter, results, track_evidence
 from lidarcli.formalism.tracking.association import Candidates, Persons
-from lidarcli.formalism.tracking.kalman import PoseErrorFilter, Sightings, Targets
+from lidarcli.formalism.tracking.kalman import Sightings, Targets
 from lidarcli.formalism.tracking.keyframes import Keyframes
 from lidarcli.formalism.tracking.measurement import Detections, EdgeMeasurement, Measurements
+from lidarcli.formalism.tracking.pose_filter import PoseErrorFilter
 from lidarcli.system import native
 
 PRISMATIC, UNKNOWN = detection.PRISMATIC, detection.UNKNOWN
@@ -117,7 +118,7 @@ def step(tracker: SweepTracker, detections: Detections, scans: Scans, row: int, 
         track_ids[at] = 0
     dt = advance_clock(tracker, detections.seconds[row])
     tracker.elapsed += dt
-    kalman.pass_time(tracker.pose_error, dt)
+    pose_filter.pass_time(tracker.pose_error, dt)
     tracker.sweeps += 1
     tracker.objects = tracker.seen - detections.offset[row]
     tracker.seen += detections.offset[row + 1] - detections.offset[row]
@@ -166,7 +167,7 @@ def _track(
         elif meas.assigned[k] < -1:
             meas.assigned[k] = -2 - meas.assigned[k]
     association.track_persons(tracker.persons, targets, meas, scans, tracker.sightings)
-    kalman.apply_pose_error(tracker.pose_error, targets)
+    pose_filter.apply_pose_error(tracker.pose_error, targets)
     keyframes.store(tracker.frames, meas, scans)
 
 
@@ -197,7 +198,7 @@ def _correct_sensor_pose(
     if tracker.moves and own > 0.0:
         dx, dy, rotated = x - pose_error.last[last], y - pose_error.last[last + 1], yaw - pose_error.last[last + 2]
         rotated -= measurement.TURN * math.floor(rotated / measurement.TURN + 0.5)
-        # Of the time since the last sweep of this sensor others may have seen the robot go most.
+        # Of the time since the last sweep of this sensor others may have observed the robot go most.
         share = dt / own
         tracker.travelled, tracker.rotated = share * math.sqrt(dx * dx + dy * dy), share * abs(rotated)
         if own >= SHORTEST_STEP:
@@ -210,11 +211,11 @@ def _correct_sensor_pose(
     meas.motion_x, meas.motion_y = detections.motion[at], detections.motion[at + 1]
     meas.motion_yaw = detections.motion[at + 2]
     meas.moves = meas.motion_x != 0.0 or meas.motion_y != 0.0 or meas.motion_yaw != 0.0
-    kalman.correct_pose(pose_error, meas, x, y, yaw, detections.poses[4 * row + 3])
+    pose_filter.correct_pose(pose_error, meas, x, y, yaw, detections.poses[4 * row + 3])
 
 
 def _drift_variance(tracker: SweepTracker, targets: Targets, meas: Measurements, b: int) -> float:
-    """Return the variance by which a standing target seems to move, because poses drift as the sensor moves [m²]."""
+    """Return the variance by which a static target seems to move, because poses drift as the sensor moves [m²]."""
     dx, dy = targets.from_x[b] - meas.x, targets.from_y[b] - meas.y
     distance2 = min(dx * dx + dy * dy, FARTHEST_DRIFT * FARTHEST_DRIFT)
     return tracker.travelled * (POSE_DRIFT + YAW_DRIFT * distance2) + tracker.rotated * TURN_DRIFT * distance2
@@ -286,8 +287,8 @@ def _initiate_jacobian(tracker: SweepTracker, targets: Targets, meas: Measuremen
     """Set the Jacobian of a new target by the error of the pose of its sweep."""
     for i in range(2):
         u_x, u_y = kalman.to_world(targets, b, 1.0 - i, 1.0 * i)
-        kalman.set_jacobian(tracker.pose_error, meas, meas.middle_x[k], meas.middle_y[k], u_x, u_y, i)
-        kalman.mix_jacobian(tracker.pose_error, targets, 2 * b + i, 1.0, i)
+        pose_filter.set_jacobian(tracker.pose_error, meas, meas.middle_x[k], meas.middle_y[k], u_x, u_y, i)
+        pose_filter.mix_jacobian(tracker.pose_error, targets, 2 * b + i, 1.0, i)
 
 
 def _face_direction(meas: Measurements, k: int) -> tuple[float, float]:
@@ -357,18 +358,18 @@ def _try_box(tracker: SweepTracker, targets: Targets, meas: Measurements, b: int
 
 
 def _observe_pose_error(tracker: SweepTracker, targets: Targets, meas: Measurements, b: int, k: int) -> None:
-    """Learn the error of the poses from the sides of a target that stands."""
+    """Learn the error of the poses from the sides of a target that is static."""
     tells = targets.moved[b] == 0 and targets.kind_hits[b] >= POSE_SIGHTINGS and targets.evidence[b] < MAX_POSE_EVIDENCE
     for i in range(2):
         u_x, u_y = kalman.to_world(targets, b, 1.0 - i, 1.0 * i)
         a = 2 * b + i
-        kalman.set_jacobian(tracker.pose_error, meas, meas.middle_x[k], meas.middle_y[k], u_x, u_y, i)
+        pose_filter.set_jacobian(tracker.pose_error, meas, meas.middle_x[k], meas.middle_y[k], u_x, u_y, i)
         for side in range(2 * i, 2 * i + 2):
             if not tells or tracker.sides.var[side] < 0.0 or (tracker.sides.by_centre and side > 2 * i):
                 continue
             sign = 0.0 if tracker.sides.by_centre else (1.0 if side > 2 * i else -1.0)
             off, var = kalman.static_residual(targets, a, tracker.sides.z[side], sign, tracker.sides.var[side])
-            kalman.update_pose_error(tracker.pose_error, targets, a, off, var, i)
+            pose_filter.update_pose_error(tracker.pose_error, targets, a, off, var, i)
 
 
 def _update_disc(targets: Targets, sides: EdgeMeasurement, pose_error: PoseErrorFilter, b: int) -> None:
@@ -377,7 +378,7 @@ def _update_disc(targets: Targets, sides: EdgeMeasurement, pose_error: PoseError
         a = 2 * b + i
         kalman.update(targets, a, sides.z[2 * i], 0.0, sides.var[2 * i])
         gain = kalman.update_static(targets, a, sides.z[2 * i], 0.0, sides.var[2 * i])
-        kalman.mix_jacobian(pose_error, targets, a, gain, i)
+        pose_filter.mix_jacobian(pose_error, targets, a, gain, i)
         if sides.half_var >= 0.0:
             kalman.update_extent(targets, a, sides.half, sides.half_var)
             _average_extent(targets, a, 2.0 * sides.half, 4.0 * sides.half_var)
@@ -397,7 +398,7 @@ def _update_box(targets: Targets, sides: EdgeMeasurement, pose_error: PoseErrorF
                 var = AT_LEAST_VAR
             kalman.update(targets, a, z, sign, var)
             gain = kalman.update_static(targets, a, z, sign, var)
-            kalman.mix_jacobian(pose_error, targets, a, gain, i)
+            pose_filter.mix_jacobian(pose_error, targets, a, gain, i)
         length = sides.z[2 * i + 1] - sides.z[2 * i]
         if sides.var[2 * i] >= 0.0 and sides.var[2 * i + 1] >= 0.0:
             _average_extent(targets, a, length, sides.var[2 * i] + sides.var[2 * i + 1])

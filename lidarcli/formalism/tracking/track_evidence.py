@@ -22,7 +22,7 @@ PRISMATIC = detection.PRISMATIC
 LEFT_VIEW, FREE, LOST = results.LEFT_VIEW, results.FREE, results.LOST
 CONFIRMED_SIGHTINGS, MIN_WAY, SHORTEST_STAND = results.CONFIRMED_SIGHTINGS, results.MIN_WAY, results.SHORTEST_STAND
 STEADY_LENGTH, SAME_LENGTH = 0.06, 0.2
-"""[m] A target whose length seems to change by more than the first is not seen as it is; by more than the second it is
+"""[m] A target whose length seems to change by more than the first is not observed as it is; by more than the second it is
 another piece, of a wall for example."""
 MAX_SWEEP_EVIDENCE, MAX_PARTIAL_EVIDENCE = 3.0, 2.0
 """[log-odds] Greatest evidence of one sweep, for or against motion, and of one with a hidden edge, for motion."""
@@ -38,26 +38,26 @@ FREE_MARGIN = 0.1
 EXISTENCE_AT_FIRST, EXISTENCE_GAIN = 0.3, 0.3
 """Probability that a new target exists, and the share of the doubt that each sighting takes away."""
 DETECTION_RATE, MIN_PASSING, HIT_DOUBT, MIN_EXISTENCE = 0.9, 0.3, 0.1, 0.03
-"""Probability that a target is seen where its place is in view; share of the beams at its core that have to pass before
+"""Probability that a target is visible where its place is in view; share of the beams at its core that have to pass before
 they speak against it; probability that it was missed although beams hit its place; probability below which it ends."""
 PASSING_MARGIN = 0.1
 """[m] Least distance by which beams end behind a target that they have passed."""
 PATIENCE_OUTSIDE, PATIENCE_STILL = 0.3, 30.0
-"""[s] Longest time unseen of a person out of view, and in the shadow of a target that stood for so long before; one that
-moves is lost by `LOST_VAR` after 2 s."""
+"""[s] Longest time unobserved of a person out of view, and in the shadow of a target that was static for so long before;
+one that moves is lost by `LOST_VAR` after 2 s."""
 MOSTLY_OUTSIDE, REACH = 0.5, 0.9
 """Share of its beams out of view above which a target that is lost has left the view; share of the greatest range so far
 from which on a beam without a return is out of view."""
 LOST_VAR = 1.44
 """[m²] Variance of its place above which a moving target is lost: (1.2 m)²."""
 DUPLICATE_SWEEPS = 8
-"""Sweeps unseen inside an older target that is seen after which both are the same."""
+"""Sweeps unobserved inside an older target that is visible after which both are the same."""
 BEAM_VOTE = 0.05
 """Weight of each beam of a measurement in the vote on its shape; a measurement has at most one vote."""
 SLIM_LEG_WIDTH = 0.15
 """[m] Greatest width of a leg of furniture."""
 LEGS_NEAREST, LEGS_FARTHEST = 0.1, 0.75
-"""[m] Least and greatest distance between two legs of one thing."""
+"""[m] Least and greatest distance between two legs of one object."""
 SPECK_BEAMS, SPECK_DEPTH = 2, 0.25
 """A leg that is too slim to be an object has so few beams, and is so much nearer than its neighbours [m]."""
 SAME_LEG = 0.08
@@ -132,7 +132,7 @@ def has_left(targets: Targets, b: int, meas: Measurements, scans: Scans, k: int,
     size = 2.0 * max(targets.h[2 * b], targets.h[2 * b + 1])
     passes, hits, _ = passing(meas, scans, targets, b, targets.birth_x[b], targets.birth_y[b])
     if hits > 0.5 and away > size + FREE_MARGIN:
-        # Its old place is still occupied: another thing was taken for it.
+        # Its old place is still occupied: another object was taken for it.
         return False
     v_x, v_y = targets.v[2 * b], targets.v[2 * b + 1]
     speed = math.sqrt(v_x * v_x + v_y * v_y)
@@ -147,9 +147,8 @@ def has_left(targets: Targets, b: int, meas: Measurements, scans: Scans, k: int,
 def passing(meas: Measurements, scans: Scans, targets: Targets, b: int, x: float, y: float) -> tuple[float, float, float]:
     """Return the shares of the beams at the core of a target at x, y that pass it, end at it, and are outside of the view.
 
-    Beams without a return are outside, too, where the target is as far away as the sensor ever saw something; in a sweep
-    without a geometry all of them are.
-    """
+    Beams without a return are outside, too, where the target is as far away as the sensor ever observed something; in a
+    sweep without a geometry all of them are."""
     dx, dy = x - meas.x, y - meas.y
     r = math.sqrt(dx * dx + dy * dy)
     if r <= 0.0:
@@ -273,7 +272,7 @@ def vote_shape(targets: Targets, b: int, meas: Measurements, k: int) -> None:
 
 
 def detect_legs(targets: Targets, b: int, meas: Measurements, k: int, scans: Scans) -> None:
-    """Detect legs around a slim standing target, which have too few beams to be objects."""
+    """Detect legs around a slim static target, which have too few beams to be objects."""
     if (
         targets.moved[b] != 0
         or meas.length[k] > SLIM_LEG_WIDTH

@@ -1,8 +1,8 @@
 """The tracker: follows objects from sweep to sweep (§3, matching and tracking).
 
-Sensors whose places in one world are known are followed together, sweep by sweep in the order of time: a thing has one
-track, whichever sensor sees it. Any other sensor has a follower of its own: it says nothing of what another one sees.
-"""
+Sensors whose places in one world are known are followed together, sweep by sweep in the order of time: an object has one
+track, whichever sensor observes it. Any other sensor has a follower of its own: it says nothing of what another one
+observes."""
 
 from __future__ import annotations
 
@@ -21,33 +21,50 @@ from lidarcli.formalism.detection import AGENT, LEGGED, NOISE, OBJECT, REMOVED, 
 from lidarcli.formalism.mapping.places import MAX_SENSORS, Standing
 from lidarcli.formalism.matching.catalogue import Catalogue
 from lidarcli.formalism.parameters import TrackParameters
-from lidarcli.formalism.tracking.kalman import PoseErrorFilter, Targets
+from lidarcli.formalism.tracking.kalman import Targets
 from lidarcli.formalism.tracking.keyframes import Keyframes
 from lidarcli.formalism.tracking.measurement import Detections, Measurements
+from lidarcli.formalism.tracking.pose_filter import PoseErrorFilter
 from lidarcli.formalism.tracking.results import TrackedBatch, Tracks, Trajectories
 from lidarcli.formalism.tracking.sweep_tracker import SweepTracker
-from lidarcli.formalism.tracking.tracks import SWEEP, Naming, SizeMeasurements, Track, standing, tracks_of
+from lidarcli.formalism.tracking.track_labels import SizeMeasurements, TrackLabels
+from lidarcli.formalism.tracking.tracks import Track, tracks_of
+from lidarcli.formalism.tracking.trajectories import SWEEP, standing
 from lidarcli.formalism.tracking.windows import RESULT, TrackRegistry, Window, WindowResult
 from lidarcli.sweeps.types import Bool, Float64, Int32, Int64, SweepBatch
 
 WINDOW = 256
-"""Number of sweeps of a window, for each sensor. Its rows are settled once the next window has been seen.
+"""Number of sweeps of a window, for each sensor. Its rows are settled once the next window has been observed.
 
 The windows of all followers end together, as soon as that of one of them is full.
 """
 TARGETS_AT_FIRST, MEASUREMENTS_AT_FIRST, SIGHTINGS_AT_FIRST = 64, 32, 2048
 """Room for so many tracklets, objects of a sweep, and sightings before it grows."""
-NOTED_WAY = 1.0
-"""[m] Least distance that the sensor has gone for a note on its poses."""
-NOTED_SDS = 3.0
-"""Least delay or distance of a note, in standard deviations."""
-NOTED_DELAY, NOTED_DISTANCE = 0.02, 0.05
-"""[s], [m] Least delay and least distance of a note."""
-MOSTLY = 0.9
-"""Share of the sweeps at which a sensor without poses stood, from which on it stands."""
-LONG_TRACK, MAX_MOVING, MIN_TRACKS = 20, 0.6, 4
-"""Least number of sweeps of a track that counts for a note on motion; share of these tracks that move above which the
-sensor seems to move; least number of them."""
+
+
+@dataclass(frozen=True)
+class NoteRules:
+    """When a note says that poses are off, or that a sensor without poses seems to move."""
+
+    min_path: float = 1.0
+    """[m] Poses are noted once the sensor has gone so far."""
+    deviations: float = 3.0
+    """A delay or distance is noted that is so many standard deviations, ..."""
+    min_delay: float = 0.02
+    """[s] ... and this delay, ..."""
+    min_distance: float = 0.05
+    """[m] ... or this distance."""
+    static_share: float = 0.9
+    """A sensor without poses that was static at this share of the sweeps does not move."""
+    long_track: int = 20
+    """Tracks of so many sweeps count."""
+    max_moving: float = 0.6
+    """The sensor seems to move where a larger share of these moves, ..."""
+    min_tracks: int = 4
+    """... if there are so many."""
+
+
+NOTES = NoteRules()
 
 
 @dataclass(slots=True)
@@ -162,8 +179,8 @@ class Tracker:
         Parameters
         ----------
         parameters : parameters of the tracking
-        catalogue : things of interest, which give tracks their names
-        together : topics and frames of the sensors whose poses are in one world, where they follow the same things
+        catalogue : objects of interest, which give tracks their names
+        together : topics and frames of the sensors whose poses are in one world, where they follow the same objects
         before : number of tracks of other trackers: numbers go on
         """
         self.parameters = parameters or TrackParameters()
@@ -184,7 +201,7 @@ class Tracker:
         self._doubted: set[tuple[str, str]] = set()
         """Sensors whose poses some of their sweeps contradict."""
         self._standing: dict[tuple[int, int], Standing] = {}
-        """Run and sensor → whether it stands, where nothing else tells."""
+        """Run and sensor → whether it is static, where nothing else tells."""
         self._settled_paths: list[Trajectories] = []
         """Rows of runs that have ended."""
         self._pending: list[_PendingBatch] = []
@@ -249,13 +266,13 @@ class Tracker:
                 name += f" ({sensors[0][1] or 'without a name'})"
             pose_error, moves = follower.tracker.pose_error, follower.tracker.moves
             sweeps = follower.register.sweeps
-            # Many things may move where a sensor stands, and about one whose poses fit.
+            # Many objects may move where a sensor is static, and about one whose poses fit.
             placed = sweeps.of(0, sweeps.count)["placed"]
-            doubted = any(sensor in self._doubted for sensor in sensors) if moves else placed.mean() < MOSTLY
+            doubted = any(sensor in self._doubted for sensor in sensors) if moves else placed.mean() < NOTES.static_share
             self.notes += notes_of(name, pose_error, follower.register.tracks if doubted else [], moves)
 
     def _end_run(self) -> None:
-        """End all tracks, as the clock starts anew; numbers go on."""
+        """End all tracks, as the clock starts again; numbers go on."""
         self._settle_all()
         self._windows.append({})
         for index, ended in enumerate(self._followers):
@@ -307,7 +324,7 @@ class Tracker:
         if self._catalogue is not None:
             then = poses[detection.row]
             then[:, 2] += shares * motion[detection.row, 2]
-            sizes = Naming(self._catalogue).measure(batch, detection, then)
+            sizes = TrackLabels(self._catalogue).measure(batch, detection, then)
         pending = _PendingBatch(batch, detection, np.empty(len(detection), RESULT), len(batch))
         self._pending.append(pending)
         each = (batch.sweep, batch.stamp_ns, batch.seconds(), posed, sensor, placed)
@@ -382,8 +399,7 @@ class Tracker:
                 if index == len(self._followers):
                     self._followers.append(self._follower(index))
         numbers = np.array([known[batch.topic, name] for name in batch.frame_ids], np.int64)
-        found: Int64 = numbers[batch.frame]
-        return found
+        return numbers[batch.frame]
 
     def _follower_of(self, sensor: int) -> int:
         """Return the index of the follower of a sensor: the first is that of those who are followed together."""
@@ -392,9 +408,9 @@ class Tracker:
         return min(sensor - self._together + (self._together > 0), MAX_SENSORS - 1)
 
     def _follower(self, index: int) -> _Follower:
-        """Return a follower that has seen nothing yet."""
-        naming = None if self._catalogue is None else Naming(self._catalogue)
-        register = TrackRegistry(self.parameters.agent_score, naming, self._tracks, self._before)
+        """Return a follower that has observed nothing yet."""
+        labels = None if self._catalogue is None else TrackLabels(self._catalogue)
+        register = TrackRegistry(self.parameters.agent_score, labels, self._tracks, self._before)
         return _Follower(register, self._together if self._together and not index else 1)
 
     def _settle(self) -> None:
@@ -468,7 +484,7 @@ def _posed(batch: SweepBatch) -> Bool:
 
 
 def _poses(batch: SweepBatch) -> Float64:
-    """Return (S, 4) x, y, yaw and side of the sensor; without poses it is taken to stand."""
+    """Return (S, 4) x, y, yaw and side of the sensor; without poses it is taken as static."""
     poses = batch.poses
     if poses is None:
         return np.tile([0.0, 0.0, 0.0, 1.0], (len(batch), 1))
@@ -483,10 +499,10 @@ def share_moving(sweeps: Sequence[int], moved: Sequence[bool]) -> float | None:
 
     Parameters
     ----------
-    sweeps, moved : for each track the sweeps that saw it, and whether it ever moved
+    sweeps, moved : for each track the sweeps that observed it, and whether it ever moved
     """
-    long = [moves for count, moves in zip(sweeps, moved, strict=True) if count >= LONG_TRACK]
-    if len(long) < MIN_TRACKS or sum(long) <= MAX_MOVING * len(long):
+    long = [moves for count, moves in zip(sweeps, moved, strict=True) if count >= NOTES.long_track]
+    if len(long) < NOTES.min_tracks or sum(long) <= NOTES.max_moving * len(long):
         return None
     return sum(long) / len(long)
 
@@ -494,17 +510,17 @@ def share_moving(sweeps: Sequence[int], moved: Sequence[bool]) -> float | None:
 def notes_of(topic: str, pose_error: PoseErrorFilter, tracks: list[Track], has_poses: bool) -> list[str]:
     """Return notes for the user on a topic that was tracked: the error of its poses, or that it should have some."""
     notes: list[str] = []
-    if has_poses and pose_error.travelled >= NOTED_WAY:
+    if has_poses and pose_error.travelled >= NOTES.min_path:
         delay, ahead, left, delay_sd, place_sd = pose_error.estimate()
-        if abs(delay) > max(NOTED_DELAY, NOTED_SDS * delay_sd):
+        if abs(delay) > max(NOTES.min_delay, NOTES.deviations * delay_sd):
             when = "late" if delay > 0 else "early"
             notes.append(Routine(f"standing things show the poses {abs(delay):.2f} s {when}: corrected for tracks"))
-        if math.hypot(ahead, left) > max(NOTED_DISTANCE, NOTED_SDS * place_sd):
+        if math.hypot(ahead, left) > max(NOTES.min_distance, NOTES.deviations * place_sd):
             sides = (ahead, "ahead" if ahead > 0 else "behind"), (left, f"to the {'left' if left > 0 else 'right'}")
             where = " and ".join(f"{abs(off):.2f} m {words}" for off, words in sides if abs(off) >= 0.01)
             notes.append(Routine(f"standing things show the sensor {where} of its told place: corrected for tracks"))
     if share_moving([track.sweeps for track in tracks], [track.moved for track in tracks]) is not None:
-        long = [track.moved for track in tracks if track.sweeps >= LONG_TRACK]
+        long = [track.moved for track in tracks if track.sweeps >= NOTES.long_track]
         why = "the poses may be wrong (--pose match)" if has_poses else "if the sensor drives, it needs poses"
         notes.append(f"{sum(long)} of {len(long)} tracks move: do not trust agents; {why}")
     return [headed(f"{topic}: ", note) for note in notes]

@@ -1,4 +1,5 @@
-"""Windows of sweeps. Each is settled when the next one has been seen: tracklets get their tracks, objects their rows."""
+"""Windows of sweeps. Each is settled when the next one has been observed: tracklets get their tracks, objects their
+rows."""
 
 from __future__ import annotations
 
@@ -11,26 +12,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lidarcli.formalism.detection import UNKNOWN, starts
-from lidarcli.formalism.tracking import grouping
+from lidarcli.formalism.tracking import joins
 from lidarcli.formalism.tracking.agents import judge, own_body
 from lidarcli.formalism.tracking.kalman import Sightings, Targets
 from lidarcli.formalism.tracking.keyframes import Keyframes
 from lidarcli.formalism.tracking.results import CONFIRMED_SIGHTINGS, EMPTY, ENDED, LIVE, PERSON, Trajectories
 from lidarcli.formalism.tracking.smoothing import KEPT, Smoother
-from lidarcli.formalism.tracking.tracks import (
-    PARTLY_BIT,
-    PARTS_MASK,
-    Naming,
-    Path,
-    SizeMeasurements,
-    Sweeps,
-    Track,
-    Tracklet,
-    columns_of,
-    joined,
-    row_shape,
-    standing,
-)
+from lidarcli.formalism.tracking.track_labels import SizeMeasurements, TrackLabels
+from lidarcli.formalism.tracking.tracks import Track, Tracklet, columns_of, row_shape
+from lidarcli.formalism.tracking.trajectories import PARTLY_BIT, PARTS_MASK, Path, Sweeps, joined, standing
 from lidarcli.sweeps.types import Bool, Float64, Int64, UInt8
 
 MAX_PLACED = 0.5
@@ -77,31 +67,31 @@ WindowResult: TypeAlias = NDArray[np.void]
 
 
 class TrackRegistry:
-    """All tracklets that were seen often enough, and the tracks they are parts of."""
+    """All confirmed tracklets, and the tracks they are parts of."""
 
     def __init__(
-        self, least_score: float, naming: Naming | None = None, every: list[Track] | None = None, before: int = 0
+        self, least_score: float, labels: TrackLabels | None = None, every: list[Track] | None = None, before: int = 0
     ) -> None:
         """
         Parameters
         ----------
         least_score : least score of an agent
-        naming : naming of tracks, if there is a catalogue
+        labels : labels of tracks, if there is a catalogue
         every : takes the tracks of all sensors of the topic, by number
         before : number of tracks before these
         """
         self._least_score = least_score
         self._every = [] if every is None else every
         self._before = before
-        self.naming = naming
-        """Naming of tracks, if there is a catalogue."""
+        self.labels = labels
+        """Labels of tracks, if there is a catalogue."""
         self.tracklets: dict[int, Tracklet] = {}
         """Tracklets by number; one that has ended stays as long as a later one may be joined to it."""
         self.tracks: list[Track] = []
         """Tracks by number."""
         self.sweeps = Sweeps()
         self.own_places: dict[int, set[complex]] = {}
-        """Sensor → places of its frame where the robot itself is seen (`agents.own_body`)."""
+        """Sensor → places of its frame where the robot itself is visible (`agents.own_body`)."""
         self.trajectories: list[Trajectories] = []
         """Rows of settled windows that nobody has fetched yet, in the order of the windows."""
 
@@ -127,7 +117,7 @@ class TrackRegistry:
         stop = window.begin + window.count
         is_placed = float(self.sweeps.of(window.begin, stop)["placed"].mean()) > MAX_PLACED
         sightings = WindowSightings(recorded, self.tracklets, stop, keyframes, is_placed)
-        grouping.join(sightings, self.tracklets, is_placed)
+        joins.join(sightings, self.tracklets, is_placed)
         self._number(sightings)
         sensors = self.sweeps.sensors_of(sightings.sweep)
         for sensor in np.unique(sensors).tolist():
@@ -136,14 +126,14 @@ class TrackRegistry:
         self._extend_trajectories(sightings, smooth(sightings, self.tracklets, self._least_score))
         at, found = sightings.find(window)
         self._update_statistics(window, sightings)
-        if self.naming is not None:
-            self._name(self.naming, window, sightings, at, found)
+        if self.labels is not None:
+            self._label(self.labels, window, sightings, at, found)
         settled = _rows(sightings, at, found)
         self._forget(sightings, stop, is_placed)
         return settled
 
     def _number(self, sightings: WindowSightings) -> None:
-        """Number the new tracks with rows in this window by first sight."""
+        """Number the new tracks with rows in this window by first sighting."""
         sightings.settle_owners()
         for number in sightings.owners:
             tracklet = self.tracklets[number]
@@ -158,7 +148,7 @@ class TrackRegistry:
         sightings.settle_tracks()
 
     def _extend_trajectories(self, sightings: WindowSightings, paths: list[Path]) -> None:
-        """Add the rows of what moves, and keep the codes of the sweeps in which the rest was seen."""
+        """Add the rows of what moves, and keep the codes of the sweeps in which the rest was observed."""
         moving = {path.track.number for path in paths}
         for track, at in sightings.by_track():
             if track.number not in moving:
@@ -210,8 +200,8 @@ class TrackRegistry:
                 last = sightings.sweep[at] == sweeps[-1]
                 track.x, track.y = float(sightings.x[at][last].mean()), float(sightings.y[at][last].mean())
 
-    def _name(self, naming: Naming, window: Window, sightings: WindowSightings, at: Int64, found: Bool) -> None:
-        """Name the tracks of a window."""
+    def _label(self, labels: TrackLabels, window: Window, sightings: WindowSightings, at: Int64, found: Bool) -> None:
+        """Label the tracks of a window."""
         number, axes = np.zeros(len(found), np.int64), np.full(len(found), np.nan)
         number[found] = np.where(sightings.owner[at] == sightings.number[at], sightings.number[at], 0)
         axes[found] = np.where(
@@ -219,25 +209,25 @@ class TrackRegistry:
             np.nan,
             np.arctan2(sightings.column("sin")[at], sightings.column("cos")[at]),
         )
-        naming.take(window.sizes, number, axes, self.tracklets)
-        naming.name([track for track, _ in sightings.by_track()])
+        labels.take(window.sizes, number, axes, self.tracklets)
+        labels.label([track for track, _ in sightings.by_track()])
 
     def _forget(self, sightings: WindowSightings, stop: int, is_placed: bool) -> None:
         """Drop the tracklets that have ended and are not joined to later ones; their tracks keep them as parts."""
         settled = [n for n, tracklet in self.tracklets.items() if tracklet.has_ended and tracklet.last_sweep < stop]
         for number in settled:
-            grouping.store_end(sightings, self.tracklets[number])
-        over = [n for n in settled if not is_placed or grouping.is_expired(sightings, self.tracklets[n])]
+            joins.store_end(sightings, self.tracklets[number])
+        over = [n for n in settled if not is_placed or joins.is_expired(sightings, self.tracklets[n])]
         for track in {id(track): track for n in over if (track := self.tracklets[n].track) is not None}.values():
             track.prune(stop)
         for number in over:
             del self.tracklets[number]
-        if self.naming is not None:
-            self.naming.forget(over)
+        if self.labels is not None:
+            self.labels.forget(over)
 
 
 class WindowSightings:
-    """Sightings (N,) of the tracklets that were seen often enough, by tracklet, and the results for them."""
+    """Sightings (N,) of the confirmed tracklets, by tracklet, and the results for them."""
 
     def __init__(
         self, recorded: Sightings, tracklets: dict[int, Tracklet], stop: int, keyframes: Keyframes, is_placed: bool
@@ -246,7 +236,7 @@ class WindowSightings:
         Parameters
         ----------
         recorded : all sightings of the window and the next one
-        tracklets : tracklets that were seen often enough, by number
+        tracklets : confirmed tracklets, by number
         stop : number of sweeps of the topic up to the end of the window
         keyframes : those before and after the window
         is_placed : True if the place of the sensor is known
@@ -266,7 +256,7 @@ class WindowSightings:
             if n in tracklets and (many >= CONFIRMED_SIGHTINGS or tracklets[n].track is not None)
         }
         self.spans = spans
-        """Sightings of each tracklet that was seen often enough, by its number."""
+        """Sightings of each confirmed tracklet, by its number."""
         self.owner: Int64 = np.repeat(np.array([n if n in spans else 0 for n in numbers], np.int64), counts)
         """(N,) number of the tracklet to whose track each sighting belongs; 0 for none."""
         self.track: Int64 = np.zeros(len(keep), np.int64)
@@ -297,13 +287,13 @@ class WindowSightings:
         self.agent_score = np.full(size, 0.0 if is_placed else math.nan)
         """(N,) probability that the track has gone by then (`agents.judge`)."""
         self.own = np.zeros(size, bool)
-        """(N,) True where the robot itself is seen."""
+        """(N,) True where the robot itself is visible."""
         first: dict[int, int] = {}
         for n, span in self.spans.items():
             if self.now[span.start]:
                 first[n] = int(self.object[span.start])
         self.in_window = sorted(first, key=first.__getitem__)
-        """Numbers of the tracklets with a row in the window, by first sight."""
+        """Numbers of the tracklets with a row in the window, by first sighting."""
         self.owners: list[int] = []
         self.tracks: list[tuple[Track, Int64, int]] = []
 

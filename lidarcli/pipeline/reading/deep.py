@@ -24,13 +24,12 @@ from lidarcli.pose import calibration
 from lidarcli.pose.fit import ACCEPTED, AUTO, headers_of, mount_between, pairs_of, poses_after, steps_between, wrapped
 from lidarcli.pose.sources import FrameTree, PoseChain, Step, along
 from lidarcli.pose.tracks import SECOND_NS, flat, frame_name, planar
-from lidarcli.sweeps.findings import (
+from lidarcli.sweeps.finding_rules import (
     BODY,
     BODY_UNKNOWN,
     DEVIATIONS,
     FLICKER,
     FLICKERS,
-    IDS,
     LASERS,
     LASERS_UNKNOWN,
     LASERS_UNTOLD,
@@ -42,12 +41,8 @@ from lidarcli.sweeps.findings import (
     MOUNT,
     MOUNT_UNKNOWN,
     STAMP,
-    Finding,
-    Fix,
-    Sensor,
-    judge,
-    transform_lines,
 )
+from lidarcli.sweeps.findings import IDS, Finding, Fix, Sensor, judge, transform_lines
 from lidarcli.sweeps.masks import Mask, Masks, Mount, Sector
 from lidarcli.sweeps.types import TURN, Bool, Float64, Int64, Status, SweepBatch, UInt8
 

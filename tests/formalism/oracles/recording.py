@@ -13,7 +13,18 @@ from unittest.mock import patch
 
 import numpy as np
 
-from lidarcli.formalism import Detection, Parameters, core, description, detect, features, objects, segmentation, surfaces
+from lidarcli.formalism import (
+    Detection,
+    Parameters,
+    core,
+    description,
+    detect,
+    features,
+    objects,
+    segmentation,
+    surfaces,
+    verdict,
+)
 from lidarcli.sweeps.types import SweepBatch
 from tests.formalism.batches import batch_of, rows_of
 from tests.formalism.random_sweeps import random_sweep
@@ -36,8 +47,8 @@ STEPS: tuple[tuple[ModuleType, str], ...] = (
     (objects, "fully_visible"),
     (objects, "join_fragments"),
     (features, "measure"),
-    (features, "decide"),
-    (features, "choose"),
+    (verdict, "decide"),
+    (verdict, "choose"),
     (objects, "group_legs"),
     (core, "_settle"),
     (objects, "assemble"),

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pytest
 
-from lidarcli.formalism import SETS, SHAPES, VISIBILITIES, Detection, description
+from lidarcli.formalism import SETS, SHAPES, VISIBILITIES, Detection, circle_fit
 from tests.formalism.oracles import descriptions, surfaces
 from tests.formalism.oracles.recording import ROBUST, Recorded, Segment, State, recordings
 from tests.formalism.oracles.surfaces import Ambiguous, Face, Place
@@ -292,11 +292,11 @@ def test_circles_through_noisy_arcs(noise: float) -> None:
         angles = rng.uniform(0, 2 * pi) + np.sort(rng.uniform(0, rng.uniform(1.5, 3.0), count))
         r = radius + noise * radius * rng.standard_normal(count)
         places = [(float(x), float(y)) for x, y in centre + np.stack([r * np.cos(angles), r * np.sin(angles)], 1)]
-        circle = description.Circle(count)
+        circle = circle_fit.Circle(count)
         circle.n = count
         for k, place in enumerate(places):
             circle.x[k], circle.y[k] = place
-        description.fit_circle(circle, inf)
+        circle_fit.fit_circle(circle, inf)
         rms = descriptions.circle_rms(places, (circle.centre_x, circle.centre_y), circle.radius)
         assert circle.rms == pytest.approx(rms, abs=1e-12)
         assert rms <= 1.01 * descriptions.best_circle(places)[2] + 1e-6

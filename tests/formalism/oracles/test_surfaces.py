@@ -285,8 +285,8 @@ def test_what_may_be_an_object_is_no_wall() -> None:
 def test_legs_are_joined_through_others_whatever_their_order() -> None:
     grouped = 0
     for one in recordings():
-        before, state = one.after["features.choose"], one.after["objects.group_legs"]
-        seen = seen_of(one, "features.choose")
+        before, state = one.after["verdict.choose"], one.after["objects.group_legs"]
+        seen = seen_of(one, "verdict.choose")
         places = [places_of(state, segment) for segment in state.segments]
         is_leg = [bool(before.survey.is_object[j]) and seen[j].chord <= 0.2 for j in range(len(seen))]
         body = before.bodies.label

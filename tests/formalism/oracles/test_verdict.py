@@ -226,7 +226,7 @@ def by_trees(trees: forest.Trees, prior: float, values: list[float]) -> float:
 def test_trees_decide() -> None:
     seen = 0
     for one in recordings()[::4]:
-        state = one.after["features.decide"]
+        state = one.after["verdict.decide"]
         for k, _ in bodies_of(state):
             values = state.features.values[k * features.COUNT : (k + 1) * features.COUNT]
             odds = by_trees(forest.TREES, forest.PRIOR, values)
@@ -238,7 +238,7 @@ def test_trees_decide() -> None:
 def test_what_is_likely_enough_is_an_object_and_the_rest_is_wall() -> None:
     kinds = {True: 0, False: 0}
     for one in recordings():
-        state = one.after["features.choose"]
+        state = one.after["verdict.choose"]
         for j, segment in enumerate(state.segments):
             k = state.features.body[j]
             thing = k >= 0 and state.verdict.thing[k] >= ROBUST.min_thing

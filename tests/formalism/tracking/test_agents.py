@@ -45,7 +45,7 @@ def judged(
     own: Any = False,
     track: tracks.Track | None = None,
     least: float = AGENT_SCORE,
-) -> agents.Verdict:
+) -> agents.AgentVerdict:
     """The verdict on something of 0.4 m that is seen at places x along a line, of which some are seen to be free."""
     count, place = len(x), np.asarray(x) + 0j
     track = track or tracks.Track()

@@ -12,7 +12,8 @@ from benchmarks.tracking.recordings import Detected, Recording, detected, in_bat
 from lidarcli.formalism import Parameters
 from lidarcli.formalism.detection import AGENT
 from lidarcli.formalism.tracking.results import FRAMES, HIDDEN, PARTLY, Tracks, Trajectories
-from lidarcli.formalism.tracking.tracks import PARTLY_BIT, PARTS_MASK, SWEEP, Path, Sweeps, Track, joined, seen_steps
+from lidarcli.formalism.tracking.tracks import Track
+from lidarcli.formalism.tracking.trajectories import PARTLY_BIT, PARTS_MASK, SWEEP, Path, Sweeps, joined, seen_steps
 from lidarcli.sweeps.types import Int64
 
 WALKERS = Cell("people", "1081", 0.01, "parked")

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lidarcli.formalism.tracking import kalman, tracker
+from lidarcli.formalism.tracking import pose_filter, tracker
 from lidarcli.simulation import scene as make
 from lidarcli.simulation.scene import Course, Mount, super_ellipse
 from lidarcli.sweeps.types import TURN, SweepBatch, SweepPoses
@@ -65,7 +65,7 @@ def test_right_poses_are_left_as_they_are() -> None:
 
 def test_no_delay_is_longer_than_the_longest() -> None:
     told = follow(driven(Mount(), 1.5))
-    assert abs(value_of(told)[0]) <= kalman.MAX_DELAY
+    assert abs(value_of(told)[0]) <= pose_filter.MAX_DELAY
 
 
 def test_without_poses_nothing_is_learned() -> None:

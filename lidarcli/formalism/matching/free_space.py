@@ -1,4 +1,5 @@
-"""The ground as a run saw it (§3, matching): free, occupied or unseen, and the occupied point nearest to any place."""
+"""The space as a run observed it (§3, matching): free, occupied or unobserved, and the occupied point nearest to any
+place."""
 
 from __future__ import annotations
 
@@ -23,16 +24,16 @@ from lidarcli.formalism.mapping.grid import (
 from lidarcli.sweeps.types import TURN, Bool, Float64, Int32, Int64, record
 
 SEEN_FREE = 3
-"""Least number of sweeps that pass a place that was seen free."""
+"""Least number of sweeps that pass a place that was observed free."""
 FINEST = 0.05
 """[m] Cells of a map that are finer are taken together."""
 REACH, ON_LINE, STRAIGHT = 0.6, 0.15, 0.1
 """Greatest distance to a nearest occupied point [m]; half width of the windows in which lines are fitted to occupied points
 [m]; greatest ratio of the variances across and along a line."""
 MAX_CELLS = 100_000_000
-"""Most cells of several grounds together: those of the largest map at 5 cm."""
+"""Most cells of several maps together: those of the largest map at 5 cm."""
 FREE_SIDE = 300
-"""Most places in a row, and rows of them, by which free ground is compared."""
+"""Most places in a row, and rows of them, by which free space is compared."""
 AT_ONCE = 1 << 18
 """Number of cells that are worked on at once."""
 BUCKET = 0.5
@@ -77,7 +78,7 @@ HERE = Motion()
 
 @record
 class Ground:
-    """Square cells of the ground in the coordinates of a run, and N occupied points, one for each occupied cell."""
+    """Square cells of the map in the coordinates of a run, and N occupied points, one for each occupied cell."""
 
     resolution: float
     """Side of a cell [m]."""
@@ -93,7 +94,7 @@ class Ground:
     points: Float64
     """(N, 2) mean of what was hit in each occupied cell [m]."""
     counted: bool = True
-    """False for a map, whose sweeps nobody knows."""
+    """False for a map: the number of its sweeps is unknown."""
 
     def index(self, x: Float64, y: Float64) -> tuple[Int64, Int64, Bool]:
         """Return (K,) row and column of places, and whether they are within the cells; outside row and column are 0."""
@@ -106,11 +107,10 @@ class Ground:
     def state(self, x: Float64, y: Float64) -> Int8:
         """Return (K,) the cells of places."""
         row, column, inside = self.index(x, y)
-        found: Int8 = np.where(inside, self.cells[row, column], UNKNOWN).astype(np.int8)
-        return found
+        return np.where(inside, self.cells[row, column], UNKNOWN).astype(np.int8)
 
     def passed(self, x: Float64, y: Float64) -> Int32:
-        """Return (K,) the number of sweeps that saw places free; 0 for occupied ones."""
+        """Return (K,) the number of sweeps that observed places free; 0 for occupied ones."""
         cells, passes, _ = self._at(x, y)
         return np.where(cells == FREE, passes, 0).astype(np.int32)
 
@@ -123,7 +123,7 @@ class Ground:
         return Occupancy(self.resolution, self.x, self.y, self.cells, frame_id)
 
     def moved(self, motion: Motion) -> Ground:
-        """Return the ground in other coordinates, each new cell as the old one at its middle."""
+        """Return the space in other coordinates, each new cell as the old one at its middle."""
         height, width = self.cells.shape
         corners = np.array([[0, 0], [width, 0], [0, height], [width, height]]) * self.resolution
         x, y = motion.of(corners[:, 0] + self.x, corners[:, 1] + self.y)
@@ -138,7 +138,7 @@ class Ground:
         return moved
 
     def over(self, older: Ground) -> Ground:
-        """Return this ground, and where it saw nothing an older one in the same coordinates."""
+        """Return this map, and where it observed nothing an older one in the same coordinates."""
         corners = [
             (one.x + across * one.resolution, one.y + up * one.resolution)
             for one in (self, older)
@@ -192,7 +192,7 @@ def _laid(
 
 
 def of_map(grid: Occupancy) -> Ground:
-    """Return the ground of a map: its occupied points are the middles of its cells, of several fine ones their mean."""
+    """Return the space of a map: its occupied points are the middles of its cells, of several fine ones their mean."""
     row, column = np.nonzero(grid.cells == OCCUPIED)
     points = np.column_stack([column + 0.5, row + 0.5]) * grid.resolution + [grid.x, grid.y]
     group, cells = max(1, round(FINEST / grid.resolution)), grid.cells
@@ -210,7 +210,7 @@ def of_map(grid: Occupancy) -> Ground:
 
 @dataclass(slots=True)
 class Surveying:
-    """The ground of a run, a fold over its sweeps."""
+    """The space of a run, a fold over its sweeps."""
 
     counts: Counts
     _keys: Int64 = field(default_factory=lambda: np.empty(0, np.int64))
@@ -230,7 +230,7 @@ class Surveying:
             self._gather()
 
     def ground(self, hits: int, ratio: float) -> Ground:
-        """Return the ground; `hits` and `ratio` as of `Counts.occupancy`."""
+        """Return the space; `hits` and `ratio` as of `Counts.occupancy`."""
         self._gather()
         grid = self.counts.occupancy(hits, ratio, "")
         height, width = grid.cells.shape
@@ -241,7 +241,7 @@ class Surveying:
         passes, looks = np.zeros((2, height, width), np.int32)
         rows, columns = self.counts.passes.shape
         top, right, start = min(low + height, rows), min(left + width, columns), max(left, 0)
-        # In parts, so that ground that nobody saw takes no memory.
+        # In parts, so that space that nobody observed takes no memory.
         for first in range(max(low, 0), top, BLOCK):
             last = min(first + BLOCK, top)
             passed, hit = (layer[first:last, start:right] for layer in (self.counts.passes, self.counts.hits))
@@ -254,7 +254,7 @@ class Surveying:
         middle = np.column_stack([column + 0.5, row + 0.5]) * side + [grid.x, grid.y]
         at = np.searchsorted(self._keys, self._key(middle[:, 0], middle[:, 1]))
         sums = self._sums[np.minimum(at, len(self._keys) - 1)]
-        # Where an agent stood long, nobody knows what is there without it.
+        # Where an agent stood long, it is unknown what is there without it.
         stands = sums[:, 3] <= 0.5 * sums[:, 2]
         grid.cells[row[~stands], column[~stands]] = UNKNOWN
         points = sums[stands, :2] / sums[stands, 2:3]
@@ -318,7 +318,7 @@ def _counted_up(begin: Int64, end: Int64) -> tuple[Int64, Int64]:
 
 
 class Nearest:
-    """The occupied point nearest to any place, up to `REACH`, and the places that were seen free."""
+    """The occupied point nearest to any place, up to `REACH`, and the places that were observed free."""
 
     def __init__(self, ground: Ground) -> None:
         self.ground = ground
@@ -326,9 +326,9 @@ class Nearest:
         up, right = (max(2, -(-length // FREE_SIDE)) for length in ground.cells.shape)
         row, column = np.nonzero(ground.cells[::up, ::right] == FREE)
         self.free: Float64 = (np.column_stack([column * right, row * up]) + 0.5) * side + [ground.x, ground.y]
-        """(F, 2) places that were seen free: every other cell of every other row, of large grounds fewer [m]."""
+        """(F, 2) places that were observed free: every other cell of every other row, of large maps fewer [m]."""
         self.area = len(row) * up * right * side**2
-        """Ground that was seen free [m²]."""
+        """Space that was observed free [m²]."""
         reach = max(1, math.ceil(REACH / side))
         height, width = ground.cells.shape
         self._pad = reach
