@@ -15,7 +15,7 @@ from lidarcli.cli import run
 from lidarcli.errors import UnreadableError
 from lidarcli.logs import open_log
 from lidarcli.logs.base import POSE_TYPES, ReadReport
-from lidarcli.logs.carmen import LASERS
+from lidarcli.logs.carmen_lines import LASERS
 from lidarcli.pipeline.reading.posing import PoseOptions, find_poses
 from lidarcli.pose.tracks import planar
 from lidarcli.sweeps.types import RawSweeps, Status, concatenate
