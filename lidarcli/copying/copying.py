@@ -33,8 +33,9 @@ from lidarcli.logs.laserscan import locate
 from lidarcli.logs.mcap import McapLog
 from lidarcli.logs.mcap_records import Catalogue, Messages, parse
 from lidarcli.logs.rosbag1 import Connection, Rosbag1Log
-from lidarcli.logs.rosbag2 import SQLITE_ERRORS, Rosbag2Log, SqliteLog, is_cdr
+from lidarcli.logs.rosbag2 import Rosbag2Log
 from lidarcli.logs.rosbag2_salvage import TopicRow
+from lidarcli.logs.rosbag2_sqlite import SQLITE_ERRORS, SqliteLog, is_cdr
 from lidarcli.logs.unpacking import ZSTD_MAGIC, DecompressionBudget, is_zstd, unpack_message
 from lidarcli.ros.bag_metadata import METADATA
 from lidarcli.ros.cursor import BadMessageError, Cursor

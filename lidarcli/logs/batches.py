@@ -18,9 +18,10 @@ from lidarcli.errors import NoScanError, OptionError
 from lidarcli.logs.base import Log, ReadReport
 from lidarcli.logs.blocks import split_rows
 from lidarcli.logs.clock import MAX_TOPICS
+from lidarcli.logs.log_stats import MAX_COMPARED_TOPICS, LogStats, repeated_topics
 from lidarcli.logs.piles import NoReturnDetector
 from lidarcli.logs.registry import TopicChoice
-from lidarcli.logs.scan_checks import MAX_COMPARED_TOPICS, LogStats, ScanChecks, Went, repeated_topics
+from lidarcli.logs.scan_checks import ScanChecks, Went
 from lidarcli.options.times import Instant, as_time
 from lidarcli.sweeps.range_rules import RangeRules, normalise
 from lidarcli.sweeps.types import Bool, Int64, RawSweeps, SweepBatch, concatenate

@@ -16,7 +16,7 @@ from lidarcli.logs.base import LASERSCAN, Damage, OpenOptions, ReadReport, Topic
 from lidarcli.logs.batches import ReadOptions, read_batches
 from lidarcli.logs.cells import shown
 from lidarcli.logs.csv import CsvLog as AnyCsvLog
-from lidarcli.logs.registry import parse_columns
+from lidarcli.logs.open_options import parse_columns
 from lidarcli.options.choices import UNITS
 from lidarcli.sweeps.types import RawSweeps, concatenate
 from tests.logs.csv_sweeps import FIRST, START, STEP, sweeps
