@@ -18,8 +18,6 @@ from lidarcli.errors import OptionError, UnreadableError
 if TYPE_CHECKING:
     from ruamel.yaml.nodes import Node, ScalarNode
 
-MAX_BYTES = 1_000_000
-"""Most bytes of a file."""
 MAX_DEPTH = 16
 """Most levels of brackets, and of the parts of a dotted key."""
 _TEXTS = re.compile(r""""(?:\\.|[^"\\\n])*"?|'[^'\n]*'?|\#[^\n]*""")
@@ -36,7 +34,7 @@ def read_toml(file: str, what: str) -> dict[str, Any]:
         raise UnreadableError(f"{file}: not valid TOML: {err}") from err
 
 
-def read_text(file: str, what: str, language: str, most: int = MAX_BYTES) -> str:
+def read_text(file: str, what: str, language: str, most: int = 1_000_000) -> str:
     """Read the text of a file, a `what` in a `language`, of `most` bytes at most."""
     try:
         with Path(file).open("rb") as opened:
@@ -321,7 +319,7 @@ def _scalar(node: ScalarNode) -> Any:
 
 
 def _reason(err: Exception) -> str:
-    """Return the cause that a parser tells, in one line, with the place."""
+    """Return the cause that a parser reports, in one line, with the place."""
     mark = getattr(err, "problem_mark", None)
     given = [text for name in ("context", "problem") if (text := getattr(err, name, None))]
     if mark is None or not given:

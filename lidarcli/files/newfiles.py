@@ -27,7 +27,7 @@ from lidarcli.system.machine import Threads
 try:
     import fcntl
 except ImportError:
-    # Windows has no such locks: runs into one folder are then told apart by their names alone.
+    # Windows has no such locks: runs into one folder are then kept apart by their names alone.
     fcntl = None  # type: ignore[assignment]
 
 LOCK_WAIT_S = 1.0
@@ -39,7 +39,7 @@ _HOST = f"{zlib.crc32(os.uname().nodename.encode() if hasattr(os, 'uname') else 
 _SCRATCH = re.compile(rf"\.lidarcli-{_HOST}-[0-9a-f]{{16}}\.part")
 
 _PARTS = (".mcap", ".db3", ".zstd", ".bag")
-"""Ends of the names of files that are read, or told of, as parts of a bag wherever they stand in its folder."""
+"""Ends of the names of files that are read, or reported, as parts of the bag in whose folder they are."""
 
 Inode = tuple[int, int]
 Identity = tuple[int, int, int, int]
@@ -50,7 +50,7 @@ _READ: ContextVar[dict[Inode, str] | None] = ContextVar("read", default=None)
 class NewFiles:
     """Files of this machine or of stores that get their names together; leaving the context without `publish` leaves none.
 
-    Until they are published they stand in a folder of their own beside their final places, whose name nobody can foresee
+    Until they are published they are in a folder of their own next to their final places, whose name nobody can foresee
     and which nobody else may enter: no link that was planted is written through, and no other run writes the same file.
     What a killed run left behind is cleared away by the next one. Objects of a store are written on this machine first; of
     two runs that write the same object the last one stays, as a whole.
@@ -207,7 +207,7 @@ def write_whole(path: Place, data: bytes, overwrite: bool = True, devices: bool 
 
 @contextmanager
 def reading(files: Iterable[str]) -> Iterator[None]:
-    """Take files for inputs of all that is written meanwhile, beside those that `refuse` is given."""
+    """Treat files as inputs of all that is written meanwhile, in addition to those that `refuse` is given."""
     token = _READ.set(_identified(files))
     try:
         yield

@@ -35,8 +35,6 @@ _WORDS = {
     b"1.#inf": np.inf,
     b"-1.#inf": -np.inf,
 }
-_ONE_BY_ONE = 64
-"""Rows from which on the search for a bad row halves them."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -147,7 +145,8 @@ def parse_rows(parts: Sequence[bytes], counts: Int64, separator: bytes, dtype: t
         return Numbers(values, empty, {})
     except ValueError:
         pass
-    if len(parts) > _ONE_BY_ONE:
+    # Of many rows a half is tried at a time, of few each one.
+    if len(parts) > 64:
         half = len(parts) // 2
         left = parse_rows(parts[:half], counts[:half], separator, dtype)
         right = parse_rows(parts[half:], counts[half:], separator, dtype)
@@ -289,9 +288,7 @@ TIME_OF_DAY, MINUTES, DAYS, DATED = -6, -7, -8, -9
 """Stand for a time of day, for minutes and seconds, for days as spreadsheets count them, and for a time of day whose date
 stands in another column."""
 PERIODS = {TIME_OF_DAY: 86_400 * S, MINUTES: 3600 * S}
-"""Times after which a clock without a date begins anew [ns]."""
-_LATE = 0.95
-"""Least step ahead of a clock without a date that is one back, as a share of its period."""
+"""Times after which a clock without a date begins again [ns]."""
 _NOTES = {
     (DATE, DATE_UNPADDED, DIGITS, DAY_FIRST, MONTH_FIRST): "times without a zone are read as UTC",
     (DAY_FIRST,): "dates are read as day, month, year",
@@ -306,8 +303,6 @@ _NOTES = {
 
 _STEPS = ((NS, 5_000_000), (US, 5_000), (MS, 10))
 """Unit → least step from sweep to sweep in it, of a clock without a named unit: 5 ms, 5 ms, 10 ms."""
-_SINCE_1970 = 10**9
-_HOUR = 3600
 
 _UNITS = {"ns": NS, "nsec": NS, "nsecs": NS, "nanosec": NS, "nanoseconds": NS, "us": US, "usec": US, "µs": US}
 _UNITS |= {"ms": MS, "msec": MS, "s": S, "sec": S, "secs": S, "seconds": S}
@@ -350,7 +345,7 @@ def time_unit(name: str, samples: Sequence[bytes]) -> int | None:
 
     None where most samples are no times. Seconds since 1970 have 10 digits before the point, milliseconds 13,
     microseconds 16, nanoseconds 19: no clock that a robot carries comes near the next unit. Whole numbers of a clock
-    that starts with the robot tell by their steps: no LiDAR waits 10 s for its next sweep.
+    that starts with the robot are known by their steps: no LiDAR waits 10 s for its next sweep.
 
     >>> time_unit("time", [b"1714555596445048407"]), time_unit("t", [b"12.5"]), time_unit("t_ms", [b"5"])
     (1, 1000000000, 1000000)
@@ -383,7 +378,7 @@ def _unit_of_steps(counts: Sequence[int]) -> int:
     steps = np.diff(np.array(counts, np.int64))
     steps = steps[steps > 0]
     step = np.median(steps) if len(steps) else 0
-    if min(counts) >= _SINCE_1970 and step < _HOUR:
+    if min(counts) >= 10**9 and step < 3600:
         return S
     return next((unit for unit, least in _STEPS if step >= least), S)
 
@@ -439,13 +434,13 @@ def to_ns(cells: Sequence[bytes], unit: int) -> tuple[Int64, Bool]:
 
 
 def going_on(times: Int64, unit: int, last: tuple[int, int] | None) -> tuple[Int64, tuple[int, int]]:
-    """Return times (R > 0,) that go on where a clock without a date begins anew, and what the next ones need as `last`."""
+    """Return times (R > 0,) that go on where a clock without a date begins again, and what the next ones need as `last`."""
     if unit not in PERIODS:
         return times, (0, 0)
     before, ahead = last or (int(times[0]), 0)
     steps = np.diff(times, prepend=before) / PERIODS[unit]
     # What is late at midnight belongs to the day before.
-    turns = np.cumsum((steps < -0.5).astype(np.int64) - (steps > _LATE))
+    turns = np.cumsum((steps < -0.5).astype(np.int64) - (steps > 0.95))
     gone: Int64 = times + ahead + turns * PERIODS[unit]
     return gone, (int(times[-1]), int(gone[-1] - times[-1]))
 

@@ -18,15 +18,14 @@ from lidarcli.sweeps.types import Bool, Float64, Int64, RawSweeps
 SECOND = 1e-9
 _KEPT = 1 << 16
 TOLD = 3
-"""Runs that are told one by one, beside the last."""
+"""Most runs that are reported one by one, in addition to the last."""
 NO_STAMPS = "stamps are 0, tracks cannot tell what moves"
 SAME_NS = 1
 """Equal stamps of text differ by at most this [ns]."""
 AROUND = 8
-"""Sweeps around a stamp by which it is judged."""
+"""Number of sweeps around a stamp with which it is compared."""
 HELD = 1024
 """Most sweeps of a topic that wait for sound stamps; fewer of many beams."""
-MAX_FRAMES = 64
 MAX_TOPICS = 1000
 """Topics beyond this are taken as they are: a log may have a new one in every message."""
 
@@ -193,7 +192,7 @@ class _Mending:
     def __init__(self) -> None:
         self._waiting: list[RawSweeps] = []
         self._restarts: Counter[int] = Counter()
-        """Frame → times that its clock started anew."""
+        """Frame → times that its clock was restarted."""
         self._frames: dict[str, int] = {}
         self._sound = np.zeros((3, 0), np.int64)
         """Time, record time and frame of the last sound sweeps of each frame."""
@@ -246,7 +245,7 @@ class _Mending:
         """Return stamps, record times and frames (3, S) of the last sound sweeps and those that wait."""
         parts = [self._sound]
         for block in self._waiting:
-            for name in block.frame_ids if len(self._frames) < MAX_FRAMES else ():
+            for name in block.frame_ids if len(self._frames) < 64 else ():
                 self._frames.setdefault(name, len(self._frames))
             codes = np.array([self._frames.get(name, 0) for name in block.frame_ids], np.int64)
             parts.append(np.stack([block.stamp_ns, block.record_ns, codes[block.frame]]))

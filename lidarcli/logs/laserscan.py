@@ -92,7 +92,7 @@ def locate(message: bytes, encoding: str, *, several: bool) -> ScanLayout | None
     Parameters
     ----------
     encoding : `cdr` or `ros1`
-    several : True for a MultiEchoLaserScan, of which every echo is told
+    several : True for a MultiEchoLaserScan, of which every echo is located
     """
     buffer = np.frombuffer(message, np.uint8)
     first, length = np.zeros(1, np.int64), np.array([len(message)], np.int64)
@@ -390,8 +390,6 @@ def _strongest(words: Words, place: Places, count: Places) -> Places:
 
 
 ROWS = 512
-BYTES = 4 << 20
-"""A topic's gathered messages are decoded when there are this many, or this many bytes."""
 
 
 @dataclass(slots=True)
@@ -413,7 +411,7 @@ class MessageBatcher:
         self.parts.append(message)
         self.times.append(record_ns)
         self.size += len(message)
-        return len(self.parts) >= self.rows or self.size >= BYTES
+        return len(self.parts) >= self.rows or self.size >= 4 << 20
 
     def decode(self, buffer: UInt8, offsets: Int64, lengths: Int64, record_ns: Int64) -> Iterator[RawSweeps]:
         """Decode messages that lie together already, after those that were gathered before."""
@@ -479,7 +477,7 @@ def scan_type(kind: str, encoding: str = "", text: str = "") -> str:
     if kind in EXPECTED:
         return kind
     if not text:
-        # Some logs tell no definitions; this is the one type of the kind that drivers publish.
+        # Some logs have no definitions; this is the one type of the kind that drivers publish.
         return LASERSCAN if kind.endswith("/ExtendedLaserScan") else ""
     begins = _fields(encoding, text, kind)[:1] if "LaserScan" in text else []
     names = ["LaserScan"] if encoding == "ros2idl" else ["sensor_msgs/LaserScan", LASERSCAN]

@@ -1,4 +1,4 @@
-"""Statistics that only a look at a whole log tells, collected by `info`: headers, missing ranges, repeated topics."""
+"""Statistics of a complete log, collected by `info` alone: headers, missing ranges, repeated topics."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from lidarcli.sweeps.findings import ASIDE, FASTEST, LOG_RULES, LONG, REPEATED_T
 from lidarcli.sweeps.types import TURN, RawSweeps, Status, SweepBatch
 
 WHOLE = 512
-"""The first sweeps of which `LogStats` counts every beam, then one sweep in `THIN`, which stands for all of these."""
+"""Number of first sweeps whose beams are all counted; of later ones one sweep in `THIN` is, as often as there are such."""
 MAX_COMPARED, MIN_COMPARED = 2000, 10
 """Most and fewest sweeps of a topic that are compared with those of others."""
 MAX_COMPARED_TOPICS = 16
@@ -35,7 +35,7 @@ class LogStats:
     """True where other topics may hold the same sweeps."""
     sweeps: int = 0
     beams: int = 0
-    """Beams, as far as the examined sweeps tell."""
+    """Beams, estimated from the examined sweeps."""
     kinds: Counter[str] = field(default_factory=Counter)
     """Kind of a missing range → beams, in the same way."""
     views: tuple[float, float] = (np.inf, 0.0)
@@ -43,9 +43,9 @@ class LogStats:
     counts: tuple[int, int] = (np.iinfo(np.int32).max, 0)
     """Fewest and most beams."""
     periods: Sample = field(default_factory=lambda: Sample(KEPT))
-    """`scan_time` [s] where it is told."""
+    """`scan_time` [s] where headers have one."""
     lasting: Sample = field(default_factory=lambda: Sample(KEPT))
-    """Time of a sweep by `time_increment` [s] where that is told."""
+    """Time of a sweep by `time_increment` [s] where headers have one."""
     shares: Sample = field(default_factory=lambda: Sample(KEPT))
     """View as a share of a turn."""
     unlimited: int = 0
@@ -63,7 +63,7 @@ class LogStats:
     """Hash of the ranges of a sweep → its stamp and record time [ns]."""
 
     def add(self, raw: RawSweeps, batch: SweepBatch) -> None:
-        """Take sweeps as the log holds them (`raw`) and with judged ranges (`batch`)."""
+        """Take sweeps as the log holds them (`raw`) and with evaluated ranges (`batch`)."""
         if not len(raw):
             return
         first = max(WHOLE - self.sweeps, 0)

@@ -45,11 +45,9 @@ from lidarcli.sweeps.types import Int64
 
 WINDOW = 1 << 20
 """Bytes looked at together where messages stand outside chunks, or where a way past damage is sought."""
-RESCUED = 1 << 24
 MAX_RECORD = 1 << 40
-"""A record of a pipe that declares more bytes than this is damaged; of a file, the file's size tells."""
+"""A record of a pipe that declares more bytes than this is damaged; that of a file is compared with the file's size."""
 
-_OVERLAP = 1 << 16
 _FAR = 1 << 62
 _CUT = "the log is cut off here, inside a record"
 _SMALL = (Opcode.HEADER, Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE_INDEX)
@@ -59,7 +57,6 @@ _END_LENGTHS = {int(Opcode.DATA_END): 4, int(Opcode.FOOTER): 20}
 
 UNKNOWN = -2
 UNWANTED = -1
-_CHANNELS = 1 << 16
 
 
 class OtherRecord(NamedTuple):
@@ -78,7 +75,7 @@ class Wanted:
         """A channel of each group. A group has one topic, type and encoding: publishers share it, so that their sweeps
         stay in the order of the log; protobuf brings its own types."""
         self._catalogue, self._topics, self._types = catalogue, topics, types
-        self._groups = np.full(_CHANNELS, UNKNOWN, np.int32)
+        self._groups = np.full(1 << 16, UNKNOWN, np.int32)
         self._known = 0, 0
         self._numbers: dict[tuple[str, str, str, int], int] = {}
 
@@ -259,7 +256,7 @@ class Walk:
             if found is not None:
                 self.source.skip(found)
                 return True
-            self.source.skip(len(window) - (_OVERLAP if len(window) == WINDOW else 0))
+            self.source.skip(len(window) - ((1 << 16) if len(window) == WINDOW else 0))
             if len(window) < WINDOW:
                 return False
 
@@ -357,7 +354,7 @@ class Walk:
 
     def _rescue_definitions(self, chunk: _Chunk, data: bytes) -> None:
         """Recover channels that only a damaged chunk described, if they name a known type."""
-        start = inflate_start(chunk.head, data, RESCUED)
+        start = inflate_start(chunk.head, data, 1 << 24)
         doubtful = Catalogue()
         for opcode, first, end in list_records(start, 0, len(start)).others:
             if opcode in (Opcode.SCHEMA, Opcode.CHANNEL):

@@ -118,7 +118,7 @@ def parse_columns(names: str | Iterable[str]) -> tuple[str, ...]:
 
 
 def _refuse_view(options: OpenOptions, bins: int) -> None:
-    """Refuse views that a cloud cannot have: each direction is seen once."""
+    """Refuse views that a cloud cannot have: each direction is observed once."""
     most = TURN * (1 + 1e-6)
     if options.fov is not None and not 0 < abs(options.fov) <= most:
         raise OptionError("--fov: with --slice the view is more than nothing, and one turn at most")

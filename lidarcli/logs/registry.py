@@ -188,7 +188,6 @@ TEXT_SUFFIXES = tuple(suffix for known in FORMATS if known.many for suffix in (*
 """Suffixes of files that may be one sweep each."""
 
 _KNOWN = ", ".join(known.name for known in FORMATS)
-_MAGIC = tuple(magic for known in FORMATS for magic in known.magic)
 PIPE_WAIT_S = 10.0
 
 
@@ -237,7 +236,7 @@ def open_log(source: str | Path | BinaryIO, *, opening: OpenOptions | None = Non
 def _sniffed(head: bytes, name: str) -> Format:
     if not head:
         raise UnreadableError(f"{name}: is empty")
-    if head.startswith(GZIP) and gunzip_start(head).startswith(_MAGIC):
+    if head.startswith(GZIP) and gunzip_start(head).startswith(tuple(magic for known in FORMATS for magic in known.magic)):
         raise UnreadableError(f"{name}: a log packed with gzip; unpack it first (gunzip)")
     for known in FORMATS:
         if known.sniff(head):

@@ -38,16 +38,9 @@ from lidarcli.sweeps.types import RawSweeps
 
 OLD_MAGIC = b"#ROS"
 """Every bag begins so; format 2.0 goes on with its own magic."""
-MAX_INDEX = 256 << 20
 MAX_CHUNK = 256 << 20
 """Most bytes of one compressed chunk that are read, packed or not: it is held as a whole."""
 WINDOW = 1 << 20
-OVERLAP = 4096
-"""Bytes that two searched windows share, so that a header across their border is found."""
-AHEAD = 1 << 16
-"""Bytes read at once where small records may follow one another."""
-DENSE = 128
-"""Fewest messages of one topic in one buffer that are decoded in place instead of gathered."""
 
 
 def read_at(file: BinaryIO, at: int, size: int) -> bytes:
@@ -123,7 +116,7 @@ def _read_index(file: BinaryIO, size: int) -> Index:
         return Index(State.OPEN, encryptor)
     if position >= size:
         return Index(State.CUT, encryptor)
-    if size - position > MAX_INDEX:
+    if size - position > 256 << 20:
         return Index(State.BROKEN, encryptor)
     data = read_at(file, position, size - position)
     connections: dict[int, Connection] = {}
@@ -183,14 +176,14 @@ class Pass:
         self._conclude()
 
     def _damaged(self, place: str, cause: str) -> None:
-        """Report damage; however many records of a chunk are broken, one line tells of it."""
+        """Report damage; however many records of a chunk are broken, in one line."""
         if all(known.place != place for known in self._report.damage):
             self._report.add_damage(place, cause)
 
     def _record(self, at: int) -> Record | None:
         offset = at - self._ahead_at
         if not 0 <= offset <= len(self._ahead) - 8 - MAX_HEADER:
-            self._ahead_at, self._ahead, offset = at, read_at(self._file, at, AHEAD), 0
+            self._ahead_at, self._ahead, offset = at, read_at(self._file, at, 1 << 16), 0
         return parse(self._ahead, offset, at - offset)
 
     def _sane(self, at: int) -> bool:
@@ -222,7 +215,8 @@ class Pass:
                 self.at += found
                 self._damaged(f"byte {lost}", f"{self.at - lost:,} bytes are broken and were skipped")
                 return
-            self.at += len(data) - OVERLAP if len(data) == WINDOW else max(1, len(data))
+            # Windows overlap, so that a header across their border is found.
+            self.at += len(data) - 4096 if len(data) == WINDOW else max(1, len(data))
         self._cut_off(lost)
 
     def _cut_off(self, at: int, where: str = "") -> None:
@@ -414,7 +408,7 @@ class Rosbag1Log(Closing):
                 gather = gathers.setdefault(first, MessageBatcher(first.topic, first.read_as, "ros1", report, self._echo))
                 rows = np.flatnonzero(np.isin(block.connection, [number for number, it in known.items() if it == first]))
                 starts, lengths, times = block.starts[rows], block.lengths[rows], block.time_ns[rows]
-                if len(rows) >= DENSE:
+                if len(rows) >= 128:
                     yield from gather.decode(block.data, starts, lengths, times)
                     continue
                 for start, length, time_ns in zip(starts.tolist(), lengths.tolist(), times.tolist(), strict=True):

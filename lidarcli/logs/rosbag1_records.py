@@ -21,7 +21,6 @@ from lidarcli.sweeps.types import Int64, UInt8
 MAGIC = b"#ROSBAG V2.0\n"
 MAX_HEADER = 8192
 """Longest record header [bytes]: real ones hold a topic name and a few numbers."""
-MAX_FIELDS = 32
 MAX_LAYOUTS = 8
 """Most layouts of message headers read by column; a bag is written by one program, hence has one."""
 STEP = 512
@@ -97,7 +96,7 @@ def parse_fields(header: bytes) -> dict[bytes, Field] | None:
         (length,) = _U32(header, at)
         at += 4
         equals = header.find(b"=", at, at + length)
-        if at + length > end or equals < 0 or len(fields) == MAX_FIELDS:
+        if at + length > end or equals < 0 or len(fields) == 32:
             return None
         fields[header[at:equals]] = Field(equals + 1, at + length)
         at += length

@@ -1,6 +1,6 @@
 """Storage files of ROS 2 bags in SQLite: by SQLite as far as it goes, then straight from the pages.
 
-Nothing is ever written beside a bag: a database that was not closed properly is merged with its journal in a copy.
+Nothing is ever written next to a bag: a database that was not closed properly is merged with its journal in a copy.
 """
 
 from __future__ import annotations
@@ -46,15 +46,10 @@ class UnsoundError(Exception):
 
 SQLITE_ERRORS = (sqlite3.Error, UnicodeDecodeError, UnsoundError)
 """Errors of reading a damaged database with SQLite; its messages may quote bytes that are no text."""
-DISK_SHARE = 0.9
 BATCH = 32
-BATCH_BYTES = 16 << 20
 
 MAX_TEXT = 1 << 16
 """Longest text of the schema and of the topics table that is read [bytes]."""
-STEPS_PER_BYTE = 4
-"""Most steps of SQLite's machine per statement and byte; a row, of ten bytes or more, takes about 20."""
-STEPS = 1_000_000
 ASKED_EVERY = 10_000
 
 _SCHEMA = "SELECT type, name, sql FROM sqlite_master"
@@ -65,7 +60,6 @@ _PRAGMAS = (
     *("temp_store", "cell_size_check", "table_xinfo", "index_list", "index_xinfo"),
     *("ignore_check_constraints", "quick_check"),
 )
-_COMPUTED = -2
 ROWID = "_rowid_"
 # Rows come in the order of their numbers, in which tables keep them: sorting would hold all of them. The column `id` is
 # that number in what rosbag2 writes, and may be any other where somebody else has written the table.
@@ -110,7 +104,7 @@ class Known:
 
 
 def merge(database: Path, source: Path) -> None:
-    """Let SQLite bring the files beside `source` into its copy `database`, which nothing stands beside afterwards.
+    """Let SQLite merge the journals next to `source` into its copy `database`, and delete those of the copy.
 
     A rollback journal may name a super-journal at its end, which SQLite deletes wherever it is: that name is spoiled.
     """
@@ -128,7 +122,7 @@ def merge(database: Path, source: Path) -> None:
 
 
 def _sidecars(database: Path) -> list[str]:
-    """Return the suffixes of the files beside a database that may hold a part of it."""
+    """Return the suffixes of the files next to a database that may hold a part of it."""
     sidecar = {suffix: Path(f"{database}{suffix}") for suffix in (JOURNAL, WAL)}
     return [suffix for suffix, path in sidecar.items() if path.is_file() and path.stat().st_size > 0]
 
@@ -138,7 +132,7 @@ class SqliteLog(Closing):
 
     format = "ros2 bag (sqlite3)"
     number = ROWID
-    """Column that tells the rows of the messages apart."""
+    """Column with the number of each row of the messages."""
 
     def __init__(self, file: Path, path: str, options: OpenOptions, known: Known) -> None:
         """`path` names the file in errors; `known` is what is known of it, and takes what is found."""
@@ -224,7 +218,7 @@ class SqliteLog(Closing):
                         _refuse_computed(self._database, name)
                 for _, name, *_, is_partial in self._ask(self._database, "PRAGMA index_list(messages)"):
                     columns = self._database.execute(f"PRAGMA index_xinfo({_quoted(name)})")
-                    if is_partial or any(column == _COMPUTED for _, column, *_ in columns):
+                    if is_partial or any(column == -2 for _, column, *_ in columns):
                         raise UnsoundError(f"{name} is an index that would be computed")
                 self._database.execute("PRAGMA ignore_check_constraints = on")
                 if self._ask(self._database, "PRAGMA quick_check(1)").fetchone() == ("ok",):
@@ -253,7 +247,7 @@ class SqliteLog(Closing):
         return known.counts
 
     def profiles(self) -> dict[int, str]:
-        """Return how each topic was offered, by its id, as far as SQLite tells."""
+        """Return how each topic was offered, by its id, as far as SQLite can read it."""
         found: dict[int, str] = {}
         if self._database is not None:
             with suppress(*SQLITE_ERRORS):
@@ -323,7 +317,7 @@ class SqliteLog(Closing):
 
     def _connect(self, path: Path) -> sqlite3.Connection:
         """Connect for reading rows of plain tables in bounded time (`UnsoundError` where SQL of the log would run)."""
-        # `immutable` keeps SQLite from making files beside the log, from looking for a journal there, and works in a
+        # `immutable` keeps SQLite from making files next to the log, from looking for a journal there, and works in a
         # read-only folder.
         where = f"file:{quote(str(path.absolute()))}?mode=ro&immutable=1"
         database = self._database = sqlite3.connect(where, uri=True, check_same_thread=False)
@@ -355,10 +349,11 @@ class SqliteLog(Closing):
     def _is_endless(self) -> bool:
         """Return True after more steps than a sound file of this size needs."""
         self._steps += ASKED_EVERY
-        return self._steps > STEPS + STEPS_PER_BYTE * self._size
+        # A row, of ten bytes or more, takes about 20 steps.
+        return self._steps > 1_000_000 + 4 * self._size
 
     def _merged(self, path: Path) -> Path:
-        """Return the storage file, or a copy of it with what stands beside it."""
+        """Return the storage file, or a copy of it with its journals merged in."""
         sidecars = [Path(f"{path}{suffix}") for suffix in _sidecars(path)]
         copy = self._copy(path, sidecars) if sidecars else None
         if copy is None:
@@ -386,10 +381,10 @@ class SqliteLog(Closing):
             raise UnreadableError(f"{self.path}: holds no ROS 2 messages ({self._cause})")
 
     def _copy(self, path: Path, sidecars: list[Path]) -> Path | None:
-        """Return a copy in a temporary folder, as nothing is changed beside the log; None if it has no room."""
+        """Return a copy in a temporary folder, as nothing is changed next to the log; None if it has no room."""
         target = self._stack.enter_context(scratch_folder()) / "bag.db3"
         needed = 2 * sum(file.stat().st_size for file in [path, *sidecars])
-        if needed > DISK_SHARE * shutil.disk_usage(target.parent).free:
+        if needed > 0.9 * shutil.disk_usage(target.parent).free:
             names = ", ".join(sidecar.name for sidecar in sidecars)
             self.met.add_damage(names, "not read: no room in the temporary folder to merge it into a copy of the bag")
             return None
@@ -505,7 +500,7 @@ def _fetch(cursor: sqlite3.Cursor) -> list[Row]:
     """Return the next messages, as many as are held at a time; none at the end."""
     rows: list[Row] = []
     size = 0
-    while len(rows) < BATCH and size < BATCH_BYTES and (row := cursor.fetchone()) is not None:
+    while len(rows) < BATCH and size < 16 << 20 and (row := cursor.fetchone()) is not None:
         rows.append(row)
         size += len(row[3] or b"")
     return rows

@@ -39,16 +39,10 @@ TOGETHER, PERIOD = 16, 256
 """Number of consecutive sweeps compared with each other, out of each period of sweeps."""
 BEAMS = 60
 """Number of beams compared per sweep."""
-REPEATS = 256
-"""Most sweeps with a repeated stamp that are compared with the one before."""
 APART = 0.1
 """Least change [m] of half of the beams between sweeps of two alternating sensors."""
-NEARER = 3.0
-"""Factor by which a sweep must be nearer to the second or third one before it."""
 FROZEN_NS = 500_000_000
 """Age from which on the same ranges are those of a sensor that hangs [ns]; a driver may send each sweep some times."""
-TURNS_OF = 8
-"""Most old sweeps that a sensor that hangs sends in turns."""
 NOISY = 0.002
 """Least middle third difference of ranges that are measured [m]: a simulation without noise may repeat its sweeps."""
 AT_MOST, ABOVE, BELOW = "at range_max", "above range_max", "below range_min"
@@ -57,14 +51,10 @@ REMEDIES = {
     **dict.fromkeys(("NaN, counted as no return", "zero", "infinite", AT_MOST), "nothing near, or nothing measured"),
 }
 """Remedies by the main cause of missing ranges."""
-TOLD_SHARE = 0.01
-"""Least share of the beams of a cause that is told."""
-COARSE_STEP = 0.2
-"""Beams as far apart as this are a quarter of a degree apart that is taken as a radian [rad]."""
 ZEROS = TURN / 8
-"""Least view to be told of zeros, or values beyond all sense, [rad]: nothing may be there, or nothing measured."""
+"""Least view of zeros, or of absurd values, that is reported [rad]: nothing may be there, or nothing was measured."""
 Went = Callable[[str, str, Int64, Int64], Bool]
-"""Tells whether the sensor of a topic and frame has gone from some stamps to others (S,) [ns], by told poses."""
+"""Returns whether the sensor of a topic and frame has moved between two stamps each (S,) [ns], by logged poses."""
 
 
 class ScanChecks:
@@ -77,7 +67,7 @@ class ScanChecks:
         self._stats: dict[tuple[str, str], SweepStats] = {}
 
     def add(self, raw: RawSweeps, batch: SweepBatch) -> Bool:
-        """Take sweeps as the log holds them (`raw`) and with judged ranges (`batch`); return (S,) those that repeat."""
+        """Take sweeps as the log holds them (`raw`) and with evaluated ranges (`batch`); return (S,) those that repeat."""
         frozen = np.zeros(len(batch), np.bool_)
         for frame, rows, mine in batch.by_frame():
             key = batch.topic, frame
@@ -256,7 +246,7 @@ class SweepStats:
             causes_shown=", ".join(
                 f"{'' if share == 1.0 else f'{share:.1%} '}{each}{f', {most:g} m' if each == AT_MOST else ''}"
                 for each, share in by_share
-                if share >= TOLD_SHARE
+                if share >= 0.01
             ),
             remedy=REMEDIES.get(cause, f"limits {least:g} to {most:g} m (--range, --range-unit)"),
             turns_share=self.turns / max(self.compared, 1),
@@ -288,7 +278,7 @@ class SweepStats:
         times, keys = since.copy(), [hash(range_bytes(raw, row)) for row in range(len(raw))]
         for row, key in enumerate(keys):
             same[row] = key == next(reversed(self.recent), None)
-            if key not in self.recent and len(self.recent) == TURNS_OF:
+            if key not in self.recent and len(self.recent) == 8:
                 del self.recent[next(iter(self.recent))]
             since[row] = self.recent[key] = self.recent.pop(key, (int(times[row, 0]), int(times[row, 1])))
         frozen: Bool = (times - since).max(axis=1, initial=0) > FROZEN_NS
@@ -333,7 +323,8 @@ class SweepStats:
         wide, fine = view > WIDEST_VIEW, (step < FINEST_STEP) & (gaps > 0)
         self.view = max(self.view, float(view.max(initial=0.0)))
         self.wide += int(np.count_nonzero(wide))
-        self.coarse += int(np.count_nonzero(wide & (step > COARSE_STEP)))
+        # A quarter of a degree taken as radians is such a step.
+        self.coarse += int(np.count_nonzero(wide & (step > 0.2)))
         if fine.any():
             self.step = float(step[fine].min()) if not self.fine else min(self.step, float(step[fine].min()))
             self.fine += int(np.count_nonzero(fine))
@@ -405,7 +396,7 @@ class SweepStats:
         changes = np.abs(some[fourth] - np.stack([some[fourth - by] for by in (1, 2, 3)]))
         changes.partition(BEAMS // 2, axis=2)
         halves = changes[:, :, BEAMS // 2]
-        nearer = np.minimum(halves[1], halves[2]) * NEARER < halves[0]
+        nearer = np.minimum(halves[1], halves[2]) * 3.0 < halves[0]
         self.compared += len(nearer)
         self.turns += int(np.count_nonzero(nearer & (halves[0] > APART)))
 
@@ -415,7 +406,7 @@ class SweepStats:
             return
         time_ns, sweep = self.last or (int(raw.time_ns[0]) - 2 * SAME_NS, int(batch.sweep[0]) - 1)
         steps, apart = np.diff(raw.time_ns, prepend=time_ns), np.diff(batch.sweep, prepend=sweep)
-        rows = np.flatnonzero(np.abs(steps) <= SAME_NS * apart)[: REPEATS - self.repeats]
+        rows = np.flatnonzero(np.abs(steps) <= SAME_NS * apart)[: 256 - self.repeats]
         self.repeats += len(rows)
         self.alike += int(np.count_nonzero(same[rows]))
         self.last = int(raw.time_ns[-1]), int(batch.sweep[-1])

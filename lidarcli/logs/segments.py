@@ -122,7 +122,7 @@ class _Turns:
     def of(cls, rows: RawSweeps, final: bool) -> _Turns | Literal[False] | None:
         """Return the turns of a sensor by its first messages, False where these are sweeps, None while that is open.
 
-        `final` tells that there are no more.
+        `final`: there are no more.
         """
         step, begin = rows.angle_increment, rows.angle_min
         usual = float(np.sort(step)[len(step) // 2])

@@ -44,7 +44,7 @@ PLAIN = "laser"
 ROOM = 0.1
 """A greatest range that is made up is a multiple of this above all ranges [m]."""
 MOVING = ("order", "clock", "stamps", "times")
-"""Words that change where or when beams are seen: what the poses tell of that."""
+"""Words that change where or when beams are measured, which the poses can confirm or refute."""
 MAX_CLIPS = 1000
 MAX_HELD = 10_000
 """Sweeps out of place that are put in order."""
@@ -75,12 +75,12 @@ def survey(log: Log, choice: TopicChoice, rules: RangeRules, report: ReadReport)
     seen: dict[str, Seen] = {}
     detector = NoReturnDetector(rules, report)
     blocks = (block for block in log.scans(choice.asked, report) if not choice.wanted or choice.takes(block.topic))
-    for block, judging in chain(chain.from_iterable(map(detector.take, blocks)), detector.flush()):
+    for block, block_rules in chain(chain.from_iterable(map(detector.take, blocks)), detector.flush()):
         mine = seen.setdefault(block.topic, Seen())
         some = block.rows(~(block.range_max > np.maximum(block.range_min, 0.0)))
-        ranges = normalise(some, np.arange(len(some)), judging).ranges
+        ranges = normalise(some, np.arange(len(some)), block_rules).ranges
         mine.greatest = float(np.fmax.reduce(ranges, axis=None, initial=mine.greatest))
-        mine.rules = judging
+        mine.rules = block_rules
         mine.blocks.append(replace(block, ranges=block.ranges[:, :0].copy(), intensities=None))
     for found in report.findings():
         if found.mend == "limits" and found.topic in seen:
@@ -97,17 +97,19 @@ def _frame(names: Collection[str], tracks: Sequence[Track]) -> tuple[str, str]:
     return min(known, default="").lstrip("/"), "" if is_known else "no or several frames could be that of the sensor"
 
 
-def _turn_time(times: Int64, told: Float32 | None) -> float:
-    """Return the time of a turn [s] by the median step, or by what is `told` where sweeps are missing; 0: unknown."""
+def _turn_time(times: Int64, scan_time: Float32 | None) -> float:
+    """Return the time of a turn [s] by the median step, or by `scan_time` where sweeps are missing; 0: unknown."""
     steps = np.diff(times)
     period = float(np.median(steps[steps > 0])) / SECOND_NS if (steps > 0).any() else 0.0
-    told = np.zeros(0, np.float32) if told is None else told[(told >= 1.0 / FASTEST) & np.isfinite(told)]
-    scan_time = float(np.median(told.astype(np.float64))) if len(told) else period
-    return scan_time if period > LONG * scan_time else period
+    if scan_time is None:
+        return period
+    known = scan_time[(scan_time >= 1.0 / FASTEST) & np.isfinite(scan_time)]
+    usual = float(np.median(known.astype(np.float64))) if len(known) else period
+    return usual if period > LONG * usual else period
 
 
 def _is_stuck(times: Int64) -> bool:
-    """Return True for times that do not tell when sweeps were taken: most are the same, or as near as no sensor's."""
+    """Return whether times are useless: most repeat the one before, or follow it faster than any sensor sends sweeps."""
     steps = np.diff(times)
     ahead = steps[steps > SAME_NS]
     fast = len(ahead) and np.median(ahead) * FASTEST < SECOND_NS
@@ -311,14 +313,14 @@ def _leave_worse(source: Source, log: Log, detect: DetectOptions, found: Sequenc
 
 
 def _delay(found: Finding) -> float:
-    """Return the time that mends stamps or clock by a finding [s]; 0 where it tells none."""
+    """Return the time that mends stamps or clock by a finding [s]; 0 where it has none."""
     option, _, seconds = found.fix.text.partition(" ") if found.fix is not None else ("", "", "")
     known = float(seconds) if option == "--pose-delay" else float(found.evidence.get("delay", 0.0))
     return known if found.mend in ("clock", "stamps") else 0.0
 
 
 def _said_before(source: Source) -> dict[object, Met]:
-    """Return the static transforms of the first earlier part of a recording that stands beside it and has some."""
+    """Return the static transforms of the first earlier part of a recording, in the same folder, that has some."""
     for path in earlier_parts(Path(source.path).absolute()):
         with suppress(UnreadableError), open_log(str(path)) as log:
             copy = Copy()
@@ -352,17 +354,17 @@ def clips_of(table: Readable, log: str, around: float) -> dict[str, Clip]:
     parts: dict[str, Clip] = {}
     words, index = ("log", "zone", "topic"), "first_sweep" if "first_sweep" in names else "sweep"
     for batch in read_as_is(table, [name for name in (*words, index, *dict.fromkeys(times)) if name in names]):
-        told: dict[str, list[Any]] = dict.fromkeys((*words, index), [None] * len(batch))
-        for name in told.keys() & {*names}:
+        columns: dict[str, list[Any]] = dict.fromkeys((*words, index), [None] * len(batch))
+        for name in columns.keys() & {*names}:
             kind = batch[name].type
             if not (pa.types.is_null(kind) or (pa.types.is_integer(kind) if name == index else is_text(kind))):
                 raise OptionError(f"{table}: column {name} is {kind}, not {'integers' if name == index else 'text'}")
-            told[name] = batch[name].to_pylist()
+            columns[name] = batch[name].to_pylist()
         try:
             first, last = (batch[name].cast(pa.timestamp("ns", "UTC")).cast(pa.int64()).to_pylist() for name in times)
         except pa.ArrowException as err:
             raise UnreadableError(f"{table}: {times[0]} and {times[1]} are no times that can be read") from err
-        for begin, end, of_log, zone, topic, sweep in zip(first, last, *told.values(), strict=True):
+        for begin, end, of_log, zone, topic, sweep in zip(first, last, *columns.values(), strict=True):
             if begin is not None and end is not None and of_log in (None, log):
                 when = re.sub(r"[-:]", "", str(Instant(begin - begin % 1_000_000)))
                 plain = "-".join(filter(None, (re.sub(r"[^\w.-]", "_", zone or ""), when)))
@@ -374,7 +376,7 @@ def clips_of(table: Readable, log: str, around: float) -> dict[str, Clip]:
 
 
 class Cutting:
-    """Cuts parts of a log, each by its sweeps, as far as the sweeps of the copy tell; `leaves` are left out of all."""
+    """Cuts parts of a log, each by its sweeps, by the sweeps of the copy; `leaves` are left out of all."""
 
     def __init__(self, seen: Mapping[str, Seen], mending: Mending, leaves: frozenset[str]) -> None:
         self._leaves = leaves
