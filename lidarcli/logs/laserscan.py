@@ -389,7 +389,10 @@ def _strongest(words: Words, place: Places, count: Places) -> Places:
     return which
 
 
+TOGETHER = 64
+"""Messages of one topic that are decoded where they lie; fewer are gathered first."""
 ROWS = 512
+"""Gathered messages of a topic are decoded when there are this many."""
 
 
 @dataclass(slots=True)
@@ -412,6 +415,15 @@ class MessageBatcher:
         self.times.append(record_ns)
         self.size += len(message)
         return len(self.parts) >= self.rows or self.size >= 4 << 20
+
+    def take(self, buffer: UInt8, offsets: Int64, lengths: Int64, record_ns: Int64) -> Iterator[RawSweeps]:
+        """Decode messages where they lie if they are many, else gather them."""
+        if len(offsets) >= TOGETHER:
+            yield from self.decode(buffer, offsets, lengths, record_ns)
+            return
+        for start, length, time_ns in zip(offsets.tolist(), lengths.tolist(), record_ns.tolist(), strict=True):
+            if self.add(buffer[start : start + length].tobytes(), time_ns):
+                yield from self.flush()
 
     def decode(self, buffer: UInt8, offsets: Int64, lengths: Int64, record_ns: Int64) -> Iterator[RawSweeps]:
         """Decode messages that lie together already, after those that were gathered before."""

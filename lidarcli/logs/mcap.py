@@ -16,15 +16,13 @@ from lidarcli.errors import UnreadableError, unreadable
 from lidarcli.logs import foxglove
 from lidarcli.logs.base import MULTI_ECHO, Closing, Message, OpenOptions, ReadReport, Topic
 from lidarcli.logs.blocks import Locate, ScanLayout
-from lidarcli.logs.laserscan import EXPECTED, MessageBatcher, differs, locate
+from lidarcli.logs.laserscan import EXPECTED, TOGETHER, MessageBatcher, differs, locate
 from lidarcli.logs.mcap_records import MAGIC, Catalogue, Cursor, Messages, Summary, read_summary
 from lidarcli.logs.mcap_walk import UNKNOWN, UNWANTED, Walk, Wanted
 from lidarcli.logs.unpacking import PACKED_CAUSE, ZSTD_MAGIC, DecompressionBudget, unpack_message
 from lidarcli.sweeps.types import RawSweeps
 
 STRIPPED_MAGIC = b"\x89MCAP0\n"
-TOGETHER = 64
-"""Messages of one topic that are decoded where they lie; fewer are gathered from several chunks first."""
 
 
 @dataclass(slots=True)
@@ -39,13 +37,11 @@ class _ColumnDecoder:
         return locate(message, self.gather.encoding, several=self.gather.type == MULTI_ECHO)
 
     def decode(self, rows: Messages) -> Iterator[RawSweeps]:
-        packed = _are_packed(rows)
-        if len(rows) >= TOGETHER and not packed:
-            yield from self.gather.decode(rows.data, rows.start, rows.length, rows.log_ns)
+        if not _are_packed(rows):
+            yield from self.gather.take(rows.data, rows.start, rows.length, rows.log_ns)
             return
         for data, log_ns in zip(_payloads(rows), rows.log_ns.tolist(), strict=True):
-            plain = unpack_message(data, self.budget) if packed else data
-            if plain is None:
+            if (plain := unpack_message(data, self.budget)) is None:
                 self.gather.report.refused[(self.gather.topic, PACKED_CAUSE)] += 1
             elif self.gather.add(plain, log_ns):
                 yield from self.gather.flush()

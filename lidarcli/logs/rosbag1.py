@@ -407,13 +407,7 @@ class Rosbag1Log(Closing):
             for first in dict.fromkeys(known.values()):
                 gather = gathers.setdefault(first, MessageBatcher(first.topic, first.read_as, "ros1", report, self._echo))
                 rows = np.flatnonzero(np.isin(block.connection, [number for number, it in known.items() if it == first]))
-                starts, lengths, times = block.starts[rows], block.lengths[rows], block.time_ns[rows]
-                if len(rows) >= 128:
-                    yield from gather.decode(block.data, starts, lengths, times)
-                    continue
-                for start, length, time_ns in zip(starts.tolist(), lengths.tolist(), times.tolist(), strict=True):
-                    if gather.add(block.data[start : start + length].tobytes(), time_ns):
-                        yield from gather.flush()
+                yield from gather.take(block.data, block.starts[rows], block.lengths[rows], block.time_ns[rows])
         for gather in gathers.values():
             yield from gather.flush()
 
