@@ -237,8 +237,6 @@ def _kind(value: object) -> str:
     return repr(value)
 
 
-MAX_YAML_BYTES = 1 << 17
-"""Most bytes of a file: all parameters of Nav2 take some 20,000, and parsing is slow."""
 _TRUTHS = dict.fromkeys(("y", "yes", "true", "on"), True) | dict.fromkeys(("n", "no", "false", "off"), False)
 _INTEGER = re.compile(r"[-+]?(0[0-7]{0,21}|0x[0-9a-f]{1,16}|[1-9][0-9]{0,18})", re.IGNORECASE)
 _OF_C = re.compile(
@@ -252,7 +250,8 @@ def read_yaml(file: str, what: str) -> dict[str, Any]:
     from ruamel.yaml import YAML
     from ruamel.yaml.nodes import MappingNode
 
-    text = read_text(file, what, "YAML", most=MAX_YAML_BYTES)
+    # All parameters of Nav2 take some 20,000 bytes, and parsing is slow.
+    text = read_text(file, what, "YAML", most=1 << 17)
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")

@@ -332,9 +332,6 @@ _MONTHS = b"jan feb mar apr may jun jul aug sep oct nov dec - - - - mai - - - - 
 """First letters of months in English, and behind them where German ones differ."""
 _EXCEL, _MATLAB = 25_569, 719_529
 """Number of the first day of 1970 in a spreadsheet, and in MATLAB."""
-_MAX_DAYS = 55_000
-_MAX_DAY_STEP = 2.5e-5
-"""Greatest usual step of such days, about 2 s: as seconds, no sensor is as fast."""
 _NUMBER = re.compile(rb"[-+]?(?:\d{1,30}(?:\.\d*)?|\.\d+)(?:[eE][-+]?\d{1,2})?")
 _EPOCH = date(1970, 1, 1).toordinal()
 _MIN, _MAX = -(1 << 63), (1 << 63) - 1
@@ -397,8 +394,9 @@ def _are_days(numbers: Float64) -> bool:
     steps = np.abs(np.diff(numbers))
     steps = steps[steps > 0]
     since = numbers - (_MATLAB if numbers[0] >= _MATLAB else _EXCEL)
-    likely = since.min() >= 0 and since.max() <= _MAX_DAYS
-    return bool(likely and len(steps) and np.median(steps) < _MAX_DAY_STEP)
+    likely = since.min() >= 0 and since.max() <= 55_000
+    # Such steps are at most 2 s as days; as seconds they would be shorter than those of any sensor.
+    return bool(likely and len(steps) and np.median(steps) < 2.5e-5)
 
 
 def _is_unpadded(samples: Sequence[bytes], padded: int, unpadded: int) -> bool:

@@ -309,8 +309,6 @@ _NONE = np.uint64(0xFFFFFFFFFFFFFFFF)
 
 
 ROWS = 64
-WAITING_BYTES = 16 << 20
-"""Clouds are sliced when this many, or this many bytes of them, have been gathered."""
 
 
 class Levelled(NamedTuple):
@@ -428,7 +426,7 @@ class Slicer:
             self.report.refused[(self.topic, str(err))] += 1
             return
         self._bytes += len(message.data)
-        if len(self._waiting) >= ROWS or self._bytes >= WAITING_BYTES:
+        if len(self._waiting) >= ROWS or self._bytes >= 16 << 20:
             yield from self.flush()
 
     def flush(self) -> Iterator[RawSweeps]:

@@ -20,9 +20,6 @@ from lidarcli.logs.blocks import BLOCK_ROWS, ScanLayout, pad_intensities, pad_ro
 from lidarcli.ros.cursor import ENCAPSULATION, MAX_NAME, NAME_LONG
 from lidarcli.sweeps.types import Bool, Float32, Int32, Int64, RawSweeps, UInt8, record
 
-SHORTEST = 48
-"""Bytes of a LaserScan with an empty frame name and no beams, in either serialisation."""
-
 SHORT = "shorter than a LaserScan"
 FRAME_BEYOND = "frame_id longer than the message"
 RANGES_BEYOND = "more ranges declared than the message holds"
@@ -156,7 +153,7 @@ def _read_heads(topic: str, buffer: UInt8, offsets: Int64, lengths: Int64, encod
         geometry=np.zeros((many, 7), np.float32),
         beams=np.zeros(many, np.int64),
     )
-    outside = (lengths < SHORTEST) | (lengths > len(buffer)) | (offsets < 0) | (heads.end > len(buffer))
+    outside = (lengths < 48) | (lengths > len(buffer)) | (offsets < 0) | (heads.end > len(buffer))
     heads = check(heads, (outside, SHORT))
 
     if encoding == "cdr":

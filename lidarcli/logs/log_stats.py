@@ -16,8 +16,6 @@ from lidarcli.logs.scan_checks import THIN, range_bytes
 from lidarcli.sweeps.findings import ASIDE, FASTEST, LOG_RULES, LONG, REPEATED_TOPIC, Finding, Sensor, judge
 from lidarcli.sweeps.types import TURN, RawSweeps, Status, SweepBatch
 
-WHOLE = 512
-"""Number of first sweeps whose beams are all counted; of later ones one sweep in `THIN` is, as often as there are such."""
 MAX_COMPARED, MIN_COMPARED = 2000, 10
 """Most and fewest sweeps of a topic that are compared with those of others."""
 MAX_COMPARED_TOPICS = 16
@@ -66,7 +64,8 @@ class LogStats:
         """Take sweeps as the log holds them (`raw`) and with evaluated ranges (`batch`)."""
         if not len(raw):
             return
-        first = max(WHOLE - self.sweeps, 0)
+        # Of later sweeps one in `THIN` is counted, as often as it stands for others.
+        first = max(512 - self.sweeps, 0)
         self._take_kinds(raw, batch, slice(first), 1)
         self._take_kinds(raw, batch, slice(first + -(self.sweeps + first) % THIN, None, THIN), THIN)
         self._take_headers(raw)

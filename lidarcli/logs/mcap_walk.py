@@ -45,8 +45,6 @@ from lidarcli.sweeps.types import Int64
 
 WINDOW = 1 << 20
 """Bytes looked at together where messages stand outside chunks, or where a way past damage is sought."""
-MAX_RECORD = 1 << 40
-"""A record of a pipe that declares more bytes than this is damaged; that of a file is compared with the file's size."""
 
 _FAR = 1 << 62
 _CUT = "the log is cut off here, inside a record"
@@ -222,7 +220,7 @@ class Walk:
         if after < min(end, _FAR) and is_chunk(self.source.read_at(after, CHUNK_PEEK)):
             return f"a record that declares {length} bytes and runs into the chunk at byte {after}"
         small = opcode in _SMALL or (opcode == Opcode.MESSAGE and left is None)
-        if length > (MAX_SMALL if small else MAX_RECORD):
+        if length > (MAX_SMALL if small else 1 << 40):
             return f"a record that declares {length} bytes"
         return _CUT if left is not None and length + RECORD.size > left and opcode != Opcode.CHUNK else None
 

@@ -24,28 +24,14 @@ WINDOW_VALUES = 1 << 17
 THIN = 4
 """One sweep in this many is examined; all counts below refer to these."""
 MIN_SWEEPS = 5
-MIN_BEAMS = 10
-"""Fewest bearings with the value where other sweeps see something nearer."""
-MIN_NEARER = 0.1
-"""Least share of nearer ranges at such a bearing."""
-MAX_STEADY = 0.5
-"""Most of the pile may lie at other bearings by this share: a standing sensor sees a far wall there all the time."""
 MIN_SHARE = 0.002
 """Share of all beams that a pile holds."""
-SPREAD = 0.06
-"""Width of a pile [m]: one value, or two up to 5 cm apart, each a centimetre wide."""
-TWO_VALUES = 0.8
-"""Least share of a pile held by two values to the millimetre: measurements spread over more."""
 CLEAR = 20
 """Factor by which each slightly smaller value, and all larger ones together, are less frequent than the pile."""
 BAND, MIN_BAND = 0.01, 0.25
 """Band below the pile in which smaller values are compared: a share of the range, and at least [m]."""
 QUANTUM, WIDER = 0.01, 3.0
 """Rounding of ranges of a wall [m], and the factor by which arcs of a pile are wider than a wall within that."""
-IN_ARCS = 0.5
-"""Least share of a pile in such arcs."""
-MAX_ROUND = 0.6
-"""Largest share of beams in a pile of arcs: the wall of a round room has more."""
 NEARER = 0.1
 """Share of the range by which returns of other sweeps must be nearer."""
 COARSE, MAX_COARSE = 0.25, 1 << 12
@@ -312,11 +298,12 @@ def _pile(ranges: Float32, beams: int, steps: Float64) -> tuple[float, float] | 
     values, counts = _counted(_millimetres(ranges[far]))
     at = int(counts.argmax())
     band = max(MIN_BAND, BAND * values[at] / MILLIMETRES)
-    near = np.abs(values - values[at]) <= SPREAD * MILLIMETRES
+    # A pile is one value, or two up to 5 cm apart, each a centimetre wide; measurements spread over more.
+    near = np.abs(values - values[at]) <= 0.06 * MILLIMETRES
     below = ~near & (values < values[at]) & (values >= values[at] - band * MILLIMETRES)
     over = ~near & (values > values[at])
     two = np.sort(counts[near])[-2:].sum()
-    if two < TWO_VALUES * counts[near].sum() or max(counts[over].sum(), counts[below].max(initial=0)) * CLEAR > two:
+    if two < 0.8 * counts[near].sum() or max(counts[over].sum(), counts[below].max(initial=0)) * CLEAR > two:
         return None
     # Values that are rare, compared with the most frequent one, are no part of the pile.
     kept = values[near & (counts >= 0.01 * counts[at])]
@@ -345,10 +332,12 @@ def _is_seen_through(ranges: Float32, least: float, beams: int) -> bool:
     if np.count_nonzero(piled.any(axis=1)) < MIN_SWEEPS:
         return False
     hits, others = np.count_nonzero(piled, axis=0), np.count_nonzero(nearer, axis=0)
-    changing = (hits > 0) & (others >= MIN_NEARER * (hits + others))
+    # Bearings with the value count where at least one sweep in ten has something nearer.
+    changing = (hits > 0) & (others >= 0.1 * (hits + others))
     changed = int(hits[changing].sum())
-    enough = changed >= MIN_SHARE * beams and hits.sum() - changed <= MAX_STEADY * hits.sum()
-    return bool(enough and np.count_nonzero(changing) >= MIN_BEAMS)
+    # A standing sensor has a far wall at the same bearings all the time.
+    enough = changed >= MIN_SHARE * beams and hits.sum() - changed <= 0.5 * hits.sum()
+    return bool(enough and np.count_nonzero(changing) >= 10)
 
 
 def _is_round(ranges: Float32, least: float, most: float, steps: Float64) -> bool:
@@ -358,7 +347,8 @@ def _is_round(ranges: Float32, least: float, most: float, steps: Float64) -> boo
         piled = ranges >= np.float32(least)
         nearer = ranges < np.float32(least)
     count, others = np.count_nonzero(piled), np.count_nonzero(nearer)
-    if count > MAX_ROUND * (count + others) or len(np.unique(_millimetres(ranges[nearer]))) < 50:
+    # In a round room most beams end at its wall.
+    if count > 0.6 * (count + others) or len(np.unique(_millimetres(ranges[nearer]))) < 50:
         return False
     width = WIDER * 2.0 * math.sqrt(2.0 * (most - least + QUANTUM) / least)
     # Where arcs begin and end, row by row.
@@ -366,15 +356,13 @@ def _is_round(ranges: Float32, least: float, most: float, steps: Float64) -> boo
     (row, begin), (_, end) = np.nonzero(edges == 1), np.nonzero(edges == -1)
     wide = (end - begin) * steps[row] > width
     within = int((end - begin)[wide].sum())
-    return bool(len(np.unique(row[wide])) >= MIN_SWEEPS and within >= IN_ARCS * count)
+    return bool(len(np.unique(row[wide])) >= MIN_SWEEPS and within >= 0.5 * count)
 
 
 STEADY = 0.95
 """Least share of sweeps in which a stuck beam has its range."""
 SOME = 4
 """One of these sweeps in this many is looked at first."""
-MAX_STUCK = 0.02
-"""Largest share of stuck beams: more of them see something that moves along."""
 MOVED, MIN_MOVED = 0.05, 0.2
 """Least change of a moved beam: share of its range, and [m]; a tenth of the sweeps at either end is left out."""
 MOVING = 0.25
@@ -393,7 +381,8 @@ def find_stuck_beams(ranges: Float32) -> dict[int, float]:
     steady = np.flatnonzero((changes <= (1.0 - STEADY) * len(ranges) + 1.0) & (usual > 1.0))
     stuck = np.zeros(len(usual), bool)
     stuck[steady] = same_range(ranges[:, steady], usual[steady]).mean(axis=0) >= STEADY
-    if not 0 < np.count_nonzero(stuck) <= max(1.0, MAX_STUCK * len(stuck)) or not _moves(ranges):
+    # More stuck beams would be those of something that moves along.
+    if not 0 < np.count_nonzero(stuck) <= max(1.0, 0.02 * len(stuck)) or not _moves(ranges):
         return {}
     return {
         beam: float(str(usual[beam]))

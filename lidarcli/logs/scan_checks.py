@@ -43,8 +43,6 @@ APART = 0.1
 """Least change [m] of half of the beams between sweeps of two alternating sensors."""
 FROZEN_NS = 500_000_000
 """Age from which on the same ranges are those of a sensor that hangs [ns]; a driver may send each sweep some times."""
-NOISY = 0.002
-"""Least middle third difference of ranges that are measured [m]: a simulation without noise may repeat its sweeps."""
 AT_MOST, ABOVE, BELOW = "at range_max", "above range_max", "below range_min"
 REMEDIES = {
     "NaN": "no ranges (--no-return nan)",
@@ -121,7 +119,8 @@ def _is_noisy(raw: RawSweeps, row: int) -> bool:
     off = off[np.isfinite(off)]
     steps = np.diff(np.sort(ranges[np.isfinite(ranges)]))
     rounded = float(steps[steps > 0.0].min(initial=np.inf))
-    return bool(len(off) and np.median(off) > max(NOISY, 2.0 * rounded))
+    # A simulation without noise may repeat its sweeps, and rounding makes a difference of 0.9 of its step.
+    return bool(len(off) and np.median(off) > max(0.002, 2.0 * rounded))
 
 
 @dataclass(slots=True)

@@ -39,8 +39,6 @@ from lidarcli.tabular.reading import ANY, Readable, column_names, is_text, read_
 
 SENSOR = re.compile(r"laser|lidar|scan", re.IGNORECASE)
 """Words in the name of a frame that is that of a sensor."""
-PLAIN = "laser"
-"""Frame of sweeps without one, in a log without any transform."""
 ROOM = 0.1
 """A greatest range that is made up is a multiple of this above all ranges [m]."""
 MOVING = ("order", "clock", "stamps", "times")
@@ -48,8 +46,6 @@ MOVING = ("order", "clock", "stamps", "times")
 MAX_CLIPS = 1000
 MAX_HELD = 10_000
 """Sweeps out of place that are put in order."""
-LATEST_NS = (1 << 31) * SECOND_NS
-"""Stamps of ROS 2 are earlier than this [ns]."""
 FOREVER = 1 << 62
 """Later than any time, and with a minus earlier [ns]."""
 
@@ -92,7 +88,7 @@ def _frame(names: Collection[str], tracks: Sequence[Track]) -> tuple[str, str]:
     """Return the frame for sweeps of frames with these names, one of which may be empty; or why it is not known."""
     links = [track for track in tracks if track.is_link]
     children = {track.child for track in links if SENSOR.search(track.child)}
-    known = {*names} - {""} or children or ({PLAIN} if not links else set())
+    known = {*names} - {""} or children or ({"laser"} if not links else set())
     is_known = len(known) == 1 or "" not in names
     return min(known, default="").lstrip("/"), "" if is_known else "no or several frames could be that of the sensor"
 
@@ -166,7 +162,8 @@ def _mend(
     first, step = (float(np.median(each[sweeps.beams == usual])) for each in (sweeps.angle_min, sweeps.angle_increment))
     greatest = math.ceil(seen.greatest / ROOM + 1.0) * ROOM if seen.greatest else 0.0
     frame, cannot["frames"] = _frame(sweeps.frame_ids, tracks) if "frames" in words else ("", "")
-    right = np.where((new >= 0) & (new < LATEST_NS), new, -1)
+    # Stamps of ROS 2 end there.
+    right = np.where((new >= 0) & (new < (1 << 31) * SECOND_NS), new, -1)
     turn = _turn_time(np.sort(times), sweeps.scan_time)
     steps: dict[str, mends.Step] = {
         "frames": partial(mends.name_frame, frame=frame),

@@ -35,8 +35,6 @@ BACK = "bearings start over within one sweep: several layers or sweeps under one
 DOUBLED = "several ranges for most bearings of one sweep: layers or echoes under one key"
 MAX_VIEW = 1.1 * TURN
 """Greatest view of a sweep [rad]; a turn whose start and end overlap stays below it."""
-_USUAL = 1.5
-"""Least jump of the bearing, in usual steps."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -217,7 +215,7 @@ def cut_turns(angle: Float64, begins: Bool) -> Int64:
     start = np.zeros(1, np.int64)
     with np.errstate(invalid="ignore", over="ignore"):
         steps = np.abs(np.diff(angle))
-        usual = steps <= _USUAL * np.median(np.minimum(steps, np.abs(TURN - steps))) if len(steps) else steps > 0
+        usual = steps <= 1.5 * np.median(np.minimum(steps, np.abs(TURN - steps))) if len(steps) else steps > 0
         ahead, behind = np.append(steps, np.inf), np.append(False, usual)
         flags = np.flatnonzero(begins)
         # What ends a turn goes on as the turn did, and the bearing, if any follows, starts over.

@@ -65,7 +65,6 @@ FIELDS = {
 }
 """Field of a scan → the canonical names of its column."""
 _ANY_FIELD = re.compile("|".join(pattern.pattern for pattern in FIELDS.values()))
-_LONGEST_FIELD = 40
 _ANGLE = re.compile(
     r"(?:.*_)?(?:angle|theta|bearing|azimuth|phi|(?P<clockwise>clockwise))s?"
     r"(?:_?\(?(?P<unit>deg|degrees?|°|rad|radians?)\)?)?|(?P<bare>deg|degrees?|rad|radians?)"
@@ -79,8 +78,6 @@ _SPHERE = re.compile(r"(theta|phi)(?:_?\(?(?:deg|degrees?|°|rad|radians?)\)?)?"
 _SWEEP = re.compile(r"(?:sweep|scan|turn|revolution|rotation|seq|frame)(?:_?(?:id|index|idx|number|no|nr|num))?|id")
 
 _SHOWN = 3
-_RECORD = 1 << 20
-"""Bytes within which the first record with a list must end, the list itself not counted."""
 _NO_COLUMNS = np.empty(0, np.int64)
 
 
@@ -326,7 +323,7 @@ class FieldIndex:
 
 def _endings(name: str) -> Iterator[tuple[str, tuple[str, ...]]]:
     """Yield every way to read a canonical name as a prefix and a field: the prefix, and the fields it may be."""
-    for place in range(max(len(name) - _LONGEST_FIELD, 0), len(name)):
+    for place in range(max(len(name) - 40, 0), len(name)):
         if (not place or name[place - 1] == "_") and _ANY_FIELD.fullmatch(name, place):
             yield (name[:place], tuple(field for field, pattern in FIELDS.items() if pattern.fullmatch(name, place)))
 
@@ -459,7 +456,7 @@ def _list_layout(head: Head) -> Layout | None:
     # Only names that speak of ranges are worth the look.
     if not any(re.search("range|scan|dist|data|value", name.lower()) for name in head.names):
         return None
-    text = empty_lists(b"\n".join(head.lines))[:_RECORD].decode("utf-8", "replace")
+    text = empty_lists(b"\n".join(head.lines))[: 1 << 20].decode("utf-8", "replace")
     try:
         cells = csv_cells(text, head.dialect.separator.decode())
     except ValueError:
