@@ -188,19 +188,19 @@ def copy_log(log: Log, targets: Path | Targets, copy: Copy) -> None:
     every = [(targets, None)] if isinstance(targets, Path) else targets
     given = copy.said
     for first in range(0, max(len(every), 1), TOGETHER):
-        mine = every[first : first + TOGETHER]
-        copy.said, copy.is_cut = {**given}, all(cut is not None for _, cut in mine)
+        some = every[first : first + TOGETHER]
+        copy.said, copy.is_cut = {**given}, all(cut is not None for _, cut in some)
         copy.left_out = 0
         copy.sweeps.clear()
         try:
             if not isinstance(log, Rosbag2Log):
-                _write([log], mine, copy)
+                _write([log], some, copy)
             elif copy.is_cut:
-                _write((storage for _, storage in _storages(log, copy)), mine, copy)
+                _write((storage for _, storage in _storages(log, copy)), some, copy)
             else:
-                _copy_rosbag2(log, mine[0][0], copy)
+                _copy_rosbag2(log, some[0][0], copy)
         except SQLITE_ERRORS as err:
-            raise OutputError(f"cannot write {mine[0][0].name if mine else log.path}: SQLite says: {err}") from err
+            raise OutputError(f"cannot write {some[0][0].name if some else log.path}: SQLite says: {err}") from err
 
 
 class _Part:

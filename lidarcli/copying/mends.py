@@ -96,9 +96,9 @@ def limit(scan: Any, _: int, least: float | None, most: float) -> bool:
 def fill(scan: Any, _: int, topic: str, rules: RangeRules, status: Status, value: float | None) -> bool:
     """Give a value [m] to the beams of a status; None: range_max + 1."""
     value = scan.range_max + 1.0 if value is None else value
-    mine = (_status(scan, topic, rules) == status) & (scan.ranges != value)
-    scan.ranges = np.where(mine, np.float32(value), scan.ranges)
-    return bool(mine.any())
+    chosen = (_status(scan, topic, rules) == status) & (scan.ranges != value)
+    scan.ranges = np.where(chosen, np.float32(value), scan.ranges)
+    return bool(chosen.any())
 
 
 def _status(scan: Any, topic: str, rules: RangeRules) -> Any:

@@ -107,9 +107,9 @@ class NewFiles:
                 thread.close()
         notes = []
         for folder in dict.fromkeys(path.parent for path in self._before):
-            mine = [path for path in self._before if path.parent == folder]
+            paths = [path for path in self._before if path.parent == folder]
             with _locked(folder):
-                for path in mine:
+                for path in paths:
                     now = _identity(path)
                     if now is None or now == self._before[path]:
                         continue
@@ -118,8 +118,8 @@ class NewFiles:
                             f"{path} exists: another run has written it meanwhile; use --overwrite to replace it"
                         )
                     notes.append(f"replaced {path}, which another run has written meanwhile")
-                refuse(mine, overwrite=True, bag=self._bag)
-                for path in mine:
+                refuse(paths, overwrite=True, bag=self._bag)
+                for path in paths:
                     self._place(path)
         return notes
 
@@ -415,8 +415,8 @@ def _clear(folder: Path) -> None:
         left = [Path(entry.path) for entry in entries if _SCRATCH.fullmatch(entry.name)]
         for scratch in left:
             found = scratch.lstat()
-            mine = stat.S_ISDIR(found.st_mode) and found.st_uid == os.geteuid()
+            is_own = stat.S_ISDIR(found.st_mode) and found.st_uid == os.geteuid()
             with suppress(BlockingIOError):
-                if mine and (lock := _lock(scratch)) is not None:
+                if is_own and (lock := _lock(scratch)) is not None:
                     shutil.rmtree(scratch, ignore_errors=True)
                     os.close(lock)

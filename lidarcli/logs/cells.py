@@ -127,9 +127,9 @@ def pad_cells(cells: Cells, rows: Int64, first: Int64, count: Int64, width: int)
     if not count.any():
         return None
     padded = np.full((len(rows), width), np.nan, np.float32)
-    mine = np.flatnonzero(count)
-    values = pad(cells.numbers(rows[mine], first[mine], count[mine], np.float32).values, count[mine], 1.0)
-    padded[mine, : values.shape[1]] = values
+    filled = np.flatnonzero(count)
+    values = pad(cells.numbers(rows[filled], first[filled], count[filled], np.float32).values, count[filled], 1.0)
+    padded[filled, : values.shape[1]] = values
     return padded
 
 

@@ -219,26 +219,26 @@ class _Mending:
         # A log may have a frame in every sweep: those without new ones wait as they are.
         kept = [np.flatnonzero(~new[rows[2, :place]])]
         for code in np.flatnonzero(new).tolist():
-            mine = np.flatnonzero(rows[2] == code)
-            times, records, _ = rows[:, mine]
-            bad = (times == 0) & (records != 0) if mends else odd[mine]
+            of_frame = np.flatnonzero(rows[2] == code)
+            times, records, _ = rows[:, of_frame]
+            bad = (times == 0) & (records != 0) if mends else odd[of_frame]
             if mends:
                 bad[~bad] = _astray(times[~bad])
-                bad &= mine >= place
+                bad &= of_frame >= place
             if not bad.all():
-                rows[0, mine] = _fitting(times, records, bad)
-                odd[mine] = bad
+                rows[0, of_frame] = _fitting(times, records, bad)
+                odd[of_frame] = bad
                 begin = 0
-                for begin in restarts(rows[0, mine]) if mends else ():
+                for begin in restarts(rows[0, of_frame]) if mends else ():
                     self._restarts[code] += 1
-                    run[mine[begin] :] = np.maximum(run[mine[begin] :], self._restarts[code] + 1)
-                kept.append(mine[begin:][~bad[begin:]][-AROUND:])
+                    run[of_frame[begin] :] = np.maximum(run[of_frame[begin] :], self._restarts[code] + 1)
+                kept.append(of_frame[begin:][~bad[begin:]][-AROUND:])
         for block in self._waiting:
-            here = slice(place, place := place + len(block))
-            whole = replace(block, mended_ns=rows[0, here]) if odd[here].any() else block
-            for number in dict.fromkeys(run[here].tolist()):
-                mine = run[here] == number
-                yield replace(whole if mine.all() else whole.rows(mine), run=number)
+            rows_of_block = slice(place, place := place + len(block))
+            sweeps = replace(block, mended_ns=rows[0, rows_of_block]) if odd[rows_of_block].any() else block
+            for number in dict.fromkeys(run[rows_of_block].tolist()):
+                in_run = run[rows_of_block] == number
+                yield replace(sweeps if in_run.all() else sweeps.rows(in_run), run=number)
         self._sound, self._waiting = rows[:, np.sort(np.concatenate(kept))], []
 
     def _rows(self) -> Int64:

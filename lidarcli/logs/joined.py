@@ -47,10 +47,10 @@ def numbered(name: str) -> Numbered | None:
 
 def earlier_parts(path: Path) -> list[Path]:
     """Return the parts of a recording in the same folder that come before one, in their order."""
-    mine, files = numbered(path.name), [*path.parent.iterdir()] if path.parent.is_dir() else []
+    last, files = numbered(path.name), [*path.parent.iterdir()] if path.parent.is_dir() else []
     named = [(name, each) for each in files if (name := numbered(each.name)) is not None]
-    alike = [(name.number, each) for name, each in named if mine and (name.stem, name.suffix) == (mine.stem, mine.suffix)]
-    return [each for number, each in sorted(alike) if mine and number < mine.number]
+    alike = [(name.number, each) for name, each in named if last and (name.stem, name.suffix) == (last.stem, last.suffix)]
+    return [each for number, each in sorted(alike) if last and number < last.number]
 
 
 def natural(name: str) -> list[tuple[int, str]]:

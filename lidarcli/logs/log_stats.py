@@ -182,8 +182,8 @@ def repeated_topics(stats: Mapping[tuple[str, str], LogStats]) -> Iterator[Findi
         for other in keys[at + 1 :]:
             if one in repeating or other in repeating or one[0] == other[0]:
                 continue
-            mine, theirs = stats[one].known, stats[other].known
-            both = np.array([(*mine[each], *theirs[each]) for each in mine.keys() & theirs.keys()], np.int64)
+            known, others = stats[one].known, stats[other].known
+            both = np.array([(*known[each], *others[each]) for each in known.keys() & others.keys()], np.int64)
             if len(both) < MIN_COMPARED:
                 continue
             stamps, records = (float(np.median(both[:, 2 + by] - both[:, by])) * 1e-9 for by in (0, 1))
@@ -194,7 +194,7 @@ def repeated_topics(stats: Mapping[tuple[str, str], LogStats]) -> Iterator[Findi
                 first=first[0],
                 first_quoted=shlex.quote(first[0]),
                 same=len(both),
-                fewest=min(len(mine), len(theirs)),
+                fewest=min(len(known), len(others)),
                 sweeps=len(stats[second].known),
                 later=later,
                 apart=f", stamps {abs(later):.2f} s {'later' if later > 0 else 'earlier'}" if later else "",

@@ -67,14 +67,14 @@ class ScanChecks:
     def add(self, raw: RawSweeps, batch: SweepBatch) -> Bool:
         """Take sweeps as the log holds them (`raw`) and with evaluated ranges (`batch`); return (S,) those that repeat."""
         frozen = np.zeros(len(batch), np.bool_)
-        for frame, rows, mine in batch.by_frame():
+        for frame, rows, sweeps in batch.by_frame():
             key = batch.topic, frame
             if key not in self._stats:
                 if len(self._stats) == MOST:
                     continue
                 self._stats[key] = SweepStats()
             went = None if self._went is None else partial(self._went, *key)
-            frozen[rows] = self._stats[key].add(raw if mine is batch else raw.rows(rows), mine, went)
+            frozen[rows] = self._stats[key].add(raw if sweeps is batch else raw.rows(rows), sweeps, went)
         return frozen
 
     def clock(self, topic: str, frame: str) -> ClockInfo:

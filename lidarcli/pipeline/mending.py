@@ -72,12 +72,12 @@ def survey(log: Log, choice: TopicChoice, rules: RangeRules, report: ReadReport)
     detector = NoReturnDetector(rules, report)
     blocks = (block for block in log.scans(choice.asked, report) if not choice.wanted or choice.takes(block.topic))
     for block, block_rules in chain(chain.from_iterable(map(detector.take, blocks)), detector.flush()):
-        mine = seen.setdefault(block.topic, Seen())
+        known = seen.setdefault(block.topic, Seen())
         some = block.rows(~(block.range_max > np.maximum(block.range_min, 0.0)))
         ranges = normalise(some, np.arange(len(some)), block_rules).ranges
-        mine.greatest = float(np.fmax.reduce(ranges, axis=None, initial=mine.greatest))
-        mine.rules = block_rules
-        mine.blocks.append(replace(block, ranges=block.ranges[:, :0].copy(), intensities=None))
+        known.greatest = float(np.fmax.reduce(ranges, axis=None, initial=known.greatest))
+        known.rules = block_rules
+        known.blocks.append(replace(block, ranges=block.ranges[:, :0].copy(), intensities=None))
     for found in report.findings():
         if found.mend == "limits" and found.topic in seen:
             seen[found.topic].greatest = max(seen[found.topic].greatest, float(found.evidence["greatest"]))
@@ -210,13 +210,18 @@ class Mending:
 
 
 def plan(
-    source: Source, log: Log, asked: frozenset[str], detect: DetectOptions, hidden: float | None, seen: Mapping[str, Seen]
+    source: Source,
+    log: Log,
+    requested: frozenset[str],
+    detect: DetectOptions,
+    hidden: float | None,
+    seen: Mapping[str, Seen],
 ) -> Mending:
     """Return how a log is mended.
 
     Parameters
     ----------
-    asked : words of `--mend`
+    requested : words of `--mend`
     detect : how the log is read
     hidden : value of beams under a mask [m]; None: range_max + 1
     seen : as of `survey`
@@ -224,25 +229,25 @@ def plan(
     Raises
     ------
     OptionError
-        What is asked for cannot be mended in this log.
+        What is requested cannot be mended in this log.
     """
     done, delay, found = Mending(), detect.poses.delay, tuple[Finding, ...]()
     orders = dict.fromkeys(seen, detect.poses.order)
-    if asked & {FOUND, "units", *MOVING}:
+    if requested & {FOUND, "units", *MOVING}:
         # Most copies mend nothing, and should not wait for this import.
         from lidarcli.pipeline.inspecting import inspect_log
 
         poses = replace(detect.poses, delay=None)
-        info = inspect_log(source, detect.opening, detect.read, poses, deep=bool(asked & {FOUND, "stamps", "order"}))
+        info = inspect_log(source, detect.opening, detect.read, poses, deep=bool(requested & {FOUND, "stamps", "order"}))
         found = info.findings
         orders |= {scan.topic: str(scan.verdict["beam_order"]) for scan in info.scans if "beam_order" in scan.verdict}
-    every = {name: {each.mend for each in found if each.topic in (name, "") and FOUND in asked} for name in seen}
-    if FOUND in asked and (others := {each.id: None for each in found if not each.mend}):
+    every = {name: {each.mend for each in found if each.topic in (name, "") and FOUND in requested} for name in seen}
+    if FOUND in requested and (others := {each.id: None for each in found if not each.mend}):
         done.left.append(f"not mended: {', '.join(others)} (lidarcli info --deep tells them)")
     topics = {topic.name: topic for topic in log.topics() or ()}
-    words = {name: {*asked, *more, *(["mask"] if detect.read.rules.masks else [])} for name, more in every.items()}
-    tracks = read_pose_messages(log).tracks if any(mine & {"clock", "frames"} for mine in words.values()) else ()
-    for name in [name for name, mine in words.items() if mine & {*MENDS, "mask"} - {"statics"}]:
+    words = {name: {*requested, *more, *(["mask"] if detect.read.rules.masks else [])} for name, more in every.items()}
+    tracks = read_pose_messages(log).tracks if any(chosen & {"clock", "frames"} for chosen in words.values()) else ()
+    for name in [name for name, chosen in words.items() if chosen & {*MENDS, "mask"} - {"statics"}]:
         if not topics[name].is_laserscan:
             is_not = (
                 f"{name}: only a LaserScan of ROS is mended, and this is a {topics[name].type} in {topics[name].encoding}"
@@ -261,11 +266,11 @@ def plan(
         )
         done.topics[name] = mend
         for word, cause in cannot.items():
-            if word in asked:
+            if word in requested:
                 raise OptionError(f"{name}: {word} cannot be mended: {cause}")
             done.left.append(f"{word} of {name} is not mended: {cause}")
     _leave_worse(source, log, detect, found, done)
-    if any("statics" in mine for mine in words.values()) and STATIC not in topics:
+    if any("statics" in chosen for chosen in words.values()) and STATIC not in topics:
         done.said = _said_before(source)
         if not done.said:
             raise OptionError(f"statics cannot be mended: no earlier part beside {source.path} has {STATIC}")
@@ -394,9 +399,9 @@ class Cutting:
         """Return the part with the sweeps from one time to another, of one run or of all; None without any."""
         sweeps, spans = dict[str, dict[int, int]](), dict[int, list[int]]()
         for name, times in self._times.items():
-            mine = np.flatnonzero((times >= first_ns) & (times <= last_ns) & ((self.run[name] == run) | (run is None)))
-            runs, recorded = self.run[name][mine], self._recorded[name][mine]
-            sweeps[name] = dict(zip(mine.tolist(), runs.tolist(), strict=True))
+            inside = np.flatnonzero((times >= first_ns) & (times <= last_ns) & ((self.run[name] == run) | (run is None)))
+            runs, recorded = self.run[name][inside], self._recorded[name][inside]
+            sweeps[name] = dict(zip(inside.tolist(), runs.tolist(), strict=True))
             for each in np.unique(runs).tolist():
                 held = recorded[runs == each]
                 spans.setdefault(each, []).extend((int(held.min()), int(held.max())))

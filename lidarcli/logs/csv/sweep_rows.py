@@ -246,15 +246,15 @@ class WideDecoder(Decoder):
         rows, beams, view = rows[fits], beams[fits], view[fits]
         known = {name: values[fits] for name, values in known.items()}
         for part in split_rows(beams):
-            mine, given = rows[part], beams[part]
-            ranges, kept, good, bad = self._ranges(scan, cells, mine, given, view[part])
-            intensities = _intensity_columns(scan, cells, mine, given, ranges.shape[1])
-            self._bad_cells(bad, numbers[mine])
-            column = partial(cells.column, mine)
-            *times, untimed = read_times(scan, column, len(mine), self.last)
-            for line in numbers[mine[untimed & good]].tolist():
+            some_rows, given = rows[part], beams[part]
+            ranges, kept, good, bad = self._ranges(scan, cells, some_rows, given, view[part])
+            intensities = _intensity_columns(scan, cells, some_rows, given, ranges.shape[1])
+            self._bad_cells(bad, numbers[some_rows])
+            column = partial(cells.column, some_rows)
+            *times, untimed = read_times(scan, column, len(some_rows), self.last)
+            for line in numbers[some_rows[untimed & good]].tolist():
                 self._damage(line, NO_TIME)
-            frames = read_frames(scan, column, len(mine))
+            frames = read_frames(scan, column, len(some_rows))
             some = {name: values[part] for name, values in known.items()}
             block = self._block(scan, (times[0], times[1]), frames, some, kept, ranges, good & ~untimed, intensities)
             if block is not None:
