@@ -1,6 +1,6 @@
 """Logs written once more with other sweeps, as a whole or in parts: every other message stays byte for byte.
 
-Writers are those of the containers' libraries: chunks and index are made anew; of whole databases the rows alone change.
+Writers are those of the containers' libraries: chunks and index are made again; of complete databases only rows change.
 """
 
 from __future__ import annotations
@@ -33,8 +33,9 @@ from lidarcli.logs.laserscan import locate
 from lidarcli.logs.mcap import McapLog
 from lidarcli.logs.mcap_records import Catalogue, Messages, parse
 from lidarcli.logs.rosbag1 import Connection, Rosbag1Log
-from lidarcli.logs.rosbag2 import SQLITE_ERRORS, Rosbag2Log, SqliteLog, is_cdr
+from lidarcli.logs.rosbag2 import Rosbag2Log
 from lidarcli.logs.rosbag2_salvage import TopicRow
+from lidarcli.logs.rosbag2_sqlite import SQLITE_ERRORS, SqliteLog, is_cdr
 from lidarcli.logs.unpacking import ZSTD_MAGIC, DecompressionBudget, is_zstd, unpack_message
 from lidarcli.ros.bag_metadata import METADATA
 from lidarcli.ros.cursor import BadMessageError, Cursor
@@ -94,7 +95,7 @@ class Met(NamedTuple):
     record_ns: int
     data: bytes
     origin: Any
-    """The rest that its container tells, for the writer of this container."""
+    """The rest that its container holds, for the writer of this container."""
 
 
 @dataclass(slots=True)
@@ -102,7 +103,7 @@ class Copy:
     """One copy of a log, or several parts of it, as far as it has come."""
 
     edit: Edit | None = None
-    """Called for every message of sweeps, in log order; in each pass anew."""
+    """Called for every message of sweeps, in log order; in each pass again."""
     report: ReadReport = field(default_factory=ReadReport)
     messages: Counter[tuple[str, str]] = field(default_factory=Counter)
     left_out: int = 0
@@ -114,7 +115,7 @@ class Copy:
     written: Counter[str] = field(default_factory=Counter)
     """Topic → sweeps in the parts that are written."""
     is_cut: bool = False
-    """True while parts of the log are written, which no metadata.yaml tells to be packed."""
+    """True while parts of the log are written, which no metadata.yaml declares to be packed."""
     after: Callable[[Met], Sequence[Met]] | None = None
     """Returns what is written after a message, for copies that are cut."""
     said: dict[object, Met] = field(default_factory=dict)
@@ -167,7 +168,7 @@ def replaced(message: bytes, written: ScanLayout, chosen: Bool, value: float) ->
 
 
 def renamed(met: Met, topic: str, data: bytes, known: dict[object, tuple[Any, Any]]) -> Met:
-    """Return a message of another topic; `known` holds what writers have been told of its messages so far."""
+    """Return a message of another topic; `known` maps the origins of messages so far to those of their copies."""
     kept, *rest = met.origin if isinstance(met.origin, tuple) else (met.origin,)
     key = id(kept), met.topic
     if key not in known:
@@ -187,19 +188,19 @@ def copy_log(log: Log, targets: Path | Targets, copy: Copy) -> None:
     every = [(targets, None)] if isinstance(targets, Path) else targets
     given = copy.said
     for first in range(0, max(len(every), 1), TOGETHER):
-        mine = every[first : first + TOGETHER]
-        copy.said, copy.is_cut = {**given}, all(cut is not None for _, cut in mine)
+        some = every[first : first + TOGETHER]
+        copy.said, copy.is_cut = {**given}, all(cut is not None for _, cut in some)
         copy.left_out = 0
         copy.sweeps.clear()
         try:
             if not isinstance(log, Rosbag2Log):
-                _write([log], mine, copy)
+                _write([log], some, copy)
             elif copy.is_cut:
-                _write((storage for _, storage in _storages(log, copy)), mine, copy)
+                _write((storage for _, storage in _storages(log, copy)), some, copy)
             else:
-                _copy_rosbag2(log, mine[0][0], copy)
+                _copy_rosbag2(log, some[0][0], copy)
         except SQLITE_ERRORS as err:
-            raise OutputError(f"cannot write {mine[0][0].name if mine else log.path}: SQLite says: {err}") from err
+            raise OutputError(f"cannot write {some[0][0].name if some else log.path}: SQLite says: {err}") from err
 
 
 class _Part:
@@ -270,7 +271,7 @@ def _is_durable(offered: str) -> bool:
 
 
 def _channel_of(met: Met) -> tuple[str, str, str]:
-    """Return who sends a message, where that is told, how its topic was offered, and the encoding."""
+    """Return who sends a message, where that is known, how its topic was offered, and the encoding."""
     match met.origin:
         case Connection(fields=fields):
             return fields.get("callerid", ""), "durability: 1" if fields.get("latching") == "1" else "", "ros1"
@@ -283,7 +284,7 @@ def _channel_of(met: Met) -> tuple[str, str, str]:
 
 
 def _children(data: bytes, encoding: str) -> frozenset[str]:
-    """Return the frames whose place a message of transforms of ROS tells; none of a message that cannot be read."""
+    """Return the child frames of a message of transforms of ROS; none of a message that cannot be read."""
     found = set()
     try:
         cursor = Cursor(data, encoding)
@@ -302,7 +303,7 @@ def _children(data: bytes, encoding: str) -> frozenset[str]:
 
 
 def _mcap_records(log: McapLog, copy: Copy) -> Iterator[Any]:
-    """Yield what makes a writer, once the first chunk tells its compression, then messages, attachments and metadata."""
+    """Yield what makes a writer, once the first chunk is read, which has its compression; then all messages and records."""
     walk, known, begun = log.raw_records(copy.report), log.catalogue, False
     header = Header(profile="", library="")
     waiting: list[Attachment | Metadata] = []
@@ -425,7 +426,7 @@ class _BagWriter:
 
     def _connection(self, connection: Connection) -> Any:
         """Return what a connection has become; those of one publisher that are alike become one."""
-        # It is held beside, so that no other gets its number.
+        # It is kept, so that no other gets its number.
         if (known := self._written.get(id(connection))) is not None:
             return known[1]
         topic, fields = connection.topic, connection.fields

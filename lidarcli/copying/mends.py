@@ -71,9 +71,9 @@ def _set(scan: Any, **numbers: float) -> bool:
 
 def name_frame(scan: Any, _: int, frame: str) -> bool:
     """Take the slash from the name of a frame, and give a name to one without."""
-    told = scan.header.frame_id
-    scan.header.frame_id = told.lstrip("/") or frame
-    return bool(scan.header.frame_id != told)
+    before = scan.header.frame_id
+    scan.header.frame_id = before.lstrip("/") or frame
+    return bool(scan.header.frame_id != before)
 
 
 def stamp(scan: Any, number: int, stamp_ns: Int64) -> bool:
@@ -96,9 +96,9 @@ def limit(scan: Any, _: int, least: float | None, most: float) -> bool:
 def fill(scan: Any, _: int, topic: str, rules: RangeRules, status: Status, value: float | None) -> bool:
     """Give a value [m] to the beams of a status; None: range_max + 1."""
     value = scan.range_max + 1.0 if value is None else value
-    mine = (_status(scan, topic, rules) == status) & (scan.ranges != value)
-    scan.ranges = np.where(mine, np.float32(value), scan.ranges)
-    return bool(mine.any())
+    chosen = (_status(scan, topic, rules) == status) & (scan.ranges != value)
+    scan.ranges = np.where(chosen, np.float32(value), scan.ranges)
+    return bool(chosen.any())
 
 
 def _status(scan: Any, topic: str, rules: RangeRules) -> Any:
@@ -152,7 +152,7 @@ def convert(scan: Any, _: int, angle: float, length: float) -> bool:
     """Bring angles to radians and ranges to metres, by factors."""
     scan.ranges = scan.ranges * np.float32(length)
     angles = {name: getattr(scan, name) * angle for name in ("angle_min", "angle_max", "angle_increment")}
-    # Many a driver has its limits in metres beside ranges in millimetres.
+    # Many a driver has its limits in metres, but ranges in millimetres.
     limits = length if scan.range_max > FAR else 1.0
     _set(scan, range_min=scan.range_min * limits, range_max=scan.range_max * limits, **angles)
     return True
@@ -162,9 +162,9 @@ def time(scan: Any, _: int, turn: float, at_once: bool) -> bool:
     """Tell how long beams, if not taken at once, and sweeps take, by the time of a turn [s], where that is off; 0 stays."""
     right = {"time_increment": 0.0 if at_once else turn * abs(scan.angle_increment) / TURN, "scan_time": turn}
     wrong = {
-        name: math.copysign(number, told)
+        name: math.copysign(number, given)
         for name, number in right.items()
-        if (told := getattr(scan, name)) and not abs(abs(told) - number) <= OFF * number
+        if (given := getattr(scan, name)) and not abs(abs(given) - number) <= OFF * number
     }
     return _set(scan, **wrong)
 

@@ -18,8 +18,6 @@ from lidarcli.errors import OptionError, UnreadableError
 if TYPE_CHECKING:
     from ruamel.yaml.nodes import Node, ScalarNode
 
-MAX_BYTES = 1_000_000
-"""Most bytes of a file."""
 MAX_DEPTH = 16
 """Most levels of brackets, and of the parts of a dotted key."""
 _TEXTS = re.compile(r""""(?:\\.|[^"\\\n])*"?|'[^'\n]*'?|\#[^\n]*""")
@@ -36,7 +34,7 @@ def read_toml(file: str, what: str) -> dict[str, Any]:
         raise UnreadableError(f"{file}: not valid TOML: {err}") from err
 
 
-def read_text(file: str, what: str, language: str, most: int = MAX_BYTES) -> str:
+def read_text(file: str, what: str, language: str, most: int = 1_000_000) -> str:
     """Read the text of a file, a `what` in a `language`, of `most` bytes at most."""
     try:
         with Path(file).open("rb") as opened:
@@ -239,8 +237,6 @@ def _kind(value: object) -> str:
     return repr(value)
 
 
-MAX_YAML_BYTES = 1 << 17
-"""Most bytes of a file: all parameters of Nav2 take some 20,000, and parsing is slow."""
 _TRUTHS = dict.fromkeys(("y", "yes", "true", "on"), True) | dict.fromkeys(("n", "no", "false", "off"), False)
 _INTEGER = re.compile(r"[-+]?(0[0-7]{0,21}|0x[0-9a-f]{1,16}|[1-9][0-9]{0,18})", re.IGNORECASE)
 _OF_C = re.compile(
@@ -254,7 +250,8 @@ def read_yaml(file: str, what: str) -> dict[str, Any]:
     from ruamel.yaml import YAML
     from ruamel.yaml.nodes import MappingNode
 
-    text = read_text(file, what, "YAML", most=MAX_YAML_BYTES)
+    # All parameters of Nav2 take some 20,000 bytes, and parsing is slow.
+    text = read_text(file, what, "YAML", most=1 << 17)
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
@@ -321,7 +318,7 @@ def _scalar(node: ScalarNode) -> Any:
 
 
 def _reason(err: Exception) -> str:
-    """Return the cause that a parser tells, in one line, with the place."""
+    """Return the cause that a parser reports, in one line, with the place."""
     mark = getattr(err, "problem_mark", None)
     given = [text for name in ("context", "problem") if (text := getattr(err, name, None))]
     if mark is None or not given:

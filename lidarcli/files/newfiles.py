@@ -27,7 +27,7 @@ from lidarcli.system.machine import Threads
 try:
     import fcntl
 except ImportError:
-    # Windows has no such locks: runs into one folder are then told apart by their names alone.
+    # Windows has no such locks: runs into one folder are then kept apart by their names alone.
     fcntl = None  # type: ignore[assignment]
 
 LOCK_WAIT_S = 1.0
@@ -39,7 +39,7 @@ _HOST = f"{zlib.crc32(os.uname().nodename.encode() if hasattr(os, 'uname') else 
 _SCRATCH = re.compile(rf"\.lidarcli-{_HOST}-[0-9a-f]{{16}}\.part")
 
 _PARTS = (".mcap", ".db3", ".zstd", ".bag")
-"""Ends of the names of files that are read, or told of, as parts of a bag wherever they stand in its folder."""
+"""Ends of the names of files that are read, or reported, as parts of the bag in whose folder they are."""
 
 Inode = tuple[int, int]
 Identity = tuple[int, int, int, int]
@@ -50,7 +50,7 @@ _READ: ContextVar[dict[Inode, str] | None] = ContextVar("read", default=None)
 class NewFiles:
     """Files of this machine or of stores that get their names together; leaving the context without `publish` leaves none.
 
-    Until they are published they stand in a folder of their own beside their final places, whose name nobody can foresee
+    Until they are published they are in a folder of their own next to their final places, whose name nobody can foresee
     and which nobody else may enter: no link that was planted is written through, and no other run writes the same file.
     What a killed run left behind is cleared away by the next one. Objects of a store are written on this machine first; of
     two runs that write the same object the last one stays, as a whole.
@@ -107,9 +107,9 @@ class NewFiles:
                 thread.close()
         notes = []
         for folder in dict.fromkeys(path.parent for path in self._before):
-            mine = [path for path in self._before if path.parent == folder]
+            paths = [path for path in self._before if path.parent == folder]
             with _locked(folder):
-                for path in mine:
+                for path in paths:
                     now = _identity(path)
                     if now is None or now == self._before[path]:
                         continue
@@ -118,8 +118,8 @@ class NewFiles:
                             f"{path} exists: another run has written it meanwhile; use --overwrite to replace it"
                         )
                     notes.append(f"replaced {path}, which another run has written meanwhile")
-                refuse(mine, overwrite=True, bag=self._bag)
-                for path in mine:
+                refuse(paths, overwrite=True, bag=self._bag)
+                for path in paths:
                     self._place(path)
         return notes
 
@@ -207,7 +207,7 @@ def write_whole(path: Place, data: bytes, overwrite: bool = True, devices: bool 
 
 @contextmanager
 def reading(files: Iterable[str]) -> Iterator[None]:
-    """Take files for inputs of all that is written meanwhile, beside those that `refuse` is given."""
+    """Treat files as inputs of all that is written meanwhile, in addition to those that `refuse` is given."""
     token = _READ.set(_identified(files))
     try:
         yield
@@ -415,8 +415,8 @@ def _clear(folder: Path) -> None:
         left = [Path(entry.path) for entry in entries if _SCRATCH.fullmatch(entry.name)]
         for scratch in left:
             found = scratch.lstat()
-            mine = stat.S_ISDIR(found.st_mode) and found.st_uid == os.geteuid()
+            is_own = stat.S_ISDIR(found.st_mode) and found.st_uid == os.geteuid()
             with suppress(BlockingIOError):
-                if mine and (lock := _lock(scratch)) is not None:
+                if is_own and (lock := _lock(scratch)) is not None:
                     shutil.rmtree(scratch, ignore_errors=True)
                     os.close(lock)

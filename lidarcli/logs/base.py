@@ -41,7 +41,7 @@ STATIC = "/tf_static"
 """Topic of the transforms that are sent once and for all."""
 
 POSED_TYPES = POSE_TYPES | {foxglove.SCAN}
-"""With those of sweeps that may tell where each was taken."""
+"""With those of sweeps that may hold the pose of each."""
 
 MAX_MESSAGE = 64 << 20
 """Longest message that is read into memory [bytes]: any sweep, and clouds of a million points and more."""
@@ -126,7 +126,7 @@ class ReadReport:
     unread: dict[str, str] = field(default_factory=dict)
     """Topic → a note on a column of times that is not understood."""
     doubts: dict[str, tuple[Finding, ...]] = field(default_factory=dict)
-    """Topic → what a user should know of how its ranges are judged, and what looks wrong in its sweeps (`logs.doubts`)."""
+    """Topic → findings on how its ranges are evaluated, and on what looks wrong in its sweeps."""
 
     takes_degrees: bool = False
     """True for a pass over a log whose angles are known to be degrees: steps too large for radians are not refused."""
@@ -141,7 +141,7 @@ class ReadReport:
             self.damage_more += 1
 
     def add_new(self, other: ReadReport) -> None:
-        """Take over what another pass over the same log has met, of its damage only what this report does not tell yet."""
+        """Take over what another pass over the same log has met, of its damage only what this report lacks."""
         met = {part.place for part in self.damage}
         self.add(replace(other, damage=[], damage_more=0, doubts={}))
         for part in other.damage:
@@ -152,7 +152,7 @@ class ReadReport:
             self.damage_more += other.damage_more
 
     def add(self, other: ReadReport, within: str = "") -> None:
-        """Take over what else has been met; `within` names the part of the log whose places `other` tells."""
+        """Take over what else has been met; `within` names the part of the log in which the places of `other` are."""
         for part in other.damage:
             self.add_damage(within + part.place, part.cause)
         self.damage_more += other.damage_more
@@ -237,17 +237,17 @@ class Log(Protocol):
 
     A constructor reads as little as it needs to know the format and raises `UnreadableError` when nothing at all can be
     read. Later damage never raises: it goes to the report that the caller of a pass (`scans`, `messages`) hands in, and
-    everything readable is still yielded. A report tells all that its pass has met, and what opening has met before.
+    everything readable is still yielded. A report holds all that its pass has met, and what opening has met before.
 
     A log may be read as often as one likes; a second pass over a stream raises `UnreadableError`. Sweeps without limits of
     their own have 0 and infinity, those without a time of recording their stamp. A reader of text applies all
-    `OpenOptions` itself; for `Format.in_metres` the pipeline applies `range_scale`, and messages tell their `range_max`.
+    `OpenOptions` itself; for `Format.in_metres` the pipeline applies `range_scale`, and messages hold their `range_max`.
     """
 
     path: str
     """As the user wrote it; `-` for standard input."""
     format: str
-    """For people: `Format.kind`, and what else tells kinds apart: `ros2 bag (sqlite3)`, `csv (rostopic echo -p)`."""
+    """For people: `Format.kind`, and what else distinguishes kinds: `ros2 bag (sqlite3)`, `csv (rostopic echo -p)`."""
 
     @property
     def compression(self) -> str:

@@ -18,22 +18,23 @@ from lidarcli.errors import NoScanError, OptionError
 from lidarcli.logs.base import Log, ReadReport
 from lidarcli.logs.blocks import split_rows
 from lidarcli.logs.clock import MAX_TOPICS
+from lidarcli.logs.log_stats import MAX_COMPARED_TOPICS, LogStats, repeated_topics
 from lidarcli.logs.piles import NoReturnDetector
 from lidarcli.logs.registry import TopicChoice
-from lidarcli.logs.scan_checks import MAX_COMPARED_TOPICS, LogStats, ScanChecks, Went, repeated_topics
+from lidarcli.logs.scan_checks import ScanChecks, Went
 from lidarcli.options.times import Instant, as_time
 from lidarcli.sweeps.range_rules import RangeRules, normalise
 from lidarcli.sweeps.types import Bool, Int64, RawSweeps, SweepBatch, concatenate
 
 MAX_EVERY = 1_000_000
 LONGEST = 0
-"""Run of `ReadOptions` that stands for the longest one, where the odometry begins anew in each."""
+"""Run of `ReadOptions` that stands for the longest one, where the odometry restarts in each."""
 LATENCY = 0.25
 """Sweeps of a pipe, once their rules for ranges are known, wait no longer for their batch [s]."""
 BATCH_VALUES = 3 << 17
 """Most ranges of one batch, padding included: its arrays should stay in the caches, and more take more memory."""
 SAMPLED = 16
-"""One of so many sweeps tells recordings apart: two with the same ranges in all of these are one."""
+"""One of so many sweeps identifies a recording: two with the same ranges in all of these are one."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,7 +97,7 @@ class LogBatcher:
     ----------
     report : takes what reading meets; the doubts when this is closed
     choice : the topics, where the caller judges which of them are missing; by default all those of `options`
-    went : tells whether sensors move, by poses
+    went : whether sensors move, by poses
 
     Raises
     ------

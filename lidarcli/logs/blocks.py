@@ -20,7 +20,7 @@ TOO_MANY = f"more than {MAX_BEAMS} beams declared"
 ANGLE_MIN = "angle_min is not finite"
 INCREMENT = "angle_increment is not finite"
 FARTHEST = 1e6
-"""Greatest bearing [rad]: single precision tells one beyond it to a few degrees alone."""
+"""Greatest bearing [rad]: beyond it single precision has steps of degrees."""
 BEARINGS = f"the first or last bearing is beyond {FARTHEST:,.0f} rad"
 INCREMENT_ZERO = "angle_increment is zero"
 WIDEST_STEP = 0.9
@@ -34,9 +34,9 @@ class ScanLayout(NamedTuple):
     stamp_ns: int
     beams: int
     range_min: float
-    """[m], 0 where the message tells none."""
+    """[m], 0 where the message has none."""
     range_max: float
-    """[m], infinite where the message tells none."""
+    """[m], infinite where the message has none."""
     beam: Int64
     """(K,) beam of each number: several for one beam that has several echoes, none for one without."""
     place: Int64
@@ -76,7 +76,7 @@ def unsound(
 def limits_in_metres(least: Float32 | Float64, most: Float32 | Float64, scale: float) -> tuple[Float32, Float32]:
     """Return range_min and range_max (S,) in metres, for ranges in a unit of `scale` metres.
 
-    Many a driver has its limits in metres beside ranges in millimetres. A range_max up to `FAR` is in metres: in
+    Many a driver has its limits in metres, but ranges in millimetres. A range_max up to `FAR` is in metres: in
     centimetres it would be 2 m, and no sensor sees as little. Its range_min is in the same unit.
 
     >>> limits_in_metres(np.array([0.5, 500.0]), np.array([12.0, 12000.0]), 0.001)

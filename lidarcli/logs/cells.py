@@ -35,8 +35,6 @@ _WORDS = {
     b"1.#inf": np.inf,
     b"-1.#inf": -np.inf,
 }
-_ONE_BY_ONE = 64
-"""Rows from which on the search for a bad row halves them."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,9 +127,9 @@ def pad_cells(cells: Cells, rows: Int64, first: Int64, count: Int64, width: int)
     if not count.any():
         return None
     padded = np.full((len(rows), width), np.nan, np.float32)
-    mine = np.flatnonzero(count)
-    values = pad(cells.numbers(rows[mine], first[mine], count[mine], np.float32).values, count[mine], 1.0)
-    padded[mine, : values.shape[1]] = values
+    filled = np.flatnonzero(count)
+    values = pad(cells.numbers(rows[filled], first[filled], count[filled], np.float32).values, count[filled], 1.0)
+    padded[filled, : values.shape[1]] = values
     return padded
 
 
@@ -147,7 +145,8 @@ def parse_rows(parts: Sequence[bytes], counts: Int64, separator: bytes, dtype: t
         return Numbers(values, empty, {})
     except ValueError:
         pass
-    if len(parts) > _ONE_BY_ONE:
+    # Of many rows a half is tried at a time, of few each one.
+    if len(parts) > 64:
         half = len(parts) // 2
         left = parse_rows(parts[:half], counts[:half], separator, dtype)
         right = parse_rows(parts[half:], counts[half:], separator, dtype)
@@ -289,9 +288,7 @@ TIME_OF_DAY, MINUTES, DAYS, DATED = -6, -7, -8, -9
 """Stand for a time of day, for minutes and seconds, for days as spreadsheets count them, and for a time of day whose date
 stands in another column."""
 PERIODS = {TIME_OF_DAY: 86_400 * S, MINUTES: 3600 * S}
-"""Times after which a clock without a date begins anew [ns]."""
-_LATE = 0.95
-"""Least step ahead of a clock without a date that is one back, as a share of its period."""
+"""Times after which a clock without a date begins again [ns]."""
 _NOTES = {
     (DATE, DATE_UNPADDED, DIGITS, DAY_FIRST, MONTH_FIRST): "times without a zone are read as UTC",
     (DAY_FIRST,): "dates are read as day, month, year",
@@ -306,8 +303,6 @@ _NOTES = {
 
 _STEPS = ((NS, 5_000_000), (US, 5_000), (MS, 10))
 """Unit → least step from sweep to sweep in it, of a clock without a named unit: 5 ms, 5 ms, 10 ms."""
-_SINCE_1970 = 10**9
-_HOUR = 3600
 
 _UNITS = {"ns": NS, "nsec": NS, "nsecs": NS, "nanosec": NS, "nanoseconds": NS, "us": US, "usec": US, "µs": US}
 _UNITS |= {"ms": MS, "msec": MS, "s": S, "sec": S, "secs": S, "seconds": S}
@@ -337,9 +332,6 @@ _MONTHS = b"jan feb mar apr may jun jul aug sep oct nov dec - - - - mai - - - - 
 """First letters of months in English, and behind them where German ones differ."""
 _EXCEL, _MATLAB = 25_569, 719_529
 """Number of the first day of 1970 in a spreadsheet, and in MATLAB."""
-_MAX_DAYS = 55_000
-_MAX_DAY_STEP = 2.5e-5
-"""Greatest usual step of such days, about 2 s: as seconds, no sensor is as fast."""
 _NUMBER = re.compile(rb"[-+]?(?:\d{1,30}(?:\.\d*)?|\.\d+)(?:[eE][-+]?\d{1,2})?")
 _EPOCH = date(1970, 1, 1).toordinal()
 _MIN, _MAX = -(1 << 63), (1 << 63) - 1
@@ -350,7 +342,7 @@ def time_unit(name: str, samples: Sequence[bytes]) -> int | None:
 
     None where most samples are no times. Seconds since 1970 have 10 digits before the point, milliseconds 13,
     microseconds 16, nanoseconds 19: no clock that a robot carries comes near the next unit. Whole numbers of a clock
-    that starts with the robot tell by their steps: no LiDAR waits 10 s for its next sweep.
+    that starts with the robot are known by their steps: no LiDAR waits 10 s for its next sweep.
 
     >>> time_unit("time", [b"1714555596445048407"]), time_unit("t", [b"12.5"]), time_unit("t_ms", [b"5"])
     (1, 1000000000, 1000000)
@@ -383,7 +375,7 @@ def _unit_of_steps(counts: Sequence[int]) -> int:
     steps = np.diff(np.array(counts, np.int64))
     steps = steps[steps > 0]
     step = np.median(steps) if len(steps) else 0
-    if min(counts) >= _SINCE_1970 and step < _HOUR:
+    if min(counts) >= 10**9 and step < 3600:
         return S
     return next((unit for unit, least in _STEPS if step >= least), S)
 
@@ -402,8 +394,9 @@ def _are_days(numbers: Float64) -> bool:
     steps = np.abs(np.diff(numbers))
     steps = steps[steps > 0]
     since = numbers - (_MATLAB if numbers[0] >= _MATLAB else _EXCEL)
-    likely = since.min() >= 0 and since.max() <= _MAX_DAYS
-    return bool(likely and len(steps) and np.median(steps) < _MAX_DAY_STEP)
+    likely = since.min() >= 0 and since.max() <= 55_000
+    # Such steps are at most 2 s as days; as seconds they would be shorter than those of any sensor.
+    return bool(likely and len(steps) and np.median(steps) < 2.5e-5)
 
 
 def _is_unpadded(samples: Sequence[bytes], padded: int, unpadded: int) -> bool:
@@ -439,13 +432,13 @@ def to_ns(cells: Sequence[bytes], unit: int) -> tuple[Int64, Bool]:
 
 
 def going_on(times: Int64, unit: int, last: tuple[int, int] | None) -> tuple[Int64, tuple[int, int]]:
-    """Return times (R > 0,) that go on where a clock without a date begins anew, and what the next ones need as `last`."""
+    """Return times (R > 0,) that go on where a clock without a date begins again, and what the next ones need as `last`."""
     if unit not in PERIODS:
         return times, (0, 0)
     before, ahead = last or (int(times[0]), 0)
     steps = np.diff(times, prepend=before) / PERIODS[unit]
     # What is late at midnight belongs to the day before.
-    turns = np.cumsum((steps < -0.5).astype(np.int64) - (steps > _LATE))
+    turns = np.cumsum((steps < -0.5).astype(np.int64) - (steps > 0.95))
     gone: Int64 = times + ahead + turns * PERIODS[unit]
     return gone, (int(times[-1]), int(gone[-1] - times[-1]))
 

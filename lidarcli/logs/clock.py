@@ -18,15 +18,14 @@ from lidarcli.sweeps.types import Bool, Float64, Int64, RawSweeps
 SECOND = 1e-9
 _KEPT = 1 << 16
 TOLD = 3
-"""Runs that are told one by one, beside the last."""
+"""Most runs that are reported one by one, in addition to the last."""
 NO_STAMPS = "stamps are 0, tracks cannot tell what moves"
 SAME_NS = 1
 """Equal stamps of text differ by at most this [ns]."""
 AROUND = 8
-"""Sweeps around a stamp by which it is judged."""
+"""Number of sweeps around a stamp with which it is compared."""
 HELD = 1024
 """Most sweeps of a topic that wait for sound stamps; fewer of many beams."""
-MAX_FRAMES = 64
 MAX_TOPICS = 1000
 """Topics beyond this are taken as they are: a log may have a new one in every message."""
 
@@ -193,7 +192,7 @@ class _Mending:
     def __init__(self) -> None:
         self._waiting: list[RawSweeps] = []
         self._restarts: Counter[int] = Counter()
-        """Frame → times that its clock started anew."""
+        """Frame → times that its clock was restarted."""
         self._frames: dict[str, int] = {}
         self._sound = np.zeros((3, 0), np.int64)
         """Time, record time and frame of the last sound sweeps of each frame."""
@@ -220,33 +219,33 @@ class _Mending:
         # A log may have a frame in every sweep: those without new ones wait as they are.
         kept = [np.flatnonzero(~new[rows[2, :place]])]
         for code in np.flatnonzero(new).tolist():
-            mine = np.flatnonzero(rows[2] == code)
-            times, records, _ = rows[:, mine]
-            bad = (times == 0) & (records != 0) if mends else odd[mine]
+            of_frame = np.flatnonzero(rows[2] == code)
+            times, records, _ = rows[:, of_frame]
+            bad = (times == 0) & (records != 0) if mends else odd[of_frame]
             if mends:
                 bad[~bad] = _astray(times[~bad])
-                bad &= mine >= place
+                bad &= of_frame >= place
             if not bad.all():
-                rows[0, mine] = _fitting(times, records, bad)
-                odd[mine] = bad
+                rows[0, of_frame] = _fitting(times, records, bad)
+                odd[of_frame] = bad
                 begin = 0
-                for begin in restarts(rows[0, mine]) if mends else ():
+                for begin in restarts(rows[0, of_frame]) if mends else ():
                     self._restarts[code] += 1
-                    run[mine[begin] :] = np.maximum(run[mine[begin] :], self._restarts[code] + 1)
-                kept.append(mine[begin:][~bad[begin:]][-AROUND:])
+                    run[of_frame[begin] :] = np.maximum(run[of_frame[begin] :], self._restarts[code] + 1)
+                kept.append(of_frame[begin:][~bad[begin:]][-AROUND:])
         for block in self._waiting:
-            here = slice(place, place := place + len(block))
-            whole = replace(block, mended_ns=rows[0, here]) if odd[here].any() else block
-            for number in dict.fromkeys(run[here].tolist()):
-                mine = run[here] == number
-                yield replace(whole if mine.all() else whole.rows(mine), run=number)
+            rows_of_block = slice(place, place := place + len(block))
+            sweeps = replace(block, mended_ns=rows[0, rows_of_block]) if odd[rows_of_block].any() else block
+            for number in dict.fromkeys(run[rows_of_block].tolist()):
+                in_run = run[rows_of_block] == number
+                yield replace(sweeps if in_run.all() else sweeps.rows(in_run), run=number)
         self._sound, self._waiting = rows[:, np.sort(np.concatenate(kept))], []
 
     def _rows(self) -> Int64:
         """Return stamps, record times and frames (3, S) of the last sound sweeps and those that wait."""
         parts = [self._sound]
         for block in self._waiting:
-            for name in block.frame_ids if len(self._frames) < MAX_FRAMES else ():
+            for name in block.frame_ids if len(self._frames) < 64 else ():
                 self._frames.setdefault(name, len(self._frames))
             codes = np.array([self._frames.get(name, 0) for name in block.frame_ids], np.int64)
             parts.append(np.stack([block.stamp_ns, block.record_ns, codes[block.frame]]))

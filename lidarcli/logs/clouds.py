@@ -144,7 +144,6 @@ class Cloud:
 
 MANY_FIELDS = "more than 1,000 fields declared"
 
-_MAX_FIELDS = 1000
 _KINDS = ("", "i1", "u1", "i2", "u2", "i4", "u4", "f4", "f8")
 """Types of numbers as numpy spells them, by their number in PointField."""
 
@@ -154,7 +153,7 @@ def _pointcloud2(cursor: Cursor) -> Cloud:
     frame_id = cursor.text()
     rows, columns = cursor.word(), cursor.word()
     count = cursor.word()
-    if count > _MAX_FIELDS:
+    if count > 1000:
         raise BadCloudError(MANY_FIELDS)
     fields: dict[str, PointField] = {}
     for _ in range(count):
@@ -310,10 +309,6 @@ _NONE = np.uint64(0xFFFFFFFFFFFFFFFF)
 
 
 ROWS = 64
-WAITING_BYTES = 16 << 20
-"""Clouds are sliced when this many, or this many bytes of them, have been gathered."""
-
-_MAX_FRAMES = 4
 
 
 class Levelled(NamedTuple):
@@ -333,7 +328,7 @@ class CloudScan(NamedTuple):
     ranges: Float32
     """(B,) range of the nearest point [m]; +inf without one."""
     intensities: Float32 | None
-    """(B,) how strong its return was, NaN without a point; None where the cloud does not tell."""
+    """(B,) how strong its return was, NaN without a point; None where the cloud has none."""
 
 
 class Levels(Protocol):
@@ -351,21 +346,21 @@ def slice_cloud(cloud: Cloud, part: Slice, bins: Bins, turn: Float64, move: Floa
 
     Parameters
     ----------
-    turn, move : (3, 3) and (3,), how the points come to where they are seen from above; the third row tells their height
+    turn, move : (3, 3) and (3,), how the points come to where they are seen from above; the third row makes their height
     """
     layout = cloud.layout
     axes = (layout.x, layout.y, layout.z)
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
         if cloud.pose is not None:
             turn, move = turn @ _matrix(cloud.pose[3:]), turn @ cloud.pose[:3] + move
-        # Most points are at other heights: of these no more is looked at than what tells the height.
+        # Most points are at other heights: of these only the coordinates that make the height are read.
         height = _along(
             turn[2], move[2], [cloud.column(axis) if share else None for axis, share in zip(axes, turn[2], strict=True)]
         )
         kept = np.flatnonzero((height >= height.dtype.type(part.low)) & (height <= height.dtype.type(part.high)))
         x, y, z = (cloud.column(axis, kept if len(kept) < len(layout) else None) for axis in axes)
         if move[:2].any() and not (real := (x != 0) | (y != 0) | (z != 0)).all():
-            # Drivers write zeros where there was no return; moved from there they would be a thing.
+            # Drivers write zeros where there was no return; moved from there they would be an object.
             kept, x, y, z = kept[real], x[real], y[real], z[real]
         ahead, left = _along(turn[0], move[0], (x, y, z)), _along(turn[1], move[1], (x, y, z))
         near, far = part.limits or (0.0, FARTHEST)
@@ -431,7 +426,7 @@ class Slicer:
             self.report.refused[(self.topic, str(err))] += 1
             return
         self._bytes += len(message.data)
-        if len(self._waiting) >= ROWS or self._bytes >= WAITING_BYTES:
+        if len(self._waiting) >= ROWS or self._bytes >= 16 << 20:
             yield from self.flush()
 
     def flush(self) -> Iterator[RawSweeps]:
@@ -481,7 +476,7 @@ class Slicer:
         strengths = [np.empty(0, np.float32) if each.intensities is None else each.intensities for each in scans]
         self._clouds += count
         self._is_filled |= bool(np.isfinite(ranges).any())
-        if len(self._frames) < _MAX_FRAMES:
+        if len(self._frames) < 4:
             self._frames[frame_id] = None
         near, far = self.part.limits or (0.0, np.inf)
         yield RawSweeps(

@@ -60,7 +60,7 @@ class Scan(NamedTuple):
     time_increment: float = 0.0
     scan_time: float = 0.0
     angle_max: float = np.nan
-    """Last bearing of the message, beside the increment."""
+    """Last bearing of the message, where it also has an increment."""
 
 
 Decoder = Callable[[bytes, int], Scan]
@@ -320,8 +320,6 @@ def _plain(message: Any) -> dict[str, Any]:
     return plain
 
 
-_SAMPLE = 100
-_MAX_TOPICS = 4096
 _NO_MESSAGE = "no message of `mcap cat --json`"
 _CUT = "the file ends within this line: its message is dropped"
 
@@ -361,7 +359,7 @@ class _LineDecoder:
         """Yield the sweeps of a block, in blocks of each topic."""
         lines = block.text.split(b"\n")[:-1]
         if self._unit is None:
-            times = [match[2] for line in lines[:_SAMPLE] if (match := JSON_LINE.match(line))]
+            times = [match[2] for line in lines[:100] if (match := JSON_LINE.match(line))]
             self._unit = time_unit("", times) if times else None
         for number, line in enumerate(lines, block.line):
             if not line.strip():
@@ -401,7 +399,7 @@ class _LineDecoder:
             self._keep(topic, message, line, int(record[0]))
         elif topic in self._scanned:
             self._report.refused[(topic, NOT_SCAN)] += 1
-        elif len(self._others) < _MAX_TOPICS:
+        elif len(self._others) < 4096:
             self._others.add(topic)
         return None
 

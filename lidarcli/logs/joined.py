@@ -46,11 +46,11 @@ def numbered(name: str) -> Numbered | None:
 
 
 def earlier_parts(path: Path) -> list[Path]:
-    """Return the parts of a recording that stand beside one and come before it, in their order."""
-    mine, files = numbered(path.name), [*path.parent.iterdir()] if path.parent.is_dir() else []
+    """Return the parts of a recording in the same folder that come before one, in their order."""
+    last, files = numbered(path.name), [*path.parent.iterdir()] if path.parent.is_dir() else []
     named = [(name, each) for each in files if (name := numbered(each.name)) is not None]
-    alike = [(name.number, each) for name, each in named if mine and (name.stem, name.suffix) == (mine.stem, mine.suffix)]
-    return [each for number, each in sorted(alike) if mine and number < mine.number]
+    alike = [(name.number, each) for name, each in named if last and (name.stem, name.suffix) == (last.stem, last.suffix)]
+    return [each for number, each in sorted(alike) if last and number < last.number]
 
 
 def natural(name: str) -> list[tuple[int, str]]:
@@ -84,7 +84,7 @@ class PartedLog(Closing):
     format = ""
 
     def __init__(self, path: str, parts: Sequence[Part], names_parts: bool = True) -> None:
-        """`names_parts`: damage is told with the name of its part."""
+        """`names_parts`: damage is reported with the name of its part."""
         self.path = path
         self.position = 0
         self.parts = tuple(parts)
@@ -173,7 +173,7 @@ _CAT = ("carmen",)
 _CSV = "csv"
 
 _Begun = tuple[Part, int | None]
-"""A part, and when it begins [ns]; None where nothing tells."""
+"""A part, and when it begins [ns]; None where that is unknown."""
 
 
 class JoinedLog(PartedLog):
@@ -266,7 +266,7 @@ def _begin(log: Log) -> int | None:
 
 
 def _in_order(begun: Sequence[_Begun]) -> list[_Begun]:
-    """Return parts by the times at which they begin; one of which nothing tells stays behind the one before it."""
+    """Return parts by the times at which they begin; one whose time is unknown stays behind the one before it."""
     times = []
     last = min((begin for _, begin in begun if begin is not None), default=0)
     for _, begin in begun:

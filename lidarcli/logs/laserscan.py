@@ -20,9 +20,6 @@ from lidarcli.logs.blocks import BLOCK_ROWS, ScanLayout, pad_intensities, pad_ro
 from lidarcli.ros.cursor import ENCAPSULATION, MAX_NAME, NAME_LONG
 from lidarcli.sweeps.types import Bool, Float32, Int32, Int64, RawSweeps, UInt8, record
 
-SHORTEST = 48
-"""Bytes of a LaserScan with an empty frame name and no beams, in either serialisation."""
-
 SHORT = "shorter than a LaserScan"
 FRAME_BEYOND = "frame_id longer than the message"
 RANGES_BEYOND = "more ranges declared than the message holds"
@@ -92,7 +89,7 @@ def locate(message: bytes, encoding: str, *, several: bool) -> ScanLayout | None
     Parameters
     ----------
     encoding : `cdr` or `ros1`
-    several : True for a MultiEchoLaserScan, of which every echo is told
+    several : True for a MultiEchoLaserScan, of which every echo is located
     """
     buffer = np.frombuffer(message, np.uint8)
     first, length = np.zeros(1, np.int64), np.array([len(message)], np.int64)
@@ -156,7 +153,7 @@ def _read_heads(topic: str, buffer: UInt8, offsets: Int64, lengths: Int64, encod
         geometry=np.zeros((many, 7), np.float32),
         beams=np.zeros(many, np.int64),
     )
-    outside = (lengths < SHORTEST) | (lengths > len(buffer)) | (offsets < 0) | (heads.end > len(buffer))
+    outside = (lengths < 48) | (lengths > len(buffer)) | (offsets < 0) | (heads.end > len(buffer))
     heads = check(heads, (outside, SHORT))
 
     if encoding == "cdr":
@@ -389,9 +386,10 @@ def _strongest(words: Words, place: Places, count: Places) -> Places:
     return which
 
 
+TOGETHER = 64
+"""Messages of one topic that are decoded where they lie; fewer are gathered first."""
 ROWS = 512
-BYTES = 4 << 20
-"""A topic's gathered messages are decoded when there are this many, or this many bytes."""
+"""Gathered messages of a topic are decoded when there are this many."""
 
 
 @dataclass(slots=True)
@@ -413,7 +411,16 @@ class MessageBatcher:
         self.parts.append(message)
         self.times.append(record_ns)
         self.size += len(message)
-        return len(self.parts) >= self.rows or self.size >= BYTES
+        return len(self.parts) >= self.rows or self.size >= 4 << 20
+
+    def take(self, buffer: UInt8, offsets: Int64, lengths: Int64, record_ns: Int64) -> Iterator[RawSweeps]:
+        """Decode messages where they lie if they are many, else gather them."""
+        if len(offsets) >= TOGETHER:
+            yield from self.decode(buffer, offsets, lengths, record_ns)
+            return
+        for start, length, time_ns in zip(offsets.tolist(), lengths.tolist(), record_ns.tolist(), strict=True):
+            if self.add(buffer[start : start + length].tobytes(), time_ns):
+                yield from self.flush()
 
     def decode(self, buffer: UInt8, offsets: Int64, lengths: Int64, record_ns: Int64) -> Iterator[RawSweeps]:
         """Decode messages that lie together already, after those that were gathered before."""
@@ -479,7 +486,7 @@ def scan_type(kind: str, encoding: str = "", text: str = "") -> str:
     if kind in EXPECTED:
         return kind
     if not text:
-        # Some logs tell no definitions; this is the one type of the kind that drivers publish.
+        # Some logs have no definitions; this is the one type of the kind that drivers publish.
         return LASERSCAN if kind.endswith("/ExtendedLaserScan") else ""
     begins = _fields(encoding, text, kind)[:1] if "LaserScan" in text else []
     names = ["LaserScan"] if encoding == "ros2idl" else ["sensor_msgs/LaserScan", LASERSCAN]

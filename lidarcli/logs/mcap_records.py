@@ -35,7 +35,6 @@ MAX_OTHERS = 1 << 16
 """A chunk with more records than this that are no messages is not read on."""
 MAX_CHUNK = 1 << 30
 """A chunk that declares more than 1 GiB is refused, compressed or not: it is held as a whole."""
-MAX_SUMMARY = 1 << 28
 PART = 1 << 16
 PIECE = 1 << 20
 """Most bytes asked of a pipe at once: a declared size is never allocated before the bytes are there."""
@@ -49,7 +48,6 @@ _MESSAGE = np.dtype(
 )
 ENTRY = np.dtype([("log", "<u8"), ("offset", "<u8")])
 _FOOTER = struct.Struct("<BQQQI")
-_LZ4_RATIO = 255
 _STEP = 1 << 16
 T = TypeVar("T")
 
@@ -265,7 +263,7 @@ def inflate(head: ChunkHead, data: bytes, budget: DecompressionBudget) -> bytes:
         content = data
     elif compression not in ("lz4", "zstd"):
         raise CodecError(f"its compression '{compression}' is not one of none, lz4, zstd")
-    elif compression == "lz4" and size > _LZ4_RATIO * len(data):
+    elif compression == "lz4" and size > 255 * len(data):
         raise CodecError(f"it declares {size} bytes, more than lz4 can make of {len(data)}")
     elif size > min(budget.room(len(data)), SMALL + CHUNK_RATIO * len(data)):
         raise CodecError(too_much(size, len(data)))
@@ -395,7 +393,7 @@ def read_summary(source: Cursor, report: ReadReport) -> Summary | None:
         return None
     if start == 0:
         return Summary()
-    if not len(MAGIC) <= start <= footer_at or footer_at - start > MAX_SUMMARY:
+    if not len(MAGIC) <= start <= footer_at or footer_at - start > 1 << 28:
         report.add_damage(f"footer at byte {footer_at}", f"its summary cannot begin at byte {start}; not used")
         return None
     data = source.read_at(start, footer_at - start)

@@ -1,4 +1,4 @@
-"""Ranges that are no measurements: the value that a sensor writes for no return, and beams that tell one range always.
+"""Ranges that are no measurements: the value that a sensor writes for no return, and beams that always have one range.
 
 The first is a pile of ranges at the most that a log holds.
 """
@@ -18,57 +18,34 @@ from lidarcli.sweeps.range_rules import FARTHEST, PILE, RangeRules, bounds, is_m
 from lidarcli.sweeps.types import Bool, Float32, Float64, Int64, RawSweeps, concatenate
 
 WINDOW = 256
-"""Sweeps of a topic examined together before any of them is judged."""
+"""Sweeps of a topic examined together before any of them is evaluated."""
 WINDOW_VALUES = 1 << 17
 """Most ranges of such a window: they wait in memory."""
 THIN = 4
 """One sweep in this many is examined; all counts below refer to these."""
 MIN_SWEEPS = 5
-MIN_BEAMS = 10
-"""Fewest bearings with the value where other sweeps see something nearer."""
-MIN_NEARER = 0.1
-"""Least share of nearer ranges at such a bearing."""
-MAX_STEADY = 0.5
-"""Most of the pile may lie at other bearings by this share: a standing sensor sees a far wall there all the time."""
 MIN_SHARE = 0.002
 """Share of all beams that a pile holds."""
-SPREAD = 0.06
-"""Width of a pile [m]: one value, or two up to 5 cm apart, each a centimetre wide."""
-TWO_VALUES = 0.8
-"""Least share of a pile held by two values to the millimetre: measurements spread over more."""
 CLEAR = 20
 """Factor by which each slightly smaller value, and all larger ones together, are less frequent than the pile."""
 BAND, MIN_BAND = 0.01, 0.25
 """Band below the pile in which smaller values are compared: a share of the range, and at least [m]."""
 QUANTUM, WIDER = 0.01, 3.0
 """Rounding of ranges of a wall [m], and the factor by which arcs of a pile are wider than a wall within that."""
-IN_ARCS = 0.5
-"""Least share of a pile in such arcs."""
-MAX_ROUND = 0.6
-"""Largest share of beams in a pile of arcs: the wall of a round room has more."""
-MIN_VALUES = 50
-"""Fewest distinct smaller values [mm] beside a pile of arcs."""
 NEARER = 0.1
-"""Share of the range by which other sweeps must see nearer things."""
-RARE = 0.01
-"""Least frequency of a value of the pile, as a share of that of its most frequent one."""
-MAX_PILES = 3
+"""Share of the range by which returns of other sweeps must be nearer."""
 COARSE, MAX_COARSE = 0.25, 1 << 12
 """Width [m] and number of the bins of the first search; the last bin has no end."""
-MAX_COUNTED = 1 << 16
-"""Span [mm] of values up to which all whole numbers in it are counted; values farther apart are sorted."""
 MAX_LOST = 0.02
 """Share of beams beyond range_max that is worth a note if they look like measurements.
 
 Of 29 topics of public recordings none has more than 1.4 %: at 8 m one sensor of a car race ends a beam in 200 beyond."""
-MIN_LOST = 50
-MAX_TOLD = 3
 
 MILLIMETRES = 1000.0
 
 
 class NoReturnDetector:
-    """Finds the rules by which sweeps are judged, whatever the blocks in which they come.
+    """Finds the rules by which ranges are evaluated, whatever the blocks in which they come.
 
     Rules that are found in a window of sweeps count for these and all later ones of their topic.
     """
@@ -177,7 +154,7 @@ class _Topic:
             ranges[is_marked(ranges, self.rules)] = np.nan
 
     def _find_piles(self, window: RawSweeps, ranges: Float32) -> None:
-        for _ in range(MAX_PILES):
+        for _ in range(3):
             pile = _pile(ranges, int(window.beams.sum()), np.abs(window.angle_increment))
             if pile is None:
                 return
@@ -213,7 +190,7 @@ class _Topic:
         # What a driver writes for no return is one value, or a few.
         usual = counts * CLEAR > counts.sum()
         lost = counts[~usual].sum()
-        if lost <= max(MAX_LOST * window.beams.sum(), MIN_LOST):
+        if lost <= max(MAX_LOST * window.beams.sum(), 50):
             return
         self._lost += int(lost)
         greatest = max(self._lost_range[1], float(values[~usual][-1] / MILLIMETRES))
@@ -240,7 +217,7 @@ class _Topic:
                     "no-return",
                 )
             )
-        for beam, (value, first) in list(self._stuck.items())[:MAX_TOLD]:
+        for beam, (value, first) in list(self._stuck.items())[:3]:
             since = f"from sweep {first} on, " if first else ""
             findings.append(
                 sensor.finding(
@@ -295,7 +272,8 @@ def _millimetres(values: Float32) -> Int64:
 def _counted(values: Int64) -> tuple[Int64, Int64]:
     """Return the distinct values (N,) in their order, and how often each is there; N > 0."""
     least = int(values.min())
-    if int(values.max()) - least > MAX_COUNTED:
+    # Values in a narrow span are counted by their places, others sorted.
+    if int(values.max()) - least > 1 << 16:
         return np.unique(values, return_counts=True)
     counts = np.bincount(values - least)
     found = np.flatnonzero(counts)
@@ -320,13 +298,15 @@ def _pile(ranges: Float32, beams: int, steps: Float64) -> tuple[float, float] | 
     values, counts = _counted(_millimetres(ranges[far]))
     at = int(counts.argmax())
     band = max(MIN_BAND, BAND * values[at] / MILLIMETRES)
-    near = np.abs(values - values[at]) <= SPREAD * MILLIMETRES
+    # A pile is one value, or two up to 5 cm apart, each a centimetre wide; measurements spread over more.
+    near = np.abs(values - values[at]) <= 0.06 * MILLIMETRES
     below = ~near & (values < values[at]) & (values >= values[at] - band * MILLIMETRES)
     over = ~near & (values > values[at])
     two = np.sort(counts[near])[-2:].sum()
-    if two < TWO_VALUES * counts[near].sum() or max(counts[over].sum(), counts[below].max(initial=0)) * CLEAR > two:
+    if two < 0.8 * counts[near].sum() or max(counts[over].sum(), counts[below].max(initial=0)) * CLEAR > two:
         return None
-    kept = values[near & (counts >= RARE * counts[at])]
+    # Values that are rare, compared with the most frequent one, are no part of the pile.
+    kept = values[near & (counts >= 0.01 * counts[at])]
     pile = ranges[far & (ranges >= (kept[0] - 0.5) / MILLIMETRES) & (ranges <= (kept[-1] + 0.5) / MILLIMETRES)]
     # The shortest decimals are what the sensor's driver has in mind.
     least, most = float(str(pile.min())), float(str(pile.max()))
@@ -352,10 +332,12 @@ def _is_seen_through(ranges: Float32, least: float, beams: int) -> bool:
     if np.count_nonzero(piled.any(axis=1)) < MIN_SWEEPS:
         return False
     hits, others = np.count_nonzero(piled, axis=0), np.count_nonzero(nearer, axis=0)
-    changing = (hits > 0) & (others >= MIN_NEARER * (hits + others))
+    # Bearings with the value count where at least one sweep in ten has something nearer.
+    changing = (hits > 0) & (others >= 0.1 * (hits + others))
     changed = int(hits[changing].sum())
-    enough = changed >= MIN_SHARE * beams and hits.sum() - changed <= MAX_STEADY * hits.sum()
-    return bool(enough and np.count_nonzero(changing) >= MIN_BEAMS)
+    # A standing sensor has a far wall at the same bearings all the time.
+    enough = changed >= MIN_SHARE * beams and hits.sum() - changed <= 0.5 * hits.sum()
+    return bool(enough and np.count_nonzero(changing) >= 10)
 
 
 def _is_round(ranges: Float32, least: float, most: float, steps: Float64) -> bool:
@@ -365,7 +347,8 @@ def _is_round(ranges: Float32, least: float, most: float, steps: Float64) -> boo
         piled = ranges >= np.float32(least)
         nearer = ranges < np.float32(least)
     count, others = np.count_nonzero(piled), np.count_nonzero(nearer)
-    if count > MAX_ROUND * (count + others) or len(np.unique(_millimetres(ranges[nearer]))) < MIN_VALUES:
+    # In a round room most beams end at its wall.
+    if count > 0.6 * (count + others) or len(np.unique(_millimetres(ranges[nearer]))) < 50:
         return False
     width = WIDER * 2.0 * math.sqrt(2.0 * (most - least + QUANTUM) / least)
     # Where arcs begin and end, row by row.
@@ -373,19 +356,13 @@ def _is_round(ranges: Float32, least: float, most: float, steps: Float64) -> boo
     (row, begin), (_, end) = np.nonzero(edges == 1), np.nonzero(edges == -1)
     wide = (end - begin) * steps[row] > width
     within = int((end - begin)[wide].sum())
-    return bool(len(np.unique(row[wide])) >= MIN_SWEEPS and within >= IN_ARCS * count)
+    return bool(len(np.unique(row[wide])) >= MIN_SWEEPS and within >= 0.5 * count)
 
 
-STUCK_SWEEPS = 10
 STEADY = 0.95
 """Least share of sweeps in which a stuck beam has its range."""
 SOME = 4
 """One of these sweeps in this many is looked at first."""
-BODY = 1.0
-MAX_STUCK = 0.02
-"""Largest share of stuck beams: more of them see something that moves along."""
-MAX_ELSEWHERE = 0.001
-"""Largest share of the same range among other beams: a more frequent range is no matter of one beam."""
 MOVED, MIN_MOVED = 0.05, 0.2
 """Least change of a moved beam: share of its range, and [m]; a tenth of the sweeps at either end is left out."""
 MOVING = 0.25
@@ -395,20 +372,23 @@ APART, MOSTLY = 0.1, 0.9
 
 def find_stuck_beams(ranges: Float32) -> dict[int, float]:
     """Return stuck beams of (S, B) ranges (nan where none) → their constant range [m]."""
-    if len(ranges) < STUCK_SWEEPS:
+    if len(ranges) < 10:
         return {}
     usual = ranges[len(ranges) // 2]
-    # A few sweeps tell of nearly all beams that they change too often.
+    # A few sweeps suffice to exclude nearly all beams, which change too often.
     changes = np.count_nonzero(~same_range(ranges[::SOME], usual), axis=0)
-    steady = np.flatnonzero((changes <= (1.0 - STEADY) * len(ranges) + 1.0) & (usual > BODY))
+    # Nearer beams may see the body of the robot.
+    steady = np.flatnonzero((changes <= (1.0 - STEADY) * len(ranges) + 1.0) & (usual > 1.0))
     stuck = np.zeros(len(usual), bool)
     stuck[steady] = same_range(ranges[:, steady], usual[steady]).mean(axis=0) >= STEADY
-    if not 0 < np.count_nonzero(stuck) <= max(1.0, MAX_STUCK * len(stuck)) or not _moves(ranges):
+    # More stuck beams would be those of something that moves along.
+    if not 0 < np.count_nonzero(stuck) <= max(1.0, 0.02 * len(stuck)) or not _moves(ranges):
         return {}
     return {
         beam: float(str(usual[beam]))
         for beam in np.flatnonzero(stuck).tolist()
-        if same_range(ranges[:, ~stuck], usual[beam]).mean() <= MAX_ELSEWHERE
+        # A range that other beams have, too, is no matter of one beam.
+        if same_range(ranges[:, ~stuck], usual[beam]).mean() <= 0.001
         and all(_differ(ranges[:, other], float(usual[beam])) for other in _neighbours(stuck, beam))
     }
 

@@ -1,7 +1,7 @@
 """Rows of a SQLite file that SQLite itself refuses: truncated, or with broken pages.
 
 The file's table leaf pages are read one by one, wherever they stand, without following the tree above them
-(the file format is public: https://www.sqlite.org/fileformat2.html). Tables are told apart by the shape of their rows.
+(the file format is public: https://www.sqlite.org/fileformat2.html). Tables are recognised by the shape of their rows.
 """
 
 from __future__ import annotations
@@ -168,7 +168,7 @@ class Salvage:
         """Note a row if it is a message or a topic."""
         local = page[cell.start : cell.start + cell.local]
         types = _serial_types(local) or []
-        # The first column is the id: NULL, as it is the row's own number, but where a table keeps it beside that.
+        # The first column is the id: NULL, as it is the row's own number, unless a table keeps it in a column, too.
         if len(types) == 4 and types[1] in _INT_BYTES and types[2] in _INT_BYTES:
             if types[3] >= 12 and types[3] % 2 == 0:
                 head = _varint(local, 0)[0] + _width(types[0])

@@ -1,33 +1,25 @@
-"""Statistics of sweeps in bounded memory, by which the rules of `logs.rules` find what looks wrong in them.
+"""Statistics of sweeps in bounded memory, by which the rules of `sweeps.findings` find what looks wrong in them.
 
-`ScanChecks` goes along whenever sweeps are read; `LogStats` is collected by `info` alone, for what only a look at the whole
-log tells. Both take what `range_rules.normalise` has judged, in the order of the log.
+They are collected whenever sweeps are read, in the order of the log, after `range_rules.normalise`.
 """
 
 from __future__ import annotations
 
-import shlex
 from collections import Counter
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Callable, Collection
 from dataclasses import dataclass, field
 from functools import partial
-from itertools import pairwise
 from types import SimpleNamespace
 
 import numpy as np
 
 from lidarcli.logs.base import ReadReport
-from lidarcli.logs.clock import NO_STAMPS, SAME_NS, Clock, ClockInfo, Sample, in_words
+from lidarcli.logs.clock import NO_STAMPS, SAME_NS, Clock, ClockInfo, in_words
 from lidarcli.sweeps.finding_rules import (
-    ASIDE,
     CERTAINLY_MM,
     FAR,
-    FASTEST,
     FINEST_STEP,
-    LOG_RULES,
-    LONG,
     OFTEN,
-    REPEATED_TOPIC,
     SOME,
     SWEEP_RULES,
     UNUSABLE,
@@ -45,41 +37,20 @@ TOGETHER, PERIOD = 16, 256
 """Number of consecutive sweeps compared with each other, out of each period of sweeps."""
 BEAMS = 60
 """Number of beams compared per sweep."""
-REPEATS = 256
-"""Most sweeps with a repeated stamp that are compared with the one before."""
 APART = 0.1
 """Least change [m] of half of the beams between sweeps of two alternating sensors."""
-NEARER = 3.0
-"""Factor by which a sweep must be nearer to the second or third one before it."""
 FROZEN_NS = 500_000_000
 """Age from which on the same ranges are those of a sensor that hangs [ns]; a driver may send each sweep some times."""
-TURNS_OF = 8
-"""Most old sweeps that a sensor that hangs sends in turns."""
-NOISY = 0.002
-"""Least middle third difference of ranges that are measured [m]: a simulation without noise may repeat its sweeps."""
 AT_MOST, ABOVE, BELOW = "at range_max", "above range_max", "below range_min"
 REMEDIES = {
     "NaN": "no ranges (--no-return nan)",
     **dict.fromkeys(("NaN, counted as no return", "zero", "infinite", AT_MOST), "nothing near, or nothing measured"),
 }
 """Remedies by the main cause of missing ranges."""
-TOLD_SHARE = 0.01
-"""Least share of the beams of a cause that is told."""
-COARSE_STEP = 0.2
-"""Beams as far apart as this are a quarter of a degree apart that is taken as a radian [rad]."""
-WHOLE = 512
-"""The first sweeps of which `LogStats` counts every beam, then one sweep in `THIN`, which stands for all of these."""
-MAX_COMPARED, MIN_COMPARED = 2000, 10
-"""Most and fewest sweeps of a topic that are compared with those of others."""
-MAX_COMPARED_TOPICS = 16
-"""Most topics that are compared: a log may have a new one in every message."""
-KEPT = 4096
-"""Most values of a header that are kept for a median."""
-KINDS = ("nan", "zero", "range_max")
 ZEROS = TURN / 8
-"""Least view to be told of zeros, or values beyond all sense, [rad]: nothing may be there, or nothing measured."""
+"""Least view of zeros, or of absurd values, that is reported [rad]: nothing may be there, or nothing was measured."""
 Went = Callable[[str, str, Int64, Int64], Bool]
-"""Tells whether the sensor of a topic and frame has gone from some stamps to others (S,) [ns], by told poses."""
+"""Returns whether the sensor of a topic and frame has moved between two stamps each (S,) [ns], by logged poses."""
 
 
 class ScanChecks:
@@ -92,16 +63,16 @@ class ScanChecks:
         self._stats: dict[tuple[str, str], SweepStats] = {}
 
     def add(self, raw: RawSweeps, batch: SweepBatch) -> Bool:
-        """Take sweeps as the log holds them (`raw`) and with judged ranges (`batch`); return (S,) those that repeat."""
+        """Take sweeps as the log holds them (`raw`) and with evaluated ranges (`batch`); return (S,) those that repeat."""
         frozen = np.zeros(len(batch), np.bool_)
-        for frame, rows, mine in batch.by_frame():
+        for frame, rows, sweeps in batch.by_frame():
             key = batch.topic, frame
             if key not in self._stats:
                 if len(self._stats) == MOST:
                     continue
                 self._stats[key] = SweepStats()
             went = None if self._went is None else partial(self._went, *key)
-            frozen[rows] = self._stats[key].add(raw if mine is batch else raw.rows(rows), mine, went)
+            frozen[rows] = self._stats[key].add(raw if sweeps is batch else raw.rows(rows), sweeps, went)
         return frozen
 
     def clock(self, topic: str, frame: str) -> ClockInfo:
@@ -130,7 +101,8 @@ class ScanChecks:
         return Sensor(topic, frame, topic if alone else f"{topic} (frame {frame or 'without a name'})")
 
 
-def _bytes(raw: RawSweeps, row: int) -> bytes:
+def range_bytes(raw: RawSweeps, row: int) -> bytes:
+    """Return the ranges of a sweep as bytes: equal ones are those of one measurement."""
     return raw.ranges[row, : raw.beams[row]].tobytes()
 
 
@@ -145,7 +117,8 @@ def _is_noisy(raw: RawSweeps, row: int) -> bool:
     off = off[np.isfinite(off)]
     steps = np.diff(np.sort(ranges[np.isfinite(ranges)]))
     rounded = float(steps[steps > 0.0].min(initial=np.inf))
-    return bool(len(off) and np.median(off) > max(NOISY, 2.0 * rounded))
+    # A simulation without noise may repeat its sweeps, and rounding makes a difference of 0.9 of its step.
+    return bool(len(off) and np.median(off) > max(0.002, 2.0 * rounded))
 
 
 @dataclass(slots=True)
@@ -270,7 +243,7 @@ class SweepStats:
             causes_shown=", ".join(
                 f"{'' if share == 1.0 else f'{share:.1%} '}{each}{f', {most:g} m' if each == AT_MOST else ''}"
                 for each, share in by_share
-                if share >= TOLD_SHARE
+                if share >= 0.01
             ),
             remedy=REMEDIES.get(cause, f"limits {least:g} to {most:g} m (--range, --range-unit)"),
             turns_share=self.turns / max(self.compared, 1),
@@ -299,10 +272,10 @@ class SweepStats:
         These have them noise and all, or while the sensor `went` on.
         """
         same, since = np.zeros(len(raw), np.bool_), np.column_stack([raw.time_ns, raw.record_ns])
-        times, keys = since.copy(), [hash(_bytes(raw, row)) for row in range(len(raw))]
+        times, keys = since.copy(), [hash(range_bytes(raw, row)) for row in range(len(raw))]
         for row, key in enumerate(keys):
             same[row] = key == next(reversed(self.recent), None)
-            if key not in self.recent and len(self.recent) == TURNS_OF:
+            if key not in self.recent and len(self.recent) == 8:
                 del self.recent[next(iter(self.recent))]
             since[row] = self.recent[key] = self.recent.pop(key, (int(times[row, 0]), int(times[row, 1])))
         frozen: Bool = (times - since).max(axis=1, initial=0) > FROZEN_NS
@@ -347,7 +320,8 @@ class SweepStats:
         wide, fine = view > WIDEST_VIEW, (step < FINEST_STEP) & (gaps > 0)
         self.view = max(self.view, float(view.max(initial=0.0)))
         self.wide += int(np.count_nonzero(wide))
-        self.coarse += int(np.count_nonzero(wide & (step > COARSE_STEP)))
+        # A quarter of a degree taken as radians is such a step.
+        self.coarse += int(np.count_nonzero(wide & (step > 0.2)))
         if fine.any():
             self.step = float(step[fine].min()) if not self.fine else min(self.step, float(step[fine].min()))
             self.fine += int(np.count_nonzero(fine))
@@ -419,7 +393,7 @@ class SweepStats:
         changes = np.abs(some[fourth] - np.stack([some[fourth - by] for by in (1, 2, 3)]))
         changes.partition(BEAMS // 2, axis=2)
         halves = changes[:, :, BEAMS // 2]
-        nearer = np.minimum(halves[1], halves[2]) * NEARER < halves[0]
+        nearer = np.minimum(halves[1], halves[2]) * 3.0 < halves[0]
         self.compared += len(nearer)
         self.turns += int(np.count_nonzero(nearer & (halves[0] > APART)))
 
@@ -429,185 +403,7 @@ class SweepStats:
             return
         time_ns, sweep = self.last or (int(raw.time_ns[0]) - 2 * SAME_NS, int(batch.sweep[0]) - 1)
         steps, apart = np.diff(raw.time_ns, prepend=time_ns), np.diff(batch.sweep, prepend=sweep)
-        rows = np.flatnonzero(np.abs(steps) <= SAME_NS * apart)[: REPEATS - self.repeats]
+        rows = np.flatnonzero(np.abs(steps) <= SAME_NS * apart)[: 256 - self.repeats]
         self.repeats += len(rows)
         self.alike += int(np.count_nonzero(same[rows]))
         self.last = int(raw.time_ns[-1]), int(batch.sweep[-1])
-
-
-@dataclass(slots=True)
-class LogStats:
-    """Statistics of one topic and frame, taken in the order of the log."""
-
-    compares: bool = False
-    """True where other topics may hold the same sweeps."""
-    sweeps: int = 0
-    beams: int = 0
-    """Beams, as far as the examined sweeps tell."""
-    kinds: Counter[str] = field(default_factory=Counter)
-    """Kind of a missing range → beams, in the same way."""
-    views: tuple[float, float] = (np.inf, 0.0)
-    """Least and greatest view [rad]."""
-    counts: tuple[int, int] = (np.iinfo(np.int32).max, 0)
-    """Fewest and most beams."""
-    periods: Sample = field(default_factory=lambda: Sample(KEPT))
-    """`scan_time` [s] where it is told."""
-    lasting: Sample = field(default_factory=lambda: Sample(KEPT))
-    """Time of a sweep by `time_increment` [s] where that is told."""
-    shares: Sample = field(default_factory=lambda: Sample(KEPT))
-    """View as a share of a turn."""
-    unlimited: int = 0
-    """Sweeps whose greatest range is not above the least."""
-    grid: tuple[float, float] | None = None
-    """First bearing and step [rad] of the first sweep."""
-    between: int = 0
-    """Sweeps of this step whose beams lie between those of the first."""
-    compared: int = 0
-    repeats: int = 0
-    """Sweeps with the ranges of the one before; `compared` have enough of them."""
-    last: int | None = None
-    """Hash of the ranges of the last sweep."""
-    known: dict[int, tuple[int, int]] = field(default_factory=dict)
-    """Hash of the ranges of a sweep → its stamp and record time [ns]."""
-
-    def add(self, raw: RawSweeps, batch: SweepBatch) -> None:
-        """Take sweeps as the log holds them (`raw`) and with judged ranges (`batch`)."""
-        if not len(raw):
-            return
-        first = max(WHOLE - self.sweeps, 0)
-        self._take_kinds(raw, batch, slice(first), 1)
-        self._take_kinds(raw, batch, slice(first + -(self.sweeps + first) % THIN, None, THIN), THIN)
-        self._take_headers(raw)
-        self._take_repeats(raw, batch)
-        if self.compares:
-            self.add_hashes(raw)
-        self.sweeps += len(raw)
-
-    def _take_kinds(self, raw: RawSweeps, batch: SweepBatch, rows: slice, stand_for: int) -> None:
-        """Count the kinds of beams of some sweeps, each of which stands for several."""
-        ranges, status = raw.ranges[rows], batch.status[rows]
-        if not len(ranges):
-            return
-        none, limit = status == Status.NO_RETURN, batch.range_max[rows, None]
-        found = {
-            "zero": (ranges == 0) & none,
-            "range_max": (ranges == limit) & none & np.isfinite(ranges),
-            "nan": np.isnan(ranges) & (status == Status.INVALID),
-            "too_close": status == Status.TOO_CLOSE,
-        }
-        self.beams += stand_for * int(raw.beams[rows].sum())
-        for kind, where in found.items():
-            self.kinds[kind] += stand_for * int(np.count_nonzero(where))
-
-    def _take_headers(self, raw: RawSweeps) -> None:
-        step = np.abs(raw.angle_increment)
-        gaps = np.maximum(raw.beams - 1, 0)
-        views = gaps * step
-        self.views = min(self.views[0], float(views.min())), max(self.views[1], float(views.max()))
-        self.counts = min(self.counts[0], int(raw.beams.min())), max(self.counts[1], int(raw.beams.max()))
-        self.shares.add(views / TURN)
-        self.unlimited += int(np.count_nonzero(~(raw.range_max > np.maximum(raw.range_min, 0.0))))
-        self.grid = self.grid or (float(raw.angle_min[0]), float(raw.angle_increment[0]) or 1.0)
-        # A header may say anything.
-        with np.errstate(invalid="ignore", over="ignore"):
-            aside = (raw.angle_min - self.grid[0]) / self.grid[1]
-            alike = np.abs(raw.angle_increment - self.grid[1]) * raw.beams <= ASIDE * abs(self.grid[1])
-            self.between += int(np.count_nonzero(alike & (np.abs(aside - np.rint(aside)) > ASIDE)))
-            if raw.scan_time is not None:
-                scan_time = raw.scan_time.astype(np.float64)
-                self.periods.add(scan_time[(scan_time >= 1.0 / FASTEST) & np.isfinite(scan_time)])
-            if raw.time_increment is not None:
-                seconds = np.abs(raw.time_increment.astype(np.float64)) * gaps
-                self.lasting.add(seconds[(seconds > 0.0) & np.isfinite(seconds)])
-
-    def _take_repeats(self, raw: RawSweeps, batch: SweepBatch) -> None:
-        """Compare the ranges of each sweep with those of the one before; few say nothing."""
-        some = [hash(_bytes(raw, row)) for row in range(len(raw))]
-        valid = np.count_nonzero(batch.status == Status.VALID, axis=1)
-        enough = valid * 4 >= np.maximum(raw.beams, 1)
-        same = np.array([before == now for before, now in pairwise([self.last, *some])], np.bool_)
-        self.compared += int(np.count_nonzero(enough))
-        self.repeats += int(np.count_nonzero(enough & same))
-        self.last = some[-1]
-
-    def add_hashes(self, raw: RawSweeps) -> None:
-        """Take sweeps, as the log holds them, only to compare them with those of other topics."""
-        room = MAX_COMPARED - len(self.known)
-        times = zip(raw.time_ns.tolist(), raw.record_ns.tolist(), strict=True)
-        for row, stamps in zip(range(min(len(raw), room)), times, strict=False):
-            self.known.setdefault(hash(_bytes(raw, row)), stamps)
-
-    def findings(self, sensor: Sensor, clock: ClockInfo, known: Collection[str], lacks_frame: bool) -> list[Finding]:
-        """Return the findings; `known`: identifiers of those of the topic that there are already."""
-        beams = max(self.beams, 1)
-        lost = {kind: self.kinds[kind] / beams for kind in KINDS}
-        period, scan_time = None if clock.rate is None else 1.0 / clock.rate, self.periods.median()
-        lasts, view, by_view = self.lasting.median(), self.shares.median(), None
-        if period is not None and view:
-            # Where sweeps are missing the header alone knows the period.
-            by_view = view * (scan_time if scan_time is not None and scan_time < LONG * period else period)
-        ratio = 0.0 if period is None or not scan_time else period / scan_time
-        stats = SimpleNamespace(
-            topic=sensor.topic,
-            clock=clock,
-            offset=abs(clock.offset or 0.0),
-            side="before" if (clock.offset or 0.0) < 0 else "after",
-            counts=self.counts,
-            between=self.between,
-            beams_span=list(self.counts),
-            views=self.views,
-            view_span=list(self.views),
-            views_degrees=np.degrees(self.views),
-            lost=lost,
-            most_lost=max(KINDS, key=lambda kind: lost[kind]),
-            too_close=self.kinds["too_close"] / beams,
-            repeats=self.repeats,
-            compared=self.compared,
-            period=period,
-            scan_time=scan_time,
-            missing=ratio - 1.0,
-            expected=ratio,
-            lasts=lasts,
-            lasts_shown=_short(lasts),
-            by_view=by_view,
-            by_view_shown=_short(by_view),
-            lacks_frame=lacks_frame,
-            slashed=sensor.frame.startswith("/"),
-            sweeps=self.sweeps,
-            unlimited=self.unlimited,
-        )
-        return judge(LOG_RULES, stats, sensor, known)
-
-
-def _short(seconds: float | None) -> str:
-    return "" if seconds is None else f"{seconds:.3f}" if seconds >= 0.001 else f"{seconds:.2g}"
-
-
-def repeated_topics(stats: Mapping[tuple[str, str], LogStats]) -> Iterator[Finding]:
-    """Yield findings on topics whose sweeps are those of another topic."""
-    keys = sorted(key for key, each in stats.items() if len(each.known) >= MIN_COMPARED)
-    repeating: set[tuple[str, str]] = set()
-    for at, one in enumerate(keys):
-        for other in keys[at + 1 :]:
-            if one in repeating or other in repeating or one[0] == other[0]:
-                continue
-            mine, theirs = stats[one].known, stats[other].known
-            both = np.array([(*mine[each], *theirs[each]) for each in mine.keys() & theirs.keys()], np.int64)
-            if len(both) < MIN_COMPARED:
-                continue
-            stamps, records = (float(np.median(both[:, 2 + by] - both[:, by])) * 1e-9 for by in (0, 1))
-            # What was recorded later repeats the other.
-            first, second, later = (one, other, stamps) if records >= 0 else (other, one, -stamps)
-            pair = SimpleNamespace(
-                topic=second[0],
-                first=first[0],
-                first_quoted=shlex.quote(first[0]),
-                same=len(both),
-                fewest=min(len(mine), len(theirs)),
-                sweeps=len(stats[second].known),
-                later=later,
-                apart=f", stamps {abs(later):.2f} s {'later' if later > 0 else 'earlier'}" if later else "",
-            )
-            if found := judge([REPEATED_TOPIC], pair, Sensor(*second, second[0])):
-                repeating.add(second)
-                yield from found

@@ -70,8 +70,8 @@ class _Topic:
             frames, found = _by_frame(each), []
             for frame, rows in frames.items():
                 # What waits no longer is decided.
-                turns, mine = self.sensors.setdefault(frame, None), each.rows(rows)
-                found.append(turns.take(mine, place[rows]) if turns else (place[rows], mine))
+                turns, of_frame = self.sensors.setdefault(frame, None), each.rows(rows)
+                found.append(turns.take(of_frame, place[rows]) if turns else (place[rows], of_frame))
             yield from _in_order(found) if any(map(self.sensors.get, frames)) else [each]
 
     def _is_decided(self, block: RawSweeps, final: bool) -> bool:
@@ -122,7 +122,7 @@ class _Turns:
     def of(cls, rows: RawSweeps, final: bool) -> _Turns | Literal[False] | None:
         """Return the turns of a sensor by its first messages, False where these are sweeps, None while that is open.
 
-        `final` tells that there are no more.
+        `final`: there are no more.
         """
         step, begin = rows.angle_increment, rows.angle_min
         usual = float(np.sort(step)[len(step) // 2])

@@ -41,15 +41,11 @@ def too_much(size: int, packed: int) -> str:
     return f"it declares {size:,} bytes, more than is believed of {packed:,} packed ones"
 
 
-MAX_FRAMES = 1000
-"""Most frames of lz4 or bz2 in a row: each step copies what is left."""
-
-
 def unpack_frames(make: Callable[[], Any], packed: bytes, magic: bytes, most: int) -> tuple[bytes, Any]:
     """Return what frames that follow each other hold, up to `most` bytes, and the decompressor of the last one."""
     state = make()
     data: bytes = state.decompress(packed, max_length=most)
-    for _ in range(MAX_FRAMES):
+    for _ in range(1000):
         if len(data) >= most or not state.eof or not (rest := state.unused_data or b"").startswith(magic):
             break
         state = make()

@@ -19,9 +19,10 @@ from lidarcli.logs.base import LASERSCAN, POSE_TYPES, OpenOptions, ReadReport, T
 from lidarcli.logs.batches import ReadOptions, refuse_run
 from lidarcli.logs.clock import ClockInfo
 from lidarcli.logs.joined import Part, earlier_parts
+from lidarcli.logs.log_stats import MAX_COMPARED_TOPICS, LogStats, repeated_topics
 from lidarcli.logs.piles import NoReturnDetector
 from lidarcli.logs.registry import TopicChoice, nothing_read, scan_topics
-from lidarcli.logs.scan_checks import MAX_COMPARED_TOPICS, MOST, LogStats, ScanChecks, repeated_topics
+from lidarcli.logs.scan_checks import MOST, ScanChecks
 from lidarcli.options.choices import MENDS
 from lidarcli.pipeline.inputs.declared import View, filter_text, mask_text
 from lidarcli.pipeline.inputs.sources import MissingInput, Source, made_of_clouds, open_source, parts_of

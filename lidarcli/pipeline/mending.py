@@ -40,17 +40,13 @@ from lidarcli.tabular.reading import ANY, Readable, column_names, is_text, read_
 
 SENSOR = re.compile(r"laser|lidar|scan", re.IGNORECASE)
 """Words in the name of a frame that is that of a sensor."""
-PLAIN = "laser"
-"""Frame of sweeps without one, in a log without any transform."""
 ROOM = 0.1
 """A greatest range that is made up is a multiple of this above all ranges [m]."""
 MOVING = ("order", "clock", "stamps", "times")
-"""Words that change where or when beams are seen: what the poses tell of that."""
+"""Words that change where or when beams are measured, which the poses can confirm or refute."""
 MAX_CLIPS = 1000
 MAX_HELD = 10_000
 """Sweeps out of place that are put in order."""
-LATEST_NS = (1 << 31) * SECOND_NS
-"""Stamps of ROS 2 are earlier than this [ns]."""
 FOREVER = 1 << 62
 """Later than any time, and with a minus earlier [ns]."""
 
@@ -76,13 +72,13 @@ def survey(log: Log, choice: TopicChoice, rules: RangeRules, report: ReadReport)
     seen: dict[str, Seen] = {}
     detector = NoReturnDetector(rules, report)
     blocks = (block for block in log.scans(choice.asked, report) if not choice.wanted or choice.takes(block.topic))
-    for block, judging in chain(chain.from_iterable(map(detector.take, blocks)), detector.flush()):
-        mine = seen.setdefault(block.topic, Seen())
+    for block, block_rules in chain(chain.from_iterable(map(detector.take, blocks)), detector.flush()):
+        known = seen.setdefault(block.topic, Seen())
         some = block.rows(~(block.range_max > np.maximum(block.range_min, 0.0)))
-        ranges = normalise(some, np.arange(len(some)), judging).ranges
-        mine.greatest = float(np.fmax.reduce(ranges, axis=None, initial=mine.greatest))
-        mine.rules = judging
-        mine.blocks.append(replace(block, ranges=block.ranges[:, :0].copy(), intensities=None))
+        ranges = normalise(some, np.arange(len(some)), block_rules).ranges
+        known.greatest = float(np.fmax.reduce(ranges, axis=None, initial=known.greatest))
+        known.rules = block_rules
+        known.blocks.append(replace(block, ranges=block.ranges[:, :0].copy(), intensities=None))
     for found in report.findings():
         if found.mend == "limits" and found.topic in seen:
             seen[found.topic].greatest = max(seen[found.topic].greatest, float(found.evidence["greatest"]))
@@ -93,22 +89,24 @@ def _frame(names: Collection[str], tracks: Sequence[Track]) -> tuple[str, str]:
     """Return the frame for sweeps of frames with these names, one of which may be empty; or why it is not known."""
     links = [track for track in tracks if track.is_link]
     children = {track.child for track in links if SENSOR.search(track.child)}
-    known = {*names} - {""} or children or ({PLAIN} if not links else set())
+    known = {*names} - {""} or children or ({"laser"} if not links else set())
     is_known = len(known) == 1 or "" not in names
     return min(known, default="").lstrip("/"), "" if is_known else "no or several frames could be that of the sensor"
 
 
-def _turn_time(times: Int64, told: Float32 | None) -> float:
-    """Return the time of a turn [s] by the median step, or by what is `told` where sweeps are missing; 0: unknown."""
+def _turn_time(times: Int64, scan_time: Float32 | None) -> float:
+    """Return the time of a turn [s] by the median step, or by `scan_time` where sweeps are missing; 0: unknown."""
     steps = np.diff(times)
     period = float(np.median(steps[steps > 0])) / SECOND_NS if (steps > 0).any() else 0.0
-    told = np.zeros(0, np.float32) if told is None else told[(told >= 1.0 / FASTEST) & np.isfinite(told)]
-    scan_time = float(np.median(told.astype(np.float64))) if len(told) else period
-    return scan_time if period > LONG * scan_time else period
+    if scan_time is None:
+        return period
+    known = scan_time[(scan_time >= 1.0 / FASTEST) & np.isfinite(scan_time)]
+    usual = float(np.median(known.astype(np.float64))) if len(known) else period
+    return usual if period > LONG * usual else period
 
 
 def _is_stuck(times: Int64) -> bool:
-    """Return True for times that do not tell when sweeps were taken: most are the same, or as near as no sensor's."""
+    """Return whether times are useless: most repeat the one before, or follow it faster than any sensor sends sweeps."""
     steps = np.diff(times)
     ahead = steps[steps > SAME_NS]
     fast = len(ahead) and np.median(ahead) * FASTEST < SECOND_NS
@@ -165,7 +163,8 @@ def _mend(
     first, step = (float(np.median(each[sweeps.beams == usual])) for each in (sweeps.angle_min, sweeps.angle_increment))
     greatest = math.ceil(seen.greatest / ROOM + 1.0) * ROOM if seen.greatest else 0.0
     frame, cannot["frames"] = _frame(sweeps.frame_ids, tracks) if "frames" in words else ("", "")
-    right = np.where((new >= 0) & (new < LATEST_NS), new, -1)
+    # Stamps of ROS 2 end there.
+    right = np.where((new >= 0) & (new < (1 << 31) * SECOND_NS), new, -1)
     turn = _turn_time(np.sort(times), sweeps.scan_time)
     steps: dict[str, mends.Step] = {
         "frames": partial(mends.name_frame, frame=frame),
@@ -212,13 +211,18 @@ class Mending:
 
 
 def plan(
-    source: Source, log: Log, asked: frozenset[str], detect: DetectOptions, hidden: float | None, seen: Mapping[str, Seen]
+    source: Source,
+    log: Log,
+    requested: frozenset[str],
+    detect: DetectOptions,
+    hidden: float | None,
+    seen: Mapping[str, Seen],
 ) -> Mending:
     """Return how a log is mended.
 
     Parameters
     ----------
-    asked : words of `--mend`
+    requested : words of `--mend`
     detect : how the log is read
     hidden : value of beams under a mask [m]; None: range_max + 1
     seen : as of `survey`
@@ -226,25 +230,25 @@ def plan(
     Raises
     ------
     OptionError
-        What is asked for cannot be mended in this log.
+        What is requested cannot be mended in this log.
     """
     done, delay, found = Mending(), detect.poses.delay, tuple[Finding, ...]()
     orders = dict.fromkeys(seen, detect.poses.order)
-    if asked & {FOUND, "units", *MOVING}:
+    if requested & {FOUND, "units", *MOVING}:
         # Most copies mend nothing, and should not wait for this import.
         from lidarcli.pipeline.inspecting import inspect_log
 
         poses = replace(detect.poses, delay=None)
-        info = inspect_log(source, detect.opening, detect.read, poses, deep=bool(asked & {FOUND, "stamps", "order"}))
+        info = inspect_log(source, detect.opening, detect.read, poses, deep=bool(requested & {FOUND, "stamps", "order"}))
         found = info.findings
         orders |= {scan.topic: str(scan.verdict["beam_order"]) for scan in info.scans if "beam_order" in scan.verdict}
-    every = {name: {each.mend for each in found if each.topic in (name, "") and FOUND in asked} for name in seen}
-    if FOUND in asked and (others := {each.id: None for each in found if not each.mend}):
+    every = {name: {each.mend for each in found if each.topic in (name, "") and FOUND in requested} for name in seen}
+    if FOUND in requested and (others := {each.id: None for each in found if not each.mend}):
         done.left.append(f"not mended: {', '.join(others)} (lidarcli info --deep tells them)")
     topics = {topic.name: topic for topic in log.topics() or ()}
-    words = {name: {*asked, *more, *(["mask"] if detect.read.rules.masks else [])} for name, more in every.items()}
-    tracks = read_pose_messages(log).tracks if any(mine & {"clock", "frames"} for mine in words.values()) else ()
-    for name in [name for name, mine in words.items() if mine & {*MENDS, "mask"} - {"statics"}]:
+    words = {name: {*requested, *more, *(["mask"] if detect.read.rules.masks else [])} for name, more in every.items()}
+    tracks = read_pose_messages(log).tracks if any(chosen & {"clock", "frames"} for chosen in words.values()) else ()
+    for name in [name for name, chosen in words.items() if chosen & {*MENDS, "mask"} - {"statics"}]:
         if not topics[name].is_laserscan:
             is_not = (
                 f"{name}: only a LaserScan of ROS is mended, and this is a {topics[name].type} in {topics[name].encoding}"
@@ -263,11 +267,11 @@ def plan(
         )
         done.topics[name] = mend
         for word, cause in cannot.items():
-            if word in asked:
+            if word in requested:
                 raise OptionError(f"{name}: {word} cannot be mended: {cause}")
             done.left.append(f"{word} of {name} is not mended: {cause}")
     _leave_worse(source, log, detect, found, done)
-    if any("statics" in mine for mine in words.values()) and STATIC not in topics:
+    if any("statics" in chosen for chosen in words.values()) and STATIC not in topics:
         done.said = _said_before(source)
         if not done.said:
             raise OptionError(f"statics cannot be mended: no earlier part beside {source.path} has {STATIC}")
@@ -312,14 +316,14 @@ def _leave_worse(source: Source, log: Log, detect: DetectOptions, found: Sequenc
 
 
 def _delay(found: Finding) -> float:
-    """Return the time that mends stamps or clock by a finding [s]; 0 where it tells none."""
+    """Return the time that mends stamps or clock by a finding [s]; 0 where it has none."""
     option, _, seconds = found.fix.text.partition(" ") if found.fix is not None else ("", "", "")
     known = float(seconds) if option == "--pose-delay" else float(found.evidence.get("delay", 0.0))
     return known if found.mend in ("clock", "stamps") else 0.0
 
 
 def _said_before(source: Source) -> dict[object, Met]:
-    """Return the static transforms of the first earlier part of a recording that stands beside it and has some."""
+    """Return the static transforms of the first earlier part of a recording, in the same folder, that has some."""
     for path in earlier_parts(Path(source.path).absolute()):
         with suppress(UnreadableError), open_log(str(path)) as log:
             copy = Copy()
@@ -353,17 +357,17 @@ def clips_of(table: Readable, log: str, around: float) -> dict[str, Clip]:
     parts: dict[str, Clip] = {}
     words, index = ("log", "zone", "topic"), "first_sweep" if "first_sweep" in names else "sweep"
     for batch in read_as_is(table, [name for name in (*words, index, *dict.fromkeys(times)) if name in names]):
-        told: dict[str, list[Any]] = dict.fromkeys((*words, index), [None] * len(batch))
-        for name in told.keys() & {*names}:
+        columns: dict[str, list[Any]] = dict.fromkeys((*words, index), [None] * len(batch))
+        for name in columns.keys() & {*names}:
             kind = batch[name].type
             if not (pa.types.is_null(kind) or (pa.types.is_integer(kind) if name == index else is_text(kind))):
                 raise OptionError(f"{table}: column {name} is {kind}, not {'integers' if name == index else 'text'}")
-            told[name] = batch[name].to_pylist()
+            columns[name] = batch[name].to_pylist()
         try:
             first, last = (batch[name].cast(pa.timestamp("ns", "UTC")).cast(pa.int64()).to_pylist() for name in times)
         except pa.ArrowException as err:
             raise UnreadableError(f"{table}: {times[0]} and {times[1]} are no times that can be read") from err
-        for begin, end, of_log, zone, topic, sweep in zip(first, last, *told.values(), strict=True):
+        for begin, end, of_log, zone, topic, sweep in zip(first, last, *columns.values(), strict=True):
             if begin is not None and end is not None and of_log in (None, log):
                 when = re.sub(r"[-:]", "", str(Instant(begin - begin % 1_000_000)))
                 plain = "-".join(filter(None, (re.sub(r"[^\w.-]", "_", zone or ""), when)))
@@ -375,7 +379,7 @@ def clips_of(table: Readable, log: str, around: float) -> dict[str, Clip]:
 
 
 class Cutting:
-    """Cuts parts of a log, each by its sweeps, as far as the sweeps of the copy tell; `leaves` are left out of all."""
+    """Cuts parts of a log, each by its sweeps, by the sweeps of the copy; `leaves` are left out of all."""
 
     def __init__(self, seen: Mapping[str, Seen], mending: Mending, leaves: frozenset[str]) -> None:
         self._leaves = leaves
@@ -396,9 +400,9 @@ class Cutting:
         """Return the part with the sweeps from one time to another, of one run or of all; None without any."""
         sweeps, spans = dict[str, dict[int, int]](), dict[int, list[int]]()
         for name, times in self._times.items():
-            mine = np.flatnonzero((times >= first_ns) & (times <= last_ns) & ((self.run[name] == run) | (run is None)))
-            runs, recorded = self.run[name][mine], self._recorded[name][mine]
-            sweeps[name] = dict(zip(mine.tolist(), runs.tolist(), strict=True))
+            inside = np.flatnonzero((times >= first_ns) & (times <= last_ns) & ((self.run[name] == run) | (run is None)))
+            runs, recorded = self.run[name][inside], self._recorded[name][inside]
+            sweeps[name] = dict(zip(inside.tolist(), runs.tolist(), strict=True))
             for each in np.unique(runs).tolist():
                 held = recorded[runs == each]
                 spans.setdefault(each, []).extend((int(held.min()), int(held.max())))

@@ -30,7 +30,7 @@ MAX_BEAMS = 100_000
 """Most beams of a merged sweep: no sensor has steps below 0.004 degrees."""
 
 
-class _Seen(NamedTuple):
+class _PlacedSweep(NamedTuple):
     """A sweep, its beams in the world."""
 
     stamp_ns: int
@@ -63,8 +63,8 @@ class Merging:
     lacking: Counter[str] = field(default_factory=Counter)
     """Topic → merged sweeps to which it adds nothing."""
     _beams: int = 0
-    _waiting: dict[str, deque[tuple[int, _Seen | None]]] = field(default_factory=dict)
-    _latest: dict[str, tuple[_Seen, Bool]] = field(default_factory=dict)
+    _waiting: dict[str, deque[tuple[int, _PlacedSweep | None]]] = field(default_factory=dict)
+    _latest: dict[str, tuple[_PlacedSweep, Bool]] = field(default_factory=dict)
     """Topic → its last sweep, and (B,) True for the beams that are removed."""
     _made: bytes | None = None
     _origins: dict[object, tuple[Any, Any]] = field(default_factory=dict)
@@ -76,18 +76,18 @@ class Merging:
             return new
         first = self.keys[0][0]
         times = (1 if self.copies is None else self.copies[number]) if topic == first else 0
-        if (seen := self._sweep(topic, number)) is None:
+        if (sweep := self._sweep(topic, number)) is None:
             self.missed += times
             return new
-        hidden = np.zeros(len(seen.use), np.bool_)
+        hidden = np.zeros(len(sweep.use), np.bool_)
         if new is not data and len(new) == len(data):
             before, after = (np.frombuffer(each, np.uint8) for each in (data, new))
             wide = written.place[:, None] + np.arange(np.dtype(written.kind).itemsize)
             hidden[written.beam[(before[wide] != after[wide]).any(axis=1)]] = True
-        self._latest[topic] = seen, hidden
+        self._latest[topic] = sweep, hidden
         if topic == first:
-            there = [name for name, (one, _) in self._latest.items() if self._is_recent(one, seen)]
-            self._made = self._merged(seen, there, data)
+            there = [name for name, (one, _) in self._latest.items() if self._is_recent(one, sweep)]
+            self._made = self._merged(sweep, there, data)
             self.missed += times * (self._made is None)
             for name in {name for name, _ in self.keys} - {*there} if times else ():
                 self.lacking[name] += times
@@ -114,8 +114,8 @@ class Merging:
         data, self._made = self._made, None
         return () if data is None else (renamed(met, self.topic, data, self._origins),)
 
-    def _sweep(self, topic: str, number: int) -> _Seen | None:
-        """Return a sweep; None where nothing tells its place."""
+    def _sweep(self, topic: str, number: int) -> _PlacedSweep | None:
+        """Return a sweep; None where its place is unknown."""
         waiting = self._waiting.setdefault(topic, deque())
         while not waiting or waiting[-1][0] < number:
             if (batch := next(self.batches, None)) is None:
@@ -150,26 +150,26 @@ class Merging:
         known = np.isfinite(poses.x) & np.isfinite(poses.yaw) & np.isfinite(base).all(axis=1)
         for row, number in enumerate(batch.sweep.tolist()):
             stamp_ns, most = int(batch.stamp_ns[row]), float(batch.range_max[row])
-            seen = _Seen(stamp_ns, end[:, row, : batch.beams[row]], use[row, : batch.beams[row]], most, base[row])
-            waiting.append((number, seen if known[row] else None))
+            sweep = _PlacedSweep(stamp_ns, end[:, row, : batch.beams[row]], use[row, : batch.beams[row]], most, base[row])
+            waiting.append((number, sweep if known[row] else None))
 
-    def _is_recent(self, seen: _Seen, first: _Seen) -> bool:
+    def _is_recent(self, sweep: _PlacedSweep, first: _PlacedSweep) -> bool:
         """Return whether a sweep is recent enough to be merged with one of the first sensor."""
-        return abs(first.stamp_ns - seen.stamp_ns) <= OLDEST * SECOND_NS
+        return abs(first.stamp_ns - sweep.stamp_ns) <= OLDEST * SECOND_NS
 
-    def _merged(self, first: _Seen, topics: Sequence[str], data: bytes) -> bytes | None:
+    def _merged(self, first: _PlacedSweep, topics: Sequence[str], data: bytes) -> bytes | None:
         """Return the message for a sweep of the first sensor, which is `data`, with the last sweeps of some topics."""
         x, y, yaw = first.base
         cos, sin = np.cos(yaw), np.sin(yaw)
         nearest, clear, most = np.full(self._beams, np.inf), np.zeros(self._beams, np.bool_), 0.0
-        for seen, hidden in map(self._latest.__getitem__, topics):
-            right, up = seen.end[0] - x, seen.end[1] - y
+        for sweep, hidden in map(self._latest.__getitem__, topics):
+            right, up = sweep.end[0] - x, sweep.end[1] - y
             bearing = np.arctan2(cos * up - sin * right, cos * right + sin * up) + TURN / 2
             at = np.rint(np.nan_to_num(bearing) * (self._beams / TURN)).astype(np.int64) % self._beams
-            hit, free = ((seen.use == use) & ~hidden for use in (HIT, CLEAR))
+            hit, free = ((sweep.use == use) & ~hidden for use in (HIT, CLEAR))
             np.minimum.at(nearest, at[hit], np.hypot(right, up)[hit])
             clear[at[free]] = True
-            most = max(most, seen.range_max)
+            most = max(most, sweep.range_max)
         ranges = np.where(np.isinf(nearest) & ~clear, np.nan, nearest).astype(np.float32)
         return merged(data, self.encoding, self.mount.world, ranges, most)
 

@@ -1,4 +1,4 @@
-"""Threads beside the main one; and the processors and the memory of this machine."""
+"""Threads in addition to the main one; and the processors and the memory of this machine."""
 
 from __future__ import annotations
 
@@ -103,7 +103,7 @@ def keep_freed_memory() -> None:
     """Make the allocator keep freed memory, where it can be told to: for our own processes, not for those of others.
 
     A batch allocates and frees the same arrays as the one before. By default they go back to the system in between and
-    come anew, page by page, which takes up to a tenth of the whole time.
+    come again, page by page, which takes up to a tenth of the time.
     """
     import ctypes
 

@@ -1,7 +1,7 @@
 """Memory and the interpreter lock, which the compiled core and the same files as plain Python handle differently.
 
 The steps of the formalism, from `segmentation` to `description`, are plain Python: loops over the beams of one sweep, in
-the order of the paper's definitions. The `.pxd` file beside each tells Cython the C types of its fields, arguments and
+the order of the paper's definitions. The `.pxd` file next to each declares the C types of its fields, arguments and
 constants; where a compiler was at hand at installation, they run compiled. `native.pxd` holds the same functions as this
 file for the compiled modules, in terms of pointers and the lock.
 """

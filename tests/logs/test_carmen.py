@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import gzip
-import io
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
@@ -14,8 +12,8 @@ import lidarcli
 from lidarcli.cli import run
 from lidarcli.errors import UnreadableError
 from lidarcli.logs import open_log
-from lidarcli.logs.base import POSE_TYPES, ReadReport
-from lidarcli.logs.carmen import LASERS
+from lidarcli.logs.base import POSE_TYPES
+from lidarcli.logs.carmen_lines import LASERS
 from lidarcli.pipeline.reading.posing import PoseOptions, find_poses
 from lidarcli.pose.tracks import planar
 from lidarcli.sweeps.types import RawSweeps, Status, concatenate
@@ -231,32 +229,6 @@ def test_times_may_begin_at_zero_repeat_and_go_back(tmp_path: Path) -> None:
 def test_equal_times_stay_apart_from_block_to_block(tmp_path: Path) -> None:
     block = only(log_of(tmp_path, flaser("7") * 30_000))
     assert block.stamp_ns.tolist() == list(range(7_000_000_000, 7_000_030_000))
-
-
-def test_wrapping_and_blanks_change_nothing(tmp_path: Path) -> None:
-    text = HEADER + "".join(f"{line} 12.5 nohost 0.5\n" for line in LINES.values())
-    blocks = list(log_of(tmp_path, text).scans())
-    variants = [
-        text.replace("\n", "\r\n").encode(),
-        text.replace(" ", "\t").replace("\nFLASER\t", "\n  FLASER \t ").encode(),
-        text.replace("\n", "  \n\n").encode(),
-        b"\xef\xbb\xbf" + text.encode(),
-        gzip.compress(text.encode(), mtime=0),
-        text.removeprefix(HEADER).encode(),
-    ]
-    for variant in variants:
-        log = log_of(tmp_path, variant, "any.txt")
-        with open_log(tmp_path / "any.txt") as opened:
-            assert opened.format == "carmen"
-        found = list(log.scans())
-        assert log.report.damage == []
-        assert [block.topic for block in found] == [block.topic for block in blocks]
-        for block, other in zip(found, blocks, strict=True):
-            assert np.array_equal(block.ranges, other.ranges)
-            assert block.stamp_ns.tolist() == other.stamp_ns.tolist()
-        with open_log(io.BytesIO(variant)) as opened:
-            assert sum(map(len, opened.scans(None, ReadReport()))) == len(LINES)
-            assert opened.topics() is None
 
 
 def test_bad_lines_are_left_out_and_counted(tmp_path: Path) -> None:

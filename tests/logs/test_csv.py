@@ -16,7 +16,7 @@ from lidarcli.logs.base import LASERSCAN, Damage, OpenOptions, ReadReport, Topic
 from lidarcli.logs.batches import ReadOptions, read_batches
 from lidarcli.logs.cells import shown
 from lidarcli.logs.csv import CsvLog as AnyCsvLog
-from lidarcli.logs.registry import parse_columns
+from lidarcli.logs.open_options import parse_columns
 from lidarcli.options.choices import UNITS
 from lidarcli.sweeps.types import RawSweeps, concatenate
 from tests.logs.csv_sweeps import FIRST, START, STEP, sweeps
@@ -83,54 +83,6 @@ def test_layout_reads_back(layout: str, ragged: bool, tmp_path: Path) -> None:
     assert (log.report.damage, log.report.refused.total()) == ([], 0)
     sizes = [file.stat().st_size for file in ([path] if path.is_file() else path.iterdir())]
     assert log.size == log.position == sum(sizes)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("layout", [name for name in LAYOUTS if name != "per-sweep"])
-@pytest.mark.parametrize(
-    "wrap",
-    [
-        lambda text: text.replace(b"\n", b"\r\n"),
-        lambda text: text.replace(b"\n", b"\r"),
-        lambda text: b"\xef\xbb\xbf" + text,
-        lambda text: text.decode().encode("utf-16"),
-        lambda text: text.decode().encode("utf-16-be"),
-        lambda text: text.removesuffix(b"\n"),
-        lambda text: b"# recorded by hand\n\n" + text.replace(b"\n", b"\n\n# remark\n", 3),
-        gzip.compress,
-        lambda text: gzip.compress(text[:999], mtime=0) + gzip.compress(text[999:], mtime=0) + bytes(100),
-    ],
-    ids=["crlf", "cr", "bom", "utf16", "utf16be", "no-newline", "comments", "gzip", "gzip-members"],
-)
-def test_wrapping_changes_nothing(layout: str, wrap: object, tmp_path: Path) -> None:
-    want = sweeps()
-    got, log = read_text(wrap(text_of(layout, tmp_path, want)), opening(layout))  # type: ignore[operator]
-    same_ranges(got, want)
-    np.testing.assert_array_equal(got.stamp_ns, want.stamp_ns)
-    assert log.report.damage == []
-
-
-@pytest.mark.parametrize("layout", [name for name in LAYOUTS if name not in ("list", "per-sweep")])
-@pytest.mark.parametrize(
-    "change",
-    [
-        lambda text: text.replace(b",", b";"),
-        lambda text: text.replace(b",", b"\t"),
-        lambda text: text.replace(b",", b" "),
-        lambda text: text.replace(b",", b"   "),
-        lambda text: text.replace(b",", b", "),
-        lambda text: text.replace(b"\n", b",\n"),
-        lambda text: text.replace(b",", b";").replace(b".", b","),
-        lambda text: b'"' + text.replace(b",", b'","').replace(b"\n", b'"\n"').removesuffix(b'"'),
-    ],
-    ids=["semicolon", "tab", "space", "spaces", "comma-space", "trailing", "decimal-comma", "quoted"],
-)
-def test_separators(layout: str, change: object, tmp_path: Path) -> None:
-    want = sweeps()
-    got, log = read_text(change(text_of(layout, tmp_path, want)), opening(layout))  # type: ignore[operator]
-    same_ranges(got, want)
-    np.testing.assert_array_equal(got.stamp_ns, want.stamp_ns)
-    assert log.report.damage == []
 
 
 def test_plotjuggler_keeps_topics_apart(tmp_path: Path) -> None:
@@ -495,31 +447,6 @@ def test_garbage_in_the_middle_is_counted_by_line(layout: str, tmp_path: Path) -
     causes = {damage.place: damage.cause for damage in log.report.damage}
     assert causes[f"line {first + 23}"] == "'0x1f' is not a number"
     assert causes[f"line {first + 33}"] == "nothing but NUL bytes"
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("packed", [False, True])
-@pytest.mark.parametrize("layout", [name for name in LAYOUTS if name != "per-sweep"])
-def test_truncation_keeps_every_whole_sweep(layout: str, packed: bool, tmp_path: Path) -> None:
-    want = sweeps(12, 20)
-    text = text_of(layout, tmp_path, want)
-    data = gzip.compress(text, mtime=0) if packed else text
-    random = np.random.default_rng(1)
-    for size in random.integers(len(data) // 4, len(data) - 1, 60).tolist():
-        got, log = read_text(data[:size], opening(layout))
-        whole = len(got)
-        cut_cell = 0
-        if not packed:
-            lines = text[:size].count(b"\n") - (0 if layout in ("ros2", "drow") else 1)
-            least = lines // 20 if layout == "long" else lines
-            # A cut within the last number of a row cannot be seen.
-            cut_cell = whole - least
-            assert cut_cell in (0, 1), (size, log.report.damage)
-        else:
-            assert log.report.damage[0].cause == "gzip data ends early; what follows is lost"
-        same_ranges(got.rows(slice(0, whole - 1)), want.rows(slice(0, whole - 1)))
-        if not cut_cell and not packed:
-            same_ranges(got, want.rows(slice(0, whole)))
 
 
 def test_flipped_bytes_in_gzip_lose_only_what_follows(tmp_path: Path) -> None:

@@ -15,7 +15,8 @@ import lidarcli
 from lidarcli.logs.base import LASERSCAN, ReadReport
 from lidarcli.logs.batches import ReadOptions, read_batches
 from lidarcli.logs.blocks import IN_DEGREES
-from lidarcli.logs.scan_checks import MOST, LogStats, ScanChecks
+from lidarcli.logs.log_stats import LogStats
+from lidarcli.logs.scan_checks import MOST, ScanChecks
 from lidarcli.options.times import as_time
 from lidarcli.sweeps.range_rules import RangeRules, normalise
 from lidarcli.sweeps.types import TURN, Bool, Int64, RawSweeps, concatenate

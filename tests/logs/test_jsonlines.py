@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import gzip
 import io
 import json
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -121,24 +119,6 @@ def test_topics_stay_apart_and_others_are_passed_over() -> None:
         assert {block.topic for block in log.scans(["/scan"], report)} == {"/scan"}
     with open_log(io.BytesIO(text.encode())) as log:
         assert list(log.messages(POSE_TYPES, report)) == []
-
-
-WRAPS: dict[str, Callable[[str], bytes]] = {
-    "crlf": lambda text: text.replace("\n", "\r\n").encode(),
-    "bom": lambda text: b"\xef\xbb\xbf" + text.encode(),
-    "gzip": lambda text: gzip.compress(text.encode(), mtime=0),
-    "utf16": lambda text: text.encode("utf-16"),
-    "no-end": lambda text: text.rstrip("\n").encode(),
-    "spaces": lambda text: "".join(json.dumps(json.loads(each)) + "\n\n" for each in text.splitlines()).encode(),
-}
-
-
-@pytest.mark.parametrize("wrap", WRAPS)
-def test_wrapping_changes_nothing(wrap: str) -> None:
-    text = line(laser()) * 5
-    got, want = one(WRAPS[wrap](text)), one(text)
-    np.testing.assert_array_equal(got.ranges, want.ranges)
-    np.testing.assert_array_equal(got.stamp_ns, want.stamp_ns)
 
 
 def test_bad_lines_are_named_by_number() -> None:

@@ -13,7 +13,7 @@ import pytest
 from mcap.writer import IndexType, Writer
 
 from lidarcli.errors import UnreadableError
-from lidarcli.logs import foxglove, mcap
+from lidarcli.logs import foxglove, mcap_walk
 from lidarcli.logs.base import LASERSCAN, ReadReport, Topic
 from lidarcli.pipeline.detecting import detect_to_files
 from lidarcli.pipeline.inputs.sources import Source
@@ -165,8 +165,8 @@ def test_publishers_of_one_topic_stay_in_order(tmp_path: Path) -> None:
 
 def test_chunks_without_a_wanted_message_are_not_decompressed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     inflated = []
-    inflate = mcap.inflate
-    monkeypatch.setattr(mcap, "inflate", lambda *args: inflated.append(args) or inflate(*args))
+    inflate = mcap_walk.inflate
+    monkeypatch.setattr(mcap_walk, "inflate", lambda *args: inflated.append(args) or inflate(*args))
     data = sample(10, chatter=200)
     path = tmp_path / "run.mcap"
     path.write_bytes(data)

@@ -17,7 +17,7 @@ import pytest
 import zstandard
 from mcap.writer import IndexType
 
-from lidarcli.logs import mcap, mcap_records
+from lidarcli.logs import mcap_records, mcap_walk
 from lidarcli.logs.base import ReadReport
 from tests.logs import mcap_samples as samples
 from tests.logs.mcap_samples import ranges_of, sample
@@ -361,7 +361,7 @@ def test_many_tiny_records_do_not_pile_up(tmp_path: Path, monkeypatch: pytest.Mo
 
 def test_long_chunks_are_handed_on_in_parts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(mcap_records, "PART", 7)
-    monkeypatch.setattr(mcap, "PART", 7)
+    monkeypatch.setattr(mcap_walk, "PART", 7)
     for options in ({}, {"index": IndexType.NONE}, {"use_chunking": False}):
         for found, report in both(sample(N, chunk_size=1 << 20, **options), tmp_path):
             assert found == list(range(N))

@@ -18,7 +18,7 @@ from rosbags.typesys import Stores, get_typestore
 from lidarcli.errors import UnreadableError
 from lidarcli.logs import rosbag1, unpacking
 from lidarcli.logs.base import LASERSCAN, Topic
-from lidarcli.logs.rosbag1 import parse
+from lidarcli.logs.rosbag1_records import parse
 from tests.logs.numbered import indices, laser_scan, record_time
 from tests.logs.watched import Rosbag1Log
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import gzip
 import io
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -99,28 +98,6 @@ def test_every_spelling_is_mirrored_and_in_metres(spelling: str) -> None:
     batch = normalise(got, np.arange(3), RangeRules())
     assert batch.status[:, 7].tolist() == [Status.NO_RETURN] * 3
     assert got.stamp_ns.tolist() == [0, 0, 0]
-
-
-WRAPS: dict[str, Callable[[str], bytes]] = {
-    "crlf": lambda text: text.replace("\n", "\r\n").encode(),
-    "bom": lambda text: b"\xef\xbb\xbf" + text.encode(),
-    "gzip": lambda text: gzip.compress(text.encode(), mtime=0),
-    "utf16": lambda text: text.encode("utf-16"),
-    "no-end": lambda text: text.rstrip("\n").encode(),
-    "blanks": lambda text: text.replace(" \n", "\n").replace("   theta", "theta").encode(),
-    "more-blanks": lambda text: text.replace(" ", "  ").replace("\t", " \t").encode(),
-}
-
-
-@pytest.mark.parametrize("wrap", WRAPS)
-@pytest.mark.parametrize("spelling", SPELLINGS)
-def test_wrapping_changes_nothing(spelling: str, wrap: str) -> None:
-    text = SPELLINGS[spelling](TURNS)
-    if spelling == LISTED and wrap == "more-blanks":
-        text = text.replace(", ", ",")
-    got, want = sound(WRAPS[wrap](text)), sound(text)
-    np.testing.assert_array_equal(got.ranges, want.ranges)
-    np.testing.assert_array_equal(got.angle_min, want.angle_min)
 
 
 def test_other_ways_to_write_the_same() -> None:

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from lidarcli.cli import run
-from lidarcli.logs.rosbag1 import CODECS, MAGIC, Op, parse
+from lidarcli.logs.rosbag1_records import CODECS, MAGIC, Op, parse
 from lidarcli.ros import messages
 from lidarcli.ros.messages import ROS1
 from lidarcli.simulation.writers import write_log

@@ -30,8 +30,6 @@ from lidarcli.sweeps.types import RawSweeps, concatenate
 
 _SUFFIXES = (".csv", ".txt", ".tsv", ".dat", ".xy", ".scan", ".gz")
 _NUMBER = re.compile(r"-?\d+(?:\.\d+)?")
-_BLOCK_SWEEPS = 256
-_BLOCK_VALUES = 1 << 20
 
 Paths = Sequence[str | os.PathLike[str]]
 
@@ -237,7 +235,7 @@ def _joined(blocks: Iterator[RawSweeps]) -> Iterator[RawSweeps]:
     for block in blocks:
         wider = max(width, block.ranges.shape[1])
         alike = wider <= 2 * min([wider, *(b.ranges.shape[1] for b in waiting[:1])])
-        if waiting and (rows + len(block) > _BLOCK_SWEEPS or (rows + 1) * wider > _BLOCK_VALUES or not alike):
+        if waiting and (rows + len(block) > 256 or (rows + 1) * wider > 1 << 20 or not alike):
             yield concatenate(waiting)
             waiting, rows, wider = [], 0, block.ranges.shape[1]
         waiting.append(block)

@@ -35,11 +35,6 @@ BACK = "bearings start over within one sweep: several layers or sweeps under one
 DOUBLED = "several ranges for most bearings of one sweep: layers or echoes under one key"
 MAX_VIEW = 1.1 * TURN
 """Greatest view of a sweep [rad]; a turn whose start and end overlap stays below it."""
-MAX_DOUBLED = 0.25
-_USUAL = 1.5
-"""Least jump of the bearing, in usual steps."""
-JITTER = 0.25
-"""Greatest error of a bearing on an even grid, in steps."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -220,7 +215,7 @@ def cut_turns(angle: Float64, begins: Bool) -> Int64:
     start = np.zeros(1, np.int64)
     with np.errstate(invalid="ignore", over="ignore"):
         steps = np.abs(np.diff(angle))
-        usual = steps <= _USUAL * np.median(np.minimum(steps, np.abs(TURN - steps))) if len(steps) else steps > 0
+        usual = steps <= 1.5 * np.median(np.minimum(steps, np.abs(TURN - steps))) if len(steps) else steps > 0
         ahead, behind = np.append(steps, np.inf), np.append(False, usual)
         flags = np.flatnonzero(begins)
         # What ends a turn goes on as the turn did, and the bearing, if any follows, starts over.
@@ -268,7 +263,8 @@ def even_sweeps(
     with np.errstate(invalid="ignore", over="ignore"):
         step = (angle[starts + lengths - 1] - first) / steps
         off = np.abs(angle - (np.repeat(first, lengths) + place * np.repeat(step, lengths)))
-        even = np.maximum.reduceat(off, starts) <= JITTER * np.abs(step)
+        # No bearing is more than a quarter of a step off its place.
+        even = np.maximum.reduceat(off, starts) <= 0.25 * np.abs(step)
         even &= (lengths > 1) & (np.abs(step) * steps <= MAX_VIEW)
     first, step = _snap(first, first, np.ones(len(first))), _snap(step, first, steps)
     parts, causes = np.split(values, starts[1:]), [""] * len(starts)
@@ -306,7 +302,7 @@ def _on_grid(angle: Float64, values: NDArray[np.floating]) -> tuple[NDArray[np.f
     order = np.argsort(turned, kind="stable")
     turned, values = turned[order], values[order]
     gaps = np.diff(turned)
-    if (gaps <= 1e-9).mean() > MAX_DOUBLED:
+    if (gaps <= 1e-9).mean() > 0.25:
         return DOUBLED
     gaps = gaps[gaps > 1e-9]
     step = float(np.median(gaps))
@@ -342,19 +338,12 @@ _BEAM = re.compile(rb"(\d+)[ \t,;]+(%s)[ \t,;]+(%s)" % (_NUMBER, _NUMBER))
 _SAVED = re.compile(rb"\s*#\s*RPLIDAR\s+SCAN\s+DATA\b", re.IGNORECASE)
 _NAMES = {b"angle": "angle", b"angule": "angle", b"distance": "distance", b"quality": "quality", b"time": "time"}
 _WORD = re.compile(rb"[A-Za-z]+")
-_MAX_BEFORE = 100
-_MIN_MEDIAN = 100.0
-"""Least median of the distances of returns [mm]."""
-_MOST = 0.9
-"""Least share of beams that a sensor can have measured; the others are damaged."""
-_ENOUGH = 64 << 10
-_PUNCTUATION = bytes.maketrans(b"(),;\t", b"     ")
 
 
 def recognise(lines: Sequence[bytes]) -> Layout | None:
     """Return the layout of a text that begins with `lines`, where a tool for RPLIDAR sensors has written it; else None."""
     numbered = [(number, line) for number, line in enumerate(lines, 1) if line.strip()]
-    for number, line in numbered[:_MAX_BEFORE]:
+    for number, line in numbered[:100]:
         if _PRINTED.fullmatch(line):
             return _layout(PRINTED, number, 1, 2)
     if not numbered:
@@ -418,12 +407,13 @@ def _saved(numbered: Sequence[tuple[int, bytes]]) -> Layout | None:
 
 def _are_beams(lines: Sequence[bytes]) -> bool:
     """Return whether triples of numbers may be quality, angle and millimetres."""
-    beams = [map(float, beam) for line in lines for beam in _BEAM.findall(line[:_ENOUGH])]
+    beams = [map(float, beam) for line in lines for beam in _BEAM.findall(line[: 64 << 10])]
     quality, angle, distance = np.array([[*beam] for beam in beams], np.float64).T
     returns = distance[distance > 0]
     return bool(
-        np.mean((quality <= 255.0) & (angle <= 361.0)) >= _MOST
-        and (np.median(returns) > _MIN_MEDIAN if len(returns) else True)
+        np.mean((quality <= 255.0) & (angle <= 361.0)) >= 0.9
+        # Of distances in millimetres most are above 0.1 m, and a damaged beam in ten is no reason to doubt.
+        and (np.median(returns) > 100.0 if len(returns) else True)
     )
 
 
@@ -443,7 +433,7 @@ def read_rows(block: TextBlock, layout: Layout, report: ReadReport) -> Lines:
 
 def _plain(text: bytes) -> bytes:
     """Return numbers set apart by one space each."""
-    text = text.translate(_PUNCTUATION)
+    text = text.translate(bytes.maketrans(b"(),;\t", b"     "))
     if b"  " in text or b" \n" in text or b"\n " in text or text[:1] == b" ":
         text = b"".join(b" ".join(line.split()) + b"\n" for line in text.split(b"\n")[:-1])
     return text

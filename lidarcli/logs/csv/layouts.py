@@ -65,7 +65,6 @@ FIELDS = {
 }
 """Field of a scan → the canonical names of its column."""
 _ANY_FIELD = re.compile("|".join(pattern.pattern for pattern in FIELDS.values()))
-_LONGEST_FIELD = 40
 _ANGLE = re.compile(
     r"(?:.*_)?(?:angle|theta|bearing|azimuth|phi|(?P<clockwise>clockwise))s?"
     r"(?:_?\(?(?P<unit>deg|degrees?|°|rad|radians?)\)?)?|(?P<bare>deg|degrees?|rad|radians?)"
@@ -79,12 +78,6 @@ _SPHERE = re.compile(r"(theta|phi)(?:_?\(?(?:deg|degrees?|°|rad|radians?)\)?)?"
 _SWEEP = re.compile(r"(?:sweep|scan|turn|revolution|rotation|seq|frame)(?:_?(?:id|index|idx|number|no|nr|num))?|id")
 
 _SHOWN = 3
-_RECORD = 1 << 20
-"""Bytes within which the first record with a list must end, the list itself not counted."""
-_POSE = 8
-"""Numbers in a row of a trajectory: time, place and quaternion."""
-_MAX_OF_BEAM = 3
-"""Most numbers in a row for it to be taken for a beam: bearing, range, quality."""
 _NO_COLUMNS = np.empty(0, np.int64)
 
 
@@ -256,7 +249,8 @@ def _nameless(head: Head) -> UnreadableError:
     rows = [row for row in head.rows if len(row) == width and all(map(is_numeric, row[2:]))]
     if not rows or width < 2:
         return _unknown(head, f"lines like {shown(head.lines[0], 60)}")
-    if width == _POSE:
+    # Time, place and quaternion.
+    if width == 8:
         table = np.array([[value_of(cell) for cell in row] for row in rows], np.float64)
         with np.errstate(invalid="ignore", over="ignore"):
             length = np.sqrt((table[:, 4:] ** 2).sum(axis=1))
@@ -267,7 +261,8 @@ def _nameless(head: Head) -> UnreadableError:
         "example --columns time,ranges with a sweep in each row (and the bearings by --fov, or --angle-min and "
         "--angle-increment), or --columns angle,range with a beam in each row; `clockwise` in place of `angle` for an "
         "RPLIDAR",
-        per_sweep=width <= _MAX_OF_BEAM,
+        # Bearing, range and quality at most are those of a beam.
+        per_sweep=width <= 3,
     )
 
 
@@ -328,7 +323,7 @@ class FieldIndex:
 
 def _endings(name: str) -> Iterator[tuple[str, tuple[str, ...]]]:
     """Yield every way to read a canonical name as a prefix and a field: the prefix, and the fields it may be."""
-    for place in range(max(len(name) - _LONGEST_FIELD, 0), len(name)):
+    for place in range(max(len(name) - 40, 0), len(name)):
         if (not place or name[place - 1] == "_") and _ANY_FIELD.fullmatch(name, place):
             yield (name[:place], tuple(field for field, pattern in FIELDS.items() if pattern.fullmatch(name, place)))
 
@@ -424,7 +419,7 @@ def _scan_columns(
     first, last = int(columns[0]), int(columns[-1])
     in_order = bool((np.diff(columns) == 1).all())
     after = len(head.names) - last - 1
-    # Where the step is told, rows of fewer ranges see less; where the view is, they could only be cut or joined.
+    # Where the step is given, rows of fewer ranges have a narrower view; where the view is, they are cut or joined.
     tells_view = {"angle_min", "angle_max", "angle_increment"} <= fields.keys()
     may_differ = tells_view or head.options.angle_increment is not None or head.usual != len(head.names)
     own = strengths.get(prefix.lower(), _NO_COLUMNS)
@@ -461,7 +456,7 @@ def _list_layout(head: Head) -> Layout | None:
     # Only names that speak of ranges are worth the look.
     if not any(re.search("range|scan|dist|data|value", name.lower()) for name in head.names):
         return None
-    text = empty_lists(b"\n".join(head.lines))[:_RECORD].decode("utf-8", "replace")
+    text = empty_lists(b"\n".join(head.lines))[: 1 << 20].decode("utf-8", "replace")
     try:
         cells = csv_cells(text, head.dialect.separator.decode())
     except ValueError:

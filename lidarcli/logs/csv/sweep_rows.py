@@ -50,8 +50,6 @@ _PARENTHESES = re.compile(rb'"\s*\(([^()]*)\)\s*"')
 _CALLS = re.compile(rb"[A-Za-z_][\w.]*\(([^()]*)\)")
 _MAX_LISTS = 64
 """Most lists of one record; with more it is garbage."""
-_MAX_TEXT = 1 << 20
-_MAX_LINES = 100_000
 
 Frames = tuple[Int32, tuple[str, ...]]
 """Index of the frame of each sweep, and the names of the frames."""
@@ -248,15 +246,15 @@ class WideDecoder(Decoder):
         rows, beams, view = rows[fits], beams[fits], view[fits]
         known = {name: values[fits] for name, values in known.items()}
         for part in split_rows(beams):
-            mine, given = rows[part], beams[part]
-            ranges, kept, good, bad = self._ranges(scan, cells, mine, given, view[part])
-            intensities = _intensity_columns(scan, cells, mine, given, ranges.shape[1])
-            self._bad_cells(bad, numbers[mine])
-            column = partial(cells.column, mine)
-            *times, untimed = read_times(scan, column, len(mine), self.last)
-            for line in numbers[mine[untimed & good]].tolist():
+            some_rows, given = rows[part], beams[part]
+            ranges, kept, good, bad = self._ranges(scan, cells, some_rows, given, view[part])
+            intensities = _intensity_columns(scan, cells, some_rows, given, ranges.shape[1])
+            self._bad_cells(bad, numbers[some_rows])
+            column = partial(cells.column, some_rows)
+            *times, untimed = read_times(scan, column, len(some_rows), self.last)
+            for line in numbers[some_rows[untimed & good]].tolist():
                 self._damage(line, NO_TIME)
-            frames = read_frames(scan, column, len(mine))
+            frames = read_frames(scan, column, len(some_rows))
             some = {name: values[part] for name, values in known.items()}
             block = self._block(scan, (times[0], times[1]), frames, some, kept, ranges, good & ~untimed, intensities)
             if block is not None:
@@ -413,7 +411,7 @@ class ListDecoder(Decoder):
             start, text = self._open_line, b" ".join(self._open)
             self._open = []
             yield start, text
-        elif len(self._open) > _MAX_LINES or self._open_size > MAX_LINE:
+        elif len(self._open) > 100_000 or self._open_size > MAX_LINE:
             self._damage(self._open_line, "a quote that never ends: its lines are dropped")
             self._open = []
 
@@ -437,7 +435,7 @@ class ListDecoder(Decoder):
                 lists.append(text[begin + 1 : end])
                 place = end + 1
         plain.append(text[place:])
-        if sum(map(len, plain)) > _MAX_TEXT:
+        if sum(map(len, plain)) > 1 << 20:
             return None
         try:
             cells = csv_cells(b"".join(plain).decode("utf-8", "replace"), self.layout.dialect.separator.decode())

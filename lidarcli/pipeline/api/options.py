@@ -26,7 +26,7 @@ from lidarcli.formalism.matching.catalogue import Catalogue
 from lidarcli.formalism.parameters import Parameters
 from lidarcli.logs.base import OpenOptions
 from lidarcli.logs.batches import ReadOptions
-from lidarcli.logs.registry import open_options, range_rules
+from lidarcli.logs.open_options import open_options, range_rules
 from lidarcli.options.choices import NS, TRAIL
 from lidarcli.options.forms import File, Number, Rule, Text, defaults_of, options_of, python_words, refuse_combinations
 from lidarcli.options.groups import RULES, Finding, Objects, Tracking, parse_mends, parse_removed, parse_value
