@@ -71,10 +71,10 @@ from lidarcli.pipeline.reading.one_log import Progress, Reading, read_log
 from lidarcli.pipeline.reading.posing import Need, of_one_run
 from lidarcli.pipeline.runs.over_logs import LogProgress
 from lidarcli.pipeline.zone_counting import OBJECT_COLUMNS, Objects
-from lidarcli.reports.changes import pairs_of
 from lidarcli.reports.checks import Check, Verdict, parse_check, verdict_of
 from lidarcli.reports.figures import OF_CHANGES, OF_MAPS
 from lidarcli.reports.programs import as_junit
+from lidarcli.reports.run_pairs import pairs_of
 from lidarcli.sweeps.types import Float64, Int64, Status, SweepPoses
 from lidarcli.sweeps.zone import ROBOT
 from lidarcli.tabular.background import read_background

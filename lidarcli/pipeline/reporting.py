@@ -30,8 +30,9 @@ from lidarcli.pipeline.inputs.tables import (
 from lidarcli.reports.changes import ChangesPart, changes_part
 from lidarcli.reports.checks import Check, accepts, columns_needed, judge, parse_check
 from lidarcli.reports.columns import Origin, Rows, Run, least_observed
-from lidarcli.reports.document import Part, Report
+from lidarcli.reports.document import Part
 from lidarcli.reports.figures import COMPARED, OF_CHANGES, OF_MAPS, guards
+from lidarcli.reports.report import Report
 from lidarcli.reports.run import RunPart
 from lidarcli.reports.summary import (
     OBJECT_COLUMNS,

@@ -10,7 +10,7 @@ import math
 import re
 import zlib
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from importlib.resources import files
 from typing import Any, NamedTuple
 
@@ -26,12 +26,13 @@ from lidarcli.display.texts import stamp
 from lidarcli.formalism.detection import SETS, SHAPES
 from lidarcli.formalism.mapping.grid import FREE, OCCUPIED, Occupancy
 from lidarcli.reports.columns import Rows, Run, rows_of
-from lidarcli.reports.document import NAMES, PAGE, Code, FromAbove, Report
+from lidarcli.reports.document import NAMES, PAGE, Code, FromAbove
 from lidarcli.reports.drawing import project_style
 from lidarcli.reports.figures import Density, Histogram, Spread, plain
 from lidarcli.reports.ground import Ground, Raw, Walls, ground_of
-from lidarcli.reports.map_picture import MapPicture, Sight, changes_figure, map_figure
+from lidarcli.reports.map_picture import Sight, changes_figure, map_figure
 from lidarcli.reports.programs import clean
+from lidarcli.reports.report import Page, Report
 from lidarcli.reports.run import RunPart, track_cells
 from lidarcli.reports.summary import KINDS, Stream, Summary
 from lidarcli.reports.wording import number, quantity, share
@@ -90,22 +91,6 @@ CHART_CELLS = 60
 """Most cells along a side of a map."""
 WIDEST = 1.5
 """Longest side of a map by its shortest."""
-
-
-@dataclass(frozen=True, slots=True)
-class Page:
-    """Data of a run that only the page shows."""
-
-    viewer: dict[str, Any]
-    """Values of `pack`, and a note on sweeps that are left out."""
-    overview: MapPicture | None = None
-    """The run from above, where there are poses."""
-    walls: Mapping[str, Walls] = field(default_factory=dict)
-    """Walls by frame."""
-    grid: Occupancy | None = None
-    """Map of the run, where there are poses and beams."""
-    command: str = ""
-    """Command that makes the page again."""
 
 
 def render(report: Report) -> str:

@@ -6,7 +6,7 @@ import math
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -23,6 +23,7 @@ from lidarcli.formalism.background import Background
 from lidarcli.formalism.mapping.grid import FREE, OCCUPIED, UNKNOWN, Occupancy
 from lidarcli.options.choices import AS_IT_COMES, Look
 from lidarcli.options.times import SECOND_NS
+from lidarcli.reports.columns import Rows
 from lidarcli.reports.drawing import (
     Entries,
     Frame,
@@ -42,11 +43,8 @@ from lidarcli.reports.drawing import (
     sensor,
 )
 from lidarcli.reports.picture import outline_of, printable
+from lidarcli.reports.run_pairs import FIRST, Change, RunPair
 from lidarcli.sweeps.types import Bool, Float32, Float64, Int64
-
-if TYPE_CHECKING:
-    from lidarcli.reports.changes import Change, RunPair
-    from lidarcli.reports.columns import Rows
 
 Greys = tuple[float, float, float]
 """Greys of occupied, free and unknown cells, 0 black to 1 white."""
@@ -526,8 +524,6 @@ class _ChangedRun:
 
     def labels(self) -> Iterator[Label]:
         """Yield numbers: on the far side of the place that a thing comes from, else to the upper right."""
-        from lidarcli.reports.changes import FIRST
-
         for one, box, old in sorted(self.changes, key=lambda each: FIRST.index(each[0].status))[:MAX_NUMBERS]:
             away = (box.x - 1.0, box.y - 1.0) if old is None else old[:2]
             yield Label(str(one.thing), box.outline, STYLES[one.status]["ec"], away)

@@ -12,20 +12,8 @@ from rich.table import Table as RichTable
 from rich.text import Text
 
 from lidarcli.display.texts import no_command, visible
-from lidarcli.reports.document import (
-    MARKDOWN,
-    TEXT,
-    Bands,
-    Block,
-    Code,
-    Drawing,
-    Facts,
-    Notes,
-    Report,
-    Share,
-    Shares,
-    Table,
-)
+from lidarcli.reports.document import MARKDOWN, TEXT, Bands, Block, Code, Drawing, Facts, Notes, Share, Shares, Table
+from lidarcli.reports.report import Report
 from lidarcli.reports.wording import bar, course, number, share
 
 WIDTH = 80

@@ -13,9 +13,9 @@ import numpy as np
 import pytest
 
 from lidarcli.reports import html
-from lidarcli.reports.document import Report
 from lidarcli.reports.ground import Raw
 from lidarcli.reports.html import choose_sweeps, pack
+from lidarcli.reports.report import Report
 from lidarcli.reports.run import RunPart
 from lidarcli.reports.summary import summarise
 from tests.places import SAMPLES

@@ -12,7 +12,7 @@ import pytest
 from lidarcli.errors import OptionError, UnreadableError
 from lidarcli.pipeline.reporting import FORMATS, ReportOptions, make_report, render
 from lidarcli.reports.columns import Origin, ZoneRows
-from lidarcli.reports.document import Report
+from lidarcli.reports.report import Report
 from lidarcli.reports.run import RunPart
 from lidarcli.reports.zones import figures_of, judge_zones, parse_zone_check, zones_part
 from tests.reports.browser import CHROMIUM, browser
