@@ -80,7 +80,8 @@ from lidarcli.sweeps.zone import ROBOT
 from lidarcli.tabular.background import read_background
 from lidarcli.tabular.reading import TopicRows, column_names
 from lidarcli.tabular.schemas import BACKGROUND, CHANGES
-from lidarcli.tabular.writing import ALIGNMENT, CHANGE_FIGURES, SOURCE, table_metadata, write_stream
+from lidarcli.tabular.streams import write_stream
+from lidarcli.tabular.writing import ALIGNMENT, CHANGE_FIGURES, SOURCE, table_metadata
 
 AUTO, AS_IS, _ = choices.ALIGN
 MAX_THINGS = 10_000
