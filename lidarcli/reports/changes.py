@@ -23,8 +23,6 @@ CHANGES, CHANGES_OF_PAGE = 12, 500
 """Most changes of a run that text and Markdown, and the page, show one by one; a page also draws no more."""
 DRAWN = 6
 """Most runs that a page draws."""
-SEEN_TURN = math.radians(5.0)
-"""Boxes of the same thing seen from other sides are turned by up to this angle [rad]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -130,11 +128,12 @@ def _cells(changes: Sequence[Change]) -> dict[str, list[str]]:
 
 
 def _detail(one: Change) -> str:
-    """Return by how much a thing was moved and turned, else the reason of the status."""
+    """Return by how much an object was moved and turned, else the reason of the status."""
     if one.status != "moved" or one.moved is None:
         return one.why or ""
-    turned = abs(one.turned or 0.0)
-    return f"by {one.moved:.2f} m" + (f", {math.degrees(turned):.0f}°" if turned >= SEEN_TURN else "")
+    turned = math.degrees(abs(one.turned or 0.0))
+    # Boxes of the same object, observed from other sides, are turned by up to 5 degrees.
+    return f"by {one.moved:.2f} m" + (f", {turned:.0f}°" if turned >= 5.0 else "")
 
 
 def changes_part(tables: Sequence[tuple[str, pa.Table]]) -> ChangesPart:
@@ -146,7 +145,7 @@ def changes_part(tables: Sequence[tuple[str, pa.Table]]) -> ChangesPart:
     for name, table in tables:
         notes = notes_of(table)
         figures = note_value(notes, CHANGE_FIGURES, dict)
-        # What diff could not count, as of a run too short for anything to stand in it, is not none.
+        # What diff could not count, as of a run too short for anything to be static in it, is not none.
         unknown |= {status for status in CHANGE_STATUSES if status in figures and figures[status] is None}
         of_maps |= {each: number_or_none(figures[each]) for each in OF_MAPS if each in figures}
         pairs += pairs_of(table)

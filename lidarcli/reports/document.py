@@ -156,7 +156,7 @@ class Opening(NamedTuple):
 
 
 class Part(ABC):
-    """Tables of one kind in a report: beside another part, or alone.
+    """Tables of one kind in a report: together with another part, or alone.
 
     `schema` is the name of the JSON schema of a report that begins with this part; pages explain `words`.
     """
@@ -202,4 +202,4 @@ class Part(ABC):
 
     @abstractmethod
     def as_dict(self) -> dict[str, Any]:
-        """Return the entries of the JSON beside the figures."""
+        """Return the entries of the JSON in addition to the figures."""

@@ -12,8 +12,8 @@ from lidarcli.reports.document import PAGE, Card, Facts, Part, Section
 
 if TYPE_CHECKING:
     from lidarcli.formalism.mapping.grid import Occupancy
-    from lidarcli.reports.ground import Walls
     from lidarcli.reports.map_picture import MapPicture
+    from lidarcli.reports.world import Walls
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,7 +44,7 @@ class Report:
     unseen: tuple[str, ...] = ()
     """Data that the checks did not see although all tables could be read, one line each."""
     page: Page | None = None
-    """Contents of the HTML alone, where it was asked for, of a run."""
+    """Contents of the HTML alone, where it was requested, of a run."""
 
     @property
     def title(self) -> str:

@@ -29,7 +29,7 @@ class Change(Record):
 
     @property
     def place(self) -> tuple[float, float] | None:
-        """Place in the last run that has it [m]; None where the table tells none."""
+        """Place in the last run that has it [m]; None where the table has none."""
         for x, y in ((self.x_b, self.y_b), (self.x_a, self.y_a)):
             if x is not None and y is not None:
                 return x, y
@@ -46,7 +46,7 @@ class RunPair:
     counts: dict[str, int]
     """Status → number of changes."""
     dx: float | None = None
-    """Shift of the run onto the first one [m]; None, here and below, where nothing tells it."""
+    """Shift of the run onto the first one [m]; None, here and below, where it is not known."""
     dy: float | None = None
     dyaw: float | None = None
     """Turn [rad]."""
@@ -91,14 +91,14 @@ def pairs_of(table: pa.Table) -> list[RunPair]:
         for one in note_value(notes_of(table), ALIGNMENT, list)
         if isinstance(one, dict) and all(isinstance(one.get(name), str) for name in ("log_a", "log_b"))
     }
-    # Without metadata the rows alone tell which runs there were.
+    # Without metadata the rows alone say which runs there were.
     aligned |= {name: {"log_a": names[name], "log_b": name} for name in names if name not in aligned}
     pairs = []
     for name, one in aligned.items():
-        mine = changes.get(name, [])
-        count = Counter(each.status for each in mine)
+        own = changes.get(name, [])
+        count = Counter(each.status for each in own)
         alignment = (number_or_none(one.get(key)) for key in ("dx", "dy", "dyaw", "overlap", "rms"))
-        pairs.append(RunPair(one["log_a"], name, mine, {status: count[status] for status in CHANGE_STATUSES}, *alignment))
+        pairs.append(RunPair(one["log_a"], name, own, {status: count[status] for status in CHANGE_STATUSES}, *alignment))
     return pairs
 
 

@@ -17,7 +17,6 @@ from lidarcli.reports.report import Report
 from lidarcli.reports.wording import bar, course, number, share
 
 WIDTH = 80
-BAR = 28
 COURSE, LONGEST_NAME = 48, 18
 """Characters of a band, and of its name at most."""
 
@@ -130,7 +129,7 @@ def _grid(rows: Sequence[Sequence[str]], right: Sequence[int] = (), head: Sequen
 def _share_bar(count: int, total: int) -> str:
     """Return a bar, the share in per cent, and the count."""
     part = count / total if total else 0.0
-    return f"{bar(part, BAR)} {share(count, total):>7} {count:>12,}"
+    return f"{bar(part, 28)} {share(count, total):>7} {count:>12,}"
 
 
 def band_lines(block: Bands) -> list[str]:
