@@ -25,7 +25,7 @@ SECOND = 1_000_000_000
 """Nanoseconds."""
 
 
-class Layout(NamedTuple):
+class MessageLayout(NamedTuple):
     """Bytes of one kind of message, or of a part of one, with the offsets of the numbers that differ."""
 
     dtype: np.dtype[Any]
@@ -75,11 +75,11 @@ class LayoutBuilder:
             self._fields.append((name, f"S{length}", len(self._bytes)))
         self._bytes += bytes(length + self.cdr)
 
-    def layout(self) -> Layout:
+    def layout(self) -> MessageLayout:
         """Return the layout of all members so far."""
         names, formats, offsets = zip(*self._fields, strict=True)
         dtype = np.dtype({"names": names, "formats": formats, "offsets": offsets, "itemsize": len(self._bytes)})
-        return Layout(dtype, bytes(self._bytes))
+        return MessageLayout(dtype, bytes(self._bytes))
 
     def _align(self, size: int) -> None:
         if self.cdr:
@@ -223,7 +223,7 @@ def _set_marker(items: Structured, group: Markers, rows: Int64) -> None:
 
 
 @lru_cache(maxsize=4096)
-def _layout(cdr: bool, frame: bytes, kind: Kind, length: int, deletes: bool, shift: int) -> Layout:
+def _layout(cdr: bool, frame: bytes, kind: Kind, length: int, deletes: bool, shift: int) -> MessageLayout:
     """Return a marker that begins `shift` bytes after a multiple of eight; with `deletes` it deletes all markers."""
     builder = LayoutBuilder(cdr, shift)
     if not cdr:

@@ -45,6 +45,12 @@ class Poses:
     y: Float64
     yaw: Float64
 
+    def turned(self, message: Int64 | int, east: Float64, north: Float64) -> tuple[Float64, Float64]:
+        """Return directions in the world in the axes of an upright sensor: ahead and left; as they are without a pose."""
+        yaw = np.nan_to_num(self.yaw[message])
+        cos, sin = np.cos(yaw), np.sin(yaw)
+        return cos * east + sin * north, cos * north - sin * east
+
 
 @record
 class Trajectories:
@@ -126,9 +132,8 @@ def paths_of(trajectories: Trajectories, index: Int64, poses: Poses, hangs: bool
         for number, rows in trajectories.up_to(sweep):
             x, y = trajectories.x[rows], trajectories.y[rows]
             if len(rows) and trajectories.in_world[rows[-1]]:
-                cos, sin = np.cos(poses.yaw[message]), np.sin(poses.yaw[message])
-                x, y = x - poses.x[message], y - poses.y[message]
-                x, y = cos * x + sin * y, (cos * y - sin * x) * (-1.0 if hangs else 1.0)
+                x, y = poses.turned(message, x - poses.x[message], y - poses.y[message])
+                y = y * (-1.0 if hangs else 1.0)
             if len(x) > 1 and np.isfinite(x).all() and np.isfinite(y).all():
                 colour = _of_set("A" if trajectories.is_agent[rows[-1]] else "O")
                 found.setdefault(len(x), []).append((message, number & 0x7FFFFFFF, colour, np.column_stack([x, y])))
@@ -356,23 +361,16 @@ def _vertices(rows: pa.RecordBatch, place: Float64, sides: Float64, yaw: Float64
 
 def _in_sensor_frame(rows: pa.RecordBatch, message: Int64, poses: Poses) -> Float64:
     """Return (N, 2) velocity over ground in the axes of the sensor [m/s]; 0 where unknown."""
-    velocity = np.nan_to_num(np.column_stack([numbers(rows["vx"]), numbers(rows["vy"])]))
-    yaw = poses.yaw[message]
-    # Without a pose they are in the sensor's axes already.
-    yaw = np.where(np.isfinite(yaw), yaw, 0.0)
-    cos, sin = np.cos(yaw), np.sin(yaw)
-    ahead = cos * velocity[:, 0] + sin * velocity[:, 1]
-    left = cos * velocity[:, 1] - sin * velocity[:, 0]
+    ahead, left = poses.turned(message, *(np.nan_to_num(numbers(rows[name])) for name in ("vx", "vy")))
     # A sensor that hangs head down has its left where that of the world's is right.
     return np.column_stack([ahead, np.where(is_mirrored(rows, message, poses), -left, left)])
 
 
 def is_mirrored(rows: pa.RecordBatch, message: Int64, poses: Poses) -> Bool:
     """Return (N,) True where an object is on the other side of the sensor in the world: the sensor hangs head down."""
-    yaw = poses.yaw[message]
     east, north = (numbers(rows[f"world_{axis}"]) - at[message] for axis, at in zip("xy", (poses.x, poses.y), strict=True))
     left = numbers(rows["box_y"])
-    aside = np.cos(yaw) * north - np.sin(yaw) * east
+    _, aside = poses.turned(message, east, north)
     with np.errstate(invalid="ignore"):
         mirrored: Bool = np.abs(aside + left) < np.abs(aside - left)
     return mirrored

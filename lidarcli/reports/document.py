@@ -56,7 +56,7 @@ def table_of(cells: Mapping[str, Sequence[str]], more: str = "") -> Table:
 
 
 @dataclass(frozen=True, slots=True)
-class Facts:
+class NamedValues:
     """Names with a value each."""
 
     rows: Sequence[tuple[str, str | Share]]
@@ -119,7 +119,7 @@ class FromAbove:
     changes: RunPair
 
 
-Block = Bands | Table | Facts | Shares | Drawing | Notes | FromAbove
+Block = Bands | Table | NamedValues | Shares | Drawing | Notes | FromAbove
 
 
 @dataclass(frozen=True, slots=True)

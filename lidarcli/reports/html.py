@@ -291,10 +291,7 @@ def _stream(run: Run, stream: Stream, rows: NDArray[np.intp], raw: Raw | None) -
         "shape": _packed(_codes(objects, "shape", SHAPES)[members], np.uint8),
         "set": _packed(_codes(objects, "set", SETS)[members], np.uint8),
         **{name: _packed(np.nan_to_num(np.round(columns[name] / scale)), np.int16) for name in in_metres},
-        **{
-            name: _packed(np.clip(np.nan_to_num(np.round(columns[name] * ANGLE)), -32_767, 32_767), np.int16)
-            for name in angles
-        },
+        **{name: _signed(columns[name] * ANGLE) for name in angles},
     }
     if objects.has_any("label"):
         codes, packed["labels"] = objects.words("label")
@@ -355,7 +352,7 @@ def _tracks(run: Run, members: Int64) -> dict[str, Any]:
         "speed": SPEED,
     }
     for name in ("vx", "vy"):
-        packed[name] = _speeds(np.where(moves, run.objects.numbers(name)[members], 0.0))
+        packed[name] = _signed(np.where(moves, run.objects.numbers(name)[members], 0.0) / SPEED)
     return packed
 
 
@@ -371,13 +368,14 @@ def _paths(found: Rows, stream: Stream, sweeps: Int64, in_world: PosedStream) ->
             name: _packed(found.numbers(name)[rows] - origin, np.float32)
             for name, origin in zip("xy", in_world.origin, strict=True)
         },
-        **{name: _speeds(found.numbers(name)[rows]) for name in ("vx", "vy")},
+        **{name: _signed(found.numbers(name)[rows] / SPEED) for name in ("vx", "vy")},
         "seen": _packed(~found.are("seen", "hidden")[rows], np.uint8),
     }
 
 
-def _speeds(values: Float64) -> dict[str, str]:
-    return _packed(np.clip(np.round(np.nan_to_num(values) / SPEED), -32_767, 32_767), np.int16)
+def _signed(values: Float64) -> dict[str, str]:
+    """Return the nearest whole numbers of two bytes; 0 for NaN."""
+    return _packed(np.clip(np.nan_to_num(np.round(values)), -32_767, 32_767), np.int16)
 
 
 def _raw(raw: Raw, sweeps: Int64) -> dict[str, Any]:

@@ -48,7 +48,7 @@ from lidarcli.sweeps.types import Bool, Float32, Float64, Int64
 
 Greys = tuple[float, float, float]
 """Greys of occupied, free and unknown cells, 0 black to 1 white."""
-Limits = tuple[float, float, float, float]
+Extent = tuple[float, float, float, float]
 """Left, right, low and high limit of what is drawn [m]."""
 LONG = 7.2
 """Longest side of the drawn map [inch]."""
@@ -177,11 +177,11 @@ def map_figure(picture: MapPicture, longest: float = LONG, look: Look = AS_IT_CO
     return figure
 
 
-def _frame(limits: Limits) -> Frame:
+def _frame(limits: Extent) -> Frame:
     return Frame(limits[:2], limits[2:], ("x [m]", "y [m]"), equal=True)
 
 
-def limits_of(picture: MapPicture, others: Sequence[Float64] = ()) -> Limits:
+def limits_of(picture: MapPicture, others: Sequence[Float64] = ()) -> Extent:
     """Return left, right, low and high limits of the drawing and of other points, with some air."""
     parts = [
         np.empty((0, 2)),
@@ -480,8 +480,8 @@ class _ChangedRun:
         return _ChangedRun(tuple((one, box, old) for one, box, old in found if box is not None), sensors, grid)
 
     @property
-    def limits(self) -> Limits:
-        """Limits of all that is drawn."""
+    def limits(self) -> Extent:
+        """Extent of all that is drawn."""
         return limits_of(MapPicture(self.grid, [self.sensors]), [corners for corners, _ in self.polygons()])
 
     @property

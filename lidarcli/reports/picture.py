@@ -37,7 +37,7 @@ CURVE, LOW_CURVE = 1.3, 1.1
 """Height of a curve next to a scene or alone, and of one below a scene [inch]."""
 
 
-class Place(NamedTuple):
+class PanelPlace(NamedTuple):
     """A panel of a view, in a grid."""
 
     panel: Callable[[Picture, Limits], Panel]
@@ -59,7 +59,7 @@ def _share(limits: Limits) -> float:
     return min(max(0.46 * limits.aspect, 0.3), 0.54)
 
 
-def places_of(picture: Picture, view: str, limits: Limits, look: Look) -> list[Place]:
+def places_of(picture: Picture, view: str, limits: Limits, look: Look) -> list[PanelPlace]:
     """Return the panels of a view."""
     compared = [] if picture.background is None else [backgrounds, subtraction]
     curves, width = [sweep, difference, *compared], width_of(view, look)
@@ -71,15 +71,15 @@ def places_of(picture: Picture, view: str, limits: Limits, look: Look) -> list[P
 
     if side_by_side:
         return [
-            Place(above, slice(0, 2), 0, 0.0),
-            Place(sweep, slice(0, 1), 1, CURVE, shares=True),
-            Place(difference, slice(1, 2), 1, CURVE),
-            *(Place(panel, slice(2, 3), column, CURVE) for column, panel in enumerate(compared)),
+            PanelPlace(above, slice(0, 2), 0, 0.0),
+            PanelPlace(sweep, slice(0, 1), 1, CURVE, shares=True),
+            PanelPlace(difference, slice(1, 2), 1, CURVE),
+            *(PanelPlace(panel, slice(2, 3), column, CURVE) for column, panel in enumerate(compared)),
         ]
-    shown = [] if view == "sweep" else [Place(above, slice(0, 1), 0, 0.0)]
+    shown = [] if view == "sweep" else [PanelPlace(above, slice(0, 1), 0, 0.0)]
     for panel in [] if view == "scene" else curves:
         row, height = len(shown), CURVE if view == "sweep" else LOW_CURVE
-        shown.append(Place(panel, slice(row, row + 1), 0, height, shares=panel is not curves[-1]))
+        shown.append(PanelPlace(panel, slice(row, row + 1), 0, height, shares=panel is not curves[-1]))
     return shown
 
 
@@ -103,7 +103,7 @@ def draw_whole(
     return drawn
 
 
-def _share_axis(axes: Axes, place: Place) -> None:
+def _share_axis(axes: Axes, place: PanelPlace) -> None:
     """Leave the axis of bearings to the panel below."""
     if place.shares:
         axes.set_xlabel("")
@@ -199,7 +199,7 @@ def _frames(
             report(number)
 
 
-def _draw_again(axes: Iterable[Axes], places: Iterable[Place], picture: Picture, limits: Limits) -> None:
+def _draw_again(axes: Iterable[Axes], places: Iterable[PanelPlace], picture: Picture, limits: Limits) -> None:
     """Draw the panels of a picture in place of those before."""
     for one, place in zip(axes, places, strict=True):
         for artist in [*one.lines, *one.patches, *one.texts, *one.artists]:

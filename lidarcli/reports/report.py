@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from lidarcli.errors import CHECK_FAILED, UnreadableError
 from lidarcli.reports.checks import Verdict
-from lidarcli.reports.document import PAGE, Card, Facts, Part, Section
+from lidarcli.reports.document import PAGE, Card, NamedValues, Part, Section
 
 if TYPE_CHECKING:
     from lidarcli.formalism.mapping.grid import Occupancy
@@ -65,7 +65,7 @@ class Report:
         """Return the sections by name, in their order."""
         found = {name: one for part in reversed(self.parts) for name, one in part.sections().items()}
         words = [pair for part in self.parts for pair in part.words.items()]
-        return found | ({"words": Section("Words", [Facts(words)], (PAGE,))} if words else {})
+        return found | ({"words": Section("Words", [NamedValues(words)], (PAGE,))} if words else {})
 
     def cards(self) -> list[Card]:
         """Return the key figures, those of checks last."""

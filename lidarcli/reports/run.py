@@ -20,7 +20,7 @@ from lidarcli.reports.document import (
     Card,
     Code,
     Drawing,
-    Facts,
+    NamedValues,
     Notes,
     Part,
     Section,
@@ -138,15 +138,15 @@ def _logs(summary: Summary) -> Section:
         formats = Counter(source.format or "unknown format" for source in sources)
         size = sum(source.size or 0 for source in sources)
         words = f"{', '.join(f'{count:,} {name}' for name, count in formats.items())}; {size:,} bytes"
-        blocks.append(Facts([("formats", words)]))
+        blocks.append(NamedValues([("formats", words)]))
     else:
-        blocks += [Facts([(source.log, _origin(source))]) for source in sources]
-    blocks += [Facts([("parameters", text)]) for text in dict.fromkeys(map(_settings, sources))]
-    blocks += [Facts([("damage", f"{one.log}: {line}")]) for one in sources for line in one.damage]
+        blocks += [NamedValues([(source.log, _origin(source))]) for source in sources]
+    blocks += [NamedValues([("parameters", text)]) for text in dict.fromkeys(map(_settings, sources))]
+    blocks += [NamedValues([("damage", f"{one.log}: {line}")]) for one in sources for line in one.damage]
     return Section("Logs" if len(sources) > 1 else "Log", blocks, (TEXT,))
 
 
-def _overview(summary: Summary) -> Facts:
+def _overview(summary: Summary) -> NamedValues:
     figures, total = summary.figures, sum(summary.status.values())
     objects = f"{number(figures['objects'])}, on average {number(figures['objects_per_sweep.mean'])} per sweep"
     rows: list[tuple[str, str | Share]] = [
@@ -160,7 +160,7 @@ def _overview(summary: Summary) -> Facts:
         rows.append(("agents", agents))
     rows += [("clock", _clock(summary)), ("beams", f"{total:,}")]
     rows += [(f"  {name}", Share(count, total)) for name, count in _beams(summary).items()]
-    return Facts(rows)
+    return NamedValues(rows)
 
 
 def _key_figures(summary: Summary) -> Table:
@@ -240,7 +240,7 @@ def _beams(summary: Summary) -> dict[str, int]:
 
 def _tracks(tracked: TracksSummary) -> Iterator[tuple[str, Section]]:
     formats = (TEXT, MARKDOWN)
-    yield "tracks", Section("Tracks", [Facts([*_track_facts(tracked).items()])], formats)
+    yield "tracks", Section("Tracks", [NamedValues([*_track_facts(tracked).items()])], formats)
     for name, kinds in tracked.kinds.items():
         if counts := _most_first({kind.replace("_", " "): count for kind, count in kinds.items()}):
             shares = Shares(name.removeprefix("tracks."), "tracks", counts, sum(counts.values()))
@@ -380,7 +380,7 @@ def _words(summary: Summary) -> tuple[str, Section]:
     """Return the words of the page that not everybody knows."""
     rows = [(name, words) for name, words in WORDS.items() if summary.tracked is not None or name not in OF_TRACKS]
     rows += [] if summary.zones is None else summary.zones.words.items()
-    return "words", Section("Words", [Facts(rows)], (PAGE,))
+    return "words", Section("Words", [NamedValues(rows)], (PAGE,))
 
 
 def _sources(summary: Summary) -> Iterator[tuple[str, Section]]:

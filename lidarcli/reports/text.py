@@ -12,7 +12,7 @@ from rich.table import Table as RichTable
 from rich.text import Text
 
 from lidarcli.display.texts import no_command, visible
-from lidarcli.reports.document import MARKDOWN, TEXT, Bands, Block, Code, Drawing, Facts, Notes, Share, Shares, Table
+from lidarcli.reports.document import MARKDOWN, TEXT, Bands, Block, Code, Drawing, NamedValues, Notes, Share, Shares, Table
 from lidarcli.reports.report import Report
 from lidarcli.reports.wording import bar, course, number, share
 
@@ -76,7 +76,7 @@ def _parts(block: Block) -> Iterator[RenderableType]:
             yield _grid(block.rows, block.right, block.head)
             if block.more:
                 yield _styled(block.more)
-        case Facts():
+        case NamedValues():
             yield _grid(
                 [
                     [name, _share_bar(value.part, value.whole) if isinstance(value, Share) else value]
@@ -179,7 +179,7 @@ def _lines(block: Block) -> Iterator[str]:
     match block:
         case Table():
             yield from _table(block.head, [[*map(_escaped, row)] for row in block.rows], block.right)
-        case Facts():
+        case NamedValues():
             yield from _table([name for name, _ in block.rows], [[_escaped(value) for _, value in block.rows]])
         case Shares():
             rows = [[_escaped(kind), f"{count:,}", share(count, block.total)] for kind, count in block.counts.items()]

@@ -155,32 +155,28 @@ def _values(table: pa.Table, name: str) -> Float64:
 
 def _sensor(table: pa.Table, entry: dict[str, Any]) -> Background:
     shape = entry["stations"], entry["beams"]
-
-    def values(name: str) -> Float64:
-        return _values(table, name).reshape(shape)
-
-    first = slice(None), slice(0, 1)
-
-    def of_station(name: str) -> Float64:
-        return np.asarray(values(name)[first].reshape(-1))
-
+    values = {name: _values(table, name).reshape(shape) for name in BACKGROUND.names[2:]}
+    # What is the same for all beams of a station.
+    of_station = {
+        name: values[name][:, :1].reshape(-1) for name in ("sweeps", "pose_x", "pose_y", "pose_yaw", "upside_down")
+    }
     grid = Grid(entry["angle_min"], entry["angle_increment"], entry["beams"], entry["period"])
     # Other programs may keep single precision, of a relative precision of 1e-6.
-    off = np.abs(values("theta") - grid.bearings()) if shape[0] else np.zeros(0)
+    off = np.abs(values["theta"] - grid.bearings()) if shape[0] else np.zeros(0)
     if not (off <= SAME_BEAM * abs(grid.angle_increment) + 1e-6 * abs(grid.angle_min)).all():
         raise ValueError("bearings of another sensor")
     station, beam = np.indices(shape)
-    if not (np.array_equal(values("station"), station) and np.array_equal(values("beam"), beam)):
+    if not (np.array_equal(values["station"], station) and np.array_equal(values["beam"], beam)):
         raise ValueError("rows in another order")
     return Background(
         topic=entry["topic"],
         frame_id=entry["frame_id"],
         grid=grid,
         range_max=entry["range_max"],
-        **{name: values(name) for name in _PER_BEAM},
-        sweeps=of_station("sweeps").astype(np.int64),
+        **{name: values[name] for name in _PER_BEAM},
+        sweeps=of_station["sweeps"].astype(np.int64),
         poses=SweepPoses(
-            of_station("pose_x"), of_station("pose_y"), of_station("pose_yaw"), of_station("upside_down").astype(bool)
+            of_station["pose_x"], of_station["pose_y"], of_station["pose_yaw"], of_station["upside_down"].astype(bool)
         ),
         distance=entry["station_distance"],
         angle=entry["station_angle"],
