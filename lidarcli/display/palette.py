@@ -1,6 +1,6 @@
 """Colours and marks of all pictures, and the colours of a page on light and on dark ground.
 
-The colours are Okabe and Ito's, told apart by the colour-blind, and by their marks in print.
+The colours are Okabe and Ito's, which the colour-blind can distinguish; in print their marks differ.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ DARK, GREY, LIGHT = "#4D4D4D", "#8C8C8C", "#D9D9D9"
 ALL = (BLACK, ORANGE, SKY, GREEN, YELLOW, BLUE, VERMILION, PURPLE, DARK, GREY, LIGHT)
 
 WALL = "#D0D0D0"
-"""A wall is what things stand out from."""
+"""Pale, so that objects are conspicuous in front of a wall."""
 
 SET_STYLES = {"S": (GREY, "o", 0.7), "O": (BLUE, "o", 1.0), "A": (VERMILION, "^", 1.3)}
 """Set (Def. 4) → colour, mark, share of the size of a dot."""
@@ -90,7 +90,7 @@ COLOURS = {
     "heat-4": ("#1864aa", "#6cb5d9"),
     "heat-5": ("#08306b", "#d6eefb"),
 }
-"""Name → colour on light and on dark ground; each has a contrast to its ground that can be seen."""
+"""Name → colour on light and on dark ground; each has a visible contrast to its ground."""
 HEAT = tuple(light for name, (light, _) in COLOURS.items() if name.startswith("heat-"))
 _NAMES = {light.lower(): name for name, (light, _) in COLOURS.items()} | {BLACK: "ink", "#ffffff": "paper"}
 

@@ -64,7 +64,7 @@ def byte_bar(screen: Screen) -> Iterator[Callable[[int, int | None, str], None]]
 def count_bar(description: str, total: int | None, unit: str, screen: Screen) -> Iterator[Count]:
     """A bar by things done, such as sweeps: yields what the work calls with their number.
 
-    `description` names what is worked on, `total` is the number of all things, None where the work will tell, and `unit`
+    `description` names what is worked on, `total` is the number of all things, None until the work reports it, and `unit`
     what is counted, in the plural.
     """
     from rich.progress import MofNCompleteColumn, ProgressColumn, Task
@@ -87,7 +87,7 @@ def count_bar(description: str, total: int | None, unit: str, screen: Screen) ->
 def _bar(
     description: str, total: int | None, columns: Sequence[ProgressColumn], screen: Screen
 ) -> Iterator[Callable[[int, int | None, str], None]]:
-    """A bar that comes up after `PATIENCE`: yields what is called with things done, of how many, and the name beside it."""
+    """A bar that comes up after `PATIENCE`: yields what is called with things done, of how many, and their name."""
     from rich.console import Console
     from rich.progress import BarColumn, Progress, Task, TaskProgressColumn, TextColumn, TimeRemainingColumn
     from rich.text import Text
@@ -128,7 +128,7 @@ def _bar(
 
 
 def _short(name: str) -> str:
-    """A name that leaves room for the bar: its end, which tells logs apart.
+    """A name that leaves room for the bar: its end, by which logs differ.
 
     >>> _short("2026-01-31/robot-7/run.mcap")
     '...obot-7/run.mcap'

@@ -59,7 +59,7 @@ def _html(self: Described) -> str:
 
 
 class Routine(str):
-    """A note that tells how the work was done and asks nothing of the user: only `--verbose` shows it."""
+    """A note on how the work was done, which needs no action of the user: only `--verbose` shows it."""
 
     __slots__ = ()
 
@@ -94,7 +94,7 @@ def counted(number: int, what: str) -> str:
 
 
 def span(values: Iterable[float], form: str, unit: str) -> str:
-    """Return the least and the greatest of some values as text, or the one value that all of them are.
+    """Return a range as text, as `1.0 to 3.0 m`; of values that read the same that one value.
 
     >>> span([1.0, 3.0, 2.0], ".1f", "m"), span([2, 2], ",", "per sweep"), span([], "g", "m")
     ('1.0 to 3.0 m', '2 per sweep', 'none')
@@ -139,7 +139,7 @@ def some_of(names: Sequence[str]) -> str:
 
 
 def clipped(text: str) -> str:
-    """Return a text of a file as it stands in a message: no more than 60 characters of it."""
+    """Return a text of a file for a message: no more than 60 characters of it."""
     return text if len(text) <= 60 else f"{text[:57]}..."
 
 

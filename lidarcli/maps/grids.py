@@ -1,4 +1,4 @@
-"""Files of maps: grids as map_server and Nav2 have them, an image with its YAML file or a message, and clouds of points."""
+"""Occupancy grids as map_server and Nav2 have them: an image with its YAML file, or a message."""
 
 from __future__ import annotations
 
@@ -8,38 +8,28 @@ import math
 import re
 import struct
 import warnings
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from stat import S_ISREG
 from typing import TYPE_CHECKING, Any, BinaryIO
 
 import numpy as np
-import pyarrow as pa
 from numpy.typing import NDArray
 
 from lidarcli.display.texts import clipped
 from lidarcli.errors import UnreadableError
 from lidarcli.files.configfiles import read_yaml
-from lidarcli.formalism.detection import SETS
 from lidarcli.formalism.mapping.grid import FREE, OCCUPIED, UNKNOWN, Occupancy
-from lidarcli.options.choices import MAP_RESOLUTIONS, NS
-from lidarcli.sweeps.types import Bool, Float64, Int8, Int32, Int64, record
-from lidarcli.tabular.columns import codes, constant, floats, in_unit, plain, restamped
-from lidarcli.tabular.schemas import CLOUD, STAMP, TEXT
-from lidarcli.tabular.writing import ParquetSink
+from lidarcli.options.choices import MAP_RESOLUTIONS
+from lidarcli.sweeps.types import Int8
 
 if TYPE_CHECKING:
     from PIL.ImageFile import ImageFile
 
-OCCUPIED_THRESHOLD, FREE_THRESHOLD = 0.65, 0.196
-"""Shares of black from and up to which a cell is occupied or free, as map_saver writes them."""
 MAX_PIXELS = 400_000_000
 """Largest image that is read [pixels]: 1 km x 1 km in cells of 5 cm; …"""
 MAX_PACKED_PIXELS = 40_000_000
 """… one of fewer bytes than pixels: 300 m x 300 m in cells of 5 cm."""
-MIN_YAW = 1e-6
-"""Least turn of a map that is no rounding [rad]: 1 mm at 1 km."""
 
 _PIXELS = np.full(256, 205, np.uint8)
 _PIXELS[[FREE, OCCUPIED]] = 254, 0
@@ -48,21 +38,22 @@ FARTHEST = 1e9
 """Greatest number of a file, such as a coordinate of a world whose origin is far away [m]."""
 _KEYS = ("image", "resolution", "origin", "negate", "occupied_thresh", "free_thresh")
 _MODES = ("trinary", "scale", "raw")
-_PLAIN_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_.-]*\.(?:pgm|png|bmp)")
 _SIDE = 2048
 """Images are converted in squares of this side [pixels]."""
 _SAVE_AGAIN = "save the map again"
 MAP_TYPE = "nav_msgs/msg/OccupancyGrid"
-_LAST_STAMP_NS = (1 << 31) * 1_000_000_000 - 1
 
 
 def yaml_bytes(grid: Occupancy, image: str) -> bytes:
     """Return the YAML file of a map [m] whose cells are in the file `image`, a name relative to that of the YAML file."""
-    name = image if _PLAIN_NAME.fullmatch(image) else json.dumps(image, ensure_ascii=False)
+    name = (
+        image if re.fullmatch(r"[A-Za-z][A-Za-z0-9_.-]*\.(?:pgm|png|bmp)", image) else json.dumps(image, ensure_ascii=False)
+    )
     x, y = _decimal(grid.x), _decimal(grid.y)
+    # The thresholds are shares of black, as map_saver writes them.
     text = (
         f"image: {name}\nmode: trinary\nresolution: {_decimal(grid.resolution)}\norigin: [{x}, {y}, 0.0]\n"
-        f"negate: 0\noccupied_thresh: {OCCUPIED_THRESHOLD}\nfree_thresh: {FREE_THRESHOLD}\n"
+        f"negate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.196\n"
     )
     # Names of files need not be UTF-8.
     return text.encode("utf-8", "surrogateescape")
@@ -87,8 +78,8 @@ def read_map(path: Path) -> Occupancy:
     as it is bright. From `occupied_thresh` on a cell is occupied, up to `free_thresh` it is free; at the very threshold
     Nav2 and ROS 1 differ, and this is Nav2's rule. The rest is unknown. So it is in mode `scale`, which has shades of
     likelihood there, and where anything is transparent as well. In mode `raw` a pixel of 0 to 100 is the likelihood of
-    its cell in per cent, which is judged by the same thresholds, and any other is unknown; `negate` means nothing then.
-    An image that has 205 beside 0 and 254 alone is one of map_saver, which writes 205 for unknown: it is, whatever
+    its cell in per cent, to which the same thresholds apply, and any other is unknown; `negate` means nothing then.
+    An image that has 205 in addition to 0 and 254 alone is one of map_saver, which writes 205 for unknown: it is, whatever
     `free_thresh` says (Nav2's default of 0.25 would make it free), with a note.
 
     Raises
@@ -128,7 +119,8 @@ def _described(path: Path) -> _Described:
     if not isinstance(origin, list) or len(origin) != 3:
         raise _refused(path, "origin is not [x, y, yaw]", _SAVE_AGAIN)
     x, y, yaw = (_number(path, "origin", value) for value in origin)
-    if abs(yaw) > MIN_YAW:
+    # What is less is rounding: 1 mm at 1 km.
+    if abs(yaw) > 1e-6:
         turned = f"origin has a yaw of {yaw:g} rad, and maps that are turned are not supported"
         raise _refused(path, turned, "turn the image and set the yaw to 0")
     negate = values["negate"]
@@ -202,7 +194,7 @@ def _decoded(path: Path, shown: str, file: BinaryIO, size: int, described: _Desc
     is_saved = False
     if image.mode == "L" and described.mode == "trinary" and not described.negate:
         unknown = int(_PIXELS[UNKNOWN])
-        tables[255] = _judged(np.arange(256) / 255, described)
+        tables[255] = _evaluated(np.arange(256) / 255, described)
         shades = {shade for _, shade in image.getcolors(len({*_PIXELS.tolist()})) or ()}
         is_saved = unknown in shades <= {*_PIXELS.tolist()} and tables[255][unknown] == FREE
         tables[255][unknown] = UNKNOWN if is_saved else tables[255][unknown]
@@ -211,7 +203,7 @@ def _decoded(path: Path, shown: str, file: BinaryIO, size: int, described: _Desc
         part: Any = image.crop((columns.start, rows.start, min(columns.stop, width), min(rows.stop, height)))
         levels, white, opaque = _levels(part, described.mode == "trinary")
         if white not in tables:
-            tables[white] = _judged(np.arange(white + 1) / white, described)
+            tables[white] = _evaluated(np.arange(white + 1) / white, described)
         cells[::-1][rows, columns] = tables[white][levels]
         if opaque is not None and described.mode == "scale":
             cells[::-1][rows, columns][~opaque] = UNKNOWN
@@ -240,16 +232,16 @@ def _levels(image: Any, with_alpha: bool) -> tuple[NDArray[Any], int, NDArray[np
     if image.mode in ("1", "L"):
         return np.asarray(image.convert("L")), 255, None
     if image.mode[0] == "I":
-        # 16 bits, whichever way Pillow keeps them.
+        # 16 bits, however Pillow keeps them.
         return np.clip(np.asarray(image), 0, 65535).astype(np.uint16), 65535, None
     transparent = image.mode in ("LA", "La", "PA", "RGBA", "RGBa") or (image.mode == "P" and "transparency" in image.info)
     channels = np.asarray(image.convert("RGBA" if transparent else "RGB"))
-    judged = channels if with_alpha else channels[..., :3]
-    levels = judged.sum(axis=2, dtype=np.uint16)
-    return levels, 255 * judged.shape[2], channels[..., 3] == 255 if transparent else None
+    shown = channels if with_alpha else channels[..., :3]
+    levels = shown.sum(axis=2, dtype=np.uint16)
+    return levels, 255 * shown.shape[2], channels[..., 3] == 255 if transparent else None
 
 
-def _judged(shade: NDArray[np.float64], described: _Described) -> Int8:
+def _evaluated(shade: NDArray[np.float64], described: _Described) -> Int8:
     """Return free, occupied or unknown for pixels of a brightness from 0 to 1."""
     occupied = shade if described.negate else 1 - shade
     if described.mode == "raw":
@@ -299,7 +291,7 @@ def write_occupancy_mcap(file: BinaryIO, grid: Occupancy, stamp_ns: int, topic: 
     # Those who only read maps do not wait for the definitions of all messages.
     from lidarcli.ros.messages import add_channel, offered, ros2_definition, start_ros2
 
-    stamp_ns = min(max(stamp_ns, 0), _LAST_STAMP_NS)
+    stamp_ns = min(max(stamp_ns, 0), (1 << 31) * 1_000_000_000 - 1)
     writer = start_ros2(file)
     channel = add_channel(writer, topic, MAP_TYPE, ros2_definition(MAP_TYPE), offered(1, latched=True))
     writer.add_message(channel, stamp_ns, occupancy_cdr(grid, stamp_ns), stamp_ns)
@@ -325,194 +317,3 @@ def occupancy_cdr(grid: Occupancy, stamp_ns: int, z: float = 0.0) -> bytes:
 
 def _align(body: bytearray, size: int) -> None:
     body += bytes(-len(body) % size)
-
-
-# Point clouds as files: PLY and PCD for viewers, Parquet for programs.
-
-_FARTHEST_CELL = float(1 << 31)
-_MAX_POINTS = 10**15 - 1
-
-
-@record
-class CloudPoints:
-    """N points of one topic of one log, in the world frame. Writers may keep the arrays."""
-
-    log: str
-    topic: str
-    sweep: Int64
-    """(N,) index of the sweep within its topic, from 0."""
-    beam: Int32
-    """(N,) index of the beam in its sweep, from 0."""
-    stamp_ns: Int64
-    """(N,) time of the beam [ns]."""
-    x: Float64
-    """(N,) world frame [m]."""
-    y: Float64
-    set: Int8 | None = None
-    """(N,) code into `SETS`, negative where it is unknown; None where it is unknown everywhere."""
-
-
-class _Binary:
-    """A header with the number of points, which is known only at the end, and their coordinates."""
-
-    KIND: np.dtype[Any]
-    HEADER: str
-
-    def __init__(self, file: BinaryIO) -> None:
-        self._file = file
-        self._count = 0
-        file.write(self._head())
-
-    def write(self, points: CloudPoints) -> None:
-        """Take points."""
-        xyz = np.zeros((len(points.x), 3), self.KIND)
-        xyz[:, 0], xyz[:, 1] = points.x, points.y
-        self._file.write(xyz.tobytes())
-        self._count += len(points.x)
-
-    def finish(self, metadata: Mapping[bytes, bytes] | None = None) -> None:
-        """Put the number of points into the header."""
-        end = self._file.tell()
-        self._file.seek(0)
-        self._file.write(self._head())
-        self._file.seek(end)
-
-    def abandon(self) -> None:
-        """Do nothing: the writer holds nothing."""
-
-    def _head(self) -> bytes:
-        """Return the header, always of the same length: a comment fills up the number, as readers split at every blank."""
-        room = self.HEADER.count("{count}") * (len(str(_MAX_POINTS)) - len(str(self._count)))
-        return self.HEADER.format(count=self._count, note="." * room).encode()
-
-
-class PlyWriter(_Binary):
-    """Binary PLY 1.0, little-endian: x, y and z = 0 in double precision [m], 24 bytes per point.
-
-    Parameters
-    ----------
-    file : opened to write bytes (`w+b`), able to seek; the caller closes it
-    """
-
-    KIND = np.dtype("<f8")
-    HEADER = (
-        "ply\nformat binary_little_endian 1.0\ncomment lidarcli, metres {note}\nelement vertex {count}\n"
-        "property double x\nproperty double y\nproperty double z\nend_header\n"
-    )
-
-
-class PcdWriter(_Binary):
-    """Binary PCD 0.7: x, y and z = 0 in single precision [m], 12 bytes per point; `file` as of `PlyWriter`.
-
-    PCL's points have no other precision. It rounds to 0.5 mm within 16 km of the origin, and to 2 cm at 500 km: where
-    world coordinates are those of a map projection, take PLY.
-    """
-
-    KIND = np.dtype("<f4")
-    HEADER = (
-        "# .PCD v0.7 - Point Cloud Data file format\n# lidarcli, metres {note}\nVERSION 0.7\nFIELDS x y z\n"
-        "SIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\nWIDTH {count}\nHEIGHT 1\nVIEWPOINT 0 0 0 1 0 0 0\n"
-        "POINTS {count}\nDATA binary\n"
-    )
-
-
-class ParquetWriter:
-    """The cloud table (docs/tables.md), one row per point, in the order in which they come.
-
-    Parameters
-    ----------
-    file : opened to write bytes; the caller closes it
-    stamps : unit of the stamps, as of `in_unit`
-    """
-
-    def __init__(self, file: BinaryIO, stamps: str = NS) -> None:
-        self._stamps = stamps
-        self._sink = ParquetSink(file, in_unit(CLOUD, stamps))
-
-    def write(self, points: CloudPoints) -> None:
-        """Take points; they wait until there are enough for a row group. May raise what befell the last one."""
-        count = len(points.x)
-        columns = {
-            "log": constant(points.log, count),
-            "topic": constant(points.topic, count),
-            "sweep": plain(points.sweep),
-            "beam": plain(points.beam),
-            "stamp": plain(points.stamp_ns, STAMP),
-            "x": floats(points.x),
-            "y": floats(points.y),
-            "set": pa.nulls(count, TEXT) if points.set is None else codes(points.set, SETS),
-        }
-        rows = pa.RecordBatch.from_arrays([columns[name] for name in CLOUD.names], schema=CLOUD)
-        self._sink.write(restamped(rows, self._stamps))
-
-    def finish(self, metadata: Mapping[bytes, bytes] | None = None) -> None:
-        """Write what waits, the schema and its metadata."""
-        self._sink.finish(dict(metadata or {}))
-
-    def abandon(self) -> None:
-        """Let go of the file, and of the thread that writes it, without making it whole."""
-        self._sink.abandon()
-
-
-CloudWriter = PlyWriter | PcdWriter | ParquetWriter
-"""Takes points as they come and holds only a bounded number of them; errors of the file are its caller's."""
-
-
-class VoxelFilter:
-    """Keeps the first point in each square cell of a grid, over all calls, however the points are divided among them.
-
-    It takes 8 bytes for each cell that ever had a point, twice that while it sorts: 10,000 m² in cells of 5 cm are 4
-    million cells, 32 MB, if there is a point in every one of them.
-
-    Parameters
-    ----------
-    size : side of a cell [m], above 0; the corner of one lies in the origin
-
-    Raises
-    ------
-    ValueError
-        The size is not above 0, or not finite.
-
-    >>> grid = VoxelFilter(0.5)
-    >>> grid.keep(np.array([0.1, 0.4, 0.6]), np.zeros(3)).tolist()
-    [True, False, True]
-    >>> grid.keep(np.array([0.2, 1.0]), np.zeros(2)).tolist()
-    [False, True]
-    """
-
-    def __init__(self, size: float) -> None:
-        if not 0 < size < np.inf:
-            raise ValueError(f"the side of a cell is {size}, not above 0 and finite")
-        self._size = size
-        self._known: list[Int64] = []
-
-    @property
-    def cells(self) -> int:
-        """Number of cells in which there was a point."""
-        return sum(map(len, self._known))
-
-    def keep(self, x: Float64, y: Float64) -> Bool:
-        """Return (N,) True for points [m] that are the first in their cells.
-
-        Points that are not finite or more than 2^31 cells from the origin never are.
-        """
-        with np.errstate(over="ignore"):
-            column, row = np.floor(x / self._size), np.floor(y / self._size)
-        fits = (np.abs(column) < _FARTHEST_CELL) & (np.abs(row) < _FARTHEST_CELL)
-        at = np.flatnonzero(fits)
-        key = (column[at].astype(np.int64) << 32) + row[at].astype(np.int64)
-        # With its index `unique` sorts stably: the first of equal keys.
-        key, first = np.unique(key, return_index=True)
-        for known in self._known:
-            new = known[np.minimum(np.searchsorted(known, key), len(known) - 1)] != key
-            key, first = key[new], first[new]
-        kept = np.zeros(len(x), np.bool_)
-        kept[at[first]] = True
-        # Runs of sorted keys double in length, so that each key is sorted anew a few times only.
-        while len(key) and self._known and len(self._known[-1]) < 2 * len(key):
-            key = np.concatenate((self._known.pop(), key))
-            # Two sorted runs: timsort, or radix sort, is done with them in one pass.
-            key.sort(kind="stable")
-        if len(key):
-            self._known.append(key)
-        return kept

@@ -19,14 +19,13 @@ from lidarcli.sweeps.types import Bool, Float32, Float64, Int32, Int64, record
 
 Structured = NDArray[np.void]
 MARKER_TYPE = "visualization_msgs/msg/MarkerArray"
-ADD, DELETE_ALL = 0, 3
 LAST_SECOND = (1 << 31) - 1
 """Latest stamp of ROS 2 [s]."""
 SECOND = 1_000_000_000
 """Nanoseconds."""
 
 
-class Layout(NamedTuple):
+class MessageLayout(NamedTuple):
     """Bytes of one kind of message, or of a part of one, with the offsets of the numbers that differ."""
 
     dtype: np.dtype[Any]
@@ -76,11 +75,11 @@ class LayoutBuilder:
             self._fields.append((name, f"S{length}", len(self._bytes)))
         self._bytes += bytes(length + self.cdr)
 
-    def layout(self) -> Layout:
+    def layout(self) -> MessageLayout:
         """Return the layout of all members so far."""
         names, formats, offsets = zip(*self._fields, strict=True)
         dtype = np.dtype({"names": names, "formats": formats, "offsets": offsets, "itemsize": len(self._bytes)})
-        return Layout(dtype, bytes(self._bytes))
+        return MessageLayout(dtype, bytes(self._bytes))
 
     def _align(self, size: int) -> None:
         if self.cdr:
@@ -155,7 +154,7 @@ def marker_arrays(stamp_ns: Int64, frame: str, groups: Sequence[Markers], *, cdr
     message = np.concatenate([np.arange(messages), *(group.message for group in groups)])
     form = np.repeat(np.arange(len(forms)), [messages, *(len(group.message) for group in groups)])
     order = np.argsort(message, kind="stable")
-    # What begins a message lies before its first marker: in CDR also four bytes that tell of the encoding.
+    # What begins a message lies before its first marker: in CDR also four bytes on the encoding.
     head = 8 if cdr else 4
     shifts = (0, 4) if cdr else (0,)
     layouts = [[_layout(cdr, name, *each, shift) for shift in shifts] for each in forms]
@@ -185,9 +184,9 @@ def marker_arrays(stamp_ns: Int64, frame: str, groups: Sequence[Markers], *, cdr
     scatter(buffer, start[is_first], heads.view(f"V{head}")[:, 0])
     seconds, nanoseconds = within_ros(stamp_ns)
     for number, each in enumerate(layouts):
-        mine = here == number
+        own = here == number
         for half, layout in enumerate(each):
-            found = np.flatnonzero(mine & (shift == half))
+            found = np.flatnonzero(own & (shift == half))
             if not len(found):
                 continue
             items = layout.filled(len(found))
@@ -224,7 +223,7 @@ def _set_marker(items: Structured, group: Markers, rows: Int64) -> None:
 
 
 @lru_cache(maxsize=4096)
-def _layout(cdr: bool, frame: bytes, kind: Kind, length: int, deletes: bool, shift: int) -> Layout:
+def _layout(cdr: bool, frame: bytes, kind: Kind, length: int, deletes: bool, shift: int) -> MessageLayout:
     """Return a marker that begins `shift` bytes after a multiple of eight; with `deletes` it deletes all markers."""
     builder = LayoutBuilder(cdr, shift)
     if not cdr:
@@ -235,13 +234,13 @@ def _layout(cdr: bool, frame: bytes, kind: Kind, length: int, deletes: bool, shi
     number, namespace = kind.value
     builder.text(b"" if deletes else namespace)
     if deletes:
-        builder.number("i", 0, number, DELETE_ALL)
+        builder.number("i", 0, number, 3)  # action: DELETEALL
         # Viewers look at these numbers in every marker: a quaternion of zeros is an error, and so is a scale of 0.
         builder.number("d", 0, 0, 0, 0, 0, 0, 1, 1, 1, 1)
         builder.number("f", 1, 1, 1, 1)
     else:
         builder.field("id", "i")
-        builder.number("i", number, ADD)
+        builder.number("i", number, 0)  # action: ADD
         builder.field("position", "d", (3,))
         builder.number("d", 0, 0)
         builder.field("turn", "d", (2,))

@@ -24,26 +24,16 @@ COLUMNS = (
 PATH_COLUMNS = ("topic", "sweep", "t", "track", "frame", "x", "y", "vx", "vy", "seen")
 """Columns of the trajectories table that paths need."""
 
-HEIGHT, MIN_SIDE, WIDEST = 0.2, 0.02, 1e6
-"""Height of every body, for a sweep has none, and the least and the greatest side of a body [m]."""
-LINE, TEXT, SHAFT = 0.02, 0.25, 0.05
-"""Width of outlines, height of letters, and width of arrows [m]."""
-WIDE = 3.0
-"""Width of the outline of a zone that is occupied, by that of others."""
-LIFT = 0.15
-"""Height of labels above the body [m]."""
-BEHIND = 0.2
-"""Distance of labels behind the body, as seen by the sensor [m]: a label in its shadow hides no other object."""
-LETTER = 0.55
-"""Width of a letter, by its height."""
-PALE = 0.5
-"""Share of white in the colour of letters, which are thin and lie on dark ground."""
+HEIGHT, MIN_SIDE = 0.2, 0.02
+"""Height of every body, for a sweep has none, and the least side of a body [m]."""
+LINE, TEXT = 0.02, 0.25
+"""Width of outlines, and height of letters [m]."""
 SOLID, CLEAR = 1.0, 0.35
-"""Alpha of lines and letters, and of bodies, behind which the beams are still seen."""
-MIN_SPEED = 0.05
-"""Least speed of a track with an arrow [m/s]: a shorter one would be wider than long."""
+"""Alpha of lines and letters, and of bodies, behind which the beams are still visible."""
 PART = 1_000_000
 """Added to the id for each further object of a sweep that belongs to the same track."""
+SHAFT = 0.05
+"""Width of arrows [m]; a track of this speed [m/s] has an arrow as wide as long."""
 UNKNOWN = "unknown"
 
 
@@ -54,6 +44,12 @@ class Poses:
     x: Float64
     y: Float64
     yaw: Float64
+
+    def turned(self, message: Int64 | int, east: Float64, north: Float64) -> tuple[Float64, Float64]:
+        """Return directions in the world in the axes of an upright sensor: ahead and left; as they are without a pose."""
+        yaw = np.nan_to_num(self.yaw[message])
+        cos, sin = np.cos(yaw), np.sin(yaw)
+        return cos * east + sin * north, cos * north - sin * east
 
 
 @record
@@ -74,12 +70,12 @@ class Trajectories:
     @staticmethod
     def of(table: pa.Table, topic: str) -> Trajectories:
         """Return those of a topic in a table with `PATH_COLUMNS`."""
-        mine = are(table["topic"], topic)
+        own = are(table["topic"], topic)
         names = ("track", "sweep", "t", "x", "y", "vx", "vy")
         track, sweep, seconds, x, y, vx, vy = (held(table[name])[0] for name in names)
         moving = np.hypot(vx, vy) > 0.0
-        mine &= np.isin(track, np.unique(track[mine & moving]))
-        rows = np.flatnonzero(mine)
+        own &= np.isin(track, np.unique(track[own & moving]))
+        rows = np.flatnonzero(own)
         rows = rows[np.lexsort((sweep[rows], track[rows]))]
         in_world = are(table["frame"], "world")[rows]
         track, moving = track[rows], moving[rows]
@@ -92,9 +88,9 @@ class Trajectories:
         """Yield each track that a sweep sees with its rows in the last `TRAIL` seconds, since it was hidden last."""
         for row in np.flatnonzero(self.sweep == sweep).tolist():
             begin = int(np.searchsorted(self.track, self.track[row]))
-            mine = np.arange(begin, row + 1)
-            mine = mine[self.seconds[mine] >= self.seconds[row] - TRAIL]
-            yield int(self.track[row]), mine[np.logical_and.accumulate(self.seen[mine][::-1])[::-1]]
+            own = np.arange(begin, row + 1)
+            own = own[self.seconds[own] >= self.seconds[row] - TRAIL]
+            yield int(self.track[row]), own[np.logical_and.accumulate(self.seen[own][::-1])[::-1]]
 
 
 def markers_of(rows: pa.RecordBatch, message: Int64, poses: Poses) -> list[Markers]:
@@ -136,9 +132,8 @@ def paths_of(trajectories: Trajectories, index: Int64, poses: Poses, hangs: bool
         for number, rows in trajectories.up_to(sweep):
             x, y = trajectories.x[rows], trajectories.y[rows]
             if len(rows) and trajectories.in_world[rows[-1]]:
-                cos, sin = np.cos(poses.yaw[message]), np.sin(poses.yaw[message])
-                x, y = x - poses.x[message], y - poses.y[message]
-                x, y = cos * x + sin * y, (cos * y - sin * x) * (-1.0 if hangs else 1.0)
+                x, y = poses.turned(message, x - poses.x[message], y - poses.y[message])
+                y = y * (-1.0 if hangs else 1.0)
             if len(x) > 1 and np.isfinite(x).all() and np.isfinite(y).all():
                 colour = _of_set("A" if trajectories.is_agent[rows[-1]] else "O")
                 found.setdefault(len(x), []).append((message, number & 0x7FFFFFFF, colour, np.column_stack([x, y])))
@@ -165,7 +160,7 @@ def zone_of(number: int, action: str, corners: Float64, occupied: Bool) -> Marke
     colour[:, 3] = np.where(bright, SOLID, CLEAR)
     # A line from one corner to the other and back looks like one.
     around = np.arange(corners.shape[1] + 1) % corners.shape[1]
-    wide = np.where(bright, WIDE, 1.0)
+    wide = np.where(bright, 3.0, 1.0)
     return _lines(Kind.ZONE, message, np.full(count, number, np.int32), colour, corners[message][:, around], wide)
 
 
@@ -187,7 +182,7 @@ class _Objects:
         self._place = place
         self._yaw = np.nan_to_num(numbers(rows["box_yaw"]))
         sides = [numbers(rows[name]) for name in ("box_length", "box_width")]
-        self._sides = np.fmin(np.fmax(np.column_stack(sides), MIN_SIDE), WIDEST)
+        self._sides = np.fmin(np.fmax(np.column_stack(sides), MIN_SIDE), 1e6)
         names, shape = _coded(rows["shape"])
         self._is_round = np.array([name == "round" for name in names])[shape]
         number, self._is_tracked = held(rows["track"])
@@ -205,45 +200,46 @@ class _Objects:
         """Yield the outlines: the vertices and back to the first; the box where there are too few."""
         points, starts, counts = _vertices(self._rows, self._place, self._sides, self._yaw)
         for count in np.unique(counts).tolist():
-            mine = np.flatnonzero(counts == count)
+            own = np.flatnonzero(counts == count)
             around = np.arange(count + 1) % count
-            shown = points[starts[mine, None] + around]
-            zero = np.zeros((len(mine), 2))
-            yield self._markers(Kind.OUTLINE, mine, zero, 0.0, np.full(3, LINE), SOLID, points=shown)
+            shown = points[starts[own, None] + around]
+            zero = np.zeros((len(own), 2))
+            yield self._markers(Kind.OUTLINE, own, zero, 0.0, np.full(3, LINE), SOLID, points=shown)
 
     def bodies(self) -> Iterator[Markers]:
         """Yield a cylinder or a box for each object."""
         is_round = self._is_round
         height = np.full((len(is_round), 1), HEIGHT)
         size = np.hstack([self._sides, height])
-        # What is hidden of a round thing shortens its box.
+        # What is hidden of a round object shortens its box.
         size[is_round, :2] = self._sides[is_round].max(axis=1, keepdims=True)
-        for kind, mine in ((Kind.CUBE, ~is_round), (Kind.CYLINDER, is_round)):
-            rows = np.flatnonzero(mine)
+        for kind, own in ((Kind.CUBE, ~is_round), (Kind.CYLINDER, is_round)):
+            rows = np.flatnonzero(own)
             if len(rows):
                 yield self._markers(kind, rows, self._place[rows], self._yaw[rows], size[rows], CLEAR)
 
     def labels(self, yaw: Float64) -> Iterator[Markers]:
         """Yield number and size of each object, and its name; once where several belong to one track.
 
-        `yaw`: (N,) of the sensor in the world, which is seen with x to the right
+        `yaw`: (N,) of the sensor in the world, which viewers show with x to the right
         """
         rows = np.flatnonzero(self._part == 0)
         texts = self._texts(rows)
         lengths = held(pc.binary_length(texts))[0]
         behind = self._behind(rows, lengths, yaw[rows])
         for length in np.unique(lengths).tolist():
-            mine = np.flatnonzero(lengths == length)
+            own = np.flatnonzero(lengths == length)
             # Texts of one length lie one after the other.
-            text = np.frombuffer(texts.take(plain(mine)).buffers()[2], f"S{length}", len(mine))
+            text = np.frombuffer(texts.take(plain(own)).buffers()[2], f"S{length}", len(own))
             size = np.full(3, TEXT)
-            yield self._markers(Kind.LABEL, rows[mine], behind[mine], 0.0, size, SOLID, lift=HEIGHT + LIFT, text=text)
+            yield self._markers(Kind.LABEL, rows[own], behind[own], 0.0, size, SOLID, lift=HEIGHT + 0.15, text=text)
 
     def arrows(self, velocity: Float64) -> Iterator[Markers]:
-        """Yield an arrow for each track that moves: its way in a second."""
+        """Yield an arrow for each track that moves: its path in a second."""
         speed = np.hypot(*velocity.T)
         moving = np.logical_and(*held(self._rows["moving"]))
-        rows = np.flatnonzero(moving & (speed > MIN_SPEED) & self._is_tracked & (self._part == 0))
+        # A slower track would have an arrow wider than long.
+        rows = np.flatnonzero(moving & (speed > SHAFT) & self._is_tracked & (self._part == 0))
         if len(rows):
             scale = np.column_stack([speed[rows], np.full((len(rows), 2), SHAFT)])
             yaw = np.arctan2(velocity[rows, 1], velocity[rows, 0])
@@ -265,7 +261,8 @@ class _Objects:
         count = len(rows)
         colour = self._colour[rows]
         if kind is Kind.LABEL:
-            colour = colour + PALE * (1 - colour)
+            # Half of it white: letters are thin and lie on dark ground.
+            colour = colour + 0.5 * (1 - colour)
         return Markers(
             kind,
             self._message[rows],
@@ -288,12 +285,14 @@ class _Objects:
         return chosen
 
     def _behind(self, rows: NDArray[np.intp], letters: NDArray[Any], yaw: Float64) -> Float64:
-        """Return (K, 2) positions behind some objects, as seen by the sensor, for texts of so many letters beside them."""
+        """Return (K, 2) positions behind some objects, as seen by the sensor, for texts of so many letters next to them."""
         place = self._place[rows]
         bearing = np.arctan2(place[:, 1], place[:, 0])
-        text = 0.5 * TEXT * np.column_stack([LETTER * letters, np.ones(len(rows))])
+        # A letter is 0.55 times as wide as high.
+        text = 0.5 * TEXT * np.column_stack([0.55 * letters, np.ones(len(rows))])
         across = np.abs(np.column_stack([np.cos(bearing + yaw), np.sin(bearing + yaw)]))
-        away = 0.5 * np.hypot(*self._sides[rows].T) + BEHIND + (text * across).sum(axis=1)
+        # In the shadow of the body a label hides no other object.
+        away = 0.5 * np.hypot(*self._sides[rows].T) + 0.2 + (text * across).sum(axis=1)
         behind: Float64 = place + away[:, None] * np.column_stack([np.cos(bearing), np.sin(bearing)])
         return behind
 
@@ -302,12 +301,12 @@ class _Objects:
         unit, times, space = (_always(text, len(rows)) for text in (" m", " x ", " "))
         length, width = (_metres(side) for side in self._sides[rows].T)
         both = pc.binary_join_element_wise(length, width, times)
-        # A side that is no more than what is drawn at least was not seen.
+        # A side that is no more than what is drawn at least was not observed.
         known = self._sides[rows] > MIN_SIDE
         alone = (self._is_round[rows] | ~known[:, 1]).astype(np.int8)
         size = pc.if_else(answers(np.where(known[:, 0], alone, np.int8(-1))), length, both)
         number = plain(self._number[rows]).cast(pa.string())
-        # RViz draws ASCII alone; what stands in a catalogue is the user's.
+        # RViz draws ASCII alone; the names of a catalogue are the user's.
         label = self._rows["label"].dictionary_decode().take(plain(rows))
         size = pc.binary_join_element_wise(size, unit, _always("", len(rows)))
         return pc.binary_join_element_wise(number, label, size, space, null_handling="skip")
@@ -362,23 +361,16 @@ def _vertices(rows: pa.RecordBatch, place: Float64, sides: Float64, yaw: Float64
 
 def _in_sensor_frame(rows: pa.RecordBatch, message: Int64, poses: Poses) -> Float64:
     """Return (N, 2) velocity over ground in the axes of the sensor [m/s]; 0 where unknown."""
-    velocity = np.nan_to_num(np.column_stack([numbers(rows["vx"]), numbers(rows["vy"])]))
-    yaw = poses.yaw[message]
-    # Without a pose they are in the sensor's axes already.
-    yaw = np.where(np.isfinite(yaw), yaw, 0.0)
-    cos, sin = np.cos(yaw), np.sin(yaw)
-    ahead = cos * velocity[:, 0] + sin * velocity[:, 1]
-    left = cos * velocity[:, 1] - sin * velocity[:, 0]
+    ahead, left = poses.turned(message, *(np.nan_to_num(numbers(rows[name])) for name in ("vx", "vy")))
     # A sensor that hangs head down has its left where that of the world's is right.
     return np.column_stack([ahead, np.where(is_mirrored(rows, message, poses), -left, left)])
 
 
 def is_mirrored(rows: pa.RecordBatch, message: Int64, poses: Poses) -> Bool:
     """Return (N,) True where an object is on the other side of the sensor in the world: the sensor hangs head down."""
-    yaw = poses.yaw[message]
     east, north = (numbers(rows[f"world_{axis}"]) - at[message] for axis, at in zip("xy", (poses.x, poses.y), strict=True))
     left = numbers(rows["box_y"])
-    aside = np.cos(yaw) * north - np.sin(yaw) * east
+    _, aside = poses.turned(message, east, north)
     with np.errstate(invalid="ignore"):
         mirrored: Bool = np.abs(aside + left) < np.abs(aside - left)
     return mirrored

@@ -24,10 +24,6 @@ except ImportError as err:
 TIMELINE = "stamp"
 BEAMS = "beams"
 """Name of the entity of beams, below that of their topic."""
-OUT_OF_SIGHT = 0.02
-"""Share of the beams whose ends are out of sight at first, on each side."""
-HEIGHT = 1.1
-"""Height of the eye above the ground, by the side of what is in sight: rerun sees 55 degrees."""
 
 
 class Recording:
@@ -64,23 +60,24 @@ class Recording:
             x, y, _ = poses.to_world(np.nonzero(there)[0], points[:, 0], points[:, 1], np.zeros(len(points)))
             ends = np.column_stack([x, y])
         if len(ends):
-            low, high = np.quantile(ends, [OUT_OF_SIGHT, 1.0 - OUT_OF_SIGHT], axis=0)
+            # A few far ends are out of sight at first.
+            low, high = np.quantile(ends, [0.02, 0.98], axis=0)
             self._low, self._high = np.minimum(self._low, low), np.maximum(self._high, high)
         path = rerun.new_entity_path([name, BEAMS])
         self._look(path, BEAMS)
         columns = rerun.Points3D.columns(positions=_raised(points)).partition(there.sum(axis=1))
         self._stream.send_columns(path, times, columns)
         for kind in Kind:
-            mine = [group for group in groups if group.kind is kind]
+            own = [group for group in groups if group.kind is kind]
             path = rerun.new_entity_path([name, kind.value[1].decode()])
-            if mine:
+            if own:
                 self._look(path, kind)
             # Where a kind has been drawn, sweeps without it are written, too: else the last ones would stay.
             if (path, kind) in self._drawn:
-                self._stream.send_columns(path, times, _columns(kind, mine, len(batch)))
+                self._stream.send_columns(path, times, _columns(kind, own, len(batch)))
 
     def _look(self, path: str, what: Any) -> None:
-        """Tell once what all that is drawn at an entity has in common."""
+        """Log once what all that is drawn at an entity has in common."""
         if (path, what) in self._drawn:
             return
         self._drawn.add((path, what))
@@ -118,7 +115,8 @@ class Recording:
         """Add a view from above, in which some topics are hidden at first, and close the file."""
         any_beam = np.isfinite(self._low).all()
         low, high = (self._low, self._high) if any_beam else (np.full(2, -1.0), np.ones(2))
-        middle, away = 0.5 * (low + high), HEIGHT * float((high - low).max())
+        # rerun sees 55 degrees.
+        middle, away = 0.5 * (low + high), 1.1 * float((high - low).max())
         view = blueprint.Spatial3DView(
             origin="/",
             background=_rgba(viewers.BACKGROUND),

@@ -39,8 +39,6 @@ FREE, OCCUPIED, NOTHING = "#3A3A3AFF", "#8A6D1BFF", "#00000000"
 """Colours of a map, on which beams and objects are clear."""
 POINT = 4
 """Size of a beam's end [pixels]."""
-MAP_ALPHA = 0.3
-"""Alpha of a map in RViz: on the dark background free space is then dark enough for white beams."""
 
 
 def topic_name(text: str) -> str:
@@ -146,7 +144,7 @@ def _offer(topic: str, kind: str) -> tuple[int, bool]:
     if kind == MAP_TYPE:
         return 1, True
     if kind == TF and topic.endswith("tf_static"):
-        # Each of several nodes tells of its own frames.
+        # Each of several nodes publishes its own frames.
         return ALL, True
     return (5 if kind in (MARKER_TYPE, SCAN) else 100), False
 
@@ -162,7 +160,7 @@ class Scene:
     scans: tuple[str, ...]
     map: str | None = None
     hidden: frozenset[str] = frozenset()
-    """Topics among these that are not shown at first: of another topic of the same sensor there is as much to be seen."""
+    """Topics among these that are not shown at first: another topic of the same sensor shows as much."""
 
 
 def layout_json(scene: Scene) -> bytes:
@@ -188,7 +186,7 @@ def rviz_config(scene: Scene, *, is_ros2: bool) -> bytes:
     displays = [f"    - Class: {plugins}/Grid\n      Name: Grid\n      Enabled: true\n      Plane Cell Count: 20\n"]
     if scene.map is not None:
         displays.append(
-            f"    - Class: {plugins}/Map\n      Name: Map\n      Enabled: true\n      Alpha: {MAP_ALPHA}\n"
+            f"    - Class: {plugins}/Map\n      Name: Map\n      Enabled: true\n      Alpha: 0.3\n"
             + _topic(scene.map, "Topic", is_ros2, latched=True)
         )
     for topic in scene.scans:

@@ -176,7 +176,7 @@ def detect_stream(
 
     `name` is what errors call the stream.
     """
-    from lidarcli.tabular.writing import FORMATS, CountingOutput
+    from lidarcli.tabular.streams import FORMATS, CountingOutput
 
     guard = CountingOutput(out, name)
     parameters = options.as_dict()

@@ -67,16 +67,17 @@ from lidarcli.pipeline.reading.one_log import Progress, Reading, read_log
 from lidarcli.pipeline.reading.posing import Need, of_one_run
 from lidarcli.pipeline.runs.over_logs import LogProgress
 from lidarcli.pipeline.zone_counting import OBJECT_COLUMNS, Objects
-from lidarcli.reports.changes import pairs_of
 from lidarcli.reports.checks import Check, Verdict, parse_check, verdict_of
 from lidarcli.reports.figures import OF_CHANGES, OF_MAPS
 from lidarcli.reports.programs import as_junit
+from lidarcli.reports.run_pairs import pairs_of
 from lidarcli.sweeps.types import Float64, Int64, Status, SweepPoses
 from lidarcli.sweeps.zone import ROBOT
 from lidarcli.tabular.background import read_background
 from lidarcli.tabular.reading import TopicRows, column_names
 from lidarcli.tabular.schemas import BACKGROUND, CHANGES
-from lidarcli.tabular.writing import ALIGNMENT, CHANGE_FIGURES, SOURCE, table_metadata, write_stream
+from lidarcli.tabular.streams import write_stream
+from lidarcli.tabular.writing import ALIGNMENT, CHANGE_FIGURES, SOURCE, table_metadata
 
 AUTO, AS_IS, _ = choices.ALIGN
 MAX_THINGS = 10_000

@@ -29,7 +29,8 @@ from lidarcli.tabular.reading import (
     refuse_columns,
     schema_of,
 )
-from lidarcli.tabular.writing import SOURCE, Output, write_stream
+from lidarcli.tabular.streams import write_stream
+from lidarcli.tabular.writing import SOURCE, Output
 
 MAX_COLUMNS = 1000
 """Most columns that are written: tables of lidarcli have 50; each column of others takes time and memory."""

@@ -36,17 +36,8 @@ from lidarcli.formalism.mapping.grid import (
 )
 from lidarcli.logs.base import OpenOptions
 from lidarcli.logs.batches import ReadOptions
-from lidarcli.maps.grids import (
-    CloudPoints,
-    CloudWriter,
-    ParquetWriter,
-    PcdWriter,
-    PlyWriter,
-    VoxelFilter,
-    pgm_bytes,
-    write_occupancy_mcap,
-    yaml_bytes,
-)
+from lidarcli.maps.clouds import CloudPoints, CloudWriter, ParquetWriter, PcdWriter, PlyWriter, VoxelFilter
+from lidarcli.maps.grids import pgm_bytes, write_occupancy_mcap, yaml_bytes
 from lidarcli.options.choices import (
     CLOUDS,
     MAP_RESOLUTION,

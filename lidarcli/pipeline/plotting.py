@@ -27,9 +27,10 @@ from lidarcli.pipeline.reading.one_log import damage_lines, read_log
 from lidarcli.pipeline.reading.posing import NO_POSES, Need, PoseAttacher, PoseOptions
 from lidarcli.reports import map_picture
 from lidarcli.reports.columns import Rows, rows_of
-from lidarcli.reports.ground import COLUMNS, Paths
 from lidarcli.reports.map_picture import Box, MapPicture, Snapshot, draw_map, overview
-from lidarcli.reports.picture import Picture, ZoneInSight, animate, draw, limits_of
+from lidarcli.reports.picture import animate, draw
+from lidarcli.reports.scene import Picture, ZoneInSight, limits_of
+from lidarcli.reports.world import COLUMNS, Paths
 from lidarcli.sweeps.range_rules import RangeRules
 from lidarcli.sweeps.types import Int64, Status, SweepBatch, SweepPoses
 

@@ -30,9 +30,11 @@ from lidarcli.pipeline.inputs.tables import (
 from lidarcli.reports.changes import ChangesPart, changes_part
 from lidarcli.reports.checks import Check, accepts, columns_needed, judge, parse_check
 from lidarcli.reports.columns import Origin, Rows, Run, least_observed
-from lidarcli.reports.document import Part, Report
+from lidarcli.reports.document import Part
 from lidarcli.reports.figures import COMPARED, OF_CHANGES, OF_MAPS, guards
+from lidarcli.reports.report import Report
 from lidarcli.reports.run import RunPart
+from lidarcli.reports.streams import streams_of
 from lidarcli.reports.summary import (
     OBJECT_COLUMNS,
     SWEEP_COLUMNS,
@@ -40,7 +42,6 @@ from lidarcli.reports.summary import (
     TRACKED_COLUMNS,
     compare,
     edges_of,
-    streams_of,
     summarise,
     values_of,
 )
@@ -312,9 +313,9 @@ def _load(
         columns |= {*TRACKED_COLUMNS, *(TRACKED_VIEW if viewer else ())}
     track_columns = {*TRACK_COLUMNS, *columns_needed(checks, "tracks")}
     if viewer:
-        from lidarcli.reports import ground, map_picture
+        from lidarcli.reports import map_picture, world
 
-        path_columns = {*ground.COLUMNS["trajectories"], *map_picture.COLUMNS["trajectories"]}
+        path_columns = {*world.COLUMNS["trajectories"], *map_picture.COLUMNS["trajectories"]}
         sweep_columns |= {*map_picture.COLUMNS["sweeps"]}
         track_columns |= {*map_picture.COLUMNS["tracks"]}
     read: list[tuple[TableSet, Origin, pa.Table, pa.Table]] = []

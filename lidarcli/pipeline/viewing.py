@@ -14,10 +14,11 @@ from lidarcli.pipeline.inputs.sources import MissingInput, Source, open_source
 from lidarcli.pipeline.inputs.tables import TableSet, batches
 from lidarcli.pipeline.reading.one_log import opening_of, rules_of
 from lidarcli.reports.columns import Origin, Run, same_recording
-from lidarcli.reports.ground import Raw, map_of, walls_of
-from lidarcli.reports.html import Choice, Page, choose_sweeps, pack, pack_map
+from lidarcli.reports.html import Choice, choose_sweeps, pack, pack_map
 from lidarcli.reports.map_picture import overview
+from lidarcli.reports.report import Page
 from lidarcli.reports.summary import Summary
+from lidarcli.reports.world import Raw, map_of, walls_of
 from lidarcli.sweeps.range_rules import closure
 from lidarcli.sweeps.types import Float64, Int64, SweepBatch
 from lidarcli.tabular.reading import Readable

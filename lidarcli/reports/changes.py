@@ -3,118 +3,26 @@
 from __future__ import annotations
 
 import math
-from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import pyarrow as pa
 
 from lidarcli.display.texts import counted
 from lidarcli.options.choices import CHANGE_STATUSES
-from lidarcli.reports.columns import Origin, Record
+from lidarcli.reports.columns import Origin
 from lidarcli.reports.document import MARKDOWN, PAGE, TEXT, Block, Card, FromAbove, Notes, Part, Section, Table, table_of
 from lidarcli.reports.figures import OF_MAPS, plain_fields
+from lidarcli.reports.run_pairs import COLUMNS, FIRST, Change, RunPair, number_or_none, pairs_of
 from lidarcli.reports.wording import in_unit, percent
 from lidarcli.tabular.reading import note_value, notes_of
-from lidarcli.tabular.writing import ALIGNMENT, CHANGE_FIGURES, DAMAGE, PARAMETERS, VERSION
+from lidarcli.tabular.writing import CHANGE_FIGURES, DAMAGE, PARAMETERS, VERSION
 
-if TYPE_CHECKING:
-    import pyarrow as pa
-
-COLUMNS = (
-    *("thing", "kind", "status", "why", "score", "x_a", "y_a", "yaw_a", "x_b", "y_b", "yaw_b"),
-    *("moved", "turned", "length", "width", "label"),
-)
-"""Columns of the table of changes that a report shows."""
-FIRST = ("moved", "new", "gone", "uncertain", "known")
-"""Statuses, those to look at first before the others."""
 CHANGES, CHANGES_OF_PAGE = 12, 500
 """Most changes of a run that text and Markdown, and the page, show one by one; a page also draws no more."""
 DRAWN = 6
 """Most runs that a page draws."""
-SEEN_TURN = math.radians(5.0)
-"""Boxes of the same thing seen from other sides are turned by up to this angle [rad]."""
-
-
-class Change(Record):
-    """A row of the table of changes: attributes are `COLUMNS`, None for null."""
-
-    @property
-    def place(self) -> tuple[float, float] | None:
-        """Place in the last run that has it [m]; None where the table tells none."""
-        for x, y in ((self.x_b, self.y_b), (self.x_a, self.y_a)):
-            if x is not None and y is not None:
-                return x, y
-        return None
-
-
-@dataclass(frozen=True, slots=True)
-class RunPair:
-    """A run and the one that it is compared with."""
-
-    before: str
-    name: str
-    changes: Sequence[Change]
-    counts: dict[str, int]
-    """Status → number of changes."""
-    dx: float | None = None
-    """Shift of the run onto the first one [m]; None, here and below, where nothing tells it."""
-    dy: float | None = None
-    dyaw: float | None = None
-    """Turn [rad]."""
-    overlap: float | None = None
-    rms: float | None = None
-
-    @property
-    def title(self) -> str:
-        """Names of both."""
-        return f"{self.before} to {self.name}"
-
-    @property
-    def words(self) -> str:
-        """Number of changes of each status that occurs."""
-        words = [f"{status} {count:,}" for status, count in self.counts.items() if count]
-        return ", ".join(words) or "nothing stands in them, and no structure differs"
-
-    def first(self, most: int) -> list[Change]:
-        """Return the changes to look at first: by status, then by number."""
-        return sorted(self.changes, key=lambda one: (FIRST.index(one.status), one.thing))[:most]
-
-    @property
-    def line(self) -> str:
-        """Names, numbers and alignment in a line."""
-        parts = [] if self.overlap is None else [f"{percent(self.overlap)} of the structure in place"]
-        if self.dx is not None and self.dy is not None and self.dyaw is not None:
-            turn = abs(math.degrees(math.remainder(self.dyaw, math.tau)))
-            parts.append(f"{math.hypot(self.dx, self.dy):.2f} m and {turn:.1f} degrees apart")
-        return "; ".join(filter(None, [f"{self.title}: {self.words}", ", ".join(parts)]))
-
-
-def pairs_of(table: pa.Table) -> list[RunPair]:
-    """Return the runs of a table with the schema `lidarcli.tabular.schemas.CHANGES`, in their order."""
-    changes: dict[str, list[Change]] = {}
-    names: dict[str, str] = {}
-    for row in table.select(["log_a", "log_b", *COLUMNS]).to_pylist():
-        before, name = row.pop("log_a"), row.pop("log_b")
-        changes.setdefault(name, []).append(Change(**row))
-        names.setdefault(name, before)
-    aligned = {
-        one["log_b"]: one
-        for one in note_value(notes_of(table), ALIGNMENT, list)
-        if isinstance(one, dict) and all(isinstance(one.get(name), str) for name in ("log_a", "log_b"))
-    }
-    # Without metadata the rows alone tell which runs there were.
-    aligned |= {name: {"log_a": names[name], "log_b": name} for name in names if name not in aligned}
-    pairs = []
-    for name, one in aligned.items():
-        mine = changes.get(name, [])
-        count = Counter(each.status for each in mine)
-        alignment = (_number(one.get(key)) for key in ("dx", "dy", "dyaw", "overlap", "rms"))
-        pairs.append(RunPair(one["log_a"], name, mine, {status: count[status] for status in CHANGE_STATUSES}, *alignment))
-    return pairs
-
-
-def _number(value: object) -> float | None:
-    return float(value) if isinstance(value, int | float) else None
 
 
 @dataclass(frozen=True, slots=True)
@@ -220,11 +128,12 @@ def _cells(changes: Sequence[Change]) -> dict[str, list[str]]:
 
 
 def _detail(one: Change) -> str:
-    """Return by how much a thing was moved and turned, else the reason of the status."""
+    """Return by how much an object was moved and turned, else the reason of the status."""
     if one.status != "moved" or one.moved is None:
         return one.why or ""
-    turned = abs(one.turned or 0.0)
-    return f"by {one.moved:.2f} m" + (f", {math.degrees(turned):.0f}°" if turned >= SEEN_TURN else "")
+    turned = math.degrees(abs(one.turned or 0.0))
+    # Boxes of the same object, observed from other sides, are turned by up to 5 degrees.
+    return f"by {one.moved:.2f} m" + (f", {turned:.0f}°" if turned >= 5.0 else "")
 
 
 def changes_part(tables: Sequence[tuple[str, pa.Table]]) -> ChangesPart:
@@ -236,9 +145,9 @@ def changes_part(tables: Sequence[tuple[str, pa.Table]]) -> ChangesPart:
     for name, table in tables:
         notes = notes_of(table)
         figures = note_value(notes, CHANGE_FIGURES, dict)
-        # What diff could not count, as of a run too short for anything to stand in it, is not none.
+        # What diff could not count, as of a run too short for anything to be static in it, is not none.
         unknown |= {status for status in CHANGE_STATUSES if status in figures and figures[status] is None}
-        of_maps |= {each: _number(figures[each]) for each in OF_MAPS if each in figures}
+        of_maps |= {each: number_or_none(figures[each]) for each in OF_MAPS if each in figures}
         pairs += pairs_of(table)
         version, damage = notes.get(VERSION, ""), tuple(map(str, note_value(notes, DAMAGE, list)))
         parameters = note_value(notes, PARAMETERS, dict)

@@ -137,7 +137,7 @@ class Tokens:
     def take_limits(self, of: str = "", more: str = "") -> tuple[str, float, float]:
         """Take a sign and a number, or `between A and B`: the sign, and the least and the greatest limit.
 
-        `of` and `more` are for the message: the column that is compared, and what else could stand here.
+        `of` and `more` are for the message: the column that is compared, and what else is allowed here.
         """
         if not self.take_if("between"):
             if self.next.kind != "operator":
@@ -310,19 +310,19 @@ class Check:
 
     @property
     def needs_tracks(self) -> bool:
-        """True if the check cannot be judged without tracks tables."""
+        """True if the check cannot be evaluated without tracks tables."""
         if self.condition is None:
             return self.figure in figures.track_names()
         return self.name == "tracks" or (self.name == "objects" and bool(self.condition.columns & OF_TRACKS))
 
     @property
     def needs_changes(self) -> bool:
-        """True if the check cannot be judged without tables of changes."""
+        """True if the check cannot be evaluated without tables of changes."""
         return self.condition is None and self.name in {*figures.OF_CHANGES, *figures.OF_MAPS}
 
     @property
     def needs_zones(self) -> bool:
-        """True if the check cannot be judged without tables of zones."""
+        """True if the check cannot be evaluated without tables of zones."""
         return self.name == "events" if self.condition else figures.zone_of(self.name) is not None
 
     def admits(self, value: float) -> bool:
@@ -371,7 +371,7 @@ def parse_check(
     Parameters
     ----------
     compared : whether there is a baseline
-    only : the figures that there are beside those of zones, where the check is not about tables of `detect`
+    only : the figures that there are in addition to those of zones, where the check is not about tables of `detect`
     rows : the tables whose rows can be counted; by default all, with `only` none
     zones : the zones that there are; where that is not known yet, a zone may have any name
 

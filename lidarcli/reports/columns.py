@@ -6,16 +6,15 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from types import SimpleNamespace
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+import pyarrow as pa
 from numpy.typing import NDArray
 
 from lidarcli.sweeps.types import Float64, Int32, Int64, spared
 from lidarcli.sweeps.zone import UNSEEN
-
-if TYPE_CHECKING:
-    import pyarrow as pa
+from lidarcli.tabular.columns import held, numbers
 
 Record = SimpleNamespace
 """A row of a table, or of what a report shows: attributes are its columns."""
@@ -38,12 +37,12 @@ class Origin:
     version: str = ""
     parameters: dict[str, Any] = field(default_factory=dict)
     mask: dict[str, Any] = field(default_factory=dict)
-    """Tables of the mask of the robot itself, as of a mask file."""
+    """Content of the mask file with which the log was read, empty without one."""
     damage: tuple[str, ...] = ()
     tracked: bool = False
-    """True if a tracks table lies beside."""
+    """True if there is a tracks table in the same folder."""
     recording: dict[str, str] = field(default_factory=dict)
-    """Topic → what is the same for one recording; empty where nobody tells."""
+    """Topic → number and checksum of its sweeps, by which two logs of one recording are recognised; empty where unknown."""
 
 
 def same_recording(one: Mapping[str, str], other: Mapping[str, str]) -> bool | None:
@@ -68,8 +67,6 @@ class Rows:
         """The rows of several sources, one after the other; `sources` where not every source has a table."""
         numbers = np.arange(len(tables)) if sources is None else np.asarray(sources)
         source = np.repeat(numbers.astype(np.int32), [table.num_rows for table in tables])
-        import pyarrow as pa
-
         return Rows(pa.concat_tables(tables).unify_dictionaries().combine_chunks(), source)
 
     def numbers(self, name: str) -> Float64:
@@ -78,10 +75,6 @@ class Rows:
         A number of single precision is the one of few decimals that it stands for, if there is one: 0.08, which checks
         and reports name, and not the double of its bits.
         """
-        import pyarrow as pa
-
-        from lidarcli.tabular.columns import numbers
-
         column = self.table[name]
         if pa.types.is_list(column.type):
             import pyarrow.compute as pc
@@ -97,10 +90,6 @@ class Rows:
 
     def integers(self, name: str) -> Int64:
         """A column of integers without nulls; a stamp in nanoseconds."""
-        import pyarrow as pa
-
-        from lidarcli.tabular.columns import held
-
         column = self.table[name]
         if pa.types.is_timestamp(column.type):
             column = column.cast(pa.int64())
@@ -109,13 +98,11 @@ class Rows:
 
     def total(self, names: Sequence[str]) -> Float64:
         """(K,) the sum of some columns."""
-        numbers: Float64 = np.sum([self.numbers(name) for name in names], axis=0)
-        return numbers
+        total: Float64 = np.sum([self.numbers(name) for name in names], axis=0)
+        return total
 
     def words(self, name: str) -> tuple[Int32, list[str]]:
         """A column of names: (K,) codes, -1 for null, and the names."""
-        from lidarcli.tabular.columns import held
-
         column = self.table[name]
         if not column.num_chunks or not len(column):
             return np.empty(0, np.int32), []
@@ -131,8 +118,6 @@ class Rows:
 
     def records(self, at: Int64, names: Sequence[str], **more: Sequence[Any]) -> list[Record]:
         """Some rows, each with its values by column and `more`: empty for a name that is null, NaN for a number."""
-        import pyarrow as pa
-
         columns: dict[str, Sequence[Any]] = {}
         for name in names:
             column = self.table[name]
@@ -155,11 +140,9 @@ class Rows:
         codes, names = self.words("topic")
         return self.where(np.isin(codes, [-1, *(names.index(topic) for topic in topics if topic in names)]))
 
-    def where(self, mine: NDArray[np.bool_]) -> Rows:
+    def where(self, own: NDArray[np.bool_]) -> Rows:
         """Some of the rows."""
-        import pyarrow as pa
-
-        return Rows(self.table.filter(pa.array(mine)).combine_chunks(), self.source[mine])
+        return Rows(self.table.filter(pa.array(own)).combine_chunks(), self.source[own])
 
     def has_any(self, name: str) -> bool:
         """Return True if the column is there with any value at all."""
@@ -215,9 +198,9 @@ class ZoneRows:
     zones: Rows
     """A row for each sweep and zone."""
     shapes: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
-    """Name of a zone → its outline, as the metadata tells it."""
+    """Name of a zone → its outline, as the metadata has it."""
     left_out: tuple[tuple[str, str], ...] = ()
-    """Logs and zones that could not be judged in them."""
+    """Logs, each with a zone that could not be evaluated in it."""
 
     @property
     def names(self) -> list[str]:
@@ -283,22 +266,22 @@ class Run:
 
     @cached_property
     def agents_at_once(self) -> Float64:
-        """(S,) tracks of set A that are seen in each sweep, however many objects each has; NaN where nobody tracked."""
+        """(S,) tracks of set A that are visible in each sweep, whatever their objects; NaN where there are no tracks."""
         tracked = np.array([source.tracked for source in self.sources], bool)
-        numbers = np.where(tracked[self.sweeps.source], 0.0, np.nan)
+        agents = np.where(tracked[self.sweeps.source], 0.0, np.nan)
         if not tracked.any() or not self.is_agent.any():
-            return numbers
+            return agents
         place, wanted = places(self.objects, self.sweeps)
         track = self.objects.numbers("track")
-        mine = self.is_agent & ~np.isnan(track)
-        names, dense = np.unique(track[mine], return_inverse=True)
-        one_each = np.unique(place[mine] * max(len(names), 1) + dense) // max(len(names), 1)
+        own = self.is_agent & ~np.isnan(track)
+        names, dense = np.unique(track[own], return_inverse=True)
+        one_each = np.unique(place[own] * max(len(names), 1) + dense) // max(len(names), 1)
         found, count = np.unique(one_each, return_counts=True)
         at = np.searchsorted(found, wanted)
         there = at < len(found)
         there[there] = found[at[there]] == wanted[there]
-        numbers[there] += count[at[there]]
-        return numbers
+        agents[there] += count[at[there]]
+        return agents
 
 
 def rows_of(rows: Rows, topic: str, sweeps: Int64, source: int | None = None) -> tuple[Int64, Int64]:
@@ -307,8 +290,8 @@ def rows_of(rows: Rows, topic: str, sweeps: Int64, source: int | None = None) ->
     They are in the order of the sweeps; `source`: of all of them, if there is more than one.
     """
     index = rows.integers("sweep")
-    mine = rows.are("topic", topic) & np.isin(index, sweeps)
-    found = np.flatnonzero(mine if source is None else mine & (rows.source == source))
+    own = rows.are("topic", topic) & np.isin(index, sweeps)
+    found = np.flatnonzero(own if source is None else own & (rows.source == source))
     at = np.searchsorted(sweeps, index[found])
     order = np.argsort(at, kind="stable")
     return found[order], at[order]

@@ -22,7 +22,7 @@ class Figure(NamedTuple):
     unit: Unit
     meaning: str
     table: str = ""
-    """Table whose column has the values; empty for a figure that is computed in another way."""
+    """Table whose column has the values; empty for a figure that is computed otherwise."""
     column: str = ""
 
 
@@ -155,7 +155,7 @@ COMPARED: dict[str, Figure] = {
     "added_sweeps": Figure("1", "sweeps that are not in the baseline"),
     "removed_sweeps": Figure("1", "sweeps that are in the baseline alone"),
 }
-"""Figures that need a baseline, beside `delta.NAME` and `percent.NAME` of every other."""
+"""Figures that need a baseline, in addition to `delta.NAME` and `percent.NAME` of every other."""
 
 GUARDED: dict[str, tuple[float | None, float | None]] = {
     **dict.fromkeys(("sweeps", "valid_share", "known"), (0.8, None)),
@@ -173,10 +173,6 @@ DELTA, PERCENT = "delta.", "percent."
 """Before the name of a figure: its difference from a baseline, and that in percent of the baseline's value."""
 STATISTICS = ("mean", "std", "min", "p05", "p50", "p95", "max")
 BINS = 24
-CELLS = 48
-"""Most cells of the map along one side."""
-NARROW = 1e-9
-"""Least relative difference of values that are told apart."""
 TAIL = 99.5
 """Percentile of the last edge [%]: values beyond go into the last bin, lest one far point flatten all others."""
 
@@ -320,7 +316,7 @@ def nice_edges(values: Float64, bins: int = BINS) -> Float64:
         return np.array([0.0, 1.0])
     low, high = (float(value) for value in np.percentile(there, (100 - TAIL, TAIL)))
     # Bins far narrower than the values would have edges that are all the same number.
-    span = high - low if high - low > NARROW * max(abs(low), abs(high), NARROW) else max(abs(low), 1e-3)
+    span = high - low if high - low > 1e-9 * max(abs(low), abs(high), 1e-9) else max(abs(low), 1e-3)
     width = round_up(span / bins)
     first = math.floor(low / width)
     last = max(math.floor(high / width) + 1, first + 1)
@@ -359,7 +355,7 @@ def density(frame: str, x: Float64, y: Float64) -> Density | None:
     if not len(xy):
         return None
     low, high = np.percentile(xy, (100 - TAIL, TAIL), axis=0)
-    cell = max(round_up(max(float((high - low).max()), 1e-3) / CELLS), 0.05)
+    cell = max(round_up(max(float((high - low).max()), 1e-3) / 48), 0.05)
     # The map ends at whole cells; what lies beyond the tail is outside, where a cell has no number that fits.
     first, last = np.floor(low / cell), np.floor(high / cell)
     cells = np.floor(xy / cell)

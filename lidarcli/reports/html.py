@@ -10,7 +10,7 @@ import math
 import re
 import zlib
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from importlib.resources import files
 from typing import Any, NamedTuple
 
@@ -26,15 +26,17 @@ from lidarcli.display.texts import stamp
 from lidarcli.formalism.detection import SETS, SHAPES
 from lidarcli.formalism.mapping.grid import FREE, OCCUPIED, Occupancy
 from lidarcli.reports.columns import Rows, Run, rows_of
-from lidarcli.reports.document import NAMES, PAGE, Code, FromAbove, Report
+from lidarcli.reports.document import NAMES, PAGE, Code, FromAbove
 from lidarcli.reports.drawing import project_style
 from lidarcli.reports.figures import Density, Histogram, Spread, plain
-from lidarcli.reports.ground import Ground, Raw, Walls, ground_of
-from lidarcli.reports.map_picture import MapPicture, Sight, changes_figure, map_figure
+from lidarcli.reports.map_picture import Sight, changes_figure, map_figure
 from lidarcli.reports.programs import clean
+from lidarcli.reports.report import Page, Report
 from lidarcli.reports.run import RunPart, track_cells
-from lidarcli.reports.summary import KINDS, Stream, Summary
+from lidarcli.reports.streams import Stream
+from lidarcli.reports.summary import KINDS, Summary
 from lidarcli.reports.wording import number, quantity, share
+from lidarcli.reports.world import PosedStream, Raw, Walls, posed_stream
 from lidarcli.reports.zones import ZonesPart
 from lidarcli.sweeps.types import Float64, Int64, UInt8
 
@@ -44,30 +46,18 @@ SCRIPTS = ("data", "pen", "scene", "curves", "charts", "timeline", "looking", "s
 
 BUDGET = 14_000_000
 """Most bytes of the viewer's arrays, which lose about half in packing: with the charts the file stays below 10 MB."""
-STREAMS_SHOWN = 40
-"""Most streams that the viewer shows."""
-PER_SWEEP, PER_OBJECT = 20, 19
-"""Bytes of one sweep, without its ranges, and of one object."""
-PER_SWEEP_POSED, PER_OBJECT_TRACKED, PER_TRAJECTORY = 12, 8, 17
-"""Further bytes of a sweep with a pose, of an object with a track, and of a row of the trajectories."""
-FINEST = 0.001
-"""Least unit of ranges as whole numbers [m]: what is finer is noise, which does not pack."""
 LOST = 65_535
 """Code of a beam without a range."""
-NOT_KNOWN, SURE = 255, 254
-"""Probability of being a thing, as a byte: unknown, and certain."""
+SURE = 254
+"""Byte of an object that is certainly no wall; 255 is unknown."""
 SPEED = 0.005
 """Unit of velocities as whole numbers [m/s]."""
 ANGLE = 32_767 / (3 * np.pi)
 """Whole numbers by radian of angles; theta_f may pass π."""
 SVG_STYLE: dict[str, Any] = {"svg.fonttype": "none", "svg.image_inline": True, "axes.grid": False}
 """Style of drawings in the page, whose texts stay texts."""
-OVERVIEW_SIZE = 7.0
-"""Longest side of the run from above [inch]."""
 GREYS = (0.15, 1.0, int(COLOURS["pressed"][0][1:3], 16) / 255)
 """Greys of occupied, free and unknown cells of a map; the last one is a colour of the page, and turns dark with it."""
-LINES = 6
-"""Streams in one chart; more cannot be told apart."""
 SERIES = ("blue", "vermilion", "green", "purple", "orange", "ink")
 DASHES = ((), (6, 3), (6, 3, 1, 3), (1, 2), (5, 2), (2, 2))
 HEAT = 5
@@ -86,26 +76,8 @@ TITLES = {
     "width": ("Width of objects", "chord [m]"),
 }
 """Figure of a histogram → title and axis."""
-CHART_CELLS = 60
-"""Most cells along a side of a map."""
 WIDEST = 1.5
 """Longest side of a map by its shortest."""
-
-
-@dataclass(frozen=True, slots=True)
-class Page:
-    """Data of a run that only the page shows."""
-
-    viewer: dict[str, Any]
-    """Values of `pack`, and a note on sweeps that are left out."""
-    overview: MapPicture | None = None
-    """The run from above, where there are poses."""
-    walls: Mapping[str, Walls] = field(default_factory=dict)
-    """Walls by frame."""
-    grid: Occupancy | None = None
-    """Map of the run, where there are poses and beams."""
-    command: str = ""
-    """Command that makes the page again."""
 
 
 def render(report: Report) -> str:
@@ -128,7 +100,7 @@ def _shown(run: RunPart, shown: Page) -> dict[str, Any]:
     overview = None
     if shown.overview is not None:
         with project_style(SVG_STYLE):
-            figure = map_figure(replace(shown.overview, grid=shown.grid), OVERVIEW_SIZE, greys=GREYS)
+            figure = map_figure(replace(shown.overview, grid=shown.grid), 7.0, greys=GREYS)
             overview = _inline("The run from above", figure)
     drawn = [*charts(run, shown.walls)]
     viewer = viewer | {"charts": [chart.values for chart in drawn]}
@@ -177,7 +149,7 @@ def _page(template: str, report: Report, **values: Any) -> str:
 
 
 def _drawn(block: FromAbove) -> Markup:
-    """Return the changes of a run from above, without the ground, which tables do not hold."""
+    """Return the changes of a run from above, without the map, which tables do not hold."""
     with project_style(SVG_STYLE):
         return _inline(f"Changes of run {block.number}", changes_figure([block.changes], [Sight()]))
 
@@ -234,17 +206,18 @@ class Choice:
 
 
 def choose_sweeps(run: Run, summary: Summary) -> Choice:
-    """Choose as many sweeps as the budget allows, evenly spaced, and those that stand out."""
+    """Choose as many sweeps as the budget allows, evenly spaced, and the outliers."""
     streams = summary.streams
-    count = min(len(streams.all), STREAMS_SHOWN)
-    mine = streams.stream < count
+    count = min(len(streams.all), 40)
+    own = streams.stream < count
     tracked = run.tracks is not None
     posed = run.sweeps.has_any("pose_x")
-    cost = PER_SWEEP + PER_SWEEP_POSED * posed + 2 * run.sweeps.numbers("beams")
-    per_object = PER_OBJECT + PER_OBJECT_TRACKED * tracked
+    # Bytes of a sweep, of an object and of a row of the trajectories.
+    cost = 20 + 12 * posed + 2 * run.sweeps.numbers("beams")
+    per_object = 19 + 8 * tracked
     cost += per_object * run.objects_per_sweep
-    total = float(cost[mine].sum())
-    total += 0 if run.trajectories is None else PER_TRAJECTORY * len(run.trajectories)
+    total = float(cost[own].sum())
+    total += 0 if run.trajectories is None else 17 * len(run.trajectories)
     keep = min(1.0, BUDGET / total) if total else 1.0
     outliers = {(one.stream, one.sweep) for one in summary.outliers}
     index = run.sweeps.integers("sweep")
@@ -318,10 +291,7 @@ def _stream(run: Run, stream: Stream, rows: NDArray[np.intp], raw: Raw | None) -
         "shape": _packed(_codes(objects, "shape", SHAPES)[members], np.uint8),
         "set": _packed(_codes(objects, "set", SETS)[members], np.uint8),
         **{name: _packed(np.nan_to_num(np.round(columns[name] / scale)), np.int16) for name in in_metres},
-        **{
-            name: _packed(np.clip(np.nan_to_num(np.round(columns[name] * ANGLE)), -32_767, 32_767), np.int16)
-            for name in angles
-        },
+        **{name: _signed(columns[name] * ANGLE) for name in angles},
     }
     if objects.has_any("label"):
         codes, packed["labels"] = objects.words("label")
@@ -329,20 +299,20 @@ def _stream(run: Run, stream: Stream, rows: NDArray[np.intp], raw: Raw | None) -
     if objects.has_any("thing"):
         thing = objects.numbers("thing")[members]
         share = np.clip(np.round(np.nan_to_num(thing) * SURE), 0, SURE)
-        packed["thing"] = _packed(np.where(np.isnan(thing), NOT_KNOWN, share), np.uint8)
-    ground = ground_of(run.sweeps, rows, objects, members, of_sweep)
-    if ground.posed:
+        packed["thing"] = _packed(np.where(np.isnan(thing), 255, share), np.uint8)
+    in_world = posed_stream(run.sweeps, rows, objects, members, of_sweep)
+    if in_world.posed:
         packed["pose"] = {
-            "side": ground.side,
-            "origin": list(ground.origin),
-            "x": _packed(ground.pose_x, np.float32),
-            "y": _packed(ground.pose_y, np.float32),
-            "yaw": _packed(ground.pose_yaw, np.float32),
+            "side": in_world.side,
+            "origin": list(in_world.origin),
+            "x": _packed(in_world.pose_x, np.float32),
+            "y": _packed(in_world.pose_y, np.float32),
+            "yaw": _packed(in_world.pose_yaw, np.float32),
         }
     if run.sources[stream.source].tracked:
         packed["tracks"] = _tracks(run, members)
         if run.trajectories is not None:
-            packed["paths"] = _paths(run.trajectories, stream, sweeps, ground)
+            packed["paths"] = _paths(run.trajectories, stream, sweeps, in_world)
     if raw is not None and len(raw.sweep):
         packed["raw"] = _raw(raw, sweeps)
     return packed
@@ -374,7 +344,7 @@ def _zones(zones: ZonesPart, stream: Stream) -> dict[str, Any]:
 
 
 def _tracks(run: Run, members: Int64) -> dict[str, Any]:
-    """Return number and velocity of the track of each object; a track that stands has no velocity."""
+    """Return number and velocity of the track of each object; a static track has no velocity."""
     moves = run.objects.numbers("moving")[members] == 1
     packed: dict[str, Any] = {
         # Numbers beyond are no track's of a log that a page can show.
@@ -382,12 +352,12 @@ def _tracks(run: Run, members: Int64) -> dict[str, Any]:
         "speed": SPEED,
     }
     for name in ("vx", "vy"):
-        packed[name] = _speeds(np.where(moves, run.objects.numbers(name)[members], 0.0))
+        packed[name] = _signed(np.where(moves, run.objects.numbers(name)[members], 0.0) / SPEED)
     return packed
 
 
-def _paths(found: Rows, stream: Stream, sweeps: Int64, ground: Ground) -> dict[str, Any]:
-    """Return number, position over ground and velocity of each track in each of the sweeps, seen or not."""
+def _paths(found: Rows, stream: Stream, sweeps: Int64, in_world: PosedStream) -> dict[str, Any]:
+    """Return number, position over ground and velocity of each track in each of the sweeps, visible or hidden."""
     rows, at = rows_of(found, stream.topic, sweeps, stream.source)
     order = np.lexsort((found.integers("track")[rows], at))
     rows, at = rows[order], at[order]
@@ -396,15 +366,16 @@ def _paths(found: Rows, stream: Stream, sweeps: Int64, ground: Ground) -> dict[s
         "track": _packed(np.minimum(found.integers("track")[rows], 2**31 - 1), np.int32),
         **{
             name: _packed(found.numbers(name)[rows] - origin, np.float32)
-            for name, origin in zip("xy", ground.origin, strict=True)
+            for name, origin in zip("xy", in_world.origin, strict=True)
         },
-        **{name: _speeds(found.numbers(name)[rows]) for name in ("vx", "vy")},
+        **{name: _signed(found.numbers(name)[rows] / SPEED) for name in ("vx", "vy")},
         "seen": _packed(~found.are("seen", "hidden")[rows], np.uint8),
     }
 
 
-def _speeds(values: Float64) -> dict[str, str]:
-    return _packed(np.clip(np.round(np.nan_to_num(values) / SPEED), -32_767, 32_767), np.int16)
+def _signed(values: Float64) -> dict[str, str]:
+    """Return the nearest whole numbers of two bytes; 0 for NaN."""
+    return _packed(np.clip(np.nan_to_num(np.round(values)), -32_767, 32_767), np.int16)
 
 
 def _raw(raw: Raw, sweeps: Int64) -> dict[str, Any]:
@@ -413,7 +384,8 @@ def _raw(raw: Raw, sweeps: Int64) -> dict[str, Any]:
     beams, raw = np.where(raw.sweep[at] == sweeps, raw.beams[at], 0), raw.rows(at)
     ranges = raw.ranges
     finite = np.isfinite(ranges) & (ranges >= 0)
-    scale = max(float(ranges[finite].max(initial=1.0)) / (LOST - 1), FINEST)
+    # What is finer than a millimetre is noise, which does not pack.
+    scale = max(float(ranges[finite].max(initial=1.0)) / (LOST - 1), 0.001)
     whole = np.where(finite, np.round(np.where(finite, ranges, 0.0) / scale), LOST).astype(np.uint16)
     inside = np.arange(ranges.shape[1]) < beams[:, None]
     return {
@@ -479,7 +451,8 @@ def charts(run: RunPart, walls: Mapping[str, Walls]) -> Iterator[Chart]:
     walls : frame → surfaces, to be drawn below the maps
     """
     summary = run.summary
-    streams = summary.streams.all[:LINES]
+    # More than six lines cannot be distinguished.
+    streams = summary.streams.all[:6]
     has_agents = any(np.nansum(stream.course.agents_max) for stream in streams)
     for name in OVER_TIME:
         if streams and (name != "agents_at_once" or has_agents):
@@ -536,9 +509,9 @@ def _histogram_chart(one: Histogram, other: Histogram | None, spread: Spread) ->
     keys: list[Key] = []
     if other is not None:
         # Shares, because the runs may differ in length.
-        mine, others = (counts / max(counts.sum(), 1) for counts in (one.counts, other.counts))
+        own, others = (counts / max(counts.sum(), 1) for counts in (one.counts, other.counts))
         series = [
-            {"form": "bars", "colour": "sky", "x": plain(edges), "y": plain(mine)},
+            {"form": "bars", "colour": "sky", "x": plain(edges), "y": plain(own)},
             {"form": "outline", "colour": "vermilion", "x": plain(edges), "y": plain(others)},
         ]
         keys = [Key("here", "sky"), Key("baseline", "vermilion", "stem")]
@@ -556,8 +529,8 @@ def _density_chart(found: Density, walls: Walls | None) -> Chart:
     level = np.ceil(HEAT * np.sqrt(number / number.max(initial=1))).astype(np.int64)
     keys = []
     for step in range(1, HEAT + 1):
-        if len(mine := number[level == step]):
-            low, high = int(mine.min()), int(mine.max())
+        if len(own := number[level == step]):
+            low, high = int(own.min()), int(own.max())
             keys.append(Key(f"{low:,}" if low == high else f"{low:,} to {high:,}", f"heat-{step}"))
     keys = [
         key._replace(words=f"{key.words} objects in a cell of {cell:g} m") if not k else key for k, key in enumerate(keys)
@@ -590,7 +563,7 @@ def _coarse(found: Density, walls: Walls | None) -> tuple[Int64, float]:
     extent = max(nx, ny) * found.cell
     if walls is not None and len(walls.x):
         extent = max(extent, float(np.ptp(walls.x)), float(np.ptp(walls.y)))
-    block = max(1, math.ceil(extent / CHART_CELLS / found.cell - 1e-9))
+    block = max(1, math.ceil(extent / 60 / found.cell - 1e-9))
     along_x = np.add.reduceat(found.counts, np.arange(0, nx, block), axis=0)
     counts: Int64 = np.add.reduceat(along_x, np.arange(0, ny, block), axis=1)
     return counts, block * found.cell

@@ -6,7 +6,7 @@ import math
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -23,6 +23,7 @@ from lidarcli.formalism.background import Background
 from lidarcli.formalism.mapping.grid import FREE, OCCUPIED, UNKNOWN, Occupancy
 from lidarcli.options.choices import AS_IT_COMES, Look
 from lidarcli.options.times import SECOND_NS
+from lidarcli.reports.columns import Rows
 from lidarcli.reports.drawing import (
     Entries,
     Frame,
@@ -41,25 +42,18 @@ from lidarcli.reports.drawing import (
     project_style,
     sensor,
 )
-from lidarcli.reports.picture import outline_of, printable
+from lidarcli.reports.run_pairs import FIRST, Change, RunPair
+from lidarcli.reports.scene import outline_of, printable
 from lidarcli.sweeps.types import Bool, Float32, Float64, Int64
-
-if TYPE_CHECKING:
-    from lidarcli.reports.changes import Change, RunPair
-    from lidarcli.reports.columns import Rows
 
 Greys = tuple[float, float, float]
 """Greys of occupied, free and unknown cells, 0 black to 1 white."""
-Limits = tuple[float, float, float, float]
+Extent = tuple[float, float, float, float]
 """Left, right, low and high limit of what is drawn [m]."""
-LONG, SHORT = 7.2, 2.2
-"""Longest and shortest side of the drawn map [inch]."""
+LONG = 7.2
+"""Longest side of the drawn map [inch]."""
 Y_AXIS = 0.7
-"""Width of the y axis beside it [inch]."""
-AIR = 0.05
-"""Around the map, as a share of its longer side."""
-MAP_GREYS, BEHIND_GREYS = (0.15, 1.0, 0.85), (0.6, 1.0, 0.85)
-"""Greys of the cells, and of those behind a sweep, whose points lie on them."""
+"""Width of the y axis next to it [inch]."""
 CHANGE_GREYS = 0.45, 0.9, 1.0
 """Greys of the cells behind changes."""
 MAX_NUMBERS = 60
@@ -72,20 +66,12 @@ COLUMNS = {
     "tracks": ("topic", "track", "set", "shape", "label", "sweeps", "x", "y", "yaw", "length", "width"),
 }
 """Table → columns that `overview` needs."""
+MAX_AGENTS = 200
+"""Most agents whose paths are drawn: those that were observed longest."""
 MAX_POINTS = 2_000
 """Points of a line that are drawn; more are thinned out evenly."""
-MAX_AGENTS = 200
-"""Agents whose ways are drawn, those that were seen longest."""
-MIN_SWEEPS = 5
-"""Least number of sweeps that saw a track that is drawn, or half of all sweeps if that is fewer."""
-PANEL, WIDEST = 6.2, 24.0
-"""Longest side of the map of a panel of changes, and greatest width of a picture of many [inch]."""
-TITLE_MARKS = 90
-"""Characters of a line above a panel that is `PANEL` wide."""
-SMALLEST = 0.1
-"""Least side of a box that is drawn [m]."""
-STANDS = 0.3
-"""A sensor whose places lie within so far stands [m]."""
+PANEL = 6.2
+"""Longest side of the map of a panel of changes [inch]."""
 STYLES: dict[str, dict[str, Any]] = {
     "known": {"ec": palette.DARK, "fc": (*[0.85] * 3, 0.6)},
     "moved": {"ec": palette.GREEN, "fc": palette.GREEN, "alpha": 0.5},
@@ -97,15 +83,8 @@ STYLES: dict[str, dict[str, Any]] = {
 PLACE_COLOURS = {"fits": palette.GREEN, "off": palette.VERMILION, "lost": palette.PURPLE, "unknown": palette.BLUE}
 DWELL_CELL = 0.25
 """Side of a cell in which the time of agents is summed [m]."""
-DWELL = "time of agents in a cell of 0.25 m [s]"
 SENSOR_WIDTH = 4.2
 """Width of the picture of the background of one sensor [inch]."""
-MAX_SURFACES = 200_000
-"""More points of a background than this are thinned out."""
-SUPPORT, SUPPORT_COLOURS = "share of the sweeps that saw $r_e$", "viridis_r"
-"""Words of the colour bar, and its colours: dark is sure, as printed letters are."""
-OPEN_RAY = 0.06
-"""Length of the stroke that stands for an open beam, as a share of the greatest range."""
 
 
 class Box(NamedTuple):
@@ -118,7 +97,7 @@ class Box(NamedTuple):
     width: float
     is_round: bool = False
     name: str = ""
-    """Number or label beside it."""
+    """Number or label next to it."""
 
     @property
     def outline(self) -> Float64:
@@ -157,7 +136,7 @@ class MapPicture:
     paths: Sequence[Float64] = ()
     """(N, 2) path of each sensor."""
     boxes: Sequence[Box] = ()
-    """Boxes of tracks that stand."""
+    """Boxes of tracks that are static."""
     agents: Sequence[tuple[int, Float64]] = ()
     """Number and path, (N, 2), of what moved; NaN where no sweep saw it go on."""
     snapshot: Snapshot | None = None
@@ -181,10 +160,11 @@ def map_figure(picture: MapPicture, longest: float = LONG, look: Look = AS_IT_CO
     """
     left, right, low, high = limits = limits_of(picture)
     aspect = (right - left) / (high - low)
-    width = max(longest * min(aspect, 1.0), SHORT) + Y_AXIS
+    width = max(longest * min(aspect, 1.0), 2.2) + Y_AXIS
     figure = new_figure(look.inches(width), longest)
     axes = figure.add_subplot()
-    _draw_grid(axes, picture.grid, greys or (MAP_GREYS if picture.snapshot is None else BEHIND_GREYS))
+    # Behind a sweep occupied cells are paler: its points lie on them.
+    _draw_grid(axes, picture.grid, greys or (0.15 if picture.snapshot is None else 0.6, 1.0, 0.85))
     panel = Panel(_frame(limits), [*_marks(picture)], [*_labels(picture)], _occupied(picture.grid))
     draw_panel(axes, panel)
     if picture.dwell is not None:
@@ -197,11 +177,11 @@ def map_figure(picture: MapPicture, longest: float = LONG, look: Look = AS_IT_CO
     return figure
 
 
-def _frame(limits: Limits) -> Frame:
+def _frame(limits: Extent) -> Frame:
     return Frame(limits[:2], limits[2:], ("x [m]", "y [m]"), equal=True)
 
 
-def limits_of(picture: MapPicture, others: Sequence[Float64] = ()) -> Limits:
+def limits_of(picture: MapPicture, others: Sequence[Float64] = ()) -> Extent:
     """Return left, right, low and high limits of the drawing and of other points, with some air."""
     parts = [
         np.empty((0, 2)),
@@ -221,7 +201,7 @@ def limits_of(picture: MapPicture, others: Sequence[Float64] = ()) -> Limits:
     if not len(xy):
         return -1.0, 1.0, -1.0, 1.0
     (left, low), (right, high) = xy.min(axis=0).tolist(), xy.max(axis=0).tolist()
-    air = max(AIR * max(right - left, high - low), 0.5)
+    air = max(0.05 * max(right - left, high - low), 0.5)
     return left - air, right + air, low - air, high + air
 
 
@@ -250,11 +230,17 @@ def _draw_dwell(axes: Axes, dwell: Dwell) -> None:
     high, wide = np.array(dwell.seconds.shape) * DWELL_CELL
     extent = (dwell.x, dwell.x + wide, dwell.y, dwell.y + high)
     some = np.ma.masked_equal(dwell.seconds, 0.0)
-    # A few places where somebody waits must not hide the ways.
+    # A few places where somebody waits must not hide the paths.
     scale = LogNorm(max(some.min(), 0.05), max(some.max(), 0.1))
     shown = axes.imshow(some, cmap="YlOrRd", norm=scale, origin="lower", interpolation="nearest", extent=extent, zorder=2)
-    bar = axes.figure.colorbar(shown, cax=axes.inset_axes((1.03, 0.0, 0.035, 1.0)), label=DWELL)
-    bar.ax.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    _colour_bar(axes, shown, "time of agents in a cell of 0.25 m [s]").ax.yaxis.set_major_formatter(
+        FuncFormatter(lambda value, _: f"{value:g}")
+    )
+
+
+def _colour_bar(axes: Axes, shown: Any, words: str) -> Any:
+    """Return a colour bar next to the axes themselves, so that it is as high as they are."""
+    return axes.figure.colorbar(shown, cax=axes.inset_axes((1.03, 0.0, 0.035, 1.0)), label=words)
 
 
 def _occupied(grid: Occupancy | None) -> Float64:
@@ -293,7 +279,7 @@ def _marks(picture: MapPicture) -> Iterator[Mark]:
 
 
 def _labels(picture: MapPicture) -> Iterator[Label]:
-    """Yield labels of tracks that stand, and of agents at their last position."""
+    """Yield labels of static tracks, and of agents at their last position."""
     if len(picture.boxes) <= MAX_NUMBERS:
         for box in picture.boxes:
             if box.name:
@@ -339,14 +325,14 @@ def overview(
 
 
 def _track_boxes(sweeps: Rows, tracks: Rows) -> list[Box]:
-    """Return the boxes of tracks that stand and that enough sweeps have seen."""
+    """Return the boxes of static tracks that are visible in enough sweeps."""
     stream = [f"{source} {topic}" for source, topic in zip(sweeps.source.tolist(), sweeps.texts("topic"), strict=True)]
     counts = Counter(stream)
     for key in [*counts]:
         # Tracks of several topics.
         counts[key.partition(" ")[0] + " "] += counts[key]
     of_tracks = zip(tracks.source.tolist(), tracks.texts("topic"), strict=True)
-    least = [min(MIN_SWEEPS, max(1, counts[f"{source} {topic}"] // 2)) for source, topic in of_tracks]
+    least = [min(5, max(1, counts[f"{source} {topic}"] // 2)) for source, topic in of_tracks]
     sides = np.column_stack([tracks.numbers(name) for name in ("x", "y", "yaw", "length", "width")])
     known = tracks.are("set", "O") & (tracks.integers("sweeps") >= least) & np.isfinite(sides).all(axis=1)
     rows = np.flatnonzero(known)
@@ -357,7 +343,7 @@ def _track_boxes(sweeps: Rows, tracks: Rows) -> list[Box]:
 
 
 def _of_agents(trajectories: Rows, tracks: Rows, frame: str) -> Iterator[tuple[int, int, Int64, Bool]]:
-    """Yield each agent in a frame: its row and number, the rows of its path by time, and which steps to these were seen."""
+    """Yield each agent in a frame: its row and number, the rows of its path by time, and which steps were observed."""
     # Imported here: most pictures need no tracks.
     from lidarcli.formalism.tracking.trajectories import seen_steps
 
@@ -393,7 +379,7 @@ def _track_paths(trajectories: Rows, tracks: Rows, frame: str) -> Iterator[tuple
 
 
 def _dwell(trajectories: Rows, tracks: Rows, frame: str) -> Dwell | None:
-    """Return how long agents were seen at each place in a frame; None where there are none."""
+    """Return how long agents were observed at each place in a frame; None where there are none."""
     places, times = [np.empty((0, 2))], [np.empty(0)]
     xy, stamp = np.column_stack([trajectories.numbers("x"), trajectories.numbers("y")]), trajectories.integers("stamp")
     for _, _, at, steps in _of_agents(trajectories, tracks, frame):
@@ -450,24 +436,25 @@ def changes_figure(pairs: Sequence[RunPair], sights: Sequence[Sight]) -> Figure:
     # About as wide as high.
     columns = max(1, min(len(pairs), math.ceil(math.sqrt(len(pairs) / min(max(aspect, 0.25), 4.0)))))
     rows = -(-len(pairs) // columns)
-    longest = min(PANEL, WIDEST / columns)
+    longest = min(PANEL, 24.0 / columns)
     width = max(longest * min(aspect, 1.0), 0.5 * longest) + Y_AXIS
     figure = new_figure(width * columns, (longest + 0.9) * rows)
     axes: list[Axes] = figure.subplots(rows, columns, squeeze=False).ravel().tolist()
     for spare in axes[len(pairs) :]:
         spare.remove()
     axes = axes[: len(pairs)]
-    most = int(TITLE_MARKS * width / (PANEL + Y_AXIS))
-    for mine, pair, one in zip(axes, pairs, runs, strict=True):
-        _draw_grid(mine, one.grid, CHANGE_GREYS)
+    # Characters of a line above a panel.
+    most = int(90 * width / (PANEL + Y_AXIS))
+    for own, pair, one in zip(axes, pairs, runs, strict=True):
+        _draw_grid(own, one.grid, CHANGE_GREYS)
         limits = (left, right, low, high)
         obstacles = np.concatenate([_occupied(one.grid), *(corners for corners, _ in one.polygons())])
         panel = Panel(_frame(limits), [*one.marks()], [*one.labels()], obstacles)
-        draw_panel(mine, panel)
+        draw_panel(own, panel)
         title = pair.title
         if len(title) > most:
             title = f"{title[: most // 2]}…{title[-(most - most // 2 - 1) :]}"
-        mine.set_title(f"{printable(title)}\n{printable(pair.words)}", loc="left")
+        own.set_title(f"{printable(title)}\n{printable(pair.words)}", loc="left")
     draw_legend(figure, _change_entries(runs), "outside lower left")
     fit_height(figure, axes, [0.0] * len(axes), aspect)
     return figure
@@ -493,17 +480,17 @@ class _ChangedRun:
         return _ChangedRun(tuple((one, box, old) for one, box, old in found if box is not None), sensors, grid)
 
     @property
-    def limits(self) -> Limits:
-        """Limits of all that is drawn."""
+    def limits(self) -> Extent:
+        """Extent of all that is drawn."""
         return limits_of(MapPicture(self.grid, [self.sensors]), [corners for corners, _ in self.polygons()])
 
     @property
     def stands(self) -> bool:
-        """True if the sensor stood."""
-        return len(self.sensors) > 0 and bool(np.ptp(self.sensors, axis=0).max() < STANDS)
+        """True if the sensor was stationary."""
+        return len(self.sensors) > 0 and bool(np.ptp(self.sensors, axis=0).max() < 0.3)
 
     def sensor_style(self) -> dict[str, Any]:
-        """Return the style of the path of the sensor, or of the place where it stands."""
+        """Return the style of the path of the sensor, or of its place where it is stationary."""
         dot = {"marker": "o", "ms": 4.0, "mew": 0.0, "ls": "none"} if self.stands else {"lw": 1.0}
         return {"color": palette.BLACK, "zorder": 6, **dot}
 
@@ -525,16 +512,14 @@ class _ChangedRun:
                 yield from arrow(old[:2], box[:2], palette.GREEN, lw=1.2, zorder=8)
 
     def labels(self) -> Iterator[Label]:
-        """Yield numbers: on the far side of the place that a thing comes from, else to the upper right."""
-        from lidarcli.reports.changes import FIRST
-
+        """Yield numbers: on the far side of the place that an object comes from, else to the upper right."""
         for one, box, old in sorted(self.changes, key=lambda each: FIRST.index(each[0].status))[:MAX_NUMBERS]:
             away = (box.x - 1.0, box.y - 1.0) if old is None else old[:2]
             yield Label(str(one.thing), box.outline, STYLES[one.status]["ec"], away)
 
 
 def _known_part(grid: Occupancy) -> Occupancy:
-    """Return the part of a grid that was seen."""
+    """Return the part of a grid that was observed."""
     row, column = np.nonzero(grid.cells != UNKNOWN)
     if not len(row):
         return grid
@@ -545,7 +530,7 @@ def _known_part(grid: Occupancy) -> Occupancy:
 
 def _boxes(one: Change) -> tuple[Box | None, Box | None]:
     """Return the box of a change in the last run that has it, and that in its old place if it was moved."""
-    length, width = (max(side or SMALLEST, SMALLEST) for side in (one.length, one.width))
+    length, width = (max(side or 0.1, 0.1) for side in (one.length, one.width))
     before, after = (
         None if x is None or y is None else Box(x, y, yaw or 0.0, length, width)
         for x, y, yaw in ((one.x_a, one.y_a, one.yaw_a), (one.x_b, one.y_b, one.yaw_b))
@@ -579,8 +564,8 @@ def background_figure(sensors: Sequence[Background]) -> Figure:
     """Return the picture of all sensors as a figure; call it within `project_style`."""
     figure = new_figure(SENSOR_WIDTH * max(len(sensors), 1), SENSOR_WIDTH * 0.95)
     axes = figure.subplots(1, max(len(sensors), 1), squeeze=False)[0].tolist()
-    for mine, one in zip(axes, sensors, strict=False):
-        _draw_background(mine, one)
+    for own, one in zip(axes, sensors, strict=False):
+        _draw_background(own, one)
     draw_legend(figure, entries_of(axes), "outside lower left")
     sides = [(np.ptp(each.get_xlim()), np.ptp(each.get_ylim())) for each in axes]
     fit_height(figure, axes, [0.0] * len(axes), float(min(width / height for width, height in sides)))
@@ -588,7 +573,7 @@ def background_figure(sensors: Sequence[Background]) -> Figure:
 
 
 def _draw_background(axes: Axes, one: Background) -> None:
-    """Draw the surfaces of a background of one sensor, coloured by their support, and where it stood."""
+    """Draw the surfaces of a background of one sensor, coloured by their support, and the places of the sensor."""
     posed = bool(one.posed.any())
     x0, y0, yaw = (part if posed else np.zeros(len(one)) for part in (one.poses.x, one.poses.y, one.poses.yaw))
     mirror = np.where(one.poses.upside_down, -1.0, 1.0)
@@ -596,18 +581,18 @@ def _draw_background(axes: Axes, one: Background) -> None:
     surface = np.isfinite(one.r_e)
     ahead = np.stack([np.cos(direction), np.sin(direction)], axis=-1)
     ends = np.stack([x0, y0], axis=-1)[:, None] + np.where(surface, one.r_e, 0.0)[..., None] * ahead
-    thin = slice(None, None, max(1, int(np.count_nonzero(surface)) // MAX_SURFACES))
+    thin = slice(None, None, max(1, int(np.count_nonzero(surface)) // 200_000))
     support = one.support[surface][thin]
     x, y = ends[surface][thin].T
-    drawn = axes.scatter(x, y, 3.0, support, cmap=SUPPORT_COLOURS, linewidths=0, rasterized=True)
-    # Beside the axes themselves, so that it is as high as they are.
-    bar = axes.figure.colorbar(drawn, cax=axes.inset_axes((1.03, 0.0, 0.035, 1.0)), label=SUPPORT)
-    bar.ax.yaxis.set_major_formatter(PercentFormatter(1.0, decimals=0))
+    drawn = axes.scatter(x, y, 3.0, support, cmap="viridis_r", linewidths=0, rasterized=True)
+    _colour_bar(axes, drawn, "share of the sweeps that saw $r_e$").ax.yaxis.set_major_formatter(
+        PercentFormatter(1.0, decimals=0)
+    )
     marks = [sensor(float(x0[k]), float(y0[k]), float(yaw[k]), 4.0 if posed else 6.0) for k in range(len(one))]
     if not posed and len(one) and np.isinf(one.r_e[0]).any():
         # Short strokes outside of everything, in the directions from which nothing returns.
         reach = float(one.r_e[0].max(initial=0.0, where=surface[0])) or 1.0
-        strokes = [line * (1.0 + OPEN_RAY * np.array([[1.0], [2.0]])) * reach for line in ahead[0][np.isinf(one.r_e[0])]]
+        strokes = [line * (1.0 + 0.06 * np.array([[1.0], [2.0]])) * reach for line in ahead[0][np.isinf(one.r_e[0])]]
         marks.append(Mark(joined(strokes), {"color": palette.LIGHT, "lw": 0.6, "zorder": 0}, "open: nothing returns"))
     draw_marks(axes, marks)
     axes.set(aspect="equal", xlabel="x [m]", ylabel="y [m]")

@@ -12,8 +12,8 @@ from typing import Any
 from lidarcli._version import __version__
 from lidarcli.display.texts import visible
 from lidarcli.reports.checks import Verdict
-from lidarcli.reports.document import Report
 from lidarcli.reports.figures import plain_numbers
+from lidarcli.reports.report import Report
 from lidarcli.reports.wording import number
 
 _NOT_XML = re.compile("[^\t\n\r\u0020-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -20,7 +20,7 @@ from lidarcli.reports.document import (
     Card,
     Code,
     Drawing,
-    Facts,
+    NamedValues,
     Notes,
     Part,
     Section,
@@ -40,10 +40,10 @@ from lidarcli.reports.figures import (
     plain_numbers,
     unit_of,
 )
+from lidarcli.reports.streams import most_of, stream_table, stream_values, unlike_of
 from lidarcli.reports.summary import (
     KINDS,
     Comparison,
-    Stream,
     Summary,
     TracksSummary,
     beams_by_set,
@@ -51,7 +51,6 @@ from lidarcli.reports.summary import (
     has_agents,
     rate,
     scene_of,
-    unlike_of,
 )
 from lidarcli.reports.wording import (
     NONE,
@@ -69,18 +68,14 @@ from lidarcli.reports.wording import (
     share,
     spark,
 )
-from lidarcli.sweeps.types import Float64, worth_telling
+from lidarcli.sweeps.types import worth_telling
 
 STREAMS, STREAMS_OF_PAGE = 12, 100
 """Most logs and topics that tables show; the JSON holds all."""
 TRACKS = 12
 """Most tracks that are shown one by one."""
-SPARK, SPARK_OF_TABLE = 54, 60
-"""Widths of a course over time [characters]."""
-MAP_WIDTH, MAP_HEIGHT = 76, 20
-"""Size of a map at most [characters]."""
-LONGEST_LABEL = 11
-"""Characters of a label in a table of tracks."""
+SPARK = 54
+"""Width of a course over time [characters]."""
 SHOWN_STATISTICS = ("mean", "min", "p05", "p50", "p95", "max")
 SHOWN_SPREADS = (
     *("objects_per_sweep", "nearest", "range", "width", "box_length", "box_width", "beams_per_object"),
@@ -93,7 +88,7 @@ COMPARED = (
     *("tracks", "tracks.agents", "agents_at_once.mean", "agents_at_once.max"),
     *("tracks.duration.p50", "tracks.distance.p50"),
 )
-"""Figures that a comparison shows where either run has them, beside the objects by kind."""
+"""Figures that a comparison shows where either run has them, in addition to the objects by kind."""
 TRACK_CELLS = ("track", "kind", "shape", "label", "duration", "distance", "top speed", "end")
 """Columns of a table of tracks; `track_cells` has more."""
 
@@ -118,8 +113,8 @@ def _comparison(summary: Summary, comparison: Comparison) -> Iterator[tuple[str,
             more = "" if not share else f"{share:+.1f} %"
             rows.append((Code(name), *both, f"+{words}" if change and change > 0 else words, more))
     notes = [
-        (f"parameter {name}: ", Code(other), " in the baseline, ", Code(mine), " here")
-        for name, mine, other in comparison.parameters
+        (f"parameter {name}: ", Code(other), " in the baseline, ", Code(own), " here")
+        for name, own, other in comparison.parameters
     ]
     table = Table(("figure", "baseline", "here", "difference", "in percent"), rows, (1, 2, 3, 4))
     yield "comparison", Section("Compared with the baseline", [table, Notes([*notes, (comparison.words,)])])
@@ -138,20 +133,20 @@ def _logs(summary: Summary) -> Section:
     if len(streams) > 1:
         gaps = ["gaps"] if any(one.gaps for one in streams) else []
         cells = ("log and topic", "sweeps", "duration", "rate", "beams", *gaps, "objects")
-        blocks.append(_table_of_streams(streams, cells, 1, STREAMS, "more, all of them in --format json"))
+        blocks.append(stream_table(streams, cells, 1, STREAMS, "more, all of them in --format json"))
     if len(sources) > 1:
         formats = Counter(source.format or "unknown format" for source in sources)
         size = sum(source.size or 0 for source in sources)
         words = f"{', '.join(f'{count:,} {name}' for name, count in formats.items())}; {size:,} bytes"
-        blocks.append(Facts([("formats", words)]))
+        blocks.append(NamedValues([("formats", words)]))
     else:
-        blocks += [Facts([(source.log, _origin(source))]) for source in sources]
-    blocks += [Facts([("parameters", text)]) for text in dict.fromkeys(map(_settings, sources))]
-    blocks += [Facts([("damage", f"{one.log}: {line}")]) for one in sources for line in one.damage]
+        blocks += [NamedValues([(source.log, _origin(source))]) for source in sources]
+    blocks += [NamedValues([("parameters", text)]) for text in dict.fromkeys(map(_settings, sources))]
+    blocks += [NamedValues([("damage", f"{one.log}: {line}")]) for one in sources for line in one.damage]
     return Section("Logs" if len(sources) > 1 else "Log", blocks, (TEXT,))
 
 
-def _overview(summary: Summary) -> Facts:
+def _overview(summary: Summary) -> NamedValues:
     figures, total = summary.figures, sum(summary.status.values())
     objects = f"{number(figures['objects'])}, on average {number(figures['objects_per_sweep.mean'])} per sweep"
     rows: list[tuple[str, str | Share]] = [
@@ -165,7 +160,7 @@ def _overview(summary: Summary) -> Facts:
         rows.append(("agents", agents))
     rows += [("clock", _clock(summary)), ("beams", f"{total:,}")]
     rows += [(f"  {name}", Share(count, total)) for name, count in _beams(summary).items()]
-    return Facts(rows)
+    return NamedValues(rows)
 
 
 def _key_figures(summary: Summary) -> Table:
@@ -191,7 +186,7 @@ def _courses(summary: Summary) -> Iterator[Block]:
             ("lost", course.lost_share, ""),
             *([("agents", course.agents_mean, "")] if np.nansum(course.agents_max) else []),
         ):
-            top = _most(values)
+            top = most_of(values)
             most = percent(top) if name == "lost" and top is not None else f"{number(top)}{unit}"
             lines.append(f"{name:<8}{spark(resample(values, SPARK)):<{SPARK}}  max {most}")
         yield Drawing(lines)
@@ -245,7 +240,7 @@ def _beams(summary: Summary) -> dict[str, int]:
 
 def _tracks(tracked: TracksSummary) -> Iterator[tuple[str, Section]]:
     formats = (TEXT, MARKDOWN)
-    yield "tracks", Section("Tracks", [Facts([*_track_facts(tracked).items()])], formats)
+    yield "tracks", Section("Tracks", [NamedValues([*_track_facts(tracked).items()])], formats)
     for name, kinds in tracked.kinds.items():
         if counts := _most_first({kind.replace("_", " "): count for kind, count in kinds.items()}):
             shares = Shares(name.removeprefix("tracks."), "tracks", counts, sum(counts.values()))
@@ -306,7 +301,7 @@ def _short(label: str) -> str:
     >>> _short("a pallet of the long kind")
     'a pallet...'
     """
-    return label if len(label) <= LONGEST_LABEL else f"{label[: LONGEST_LABEL - 3].rstrip()}..."
+    return label if len(label) <= 11 else f"{label[:8].rstrip()}..."
 
 
 def _labels(summary: Summary) -> Iterator[tuple[str, Section]]:
@@ -337,7 +332,7 @@ def _distributions(summary: Summary) -> Iterator[tuple[str, Section]]:
         x = f"x {number(found.x0)} to {number(found.x0 + nx * found.cell)} m"
         y = f"y {number(found.y0)} to {number(found.y0 + ny * found.cell)} m"
         title = f"Where objects were{several} ({found.frame} frame, {x}, {y}, y up)"
-        drawing = Drawing(shade(found, MAP_WIDTH, MAP_HEIGHT))
+        drawing = Drawing(shade(found, 76, 20))
         yield f"map {found.frame}", Section(title, [drawing], (TEXT,))
 
 
@@ -376,52 +371,16 @@ def _times(stamps_ns: Sequence[int]) -> tuple[str, list[str]]:
 
 def _streams(summary: Summary) -> Iterator[tuple[str, Section]]:
     cells = ("log, topic (frame)", "sweeps", "rate", "beams", "gaps", "backward", "objects per sweep", "most")
-    table = _table_of_streams(summary.streams.all, cells, 1, STREAMS, "more topics")
+    table = stream_table(summary.streams.all, cells, 1, STREAMS, "more topics")
     if table.rows:
         yield "streams", Section("Over time", [table], (MARKDOWN,), "Over time")
-
-
-STREAM_CELLS: dict[str, Callable[[Stream], str]] = {
-    "log and topic": lambda one: f"{one.log} {one.topic}",
-    "log, topic (frame)": lambda one: one.name,
-    "log": lambda one: one.log,
-    "topic": lambda one: one.topic,
-    "frame": lambda one: one.frame_id,
-    "sweeps": lambda one: f"{one.sweeps:,}",
-    "beams": lambda one: number(one.beams),
-    "gaps": lambda one: number(one.gaps),
-    "backward": lambda one: number(one.backward),
-    "objects": lambda one: number(one.objects),
-    "objects per sweep": lambda one: Code(spark(resample(one.course.objects_mean, SPARK_OF_TABLE))),
-}
-"""Columns of tables of logs and topics, cell by cell ..."""
-STREAM_COLUMNS: dict[str, Callable[[Sequence[Stream]], list[str]]] = {
-    "duration": lambda streams: column([one.duration for one in streams], " s"),
-    "rate": lambda streams: column([one.rate for one in streams], " Hz"),
-    "most": lambda streams: column([_most(one.course.objects_mean) for one in streams]),
-}
-"""... and those whose cells have the same number of decimals."""
-
-
-def _table_of_streams(streams: Sequence[Stream], cells: Sequence[str], right: int, most: int, more: str) -> Table:
-    """Return a table of the first `most` streams; columns from `right` on are flush right."""
-    shown = streams[:most]
-    columns = [
-        STREAM_COLUMNS[name](shown) if name in STREAM_COLUMNS else [*map(STREAM_CELLS[name], shown)] for name in cells
-    ]
-    left = f"and {len(streams) - most:,} {more}" if len(streams) > most else ""
-    return Table(cells, [*zip(*columns, strict=True)], range(right, len(cells)), left)
-
-
-def _most(values: Float64) -> float | None:
-    return max((value for value in values.tolist() if math.isfinite(value)), default=None)
 
 
 def _words(summary: Summary) -> tuple[str, Section]:
     """Return the words of the page that not everybody knows."""
     rows = [(name, words) for name, words in WORDS.items() if summary.tracked is not None or name not in OF_TRACKS]
     rows += [] if summary.zones is None else summary.zones.words.items()
-    return "words", Section("Words", [Facts(rows)], (PAGE,))
+    return "words", Section("Words", [NamedValues(rows)], (PAGE,))
 
 
 def _sources(summary: Summary) -> Iterator[tuple[str, Section]]:
@@ -434,7 +393,7 @@ def _sources(summary: Summary) -> Iterator[tuple[str, Section]]:
         blocks: list[Block] = [Table(("log", "format", "parameters of detect"), rows, (), more), *damage]
         if formats == (PAGE,):
             cells = ("log", "topic", "frame", "sweeps", "duration", "rate", "gaps", "backward", "objects")
-            blocks.insert(0, _table_of_streams(summary.streams.all, cells, 3, most, "more topics"))
+            blocks.insert(0, stream_table(summary.streams.all, cells, 3, most, "more topics"))
         yield name, Section("Logs", blocks, formats, "Logs and parameters")
 
 
@@ -610,7 +569,7 @@ class RunPart(Part):
             "objects": summary.kinds,
             "histograms": _histograms(summary),
             "maps": [plain_fields(one, "frame", "x0", "y0", "cell", "counts") for one in summary.densities],
-            "streams": [_stream(one) for one in summary.streams.all],
+            "streams": [stream_values(one) for one in summary.streams.all],
             "standing_out": [
                 plain_fields(one, "kind", "log", "topic", "sweep")
                 | {"stamp": stamp(one.stamp), "value": plain_number(one.value)}
@@ -628,19 +587,6 @@ class RunPart(Part):
 
 def _histograms(summary: Summary) -> dict[str, Any]:
     return {name: plain_fields(one, "unit", "edges", "counts") for name, one in summary.histograms.items()}
-
-
-def _stream(one: Stream) -> dict[str, Any]:
-    columns = ["sweep", "seconds", "objects_mean", "objects_min", "objects_max", "d_th", "noise", "lost_share"]
-    columns += ["agents_mean", "agents_max"] if np.isfinite(one.course.agents_max).any() else []
-    return {
-        **plain_fields(one, "log", "topic", "frame_id", "sweeps", "beams", "objects"),
-        "start": stamp(one.start_ns),
-        **plain_fields(one, "start_ns", "end_ns", "duration", "rate", "gaps"),
-        "missing_sweeps": one.missing,
-        **plain_fields(one, "longest_gap", "backward", "repeated"),
-        "course": plain_fields(one.course, *columns),
-    }
 
 
 def _comparison_values(comparison: Comparison) -> dict[str, Any]:

@@ -27,21 +27,11 @@ from lidarcli.reports.figures import (
     histogram,
     nice_edges,
 )
-from lidarcli.reports.wording import means_of, number, percent, quantity, share, span
+from lidarcli.reports.streams import Streams, Unlike, streams_of, unlike_of
+from lidarcli.reports.wording import number, percent, quantity, share, span
 from lidarcli.reports.zones import ZonesPart, zones_part
 from lidarcli.sweeps.types import STATUSES, Bool, Float64, Int64
 
-GAP = 1.5
-"""Least step that is a gap, by the median step: at least one sweep is missing."""
-COURSE_BINS = 100
-"""Most points of a course over time."""
-SECOND = 1e-9
-ALIKE = 1.2
-"""Greatest ratio of rates, and of numbers of beams, of like sensors: no two motors turn equally fast."""
-EACH = 3
-"""Most sweeps of each kind that stand out."""
-APART = 20
-"""Sweeps of one log that stand out are at least one part in this many of it apart."""
 KINDS = {
     "most_objects": "most objects",
     "fewest_objects": "fewest objects",
@@ -49,10 +39,6 @@ KINDS = {
     "most_lost": "most lost beams",
     "longest_gap": "longest gap before",
 }
-STATIC_SHARE = 0.001
-"""Greatest share of the beams in set A of a structured scene: errors of the tracking stay below."""
-MOBILE_SHARE = 0.25
-"""Greatest share of the beams in set A of a semi-structured scene: agents fill a quarter of the view."""
 KEPT = 100
 """Most tracks that are kept one by one, for the tables of the report."""
 TRACK_COLUMNS = (
@@ -77,173 +63,16 @@ SWEEP_COLUMNS = (
 )
 """Columns of the sweeps table that a summary reads."""
 SHOWN = 10
-NAMED = 3
-"""Most frames that are named."""
 CLOUD_BINS = "bins"
 """Parameter of tables made of point clouds: beams of a sweep."""
 AS_READ = (CLOUD_BINS, "slice", "csv", "echo", "segments")
-"""Parameters that tell what ranges the sweeps of a log have."""
-
-
-@dataclass(frozen=True, slots=True)
-class Stream:
-    """The sweeps of one log, topic and frame, in log order."""
-
-    source: int
-    log: str
-    topic: str
-    frame_id: str
-    sweeps: int
-    beams: int
-    """Median number of beams of a sweep."""
-    objects: int
-    start_ns: int
-    end_ns: int
-    rate: float | None
-    """[Hz]"""
-    gaps: int
-    missing: int
-    longest_gap: float
-    """[s]"""
-    backward: int
-    repeated: int
-    course: Record
-    """Figures over time, (T,) each, in bins of equal numbers of sweeps: `seconds` from the first stamp and first `sweep` of
-    the bin, `objects_mean`, `objects_min` and `objects_max`, means of `d_th`, `noise` [m] and `lost_share`, and different
-    agents in view, `agents_mean` and `agents_max`, NaN without tracks."""
-
-    @property
-    def duration(self) -> float:
-        """From the first to the last stamp [s]."""
-        return (self.end_ns - self.start_ns) * SECOND
-
-    @property
-    def name(self) -> str:
-        """Log, topic and frame for people."""
-        frame = f" ({self.frame_id})" if self.frame_id else ""
-        return f"{self.log} {self.topic}{frame}"
-
-
-@dataclass(frozen=True, slots=True)
-class Streams:
-    """All streams, and the stream and the step of each of S sweeps."""
-
-    all: tuple[Stream, ...]
-    stream: Int64
-    """(S,) stream of each sweep."""
-    step: Float64
-    """(S,) time since the sweep before of the same stream [s]; NaN for the first."""
-    gap: Bool
-    """(S,) True where that step is a gap."""
-
-
-def streams_of(run: Run) -> Streams:
-    """Divide the sweeps of a run by log, topic and frame."""
-    rows = run.sweeps
-    topic, topics = rows.words("topic")
-    frame, frames = rows.words("frame_id")
-    key = (rows.source.astype(np.int64) * (len(topics) + 1) + topic) * (len(frames) + 1) + frame
-    _, stream = np.unique(key, return_inverse=True)
-    order = np.argsort(stream, kind="stable")
-    bounds = np.flatnonzero(np.diff(stream[order], prepend=-1))
-    step = np.full(len(rows), np.nan)
-    gap = np.zeros(len(rows), bool)
-    columns = _columns(run)
-    found = []
-    for mine in np.split(order, bounds[1:]) if len(order) else []:
-        first = mine[0]
-        names = (topics[topic[first]] if topic[first] >= 0 else "", frames[frame[first]])
-        found.append(_stream(run, columns, mine, names, step, gap))
-    return Streams(tuple(found), stream.astype(np.int64), step, gap)
-
-
-def _columns(run: Run) -> Record:
-    """Return the columns that streams need, read once."""
-    whole = {name: run.sweeps.integers(name) for name in ("stamp", "sweep")}
-    numbers = {name: run.sweeps.numbers(name) for name in ("beams", "d_th", "noise")}
-    lost = np.nan_to_num(run.lost_share)
-    return Record(**whole, **numbers, objects=run.objects_per_sweep, agents=run.agents_at_once, lost=lost)
-
-
-def _stream(run: Run, columns: Record, mine: Int64, names: tuple[str, str], step: Float64, gap: Bool) -> Stream:
-    stamp, index = columns.stamp[mine], columns.sweep[mine]
-    steps = np.diff(stamp)
-    # Where only every n-th sweep was taken, a step of n sweeps is none too many.
-    strides = np.maximum(np.diff(index), 1)
-    single = steps / strides
-    median = float(np.median(single[single > 0])) if (single > 0).any() else 0.0
-    is_gap = (single >= GAP * median) & (steps > 0) if median else np.zeros(len(steps), bool)
-    step[mine[1:]] = steps * SECOND
-    gap[mine[1:]] = is_gap
-    missing = np.round(steps[is_gap] / median) - strides[is_gap] if median else np.zeros(0)
-    source = int(run.sweeps.source[mine[0]])
-    return Stream(
-        source=source,
-        log=run.sources[source].log,
-        topic=names[0],
-        frame_id=names[1],
-        sweeps=len(mine),
-        beams=int(np.median(columns.beams[mine])),
-        objects=int(columns.objects[mine].sum()),
-        start_ns=int(stamp.min()),
-        end_ns=int(stamp.max()),
-        rate=1.0 / (median * SECOND) if median else None,
-        gaps=int(is_gap.sum()),
-        missing=int(missing.sum()),
-        longest_gap=float(steps[is_gap].max(initial=0)) * SECOND,
-        backward=int((steps < 0).sum()),
-        repeated=int((steps == 0).sum()),
-        course=_course(columns, mine),
-    )
-
-
-def _course(columns: Record, mine: Int64) -> Record:
-    """Sum up bins of equal numbers of sweeps, so that a clock that jumps makes no hole."""
-    begin = np.unique(np.linspace(0, len(mine), min(COURSE_BINS, len(mine)), endpoint=False).astype(np.int64))
-    size = np.diff(np.append(begin, len(mine)))
-    objects = columns.objects[mine]
-    return Record(
-        seconds=(columns.stamp[mine][begin] - columns.stamp[mine[0]]) * SECOND,
-        sweep=columns.sweep[mine][begin],
-        objects_mean=np.add.reduceat(objects, begin) / size,
-        objects_min=np.minimum.reduceat(objects, begin),
-        objects_max=np.maximum.reduceat(objects, begin),
-        d_th=means_of(columns.d_th[mine], begin),
-        noise=means_of(columns.noise[mine], begin),
-        lost_share=means_of(columns.lost[mine], begin),
-        agents_mean=means_of(columns.agents[mine], begin),
-        agents_max=np.maximum.reduceat(columns.agents[mine], begin),
-    )
-
-
-@dataclass(frozen=True, slots=True)
-class Unlike:
-    """Properties in which the sensors of a run are unlike; a property that they share is empty."""
-
-    rates: tuple[float, ...] = ()
-    """Rate of every stream that has one [Hz]."""
-    beams: tuple[float, ...] = ()
-    """Median number of beams of every stream."""
-    frames: tuple[str, ...] = ()
-    """Frames of the sensors: each has its place on a robot, and looks its own way."""
-
-    def __bool__(self) -> bool:
-        return bool(self.rates or self.beams or self.frames)
-
-
-def unlike_of(streams: Sequence[Stream]) -> Unlike:
-    """Compare the sensors of these streams."""
-    rates = tuple(one.rate for one in streams if one.rate is not None)
-    beams = tuple(float(one.beams) for one in streams)
-    frames = tuple(dict.fromkeys(one.frame_id for one in streams))
-    rates, beams = (values if values and max(values) > ALIKE * min(values) else () for values in (rates, beams))
-    return Unlike(rates, beams, frames if len(frames) > 1 else ())
+"""Parameters on which the ranges of the sweeps of a log depend."""
 
 
 def outliers_of(run: Run, streams: Streams) -> list[Record]:
     """Return up to three sweeps of each of `KINDS` that stand out, the most striking first; none where all are alike.
 
-    They are of different logs and topics, each with its earliest; where there is only one, each is of another time. Beside
+    They are of different logs and topics, each with its earliest; where there is only one, each is of another time. Besides
     columns of the sweep they have `kind`, `stream`, `log`, `value` (number of objects or agents, share of lost beams, or
     length of a gap [s]), and `words`, the value for people.
     """
@@ -280,22 +109,22 @@ def _best(score: Float64, streams: Streams) -> list[int]:
     """Return the rows of the greatest scores: one of each stream; of a single stream rows that are apart."""
     left = score.copy()
     found: list[int] = []
-    while len(found) < EACH and len(left) and left.max() > 0:
+    while len(found) < 3 and len(left) and left.max() > 0:
         row = int(left.argmax())
         found.append(row)
-        mine = np.flatnonzero(streams.stream == streams.stream[row])
+        own = np.flatnonzero(streams.stream == streams.stream[row])
         if len(streams.all) > 1:
-            left[mine] = 0.0
+            left[own] = 0.0
         else:
             left[_around(score, row)] = 0.0
     return found
 
 
 def _around(score: Float64, row: int) -> slice:
-    """Return the sweeps near one of a single stream, and those beside it with the same score."""
+    """Return the sweeps near one of a single stream, and those next to it with the same score."""
     other = np.flatnonzero(score != score[row])
     at = int(np.searchsorted(other, row))
-    near = max(1, len(score) // APART)
+    near = max(1, len(score) // 20)
     low = min(int(other[at - 1]) + 1 if at else 0, row - near)
     high = max(int(other[at]) if at < len(other) else len(score), row + near + 1)
     return slice(max(low, 0), high)
@@ -313,9 +142,9 @@ class TracksSummary:
     agent_share: float | None
     """Share of the beams of the tracked sweeps in set A; None without beams."""
     tracks: list[Record]
-    """By topic and number; of more than `KEPT` the agents and those that were seen most.
+    """By topic and number; of more than `KEPT` the agents and those that were visible longest.
 
-    Beside columns of the table each has `log`, `stream`, its sequence of sweeps, None where there is none of its topic, and
+    Besides its columns each has `log`, `stream`, its sequence of sweeps, None where there is none of its topic, and
     `start`, the time from the first sweep of its stream to its first sight [s].
     """
 
@@ -325,7 +154,7 @@ class TracksSummary:
         return None if self.agent_share is None else scene_of(self.agent_share)
 
     def most(self, count: int) -> list[Record]:
-        """Return the `count` tracks to look at first, in their order: agents, then what was seen most."""
+        """Return the `count` tracks to look at first, in their order: agents, then those that were visible longest."""
         best = sorted(self.tracks, key=lambda one: (one.set != "A", -one.sweeps))[:count]
         return [one for one in self.tracks if one in best]
 
@@ -333,12 +162,14 @@ class TracksSummary:
 def scene_of(agent_share: float) -> str:
     """Return the paper's name (§2) of a scene with this share of its beams on agents.
 
+    Errors of the tracking stay below 0.1 %; in an unstructured scene agents fill more than a quarter of the view.
+
     >>> [scene_of(share) for share in (0.0, 0.03, 0.4)]
     ['structured', 'semi-structured', 'unstructured']
     """
-    if agent_share <= STATIC_SHARE:
+    if agent_share <= 0.001:
         return "structured"
-    return "semi-structured" if agent_share <= MOBILE_SHARE else "unstructured"
+    return "semi-structured" if agent_share <= 0.25 else "unstructured"
 
 
 def tracked_of(run: Run, streams: Streams) -> TracksSummary | None:
@@ -426,11 +257,11 @@ def values_of(run: Run, streams: Streams) -> dict[str, Float64]:
     sweeps = run.sweeps
     values = {"objects_per_sweep": run.objects_per_sweep, "lost_share": run.lost_share, "step": streams.step}
     values |= {name: sweeps.numbers(column) for name, column in OF_SWEEPS.items()}
-    mine = run.is_object
-    all_mine = bool(mine.all())
+    own = run.is_object
+    all_mine = bool(own.all())
     for name, column in OF_OBJECTS.items():
         numbers = run.objects.numbers(column) if run.objects.has_any(column) else np.empty(0)
-        values[name] = numbers if all_mine or not len(numbers) else numbers[mine]
+        values[name] = numbers if all_mine or not len(numbers) else numbers[own]
     return values
 
 
@@ -450,8 +281,8 @@ def summarise(run: Run, edges: Mapping[str, Float64] | None = None) -> Summary:
     values = values_of(run, streams)
     edges = edges or edges_of(values)
     spreads = {name: Spread.of(values[name]) for name in SPREADS}
-    mine = run.is_object
-    kinds = {name: run.objects.counts(name, mine) for name in CATEGORIES if name != "change"}
+    own = run.is_object
+    kinds = {name: run.objects.counts(name, own) for name in CATEGORIES if name != "change"}
     # What has gone is no object of the sweep, but one of the changes.
     kinds["change"] = run.objects.counts("change")
     status = {name: int(np.nansum(run.sweeps.numbers(name))) for name in STATUSES}
@@ -529,20 +360,20 @@ def _figures(
 
 def _densities(run: Run, alike: bool) -> tuple[Density, ...]:
     """Return maps of objects: in the sensor frame if all sensors are `alike`, and in the world frame of a single log."""
-    mine = run.is_object
+    own = run.is_object
     maps = []
     for frame, x, y in (("sensor", "x", "y"), ("world", "world_x", "world_y")):
         # Every log has a world of its own, and unlike sensors have no place in common.
         pooled = alike if frame == "sensor" else len(run.sources) == 1
         if pooled and run.objects.has_any(x):
-            found = density(frame, run.objects.numbers(x)[mine], run.objects.numbers(y)[mine])
+            found = density(frame, run.objects.numbers(x)[own], run.objects.numbers(y)[own])
             maps += [found] if found is not None else []
     return tuple(maps)
 
 
 @dataclass(frozen=True, slots=True)
 class Comparison:
-    """A run beside its baseline."""
+    """A run and its baseline."""
 
     baseline: Summary
     is_same: bool
@@ -576,15 +407,15 @@ def compare(run: Run, summary: Summary, base_run: Run, baseline: Summary) -> Com
     """
     rows, base_rows = _identities(run, base_run)
     here, there = run.objects_per_sweep, base_run.objects_per_sweep
-    _, mine, theirs = np.intersect1d(rows, base_rows, return_indices=True)
-    is_same = _are_same(run, base_run, mine, theirs)
-    difference = here[mine] - there[theirs]
+    _, own, theirs = np.intersect1d(rows, base_rows, return_indices=True)
+    is_same = _are_same(run, base_run, own, theirs)
+    difference = here[own] - there[theirs]
     changed = np.flatnonzero(difference)
     figures: dict[str, float | None] = {
-        "compared_sweeps": len(mine),
+        "compared_sweeps": len(own),
         "changed_sweeps": len(changed),
-        "added_sweeps": len(run.sweeps) - len(mine),
-        "removed_sweeps": len(base_run.sweeps) - len(mine),
+        "added_sweeps": len(run.sweeps) - len(own),
+        "removed_sweeps": len(base_run.sweeps) - len(own),
     }
     if not is_same:
         figures, changed = dict.fromkeys(figures), changed[:0]
@@ -593,7 +424,7 @@ def compare(run: Run, summary: Summary, base_run: Run, baseline: Summary) -> Com
         change = figures[DELTA + name] = None if value is None or other is None else value - other
         figures[PERCENT + name] = 100.0 * change / abs(other) if change is not None and other else None
     best = changed[np.argsort(-np.abs(difference[changed]), kind="stable")[:SHOWN]]
-    first = mine[best]
+    first = own[best]
     changes = run.sweeps.records(
         first,
         ("topic", "sweep"),
@@ -607,7 +438,7 @@ def compare(run: Run, summary: Summary, base_run: Run, baseline: Summary) -> Com
     return Comparison(baseline, is_same, figures, rows_of_them, changes)
 
 
-def _are_same(run: Run, base_run: Run, mine: Int64, theirs: Int64) -> bool:
+def _are_same(run: Run, base_run: Run, own: Int64, theirs: Int64) -> bool:
     """Return whether two runs are of one recording, whose sweeps have the same stamps, beams, and ranges by their checksum.
 
     Raises
@@ -618,12 +449,12 @@ def _are_same(run: Run, base_run: Run, mine: Int64, theirs: Int64) -> bool:
     if not len(run.sweeps) or not len(base_run.sweeps):
         return True
     of_stamps, of_beams = (
-        (run.sweeps.integers(name)[mine], base_run.sweeps.integers(name)[theirs]) for name in ("stamp", "beams")
+        (run.sweeps.integers(name)[own], base_run.sweeps.integers(name)[theirs]) for name in ("stamp", "beams")
     )
     later = np.abs(of_stamps[0] - of_stamps[1]) > SAME_STAMP
     unlike = later | (of_beams[0] != of_beams[1])
-    source, other = run.sweeps.source[mine], base_run.sweeps.source[theirs]
-    is_same = len(mine) > 0
+    source, other = run.sweeps.source[own], base_run.sweeps.source[theirs]
+    is_same = len(own) > 0
     for at in np.unique(source).tolist():
         of_it = np.flatnonzero(source == at)
         log, its = run.sources[at], base_run.sources[int(other[of_it[0]])]
@@ -673,8 +504,8 @@ def differences(unlike: Unlike) -> str:
     parts = [f"{span(unlike.rates)} Hz"] if unlike.rates else []
     parts += [f"{span(unlike.beams)} beams"] if unlike.beams else []
     if unlike.frames:
-        more = f" and {len(unlike.frames) - NAMED:,} more" if len(unlike.frames) > NAMED else ""
-        named = ", ".join(name or "(no name)" for name in unlike.frames[:NAMED])
+        more = f" and {len(unlike.frames) - 3:,} more" if len(unlike.frames) > 3 else ""
+        named = ", ".join(name or "(no name)" for name in unlike.frames[:3])
         parts.append(f"frames {named}{more}")
     return "; ".join(parts)
 

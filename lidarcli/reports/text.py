@@ -12,24 +12,11 @@ from rich.table import Table as RichTable
 from rich.text import Text
 
 from lidarcli.display.texts import no_command, visible
-from lidarcli.reports.document import (
-    MARKDOWN,
-    TEXT,
-    Bands,
-    Block,
-    Code,
-    Drawing,
-    Facts,
-    Notes,
-    Report,
-    Share,
-    Shares,
-    Table,
-)
+from lidarcli.reports.document import MARKDOWN, TEXT, Bands, Block, Code, Drawing, NamedValues, Notes, Share, Shares, Table
+from lidarcli.reports.report import Report
 from lidarcli.reports.wording import bar, course, number, share
 
 WIDTH = 80
-BAR = 28
 COURSE, LONGEST_NAME = 48, 18
 """Characters of a band, and of its name at most."""
 
@@ -89,7 +76,7 @@ def _parts(block: Block) -> Iterator[RenderableType]:
             yield _grid(block.rows, block.right, block.head)
             if block.more:
                 yield _styled(block.more)
-        case Facts():
+        case NamedValues():
             yield _grid(
                 [
                     [name, _share_bar(value.part, value.whole) if isinstance(value, Share) else value]
@@ -142,7 +129,7 @@ def _grid(rows: Sequence[Sequence[str]], right: Sequence[int] = (), head: Sequen
 def _share_bar(count: int, total: int) -> str:
     """Return a bar, the share in per cent, and the count."""
     part = count / total if total else 0.0
-    return f"{bar(part, BAR)} {share(count, total):>7} {count:>12,}"
+    return f"{bar(part, 28)} {share(count, total):>7} {count:>12,}"
 
 
 def band_lines(block: Bands) -> list[str]:
@@ -192,7 +179,7 @@ def _lines(block: Block) -> Iterator[str]:
     match block:
         case Table():
             yield from _table(block.head, [[*map(_escaped, row)] for row in block.rows], block.right)
-        case Facts():
+        case NamedValues():
             yield from _table([name for name, _ in block.rows], [[_escaped(value) for _, value in block.rows]])
         case Shares():
             rows = [[_escaped(kind), f"{count:,}", share(count, block.total)] for kind, count in block.counts.items()]

@@ -14,9 +14,6 @@ from lidarcli.reports.figures import PERCENT, Density, unit_of
 from lidarcli.sweeps.types import Float64, Int64
 
 NONE = "-"
-TINY = 1e-12
-EIGHTHS = " ▁▂▃▄▅▆▇█"
-SHADES = " ░▒▓█"
 SCENES = {
     "structured": "hardly anything moves",
     "semi-structured": "most of what is seen stands",
@@ -47,8 +44,6 @@ WORDS = {
 """Word → meaning, of those that a page explains."""
 OF_TRACKS = frozenset({"track", "agent", "end", "scene"})
 """Words that a page without tracks has not."""
-LEAST = 1e-300
-"""Least difference of values that are drawn apart: no share of a smaller one can be computed."""
 
 
 def number(value: float | None, digits: int = 3) -> str:
@@ -60,7 +55,7 @@ def number(value: float | None, digits: int = 3) -> str:
     if value is None or not math.isfinite(value):
         return NONE
     # What a computation leaves of nothing is nothing.
-    value = 0.0 if abs(value) < TINY else value
+    value = 0.0 if abs(value) < 1e-12 else value
     if value == int(value) or abs(value) >= 10**digits - 0.5:
         return f"{value:,.0f}"
     return f"{value:.{digits}g}"
@@ -176,7 +171,7 @@ def bar(part: float, width: int) -> str:
     '██  '
     """
     cells = round(part * width)
-    # What is there must be seen.
+    # What there is must be visible.
     if part > 0 and not cells:
         return "▏".ljust(width)
     return "█" * min(cells, width) + " " * (width - min(cells, width))
@@ -190,10 +185,11 @@ def spark(values: Sequence[float] | NDArray[Any], low: float = 0.0) -> str:
     """
     numbers = np.asarray(values, float)
     top = np.nanmax(numbers) if np.isfinite(numbers).any() else 0.0
-    scale = 8 / (top - low) if top - low > LEAST else 0.0
+    # No share of a smaller difference can be computed.
+    scale = 8 / (top - low) if top - low > 1e-300 else 0.0
     heights = np.clip(np.nan_to_num(np.ceil((numbers - low) * scale)), 1, 8).astype(int)
     return "".join(
-        " " if not np.isfinite(value) else EIGHTHS[height] for value, height in zip(numbers, heights, strict=True)
+        " " if not np.isfinite(value) else " ▁▂▃▄▅▆▇█"[height] for value, height in zip(numbers, heights, strict=True)
     )
 
 
@@ -224,4 +220,4 @@ def shade(one: Density, width: int, height: int) -> list[str]:
     blocks = padded.reshape(columns, k, lines, 2 * k).sum(axis=(1, 3))
     top = blocks.max()
     level = np.ceil(4 * np.sqrt(blocks / top)).astype(int) if top else blocks.astype(int)
-    return ["".join(SHADES[cell] for cell in level[:, line]) for line in range(lines - 1, -1, -1)]
+    return ["".join(" ░▒▓█"[cell] for cell in level[:, line]) for line in range(lines - 1, -1, -1)]

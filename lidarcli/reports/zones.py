@@ -46,10 +46,6 @@ NUMBERS = ("points", "nearest", "ttc", "active", "agents", "observed")
 """Columns of the table of zones that figures are of."""
 KEPT = 100
 """Most events that are kept one by one."""
-FINEST = 1_000
-"""Parts of the time of a log that bands tell apart."""
-MAX_CORNERS = 1_000
-"""Most corners of an outline that a page shows."""
 LISTED = ("occupied", "approach", "stale")
 """Kinds of the events that are listed; visits and crossings are counted."""
 EVENT = (
@@ -84,7 +80,7 @@ ZONE_WORDS = {
 
 
 def zones_in(read: Mapping[int, tuple[pa.Table, pa.Table]]) -> ZoneRows:
-    """Return the zones in the tables of some sources, with their outlines as far as the metadata tells them."""
+    """Return the zones in the tables of some sources, with their outlines as far as the metadata has them."""
     shapes: dict[str, dict[str, Any]] = {}
     left_out: list[tuple[str, str]] = []
     for source, (_, zones) in read.items():
@@ -119,8 +115,8 @@ def of_zone(rows: Rows, zone: str, *kinds: str) -> Bool:
 
 def _values(zone_rows: ZoneRows, zone: str, columns: Mapping[str, Float64]) -> dict[str, float | None]:
     """Return the figures of a zone without the beginning of their names; `columns`: `NUMBERS` of the rows of all zones."""
-    events, mine, shape = zone_rows.events, of_zone(zone_rows.zones, zone), zone_rows.shapes.get(zone)
-    of = {name: Spread.of(values[mine]) for name, values in columns.items()}
+    events, own, shape = zone_rows.events, of_zone(zone_rows.zones, zone), zone_rows.shapes.get(zone)
+    of = {name: Spread.of(values[own]) for name, values in columns.items()}
     agents, observed = of["agents"], min((one.share for one in sights_of(zone_rows, zone)), default=0.0)
     alarms, visits = of_zone(events, zone, "occupied", "approach"), of_zone(events, zone, "visit")
     crossings, duration = of_zone(events, zone, "crossing"), events.numbers("duration")
@@ -238,7 +234,7 @@ class ZoneSummary:
 
     name: str
     action: str
-    """Action it asks for; empty where neither an event nor the metadata tells it."""
+    """Action it asks for; empty where neither an event nor the metadata has it."""
     is_line: bool
     figures: dict[str, float | None]
     """By the rest of their names: `events`."""
@@ -289,7 +285,7 @@ class ZoneTimeline:
     visits: tuple[tuple[float, float], ...]
     """Visits, and crossings of a line, which take no time."""
     frame: str
-    """`sensor` or `world`, where that is the frame of its outline, which the metadata tells."""
+    """`sensor` or `world`, where that is the frame of its outline, which is in the metadata."""
     outline: tuple[tuple[float, float], ...]
     """Corners [m], of a line its two ends; empty where they are not known, or in another frame."""
 
@@ -416,7 +412,7 @@ def zones_part(zone_rows: ZoneRows, sources: Sequence[Origin]) -> ZonesPart:
     present, begin = np.unique(zone_rows.zones.source, return_index=True)
     # Rows of a source follow each other.
     parts = zip(present.tolist(), np.split(stamp, begin[1:]), strict=False)
-    spans = {source: (int(mine.min()), int(mine.max())) for source, mine in parts}
+    spans = {source: (int(own.min()), int(own.max())) for source, own in parts}
     listed = np.flatnonzero(np.any([events.are("kind", kind) for kind in LISTED], axis=0))
     return ZonesPart(
         sources=tuple(sources),
@@ -461,7 +457,7 @@ def _timelines(
         if not (of_zone(rows, name) & (rows.source == source)).any():
             continue
         chosen = (here & of_zone(events, name, *kinds) for kinds in (("occupied", "approach"), ("visit", "crossing")))
-        alarms, entries = (_merged(begin[mine], end[mine]) for mine in chosen)
+        alarms, entries = (_merged(begin[own], end[own]) for own in chosen)
         shape = zone_rows.shapes.get(name, {})
         corners = _corners(shape)
         frame = str(shape["frame"]) if corners else ""
@@ -480,15 +476,15 @@ def _corners(shape: Mapping[str, Any]) -> tuple[tuple[float, float], ...]:
             points = np.array(shape.get("polygon", shape.get("line")), np.float64)
     except (KeyError, TypeError, ValueError):
         return ()
-    known = points.ndim == 2 and points.shape[1] == 2 and len(points) <= MAX_CORNERS
+    known = points.ndim == 2 and points.shape[1] == 2 and len(points) <= 1_000
     return tuple((x, y) for x, y in points.tolist()) if known and np.isfinite(points).all() else ()
 
 
 def _merged(begin: Float64, end: Float64) -> tuple[tuple[float, float], ...]:
-    """Return spans in order, those that no picture tells apart as one."""
+    """Return spans in order, those that no picture could show apart as one."""
     found: list[tuple[float, float]] = []
     for low, high in sorted(zip(begin.tolist(), end.tolist(), strict=True)):
-        if found and low - found[-1][1] < 1.0 / FINEST:
+        if found and low - found[-1][1] < 0.001:
             found[-1] = found[-1][0], max(found[-1][1], high)
         else:
             found.append((low, high))

@@ -13,8 +13,6 @@ from lidarcli.sweeps.types import TURN, Bool, Float32, Float64, Int32, Int64, Ra
 
 _CELLS = 1 << 20
 """Largest number of beam × primitive pairs held at once: what stays near the cache."""
-_SLACK = 1e-9
-"""Relative overlap of neighbouring segments, so that no beam slips through a shared corner."""
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -31,7 +29,7 @@ class Primitives:
 
 
 def place(entities: tuple[Entity, ...], sensor_poses: Float64, seconds: Float64) -> Primitives:
-    """Bring the entities into the sensor's frame at each of the (S,) times, seen from the (S, 3) poses."""
+    """Bring the entities into the sensor's frame at each of the (S,) times, relative to the (S, 3) poses."""
     segments, circles = [np.empty((len(seconds), 0, 4))], [np.empty((len(seconds), 0, 3))]
     segment_counts, circle_counts = [], []
     for entity in entities:
@@ -69,7 +67,7 @@ def place(entities: tuple[Entity, ...], sensor_poses: Float64, seconds: Float64)
 
 
 def relative(poses: Float64, origin: Float64) -> Float64:
-    """Return (S, 3) world poses as seen from the (S, 3) poses `origin`."""
+    """Return (S, 3) world poses as relative to the (S, 3) poses `origin`."""
     dx, dy = poses[:, 0] - origin[:, 0], poses[:, 1] - origin[:, 1]
     cos, sin = np.cos(origin[:, 2]), np.sin(origin[:, 2])
     return np.column_stack([cos * dx + sin * dy, cos * dy - sin * dx, poses[:, 2] - origin[:, 2]])
@@ -116,7 +114,8 @@ def _hit_segments(segments: Float64, cos: Float64, sin: Float64) -> Float64:
         inverse = 1.0 / (cos * dy - sin * dx)
         distance = (x0 * dy - y0 * dx) * inverse
         along = (x0 * sin - y0 * cos) * inverse
-        hit = (along >= -_SLACK) & (along <= 1 + _SLACK) & (distance > 0)
+        # Neighbouring segments overlap a little, so that no beam slips through a shared corner.
+        hit = (along >= -1e-9) & (along <= 1 + 1e-9) & (distance > 0)
     return np.where(hit, distance, np.inf)
 
 
@@ -131,19 +130,8 @@ def _hit_circles(circles: Float64, cos: Float64, sin: Float64) -> Float64:
     return np.where(hit, distance, np.inf)
 
 
-_EDGE = 0.15
-"""Neighbouring surfaces further apart than this [m] make mixed pixels."""
-_DARK_SHARE, _DARK = 0.25, 4.0
-"""Share of dark entities, and how many times more than others they flicker."""
-_NEAR = 0.05
-"""Flicker of near surfaces; those at the longest range get 1 more."""
 _WAVES = ((0.7, 2), (0.5, 5))
 """Glare over the bearings: height and number of waves; where they lie is drawn."""
-_SURE = 0.95
-_TOGETHER = 0.6
-"""Probability that a beam shares the luck of the one before it."""
-_ROUNDS = 12
-"""Number of times that the shares are scaled; further ones make no difference."""
 
 
 def _depth_behind(ideal: Float64, padding: Bool) -> Float64:
@@ -166,8 +154,9 @@ class Faults:
             np.random.Generator(np.random.PCG64(stream)) for stream in streams
         )
         self.phases = surfaces.uniform(0, TURN, len(_WAVES))
-        # One more for what is no entity's own surface: its index is -1.
-        self.darkness = np.append(np.where(surfaces.random(len(entities)) < _DARK_SHARE, _DARK, 1.0), 1.0)
+        # A quarter of the entities is dark and flickers four times as much. One more for what is no entity's own surface:
+        # its index is -1.
+        self.darkness = np.append(np.where(surfaces.random(len(entities)) < 0.25, 4.0, 1.0), 1.0)
         self.swallows = np.append([entity.lost for entity in entities], 0.0)
 
     def beam_counts(self, sweeps: int) -> Int32:
@@ -183,7 +172,8 @@ class Faults:
         if sensor.mixed_pixels:
             draw = self._uniform(self.mixed, ideal.shape, columns=2)
             depth = _depth_behind(ideal, padding)
-            edge = (depth > _EDGE) & (draw[0] < sensor.mixed_pixels)
+            # Between neighbouring surfaces that are further apart than 15 cm.
+            edge = (depth > 0.15) & (draw[0] < sensor.mixed_pixels)
             measured = np.where(edge, ideal + draw[1] * depth, ideal)
             entity[edge] = -1
         if sensor.noise or sensor.noise_per_metre:
@@ -232,16 +222,17 @@ class Faults:
                 for (height, count), phase in zip(_WAVES, self.phases, strict=True)
             )
         )
-        weight = np.where(nothing, 0.0, (far**2 + _NEAR) * self.darkness[entity] * glare)
+        weight = np.where(nothing, 0.0, (far**2 + 0.05) * self.darkness[entity] * glare)
         wanted = self.sensor.flicker * np.count_nonzero(~nothing, axis=1)
         share = weight
-        for _ in range(_ROUNDS):
+        # Further rounds make no difference.
+        for _ in range(12):
             total = share.sum(axis=1)
             scale = wanted / np.where(total > 0, total, 1.0)
-            share = np.minimum(share * scale[:, None], _SURE)
+            share = np.minimum(share * scale[:, None], 0.95)
         draw = self._uniform(self.flickering, measured.shape, columns=2)
         # A beam most often shares the luck of the one before it.
-        alone = draw[0] >= _TOGETHER
+        alone = draw[0] >= 0.6
         alone[:, 0] = True
         leader = np.maximum.accumulate(np.where(alone, np.arange(measured.shape[1]), 0), axis=1)
         luck = np.take_along_axis(draw[1], leader, axis=1)
@@ -264,8 +255,6 @@ class Faults:
 
 START_NS = 1_700_000_000_000_000_000
 """Stamp of the first sweep: fixed, because a simulation has no clock of its own."""
-_TIMED_CELLS = 1 << 19
-"""Largest number of beam × shape pairs of sweeps that take time, placed at once."""
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -331,7 +320,8 @@ def _cast_in_turn(scene: Scene, seconds: Float64, increment: Float64, bearings: 
     """Cast beams at their own times: world and sensor move during a sweep."""
     sweeps, beams = bearings.shape
     shapes = sum(len(entity.segments) + len(entity.circles) for entity in scene.entities)
-    step = max(1, _TIMED_CELLS // (beams * max(shapes, 1)))
+    # Beams times shapes that are placed at once.
+    step = max(1, (1 << 19) // (beams * max(shapes, 1)))
     ranges, entity = np.empty(bearings.shape), np.empty(bearings.shape, np.int32)
     for first in range(0, sweeps, step):
         part = slice(first, first + step)
@@ -343,7 +333,7 @@ def _cast_in_turn(scene: Scene, seconds: Float64, increment: Float64, bearings: 
 
 
 def _intensities(entities: Sequence[Entity], entity: Int32, padding: Bool) -> Float32 | None:
-    """Return (S, B) the intensity of what each beam hit, 0 where nothing tells; None where the scene tells of none."""
+    """Return (S, B) the intensity of what each beam hit, 0 where unknown; None where the scene has none."""
     if all(each.intensity is None for each in entities):
         return None
     # One more for what is no entity's own surface: its index is -1.
@@ -386,7 +376,7 @@ class SimulatedPoses:
     yaw_rate: Float64
     """(S,) [rad/s]."""
     mount: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    """x, y, yaw of the laser on the robot, as the log tells it."""
+    """x, y, yaw of the laser on the robot, as the log states it."""
 
     def __len__(self) -> int:
         return len(self.stamp_ns)

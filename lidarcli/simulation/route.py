@@ -1,6 +1,6 @@
 """Motion along a route: waypoints, stops, turns and bounded acceleration; and the gait of persons.
 
-The way is made of straight pieces and arcs, the time of phases of constant acceleration, so that position and velocity
+The path is made of straight pieces and arcs, the time of phases of constant acceleration, so that position and velocity
 are exact at any time.
 """
 
@@ -19,11 +19,6 @@ Corner = Literal["round", "stop"]
 CORNERS: tuple[Corner, ...] = ("round", "stop")
 _Index = NDArray[np.int64]
 
-_SHARPEST = np.radians(150)
-"""A corner that turns farther than this is taken standing: its arc would be a point."""
-_SHARE = 0.45
-"""Most of a straight piece that the arc at one of its ends may take."""
-
 
 @dataclass(frozen=True, slots=True)
 class Waypoint:
@@ -32,7 +27,7 @@ class Waypoint:
     x: float
     y: float
     speed: float
-    """Most speed on the way from here to the next point [m/s]."""
+    """Most speed from here to the next point [m/s]."""
     wait: float = 0.0
     corner: Corner = "round"
     """`round`: passed on an arc; `stop`: the body stops and turns on the spot. With a `wait` it stops anyway."""
@@ -40,7 +35,7 @@ class Waypoint:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Pieces:
-    """The (G,) straight pieces and arcs of a way."""
+    """The (G,) straight pieces and arcs of a path."""
 
     start: Float64
     heading: Float64
@@ -48,7 +43,7 @@ class Pieces:
     curvature: Float64
     """[1/m], 0 for straight pieces, positive to the left."""
     arc: Float64
-    """(G + 1,) length of the way up to each piece [m]."""
+    """(G + 1,) length of the path up to each piece [m]."""
 
     def at(self, piece: _Index, along: Float64) -> tuple[Float64, Float64]:
         """Return (S, 2) points and (S,) headings `along` metres from the starts of the pieces."""
@@ -71,13 +66,13 @@ class Phases:
     """(P,) how long each lasts [s]."""
     piece: _Index
     along: Float64
-    """Way from the start of the piece [m], as the phase begins."""
+    """Distance from the start of the piece [m], as the phase begins."""
     speed: Float64
     acceleration: Float64
     off: Float64
     """(P, 2) heading before and after the phase, from that of the piece [rad]; 0 where the body moves."""
     run: _Index
-    """Number of the run, the way between two stops, that the phase belongs to."""
+    """Number of the run, the path between two stops, that the phase belongs to."""
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -92,7 +87,7 @@ class RouteState:
     phase: _Index
     since: Float64
     arc: Float64
-    """Length of the way so far [m], counted from the start of the round."""
+    """Length of the path so far [m], counted from the start of the round."""
 
     def velocities(self) -> Float64:
         """Return (S, 3) vx, vy [m/s] and the rate of the heading [rad/s]."""
@@ -113,7 +108,7 @@ class Route:
     parked = False
 
     def state(self, seconds: Float64) -> RouteState:
-        """Return position and motion at (S,) times [s]; before 0 the body stands at the first point."""
+        """Return position and motion at (S,) times [s]; before 0 the body is at the first point."""
         phases = self.phases
         time = np.maximum(seconds, 0.0)
         if self.loop:
@@ -177,7 +172,7 @@ def plan_route(
     """Plan the fastest journey through the waypoints within the limits, from rest to rest.
 
     `acceleration` [m/s²] bounds speeding up, slowing down, and the pull to the side on an arc; `turn_rate` [rad/s] turns on
-    the spot. Arcs have `corner_radius` [m], less where the way to a neighbour is short. A `loop` comes back to its first
+    the spot. Arcs have `corner_radius` [m], less where a neighbour is near. A `loop` comes back to its first
     point, stops there and begins again. Raises ValueError for fewer than two points, points in one place, and limits
     that are not above 0.
     """
@@ -196,7 +191,7 @@ def plan_route(
 
 
 def _pieces(waypoints: list[Waypoint], radius: float, acceleration: float, loop: bool) -> list[_Piece]:
-    """Return the way as straight pieces with arcs between them."""
+    """Return the path as straight pieces with arcs between them."""
     if loop:
         waypoints = [*waypoints, waypoints[0]]
     points = np.array([[point.x, point.y] for point in waypoints])
@@ -214,10 +209,12 @@ def _pieces(waypoints: list[Waypoint], radius: float, acceleration: float, loop:
         after = waypoints[number + 1]
         last = number == len(length) - 1
         turn = float(turns[number]) if loop or not last else 0.0
-        standing = last or after.wait > 0 or after.corner == "stop" or abs(turn) > _SHARPEST
+        # The arc of a sharper corner would be a point.
+        standing = last or after.wait > 0 or after.corner == "stop" or abs(turn) > np.radians(150)
         cut = bend = 0.0
         if not standing and abs(turn) > 1e-9:
-            room = _SHARE * min(length[number], length[number + 1])
+            # The arcs at both ends share a straight piece.
+            room = 0.45 * min(length[number], length[number + 1])
             cut = min(radius * np.tan(abs(turn) / 2), room)
             bend = cut / np.tan(abs(turn) / 2)
         ahead = np.array([np.cos(heading[number]), np.sin(heading[number])])
@@ -298,12 +295,6 @@ SPEEDS = (0.6, 1.4)
 """Speeds of a stroll and a brisk walk [m/s]; beyond them only the cadence changes."""
 AHEAD = 0.63
 """Distance of a leg ahead of or behind the body, in steps, just before it lands."""
-_BOTH = 0.1
-"""Share of a step, at its beginning and at its end, in which both legs stand."""
-_STRETCH = 0.1
-"""Steps may be longer by this share, so that a run is a whole number of them."""
-_TURN = np.radians(60)
-"""Most that a foot turns on the spot before the other one follows."""
 
 
 def step_length(speed: Float64) -> Float64:
@@ -314,8 +305,8 @@ def step_length(speed: Float64) -> Float64:
 def feet(route: Route, gap: float, seconds: Float64) -> Float64:
     """Return (S, 2, 2) positions of the left and right leg in the world at (S,) times.
 
-    Each run from stop to stop has a whole number of like steps, begins and ends with both legs beside each other, `gap`
-    metres apart. A leg that stands does not move at all.
+    Each run from stop to stop has a whole number of like steps, begins and ends with both legs next to each other, `gap`
+    metres apart. A leg that bears the body does not move at all.
     """
     state = route.state(seconds)
     phases = route.phases
@@ -330,23 +321,24 @@ def feet(route: Route, gap: float, seconds: Float64) -> Float64:
         ahead = route.pieces.at(phases.piece[phase], phases.along[phase])[1] + before
         share = np.clip(state.since[rows] / phases.length[phase], 0.0, 1.0)
         for side, turned in enumerate(_turning(share, turn)):
-            found[rows, side] = _beside(body, ahead + turned, gap, side)
+            found[rows, side] = _next_to(body, ahead + turned, gap, side)
     return found
 
 
 def _walking(route: Route, gap: float, run: _Index, arc: Float64) -> Float64:
-    """Return (S, 2, 2) the legs of a body that is `way` metres on its round, in the given runs."""
+    """Return (S, 2, 2) the legs of a body that is `arc` metres on its round, in the given runs."""
     phases, pieces = route.phases, route.pieces
     moving = (phases.speed != 0) | (phases.acceleration != 0)
     first, last, begin, step, count = (np.empty(int(run.max()) + 1) for _ in range(5))
     for number in np.unique(run):
-        mine = moving & (phases.run == number)
-        first[number], last[number] = phases.piece[mine].min(), phases.piece[mine].max()
+        own = moving & (phases.run == number)
+        first[number], last[number] = phases.piece[own].min(), phases.piece[own].max()
         begin[number] = pieces.arc[int(first[number])]
         length = pieces.arc[int(last[number]) + 1] - begin[number]
-        reached = phases.speed[mine] + phases.acceleration[mine] * phases.length[mine]
-        fastest = np.maximum(phases.speed[mine], reached).max()
-        count[number] = max(1.0, np.ceil(length / step_length(fastest) - _STRETCH))
+        reached = phases.speed[own] + phases.acceleration[own] * phases.length[own]
+        fastest = np.maximum(phases.speed[own], reached).max()
+        # Steps may be 10 % longer, so that a run is a whole number of them.
+        count[number] = max(1.0, np.ceil(length / step_length(fastest) - 0.1))
         step[number] = length / count[number]
     done = np.clip((arc - begin[run]) / step[run], 0.0, count[run])
     # The body is above the foothold k while the other leg goes from k - 1 to k + 1; the first and the last are half steps.
@@ -354,20 +346,21 @@ def _walking(route: Route, gap: float, run: _Index, arc: Float64) -> Float64:
     low = np.maximum(foothold - 0.5, 0.0)
     high = np.minimum(foothold + 0.5, count[run])
     share = np.where(high > low, (done - low) / np.where(high > low, high - low, 1.0), 1.0)
-    swung = smooth(np.clip((share - _BOTH) / (1 - 2 * _BOTH), 0.0, 1.0))
+    # In the first and the last tenth of a step both legs are on the ground.
+    swung = smooth(np.clip((share - 0.1) / (1 - 2 * 0.1), 0.0, 1.0))
 
     def at(number: Float64, side: _Index) -> Float64:
         place = begin[run] + number * step[run]
         piece = np.searchsorted(pieces.arc, place, side="right") - 1
         piece = np.clip(piece, first[run].astype(np.int64), last[run].astype(np.int64))
         points, heading = pieces.at(piece, place - pieces.arc[piece])
-        return _beside(points, heading, gap, side)
+        return _next_to(points, heading, gap, side)
 
     stands = foothold.astype(np.int64) % 2
     found = np.empty((len(arc), 2, 2))
     row = np.arange(len(arc))
     found[row, stands] = at(foothold, stands)
-    # Over the ground the swinging leg keeps to its own side of the way. Exactly 1 at its end: it lands where it will stand.
+    # Over the ground the swinging leg keeps to its own side of the path. Exactly 1 at its end: it lands where it will rest.
     begun, ended = np.maximum(foothold - 1, 0.0), np.minimum(foothold + 1, count[run])
     found[row, 1 - stands] = at(np.where(swung < 1, begun + swung * (ended - begun), ended), 1 - stands)
     return found
@@ -375,7 +368,8 @@ def _walking(route: Route, gap: float, run: _Index, arc: Float64) -> Float64:
 
 def _turning(share: Float64, turn: Float64) -> tuple[Float64, Float64]:
     """Return (S,) how far each leg of a body has turned on the spot [rad]: one goes ahead, the other follows."""
-    parts = np.maximum(np.ceil(np.abs(turn) / _TURN), 1.0)
+    # A foot turns by 60 degrees at most before the other one follows.
+    parts = np.maximum(np.ceil(np.abs(turn) / np.radians(60)), 1.0)
     part = np.minimum(np.floor(share * parts), parts - 1)
     rest = 2 * (share * parts - part)
     each = turn / parts
@@ -384,7 +378,7 @@ def _turning(share: Float64, turn: Float64) -> tuple[Float64, Float64]:
     return leading, following
 
 
-def _beside(points: Float64, heading: Float64, gap: float, side: _Index | int) -> Float64:
+def _next_to(points: Float64, heading: Float64, gap: float, side: _Index | int) -> Float64:
     """Return points half the gap to the left (side 0) or to the right (1)."""
     out = (gap / 2) * (1 - 2 * np.asarray(side))
     return points + np.column_stack([-np.sin(heading) * out, np.cos(heading) * out])

@@ -17,8 +17,6 @@ from lidarcli.sweeps.types import RawSweeps
 MAX_SECONDS = 400_000_000
 """Longest log [s]: the seconds of a ROS 2 stamp end in 2038."""
 MAX_SEED = (1 << 63) - 1
-MIN_CELL, MAX_CELL = 0.001, 1000.0
-_SUFFIXES = (*(f"{suffix}.gz" for suffix in CONTAINER_BY_SUFFIX), *CONTAINER_BY_SUFFIX)
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,8 +72,8 @@ def simulate(
     if not 0 <= seed <= MAX_SEED:
         raise OptionError(f"--seed must be at least 0 and at most {MAX_SEED}, not {seed}")
     resolution = MAP_RESOLUTION if map_resolution is None else map_resolution
-    if not MIN_CELL <= resolution <= MAX_CELL:
-        raise OptionError(f"--map-resolution must be at least {MIN_CELL:g} and at most {MAX_CELL:g} m, not {resolution:g}")
+    if not 0.001 <= resolution <= 1000.0:
+        raise OptionError(f"--map-resolution must be at least 0.001 and at most 1000 m, not {resolution:g}")
     if map is None and map_resolution is not None:
         raise OptionError("--map-resolution is that of --map: name its file, too")
     log = place(out)
@@ -145,5 +143,6 @@ def _map_data(scene: Scene, sweeps: int, resolution: float, image: str) -> tuple
 def truth_paths(log: Path) -> tuple[Path, Path]:
     """Return the paths of the truth tables of a log: beside it, with its stem."""
     name = log.name
-    stem = next((name[: -len(suffix)] for suffix in _SUFFIXES if name.lower().endswith(suffix)), name)
+    suffixes = (*(f"{suffix}.gz" for suffix in CONTAINER_BY_SUFFIX), *CONTAINER_BY_SUFFIX)
+    stem = next((name[: -len(suffix)] for suffix in suffixes if name.lower().endswith(suffix)), name)
     return log.with_name(f"{stem}.truth.parquet"), log.with_name(f"{stem}.truth-beams.parquet")

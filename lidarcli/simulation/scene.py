@@ -1,6 +1,6 @@
-"""Scenes: a sensor, the path that carries it, entities that stand or move, and the TOML files that hold all of these.
+"""Scenes: a sensor, the path that carries it, entities, static or moving,, and the TOML files that hold all of these.
 
-An entity is drawn once, in its own frame, as straight segments and circles; where it stands at a time is its pose.
+An entity is drawn once, in its own frame, as straight segments and circles; where it is at a time is its pose.
 Lengths in metres, angles in radians (degrees in a file), times in seconds from the first sweep. samples/README.md lists
 the keys of a file.
 """
@@ -20,19 +20,13 @@ from lidarcli.files.configfiles import Fields, read_toml
 from lidarcli.simulation.route import CORNERS, STEPS, Corner, Route, Waypoint, feet, plan_route
 from lidarcli.sweeps.types import TURN, Bool, Float64
 
-MAX_WAYPOINTS = 1_000
 LEAST = 1e-3
-"""Least of a route's speeds [m/s], accelerations [m/s²], turn rates [degrees/s], radii and ways between points [m]."""
-MAX_DELAY = 10.0
-"""Most that the stamps of poses may be off [s]."""
+"""Least of a route's speeds [m/s], accelerations [m/s²], turn rates [degrees/s], radii and distances between points [m]."""
 MIN_COURSE = 1e-6
 MAX_BEAMS = 100_000
 MAX_SWEEPS = 10_000_000
 MAX_SHAPES = 10_000
 """Most straight sides and circles of all entities: each beam meets all of them."""
-MAX_FLICKER = 0.9
-MIN_RATE = 1e-3
-MIN_STEP = 1e-9
 
 LostAs = Literal["inf", "nan", "mixed", "zero", "max"]
 LOST_AS: tuple[LostAs, ...] = ("inf", "nan", "mixed", "zero", "max")
@@ -88,7 +82,7 @@ class Motion:
     """Legs of a walker swing forth and back by half of this, in turn; on a route, the length of a long step [m]."""
     cadence: float = 0.0
     route: Route | None = None
-    """Way through waypoints, instead of a velocity."""
+    """Path through waypoints, instead of a velocity."""
     ahead: bool = True
     """On a route: whether the body turns with its heading, or at its own `yaw_rate`."""
 
@@ -103,7 +97,7 @@ STILL = Motion()
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Entity:
-    """One thing in the world: `segments` (K, 4) x0 y0 x1 y1 and `circles` (C, 3) x y radius, own frame."""
+    """One object in the world: `segments` (K, 4) x0 y0 x1 y1 and `circles` (C, 3) x y radius, own frame."""
 
     kind: str
     """`box`, `cylinder`, `ladder`, `chair`, `table`, `plant`, `person`, `leg` or `wall`."""
@@ -293,14 +287,14 @@ def box(x: float, y: float, length: float, width: float, yaw: float = 0.0, motio
 
 
 def cylinder(x: float, y: float, radius: float, motion: Motion = STILL) -> Entity:
-    """Return a round thing: a pillar, a bin, a pole."""
+    """Return a round object: a pillar, a bin, a pole."""
     return Entity("cylinder", x, y, 0.0, 2 * radius, 2 * radius, circles=np.array([[0, 0, radius]]), motion=motion)
 
 
 def legged(
     kind: str, x: float, y: float, length: float, width: float, leg: float, yaw: float = 0.0, motion: Motion = STILL
 ) -> Entity:
-    """Return a thing on four legs of the thickness `leg`, in the corners of length × width.
+    """Return an object on four legs of the thickness `leg`, in the corners of length × width.
 
     A ladder's legs are rails, twice as deep as thick; a chair's are round, a table's square.
     """
@@ -351,7 +345,7 @@ def load_robot(fields: Fields) -> tuple[Course | Route, Odometry | None, Mount]:
             noise=table.number("noise", 0.0, low=0),
             yaw_noise=radians(table.number("yaw_noise", 0.0, low=0)),
             tf=table.flag("tf", True),
-            delay=table.number("delay", 0.0, low=-MAX_DELAY, high=MAX_DELAY),
+            delay=table.number("delay", 0.0, low=-10.0, high=10.0),
         )
         table.done()
     table = fields.table("mount")
@@ -363,7 +357,7 @@ def load_robot(fields: Fields) -> tuple[Course | Route, Odometry | None, Mount]:
 
 
 def _route_of(fields: Fields, others: tuple[str, ...]) -> Route | None:
-    """Return the route, if there is one, and refuse the keys in `others` beside it."""
+    """Return the route, if there is one, and refuse the keys in `others` in addition to it."""
     if not fields.has("route"):
         return None
     for key in others:
@@ -395,9 +389,9 @@ def _course(fields: Fields) -> Course:
     return Course(points, speed, yaw)
 
 
-def load_motion(fields: Fields, *beside: str) -> Motion:
-    """Read the motion of an entity, and when it appears and disappears; keys in `beside` exclude a route, too."""
-    route = _route_of(fields, ("x", "y", "velocity", *beside))
+def load_motion(fields: Fields, *others: str) -> Motion:
+    """Read the motion of an entity, and when it appears and disappears; keys in `others` exclude a route, too."""
+    route = _route_of(fields, ("x", "y", "velocity", *others))
     return Motion(
         velocity=(0.0, 0.0) if route else fields.pair("velocity", (0.0, 0.0)),
         yaw_rate=radians(fields.number("yaw_rate", 0.0)),
@@ -413,7 +407,7 @@ def load_route(table: Fields) -> Route:
     speed = table.number("speed", low=LEAST)
     loop = table.flag("loop", False)
     found = []
-    for number, item in enumerate(table.items("waypoints", 2, MAX_WAYPOINTS), 1):
+    for number, item in enumerate(table.items("waypoints", 2, 1_000), 1):
         values = dict(zip("xy", item, strict=True)) if isinstance(item, list) and len(item) == 2 else item
         if not isinstance(values, Mapping):
             table.fail("waypoints", "must hold points, as [2.5, 0] or { x = 2.5, y = 0, wait = 1 }")
@@ -492,8 +486,8 @@ def _sensor(fields: Fields) -> Sensor:
         if last <= first:
             fields.fail("angle_max", "must be above angle_min; for a sensor turning clockwise set clockwise = true")
         step = (last - first) / max(beams - 1, 1)
-    if beams > 1 and step < MIN_STEP:
-        fields.fail("beams", f"leaves {step:g} degrees from beam to beam; the least is {MIN_STEP:g}")
+    if beams > 1 and step < 1e-9:
+        fields.fail("beams", f"leaves {step:g} degrees from beam to beam; the least is 1e-09")
     if fields.flag("clockwise", False):
         first, step = first + step * (beams - 1), -step
     range_min = fields.number("range_min", default.range_min, low=0)
@@ -508,12 +502,12 @@ def _sensor(fields: Fields) -> Sensor:
         resolution=fields.number("resolution", 0.0, low=0, high=1),
         lost=fields.number("lost", 0.0, low=0, high=1),
         lost_as=cast(LostAs, fields.text("lost_as", "mixed", LOST_AS)),
-        rate=fields.number("rate", default.rate, low=MIN_RATE, high=1e6),
+        rate=fields.number("rate", default.rate, low=1e-3, high=1e6),
         topic=fields.text("topic", default.topic),
         frame_id=fields.text("frame_id", default.frame_id),
         beams_jitter=fields.whole("beams_jitter", 0, low=0, high=beams - 1),
         mixed_pixels=fields.number("mixed_pixels", 0.0, low=0, high=1),
-        flicker=fields.number("flicker", 0.0, low=0, high=MAX_FLICKER),
+        flicker=fields.number("flicker", 0.0, low=0, high=0.9),
         time_increment=fields.number("time_increment", 0.0, low=0),
     )
     if sensor.time_increment * (beams - 1) > 1 / sensor.rate:
@@ -550,7 +544,7 @@ def _cylinder(fields: Fields) -> Entity:
 
 
 def _legged(kind: str, length: float, width: float, leg: float) -> Callable[[Fields], Entity]:
-    """Return a loader of legged things with these default sizes."""
+    """Return a loader of legged objects with these default sizes."""
 
     def load(fields: Fields) -> Entity:
         sizes = [fields.number(key, value, above=0) for key, value in (("length", length), ("width", width))]
@@ -566,7 +560,7 @@ def _plant(fields: Fields) -> Entity:
 
 
 def _person(fields: Fields) -> Entity:
-    """Read a person: two legs; a walker looks ahead and swings them in step with its speed unless told otherwise."""
+    """Read a person: two legs; a walker looks ahead and swings them in step with its speed by default."""
     motion = load_motion(fields, "yaw", "yaw_rate")
     gap, leg = fields.number("gap", 0.25, above=0), fields.number("leg", 0.12, above=0)
     if motion.route:

@@ -1,4 +1,4 @@
-"""The truth beside a simulated log: who was seen in each sweep, what every beam hit, and the true map of the run."""
+"""The truth of a simulated log: who was visible in each sweep, what every beam hit, and the true map of the run."""
 
 from __future__ import annotations
 
@@ -112,11 +112,11 @@ def truth_rows(block: SimulatedBlock, scene: Scene) -> pa.RecordBatch:
 
     world, velocity = np.empty((len(visible), 3)), np.zeros((len(visible), 3))
     for number in np.unique(entity):
-        mine = np.flatnonzero(entity == number)
-        seconds = block.seconds[row[mine]]
-        world[mine] = entities[number].poses(seconds)
+        own = np.flatnonzero(entity == number)
+        seconds = block.seconds[row[own]]
+        world[own] = entities[number].poses(seconds)
         if not entities[number].motion.still:
-            velocity[mine] = entities[number].velocities(seconds)
+            velocity[own] = entities[number].velocities(seconds)
     local = relative(world, block.poses[row])
     theta_i, theta_f = _extent(block, sweep, beam, cell, np.arctan2(local[:, 1], local[:, 0]), visible)
 
@@ -180,18 +180,16 @@ MAX_CELLS = MAX_PIXELS
 """Largest map: what is written can be read again."""
 MAX_BEAMS = (1 << 31) - 1
 """Most beams that are counted one by one: counts are int32."""
-_BLOCK, _BLOCK_BEAMS = 512, 1 << 18
-"""Most sweeps, and about as many beams, that are held at once."""
 
 
 def true_map(scene: Scene, sweeps: int, resolution: float) -> Occupancy:
     """Return the map of `sweeps` sweeps of a scene without faults of the sensor and without moving or passing entities.
 
-    Every sweep counts, and each beam is seen from where the laser is at the very time of this beam. A cell is occupied
+    Every sweep counts, and each beam starts where the laser is at the very time of this beam. A cell is occupied
     where any beam ends in it, free where beams only pass, else unknown; a beam without a return says nothing.
 
     The frame is the world of the scene. The odometry of a run begins at its true pose, so that without noise its frame is
-    the same; with noise the two part on the way, and `lidarcli diff` sees that, too.
+    the same; with noise the two diverge, and `lidarcli diff` sees that, too.
 
     Parameters
     ----------
@@ -200,8 +198,8 @@ def true_map(scene: Scene, sweeps: int, resolution: float) -> Occupancy:
     Raises
     ------
     OptionError
-        The ground that is seen has more than `MAX_CELLS` cells, there are more than `MAX_BEAMS` beams that take time, or
-        nothing that stands still is seen.
+        The map would have more than `MAX_CELLS` cells, there are more than `MAX_BEAMS` beams that take time, or
+        nothing static is visible.
     """
     faultless = {"noise": 0.0, "noise_per_metre": 0.0, "resolution": 0.0, "lost": 0.0, "mixed_pixels": 0.0, "flicker": 0.0}
     sensor = replace(scene.sensor, lost_as="inf", beams_jitter=0, **faultless)  # type: ignore[arg-type]
@@ -214,7 +212,8 @@ def true_map(scene: Scene, sweeps: int, resolution: float) -> Occupancy:
             "take fewer --sweeps"
         )
     counts = Counts(resolution, MAX_CELLS)
-    size = min(_BLOCK, max(1, _BLOCK_BEAMS // sensor.beams))
+    # Sweeps that are held at once, about a quarter of a million beams.
+    size = min(512, max(1, (1 << 18) // sensor.beams))
     for block in simulate_blocks(scene, different, size=size):
         try:
             counts.add(_placed(scene, block))
@@ -234,7 +233,7 @@ def true_map(scene: Scene, sweeps: int, resolution: float) -> Occupancy:
 
 def _placed(scene: Scene, block: SimulatedBlock) -> Beams:
     """Return the beams of a block in the world, exactly; those that take time are a sweep each."""
-    # Within a sweep the way of a sensor is straight and even for `Beams`, but not on a course that turns at once, where a
+    # Within a sweep the path of a sensor is straight and even for `Beams`, but not on a course that turns at once, where a
     # laser that is not mounted on the axis leaps. With one hit to make an occupied cell it makes no difference.
     sensor = scene.sensor
     sweeps, beams = block.raw.ranges.shape

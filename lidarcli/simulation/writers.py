@@ -1,4 +1,4 @@
-"""Sweeps as a log: MCAP, bags of ROS 1 and ROS 2, CSV; the suffix says which, unless told otherwise."""
+"""Sweeps as a log: MCAP, bags of ROS 1 and ROS 2, CSV; the suffix says which, unless a container is given."""
 
 from __future__ import annotations
 
@@ -106,12 +106,10 @@ ROS1_BYTES = _ros("ros1", ROS1, ROS1.serialize_ros1, ros1=True)
 
 
 POINTCLOUD2 = "sensor_msgs/msg/PointCloud2"
-FLOOR, CEILING = -0.5, 2.0
 NEAR = 0.6
-"""Floor and ceiling are seen at so much of the range of what is behind them."""
+"""Floor and ceiling are visible at so much of the range of what is behind them."""
 
 _POINT = np.dtype([("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("intensity", "<f4"), ("ring", "<u2")])
-_FLOAT32, _UINT16 = 7, 4
 
 
 def as_clouds(encoding: Encoding) -> Encoding:
@@ -130,7 +128,7 @@ def cloud_points(raw: RawSweeps, row: int) -> np.ndarray[tuple[int, int], np.dty
     ranges = raw.ranges[row, :beams].astype(np.float64)
     ranges[~np.isfinite(ranges) | (ranges <= 0)] = np.nan
     points = np.zeros((3, beams), _POINT)
-    for ring, (share, height) in enumerate(((NEAR, FLOOR), (1.0, 0.0), (NEAR, CEILING))):
+    for ring, (share, height) in enumerate(((NEAR, -0.5), (1.0, 0.0), (NEAR, 2.0))):
         points["x"][ring] = share * ranges * np.cos(bearing)
         points["y"][ring] = share * ranges * np.sin(bearing)
         points["z"][ring] = np.where(np.isnan(ranges), np.nan, height)
@@ -149,7 +147,8 @@ def cloud_fields(floats: int, integers: int) -> list[tuple[str, int, int]]:
 
 def _ros_clouds(raw: RawSweeps, store: Any, serialize: Callable[[Any, str], Any], ros1: bool) -> list[bytes]:
     types = store.types
-    fields = [types["sensor_msgs/msg/PointField"](*each, 1) for each in cloud_fields(_FLOAT32, _UINT16)]
+    float32, uint16 = 7, 4
+    fields = [types["sensor_msgs/msg/PointField"](*each, 1) for each in cloud_fields(float32, uint16)]
     messages = []
     for row in range(len(raw)):
         points = cloud_points(raw, row)
@@ -194,7 +193,7 @@ SchemaOf = Callable[[str], tuple[str, str, bytes]]
 
 
 class McapEncoding(NamedTuple):
-    """A way to write an MCAP."""
+    """Encoding of the messages of an MCAP, and of their schemas."""
 
     messages: Encoding
     name: str

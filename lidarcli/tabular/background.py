@@ -25,12 +25,6 @@ GEOMETRY = "lidarcli.geometry"
 _PER_BEAM = ("r_e", "r_near", "spread", "support", "no_return")
 NEAREST = 1e-9
 """Smallest range of a background [m]: no sensor measures that near, and steps of bearings are divided by it."""
-MIN_STEP = 1e-9
-"""Smallest angle from beam to beam [rad]."""
-MAX_BEAMS_OF_SENSOR = 10_000_000
-"""Most beams of a sensor; sweeps have fewer."""
-SINGLE = 1e-6
-"""Relative precision of a bearing that has been kept in single precision."""
 
 
 def write_background(
@@ -129,10 +123,10 @@ def _entry(entry: Any) -> dict[str, Any]:
     angles = abs(found["angle_min"]), abs(found["angle_increment"])
     stations = found["station_distance"], found["station_angle"]
     if (
-        not (0 <= found["beams"] <= MAX_BEAMS_OF_SENSOR and 0 <= found["period"] <= found["beams"])
+        not (0 <= found["beams"] <= 10_000_000 and 0 <= found["period"] <= found["beams"])
         or found["stations"] < 0
         or not max(*angles, *stations) <= MAX_VALUE
-        or (found["beams"] > 1 and angles[1] < MIN_STEP)
+        or (found["beams"] > 1 and angles[1] < 1e-9)
         or not min(stations) > 0
         or not found["range_max"] > 0
     ):
@@ -161,32 +155,28 @@ def _values(table: pa.Table, name: str) -> Float64:
 
 def _sensor(table: pa.Table, entry: dict[str, Any]) -> Background:
     shape = entry["stations"], entry["beams"]
-
-    def values(name: str) -> Float64:
-        return _values(table, name).reshape(shape)
-
-    first = slice(None), slice(0, 1)
-
-    def of_station(name: str) -> Float64:
-        return np.asarray(values(name)[first].reshape(-1))
-
+    values = {name: _values(table, name).reshape(shape) for name in BACKGROUND.names[2:]}
+    # What is the same for all beams of a station.
+    of_station = {
+        name: values[name][:, :1].reshape(-1) for name in ("sweeps", "pose_x", "pose_y", "pose_yaw", "upside_down")
+    }
     grid = Grid(entry["angle_min"], entry["angle_increment"], entry["beams"], entry["period"])
-    # Other programs may keep single precision.
-    off = np.abs(values("theta") - grid.bearings()) if shape[0] else np.zeros(0)
-    if not (off <= SAME_BEAM * abs(grid.angle_increment) + SINGLE * abs(grid.angle_min)).all():
+    # Other programs may keep single precision, of a relative precision of 1e-6.
+    off = np.abs(values["theta"] - grid.bearings()) if shape[0] else np.zeros(0)
+    if not (off <= SAME_BEAM * abs(grid.angle_increment) + 1e-6 * abs(grid.angle_min)).all():
         raise ValueError("bearings of another sensor")
     station, beam = np.indices(shape)
-    if not (np.array_equal(values("station"), station) and np.array_equal(values("beam"), beam)):
+    if not (np.array_equal(values["station"], station) and np.array_equal(values["beam"], beam)):
         raise ValueError("rows in another order")
     return Background(
         topic=entry["topic"],
         frame_id=entry["frame_id"],
         grid=grid,
         range_max=entry["range_max"],
-        **{name: values(name) for name in _PER_BEAM},
-        sweeps=of_station("sweeps").astype(np.int64),
+        **{name: values[name] for name in _PER_BEAM},
+        sweeps=of_station["sweeps"].astype(np.int64),
         poses=SweepPoses(
-            of_station("pose_x"), of_station("pose_y"), of_station("pose_yaw"), of_station("upside_down").astype(bool)
+            of_station["pose_x"], of_station["pose_y"], of_station["pose_yaw"], of_station["upside_down"].astype(bool)
         ),
         distance=entry["station_distance"],
         angle=entry["station_angle"],

@@ -49,7 +49,7 @@ def floats(values: NDArray[np.floating[Any]], kind: pa.DataType | None = None) -
     >>> floats(np.array([1.5, np.nan])).to_pylist()
     [1.5, None]
     """
-    kind = kind or _DOUBLE
+    kind = kind or pa.float64()
     # What single precision cannot hold, such as a bearing of a broken header, is infinite.
     with np.errstate(over="ignore"):
         numbers = np.ascontiguousarray(values, kind.to_pandas_dtype())
@@ -147,9 +147,6 @@ def _texts(names: tuple[str, ...]) -> pa.StringArray:
     return pa.StringArray.from_buffers(len(names), pa.py_buffer(offsets), pa.py_buffer(b"".join(encoded)))
 
 
-_DOUBLE = pa.float64()
-
-
 def _array(values: NDArray[Any], valid: NDArray[np.bool_] | None, kind: pa.DataType | None) -> pa.Array:
     values = np.ascontiguousarray(values)
     bitmap = None if valid is None else pa.py_buffer(np.packbits(valid, bitorder="little"))
@@ -237,7 +234,7 @@ def objects_rows(
 
         columns["why"] = pa.array(reasons(detection.features, detection.thing, detection.place), pa.string())
     if batch.poses is not None:
-        # An object is seen from where the sensor was when it came to the beam in its middle.
+        # An object is observed from where the sensor was when it came to the beam in its middle.
         boxes = detection.box_x, detection.box_y, detection.box_yaw
         world = batch.poses.to_world(row, *boxes, detection.shares(batch))
         columns |= zip(("world_x", "world_y", "world_yaw"), world, strict=True)
@@ -319,7 +316,7 @@ def tracked_rows(
 ) -> pa.RecordBatch:
     """Return rows of the objects, sweeps or beams of a batch by the tracking; `labels` are the names in the catalogue.
 
-    With `walls` bodies in set S have rows, too; without `tracks` agents are objects, and nothing tells of tracks.
+    With `walls` bodies in set S have rows, too; without `tracks` agents are objects, and no column has tracks.
     """
     if table == "objects":
         return _tracked_objects(log, found, labels, walls=walls, tracks=tracks)
@@ -352,7 +349,7 @@ def _tracked_objects(log: str, found: TrackedBatch, labels: Sequence[str], *, wa
 def beam_sets(found: TrackedBatch, *, tracks: bool = True) -> tuple[UInt8, Int32]:
     """Return the set of each beam and the number of its object, 0 for none, (S, B) each, by the tracking.
 
-    `tracks`: tell agents from objects. The detection was made with `per_beam`.
+    `tracks`: distinguish agents from objects. The detection was made with `per_beam`.
     """
     detection = found.detection
     assert detection.beam_object is not None

@@ -27,8 +27,6 @@ T = TypeVar("T")
 
 MAX_VALUE = 1e12
 """Greatest number of a table [m], [rad]: no place on Earth is farther, whatever the origin."""
-DEEPEST_METADATA = 20
-"""Levels of lists and objects in a value of the metadata; what lidarcli writes has four."""
 ANY = "any"
 """Kind of a table whose columns are not checked."""
 MAKERS = {"background": "background build", "tracks": "track", "trajectories": "track", "changes": "diff"} | dict.fromkeys(
@@ -151,7 +149,8 @@ def parsed(text: str) -> Any:
     except RecursionError as err:
         raise ValueError("nested too deeply") from err
     level = [value]
-    for _ in range(DEEPEST_METADATA):
+    # What lidarcli writes has four levels.
+    for _ in range(20):
         level = [
             item
             for part in level
@@ -272,7 +271,7 @@ def _fitted(path: Readable, kind: str, field: pa.Field, column: pa.ChunkedArray)
 
 
 def _castable(found: pa.DataType, wanted: pa.DataType) -> bool:
-    """Return whether values of one type can stand for those of the other, if each of them fits."""
+    """Return whether values of one type can replace those of the other, if each of them fits."""
     if pa.types.is_null(found) or found.equals(wanted):
         return True
     if is_text(wanted):
@@ -366,7 +365,7 @@ def _first_line(err: Exception) -> str:
 
 
 AGAIN = "write both again with lidarcli track"
-"""Way out where tables do not fit each other or their log."""
+"""What to do where tables do not fit each other or their log."""
 
 
 class TopicRows:
@@ -402,8 +401,8 @@ class TopicRows:
     def _read(self, table: str, columns: tuple[str, ...], topic: str) -> Iterator[pa.RecordBatch]:
         last = -1
         for piece in read_pieces(self._path, table, SCHEMAS[table], columns):
-            mine = are(piece["topic"], topic)
-            rows = piece if mine.all() else piece.take(plain(np.flatnonzero(mine)))
+            own = are(piece["topic"], topic)
+            rows = piece if own.all() else piece.take(plain(np.flatnonzero(own)))
             if not rows.num_rows:
                 if last >= 0:
                     return

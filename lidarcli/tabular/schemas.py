@@ -304,15 +304,7 @@ TABLES: dict[str, tuple[Column, ...]] = {
 (OBJECTS, SWEEPS, TRACKS, TRAJECTORIES, BEAMS, EVENTS, ZONES, CLEANED, BACKGROUND, CHANGES, CLOUD, POSES) = map(
     schema_of, TABLES.values()
 )
-SCHEMAS = {
-    "objects": OBJECTS,
-    "sweeps": SWEEPS,
-    "tracks": TRACKS,
-    "trajectories": TRAJECTORIES,
-    "beams": BEAMS,
-    "events": EVENTS,
-    "zones": ZONES,
-}
+SCHEMAS = dict(zip(TABLES, (OBJECTS, SWEEPS, TRACKS, TRAJECTORIES, BEAMS, EVENTS, ZONES), strict=False))
 """Table name, as in the file name `<log>.<table>.parquet` → schema."""
 
 NULLABLE = {name: frozenset(one.name for one in table if one.nullable) for name, table in TABLES.items()}

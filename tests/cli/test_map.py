@@ -16,7 +16,8 @@ from PIL import Image
 
 from lidarcli.formalism.mapping.grid import FREE, OCCUPIED, UNKNOWN
 from lidarcli.logs.batches import ReadOptions
-from lidarcli.maps.grids import CloudPoints, PlyWriter, read_map
+from lidarcli.maps.clouds import CloudPoints, PlyWriter
+from lidarcli.maps.grids import read_map
 from lidarcli.pipeline.mapping import WRITERS
 from lidarcli.tabular.schemas import CLOUD
 from tests.cli.maps import COUNTED, DRIVE, POSES_NOTE, Run, mapped, names, occupied, ply, still

@@ -12,7 +12,9 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from lidarcli.pipeline.reporting import ReportOptions, make_report
 from lidarcli.reports.columns import Origin, Rows, Run, ZoneRows
+from lidarcli.reports.report import Report
 from lidarcli.tabular.reading import read_schema
 from lidarcli.tabular.schemas import EVENTS, OBJECTS, SWEEPS, TRACKS, TRAJECTORIES, ZONES
 from lidarcli.tabular.writing import table_metadata
@@ -192,6 +194,11 @@ def write_zones(
         mine = [{**row, "log": name} for row in rows]
         pq.write_table(table(schema, mine).replace_schema_metadata(metadata), folder / f"{name}.{kind}.parquet")
     return folder / f"{name}.events.parquet"
+
+
+def made(*tables: Path, checks: Sequence[str] = (), viewer: bool = False) -> Report:
+    """The report on some tables."""
+    return make_report(ReportOptions(tuple(map(str, tables)), tuple(checks)), viewer=viewer)
 
 
 def array(one: dict[str, str], kind: type[np.generic]) -> np.ndarray[Any, Any]:

@@ -21,14 +21,14 @@ from lidarcli.errors import OptionError, UnreadableError
 from lidarcli.formalism.mapping.grid import FREE, OCCUPIED, UNKNOWN, Occupancy
 from lidarcli.pipeline.inputs.tables import find_table_sets, find_tables, table_files
 from lidarcli.pipeline.reporting import FORMATS, ReportOptions, make_report, render
-from lidarcli.reports.changes import changes_part, pairs_of
-from lidarcli.reports.document import Report
+from lidarcli.reports.changes import changes_part
 from lidarcli.reports.drawing import Labels, project_style
 from lidarcli.reports.map_picture import Sight, changes_figure
 from lidarcli.reports.run import RunPart
+from lidarcli.reports.run_pairs import pairs_of
 from lidarcli.tabular.schemas import CHANGES
 from lidarcli.tabular.writing import ALIGNMENT, CHANGE_FIGURES, DAMAGE
-from tests.reports.runs import crossing, table, write_run
+from tests.reports.runs import crossing, made, table, write_run
 from tests.reports.test_labels import meet
 
 
@@ -73,10 +73,6 @@ def written(path: Path, *args: Any, **options: Any) -> Path:
     path.parent.mkdir(exist_ok=True)
     pq.write_table(told(*args, **options), path)
     return path
-
-
-def made(*tables: Path, checks: Sequence[str] = (), viewer: bool = False) -> Report:
-    return make_report(ReportOptions(tuple(map(str, tables)), tuple(checks)), viewer=viewer)
 
 
 def lines_of(text: str) -> list[str]:

@@ -10,10 +10,10 @@ import pytest
 
 from lidarcli.display.palette import COLOURS, HEAT, page_style
 from lidarcli.reports.figures import Density
-from lidarcli.reports.ground import Walls
 from lidarcli.reports.html import charts
 from lidarcli.reports.run import RunPart
 from lidarcli.reports.summary import summarise
+from lidarcli.reports.world import Walls
 from tests.reports.runs import run_of, sweep, thing
 
 

@@ -52,20 +52,24 @@ def run() -> Run:
         ("objects where change is not null == 1", 1),
         ("objects where change != removed == 1", 1),
         ("objects where topic == '/scan' == 3", 3),
-        ("objects where topic == /nowhere == 0", None),
         ("objects where topic == '/nowhere' == 0", 0),
         ("objects where vertices == 0 == 3", 3),
         ("sweeps where objects == 0 <= 1", 1),
         ("sweeps where sweep >= 1 and objects > 0 == 1", 1),
         ("width.max<1e3", 0.7),
         ("backward == -0", 0),
+        ("objects where " + "(" * 50 + "width > 0.5" + ")" * 50 + " == 2", 2),
+        ("objects where " + "not " * 2_000 + "width > 0.5 == 2", 2),
+        ("objects where " + "not " * 2_001 + "width > 0.5 == 1", 1),
+        ("objects where " + "width > 1 or " * 700 + "width > 0.5 == 2", 2),
+        ("objects where " + "width > 0 and " * 700 + "width > 0.5 == 2", 2),
+        ("objects where difference < 0 or difference is null == 3", 3),
+        ("objects where difference < 0 and width > 0 == 1", 1),
+        ("objects where not (difference < 0 and width < 0) == 3", 3),
+        ("objects where not (difference < 0 or width > 0) == 0", 0),
     ],
 )
-def test_what_a_check_finds(run: Run, expression: str, found: float | None) -> None:
-    if found is None:
-        with pytest.raises(OptionError, match="cannot be read at '/', column 24"):
-            parse_check(expression)
-        return
+def test_what_a_check_finds(run: Run, expression: str, found: float) -> None:
     verdict = judge(parse_check(expression), summarise(run).figures, run)
     assert verdict.found == pytest.approx(found)
     assert verdict.holds
@@ -208,6 +212,7 @@ def test_without_anything_to_measure_a_check_does_not_hold() -> None:
         ("objects where moving > 0 between 1 and 3", "expected nothing more at 'between', column 26"),
         ("objects where change is nothing == 0", "expected null at 'nothing', column 25"),
         ("__import__('os').system('id') == 0", "cannot be read at '.', column 17"),
+        ("objects where topic == /nowhere == 0", "cannot be read at '/', column 24"),
     ],
 )
 def test_mistakes(expression: str, problem: str) -> None:
@@ -236,25 +241,6 @@ def test_only_the_columns_that_are_looked_at_are_read() -> None:
     checks = [parse_check("objects where width > 1 or not track is null == 0"), parse_check("sweeps > 3")]
     assert columns_needed(checks, "objects") == {"width", "track"}
     assert columns_needed(checks, "sweeps") == frozenset()
-
-
-@pytest.mark.parametrize(
-    ("expression", "found"),
-    [
-        ("objects where " + "(" * 50 + "width > 0.5" + ")" * 50 + " == 2", 2),
-        ("objects where " + "not " * 2_000 + "width > 0.5 == 2", 2),
-        ("objects where " + "not " * 2_001 + "width > 0.5 == 1", 1),
-        ("objects where " + "width > 1 or " * 700 + "width > 0.5 == 2", 2),
-        ("objects where " + "width > 0 and " * 700 + "width > 0.5 == 2", 2),
-        ("objects where difference < 0 or difference is null == 3", 3),
-        ("objects where difference < 0 and width > 0 == 1", 1),
-        ("objects where not (difference < 0 and width < 0) == 3", 3),
-        ("objects where not (difference < 0 or width > 0) == 0", 0),
-    ],
-)
-def test_long_conditions(run: Run, expression: str, found: int) -> None:
-    verdict = judge(parse_check(expression), summarise(run).figures, run)
-    assert (verdict.found, verdict.holds) == (found, True)
 
 
 @pytest.mark.parametrize(

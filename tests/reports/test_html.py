@@ -13,15 +13,16 @@ import numpy as np
 import pytest
 
 from lidarcli.reports import html
-from lidarcli.reports.document import Report
-from lidarcli.reports.ground import Raw
+from lidarcli.reports.columns import Run as RunRows
 from lidarcli.reports.html import choose_sweeps, pack
+from lidarcli.reports.report import Report
 from lidarcli.reports.run import RunPart
 from lidarcli.reports.summary import summarise
+from lidarcli.reports.world import Raw
 from tests.places import SAMPLES
 from tests.reports.browser import CHROMIUM, Page, browser
 from tests.reports.runs import array, crossing, run_of, sweep, thing, track, write_run
-from tests.reports.test_paths import driving
+from tests.reports.test_world import driving
 from tests.waiting import wait_until
 
 Run = Callable[..., Any]
@@ -55,17 +56,6 @@ def ranges_of(raw: dict[str, Any]) -> np.ndarray[Any, Any]:
         last = (last + (-(step + 1) // 2 if step % 2 else step // 2)) % 65_536
         found.append(last)
     return np.array(found)
-
-
-@pytest.fixture
-def lidarcli(capfd: pytest.CaptureFixture[str]) -> Run:
-    from lidarcli.cli import run
-
-    def call(*arguments: object) -> tuple[int, str]:
-        code = run(["-q", *map(str, arguments)])
-        return code, capfd.readouterr().err
-
-    return call
 
 
 @pytest.fixture
@@ -165,10 +155,16 @@ def test_script_in_every_text_of_a_log_stays_text(lidarcli: Run, tmp_path: Path)
             assert chromium.complaints == []
 
 
-def test_the_viewer_holds_the_tracks() -> None:
-    run = run_of(**crossing())
+def packed_of(run: RunRows) -> Any:
+    """The one stream of a run as the viewer holds it."""
     summary = summarise(run)
     (found,) = pack(run, summary, choose_sweeps(run, summary), {})["streams"]
+    return found
+
+
+def test_the_viewer_holds_the_tracks() -> None:
+    run = run_of(**crossing())
+    found = packed_of(run)
     held = found["tracks"]
     track = array(held["track"], np.int32)
     assert track.tolist() == run.objects.integers("track").tolist()
@@ -187,14 +183,12 @@ def test_the_viewer_holds_the_tracks() -> None:
     assert array(paths["vy"], np.int16)[1] * held["speed"] == pytest.approx(1.0)
     assert found["labels"] == ["pallet"]
     assert (array(found["label"], np.uint16) == np.where(track == 1, 0, html.LOST)).all()
-    plain = run_of([sweep(0, 1)], [thing(0, 1)])
-    (found,) = pack(plain, summarise(plain), choose_sweeps(plain, summarise(plain)), {})["streams"]
-    assert not {"tracks", "paths", "labels", "label"} & {*found}
+    assert not {"tracks", "paths", "labels", "label"} & {*packed_of(run_of([sweep(0, 1)], [thing(0, 1)]))}
 
 
 def test_the_viewer_knows_where_the_sensor_was() -> None:
     run = driving(upside_down=True, far=5e6)
-    (found,) = pack(run, summarise(run), choose_sweeps(run, summarise(run)), {})["streams"]
+    found = packed_of(run)
     pose = found["pose"]
     assert pose["side"] == -1
     assert pose["origin"] == [5e6, 0.0]

@@ -11,7 +11,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from lidarcli.reports.drawing import Label, Labels, draw_panel, line_to, place_labels, project_style
-from lidarcli.reports.picture import scene
+from lidarcli.reports.scene import scene
 from lidarcli.sweeps.types import Float64
 from tests.reports.test_picture import sample
 

@@ -1,4 +1,4 @@
-"""The run from above, by its tables, and in the HTML report."""
+"""Pictures from above: the run by its tables, also in the HTML report, and a background."""
 
 from __future__ import annotations
 
@@ -9,26 +9,20 @@ from typing import Any
 
 import numpy as np
 import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
 
+from lidarcli import background
+from lidarcli.formalism.background import Background
 from lidarcli.reports.columns import Rows, Run
-from lidarcli.reports.map_picture import MAX_POINTS, MapPicture, overview, paths_of
+from lidarcli.reports.drawing import project_style
+from lidarcli.reports.map_picture import MAX_POINTS, MapPicture, background_figure, draw_backgrounds, overview, paths_of
 from lidarcli.tabular.schemas import SWEEPS
 from tests.places import SAMPLES
 from tests.reports.runs import run_of, sweep, table, thing, track
-from tests.reports.test_paths import driving
+from tests.reports.test_world import driving
 
 Words = Callable[..., Any]
-
-
-@pytest.fixture
-def lidarcli(capfd: pytest.CaptureFixture[str]) -> Words:
-    from lidarcli.cli import run
-
-    def call(*arguments: object) -> tuple[int, str]:
-        code = run(["-q", *map(str, arguments)])
-        return code, capfd.readouterr().err
-
-    return call
 
 
 def seen(run: Run) -> MapPicture:
@@ -169,3 +163,34 @@ def test_ids_of_the_page_are_each_there_once(lidarcli: Words, tmp_path: Path) ->
     text = page(lidarcli, tmp_path, tmp_path / "tables" / "drive.objects.parquet")
     ids = re.findall(r'\sid="([^"]+)"', text)
     assert sorted(one for one in set(ids) if ids.count(one) > 1) == []
+
+
+@pytest.fixture(scope="module")
+def people() -> Background:
+    (sensor,) = background(SAMPLES / "people.csv.gz")
+    return sensor
+
+
+def drawn(sensor: Background) -> Figure:
+    with project_style():
+        figure = background_figure([sensor])
+        FigureCanvasAgg(figure).draw()
+    return figure
+
+
+def test_the_colour_bar_is_as_high_as_its_plot_and_shows_what_occurs(people: Background) -> None:
+    axes = drawn(people).axes[0]
+    (points,) = axes.collections
+    support = people.support[np.isfinite(people.r_e)]
+    assert (round(float(support.min()), 2), float(support.max())) == (0.4, 1.0)
+    assert points.get_clim() == (0.4, 1.0)
+    (bar,) = axes.child_axes
+    assert bar.get_ylabel() == "share of the sweeps that saw $r_e$"
+    assert bar.get_ylim() == (0.4, 1.0)
+    beside, plot = bar.get_window_extent(), axes.get_window_extent()
+    assert (beside.y0, beside.y1) == pytest.approx((plot.y0, plot.y1), abs=1.0)
+    assert [text.get_text() for text in bar.get_yticklabels()][-1] == "100%"
+
+
+def test_no_sensor_at_all_is_an_empty_picture() -> None:
+    assert draw_backgrounds([], ".png").startswith(b"\x89PNG")

@@ -20,11 +20,12 @@ from lidarcli.options.choices import VIEWS, Look
 from lidarcli.pipeline.inputs.search import find_logs
 from lidarcli.pipeline.inputs.sources import Source
 from lidarcli.pipeline.plotting import PlotOptions, take_pictures
-from lidarcli.reports import drawing
+from lidarcli.reports import curves, drawing
 from lidarcli.reports import picture as panels
 from lidarcli.reports.drawing import Mark, Panel, draw_panel, write_gif
-from lidarcli.reports.ground import TrackPath
-from lidarcli.reports.picture import Limits, Picture, ZoneInSight, animate, draw, limits_of, printable, scene
+from lidarcli.reports.picture import animate, draw
+from lidarcli.reports.scene import Limits, Picture, ZoneInSight, limits_of, printable, scene
+from lidarcli.reports.world import TrackPath
 from lidarcli.sweeps.masks import Polygon
 from lidarcli.sweeps.types import Float64
 from lidarcli.sweeps.zone import Line, Zone
@@ -228,17 +229,17 @@ def test_tracks_in_the_scene() -> None:
 
 def test_the_difference_marks_jumps_and_edges() -> None:
     one = picture(room(b10_14=2.0))
-    found = named(panels.difference(one, limits_of([one])))
+    found = named(curves.difference(one, limits_of([one])))
     assert found["edge of an object"].xy == pytest.approx(np.array([[-130, -2.0], [-105, 2.0]]))
     assert found["$|s| > d_{th}$"].xy[:, 1].tolist() == [-2.0, 2.0]
     one = picture([4.0] * 72)
-    assert {*named(panels.difference(one, limits_of([one])))} == {r"$\pm d_{th}$"}
+    assert {*named(curves.difference(one, limits_of([one])))} == {r"$\pm d_{th}$"}
 
 
 def test_the_difference_is_logarithmic_where_its_jumps_are_many_times_d_th() -> None:
     one = picture(room(b10_14=2.0))
     axes = Figure().add_subplot()
-    draw_panel(axes, panels.difference(one, limits_of([one])))
+    draw_panel(axes, curves.difference(one, limits_of([one])))
     d_th = float(one.detection.sweep_d_th[0])
     assert d_th == pytest.approx(0.0556, abs=1e-4)
     assert axes.get_yscale() == "symlog"
@@ -249,16 +250,16 @@ def test_the_difference_is_logarithmic_where_its_jumps_are_many_times_d_th() -> 
     assert axes.get_yticks() == pytest.approx([-1.0, -0.3, 0.0, 0.3, 1.0])
     assert [text.get_text() for text in axes.get_yticklabels()] == ["−1", "−0.3", "0", "0.3", "1"]
     small = replace(one, detection=replace(one.detection, sweep_d_th=np.array([0.5])))
-    assert panels.difference(small, limits_of([one])).frame.linear == 0.0
+    assert curves.difference(small, limits_of([one])).frame.linear == 0.0
 
 
 def test_an_object_across_the_seam_is_shaded_on_both_sides() -> None:
     one = picture([2.0] * 3 + room()[6:] + [2.0] * 3)
-    shade = named(panels.sweep(one, limits_of([one])))["bearings of an object"]
+    shade = named(curves.sweep(one, limits_of([one])))["bearings of an object"]
     spans = sorted((min(part)[0], max(part)[0]) for part in pieces(shade.xy))
     assert np.array(spans) == pytest.approx(np.array([[-180, -167.5], [162.5, 177.5]]))
     axes = Figure().add_subplot()
-    draw_panel(axes, panels.sweep(one, limits_of([one])))
+    draw_panel(axes, curves.sweep(one, limits_of([one])))
     (drawn,) = axes.patches
     assert len(drawn.get_path().to_polygons()) == 2
 

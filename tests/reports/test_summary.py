@@ -11,8 +11,8 @@ import pytest
 
 from lidarcli.reports import figures
 from lidarcli.reports.columns import Origin, Rows, Run
-from lidarcli.reports.document import Report
 from lidarcli.reports.figures import density, nice_edges
+from lidarcli.reports.report import Report
 from lidarcli.reports.run import RunPart
 from lidarcli.reports.summary import summarise
 from lidarcli.reports.text import as_text as render

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,11 +11,10 @@ import pytest
 from lidarcli.errors import OptionError, UnreadableError
 from lidarcli.pipeline.reporting import FORMATS, ReportOptions, make_report, render
 from lidarcli.reports.columns import Origin, ZoneRows
-from lidarcli.reports.document import Report
 from lidarcli.reports.run import RunPart
 from lidarcli.reports.zones import figures_of, judge_zones, parse_zone_check, zones_part
 from tests.reports.browser import CHROMIUM, browser
-from tests.reports.runs import crossing, event, watch, watched_of, write_run, write_zones
+from tests.reports.runs import crossing, event, made, watch, watched_of, write_run, write_zones
 
 NAMES = ["stop", "left-door", "behind"]
 EVENT_ROWS = [
@@ -215,10 +213,6 @@ SHAPES = [
     {"name": "left-door", "frame": "world", "action": "none", "line": [[2.0, 0.0], [2.0, 1.2]]},
     {"name": "behind", "frame": "robot", "action": "slowdown", "circle": {"x": -1.0, "y": 0.0, "radius": 0.5}},
 ]
-
-
-def made(*tables: Path, checks: Sequence[str] = (), viewer: bool = False) -> Report:
-    return make_report(ReportOptions(tuple(map(str, tables)), tuple(checks)), viewer=viewer)
 
 
 def test_a_report_on_zones_alone_in_every_format(tmp_path: Path) -> None:

@@ -17,7 +17,8 @@ from lidarcli.formalism import Detection
 from lidarcli.sweeps.types import SweepBatch
 from lidarcli.tabular import OBJECTS
 from lidarcli.tabular.columns import objects_rows
-from lidarcli.tabular.writing import FORMATS, CountingOutput, table_metadata
+from lidarcli.tabular.streams import FORMATS, CountingOutput
+from lidarcli.tabular.writing import table_metadata
 from tests.tabular.writing import METADATA, shortest
 
 

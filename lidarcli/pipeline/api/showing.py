@@ -35,9 +35,10 @@ from lidarcli.pipeline.inputs.tables import TableSet, table_files, tables_of
 from lidarcli.pipeline.plotting import picture_of, sweep_at, take_pictures, write_pictures
 from lidarcli.pipeline.reporting import ReportOptions, encoded, format_of, make_report, render, understand
 from lidarcli.reports.checks import Verdict
-from lidarcli.reports.document import Report
-from lidarcli.reports.picture import Axes, Figure, Picture, figure_of
+from lidarcli.reports.picture import Axes, Figure, figure_of
 from lidarcli.reports.programs import as_dict
+from lidarcli.reports.report import Report
+from lidarcli.reports.scene import Picture
 from lidarcli.sweeps.types import SweepBatch
 from lidarcli.tabular.reading import HeldTable
 

@@ -1,4 +1,4 @@
-"""Objects, walls and tracks over ground, and in the sensor frame of a sweep."""
+"""Objects, walls and tracks in the world, and in the sensor frame of a sweep."""
 
 from __future__ import annotations
 
@@ -11,22 +11,13 @@ import numpy as np
 from lidarcli.formalism.mapping.grid import CLEAR, HIT, SKIPPED, Beams, Counts, MotionFilter, Occupancy, TooLargeError
 from lidarcli.options.choices import MAP_RESOLUTION, MIN_MOVE, OCCUPIED_RATIO
 from lidarcli.reports.columns import Rows, Run, rows_of
+from lidarcli.reports.figures import round_up
 from lidarcli.sweeps.types import TURN, Bool, Float64, Int64, SweepPoses, UInt8, record
 
-CELLS = 160
-"""Number of cells along the longer side of the scene, about."""
-FINEST = 0.05
-"""[m]"""
-MIN_HITS, MIN_SHARE = 2, 0.05
-"""Least number of beams that ended in a cell of a wall, absolute and by the 90th percentile of all cells."""
-MOST = 4_000
-"""Most cells that are drawn, those that were hit most."""
-MAP_CELLS = 600
-"""Most cells along a side of a map, about."""
-MIN_STEP, MAX_ANGLE = 1e-6, 100.0
-"""Least step from beam to beam, and greatest bearing of an edge, of any sensor [rad]."""
-STANDS, HEADS = 0.05, 0.02
-"""A sensor whose poses stay within this distance [m] and angle [rad] stands."""
+MAX_CELLS = 4_000
+"""Most cells of walls that are drawn, those that were hit most."""
+MIN_HITS = 2
+"""Least number of beams that ended in a cell of a wall."""
 COLUMNS = {
     "objects": (
         *("topic", "sweep", "set", "track", "label"),
@@ -40,8 +31,8 @@ COLUMNS = {
 
 
 @record
-class Ground:
-    """K objects and S sweeps of one stream, seen from above. Without any pose the sensor is taken as standing."""
+class PosedStream:
+    """K objects and S sweeps of one stream, seen from above. Without any pose the sensor is taken as stationary."""
 
     x: Float64
     """(K,) centre of the object over ground [m], from an origin nearby; NaN where it is not known."""
@@ -73,8 +64,8 @@ class Ground:
         return cos * x + sin * y, self.side * (cos * y - sin * x)
 
 
-def ground_of(sweeps: Rows, rows: Int64, objects: Rows, members: Int64, sweep: Int64) -> Ground:
-    """Return the ground of S sweeps and K objects of one stream.
+def posed_stream(sweeps: Rows, rows: Int64, objects: Rows, members: Int64, sweep: Int64) -> PosedStream:
+    """Return S sweeps and K objects of one stream, by their poses.
 
     Parameters
     ----------
@@ -87,16 +78,16 @@ def ground_of(sweeps: Rows, rows: Int64, objects: Rows, members: Int64, sweep: I
     there = np.flatnonzero(np.isfinite(pose_x))
     if not len(there):
         zero = np.zeros(len(rows))
-        return Ground(x, y, zero, zero, zero, 1.0, posed=False)
+        return PosedStream(x, y, zero, zero, zero, 1.0, posed=False)
     # Far from the origin of the world a difference of two places is still exact to the millimetre.
     x0, y0 = pose_x[there[0]], pose_y[there[0]]
     pose_x, pose_y = pose_x - x0, pose_y - y0
     world_x, world_y = objects.numbers("world_x")[members] - x0, objects.numbers("world_y")[members] - y0
-    # The tables do not say which way up the sensor is, but the boxes in both frames do.
+    # The tables do not say whether the sensor is upside down, but the boxes in both frames do.
     turn = pose_yaw[sweep]
     left = np.cos(turn) * (world_y - pose_y[sweep]) - np.sin(turn) * (world_x - pose_x[sweep])
     upright = np.nansum(np.abs(left - y)) <= np.nansum(np.abs(left + y))
-    return Ground(
+    return PosedStream(
         world_x, world_y, pose_x, pose_y, pose_yaw, 1.0 if upright else -1.0, posed=True, origin=(float(x0), float(y0))
     )
 
@@ -125,7 +116,7 @@ class Raw(NamedTuple):
 
 @record
 class Walls:
-    """Square cells of the ground in a frame."""
+    """Square cells of walls in a frame."""
 
     cell: float
     """[m]"""
@@ -135,7 +126,7 @@ class Walls:
 
 
 def walls_of(run: Run, raw: Mapping[tuple[int, str], Raw]) -> dict[str, Walls]:
-    """Return the walls by frame (`sensor`, `world`): of one log, and in the sensor frame only of one sensor that stands."""
+    """Return the walls by frame (`sensor`, `world`): of one log, and in the sensor frame only of one static sensor."""
     if len(run.sources) != 1:
         return {}
     points = [each for (_, topic), sweeps in raw.items() for each in _points(run, topic, sweeps)]
@@ -149,20 +140,20 @@ def walls_of(run: Run, raw: Mapping[tuple[int, str], Raw]) -> dict[str, Walls]:
 
 
 @record
-class _Placed:
+class _PlacedSweeps:
     """Raw sweeps of one topic that the tables know, with their objects."""
 
     raw: Raw
     rows: Int64
     """(S,) their rows in the sweeps table."""
-    ground: Ground
+    stream: PosedStream
     members: Int64
     """(K,) rows of their objects ..."""
     sweep: Int64
     """(K,) ... each of one of these sweeps."""
 
 
-def _placed(run: Run, topic: str, raw: Raw) -> _Placed | None:
+def _placed(run: Run, topic: str, raw: Raw) -> _PlacedSweeps | None:
     """Find raw sweeps in the tables; None where none of them is there."""
     rows, there = rows_of(run.sweeps, topic, raw.sweep)
     if not len(rows):
@@ -170,7 +161,7 @@ def _placed(run: Run, topic: str, raw: Raw) -> _Placed | None:
     raw = raw.rows(there)
     members, sweep = rows_of(run.objects, topic, raw.sweep)
     members, sweep = (column[run.is_object[members]] for column in (members, sweep))
-    return _Placed(raw, rows, ground_of(run.sweeps, rows, run.objects, members, sweep), members, sweep)
+    return _PlacedSweeps(raw, rows, posed_stream(run.sweeps, rows, run.objects, members, sweep), members, sweep)
 
 
 def _points(run: Run, topic: str, raw: Raw) -> Iterator[tuple[str, Float64, Float64]]:
@@ -178,36 +169,34 @@ def _points(run: Run, topic: str, raw: Raw) -> Iterator[tuple[str, Float64, Floa
     found = _placed(run, topic, raw)
     if found is None:
         return
-    raw, ground = found.raw, found.ground
+    raw, stream = found.raw, found.stream
     theta = raw.bearings()
     hit = np.isfinite(raw.ranges) & np.isfinite(theta)
     hit &= ~_on_objects(run, raw, found.members, found.sweep)
     x, y = raw.ranges[hit] * np.cos(theta[hit]), raw.ranges[hit] * np.sin(theta[hit])
-    there = np.isfinite(ground.pose_x)
-    extent = max(float(np.ptp(ground.pose_x[there])), float(np.ptp(ground.pose_y[there])))
-    if not ground.posed or (extent <= STANDS and np.ptp(np.unwrap(ground.pose_yaw[there])) <= HEADS):
+    there = np.isfinite(stream.pose_x)
+    extent = max(float(np.ptp(stream.pose_x[there])), float(np.ptp(stream.pose_y[there])))
+    if not stream.posed or (extent <= 0.05 and np.ptp(np.unwrap(stream.pose_yaw[there])) <= 0.02):
         yield "sensor", x, y
-    if ground.posed:
-        world_x, world_y = ground.from_sensor(np.nonzero(hit)[0], x, y)
+    if stream.posed:
+        world_x, world_y = stream.from_sensor(np.nonzero(hit)[0], x, y)
         known = np.isfinite(world_x) & np.isfinite(world_y)
-        yield "world", ground.origin[0] + world_x[known], ground.origin[1] + world_y[known]
+        yield "world", stream.origin[0] + world_x[known], stream.origin[1] + world_y[known]
 
 
 def map_of(run: Run, raw: Mapping[tuple[int, str], Raw]) -> Occupancy | None:
     """Return the map of one log, of the raw sweeps and the poses of its tables, without what moves.
 
-    None where no sweep has both, or where the ground is too large.
+    None where no sweep has both, or where it would be too large.
     """
     if len(run.sources) != 1:
         return None
     parts = [part for (_, topic), sweeps in raw.items() for part in _beams(run, topic, sweeps)]
     if not parts:
         return None
-    from lidarcli.reports.figures import round_up
-
     ends = np.concatenate([part.end.reshape(2, -1) for part in parts], axis=1)
     side = float(np.nanmax(np.nanmax(ends, axis=1) - np.nanmin(ends, axis=1))) if np.isfinite(ends).any() else 0.0
-    counts = Counts(max(round_up(max(side, 1e-3) / MAP_CELLS), MAP_RESOLUTION), MAP_CELLS**2)
+    counts = Counts(max(round_up(max(side, 1e-3) / 600), MAP_RESOLUTION), 600**2)
     try:
         for part in parts:
             counts.add(part)
@@ -219,9 +208,9 @@ def map_of(run: Run, raw: Mapping[tuple[int, str], Raw]) -> Occupancy | None:
 def _beams(run: Run, topic: str, raw: Raw) -> Iterator[Beams]:
     """Yield the beams of the sweeps that a map counts, in the world."""
     found = _placed(run, topic, raw)
-    if found is None or not found.ground.posed:
+    if found is None or not found.stream.posed:
         return
-    at = found.ground
+    at = found.stream
     x, y = at.origin[0] + at.pose_x, at.origin[1] + at.pose_y
     poses = SweepPoses(x, y, at.pose_yaw, np.full(len(x), at.side < 0))
     taken = MotionFilter(MIN_MOVE).take(poses, run.sweeps.integers("stamp")[found.rows])
@@ -247,7 +236,7 @@ def _on_objects(run: Run, raw: Raw, members: Int64, sweep: Int64) -> Bool:
     angle_min, step = raw.angle_min[sweep], raw.angle_increment[sweep]
     first, last = (run.objects.numbers(name)[members] for name in ("theta_i", "theta_f"))
     # What another program has written may be anything.
-    known = (np.abs(step) > MIN_STEP) & (np.abs([first, last, angle_min]).max(axis=0) < MAX_ANGLE)
+    known = (np.abs(step) > 1e-6) & (np.abs([first, last, angle_min]).max(axis=0) < 100.0)
     sweep, step, angle_min = sweep[known], step[known], angle_min[known]
     first, last = first[known], last[known]
     marked = np.zeros(raw.ranges.shape, bool)
@@ -267,15 +256,13 @@ def _cells(x: Float64, y: Float64) -> Walls | None:
     """Return the cells that enough of these points lie in."""
     if not len(x):
         return None
-    from lidarcli.reports.figures import round_up
-
     x0, y0 = float(x.min()), float(y.min())
-    cell = max(round_up(max(float(np.ptp(x)), float(np.ptp(y)), 1e-3) / CELLS), FINEST)
+    cell = max(round_up(max(float(np.ptp(x)), float(np.ptp(y)), 1e-3) / 160), 0.05)
     ix, iy = np.floor((x - x0) / cell).astype(np.int64), np.floor((y - y0) / cell).astype(np.int64)
     width = int(iy.max()) + 1
     place, hits = np.unique(ix * width + iy, return_counts=True)
-    enough = np.flatnonzero(hits >= max(MIN_HITS, MIN_SHARE * np.percentile(hits, 90)))
-    kept = np.sort(enough[np.argsort(-hits[enough], kind="stable")[:MOST]])
+    enough = np.flatnonzero(hits >= max(MIN_HITS, 0.05 * np.percentile(hits, 90)))
+    kept = np.sort(enough[np.argsort(-hits[enough], kind="stable")[:MAX_CELLS]])
     return Walls(cell, x0 + (place[kept] // width + 0.5) * cell, y0 + (place[kept] % width + 0.5) * cell)
 
 
@@ -287,12 +274,12 @@ class TrackPath:
     is_agent: bool
     label: str
     seen: bool
-    """True if the track is seen in this sweep; else it is hidden and seen again later."""
+    """True if the track is visible in this sweep; else it is hidden, and visible again later."""
     x: Float64
     """(N,) positions [m] by its trajectory, the last one in this sweep; NaN where it was hidden before."""
     y: Float64
     velocity: tuple[float, float]
-    """Velocity over ground [m/s]; zero while the track stands or is hidden."""
+    """Velocity over ground [m/s]; zero while the track is stationary or hidden."""
     point: tuple[float, float] | None = None
     """Its nearest point in this sweep [m]; None where no beam of it is known."""
     zone: str = ""
@@ -300,7 +287,7 @@ class TrackPath:
 
     @property
     def mark(self) -> tuple[float, float]:
-        """Where its mark stands [m]: on its nearest point, or where it would be."""
+        """Place of its mark [m]: on its nearest point, or where it would be."""
         return self.point or (float(self.x[-1]), float(self.y[-1]))
 
 
@@ -314,7 +301,7 @@ class Paths:
         members, at = rows_of(objects, topic, self._sweeps)
         tracked = ~np.isnan(objects.numbers("track")[members])
         members, self._seen_at = members[tracked], at[tracked]
-        self._ground = ground_of(sweeps, rows, objects, members, self._seen_at)
+        self._stream = posed_stream(sweeps, rows, objects, members, self._seen_at)
         self._seen_track = objects.numbers("track")[members].astype(np.int64)
         self._agent = objects.are("set", "A")[members]
         self._nearest = np.stack([objects.numbers(name)[members] for name in ("r_min", "theta_min")], axis=1)
@@ -322,7 +309,7 @@ class Paths:
         self._rows, self._at = rows_of(trajectories, topic, self._sweeps)
         names = ("track", "t", "x", "y", "vx", "vy")
         self._track, self._seconds, x, y, *self._velocity = (trajectories.numbers(name)[self._rows] for name in names)
-        self._x, self._y = (place - origin for place, origin in zip((x, y), self._ground.origin, strict=True))
+        self._x, self._y = (place - origin for place, origin in zip((x, y), self._stream.origin, strict=True))
         self._hidden = trajectories.are("seen", "hidden")[self._rows]
 
     @property
@@ -337,7 +324,7 @@ class Paths:
     def up_to(self, sweep: int, seconds: float = np.inf) -> tuple[TrackPath, ...]:
         """Return the tracks that go on in this sweep, by number, from `seconds` before; none without a pose."""
         now = int(np.searchsorted(self._sweeps, sweep))
-        x, y = self._ground.to_sensor(now, self._x, self._y)
+        x, y = self._stream.to_sensor(now, self._x, self._y)
         here = np.flatnonzero((self._at == now) & np.isfinite(x) & np.isfinite(y))
         here = here[np.argsort(self._track[here])]
         if not len(here):
@@ -347,19 +334,19 @@ class Paths:
 
     def _path(self, row: int, now: int, x: Float64, y: Float64, past: Bool) -> TrackPath:
         number, is_seen = int(self._track[row]), not self._hidden[row]
-        mine = np.flatnonzero(past & (self._track == number))
+        own = np.flatnonzero(past & (self._track == number))
         known = np.flatnonzero((self._seen_track == number) & (self._seen_at <= now))
         last = int(known[-1]) if len(known) else -1
-        vx, vy = self._ground.turned(now, *(each[row] for each in self._velocity))
-        dark = self._hidden[mine] & (mine != row)
+        vx, vy = self._stream.turned(now, *(each[row] for each in self._velocity))
+        dark = self._hidden[own] & (own != row)
         nearest = min(map(tuple, self._nearest[known[self._seen_at[known] == now]].tolist()), default=None)
         return TrackPath(
             number=number,
             is_agent=last >= 0 and bool(self._agent[last]),
             label=self._labels[last] if last >= 0 else "",
             seen=is_seen,
-            x=np.where(dark, np.nan, x[mine]),
-            y=np.where(dark, np.nan, y[mine]),
+            x=np.where(dark, np.nan, x[own]),
+            y=np.where(dark, np.nan, y[own]),
             velocity=(float(vx), float(vy)) if is_seen else (0.0, 0.0),
             point=None if nearest is None else (nearest[0] * np.cos(nearest[1]), nearest[0] * np.sin(nearest[1])),
         )
