@@ -17,7 +17,7 @@ import pytest
 
 import lidarcli as package
 from lidarcli.errors import UnreadableError
-from lidarcli.pipeline.differing import Difference
+from lidarcli.pipeline.differences.changes import Difference
 from lidarcli.simulation import scene as make
 from lidarcli.simulation.scene import Course, Entity, Sensor, super_ellipse
 from lidarcli.tabular.schemas import CHANGES

@@ -14,7 +14,7 @@ import pytest
 import lidarcli
 from lidarcli.errors import OptionError, UnreadableError
 from lidarcli.formalism.matching.catalogue import Catalogue, Thing
-from lidarcli.pipeline.inputs.declared import read_catalogue
+from lidarcli.pipeline.inputs.catalogue import read_catalogue
 from tests.places import SAMPLES
 
 ROOM = SAMPLES / "room.mcap"

@@ -13,7 +13,7 @@ import pytest
 
 import lidarcli
 from lidarcli.errors import LidarcliError, OptionError, UnreadableError
-from lidarcli.pipeline.inputs.declared import mask_text, masks_of, plain, read_masks
+from lidarcli.pipeline.inputs.masks import mask_text, masks_of, plain, read_masks
 from lidarcli.pipeline.inputs.sources import Source, open_source
 from lidarcli.pipeline.reading.masking import MaskRules, masking_of
 from lidarcli.pipeline.reading.posing import PoseOptions

@@ -18,7 +18,8 @@ from lidarcli.pipeline.detecting import detect_to_files
 from lidarcli.pipeline.inputs.sources import Source
 from lidarcli.pipeline.inputs.tables import TableSet
 from lidarcli.pipeline.objects.detection import DetectOptions
-from lidarcli.pipeline.overlaying import Tables, frames_in_transforms, in_order
+from lidarcli.pipeline.overlay.copies import frames_in_transforms, in_order
+from lidarcli.pipeline.overlay.tables import Tables
 from lidarcli.ros.messages import Outgoing
 from tests.places import SAMPLES
 

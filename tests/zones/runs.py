@@ -13,7 +13,7 @@ import pyarrow as pa
 import pytest
 
 import lidarcli
-from lidarcli.pipeline.zoning import ZoneTables
+from lidarcli.pipeline.zones.summary import ZoneTables
 from lidarcli.ros.messages import ROS1, Outgoing, bag_writer
 from lidarcli.simulation import scene as make
 from lidarcli.simulation.generate import START_NS, SimulatedPoses, simulate_blocks, simulate_odometry

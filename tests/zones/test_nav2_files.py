@@ -13,7 +13,7 @@ import pytest
 from ruamel.yaml import YAML
 
 from lidarcli.errors import LidarcliError, OptionError, UnreadableError
-from lidarcli.pipeline.inputs.declared import read_zones
+from lidarcli.pipeline.inputs.zones import read_zones
 from lidarcli.sweeps.masks import Circle, Mask, Polygon
 from lidarcli.sweeps.zone import ROBOT, Case, Zone, Zones
 from tools.fuzz.mutate import mutate

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from lidarcli.errors import LidarcliError, OptionError
-from lidarcli.pipeline.inputs.declared import read_zones
+from lidarcli.pipeline.inputs.zones import read_zones
 from lidarcli.sweeps.masks import Circle, Mask, Mount, Polygon
 from lidarcli.sweeps.zone import HOLD, Line, Zone
 from tools.fuzz.mutate import mutate

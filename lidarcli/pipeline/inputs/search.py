@@ -42,7 +42,6 @@ _WRAPPER = (".gz", ".zstd", ".active")
 _CONTAINER = {suffix for known in FORMATS for suffix in (*known.suffixes, *known.vague)}.difference(_WRAPPER)
 _SINGLE = tuple(suffix for known in FORMATS if not known.many for suffix in known.suffixes)
 """Suffixes of files that are a whole log each."""
-
 Logs = list[Source | MissingInput]
 
 

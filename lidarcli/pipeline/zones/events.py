@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from lidarcli.formalism.detection import SETS
 from lidarcli.formalism.tracking.tracks import seen_steps
 from lidarcli.formalism.zones import SAMPLES, Path, crossings, episodes, visits
-from lidarcli.pipeline.zone_counting import TopicSeries, ZoneSeries
+from lidarcli.pipeline.zones.counts import TopicSeries, ZoneSeries
 from lidarcli.sweeps.masks import Circle, Polygon
 from lidarcli.sweeps.types import Bool, Float64, Int64, UInt8
 from lidarcli.sweeps.zone import UNSEEN, WORLD, Line, Zone

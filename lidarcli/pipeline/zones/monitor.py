@@ -1,4 +1,4 @@
-"""Acts of Nav2's Collision Monitor while the log was recorded, held against the events of the zones."""
+"""Acts of Nav2's Collision Monitor while the log was recorded, compared with the events of the zones."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import NamedTuple
 from lidarcli.display.texts import times
 from lidarcli.logs.base import Log, Message, ReadReport
 from lidarcli.pipeline.reading.posing import messages_of
-from lidarcli.pipeline.zone_events import APPROACH, OCCUPIED, SECOND_NS, STALE, ZoneEvents
+from lidarcli.pipeline.zones.events import APPROACH, OCCUPIED, SECOND_NS, STALE, ZoneEvents
 from lidarcli.ros.cursor import Cursor
 
 STATE = "nav2_msgs/msg/CollisionMonitorState"

@@ -1,10 +1,9 @@
-"""Objects and tracks of a log as a file that viewers play in step with it."""
+"""Messages of an overlay: markers, zones, maps and poses."""
 
 from __future__ import annotations
 
 import heapq
-from collections import Counter
-from collections.abc import Collection, Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from itertools import chain
@@ -13,66 +12,47 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-import pyarrow as pa
 
-from lidarcli.errors import OptionError, UnreadableError
-from lidarcli.files.newfiles import NewFiles, refuse, writing
-from lidarcli.files.stores import Place
 from lidarcli.formalism.detection import SETS
 from lidarcli.formalism.mapping.grid import Occupancy
-from lidarcli.logs.base import LASERSCAN, MULTI_ECHO, POSE_TYPES, SCAN_TYPES, Log, ReadReport
-from lidarcli.logs.batches import Checksum
-from lidarcli.logs.clock import mended
-from lidarcli.maps.grids import MAP_TYPE, image_of, occupancy_cdr, read_map
+from lidarcli.logs.base import Log, ReadReport
+from lidarcli.maps.grids import MAP_TYPE, occupancy_cdr
 from lidarcli.options.choices import MATCH
 from lidarcli.overlays.markers import LAST_SECOND, MARKER_TYPE, SECOND, Markers, marker_arrays, transforms
-from lidarcli.overlays.objects import COLUMNS, PATH_COLUMNS, Poses, Trajectories, is_mirrored, markers_of, paths_of, zone_of
-from lidarcli.overlays.viewers import (
-    BAG,
-    FRAME,
-    LAYOUT,
-    MAP,
-    RRD,
-    RVIZ,
-    SUFFIXES,
-    Scene,
-    layout_json,
-    overlay_file,
-    rviz_config,
-    topic_name,
-    topics_of_objects,
-)
-from lidarcli.pipeline.detecting import detect_to_temporary, second_half
+from lidarcli.overlays.objects import is_mirrored, markers_of, paths_of, zone_of
+from lidarcli.overlays.viewers import FRAME, MAP, Scene, topic_name, topics_of_objects
 from lidarcli.pipeline.inputs.sources import Source, open_source
-from lidarcli.pipeline.inputs.tables import TableSet, one_table_set, other_recording, poses_of, tables_together, world_in
+from lidarcli.pipeline.inputs.tables import TableSet, poses_of, world_in
+from lidarcli.pipeline.inputs.tracked import Objects
 from lidarcli.pipeline.objects.detection import DetectOptions
+from lidarcli.pipeline.overlay.copies import (
+    ROS,
+    Copies,
+    frames_in_transforms,
+    in_order,
+    of_sweeps,
+    scan_encodings,
+    transform_topics,
+)
+from lidarcli.pipeline.overlay.tables import TabledSweeps, Tables
 from lidarcli.pipeline.reading.one_log import Progress, RunSummary, damage_lines, opening_of, rules_of
-from lidarcli.pipeline.zone_counting import Frames, Objects, Showing
-from lidarcli.pose.tracks import TRANSFORMS
-from lidarcli.ros.messages import ROS2, SCAN, TF, Outgoing, cdr_scans, ros1_scans
+from lidarcli.pipeline.zones.frames import Frames
+from lidarcli.pipeline.zones.shown import Showing
+from lidarcli.ros.messages import ROS2, TF, Outgoing
 from lidarcli.sweeps.range_rules import normalise
-from lidarcli.sweeps.types import Bool, Int64, RawSweeps, SweepPoses
+from lidarcli.sweeps.types import SweepPoses
 from lidarcli.sweeps.zone import Zones
-from lidarcli.tabular.columns import COARSE, integers, numbers, plain
-from lidarcli.tabular.reading import AGAIN, TopicRows, file_metadata, note_value, read_columns
-from lidarcli.tabular.schemas import SCHEMAS
+from lidarcli.tabular.reading import file_metadata, note_value
 from lidarcli.tabular.writing import PARAMETERS, SOURCE
 
 if TYPE_CHECKING:
     from lidarcli.overlays.rrd import Recording
 
+
 MAP_Z = -0.05
 """Height of the map [m]: where the sensor is at 0, the beams lie on it, and are not in it."""
 DEFAULT_WORLD = "map"
 RECORDED = attrgetter("record_ns")
-WINDOW = 4096
-"""Messages that are sorted at a time: more than come of one topic at a stretch."""
-ROS = ("cdr", "ros1")
-"""Encodings of messages that can be copied; others are written anew."""
-SLICED = "sliced"
-"""Stands for an encoding where sweeps are made of point clouds, which no message of the log holds."""
-_OLD_TF = "tf/msg/tfMessage"
-_SWEEP_COLUMNS = ("topic", "sweep", "stamp", "pose_x", "pose_y", "pose_yaw")
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,82 +72,6 @@ class OverlayOptions:
     layout: bool = True
     """Write settings of viewers beside the file."""
     overwrite: bool = False
-
-
-def outputs_of(path: Place, options: OverlayOptions) -> tuple[Place, ...]:
-    """Return all files that are written; what an .rrd shows first is in it."""
-    settings = (LAYOUT, RVIZ) if options.layout and path.suffix.lower() != RRD else ()
-    return (path, *(path.with_suffix(suffix) for suffix in settings))
-
-
-def refuse_overlay(path: Place, source: Source, options: OverlayOptions) -> None:
-    """Refuse outputs that cannot be written, and inputs that are not there, before any work.
-
-    Raises
-    ------
-    OptionError
-        The suffix is none of `SUFFIXES`, the log is standard input, or rerun-sdk is missing for an .rrd.
-    OutputError
-        As of `newfiles.refuse`.
-    UnreadableError
-        There are no such tables, or there is no such map.
-    """
-    if path.suffix.lower() not in SUFFIXES:
-        raise OptionError(f"{path}: the suffix of an overlay has to be one of {', '.join(SUFFIXES)}")
-    if source.is_stdin:
-        raise OptionError("an overlay is made by reading the log twice; give the name of its file instead of -")
-    if path.suffix.lower() == RRD:
-        # It refuses to be imported without rerun, which is an extra.
-        import lidarcli.overlays.rrd  # noqa: F401
-    inputs = options.detect.inputs([source])
-    if options.objects is not None:
-        pair = one_table_set(options.objects)
-        inputs += [str(pair.objects), str(pair.sweeps)]
-    if options.map is not None:
-        inputs += [str(options.map), str(image_of(options.map))]
-    refuse(outputs_of(path, options), options.overwrite, inputs)
-
-
-def write_overlay(source: Source, path: Place, options: OverlayOptions, progress: Progress | None = None) -> RunSummary:
-    """Write the overlay of one log, and beside it the settings of viewers.
-
-    Raises
-    ------
-    UnreadableError
-        The log, its tables or the map cannot be read, or the tables are those of another log.
-    NoScanError
-        The log has no LaserScan topic, or not the one that was asked for.
-    OutputError
-        A file cannot be written.
-    """
-    grid = None if options.map is None else read_map(options.map)
-    paths = outputs_of(path, options)
-    with ExitStack() as stack:
-        new = stack.enter_context(NewFiles(paths, options.overwrite))
-        if options.objects is not None:
-            pair, found = tables_together(options.objects), None
-        else:
-            pair, first = detect_to_temporary(source, new.part(path).with_name("tables"), options.detect, progress)
-            found = first.summary
-            progress = second_half(progress, source.size)
-        is_ros2 = path.suffix.lower() != BAG
-        work = Overlay(source, pair, grid, options, is_ros2)
-        with writing(path, nameless=True):
-            if path.suffix.lower() == RRD:
-                work.record(new.part(path), stack, progress)
-            else:
-                file = overlay_file(new.part(path))
-                stack.callback(file.abandon)
-                for message in work.messages(stack, progress):
-                    file.write(message)
-                file.finish()
-            if len(paths) > 1:
-                new.part(paths[1]).write_bytes(layout_json(work.scene()))
-                new.part(paths[2]).write_bytes(rviz_config(work.scene(), is_ros2=is_ros2))
-        summary = work.summary(found)
-        summary.notes += [*([grid.note] if grid and grid.note else []), *new.publish()]
-    summary.outputs = [str(each) for each in paths]
-    return summary
 
 
 class Overlay:
@@ -450,197 +354,3 @@ class Overlay:
         if not self._is_ros2:
             data = bytes(ROS2.cdr_to_ros1(data, MAP_TYPE))
         return Outgoing(MAP, MAP_TYPE, record_ns, stamp_ns, data)
-
-
-def scan_encodings(log: Log) -> dict[str, str]:
-    """Return the encoding of each topic of sweeps; a log without an index is read once for it."""
-    topics = log.topics()
-    if topics is not None:
-        return {one.name: one.encoding if one.type in SCAN_TYPES else SLICED for one in topics if one.is_scan}
-    return {message.topic: message.encoding for message in log.messages(SCAN_TYPES, ReadReport())}
-
-
-def transform_topics(log: Log, *, of_ros: bool) -> frozenset[str]:
-    """Return the topics of transforms, all or those that can be copied; of a log without an index those that ROS uses."""
-    topics = log.topics()
-    if topics is None:
-        return frozenset({"/tf", "/tf_static"})
-    transforming = [topic for topic in topics if topic.type in TRANSFORMS]
-    return frozenset(topic.name for topic in transforming if topic.encoding in ROS or not of_ros)
-
-
-def frames_in_transforms(log: Log, frames: Collection[str]) -> set[str]:
-    """Return those of the frames that transforms of the log name."""
-    names: dict[str, tuple[bytes, bytes]] = {}
-    for frame in frames:
-        # As ROS 1 and ROS 2 write it; old transforms have no leading slash.
-        name = frame.removeprefix("/").encode()
-        names[frame] = len(name).to_bytes(4, "little") + name, (len(name) + 1).to_bytes(4, "little") + name + b"\0"
-    found: set[str] = set()
-    for message in log.messages(TRANSFORMS, ReadReport()):
-        if message.encoding not in ROS:
-            continue
-        found |= {frame for frame, forms in names.items() if any(form in message.data for form in forms)}
-        if len(found) == len(names):
-            break
-    return found
-
-
-class Copies:
-    """Copies messages of a log, and counts those that cannot be copied."""
-
-    def __init__(self, topics: Collection[str], is_ros2: bool) -> None:
-        """`topics`: those of the sweeps that are wanted; `is_ros2`: whether for ROS 2, else for ROS 1."""
-        self._topics = topics
-        self._is_ros2 = is_ros2
-        self._left_out: Counter[tuple[str, str]] = Counter()
-
-    def of(self, log: Log, report: ReadReport) -> Iterator[Outgoing]:
-        """Yield scans, transforms, odometry and poses in log order."""
-        convert = ROS2.ros1_to_cdr if self._is_ros2 else ROS2.cdr_to_ros1
-        for message in log.messages({LASERSCAN, MULTI_ECHO} | POSE_TYPES, report):
-            if message.type in SCAN_TYPES and message.topic not in self._topics:
-                continue
-            if message.encoding not in ROS:
-                if message.type in POSE_TYPES:
-                    self._left_out[message.topic, message.type] += 1
-                continue
-            kind = TF if message.type == _OLD_TF else message.type
-            try:
-                is_alike = (message.encoding == "cdr") == self._is_ros2
-                data = message.data if is_alike else bytes(convert(message.data, kind))
-            # The library raises errors of many kinds for messages that are not what they say.
-            except Exception:
-                report.refused[message.topic, f"its {kind} cannot be copied: it is damaged"] += 1
-                continue
-            yield Outgoing(message.topic, kind, message.record_ns, message.record_ns, data)
-
-    def written_anew(self, raw: RawSweeps) -> Iterator[Outgoing]:
-        """Yield sweeps of a log that is not of ROS, as LaserScan."""
-        data = cdr_scans(raw) if self._is_ros2 else ros1_scans(raw)
-        return of_sweeps(topic_name(raw.topic), SCAN, raw, data)
-
-    def notes(self) -> list[str]:
-        """Return a line for each topic that was left out."""
-        return [
-            f"{topic} ({kind}) is not copied: {number:,} messages that are not of ROS"
-            for (topic, kind), number in sorted(self._left_out.items())
-        ]
-
-
-def of_sweeps(topic: str, kind: str, raw: RawSweeps, data: Sequence[bytes]) -> Iterator[Outgoing]:
-    """Yield a message for each of some sweeps, recorded when the sweep was."""
-    times = raw.record_ns.tolist()
-    # Header stamps may go back where record times do not, and a file of messages has one order.
-    return (Outgoing(topic, kind, at, at, one) for at, one in zip(times, data, strict=True))
-
-
-def in_order(messages: Iterable[Outgoing]) -> Iterator[Outgoing]:
-    """Yield messages by record time, within a window of `WINDOW` messages; equal times keep their order."""
-    heap: list[tuple[int, int, Outgoing]] = []
-    for number, message in enumerate(messages):
-        heapq.heappush(heap, (message.record_ns, number, message))
-        if len(heap) > WINDOW:
-            yield heapq.heappop(heap)[2]
-    yield from (message for _, _, message in sorted(heap))
-
-
-@dataclass(frozen=True, slots=True)
-class TabledSweeps:
-    """Some sweeps of one topic that the tables know, and their objects."""
-
-    raw: RawSweeps
-    """S sweeps."""
-    poses: Poses
-    """S poses."""
-    objects: pa.RecordBatch
-    """N rows."""
-    row: Int64
-    """(N,) index of the sweep of each object, ascending."""
-    index: Int64
-    """(S,) index of each sweep in the log."""
-
-    def by_frame(self) -> Iterator[tuple[str, TabledSweeps]]:
-        """Yield each frame with its sweeps."""
-        codes = np.unique(self.raw.frame).tolist()
-        for code in codes:
-            yield self.raw.frame_ids[code], self if len(codes) == 1 else self.rows(self.raw.frame == code)
-
-    def rows(self, mine: Bool) -> TabledSweeps:
-        """Return some of the sweeps."""
-        poses = Poses(self.poses.x[mine], self.poses.y[mine], self.poses.yaw[mine])
-        its = mine[self.row]
-        place = np.cumsum(mine) - 1
-        objects = self.objects.take(plain(np.flatnonzero(its)))
-        return TabledSweeps(self.raw.rows(mine), poses, objects, place[self.row[its]], self.index[mine])
-
-
-class Tables:
-    """The sweeps and objects tables of one log, from which rows are taken as its sweeps come by."""
-
-    def __init__(self, pair: TableSet) -> None:
-        self._pair = pair
-        columns = read_columns(pair.sweeps, "sweeps", SCHEMAS["sweeps"], ["topic", "pose_x"])
-        self.topics: tuple[str, ...] = tuple(sorted(columns["topic"].unique().to_pylist()))
-        self.is_posed = columns["pose_x"].null_count < columns.num_rows
-        """True where some sweep has a pose."""
-        self._cursors: dict[str, tuple[TopicRows, TopicRows]] = {}
-        self._met: dict[str, Checksum] = {}
-        self._trajectories: dict[str, Trajectories] = {}
-
-    def join(self, log: Log, report: ReadReport) -> Iterator[TabledSweeps]:
-        """Yield all sweeps of the log that the tables have, in log order within each topic.
-
-        Raises
-        ------
-        UnreadableError
-            A table cannot be read, or is that of another log.
-        """
-        if not self.topics:
-            return
-        for block in mended(log.scans(frozenset(self.topics), report)):
-            met = self._met.setdefault(block.topic, Checksum())
-            joined = self._join(block, met.count)
-            met.add(block)
-            if joined is not None:
-                yield joined
-
-    def trajectories(self, topic: str) -> Trajectories | None:
-        """Return the trajectories of a topic; None where there is no such table."""
-        path, schema = self._pair.trajectories, SCHEMAS["trajectories"]
-        if topic not in self._trajectories and path.exists():
-            self._trajectories[topic] = Trajectories.of(read_columns(path, "trajectories", schema, PATH_COLUMNS), topic)
-        return self._trajectories.get(topic)
-
-    def notes(self) -> list[str]:
-        """Return what a user should know of them."""
-        return other_recording(self._pair, {topic: str(met) for topic, met in self._met.items()})
-
-    def left(self) -> int:
-        """Count the sweeps of the tables that the log does not have."""
-        return sum(1 for topic in self.topics for rows in self._cursor(topic)[0].rest() for _ in range(rows.num_rows))
-
-    def _join(self, block: RawSweeps, first: int) -> TabledSweeps | None:
-        sweeps, objects = (cursor.until(first + len(block)) for cursor in self._cursor(block.topic))
-        index = integers(sweeps, "sweep") - first
-        if not len(index) and not objects.num_rows:
-            return None
-        raw = block if len(index) == len(block) else block.rows(index)
-        stamps = integers(sweeps, "stamp")
-        row = np.searchsorted(index, of := integers(objects, "sweep") - first)
-        strays = not np.isin(of, index).all()
-        if strays or (np.diff(index) <= 0).any() or (np.abs(raw.time_ns - stamps) >= COARSE).any():
-            raise UnreadableError(
-                f"{self._pair.sweeps}, {self._pair.objects.name}: not the tables of this log, whose sweeps have other "
-                f"stamps; {AGAIN}"
-            )
-        poses = Poses(*(numbers(sweeps[name]) for name in ("pose_x", "pose_y", "pose_yaw")))
-        return TabledSweeps(raw, poses, objects, row, index + first)
-
-    def _cursor(self, topic: str) -> tuple[TopicRows, TopicRows]:
-        if topic not in self._cursors:
-            self._cursors[topic] = (
-                TopicRows(self._pair.sweeps, "sweeps", _SWEEP_COLUMNS, topic),
-                TopicRows(self._pair.objects, "objects", COLUMNS, topic),
-            )
-        return self._cursors[topic]

@@ -1,0 +1,207 @@
+"""Runs compared, each with those before it."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections import Counter
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+import pyarrow as pa
+
+from lidarcli.errors import OptionError, UnreadableError
+from lidarcli.formalism.mapping.grid import OCCUPIED, UNKNOWN, Occupancy, TooLargeError, UnlikeError, compare
+from lidarcli.formalism.matching import alignment
+from lidarcli.formalism.matching.differences import GONE, POSES, UNCERTAIN, Change, Compared, Run, TooManyError
+from lidarcli.formalism.matching.ground import HERE, MAX_CELLS, Ground, Motion, Nearest, of_map
+from lidarcli.options import choices
+from lidarcli.pipeline.differences.alignment import align
+from lidarcli.pipeline.differences.changes import Difference, rows_of
+from lidarcli.pipeline.differences.inputs import Input, of_log, read_input
+from lidarcli.pipeline.differences.runs import AS_IS, DiffOptions, RunThings, known_or_none
+from lidarcli.pipeline.differences.things import MIN_SECONDS, MIN_SWEEPS
+from lidarcli.pipeline.runs.over_logs import LogProgress
+from lidarcli.reports.figures import OF_MAPS
+from lidarcli.tabular.schemas import CHANGES
+from lidarcli.tabular.writing import ALIGNMENT, CHANGE_FIGURES, table_metadata
+
+NO_FREE_SPACE = "tables tell no free space; name the logs to learn what is gone"
+
+
+# Comparing.
+
+
+def diff_inputs(inputs: Sequence[Input], options: DiffOptions, report: LogProgress | None = None) -> Difference:
+    """Compare each run with those before it.
+
+    `UnreadableError`: two do not lie on each other, do so in several ways, or slide along their walls, or as of
+    `read_input`; `OptionError`: as of `read_input`, or two maps have cells of different sizes.
+    """
+    runs = []
+    for one in inputs:
+        progress = None if report is None or one.source is None else partial(report, one.source)
+        runs.append(read_input(one, options, progress))
+    names = Counter(each.name for each in runs)
+    for one, each in zip(inputs, runs, strict=True):
+        if names[each.name] > 1:
+            each.name = one.text
+    known: Counter[str] = Counter()
+    for each in runs[1:]:
+        # Rows of a run that is compared twice are told apart.
+        known[each.name] += 1
+        if known[each.name] > 1:
+            each.name = f"{each.name} ({known[each.name]})"
+    for each in runs:
+        each.log = [each.name] * len(each.log)
+    try:
+        return _compared(inputs, runs, options)
+    except TooLargeError as err:
+        raise OptionError(f"the ground of all runs would reach over {err}; compare fewer of them") from err
+
+
+def _compared(inputs: Sequence[Input], runs: list[RunThings], options: DiffOptions) -> Difference:
+    labels = [one.text for one in inputs]
+    reference, steps, rows = runs[0], [], []
+    notes = [note for each in runs for note in each.notes]
+    if any(each.run.ground is None for each in runs):
+        notes.append(NO_FREE_SPACE)
+    short = [label for label, each in zip(labels, runs, strict=True) if each.is_short]
+    notes += [
+        f"{label} is too short: a thing has to stand in {MIN_SWEEPS} sweeps and for {MIN_SECONDS:g} s; only structure "
+        "is compared, and checks of numbers of changes fail"
+        for label in short
+    ]
+    # Of each run so far, the latest one first.
+    grounds = [(runs[0].name, runs[0].run.ground)]
+    for number in range(1, len(runs)):
+        now = runs[number] = _on_map(inputs[number], runs[number], runs[0], options)
+        notes += now.poses
+        first, second = (None if (ground := each.run.ground) is None else Nearest(ground) for each in (reference, now))
+        label = labels[0] if number == 1 else "the runs before"
+        step, chance = align(reference, now, (first, second), options.align, label, labels[number], notes)
+        try:
+            changes = Compared(reference.run, now.run, step.motion, (first, second), chance, options.min_score).changes()
+        except TooManyError as err:
+            raise UnreadableError(f"{label} and {labels[number]} differ in {err}; are they of one place?") from err
+        sure = len(now.run.things) - now.unsure
+        changes = [each._replace(status=UNCERTAIN, why=POSES) if each.second >= sure else each for each in changes]
+        rows += rows_of(changes, reference, now, step.motion, grounds)
+        known = None if reference.run.ground is None else reference.run.ground.occupancy()
+        sensors = np.column_stack(step.motion.of(*now.run.sensors.T))
+        steps.append(step._replace(ground=known, sensors=sensors))
+        if number < len(runs) - 1:
+            reference, moved = _after(reference, now, changes, step.motion)
+            grounds.insert(0, (now.name, moved))
+    overlaps = [step.overlap for step in steps if step.overlap is not None]
+    counted = Counter(row["status"] for row in rows)
+    figures = {status: None if short else float(counted[status]) for status in choices.CHANGE_STATUSES}
+    figures["overlap"] = min(overlaps) if overlaps else None
+    if len(runs) == 2 and (true := runs[0].grid) is not None and (grid := runs[1].grid) is not None:
+        try:
+            found = compare(_laid(grid, steps[0].motion), true)
+        except UnlikeError as err:
+            resolution = f"make the map with --resolution {true.resolution:g}"
+            raise OptionError(f"{labels[0]} and {labels[1]}: {err}; {resolution}") from err
+        figures |= {name: known_or_none(getattr(found, name)) for name in OF_MAPS}
+    metadata = table_metadata(
+        {**options.detect.as_dict(), "align": options.align, "min_score": options.min_score},
+        [each.source or {"name": each.name} for each in runs],
+        damage := [line for each in runs for line in each.damage],
+    )
+    metadata[ALIGNMENT.encode()] = json.dumps([step.alignment() for step in steps]).encode(errors="replace")
+    metadata[CHANGE_FIGURES.encode()] = json.dumps(figures).encode()
+    for number, row in enumerate(rows, 1):
+        row["thing"] = number
+    table = pa.Table.from_pylist(rows, CHANGES.with_metadata(metadata))
+    return Difference(table, tuple(steps), figures, tuple(dict.fromkeys(notes)), tuple(damage))
+
+
+def _on_map(one: Input, now: RunThings, site: RunThings, options: DiffOptions) -> RunThings:
+    """Return a run as read anew with poses that a map corrects; itself where they fit, or frames are taken as they are."""
+    if site.grid is None or one.source is None or not now.world or now.run.ground is None or options.align == AS_IS:
+        return now
+    from lidarcli.pipeline.localising import given_paths, localise, read_site
+    from lidarcli.pipeline.trajectories import PathOptions
+
+    detect, motions = options.detect, [HERE]
+    with suppress(UnreadableError):
+        nearest = Nearest(of_map(site.grid)), Nearest(now.run.ground)
+        motions.insert(0, align(site, now, nearest, options.align, "", "", [])[0].motion)
+    field, paths = read_site(site.name, site.grid), PathOptions(detect.read, detect.opening, detect.poses)
+    tried = []
+    for motion in dict.fromkeys(motions):
+        run = localise(one.source, None, paths, field, True, motion=motion, first=now.reading)
+        tried.append(run)
+        if run.figures()["lost"] == 0:
+            break
+    if now.reading is not None and now.reading.posing.is_other:
+        for where in (HERE, motion):
+            if (own := localise(one.source, None, paths, field, motion=where)).tells:
+                break
+        lines = own.lines if own.figures()["lost"] != 0 else []
+        now.poses = [f"{one.text}: by the robot's own localisation {line}; compared is another path" for line in lines]
+    if run.figures()["lost"] == 0:
+        return now
+    run = max(tried, key=lambda each: each.figures()["map_share"] or 0.0)
+    if not run.table.num_rows or not run.figures()["lost"]:
+        return now
+    given = given_paths(run.table, f"{site.name}, corrected")
+    poses = replace(detect.poses, source=None, file=None, delay=None, given=given)
+    again = of_log(one.source, replace(options, detect=replace(detect, poses=poses)), None)
+    again.name, again.log, again.before = now.name, [now.name] * len(again.log), now.run.ground
+    again.poses = [*now.poses] + [
+        f"{one.text}: {line}: placed anew where it is off, left out where it is lost" for line in run.lines
+    ]
+    old, new = now.run.things, again.run.things
+    is_lost = any(math.isnan(each.off) for path in run.paths.values() for each in path.intervals)
+    if is_lost and again.run.ground is not None:
+        # Places of their own: only a lost robot saw them.
+        kept = np.flatnonzero(again.run.ground.seen(old.x, old.y) == 0)
+        names, again.unsure = alignment.Standing.__dataclass_fields__, len(kept)
+        things = alignment.Standing(
+            **{name: np.concatenate([getattr(new, name), getattr(old, name)[kept]]) for name in names}
+        )
+        again.run = replace(again.run, things=things, yaw=np.append(again.run.yaw, now.run.yaw[kept]))
+        for name in ("log", "track", "label"):
+            getattr(again, name).extend(getattr(now, name)[k] for k in kept)
+    return again
+
+
+def _laid(grid: Occupancy, motion: Motion) -> Occupancy:
+    """Return the occupied cells of a map in other coordinates, those that none fell into as unknown."""
+    row, column = np.nonzero(grid.cells == OCCUPIED)
+    if motion == HERE or not len(row):
+        return grid
+    side = grid.resolution
+    middle = np.column_stack([column + 0.5, row + 0.5]) * side + [grid.x, grid.y]
+    x, y = motion.of(*middle.T)
+    left, low = (math.floor(values.min() / side) for values in (x, y))
+    columns = np.floor(x / side).astype(np.int64) - left
+    rows = np.floor(y / side).astype(np.int64) - low
+    height, width = int(rows.max()) + 1, int(columns.max()) + 1
+    if height * width > MAX_CELLS:
+        raise TooLargeError(f"{width * side:,.0f} x {height * side:,.0f} m")
+    cells = np.full((height, width), UNKNOWN, np.int8)
+    cells[rows, columns] = OCCUPIED
+    return Occupancy(side, left * side, low * side, cells, grid.frame_id)
+
+
+def _after(before: RunThings, now: RunThings, changes: Sequence[Change], motion: Motion) -> tuple[RunThings, Ground | None]:
+    """Return all runs so far as one, each place as the last run that saw it tells it; and the ground of the last."""
+    run = now.run.moved(motion)
+    gone = {change.first for change in changes if change.status == GONE or change.second >= 0}
+    kept = [k for k in range(len(before.run.things)) if k not in gone]
+    old, new = before.run.things, run.things
+    names = alignment.Standing.__dataclass_fields__
+    things = alignment.Standing(**{name: np.concatenate([getattr(old, name)[kept], getattr(new, name)]) for name in names})
+    ground = before.run.ground if run.ground is None else run.ground
+    if before.run.ground is not None and run.ground is not None:
+        ground = run.ground.over(before.run.ground)
+    yaw = np.concatenate([before.run.yaw[kept], run.yaw])
+    sensors = np.concatenate([before.run.sensors, run.sensors])
+    lists = [[getattr(before, name)[k] for k in kept] + getattr(now, name) for name in ("log", "track", "label")]
+    return RunThings(now.name, Run(things, yaw, ground, sensors), before.world, *lists), run.ground
