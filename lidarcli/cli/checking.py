@@ -109,9 +109,9 @@ def diff(messages: Messages, options: DiffCommand) -> int:
 
     from lidarcli.errors import CHECK_FAILED, UnreadableError
     from lidarcli.pipeline.api.options import diff_options
+    from lidarcli.pipeline.differences.changes import judged, parse_checks, refuse_outputs, write_changes
     from lidarcli.pipeline.differences.comparison import diff_inputs
     from lidarcli.pipeline.differences.inputs import inputs_of
-    from lidarcli.pipeline.differences.outputs import judged, parse_checks, refuse_outputs, write_changes
     from lidarcli.pipeline.reporting import checks_of
     from lidarcli.system.machine import keep_freed_memory
 

@@ -30,8 +30,6 @@ if TYPE_CHECKING:
     from lidarcli.pose.tracks import Motion
 
 TUM, PARQUET = ".tum", ".parquet"
-SUFFIXES = (TUM, ".txt", PARQUET)
-"""Suffixes of trajectories; a .txt holds TUM lines, too."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,7 +50,7 @@ def refuse_path(
     """Refuse an output of an unknown suffix (`OptionError`), or that cannot be written (`OutputError`); `more` are known,
     too, and further files are `read`.
     """
-    if path.suffix.lower() not in (known := (*SUFFIXES, *more)):
+    if path.suffix.lower() not in (known := (TUM, ".txt", PARQUET, *more)):
         raise OptionError(f"{path}: the suffix of a trajectory has to be one of {', '.join(known)}")
     refuse([path], options.overwrite, [*files_of([source]), *named_files(options), *read])
 

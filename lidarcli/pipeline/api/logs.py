@@ -52,10 +52,9 @@ from lidarcli.pipeline.api.options import (
 from lidarcli.pipeline.building import BackgroundBuilder, BuildOptions, refuse_nothing, refuse_output
 from lidarcli.pipeline.clean.log import clean_log
 from lidarcli.pipeline.detecting import ErrorCollector
-from lidarcli.pipeline.differences.changes import Difference
+from lidarcli.pipeline.differences.changes import Difference, refuse_outputs, write_changes
 from lidarcli.pipeline.differences.comparison import diff_inputs
 from lidarcli.pipeline.differences.inputs import inputs_of
-from lidarcli.pipeline.differences.outputs import refuse_outputs, write_changes
 from lidarcli.pipeline.inputs.search import one_log
 from lidarcli.pipeline.inputs.sources import Source, open_source
 from lidarcli.pipeline.inspecting import info_dict, inspect_log

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from lidarcli.formalism.detection import SETS
+from lidarcli.formalism.detection import AGENT, OBJECT
 from lidarcli.logs.base import Log
 from lidarcli.pipeline.clean.agents import Agents, agents_in
 from lidarcli.pipeline.clean.options import CleanOptions
@@ -76,8 +76,8 @@ def _reasons(
     """Return the reason (S, B) for which each beam is chosen, 0 for none; `temporary` are tracks."""
     valid = batch.status == Status.VALID
     owner = objects.owners(batch)
-    is_static = (objects.set == SETS.index("O")) & (objects.track >= 0)
-    is_agent = objects.set == SETS.index("A")
+    is_static = (objects.set == OBJECT) & (objects.track >= 0)
+    is_agent = objects.set == AGENT
     if agents is not None and len(agents.track):
         at = np.minimum(np.searchsorted(agents.track, objects.track), len(agents.track) - 1)
         is_agent |= (agents.track[at] == objects.track) & (batch.sweep[objects.row] >= agents.since[at])

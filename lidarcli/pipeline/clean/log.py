@@ -94,7 +94,7 @@ def clean_log(source: Source, path: Place, options: CleanOptions, progress: Prog
         refuse_log(log, source, path, options)
         mending, cuts = _planned(source, log, path, options)
         table = table_path(path) if options.remove else None
-        outputs = [*cuts, *filter(None, [table])]
+        outputs = [*cuts, *([] if table is None else [table])]
         new = stack.enter_context(NewFiles(outputs, options.overwrite, folder_of(log, source, path, options.is_cut)))
         targets = [(new.part(each), cut) for each, cut in cuts.items()]
         merging = _merging(source, log, options, stack) if options.merge is not None else None

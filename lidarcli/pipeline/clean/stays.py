@@ -58,7 +58,8 @@ def _observe(stays: Sequence[_Stay], batch: SweepBatch) -> None:
     for one in stays:
         if one.run != batch.run and one.last >= batch.sweep[0]:
             one.run, one.free = batch.run, 0
-    in_sensor = SweepPoses(*np.zeros((3, len(batch))), np.zeros(len(batch), np.bool_))
+    zero = np.zeros(len(batch))
+    in_sensor = SweepPoses(zero, zero, zero, zero > 0.0)
     in_world = None if batch.poses is None else batch.poses.at_stamp()
     for one in stays:
         away = np.flatnonzero((batch.sweep < one.first) | (batch.sweep > one.last))

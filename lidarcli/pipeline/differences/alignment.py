@@ -12,9 +12,6 @@ from lidarcli.formalism.matching.ground import HERE, Motion, Nearest
 from lidarcli.pipeline.differences.runs import AS_IS, AUTO, RunThings, known_or_none
 from lidarcli.sweeps.types import Float64
 
-MIN_CHANCE = 0.6
-"""Least probability of an alignment by things alone."""
-
 
 class Step(NamedTuple):
     """One run, compared with those before it."""
@@ -73,7 +70,7 @@ def align(
                 f"{both} cannot be laid on each other: fewer than three of their things stand alike; "
                 "name the logs, or take places as they are (--align as-is)"
             )
-        if chance < MIN_CHANCE:
+        if chance < 0.6:
             raise UnreadableError(f"{both} {IN_TWO_WAYS}; {ALIGN_AS_IS}")
         return _step(reference, now, motion, None, "aligned by things"), chance
     found = alignment.search(first, second, alignment.proposals(reference.run.things, now.run.things))

@@ -1,4 +1,4 @@
-"""The changes between runs: their rows, and their lines for people."""
+"""The changes between runs: their rows, their lines for people, and files of them."""
 
 from __future__ import annotations
 
@@ -11,13 +11,23 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
+from lidarcli.errors import OptionError
+from lidarcli.files.newfiles import NewFiles, refuse, writing
+from lidarcli.files.stores import Place
 from lidarcli.formalism.matching.differences import GONE, HIDDEN, MOVED, NEW, OUT_OF_VIEW, POSES, STRUCTURE, Change
 from lidarcli.formalism.matching.ground import Ground, Motion
 from lidarcli.options import choices
 from lidarcli.pipeline.differences.alignment import Step
-from lidarcli.pipeline.differences.runs import RunThings, known_or_none
+from lidarcli.pipeline.differences.inputs import Input
+from lidarcli.pipeline.differences.runs import DiffOptions, RunThings, known_or_none
+from lidarcli.reports.changes import pairs_of
+from lidarcli.reports.checks import Check, Verdict, parse_check, verdict_of
+from lidarcli.reports.figures import OF_CHANGES, OF_MAPS
+from lidarcli.reports.programs import as_junit
+from lidarcli.tabular.schemas import CHANGES
+from lidarcli.tabular.writing import write_stream
 
-CHANGED_THINGS = tuple(choices.CHANGE_STATUSES[code] for code in (MOVED, NEW, GONE))
+TABLES = {".parquet": "parquet", ".csv": "csv"}
 MAX_LISTED = 10
 """Most things of a run, and changes of structure, that are listed for people."""
 
@@ -65,7 +75,7 @@ def _lines_of(rows: Sequence[dict[str, Any]]) -> list[str]:
         where = f"({x:.1f}, {y:.1f})"
         if row["kind"] == choices.CHANGE_KINDS[STRUCTURE]:
             structure.append(f"{row['status']} {row['length']:.1f} m at {where}")
-        elif row["status"] in CHANGED_THINGS:
+        elif row["status"] in tuple(choices.CHANGE_STATUSES[code] for code in (MOVED, NEW, GONE)):
             sizes = " x ".join(f"{row[size]:.1f}" for size in ("length", "width") if row[size] is not None)
             moved = "at" if row["moved"] is None else f"by {row['moved']:.2f} m to"
             names = (row["status"], row["label"], sizes and f"{sizes} m", moved, where)
@@ -137,3 +147,48 @@ def rows_of(
 def _line(angle: float) -> float:
     """Return an angle of an undirected line, -π/2 to π/2."""
     return float(0.5 * math.pi - (0.5 * math.pi - angle) % math.pi)
+
+
+def refuse_outputs(outputs: Sequence[Place], inputs: Sequence[Input], options: DiffOptions) -> None:
+    """Refuse outputs of an unknown suffix (`OptionError`), that exist or are an input, before any work."""
+    known = (*TABLES, ".png", choices.JUNIT)
+    for path in outputs:
+        if path.suffix.lower() not in known:
+            raise OptionError(f"{path}: the suffix of an output has to be one of {', '.join(known)}")
+    sources = [one.source for one in inputs if one.source is not None]
+    refuse(outputs, options.overwrite, [*options.detect.inputs(sources), *(file for one in inputs for file in one.files)])
+
+
+def write_changes(
+    found: Difference, outputs: Sequence[Place], overwrite: bool, verdicts: Sequence[Verdict] = ()
+) -> list[str]:
+    """Write the changes as tables and pictures, and the verdicts of checks; returns notes."""
+    notes: list[str] = []
+    with NewFiles(outputs, overwrite) as new:
+        for path in outputs:
+            suffix, part = path.suffix.lower(), new.part(path)
+            with writing(path):
+                if suffix == ".png":
+                    from lidarcli.reports.map_picture import Sight, draw_changes
+
+                    sights = [Sight(step.ground, step.sensors) for step in found.steps]
+                    part.write_bytes(draw_changes(pairs_of(found.changes), sights))
+                elif suffix == choices.JUNIT:
+                    title = ", ".join([found.steps[0].before, *(step.name for step in found.steps)])
+                    part.write_bytes(as_junit("diff", title, verdicts, found.figures, found.damage, found.lines).encode())
+                else:
+                    table = found.changes.combine_chunks()
+                    metadata = dict(table.schema.metadata)
+                    with part.open("wb") as out:
+                        notes += write_stream(out, TABLES[suffix], str(path), CHANGES, metadata, table.to_batches())[1]
+        return notes + new.publish()
+
+
+def parse_checks(expressions: Sequence[str]) -> list[Check]:
+    """Understand checks, or raise `OptionError`."""
+    return [parse_check(each, only=(*OF_CHANGES, *OF_MAPS)) for each in expressions]
+
+
+def judged(found: Difference, checks: Sequence[Check]) -> list[Verdict]:
+    """Return the verdicts of checks on the figures."""
+    return [verdict_of(check, found.figures.get(check.name)) for check in checks]

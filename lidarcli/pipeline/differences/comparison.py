@@ -15,24 +15,18 @@ import pyarrow as pa
 
 from lidarcli.errors import OptionError, UnreadableError
 from lidarcli.formalism.mapping.grid import OCCUPIED, UNKNOWN, Occupancy, TooLargeError, UnlikeError, compare
-from lidarcli.formalism.matching import alignment
 from lidarcli.formalism.matching.differences import GONE, POSES, UNCERTAIN, Change, Compared, Run, TooManyError
 from lidarcli.formalism.matching.ground import HERE, MAX_CELLS, Ground, Motion, Nearest, of_map
 from lidarcli.options import choices
 from lidarcli.pipeline.differences.alignment import align
 from lidarcli.pipeline.differences.changes import Difference, rows_of
 from lidarcli.pipeline.differences.inputs import Input, of_log, read_input
-from lidarcli.pipeline.differences.runs import AS_IS, DiffOptions, RunThings, known_or_none
+from lidarcli.pipeline.differences.runs import AS_IS, DiffOptions, RunThings, joined, known_or_none
 from lidarcli.pipeline.differences.things import MIN_SECONDS, MIN_SWEEPS
 from lidarcli.pipeline.runs.over_logs import LogProgress
 from lidarcli.reports.figures import OF_MAPS
 from lidarcli.tabular.schemas import CHANGES
 from lidarcli.tabular.writing import ALIGNMENT, CHANGE_FIGURES, table_metadata
-
-NO_FREE_SPACE = "tables tell no free space; name the logs to learn what is gone"
-
-
-# Comparing.
 
 
 def diff_inputs(inputs: Sequence[Input], options: DiffOptions, report: LogProgress | None = None) -> Difference:
@@ -68,7 +62,7 @@ def _compared(inputs: Sequence[Input], runs: list[RunThings], options: DiffOptio
     reference, steps, rows = runs[0], [], []
     notes = [note for each in runs for note in each.notes]
     if any(each.run.ground is None for each in runs):
-        notes.append(NO_FREE_SPACE)
+        notes.append("tables tell no free space; name the logs to learn what is gone")
     short = [label for label, each in zip(labels, runs, strict=True) if each.is_short]
     notes += [
         f"{label} is too short: a thing has to stand in {MIN_SWEEPS} sweeps and for {MIN_SECONDS:g} s; only structure "
@@ -121,7 +115,7 @@ def _compared(inputs: Sequence[Input], runs: list[RunThings], options: DiffOptio
 
 
 def _on_map(one: Input, now: RunThings, site: RunThings, options: DiffOptions) -> RunThings:
-    """Return a run as read anew with poses that a map corrects; itself where they fit, or frames are taken as they are."""
+    """Return a run as read again with poses that a map corrects; itself where they fit, or frames are taken as they are."""
     if site.grid is None or one.source is None or not now.world or now.run.ground is None or options.align == AS_IS:
         return now
     from lidarcli.pipeline.localising import given_paths, localise, read_site
@@ -146,28 +140,23 @@ def _on_map(one: Input, now: RunThings, site: RunThings, options: DiffOptions) -
         now.poses = [f"{one.text}: by the robot's own localisation {line}; compared is another path" for line in lines]
     if run.figures()["lost"] == 0:
         return now
-    run = max(tried, key=lambda each: each.figures()["map_share"] or 0.0)
-    if not run.table.num_rows or not run.figures()["lost"]:
+    best = max(tried, key=lambda each: each.figures()["map_share"] or 0.0)
+    if not best.table.num_rows or not best.figures()["lost"]:
         return now
-    given = given_paths(run.table, f"{site.name}, corrected")
+    given = given_paths(best.table, f"{site.name}, corrected")
     poses = replace(detect.poses, source=None, file=None, delay=None, given=given)
     again = of_log(one.source, replace(options, detect=replace(detect, poses=poses)), None)
     again.name, again.log, again.before = now.name, [now.name] * len(again.log), now.run.ground
     again.poses = [*now.poses] + [
-        f"{one.text}: {line}: placed anew where it is off, left out where it is lost" for line in run.lines
+        f"{one.text}: {line}: placed anew where it is off, left out where it is lost" for line in best.lines
     ]
-    old, new = now.run.things, again.run.things
-    is_lost = any(math.isnan(each.off) for path in run.paths.values() for each in path.intervals)
+    is_lost = any(math.isnan(each.off) for path in best.paths.values() for each in path.intervals)
     if is_lost and again.run.ground is not None:
-        # Places of their own: only a lost robot saw them.
-        kept = np.flatnonzero(again.run.ground.seen(old.x, old.y) == 0)
-        names, again.unsure = alignment.Standing.__dataclass_fields__, len(kept)
-        things = alignment.Standing(
-            **{name: np.concatenate([getattr(new, name), getattr(old, name)[kept]]) for name in names}
-        )
-        again.run = replace(again.run, things=things, yaw=np.append(again.run.yaw, now.run.yaw[kept]))
-        for name in ("log", "track", "label"):
-            getattr(again, name).extend(getattr(now, name)[k] for k in kept)
+        # Places of their own: only a lost robot observed them.
+        old = now.run.things
+        kept = np.flatnonzero(again.run.ground.seen(old.x, old.y) == 0).tolist()
+        things, yaw, lists = joined((again, range(len(again.run.things))), (now, kept))
+        return replace(again, run=replace(again.run, things=things, yaw=yaw), unsure=len(kept), **lists)
     return again
 
 
@@ -191,17 +180,12 @@ def _laid(grid: Occupancy, motion: Motion) -> Occupancy:
 
 
 def _after(before: RunThings, now: RunThings, changes: Sequence[Change], motion: Motion) -> tuple[RunThings, Ground | None]:
-    """Return all runs so far as one, each place as the last run that saw it tells it; and the ground of the last."""
-    run = now.run.moved(motion)
+    """Return all runs so far as one, each place by the last run that observed it; and the occupancy of the last."""
+    moved = replace(now, run=now.run.moved(motion))
     gone = {change.first for change in changes if change.status == GONE or change.second >= 0}
     kept = [k for k in range(len(before.run.things)) if k not in gone]
-    old, new = before.run.things, run.things
-    names = alignment.Standing.__dataclass_fields__
-    things = alignment.Standing(**{name: np.concatenate([getattr(old, name)[kept], getattr(new, name)]) for name in names})
-    ground = before.run.ground if run.ground is None else run.ground
-    if before.run.ground is not None and run.ground is not None:
-        ground = run.ground.over(before.run.ground)
-    yaw = np.concatenate([before.run.yaw[kept], run.yaw])
-    sensors = np.concatenate([before.run.sensors, run.sensors])
-    lists = [[getattr(before, name)[k] for k in kept] + getattr(now, name) for name in ("log", "track", "label")]
-    return RunThings(now.name, Run(things, yaw, ground, sensors), before.world, *lists), run.ground
+    things, yaw, lists = joined((before, kept), (moved, range(len(now.run.things))))
+    own, old = moved.run.ground, before.run.ground
+    ground = old if own is None else own if old is None else own.over(old)
+    sensors = np.concatenate([before.run.sensors, moved.run.sensors])
+    return RunThings(now.name, Run(things, yaw, ground, sensors), before.world, **lists), own

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -14,7 +14,7 @@ from lidarcli.files.stores import place
 from lidarcli.formalism.background import Background
 from lidarcli.formalism.mapping.grid import CLEAR, HIT, SKIPPED, Beams, Counts, TooLargeError, placed
 from lidarcli.formalism.matching.differences import Run
-from lidarcli.formalism.matching.ground import SEEN_FREE, Surveying, of_map
+from lidarcli.formalism.matching.ground import SEEN_FREE, Ground, Surveying, of_map
 from lidarcli.logs.batches import LONGEST
 from lidarcli.logs.registry import nothing_read
 from lidarcli.maps.grids import image_of, read_map
@@ -26,25 +26,18 @@ from lidarcli.pipeline.differences.things import MIN_SECONDS, MIN_SWEEPS, things
 from lidarcli.pipeline.inputs.search import find_logs
 from lidarcli.pipeline.inputs.sources import MissingInput, Source, naming
 from lidarcli.pipeline.inputs.tables import find_tracks, poses_of, read_tracks_table, world_in
-from lidarcli.pipeline.inputs.tracked import OBJECT_COLUMNS, Objects
+from lidarcli.pipeline.inputs.tracked import ObjectRows, Objects
 from lidarcli.pipeline.mapping import KM2, MIN_HITS_OF_ALL
-from lidarcli.pipeline.reading.one_log import Progress, read_log
+from lidarcli.pipeline.reading.one_log import Progress, Reading, read_log
 from lidarcli.pipeline.reading.posing import Need
-from lidarcli.sweeps.types import Float64, Status, SweepPoses
+from lidarcli.sweeps.types import Float64, Status, SweepBatch, SweepPoses
 from lidarcli.tabular.background import read_background
-from lidarcli.tabular.reading import TopicRows, column_names
+from lidarcli.tabular.reading import column_names
 from lidarcli.tabular.schemas import BACKGROUND
 from lidarcli.tabular.writing import SOURCE
 
-MAX_GROUND = int(choices.MAX_MAP_KM2 * KM2 / choices.MAP_RESOLUTION**2)
-"""Most cells of the ground of a run."""
 MAX_OCCUPIED = 1_500_000
 """Most occupied cells of a map from a file: 75 km of walls at 5 cm."""
-MAP_WORLD = "map"
-"""World of a map, whose file names none."""
-
-
-# Inputs.
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,10 +86,10 @@ def _input(text: str) -> Input:
 
 
 def read_input(one: Input, options: DiffOptions, progress: Progress | None = None) -> RunThings:
-    """Return what an input tells.
+    """Return the run of an input.
 
-    `UnreadableError`, `NoScanError`: it cannot be read, or has no LaserScan topic; `OptionError`: it has too many things,
-    or ground.
+    `UnreadableError`, `NoScanError`: it cannot be read, or has no LaserScan topic; `OptionError`: it has too many objects,
+    or covers too much.
     """
     if one.kind == "map":
         grid = read_map(Path(one.text))
@@ -105,13 +98,8 @@ def read_input(one: Input, options: DiffOptions, progress: Progress | None = Non
                 f"{one.text}: {grid.occupied:,} occupied cells are more than can be compared ({MAX_OCCUPIED:,}); make "
                 "what lies behind walls unknown, or save the map with larger cells"
             )
-        return RunThings(
-            one.text,
-            Run(*NOTHING, of_map(grid), np.empty((0, 2))),
-            MAP_WORLD,
-            grid=grid,
-            notes=[*filter(None, [grid.note])],
-        )
+        run = Run(*NOTHING, of_map(grid), np.empty((0, 2)))
+        return RunThings(one.text, run, "map", grid=grid, notes=[*filter(None, [grid.note])])
     if one.source is None and one.kind == "tracks":
         table = read_tracks_table(place(one.text))
         return things_of(one.text, table, {}, {})
@@ -140,7 +128,7 @@ def _of_background(text: str) -> RunThings:
     chosen = max(groups, key=lambda key: sum(int(each.sweeps.sum()) for each in groups[key]))
     if len(groups) > 1:
         notes.append(f"{text}: only what lies in {frame_words(chosen)} is compared")
-    survey = Surveying(Counts(choices.MAP_RESOLUTION, MAX_GROUND))
+    survey = _survey()
     places = []
     for sensor in groups[chosen]:
         x, y, yaw = (np.nan_to_num(each) for each in (sensor.poses.x, sensor.poses.y, sensor.poses.yaw))
@@ -162,55 +150,74 @@ def _of_background(text: str) -> RunThings:
 
 
 def of_log(source: Source, options: DiffOptions, progress: Progress | None) -> RunThings:
-    """Return the standing things of a log, and the ground that its sweeps saw in a second pass over it."""
+    """Return the static objects of a log, and the occupancy that its sweeps observed in a second pass over it."""
     read = options.detect.read
-    options = replace(options, detect=replace(options.detect, read=replace(read, run=read.run or LONGEST)))
+    detect = replace(options.detect, read=replace(read, run=read.run or LONGEST))
+    survey = _LogSurvey()
     with scratch_folder() as private:
-        pair, first = detect_to_temporary(source, private, options.detect, progress)
-        table = read_tracks_table(pair.tracks)
-        agents = travelled(table)
-        surveys: dict[str, Surveying] = {}
-        places: dict[str, list[Float64]] = {}
-        cursors: dict[str, TopicRows] = {}
-        stamps: list[int] = []
-        with read_log(source, options.detect, Need.MOVING, first) as reading:
+        tables, first = detect_to_temporary(source, private, detect, progress)
+        table = read_tracks_table(tables.tracks)
+        agents, rows = travelled(table), ObjectRows(tables)
+        with read_log(source, detect, Need.MOVING, first) as reading:
             for batch in reading.batches(second_half(progress, source.size)):
-                if not len(batch):
-                    continue
-                stamps += [int(batch.stamp_ns.min()), int(batch.stamp_ns.max())]
-                if batch.topic not in cursors:
-                    cursors[batch.topic] = TopicRows(pair.objects, "objects", OBJECT_COLUMNS, batch.topic)
-                objects = Objects.of(cursors[batch.topic].until(int(batch.sweep[-1]) + 1), batch)
-                robot = reading.posing.robots.get(batch.topic, ())
-                moved = [*agents.get(batch.topic, []), *(agents.get(None, []) if robot else [])]
-                is_agent = np.append(np.isin(objects.track, moved), False)[objects.owners(batch)]
-                use = np.where(batch.status == Status.VALID, HIT, SKIPPED).astype(np.uint8)
-                for frame, at, mine in batch.by_frame():
-                    world, poses = reading.posing.world_of(batch.topic, frame).strip("/"), mine.poses
-                    if poses is None or not world or not np.isfinite(poses.yaw).any():
-                        world, zero = "", np.zeros(len(mine))
-                        poses = SweepPoses(zero, zero, zero, np.zeros(len(mine), np.bool_))
-                    world = frame_key(world, batch.topic, frame, robot)
-                    known = np.flatnonzero(np.isfinite(poses.x + poses.y + poses.yaw))
-                    survey = surveys.setdefault(world, Surveying(Counts(choices.MAP_RESOLUTION, MAX_GROUND)))
-                    survey.add(placed(mine.rows(known), poses.rows(known), use[at][known]), is_agent[at][known])
-                    places.setdefault(world, []).append(np.column_stack([poses.x, poses.y])[known])
+                if len(batch):
+                    survey.add(batch, rows.of(batch), agents, reading)
             summary = reading.close()
             described = reading.describe(source)
             robots = reading.posing.robots
     if not summary.sweeps:
         none = nothing_read(summary.damage, NoScanError("no sweep to compare"), sorted(read.topics or ()))
         raise type(none)(f"{source.label}: {none}")
-    grounds = {
-        world: survey.ground(max(1, min(survey.counts.sweeps, MIN_HITS_OF_ALL)), choices.OCCUPIED_RATIO)
-        for world, survey in surveys.items()
-        if survey.counts.sweeps
-    }
-    found = {world: np.concatenate(parts) for world, parts in places.items()}
-    run = things_of(source.name, table, grounds, found, robots)
-    seconds = (max(stamps) - min(stamps)) / SECOND_NS if stamps else 0.0
-    run.is_short |= summary.sweeps < MIN_SWEEPS or seconds < MIN_SECONDS
+    places = {frame: np.concatenate(parts) for frame, parts in survey.places.items()}
+    run = things_of(source.name, table, survey.grounds(), places, robots)
+    run.is_short |= summary.sweeps < MIN_SWEEPS or survey.seconds < MIN_SECONDS
     run.source, run.reading = described, first
     run.damage = [f"{source.label}: {line}" for line in dict.fromkeys([*first.summary.damage, *summary.damage])]
     run.notes += [f"{source.label}: {line}" for line in dict.fromkeys([*first.summary.doubts, *summary.notes])]
     return run
+
+
+class _LogSurvey:
+    """Occupancy that the sweeps of a log observe, and the places of their sensors, by frame as of `frame_key`."""
+
+    def __init__(self) -> None:
+        self._surveys: dict[str, Surveying] = {}
+        self.places: dict[str, list[Float64]] = {}
+        """(N, 2) each [m]"""
+        self._stamps: list[int] = []
+
+    def add(self, batch: SweepBatch, objects: Objects, agents: Mapping[str | None, list[int]], reading: Reading) -> None:
+        """Take sweeps; `agents` are tracks by topic, as of `travelled`."""
+        self._stamps += [int(batch.stamp_ns.min()), int(batch.stamp_ns.max())]
+        robot = reading.posing.robots.get(batch.topic, ())
+        moved = [*agents.get(batch.topic, []), *(agents.get(None, []) if robot else [])]
+        is_agent = np.append(np.isin(objects.track, moved), False)[objects.owners(batch)]
+        use = np.where(batch.status == Status.VALID, HIT, SKIPPED).astype(np.uint8)
+        for frame, at, own in batch.by_frame():
+            world, poses = reading.posing.world_of(batch.topic, frame).strip("/"), own.poses
+            if poses is None or not world or not np.isfinite(poses.yaw).any():
+                world, zero = "", np.zeros(len(own))
+                poses = SweepPoses(zero, zero, zero, zero > 0.0)
+            key = frame_key(world, batch.topic, frame, robot)
+            known = np.flatnonzero(np.isfinite(poses.x + poses.y + poses.yaw))
+            survey = self._surveys.setdefault(key, _survey())
+            survey.add(placed(own.rows(known), poses.rows(known), use[at][known]), is_agent[at][known])
+            self.places.setdefault(key, []).append(np.column_stack([poses.x, poses.y])[known])
+
+    def grounds(self) -> dict[str, Ground]:
+        """Return the occupancy in each frame that has sweeps."""
+        return {
+            key: survey.ground(max(1, min(survey.counts.sweeps, MIN_HITS_OF_ALL)), choices.OCCUPIED_RATIO)
+            for key, survey in self._surveys.items()
+            if survey.counts.sweeps
+        }
+
+    @property
+    def seconds(self) -> float:
+        """Time from the first sweep to the last [s]."""
+        return (max(self._stamps) - min(self._stamps)) / SECOND_NS if self._stamps else 0.0
+
+
+def _survey() -> Surveying:
+    """Return a survey that has observed nothing yet."""
+    return Surveying(Counts(choices.MAP_RESOLUTION, int(choices.MAX_MAP_KM2 * KM2 / choices.MAP_RESOLUTION**2)))

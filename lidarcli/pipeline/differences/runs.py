@@ -17,6 +17,7 @@ from lidarcli.options import choices
 from lidarcli.pipeline.objects.detection import DetectOptions
 from lidarcli.pipeline.reading.one_log import Reading
 from lidarcli.pipeline.reading.posing import of_one_run
+from lidarcli.sweeps.types import Float64
 from lidarcli.sweeps.zone import ROBOT
 
 AUTO, AS_IS, _ = choices.ALIGN
@@ -27,7 +28,7 @@ class DiffOptions:
     """Options of `diff`, apart from inputs and outputs."""
 
     detect: DetectOptions
-    """Options of reading logs, and of finding and following what stands in them."""
+    """Options of reading logs, and of finding and following static objects in them."""
     align: str = AUTO
     min_score: float = choices.MIN_SCORE
     overwrite: bool = False
@@ -35,28 +36,28 @@ class DiffOptions:
 
 @dataclass(slots=True)
 class RunThings:
-    """Things, ground and names of one input."""
+    """Static objects, occupancy and names of one input."""
 
     name: str
     run: Run
     world: str
     """Fixed frame of its places; empty for the sensor's own."""
     log: list[str] = field(default_factory=list)
-    """Log of each thing."""
+    """Log of each object."""
     track: list[int] = field(default_factory=list)
-    """Track of each thing; 0 where there is none."""
+    """Track of each object; 0 where there is none."""
     label: list[str | None] = field(default_factory=list)
     grid: Occupancy | None = None
     """The map, if it is one."""
     is_short: bool = False
-    """True if nothing could be seen in it for as long as a thing has to stand."""
+    """True if nothing could be observed in it for as long as an object has to be static."""
     source: dict[str, Any] = field(default_factory=dict)
     reading: Reading | None = None
     """The first reading of its log."""
     before: Ground | None = None
-    """The ground by the told poses, where a map corrects them."""
+    """The occupancy by the given poses, where a map corrects them."""
     unsure: int = 0
-    """Number of the last things, which only a lost robot saw."""
+    """Number of the last objects, which only a lost robot observed."""
     poses: list[str] = field(default_factory=list)
     """Notes on poses that a map corrects."""
     notes: list[str] = field(default_factory=list)
@@ -68,9 +69,18 @@ class RunThings:
         return bool(self.world) and not of_one_run(self.world)
 
 
+def joined(*parts: tuple[RunThings, Sequence[int]]) -> tuple[alignment.Standing, Float64, dict[str, Any]]:
+    """Return the objects of several runs, of each those in these rows: evidence, directions, and log, track, label."""
+    names = alignment.Standing.__dataclass_fields__
+    things = {name: np.concatenate([getattr(one.run.things, name)[rows] for one, rows in parts]) for name in names}
+    yaw = np.concatenate([one.run.yaw[rows] for one, rows in parts])
+    lists = {name: [getattr(one, name)[k] for one, rows in parts for k in rows] for name in ("log", "track", "label")}
+    return alignment.Standing(**things), yaw, lists
+
+
 _NONE, _NO_CODE = np.empty(0), np.empty(0, np.int32)
 NOTHING = alignment.Standing(_NONE, _NONE, _NONE, _NONE, _NONE, _NONE, _NO_CODE, _NO_CODE), _NONE
-"""No things, and no direction of any."""
+"""No objects, and no direction of any."""
 
 
 def frame_key(world: str, topic: str, frame: str, robot: Sequence[tuple[str, str]] = ()) -> str:
@@ -82,6 +92,7 @@ def frame_key(world: str, topic: str, frame: str, robot: Sequence[tuple[str, str
 
 
 def frame_words(key: str) -> str:
+    """Return words for people on a frame, as of `frame_key`."""
     return f"the frame of the sensor {key.strip()}" if key.startswith(" ") else f"the frame {key}"
 
 

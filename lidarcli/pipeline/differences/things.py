@@ -17,22 +17,20 @@ from lidarcli.pipeline.inputs.tables import TracksTable, world_in
 from lidarcli.sweeps.types import Float64, Int64
 
 MAX_THINGS = 10_000
-"""Most standing things of a run."""
+"""Most static objects of a run."""
 MIN_SWEEPS, MIN_SECONDS = 10, 2.0
-"""Fewest sweeps, and shortest time [s], in which a standing thing was seen."""
-MIN_TRAVELLED = 0.5
-"""Least distance that an agent travelled [m], whose place is not that of a standing thing."""
+"""Fewest sweeps, and shortest time [s], in which a static object was observed."""
 
 
 def travelled(table: TracksTable) -> dict[str | None, list[int]]:
-    """Return the tracks of each topic that travelled, and those of several topics by None.
+    """Return the agents of each topic that went 0.5 m at least, and those of several topics by None.
 
-    What only turned on the spot stands, for all that others know.
+    What only turned on the spot keeps its place, as a static object does.
     """
     rows = table.rows.to_pydict()
     moved: dict[str | None, list[int]] = {}
     for topic, track, kind, distance in zip(*(rows[name] for name in ("topic", "track", "set", "distance")), strict=True):
-        if kind == "A" and distance >= MIN_TRAVELLED:
+        if kind == "A" and distance >= 0.5:
             moved.setdefault(topic, []).append(track)
     return moved
 
@@ -44,12 +42,12 @@ def things_of(
     places: dict[str, Float64],
     robots: Mapping[str, Sequence[tuple[str, str]]] | None = None,
 ) -> RunThings:
-    """Return the standing things of a tracks table in the world that has most of them, with its ground.
+    """Return the static objects of a tracks table in the frame that has most of them, with its occupancy.
 
     `robots`: topic → the sensors that were followed together with it.
     """
     rows = table.rows.to_pydict()
-    # What several sensors of a robot saw is in the world of all of them.
+    # What several sensors of a robot observed is in the world of all of them.
     one = next(iter(table.poses), "")
     of = next(iter(table.poses.get(one, {}).get("pose_verdict") or {}), "")
     of, one = next(iter((robots or {}).values()), [(of, one)])[0]
@@ -106,7 +104,7 @@ def _code(word: str | None) -> int:
 
 
 def _distinct(number: dict[str, Float64], sweeps: Int64) -> Int64:
-    """Return the things that stand in places of their own: of several in one place the one that was seen longest."""
+    """Return the objects with a place of their own: of several in one place the one that was observed longest."""
     length, width = (np.fmax(number[name], 2.0 * (SAME_PLACE - BESIDE)) for name in ("length", "width"))
     boxes = np.column_stack([number["x"], number["y"], np.nan_to_num(number["yaw"]), length, width])
     inside = each_of(*contained(boxes, boxes[:, :2], BESIDE), len(boxes))

@@ -13,9 +13,6 @@ from lidarcli.pipeline.inputs.masks import numbered
 
 MAX_THING = 100.0
 """[m] No thing of interest is larger."""
-TOLERANCE = 0.02
-"""[m] As far as nothing else is said."""
-MAX_LEGS = 8
 SIZES = {
     "prismatic": (("length", "width"),),
     "round": (("diameter",),),
@@ -71,7 +68,7 @@ def _thing(fields: Fields) -> Thing:
     elif group == ("diameter",):
         diameter = fields.number("diameter", above=0, high=MAX_THING)
     elif group:
-        legs = fields.whole("legs", low=2, high=MAX_LEGS)
+        legs = fields.whole("legs", low=2, high=8)
         spacing = _spacing(fields, legs)
     least, most = (
         fields.number(key, low=0, high=MAX_INTENSITY, largest=MAX_INTENSITY) if fields.has(key) else None
@@ -87,7 +84,7 @@ def _thing(fields: Fields) -> Thing:
         diameter=diameter,
         legs=legs,
         spacing=spacing,
-        tolerance=fields.number("tolerance", TOLERANCE, low=0, high=MAX_THING),
+        tolerance=fields.number("tolerance", 0.02, low=0, high=MAX_THING),
         moves=fields.flag("moves", True),
         intensity_min=least,
         intensity_max=most,

@@ -36,10 +36,7 @@ LONGEST = 3600.0
 MAX_STEPS = 1000
 """Most times that `approach` tests."""
 _PARAMETERS = "ros__parameters"
-_SCAN = "scan"
-_SOURCES = (_SCAN, "pointcloud", "range", "polygon", "costmap")
 _MIN_CORNERS, _MIN_EXCLUDED = 4, 3
-_ALL_NODES = ("**",)
 _POINTS = re.compile(r"\s*\[(?:[\s,]*\[[^\[\]]*\])*[\s,]*\]\s*")
 _POINT = re.compile(r"\[([^\[\]]*)\]")
 _Named = tuple[tuple[str, ...], Any]
@@ -138,14 +135,14 @@ def _monitors(nodes: Sequence[_Named]) -> Iterator[_Named]:
     """
     shared: dict[str, Any] = {}
     for path, parameters in nodes:
-        if path == _ALL_NODES:
+        if path == ("**",):
             shared |= parameters
     found = [
         (path, shared | parameters)
         for path, parameters in nodes
-        if path != _ALL_NODES and not parameters.keys().isdisjoint({"polygons", "observation_sources"})
+        if path != ("**",) and not parameters.keys().isdisjoint({"polygons", "observation_sources"})
     ]
-    yield from [each for each in found if "polygons" in each[1]] or ([(_ALL_NODES, shared)] if "polygons" in shared else [])
+    yield from [each for each in found if "polygons" in each[1]] or ([(("**",), shared)] if "polygons" in shared else [])
 
 
 def _read_sources(node: _Node) -> None:
@@ -158,11 +155,11 @@ def _read_sources(node: _Node) -> None:
     unread = []
     for name in _names(fields, "observation_sources"):
         source = _inside(fields, name)
-        kind = source.text("type", _SCAN, _SOURCES)
+        kind = source.text("type", "scan", ("scan", "pointcloud", "range", "polygon", "costmap"))
         node.sources[name] = None
         if not source.flag("enabled", True):
             node.notes.append(f"source {name} is not enabled: it does not count")
-        elif kind != _SCAN:
+        elif kind != "scan":
             unread.append(f"{name} ({kind})")
         else:
             topic = node.topic(source.text("topic", "scan"))

@@ -465,8 +465,6 @@ def _named_below(source: Source, base: str) -> Source:
     return replace(source, name=str(below.with_name(PurePosixPath(source.name).name)))
 
 
-_RECORDED = (".bag", ".mcap", ".db3")
-"""Suffixes of what recorders split."""
 _MOST = 3
 """Recordings in parts that notes name."""
 
@@ -523,7 +521,7 @@ def _groups(found: Iterable[Source | MissingInput]) -> Iterator[tuple[Numbered, 
     alike: dict[tuple[str, str, str], list[tuple[str, int, Numbered, Source]]] = {}
     for source in found:
         name = numbered(source.file_name) if isinstance(source, Source) and not (source.files or source.parts) else None
-        if isinstance(source, Source) and name is not None and name.suffix in _RECORDED:
+        if isinstance(source, Source) and name is not None and name.suffix in (".bag", ".mcap", ".db3"):
             key = str(place(source.path).parent), name.stem, name.suffix
             # Names of one stem differ in their dates, which sort by time.
             alike.setdefault(key, []).append((name.log, name.number, name, source))

@@ -146,10 +146,6 @@ def read_pose_messages(log: Log) -> PoseMessages:
     return PoseMessages(tuple(found), tuple(notes), report)
 
 
-_TRIED = 3
-"""Files of a folder that are tried: one or two may be no sweep (a README)."""
-
-
 @contextmanager
 def open_source(source: Source, opening: OpenOptions | None = None) -> Iterator[Log]:
     """Open the log of a source and close it in the end; many CSV files with one sweep each are one log.
@@ -219,7 +215,8 @@ def hold_one_sweep_each(files: Sequence[Place]) -> bool:
 
     if len(files) < 2:
         return False
-    for file in files[:_TRIED]:
+    # One or two of the first may be no sweep (a README).
+    for file in files[:3]:
         try:
             with _opened_source(Source(str(file), ""), None) as log:
                 return PER_SWEEP in log.format
@@ -263,8 +260,6 @@ _PIPE = (
     "for LaserScan and transforms"
 )
 _NO_CLOUDS = "no point cloud in it, and --slice reads of a pipe nothing else; leave it out for LaserScan"
-_PIPED = "mcap"
-"""The one format with clouds that may be read without knowing its topics: others list them, or hold no clouds."""
 _NONE = "no point cloud in this log: --slice changes nothing"
 MAX_WAITING = 256 << 20
 """Bytes of clouds after which none of them waits for others of its topic."""
@@ -344,7 +339,8 @@ class SlicedLog(ChangedLog):
     def scans(self, topics: Collection[str] | None, report: ReadReport) -> Iterator[RawSweeps]:
         """Yield sweeps of LaserScan topics, then those of clouds, in log order within each topic."""
         listed = self.topics()
-        if listed is None and self.format == _PIPED:
+        # The one format with clouds that may be read without knowing its topics: others list them, or hold no clouds.
+        if listed is None and self.format == "mcap":
             report.notes.append(_PIPE)
             found = False
             for block in self._of_clouds(None, report):

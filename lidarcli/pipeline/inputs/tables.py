@@ -396,8 +396,6 @@ def refuse_mixed(table_set: TableSet, tables: Mapping[str, pa.Table]) -> None:
 
 KEYS = ("log", "topic")
 """Columns of every table of logs."""
-CHANGES_KEYS = frozenset(("log_a", "log_b", "status"))
-"""Columns by which a table of changes is known."""
 _SWEEPS_OF: dict[int, tuple[pa.Table, int]] = {}
 """Objects table in memory, by its identity, that a Python function returned → its sweeps table, and its own rows then."""
 
@@ -478,7 +476,7 @@ def tables_of(values: Any) -> list[Given]:
             found.append(each)
         elif isinstance(each, list):
             table_sets += table_sets_of(each)
-        elif {*(table := arrow_of(each)).column_names} >= CHANGES_KEYS:
+        elif {*(table := arrow_of(each)).column_names} >= {"log_a", "log_b", "status"}:
             found.append(HeldTable("changes.parquet", table))
         else:
             loose.append(each)

@@ -9,7 +9,7 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from lidarcli.formalism.detection import SETS
+from lidarcli.formalism.detection import NOISE, SETS
 from lidarcli.formalism.tracking.results import HIDDEN, VIEWS
 from lidarcli.pipeline.inputs.tables import TableSet
 from lidarcli.sweeps.types import Bool, Float64, Int32, Int64, SweepBatch, UInt8
@@ -108,8 +108,6 @@ def from_sensor(pose: Float64, x: Float64, y: Float64) -> tuple[Float64, Float64
     return pose[:, 0] + cos * x - sin * left, pose[:, 1] + sin * x + cos * left
 
 
-NO_OBJECT = -1
-"""In place of an object: a point on walls and the rest."""
 OBJECT_COLUMNS = ("topic", "sweep", "object", "beam_i", "beam_f", "set", "track", "vx", "vy")
 """Columns of the objects table that tell whose beams are in a zone."""
 
@@ -139,7 +137,7 @@ class Objects(NamedTuple):
         names = rows["set"]
         letters = np.array([SETS.index(str(name)) for name in names.dictionary.to_pylist()] or [0], np.uint8)
         its = letters[held(names.indices)[0]] if len(names) else np.zeros(0, np.uint8)
-        mine = its != SETS.index("S")
+        mine = its != NOISE
         track, there = held(rows["track"])
         velocity = np.column_stack([numbers(rows["vx"]), numbers(rows["vy"])])
         track = np.where(there, track, -1)
@@ -153,7 +151,7 @@ class Objects(NamedTuple):
 
     def owners(self, batch: SweepBatch) -> Int32:
         """Return the object (S, B) of every beam, by index here; `NO_OBJECT` where there is none."""
-        owner = np.full(batch.ranges.shape, NO_OBJECT, np.int32)
+        owner = np.full(batch.ranges.shape, -1, np.int32)
         # Beams between the first and the last of an object are on it, or have no range.
         count = (self.beam_f - self.beam_i) % np.maximum(batch.beams[self.row], 1) + 1
         which = np.repeat(np.arange(len(self.row)), count)

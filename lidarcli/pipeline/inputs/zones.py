@@ -20,8 +20,6 @@ from lidarcli.sweeps.zone import ACTIONS, COUNTS, HOLD, MIN_POINTS, SENSOR, Line
 ZONE_SHAPES = ("polygon", "circle", "line")
 _APPROACH_KEYS = ("time_before_collision", "simulation_time_step")
 _AREA_KEYS = ("min_points", "trigger", "hold")
-_KEYS = ("name", "frame", "topic", "action", "count", *_AREA_KEYS, *_APPROACH_KEYS)
-_NAME = re.compile(r"[A-Za-z0-9_-]+")
 
 
 def read_zones(files: Sequence[str]) -> Zones:
@@ -37,7 +35,7 @@ def read_zones(files: Sequence[str]) -> Zones:
     for file, each in zip(files, read, strict=True):
         for number, zone in enumerate(each.zones, 1):
             place = f"{file}: " if _is_yaml(file) else f"{file}: [[zone]] number {number}: "
-            if not _NAME.fullmatch(zone.name):
+            if not re.fullmatch(r"[A-Za-z0-9_-]+", zone.name):
                 raise OptionError(f"{place}the name '{zone.name}' must be of letters, digits, _ and - only")
             if zone.name in owners:
                 other = owners[zone.name]
@@ -70,7 +68,7 @@ def _read(file: str) -> Zones:
 
 
 def _zone(fields: Fields) -> Zone:
-    fields.has(*ZONE_SHAPES, *_KEYS)
+    fields.has(*ZONE_SHAPES, "name", "frame", "topic", "action", "count", *_AREA_KEYS, *_APPROACH_KEYS)
     fields.done()
     shape = one_shape(fields, "zone", ZONE_SHAPES)
     action = fields.text("action", "none", ACTIONS)

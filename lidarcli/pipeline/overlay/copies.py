@@ -16,16 +16,13 @@ WINDOW = 4096
 """Messages that are sorted at a time: more than come of one topic at a stretch."""
 ROS = ("cdr", "ros1")
 """Encodings of messages that can be copied; others are written anew."""
-SLICED = "sliced"
-"""Stands for an encoding where sweeps are made of point clouds, which no message of the log holds."""
-_OLD_TF = "tf/msg/tfMessage"
 
 
 def scan_encodings(log: Log) -> dict[str, str]:
     """Return the encoding of each topic of sweeps; a log without an index is read once for it."""
     topics = log.topics()
     if topics is not None:
-        return {one.name: one.encoding if one.type in SCAN_TYPES else SLICED for one in topics if one.is_scan}
+        return {one.name: one.encoding if one.type in SCAN_TYPES else "sliced" for one in topics if one.is_scan}
     return {message.topic: message.encoding for message in log.messages(SCAN_TYPES, ReadReport())}
 
 
@@ -74,7 +71,7 @@ class Copies:
                 if message.type in POSE_TYPES:
                     self._left_out[message.topic, message.type] += 1
                 continue
-            kind = TF if message.type == _OLD_TF else message.type
+            kind = TF if message.type == "tf/msg/tfMessage" else message.type
             try:
                 is_alike = (message.encoding == "cdr") == self._is_ros2
                 data = message.data if is_alike else bytes(convert(message.data, kind))

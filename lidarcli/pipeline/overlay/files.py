@@ -25,14 +25,8 @@ def outputs_of(path: Place, options: OverlayOptions) -> tuple[Place, ...]:
 def refuse_overlay(path: Place, source: Source, options: OverlayOptions) -> None:
     """Refuse outputs that cannot be written, and inputs that are not there, before any work.
 
-    Raises
-    ------
-    OptionError
-        The suffix is none of `SUFFIXES`, the log is standard input, or rerun-sdk is missing for an .rrd.
-    OutputError
-        As of `newfiles.refuse`.
-    UnreadableError
-        There are no such tables, or there is no such map.
+    `OptionError`: an unknown suffix, standard input, or no rerun-sdk for an .rrd; `OutputError`: as of `refuse`;
+    `UnreadableError`: there are no such tables, or no such map.
     """
     if path.suffix.lower() not in SUFFIXES:
         raise OptionError(f"{path}: the suffix of an overlay has to be one of {', '.join(SUFFIXES)}")
@@ -43,37 +37,31 @@ def refuse_overlay(path: Place, source: Source, options: OverlayOptions) -> None
         import lidarcli.overlays.rrd  # noqa: F401
     inputs = options.detect.inputs([source])
     if options.objects is not None:
-        pair = one_table_set(options.objects)
-        inputs += [str(pair.objects), str(pair.sweeps)]
+        tables = one_table_set(options.objects)
+        inputs += [str(tables.objects), str(tables.sweeps)]
     if options.map is not None:
         inputs += [str(options.map), str(image_of(options.map))]
     refuse(outputs_of(path, options), options.overwrite, inputs)
 
 
 def write_overlay(source: Source, path: Place, options: OverlayOptions, progress: Progress | None = None) -> RunSummary:
-    """Write the overlay of one log, and beside it the settings of viewers.
+    """Write the overlay of one log, and next to it the settings of viewers.
 
-    Raises
-    ------
-    UnreadableError
-        The log, its tables or the map cannot be read, or the tables are those of another log.
-    NoScanError
-        The log has no LaserScan topic, or not the one that was asked for.
-    OutputError
-        A file cannot be written.
+    `UnreadableError`: the log, its tables or the map cannot be read, or the tables are those of another log; `NoScanError`:
+    no LaserScan topic, or not the one that was requested; `OutputError`: a file cannot be written.
     """
     grid = None if options.map is None else read_map(options.map)
     paths = outputs_of(path, options)
     with ExitStack() as stack:
         new = stack.enter_context(NewFiles(paths, options.overwrite))
         if options.objects is not None:
-            pair, found = tables_together(options.objects), None
+            tables, found = tables_together(options.objects), None
         else:
-            pair, first = detect_to_temporary(source, new.part(path).with_name("tables"), options.detect, progress)
+            tables, first = detect_to_temporary(source, new.part(path).with_name("tables"), options.detect, progress)
             found = first.summary
             progress = second_half(progress, source.size)
         is_ros2 = path.suffix.lower() != BAG
-        work = Overlay(source, pair, grid, options, is_ros2)
+        work = Overlay(source, tables, grid, options, is_ros2)
         with writing(path, nameless=True):
             if path.suffix.lower() == RRD:
                 work.record(new.part(path), stack, progress)

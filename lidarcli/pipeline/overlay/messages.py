@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from lidarcli.formalism.detection import SETS
+from lidarcli.formalism.detection import NOISE
 from lidarcli.formalism.mapping.grid import Occupancy
 from lidarcli.logs.base import Log, ReadReport
 from lidarcli.maps.grids import MAP_TYPE, occupancy_cdr
@@ -51,7 +51,6 @@ if TYPE_CHECKING:
 
 MAP_Z = -0.05
 """Height of the map [m]: where the sensor is at 0, the beams lie on it, and are not in it."""
-DEFAULT_WORLD = "map"
 RECORDED = attrgetter("record_ns")
 
 
@@ -227,7 +226,7 @@ class Overlay:
 
     @property
     def _world(self) -> str:
-        return next((self._worlds[frame] for frame in self._frames.values() if frame in self._worlds), DEFAULT_WORLD)
+        return next((self._worlds[frame] for frame in self._frames.values() if frame in self._worlds), "map")
 
     def _open(self, stack: ExitStack) -> Log:
         """Open the log, and make ready to show zones."""
@@ -315,7 +314,7 @@ class Overlay:
         poses = self._sensor_poses(joined, frame) if np.isfinite(joined.poses.x).any() else None
         objects = Objects.of(joined.objects, batch)
         owners = objects.owners(batch)
-        rest = np.uint8(SETS.index("S"))
+        rest = np.uint8(NOISE)
         sets = np.append(objects.set, rest)[np.where(owners < 0, len(objects.set), owners)]
         return [
             zone_of(number, one.zone.action, one.corners, one.occupied)

@@ -19,8 +19,6 @@ from lidarcli.tabular.columns import COARSE, integers, numbers, plain
 from lidarcli.tabular.reading import AGAIN, TopicRows, read_columns
 from lidarcli.tabular.schemas import SCHEMAS
 
-_SWEEP_COLUMNS = ("topic", "sweep", "stamp", "pose_x", "pose_y", "pose_yaw")
-
 
 @dataclass(frozen=True, slots=True)
 class TabledSweeps:
@@ -43,21 +41,21 @@ class TabledSweeps:
         for code in codes:
             yield self.raw.frame_ids[code], self if len(codes) == 1 else self.rows(self.raw.frame == code)
 
-    def rows(self, mine: Bool) -> TabledSweeps:
+    def rows(self, own: Bool) -> TabledSweeps:
         """Return some of the sweeps."""
-        poses = Poses(self.poses.x[mine], self.poses.y[mine], self.poses.yaw[mine])
-        its = mine[self.row]
-        place = np.cumsum(mine) - 1
+        poses = Poses(self.poses.x[own], self.poses.y[own], self.poses.yaw[own])
+        its = own[self.row]
+        place = np.cumsum(own) - 1
         objects = self.objects.take(plain(np.flatnonzero(its)))
-        return TabledSweeps(self.raw.rows(mine), poses, objects, place[self.row[its]], self.index[mine])
+        return TabledSweeps(self.raw.rows(own), poses, objects, place[self.row[its]], self.index[own])
 
 
 class Tables:
     """The sweeps and objects tables of one log, from which rows are taken as its sweeps come by."""
 
-    def __init__(self, pair: TableSet) -> None:
-        self._pair = pair
-        columns = read_columns(pair.sweeps, "sweeps", SCHEMAS["sweeps"], ["topic", "pose_x"])
+    def __init__(self, tables: TableSet) -> None:
+        self._tables = tables
+        columns = read_columns(tables.sweeps, "sweeps", SCHEMAS["sweeps"], ["topic", "pose_x"])
         self.topics: tuple[str, ...] = tuple(sorted(columns["topic"].unique().to_pylist()))
         self.is_posed = columns["pose_x"].null_count < columns.num_rows
         """True where some sweep has a pose."""
@@ -84,14 +82,14 @@ class Tables:
 
     def trajectories(self, topic: str) -> Trajectories | None:
         """Return the trajectories of a topic; None where there is no such table."""
-        path, schema = self._pair.trajectories, SCHEMAS["trajectories"]
+        path, schema = self._tables.trajectories, SCHEMAS["trajectories"]
         if topic not in self._trajectories and path.exists():
             self._trajectories[topic] = Trajectories.of(read_columns(path, "trajectories", schema, PATH_COLUMNS), topic)
         return self._trajectories.get(topic)
 
     def notes(self) -> list[str]:
         """Return what a user should know of them."""
-        return other_recording(self._pair, {topic: str(met) for topic, met in self._met.items()})
+        return other_recording(self._tables, {topic: str(met) for topic, met in self._met.items()})
 
     def left(self) -> int:
         """Count the sweeps of the tables that the log does not have."""
@@ -108,7 +106,7 @@ class Tables:
         strays = not np.isin(of, index).all()
         if strays or (np.diff(index) <= 0).any() or (np.abs(raw.time_ns - stamps) >= COARSE).any():
             raise UnreadableError(
-                f"{self._pair.sweeps}, {self._pair.objects.name}: not the tables of this log, whose sweeps have other "
+                f"{self._tables.sweeps}, {self._tables.objects.name}: not the tables of this log, whose sweeps have other "
                 f"stamps; {AGAIN}"
             )
         poses = Poses(*(numbers(sweeps[name]) for name in ("pose_x", "pose_y", "pose_yaw")))
@@ -117,7 +115,9 @@ class Tables:
     def _cursor(self, topic: str) -> tuple[TopicRows, TopicRows]:
         if topic not in self._cursors:
             self._cursors[topic] = (
-                TopicRows(self._pair.sweeps, "sweeps", _SWEEP_COLUMNS, topic),
-                TopicRows(self._pair.objects, "objects", COLUMNS, topic),
+                TopicRows(
+                    self._tables.sweeps, "sweeps", ("topic", "sweep", "stamp", "pose_x", "pose_y", "pose_yaw"), topic
+                ),
+                TopicRows(self._tables.objects, "objects", COLUMNS, topic),
             )
         return self._cursors[topic]

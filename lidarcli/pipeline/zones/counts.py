@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lidarcli.errors import NoScanError
-from lidarcli.formalism.detection import SETS
+from lidarcli.formalism.detection import AGENT
 from lidarcli.formalism.zones import Inside, Sight, candidates, collision_steps, meeting, samples, sight, times
 from lidarcli.pipeline.inputs.tracked import Objects
 from lidarcli.pipeline.zones.frames import Frames
@@ -306,7 +306,7 @@ class _PlacedSweeps(NamedTuple):
         owner = self.owners[found.row, found.beam]
         counts = owner >= 0
         if zone.count == "agents":
-            agents = self.objects.set == SETS.index("A")
+            agents = self.objects.set == AGENT
             counts &= agents[np.maximum(owner, 0)] if len(agents) else False
         return found.of(counts)
 

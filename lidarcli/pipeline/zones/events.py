@@ -11,19 +11,18 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from lidarcli.formalism.detection import SETS
+from lidarcli.formalism.detection import AGENT, SETS
 from lidarcli.formalism.tracking.tracks import seen_steps
 from lidarcli.formalism.zones import SAMPLES, Path, crossings, episodes, visits
+from lidarcli.options.times import SECOND_NS
+from lidarcli.pipeline.inputs.tracked import from_sensor, to_sensor
 from lidarcli.pipeline.zones.counts import TopicSeries, ZoneSeries
 from lidarcli.sweeps.masks import Circle, Polygon
 from lidarcli.sweeps.types import Bool, Float64, Int64, UInt8
 from lidarcli.sweeps.zone import UNSEEN, WORLD, Line, Zone
 from lidarcli.tabular.schemas import DIRECTIONS, EVENT_KINDS
 
-SECOND_NS = 1e9
 OCCUPIED, APPROACH, VISIT, CROSSING, STALE = EVENT_KINDS
-IN, OUT = DIRECTIONS
-_AGENT = SETS.index("A")
 FEW = 2
 """Places of a zone, of `SAMPLES`, from which on it is not observed where they are lost."""
 
@@ -331,7 +330,7 @@ class EventFinder:
                 counts[int(self.hits.set[at]), int(self.hits.track[at])] += int(self.hits.points[at])
         left = int(self.points_of[index, row]) - counts.total()
         # Of as many points those of an agent count first, and walls last.
-        best = max(counts, key=lambda key: (counts[key], key[0] == _AGENT, -key[1]), default=None)
+        best = max(counts, key=lambda key: (counts[key], key[0] == AGENT, -key[1]), default=None)
         if best is None or counts[best] < left:
             return "S", None, None
         letter, track = best
@@ -367,9 +366,9 @@ class EventFinder:
         x, y = agents.x, agents.y
         if self.zone.frame == WORLD and agents.in_world.all():
             return x, y
-        own = _to_sensor(topic.column("pose")[agents.number], x, y)
+        own = to_sensor(topic.column("pose")[agents.number], x, y)
         x, y = (np.where(agents.in_world, here, there) for here, there in zip(own, (x, y), strict=True))
-        return _to_frame(series.column("placed")[agents.number], x, y)
+        return from_sensor(series.column("placed")[agents.number], x, y)
 
     def _shapes(self, index: int) -> tuple[list[Circle | Polygon], Int64]:
         """Return the shapes of the zone, and which of them it has (S,) at each sweep of a topic, -1 for none."""
@@ -395,7 +394,7 @@ class EventFinder:
 
     def _agents(self) -> Int64:
         """Return (K, 2) sweeps, by row, with the number of the path of each agent that is in the zone then."""
-        mine = (self.hits.set == _AGENT) & (self.hits.agent >= 0)
+        mine = (self.hits.set == AGENT) & (self.hits.agent >= 0)
         pairs = [np.column_stack([self.hits.row[mine], self.hits.agent[mine]])]
         for number, first, last, _ in self._visits():
             times, steps = self.paths[number].path.time_ns, self.paths[number].path.steps
@@ -415,7 +414,7 @@ class EventFinder:
                 one_sided, unseen = one_sided + missed, unseen + hidden
                 for each in found:
                     event = self._of_agent(agent, each.after, each.after, CROSSING)
-                    events.append(event | {"direction": IN if each.inwards else OUT})
+                    events.append(event | {"direction": DIRECTIONS[0 if each.inwards else 1]})
         else:
             for number, first, last, cut in self._visits():
                 event = self._of_agent(self.paths[number], first, last, VISIT)
@@ -430,7 +429,7 @@ class EventFinder:
         """Return the event of a piece of the path of an agent."""
         some, path = slice(first, last + 1), agent.path
         x, y = path.x[some], path.y[some]
-        ahead, left = _to_sensor(self._of_path(agent, "placed", some), x, y)
+        ahead, left = to_sensor(self._of_path(agent, "placed", some), x, y)
         away = np.hypot(ahead, left)
         known = np.flatnonzero(np.isfinite(away))
         # The sensor with most of it.
@@ -551,21 +550,6 @@ def _in_time_order(pieces: Sequence[_AgentPath]) -> _AgentPath:
     times = path.time_ns[order]
     steps = seen_steps(times / SECOND_NS, in_view, topic)
     return _AgentPath(pieces[0].track, Path(times, path.x[order], path.y[order], steps), topic, number, in_view)
-
-
-def _to_frame(place: Float64, x: Float64, y: Float64) -> tuple[Float64, Float64]:
-    """Return places of the frame of the sensor in the frame in which it is at `place` (N, 4)."""
-    cos, sin = np.cos(place[:, 2]), np.sin(place[:, 2])
-    left = np.where(place[:, 3] > 0.0, -y, y)
-    return place[:, 0] + cos * x - sin * left, place[:, 1] + sin * x + cos * left
-
-
-def _to_sensor(place: Float64, x: Float64, y: Float64) -> tuple[Float64, Float64]:
-    """Return places of the frame in which the sensor is at `place` (N, 4) in its own frame."""
-    dx, dy = x - place[:, 0], y - place[:, 1]
-    cos, sin = np.cos(place[:, 2]), np.sin(place[:, 2])
-    left = cos * dy - sin * dx
-    return cos * dx + sin * dy, np.where(place[:, 3] > 0.0, -left, left)
 
 
 def _number(value: float) -> float | None:

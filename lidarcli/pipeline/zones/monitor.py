@@ -9,15 +9,14 @@ from typing import NamedTuple
 
 from lidarcli.display.texts import times
 from lidarcli.logs.base import Log, Message, ReadReport
+from lidarcli.options.times import SECOND_NS
 from lidarcli.pipeline.reading.posing import messages_of
-from lidarcli.pipeline.zones.events import APPROACH, OCCUPIED, SECOND_NS, STALE, ZoneEvents
+from lidarcli.pipeline.zones.events import APPROACH, OCCUPIED, STALE, ZoneEvents
 from lidarcli.ros.cursor import Cursor
 
 STATE = "nav2_msgs/msg/CollisionMonitorState"
 ACTS = ("", "stop", "slowdown", "approach", "limit")
 """Actions of a state by their numbers; the first is none."""
-INVALID_SOURCE = "invalid source"
-"""Nav2's word for the polygon where it stops because a source is too old."""
 NEAR_NS = 500_000_000
 """An event of the zones this near to an act is the same: Nav2 decides at each velocity command [ns]."""
 SHOWN = 5
@@ -61,7 +60,7 @@ def acts_of(told: Sequence[Act], late_ns: int, by_zone: Sequence[ZoneEvents]) ->
 
 
 def _otherwise(act: Act, by_zone: Sequence[ZoneEvents]) -> str:
-    begin, end, is_stale = act.start_ns - NEAR_NS, act.end_ns + NEAR_NS, act.zone == INVALID_SOURCE
+    begin, end, is_stale = act.start_ns - NEAR_NS, act.end_ns + NEAR_NS, act.zone == "invalid source"
     mine = [one for one in by_zone if is_stale or one.zone.name == act.zone]
     kinds = (STALE,) if is_stale else (OCCUPIED, APPROACH)
     events = [event for one in mine for event in one.events if event["kind"] in kinds]

@@ -8,14 +8,13 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-import pyarrow as pa
 
 from lidarcli.errors import NoScanError, OptionError, UnreadableError
 from lidarcli.logs.base import Log, ReadReport
 from lidarcli.options.choices import MATCH
 from lidarcli.pipeline.inputs.sources import Source
 from lidarcli.pipeline.inputs.tables import TableSet, contradicted, world_in
-from lidarcli.pipeline.inputs.tracked import OBJECT_COLUMNS, Objects
+from lidarcli.pipeline.inputs.tracked import ObjectRows, Objects, paths_of, tracks_of
 from lidarcli.pipeline.reading.masking import MaskRules
 from lidarcli.pipeline.reading.one_log import Progress, Reading, RunSummary
 from lidarcli.pipeline.reading.posing import TWIST, Need, polygons, velocities
@@ -32,24 +31,23 @@ from lidarcli.reports.wording import counted
 from lidarcli.sweeps.masks import Circle, Masks, Polygon, same_name
 from lidarcli.sweeps.types import SweepBatch, spared
 from lidarcli.sweeps.zone import ROBOT, SENSOR, WORLD, Line, Zone
-from lidarcli.tabular.columns import COARSE, are
-from lidarcli.tabular.reading import AGAIN, TopicRows, read_columns
-from lidarcli.tabular.schemas import SCHEMAS
+from lidarcli.tabular.columns import COARSE, integers
+from lidarcli.tabular.reading import AGAIN, TopicRows
 
 
 class ZoneReader:
     """One pass over a log that counts what is in its zones."""
 
     def __init__(
-        self, log: Log, options: ZoneOptions, pair: TableSet | None, masking: MaskRules, first: Reading | None
+        self, log: Log, options: ZoneOptions, tables: TableSet | None, masking: MaskRules, first: Reading | None
     ) -> None:
         """`masking` is that of the log; `first` the reading that found the objects, where this run did so."""
-        self._log, self._options, self._pair, self._first = log, options, pair, first
-        if pair is not None and not (pair.trajectories.exists() and pair.tracks.exists()):
+        self._log, self._options, self._tables, self._first = log, options, tables, first
+        if tables is not None and not _has_tracks(tables):
             for zone in options.zones.zones:
                 if isinstance(zone.shape, Line):
                     raise OptionError(
-                        f"zone '{zone.name}' is a line, and crossings need tracks, which are not beside {pair.objects}: "
+                        f"zone '{zone.name}' is a line, and crossings need tracks, which are not beside {tables.objects}: "
                         "give the tables of track, or leave out --objects"
                     )
         own = masking.rules.masks or Masks()
@@ -75,7 +73,8 @@ class ZoneReader:
         for zone in options.zones.zones:
             with self._judging(zone):
                 self._shapes[zone.name] = self._shapes_of(zone)
-        self._cursors: dict[str, tuple[TopicRows, TopicRows]] = {}
+        self._sweeps: dict[str, TopicRows] = {}
+        self._rows = None if tables is None else ObjectRows(tables)
         self._late_ns: int | None = None
         """Time from the stamps of sweeps to their recording."""
         self.acts: list[Act] = []
@@ -173,8 +172,8 @@ class ZoneReader:
         zones = [zone for zone in self._zones if zone.is_for(batch.topic)]
         if not len(batch) or not zones:
             return
-        whole = self._objects(batch)
-        for sensor, rows, mine in batch.by_frame():
+        objects = self._objects(batch)
+        for sensor, rows, own in batch.by_frame():
             resolved = [self._resolved(zone, batch.topic, sensor, reading) for zone in zones]
             key = batch.topic, sensor, batch.run
             if key not in self._counting:
@@ -185,8 +184,7 @@ class ZoneReader:
                 )
                 frames = self._frames.of_topic(batch.topic)
                 self._counting[key] = TopicCounter(series, frames, self._masks, self._known_velocities)
-            objects = None if whole is None else whole.of_rows(rows)
-            self._counting[key].add(mine, objects)
+            self._counting[key].add(own, None if objects is None else objects.of_rows(rows))
 
     def _resolved(self, zone: Zone, topic: str, sensor: str, reading: Reading) -> Zone:
         """Return a zone whose frame is `world` where it names the fixed frame of the poses; refuse one without poses."""
@@ -210,28 +208,20 @@ class ZoneReader:
         return zone
 
     def _objects(self, batch: SweepBatch) -> Objects | None:
-        """Return the objects of a batch."""
-        if self._pair is None:
+        """Return the objects of a batch; None where nobody looked for any."""
+        if self._tables is None or self._rows is None:
             return None
-        if batch.topic not in self._cursors:
-            self._cursors[batch.topic] = (
-                TopicRows(self._pair.sweeps, "sweeps", ("topic", "sweep", "stamp"), batch.topic),
-                TopicRows(self._pair.objects, "objects", OBJECT_COLUMNS, batch.topic),
-            )
-        sweeps, objects = (cursor.until(int(batch.sweep[-1]) + 1) for cursor in self._cursors[batch.topic])
-        index = np.asarray(sweeps["sweep"])
-        stamps = np.asarray(sweeps["stamp"].view(pa.int64()))
+        if batch.topic not in self._sweeps:
+            self._sweeps[batch.topic] = TopicRows(self._tables.sweeps, "sweeps", ("topic", "sweep", "stamp"), batch.topic)
+        sweeps = self._sweeps[batch.topic].until(int(batch.sweep[-1]) + 1)
+        index, stamps = integers(sweeps, "sweep"), integers(sweeps, "stamp")
         at = np.minimum(np.searchsorted(index, batch.sweep), max(len(index) - 1, 0))
         if not len(index) or (index[at] != batch.sweep).any() or (np.abs(stamps[at] - batch.stamp_ns) >= COARSE).any():
             raise UnreadableError(
-                f"{self._pair.sweeps}: not the table of these sweeps of {batch.topic}, which are not in it or have other "
+                f"{self._tables.sweeps}: not the table of these sweeps of {batch.topic}, which are not in it or have other "
                 f"stamps: give the same --start, --end and --every, or {AGAIN}"
             )
-        sweep = np.asarray(objects["sweep"])
-        there = np.isin(sweep, batch.sweep)
-        if not there.all():
-            objects = objects.filter(pa.array(there))
-        return Objects.of(objects, batch)
+        return self._rows.of(batch)
 
     def _counted_in(self, zone: Zone) -> list[TopicSeries]:
         """Return the sweeps of each sensor that counts in a zone."""
@@ -299,7 +289,7 @@ class ZoneReader:
         groups = [by_robot[key] for key in sorted(by_robot, key=lambda key: key[0])]
         for one in counted_in:
             if one.sensor not in self._agents:
-                self._agents[one.sensor] = self._tracked(one)
+                self._agents[one.sensor] = _agents_at(one, self._tables)
         for group in groups:
             every = [each.series for each in self._counting.values() if each.series.run == group[0].run]
             stamps = [each.column("stamp_ns") for each in every]
@@ -307,45 +297,11 @@ class ZoneReader:
                 group[0].of_zone(zone.name).zone,
                 group,
                 [self._agents[one.sensor] for one in group],
-                has_objects=self._pair is not None,
+                has_objects=self._tables is not None,
                 span_ns=(min(int(each.min()) for each in stamps), max(int(each.max()) for each in stamps)),
                 first_ns=min(each.first_ns for each in every),
                 every=self._read.every,
             ).find()
-
-    def _tracked(self, series: TopicSeries) -> AgentPaths | None:
-        """Return the agents that a sensor sees; None where nobody followed them."""
-        pair = self._pair
-        if pair is None or not pair.trajectories.exists() or not pair.tracks.exists():
-            return None
-        tracks = read_columns(pair.tracks, "tracks", SCHEMAS["tracks"], ("topic", "frame_id", "track", "set", "label"))
-        every = tracks.to_pylist()
-        shared = {row["track"] for row in every if row["frame_id"] is None}
-        mine = [row for row in every if row["frame_id"] is None or (row["topic"], row["frame_id"]) == series.sensor[:2]]
-        agents = np.array([row["track"] for row in mine if row["set"] == "A"], np.int64)
-        labels = {row["track"]: row["label"] for row in mine if row["label"] is not None}
-        columns = ("topic", "track", "sweep", "frame", "x", "y", "seen")
-        rows = read_columns(pair.trajectories, "trajectories", SCHEMAS["trajectories"], columns)
-        here = are(rows["topic"], series.topic)
-        track = np.asarray(rows["track"])
-        # Sweeps of several frames are not in their order.
-        sweeps = series.column("sweep")
-        in_order = np.argsort(sweeps)
-        sweep = np.asarray(rows["sweep"])
-        at = in_order[np.minimum(np.searchsorted(sweeps, sweep, sorter=in_order), len(sweeps) - 1)]
-        some = np.flatnonzero(here & np.isin(track, agents) & (sweeps[at] == sweep))
-        order = some[np.lexsort((series.column("stamp_ns")[at[some]], track[some]))]
-        world, hidden = are(rows["frame"], WORLD), are(rows["seen"], "hidden")
-        return AgentPaths(
-            track[order],
-            at[order],
-            np.asarray(rows["x"])[order],
-            np.asarray(rows["y"])[order],
-            world[order],
-            ~hidden[order],
-            labels,
-            shared,
-        )
 
     def _refuse_contradiction(self, described: Mapping[str, Any], gap: str) -> list[str]:
         """Refuse zones in a fixed frame where the sweeps contradict the poses, as of `contradicted`; return notes."""
@@ -365,3 +321,27 @@ class ZoneReader:
                 if world_in(poses, topic) == MATCH and where == WORLD:
                     notes[f"zone '{name}' is in the world of the matched path of {topic}"] = None
         return [*notes]
+
+
+def _has_tracks(tables: TableSet) -> bool:
+    """Return whether objects were followed."""
+    return bool(tables.trajectories.exists() and tables.tracks.exists())
+
+
+def _agents_at(series: TopicSeries, tables: TableSet | None) -> AgentPaths | None:
+    """Return the agents at the sweeps of a sensor; None where nobody followed them."""
+    if tables is None or not _has_tracks(tables):
+        return None
+    tracks = tracks_of(tables, series.topic, series.frame_id, ("set", "label"))
+    paths = paths_of(tables, series.topic)
+    # Sweeps of several frames are not in their order.
+    sweeps = series.column("sweep")
+    in_order = np.argsort(sweeps)
+    at = in_order[np.minimum(np.searchsorted(sweeps, paths.sweep, sorter=in_order), len(sweeps) - 1)]
+    agents = [row["track"] for row in tracks if row["set"] == "A"]
+    own = np.flatnonzero(np.isin(paths.track, agents) & (sweeps[at] == paths.sweep))
+    rows = own[np.lexsort((series.column("stamp_ns")[at[own]], paths.track[own]))]
+    places = paths.x[rows], paths.y[rows], paths.in_world[rows]
+    labels = {row["track"]: row["label"] for row in tracks if row["label"] is not None}
+    shared = {row["track"] for row in tracks if row["frame_id"] is None}
+    return AgentPaths(paths.track[rows], at[rows], *places, ~paths.hidden[rows], labels, shared)

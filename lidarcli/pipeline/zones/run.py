@@ -8,6 +8,8 @@ from dataclasses import replace
 from functools import partial
 from typing import Any
 
+import pyarrow as pa
+
 from lidarcli.errors import OptionError
 from lidarcli.files.newfiles import refuse, scratch_folder, write_whole
 from lidarcli.files.stores import Place
@@ -17,19 +19,9 @@ from lidarcli.pipeline.inputs.tables import other_recording, tables_together
 from lidarcli.pipeline.reading.masking import masking_of
 from lidarcli.pipeline.reading.one_log import Progress, Reading, RunSummary
 from lidarcli.pipeline.runs.over_logs import LogProgress, Outcome, logs_at_once, over_logs
-from lidarcli.pipeline.zones.monitor import lines_of, missed_stops
 from lidarcli.pipeline.zones.options import ZoneOptions, masked, narrowed
 from lidarcli.pipeline.zones.reader import ZoneReader
-from lidarcli.pipeline.zones.summary import (
-    ZoneSummary,
-    ZoneTables,
-    names_of,
-    stale_notes,
-    tables_of,
-    words_of,
-    worst_first,
-    worst_lines,
-)
+from lidarcli.pipeline.zones.summary import ZoneSummary, ZoneTables, stale_notes
 from lidarcli.reports.checks import Check, Verdict, verdict_of
 from lidarcli.reports.programs import as_junit
 from lidarcli.reports.zones import figures_of, judge_zones, parse_zone_check, unobserved, zones_in
@@ -42,79 +34,67 @@ def watch(
 ) -> ZoneSummary:
     """Find what is in the zones in every sweep of a log, and write the tables if a folder is given.
 
-    Raises
-    ------
-    OptionError
-        The log is standard input, which is read only once.
-    UnreadableError
-        The log or its tables cannot be read, or its poses contradict its sweeps while a zone is in the world.
-    NoScanError
-        The log has no LaserScan topic, or not the one that a zone names; or nothing leads to the frame of a zone.
-    OutputError
-        A file cannot be written.
+    `OptionError`: the log is standard input, which is read only once; `UnreadableError`: the log or its tables cannot be
+    read, or its poses contradict its sweeps while a zone is in the world; `NoScanError`: no LaserScan topic, or not the one
+    that a zone names, or nothing leads to the frame of a zone; `OutputError`: a file cannot be written.
     """
     if source.is_stdin:
         raise OptionError("zones are watched by reading the log twice; give the name of its file instead of -")
     paths = None if folder is None else options.outputs(source, folder)
     if paths is not None:
         refuse(paths.values(), options.overwrite, options.inputs([source]))
+    parameters = options.as_dict()
     with ExitStack() as stack:
-        first: Reading | None = None
-        parameters = options.as_dict()
-        pair = None if options.objects is None else tables_together(options.objects)
-        finds = pair is None and options.find
+        tables = None if options.objects is None else tables_together(options.objects)
         with open_source(source, options.detect.opening) as log:
             options = narrowed(log, options)
             read = options.detect.read
             masking = masking_of(log, read.rules, options.detect.poses, read.topics)
-            finding = masked(log, options, masking) if finds else options.detect
+            finds = tables is None and options.find
+            detect = masked(log, options, masking) if finds else options.detect
+        first: Reading | None = None
         if finds:
-            private = stack.enter_context(scratch_folder())
-            pair, first = detect_to_temporary(source, private, finding, progress)
+            tables, first = detect_to_temporary(source, stack.enter_context(scratch_folder()), detect, progress)
             progress = second_half(progress, source.size)
         log = stack.enter_context(open_source(source, options.detect.opening))
-        reader = ZoneReader(log, options, pair, masking, first)
+        reader = ZoneReader(log, options, tables, masking, first)
         found, by_zone, described = reader.run(source, progress)
-        summary = ZoneSummary(**{name: getattr(found, name) for name in RunSummary.__dataclass_fields__})
         if first is not None:
-            # Both passes tell of the same damage; the first one also of what it found.
-            summary.damage = [*dict.fromkeys([*first.summary.damage, *summary.damage])]
-            summary.notes = [*dict.fromkeys([*masking.notes, *first.summary.notes, *summary.notes])]
-        metadata = table_metadata(parameters, described, summary.damage)
-        tables = tables_of(source.name, by_zone, metadata)
-        summary.tables = tables
-        names = names_of(by_zone)
-        longest = max(map(len, names))
-        summary.lines = [(f"  {name:<{longest}}  ", words_of(each)) for name, each in zip(names, by_zone, strict=True)]
-        worst = worst_first(by_zone)
-        summary.look = worst[0]["look"] if worst else None
-        summary.acts = [*reader.acts, *(missed_stops(reader.acts, by_zone) if reader.acts else [])]
-        summary.worst = worst_lines(worst)
-        summary.lines += lines_of(summary.acts, summary.first_ns or 0)
+            # Both passes report the same damage; the first one also notes what it found.
+            found.damage = [*dict.fromkeys([*first.summary.damage, *found.damage])]
+            found.notes = [*dict.fromkeys([*masking.notes, *first.summary.notes, *found.notes])]
+        metadata = table_metadata(parameters, described, found.damage)
+        summary = ZoneSummary.of(found, source.name, by_zone, reader.acts, metadata)
         summary.notes += [*options.zones.notes, *stale_notes(by_zone, bool(options.zones.robot))]
-        if pair is not None and options.objects is not None:
-            summary.notes += other_recording(pair, described.get("recording", {}))
-        if options.objects is not None and options.zones.masks.masks:
-            hidden = "masks of the zone file hide beams, but no objects of --objects"
-            summary.notes.append(f"{hidden}: give --mask where these are made, too")
+        if tables is not None and options.objects is not None:
+            summary.notes += other_recording(tables, described.get("recording", {}))
+            if options.zones.masks.masks:
+                hidden = "masks of the zone file hide beams, but no objects of --objects"
+                summary.notes.append(f"{hidden}: give --mask where these are made, too")
         if paths is not None:
             files = stack.enter_context(TableFiles(paths, None, options.overwrite, options.detect.stamps))
-            for name, table in tables._asdict().items():
+            for name, table in summary.tables._asdict().items():
                 for batch in table.to_batches():
                     files.write(name, "", batch)
             summary.notes += files.publish(metadata)
             summary.outputs = [str(path) for path in files.paths]
         if options.clips is not None:
-            # Most runs cut nothing, and should not wait for this import.
-            from lidarcli.pipeline.clean.log import clean_log
-            from lidarcli.pipeline.clean.options import CleanOptions
-
-            held = HeldTable(f"the events of {source.label}", tables.events)
-            detect = replace(options.detect, read=replace(read, start=None, end=None, run=None, every=1))
-            cutting = CleanOptions(detect, frozenset(), overwrite=options.overwrite, clips=held, around=options.around)
-            clips = clean_log(source, options.clips, cutting)
+            clips = _clips(source, options.clips, options, summary.tables.events)
             summary.notes, summary.outputs = summary.notes + clips.notes, summary.outputs + clips.outputs
     return summary
+
+
+def _clips(source: Source, folder: Place, options: ZoneOptions, events: pa.Table) -> RunSummary:
+    """Write a part of the log around each event."""
+    # Most runs cut nothing, and should not wait for this import.
+    from lidarcli.pipeline.clean.log import clean_log
+    from lidarcli.pipeline.clean.options import CleanOptions
+
+    rows = HeldTable(f"the events of {source.label}", events)
+    read = replace(options.detect.read, start=None, end=None, run=None, every=1)
+    detect = replace(options.detect, read=read)
+    cutting = CleanOptions(detect, frozenset(), overwrite=options.overwrite, clips=rows, around=options.around)
+    return clean_log(source, folder, cutting)
 
 
 def watch_files(
@@ -133,7 +113,7 @@ def watch_files(
 def refuse_outputs(
     sources: Sequence[Source | MissingInput], folder: Place | None, options: ZoneOptions, more: Sequence[Place] = ()
 ) -> list[str]:
-    """Return the files that are written, `more` besides, after refusing those that cannot be, before any work."""
+    """Return the files that are written, and `more`, after refusing those that cannot be, before any work."""
     logs = [source for source in sources if isinstance(source, Source)]
     paths = [path for source in logs if folder is not None for path in options.outputs(source, folder).values()]
     paths += more

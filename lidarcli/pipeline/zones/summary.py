@@ -12,7 +12,7 @@ import pyarrow as pa
 from lidarcli.display.texts import times
 from lidarcli.pipeline.reading.one_log import RunSummary
 from lidarcli.pipeline.zones.events import ZoneEvents
-from lidarcli.pipeline.zones.monitor import Act
+from lidarcli.pipeline.zones.monitor import Act, lines_of, missed_stops
 from lidarcli.pipeline.zones.options import TABLES
 from lidarcli.reports.figures import plain_number
 from lidarcli.reports.wording import counted
@@ -44,6 +44,23 @@ class ZoneSummary(RunSummary):
     """Topic and time [s] of the sweep that shows the worst event."""
     acts: Sequence[Act] = ()
 
+    @classmethod
+    def of(
+        cls, found: RunSummary, log: str, by_zone: Sequence[ZoneEvents], acts: Sequence[Act], metadata: dict[bytes, bytes]
+    ) -> ZoneSummary:
+        """Return what was found in the zones of a log; `acts` are those of Nav2 in it."""
+        summary = cls(**{name: getattr(found, name) for name in RunSummary.__dataclass_fields__})
+        summary.tables = _tables(log, by_zone, metadata)
+        names = _names(by_zone)
+        longest = max(map(len, names))
+        summary.lines = [(f"  {name:<{longest}}  ", _words(each)) for name, each in zip(names, by_zone, strict=True)]
+        worst = _worst_first(by_zone)
+        summary.look = worst[0]["look"] if worst else None
+        summary.worst = _worst_lines(worst)
+        summary.acts = [*acts, *(missed_stops(acts, by_zone) if acts else [])]
+        summary.lines += lines_of(summary.acts, summary.first_ns or 0)
+        return summary
+
     def as_dict(self) -> dict[str, Any]:
         """Return the summary as plain values, with what a check may name."""
         figures = figures_of(zones_in({0: self.tables}))
@@ -54,7 +71,7 @@ class ZoneSummary(RunSummary):
         return RunSummary.as_dict(self) | own
 
 
-def tables_of(log: str, by_zone: Sequence[ZoneEvents], metadata: dict[bytes, bytes]) -> ZoneTables:
+def _tables(log: str, by_zone: Sequence[ZoneEvents], metadata: dict[bytes, bytes]) -> ZoneTables:
     """Return the tables of a log."""
     events = [event for each in by_zone for event in each.events]
     order = sorted(range(len(events)), key=lambda at: (events[at]["start"], at))
@@ -82,7 +99,7 @@ def _zone_rows(log: str, one: ZoneEvents) -> pa.RecordBatch:
     return FORMS["zones"].fill(columns, None, count)
 
 
-def names_of(by_zone: Sequence[ZoneEvents]) -> list[str]:
+def _names(by_zone: Sequence[ZoneEvents]) -> list[str]:
     """Return a name for each zone, with its topic, or also its frame, where several sensors see one of their own."""
     several = len({each.topics[0].run for each in by_zone}) > 1
     plain = [f"{each.zone.name}, run {each.topics[0].run}" if several else each.zone.name for each in by_zone]
@@ -96,7 +113,7 @@ def names_of(by_zone: Sequence[ZoneEvents]) -> list[str]:
     ]
 
 
-def words_of(one: ZoneEvents) -> str:
+def _words(one: ZoneEvents) -> str:
     """Return what was in a zone, for people."""
     zone, events = one.zone, one.events
     columns = one.columns
@@ -137,7 +154,7 @@ WORST = 5
 """Most events of which there is a line."""
 
 
-def worst_first(by_zone: Sequence[ZoneEvents]) -> list[dict[str, Any]]:
+def _worst_first(by_zone: Sequence[ZoneEvents]) -> list[dict[str, Any]]:
     """Return the times at which zones were occupied, those that stop first and then the nearest; else the crossings."""
     events = [event for each in by_zone for event in each.events]
     alarms = [event for event in events if event["kind"] in EVENT_KINDS[:2]]
@@ -146,7 +163,7 @@ def worst_first(by_zone: Sequence[ZoneEvents]) -> list[dict[str, Any]]:
     return sorted(alarms, key=lambda one: (one["action"] != "stop", one["nearest"] is None, one["nearest"]))
 
 
-def worst_lines(worst: Sequence[Mapping[str, Any]]) -> list[tuple[str, str]]:
+def _worst_lines(worst: Sequence[Mapping[str, Any]]) -> list[tuple[str, str]]:
     """Return heads and words on the worst events, as many as there are lines for."""
     width = max((len(event["zone"]) for event in worst[:WORST]), default=4)
     lines = [("  worst    ", f"{'at':>10}  {'zone':{width}}     lasts  nearest  by")] if worst else []
