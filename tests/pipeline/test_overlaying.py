@@ -13,11 +13,11 @@ import pytest
 from lidarcli.errors import UnreadableError
 from lidarcli.logs import open_log
 from lidarcli.logs.base import ReadReport
-from lidarcli.pipeline.overlay import copies
 from lidarcli.pipeline.detecting import detect_to_files
 from lidarcli.pipeline.inputs.sources import Source
 from lidarcli.pipeline.inputs.tables import TableSet
 from lidarcli.pipeline.objects.detection import DetectOptions
+from lidarcli.pipeline.overlay import copies
 from lidarcli.pipeline.overlay.copies import frames_in_transforms, in_order
 from lidarcli.pipeline.overlay.tables import Tables
 from lidarcli.ros.messages import Outgoing

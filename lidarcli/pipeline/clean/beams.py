@@ -1,16 +1,22 @@
-"""Beams that are removed: on agents, on temporary objects, on the robot itself, and next to these."""
+"""Beams that are removed: on agents, on temporary objects, on the robot itself, and next to these; and their messages."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Mapping, Sequence
 from itertools import chain
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from lidarcli.copying.copying import replaced
+from lidarcli.errors import OptionError, UnreadableError
 from lidarcli.formalism.detection import AGENT, OBJECT
 from lidarcli.logs.base import Log
+from lidarcli.logs.blocks import ScanLayout
+from lidarcli.options.choices import ABOVE
+from lidarcli.options.times import SECOND_NS
 from lidarcli.pipeline.clean.agents import Agents, agents_in
 from lidarcli.pipeline.clean.options import CleanOptions
 from lidarcli.pipeline.clean.stays import temporary_tracks
@@ -18,6 +24,7 @@ from lidarcli.pipeline.inputs.tables import TableSet
 from lidarcli.pipeline.inputs.tracked import ObjectRows, Objects
 from lidarcli.pipeline.reading.one_log import Progress
 from lidarcli.pipeline.reading.posing import PoseAttacher
+from lidarcli.sweeps.findings import LEAP
 from lidarcli.sweeps.range_rules import RangeRules
 from lidarcli.sweeps.types import Bool, Closure, Int32, Int64, Status, SweepBatch
 
@@ -107,3 +114,48 @@ def neighbours(batch: SweepBatch, chosen: Bool, margin: int) -> Bool:
     after = np.minimum(np.minimum.accumulate(after[:, ::-1], axis=1)[:, ::-1], first)
     near: Bool = np.minimum(beam - before, after - beam) <= margin
     return near & (beam < batch.beams[:, None])
+
+
+class BeamEdit:
+    """Replaces the chosen beams of messages, which come in the order of their topics."""
+
+    def __init__(self, chosen: dict[str, Chosen], value: str | float) -> None:
+        self._chosen, self._value = chosen, value
+        self.is_measurable = False
+        """True where a message says a range that is within its limits."""
+
+    def __call__(self, topic: str, number: int, data: bytes, written: ScanLayout) -> bytes:
+        """Return the message to write, as `copying.Edit`."""
+        own = self._chosen.get(topic)
+        if own is None:
+            return data
+        if number >= len(own.beam) or written.beams != own.beams[number]:
+            raise changed_log(topic)
+        # A stamp that is farther off has been mended.
+        if written.stamp_ns and 0 < abs(written.stamp_ns - int(own.stamp_ns[number])) < LEAP * SECOND_NS:
+            raise changed_log(topic)
+        if not len(own.beam[number]):
+            return data
+        chosen = np.zeros(written.beams, np.bool_)
+        chosen[own.beam[number]] = True
+        value = self._number(topic, written.range_max)
+        self.is_measurable |= written.range_min <= value <= written.range_max
+        return replaced(data, written, chosen, value)
+
+    def conclude(self, sweeps: Mapping[str, int]) -> None:
+        """Refuse a copy that lacks sweeps."""
+        for topic, own in self._chosen.items():
+            if sweeps[topic] != len(own.beam):
+                raise changed_log(topic)
+
+    def _number(self, topic: str, range_max: float) -> float:
+        if self._value != ABOVE:
+            return float(self._value)
+        if not math.isfinite(range_max):
+            raise OptionError(f"--value above: the range_max of {topic} is {range_max}")
+        return range_max + 1.0
+
+
+def changed_log(topic: str) -> UnreadableError:
+    """Return the error of a log whose sweeps are others than in the pass before."""
+    return UnreadableError(f"the sweeps of {topic} are not those that were read before: does the log still grow?")

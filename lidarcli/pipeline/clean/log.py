@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Iterator, Mapping
+from collections import Counter
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 from pathlib import Path, PurePosixPath
@@ -22,10 +23,9 @@ from lidarcli.logs.batches import ReadOptions, refuse_run
 from lidarcli.logs.registry import TopicChoice, nothing_read, scan_topics
 from lidarcli.options.choices import ABOVE, INF, KEEP, NAN
 from lidarcli.options.times import SECOND_NS, Instant
-from lidarcli.pipeline.clean.beams import REASONS, Chosen, choose
-from lidarcli.pipeline.clean.copies import BeamEdit, copies_of, statuses_in
-from lidarcli.pipeline.clean.options import CleanOptions
-from lidarcli.pipeline.clean.refusals import (
+from lidarcli.pipeline.clean.beams import REASONS, BeamEdit, Chosen, choose
+from lidarcli.pipeline.clean.options import (
+    CleanOptions,
     blind_topics,
     folder_of,
     refuse_log,
@@ -36,11 +36,13 @@ from lidarcli.pipeline.clean.refusals import (
 )
 from lidarcli.pipeline.detecting import detect_to_temporary, second_half
 from lidarcli.pipeline.inputs.sources import Source, open_source
+from lidarcli.pipeline.inputs.tables import TableSet
+from lidarcli.pipeline.inputs.tracked import columns_of
 from lidarcli.pipeline.mending import FOREVER, Cutting, Mending, Seen, clips_of, plan, survey
 from lidarcli.pipeline.reading.masking import masking_of
 from lidarcli.pipeline.reading.one_log import Progress, Reading, RunSummary, damage_lines, rules_of
 from lidarcli.pipeline.reading.posing import Need
-from lidarcli.sweeps.types import Int64
+from lidarcli.sweeps.types import STATUSES, Int64
 from lidarcli.tabular.columns import constant, restamped
 from lidarcli.tabular.reading import Readable, file_metadata, note_value
 from lidarcli.tabular.schemas import CLEANED
@@ -131,10 +133,10 @@ def clean_log(source: Source, path: Place, options: CleanOptions, progress: Prog
 def _copy_of(log: Log, mending: Mending, merging: Merging | None, cuts: Mapping[Place, Cut | None]) -> Copy:
     """Return how messages are copied: mended, and merged."""
     for name, mend in mending.topics.items():
-        mend.copies = copies_of(cuts.values(), name)
+        mend.copies = _copies(cuts.values(), name)
     if merging is None:
         return mending.copy(log)
-    merging.copies = copies_of(cuts.values(), merging.keys[0][0])
+    merging.copies = _copies(cuts.values(), merging.keys[0][0])
     return merging.copy(mending.copy(log))
 
 
@@ -253,10 +255,10 @@ def _emptied(
     rows: dict[str, Int64] = {}
     """Topic → sweeps in the copy, several times where several parts have them."""
     for topic, each in chosen.items():
-        copies = copies_of([cut for _, cut in targets], topic)
+        copies = _copies([cut for _, cut in targets], topic)
         rows[topic] = np.array(range(len(each.beam)) if copies is None else sorted(copies.elements()), np.int64)
     summary = _summary(first.summary, options, chosen, rows, editing)
-    summary.by_status = statuses_in(tables, rows)
+    summary.by_status = _statuses(tables, rows)
     summary.notes += [f"no beam of {topic} has a range: nothing moves there" for topic in sorted(blind)]
     damage = [*dict.fromkeys([*summary.damage, *damage_lines(copy.report)])]
     table = restamped(_table(source.name, chosen, rows), options.detect.stamps)
@@ -327,3 +329,17 @@ def _table(log: str, chosen: dict[str, Chosen], rows: Mapping[str, Int64]) -> pa
         named = [constant(log, count), constant(topic, count)]
         pieces.append(pa.RecordBatch.from_arrays([*named, *arrays], schema=CLEANED))
     return pa.Table.from_batches(pieces, CLEANED).unify_dictionaries()
+
+
+def _copies(cuts: Iterable[Cut | None], topic: str) -> Counter[int] | None:
+    """Return how often each sweep of a topic is written; None where all are, once."""
+    every = [cut.sweeps.get(topic) if cut is not None and cut.sweeps else None for cut in cuts]
+    return None if None in every else Counter(number for numbers in every for number in numbers or ())
+
+
+def _statuses(tables: TableSet, rows: Mapping[str, Int64]) -> Counter[str]:
+    """Return the beams by status of some sweeps of each topic."""
+    columns = columns_of(tables, "sweeps", ("topic", *STATUSES))
+    topics = columns.pop("topic")
+    own = np.concatenate([np.flatnonzero(topics == topic)[numbers] for topic, numbers in rows.items()])
+    return Counter({name: int(beams[own].sum()) for name, beams in columns.items()})

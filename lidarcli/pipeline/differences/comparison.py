@@ -21,8 +21,7 @@ from lidarcli.options import choices
 from lidarcli.pipeline.differences.alignment import align
 from lidarcli.pipeline.differences.changes import Difference, rows_of
 from lidarcli.pipeline.differences.inputs import Input, of_log, read_input
-from lidarcli.pipeline.differences.runs import AS_IS, DiffOptions, RunThings, joined, known_or_none
-from lidarcli.pipeline.differences.things import MIN_SECONDS, MIN_SWEEPS
+from lidarcli.pipeline.differences.runs import AS_IS, MIN_SECONDS, MIN_SWEEPS, DiffOptions, RunThings, joined, known_or_none
 from lidarcli.pipeline.runs.over_logs import LogProgress
 from lidarcli.reports.figures import OF_MAPS
 from lidarcli.tabular.schemas import CHANGES

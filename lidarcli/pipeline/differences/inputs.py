@@ -21,8 +21,17 @@ from lidarcli.maps.grids import image_of, read_map
 from lidarcli.options import choices
 from lidarcli.options.times import SECOND_NS
 from lidarcli.pipeline.detecting import detect_to_temporary, second_half
-from lidarcli.pipeline.differences.runs import NOTHING, DiffOptions, RunThings, frame_key, frame_words
-from lidarcli.pipeline.differences.things import MIN_SECONDS, MIN_SWEEPS, things_of, travelled
+from lidarcli.pipeline.differences.runs import (
+    MIN_SECONDS,
+    MIN_SWEEPS,
+    NOTHING,
+    DiffOptions,
+    RunThings,
+    frame_key,
+    frame_words,
+    things_of,
+    travelled,
+)
 from lidarcli.pipeline.inputs.search import find_logs
 from lidarcli.pipeline.inputs.sources import MissingInput, Source, naming
 from lidarcli.pipeline.inputs.tables import find_tracks, poses_of, read_tracks_table, world_in

@@ -15,8 +15,7 @@ from lidarcli.errors import NoScanError
 from lidarcli.formalism.detection import AGENT
 from lidarcli.formalism.zones import Inside, Sight, candidates, collision_steps, meeting, samples, sight, times
 from lidarcli.pipeline.inputs.tracked import Objects
-from lidarcli.pipeline.zones.frames import Frames
-from lidarcli.pipeline.zones.velocities import VELOCITY_SPAN_NS, Velocities, carrier_pose, velocity_of
+from lidarcli.pipeline.zones.frames import VELOCITY_SPAN_NS, Frames, Velocities, carrier_pose, velocity_of
 from lidarcli.sweeps.masks import Circle, Masks, Polygon
 from lidarcli.sweeps.types import TURN, Float32, Float64, Int32, Int64, Status, SweepBatch, SweepPoses, UInt8
 from lidarcli.sweeps.zone import ROBOT, SENSOR, WORLD, Line, Zone

@@ -20,10 +20,9 @@ from lidarcli.pipeline.reading.one_log import Progress, Reading, RunSummary
 from lidarcli.pipeline.reading.posing import TWIST, Need, polygons, velocities
 from lidarcli.pipeline.zones.counts import Shapes, TopicCounter, TopicSeries, ZoneSeries
 from lidarcli.pipeline.zones.events import AgentPaths, EventFinder, ZoneEvents
-from lidarcli.pipeline.zones.frames import Frames
+from lidarcli.pipeline.zones.frames import OLDEST_NS, Frames, Velocities
 from lidarcli.pipeline.zones.monitor import Act, acts_of, states
 from lidarcli.pipeline.zones.options import ZoneOptions, refuse_resting
-from lidarcli.pipeline.zones.velocities import OLDEST_NS, Velocities
 from lidarcli.pose.fit import Key
 from lidarcli.pose.sources import WORLDS
 from lidarcli.pose.tracks import frame_name
