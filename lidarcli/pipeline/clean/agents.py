@@ -1,4 +1,4 @@
-"""Where agents are, from when on they are on their way, and which beams are on them."""
+"""Where agents are, from when on they move, and which beams are on them."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ REACH, REACH_AROUND = 0.45, 0.1
 LINK = 0.1
 """Greatest step in range between beams of one piece [m], in addition to what its slant takes."""
 MAX_SD = 0.3
-"""Greatest standard deviation of a place of an agent that tells where its beams are [m]."""
+"""Greatest standard deviation of a place of an agent by which its beams are found [m]."""
 MIN_SPEED, MOVING_SDS = 0.1, 2.0
-"""Least speed of what is on its way [m/s], and least way in standard deviations."""
+"""Least speed of what moves [m/s], and least distance in standard deviations."""
 PAIRS = 256
 """Places of agents that are looked at together."""
 
@@ -72,7 +72,7 @@ class _Places(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Agents:
-    """Places (N) of the agents of a sensor by sweep, from when on they are on their way."""
+    """Places (N) of the agents of a sensor by sweep, from when on they move."""
 
     sweep: Int64
     """(N,) ascending."""
@@ -178,7 +178,7 @@ def _sets_out(x: Float64, y: Float64, var: Float64, stamp_ns: Int64) -> int:
     distance = np.hypot(x - x[before], y - y[before])
     least = MIN_SPEED * 1e-9 * (stamp_ns - stamp_ns[before])
     resting = np.flatnonzero(~(distance > np.maximum(least, MOVING_SDS * np.sqrt(var + var[before]))))[-1]
-    # What is on its way so soon after it was first observed was so before.
+    # What moves so soon after it was first observed moved before.
     return 0 if before[resting] == 0 else int(resting)
 
 
@@ -197,7 +197,7 @@ def _came_along(track: _Track, paths: TrackPaths, agents: _Reach, ends: _Reach, 
 
     Parameters
     ----------
-    ends, since : (A,) last row of each agent, and the sweep from which on it was on its way
+    ends, since : (A,) last row of each agent, and the sweep from which on it moved
     """
     own = paths.of(track.number)
     rows = np.arange(own.start, own.stop)[~paths.hidden[own]]

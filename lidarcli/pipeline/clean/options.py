@@ -35,7 +35,7 @@ class CleanOptions:
     """Options of `clean`, apart from input and output."""
 
     detect: DetectOptions
-    """Options of reading, detection and tracking; a mask tells the robot itself, times and run the part to write."""
+    """Options of reading, detection and tracking; a mask covers the robot itself, times and run are the part to write."""
     remove: frozenset[str] = frozenset({"agents"})
     """Kinds of beams that are removed in addition to those under a mask: of agents and temporary."""
     value: str | float = NAN
@@ -83,7 +83,7 @@ class CleanOptions:
 
 
 MAX_PLACED = 0.5
-"""A sensor is placed if poses tell where it was at this share of its sweeps."""
+"""A sensor is placed if it has poses at this share of its sweeps."""
 MOSTLY = 0.9
 """A sensor was stationary if it was so at this share of its sweeps."""
 

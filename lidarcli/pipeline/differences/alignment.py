@@ -24,7 +24,7 @@ class Step(NamedTuple):
     how: str
     """Words for people on how it was aligned."""
     ground: Occupancy | None = None
-    """Ground of the runs before, in the coordinates of the first."""
+    """Occupancy of the runs before, in the coordinates of the first."""
     sensors: Float64 | None = None
     """(N, 2) places of the sensor of the run, in these coordinates [m]."""
 

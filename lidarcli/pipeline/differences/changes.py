@@ -29,7 +29,7 @@ from lidarcli.tabular.writing import write_stream
 
 TABLES = {".parquet": "parquet", ".csv": "csv"}
 MAX_LISTED = 10
-"""Most things of a run, and changes of structure, that are listed for people."""
+"""Most objects of a run, and changes of structure, that are listed for people."""
 
 
 @dataclass(slots=True)
@@ -137,7 +137,7 @@ def rows_of(
         at = np.array([where]).T
         if change.why in (HIDDEN, OUT_OF_VIEW) and now.before is not None and now.before.seen(*motion.inverse.of(*at))[0]:
             row["why"] = choices.CHANGE_WHYS[POSES]
-        # The latest run that saw the place; where none did, the latest.
+        # The latest run that observed the place; where none did, the latest.
         seeing = [name for name, ground in grounds if ground is not None and ground.seen(*at)[0]]
         row["log_a"] = before.log[i] if i >= 0 else [*seeing, grounds[0][0]][0]
         found.append(row)

@@ -31,7 +31,7 @@ from lidarcli.tabular.writing import ALIGNMENT, CHANGE_FIGURES, table_metadata
 def diff_inputs(inputs: Sequence[Input], options: DiffOptions, report: LogProgress | None = None) -> Difference:
     """Compare each run with those before it.
 
-    `UnreadableError`: two do not lie on each other, do so in several ways, or slide along their walls, or as of
+    `UnreadableError`: two do not lie on each other, do so in several manners, or slide along their walls, or as of
     `read_input`; `OptionError`: as of `read_input`, or two maps have cells of different sizes.
     """
     runs = []

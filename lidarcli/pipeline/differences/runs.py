@@ -149,7 +149,7 @@ def things_of(
     number = {each: np.array(rows[each], np.float64) for each in _MEASURED}
     sweeps = np.array(rows["sweeps"], np.int64)
     long = (sweeps >= MIN_SWEEPS) & (np.array(rows["duration"], np.float64) >= MIN_SECONDS)
-    stands = (np.array(rows["set"], object) == "O") & (np.array(rows["end"], object) != ENDS[1])
+    is_static = (np.array(rows["set"], object) == "O") & (np.array(rows["end"], object) != ENDS[1])
     sizes = dict.fromkeys(worlds, 0) | {world: len(ground.points) for world, ground in grounds.items()}
     key = max(sorted(sizes), key=lambda each: (sizes[each], int((worlds == each).sum())), default=" ")
     notes = []
@@ -158,7 +158,7 @@ def things_of(
             f"{name}: only what lies in {frame_words(key)} is compared, not in "
             f"{', '.join(each.strip() for each in others)} (--topic)"
         )
-    at = np.flatnonzero(stands & long & np.isfinite(number["x"] + number["y"]) & (worlds == key))
+    at = np.flatnonzero(is_static & long & np.isfinite(number["x"] + number["y"]) & (worlds == key))
     at = at[_distinct({name: values[at] for name, values in number.items()}, sweeps[at])]
     if len(at) > MAX_THINGS:
         raise OptionError(f"{name}: more than {MAX_THINGS:,} standing things cannot be compared; take a part with --end")

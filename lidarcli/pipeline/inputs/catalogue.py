@@ -12,14 +12,14 @@ from lidarcli.formalism.matching.catalogue import Catalogue, Thing
 from lidarcli.pipeline.inputs.masks import numbered
 
 MAX_THING = 100.0
-"""[m] No thing of interest is larger."""
+"""[m] No object of interest is larger."""
 SIZES = {
     "prismatic": (("length", "width"),),
     "round": (("diameter",),),
     "legged": (("legs", "spacing"),),
     "irregular": (("length", "width"), ("diameter",)),
 }
-"""Shape → the keys that tell its size, one group or another."""
+"""Shape → the keys of its size, one group or another."""
 ALL_SIZES = (("length", "width"), ("diameter",), ("legs", "spacing"))
 
 
@@ -51,7 +51,7 @@ def read_catalogue(path: str | PathLike[str]) -> Catalogue:
 
 
 def _thing(fields: Fields) -> Thing:
-    """Return the thing of one entry. Unknown keys are refused before missing ones: they may be misspelt."""
+    """Return the object of one entry. Unknown keys are refused before missing ones: they may be misspelt."""
     name = fields.text("name")
     shape = fields.text("shape", choices=THING_SHAPES) if fields.has("shape") else None
     keys = [key for group in ALL_SIZES for key in group]
@@ -92,7 +92,7 @@ def _thing(fields: Fields) -> Thing:
 
 
 def _size_keys(fields: Fields, shape: str | None, given: list[str]) -> tuple[str, ...]:
-    """Return the keys that tell the size of a thing: all of one group that its shape has, and no others."""
+    """Return the keys of the size of an object: all of one group that its shape has, and no others."""
     groups = ALL_SIZES if shape is None else SIZES[shape]
     of = f"a {shape} thing" if shape != "irregular" else "an irregular thing"
     of = "a thing" if shape is None else of

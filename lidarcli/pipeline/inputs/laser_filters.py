@@ -31,8 +31,8 @@ def filter_text(masks: Masks, views: Sequence[View]) -> str:
     """Return the parameters of a node for each topic with a mask, as YAML (`OptionError` for masks that are no sectors)."""
     chains = {}
     for view in views:
-        mine = [mask.shape for mask in masks.masks if not mask.topic or same_name(mask.topic, view.topic)]
-        if filters := [each for shape in mine for each in _filters(shape, view)]:
+        own = [mask.shape for mask in masks.masks if not mask.topic or same_name(mask.topic, view.topic)]
+        if filters := [each for shape in own for each in _filters(shape, view)]:
             chains[view.topic] = filters
     blocks: dict[str, str] = {}
     for topic, filters in chains.items():

@@ -29,7 +29,7 @@ def read_masks(file: str) -> Masks:
 
 
 def masks_of(file: str, tables: Mapping[str, Any]) -> Masks:
-    """Return the masks that the tables of a file tell; errors as of `read_masks`."""
+    """Return the masks of the tables of a file; errors as of `read_masks`."""
     top = Fields(file, "the file", tables)
     masks, mounts = numbered(top, "mask"), numbered(top, "mount")
     top.done()
@@ -48,7 +48,7 @@ def numbered(top: Fields, kind: str) -> list[Fields]:
 
 
 def mask_of(fields: Fields) -> Mask:
-    """Return the mask that a table [[mask]] tells."""
+    """Return the mask of a table [[mask]]."""
     fields.has(*MASK_SHAPES, "topic", "frame")
     fields.done()
     shape = one_shape(fields, "mask", MASK_SHAPES)
@@ -70,7 +70,7 @@ def one_shape(fields: Fields, what: str, shapes: Sequence[str]) -> str:
 
 
 def shape_of(fields: Fields, kind: str) -> Shape:
-    """Return the shape that a key of `MASK_SHAPES` tells."""
+    """Return the shape of a key of `MASK_SHAPES`."""
     if kind == "polygon":
         corners = fields.points(kind, 3)
         if len(corners) > MAX_CORNERS:
@@ -89,7 +89,7 @@ def shape_of(fields: Fields, kind: str) -> Shape:
 
 
 def mounts_of(tables: Sequence[Fields]) -> tuple[Mount, ...]:
-    """Return the places that the tables [[mount]] of a file tell; refuse mounts that lead back to where they began."""
+    """Return the places of the tables [[mount]] of a file; refuse mounts that lead back to where they began."""
     mounts = tuple(map(_mount, tables))
     left = dict(enumerate((mount.frame.lstrip("/"), mount.parent.lstrip("/")) for mount in mounts))
     # What leads to a frame without a mount is in no circle.
@@ -103,7 +103,7 @@ def mounts_of(tables: Sequence[Fields]) -> tuple[Mount, ...]:
 
 
 def _mount(fields: Fields) -> Mount:
-    """Return the place that a table [[mount]] tells."""
+    """Return the place of a table [[mount]]."""
     mount = Mount(
         fields.text("frame"),
         fields.text("parent"),
@@ -117,7 +117,7 @@ def _mount(fields: Fields) -> Mount:
 
 
 def plain(masks: Masks) -> dict[str, list[dict[str, Any]]]:
-    """Return the tables of a file that tells these masks, for the metadata of tables."""
+    """Return the tables of a file of these masks, for the metadata of tables."""
     tables = {
         "mask": [_mask_table(mask) for mask in masks.masks],
         "mount": [

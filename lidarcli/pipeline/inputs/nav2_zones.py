@@ -32,7 +32,7 @@ from lidarcli.sweeps.zone import (
 MAX_POINTS = 1_000_000
 """Greatest number of points or sweeps that a zone asks for."""
 LONGEST = 3600.0
-"""Greatest time that a zone tells [s]."""
+"""Greatest time of a zone [s]."""
 MAX_STEPS = 1000
 """Most times that `approach` tests."""
 _PARAMETERS = "ros__parameters"
@@ -129,7 +129,7 @@ def _inside(fields: Fields, name: str) -> Fields:
 
 
 def _monitors(nodes: Sequence[_Named]) -> Iterator[_Named]:
-    """Yield the parameters of nodes that watch polygons; those of `/**` count where a node tells nothing.
+    """Yield the parameters of nodes that watch polygons; those of `/**` count where a node has none of its own.
 
     `/**` is a node of its own where no other one has polygons.
     """
@@ -189,7 +189,7 @@ def _read_exclusions(node: _Node, source: Fields, topic: str) -> None:
 
 
 def _zones(node: _Node) -> Iterator[Zone]:
-    """Yield the zones of a node that can be judged."""
+    """Yield the zones of a node that can be evaluated."""
     fields = node.fields
     working = fields.flag("enabled", True)
     if not working:

@@ -71,7 +71,7 @@ class TrackPaths(NamedTuple):
     in_world: Bool
     """(N,) True for the world frame, else that of the sensor."""
     hidden: Bool
-    """(N,) True where the sweep sees nothing of it."""
+    """(N,) True where nothing of it is visible in the sweep."""
     more: Columns
     """Other columns, by name."""
 
@@ -109,7 +109,7 @@ def from_sensor(pose: Float64, x: Float64, y: Float64) -> tuple[Float64, Float64
 
 
 OBJECT_COLUMNS = ("topic", "sweep", "object", "beam_i", "beam_f", "set", "track", "vx", "vy")
-"""Columns of the objects table that tell whose beams are in a zone."""
+"""Columns of the objects table by which beams have an object."""
 
 
 class Objects(NamedTuple):
@@ -137,20 +137,20 @@ class Objects(NamedTuple):
         names = rows["set"]
         letters = np.array([SETS.index(str(name)) for name in names.dictionary.to_pylist()] or [0], np.uint8)
         its = letters[held(names.indices)[0]] if len(names) else np.zeros(0, np.uint8)
-        mine = its != NOISE
+        own = its != NOISE
         track, there = held(rows["track"])
         velocity = np.column_stack([numbers(rows["vx"]), numbers(rows["vy"])])
         track = np.where(there, track, -1)
-        return Objects(row[mine], first[mine], beam_i[mine], beam_f[mine], its[mine], track[mine], velocity[mine])
+        return Objects(row[own], first[own], beam_i[own], beam_f[own], its[own], track[own], velocity[own])
 
     def of_rows(self, rows: Int64) -> Objects:
-        """Return the objects of some sweeps of the batch, which are numbered anew."""
+        """Return the objects of some sweeps of the batch, which are numbered from 0."""
         at = np.searchsorted(rows, self.row)
-        mine = rows[np.minimum(at, len(rows) - 1)] == self.row
-        return Objects(at[mine], *(values[mine] for values in self[1:]))
+        own = rows[np.minimum(at, len(rows) - 1)] == self.row
+        return Objects(at[own], *(values[own] for values in self[1:]))
 
     def owners(self, batch: SweepBatch) -> Int32:
-        """Return the object (S, B) of every beam, by index here; `NO_OBJECT` where there is none."""
+        """Return the object (S, B) of every beam, by index; -1 where there is none."""
         owner = np.full(batch.ranges.shape, -1, np.int32)
         # Beams between the first and the last of an object are on it, or have no range.
         count = (self.beam_f - self.beam_i) % np.maximum(batch.beams[self.row], 1) + 1

@@ -15,7 +15,7 @@ from lidarcli.sweeps.types import RawSweeps
 WINDOW = 4096
 """Messages that are sorted at a time: more than come of one topic at a stretch."""
 ROS = ("cdr", "ros1")
-"""Encodings of messages that can be copied; others are written anew."""
+"""Encodings of messages that can be copied; others are encoded again."""
 
 
 def scan_encodings(log: Log) -> dict[str, str]:

@@ -69,7 +69,7 @@ class OverlayOptions:
     zones: Zones | None = None
     """Zones to show."""
     layout: bool = True
-    """Write settings of viewers beside the file."""
+    """Write settings of viewers next to the file."""
     overwrite: bool = False
 
 
@@ -77,12 +77,12 @@ class Overlay:
     """Messages of one overlay: those of the log that are copied, and the markers of its objects."""
 
     def __init__(
-        self, source: Source, pair: TableSet, grid: Occupancy | None, options: OverlayOptions, is_ros2: bool
+        self, source: Source, tables: TableSet, grid: Occupancy | None, options: OverlayOptions, is_ros2: bool
     ) -> None:
         """Take what is to be shown; `is_ros2`: for ROS 2, else for ROS 1."""
         self._source, self._grid, self._options = source, grid, options
         # Sweeps are to be made again as they were for the tables.
-        notes, opening = file_metadata(pair.sweeps), options.detect.opening
+        notes, opening = file_metadata(tables.sweeps), options.detect.opening
         then = opening_of(note_value(notes, PARAMETERS, dict))
         self._opening = replace(opening, slice=opening.slice or then.slice, echo=then.echo, segments=then.segments)
         self._showing: Showing | None = None
@@ -90,7 +90,7 @@ class Overlay:
         mask = described.get("mask")
         self._rules = rules_of(note_value(notes, PARAMETERS, dict), mask if isinstance(mask, dict) else None)
         self._is_ros2 = is_ros2
-        self._tables = Tables(pair)
+        self._tables = Tables(tables)
         self._copies = Copies(frozenset(self._tables.topics), is_ros2)
         self._names = topics_of_objects(self._tables.topics)
         self._pose_sources = poses_of(described)
@@ -98,7 +98,7 @@ class Overlay:
         self._pose_frames = {
             frame: (str(poses.get("fixed_frame", poses["world"])), str(poses.get("topic")))
             for frame, poses in self._pose_sources.items()
-            # No viewer tells frames of several robots apart that have one name.
+            # Viewers cannot distinguish frames of several robots that have one name.
             if isinstance(poses["world"], str) and poses["world"] not in ("", MATCH)
         }
         """Sensor frame → the fixed frame and the topic of its poses; no viewer knows the world of a matched path."""
@@ -112,9 +112,9 @@ class Overlay:
         self._placed: set[str] = set()
         """Frames of the log whose place in the world a viewer learns."""
         self._to_place: set[str] = set()
-        """Those of them whose place only this file tells."""
+        """Those of them whose place is in this file alone."""
         self._placing: set[str] = set()
-        """Frames whose place this file has told."""
+        """Frames whose place has been written."""
         self._hangs: dict[tuple[str, str], bool] = {}
         """Topic and frame of a sensor → True where it hangs head down, as far as its objects have shown."""
         self._frame_of: dict[str, str] = {}
@@ -131,7 +131,7 @@ class Overlay:
         self._placed = {frame for frame, (_, topic) in self._pose_frames.items() if topic in transforming}
         others = self._worlds.keys() - self._placed
         if self._options.with_log and others:
-            # A frame has one parent: where the log tells of one, another would tear the tree apart.
+            # A frame has one parent: where the log has one, another would tear the tree apart.
             self._to_place = others - frames_in_transforms(log, others)
             self._placed |= self._to_place
         drawn = self._drawn(log, progress)
@@ -150,7 +150,7 @@ class Overlay:
         yield from everything
 
     def record(self, path: Path, stack: ExitStack, progress: Progress | None) -> None:
-        """Write a recording of rerun: sweeps and objects at the poses of the tables, whatever tells them."""
+        """Write a recording of rerun: sweeps and objects at the poses of the tables, whatever their source."""
         from lidarcli.overlays.rrd import Recording
 
         log = self._open(stack)
@@ -158,9 +158,9 @@ class Overlay:
         stack.callback(file.abandon)
         for joined in self._tables.join(log, self._report):
             self._sweeps += len(joined.raw)
-            for frame, mine in joined.by_frame():
-                self._frame_of.setdefault(mine.raw.topic, frame)
-                self._draw(file, frame, mine)
+            for frame, own in joined.by_frame():
+                self._frame_of.setdefault(own.raw.topic, frame)
+                self._draw(file, frame, own)
             if progress is not None:
                 progress(log.position)
         hidden = [*self._hidden()]
@@ -237,7 +237,7 @@ class Overlay:
         return stack.enter_context(open_source(self._source, self._opening))
 
     def _hidden(self) -> dict[str, str]:
-        """Return the topics that viewers hide at first, and why: others before them are seen in their place."""
+        """Return the topics that viewers hide at first, and why: others before them are shown in their place."""
         first: dict[str, str] = {}
         hidden = {}
         shown = ""
@@ -252,7 +252,7 @@ class Overlay:
         return hidden
 
     def _apart(self, hidden: Collection[str]) -> list[str]:
-        """Return the topics that cannot be drawn beside the first one without poses, and note what is not shown."""
+        """Return the topics that cannot be drawn next to the first one without poses, and note what is not shown."""
         if self._grid is not None:
             self._notes.append("the map is left out, for nothing tells where the sensor is in it; give --pose or --poses")
         first, *others = self._tables.topics or ("",)
@@ -263,7 +263,7 @@ class Overlay:
         return apart
 
     def _drawn(self, log: Log, progress: Progress | None) -> Iterator[Outgoing]:
-        """Yield the markers of all sweeps, and scans of the log that have to be written anew."""
+        """Yield the markers of all sweeps, and scans of the log that have to be encoded again."""
         for joined in self._tables.join(log, self._report):
             raw = joined.raw
             self._sweeps += len(raw)
@@ -272,14 +272,14 @@ class Overlay:
             if self._options.with_log and anew:
                 named = tuple(name or FRAME for name in raw.frame_ids)
                 parts.append(self._copies.written_anew(replace(raw, frame_ids=named)))
-            for frame, mine in joined.by_frame():
+            for frame, own in joined.by_frame():
                 name = frame or FRAME if anew else frame
                 self._frames.setdefault(name, frame)
                 self._frame_of.setdefault(raw.topic, frame)
                 if frame in self._to_place:
-                    parts.append(self._poses(name, frame, mine))
-                data = marker_arrays(mine.raw.time_ns, name, self._groups(name, mine), cdr=self._is_ros2)
-                parts.append(of_sweeps(self._names[raw.topic], MARKER_TYPE, mine.raw, data))
+                    parts.append(self._poses(name, frame, own))
+                data = marker_arrays(own.raw.time_ns, name, self._groups(name, own), cdr=self._is_ros2)
+                parts.append(of_sweeps(self._names[raw.topic], MARKER_TYPE, own.raw, data))
             # Of equal times the scan comes first, and what is drawn on it last.
             yield from sorted(chain(*parts), key=RECORDED) if len(parts) > 1 else parts[0]
             if progress is not None:

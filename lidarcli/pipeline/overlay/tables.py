@@ -66,10 +66,7 @@ class Tables:
     def join(self, log: Log, report: ReadReport) -> Iterator[TabledSweeps]:
         """Yield all sweeps of the log that the tables have, in log order within each topic.
 
-        Raises
-        ------
-        UnreadableError
-            A table cannot be read, or is that of another log.
+        `UnreadableError`: a table cannot be read, or is that of another log.
         """
         if not self.topics:
             return
@@ -114,10 +111,7 @@ class Tables:
 
     def _cursor(self, topic: str) -> tuple[TopicRows, TopicRows]:
         if topic not in self._cursors:
-            self._cursors[topic] = (
-                TopicRows(
-                    self._tables.sweeps, "sweeps", ("topic", "sweep", "stamp", "pose_x", "pose_y", "pose_yaw"), topic
-                ),
-                TopicRows(self._tables.objects, "objects", COLUMNS, topic),
-            )
+            columns = ("topic", "sweep", "stamp", "pose_x", "pose_y", "pose_yaw")
+            sweeps = TopicRows(self._tables.sweeps, "sweeps", columns, topic)
+            self._cursors[topic] = sweeps, TopicRows(self._tables.objects, "objects", COLUMNS, topic)
         return self._cursors[topic]

@@ -22,15 +22,15 @@ from lidarcli.sweeps.zone import ROBOT, SENSOR, WORLD, Line, Zone
 
 
 class Shapes(NamedTuple):
-    """The shapes of a zone: one, those of its cases, or those that a topic tells one after the other."""
+    """The shapes of a zone: one, those of its cases, or those that a topic publishes one after the other."""
 
     shapes: list[Circle | Polygon]
     times: Int64 = np.zeros(0, np.int64)
     which: Int64 = np.zeros(0, np.int64)
-    """(M,) from which time on which of them it is, where a topic tells it."""
+    """(M,) from which time on which of them it is, where a topic publishes it."""
 
     def at(self, stamp_ns: Int64) -> Int64 | None:
-        """Return which shape it is at times (S,), before the first message the first; None where no topic tells it."""
+        """Return which shape it is at times (S,), before the first message the first; None where no topic publishes it."""
         if not len(self.times):
             return None
         at = np.searchsorted(self.times, stamp_ns, side="right") - 1
@@ -85,10 +85,10 @@ class ZoneSeries(Columns):
         super().__init__()
         self.zone = zone
         self.shapes = shapes
-        # A line has one part for what is seen of it.
+        # A line has one part for what is visible of it.
         line = [zone.shape] if isinstance(zone.shape, Line) else []
         self.places = [samples(shape) for shape in [*shapes.shapes, *line]]
-        """(P, 2) of each shape, at which is asked whether they are seen."""
+        """(P, 2) of each shape, which are tested for being visible."""
         self.hits: list[Hits] = []
 
     def ordered_hits(self) -> Hits:
@@ -155,7 +155,7 @@ class TopicCounter:
                     places[name] = posed
                 else:
                     places[name] = self._frames.sensor_in(name, sensor, batch.stamp_ns)
-        # Where nothing tells where the sensor is on the robot, it is the robot.
+        # Where the place of the sensor on the robot is not known, it is the robot.
         carried = self._frames.sensor_in(SENSOR, sensor, batch.stamp_ns)
         if posed is not None or any(self._velocities.values()):
             with suppress(NoScanError):
@@ -184,11 +184,11 @@ class TopicCounter:
         for number, shape in enumerate(into.shapes.shapes):
             part, sweeps = number, whole
             if now is not None:
-                mine = now == number
-                if not mine.any():
+                own = now == number
+                if not own.any():
                     continue
                 # A sweep without a place has no points.
-                there = replace(whole.place, x=np.where(mine, whole.place.x, np.nan))
+                there = replace(whole.place, x=np.where(own, whole.place.x, np.nan))
                 part, sweeps = 0, whole._replace(place=there)
             found, its = sweeps.inside(into.zone, shape)
             if into.zone.action == "approach":
@@ -211,7 +211,7 @@ class TopicCounter:
         into.append(reach=np.maximum(beams, points), seen=seen, lost=lost)
 
     def _velocity(self, batch: SweepBatch, carried: SweepPoses) -> dict[str, Float64]:
-        """Return the velocity of the robot (S, 3) as each topic tells it; of one that does not, by the poses."""
+        """Return the velocity of the robot (S, 3) as each topic reports it; of one that does not, by the poses."""
         topics = {each.zone.velocity_topic for each in self.series.zones}
         found: dict[str, Float64] = {}
         for topic in topics:
@@ -236,7 +236,7 @@ class TopicCounter:
         then = np.maximum(np.searchsorted(stamps, stamps[now] - VELOCITY_SPAN_NS, side="right") - 1, 0)
         seconds = (stamps[now] - stamps[then]) * 1e-9
         turn = (poses[now, 2] - poses[then, 2] + np.pi) % TURN - np.pi
-        # The direction half-way: the way of a turn is a chord.
+        # The heading half-way: the path of a turn is taken for a chord.
         heading = poses[then, 2] + 0.5 * turn
         cos, sin = np.cos(heading), np.sin(heading)
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -271,12 +271,12 @@ class _PlacedSweeps(NamedTuple):
         return bearing
 
     def sight(self, zone: Zone, places: Float64) -> Sight:
-        """Return what is seen of a zone by these places of it; of one that approaches, on its way."""
+        """Return what is visible of a zone by these places of it; of one that approaches, along its path."""
         batch = self.batch
         if zone.action == "approach":
             usable = np.isfinite(self.ranges) | (batch.status == Status.NO_RETURN)
-            judged = np.isfinite(self.velocity).all(axis=1) & np.isfinite(self.place.x)
-            beams = np.where(judged, np.count_nonzero(usable, axis=1), 0).astype(np.int32)
+            evaluated = np.isfinite(self.velocity).all(axis=1) & np.isfinite(self.place.x)
+            beams = np.where(evaluated, np.count_nonzero(usable, axis=1), 0).astype(np.int32)
             ahead = np.linspace(0.0, zone.time_before_collision, places.shape[-2])[:, None]
             found = sight(batch, self.place, places + self.velocity[:, None, :2] * ahead, self.masks)._replace(beams=beams)
         else:
@@ -322,7 +322,7 @@ class _PlacedSweeps(NamedTuple):
         return near.of(met).with_(now.of(others)), ttc
 
     def _own_velocity(self, found: Inside) -> Float64:
-        """Return the velocity over ground of the agents that points are on (K, 2), in the axes of the robot [m/s]."""
+        """Return the velocity in the world of the agents that points are on (K, 2), in the axes of the robot [m/s]."""
         assert self.owners is not None
         assert self.objects is not None
         vx, vy = np.nan_to_num(self.objects.velocity[np.maximum(self.owners[found.row, found.beam], 0)]).T

@@ -19,7 +19,7 @@ from lidarcli.sweeps.types import Float64, Int64, SweepBatch, SweepPoses
 from lidarcli.sweeps.zone import ROBOT, SENSOR, WORLD, Zones
 
 LONG_HELD = 1.0
-"""A link that moves and is held for longer beyond its transforms has a note [s]."""
+"""A link that moves and is extended for longer beyond its transforms has a note [s]."""
 
 
 @dataclass(slots=True)
@@ -27,7 +27,7 @@ class Frames:
     """Places of sensors in the frames of zones."""
 
     mounts: Sequence[Mount]
-    """Mounts that files tell; they count before the transforms of the log."""
+    """Mounts that files declare; they count before the transforms of the log."""
     robot: str
     """Name of the frame of the robot; empty: the one at the end of the mounts, or by the transforms of the log."""
     _log: Log
@@ -38,7 +38,7 @@ class Frames:
     _trees: dict[str, FrameTree] = field(default_factory=dict)
     _found: dict[tuple[str, str, str], Mount] = field(default_factory=dict)
     _held: dict[str, float] = field(default_factory=dict)
-    """Link that moves → longest time for which it is held [s]."""
+    """Link that moves → longest time for which it is extended [s]."""
     _used: set[str] = field(default_factory=set)
     """Frames whose places count."""
 
@@ -48,7 +48,7 @@ class Frames:
         return cls((*zones.masks.mounts, *mounts), zones.robot, log)
 
     def of_topic(self, topic: str) -> Frames:
-        """Return the frames as the sensors of a topic see them: robots may have the same names for theirs."""
+        """Return the frames for the sensors of a topic: robots may have the same names for theirs."""
         return replace(self, _topic=topic)
 
     @property
@@ -75,7 +75,7 @@ class Frames:
             return _resting(Mount(sensor, sensor, 0.0, 0.0, 0.0), len(stamp_ns))
         target = self.robot_of(sensor) if frame == ROBOT else frame
         mount = mounted(self.mounts, sensor, target)
-        # Sweeps may tell that they are elsewhere in the frame that they name.
+        # Sweeps may be elsewhere in the frame that they name.
         if mount is not None and not same_name(sensor, target):
             return _resting(mount, len(stamp_ns))
         steps = self.tree.path(self.tree.sensor(frame_name(sensor)), frame_name(target))
@@ -96,7 +96,7 @@ class Frames:
         return planar(along(steps, stamp_ns, held=held))
 
     def notes(self) -> list[str]:
-        """Return a note on each link that was held for long, though it moved, and on those that contradict each other."""
+        """Return a note on each link that was extended for long, though it moved, and on contradictions."""
         from lidarcli.pose.fit import contradictions, upright_words
 
         links = self._links[0] if self._links else []
@@ -124,7 +124,7 @@ class Frames:
         raise self._lost(sensor, "")
 
     def carrier_of(self, frame: str, sensor: str) -> tuple[str, str]:
-        """Return the name of the frame of a zone, and the namespace that tells it: robots may have the same names."""
+        """Return the name of the frame of a zone, and the namespace of it: robots may have the same names."""
         target = self.robot_of(sensor) if frame == ROBOT else frame
         if frame in (SENSOR, WORLD) or mounted(self.mounts, sensor, target) is not None:
             return target, ""
@@ -194,11 +194,11 @@ def _resting(mount: Mount, count: int) -> SweepPoses:
 OLDEST_NS = 2_000_000_000
 """Age from which on a velocity may be that of another time [ns]."""
 VELOCITY_SPAN_NS = 200_000_000
-"""Least time over which poses tell a velocity [ns]."""
+"""Least time over which poses give a velocity [ns]."""
 
 
 class Velocities(NamedTuple):
-    """Velocities that a log tells."""
+    """Velocities that a log reports."""
 
     stamp_ns: Int64
     velocity: Float64

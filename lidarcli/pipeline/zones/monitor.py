@@ -37,11 +37,11 @@ class Act(NamedTuple):
 def states(log: Log, report: ReadReport) -> list[Act]:
     """Read the states of the monitors, by times of the recording; what cannot be read is counted in the report."""
     topics = [topic.name for topic in log.topics() or () if topic.type == STATE]
-    told = [one for topic in topics for one in messages_of(log, topic, frozenset({STATE}), report, _state) or ()]
-    # A monitor may tell the same again.
-    told = [next(alike) for _, alike in groupby(sorted(told), key=lambda one: one[2:4])]
-    ends = [one.start_ns for one in told[1:]] + [1 << 62]
-    return [one._replace(end_ns=end) for one, end in zip(told, ends, strict=False)]
+    reported = [one for topic in topics for one in messages_of(log, topic, frozenset({STATE}), report, _state) or ()]
+    # A monitor may report the same again.
+    reported = [next(alike) for _, alike in groupby(sorted(reported), key=lambda one: one[2:4])]
+    ends = [one.start_ns for one in reported[1:]] + [1 << 62]
+    return [one._replace(end_ns=end) for one, end in zip(reported, ends, strict=False)]
 
 
 def _state(message: Message, cursor: Cursor) -> Act:
@@ -55,26 +55,26 @@ def acts_of(told: Sequence[Act], late_ns: int, by_zone: Sequence[ZoneEvents]) ->
     last = max((int(each.max()) for each in stamps), default=0)
     first = min((int(each.min()) for each in stamps), default=last)
     shifted = [one._replace(start_ns=one.start_ns - late_ns, end_ns=min(one.end_ns - late_ns, last)) for one in told]
-    mine = [one for one in shifted if one.action and one.start_ns <= last and one.end_ns >= first]
-    return [act._replace(otherwise=_otherwise(act, by_zone)) for act in mine]
+    own = [one for one in shifted if one.action and one.start_ns <= last and one.end_ns >= first]
+    return [act._replace(otherwise=_otherwise(act, by_zone)) for act in own]
 
 
 def _otherwise(act: Act, by_zone: Sequence[ZoneEvents]) -> str:
     begin, end, is_stale = act.start_ns - NEAR_NS, act.end_ns + NEAR_NS, act.zone == "invalid source"
-    mine = [one for one in by_zone if is_stale or one.zone.name == act.zone]
+    own = [one for one in by_zone if is_stale or one.zone.name == act.zone]
     kinds = (STALE,) if is_stale else (OCCUPIED, APPROACH)
-    events = [event for one in mine for event in one.events if event["kind"] in kinds]
+    events = [event for one in own for event in one.events if event["kind"] in kinds]
     if any(event["start"] <= end and event["end"] >= begin for event in events):
         return ""
-    if is_stale or not mine:
+    if is_stale or not own:
         return "no source was too old" if is_stale else "no zone of this name is judged"
     most = 0
-    for columns in (one.columns for one in mine):
+    for columns in (one.columns for one in own):
         stamps, points = columns["stamp"], columns["points"]
         assert stamps is not None
         assert points is not None
         most = max(most, int(points[(stamps >= begin) & (stamps <= end)].max(initial=0)))
-    return f"{most:,} of {mine[0].zone.min_points:,} points in it" if most else "nothing was in it"
+    return f"{most:,} of {own[0].zone.min_points:,} points in it" if most else "nothing was in it"
 
 
 def missed_stops(acts: Sequence[Act], by_zone: Sequence[ZoneEvents]) -> list[Act]:

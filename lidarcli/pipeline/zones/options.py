@@ -22,7 +22,7 @@ from lidarcli.tabular.writing import table_paths
 
 TABLES = ("events", "zones")
 NAMED = ("name", "frame", "action", "count", "min_points", "trigger", "release", "hold", "timeout")
-"""Fields of every zone in the metadata, beside those that it has."""
+"""Fields of every zone in the metadata, next to those of its shape and topics."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,7 +39,7 @@ class ZoneOptions:
     find: bool = True
     """True to find and follow objects where no table is given."""
     footprint: Polygon | None = None
-    """Shape of zones whose shape a topic tells that the log does not have."""
+    """Shape of zones whose shape is on a topic that the log does not have."""
     overwrite: bool = False
     clips: Place | None = None
     """Folder for a part of the log around each event."""
@@ -118,10 +118,10 @@ def narrowed(log: Log, options: ZoneOptions) -> ZoneOptions:
     """Return options that read only the topics that count in a zone, where each zone names some."""
     read, zones = options.detect.read, options.zones.zones
     scans = [topic.name for topic in log.topics() or () if topic.is_scan]
-    mine = [topic for topic in scans if any(zone.is_for(topic) for zone in zones)]
-    if read.topics or not mine or not all(zone.topics for zone in zones):
+    own = [topic for topic in scans if any(zone.is_for(topic) for zone in zones)]
+    if read.topics or not own or not all(zone.topics for zone in zones):
         return options
-    return replace(options, detect=replace(options.detect, read=replace(read, topics=mine)))
+    return replace(options, detect=replace(options.detect, read=replace(read, topics=own)))
 
 
 def masked(log: Log, options: ZoneOptions, masking: MaskRules) -> DetectOptions:

@@ -53,7 +53,7 @@ class ZoneReader:
         self._masks = Masks((*own.masks, *options.zones.masks.masks), (), own.path)
         self._notes = [*masking.notes]
         self._frames = Frames.of(log, options.zones, own.mounts)
-        # Beams under a mask are counted here, and left out.
+        # Beams under a mask are counted by the zones, and left out.
         self._read = replace(options.detect.read, rules=replace(masking.rules, masks=None))
         self._topics: set[str] = set()
         self._agents: dict[tuple[str, str, int], AgentPaths | None] = {}
@@ -67,7 +67,7 @@ class ZoneReader:
             zone.velocity_topic: self._velocities(zone) for zone in options.zones.zones if zone.velocity_topic
         }
         self._lost: dict[str, NoScanError] = {}
-        """Zones that cannot be judged in this log → why."""
+        """Zones that cannot be evaluated in this log → why."""
         self._shapes: dict[str, Shapes] = {}
         for zone in options.zones.zones:
             with self._judging(zone):
@@ -81,7 +81,7 @@ class ZoneReader:
 
     @property
     def _zones(self) -> list[Zone]:
-        """Zones that can be judged; where there is none, the error of the first."""
+        """Zones that can be evaluated; where there is none, the error of the first."""
         zones = [zone for zone in self._options.zones.zones if zone.name not in self._lost]
         if not zones:
             raise next(iter(self._lost.values()))
@@ -89,7 +89,7 @@ class ZoneReader:
 
     @contextmanager
     def _judging(self, zone: Zone) -> Iterator[None]:
-        """Note a zone that cannot be judged; the others still are."""
+        """Note a zone that cannot be evaluated; the others still are."""
         try:
             yield
         except NoScanError as err:
@@ -139,7 +139,7 @@ class ZoneReader:
             summary = reading.close()
             described = reading.describe(source)
             self._robots = reading.posing.robots
-        told = states(self._log, self._report)
+        reported = states(self._log, self._report)
         notes = self._refuse_contradiction(described, reading.posing.file_gap)
         summary.damage += [
             f"topic {topic}: {counted(count, 'message')} left out: {cause}"
@@ -159,7 +159,7 @@ class ZoneReader:
             for one in by_zone
             if one.lost[0] > spared(len(one.topic))
         ]
-        self.acts = acts_of(told, self._late_ns or 0, by_zone)
+        self.acts = acts_of(reported, self._late_ns or 0, by_zone)
         summary.notes += [*self._notes, *notes, *self._frames.notes(), *gaps, *map(str, self._lost.values())]
         return summary, by_zone, described
 
@@ -258,7 +258,7 @@ class ZoneReader:
                 f"zone '{zone.name}': {zone.velocity_topic} was over {OLDEST_NS * 1e-9:g} s old in {old:,} of "
                 f"{counted(sweeps, 'sweep')}, and counted all the same"
             )
-        # Poses tell no velocity before the second sweep.
+        # Poses give no velocity before the second sweep.
         if unknown > len(counted_in):
             yield f"zone '{zone.name}': velocity not known in {unknown:,} of {counted(sweeps, 'sweep')}, not judged there"
 
@@ -278,7 +278,7 @@ class ZoneReader:
             )
 
     def _events_in(self, zone: Zone) -> Iterator[ZoneEvents]:
-        """Yield a zone as all sensors of a robot see it; one in the frame of the sensor for each of them."""
+        """Yield a zone as all sensors of a robot observe it; one in the frame of the sensor for each of them."""
         counted_in = self._counted_in(zone)
         by_robot: dict[tuple[int, tuple[object, ...]], list[TopicSeries]] = {}
         for one in counted_in:

@@ -138,5 +138,5 @@ def judge(
 
 
 def write_verdicts(path: Place, overwrite: bool, *told: Any) -> list[str]:
-    """Write what was `told` to `as_junit` to a file; returns notes."""
+    """Write the arguments of `as_junit` to a JUnit file; returns notes."""
     return write_whole(path, as_junit("zones", *told).encode(), overwrite)

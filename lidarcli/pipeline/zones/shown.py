@@ -23,7 +23,7 @@ class ShownZone:
 
     zone: Zone
     corners: Float64
-    """(S, K, 2) its outline in the frame of the sensor [m]; NaN where nothing tells where that is."""
+    """(S, K, 2) its outline in the frame of the sensor [m]; NaN where its place is not known."""
     beams: Bool
     """(S, B) beams that count in it."""
 
@@ -93,7 +93,7 @@ class Showing:
         return None
 
     def _counts(self, zone: Zone, topic: str, sets: UInt8 | None) -> bool:
-        """Tell whether it is known which beams of a topic count in a zone."""
+        """Return whether it is known which beams of a topic count in a zone."""
         if not zone.is_for(topic):
             return False
         if zone.count in COUNTED and sets is None:

@@ -100,7 +100,7 @@ def _zone_rows(log: str, one: ZoneEvents) -> pa.RecordBatch:
 
 
 def _names(by_zone: Sequence[ZoneEvents]) -> list[str]:
-    """Return a name for each zone, with its topic, or also its frame, where several sensors see one of their own."""
+    """Return a name for each zone, with its topic, or also its frame, where several sensors have one of their own."""
     several = len({each.topics[0].run for each in by_zone}) > 1
     plain = [f"{each.zone.name}, run {each.topics[0].run}" if several else each.zone.name for each in by_zone]
     names = [
@@ -176,7 +176,7 @@ def _worst_lines(worst: Sequence[Mapping[str, Any]]) -> list[tuple[str, str]]:
 
 
 def stale_notes(by_zone: Sequence[ZoneEvents], is_nav2: bool) -> list[str]:
-    """Return a line for each topic that told nothing for too long, be it in one zone or in several."""
+    """Return a line for each topic that was silent for too long, be it in one zone or in several."""
     begins: dict[tuple[str, float], set[float]] = {}
     for each in by_zone:
         for event in (event for event in each.events if event["kind"] == EVENT_KINDS[-1]):
