@@ -161,9 +161,6 @@ def test_an_empty_rectangle_lies_in_two_ways(tmp_path: Path) -> None:
         package.diff(one, other)
 
 
-RECTANGLE = closed(((-4, -3), (4, -3), (4, 3), (-4, 3)))
-
-
 @pytest.mark.slow
 def test_a_sensor_that_was_driven_on_in_a_corridor(tmp_path: Path) -> None:
     """Nothing has changed, and the old place fits as well as the true one, which is 2 m or 3 m further on."""

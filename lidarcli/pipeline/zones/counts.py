@@ -53,7 +53,7 @@ _NONE = np.zeros(0, np.int64)
 NO_HITS = Hits(_NONE, _NONE, np.zeros(0, np.uint8), _NONE, _NONE, _NONE)
 
 
-class Columns:
+class GrowingColumns:
     """Arrays by name that grow by a piece with each batch."""
 
     def __init__(self) -> None:
@@ -72,7 +72,7 @@ class Columns:
         return pieces[0]
 
 
-class ZoneSeries(Columns):
+class ZoneSeries(GrowingColumns):
     """Counts of the sweeps of one topic in a zone, by part: its shape of the time, or each of its cases.
 
     Columns (S, parts) are `points`, `nearest`, `bearing`, `x`, `y`, `masked`, `reach` (beams that could have ended in it; 0
@@ -98,7 +98,7 @@ class ZoneSeries(Columns):
         return Hits._make(values[order] for values in joined)
 
 
-class TopicSeries(Columns):
+class TopicSeries(GrowingColumns):
     """The sweeps of one sensor in a run of the log, and what they have in each zone.
 
     Columns (S,) are `sweep`, `stamp_ns` and `seconds`; `pose` (S, 4) is that of the sensor in the world, as
