@@ -9,7 +9,7 @@ from lidarcli.errors import UnreadableError
 from lidarcli.formalism.mapping.grid import Occupancy
 from lidarcli.formalism.matching import alignment
 from lidarcli.formalism.matching.ground import HERE, Motion, Nearest
-from lidarcli.pipeline.differences.runs import AS_IS, AUTO, RunThings, known_or_none
+from lidarcli.pipeline.differences.runs import AS_IS, AUTO, ObservedRun, known_or_none
 from lidarcli.sweeps.types import Float64
 
 
@@ -36,8 +36,8 @@ class Step(NamedTuple):
 
 
 def align(
-    reference: RunThings,
-    now: RunThings,
+    reference: ObservedRun,
+    now: ObservedRun,
     nearest: tuple[Nearest | None, Nearest | None],
     how: str,
     label: str,
@@ -110,7 +110,7 @@ def _distance(motion: Motion) -> str:
     return f"{motion.shift:.2f} m, {math.degrees(abs(motion.turn)):.1f} degrees"
 
 
-def _step(before: RunThings, now: RunThings, motion: Motion, found: alignment.Fit | None, how: str) -> Step:
+def _step(before: ObservedRun, now: ObservedRun, motion: Motion, found: alignment.Fit | None, how: str) -> Step:
     words = how if how.startswith("as") else f"{how}: {_distance(motion)}"
     if found is None:
         return Step(before.name, now.name, motion, None, None, words)

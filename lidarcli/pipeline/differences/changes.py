@@ -19,7 +19,7 @@ from lidarcli.formalism.matching.ground import Ground, Motion
 from lidarcli.options import choices
 from lidarcli.pipeline.differences.alignment import Step
 from lidarcli.pipeline.differences.inputs import Input
-from lidarcli.pipeline.differences.runs import DiffOptions, RunThings, known_or_none
+from lidarcli.pipeline.differences.runs import DiffOptions, ObservedRun, known_or_none
 from lidarcli.reports.changes import pairs_of
 from lidarcli.reports.checks import Check, Verdict, parse_check, verdict_of
 from lidarcli.reports.figures import OF_CHANGES, OF_MAPS
@@ -90,8 +90,8 @@ def _lines_of(rows: Sequence[dict[str, Any]]) -> list[str]:
 
 def rows_of(
     changes: Sequence[Change],
-    before: RunThings,
-    now: RunThings,
+    before: ObservedRun,
+    now: ObservedRun,
     motion: Motion,
     grounds: Sequence[tuple[str, Ground | None]],
 ) -> list[dict[str, Any]]:

@@ -18,10 +18,18 @@ from lidarcli.formalism.mapping.grid import OCCUPIED, UNKNOWN, Occupancy, TooLar
 from lidarcli.formalism.matching.differences import GONE, POSES, UNCERTAIN, Change, Compared, Run, TooManyError
 from lidarcli.formalism.matching.ground import HERE, MAX_CELLS, Ground, Motion, Nearest, of_map
 from lidarcli.options import choices
-from lidarcli.pipeline.differences.alignment import align
+from lidarcli.pipeline.differences.alignment import Step, align
 from lidarcli.pipeline.differences.changes import Difference, rows_of
 from lidarcli.pipeline.differences.inputs import Input, of_log, read_input
-from lidarcli.pipeline.differences.runs import AS_IS, MIN_SECONDS, MIN_SWEEPS, DiffOptions, RunThings, joined, known_or_none
+from lidarcli.pipeline.differences.runs import (
+    AS_IS,
+    MIN_SECONDS,
+    MIN_SWEEPS,
+    DiffOptions,
+    ObservedRun,
+    joined,
+    known_or_none,
+)
 from lidarcli.pipeline.runs.over_logs import LogProgress
 from lidarcli.reports.figures import OF_MAPS
 from lidarcli.tabular.schemas import CHANGES
@@ -56,7 +64,8 @@ def diff_inputs(inputs: Sequence[Input], options: DiffOptions, report: LogProgre
         raise OptionError(f"the ground of all runs would reach over {err}; compare fewer of them") from err
 
 
-def _compared(inputs: Sequence[Input], runs: list[RunThings], options: DiffOptions) -> Difference:
+def _compared(inputs: Sequence[Input], runs: list[ObservedRun], options: DiffOptions) -> Difference:
+    """Compare runs that are read, each with those before it."""
     labels = [one.text for one in inputs]
     reference, steps, rows = runs[0], [], []
     notes = [note for each in runs for note in each.notes]
@@ -73,38 +82,21 @@ def _compared(inputs: Sequence[Input], runs: list[RunThings], options: DiffOptio
     for number in range(1, len(runs)):
         now = runs[number] = _on_map(inputs[number], runs[number], runs[0], options)
         notes += now.poses
-        first, second = (None if (ground := each.run.ground) is None else Nearest(ground) for each in (reference, now))
         label = labels[0] if number == 1 else "the runs before"
-        step, chance = align(reference, now, (first, second), options.align, label, labels[number], notes)
-        try:
-            changes = Compared(reference.run, now.run, step.motion, (first, second), chance, options.min_score).changes()
-        except TooManyError as err:
-            raise UnreadableError(f"{label} and {labels[number]} differ in {err}; are they of one place?") from err
-        sure = len(now.run.things) - now.unsure
-        changes = [each._replace(status=UNCERTAIN, why=POSES) if each.second >= sure else each for each in changes]
+        step, changes = _changes(reference, now, label, labels[number], options, notes)
         rows += rows_of(changes, reference, now, step.motion, grounds)
-        known = None if reference.run.ground is None else reference.run.ground.occupancy()
-        sensors = np.column_stack(step.motion.of(*now.run.sensors.T))
-        steps.append(step._replace(ground=known, sensors=sensors))
+        steps.append(step)
         if number < len(runs) - 1:
             reference, moved = _after(reference, now, changes, step.motion)
             grounds.insert(0, (now.name, moved))
-    overlaps = [step.overlap for step in steps if step.overlap is not None]
     counted = Counter(row["status"] for row in rows)
     figures = {status: None if short else float(counted[status]) for status in choices.CHANGE_STATUSES}
-    figures["overlap"] = min(overlaps) if overlaps else None
-    if len(runs) == 2 and (true := runs[0].grid) is not None and (grid := runs[1].grid) is not None:
-        try:
-            found = compare(_laid(grid, steps[0].motion), true)
-        except UnlikeError as err:
-            resolution = f"make the map with --resolution {true.resolution:g}"
-            raise OptionError(f"{labels[0]} and {labels[1]}: {err}; {resolution}") from err
-        figures |= {name: known_or_none(getattr(found, name)) for name in OF_MAPS}
-    metadata = table_metadata(
-        {**options.detect.as_dict(), "align": options.align, "min_score": options.min_score},
-        [each.source or {"name": each.name} for each in runs],
-        damage := [line for each in runs for line in each.damage],
-    )
+    figures["overlap"] = min((step.overlap for step in steps if step.overlap is not None), default=None)
+    if len(runs) == 2:
+        figures |= _map_figures(runs, steps[0].motion, labels)
+    damage = [line for each in runs for line in each.damage]
+    parameters = {**options.detect.as_dict(), "align": options.align, "min_score": options.min_score}
+    metadata = table_metadata(parameters, [each.source or {"name": each.name} for each in runs], damage)
     metadata[ALIGNMENT.encode()] = json.dumps([step.alignment() for step in steps]).encode(errors="replace")
     metadata[CHANGE_FIGURES.encode()] = json.dumps(figures).encode()
     for number, row in enumerate(rows, 1):
@@ -113,7 +105,40 @@ def _compared(inputs: Sequence[Input], runs: list[RunThings], options: DiffOptio
     return Difference(table, tuple(steps), figures, tuple(dict.fromkeys(notes)), tuple(damage))
 
 
-def _on_map(one: Input, now: RunThings, site: RunThings, options: DiffOptions) -> RunThings:
+def _changes(
+    before: ObservedRun, now: ObservedRun, label: str, other: str, options: DiffOptions, notes: list[str]
+) -> tuple[Step, list[Change]]:
+    """Return how a run lies on those before it, and what changed; `label` and `other` are their names for people."""
+    nearest = _nearest(before), _nearest(now)
+    step, chance = align(before, now, nearest, options.align, label, other, notes)
+    try:
+        changes = Compared(before.run, now.run, step.motion, nearest, chance, options.min_score).changes()
+    except TooManyError as err:
+        raise UnreadableError(f"{label} and {other} differ in {err}; are they of one place?") from err
+    sure = len(now.run.things) - now.unsure
+    changes = [each._replace(status=UNCERTAIN, why=POSES) if each.second >= sure else each for each in changes]
+    known = None if before.run.ground is None else before.run.ground.occupancy()
+    return step._replace(ground=known, sensors=np.column_stack(step.motion.of(*now.run.sensors.T))), changes
+
+
+def _nearest(one: ObservedRun) -> Nearest | None:
+    return None if one.run.ground is None else Nearest(one.run.ground)
+
+
+def _map_figures(runs: Sequence[ObservedRun], motion: Motion, labels: Sequence[str]) -> dict[str, float | None]:
+    """Return how well the second of two maps shows the first; empty where one is no map."""
+    true, grid = (each.grid for each in runs)
+    if true is None or grid is None:
+        return {}
+    try:
+        found = compare(_laid(grid, motion), true)
+    except UnlikeError as err:
+        resolution = f"make the map with --resolution {true.resolution:g}"
+        raise OptionError(f"{labels[0]} and {labels[1]}: {err}; {resolution}") from err
+    return {name: known_or_none(getattr(found, name)) for name in OF_MAPS}
+
+
+def _on_map(one: Input, now: ObservedRun, site: ObservedRun, options: DiffOptions) -> ObservedRun:
     """Return a run as read again with poses that a map corrects; itself where they fit, or frames are taken as they are."""
     if site.grid is None or one.source is None or not now.world or now.run.ground is None or options.align == AS_IS:
         return now
@@ -178,7 +203,9 @@ def _laid(grid: Occupancy, motion: Motion) -> Occupancy:
     return Occupancy(side, left * side, low * side, cells, grid.frame_id)
 
 
-def _after(before: RunThings, now: RunThings, changes: Sequence[Change], motion: Motion) -> tuple[RunThings, Ground | None]:
+def _after(
+    before: ObservedRun, now: ObservedRun, changes: Sequence[Change], motion: Motion
+) -> tuple[ObservedRun, Ground | None]:
     """Return all runs so far as one, each place by the last run that observed it; and the occupancy of the last."""
     moved = replace(now, run=now.run.moved(motion))
     gone = {change.first for change in changes if change.status == GONE or change.second >= 0}
@@ -187,4 +214,4 @@ def _after(before: RunThings, now: RunThings, changes: Sequence[Change], motion:
     own, old = moved.run.ground, before.run.ground
     ground = old if own is None else own if old is None else own.over(old)
     sensors = np.concatenate([before.run.sensors, moved.run.sensors])
-    return RunThings(now.name, Run(things, yaw, ground, sensors), before.world, **lists), own
+    return ObservedRun(now.name, Run(things, yaw, ground, sensors), before.world, **lists), own

@@ -26,10 +26,10 @@ from lidarcli.pipeline.differences.runs import (
     MIN_SWEEPS,
     NOTHING,
     DiffOptions,
-    RunThings,
+    ObservedRun,
     frame_key,
     frame_words,
-    things_of,
+    observed_run,
     travelled,
 )
 from lidarcli.pipeline.inputs.search import find_logs
@@ -94,7 +94,7 @@ def _input(text: str) -> Input:
     return Input(text, "log", source)
 
 
-def read_input(one: Input, options: DiffOptions, progress: Progress | None = None) -> RunThings:
+def read_input(one: Input, options: DiffOptions, progress: Progress | None = None) -> ObservedRun:
     """Return the run of an input.
 
     `UnreadableError`, `NoScanError`: it cannot be read, or has no LaserScan topic; `OptionError`: it has too many objects,
@@ -108,10 +108,10 @@ def read_input(one: Input, options: DiffOptions, progress: Progress | None = Non
                 "what lies behind walls unknown, or save the map with larger cells"
             )
         run = Run(*NOTHING, of_map(grid), np.empty((0, 2)))
-        return RunThings(one.text, run, "map", grid=grid, notes=[*filter(None, [grid.note])])
+        return ObservedRun(one.text, run, "map", grid=grid, notes=[*filter(None, [grid.note])])
     if one.source is None and one.kind == "tracks":
         table = read_tracks_table(place(one.text))
-        return things_of(one.text, table, {}, {})
+        return observed_run(one.text, table, {}, {})
     try:
         if one.source is None:
             return _of_background(one.text)
@@ -124,7 +124,7 @@ def read_input(one: Input, options: DiffOptions, progress: Progress | None = Non
         ) from err
 
 
-def _of_background(text: str) -> RunThings:
+def _of_background(text: str) -> ObservedRun:
     sensors, metadata = read_background(place(text))
     poses = {frame: each for log in metadata.get(SOURCE, []) for frame, each in poses_of(log).items()}
     notes = []
@@ -155,10 +155,10 @@ def _of_background(text: str) -> RunThings:
         places.append(np.column_stack([x, y]))
     ground = replace(survey.ground(1, choices.OCCUPIED_RATIO), counted=False)
     run = Run(*NOTHING, ground, np.concatenate(places))
-    return RunThings(text, run, "" if chosen.startswith(" ") else chosen, notes=notes)
+    return ObservedRun(text, run, "" if chosen.startswith(" ") else chosen, notes=notes)
 
 
-def of_log(source: Source, options: DiffOptions, progress: Progress | None) -> RunThings:
+def of_log(source: Source, options: DiffOptions, progress: Progress | None) -> ObservedRun:
     """Return the static objects of a log, and the occupancy that its sweeps observed in a second pass over it."""
     read = options.detect.read
     detect = replace(options.detect, read=replace(read, run=read.run or LONGEST))
@@ -178,7 +178,7 @@ def of_log(source: Source, options: DiffOptions, progress: Progress | None) -> R
         none = nothing_read(summary.damage, NoScanError("no sweep to compare"), sorted(read.topics or ()))
         raise type(none)(f"{source.label}: {none}")
     places = {frame: np.concatenate(parts) for frame, parts in survey.places.items()}
-    run = things_of(source.name, table, survey.grounds(), places, robots)
+    run = observed_run(source.name, table, survey.grounds(), places, robots)
     run.is_short |= summary.sweeps < MIN_SWEEPS or survey.seconds < MIN_SECONDS
     run.source, run.reading = described, first
     run.damage = [f"{source.label}: {line}" for line in dict.fromkeys([*first.summary.damage, *summary.damage])]

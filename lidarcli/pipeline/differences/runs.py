@@ -39,7 +39,7 @@ class DiffOptions:
 
 
 @dataclass(slots=True)
-class RunThings:
+class ObservedRun:
     """Static objects, occupancy and names of one input."""
 
     name: str
@@ -73,7 +73,7 @@ class RunThings:
         return bool(self.world) and not of_one_run(self.world)
 
 
-def joined(*parts: tuple[RunThings, Sequence[int]]) -> tuple[alignment.Standing, Float64, dict[str, Any]]:
+def joined(*parts: tuple[ObservedRun, Sequence[int]]) -> tuple[alignment.Standing, Float64, dict[str, Any]]:
     """Return the objects of several runs, of each those in these rows: evidence, directions, and log, track, label."""
     names = alignment.Standing.__dataclass_fields__
     things = {name: np.concatenate([getattr(one.run.things, name)[rows] for one, rows in parts]) for name in names}
@@ -124,13 +124,13 @@ def travelled(table: TracksTable) -> dict[str | None, list[int]]:
     return moved
 
 
-def things_of(
+def observed_run(
     name: str,
     table: TracksTable,
     grounds: dict[str, Ground],
     places: dict[str, Float64],
     robots: Mapping[str, Sequence[tuple[str, str]]] | None = None,
-) -> RunThings:
+) -> ObservedRun:
     """Return the static objects of a tracks table in the frame that has most of them, with its occupancy.
 
     `robots`: topic → the sensors that were followed together with it.
@@ -172,7 +172,7 @@ def things_of(
     if ground is not None:
         things, yaw, kept = measured(things, yaw, ground)
         at = at[kept]
-    return RunThings(
+    return ObservedRun(
         name,
         Run(things, yaw, ground, places.get(key, np.empty((0, 2)))),
         "" if key.startswith(" ") else key,

@@ -229,10 +229,7 @@ def read_changes(path: Readable) -> pa.Table:
 def read_tracks(table_set: TableSet, objects: pa.Table, columns: Iterable[str]) -> pa.Table | None:
     """Read columns of the tracks table of a log; None where it has none.
 
-    Raises
-    ------
-    UnreadableError
-        It cannot be read, or is not that of these objects: `detect` may have written them again.
+    `UnreadableError`: it cannot be read, or is not that of these objects: `detect` may have written them again.
     """
     if not table_set.tracks.exists():
         return None
