@@ -64,7 +64,7 @@ class Frames:
         return self._trees[self._topic]
 
     def sensor_in(self, frame: str, sensor: str, stamp_ns: Int64) -> SweepPoses:
-        """Return where a sensor is in a frame other than the world at each time (S,); `NoScanError` where nothing leads there."""
+        """Return where a sensor is in a frame other than the world (S,); `NoScanError` where nothing leads there."""
         if frame == SENSOR:
             return _resting(Mount(sensor, sensor, 0.0, 0.0, 0.0), len(stamp_ns))
         target = self.robot_of(sensor) if frame == ROBOT else frame
