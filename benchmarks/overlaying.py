@@ -20,7 +20,8 @@ from lidarcli.pipeline.detecting import detect_to_files
 from lidarcli.pipeline.inputs.sources import Source
 from lidarcli.pipeline.objects.detection import DetectOptions
 from lidarcli.pipeline.objects.tracking import TrackOptions
-from lidarcli.pipeline.overlaying import OverlayOptions, write_overlay
+from lidarcli.pipeline.overlay.files import write_overlay
+from lidarcli.pipeline.overlay.messages import OverlayOptions
 from lidarcli.ros.messages import ROS2
 from lidarcli.system.machine import keep_freed_memory
 from lidarcli.tabular.reading import read_columns

@@ -33,9 +33,9 @@ if TYPE_CHECKING:
     from lidarcli.pipeline.api.showing import RunReport, plot, report
     from lidarcli.pipeline.api.tables import Tables, detect, export, tables, track
     from lidarcli.pipeline.detecting import TrackTables
-    from lidarcli.pipeline.differing import Difference
-    from lidarcli.pipeline.inputs.declared import read_catalogue
-    from lidarcli.pipeline.zoning import ZoneTables
+    from lidarcli.pipeline.differences.changes import Difference
+    from lidarcli.pipeline.inputs.catalogue import read_catalogue
+    from lidarcli.pipeline.zones.summary import ZoneTables
     from lidarcli.simulation.run import Simulated
     from lidarcli.sweeps.types import Status, SweepBatch, SweepPoses
 
@@ -50,9 +50,9 @@ _HOMES = {
     "lidarcli.pipeline.api.showing": ("RunReport", "plot", "report"),
     "lidarcli.pipeline.api.tables": ("Tables", "detect", "export", "tables", "track"),
     "lidarcli.pipeline.detecting": ("TrackTables",),
-    "lidarcli.pipeline.differing": ("Difference",),
-    "lidarcli.pipeline.inputs.declared": ("read_catalogue",),
-    "lidarcli.pipeline.zoning": ("ZoneTables",),
+    "lidarcli.pipeline.differences.changes": ("Difference",),
+    "lidarcli.pipeline.inputs.catalogue": ("read_catalogue",),
+    "lidarcli.pipeline.zones.summary": ("ZoneTables",),
     "lidarcli.simulation.run": ("Simulated",),
     "lidarcli.sweeps.types": ("Status", "SweepBatch", "SweepPoses"),
 }

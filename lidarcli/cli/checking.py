@@ -109,7 +109,9 @@ def diff(messages: Messages, options: DiffCommand) -> int:
 
     from lidarcli.errors import CHECK_FAILED, UnreadableError
     from lidarcli.pipeline.api.options import diff_options
-    from lidarcli.pipeline.differing import diff_inputs, inputs_of, judged, parse_checks, refuse_outputs, write_changes
+    from lidarcli.pipeline.differences.changes import judged, parse_checks, refuse_outputs, write_changes
+    from lidarcli.pipeline.differences.comparison import diff_inputs
+    from lidarcli.pipeline.differences.inputs import inputs_of
     from lidarcli.pipeline.reporting import checks_of
     from lidarcli.system.machine import keep_freed_memory
 
@@ -184,7 +186,8 @@ def zones(messages: Messages, options: ZonesCommand) -> int:
     from lidarcli.errors import CHECK_FAILED, UnreadableError
     from lidarcli.pipeline.api.options import zone_options
     from lidarcli.pipeline.reporting import checks_of
-    from lidarcli.pipeline.zoning import ZoneSummary, judge, refuse_outputs, understand, watch_files, write_verdicts
+    from lidarcli.pipeline.zones.run import judge, refuse_outputs, understand, watch_files, write_verdicts
+    from lidarcli.pipeline.zones.summary import ZoneSummary
 
     with usage_errors():
         zoning = zone_options(options, logs, overwrite=options["overwrite"])

@@ -242,7 +242,7 @@ def clean(messages: Messages, options: CleanCommand) -> int:
     their order; beams on agents say NaN, and --mend corrects what other programs refuse.
     """
     from lidarcli.pipeline.api.options import clean_options
-    from lidarcli.pipeline.cleaning import clean_log
+    from lidarcli.pipeline.clean.log import clean_log
     from lidarcli.pipeline.inputs.search import one_log
 
     with usage_errors():
@@ -281,7 +281,7 @@ def overlay(messages: Messages, options: OverlayCommand) -> int:
 
     from lidarcli.pipeline.api.options import overlay_options
     from lidarcli.pipeline.inputs.search import one_log
-    from lidarcli.pipeline.overlaying import refuse_overlay, write_overlay
+    from lidarcli.pipeline.overlay.files import refuse_overlay, write_overlay
 
     parsed = overlay_options(options, logs, overwrite=options["overwrite"])
     messages.begin(options, finds=True)

@@ -24,7 +24,8 @@ from lidarcli.logs.piles import NoReturnDetector
 from lidarcli.logs.registry import TopicChoice, nothing_read, scan_topics
 from lidarcli.logs.scan_checks import MOST, ScanChecks
 from lidarcli.options.choices import MENDS
-from lidarcli.pipeline.inputs.declared import View, filter_text, mask_text
+from lidarcli.pipeline.inputs.laser_filters import View, filter_text
+from lidarcli.pipeline.inputs.masks import mask_text
 from lidarcli.pipeline.inputs.sources import MissingInput, Source, made_of_clouds, open_source, parts_of
 from lidarcli.pipeline.reading.masking import masking_of
 from lidarcli.pipeline.reading.one_log import damage_lines

@@ -59,7 +59,7 @@ from lidarcli.system.machine import cores
 from lidarcli.tabular.writing import table_metadata
 
 MIN_HITS, MIN_HITS_OF_ALL = 2, 4
-"""Sweeps that have to hit an occupied cell, and where every sweep counts: a robot that stands sees the same many times."""
+"""Sweeps that have to hit an occupied cell, and where every sweep counts: a robot at rest observes the same many times."""
 KM2 = 1e6
 """m² in a km²."""
 
@@ -74,23 +74,23 @@ class MapOptions:
     resolution: float = MAP_RESOLUTION
     """Side of a cell [m]."""
     min_move: float = MIN_MOVE
-    """Way of a sensor from one sweep that counts to the next [m]; 0: every sweep counts."""
+    """Distance of a sensor from one sweep that counts to the next [m]; 0: every sweep counts."""
     min_hits: int | None = None
     """Sweeps that have to hit an occupied cell; by default `MIN_HITS`, or where every sweep counts `MIN_HITS_OF_ALL`."""
     occupied_ratio: float = OCCUPIED_RATIO
     """Of the sweeps that hit or passed an occupied cell more than this share hit it."""
     free_no_return: float = 0.0
-    """Free space that a beam without a return tells of [m]."""
+    """Free space along a beam without a return [m]."""
     voxel: float = 0.0
     """The cloud has one point in each square cell of this side [m]; 0: all points."""
     without: str | None = None
-    """`agents` to leave out what moves (set A): such a beam tells only that it got so far."""
+    """`agents` to leave out what moves (set A): such a beam is free as far as it got."""
     parameters: Parameters = field(default_factory=Parameters)
     """Parameters of the detection, where sets matter."""
     max_size: float = MAX_MAP_KM2
-    """Largest ground that is mapped [km²]."""
+    """Largest area that is mapped [km²]."""
     need: Need = Need.ALL
-    """Sensors whose path is matched where the log tells none."""
+    """Sensors whose path is matched where the log has none."""
     overwrite: bool = False
     stamps: str = NS
     """Unit of the stamps of the cloud's table, as of `in_unit`."""
@@ -130,7 +130,7 @@ class SensorPath:
 
     @property
     def length(self) -> float:
-        """Length of the way [m]."""
+        """Length of the path [m]."""
         return float(np.hypot(np.diff(self.x), np.diff(self.y)).sum())
 
 
@@ -154,7 +154,7 @@ class Mapping:
     """Robots whose path was matched, each in a world of its own."""
 
     def __post_init__(self) -> None:
-        # What the sensors of a robot see is one ground.
+        # The sensors of a robot make one map.
         options = self.options = replace(self.options, poses=replace(self.options.poses, together=True))
         cells = int(options.max_size * KM2 / options.resolution**2)
         self.counts = Counts(options.resolution, cells)
@@ -167,15 +167,15 @@ class Mapping:
     def add(self, source: Source, clouds: Sequence[CloudWriter] = (), progress: Progress | None = None) -> RunSummary:
         """Take one log; its points go to the clouds.
 
-        `UnreadableError`: nothing tells where its sensor was; `OptionError`: it saw more ground than a map may have.
+        `UnreadableError`: its sensor has no poses; `OptionError`: it covers more than a map may.
         """
         options = self.options
         with read_log(source, options, options.need) as reading:
             chosen = _Selection(options.min_move, bool(options.read.topics), reading.posing.world_of)
             for batch, sets in self._with_sets(reading.batches(progress)):
-                for frame, rows, mine in batch.by_frame():
-                    kept = chosen.rows(batch.topic, frame, mine.poses, mine.stamp_ns)
-                    self._take(source, mine.rows(kept), None if sets is None else sets[rows][kept], clouds)
+                for frame, rows, own in batch.by_frame():
+                    kept = chosen.rows(batch.topic, frame, own.poses, own.stamp_ns)
+                    self._take(source, own.rows(kept), None if sets is None else sets[rows][kept], clouds)
             reading.posing.leave_out(chosen.left_out)
             robots = {reading.posing.robots.get(topic) or (topic, frame) for topic, frame in chosen.filters}
             self._matched += len(robots) if MATCH in chosen.worlds else 0
@@ -203,7 +203,7 @@ class Mapping:
         return self.counts.occupancy(hits, options.occupied_ratio, next(iter(self.worlds), "map"))
 
     def _with_sets(self, batches: Iterator[SweepBatch]) -> Iterator[tuple[SweepBatch, UInt8 | None]]:
-        """Yield every batch with the set of each of its beams (S, B), by the whole log; None where not needed."""
+        """Yield every batch with the set of each of its beams (S, B), by the complete log; None where not needed."""
         if not self.sets:
             yield from ((batch, None) for batch in batches)
             return
@@ -222,7 +222,7 @@ class Mapping:
                 yield followed.batch, beam_sets(followed)[0]
 
     def _take(self, source: Source, batch: SweepBatch, sets: UInt8 | None, clouds: Sequence[CloudWriter]) -> None:
-        """Count the sweeps of one sensor that tell something new."""
+        """Count sweeps of one sensor."""
         poses = batch.poses
         if poses is None or not len(batch):
             return
@@ -245,7 +245,7 @@ class Mapping:
 
     @contextmanager
     def _in_bounds(self) -> Iterator[None]:
-        """Name the way out where the ground is too large."""
+        """Name the remedy where the map would be too large."""
         try:
             yield
         except TooLargeError as err:
@@ -339,7 +339,7 @@ class _Selection:
             return np.zeros(0, np.int64)
         world = self._world_of(topic, frame)
         if self.worlds and world not in self.worlds:
-            # Points of two worlds are nowhere beside each other.
+            # Points of two worlds have no place relative to each other.
             self.left_out[topic] = f"in the frame {world}, not in {self.worlds[0]}"
             return np.zeros(0, np.int64)
         first = self._topics.setdefault((world, frame), topic)

@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from lidarcli.pipeline.mapping import MapOptions, Mapping
     from lidarcli.pipeline.objects.detection import DetectOptions
     from lidarcli.pipeline.objects.subtracting import BackgroundComparison
-    from lidarcli.pipeline.zone_counting import Showing, ShownZone
+    from lidarcli.pipeline.zones.shown import Showing, ShownZone
     from lidarcli.sweeps.zone import Zones
 P = TypeVar("P")
 BATCH = 64
@@ -112,7 +112,8 @@ def _take(source: Source, options: PlotOptions, work: _PictureMaker) -> Drawn[Pi
         showing = None
         if options.zones is not None:
             # Imported here: most plots need no zones.
-            from lidarcli.pipeline.zone_counting import Frames, Showing
+            from lidarcli.pipeline.zones.frames import Frames
+            from lidarcli.pipeline.zones.shown import Showing
 
             showing = Showing(options.zones, Frames.of(log, options.zones))
         posed = options.background or (showing is not None and showing.is_in_world)
@@ -301,7 +302,7 @@ class _PictureMaker:
         self._paths_of(batch)
         if self._objects is None or not len(rows := rows_of(self._objects, batch.topic, batch.sweep)[0]):
             return (none := np.full(batch.ranges.shape, -1)), none
-        from lidarcli.pipeline.zone_counting import Objects
+        from lidarcli.pipeline.inputs.tracked import Objects
         from lidarcli.tabular.columns import plain
 
         found = Objects.of(self._objects.table.take(plain(rows)).combine_chunks().to_batches()[0], batch)
@@ -358,7 +359,7 @@ def picture_bytes(picture: Picture | MapPicture, view: str, suffix: str, look: L
 def followed(source: Source, zones: Zones | None, detect: DetectOptions, folder: Path) -> TableSet:
     """Return the tables of the tracks of a log, written below a folder, with the numbers that `zones` gives them."""
     from lidarcli.pipeline.detecting import detect_to_temporary
-    from lidarcli.pipeline.zoning import ZoneOptions, masked, narrowed
+    from lidarcli.pipeline.zones.options import ZoneOptions, masked, narrowed
     from lidarcli.sweeps.zone import Zones
 
     with open_source(source, detect.opening) as log:

@@ -30,8 +30,6 @@ if TYPE_CHECKING:
     from lidarcli.pose.tracks import Motion
 
 TUM, PARQUET = ".tum", ".parquet"
-SUFFIXES = (TUM, ".txt", PARQUET)
-"""Suffixes of trajectories; a .txt holds TUM lines, too."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,7 +50,7 @@ def refuse_path(
     """Refuse an output of an unknown suffix (`OptionError`), or that cannot be written (`OutputError`); `more` are known,
     too, and further files are `read`.
     """
-    if path.suffix.lower() not in (known := (*SUFFIXES, *more)):
+    if path.suffix.lower() not in (known := (TUM, ".txt", PARQUET, *more)):
         raise OptionError(f"{path}: the suffix of a trajectory has to be one of {', '.join(known)}")
     refuse([path], options.overwrite, [*files_of([source]), *named_files(options), *read])
 
@@ -137,20 +135,20 @@ class PoseWriter:
         from lidarcli.pose.tracks import GAP, Motion, trajectory_lines
 
         for frame, rows, motion, world in reading.posing.motions(batch):
-            mine = batch.rows(rows)
+            own = batch.rows(rows)
             known = np.asarray(~np.isnan(motion.position).any(axis=1))
             kept = np.flatnonzero(known)
             if self._lines is not None:
-                kept = self._later((batch.topic, frame, world), mine, kept) if len(kept) else kept
-                # Without it, a reader would make up a way over the sweeps of which no pose is known.
+                kept = self._later((batch.topic, frame, world), own, kept) if len(kept) else kept
+                # Without it, a reader would make up a path over the sweeps of which no pose is known.
                 for part in np.split(np.arange(len(known)), np.flatnonzero(np.diff(known)) + 1) if len(known) else ():
                     some = np.intersect1d(part, kept)
                     poses = Motion(motion.position[some], motion.rotation[some])
-                    lines = trajectory_lines(mine.stamp_ns[some], poses) if known[part[0]] else f"{GAP}\n"
+                    lines = trajectory_lines(own.stamp_ns[some], poses) if known[part[0]] else f"{GAP}\n"
                     self._lines.write(lines.encode())
             self._count += len(kept)
-            mine, motion = mine.rows(kept), Motion(motion.position[kept], motion.rotation[kept])
-            self.rows.append(self._rows_of(mine, frame, world, motion))
+            own, motion = own.rows(kept), Motion(motion.position[kept], motion.rotation[kept])
+            self.rows.append(self._rows_of(own, frame, world, motion))
 
     def _rows_of(self, batch: SweepBatch, frame: str, world: str, motion: Motion) -> pa.RecordBatch:
         from lidarcli.pose.tracks import planar, upright

@@ -15,7 +15,7 @@ from lidarcli.errors import OptionError, UnreadableError
 from lidarcli.formalism.mapping.grid import FREE, OCCUPIED, Int8, Occupancy
 from lidarcli.formalism.matching import differences, free_space
 from lidarcli.maps.grids import pgm_bytes, yaml_bytes
-from lidarcli.pipeline import differing
+from lidarcli.pipeline.differences import inputs
 from tests.waiting import HANG
 
 
@@ -37,7 +37,7 @@ def walls(boxes: int) -> Int8:
 
 def test_a_map_of_too_many_occupied_cells(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     one = write_map(tmp_path / "one.yaml", walls(0))
-    monkeypatch.setattr(differing, "MAX_OCCUPIED", 395)
+    monkeypatch.setattr(inputs, "MAX_OCCUPIED", 395)
     with pytest.raises(UnreadableError, match=r"one.yaml: 396 occupied cells are more than .*; make what lies"):
         package.diff(one, one)
 

@@ -17,7 +17,7 @@ import pytest
 
 import lidarcli as package
 from lidarcli.errors import UnreadableError
-from lidarcli.pipeline.differing import Difference
+from lidarcli.pipeline.differences.changes import Difference
 from lidarcli.simulation import scene as make
 from lidarcli.simulation.scene import Course, Entity, Sensor, super_ellipse
 from lidarcli.tabular.schemas import CHANGES
@@ -159,9 +159,6 @@ def test_an_empty_rectangle_lies_in_two_ways(tmp_path: Path) -> None:
     )
     with pytest.raises(UnreadableError, match="lie on each other in two ways: nothing tells which one is right"):
         package.diff(one, other)
-
-
-RECTANGLE = closed(((-4, -3), (4, -3), (4, 3), (-4, 3)))
 
 
 @pytest.mark.slow

@@ -15,7 +15,7 @@ from lidarcli.options import choices
 from lidarcli.overlays import objects, viewers
 from lidarcli.overlays.markers import Kind
 from lidarcli.pipeline import mapping
-from lidarcli.pipeline.inputs import declared
+from lidarcli.pipeline.inputs import catalogue
 from lidarcli.reports import figures
 from lidarcli.tabular import SCHEMAS
 from tests.pipeline.test_following import CHANGED
@@ -42,7 +42,7 @@ def test_words_and_columns_are_those_of_the_code() -> None:
     assert all(columns <= {*SCHEMAS[table].names} for table, columns in changed.items())
     for name, kinds in (figures.CATEGORIES | figures.TRACK_CATEGORIES).items():
         assert all(f"`{name}.{kind}`" in page("reports") for kind in kinds)
-    for key in ("name", "shape", *(key for group in declared.ALL_SIZES for key in group), "tolerance", "moves"):
+    for key in ("name", "shape", *(key for group in catalogue.ALL_SIZES for key in group), "tolerance", "moves"):
         assert re.search(rf"^\| .*`{key}`", page("catalogue"), re.MULTILINE), key
 
 

@@ -20,7 +20,7 @@ from lidarcli.errors import UnreadableError
 from lidarcli.formalism.mapping.grid import compare
 from lidarcli.logs import open_log
 from lidarcli.logs.base import ReadReport
-from lidarcli.pipeline.cleaning import REASONS, neighbours
+from lidarcli.pipeline.clean.beams import REASONS, neighbours
 from lidarcli.simulation.generate import simulate_blocks, simulate_odometry
 from lidarcli.simulation.scene import Odometry, Scene
 from lidarcli.sweeps.types import Bool, Closure, Float64

@@ -12,7 +12,8 @@ import pytest
 from ruamel.yaml import YAML
 
 from lidarcli.errors import OptionError
-from lidarcli.pipeline.inputs.declared import View, filter_text, mask_text, read_masks
+from lidarcli.pipeline.inputs.laser_filters import View, filter_text
+from lidarcli.pipeline.inputs.masks import mask_text, read_masks
 from lidarcli.sweeps.masks import Circle, Mask, Masks, Mount, Sector
 from lidarcli.sweeps.types import TURN, Bool, Float32, RawSweeps
 from tests.sweeping import raw_sweeps

@@ -13,7 +13,7 @@ import pytest
 
 import lidarcli
 from lidarcli.errors import LidarcliError, OptionError, UnreadableError
-from lidarcli.pipeline.inputs.declared import mask_text, masks_of, plain, read_masks
+from lidarcli.pipeline.inputs.masks import mask_text, masks_of, plain, read_masks
 from lidarcli.pipeline.inputs.sources import Source, open_source
 from lidarcli.pipeline.reading.masking import MaskRules, masking_of
 from lidarcli.pipeline.reading.posing import PoseOptions
@@ -102,6 +102,7 @@ def test_what_a_file_means(tmp_path: Path) -> None:
     assert plain(masks_of("again", plain(masks))) == plain(masks)
 
 
+QUOTE = "'"
 CIRCLE = "[[mask]]\ncircle = { x = 0, y = 0, radius = 1 }\n"
 
 
@@ -109,18 +110,12 @@ CIRCLE = "[[mask]]\ncircle = { x = 0, y = 0, radius = 1 }\n"
     ("text", "says"),
     [
         ("", "no [[mask]] in this file"),
-        ("[[mask]]", "[[mask]] number 1: 'circle' is missing: a mask is a circle, polygon or sector"),
-        (CIRCLE + "polygon = []", "[[mask]] number 1: 'polygon' and 'circle' exclude each other: a mask has one shape"),
+        ("[[mask]]", "'circle' is missing: a mask is a circle, polygon or sector"),
+        (CIRCLE + "polygon = []", "'polygon' and 'circle' exclude each other: a mask has one shape"),
         (CIRCLE + "[[mask]]\ncircel = 1", "[[mask]] number 2: unknown key 'circel'; did you mean 'circle'?"),
-        ("[[mask]]\ncircle = { x = 0, y = 0, radius = 0 }", "[[mask]] number 1, circle: 'radius' must be above 0"),
-        (
-            "[[mask]]\nsector = { from = 0, to = 9, nearest = 1, farthest = 0.5 }",
-            "[[mask]] number 1, sector: 'farthest' must be at least 1.0",
-        ),
-        (
-            "[[mask]]\nsector = { from = 0, to = 9 }\nframe = 'base'",
-            "[[mask]] number 1: 'frame' and 'sector' exclude each other",
-        ),
+        ("[[mask]]\ncircle = { x = 0, y = 0, radius = 0 }", "circle: 'radius' must be above 0"),
+        ("[[mask]]\nsector = { from = 0, to = 9, nearest = 1, farthest = 0.5 }", "sector: 'farthest' must be at least 1.0"),
+        ("[[mask]]\nsector = { from = 0, to = 9 }\nframe = 'base'", "'frame' and 'sector' exclude each other"),
         (CIRCLE + "[[mount]]\nframe = 'a'", "[[mount]] number 1: 'parent' is missing"),
         (
             CIRCLE + "[[mount]]\nframe = 'a'\nparent = '/a'",
@@ -139,6 +134,8 @@ def test_whatever_is_wrong_is_one_line(text: str, says: str, tmp_path: Path) -> 
     with pytest.raises(LidarcliError) as caught:
         lidarcli.detect(SAMPLES / "room.mcap", mask=path)
     assert str(caught.value).startswith(f"{path}: ")
+    if not says.startswith(("no ", "not ", "[[")):
+        says = f"[[mask]] number 1{': ' if says[0] == QUOTE else ', '}{says}"
     assert says in str(caught.value)
     assert "\n" not in str(caught.value)
     assert isinstance(caught.value, UnreadableError if "TOML" in says else OptionError)

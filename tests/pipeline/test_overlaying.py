@@ -13,12 +13,13 @@ import pytest
 from lidarcli.errors import UnreadableError
 from lidarcli.logs import open_log
 from lidarcli.logs.base import ReadReport
-from lidarcli.pipeline import overlaying
 from lidarcli.pipeline.detecting import detect_to_files
 from lidarcli.pipeline.inputs.sources import Source
 from lidarcli.pipeline.inputs.tables import TableSet
 from lidarcli.pipeline.objects.detection import DetectOptions
-from lidarcli.pipeline.overlaying import Tables, frames_in_transforms, in_order
+from lidarcli.pipeline.overlay import copies
+from lidarcli.pipeline.overlay.copies import frames_in_transforms, in_order
+from lidarcli.pipeline.overlay.tables import Tables
 from lidarcli.ros.messages import Outgoing
 from tests.places import SAMPLES
 
@@ -28,7 +29,7 @@ def message(record_ns: int, topic: str = "/a") -> Outgoing:
 
 
 def test_messages_of_several_topics_come_in_order(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(overlaying, "WINDOW", 20)
+    monkeypatch.setattr(copies, "WINDOW", 20)
     # Stretches of ten of each of two topics, as a log gives them.
     given = [
         message(2 * k + (topic == "/b"), topic)
@@ -40,7 +41,7 @@ def test_messages_of_several_topics_come_in_order(monkeypatch: pytest.MonkeyPatc
 
 
 def test_what_is_beyond_the_window_is_not_lost(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(overlaying, "WINDOW", 3)
+    monkeypatch.setattr(copies, "WINDOW", 3)
     times = list(range(50))
     random.Random(1).shuffle(times)
     assert sorted(one.record_ns for one in in_order(map(message, times))) == list(range(50))

@@ -17,7 +17,8 @@ from lidarcli.logs.base import Log, ReadReport
 from lidarcli.logs.batches import ReadOptions, read_batches
 from lidarcli.pipeline.inputs.sources import Source
 from lidarcli.pipeline.plotting import PlotOptions, take_pictures
-from lidarcli.pipeline.zone_counting import Frames, Showing, ShownZone
+from lidarcli.pipeline.zones.frames import Frames
+from lidarcli.pipeline.zones.shown import Showing, ShownZone
 from lidarcli.sweeps.masks import Circle, Masks, Mount, Polygon
 from lidarcli.sweeps.types import SweepBatch, UInt8
 from lidarcli.sweeps.zone import ROBOT, WORLD, Case, Line, Zone, Zones

@@ -13,8 +13,8 @@ import pyarrow as pa
 import pytest
 
 import lidarcli
-from lidarcli.pipeline.zoning import ZoneTables
-from lidarcli.ros.messages import ROS1, Outgoing, bag_writer
+from lidarcli.pipeline.zones.summary import ZoneTables
+from lidarcli.ros.messages import Outgoing
 from lidarcli.simulation import scene as make
 from lidarcli.simulation.generate import START_NS, SimulatedPoses, simulate_blocks, simulate_odometry
 from lidarcli.simulation.route import Waypoint, plan_route
@@ -22,6 +22,7 @@ from lidarcli.simulation.scene import Course, Entity, Motion, Scene, Sensor
 from lidarcli.simulation.writers import ROS1_BYTES, outgoing
 from lidarcli.sweeps.types import TURN, Float64, Int64, RawSweeps
 from lidarcli.tabular.schemas import SCHEMAS
+from tests.pipeline.drawn import write_messages
 from tests.pose.pose_messages import Maker
 from tests.zones.test_velocities import polygon, twist
 
@@ -96,13 +97,7 @@ def transform_at(stamp_ns: int, parent: str, child: str, pose: tuple[float, ...]
 
 def write_bag(path: Path, *messages: Iterable[Outgoing]) -> Path:
     """Write messages in the order of their recording into a ROS 1 bag."""
-    with bag_writer(path, "none") as writer:
-        known: dict[str, Any] = {}
-        for message in sorted((one for each in messages for one in each), key=lambda one: one.record_ns):
-            if message.topic not in known:
-                known[message.topic] = writer.add_connection(message.topic, message.type, typestore=ROS1)
-            writer.write(known[message.topic], message.record_ns, message.data)
-    return path
+    return write_messages(path, sorted((one for each in messages for one in each), key=lambda one: one.record_ns))
 
 
 def zone_file(folder: Path, text: str, name: str = "zones.toml") -> Path:

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 import lidarcli
-from lidarcli.pipeline.zone_counting import velocity_of
-from lidarcli.pipeline.zoning import ZoneTables
+from lidarcli.pipeline.zones.frames import velocity_of
+from lidarcli.pipeline.zones.summary import ZoneTables
 from lidarcli.ros.messages import Outgoing
 from lidarcli.simulation import scene as make
 from lidarcli.simulation.scene import Course, Mount, Odometry, Scene

@@ -61,11 +61,3 @@ def test_random_hits(cases: int) -> None:
         assert found == expected, (case, enough, time_ns, trigger, release, hold, gap)
         lengths.add(len(found))
     assert {0, 1, 2, 3} <= lengths
-
-
-def of(hits: str, **rules: int) -> list[tuple[int, int, bool]]:
-    """The episodes of hits "#" and misses "." ten times per second."""
-    enough = np.array([hit == "#" for hit in hits])
-    default = {"trigger": 1, "release": 1, "hold_ns": 0, "longest_gap_ns": NEVER}
-    time_ns = np.arange(len(hits), dtype=np.int64) * 100_000_000
-    return [tuple(each) for each in episodes(enough, time_ns, **(default | rules))]

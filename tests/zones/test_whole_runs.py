@@ -7,15 +7,31 @@ from typing import Any
 
 import numpy as np
 import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 
 import lidarcli
 from lidarcli.cli import run
+from lidarcli.formalism.tracking.tracker import share_moving
 from lidarcli.reports.zones import figures_of, zones_in
 from lidarcli.simulation import scene as make
 from lidarcli.simulation.scene import Course, Odometry
 from lidarcli.sweeps.types import Float64
-from tests.zones.runs import column, odometry_of, rows, scans, scene_of, sweeps_of, walker, watched, where, write_bag
+from tests.places import REAL_LOGS, needs_real_logs
+from tests.zones.runs import (
+    column,
+    odometry_of,
+    rows,
+    scans,
+    scene_of,
+    sound,
+    sweeps_of,
+    walker,
+    watched,
+    where,
+    write_bag,
+    zone_file,
+)
 
 CIRCLE = """
 [[zone]]
@@ -272,3 +288,47 @@ def test_visits_and_crossings_need_sweeps_that_see_the_agent(tmp_path: Path) -> 
     # It ends where the agent is seen last, at the edge of the shadow.
     assert abs(visit["last_sweep"] - np.flatnonzero(place[:, 1] < -0.9)[-1]) <= 3
     assert rows(tables.events, zone="line") == []
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("more", [(), ("--pose", "none")], ids=["told", "none"])
+def test_a_crowd_is_no_fault_of_the_poses(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], more: tuple[str, ...]
+) -> None:
+    """Many tracks move before a sensor at rest, which is no reason to doubt its poses."""
+    people = [walker((1.5 + k, -5.0 + k), (1.5 + k, 5.0)) for k in range(5)]
+    scene = scene_of(*people, sweeps=70, odometry=Odometry())
+    log = write_bag(tmp_path / "a.bag", scans(sweeps_of(scene), odometry_of(scene)))
+    assert run(["track", str(log), *more, "-o", str(tmp_path)]) == 0
+    tracks = pq.read_table(tmp_path / "a.tracks.parquet").to_pydict()
+    assert share_moving(tracks["sweeps"], [kind == "A" for kind in tracks["set"]]) is not None
+    assert "do not trust" not in "".join(capsys.readouterr())
+
+
+NAV2 = """
+monitor:
+  ros__parameters:
+    base_frame_id: base_laser_link
+    observation_sources: [scan]
+    scan: {type: scan, topic: /scan}
+    polygons: [half, once, twice, thrice]
+    half: {type: circle, radius: 0.5, action_type: stop, min_points: 4}
+    once: {type: circle, radius: 1.0, action_type: stop, min_points: 4}
+    twice: {type: circle, radius: 1.0, action_type: stop, min_points: 4,
+      trigger_consecutive_points: 2, release_consecutive_points: 2}
+    thrice: {type: circle, radius: 1.0, action_type: stop, min_points: 4,
+      release_consecutive_points: 3}
+"""
+
+
+@needs_real_logs
+@pytest.mark.slow
+def test_a_robot_that_a_person_walks_around(tmp_path: Path) -> None:
+    """Figures that were counted independently."""
+    log, zones = REAL_LOGS / "comprobo24" / "test-bag", zone_file(tmp_path, NAV2, "nav2.yaml")
+    tables = sound(lidarcli.zones(log, zones=str(zones), topic=["/scan"], no_objects=True, pose="none"))
+    first, second = rows(tables.events, zone="half")
+    assert (first["t"], first["duration"]) == (pytest.approx(26.194, abs=1e-3), pytest.approx(3.343, abs=1e-3))
+    assert (first["points"], first["nearest"]) == (26, pytest.approx(0.324))
+    assert (second["t"], second["points"], second["nearest"]) == (pytest.approx(32.462, abs=1e-3), 5, pytest.approx(0.494))
+    assert [len(rows(tables.events, zone=name)) for name in ("once", "twice", "thrice")] == [7, 3, 2]

@@ -50,21 +50,24 @@ from lidarcli.pipeline.api.options import (
     zone_options,
 )
 from lidarcli.pipeline.building import BackgroundBuilder, BuildOptions, refuse_nothing, refuse_output
-from lidarcli.pipeline.cleaning import clean_log
+from lidarcli.pipeline.clean.log import clean_log
 from lidarcli.pipeline.detecting import ErrorCollector
-from lidarcli.pipeline.differing import Difference, diff_inputs, inputs_of, refuse_outputs, write_changes
+from lidarcli.pipeline.differences.changes import Difference, refuse_outputs, write_changes
+from lidarcli.pipeline.differences.comparison import diff_inputs
+from lidarcli.pipeline.differences.inputs import inputs_of
 from lidarcli.pipeline.inputs.search import one_log
 from lidarcli.pipeline.inputs.sources import Source, open_source
 from lidarcli.pipeline.inspecting import info_dict, inspect_log
 from lidarcli.pipeline.localising import LocalisedPath, localise, read_site, refuse_judged
 from lidarcli.pipeline.mapping import MapOptions, MapRun
-from lidarcli.pipeline.overlaying import refuse_overlay, write_overlay
+from lidarcli.pipeline.overlay.files import refuse_overlay, write_overlay
 from lidarcli.pipeline.reading.masking import masking_of
 from lidarcli.pipeline.reading.one_log import damage_lines
 from lidarcli.pipeline.reading.posing import PoseAttacher
 from lidarcli.pipeline.runs.over_logs import progress_of
 from lidarcli.pipeline.trajectories import PathOptions, PathSummary, refuse_path, write_path
-from lidarcli.pipeline.zoning import ZoneTables, watch
+from lidarcli.pipeline.zones.run import watch
+from lidarcli.pipeline.zones.summary import ZoneTables
 from lidarcli.simulation import Simulated, run
 from lidarcli.sweeps.types import SweepBatch
 

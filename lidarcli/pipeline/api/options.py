@@ -31,7 +31,8 @@ from lidarcli.options.choices import NS, TRAIL
 from lidarcli.options.forms import File, Number, Rule, Text, defaults_of, options_of, python_words, refuse_combinations
 from lidarcli.options.groups import RULES, Finding, Objects, Tracking, parse_mends, parse_removed, parse_value
 from lidarcli.options.times import Instant, as_time
-from lidarcli.pipeline.inputs.declared import AUTO, read_catalogue, read_masks
+from lidarcli.pipeline.inputs.catalogue import read_catalogue
+from lidarcli.pipeline.inputs.masks import AUTO, read_masks
 from lidarcli.pipeline.inputs.search import find_logs
 from lidarcli.pipeline.inputs.sources import MissingInput, Source
 from lidarcli.pipeline.reading.posing import NONE, PoseOptions
@@ -40,14 +41,14 @@ from lidarcli.sweeps.masks import Masks
 from lidarcli.sweeps.range_rules import parse_no_return
 
 if TYPE_CHECKING:
-    from lidarcli.pipeline.cleaning import CleanOptions
-    from lidarcli.pipeline.differing import DiffOptions
+    from lidarcli.pipeline.clean.options import CleanOptions
+    from lidarcli.pipeline.differences.runs import DiffOptions
     from lidarcli.pipeline.objects.detection import DetectOptions
     from lidarcli.pipeline.objects.subtracting import BackgroundOptions
     from lidarcli.pipeline.objects.tracking import TrackOptions
-    from lidarcli.pipeline.overlaying import OverlayOptions
+    from lidarcli.pipeline.overlay.messages import OverlayOptions
     from lidarcli.pipeline.plotting import PlotOptions
-    from lidarcli.pipeline.zoning import ZoneOptions
+    from lidarcli.pipeline.zones.options import ZoneOptions
 
 F = TypeVar("F", bound=Callable[..., Any])
 Values = Mapping[str, Any]
@@ -291,7 +292,7 @@ def memory_of(options: Values) -> TrackOptions | None:
 
 def diff_options(options: Values, logs: LogOptions, *, overwrite: bool = False) -> DiffOptions:
     """Return how runs are compared."""
-    from lidarcli.pipeline.differing import DiffOptions
+    from lidarcli.pipeline.differences.runs import DiffOptions
 
     tracking = tracking_of(defaults_of(Tracking) | {"trajectories": False})
     detect = detect_options({**defaults_of(Finding), **options}, logs, tracking)
@@ -300,7 +301,7 @@ def diff_options(options: Values, logs: LogOptions, *, overwrite: bool = False) 
 
 def clean_options(options: Values, *, overwrite: bool = False) -> CleanOptions:
     """Return which beams are left out, and how they are found."""
-    from lidarcli.pipeline.cleaning import CleanOptions
+    from lidarcli.pipeline.clean.options import CleanOptions
 
     logs = LogOptions(read_options(options), OpenOptions(segments=options["segments"]), pose_options(options))
     return CleanOptions(
@@ -334,7 +335,7 @@ def _words(name: str, value: Any, parse: Callable[[str], str]) -> frozenset[str]
 
 def plot_options(options: Values, parameters: Parameters | None, sweeps: tuple[int, ...] | None) -> PlotOptions:
     """Return what is drawn of some sweeps, None for all, and how it is found; without tracks."""
-    from lidarcli.pipeline.inputs.declared import read_zones
+    from lidarcli.pipeline.inputs.zones import read_zones
     from lidarcli.pipeline.plotting import PlotOptions
 
     read, opening, poses = log_options({**options, "topic": None, "start": None, "end": None})
@@ -355,8 +356,8 @@ def plot_options(options: Values, parameters: Parameters | None, sweeps: tuple[i
 
 def overlay_options(options: Values, logs: LogOptions, *, overwrite: bool = False) -> OverlayOptions:
     """Return what is shown, and how it is found."""
-    from lidarcli.pipeline.inputs.declared import read_zones
-    from lidarcli.pipeline.overlaying import OverlayOptions
+    from lidarcli.pipeline.inputs.zones import read_zones
+    from lidarcli.pipeline.overlay.messages import OverlayOptions
 
     objects, map_file = options["objects"], options["map"]
     return OverlayOptions(
@@ -372,8 +373,8 @@ def overlay_options(options: Values, logs: LogOptions, *, overwrite: bool = Fals
 
 def zone_options(options: Values, logs: LogOptions, *, overwrite: bool = False) -> ZoneOptions:
     """Return which zones are watched, and how."""
-    from lidarcli.pipeline.inputs.declared import parse_footprint, read_zones
-    from lidarcli.pipeline.zoning import ZoneOptions, refuse_options
+    from lidarcli.pipeline.inputs.zones import parse_footprint, read_zones
+    from lidarcli.pipeline.zones.options import ZoneOptions, refuse_options
 
     names = several(options["zones"])
     parsed = ZoneOptions(

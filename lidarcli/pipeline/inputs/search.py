@@ -41,8 +41,7 @@ from lidarcli.pipeline.inputs.sources import STDIN, MissingInput, Source, hold_o
 _WRAPPER = (".gz", ".zstd", ".active")
 _CONTAINER = {suffix for known in FORMATS for suffix in (*known.suffixes, *known.vague)}.difference(_WRAPPER)
 _SINGLE = tuple(suffix for known in FORMATS if not known.many for suffix in known.suffixes)
-"""Suffixes of files that are a whole log each."""
-
+"""Suffixes of files that are a complete log each."""
 Logs = list[Source | MissingInput]
 
 
@@ -70,7 +69,7 @@ def _named(text: str) -> tuple[Named, Place, State | None]:
     """Return the kind of a name, its place, and the state of an object; `UnreadableError` where there is nothing."""
     where = place(text)
     if isinstance(where, Url):
-        # Not asked of what can only be a folder or a pattern; names may hold brackets.
+        # Not requested of what can only be a folder or a pattern; names may hold brackets.
         if where.key and not text.endswith("/") and "*" not in where.key and (state := head(where)) is not None:
             return Named.FILE, where, state
         is_pattern = where.has_magic() and ("*" in where.key or not is_folder(where))
@@ -258,7 +257,7 @@ def _logs_below(listed: _Listing, left: Counter[str] | None = None, pattern: Seq
         first = next((k for k in range(len(names)) if pattern is None or _matches(pattern, names[:k])), None)
         if first is None:
             found[below] = _source(where, below, listed) if pattern and _matches(pattern, names) else None
-        # Hidden files are no logs: macOS puts a `._run.bag` beside every `run.bag` on foreign disks.
+        # Hidden files are no logs: macOS puts a `._run.bag` next to every `run.bag` on foreign disks.
         elif not any(name.startswith(".") for name in names[first:]):
             folders.setdefault(below.rpartition("/")[0], {})[below] = where
     whole: list[str] = []
@@ -451,7 +450,7 @@ def _lines(listed: str) -> list[tuple[int, str]]:
 
 
 def _logs_of_line(line: str) -> Logs:
-    """Return the logs that a line of a list names; a store is not asked about what can only be one log."""
+    """Return the logs that a line of a list names; no request to a store for what can only be one log."""
     url = place(line) if is_url(line) and not line.endswith("/") else None
     if isinstance(url, Url) and not url.has_magic() and url.name.lower().endswith((*_SINGLE, *TEXT_SUFFIXES)):
         return [Source(str(url), stem_of(url.name))]
@@ -466,8 +465,6 @@ def _named_below(source: Source, base: str) -> Source:
     return replace(source, name=str(below.with_name(PurePosixPath(source.name).name)))
 
 
-_RECORDED = (".bag", ".mcap", ".db3")
-"""Suffixes of what recorders split."""
 _MOST = 3
 """Recordings in parts that notes name."""
 
@@ -524,7 +521,7 @@ def _groups(found: Iterable[Source | MissingInput]) -> Iterator[tuple[Numbered, 
     alike: dict[tuple[str, str, str], list[tuple[str, int, Numbered, Source]]] = {}
     for source in found:
         name = numbered(source.file_name) if isinstance(source, Source) and not (source.files or source.parts) else None
-        if isinstance(source, Source) and name is not None and name.suffix in _RECORDED:
+        if isinstance(source, Source) and name is not None and name.suffix in (".bag", ".mcap", ".db3"):
             key = str(place(source.path).parent), name.stem, name.suffix
             # Names of one stem differ in their dates, which sort by time.
             alike.setdefault(key, []).append((name.log, name.number, name, source))

@@ -75,7 +75,7 @@ class Source:
         return 0 if (state := self.state()) is None else state.size
 
     def state(self) -> State | None:
-        """Its size and last change; None where nobody can tell."""
+        """Its size and last change; None where these are not known."""
         if self.found is not None or self.is_stdin or (is_url(self.path) and not self.parts):
             return self.found
         if self.parts:
@@ -120,7 +120,7 @@ def naming(source: Source) -> Iterator[None]:
 
 @dataclass(frozen=True, slots=True)
 class PoseMessages:
-    """Poses that the messages of a log tell."""
+    """Poses of the messages of a log."""
 
     tracks: tuple[Track, ...]
     notes: tuple[str, ...]
@@ -146,10 +146,6 @@ def read_pose_messages(log: Log) -> PoseMessages:
     return PoseMessages(tuple(found), tuple(notes), report)
 
 
-_TRIED = 3
-"""Files of a folder that are tried: one or two may be no sweep (a README)."""
-
-
 @contextmanager
 def open_source(source: Source, opening: OpenOptions | None = None) -> Iterator[Log]:
     """Open the log of a source and close it in the end; many CSV files with one sweep each are one log.
@@ -163,10 +159,10 @@ def open_source(source: Source, opening: OpenOptions | None = None) -> Iterator[
             log = ChangedLog(log, partial(_in_units, scale=options.range_scale, turned=options.angle_scale))
         if options.segments == JOIN:
             log = ChangedLog(log, join)
-        asked = [name for name in _OF_SOME_LOGS if getattr(options, name) != getattr(OpenOptions(), name)]
-        if asked and options.slice is None:
+        requested = [name for name in _OF_SOME_LOGS if getattr(options, name) != getattr(OpenOptions(), name)]
+        if requested and options.slice is None:
             options.used.update("echo" for topic in log.topics() or () if topic.type.endswith("/MultiEchoLaserScan"))
-            log = ChangedLog(log, partial(_tell_unused, asked=asked, used=options.used))
+            log = ChangedLog(log, partial(_tell_unused, asked=requested, used=options.used))
         yield log if options.slice is None else SlicedLog(log, options, options.slice)
 
 
@@ -177,7 +173,7 @@ _OF_SOME_LOGS = ("columns", "angle_min", "angle_increment", "fov", "range_max", 
 def _tell_unused(
     blocks: Iterable[RawSweeps], report: ReadReport, *, asked: Sequence[str], used: Collection[str]
 ) -> Iterator[RawSweeps]:
-    """Yield blocks, and note in the end which options that were `asked` for had no effect."""
+    """Yield blocks, and note in the end which `requested` options had no effect."""
     yield from blocks
     names = {"angle_scale": "degrees"}
     if unused := [f"--{names.get(name, name)}".replace("_", "-") for name in asked if name not in used]:
@@ -219,7 +215,8 @@ def hold_one_sweep_each(files: Sequence[Place]) -> bool:
 
     if len(files) < 2:
         return False
-    for file in files[:_TRIED]:
+    # One or two of the first may be no sweep (a README).
+    for file in files[:3]:
         try:
             with _opened_source(Source(str(file), ""), None) as log:
                 return PER_SWEEP in log.format
@@ -236,7 +233,7 @@ def _fetched(url: Url, files: Sequence[Url], opening: OpenOptions | None, stack:
 
     objects = files or [url]
     folder = stack.enter_context(scratch_folder()) / "log"
-    # The folders below a pattern tell apart files of one name.
+    # The folders below a pattern distinguish files of one name.
     shared = os.path.commonprefix([one.key.split("/")[:-1] for one in objects])  # noqa: RUF071 (of parts, not of characters)
     copies = [folder.joinpath(*one.key.split("/")[len(shared) :]) for one in objects]
     for one, copy in zip(objects, copies, strict=True):
@@ -263,8 +260,6 @@ _PIPE = (
     "for LaserScan and transforms"
 )
 _NO_CLOUDS = "no point cloud in it, and --slice reads of a pipe nothing else; leave it out for LaserScan"
-_PIPED = "mcap"
-"""The one format with clouds that may be read without knowing its topics: others list them, or hold no clouds."""
 _NONE = "no point cloud in this log: --slice changes nothing"
 MAX_WAITING = 256 << 20
 """Bytes of clouds after which none of them waits for others of its topic."""
@@ -336,7 +331,7 @@ class SlicedLog(ChangedLog):
         return topics and [replace(topic, sliced=topic.type in CLOUD_TYPES) for topic in topics]
 
     def poses(self) -> PoseMessages:
-        """Return the poses that the log tells, read once."""
+        """Return the poses of the messages of the log, read once."""
         if self._poses is None:
             self._poses = read_pose_messages(self._log)
         return self._poses
@@ -344,7 +339,8 @@ class SlicedLog(ChangedLog):
     def scans(self, topics: Collection[str] | None, report: ReadReport) -> Iterator[RawSweeps]:
         """Yield sweeps of LaserScan topics, then those of clouds, in log order within each topic."""
         listed = self.topics()
-        if listed is None and self.format == _PIPED:
+        # The one format with clouds that may be read without knowing its topics: others list them, or hold no clouds.
+        if listed is None and self.format == "mcap":
             report.notes.append(_PIPE)
             found = False
             for block in self._of_clouds(None, report):

@@ -60,7 +60,7 @@ class TableSet:
 
     @property
     def log(self) -> str:
-        """The name of the log, as far as the paths tell it."""
+        """The name of the log by the paths."""
         name = self.objects.name
         return name.removesuffix(_OBJECTS) if name.endswith(_OBJECTS) else name.removesuffix(".parquet")
 
@@ -161,7 +161,7 @@ def _is_of_changes(file: Place, any_name: bool) -> bool:
     try:
         return {*CHANGES.names} <= {*column_names(file, "changes")} or (is_called_so and any_name)
     except UnreadableError:
-        # Who reads it tells why it cannot be read.
+        # Its reader reports why it cannot be read.
         return is_called_so
 
 
@@ -229,10 +229,7 @@ def read_changes(path: Readable) -> pa.Table:
 def read_tracks(table_set: TableSet, objects: pa.Table, columns: Iterable[str]) -> pa.Table | None:
     """Read columns of the tracks table of a log; None where it has none.
 
-    Raises
-    ------
-    UnreadableError
-        It cannot be read, or is not that of these objects: `detect` may have written them again.
+    `UnreadableError`: it cannot be read, or is not that of these objects: `detect` may have written them again.
     """
     if not table_set.tracks.exists():
         return None
@@ -253,12 +250,12 @@ def _numbers(table: pa.Table) -> set[tuple[str, float]]:
     rows = Rows.join([table])
     code, topics = rows.words("topic")
     track = rows.numbers("track")
-    mine = [np.unique(track[(code == k) & ~np.isnan(track)]) for k in range(-1, len(topics))]
-    return {(topic, number) for topic, numbers in zip(["", *topics], mine, strict=True) for number in numbers.tolist()}
+    own = [np.unique(track[(code == k) & ~np.isnan(track)]) for k in range(-1, len(topics))]
+    return {(topic, number) for topic, numbers in zip(["", *topics], own, strict=True) for number in numbers.tolist()}
 
 
 def origin_of(table_set: TableSet, sweeps: pa.Table) -> Origin:
-    """Return the origin of a log as its sweeps table tells it; other programs that write tables may leave it out."""
+    """Return the origin of a log by its sweeps table; other programs that write tables may leave it out."""
     notes = notes_of(sweeps)
     origin = note_value(notes, SOURCE, dict)
     size, mask = origin.get("size"), origin.get("mask")
@@ -324,15 +321,15 @@ def poses_of(described: dict[str, Any]) -> dict[str, dict[str, Any]]:
 
 
 def world_in(description: Mapping[str, Any], topic: str) -> str:
-    """Return the fixed frame of a topic by the description of the poses of its sensor; empty where nobody tells."""
+    """Return the fixed frame of a topic by the description of the poses of its sensor; empty where it is not known."""
     world = description.get("world")
     world = world.get(topic) if isinstance(world, dict) else world
     return world.strip("/") if isinstance(world, str) else ""
 
 
 def contradicted(description: Mapping[str, Any], gap: str = "") -> dict[str, tuple[str, bool]]:
-    """Return the topics whose sweeps contradict the told poses, by the description of the poses of a sensor: what is wrong
-    and the way out in words, and True where no sweep has a pose, as clocks differ; `gap`: when poses of a file begin.
+    """Return the topics whose sweeps contradict the given poses, by the description of the poses of a sensor: what is wrong
+    and the remedy in words, and True where no sweep has a pose, as clocks differ; `gap`: when poses of a file begin.
     """
     from lidarcli.pose.fit import CORRECTED, clock_words
 
@@ -352,7 +349,7 @@ def contradicted(description: Mapping[str, Any], gap: str = "") -> dict[str, tup
 
 
 WHOLE: dict[str, Any] = {"start": None, "end": None, "run": None, "every": 1}
-"""Parameters that tell of which part of a recording tables are, as they are for all of it."""
+"""Parameters of the part of a recording that tables are of; the values for all of it."""
 
 
 def recording_in(notes: Mapping[str, str]) -> dict[str, str]:
@@ -377,8 +374,8 @@ def refuse_mixed(table_set: TableSet, tables: Mapping[str, pa.Table]) -> None:
     notes, keys = notes_of(sweeps), {"topic", "sweep", "stamp"}
     for kind, table in others:
         own, why = notes_of(table), ""
-        told = [WHOLE | note_value(each, PARAMETERS, dict) for each in (notes, own)]
-        if PARAMETERS in notes.keys() & own.keys() and any(told[0][name] != told[1][name] for name in WHOLE):
+        reported = [WHOLE | note_value(each, PARAMETERS, dict) for each in (notes, own)]
+        if PARAMETERS in notes.keys() & own.keys() and any(reported[0][name] != reported[1][name] for name in WHOLE):
             why = "is of another part of the log: make both with the same --start, --end, --run and --every"
         if keys <= {*sweeps.column_names} & {*table.column_names} and min(len(sweeps), len(table)):
             rows = Rows.join([sweeps]), Rows.join([table])
@@ -396,8 +393,6 @@ def refuse_mixed(table_set: TableSet, tables: Mapping[str, pa.Table]) -> None:
 
 KEYS = ("log", "topic")
 """Columns of every table of logs."""
-CHANGES_KEYS = frozenset(("log_a", "log_b", "status"))
-"""Columns by which a table of changes is known."""
 _SWEEPS_OF: dict[int, tuple[pa.Table, int]] = {}
 """Objects table in memory, by its identity, that a Python function returned → its sweeps table, and its own rows then."""
 
@@ -413,7 +408,7 @@ class HeldTableSet(TableSet):
 
 
 def remember_sweeps(objects: Any, sweeps: pa.Table) -> None:
-    """Remember the sweeps table of an objects table while that lives: by itself it tells of no sweep without objects."""
+    """Remember the sweeps table of an objects table while that lives: by itself it has no sweep without objects."""
     _SWEEPS_OF[id(objects)] = sweeps, len(objects)
     finalize(objects, _SWEEPS_OF.pop, id(objects), None)
 
@@ -478,7 +473,7 @@ def tables_of(values: Any) -> list[Given]:
             found.append(each)
         elif isinstance(each, list):
             table_sets += table_sets_of(each)
-        elif {*(table := arrow_of(each)).column_names} >= CHANGES_KEYS:
+        elif {*(table := arrow_of(each)).column_names} >= {"log_a", "log_b", "status"}:
             found.append(HeldTable("changes.parquet", table))
         else:
             loose.append(each)

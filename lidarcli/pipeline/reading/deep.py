@@ -15,7 +15,7 @@ from lidarcli.errors import OptionError
 from lidarcli.logs.base import Log, OpenOptions, ReadReport
 from lidarcli.logs.batches import ReadOptions, read_batches
 from lidarcli.logs.registry import TopicChoice
-from lidarcli.pipeline.inputs.declared import mask_text
+from lidarcli.pipeline.inputs.masks import mask_text
 from lidarcli.pipeline.inputs.sources import Source, open_source
 from lidarcli.pipeline.reading.masking import MAX_SENSORS, STOOD_REACH, MaskRules, MovedPath, masking_of
 from lidarcli.pipeline.reading.path_check import DRIFT_NOTED, CheckedPath

@@ -22,7 +22,7 @@ from lidarcli.logs.batches import LONGEST, LogBatcher, ReadOptions
 from lidarcli.logs.registry import TopicChoice, nothing_read
 from lidarcli.options.choices import ECHOES, KEEP
 from lidarcli.options.times import Instant
-from lidarcli.pipeline.inputs.declared import AUTO, masks_of, plain
+from lidarcli.pipeline.inputs.masks import AUTO, masks_of, plain
 from lidarcli.pipeline.inputs.sources import Source, made_of_clouds, open_source, parts_of
 from lidarcli.pipeline.reading.masking import MaskRules, masking_of
 from lidarcli.pipeline.reading.posing import Need, PoseAttacher, PoseOptions

@@ -11,19 +11,18 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from lidarcli.formalism.detection import SETS
+from lidarcli.formalism.detection import AGENT, SETS
 from lidarcli.formalism.tracking.trajectories import seen_steps
 from lidarcli.formalism.zones import SAMPLES, Path, crossings, episodes, visits
-from lidarcli.pipeline.zone_counting import TopicSeries, ZoneSeries
+from lidarcli.options.times import SECOND_NS
+from lidarcli.pipeline.inputs.tracked import from_sensor, to_sensor
+from lidarcli.pipeline.zones.counts import TopicSeries, ZoneSeries
 from lidarcli.sweeps.masks import Circle, Polygon
 from lidarcli.sweeps.types import Bool, Float64, Int64, UInt8
 from lidarcli.sweeps.zone import UNSEEN, WORLD, Line, Zone
 from lidarcli.tabular.schemas import DIRECTIONS, EVENT_KINDS
 
-SECOND_NS = 1e9
 OCCUPIED, APPROACH, VISIT, CROSSING, STALE = EVENT_KINDS
-IN, OUT = DIRECTIONS
-_AGENT = SETS.index("A")
 FEW = 2
 """Places of a zone, of `SAMPLES`, from which on it is not observed where they are lost."""
 
@@ -40,11 +39,11 @@ class AgentPaths(NamedTuple):
     in_world: Bool
     """(N,) True for the world frame, else that of the sensor."""
     in_view: Bool
-    """(N,) True where the sweep sees at least a part of it."""
+    """(N,) True where at least a part of it is visible in the sweep."""
     labels: Mapping[int, str]
     """Track → its name in the catalogue, where it has one; also of what is no agent."""
     shared: Collection[int] = ()
-    """Tracks that several sensors have seen: their numbers are those of the robot."""
+    """Tracks that several sensors have observed: their numbers are those of the robot."""
 
 
 class _AgentPath(NamedTuple):
@@ -60,7 +59,7 @@ class _AgentPath(NamedTuple):
 
 
 class HitRows(NamedTuple):
-    """Points on objects: one entry for each object that a row of the zone sees in it, by row."""
+    """Points on objects: one entry for each object that a row of the zone has in it, by row."""
 
     row: NDArray[np.intp]
     topic: Int64
@@ -87,7 +86,7 @@ class ZoneEvents:
     """Of a line: how often an agent went through it out of sight."""
     topics: Sequence[TopicSeries] = ()
     lost: tuple[int, float] = (0, 0.0)
-    """Sweeps in which too much of the zone is lost that a sensor could see, and the greatest share of it."""
+    """Sweeps in which too much of the zone is lost that a sensor could observe, and the greatest share of it."""
     in_force: bool = True
     """False for a velocity_polygon none of whose polygons ever covered the velocity."""
 
@@ -123,7 +122,7 @@ class EventFinder:
         self.ends = [{int(each.min()), int(each.max())} for each in stamps]
         """Of each topic the first and the last stamp."""
         self._timeout_ns = [self._timeout(each) for each in stamps]
-        """Age from which on a sweep of each topic tells nothing [ns]."""
+        """Age from which on a sweep of each topic does not count [ns]."""
         self.topic = np.repeat(np.arange(len(stamps)), [len(each) for each in stamps])
         self.own = np.concatenate([np.arange(len(each)) for each in stamps])
         time_ns = np.concatenate(stamps)
@@ -179,8 +178,8 @@ class EventFinder:
         """Return (N, ...) what each topic has at its own sweeps."""
         found = np.empty((len(self.own), *columns[0].shape[1:]), columns[0].dtype)
         for index, values in enumerate(columns):
-            mine = self.topic == index
-            found[mine] = values[self.own[mine]]
+            own = self.topic == index
+            found[own] = values[self.own[own]]
         return found
 
     def _part(self) -> Int64:
@@ -259,7 +258,7 @@ class EventFinder:
     def _observed(self) -> Bool:
         """Return (N,) whether something in the zone could have made an event: enough beams reach it for long enough.
 
-        Nor is any part of it lost that a sensor could see; one that is silent has lost all that it saw last.
+        Nor is any part of it lost that a sensor could observe; one that is silent has lost all that it observed last.
         """
         observed: Bool = self._of_topics("reach").sum(axis=0) >= (1 if self.is_line else self.zone.min_points)
         seen, lost = np.zeros((2, len(self.own)), np.uint64)
@@ -287,7 +286,7 @@ class EventFinder:
     # Whose points they are.
 
     def _hit_rows(self) -> HitRows:
-        """Return what each row sees in the part that counts."""
+        """Return what each row has in the part that counts."""
         pieces = []
         for index, hits in enumerate(each.ordered_hits() for each in self.series):
             latest = self.latest[index]
@@ -307,7 +306,7 @@ class EventFinder:
         return HitRows._make(values[order] for values in joined)
 
     def _things(self) -> Int64:
-        """Return (N,) the number of things with points in the zone; one that several sensors have seen counts once."""
+        """Return (N,) the number of objects with points in the zone; one that several sensors have observed counts once."""
         hits = self.hits
         shared = np.array([track for one in self.paths_of if one is not None for track in one.shared], np.int64)
         topic = np.where(np.isin(hits.track, shared), 0, hits.topic)
@@ -331,7 +330,7 @@ class EventFinder:
                 counts[int(self.hits.set[at]), int(self.hits.track[at])] += int(self.hits.points[at])
         left = int(self.points_of[index, row]) - counts.total()
         # Of as many points those of an agent count first, and walls last.
-        best = max(counts, key=lambda key: (counts[key], key[0] == _AGENT, -key[1]), default=None)
+        best = max(counts, key=lambda key: (counts[key], key[0] == AGENT, -key[1]), default=None)
         if best is None or counts[best] < left:
             return "S", None, None
         letter, track = best
@@ -352,8 +351,8 @@ class EventFinder:
             begins = np.flatnonzero(np.diff(agents.track, prepend=-1)).tolist()
             for some in (slice(*ends) for ends in pairwise([*begins, len(agents.track)])):
                 track, path = int(agents.track[some.start]), Path(stamps[some], x[some], y[some], agents.in_view[some])
-                mine = _AgentPath(track, path, np.full(len(path.x), at), agents.number[some], agents.in_view[some])
-                pieces.setdefault((-1 if track in agents.shared else at, track), []).append(mine)
+                own = _AgentPath(track, path, np.full(len(path.x), at), agents.number[some], agents.in_view[some])
+                pieces.setdefault((-1 if track in agents.shared else at, track), []).append(own)
         return [*map(_in_time_order, pieces.values())]
 
     def _of_path(self, agent: _AgentPath, name: str, rows: slice = slice(None)) -> NDArray[Any]:
@@ -367,22 +366,22 @@ class EventFinder:
         x, y = agents.x, agents.y
         if self.zone.frame == WORLD and agents.in_world.all():
             return x, y
-        own = _to_sensor(topic.column("pose")[agents.number], x, y)
+        own = to_sensor(topic.column("pose")[agents.number], x, y)
         x, y = (np.where(agents.in_world, here, there) for here, there in zip(own, (x, y), strict=True))
-        return _to_frame(series.column("placed")[agents.number], x, y)
+        return from_sensor(series.column("placed")[agents.number], x, y)
 
     def _shapes(self, index: int) -> tuple[list[Circle | Polygon], Int64]:
         """Return the shapes of the zone, and which of them it has (S,) at each sweep of a topic, -1 for none."""
         shapes = self.series[index].shapes
         which = shapes.at(self.topics[index].column("stamp_ns"))
         if which is None:
-            mine = self.topic == index
-            which = np.empty(np.count_nonzero(mine), np.int64)
-            which[self.own[mine]] = self.part[mine]
+            own = self.topic == index
+            which = np.empty(np.count_nonzero(own), np.int64)
+            which[self.own[own]] = self.part[own]
         return shapes.shapes, which
 
     def _visits(self) -> Iterator[tuple[int, int, int, bool]]:
-        """Yield agent, first and last index into its path of each visit, both seen, and whether the path ends in it."""
+        """Yield agent, first and last index into its path of each visit, both visible, and whether the path ends in it."""
         if self.is_line or not self.paths:
             return
         shapes = [self._shapes(index) for index in range(len(self.topics))]
@@ -395,8 +394,8 @@ class EventFinder:
 
     def _agents(self) -> Int64:
         """Return (K, 2) sweeps, by row, with the number of the path of each agent that is in the zone then."""
-        mine = (self.hits.set == _AGENT) & (self.hits.agent >= 0)
-        pairs = [np.column_stack([self.hits.row[mine], self.hits.agent[mine]])]
+        own = (self.hits.set == AGENT) & (self.hits.agent >= 0)
+        pairs = [np.column_stack([self.hits.row[own], self.hits.agent[own]])]
         for number, first, last, _ in self._visits():
             times, steps = self.paths[number].path.time_ns, self.paths[number].path.steps
             rows = np.arange(*np.searchsorted(self.time_ns, [times[first], times[last] + 1]))
@@ -406,7 +405,7 @@ class EventFinder:
         return np.unique(np.concatenate(pairs).astype(np.int64), axis=0)
 
     def _of_agents(self) -> tuple[list[dict[str, Any]], int, int]:
-        """Return visits or crossings; crossings that were seen on one side only, and those out of sight."""
+        """Return visits or crossings; crossings that were observed on one side only, and those out of sight."""
         events: list[dict[str, Any]] = []
         one_sided = unseen = 0
         if isinstance(shape := self.zone.shape, Line):
@@ -415,7 +414,7 @@ class EventFinder:
                 one_sided, unseen = one_sided + missed, unseen + hidden
                 for each in found:
                     event = self._of_agent(agent, each.after, each.after, CROSSING)
-                    events.append(event | {"direction": IN if each.inwards else OUT})
+                    events.append(event | {"direction": DIRECTIONS[0 if each.inwards else 1]})
         else:
             for number, first, last, cut in self._visits():
                 event = self._of_agent(self.paths[number], first, last, VISIT)
@@ -430,7 +429,7 @@ class EventFinder:
         """Return the event of a piece of the path of an agent."""
         some, path = slice(first, last + 1), agent.path
         x, y = path.x[some], path.y[some]
-        ahead, left = _to_sensor(self._of_path(agent, "placed", some), x, y)
+        ahead, left = to_sensor(self._of_path(agent, "placed", some), x, y)
         away = np.hypot(ahead, left)
         known = np.flatnonzero(np.isfinite(away))
         # The sensor with most of it.
@@ -493,8 +492,8 @@ class EventFinder:
         known = np.flatnonzero(np.isfinite(nearest))
         at = first + (int(known[nearest[known].argmin()]) if len(known) else 0)
         index = int(self.points_of[:, some].sum(axis=1).argmax())
-        mine = np.flatnonzero(self.topic[some] == index) + first
-        begin, end = (int(mine[0]), int(mine[-1])) if len(mine) else (first, last)
+        own = np.flatnonzero(self.topic[some] == index) + first
+        begin, end = (int(own[0]), int(own[-1])) if len(own) else (first, last)
         letter, track, label = self._whose(at, int(self.source[at]))
         agents = self._inside[(self._inside[:, 0] >= first) & (self._inside[:, 0] <= last), 1]
         if letter == "S" and len(agents):
@@ -523,7 +522,7 @@ class EventFinder:
         }
 
     def _stale(self) -> list[dict[str, Any]]:
-        """Return the times in which a topic told nothing that still counts."""
+        """Return the times in which a topic had no sweep that still counts."""
         if not self.zone.timeout:
             return []
         begin, end = self.span_ns
@@ -551,21 +550,6 @@ def _in_time_order(pieces: Sequence[_AgentPath]) -> _AgentPath:
     times = path.time_ns[order]
     steps = seen_steps(times / SECOND_NS, in_view, topic)
     return _AgentPath(pieces[0].track, Path(times, path.x[order], path.y[order], steps), topic, number, in_view)
-
-
-def _to_frame(place: Float64, x: Float64, y: Float64) -> tuple[Float64, Float64]:
-    """Return places of the frame of the sensor in the frame in which it is at `place` (N, 4)."""
-    cos, sin = np.cos(place[:, 2]), np.sin(place[:, 2])
-    left = np.where(place[:, 3] > 0.0, -y, y)
-    return place[:, 0] + cos * x - sin * left, place[:, 1] + sin * x + cos * left
-
-
-def _to_sensor(place: Float64, x: Float64, y: Float64) -> tuple[Float64, Float64]:
-    """Return places of the frame in which the sensor is at `place` (N, 4) in its own frame."""
-    dx, dy = x - place[:, 0], y - place[:, 1]
-    cos, sin = np.cos(place[:, 2]), np.sin(place[:, 2])
-    left = cos * dy - sin * dx
-    return cos * dx + sin * dy, np.where(place[:, 3] > 0.0, -left, left)
 
 
 def _number(value: float) -> float | None:

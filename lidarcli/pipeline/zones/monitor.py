@@ -1,4 +1,4 @@
-"""Acts of Nav2's Collision Monitor while the log was recorded, held against the events of the zones."""
+"""Acts of Nav2's Collision Monitor while the log was recorded, compared with the events of the zones."""
 
 from __future__ import annotations
 
@@ -9,15 +9,14 @@ from typing import NamedTuple
 
 from lidarcli.display.texts import times
 from lidarcli.logs.base import Log, Message, ReadReport
+from lidarcli.options.times import SECOND_NS
 from lidarcli.pipeline.reading.posing import messages_of
-from lidarcli.pipeline.zone_events import APPROACH, OCCUPIED, SECOND_NS, STALE, ZoneEvents
+from lidarcli.pipeline.zones.events import APPROACH, OCCUPIED, STALE, ZoneEvents
 from lidarcli.ros.cursor import Cursor
 
 STATE = "nav2_msgs/msg/CollisionMonitorState"
 ACTS = ("", "stop", "slowdown", "approach", "limit")
 """Actions of a state by their numbers; the first is none."""
-INVALID_SOURCE = "invalid source"
-"""Nav2's word for the polygon where it stops because a source is too old."""
 NEAR_NS = 500_000_000
 """An event of the zones this near to an act is the same: Nav2 decides at each velocity command [ns]."""
 SHOWN = 5
@@ -38,11 +37,11 @@ class Act(NamedTuple):
 def states(log: Log, report: ReadReport) -> list[Act]:
     """Read the states of the monitors, by times of the recording; what cannot be read is counted in the report."""
     topics = [topic.name for topic in log.topics() or () if topic.type == STATE]
-    told = [one for topic in topics for one in messages_of(log, topic, frozenset({STATE}), report, _state) or ()]
-    # A monitor may tell the same again.
-    told = [next(alike) for _, alike in groupby(sorted(told), key=lambda one: one[2:4])]
-    ends = [one.start_ns for one in told[1:]] + [1 << 62]
-    return [one._replace(end_ns=end) for one, end in zip(told, ends, strict=False)]
+    reported = [one for topic in topics for one in messages_of(log, topic, frozenset({STATE}), report, _state) or ()]
+    # A monitor may report the same again.
+    reported = [next(alike) for _, alike in groupby(sorted(reported), key=lambda one: one[2:4])]
+    ends = [one.start_ns for one in reported[1:]] + [1 << 62]
+    return [one._replace(end_ns=end) for one, end in zip(reported, ends, strict=False)]
 
 
 def _state(message: Message, cursor: Cursor) -> Act:
@@ -56,26 +55,26 @@ def acts_of(told: Sequence[Act], late_ns: int, by_zone: Sequence[ZoneEvents]) ->
     last = max((int(each.max()) for each in stamps), default=0)
     first = min((int(each.min()) for each in stamps), default=last)
     shifted = [one._replace(start_ns=one.start_ns - late_ns, end_ns=min(one.end_ns - late_ns, last)) for one in told]
-    mine = [one for one in shifted if one.action and one.start_ns <= last and one.end_ns >= first]
-    return [act._replace(otherwise=_otherwise(act, by_zone)) for act in mine]
+    own = [one for one in shifted if one.action and one.start_ns <= last and one.end_ns >= first]
+    return [act._replace(otherwise=_otherwise(act, by_zone)) for act in own]
 
 
 def _otherwise(act: Act, by_zone: Sequence[ZoneEvents]) -> str:
-    begin, end, is_stale = act.start_ns - NEAR_NS, act.end_ns + NEAR_NS, act.zone == INVALID_SOURCE
-    mine = [one for one in by_zone if is_stale or one.zone.name == act.zone]
+    begin, end, is_stale = act.start_ns - NEAR_NS, act.end_ns + NEAR_NS, act.zone == "invalid source"
+    own = [one for one in by_zone if is_stale or one.zone.name == act.zone]
     kinds = (STALE,) if is_stale else (OCCUPIED, APPROACH)
-    events = [event for one in mine for event in one.events if event["kind"] in kinds]
+    events = [event for one in own for event in one.events if event["kind"] in kinds]
     if any(event["start"] <= end and event["end"] >= begin for event in events):
         return ""
-    if is_stale or not mine:
+    if is_stale or not own:
         return "no source was too old" if is_stale else "no zone of this name is judged"
     most = 0
-    for columns in (one.columns for one in mine):
+    for columns in (one.columns for one in own):
         stamps, points = columns["stamp"], columns["points"]
         assert stamps is not None
         assert points is not None
         most = max(most, int(points[(stamps >= begin) & (stamps <= end)].max(initial=0)))
-    return f"{most:,} of {mine[0].zone.min_points:,} points in it" if most else "nothing was in it"
+    return f"{most:,} of {own[0].zone.min_points:,} points in it" if most else "nothing was in it"
 
 
 def missed_stops(acts: Sequence[Act], by_zone: Sequence[ZoneEvents]) -> list[Act]:

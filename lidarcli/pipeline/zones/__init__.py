@@ -1,0 +1,1 @@
+"""`zones`: who or what was in areas and across lines, sweep by sweep."""

@@ -1,0 +1,142 @@
+"""`zones` over a log and over several, with checks."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack
+from dataclasses import replace
+from functools import partial
+from typing import Any
+
+import pyarrow as pa
+
+from lidarcli.errors import OptionError
+from lidarcli.files.newfiles import refuse, scratch_folder, write_whole
+from lidarcli.files.stores import Place
+from lidarcli.pipeline.detecting import detect_to_temporary, second_half
+from lidarcli.pipeline.inputs.sources import MissingInput, Source, open_source
+from lidarcli.pipeline.inputs.tables import other_recording, tables_together
+from lidarcli.pipeline.reading.masking import masking_of
+from lidarcli.pipeline.reading.one_log import Progress, Reading, RunSummary
+from lidarcli.pipeline.runs.over_logs import LogProgress, Outcome, logs_at_once, over_logs
+from lidarcli.pipeline.zones.options import ZoneOptions, masked, narrowed
+from lidarcli.pipeline.zones.reader import ZoneReader
+from lidarcli.pipeline.zones.summary import ZoneSummary, ZoneTables, stale_notes
+from lidarcli.reports.checks import Check, Verdict, verdict_of
+from lidarcli.reports.programs import as_junit
+from lidarcli.reports.zones import figures_of, judge_zones, parse_zone_check, unobserved, zones_in
+from lidarcli.tabular.reading import HeldTable
+from lidarcli.tabular.writing import TableFiles, table_metadata
+
+
+def watch(
+    source: Source, options: ZoneOptions, folder: Place | None = None, progress: Progress | None = None
+) -> ZoneSummary:
+    """Find what is in the zones in every sweep of a log, and write the tables if a folder is given.
+
+    `OptionError`: the log is standard input, which is read only once; `UnreadableError`: the log or its tables cannot be
+    read, or its poses contradict its sweeps while a zone is in the world; `NoScanError`: no LaserScan topic, or not the one
+    that a zone names, or nothing leads to the frame of a zone; `OutputError`: a file cannot be written.
+    """
+    if source.is_stdin:
+        raise OptionError("zones are watched by reading the log twice; give the name of its file instead of -")
+    paths = None if folder is None else options.outputs(source, folder)
+    if paths is not None:
+        refuse(paths.values(), options.overwrite, options.inputs([source]))
+    parameters = options.as_dict()
+    with ExitStack() as stack:
+        tables = None if options.objects is None else tables_together(options.objects)
+        with open_source(source, options.detect.opening) as log:
+            options = narrowed(log, options)
+            read = options.detect.read
+            masking = masking_of(log, read.rules, options.detect.poses, read.topics)
+            finds = tables is None and options.find
+            detect = masked(log, options, masking) if finds else options.detect
+        first: Reading | None = None
+        if finds:
+            tables, first = detect_to_temporary(source, stack.enter_context(scratch_folder()), detect, progress)
+            progress = second_half(progress, source.size)
+        log = stack.enter_context(open_source(source, options.detect.opening))
+        reader = ZoneReader(log, options, tables, masking, first)
+        found, by_zone, described = reader.run(source, progress)
+        if first is not None:
+            # Both passes report the same damage; the first one also notes what it found.
+            found.damage = [*dict.fromkeys([*first.summary.damage, *found.damage])]
+            found.notes = [*dict.fromkeys([*masking.notes, *first.summary.notes, *found.notes])]
+        metadata = table_metadata(parameters, described, found.damage)
+        summary = ZoneSummary.of(found, source.name, by_zone, reader.acts, metadata)
+        summary.notes += [*options.zones.notes, *stale_notes(by_zone, bool(options.zones.robot))]
+        if tables is not None and options.objects is not None:
+            summary.notes += other_recording(tables, described.get("recording", {}))
+            if options.zones.masks.masks:
+                hidden = "masks of the zone file hide beams, but no objects of --objects"
+                summary.notes.append(f"{hidden}: give --mask where these are made, too")
+        if paths is not None:
+            files = stack.enter_context(TableFiles(paths, None, options.overwrite, options.detect.stamps))
+            for name, table in summary.tables._asdict().items():
+                for batch in table.to_batches():
+                    files.write(name, "", batch)
+            summary.notes += files.publish(metadata)
+            summary.outputs = [str(path) for path in files.paths]
+        if options.clips is not None:
+            clips = _clips(source, options.clips, options, summary.tables.events)
+            summary.notes, summary.outputs = summary.notes + clips.notes, summary.outputs + clips.outputs
+    return summary
+
+
+def _clips(source: Source, folder: Place, options: ZoneOptions, events: pa.Table) -> RunSummary:
+    """Write a part of the log around each event."""
+    # Most runs cut nothing, and should not wait for this import.
+    from lidarcli.pipeline.clean.log import clean_log
+    from lidarcli.pipeline.clean.options import CleanOptions
+
+    rows = HeldTable(f"the events of {source.label}", events)
+    read = replace(options.detect.read, start=None, end=None, run=None, every=1)
+    detect = replace(options.detect, read=read)
+    cutting = CleanOptions(detect, frozenset(), overwrite=options.overwrite, clips=rows, around=options.around)
+    return clean_log(source, folder, cutting)
+
+
+def watch_files(
+    sources: Sequence[Source | MissingInput], folder: Place | None, options: ZoneOptions, report: LogProgress | None = None
+) -> Iterator[Outcome]:
+    """Watch the zones in every log, one after the other or several at the same time."""
+    at_once = logs_at_once(sources, options.detect.jobs or options.detect.cores)
+    if at_once > 1:
+        detect = options.detect
+        detect = replace(detect, jobs=detect.jobs // at_once, cores=detect.cores // at_once)
+        options = replace(options, detect=detect)
+
+    return over_logs(sources, partial(watch, options=options, folder=folder), report, at_once)
+
+
+def refuse_outputs(
+    sources: Sequence[Source | MissingInput], folder: Place | None, options: ZoneOptions, more: Sequence[Place] = ()
+) -> list[str]:
+    """Return the files that are written, and `more`, after refusing those that cannot be, before any work."""
+    logs = [source for source in sources if isinstance(source, Source)]
+    paths = [path for source in logs if folder is not None for path in options.outputs(source, folder).values()]
+    paths += more
+    refuse(paths, options.overwrite, options.inputs(sources))
+    return [*map(str, paths)]
+
+
+def understand(options: ZoneOptions, expressions: Sequence[str]) -> list[Check]:
+    """Parse checks of zones, or raise a usage error."""
+    return [parse_zone_check(each, [zone.name for zone in options.zones.zones]) for each in expressions]
+
+
+def judge(
+    checks: Sequence[Check], tables: Sequence[ZoneTables]
+) -> tuple[list[Verdict], tuple[str, ...], dict[str, float | None]]:
+    """Return the verdicts on all logs, a line for each zone that was not observed all the time, and the figures."""
+    if not tables:
+        return [verdict_of(check, None) for check in checks], (), {}
+    rows = zones_in(dict(enumerate(tables)))
+    figures = figures_of(rows)
+    return [judge_zones(check, figures, rows) for check in checks], unobserved(checks, rows), figures
+
+
+def write_verdicts(path: Place, overwrite: bool, *told: Any) -> list[str]:
+    """Write the arguments of `as_junit` to a JUnit file; returns notes."""
+    return write_whole(path, as_junit("zones", *told).encode(), overwrite)
