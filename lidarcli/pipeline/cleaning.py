@@ -35,10 +35,11 @@ from lidarcli.pipeline.inputs.tables import TableSet, contradicted, world_in
 from lidarcli.pipeline.mending import FOREVER, Cutting, Mending, clips_of, plan, survey
 from lidarcli.pipeline.objects.detection import DetectOptions
 from lidarcli.pipeline.reading.masking import masking_of
+from lidarcli.pipeline.reading.needs import NO_POSES, NONE, Need
 from lidarcli.pipeline.reading.one_log import Progress, Reading, RunSummary, damage_lines, rules_of
-from lidarcli.pipeline.reading.posing import NO_POSES, NONE, Need, PoseAttacher
+from lidarcli.pipeline.reading.posing import PoseAttacher
 from lidarcli.pipeline.zone_counting import OBJECT_COLUMNS, Objects
-from lidarcli.pose.fit import Key
+from lidarcli.pose.findings import Key
 from lidarcli.sweeps.findings import LEAP
 from lidarcli.sweeps.masks import Polygon
 from lidarcli.sweeps.range_rules import RangeRules

@@ -22,8 +22,8 @@ from lidarcli.files.stores import Place
 from lidarcli.options.choices import NS
 from lidarcli.pipeline.inputs.sources import MissingInput, Source, open_source
 from lidarcli.pipeline.objects.detection import BatchDetector, DetectOptions, ParallelDetection, Part
+from lidarcli.pipeline.reading.needs import Need, SensorMovedError
 from lidarcli.pipeline.reading.one_log import Progress, Reading, RunSummary
-from lidarcli.pipeline.reading.posing import Need, SensorMovedError
 from lidarcli.pipeline.runs.over_logs import LogProgress, Outcome, logs_at_once, over_logs, progress_of
 from lidarcli.sweeps.types import SweepBatch
 from lidarcli.tabular.columns import in_unit

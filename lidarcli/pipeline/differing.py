@@ -67,8 +67,8 @@ from lidarcli.pipeline.inputs.sources import MissingInput, Source, naming
 from lidarcli.pipeline.inputs.tables import TracksTable, find_tracks, poses_of, read_tracks_table, world_in
 from lidarcli.pipeline.mapping import KM2, MIN_HITS_OF_ALL
 from lidarcli.pipeline.objects.detection import DetectOptions
+from lidarcli.pipeline.reading.needs import Need, of_one_run
 from lidarcli.pipeline.reading.one_log import Progress, Reading, read_log
-from lidarcli.pipeline.reading.posing import Need, of_one_run
 from lidarcli.pipeline.runs.over_logs import LogProgress
 from lidarcli.pipeline.zone_counting import OBJECT_COLUMNS, Objects
 from lidarcli.reports.changes import pairs_of

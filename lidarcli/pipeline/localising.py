@@ -22,8 +22,8 @@ from lidarcli.maps.grids import image_of, read_map
 from lidarcli.options.choices import MAP_STATES, MATCH
 from lidarcli.options.times import SECOND_NS
 from lidarcli.pipeline.inputs.sources import Source
+from lidarcli.pipeline.reading.needs import Need, of_one_run
 from lidarcli.pipeline.reading.one_log import Progress, Reading, read_log
-from lidarcli.pipeline.reading.posing import Need, of_one_run
 from lidarcli.pipeline.trajectories import PARQUET, PathOptions, PathSummary, read_rows, refuse_path, save
 from lidarcli.reports.checks import Check, Verdict, accepts, parse_check, verdict_of
 from lidarcli.reports.columns import Sight, least_observed, missing_of

@@ -48,7 +48,7 @@ from lidarcli.pipeline.inputs.tables import TableSet, one_table_set, other_recor
 from lidarcli.pipeline.objects.detection import DetectOptions
 from lidarcli.pipeline.reading.one_log import Progress, RunSummary, damage_lines, opening_of, rules_of
 from lidarcli.pipeline.zone_counting import Frames, Objects, Showing
-from lidarcli.pose.tracks import TRANSFORMS
+from lidarcli.pose.messages import TRANSFORMS
 from lidarcli.ros.messages import ROS2, SCAN, TF, Outgoing, cdr_scans, ros1_scans
 from lidarcli.sweeps.range_rules import normalise
 from lidarcli.sweeps.types import Bool, Int64, RawSweeps, SweepPoses

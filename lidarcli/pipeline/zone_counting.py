@@ -16,9 +16,11 @@ from lidarcli.errors import NoScanError
 from lidarcli.formalism.detection import SETS
 from lidarcli.formalism.zones import Inside, Sight, candidates, collision_steps, meeting, samples, sight, times
 from lidarcli.logs.base import Log
+from lidarcli.options.times import SECOND_NS
 from lidarcli.pipeline.inputs.sources import read_pose_messages
-from lidarcli.pose.sources import WORLDS, FrameTree, Step, along, namespace
-from lidarcli.pose.tracks import HOLD_STEPS, SECOND_NS, Track, frame_name, planar
+from lidarcli.pose.frames import WORLDS, FrameTree, Step, along, namespace
+from lidarcli.pose.messages import frame_name
+from lidarcli.pose.tracks import HOLD_STEPS, Track, planar
 from lidarcli.sweeps.masks import Circle, Mask, Masks, Mount, Polygon, mounted, same_name
 from lidarcli.sweeps.types import TURN, Bool, Float32, Float64, Int32, Int64, Status, SweepBatch, SweepPoses, UInt8, record
 from lidarcli.sweeps.zone import ROBOT, SENSOR, WORLD, Line, Zone, Zones, placed
@@ -105,7 +107,7 @@ class Frames:
 
     def notes(self) -> list[str]:
         """Return a note on each link that was held for long, though it moved, and on those that contradict each other."""
-        from lidarcli.pose.fit import contradictions, upright_words
+        from lidarcli.pose.findings import contradictions, upright_words
 
         links = self._links[0] if self._links else []
         noted = [each.message for each in contradictions(links) if each.frame in self._used]

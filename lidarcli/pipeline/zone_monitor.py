@@ -9,8 +9,8 @@ from typing import NamedTuple
 
 from lidarcli.display.texts import times
 from lidarcli.logs.base import Log, Message, ReadReport
-from lidarcli.pipeline.reading.posing import messages_of
 from lidarcli.pipeline.zone_events import APPROACH, OCCUPIED, SECOND_NS, STALE, ZoneEvents
+from lidarcli.pose.messages import messages_of
 from lidarcli.ros.cursor import Cursor
 
 STATE = "nav2_msgs/msg/CollisionMonitorState"

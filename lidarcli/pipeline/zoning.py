@@ -30,8 +30,8 @@ from lidarcli.pipeline.inputs.tables import (
 )
 from lidarcli.pipeline.objects.detection import DetectOptions
 from lidarcli.pipeline.reading.masking import MaskRules, masking_of
+from lidarcli.pipeline.reading.needs import Need
 from lidarcli.pipeline.reading.one_log import Progress, Reading, RunSummary
-from lidarcli.pipeline.reading.posing import TWIST, Need, polygons, velocities
 from lidarcli.pipeline.runs.over_logs import LogProgress, Outcome, logs_at_once, over_logs
 from lidarcli.pipeline.zone_counting import (
     OBJECT_COLUMNS,
@@ -46,9 +46,9 @@ from lidarcli.pipeline.zone_counting import (
 )
 from lidarcli.pipeline.zone_events import AgentPaths, EventFinder, ZoneEvents
 from lidarcli.pipeline.zone_monitor import Act, acts_of, lines_of, missed_stops, states
-from lidarcli.pose.fit import Key
-from lidarcli.pose.sources import WORLDS
-from lidarcli.pose.tracks import frame_name
+from lidarcli.pose.findings import Key
+from lidarcli.pose.frames import WORLDS
+from lidarcli.pose.messages import TWIST, frame_name, polygons, velocities
 from lidarcli.reports.checks import Check, Verdict, verdict_of
 from lidarcli.reports.figures import plain_number
 from lidarcli.reports.programs import as_junit

@@ -15,6 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from lidarcli.pose.fit import steps_between, wrapped
+from lidarcli.sweeps.findings import DEVIATIONS, MIN_ASKEW, MIN_OFF
 from lidarcli.sweeps.types import TURN, Bool, Float64, Int64
 
 SLOTS = 8
@@ -43,6 +44,12 @@ BESIDE_APART, BESIDE_TRIED = np.deg2rad(15.0), 4
 """Turns that are apart from each other [rad], and the most that are looked at closely."""
 SEEN_STEP, SEEN_OFF = np.deg2rad(4.0), 0.2
 """Directions that are told apart [rad], and how far something is seen through [m]."""
+DRIFTING, FIXED = (0.5 * np.pi, 5.0), (TURN, 50.0)
+"""Turn [rad] and distance [m] of a stretch in which poses do not drift much: of odometry, and of poses in a map."""
+UNSURE = np.array([0.05, 0.05, np.deg2rad(2.0)])
+"""Deviations of a mount that is known well enough [m, rad]."""
+SURE = np.array([0.003, 0.003, np.deg2rad(0.1)])
+"""No mount is known better: grids and ranges err, too [m, rad]."""
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -403,3 +410,9 @@ def _raster(points: Float64) -> Bool:
     at = at[((at >= 0) & (at < side)).all(axis=1)]
     found[at[:, 0], at[:, 1]] = True
     return found
+
+
+def differs(off: Float64, deviation: Float64) -> bool:
+    """Return whether a mount is off (3,) by more than its deviations explain [m, rad]."""
+    off = np.array([*off[:2], *wrapped(off[2:])])
+    return bool((np.abs(off) > np.maximum(DEVIATIONS * deviation, [MIN_OFF, MIN_OFF, MIN_ASKEW])).any())

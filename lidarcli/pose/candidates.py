@@ -10,9 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lidarcli.formalism.path_agreement import Agreement, agreement
-from lidarcli.pose.fit import MIN_STEP, Timing, headers_of, wrapped
+from lidarcli.options.times import SECOND_NS
+from lidarcli.pose.fit import MIN_STEP, wrapped
+from lidarcli.pose.matched import Timing, headers_of
 from lidarcli.pose.sources import Correction, PoseChain, later
-from lidarcli.pose.tracks import SECOND_NS, Motion, compose, inverse, lifted, planar
+from lidarcli.pose.tracks import Motion, compose, inverse, lifted, planar
 from lidarcli.sweeps.types import Float64, Int64, SweepBatch
 
 if TYPE_CHECKING:

@@ -16,7 +16,8 @@ from lidarcli.errors import UnreadableError
 from lidarcli.logs import open_log
 from lidarcli.logs.base import POSE_TYPES, ReadReport
 from lidarcli.logs.carmen import LASERS
-from lidarcli.pipeline.reading.posing import PoseOptions, find_poses
+from lidarcli.pipeline.reading.found_poses import find_poses
+from lidarcli.pipeline.reading.needs import PoseOptions
 from lidarcli.pose.tracks import planar
 from lidarcli.sweeps.types import RawSweeps, Status, concatenate
 from tests.logs.watched import CarmenLog

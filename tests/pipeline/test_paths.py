@@ -18,10 +18,9 @@ from lidarcli.formalism.parameters import TrackParameters
 from lidarcli.logs.batches import ReadOptions
 from lidarcli.pipeline.detecting import detect_to_files
 from lidarcli.pipeline.inputs.sources import Source
-from lidarcli.pipeline.objects.detection import DetectOptions
-from lidarcli.pipeline.objects.tracking import TrackOptions
+from lidarcli.pipeline.objects.detection import DetectOptions, TrackOptions
 from lidarcli.pipeline.reading import path_check
-from lidarcli.pipeline.reading.posing import PoseOptions
+from lidarcli.pipeline.reading.needs import PoseOptions
 from lidarcli.pose.tracks import planar
 from lidarcli.simulation.generate import simulate_blocks, simulate_odometry
 from lidarcli.simulation.scene import Odometry, Scene, load_scene

@@ -30,8 +30,8 @@ from lidarcli.pipeline.objects import detection
 from lidarcli.pipeline.objects.detection import BatchDetector, DetectOptions, ParallelDetection, Part
 from lidarcli.pipeline.objects.subtracting import BackgroundOptions
 from lidarcli.pipeline.reading import path_check
+from lidarcli.pipeline.reading.needs import NO_POSES
 from lidarcli.pipeline.reading.one_log import RunSummary
-from lidarcli.pipeline.reading.posing import NO_POSES
 from lidarcli.pipeline.runs import over_logs, processes
 from lidarcli.simulation.generate import simulate_blocks, simulate_odometry
 from lidarcli.simulation.scene import load_scene

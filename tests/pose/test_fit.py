@@ -8,8 +8,9 @@ from functools import partial
 import numpy as np
 import pytest
 
-from lidarcli.pose.fit import MAX_PAIRS, MIN_PAIRS, PoseFit, judge_poses, jump_of, poses_after, stands, still_at, wrapped
-from lidarcli.pose.tracks import SECOND_NS
+from lidarcli.options.times import SECOND_NS
+from lidarcli.pose.fit import MAX_PAIRS, MIN_PAIRS, PoseFit, judge_poses, jump_of, poses_after, wrapped
+from lidarcli.pose.matched import stands, still_at
 from lidarcli.sweeps.types import Float64, Int64
 from tests.pipeline.drawn import round_about, stamps, straight
 from tests.pose.pose_messages import odometry

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from lidarcli.logs.base import Message
-from lidarcli.pipeline.reading.posing import PoseOptions
+from lidarcli.pipeline.reading.needs import PoseOptions
 from lidarcli.sweeps.types import SweepBatch
 from tests.pose.pose_messages import SECOND, odometry, tf
 from tests.pose.test_posing import PosesLog, batch_of, cut, posing_of

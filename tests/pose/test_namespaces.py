@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 
 from lidarcli.logs.base import Message
-from lidarcli.pose.fit import contradictions, way_findings
-from lidarcli.pose.sources import FrameTree, PoseChain, PoseSources
+from lidarcli.pose.findings import contradictions, way_findings
+from lidarcli.pose.frames import FrameTree
+from lidarcli.pose.sources import PoseChain, PoseSources
 from lidarcli.pose.tracks import Track, Tracks, planar
 from lidarcli.ros.foxglove import SCAN, classes
 from tests.pose.pose_messages import SECOND, Pose, message, numbers, odometry, tf

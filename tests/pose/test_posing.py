@@ -18,8 +18,9 @@ from lidarcli.pipeline.detecting import detect_to_files
 from lidarcli.pipeline.inputs.sources import Source
 from lidarcli.pipeline.inspecting import inspect_log
 from lidarcli.pipeline.objects.detection import DetectOptions
-from lidarcli.pipeline.reading.path_check import CheckedPath
-from lidarcli.pipeline.reading.posing import NO_POSES, PoseAttacher, PoseOptions
+from lidarcli.pipeline.reading.needs import NO_POSES, PoseOptions
+from lidarcli.pipeline.reading.path_choice import CheckedPath
+from lidarcli.pipeline.reading.posing import PoseAttacher
 from lidarcli.simulation.generate import SimulatedPoses, simulate_blocks, simulate_odometry
 from lidarcli.simulation.scene import Scene, load_scene
 from lidarcli.sweeps.range_rules import RangeRules, normalise

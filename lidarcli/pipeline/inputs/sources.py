@@ -374,7 +374,7 @@ class SlicedLog(ChangedLog):
 
     def _of_clouds(self, topics: Collection[str] | None, report: ReadReport) -> Iterator[RawSweeps]:
         from lidarcli.logs.clouds import Slicer
-        from lidarcli.pose.sources import TreeLevels
+        from lidarcli.pose.frames import TreeLevels
 
         tracks = self.poses().tracks if self.size is not None else ()
         sensors = [topic.name for topic in self.topics() or () if topic.is_scan]

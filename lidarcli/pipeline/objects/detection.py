@@ -18,13 +18,14 @@ import pyarrow as pa
 from lidarcli.files.stores import Place
 from lidarcli.formalism import Detection, Parameters, detect
 from lidarcli.formalism.matching.catalogue import Catalogue, name, names_in
+from lidarcli.formalism.parameters import TrackParameters
 from lidarcli.logs.base import OpenOptions
 from lidarcli.logs.batches import ReadOptions
 from lidarcli.options.choices import NS
 from lidarcli.pipeline.inputs.search import files_of
 from lidarcli.pipeline.inputs.sources import MissingInput, Source
+from lidarcli.pipeline.reading.needs import Need, PoseOptions
 from lidarcli.pipeline.reading.one_log import Reading, RunSummary, named_files, reading_as_dict
-from lidarcli.pipeline.reading.posing import Need, PoseOptions
 from lidarcli.sweeps.types import SweepBatch
 from lidarcli.system.machine import Threads, cores
 from lidarcli.tabular.columns import beams_rows, objects_rows, sweeps_rows
@@ -34,10 +35,26 @@ if TYPE_CHECKING:
     from concurrent.futures import Future
 
     from lidarcli.pipeline.objects.subtracting import BackgroundComparison, BackgroundOptions
-    from lidarcli.pipeline.objects.tracking import TrackOptions
 
 OF_TRACKS = ("tracks", "trajectories")
 """Tables whose rows are known only once all sweeps of a track were seen."""
+
+
+@dataclass(frozen=True, slots=True)
+class TrackOptions:
+    """Options of `track` in addition to those of `detect`."""
+
+    parameters: TrackParameters = field(default_factory=TrackParameters)
+    tracks: bool = True
+    """True to fill the columns on tracks and write their table; without, memory only decides on objects."""
+    trajectories: bool = True
+    """True to write the trajectories of the tracks, too."""
+    apart: bool = False
+    """True to follow each sensor by itself, also where the places of several on one robot are known."""
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return plain values for the tables' metadata."""
+        return self.parameters.as_dict() | ({"apart": True} if self.apart else {})
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,9 +7,9 @@ import tempfile
 from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, fields
 from types import TracebackType
-from typing import IO, Any, Self
+from typing import IO, Self
 
 import numpy as np
 
@@ -18,7 +18,6 @@ from lidarcli.files.newfiles import writing
 from lidarcli.formalism.detection import AGENT, Detection
 from lidarcli.formalism.mapping.places import Places
 from lidarcli.formalism.matching.catalogue import names_in
-from lidarcli.formalism.parameters import TrackParameters
 from lidarcli.formalism.tracking.results import TrackedBatch
 from lidarcli.formalism.tracking.tracker import Tracker
 from lidarcli.pipeline.objects.detection import DetectOptions, Rows
@@ -31,23 +30,6 @@ OF_AGENTS = ("track", "first_stamp_ns", "last_stamp_ns", "distance", "speed_mean
 """Columns of the tracks table that a summary has of each agent."""
 ALONE = 0.1
 """Share of the sweeps without a known place of the sensor from which on there is a note."""
-
-
-@dataclass(frozen=True, slots=True)
-class TrackOptions:
-    """Options of `track` beside those of `detect`."""
-
-    parameters: TrackParameters = field(default_factory=TrackParameters)
-    tracks: bool = True
-    """True to fill the columns on tracks and write their table; without, memory only decides on objects."""
-    trajectories: bool = True
-    """True to write the trajectories of the tracks, too."""
-    apart: bool = False
-    """True to follow each sensor by itself, also where the places of several on one robot are known."""
-
-    def as_dict(self) -> dict[str, Any]:
-        """Return plain values for the tables' metadata."""
-        return self.parameters.as_dict() | ({"apart": True} if self.apart else {})
 
 
 class LogTracker:

@@ -15,7 +15,8 @@ from lidarcli.logs.base import Log, ReadReport
 from lidarcli.logs.batches import LogBatcher, ReadOptions
 from lidarcli.logs.registry import TopicChoice
 from lidarcli.pipeline.inputs.sources import read_pose_messages
-from lidarcli.pipeline.reading.posing import NONE, Need, PoseAttacher, PoseOptions
+from lidarcli.pipeline.reading.needs import NONE, Need, PoseOptions
+from lidarcli.pipeline.reading.posing import PoseAttacher
 from lidarcli.sweeps.masks import Mask, Masks, Mount, Sector, same_name
 from lidarcli.sweeps.range_rules import RangeRules
 from lidarcli.sweeps.types import TURN, Float32, Float64, Int32, Int64, SweepBatch
@@ -100,8 +101,9 @@ def masking_of(
 
 def _mounts(log: Log, frames: list[str]) -> Iterator[Mount]:
     """Yield where the static transforms of a log place its frames in others."""
-    from lidarcli.pose.sources import FrameTree, along
-    from lidarcli.pose.tracks import frame_name, planar
+    from lidarcli.pose.frames import FrameTree, along
+    from lidarcli.pose.messages import frame_name
+    from lidarcli.pose.tracks import planar
 
     messages = read_pose_messages(log)
     links = [track for track in messages.tracks if track.is_link and track.static]

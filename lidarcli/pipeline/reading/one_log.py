@@ -25,7 +25,8 @@ from lidarcli.options.times import Instant
 from lidarcli.pipeline.inputs.declared import AUTO, masks_of, plain
 from lidarcli.pipeline.inputs.sources import Source, made_of_clouds, open_source, parts_of
 from lidarcli.pipeline.reading.masking import MaskRules, masking_of
-from lidarcli.pipeline.reading.posing import Need, PoseAttacher, PoseOptions
+from lidarcli.pipeline.reading.needs import Need, PoseOptions
+from lidarcli.pipeline.reading.posing import PoseAttacher
 from lidarcli.sweeps.masks import Masks
 from lidarcli.sweeps.range_rules import NO_RETURN_WORDS, RangeRules, count_statuses
 from lidarcli.sweeps.types import STATUSES, SweepBatch

@@ -11,13 +11,14 @@ import numpy as np
 
 from lidarcli.display.texts import Routine, some_of
 from lidarcli.errors import OptionError
-from lidarcli.pipeline.reading.deep import DRIFTING, FIXED, SURE, UNSURE, differs
-from lidarcli.pipeline.reading.path_check import CheckedPath
-from lidarcli.pipeline.reading.posing import of_one_run
-from lidarcli.pose.calibration import joined_outlines, settle, stretches_of
+from lidarcli.pipeline.reading.needs import of_one_run
+from lidarcli.pipeline.reading.path_choice import CheckedPath
+from lidarcli.pose.calibration import DRIFTING, FIXED, SURE, UNSURE, differs, joined_outlines, settle, stretches_of
 from lidarcli.pose.fit import poses_after
-from lidarcli.pose.sources import WORLDS, FrameTree, PoseChain, Step, is_within, namespace
-from lidarcli.pose.tracks import TRANSFORMS, Motion, Track, compose, flat, frame_name, lifted, planar
+from lidarcli.pose.frames import WORLDS, FrameTree, Step, is_within, namespace
+from lidarcli.pose.messages import TRANSFORMS, frame_name
+from lidarcli.pose.sources import PoseChain
+from lidarcli.pose.tracks import Motion, Track, compose, flat, lifted, planar
 from lidarcli.sweeps.masks import Mount
 from lidarcli.sweeps.types import Float64
 from lidarcli.sweeps.zone import ROBOT
