@@ -14,7 +14,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lidarcli.pose.fit import steps_between, wrapped
+from lidarcli.pose.fit import steps_between
+from lidarcli.pose.matched import wrapped
 from lidarcli.sweeps.findings import DEVIATIONS, MIN_ASKEW, MIN_OFF
 from lidarcli.sweeps.types import TURN, Bool, Float64, Int64
 

@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 
 from lidarcli.formalism.path_agreement import Agreement, agreement
 from lidarcli.options.times import SECOND_NS
-from lidarcli.pose.fit import MIN_STEP, wrapped
-from lidarcli.pose.matched import Timing, headers_of
+from lidarcli.pose.matched import MIN_STEP, Timing, headers_of, wrapped
 from lidarcli.pose.sources import Correction, PoseChain, later
 from lidarcli.pose.tracks import Motion, compose, inverse, lifted, planar
 from lidarcli.sweeps.types import Float64, Int64, SweepBatch

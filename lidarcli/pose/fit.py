@@ -13,11 +13,10 @@ from typing import NamedTuple
 import numpy as np
 
 from lidarcli.options.times import SECOND_NS
+from lidarcli.pose.matched import MAX_UNPLACED, MIN_STEP, wrapped
 from lidarcli.pose.sources import PoseChain, later
 from lidarcli.sweeps.types import Bool, Float64, Int64
 
-MIN_STEP = 0.001
-"""Stamps that are mostly closer tell no times [s]."""
 PAIR_LENGTH, PAIR_TURN = 0.3, 0.15
 """A pair ends at the first sweep that is so far from its beginning [m, rad], ..."""
 PAIR_SECONDS = 3.0
@@ -25,8 +24,6 @@ PAIR_SECONDS = 3.0
 MOVED_LENGTH, MOVED_TURN = 0.1, 0.05
 MAX_PAIRS = 400
 MIN_PAIRS = 8
-MAX_UNPLACED = 0.3
-"""Nothing is judged where a greater share of the sweeps has no matched pose."""
 OFF_LENGTH, OFF_LENGTH_GROWS = 0.05, 0.12
 """Two steps agree if their ends are no further apart than this [m], and this share of their length more, ..."""
 OFF_TURN, OFF_TURN_GROWS = np.deg2rad(2.0), 0.1
@@ -83,11 +80,6 @@ class PoseFit:
     def is_judged(self) -> bool:
         """True where enough steps could be compared."""
         return self.verdict != "unchecked"
-
-
-def wrapped(angle: Float64) -> Float64:
-    """Return angles within ±π [rad]."""
-    return (angle + np.pi) % (2.0 * np.pi) - np.pi
 
 
 def steps_between(begin: Float64, end: Float64) -> Steps:

@@ -13,16 +13,24 @@ from numpy.typing import NDArray
 from lidarcli.formalism.scan_matching import Matcher
 from lidarcli.options.choices import BEAM_ORDERS, MATCH
 from lidarcli.options.times import SECOND_NS
-from lidarcli.pose.fit import MAX_UNPLACED, MIN_STEP, wrapped
 from lidarcli.pose.tracks import Track, gathered
 from lidarcli.sweeps.types import TURN, Bool, Float64, Int64, SweepBatch
 
+MIN_STEP = 0.001
+"""Stamps that are mostly closer tell no times [s]."""
+MAX_UNPLACED = 0.3
+"""Nothing is judged where a greater share of the sweeps has no matched pose."""
 STANDING_OFF, STANDING_TURN = 0.02, np.deg2rad(0.5)
 """A sensor stands whose matched poses are no further from their middle [m, rad], but for 1 % of them."""
 MAX_SLIDING = 0.5
 """Share of sweeps that may slide of a sensor that is known to stand."""
 STILL_SECONDS, STILL_OFF, STILL_TURN = 2.0, 0.05, 0.035
 """It stands at a sweep if the poses at both ends of so many seconds around it are no further apart [m, rad]."""
+
+
+def wrapped(angle: Float64) -> Float64:
+    """Return angles within ±π [rad]."""
+    return (angle + np.pi) % (2.0 * np.pi) - np.pi
 
 
 def stands(matched: Float64, slides: Float64) -> bool:
@@ -112,7 +120,7 @@ class Timing:
 
 def headers_of(sweeps: SweepBatch) -> Float64:
     """Return (S,) the duration of each sweep as its header tells it [s], 0 for none."""
-    return np.zeros(len(sweeps)) if sweeps.duration is None else np.nan_to_num(sweeps.duration)
+    return np.zeros(len(sweeps.stamp_ns)) if sweeps.duration is None else np.nan_to_num(sweeps.duration)
 
 
 def duration_of(sweeps: Sequence[SweepBatch]) -> tuple[float, float]:

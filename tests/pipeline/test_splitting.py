@@ -361,8 +361,8 @@ def test_processes_are_shared_between_logs(tmp_path: Path, monkeypatch: pytest.M
     asked = []
 
     def side_by_side(sources: Any, work: Any, jobs: int) -> Iterator[Any]:
-        asked.append((jobs, work.keywords["options"].jobs))
-        return iter(sources)
+        asked.append((jobs, work.keywords["work"].keywords["options"].jobs))
+        yield from ((source, False) for source in sources)
 
     monkeypatch.setattr("lidarcli.pipeline.runs.processes.side_by_side", side_by_side)
     sources = [Source(f"fifo{k}", f"log{k}") for k in range(3)]

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from lidarcli.options.times import SECOND_NS
-from lidarcli.pose.fit import MAX_PAIRS, MIN_PAIRS, PoseFit, judge_poses, jump_of, poses_after, wrapped
-from lidarcli.pose.matched import stands, still_at
+from lidarcli.pose.fit import MAX_PAIRS, MIN_PAIRS, PoseFit, judge_poses, jump_of, poses_after
+from lidarcli.pose.matched import stands, still_at, wrapped
 from lidarcli.sweeps.types import Float64, Int64
 from tests.pipeline.drawn import round_about, stamps, straight
 from tests.pose.pose_messages import odometry

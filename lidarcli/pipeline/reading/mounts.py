@@ -33,9 +33,9 @@ from lidarcli.pose.calibration import (
     settle,
     stretches_of,
 )
-from lidarcli.pose.fit import ACCEPTED, mount_between, pairs_of, poses_after, steps_between, wrapped
+from lidarcli.pose.fit import ACCEPTED, mount_between, pairs_of, poses_after, steps_between
 from lidarcli.pose.frames import FrameTree, Step, along
-from lidarcli.pose.matched import AUTO, headers_of
+from lidarcli.pose.matched import AUTO, headers_of, wrapped
 from lidarcli.pose.messages import frame_name
 from lidarcli.pose.sources import PoseChain
 from lidarcli.pose.tracks import flat, planar

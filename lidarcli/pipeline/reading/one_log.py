@@ -8,9 +8,11 @@ from collections import Counter, deque
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
+from functools import partial
+from itertools import chain
 from pathlib import Path
 from types import TracebackType
-from typing import TYPE_CHECKING, Any, Protocol, Self
+from typing import TYPE_CHECKING, Any, Protocol, Self, TypeVar
 
 import numpy as np
 
@@ -169,6 +171,7 @@ GEOMETRY = ("columns", "angle_min", "angle_increment", "fov", "range_max", "rang
 """Fields of `OpenOptions` that a log of text may lack."""
 _AS_IT_IS = OpenOptions()
 
+T = TypeVar("T")
 Progress = Callable[[int], None]
 """Called with the position in the source [bytes]."""
 
@@ -253,31 +256,36 @@ class Reading:
         self._thread: Threads | None = None
 
     def batches(self, progress: Progress | None = None) -> Iterator[SweepBatch]:
-        """Yield every batch with its poses; `progress` takes the position [bytes] once the caller is done with a batch."""
-        attached = ((self.posing.attach(batch), self._log.position) for batch in self._batcher.batches())
-        for batch, position in self._read_ahead(attached):
-            self._position = position
-            if self.date is None and len(batch):
-                self.date = str(np.datetime64(int(batch.stamp_ns[0]), "ns").astype("datetime64[D]"))
-            self.summary.add_sweeps(batch)
-            yield batch
-            if progress is not None:
-                progress(position)
+        """Return every batch with its poses; `progress` takes the position [bytes] once the caller is done with a batch.
+
+        The stages follow each other, and none of them calls the next: whoever pulls is the loop around them all.
+        """
+        blocks = self._log.scans(self._choice.asked, self._report)
+        batches = chain(chain.from_iterable(map(self._batcher.take, blocks)), self._batcher.flush())
+        placed = self._read_ahead(map(self._with_position, map(self.posing.attach, batches)))
+        return chain.from_iterable(map(partial(self._counted, progress), placed))
+
+    def _with_position(self, batch: SweepBatch) -> tuple[SweepBatch, int]:
+        return batch, self._log.position
+
+    def _counted(self, progress: Progress | None, placed: tuple[SweepBatch, int]) -> Iterator[SweepBatch]:
+        """Yield a batch once it is counted, and report its position afterwards."""
+        batch, self._position = placed
+        if self.date is None and len(batch):
+            self.date = str(np.datetime64(int(batch.stamp_ns[0]), "ns").astype("datetime64[D]"))
+        self.summary.add_sweeps(batch)
+        yield batch
+        if progress is not None:
+            progress(placed[1])
 
     def _read_ahead(self, batches: Iterator[tuple[SweepBatch, int]]) -> Iterator[tuple[SweepBatch, int]]:
-        """Yield what an iterator yields, which a thread of its own pulls for a file that is worth it."""
+        """Return an iterator whose items a thread of its own pulls, for a file that is worth it."""
         # Sweeps of a pipe are wanted at once, and reading one cannot be broken off.
         if self._log.size is not None and self._log.size >= WORTH_A_THREAD:
             # The system may start no more threads.
             with suppress(RuntimeError):
                 self._thread = Threads("read")
-        if (thread := self._thread) is None:
-            yield from batches
-            return
-        waiting = deque(thread.submit(next, batches, None) for _ in range(AHEAD))
-        while (batch := waiting.popleft().result()) is not None:
-            waiting.append(thread.submit(next, batches, None))
-            yield batch
+        return batches if self._thread is None else pulled_by(self._thread, batches)
 
     @property
     def is_pipe(self) -> bool:
@@ -294,7 +302,8 @@ class Reading:
     def close(self) -> RunSummary:
         """Return the counts, or raise the error of a log that turned out to have no LaserScan."""
         summary = self.summary
-        self._batcher.close()
+        self._batcher.checks.report_to(self._report)
+        self._batcher.report_repeats()
         self.posing.close()
         summary.close(self._report, self.posing)
         summary.doubts += self.masking.doubts
@@ -351,6 +360,14 @@ class ReadingOptions(Protocol):
 
     @property
     def poses(self) -> PoseOptions: ...
+
+
+def pulled_by(thread: Threads, items: Iterator[T]) -> Iterator[T]:
+    """Yield items that a thread pulls, `AHEAD` of them before they are wanted."""
+    waiting = deque(thread.submit(next, items, None) for _ in range(AHEAD))
+    while (item := waiting.popleft().result()) is not None:
+        waiting.append(thread.submit(next, items, None))
+        yield item
 
 
 def named_files(options: ReadingOptions) -> list[str]:

@@ -14,9 +14,9 @@ from lidarcli.logs.base import Log, ReadReport
 from lidarcli.logs.batches import LogBatcher, ReadOptions
 from lidarcli.logs.registry import TopicChoice
 from lidarcli.logs.scan_checks import Went
-from lidarcli.pipeline.reading.needs import Need, SensorMovedError
-from lidarcli.pipeline.reading.path_choice import CheckedPath, Key, _Choice
-from lidarcli.pipeline.reading.sensor_look import PERIOD, _Look
+from lidarcli.pipeline.reading.needs import Need
+from lidarcli.pipeline.reading.path_choice import CheckedPath, Key, PathChoice
+from lidarcli.pipeline.reading.sensor_look import SensorLook
 from lidarcli.pose import matched as matching
 from lidarcli.pose.sources import Correction, PoseChain, went
 from lidarcli.sweeps.range_rules import RangeRules
@@ -27,29 +27,6 @@ if TYPE_CHECKING:
 
 MAX_MATCHED = 16
 """Topics and frames whose paths are looked at: each has a map in memory."""
-
-
-class StandingWatch:
-    """Takes the only sensor of a log without told poses to stand; `SensorMovedError` where it moves, or there are two."""
-
-    def __init__(self, order: str) -> None:
-        self._look, self._keys = _Look((), matching.Timing(order), None, whole=False, wanted=True), set[tuple[Key, int]]()
-
-    def paths(self, batch: SweepBatch | None) -> dict[Key, CheckedPath]:
-        """Return the path at the sweeps of the next batch; after all of them (None) what `check_paths` does."""
-        for frame, _, sweeps in batch.by_frame() if batch is not None else ():
-            self._keys.add(((sweeps.topic, frame), sweeps.run))
-            for first in range(0, len(sweeps), PERIOD):
-                self._look.add(sweeps.rows(np.arange(first, min(first + PERIOD, len(sweeps)))))
-                if len(self._keys) > 1 or not self._look.stands:
-                    raise SensorMovedError
-        here = CheckedPath("none", stamp_ns=np.zeros(1, np.int64), still=np.ones(1, bool))
-        if batch is None and self._keys:
-            self._look.settle()
-            if not self._look.stands:
-                raise SensorMovedError
-            here = _Choice(next(iter(self._keys))[0], self._look, named="", match=False).first()[0]
-        return {key: here for key, _ in self._keys}
 
 
 def check_paths(
@@ -92,7 +69,7 @@ def check_paths(
         return [replace(one, correction=replace(one.correction or Correction(), delay_ns=delay_ns)) for one in chains]
 
     match_all = match or need is Need.ALL
-    looks: dict[tuple[int, Key], _Look] = {}
+    looks: dict[tuple[int, Key], SensorLook] = {}
     sweeps_of: Counter[int] = Counter()
     recorded: dict[int, tuple[Any, Any]] = {}
     expected = {topic.name for topic in log.topics() or () if topic.messages != 0} & set(choice.chosen)
@@ -106,13 +83,13 @@ def check_paths(
             is_left_out = run and run != key[0]
             if len(looks) == MAX_MATCHED or is_left_out or (not chains and need is Need.TOLD and not match):
                 continue
-            looks[key] = _Look(chains, matching.Timing(order), None, whole=match, wanted=wanted)
+            looks[key] = SensorLook(chains, matching.Timing(order), None, whole=match, wanted=wanted)
         looks[key].add(sweeps)
         is_all = not wanted and {topic for _, (topic, _) in looks} >= expected > set()
         if is_all and not any(look.may_stand for look in looks.values()):
             break
     found: dict[tuple[int, Key], CheckedPath] = {}
-    again: dict[tuple[int, Key], tuple[_Choice, list[_Look]]] = {}
+    again: dict[tuple[int, Key], tuple[PathChoice, list[SensorLook]]] = {}
     for key, look in looks.items():
         look.settle()
         if len(by_run) == len(sweeps_of):
@@ -124,7 +101,7 @@ def check_paths(
         if not look.chains and need is Need.TOLD and not match:
             found[key] = CheckedPath("none", remark="recorded in another run")
             continue
-        choice_of = _Choice(key[1], look, named=named, match=match_all)
+        choice_of = PathChoice(key[1], look, named=named, match=match_all)
         found[key], second = choice_of.first()
         if not wanted:
             still = found[key].still if look.may_stand else np.zeros(0, bool)

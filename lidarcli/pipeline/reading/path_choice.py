@@ -5,15 +5,15 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from lidarcli.display.texts import Routine, counted, times
 from lidarcli.formalism.path_agreement import Agreement
 from lidarcli.options.times import SECOND_NS
-from lidarcli.pipeline.reading.needs import UNPLACED
-from lidarcli.pipeline.reading.sensor_look import _Look
+from lidarcli.pipeline.reading.needs import UNPLACED, SensorMovedError
+from lidarcli.pipeline.reading.sensor_look import PERIOD, SensorLook
 from lidarcli.pose import candidates
 from lidarcli.pose import fit as fitting
 from lidarcli.pose import matched as matching
@@ -22,11 +22,7 @@ from lidarcli.pose.frames import Step
 from lidarcli.pose.sources import Correction, PoseChain
 from lidarcli.pose.tracks import lifted, planar
 from lidarcli.sweeps.findings import Finding, Fix
-from lidarcli.sweeps.types import Bool, Float64, Int64
-
-if TYPE_CHECKING:
-    pass
-
+from lidarcli.sweeps.types import Bool, Float64, Int64, SweepBatch
 
 WORTH_A_GUESS = 0.2
 """Share of told steps that fit below which they are no better a guess than none."""
@@ -117,7 +113,7 @@ def _rounded(value: float) -> float | None:
 class _Told:
     """The best told path of a sensor, its steps beside the matched ones, and what is to be said of it."""
 
-    def __init__(self, key: Key, chains: Sequence[PoseChain], look: _Look, *, named: str) -> None:
+    def __init__(self, key: Key, chains: Sequence[PoseChain], look: SensorLook, *, named: str) -> None:
         self.key, self.named, self._sample = key, named, look.sample
         found = candidates.told_candidates(chains, look.sample)
         self.chosen, self._best = found[0], candidates.best_told(found)
@@ -273,10 +269,10 @@ class _Told:
         return Finding("drift", "warning", *self.key, words, known, {"drift": DRIFT_NOTED})
 
 
-class _Choice:
+class PathChoice:
     """The choice of the path of one sensor, after one look at its sweeps or two."""
 
-    def __init__(self, key: Key, look: _Look, *, named: str, match: bool) -> None:
+    def __init__(self, key: Key, look: SensorLook, *, named: str, match: bool) -> None:
         self.key, self.look, self.named, self.match = key, look, named, match
         look.sample.timing, stamp_ns = look.path.timing, look.sample.stamp_ns
         known = [chain for chain in look.chains if np.isfinite(candidates.poses_of(chain, stamp_ns)).any()]
@@ -284,7 +280,7 @@ class _Choice:
         self.is_apart = bool(look.chains and len(stamp_ns)) and look.chains[0] not in known
         """True where no sweep has a pose by the best of the told paths."""
 
-    def first(self) -> tuple[CheckedPath, list[_Look]]:
+    def first(self) -> tuple[CheckedPath, list[SensorLook]]:
         """Return the path as far as one look tells it, and the looks at all sweeps that are needed to decide."""
         look, told = self.look, self.told
         if told is None:
@@ -303,7 +299,7 @@ class _Choice:
         guesses = [told.guide, None] if any(told.jumps) or told.fit.share < fitting.ACCEPTED else [told.guide]
         return self._with_told(told), [self._again(guess) for guess in guesses]
 
-    def second(self, looks: Sequence[_Look]) -> CheckedPath:
+    def second(self, looks: Sequence[SensorLook]) -> CheckedPath:
         """Return the path after looks at all sweeps."""
         if (told := self.told) is None:
             return self._without_told(looks[0].path)
@@ -313,7 +309,7 @@ class _Choice:
         # Without any guess, a path that is sharp and wrong is likelier.
         trusted = 0.0 if any(told.jumps) or told.fit.share < WORTH_A_GUESS else candidates.DRIFTS
 
-        def worth(each: tuple[candidates.Candidate, _Look]) -> float:
+        def worth(each: tuple[candidates.Candidate, SensorLook]) -> float:
             """Return the agreement of a matched path, with a gain where trusted steps led it."""
             share = float(np.nan_to_num(each[0].by_places)) * each[0].agreement.placed
             return share + (trusted if each[1].guess is not None else 0.0)
@@ -349,9 +345,9 @@ class _Choice:
         fit = fitting.PoseFit("rejected", 0.0, 0, round(delay, 2) or float("nan"))
         return replace(found, fit=fit, notes=notes, apart=note)
 
-    def _again(self, guess: PoseChain | None) -> _Look:
+    def _again(self, guess: PoseChain | None) -> SensorLook:
         """Return a look at all sweeps, with the order of the beams that the first look found."""
-        return _Look((), self.look.path.timing, guess, whole=True, wanted=False)
+        return SensorLook((), self.look.path.timing, guess, whole=True, wanted=False)
 
     def _checked(self, verdict: str, chain: PoseChain | None, path: matching.MatchedPath | None = None) -> CheckedPath:
         """Return a path with all that the sweeps tell."""
@@ -455,3 +451,29 @@ def _changes(fit: fitting.PoseFit) -> list[str]:
     if moves:
         changes.append(f"sensor {', '.join(moves)}")
     return changes
+
+
+class StandingWatch:
+    """Takes the only sensor of a log without told poses to stand; `SensorMovedError` where it moves, or there are two."""
+
+    def __init__(self, order: str) -> None:
+        self._look, self._keys = (
+            SensorLook((), matching.Timing(order), None, whole=False, wanted=True),
+            set[tuple[Key, int]](),
+        )
+
+    def paths(self, batch: SweepBatch | None) -> dict[Key, CheckedPath]:
+        """Return the path at the sweeps of the next batch; after all of them (None) what `check_paths` does."""
+        for frame, _, sweeps in batch.by_frame() if batch is not None else ():
+            self._keys.add(((sweeps.topic, frame), sweeps.run))
+            for first in range(0, len(sweeps), PERIOD):
+                self._look.add(sweeps.rows(np.arange(first, min(first + PERIOD, len(sweeps)))))
+                if len(self._keys) > 1 or not self._look.stands:
+                    raise SensorMovedError
+        here = CheckedPath("none", stamp_ns=np.zeros(1, np.int64), still=np.ones(1, bool))
+        if batch is None and self._keys:
+            self._look.settle()
+            if not self._look.stands:
+                raise SensorMovedError
+            here = PathChoice(next(iter(self._keys))[0], self._look, named="", match=False).first()[0]
+        return {key: here for key, _ in self._keys}

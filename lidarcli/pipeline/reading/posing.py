@@ -26,8 +26,7 @@ from lidarcli.sweeps.masks import Masks
 from lidarcli.sweeps.types import Int64, SweepBatch, SweepPoses
 
 if TYPE_CHECKING:
-    from lidarcli.pipeline.reading.path_check import StandingWatch
-    from lidarcli.pipeline.reading.path_choice import CheckedPath
+    from lidarcli.pipeline.reading.path_choice import CheckedPath, StandingWatch
     from lidarcli.pose.sources import GivenPaths, PoseChain, PoseSources
     from lidarcli.pose.tracks import Motion
 
@@ -117,7 +116,7 @@ class PoseAttacher:
         match = options.source == MATCH
         is_all = (read.start, read.end, read.every, read.rules.masks) == (None, None, 1, None) and not (read.run or match)
         if need is Need.STANDING and found is None and log.size is not None and is_all and len(choice.chosen) == 1:
-            from lidarcli.pipeline.reading.path_check import StandingWatch
+            from lidarcli.pipeline.reading.path_choice import StandingWatch
 
             return replace(posing, watch=StandingWatch(options.order))
         need = Need.MOVING if need is Need.STANDING else need

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -12,10 +11,6 @@ from lidarcli.pose import candidates
 from lidarcli.pose import matched as matching
 from lidarcli.pose.sources import PoseChain
 from lidarcli.sweeps.types import Float64, Int64, SweepBatch
-
-if TYPE_CHECKING:
-    pass
-
 
 ENOUGH, ENOUGH_WAY = 150, 15.0
 """The steps of a told path are judged by its first so many sweeps, once the sensor has gone so far [m]."""
@@ -31,7 +26,7 @@ MIN_PLACED = 0.7
 """Least share of sweeps with a pose that tell the order of the beams."""
 
 
-class _Look:
+class SensorLook:
     """A look at the sweeps of one topic and frame, in log order."""
 
     def __init__(

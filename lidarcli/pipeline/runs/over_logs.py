@@ -5,6 +5,7 @@ from __future__ import annotations
 import gc
 import traceback
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import closing
 from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any, Protocol, TypeVar
@@ -82,15 +83,15 @@ def over_logs(
     # Most runs need no process and should not wait for this import.
     from lidarcli.pipeline.runs.processes import side_by_side
 
-    outcomes = side_by_side(sources, partial(outcome_of, work=work), at_once)
-    for source, (outcome, is_second_try) in zip(sources, outcomes, strict=True):
-        if report is not None and isinstance(source, Source):
-            report(source, source.size)
-        if outcome is None:
-            outcome = Outcome(source.label, INTERNAL_ERROR, error=DIED_TWICE, source=source)
-        elif is_second_try:
-            outcome = replace(outcome, remark="a worker process died; this log was done again")
-        yield outcome
+    with closing(side_by_side(sources, partial(outcome_of, work=work), at_once)) as outcomes:
+        for source, (outcome, is_second_try) in zip(sources, outcomes, strict=True):
+            if report is not None and isinstance(source, Source):
+                report(source, source.size)
+            if outcome is None:
+                outcome = Outcome(source.label, INTERNAL_ERROR, error=DIED_TWICE, source=source)
+            elif is_second_try:
+                outcome = replace(outcome, remark="a worker process died; this log was done again")
+            yield outcome
 
 
 def outcome_of(source: Source | MissingInput, work: Work) -> Outcome:

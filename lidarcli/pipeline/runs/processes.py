@@ -7,7 +7,7 @@ import os
 import signal
 import threading
 from collections import deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
@@ -22,7 +22,7 @@ T = TypeVar("T")
 R = TypeVar("R")
 
 
-def side_by_side(items: Sequence[T], work: Callable[[T], R], jobs: int) -> Iterator[tuple[R | None, bool]]:
+def side_by_side(items: Sequence[T], work: Callable[[T], R], jobs: int) -> Generator[tuple[R | None, bool]]:
     """Do `work` for each of `items` in `jobs` worker processes, and yield the results in their order.
 
     With each result: whether it is that of a second try, alone, because a worker died; it is None where that died, too. No
