@@ -98,7 +98,7 @@ def _detect_log(
             summary.followed = tracker.counts.followed
         # The end of the work: the summary tells how long it took.
         reading.close()
-        summary.notes += [*detection.notes(), *([] if tracker is None else summary.told(tracker.notes))]
+        summary.notes += [*detection.notes(), *([] if tracker is None else summary.graded(tracker.notes))]
 
 
 def _tracker(

@@ -30,7 +30,7 @@ DIRECTIONS = 12
 """Directions of normals that are told apart: the two sides of a board are two surfaces."""
 LADDER = ((0.8, 0.3, 4), (0.4, 0.1, 4), (0.3, 0.05, 8))
 """Sides of cells, scales of the robust weights [m], and most steps of the search with these."""
-SETTLED, MAX_STEP, MIN_IN_CELL = 5e-4, 0.3, 4
+CONVERGED, MAX_STEP, MIN_IN_CELL = 5e-4, 0.3, 4
 """The search ends with steps below this [m, rad]; its greatest step [m, rad]; fewest points of a cell that count."""
 BESIDE_CELL, BESIDE_CELLS, BESIDE_REACH, BESIDE_TURN = 0.1, 256, 3.0, np.deg2rad(2.0)
 """Side of the cells in which two sensors are laid on each other [m], cells to each side, and the farthest place [m] and the
@@ -78,9 +78,9 @@ class Outlines:
         """Return the points of some slots (M,), which are numbered anew."""
         number = np.full(len(self.stamp_ns), -1)
         number[slots] = np.arange(len(slots))
-        mine = number[self.slot] >= 0
+        own = number[self.slot] >= 0
         return Outlines(
-            self.points[mine], self.normals[mine], number[self.slot[mine]], self.stamp_ns[slots], self.share[slots]
+            self.points[own], self.normals[own], number[self.slot[own]], self.stamp_ns[slots], self.share[slots]
         )
 
 
@@ -188,7 +188,7 @@ def cells_filled(outlines: Outlines, poses: Float64, stretch: Int64 | None = Non
     return round(float(np.mean(counts)))
 
 
-def settle(outlines: Outlines, placing: Placing, start: Float64, trusted: Float64, stretch: Int64) -> CalibrationResult:
+def solve(outlines: Outlines, placing: Placing, start: Float64, trusted: Float64, stretch: Int64) -> CalibrationResult:
     """Find the unknowns with which the points of each stretch fall together best.
 
     Parameters
@@ -209,7 +209,7 @@ def settle(outlines: Outlines, placing: Placing, start: Float64, trusted: Float6
             step = -np.linalg.lstsq(sums.normal + ridge, sums.slope + ridge @ values[free], rcond=1e-9)[0]
             step *= min(1.0, MAX_STEP / max(float(np.abs(step).max()), 1e-12))
             values[free] += step
-            if number > 1 and np.abs(step).max() < SETTLED:
+            if number > 1 and np.abs(step).max() < CONVERGED:
                 break
     return CalibrationResult(values, _covariance(sums, ridge, free, len(values)), sums.spread)
 
@@ -272,9 +272,9 @@ def _sums(
     lever -= (np.bincount(which, weight * lever) / total)[which]
     slopes = np.empty((len(free), len(off)))
     for number, change in enumerate(changes):
-        mine = change[slot]
-        moved = nx * (mine[:, 0] - mine[:, 2] * arm[:, 1]) + ny * (mine[:, 1] + mine[:, 2] * arm[:, 0])
-        turned_by = (np.bincount(which, weight * mine[:, 2]) / total)[which]
+        own = change[slot]
+        moved = nx * (own[:, 0] - own[:, 2] * arm[:, 1]) + ny * (own[:, 1] + own[:, 2] * arm[:, 0])
+        turned_by = (np.bincount(which, weight * own[:, 2]) / total)[which]
         slopes[number] = moved - (np.bincount(which, weight * moved) / total)[which] + turned_by * lever
     pull = weight * left * slopes
     part = np.empty(len(stretch), np.int64)
@@ -300,9 +300,9 @@ def _covariance(sums: _Sums, ridge: Float64, free: Int64, unknowns: int) -> Floa
         # The slopes of the clusters sum up to about nothing, and what was fitted to them makes them smaller yet.
         degrees = max(float(len(slopes) - len(free)), MIN_DEGREES)
         share = len(slopes) / degrees * (1.0 + FEW_CLUSTERS / degrees) ** 2
-        mine = inverse @ (slopes.T @ slopes * share + ridge) @ inverse
-        if np.trace(mine) > np.trace(found):
-            found[np.ix_(free, free)] = mine
+        own = inverse @ (slopes.T @ slopes * share + ridge) @ inverse
+        if np.trace(own) > np.trace(found):
+            found[np.ix_(free, free)] = own
     return found
 
 
@@ -333,14 +333,14 @@ def places_beside(points: Float64, other: Float64) -> Float64:
 
     All turns are tried, and places that are near.
     """
-    mine = _raster(points)
+    own = _raster(points)
     # What is near counts too: turns are tried in steps.
-    there = np.conj(np.fft.rfft2(mine * 1.0 + _widened(mine)))
+    there = np.conj(np.fft.rfft2(own * 1.0 + _widened(own)))
     reach = round(BESIDE_REACH / BESIDE_CELL)
     tried = []
     for yaw in np.arange(-np.pi, np.pi, BESIDE_TURN):
         turned = mounted_points(other, np.array([0.0, 0.0, yaw]))
-        found = np.fft.irfft2(np.conj(there * np.fft.rfft2(_raster(turned) * 1.0)), mine.shape)
+        found = np.fft.irfft2(np.conj(there * np.fft.rfft2(_raster(turned) * 1.0)), own.shape)
         found = np.roll(found, (reach, reach), (0, 1))[: 2 * reach + 1, : 2 * reach + 1]
         at = divmod(int(found.argmax()), found.shape[1])
         x, y = ((one - reach) * BESIDE_CELL for one in at)
@@ -369,12 +369,12 @@ class Overlap:
 def overlap(points: Float64, other: Float64, place: Float64) -> Overlap:
     """Return what points (N, 2) of a sensor and other ones (M, 2) of one that stands at `place` (3,) beside it share."""
     there = mounted_points(other, place)
-    mine, its = _raster(points), _raster(there)
-    both = its & _widened(mine)
+    own, its = _raster(points), _raster(there)
+    both = its & _widened(own)
     back = steps_between(place[None], np.zeros((1, 3)))[0]
     against = max(_seen_through(points, there), _seen_through(other, mounted_points(points, back)))
     column, row = np.nonzero(both)
-    side = mine.shape[0] // 2
+    side = own.shape[0] // 2
     directions = np.unique(np.floor(np.arctan2(row - side, column - side) / SEEN_STEP))
     share = both.sum() / max(int(its.sum()), 1)
     return Overlap(float(share), against, float(len(directions) * SEEN_STEP))

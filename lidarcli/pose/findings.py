@@ -63,7 +63,7 @@ def apart_finding(key: Key, chain: PoseChain, delay: float) -> Finding:
     return Finding("clock", "error", *key, words, {"delay": delay}, {"delay": LONGEST_DELAY}, fix, mend)
 
 
-def way_findings(chain: PoseChain, links: Sequence[Track], topic: str = "") -> list[Finding]:
+def chain_findings(chain: PoseChain, links: Sequence[Track], topic: str = "") -> list[Finding]:
     """Return findings on the poses that make the path of a sensor, which may spoil it; `links`: all transforms it sees."""
     found = []
     for track in (step.track for step in chain.steps):
@@ -103,7 +103,7 @@ def pose_findings(sources: PoseSources | GivenPaths, keys: Iterable[Key]) -> lis
             if is_missing:
                 found.append(unplaced(frame, sources.alternatives(frame, topic), topic, sources.tracks))
             continue
-        found += way_findings(chain, (), topic)
+        found += chain_findings(chain, (), topic)
     found += contradictions([track for track in sources.tracks if track.is_link])
     for track in sources.tracks:
         if track.stretched > NO_UNIT:
@@ -118,27 +118,27 @@ def contradictions(links: Sequence[Track]) -> Iterator[Finding]:
     given: dict[tuple[str, str], list[Track]] = {}
     for link in links:
         given.setdefault((namespace(link.topic), link.child), []).append(link)
-    for (_, child), mine in given.items():
-        parents = sorted({link.parent for link in mine})
+    for (_, child), own in given.items():
+        parents = sorted({link.parent for link in own})
         words = [
             f"{link.topic}: {child} is told at two places in {link.parent}: the last counts"
             if link.static
             else f"{link.topic}: {child} is told at two places in {link.parent} at one stamp: the first counts"
-            for link in mine
+            for link in own
             if link.differs
         ]
-        mine = by_precedence(mine)
+        own = by_precedence(own)
         words += [
             f"{first.topic} and {second.topic} differ on where {child} is in {parent}: {first.topic} counts"
             for parent in parents
-            for first, second in pairwise(link for link in mine if link.parent == parent)
+            for first, second in pairwise(link for link in own if link.parent == parent)
             if _differ(first, second)
         ]
-        if len(parents) > 1 and any(link.static for link in mine):
-            last = f"; tf2 takes {mine[0].parent}, told last" if sum(link.static for link in mine) > 1 else ""
+        if len(parents) > 1 and any(link.static for link in own):
+            last = f"; tf2 takes {own[0].parent}, told last" if sum(link.static for link in own) > 1 else ""
             words.append(f"frame {child} has {len(parents)} parents: {some_of(parents)}{last}")
         for message in words:
-            yield Finding("frames", "warning", mine[0].topic, child, message)
+            yield Finding("frames", "warning", own[0].topic, child, message)
 
 
 def _differ(first: Track, second: Track) -> bool:

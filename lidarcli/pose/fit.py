@@ -34,7 +34,7 @@ JUMP_SPEED, JUMP_LENGTH = 10.0, 0.5
 """A given step that is longer than this and faster [m/s, m] is a jump."""
 LONGEST_DELAY, DELAY_STEP, FINE_STEP = 0.6, 0.05, 0.01
 """Delays that are tried, to both sides, first in large steps and then around the best in small ones [s]."""
-MIN_TOLD, MAX_OFF, CLEARLY_BETTER = 0.6, 3.0, 0.05
+MIN_GIVEN, MAX_OFF, CLEARLY_BETTER = 0.6, 3.0, 0.05
 """Least share of pairs with a delayed pose; greatest cost of a pair; share by which a larger delay has to be better."""
 FAR_STEP, MAX_TRIED, FAR_PAIRS = 0.1, 1 << 17, 60
 """Greater delays are tried in such steps [s], so many at most, by so many pairs."""
@@ -77,7 +77,7 @@ class PoseFit:
     """Share of pairs that agree without the correction, where there is one."""
 
     @property
-    def is_judged(self) -> bool:
+    def is_evaluated(self) -> bool:
         """True where enough steps could be compared."""
         return self.verdict != "unchecked"
 
@@ -113,7 +113,7 @@ def jump_of(chain: PoseChain) -> tuple[float, float]:
     return length, turn
 
 
-def judge_poses(
+def evaluate_poses(
     stamp_ns: Int64,
     matched: Float64,
     given_at: Callable[[Int64], Float64],
@@ -181,8 +181,8 @@ def far_delay(
 ) -> PoseFit | None:
     """Find a delay of any size with which the given steps fit the matched ones; None where none or several do.
 
-    Parameters are as of `judge_poses`; `span_ns`: first and last stamp of the given poses; `recorded_ns`: the delay by the
-    times of the recording, 0 for none.
+    Parameters are as of `evaluate_poses`; `span_ns`: first and last stamp of the given poses; `recorded_ns`: the delay by
+    the times of the recording, 0 for none.
     """
     if span_ns is None or not len(stamp_ns):
         return None
@@ -220,7 +220,7 @@ def far_delay(
         off = np.minimum(np.add(*_off(step[k : k + 1], steps_between(*poses))), MAX_OFF)
         known += np.isfinite(off)
         cost += np.nan_to_num(off)
-    cost = np.where(known >= max(MIN_TOLD * known.max(), 1.0), cost / np.maximum(known, 1.0), MAX_OFF)
+    cost = np.where(known >= max(MIN_GIVEN * known.max(), 1.0), cost / np.maximum(known, 1.0), MAX_OFF)
     best = int(np.argmin(cost))
     near = round(2.0 * LONGEST_DELAY * SECOND_NS / tick)
     others = np.concatenate([cost[: max(best - near, 0)], cost[best + near + 1 :]])
@@ -320,7 +320,7 @@ def _corrected(
     def tried(delay: float) -> _Tried | None:
         given = _delayed(stamp_ns, begin, end, given_at, delay)
         known = np.isfinite(given[:, 0])
-        if known.mean() < MIN_TOLD:
+        if known.mean() < MIN_GIVEN:
             return None
         mount = mount_between(step[known], given[known])
         off, turn = _off(step[known], mounted_steps(given[known], mount))

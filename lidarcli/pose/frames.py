@@ -143,7 +143,7 @@ class FrameTree:
     def path(self, start: str, target: str, avoid: Collection[str] = ()) -> tuple[Step, ...] | None:
         """Return the shortest chain between two frames, empty if they are one; None if there is none."""
         reached = self._reached(start, avoid)
-        return _way(reached, target) if target in reached else None
+        return _steps_to(reached, target) if target in reached else None
 
     def to_world(self, start: str) -> tuple[Step, ...] | None:
         """Return the chain to the best fixed frame: `WORLDS` in their order, else the root of the tree; None without one.
@@ -155,7 +155,7 @@ class FrameTree:
             return None
         reached = self._reached(start)
         if (world := _named(reached, WORLDS)) is not None:
-            return _way(reached, world)
+            return _steps_to(reached, world)
         climbed: list[Step] = []
         climbed_frames = {start}
         frame = start
@@ -175,10 +175,10 @@ class FrameTree:
         # Beyond a fixed frame there are other robots.
         reached = self._reached(start, () if in_world else self.worlds)
         if (base := _named(reached, BASES)) is not None:
-            return _way(reached, base)
+            return _steps_to(reached, base)
         if in_world:
             moving = _moving(reached)
-            return _way(reached, moving[0]) if len(moving) == 1 else ()
+            return _steps_to(reached, moving[0]) if len(moving) == 1 else ()
         climbed: list[Step] = []
         frame = start
         while (link := self._parent.get(frame)) is not None and link.static and len(climbed) < len(reached):
@@ -203,7 +203,7 @@ class FrameTree:
         return found
 
 
-def _way(reached: Mapping[str, Step | None], target: str) -> tuple[Step, ...]:
+def _steps_to(reached: Mapping[str, Step | None], target: str) -> tuple[Step, ...]:
     """Return the steps to a frame that can be reached, from the start on."""
     steps: list[Step] = []
     while (step := reached[target]) is not None:

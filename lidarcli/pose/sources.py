@@ -216,7 +216,7 @@ class PoseSources:
         self._wanted, self._on_map = wanted, on_map
         self._scans = tuple(scans)
         self._trees: dict[str, FrameTree] = {}
-        self._ways: dict[tuple[str, str], tuple[PoseChain | None, tuple[str, ...], tuple[str, ...]]] = {}
+        self._choices: dict[tuple[str, str], tuple[PoseChain | None, tuple[str, ...], tuple[str, ...]]] = {}
 
     @property
     def topics(self) -> tuple[str, ...]:
@@ -258,7 +258,7 @@ class PoseSources:
 
     def _choice(self, frame_id: str, topic: str) -> tuple[PoseChain | None, tuple[str, ...], tuple[str, ...]]:
         key = frame_id, topic
-        if key not in self._ways:
+        if key not in self._choices:
             frame = self._tree(topic).sensor(frame_name(frame_id))
             alike: tuple[str, ...] = ()
             if self._wanted is None:
@@ -271,8 +271,8 @@ class PoseSources:
             used = {*chosen.topics} if chosen else {*alike}
             near = (name for name in self.topics if nearness(name, topic, self._scans) is not None)
             others = tuple(name for name in near if name not in used and self._of_topic(frame, topic, name))
-            self._ways[key] = chosen, others, alike
-        return self._ways[key]
+            self._choices[key] = chosen, others, alike
+        return self._choices[key]
 
     def _tree(self, topic: str) -> FrameTree:
         """Return the tree of frames for the sweeps of a topic."""
@@ -300,21 +300,21 @@ class PoseSources:
             return best[0][-1], ()
         # Those with the prefix of the sensor's frame in their topic or frame: robot_1/laser, /robot_1.
         prefix = f"{frame.rpartition('/')[0]}/"
-        mine = [
+        own = [
             (track.topic, chain)
             for *_, track, chain in best
             if prefix != "/" and any(f"{name}/".startswith(prefix) for name in (track.topic.strip("/"), track.child))
         ]
-        if len({topic for topic, _ in mine}) == 1:
-            return mine[0][1], ()
+        if len({topic for topic, _ in own}) == 1:
+            return own[0][1], ()
         return None, alike
 
     def _of_topic(self, frame: str, topic: str, wanted: str) -> list[PoseChain]:
         """Return the chain by one topic of poses, whatever its name; none if it leads to no fixed frame."""
         name = wanted.strip("/")
-        mine = [track for track in self.tracks if track.topic.strip("/") == name]
-        if any(track.is_link for track in mine):
-            if all(track.static for track in mine):
+        own = [track for track in self.tracks if track.topic.strip("/") == name]
+        if any(track.is_link for track in own):
+            if all(track.static for track in own):
                 return []  # what only mounts something is no source of its own
             links = [
                 one
@@ -325,8 +325,8 @@ class PoseSources:
             trees = (FrameTree(links, near, self._scans) for near in (wanted, topic))
             chains = (self._by_tree(frame, topic, tree) for tree in trees)
             return [chain for chain in chains if chain is not None][:1]
-        mine.sort(key=lambda track: (frame_name(track.child) != frame, -track.messages))
-        return [self._by_track(frame, topic, track) for track in mine[:1]]
+        own.sort(key=lambda track: (frame_name(track.child) != frame, -track.messages))
+        return [self._by_track(frame, topic, track) for track in own[:1]]
 
     def _world(self, last: Step, topic: str) -> str:
         """Return the name of the fixed frame to which the last step of a chain leads."""

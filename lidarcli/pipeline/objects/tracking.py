@@ -82,17 +82,17 @@ class LogTracker:
             if topic.alone > ALONE * topic.sweeps:
                 alone = f"{name}: {topic.alone:,} of {topic.sweeps:,} sweeps decide alone what is a thing"
                 self.notes.append(Routine(f"{alone}: no path tells where the sensor is"))
-            mine = [other for other in sorted(self._topics) if topic.robot and self._topics[other].robot == topic.robot]
-            if mine and mine[0] != name:
+            joint = [other for other in sorted(self._topics) if topic.robot and self._topics[other].robot == topic.robot]
+            if joint and joint[0] != name:
                 continue
-            mine = mine or [name]
+            joint = joint or [name]
             if topic.tracker is None:
-                sensors = [sensor for sensor in topic.robot if sensor[0] in mine]
+                sensors = [sensor for sensor in topic.robot if sensor[0] in joint]
                 topic.tracker = Tracker(
                     self._options.parameters, self._catalogue, together=sensors, before=self._shared if sensors else 0
                 )
             tracker = topic.tracker
-            waited = {each: self._waited(each) for each in mine}
+            waited = {each: self._waited(each) for each in joint}
             while (wanted := tracker.lacks if topic.robot else name) is not None:
                 following = next(waited[wanted], None)
                 if following is None and not topic.robot:

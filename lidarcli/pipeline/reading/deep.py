@@ -60,14 +60,14 @@ def deep_findings(
         sources = None if posing.found is None else posing.found.sources
         sensors: dict[Key, _Sensor] = {}
         for batch in read_batches(log, read, ReadReport(), choice):
-            for frame, _, mine in batch.by_frame():
+            for frame, _, sweeps in batch.by_frame():
                 key = batch.topic, frame
                 if key not in sensors:
                     if len(sensors) == MAX_SENSORS:
                         continue
                     chain = None if sources is None or poses.source == NONE else sources.chain(frame, batch.topic)
                     sensors[key] = _Sensor(*key, posing.paths.get(key), chain, poses.delay or 0.0)
-                sensors[key].add(mine)
+                sensors[key].add(sweeps)
         links = [] if sources is None else [one for one in sources.tracks if one.is_link and one.static]
         findings: list[Finding] = []
         mounts: list[Mount] = []
@@ -119,7 +119,7 @@ def _body(sensor: _Sensor, masking: MaskRules) -> list[Finding]:
     masks: list[Mask] = [mask for mask in masking.learned.masks if mask.topic == sensor.topic]
     if not masks:
         beams = masking.unclear.get((sensor.topic, sensor.frame), 0)
-        why = "nothing moves" if sensor.stood else "the sensor moves too little"
+        why = "nothing moves" if sensor.was_static else "the sensor moves too little"
         unclear = SimpleNamespace(beams=beams, beams_shown=counted(beams, "beam"), why=why, reach=STOOD_REACH)
         return judge([BODY_UNKNOWN], unclear, sensor.named)
     sectors = [mask.shape for mask in masks if isinstance(mask.shape, Sector)]

@@ -114,12 +114,12 @@ def pose_infos(found: FoundPoses) -> tuple[PoseInfo, ...]:
     infos = []
     sources = found.whole or found.sources
     for topic in sources.topics:
-        mine = sorted((one for one in sources.tracks if one.topic == topic), key=lambda one: -one.messages)
-        firsts, lasts = zip(*(track.span_ns for track in mine), strict=True)
-        rate = max((track.rate for track in mine if track.rate is not None), default=None)
-        frames = tuple((track.parent, track.child) for track in mine)
-        poses = sum(track.messages for track in mine)
-        infos.append(PoseInfo(topic, mine[0].type, poses, rate, min(firsts), max(lasts), frames))
+        own = sorted((one for one in sources.tracks if one.topic == topic), key=lambda one: -one.messages)
+        firsts, lasts = zip(*(track.span_ns for track in own), strict=True)
+        rate = max((track.rate for track in own if track.rate is not None), default=None)
+        frames = tuple((track.parent, track.child) for track in own)
+        poses = sum(track.messages for track in own)
+        infos.append(PoseInfo(topic, own[0].type, poses, rate, min(firsts), max(lasts), frames))
     return tuple(infos)
 
 

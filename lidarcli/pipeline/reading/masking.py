@@ -161,13 +161,13 @@ def _count_ranges(
     bodies: dict[tuple[str, str], _Body] = {}
     # The pass over all sweeps reports the damage.
     for batch in LogBatcher(log, read, ReadReport(), choice).batches():
-        for frame, _, mine in posing.attach(batch).by_frame():
+        for frame, _, sweeps in posing.attach(batch).by_frame():
             key = batch.topic, frame
             if key not in bodies:
                 if len(bodies) == MAX_SENSORS:
                     raise OptionError(f"--mask auto: the log has more than {MAX_SENSORS} sensors; name some with --topic")
-                bodies[key] = _Body(mine)
-            bodies[key].add(mine)
+                bodies[key] = _Body(sweeps)
+            bodies[key].add(sweeps)
     return bodies, posing
 
 
@@ -196,9 +196,9 @@ class _Counts:
         """Return for each beam (B,) the most that one window holds, and where the middle one of such windows begins [m]."""
         width = round(window / self._grain)
         ends = np.cumsum(np.pad(self._table(), ((0, 0), (1, 0))), axis=1, dtype=np.int64)
-        held = (ends[:, width:] - ends[:, :-width])[:, round(least / self._grain) :]
-        first, last = held.argmax(axis=1), held.shape[1] - 1 - held[:, ::-1].argmax(axis=1)
-        return held.max(axis=1), least + 0.5 * (first + last) * self._grain
+        counted = (ends[:, width:] - ends[:, :-width])[:, round(least / self._grain) :]
+        first, last = counted.argmax(axis=1), counted.shape[1] - 1 - counted[:, ::-1].argmax(axis=1)
+        return counted.max(axis=1), least + 0.5 * (first + last) * self._grain
 
     def _table(self) -> Int32:
         return self._cells.reshape(-1, self._steps)
@@ -330,13 +330,13 @@ class _Body:
 
 def _runs(counts: _Counts, neighbours: float) -> list[Run]:
     """Return the beams that mostly end within one window, neighbours together; `neighbours`: least share of a neighbour."""
-    held, low = counts.fullest(WINDOW)
-    beams = set(np.flatnonzero(held >= max(SHARE * counts.sweeps, 1)).tolist())
+    counted, low = counts.fullest(WINDOW)
+    beams = set(np.flatnonzero(counted >= max(SHARE * counts.sweeps, 1)).tolist())
     for step in (1, -1):
         for beam in sorted(beams, reverse=step < 0):
             after = beam + step
-            while after not in beams and 0 <= after < len(held):
-                if held[after] < neighbours * counts.sweeps or abs(low[after] - low[after - step]) > WINDOW:
+            while after not in beams and 0 <= after < len(counted):
+                if counted[after] < neighbours * counts.sweeps or abs(low[after] - low[after - step]) > WINDOW:
                     break
                 beams.add(after)
                 after += step

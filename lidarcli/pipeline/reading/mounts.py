@@ -30,7 +30,7 @@ from lidarcli.pose.calibration import (
     overlap,
     places_beside,
     scaled_path,
-    settle,
+    solve,
     stretches_of,
 )
 from lidarcli.pose.fit import ACCEPTED, mount_between, pairs_of, poses_after, steps_between
@@ -91,7 +91,7 @@ class _Sensor:
     """Samples and counts of one topic and frame."""
 
     def __init__(self, topic: str, frame: str, path: CheckedPath | None, chain: PoseChain | None, delay: float) -> None:
-        self.topic, self.frame, self.chain, self.asked_delay = topic, frame, chain, delay
+        self.topic, self.frame, self.chain, self.requested_delay = topic, frame, chain, delay
         self.named = Sensor(topic, frame, topic)
         self.path = path or CheckedPath("none")
         self.delay = delay + (0.0 if self.path.fit is None else self.path.fit.delay)
@@ -112,7 +112,7 @@ class _Sensor:
         return max(self._last_ns - self._first_ns, 0) / SECOND_NS / max(self._sweeps - 1, 1)
 
     @property
-    def stood(self) -> bool:
+    def was_static(self) -> bool:
         """True where nothing tells that the sensor moved."""
         return self._moves < STANDING_SWEEPS
 
@@ -188,11 +188,11 @@ class _Calibrated:
     base: Callable[[float, float], Float64]
     """Poses (K, 3) of what carries the sensor, by the times of the first beam and from it to the last [s]."""
     start: Float64
-    """(7,) unknowns of `settled` by the log alone."""
+    """(7,) unknowns of `solution` by the log alone."""
     trusted: Float64
     """(7,) their deviations."""
     stretch: Int64
-    settled: CalibrationResult | None = None
+    solution: CalibrationResult | None = None
     """x, y, yaw, times of the first beam and from it to the last, scales of lengths and turns."""
     cells: tuple[int, int] = 0, 0
     """Cells that are filled with the mount of the log, and with the one found."""
@@ -200,18 +200,18 @@ class _Calibrated:
     @property
     def differs(self) -> bool:
         """True where the mount is known, and not the one that the log tells."""
-        if self.settled is None or self.cells[1] >= self.cells[0]:
+        if self.solution is None or self.cells[1] >= self.cells[0]:
             return False
-        deviation = np.maximum(self.settled.deviations[:3], SURE)
-        return bool((deviation < UNSURE).all()) and differs(self.settled.values[:3] - self.logged, deviation)
+        deviation = np.maximum(self.solution.deviations[:3], SURE)
+        return bool((deviation < UNSURE).all()) and differs(self.solution.values[:3] - self.logged, deviation)
 
     @property
     def mount(self) -> Float64:
         """(3,) the mount that counts: the one found where it differs."""
-        return self.settled.values[:3] if self.settled is not None and self.differs else self.logged
+        return self.solution.values[:3] if self.solution is not None and self.differs else self.logged
 
     def placing(self, values: Float64) -> Float64:
-        """Return the poses of the sensor by the unknowns of `settled`."""
+        """Return the poses of the sensor by the unknowns of `solution`."""
         base = self.base(float(values[3]), float(values[4]))
         return poses_after(scaled_path(base, values[5], values[6]), values[:3])
 
@@ -258,7 +258,7 @@ def _by_log(sensor: _Sensor) -> _Calibrated | None:
 def _calibrated(sensor: _Sensor) -> _Calibrated | None:
     """Find the mount and the delay of the poses by the sweeps of a sensor; None where poses tell nothing of it."""
     by_log, fit = _by_log(sensor), sensor.path.fit
-    if by_log is None or by_log.turned < MIN_TURN or sensor.stood or fit is None:
+    if by_log is None or by_log.turned < MIN_TURN or sensor.was_static or fit is None:
         return by_log
     # Where steps disagree or the poses drift, more than a mount is wrong.
     if fit.verdict not in ("accepted", "corrected") or fit.share < ACCEPTED or sensor.path.drift > DRIFT_NOTED:
@@ -271,14 +271,14 @@ def _calibrated(sensor: _Sensor) -> _Calibrated | None:
         starts.append(np.concatenate([guess, by_log.start[3:]]))
 
     def tried(start: Float64, trusted: Float64) -> tuple[CalibrationResult, int]:
-        found = settle(by_log.outlines, by_log.placing, start, trusted, by_log.stretch)
+        found = solve(by_log.outlines, by_log.placing, start, trusted, by_log.stretch)
         return found, cells_filled(by_log.outlines, by_log.placing(found.values), by_log.stretch)
 
     best, filled = min((tried(start, by_log.trusted) for start in starts), key=lambda one: one[1])
     if not differs(best.values[:3] - by_log.logged, np.maximum(best.deviations[:3], SURE)):
-        return replace(by_log, settled=best, cells=(filled, filled))
+        return replace(by_log, solution=best, cells=(filled, filled))
     _, before = tried(by_log.start, np.concatenate([np.zeros(3), by_log.trusted[3:]]))
-    return replace(by_log, settled=best, cells=(before, filled))
+    return replace(by_log, solution=best, cells=(before, filled))
 
 
 def _mount_by_steps(path: CheckedPath, carrier: Float64) -> Float64 | None:
@@ -321,17 +321,17 @@ def _mount_finding(sensor: _Sensor, found: _Calibrated | None) -> tuple[list[Fin
     """Return the finding on a mount, and the mount that was found where it is another one."""
     if found is None:
         return [], []
-    if found.settled is None:
-        if sensor.stood:
+    if found.solution is None:
+        if sensor.was_static:
             return [], []
         degrees, child = math.degrees(found.turned), sensor.frame or sensor.topic
         stats = SimpleNamespace(turned=round(found.turned, 3), turned_degrees=degrees, child=child)
         return (judge([MOUNT_UNKNOWN], stats, sensor.named) if found.turned < MIN_TURN else []), []
     if not found.differs:
         return [], []
-    mount = _mount(sensor.frame, found.parent, found.settled.values)
+    mount = _mount(sensor.frame, found.parent, found.solution.values)
     cells = {"cells_told": found.cells[0], "cells": found.cells[1], "turned": round(found.turned, 3)}
-    stats = _placed(mount, np.maximum(found.settled.deviations[:3], SURE), found.logged, mount, **cells)
+    stats = _placed(mount, np.maximum(found.solution.deviations[:3], SURE), found.logged, mount, **cells)
     assumed = sensor.chain is not None and sensor.chain.assumption
     stats.says, stats.differs = "without a mount it is taken to be at" if assumed else "tf says", True
     return judge([MOUNT], stats, sensor.named), [mount]
@@ -341,15 +341,15 @@ def _stamp_finding(sensor: _Sensor, found: _Calibrated | None) -> list[Finding]:
     """Return the finding that header stamps are those of the middle or of the last beam, where the sweeps tell."""
     first, last = sensor.times
     duration = abs(last - first)
-    if found is None or found.settled is None or not duration:
+    if found is None or found.solution is None or not duration:
         return []
-    if not (found.settled.deviations[:3] < UNSURE).all():
+    if not (found.solution.deviations[:3] < UNSURE).all():
         return []
     # The beam that is sent first is the last one of the sweep where they run backwards.
-    both = np.zeros(len(found.settled.values))
+    both = np.zeros(len(found.solution.values))
     both[3:5] = 1.0, float(last < first)
-    begin, variance = float(both @ found.settled.values), float(both @ found.settled.covariance @ both)
-    begin -= sensor.asked_delay + min(first, last)
+    begin, variance = float(both @ found.solution.values), float(both @ found.solution.covariance @ both)
+    begin -= sensor.requested_delay + min(first, last)
     deviation, share = math.sqrt(max(variance, 0.0)), -begin / duration
     beam = min(_STAMPED, key=lambda one: abs(_STAMPED[one] - share))
     stats = SimpleNamespace(
@@ -359,7 +359,7 @@ def _stamp_finding(sensor: _Sensor, found: _Calibrated | None) -> list[Finding]:
         early=-begin,
         deviation=deviation,
         seconds=duration,
-        mends=sensor.asked_delay - _STAMPED[beam] * duration,
+        mends=sensor.requested_delay - _STAMPED[beam] * duration,
         delay=round(begin, 4),
         sd_delay=round(deviation, 4),
         duration=round(duration, 4),
@@ -374,13 +374,15 @@ def _lasers_finding(
     logged = None
     if (steps := tree.path(frame_name(second.frame), frame_name(first.frame))) is not None:
         place = flat(along(steps, np.zeros(1, np.int64)))
-        if found is not None and found.settled is not None and found.differs:
+        if found is not None and found.solution is not None and found.differs:
             place = steps_between(found.mount[None], poses_after(found.logged[None], place))
         logged = place[0]
-    place_of = _standing(first, second) if first.stood and second.stood else _driving(first, second, found, logged)
+    place_of = (
+        _standing(first, second) if first.was_static and second.was_static else _driving(first, second, found, logged)
+    )
     if isinstance(place_of, str):
         return judge([LASERS_UNKNOWN], SimpleNamespace(first=first.topic, why=place_of), second.named), []
-    deviation = np.maximum(place_of.deviations[:3], SURE * (3.0 if first.stood else 1.0))
+    deviation = np.maximum(place_of.deviations[:3], SURE * (3.0 if first.was_static else 1.0))
     if not (deviation < UNSURE).all():
         stats = SimpleNamespace(first=first.topic, why="they see too little alike")
         return judge([LASERS_UNKNOWN], stats, second.named), []
@@ -401,7 +403,7 @@ def _driving(first: _Sensor, second: _Sensor, found: _Calibrated | None, logged:
     chain = first.path.chain
     if chain is None:
         return "nothing tells how the robot drove"
-    if found is not None and found.settled is None and found.turned < MIN_TURN:
+    if found is not None and found.solution is None and found.turned < MIN_TURN:
         return "the robot turns too little"
     parts = [first.outlines(), second.outlines()]
     paths = [flat(chain.at(part.stamp_ns)) for part in parts]
@@ -431,7 +433,7 @@ def _driving(first: _Sensor, second: _Sensor, found: _Calibrated | None, logged:
     if not starts:
         return "their paths cannot be matched"
     trusted = np.array([np.inf, np.inf, np.inf, LASER_DELAYS])
-    tried = [settle(outlines, placing, np.array([*start, 0.0]), trusted, stretch) for start in starts]
+    tried = [solve(outlines, placing, np.array([*start, 0.0]), trusted, stretch) for start in starts]
     return min(tried, key=lambda one: cells_filled(outlines, placing(one.values), stretch))
 
 
@@ -449,7 +451,7 @@ def _standing(first: _Sensor, second: _Sensor) -> CalibrationResult | str:
     stretch = np.zeros(sum(counts), np.int64)
     tried = []
     for start in places_beside(parts[0].points, parts[1].points):
-        found = settle(outlines, placing, start, np.full(3, np.inf), stretch)
+        found = solve(outlines, placing, start, np.full(3, np.inf), stretch)
         alike = overlap(parts[0].points, parts[1].points, found.values)
         tried.append((alike.share - AGAINST * alike.against, alike, found))
     tried.sort(key=lambda one: -one[0])

@@ -85,8 +85,8 @@ class PoseOptions:
 
     def as_dict(self) -> dict[str, Any]:
         """Return the options that are not the default, as plain values, for the tables' metadata."""
-        asked = {"pose": self.source, "poses": self.file and Path(self.file).name}
-        given: dict[str, Any] = {name: value for name, value in asked.items() if value is not None}
+        requested = {"pose": self.source, "poses": self.file and Path(self.file).name}
+        given: dict[str, Any] = {name: value for name, value in requested.items() if value is not None}
         if self.delay:
             given["pose_delay"] = self.delay
         if self.order != BEAM_ORDERS[0]:

@@ -139,10 +139,10 @@ class RunSummary:
         self.dropped = [(topic, cause, count) for (topic, cause), count in sorted(report.refused.items())]
         self.damage = damage_lines(report)
         self.repeated = tuple(one.topic for one in report.findings() if one.id == "duplicate" and "same" in one.evidence)
-        self.doubts = self.told(report.doubted())
-        self.notes = [*report.notes, *self.doubts, *self.told(posing.notes())]
+        self.doubts = self.graded(report.doubted())
+        self.notes = [*report.notes, *self.doubts, *self.graded(posing.notes())]
 
-    def told(self, notes: Iterable[str]) -> list[str]:
+    def graded(self, notes: Iterable[str]) -> list[str]:
         """Return notes, those on a topic that repeats another one as routine."""
         names = re.compile("|".join(rf"(?<!\S){re.escape(topic)}(?![^\s:,]| repeats)" for topic in self.repeated) or "(?!)")
         return [Routine(note) if names.search(note) else note for note in notes]

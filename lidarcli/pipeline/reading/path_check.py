@@ -64,8 +64,8 @@ def check_paths(
     By run, topic and frame, for at most `MAX_MATCHED`, without those that need no look; and the sweeps of each run.
     """
 
-    def told_by(told: PoseSources | GivenPaths | None, topic: str, frame: str) -> list[PoseChain]:
-        chains = [] if told is None or match else told.chains(frame, topic)
+    def given_by(given: PoseSources | GivenPaths | None, topic: str, frame: str) -> list[PoseChain]:
+        chains = [] if given is None or match else given.chains(frame, topic)
         return [replace(one, correction=replace(one.correction or Correction(), delay_ns=delay_ns)) for one in chains]
 
     match_all = match or need is Need.ALL
@@ -79,21 +79,21 @@ def check_paths(
         first, last = recorded.get(key[0], (sweeps.record_ns[0], 0))
         recorded[key[0]] = min(first, sweeps.record_ns.min()), max(last, sweeps.record_ns.max())
         if key not in looks:
-            chains = told_by(sources, *key[1])
+            chains = given_by(sources, *key[1])
             is_left_out = run and run != key[0]
             if len(looks) == MAX_MATCHED or is_left_out or (not chains and need is Need.TOLD and not match):
                 continue
             looks[key] = SensorLook(chains, matching.Timing(order), None, whole=match, wanted=wanted)
         looks[key].add(sweeps)
         is_all = not wanted and {topic for _, (topic, _) in looks} >= expected > set()
-        if is_all and not any(look.may_stand for look in looks.values()):
+        if is_all and not any(look.may_be_static for look in looks.values()):
             break
     found: dict[tuple[int, Key], CheckedPath] = {}
     again: dict[tuple[int, Key], tuple[PathChoice, list[SensorLook]]] = {}
     for key, look in looks.items():
-        look.settle()
+        look.decide_order()
         if len(by_run) == len(sweeps_of):
-            look.chains = told_by(by_run[key[0] - 1], *key[1])
+            look.chains = given_by(by_run[key[0] - 1], *key[1])
         elif len(sweeps_of) > 1 and not named:
             # What was recorded with other runs alone says nothing of this one.
             first, last = recorded[key[0]]
@@ -104,7 +104,7 @@ def check_paths(
         choice_of = PathChoice(key[1], look, named=named, match=match_all)
         found[key], second = choice_of.first()
         if not wanted:
-            still = found[key].still if look.may_stand else np.zeros(0, bool)
+            still = found[key].still if look.may_be_static else np.zeros(0, bool)
             found[key] = replace(found[key], verdict="none", chain=None, notes=(), still=still)
         elif second:
             again[key] = choice_of, second

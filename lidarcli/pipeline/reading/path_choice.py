@@ -74,7 +74,7 @@ class CheckedPath:
     @property
     def is_contradicted(self) -> bool:
         """True where the told path jumps, and no step and no place that is seen again tells that it fits the sweeps."""
-        is_checked = np.isfinite(self.drift) or (self.fit is not None and self.fit.is_judged)
+        is_checked = np.isfinite(self.drift) or (self.fit is not None and self.fit.is_evaluated)
         return self.verdict != "matched" and self.jumps and not is_checked
 
     @property
@@ -87,7 +87,7 @@ class CheckedPath:
         """True where the sweeps say so."""
         return self.remark.endswith(HARDLY)
 
-    def stood(self, stamp_ns: Int64) -> Bool:
+    def was_still(self, stamp_ns: Int64) -> Bool:
         """Tell whether the sensor stood at stamps (S,) [ns], as at the sweep before."""
         at = np.maximum(np.searchsorted(self.stamp_ns, stamp_ns, "right") - 1, 0)
         found: Bool = self.still[at]
@@ -110,28 +110,28 @@ def _rounded(value: float) -> float | None:
     return round(value, 3) if np.isfinite(value) else None
 
 
-class _Told:
+class _GivenPath:
     """The best told path of a sensor, its steps beside the matched ones, and what is to be said of it."""
 
     def __init__(self, key: Key, chains: Sequence[PoseChain], look: SensorLook, *, named: str) -> None:
         self.key, self.named, self._sample = key, named, look.sample
-        found = candidates.told_candidates(chains, look.sample)
-        self.chosen, self._best = found[0], candidates.best_told(found)
+        found = candidates.given_candidates(chains, look.sample)
+        self.chosen, self._best = found[0], candidates.best_given(found)
         self.jumps = fitting.jump_of(self._best.chain)
         """Longest step and widest turn that no robot makes [m, rad]; 0 for none."""
-        self.judge(look.path)
+        self.evaluate(look.path)
 
-    def judge(self, path: matching.MatchedPath) -> None:
+    def evaluate(self, path: matching.MatchedPath) -> None:
         """Judge the steps by those of the matched path."""
         best = self._best
         stamp_ns, poses, pieces, _ = _in_order(path)
         doubted = best.drift > candidates.DRIFTS or best.by_places < SHARP
         self.taken, self.guide = best, best.chain
         given_at = partial(candidates.poses_of, best.chain)
-        self.fit = fitting.judge_poses(stamp_ns, poses, given_at, pieces, doubted=doubted)
+        self.fit = fitting.evaluate_poses(stamp_ns, poses, given_at, pieces, doubted=doubted)
         if self.fit.verdict == "corrected" and not self.named:
             self._correct()
-        is_missing = best.agreement.placed < 1.0 - fitting.MAX_UNPLACED
+        is_missing = best.agreement.placed < 1.0 - matching.MAX_UNPLACED
         if self.steps_fit and not is_missing and not self.taken.drift > candidates.DRIFTS:
             return
         far = fitting.far_delay(stamp_ns, poses, given_at, pieces, best.chain.span_ns, _recorded(best.chain, path))
@@ -211,7 +211,7 @@ class _Told:
         fit = self.fit
         if self.steps_fit and any(self.jumps):
             return self._finding(f"{self.source} {self._jumps}: {end}", **evidence)
-        causes = [f"{fit.share:.0%} of {fit.pairs:,} steps fit" if fit.is_judged else "no step can be judged"]
+        causes = [f"{fit.share:.0%} of {fit.pairs:,} steps fit" if fit.is_evaluated else "no step can be judged"]
         if np.isfinite(fit.ratio) and not fitting.RATIOS[0] <= fit.ratio <= fitting.RATIOS[1]:
             factor = f"{fit.ratio:,.0f}" if fit.ratio >= 100 else f"{fit.ratio:.3g}"
             causes.append(f"told steps are {factor} times those seen")
@@ -230,7 +230,7 @@ class _Told:
             return ""
         if self.taken.is_seen_again:
             return f"{self.taken.agreement.all:.0%} of the hits agree over the run"
-        if fit.is_judged:
+        if fit.is_evaluated:
             return f"{fit.share:.0%} of {fit.pairs:,} steps fit; nothing is seen twice: drift cannot be told"
         why = HARDLY if fit.pairs < fitting.MIN_PAIRS else "too few sweeps could be matched"
         if fit.moves and fit.pairs < fitting.MIN_PAIRS:
@@ -263,7 +263,7 @@ class _Told:
     def _finding(self, words: str, **evidence: float) -> Finding:
         """Return the finding that this is not the path that the sweeps agree on."""
         facts = {"near": self.taken.agreement.near, "far": self.taken.agreement.far}
-        if self.fit.is_judged:
+        if self.fit.is_evaluated:
             facts |= {"share": self.fit.share, "steps": self.fit.pairs}
         known = {name: round(value, 3) for name, value in (facts | evidence).items() if np.isfinite(value)}
         return Finding("drift", "warning", *self.key, words, known, {"drift": DRIFT_NOTED})
@@ -276,38 +276,38 @@ class PathChoice:
         self.key, self.look, self.named, self.match = key, look, named, match
         look.sample.timing, stamp_ns = look.path.timing, look.sample.stamp_ns
         known = [chain for chain in look.chains if np.isfinite(candidates.poses_of(chain, stamp_ns)).any()]
-        self.told = _Told(key, known, look, named=named) if known else None
+        self.given = _GivenPath(key, known, look, named=named) if known else None
         self.is_apart = bool(look.chains and len(stamp_ns)) and look.chains[0] not in known
         """True where no sweep has a pose by the best of the told paths."""
 
     def first(self) -> tuple[CheckedPath, list[SensorLook]]:
         """Return the path as far as one look tells it, and the looks at all sweeps that are needed to decide."""
-        look, told = self.look, self.told
-        if told is None:
-            if self.named or (look.stands and not self.match):
+        look, given = self.look, self.given
+        if given is None:
+            if self.named or (look.is_static and not self.match):
                 # Named poses are taken also where none is of the time of the sweeps.
                 return self._checked("none", look.chains[0] if self.named and look.chains else None), []
             if look.is_whole:
                 return self._without_told(look.path), []
             return self._checked("none", None), [self._again(None)]
-        if look.stands and not told.steps_fit and not self.named:
-            return replace(self._checked("none", None), notes=(told.unfit("no poses: the sensor stands"),)), []
-        is_sure = told.steps_fit and not any(told.jumps) and not told.taken.drift > candidates.DRIFTS
-        if self.named or look.stands or is_sure:
-            return self._with_told(told), []
+        if look.is_static and not given.steps_fit and not self.named:
+            return replace(self._checked("none", None), notes=(given.unfit("no poses: the sensor stands"),)), []
+        is_sure = given.steps_fit and not any(given.jumps) and not given.taken.drift > candidates.DRIFTS
+        if self.named or look.is_static or is_sure:
+            return self._with_told(given), []
         # Steps that do not fit may mislead, or be of use still.
-        guesses = [told.guide, None] if any(told.jumps) or told.fit.share < fitting.ACCEPTED else [told.guide]
-        return self._with_told(told), [self._again(guess) for guess in guesses]
+        guesses = [given.guide, None] if any(given.jumps) or given.fit.share < fitting.ACCEPTED else [given.guide]
+        return self._with_told(given), [self._again(guess) for guess in guesses]
 
     def second(self, looks: Sequence[SensorLook]) -> CheckedPath:
         """Return the path after looks at all sweeps."""
-        if (told := self.told) is None:
+        if (given := self.given) is None:
             return self._without_told(looks[0].path)
         found = [(one, look) for look in looks if (one := self._matched(look.path)) is not None]
         if not found:
-            return self._with_told(told)
+            return self._with_told(given)
         # Without any guess, a path that is sharp and wrong is likelier.
-        trusted = 0.0 if any(told.jumps) or told.fit.share < WORTH_A_GUESS else candidates.DRIFTS
+        trusted = 0.0 if any(given.jumps) or given.fit.share < WORTH_A_GUESS else candidates.DRIFTS
 
         def worth(each: tuple[candidates.Candidate, SensorLook]) -> float:
             """Return the agreement of a matched path, with a gain where trusted steps led it."""
@@ -316,17 +316,17 @@ class PathChoice:
 
         matched, look = max(found, key=worth)
         # All sweeps tell a delay and a mount that the first ones may not.
-        told.judge(look.path)
+        given.evaluate(look.path)
         standing = self.look.sample.agreement(None)
-        jumps = told.jumps[0] > 0.0
-        best = candidates.better_path(told.taken, matched, standing.all, is_likely=told.is_likely, jumps=jumps)
+        jumps = given.jumps[0] > 0.0
+        best = candidates.better_path(given.taken, matched, standing.all, is_likely=given.is_likely, jumps=jumps)
         if standing.all > best.over_run(standing.all) + candidates.STANDS_BETTER:
             return self._standing(look.path, matched, standing)
-        if best is told.taken:
-            return self._with_told(told, look.path)
+        if best is given.taken:
+            return self._with_told(given, look.path)
         checked = self._with_matched(look.path, matched, is_led=look.guess is not None)
         taken = "the path is matched from the sweeps"
-        return replace(checked, notes=(told.replaced(matched, taken), *checked.notes))
+        return replace(checked, notes=(given.replaced(matched, taken), *checked.notes))
 
     def beside(self, found: CheckedPath) -> CheckedPath:
         """Return a path with the finding on the best of the told ones, where no sweep has a pose by it."""
@@ -340,7 +340,7 @@ class PathChoice:
         note = apart_finding(self.key, chain, round(delay, 2))
         # That named poses are of other times is noted anyway.
         notes = (note, *found.notes) if delay or not self.named else found.notes
-        if self.told is not None:
+        if self.given is not None:
             return replace(found, notes=(replace(note, level="warning"), *found.notes))
         fit = fitting.PoseFit("rejected", 0.0, 0, round(delay, 2) or float("nan"))
         return replace(found, fit=fit, notes=notes, apart=note)
@@ -351,29 +351,29 @@ class PathChoice:
 
     def _checked(self, verdict: str, chain: PoseChain | None, path: matching.MatchedPath | None = None) -> CheckedPath:
         """Return a path with all that the sweeps tell."""
-        path, told = path or self.look.path, self.told
+        path, given = path or self.look.path, self.given
         stamp_ns, poses, pieces, slides = _in_order(path)
         return CheckedPath(
             verdict,
             chain,
-            fit=told.fit if told else None,
+            fit=given.fit if given else None,
             timing=path.timing,
             stamp_ns=stamp_ns,
             matched=poses,
             pieces=pieces,
             still=matching.still_at(stamp_ns, poses, slides),
-            drift=told.taken.drift if told else float("nan"),
-            jumps=told is not None and any(told.jumps),
+            drift=given.taken.drift if given else float("nan"),
+            jumps=given is not None and any(given.jumps),
             sample=self.look.sample,
         )
 
-    def _with_told(self, told: _Told, path: matching.MatchedPath | None = None) -> CheckedPath:
+    def _with_told(self, given: _GivenPath, path: matching.MatchedPath | None = None) -> CheckedPath:
         """Return the told path: the chosen chain, or another one in its fixed frame."""
-        chosen, taken = told.chosen.chain, told.taken
+        chosen, taken = given.chosen.chain, given.taken
         is_chosen = taken.chain.steps == chosen.steps
         chain = taken.chain if is_chosen else candidates.laid(taken.chain, chosen, self.look.sample.stamp_ns)
         checked = self._checked(taken.verdict, chain, path)
-        return replace(checked, agreement=taken.agreement, notes=tuple(told.notes()), remark=told.remark())
+        return replace(checked, agreement=taken.agreement, notes=tuple(given.notes()), remark=given.remark())
 
     def _matched(self, path: matching.MatchedPath) -> candidates.Candidate | None:
         """Return the matched path as a candidate; None where no sweep has a pose."""
@@ -402,10 +402,12 @@ class PathChoice:
         told_of = f"matched path of {self.key[0]}: {', '.join(doubts)}"
         is_weak = is_weak or bool(path.restarts) or sliding > SLIDING
         notes = (told_of if is_weak else Routine(told_of),) if doubts else ()
-        told = self.told
-        if told is not None and told.is_likely and not np.any(planar(told.taken.chain.at(stamp_ns)).upside_down):
+        given = self.given
+        if given is not None and given.is_likely and not np.any(planar(given.taken.chain.at(stamp_ns)).upside_down):
             # Where the told path jumps, its world is that in which it begins.
-            chain = candidates.laid(chain, told.taken.chain, stamp_ns[: len(stamp_ns) // 10] if told.jumps[0] else stamp_ns)
+            chain = candidates.laid(
+                chain, given.taken.chain, stamp_ns[: len(stamp_ns) // 10] if given.jumps[0] else stamp_ns
+            )
         return replace(self._checked("matched", chain, path), agreement=matched.agreement, notes=notes)
 
     def _without_told(self, path: matching.MatchedPath) -> CheckedPath:
@@ -423,7 +425,7 @@ class PathChoice:
     def _standing(self, path: matching.MatchedPath, matched: candidates.Candidate, standing: Agreement) -> CheckedPath:
         """Return no path, as every one agrees less than standing still."""
         words = f"no path fits the sweeps: matched {matched.agreement.all:.0%}, standing still {standing.all:.0%}"
-        note = self.told.no_path(words) if self.told else f"{words} of the hits agree: no poses"
+        note = self.given.no_path(words) if self.given else f"{words} of the hits agree: no poses"
         return replace(self._checked("none", None, path), agreement=standing, notes=(note,))
 
 
@@ -453,7 +455,7 @@ def _changes(fit: fitting.PoseFit) -> list[str]:
     return changes
 
 
-class StandingWatch:
+class StaticWatch:
     """Takes the only sensor of a log without told poses to stand; `SensorMovedError` where it moves, or there are two."""
 
     def __init__(self, order: str) -> None:
@@ -468,12 +470,12 @@ class StandingWatch:
             self._keys.add(((sweeps.topic, frame), sweeps.run))
             for first in range(0, len(sweeps), PERIOD):
                 self._look.add(sweeps.rows(np.arange(first, min(first + PERIOD, len(sweeps)))))
-                if len(self._keys) > 1 or not self._look.stands:
+                if len(self._keys) > 1 or not self._look.is_static:
                     raise SensorMovedError
         here = CheckedPath("none", stamp_ns=np.zeros(1, np.int64), still=np.ones(1, bool))
         if batch is None and self._keys:
-            self._look.settle()
-            if not self._look.stands:
+            self._look.decide_order()
+            if not self._look.is_static:
                 raise SensorMovedError
             here = PathChoice(next(iter(self._keys))[0], self._look, named="", match=False).first()[0]
         return {key: here for key, _ in self._keys}

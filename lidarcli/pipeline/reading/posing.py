@@ -26,7 +26,7 @@ from lidarcli.sweeps.masks import Masks
 from lidarcli.sweeps.types import Int64, SweepBatch, SweepPoses
 
 if TYPE_CHECKING:
-    from lidarcli.pipeline.reading.path_choice import CheckedPath, StandingWatch
+    from lidarcli.pipeline.reading.path_choice import CheckedPath, StaticWatch
     from lidarcli.pose.sources import GivenPaths, PoseChain, PoseSources
     from lidarcli.pose.tracks import Motion
 
@@ -93,7 +93,7 @@ class PoseAttacher:
     """Topic → topics and frames of the sensors that are followed together with it."""
     remarks: Sequence[str] = ()
     """Notes on these."""
-    watch: StandingWatch | None = None
+    watch: StaticWatch | None = None
     """Gives the path of the only sensor as long as it stands, until all sweeps are read."""
 
     @classmethod
@@ -116,9 +116,9 @@ class PoseAttacher:
         match = options.source == MATCH
         is_all = (read.start, read.end, read.every, read.rules.masks) == (None, None, 1, None) and not (read.run or match)
         if need is Need.STANDING and found is None and log.size is not None and is_all and len(choice.chosen) == 1:
-            from lidarcli.pipeline.reading.path_choice import StandingWatch
+            from lidarcli.pipeline.reading.path_choice import StaticWatch
 
-            return replace(posing, watch=StandingWatch(options.order))
+            return replace(posing, watch=StaticWatch(options.order))
         need = Need.MOVING if need is Need.STANDING else need
         if log.size is not None and need is not Need.NONE and (found is not None or need is not Need.TOLD or match):
             from lidarcli.pipeline.reading.path_check import check_paths
@@ -141,11 +141,11 @@ class PoseAttacher:
             if len(sweeps) > 1 and any(map(of_one_run, worlds)):
                 posing.longest = max(sweeps, key=lambda each: sweeps[each])
             for number in sorted(sweeps):
-                mine = found
+                its_poses = found
                 if found is not None and len(found.by_run) == len(sweeps):
-                    mine = replace(found, sources=found.by_run[number - 1], whole=None if read.run else found.sources)
+                    its_poses = replace(found, sources=found.by_run[number - 1], whole=None if read.run else found.sources)
                 its = {key: path for (of, key), path in paths.items() if of == number}
-                posing.runs[number] = replace(posing, found=mine, paths=its, run=number, stats={})
+                posing.runs[number] = replace(posing, found=its_poses, paths=its, run=number, stats={})
             if options.together and options.source != NONE:
                 _join(log, [*posing.runs.values()], read.rules.masks)
             if sweeps:
@@ -223,19 +223,19 @@ class PoseAttacher:
         poses = _nowhere(len(batch), self.deskew and takes_time, REVERSE in orders)
         still, knows = np.zeros(len(batch), bool), False
         fits, absent = np.ones(len(batch), bool), np.zeros(len(batch), bool)
-        for frame, rows, mine in batch.by_frame():
+        for frame, rows, sweeps in batch.by_frame():
             path = self.paths.get((batch.topic, frame))
             stats = self.stats.setdefault((frame, namespace(batch.topic)), FrameStats(batch.topic))
-            stats.add(mine.stamp_ns, mine.record_ns)
+            stats.add(sweeps.stamp_ns, sweeps.record_ns)
             if path is not None and len(path.still):
-                knows, still[rows] = True, path.stood(mine.stamp_ns)
-            if (chain := self._way(batch.topic, frame)) is None:
+                knows, still[rows] = True, path.was_still(sweeps.stamp_ns)
+            if (chain := self._chain_of(batch.topic, frame)) is None:
                 absent[rows] = True
                 continue
             some = True
             fits[rows] = bool(self.named) or path is None or not path.is_contradicted
-            first_ns, lasts_ns = self._times_ns(mine, path)
-            at_ns = later(mine.stamp_ns, first_ns)
+            first_ns, lasts_ns = self._times_ns(sweeps, path)
+            at_ns = later(sweeps.stamp_ns, first_ns)
             motion = chain.at(at_ns)
             here = planar(motion)
             poses.x[rows], poses.y[rows], poses.yaw[rows], poses.upside_down[rows] = (
@@ -266,16 +266,16 @@ class PoseAttacher:
         if batch.run != self.run and batch.run in self.runs:
             yield from self.runs[batch.run].motions(batch)
             return
-        for frame, rows, mine in batch.by_frame():
-            if (chain := self._way(batch.topic, frame)) is not None:
-                yield frame, rows, chain.at(mine.stamp_ns), chain.world
+        for frame, rows, sweeps in batch.by_frame():
+            if (chain := self._chain_of(batch.topic, frame)) is not None:
+                yield frame, rows, chain.at(sweeps.stamp_ns), chain.world
 
     def world_of(self, topic: str, frame: str) -> str:
         """Return the fixed frame of the poses of a sensor; empty where there are none."""
-        chain = self._way(topic, frame)
+        chain = self._chain_of(topic, frame)
         return "" if chain is None else chain.world
 
-    def _way(self, topic: str, frame: str) -> PoseChain | None:
+    def _chain_of(self, topic: str, frame: str) -> PoseChain | None:
         """Return the path to use for the sweeps of a topic and frame."""
         if (path := self.paths.get((topic, frame))) is not None:
             return path.chain
@@ -299,8 +299,8 @@ class PoseAttacher:
     def notes(self) -> list[str]:
         """Return notes on the choice of poses, its alternatives and its gaps, a line each."""
         every = [*self.runs.values()][:MAX_TOLD]
-        told = [headed(f"run {one.run}: ", line) for one in every for line in one.own_notes()]
-        return told if every else self.own_notes()
+        stated = [headed(f"run {one.run}: ", line) for one in every for line in one.own_notes()]
+        return stated if every else self.own_notes()
 
     def refuse_apart(self) -> None:
         """Refuse a matched path in place of one that the log tells, of which no sweep has a pose (`UnreadableError`)."""
@@ -338,16 +338,16 @@ class PoseAttacher:
         # What is said of a matched path also says that it is one: why it is needed is routine then.
         weak = {key for key, note in self._of_paths() if not isinstance(note, Finding | Routine)}
         words = [(key, note if isinstance(note, str) else note.message, note) for key, note in self._of_paths()]
-        told = [(key, Routine(line) if note is not line and key in weak else line) for key, line, note in words]
-        return [self._of_sensor(key, line) for key, line in told]
+        stated = [(key, Routine(line) if note is not line and key in weak else line) for key, line, note in words]
+        return [self._of_sensor(key, line) for key, line in stated]
 
     def findings(self, keys: Iterable[tuple[str, str]]) -> tuple[list[str], list[Finding]]:
         """Return the notes on the paths without the findings; and these, with those on the poses of topics and frames."""
         if not self.runs:
             return self.own_findings(keys)
-        told = [(f"run {one.run}: ", *one.own_findings(keys)) for one in [*self.runs.values()][:MAX_TOLD]]
-        notes = [headed(head, note) for head, notes, _ in told for note in notes]
-        return notes, [replace(each, message=head + each.message) for head, _, found in told for each in found]
+        stated = [(f"run {one.run}: ", *one.own_findings(keys)) for one in [*self.runs.values()][:MAX_TOLD]]
+        notes = [headed(head, note) for head, notes, _ in stated for note in notes]
+        return notes, [replace(each, message=head + each.message) for head, _, found in stated for each in found]
 
     def own_findings(self, keys: Iterable[tuple[str, str]]) -> tuple[list[str], list[Finding]]:
         """Return those of one run."""
@@ -391,11 +391,11 @@ class PoseAttacher:
         found: dict[str, dict[str, Any]] = {}
         read = groupby(sorted(self.stats.items()), key=lambda each: each[0][0])
         known_paths = sorted(self.paths.items(), key=lambda each: (each[0][1], each[0][0]))
-        paths_of = {frame: [*mine] for frame, mine in groupby(known_paths, key=lambda each: each[0][1])}
-        for frame, mine in read:
+        paths_of = {frame: [*sweeps] for frame, sweeps in groupby(known_paths, key=lambda each: each[0][1])}
+        for frame, sweeps in read:
             paths = [(topic, path) for (topic, _), path in paths_of.get(frame, ())]
-            topics = [topic for topic, _ in paths] or [stats.topic for _, stats in mine]
-            known = {topic: chain for topic in topics if (chain := self._way(topic, frame)) is not None}
+            topics = [topic for topic, _ in paths] or [stats.topic for _, stats in sweeps]
+            known = {topic: chain for topic in topics if (chain := self._chain_of(topic, frame)) is not None}
             chains = [*known.values()]
             if len({chain.world for chain in chains}) > 1:
                 found[frame] = {
@@ -421,7 +421,7 @@ class PoseAttacher:
         is_matched = path is not None and path.chain is not None and path.verdict == "matched"
         if chain is None and (alike := sources.alike(frame, stats.topic)):
             return [alike_note(frame, alike, others, is_matched)]
-        from lidarcli.pose.findings import unplaced, way_findings
+        from lidarcli.pose.findings import chain_findings, unplaced
         from lidarcli.pose.frames import nearness
         from lidarcli.pose.sources import MOUNTLESS
 
@@ -444,9 +444,9 @@ class PoseAttacher:
             lines.append(f"frame {name} leans by up to {degrees:.0f} degrees: its poses are their projection")
         links = [one for one in sources.tracks if one.is_link and nearness(one.topic, stats.topic) is not None]
         # Whether a mount that is told twice is right, the sweeps say.
-        is_judged = is_matched or (path is not None and path.fit is not None and path.fit.is_judged)
-        for each in way_findings(chain, links):
-            is_routine = is_judged and each.id == "frames" and each.level != "error"
+        is_evaluated = is_matched or (path is not None and path.fit is not None and path.fit.is_evaluated)
+        for each in chain_findings(chain, links):
+            is_routine = is_evaluated and each.id == "frames" and each.level != "error"
             lines.append(Routine(each.message) if is_routine else each.message)
         return lines
 

@@ -13,7 +13,7 @@ from lidarcli.display.texts import Routine, some_of
 from lidarcli.errors import OptionError
 from lidarcli.pipeline.reading.needs import of_one_run
 from lidarcli.pipeline.reading.path_choice import CheckedPath
-from lidarcli.pose.calibration import DRIFTING, FIXED, SURE, UNSURE, differs, joined_outlines, settle, stretches_of
+from lidarcli.pose.calibration import DRIFTING, FIXED, SURE, UNSURE, differs, joined_outlines, solve, stretches_of
 from lidarcli.pose.fit import poses_after
 from lidarcli.pose.frames import WORLDS, FrameTree, Step, is_within, namespace
 from lidarcli.pose.messages import TRANSFORMS, frame_name
@@ -59,7 +59,7 @@ def robots_in(
     groups: list[list[_Sensor]] = []
     for key in sorted(paths):
         sensor = _Sensor(key, paths[key], FrameTree(links, key[0], scans))
-        same = [group for group in groups if group[0].way_from(sensor) is not None]
+        same = [group for group in groups if group[0].steps_from(sensor) is not None]
         if same and all(one.key[1] != key[1] for one in same[0]):
             same[0].append(sensor)
         elif not same:
@@ -87,7 +87,7 @@ class _Sensor:
         """The frame that its sweeps are in."""
         return self.tree.sensor(frame_name(self.key[1]))
 
-    def way_from(self, other: _Sensor) -> tuple[Step, ...] | None:
+    def steps_from(self, other: _Sensor) -> tuple[Step, ...] | None:
         """Return the fixed steps from another sensor to this one, by the transforms that both know; None without any."""
         steps = self.tree.path(other.frame, self.frame)
         back = other.tree.path(self.frame, other.frame)
@@ -174,7 +174,7 @@ def _resting(sensor: _Sensor, first: _Sensor, robot: str) -> CheckedPath:
     """Return the path of a sensor on a robot that stands: its place in the frame of that."""
     base, steps = first.tree.to_base(first.frame), sensor.tree.to_base(sensor.frame)
     if [step.target for step in steps[-1:]] != [step.target for step in base[-1:]]:
-        steps = (*(first.way_from(sensor) or ()), *base)
+        steps = (*(first.steps_from(sensor) or ()), *base)
     # The sensor itself may be where the robot is.
     steps = steps or (Step(_fixed(Mount(sensor.frame, sensor.frame, 0.0, 0.0, 0.0)), down=False),)
     topics = tuple(dict.fromkeys(step.track.topic for step in steps))
@@ -183,7 +183,7 @@ def _resting(sensor: _Sensor, first: _Sensor, robot: str) -> CheckedPath:
 
 def _led(sensor: _Sensor, lead: _Sensor) -> CheckedPath:
     """Return the path of a sensor by that of another one on the same robot."""
-    chain, steps = lead.path.chain, lead.way_from(sensor)
+    chain, steps = lead.path.chain, lead.steps_from(sensor)
     assert chain is not None
     led = replace(chain, frame=sensor.frame, steps=(*(steps or ()), *chain.steps))
     return replace(sensor.path, verdict=lead.path.verdict, chain=led, agreement=lead.path.agreement, notes=(), remark="")
@@ -191,13 +191,13 @@ def _led(sensor: _Sensor, lead: _Sensor) -> CheckedPath:
 
 def _misplaced(first: _Sensor, second: _Sensor) -> str:
     """Return how a sensor is elsewhere on the robot than it is told, by what both see; empty where nothing tells that."""
-    here, there, mine, its = first.path.chain, second.path.chain, first.path.sample, second.path.sample
-    if here is None or there is None or mine is None or its is None:
+    here, there, sample, other_sample = first.path.chain, second.path.chain, first.path.sample, second.path.sample
+    if here is None or there is None or sample is None or other_sample is None:
         return ""
-    samples = ((mine, here), (its, there))
+    samples = ((sample, here), (other_sample, there))
     if any(np.any(planar(chain.at(sample.stamp_ns)).upside_down) for sample, chain in samples):
         return ""
-    alike = mine.agreement_with(its, here, there)
+    alike = sample.agreement_with(other_sample, here, there)
     if alike < 1.0 - LESS_ALIKE and alike < min(sample.agreement(chain).all for sample, chain in samples) - LESS_ALIKE:
         return f"it and {first.key[0]} do not see the same from where they are told to be"
     parts = [sample.outlines(MAX_OUTLINES) for sample, _ in samples]
@@ -216,11 +216,11 @@ def _misplaced(first: _Sensor, second: _Sensor) -> str:
     order = np.argsort(outlines.stamp_ns, kind="stable")
     stretch = np.empty(len(both), np.int64)
     stretch[order] = stretches_of(both[order], *(DRIFTING if of_one_run(here.world) else FIXED))
-    settled = settle(outlines, placing, np.zeros(3), np.full(3, np.inf), stretch)
-    deviation = np.maximum(settled.deviations, 3.0 * SURE)
-    if not (deviation < UNSURE).all() or not differs(settled.values, deviation):
+    solution = solve(outlines, placing, np.zeros(3), np.full(3, np.inf), stretch)
+    deviation = np.maximum(solution.deviations, 3.0 * SURE)
+    if not (deviation < UNSURE).all() or not differs(solution.values, deviation):
         return ""
-    x, y, yaw = settled.values.tolist()
+    x, y, yaw = solution.values.tolist()
     off = f"{math.hypot(x, y):.2f} m and {abs(math.degrees(yaw)):.1f} degrees"
     return f"by what both see it is {off} from where it is told to be beside {first.key[0]}"
 

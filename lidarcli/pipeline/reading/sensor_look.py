@@ -20,7 +20,7 @@ PART, PARTED = 50, 1000
 """So many sweeps are matched at once, of the first ones."""
 ENOUGH_TURNING, LEADING = 100, 8
 """Sweeps during which the sensor turned that tell the order of the beams; each is matched after so many before it."""
-VERY_CLEAR, MAX_HELD = 4.0, 600
+VERY_CLEAR, MAX_KEPT = 4.0, 600
 """Standard deviations by which an order must fit better to be taken before so many; most sweeps held until then."""
 MIN_PLACED = 0.7
 """Least share of sweeps with a pose that tell the order of the beams."""
@@ -40,12 +40,12 @@ class SensorLook:
         """True where every sweep was matched."""
         self.sweeps = 0
         self._whole, self._wanted = whole, wanted
-        self._held: list[SweepBatch] | None = [] if timing.order == matching.AUTO and wanted else None
+        self._kept: list[SweepBatch] | None = [] if timing.order == matching.AUTO and wanted else None
         self._orders: dict[str, matching.MatchedPath] = {}
         """Order of the beams → the path of some of the held sweeps by it."""
         self._ordered = 0
         """Number of held sweeps that these have seen, or were not to see."""
-        self._stands, self._asked, self._is_off = False, 0, False
+        self._is_static, self._found_at, self._is_off = False, 0, False
         """The last answer on standing, by so many matched sweeps; True where one has been off the first since."""
 
     def add(self, sweeps: SweepBatch) -> None:
@@ -62,9 +62,9 @@ class SensorLook:
         """Match sweeps: some while the sensor stands, none once they are enough to judge told steps."""
         part = np.arange(len(sweeps))
         if not self._whole:
-            if self.sweeps >= PERIOD and self.stands:
+            if self.sweeps >= PERIOD and self.is_static:
                 part = part[(self.sweeps + part) % PERIOD < SAMPLE]
-            elif self.is_enough or not (self._wanted or self.may_stand):
+            elif self.is_enough or not (self._wanted or self.may_be_static):
                 part = part[:0]
         self.is_whole &= len(part) == len(sweeps)
         self.sweeps += len(sweeps)
@@ -73,72 +73,76 @@ class SensorLook:
         sweeps = sweeps if len(part) == len(sweeps) else sweeps.rows(part)
         poses = self.path.add(sweeps, self._guessed(sweeps))
         self._is_off |= not (np.abs(poses) < (matching.STANDING_OFF, matching.STANDING_OFF, matching.STANDING_TURN)).all()
-        if self._held is not None:
-            self._held.append(sweeps)
-            self.settle(last=len(self.path.stamp_ns) >= MAX_HELD)
+        if self._kept is not None:
+            self._kept.append(sweeps)
+            self.decide_order(last=len(self.path.stamp_ns) >= MAX_KEPT)
 
-    def settle(self, *, last: bool = True) -> None:
+    def decide_order(self, *, last: bool = True) -> None:
         """Find the order of the beams by sweeps during which the sensor turned, each after some that lead to it.
 
         Until the `last` of these sweeps only an order that is very clear is taken.
         """
-        self._asked = 0 if last else self._asked
-        if not (held := self._held):
+        self._found_at = 0 if last else self._found_at
+        if not (kept := self._kept):
             return
-        own, duration = matching.duration_of(held)
+        own, duration = matching.duration_of(kept)
         turning = np.flatnonzero(self.path.turns(duration) > matching.SKEWED)
         last |= len(turning) >= ENOUGH_TURNING
         order = ""
         if len(turning) >= matching.MIN_SKEWED and self.path.placed >= MIN_PLACED:
-            order = self._order(held, turning[:ENOUGH_TURNING], VERY_CLEAR if not last else matching.CLEAR)
+            order = self._order(kept, turning[:ENOUGH_TURNING], VERY_CLEAR if not last else matching.CLEAR)
         if last or order:
-            self._held = None
+            self._kept = None
         if not order:
             return
         first, self.path = self.path, matching.MatchedPath(matching.Timing(order, own))
-        headers = np.concatenate([matching.headers_of(sweeps) for sweeps in held])
+        headers = np.concatenate([matching.headers_of(sweeps) for sweeps in kept])
         if np.array_equal(first.timing.of(headers), self.path.timing.of(headers)):
             first.timing, self.path = self.path.timing, first
             return
-        for sweeps in held:
+        for sweeps in kept:
             self.path.add(sweeps, self._guessed(sweeps))
 
-    def _order(self, held: Sequence[SweepBatch], turning: Int64, clear: float) -> str:
+    def _order(self, kept: Sequence[SweepBatch], turning: Int64, clear: float) -> str:
         """Return the order of the beams of held sweeps by those during which the sensor turned; empty for none."""
-        own, duration = matching.duration_of(held)
+        own, duration = matching.duration_of(kept)
         self._orders = self._orders or {
             order: matching.MatchedPath(matching.Timing(order, own)) for order in BEAM_ORDERS[1:]
         }
         rows = np.unique((turning[:, None] - np.arange(LEADING)).clip(0))
         rows = rows[rows >= self._ordered]
-        ends = np.cumsum([0, *map(len, held)])
+        ends = np.cumsum([0, *map(len, kept)])
         # Between these rows the sensor has gone on: the first path leads over that.
         guess = np.column_stack([self.path.poses, np.zeros(ends[-1])])
-        for sweeps, first, end in zip(held, ends[:-1], ends[1:], strict=True):
-            mine = rows[(rows >= first) & (rows < end)]
+        for sweeps, first, end in zip(kept, ends[:-1], ends[1:], strict=True):
+            chosen = rows[(rows >= first) & (rows < end)]
             for path in self._orders.values():
-                path.add(sweeps.rows(mine - first), guess[mine])
+                path.add(sweeps.rows(chosen - first), guess[chosen])
         self._ordered = int(rows[-1]) + 1 if len(rows) else self._ordered
         return matching.order_of(self._orders, duration, clear)
 
     @property
-    def stands(self) -> bool:
+    def is_static(self) -> bool:
         """True where the sensor has not moved so far; found anew after a tenth more sweeps, or one off the first."""
         count = len(self.path.stamp_ns)
-        if count >= 1.1 * self._asked or (self._stands and self._is_off):
-            self._stands, self._asked, self._is_off = matching.stands(self.path.poses, self.path.slides), count, False
-        return self._stands
+        if count >= 1.1 * self._found_at or (self._is_static and self._is_off):
+            self._is_static, self._found_at, self._is_off = (
+                matching.stands(self.path.poses, self.path.slides),
+                count,
+                False,
+            )
+        return self._is_static
 
     @property
-    def may_stand(self) -> bool:
+    def may_be_static(self) -> bool:
         """True until the sensor was seen to move in the sweeps so far."""
-        return self.sweeps < PERIOD or self.stands
+        return self.sweeps < PERIOD or self.is_static
 
     @property
     def is_enough(self) -> bool:
         """True where told steps can be judged by the sweeps so far."""
         is_far = len(self.path.stamp_ns) >= ENOUGH and self.path.length >= ENOUGH_WAY
-        return bool(self.chains) and self._held is None and is_far
+        return bool(self.chains) and self._kept is None and is_far
 
     def _guessed(self, sweeps: SweepBatch) -> Float64 | None:
         """Return the told poses of sweeps, as `MatchedPath.add` takes them."""
