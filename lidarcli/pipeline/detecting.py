@@ -1,7 +1,7 @@
 """The objects of logs: tables in a folder, one stream or file, or tables in memory.
 
-The way of a sweep is `_detect_log`: a log is read as batches with poses, batches become parts with rows, perhaps in several
-threads, or the tracking makes the rows where it is asked for, and they are written.
+A sweep takes its path through `_detect_log`: a log is read as batches with poses, batches become parts with rows, perhaps
+in several threads, or the tracking makes the rows where it is requested, and they are written.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ def detect_to_files(source: Source, folder: Place, options: DetectOptions, progr
 
 def _read_to_files(source: Source, folder: Place, options: DetectOptions, progress: Progress | None) -> Reading:
     if options.need is Need.MOVING:
-        # One pass is enough where the sensor stands; where it moves the first one ends soon.
+        # One pass is enough where the sensor is static; where it moves the first one ends soon.
         with suppress(SensorMovedError):
             return _read_once(source, folder, options, progress, Need.STANDING)
     return _read_once(source, folder, options, progress, options.need)

@@ -27,7 +27,7 @@ HALF_CHORD, MAX_BESIDE, MAX_CHORD, MAX_OFF = 0.12, 12, 0.6, 0.03
 """The normal at a point is that of the chord between beams so far beside it [m], so many at most; the chord is no longer
 than this and the point no farther off it [m]."""
 DIRECTIONS = 12
-"""Directions of normals that are told apart: the two sides of a board are two surfaces."""
+"""Directions of normals that are distinguished: the two sides of a board are two surfaces."""
 LADDER = ((0.8, 0.3, 4), (0.4, 0.1, 4), (0.3, 0.05, 8))
 """Sides of cells, scales of the robust weights [m], and most steps of the search with these."""
 CONVERGED, MAX_STEP, MIN_IN_CELL = 5e-4, 0.3, 4
@@ -44,7 +44,7 @@ are measured."""
 BESIDE_APART, BESIDE_TRIED = np.deg2rad(15.0), 4
 """Turns that are apart from each other [rad], and the most that are looked at closely."""
 SEEN_STEP, SEEN_OFF = np.deg2rad(4.0), 0.2
-"""Directions that are told apart [rad], and how far something is seen through [m]."""
+"""Directions that are distinguished [rad], and how far a ray passes through something [m]."""
 DRIFTING, FIXED = (0.5 * np.pi, 5.0), (TURN, 50.0)
 """Turn [rad] and distance [m] of a stretch in which poses do not drift much: of odometry, and of poses in a map."""
 UNSURE = np.array([0.05, 0.05, np.deg2rad(2.0)])
@@ -316,11 +316,19 @@ def scaled_path(poses: Float64, length: float, turn: float) -> Float64:
     return np.column_stack([np.vstack([poses[:1, :2], poses[0, :2] + place]), yaw])
 
 
-def stretches_of(poses: Float64, most_turn: float, most_way: float) -> Int64:
-    """Return (K,) the number of the stretch of each pose: one ends after so much turning or so long a way [rad, m]."""
+def stretches_of(poses: Float64, most_turn: float, most_length: float) -> Int64:
+    """Return (K,) the number of the stretch of each pose: one ends after so much turning or so long a path [rad, m]."""
     step = steps_between(poses[:-1], poses[1:])
-    gone = np.cumsum(np.abs(step[:, 2]) / most_turn + np.hypot(step[:, 0], step[:, 1]) / most_way)
+    gone = np.cumsum(np.abs(step[:, 2]) / most_turn + np.hypot(step[:, 0], step[:, 1]) / most_length)
     return np.concatenate([[0], np.floor(gone)]).astype(np.int64)
+
+
+def stretches_over(poses: Float64, stamp_ns: Int64, *, drifts: bool) -> Int64:
+    """Return (K,) the number of the stretch of each pose, in order of their stamps; `drifts`: they do so as odometry."""
+    order = np.argsort(stamp_ns, kind="stable")
+    stretch = np.empty(len(poses), np.int64)
+    stretch[order] = stretches_of(poses[order], *(DRIFTING if drifts else FIXED))
+    return stretch
 
 
 def mounted_points(points: Float64, mount: Float64) -> Float64:
@@ -356,7 +364,7 @@ def places_beside(points: Float64, other: Float64) -> Float64:
 
 @dataclass(frozen=True, slots=True)
 class Overlap:
-    """Points that two sensors see alike that stand beside each other."""
+    """Points that two sensors see alike that stand next to each other."""
 
     share: float
     """Share of the cells of the second that are on cells of the first, or beside them."""
@@ -367,7 +375,7 @@ class Overlap:
 
 
 def overlap(points: Float64, other: Float64, place: Float64) -> Overlap:
-    """Return what points (N, 2) of a sensor and other ones (M, 2) of one that stands at `place` (3,) beside it share."""
+    """Return what points (N, 2) of a sensor and those (M, 2) of one at `place` (3,) next to it have in common."""
     there = mounted_points(other, place)
     own, its = _raster(points), _raster(there)
     both = its & _widened(own)

@@ -26,16 +26,16 @@ BEAMS = 120
 PART_SECONDS = 4.0
 """Duration of the parts of a run that are compared [s]."""
 SEEN_AGAIN = 0.2
-"""Share of hits that are seen again later from which on these decide; else the steps of the path do."""
+"""Share of hits that are observed again later from which on these decide; else the steps of the path do."""
 DRIFTS = 0.03
-"""A path drifts if places seen again agree less than those seen soon by more than this."""
+"""A path drifts if places observed again agree less than those observed soon by more than this."""
 CLEARLY, LESS, MUCH = 0.01, 0.02, 0.175
-"""Shares by which the matched path must agree better than the told one by places seen again, drift less, or else agree
-better by places seen soon."""
+"""Shares by which the matched path must agree better than the given one by places observed again, drift less, or else agree
+better by places observed soon."""
 STANDS_BETTER = 0.05
 """Share by which standing still must agree better than every path."""
 MIN_PLACED = 0.8
-"""Least share of sweeps with a pose of a matched path that replaces a told one by places seen again."""
+"""A matched path replaces a given one by places observed again only if more than this share of its sweeps has a pose."""
 SAME_PLACE = 1e-3
 """Paths that are nowhere further apart are one [m, rad]."""
 
@@ -149,17 +149,17 @@ class Candidate(NamedTuple):
 
     @property
     def is_seen_again(self) -> bool:
-        """True where enough places are seen again later."""
+        """True where enough places are observed again later."""
         return self.agreement.again >= SEEN_AGAIN and bool(np.isfinite(self.agreement.far))
 
     @property
     def drift(self) -> float:
-        """By how much places that are seen again agree less than those seen soon; NaN where none are."""
+        """By how much places that are observed again agree less than those observed soon; NaN where none are."""
         return self.agreement.near - self.agreement.far if self.is_seen_again else float("nan")
 
     @property
     def by_places(self) -> float:
-        """Agreement of places that are seen again, where there are some, else of all."""
+        """Agreement of places that are observed again, where there are some, else of all."""
         return self.agreement.far if self.is_seen_again else self.agreement.all
 
     def over_run(self, standing: float) -> float:
@@ -169,7 +169,7 @@ class Candidate(NamedTuple):
 
 
 def given_candidates(chains: Sequence[PoseChain], sample: SweepSample) -> list[Candidate]:
-    """Return the told paths that differ: the first one alone where nothing speaks against it."""
+    """Return the given paths that differ: the first one alone where nothing speaks against it."""
     found: list[Candidate] = []
     paths: list[Float64] = []
     for chain in chains:
@@ -184,7 +184,7 @@ def given_candidates(chains: Sequence[PoseChain], sample: SweepSample) -> list[C
 
 
 def best_given(found: Sequence[Candidate]) -> Candidate:
-    """Return the told path that agrees best; an earlier one unless another is clearly better."""
+    """Return the given path that agrees best; an earlier one unless another is clearly better."""
     best = found[0]
     for one in found[1:]:
         if one.by_places > best.by_places + CLEARLY and one.is_seen_again >= best.is_seen_again:
@@ -193,14 +193,14 @@ def best_given(found: Sequence[Candidate]) -> Candidate:
 
 
 def better_path(given: Candidate, matched: Candidate, standing: float, *, is_likely: bool, jumps: bool) -> Candidate:
-    """Choose between a told path and the matched one.
+    """Choose between a given path and the matched one.
 
-    A told path that is inexact but does not drift is blurred alike soon and later; a sharper one that drifts is no better.
+    A given path that is inexact but does not drift is blurred alike soon and later; a sharper one that drifts is no better.
 
     Parameters
     ----------
     standing : agreement of all sweeps under standing still
-    is_likely : True where most steps of the told path fit the sweeps, or cannot be judged
+    is_likely : True where most steps of the given path fit the sweeps, or cannot be judged
     jumps : True where it has steps that no robot makes
     """
     gain = matched.over_run(standing) - given.over_run(standing)
@@ -218,7 +218,7 @@ def better_path(given: Candidate, matched: Candidate, standing: float, *, is_lik
 
 
 def poses_of(chain: PoseChain, stamp_ns: Int64) -> Float64:
-    """Return x, y [m] and yaw [rad] (S, 3) of the sensor at stamps, mirrored where it hangs head down."""
+    """Return x, y [m] and yaw [rad] (S, 3) of the sensor at stamps, mirrored where it hangs upside down."""
     there = planar(chain.at(stamp_ns))
     known = np.isfinite(there.x)
     hangs = np.count_nonzero(there.upside_down & known) * 2 > np.count_nonzero(known)

@@ -49,7 +49,7 @@ def clock_words(topic: str, delay: float) -> str:
 
 
 def apart_finding(key: Key, chain: PoseChain, delay: float) -> Finding:
-    """Return the finding on a told path that has no pose at any sweep; `delay`: by how much it is late [s], 0: unknown."""
+    """Return the finding on a given path that has no pose at any sweep; `delay`: by how much it is late [s], 0: unknown."""
     words, span = f"no sweep of {key[0]} has a pose", chain.span_ns
     if not delay:
         together = f"the links {chain.frames} are never known at the same time"

@@ -46,7 +46,7 @@ ACCEPTED = 0.8
 CORRECTED, GAIN = 0.5, 0.1
 """Share from which they are accepted with a delay and a mount, and by how much these must better it."""
 RATIOS = 0.8, 1.25
-"""Told lengths and turns as a share of the matched ones, from least to most."""
+"""Given lengths and turns as a share of the matched ones, from least to most."""
 LONG_STEP, LARGE_TURN, MIN_LONG = 0.15, 0.08, 5
 """Steps that are longer, or turn more, tell such a share [m, rad]; so many or fewer tell none."""
 MOUNT_SCALE = 0.05
@@ -67,7 +67,7 @@ class PoseFit:
     delay: float = 0.0
     """The pose of a sweep is that at its header stamp and this much later [s]."""
     mount: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    """Pose of the sensor in the frame that the poses tell of: x, y [m], yaw [rad]."""
+    """Pose of the sensor in the frame that the poses are of: x, y [m], yaw [rad]."""
     ratio: float = float("nan")
     """Given lengths as a share of the matched ones."""
     turn_ratio: float = float("nan")

@@ -63,7 +63,7 @@ def namespace(topic: str) -> str:
 
 
 def is_within(topic: str, space: str) -> bool:
-    """Tell whether a topic is in a namespace, or in one below it."""
+    """Return whether a topic is in a namespace, or in one below it."""
     return not space or f"{namespace(topic)}/".startswith(f"{space}/")
 
 

@@ -1,4 +1,4 @@
-"""The path of a sensor from its sweeps alone, whether the sensor stands, and the order in which it sends its beams."""
+"""The path of a sensor from its sweeps alone, whether the sensor is static, and the order in which it sends its beams."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ from lidarcli.sweeps.types import TURN, Bool, Float64, Int64, SweepBatch
 MIN_STEP = 0.001
 """Stamps that are mostly closer tell no times [s]."""
 MAX_UNPLACED = 0.3
-"""Nothing is judged where a greater share of the sweeps has no matched pose."""
+"""Nothing is evaluated where a greater share of the sweeps has no matched pose."""
 STANDING_OFF, STANDING_TURN = 0.02, np.deg2rad(0.5)
-"""A sensor stands whose matched poses are no further from their middle [m, rad], but for 1 % of them."""
+"""A sensor is static whose matched poses are no further from their middle [m, rad], but for 1 % of them."""
 MAX_SLIDING = 0.5
-"""Share of sweeps that may slide of a sensor that is known to stand."""
+"""Share of sweeps that may slide of a sensor that is known to be static."""
 STILL_SECONDS, STILL_OFF, STILL_TURN = 2.0, 0.05, 0.035
 """It stands at a sweep if the poses at both ends of so many seconds around it are no further apart [m, rad]."""
 
@@ -52,7 +52,7 @@ def stands(matched: Float64, slides: Float64) -> bool:
 
 
 def still_at(stamp_ns: Int64, matched: Float64, slides: Float64) -> Bool:
-    """Return at which sweeps (S,) the sensor stands; empty where too few sweeps have a pose.
+    """Return at which sweeps (S,) the sensor is static; empty where too few sweeps have a pose.
 
     Parameters are as of `stands`, with the stamps of the sweeps (S,) [ns], increasing.
     """
@@ -80,7 +80,7 @@ AUTO, FORWARD, REVERSE, ONCE = BEAM_ORDERS
 SHORTEST_SWEEP = 0.005
 """Duration below which headers do not count [s]: all beams are taken at once."""
 MIN_SHARE, MAX_SHARE, USUAL_SHARE = 0.2, 1.25, 0.9
-"""Shares of the time from sweep to sweep that a sweep can take, and the share where headers tell another."""
+"""Shares of the time from sweep to sweep that a sweep can take, and the share where headers state another."""
 SKEWED, TYPICAL_RANGE = 0.03, 2.0
 """Motion during a sweep from which on it tells the order of its beams [m]; the range at which turns move points [m]."""
 MIN_SKEWED, BLOCKS, CLEAR, OPPOSITE = 40, 20, 2.0, 1.5
@@ -95,19 +95,19 @@ class Timing:
     """Times at which the beams of sweeps are sent."""
 
     order: str = AUTO
-    """Order of the beams, of `BEAM_ORDERS`; `auto`: as the headers tell."""
+    """Order of the beams, of `BEAM_ORDERS`; `auto`: as the headers state."""
     duration: float = 0.0
-    """Duration of a sweep [s] where the headers tell none that can be; 0 for that of the headers."""
+    """Duration of a sweep [s] where the headers state none that can be; 0 for that of the headers."""
 
     @property
     def takes_time(self) -> bool:
-        """True where a sweep takes time whatever the headers tell."""
+        """True where a sweep takes time whatever the headers state."""
         return self.duration > 0.0 and self.order in (FORWARD, REVERSE)
 
     def of(self, headers: Float64) -> tuple[Float64, Float64]:
         """Return (S,) the times of the first and of the last beam after the header stamp [s].
 
-        `headers`: (S,) duration of each sweep as its header tells it, 0 for none.
+        `headers`: (S,) duration of each sweep as its header states it, 0 for none.
         """
         none = np.zeros(len(headers))
         if self.order == AUTO:
@@ -119,12 +119,12 @@ class Timing:
 
 
 def headers_of(sweeps: SweepBatch) -> Float64:
-    """Return (S,) the duration of each sweep as its header tells it [s], 0 for none."""
+    """Return (S,) the duration of each sweep as its header states it [s], 0 for none."""
     return np.zeros(len(sweeps.stamp_ns)) if sweeps.duration is None else np.nan_to_num(sweeps.duration)
 
 
 def duration_of(sweeps: Sequence[SweepBatch]) -> tuple[float, float]:
-    """Return the duration of a sweep where the headers tell none that can be, else 0, and the one that counts [s]."""
+    """Return the duration of a sweep by its period, 0 where the headers state a possible one, and the one to use [s]."""
     stamps = np.concatenate([batch.stamp_ns for batch in sweeps])
     steps = np.diff(stamps)
     steps = steps[steps > 0]
@@ -142,7 +142,7 @@ class MatchedPath:
     """The path of one sensor: a fold over its batches in log order, however they are cut.
 
     A sweep has no pose where it has fewer than 15 points, repeats a stamp, or fits nowhere. Such sweeps do not change the
-    map. After 10 that fit nowhere the map begins anew at the last known pose: the path is not to be trusted across that.
+    map. After 10 that fit nowhere the map begins again at the last known pose: the path is not to be trusted across that.
     """
 
     def __init__(self, timing: Timing | None = None) -> None:
@@ -213,7 +213,7 @@ class MatchedPath:
 
     @property
     def restarts(self) -> int:
-        """Times that the map began anew."""
+        """Times that the map began again."""
         return max(self._matcher.pieces - 1, 0)
 
     @property
@@ -253,7 +253,7 @@ class MatchedPath:
     def gaps(self) -> Int64:
         """(G, 2) stamps of the sweeps before and after each stretch without poses [ns].
 
-        It is longer than `LONGEST_SLIDE`, or the map began anew after it.
+        It is longer than `LONGEST_SLIDE`, or the map began again after it.
         """
         there, stamps = self._there(), self.stamp_ns
         there = there[np.argsort(stamps[there], kind="stable")]
@@ -285,7 +285,7 @@ class MatchedPath:
 
 
 def _one(parts: list[NDArray[Any]]) -> NDArray[Any]:
-    """Return parts as one array, and keep this in their place: a path is asked for after each batch."""
+    """Return parts as one array, and keep this in their place: a path is read after each batch."""
     if len(parts) > 1:
         parts[:] = [np.concatenate(parts)]
     return parts[0]

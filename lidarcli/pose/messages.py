@@ -267,7 +267,7 @@ Decoded = TypeVar("Decoded")
 
 
 class StampedPolygon(NamedTuple):
-    """A polygon that a message tells."""
+    """A polygon of a message."""
 
     stamp_ns: int
     frame_id: str

@@ -38,7 +38,7 @@ class Correction:
     delay_ns: int = 0
     """The pose of a time is the given one this much later [ns]."""
     mount: Motion | None = None
-    """Pose of the sensor in the frame that the poses tell of (N = 1); None where that is the sensor's own."""
+    """Pose of the sensor in the frame that the poses are of (N = 1); None where that is the sensor's own."""
     gaps: Int64 = field(default_factory=lambda: np.zeros((0, 2), np.int64))
     """(G, 2) stamps between which poses are not known [ns]: the last before each gap, and the first after it."""
     laid: Motion | None = None
@@ -176,7 +176,7 @@ class GivenPaths:
         return None
 
     def alternatives(self, frame_id: str, topic: str = "") -> tuple[str, ...]:
-        """Return nothing: what was asked for is taken."""
+        """Return nothing: there is no alternative."""
         return ()
 
     def alike(self, frame_id: str, topic: str = "") -> tuple[str, ...]:
@@ -185,11 +185,11 @@ class GivenPaths:
 
 
 WENT = 0.3
-"""A sensor has moved that is so far from where it was [m, rad]: the poses of one that stands may be corrected."""
+"""A sensor has moved that is so far from where it was [m, rad]: the poses of one that is static may be corrected."""
 
 
 def went(sources: PoseSources | GivenPaths, topic: str, frame: str, since_ns: Int64, stamp_ns: Int64) -> Bool:
-    """Return whether the sensor of a topic and frame has gone from some stamps to others (S,) [ns], as poses tell."""
+    """Return whether the sensor of a topic and frame has gone from some stamps to others (S,) [ns], as poses say."""
     if (chain := sources.chain(frame, topic)) is None:
         return np.zeros(len(stamp_ns), np.bool_)
     way = _between(*(planar(chain.at(each)) for each in (since_ns, stamp_ns)))
@@ -224,7 +224,7 @@ class PoseSources:
         return tuple(dict.fromkeys(track.topic for track in self.tracks))
 
     def localised(self, frame_id: str, topic: str = "") -> PoseChain | None:
-        """Return the chain by which the robot knew where the sensor was on its map; None where the log tells none."""
+        """Return the chain by which the robot knew where the sensor was on its map; None where the log gives none."""
         chain = PoseSources(self.tracks, None, self._scans, on_map=True).chain(frame_id, topic)
         return chain if chain is not None and _last(chain.world) == MAP else None
 
@@ -253,7 +253,7 @@ class PoseSources:
         return self._choice(frame_id, topic)[1]
 
     def alike(self, frame_id: str, topic: str = "") -> tuple[str, ...]:
-        """Return equally likely topics, of which none is chosen without being asked for."""
+        """Return equally likely topics, of which none is chosen unless it is named."""
         return self._choice(frame_id, topic)[2]
 
     def _choice(self, frame_id: str, topic: str) -> tuple[PoseChain | None, tuple[str, ...], tuple[str, ...]]:
@@ -371,7 +371,7 @@ def _alike(tracks: Sequence[Track]) -> tuple[str, ...]:
 
 
 def _rank(track: Track) -> tuple[int, int] | None:
-    """Rank a source by how likely it tells the pose of the robot, best first; None if it must be asked for."""
+    """Rank a source by how likely it is that of the robot, best first; None if it counts only when named."""
     words = [word for word in re.split(r"[/_\-.]+", track.topic.lower()) if word]
     if any(map(_OF_OTHERS.fullmatch, words)):
         return None

@@ -107,9 +107,9 @@ UPRIGHT = 0.5
 
 
 def planar(motion: Motion) -> SweepPoses:
-    """Return the poses seen from above: the direction of the frame's x axis is the yaw.
+    """Return the poses viewed from above: the direction of the frame's x axis is the yaw.
 
-    What stands upright does not hang head down, on whichever side of 90 degrees rounding leaves it.
+    An upright frame is not upside down, on whichever side of 90 degrees rounding leaves it.
     """
     x, y, z, w = motion.rotation.T
     up = 1.0 - 2.0 * (x * x + y * y)
@@ -118,7 +118,7 @@ def planar(motion: Motion) -> SweepPoses:
 
 
 def flat(motion: Motion) -> Float64:
-    """Return x, y [m] and yaw [rad] (S, 3) of poses seen from above."""
+    """Return x, y [m] and yaw [rad] (S, 3) of poses viewed from above."""
     there = planar(motion)
     return np.column_stack([there.x, there.y, there.yaw])
 
@@ -187,7 +187,7 @@ class Track:
     differs: bool = False
     """True for a static one that was sent with other numbers, too, and for one with several poses at one stamp."""
     parts: tuple[Track | None, ...] = ()
-    """Its poses of each run of a log whose clock starts anew, None for none; empty where all are of all runs."""
+    """Its poses of each run of a log whose clock starts again, None for none; empty where all are of all runs."""
 
     @property
     def span_ns(self) -> tuple[int, int]:
@@ -198,7 +198,7 @@ class Track:
     def seems_w_first(self) -> bool:
         """True if its quaternions seem to be written w first: a turning robot then only rolls.
 
-        What goes straight ahead has 1 0 0 0 then, always; a sensor that hangs head down turns a little as it goes.
+        What goes straight ahead has 1 0 0 0 then, always; a sensor that hangs upside down turns a little as it goes.
         """
         x, y, z, w = np.abs(self.motion.rotation).T
         rolls = max(y.max(), z.max()) < FLAT and (np.ptp(x) > ROLLS or max(y.max(), z.max(), w.max()) == 0.0)
@@ -283,11 +283,11 @@ class _Growing:
         return len(stamp_ns)
 
     def restarts(self) -> list[int]:
-        """Return the poses at which the clock starts anew."""
+        """Return the poses at which the clock starts again."""
         return restarts(np.concatenate(self.stamps)) if self.jumps_back else []
 
     def parts(self, key: TrackKey, lead: _Growing) -> tuple[Track | None, ...]:
-        """Return the track of each run, by its own stamps or those of the track with most runs; none if nothing tells."""
+        """Return the track of each run, by its own stamps or those of the track with most runs; none if nothing shows."""
         arrays = [np.concatenate(each) for each in (self.stamps, self.numbers, self.records)]
         cuts, borders = self.restarts(), lead.restarts()
         if len(cuts) != len(borders):

@@ -1,6 +1,6 @@
 """From batches to rows of the tables: options, finding objects, filling rows, and sharing the work among threads.
 
-The compiled core releases the interpreter, so that threads work side by side. The batches and their order do not depend on
+The compiled core releases the interpreter, so that threads work at once. The batches and their order do not depend on
 the number of threads, and neither does any byte that is written.
 """
 
@@ -110,7 +110,7 @@ class DetectOptions:
 
     @property
     def need(self) -> Need:
-        """Sensors whose path is matched where the log tells none."""
+        """Sensors whose path is matched where the log gives none."""
         return Need.TOLD if self.tracking is None else Need.MOVING
 
     def as_dict(self) -> dict[str, Any]:

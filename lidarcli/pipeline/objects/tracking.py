@@ -1,4 +1,4 @@
-"""Tracks objects from batch to batch; rows are made once their tracks are settled."""
+"""Tracks objects from batch to batch; rows are made once their tracks are final."""
 
 from __future__ import annotations
 
@@ -119,7 +119,7 @@ class LogTracker:
         self._waiting.close()
 
     def _places_of(self, batch: SweepBatch) -> Places:
-        """Return the places by which the bodies of a batch are judged."""
+        """Return the places by which the bodies of a batch are evaluated."""
         return self._places.setdefault(batch.robot or batch.topic, Places())
 
     def _waited(self, topic: str) -> Iterator[tuple[SweepBatch, Detection]]:
@@ -134,7 +134,7 @@ class LogTracker:
         return self._places_of(batch).judged(batch, detection, worlds, self._parameters.min_thing)
 
     def _trajectories(self, name: str, tracker: Tracker) -> Iterator[Rows]:
-        """Yield the rows of the trajectories of a tracker that are settled."""
+        """Yield the rows of the trajectories of a tracker that are final."""
         for rows in tracker.trajectories():
             if self._options.tracks and self._options.trajectories:
                 yield "trajectories", name, trajectories_rows(self._log, tracker.sensors, rows)

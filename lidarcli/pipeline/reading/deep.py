@@ -1,4 +1,4 @@
-"""Findings that align sweeps: mounts, the times and the fit of told poses, the robot's own body, beams that flicker."""
+"""Findings that align sweeps: mounts, the times and the fit of given poses, the robot's own body, beams that flicker."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ class DeepFindings:
     masks: Masks = field(default_factory=Masks)
     """Mask of the robot itself."""
     mounts: tuple[Mount, ...] = ()
-    """Mounts that differ from what the log tells, or that it does not tell."""
+    """Mounts that differ from those that the log gives, or that it lacks."""
 
 
 def deep_findings(
@@ -84,7 +84,7 @@ def deep_findings(
             if mirrored := sensor.mirrored():
                 findings += mirrored
                 continue
-            # Lasers of several robots are not beside each other.
+            # Lasers of several robots are not next to each other.
             world = next(iter(firsts), "") if sensor.chain is None else world
             if world not in firsts:
                 calibrated = _calibrated(sensor)
@@ -115,7 +115,7 @@ def _masking(log: Log, read: ReadOptions, poses: PoseOptions, choice: TopicChoic
 
 
 def _body(sensor: _Sensor, masking: MaskRules) -> list[Finding]:
-    """Return what is told of beams that end on the robot itself."""
+    """Return the findings on beams that end on the robot itself."""
     masks: list[Mask] = [mask for mask in masking.learned.masks if mask.topic == sensor.topic]
     if not masks:
         beams = masking.unclear.get((sensor.topic, sensor.frame), 0)

@@ -27,7 +27,7 @@ class FoundPoses:
     report: ReadReport = field(default_factory=ReadReport)
     """Damage and refused messages of the pass over their messages."""
     by_run: tuple[PoseSources, ...] = ()
-    """Those of each run, where the clock of the poses starts anew."""
+    """Those of each run, where the clock of the poses starts again."""
     whole: PoseSources | GivenPaths | None = None
     """Those of all runs, where `sources` are of one of them."""
 

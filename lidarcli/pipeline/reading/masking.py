@@ -34,7 +34,7 @@ MIN_DISTANCE, MIN_TURN = 3.0, 2.0
 MOVED, TURNED = 0.05, 0.05
 """A sweep counts where the sensor went so far [m] or turned so much [rad] since the last one that did."""
 FAR_GRAIN, FAR_WINDOW, FAR_REACH = 0.25, 0.5, 60.0
-"""A sensor stood, whatever poses tell, if most beams that end farther away do so within such a stretch [m]."""
+"""A sensor was static, whatever poses say, if most beams that end farther away do so within such a stretch [m]."""
 SEEN = 0.3
 """Least share of the sweeps in which such a beam ends farther away than `REACH`."""
 LONGEST = 0.16
@@ -56,7 +56,7 @@ class MaskRules:
     remarks: tuple[str, ...] = ()
     """Notes on what is masked."""
     doubts: tuple[str, ...] = ()
-    """Notes on what is not masked, though that was asked for."""
+    """Notes on what is not masked, though that was requested."""
     learned: Masks = field(default_factory=Masks)
     """Mask that the log itself tells."""
     proposed: Masks = field(default_factory=Masks)
@@ -75,7 +75,7 @@ class MaskRules:
 def masking_of(
     log: Log, rules: RangeRules, poses: PoseOptions | None = None, topics: Collection[str] | None = None
 ) -> MaskRules:
-    """Return the rules for the ranges of a log, with its mask learned and placed where that is asked for.
+    """Return the rules for the ranges of a log, with its mask learned and placed where that is requested.
 
     `poses` and `topics`, by default all, are for `--mask auto`: `OptionError` of a log that can be read only once.
     """
@@ -210,7 +210,7 @@ class MovedPath:
     def __init__(self, step: float, turn: float) -> None:
         self._step, self._turn = step, turn
         self.last: tuple[float, float, float] | None = None
-        """Its last pose; None where nothing tells one."""
+        """Its last pose; None where nothing shows one."""
         self.distance = self.turned = self._heading = 0.0
         """Length of the path [m], and all its turns together [rad]."""
         self.turns = 0.0, 0.0

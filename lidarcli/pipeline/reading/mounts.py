@@ -16,8 +16,6 @@ from lidarcli.pipeline.reading.masking import MovedPath
 from lidarcli.pipeline.reading.needs import of_one_run
 from lidarcli.pipeline.reading.path_choice import DRIFT_NOTED, CheckedPath
 from lidarcli.pose.calibration import (
-    DRIFTING,
-    FIXED,
     SLOTS,
     SURE,
     UNSURE,
@@ -31,7 +29,7 @@ from lidarcli.pose.calibration import (
     places_beside,
     scaled_path,
     solve,
-    stretches_of,
+    stretches_over,
 )
 from lidarcli.pose.fit import ACCEPTED, mount_between, pairs_of, poses_after, steps_between
 from lidarcli.pose.frames import FrameTree, Step, along
@@ -64,16 +62,16 @@ MOVED, TURNED = 0.02, 0.017
 MAX_POINTS = 120
 """Points of a sweep that are aligned."""
 NEARBY = 0.1
-"""A mount by steps of the path that is no farther from the told one [m, rad] is found from there."""
+"""A mount by steps of the path that is no farther from the given one [m, rad] is found from there."""
 DELAYS, KNOWN_TIME, SCALES = 0.2, 0.1, 0.02
-"""Deviations before the sweeps are looked at of a delay [s], of the time of a sweep that is told, as a share of the period,
-and of the scales of told lengths and turns."""
+"""Prior deviations: of a delay [s], of the time of a sweep that is given, as a share of the period, and of the scales of
+given lengths and turns."""
 LARGE_TURN, MIN_TURNS = 0.08, 8
 """Turns that count [rad], and the fewest of them."""
 _STAMPED = {"first": 0.0, "middle": 0.5, "last": 1.0}
 """Beam at whose time a header is stamped → its share of the time of the sweep."""
 MIN_TIME = 0.02
-"""Deviation of such a share that is told at best."""
+"""Least deviation of such a share that is reported."""
 LASER_DELAYS = 0.02
 """Deviation of the clocks of two lasers [s]."""
 MIN_STEPS, MIN_BEAMS = 20, 3
@@ -81,8 +79,8 @@ MIN_STEPS, MIN_BEAMS = 20, 3
 AGAINST, CLEARLY = 2.0, 0.25
 """Points against a place count so much more than points for it; and by how much the next best place is worse."""
 MIN_OVERLAP, MIN_WIDTH, MAX_AGAINST = 0.6, np.deg2rad(120.0), 0.05
-"""Of what a second laser sees while both stand: the least share that is on what the first one sees, the least width of this
-[rad], and the greatest share that speaks against it."""
+"""Of the points of a second laser while both are static: the least share that lies on those of the first one, the least
+width of this [rad], and the greatest share that speaks against it."""
 Key = tuple[str, str]
 """Topic and frame."""
 
@@ -113,7 +111,7 @@ class _Sensor:
 
     @property
     def was_static(self) -> bool:
-        """True where nothing tells that the sensor moved."""
+        """True where nothing shows that the sensor moved."""
         return self._moves < STANDING_SWEEPS
 
     def add(self, batch: SweepBatch) -> None:
@@ -145,7 +143,7 @@ class _Sensor:
         return outlines_of(kept, SLOTS, MAX_POINTS)
 
     def mirrored(self) -> list[Finding]:
-        """Return the finding that the sensor sees turns the other way round than poses tell."""
+        """Return the finding that the sensor sees turns the other way round than poses say."""
         if self.chain is None or not len(self.path.stamp_ns):
             return []
         there = planar(self.chain.at(self.path.stamp_ns))
@@ -180,7 +178,7 @@ class _Calibrated:
     """The mount and the delay by the sweeps of one sensor."""
 
     logged: Float64
-    """(3,) x, y [m], yaw [rad] of the mount that the log tells."""
+    """(3,) x, y [m], yaw [rad] of the mount that the log gives."""
     parent: str
     turned: float
     """Turning of the poses in all [rad]."""
@@ -199,7 +197,7 @@ class _Calibrated:
 
     @property
     def differs(self) -> bool:
-        """True where the mount is known, and not the one that the log tells."""
+        """True where the mount is known, and not the one that the log gives."""
         if self.solution is None or self.cells[1] >= self.cells[0]:
             return False
         deviation = np.maximum(self.solution.deviations[:3], SURE)
@@ -246,7 +244,7 @@ def _by_log(sensor: _Sensor) -> _Calibrated | None:
     logged = np.array([here.x[0], here.y[0], here.yaw[0]])
     path = poses(0.0, 0.0)
     turned = float(np.abs(wrapped(np.diff(path[:, 2]))).sum())
-    stretch = stretches_of(path, *(DRIFTING if of_one_run(sensor.chain.world) else FIXED))
+    stretch = stretches_over(path, outlines.stamp_ns, drifts=of_one_run(sensor.chain.world))
     first, last = sensor.times
     start = np.array([*logged, sensor.delay + first, last - first, 0.0, 0.0])
     is_known = sensor.path.timing.order != AUTO or last != first
@@ -256,7 +254,7 @@ def _by_log(sensor: _Sensor) -> _Calibrated | None:
 
 
 def _calibrated(sensor: _Sensor) -> _Calibrated | None:
-    """Find the mount and the delay of the poses by the sweeps of a sensor; None where poses tell nothing of it."""
+    """Find the mount and the delay of the poses by the sweeps of a sensor; None where poses say nothing of it."""
     by_log, fit = _by_log(sensor), sensor.path.fit
     if by_log is None or by_log.turned < MIN_TURN or sensor.was_static or fit is None:
         return by_log
@@ -338,7 +336,7 @@ def _mount_finding(sensor: _Sensor, found: _Calibrated | None) -> tuple[list[Fin
 
 
 def _stamp_finding(sensor: _Sensor, found: _Calibrated | None) -> list[Finding]:
-    """Return the finding that header stamps are those of the middle or of the last beam, where the sweeps tell."""
+    """Return the finding that header stamps are those of the middle or of the last beam, where the sweeps show."""
     first, last = sensor.times
     duration = abs(last - first)
     if found is None or found.solution is None or not duration:
@@ -423,9 +421,7 @@ def _driving(first: _Sensor, second: _Sensor, found: _Calibrated | None, logged:
     if turned < MIN_TURN:
         return f"the robot turns by {math.degrees(turned):.0f} degrees, and {math.degrees(MIN_TURN):.0f} are needed"
     both = np.vstack([here, other])
-    order = np.argsort(outlines.stamp_ns, kind="stable")
-    stretch = np.empty(len(both), np.int64)
-    stretch[order] = stretches_of(both[order], *(DRIFTING if of_one_run(chain.world) else FIXED))
+    stretch = stretches_over(both, outlines.stamp_ns, drifts=of_one_run(chain.world))
     starts = [] if logged is None else [logged]
     if len(second.path.stamp_ns):
         guess = _mount_by_steps(second.path, flat(chain.at(second.path.stamp_ns)))
@@ -438,7 +434,7 @@ def _driving(first: _Sensor, second: _Sensor, found: _Calibrated | None, logged:
 
 
 def _standing(first: _Sensor, second: _Sensor) -> CalibrationResult | str:
-    """Lay what the second laser sees on what the first one sees, while both stand; else return why that cannot be."""
+    """Lay what the second laser sees on what the first one sees, while both are static; else return why that cannot be."""
     parts = [first.outlines(), second.outlines()]
     if not all(len(part) for part in parts):
         return "they see nothing"

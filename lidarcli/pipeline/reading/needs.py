@@ -24,7 +24,7 @@ _ODOMETRY = "odom"
 
 
 def of_one_run(world: str) -> bool:
-    """Return whether a world frame begins anew in every run: that of odometry, or of a path that was matched.
+    """Return whether a world frame begins again in every run: that of odometry, or of a path that was matched.
 
     >>> [of_one_run(name) for name in ("odom", "robot_0/odom", "match", "r1/robot", "map")]
     [True, True, True, True, False]
@@ -33,7 +33,7 @@ def of_one_run(world: str) -> bool:
 
 
 class SensorMovedError(Exception):
-    """A sensor that was taken to stand moves, or there are two: the log has to be read again."""
+    """A sensor that was taken to be static moves, or there are two: the log has to be read again."""
 
 
 class Need(Enum):
@@ -44,7 +44,7 @@ class Need(Enum):
     TOLD = "told"
     """None but those whose path the log has."""
     STANDING = "standing"
-    """Those of moving sensors, but an only one is taken to stand: `SensorMovedError` tells that it moves."""
+    """Those of moving sensors, but an only one is taken to be static: `SensorMovedError` where it moves."""
     MOVING = "moving"
     """Those of moving sensors as well."""
     ALL = "all"
@@ -64,11 +64,11 @@ class PoseOptions:
     order: str = BEAM_ORDERS[0]
     """Order in which the beams of a sweep are sent, of `BEAM_ORDERS`."""
     deskew: bool = True
-    """True to place every beam by the pose at its own time, where headers tell how long a sweep takes."""
+    """True to place every beam by the pose at its own time, where headers state how long a sweep takes."""
     given: GivenPaths | None = None
     """Paths that are known already, in place of all others."""
     on_map: bool = False
-    """True where a map judges the path: that which the log tells of the robot on its map, as it is."""
+    """True where a map evaluates the path: that which the log gives of the robot on its map, as it is."""
     together: bool = False
     """True where sensors of one robot are followed together, in one world."""
 

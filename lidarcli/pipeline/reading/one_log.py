@@ -58,7 +58,7 @@ class RunSummary:
     """`O`, `A`, `S` (Def. 4) → beams."""
     topics: set[str] = field(default_factory=set)
     missing_topics: tuple[str, ...] = ()
-    """Topics that were asked for and are not there, while others are."""
+    """Topics that were requested and are not there, while others are."""
     dropped: list[tuple[str, str, int]] = field(default_factory=list)
     """(topic, cause, messages) that could not be a sweep."""
     damage: list[str] = field(default_factory=list)
@@ -206,7 +206,7 @@ class Reading:
     """The sweeps of an open log with their poses, counted: opens topics, remembers damage, reports missing topics.
 
     A file is read ahead by a thread of its own, which has ended when this context is left; until then no other thread may
-    use the log. The path of the sensors of `need` is matched where the log tells none; mask and paths are those of the
+    use the log. The path of the sensors of `need` is matched where the log gives none; mask and paths are those of the
     `first` reading of the same log, where there was one.
     """
 
@@ -383,7 +383,7 @@ def read_log(
     """Open a log for its sweeps, of one world; `need` and `first` as of `Reading`, errors also of `refuse_apart`."""
     read = replace(options.read, run=options.read.run or LONGEST)
     with open_source(source, options.opening) as log, Reading(log, read, options.poses, need, first) as reading:
-        # A path of its own would pass for the one that the log tells.
+        # A path of its own would pass for the one that the log gives.
         reading.all_runs.refuse_apart()
         yield reading
 

@@ -48,15 +48,15 @@ def check_paths(
 
     Parameters
     ----------
-    sources : told poses of the log, None for none
+    sources : given poses of the log, None for none
     by_run : those of each run, taken where the sweeps have as many runs
     run : the one run to look at; None or `LONGEST` for all
     choice : topics to read
-    delay_ns : the pose of a sweep is told so much after its stamp [ns]
+    delay_ns : the pose of a sweep is that so much after its stamp [ns]
     named : why the poses are taken as they are; empty where the sweeps choose
     match : the matched paths are taken in any case
-    need : sensors without told poses that need a path
-    wanted : False to tell only whether the sensor stands, until it was seen to move
+    need : sensors without given poses that need a path
+    wanted : False to find only whether the sensor is static, until it was observed to move
     order : order of the beams, of `BEAM_ORDERS`
 
     Returns

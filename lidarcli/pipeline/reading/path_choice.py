@@ -25,11 +25,11 @@ from lidarcli.sweeps.findings import Finding, Fix
 from lidarcli.sweeps.types import Bool, Float64, Int64, SweepBatch
 
 WORTH_A_GUESS = 0.2
-"""Share of told steps that fit below which they are no better a guess than none."""
+"""Share of given steps that fit below which they are no better a guess than none."""
 SHARP = 0.9
-"""Agreement of places seen again below which a delay and a mount are looked for though the steps fit."""
+"""Agreement of places observed again below which a delay and a mount are looked for though the steps fit."""
 SLIDING, DRIFT_NOTED = 0.05, 0.05
-"""There is a note from this share of sweeps that may slide along walls on, and on a told path that drifts by so much."""
+"""There is a note from this share of sweeps that may slide along walls on, and on a given path that drifts by so much."""
 UNCHECKED, HARDLY = "unchecked: ", "the sensor hardly moves"
 """Beginning of a remark on a path that the sweeps do not judge; why that is routine."""
 Key = tuple[str, str]
@@ -47,7 +47,7 @@ class CheckedPath:
     agreement: Agreement | None = None
     """Agreement of the sweeps under it."""
     fit: fitting.PoseFit | None = None
-    """The steps of the told path beside those that are matched."""
+    """The steps of the given path compared with the matched ones."""
     timing: matching.Timing = field(default_factory=matching.Timing)
     """Times at which the beams are sent."""
     stamp_ns: Int64 = field(default_factory=lambda: np.zeros(0, np.int64))
@@ -57,29 +57,29 @@ class CheckedPath:
     pieces: Float64 = field(default_factory=lambda: np.zeros(0))
     """(S,) number of the piece of that path: one does not lie to the next as it should."""
     still: Bool = field(default_factory=lambda: np.zeros(0, bool))
-    """(S,) True where the sensor stands at that sweep; empty where the sweeps do not tell."""
+    """(S,) True where the sensor is static at that sweep; empty where the sweeps do not tell."""
     drift: float = float("nan")
-    """By how much places seen again agree less than those seen soon, under the told path; NaN where none are."""
+    """By how much places observed again agree less than those observed soon, under the given path; NaN where none are."""
     jumps: bool = False
-    """True where the told path has steps that no robot makes."""
+    """True where the given path has steps that no robot makes."""
     notes: tuple[str | Finding, ...] = ()
     """Notes on the path; of what is a fault of the log, the finding."""
     remark: str = ""
-    """Agreement of the sweeps under a told path, in words."""
+    """Agreement of the sweeps under a given path, in words."""
     apart: Finding | None = None
-    """The finding that no sweep has a told pose, though the log tells a path."""
+    """The finding that no sweep has a given pose, though the log gives a path."""
     sample: candidates.SweepSample | None = None
     """Sweeps of all of the run."""
 
     @property
     def is_contradicted(self) -> bool:
-        """True where the told path jumps, and no step and no place that is seen again tells that it fits the sweeps."""
+        """True where the given path jumps, and neither its steps nor places observed again confirm it."""
         is_checked = np.isfinite(self.drift) or (self.fit is not None and self.fit.is_evaluated)
         return self.verdict != "matched" and self.jumps and not is_checked
 
     @property
     def is_doubtful(self) -> bool:
-        """True where the sensor moves, and nothing tells whether it moves as told."""
+        """True where the sensor moves, and its sweeps neither confirm nor contradict the given path."""
         return self.remark.startswith(UNCHECKED) and not self.hardly_moves
 
     @property
@@ -88,7 +88,7 @@ class CheckedPath:
         return self.remark.endswith(HARDLY)
 
     def was_still(self, stamp_ns: Int64) -> Bool:
-        """Tell whether the sensor stood at stamps (S,) [ns], as at the sweep before."""
+        """Return whether the sensor was static at stamps (S,) [ns], as at the sweep before."""
         at = np.maximum(np.searchsorted(self.stamp_ns, stamp_ns, "right") - 1, 0)
         found: Bool = self.still[at]
         return found
@@ -111,7 +111,7 @@ def _rounded(value: float) -> float | None:
 
 
 class _GivenPath:
-    """The best told path of a sensor, its steps beside the matched ones, and what is to be said of it."""
+    """The best given path of a sensor, its steps compared with the matched ones, and the notes on it."""
 
     def __init__(self, key: Key, chains: Sequence[PoseChain], look: SensorLook, *, named: str) -> None:
         self.key, self.named, self._sample = key, named, look.sample
@@ -122,7 +122,7 @@ class _GivenPath:
         self.evaluate(look.path)
 
     def evaluate(self, path: matching.MatchedPath) -> None:
-        """Judge the steps by those of the matched path."""
+        """Evaluate the steps by those of the matched path."""
         best = self._best
         stamp_ns, poses, pieces, _ = _in_order(path)
         doubted = best.drift > candidates.DRIFTS or best.by_places < SHARP
@@ -143,7 +143,7 @@ class _GivenPath:
             self.taken, self.guide = (self.taken, self.guide) if self.named else (corrected, corrected.chain)
 
     def _corrected_by(self, fit: fitting.PoseFit) -> candidates.Candidate:
-        """Return the best told path with the delay and the mount of a fit."""
+        """Return the best given path with the delay and the mount of a fit."""
         chain = self._best.chain
         correction = Correction(round(fit.delay * SECOND_NS), lifted(fit.mount) if any(fit.mount) else None)
         chain = replace(chain, correction=correction.after(chain.correction))
@@ -278,7 +278,7 @@ class PathChoice:
         known = [chain for chain in look.chains if np.isfinite(candidates.poses_of(chain, stamp_ns)).any()]
         self.given = _GivenPath(key, known, look, named=named) if known else None
         self.is_apart = bool(look.chains and len(stamp_ns)) and look.chains[0] not in known
-        """True where no sweep has a pose by the best of the told paths."""
+        """True where no sweep has a pose by the best of the given paths."""
 
     def first(self) -> tuple[CheckedPath, list[SensorLook]]:
         """Return the path as far as one look tells it, and the looks at all sweeps that are needed to decide."""
@@ -329,7 +329,7 @@ class PathChoice:
         return replace(checked, notes=(given.replaced(matched, taken), *checked.notes))
 
     def beside(self, found: CheckedPath) -> CheckedPath:
-        """Return a path with the finding on the best of the told ones, where no sweep has a pose by it."""
+        """Return a path with the finding on the best of the given ones, where no sweep has a pose by it."""
         if not self.is_apart:
             return found
         chain, path = self.look.chains[0], self.look.path
@@ -350,7 +350,7 @@ class PathChoice:
         return SensorLook((), self.look.path.timing, guess, whole=True, wanted=False)
 
     def _checked(self, verdict: str, chain: PoseChain | None, path: matching.MatchedPath | None = None) -> CheckedPath:
-        """Return a path with all that the sweeps tell."""
+        """Return a path with all that the sweeps show."""
         path, given = path or self.look.path, self.given
         stamp_ns, poses, pieces, slides = _in_order(path)
         return CheckedPath(
@@ -368,7 +368,7 @@ class PathChoice:
         )
 
     def _with_told(self, given: _GivenPath, path: matching.MatchedPath | None = None) -> CheckedPath:
-        """Return the told path: the chosen chain, or another one in its fixed frame."""
+        """Return the given path: the chosen chain, or another one in its fixed frame."""
         chosen, taken = given.chosen.chain, given.taken
         is_chosen = taken.chain.steps == chosen.steps
         chain = taken.chain if is_chosen else candidates.laid(taken.chain, chosen, self.look.sample.stamp_ns)
@@ -388,7 +388,7 @@ class PathChoice:
     def _with_matched(
         self, path: matching.MatchedPath, matched: candidates.Candidate, *, is_led: bool = False
     ) -> CheckedPath:
-        """Return the matched path, in the frame of a likely told one; `is_led`: by told steps where it was lost."""
+        """Return the matched path, in the frame of a likely given one; `is_led`: by given steps where it was lost."""
         chain, stamp_ns = matched.chain, path.stamp_ns
         doubts, is_weak = [], False
         if path.restarts:
@@ -404,14 +404,14 @@ class PathChoice:
         notes = (told_of if is_weak else Routine(told_of),) if doubts else ()
         given = self.given
         if given is not None and given.is_likely and not np.any(planar(given.taken.chain.at(stamp_ns)).upside_down):
-            # Where the told path jumps, its world is that in which it begins.
+            # Where the given path jumps, its world is that in which it begins.
             chain = candidates.laid(
                 chain, given.taken.chain, stamp_ns[: len(stamp_ns) // 10] if given.jumps[0] else stamp_ns
             )
         return replace(self._checked("matched", chain, path), agreement=matched.agreement, notes=notes)
 
     def _without_told(self, path: matching.MatchedPath) -> CheckedPath:
-        """Return the matched path of a sensor without told poses, unless it agrees less than standing still would."""
+        """Return the matched path of a sensor without given poses, unless it agrees less than standing still would."""
         matched = self._matched(path)
         if matched is None:
             name = self.key[1] or "without a name"
@@ -430,7 +430,7 @@ class PathChoice:
 
 
 def _recorded(chain: PoseChain, path: matching.MatchedPath) -> int:
-    """Return the delay of told poses that record times tell [ns]; 0 for none."""
+    """Return the delay of given poses by record times [ns]; 0 for none."""
     ends = [(int(each.min()), int(each.max())) for each in (path.stamp_ns, path.record_ns) if len(each)]
     return chain.recorded_delay_ns(*ends) if ends else 0
 
@@ -456,7 +456,7 @@ def _changes(fit: fitting.PoseFit) -> list[str]:
 
 
 class StaticWatch:
-    """Takes the only sensor of a log without told poses to stand; `SensorMovedError` where it moves, or there are two."""
+    """Takes the only sensor of a log without poses to be static; `SensorMovedError` where it moves, or there are two."""
 
     def __init__(self, order: str) -> None:
         self._look, self._keys = (

@@ -35,7 +35,7 @@ AUTO, _, REVERSE, _ = BEAM_ORDERS
 TILTED = np.deg2rad(10.0)
 """Lean of a sensor from which on there is a note [rad]."""
 _PIPE = "poses, if there are any, are not used: a pipe is read only once; give the file's name for them"
-MAX_TOLD = 8
+MAX_NOTED_RUNS = 8
 """Runs of a log of whose poses there are notes."""
 
 
@@ -88,7 +88,7 @@ class PoseAttacher:
     runs: dict[int, PoseAttacher] = field(default_factory=dict)
     """Run → the attacher of its poses; none where the log holds one run."""
     longest: int | None = None
-    """The longest run of a log whose odometry begins anew in each."""
+    """The longest run of a log whose odometry begins again in each."""
     robots: Mapping[str, tuple[tuple[str, str], ...]] = field(default_factory=dict)
     """Topic → topics and frames of the sensors that are followed together with it."""
     remarks: Sequence[str] = ()
@@ -103,7 +103,7 @@ class PoseAttacher:
         """Find the poses of a log, as far as it has some and can be read twice, and check them by its sweeps.
 
         `choice` are the topics to read, `read` tells the run and judges ranges; `need` are the sensors whose path is
-        matched where the log tells none.
+        matched where the log gives none.
         """
         found = find_poses(log, options)
         is_pipe = log.size is None and log.topics() is None and format_of(log).has_poses
@@ -160,7 +160,7 @@ class PoseAttacher:
         return runs.get(self.run, replace(self, stats={}))
 
     def close(self) -> None:
-        """Take the path that all sweeps tell of a sensor that was taken to stand (`SensorMovedError`: it moves)."""
+        """Take the path of a sensor that was taken to be static, by all sweeps (`SensorMovedError`: it moves)."""
         if self.watch is not None:
             self.paths, self.watch = self.watch.paths(None), None
 
@@ -170,7 +170,7 @@ class PoseAttacher:
 
     @property
     def went(self) -> Went | None:
-        """Tells whether a sensor moves by its poses; None where there are none."""
+        """Whether a sensor moves by its poses; None where there are none."""
         if self.found is None:
             return None
         from lidarcli.pose.sources import went
@@ -298,19 +298,19 @@ class PoseAttacher:
 
     def notes(self) -> list[str]:
         """Return notes on the choice of poses, its alternatives and its gaps, a line each."""
-        every = [*self.runs.values()][:MAX_TOLD]
+        every = [*self.runs.values()][:MAX_NOTED_RUNS]
         stated = [headed(f"run {one.run}: ", line) for one in every for line in one.own_notes()]
         return stated if every else self.own_notes()
 
     def refuse_apart(self) -> None:
-        """Refuse a matched path in place of one that the log tells, of which no sweep has a pose (`UnreadableError`)."""
+        """Refuse a matched path in place of one that the log gives, of which no sweep has a pose (`UnreadableError`)."""
         for path in (path for each in self.every for path in each.paths.values()):
             if path.verdict == "matched" and path.apart is not None:
                 raise UnreadableError(f"{path.apart.message}; or --pose match, the path matched from the sweeps")
 
     @property
     def is_other(self) -> bool:
-        """True where a path is not the one by which the robot knew where it was on its map, though the log tells that."""
+        """True where a path is not the one by which the robot knew where it was on its map, though the log gives that."""
         if self.named or self.found is None or not hasattr(sources := self.found.sources, "localised"):
             return False
         every = ((sources.localised(frame, topic), path) for (topic, frame), path in self.paths.items())
@@ -345,7 +345,7 @@ class PoseAttacher:
         """Return the notes on the paths without the findings; and these, with those on the poses of topics and frames."""
         if not self.runs:
             return self.own_findings(keys)
-        stated = [(f"run {one.run}: ", *one.own_findings(keys)) for one in [*self.runs.values()][:MAX_TOLD]]
+        stated = [(f"run {one.run}: ", *one.own_findings(keys)) for one in [*self.runs.values()][:MAX_NOTED_RUNS]]
         notes = [headed(head, note) for head, notes, _ in stated for note in notes]
         return notes, [replace(each, message=head + each.message) for head, _, found in stated for each in found]
 
@@ -391,10 +391,10 @@ class PoseAttacher:
         found: dict[str, dict[str, Any]] = {}
         read = groupby(sorted(self.stats.items()), key=lambda each: each[0][0])
         known_paths = sorted(self.paths.items(), key=lambda each: (each[0][1], each[0][0]))
-        paths_of = {frame: [*sweeps] for frame, sweeps in groupby(known_paths, key=lambda each: each[0][1])}
-        for frame, sweeps in read:
+        paths_of = {frame: [*own] for frame, own in groupby(known_paths, key=lambda each: each[0][1])}
+        for frame, own in read:
             paths = [(topic, path) for (topic, _), path in paths_of.get(frame, ())]
-            topics = [topic for topic, _ in paths] or [stats.topic for _, stats in sweeps]
+            topics = [topic for topic, _ in paths] or [stats.topic for _, stats in own]
             known = {topic: chain for topic in topics if (chain := self._chain_of(topic, frame)) is not None}
             chains = [*known.values()]
             if len({chain.world for chain in chains}) > 1:
@@ -427,11 +427,11 @@ class PoseAttacher:
 
         if chain is None:
             missing = unplaced(frame, others, "", sources.tracks).message
-            # A path that is matched, or a sensor that stands, needs none.
+            # A path that is matched, or a sensor that is static, needs none.
             head = "the path is matched from the sweeps: " if is_matched else ""
             return [Routine(head + missing) if head or (path is not None and not path.notes) else missing]
         lines: list[str] = [Routine(_chosen(chain, others, path.remark if path else ""))]
-        # Where a sensor that stands is on its robot matters little.
+        # Where a sensor that is static is on its robot matters little.
         if chain.assumption.endswith(MOUNTLESS) and not (path is not None and path.hardly_moves):
             lines.append(chain.assumption)
         if path is not None and path.is_doubtful and not path.notes:
@@ -443,7 +443,7 @@ class PoseAttacher:
             degrees = np.rad2deg(stats.tilt)
             lines.append(f"frame {name} leans by up to {degrees:.0f} degrees: its poses are their projection")
         links = [one for one in sources.tracks if one.is_link and nearness(one.topic, stats.topic) is not None]
-        # Whether a mount that is told twice is right, the sweeps say.
+        # Whether a mount that is given twice is right, the sweeps say.
         is_evaluated = is_matched or (path is not None and path.fit is not None and path.fit.is_evaluated)
         for each in chain_findings(chain, links):
             is_routine = is_evaluated and each.id == "frames" and each.level != "error"
@@ -474,7 +474,7 @@ def _join(log: Log, runs: Sequence[PoseAttacher], masks: Masks | None) -> None:
 
 
 def alike_note(frame: str, alike: Sequence[str], others: Sequence[str], is_matched: bool = False) -> str:
-    """Return the note on a frame without told poses for which several topics are alike."""
+    """Return the note on a frame without given poses for which several topics are alike."""
     also = f"; also available: {some_of(others)}" if others and not is_matched else ""
     begin = "the path is matched from the sweeps" if is_matched else f"no pose for frame {frame or 'without a name'}"
     return f"{begin}: {some_of(alike)} are alike (--pose TOPIC){also}"

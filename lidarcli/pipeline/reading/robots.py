@@ -1,4 +1,4 @@
-"""Robots of several sensors: which have known places beside each other, in one world in which they see the same things."""
+"""Robots of several sensors: which have known places next to each other, in one world in which they see the same things."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from lidarcli.display.texts import Routine, some_of
 from lidarcli.errors import OptionError
 from lidarcli.pipeline.reading.needs import of_one_run
 from lidarcli.pipeline.reading.path_choice import CheckedPath
-from lidarcli.pose.calibration import DRIFTING, FIXED, SURE, UNSURE, differs, joined_outlines, solve, stretches_of
+from lidarcli.pose.calibration import SURE, UNSURE, differs, joined_outlines, solve, stretches_over
 from lidarcli.pose.fit import poses_after
 from lidarcli.pose.frames import WORLDS, FrameTree, Step, is_within, namespace
 from lidarcli.pose.messages import TRANSFORMS, frame_name
@@ -28,7 +28,7 @@ Key = tuple[str, str]
 MAX_OUTLINES = 60
 """Sweeps of each sensor that check how it is mounted."""
 LESS_ALIKE = 0.2
-"""Two sensors that agree less with each other than each with itself, by this share, are not where they are told to be."""
+"""Two sensors that agree less with each other than each with itself, by this share, are not where the log places them."""
 
 
 @dataclass(slots=True)
@@ -106,13 +106,13 @@ def _fixed(mount: Mount) -> Track:
 
 
 def _is_mount(link: Track) -> bool:
-    """Tell whether a transform joins two frames of one robot that do not move in each other."""
+    """Return whether a transform joins two frames of one robot that do not move in each other."""
     is_fixed = link.static or not link.moves
     return is_fixed and all(name.rpartition("/")[2] not in WORLDS for name in (link.parent, link.child))
 
 
 def _join(group: list[_Sensor], found: Robots, scans: Collection[str], mounted: Collection[str]) -> None:
-    """Find the world of some sensors, and join those that are where they are told, by files where `mounted`."""
+    """Find the world of some sensors, and join those that are where the log or, if `mounted`, files place them."""
     for one in group:
         if one.path.fit is not None and any(one.path.fit.mount):
             words = f"{one.key[0]} is followed apart: its sweeps do not fit the place of {one.key[1]} on the robot"
@@ -171,7 +171,7 @@ def _in_one_world(group: list[_Sensor], robot: str, mounted: Collection[str]) ->
 
 
 def _resting(sensor: _Sensor, first: _Sensor, robot: str) -> CheckedPath:
-    """Return the path of a sensor on a robot that stands: its place in the frame of that."""
+    """Return the path of a sensor on a robot that is static: its place in the frame of that."""
     base, steps = first.tree.to_base(first.frame), sensor.tree.to_base(sensor.frame)
     if [step.target for step in steps[-1:]] != [step.target for step in base[-1:]]:
         steps = (*(first.steps_from(sensor) or ()), *base)
@@ -190,7 +190,7 @@ def _led(sensor: _Sensor, lead: _Sensor) -> CheckedPath:
 
 
 def _misplaced(first: _Sensor, second: _Sensor) -> str:
-    """Return how a sensor is elsewhere on the robot than it is told, by what both see; empty where nothing tells that."""
+    """Return in words how far a sensor is from where the log places it, by what both see; empty where it is there."""
     here, there, sample, other_sample = first.path.chain, second.path.chain, first.path.sample, second.path.sample
     if here is None or there is None or sample is None or other_sample is None:
         return ""
@@ -211,11 +211,9 @@ def _misplaced(first: _Sensor, second: _Sensor) -> str:
     def placing(values: Float64) -> Float64:
         return np.vstack([own, poses_after(other, values)])
 
-    # The way of the robot, by one of them.
+    # The path of the robot, by one of them.
     both = np.vstack([own, flat(here.at(parts[1].stamp_ns[known[1]]))])
-    order = np.argsort(outlines.stamp_ns, kind="stable")
-    stretch = np.empty(len(both), np.int64)
-    stretch[order] = stretches_of(both[order], *(DRIFTING if of_one_run(here.world) else FIXED))
+    stretch = stretches_over(both, outlines.stamp_ns, drifts=of_one_run(here.world))
     solution = solve(outlines, placing, np.zeros(3), np.full(3, np.inf), stretch)
     deviation = np.maximum(solution.deviations, 3.0 * SURE)
     if not (deviation < UNSURE).all() or not differs(solution.values, deviation):

@@ -13,7 +13,7 @@ from lidarcli.pose.sources import PoseChain
 from lidarcli.sweeps.types import Float64, Int64, SweepBatch
 
 ENOUGH, ENOUGH_WAY = 150, 15.0
-"""The steps of a told path are judged by its first so many sweeps, once the sensor has gone so far [m]."""
+"""The steps of a given path are evaluated by its first so many sweeps, once the sensor has gone so far [m]."""
 SAMPLE, PERIOD = 5, 200
 """Of a sensor that has stood for a period of sweeps, so many of each period are matched."""
 PART, PARTED = 50, 1000
@@ -32,7 +32,7 @@ class SensorLook:
     def __init__(
         self, chains: Sequence[PoseChain], timing: matching.Timing, guess: PoseChain | None, *, whole: bool, wanted: bool
     ) -> None:
-        """Take told paths, the chosen one first, and one whose steps guide the search; the rest as of `check_paths`."""
+        """Take given paths, the chosen one first, and one whose steps guide the search; the rest as of `check_paths`."""
         self.chains, self.guess = chains, guess
         self.path = matching.MatchedPath(timing)
         self.sample = candidates.SweepSample()
@@ -59,7 +59,7 @@ class SensorLook:
             sweeps = sweeps.rows(rows[most:])
 
     def _match(self, sweeps: SweepBatch) -> None:
-        """Match sweeps: some while the sensor stands, none once they are enough to judge told steps."""
+        """Match sweeps: some while the sensor is static, none once they are enough to judge given steps."""
         part = np.arange(len(sweeps))
         if not self._whole:
             if self.sweeps >= PERIOD and self.is_static:
@@ -123,7 +123,7 @@ class SensorLook:
 
     @property
     def is_static(self) -> bool:
-        """True where the sensor has not moved so far; found anew after a tenth more sweeps, or one off the first."""
+        """True where the sensor has not moved so far; found again after a tenth more sweeps, or one off the first."""
         count = len(self.path.stamp_ns)
         if count >= 1.1 * self._found_at or (self._is_static and self._is_off):
             self._is_static, self._found_at, self._is_off = (
@@ -135,17 +135,17 @@ class SensorLook:
 
     @property
     def may_be_static(self) -> bool:
-        """True until the sensor was seen to move in the sweeps so far."""
+        """True until the sensor was observed to move in the sweeps so far."""
         return self.sweeps < PERIOD or self.is_static
 
     @property
     def is_enough(self) -> bool:
-        """True where told steps can be judged by the sweeps so far."""
+        """True where given steps can be judged by the sweeps so far."""
         is_far = len(self.path.stamp_ns) >= ENOUGH and self.path.length >= ENOUGH_WAY
         return bool(self.chains) and self._kept is None and is_far
 
     def _guessed(self, sweeps: SweepBatch) -> Float64 | None:
-        """Return the told poses of sweeps, as `MatchedPath.add` takes them."""
+        """Return the given poses of sweeps, as `MatchedPath.add` takes them."""
         if self.guess is None:
             return None
         return np.column_stack([candidates.poses_of(self.guess, sweeps.stamp_ns), np.zeros(len(sweeps))])
