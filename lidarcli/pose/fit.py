@@ -137,10 +137,7 @@ def evaluate_poses(
     """
     given = given_at(stamp_ns)
     seconds = (stamp_ns - stamp_ns[0]) * 1e-9 if len(stamp_ns) else np.zeros(0)
-    begin, end = pairs_of(seconds, matched, given)
-    if pieces is not None:
-        whole = pieces[begin] == pieces[end]
-        begin, end = begin[whole], end[whole]
+    begin, end = pairs_of(seconds, matched, given, pieces)
     placed = float(np.isfinite(matched[:, 0]).mean()) if len(matched) else 0.0
     if placed < 1.0 - MAX_UNPLACED or len(begin) < MIN_PAIRS:
         gone = np.ptp(given[np.isfinite(given[:, 0]), :2], axis=0) if np.isfinite(given).any() else np.zeros(2)
@@ -148,14 +145,14 @@ def evaluate_poses(
         return PoseFit("unchecked", float("nan"), len(begin), moves=moves)
     step = steps_between(matched[begin], matched[end])
     as_given = steps_between(given[begin], given[end])
-    agree = _agree(step, as_given)
-    share = float(agree.mean())
+    share = float(_agree(step, as_given).mean())
+    pairs = _Pairs(stamp_ns[begin], stamp_ns[end], step, given_at)
     accepted = None
     if share >= ACCEPTED:
-        accepted = _sharper(PoseFit("accepted", share, len(begin)), stamp_ns, begin, end, step, given_at)
+        accepted = _sharper(PoseFit("accepted", share, len(begin)), pairs)
         if not doubted:
             return accepted
-    delay, mount, best = _corrected(stamp_ns, begin, end, step, given_at)
+    delay, mount, best = _corrected(pairs)
     ratio, turn_ratio = _ratios(step, best)
     better = float(_agree(step, mounted_steps(best, mount)).mean())
     # Of poses that lie at the bound, a greater delay may fit better yet.
@@ -186,17 +183,15 @@ def far_delay(
     """
     if span_ns is None or not len(stamp_ns):
         return None
-    begin, end = pairs_of((stamp_ns - stamp_ns[0]) * 1e-9, matched, matched)
-    if pieces is not None:
-        whole = pieces[begin] == pieces[end]
-        begin, end = begin[whole], end[whole]
+    begin, end = pairs_of((stamp_ns - stamp_ns[0]) * 1e-9, matched, matched, pieces)
     if len(begin) < MIN_PAIRS:
         return None
     step = steps_between(matched[begin], matched[end])
 
     def fit_at(delay_ns: int) -> PoseFit:
         """Return the fit with the best delay and mount around a delay."""
-        delay, mount, given = _corrected(stamp_ns, begin, end, step, lambda at_ns: given_at(later(at_ns, delay_ns)))
+        pairs = _Pairs(stamp_ns[begin], stamp_ns[end], step, lambda at_ns: given_at(later(at_ns, delay_ns)))
+        delay, mount, given = _corrected(pairs)
         known = np.isfinite(given[:, 0])
         share = float(_agree(step[known], mounted_steps(given[known], mount)).mean()) if known.any() else 0.0
         return PoseFit("corrected", share, len(begin), round(delay + delay_ns / SECOND_NS, 3), mount)
@@ -231,8 +226,8 @@ def far_delay(
     return found if found.share >= ACCEPTED else None
 
 
-def pairs_of(seconds: Float64, matched: Float64, given: Float64) -> tuple[Int64, Int64]:
-    """Return the sweeps where pairs begin and end: a pair is a short way of the sensor."""
+def pairs_of(seconds: Float64, matched: Float64, given: Float64, pieces: Float64 | None = None) -> tuple[Int64, Int64]:
+    """Return the sweeps where pairs begin and end: a pair is a short stretch of the path, within one of its `pieces`."""
     known = np.flatnonzero(np.isfinite(matched[:, 0]) & np.isfinite(given[:, 0]))
     pairs = []
     for at, first in enumerate(known.tolist()):
@@ -252,8 +247,9 @@ def pairs_of(seconds: Float64, matched: Float64, given: Float64) -> tuple[Int64,
             pairs.append((first, int(later[-1])))
     if len(pairs) > MAX_PAIRS:
         pairs = [pairs[k] for k in np.linspace(0, len(pairs) - 1, MAX_PAIRS).astype(int)]
-    found = np.array(pairs, np.int64).reshape(-1, 2)
-    return found[:, 0], found[:, 1]
+    begin, end = np.array(pairs, np.int64).reshape(-1, 2).T
+    is_whole = slice(None) if pieces is None else pieces[begin] == pieces[end]
+    return begin[is_whole], end[is_whole]
 
 
 def _off(step: Steps, other: Steps) -> tuple[Float64, Float64]:
@@ -278,19 +274,26 @@ def mounted_steps(step: Steps, mount: tuple[float, float, float]) -> Steps:
     return steps_between(np.broadcast_to(at, step.shape), poses_after(step, at))
 
 
-def _delayed(stamp_ns: Int64, begin: Int64, end: Int64, given_at: Callable[[Int64], Float64], delay: float) -> Steps:
-    """Return the given steps between pairs of sweeps, so much later [s]."""
-    delay_ns = round(delay * 1e9)
-    return steps_between(given_at(stamp_ns[begin] + delay_ns), given_at(stamp_ns[end] + delay_ns))
+class _Pairs(NamedTuple):
+    """K pairs of sweeps, and what gives the given poses at stamps (K,)."""
+
+    begin_ns: Int64
+    end_ns: Int64
+    step: Steps
+    """The steps of the matched path."""
+    given_at: Callable[[Int64], Float64]
+
+    def given(self, delay: float) -> Steps:
+        """Return the given steps so much later [s]."""
+        delay_ns = round(delay * 1e9)
+        return steps_between(self.given_at(self.begin_ns + delay_ns), self.given_at(self.end_ns + delay_ns))
 
 
-def _sharper(
-    fit: PoseFit, stamp_ns: Int64, begin: Int64, end: Int64, step: Steps, given_at: Callable[[Int64], Float64]
-) -> PoseFit:
+def _sharper(fit: PoseFit, pairs: _Pairs) -> PoseFit:
     """Return the fit of accepted poses, with the delay that is clearly better than none."""
 
     def cost(delay: float) -> float:
-        off, turn = _off(step, _delayed(stamp_ns, begin, end, given_at, delay))
+        off, turn = _off(pairs.step, pairs.given(delay))
         # Steps beyond the ends of the given path count as much as those that are far off.
         return float(np.mean(np.nan_to_num(np.minimum(off + turn, MAX_OFF), nan=MAX_OFF)))
 
@@ -312,13 +315,13 @@ class _Tried(NamedTuple):
     given: Steps
 
 
-def _corrected(
-    stamp_ns: Int64, begin: Int64, end: Int64, step: Steps, given_at: Callable[[Int64], Float64]
-) -> tuple[float, tuple[float, float, float], Steps]:
+def _corrected(pairs: _Pairs) -> tuple[float, tuple[float, float, float], Steps]:
     """Find the delay and the mount with which the given steps fit best; return them and the given steps so delayed."""
 
+    step = pairs.step
+
     def tried(delay: float) -> _Tried | None:
-        given = _delayed(stamp_ns, begin, end, given_at, delay)
+        given = pairs.given(delay)
         known = np.isfinite(given[:, 0])
         if known.mean() < MIN_GIVEN:
             return None

@@ -360,9 +360,6 @@ def _matrices(rotation: Float64) -> Float64:
     """Return (K, 3, 3) rotations as matrices; of those that hardly turn nothing is left of rounding."""
     axes = [rotate(rotation, np.tile(axis, (len(rotation), 1))) for axis in np.eye(3)]
     found: Float64 = np.stack(axes, axis=2)
-    found[np.abs(found) < _NOTHING] = 0.0
-    found[np.abs(found - 1.0) < _NOTHING] = 1.0
+    found[np.abs(found) < 1e-12] = 0.0
+    found[np.abs(found - 1.0) < 1e-12] = 1.0
     return found
-
-
-_NOTHING = 1e-12

@@ -22,10 +22,6 @@ MAX_UNPLACED = 0.3
 """Nothing is evaluated where a greater share of the sweeps has no matched pose."""
 STANDING_OFF, STANDING_TURN = 0.02, np.deg2rad(0.5)
 """A sensor is static whose matched poses are no further from their middle [m, rad], but for 1 % of them."""
-MAX_SLIDING = 0.5
-"""Share of sweeps that may slide of a sensor that is known to be static."""
-STILL_SECONDS, STILL_OFF, STILL_TURN = 2.0, 0.05, 0.035
-"""It stands at a sweep if the poses at both ends of so many seconds around it are no further apart [m, rad]."""
 
 
 def wrapped(angle: Float64) -> Float64:
@@ -47,7 +43,8 @@ def stands(matched: Float64, slides: Float64) -> bool:
     middle = np.median(matched[known], axis=0)
     off = np.hypot(matched[known, 0] - middle[0], matched[known, 1] - middle[1])
     turn = np.abs(wrapped(matched[known, 2] - middle[2]))
-    fixed = float(np.mean(slides[known] > 0)) < MAX_SLIDING
+    # Where most sweeps may slide, nothing says that the sensor is static.
+    fixed = float(np.mean(slides[known] > 0)) < 0.5
     return bool(fixed and np.quantile(off, 0.99) < STANDING_OFF and np.quantile(turn, 0.99) < STANDING_TURN)
 
 
@@ -61,8 +58,9 @@ def still_at(stamp_ns: Int64, matched: Float64, slides: Float64) -> Bool:
         return np.zeros(0, bool)
     if stands(matched, slides):
         return np.ones(len(known), bool)
+    # It is static at a sweep if the poses at both ends of 2 s around it are within 5 cm and 2 degrees.
     seconds = (stamp_ns[-1] - stamp_ns[0]) * 1e-9
-    third = min(max(1, round(STILL_SECONDS / 3.0 * len(stamp_ns) / max(seconds, 1e-3))), len(known))
+    third = min(max(1, round(2.0 / 3.0 * len(stamp_ns) / max(seconds, 1e-3))), len(known))
     numbers = np.arange(len(known))
     columns = matched[known, 0], matched[known, 1], np.unwrap(matched[known, 2])
     filled = np.column_stack([np.interp(numbers, numbers[known], column) for column in columns])
@@ -70,12 +68,10 @@ def still_at(stamp_ns: Int64, matched: Float64, slides: Float64) -> Bool:
     middles = np.median(np.lib.stride_tricks.sliding_window_view(padded, third, axis=0), axis=2)
     # Medians of the third of the window before each sweep, and of the third after it.
     apart = (middles[third + 1 :] - middles[: -(third + 1)])[: len(known)]
-    still: Bool = (np.hypot(apart[:, 0], apart[:, 1]) < STILL_OFF) & (np.abs(apart[:, 2]) < STILL_TURN)
+    still: Bool = (np.hypot(apart[:, 0], apart[:, 1]) < 0.05) & (np.abs(apart[:, 2]) < 0.035)
     return still
 
 
-TYPE = "matched"
-"""Stands where a track has the type of its messages."""
 AUTO, FORWARD, REVERSE, ONCE = BEAM_ORDERS
 SHORTEST_SWEEP = 0.005
 """Duration below which headers do not count [s]: all beams are taken at once."""
@@ -247,7 +243,7 @@ class MatchedPath:
             return None
         half, flat = 0.5 * poses[there, 2], np.zeros(len(there))
         numbers = np.column_stack([poses[there, :2], flat, flat, flat, np.sin(half), np.cos(half)])
-        return gathered((topic, TYPE, MATCH, frame), self.stamp_ns[there], numbers, self.record_ns[there], Counter())
+        return gathered((topic, "matched", MATCH, frame), self.stamp_ns[there], numbers, self.record_ns[there], Counter())
 
     @property
     def gaps(self) -> Int64:

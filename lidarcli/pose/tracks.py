@@ -20,9 +20,6 @@ from lidarcli.pose.messages import TRANSFORMS, PoseRows, _decode
 from lidarcli.ros.foxglove import SCAN
 from lidarcli.sweeps.types import Bool, Float64, Int64, SweepPoses
 
-SMALL_TURN = 1e-4
-"""Largest angle [rad] at which a straight line replaces the arc between two rotations."""
-
 _STAMPS = np.iinfo(np.int64)
 
 
@@ -93,7 +90,8 @@ def _arc(start: Float64, end: Float64, share: Float64) -> Float64:
     # A quaternion and its negative are one rotation; the nearer of the two is the shorter way.
     end = np.where(cosine < 0, -end, end)
     angle = np.arccos(np.clip(np.abs(cosine), 0.0, 1.0))
-    wide = angle > SMALL_TURN
+    # At smaller angles a straight line replaces the arc.
+    wide = angle > 1e-4
     sine = np.where(wide, np.sin(angle), 1.0)
     first = np.where(wide, np.sin((1.0 - share) * angle) / sine, 1.0 - share)
     second = np.where(wide, np.sin(share * angle) / sine, share)
@@ -144,16 +142,10 @@ TOGETHER = 2048
 TOGETHER_BYTES = 4 << 20
 """Messages of a topic that are decoded at once, and bytes of all that wait."""
 
-FLAT, ROLLS = 0.02, 0.05
-"""Components of a quaternion below this are zero; one with a larger spread changes (6 degrees)."""
 SHIFTS, TURNS = 0.02, 0.02
 """Poses that differ by more tell of a motion [m, rad]."""
-GOES = 0.5
-"""A frame that has moved this far [m] is no joint."""
 
 NOT_FINITE = "its pose is not finite"
-_SAME_PLACE, _LARGEST = 1e-6, 1e12
-"""Numbers of one static pose differ by no more; largest coordinate [m]."""
 NO_TURN = "its quaternion is zero"
 
 HOLD_STEPS, HOLD_NS = 2, 100_000_000
@@ -201,8 +193,9 @@ class Track:
         What goes straight ahead has 1 0 0 0 then, always; a sensor that hangs upside down turns a little as it goes.
         """
         x, y, z, w = np.abs(self.motion.rotation).T
-        rolls = max(y.max(), z.max()) < FLAT and (np.ptp(x) > ROLLS or max(y.max(), z.max(), w.max()) == 0.0)
-        return bool(rolls and np.ptp(self.motion.position[:, :2], axis=0).max() > GOES)
+        rolls = max(y.max(), z.max()) < 0.02 and (np.ptp(x) > 0.05 or max(y.max(), z.max(), w.max()) == 0.0)
+        # A frame that has moved half a metre is no joint.
+        return bool(rolls and np.ptp(self.motion.position[:, :2], axis=0).max() > 0.5)
 
     @property
     def rate(self) -> float | None:
@@ -308,7 +301,7 @@ class _Growing:
         topic, kind, parent, child = key
         stamps, numbers = np.concatenate(self.stamps), np.concatenate(self.numbers)
         static = topic.rpartition("/")[2] == "tf_static"
-        differs = static and bool(np.abs(numbers - numbers[-1:]).max() > _SAME_PLACE)
+        differs = static and bool(np.abs(numbers - numbers[-1:]).max() > 1e-6)
         if static:
             stamps, numbers = stamps[-1:], numbers[-1:]
         elif (np.diff(stamps) <= 0).any():
@@ -422,7 +415,7 @@ def _with_units(numbers: Float64) -> tuple[Float64, float]:
 def _usable(numbers: Float64, refused: Counter[str]) -> Bool:
     """Return the mask of usable poses; count the others."""
     # Squares of larger numbers overflow; a comparison with NaN does not hold.
-    finite = np.asarray((np.abs(numbers) < _LARGEST).all(axis=1))
+    finite = np.asarray((np.abs(numbers) < 1e12).all(axis=1))
     turns = np.abs(np.where(finite[:, None], numbers[:, 3:], 1.0)).max(axis=1, initial=0.0) > 1e-6
     for bad, cause in ((~finite, NOT_FINITE), (~turns, NO_TURN)):
         if bad.any():
@@ -437,7 +430,6 @@ TUM = "tum"
 """Type of a trajectory."""
 WORLD = "world"
 """The frame of a trajectory, which its file does not name."""
-COLUMNS, KITTI_COLUMNS = 8, 12
 LONGEST_LINE = 1000
 """Characters of a line that can be a pose."""
 MAX_NS, MAX_DIGITS = 1 << 62, 11
@@ -498,7 +490,7 @@ def _pose(path: Path, number: int, text: str) -> tuple[int, list[float]]:
     """Return stamp [ns], and x, y, z [m] and quaternion x, y, z, w of a line."""
     words = text.replace(",", " ").split()
     try:
-        if len(words) != COLUMNS:
+        if len(words) != 8:
             raise ValueError
         # Seconds since 1970 with nine decimals are more than a float holds.
         seconds = Decimal(words[0])
@@ -510,7 +502,7 @@ def _pose(path: Path, number: int, text: str) -> tuple[int, list[float]]:
         return stamp, [float(word) for word in words[1:]]
     except (ValueError, ArithmeticError):
         why = ""
-        if len(words) == KITTI_COLUMNS:
+        if len(words) == 12:
             why = " (KITTI files tell no times)"
         elif words and words[0].isdigit() and len(words[0]) > MAX_DIGITS:
             why = " (nanoseconds, as in EuRoC files, whose qw comes first: write seconds)"

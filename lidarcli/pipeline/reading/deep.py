@@ -20,7 +20,6 @@ from lidarcli.pipeline.reading.mounts import (
     MIN_BEAMS,
     MIN_STEPS,
     SECTOR,
-    Key,
     _Calibrated,
     _calibrated,
     _lasers_finding,
@@ -30,6 +29,7 @@ from lidarcli.pipeline.reading.mounts import (
 )
 from lidarcli.pipeline.reading.needs import NONE, Need, PoseOptions
 from lidarcli.pipeline.reading.posing import PoseAttacher
+from lidarcli.pose.findings import Key
 from lidarcli.pose.frames import FrameTree
 from lidarcli.sweeps.findings import BODY, BODY_UNKNOWN, FLICKER, FLICKERS, IDS, LOST_SECTORS, Finding, Fix, judge
 from lidarcli.sweeps.masks import Mask, Masks, Mount, Sector

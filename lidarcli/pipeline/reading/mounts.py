@@ -31,7 +31,7 @@ from lidarcli.pose.calibration import (
     solve,
     stretches_over,
 )
-from lidarcli.pose.fit import ACCEPTED, mount_between, pairs_of, poses_after, steps_between
+from lidarcli.pose.fit import ACCEPTED, LARGE_TURN, mount_between, pairs_of, poses_after, steps_between
 from lidarcli.pose.frames import FrameTree, Step, along
 from lidarcli.pose.matched import AUTO, headers_of, wrapped
 from lidarcli.pose.messages import frame_name
@@ -66,14 +66,10 @@ NEARBY = 0.1
 DELAYS, KNOWN_TIME, SCALES = 0.2, 0.1, 0.02
 """Prior deviations: of a delay [s], of the time of a sweep that is given, as a share of the period, and of the scales of
 given lengths and turns."""
-LARGE_TURN, MIN_TURNS = 0.08, 8
-"""Turns that count [rad], and the fewest of them."""
+MIN_TURNS = 8
+"""Fewest turns that tell a mount or a mirror."""
 _STAMPED = {"first": 0.0, "middle": 0.5, "last": 1.0}
 """Beam at whose time a header is stamped → its share of the time of the sweep."""
-MIN_TIME = 0.02
-"""Least deviation of such a share that is reported."""
-LASER_DELAYS = 0.02
-"""Deviation of the clocks of two lasers [s]."""
 MIN_STEPS, MIN_BEAMS = 20, 3
 """Fewest steps that tell of a flicker, and fewest beams of a sector."""
 AGAINST, CLEARLY = 2.0, 0.25
@@ -81,8 +77,6 @@ AGAINST, CLEARLY = 2.0, 0.25
 MIN_OVERLAP, MIN_WIDTH, MAX_AGAINST = 0.6, np.deg2rad(120.0), 0.05
 """Of the points of a second laser while both are static: the least share that lies on those of the first one, the least
 width of this [rad], and the greatest share that speaks against it."""
-Key = tuple[str, str]
-"""Topic and frame."""
 
 
 class _Sensor:
@@ -167,9 +161,7 @@ class _Sensor:
 def _steps(path: CheckedPath, matched: Float64, others: Float64) -> tuple[Float64, Float64]:
     """Return steps (K, 3) of other poses (S, 3), and those of the matched path between the same sweeps of one piece."""
     seconds = (path.stamp_ns - path.stamp_ns[0]) / SECOND_NS
-    begin, end = pairs_of(seconds, matched, others)
-    same = path.pieces[begin] == path.pieces[end]
-    begin, end = begin[same], end[same]
+    begin, end = pairs_of(seconds, matched, others, path.pieces)
     return steps_between(others[begin], others[end]), steps_between(matched[begin], matched[end])
 
 
@@ -353,7 +345,7 @@ def _stamp_finding(sensor: _Sensor, found: _Calibrated | None) -> list[Finding]:
     stats = SimpleNamespace(
         beam=beam,
         off=abs(_STAMPED[beam] - share),
-        unsure=max(deviation / duration, MIN_TIME),
+        unsure=max(deviation / duration, 0.02),
         early=-begin,
         deviation=deviation,
         seconds=duration,
@@ -428,7 +420,8 @@ def _driving(first: _Sensor, second: _Sensor, found: _Calibrated | None, logged:
         starts += [] if guess is None else [guess]
     if not starts:
         return "their paths cannot be matched"
-    trusted = np.array([np.inf, np.inf, np.inf, LASER_DELAYS])
+    # The clocks of two lasers differ by about 20 ms.
+    trusted = np.array([np.inf, np.inf, np.inf, 0.02])
     tried = [solve(outlines, placing, np.array([*start, 0.0]), trusted, stretch) for start in starts]
     return min(tried, key=lambda one: cells_filled(outlines, placing(one.values), stretch))
 

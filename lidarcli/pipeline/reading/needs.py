@@ -19,8 +19,6 @@ UNPLACED = 0.05
 """Share of the sweeps without a pose up to which this is routine."""
 NONE = "none"
 """Value of `--pose` for no poses at all."""
-_ODOMETRY = "odom"
-"""Part of the names of worlds that begin anew in every run."""
 
 
 def of_one_run(world: str) -> bool:
@@ -29,7 +27,7 @@ def of_one_run(world: str) -> bool:
     >>> [of_one_run(name) for name in ("odom", "robot_0/odom", "match", "r1/robot", "map")]
     [True, True, True, True, False]
     """
-    return _ODOMETRY in world or world.rpartition("/")[2] in (MATCH, ROBOT)
+    return "odom" in world or world.rpartition("/")[2] in (MATCH, ROBOT)
 
 
 class SensorMovedError(Exception):

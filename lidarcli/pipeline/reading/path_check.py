@@ -15,9 +15,10 @@ from lidarcli.logs.batches import LogBatcher, ReadOptions
 from lidarcli.logs.registry import TopicChoice
 from lidarcli.logs.scan_checks import Went
 from lidarcli.pipeline.reading.needs import Need
-from lidarcli.pipeline.reading.path_choice import CheckedPath, Key, PathChoice
+from lidarcli.pipeline.reading.path_choice import CheckedPath, PathChoice
 from lidarcli.pipeline.reading.sensor_look import SensorLook
 from lidarcli.pose import matched as matching
+from lidarcli.pose.findings import Key
 from lidarcli.pose.sources import Correction, PoseChain, went
 from lidarcli.sweeps.range_rules import RangeRules
 from lidarcli.sweeps.types import Status, SweepBatch

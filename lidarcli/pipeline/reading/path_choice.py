@@ -17,23 +17,17 @@ from lidarcli.pipeline.reading.sensor_look import PERIOD, SensorLook
 from lidarcli.pose import candidates
 from lidarcli.pose import fit as fitting
 from lidarcli.pose import matched as matching
-from lidarcli.pose.findings import apart_finding
+from lidarcli.pose.findings import Key, apart_finding
 from lidarcli.pose.frames import Step
 from lidarcli.pose.sources import Correction, PoseChain
 from lidarcli.pose.tracks import lifted, planar
 from lidarcli.sweeps.findings import Finding, Fix
 from lidarcli.sweeps.types import Bool, Float64, Int64, SweepBatch
 
-WORTH_A_GUESS = 0.2
-"""Share of given steps that fit below which they are no better a guess than none."""
-SHARP = 0.9
-"""Agreement of places observed again below which a delay and a mount are looked for though the steps fit."""
 SLIDING, DRIFT_NOTED = 0.05, 0.05
 """There is a note from this share of sweeps that may slide along walls on, and on a given path that drifts by so much."""
 UNCHECKED, HARDLY = "unchecked: ", "the sensor hardly moves"
 """Beginning of a remark on a path that the sweeps do not judge; why that is routine."""
-Key = tuple[str, str]
-"""Topic and frame of sweeps."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,7 +119,7 @@ class _GivenPath:
         """Evaluate the steps by those of the matched path."""
         best = self._best
         stamp_ns, poses, pieces, _ = _in_order(path)
-        doubted = best.drift > candidates.DRIFTS or best.by_places < SHARP
+        doubted = best.drift > candidates.DRIFTS or best.by_places < 0.9
         self.taken, self.guide = best, best.chain
         given_at = partial(candidates.poses_of, best.chain)
         self.fit = fitting.evaluate_poses(stamp_ns, poses, given_at, pieces, doubted=doubted)
@@ -306,8 +300,8 @@ class PathChoice:
         found = [(one, look) for look in looks if (one := self._matched(look.path)) is not None]
         if not found:
             return self._with_told(given)
-        # Without any guess, a path that is sharp and wrong is likelier.
-        trusted = 0.0 if any(given.jumps) or given.fit.share < WORTH_A_GUESS else candidates.DRIFTS
+        # Without any guess, a path that is sharp and wrong is likelier; steps of which few fit are no better than none.
+        trusted = 0.0 if any(given.jumps) or given.fit.share < 0.2 else candidates.DRIFTS
 
         def worth(each: tuple[candidates.Candidate, SensorLook]) -> float:
             """Return the agreement of a matched path, with a gain where trusted steps led it."""

@@ -32,8 +32,6 @@ if TYPE_CHECKING:
 
 
 AUTO, _, REVERSE, _ = BEAM_ORDERS
-TILTED = np.deg2rad(10.0)
-"""Lean of a sensor from which on there is a note [rad]."""
 _PIPE = "poses, if there are any, are not used: a pipe is read only once; give the file's name for them"
 MAX_NOTED_RUNS = 8
 """Runs of a log of whose poses there are notes."""
@@ -439,7 +437,7 @@ class PoseAttacher:
         if stats.without and not is_matched and not (path is not None and path.apart in path.notes):
             gap = _gap(name, chain, stats)
             lines.append(gap if stats.without > UNPLACED * stats.sweeps else Routine(gap))
-        if stats.tilt > TILTED:
+        if stats.tilt > np.deg2rad(10.0):
             degrees = np.rad2deg(stats.tilt)
             lines.append(f"frame {name} leans by up to {degrees:.0f} degrees: its poses are their projection")
         links = [one for one in sources.tracks if one.is_link and nearness(one.topic, stats.topic) is not None]

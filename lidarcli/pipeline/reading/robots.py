@@ -14,6 +14,7 @@ from lidarcli.errors import OptionError
 from lidarcli.pipeline.reading.needs import of_one_run
 from lidarcli.pipeline.reading.path_choice import CheckedPath
 from lidarcli.pose.calibration import SURE, UNSURE, differs, joined_outlines, solve, stretches_over
+from lidarcli.pose.findings import Key
 from lidarcli.pose.fit import poses_after
 from lidarcli.pose.frames import WORLDS, FrameTree, Step, is_within, namespace
 from lidarcli.pose.messages import TRANSFORMS, frame_name
@@ -23,10 +24,6 @@ from lidarcli.sweeps.masks import Mount
 from lidarcli.sweeps.types import Float64
 from lidarcli.sweeps.zone import ROBOT
 
-Key = tuple[str, str]
-"""Topic and frame of a sensor."""
-MAX_OUTLINES = 60
-"""Sweeps of each sensor that check how it is mounted."""
 LESS_ALIKE = 0.2
 """Two sensors that agree less with each other than each with itself, by this share, are not where the log places them."""
 
@@ -200,7 +197,7 @@ def _misplaced(first: _Sensor, second: _Sensor) -> str:
     alike = sample.agreement_with(other_sample, here, there)
     if alike < 1.0 - LESS_ALIKE and alike < min(sample.agreement(chain).all for sample, chain in samples) - LESS_ALIKE:
         return f"it and {first.key[0]} do not see the same from where they are told to be"
-    parts = [sample.outlines(MAX_OUTLINES) for sample, _ in samples]
+    parts = [sample.outlines(most=60) for sample, _ in samples]
     poses = [flat(chain.at(part.stamp_ns)) for part, (_, chain) in zip(parts, samples, strict=True)]
     known = [np.flatnonzero(np.isfinite(each[:, 0])) for each in poses]
     if min(map(len, known)) < 2:
