@@ -96,7 +96,7 @@ def _detect_log(
                 files.write(table, topic, rows)
             summary.add_found(tracker.counts)
             summary.followed = tracker.counts.followed
-        # The end of the work: the summary tells how long it took.
+        # The end of the work: the summary states how long it took.
         reading.close()
         summary.notes += [*detection.notes(), *([] if tracker is None else summary.graded(tracker.notes))]
 
@@ -210,7 +210,7 @@ def detect_file(
 ) -> Iterator[Outcome]:
     """Write the objects of all logs to one file, which appears when it is whole, and only if any log could be read."""
     refuse([path], options.overwrite, options.inputs(sources))
-    # The last log that could be read, and those after it, wait: its outcome also tells of the file.
+    # The last log that could be read, and those after it, wait: its outcome is also that of the file.
     waiting: list[Outcome] = []
     with NewFiles([path], options.overwrite) as new:
         with new.part(path).open("wb") as out:

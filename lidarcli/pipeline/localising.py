@@ -98,7 +98,7 @@ class Localisation:
     """The path of one sensor, judged by a map."""
 
     def __init__(self, sensor: _Sensor) -> None:
-        """Evaluate what a sensor has seen."""
+        """Evaluate what a sensor has observed."""
         nothing = np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros((0, sensor.field.columns))
         window, points, found = (np.concatenate(each) for each in zip(nothing, *sensor.judged, strict=True))
         order = np.argsort(window, kind="stable")
@@ -260,7 +260,7 @@ class LocalisedPath(PathSummary):
         return [f"{key[0]}: {one.words}" if len(self.paths) > 1 else one.words for key, one in self.paths.items()]
 
     def figures(self) -> dict[str, float | None]:
-        """Return the figures that a check may name, of all paths; None for what the map cannot tell."""
+        """Return the figures that a check may name, of all paths; None for what the map does not show."""
         intervals = [each for path in self.paths.values() for each in path.intervals]
         seconds = sum(each.end - each.begin for each in intervals)
         whole = sum(len(path.window) for path in self.paths.values()) * WINDOW_NS / SECOND_NS

@@ -2,7 +2,7 @@
 
 Points of sweeps are placed in the world by poses with a mount, cut into stretches between which poses may drift. In each
 cell of a stretch lie points of one surface; their spread along its normal is the less, the truer the mount is. As unknown
-beside the mount count the delay of the poses and the scales of their lengths and turns, so that none of them passes for a
+next to the mount count the delay of the poses and the scales of their lengths and turns, so that none of them passes for a
 mount; the deviations of what is found are those between stretches (cluster-robust).
 """
 
@@ -24,7 +24,7 @@ SLOTS = 8
 CELL, GRID_TURNS = 0.05, tuple(np.deg2rad([7.0, 31.0, 53.0, 76.0]).tolist())
 """Side of the cells that are counted [m], and the directions of their grids [rad]."""
 HALF_CHORD, MAX_BESIDE, MAX_CHORD, MAX_OFF = 0.12, 12, 0.6, 0.03
-"""The normal at a point is that of the chord between beams so far beside it [m], so many at most; the chord is no longer
+"""The normal at a point is that of the chord between beams so far to its sides [m], so many at most; the chord is no longer
 than this and the point no farther off it [m]."""
 DIRECTIONS = 12
 """Directions of normals that are distinguished: the two sides of a board are two surfaces."""
@@ -36,7 +36,7 @@ BESIDE_CELL, BESIDE_CELLS, BESIDE_REACH, BESIDE_TURN = 0.1, 256, 3.0, np.deg2rad
 """Side of the cells in which two sensors are laid on each other [m], cells to each side, and the farthest place [m] and the
 steps of the turns [rad] that are tried."""
 TOGETHER = 50.0
-"""Points that count as one beside what is trusted: those near each other err together."""
+"""Points that count as one compared with what is trusted: those near each other err together."""
 FEW_CLUSTERS, MIN_DEGREES, CLUSTERS = 1.5, 2.0, 12
 """Deviations by K clusters are too small by such a share over K, as 95 % of a t distribution are within two of them;
 degrees of freedom of clusters that are no more than the unknowns; least number of parts of a run between which deviations
@@ -55,7 +55,7 @@ SURE = np.array([0.003, 0.003, np.deg2rad(0.1)])
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Outlines:
-    """Points on surfaces as sensors saw them, and the slots in which they were seen: parts of sweeps, in time order.
+    """Points on surfaces as sensors observed them, and the slots in which that was: parts of sweeps, in time order.
 
     Shapes: N points, K slots.
     """
@@ -75,7 +75,7 @@ class Outlines:
         return len(self.slot)
 
     def those(self, slots: Int64) -> Outlines:
-        """Return the points of some slots (M,), which are numbered anew."""
+        """Return the points of some slots (M,), which are numbered again."""
         number = np.full(len(self.stamp_ns), -1)
         number[slots] = np.arange(len(slots))
         own = number[self.slot] >= 0
@@ -367,7 +367,7 @@ class Overlap:
     """Points that two sensors see alike that stand next to each other."""
 
     share: float
-    """Share of the cells of the second that are on cells of the first, or beside them."""
+    """Share of the cells of the second that are on cells of the first, or next to them."""
     against: float
     """Share of the points of each, the larger one, through which the other sees."""
     width: float
@@ -399,7 +399,7 @@ def _seen_through(points: Float64, other: Float64) -> float:
 
     step, reach = polar(points)
     np.minimum.at(nearest, step, reach)
-    # Things at the edge of a step may be seen in the next one.
+    # Things at the edge of a step may be visible in the next one.
     nearest = np.minimum(nearest, np.minimum(np.roll(nearest, 1), np.roll(nearest, -1)))
     step, reach = polar(other)
     covered = np.isfinite(nearest[step])
@@ -407,7 +407,7 @@ def _seen_through(points: Float64, other: Float64) -> float:
 
 
 def _widened(cells: Bool) -> Bool:
-    """Return the cells and those beside them."""
+    """Return the cells and their neighbours."""
     found: Bool = np.any([np.roll(cells, (dx, dy), (0, 1)) for dx in (-1, 0, 1) for dy in (-1, 0, 1)], axis=0)
     return found
 

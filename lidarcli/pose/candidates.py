@@ -127,7 +127,7 @@ class SweepSample:
         return np.concatenate([part[which] for part in self._kept])
 
     def _parts(self) -> Int64:
-        """Return (K,) the number of the part of the run: each sweep is one of its own where stamps tell no times."""
+        """Return (K,) the number of the part of the run: each sweep is one of its own where stamps are no times."""
         seconds = (self.stamp_ns - self.stamp_ns.min()) / SECOND_NS
         if len(seconds) > 1 and np.median(np.abs(np.diff(seconds))) < MIN_STEP:
             return np.arange(len(seconds))

@@ -114,7 +114,7 @@ def pose_findings(sources: PoseSources | GivenPaths, keys: Iterable[Key]) -> lis
 
 
 def contradictions(links: Sequence[Track]) -> Iterator[Finding]:
-    """Yield findings on frames of which transforms of one namespace tell several places."""
+    """Yield findings on frames of which transforms of one namespace give several places."""
     given: dict[tuple[str, str], list[Track]] = {}
     for link in links:
         given.setdefault((namespace(link.topic), link.child), []).append(link)

@@ -1,4 +1,4 @@
-"""The fit of given poses: steps of the given path beside those of the path that is matched from the sweeps.
+"""The fit of given poses: steps of the given path compared with those of the path that is matched from the sweeps.
 
 Both paths are compared over pairs of sweeps between which the sensor went a little way. A delay of the poses and a mount
 that the log does not tell are found from the same pairs.
@@ -48,7 +48,7 @@ CORRECTED, GAIN = 0.5, 0.1
 RATIOS = 0.8, 1.25
 """Given lengths and turns as a share of the matched ones, from least to most."""
 LONG_STEP, LARGE_TURN, MIN_LONG = 0.15, 0.08, 5
-"""Steps that are longer, or turn more, tell such a share [m, rad]; so many or fewer tell none."""
+"""Steps that are longer, or turn more, count for such a share [m, rad]; so many or fewer give none."""
 MOUNT_SCALE = 0.05
 """Scale of the robust weights of a mount [m]."""
 Steps = Float64
@@ -364,7 +364,7 @@ def mount_between(step: Steps, given: Steps) -> tuple[float, float, float]:
         for _ in range(8):
             left = np.einsum("kij,j->ki", lever, place) - apart
             weight = 1.0 / (1.0 + (left * left).sum(1) / MOUNT_SCALE**2) ** 2
-            # A mount that the turns do not tell stays near 0.
+            # A mount that the turns do not fix stays near 0.
             normal = np.einsum("k,kij,kil->jl", weight, lever, lever) + 0.2 * np.eye(2)
             place = np.linalg.solve(normal, np.einsum("k,kij,ki->j", weight, lever, apart))
         mount = float(place[0]), float(place[1]), yaw

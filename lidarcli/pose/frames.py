@@ -79,7 +79,7 @@ def nearness(poses: str, topic: str, scans: Collection[str] = ()) -> int | None:
 
 
 def by_precedence(links: Sequence[Track]) -> list[Track]:
-    """Return links in the order in which they count: static ones first, the last told before others, then the longest."""
+    """Return links in the order in which they count: static ones first, the last one before others, then the longest."""
     static = [one for one in reversed(links) if one.static]
     static.sort(key=lambda one: -one.record_ns[1])
     return static + sorted((one for one in links if not one.static), key=lambda one: -one.messages)
@@ -115,7 +115,7 @@ class FrameTree:
             self._level(frame)
 
     def _level(self, frame: str) -> None:
-        """Join an optical frame whose x-y plane is upright to the level one that looks ahead: no sweep is seen upright."""
+        """Join an optical frame whose x-y plane is upright to the level one that looks ahead: no sweep is shown upright."""
         if steps := self.to_base(frame):
             first = steps[0].track
             x, y = along(steps, first.stamp_ns[:1], held=True).rotation[0, :2]

@@ -17,7 +17,7 @@ from lidarcli.pose.tracks import Track, gathered
 from lidarcli.sweeps.types import TURN, Bool, Float64, Int64, SweepBatch
 
 MIN_STEP = 0.001
-"""Stamps that are mostly closer tell no times [s]."""
+"""Stamps that are mostly closer are no times [s]."""
 MAX_UNPLACED = 0.3
 """Nothing is evaluated where a greater share of the sweeps has no matched pose."""
 STANDING_OFF, STANDING_TURN = 0.02, np.deg2rad(0.5)
@@ -78,9 +78,9 @@ SHORTEST_SWEEP = 0.005
 MIN_SHARE, MAX_SHARE, USUAL_SHARE = 0.2, 1.25, 0.9
 """Shares of the time from sweep to sweep that a sweep can take, and the share where headers state another."""
 SKEWED, TYPICAL_RANGE = 0.03, 2.0
-"""Motion during a sweep from which on it tells the order of its beams [m]; the range at which turns move points [m]."""
+"""Motion during a sweep from which on it shows the order of its beams [m]; the range at which turns move points [m]."""
 MIN_SKEWED, BLOCKS, CLEAR, OPPOSITE = 40, 20, 2.0, 1.5
-"""Least sweeps that tell an order, blocks they are compared in, deviations from which a difference is clear, and how many
+"""Least sweeps that show an order, blocks they are compared in, deviations from which a difference is clear, and how many
 times as many it takes to the opposite order: all at once lies between the two."""
 LONGEST_SLIDE = 1.0
 """A slide without a guess loses its poses from this duration on, and no pose is between poses further apart [s]."""

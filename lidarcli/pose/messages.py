@@ -207,7 +207,7 @@ _OF_SCAN = [
     (name, re.compile(rb'"%s"\s*:\s*("(?:[^"\\]|\\.)*"|\{(?:[^{}]|\{[^{}]*\})*\}|\d[\d.]*)' % spelled))
     for name, spelled in (("timestamp", b"timestamp"), ("frame_id", b"frame(?:_i|I)d"), ("pose", b"pose"))
 ]
-"""Fields of a scan beside its ranges, which take long to read."""
+"""Fields of a scan other than its ranges, which take long to read."""
 
 
 def _json(kind: str, data: bytes) -> _Pose:

@@ -106,7 +106,7 @@ class PoseChain:
         return max(track.record_ns[0] for track in moving), min(track.record_ns[1] for track in moving)
 
     def recorded_delay_ns(self, stamps: tuple[int, int], records: tuple[int, int]) -> int:
-        """Return by how much poses of another clock are later than the sweeps, by record times [ns]; 0 where none tell.
+        """Return by how much poses of another clock are later than the sweeps, by record times [ns]; 0 for none.
 
         `stamps`, `records`: the first and last of the sweeps [ns].
         """
@@ -203,7 +203,7 @@ class PoseSources:
 
     In the order of preference: the tree of frames where it leads to a fixed frame, Odometry,
     PoseWithCovarianceStamped, and poses whose topic has the name of a robot's. Of several topics that are alike none is
-    taken unasked: they may be those of several robots. Poses in the namespace of the sweeps come first.
+    taken unless it is named: they may be those of several robots. Poses in the namespace of the sweeps come first.
     """
 
     def __init__(
@@ -281,7 +281,7 @@ class PoseSources:
         return self._trees[topic]
 
     def _unasked(self, frame: str, topic: str, world: str = "") -> tuple[PoseChain | None, tuple[str, ...]]:
-        """Return the chain to take unasked; none, and the topics, where several are alike; `world`: no tree, but this."""
+        """Return the chain to take where none is named; none, and the topics, where several are alike; `world`: no tree, but this."""
         if not world and (chain := self._by_tree(frame, topic, self._tree(topic))) is not None:
             return chain, ()
         found = []

@@ -143,7 +143,7 @@ TOGETHER_BYTES = 4 << 20
 """Messages of a topic that are decoded at once, and bytes of all that wait."""
 
 SHIFTS, TURNS = 0.02, 0.02
-"""Poses that differ by more tell of a motion [m, rad]."""
+"""Poses that differ by more show a motion [m, rad]."""
 
 NOT_FINITE = "its pose is not finite"
 NO_TURN = "its quaternion is zero"
@@ -155,7 +155,7 @@ gets far in a tenth of a second."""
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Track:
-    """The poses of one frame in another that one topic tells, by increasing stamp."""
+    """The poses of one frame in another that one topic gives, by increasing stamp."""
 
     topic: str
     type: str

@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from lidarcli.pipeline.objects.subtracting import BackgroundComparison, BackgroundOptions
 
 OF_TRACKS = ("tracks", "trajectories")
-"""Tables whose rows are known only once all sweeps of a track were seen."""
+"""Tables whose rows are known only once all sweeps of a track were read."""
 
 
 @dataclass(frozen=True, slots=True)

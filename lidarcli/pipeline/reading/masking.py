@@ -26,7 +26,7 @@ WINDOW, SHARE = 0.08, 0.6
 REACH = 1.2
 """Greatest range at which it does [m]."""
 GRAZED = 0.2
-"""Least share of the sweeps where beside it is such a beam, as near: it grazes the robot."""
+"""Least share of the sweeps where next to it is such a beam, as near: it grazes the robot."""
 GRAIN = 0.005
 """Step in which ranges are counted [m]."""
 MIN_DISTANCE, MIN_TURN = 3.0, 2.0
@@ -40,9 +40,9 @@ SEEN = 0.3
 LONGEST = 0.16
 """Neighbouring beams share one sector as long as it spans no more than this [m]."""
 STOOD_REACH, STOOD_WIDTH, DETACHED = 0.45, 0.2, 0.15
-"""Of what a parked sensor sees, what is so near, so narrow and so far before things beside it [m] may be the robot."""
+"""Of what a parked sensor sees, what is so near, so narrow and so far before objects next to it [m] may be the robot."""
 MIN_SWEEPS = 10
-"""Fewest sweeps of a sensor that tell anything."""
+"""Fewest sweeps of a sensor that show anything."""
 MAX_BEAMS, MAX_SENSORS = 10_000, 16
 """Most beams of a sweep, and most sensors, of which the mask is learned: ranges are counted for each beam."""
 _PIPE = "--mask auto reads a log twice, and a pipe is read only once: give the file's name, or a mask FILE"
@@ -58,11 +58,11 @@ class MaskRules:
     doubts: tuple[str, ...] = ()
     """Notes on what is not masked, though that was requested."""
     learned: Masks = field(default_factory=Masks)
-    """Mask that the log itself tells."""
+    """Mask by the log itself."""
     proposed: Masks = field(default_factory=Masks)
     """Mask of what looks like the robot itself before sensors that stood; it is not used."""
     unclear: Mapping[tuple[str, str], int] = field(default_factory=dict)
-    """Topic and frame → beams that mostly end within one window below `STOOD_REACH`, where nobody can tell on what."""
+    """Topic and frame → beams that mostly end within one window below `STOOD_REACH`, on what is unknown."""
     posing: PoseAttacher | None = None
     """The poses by which the mask was learned; None where it was not."""
 
@@ -239,7 +239,7 @@ Run = list[tuple[int, float]]
 
 
 class _Body:
-    """Search for what stays before one sensor: a fold over its sweeps, with beams told apart by their bearings."""
+    """Search for what stays before one sensor: a fold over its sweeps, with beams distinguished by their bearings."""
 
     def __init__(self, batch: SweepBatch) -> None:
         self._beams = batch.width
@@ -278,7 +278,7 @@ class _Body:
         return ranges
 
     def doubt(self) -> str:
-        """Return why the robot itself cannot be told from what is around; empty where it can."""
+        """Return why the robot itself cannot be distinguished from what is around; empty where it can."""
         if not self._is_countable:
             return f"its sweeps have more than {MAX_BEAMS:,} beams, or no step between them"
         if self._path.last is None:

@@ -67,11 +67,11 @@ DELAYS, KNOWN_TIME, SCALES = 0.2, 0.1, 0.02
 """Prior deviations: of a delay [s], of the time of a sweep that is given, as a share of the period, and of the scales of
 given lengths and turns."""
 MIN_TURNS = 8
-"""Fewest turns that tell a mount or a mirror."""
+"""Fewest turns that show a mount or a mirror."""
 _STAMPED = {"first": 0.0, "middle": 0.5, "last": 1.0}
 """Beam at whose time a header is stamped → its share of the time of the sweep."""
 MIN_STEPS, MIN_BEAMS = 20, 3
-"""Fewest steps that tell of a flicker, and fewest beams of a sector."""
+"""Fewest steps that show a flicker, and fewest beams of a sector."""
 AGAINST, CLEARLY = 2.0, 0.25
 """Points against a place count so much more than points for it; and by how much the next best place is worse."""
 MIN_OVERLAP, MIN_WIDTH, MAX_AGAINST = 0.6, np.deg2rad(120.0), 0.05

@@ -38,7 +38,7 @@ class Need(Enum):
     """Sensors whose path a command needs."""
 
     NONE = "none"
-    """None: the sweeps are not asked."""
+    """None: the sweeps are not looked at."""
     TOLD = "told"
     """None but those whose path the log has."""
     STANDING = "standing"

@@ -293,7 +293,7 @@ class Reading:
         return self._log.size is None
 
     def ahead(self) -> int | None:
-        """Return the number of sweeps still to come, by the index or the file's size; None where neither tells."""
+        """Return the number of sweeps still to come, by the index or the file's size; None where neither is known."""
         done, position, size = self.summary.sweeps, self._position, self._log.size
         if self._expected is not None:
             return max(0, self._expected - done)

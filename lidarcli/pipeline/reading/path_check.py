@@ -1,4 +1,4 @@
-"""The path of each sensor of a log: told, or matched from its sweeps, by what they all agree on."""
+"""The path of each sensor of a log: given, or matched from its sweeps, by what they all agree on."""
 
 from __future__ import annotations
 

@@ -51,7 +51,7 @@ class CheckedPath:
     pieces: Float64 = field(default_factory=lambda: np.zeros(0))
     """(S,) number of the piece of that path: one does not lie to the next as it should."""
     still: Bool = field(default_factory=lambda: np.zeros(0, bool))
-    """(S,) True where the sensor is static at that sweep; empty where the sweeps do not tell."""
+    """(S,) True where the sensor is static at that sweep; empty where the sweeps do not show it."""
     drift: float = float("nan")
     """By how much places observed again agree less than those observed soon, under the given path; NaN where none are."""
     jumps: bool = False
@@ -275,7 +275,7 @@ class PathChoice:
         """True where no sweep has a pose by the best of the given paths."""
 
     def first(self) -> tuple[CheckedPath, list[SensorLook]]:
-        """Return the path as far as one look tells it, and the looks at all sweeps that are needed to decide."""
+        """Return the path as far as one look shows it, and the looks at all sweeps that are needed to decide."""
         look, given = self.look, self.given
         if given is None:
             if self.named or (look.is_static and not self.match):
@@ -309,7 +309,7 @@ class PathChoice:
             return share + (trusted if each[1].guess is not None else 0.0)
 
         matched, look = max(found, key=worth)
-        # All sweeps tell a delay and a mount that the first ones may not.
+        # All sweeps show a delay and a mount that the first ones may not.
         given.evaluate(look.path)
         standing = self.look.sample.agreement(None)
         jumps = given.jumps[0] > 0.0

@@ -78,7 +78,7 @@ class PoseAttacher:
     stats: dict[tuple[str, str], FrameStats] = field(default_factory=dict)
     """Frame and namespace of sweeps → their counts."""
     paths: Mapping[tuple[str, str], CheckedPath] = field(default_factory=dict)
-    """Topic and frame → what a first pass over its sweeps tells of its path."""
+    """Topic and frame → what a first pass over its sweeps shows of its path."""
     named: str = ""
     """Why the poses are taken as they are; empty where the sweeps choose."""
     run: int = 1
@@ -450,7 +450,7 @@ class PoseAttacher:
 
 
 def _join(log: Log, runs: Sequence[PoseAttacher], masks: Masks | None) -> None:
-    """Find the sensors of one robot, which are followed together; `masks` may tell how they are mounted."""
+    """Find the sensors of one robot, which are followed together; `masks` may say how they are mounted."""
     several = [one for one in runs if len(one.paths) > 1]
     if not several:
         return
@@ -515,6 +515,6 @@ def _gap(name: str, chain: PoseChain, stats: FrameStats) -> str:
 
 
 def _begins(span_ns: tuple[int, int], first_ns: int) -> str:
-    """Return when poses begin, seen from the first sweep."""
+    """Return when poses begin, counted from the first sweep."""
     seconds = (span_ns[0] - first_ns) * SECOND
     return f"begin {abs(seconds):,.2f} s {'after' if seconds > 0.0 else 'before'} the sweeps"

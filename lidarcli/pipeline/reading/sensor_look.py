@@ -19,11 +19,11 @@ SAMPLE, PERIOD = 5, 200
 PART, PARTED = 50, 1000
 """So many sweeps are matched at once, of the first ones."""
 ENOUGH_TURNING, LEADING = 100, 8
-"""Sweeps during which the sensor turned that tell the order of the beams; each is matched after so many before it."""
+"""Sweeps during which the sensor turned that show the order of the beams; each is matched after so many before it."""
 VERY_CLEAR, MAX_KEPT = 4.0, 600
-"""Standard deviations by which an order must fit better to be taken before so many; most sweeps held until then."""
+"""Standard deviations by which an order must fit better to be taken before so many; most sweeps kept until then."""
 MIN_PLACED = 0.7
-"""Least share of sweeps with a pose that tell the order of the beams."""
+"""Least share of sweeps with a pose that show the order of the beams."""
 
 
 class SensorLook:
@@ -42,14 +42,14 @@ class SensorLook:
         self._whole, self._wanted = whole, wanted
         self._kept: list[SweepBatch] | None = [] if timing.order == matching.AUTO and wanted else None
         self._orders: dict[str, matching.MatchedPath] = {}
-        """Order of the beams → the path of some of the held sweeps by it."""
+        """Order of the beams → the path of some of the kept sweeps by it."""
         self._ordered = 0
-        """Number of held sweeps that these have seen, or were not to see."""
+        """Number of kept sweeps that these have got, or were not to get."""
         self._is_static, self._found_at, self._is_off = False, 0, False
         """The last answer on standing, by so many matched sweeps; True where one has been off the first since."""
 
     def add(self, sweeps: SweepBatch) -> None:
-        """Take sweeps, in small parts at first: each tells whether more are needed."""
+        """Take sweeps, in small parts at first: each shows whether more are needed."""
         if self._wanted:
             self.sample.add(sweeps)
         while len(sweeps):
@@ -104,7 +104,7 @@ class SensorLook:
             self.path.add(sweeps, self._guessed(sweeps))
 
     def _order(self, kept: Sequence[SweepBatch], turning: Int64, clear: float) -> str:
-        """Return the order of the beams of held sweeps by those during which the sensor turned; empty for none."""
+        """Return the order of the beams of kept sweeps by those during which the sensor turned; empty for none."""
         own, duration = matching.duration_of(kept)
         self._orders = self._orders or {
             order: matching.MatchedPath(matching.Timing(order, own)) for order in BEAM_ORDERS[1:]

@@ -18,7 +18,7 @@ from lidarcli.pipeline.reading.one_log import Progress, RunSummary
 INTERNAL_ERROR = 70
 DIED_TWICE = "its worker process died twice, ended by the system (out of memory?); try it alone with --jobs 1"
 WORTH_A_PROCESS = 16 << 20
-"""Bytes of logs beside the largest one from which on worker processes pay."""
+"""Bytes of logs in addition to the largest one from which on worker processes pay."""
 STORED = 2 << 20
 """Bytes that a log in a store counts at least: its requests take time however small it is."""
 

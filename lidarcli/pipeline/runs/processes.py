@@ -152,7 +152,7 @@ def _do(work: Callable[[T], R], item: T) -> R:
 
 
 def _busy(work: Callable[[T], R], item: T) -> R:
-    """Do one item; on the stack it tells `_leave` that the worker is busy."""
+    """Do one item; on the stack it shows `_leave` that the worker is busy."""
     return work(item)
 
 
