@@ -281,7 +281,7 @@ class PoseSources:
         return self._trees[topic]
 
     def _unasked(self, frame: str, topic: str, world: str = "") -> tuple[PoseChain | None, tuple[str, ...]]:
-        """Return the chain where none is named; none, and the topics, where several are alike; `world`: no tree, but this."""
+        """Return the chain where none is named; none, and the topics, where several are alike; `world`: this alone."""
         if not world and (chain := self._by_tree(frame, topic, self._tree(topic))) is not None:
             return chain, ()
         found = []
