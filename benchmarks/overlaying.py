@@ -18,8 +18,7 @@ from mcap.reader import make_reader
 from lidarcli.overlays.markers import MARKER_TYPE
 from lidarcli.pipeline.detecting import detect_to_files
 from lidarcli.pipeline.inputs.sources import Source
-from lidarcli.pipeline.objects.detection import DetectOptions
-from lidarcli.pipeline.objects.tracking import TrackOptions
+from lidarcli.pipeline.objects.detection import DetectOptions, TrackOptions
 from lidarcli.pipeline.overlay.files import write_overlay
 from lidarcli.pipeline.overlay.messages import OverlayOptions
 from lidarcli.ros.messages import ROS2

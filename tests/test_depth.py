@@ -50,7 +50,7 @@ def chains() -> Iterator[set[tuple[str, ...]]]:
         threading.setprofile(None)  # type: ignore[arg-type]
 
 
-@pytest.mark.parametrize(("command", "log", "most"), [("detect", "room.mcap", 10), ("track", "people.csv.gz", 13)])
+@pytest.mark.parametrize(("command", "log", "most"), [("detect", "room.mcap", 9), ("track", "people.csv.gz", 10)])
 def test_the_way_of_a_sweep(command: str, log: str, most: int, tmp_path: Path) -> None:
     arguments = ["-q", command, str(SAMPLES / log), "-o", str(tmp_path), "--jobs", "1"]
     # The first run imports everything.

@@ -29,8 +29,8 @@ from lidarcli.logs.base import OpenOptions
 from lidarcli.logs.batches import ReadOptions
 from lidarcli.pipeline.api.options import sources_of
 from lidarcli.pipeline.inputs.sources import open_source
+from lidarcli.pipeline.reading.needs import Need, PoseOptions
 from lidarcli.pipeline.reading.one_log import Reading
-from lidarcli.pipeline.reading.posing import Need, PoseOptions
 from lidarcli.sweeps.types import Int64, SweepBatch
 
 DRAWS = 1000

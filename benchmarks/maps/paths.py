@@ -19,7 +19,8 @@ from lidarcli.options.choices import MATCH
 from lidarcli.pipeline.inputs.search import find_logs
 from lidarcli.pipeline.inputs.sources import MissingInput, open_source
 from lidarcli.pipeline.reading.path_check import check_paths
-from lidarcli.pose.fit import MatchedPath, Timing, steps_between
+from lidarcli.pose.fit import steps_between
+from lidarcli.pose.matched import MatchedPath, Timing
 from lidarcli.simulation.generate import simulate_odometry
 from lidarcli.simulation.scene import Odometry, Scene
 from lidarcli.sweeps.range_rules import RangeRules

@@ -81,7 +81,7 @@ def info(messages: Messages, options: InfoCommand) -> int:
     from lidarcli.files.newfiles import refuse, write_whole
     from lidarcli.pipeline.inputs.search import files_of
     from lidarcli.pipeline.inspecting import FIXES, LogInfo, fix_text, inspect_logs, judge_checks, understand_checks
-    from lidarcli.pipeline.reading.posing import Need
+    from lidarcli.pipeline.reading.needs import Need
     from lidarcli.pipeline.runs.over_logs import Failure, exit_code
 
     checks = understand_checks(options["check"], deep, site is not None)

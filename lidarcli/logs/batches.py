@@ -123,7 +123,7 @@ class LogBatcher:
         self._options = options
         self._report = report
         self._detector = NoReturnDetector(options.rules, report)
-        self._doubts = ScanChecks([topic.name for topic in log.topics() or () if topic.sliced], went)
+        self.checks = ScanChecks([topic.name for topic in log.topics() or () if topic.sliced], went)
         self._batchers: dict[str, _TopicBatcher] = {}
         self._copies: dict[tuple[str, str], LogStats] = {}
         self._compares = choice.is_listed and len(choice.chosen) > 1
@@ -143,7 +143,7 @@ class LogBatcher:
         if block.topic not in self._batchers and len(self._batchers) == MAX_TOPICS:
             self._beyond[block.topic] += len(block)
             return
-        self._batchers.setdefault(block.topic, _TopicBatcher(self._options, self._doubts))
+        self._batchers.setdefault(block.topic, _TopicBatcher(self._options, self.checks))
         for sweeps, rules in self._detector.take(block):
             yield from self._judged(sweeps, rules)
         if self._log.size is None and monotonic() - self._passed_on > LATENCY:
@@ -182,7 +182,11 @@ class LogBatcher:
 
     def close(self) -> None:
         """Report what looks wrong in the sweeps so far, also where no more of them are wanted."""
-        self._doubts.report_to(self._report)
+        self.checks.report_to(self._report)
+        self.report_repeats()
+
+    def report_repeats(self) -> None:
+        """Report topics whose sweeps are those of another one."""
         for found in repeated_topics(self._copies):
             fix = "" if found.fix is None else f"; {found.fix.text} reads them once"
             self._report.add_doubts(found.topic, [replace(found, message=found.message + fix)])

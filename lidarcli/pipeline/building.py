@@ -19,8 +19,8 @@ from lidarcli.logs.registry import SUFFIXES
 from lidarcli.options.choices import STATION_ANGLE, STATION_DISTANCE
 from lidarcli.pipeline.inputs.search import files_of
 from lidarcli.pipeline.inputs.sources import MissingInput, Source
+from lidarcli.pipeline.reading.needs import Need, PoseOptions
 from lidarcli.pipeline.reading.one_log import Progress, RunSummary, read_log, reading_as_dict
-from lidarcli.pipeline.reading.posing import Need, PoseOptions
 from lidarcli.pipeline.runs.over_logs import LogProgress, Outcome, over_logs
 from lidarcli.tabular.background import read_background, write_background
 from lidarcli.tabular.writing import table_metadata

@@ -1,7 +1,7 @@
 """The objects of logs: tables in a folder, one stream or file, or tables in memory.
 
-The way of a sweep is `_detect_log`: a log is read as batches with poses, batches become parts with rows, perhaps in several
-threads, or the tracking makes the rows where it is asked for, and they are written.
+A sweep takes its path through `_detect_log`: a log is read as batches with poses, batches become parts with rows, perhaps
+in several threads, or the tracking makes the rows where it is requested, and they are written.
 """
 
 from __future__ import annotations
@@ -22,8 +22,8 @@ from lidarcli.files.stores import Place
 from lidarcli.options.choices import NS
 from lidarcli.pipeline.inputs.sources import MissingInput, Source, open_source
 from lidarcli.pipeline.objects.detection import BatchDetector, DetectOptions, ParallelDetection, Part
+from lidarcli.pipeline.reading.needs import Need, SensorMovedError
 from lidarcli.pipeline.reading.one_log import Progress, Reading, RunSummary
-from lidarcli.pipeline.reading.posing import Need, SensorMovedError
 from lidarcli.pipeline.runs.over_logs import LogProgress, Outcome, logs_at_once, over_logs, progress_of
 from lidarcli.sweeps.types import SweepBatch
 from lidarcli.tabular.columns import in_unit
@@ -42,7 +42,7 @@ def detect_to_files(source: Source, folder: Place, options: DetectOptions, progr
 
 def _read_to_files(source: Source, folder: Place, options: DetectOptions, progress: Progress | None) -> Reading:
     if options.need is Need.MOVING:
-        # One pass is enough where the sensor stands; where it moves the first one ends soon.
+        # One pass is enough where the sensor is static; where it moves the first one ends soon.
         with suppress(SensorMovedError):
             return _read_once(source, folder, options, progress, Need.STANDING)
     return _read_once(source, folder, options, progress, options.need)
@@ -96,9 +96,9 @@ def _detect_log(
                 files.write(table, topic, rows)
             summary.add_found(tracker.counts)
             summary.followed = tracker.counts.followed
-        # The end of the work: the summary tells how long it took.
+        # The end of the work: the summary states how long it took.
         reading.close()
-        summary.notes += [*detection.notes(), *([] if tracker is None else summary.told(tracker.notes))]
+        summary.notes += [*detection.notes(), *([] if tracker is None else summary.graded(tracker.notes))]
 
 
 def _tracker(
@@ -210,7 +210,7 @@ def detect_file(
 ) -> Iterator[Outcome]:
     """Write the objects of all logs to one file, which appears when it is whole, and only if any log could be read."""
     refuse([path], options.overwrite, options.inputs(sources))
-    # The last log that could be read, and those after it, wait: its outcome also tells of the file.
+    # The last log that could be read, and those after it, wait: its outcome is also that of the file.
     waiting: list[Outcome] = []
     with NewFiles([path], options.overwrite) as new:
         with new.part(path).open("wb") as out:

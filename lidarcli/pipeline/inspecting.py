@@ -27,9 +27,11 @@ from lidarcli.options.choices import MENDS
 from lidarcli.pipeline.inputs.laser_filters import View, filter_text
 from lidarcli.pipeline.inputs.masks import mask_text
 from lidarcli.pipeline.inputs.sources import MissingInput, Source, made_of_clouds, open_source, parts_of
+from lidarcli.pipeline.reading.found_poses import FoundPoses, PoseInfo, pose_infos
 from lidarcli.pipeline.reading.masking import masking_of
+from lidarcli.pipeline.reading.needs import Need, PoseOptions
 from lidarcli.pipeline.reading.one_log import damage_lines
-from lidarcli.pipeline.reading.posing import FoundPoses, Need, PoseAttacher, PoseInfo, PoseOptions, alike_note, pose_infos
+from lidarcli.pipeline.reading.posing import PoseAttacher, alike_note
 from lidarcli.pipeline.runs.over_logs import Failure, LogProgress, attempt, progress_of
 from lidarcli.sweeps.findings import DEEP_IDS, IDS, Finding
 from lidarcli.sweeps.masks import Masks

@@ -22,8 +22,8 @@ from lidarcli.maps.grids import image_of, read_map
 from lidarcli.options.choices import MAP_STATES, MATCH
 from lidarcli.options.times import SECOND_NS
 from lidarcli.pipeline.inputs.sources import Source
+from lidarcli.pipeline.reading.needs import Need, of_one_run
 from lidarcli.pipeline.reading.one_log import Progress, Reading, read_log
-from lidarcli.pipeline.reading.posing import Need, of_one_run
 from lidarcli.pipeline.trajectories import PARQUET, PathOptions, PathSummary, read_rows, refuse_path, save
 from lidarcli.reports.checks import Check, Verdict, accepts, parse_check, verdict_of
 from lidarcli.reports.columns import Sight, least_observed, missing_of
@@ -37,17 +37,17 @@ if TYPE_CHECKING:
     from lidarcli.pose.sources import GivenPaths
 
 WINDOW_NS, SLOTS, MAX_BEAMS = SECOND_NS // 2, 2, 90
-"""Time that is judged at once [ns]; sweeps of it, the first of each part of it, and beams of a sweep, evenly chosen."""
+"""Time that is evaluated at once [ns]; sweeps of it, the first of each part of it, and beams of a sweep, evenly chosen."""
 RANGES = 0.15, 12.0
 """Ranges of these [m]."""
 AT_ONCE = 256
-"""Sweeps that are gathered before they are judged."""
+"""Sweeps that are gathered before they are evaluated."""
 MIN_SHARE = 0.7
 """Share of the beams that the map explains in the median, below which there is no verdict; `STEADY` and `NEARLY_ALL` are
 exceptions."""
 STEADY, AT_TIMES, NEARLY_ALL = 0.1, 0.25, 0.93
 """There is a verdict all the same if the corrected path explains `MIN_SHARE` and as many corrections lie within the first
-of their median [m] (a path that is off as a whole), or the told one does so in the second share of the windows (one that is
+of their median [m] (a path that is off as a whole), or the given one does so in the second share of windows (one that is
 off most of the time), or if it explains the third share of the beams (one that drifts)."""
 MAX_SHOWN = 10
 """Intervals that a line shows."""
@@ -98,7 +98,7 @@ class Localisation:
     """The path of one sensor, judged by a map."""
 
     def __init__(self, sensor: _Sensor) -> None:
-        """Judge what a sensor has seen."""
+        """Evaluate what a sensor has observed."""
         nothing = np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros((0, sensor.field.columns))
         window, points, found = (np.concatenate(each) for each in zip(nothing, *sensor.judged, strict=True))
         order = np.argsort(window, kind="stable")
@@ -212,7 +212,7 @@ class _Sensor:
             self.judge()
 
     def judge(self, last: bool = False) -> None:
-        """Judge the windows that are whole, at the end the last one, too."""
+        """Evaluate the windows that are whole, at the end the last one, too."""
         if not self.points:
             return
         points, window = np.concatenate(self.points, axis=1), np.concatenate(self.windows)
@@ -260,7 +260,7 @@ class LocalisedPath(PathSummary):
         return [f"{key[0]}: {one.words}" if len(self.paths) > 1 else one.words for key, one in self.paths.items()]
 
     def figures(self) -> dict[str, float | None]:
-        """Return the figures that a check may name, of all paths; None for what the map cannot tell."""
+        """Return the figures that a check may name, of all paths; None for what the map does not show."""
         intervals = [each for path in self.paths.values() for each in path.intervals]
         seconds = sum(each.end - each.begin for each in intervals)
         whole = sum(len(path.window) for path in self.paths.values()) * WINDOW_NS / SECOND_NS
@@ -312,9 +312,9 @@ def localise(
     motion: Motion = HERE,
     first: Reading | None = None,
 ) -> LocalisedPath:
-    """Judge the path of a log by a map, and write it: a table, TUM lines or a picture.
+    """Evaluate the path of a log by a map, and write it: a table, TUM lines or a picture.
 
-    The path is the told one to the frame of the map, as it is, or one that was named; that of a `first` reading as there.
+    The path is the given one to the frame of the map, as it is, or one that was named; that of a `first` reading as there.
     With `relocate` poses that are off are corrected, and those of lost seconds left out; `motion`: from the coordinates of
     the poses to those of the map; `first` as of `Reading`. Errors as of `write_path`.
     """

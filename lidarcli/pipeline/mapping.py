@@ -50,10 +50,10 @@ from lidarcli.options.choices import (
 )
 from lidarcli.pipeline.inputs.search import files_of
 from lidarcli.pipeline.inputs.sources import MissingInput, Source
+from lidarcli.pipeline.reading.needs import NONE, Need, PoseOptions, of_one_run
 from lidarcli.pipeline.reading.one_log import Progress, RunSummary, named_files, read_log, reading_as_dict
-from lidarcli.pipeline.reading.posing import NONE, Need, PoseOptions, of_one_run
 from lidarcli.pipeline.runs.over_logs import LogProgress, Outcome, logs_at_once, over_logs
-from lidarcli.pose.fit import stands
+from lidarcli.pose.matched import stands
 from lidarcli.sweeps.types import Float64, Int64, Status, SweepBatch, SweepPoses, UInt8
 from lidarcli.system.machine import cores
 from lidarcli.tabular.writing import table_metadata

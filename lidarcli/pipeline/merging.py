@@ -19,7 +19,8 @@ from lidarcli.logs.blocks import ScanLayout
 from lidarcli.options.times import SECOND_NS
 from lidarcli.pipeline.inputs.sources import read_pose_messages
 from lidarcli.pipeline.reading.one_log import Reading
-from lidarcli.pipeline.reading.robots import Key, mount_on
+from lidarcli.pipeline.reading.robots import mount_on
+from lidarcli.pose.findings import Key
 from lidarcli.pose.sources import PoseChain
 from lidarcli.pose.tracks import planar
 from lidarcli.sweeps.types import TURN, Bool, Float64, Status, SweepBatch, UInt8

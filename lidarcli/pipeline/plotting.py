@@ -23,8 +23,9 @@ from lidarcli.options.choices import AS_IT_COMES, IMAGES, MATCH, TRAIL, Look
 from lidarcli.options.times import SAME_STAMP, SECOND_NS, Instant
 from lidarcli.pipeline.inputs.sources import Source, naming, open_source
 from lidarcli.pipeline.reading.masking import masking_of
+from lidarcli.pipeline.reading.needs import NO_POSES, Need, PoseOptions
 from lidarcli.pipeline.reading.one_log import damage_lines, read_log
-from lidarcli.pipeline.reading.posing import NO_POSES, Need, PoseAttacher, PoseOptions
+from lidarcli.pipeline.reading.posing import PoseAttacher
 from lidarcli.reports import map_picture
 from lidarcli.reports.columns import Rows, rows_of
 from lidarcli.reports.map_picture import Box, MapPicture, Snapshot, draw_map, overview

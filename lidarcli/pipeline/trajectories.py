@@ -19,8 +19,8 @@ from lidarcli.logs.batches import ReadOptions
 from lidarcli.options.choices import MATCH, NS
 from lidarcli.pipeline.inputs.search import files_of
 from lidarcli.pipeline.inputs.sources import Source
+from lidarcli.pipeline.reading.needs import Need, PoseOptions
 from lidarcli.pipeline.reading.one_log import Progress, Reading, RunSummary, named_files, read_log, reading_as_dict
-from lidarcli.pipeline.reading.posing import Need, PoseOptions
 from lidarcli.sweeps.types import SweepBatch
 from lidarcli.tabular.columns import constant, floats, plain, restamped
 from lidarcli.tabular.schemas import POSES, STAMP

@@ -2,7 +2,7 @@
 
 Points of sweeps are placed in the world by poses with a mount, cut into stretches between which poses may drift. In each
 cell of a stretch lie points of one surface; their spread along its normal is the less, the truer the mount is. As unknown
-beside the mount count the delay of the poses and the scales of their lengths and turns, so that none of them passes for a
+next to the mount count the delay of the poses and the scales of their lengths and turns, so that none of them passes for a
 mount; the deviations of what is found are those between stretches (cluster-robust).
 """
 
@@ -14,7 +14,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lidarcli.pose.fit import steps_between, wrapped
+from lidarcli.pose.fit import steps_between
+from lidarcli.pose.matched import wrapped
+from lidarcli.sweeps.finding_rules import DEVIATIONS, MIN_ASKEW, MIN_OFF
 from lidarcli.sweeps.types import TURN, Bool, Float64, Int64
 
 SLOTS = 8
@@ -22,19 +24,19 @@ SLOTS = 8
 CELL, GRID_TURNS = 0.05, tuple(np.deg2rad([7.0, 31.0, 53.0, 76.0]).tolist())
 """Side of the cells that are counted [m], and the directions of their grids [rad]."""
 HALF_CHORD, MAX_BESIDE, MAX_CHORD, MAX_OFF = 0.12, 12, 0.6, 0.03
-"""The normal at a point is that of the chord between beams so far beside it [m], so many at most; the chord is no longer
+"""The normal at a point is that of the chord between beams so far to its sides [m], so many at most; the chord is no longer
 than this and the point no farther off it [m]."""
 DIRECTIONS = 12
-"""Directions of normals that are told apart: the two sides of a board are two surfaces."""
+"""Directions of normals that are distinguished: the two sides of a board are two surfaces."""
 LADDER = ((0.8, 0.3, 4), (0.4, 0.1, 4), (0.3, 0.05, 8))
 """Sides of cells, scales of the robust weights [m], and most steps of the search with these."""
-SETTLED, MAX_STEP, MIN_IN_CELL = 5e-4, 0.3, 4
+CONVERGED, MAX_STEP, MIN_IN_CELL = 5e-4, 0.3, 4
 """The search ends with steps below this [m, rad]; its greatest step [m, rad]; fewest points of a cell that count."""
 BESIDE_CELL, BESIDE_CELLS, BESIDE_REACH, BESIDE_TURN = 0.1, 256, 3.0, np.deg2rad(2.0)
 """Side of the cells in which two sensors are laid on each other [m], cells to each side, and the farthest place [m] and the
 steps of the turns [rad] that are tried."""
 TOGETHER = 50.0
-"""Points that count as one beside what is trusted: those near each other err together."""
+"""Points that count as one compared with what is trusted: those near each other err together."""
 FEW_CLUSTERS, MIN_DEGREES, CLUSTERS = 1.5, 2.0, 12
 """Deviations by K clusters are too small by such a share over K, as 95 % of a t distribution are within two of them;
 degrees of freedom of clusters that are no more than the unknowns; least number of parts of a run between which deviations
@@ -42,12 +44,18 @@ are measured."""
 BESIDE_APART, BESIDE_TRIED = np.deg2rad(15.0), 4
 """Turns that are apart from each other [rad], and the most that are looked at closely."""
 SEEN_STEP, SEEN_OFF = np.deg2rad(4.0), 0.2
-"""Directions that are told apart [rad], and how far something is seen through [m]."""
+"""Directions that are distinguished [rad], and how far a ray passes through something [m]."""
+DRIFTING, FIXED = (0.5 * np.pi, 5.0), (TURN, 50.0)
+"""Turn [rad] and distance [m] of a stretch in which poses do not drift much: of odometry, and of poses in a map."""
+UNSURE = np.array([0.05, 0.05, np.deg2rad(2.0)])
+"""Deviations of a mount that is known well enough [m, rad]."""
+SURE = np.array([0.003, 0.003, np.deg2rad(0.1)])
+"""No mount is known better: grids and ranges err, too [m, rad]."""
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Outlines:
-    """Points on surfaces as sensors saw them, and the slots in which they were seen: parts of sweeps, in time order.
+    """Points on surfaces as sensors observed them, and the slots in which that was: parts of sweeps, in time order.
 
     Shapes: N points, K slots.
     """
@@ -67,12 +75,12 @@ class Outlines:
         return len(self.slot)
 
     def those(self, slots: Int64) -> Outlines:
-        """Return the points of some slots (M,), which are numbered anew."""
+        """Return the points of some slots (M,), which are numbered again."""
         number = np.full(len(self.stamp_ns), -1)
         number[slots] = np.arange(len(slots))
-        mine = number[self.slot] >= 0
+        own = number[self.slot] >= 0
         return Outlines(
-            self.points[mine], self.normals[mine], number[self.slot[mine]], self.stamp_ns[slots], self.share[slots]
+            self.points[own], self.normals[own], number[self.slot[own]], self.stamp_ns[slots], self.share[slots]
         )
 
 
@@ -180,7 +188,7 @@ def cells_filled(outlines: Outlines, poses: Float64, stretch: Int64 | None = Non
     return round(float(np.mean(counts)))
 
 
-def settle(outlines: Outlines, placing: Placing, start: Float64, trusted: Float64, stretch: Int64) -> CalibrationResult:
+def solve(outlines: Outlines, placing: Placing, start: Float64, trusted: Float64, stretch: Int64) -> CalibrationResult:
     """Find the unknowns with which the points of each stretch fall together best.
 
     Parameters
@@ -201,7 +209,7 @@ def settle(outlines: Outlines, placing: Placing, start: Float64, trusted: Float6
             step = -np.linalg.lstsq(sums.normal + ridge, sums.slope + ridge @ values[free], rcond=1e-9)[0]
             step *= min(1.0, MAX_STEP / max(float(np.abs(step).max()), 1e-12))
             values[free] += step
-            if number > 1 and np.abs(step).max() < SETTLED:
+            if number > 1 and np.abs(step).max() < CONVERGED:
                 break
     return CalibrationResult(values, _covariance(sums, ridge, free, len(values)), sums.spread)
 
@@ -264,9 +272,9 @@ def _sums(
     lever -= (np.bincount(which, weight * lever) / total)[which]
     slopes = np.empty((len(free), len(off)))
     for number, change in enumerate(changes):
-        mine = change[slot]
-        moved = nx * (mine[:, 0] - mine[:, 2] * arm[:, 1]) + ny * (mine[:, 1] + mine[:, 2] * arm[:, 0])
-        turned_by = (np.bincount(which, weight * mine[:, 2]) / total)[which]
+        own = change[slot]
+        moved = nx * (own[:, 0] - own[:, 2] * arm[:, 1]) + ny * (own[:, 1] + own[:, 2] * arm[:, 0])
+        turned_by = (np.bincount(which, weight * own[:, 2]) / total)[which]
         slopes[number] = moved - (np.bincount(which, weight * moved) / total)[which] + turned_by * lever
     pull = weight * left * slopes
     part = np.empty(len(stretch), np.int64)
@@ -292,9 +300,9 @@ def _covariance(sums: _Sums, ridge: Float64, free: Int64, unknowns: int) -> Floa
         # The slopes of the clusters sum up to about nothing, and what was fitted to them makes them smaller yet.
         degrees = max(float(len(slopes) - len(free)), MIN_DEGREES)
         share = len(slopes) / degrees * (1.0 + FEW_CLUSTERS / degrees) ** 2
-        mine = inverse @ (slopes.T @ slopes * share + ridge) @ inverse
-        if np.trace(mine) > np.trace(found):
-            found[np.ix_(free, free)] = mine
+        own = inverse @ (slopes.T @ slopes * share + ridge) @ inverse
+        if np.trace(own) > np.trace(found):
+            found[np.ix_(free, free)] = own
     return found
 
 
@@ -308,11 +316,19 @@ def scaled_path(poses: Float64, length: float, turn: float) -> Float64:
     return np.column_stack([np.vstack([poses[:1, :2], poses[0, :2] + place]), yaw])
 
 
-def stretches_of(poses: Float64, most_turn: float, most_way: float) -> Int64:
-    """Return (K,) the number of the stretch of each pose: one ends after so much turning or so long a way [rad, m]."""
+def stretches_of(poses: Float64, most_turn: float, most_length: float) -> Int64:
+    """Return (K,) the number of the stretch of each pose: one ends after so much turning or so long a path [rad, m]."""
     step = steps_between(poses[:-1], poses[1:])
-    gone = np.cumsum(np.abs(step[:, 2]) / most_turn + np.hypot(step[:, 0], step[:, 1]) / most_way)
+    gone = np.cumsum(np.abs(step[:, 2]) / most_turn + np.hypot(step[:, 0], step[:, 1]) / most_length)
     return np.concatenate([[0], np.floor(gone)]).astype(np.int64)
+
+
+def stretches_over(poses: Float64, stamp_ns: Int64, *, drifts: bool) -> Int64:
+    """Return (K,) the number of the stretch of each pose, in order of their stamps; `drifts`: they do so as odometry."""
+    order = np.argsort(stamp_ns, kind="stable")
+    stretch = np.empty(len(poses), np.int64)
+    stretch[order] = stretches_of(poses[order], *(DRIFTING if drifts else FIXED))
+    return stretch
 
 
 def mounted_points(points: Float64, mount: Float64) -> Float64:
@@ -325,14 +341,14 @@ def places_beside(points: Float64, other: Float64) -> Float64:
 
     All turns are tried, and places that are near.
     """
-    mine = _raster(points)
+    own = _raster(points)
     # What is near counts too: turns are tried in steps.
-    there = np.conj(np.fft.rfft2(mine * 1.0 + _widened(mine)))
+    there = np.conj(np.fft.rfft2(own * 1.0 + _widened(own)))
     reach = round(BESIDE_REACH / BESIDE_CELL)
     tried = []
     for yaw in np.arange(-np.pi, np.pi, BESIDE_TURN):
         turned = mounted_points(other, np.array([0.0, 0.0, yaw]))
-        found = np.fft.irfft2(np.conj(there * np.fft.rfft2(_raster(turned) * 1.0)), mine.shape)
+        found = np.fft.irfft2(np.conj(there * np.fft.rfft2(_raster(turned) * 1.0)), own.shape)
         found = np.roll(found, (reach, reach), (0, 1))[: 2 * reach + 1, : 2 * reach + 1]
         at = divmod(int(found.argmax()), found.shape[1])
         x, y = ((one - reach) * BESIDE_CELL for one in at)
@@ -348,10 +364,10 @@ def places_beside(points: Float64, other: Float64) -> Float64:
 
 @dataclass(frozen=True, slots=True)
 class Overlap:
-    """Points that two sensors see alike that stand beside each other."""
+    """Points that two sensors see alike that stand next to each other."""
 
     share: float
-    """Share of the cells of the second that are on cells of the first, or beside them."""
+    """Share of the cells of the second that are on cells of the first, or next to them."""
     against: float
     """Share of the points of each, the larger one, through which the other sees."""
     width: float
@@ -359,14 +375,14 @@ class Overlap:
 
 
 def overlap(points: Float64, other: Float64, place: Float64) -> Overlap:
-    """Return what points (N, 2) of a sensor and other ones (M, 2) of one that stands at `place` (3,) beside it share."""
+    """Return what points (N, 2) of a sensor and those (M, 2) of one at `place` (3,) next to it have in common."""
     there = mounted_points(other, place)
-    mine, its = _raster(points), _raster(there)
-    both = its & _widened(mine)
+    own, its = _raster(points), _raster(there)
+    both = its & _widened(own)
     back = steps_between(place[None], np.zeros((1, 3)))[0]
     against = max(_seen_through(points, there), _seen_through(other, mounted_points(points, back)))
     column, row = np.nonzero(both)
-    side = mine.shape[0] // 2
+    side = own.shape[0] // 2
     directions = np.unique(np.floor(np.arctan2(row - side, column - side) / SEEN_STEP))
     share = both.sum() / max(int(its.sum()), 1)
     return Overlap(float(share), against, float(len(directions) * SEEN_STEP))
@@ -383,7 +399,7 @@ def _seen_through(points: Float64, other: Float64) -> float:
 
     step, reach = polar(points)
     np.minimum.at(nearest, step, reach)
-    # Things at the edge of a step may be seen in the next one.
+    # Things at the edge of a step may be visible in the next one.
     nearest = np.minimum(nearest, np.minimum(np.roll(nearest, 1), np.roll(nearest, -1)))
     step, reach = polar(other)
     covered = np.isfinite(nearest[step])
@@ -391,7 +407,7 @@ def _seen_through(points: Float64, other: Float64) -> float:
 
 
 def _widened(cells: Bool) -> Bool:
-    """Return the cells and those beside them."""
+    """Return the cells and their neighbours."""
     found: Bool = np.any([np.roll(cells, (dx, dy), (0, 1)) for dx in (-1, 0, 1) for dy in (-1, 0, 1)], axis=0)
     return found
 
@@ -403,3 +419,9 @@ def _raster(points: Float64) -> Bool:
     at = at[((at >= 0) & (at < side)).all(axis=1)]
     found[at[:, 0], at[:, 1]] = True
     return found
+
+
+def differs(off: Float64, deviation: Float64) -> bool:
+    """Return whether a mount is off (3,) by more than its deviations explain [m, rad]."""
+    off = np.array([*off[:2], *wrapped(off[2:])])
+    return bool((np.abs(off) > np.maximum(DEVIATIONS * deviation, [MIN_OFF, MIN_OFF, MIN_ASKEW])).any())

@@ -10,9 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lidarcli.formalism.path_agreement import Agreement, agreement
-from lidarcli.pose.fit import MIN_STEP, Timing, headers_of, wrapped
+from lidarcli.options.times import SECOND_NS
+from lidarcli.pose.matched import MIN_STEP, Timing, headers_of, wrapped
 from lidarcli.pose.sources import Correction, PoseChain, later
-from lidarcli.pose.tracks import SECOND_NS, Motion, compose, inverse, lifted, planar
+from lidarcli.pose.tracks import Motion, compose, inverse, lifted, planar
 from lidarcli.sweeps.types import Float64, Int64, SweepBatch
 
 if TYPE_CHECKING:
@@ -25,16 +26,16 @@ BEAMS = 120
 PART_SECONDS = 4.0
 """Duration of the parts of a run that are compared [s]."""
 SEEN_AGAIN = 0.2
-"""Share of hits that are seen again later from which on these decide; else the steps of the path do."""
+"""Share of hits that are observed again later from which on these decide; else the steps of the path do."""
 DRIFTS = 0.03
-"""A path drifts if places seen again agree less than those seen soon by more than this."""
+"""A path drifts if places observed again agree less than those observed soon by more than this."""
 CLEARLY, LESS, MUCH = 0.01, 0.02, 0.175
-"""Shares by which the matched path must agree better than the told one by places seen again, drift less, or else agree
-better by places seen soon."""
+"""Shares by which the matched path must agree better than the given one by places observed again, drift less, or else agree
+better by places observed soon."""
 STANDS_BETTER = 0.05
 """Share by which standing still must agree better than every path."""
 MIN_PLACED = 0.8
-"""Least share of sweeps with a pose of a matched path that replaces a told one by places seen again."""
+"""A matched path replaces a given one by places observed again only if more than this share of its sweeps has a pose."""
 SAME_PLACE = 1e-3
 """Paths that are nowhere further apart are one [m, rad]."""
 
@@ -46,7 +47,7 @@ class SweepSample:
         self.timing = Timing()
         """Times at which the beams are sent."""
         self._every, self._count = 1, 0
-        self._held: list[tuple[NDArray[Any], ...]] = []
+        self._kept: list[tuple[NDArray[Any], ...]] = []
 
     def add(self, sweeps: SweepBatch) -> None:
         """Take sweeps of one sensor in log order."""
@@ -58,26 +59,26 @@ class SweepSample:
         step = max(1, round(sweeps.ranges.shape[1] / BEAMS))
         first, apart = sweeps.angle_min[rows], sweeps.angle_increment[rows] * step
         ranges, headers = sweeps.ranges[rows, ::step], headers_of(sweeps)[rows]
-        self._held.append((number[rows], sweeps.stamp_ns[rows], ranges, first, apart, headers))
-        while sum(len(part[0]) for part in self._held) >= 2 * MAX_SAMPLED:
+        self._kept.append((number[rows], sweeps.stamp_ns[rows], ranges, first, apart, headers))
+        while sum(len(part[0]) for part in self._kept) >= 2 * MAX_SAMPLED:
             self._every *= 2
-            self._held = [tuple(values[part[0] % self._every == 0] for values in part) for part in self._held]
+            self._kept = [tuple(values[part[0] % self._every == 0] for values in part) for part in self._kept]
 
     @property
     def stamp_ns(self) -> Int64:
         """(K,) stamps [ns]."""
-        return self._column(1) if self._held else np.zeros(0, np.int64)
+        return self._column(1) if self._kept else np.zeros(0, np.int64)
 
     def agreement(self, chain: PoseChain | None) -> Agreement:
         """Return how well the sweeps agree under a path; None for standing still."""
-        if not self._held:
+        if not self._kept:
             return Agreement(np.nan, np.nan, np.nan, 0.0, 0.0)
         ranges, first, step, poses, motion = self._placed(chain)
         return agreement(ranges, first, step, poses, motion, self._parts())
 
     def agreement_with(self, other: SweepSample, chain: PoseChain, its: PoseChain) -> float:
         """Return how well the sweeps of two sensors on one robot agree under their paths; NaN where they share nothing."""
-        if not self._held or not other._held:
+        if not self._kept or not other._kept:
             return np.nan
         own, others = self._placed(chain), other._placed(its)
         width = max(own[0].shape[1], others[0].shape[1])
@@ -90,10 +91,10 @@ class SweepSample:
         # Few logs need this import.
         from lidarcli.pose.calibration import SLOTS, outlines_of
 
-        if not self._held:
+        if not self._kept:
             return outlines_of([], SLOTS, BEAMS)
         rows: Int64 = np.unique(np.linspace(0, len(self.stamp_ns) - 1, most).astype(np.int64))
-        every = [one for part in self._held for one in zip(*part[1:5], strict=True)]
+        every = [one for part in self._kept for one in zip(*part[1:5], strict=True)]
         found = outlines_of(
             [
                 (int(stamp), first + step * np.arange(len(ranges)), ranges.astype(np.float64))
@@ -110,7 +111,7 @@ class SweepSample:
         self, chain: PoseChain | None
     ) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any], NDArray[Any], NDArray[Any]]:
         """Return ranges, first bearings, increments, poses and motions as `agreement` takes them."""
-        width = max(part[2].shape[1] for part in self._held)
+        width = max(part[2].shape[1] for part in self._kept)
         begin = end = np.zeros((len(self.stamp_ns), 3))
         if chain is not None:
             begin, end = (
@@ -119,14 +120,14 @@ class SweepSample:
             )
         motion = end - begin
         motion[:, 2] = wrapped(motion[:, 2])
-        ranges = np.concatenate([_widened(part[2], width) for part in self._held])
+        ranges = np.concatenate([_widened(part[2], width) for part in self._kept])
         return ranges, self._column(3), self._column(4), begin, motion
 
     def _column(self, which: int) -> NDArray[Any]:
-        return np.concatenate([part[which] for part in self._held])
+        return np.concatenate([part[which] for part in self._kept])
 
     def _parts(self) -> Int64:
-        """Return (K,) the number of the part of the run: each sweep is one of its own where stamps tell no times."""
+        """Return (K,) the number of the part of the run: each sweep is one of its own where stamps are no times."""
         seconds = (self.stamp_ns - self.stamp_ns.min()) / SECOND_NS
         if len(seconds) > 1 and np.median(np.abs(np.diff(seconds))) < MIN_STEP:
             return np.arange(len(seconds))
@@ -148,17 +149,17 @@ class Candidate(NamedTuple):
 
     @property
     def is_seen_again(self) -> bool:
-        """True where enough places are seen again later."""
+        """True where enough places are observed again later."""
         return self.agreement.again >= SEEN_AGAIN and bool(np.isfinite(self.agreement.far))
 
     @property
     def drift(self) -> float:
-        """By how much places that are seen again agree less than those seen soon; NaN where none are."""
+        """By how much places that are observed again agree less than those observed soon; NaN where none are."""
         return self.agreement.near - self.agreement.far if self.is_seen_again else float("nan")
 
     @property
     def by_places(self) -> float:
-        """Agreement of places that are seen again, where there are some, else of all."""
+        """Agreement of places that are observed again, where there are some, else of all."""
         return self.agreement.far if self.is_seen_again else self.agreement.all
 
     def over_run(self, standing: float) -> float:
@@ -167,8 +168,8 @@ class Candidate(NamedTuple):
         return float(np.nan_to_num(self.agreement.all)) * share + (1.0 - share) * standing
 
 
-def told_candidates(chains: Sequence[PoseChain], sample: SweepSample) -> list[Candidate]:
-    """Return the told paths that differ: the first one alone where nothing speaks against it."""
+def given_candidates(chains: Sequence[PoseChain], sample: SweepSample) -> list[Candidate]:
+    """Return the given paths that differ: the first one alone where nothing speaks against it."""
     found: list[Candidate] = []
     paths: list[Float64] = []
     for chain in chains:
@@ -182,8 +183,8 @@ def told_candidates(chains: Sequence[PoseChain], sample: SweepSample) -> list[Ca
     return found
 
 
-def best_told(found: Sequence[Candidate]) -> Candidate:
-    """Return the told path that agrees best; an earlier one unless another is clearly better."""
+def best_given(found: Sequence[Candidate]) -> Candidate:
+    """Return the given path that agrees best; an earlier one unless another is clearly better."""
     best = found[0]
     for one in found[1:]:
         if one.by_places > best.by_places + CLEARLY and one.is_seen_again >= best.is_seen_again:
@@ -191,33 +192,33 @@ def best_told(found: Sequence[Candidate]) -> Candidate:
     return best
 
 
-def better_path(told: Candidate, matched: Candidate, standing: float, *, is_likely: bool, jumps: bool) -> Candidate:
-    """Choose between a told path and the matched one.
+def better_path(given: Candidate, matched: Candidate, standing: float, *, is_likely: bool, jumps: bool) -> Candidate:
+    """Choose between a given path and the matched one.
 
-    A told path that is inexact but does not drift is blurred alike soon and later; a sharper one that drifts is no better.
+    A given path that is inexact but does not drift is blurred alike soon and later; a sharper one that drifts is no better.
 
     Parameters
     ----------
     standing : agreement of all sweeps under standing still
-    is_likely : True where most steps of the told path fit the sweeps, or cannot be judged
+    is_likely : True where most steps of the given path fit the sweeps, or cannot be judged
     jumps : True where it has steps that no robot makes
     """
-    gain = matched.over_run(standing) - told.over_run(standing)
+    gain = matched.over_run(standing) - given.over_run(standing)
     if jumps:
-        is_better = gain > (CLEARLY if told.is_seen_again else -CLEARLY)
-    elif told.is_seen_again and matched.is_seen_again and matched.agreement.placed > MIN_PLACED:
-        is_sharper = matched.agreement.far > told.agreement.far + CLEARLY and gain > 0.0
-        is_better = is_sharper and (not is_likely or told.drift > matched.drift + LESS)
-        is_better |= matched.agreement.near > told.agreement.near + MUCH
+        is_better = gain > (CLEARLY if given.is_seen_again else -CLEARLY)
+    elif given.is_seen_again and matched.is_seen_again and matched.agreement.placed > MIN_PLACED:
+        is_sharper = matched.agreement.far > given.agreement.far + CLEARLY and gain > 0.0
+        is_better = is_sharper and (not is_likely or given.drift > matched.drift + LESS)
+        is_better |= matched.agreement.near > given.agreement.near + MUCH
     elif is_likely:
-        is_better = matched.agreement.near > told.agreement.near + MUCH
+        is_better = matched.agreement.near > given.agreement.near + MUCH
     else:
         is_better = gain > CLEARLY
-    return matched if is_better else told
+    return matched if is_better else given
 
 
 def poses_of(chain: PoseChain, stamp_ns: Int64) -> Float64:
-    """Return x, y [m] and yaw [rad] (S, 3) of the sensor at stamps, mirrored where it hangs head down."""
+    """Return x, y [m] and yaw [rad] (S, 3) of the sensor at stamps, mirrored where it hangs upside down."""
     there = planar(chain.at(stamp_ns))
     known = np.isfinite(there.x)
     hangs = np.count_nonzero(there.upside_down & known) * 2 > np.count_nonzero(known)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
@@ -12,20 +10,15 @@ from pathlib import Path
 from typing import NamedTuple, TextIO
 
 import numpy as np
-from google.protobuf.message import DecodeError
-from numpy.typing import NDArray
 
 from lidarcli.display.texts import clipped
 from lidarcli.errors import UnreadableError
-from lidarcli.logs.base import PLANAR, PLANAR_POSE, Message
+from lidarcli.logs.base import Message
 from lidarcli.logs.clock import restarts
-from lidarcli.logs.foxglove import NOT_JSON, NOT_PROTOBUF, STAMP, stamp_of
-from lidarcli.ros.cursor import BadMessageError, Cursor
-from lidarcli.ros.foxglove import POSE, SCAN, TRANSFORM, classes
-from lidarcli.sweeps.types import Bool, Float64, Int64, SweepPoses, UInt8
-
-SMALL_TURN = 1e-4
-"""Largest angle [rad] at which a straight line replaces the arc between two rotations."""
+from lidarcli.options.times import SECOND_NS
+from lidarcli.pose.messages import TRANSFORMS, PoseRows, _decode
+from lidarcli.ros.foxglove import SCAN
+from lidarcli.sweeps.types import Bool, Float64, Int64, SweepPoses
 
 _STAMPS = np.iinfo(np.int64)
 
@@ -97,7 +90,8 @@ def _arc(start: Float64, end: Float64, share: Float64) -> Float64:
     # A quaternion and its negative are one rotation; the nearer of the two is the shorter way.
     end = np.where(cosine < 0, -end, end)
     angle = np.arccos(np.clip(np.abs(cosine), 0.0, 1.0))
-    wide = angle > SMALL_TURN
+    # At smaller angles a straight line replaces the arc.
+    wide = angle > 1e-4
     sine = np.where(wide, np.sin(angle), 1.0)
     first = np.where(wide, np.sin((1.0 - share) * angle) / sine, 1.0 - share)
     second = np.where(wide, np.sin(share * angle) / sine, share)
@@ -111,9 +105,9 @@ UPRIGHT = 0.5
 
 
 def planar(motion: Motion) -> SweepPoses:
-    """Return the poses seen from above: the direction of the frame's x axis is the yaw.
+    """Return the poses viewed from above: the direction of the frame's x axis is the yaw.
 
-    What stands upright does not hang head down, on whichever side of 90 degrees rounding leaves it.
+    An upright frame is not upside down, on whichever side of 90 degrees rounding leaves it.
     """
     x, y, z, w = motion.rotation.T
     up = 1.0 - 2.0 * (x * x + y * y)
@@ -122,7 +116,7 @@ def planar(motion: Motion) -> SweepPoses:
 
 
 def flat(motion: Motion) -> Float64:
-    """Return x, y [m] and yaw [rad] (S, 3) of poses seen from above."""
+    """Return x, y [m] and yaw [rad] (S, 3) of poses viewed from above."""
     there = planar(motion)
     return np.column_stack([there.x, there.y, there.yaw])
 
@@ -148,20 +142,12 @@ TOGETHER = 2048
 TOGETHER_BYTES = 4 << 20
 """Messages of a topic that are decoded at once, and bytes of all that wait."""
 
-FLAT, ROLLS = 0.02, 0.05
-"""Components of a quaternion below this are zero; one with a larger spread changes (6 degrees)."""
 SHIFTS, TURNS = 0.02, 0.02
-"""Poses that differ by more tell of a motion [m, rad]."""
-GOES = 0.5
-"""A frame that has moved this far [m] is no joint."""
+"""Poses that differ by more show a motion [m, rad]."""
 
 NOT_FINITE = "its pose is not finite"
-_SAME_PLACE, _LARGEST = 1e-6, 1e12
-"""Numbers of one static pose differ by no more; largest coordinate [m]."""
 NO_TURN = "its quaternion is zero"
-ENCODING = "its encoding is not read"
 
-SECOND_NS = 1_000_000_000
 HOLD_STEPS, HOLD_NS = 2, 100_000_000
 """Average steps for which the first and last pose of a track hold outside of its span, and longest such time [ns]: nobody
 gets far in a tenth of a second."""
@@ -169,7 +155,7 @@ gets far in a tenth of a second."""
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Track:
-    """The poses of one frame in another that one topic tells, by increasing stamp."""
+    """The poses of one frame in another that one topic gives, by increasing stamp."""
 
     topic: str
     type: str
@@ -193,7 +179,7 @@ class Track:
     differs: bool = False
     """True for a static one that was sent with other numbers, too, and for one with several poses at one stamp."""
     parts: tuple[Track | None, ...] = ()
-    """Its poses of each run of a log whose clock starts anew, None for none; empty where all are of all runs."""
+    """Its poses of each run of a log whose clock starts again, None for none; empty where all are of all runs."""
 
     @property
     def span_ns(self) -> tuple[int, int]:
@@ -204,11 +190,12 @@ class Track:
     def seems_w_first(self) -> bool:
         """True if its quaternions seem to be written w first: a turning robot then only rolls.
 
-        What goes straight ahead has 1 0 0 0 then, always; a sensor that hangs head down turns a little as it goes.
+        What goes straight ahead has 1 0 0 0 then, always; a sensor that hangs upside down turns a little as it goes.
         """
         x, y, z, w = np.abs(self.motion.rotation).T
-        rolls = max(y.max(), z.max()) < FLAT and (np.ptp(x) > ROLLS or max(y.max(), z.max(), w.max()) == 0.0)
-        return bool(rolls and np.ptp(self.motion.position[:, :2], axis=0).max() > GOES)
+        rolls = max(y.max(), z.max()) < 0.02 and (np.ptp(x) > 0.05 or max(y.max(), z.max(), w.max()) == 0.0)
+        # A frame that has moved half a metre is no joint.
+        return bool(rolls and np.ptp(self.motion.position[:, :2], axis=0).max() > 0.5)
 
     @property
     def rate(self) -> float | None:
@@ -289,11 +276,11 @@ class _Growing:
         return len(stamp_ns)
 
     def restarts(self) -> list[int]:
-        """Return the poses at which the clock starts anew."""
+        """Return the poses at which the clock starts again."""
         return restarts(np.concatenate(self.stamps)) if self.jumps_back else []
 
     def parts(self, key: TrackKey, lead: _Growing) -> tuple[Track | None, ...]:
-        """Return the track of each run, by its own stamps or those of the track with most runs; none if nothing tells."""
+        """Return the track of each run, by its own stamps or those of the track with most runs; none if nothing shows."""
         arrays = [np.concatenate(each) for each in (self.stamps, self.numbers, self.records)]
         cuts, borders = self.restarts(), lead.restarts()
         if len(cuts) != len(borders):
@@ -314,7 +301,7 @@ class _Growing:
         topic, kind, parent, child = key
         stamps, numbers = np.concatenate(self.stamps), np.concatenate(self.numbers)
         static = topic.rpartition("/")[2] == "tf_static"
-        differs = static and bool(np.abs(numbers - numbers[-1:]).max() > _SAME_PLACE)
+        differs = static and bool(np.abs(numbers - numbers[-1:]).max() > 1e-6)
         if static:
             stamps, numbers = stamps[-1:], numbers[-1:]
         elif (np.diff(stamps) <= 0).any():
@@ -425,21 +412,10 @@ def _with_units(numbers: Float64) -> tuple[Float64, float]:
     return np.concatenate([numbers[:, :3], numbers[:, 3:] / lengths], axis=1), off
 
 
-def _decode(kind: str, encoding: str, data: Sequence[bytes], refused: Counter[str]) -> Iterable[PoseRows]:
-    if encoding in ("cdr", "ros1") and not kind.startswith("foxglove."):
-        return decode_ros(kind, encoding, data, refused)
-    if encoding in ("json", "protobuf") and kind.startswith("foxglove."):
-        return decode_foxglove(kind, encoding, data, refused)
-    if encoding == PLANAR:
-        return decode_planar(data)
-    refused[ENCODING] += len(data)
-    return ()
-
-
 def _usable(numbers: Float64, refused: Counter[str]) -> Bool:
     """Return the mask of usable poses; count the others."""
     # Squares of larger numbers overflow; a comparison with NaN does not hold.
-    finite = np.asarray((np.abs(numbers) < _LARGEST).all(axis=1))
+    finite = np.asarray((np.abs(numbers) < 1e12).all(axis=1))
     turns = np.abs(np.where(finite[:, None], numbers[:, 3:], 1.0)).max(axis=1, initial=0.0) > 1e-6
     for bad, cause in ((~finite, NOT_FINITE), (~turns, NO_TURN)):
         if bad.any():
@@ -454,7 +430,6 @@ TUM = "tum"
 """Type of a trajectory."""
 WORLD = "world"
 """The frame of a trajectory, which its file does not name."""
-COLUMNS, KITTI_COLUMNS = 8, 12
 LONGEST_LINE = 1000
 """Characters of a line that can be a pose."""
 MAX_NS, MAX_DIGITS = 1 << 62, 11
@@ -515,7 +490,7 @@ def _pose(path: Path, number: int, text: str) -> tuple[int, list[float]]:
     """Return stamp [ns], and x, y, z [m] and quaternion x, y, z, w of a line."""
     words = text.replace(",", " ").split()
     try:
-        if len(words) != COLUMNS:
+        if len(words) != 8:
             raise ValueError
         # Seconds since 1970 with nine decimals are more than a float holds.
         seconds = Decimal(words[0])
@@ -527,7 +502,7 @@ def _pose(path: Path, number: int, text: str) -> tuple[int, list[float]]:
         return stamp, [float(word) for word in words[1:]]
     except (ValueError, ArithmeticError):
         why = ""
-        if len(words) == KITTI_COLUMNS:
+        if len(words) == 12:
             why = " (KITTI files tell no times)"
         elif words and words[0].isdigit() and len(words[0]) > MAX_DIGITS:
             why = " (nanoseconds, as in EuRoC files, whose qw comes first: write seconds)"
@@ -557,239 +532,3 @@ def upright(rotation: Float64) -> Float64:
 
 
 # Pose messages as arrays: those of ROS by column, those of foxglove one by one, plane poses of text logs.
-
-TRANSFORMS = frozenset({"tf2_msgs/msg/TFMessage", "tf/msg/tfMessage", "foxglove.FrameTransform"})
-"""Types that are links of the tree of frames."""
-ODOMETRY = "nav_msgs/msg/Odometry"
-WITH_COVARIANCE = "geometry_msgs/msg/PoseWithCovarianceStamped"
-
-MAX_TRANSFORMS = 10_000
-"""Most transforms of one message that are believed."""
-
-
-class BadPoseError(ValueError):
-    """A message that cannot be a pose; the text is the cause."""
-
-
-@dataclass(frozen=True, eq=False, slots=True)
-class PoseRows:
-    """Poses of one frame in another, from some messages of one topic."""
-
-    parent: str
-    child: str
-    """Empty where the message does not name it (PoseStamped)."""
-    row: NDArray[np.intp]
-    """(K,) the message, among those that were handed in."""
-    stamp_ns: Int64
-    """(K,) header stamps."""
-    numbers: Float64
-    """(K, 7) x, y, z and the quaternion's x, y, z, w."""
-
-
-def frame_name(name: str) -> str:
-    """Return a frame in one spelling: `/odom` and `odom` are one.
-
-    >>> frame_name("/robot_0/odom")
-    'robot_0/odom'
-    """
-    return name.strip("/")
-
-
-def decode_planar(messages: Sequence[bytes]) -> Iterator[PoseRows]:
-    """Decode plane poses of text logs."""
-    size = PLANAR_POSE.itemsize
-    found: dict[bytes, list[int]] = {}
-    for index, data in enumerate(messages):
-        found.setdefault(data[size:], []).append(index)
-    for names, some in found.items():
-        parent, _, child = names.decode().partition("\0")
-        records = np.frombuffer(b"".join(messages[index][:size] for index in some), PLANAR_POSE)
-        numbers = np.zeros((len(some), 7))
-        numbers[:, 0], numbers[:, 1] = records["x"], records["y"]
-        # The sine of infinity is none; poses that are not finite are counted where all are.
-        with np.errstate(invalid="ignore"):
-            numbers[:, 5], numbers[:, 6] = np.sin(0.5 * records["yaw"]), np.cos(0.5 * records["yaw"])
-        yield PoseRows(parent, child, np.array(some, np.intp), records["stamp_ns"].astype(np.int64), numbers)
-
-
-TOO_MANY = f"more than {MAX_TRANSFORMS} transforms declared"
-
-_NUMBERS = 56
-"""Bytes of a position and a quaternion."""
-
-
-class _Entry(NamedTuple):
-    """Position of one pose in a message."""
-
-    stamp: int
-    numbers: int
-    parent: str
-    child: str
-
-
-@dataclass(slots=True)
-class _Walker:
-    """Walks through one message and notes positions."""
-
-    data: bytes
-    kind: str
-    encoding: str
-    order: str = "<"
-    fixed: list[tuple[int, int]] = field(default_factory=list)
-    """Byte ranges that decide where all others stand."""
-    entries: list[_Entry] = field(default_factory=list)
-
-    def walk(self) -> None:
-        """Find every pose of the message."""
-        cursor = Cursor(self.data, self.encoding)
-        self.order = cursor.order
-        if cursor.at:
-            self.fixed.append((0, 2))
-        count = 1
-        if self.kind in TRANSFORMS:
-            start = cursor.at
-            count = cursor.word()
-            self.fixed.append((start, cursor.at))
-            if count > MAX_TRANSFORMS:
-                raise BadMessageError(TOO_MANY)
-        for _ in range(count):
-            self._entry(cursor)
-
-    def _entry(self, cursor: Cursor) -> None:
-        if self.encoding == "ros1":
-            cursor.skip(4)  # the sequence number
-        cursor.align(4)
-        stamp = cursor.skip(8)
-        parent = self._name(cursor)
-        child = self._name(cursor) if self.kind in TRANSFORMS or self.kind == ODOMETRY else ""
-        cursor.align(8)
-        numbers = cursor.skip(_NUMBERS)
-        self.entries.append(_Entry(stamp, numbers, frame_name(parent), frame_name(child)))
-
-    def _name(self, cursor: Cursor) -> str:
-        cursor.align(4)
-        start = cursor.at
-        text = cursor.text()
-        self.fixed.append((start, cursor.at))
-        return text
-
-
-def decode_ros(kind: str, encoding: str, messages: Sequence[bytes], refused: Counter[str]) -> Iterator[PoseRows]:
-    """Decode ROS messages of one type; causes of refused ones are counted in `refused`.
-
-    Parameters
-    ----------
-    kind : message type as `ros_type` spells it
-    encoding : `cdr` or `ros1`
-    """
-    lengths = np.array([*map(len, messages)], np.intp)
-    for length in dict.fromkeys(lengths.tolist()):
-        rows = np.flatnonzero(lengths == length)
-        joined = b"".join(map(messages.__getitem__, rows.tolist()))
-        matrix = np.frombuffer(joined, np.uint8).reshape(len(rows), length)
-        while len(rows):
-            walker = _Walker(messages[rows[0]], kind, encoding)
-            try:
-                walker.walk()
-            except BadMessageError as err:
-                refused[str(err)] += 1
-                rows, matrix = rows[1:], matrix[1:]
-                continue
-            # The messages with the layout of the first one.
-            columns = np.concatenate([np.arange(*span) for span in [(0, 0), *walker.fixed]])
-            alike = (matrix[:, columns] == matrix[0, columns]).all(axis=1)
-            yield from _read(matrix[alike], rows[alike], walker)
-            rows, matrix = rows[~alike], matrix[~alike]
-
-
-def _read(matrix: UInt8, rows: NDArray[np.intp], walker: _Walker) -> Iterator[PoseRows]:
-    order = walker.order
-    for entry in walker.entries:
-        words = matrix[:, entry.stamp : entry.stamp + 8].copy().view(f"{order}u4")
-        seconds = words[:, 0].astype(np.int64)
-        if walker.encoding == "cdr":
-            seconds = words[:, 0].astype(np.uint32).view(np.int32).astype(np.int64)
-        numbers = matrix[:, entry.numbers : entry.numbers + _NUMBERS].copy().view(f"{order}f8")
-        stamp_ns = seconds * SECOND_NS + words[:, 1]
-        yield PoseRows(entry.parent, entry.child, rows, stamp_ns, numbers.astype(np.float64))
-
-
-NOT_POSE = "not what its type says"
-
-_Pose = tuple[str, str, int, list[float]]
-
-
-def decode_foxglove(kind: str, encoding: str, messages: Sequence[bytes], refused: Counter[str]) -> Iterator[PoseRows]:
-    """Decode foxglove messages of one type; causes of refused ones are counted in `refused`.
-
-    Parameters
-    ----------
-    kind : `foxglove.PoseInFrame`, `foxglove.FrameTransform`, or `foxglove.LaserScan` for its pose
-    encoding : `json` or `protobuf`
-    """
-    found: dict[tuple[str, str], list[tuple[int, int, list[float]]]] = {}
-    for index, data in enumerate(messages):
-        try:
-            parent, child, stamp_ns, numbers = _json(kind, data) if encoding == "json" else _proto(kind, data)
-        except BadPoseError as err:
-            # Who reads the sweeps counts what is no scan.
-            refused[str(err)] += kind != SCAN
-            continue
-        if kind == SCAN and not any(numbers[3:]):
-            numbers[6] = 1.0
-        found.setdefault((frame_name(parent), frame_name(child)), []).append((index, stamp_ns, numbers))
-    for (parent, child), rows in found.items():
-        row, stamp, poses = zip(*rows, strict=True)
-        yield PoseRows(parent, child, np.array(row, np.intp), np.array(stamp, np.int64), np.array(poses, np.float64))
-
-
-_OF_SCAN = [
-    (name, re.compile(rb'"%s"\s*:\s*("(?:[^"\\]|\\.)*"|\{(?:[^{}]|\{[^{}]*\})*\}|\d[\d.]*)' % spelled))
-    for name, spelled in (("timestamp", b"timestamp"), ("frame_id", b"frame(?:_i|I)d"), ("pose", b"pose"))
-]
-"""Fields of a scan beside its ranges, which take long to read."""
-
-
-def _json(kind: str, data: bytes) -> _Pose:
-    try:
-        if kind == SCAN:
-            named = {name: json.loads(found[1]) for name, one in _OF_SCAN if (found := one.search(data))}
-            fields = {"pose": {"position": {}, "orientation": {}}} | named
-        else:
-            fields = json.loads(data)
-    except (ValueError, RecursionError):
-        raise BadPoseError(NOT_JSON) from None
-    try:
-        stamp_ns = stamp_of(fields.get("timestamp"), data)
-        if kind == TRANSFORM:
-            place, turn = fields["translation"], fields["rotation"]
-            names = str(fields.get("parent_frame_id", "")), str(fields.get("child_frame_id", ""))
-        else:
-            place, turn = fields["pose"]["position"], fields["pose"]["orientation"]
-            names = str(fields.get("frame_id", "")), ""
-        # A missing number is 0, as in protobuf.
-        numbers = [float(place.get(axis, 0.0)) for axis in "xyz"] + [float(turn.get(axis, 0.0)) for axis in "xyzw"]
-    except (AttributeError, KeyError, TypeError, ValueError, OverflowError):
-        raise BadPoseError(NOT_POSE) from None
-    return *names, _checked(stamp_ns), numbers
-
-
-def _proto(kind: str, data: bytes) -> _Pose:
-    try:
-        # A scan begins with the fields of such a pose; what follows is left.
-        fields = classes()[POSE if kind == SCAN else kind].FromString(data)
-    except DecodeError:
-        raise BadPoseError(NOT_PROTOBUF) from None
-    stamp_ns = int(fields.timestamp.seconds) * SECOND_NS + int(fields.timestamp.nanos)
-    if kind == TRANSFORM:
-        place, turn = fields.translation, fields.rotation
-        names = fields.parent_frame_id, fields.child_frame_id
-    else:
-        place, turn, names = fields.pose.position, fields.pose.orientation, (fields.frame_id, "")
-    return *names, _checked(stamp_ns), [place.x, place.y, place.z, turn.x, turn.y, turn.z, turn.w]
-
-
-def _checked(stamp_ns: int) -> int:
-    if not -(2**63) <= stamp_ns < 2**63:
-        raise BadPoseError(STAMP)
-    return stamp_ns

@@ -16,7 +16,7 @@ from lidarcli.logs.base import Topic
 from lidarcli.logs.clock import ClockInfo
 from lidarcli.logs.joined import Part
 from lidarcli.pipeline.inspecting import LogInfo, ScanInfo, Span
-from lidarcli.pipeline.reading.posing import PoseInfo
+from lidarcli.pipeline.reading.found_poses import PoseInfo
 from lidarcli.sweeps.findings import IDS, Finding, Fix
 from lidarcli.sweeps.types import Closure, Status
 from tests.fake_log import FakeLog

@@ -9,12 +9,13 @@ import numpy as np
 import pytest
 
 import lidarcli
-from lidarcli.cli import run
+from lidarcli.cli.commands import run
 from lidarcli.errors import UnreadableError
-from lidarcli.logs import open_log
 from lidarcli.logs.base import POSE_TYPES
 from lidarcli.logs.carmen_lines import LASERS
-from lidarcli.pipeline.reading.posing import PoseOptions, find_poses
+from lidarcli.logs.registry import open_log
+from lidarcli.pipeline.reading.found_poses import find_poses
+from lidarcli.pipeline.reading.needs import PoseOptions
 from lidarcli.pose.tracks import planar
 from lidarcli.sweeps.types import RawSweeps, Status, concatenate
 from tests.logs.watched import CarmenLog

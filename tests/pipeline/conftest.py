@@ -1,12 +1,14 @@
-"""Opening a log gives one in memory."""
+"""Logs in memory, and counts of the passes that check paths."""
 
 from __future__ import annotations
 
+from typing import Any
+
 import pytest
 
-from lidarcli.logs.base import Topic
+from lidarcli.logs.base import Log, Topic
 from lidarcli.pipeline import detecting, inspecting
-from lidarcli.pipeline.reading import one_log
+from lidarcli.pipeline.reading import one_log, path_check
 from lidarcli.sweeps.types import RawSweeps
 from tests.fake_log import FakeLog
 from tests.pipeline.in_memory import Opens
@@ -23,3 +25,17 @@ def opened(monkeypatch: pytest.MonkeyPatch) -> Opens:
         return log
 
     return opens
+
+
+@pytest.fixture
+def looks(monkeypatch: pytest.MonkeyPatch) -> list[object]:
+    """Logs whose paths were looked at."""
+    found: list[object] = []
+    check = path_check.check_paths
+
+    def counted(log: Log, *args: Any, **options: Any) -> object:
+        found.append(log)
+        return check(log, *args, **options)
+
+    monkeypatch.setattr(path_check, "check_paths", counted)
+    return found

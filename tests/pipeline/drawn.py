@@ -12,8 +12,9 @@ import numpy as np
 
 from lidarcli.logs import open_log
 from lidarcli.logs.registry import TopicChoice
-from lidarcli.pipeline.reading.path_check import CheckedPath, check_paths
-from lidarcli.pipeline.reading.posing import find_poses
+from lidarcli.pipeline.reading.found_poses import find_poses
+from lidarcli.pipeline.reading.path_check import check_paths
+from lidarcli.pipeline.reading.path_choice import CheckedPath
 from lidarcli.ros.messages import ROS1, Outgoing, bag_writer
 from lidarcli.simulation import scene as make
 from lidarcli.simulation.generate import START_NS, SimulatedPoses, relative, simulate_blocks

@@ -16,7 +16,7 @@ from lidarcli.logs.base import OpenOptions
 from lidarcli.pipeline.inputs.sources import Source
 from lidarcli.pipeline.inspecting import inspect_log
 from lidarcli.pipeline.reading.deep import DeepFindings, deep_findings
-from lidarcli.pipeline.reading.posing import PoseOptions
+from lidarcli.pipeline.reading.needs import PoseOptions
 from lidarcli.ros.messages import ROS1, Outgoing, bag_writer
 from lidarcli.simulation import scene as make
 from lidarcli.simulation.generate import START_NS, relative, simulate_odometry

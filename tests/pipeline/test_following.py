@@ -22,8 +22,8 @@ from lidarcli.logs.batches import ReadOptions
 from lidarcli.pipeline.detecting import detect_to_files
 from lidarcli.pipeline.inputs.sources import Source
 from lidarcli.pipeline.objects import detection, tracking
-from lidarcli.pipeline.objects.detection import BatchDetector, DetectOptions
-from lidarcli.pipeline.objects.tracking import LogTracker, TrackOptions
+from lidarcli.pipeline.objects.detection import BatchDetector, DetectOptions, TrackOptions
+from lidarcli.pipeline.objects.tracking import LogTracker
 from lidarcli.simulation.writers import write_log
 from lidarcli.sweeps.types import RawSweeps
 from lidarcli.tabular import SCHEMAS

@@ -11,7 +11,7 @@ from lidarcli.errors import OptionError
 from lidarcli.logs.batches import ReadOptions
 from lidarcli.pipeline.inputs.search import find_logs
 from lidarcli.pipeline.mapping import MapOptions, Mapping, MapRun
-from lidarcli.pipeline.reading.posing import PoseOptions
+from lidarcli.pipeline.reading.needs import PoseOptions
 from lidarcli.pipeline.runs import over_logs
 from lidarcli.simulation import simulate
 from tests.places import SAMPLES

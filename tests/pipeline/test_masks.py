@@ -16,7 +16,7 @@ from lidarcli.errors import LidarcliError, OptionError, UnreadableError
 from lidarcli.pipeline.inputs.masks import mask_text, masks_of, plain, read_masks
 from lidarcli.pipeline.inputs.sources import Source, open_source
 from lidarcli.pipeline.reading.masking import MaskRules, masking_of
-from lidarcli.pipeline.reading.posing import PoseOptions
+from lidarcli.pipeline.reading.needs import PoseOptions
 from lidarcli.simulation.generate import simulate_odometry, simulate_sweep_arrays
 from lidarcli.simulation.scene import PARKED, Entity, Motion, Odometry, Scene, load_scene
 from lidarcli.simulation.scene import Mount as Laser

@@ -4,30 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import pytest
 
-from lidarcli.logs.base import Log
-from lidarcli.pipeline.reading import path_check
 from tests.conftest import Ran
 from tests.places import SAMPLES
 
 DRIVE = SAMPLES / "drive.db3"
-
-
-@pytest.fixture
-def looks(monkeypatch: pytest.MonkeyPatch) -> list[object]:
-    """Logs whose paths were looked at."""
-    found: list[object] = []
-    check = path_check.check_paths
-
-    def counted(log: Log, *args: Any, **options: Any) -> object:
-        found.append(log)
-        return check(log, *args, **options)
-
-    monkeypatch.setattr(path_check, "check_paths", counted)
-    return found
 
 
 @pytest.mark.parametrize(

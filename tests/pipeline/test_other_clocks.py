@@ -12,7 +12,7 @@ import pytest
 
 from lidarcli.pipeline.inputs.sources import Source
 from lidarcli.pipeline.inspecting import inspect_log
-from lidarcli.pipeline.reading.posing import PoseOptions
+from lidarcli.pipeline.reading.needs import PoseOptions
 from lidarcli.simulation.writers import ROS1_BYTES, outgoing
 from lidarcli.sweeps.findings import Finding
 from lidarcli.sweeps.types import Float64

@@ -25,7 +25,6 @@ from lidarcli.pipeline.inputs.sources import MissingInput, Source
 from lidarcli.pipeline.objects.detection import DetectOptions
 from lidarcli.pipeline.reading.one_log import RunSummary
 from lidarcli.pipeline.runs.over_logs import Outcome, exit_code, outcome_of, over_logs
-from lidarcli.pipeline.runs.processes import side_by_side
 from tests.fake_log import FakeLog
 from tests.pipeline.in_memory import SCAN, SOURCE, block
 from tests.waiting import wait_until
@@ -73,7 +72,7 @@ def test_first_code_that_is_not_zero_wins() -> None:
     assert exit_code([0, 0]) == 0
 
 
-def _dies_once(source: Source, folder: Path) -> RunSummary:
+def _dies_once(source: Source, folder: Path, *, progress: object = None) -> RunSummary:
     """Stands in for the work of a worker: the log `dies` kills its process the first time, `fatal` every time."""
     mark = folder / f"{source.label}.tried"
     if source.label == "fatal" or (source.label == "dies" and not mark.exists()):
@@ -85,7 +84,7 @@ def _dies_once(source: Source, folder: Path) -> RunSummary:
 @pytest.mark.slow
 def test_a_dead_worker_costs_no_log(tmp_path: Path) -> None:
     sources = [Source(name, name) for name in ("a", "dies", "b", "c")]
-    outcomes = list(side_by_side(sources, partial(_dies_once, folder=tmp_path), 2))
+    outcomes = list(over_logs(sources, partial(_dies_once, folder=tmp_path), at_once=2))
     assert [(outcome.label, outcome.exit_code) for outcome in outcomes] == [(name.path, 0) for name in sources]
     assert outcomes[1].remark == "a worker process died; this log was done again"
 
@@ -93,7 +92,7 @@ def test_a_dead_worker_costs_no_log(tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_a_log_that_kills_every_worker(tmp_path: Path) -> None:
     sources = [Source(name, name) for name in ("a", "fatal", "b")]
-    outcomes = list(side_by_side(sources, partial(_dies_once, folder=tmp_path), 2))
+    outcomes = list(over_logs(sources, partial(_dies_once, folder=tmp_path), at_once=2))
     assert [(outcome.label, outcome.exit_code) for outcome in outcomes] == [("a", 0), ("fatal", 70), ("b", 0)]
     assert outcomes[1].error == (
         "its worker process died twice, ended by the system (out of memory?); try it alone with --jobs 1"
@@ -111,7 +110,7 @@ class _Ends:
         signal.pause()
 
 
-def _is_stopped(source: Source, folder: Path) -> RunSummary:
+def _is_stopped(source: Source, folder: Path, *, progress: object = None) -> RunSummary:
     """Stands in for work that comes to no end by itself, but for that of the log `short`."""
     if source.label == "short":
         return RunSummary()
@@ -134,7 +133,7 @@ def _is_stopped(source: Source, folder: Path) -> RunSummary:
 def _at_work(name: str, folder: Path) -> Generator[Outcome]:
     """The outcomes that are left while a worker is busy with the log of this name."""
     sources = [Source(name, name) for name in ("short", name)]
-    outcomes = cast("Generator[Outcome]", side_by_side(sources, partial(_is_stopped, folder=folder), 2))
+    outcomes = cast("Generator[Outcome]", over_logs(sources, partial(_is_stopped, folder=folder), at_once=2))
     assert next(outcomes).label == "short"
     wait_until(lambda: [*folder.glob(".*.part/begun")])
     return outcomes

@@ -18,10 +18,10 @@ from lidarcli.formalism.parameters import TrackParameters
 from lidarcli.logs.batches import ReadOptions
 from lidarcli.pipeline.detecting import detect_to_files
 from lidarcli.pipeline.inputs.sources import Source
-from lidarcli.pipeline.objects.detection import DetectOptions
-from lidarcli.pipeline.objects.tracking import TrackOptions
+from lidarcli.pipeline.inspecting import inspect_log
+from lidarcli.pipeline.objects.detection import DetectOptions, TrackOptions
 from lidarcli.pipeline.reading import path_check
-from lidarcli.pipeline.reading.posing import PoseOptions
+from lidarcli.pipeline.reading.needs import PoseOptions
 from lidarcli.pose.tracks import planar
 from lidarcli.simulation.generate import simulate_blocks, simulate_odometry
 from lidarcli.simulation.scene import Odometry, Scene, load_scene
@@ -166,18 +166,16 @@ def test_damage_is_told_once(tmp_path: Path, drive: Scene, name: str) -> None:
     write_log(tmp_path / name, one_by_one, poses=simulate_odometry(scene, 150, 0), chunk_size=4000)
     data = (tmp_path / name).read_bytes()
     (tmp_path / name).write_bytes(data[: len(data) * 4 // 5])
+    source, tracking = Source(str(tmp_path / name), "run"), TrackOptions(TrackParameters())
+    runs = [(tracking, PoseOptions("/odom", delay=0.0)), (tracking, PoseOptions("match"))]
+    runs += [(each, PoseOptions(pose)) for pose in ("/odom", "none") for each in (tracking, None)]
     said = [
-        detect_to_files(
-            Source(str(tmp_path / name), "run"),
-            tmp_path / f"tables-{number}",
-            DetectOptions(poses=poses, tracking=TrackOptions(TrackParameters())),
-        )
-        for number, poses in enumerate(
-            (PoseOptions("/odom"), PoseOptions("/odom", delay=0.0), PoseOptions("none"), PoseOptions("match"))
-        )
+        detect_to_files(source, tmp_path / f"tables-{number}", DetectOptions(poses=poses, tracking=each)).damage
+        for number, (each, poses) in enumerate(runs)
     ]
-    assert len(said[0].damage) == 1
-    assert all(one.damage == said[0].damage for one in said)
+    assert len(said[0]) == 1
+    assert said == [said[0]] * len(runs)
+    assert inspect_log(source).damage == tuple(said[0])
 
 
 # --- standing -----------------------------------------------------------------------------------------------
@@ -207,21 +205,14 @@ def test_a_sensor_that_stops_stands_there(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(("way", "passes"), [(standing, 0), (stop_and_go, 1)])
 def test_where_a_sensor_stands_one_pass_is_enough(
-    way: Callable[[Float64], Float64], passes: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    way: Callable[[Float64], Float64], passes: int, tmp_path: Path, looks: list[object]
 ) -> None:
     """As long as it does: where it moves both passes are made anew, and the tables are those of two passes."""
     log = write(tmp_path / "run.mcap", None, scene_of(way))
     two = lidarcli.track(log)
-    looked = []
-    check = path_check.check_paths
-
-    def counted(*arguments: Any, **options: Any) -> Any:
-        looked.append(1)
-        return check(*arguments, **options)
-
-    monkeypatch.setattr(path_check, "check_paths", counted)
+    looks.clear()
     detect_to_files(Source(str(log), "run"), tmp_path / "out", DetectOptions(tracking=TrackOptions(TrackParameters())))
-    assert len(looked) == passes
+    assert len(looks) == passes
     for name, table in (("objects", two.objects), ("sweeps", two.sweeps), ("tracks", two.tracks)):
         found = pq.read_table(tmp_path / "out" / f"run.{name}.parquet")
         assert found.equals(table.cast(found.schema))

@@ -13,8 +13,8 @@ from lidarcli.logs.batches import LogBatcher, ReadOptions
 from lidarcli.pipeline.inputs.search import log_name
 from lidarcli.pipeline.inputs.sources import Source, open_source
 from lidarcli.pipeline.reading import one_log
+from lidarcli.pipeline.reading.needs import PoseOptions
 from lidarcli.pipeline.reading.one_log import Reading
-from lidarcli.pipeline.reading.posing import PoseOptions
 from lidarcli.sweeps.types import SweepBatch
 from tests.places import SAMPLES
 

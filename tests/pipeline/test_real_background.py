@@ -13,7 +13,7 @@ from lidarcli.pipeline.detecting import detect_to_files
 from lidarcli.pipeline.inputs.sources import Source
 from lidarcli.pipeline.objects.detection import DetectOptions
 from lidarcli.pipeline.objects.subtracting import BackgroundOptions
-from lidarcli.pipeline.reading.posing import NO_POSES
+from lidarcli.pipeline.reading.needs import NO_POSES
 from lidarcli.sweeps.types import Float64
 from tests.places import REAL_LOGS, needs_real_logs
 from tests.pose.pose_messages import ROS1

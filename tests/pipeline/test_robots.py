@@ -16,9 +16,8 @@ from lidarcli.cli import run
 from lidarcli.logs.batches import ReadOptions
 from lidarcli.pipeline.detecting import detect_to_files
 from lidarcli.pipeline.inputs.sources import Source
-from lidarcli.pipeline.objects.detection import DetectOptions
-from lidarcli.pipeline.objects.tracking import TrackOptions
-from lidarcli.pipeline.reading.posing import PoseOptions
+from lidarcli.pipeline.objects.detection import DetectOptions, TrackOptions
+from lidarcli.pipeline.reading.needs import PoseOptions
 from lidarcli.simulation import scene as make
 from lidarcli.simulation.scene import Course, Scene, super_ellipse
 from tests.places import SAMPLES

@@ -20,8 +20,7 @@ from lidarcli.files.stores import place
 from lidarcli.logs.batches import ReadOptions
 from lidarcli.pipeline.detecting import detect_to_files
 from lidarcli.pipeline.inputs.sources import Source
-from lidarcli.pipeline.objects.detection import DetectOptions
-from lidarcli.pipeline.objects.tracking import TrackOptions
+from lidarcli.pipeline.objects.detection import DetectOptions, TrackOptions
 from tests.conftest import process
 from tests.pipeline.runs import Recorded, run_of, two_runs, write_runs
 from tests.places import REAL_LOGS, needs_real_logs

@@ -18,7 +18,8 @@ from lidarcli.logs.base import LASERSCAN, POINTCLOUD2, OpenOptions, ReadReport, 
 from lidarcli.logs.batches import ReadOptions
 from lidarcli.logs.registry import TopicChoice
 from lidarcli.pipeline.inputs.sources import SlicedLog
-from lidarcli.pipeline.reading.posing import PoseAttacher, PoseOptions
+from lidarcli.pipeline.reading.needs import PoseOptions
+from lidarcli.pipeline.reading.posing import PoseAttacher
 from lidarcli.simulation import simulate
 from lidarcli.sweeps.range_rules import RangeRules, normalise
 from lidarcli.sweeps.types import Status

@@ -30,8 +30,8 @@ from lidarcli.pipeline.objects import detection
 from lidarcli.pipeline.objects.detection import BatchDetector, DetectOptions, ParallelDetection, Part
 from lidarcli.pipeline.objects.subtracting import BackgroundOptions
 from lidarcli.pipeline.reading import path_check
+from lidarcli.pipeline.reading.needs import NO_POSES
 from lidarcli.pipeline.reading.one_log import RunSummary
-from lidarcli.pipeline.reading.posing import NO_POSES
 from lidarcli.pipeline.runs import over_logs, processes
 from lidarcli.simulation.generate import simulate_blocks, simulate_odometry
 from lidarcli.simulation.scene import load_scene
@@ -140,8 +140,7 @@ def test_the_same_bytes(source: Source, tmp_path: Path, eager: Counter[str], nam
     assert eager["started"] == 0
     for jobs in (2, 3, 0):
         assert files(source, tmp_path / str(jobs), replace(options, jobs=jobs)) == expected
-    # This thread works, too.
-    assert eager["started"] == 1 + 2 + 3
+    assert eager["started"] == 2 + 3 + 4
     assert eager["taken"] > 3
 
 
@@ -326,7 +325,7 @@ def test_a_live_source_is_not_kept_waiting(eager: Counter[str], monkeypatch: pyt
         for number, part in enumerate(parts_of(work, batches()), 1):
             assert asked["batches"] == number
             assert part.counts.objects == 5
-    assert (eager["started"], eager["taken"]) == (1, 0)
+    assert (eager["started"], eager["taken"]) == (2, 0)
 
 
 def test_parts_keep_their_order(eager: Counter[str]) -> None:
@@ -361,8 +360,8 @@ def test_processes_are_shared_between_logs(tmp_path: Path, monkeypatch: pytest.M
     asked = []
 
     def side_by_side(sources: Any, work: Any, jobs: int) -> Iterator[Any]:
-        asked.append((jobs, work.keywords["options"].jobs))
-        return iter(sources)
+        asked.append((jobs, work.keywords["work"].keywords["options"].jobs))
+        yield from ((source, False) for source in sources)
 
     monkeypatch.setattr("lidarcli.pipeline.runs.processes.side_by_side", side_by_side)
     sources = [Source(f"fifo{k}", f"log{k}") for k in range(3)]

@@ -17,9 +17,8 @@ from lidarcli.formalism.parameters import TrackParameters
 from lidarcli.pipeline.detecting import detect_to_files
 from lidarcli.pipeline.inputs.sources import Source
 from lidarcli.pipeline.inspecting import inspect_log
-from lidarcli.pipeline.objects.detection import DetectOptions
-from lidarcli.pipeline.objects.tracking import TrackOptions
-from lidarcli.pipeline.reading.posing import PoseOptions
+from lidarcli.pipeline.objects.detection import DetectOptions, TrackOptions
+from lidarcli.pipeline.reading.needs import PoseOptions
 from lidarcli.simulation.generate import START_NS, relative
 from lidarcli.sweeps.findings import Fix
 from lidarcli.sweeps.types import Float64

@@ -11,7 +11,7 @@ from lidarcli.pose.calibration import (
     joined_outlines,
     overlap,
     places_beside,
-    settle,
+    solve,
     stretches_of,
     surfaces,
 )
@@ -53,7 +53,7 @@ def test_a_mount_is_found_from_nothing(mount: tuple[float, float, float]) -> Non
     true = np.array(mount)
     outlines = seen(poses_after(BASE, true))
     stretch = stretches_of(BASE, np.pi, 10.0)
-    found = settle(outlines, lambda values: poses_after(BASE, values), np.zeros(3), np.full(3, np.inf), stretch)
+    found = solve(outlines, lambda values: poses_after(BASE, values), np.zeros(3), np.full(3, np.inf), stretch)
     off = np.abs(found.values - true)
     assert off[:2].max() < 0.01
     assert off[2] < 0.005
@@ -65,7 +65,7 @@ def test_a_mount_is_found_from_nothing(mount: tuple[float, float, float]) -> Non
 def test_what_is_fixed_stays() -> None:
     outlines = seen(poses_after(BASE, np.array([0.1, 0.0, 0.0])))
     stretch = np.zeros(len(BASE), np.int64)
-    found = settle(outlines, lambda values: poses_after(BASE, values), np.zeros(3), np.array([np.inf, 0.0, 0.0]), stretch)
+    found = solve(outlines, lambda values: poses_after(BASE, values), np.zeros(3), np.array([np.inf, 0.0, 0.0]), stretch)
     assert found.values[1:].tolist() == [0.0, 0.0]
     assert found.deviations[1:].tolist() == [0.0, 0.0]
     assert found.values[0] == pytest.approx(0.1, abs=0.01)
@@ -76,7 +76,7 @@ def test_on_a_straight_way_the_deviations_of_a_place_are_large() -> None:
     chain = np.column_stack([np.linspace(-2.0, 2.0, 60), np.zeros(60), np.zeros(60)])
     outlines = seen(chain)
     stretch = np.arange(60) // 10
-    found = settle(outlines, lambda values: poses_after(chain, values), np.zeros(3), np.full(3, 10.0), stretch)
+    found = solve(outlines, lambda values: poses_after(chain, values), np.zeros(3), np.full(3, 10.0), stretch)
     assert found.deviations[:2].min() > 0.05
 
 

@@ -9,8 +9,8 @@ from collections.abc import Sequence
 import numpy as np
 import pytest
 
-from lidarcli.pose import tracks
-from lidarcli.pose.tracks import PoseRows
+from lidarcli.pose import messages
+from lidarcli.pose.messages import PoseRows
 from lidarcli.ros import cursor
 from lidarcli.simulation.generate import SimulatedPoses
 from lidarcli.simulation.scene import Odometry
@@ -24,7 +24,7 @@ FRAMES = ["odom", "/odom", "a", "robot_0/odom", "ab", "abc", "abcd", "abcde", ""
 
 def decoded(kind: str, encoding: str, data: Sequence[bytes]) -> list[PoseRows]:
     refused: Counter[str] = Counter()
-    rows = list(tracks.decode_ros(kind, encoding, data, refused))
+    rows = list(messages.decode_ros(kind, encoding, data, refused))
     assert not refused
     return rows
 
@@ -77,7 +77,7 @@ def test_a_message_that_is_cut_anywhere_is_refused(kind: str, maker: Maker) -> N
     needed = len(whole) - (36 * 8 + 48 + 36 * 8 if kind == ODOMETRY else 0)
     for length in range(len(whole)):
         refused: Counter[str] = Counter()
-        rows = list(tracks.decode_ros(kind, maker.encoding, [whole[:length]], refused))
+        rows = list(messages.decode_ros(kind, maker.encoding, [whole[:length]], refused))
         assert (len(rows) == 0) == (length < needed), length
         assert (refused.total() == 1) == (length < needed), length
 
@@ -88,12 +88,12 @@ def test_causes_of_refusal() -> None:
     long_name = good[:12] + (5000).to_bytes(4, "little") + good[16:]
     many = (1 << 30).to_bytes(4, "little")
     refused: Counter[str] = Counter()
-    (rows,) = tracks.decode_ros(POSE, "cdr", [b"", b"\1\2\3\4" + good[4:], long_name, good], refused)
+    (rows,) = messages.decode_ros(POSE, "cdr", [b"", b"\1\2\3\4" + good[4:], long_name, good], refused)
     assert rows.row.tolist() == [3]
     assert refused == {cursor.ENCAPSULATION: 2, cursor.NAME_LONG: 1}
     refused.clear()
-    assert not list(tracks.decode_ros(TF, "cdr", [good[:4] + many, good[:4]], refused))
-    assert refused == {tracks.TOO_MANY: 1, cursor.SHORT: 1}
+    assert not list(messages.decode_ros(TF, "cdr", [good[:4] + many, good[:4]], refused))
+    assert refused == {messages.TOO_MANY: 1, cursor.SHORT: 1}
 
 
 def test_random_bytes_do_no_harm() -> None:
@@ -105,7 +105,7 @@ def test_random_bytes_do_no_harm() -> None:
             data[at] = random.integers(256)
         refused: Counter[str] = Counter()
         # What can be read is read, the rest is counted.
-        assert list(tracks.decode_ros(TF, "cdr", [bytes(data)], refused)) or refused.total()
+        assert list(messages.decode_ros(TF, "cdr", [bytes(data)], refused)) or refused.total()
 
 
 def simulated(count: int = 5) -> SimulatedPoses:
@@ -124,7 +124,7 @@ def test_foxglove(encoding: object) -> None:
         ("foxglove.FrameTransform", encoding.transform, "base_link"),  # type: ignore[attr-defined]
     ):
         name = encoding.name  # type: ignore[attr-defined]
-        (read,) = tracks.decode_foxglove(kind, name, [write(rows, row) for row in range(5)], refused)
+        (read,) = messages.decode_foxglove(kind, name, [write(rows, row) for row in range(5)], refused)
         assert (read.parent, read.child, refused) == ("odom", child, Counter())
         np.testing.assert_array_equal(read.stamp_ns, rows.stamp_ns)
         np.testing.assert_allclose(read.numbers, [numbers(tuple(pose)) for pose in rows.poses], atol=1e-15)
@@ -133,11 +133,11 @@ def test_foxglove(encoding: object) -> None:
 def test_foxglove_messages_that_are_none() -> None:
     refused: Counter[str] = Counter()
     bad = [b"{", b"[]", b"{}", b'{"pose": 3}', json.dumps({"pose": {"position": {}}}).encode()]
-    assert not list(tracks.decode_foxglove("foxglove.PoseInFrame", "json", bad, refused))
-    assert refused == {tracks.NOT_JSON: 1, tracks.NOT_POSE: 4}
+    assert not list(messages.decode_foxglove("foxglove.PoseInFrame", "json", bad, refused))
+    assert refused == {messages.NOT_JSON: 1, messages.NOT_POSE: 4}
     refused.clear()
-    assert not list(tracks.decode_foxglove("foxglove.PoseInFrame", "protobuf", [b"\xff\xff"], refused))
-    assert refused == {tracks.NOT_PROTOBUF: 1}
+    assert not list(messages.decode_foxglove("foxglove.PoseInFrame", "protobuf", [b"\xff\xff"], refused))
+    assert refused == {messages.NOT_PROTOBUF: 1}
     late = {"timestamp": {"sec": 10**12}, "pose": {"position": {}, "orientation": {"w": 1}}}
-    assert not list(tracks.decode_foxglove("foxglove.PoseInFrame", "json", [json.dumps(late).encode()], refused))
+    assert not list(messages.decode_foxglove("foxglove.PoseInFrame", "json", [json.dumps(late).encode()], refused))
     assert refused["timestamp out of range"] == 1

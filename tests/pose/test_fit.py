@@ -8,8 +8,9 @@ from functools import partial
 import numpy as np
 import pytest
 
-from lidarcli.pose.fit import MAX_PAIRS, MIN_PAIRS, PoseFit, judge_poses, jump_of, poses_after, stands, still_at, wrapped
-from lidarcli.pose.tracks import SECOND_NS
+from lidarcli.options.times import SECOND_NS
+from lidarcli.pose.fit import MAX_PAIRS, MIN_PAIRS, PoseFit, evaluate_poses, jump_of, poses_after
+from lidarcli.pose.matched import stands, still_at, wrapped
 from lidarcli.sweeps.types import Float64, Int64
 from tests.pipeline.drawn import round_about, stamps, straight
 from tests.pose.pose_messages import odometry
@@ -37,7 +38,7 @@ def judged(chain: Callable[[Float64], Float64], matched: Float64 = TRUE, pieces:
     """The verdict on a told way."""
     rng = np.random.default_rng(1)
     seen = matched + rng.normal(0.0, [0.003, 0.003, 0.001], matched.shape)
-    return judge_poses(STAMPS[: len(matched)], seen, told_by(chain), pieces)
+    return evaluate_poses(STAMPS[: len(matched)], seen, told_by(chain), pieces)
 
 
 def late(seconds: Float64, delay: float) -> Float64:
@@ -106,7 +107,7 @@ def test_too_little_is_unchecked() -> None:
         judged(round_about, TRUE[:12]),
         judged(round_about, np.where(np.arange(COUNT)[:, None] % 5 < 2, np.nan, TRUE)),
         judged(lambda seconds: np.zeros((len(seconds), 3)), np.zeros((COUNT, 3))),
-        judge_poses(STAMPS[:0], TRUE[:0], told_by(round_about)),
+        evaluate_poses(STAMPS[:0], TRUE[:0], told_by(round_about)),
     ):
         assert fit.verdict == "unchecked"
         assert np.isnan(fit.share)

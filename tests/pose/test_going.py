@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from lidarcli.logs.base import Message
-from lidarcli.pipeline.reading.posing import PoseOptions
+from lidarcli.pipeline.reading.needs import PoseOptions
 from lidarcli.sweeps.types import SweepBatch
 from tests.pose.pose_messages import SECOND, odometry, tf
 from tests.pose.test_posing import PosesLog, batch_of, cut, posing_of
@@ -72,15 +72,17 @@ def test_the_way_of_a_sensor_head_down() -> None:
 
 @pytest.mark.parametrize("size", [1, 7])
 def test_the_batch_size_does_not_matter(size: int) -> None:
-    batch, log = lasting(0.1), PosesLog(along())
-    whole, parts = ways(batch, along()), []
-    posing = posing_of(log)
+    batch, posing, parts = lasting(0.1), posing_of(PosesLog(along())), []
+    whole = posing_of(PosesLog(along())).attach(batch).poses
     for first, part in zip(range(0, 40, size), cut(batch, size), strict=True):
         assert batch.duration is not None
         poses = posing.attach(replace(part, duration=batch.duration[first : first + size])).poses
         assert poses is not None
-        parts.append(poses.way)
-    assert np.array_equal(np.concatenate(parts), whole)
+        parts.append(poses)
+    assert whole is not None
+    for name in ("x", "y", "yaw", "way"):
+        assert np.array_equal(np.concatenate([getattr(part, name) for part in parts]), getattr(whole, name))
+    assert posing.notes() == ["poses from /odom (odom > laser)"]
 
 
 @pytest.mark.parametrize("seconds", [0.1, 0.05])

@@ -7,7 +7,7 @@ import pytest
 
 from lidarcli.logs.base import Message
 from lidarcli.logs.clouds import Levelled
-from lidarcli.pose.sources import TreeLevels
+from lidarcli.pose.frames import TreeLevels
 from lidarcli.pose.tracks import Motion, Tracks, multiply, planar, rotate
 from lidarcli.sweeps.types import Float64
 from tests.pose.pose_messages import SECOND, Pose, tf

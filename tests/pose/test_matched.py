@@ -8,8 +8,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lidarcli.pose.fit import MatchedPath
-from lidarcli.pose.tracks import SECOND_NS, Track, planar
+from lidarcli.options.times import SECOND_NS
+from lidarcli.pose.matched import MatchedPath
+from lidarcli.pose.tracks import Track, planar
 from lidarcli.simulation import scene as make
 from lidarcli.simulation.generate import START_NS, simulate_blocks
 from lidarcli.simulation.route import Waypoint, plan_route

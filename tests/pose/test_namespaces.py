@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 
 from lidarcli.logs.base import Message
-from lidarcli.pose.fit import contradictions, way_findings
-from lidarcli.pose.sources import FrameTree, PoseChain, PoseSources
+from lidarcli.pose.findings import chain_findings, contradictions
+from lidarcli.pose.frames import FrameTree
+from lidarcli.pose.sources import PoseChain, PoseSources
 from lidarcli.pose.tracks import Track, Tracks, planar
 from lidarcli.ros.foxglove import SCAN, classes
 from tests.pose.pose_messages import SECOND, Pose, message, numbers, odometry, tf
@@ -186,7 +187,7 @@ def test_sweeps_of_an_optical_frame_are_level_however_it_is_spelled(spelled: str
         turned = 0.0 if is_level else -pi / 2
         np.testing.assert_allclose(here.yaw, base + turned, atol=0.002)
         np.testing.assert_allclose(here.x, AT + 0.2 * np.cos(base) - 0.1 * np.sin(base), atol=1e-6)
-        told = [found.message for found in way_findings(chain, ())]
+        told = [found.message for found in chain_findings(chain, ())]
         words = "frame eye_optical_frame is optical, its plane upright: sweeps are taken as level, ahead along z"
         assert told == ([words] if is_level else [])
 

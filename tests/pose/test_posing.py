@@ -16,10 +16,10 @@ from lidarcli.logs.batches import ReadOptions
 from lidarcli.logs.registry import TopicChoice
 from lidarcli.pipeline.detecting import detect_to_files
 from lidarcli.pipeline.inputs.sources import Source
-from lidarcli.pipeline.inspecting import inspect_log
 from lidarcli.pipeline.objects.detection import DetectOptions
-from lidarcli.pipeline.reading.path_check import CheckedPath
-from lidarcli.pipeline.reading.posing import NO_POSES, PoseAttacher, PoseOptions
+from lidarcli.pipeline.reading.needs import NO_POSES, PoseOptions
+from lidarcli.pipeline.reading.path_choice import CheckedPath
+from lidarcli.pipeline.reading.posing import PoseAttacher
 from lidarcli.simulation.generate import SimulatedPoses, simulate_blocks, simulate_odometry
 from lidarcli.simulation.scene import Scene, load_scene
 from lidarcli.sweeps.range_rules import RangeRules, normalise
@@ -92,21 +92,6 @@ def test_poses_between_those_of_the_log(tmp_path: Path) -> None:
             assert row["world_y"] == pytest.approx(y + np.sin(yaw) * row["box_x"] + np.cos(yaw) * row["box_y"])
             assert abs(np.sin(row["world_yaw"] - yaw - row["box_yaw"])) < 1e-6
             assert -np.pi / 2 < row["world_yaw"] <= np.pi / 2
-
-
-def test_the_batch_size_does_not_matter(tmp_path: Path) -> None:
-    batch, log = (
-        batch_of(40),
-        PosesLog(messages=[odometry(START + k * SECOND, "odom", "laser", (k, 0, k / 2)) for k in range(5)]),
-    )
-    whole = posing_of(log).attach(batch).poses
-    assert whole is not None
-    for size in (1, 7):
-        posing = posing_of(log)
-        parts = [posing.attach(part).poses for part in cut(batch, size)]
-        joined = np.concatenate([part.x for part in parts if part is not None])
-        np.testing.assert_array_equal(joined, whole.x)
-        assert posing.notes() == ["poses from /odom (odom > laser)"]
 
 
 # --- one log in memory ------------------------------------------------------------------------------------
@@ -272,27 +257,6 @@ def test_no_pass_without_poses_on_a_pipe_or_unasked() -> None:
     pipe.format = "json lines"
     assert posing_of(pipe).notes() == []
     assert (plain.passes, pipe.passes, unasked.passes) == (0, 0, 0)
-
-
-@pytest.mark.parametrize("name", ["run.mcap", "run.bag", "run.db3"])
-def test_a_log_that_is_cut_off_says_so_once(tmp_path: Path, name: str) -> None:
-    scene, poses = drive()
-    one_by_one = [part.rows(slice(k, k + 1)) for part in scanned(scene) for k in range(len(part))]
-    write_log(tmp_path / name, one_by_one, poses=poses, chunk_size=4000)
-    data = (tmp_path / name).read_bytes()
-    (tmp_path / name).write_bytes(data[: len(data) * 3 // 5])
-    said = [
-        detect_to_files(
-            Source(str(tmp_path / name), "run"), tmp_path / pose.strip("/"), DetectOptions(poses=PoseOptions(pose))
-        ).damage
-        for pose in ("/odom", "none")
-    ]
-    assert len(said[0]) == 1
-    assert said[0] == said[1]
-    assert inspect_log(Source(str(tmp_path / name), "run")).damage == tuple(said[0])
-
-
-# --- the commands -----------------------------------------------------------------------------------------
 
 
 def test_a_mount_that_is_missing_is_named() -> None:

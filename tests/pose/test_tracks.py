@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 
 from lidarcli.logs.base import Message
-from lidarcli.pose import tracks
+from lidarcli.pose import messages, tracks
 from lidarcli.pose.tracks import HOLD_NS, Track, Tracks, planar
 from tests.pose.pose_messages import POSE, SECOND, TF, message, odometry, pose_stamped, tf
 
 
-def gathered(messages: list[Message]) -> list[Track]:
+def gathered(received: list[Message]) -> list[Track]:
     found = Tracks()
-    found.add(messages)
+    found.add(received)
     return found.finish()
 
 
@@ -96,7 +96,7 @@ def test_unusable_poses_are_counted() -> None:
         ("/pose", tracks.NOT_FINITE): 1,
         ("/pose", tracks.NO_TURN): 1,
         ("/pose", "shorter than its type"): 1,
-        ("/tf", tracks.ENCODING): 1,
+        ("/tf", messages.ENCODING): 1,
     }
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from lidarcli.logs.base import ReadReport
-from lidarcli.pipeline.reading.posing import FEW_CORNERS, NOT_FINITE, POLYGON, TWIST, TWIST_STAMPED, polygons, velocities
+from lidarcli.pose.messages import FEW_CORNERS, NOT_FINITE, POLYGON, TWIST, TWIST_STAMPED, polygons, velocities
 from lidarcli.ros.cursor import ENCAPSULATION, SHORT
 from tests.fake_log import FakeLog
 from tests.pose.pose_messages import SECOND, Maker, message

@@ -22,8 +22,7 @@ from lidarcli.pipeline.detecting import detect_to_files
 from lidarcli.pipeline.inputs.search import find_logs
 from lidarcli.pipeline.inputs.sources import SlicedLog, Source
 from lidarcli.pipeline.inspecting import LogInfo, inspect_log
-from lidarcli.pipeline.objects.detection import DetectOptions
-from lidarcli.pipeline.objects.tracking import TrackOptions
+from lidarcli.pipeline.objects.detection import DetectOptions, TrackOptions
 from lidarcli.pipeline.runs.over_logs import INTERNAL_ERROR, attempt, outcome_of
 from tools.fuzz.place import Place
 

@@ -35,7 +35,7 @@ from lidarcli.pipeline.inputs.catalogue import read_catalogue
 from lidarcli.pipeline.inputs.masks import AUTO, read_masks
 from lidarcli.pipeline.inputs.search import find_logs
 from lidarcli.pipeline.inputs.sources import MissingInput, Source
-from lidarcli.pipeline.reading.posing import NONE, PoseOptions
+from lidarcli.pipeline.reading.needs import NONE, PoseOptions
 from lidarcli.pipeline.runs.over_logs import LogProgress, summed
 from lidarcli.sweeps.masks import Masks
 from lidarcli.sweeps.range_rules import parse_no_return
@@ -43,9 +43,8 @@ from lidarcli.sweeps.range_rules import parse_no_return
 if TYPE_CHECKING:
     from lidarcli.pipeline.clean.options import CleanOptions
     from lidarcli.pipeline.differences.runs import DiffOptions
-    from lidarcli.pipeline.objects.detection import DetectOptions
+    from lidarcli.pipeline.objects.detection import DetectOptions, TrackOptions
     from lidarcli.pipeline.objects.subtracting import BackgroundOptions
-    from lidarcli.pipeline.objects.tracking import TrackOptions
     from lidarcli.pipeline.overlay.messages import OverlayOptions
     from lidarcli.pipeline.plotting import PlotOptions
     from lidarcli.pipeline.zones.options import ZoneOptions
@@ -274,7 +273,7 @@ def tracking_of(options: Values | None = None) -> TrackOptions:
     """Return how things are followed, by default as `track` does."""
     # These imports take long, and only tracking needs them.
     from lidarcli.formalism.parameters import TrackParameters
-    from lidarcli.pipeline.objects.tracking import TrackOptions
+    from lidarcli.pipeline.objects.detection import TrackOptions
 
     options = defaults_of(Tracking) if options is None else options
     parsed = TrackParameters(agent_score=options["agent_score"], memory=options["memory"])
@@ -285,7 +284,7 @@ def memory_of(options: Values) -> TrackOptions | None:
     """Return how `detect` judges things by all sweeps, if it does."""
     if not options["memory"]:
         return None
-    from lidarcli.pipeline.objects.tracking import TrackOptions
+    from lidarcli.pipeline.objects.detection import TrackOptions
 
     return TrackOptions(tracks=False)
 

@@ -47,7 +47,7 @@ from lidarcli.tabular.schemas import BRIEF
 if TYPE_CHECKING:
     import pandas as pd
 
-    from lidarcli.pipeline.objects.tracking import TrackOptions
+    from lidarcli.pipeline.objects.detection import TrackOptions
 
 LogsOrBatches = Paths | SweepBatch | Iterable[SweepBatch]
 

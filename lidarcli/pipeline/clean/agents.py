@@ -11,7 +11,7 @@ import numpy as np
 from lidarcli.options.times import SECOND_NS
 from lidarcli.pipeline.inputs.tables import TableSet
 from lidarcli.pipeline.inputs.tracked import Columns, TrackPaths, columns_of, paths_of, to_sensor, tracks_of
-from lidarcli.pose.fit import Key
+from lidarcli.pose.findings import Key
 from lidarcli.sweeps.types import Bool, Closure, Float64, Int64, Status, SweepBatch
 
 REACH, REACH_AROUND = 0.45, 0.1

@@ -40,8 +40,8 @@ from lidarcli.pipeline.inputs.tables import TableSet
 from lidarcli.pipeline.inputs.tracked import columns_of
 from lidarcli.pipeline.mending import FOREVER, Cutting, Mending, Seen, clips_of, plan, survey
 from lidarcli.pipeline.reading.masking import masking_of
+from lidarcli.pipeline.reading.needs import Need
 from lidarcli.pipeline.reading.one_log import Progress, Reading, RunSummary, damage_lines, rules_of
-from lidarcli.pipeline.reading.posing import Need
 from lidarcli.sweeps.types import STATUSES, Int64
 from lidarcli.tabular.columns import constant, restamped
 from lidarcli.tabular.reading import Readable, file_metadata, note_value

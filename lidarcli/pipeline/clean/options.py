@@ -22,7 +22,8 @@ from lidarcli.pipeline.inputs.sources import Source
 from lidarcli.pipeline.inputs.tables import TableSet, contradicted, world_in
 from lidarcli.pipeline.inputs.tracked import columns_of
 from lidarcli.pipeline.objects.detection import DetectOptions
-from lidarcli.pipeline.reading.posing import NO_POSES, NONE, Need, PoseAttacher
+from lidarcli.pipeline.reading.needs import NO_POSES, NONE, Need
+from lidarcli.pipeline.reading.posing import PoseAttacher
 from lidarcli.sweeps.range_rules import RangeRules
 from lidarcli.sweeps.types import SweepBatch
 from lidarcli.tabular.reading import Readable, read_columns

@@ -13,7 +13,7 @@ from lidarcli.pipeline.clean.options import CleanOptions
 from lidarcli.pipeline.inputs.tables import TableSet
 from lidarcli.pipeline.inputs.tracked import columns_of
 from lidarcli.pipeline.reading.posing import PoseAttacher
-from lidarcli.pose.fit import Key
+from lidarcli.pose.findings import Key
 from lidarcli.sweeps.masks import Polygon
 from lidarcli.sweeps.range_rules import RangeRules
 from lidarcli.sweeps.types import Float64, Int64, SweepBatch, SweepPoses

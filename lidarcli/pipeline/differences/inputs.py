@@ -37,8 +37,8 @@ from lidarcli.pipeline.inputs.sources import MissingInput, Source, naming
 from lidarcli.pipeline.inputs.tables import find_tracks, poses_of, read_tracks_table, world_in
 from lidarcli.pipeline.inputs.tracked import ObjectRows, Objects
 from lidarcli.pipeline.mapping import KM2, MIN_HITS_OF_ALL
+from lidarcli.pipeline.reading.needs import Need
 from lidarcli.pipeline.reading.one_log import Progress, Reading, read_log
-from lidarcli.pipeline.reading.posing import Need
 from lidarcli.sweeps.types import Float64, Status, SweepBatch, SweepPoses
 from lidarcli.tabular.background import read_background
 from lidarcli.tabular.reading import column_names

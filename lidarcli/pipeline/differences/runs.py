@@ -21,8 +21,8 @@ from lidarcli.formalism.tracking.results import ENDS
 from lidarcli.options import choices
 from lidarcli.pipeline.inputs.tables import TracksTable, world_in
 from lidarcli.pipeline.objects.detection import DetectOptions
+from lidarcli.pipeline.reading.needs import of_one_run
 from lidarcli.pipeline.reading.one_log import Reading
-from lidarcli.pipeline.reading.posing import of_one_run
 from lidarcli.sweeps.types import Float64, Int64
 from lidarcli.sweeps.zone import ROBOT
 

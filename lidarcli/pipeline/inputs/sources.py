@@ -15,7 +15,7 @@ from lidarcli.display.texts import Unused
 from lidarcli.errors import LidarcliError, NoScanError, UnreadableError
 from lidarcli.files.stores import Place, State, Url, fetch, is_url, place
 from lidarcli.logs import open_log
-from lidarcli.logs.base import CLOUD_TYPES, POSED_TYPES, Closing, Log, Message, OpenOptions, ReadReport, Slice, Topic
+from lidarcli.logs.base import CLOUD_TYPES, POSED_TYPES, Closing, Log, OpenOptions, ReadReport, Slice, Topic
 from lidarcli.logs.joined import JoinedLog, Part
 from lidarcli.logs.registry import format_of
 from lidarcli.logs.segments import join
@@ -284,22 +284,13 @@ class ChangedLog(Closing):
     compression = property(attrgetter("_log.compression"))
     size = property(attrgetter("_log.size"))
     position = property(attrgetter("_log.position"))
-
-    def topics(self) -> list[Topic] | None:
-        """Delegate to the log."""
-        return self._log.topics()
+    topics = property(attrgetter("_log.topics"))
+    messages = property(attrgetter("_log.messages"))
+    close = property(attrgetter("_log.close"))
 
     def scans(self, topics: Collection[str] | None, report: ReadReport) -> Iterator[RawSweeps]:
         """Yield blocks as they are changed."""
         return self._change(self._log.scans(topics, report), report)
-
-    def messages(self, types: Collection[str], report: ReadReport) -> Iterator[Message]:
-        """Delegate to the log."""
-        return self._log.messages(types, report)
-
-    def close(self) -> None:
-        """Close the log."""
-        self._log.close()
 
 
 def _in_units(blocks: Iterable[RawSweeps], report: ReadReport, *, scale: float, turned: float) -> Iterator[RawSweeps]:
@@ -370,7 +361,7 @@ class SlicedLog(ChangedLog):
 
     def _of_clouds(self, topics: Collection[str] | None, report: ReadReport) -> Iterator[RawSweeps]:
         from lidarcli.logs.clouds import Slicer
-        from lidarcli.pose.sources import TreeLevels
+        from lidarcli.pose.frames import TreeLevels
 
         tracks = self.poses().tracks if self.size is not None else ()
         sensors = [topic.name for topic in self.topics() or () if topic.is_scan]

@@ -331,7 +331,8 @@ def contradicted(description: Mapping[str, Any], gap: str = "") -> dict[str, tup
     """Return the topics whose sweeps contradict the given poses, by the description of the poses of a sensor: what is wrong
     and the remedy in words, and True where no sweep has a pose, as clocks differ; `gap`: when poses of a file begin.
     """
-    from lidarcli.pose.fit import CORRECTED, clock_words
+    from lidarcli.pose.findings import clock_words
+    from lidarcli.pose.fit import CORRECTED
 
     fits, delays, found = description.get("pose_fit"), description.get("pose_delay"), {}
     for topic, fit in fits.items() if isinstance(fits, dict) else ():

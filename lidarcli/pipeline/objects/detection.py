@@ -1,6 +1,6 @@
 """From batches to rows of the tables: options, finding objects, filling rows, and sharing the work among threads.
 
-The compiled core releases the interpreter, so that threads work side by side. The batches and their order do not depend on
+The compiled core releases the interpreter, so that threads work at once. The batches and their order do not depend on
 the number of threads, and neither does any byte that is written.
 """
 
@@ -18,13 +18,14 @@ import pyarrow as pa
 from lidarcli.files.stores import Place
 from lidarcli.formalism import Detection, Parameters, detect
 from lidarcli.formalism.matching.catalogue import Catalogue, name, names_in
+from lidarcli.formalism.parameters import TrackParameters
 from lidarcli.logs.base import OpenOptions
 from lidarcli.logs.batches import ReadOptions
 from lidarcli.options.choices import NS
 from lidarcli.pipeline.inputs.search import files_of
 from lidarcli.pipeline.inputs.sources import MissingInput, Source
+from lidarcli.pipeline.reading.needs import Need, PoseOptions
 from lidarcli.pipeline.reading.one_log import Reading, RunSummary, named_files, reading_as_dict
-from lidarcli.pipeline.reading.posing import Need, PoseOptions
 from lidarcli.sweeps.types import SweepBatch
 from lidarcli.system.machine import Threads, cores
 from lidarcli.tabular.columns import beams_rows, objects_rows, sweeps_rows
@@ -34,10 +35,26 @@ if TYPE_CHECKING:
     from concurrent.futures import Future
 
     from lidarcli.pipeline.objects.subtracting import BackgroundComparison, BackgroundOptions
-    from lidarcli.pipeline.objects.tracking import TrackOptions
 
 OF_TRACKS = ("tracks", "trajectories")
-"""Tables whose rows are known only once all sweeps of a track were seen."""
+"""Tables whose rows are known only once all sweeps of a track were read."""
+
+
+@dataclass(frozen=True, slots=True)
+class TrackOptions:
+    """Options of `track` in addition to those of `detect`."""
+
+    parameters: TrackParameters = field(default_factory=TrackParameters)
+    tracks: bool = True
+    """True to fill the columns on tracks and write their table; without, memory only decides on objects."""
+    trajectories: bool = True
+    """True to write the trajectories of the tracks, too."""
+    apart: bool = False
+    """True to follow each sensor by itself, also where the places of several on one robot are known."""
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return plain values for the tables' metadata."""
+        return self.parameters.as_dict() | ({"apart": True} if self.apart else {})
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,7 +110,7 @@ class DetectOptions:
 
     @property
     def need(self) -> Need:
-        """Sensors whose path is matched where the log tells none."""
+        """Sensors whose path is matched where the log gives none."""
         return Need.TOLD if self.tracking is None else Need.MOVING
 
     def as_dict(self) -> dict[str, Any]:
@@ -215,60 +232,32 @@ class BatchDetector:
 BLOCK = 160_000
 """Least ranges of a block, some milliseconds of work: less is not worth handing over."""
 ALONE = 2_000_000
-"""Ranges ahead from which on other threads help: a tenth of a second of work."""
-DEPTH = 2
-"""Blocks that a thread has at once: one at work, one waiting, as this thread is busy in between."""
+"""Ranges ahead from which on threads help: a tenth of a second of work."""
 MAX_WAITING = 4
-"""Finished blocks per thread that may wait for an earlier one; one where every beam is a row."""
+"""Blocks per thread that may wait in line; one where every beam is a row."""
 MAX_THREADS = 8
 """Most threads of one log: the interpreter and the encoding of tables limit the use of more."""
 PATIENCE = 0.5
 """Wait for a batch after which a source is taken as live [s]: finished parts go out at once."""
 
 
-@dataclass(eq=False, slots=True)
-class _Block:
-    """Batches whose part this thread makes, or another one."""
-
-    batches: list[SweepBatch]
-    part: Part | None = None
-    future: Future[Part] | None = None
-
-    @property
-    def busy(self) -> bool:
-        """True while another thread has it."""
-        return self.part is None and self.future is not None and not self.future.done()
-
-    def take_back(self) -> bool:
-        """Take a block back that no thread has begun; returns whether that was so."""
-        return self.busy and self.future is not None and self.future.cancel()
-
-    def result(self) -> Part:
-        """The part, once it is there."""
-        if self.part is None and self.future is not None:
-            self.part = self.future.result()
-        assert self.part is not None
-        return self.part
-
-
 class ParallelDetection:
     """Finds the objects of the batches of a log, in its order; leaving waits for the threads that help."""
 
     def __init__(self, detector: BatchDetector, reading: Reading, threads: int = 1) -> None:
-        """`reading`: where the batches come from; `threads`: most threads at work, this one included."""
+        """`reading`: where the batches come from; `threads`: most threads at work."""
         self._detector = detector
         self._reading = reading
-        self._most_helpers = min(threads, MAX_THREADS) - 1
-        self._window = (self._most_helpers + 1) * (1 if "beams" in detector.tables else MAX_WAITING)
-        self._helpers: Threads | None = None
+        self._count = min(threads, MAX_THREADS)
+        self._window = self._count * (1 if "beams" in detector.tables else MAX_WAITING)
+        self._threads: Threads | None = None
         self._batches: list[SweepBatch] = []
         """Batches of the next block."""
-        self._blocks: deque[_Block] = deque()
+        self._parts: deque[Future[Part]] = deque()
         self._ranges = 0
         self._left = time.perf_counter(), time.thread_time()
         """Times at which this was left for the next batch."""
-        self._waited = 0.0
-        self._worked = 0.0
+        self._waited = self._worked = 0.0
 
     def take(self, batch: SweepBatch) -> Iterator[Part]:
         """Take the next batch of the log; yield the parts that are finished."""
@@ -278,74 +267,56 @@ class ParallelDetection:
         self._detector.finder.admit(batch)
         self._ranges += batch.ranges.size
         self._batches.append(batch)
-        if self._helpers is None:
-            self._call_for_help()
-            yield self._detect(self._next_block())
-        elif waited > PATIENCE:
+        if self._threads is None and self._is_worth_threads():
+            try:
+                self._threads = Threads("detect", self._count)
+            except RuntimeError:
+                # The system starts no more threads: this one does all.
+                self._count = 1
+        if self._threads is None or waited > PATIENCE:
             yield from self._finished(0)
-            yield self._detect(self._next_block())
-        elif sum(batch.ranges.size + len(batch) for batch in self._batches) >= BLOCK:
+            started = time.perf_counter()
+            part = self._detector.detect(self._next_block())
+            self._worked += time.perf_counter() - started
+            yield part
+        elif sum(each.ranges.size + len(each) for each in self._batches) >= BLOCK:
             # Sweeps without beams take room, too.
-            batches, is_busy = self._next_block(), sum(block.busy for block in self._blocks) >= DEPTH * self._most_helpers
-            if is_busy:
-                self._blocks.append(_Block(batches, self._detect(batches)))
-            else:
-                self._blocks.append(_Block(batches, future=self._helpers.submit(self._detector.detect, batches)))
+            self._parts.append(self._threads.submit(self._detector.detect, self._next_block()))
             yield from self._finished(self._window)
         self._left = time.perf_counter(), time.thread_time()
 
     def flush(self) -> Iterator[Part]:
-        """Yield all parts that are left; this thread makes those that no other has begun, rather than wait."""
-        if self._batches:
-            batches = self._next_block()
-            self._blocks.append(_Block(batches, self._detect(batches)))
-        for block in reversed([*self._blocks]):
-            if block.take_back():
-                block.part = self._detect(block.batches)
-                yield from self._finished(len(self._blocks))
+        """Yield all parts that are left."""
+        last = self._next_block()
+        if last and self._threads is not None:
+            self._parts.append(self._threads.submit(self._detector.detect, last))
         yield from self._finished(0)
 
     def notes(self) -> list[str]:
         """Return the notes of the finder, a line each."""
         return self._detector.finder.notes()
 
+    def _is_worth_threads(self) -> bool:
+        """Return whether enough work lies ahead, or, for a pipe of unknown length, enough lies behind."""
+        if self._count < 2:
+            return False
+        if (ahead := self._reading.ahead()) is None:
+            # A sensor that sends as it turns is slower than the work: there is nothing to help with.
+            return self._ranges >= ALONE and self._waited < self._worked
+        return ahead * self._ranges >= ALONE * self._reading.summary.sweeps
+
     def _next_block(self) -> list[SweepBatch]:
         batches, self._batches = self._batches, []
         return batches
 
-    def _detect(self, batches: list[SweepBatch]) -> Part:
-        started = time.perf_counter()
-        part = self._detector.detect(batches)
-        self._worked += time.perf_counter() - started
-        return part
-
-    def _call_for_help(self) -> None:
-        """Start threads once enough work lies ahead, or, for a pipe of unknown length, once enough lies behind."""
-        if self._most_helpers < 1:
-            return
-        ahead = self._reading.ahead()
-        if ahead is None:
-            # A sensor that sends as it turns is slower than the work: there is nothing to help with.
-            worth_it = self._ranges >= ALONE and self._waited < self._worked
-        else:
-            worth_it = ahead * self._ranges >= ALONE * self._reading.summary.sweeps
-        if worth_it:
-            try:
-                self._helpers = Threads("detect", self._most_helpers)
-            except RuntimeError:
-                # The system starts no more threads: this one does all.
-                self._most_helpers = 0
-
     def _finished(self, most: int) -> Iterator[Part]:
-        """Yield the parts that are next and finished, and wait for parts while more than `most` stand in line."""
-        while self._blocks and (len(self._blocks) > most or not self._blocks[0].busy):
-            part = self._blocks[0].result()
-            self._blocks.popleft()
-            yield part
+        """Yield the parts that are next and finished, and wait for parts while more than `most` are in line."""
+        while self._parts and (len(self._parts) > most or self._parts[0].done()):
+            yield self._parts.popleft().result()
 
     def __enter__(self) -> Self:
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
-        if self._helpers is not None:
-            self._helpers.close()
+        if self._threads is not None:
+            self._threads.close()

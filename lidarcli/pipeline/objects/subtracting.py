@@ -117,8 +117,8 @@ class BackgroundComparison:
     def admit(self, batch: SweepBatch) -> None:
         """Refuse the first batch of a frame that the background does not have or that looks elsewhere."""
         if not all((batch.topic, frame) in self._chosen for frame in batch.frame_ids):
-            for frame, _, mine in batch.by_frame():
-                self._subtraction(mine, frame)
+            for frame, _, sweeps in batch.by_frame():
+                self._subtraction(sweeps, frame)
 
     def detect(self, batch: SweepBatch, per_beam: bool) -> Detection:
         """Return the objects of a batch."""
@@ -133,9 +133,9 @@ class BackgroundComparison:
     def difference(self, batch: SweepBatch, sigma: np.ndarray[Any, np.dtype[np.float64]]) -> Difference:
         """Return r_w - r_e of a batch, whose sweeps may come from several frames."""
         parts: list[tuple[Int64, Difference]] = []
-        for frame, rows, mine in batch.by_frame():
-            part = self._subtraction(mine, frame).difference(mine, sigma[rows])
-            self._count(frame, mine, part)
+        for frame, rows, sweeps in batch.by_frame():
+            part = self._subtraction(sweeps, frame).difference(sweeps, sigma[rows])
+            self._count(frame, sweeps, part)
             parts.append((rows, part))
         if len(parts) == 1:
             return parts[0][1]

@@ -1,4 +1,4 @@
-"""Tracks objects from batch to batch; rows are made once their tracks are settled."""
+"""Tracks objects from batch to batch; rows are made once their tracks are final."""
 
 from __future__ import annotations
 
@@ -7,9 +7,9 @@ import tempfile
 from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, fields
 from types import TracebackType
-from typing import IO, Any, Self
+from typing import IO, Self
 
 import numpy as np
 
@@ -18,7 +18,6 @@ from lidarcli.files.newfiles import writing
 from lidarcli.formalism.detection import AGENT, Detection
 from lidarcli.formalism.mapping.places import Places
 from lidarcli.formalism.matching.catalogue import names_in
-from lidarcli.formalism.parameters import TrackParameters
 from lidarcli.formalism.tracking.results import TrackedBatch
 from lidarcli.formalism.tracking.tracker import Tracker
 from lidarcli.pipeline.objects.detection import DetectOptions, Rows
@@ -31,23 +30,6 @@ OF_AGENTS = ("track", "first_stamp_ns", "last_stamp_ns", "distance", "speed_mean
 """Columns of the tracks table that a summary has of each agent."""
 ALONE = 0.1
 """Share of the sweeps without a known place of the sensor from which on there is a note."""
-
-
-@dataclass(frozen=True, slots=True)
-class TrackOptions:
-    """Options of `track` beside those of `detect`."""
-
-    parameters: TrackParameters = field(default_factory=TrackParameters)
-    tracks: bool = True
-    """True to fill the columns on tracks and write their table; without, memory only decides on objects."""
-    trajectories: bool = True
-    """True to write the trajectories of the tracks, too."""
-    apart: bool = False
-    """True to follow each sensor by itself, also where the places of several on one robot are known."""
-
-    def as_dict(self) -> dict[str, Any]:
-        """Return plain values for the tables' metadata."""
-        return self.parameters.as_dict() | ({"apart": True} if self.apart else {})
 
 
 class LogTracker:
@@ -100,17 +82,17 @@ class LogTracker:
             if topic.alone > ALONE * topic.sweeps:
                 alone = f"{name}: {topic.alone:,} of {topic.sweeps:,} sweeps decide alone what is a thing"
                 self.notes.append(Routine(f"{alone}: no path tells where the sensor is"))
-            mine = [other for other in sorted(self._topics) if topic.robot and self._topics[other].robot == topic.robot]
-            if mine and mine[0] != name:
+            joint = [other for other in sorted(self._topics) if topic.robot and self._topics[other].robot == topic.robot]
+            if joint and joint[0] != name:
                 continue
-            mine = mine or [name]
+            joint = joint or [name]
             if topic.tracker is None:
-                sensors = [sensor for sensor in topic.robot if sensor[0] in mine]
+                sensors = [sensor for sensor in topic.robot if sensor[0] in joint]
                 topic.tracker = Tracker(
                     self._options.parameters, self._catalogue, together=sensors, before=self._shared if sensors else 0
                 )
             tracker = topic.tracker
-            waited = {each: self._waited(each) for each in mine}
+            waited = {each: self._waited(each) for each in joint}
             while (wanted := tracker.lacks if topic.robot else name) is not None:
                 following = next(waited[wanted], None)
                 if following is None and not topic.robot:
@@ -137,7 +119,7 @@ class LogTracker:
         self._waiting.close()
 
     def _places_of(self, batch: SweepBatch) -> Places:
-        """Return the places by which the bodies of a batch are judged."""
+        """Return the places by which the bodies of a batch are evaluated."""
         return self._places.setdefault(batch.robot or batch.topic, Places())
 
     def _waited(self, topic: str) -> Iterator[tuple[SweepBatch, Detection]]:
@@ -152,7 +134,7 @@ class LogTracker:
         return self._places_of(batch).judged(batch, detection, worlds, self._parameters.min_thing)
 
     def _trajectories(self, name: str, tracker: Tracker) -> Iterator[Rows]:
-        """Yield the rows of the trajectories of a tracker that are settled."""
+        """Yield the rows of the trajectories of a tracker that are final."""
         for rows in tracker.trajectories():
             if self._options.tracks and self._options.trajectories:
                 yield "trajectories", name, trajectories_rows(self._log, tracker.sensors, rows)

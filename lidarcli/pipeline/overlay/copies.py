@@ -8,7 +8,7 @@ from collections.abc import Collection, Iterable, Iterator, Sequence
 
 from lidarcli.logs.base import LASERSCAN, MULTI_ECHO, POSE_TYPES, SCAN_TYPES, Log, ReadReport
 from lidarcli.overlays.viewers import topic_name
-from lidarcli.pose.tracks import TRANSFORMS
+from lidarcli.pose.messages import TRANSFORMS
 from lidarcli.ros.messages import ROS2, SCAN, TF, Outgoing, cdr_scans, ros1_scans
 from lidarcli.sweeps.types import RawSweeps
 

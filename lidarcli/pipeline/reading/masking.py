@@ -15,7 +15,8 @@ from lidarcli.logs.base import Log, ReadReport
 from lidarcli.logs.batches import LogBatcher, ReadOptions
 from lidarcli.logs.registry import TopicChoice
 from lidarcli.pipeline.inputs.sources import read_pose_messages
-from lidarcli.pipeline.reading.posing import NONE, Need, PoseAttacher, PoseOptions
+from lidarcli.pipeline.reading.needs import NONE, Need, PoseOptions
+from lidarcli.pipeline.reading.posing import PoseAttacher
 from lidarcli.sweeps.masks import Mask, Masks, Mount, Sector, same_name
 from lidarcli.sweeps.range_rules import RangeRules
 from lidarcli.sweeps.types import TURN, Float32, Float64, Int32, Int64, SweepBatch
@@ -25,7 +26,7 @@ WINDOW, SHARE = 0.08, 0.6
 REACH = 1.2
 """Greatest range at which it does [m]."""
 GRAZED = 0.2
-"""Least share of the sweeps where beside it is such a beam, as near: it grazes the robot."""
+"""Least share of the sweeps where next to it is such a beam, as near: it grazes the robot."""
 GRAIN = 0.005
 """Step in which ranges are counted [m]."""
 MIN_DISTANCE, MIN_TURN = 3.0, 2.0
@@ -33,15 +34,15 @@ MIN_DISTANCE, MIN_TURN = 3.0, 2.0
 MOVED, TURNED = 0.05, 0.05
 """A sweep counts where the sensor went so far [m] or turned so much [rad] since the last one that did."""
 FAR_GRAIN, FAR_WINDOW, FAR_REACH = 0.25, 0.5, 60.0
-"""A sensor stood, whatever poses tell, if most beams that end farther away do so within such a stretch [m]."""
+"""A sensor was static, whatever poses say, if most beams that end farther away do so within such a stretch [m]."""
 SEEN = 0.3
 """Least share of the sweeps in which such a beam ends farther away than `REACH`."""
 LONGEST = 0.16
 """Neighbouring beams share one sector as long as it spans no more than this [m]."""
 STOOD_REACH, STOOD_WIDTH, DETACHED = 0.45, 0.2, 0.15
-"""Of what a parked sensor sees, what is so near, so narrow and so far before things beside it [m] may be the robot."""
+"""Of what a parked sensor sees, what is so near, so narrow and so far before objects next to it [m] may be the robot."""
 MIN_SWEEPS = 10
-"""Fewest sweeps of a sensor that tell anything."""
+"""Fewest sweeps of a sensor that show anything."""
 MAX_BEAMS, MAX_SENSORS = 10_000, 16
 """Most beams of a sweep, and most sensors, of which the mask is learned: ranges are counted for each beam."""
 _PIPE = "--mask auto reads a log twice, and a pipe is read only once: give the file's name, or a mask FILE"
@@ -55,13 +56,13 @@ class MaskRules:
     remarks: tuple[str, ...] = ()
     """Notes on what is masked."""
     doubts: tuple[str, ...] = ()
-    """Notes on what is not masked, though that was asked for."""
+    """Notes on what is not masked, though that was requested."""
     learned: Masks = field(default_factory=Masks)
-    """Mask that the log itself tells."""
+    """Mask by the log itself."""
     proposed: Masks = field(default_factory=Masks)
     """Mask of what looks like the robot itself before sensors that stood; it is not used."""
     unclear: Mapping[tuple[str, str], int] = field(default_factory=dict)
-    """Topic and frame → beams that mostly end within one window below `STOOD_REACH`, where nobody can tell on what."""
+    """Topic and frame → beams that mostly end within one window below `STOOD_REACH`, on what is unknown."""
     posing: PoseAttacher | None = None
     """The poses by which the mask was learned; None where it was not."""
 
@@ -74,7 +75,7 @@ class MaskRules:
 def masking_of(
     log: Log, rules: RangeRules, poses: PoseOptions | None = None, topics: Collection[str] | None = None
 ) -> MaskRules:
-    """Return the rules for the ranges of a log, with its mask learned and placed where that is asked for.
+    """Return the rules for the ranges of a log, with its mask learned and placed where that is requested.
 
     `poses` and `topics`, by default all, are for `--mask auto`: `OptionError` of a log that can be read only once.
     """
@@ -100,8 +101,9 @@ def masking_of(
 
 def _mounts(log: Log, frames: list[str]) -> Iterator[Mount]:
     """Yield where the static transforms of a log place its frames in others."""
-    from lidarcli.pose.sources import FrameTree, along
-    from lidarcli.pose.tracks import frame_name, planar
+    from lidarcli.pose.frames import FrameTree, along
+    from lidarcli.pose.messages import frame_name
+    from lidarcli.pose.tracks import planar
 
     messages = read_pose_messages(log)
     links = [track for track in messages.tracks if track.is_link and track.static]
@@ -159,13 +161,13 @@ def _count_ranges(
     bodies: dict[tuple[str, str], _Body] = {}
     # The pass over all sweeps reports the damage.
     for batch in LogBatcher(log, read, ReadReport(), choice).batches():
-        for frame, _, mine in posing.attach(batch).by_frame():
+        for frame, _, sweeps in posing.attach(batch).by_frame():
             key = batch.topic, frame
             if key not in bodies:
                 if len(bodies) == MAX_SENSORS:
                     raise OptionError(f"--mask auto: the log has more than {MAX_SENSORS} sensors; name some with --topic")
-                bodies[key] = _Body(mine)
-            bodies[key].add(mine)
+                bodies[key] = _Body(sweeps)
+            bodies[key].add(sweeps)
     return bodies, posing
 
 
@@ -194,9 +196,9 @@ class _Counts:
         """Return for each beam (B,) the most that one window holds, and where the middle one of such windows begins [m]."""
         width = round(window / self._grain)
         ends = np.cumsum(np.pad(self._table(), ((0, 0), (1, 0))), axis=1, dtype=np.int64)
-        held = (ends[:, width:] - ends[:, :-width])[:, round(least / self._grain) :]
-        first, last = held.argmax(axis=1), held.shape[1] - 1 - held[:, ::-1].argmax(axis=1)
-        return held.max(axis=1), least + 0.5 * (first + last) * self._grain
+        counted = (ends[:, width:] - ends[:, :-width])[:, round(least / self._grain) :]
+        first, last = counted.argmax(axis=1), counted.shape[1] - 1 - counted[:, ::-1].argmax(axis=1)
+        return counted.max(axis=1), least + 0.5 * (first + last) * self._grain
 
     def _table(self) -> Int32:
         return self._cells.reshape(-1, self._steps)
@@ -208,7 +210,7 @@ class MovedPath:
     def __init__(self, step: float, turn: float) -> None:
         self._step, self._turn = step, turn
         self.last: tuple[float, float, float] | None = None
-        """Its last pose; None where nothing tells one."""
+        """Its last pose; None where nothing shows one."""
         self.distance = self.turned = self._heading = 0.0
         """Length of the path [m], and all its turns together [rad]."""
         self.turns = 0.0, 0.0
@@ -237,7 +239,7 @@ Run = list[tuple[int, float]]
 
 
 class _Body:
-    """Search for what stays before one sensor: a fold over its sweeps, with beams told apart by their bearings."""
+    """Search for what stays before one sensor: a fold over its sweeps, with beams distinguished by their bearings."""
 
     def __init__(self, batch: SweepBatch) -> None:
         self._beams = batch.width
@@ -276,7 +278,7 @@ class _Body:
         return ranges
 
     def doubt(self) -> str:
-        """Return why the robot itself cannot be told from what is around; empty where it can."""
+        """Return why the robot itself cannot be distinguished from what is around; empty where it can."""
         if not self._is_countable:
             return f"its sweeps have more than {MAX_BEAMS:,} beams, or no step between them"
         if self._path.last is None:
@@ -328,13 +330,13 @@ class _Body:
 
 def _runs(counts: _Counts, neighbours: float) -> list[Run]:
     """Return the beams that mostly end within one window, neighbours together; `neighbours`: least share of a neighbour."""
-    held, low = counts.fullest(WINDOW)
-    beams = set(np.flatnonzero(held >= max(SHARE * counts.sweeps, 1)).tolist())
+    counted, low = counts.fullest(WINDOW)
+    beams = set(np.flatnonzero(counted >= max(SHARE * counts.sweeps, 1)).tolist())
     for step in (1, -1):
         for beam in sorted(beams, reverse=step < 0):
             after = beam + step
-            while after not in beams and 0 <= after < len(held):
-                if held[after] < neighbours * counts.sweeps or abs(low[after] - low[after - step]) > WINDOW:
+            while after not in beams and 0 <= after < len(counted):
+                if counted[after] < neighbours * counts.sweeps or abs(low[after] - low[after - step]) > WINDOW:
                     break
                 beams.add(after)
                 after += step

@@ -8,9 +8,11 @@ from collections import Counter, deque
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
+from functools import partial
+from itertools import chain
 from pathlib import Path
 from types import TracebackType
-from typing import TYPE_CHECKING, Any, Protocol, Self
+from typing import TYPE_CHECKING, Any, Protocol, Self, TypeVar
 
 import numpy as np
 
@@ -25,7 +27,8 @@ from lidarcli.options.times import Instant
 from lidarcli.pipeline.inputs.masks import AUTO, masks_of, plain
 from lidarcli.pipeline.inputs.sources import Source, made_of_clouds, open_source, parts_of
 from lidarcli.pipeline.reading.masking import MaskRules, masking_of
-from lidarcli.pipeline.reading.posing import Need, PoseAttacher, PoseOptions
+from lidarcli.pipeline.reading.needs import Need, PoseOptions
+from lidarcli.pipeline.reading.posing import PoseAttacher
 from lidarcli.sweeps.masks import Masks
 from lidarcli.sweeps.range_rules import NO_RETURN_WORDS, RangeRules, count_statuses
 from lidarcli.sweeps.types import STATUSES, SweepBatch
@@ -55,7 +58,7 @@ class RunSummary:
     """`O`, `A`, `S` (Def. 4) → beams."""
     topics: set[str] = field(default_factory=set)
     missing_topics: tuple[str, ...] = ()
-    """Topics that were asked for and are not there, while others are."""
+    """Topics that were requested and are not there, while others are."""
     dropped: list[tuple[str, str, int]] = field(default_factory=list)
     """(topic, cause, messages) that could not be a sweep."""
     damage: list[str] = field(default_factory=list)
@@ -136,10 +139,10 @@ class RunSummary:
         self.dropped = [(topic, cause, count) for (topic, cause), count in sorted(report.refused.items())]
         self.damage = damage_lines(report)
         self.repeated = tuple(one.topic for one in report.findings() if one.id == "duplicate" and "same" in one.evidence)
-        self.doubts = self.told(report.doubted())
-        self.notes = [*report.notes, *self.doubts, *self.told(posing.notes())]
+        self.doubts = self.graded(report.doubted())
+        self.notes = [*report.notes, *self.doubts, *self.graded(posing.notes())]
 
-    def told(self, notes: Iterable[str]) -> list[str]:
+    def graded(self, notes: Iterable[str]) -> list[str]:
         """Return notes, those on a topic that repeats another one as routine."""
         names = re.compile("|".join(rf"(?<!\S){re.escape(topic)}(?![^\s:,]| repeats)" for topic in self.repeated) or "(?!)")
         return [Routine(note) if names.search(note) else note for note in notes]
@@ -168,6 +171,7 @@ GEOMETRY = ("columns", "angle_min", "angle_increment", "fov", "range_max", "rang
 """Fields of `OpenOptions` that a log of text may lack."""
 _AS_IT_IS = OpenOptions()
 
+T = TypeVar("T")
 Progress = Callable[[int], None]
 """Called with the position in the source [bytes]."""
 
@@ -202,7 +206,7 @@ class Reading:
     """The sweeps of an open log with their poses, counted: opens topics, remembers damage, reports missing topics.
 
     A file is read ahead by a thread of its own, which has ended when this context is left; until then no other thread may
-    use the log. The path of the sensors of `need` is matched where the log tells none; mask and paths are those of the
+    use the log. The path of the sensors of `need` is matched where the log gives none; mask and paths are those of the
     `first` reading of the same log, where there was one.
     """
 
@@ -252,31 +256,36 @@ class Reading:
         self._thread: Threads | None = None
 
     def batches(self, progress: Progress | None = None) -> Iterator[SweepBatch]:
-        """Yield every batch with its poses; `progress` takes the position [bytes] once the caller is done with a batch."""
-        attached = ((self.posing.attach(batch), self._log.position) for batch in self._batcher.batches())
-        for batch, position in self._read_ahead(attached):
-            self._position = position
-            if self.date is None and len(batch):
-                self.date = str(np.datetime64(int(batch.stamp_ns[0]), "ns").astype("datetime64[D]"))
-            self.summary.add_sweeps(batch)
-            yield batch
-            if progress is not None:
-                progress(position)
+        """Return every batch with its poses; `progress` takes the position [bytes] once the caller is done with a batch.
+
+        The stages follow each other, and none of them calls the next: whoever pulls is the loop around them all.
+        """
+        blocks = self._log.scans(self._choice.asked, self._report)
+        batches = chain(chain.from_iterable(map(self._batcher.take, blocks)), self._batcher.flush())
+        placed = self._read_ahead(map(self._with_position, map(self.posing.attach, batches)))
+        return chain.from_iterable(map(partial(self._counted, progress), placed))
+
+    def _with_position(self, batch: SweepBatch) -> tuple[SweepBatch, int]:
+        return batch, self._log.position
+
+    def _counted(self, progress: Progress | None, placed: tuple[SweepBatch, int]) -> Iterator[SweepBatch]:
+        """Yield a batch once it is counted, and report its position afterwards."""
+        batch, self._position = placed
+        if self.date is None and len(batch):
+            self.date = str(np.datetime64(int(batch.stamp_ns[0]), "ns").astype("datetime64[D]"))
+        self.summary.add_sweeps(batch)
+        yield batch
+        if progress is not None:
+            progress(placed[1])
 
     def _read_ahead(self, batches: Iterator[tuple[SweepBatch, int]]) -> Iterator[tuple[SweepBatch, int]]:
-        """Yield what an iterator yields, which a thread of its own pulls for a file that is worth it."""
+        """Return an iterator whose items a thread of its own pulls, for a file that is worth it."""
         # Sweeps of a pipe are wanted at once, and reading one cannot be broken off.
         if self._log.size is not None and self._log.size >= WORTH_A_THREAD:
             # The system may start no more threads.
             with suppress(RuntimeError):
                 self._thread = Threads("read")
-        if (thread := self._thread) is None:
-            yield from batches
-            return
-        waiting = deque(thread.submit(next, batches, None) for _ in range(AHEAD))
-        while (batch := waiting.popleft().result()) is not None:
-            waiting.append(thread.submit(next, batches, None))
-            yield batch
+        return batches if self._thread is None else pulled_by(self._thread, batches)
 
     @property
     def is_pipe(self) -> bool:
@@ -284,7 +293,7 @@ class Reading:
         return self._log.size is None
 
     def ahead(self) -> int | None:
-        """Return the number of sweeps still to come, by the index or the file's size; None where neither tells."""
+        """Return the number of sweeps still to come, by the index or the file's size; None where neither is known."""
         done, position, size = self.summary.sweeps, self._position, self._log.size
         if self._expected is not None:
             return max(0, self._expected - done)
@@ -293,7 +302,8 @@ class Reading:
     def close(self) -> RunSummary:
         """Return the counts, or raise the error of a log that turned out to have no LaserScan."""
         summary = self.summary
-        self._batcher.close()
+        self._batcher.checks.report_to(self._report)
+        self._batcher.report_repeats()
         self.posing.close()
         summary.close(self._report, self.posing)
         summary.doubts += self.masking.doubts
@@ -352,6 +362,14 @@ class ReadingOptions(Protocol):
     def poses(self) -> PoseOptions: ...
 
 
+def pulled_by(thread: Threads, items: Iterator[T]) -> Iterator[T]:
+    """Yield items that a thread pulls, `AHEAD` of them before they are wanted."""
+    waiting = deque(thread.submit(next, items, None) for _ in range(AHEAD))
+    while (item := waiting.popleft().result()) is not None:
+        waiting.append(thread.submit(next, items, None))
+        yield item
+
+
 def named_files(options: ReadingOptions) -> list[str]:
     """Return the files that the options name, none of which an output may replace."""
     masks = options.read.rules.masks
@@ -365,7 +383,7 @@ def read_log(
     """Open a log for its sweeps, of one world; `need` and `first` as of `Reading`, errors also of `refuse_apart`."""
     read = replace(options.read, run=options.read.run or LONGEST)
     with open_source(source, options.opening) as log, Reading(log, read, options.poses, need, first) as reading:
-        # A path of its own would pass for the one that the log tells.
+        # A path of its own would pass for the one that the log gives.
         reading.all_runs.refuse_apart()
         yield reading
 

@@ -1,276 +1,33 @@
-"""The path of each sensor of a log: told, or matched from its sweeps, by what they all agree on."""
+"""The path of each sensor of a log: given, or matched from its sweeps, by what they all agree on."""
 
 from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from lidarcli.display.texts import Routine, counted, times
-from lidarcli.formalism.path_agreement import Agreement
 from lidarcli.logs.base import Log, ReadReport
 from lidarcli.logs.batches import LogBatcher, ReadOptions
 from lidarcli.logs.registry import TopicChoice
 from lidarcli.logs.scan_checks import Went
-from lidarcli.options.choices import BEAM_ORDERS
-from lidarcli.pipeline.reading.posing import UNPLACED, Need, SensorMovedError
-from lidarcli.pose import candidates
-from lidarcli.pose import fit as fitting
-from lidarcli.pose.sources import Correction, PoseChain, Step, went
-from lidarcli.pose.tracks import SECOND_NS, lifted, planar
-from lidarcli.sweeps.findings import Finding, Fix
+from lidarcli.pipeline.reading.needs import Need
+from lidarcli.pipeline.reading.path_choice import CheckedPath, PathChoice
+from lidarcli.pipeline.reading.sensor_look import SensorLook
+from lidarcli.pose import matched as matching
+from lidarcli.pose.findings import Key
+from lidarcli.pose.sources import Correction, PoseChain, went
 from lidarcli.sweeps.range_rules import RangeRules
-from lidarcli.sweeps.types import Bool, Float64, Int64, Status, SweepBatch
+from lidarcli.sweeps.types import Status, SweepBatch
 
 if TYPE_CHECKING:
     from lidarcli.pose.sources import GivenPaths, PoseSources
 
 MAX_MATCHED = 16
 """Topics and frames whose paths are looked at: each has a map in memory."""
-ENOUGH, ENOUGH_WAY = 150, 15.0
-"""The steps of a told path are judged by its first so many sweeps, once the sensor has gone so far [m]."""
-SAMPLE, PERIOD = 5, 200
-"""Of a sensor that has stood for a period of sweeps, so many of each period are matched."""
-PART, PARTED = 50, 1000
-"""So many sweeps are matched at once, of the first ones."""
-ENOUGH_TURNING, LEADING = 100, 8
-"""Sweeps during which the sensor turned that tell the order of the beams; each is matched after so many before it."""
-VERY_CLEAR, MAX_HELD = 4.0, 600
-"""Standard deviations by which an order must fit better to be taken before so many; most sweeps held until then."""
-WORTH_A_GUESS = 0.2
-"""Share of told steps that fit below which they are no better a guess than none."""
-SHARP = 0.9
-"""Agreement of places seen again below which a delay and a mount are looked for though the steps fit."""
-MIN_PLACED = 0.7
-"""Least share of sweeps with a pose that tell the order of the beams."""
-SLIDING, DRIFT_NOTED = 0.05, 0.05
-"""There is a note from this share of sweeps that may slide along walls on, and on a told path that drifts by so much."""
-
-UNCHECKED, HARDLY = "unchecked: ", "the sensor hardly moves"
-"""Beginning of a remark on a path that the sweeps do not judge; why that is routine."""
-
-Key = tuple[str, str]
-"""Topic and frame of sweeps."""
-
-
-@dataclass(frozen=True, slots=True)
-class CheckedPath:
-    """The path of one sensor after a look at its sweeps."""
-
-    verdict: str
-    """told, corrected, matched or none."""
-    chain: PoseChain | None = None
-    """Path to use; None for none."""
-    agreement: Agreement | None = None
-    """Agreement of the sweeps under it."""
-    fit: fitting.PoseFit | None = None
-    """The steps of the told path beside those that are matched."""
-    timing: fitting.Timing = field(default_factory=fitting.Timing)
-    """Times at which the beams are sent."""
-    stamp_ns: Int64 = field(default_factory=lambda: np.zeros(0, np.int64))
-    """(S,) stamps of the sweeps that were matched [ns], increasing."""
-    matched: Float64 = field(default_factory=lambda: np.zeros((0, 3)))
-    """(S, 3) x, y [m] and yaw [rad] of the path that was matched from these sweeps, NaN without a pose."""
-    pieces: Float64 = field(default_factory=lambda: np.zeros(0))
-    """(S,) number of the piece of that path: one does not lie to the next as it should."""
-    still: Bool = field(default_factory=lambda: np.zeros(0, bool))
-    """(S,) True where the sensor stands at that sweep; empty where the sweeps do not tell."""
-    drift: float = float("nan")
-    """By how much places seen again agree less than those seen soon, under the told path; NaN where none are."""
-    jumps: bool = False
-    """True where the told path has steps that no robot makes."""
-    notes: tuple[str | Finding, ...] = ()
-    """Notes on the path; of what is a fault of the log, the finding."""
-    remark: str = ""
-    """Agreement of the sweeps under a told path, in words."""
-    apart: Finding | None = None
-    """The finding that no sweep has a told pose, though the log tells a path."""
-    sample: candidates.SweepSample | None = None
-    """Sweeps of all of the run."""
-
-    @property
-    def is_contradicted(self) -> bool:
-        """True where the told path jumps, and no step and no place that is seen again tells that it fits the sweeps."""
-        is_checked = np.isfinite(self.drift) or (self.fit is not None and self.fit.is_judged)
-        return self.verdict != "matched" and self.jumps and not is_checked
-
-    @property
-    def is_doubtful(self) -> bool:
-        """True where the sensor moves, and nothing tells whether it moves as told."""
-        return self.remark.startswith(UNCHECKED) and not self.hardly_moves
-
-    @property
-    def hardly_moves(self) -> bool:
-        """True where the sweeps say so."""
-        return self.remark.endswith(HARDLY)
-
-    def stood(self, stamp_ns: Int64) -> Bool:
-        """Tell whether the sensor stood at stamps (S,) [ns], as at the sweep before."""
-        at = np.maximum(np.searchsorted(self.stamp_ns, stamp_ns, "right") - 1, 0)
-        found: Bool = self.still[at]
-        return found
-
-    def facts(self) -> dict[str, Any]:
-        """Return the verdict for the tables' metadata and `info`."""
-        found: dict[str, Any] = {"pose_verdict": self.verdict}
-        if self.chain is not None and self.verdict != "matched":
-            found["pose_chain"] = self.chain.frames
-        if self.agreement is not None:
-            found |= {"pose_agreement": _rounded(self.agreement.all), "pose_again": _rounded(self.agreement.again)}
-            found["pose_drift"] = _rounded(self.drift)
-        if self.fit is not None:
-            found |= {"pose_fit": _rounded(self.fit.share), "pose_delay": _rounded(self.fit.delay)}
-        return found | ({} if self.timing.order == fitting.AUTO else {"beam_order": self.timing.order})
-
-
-def _rounded(value: float) -> float | None:
-    return round(value, 3) if np.isfinite(value) else None
-
-
-class _Look:
-    """A look at the sweeps of one topic and frame, in log order."""
-
-    def __init__(
-        self, chains: Sequence[PoseChain], timing: fitting.Timing, guess: PoseChain | None, *, whole: bool, wanted: bool
-    ) -> None:
-        """Take told paths, the chosen one first, and one whose steps guide the search; the rest as of `check_paths`."""
-        self.chains, self.guess = chains, guess
-        self.path = fitting.MatchedPath(timing)
-        self.sample = candidates.SweepSample()
-        self.is_whole = True
-        """True where every sweep was matched."""
-        self.sweeps = 0
-        self._whole, self._wanted = whole, wanted
-        self._held: list[SweepBatch] | None = [] if timing.order == fitting.AUTO and wanted else None
-        self._orders: dict[str, fitting.MatchedPath] = {}
-        """Order of the beams → the path of some of the held sweeps by it."""
-        self._ordered = 0
-        """Number of held sweeps that these have seen, or were not to see."""
-        self._stands, self._asked, self._is_off = False, 0, False
-        """The last answer on standing, by so many matched sweeps; True where one has been off the first since."""
-
-    def add(self, sweeps: SweepBatch) -> None:
-        """Take sweeps, in small parts at first: each tells whether more are needed."""
-        if self._wanted:
-            self.sample.add(sweeps)
-        while len(sweeps):
-            most = PART - self.sweeps % PART if self.sweeps < PARTED else len(sweeps)
-            rows = np.arange(len(sweeps))
-            self._match(sweeps if len(sweeps) <= most else sweeps.rows(rows[:most]))
-            sweeps = sweeps.rows(rows[most:])
-
-    def _match(self, sweeps: SweepBatch) -> None:
-        """Match sweeps: some while the sensor stands, none once they are enough to judge told steps."""
-        part = np.arange(len(sweeps))
-        if not self._whole:
-            if self.sweeps >= PERIOD and self.stands:
-                part = part[(self.sweeps + part) % PERIOD < SAMPLE]
-            elif self.is_enough or not (self._wanted or self.may_stand):
-                part = part[:0]
-        self.is_whole &= len(part) == len(sweeps)
-        self.sweeps += len(sweeps)
-        if not len(part):
-            return
-        sweeps = sweeps if len(part) == len(sweeps) else sweeps.rows(part)
-        poses = self.path.add(sweeps, self._guessed(sweeps))
-        self._is_off |= not (np.abs(poses) < (fitting.STANDING_OFF, fitting.STANDING_OFF, fitting.STANDING_TURN)).all()
-        if self._held is not None:
-            self._held.append(sweeps)
-            self.settle(last=len(self.path.stamp_ns) >= MAX_HELD)
-
-    def settle(self, *, last: bool = True) -> None:
-        """Find the order of the beams by sweeps during which the sensor turned, each after some that lead to it.
-
-        Until the `last` of these sweeps only an order that is very clear is taken.
-        """
-        self._asked = 0 if last else self._asked
-        if not (held := self._held):
-            return
-        own, duration = fitting.duration_of(held)
-        turning = np.flatnonzero(self.path.turns(duration) > fitting.SKEWED)
-        last |= len(turning) >= ENOUGH_TURNING
-        order = ""
-        if len(turning) >= fitting.MIN_SKEWED and self.path.placed >= MIN_PLACED:
-            order = self._order(held, turning[:ENOUGH_TURNING], VERY_CLEAR if not last else fitting.CLEAR)
-        if last or order:
-            self._held = None
-        if not order:
-            return
-        first, self.path = self.path, fitting.MatchedPath(fitting.Timing(order, own))
-        headers = np.concatenate([fitting.headers_of(sweeps) for sweeps in held])
-        if np.array_equal(first.timing.of(headers), self.path.timing.of(headers)):
-            first.timing, self.path = self.path.timing, first
-            return
-        for sweeps in held:
-            self.path.add(sweeps, self._guessed(sweeps))
-
-    def _order(self, held: Sequence[SweepBatch], turning: Int64, clear: float) -> str:
-        """Return the order of the beams of held sweeps by those during which the sensor turned; empty for none."""
-        own, duration = fitting.duration_of(held)
-        self._orders = self._orders or {order: fitting.MatchedPath(fitting.Timing(order, own)) for order in BEAM_ORDERS[1:]}
-        rows = np.unique((turning[:, None] - np.arange(LEADING)).clip(0))
-        rows = rows[rows >= self._ordered]
-        ends = np.cumsum([0, *map(len, held)])
-        # Between these rows the sensor has gone on: the first path leads over that.
-        guess = np.column_stack([self.path.poses, np.zeros(ends[-1])])
-        for sweeps, first, end in zip(held, ends[:-1], ends[1:], strict=True):
-            mine = rows[(rows >= first) & (rows < end)]
-            for path in self._orders.values():
-                path.add(sweeps.rows(mine - first), guess[mine])
-        self._ordered = int(rows[-1]) + 1 if len(rows) else self._ordered
-        return fitting.order_of(self._orders, duration, clear)
-
-    @property
-    def stands(self) -> bool:
-        """True where the sensor has not moved so far; found anew after a tenth more sweeps, or one off the first."""
-        count = len(self.path.stamp_ns)
-        if count >= 1.1 * self._asked or (self._stands and self._is_off):
-            self._stands, self._asked, self._is_off = fitting.stands(self.path.poses, self.path.slides), count, False
-        return self._stands
-
-    @property
-    def may_stand(self) -> bool:
-        """True until the sensor was seen to move in the sweeps so far."""
-        return self.sweeps < PERIOD or self.stands
-
-    @property
-    def is_enough(self) -> bool:
-        """True where told steps can be judged by the sweeps so far."""
-        is_far = len(self.path.stamp_ns) >= ENOUGH and self.path.length >= ENOUGH_WAY
-        return bool(self.chains) and self._held is None and is_far
-
-    def _guessed(self, sweeps: SweepBatch) -> Float64 | None:
-        """Return the told poses of sweeps, as `MatchedPath.add` takes them."""
-        if self.guess is None:
-            return None
-        return np.column_stack([candidates.poses_of(self.guess, sweeps.stamp_ns), np.zeros(len(sweeps))])
-
-
-class StandingWatch:
-    """Takes the only sensor of a log without told poses to stand; `SensorMovedError` where it moves, or there are two."""
-
-    def __init__(self, order: str) -> None:
-        self._look, self._keys = _Look((), fitting.Timing(order), None, whole=False, wanted=True), set[tuple[Key, int]]()
-
-    def paths(self, batch: SweepBatch | None) -> dict[Key, CheckedPath]:
-        """Return the path at the sweeps of the next batch; after all of them (None) what `check_paths` does."""
-        for frame, _, sweeps in batch.by_frame() if batch is not None else ():
-            self._keys.add(((sweeps.topic, frame), sweeps.run))
-            for first in range(0, len(sweeps), PERIOD):
-                self._look.add(sweeps.rows(np.arange(first, min(first + PERIOD, len(sweeps)))))
-                if len(self._keys) > 1 or not self._look.stands:
-                    raise SensorMovedError
-        here = CheckedPath("none", stamp_ns=np.zeros(1, np.int64), still=np.ones(1, bool))
-        if batch is None and self._keys:
-            self._look.settle()
-            if not self._look.stands:
-                raise SensorMovedError
-            here = _Choice(next(iter(self._keys))[0], self._look, named="", match=False).first()[0]
-        return {key: here for key, _ in self._keys}
 
 
 def check_paths(
@@ -286,21 +43,21 @@ def check_paths(
     match: bool = False,
     need: Need = Need.MOVING,
     wanted: bool = True,
-    order: str = fitting.AUTO,
+    order: str = matching.AUTO,
 ) -> tuple[dict[tuple[int, Key], CheckedPath], Counter[int]]:
     """Find the path of each sensor of a log that can be read twice.
 
     Parameters
     ----------
-    sources : told poses of the log, None for none
+    sources : given poses of the log, None for none
     by_run : those of each run, taken where the sweeps have as many runs
     run : the one run to look at; None or `LONGEST` for all
     choice : topics to read
-    delay_ns : the pose of a sweep is told so much after its stamp [ns]
+    delay_ns : the pose of a sweep is that so much after its stamp [ns]
     named : why the poses are taken as they are; empty where the sweeps choose
     match : the matched paths are taken in any case
-    need : sensors without told poses that need a path
-    wanted : False to tell only whether the sensor stands, until it was seen to move
+    need : sensors without given poses that need a path
+    wanted : False to find only whether the sensor is static, until it was observed to move
     order : order of the beams, of `BEAM_ORDERS`
 
     Returns
@@ -308,12 +65,12 @@ def check_paths(
     By run, topic and frame, for at most `MAX_MATCHED`, without those that need no look; and the sweeps of each run.
     """
 
-    def told_by(told: PoseSources | GivenPaths | None, topic: str, frame: str) -> list[PoseChain]:
-        chains = [] if told is None or match else told.chains(frame, topic)
+    def given_by(given: PoseSources | GivenPaths | None, topic: str, frame: str) -> list[PoseChain]:
+        chains = [] if given is None or match else given.chains(frame, topic)
         return [replace(one, correction=replace(one.correction or Correction(), delay_ns=delay_ns)) for one in chains]
 
     match_all = match or need is Need.ALL
-    looks: dict[tuple[int, Key], _Look] = {}
+    looks: dict[tuple[int, Key], SensorLook] = {}
     sweeps_of: Counter[int] = Counter()
     recorded: dict[int, tuple[Any, Any]] = {}
     expected = {topic.name for topic in log.topics() or () if topic.messages != 0} & set(choice.chosen)
@@ -323,21 +80,21 @@ def check_paths(
         first, last = recorded.get(key[0], (sweeps.record_ns[0], 0))
         recorded[key[0]] = min(first, sweeps.record_ns.min()), max(last, sweeps.record_ns.max())
         if key not in looks:
-            chains = told_by(sources, *key[1])
+            chains = given_by(sources, *key[1])
             is_left_out = run and run != key[0]
             if len(looks) == MAX_MATCHED or is_left_out or (not chains and need is Need.TOLD and not match):
                 continue
-            looks[key] = _Look(chains, fitting.Timing(order), None, whole=match, wanted=wanted)
+            looks[key] = SensorLook(chains, matching.Timing(order), None, whole=match, wanted=wanted)
         looks[key].add(sweeps)
         is_all = not wanted and {topic for _, (topic, _) in looks} >= expected > set()
-        if is_all and not any(look.may_stand for look in looks.values()):
+        if is_all and not any(look.may_be_static for look in looks.values()):
             break
     found: dict[tuple[int, Key], CheckedPath] = {}
-    again: dict[tuple[int, Key], tuple[_Choice, list[_Look]]] = {}
+    again: dict[tuple[int, Key], tuple[PathChoice, list[SensorLook]]] = {}
     for key, look in looks.items():
-        look.settle()
+        look.decide_order()
         if len(by_run) == len(sweeps_of):
-            look.chains = told_by(by_run[key[0] - 1], *key[1])
+            look.chains = given_by(by_run[key[0] - 1], *key[1])
         elif len(sweeps_of) > 1 and not named:
             # What was recorded with other runs alone says nothing of this one.
             first, last = recorded[key[0]]
@@ -345,10 +102,10 @@ def check_paths(
         if not look.chains and need is Need.TOLD and not match:
             found[key] = CheckedPath("none", remark="recorded in another run")
             continue
-        choice_of = _Choice(key[1], look, named=named, match=match_all)
+        choice_of = PathChoice(key[1], look, named=named, match=match_all)
         found[key], second = choice_of.first()
         if not wanted:
-            still = found[key].still if look.may_stand else np.zeros(0, bool)
+            still = found[key].still if look.may_be_static else np.zeros(0, bool)
             found[key] = replace(found[key], verdict="none", chain=None, notes=(), still=still)
         elif second:
             again[key] = choice_of, second
@@ -372,346 +129,3 @@ def _sweeps(
             hung = ~sweeps.observed & (sweeps.status == Status.VALID).any(axis=1)
             if not hung.all():
                 yield (batch.run, (batch.topic, frame)), sweeps.rows(np.flatnonzero(~hung)) if hung.any() else sweeps
-
-
-class _Told:
-    """The best told path of a sensor, its steps beside the matched ones, and what is to be said of it."""
-
-    def __init__(self, key: Key, chains: Sequence[PoseChain], look: _Look, *, named: str) -> None:
-        self.key, self.named, self._sample = key, named, look.sample
-        found = candidates.told_candidates(chains, look.sample)
-        self.chosen, self._best = found[0], candidates.best_told(found)
-        self.jumps = fitting.jump_of(self._best.chain)
-        """Longest step and widest turn that no robot makes [m, rad]; 0 for none."""
-        self.judge(look.path)
-
-    def judge(self, path: fitting.MatchedPath) -> None:
-        """Judge the steps by those of the matched path."""
-        best = self._best
-        stamp_ns, poses, pieces, _ = _in_order(path)
-        doubted = best.drift > candidates.DRIFTS or best.by_places < SHARP
-        self.taken, self.guide = best, best.chain
-        given_at = partial(candidates.poses_of, best.chain)
-        self.fit = fitting.judge_poses(stamp_ns, poses, given_at, pieces, doubted=doubted)
-        if self.fit.verdict == "corrected" and not self.named:
-            self._correct()
-        is_missing = best.agreement.placed < 1.0 - fitting.MAX_UNPLACED
-        if self.steps_fit and not is_missing and not self.taken.drift > candidates.DRIFTS:
-            return
-        far = fitting.far_delay(stamp_ns, poses, given_at, pieces, best.chain.span_ns, _recorded(best.chain, path))
-        if far is None:
-            return
-        corrected = self._corrected_by(far)
-        if not corrected.by_places <= self.taken.by_places + candidates.CLEARLY:
-            self.fit = replace(far, as_told=self.fit.share)
-            self.taken, self.guide = (self.taken, self.guide) if self.named else (corrected, corrected.chain)
-
-    def _corrected_by(self, fit: fitting.PoseFit) -> candidates.Candidate:
-        """Return the best told path with the delay and the mount of a fit."""
-        chain = self._best.chain
-        correction = Correction(round(fit.delay * SECOND_NS), lifted(fit.mount) if any(fit.mount) else None)
-        chain = replace(chain, correction=correction.after(chain.correction))
-        return candidates.Candidate("corrected", chain, self._sample.agreement(chain))
-
-    def _correct(self) -> None:
-        """Take the delay and the mount with which the steps fit, unless the sweeps agree less with them."""
-        best, corrected = self._best, self._corrected_by(self.fit)
-        self.guide = corrected.chain
-        is_told_fit = self.fit.as_told >= fitting.ACCEPTED
-        # A mount of poses whose steps fit without it has to do better, other corrections only no harm.
-        least = candidates.CLEARLY if is_told_fit and any(self.fit.mount) else -candidates.DRIFTS
-        if not corrected.by_places < best.by_places + least:
-            self.taken = corrected
-        else:
-            verdict = "accepted" if is_told_fit else "rejected"
-            self.fit = replace(self.fit, verdict=verdict, share=self.fit.as_told, delay=0.0, mount=(0.0, 0.0, 0.0))
-
-    @property
-    def steps_fit(self) -> bool:
-        """True where nothing is known against the steps."""
-        return self.fit.verdict != "rejected"
-
-    @property
-    def is_likely(self) -> bool:
-        """True where most steps fit, or cannot be judged."""
-        return not self.fit.share < fitting.CORRECTED
-
-    @property
-    def source(self) -> str:
-        """The poses in words."""
-        return f"poses from {self.taken.chain.topics[0]}"
-
-    def notes(self) -> Iterator[Finding]:
-        """Yield what is to be said where the path is taken."""
-        chosen, agreed, end = self.chosen, self.taken.agreement, ""
-        if self.named:
-            end = f"taken as they are, because {self.named}"
-        if self.taken.chain.steps != chosen.chain.steps:
-            words = (
-                f"{chosen.by_places:.0%} of the hits agree under {chosen.chain.frames}, {self.taken.by_places:.0%} under "
-            )
-            yield self._finding(f"{words}{self.taken.chain.frames}: that is laid in {chosen.chain.world}")
-        elif self.taken.drift > DRIFT_NOTED:
-            words = f"{self.source} drift: {agreed.near:.0%} of the hits agree, {agreed.far:.0%} where seen again"
-            yield self._finding(words + ("" if self.named else "; no path fits better"))
-        elif any(self.jumps):
-            yield self._finding(f"{self.source} {self._jumps}")
-        if self.fit.verdict == "corrected":
-            yield self._corrected(end)
-        if self.named and not self.steps_fit:
-            yield self.unfit(f"they are taken because {self.named}")
-
-    def replaced(self, matched: candidates.Candidate, taken: str) -> Finding:
-        """Return the finding on a path in place of which the matched one is `taken`."""
-        if self.fit.verdict == "corrected":
-            return self._corrected(taken)
-        if self.taken.is_seen_again and matched.is_seen_again and self.steps_fit and not any(self.jumps):
-            words = f"{self.source} drift ({self.taken.agreement.far:.0%} agree where seen again): {taken}"
-            return self._finding(f"{words} ({matched.agreement.far:.0%})", matched=matched.agreement.far)
-        return self.unfit(taken, matched=matched.agreement.all)
-
-    def unfit(self, end: str, **evidence: float) -> Finding:
-        """Return the finding on steps that do not fit the sweeps; `end`: words after it."""
-        fit = self.fit
-        if self.steps_fit and any(self.jumps):
-            return self._finding(f"{self.source} {self._jumps}: {end}", **evidence)
-        causes = [f"{fit.share:.0%} of {fit.pairs:,} steps fit" if fit.is_judged else "no step can be judged"]
-        if np.isfinite(fit.ratio) and not fitting.RATIOS[0] <= fit.ratio <= fitting.RATIOS[1]:
-            factor = f"{fit.ratio:,.0f}" if fit.ratio >= 100 else f"{fit.ratio:.3g}"
-            causes.append(f"told steps are {factor} times those seen")
-        if np.isfinite(fit.turn_ratio) and fit.turn_ratio < -0.5:
-            causes.append("the sensor turns the other way")
-        if any(self.jumps):
-            causes.append(f"they {self._jumps}")
-        # A share says little where a cause is known.
-        why = "; ".join(causes[1:] or causes)
-        return self._finding(f"{self.source} do not fit the sweeps ({why}): {end}", **evidence)
-
-    def remark(self) -> str:
-        """Return how well the path agrees with the sweeps, in words; empty where another one is taken in its frame."""
-        fit = self.fit
-        if self.taken.chain.steps != self.chosen.chain.steps:
-            return ""
-        if self.taken.is_seen_again:
-            return f"{self.taken.agreement.all:.0%} of the hits agree over the run"
-        if fit.is_judged:
-            return f"{fit.share:.0%} of {fit.pairs:,} steps fit; nothing is seen twice: drift cannot be told"
-        why = HARDLY if fit.pairs < fitting.MIN_PAIRS else "too few sweeps could be matched"
-        if fit.moves and fit.pairs < fitting.MIN_PAIRS:
-            why = f"only {counted(fit.pairs, 'step')} of its sweeps can be compared"
-        return f"{UNCHECKED}{why}"
-
-    def no_path(self, words: str) -> Finding:
-        """Return the finding that no path fits, this one neither."""
-        return self._finding(f"{words}, {self.source} {self.taken.agreement.all:.0%} of the hits agree: no poses")
-
-    @property
-    def _jumps(self) -> str:
-        length, turn = self.jumps
-        words = [f"{length:,.1f} m"] if length else []
-        return "jump by up to " + " and ".join(words + ([f"{np.degrees(turn):.0f} degrees"] if turn else []))
-
-    def _corrected(self, end: str) -> Finding:
-        """Return the finding on a delay or a mount with which the steps fit; `end`: words after it."""
-        fit = self.fit
-        changes = _changes(fit) or ["by little"]
-        message = f"{self.source} fit only if corrected ({changes[0]}): {end}"
-        message = message if end else f"{self.source} fit if corrected: {'; '.join(changes)}"
-        x, y, yaw = fit.mount
-        evidence = {"share": fit.share, "steps": fit.pairs, "delay": fit.delay, "x": x, "y": y, "yaw": yaw}
-        if not fit.delay:
-            return Finding("mount", "warning", *self.key, message, evidence, {"share": fitting.CORRECTED})
-        fix = Fix("option", f"--pose-delay {fit.delay:.2f}")
-        return Finding("delay", "warning", *self.key, message, evidence, {"delay": fitting.MIN_DELAY}, fix, "stamps")
-
-    def _finding(self, words: str, **evidence: float) -> Finding:
-        """Return the finding that this is not the path that the sweeps agree on."""
-        facts = {"near": self.taken.agreement.near, "far": self.taken.agreement.far}
-        if self.fit.is_judged:
-            facts |= {"share": self.fit.share, "steps": self.fit.pairs}
-        known = {name: round(value, 3) for name, value in (facts | evidence).items() if np.isfinite(value)}
-        return Finding("drift", "warning", *self.key, words, known, {"drift": DRIFT_NOTED})
-
-
-class _Choice:
-    """The choice of the path of one sensor, after one look at its sweeps or two."""
-
-    def __init__(self, key: Key, look: _Look, *, named: str, match: bool) -> None:
-        self.key, self.look, self.named, self.match = key, look, named, match
-        look.sample.timing, stamp_ns = look.path.timing, look.sample.stamp_ns
-        known = [chain for chain in look.chains if np.isfinite(candidates.poses_of(chain, stamp_ns)).any()]
-        self.told = _Told(key, known, look, named=named) if known else None
-        self.is_apart = bool(look.chains and len(stamp_ns)) and look.chains[0] not in known
-        """True where no sweep has a pose by the best of the told paths."""
-
-    def first(self) -> tuple[CheckedPath, list[_Look]]:
-        """Return the path as far as one look tells it, and the looks at all sweeps that are needed to decide."""
-        look, told = self.look, self.told
-        if told is None:
-            if self.named or (look.stands and not self.match):
-                # Named poses are taken also where none is of the time of the sweeps.
-                return self._checked("none", look.chains[0] if self.named and look.chains else None), []
-            if look.is_whole:
-                return self._without_told(look.path), []
-            return self._checked("none", None), [self._again(None)]
-        if look.stands and not told.steps_fit and not self.named:
-            return replace(self._checked("none", None), notes=(told.unfit("no poses: the sensor stands"),)), []
-        is_sure = told.steps_fit and not any(told.jumps) and not told.taken.drift > candidates.DRIFTS
-        if self.named or look.stands or is_sure:
-            return self._with_told(told), []
-        # Steps that do not fit may mislead, or be of use still.
-        guesses = [told.guide, None] if any(told.jumps) or told.fit.share < fitting.ACCEPTED else [told.guide]
-        return self._with_told(told), [self._again(guess) for guess in guesses]
-
-    def second(self, looks: Sequence[_Look]) -> CheckedPath:
-        """Return the path after looks at all sweeps."""
-        if (told := self.told) is None:
-            return self._without_told(looks[0].path)
-        found = [(one, look) for look in looks if (one := self._matched(look.path)) is not None]
-        if not found:
-            return self._with_told(told)
-        # Without any guess, a path that is sharp and wrong is likelier.
-        trusted = 0.0 if any(told.jumps) or told.fit.share < WORTH_A_GUESS else candidates.DRIFTS
-
-        def worth(each: tuple[candidates.Candidate, _Look]) -> float:
-            """Return the agreement of a matched path, with a gain where trusted steps led it."""
-            share = float(np.nan_to_num(each[0].by_places)) * each[0].agreement.placed
-            return share + (trusted if each[1].guess is not None else 0.0)
-
-        matched, look = max(found, key=worth)
-        # All sweeps tell a delay and a mount that the first ones may not.
-        told.judge(look.path)
-        standing = self.look.sample.agreement(None)
-        jumps = told.jumps[0] > 0.0
-        best = candidates.better_path(told.taken, matched, standing.all, is_likely=told.is_likely, jumps=jumps)
-        if standing.all > best.over_run(standing.all) + candidates.STANDS_BETTER:
-            return self._standing(look.path, matched, standing)
-        if best is told.taken:
-            return self._with_told(told, look.path)
-        checked = self._with_matched(look.path, matched, is_led=look.guess is not None)
-        taken = "the path is matched from the sweeps"
-        return replace(checked, notes=(told.replaced(matched, taken), *checked.notes))
-
-    def beside(self, found: CheckedPath) -> CheckedPath:
-        """Return a path with the finding on the best of the told ones, where no sweep has a pose by it."""
-        if not self.is_apart:
-            return found
-        chain, path = self.look.chains[0], self.look.path
-        recorded_ns, at = _recorded(chain, path), partial(candidates.poses_of, chain)
-        far = fitting.far_delay(found.stamp_ns, found.matched, at, found.pieces, chain.span_ns, recorded_ns)
-        delay = recorded_ns / SECOND_NS if far is None else far.delay
-        delay += chain.correction.delay_ns / SECOND_NS if delay and chain.correction is not None else 0.0
-        note = fitting.apart_finding(self.key, chain, round(delay, 2))
-        # That named poses are of other times is noted anyway.
-        notes = (note, *found.notes) if delay or not self.named else found.notes
-        if self.told is not None:
-            return replace(found, notes=(replace(note, level="warning"), *found.notes))
-        fit = fitting.PoseFit("rejected", 0.0, 0, round(delay, 2) or float("nan"))
-        return replace(found, fit=fit, notes=notes, apart=note)
-
-    def _again(self, guess: PoseChain | None) -> _Look:
-        """Return a look at all sweeps, with the order of the beams that the first look found."""
-        return _Look((), self.look.path.timing, guess, whole=True, wanted=False)
-
-    def _checked(self, verdict: str, chain: PoseChain | None, path: fitting.MatchedPath | None = None) -> CheckedPath:
-        """Return a path with all that the sweeps tell."""
-        path, told = path or self.look.path, self.told
-        stamp_ns, poses, pieces, slides = _in_order(path)
-        return CheckedPath(
-            verdict,
-            chain,
-            fit=told.fit if told else None,
-            timing=path.timing,
-            stamp_ns=stamp_ns,
-            matched=poses,
-            pieces=pieces,
-            still=fitting.still_at(stamp_ns, poses, slides),
-            drift=told.taken.drift if told else float("nan"),
-            jumps=told is not None and any(told.jumps),
-            sample=self.look.sample,
-        )
-
-    def _with_told(self, told: _Told, path: fitting.MatchedPath | None = None) -> CheckedPath:
-        """Return the told path: the chosen chain, or another one in its fixed frame."""
-        chosen, taken = told.chosen.chain, told.taken
-        is_chosen = taken.chain.steps == chosen.steps
-        chain = taken.chain if is_chosen else candidates.laid(taken.chain, chosen, self.look.sample.stamp_ns)
-        checked = self._checked(taken.verdict, chain, path)
-        return replace(checked, agreement=taken.agreement, notes=tuple(told.notes()), remark=told.remark())
-
-    def _matched(self, path: fitting.MatchedPath) -> candidates.Candidate | None:
-        """Return the matched path as a candidate; None where no sweep has a pose."""
-        track = path.track(*self.key)
-        if track is None:
-            return None
-        chain = PoseChain((self.key[0],), self.key[1], track.parent, (Step(track, down=False),))
-        if len(gaps := path.gaps):
-            chain = replace(chain, correction=Correction(gaps=gaps))
-        return candidates.Candidate("matched", chain, self.look.sample.agreement(chain))
-
-    def _with_matched(
-        self, path: fitting.MatchedPath, matched: candidates.Candidate, *, is_led: bool = False
-    ) -> CheckedPath:
-        """Return the matched path, in the frame of a likely told one; `is_led`: by told steps where it was lost."""
-        chain, stamp_ns = matched.chain, path.stamp_ns
-        doubts, is_weak = [], False
-        if path.restarts:
-            doubts.append(f"lost {times(path.restarts)}" + ("" if is_led else " (what was driven unseen is missing)"))
-        if len(path.gaps):
-            missing = np.isnan(candidates.poses_of(chain, stamp_ns)[:, 0])
-            doubts.append(f"{np.count_nonzero(missing):,} of {len(missing):,} sweeps fit nowhere")
-            is_weak = bool(missing.mean() > UNPLACED)
-        if (sliding := float(np.nanmean(path.slides))) > SLIDING:
-            doubts.append(f"{sliding:.0%} may slide along walls")
-        told_of = f"matched path of {self.key[0]}: {', '.join(doubts)}"
-        is_weak = is_weak or bool(path.restarts) or sliding > SLIDING
-        notes = (told_of if is_weak else Routine(told_of),) if doubts else ()
-        told = self.told
-        if told is not None and told.is_likely and not np.any(planar(told.taken.chain.at(stamp_ns)).upside_down):
-            # Where the told path jumps, its world is that in which it begins.
-            chain = candidates.laid(chain, told.taken.chain, stamp_ns[: len(stamp_ns) // 10] if told.jumps[0] else stamp_ns)
-        return replace(self._checked("matched", chain, path), agreement=matched.agreement, notes=notes)
-
-    def _without_told(self, path: fitting.MatchedPath) -> CheckedPath:
-        """Return the matched path of a sensor without told poses, unless it agrees less than standing still would."""
-        matched = self._matched(path)
-        if matched is None:
-            name = self.key[1] or "without a name"
-            note = f"no path of frame {name}: the sweeps of {self.key[0]} cannot be matched"
-            return replace(self._checked("none", None, path), notes=(note,))
-        standing = self.look.sample.agreement(None)
-        if not self.match and standing.all > matched.over_run(standing.all) + candidates.STANDS_BETTER:
-            return self._standing(path, matched, standing)
-        return self._with_matched(path, matched)
-
-    def _standing(self, path: fitting.MatchedPath, matched: candidates.Candidate, standing: Agreement) -> CheckedPath:
-        """Return no path, as every one agrees less than standing still."""
-        words = f"no path fits the sweeps: matched {matched.agreement.all:.0%}, standing still {standing.all:.0%}"
-        note = self.told.no_path(words) if self.told else f"{words} of the hits agree: no poses"
-        return replace(self._checked("none", None, path), agreement=standing, notes=(note,))
-
-
-def _recorded(chain: PoseChain, path: fitting.MatchedPath) -> int:
-    """Return the delay of told poses that record times tell [ns]; 0 for none."""
-    ends = [(int(each.min()), int(each.max())) for each in (path.stamp_ns, path.record_ns) if len(each)]
-    return chain.recorded_delay_ns(*ends) if ends else 0
-
-
-def _in_order(path: fitting.MatchedPath) -> tuple[Int64, Float64, Float64, Float64]:
-    """Return stamps, poses, pieces and slides of a matched path by increasing stamp, each stamp once."""
-    stamp_ns, order = np.unique(path.stamp_ns, return_index=True)
-    return stamp_ns, path.poses[order], path.pieces[order], path.slides[order]
-
-
-def _changes(fit: fitting.PoseFit) -> list[str]:
-    """Return the delay and the mount of a correction in words."""
-    changes = []
-    if fit.delay:
-        changes.append(f"{abs(fit.delay):.2f} s {'late' if fit.delay > 0 else 'early'}")
-    x, y, yaw = fit.mount
-    moves = [f"turned by {np.degrees(yaw):.0f} degrees"] if abs(yaw) > 0.02 else []
-    if max(abs(x), abs(y)) > 0.02:
-        moves.append(f"moved by {x:.2f}, {y:.2f} m")
-    if moves:
-        changes.append(f"sensor {', '.join(moves)}")
-    return changes

@@ -2,236 +2,39 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from enum import Enum
 from functools import partial
 from itertools import groupby
-from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from lidarcli.display.texts import Routine, Unused, headed, moment, some_of
-from lidarcli.errors import NoScanError, OptionError, UnreadableError
-from lidarcli.logs.base import POSE_TYPES, POSED_TYPES, Log, Message, ReadReport, Topic
+from lidarcli.errors import UnreadableError
+from lidarcli.logs.base import Log, ReadReport
 from lidarcli.logs.batches import ReadOptions
+from lidarcli.logs.clock import SECOND
 from lidarcli.logs.registry import TopicChoice, format_of
 from lidarcli.logs.scan_checks import Went
-from lidarcli.options.choices import BEAM_ORDERS, MATCH, MAX_DELAY
+from lidarcli.options.choices import BEAM_ORDERS, MATCH
 from lidarcli.pipeline.inputs.sources import made_of_clouds, read_pose_messages
-from lidarcli.ros.cursor import BadMessageError, Cursor
+from lidarcli.pipeline.reading.found_poses import FoundPoses, find_poses
+from lidarcli.pipeline.reading.needs import NONE, UNPLACED, Need, PoseOptions, of_one_run
 from lidarcli.sweeps.findings import Finding
-from lidarcli.sweeps.masks import Masks, same_name
-from lidarcli.sweeps.types import Float64, Int64, SweepBatch, SweepPoses
-from lidarcli.sweeps.zone import ROBOT
+from lidarcli.sweeps.masks import Masks
+from lidarcli.sweeps.types import Int64, SweepBatch, SweepPoses
 
 if TYPE_CHECKING:
-    from lidarcli.pipeline.reading.path_check import CheckedPath, StandingWatch
+    from lidarcli.pipeline.reading.path_choice import CheckedPath, StaticWatch
     from lidarcli.pose.sources import GivenPaths, PoseChain, PoseSources
     from lidarcli.pose.tracks import Motion
 
 
 AUTO, _, REVERSE, _ = BEAM_ORDERS
-TILTED = np.deg2rad(10.0)
-"""Lean of a sensor from which on there is a note [rad]."""
-UNPLACED = 0.05
-"""Share of the sweeps without a pose up to which this is routine."""
 _PIPE = "poses, if there are any, are not used: a pipe is read only once; give the file's name for them"
-SECOND = 1e-9
-MAX_TOLD = 8
+MAX_NOTED_RUNS = 8
 """Runs of a log of whose poses there are notes."""
-NONE = "none"
-"""Value of `--pose` for no poses at all."""
-_ODOMETRY = "odom"
-"""Part of the names of worlds that begin anew in every run."""
-
-
-def of_one_run(world: str) -> bool:
-    """Return whether a world frame begins anew in every run: that of odometry, or of a path that was matched.
-
-    >>> [of_one_run(name) for name in ("odom", "robot_0/odom", "match", "r1/robot", "map")]
-    [True, True, True, True, False]
-    """
-    return _ODOMETRY in world or world.rpartition("/")[2] in (MATCH, ROBOT)
-
-
-class SensorMovedError(Exception):
-    """A sensor that was taken to stand moves, or there are two: the log has to be read again."""
-
-
-class Need(Enum):
-    """Sensors whose path a command needs."""
-
-    NONE = "none"
-    """None: the sweeps are not asked."""
-    TOLD = "told"
-    """None but those whose path the log has."""
-    STANDING = "standing"
-    """Those of moving sensors, but an only one is taken to stand: `SensorMovedError` tells that it moves."""
-    MOVING = "moving"
-    """Those of moving sensors as well."""
-    ALL = "all"
-    """Those of all sensors."""
-
-
-@dataclass(frozen=True, slots=True)
-class PoseOptions:
-    """Options for the poses of sweeps: their source, their delay and their use."""
-
-    source: str | None = None
-    """Topic of the poses; `none` for no poses; `match` for poses matched from the sweeps; None: the best of the log."""
-    file: str | None = None
-    """Trajectory of the sensor (TUM), instead of the poses of the log."""
-    delay: float | None = None
-    """Time after its header stamp at which the pose of a sweep is taken [s]; None: what fits the sweeps."""
-    order: str = BEAM_ORDERS[0]
-    """Order in which the beams of a sweep are sent, of `BEAM_ORDERS`."""
-    deskew: bool = True
-    """True to place every beam by the pose at its own time, where headers tell how long a sweep takes."""
-    given: GivenPaths | None = None
-    """Paths that are known already, in place of all others."""
-    on_map: bool = False
-    """True where a map judges the path: that which the log tells of the robot on its map, as it is."""
-    together: bool = False
-    """True where sensors of one robot are followed together, in one world."""
-
-    def __post_init__(self) -> None:
-        """Refuse options that exclude each other."""
-        if self.delay is None:
-            return
-        if not abs(self.delay) <= MAX_DELAY:
-            raise OptionError(f"--pose-delay: {self.delay:g} s is not within {MAX_DELAY:,.0f} s")
-        if self.source == NONE and self.delay:
-            raise OptionError("--pose-delay is for poses, and --pose none leaves them out")
-        if self.source == MATCH and self.delay:
-            raise OptionError("--pose-delay is for poses of the log, and --pose match finds them in its sweeps")
-
-    def as_dict(self) -> dict[str, Any]:
-        """Return the options that are not the default, as plain values, for the tables' metadata."""
-        asked = {"pose": self.source, "poses": self.file and Path(self.file).name}
-        given: dict[str, Any] = {name: value for name, value in asked.items() if value is not None}
-        if self.delay:
-            given["pose_delay"] = self.delay
-        if self.order != BEAM_ORDERS[0]:
-            given["beam_order"] = self.order
-        return given if self.deskew else given | {"deskew": False}
-
-
-NO_POSES = PoseOptions(NONE)
-
-
-@dataclass(frozen=True, slots=True)
-class FoundPoses:
-    """Pose sources of a log, with the notes and the report of reading them."""
-
-    sources: PoseSources | GivenPaths
-    notes: tuple[str, ...] = ()
-    report: ReadReport = field(default_factory=ReadReport)
-    """Damage and refused messages of the pass over their messages."""
-    by_run: tuple[PoseSources, ...] = ()
-    """Those of each run, where the clock of the poses starts anew."""
-    whole: PoseSources | GivenPaths | None = None
-    """Those of all runs, where `sources` are of one of them."""
-
-    def together(self, sweeps: ReadReport) -> ReadReport:
-        """Return the report of both passes, over poses and sweeps, with each damaged part once."""
-        both = ReadReport()
-        both.add(sweeps)
-        both.add_new(self.report)
-        return both
-
-
-def find_poses(log: Log, options: PoseOptions | None = None) -> FoundPoses | None:
-    """Read the poses of a log that has some and can be read twice, or those of a file.
-
-    Raises
-    ------
-    NoScanError
-        The topic that is wanted is not there.
-    OptionError
-        The sweeps cannot be matched, because the log can be read only once.
-    UnreadableError
-        The trajectory is none.
-    """
-    options = options or PoseOptions()
-    if options.given is not None:
-        return FoundPoses(options.given)
-    if options.source == NONE:
-        return None
-    if options.file is not None:
-        from lidarcli.pose.sources import GivenPaths
-        from lidarcli.pose.tracks import read_trajectory
-
-        track, gaps = read_trajectory(Path(options.file))
-        return FoundPoses(GivenPaths((track,), gaps))
-    if options.source == MATCH:
-        if log.size is None:
-            raise OptionError("--pose match reads a log twice, and a pipe is read only once: give the file's name")
-        return None
-    wanted = options.source
-    listed = log.topics()
-    if listed is None or log.size is None:
-        return None
-    there = [topic for topic in listed if topic.type in POSE_TYPES]
-    if wanted is not None and wanted.strip("/") not in {topic.name.strip("/") for topic in there}:
-        raise NoScanError(_absent(wanted, listed, there))
-    if not any(topic.messages != 0 for topic in listed if topic.type in POSED_TYPES):
-        return None
-    # Most logs have no poses and should not wait for this import.
-    from lidarcli.pose.sources import PoseSources
-
-    read = read_pose_messages(log)
-    if not there and not read.tracks:
-        return None
-    scans = [topic.name for topic in listed if topic.is_scan]
-    runs = max((len(track.parts) for track in read.tracks), default=0)
-    parts = [[one for track in read.tracks if (one := track.parts[run] if track.parts else track)] for run in range(runs)]
-    whole, *by_run = (PoseSources(one, wanted, scans, on_map=options.on_map) for one in (read.tracks, *parts))
-    return FoundPoses(whole, read.notes, read.report, tuple(by_run))
-
-
-@dataclass(frozen=True, slots=True)
-class PoseInfo:
-    """Contents of one topic with poses."""
-
-    topic: str
-    type: str
-    poses: int
-    """Number of poses (transforms)."""
-    rate: float | None
-    """Mean rate of its fastest pair of frames [Hz]; None for single poses."""
-    start_ns: int
-    end_ns: int
-    frames: tuple[tuple[str, str], ...]
-    """Pairs (parent, child), the most frequent first; the child is empty where messages do not name it."""
-
-    @property
-    def span(self) -> float:
-        """From the first to the last stamp [s]."""
-        return (self.end_ns - self.start_ns) * SECOND
-
-
-def pose_infos(found: FoundPoses) -> tuple[PoseInfo, ...]:
-    """Return the contents of every pose topic of a log."""
-    infos = []
-    sources = found.whole or found.sources
-    for topic in sources.topics:
-        mine = sorted((one for one in sources.tracks if one.topic == topic), key=lambda one: -one.messages)
-        firsts, lasts = zip(*(track.span_ns for track in mine), strict=True)
-        rate = max((track.rate for track in mine if track.rate is not None), default=None)
-        frames = tuple((track.parent, track.child) for track in mine)
-        poses = sum(track.messages for track in mine)
-        infos.append(PoseInfo(topic, mine[0].type, poses, rate, min(firsts), max(lasts), frames))
-    return tuple(infos)
-
-
-def _absent(wanted: str, topics: Sequence[Topic], there: Sequence[Topic]) -> str:
-    types = {topic.name.strip("/"): topic.type for topic in topics}
-    if wanted.strip("/") in types:
-        return f"topic {wanted} is {types[wanted.strip('/')]}, which holds no pose"
-    names = ", ".join(sorted({topic.name for topic in there}))
-    return f"no topic {wanted} with poses in this log ({f'it has {names}' if names else 'it has none'})"
 
 
 @dataclass(slots=True)
@@ -275,7 +78,7 @@ class PoseAttacher:
     stats: dict[tuple[str, str], FrameStats] = field(default_factory=dict)
     """Frame and namespace of sweeps → their counts."""
     paths: Mapping[tuple[str, str], CheckedPath] = field(default_factory=dict)
-    """Topic and frame → what a first pass over its sweeps tells of its path."""
+    """Topic and frame → what a first pass over its sweeps shows of its path."""
     named: str = ""
     """Why the poses are taken as they are; empty where the sweeps choose."""
     run: int = 1
@@ -283,12 +86,12 @@ class PoseAttacher:
     runs: dict[int, PoseAttacher] = field(default_factory=dict)
     """Run → the attacher of its poses; none where the log holds one run."""
     longest: int | None = None
-    """The longest run of a log whose odometry begins anew in each."""
+    """The longest run of a log whose odometry begins again in each."""
     robots: Mapping[str, tuple[tuple[str, str], ...]] = field(default_factory=dict)
     """Topic → topics and frames of the sensors that are followed together with it."""
     remarks: Sequence[str] = ()
     """Notes on these."""
-    watch: StandingWatch | None = None
+    watch: StaticWatch | None = None
     """Gives the path of the only sensor as long as it stands, until all sweeps are read."""
 
     @classmethod
@@ -298,7 +101,7 @@ class PoseAttacher:
         """Find the poses of a log, as far as it has some and can be read twice, and check them by its sweeps.
 
         `choice` are the topics to read, `read` tells the run and judges ranges; `need` are the sensors whose path is
-        matched where the log tells none.
+        matched where the log gives none.
         """
         found = find_poses(log, options)
         is_pipe = log.size is None and log.topics() is None and format_of(log).has_poses
@@ -311,9 +114,9 @@ class PoseAttacher:
         match = options.source == MATCH
         is_all = (read.start, read.end, read.every, read.rules.masks) == (None, None, 1, None) and not (read.run or match)
         if need is Need.STANDING and found is None and log.size is not None and is_all and len(choice.chosen) == 1:
-            from lidarcli.pipeline.reading.path_check import StandingWatch
+            from lidarcli.pipeline.reading.path_choice import StaticWatch
 
-            return replace(posing, watch=StandingWatch(options.order))
+            return replace(posing, watch=StaticWatch(options.order))
         need = Need.MOVING if need is Need.STANDING else need
         if log.size is not None and need is not Need.NONE and (found is not None or need is not Need.TOLD or match):
             from lidarcli.pipeline.reading.path_check import check_paths
@@ -336,11 +139,11 @@ class PoseAttacher:
             if len(sweeps) > 1 and any(map(of_one_run, worlds)):
                 posing.longest = max(sweeps, key=lambda each: sweeps[each])
             for number in sorted(sweeps):
-                mine = found
+                its_poses = found
                 if found is not None and len(found.by_run) == len(sweeps):
-                    mine = replace(found, sources=found.by_run[number - 1], whole=None if read.run else found.sources)
+                    its_poses = replace(found, sources=found.by_run[number - 1], whole=None if read.run else found.sources)
                 its = {key: path for (of, key), path in paths.items() if of == number}
-                posing.runs[number] = replace(posing, found=mine, paths=its, run=number, stats={})
+                posing.runs[number] = replace(posing, found=its_poses, paths=its, run=number, stats={})
             if options.together and options.source != NONE:
                 _join(log, [*posing.runs.values()], read.rules.masks)
             if sweeps:
@@ -355,7 +158,7 @@ class PoseAttacher:
         return runs.get(self.run, replace(self, stats={}))
 
     def close(self) -> None:
-        """Take the path that all sweeps tell of a sensor that was taken to stand (`SensorMovedError`: it moves)."""
+        """Take the path of a sensor that was taken to be static, by all sweeps (`SensorMovedError`: it moves)."""
         if self.watch is not None:
             self.paths, self.watch = self.watch.paths(None), None
 
@@ -365,7 +168,7 @@ class PoseAttacher:
 
     @property
     def went(self) -> Went | None:
-        """Tells whether a sensor moves by its poses; None where there are none."""
+        """Whether a sensor moves by its poses; None where there are none."""
         if self.found is None:
             return None
         from lidarcli.pose.sources import went
@@ -408,7 +211,8 @@ class PoseAttacher:
             return self.runs[batch.run].attach(batch)
         if (self.found is None and not self.paths) or not len(batch):
             return batch
-        from lidarcli.pose.sources import later, namespace
+        from lidarcli.pose.frames import namespace
+        from lidarcli.pose.sources import later
         from lidarcli.pose.tracks import planar, tilt
 
         some = False
@@ -417,19 +221,19 @@ class PoseAttacher:
         poses = _nowhere(len(batch), self.deskew and takes_time, REVERSE in orders)
         still, knows = np.zeros(len(batch), bool), False
         fits, absent = np.ones(len(batch), bool), np.zeros(len(batch), bool)
-        for frame, rows, mine in batch.by_frame():
+        for frame, rows, sweeps in batch.by_frame():
             path = self.paths.get((batch.topic, frame))
             stats = self.stats.setdefault((frame, namespace(batch.topic)), FrameStats(batch.topic))
-            stats.add(mine.stamp_ns, mine.record_ns)
+            stats.add(sweeps.stamp_ns, sweeps.record_ns)
             if path is not None and len(path.still):
-                knows, still[rows] = True, path.stood(mine.stamp_ns)
-            if (chain := self._way(batch.topic, frame)) is None:
+                knows, still[rows] = True, path.was_still(sweeps.stamp_ns)
+            if (chain := self._chain_of(batch.topic, frame)) is None:
                 absent[rows] = True
                 continue
             some = True
             fits[rows] = bool(self.named) or path is None or not path.is_contradicted
-            first_ns, lasts_ns = self._times_ns(mine, path)
-            at_ns = later(mine.stamp_ns, first_ns)
+            first_ns, lasts_ns = self._times_ns(sweeps, path)
+            at_ns = later(sweeps.stamp_ns, first_ns)
             motion = chain.at(at_ns)
             here = planar(motion)
             poses.x[rows], poses.y[rows], poses.yaw[rows], poses.upside_down[rows] = (
@@ -460,16 +264,16 @@ class PoseAttacher:
         if batch.run != self.run and batch.run in self.runs:
             yield from self.runs[batch.run].motions(batch)
             return
-        for frame, rows, mine in batch.by_frame():
-            if (chain := self._way(batch.topic, frame)) is not None:
-                yield frame, rows, chain.at(mine.stamp_ns), chain.world
+        for frame, rows, sweeps in batch.by_frame():
+            if (chain := self._chain_of(batch.topic, frame)) is not None:
+                yield frame, rows, chain.at(sweeps.stamp_ns), chain.world
 
     def world_of(self, topic: str, frame: str) -> str:
         """Return the fixed frame of the poses of a sensor; empty where there are none."""
-        chain = self._way(topic, frame)
+        chain = self._chain_of(topic, frame)
         return "" if chain is None else chain.world
 
-    def _way(self, topic: str, frame: str) -> PoseChain | None:
+    def _chain_of(self, topic: str, frame: str) -> PoseChain | None:
         """Return the path to use for the sweeps of a topic and frame."""
         if (path := self.paths.get((topic, frame))) is not None:
             return path.chain
@@ -484,7 +288,7 @@ class PoseAttacher:
         """Return the times of the first beams after the header stamps, and from the first beam to the last [ns]."""
         if not self.deskew or (path is None and sweeps.duration is None):
             return np.zeros(len(sweeps), np.int64), None
-        from lidarcli.pose.fit import Timing, headers_of
+        from lidarcli.pose.matched import Timing, headers_of
 
         timing = Timing(self.order) if path is None else path.timing
         firsts, lasts = (np.rint(times / SECOND).astype(np.int64) for times in timing.of(headers_of(sweeps)))
@@ -492,19 +296,19 @@ class PoseAttacher:
 
     def notes(self) -> list[str]:
         """Return notes on the choice of poses, its alternatives and its gaps, a line each."""
-        every = [*self.runs.values()][:MAX_TOLD]
-        told = [headed(f"run {one.run}: ", line) for one in every for line in one.own_notes()]
-        return told if every else self.own_notes()
+        every = [*self.runs.values()][:MAX_NOTED_RUNS]
+        stated = [headed(f"run {one.run}: ", line) for one in every for line in one.own_notes()]
+        return stated if every else self.own_notes()
 
     def refuse_apart(self) -> None:
-        """Refuse a matched path in place of one that the log tells, of which no sweep has a pose (`UnreadableError`)."""
+        """Refuse a matched path in place of one that the log gives, of which no sweep has a pose (`UnreadableError`)."""
         for path in (path for each in self.every for path in each.paths.values()):
             if path.verdict == "matched" and path.apart is not None:
                 raise UnreadableError(f"{path.apart.message}; or --pose match, the path matched from the sweeps")
 
     @property
     def is_other(self) -> bool:
-        """True where a path is not the one by which the robot knew where it was on its map, though the log tells that."""
+        """True where a path is not the one by which the robot knew where it was on its map, though the log gives that."""
         if self.named or self.found is None or not hasattr(sources := self.found.sources, "localised"):
             return False
         every = ((sources.localised(frame, topic), path) for (topic, frame), path in self.paths.items())
@@ -532,23 +336,23 @@ class PoseAttacher:
         # What is said of a matched path also says that it is one: why it is needed is routine then.
         weak = {key for key, note in self._of_paths() if not isinstance(note, Finding | Routine)}
         words = [(key, note if isinstance(note, str) else note.message, note) for key, note in self._of_paths()]
-        told = [(key, Routine(line) if note is not line and key in weak else line) for key, line, note in words]
-        return [self._of_sensor(key, line) for key, line in told]
+        stated = [(key, Routine(line) if note is not line and key in weak else line) for key, line, note in words]
+        return [self._of_sensor(key, line) for key, line in stated]
 
     def findings(self, keys: Iterable[tuple[str, str]]) -> tuple[list[str], list[Finding]]:
         """Return the notes on the paths without the findings; and these, with those on the poses of topics and frames."""
         if not self.runs:
             return self.own_findings(keys)
-        told = [(f"run {one.run}: ", *one.own_findings(keys)) for one in [*self.runs.values()][:MAX_TOLD]]
-        notes = [headed(head, note) for head, notes, _ in told for note in notes]
-        return notes, [replace(each, message=head + each.message) for head, _, found in told for each in found]
+        stated = [(f"run {one.run}: ", *one.own_findings(keys)) for one in [*self.runs.values()][:MAX_NOTED_RUNS]]
+        notes = [headed(head, note) for head, notes, _ in stated for note in notes]
+        return notes, [replace(each, message=head + each.message) for head, _, found in stated for each in found]
 
     def own_findings(self, keys: Iterable[tuple[str, str]]) -> tuple[list[str], list[Finding]]:
         """Return those of one run."""
         keyed = list(self._of_paths())
         found = [note for _, note in keyed if isinstance(note, Finding)]
         if self.found is not None:
-            from lidarcli.pose.fit import pose_findings
+            from lidarcli.pose.findings import pose_findings
 
             found += pose_findings(self.found.sources, keys)
         notes = [
@@ -585,11 +389,11 @@ class PoseAttacher:
         found: dict[str, dict[str, Any]] = {}
         read = groupby(sorted(self.stats.items()), key=lambda each: each[0][0])
         known_paths = sorted(self.paths.items(), key=lambda each: (each[0][1], each[0][0]))
-        paths_of = {frame: [*mine] for frame, mine in groupby(known_paths, key=lambda each: each[0][1])}
-        for frame, mine in read:
+        paths_of = {frame: [*own] for frame, own in groupby(known_paths, key=lambda each: each[0][1])}
+        for frame, own in read:
             paths = [(topic, path) for (topic, _), path in paths_of.get(frame, ())]
-            topics = [topic for topic, _ in paths] or [stats.topic for _, stats in mine]
-            known = {topic: chain for topic in topics if (chain := self._way(topic, frame)) is not None}
+            topics = [topic for topic, _ in paths] or [stats.topic for _, stats in own]
+            known = {topic: chain for topic in topics if (chain := self._chain_of(topic, frame)) is not None}
             chains = [*known.values()]
             if len({chain.world for chain in chains}) > 1:
                 found[frame] = {
@@ -615,16 +419,17 @@ class PoseAttacher:
         is_matched = path is not None and path.chain is not None and path.verdict == "matched"
         if chain is None and (alike := sources.alike(frame, stats.topic)):
             return [alike_note(frame, alike, others, is_matched)]
-        from lidarcli.pose.fit import unplaced, way_findings
-        from lidarcli.pose.sources import MOUNTLESS, nearness
+        from lidarcli.pose.findings import chain_findings, unplaced
+        from lidarcli.pose.frames import nearness
+        from lidarcli.pose.sources import MOUNTLESS
 
         if chain is None:
             missing = unplaced(frame, others, "", sources.tracks).message
-            # A path that is matched, or a sensor that stands, needs none.
+            # A path that is matched, or a sensor that is static, needs none.
             head = "the path is matched from the sweeps: " if is_matched else ""
             return [Routine(head + missing) if head or (path is not None and not path.notes) else missing]
         lines: list[str] = [Routine(_chosen(chain, others, path.remark if path else ""))]
-        # Where a sensor that stands is on its robot matters little.
+        # Where a sensor that is static is on its robot matters little.
         if chain.assumption.endswith(MOUNTLESS) and not (path is not None and path.hardly_moves):
             lines.append(chain.assumption)
         if path is not None and path.is_doubtful and not path.notes:
@@ -632,20 +437,20 @@ class PoseAttacher:
         if stats.without and not is_matched and not (path is not None and path.apart in path.notes):
             gap = _gap(name, chain, stats)
             lines.append(gap if stats.without > UNPLACED * stats.sweeps else Routine(gap))
-        if stats.tilt > TILTED:
+        if stats.tilt > np.deg2rad(10.0):
             degrees = np.rad2deg(stats.tilt)
             lines.append(f"frame {name} leans by up to {degrees:.0f} degrees: its poses are their projection")
         links = [one for one in sources.tracks if one.is_link and nearness(one.topic, stats.topic) is not None]
-        # Whether a mount that is told twice is right, the sweeps say.
-        is_judged = is_matched or (path is not None and path.fit is not None and path.fit.is_judged)
-        for each in way_findings(chain, links):
-            is_routine = is_judged and each.id == "frames" and each.level != "error"
+        # Whether a mount that is given twice is right, the sweeps say.
+        is_evaluated = is_matched or (path is not None and path.fit is not None and path.fit.is_evaluated)
+        for each in chain_findings(chain, links):
+            is_routine = is_evaluated and each.id == "frames" and each.level != "error"
             lines.append(Routine(each.message) if is_routine else each.message)
         return lines
 
 
 def _join(log: Log, runs: Sequence[PoseAttacher], masks: Masks | None) -> None:
-    """Find the sensors of one robot, which are followed together; `masks` may tell how they are mounted."""
+    """Find the sensors of one robot, which are followed together; `masks` may say how they are mounted."""
     several = [one for one in runs if len(one.paths) > 1]
     if not several:
         return
@@ -667,7 +472,7 @@ def _join(log: Log, runs: Sequence[PoseAttacher], masks: Masks | None) -> None:
 
 
 def alike_note(frame: str, alike: Sequence[str], others: Sequence[str], is_matched: bool = False) -> str:
-    """Return the note on a frame without told poses for which several topics are alike."""
+    """Return the note on a frame without given poses for which several topics are alike."""
     also = f"; also available: {some_of(others)}" if others and not is_matched else ""
     begin = "the path is matched from the sweeps" if is_matched else f"no pose for frame {frame or 'without a name'}"
     return f"{begin}: {some_of(alike)} are alike (--pose TOPIC){also}"
@@ -702,7 +507,7 @@ def _gap(name: str, chain: PoseChain, stats: FrameStats) -> str:
         return f"{line}: the links {chain.frames} are never known at the same time"
     delay_ns = chain.recorded_delay_ns((stats.first_ns, stats.last_ns), stats.record_ns)
     if stats.without == stats.sweeps and delay_ns:
-        from lidarcli.pose.fit import clock_words
+        from lidarcli.pose.findings import clock_words
 
         return f"{line}: {clock_words(chain.topics[0], delay_ns * SECOND)}"
     when = f", whose poses {_begins(span, stats.first_ns)}" if stats.without == stats.sweeps else ""
@@ -710,106 +515,6 @@ def _gap(name: str, chain: PoseChain, stats: FrameStats) -> str:
 
 
 def _begins(span_ns: tuple[int, int], first_ns: int) -> str:
-    """Return when poses begin, seen from the first sweep."""
+    """Return when poses begin, counted from the first sweep."""
     seconds = (span_ns[0] - first_ns) * SECOND
     return f"begin {abs(seconds):,.2f} s {'after' if seconds > 0.0 else 'before'} the sweeps"
-
-
-ODOMETRY = "nav_msgs/msg/Odometry"
-TWIST = "geometry_msgs/msg/Twist"
-TWIST_STAMPED = "geometry_msgs/msg/TwistStamped"
-POLYGON = "geometry_msgs/msg/PolygonStamped"
-VELOCITY_TYPES = frozenset({TWIST, TWIST_STAMPED, ODOMETRY})
-
-_POSE, _TWIST, _CORNER = (7 + 36) * 8, 6 * 8, 3 * 4
-"""Bytes of a pose with its covariance, of a twist (linear x, y, z and angular x, y, z), and of a corner (x, y, z)."""
-NOT_FINITE = "a number that is not finite"
-FEW_CORNERS = "fewer than three corners"
-
-Decoded = TypeVar("Decoded")
-
-
-class StampedPolygon(NamedTuple):
-    """A polygon that a message tells."""
-
-    stamp_ns: int
-    frame_id: str
-    corners: Float64
-    """(C, 2) [m]."""
-
-
-def velocities(log: Log, topic: str, report: ReadReport) -> tuple[Int64, Float64] | None:
-    """Read the velocities of a topic: Twist, TwistStamped, or the twist of an Odometry.
-
-    Returns
-    -------
-    Their stamps (N,) [ns] in order, those of headers where they are not 0, else of the recording; and (N, 3) ahead, left
-    [m/s], turning [rad/s]. None where the log has no message of this topic. Those that cannot be read are counted in
-    `report.refused`.
-    """
-    decoded = messages_of(log, topic, VELOCITY_TYPES, report, _velocity)
-    if decoded is None:
-        return None
-    stamps = np.array([stamp_ns for stamp_ns, _ in decoded], np.int64)
-    found = np.array([velocity for _, velocity in decoded], np.float64).reshape(-1, 3)
-    order = np.argsort(stamps, kind="stable")
-    return stamps[order], found[order]
-
-
-def polygons(log: Log, topic: str, report: ReadReport) -> list[StampedPolygon] | None:
-    """Read the polygons (PolygonStamped) of a topic in order of their stamps; the rest as of `velocities`."""
-    decoded = messages_of(log, topic, frozenset({POLYGON}), report, _polygon)
-    return None if decoded is None else sorted(decoded, key=lambda each: each.stamp_ns)
-
-
-def messages_of(
-    log: Log, topic: str, types: frozenset[str], report: ReadReport, decode: Callable[[Message, Cursor], Decoded]
-) -> list[Decoded] | None:
-    """Decode every message of a topic; None where there is none, without a pass where the log is known to have none."""
-    if (listed := log.topics()) is not None:
-        types = types & {each.type for each in listed if same_name(each.name, topic)}
-    decoded: list[Decoded] | None = None
-    for message in log.messages(types, report) if types else ():
-        if not same_name(message.topic, topic):
-            continue
-        decoded = [] if decoded is None else decoded
-        try:
-            if message.encoding not in {"cdr", "ros1"}:
-                raise BadMessageError(f"{message.encoding} cannot be read")
-            decoded.append(decode(message, Cursor(message.data, message.encoding)))
-        except BadMessageError as err:
-            report.refused[message.topic, str(err)] += 1
-    return decoded
-
-
-def _velocity(message: Message, cursor: Cursor) -> tuple[int, tuple[float, float, float]]:
-    stamp_ns = 0
-    if message.type != TWIST:
-        stamp_ns = cursor.stamp_ns()
-        cursor.text()
-    if message.type == ODOMETRY:
-        cursor.text()
-        cursor.align(8)
-        cursor.skip(_POSE)
-    cursor.align(8)
-    start = cursor.skip(_TWIST)
-    numbers = np.frombuffer(message.data, f"{cursor.order}f8", 6, start)
-    if not np.isfinite(numbers).all():
-        raise BadMessageError(NOT_FINITE)
-    return stamp_ns or message.record_ns, (float(numbers[0]), float(numbers[1]), float(numbers[5]))
-
-
-def _polygon(message: Message, cursor: Cursor) -> StampedPolygon:
-    from lidarcli.pose.tracks import frame_name
-
-    stamp_ns = cursor.stamp_ns()
-    frame = frame_name(cursor.text())
-    count = cursor.word()
-    start = cursor.skip(count * _CORNER)
-    numbers = np.frombuffer(message.data, f"{cursor.order}f4", 3 * count, start).reshape(count, 3)
-    corners = numbers[:, :2].astype(np.float64)
-    if not np.isfinite(corners).all():
-        raise BadMessageError(NOT_FINITE)
-    if count < 3:
-        raise BadMessageError(FEW_CORNERS)
-    return StampedPolygon(stamp_ns or message.record_ns, frame, corners)

@@ -1,4 +1,4 @@
-"""Robots of several sensors: which have known places beside each other, in one world in which they see the same things."""
+"""Robots of several sensors: which have known places next to each other, in one world in which they see the same things."""
 
 from __future__ import annotations
 
@@ -11,23 +11,21 @@ import numpy as np
 
 from lidarcli.display.texts import Routine, some_of
 from lidarcli.errors import OptionError
-from lidarcli.pipeline.reading.deep import DRIFTING, FIXED, SURE, UNSURE, differs
-from lidarcli.pipeline.reading.path_check import CheckedPath
-from lidarcli.pipeline.reading.posing import of_one_run
-from lidarcli.pose.calibration import joined_outlines, settle, stretches_of
+from lidarcli.pipeline.reading.needs import of_one_run
+from lidarcli.pipeline.reading.path_choice import CheckedPath
+from lidarcli.pose.calibration import SURE, UNSURE, differs, joined_outlines, solve, stretches_over
+from lidarcli.pose.findings import Key
 from lidarcli.pose.fit import poses_after
-from lidarcli.pose.sources import WORLDS, FrameTree, PoseChain, Step, is_within, namespace
-from lidarcli.pose.tracks import TRANSFORMS, Motion, Track, compose, flat, frame_name, lifted, planar
+from lidarcli.pose.frames import WORLDS, FrameTree, Step, is_within, namespace
+from lidarcli.pose.messages import TRANSFORMS, frame_name
+from lidarcli.pose.sources import PoseChain
+from lidarcli.pose.tracks import Motion, Track, compose, flat, lifted, planar
 from lidarcli.sweeps.masks import Mount
 from lidarcli.sweeps.types import Float64
 from lidarcli.sweeps.zone import ROBOT
 
-Key = tuple[str, str]
-"""Topic and frame of a sensor."""
-MAX_OUTLINES = 60
-"""Sweeps of each sensor that check how it is mounted."""
 LESS_ALIKE = 0.2
-"""Two sensors that agree less with each other than each with itself, by this share, are not where they are told to be."""
+"""Two sensors that agree less with each other than each with itself, by this share, are not where the log places them."""
 
 
 @dataclass(slots=True)
@@ -58,7 +56,7 @@ def robots_in(
     groups: list[list[_Sensor]] = []
     for key in sorted(paths):
         sensor = _Sensor(key, paths[key], FrameTree(links, key[0], scans))
-        same = [group for group in groups if group[0].way_from(sensor) is not None]
+        same = [group for group in groups if group[0].steps_from(sensor) is not None]
         if same and all(one.key[1] != key[1] for one in same[0]):
             same[0].append(sensor)
         elif not same:
@@ -86,7 +84,7 @@ class _Sensor:
         """The frame that its sweeps are in."""
         return self.tree.sensor(frame_name(self.key[1]))
 
-    def way_from(self, other: _Sensor) -> tuple[Step, ...] | None:
+    def steps_from(self, other: _Sensor) -> tuple[Step, ...] | None:
         """Return the fixed steps from another sensor to this one, by the transforms that both know; None without any."""
         steps = self.tree.path(other.frame, self.frame)
         back = other.tree.path(self.frame, other.frame)
@@ -105,13 +103,13 @@ def _fixed(mount: Mount) -> Track:
 
 
 def _is_mount(link: Track) -> bool:
-    """Tell whether a transform joins two frames of one robot that do not move in each other."""
+    """Return whether a transform joins two frames of one robot that do not move in each other."""
     is_fixed = link.static or not link.moves
     return is_fixed and all(name.rpartition("/")[2] not in WORLDS for name in (link.parent, link.child))
 
 
 def _join(group: list[_Sensor], found: Robots, scans: Collection[str], mounted: Collection[str]) -> None:
-    """Find the world of some sensors, and join those that are where they are told, by files where `mounted`."""
+    """Find the world of some sensors, and join those that are where the log or, if `mounted`, files place them."""
     for one in group:
         if one.path.fit is not None and any(one.path.fit.mount):
             words = f"{one.key[0]} is followed apart: its sweeps do not fit the place of {one.key[1]} on the robot"
@@ -170,10 +168,10 @@ def _in_one_world(group: list[_Sensor], robot: str, mounted: Collection[str]) ->
 
 
 def _resting(sensor: _Sensor, first: _Sensor, robot: str) -> CheckedPath:
-    """Return the path of a sensor on a robot that stands: its place in the frame of that."""
+    """Return the path of a sensor on a robot that is static: its place in the frame of that."""
     base, steps = first.tree.to_base(first.frame), sensor.tree.to_base(sensor.frame)
     if [step.target for step in steps[-1:]] != [step.target for step in base[-1:]]:
-        steps = (*(first.way_from(sensor) or ()), *base)
+        steps = (*(first.steps_from(sensor) or ()), *base)
     # The sensor itself may be where the robot is.
     steps = steps or (Step(_fixed(Mount(sensor.frame, sensor.frame, 0.0, 0.0, 0.0)), down=False),)
     topics = tuple(dict.fromkeys(step.track.topic for step in steps))
@@ -182,24 +180,24 @@ def _resting(sensor: _Sensor, first: _Sensor, robot: str) -> CheckedPath:
 
 def _led(sensor: _Sensor, lead: _Sensor) -> CheckedPath:
     """Return the path of a sensor by that of another one on the same robot."""
-    chain, steps = lead.path.chain, lead.way_from(sensor)
+    chain, steps = lead.path.chain, lead.steps_from(sensor)
     assert chain is not None
     led = replace(chain, frame=sensor.frame, steps=(*(steps or ()), *chain.steps))
     return replace(sensor.path, verdict=lead.path.verdict, chain=led, agreement=lead.path.agreement, notes=(), remark="")
 
 
 def _misplaced(first: _Sensor, second: _Sensor) -> str:
-    """Return how a sensor is elsewhere on the robot than it is told, by what both see; empty where nothing tells that."""
-    here, there, mine, its = first.path.chain, second.path.chain, first.path.sample, second.path.sample
-    if here is None or there is None or mine is None or its is None:
+    """Return in words how far a sensor is from where the log places it, by what both see; empty where it is there."""
+    here, there, sample, other_sample = first.path.chain, second.path.chain, first.path.sample, second.path.sample
+    if here is None or there is None or sample is None or other_sample is None:
         return ""
-    samples = ((mine, here), (its, there))
+    samples = ((sample, here), (other_sample, there))
     if any(np.any(planar(chain.at(sample.stamp_ns)).upside_down) for sample, chain in samples):
         return ""
-    alike = mine.agreement_with(its, here, there)
+    alike = sample.agreement_with(other_sample, here, there)
     if alike < 1.0 - LESS_ALIKE and alike < min(sample.agreement(chain).all for sample, chain in samples) - LESS_ALIKE:
         return f"it and {first.key[0]} do not see the same from where they are told to be"
-    parts = [sample.outlines(MAX_OUTLINES) for sample, _ in samples]
+    parts = [sample.outlines(most=60) for sample, _ in samples]
     poses = [flat(chain.at(part.stamp_ns)) for part, (_, chain) in zip(parts, samples, strict=True)]
     known = [np.flatnonzero(np.isfinite(each[:, 0])) for each in poses]
     if min(map(len, known)) < 2:
@@ -210,16 +208,14 @@ def _misplaced(first: _Sensor, second: _Sensor) -> str:
     def placing(values: Float64) -> Float64:
         return np.vstack([own, poses_after(other, values)])
 
-    # The way of the robot, by one of them.
+    # The path of the robot, by one of them.
     both = np.vstack([own, flat(here.at(parts[1].stamp_ns[known[1]]))])
-    order = np.argsort(outlines.stamp_ns, kind="stable")
-    stretch = np.empty(len(both), np.int64)
-    stretch[order] = stretches_of(both[order], *(DRIFTING if of_one_run(here.world) else FIXED))
-    settled = settle(outlines, placing, np.zeros(3), np.full(3, np.inf), stretch)
-    deviation = np.maximum(settled.deviations, 3.0 * SURE)
-    if not (deviation < UNSURE).all() or not differs(settled.values, deviation):
+    stretch = stretches_over(both, outlines.stamp_ns, drifts=of_one_run(here.world))
+    solution = solve(outlines, placing, np.zeros(3), np.full(3, np.inf), stretch)
+    deviation = np.maximum(solution.deviations, 3.0 * SURE)
+    if not (deviation < UNSURE).all() or not differs(solution.values, deviation):
         return ""
-    x, y, yaw = settled.values.tolist()
+    x, y, yaw = solution.values.tolist()
     off = f"{math.hypot(x, y):.2f} m and {abs(math.degrees(yaw)):.1f} degrees"
     return f"by what both see it is {off} from where it is told to be beside {first.key[0]}"
 

@@ -174,7 +174,7 @@ def outcomes(client: distributed.Client, sources: Sequence[Source | MissingInput
         while waiting or running or suspects:
             if time.monotonic() - looked > LOOK_S:
                 looked = time.monotonic()
-                # A scheduler that is busy is asked again later.
+                # A scheduler that is busy is tried again later.
                 with suppress(OSError, TimeoutError):
                     window = WINDOW * max(1, size_of(client)[2])
             is_alone = not waiting and not running
@@ -257,7 +257,7 @@ def _do(name: str, source: Source | MissingInput) -> Outcome:
 
 @cache
 def build() -> dict[str, str]:
-    """Return everything that bytes of tables may depend on beside the log and the parameters."""
+    """Return everything that bytes of tables may depend on in addition to the log and the parameters."""
     import numpy as np
     import pyarrow as pa
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 import gc
 import traceback
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, field
+from contextlib import closing
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any, Protocol, TypeVar
 
@@ -15,8 +16,9 @@ from lidarcli.pipeline.inputs.sources import MissingInput, Source
 from lidarcli.pipeline.reading.one_log import Progress, RunSummary
 
 INTERNAL_ERROR = 70
+DIED_TWICE = "its worker process died twice, ended by the system (out of memory?); try it alone with --jobs 1"
 WORTH_A_PROCESS = 16 << 20
-"""Bytes of logs beside the largest one from which on worker processes pay."""
+"""Bytes of logs in addition to the largest one from which on worker processes pay."""
 STORED = 2 << 20
 """Bytes that a log in a store counts at least: its requests take time however small it is."""
 
@@ -81,10 +83,15 @@ def over_logs(
     # Most runs need no process and should not wait for this import.
     from lidarcli.pipeline.runs.processes import side_by_side
 
-    for source, outcome in zip(sources, side_by_side(sources, work, at_once), strict=True):
-        if report is not None and isinstance(source, Source):
-            report(source, source.size)
-        yield outcome
+    with closing(side_by_side(sources, partial(outcome_of, work=work), at_once)) as outcomes:
+        for source, (outcome, is_second_try) in zip(sources, outcomes, strict=True):
+            if report is not None and isinstance(source, Source):
+                report(source, source.size)
+            if outcome is None:
+                outcome = Outcome(source.label, INTERNAL_ERROR, error=DIED_TWICE, source=source)
+            elif is_second_try:
+                outcome = replace(outcome, remark="a worker process died; this log was done again")
+            yield outcome
 
 
 def outcome_of(source: Source | MissingInput, work: Work) -> Outcome:

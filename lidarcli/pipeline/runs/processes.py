@@ -1,4 +1,4 @@
-"""Several logs side by side in worker processes; a worker that dies costs no log."""
+"""Several logs next to each other in worker processes; a worker that dies costs no log."""
 
 from __future__ import annotations
 
@@ -7,45 +7,47 @@ import os
 import signal
 import threading
 from collections import deque
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
-from dataclasses import replace
 from multiprocessing import resource_tracker
 from types import FrameType
+from typing import TypeVar
 
-from lidarcli.pipeline.inputs.sources import MissingInput, Source
-from lidarcli.pipeline.runs.over_logs import INTERNAL_ERROR, Outcome, Work, outcome_of
 from lidarcli.system.interrupts import interrupt, wait_for_imports
 from lidarcli.system.machine import keep_freed_memory
 
+T = TypeVar("T")
+R = TypeVar("R")
 
-def side_by_side(sources: Sequence[Source | MissingInput], work: Work, jobs: int) -> Iterator[Outcome]:
-    """Do `work` for each of `sources` in `jobs` worker processes, and yield the outcomes in their order.
 
-    No more logs are handed out than there are workers, so that only these are done again when a worker dies.
+def side_by_side(items: Sequence[T], work: Callable[[T], R], jobs: int) -> Generator[tuple[R | None, bool]]:
+    """Do `work` for each of `items` in `jobs` worker processes, and yield the results in their order.
+
+    With each result: whether it is that of a second try, alone, because a worker died; it is None where that died, too. No
+    more items are handed out than there are workers, so that only these are done again when a worker dies.
     """
     pool = start_workers(jobs)
-    waiting = deque(range(len(sources)))
-    running: dict[int, Future[Outcome]] = {}
-    done: dict[int, Outcome] = {}
+    waiting = deque(range(len(items)))
+    running: dict[int, Future[R]] = {}
+    done: dict[int, tuple[R | None, bool]] = {}
     try:
-        for turn in range(len(sources)):
+        for turn in range(len(items)):
             while turn not in done:
                 try:
                     while waiting and len(running) < jobs:
-                        running[waiting[0]] = pool.submit(_do, work, sources[waiting[0]])
+                        running[waiting[0]] = pool.submit(_do, work, items[waiting[0]])
                         waiting.popleft()
                     wait(running.values(), return_when=FIRST_COMPLETED)
                     for index in [index for index, future in running.items() if future.done()]:
-                        done[index] = running[index].result()
+                        done[index] = running[index].result(), False
                         del running[index]
                 except BrokenProcessPool:
                     wait(running.values())
                     for index, future in sorted(running.items()):
                         is_done = future.exception() is None
-                        done[index] = future.result() if is_done else _again(work, sources[index])
+                        done[index] = (future.result(), False) if is_done else (_again(work, items[index]), True)
                     running.clear()
                     pool.shutdown()
                     pool = start_workers(jobs)
@@ -56,19 +58,18 @@ def side_by_side(sources: Sequence[Source | MissingInput], work: Work, jobs: int
     pool.shutdown()
 
 
-def _again(work: Work, source: Source | MissingInput) -> Outcome:
-    """Do one log again, alone in a fresh pool, after a worker died."""
+def _again(work: Callable[[T], R], item: T) -> R | None:
+    """Do one item again, alone in a fresh pool; None where its worker dies again."""
     pool = start_workers(1)
     try:
-        outcome = pool.submit(_do, work, source).result()
+        result = pool.submit(_do, work, item).result()
     except BrokenProcessPool:
-        error = "its worker process died twice, ended by the system (out of memory?); try it alone with --jobs 1"
-        return Outcome(source.label, INTERNAL_ERROR, error=error, source=source)
+        return None
     except BaseException:
         _stop_workers(pool)
         raise
     pool.shutdown()
-    return replace(outcome, remark="a worker process died; this log was done again")
+    return result
 
 
 def start_workers(count: int) -> ProcessPoolExecutor:
@@ -140,14 +141,19 @@ def signals_held() -> Iterator[None]:
 # In a worker process.
 
 
-def _do(work: Work, source: Source | MissingInput) -> Outcome:
-    """Do one log."""
+def _do(work: Callable[[T], R], item: T) -> R:
+    """Do one item."""
     try:
-        return outcome_of(source, work)
+        return _busy(work, item)
     finally:
         # Whatever has become on its way of the error that was raised.
         if signal.getsignal(signal.SIGTERM) is not _leave:
             os._exit(1)
+
+
+def _busy(work: Callable[[T], R], item: T) -> R:
+    """Do one item; on the stack it shows `_leave` that the worker is busy."""
+    return work(item)
 
 
 def _do_nothing() -> None:
@@ -171,9 +177,9 @@ def _end_with_the_parent() -> None:
 
 
 def _leave(number: int, frame: FrameType | None) -> None:
-    """End this worker; a log that it is busy with by an error, at which writers remove their unfinished files."""
+    """End this worker; one that is busy by an error, at which writers remove their unfinished files."""
     at = frame
-    while at is not None and at.f_code is not outcome_of.__code__:
+    while at is not None and at.f_code is not _busy.__code__:
         at = at.f_back
     if at is None:
         os._exit(1)

@@ -170,7 +170,7 @@ def _written_name(source: Source) -> str:
 
 
 def _known(source: Source) -> State | None:
-    """Return the state of a log; None where nobody can tell it. Reading it raises the errors."""
+    """Return the state of a log; None where it is unknown. Reading it raises the errors."""
     try:
         if source.parts:
             return replace(source, parts=tuple(replace(part, found=_known(part)) for part in source.parts)).state()

@@ -11,9 +11,11 @@ import numpy as np
 
 from lidarcli.errors import NoScanError
 from lidarcli.logs.base import Log
+from lidarcli.options.times import SECOND_NS
 from lidarcli.pipeline.inputs.sources import read_pose_messages
-from lidarcli.pose.sources import WORLDS, FrameTree, Step, along, namespace
-from lidarcli.pose.tracks import HOLD_STEPS, SECOND_NS, Track, frame_name, planar
+from lidarcli.pose.frames import WORLDS, FrameTree, Step, along, namespace
+from lidarcli.pose.messages import frame_name
+from lidarcli.pose.tracks import HOLD_STEPS, Track, planar
 from lidarcli.sweeps.masks import Mask, Masks, Mount, mounted, same_name
 from lidarcli.sweeps.types import Float64, Int64, SweepBatch, SweepPoses
 from lidarcli.sweeps.zone import ROBOT, SENSOR, WORLD, Zones
@@ -91,7 +93,7 @@ class Frames:
 
     def notes(self) -> list[str]:
         """Return a note on each link that was extended for long, though it moved, and on contradictions."""
-        from lidarcli.pose.fit import contradictions, upright_words
+        from lidarcli.pose.findings import contradictions, upright_words
 
         links = self._links[0] if self._links else []
         noted = [each.message for each in contradictions(links) if each.frame in self._used]

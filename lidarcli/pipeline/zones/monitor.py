@@ -10,8 +10,8 @@ from typing import NamedTuple
 from lidarcli.display.texts import times
 from lidarcli.logs.base import Log, Message, ReadReport
 from lidarcli.options.times import SECOND_NS
-from lidarcli.pipeline.reading.posing import messages_of
 from lidarcli.pipeline.zones.events import APPROACH, OCCUPIED, STALE, ZoneEvents
+from lidarcli.pose.messages import messages_of
 from lidarcli.ros.cursor import Cursor
 
 STATE = "nav2_msgs/msg/CollisionMonitorState"

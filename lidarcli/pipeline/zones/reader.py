@@ -16,16 +16,16 @@ from lidarcli.pipeline.inputs.sources import Source
 from lidarcli.pipeline.inputs.tables import TableSet, contradicted, world_in
 from lidarcli.pipeline.inputs.tracked import ObjectRows, Objects, paths_of, tracks_of
 from lidarcli.pipeline.reading.masking import MaskRules
+from lidarcli.pipeline.reading.needs import Need
 from lidarcli.pipeline.reading.one_log import Progress, Reading, RunSummary
-from lidarcli.pipeline.reading.posing import TWIST, Need, polygons, velocities
 from lidarcli.pipeline.zones.counts import Shapes, TopicCounter, TopicSeries, ZoneSeries
 from lidarcli.pipeline.zones.events import AgentPaths, EventFinder, ZoneEvents
 from lidarcli.pipeline.zones.frames import OLDEST_NS, Frames, Velocities
 from lidarcli.pipeline.zones.monitor import Act, acts_of, states
 from lidarcli.pipeline.zones.options import ZoneOptions, refuse_resting
-from lidarcli.pose.fit import Key
-from lidarcli.pose.sources import WORLDS
-from lidarcli.pose.tracks import frame_name
+from lidarcli.pose.findings import Key
+from lidarcli.pose.frames import WORLDS
+from lidarcli.pose.messages import TWIST, frame_name, polygons, velocities
 from lidarcli.reports.wording import counted
 from lidarcli.sweeps.masks import Circle, Masks, Polygon, same_name
 from lidarcli.sweeps.types import SweepBatch, spared
