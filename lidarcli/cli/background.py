@@ -12,8 +12,10 @@ from lidarcli.cli.messages import Messages, chosen_logs, print_reads, progress_b
 from lidarcli.display.texts import counted
 from lidarcli.files.stores import place
 from lidarcli.options.choices import IMAGES
+from lidarcli.options.common import ManyLogs, Overwrite, TextOrJson, output
 from lidarcli.options.forms import File, Option
-from lidarcli.options.groups import OUTPUT, STDOUT, Learning, ManyLogs, Overwrite, TextOrJson, output
+from lidarcli.options.groups import Learning
+from lidarcli.options.values import OUTPUT, STDOUT
 
 if TYPE_CHECKING:
     from lidarcli.formalism.background import Background

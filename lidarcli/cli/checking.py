@@ -28,23 +28,10 @@ from lidarcli.display.screen import one_line
 from lidarcli.display.texts import counted, no_command
 from lidarcli.files.stores import place
 from lidarcli.options.choices import JUNIT
+from lidarcli.options.common import CHECK, Checked, ManyLogs, Overwrite, Reported, TextOrJson, output
 from lidarcli.options.forms import Argument, File, Option
-from lidarcli.options.groups import (
-    CHECK,
-    CHECKS,
-    OUTPUT,
-    STDOUT,
-    ZONE_RULES,
-    Checked,
-    Diffing,
-    ManyLogs,
-    Overwrite,
-    Reported,
-    Reporting,
-    TextOrJson,
-    Zoning,
-    output,
-)
+from lidarcli.options.groups import ZONE_RULES, Diffing, Reporting, Zoning
+from lidarcli.options.values import CHECKS, OUTPUT, STDOUT
 
 
 def telling_errors(work: Work) -> Work:

@@ -16,8 +16,10 @@ from lidarcli.display.screen import one_line
 from lidarcli.display.texts import counted
 from lidarcli.files.stores import Place, absolute, is_url, place
 from lidarcli.options.choices import TABLE_BY_SUFFIX
+from lidarcli.options.common import ManyLogs, Stamped, output
 from lidarcli.options.forms import Option, Text
-from lidarcli.options.groups import MANY, OUTPUT, STDOUT, Beams, Detecting, ManyLogs, Stamped, Tracking, output
+from lidarcli.options.objects import Beams, Detecting, Tracking
+from lidarcli.options.values import MANY, OUTPUT, STDOUT
 
 if TYPE_CHECKING:
     from lidarcli.pipeline.inputs.sources import MissingInput, Source

@@ -16,8 +16,10 @@ from lidarcli.cli.messages import Messages, chosen_logs, print_reads, progress_b
 from lidarcli.display.screen import one_line
 from lidarcli.display.texts import counted, moment, no_command
 from lidarcli.files.stores import place
+from lidarcli.options.common import ManyLogs, Overwrite, TextOrJson, output
 from lidarcli.options.forms import Option, Rule, Text
-from lidarcli.options.groups import FINDINGS, OUTPUT, Inspecting, ManyLogs, Overwrite, TextOrJson, output
+from lidarcli.options.groups import Inspecting
+from lidarcli.options.values import FINDINGS, OUTPUT
 
 if TYPE_CHECKING:
     from lidarcli.logs.base import Topic

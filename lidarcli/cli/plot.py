@@ -11,20 +11,11 @@ from lidarcli.cli.messages import Messages, counted_bar, standard_output
 from lidarcli.errors import OptionError
 from lidarcli.files.stores import Place, place
 from lidarcli.options.choices import ANIMATED_DPI, ANIMATIONS, FRAMES_PER_SECOND, IMAGES, LAST_SWEEP, MAX_COUNT, VIEWS, Look
+from lidarcli.options.common import OneLog, Overwrite, output
 from lidarcli.options.forms import Number, Option, Text, options_of
-from lidarcli.options.groups import (
-    LOOK,
-    PICTURE,
-    PLOT_RULES,
-    STDOUT,
-    SWEEP,
-    OneLog,
-    Overwrite,
-    Plotting,
-    Window,
-    output,
-    parse_numbers,
-)
+from lidarcli.options.groups import PLOT_RULES, Plotting
+from lidarcli.options.reading import Window
+from lidarcli.options.values import LOOK, PICTURE, STDOUT, SWEEP, parse_numbers
 
 if TYPE_CHECKING:
     from lidarcli.pipeline.inputs.sources import Source

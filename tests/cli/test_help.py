@@ -16,10 +16,13 @@ import pyarrow as pa
 import pytest
 
 import lidarcli as package
-from lidarcli.cli.commands import COMMANDS, DeclaredOption, cli
+from lidarcli.cli.declared import DeclaredOption
+from lidarcli.cli.main import COMMANDS, cli
 from lidarcli.formalism import Parameters
 from lidarcli.options.forms import options_of
-from lidarcli.options.groups import Learning, Mapping, Plotting, Reading, Reporting, Tabling
+from lidarcli.options.groups import Learning, Mapping, Plotting, Reporting
+from lidarcli.options.objects import Tabling
+from lidarcli.options.reading import Reading
 from lidarcli.sweeps.range_rules import RangeRules, parse_no_return
 from lidarcli.system.compiled import about_core
 from tests.places import SAMPLES

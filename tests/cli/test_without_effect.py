@@ -9,9 +9,11 @@ from typing import Any
 import click
 import pytest
 
-from lidarcli.cli.commands import COMMANDS, DeclaredOption, cli
+from lidarcli.cli.declared import DeclaredOption
+from lidarcli.cli.main import COMMANDS, cli
 from lidarcli.options.forms import File, Text, options_of
-from lidarcli.options.groups import CLOUDS, GEOMETRY, Ranges, Reading
+from lidarcli.options.reading import Ranges, Reading
+from lidarcli.options.values import CLOUDS, GEOMETRY
 from lidarcli.simulation.writers import write_log
 from tests.sweeping import room_sweeps
 

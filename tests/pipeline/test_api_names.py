@@ -14,7 +14,7 @@ import click
 import pytest
 
 import lidarcli
-from lidarcli.cli.commands import DeclaredOption
+from lidarcli.cli.declared import DeclaredOption
 from tools.reference import commands
 
 COMMANDS = (

@@ -22,18 +22,17 @@ from lidarcli.options.forms import options_of
 from lidarcli.options.groups import (
     OVERLAY_RULES,
     ZONE_RULES,
-    AnyPath,
     Cleaning,
     Diffing,
     Inspecting,
     Learning,
     Mapping,
     Overlaying,
-    Paths,
-    Reading,
     Simulating,
     Zoning,
 )
+from lidarcli.options.reading import Reading
+from lidarcli.options.values import AnyPath, Paths
 from lidarcli.pipeline.api.options import (
     LogOptions,
     Progress,

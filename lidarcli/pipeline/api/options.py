@@ -29,8 +29,10 @@ from lidarcli.logs.batches import ReadOptions
 from lidarcli.logs.registry import open_options, range_rules
 from lidarcli.options.choices import NS, TRAIL
 from lidarcli.options.forms import File, Number, Rule, Text, defaults_of, options_of, python_words, refuse_combinations
-from lidarcli.options.groups import RULES, Finding, Objects, Tracking, parse_mends, parse_removed, parse_value
+from lidarcli.options.groups import RULES
+from lidarcli.options.objects import Finding, Objects, Tracking
 from lidarcli.options.times import Instant, as_time
+from lidarcli.options.values import AnyPath, parse_mends, parse_removed, parse_value
 from lidarcli.pipeline.inputs.declared import AUTO, read_catalogue, read_masks
 from lidarcli.pipeline.inputs.search import find_logs
 from lidarcli.pipeline.inputs.sources import MissingInput, Source
@@ -113,7 +115,9 @@ def with_keywords(*rules: Rule) -> Callable[[F], F]:
 
 def keyword_types(group: type) -> dict[str, Any]:
     """Return the types of the keywords of a group."""
-    return get_type_hints(group, None, {"Background": Background, "Catalogue": Catalogue})
+    return get_type_hints(
+        group, None, {each.__name__: each for each in (Background, Catalogue, Sequence)} | {"AnyPath": AnyPath}
+    )
 
 
 def _check(name: str, form: Any, value: Any) -> None:

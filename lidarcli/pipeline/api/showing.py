@@ -13,22 +13,10 @@ from lidarcli.files.newfiles import refuse, write_whole
 from lidarcli.files.stores import place
 from lidarcli.formalism.parameters import Parameters
 from lidarcli.options.choices import Look
-from lidarcli.options.groups import (
-    PLOT_RULES,
-    SWEEP,
-    AnyPath,
-    Changed,
-    Delay,
-    Joining,
-    Paths,
-    Plotting,
-    Poses,
-    Ranges,
-    Reporting,
-    TableOrPath,
-    Tables,
-)
+from lidarcli.options.groups import PLOT_RULES, Plotting, Reporting
+from lidarcli.options.reading import Delay, Joining, Poses, Ranges
 from lidarcli.options.times import as_time
+from lidarcli.options.values import SWEEP, AnyPath, Changed, Paths, TableOrPath, Tables
 from lidarcli.pipeline.api.options import Values, plot_options, refuse_reading, several, with_keywords
 from lidarcli.pipeline.inputs.search import files_of, find_logs, one_log
 from lidarcli.pipeline.inputs.tables import TableSet, table_files, tables_of

@@ -13,18 +13,11 @@ import pyarrow as pa
 from lidarcli.errors import OptionError, warn
 from lidarcli.files.stores import place
 from lidarcli.formalism import Parameters
-from lidarcli.options.groups import (
-    AnyPath,
-    Detecting,
-    Exporting,
-    Paths,
-    Reading,
-    Tabling,
-    Tracking,
-    parse_names,
-    parse_numbers,
-)
-from lidarcli.options.groups import Tables as GivenTables
+from lidarcli.options.groups import Exporting
+from lidarcli.options.objects import Detecting, Tabling, Tracking
+from lidarcli.options.reading import Reading
+from lidarcli.options.values import AnyPath, Paths, parse_names, parse_numbers
+from lidarcli.options.values import Tables as GivenTables
 from lidarcli.pipeline.api.options import (
     Progress,
     Values,
