@@ -134,8 +134,6 @@ def info(messages: Messages, options: InfoCommand) -> int:
 
 def _report(messages: Messages, label: str, result: "LogInfo | Learned | Failure") -> int:
     """Tell what went wrong with a log, and return its exit code."""
-    from lidarcli.errors import NoScanError
-    from lidarcli.logs.registry import clouds_hint, no_scan_topic
     from lidarcli.pipeline.inspecting import LogInfo
     from lidarcli.pipeline.runs.over_logs import Failure
 
@@ -146,10 +144,8 @@ def _report(messages: Messages, label: str, result: "LogInfo | Learned | Failure
         return result.exit_code
     if not isinstance(result, LogInfo):
         return 0
-    for line in result.damage:
+    for line in result.warnings:
         messages.error(label, line)
-    if result.exit_code == NoScanError.exit_code:
-        messages.error(label, no_scan_topic() + clouds_hint(result.topics))
     return result.exit_code
 
 

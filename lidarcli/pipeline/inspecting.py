@@ -20,7 +20,7 @@ from lidarcli.logs.batches import ReadOptions, refuse_run
 from lidarcli.logs.clock import ClockInfo
 from lidarcli.logs.joined import Part, earlier_parts
 from lidarcli.logs.piles import NoReturnDetector
-from lidarcli.logs.registry import TopicChoice, nothing_read, scan_topics
+from lidarcli.logs.registry import TopicChoice, clouds_hint, no_scan_topic, nothing_read, scan_topics
 from lidarcli.logs.scan_checks import MAX_COMPARED_TOPICS, MOST, LogStats, ScanChecks, repeated_topics
 from lidarcli.options.choices import MENDS
 from lidarcli.pipeline.inputs.declared import View, filter_text, mask_text
@@ -123,6 +123,12 @@ class LogInfo:
         """Words of `clean --mend` that mend what was found."""
         can = {topic.name for topic in self.topics if topic.is_laserscan}
         return [word for word in MENDS if any(each.mend == word and each.topic in can for each in self.findings)]
+
+    @property
+    def warnings(self) -> list[str]:
+        """What a user has to know: the damage, and that there is no LaserScan."""
+        lacking = self.exit_code == NoScanError.exit_code
+        return [*self.damage, *([f"{no_scan_topic()}{clouds_hint(self.topics)}"] if lacking else [])]
 
     @property
     def exit_code(self) -> int:

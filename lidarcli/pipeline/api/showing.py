@@ -17,7 +17,8 @@ from lidarcli.options.groups import PLOT_RULES, Plotting, Reporting
 from lidarcli.options.reading import Delay, Joining, Poses, Ranges
 from lidarcli.options.times import as_time
 from lidarcli.options.values import SWEEP, AnyPath, Changed, Paths, TableOrPath, Tables
-from lidarcli.pipeline.api.options import Values, plot_options, refuse_reading, several, with_keywords
+from lidarcli.pipeline.api.keywords import with_keywords
+from lidarcli.pipeline.api.options import Values, plot_options, refuse_reading, several
 from lidarcli.pipeline.inputs.search import files_of, find_logs, one_log
 from lidarcli.pipeline.inputs.tables import TableSet, table_files, tables_of
 from lidarcli.pipeline.plotting import picture_of, sweep_at, take_pictures, write_pictures

@@ -18,18 +18,8 @@ from lidarcli.options.objects import Detecting, Tabling, Tracking
 from lidarcli.options.reading import Reading
 from lidarcli.options.values import AnyPath, Paths, parse_names, parse_numbers
 from lidarcli.options.values import Tables as GivenTables
-from lidarcli.pipeline.api.options import (
-    Progress,
-    Values,
-    detect_options,
-    log_options,
-    memory_of,
-    refuse_reading,
-    sources_of,
-    tracking_of,
-    watched,
-    with_keywords,
-)
+from lidarcli.pipeline.api.keywords import Progress, sources_of, watched, with_keywords
+from lidarcli.pipeline.api.options import Values, detect_options, log_options, memory_of, refuse_reading, tracking_of
 from lidarcli.pipeline.detecting import TrackTables, of_batches, of_logs
 from lidarcli.pipeline.exporting import chosen, export_file, format_of
 from lidarcli.pipeline.inputs.tables import remember_sweeps, tables_to_export
