@@ -78,14 +78,14 @@ def config(messages: Messages, options: ConfigCommand) -> int:
     (LIDARCLI_DETECT_JOBS=2), else from the settings file, else it has its default.
     """
     ctx = click.get_current_context()
-    asked = " ".join(options["command"])
-    there = [each for each in commands(ctx.find_root()) if f"{each[0]} ".startswith(f"{asked} " if asked else "")]
-    if not there:
-        raise click.UsageError(f"there is no command '{asked}'")
-    rows = [_setting(name, each, below) for name, one, below in there for each in settable(one)]
-    for line in dict.fromkeys(line for _, _, below in there for line in unknown_variables(below)):
+    wanted = " ".join(options["command"])
+    chosen = [each for each in commands(ctx.find_root()) if f"{each[0]} ".startswith(f"{wanted} " if wanted else "")]
+    if not chosen:
+        raise click.UsageError(f"there is no command '{wanted}'")
+    rows = [_setting(name, each, below) for name, one, below in chosen for each in settable(one)]
+    for line in dict.fromkeys(line for _, _, below in chosen for line in unknown_variables(below)):
         messages.error(line)
-    rows = [row for row in rows if asked or row["origin"] != "default"]
+    rows = [row for row in rows if wanted or row["origin"] != "default"]
     if options["format"] == "json":
         click.echo(json.dumps(rows, indent=2, ensure_ascii=False))
         return 0

@@ -50,7 +50,7 @@ def log_options(options: Mapping[str, Any]) -> LogOptions:
 
 
 TYPED = "lidarcli.typed"
-"""Key of the context's `meta` for which of -v and -q stand on the command line."""
+"""Key of the context's `meta` for which of -v and -q are on the command line."""
 SHOWS_ALL = "lidarcli.help_all"
 """Key of the context's `meta` that is set while `--help-all` prints."""
 LAST_EXAMPLE = 3 + 4
@@ -70,7 +70,7 @@ def command(
     group : arguments and options of the command
     examples : lines for the end of the help
     changed : field -> what its option has in this command otherwise than declared
-    rules : combinations of its options that are refused, beside `RULES`
+    rules : combinations of its options that are refused, in addition to `RULES`
     """
 
     def decorate(work: Work) -> DeclaredCommand:
@@ -192,7 +192,7 @@ class _Shared(click.Command):
         self.params.extend(shared_options())
 
     def get_help_option(self, ctx: click.Context) -> click.Option | None:
-        """Return `--help`, which no environment variable stands for."""
+        """Return `--help`, which no environment variable sets."""
         found = super().get_help_option(ctx)
         if found is not None:
             found.allow_from_autoenv = False
@@ -217,7 +217,7 @@ class DeclaredCommand(_Shared):
         )
 
     def invoke(self, ctx: click.Context) -> Any:
-        """Tell of the settings, then do the work."""
+        """Show the settings, then do the work."""
         from lidarcli.cli.settings import show_settings
 
         show_settings(ctx)

@@ -48,7 +48,7 @@ class Parsed(click.ParamType):  # type: ignore[type-arg]
 
 
 class Lines(Parsed):
-    """Texts that may hold blanks: in the environment each stands on a line of its own."""
+    """Texts that may hold blanks: in the environment each has a line of its own."""
 
     envvar_list_splitter = "\n"
 
@@ -120,7 +120,7 @@ class DeclaredOption(click.Option):
         """Return the environment variable of the option, None if it has none."""
         if not self.allow_from_autoenv or ctx.auto_envvar_prefix is None:
             return None
-        # One variable names the settings file, for the whole program; a group has nothing to set beside its commands.
+        # One variable names the settings file, for the whole program; a group has nothing to set but its commands.
         if ctx.parent is not None and (self.key == "config" or isinstance(ctx.command, click.Group)):
             return None
         return f"{ctx.auto_envvar_prefix}_{self.key.upper().replace('-', '_')}"

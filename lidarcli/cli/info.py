@@ -15,7 +15,7 @@ from lidarcli.cli.commands import command, log_options
 from lidarcli.cli.messages import Messages, chosen_logs, print_reads, progress_bar
 from lidarcli.display.screen import one_line
 from lidarcli.display.texts import counted, moment, no_command
-from lidarcli.files.stores import place
+from lidarcli.files.stores import Place, place
 from lidarcli.options.common import ManyLogs, Overwrite, TextOrJson, output
 from lidarcli.options.forms import Option, Rule, Text
 from lidarcli.options.groups import Inspecting
@@ -75,21 +75,21 @@ def info(messages: Messages, options: InfoCommand) -> int:
     may also be a background (docs/background.md): its sensors, stations, beams and origin.
     JSON is a list with one object per LOG.
     """
-    kind, brief = options["format"], options["brief"]
-    deep, outputs, site = options["deep"], options["output"], (options["map"] and fspath(options["map"])) or None
+    brief, deep, outputs = options["brief"], options["deep"], options["output"]
+    site = (options["map"] and fspath(options["map"])) or None
     read, opening, poses = log_options(options)
 
     from lidarcli.errors import CHECK_FAILED, UnreadableError
-    from lidarcli.files.newfiles import refuse, write_whole
+    from lidarcli.files.newfiles import refuse
     from lidarcli.pipeline.inputs.search import files_of
-    from lidarcli.pipeline.inspecting import FIXES, LogInfo, fix_text, inspect_logs, judge_checks, understand_checks
+    from lidarcli.pipeline.inspecting import FIXES, LogInfo, inspect_logs, judge_checks, understand_checks
     from lidarcli.pipeline.reading.posing import Need
     from lidarcli.pipeline.runs.over_logs import Failure, exit_code
 
     checks = understand_checks(options["check"], deep, site is not None)
     paths = [place(name) for name in outputs]
-    if odd := [name for name, path in zip(outputs, paths, strict=True) if path.suffix not in FIXES]:
-        raise click.UsageError(f"-o {odd[0]}: the suffix is none of {', '.join(FIXES)}")
+    if unknown := [name for name, path in zip(outputs, paths, strict=True) if path.suffix not in FIXES]:
+        raise click.UsageError(f"-o {unknown[0]}: the suffix is none of {', '.join(FIXES)}")
     sources = chosen_logs(messages, options)
     if paths and len(sources) != 1:
         raise click.UsageError(f"-o is for one log, and these are {len(sources):,}")
@@ -97,30 +97,24 @@ def info(messages: Messages, options: InfoCommand) -> int:
         return print_reads(sources, [str(path) for path in paths])
     if paths:
         refuse(paths, options["overwrite"], files_of(sources))
+    need = Need.NONE if brief and not (checks or deep or site) else Need.TOLD
+    wanted = {"opening": opening, "read": read, "poses_from": poses, "deep": deep, "site": site, "need": need}
     infos: list[LogInfo | Learned] = []
     codes = []
-    need = Need.NONE if brief and not (checks or deep or site) else Need.TOLD
     with progress_bar(sources, messages) as report:
-        asked = {"opening": opening, "read": read, "poses_from": poses, "deep": deep}
-        for source, result in inspect_logs(sources, report, **asked, site=site, need=need):
-            codes.append(_report(messages, source.label, result))
+        for source, result in inspect_logs(sources, report, **wanted):
+            codes.append(_show_errors(messages, source.label, result))
             if isinstance(result, Failure):
                 continue
             infos.append(result)
-            if kind == "text":
+            if options["format"] == "text":
                 with messages.paused():
-                    between = "\n" if len(infos) > 1 else ""
-                    line = _log_line(result) if isinstance(result, LogInfo) else background_line(result)
-                    click.echo(no_command(one_line(line)) if brief else between + as_text(result))
-    if kind == "json":
+                    click.echo(_in_a_line(result) if brief else ("\n" if len(infos) > 1 else "") + as_text(result))
+    if options["format"] == "json":
         click.echo(as_json(infos))
     logs = [each for each in infos if isinstance(each, LogInfo)]
-    for path in paths if infos else ():
-        if logs and (text := fix_text(logs[0], path.suffix)):
-            messages.notes(write_whole(path, text.encode(), options["overwrite"]))
-            messages.wrote([path])
-        else:
-            messages.info(f"{path} is not written: there is nothing to fix")
+    if infos:
+        _write_fixes(messages, logs, paths, options["overwrite"])
     failed = messages.failed(judge_checks(checks, logs))
     # Findings of a log that could not be opened are not known; those of a damaged one only get more.
     if failed and len(infos) == len(sources):
@@ -132,8 +126,21 @@ def info(messages: Messages, options: InfoCommand) -> int:
     return exit_code(codes)
 
 
-def _report(messages: Messages, label: str, result: "LogInfo | Learned | Failure") -> int:
-    """Tell what went wrong with a log, and return its exit code."""
+def _write_fixes(messages: Messages, logs: Sequence["LogInfo"], paths: Sequence[Place], overwrite: bool) -> None:
+    """Write how to fix the log, where there is anything to fix."""
+    from lidarcli.files.newfiles import write_whole
+    from lidarcli.pipeline.inspecting import fix_text
+
+    for path in paths:
+        if logs and (text := fix_text(logs[0], path.suffix)):
+            messages.notes(write_whole(path, text.encode(), overwrite))
+            messages.wrote([path])
+        else:
+            messages.info(f"{path} is not written: there is nothing to fix")
+
+
+def _show_errors(messages: Messages, label: str, result: "LogInfo | Learned | Failure") -> int:
+    """Show what went wrong with a log, and return its exit code."""
     from lidarcli.pipeline.inspecting import LogInfo
     from lidarcli.pipeline.runs.over_logs import Failure
 
@@ -165,6 +172,12 @@ def as_text(info: "LogInfo | Learned") -> str:
     # Names come from a log and may hold anything.
     lines = _log_lines(info) if isinstance(info, LogInfo) else background_lines(info)
     return "\n".join(no_command(one_line(line)) for line in lines)
+
+
+def _in_a_line(info: "LogInfo | Learned") -> str:
+    from lidarcli.pipeline.inspecting import LogInfo
+
+    return no_command(one_line(_log_line(info) if isinstance(info, LogInfo) else background_line(info)))
 
 
 def _log_lines(info: "LogInfo") -> list[str]:

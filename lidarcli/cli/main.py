@@ -23,7 +23,7 @@ COMMANDS = (
     *("info", "track", "zones", "diff", "detect", "background", "map", "poses", "clean"),
     *("plot", "overlay", "report", "export", "simulate", "config", "completion"),
 )
-"""Names of the commands, those that answer first; each has a file of its name, unless `HOMES` tells another."""
+"""Names of the commands, those that answer first; each is in the module of its name, or in that of `HOMES`."""
 HOMES = {
     "track": "detect",
     **dict.fromkeys(("config", "completion"), "about"),
@@ -124,7 +124,7 @@ def run(arguments: Sequence[str] | None = None) -> int:
 
 
 def _invoke(arguments: list[str]) -> int:
-    """Parse and run. click's own `main` answers a closed pipe and ctrl-C in its way, not in ours."""
+    """Parse and run. click's own `main` answers a closed pipe and ctrl-C in another manner."""
     if "_LIDARCLI_COMPLETE" in os.environ:
         cli.main(arguments, prog_name="lidarcli")
     try:

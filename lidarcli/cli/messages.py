@@ -72,7 +72,7 @@ class Messages(Screen):
     errors: int = 0
     """Errors that were shown."""
     summary: dict[str, list[Any]] | None = None
-    """Summary that `--format json` prints in the end; None where it is not asked for."""
+    """Summary that `--format json` prints in the end; None where it is not requested."""
 
     def begin(self, options: Mapping[str, Any], *, finds: bool = False) -> None:
         """Collect the summary if the options of the command ask for JSON; get ready where it `finds` objects."""
@@ -85,7 +85,7 @@ class Messages(Screen):
             self.summary = {"logs": [], "notes": [], "routine": [], "written": []}
 
     def end(self, code: int, **more: Any) -> int:
-        """Print the summary as JSON where it was asked for; return the exit code."""
+        """Print the summary as JSON where it was requested; return the exit code."""
         if self.summary is not None:
             text = json.dumps({"exit_code": code, **self.summary, **more}, indent=2)
             click.echo(blotted(text), standard_output())
@@ -140,7 +140,7 @@ class Messages(Screen):
             self.info(f"  wrote    {name}")
 
     def of_missing_core(self) -> None:
-        """Why a detection takes so long, and how to mend it; not to those who asked for it."""
+        """Why a detection takes so long, and how to mend it; not to those who chose it."""
         if compiled.is_wanted() and not compiled.is_there():
             self.info(f"lidarcli: {compiled.MISSING}")
 
@@ -245,11 +245,11 @@ TELLING_SECONDS = 1.0
 
 
 def show(
-    outcome: Outcome, messages: Messages, tell: Callable[[Any], Sequence[str]] | None = None, alone: bool = False
+    outcome: Outcome, messages: Messages, lines_of: Callable[[Any], Sequence[str]] | None = None, alone: bool = False
 ) -> None:
     """Show the outcome of one log, and of one that is `alone` its agents: errors always, the rest unless quiet.
 
-    `tell` returns the lines on its summary, by default what was found; lines after the first stand below the log.
+    `lines_of` returns the lines on its summary, by default what was found; those after the first are below the log.
     """
     before = messages.errors
     if outcome.trace:
@@ -258,7 +258,7 @@ def show(
         messages.error(outcome.label, trouble)
     if (run := outcome.summary) is not None:
         show_losses(outcome.label, run, messages)
-        first, *rest = _found_lines(run, messages) if tell is None else tell(run)
+        first, *rest = _found_lines(run, messages) if lines_of is None else lines_of(run)
         if messages.quiet and outcome.exit_code and messages.errors == before:
             messages.error(outcome.label, first)
         for line in (f"{outcome.label}: {first}", *rest, *(agents_of(run) if alone or messages.verbose else ())):
@@ -284,14 +284,14 @@ def of_one_log(
     messages: Messages,
     source: Source,
     work: Callable[[Source, Progress | None], RunSummary],
-    tell: Callable[[Any], Sequence[str]] = _reading_lines,
+    lines_of: Callable[[Any], Sequence[str]] = _reading_lines,
 ) -> int:
-    """Do the work of a command on one log, show what became of it, and return the exit code; `tell` as of `show`."""
+    """Do the work of a command on one log, show what became of it, and return the exit code; `lines_of` as of `show`."""
     from lidarcli.pipeline.runs.over_logs import outcome_of, progress_of
 
     with progress_bar([source], messages) as report:
         outcome = outcome_of(source, lambda one: work(one, progress_of(one, report)))
-    show(outcome, messages, tell)
+    show(outcome, messages, lines_of)
     return messages.end(outcome.exit_code)
 
 
@@ -337,7 +337,7 @@ def _found_lines(run: RunSummary, messages: Messages) -> list[str]:
     lines = [f"{_counts(run)}{_damaged(run)}"]
     if run.sweeps:
         lines += _parts(f"  beams    {run.beams:,}: ", run.by_status, run.beams, ("valid",))
-        # Agents are there only where things are followed.
+        # There are agents only where objects are followed.
         words = beams_on(run.things is not None)
         on = {name: run.by_set[letter] for letter, name in words.items()}
         lines += _parts("  on       ", on, run.beams, (*on,))
@@ -362,12 +362,12 @@ MAX_AGENTS = 8
 
 
 def agents_of(run: RunSummary) -> list[str]:
-    """Lines on the agents of a log, farthest first: when each was seen [s from the start], how far and how fast it went."""
+    """Return a line for each agent of a log, farthest first: when it was observed [s from the start], how far and how fast."""
     several = len({topic for topic, *_ in run.followed}) > 1
     lines = ["  agents   track      from        to      way     mean      top  score" + "  topic" * several]
-    for topic, track, *ends, way, mean, top, score in sorted(run.followed, key=lambda one: -one[4])[:MAX_AGENTS]:
+    for topic, track, *ends, length, mean, top, score in sorted(run.followed, key=lambda one: -one[4])[:MAX_AGENTS]:
         begin, end = (f"{(stamp_ns - (run.first_ns or 0)) * 1e-9 + 0.0:8,.1f} s" for stamp_ns in ends)
-        line = f"{track:16}{begin}{end}{way:7,.1f} m{mean:5.1f} m/s{top:5.1f} m/s"
+        line = f"{track:16}{begin}{end}{length:7,.1f} m{mean:5.1f} m/s{top:5.1f} m/s"
         lines.append(line + ("      -" if isnan(score) else f"{score:7.2f}") + f"  {topic}" * several)
     if (more := len(run.followed) - MAX_AGENTS) > 0:
         lines.append(f"           and {more:,} more")
@@ -375,7 +375,7 @@ def agents_of(run: RunSummary) -> list[str]:
 
 
 def _counts(run: RunSummary) -> str:
-    """The numbers of sweeps, objects and, after tracking, things."""
+    """The numbers of sweeps, objects and, after tracking, tracks."""
     sweeps = counted(run.sweeps, "sweep")
     if run.things is None:
         return f"{sweeps}, {counted(run.objects, 'object')}"

@@ -81,7 +81,7 @@ def unknown_variables(ctx: click.Context) -> list[str]:
 
 
 def show_settings(ctx: click.Context) -> None:
-    """Tell of the settings that are in force, and of files and variables that do nothing."""
+    """Show the settings that are in force, and files and variables that do nothing."""
     if ctx.info_name == "completion":
         # A shell asks whenever it starts, wherever that is.
         return

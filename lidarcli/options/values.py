@@ -27,7 +27,7 @@ Tables = TableOrPath | Iterable[TableOrPath]
 
 
 class Changed(Protocol):
-    """A table of changes with all that `diff` tells beside it."""
+    """A table of changes with all else that `diff` returns."""
 
     changes: Any
 
@@ -76,7 +76,7 @@ def parse_threshold(text: str) -> str | float:
 
 
 def parse_removed(text: str) -> str:
-    """The list as it is, once its items are known; `none` stands alone."""
+    """The list as it is, once its items are known; `none` excludes all others."""
     for word in text.split(",") if text.strip() != "none" else ():
         if word.strip() == "body":
             raise OptionError("the robot's own body is what --mask FILE tells")
@@ -88,8 +88,8 @@ def parse_removed(text: str) -> str:
 def parse_mends(text: str) -> str:
     """The list as it is, once its items are known."""
     known = (choices.FOUND, *choices.MENDS)
-    if odd := [word.strip() for word in text.split(",") if word.strip() not in known]:
-        raise OptionError(f"'{odd[0]}' is not one of {', '.join(known)}")
+    if unknown := [word.strip() for word in text.split(",") if word.strip() not in known]:
+        raise OptionError(f"'{unknown[0]}' is not one of {', '.join(known)}")
     return text
 
 

@@ -42,7 +42,7 @@ FACTS = (
     *("pose_verdict", "pose_chain", "pose_agreement", "pose_again", "pose_drift", "pose_fit", "pose_delay"),
     "beam_order",
 )
-"""Keys of the verdict on told poses; null where there is none."""
+"""Keys of the verdict on the poses of a log; null where there is none."""
 
 _PARQUET = b"PAR1"
 """Beginning of a Parquet file."""
@@ -84,7 +84,7 @@ class ScanInfo:
     by_status: Mapping[str, int]
     """`valid`, `no_return`, `too_close`, `invalid`, `masked` → beams."""
     pose: str = ""
-    """Topics and frames by which `detect` would tell where the sensor was; empty where it could not."""
+    """Topics and frames by which `detect` would know where the sensor was; empty where it could not."""
     verdict: Mapping[str, Any] = field(default_factory=dict)
     """Verdict on these poses (`CheckedPath.facts`); empty where none was made."""
     made_of: str = ""
@@ -116,7 +116,7 @@ class LogInfo:
     learned: Masks = field(default_factory=Masks)
     """Masks of the robot itself, and mounts, that were learned from the log."""
     proposed: Masks = field(default_factory=Masks)
-    """Mask of what looks like the robot itself before sensors that stood."""
+    """Mask of what looks like the robot itself before stationary sensors."""
 
     @property
     def mends(self) -> list[str]:
@@ -150,7 +150,7 @@ def inspect_log(
 ) -> LogInfo:
     """Read a log from end to end, in bounded memory, and return its contents; its poses are read first.
 
-    `deep` adds the findings that align sweeps; `read` tells the topics and the run to judge, by default all; `site` is a
+    `deep` adds the findings that align sweeps; `read` names the topics and the run to inspect, by default all; `site` is a
     map for its paths; with a `need` of none no sweep is matched, and the notes and findings on paths are left out.
 
     Raises
@@ -181,7 +181,7 @@ def inspect_log(
         scans = log.scans(choice.asked, report)
         blocks = (one for one in scans if not choice.wanted or choice.takes(one.topic))
         detector = NoReturnDetector(read.rules, report)
-        for block, judging in chain(chain.from_iterable(map(detector.take, blocks)), detector.flush()):
+        for block, range_rules in chain(chain.from_iterable(map(detector.take, blocks)), detector.flush()):
             runs = max(runs, block.run)
             if read.run not in (None, block.run):
                 count[block.topic] += len(block)
@@ -192,11 +192,11 @@ def inspect_log(
                     if key not in found:
                         found[key], stats[key] = _Scan(), LogStats(compares and len(found) < MAX_COMPARED_TOPICS)
                     rows = np.flatnonzero(block.frame == code)
-                    mine = block.rows(rows)
-                    batch = normalise(mine, rows + count[block.topic], judging)
-                    found[key].add(mine, batch)
-                    checks.add(mine, batch)
-                    stats[key].add(mine, batch)
+                    part = block.rows(rows)
+                    batch = normalise(part, rows + count[block.topic], range_rules)
+                    found[key].add(part, batch)
+                    checks.add(part, batch)
+                    stats[key].add(part, batch)
                 else:
                     only_counted[block.topic] += int(sweeps)
             count[block.topic] += len(block)
@@ -208,7 +208,7 @@ def inspect_log(
         listed = _with_counts(log.topics() or (), found, only_counted)
         report = report if poses is None else poses.together(report)
         checks.report_to(report)
-        made_of, told = made_of_clouds(log), pose_infos(poses) if poses is not None else ()
+        made_of, sources = made_of_clouds(log), pose_infos(poses) if poses is not None else ()
         notes, findings = posing.findings(found)
         findings = [*report.findings(), *_of_sweeps(listed, stats, checks, report), *findings]
         if not wanted.deskew:
@@ -248,13 +248,13 @@ def inspect_log(
                 for key in sorted(found)
             ),
             pose_topics=tuple(topic.name for topic in listed if topic.type in POSE_TYPES),
-            pose_sources=told,
+            pose_sources=sources,
             dropped=tuple((topic, cause, count) for (topic, cause), count in sorted(report.refused.items())),
             notes=(*report.notes, *masking.notes, *_pose_notes(posing, found), *notes, *uncounted),
             damage=tuple(damage_lines(report)),
             findings=tuple(
                 sorted(
-                    _with_way_out(findings, source, bool(told)),
+                    _with_way_out(findings, source, bool(sources)),
                     key=lambda each: (IDS.index(each.id), each.topic, each.frame),
                 )
             ),
@@ -290,10 +290,10 @@ def _of_sweeps(
 ) -> Iterator[Finding]:
     """Yield the findings on sweeps that are no notes of other commands."""
     encodings = {topic.name: topic.encoding for topic in topics}
-    for (topic, frame), mine in sorted(stats.items()):
+    for (topic, frame), own in sorted(stats.items()):
         known = [each.id for each in report.doubts.get(topic, ())]
         lacks_frame = not frame and encodings.get(topic) in _NAMES_FRAMES
-        yield from mine.findings(checks.sensor(topic, frame), checks.clock(topic, frame), known, lacks_frame)
+        yield from own.findings(checks.sensor(topic, frame), checks.clock(topic, frame), known, lacks_frame)
     yield from repeated_topics(stats)
 
 
@@ -316,7 +316,7 @@ class _Scan:
         self._statuses = np.zeros(len(Status), np.int64)
 
     def add(self, block: RawSweeps, batch: SweepBatch) -> None:
-        """Take a block, as the log holds it and as it was judged."""
+        """Take a block, as the log holds it and as it was classified."""
         self.sweeps += len(block)
         closed = closure(block.beams, block.angle_increment)
         self._closures |= set(np.unique(closed).tolist())
@@ -354,7 +354,7 @@ class _Scan:
 def _with_counts(
     topics: Sequence[Topic], found: Mapping[tuple[str, str], _Scan], only_counted: Counter[str]
 ) -> tuple[Topic, ...]:
-    """Return the topics by name, with the number of sweeps that were read where the log does not tell it."""
+    """Return the topics by name, with the number of sweeps that were read where the log does not say it."""
     sweeps = only_counted.copy()
     for (name, _), scan in found.items():
         sweeps[name] += scan.sweeps
@@ -373,7 +373,7 @@ def fix_text(info: LogInfo, suffix: str) -> str:
     Raises
     ------
     OptionError
-        A mask cannot be told in this format.
+        A mask cannot be written in this format.
     """
     if suffix == FIXES[0]:
         return mask_text(info.learned, info.proposed)
@@ -404,7 +404,7 @@ def inspect_logs(
 
 
 def _is_table(source: Source) -> bool:
-    """Return whether a source begins as a Parquet file, which no log does; in a store its name tells."""
+    """Return whether a source begins as a Parquet file, which no log does; in a store by its name."""
     if source.url is not None:
         return source.url.suffix == ".parquet"
     path = Path(source.path)

@@ -155,9 +155,9 @@ def checks_of(options: Mapping[str, Any]) -> tuple[str, ...]:
     """Return the checks of `--check` and of the files of `--checks` (`OptionError`, `UnreadableError`)."""
     every = [*options["check"]]
     for file in options["checks"]:
-        held = read_toml(file, "file of checks")
-        found = held.get("checks")
-        if {*held} != {"checks"} or not isinstance(found, list) or not all(isinstance(each, str) for each in found):
+        content = read_toml(file, "file of checks")
+        found = content.get("checks")
+        if {*content} != {"checks"} or not isinstance(found, list) or not all(isinstance(each, str) for each in found):
             raise OptionError(
                 f'{file}: a file of checks holds one list of texts, checks = ["sweeps >= 100"], and nothing else'
             )
@@ -357,9 +357,9 @@ def _load(
     kept, sources, sweep_tables, object_tables = zip(*read, strict=True)
     _refuse_missing(checks, kept)
     things = Rows.join([*tracks.values()], [*tracks]) if tracks else None
-    ways = Rows.join([*trajectories.values()], [*trajectories]) if trajectories else None
+    paths = Rows.join([*trajectories.values()], [*trajectories]) if trajectories else None
     zone_rows = zones_in(zones) if zones else None
-    run = Run(sources, Rows.join(sweep_tables), Rows.join(object_tables), things, ways, zone_rows)
+    run = Run(sources, Rows.join(sweep_tables), Rows.join(object_tables), things, paths, zone_rows)
     return run, kept, tuple(str(problem) for problem in problems)
 
 

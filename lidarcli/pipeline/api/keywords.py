@@ -51,7 +51,7 @@ def with_keywords(*rules: Rule) -> Callable[[F], F]:
     """Decorate a function whose `**options: Unpack[...]` are shown, checked by name and limits, and complete.
 
     Type checkers and editors that read sources understand `Unpack`; those that look at the living function, as IPython and
-    help() do, get a signature and a docstring with every keyword. `rules` are refused beside `RULES`.
+    help() do, get a signature and a docstring with every keyword. `rules` are refused in addition to `RULES`.
     """
 
     def decorate(function: F) -> F:
@@ -86,7 +86,7 @@ def with_keywords(*rules: Rule) -> Callable[[F], F]:
         meanings = [f"progress : {_PROGRESS}"] if "progress" in own.parameters else []
         meanings += [f"{name} : {python_words(name, option)}" for name, option in known.items()]
         lines = [fill(each, WIDTH, subsequent_indent="    ") for each in meanings]
-        # They stand at the end of the list of parameters.
+        # They come at the end of the list of parameters.
         text = cleandoc(function.__doc__ or "")
         mark = next(mark for mark in ("\n\nReturns\n", "\n\nRaises\n") if mark in text)
         called.__doc__ = text.replace(mark, "\n".join(["", *lines]) + mark, 1)
@@ -128,7 +128,7 @@ def sources_of(log: Any, join: bool) -> list[Source]:
     for each in found:
         if isinstance(each, MissingInput):
             error = type(each.error)(f"{each.path}: {each.error}")
-            # What was asked for has to be there; of a folder the rest is read.
+            # A log that is named has to be there; of a folder the rest is read.
             if each.path in named:
                 raise error
             warn(str(error))

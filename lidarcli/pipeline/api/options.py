@@ -98,7 +98,7 @@ def log_options(options: Values) -> LogOptions:
 
 
 def read_options(options: Values) -> ReadOptions:
-    """Return which sweeps to read, and how ranges are judged; a command without these fields reads all sweeps."""
+    """Return which sweeps to read, and how ranges are classified; a command without these fields reads all sweeps."""
     topic, no_return, mask = options.get("topic"), options["no_return"], options["mask"]
     topics = frozenset(name for name in ([topic] if isinstance(topic, str) else topic or []) if name) or None
     text = no_return if isinstance(no_return, str) else ",".join(map(str, no_return))
@@ -145,7 +145,7 @@ def detect_options(
 
 
 def tracking_of(options: Values | None = None) -> TrackOptions:
-    """Return how things are followed, by default as `track` does."""
+    """Return how objects are followed, by default as `track` does."""
     # These imports take long, and only tracking needs them.
     from lidarcli.formalism.parameters import TrackParameters
     from lidarcli.pipeline.objects.tracking import TrackOptions
@@ -156,7 +156,7 @@ def tracking_of(options: Values | None = None) -> TrackOptions:
 
 
 def memory_of(options: Values) -> TrackOptions | None:
-    """Return how `detect` judges things by all sweeps, if it does."""
+    """Return how `detect` classifies objects by all sweeps, None if it does not."""
     if not options["memory"]:
         return None
     from lidarcli.pipeline.objects.tracking import TrackOptions

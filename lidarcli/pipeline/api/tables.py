@@ -163,11 +163,11 @@ def narrowed(tables: Mapping[str, pa.Table], columns: Sequence[str]) -> dict[str
     """Return of each table the columns that it has (`OptionError` where none has one)."""
     if [*columns] == ["brief"]:
         return {name: table.select(BRIEF[name]) for name, table in tables.items()}
-    there = [*dict.fromkeys(name for table in tables.values() for name in table.column_names)]
+    known = [*dict.fromkeys(name for table in tables.values() for name in table.column_names)]
     for name in columns:
-        if name not in there:
-            near = get_close_matches(str(name), there, 1)
-            hint = f"did you mean {near[0]}?" if near else f"there are {', '.join(there)}"
+        if name not in known:
+            near = get_close_matches(str(name), known, 1)
+            hint = f"did you mean {near[0]}?" if near else f"there are {', '.join(known)}"
             raise OptionError(f"--columns: no table has a column {name}; {hint}")
     return {kind: table.select([name for name in columns if name in table.column_names]) for kind, table in tables.items()}
 
@@ -179,7 +179,7 @@ def _frame(table: pa.Table) -> pd.DataFrame:
     # Numbers and truths that may be missing: numpy would make fractions of one, and objects of the other.
     nullable = {pa.int32(): pd.Int32Dtype(), pa.int64(): pd.Int64Dtype(), pa.bool_(): pd.BooleanDtype()}
     frame: pd.DataFrame = table.to_pandas(types_mapper=nullable.get)
-    # What a report tells of the run, and of damage.
+    # What a report says on the run, and on damage.
     frame.attrs = dict[Any, Any](notes_of(table))
     return frame
 
