@@ -15,11 +15,7 @@ from lidarcli.options.common import TextOrJson
 from lidarcli.options.forms import Argument, Text
 from lidarcli.system import compiled
 
-LIBRARIES = ("numpy", "pyarrow", "mcap", "rosbags", "pandas", "matplotlib", "click", "rich")
-EXTRAS = ("distributed", "rerun-sdk")
 SHELLS = ("bash", "zsh", "fish")
-VARIABLE = "_LIDARCLI_COMPLETE"
-"""Variable by which a shell asks for completions."""
 
 
 def version_text() -> str:
@@ -31,19 +27,20 @@ def version_text() -> str:
         head = f"  {name:<11}"
         return textwrap.fill(words, 79, initial_indent=head, subsequent_indent=" " * len(head))
 
+    libraries = _found("numpy", "pyarrow", "mcap", "rosbags", "pandas", "matplotlib", "click", "rich")
     system = f"Python {platform.python_version()}, {platform.system()} {platform.machine()}"
     return "\n".join(
         (
             f"lidarcli {__version__}",
             line("core", compiled.about_core()),
             line("system", system),
-            line("libraries", ", ".join(_found(LIBRARIES))),
-            line("optional", ", ".join(_found(EXTRAS)) or "none"),
+            line("libraries", ", ".join(libraries)),
+            line("optional", ", ".join(_found("distributed", "rerun-sdk")) or "none"),
         )
     )
 
 
-def _found(names: tuple[str, ...]) -> list[str]:
+def _found(*names: str) -> list[str]:
     """Those that are installed, with their versions."""
     from importlib.metadata import PackageNotFoundError, version
 
@@ -134,5 +131,5 @@ def completion(messages: Messages, options: CompletionCommand) -> int:
 
     kind = get_completion_class(options["shell"])
     assert kind is not None  # SHELLS are those that click knows
-    click.echo(kind(click.get_current_context().find_root().command, {}, "lidarcli", VARIABLE).source())
+    click.echo(kind(click.get_current_context().find_root().command, {}, "lidarcli", "_LIDARCLI_COMPLETE").source())
     return 0

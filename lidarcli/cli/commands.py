@@ -53,8 +53,6 @@ TYPED = "lidarcli.typed"
 """Key of the context's `meta` for which of -v and -q are on the command line."""
 SHOWS_ALL = "lidarcli.help_all"
 """Key of the context's `meta` that is set while `--help-all` prints."""
-LAST_EXAMPLE = 3 + 4
-"""Lines of the examples that `--help` shows: a headline, and four commands."""
 
 Work = Callable[[Messages, Any], int]
 """Body of a command: it gets the values of the arguments and options by their fields, and returns the exit code."""
@@ -242,7 +240,8 @@ class DeclaredCommand(_Shared):
         lines = (self.epilog or "").splitlines()
         if SHOWS_ALL not in ctx.meta:
             more = sum(getattr(each, "is_rare", False) for each in self.params)
-            lines[LAST_EXAMPLE:] = ["", f"{ctx.command_path} --help-all shows {more} more options."]
+            # A headline of three lines, and four commands.
+            lines[3 + 4 :] = ["", f"{ctx.command_path} --help-all shows {more} more options."]
         formatter.write_paragraph()
         with formatter.indentation():
             formatter.write_text("\n".join(lines))

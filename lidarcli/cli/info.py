@@ -18,8 +18,8 @@ from lidarcli.display.texts import counted, moment, no_command
 from lidarcli.files.stores import Place, place
 from lidarcli.options.common import ManyLogs, Overwrite, TextOrJson, output
 from lidarcli.options.forms import Option, Rule, Text
-from lidarcli.options.groups import Inspecting
-from lidarcli.options.values import FINDINGS, OUTPUT
+from lidarcli.options.groups import FINDINGS, Inspecting
+from lidarcli.options.values import OUTPUT
 
 if TYPE_CHECKING:
     from lidarcli.logs.base import Topic

@@ -6,7 +6,7 @@ import io
 import os
 import sys
 import traceback
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from importlib import import_module
 
 import click
@@ -31,16 +31,11 @@ HOMES = {
     **dict.fromkeys(("clean", "overlay", "poses", "export", "simulate", "map"), "writing"),
 }
 
-SUPERSEDED = {"match": "give lidarcli diff RUN RUN..., which takes the same tables, and logs"}
-"""Command that there was → words for what does its work now."""
-
-INTERRUPTED = 130
-
 
 class LazyCommands(Commands):
     """A group that imports a command only when somebody asks for it."""
 
-    superseded = SUPERSEDED
+    superseded: Mapping[str, str] = {"match": "give lidarcli diff RUN RUN..., which takes the same tables, and logs"}
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         return list(COMMANDS)
@@ -102,7 +97,7 @@ def run(arguments: Sequence[str] | None = None) -> int:
         raise
     except (KeyboardInterrupt, click.Abort):
         messages.error("interrupted")
-        return INTERRUPTED
+        return 130
     except BrokenPipeError:
         # Whoever read our output has had enough (`| head`). Python must not find out again at exit.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

@@ -128,7 +128,7 @@ class Messages(Screen):
             self.keep("routine", note)
         if self.verbose or not isinstance(note, Routine):
             # What reads a pipe, such as grep, takes a note for a line.
-            is_wrapped = "COLUMNS" in os.environ or (sys.stderr is not None and sys.stderr.isatty())
+            is_wrapped = "COLUMNS" in os.environ or _is_terminal()
             for line in wrapped(head, one_line(note)) if is_wrapped else [head + one_line(note)]:
                 self.info(line)
 
@@ -169,8 +169,6 @@ class Messages(Screen):
 
 OPTION = re.compile(r"(?<=\s|\()(--[a-z-]+) (?=[A-Z0-9/'.<]|inf)")
 """An option and its value, which stay on one line."""
-MAX_TOGETHER = 8
-"""Most files that are written as one name with braces; more are counted."""
 
 
 def wrapped(head: str, words: str) -> list[str]:
@@ -199,7 +197,8 @@ def together(files: Sequence[str]) -> list[str]:
         folders = dict.fromkeys(file.rpartition("/")[0] for file in files)
         groups = [[file for file in files if file.rpartition("/")[0] == folder] for folder in folders]
         return [*chain(*map(together, groups))] if len(groups) > 1 else [*files]
-    if len(files) > MAX_TOGETHER:
+    # A longer list takes more than a line.
+    if len(files) > 8:
         return [f"{begin}*{end} ({len(files):,} files)"]
     return [f"{begin}{{{','.join(parts)}}}{end}"]
 
@@ -233,15 +232,14 @@ def counted_bar(description: str, total: int | None, unit: str, messages: Messag
 
 def _shows_bars(messages: Messages) -> bool:
     """Return True if stderr is a terminal that can take a line back."""
-    on_terminal = sys.stderr is not None and sys.stderr.isatty()
-    return on_terminal and not messages.quiet and os.environ.get("TERM") != "dumb"
+    return _is_terminal() and not messages.quiet and os.environ.get("TERM") != "dumb"
+
+
+def _is_terminal() -> bool:
+    return sys.stderr is not None and sys.stderr.isatty()
 
 
 # Summaries.
-
-_WORDS = {"no_return": "no return", "too_close": "too close"}
-TELLING_SECONDS = 1.0
-"""Shortest run [s] whose speed is shown: that of a shorter one is mostly the start of the program."""
 
 
 def show(
@@ -362,7 +360,7 @@ MAX_AGENTS = 8
 
 
 def agents_of(run: RunSummary) -> list[str]:
-    """Return a line for each agent of a log, farthest first: when it was observed [s from the start], how far and how fast."""
+    """Return a line for each agent of a log, farthest first: when it was observed [s from the start], how far, how fast."""
     several = len({topic for topic, *_ in run.followed}) > 1
     lines = ["  agents   track      from        to      way     mean      top  score" + "  topic" * several]
     for topic, track, *ends, length, mean, top, score in sorted(run.followed, key=lambda one: -one[4])[:MAX_AGENTS]:
@@ -384,7 +382,8 @@ def _counts(run: RunSummary) -> str:
 
 
 def _speed(run: RunSummary) -> str:
-    is_shown = run.seconds >= TELLING_SECONDS and run.sweeps
+    # The time of a run of less than a second is mostly the start of the program.
+    is_shown = run.seconds >= 1.0 and run.sweeps
     return f", {run.sweeps / run.seconds:,.0f} sweeps/s" if is_shown else ""
 
 
@@ -395,7 +394,7 @@ def _damaged(run: RunSummary) -> str:
 def _parts(head: str, counts: Mapping[str, int], total: int, always: Sequence[str]) -> list[str]:
     """Return lines on how many beams are of each kind; kinds without beams are left out, except those in `always`."""
     parts = [
-        f"{_WORDS.get(name, name)} {count:,} ({count / total:.1%})" if total else f"{_WORDS.get(name, name)} 0"
+        f"{name.replace('_', ' ')} {f'{count:,} ({count / total:.1%})' if total else 0}"
         for name, count in counts.items()
         if count or name in always
     ]

@@ -14,9 +14,9 @@ from lidarcli.files.stores import Place, place
 from lidarcli.options.choices import ANIMATED_DPI, ANIMATIONS, FRAMES_PER_SECOND, IMAGES, LAST_SWEEP, MAX_COUNT, VIEWS, Look
 from lidarcli.options.common import OneLog, Overwrite, output
 from lidarcli.options.forms import Number, Option, Text, options_of
-from lidarcli.options.groups import PLOT_RULES, Plotting
+from lidarcli.options.groups import LOOK, PICTURE, PLOT_RULES, Plotting
 from lidarcli.options.reading import Window
-from lidarcli.options.values import LOOK, PICTURE, STDOUT, SWEEP, parse_numbers
+from lidarcli.options.values import STDOUT, SWEEP, parse_numbers
 
 if TYPE_CHECKING:
     from lidarcli.logs.batches import ReadOptions

@@ -2,9 +2,20 @@
 
 from typing import Annotated, Any, Literal, TypedDict
 
+from lidarcli.errors import OptionError
 from lidarcli.options import choices
 from lidarcli.options.forms import Argument, File, Option, Text
-from lidarcli.options.values import CHECKS, COUNT, INPUT, MANY, OUTPUT, parse_shard
+from lidarcli.options.values import CHECKS, COUNT, INPUT, MANY, OUTPUT
+
+
+def parse_shard(text: str) -> tuple[int, int]:
+    """(I, N): the I-th of N shares."""
+    number, _, count = text.partition("/")
+    if not (number.isdecimal() and count.isdecimal()):
+        raise OptionError(f"'{text}' is not I/N, as 1/8")
+    if not 1 <= int(number) <= int(count) <= choices.MAX_SHARDS:
+        raise OptionError(f"'{text}': shares are numbered from 1 to {count}")
+    return int(number), int(count)
 
 
 class OneLog(TypedDict, total=False):

@@ -10,46 +10,74 @@ import math
 from collections.abc import Iterable, Sequence
 from typing import Annotated, Literal, TypedDict
 
+from lidarcli.errors import OptionError
 from lidarcli.options import choices
 from lidarcli.options.common import CHECK, STAMPS_HELP, Jobs
 from lidarcli.options.forms import File, Number, Option, Rule, Text
-from lidarcli.options.objects import COLUMNS_HELP, Comparing, ObjectParameters, Objects, Things
-from lidarcli.options.reading import Delay, Joining, Limits, Poses, Ranges, Reading, Run, Topic, Topics, Window
-from lidarcli.options.values import (
-    ANY_COUNT,
-    CHANGES,
-    CHECKS,
-    CLOUD,
-    COUNT,
-    COUNT_OR_NONE,
-    FINDINGS,
-    GRID,
-    INPUT,
-    LENGTH,
-    LOG,
-    LOOK,
-    OBJECTS,
-    OUTPUT,
-    PICTURE,
-    PLACES,
+from lidarcli.options.objects import COLUMNS_HELP, OBJECTS, Comparing, ObjectParameters, Objects, Things
+from lidarcli.options.reading import (
     POSES,
     RANGES,
-    RUN,
     SELECT,
-    STATIONS,
+    Delay,
+    Joining,
+    Limits,
+    Poses,
+    Ranges,
+    Reading,
+    Run,
+    Topic,
+    Topics,
+    Window,
+)
+from lidarcli.options.values import (
+    CHECKS,
+    COUNT,
+    COUNT_OR_NONE,
+    INPUT,
+    LENGTH,
+    OUTPUT,
     TIME,
     TURN,
     WIDTH,
-    ZONES,
     AnyPath,
     Paths,
     Tables,
-    parse_mends,
+    metres,
     parse_names,
     parse_numbers,
-    parse_removed,
-    parse_value,
 )
+
+STATIONS = "Viewpoints (stations) of a moving sensor"
+GRID, CLOUD = "Occupancy grid", "Point cloud"
+PICTURE, LOOK, ZONES, FINDINGS = "Picture", "Look", "Zones", "Findings"
+PLACES, CHANGES = "Places", "What to change"
+RUN, LOG = "Run", "Log"
+ANY_COUNT = Number("N", 0, math.inf, whole=True)
+
+
+def parse_removed(text: str) -> str:
+    """The list as it is, once its items are known; `none` excludes all others."""
+    for word in text.split(",") if text.strip() != "none" else ():
+        if word.strip() == "body":
+            raise OptionError("the robot's own body is what --mask FILE tells")
+        if word.strip() not in choices.REMOVABLE:
+            raise OptionError(f"'{word.strip()}' is not one of {', '.join(choices.REMOVABLE)}")
+    return text
+
+
+def parse_mends(text: str) -> str:
+    """The list as it is, once its items are known."""
+    known = (choices.FOUND, *choices.MENDS)
+    if unknown := [word.strip() for word in text.split(",") if word.strip() not in known]:
+        raise OptionError(f"'{unknown[0]}' is not one of {', '.join(known)}")
+    return text
+
+
+def parse_value(text: str) -> str | float:
+    """`nan`, `inf`, `above` or metres."""
+    word = text.lower()
+    return word if word in choices.SAYINGS else metres(text, f"neither {', '.join(choices.SAYINGS)}", LENGTH)
 
 
 class Learning(Reading, total=False):

@@ -7,22 +7,19 @@ from lidarcli.options import choices
 from lidarcli.options.common import Jobs
 from lidarcli.options.forms import File, Number, Option, Text
 from lidarcli.options.reading import Delay, Joining, Poses, Ranges, Topics
-from lidarcli.options.values import (
-    COUNT,
-    COUNT_OR_NONE,
-    LENGTH,
-    OBJECTS,
-    OUTPUT,
-    TURN,
-    WIDTH,
-    AnyPath,
-    parse_names,
-    parse_threshold,
-)
+from lidarcli.options.values import COUNT, COUNT_OR_NONE, LENGTH, OUTPUT, TURN, WIDTH, AnyPath, metres, parse_names
 
 if TYPE_CHECKING:
     from lidarcli.formalism.background import Background
     from lidarcli.formalism.matching.catalogue import Catalogue
+
+
+OBJECTS = "Objects"
+
+
+def parse_threshold(text: str) -> str | float:
+    """`adaptive`, `mean` or metres."""
+    return text if text in ("adaptive", "mean") else metres(text, "neither adaptive nor mean", WIDTH)
 
 
 class ObjectParameters(TypedDict, total=False):

@@ -6,20 +6,20 @@ from typing import Annotated, Literal, TypedDict
 
 from lidarcli.options import choices
 from lidarcli.options.forms import File, Number, Option, Text
-from lidarcli.options.values import (
-    ANGLE,
-    CLOUDS,
-    COUNT,
-    GEOMETRY,
-    MANY,
-    POSES,
-    RANGES,
-    SELECT,
-    TIME,
-    WIDTH,
-    AnyPath,
-    parse_no_return_words,
-)
+from lidarcli.options.values import COUNT, MANY, TIME, WIDTH, AnyPath
+
+SELECT, POSES = "Sweeps to read", "Where the sensor was"
+RANGES, GEOMETRY = "Beams", "Text logs without names or geometry"
+POINT_CLOUDS = "Point clouds"
+ANGLE = Number("ANGLE")
+
+
+def parse_no_return_words(text: str) -> str:
+    """The list as it is, once its items are known to be words and ranges."""
+    from lidarcli.sweeps.range_rules import parse_no_return
+
+    parse_no_return(text)
+    return text
 
 
 class Window(TypedDict, total=False):
@@ -155,13 +155,13 @@ class Ranges(Limits, total=False):
     ]
     slice: Annotated[
         tuple[float, float] | None,
-        Option(CLOUDS, Number("ZMIN ZMAX", count=2), shown="clouds are not read", rare=True),
+        Option(POINT_CLOUDS, Number("ZMIN ZMAX", count=2), shown="clouds are not read", rare=True),
         "Read point clouds as sweeps: of the points between these heights [m] the nearest in each direction. "
         "Heights count from the robot's base, level by tf.",
     ]
     bins: Annotated[
         int | None,
-        Option(CLOUDS, Number("N", -math.inf, math.inf, whole=True), shown=str(choices.BINS), rare=True),
+        Option(POINT_CLOUDS, Number("N", -math.inf, math.inf, whole=True), shown=str(choices.BINS), rare=True),
         "Beams of a sweep that is made of a point cloud; their view is a full turn, or that of --angle-min and --fov.",
     ]
 

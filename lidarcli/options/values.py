@@ -1,6 +1,5 @@
 """Values of options: their types for Python, their limits, and how texts are parsed; headings of the help."""
 
-import math
 from collections.abc import Iterable
 from os import PathLike
 from typing import Any, Protocol
@@ -36,14 +35,7 @@ STDOUT = "-"
 """As the name of an output: standard output."""
 
 OUTPUT, MANY = "Output", "Many logs"
-SELECT, POSES = "Sweeps to read", "Where the sensor was"
-RANGES, GEOMETRY = "Beams", "Text logs without names or geometry"
-CLOUDS, OBJECTS = "Point clouds", "Objects"
-STATIONS = "Viewpoints (stations) of a moving sensor"
-GRID, CLOUD = "Occupancy grid", "Point cloud"
-PICTURE, LOOK, CHECKS, ZONES, FINDINGS = "Picture", "Look", "Checks", "Zones", "Findings"
-PLACES, CHANGES = "Places", "What to change"
-RUN, LOG = "Run", "Log"
+CHECKS = "Checks"
 
 
 def parse_time_text(text: str) -> Any:
@@ -56,52 +48,13 @@ def parse_time_text(text: str) -> Any:
     return found
 
 
-def parse_no_return_words(text: str) -> str:
-    """The list as it is, once its items are known to be words and ranges."""
-    from lidarcli.sweeps.range_rules import parse_no_return
-
-    parse_no_return(text)
-    return text
-
-
-def parse_threshold(text: str) -> str | float:
-    """`adaptive`, `mean` or metres."""
-    if text in ("adaptive", "mean"):
-        return text
+def metres(text: str, words: str, form: Number) -> float:
+    """A number of metres; `words` begin the refusal of what is none."""
     try:
         float(text)
     except ValueError:
-        raise OptionError(f"'{text}' is neither adaptive nor mean nor a number of metres") from None
-    return WIDTH.parse(text)
-
-
-def parse_removed(text: str) -> str:
-    """The list as it is, once its items are known; `none` excludes all others."""
-    for word in text.split(",") if text.strip() != "none" else ():
-        if word.strip() == "body":
-            raise OptionError("the robot's own body is what --mask FILE tells")
-        if word.strip() not in choices.REMOVABLE:
-            raise OptionError(f"'{word.strip()}' is not one of {', '.join(choices.REMOVABLE)}")
-    return text
-
-
-def parse_mends(text: str) -> str:
-    """The list as it is, once its items are known."""
-    known = (choices.FOUND, *choices.MENDS)
-    if unknown := [word.strip() for word in text.split(",") if word.strip() not in known]:
-        raise OptionError(f"'{unknown[0]}' is not one of {', '.join(known)}")
-    return text
-
-
-def parse_value(text: str) -> str | float:
-    """`nan`, `inf`, `above` or metres."""
-    if text.lower() in choices.SAYINGS:
-        return text.lower()
-    try:
-        float(text)
-    except ValueError:
-        raise OptionError(f"'{text}' is neither {', '.join(choices.SAYINGS)} nor a number of metres") from None
-    return LENGTH.parse(text)
+        raise OptionError(f"'{text}' is {words} nor a number of metres") from None
+    return form.parse(text)
 
 
 def parse_names(text: str) -> tuple[str, ...]:
@@ -117,20 +70,9 @@ def parse_numbers(text: str) -> tuple[int, ...]:
     return tuple(dict.fromkeys(int(part) for part in text.split(",")))
 
 
-def parse_shard(text: str) -> tuple[int, int]:
-    """(I, N): the I-th of N shares."""
-    number, _, count = text.partition("/")
-    if not (number.isdecimal() and count.isdecimal()):
-        raise OptionError(f"'{text}' is not I/N, as 1/8")
-    if not 1 <= int(number) <= int(count) <= choices.MAX_SHARDS:
-        raise OptionError(f"'{text}': shares are numbered from 1 to {count}")
-    return int(number), int(count)
-
-
 WIDTH, LENGTH = Number("METRES", 0, above=True), Number("METRES", 0)
 COUNT, COUNT_OR_NONE = (Number("N", 1, choices.MAX_COUNT, whole=True), Number("N", 0, choices.MAX_COUNT, whole=True))
-ANY_COUNT = Number("N", 0, math.inf, whole=True)
-ANGLE, TURN = Number("ANGLE"), Number("DEGREES", 0, above=True)
+TURN = Number("DEGREES", 0, above=True)
 SWEEP = Number("N", 0, choices.LAST_SWEEP, whole=True)
 TIME = Text("TIME", parse_time_text)
 INPUT = File("LOG")

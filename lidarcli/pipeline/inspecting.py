@@ -44,9 +44,6 @@ FACTS = (
 )
 """Keys of the verdict on the poses of a log; null where there is none."""
 
-_PARQUET = b"PAR1"
-"""Beginning of a Parquet file."""
-
 FIXES = (".toml", ".yaml")
 """Suffixes of files that mend a log: masks and mounts, and filters for a running robot."""
 
@@ -281,10 +278,6 @@ def _pose_notes(posing: PoseAttacher, found: Mapping[tuple[str, str], _Scan]) ->
     return [*doubtful, *posing.found.notes]
 
 
-_NAMES_FRAMES = frozenset({"cdr", "ros1", "json", "protobuf"})
-"""Encodings of messages that name the frame of a sensor."""
-
-
 def _of_sweeps(
     topics: Sequence[Topic], stats: Mapping[tuple[str, str], LogStats], checks: ScanChecks, report: ReadReport
 ) -> Iterator[Finding]:
@@ -292,7 +285,8 @@ def _of_sweeps(
     encodings = {topic.name: topic.encoding for topic in topics}
     for (topic, frame), own in sorted(stats.items()):
         known = [each.id for each in report.doubts.get(topic, ())]
-        lacks_frame = not frame and encodings.get(topic) in _NAMES_FRAMES
+        # Messages of other encodings name no frame of a sensor.
+        lacks_frame = not frame and encodings.get(topic) in ("cdr", "ros1", "json", "protobuf")
         yield from own.findings(checks.sensor(topic, frame), checks.clock(topic, frame), known, lacks_frame)
     yield from repeated_topics(stats)
 
@@ -412,7 +406,7 @@ def _is_table(source: Source) -> bool:
     with suppress(OSError):
         if not source.parts and path.is_file():
             with path.open("rb") as file:
-                return file.read(len(_PARQUET)) == _PARQUET
+                return file.read(4) == b"PAR1"
     return False
 
 

@@ -44,7 +44,6 @@ WIDTH = 100
 """Columns of a docstring."""
 Progress = bool | Callable[[int, int | None], object]
 """Wish to see how far the work is."""
-_PROGRESS = "True for a bar on standard error, or a function of how much is done and how much there is (docs/python.md)"
 
 
 def with_keywords(*rules: Rule) -> Callable[[F], F]:
@@ -83,7 +82,8 @@ def with_keywords(*rules: Rule) -> Callable[[F], F]:
             Parameter(name, Parameter.KEYWORD_ONLY, default=defaults[name], annotation=types[name]) for name in known
         ]
         called.__signature__ = own.replace(parameters=[*positional, *keyword_only])  # type: ignore[attr-defined]
-        meanings = [f"progress : {_PROGRESS}"] if "progress" in own.parameters else []
+        progress = "True for a bar on standard error, or a function of how much is done and how much there is"
+        meanings = [f"progress : {progress} (docs/python.md)"] if "progress" in own.parameters else []
         meanings += [f"{name} : {python_words(name, option)}" for name, option in known.items()]
         lines = [fill(each, WIDTH, subsequent_indent="    ") for each in meanings]
         # They come at the end of the list of parameters.

@@ -20,9 +20,10 @@ from lidarcli.logs.batches import ReadOptions
 from lidarcli.logs.registry import open_options, range_rules
 from lidarcli.options.choices import NS, TRAIL
 from lidarcli.options.forms import Text, defaults_of
+from lidarcli.options.groups import parse_mends, parse_removed, parse_value
 from lidarcli.options.objects import Finding, Objects, Tracking
 from lidarcli.options.times import Instant, as_time
-from lidarcli.options.values import AnyPath, parse_mends, parse_removed, parse_value
+from lidarcli.options.values import AnyPath
 from lidarcli.pipeline.inputs.declared import AUTO, read_catalogue, read_masks
 from lidarcli.pipeline.reading.posing import NONE, PoseOptions
 from lidarcli.sweeps.masks import Masks
