@@ -87,8 +87,7 @@ def test_logs_below_a_folder_keep_their_place(logs: Path, tmp_path: Path, lidarc
         (tree / name).parent.mkdir(parents=True, exist_ok=True)
         (tree / name).write_bytes((logs / "run.mcap").read_bytes())
     (tree / "bad.bag").write_bytes(b"\0\1\2" * 99)
-    ran = lidarcli("detect", tree, "-o", out, "--jobs", "2")
-    assert ran.code == 3
+    ran = lidarcli("detect", tree, "-o", out, "--jobs", "2", code=3)
     found = sorted(path.relative_to(out).as_posix() for path in out.rglob("*.objects.parquet"))
     assert found == ["a/b/run.objects.parquet", "a/run.objects.parquet", "run.objects.parquet"]
     assert pq.read_table(out / "a/b/run.objects.parquet")["log"].to_pylist()[0] == "a/b/run"
@@ -201,8 +200,9 @@ def test_several_logs_by_processes_give_the_same_bytes(
     for jobs in ("1", "2"):
         if jobs == "2":
             monkeypatch.setattr(over_logs, "WORTH_A_PROCESS", 1)
-        ran = lidarcli("track", logs / "run.mcap", logs / "two.mcap", "-o", tmp_path / jobs, "--jobs", jobs, "--beams")
-        assert ran.code == 0
+        ran = lidarcli(
+            "track", logs / "run.mcap", logs / "two.mcap", "-o", tmp_path / jobs, "--jobs", jobs, "--beams", code=0
+        )
         assert ran.err.splitlines()[-1].startswith("2 logs: 60 sweeps, 90 objects (0 of agents), ")
     assert len(names(tmp_path / "1")) == 2 * (len(TABLES) + 1)
     for name in names(tmp_path / "1"):
@@ -212,8 +212,9 @@ def test_several_logs_by_processes_give_the_same_bytes(
 def test_a_background_leaves_what_differs(tmp_path: Path, lidarcli: Run, patient: None) -> None:
     background = tmp_path / "b.parquet"
     assert lidarcli("-q", "background", "build", SAMPLES / "room_empty.mcap", "-o", background).code == 0
-    ran = lidarcli("track", SAMPLES / "room.mcap", "--background", background, "--walls", "--end", "0.5", "-o", tmp_path)
-    assert ran.code == 0
+    ran = lidarcli(
+        "track", SAMPLES / "room.mcap", "--background", background, "--walls", "--end", "0.5", "-o", tmp_path, code=0
+    )
     assert "  note     compared with b.parquet: 25 appeared" in ran.err.splitlines()
     rows = pq.read_table(tmp_path / "room.objects.parquet").to_pylist()
     assert {row["change"] for row in rows if row["track"] is not None} == {"appeared"}
@@ -223,8 +224,7 @@ def test_a_background_leaves_what_differs(tmp_path: Path, lidarcli: Run, patient
 
 def test_one_file_holds_the_objects_of_all_logs(logs: Path, tmp_path: Path, lidarcli: Run, patient: None) -> None:
     path = tmp_path / "all.csv"
-    ran = lidarcli("track", logs / "run.mcap", logs / "two.mcap", "-o", path)
-    assert ran.code == 0
+    ran = lidarcli("track", logs / "run.mcap", logs / "two.mcap", "-o", path, code=0)
     assert f"  wrote    {path}" in ran.err.splitlines()
     assert [item.name for item in tmp_path.iterdir()] == [path.name]
     rows = [row["moving"] for row in csv.DictReader(io.StringIO(path.read_text()))]
@@ -400,8 +400,7 @@ def parked(tmp_path: Path) -> Path:
 
 def test_what_a_parked_sensor_sees_is_proposed(lidarcli: Run, parked: Path, tmp_path: Path) -> None:
     file = tmp_path / "robot.toml"
-    ran = lidarcli("info", parked, "--mask", "auto", "-o", file)
-    assert ran.code == 0
+    ran = lidarcli("info", parked, "--mask", "auto", "-o", file, code=0)
     assert "nothing is masked: the sensor drove 0.0 m and turned by 0 degrees" in ran.out
     assert "6 beams at 0.26 to 0.34 m look like the robot itself: --mask FILE masks them" in ran.out
     assert f"wrote    {file}" in ran.err

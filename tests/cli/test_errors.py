@@ -102,8 +102,7 @@ def test_two_inputs_one_output(logs: Path, tmp_path: Path, lidarcli: Run) -> Non
 
 
 def test_damaged_log_gives_what_is_left(logs: Path, tmp_path: Path, lidarcli: Run) -> None:
-    ran = lidarcli("-q", "detect", logs / "cut.mcap", "-o", tmp_path)
-    assert ran.code == 3
+    ran = lidarcli("-q", "detect", logs / "cut.mcap", "-o", tmp_path, code=3)
     assert ran.err.startswith(f"lidarcli: {logs / 'cut.mcap'}: byte ")
     import pyarrow.parquet as pq
 
@@ -118,8 +117,7 @@ def test_cut_before_the_first_sweep(logs: Path, tmp_path: Path, lidarcli: Run) -
     log = tmp_path / "cut.mcap"
     log.write_bytes((logs / "run.mcap").read_bytes()[:300])
     for words in (("info", log), ("detect", log, "-o", tmp_path)):
-        ran = lidarcli("-q", *words)
-        assert ran.code == 3
+        ran = lidarcli("-q", *words, code=3)
         assert "byte 300: " in ran.err
     assert list(tmp_path.iterdir()) == [log]
 
@@ -128,8 +126,7 @@ def test_first_code_that_is_not_zero_and_all_logs_done(logs: Path, tmp_path: Pat
     out = tmp_path / "out"
     (tmp_path / "empty.bag").touch()
     inputs = [logs / "two.mcap", tmp_path / "empty.bag", logs / "run.mcap", tmp_path / "absent"]
-    ran = lidarcli("detect", *inputs, "--topic", "/scan", "-o", out)
-    assert ran.code == 4
+    ran = lidarcli("detect", *inputs, "--topic", "/scan", "-o", out, code=4)
     assert sorted(path.name for path in out.iterdir()) == ["run.objects.parquet", "run.sweeps.parquet"]
     assert ran.err.splitlines()[0].startswith(f"lidarcli: {logs / 'two.mcap'}: no LaserScan topic /scan")
     assert ran.err.splitlines()[-1] == "4 logs, 3 with errors: 20 sweeps, 30 objects"
@@ -215,8 +212,7 @@ def test_bug_in_one_log_is_reported_and_the_rest_done(
         return real(source, csv)
 
     monkeypatch.setattr(detecting, "open_source", buggy)
-    ran = lidarcli("-q", "detect", logs / "two.mcap", logs / "run.mcap", "-o", tmp_path)
-    assert ran.code == 70
+    ran = lidarcli("-q", "detect", logs / "two.mcap", logs / "run.mcap", "-o", tmp_path, code=70)
     assert ran.err.startswith("Traceback (most recent call last):\n")
     assert ran.err.splitlines()[-3:] == [
         "ZeroDivisionError: oops",
@@ -228,8 +224,7 @@ def test_bug_in_one_log_is_reported_and_the_rest_done(
 
 def test_bug_outside_of_any_log(lidarcli: Run, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("lidarcli.pipeline.inputs.search.find_logs", lambda names: 1 / 0)
-    ran = lidarcli("info", "x")
-    assert ran.code == 70
+    ran = lidarcli("info", "x", code=70)
     assert ran.err.splitlines()[-1] == "lidarcli: this is a bug in lidarcli; please report it with the lines above"
 
 
@@ -336,8 +331,7 @@ def test_too_little_memory_is_no_bug(
 
     inside = place == "open_source"
     monkeypatch.setattr(detecting if inside else machine, place, fail)
-    ran = lidarcli("-q", "detect", logs / "run.mcap", "-o", tmp_path)
-    assert ran.code == 3
+    ran = lidarcli("-q", "detect", logs / "run.mcap", "-o", tmp_path, code=3)
     log = f"{logs / 'run.mcap'}: " if inside else ""
     advice = "allow more, take --jobs 1, or read a part of the log with --start and --end or --every"
     assert ran.err == f"lidarcli: {log}not enough memory; {advice}\n"
@@ -356,6 +350,5 @@ def test_too_little_memory_is_no_bug(
 )
 def test_an_empty_text_is_no_folder(words: tuple[str, ...], lidarcli: Run) -> None:
     """A variable of a shell that is not set would read, or write, whatever lies in the current folder."""
-    ran = lidarcli(*words)
-    assert ran.code == 2
+    ran = lidarcli(*words, code=2)
     assert "an empty text names nothing." in ran.err

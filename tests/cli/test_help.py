@@ -51,8 +51,7 @@ SCREENS = 60
 
 @pytest.mark.parametrize("name", COMMANDS)
 def test_help_fits_and_shows_defaults(lidarcli: Run, name: str) -> None:
-    ran = lidarcli(name, "--help")
-    assert ran.code == 0
+    ran = lidarcli(name, "--help", code=0)
     lines = ran.out.splitlines()
     assert max(map(len, lines)) <= 80
     assert len(lines) <= SCREENS
@@ -174,8 +173,7 @@ def test_help_leaves_out_what_only_some_logs_need(lidarcli: Run) -> None:
         *("--removed", "--explain"),
     }
     assert rare.isdisjoint({"--output", "--overwrite", "--topic", "--start", "--end", "--pose", "--background", "--mask"})
-    ran = lidarcli("detect", "run.mcap", "--range-unti", "mm")
-    assert ran.code == 2
+    ran = lidarcli("detect", "run.mcap", "--range-unti", "mm", code=2)
     assert "--range-unit" in ran.err
 
 
@@ -253,8 +251,7 @@ OPTIONS = [
 @pytest.mark.parametrize(("command", "option"), OPTIONS, ids=[f"{name} {option.key}" for name, option in OPTIONS])
 def test_an_option_is_no_value(command: str, option: DeclaredOption, lidarcli: Callable[..., Any]) -> None:
     value = option.declared.value
-    ran = lidarcli(command, f"--{option.key}", "--overwrite")
-    assert ran.code == 2
+    ran = lidarcli(command, f"--{option.key}", "--overwrite", code=2)
     assert option.key in ran.err or "Missing" in ran.err
     if isinstance(value, Text) and not value.is_list and option.declared.alone is None:
         assert lidarcli(command, f"--{option.key}", "").code == 2
@@ -307,8 +304,7 @@ def test_an_option_without_effect_is_told(
     log = tmp_path / f"run{suffix}"
     write_log(log, [room_sweeps()])
     own = ["-o", tmp_path / "tables", "--overwrite"] if command == "detect" else []
-    ran = lidarcli(command, log, *own, *spelled(name))
-    assert ran.code == 0
+    ran = lidarcli(command, log, *own, *spelled(name), code=0)
     told = " ".join((ran.out + ran.err).split())
     assert f"no effect on this log: {spelled(name)[0]}" in told or f"no poses in this log: {spelled(name)[0]}" in told
     plain = lidarcli(command, log, *own)

@@ -103,8 +103,7 @@ def test_brief_is_a_line_per_log(logs: Path, tmp_path: Path, lidarcli: Run) -> N
         writer = Writer(file)
         writer.start()
         writer.finish()
-    ran = lidarcli("info", "--brief", *(logs / name for name in ("run.mcap", "two.mcap", "cut.mcap")), empty)
-    assert ran.code == 3
+    ran = lidarcli("info", "--brief", *(logs / name for name in ("run.mcap", "two.mcap", "cut.mcap")), empty, code=3)
     run, two, cut, nothing = ran.out.splitlines()
     assert run == f"{logs / 'run.mcap'}: mcap, 1.9 s, /scan 20 x 360 beams at 10.00 Hz, no poses, 1 finding"
     assert two == (
@@ -128,8 +127,7 @@ def test_a_log_that_tells_no_greatest_range(greatest: float, tmp_path: Path, lid
 
 
 def test_several_logs(logs: Path, lidarcli: Run) -> None:
-    ran = lidarcli("info", logs)
-    assert ran.code == 3
+    ran = lidarcli("info", logs, code=3)
     blocks = ran.out.split("\n\n")
     assert [block.splitlines()[0] for block in blocks] == [
         str(logs / name) for name in ("cut.mcap", "run.mcap", "two.mcap")
@@ -254,8 +252,7 @@ def test_checks_of_what_cannot_be_read_do_not_pass(lidarcli: Run, logs: Path, fo
     assert lidarcli("info", logs / "cut.mcap", "--check", "findings.errors == 0").code == 3
     assert lidarcli("info", logs / "cut.mcap", "--check", "findings.errors == 1").code == 1
     (folder / "empty.csv").touch()
-    ran = lidarcli("info", "empty.csv", "fine.mcap", "--check", "findings == 0")
-    assert ran.code == 3
+    lidarcli("info", "empty.csv", "fine.mcap", "--check", "findings == 0", code=3)
     assert lidarcli("info", "empty.csv", "fine.mcap", "--check", "findings == 7").code == 3
 
 
@@ -294,8 +291,7 @@ def test_what_a_closer_look_mends_is_written(lidarcli: Run, folder: Path, monkey
         (Mount("laser", "base_link", -0.13, 0.0, 0.0),),
     )
     monkeypatch.setattr(deep, "deep_findings", lambda *_: looked)
-    ran = lidarcli("info", "odd.mcap", "--deep", "-o", "robot.toml", "-o", "filter.yaml")
-    assert ran.code == 0
+    ran = lidarcli("info", "odd.mcap", "--deep", "-o", "robot.toml", "-o", "filter.yaml", code=0)
     assert ran.out.splitlines()[-10:-2] == [
         "  findings",
         "  hint     units      a closer look counts",
@@ -311,8 +307,7 @@ def test_what_a_closer_look_mends_is_written(lidarcli: Run, folder: Path, monkey
     )
     assert "laser_filters/LaserScanSectorFilter" in (folder / "filter.yaml").read_text()
     assert lidarcli("info", "odd.mcap", "--mask", "robot.toml").code == 0
-    again = lidarcli("info", "odd.mcap", "--deep", "-o", "robot.toml", "-o", "filter.yaml")
-    assert again.code == 5
+    again = lidarcli("info", "odd.mcap", "--deep", "-o", "robot.toml", "-o", "filter.yaml", code=5)
     assert "overwrite" in again.err
     # Without the closer look there is nothing of it.
     assert "never change" not in lidarcli("info", "odd.mcap").out
@@ -366,11 +361,11 @@ def millimetres(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 @pytest.mark.usefixtures("undrawn")
 @pytest.mark.parametrize("command", COMMANDS)
 def test_every_command_tells_it(lidarcli: Callable[..., Any], millimetres: Path, command: str) -> None:
-    ran = lidarcli(*COMMANDS[command], "run.mcap")
-    assert ran.code == 0
+    ran = lidarcli(*COMMANDS[command], "run.mcap", code=0)
     assert f"{ran.out}{ran.err}".count(NOTE) == 1
-    again = lidarcli(*COMMANDS[command], "run.mcap", "--range-unit", "mm", *(("--overwrite",) * (command != "info")))
-    assert again.code == 0
+    again = lidarcli(
+        *COMMANDS[command], "run.mcap", "--range-unit", "mm", *(("--overwrite",) * (command != "info")), code=0
+    )
     assert "--range-unit" not in f"{again.out}{again.err}"
 
 
@@ -378,7 +373,6 @@ def test_degrees_are_refused(lidarcli: Callable[..., Any], tmp_path: Path) -> No
     good = room_sweeps()
     many = replace(good, angle_increment=np.where(np.arange(20) < 5, 1.0, good.angle_increment))
     write_log(tmp_path / "run.mcap", [many])
-    ran = lidarcli("detect", tmp_path / "run.mcap", "-o", tmp_path / "t")
-    assert ran.code == 3
+    ran = lidarcli("detect", tmp_path / "run.mcap", "-o", tmp_path / "t", code=3)
     assert "topic /scan: 5 messages left out: angle_increment is beyond 0.9 rad: probably degrees" in ran.err
     assert ": 15 sweeps, " in ran.err

@@ -59,8 +59,7 @@ def test_a_background(lidarcli: Run, logs: Path, tmp_path: Path) -> None:
     table = tmp_path / "empty.parquet"
     assert lidarcli("-q", "background", "build", logs / "run.mcap", "-o", table).code == 0
     out = tmp_path / "change.png"
-    ran = lidarcli("plot", logs / "run.mcap", "--sweep", 15, "--background", table, "-o", out)
-    assert ran.code == 0
+    ran = lidarcli("plot", logs / "run.mcap", "--sweep", 15, "--background", table, "-o", out, code=0)
     assert ran.err.splitlines()[0].startswith("  note     compared with empty.parquet: ")
     with Image.open(out) as image:
         assert image.size == (1440, pytest.approx(1128, abs=10))
@@ -359,8 +358,7 @@ def test_points_of_a_sweep_lie_on_the_map() -> None:
 
 
 def test_tracks(lidarcli: Run, tables: Path, tmp_path: Path) -> None:
-    ran = lidarcli("plot", DRIVE, "--view", "map", "--tracks", tables, "-o", tmp_path / "m.svg")
-    assert ran.code == 0
+    lidarcli("plot", DRIVE, "--view", "map", "--tracks", tables, "-o", tmp_path / "m.svg", code=0)
     assert "what stands" in labels_of(tmp_path / "m.svg").splitlines()
     drawn = take_map(source(), MapOptions(), tracks=str(tables))
     (picture,) = drawn.pictures
@@ -532,12 +530,10 @@ def test_density_is_the_time_of_agents_by_place() -> None:
 @pytest.mark.slow
 def test_options_of_tracks_need_them(lidarcli: Run, tables: Path, tmp_path: Path) -> None:
     for option in (("--only", "1"), ("--density",)):
-        ran = lidarcli("plot", DRIVE, *option)
-        assert ran.code == 2
+        ran = lidarcli("plot", DRIVE, *option, code=2)
         assert f"{option[0]} is for --view map --tracks TABLE" in ran.err
     out = tmp_path / "some.svg"
-    ran = lidarcli("plot", DRIVE, "--view", "map", "--tracks", tables, "--density", "-o", out)
-    assert ran.code == 0
+    ran = lidarcli("plot", DRIVE, "--view", "map", "--tracks", tables, "--density", "-o", out, code=0)
     assert "A" not in pq.read_table(tables, columns=["set"])["set"].to_pylist()
     assert "  note     no agents: --density has nothing to draw" in ran.err.splitlines()
     assert "time of agents in a cell" not in labels_of(out)
@@ -550,9 +546,8 @@ def test_tables_of_a_part_are_told(lidarcli: Run, tables: Path, tmp_path: Path) 
         of_part = tmp_path / name / "drive.tracks.parquet"
         for more in ((), ("--density",)):
             ran = lidarcli(
-                "plot", DRIVE, "--view", "map", "--tracks", of_part, *more, "-o", tmp_path / "a.png", "--overwrite"
+                "plot", DRIVE, "--view", "map", "--tracks", of_part, *more, "-o", tmp_path / "a.png", "--overwrite", code=0
             )
-            assert ran.code == 0
             (note,) = (line for line in ran.err.splitlines() if "what is in the others is not drawn" in line)
             assert some in note
     ran = lidarcli("plot", DRIVE, "--view", "map", "--tracks", tables, "-o", tmp_path / "b.png")

@@ -105,8 +105,7 @@ def test_parquet(lidarcli: Run, tables: Path, tmp_path: Path) -> None:
 def test_and_back(lidarcli: Run, tables: Path, tmp_path: Path, source: Path, options: tuple[str, ...]) -> None:
     path = tmp_path / "run.tum"
     assert lidarcli("-q", "poses", source, "-o", path).code == 0
-    ran = lidarcli("-v", "detect", source, "-o", tmp_path / "back", "--poses", path, *options)
-    assert ran.code == 0
+    ran = lidarcli("-v", "detect", source, "-o", tmp_path / "back", "--poses", path, *options, code=0)
     assert "  note     poses from run.tum (world > laser): 96% of the hits agree over the run" in ran.err.splitlines()
     for table, wanted in {
         "objects": ("world_x", "world_y", "world_yaw"),
@@ -155,8 +154,7 @@ def test_stamps_that_jump_back(lidarcli: Run, tmp_path: Path) -> None:
     sweeps = raw_sweeps(round_room(7), stamp_ns=START + STEP * order, record_ns=START + STEP * np.arange(7))
     write_log(log, [sweeps])
     path.write_text("1700000000 0 0 0 0 0 0 1\n1700000001 1 0 0 0 0 0 1\n")
-    ran = lidarcli("poses", log, "--poses", path, "-o", out)
-    assert ran.code == 0
+    ran = lidarcli("poses", log, "--poses", path, "-o", out, code=0)
     assert ran.err.splitlines()[1:3] == [
         "  note     left out, as their stamps are not after those before and evo reads none of these: 3",
         "  note     4 poses",
@@ -189,8 +187,7 @@ def test_a_path_of_another_time(lidarcli: Run, logs: Path, tmp_path: Path, far: 
     side = "after" if far > 0 else "before"
     path = tmp_path / "in.tum"
     path.write_text("".join(f"{1_700_000_000 + far + k / 10:.1f} {k} 0 0 0 0 0 1\n" for k in range(20)))
-    ran = lidarcli("detect", logs / "run.mcap", "--poses", path, "-o", tmp_path / "tables")
-    assert ran.code == 3
+    ran = lidarcli("detect", logs / "run.mcap", "--poses", path, "-o", tmp_path / "tables", code=3)
     assert ran.err.splitlines()[0] == (
         f"lidarcli: {logs / 'run.mcap'}: --poses {path}: none of its poses is from the time of the sweeps, "
         f"2023-11-14T22:13:20.000Z to 2023-11-14T22:13:21.900Z: they begin 400.00 s {side} the sweeps: "
@@ -251,8 +248,9 @@ def test_a_path_that_fits(lidarcli: Run, site: Path) -> None:
 
 def test_a_stretch_that_is_off(lidarcli: Run, site: Path, tmp_path: Path) -> None:
     words = ("poses", site / "run.mcap", "--map", site / "site.yaml", "--poses", site / "off.tum")
-    ran = lidarcli(*words, "-o", tmp_path / "off.parquet", "--check", "lost_seconds < 5", "--check", "off_max < 0.6")
-    assert ran.code == 1
+    ran = lidarcli(
+        *words, "-o", tmp_path / "off.parquet", "--check", "lost_seconds < 5", "--check", "off_max < 0.6", code=1
+    )
     assert "off from 10.0 to 18.0 s, by 0.5" in ran.err
     assert "check failed: lost_seconds is 8, expected < 5" in ran.err
     table = pq.read_table(tmp_path / "off.parquet")
@@ -286,22 +284,19 @@ def test_python_tells_the_same(lidarcli: Run, site: Path, tmp_path: Path) -> Non
 
 def test_a_lost_robot(lidarcli: Run, site: Path, tmp_path: Path) -> None:
     out, words = tmp_path / "kept.parquet", ("poses", site / "run.mcap", "--map", site / "site.yaml")
-    ran = lidarcli(*words, "--poses", site / "lost.tum", "--relocate", "-o", out)
-    assert ran.code == 0
+    ran = lidarcli(*words, "--poses", site / "lost.tum", "--relocate", "-o", out, code=0)
     assert "lost from 10.0 to 18.0 s" in ran.err
     assert pq.read_table(out)["sweep"].to_pylist() == [*range(100), *range(180, 300)]
     ran = lidarcli("info", site / "run.mcap", "--map", site / "site.yaml", "--poses", site / "lost.tum", "--format", "json")
     found = [each for each in json.loads(ran.out)[0]["findings"] if each["id"] == "lost"]
     assert [each["level"] for each in found] == ["warning"]
     assert "lost from 10.0 to 18.0 s" in found[0]["message"]
-    ran = lidarcli("info", site / "run.mcap", "--map", site / "site.yaml", "--check", "findings.lost == 0")
-    assert ran.code == 0
+    ran = lidarcli("info", site / "run.mcap", "--map", site / "site.yaml", "--check", "findings.lost == 0", code=0)
 
 
 def test_no_verdict_by_the_map_of_another_place(lidarcli: Run, site: Path, tmp_path: Path) -> None:
     out = tmp_path / "none.parquet"
-    ran = lidarcli("poses", site / "run.mcap", "--map", site / "other.yaml", "-o", out)
-    assert ran.code == 3
+    ran = lidarcli("poses", site / "run.mcap", "--map", site / "other.yaml", "-o", out, code=3)
     assert "of the beams: outdated, or of another place" in ran.err
     table = pq.read_table(out)
     assert table["map_state"].null_count == table["map_dx"].null_count == 300
@@ -424,8 +419,7 @@ def test_a_localisation_that_jumps_is_lost_though_the_odometry_is_right(
 ) -> None:
     log = localised(tmp_path / "run.bag", off(SECONDS >= 12.0, dx, turn), amcl=amcl)
     words = ("poses", log, "--map", believed_site, "--check", "lost == 0")
-    ran = lidarcli(*words, "--format", "json")
-    assert ran.code == 1
+    ran = lidarcli(*words, "--format", "json", code=1)
     assert figures(ran)["lost"] == 1
     assert figures(ran)["lost_seconds"] == pytest.approx(8.0, abs=0.6)
     ran = lidarcli(*words)
@@ -465,8 +459,7 @@ def test_a_check_of_a_path_that_was_not_judged_throughout_ends_with_3(
     dark = NEVER if ends else SECONDS >= 7.0
     log = localised(tmp_path / "run.bag", off(SECONDS >= 7.0, 0.5), ends=70 if ends else SWEEPS, dark=dark)
     words = ("poses", log, "--map", believed_site)
-    ran = lidarcli(*words, "--check", "lost == 0")
-    assert ran.code == 3
+    ran = lidarcli(*words, "--check", "lost == 0", code=3)
     assert "incomplete: the path of /scan was judged in 7" in ran.err
     assert "--check 'observed >= 0.35" in ran.err
     assert lidarcli(*words, "--check", "lost == 0", "--check", "observed >= 0.35").code == 0
@@ -476,8 +469,7 @@ def test_a_check_of_a_path_that_was_not_judged_throughout_ends_with_3(
 @pytest.mark.slow
 def test_no_verdict_by_a_few_beams(lidarcli: Run, believed_site: Path, tmp_path: Path) -> None:
     log = localised(tmp_path / "run.bag", off(SECONDS >= 7.0, 0.5), every=30)
-    ran = lidarcli("poses", log, "--map", believed_site, "-o", tmp_path / "path.png")
-    assert ran.code == 3
+    ran = lidarcli("poses", log, "--map", believed_site, "-o", tmp_path / "path.png", code=3)
     assert "no part of the path can be judged" in ran.err
     assert lidarcli("poses", log, "--map", believed_site, "--check", "lost == 0").code == 1
     assert "the path is that of" in ran.err
@@ -487,16 +479,16 @@ def test_no_verdict_by_a_few_beams(lidarcli: Run, believed_site: Path, tmp_path:
 @pytest.mark.slow
 def test_nothing_is_judged_without_poses(lidarcli: Run, believed_site: Path, tmp_path: Path) -> None:
     log = write(tmp_path / "run.bag", None)
-    ran = lidarcli("poses", log, "--map", believed_site, "--check", "lost == 0")
-    assert ran.code == 3
+    ran = lidarcli("poses", log, "--map", believed_site, "--check", "lost == 0", code=3)
     assert "--pose match" in ran.err
     assert lidarcli("info", log, "--map", believed_site, "--check", "findings.lost == 0").code == 1
 
 
 @pytest.mark.slow
 def test_diff_tells_whose_path_it_compares(lidarcli: Run, believed_site: Path, tmp_path: Path) -> None:
-    ran = lidarcli("diff", believed_site, localised(tmp_path / "run.bag", off(SECONDS >= 12.0, 2.0)), "--align", "auto")
-    assert ran.code == 0
+    ran = lidarcli(
+        "diff", believed_site, localised(tmp_path / "run.bag", off(SECONDS >= 12.0, 2.0)), "--align", "auto", code=0
+    )
     assert "by the robot's own localisation the map explains" in ran.err
     assert "from 12.0 to 20.0 s" in ran.err
     assert "compared is another path" in ran.err

@@ -40,8 +40,7 @@ def test_either_table_names_the_pair_and_folders_are_searched(lidarcli: Run, run
 
 def test_checks_decide_the_exit_code(lidarcli: Run, run: Path) -> None:
     assert lidarcli("report", run, "--check", "sweeps >= 20").code == 0
-    ran = lidarcli("report", run, "--check", "sweeps >= 20", "--check", "objects_per_sweep.max < 2")
-    assert ran.code == 1
+    ran = lidarcli("report", run, "--check", "sweeps >= 20", "--check", "objects_per_sweep.max < 2", code=1)
     assert ran.out.startswith(
         "Checks: 1 of 2 failed\nok    sweeps >= 20  (found 20)\nFAIL  objects_per_sweep.max < 2  (found 2)\n"
     )
@@ -52,8 +51,7 @@ def test_checks_decide_the_exit_code(lidarcli: Run, run: Path) -> None:
 def test_junit_is_well_formed_whatever_the_texts(lidarcli: Run, tmp_path: Path, odd: str) -> None:
     run = write_run(tmp_path, [sweep(0, log=odd.encode("utf-8", "replace").decode())])
     check = f"objects where topic == '{odd}' > 0"
-    ran = lidarcli("report", run, f"{odd}.sweeps.parquet", "--check", check, "--format", "junit")
-    assert ran.code == 3
+    ran = lidarcli("report", run, f"{odd}.sweeps.parquet", "--check", check, "--format", "junit", code=3)
     shown = odd if odd in ("]]>", "\t") else odd.translate({ord(c): repr(c)[1:-1] for c in "\x01\udcff\x1b\ufffe"})
     suite = ET.fromstring(ran.out.encode()).find("testsuite")
     assert suite is not None
@@ -94,8 +92,7 @@ def test_inputs_that_cannot_be_read(lidarcli: Run, run: Path, tmp_path: Path) ->
         assert (ran.code, ran.out) == (3, "")
         assert why in ran.err
         assert len(ran.err.splitlines()) == 1
-    ran = lidarcli("report", bad, run, "--format", "json")
-    assert ran.code == 3
+    ran = lidarcli("report", bad, run, "--format", "json", code=3)
     assert json.loads(ran.out)["figures"]["sweeps"] == 20
     assert "bad.sweeps.parquet: cannot be read as Parquet" in json.loads(ran.out)["problems"][0]
 
@@ -132,8 +129,7 @@ def tracked(tmp_path: Path) -> Path:
 def test_tracks_of_other_objects_are_told(lidarcli: Run, run: Path, tracked: Path) -> None:
     stale = run.with_name("run.tracks.parquet")
     stale.write_bytes(tracked.with_name("run.tracks.parquet").read_bytes())
-    ran = lidarcli("report", run, "--format", "json", "--check", "tracks >= 0")
-    assert ran.code == 3
+    ran = lidarcli("report", run, "--format", "json", "--check", "tracks >= 0", code=3)
     assert ran.err.splitlines()[0] == (
         f"lidarcli: {stale}: does not belong to run.objects.parquet, whose tracks are others; "
         "write both again with lidarcli track"
@@ -164,8 +160,7 @@ def test_objects_are_the_same_rows_after_detect_and_after_track(lidarcli: Run, t
     checks = [word for text in expressions for word in ("--check", text)]
     found = {}
     for finder in ("detect", "track"):
-        ran = lidarcli("report", tmp_path / finder, "--format", "json", *checks)
-        assert ran.code == 1
+        ran = lidarcli("report", tmp_path / finder, "--format", "json", *checks, code=1)
         told = json.loads(ran.out)
         found[finder] = {one["check"]: one["found"] for one in told["checks"][:4]}
         sweeps = pq.read_table(tmp_path / finder / "people.sweeps.parquet")
@@ -213,8 +208,7 @@ def test_the_nearest_beam(lidarcli: Run, tmp_path: Path) -> None:
     near = {"nearest": 0.4, "nearest_theta": 1.0}
     rows = [sweep(0, 1, nearest=2.0, nearest_theta=0.0), sweep(1, 1, **near), sweep(2, 1)]
     run = write_run(tmp_path / "walls", rows, [thing(k, 1) for k in range(3)])
-    ran = lidarcli("report", run, "--check", "nearest.min > 0.5", "--check", "range.min > 0.5")
-    assert ran.code == 1
+    ran = lidarcli("report", run, "--check", "nearest.min > 0.5", "--check", "range.min > 0.5", code=1)
     assert ran.out.startswith(
         "Checks: 1 of 2 failed\nFAIL  nearest.min > 0.5  (found 0.4)\nok    range.min > 0.5  (found 2)\n"
     )
@@ -351,8 +345,7 @@ def unlike(tmp_path: Path) -> Path:
 
 
 def test_brief_text(lidarcli: Run, plain_run: Path, baseline: Path) -> None:
-    ran = lidarcli("report", plain_run, *CHECKS, "--brief")
-    assert ran.code == 1
+    ran = lidarcli("report", plain_run, *CHECKS, "--brief", code=1)
     assert ran.out == (
         "Checks: 1 of 2 failed\n"
         "ok    sweeps >= 20  (found 20)\n"

@@ -98,7 +98,7 @@ ROWS = {
         ],
         "segments of a turn": [
             "logs/test_segments.py::test_segments_become_the_turns_that_they_were",
-            "cli/test_segments.py::test_turns_of_segments_are_the_sweeps_of_the_full_log",
+            "cli/test_join.py::test_turns_of_segments_are_the_sweeps_of_the_full_log",
         ],
         "stamps that are zero, equal, jump back, leap, or are not understood": [
             "test_mixed_logs.py::test_clocks",
