@@ -72,10 +72,9 @@ def command(
     """
 
     def decorate(work: Work) -> DeclaredCommand:
-        options = {
-            field: replace(option, **(changed or {}).get(field, {}))
-            for field, option in sorted(options_of(group).items(), key=lambda item: item[1].short != "-o")
-        }
+        options = options_of(group)
+        options |= {field: replace(options[field], **otherwise) for field, otherwise in (changed or {}).items()}
+        options = dict(sorted(options.items(), key=lambda item: item[1].short != "-o"))
         return DeclaredCommand(
             work.__name__,
             params=[*_arguments(group), *(DeclaredOption(*item) for item in options.items())],

@@ -12,7 +12,7 @@ import click
 
 from lidarcli.cli.background import background_dict, background_line, background_lines
 from lidarcli.cli.commands import command, log_options
-from lidarcli.cli.messages import Messages, chosen_logs, print_reads, progress_bar
+from lidarcli.cli.messages import Messages, chosen_logs, frame_words, line_of, print_reads, progress_bar
 from lidarcli.display.screen import one_line
 from lidarcli.display.texts import counted, moment, no_command
 from lidarcli.files.stores import Place, place
@@ -183,16 +183,16 @@ def _in_a_line(info: "LogInfo | Learned") -> str:
 def _log_lines(info: "LogInfo") -> list[str]:
     lines = [
         info.path,
-        _line("format", f"{info.format}, compression {info.compression}"),
-        _line("size", "unknown" if info.size is None else f"{info.size:,} bytes"),
+        line_of("format", f"{info.format}, compression {info.compression}"),
+        line_of("size", "unknown" if info.size is None else f"{info.size:,} bytes"),
     ]
     lines += [
-        _line("" if index else "parts", f"{part.name} ({part.size:,} bytes)") for index, part in enumerate(info.parts)
+        line_of("" if index else "parts", f"{part.name} ({part.size:,} bytes)") for index, part in enumerate(info.parts)
     ]
-    lines += [_line("" if index else "topics", text) for index, text in enumerate(_topics(info.topics))]
+    lines += [line_of("" if index else "topics", text) for index, text in enumerate(_topics(info.topics))]
     lines += _pose_lines(info)
-    lines += [_line("note", note) for note in info.notes]
-    lines += [_line("damage", damage) for damage in info.damage]
+    lines += [line_of("note", note) for note in info.notes]
+    lines += [line_of("damage", damage) for damage in info.damage]
     for scan in info.scans:
         lines += _scan_lines(scan)
     if info.findings:
@@ -274,47 +274,46 @@ def _pose_lines(info: "LogInfo") -> list[str]:
     lines = []
     for name in info.pose_topics:
         if (source := sources.get(name)) is None:
-            lines.append(_line("poses", name))
+            lines.append(line_of("poses", name))
             continue
         rate = "" if source.rate is None else f", {source.rate:.2f} Hz, {source.span:.3f} s"
-        lines.append(_line("poses", f"{name}  {source.poses:,} pose{'' if source.poses == 1 else 's'}{rate}"))
+        lines.append(line_of("poses", f"{name}  {source.poses:,} pose{'' if source.poses == 1 else 's'}{rate}"))
         frames = [" > ".join(part for part in pair if part) for pair in source.frames]
         more = f" and {len(frames) - _FRAMES} more" if len(frames) > _FRAMES else ""
-        lines.append(_line("", f"  {', '.join(frames[:_FRAMES])}{more}"))
+        lines.append(line_of("", f"  {', '.join(frames[:_FRAMES])}{more}"))
     return lines
 
 
 def _scan_lines(scan: "ScanInfo") -> list[str]:
     from lidarcli.sweeps.types import worth_telling
 
-    frame = f"frame {scan.frame_id}" if scan.frame_id else "no frame"
     clock = scan.clock
     total = sum(scan.by_status.values())
     lines = [
-        f"  {scan.topic} ({frame})",
-        _line("sweeps", f"{scan.sweeps:,}", 4),
-        _line("beams", _span(scan.beams, "{:,.0f}"), 4),
-        _line(
+        f"  {scan.topic} ({frame_words(scan.frame_id)})",
+        line_of("sweeps", f"{scan.sweeps:,}", 4),
+        line_of("beams", _span(scan.beams, "{:,.0f}"), 4),
+        line_of(
             "view",
             f"{_span(scan.view, '{:.2f}', math.degrees)} deg from {_span(scan.angle_min, '{:.2f}', math.degrees)} "
             f"deg, step {_span(scan.increment, '{:.4f}', math.degrees)} deg",
             4,
         ),
-        _line("coverage", ", ".join(_CLOSURES[name] for name in scan.closure), 4),
-        _line("limits", _limits(scan.range_min, scan.range_max), 4),
-        _line("rate", "unknown" if clock.rate is None else f"{clock.rate:.2f} Hz (median step)", 4),
+        line_of("coverage", ", ".join(_CLOSURES[name] for name in scan.closure), 4),
+        line_of("limits", _limits(scan.range_min, scan.range_max), 4),
+        line_of("rate", "unknown" if clock.rate is None else f"{clock.rate:.2f} Hz (median step)", 4),
     ]
     if clock.start_ns is not None and clock.end_ns is not None:
-        lines.append(_line("time", f"{moment(clock.start_ns)} to {moment(clock.end_ns)}", 4))
-        lines.append(_line("span", f"{clock.span:.3f} s", 4))
-    lines.append(_line("stamps", _stamps(clock, scan.sweeps), 4))
+        lines.append(line_of("time", f"{moment(clock.start_ns)} to {moment(clock.end_ns)}", 4))
+        lines.append(line_of("span", f"{clock.span:.3f} s", 4))
+    lines.append(line_of("stamps", _stamps(clock, scan.sweeps), 4))
     if scan.made_of:
-        lines.append(_line("made of", f"point clouds ({scan.made_of})", 4))
+        lines.append(line_of("made of", f"point clouds ({scan.made_of})", 4))
     if scan.pose:
-        lines.append(_line("pose", scan.pose, 4))
+        lines.append(line_of("pose", scan.pose, 4))
     for name, count in worth_telling(scan.by_status).items():
         share = f"{count / total:.2%}" if total else "-"
-        lines.append(_line(name.replace("_", " "), f"{count:,} beams ({share})", 4))
+        lines.append(line_of(name.replace("_", " "), f"{count:,} beams ({share})", 4))
     return lines
 
 
@@ -343,10 +342,6 @@ def _stamps(clock: "ClockInfo", sweeps: int) -> str:
         side = "before" if clock.offset < 0 else "after"
         parts.append(f"recorded {abs(clock.offset):.3f} s {side} the header stamp")
     return "; ".join(parts)
-
-
-def _line(name: str, value: str, indent: int = 2) -> str:
-    return f"{' ' * indent}{name:<{14 - indent}}{value}"
 
 
 def _span(span: "Span", form: str, convert: Any = float) -> str:

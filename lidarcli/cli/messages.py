@@ -401,6 +401,16 @@ def _parts(head: str, counts: Mapping[str, int], total: int, always: Sequence[st
     return wrapped(head[:11], head[11:] + ", ".join(part.replace(" ", "\u00a0") for part in parts))
 
 
+def line_of(name: str, value: str, indent: int = 2, column: int = 14) -> str:
+    """A line on one quantity, whose value begins at a column."""
+    return f"{' ' * indent}{name:<{column - indent}}{value}"
+
+
+def frame_words(frame_id: str) -> str:
+    """The frame of a sensor in words."""
+    return f"frame {frame_id}" if frame_id else "no frame"
+
+
 # Logs of a run.
 
 
