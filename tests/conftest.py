@@ -116,11 +116,12 @@ class Ran:
 
 @pytest.fixture
 def lidarcli(capfd: pytest.CaptureFixture[str]) -> Callable[..., Ran]:
-    """Run the command line in this process."""
+    """Run the command line in this process; it ends with the exit code that is expected, where one is."""
 
-    def call(*arguments: object) -> Ran:
-        code = run([str(argument) for argument in arguments])
-        return Ran(code, *capfd.readouterr())
+    def call(*arguments: object, code: int | None = None) -> Ran:
+        ran = Ran(run([str(argument) for argument in arguments]), *capfd.readouterr())
+        assert code in (None, ran.code), ran.err
+        return ran
 
     return call
 

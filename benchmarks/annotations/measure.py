@@ -27,7 +27,7 @@ from lidarcli.formalism import Parameters, detect
 from lidarcli.formalism.mapping.places import Standing
 from lidarcli.logs.base import OpenOptions
 from lidarcli.logs.batches import ReadOptions
-from lidarcli.pipeline.api.options import sources_of
+from lidarcli.pipeline.api.keywords import sources_of
 from lidarcli.pipeline.inputs.sources import open_source
 from lidarcli.pipeline.reading.needs import Need, PoseOptions
 from lidarcli.pipeline.reading.one_log import Reading

@@ -11,8 +11,8 @@ from typing import Literal
 
 import numpy as np
 
-from benchmarks.annotations.pieces import MAX_LOST, Piece
-from lidarcli.sweeps.types import Bool, Int64
+from benchmarks.annotations.pieces import MAX_LOST
+from lidarcli.sweeps.types import Int64
 
 Verdict = Literal["building", "thing", "own", "unclear"]
 VERDICTS: tuple[Verdict, ...] = ("building", "thing", "own", "unclear")
@@ -36,43 +36,6 @@ class Judged:
     """(B,) code into `VERDICTS`; for beams in no piece `STRAY` where they have a range, else `NOT_JUDGED`."""
     thing: Int64
     """(B,) number of the thing, from 1 on; 0 for what is none."""
-
-
-def answered(text: str, found: list[Piece], has_range: Bool) -> tuple[str, Int64, Int64]:
-    """What a file of answers says of a sweep: place, verdicts, numbers of things; ValueError where it says nothing.
-
-    `has_range` (B,): which beams have one.
-    """
-    verdict = np.where(has_range, STRAY, NOT_JUDGED)
-    thing = np.zeros(len(has_range), np.int64)
-    for piece in found:
-        verdict[piece.beams] = BUILDING
-    place, number = "", 0
-    for line in text.splitlines():
-        words = line.split()
-        if not words:
-            continue
-        if words[0] == "place":
-            place = words[1]
-            continue
-        if words[0] not in VERDICTS:
-            raise ValueError(f"no verdict: {line}")
-        kind = VERDICTS.index(words[0])
-        number += kind == THING
-        for word in words[1:]:
-            token = _TOKEN.match(word)
-            if token is None or int(token[1]) >= len(found):
-                raise ValueError(f"no piece: {word} in '{line}'")
-            own = found[int(token[1])].beams
-            if token[2]:
-                first, last = int(token[2]), int(token[3])
-                inside = (own >= first) & (own <= last) if first <= last else (own >= first) | (own <= last)
-                own = own[inside]
-            verdict[own] = kind
-            thing[own] = number if kind == THING else 0
-    if place not in PLACES:
-        raise ValueError(f"no place: '{place}'")
-    return place, verdict, thing
 
 
 def write(path: Path, sweeps: Iterable[Judged]) -> None:

@@ -8,12 +8,14 @@ import click
 
 from lidarcli.cli.commands import Commands, command, log_options
 from lidarcli.cli.detect import DetectCommand, find
-from lidarcli.cli.messages import Messages, chosen_logs, print_reads, progress_bar, show_reading
+from lidarcli.cli.messages import Messages, chosen_logs, frame_words, line_of, print_reads, progress_bar, show_reading
 from lidarcli.display.texts import counted
 from lidarcli.files.stores import place
 from lidarcli.options.choices import IMAGES
+from lidarcli.options.common import ManyLogs, Overwrite, TextOrJson, output
 from lidarcli.options.forms import File, Option
-from lidarcli.options.groups import OUTPUT, STDOUT, Learning, ManyLogs, Overwrite, TextOrJson, output
+from lidarcli.options.groups import Learning
+from lidarcli.options.values import OUTPUT, STDOUT
 
 if TYPE_CHECKING:
     from lidarcli.formalism.background import Background
@@ -132,8 +134,8 @@ def learned_lines(sensors: Sequence["Background"]) -> list[str]:
     for sensor in sensors:
         figures = figures_of(sensor)
         lines += [
-            f"  {sensor.topic} ({_frame(sensor)}): {counted(len(sensor), 'station')} of {sensor.grid.beams} beams, "
-            f"{counted(figures['sweeps'], 'sweep')}",
+            f"  {sensor.topic} ({frame_words(sensor.frame_id)}): {counted(len(sensor), 'station')} of "
+            f"{sensor.grid.beams} beams, {counted(figures['sweeps'], 'sweep')}",
             f"  beams    {_shares(figures)}",
         ]
         if figures["spread"] is not None:
@@ -158,7 +160,7 @@ def background_lines(learned: "Learned") -> list[str]:
         low, high = math.degrees(view.min(initial=0.0)), math.degrees(view.max(initial=0.0))
         at_a_station = f", {sensor.sweeps.min():,} to {sensor.sweeps.max():,} at a station"
         lines += [
-            f"  {sensor.topic} ({_frame(sensor)})",
+            f"  {sensor.topic} ({frame_words(sensor.frame_id)})",
             _line("beams", f"{sensor.grid.beams} from {low:.2f} to {high:.2f} deg", 4),
             _line("stations", _stations(sensor), 4),
             _line("sweeps", f"{figures['sweeps']:,}{at_a_station if len(sensor) > 1 else ''}", 4),
@@ -235,9 +237,5 @@ def _origins(metadata: Mapping[str, Any]) -> list[dict[str, Any]]:
     return origin if isinstance(origin, list) else [origin]
 
 
-def _frame(sensor: "Background") -> str:
-    return f"frame {sensor.frame_id}" if sensor.frame_id else "no frame"
-
-
 def _line(name: str, value: str, indent: int = 2) -> str:
-    return f"{' ' * indent}{name:<{16 - indent}}{value}"
+    return line_of(name, value, indent, 16)

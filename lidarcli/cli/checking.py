@@ -1,11 +1,11 @@
-"""`lidarcli diff`, `zones` and `report`: what changed, who came near and what was found, held against checks."""
+"""`lidarcli diff`, `zones` and `report`: what changed, who came near and what was found, evaluated by checks."""
 
 import json
 import shlex
 from collections.abc import Mapping, Sequence
 from functools import wraps
 from itertools import chain
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import click
 from click.core import ParameterSource
@@ -28,30 +28,20 @@ from lidarcli.display.screen import one_line
 from lidarcli.display.texts import counted, no_command
 from lidarcli.files.stores import place
 from lidarcli.options.choices import JUNIT
+from lidarcli.options.common import CHECK, Checked, ManyLogs, Overwrite, Reported, TextOrJson, output
 from lidarcli.options.forms import Argument, File, Option
-from lidarcli.options.groups import (
-    CHECK,
-    CHECKS,
-    OUTPUT,
-    STDOUT,
-    ZONE_RULES,
-    Checked,
-    Diffing,
-    ManyLogs,
-    Overwrite,
-    Reported,
-    Reporting,
-    TextOrJson,
-    Zoning,
-    output,
-)
+from lidarcli.options.groups import ZONE_RULES, Diffing, Reporting, Zoning
+from lidarcli.options.values import CHECKS, OUTPUT, STDOUT
+
+if TYPE_CHECKING:
+    from lidarcli.reports.report import Report
 
 
-def telling_errors(work: Work) -> Work:
-    """Let an error by which nothing is checked stand in the JUnit files of a command: none of an earlier run is left."""
+def junit_of_errors(work: Work) -> Work:
+    """Write an error by which nothing is checked to the JUnit files of a command: none of an earlier run is left."""
 
     @wraps(work)
-    def told(messages: Messages, options: Any) -> int:
+    def with_junit(messages: Messages, options: Any) -> int:
         from lidarcli.errors import NoScanError, OutputError, UnreadableError
         from lidarcli.files.newfiles import write_whole
         from lidarcli.pipeline.reporting import unread_suite
@@ -72,7 +62,7 @@ def telling_errors(work: Work) -> Work:
                     messages.error(str(failed))
             raise
 
-    return told
+    return with_junit
 
 
 class DiffCommand(Overwrite, TextOrJson, Diffing, Checked, total=False):
@@ -97,7 +87,7 @@ class DiffCommand(Overwrite, TextOrJson, Diffing, Checked, total=False):
   lidarcli diff monday.bag tuesday.bag wednesday.bag --min-score 0.95
   lidarcli diff truth.map.yaml room.yaml --format json""",
 )
-@telling_errors
+@junit_of_errors
 def diff(messages: Messages, options: DiffCommand) -> int:
     """Find what changed between runs: moved, new, gone.
 
@@ -167,7 +157,7 @@ class ZonesCommand(Zoning, ManyLogs, Checked, Reported, total=False):
     changed={field: {"rare": True} for field in ("background", "max_width", "clips")},
     rules=ZONE_RULES,
 )
-@telling_errors
+@junit_of_errors
 def zones(messages: Messages, options: ZonesCommand) -> int:
     """Find who or what came too close: when, how near, how long.
 
@@ -200,14 +190,14 @@ def zones(messages: Messages, options: ZonesCommand) -> int:
     if options["dry_run"]:
         return print_reads(sources, writes)
     total = Total()
-    failed, tables, problems, said = False, [], [], []
+    failed, tables, problems, found = False, [], [], []
 
     def lines_of(run: ZoneSummary) -> list[str]:
         where = f"{counted(run.sweeps, 'sweep')} of {', '.join(sorted(run.topics))}"
         alone = len(sources) == 1
-        told = chain(*(wrapped(*line) for line in (*run.lines, *(run.worst if alone or messages.verbose else ()))))
+        lines = chain(*(wrapped(*line) for line in (*run.lines, *(run.worst if alone or messages.verbose else ()))))
         look = [f"  look     {_plot_command(options, *run.look)}"] if run.look and alone else []
-        return [f"{where}, {counted(len(zoning.zones.zones), 'zone')}", *told, *look]
+        return [f"{where}, {counted(len(zoning.zones.zones), 'zone')}", *lines, *look]
 
     with progress_bar(sources, messages) as report:
         for outcome in watch_files(sources, folder, zoning, report):
@@ -216,7 +206,7 @@ def zones(messages: Messages, options: ZonesCommand) -> int:
             problems += [f"{outcome.label}: {line}" for line in outcome.problems]
             if isinstance(outcome.summary, ZoneSummary):
                 tables += [outcome.summary.tables] if checks or suites else []
-                said += [f"{outcome.label}: {line.strip()}" for line in lines_of(outcome.summary)]
+                found += [f"{outcome.label}: {line.strip()}" for line in lines_of(outcome.summary)]
             else:
                 failed = True
     verdicts, unobserved, figures = ([], (), {}) if failed else judge(checks, tables)
@@ -224,8 +214,9 @@ def zones(messages: Messages, options: ZonesCommand) -> int:
         messages.error("incomplete", line)
     for path in suites:
         title = sources[0].label if len(sources) == 1 else counted(len(sources), "log")
-        told = (title, verdicts, figures, [*problems, *unobserved], said, [each.expression for each in checks if failed])
-        messages.notes(write_verdicts(path, options["overwrite"], *told))
+        skipped = [each.expression for each in checks if failed]
+        suite = (title, verdicts, figures, [*problems, *unobserved], found, skipped)
+        messages.notes(write_verdicts(path, options["overwrite"], *suite))
         messages.wrote([path])
     code = CHECK_FAILED if messages.failed(verdicts) else total.exit_code(sources)
     if not code and unobserved:
@@ -288,7 +279,7 @@ class ReportCommand(Overwrite, Reporting, Checked, total=False):
   lidarcli report tables/ --check "sweeps >= 100" --format github
   lidarcli report tables/ --format junit -o report.xml --overwrite""",
 )
-@telling_errors
+@junit_of_errors
 def report(messages: Messages, options: Mapping[str, Any]) -> int:
     """Sum up the tables of one or many runs, and check them.
 
@@ -296,33 +287,26 @@ def report(messages: Messages, options: Mapping[str, Any]) -> int:
     found beside it), a table of changes of diff, a folder to search, or a pattern.
     """
     tables, baseline, logs = options["tables"], options["baseline"], options["log"]
-    outputs, brief, init = options["output"], options["brief"], options["init"]
+    outputs, brief, init = options["output"] or (STDOUT,), options["brief"], options["init"]
 
     from lidarcli.files.newfiles import refuse, write_whole
     from lidarcli.pipeline import reporting
     from lidarcli.pipeline.inputs.search import files_of, find_logs
     from lidarcli.pipeline.inputs.tables import table_files
 
-    kinds = _kinds(outputs or (STDOUT,), options["format"], reporting.SUFFIXES)
-    if brief and not {*kinds} & {*reporting.SHORT_FORMATS}:
-        raise click.UsageError(f"--brief is for {', '.join(reporting.SHORT_FORMATS)}; leave it out for {kinds[0]}")
-    report_options = reporting.ReportOptions(tables, reporting.checks_of(options), baseline, logs, options["join"])
-    reporting.understand(report_options)
+    formats = _formats(outputs, options["format"], reporting.SUFFIXES)
+    if brief and not {*formats} & {*reporting.SHORT_FORMATS}:
+        raise click.UsageError(f"--brief is for {', '.join(reporting.SHORT_FORMATS)}; leave it out for {formats[0]}")
+    parsed = reporting.ReportOptions(tables, reporting.checks_of(options), baseline, logs, options["join"])
+    reporting.understand(parsed)
     files = [place(name) for name in (*outputs, *([init] if init else [])) if name != STDOUT]
     if files:
         read = table_files([*tables, *baseline])
         refuse(files, options["overwrite"], [*map(str, read), *files_of(find_logs(logs))], devices=True)
     with counted_bar("report", None, "steps", messages) as progress:
-        made = reporting.make_report(report_options, viewer="html" in kinds, progress=progress)
-    written = [*zip(outputs or (STDOUT,), kinds, strict=True)]
-    is_shown = any(name == STDOUT and form in reporting.SHORT_FORMATS for name, form in written)
-    # Workflow commands are for the log of a step, which shows both.
-    if not (is_shown and ((STDOUT, "github") in written or are_shown_together())):
-        for kind_of, problem in made.named_problems:
-            messages.error(*((kind_of, problem) if kind_of == "incomplete" else (problem,)))
-    if not is_shown:
-        for warning in made.warnings:
-            messages.info(f"warning: {warning}")
+        made = reporting.make_report(parsed, viewer="html" in formats, progress=progress)
+    written = [*zip(outputs, formats, strict=True)]
+    _show_problems(messages, made, written)
     for name, form in written:
         short = brief and form in reporting.SHORT_FORMATS
         if name == STDOUT:
@@ -340,14 +324,31 @@ def report(messages: Messages, options: Mapping[str, Any]) -> int:
     return made.exit_code
 
 
-def _kinds(outputs: Sequence[str], kind: str | None, suffixes: dict[str, str]) -> list[str]:
-    """The format of each output: of one that of --format, of several that of --format where the suffix names none."""
+def _show_problems(messages: Messages, made: "Report", written: Sequence[tuple[str, str]]) -> None:
+    """Show problems and warnings on stderr, unless standard output shows them in the same place."""
+    from lidarcli.pipeline.reporting import SHORT_FORMATS
+
+    is_shown = any(name == STDOUT and form in SHORT_FORMATS for name, form in written)
+    # Workflow commands are for the log of a step, which shows both.
+    if not (is_shown and ((STDOUT, "github") in written or are_shown_together())):
+        for kind, problem in made.named_problems:
+            messages.error(*((kind, problem) if kind == "incomplete" else (problem,)))
+    if not is_shown:
+        for warning in made.warnings:
+            messages.info(f"warning: {warning}")
+
+
+def _formats(outputs: Sequence[str], kind: str | None, suffixes: dict[str, str]) -> list[str]:
+    """Return the format of each output: of a single one that of --format, else that of its suffix.
+
+    Of several outputs, --format is for those whose suffix names no format.
+    """
     if len(outputs) == 1 and kind is not None:
         return [kind]
     found = [None if name == STDOUT else suffixes.get(place(name).suffix.lower()) for name in outputs]
     if kind is not None and None not in found:
         raise click.UsageError("--format is for an output whose suffix does not say its format, and all of these do")
-    odd = [name for name, one in zip(outputs, found, strict=True) if one is None and name != STDOUT]
-    if kind is None and odd:
-        raise click.UsageError(f"{odd[0]}: the suffix names no format ({' '.join(suffixes)}); say which with --format")
+    unknown = [name for name, one in zip(outputs, found, strict=True) if one is None and name != STDOUT]
+    if kind is None and unknown:
+        raise click.UsageError(f"{unknown[0]}: the suffix names no format ({' '.join(suffixes)}); say which with --format")
     return [one or kind or "text" for one in found]

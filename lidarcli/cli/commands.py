@@ -1,18 +1,14 @@
-"""The command line: declared options and commands as click has them, and errors as exit codes. Nothing heavy at import."""
+"""Commands as click has them, made of declared groups of options. Nothing heavy at import."""
 
 from __future__ import annotations
 
-import io
 import os
 import shlex
-import sys
-import traceback
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from difflib import get_close_matches
 from functools import partial
-from importlib import import_module
 from inspect import cleandoc
 from itertools import chain
 from typing import TYPE_CHECKING, Any, NoReturn
@@ -20,174 +16,15 @@ from typing import TYPE_CHECKING, Any, NoReturn
 import click
 from click.core import ParameterSource
 
+from lidarcli.cli.declared import ORIGINS, OTHER, DeclaredOption, click_type
 from lidarcli.cli.messages import Messages
-from lidarcli.display.credentials import blotted
-from lidarcli.errors import OUT_OF_MEMORY, LidarcliError, OptionError, OutputError, UnreadableError, is_short_of_memory
-from lidarcli.options.forms import File, Number, Option, Rule, Text, Value, arguments_of, options_of, refuse_combinations
-from lidarcli.options.groups import RULES, STDOUT
-from lidarcli.system.interrupts import Terminated
+from lidarcli.errors import OptionError
+from lidarcli.options.forms import File, Option, Rule, arguments_of, options_of, refuse_combinations
+from lidarcli.options.groups import RULES
+from lidarcli.options.values import STDOUT
 
 if TYPE_CHECKING:
     from lidarcli.pipeline.api.options import LogOptions
-
-ORIGINS = "lidarcli.origins"
-"""Key of the context's `meta` for the name of the settings file, which messages about its values name."""
-
-
-class Parsed(click.ParamType):  # type: ignore[type-arg]
-    """A number, or a text that is parsed."""
-
-    def __init__(self, form: Number | Text) -> None:
-        self.form = form
-        self.name = "list" if isinstance(form, Text) and form.is_list else "text"
-        self.metavar = form.metavar
-
-    def get_metavar(self, param: click.Parameter, ctx: click.Context | None = None) -> str:
-        return self.metavar
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        """Return the value, or raise a usage error that says what is wrong with it."""
-        # A shell that completes a line has no time for the imports of a parser.
-        if not isinstance(value, str) or (ctx and ctx.resilient_parsing):
-            return value
-        if isinstance(self.form, Text) and (words := Text.lost(value, is_alone=not self.form.is_list)):
-            self.fail(f"{words}.", param, ctx)
-        if self.form.parse is None:
-            return value
-        try:
-            return self.form.parse(value)
-        except OptionError as err:
-            words = str(err)
-            prefix = f"{param.opts[-1]}: " if param is not None else ""
-            self.fail(f"{words.removeprefix(prefix)}.", param, ctx)
-
-
-class Lines(Parsed):
-    """Texts that may hold blanks: in the environment each stands on a line of its own."""
-
-    envvar_list_splitter = "\n"
-
-
-class Place(click.Path):
-    """A path or URL. Whether it can be read is found out where it is opened, which says more than a usage error."""
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        if isinstance(value, str) and (words := Text.lost(value, is_alone=isinstance(param, click.Option))):
-            self.fail(f"{words}.", param, ctx)
-        return value
-
-
-def click_type(value: Value) -> click.ParamType:  # type: ignore[type-arg]
-    """Return the type of an option or an argument that is no flag."""
-    if isinstance(value, tuple):
-        return click.Choice(value)
-    if isinstance(value, File):
-        return Place()
-    assert value is not None, "a flag has no type"
-    return Lines(value) if isinstance(value, Text) and value.has_blanks else Parsed(value)
-
-
-class DeclaredOption(click.Option):
-    """An option made from its declaration; it may be set in a file and in the environment."""
-
-    def __init__(self, field: str, declared: Option, **settings: Any) -> None:
-        """`settings` are those of click that no declaration has, such as a callback."""
-        self.declared = declared
-        self.heading = declared.heading
-        self.is_rare = declared.rare or declared.heading == OTHER
-        self.field = field
-        name = field.replace("_", "-")
-        names = [f"--{name}"]
-        if declared.both:
-            names = [f"--{name}/--no-{name}"]
-        elif declared.is_negated:
-            names, field = [f"--no-{name}"], f"no_{field}"
-        value = declared.value
-        if value is None:
-            settings |= {"is_flag": True, "default": declared.default and not declared.is_negated}
-        else:
-            settings |= {"type": click_type(value), "multiple": declared.several}
-            if not isinstance(value, tuple):
-                settings["metavar"] = value.metavar
-            if isinstance(value, Number):
-                settings["nargs"] = value.count
-            if declared.alone is not None:
-                settings |= {"is_flag": False, "flag_value": declared.alone}
-            if declared.default is not None and not declared.several:
-                settings["default"] = declared.default
-        shown = declared.default_words(name)
-        words = declared.help
-        if declared.is_negated:
-            words = f"Do not {words[0].lower()}{words[1:]}"
-        super().__init__(
-            [*filter(None, [declared.short]), *names, field],
-            help=f"{words}  [default: {shown}]" if shown else words,
-            required=declared.required,
-            **settings,
-        )
-
-    @property
-    def key(self) -> str:
-        """Name of the option in `lidarcli.toml`: its long name without the dashes."""
-        return max((name.lstrip("-") for name in self.opts), key=len)
-
-    def variable(self, ctx: click.Context) -> str | None:
-        """Return the environment variable of the option, None if it has none."""
-        if not self.allow_from_autoenv or ctx.auto_envvar_prefix is None:
-            return None
-        # One variable names the settings file, for the whole program; a group has nothing to set beside its commands.
-        if ctx.parent is not None and (self.key == "config" or isinstance(ctx.command, click.Group)):
-            return None
-        return f"{ctx.auto_envvar_prefix}_{self.key.upper().replace('-', '_')}"
-
-    def resolve_envvar_value(self, ctx: click.Context) -> str | None:
-        """Return the value in the environment: an empty one counts as none."""
-        name = self.variable(ctx)
-        return os.environ.get(name) or None if name else None
-
-    def handle_parse_result(self, ctx: click.Context, opts: Mapping[str, Any], args: list[str]) -> tuple[Any, list[str]]:
-        """Return the value, or raise a usage error that also names the variable or file of a wrong value."""
-        with self._origin_named(ctx):
-            return super().handle_parse_result(ctx, opts, args)
-
-    def consume_value(self, ctx: click.Context, opts: Mapping[str, Any]) -> tuple[Any, ParameterSource]:
-        """Return the value and its source; an option that excludes this one goes before a setting of this one."""
-        value, source = super().consume_value(ctx, opts)
-        elsewhere = source in (ParameterSource.ENVIRONMENT, ParameterSource.DEFAULT_MAP)
-        if elsewhere and any(opts.get(name) for name in self.declared.unless):
-            return self.default, ParameterSource.DEFAULT
-        return value, source
-
-    def setting(self, ctx: click.Context) -> Any:
-        """Return the value that a file or variable sets; None if neither does."""
-        value, source = self.consume_value(ctx, {})
-        ctx.set_parameter_source(str(self.name), source)
-        if source is ParameterSource.DEFAULT:
-            return None
-        with self._origin_named(ctx):
-            self.type_cast_value(ctx, value)
-        return value
-
-    @contextmanager
-    def _origin_named(self, ctx: click.Context) -> Iterator[None]:
-        """Let a usage error name the origin of the wrong value."""
-        try:
-            yield
-        except click.BadParameter as err:
-            origin = self.origin(ctx)
-            if origin is None:
-                raise
-            message = f"{err.message.rstrip('.')} (set in {origin})."
-            raise click.BadParameter(message, err.ctx, err.param, err.param_hint) from err
-
-    def origin(self, ctx: click.Context) -> str | None:
-        """Return the variable or the file that the value comes from; None for the command line and for defaults."""
-        source = ctx.get_parameter_source(self.name or "")
-        if source is ParameterSource.ENVIRONMENT:
-            return self.variable(ctx)
-        if source is ParameterSource.DEFAULT_MAP:
-            return str(ctx.meta[ORIGINS])
-        return None
 
 
 @contextmanager
@@ -212,13 +49,10 @@ def log_options(options: Mapping[str, Any]) -> LogOptions:
         return log_options(options)
 
 
-OTHER = "Other"
 TYPED = "lidarcli.typed"
-"""Key of the context's `meta` for which of -v and -q stand on the command line."""
+"""Key of the context's `meta` for which of -v and -q are on the command line."""
 SHOWS_ALL = "lidarcli.help_all"
 """Key of the context's `meta` that is set while `--help-all` prints."""
-LAST_EXAMPLE = 3 + 4
-"""Lines of the examples that `--help` shows: a headline, and four commands."""
 
 Work = Callable[[Messages, Any], int]
 """Body of a command: it gets the values of the arguments and options by their fields, and returns the exit code."""
@@ -234,14 +68,13 @@ def command(
     group : arguments and options of the command
     examples : lines for the end of the help
     changed : field -> what its option has in this command otherwise than declared
-    rules : combinations of its options that are refused, beside `RULES`
+    rules : combinations of its options that are refused, in addition to `RULES`
     """
 
     def decorate(work: Work) -> DeclaredCommand:
-        options = {
-            field: replace(option, **(changed or {}).get(field, {}))
-            for field, option in sorted(options_of(group).items(), key=lambda item: item[1].short != "-o")
-        }
+        options = options_of(group)
+        options |= {field: replace(options[field], **otherwise) for field, otherwise in (changed or {}).items()}
+        options = dict(sorted(options.items(), key=lambda item: item[1].short != "-o"))
         return DeclaredCommand(
             work.__name__,
             params=[*_arguments(group), *(DeclaredOption(*item) for item in options.items())],
@@ -356,7 +189,7 @@ class _Shared(click.Command):
         self.params.extend(shared_options())
 
     def get_help_option(self, ctx: click.Context) -> click.Option | None:
-        """Return `--help`, which no environment variable stands for."""
+        """Return `--help`, which no environment variable sets."""
         found = super().get_help_option(ctx)
         if found is not None:
             found.allow_from_autoenv = False
@@ -381,7 +214,7 @@ class DeclaredCommand(_Shared):
         )
 
     def invoke(self, ctx: click.Context) -> Any:
-        """Tell of the settings, then do the work."""
+        """Show the settings, then do the work."""
         from lidarcli.cli.settings import show_settings
 
         show_settings(ctx)
@@ -406,7 +239,8 @@ class DeclaredCommand(_Shared):
         lines = (self.epilog or "").splitlines()
         if SHOWS_ALL not in ctx.meta:
             more = sum(getattr(each, "is_rare", False) for each in self.params)
-            lines[LAST_EXAMPLE:] = ["", f"{ctx.command_path} --help-all shows {more} more options."]
+            # A headline of three lines, and four commands.
+            lines[3 + 4 :] = ["", f"{ctx.command_path} --help-all shows {more} more options."]
         formatter.write_paragraph()
         with formatter.indentation():
             formatter.write_text("\n".join(lines))
@@ -452,125 +286,3 @@ class Commands(_Shared, click.Group):
         meant = " ".join([*ctx.command_path.split()[1:], *near])
         hint = f"Did you mean '{meant}'?" if near else self.otherwise or f"There are {', '.join(known)}."
         ctx.fail(f"No such command '{name}'. {hint}")
-
-
-COMMANDS = (
-    *("info", "track", "zones", "diff", "detect", "background", "map", "poses", "clean"),
-    *("plot", "overlay", "report", "export", "simulate", "config", "completion"),
-)
-"""Names of the commands, those that answer first; each has a file of its name, unless `HOMES` tells another."""
-HOMES = {
-    "track": "detect",
-    **dict.fromkeys(("config", "completion"), "settings"),
-    **dict.fromkeys(("diff", "zones", "report"), "checking"),
-    **dict.fromkeys(("clean", "overlay", "poses", "export", "simulate", "map"), "writing"),
-}
-
-SUPERSEDED = {"match": "give lidarcli diff RUN RUN..., which takes the same tables, and logs"}
-"""Command that there was → words for what does its work now."""
-
-INTERRUPTED = 130
-
-
-class LazyCommands(Commands):
-    """A group that imports a command only when somebody asks for it."""
-
-    superseded = SUPERSEDED
-
-    def list_commands(self, ctx: click.Context) -> list[str]:
-        return list(COMMANDS)
-
-    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
-        if cmd_name not in COMMANDS:
-            return None
-        command: click.Command = getattr(import_module(f"lidarcli.cli.{HOMES.get(cmd_name, cmd_name)}"), cmd_name)
-        return command
-
-
-def _print_version(ctx: click.Context, parameter: click.Parameter, value: bool) -> None:
-    if value and not ctx.resilient_parsing:
-        from lidarcli.cli.settings import version_text
-
-        click.echo(version_text())
-        ctx.exit()
-
-
-@click.group(
-    cls=LazyCommands,
-    params=[
-        DeclaredOption(
-            "version",
-            Option(
-                "Options", None, False, short="-V", help="Show the version of lidarcli and of its dependencies, and exit."
-            ),
-            is_eager=True,
-            expose_value=False,
-            allow_from_autoenv=False,
-            callback=_print_version,
-        )
-    ],
-    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 80, "auto_envvar_prefix": "LIDARCLI"},
-    epilog="Exit codes: 0 done, 1 a check fails, 2 usage, 3 some input unreadable, 4 no LaserScan, "
-    "5 output refused, 70 internal error, 130 interrupted.",
-)
-def cli() -> None:
-    """Ask a 2D LiDAR log what happened: who came close, what moved, what changed.
-
-    LOG is an MCAP file, a ROS 1 or ROS 2 bag, a text log (CSV, CARMEN and
-    others), a folder to search, or - for standard input.
-    """
-
-
-def run(arguments: Sequence[str] | None = None) -> int:
-    """Run the command line; its exit code. The one place where errors become exit codes."""
-    messages = Messages()
-    try:
-        code = _invoke(sys.argv[1:] if arguments is None else list(arguments))
-        _flush()
-    except click.ClickException as err:
-        words = io.StringIO()
-        err.show(words)
-        click.echo(blotted(words.getvalue()), err=True, nl=False)
-        return err.exit_code
-    except Terminated:
-        messages.error("terminated")
-        raise
-    except (KeyboardInterrupt, click.Abort):
-        messages.error("interrupted")
-        return INTERRUPTED
-    except BrokenPipeError:
-        # Whoever read our output has had enough (`| head`). Python must not find out again at exit.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return 0
-    except LidarcliError as err:
-        messages.error(str(err))
-        return err.exit_code
-    except Exception as err:
-        if is_short_of_memory(err):
-            messages.error(OUT_OF_MEMORY)
-            return UnreadableError.exit_code
-        # What becomes of files the commands say themselves; what has no name is standard output.
-        if isinstance(err, OSError) and err.filename is None:
-            messages.error(f"cannot write standard output: {err.strerror or err}")
-            return OutputError.exit_code
-        messages.bug(traceback.format_exc())
-        return LidarcliError.exit_code
-    return code
-
-
-def _invoke(arguments: list[str]) -> int:
-    """Parse and run. click's own `main` answers a closed pipe and ctrl-C in its way, not in ours."""
-    if "_LIDARCLI_COMPLETE" in os.environ:
-        cli.main(arguments, prog_name="lidarcli")
-    try:
-        with cli.make_context("lidarcli", arguments) as ctx:
-            code = cli.invoke(ctx)
-    except click.exceptions.Exit as err:
-        return err.exit_code
-    return code if isinstance(code, int) else 0
-
-
-def _flush() -> None:
-    """Find out now whether standard output takes what is left of it; one that is closed takes nothing."""
-    if sys.stdout is not None:
-        sys.stdout.flush()

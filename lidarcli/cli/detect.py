@@ -16,8 +16,10 @@ from lidarcli.display.screen import one_line
 from lidarcli.display.texts import counted
 from lidarcli.files.stores import Place, absolute, is_url, place
 from lidarcli.options.choices import TABLE_BY_SUFFIX
+from lidarcli.options.common import ManyLogs, Stamped, output
 from lidarcli.options.forms import Option, Text
-from lidarcli.options.groups import MANY, OUTPUT, STDOUT, Beams, Detecting, ManyLogs, Stamped, Tracking, output
+from lidarcli.options.objects import Beams, Detecting, Tracking
+from lidarcli.options.values import MANY, OUTPUT, STDOUT
 
 if TYPE_CHECKING:
     from lidarcli.pipeline.inputs.sources import MissingInput, Source
@@ -124,7 +126,7 @@ def find(messages: Messages, options: Mapping[str, Any], *, follow: bool) -> int
 
     Parameters
     ----------
-    options : values of `Tables`, and of `Tracking` where things are followed, else of `Detecting`
+    options : values of `Tables`, and of `Tracking` where objects are followed, else of `Detecting`
     follow : True for tracks
     """
     target = options["output"]
@@ -251,10 +253,10 @@ def _on_cluster(
     from lidarcli.pipeline.runs import cluster
 
     # The working directory of a worker is another.
-    there = folder.absolute() if isinstance(folder, Path) else folder
+    elsewhere = folder.absolute() if isinstance(folder, Path) else folder
     file = parsed.poses.file
     poses = replace(parsed.poses, file=str(Path(file).absolute())) if file and not is_url(file) else parsed.poses
-    work = partial(detect_to_files, folder=there, options=replace(parsed, jobs=1, cores=1, poses=poses, overwrite=True))
+    work = partial(detect_to_files, folder=elsewhere, options=replace(parsed, jobs=1, cores=1, poses=poses, overwrite=True))
     with cluster.connected(address) as client:
         where, workers, threads = cluster.size_of(client)
         if (warning := cluster.danger(where)) is not None:

@@ -12,12 +12,14 @@ import click
 
 from lidarcli.cli.background import background_dict, background_line, background_lines
 from lidarcli.cli.commands import command, log_options
-from lidarcli.cli.messages import Messages, chosen_logs, print_reads, progress_bar
+from lidarcli.cli.messages import Messages, chosen_logs, frame_words, line_of, print_reads, progress_bar
 from lidarcli.display.screen import one_line
 from lidarcli.display.texts import counted, moment, no_command
-from lidarcli.files.stores import place
+from lidarcli.files.stores import Place, place
+from lidarcli.options.common import ManyLogs, Overwrite, TextOrJson, output
 from lidarcli.options.forms import Option, Rule, Text
-from lidarcli.options.groups import FINDINGS, OUTPUT, Inspecting, ManyLogs, Overwrite, TextOrJson, output
+from lidarcli.options.groups import FINDINGS, Inspecting
+from lidarcli.options.values import OUTPUT
 
 if TYPE_CHECKING:
     from lidarcli.logs.base import Topic
@@ -73,21 +75,21 @@ def info(messages: Messages, options: InfoCommand) -> int:
     may also be a background (docs/background.md): its sensors, stations, beams and origin.
     JSON is a list with one object per LOG.
     """
-    kind, brief = options["format"], options["brief"]
-    deep, outputs, site = options["deep"], options["output"], (options["map"] and fspath(options["map"])) or None
+    brief, deep, outputs = options["brief"], options["deep"], options["output"]
+    site = (options["map"] and fspath(options["map"])) or None
     read, opening, poses = log_options(options)
 
     from lidarcli.errors import CHECK_FAILED, UnreadableError
-    from lidarcli.files.newfiles import refuse, write_whole
+    from lidarcli.files.newfiles import refuse
     from lidarcli.pipeline.inputs.search import files_of
-    from lidarcli.pipeline.inspecting import FIXES, LogInfo, fix_text, inspect_logs, judge_checks, understand_checks
+    from lidarcli.pipeline.inspecting import FIXES, LogInfo, inspect_logs, judge_checks, understand_checks
     from lidarcli.pipeline.reading.needs import Need
     from lidarcli.pipeline.runs.over_logs import Failure, exit_code
 
     checks = understand_checks(options["check"], deep, site is not None)
     paths = [place(name) for name in outputs]
-    if odd := [name for name, path in zip(outputs, paths, strict=True) if path.suffix not in FIXES]:
-        raise click.UsageError(f"-o {odd[0]}: the suffix is none of {', '.join(FIXES)}")
+    if unknown := [name for name, path in zip(outputs, paths, strict=True) if path.suffix not in FIXES]:
+        raise click.UsageError(f"-o {unknown[0]}: the suffix is none of {', '.join(FIXES)}")
     sources = chosen_logs(messages, options)
     if paths and len(sources) != 1:
         raise click.UsageError(f"-o is for one log, and these are {len(sources):,}")
@@ -95,30 +97,24 @@ def info(messages: Messages, options: InfoCommand) -> int:
         return print_reads(sources, [str(path) for path in paths])
     if paths:
         refuse(paths, options["overwrite"], files_of(sources))
+    need = Need.NONE if brief and not (checks or deep or site) else Need.TOLD
+    wanted = {"opening": opening, "read": read, "poses_from": poses, "deep": deep, "site": site, "need": need}
     infos: list[LogInfo | Learned] = []
     codes = []
-    need = Need.NONE if brief and not (checks or deep or site) else Need.TOLD
     with progress_bar(sources, messages) as report:
-        asked = {"opening": opening, "read": read, "poses_from": poses, "deep": deep}
-        for source, result in inspect_logs(sources, report, **asked, site=site, need=need):
-            codes.append(_report(messages, source.label, result))
+        for source, result in inspect_logs(sources, report, **wanted):
+            codes.append(_show_errors(messages, source.label, result))
             if isinstance(result, Failure):
                 continue
             infos.append(result)
-            if kind == "text":
+            if options["format"] == "text":
                 with messages.paused():
-                    between = "\n" if len(infos) > 1 else ""
-                    line = _log_line(result) if isinstance(result, LogInfo) else background_line(result)
-                    click.echo(no_command(one_line(line)) if brief else between + as_text(result))
-    if kind == "json":
+                    click.echo(_in_a_line(result) if brief else ("\n" if len(infos) > 1 else "") + as_text(result))
+    if options["format"] == "json":
         click.echo(as_json(infos))
     logs = [each for each in infos if isinstance(each, LogInfo)]
-    for path in paths if infos else ():
-        if logs and (text := fix_text(logs[0], path.suffix)):
-            messages.notes(write_whole(path, text.encode(), options["overwrite"]))
-            messages.wrote([path])
-        else:
-            messages.info(f"{path} is not written: there is nothing to fix")
+    if infos:
+        _write_fixes(messages, logs, paths, options["overwrite"])
     failed = messages.failed(judge_checks(checks, logs))
     # Findings of a log that could not be opened are not known; those of a damaged one only get more.
     if failed and len(infos) == len(sources):
@@ -130,10 +126,21 @@ def info(messages: Messages, options: InfoCommand) -> int:
     return exit_code(codes)
 
 
-def _report(messages: Messages, label: str, result: "LogInfo | Learned | Failure") -> int:
-    """Tell what went wrong with a log, and return its exit code."""
-    from lidarcli.errors import NoScanError
-    from lidarcli.logs.registry import clouds_hint, no_scan_topic
+def _write_fixes(messages: Messages, logs: Sequence["LogInfo"], paths: Sequence[Place], overwrite: bool) -> None:
+    """Write how to fix the log, where there is anything to fix."""
+    from lidarcli.files.newfiles import write_whole
+    from lidarcli.pipeline.inspecting import fix_text
+
+    for path in paths:
+        if logs and (text := fix_text(logs[0], path.suffix)):
+            messages.notes(write_whole(path, text.encode(), overwrite))
+            messages.wrote([path])
+        else:
+            messages.info(f"{path} is not written: there is nothing to fix")
+
+
+def _show_errors(messages: Messages, label: str, result: "LogInfo | Learned | Failure") -> int:
+    """Show what went wrong with a log, and return its exit code."""
     from lidarcli.pipeline.inspecting import LogInfo
     from lidarcli.pipeline.runs.over_logs import Failure
 
@@ -144,10 +151,8 @@ def _report(messages: Messages, label: str, result: "LogInfo | Learned | Failure
         return result.exit_code
     if not isinstance(result, LogInfo):
         return 0
-    for line in result.damage:
+    for line in result.warnings:
         messages.error(label, line)
-    if result.exit_code == NoScanError.exit_code:
-        messages.error(label, no_scan_topic() + clouds_hint(result.topics))
     return result.exit_code
 
 
@@ -169,19 +174,25 @@ def as_text(info: "LogInfo | Learned") -> str:
     return "\n".join(no_command(one_line(line)) for line in lines)
 
 
+def _in_a_line(info: "LogInfo | Learned") -> str:
+    from lidarcli.pipeline.inspecting import LogInfo
+
+    return no_command(one_line(_log_line(info) if isinstance(info, LogInfo) else background_line(info)))
+
+
 def _log_lines(info: "LogInfo") -> list[str]:
     lines = [
         info.path,
-        _line("format", f"{info.format}, compression {info.compression}"),
-        _line("size", "unknown" if info.size is None else f"{info.size:,} bytes"),
+        line_of("format", f"{info.format}, compression {info.compression}"),
+        line_of("size", "unknown" if info.size is None else f"{info.size:,} bytes"),
     ]
     lines += [
-        _line("" if index else "parts", f"{part.name} ({part.size:,} bytes)") for index, part in enumerate(info.parts)
+        line_of("" if index else "parts", f"{part.name} ({part.size:,} bytes)") for index, part in enumerate(info.parts)
     ]
-    lines += [_line("" if index else "topics", text) for index, text in enumerate(_topics(info.topics))]
+    lines += [line_of("" if index else "topics", text) for index, text in enumerate(_topics(info.topics))]
     lines += _pose_lines(info)
-    lines += [_line("note", note) for note in info.notes]
-    lines += [_line("damage", damage) for damage in info.damage]
+    lines += [line_of("note", note) for note in info.notes]
+    lines += [line_of("damage", damage) for damage in info.damage]
     for scan in info.scans:
         lines += _scan_lines(scan)
     if info.findings:
@@ -263,47 +274,46 @@ def _pose_lines(info: "LogInfo") -> list[str]:
     lines = []
     for name in info.pose_topics:
         if (source := sources.get(name)) is None:
-            lines.append(_line("poses", name))
+            lines.append(line_of("poses", name))
             continue
         rate = "" if source.rate is None else f", {source.rate:.2f} Hz, {source.span:.3f} s"
-        lines.append(_line("poses", f"{name}  {source.poses:,} pose{'' if source.poses == 1 else 's'}{rate}"))
+        lines.append(line_of("poses", f"{name}  {source.poses:,} pose{'' if source.poses == 1 else 's'}{rate}"))
         frames = [" > ".join(part for part in pair if part) for pair in source.frames]
         more = f" and {len(frames) - _FRAMES} more" if len(frames) > _FRAMES else ""
-        lines.append(_line("", f"  {', '.join(frames[:_FRAMES])}{more}"))
+        lines.append(line_of("", f"  {', '.join(frames[:_FRAMES])}{more}"))
     return lines
 
 
 def _scan_lines(scan: "ScanInfo") -> list[str]:
     from lidarcli.sweeps.types import worth_telling
 
-    frame = f"frame {scan.frame_id}" if scan.frame_id else "no frame"
     clock = scan.clock
     total = sum(scan.by_status.values())
     lines = [
-        f"  {scan.topic} ({frame})",
-        _line("sweeps", f"{scan.sweeps:,}", 4),
-        _line("beams", _span(scan.beams, "{:,.0f}"), 4),
-        _line(
+        f"  {scan.topic} ({frame_words(scan.frame_id)})",
+        line_of("sweeps", f"{scan.sweeps:,}", 4),
+        line_of("beams", _span(scan.beams, "{:,.0f}"), 4),
+        line_of(
             "view",
             f"{_span(scan.view, '{:.2f}', math.degrees)} deg from {_span(scan.angle_min, '{:.2f}', math.degrees)} "
             f"deg, step {_span(scan.increment, '{:.4f}', math.degrees)} deg",
             4,
         ),
-        _line("coverage", ", ".join(_CLOSURES[name] for name in scan.closure), 4),
-        _line("limits", _limits(scan.range_min, scan.range_max), 4),
-        _line("rate", "unknown" if clock.rate is None else f"{clock.rate:.2f} Hz (median step)", 4),
+        line_of("coverage", ", ".join(_CLOSURES[name] for name in scan.closure), 4),
+        line_of("limits", _limits(scan.range_min, scan.range_max), 4),
+        line_of("rate", "unknown" if clock.rate is None else f"{clock.rate:.2f} Hz (median step)", 4),
     ]
     if clock.start_ns is not None and clock.end_ns is not None:
-        lines.append(_line("time", f"{moment(clock.start_ns)} to {moment(clock.end_ns)}", 4))
-        lines.append(_line("span", f"{clock.span:.3f} s", 4))
-    lines.append(_line("stamps", _stamps(clock, scan.sweeps), 4))
+        lines.append(line_of("time", f"{moment(clock.start_ns)} to {moment(clock.end_ns)}", 4))
+        lines.append(line_of("span", f"{clock.span:.3f} s", 4))
+    lines.append(line_of("stamps", _stamps(clock, scan.sweeps), 4))
     if scan.made_of:
-        lines.append(_line("made of", f"point clouds ({scan.made_of})", 4))
+        lines.append(line_of("made of", f"point clouds ({scan.made_of})", 4))
     if scan.pose:
-        lines.append(_line("pose", scan.pose, 4))
+        lines.append(line_of("pose", scan.pose, 4))
     for name, count in worth_telling(scan.by_status).items():
         share = f"{count / total:.2%}" if total else "-"
-        lines.append(_line(name.replace("_", " "), f"{count:,} beams ({share})", 4))
+        lines.append(line_of(name.replace("_", " "), f"{count:,} beams ({share})", 4))
     return lines
 
 
@@ -332,10 +342,6 @@ def _stamps(clock: "ClockInfo", sweeps: int) -> str:
         side = "before" if clock.offset < 0 else "after"
         parts.append(f"recorded {abs(clock.offset):.3f} s {side} the header stamp")
     return "; ".join(parts)
-
-
-def _line(name: str, value: str, indent: int = 2) -> str:
-    return f"{' ' * indent}{name:<{14 - indent}}{value}"
 
 
 def _span(span: "Span", form: str, convert: Any = float) -> str:

@@ -72,7 +72,7 @@ class Messages(Screen):
     errors: int = 0
     """Errors that were shown."""
     summary: dict[str, list[Any]] | None = None
-    """Summary that `--format json` prints in the end; None where it is not asked for."""
+    """Summary that `--format json` prints in the end; None where it is not requested."""
 
     def begin(self, options: Mapping[str, Any], *, finds: bool = False) -> None:
         """Collect the summary if the options of the command ask for JSON; get ready where it `finds` objects."""
@@ -85,7 +85,7 @@ class Messages(Screen):
             self.summary = {"logs": [], "notes": [], "routine": [], "written": []}
 
     def end(self, code: int, **more: Any) -> int:
-        """Print the summary as JSON where it was asked for; return the exit code."""
+        """Print the summary as JSON where it was requested; return the exit code."""
         if self.summary is not None:
             text = json.dumps({"exit_code": code, **self.summary, **more}, indent=2)
             click.echo(blotted(text), standard_output())
@@ -128,7 +128,7 @@ class Messages(Screen):
             self.keep("routine", note)
         if self.verbose or not isinstance(note, Routine):
             # What reads a pipe, such as grep, takes a note for a line.
-            is_wrapped = "COLUMNS" in os.environ or (sys.stderr is not None and sys.stderr.isatty())
+            is_wrapped = "COLUMNS" in os.environ or _is_terminal()
             for line in wrapped(head, one_line(note)) if is_wrapped else [head + one_line(note)]:
                 self.info(line)
 
@@ -140,7 +140,7 @@ class Messages(Screen):
             self.info(f"  wrote    {name}")
 
     def of_missing_core(self) -> None:
-        """Why a detection takes so long, and how to mend it; not to those who asked for it."""
+        """Why a detection takes so long, and how to mend it; not to those who chose it."""
         if compiled.is_wanted() and not compiled.is_there():
             self.info(f"lidarcli: {compiled.MISSING}")
 
@@ -169,8 +169,6 @@ class Messages(Screen):
 
 OPTION = re.compile(r"(?<=\s|\()(--[a-z-]+) (?=[A-Z0-9/'.<]|inf)")
 """An option and its value, which stay on one line."""
-MAX_TOGETHER = 8
-"""Most files that are written as one name with braces; more are counted."""
 
 
 def wrapped(head: str, words: str) -> list[str]:
@@ -199,7 +197,8 @@ def together(files: Sequence[str]) -> list[str]:
         folders = dict.fromkeys(file.rpartition("/")[0] for file in files)
         groups = [[file for file in files if file.rpartition("/")[0] == folder] for folder in folders]
         return [*chain(*map(together, groups))] if len(groups) > 1 else [*files]
-    if len(files) > MAX_TOGETHER:
+    # A longer list takes more than a line.
+    if len(files) > 8:
         return [f"{begin}*{end} ({len(files):,} files)"]
     return [f"{begin}{{{','.join(parts)}}}{end}"]
 
@@ -233,23 +232,22 @@ def counted_bar(description: str, total: int | None, unit: str, messages: Messag
 
 def _shows_bars(messages: Messages) -> bool:
     """Return True if stderr is a terminal that can take a line back."""
-    on_terminal = sys.stderr is not None and sys.stderr.isatty()
-    return on_terminal and not messages.quiet and os.environ.get("TERM") != "dumb"
+    return _is_terminal() and not messages.quiet and os.environ.get("TERM") != "dumb"
+
+
+def _is_terminal() -> bool:
+    return sys.stderr is not None and sys.stderr.isatty()
 
 
 # Summaries.
 
-_WORDS = {"no_return": "no return", "too_close": "too close"}
-TELLING_SECONDS = 1.0
-"""Shortest run [s] whose speed is shown: that of a shorter one is mostly the start of the program."""
-
 
 def show(
-    outcome: Outcome, messages: Messages, tell: Callable[[Any], Sequence[str]] | None = None, alone: bool = False
+    outcome: Outcome, messages: Messages, lines_of: Callable[[Any], Sequence[str]] | None = None, alone: bool = False
 ) -> None:
     """Show the outcome of one log, and of one that is `alone` its agents: errors always, the rest unless quiet.
 
-    `tell` returns the lines on its summary, by default what was found; lines after the first stand below the log.
+    `lines_of` returns the lines on its summary, by default what was found; those after the first are below the log.
     """
     before = messages.errors
     if outcome.trace:
@@ -258,7 +256,7 @@ def show(
         messages.error(outcome.label, trouble)
     if (run := outcome.summary) is not None:
         show_losses(outcome.label, run, messages)
-        first, *rest = _found_lines(run, messages) if tell is None else tell(run)
+        first, *rest = _found_lines(run, messages) if lines_of is None else lines_of(run)
         if messages.quiet and outcome.exit_code and messages.errors == before:
             messages.error(outcome.label, first)
         for line in (f"{outcome.label}: {first}", *rest, *(agents_of(run) if alone or messages.verbose else ())):
@@ -284,14 +282,14 @@ def of_one_log(
     messages: Messages,
     source: Source,
     work: Callable[[Source, Progress | None], RunSummary],
-    tell: Callable[[Any], Sequence[str]] = _reading_lines,
+    lines_of: Callable[[Any], Sequence[str]] = _reading_lines,
 ) -> int:
-    """Do the work of a command on one log, show what became of it, and return the exit code; `tell` as of `show`."""
+    """Do the work of a command on one log, show what became of it, and return the exit code; `lines_of` as of `show`."""
     from lidarcli.pipeline.runs.over_logs import outcome_of, progress_of
 
     with progress_bar([source], messages) as report:
         outcome = outcome_of(source, lambda one: work(one, progress_of(one, report)))
-    show(outcome, messages, tell)
+    show(outcome, messages, lines_of)
     return messages.end(outcome.exit_code)
 
 
@@ -337,7 +335,7 @@ def _found_lines(run: RunSummary, messages: Messages) -> list[str]:
     lines = [f"{_counts(run)}{_damaged(run)}"]
     if run.sweeps:
         lines += _parts(f"  beams    {run.beams:,}: ", run.by_status, run.beams, ("valid",))
-        # Agents are there only where things are followed.
+        # There are agents only where objects are followed.
         words = beams_on(run.things is not None)
         on = {name: run.by_set[letter] for letter, name in words.items()}
         lines += _parts("  on       ", on, run.beams, (*on,))
@@ -362,12 +360,12 @@ MAX_AGENTS = 8
 
 
 def agents_of(run: RunSummary) -> list[str]:
-    """Lines on the agents of a log, farthest first: when each was seen [s from the start], how far and how fast it went."""
+    """Return a line for each agent of a log, farthest first: when it was observed [s from the start], how far, how fast."""
     several = len({topic for topic, *_ in run.followed}) > 1
     lines = ["  agents   track      from        to      way     mean      top  score" + "  topic" * several]
-    for topic, track, *ends, way, mean, top, score in sorted(run.followed, key=lambda one: -one[4])[:MAX_AGENTS]:
+    for topic, track, *ends, length, mean, top, score in sorted(run.followed, key=lambda one: -one[4])[:MAX_AGENTS]:
         begin, end = (f"{(stamp_ns - (run.first_ns or 0)) * 1e-9 + 0.0:8,.1f} s" for stamp_ns in ends)
-        line = f"{track:16}{begin}{end}{way:7,.1f} m{mean:5.1f} m/s{top:5.1f} m/s"
+        line = f"{track:16}{begin}{end}{length:7,.1f} m{mean:5.1f} m/s{top:5.1f} m/s"
         lines.append(line + ("      -" if isnan(score) else f"{score:7.2f}") + f"  {topic}" * several)
     if (more := len(run.followed) - MAX_AGENTS) > 0:
         lines.append(f"           and {more:,} more")
@@ -375,7 +373,7 @@ def agents_of(run: RunSummary) -> list[str]:
 
 
 def _counts(run: RunSummary) -> str:
-    """The numbers of sweeps, objects and, after tracking, things."""
+    """The numbers of sweeps, objects and, after tracking, tracks."""
     sweeps = counted(run.sweeps, "sweep")
     if run.things is None:
         return f"{sweeps}, {counted(run.objects, 'object')}"
@@ -384,7 +382,8 @@ def _counts(run: RunSummary) -> str:
 
 
 def _speed(run: RunSummary) -> str:
-    is_shown = run.seconds >= TELLING_SECONDS and run.sweeps
+    # The time of a run of less than a second is mostly the start of the program.
+    is_shown = run.seconds >= 1.0 and run.sweeps
     return f", {run.sweeps / run.seconds:,.0f} sweeps/s" if is_shown else ""
 
 
@@ -395,11 +394,21 @@ def _damaged(run: RunSummary) -> str:
 def _parts(head: str, counts: Mapping[str, int], total: int, always: Sequence[str]) -> list[str]:
     """Return lines on how many beams are of each kind; kinds without beams are left out, except those in `always`."""
     parts = [
-        f"{_WORDS.get(name, name)} {count:,} ({count / total:.1%})" if total else f"{_WORDS.get(name, name)} 0"
+        f"{name.replace('_', ' ')} {f'{count:,} ({count / total:.1%})' if total else 0}"
         for name, count in counts.items()
         if count or name in always
     ]
     return wrapped(head[:11], head[11:] + ", ".join(part.replace(" ", "\u00a0") for part in parts))
+
+
+def line_of(name: str, value: str, indent: int = 2, column: int = 14) -> str:
+    """A line on one quantity, whose value begins at a column."""
+    return f"{' ' * indent}{name:<{column - indent}}{value}"
+
+
+def frame_words(frame_id: str) -> str:
+    """The frame of a sensor in words."""
+    return f"frame {frame_id}" if frame_id else "no frame"
 
 
 # Logs of a run.

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
+from dataclasses import replace
 from typing import TYPE_CHECKING, Annotated, Any
 
 import click
@@ -11,24 +12,16 @@ from lidarcli.cli.messages import Messages, counted_bar, standard_output
 from lidarcli.errors import OptionError
 from lidarcli.files.stores import Place, place
 from lidarcli.options.choices import ANIMATED_DPI, ANIMATIONS, FRAMES_PER_SECOND, IMAGES, LAST_SWEEP, MAX_COUNT, VIEWS, Look
+from lidarcli.options.common import OneLog, Overwrite, output
 from lidarcli.options.forms import Number, Option, Text, options_of
-from lidarcli.options.groups import (
-    LOOK,
-    PICTURE,
-    PLOT_RULES,
-    STDOUT,
-    SWEEP,
-    OneLog,
-    Overwrite,
-    Plotting,
-    Window,
-    output,
-    parse_numbers,
-)
+from lidarcli.options.groups import LOOK, PICTURE, PLOT_RULES, Plotting
+from lidarcli.options.reading import Window
+from lidarcli.options.values import STDOUT, SWEEP, parse_numbers
 
 if TYPE_CHECKING:
+    from lidarcli.logs.batches import ReadOptions
     from lidarcli.pipeline.inputs.sources import Source
-    from lidarcli.pipeline.plotting import Drawn
+    from lidarcli.pipeline.plotting import Drawn, PlotOptions
 
 MAP = "map"
 """View of the whole run in the world."""
@@ -122,58 +115,27 @@ def plot(messages: Messages, options: Mapping[str, Any]) -> int:
     Only the log up to the last sweep drawn is read; with --view map, all of it.
     """
     output, view, animate = options["output"], options["view"], options["animate"]
-    in_world, sweeps = view == MAP, options["sweeps"]
-    if options["sweep"] is not None:
-        sweeps = (options["sweep"],)
-    elif sweeps is None and not animate:
-        sweeps = (0,)
+    sweeps = _chosen_sweeps(options)
     read = log_options({**options, "start": None, "end": None}).read
     look = Look(*(options[field] for field in ("width", "dpi", "title", "legend", "vertices", "fps")))
-    known, suffix = ANIMATIONS if animate else IMAGES, "" if output is None else place(output).suffix.lower()
-    if output not in (None, STDOUT) and suffix not in known:
-        still = " or --animate" if suffix in ANIMATIONS else ""
-        raise click.UsageError(f"{output}: the suffix has to be one of {', '.join(known)}{still}")
-    if output == STDOUT and (animate or len(sweeps or ()) != 1):
-        raise click.UsageError("standard output takes one picture; give -o FIG")
-    if look.dpi is not None and suffix in (".svg", ".pdf"):
-        raise click.UsageError("--dpi is for .png and animations; .svg and .pdf have no pixels")
-
-    from dataclasses import replace
+    _refuse_output(output, animate, sweeps, look)
 
     from lidarcli.errors import UnreadableError
-    from lidarcli.files.newfiles import refuse, scratch_folder
+    from lidarcli.files.newfiles import refuse
     from lidarcli.pipeline import plotting
-    from lidarcli.pipeline.api.options import detect_options, plot_options, tracking_of
+    from lidarcli.pipeline.api.options import plot_options
     from lidarcli.pipeline.inputs.search import files_of, one_log
 
     wanted = replace(plot_options(options, None, sweeps), tracks=options["tracks"])
     source = one_log(options["log"], options["join"])
     if options["at"] is not None:
         wanted = replace(wanted, sweeps=(plotting.sweep_at(source, options["at"], wanted.topic, wanted.opening),))
-    elif in_world and options["sweep"] is None and options["sweeps"] is None:
+    elif view == MAP and options["sweep"] is None and options["sweeps"] is None:
         wanted = replace(wanted, sweeps=None)
-    paths = _outputs(output, source, wanted.sweeps, animate, in_world)
+    paths = _outputs(output, source, wanted.sweeps, animate, view == MAP)
     if output != STDOUT:
-        others = [file for file in (wanted.background, options["mask"], wanted.poses.file, *options["zones"]) if file]
-        if options["tracks"] and options["tracks"] not in options["log"]:
-            from lidarcli.pipeline.inputs.tables import table_files
-
-            others += map(str, table_files([options["tracks"]]))
-        refuse(paths, options["overwrite"], [*files_of([source]), *others])
-    drawn: Drawn[Any]
-    with ExitStack() as stack:
-        if options["tracks"] in options["log"]:
-            every = {**options, "topic": None, "start": None, "end": None, "background": None, "catalogue": None, "jobs": 0}
-            detect = detect_options(every, log_options(every), tracking_of())
-            tracks = plotting.followed(source, wanted.zones, detect, stack.enter_context(scratch_folder()))
-            wanted = replace(wanted, tracks=tracks)
-        if in_world:
-            from lidarcli.pipeline.mapping import MapOptions
-
-            parsed = MapOptions(read, wanted.opening, wanted.poses, parameters=wanted.parameters)
-            drawn = plotting.take_map(source, parsed, wanted.sweeps, wanted.tracks, options["only"], options["density"])
-        else:
-            drawn = plotting.take_pictures(source, wanted)
+        refuse(paths, options["overwrite"], [*files_of([source]), *_files_read(options, wanted)])
+    drawn = _draw(source, options, wanted, read)
     messages.notes(drawn.notes)
     pictures: Sequence[Any] = drawn.pictures
     if output == STDOUT:
@@ -189,6 +151,56 @@ def plot(messages: Messages, options: Mapping[str, Any]) -> int:
     for line in drawn.damage:
         messages.error(source.label, line)
     return UnreadableError.exit_code if drawn.damage else 0
+
+
+def _chosen_sweeps(options: Mapping[str, Any]) -> tuple[int, ...] | None:
+    """Return the sweeps to draw: the first one by default, of an animation all (None)."""
+    if options["sweep"] is not None:
+        return (options["sweep"],)
+    sweeps: tuple[int, ...] | None = options["sweeps"]
+    return (0,) if sweeps is None and not options["animate"] else sweeps
+
+
+def _refuse_output(output: str | None, animate: bool, sweeps: tuple[int, ...] | None, look: Look) -> None:
+    """Refuse a suffix that such a picture cannot have, or several pictures on standard output."""
+    known, suffix = ANIMATIONS if animate else IMAGES, "" if output is None else place(output).suffix.lower()
+    if output not in (None, STDOUT) and suffix not in known:
+        still = " or --animate" if suffix in ANIMATIONS else ""
+        raise click.UsageError(f"{output}: the suffix has to be one of {', '.join(known)}{still}")
+    if output == STDOUT and (animate or len(sweeps or ()) != 1):
+        raise click.UsageError("standard output takes one picture; give -o FIG")
+    if look.dpi is not None and suffix in (".svg", ".pdf"):
+        raise click.UsageError("--dpi is for .png and animations; .svg and .pdf have no pixels")
+
+
+def _files_read(options: Mapping[str, Any], wanted: "PlotOptions") -> list[str]:
+    """Return the files that are read in addition to the log."""
+    files = [wanted.background, options["mask"], wanted.poses.file, *options["zones"]]
+    if options["tracks"] and options["tracks"] not in options["log"]:
+        from lidarcli.pipeline.inputs.tables import table_files
+
+        files += map(str, table_files([options["tracks"]]))
+    return [file for file in files if file]
+
+
+def _draw(source: "Source", options: Mapping[str, Any], wanted: "PlotOptions", read: "ReadOptions") -> "Drawn[Any]":
+    """Return the pictures; tracks of the log itself are found first."""
+    from lidarcli.files.newfiles import scratch_folder
+    from lidarcli.pipeline import plotting
+    from lidarcli.pipeline.api.options import detect_options, tracking_of
+
+    with ExitStack() as stack:
+        if options["tracks"] in options["log"]:
+            every = {**options, "topic": None, "start": None, "end": None, "background": None, "catalogue": None, "jobs": 0}
+            detect = detect_options(every, log_options(every), tracking_of())
+            tracks = plotting.followed(source, wanted.zones, detect, stack.enter_context(scratch_folder()))
+            wanted = replace(wanted, tracks=tracks)
+        if options["view"] != MAP:
+            return plotting.take_pictures(source, wanted)
+        from lidarcli.pipeline.mapping import MapOptions
+
+        parsed = MapOptions(read, wanted.opening, wanted.poses, parameters=wanted.parameters)
+        return plotting.take_map(source, parsed, wanted.sweeps, wanted.tracks, options["only"], options["density"])
 
 
 def _outputs(

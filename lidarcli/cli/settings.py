@@ -1,23 +1,18 @@
 """Settings from `lidarcli.toml` and from the environment, for the options that the command line leaves out."""
 
-import json
 import os
 from collections.abc import Collection, Iterator, Mapping
 from datetime import date
 from difflib import get_close_matches
 from functools import reduce
-from typing import Annotated, Any, TypedDict
+from typing import Any
 
 import click
 
-from lidarcli._version import __version__
-from lidarcli.cli.commands import ORIGINS, DeclaredOption, command
+from lidarcli.cli.declared import ORIGINS, DeclaredOption
 from lidarcli.cli.messages import Messages
-from lidarcli.display.screen import one_line
 from lidarcli.errors import OptionError
-from lidarcli.options.forms import Argument, File, Text
-from lidarcli.options.groups import TextOrJson
-from lidarcli.system import compiled
+from lidarcli.options.forms import File
 
 NAME = "lidarcli.toml"
 NONE = "none"
@@ -86,7 +81,7 @@ def unknown_variables(ctx: click.Context) -> list[str]:
 
 
 def show_settings(ctx: click.Context) -> None:
-    """Tell of the settings that are in force, and of files and variables that do nothing."""
+    """Show the settings that are in force, and files and variables that do nothing."""
     if ctx.info_name == "completion":
         # A shell asks whenever it starts, wherever that is.
         return
@@ -184,126 +179,3 @@ def _text(file: str, option: DeclaredOption, item: str | float) -> str:
     if not isinstance(item, str) or not is_path or "://" in item:
         return str(item)
     return os.path.join(os.path.dirname(file), item)  # noqa: PTH118, PTH120 (keeps what Path would tidy away)
-
-
-LIBRARIES = ("numpy", "pyarrow", "mcap", "rosbags", "pandas", "matplotlib", "click", "rich")
-EXTRAS = ("distributed", "rerun-sdk")
-SHELLS = ("bash", "zsh", "fish")
-VARIABLE = "_LIDARCLI_COMPLETE"
-"""Variable by which a shell asks for completions."""
-
-
-def version_text() -> str:
-    """The version of lidarcli on a line of its own, then whether it is compiled, the system and the libraries."""
-    import platform
-    import textwrap
-
-    def line(name: str, words: str) -> str:
-        head = f"  {name:<11}"
-        return textwrap.fill(words, 79, initial_indent=head, subsequent_indent=" " * len(head))
-
-    system = f"Python {platform.python_version()}, {platform.system()} {platform.machine()}"
-    return "\n".join(
-        (
-            f"lidarcli {__version__}",
-            line("core", compiled.about_core()),
-            line("system", system),
-            line("libraries", ", ".join(_found(LIBRARIES))),
-            line("optional", ", ".join(_found(EXTRAS)) or "none"),
-        )
-    )
-
-
-def _found(names: tuple[str, ...]) -> list[str]:
-    """Those that are installed, with their versions."""
-    from importlib.metadata import PackageNotFoundError, version
-
-    found = []
-    for name in names:
-        try:
-            found.append(f"{name} {version(name)}")
-        except PackageNotFoundError:
-            continue
-    return found
-
-
-class ConfigCommand(TextOrJson, total=False):
-    command: Annotated[tuple[str, ...], Argument("[COMMAND]", Text("COMMAND"), several=True, required=False)]
-
-
-@command(
-    ConfigCommand,
-    examples="""\
-  lidarcli config
-  lidarcli config background build
-  lidarcli config detect --format json
-  lidarcli --config lab.toml config detect""",
-)
-def config(messages: Messages, options: ConfigCommand) -> int:
-    """Show the settings in force, each with its origin.
-
-    Without COMMAND: what the settings file and the environment set, for every command.
-    With COMMAND: all options of it, also those that have their default.
-
-    An option is taken from the command line, else from the environment
-    (LIDARCLI_DETECT_JOBS=2), else from the settings file, else it has its default.
-    """
-    ctx = click.get_current_context()
-    asked = " ".join(options["command"])
-    there = [each for each in commands(ctx.find_root()) if f"{each[0]} ".startswith(f"{asked} " if asked else "")]
-    if not there:
-        raise click.UsageError(f"there is no command '{asked}'")
-    rows = [_setting(name, each, below) for name, one, below in there for each in settable(one)]
-    for line in dict.fromkeys(line for _, _, below in there for line in unknown_variables(below)):
-        messages.error(line)
-    rows = [row for row in rows if asked or row["origin"] != "default"]
-    if options["format"] == "json":
-        click.echo(json.dumps(rows, indent=2, ensure_ascii=False))
-        return 0
-    if ctx.find_root().meta.get(ORIGINS) is None:
-        messages.info("settings file: none")
-    if not rows:
-        messages.info("every option has its default; lidarcli config COMMAND shows them")
-    cells = [(row["command"], f"--{row['option']}", row["value"] or "-", row["origin"]) for row in rows]
-    widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
-    for *row, origin in cells:
-        click.echo(one_line("  ".join([*(text.ljust(width) for text, width in zip(row, widths, strict=False)), origin])))
-    return 0
-
-
-def _setting(command: str, each: DeclaredOption, ctx: click.Context) -> dict[str, Any]:
-    """The value of an option without the command line, and its origin."""
-    value, origin = each.setting(ctx), each.origin(ctx)
-    if origin is None:
-        default = (
-            "required" if each.required else each.declared.default_words(each.key) or ("false" if each.is_flag else None)
-        )
-        return {"command": command, "option": each.key, "value": default, "origin": "default"}
-    items = value if isinstance(value, list | tuple) else [value]
-    words = " ".join(str(item).lower() if isinstance(item, bool) else str(item) for item in items)
-    return {"command": command, "option": each.key, "value": words, "origin": origin}
-
-
-class CompletionCommand(TypedDict, total=False):
-    shell: Annotated[str, Argument("SHELL", SHELLS)]
-
-
-@command(
-    CompletionCommand,
-    examples="""\
-  source <(lidarcli completion bash)
-  echo 'source <(lidarcli completion bash)' >> ~/.bashrc
-  lidarcli completion zsh > ~/.zfunc/_lidarcli
-  lidarcli completion fish | source""",
-)
-def completion(messages: Messages, options: CompletionCommand) -> int:
-    """Print what bash, zsh or fish needs to complete commands.
-
-    docs/install.md says where each shell wants it.
-    """
-    from click.shell_completion import get_completion_class
-
-    kind = get_completion_class(options["shell"])
-    assert kind is not None  # SHELLS are those that click knows
-    click.echo(kind(click.get_current_context().find_root().command, {}, "lidarcli", VARIABLE).source())
-    return 0

@@ -18,28 +18,11 @@ from lidarcli.cli.messages import (
 from lidarcli.display.texts import counted
 from lidarcli.files.stores import Place, place
 from lidarcli.options.choices import CLOUDS
+from lidarcli.options.common import CHECK, Jobs, ManyLogs, OneLog, Overwrite, Reported, TextOrJson, output
 from lidarcli.options.forms import Argument, File, Option, Rule, options_of
-from lidarcli.options.groups import (
-    CHECK,
-    CHECKS,
-    INPUT,
-    OUTPUT,
-    OVERLAY_RULES,
-    STDOUT,
-    Cleaning,
-    Exporting,
-    Jobs,
-    ManyLogs,
-    Mapping,
-    OneLog,
-    Overlaying,
-    Overwrite,
-    Reading,
-    Reported,
-    Simulating,
-    TextOrJson,
-    output,
-)
+from lidarcli.options.groups import OVERLAY_RULES, Cleaning, Exporting, Mapping, Overlaying, Simulating
+from lidarcli.options.reading import Reading
+from lidarcli.options.values import CHECKS, INPUT, OUTPUT, STDOUT
 
 if TYPE_CHECKING:
     from lidarcli.pipeline.inputs.sources import Source

@@ -19,7 +19,7 @@ MAX_SHARDS = 1_000_000
 PROFILES = ("robust", "paper")
 """Sets of defaults for the detection; the first by default."""
 AGENT_SCORE = 0.55
-"""Least probability that a thing goes by itself, from which on it is an agent (`track`)."""
+"""Least probability that an object moves by itself; what has less is no agent (`track`)."""
 MIN_THING = 0.3
 """Least probability that an object is a thing and not a piece of building; anything less counts as wall."""
 MENDS = ("beams", "stamps", "angles", "times", "order", "units", "limits", "no-return", "frames", "statics", "clock")
@@ -29,9 +29,9 @@ FOUND = "found"
 AROUND = 5.0
 """Time before and after an event in a clip of it [s], by default."""
 REMOVABLE = ("agents", "temporary")
-"""Kinds of things whose beams `clean` takes; the first by default."""
+"""Kinds of objects whose beams `clean` removes; the first by default."""
 SAYINGS = NAN, INF, ABOVE = ("nan", "inf", "above")
-"""Words for the value of a beam that was taken, beside a range; the first by default."""
+"""Words for the value of a removed beam, which may also be a range; the first by default."""
 TRAIL = 3.0
 """Length of the paths of tracks in a picture of a sweep and in overlays [s]."""
 STATION_DISTANCE = 0.25
@@ -53,15 +53,15 @@ ALIGN = ("auto", "as-is", "search")
 CHANGE_KINDS = ("thing", "structure")
 CHANGE_STATUSES = ("known", "moved", "new", "gone", "uncertain")
 CHANGE_WHYS = ("hidden", "out of view", "no free space", "short", "ambiguous", "poses")
-"""Kinds of changes from run to run, their statuses, and the reasons for which nobody can tell."""
+"""Kinds of changes from run to run, their statuses, and the reasons for which one is uncertain."""
 MAP_STATES = ("fits", "off", "lost", "unknown")
-"""States of a path on a map: it fits, would fit elsewhere, fits nowhere near, or nothing tells."""
+"""States of a path on a map: it fits, would fit elsewhere, fits nowhere near, or there is no evidence."""
 MIN_SCORE = 0.8
 """Least probability of the status of a change, by default."""
 BEAM_ORDERS = ("auto", "forward", "reverse", "once")
 """Orders in which the beams of a sweep are sent; the first by default."""
 MAX_DELAY = 3600.0
-"""Greatest `--pose-delay` [s], either way: what is more is another clock."""
+"""Greatest `--pose-delay` [s], positive or negative: a greater one is another clock."""
 MATCH = "match"
 """Value of `--pose` for poses found by matching sweeps, and the name of their world frame."""
 MAP_RESOLUTION = 0.05
@@ -72,7 +72,7 @@ MIN_MOVE = 0.12
 OCCUPIED_RATIO = 0.25
 """Least share of hits among the sweeps that hit or passed an occupied cell."""
 MAX_MAP_KM2 = 0.25
-"""Largest ground of a map [km²]: at 5 cm 100 million cells, 1.3 GB if all of them are seen."""
+"""Largest area of a map [km²]: at 5 cm 100 million cells, 1.3 GB if all of them are observed."""
 CONTAINERS = ("mcap", "bag", "ros2", "ros2-mcap", "db3", "csv")
 """Formats of simulated logs: `ros2` is a folder with an sqlite3 file in it, `ros2-mcap` one with an MCAP file."""
 TABLE_BY_SUFFIX = {".parquet": "parquet", ".csv": "csv", ".ndjson": "ndjson", ".jsonl": "ndjson", ".arrow": "arrow"}

@@ -70,7 +70,7 @@ class Text:
 
     @staticmethod
     def lost(text: str, *, is_alone: bool = True) -> str:
-        """Return why a text is no value: there is none, or, of one item alone, an option stands in its place; else ''."""
+        """Return why a text is no value, else '': it is empty, or, where only one item is expected, it is an option."""
         is_option = is_alone and re.match("-{1,2}[A-Za-z]", text)
         return f"'{text}' is an option, not a value" if is_option else "" if text else "an empty text names nothing"
 
@@ -80,7 +80,7 @@ class File:
     """The path or URL of a file or folder."""
 
     metavar: str
-    """Placeholder; behind `|` stand words that may be given in place of a path."""
+    """Placeholder; words after `|` may be given in place of a path."""
     is_output: bool = False
 
     @property
@@ -110,7 +110,7 @@ class Option:
     """True if only some logs need it: `--help` leaves it out, `--help-all` shows it."""
     several: bool = False
     both: bool = False
-    """True for a flag that is spelled both ways, `--NAME` and `--no-NAME`."""
+    """True for a flag that is spelled both `--NAME` and `--no-NAME`."""
     required: bool = False
     alone: str | None = None
     """Value where the command line gives the name alone."""
@@ -174,7 +174,7 @@ class Rule:
     """Options that exclude others, or that need one of them: for the command line and Python alike."""
 
     names: tuple[str, ...]
-    """Fields, or headings of the help that stand for all fields below them."""
+    """Fields, or headings of the help: all fields below them."""
     others: tuple[str, ...]
     """Fields; `field=one|two` is met by these values alone."""
     words: str
@@ -182,14 +182,14 @@ class Rule:
     needs: bool = False
     """True if one of `others` has to be given, too; False if none may be."""
 
-    def broken(self, options: Mapping[str, Option], values: Mapping[str, Any], asked: Callable[[str], bool]) -> str:
+    def broken(self, options: Mapping[str, Option], values: Mapping[str, Any], is_given: Callable[[str], bool]) -> str:
         """Return what is wrong with some values, in words; empty where nothing is.
 
         Parameters
         ----------
         options : those of a command or function, by their fields
         values : their values
-        asked : returns whether the user gave an option
+        is_given : returns whether the user gave an option
         """
         met = []
         for name, mark, wanted in (other.partition("=") for other in self.others):
@@ -199,11 +199,11 @@ class Rule:
         if not met or any(met) is self.needs:
             return ""
         meant = (name for name, option in options.items() if not {name, option.heading}.isdisjoint(self.names))
-        return next((f"{options[name].spelled(name)} {self.words}" for name in meant if asked(name)), "")
+        return next((f"{options[name].spelled(name)} {self.words}" for name in meant if is_given(name)), "")
 
 
 def refuse_combinations(
-    rules: Iterable[Rule], options: Mapping[str, Option], values: Mapping[str, Any], asked: Callable[[str], bool]
+    rules: Iterable[Rule], options: Mapping[str, Option], values: Mapping[str, Any], is_given: Callable[[str], bool]
 ) -> None:
     """Refuse options that exclude or need each other (`OptionError`), by `unless` and by rules: arguments as of those."""
     for name, option in options.items():
@@ -213,7 +213,7 @@ def refuse_combinations(
                     f"{option.spelled(name)} and {options[other].spelled(other)} exclude each other: leave one out"
                 )
     for rule in rules:
-        if words := rule.broken(options, values, asked):
+        if words := rule.broken(options, values, is_given):
             raise OptionError(words)
 
 
@@ -242,6 +242,6 @@ def python_words(name: str, option: Option) -> str:
         words = f"{words} Python {'takes' if option.several else 'also takes'} a list."
     if option.python:
         words = f"{words} {option.python}"
-    # A plain default stands in the signature.
+    # The signature shows a plain default.
     default = option.shown if option.default is None else ""
     return f"{words} [default: {spelled(default)}]" if default else words

@@ -1,4 +1,4 @@
-"""Every option, declared once.
+"""Every option, declared once: the groups of single commands, made of those in the modules beside this one.
 
 The command line, the keywords of the Python functions, `lidarcli.toml`, the variables of the environment, docs/cli.md and
 docs/python.md are made from these declarations. A group is a `TypedDict`: type checkers read the types of the keywords from
@@ -8,85 +8,56 @@ Nothing here imports click or numpy, so that `--help` answers soon.
 
 import math
 from collections.abc import Iterable, Sequence
-from os import PathLike
-from typing import TYPE_CHECKING, Annotated, Any, Literal, Protocol, TypedDict
+from typing import Annotated, Literal, TypedDict
 
 from lidarcli.errors import OptionError
 from lidarcli.options import choices
-from lidarcli.options.forms import Argument, File, Number, Option, Rule, Text
+from lidarcli.options.common import CHECK, STAMPS_HELP, Jobs
+from lidarcli.options.forms import File, Number, Option, Rule, Text
+from lidarcli.options.objects import COLUMNS_HELP, OBJECTS, Comparing, ObjectParameters, Objects, Things
+from lidarcli.options.reading import (
+    POSES,
+    RANGES,
+    SELECT,
+    Delay,
+    Joining,
+    Limits,
+    Poses,
+    Ranges,
+    Reading,
+    Run,
+    Topic,
+    Topics,
+    Window,
+)
+from lidarcli.options.values import (
+    CHECKS,
+    COUNT,
+    COUNT_OR_NONE,
+    INPUT,
+    LENGTH,
+    OUTPUT,
+    TIME,
+    TURN,
+    WIDTH,
+    AnyPath,
+    Paths,
+    Tables,
+    metres,
+    parse_names,
+    parse_numbers,
+)
 
-if TYPE_CHECKING:
-    from lidarcli.formalism.background import Background
-    from lidarcli.formalism.matching.catalogue import Catalogue
-
-AnyPath = str | PathLike[str]
-Paths = AnyPath | Iterable[AnyPath]
-"""One file, folder, pattern or URL, or several."""
-
-
-class Table(Protocol):
-    """A table in memory: of Arrow, pandas, polars or any library that hands out Arrow streams."""
-
-    def __arrow_c_stream__(self, requested_schema: object | None = None) -> object: ...
-
-
-TableOrPath = AnyPath | Table | tuple[Any, ...]
-"""A table in memory or its path, or the named tuple of tables that a function returned."""
-Tables = TableOrPath | Iterable[TableOrPath]
-"""One table of the kinds that lidarcli makes, or several."""
-
-
-class Changed(Protocol):
-    """A table of changes with all that `diff` tells beside it."""
-
-    changes: Any
-
-
-STDOUT = "-"
-"""As the name of an output: standard output."""
-
-OUTPUT, MANY = "Output", "Many logs"
-SELECT, POSES = "Sweeps to read", "Where the sensor was"
-RANGES, GEOMETRY = "Beams", "Text logs without names or geometry"
-CLOUDS, OBJECTS = "Point clouds", "Objects"
 STATIONS = "Viewpoints (stations) of a moving sensor"
 GRID, CLOUD = "Occupancy grid", "Point cloud"
-PICTURE, LOOK, CHECKS, ZONES, FINDINGS = "Picture", "Look", "Checks", "Zones", "Findings"
+PICTURE, LOOK, ZONES, FINDINGS = "Picture", "Look", "Zones", "Findings"
 PLACES, CHANGES = "Places", "What to change"
 RUN, LOG = "Run", "Log"
-
-
-def _time(text: str) -> Any:
-    """Seconds after the first sweep, or an `Instant`."""
-    from lidarcli.options.times import parse_time
-
-    found = parse_time(text)
-    if isinstance(found, float) and found < 0:
-        raise OptionError(f"{text} is below 0")
-    return found
-
-
-def _no_return(text: str) -> str:
-    """The list as it is, once its items are known to be words and ranges."""
-    from lidarcli.sweeps.range_rules import parse_no_return
-
-    parse_no_return(text)
-    return text
-
-
-def _threshold(text: str) -> str | float:
-    """`adaptive`, `mean` or metres."""
-    if text in ("adaptive", "mean"):
-        return text
-    try:
-        float(text)
-    except ValueError:
-        raise OptionError(f"'{text}' is neither adaptive nor mean nor a number of metres") from None
-    return WIDTH.parse(text)
+ANY_COUNT = Number("N", 0, math.inf, whole=True)
 
 
 def parse_removed(text: str) -> str:
-    """The list as it is, once its items are known; `none` stands alone."""
+    """The list as it is, once its items are known; `none` excludes all others."""
     for word in text.split(",") if text.strip() != "none" else ():
         if word.strip() == "body":
             raise OptionError("the robot's own body is what --mask FILE tells")
@@ -98,432 +69,15 @@ def parse_removed(text: str) -> str:
 def parse_mends(text: str) -> str:
     """The list as it is, once its items are known."""
     known = (choices.FOUND, *choices.MENDS)
-    if odd := [word.strip() for word in text.split(",") if word.strip() not in known]:
-        raise OptionError(f"'{odd[0]}' is not one of {', '.join(known)}")
+    if unknown := [word.strip() for word in text.split(",") if word.strip() not in known]:
+        raise OptionError(f"'{unknown[0]}' is not one of {', '.join(known)}")
     return text
 
 
 def parse_value(text: str) -> str | float:
     """`nan`, `inf`, `above` or metres."""
-    if text.lower() in choices.SAYINGS:
-        return text.lower()
-    try:
-        float(text)
-    except ValueError:
-        raise OptionError(f"'{text}' is neither {', '.join(choices.SAYINGS)} nor a number of metres") from None
-    return LENGTH.parse(text)
-
-
-def parse_names(text: str) -> tuple[str, ...]:
-    """Names of columns, comma separated."""
-    return tuple(name for part in text.split(",") if (name := part.strip()))
-
-
-def parse_numbers(text: str) -> tuple[int, ...]:
-    """Numbers of tracks, comma separated."""
-    wrong = next((part for part in text.split(",") if not part.strip().isdecimal()), None)
-    if wrong is not None:
-        raise OptionError(f"'{wrong}' is no number of a track; give them as 4,6")
-    return tuple(dict.fromkeys(int(part) for part in text.split(",")))
-
-
-def _share(text: str) -> tuple[int, int]:
-    """(I, N): the I-th of N shares."""
-    number, _, count = text.partition("/")
-    if not (number.isdecimal() and count.isdecimal()):
-        raise OptionError(f"'{text}' is not I/N, as 1/8")
-    if not 1 <= int(number) <= int(count) <= choices.MAX_SHARDS:
-        raise OptionError(f"'{text}': shares are numbered from 1 to {count}")
-    return int(number), int(count)
-
-
-WIDTH, LENGTH = Number("METRES", 0, above=True), Number("METRES", 0)
-COUNT, COUNT_OR_NONE = (Number("N", 1, choices.MAX_COUNT, whole=True), Number("N", 0, choices.MAX_COUNT, whole=True))
-ANY_COUNT = Number("N", 0, math.inf, whole=True)
-ANGLE, TURN = Number("ANGLE"), Number("DEGREES", 0, above=True)
-SWEEP = Number("N", 0, choices.LAST_SWEEP, whole=True)
-TIME = Text("TIME", _time)
-INPUT = File("LOG")
-
-
-# What several commands of the command line share, and Python does not have.
-
-
-class OneLog(TypedDict, total=False):
-    """One log, which may be in parts."""
-
-    log: Annotated[tuple[str, ...], Argument("LOG...", INPUT, several=True)]
-
-
-class ManyLogs(TypedDict, total=False):
-    """Logs, and which of them to take."""
-
-    logs: Annotated[tuple[str, ...], Argument("LOG...", INPUT, several=True, required=False)]
-    files_from: Annotated[
-        str | None,
-        Option(MANY, File("FILE"), shown="none", rare=True),
-        "Also read the logs that this file lists, one per line; - for standard input.",
-    ]
-    base: Annotated[
-        str | None,
-        Option(MANY, File("DIR"), shown="the folder or pattern that was given", rare=True),
-        "Mirror the sub-folders of this folder or URL below DIR.",
-    ]
-    shard: Annotated[
-        tuple[int, int] | None,
-        Option(MANY, Text("I/N", _share), shown="all", rare=True),
-        "Process only the I-th of N shares of the logs. The name of a log alone decides which share it is in.",
-    ]
-    dry_run: Annotated[bool, Option(MANY, None, False, rare=True), "Only print what would be read and written."]
-
-
-def output(metavar: str, **more: Any) -> Option:
-    """Return `-o`, which every command fills with something else; without a default it is required."""
-    more.setdefault("required", not {"default", "shown"} & more.keys())
-    return Option(OUTPUT, File(metavar, is_output=True), short="-o", **more)
-
-
-class Overwrite(TypedDict, total=False):
-    overwrite: Annotated[bool, Option(OUTPUT, None, False), "Replace files that exist."]
-
-
-_STAMPS = "Unit of the stamps in tables; us for Spark, Iceberg and Delta, which have no ns (docs/fleet.md)."
-
-
-class Stamped(Overwrite, total=False):
-    """Options of a command that writes tables."""
-
-    stamps: Annotated[Literal["ns", "us"], Option(OUTPUT, choices.STAMPS, choices.NS, rare=True), _STAMPS]
-
-
-class TextOrJson(TypedDict, total=False):
-    format: Annotated[Literal["text", "json"], Option(OUTPUT, ("text", "json"), "text"), "Text, or JSON for programs."]
-
-
-class Reported(Stamped, TextOrJson, total=False):
-    """Options of a command that writes tables, or a table among others, and prints a summary."""
-
-
-_HOLDS = "`holds` of the result tells."
-CHECK = Option(CHECKS, Text("EXPR", has_blanks=True), (), shown="none", several=True, python=_HOLDS)
-
-
-class Checked(TypedDict, total=False):
-    """Options of a command that holds what it finds against conditions."""
-
-    checks: Annotated[
-        tuple[str, ...],
-        Option(CHECKS, File("FILE"), (), shown="none", several=True),
-        "Also the checks of this file (TOML, docs/ci.md); may be repeated.",
-    ]
-
-
-class Jobs(TypedDict, total=False):
-    jobs: Annotated[int | None, Option(OUTPUT, COUNT, shown="automatic", short="-j"), "Processors to use at most."]
-
-
-# Groups that commands and Python functions share.
-
-
-class Window(TypedDict, total=False):
-    """The time from which and up to which to read."""
-
-    start: Annotated[
-        float | str | None,
-        Option(SELECT, TIME, shown="0"),
-        "Start at this time: seconds after the first sweep (10, 2min), or 2026-11-22T10:00:00Z.",
-    ]
-    end: Annotated[float | str | None, Option(SELECT, TIME, shown="the end"), "End before this time, given like --start."]
-
-
-class Run(TypedDict, total=False):
-    run: Annotated[
-        int | None,
-        Option(SELECT, COUNT, shown="all", rare=True),
-        "Run to read, counted from 1, of a log whose clock starts anew (docs/poses.md).",
-    ]
-
-
-class _Topic(TypedDict, total=False):
-    topic: Annotated[
-        str | Iterable[str] | None,
-        Option(SELECT, Text("NAME"), shown="all", several=True),
-        "LaserScan topic to read, or a pattern, '/scan*'; may be repeated.",
-    ]
-
-
-class Topics(_Topic, Window, Run, total=False):
-    """The sweeps of a log to read."""
-
-    every: Annotated[int, Option(SELECT, COUNT, 1), "Take every N-th sweep."]
-
-
-class Poses(TypedDict, total=False):
-    """The source of the poses."""
-
-    pose: Annotated[
-        str | None,
-        Option(POSES, Text("TOPIC"), shown="the best that fits the sweeps", unless=("poses",)),
-        "Topic with the poses of the sensor; none; match: from the sweeps (docs/poses.md).",
-    ]
-    poses: Annotated[
-        AnyPath | None,
-        Option(POSES, File("FILE.tum"), shown="the poses in the log", unless=("pose",), rare=True),
-        "Path of the sensor from a file with lines of timestamp x y z qx qy qz qw, as `lidarcli poses` and evo write it.",
-    ]
-    deskew: Annotated[
-        bool,
-        Option(POSES, None, True, rare=True),
-        "Correct sweeps for the motion of the sensor while they are taken (needs poses).",
-    ]
-    beam_order: Annotated[
-        Literal["auto", "forward", "reverse", "once"],
-        Option(POSES, choices.BEAM_ORDERS, choices.BEAM_ORDERS[0], rare=True),
-        "Order in which the beams of a sweep are taken: from the first to the last, in reverse, or all at once; auto: "
-        "learned from the sweeps of a moving sensor, else as the headers tell.",
-    ]
-
-
-class Delay(TypedDict, total=False):
-    """The delay of the poses."""
-
-    pose_delay: Annotated[
-        float | None,
-        Option(POSES, Number("SECONDS"), shown="what fits the sweeps", rare=True),
-        "Use the pose from this long after the header stamp of a sweep; negative: before it.",
-    ]
-
-
-class Limits(TypedDict, total=False):
-    range: Annotated[
-        tuple[float, float] | None,
-        Option(RANGES, Number("MIN MAX", 0, count=2), shown="those of the log"),
-        "Range limits [m].",
-    ]
-    no_return: Annotated[
-        str | Iterable[str | float],
-        Option(RANGES, Text("LIST", _no_return, is_list=True), "inf,zero,max,above,pile", rare=True),
-        "Values that mean 'no return', comma separated: inf, zero, max, above, pile (a far range that very many beams "
-        "have), nan, negative, below, or metres such as 81.91.",
-    ]
-    mask: Annotated[
-        AnyPath | None,
-        Option(RANGES, File("FILE|auto|none"), shown="none"),
-        "The robot's own body: beams that end on a [[mask]] of this file (docs/formats.md) are left out; auto: find them.",
-    ]
-    segments: Annotated[
-        Literal["join", "keep"],
-        Option(SELECT, choices.SEGMENTS, choices.JOIN, rare=True),
-        "Messages that go on where the one before ended: join makes sweeps of whole turns, keep takes each for a sweep.",
-    ]
-
-
-class Ranges(Limits, total=False):
-    """Limits of ranges, and the names of columns and the geometry of beams that a log lacks."""
-
-    columns: Annotated[
-        str | Iterable[str],
-        Option(GEOMETRY, Text("LIST", is_list=True), (), shown="those of the file", rare=True),
-        "Names of the columns of a CSV, in place of its own: time,ranges for one sweep per row, angle,range for one beam "
-        "per row (docs/formats.md).",
-    ]
-    angle_min: Annotated[
-        float | None,
-        Option(GEOMETRY, ANGLE, shown="from the file, or centred on --fov", rare=True),
-        "Bearing of the first beam.",
-    ]
-    angle_increment: Annotated[
-        float | None, Option(GEOMETRY, ANGLE, rare=True, unless=("fov",)), "Angle from beam to beam."
-    ]
-    fov: Annotated[
-        float | None,
-        Option(GEOMETRY, ANGLE, rare=True, unless=("angle_increment",)),
-        "Field of view, instead of --angle-increment.",
-    ]
-    range_max: Annotated[
-        float | None, Option(GEOMETRY, WIDTH, shown="from the file, or none", rare=True), "Greatest range of the sensor."
-    ]
-    degrees: Annotated[
-        bool,
-        Option(GEOMETRY, None, False, shown="radians", rare=True),
-        "The three angles above, or without them those of the log, are in degrees.",
-    ]
-    range_unit: Annotated[
-        Literal["m", "cm", "mm"], Option(GEOMETRY, tuple(choices.UNITS), "m", rare=True), "Unit of the ranges in the log."
-    ]
-    echo: Annotated[
-        Literal["first", "last", "strongest"],
-        Option(RANGES, choices.ECHOES, choices.ECHOES[0], rare=True),
-        "Echo to take of each beam of a MultiEchoLaserScan; strongest: that of the greatest intensity.",
-    ]
-    slice: Annotated[
-        tuple[float, float] | None,
-        Option(CLOUDS, Number("ZMIN ZMAX", count=2), shown="clouds are not read", rare=True),
-        "Read point clouds as sweeps: of the points between these heights [m] the nearest in each direction. "
-        "Heights count from the robot's base, level by tf.",
-    ]
-    bins: Annotated[
-        int | None,
-        Option(CLOUDS, Number("N", -math.inf, math.inf, whole=True), shown=str(choices.BINS), rare=True),
-        "Beams of a sweep that is made of a point cloud; their view is a full turn, or that of --angle-min and --fov.",
-    ]
-
-
-class Joining(TypedDict, total=False):
-    join: Annotated[
-        bool,
-        Option(MANY, None, False, rare=True),
-        "Read the parts of a recording (run_0.bag, run_1.bag) as one log, in the order of their times; of a "
-        "folder those of each name.",
-    ]
-
-
-class Reading(Joining, Topics, Poses, Delay, Ranges, total=False):
-    """Options for reading a log."""
-
-
-class _Objects(TypedDict, total=False):
-    """Parameters of the objects; None stands for the default of the profile."""
-
-    profile: Annotated[
-        Literal["robust", "paper"],
-        Option(OBJECTS, choices.PROFILES, choices.PROFILES[0], rare=True),
-        "robust: tuned for real sensors; paper: the published formulas, unchanged.",
-    ]
-    threshold: Annotated[
-        Literal["adaptive", "mean"] | float | None,
-        Option(OBJECTS, Text("adaptive|mean|METRES", _threshold), shown="adaptive; paper: mean", rare=True),
-        "Jump in range that separates two surfaces: adaptive (by noise and range), mean (of |s|, the paper's Def. "
-        "3), or metres; with --background the smallest difference.",
-    ]
-    min_beams: Annotated[
-        int | None,
-        Option(OBJECTS, COUNT, shown="3; paper: 1", rare=True),
-        "Smallest number of valid beams that an object may have.",
-    ]
-    max_width: Annotated[
-        float | None,
-        Option(OBJECTS, WIDTH, shown="2; paper or --background: no limit"),
-        "Largest object; anything wider counts as wall.",
-    ]
-    max_gap: Annotated[
-        int | None,
-        Option(OBJECTS, COUNT_OR_NONE, shown="2; paper: 0", rare=True),
-        "How many missing beams in a row may be bridged within one surface.",
-    ]
-    group_gap: Annotated[
-        float | None,
-        Option(OBJECTS, LENGTH, shown="0, never", rare=True),
-        "Join narrow objects (up to 0.2 m) that are closer than this: the legs of a person or chair.",
-    ]
-    min_thing: Annotated[
-        float | None,
-        Option(OBJECTS, Number("P", 0, 1), shown=str(choices.MIN_THING), rare=True),
-        "Least probability, 0 to 1, that an object is a thing and not a piece of building; an object with less counts "
-        "as wall.",
-    ]
-
-
-class Objects(_Objects, total=False):
-    """Parameters of the objects, and which of them have rows; None stands for the default of the profile."""
-
-    walls: Annotated[
-        bool, Option(OBJECTS, None, False, rare=True), "Also show walls (set S), with the corners of the room."
-    ]
-
-
-class Comparing(TypedDict, total=False):
-    """The background that sweeps are compared with."""
-
-    background: Annotated[
-        "AnyPath | Sequence[Background] | None",
-        Option(OBJECTS, File("FILE"), shown="none", python="Python also takes what `background` returns."),
-        "Find only what differs from this background (docs/background.md).",
-    ]
-    removed: Annotated[
-        bool,
-        Option(OBJECTS, None, False, rare=True),
-        "Also report objects that have disappeared, as rows whose change is removed.",
-    ]
-    any_frame: Annotated[
-        bool, Option(OBJECTS, None, False, rare=True), "Accept a background that was recorded under another frame_id."
-    ]
-    station_distance: Annotated[
-        float | None,
-        Option(OBJECTS, WIDTH, shown="as it was built", rare=True),
-        "How far a sweep may be from a viewpoint of the background.",
-    ]
-    station_angle: Annotated[
-        float | None,
-        Option(OBJECTS, TURN, shown="as it was built", rare=True),
-        "How far a sweep may be turned away from that viewpoint.",
-    ]
-
-
-class Things(TypedDict, total=False):
-    catalogue: Annotated[
-        "AnyPath | Catalogue | None",
-        Option(OBJECTS, File("FILE"), shown="none", python="Python also takes what `read_catalogue` returns.", rare=True),
-        "Name the objects that are one of the things of this file (TOML, docs/catalogue.md).",
-    ]
-
-
-class Finding(Joining, Topics, Poses, Delay, Objects, Comparing, Things, Ranges, Jobs, total=False):
-    """Keywords that `detect` and `track` share."""
-
-    explain: Annotated[
-        bool,
-        Option(OUTPUT, None, False, rare=True),
-        "Also fill the column why: what speaks for and against each object being a thing.",
-    ]
-
-
-_COLUMNS = "Columns to keep, comma separated, in this order."
-_MEMORY = "Decide what is a thing, and its shape, by all sweeps that saw it, not by each sweep alone."
-
-
-class Detecting(Finding, total=False):
-    memory: Annotated[bool, Option(OBJECTS, None, False, both=True, rare=True), _MEMORY]
-
-
-class Trajectories(TypedDict, total=False):
-    trajectories: Annotated[
-        bool,
-        Option(OUTPUT, None, True, rare=True),
-        "Make the table <log>.trajectories.parquet, one row per thing and sweep, hidden sweeps too.",
-    ]
-
-
-class Tracking(Finding, Trajectories, total=False):
-    memory: Annotated[bool, Option(OBJECTS, None, True, both=True, rare=True), _MEMORY]
-    agent_score: Annotated[
-        float,
-        Option(OBJECTS, Number("P", 0.0, 1.0), choices.AGENT_SCORE),
-        "Least probability that what moves goes by itself: it is an agent.",
-    ]
-    apart: Annotated[
-        bool,
-        Option(OBJECTS, None, False, rare=True),
-        "Follow each sensor by itself, also where the places of several on one robot are known.",
-    ]
-
-
-class Beams(TypedDict, total=False):
-    beams: Annotated[bool, Option(OUTPUT, None, False), "Also write <log>.beams.parquet, one row per beam."]
-
-
-class Tabling(Tracking, Beams, total=False):
-    columns: Annotated[
-        str | Iterable[str],
-        Option(
-            OUTPUT,
-            Text("LIST", parse_names, is_list=True),
-            (),
-            shown="all",
-            python="Each table keeps those that it has; 'brief': a few of each that tell what was where.",
-        ),
-        _COLUMNS,
-    ]
+    word = text.lower()
+    return word if word in choices.SAYINGS else metres(text, f"neither {', '.join(choices.SAYINGS)}", LENGTH)
 
 
 class Learning(Reading, total=False):
@@ -640,7 +194,7 @@ class Diffing(Topics, Poses, Delay, Things, Ranges, Jobs, total=False):
     ]
 
 
-class Cleaning(_Topic, Window, Run, Poses, Delay, _Objects, Limits, Jobs, Around, total=False):
+class Cleaning(Topic, Window, Run, Poses, Delay, ObjectParameters, Limits, Jobs, Around, total=False):
     remove: Annotated[
         str | Iterable[str],
         Option(CHANGES, Text("LIST", parse_removed, is_list=True), "agents"),
@@ -678,7 +232,7 @@ class Cleaning(_Topic, Window, Run, Poses, Delay, _Objects, Limits, Jobs, Around
     ]
 
 
-class Inspecting(_Topic, Run, Joining, Poses, Delay, Ranges, total=False):
+class Inspecting(Topic, Run, Joining, Poses, Delay, Ranges, total=False):
     deep: Annotated[
         bool,
         Option(FINDINGS, None, False),
@@ -828,9 +382,9 @@ class Simulating(TypedDict, total=False):
 
 class Exporting(TypedDict, total=False):
     columns: Annotated[
-        str | Iterable[str], Option(OUTPUT, Text("LIST", parse_names, is_list=True), (), shown="all"), _COLUMNS
+        str | Iterable[str], Option(OUTPUT, Text("LIST", parse_names, is_list=True), (), shown="all"), COLUMNS_HELP
     ]
-    stamps: Annotated[Literal["ns", "us"] | None, Option(OUTPUT, choices.STAMPS, shown="as they are"), _STAMPS]
+    stamps: Annotated[Literal["ns", "us"] | None, Option(OUTPUT, choices.STAMPS, shown="as they are"), STAMPS_HELP]
     only: Annotated[
         int | str | Iterable[int],
         Option(OUTPUT, Text("LIST", parse_numbers, is_list=True), (), shown="all"),

@@ -67,7 +67,7 @@ class Export:
             raise OptionError(f"{self.files[0]}: no track {', '.join(map(str, sorted(lacking)))} in it (--only)")
 
     def notes(self) -> list[str]:
-        """Return a line where logs of one name are two recordings: no row tells which of them it is of."""
+        """Return a line where logs of one name are two recordings: no row says which of them it is of."""
         known: dict[str, tuple[Readable, dict[str, str]]] = {}
         for file in self.files:
             notes = file_metadata(file)

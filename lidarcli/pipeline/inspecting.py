@@ -21,7 +21,7 @@ from lidarcli.logs.clock import ClockInfo
 from lidarcli.logs.joined import Part, earlier_parts
 from lidarcli.logs.log_stats import MAX_COMPARED_TOPICS, LogStats, repeated_topics
 from lidarcli.logs.piles import NoReturnDetector
-from lidarcli.logs.registry import TopicChoice, nothing_read, scan_topics
+from lidarcli.logs.registry import TopicChoice, clouds_hint, no_scan_topic, nothing_read, scan_topics
 from lidarcli.logs.scan_checks import MOST, ScanChecks
 from lidarcli.options.choices import MENDS
 from lidarcli.pipeline.inputs.laser_filters import View, filter_text
@@ -46,10 +46,7 @@ FACTS = (
     *("pose_verdict", "pose_chain", "pose_agreement", "pose_again", "pose_drift", "pose_fit", "pose_delay"),
     "beam_order",
 )
-"""Keys of the verdict on told poses; null where there is none."""
-
-_PARQUET = b"PAR1"
-"""Beginning of a Parquet file."""
+"""Keys of the verdict on the poses of a log; null where there is none."""
 
 FIXES = (".toml", ".yaml")
 """Suffixes of files that mend a log: masks and mounts, and filters for a running robot."""
@@ -88,7 +85,7 @@ class ScanInfo:
     by_status: Mapping[str, int]
     """`valid`, `no_return`, `too_close`, `invalid`, `masked` → beams."""
     pose: str = ""
-    """Topics and frames by which `detect` would tell where the sensor was; empty where it could not."""
+    """Topics and frames by which `detect` would know where the sensor was; empty where it could not."""
     verdict: Mapping[str, Any] = field(default_factory=dict)
     """Verdict on these poses (`CheckedPath.facts`); empty where none was made."""
     made_of: str = ""
@@ -120,13 +117,19 @@ class LogInfo:
     learned: Masks = field(default_factory=Masks)
     """Masks of the robot itself, and mounts, that were learned from the log."""
     proposed: Masks = field(default_factory=Masks)
-    """Mask of what looks like the robot itself before sensors that stood."""
+    """Mask of what looks like the robot itself before stationary sensors."""
 
     @property
     def mends(self) -> list[str]:
         """Words of `clean --mend` that mend what was found."""
         can = {topic.name for topic in self.topics if topic.is_laserscan}
         return [word for word in MENDS if any(each.mend == word and each.topic in can for each in self.findings)]
+
+    @property
+    def warnings(self) -> list[str]:
+        """What a user has to know: the damage, and that there is no LaserScan."""
+        lacking = self.exit_code == NoScanError.exit_code
+        return [*self.damage, *([f"{no_scan_topic()}{clouds_hint(self.topics)}"] if lacking else [])]
 
     @property
     def exit_code(self) -> int:
@@ -148,7 +151,7 @@ def inspect_log(
 ) -> LogInfo:
     """Read a log from end to end, in bounded memory, and return its contents; its poses are read first.
 
-    `deep` adds the findings that align sweeps; `read` tells the topics and the run to judge, by default all; `site` is a
+    `deep` adds the findings that align sweeps; `read` names the topics and the run to inspect, by default all; `site` is a
     map for its paths; with a `need` of none no sweep is matched, and the notes and findings on paths are left out.
 
     Raises
@@ -179,7 +182,7 @@ def inspect_log(
         scans = log.scans(choice.asked, report)
         blocks = (one for one in scans if not choice.wanted or choice.takes(one.topic))
         detector = NoReturnDetector(read.rules, report)
-        for block, judging in chain(chain.from_iterable(map(detector.take, blocks)), detector.flush()):
+        for block, range_rules in chain(chain.from_iterable(map(detector.take, blocks)), detector.flush()):
             runs = max(runs, block.run)
             if read.run not in (None, block.run):
                 count[block.topic] += len(block)
@@ -190,11 +193,11 @@ def inspect_log(
                     if key not in found:
                         found[key], stats[key] = _Scan(), LogStats(compares and len(found) < MAX_COMPARED_TOPICS)
                     rows = np.flatnonzero(block.frame == code)
-                    mine = block.rows(rows)
-                    batch = normalise(mine, rows + count[block.topic], judging)
-                    found[key].add(mine, batch)
-                    checks.add(mine, batch)
-                    stats[key].add(mine, batch)
+                    part = block.rows(rows)
+                    batch = normalise(part, rows + count[block.topic], range_rules)
+                    found[key].add(part, batch)
+                    checks.add(part, batch)
+                    stats[key].add(part, batch)
                 else:
                     only_counted[block.topic] += int(sweeps)
             count[block.topic] += len(block)
@@ -206,7 +209,7 @@ def inspect_log(
         listed = _with_counts(log.topics() or (), found, only_counted)
         report = report if poses is None else poses.together(report)
         checks.report_to(report)
-        made_of, told = made_of_clouds(log), pose_infos(poses) if poses is not None else ()
+        made_of, sources = made_of_clouds(log), pose_infos(poses) if poses is not None else ()
         notes, findings = posing.findings(found)
         findings = [*report.findings(), *_of_sweeps(listed, stats, checks, report), *findings]
         if not wanted.deskew:
@@ -246,13 +249,13 @@ def inspect_log(
                 for key in sorted(found)
             ),
             pose_topics=tuple(topic.name for topic in listed if topic.type in POSE_TYPES),
-            pose_sources=told,
+            pose_sources=sources,
             dropped=tuple((topic, cause, count) for (topic, cause), count in sorted(report.refused.items())),
             notes=(*report.notes, *masking.notes, *_pose_notes(posing, found), *notes, *uncounted),
             damage=tuple(damage_lines(report)),
             findings=tuple(
                 sorted(
-                    _with_way_out(findings, source, bool(told)),
+                    _with_way_out(findings, source, bool(sources)),
                     key=lambda each: (IDS.index(each.id), each.topic, each.frame),
                 )
             ),
@@ -279,19 +282,16 @@ def _pose_notes(posing: PoseAttacher, found: Mapping[tuple[str, str], _Scan]) ->
     return [*doubtful, *posing.found.notes]
 
 
-_NAMES_FRAMES = frozenset({"cdr", "ros1", "json", "protobuf"})
-"""Encodings of messages that name the frame of a sensor."""
-
-
 def _of_sweeps(
     topics: Sequence[Topic], stats: Mapping[tuple[str, str], LogStats], checks: ScanChecks, report: ReadReport
 ) -> Iterator[Finding]:
     """Yield the findings on sweeps that are no notes of other commands."""
     encodings = {topic.name: topic.encoding for topic in topics}
-    for (topic, frame), mine in sorted(stats.items()):
+    for (topic, frame), own in sorted(stats.items()):
         known = [each.id for each in report.doubts.get(topic, ())]
-        lacks_frame = not frame and encodings.get(topic) in _NAMES_FRAMES
-        yield from mine.findings(checks.sensor(topic, frame), checks.clock(topic, frame), known, lacks_frame)
+        # Messages of other encodings name no frame of a sensor.
+        lacks_frame = not frame and encodings.get(topic) in ("cdr", "ros1", "json", "protobuf")
+        yield from own.findings(checks.sensor(topic, frame), checks.clock(topic, frame), known, lacks_frame)
     yield from repeated_topics(stats)
 
 
@@ -314,7 +314,7 @@ class _Scan:
         self._statuses = np.zeros(len(Status), np.int64)
 
     def add(self, block: RawSweeps, batch: SweepBatch) -> None:
-        """Take a block, as the log holds it and as it was judged."""
+        """Take a block, as the log holds it and as it was classified."""
         self.sweeps += len(block)
         closed = closure(block.beams, block.angle_increment)
         self._closures |= set(np.unique(closed).tolist())
@@ -352,7 +352,7 @@ class _Scan:
 def _with_counts(
     topics: Sequence[Topic], found: Mapping[tuple[str, str], _Scan], only_counted: Counter[str]
 ) -> tuple[Topic, ...]:
-    """Return the topics by name, with the number of sweeps that were read where the log does not tell it."""
+    """Return the topics by name, with the number of sweeps that were read where the log does not say it."""
     sweeps = only_counted.copy()
     for (name, _), scan in found.items():
         sweeps[name] += scan.sweeps
@@ -371,7 +371,7 @@ def fix_text(info: LogInfo, suffix: str) -> str:
     Raises
     ------
     OptionError
-        A mask cannot be told in this format.
+        A mask cannot be written in this format.
     """
     if suffix == FIXES[0]:
         return mask_text(info.learned, info.proposed)
@@ -402,7 +402,7 @@ def inspect_logs(
 
 
 def _is_table(source: Source) -> bool:
-    """Return whether a source begins as a Parquet file, which no log does; in a store its name tells."""
+    """Return whether a source begins as a Parquet file, which no log does; in a store by its name."""
     if source.url is not None:
         return source.url.suffix == ".parquet"
     path = Path(source.path)
@@ -410,7 +410,7 @@ def _is_table(source: Source) -> bool:
     with suppress(OSError):
         if not source.parts and path.is_file():
             with path.open("rb") as file:
-                return file.read(len(_PARQUET)) == _PARQUET
+                return file.read(4) == b"PAR1"
     return False
 
 

@@ -45,7 +45,7 @@ if TYPE_CHECKING:
 P = TypeVar("P")
 BATCH = 64
 NEAR = 1.0
-"""Farthest time from a sweep that stands for it [s]: most sensors sweep ten times in a second."""
+"""Greatest distance in time of the sweep that `--at` draws [s]: a gap of the log that is longer has no sweep to draw."""
 SAME_RANGE = 1e-3
 """Greatest difference of two ranges of the same beam [m]."""
 MAX_PICTURES = 2_000
@@ -125,8 +125,8 @@ def _take(source: Source, options: PlotOptions, work: _PictureMaker) -> Drawn[Pi
             topic = topic or batch.topic
             if batch.topic != topic:
                 continue
-            mine = np.arange(len(batch)) if options.sweeps is None else np.flatnonzero(np.isin(batch.sweep, options.sweeps))
-            rows += [one_sweep(batch, row) for row in mine.tolist()]
+            chosen = slice(None) if options.sweeps is None else np.isin(batch.sweep, options.sweeps)
+            rows += [one_sweep(batch, row) for row in np.arange(len(batch))[chosen].tolist()]
             last = int(batch.sweep[-1])
             if options.sweeps is not None and last >= max(options.sweeps):
                 break
@@ -155,9 +155,9 @@ def _out_of_view(pictures: Sequence[Picture]) -> Iterator[str]:
     """Yield a note for each zone that has a place, but in none of the pictures."""
     zones = [one for picture in pictures for one in picture.zones]
     limits = limits_of(pictures if zones else ())
-    seen = {one.zone.name for one in zones if len(one.in_view(limits))}
+    visible = {one.zone.name for one in zones if len(one.in_view(limits))}
     for name in dict.fromkeys(one.zone.name for one in zones):
-        if name not in seen:
+        if name not in visible:
             yield f"zone {name} lies outside of the picture"
 
 
@@ -183,7 +183,7 @@ def sweep_at(source: Source, time: float | Instant, topic: str | None, opening: 
             if best < 0:
                 first_ns = int(batch.stamp_ns[0])
                 target_ns = time.ns if isinstance(time, Instant) else first_ns + round(time * SECOND_NS)
-            # The target may be farther away than int64 can tell.
+            # The target may be farther away than int64 can hold.
             away = [abs(stamp_ns - target_ns) for stamp_ns in batch.stamp_ns.tolist()]
             if best < 0 or min(away) < nearest_ns:
                 nearest_ns = min(away)
@@ -229,7 +229,7 @@ def one_sweep(batch: SweepBatch, row: int) -> SweepBatch:
 
 
 class _PictureMaker:
-    """Finds the objects of sweeps, beside a background where there is one."""
+    """Finds the objects of sweeps, compared with a background where there is one."""
 
     def __init__(self, source: Source, options: PlotOptions) -> None:
         self._options = options
@@ -272,7 +272,7 @@ class _PictureMaker:
             detection=detection,
             profile=parameters.profile,
             threshold=threshold if isinstance(threshold, str) else f"{threshold:g} m",
-            # Not what stands and is hidden: a crowd hides dozens.
+            # Not static objects that are hidden: a crowd hides dozens.
             tracks=None if paths is None else tuple(one for one in paths if one.seen or one.is_agent),
             zones=tuple(
                 ZoneInSight(one.zone, one.corners[0], one.beams[0], bool(one.occupied[0]))
@@ -292,11 +292,11 @@ class _PictureMaker:
         )
 
     def _with_agents(self, batch: SweepBatch, found: Detection) -> Detection:
-        """Return a detection whose beams on agents are in set A, as far as tracks tell."""
+        """Return a detection whose beams on agents are in set A, as far as tracks say."""
         assert found.beam_set is not None  # pictures are made with `per_beam`
         letter, _ = self._owners(batch)
-        mine = letter == SETS.index("A")
-        return replace(found, beam_set=np.where(mine, letter, found.beam_set).astype(found.beam_set.dtype))
+        of_agents = letter == SETS.index("A")
+        return replace(found, beam_set=np.where(of_agents, letter, found.beam_set).astype(found.beam_set.dtype))
 
     def _owners(self, batch: SweepBatch) -> tuple[Int64, Int64]:
         """Return set and track of the object of the tables that each beam of one sweep is on (1, B); -1 for none."""
@@ -314,7 +314,7 @@ class _PictureMaker:
         return letter, track
 
     def _culprits(self, batch: SweepBatch) -> dict[int, str]:
-        """Return the track with most points in each occupied zone → the name of the zone, as `zones` tells it."""
+        """Return the track with most points in each occupied zone → the name of the zone, as `zones` reports it."""
         track, culprits = self._owners(batch)[1][0], dict[int, str]()
         for one in self._zones.get(int(batch.sweep[0]), ()):
             numbers, counts = np.unique(track[one.beams[0]], return_counts=True)
@@ -327,7 +327,7 @@ class _PictureMaker:
         """Return the tracks of the topic of all sweeps; None without tables (`OptionError` where they lack this sweep)."""
         if (tables := self._options.tracks) is None:
             return None
-        # The objects table stands for those in memory.
+        # The path of the objects table names those in memory, too.
         name = tables if isinstance(tables, str) else str(tables.objects)
         if self._paths is None:
             from lidarcli.pipeline.inputs.tables import one_table_set, read_together
@@ -421,7 +421,7 @@ def take_map(
     Parameters
     ----------
     sweeps : a picture for each of these, with its points and the boxes of its objects; None: one of the whole run
-    tracks : table of `track` beside those of the same log: what stands, and what moved
+    tracks : table of `track` in the folder of the others of the log: static objects, and what moved
     only : numbers of the tracks that are drawn; by default all
     density : True to draw how long agents were where, in place of their paths
 
@@ -442,13 +442,13 @@ def take_map(
     if tracks is not None:
         found, more = _overview(tracks, source, mapping, summary.first_ns or 0, only, density)
         notes += more
-    whole = replace(found, grid=mapping.occupancy(), paths=paths, title=f"{source.name}  {_frame_words(mapping.worlds)}")
-    pictures = [whole]
-    if density and whole.dwell is None:
+    full = replace(found, grid=mapping.occupancy(), paths=paths, title=f"{source.name}  {_frame_words(mapping.worlds)}")
+    pictures = [full]
+    if density and full.dwell is None:
         notes.append("no agents: --density has nothing to draw")
     if sweeps is not None:
         shots = _snapshots(source, mapping.options, sweeps)
-        pictures = [replace(whole, snapshot=shots[sweep], title=f"{source.name}  sweep {sweep}") for sweep in sweeps]
+        pictures = [replace(full, snapshot=shots[sweep], title=f"{source.name}  sweep {sweep}") for sweep in sweeps]
     return Drawn(tuple(pictures), tuple(notes), tuple(summary.damage))
 
 
@@ -459,7 +459,7 @@ def _frame_words(worlds: Iterable[str]) -> str:
 def _overview(
     tracks: str | TableSet, source: Source, mapping: Mapping, first_ns: int, only: Sequence[int], density: bool
 ) -> tuple[MapPicture, list[str]]:
-    """Return the things and agents in the tables of this log, of the topics and in one of the worlds of the map, and notes.
+    """Return the objects and agents in the tables of this log that are of the topics and worlds of the map, and notes.
 
     `first_ns` is the stamp of the first sweep of the log.
     """
@@ -471,8 +471,8 @@ def _overview(
     read = read_together(pair, map_picture.COLUMNS)
     sweeps, things, trajectories = (Rows.join([read[kind]]) for kind in ("sweeps", "tracks", "trajectories"))
     _, logs = sweeps.words("log")
-    here = source.name.rpartition("/")[2]
-    if logs and here not in [name.rpartition("/")[2] for name in logs]:
+    log_name = source.name.rpartition("/")[2]
+    if logs and log_name not in [name.rpartition("/")[2] for name in logs]:
         raise OptionError(f"{tracks}: is of the log {logs[0]}, not of {source.label}")
     topics = [path.topic for path in mapping.paths]
     sweeps, things, trajectories = (each.of_topics(topics) for each in (sweeps, things, trajectories))
@@ -482,18 +482,18 @@ def _overview(
     if stamps.max() < first_ns - SAME_STAMP or stamps.min() > mapping.end_ns + SAME_STAMP:
         raise UnreadableError(f"{tracks}: not of this log: its sweeps have other stamps")
     notes = other_recording(pair, recording := mapping.described[-1].get("recording", {}))
-    whole = sum(int(recording.get(topic, "0").split()[0]) for topic in topics)
-    if len(sweeps) < whole:
+    total = sum(int(recording.get(topic, "0").split()[0]) for topic in topics)
+    if len(sweeps) < total:
         begin, end = ((int(each) - first_ns) / SECOND_NS + 0.0 for each in (stamps.min(), stamps.max()))
-        some = f"{len(sweeps):,} of {whole:,} sweeps ({begin:.1f} s to {end:.1f} s)"
+        some = f"{len(sweeps):,} of {total:,} sweeps ({begin:.1f} s to {end:.1f} s)"
         notes.append(f"{pair.tracks}: of {some}: what is in the others is not drawn")
     if lacking := sorted({*only} - {*things.integers("track").tolist()}):
         raise OptionError(f"{tracks}: no track {', '.join(map(str, lacking))} in it (--only)")
     if only:
         things = things.where(np.isin(things.integers("track"), only))
-    # A path that is matched begins at 0, and nothing else tells where a sensor is that stands.
-    stands = [*mapping.worlds] == [MATCH] and all(path.stands for path in mapping.paths)
-    found = overview(sweeps, things, trajectories, stands, density=density)
+    # A matched path begins at 0, and no pose of a stationary sensor is known otherwise.
+    is_static = [*mapping.worlds] == [MATCH] and all(path.stands for path in mapping.paths)
+    found = overview(sweeps, things, trajectories, is_static, density=density)
     sources = poses_of(note_value(notes_of(read["sweeps"]), SOURCE, dict)).values()
     worlds = {world for one in sources for topic in topics if (world := world_in(one, topic))}
     if worlds and worlds.isdisjoint(mapping.worlds):
@@ -531,11 +531,11 @@ def _snapshot(one: SweepBatch, poses: SweepPoses, options: MapOptions) -> Snapsh
     """Return one sweep in the world."""
     use = np.where(one.status == Status.VALID, HIT, 0).astype(np.uint8)
     end = placed(one, poses, use).end
-    there = np.isfinite(end[0, 0])
+    placed_beams = np.isfinite(end[0, 0])
     objects = detect(one, options.parameters)
     x, y, yaw = poses.to_world(objects.row, objects.box_x, objects.box_y, objects.box_yaw, objects.shares(one))
     columns = (x, y, yaw, objects.box_length, objects.box_width, objects.shape == ROUND)
     sides = zip(*(column.tolist() for column in columns), strict=True)
     boxes = tuple(Box._make([*each, ""]) for each in sides)
     pose = (float(poses.x[0]), float(poses.y[0]), float(poses.yaw[0]))
-    return Snapshot(int(one.sweep[0]), pose, end[:, 0, there].T, boxes)
+    return Snapshot(int(one.sweep[0]), pose, end[:, 0, placed_beams].T, boxes)

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import json
 import shlex
-from collections.abc import Callable, Collection, Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from itertools import count
-from typing import Any
+from typing import Any, NamedTuple
 
 import pyarrow as pa
 
@@ -156,9 +156,9 @@ def checks_of(options: Mapping[str, Any]) -> tuple[str, ...]:
     """Return the checks of `--check` and of the files of `--checks` (`OptionError`, `UnreadableError`)."""
     every = [*options["check"]]
     for file in options["checks"]:
-        held = read_toml(file, "file of checks")
-        found = held.get("checks")
-        if {*held} != {"checks"} or not isinstance(found, list) or not all(isinstance(each, str) for each in found):
+        content = read_toml(file, "file of checks")
+        found = content.get("checks")
+        if {*content} != {"checks"} or not isinstance(found, list) or not all(isinstance(each, str) for each in found):
             raise OptionError(
                 f'{file}: a file of checks holds one list of texts, checks = ["sweeps >= 100"], and nothing else'
             )
@@ -208,12 +208,10 @@ def _read_zones(pair: TableSet) -> tuple[pa.Table, pa.Table]:
 def _read_changes(paths: Sequence[Readable], step: Callable[[], None]) -> tuple[ChangesPart | None, list[UnreadableError]]:
     """Read tables of changes; returns them, None without any, with an error for each that cannot be read."""
     found: list[tuple[str, pa.Table]] = []
-    problems = []
+    problems: list[UnreadableError] = []
     for path in paths:
-        try:
+        with _collected(problems):
             found.append((str(path), read_changes(path)))
-        except UnreadableError as err:
-            problems.append(err)
         step()
     return changes_part(found) if found else None, problems
 
@@ -238,14 +236,10 @@ def _without_objects(
     read: dict[int, tuple[pa.Table, pa.Table]] = {}
     sources: list[Origin] = []
     for pair in pairs:
-        try:
-            found = _read_zones(pair)
-        except UnreadableError as err:
-            failed.append(err)
-            continue
-        read[len(sources)] = found
-        sources.append(origin_of(pair, found[1]))
-        step()
+        with _collected(failed):
+            found = read[len(sources)] = _read_zones(pair)
+            sources.append(origin_of(pair, found[1]))
+            step()
     if pairs and not read:
         raise nothing_read(failed)
     for name, values in (("--baseline", options.baseline), ("--log", options.logs)):
@@ -306,62 +300,98 @@ def _load(
         if _is_of_zones(pair)
     ]
     pairs = [pair for pair in pairs if not _is_of_zones(pair)]
-    columns = {*OBJECT_COLUMNS, *columns_needed(checks, "objects"), *(VIEWER_COLUMNS if viewer else ())}
-    sweep_columns = {*SWEEP_COLUMNS, *columns_needed(checks, "sweeps"), *(VIEWER_POSES if viewer else ())}
-    # Without tracks their columns are not read.
-    if any(pair.tracks.exists() for pair in pairs):
-        columns |= {*TRACKED_COLUMNS, *(TRACKED_VIEW if viewer else ())}
-    track_columns = {*TRACK_COLUMNS, *columns_needed(checks, "tracks")}
+    columns = _columns_read(pairs, checks, viewer)
+    read: list[_Tables] = []
+    for pair in pairs:
+        with _collected(problems):
+            read.append(_read_tables(pair, columns, viewer, problems, step))
+    if not read:
+        raise nothing_read(problems)
+    kept = tuple(each.pair for each in read)
+    _refuse_missing(checks, kept)
+    zones = {k: each.zones for k, each in enumerate(read) if each.zones is not None}
+    run = Run(
+        tuple(replace(origin_of(each.pair, each.sweeps), tracked=each.tracks is not None) for each in read),
+        Rows.join([each.sweeps for each in read]),
+        Rows.join([each.objects for each in read]),
+        _joined([each.tracks for each in read]),
+        _joined([each.trajectories for each in read]),
+        zones_in(zones) if zones else None,
+    )
+    return run, kept, tuple(map(str, problems))
+
+
+def _joined(tables: Sequence[pa.Table | None]) -> Rows | None:
+    """Return the rows of the tables that there are, each with the number of its log."""
+    there = {number: table for number, table in enumerate(tables) if table is not None}
+    return Rows.join([*there.values()], [*there]) if there else None
+
+
+class _Tables(NamedTuple):
+    """The tables of one log; None for those that are not there, or cannot be read."""
+
+    pair: TableSet
+    sweeps: pa.Table
+    objects: pa.Table
+    tracks: pa.Table | None
+    trajectories: pa.Table | None
+    zones: tuple[pa.Table, pa.Table] | None
+
+
+@contextmanager
+def _collected(problems: list[UnreadableError]) -> Iterator[None]:
+    """Add what cannot be read to the problems."""
+    try:
+        yield
+    except UnreadableError as err:
+        problems.append(err)
+
+
+def _columns_read(pairs: Sequence[TableSet], checks: Sequence[Check], viewer: bool) -> dict[str, set[str]]:
+    """Return the columns that are read, by table; those of tracks in the objects only where there are tracks."""
+    columns = {
+        "objects": {*OBJECT_COLUMNS, *columns_needed(checks, "objects")},
+        "sweeps": {*SWEEP_COLUMNS, *columns_needed(checks, "sweeps")},
+        "tracks": {*TRACK_COLUMNS, *columns_needed(checks, "tracks")},
+    }
+    has_tracks = any(pair.tracks.exists() for pair in pairs)
+    if has_tracks:
+        columns["objects"] |= {*TRACKED_COLUMNS}
     if viewer:
         from lidarcli.reports import map_picture, world
 
-        path_columns = {*world.COLUMNS["trajectories"], *map_picture.COLUMNS["trajectories"]}
-        sweep_columns |= {*map_picture.COLUMNS["sweeps"]}
-        track_columns |= {*map_picture.COLUMNS["tracks"]}
-    read: list[tuple[TableSet, Origin, pa.Table, pa.Table]] = []
-    tracks: dict[int, pa.Table] = {}
-    trajectories: dict[int, pa.Table] = {}
-    zones: dict[int, tuple[pa.Table, pa.Table]] = {}
-    for pair in pairs:
-        try:
-            sweeps = read_table(pair, "sweeps", sweep_columns)
-            step()
-            objects = read_table(pair, "objects", columns)
-            refuse_mixed(pair, {"sweeps": sweeps, "objects": objects})
-            step()
-        except UnreadableError as err:
-            problems.append(err)
-            continue
-        try:
-            found = read_tracks(pair, objects, track_columns)
-            if found is not None:
-                refuse_mixed(pair, {"sweeps": sweeps, "tracks": found})
-            if found is not None and viewer and pair.trajectories.exists():
-                paths = read_table(pair, "trajectories", path_columns)
-                refuse_mixed(pair, {"sweeps": sweeps, "trajectories": paths})
-                trajectories[len(read)] = paths
-        except UnreadableError as err:
-            problems.append(err)
-            found = None
+        columns["objects"] |= {*VIEWER_COLUMNS, *(TRACKED_VIEW if has_tracks else ())}
+        columns["sweeps"] |= {*VIEWER_POSES, *map_picture.COLUMNS["sweeps"]}
+        columns["tracks"] |= {*map_picture.COLUMNS["tracks"]}
+        columns["trajectories"] = {*world.COLUMNS["trajectories"], *map_picture.COLUMNS["trajectories"]}
+    return columns
+
+
+def _read_tables(
+    pair: TableSet, columns: dict[str, set[str]], viewer: bool, problems: list[UnreadableError], step: Callable[[], None]
+) -> _Tables:
+    """Read the tables of one log; without its objects and sweeps an `UnreadableError`, without others a problem."""
+    sweeps = read_table(pair, "sweeps", columns["sweeps"])
+    step()
+    objects = read_table(pair, "objects", columns["objects"])
+    refuse_mixed(pair, {"sweeps": sweeps, "objects": objects})
+    step()
+    tracks = trajectories = zones = None
+    with _collected(problems):
+        found = read_tracks(pair, objects, columns["tracks"])
         if found is not None:
-            tracks[len(read)] = found
-        try:
-            if pair.zones.exists() or pair.events.exists():
-                events, rows = _read_zones(pair)
-                refuse_mixed(pair, {"sweeps": sweeps, "zones": rows})
-                zones[len(read)] = events, rows
-        except UnreadableError as err:
-            problems.append(err)
-        read.append((pair, replace(origin_of(pair, sweeps), tracked=found is not None), sweeps, objects))
-    if not read:
-        raise nothing_read(problems)
-    kept, sources, sweep_tables, object_tables = zip(*read, strict=True)
-    _refuse_missing(checks, kept)
-    things = Rows.join([*tracks.values()], [*tracks]) if tracks else None
-    ways = Rows.join([*trajectories.values()], [*trajectories]) if trajectories else None
-    zone_rows = zones_in(zones) if zones else None
-    run = Run(sources, Rows.join(sweep_tables), Rows.join(object_tables), things, ways, zone_rows)
-    return run, kept, tuple(str(problem) for problem in problems)
+            refuse_mixed(pair, {"sweeps": sweeps, "tracks": found})
+        if found is not None and viewer and pair.trajectories.exists():
+            paths = read_table(pair, "trajectories", columns["trajectories"])
+            refuse_mixed(pair, {"sweeps": sweeps, "trajectories": paths})
+            trajectories = paths
+        tracks = found
+    with _collected(problems):
+        if pair.zones.exists() or pair.events.exists():
+            events, rows = _read_zones(pair)
+            refuse_mixed(pair, {"sweeps": sweeps, "zones": rows})
+            zones = events, rows
+    return _Tables(pair, sweeps, objects, tracks, trajectories, zones)
 
 
 def _unseen(checks: Sequence[Check], sources: Sequence[Origin]) -> tuple[str, ...]:

@@ -71,21 +71,21 @@ def _match(sources: Sequence[Origin], logs: Sequence[str], join: bool) -> dict[i
     """Return the log of each pair of tables: by name, or because there is only one of each."""
     found: dict[int, Source] = {}
     # Parts are found together, or not at all.
-    asked = [logs] if join and logs else [[named] for named in logs]
-    for named in asked:
-        here = find_logs(named, join)
-        mine: dict[int, Source] = {}
-        for log in here:
+    groups = [logs] if join and logs else [[named] for named in logs]
+    for named in groups:
+        logs_found = find_logs(named, join)
+        own: dict[int, Source] = {}
+        for log in logs_found:
             if isinstance(log, MissingInput):
                 raise UnreadableError(f"{log.path}: {log.error}")
             names = [source.log for source in sources]
-            mine |= {k: log for k, name in enumerate(names) if log.name in (name, name.split("/")[-1])}
-        if not mine and len(here) == len(asked) == len(sources) == 1 and isinstance(here[0], Source):
-            mine = {0: here[0]}
+            own |= {k: log for k, name in enumerate(names) if log.name in (name, name.split("/")[-1])}
+        if not own and len(logs_found) == len(groups) == len(sources) == 1 and isinstance(logs_found[0], Source):
+            own = {0: logs_found[0]}
         # A folder may hold other logs, too.
-        if not mine:
+        if not own:
             raise OptionError(f"--log {', '.join(named)}: none of the tables is of this log")
-        found |= mine
+        found |= own
     return found
 
 
@@ -126,8 +126,8 @@ def _from_beams(number: int, pair: TableSet, topics: dict[str, Int64]) -> dict[t
         ]
         for topic, wanted in topics.items():
             if topic in names:
-                mine = (code == names.index(topic)) & np.isin(columns[0], wanted)
-                sweep, beam, theta, r = (column[mine] for column in columns)
+                chosen = (code == names.index(topic)) & np.isin(columns[0], wanted)
+                sweep, beam, theta, r = (column[chosen] for column in columns)
                 parts.setdefault(topic, []).append((sweep, beam, theta, r))
     found = {}
     for topic, pieces in parts.items():

@@ -64,8 +64,7 @@ def test_several_logs_make_one_background(scene: Path, logs: Path, tmp_path: Pat
     """The boxes are in 20 and 10 of 60 sweeps: fewer than a background needs."""
     write_log(tmp_path / "more.mcap", [empty_room(count=20)])
     inputs = (scene / "empty.mcap", tmp_path / "more.mcap", logs / "run.mcap")
-    ran = lidarcli("background", "build", *inputs, "-o", tmp_path / "b.parquet")
-    assert ran.code == 0
+    ran = lidarcli("background", "build", *inputs, "-o", tmp_path / "b.parquet", code=0)
     assert "  /scan (frame laser): 1 station of 360 beams, 60 sweeps" in ran.err.splitlines()
     table = pq.read_table(tmp_path / "b.parquet")
     r_e = np.array(table["r_e"].to_pylist())
@@ -75,8 +74,7 @@ def test_several_logs_make_one_background(scene: Path, logs: Path, tmp_path: Pat
 
 
 def test_a_damaged_log_teaches_what_is_whole(logs: Path, tmp_path: Path, lidarcli: Run) -> None:
-    ran = lidarcli("background", "build", logs / "cut.mcap", "-o", tmp_path / "b.parquet")
-    assert ran.code == 3
+    ran = lidarcli("background", "build", logs / "cut.mcap", "-o", tmp_path / "b.parquet", code=3)
     assert ran.err.splitlines()[0].startswith(f"lidarcli: {logs / 'cut.mcap'}: ")
     metadata = pq.read_schema(tmp_path / "b.parquet").metadata
     assert json.loads(metadata[b"lidarcli.damage"])[0].startswith("cut.mcap: ")
@@ -126,8 +124,7 @@ def test_a_background_of_another_place_is_told(scene: Path, tmp_path: Path, lida
     told = []
     for name in ("other", "moved", "crowd", "../empty"):
         log = scene / "empty.mcap" if name == "../empty" else tmp_path / f"{name}.mcap"
-        ran = lidarcli("detect", log, "--background", scene / "empty.parquet", "-o", "-", "--format", "csv")
-        assert ran.code == 0
+        ran = lidarcli("detect", log, "--background", scene / "empty.parquet", "-o", "-", "--format", "csv", code=0)
         told.append([note for note in notes(ran.err) if "differ from" in note])
     assert told[0] == [
         "95% of the ranges of frame laser differ from empty.parquet: it is of another place, or the sensor moved"
@@ -182,8 +179,7 @@ def test_subtract_writes_the_bytes_of_detect(
 
 
 def test_detect_finds_what_is_new(scene: Path, logs: Path, tmp_path: Path, lidarcli: Run) -> None:
-    ran = lidarcli("detect", logs / "run.mcap", "--background", scene / "empty.parquet", "-o", tmp_path, "--beams")
-    assert ran.code == 0
+    ran = lidarcli("detect", logs / "run.mcap", "--background", scene / "empty.parquet", "-o", tmp_path, "--beams", code=0)
     assert notes(ran.err) == ["compared with empty.parquet: 30 appeared"]
     objects = pq.read_table(tmp_path / "run.objects.parquet")
     assert objects["beam_i"].to_pylist() == [40, 200] * 10 + [40] * 10
@@ -227,8 +223,7 @@ def test_what_has_gone_is_there_when_it_is_asked_for(logs: Path, tmp_path: Path,
 def test_another_frame_is_refused_unless_told(scene: Path, tmp_path: Path, lidarcli: Run) -> None:
     write_log(tmp_path / "rear.mcap", [empty_room(frame="rear")])
     subtract = ("detect", tmp_path / "rear.mcap", "--background", scene / "empty.parquet")
-    ran = lidarcli(*subtract, "-o", tmp_path)
-    assert ran.code == 2
+    ran = lidarcli(*subtract, "-o", tmp_path, code=2)
     assert ran.err == (
         f"lidarcli: {tmp_path / 'rear.mcap'}: frame rear of /scan is not in empty.parquet, which holds laser (/scan); "
         "--topic chooses what to read, --any-frame takes the background all the same\n"
@@ -262,8 +257,7 @@ closed = true
 
 def test_a_moving_sensor_has_stations(tmp_path: Path, lidarcli: Run) -> None:
     log, route = lap(tmp_path, "lap"), tmp_path / "route.parquet"
-    ran = lidarcli("background", "build", log, "-o", route, "--station-distance", "0.35", "--station-angle", "10")
-    assert ran.code == 0
+    ran = lidarcli("background", "build", log, "-o", route, "--station-distance", "0.35", "--station-angle", "10", code=0)
     table = pq.read_table(route).to_pandas()
     stations = table.groupby("station").first()
     assert 9 < len(stations) < 20

@@ -30,8 +30,9 @@ def log(tmp_path: Path) -> Path:
 
 @pytest.mark.slow
 def test_what_is_told_and_written(log: Path, tmp_path: Path, lidarcli: Run) -> None:
-    ran = lidarcli("clean", log, "-o", tmp_path / "out.clean.mcap", "--remove", "agents,temporary", "--value", "inf")
-    assert ran.code == 0
+    ran = lidarcli(
+        "clean", log, "-o", tmp_path / "out.clean.mcap", "--remove", "agents,temporary", "--value", "inf", code=0
+    )
     assert ran.err.splitlines() == [
         f"{log}: 80 sweeps; 1,280 of 28,800 beams (4.4%) say inf: agents 0, temporary 1,200, margin 80",
         "  copied   80 messages of 1 topic",
@@ -64,14 +65,12 @@ def test_clouds_and_other_scans_may_show_the_same(tmp_path: Path, lidarcli: Run)
             for topic in ("/scan", "/rear", "/points"):
                 writer.add_message(ids[topic], START + row * STEP, data, START + row * STEP)
         writer.finish()  # type: ignore[no-untyped-call]
-    ran = lidarcli("clean", first, "-o", second, "--topic", "/scan")
-    assert ran.code == 0
+    ran = lidarcli("clean", first, "-o", second, "--topic", "/scan", code=0)
     assert "copied   90 messages of 3 topics; /points (PointCloud2), /rear (LaserScan) may show the same" in ran.err
 
 
 def refused(lidarcli: Run, code: int, words: str, *command: object) -> None:
-    ran = lidarcli("clean", *command)
-    assert ran.code == code
+    ran = lidarcli("clean", *command, code=code)
     assert words in ran.err
     assert ran.out == ""
 

@@ -15,7 +15,7 @@ from typing import Any
 
 import pytest
 
-from lidarcli.cli.settings import version_text
+from lidarcli.cli.about import version_text
 from lidarcli.logs import open_log
 from lidarcli.logs.base import ReadReport
 from lidarcli.pipeline import detecting
@@ -102,8 +102,7 @@ def test_two_inputs_one_output(logs: Path, tmp_path: Path, lidarcli: Run) -> Non
 
 
 def test_damaged_log_gives_what_is_left(logs: Path, tmp_path: Path, lidarcli: Run) -> None:
-    ran = lidarcli("-q", "detect", logs / "cut.mcap", "-o", tmp_path)
-    assert ran.code == 3
+    ran = lidarcli("-q", "detect", logs / "cut.mcap", "-o", tmp_path, code=3)
     assert ran.err.startswith(f"lidarcli: {logs / 'cut.mcap'}: byte ")
     import pyarrow.parquet as pq
 
@@ -118,8 +117,7 @@ def test_cut_before_the_first_sweep(logs: Path, tmp_path: Path, lidarcli: Run) -
     log = tmp_path / "cut.mcap"
     log.write_bytes((logs / "run.mcap").read_bytes()[:300])
     for words in (("info", log), ("detect", log, "-o", tmp_path)):
-        ran = lidarcli("-q", *words)
-        assert ran.code == 3
+        ran = lidarcli("-q", *words, code=3)
         assert "byte 300: " in ran.err
     assert list(tmp_path.iterdir()) == [log]
 
@@ -128,8 +126,7 @@ def test_first_code_that_is_not_zero_and_all_logs_done(logs: Path, tmp_path: Pat
     out = tmp_path / "out"
     (tmp_path / "empty.bag").touch()
     inputs = [logs / "two.mcap", tmp_path / "empty.bag", logs / "run.mcap", tmp_path / "absent"]
-    ran = lidarcli("detect", *inputs, "--topic", "/scan", "-o", out)
-    assert ran.code == 4
+    ran = lidarcli("detect", *inputs, "--topic", "/scan", "-o", out, code=4)
     assert sorted(path.name for path in out.iterdir()) == ["run.objects.parquet", "run.sweeps.parquet"]
     assert ran.err.splitlines()[0].startswith(f"lidarcli: {logs / 'two.mcap'}: no LaserScan topic /scan")
     assert ran.err.splitlines()[-1] == "4 logs, 3 with errors: 20 sweeps, 30 objects"
@@ -139,13 +136,8 @@ def test_first_code_that_is_not_zero_and_all_logs_done(logs: Path, tmp_path: Pat
     ("option", "value", "message"),
     [
         ("--threshold", "big", "'big' is neither adaptive nor mean nor a number of metres."),
-        ("--profile", "fast", "'fast' is not one of 'robust', 'paper'."),
-        ("--min-beams", "0", "0 is below 1."),
         ("--every", "99999999999999999999", "99999999999999999999 is above 1000000."),
-        ("--range-max", "1e308", "1e308 is above 1e+06."),
-        ("--start", "1e300", "'1e300' is more than 1e+09 seconds."),
         ("--no-return", "zero,1e308", "1e+308 is no range."),
-        ("--fov", "12.6", "12.6 radians are more than two turns; --degrees says that angles are degrees."),
         ("--angle-increment", "0", "0 is no step from beam to beam."),
         ("--format", "xml", "'xml' is not one of 'ndjson', 'csv', 'arrow', 'parquet', 'json'."),
     ],
@@ -162,28 +154,16 @@ def test_unknown_option_value(lidarcli: Run, option: str, value: str, message: s
         ("detect -o - --beams", "--beams"),
         ("detect --format csv", "--format"),
         ("detect --start 5 --end 5", "--start"),
-        ("detect --fov 3 --angle-increment 1", "--angle-increment"),
-        ("detect --pose /odom --poses a.tum", "--pose"),
-        ("detect --any-frame", "--any-frame"),
         ("detect --cluster local:2 --jobs 2", "--jobs"),
         ("background build --dry-run --format json -o b.parquet", "--dry-run"),
-        ("zones --zones z.toml --objects o.parquet --max-width 1", "--max-width"),
-        ("zones --zones z.toml --no-objects --catalogue c.toml", "--catalogue"),
-        ("zones --zones z.toml --no-objects --objects o.parquet", "--objects"),
-        ("overlay -o o.mcap --objects o.parquet --topic /scan", "--topic"),
         ("info --brief --format json", "--brief"),
         ("info -o robot.toml", "--output"),
         ("map -o m.yaml --voxel 0.1", "--voxel"),
         ("plot --sweep 1 --sweeps 2", "--sweep"),
         ("plot --at 3 --animate", "--at"),
         ("plot --start 1", "--start"),
-        ("plot --no-deskew", "--no-deskew"),
         ("plot --view map --animate", "--animate"),
-        ("plot --trail 1", "--trail"),
-        ("plot --tracks t.parquet --view sweep", "--tracks"),
-        ("plot --zones z.toml --view sweep", "--zones"),
         ("plot --fps 3", "--fps"),
-        ("plot --vertices --view sweep", "--vertices"),
         ("plot --dpi 99 -o a.svg", "--dpi"),
     ],
 )
@@ -232,8 +212,7 @@ def test_bug_in_one_log_is_reported_and_the_rest_done(
         return real(source, csv)
 
     monkeypatch.setattr(detecting, "open_source", buggy)
-    ran = lidarcli("-q", "detect", logs / "two.mcap", logs / "run.mcap", "-o", tmp_path)
-    assert ran.code == 70
+    ran = lidarcli("-q", "detect", logs / "two.mcap", logs / "run.mcap", "-o", tmp_path, code=70)
     assert ran.err.startswith("Traceback (most recent call last):\n")
     assert ran.err.splitlines()[-3:] == [
         "ZeroDivisionError: oops",
@@ -245,8 +224,7 @@ def test_bug_in_one_log_is_reported_and_the_rest_done(
 
 def test_bug_outside_of_any_log(lidarcli: Run, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("lidarcli.pipeline.inputs.search.find_logs", lambda names: 1 / 0)
-    ran = lidarcli("info", "x")
-    assert ran.code == 70
+    ran = lidarcli("info", "x", code=70)
     assert ran.err.splitlines()[-1] == "lidarcli: this is a bug in lidarcli; please report it with the lines above"
 
 
@@ -353,8 +331,7 @@ def test_too_little_memory_is_no_bug(
 
     inside = place == "open_source"
     monkeypatch.setattr(detecting if inside else machine, place, fail)
-    ran = lidarcli("-q", "detect", logs / "run.mcap", "-o", tmp_path)
-    assert ran.code == 3
+    ran = lidarcli("-q", "detect", logs / "run.mcap", "-o", tmp_path, code=3)
     log = f"{logs / 'run.mcap'}: " if inside else ""
     advice = "allow more, take --jobs 1, or read a part of the log with --start and --end or --every"
     assert ran.err == f"lidarcli: {log}not enough memory; {advice}\n"
@@ -365,19 +342,13 @@ def test_too_little_memory_is_no_bug(
 @pytest.mark.parametrize(
     "words",
     [
-        *(("info", ""), ("track", "", "-o", "t"), ("clean", "", "-o", "x.mcap"), ("diff", "a.mcap", "")),
-        *(
-            ("zones", "", "--zones", "z.toml"),
-            ("report", ""),
-            ("report", "t", "--baseline", ""),
-            ("report", "t", "--log", ""),
-        ),
+        *(("diff", "a.mcap", ""), ("zones", "", "--zones", "z.toml")),
+        *(("report", "t", "--baseline", ""), ("report", "t", "--log", "")),
         *(("track", "a.mcap", "-o", ""), ("track", "a.mcap", "--columns", ""), ("track", "a.mcap", "--base", "")),
         *(("export", "a.parquet", "-o", "x.csv", "--only", ""), ("plot", "a.mcap", "--tracks", "")),
     ],
 )
 def test_an_empty_text_is_no_folder(words: tuple[str, ...], lidarcli: Run) -> None:
     """A variable of a shell that is not set would read, or write, whatever lies in the current folder."""
-    ran = lidarcli(*words)
-    assert ran.code == 2
+    ran = lidarcli(*words, code=2)
     assert "an empty text names nothing." in ran.err

@@ -1,4 +1,4 @@
-"""`lidarcli export`: the same rows in another format."""
+"""`lidarcli export` and `simulate`: tables in other formats, and a log made of a scene."""
 
 from __future__ import annotations
 
@@ -52,8 +52,7 @@ def test_every_format_holds_the_rows_of_the_table(lidarcli: Run, tables: Path, t
 def test_columns_in_the_order_asked_for(lidarcli: Run, tables: Path) -> None:
     ran = lidarcli("export", str(tables / "run.sweeps.parquet"), "-o", "-", "--columns", "objects, sweep")
     assert ran.out.splitlines()[0] == "objects,sweep"
-    wrong = lidarcli("export", str(tables / "run.sweeps.parquet"), "-o", "-", "--columns", "objcts")
-    assert wrong.code == 2
+    wrong = lidarcli("export", str(tables / "run.sweeps.parquet"), "-o", "-", "--columns", "objcts", code=2)
     assert wrong.err.endswith("run.sweeps.parquet: no column objcts; did you mean objects?\n")
 
 
@@ -72,8 +71,7 @@ def test_several_tables_of_one_kind(lidarcli: Run, tables: Path) -> None:
     # Of two logs neither is the source.
     assert both.schema.metadata.keys() == table.schema.metadata.keys() - {b"lidarcli.source"}
     (tables / "both.parquet").unlink()
-    mixed = lidarcli("export", str(tables), "-o", "-")
-    assert mixed.code == 2
+    mixed = lidarcli("export", str(tables), "-o", "-", code=2)
     assert "export each kind of table by itself" in mixed.err
 
 
@@ -109,8 +107,7 @@ def test_text_that_a_spreadsheet_would_run_is_told(lidarcli: Run, tmp_path: Path
     """The data stay as the log has them, for pandas and joins by name; people are warned."""
     table = pa.table({"log": ["a", "-b"], "topic": pa.array(["=cmd|x", "/scan"]).dictionary_encode(), "x": [-1.0, 2.0]})
     pq.write_table(table, tmp_path / "odd.parquet")
-    ran = lidarcli("export", tmp_path / "odd.parquet", "-o", tmp_path / "odd.csv")
-    assert ran.code == 0
+    ran = lidarcli("export", tmp_path / "odd.parquet", "-o", tmp_path / "odd.csv", code=0)
     assert ran.err.splitlines()[0] == FORMULAS.format("log, topic")
     assert (tmp_path / "odd.csv").read_text() == "log,topic,x\na,=cmd|x,-1.0\n-b,/scan,2.0\n"
     assert "formula" not in lidarcli("export", tmp_path / "odd.parquet", "-o", tmp_path / "odd.ndjson").err
@@ -147,13 +144,84 @@ def test_a_tum_has_one_track(lidarcli: Run, tables: Path, tmp_path: Path) -> Non
     assert lidarcli("-q", "track", SAMPLES / "people.csv.gz", "-o", tmp_path).code == 0
     source = tmp_path / "people.trajectories.parquet"
     for more in ((), ("--only", "1,2"), ("--only", "1", "--columns", "x,y")):
-        ran = lidarcli("export", source, *more, "-o", tmp_path / "1.tum")
-        assert ran.code == 2
+        ran = lidarcli("export", source, *more, "-o", tmp_path / "1.tum", code=2)
         assert "a .tum has the path of one track" in ran.err
     for name, only in (("1.tum", "99"), ("1.csv", "99"), ("1.csv", "1,99")):
-        ran = lidarcli("export", source, "--only", only, "-o", tmp_path / name)
-        assert ran.code == 2
+        ran = lidarcli("export", source, "--only", only, "-o", tmp_path / name, code=2)
         assert "no track 99 in it" in ran.err
         assert not (tmp_path / name).exists()
     assert "no column track" in lidarcli("export", tables / "run.sweeps.parquet", "--only", "1", "-o", "-").err
     assert not (tmp_path / "1.tum").exists()
+
+
+ROOM = SAMPLES / "room.toml"
+
+
+def test_log_and_truth(tmp_path: Path, lidarcli: Run) -> None:
+    log = tmp_path / "room.bag"
+    ran = lidarcli("simulate", ROOM, "-o", log, "--sweeps", "5", "--compression", "lz4", "--seed", "3")
+    assert (ran.code, ran.out) == (0, "")
+    names = ["room.bag", "room.truth.parquet", "room.truth-beams.parquet"]
+    wrote = f"  wrote    {tmp_path}/room.{{bag,truth.parquet,truth-beams.parquet}}"
+    assert ran.err.splitlines() == [f"{ROOM}: 5 sweeps", wrote]
+    assert set(pq.read_table(tmp_path / names[1])["sweep"].to_pylist()) == set(range(5))
+    info = lidarcli("info", log).out
+    assert "  format      ros1 bag, compression lz4\n" in info
+    assert "    sweeps    5\n" in info
+
+
+def test_what_simulate_refuses(tmp_path: Path, lidarcli: Run) -> None:
+    log = tmp_path / "room.mcap"
+    lidarcli("simulate", ROOM, "-o", log, "--sweeps", "5", "--duration", "1", code=2)
+    absent = lidarcli("simulate", tmp_path / "absent.toml", "-o", log)
+    line = f"lidarcli: {tmp_path / 'absent.toml'}: cannot read the scene: No such file or directory\n"
+    assert (absent.code, absent.err) == (3, line)
+    log.write_text("mine")
+    taken = lidarcli("simulate", ROOM, "-o", log)
+    assert (taken.code, taken.err) == (
+        5,
+        f"lidarcli: {log} exists; use --overwrite to replace it, or -o to write elsewhere\n",
+    )
+    assert log.read_text() == "mine"
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (
+            ("--sweeps", "99999999999999999999"),
+            "--sweeps must be at least 0 and at most 10,000,000, not 99999999999999999999",
+        ),
+        (("--duration", "1e300"), "--duration must be at least 0 and at most 400,000,000 seconds, not 1e+300"),
+        (
+            ("--duration", "2e6"),
+            "--duration 2e+06: 20,000,000 sweeps at 10 per second are more than a log may have (10,000,000)",
+        ),
+        (("--seed", str(1 << 63)), f"--seed must be at least 0 and at most {(1 << 63) - 1}, not {1 << 63}"),
+    ],
+)
+def test_a_log_has_bounds(tmp_path: Path, lidarcli: Run, options: tuple[str, str], message: str) -> None:
+    ran = lidarcli("simulate", ROOM, "-o", tmp_path / "room.mcap", *options)
+    assert (ran.code, ran.out, ran.err) == (2, "", f"lidarcli: {message}\n")
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("container", ["mcap", "bag", "csv"])
+def test_a_scene_at_its_bounds(tmp_path: Path, lidarcli: Run, container: str) -> None:
+    scene = tmp_path / "far.toml"
+    scene.write_text(
+        "[sensor]\nnoise = 1e6\nrate = 0.001\nrange_max = 1e6\nmixed_pixels = 1\n"
+        "[robot]\nspeed = 1e6\nwaypoints = [[-1e6, 1e6], [1e6, -1e6]]\n[robot.odometry]\nnoise = 1e6\nyaw_noise = 1e6\n"
+        "[[wall]]\npoints = [[-1e6, -1e6], [1e6, -1e6], [1e6, 1e6]]\nclosed = true\n"
+        "[[person]]\nx = 1e6\ny = -1e6\nvelocity = [1e6, 1e6]\nyaw_rate = 1e6\nstride = 1e6\n"
+        "[[cylinder]]\nx = 1\ny = 1\nradius = 1e-300\n[[box]]\nx = 0\ny = 0\nlength = 1e-300\nwidth = 1e6\n"
+    )
+    ran = lidarcli("-q", "simulate", scene, "-o", tmp_path / f"far.{container}", "--sweeps", "5")
+    assert (ran.code, ran.err) == (0, "")
+    found = lidarcli("-q", "detect", tmp_path / f"far.{container}", "-o", "-")
+    assert (found.code, found.err) == (0, "")
+    long = lidarcli("simulate", scene, "-o", tmp_path / "long.mcap", "--sweeps", "400001")
+    assert (long.code, long.err) == (
+        2,
+        f"lidarcli: {scene}: 400,001 sweeps at 0.001 per second take longer than a log may (400,000,000 seconds)\n",
+    )

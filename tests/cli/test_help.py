@@ -1,9 +1,10 @@
-"""Help: complete, readable at 80 columns, and light."""
+"""What help, completion and options say; options that do nothing are refused."""
 
 from __future__ import annotations
 
 import platform
 import re
+import shutil
 import subprocess
 import sys
 from collections.abc import Callable
@@ -16,13 +17,18 @@ import pyarrow as pa
 import pytest
 
 import lidarcli as package
-from lidarcli.cli.commands import COMMANDS, DeclaredOption, cli
+from lidarcli.cli.declared import DeclaredOption
+from lidarcli.cli.main import COMMANDS, cli
 from lidarcli.formalism import Parameters
-from lidarcli.options.forms import options_of
-from lidarcli.options.groups import Learning, Mapping, Plotting, Reading, Reporting, Tabling
+from lidarcli.options.forms import File, Text, options_of
+from lidarcli.options.groups import Learning, Mapping, Plotting, Reporting
+from lidarcli.options.objects import Tabling
+from lidarcli.options.reading import GEOMETRY, POINT_CLOUDS, Ranges, Reading
+from lidarcli.simulation.writers import write_log
 from lidarcli.sweeps.range_rules import RangeRules, parse_no_return
 from lidarcli.system.compiled import about_core
 from tests.places import SAMPLES
+from tests.sweeping import room_sweeps
 from tools.reference import commands
 
 Run = Callable[..., Any]
@@ -45,8 +51,7 @@ SCREENS = 60
 
 @pytest.mark.parametrize("name", COMMANDS)
 def test_help_fits_and_shows_defaults(lidarcli: Run, name: str) -> None:
-    ran = lidarcli(name, "--help")
-    assert ran.code == 0
+    ran = lidarcli(name, "--help", code=0)
     lines = ran.out.splitlines()
     assert max(map(len, lines)) <= 80
     assert len(lines) <= SCREENS
@@ -90,7 +95,7 @@ def test_version_tells_what_a_report_of_a_bug_needs(lidarcli: Run) -> None:
     assert f"pyarrow {pa.__version__}" in told["libraries"].split(", ")
 
 
-HEAVY = ("numpy", "pandas", "pyarrow", "mcap", "rosbags", "rich")
+HEAVY = ("numpy", "pandas", "pyarrow", "mcap", "rosbags", "rich", "matplotlib")
 IMPORTED = f"import sys; print(*[name for name in {HEAVY!r} if name in sys.modules])"
 
 
@@ -168,8 +173,7 @@ def test_help_leaves_out_what_only_some_logs_need(lidarcli: Run) -> None:
         *("--removed", "--explain"),
     }
     assert rare.isdisjoint({"--output", "--overwrite", "--topic", "--start", "--end", "--pose", "--background", "--mask"})
-    ran = lidarcli("detect", "run.mcap", "--range-unti", "mm")
-    assert ran.code == 2
+    ran = lidarcli("detect", "run.mcap", "--range-unti", "mm", code=2)
     assert "--range-unit" in ran.err
 
 
@@ -192,3 +196,125 @@ def test_an_option_has_the_same_words_everywhere() -> None:
     }
     # The table of beams that `tables` makes is the one that `detect --beams` writes.
     assert {field: {said} for field, said in keywords.items()} == {field: words[field] for field in keywords}
+
+
+def completed(*words: str) -> list[str]:
+    """The completions of the last of the words, as bash gets them."""
+    code = (
+        "import sys; from lidarcli.cli import run\n"
+        "try: run([])\nexcept SystemExit: pass\n"
+        f"print(*[name for name in {HEAVY!r} if name in sys.modules], file=sys.stderr)"
+    )
+    ran = subprocess.run(
+        [sys.executable, "-c", code],
+        env={
+            "_LIDARCLI_COMPLETE": "bash_complete",
+            "COMP_WORDS": " ".join(["lidarcli", *words]),
+            "COMP_CWORD": str(len(words)),
+            "PYTHONPATH": ":".join(sys.path),
+        },
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert ran.stderr.strip() == "", "something heavy was imported"
+    return [line.split(",")[1] for line in ran.stdout.splitlines()]
+
+
+def test_commands_options_and_values_are_completed() -> None:
+    assert completed("de") == ["detect"]
+    assert completed("background", "") == ["build", "subtract"]
+    assert completed("background", "subtract", "--any") == ["--any-frame"]
+    assert completed("background", "build", "--station-") == ["--station-distance", "--station-angle"]
+    assert completed("detect", "--min-") == ["--min-beams", "--min-thing"]
+    assert completed("detect", "--profile", "") == ["robust", "paper"]
+    assert completed("completion", "") == ["bash", "zsh", "fish"]
+
+
+@pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
+def test_the_script_is_one_that_the_shell_takes(lidarcli: Run, shell: str) -> None:
+    ran = lidarcli("completion", shell)
+    assert (ran.code, ran.err) == (0, "")
+    assert f"_LIDARCLI_COMPLETE={shell}_complete" in ran.out
+    if (program := shutil.which(shell)) is not None:
+        subprocess.run([program, "-n"], input=ran.out, text=True, check=True)
+
+
+OPTIONS = [
+    (name, option)
+    for name in COMMANDS
+    for option in getattr(cli.get_command(click.Context(cli), name), "params", ())
+    if isinstance(option, DeclaredOption) and isinstance(option.declared.value, Text | File)
+]
+
+
+@pytest.mark.parametrize(("command", "option"), OPTIONS, ids=[f"{name} {option.key}" for name, option in OPTIONS])
+def test_an_option_is_no_value(command: str, option: DeclaredOption, lidarcli: Callable[..., Any]) -> None:
+    value = option.declared.value
+    ran = lidarcli(command, f"--{option.key}", "--overwrite", code=2)
+    assert option.key in ran.err or "Missing" in ran.err
+    if isinstance(value, Text) and not value.is_list and option.declared.alone is None:
+        assert lidarcli(command, f"--{option.key}", "").code == 2
+
+
+GIVEN = {
+    "columns": "time,ranges",
+    "angle_min": "-1",
+    "angle_increment": "0.01",
+    "fov": "3",
+    "range_max": "9",
+    "degrees": None,
+    "echo": "last",
+    "pose_delay": "0.2",
+    "deskew": None,
+    "beam_order": "once",
+}
+"""Options of reading that some logs have no use for, with a value."""
+EFFECT = {"degrees", "range_unit"}
+"""Those that every LaserScan of ROS has a use for."""
+
+
+def spelled(name: str) -> list[str]:
+    option, value = options_of(Reading)[name], GIVEN[name]
+    words = f"--{'no-' * option.is_negated}{name.replace('_', '-')}"
+    return [words] if value is None else [words, value]
+
+
+def test_every_option_of_reading_is_tried() -> None:
+    """Those of geometry and of poses; others are refused by rules of their own, or hold for every log."""
+    geometry = {name for name, option in options_of(Ranges).items() if option.heading == GEOMETRY}
+    assert geometry <= GIVEN.keys() | EFFECT
+    assert {name for name, option in options_of(Ranges).items() if option.heading == POINT_CLOUDS} == {"slice", "bins"}
+
+
+CASES = [
+    (command, name, suffix)
+    for command in ("detect", "info")
+    for name in GIVEN
+    for suffix in (".mcap", ".bag", ".db3", ".csv")
+    # A CSV takes names for its columns.
+    if name not in EFFECT and (name, suffix) != ("columns", ".csv")
+]
+
+
+@pytest.mark.parametrize(("command", "name", "suffix"), CASES)
+def test_an_option_without_effect_is_told(
+    command: str, name: str, suffix: str, lidarcli: Callable[..., Any], tmp_path: Path
+) -> None:
+    log = tmp_path / f"run{suffix}"
+    write_log(log, [room_sweeps()])
+    own = ["-o", tmp_path / "tables", "--overwrite"] if command == "detect" else []
+    ran = lidarcli(command, log, *own, *spelled(name), code=0)
+    told = " ".join((ran.out + ran.err).split())
+    assert f"no effect on this log: {spelled(name)[0]}" in told or f"no poses in this log: {spelled(name)[0]}" in told
+    plain = lidarcli(command, log, *own)
+    assert "no effect" not in plain.out + plain.err
+
+
+def test_degrees_of_a_log_of_bearings(lidarcli: Callable[..., Any], tmp_path: Path) -> None:
+    """A column that tells its unit needs no option, one that does not is taken for degrees."""
+    for name, is_told in (("angle_deg", True), ("angle", False)):
+        (tmp_path / "run.csv").write_text(f"{name},range\n" + "".join(f"{a / 10},2.5\n" for a in range(40)))
+        ran = lidarcli("info", tmp_path / "run.csv", "--degrees")
+        assert ("no effect on this log: --degrees" in ran.out) is is_told
+        assert "view 3.90 deg" in " ".join(ran.out.split())

@@ -1,10 +1,13 @@
-"""`lidarcli info`: text and JSON, to the letter."""
+"""`lidarcli info`: the contents of a log, and findings with their fixes, alike in every command."""
 
 from __future__ import annotations
 
+import argparse
 import json
 import math
+import shlex
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,11 +15,13 @@ import numpy as np
 import pytest
 from mcap.writer import Writer
 
+from lidarcli.pipeline.reading import deep
 from lidarcli.simulation.writers import write_log
-from tests.sweeping import raw_sweeps
+from lidarcli.sweeps.findings import Finding, Fix, transform_lines
+from lidarcli.sweeps.masks import Mask, Masks, Mount, Sector
+from tests.sweeping import raw_sweeps, room_sweeps
 
 Run = Callable[..., Any]
-
 TEXT = """\
 {path}
   format      mcap, compression zstd
@@ -98,8 +103,7 @@ def test_brief_is_a_line_per_log(logs: Path, tmp_path: Path, lidarcli: Run) -> N
         writer = Writer(file)
         writer.start()
         writer.finish()
-    ran = lidarcli("info", "--brief", *(logs / name for name in ("run.mcap", "two.mcap", "cut.mcap")), empty)
-    assert ran.code == 3
+    ran = lidarcli("info", "--brief", *(logs / name for name in ("run.mcap", "two.mcap", "cut.mcap")), empty, code=3)
     run, two, cut, nothing = ran.out.splitlines()
     assert run == f"{logs / 'run.mcap'}: mcap, 1.9 s, /scan 20 x 360 beams at 10.00 Hz, no poses, 1 finding"
     assert two == (
@@ -123,8 +127,7 @@ def test_a_log_that_tells_no_greatest_range(greatest: float, tmp_path: Path, lid
 
 
 def test_several_logs(logs: Path, lidarcli: Run) -> None:
-    ran = lidarcli("info", logs)
-    assert ran.code == 3
+    ran = lidarcli("info", logs, code=3)
     blocks = ran.out.split("\n\n")
     assert [block.splitlines()[0] for block in blocks] == [
         str(logs / name) for name in ("cut.mcap", "run.mcap", "two.mcap")
@@ -179,3 +182,197 @@ def test_no_name_of_a_log_is_a_command_of_a_ci_server(
         assert lines[0] == "\\x3a:warning::x.mcap"
         assert f"\\x{ord(topic[0]):x}{topic[1:]} (frame laser)" in lines
         assert not [line for line in lines if line.startswith(("::", "##"))]
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """`fine.mcap` has no finding, `odd.mcap` an error and a hint, in the working directory."""
+    monkeypatch.chdir(tmp_path)
+    good = room_sweeps()
+    noise = np.random.default_rng(1).normal(0.0, 0.01, good.ranges.shape).astype(np.float32)
+    fine = replace(good, ranges=good.ranges + noise)
+    write_log(tmp_path / "fine.mcap", [fine])
+    told = {name: getattr(fine, name) * np.float32(1000) for name in ("ranges", "range_min", "range_max")}
+    write_log(tmp_path / "odd.mcap", [replace(fine, record_ns=fine.record_ns + 5 * 10**9, **told)])
+    return tmp_path
+
+
+@pytest.mark.usefixtures("folder")
+def test_a_line_each(lidarcli: Run) -> None:
+    ran = lidarcli("info", "odd.mcap")
+    assert ran.out.splitlines()[-6:] == [
+        "  findings",
+        "  error    units      most ranges of /scan are beyond 1,000 m: they are probably millimetres (--range-unit mm)",
+        "    fix: --range-unit mm",
+        "  hint     clock      /scan: recorded 5.1 s after the stamps",
+        "  to mend them in a copy:",
+        "    lidarcli clean odd.mcap -o odd.mended.mcap --remove none --mend units,clock",
+    ]
+    assert "findings" not in lidarcli("info", "fine.mcap").out
+    assert lidarcli("info", "odd.mcap", "--brief").out.endswith(" Hz, no poses, 2 findings\n")
+
+
+@pytest.mark.usefixtures("folder")
+@pytest.mark.parametrize(
+    ("check", "code", "found"),
+    [
+        ("findings == 2", 0, ""),
+        ("findings.errors == 0", 1, "1"),
+        ("findings.errors == 1", 0, ""),
+        ("findings.hints between 1 and 3", 0, ""),
+        ("findings.too_close > 0", 1, "0"),
+    ],
+)
+def test_checks_count_the_findings_of_all_logs(lidarcli: Run, check: str, code: int, found: str) -> None:
+    ran = lidarcli("info", "fine.mcap", "odd.mcap", "--format", "json", "--check", check)
+    figure, _, expected = check.partition(" ")
+    words = f"lidarcli: check failed: {figure} is {found}, expected {expected}\n" if found else ""
+    assert (ran.code, ran.err) == (code, words)
+    assert [len(log["findings"]) for log in json.loads(ran.out)] == [0, 2]
+
+
+@pytest.mark.usefixtures("folder")
+@pytest.mark.parametrize(
+    ("check", "says"),
+    [
+        ("findings.eror == 0", "unknown figure 'findings.eror'; did you mean findings.errors"),
+        ("sweeps > 0", "unknown figure 'sweeps'; there are "),
+        ("objects where width > 1 == 0", "unknown figure 'objects'"),
+        ("findings = 0", "findings = 0"),
+        ("findings.body == 0", "only --deep looks for findings.body: add --deep"),
+    ],
+)
+def test_a_check_that_means_nothing(lidarcli: Run, check: str, says: str) -> None:
+    ran = lidarcli("info", "fine.mcap", "--check", check)
+    assert (ran.code, ran.out) == (2, "")
+    assert says in ran.err
+
+
+def test_checks_of_what_cannot_be_read_do_not_pass(lidarcli: Run, logs: Path, folder: Path) -> None:
+    assert lidarcli("info", logs / "cut.mcap", "--check", "findings.errors == 0").code == 3
+    assert lidarcli("info", logs / "cut.mcap", "--check", "findings.errors == 1").code == 1
+    (folder / "empty.csv").touch()
+    lidarcli("info", "empty.csv", "fine.mcap", "--check", "findings == 0", code=3)
+    assert lidarcli("info", "empty.csv", "fine.mcap", "--check", "findings == 7").code == 3
+
+
+@pytest.mark.slow
+def test_a_closer_look_reads_twice(process: Callable[..., Any], folder: Path) -> None:
+    ran = process("info", "-", "--deep", input=(folder / "fine.mcap").read_bytes())
+    assert (ran.returncode, ran.stdout) == (2, b"")
+    assert ran.stderr.decode() == (
+        "lidarcli: standard input: --deep reads a log twice, and a pipe is read only once: give the file's name\n"
+    )
+
+
+@pytest.mark.usefixtures("folder")
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (["--deep", "-o", "robot.json"], "-o robot.json: the suffix is none of .toml, .yaml"),
+        (["odd.mcap", "--deep", "-o", "robot.toml"], "-o is for one log, and these are 2"),
+    ],
+)
+def test_refusals(lidarcli: Run, words: list[str], says: str) -> None:
+    ran = lidarcli("info", "fine.mcap", *words)
+    assert (ran.code, ran.out) == (2, "")
+    assert says in ran.err
+
+
+def test_what_a_closer_look_mends_is_written(lidarcli: Run, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    text = transform_lines("base_link", "laser", -0.13, 0.0, 0.0)
+    looked = deep.DeepFindings(
+        (
+            Finding("body", "warning", "/scan", "laser", "/scan: 6 beams never change", fix=Fix("mask", "")),
+            Finding("mount", "warning", "/scan", "laser", "laser sits 0.13 m behind", fix=Fix("transform", text)),
+            Finding("units", "hint", "/scan", "laser", "a closer look counts"),
+        ),
+        Masks((Mask(Sector(-0.1, 0.1, 0.2, 0.3), "/scan"),)),
+        (Mount("laser", "base_link", -0.13, 0.0, 0.0),),
+    )
+    monkeypatch.setattr(deep, "deep_findings", lambda *_: looked)
+    ran = lidarcli("info", "odd.mcap", "--deep", "-o", "robot.toml", "-o", "filter.yaml", code=0)
+    assert ran.out.splitlines()[-10:-2] == [
+        "  findings",
+        "  hint     units      a closer look counts",
+        "  hint     clock      /scan: recorded 5.1 s after the stamps",
+        "  warning  mount      laser sits 0.13 m behind",
+        *(f"    {line}" for line in text.splitlines()),
+        "  warning  body       /scan: 6 beams never change",
+        "    fix: --mask FILE.toml, which -o FILE.toml writes",
+    ]
+    assert (folder / "robot.toml").read_text() == (
+        '[[mask]]\ntopic = "/scan"\nsector = { from = -5.729578, to = 5.729578, nearest = 0.2, farthest = 0.3 }\n\n'
+        '[[mount]]\nframe = "laser"\nparent = "base_link"\nx = -0.13\ny = 0.0\nyaw = 0.0\n'
+    )
+    assert "laser_filters/LaserScanSectorFilter" in (folder / "filter.yaml").read_text()
+    assert lidarcli("info", "odd.mcap", "--mask", "robot.toml").code == 0
+    again = lidarcli("info", "odd.mcap", "--deep", "-o", "robot.toml", "-o", "filter.yaml", code=5)
+    assert "overwrite" in again.err
+    # Without the closer look there is nothing of it.
+    assert "never change" not in lidarcli("info", "odd.mcap").out
+
+
+@pytest.mark.parametrize("pose", [(-0.13, 0.0, 0.0), (1.25, -0.000001, 3.141593), (0.0, 12.5, -1.5)])
+@pytest.mark.parametrize("names", [("base_link", "laser"), ("my robot", "it's")])
+def test_both_commands_tell_one_transform(pose: tuple[float, float, float], names: tuple[str, str]) -> None:
+    """As their programs read them: ROS 2 by names, ROS 1 as x y z yaw pitch roll parent child."""
+    new, old = (shlex.split(line) for line in transform_lines(*names, *pose).splitlines())
+    assert new[:4] == ["ros2", "run", "tf2_ros", "static_transform_publisher"]
+    assert old[:3] == ["rosrun", "tf2_ros", "static_transform_publisher"]
+    parser = argparse.ArgumentParser()
+    for name in ("x", "y", "z", "yaw"):
+        parser.add_argument(f"--{name}", type=float)
+    parser.add_argument("--frame-id")
+    parser.add_argument("--child-frame-id")
+    told = parser.parse_args(new[4:])
+    x, y, z, yaw, pitch, roll = map(float, old[3:9])
+    assert (told.x, told.y, told.z, told.yaw) == (x, y, z, yaw)
+    assert (x, y, yaw) == pose
+    assert (z, pitch, roll) == (0.0, 0.0, 0.0)
+    assert tuple(old[9:]) == (told.frame_id, told.child_frame_id) == names
+
+
+NOTE = "most ranges of /scan are beyond 1,000 m: they are probably millimetres (--range-unit mm)"
+COMMANDS = {
+    "info": ("info",),
+    "detect": ("detect", "-o", "t"),
+    "track": ("track", "-o", "t"),
+    "background": ("background", "build", "-o", "t.parquet"),
+    "map": ("map", "--poses", "p.tum", "-o", "m.yaml", "--resolution", "10", "--max-size", "100"),
+    "overlay": ("overlay", "-o", "o.mcap"),
+    "plot": ("plot", "-o", "p.png"),
+    "poses": ("poses", "--poses", "p.tum", "-o", "q.tum"),
+}
+
+
+@pytest.fixture
+def millimetres(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A log whose ranges are millimetres, and a trajectory, in the working directory."""
+    monkeypatch.chdir(tmp_path)
+    block = room_sweeps()
+    told = {name: getattr(block, name) * np.float32(1000) for name in ("ranges", "range_min", "range_max")}
+    write_log(tmp_path / "run.mcap", [replace(block, **told)])
+    times = (1_700_000_000 + k / 10 for k in range(-1, 23))
+    (tmp_path / "p.tum").write_text("".join(f"{time:.3f} 0 0 0 0 0 0 1\n" for time in times))
+    return tmp_path
+
+
+@pytest.mark.usefixtures("undrawn")
+@pytest.mark.parametrize("command", COMMANDS)
+def test_every_command_tells_it(lidarcli: Callable[..., Any], millimetres: Path, command: str) -> None:
+    ran = lidarcli(*COMMANDS[command], "run.mcap", code=0)
+    assert f"{ran.out}{ran.err}".count(NOTE) == 1
+    again = lidarcli(
+        *COMMANDS[command], "run.mcap", "--range-unit", "mm", *(("--overwrite",) * (command != "info")), code=0
+    )
+    assert "--range-unit" not in f"{again.out}{again.err}"
+
+
+def test_degrees_are_refused(lidarcli: Callable[..., Any], tmp_path: Path) -> None:
+    good = room_sweeps()
+    many = replace(good, angle_increment=np.where(np.arange(20) < 5, 1.0, good.angle_increment))
+    write_log(tmp_path / "run.mcap", [many])
+    ran = lidarcli("detect", tmp_path / "run.mcap", "-o", tmp_path / "t", code=3)
+    assert "topic /scan: 5 messages left out: angle_increment is beyond 0.9 rad: probably degrees" in ran.err
+    assert ": 15 sweeps, " in ran.err

@@ -216,8 +216,7 @@ def test_each_sensor_has_a_topic_of_its_own(lidarcli: Run, logs: Path, tmp_path:
 def test_a_log_that_is_not_ros_is_written_anew(lidarcli: Run, tmp_path: Path, encoding: str) -> None:
     log, out = tmp_path / "run.mcap", tmp_path / "o.mcap"
     text_logs.simulate(SAMPLES / "drive.toml", log, 200, encoding=encoding)
-    ran = lidarcli("overlay", str(log), "-o", str(out), "--with-log")
-    assert ran.code == 0
+    ran = lidarcli("overlay", str(log), "-o", str(out), "--with-log", code=0)
     found = read_back(out)
     before, after = scans_of(log), scans_of(out)
     assert np.array_equal(before.ranges, after.ranges, equal_nan=True)
@@ -267,9 +266,8 @@ def test_tables_that_know_more_than_the_log_are_told_of(lidarcli: Run, tmp_path:
     write_log(tmp_path / "short.mcap", [sweeps.rows(slice(0, 40))])
     out = tmp_path / "o.mcap"
     ran = lidarcli(
-        "overlay", str(tmp_path / "short.mcap"), "-o", str(out), "--objects", str(tmp_path / "run.objects.parquet")
+        "overlay", str(tmp_path / "short.mcap"), "-o", str(out), "--objects", str(tmp_path / "run.objects.parquet"), code=3
     )
-    assert ran.code == 3
     assert "20 sweeps of the tables are not in the log" in ran.err
     assert len(read_back(out, OBJECTS)) == 40
 
@@ -288,8 +286,7 @@ def test_what_cannot_be_is_refused(
     lidarcli: Run, logs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, told: tuple[str, ...], code: int, says: str
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    ran = lidarcli("overlay", str(logs / "run.mcap"), *told)
-    assert ran.code == code
+    ran = lidarcli("overlay", str(logs / "run.mcap"), *told, code=code)
     assert says in ran.err
     assert not list(tmp_path.iterdir())
 
@@ -299,8 +296,7 @@ def test_no_file_is_replaced_unasked(lidarcli: Run, logs: Path, tmp_path: Path) 
     assert lidarcli("-q", "overlay", log, "-o", str(tmp_path / "o.mcap")).code == 0
     assert {path.name for path in tmp_path.iterdir()} == {"o.mcap", "o.layout.json", "o.rviz"}
     (tmp_path / "o.mcap").unlink()
-    ran = lidarcli("overlay", log, "-o", str(tmp_path / "o.mcap"))
-    assert ran.code == 5
+    ran = lidarcli("overlay", log, "-o", str(tmp_path / "o.mcap"), code=5)
     assert "o.layout.json exists" in ran.err
     assert lidarcli("-q", "overlay", log, "-o", str(tmp_path / "o.mcap"), "--no-layout").code == 0
     assert lidarcli("overlay", log, "-o", log, "--overwrite").code == 5
@@ -339,8 +335,7 @@ def test_a_full_disk_is_told_and_leaves_nothing(
     monkeypatch.setattr(viewers.McapFile, "write", full)
     monkeypatch.setattr(viewers.BagFile, "write", full)
     out = tmp_path / "out"
-    ran = lidarcli("overlay", str(logs / "run.mcap"), "-o", str(out / f"o{suffix}"))
-    assert ran.code == 5
+    ran = lidarcli("overlay", str(logs / "run.mcap"), "-o", str(out / f"o{suffix}"), code=5)
     assert f"cannot write {out / f'o{suffix}'}: No space left on device" in ran.err
     assert not list(out.iterdir())
 

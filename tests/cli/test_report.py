@@ -1,18 +1,21 @@
-"""`lidarcli report`: formats, gates, exit codes."""
+"""`lidarcli report`: figures, checks and formats on the command line."""
 
 from __future__ import annotations
 
+import hashlib
 import json
 import xml.etree.ElementTree as ET
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
+from urllib.parse import unquote
 
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
 from lidarcli.formalism.detection import SHAPES
+from lidarcli.reports.programs import command
 from tests import unprivileged
 from tests.places import SAMPLES
 from tests.reports.runs import START, TENTH, crossing, sweep, thing, write_run
@@ -37,8 +40,7 @@ def test_either_table_names_the_pair_and_folders_are_searched(lidarcli: Run, run
 
 def test_checks_decide_the_exit_code(lidarcli: Run, run: Path) -> None:
     assert lidarcli("report", run, "--check", "sweeps >= 20").code == 0
-    ran = lidarcli("report", run, "--check", "sweeps >= 20", "--check", "objects_per_sweep.max < 2")
-    assert ran.code == 1
+    ran = lidarcli("report", run, "--check", "sweeps >= 20", "--check", "objects_per_sweep.max < 2", code=1)
     assert ran.out.startswith(
         "Checks: 1 of 2 failed\nok    sweeps >= 20  (found 20)\nFAIL  objects_per_sweep.max < 2  (found 2)\n"
     )
@@ -49,8 +51,7 @@ def test_checks_decide_the_exit_code(lidarcli: Run, run: Path) -> None:
 def test_junit_is_well_formed_whatever_the_texts(lidarcli: Run, tmp_path: Path, odd: str) -> None:
     run = write_run(tmp_path, [sweep(0, log=odd.encode("utf-8", "replace").decode())])
     check = f"objects where topic == '{odd}' > 0"
-    ran = lidarcli("report", run, f"{odd}.sweeps.parquet", "--check", check, "--format", "junit")
-    assert ran.code == 3
+    ran = lidarcli("report", run, f"{odd}.sweeps.parquet", "--check", check, "--format", "junit", code=3)
     shown = odd if odd in ("]]>", "\t") else odd.translate({ord(c): repr(c)[1:-1] for c in "\x01\udcff\x1b\ufffe"})
     suite = ET.fromstring(ran.out.encode()).find("testsuite")
     assert suite is not None
@@ -91,8 +92,7 @@ def test_inputs_that_cannot_be_read(lidarcli: Run, run: Path, tmp_path: Path) ->
         assert (ran.code, ran.out) == (3, "")
         assert why in ran.err
         assert len(ran.err.splitlines()) == 1
-    ran = lidarcli("report", bad, run, "--format", "json")
-    assert ran.code == 3
+    ran = lidarcli("report", bad, run, "--format", "json", code=3)
     assert json.loads(ran.out)["figures"]["sweeps"] == 20
     assert "bad.sweeps.parquet: cannot be read as Parquet" in json.loads(ran.out)["problems"][0]
 
@@ -129,8 +129,7 @@ def tracked(tmp_path: Path) -> Path:
 def test_tracks_of_other_objects_are_told(lidarcli: Run, run: Path, tracked: Path) -> None:
     stale = run.with_name("run.tracks.parquet")
     stale.write_bytes(tracked.with_name("run.tracks.parquet").read_bytes())
-    ran = lidarcli("report", run, "--format", "json", "--check", "tracks >= 0")
-    assert ran.code == 3
+    ran = lidarcli("report", run, "--format", "json", "--check", "tracks >= 0", code=3)
     assert ran.err.splitlines()[0] == (
         f"lidarcli: {stale}: does not belong to run.objects.parquet, whose tracks are others; "
         "write both again with lidarcli track"
@@ -147,8 +146,8 @@ def test_tracks_of_other_objects_are_told(lidarcli: Run, run: Path, tracked: Pat
 
 def test_objects_are_the_same_rows_after_detect_and_after_track(lidarcli: Run, tmp_path: Path) -> None:
     """A gate on objects sees agents, too: who walks by is nearest of all."""
-    for command in ("detect", "track"):
-        assert lidarcli("-q", command, SAMPLES / "people.csv.gz", "-o", tmp_path / command).code == 0
+    for finder in ("detect", "track"):
+        assert lidarcli("-q", finder, SAMPLES / "people.csv.gz", "-o", tmp_path / finder).code == 0
     expressions = (
         "objects where r_min < 2.3 == 0",
         "range.min > 2.3",
@@ -160,13 +159,12 @@ def test_objects_are_the_same_rows_after_detect_and_after_track(lidarcli: Run, t
     )
     checks = [word for text in expressions for word in ("--check", text)]
     found = {}
-    for command in ("detect", "track"):
-        ran = lidarcli("report", tmp_path / command, "--format", "json", *checks)
-        assert ran.code == 1
+    for finder in ("detect", "track"):
+        ran = lidarcli("report", tmp_path / finder, "--format", "json", *checks, code=1)
         told = json.loads(ran.out)
-        found[command] = {one["check"]: one["found"] for one in told["checks"][:4]}
-        sweeps = pq.read_table(tmp_path / command / "people.sweeps.parquet")
-        objects = pq.read_table(tmp_path / command / "people.objects.parquet")
+        found[finder] = {one["check"]: one["found"] for one in told["checks"][:4]}
+        sweeps = pq.read_table(tmp_path / finder / "people.sweeps.parquet")
+        objects = pq.read_table(tmp_path / finder / "people.objects.parquet")
         per_sweep = np.add(*(sweeps[name].to_numpy() for name in ("objects", "agents")))
         assert told["figures"]["objects"] == objects.num_rows == per_sweep.sum()
         assert told["figures"]["range.min"] == pytest.approx(objects["r_min"].to_numpy().min())
@@ -210,8 +208,7 @@ def test_the_nearest_beam(lidarcli: Run, tmp_path: Path) -> None:
     near = {"nearest": 0.4, "nearest_theta": 1.0}
     rows = [sweep(0, 1, nearest=2.0, nearest_theta=0.0), sweep(1, 1, **near), sweep(2, 1)]
     run = write_run(tmp_path / "walls", rows, [thing(k, 1) for k in range(3)])
-    ran = lidarcli("report", run, "--check", "nearest.min > 0.5", "--check", "range.min > 0.5")
-    assert ran.code == 1
+    ran = lidarcli("report", run, "--check", "nearest.min > 0.5", "--check", "range.min > 0.5", code=1)
     assert ran.out.startswith(
         "Checks: 1 of 2 failed\nFAIL  nearest.min > 0.5  (found 0.4)\nok    range.min > 0.5  (found 2)\n"
     )
@@ -315,3 +312,132 @@ def test_a_folder_that_nobody_may_enter_is_told(run: Path, mode: int, named: str
         assert "Permission denied" in err
     finally:
         below.chmod(0o755)
+
+
+CHECKS = ("--check", "sweeps >= 20", "--check", "objects == 3")
+
+
+@pytest.fixture
+def plain_run(tmp_path: Path) -> Path:
+    """The tables of a run of 20 sweeps with an object each."""
+    rows = [sweep(k, 1) for k in range(20)]
+    return write_run(tmp_path / "run", rows, [thing(k, 1) for k in range(20)])
+
+
+@pytest.fixture
+def baseline(tmp_path: Path) -> Path:
+    """The same without objects in the first three sweeps, and without the last two."""
+    rows = [sweep(k, int(k > 2)) for k in range(18)]
+    return write_run(tmp_path / "base", rows, [thing(k, 1) for k in range(3, 18)])
+
+
+@pytest.fixture
+def unlike(tmp_path: Path) -> Path:
+    """The tables of three logs: 5, 10 and 20 Hz, 100 and 360 beams, two frames."""
+    for name, stride, other in (
+        ("slow", 2, {}),
+        ("usual", 1, {"beams": 360, "valid": 359, "noise_beams": 355}),
+        ("fast", 0.5, {"frame_id": "front"}),
+    ):
+        sweeps = [sweep(k, 1, log=name, stamp=START + int(stride * TENTH) * k, **other) for k in range(len(name))]
+        write_run(tmp_path / "unlike", sweeps, [thing(k, 1, log=name) for k in range(len(name))], name=name)
+    return tmp_path / "unlike"
+
+
+def test_brief_text(lidarcli: Run, plain_run: Path, baseline: Path) -> None:
+    ran = lidarcli("report", plain_run, *CHECKS, "--brief", code=1)
+    assert ran.out == (
+        "Checks: 1 of 2 failed\n"
+        "ok    sweeps >= 20  (found 20)\n"
+        "FAIL  objects == 3  (found 20)\n"
+        "\n"
+        "run: 20 sweeps in 1.9 s, 10 Hz, 20 objects (1 per sweep)\n"
+    )
+    ran = lidarcli("report", plain_run, "--baseline", baseline, "--brief", "--check", "changed_sweeps == 3")
+    assert (ran.code, ran.err) == (0, "")
+    assert ran.out == (
+        "Checks: 1 of 1 passed\n"
+        "ok    changed_sweeps == 3  (found 3)\n"
+        "\n"
+        "run: 20 sweeps in 1.9 s, 10 Hz, 20 objects (1 per sweep)\n"
+        "Sweeps in both runs: 18, 3 of them (16.7 %) with another number of objects; only\n"
+        "here: 2; only in the baseline: 0\n"
+    )
+    assert lidarcli("report", plain_run, "--brief").out == "run: 20 sweeps in 1.9 s, 10 Hz, 20 objects (1 per sweep)\n"
+
+
+@pytest.mark.parametrize("kind", ["json", "junit", "html"])
+def test_brief_is_not_for_programs(lidarcli: Run, plain_run: Path, tmp_path: Path, kind: str) -> None:
+    out = tmp_path / "report.md"
+    ran = lidarcli("report", plain_run, "--brief", "--format", kind, "-o", out)
+    assert (ran.code, ran.out, out.exists()) == (2, "", False)
+    assert f"--brief is for text, markdown, github; leave it out for {kind}" in ran.err
+
+
+def test_github(lidarcli: Run, plain_run: Path, tmp_path: Path) -> None:
+    ran = lidarcli("report", plain_run, tmp_path / "none.sweeps.parquet", *CHECKS, "--brief", "--format", "github")
+    assert (ran.code, "no such file" in ran.err) == (3, False)
+    assert ran.out.splitlines() == [
+        f"::error title=lidarcli%3A not read::{tmp_path}/none.sweeps.parquet: no such file or folder",
+        "::error title=lidarcli%3A check failed::objects == 3: expected == 3, found 20",
+        "::notice title=lidarcli report::Checks: 1 of 2 failed, on part of the data%0A"
+        "run: 20 sweeps in 1.9 s, 10 Hz, 20 objects (1 per sweep)",
+        "::notice title=lidarcli%3A check passed::sweeps >= 20: found 20",
+    ]
+
+
+def test_github_folds_the_report_where_no_name_of_a_log_is_a_command(lidarcli: Run, tmp_path: Path) -> None:
+    run = write_run(tmp_path, [sweep(0, 1, log="::error::boo")], [thing(0, 1)], name="run")
+    lines = lidarcli("report", run, "--format", "github").out.splitlines()
+    assert lines[1] == "::group::::error::boo"
+    assert lines[2].startswith("::stop-commands::")
+    word = lines[2].removeprefix("::stop-commands::")
+    assert lines[-2:] == [f"::{word}::", "::endgroup::"]
+    text = "\n".join(lines[3:-2]) + "\n"
+    assert text == lidarcli("report", run).out
+    assert word == hashlib.sha256(text.encode()).hexdigest()
+
+
+@pytest.mark.parametrize("text", ["100 %", "a\nb", "a\r\nb", "%0A", "a:b,c", "::error::x"])
+def test_what_github_reads_is_what_was_meant(text: str) -> None:
+    line = command("notice", text, text)
+    assert len(line.splitlines()) == 1
+    _, properties, message = line.split("::", 2)
+    assert unquote(message) == text
+    kind, title = properties.split(" ", 1)
+    assert (kind, unquote(title)) == ("notice", f"title={text}")
+    assert not {":", ","} & set(title)
+
+
+def test_unlike_sensors_are_told_and_not_pooled(lidarcli: Run, unlike: Path) -> None:
+    warning = (
+        "unlike sensors (5 to 20 Hz; 100 to 360 beams; frames front, laser): the figures pool all of them, and no map in "
+        "the sensor frame is drawn; for figures of one sensor report its tables alone"
+    )
+    text = lidarcli("report", unlike).out
+    assert max(map(len, text.splitlines())) <= 80
+    assert " ".join(text.split()).startswith(f"warning: {warning} Logs log and topic")
+    lines = text.splitlines()
+    start = lines.index("Logs")
+    assert lines[start + 1 : start + 6] == [
+        "log and topic  sweeps  duration   rate  beams  objects",
+        "fast /scan          4    0.15 s  20 Hz    100        4",
+        "slow /scan          4    0.60 s   5 Hz    100        4",
+        "usual /scan         5    0.40 s  10 Hz    360        5",
+        "formats  3 mcap; 3,000 bytes",
+    ]
+    assert "clock             5 to 20 Hz, no gaps, all stamps increasing" in text
+    for words in ("Where objects were", "step [s]", "beams_per_object"):
+        assert words not in text
+    assert f"::warning title=lidarcli::{warning}\n" in lidarcli("report", unlike, "--format", "github").out
+    markdown = lidarcli("report", unlike, "--format", "markdown").out
+    assert markdown.splitlines()[2].startswith("**Warning:** unlike sensors (5 to 20 Hz; ")
+    assert "| 5 to 20 Hz |" in markdown
+    ran = lidarcli("report", unlike, "--format", "json")
+    assert ran.err == f"warning: {warning}\n"
+    found = json.loads(ran.out)
+    suite = ET.fromstring(lidarcli("report", unlike, "--format", "junit").out.encode())[0]
+    assert suite.findtext("system-out") == f"warning: {warning}"
+    assert f"Warning: {warning}</p>" in lidarcli("report", unlike, "--format", "html").out
+    assert (found["warnings"], found["maps"]) == ([warning], [])
+    assert [stream["beams"] for stream in found["streams"]] == [100, 100, 360]

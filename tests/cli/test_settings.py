@@ -99,8 +99,7 @@ def test_paths_of_inputs_are_meant_from_the_folder_of_the_file(
     lidarcli: Run, lab: Path, settings: Settings, logs: Path
 ) -> None:
     settings('[detect]\ncatalogue = "things.toml"\noutput = "tables"\n')
-    ran = lidarcli("detect", str(logs / "run.mcap"))
-    assert ran.code == 3
+    ran = lidarcli("detect", str(logs / "run.mcap"), code=3)
     assert f"\nlidarcli: {lab.parent / 'things.toml'}: cannot read the catalogue" in ran.err
     (lab.parent / "things.toml").write_text('[[thing]]\nname = "box"\nlength = 1.0\nwidth = 1.0\n')
     assert lidarcli("detect", str(logs / "run.mcap")).code == 0
@@ -143,12 +142,10 @@ def test_a_wrong_value_says_where_it_comes_from(
     lidarcli: Run, lab: Path, settings: Settings, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     settings("[detect]\nmin-beams = 0\n")
-    ran = lidarcli("detect", "run.mcap")
-    assert ran.code == 2
+    ran = lidarcli("detect", "run.mcap", code=2)
     assert f"(set in {lab.parent / 'lidarcli.toml'})." in ran.err
     monkeypatch.setenv("LIDARCLI_DETECT_MIN_BEAMS", "many")
-    ran = lidarcli("detect", "run.mcap")
-    assert ran.code == 2
+    ran = lidarcli("detect", "run.mcap", code=2)
     assert "Invalid value for '--min-beams': 'many'" in ran.err
     assert "(set in LIDARCLI_DETECT_MIN_BEAMS)." in ran.err
 
@@ -157,8 +154,7 @@ def test_variables_that_do_nothing_are_told(lidarcli: Run, lab: Path, logs: Path
     monkeypatch.setenv("LIDARCLI_DETECT_TOPICS", "/scan")
     monkeypatch.setenv("LIDARCLI_DETCT_JOBS", "2")
     monkeypatch.setenv("LIDARCLI_HELP", "1")
-    ran = lidarcli("detect", str(logs / "run.mcap"))
-    assert ran.code == 0
+    ran = lidarcli("detect", str(logs / "run.mcap"), code=0)
     hint = "did you mean LIDARCLI_DETECT_TOPIC?"
     assert ran.err.splitlines()[0] == f"lidarcli: LIDARCLI_DETECT_TOPICS: detect has no such option; {hint}"
 
@@ -200,8 +196,7 @@ def test_a_named_file_is_for_a_nested_command_wherever_it_is_named(
     (lab / "robot.toml").write_text("[background.build]\nevery = 5\n")
     words: list[Any] = ["background", "build", logs / "run.mcap", "-o", "b.parquet"]
     words[place:place] = ["--config", "robot.toml"]
-    ran = lidarcli(*words)
-    assert ran.code == 0
+    ran = lidarcli(*words, code=0)
     assert "4 sweeps" in ran.err
 
 

@@ -103,8 +103,7 @@ def test_junit_holds_figures_and_what_was_found(folder: Path, lidarcli: Run) -> 
 
 
 def test_zones_take_one_folder(folder: Path, lidarcli: Run) -> None:
-    ran = lidarcli("zones", "people.csv.gz", "--zones", "zones.toml", "-o", "a", "-o", "b")
-    assert ran.code == 2
+    ran = lidarcli("zones", "people.csv.gz", "--zones", "zones.toml", "-o", "a", "-o", "b", code=2)
     assert "one folder" in ran.err
     assert lidarcli("zones", "people.csv.gz", "--zones", "zones.toml", "-o", "a.xml", "--dry-run").out.endswith("a.xml\n")
     assert not Path("a.xml").exists()
@@ -124,8 +123,7 @@ def test_checks_of_a_good_run_hold_for_it_and_refuse_a_worse_one(tables: Path, l
     assert lidarcli("-q", "track", "people.csv.gz", "-o", "worse", "--every", "2").code == 0
     kept = [check for check in checks if check.split()[0] in ("sweeps", "rate", "step.max", "nearest.min")]
     Path("some.toml").write_text(f"checks = {json.dumps(kept)}\n", "utf-8")
-    ran = lidarcli("report", "worse", "--checks", "some.toml")
-    assert ran.code == 1
+    ran = lidarcli("report", "worse", "--checks", "some.toml", code=1)
     assert re.findall(r"check failed: ([\w.]+) is", ran.err) == ["sweeps"]
     # The file is no output of others, and is not written over.
     assert lidarcli("report", "good", "--init", "checks.toml").code == 5
@@ -158,8 +156,7 @@ def test_zones_and_diff_take_the_checks_of_a_file(folder: Path, lidarcli: Run) -
 def test_files_of_checks_that_are_none(tables: Path, lidarcli: Run, text: str | None, code: int, words: str) -> None:
     if text is not None:
         Path("bad.toml").write_text(text, "utf-8")
-    ran = lidarcli("report", "good", "--checks", "bad.toml", "-o", "x.html")
-    assert ran.code == code
+    ran = lidarcli("report", "good", "--checks", "bad.toml", "-o", "x.html", code=code)
     assert words in ran.err
     assert not Path("x.html").exists()
 
@@ -211,8 +208,7 @@ def test_an_input_that_cannot_be_read_leaves_no_earlier_verdict(
 ) -> None:
     Path("broken.mcap").write_bytes(b"\x89MCAP0\r\n" + b"x" * 100)
     Path("out.xml").write_text("all is well")
-    ran = lidarcli(*words, "--check", check, "-o", "out.xml", "--overwrite")
-    assert ran.code == 3
+    ran = lidarcli(*words, "--check", check, "-o", "out.xml", "--overwrite", code=3)
     assert ran.err.splitlines()[-1].startswith(f"lidarcli: {cause}")
     assert counts(folder / "out.xml") == (2, 0, 1)
     (case,) = (
@@ -225,6 +221,5 @@ def test_an_input_that_cannot_be_read_leaves_no_earlier_verdict(
 
 
 def test_an_unread_report_on_standard_output_is_junit_too(folder: Path, lidarcli: Run) -> None:
-    ran = lidarcli("report", "absent", "--format", "junit")
-    assert ran.code == 3
+    ran = lidarcli("report", "absent", "--format", "junit", code=3)
     assert ET.fromstring(ran.out).attrib["errors"] == "1"

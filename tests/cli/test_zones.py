@@ -72,8 +72,7 @@ def test_existing_tables_are_kept(lidarcli: Run, log: Path, tmp_path: Path) -> N
     words = ("zones", log, *zones_of(tmp_path, STOP), "--no-objects", "-o", tmp_path)
     assert lidarcli(*words).code == 0
     before = (tmp_path / "run.events.parquet").read_bytes()
-    again = lidarcli(*words)
-    assert again.code == 5
+    again = lidarcli(*words, code=5)
     assert "run.events.parquet" in again.err
     assert lidarcli(*words, "--overwrite").code == 0
     assert (tmp_path / "run.events.parquet").read_bytes() == before
@@ -94,8 +93,7 @@ def test_existing_tables_are_kept(lidarcli: Run, log: Path, tmp_path: Path) -> N
 def test_checks(lidarcli: Run, log: Path, tmp_path: Path, check: str, code: int, words: str) -> None:
     """The zone `behind` is beyond the wall: it is never observed."""
     behind = STOP.replace('"stop"', '"behind"', 1).replace("x = 1.0", "x = -6.0")
-    ran = lidarcli("zones", log, *zones_of(tmp_path, STOP, behind), "--no-objects", "--check", check)
-    assert ran.code == code
+    ran = lidarcli("zones", log, *zones_of(tmp_path, STOP, behind), "--no-objects", "--check", check, code=code)
     assert words in ran.err
     assert "behind  never observed" in ran.err
 
@@ -136,8 +134,7 @@ def test_a_run_that_is_ended_leaves_nothing(log: Path, tmp_path: Path, moment: s
 
 def test_nothing_leads_to_a_frame(lidarcli: Run, log: Path, tmp_path: Path) -> None:
     zones = zones_of(tmp_path, STOP + 'frame = "robot"\n')
-    ran = lidarcli("zones", log, *zones, "--no-objects", "-o", tmp_path / "out")
-    assert ran.code == 4
+    ran = lidarcli("zones", log, *zones, "--no-objects", "-o", tmp_path / "out", code=4)
     assert ran.err.count("\n") == 1
     assert '[[mount]] frame = "laser" parent = "base_link"' in ran.err
     assert not (tmp_path / "out").exists() or names(tmp_path / "out") == []
@@ -145,8 +142,7 @@ def test_nothing_leads_to_a_frame(lidarcli: Run, log: Path, tmp_path: Path) -> N
 
 @pytest.mark.parametrize("options", [("--no-objects",), ()])
 def test_a_zone_in_the_world_without_poses(lidarcli: Run, log: Path, tmp_path: Path, options: tuple[str, ...]) -> None:
-    ran = lidarcli("zones", log, *zones_of(tmp_path, STOP + 'frame = "world"\n'), *options, "-o", tmp_path / "out")
-    assert ran.code == 4
+    ran = lidarcli("zones", log, *zones_of(tmp_path, STOP + 'frame = "world"\n'), *options, "-o", tmp_path / "out", code=4)
     assert "zone 'stop' is in the world, and nothing tells where the sensor of /scan is: give --pose" in ran.err
     assert not (tmp_path / "out").exists() or names(tmp_path / "out") == []
 
@@ -208,8 +204,7 @@ def test_of_several_logs_each_has_to_have_seen_a_zone(lidarcli: Run, log: Path, 
     behind = zone_file(tmp_path, '[[zone]]\nname = "behind"\ncircle = { x = -2.0, y = 0.0, radius = 0.5 }\n')
     check = ("--check", "zones.behind.events == 0")
     assert lidarcli("zones", log, "--zones", behind, "--no-objects", *check).code == 0
-    ran = lidarcli("zones", log, half, "--zones", behind, "--no-objects", *check)
-    assert ran.code == 1
+    ran = lidarcli("zones", log, half, "--zones", behind, "--no-objects", *check, code=1)
     assert "check failed: zones.behind.events has nothing to measure, expected == 0" in ran.err
 
 

@@ -80,7 +80,7 @@ ROWS = {
             "logs/test_multi_echo.py::test_echoes_beyond_the_message_are_refused_intensities_are_not",
             "logs/test_multi_echo.py::test_every_cut_of_a_message_is_refused_or_has_all_ranges",
             "logs/test_doubts.py::test_a_step_of_degrees_is_no_step_of_radians",
-            "cli/test_doubts.py::test_degrees_are_refused",
+            "cli/test_info.py::test_degrees_are_refused",
         ],
         "no beams, 100,000 beams, a changing geometry, odd intensities; a read-only disk; odd names": [
             "test_mixed_logs.py::test_empty_sweeps_are_sweeps",
@@ -98,7 +98,7 @@ ROWS = {
         ],
         "segments of a turn": [
             "logs/test_segments.py::test_segments_become_the_turns_that_they_were",
-            "cli/test_segments.py::test_turns_of_segments_are_the_sweeps_of_the_full_log",
+            "cli/test_join.py::test_turns_of_segments_are_the_sweeps_of_the_full_log",
         ],
         "stamps that are zero, equal, jump back, leap, or are not understood": [
             "test_mixed_logs.py::test_clocks",
@@ -115,7 +115,7 @@ ROWS = {
         ],
         "a wrong `angle_max`, most ranges beyond 200 m, hardly any range, every message twice": [
             "logs/test_doubts.py::test_angle_max_of_messages",
-            "cli/test_doubts.py::test_every_command_tells_it",
+            "cli/test_info.py::test_every_command_tells_it",
             "logs/test_doubts.py::test_the_unit_of_ranges_is_that_of_any_log",
             "logs/test_doubts.py::test_what_is_odd_is_told_in_one_line",
             "logs/test_doubts.py::test_the_way_out_ends_the_doubt",

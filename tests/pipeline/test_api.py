@@ -1,10 +1,14 @@
-"""The functions of the package for Python: `detect`, `read`, and what they warn of and refuse."""
+"""The functions of the package for Python: what they take, warn of and refuse."""
 
 from __future__ import annotations
 
+import ast
+import inspect
 import json
 import re
 import shutil
+import subprocess
+import sys
 from collections import Counter
 from collections.abc import Callable
 from datetime import UTC, datetime
@@ -12,11 +16,14 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import click
 import numpy as np
+import pandas as pd
 import pyarrow.parquet as pq
 import pytest
 
 import lidarcli
+from lidarcli.cli.declared import DeclaredOption
 from lidarcli.errors import OptionError, UnreadableError
 from lidarcli.formalism import Parameters
 from lidarcli.logs import open_log
@@ -31,6 +38,7 @@ from lidarcli.tabular import OBJECTS
 from tests.pipeline.folders import logs_apart
 from tests.pipeline.in_memory import block
 from tests.places import SAMPLES
+from tools.reference import commands
 
 
 def test_detect_batches_in_python() -> None:
@@ -160,6 +168,9 @@ def test_what_python_says_of_wrong_arguments(tmp_path: Path) -> None:
         ),
         (lambda: lidarcli.detect(path, path), TypeError, "parameters have to be Parameters, not PosixPath"),
         (lambda: lidarcli.read(path, every=0), OptionError, "--every: 0 is below 1"),
+        (lambda: lidarcli.map(path, resolution="5 cm"), OptionError, "--resolution: '5 cm' is no number"),
+        (lambda: lidarcli.map(path, voxel=float("nan")), OptionError, "--voxel: nan is not a finite number"),
+        (lambda: lidarcli.map(path, min_hits=1.5), OptionError, "--min-hits: 1.5 is no whole number"),
         (
             lambda: lidarcli.read(path, start=float("nan")),
             OptionError,
@@ -224,33 +235,6 @@ def test_ranges_are_judged_as_on_the_command_line(tmp_path: Path) -> None:
     ranges = next(lidarcli.read(room)).ranges
     marked = counts(no_return=["inf", "zero", "max", "above", float(ranges[0, 0])])
     assert marked[lidarcli.Status.NO_RETURN] > usual[lidarcli.Status.NO_RETURN]
-    for options, words in (
-        ({"no_return": "none"}, "--no-return: 'none' is neither a number nor one of"),
-        ({"range_unit": "km"}, "--range-unit: 'km' is not one of m, cm, mm"),
-        ({"fov": 1.0, "angle_increment": 1.0}, "--angle-increment and --fov exclude each other"),
-    ):
-        with pytest.raises(OptionError, match=re.escape(words)):
-            lidarcli.read(room, **options)
-
-
-@pytest.mark.parametrize(
-    ("call", "told", "words"),
-    [
-        (lidarcli.map, {"resolution": 0}, "--resolution: 0 is below 0.001"),
-        (lidarcli.map, {"resolution": "5 cm"}, "--resolution: '5 cm' is no number"),
-        (lidarcli.map, {"voxel": float("nan")}, "--voxel: nan is not a finite number"),
-        (lidarcli.map, {"min_hits": 1.5}, "--min-hits: 1.5 is no whole number"),
-        (lidarcli.plot, {"dpi": 1}, "--dpi: 1 is below 30"),
-        (lidarcli.plot, {"output": "room.gif"}, "room.gif: the suffix has to be one of .png, .svg, .pdf"),
-    ],
-)
-def test_numbers_have_the_limits_of_the_command_line(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, call: Callable[..., object], told: dict[str, Any], words: str
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    with pytest.raises(OptionError, match=f"^{re.escape(words)}$"):
-        call(SAMPLES / "room.mcap", **told)
-    assert list(tmp_path.iterdir()) == []
 
 
 def test_angles_are_radians_unless_they_are_said_to_be_degrees(tmp_path: Path) -> None:
@@ -273,11 +257,6 @@ def test_a_background_and_how_it_is_compared() -> None:
     )
     assert set(there["change"].to_pylist()) == {"appeared"}
     assert gone.num_rows >= there.num_rows
-    with pytest.raises(OptionError, match=r"^--removed is for --background FILE$"):
-        lidarcli.detect(SAMPLES / "room.mcap", removed=True)
-    told = lidarcli.detect(SAMPLES / "room.mcap", background=learned, station_angle=90.0, end=0.5)
-    how = json.loads(told.schema.metadata[b"lidarcli.parameters"])["background"]
-    assert how["station_angle"] == pytest.approx(np.pi / 2)
 
 
 def test_why_an_object_is_a_thing_is_told_of_batches_too() -> None:
@@ -330,3 +309,232 @@ def test_options_that_change_nothing_are_warned_of(options: dict[str, Any], note
         assert len(caught) == 1
     with pytest.warns(UserWarning, match=r"no effect on this log: --columns$"):
         lidarcli.track(path, columns="2")
+
+
+ROOM = SAMPLES / "room.mcap"
+
+
+def test_all_tables_as_data_frames() -> None:
+    frames = lidarcli.tables(ROOM, end=2.0)
+    assert [len(frame) for frame in frames[:3]] == [100, 20, 5]
+    assert frames.beams is None
+    told = lidarcli.track(ROOM, end=2.0)
+    for frame, table in zip(frames[:3], told, strict=True):
+        assert [*frame] == table.column_names
+        expected = table.to_pandas()
+        for name in ("topic", "sweep", "x", "width", "duration", "objects", "track"):
+            if name in frame:
+                assert frame[name].dropna().tolist() == expected[name].dropna().tolist()
+
+
+def test_their_types_are_those_that_pandas_counts_with() -> None:
+    seen = lidarcli.tables(ROOM, end=1.0, beams=True)
+    empty = lidarcli.tables(ROOM, end=1.0, beams=True, max_width=0.01)
+    assert (len(seen.beams), len(empty.objects), len(empty.sweeps)) == (3610, 0, 10)
+    for frame, other in zip(seen, empty, strict=True):
+        assert [*frame] == [*other]
+        for name, kind in frame.dtypes.items():
+            if not isinstance(kind, pd.CategoricalDtype):
+                assert other[name].dtype == kind, name
+    objects = seen.objects.dtypes
+    assert objects["stamp"] == pd.DatetimeTZDtype("ns", "UTC")
+    assert isinstance(objects["shape"], pd.CategoricalDtype)
+    assert objects["track"] == pd.Int64Dtype()
+    assert objects["moving"] == pd.BooleanDtype()
+    assert seen.beams["object"].dtype == pd.Int32Dtype()
+
+
+def test_trajectories_are_there_unless_they_are_left_out() -> None:
+    found = lidarcli.tables(ROOM, end=1.0)
+    # As before there were any, four tables are unpacked.
+    objects, _, tracks, beams = found
+    assert beams is None
+    rows = found.trajectories
+    assert rows["track"].nunique() == len(tracks) == 5
+    assert len(rows) == (tracks["last_sweep"] - tracks["first_sweep"] + 1).sum()
+    assert rows["parts"].sum() == objects["track"].notna().sum()
+    assert {*rows["frame"]} == {"sensor"}
+    assert lidarcli.tables(ROOM, end=1.0, trajectories=False).trajectories is None
+
+
+def test_trajectories_of_track_are_those() -> None:
+    found, frames = lidarcli.track(ROOM, end=1.0), lidarcli.tables(ROOM, end=1.0)
+    assert found.trajectories.column_names == [*frames.trajectories]
+    assert found.trajectories["x"].to_pylist() == frames.trajectories["x"].tolist()
+    _, _, tracks = found
+    assert tracks is found.tracks
+    assert lidarcli.track(ROOM, end=1.0, trajectories=False).trajectories is None
+
+
+def test_a_few_columns() -> None:
+    whole = lidarcli.tables(ROOM, end=1.0, beams=True)
+    brief = lidarcli.tables(ROOM, end=1.0, beams=True, columns="brief")
+    assert len(brief.objects.columns) < 20 < len(whole.objects.columns)
+    for few, all_of_it in zip((*brief, brief.trajectories), (*whole, whole.trajectories), strict=True):
+        assert 3 < len(few.columns) < len(all_of_it.columns)
+        pd.testing.assert_frame_equal(few, all_of_it[[*few.columns]])
+    for columns in ("sweep, track ,x", ["sweep", "track", "x"]):
+        some = lidarcli.tables(ROOM, end=1.0, columns=columns)
+        assert [[*frame] for frame in (some.objects, some.sweeps, some.tracks)] == [
+            ["sweep", "track", "x"],
+            ["sweep"],
+            ["track", "x"],
+        ]
+    with pytest.raises(lidarcli.OptionError, match=r"^--columns: no table has a column trck; did you mean track\?$"):
+        lidarcli.tables(ROOM, end=1.0, columns="trck")
+
+
+def test_data_frames_keep_what_the_tables_tell_of_the_run() -> None:
+    frames = lidarcli.tables(ROOM, end=1.0, max_width=1.5)
+    for frame in (*frames[:3], frames.trajectories, frames.objects.query("set == 'O'")):
+        assert frame.attrs["lidarcli.version"] == lidarcli.__version__
+        assert json.loads(frame.attrs["lidarcli.parameters"])["max_width"] == 1.5
+
+
+def test_they_take_what_track_takes() -> None:
+    batches = list(lidarcli.read(ROOM, end=1.0))
+    assert lidarcli.tables(batches, beams=True).beams["sweep"].value_counts().to_dict() == dict.fromkeys(range(10), 361)
+    whole, of_batches = lidarcli.tables(ROOM, end=1.0), lidarcli.tables(batches)
+    assert of_batches.tracks["track"].tolist() == whole.tracks["track"].tolist()
+    assert lidarcli.tables(ROOM, end=1.0, memory=False, min_beams=60).objects.empty
+
+
+COMMANDS = (
+    *("background", "clean", "detect", "diff", "export", "info", "map", "overlay"),
+    *("plot", "poses", "report", "simulate", "track", "zones"),
+)
+FUNCTIONS = (*COMMANDS, "read", "tables")
+READING = {*COMMANDS} - {"export", "plot", "report"}
+"""Functions that tell how far they are."""
+OF_THE_SHELL = {
+    *("help", "help-all", "verbose", "quiet", "config", "format", "overwrite", "files-from", "base", "shard", "dry-run"),
+    *("resume", "partition", "cluster", "brief", "stamps", "checks", "init"),
+}
+"""Options of how a command is run, checks, prints or writes; `export` has the stamps in Python, too."""
+ONLY_SHELL = {
+    "background": {"plot"},
+    "detect": {"output", "beams"},
+    "track": {"output", "beams"},
+    "map": {"jobs"},
+    "zones": {"output", "check"},
+    "diff": {"check"},
+    "info": {"output", "check"},
+    "poses": {"check"},
+    "plot": {"sweeps", "map", "animate", "fps", "start", "end", "only", "density"},
+}
+"""Options whose work Python has elsewhere, or not: `tables(beams=True)`, `map` for a map, a loop for several sweeps."""
+OWN = {"log", "tables", "scene", "before", "after", "parameters", "axes", "overwrite", "progress"}
+"""What stands in the place of the arguments of a command, and what only Python has."""
+
+
+def options_of(command: str) -> dict[str, click.Option]:
+    found = dict(commands())["background build" if command == "background" else command]
+    return {
+        max(option.opts, key=len).removeprefix("--"): option for option in found.params if isinstance(option, click.Option)
+    }
+
+
+@pytest.mark.parametrize("function", COMMANDS)
+def test_names_and_defaults_are_those_of_the_command_line(function: str) -> None:
+    options = options_of(function)
+    parameters = inspect.signature(getattr(lidarcli, function)).parameters
+    names = {name.replace("_", "-") for name in parameters.keys() - OWN}
+    named = {
+        name.removeprefix("no-") if isinstance(one, DeclaredOption) and one.declared.is_negated else name
+        for name, one in options.items()
+    } - (OF_THE_SHELL - {name for name in ("stamps",) if name in parameters})
+    # The logs of a report are no argument of its command.
+    names |= {"log"} if function == "report" else set()
+    assert names == named - ONLY_SHELL.get(function, set())
+    for name, option in options.items():
+        if name.replace("-", "_") in parameters and isinstance(option.default, int | float | str):
+            default = parameters[name.replace("-", "_")].default
+            assert default == option.default or name == "output", name
+            assert type(default) in (bool, int, float, str, tuple)
+
+
+@pytest.mark.parametrize("name", FUNCTIONS)
+def test_every_keyword_is_in_the_signature_and_explained(name: str) -> None:
+    function = getattr(lidarcli, name)
+    words = inspect.getdoc(function)
+    for parameter in inspect.signature(function).parameters.values():
+        assert parameter.kind is not parameter.VAR_KEYWORD
+        assert (parameter.kind is parameter.VAR_POSITIONAL) == (parameter.name == "after")
+        assert re.search(rf"^{parameter.name} : \S", words, re.MULTILINE), parameter.name
+    assert ("progress" in inspect.signature(function).parameters) == (name in {*READING, "tables"})
+    assert "\nReturns\n-------\n" in words
+    assert "\nRaises\n------\n" in words
+
+
+@pytest.mark.parametrize("name", FUNCTIONS)
+def test_a_wrong_name_is_told_with_the_nearest(name: str) -> None:
+    """The internal class was named."""
+    with pytest.raises(TypeError) as caught:
+        getattr(lidarcli, name)("run.mcap", outptu=1, tpoic="/scan")
+    assert str(caught.value) in (
+        f"{name}() has no option 'outptu'; did you mean 'output'?",
+        f"{name}() has no option 'outptu'; there are " + ", ".join(inspect.signature(getattr(lidarcli, name)).parameters),
+    )
+    if name != "report":
+        with pytest.raises(TypeError, match=rf"^{name}\(\) has no option 'topcis'"):
+            getattr(lidarcli, name)("run.mcap", topcis="/scan")
+
+
+def test_the_public_names_are_there_and_typed() -> None:
+    tree = ast.parse(Path(lidarcli.__file__).read_text(encoding="utf-8"))
+    typed = next(node for node in tree.body if isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING")
+    told = {alias.name: node.module for node in typed.body for alias in node.names}
+    assert told.pop("formalism") == "lidarcli"
+    assert told == lidarcli._HOME
+    assert {*told, "formalism", "__version__"} == {*lidarcli.__all__} == {*dir(lidarcli)}
+    for name in lidarcli.__all__:
+        assert getattr(lidarcli, name) is not None
+    assert issubclass(lidarcli.UnreadableError, lidarcli.LidarcliError)
+    assert lidarcli.Parameters(max_width=1.0) == lidarcli.formalism.Parameters(max_width=1.0)
+    with pytest.raises(AttributeError, match=r"^module 'lidarcli' has no attribute 'nonsense'$"):
+        _ = lidarcli.nonsense
+
+
+def test_importing_the_package_imports_no_work() -> None:
+    code = (
+        "import sys, lidarcli; dir(lidarcli); "
+        "print(sorted(m for m in sys.modules if m.startswith('lidarcli'))); "
+        "lidarcli.detect; print([m for m in ('pandas', 'matplotlib', 'click', 'rich') if m in sys.modules])"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.splitlines()[1] == "[]"
+    first = set(ast.literal_eval(done.stdout.splitlines()[0]))
+    assert first <= {"lidarcli", "lidarcli._version", "lidarcli.system.compiled"}
+
+
+def test_functions_stay_when_packages_of_like_names_are_imported() -> None:
+    """`import lidarcli.poses.fit` made of a function a module that cannot be called."""
+    code = (
+        "import importlib, pkgutil, lidarcli; "
+        "names = [each.name for each in pkgutil.iter_modules(lidarcli.__path__)]; "
+        "[importlib.import_module(f'lidarcli.{name}') for name in names if name != '__main__']; "
+        "from lidarcli.pose import fit; from lidarcli.simulation import run; "
+        "print([name for name in lidarcli.__all__ if type(getattr(lidarcli, name)).__name__ == 'module'])"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout == "['formalism']\n"
+
+
+def test_a_function_for_each_command() -> None:
+    """Beside them only `read`, and `tables` for data frames."""
+    functions = {name for name in lidarcli.__all__ if inspect.isfunction(getattr(lidarcli, name))}
+    assert functions == {*FUNCTIONS, "read_catalogue"}
+    assert {*COMMANDS} <= {name.removesuffix(" build") for name, _ in commands()}
+
+
+@pytest.mark.parametrize(
+    "call",
+    [
+        lambda: lidarcli.report([""]),
+        *(lambda: lidarcli.report("t", baseline=""), lambda: lidarcli.diff("a.mcap", ""), lambda: lidarcli.clean("a", "")),
+        *(lambda: lidarcli.track("a.mcap", columns=""), lambda: lidarcli.track(iter([""]))),
+    ],
+)
+def test_an_empty_text_is_no_folder(call: Callable[[], object]) -> None:
+    with pytest.raises(lidarcli.OptionError, match="an empty text names nothing"):
+        call()

@@ -1,4 +1,4 @@
-"""What is packed, and how it is called: one version, one repository, one list of requirements in all files that say so."""
+"""What is packed: one version, one list of requirements and one set of bounds in all files that say so."""
 
 from __future__ import annotations
 
@@ -17,6 +17,7 @@ from lidarcli import __version__
 from tests.places import ROOT
 from tests.publishing.files import PROJECT, misfits, read_yaml
 from tools.changelog import section
+from tools.fuzz import judge
 
 RECIPE = read_yaml(ROOT / "conda" / "recipe.yaml")
 CITATION = read_yaml(ROOT / "CITATION.cff")
@@ -109,3 +110,32 @@ def test_the_metadata_is_what_pypi_accepts(sdist: Path) -> None:
     assert [str(each) for each in told.requires_dist or [] if each.marker is None] == [
         str(Requirement(each)) for each in PROJECT["project"]["dependencies"]
     ]
+
+
+PAGE = (ROOT / "SECURITY.md").read_text("utf-8")
+
+
+def test_the_fuzzer_holds_what_is_promised() -> None:
+    said = re.search(r"inputs below (\d+) MB to (\d+) s of processor time and (\d+) MB of memory", " ".join(PAGE.split()))
+    assert said is not None
+    assert [float(number) for number in said.groups()] == [judge.SMALL / 1e6, judge.SECONDS, judge.PEAK_MB]
+
+
+def test_what_is_unpickled_comes_from_its_own_processes() -> None:
+    """But for what a cluster answers, which Dask reads."""
+    package = ROOT / "lidarcli"
+    files = {
+        word: {path.relative_to(package).as_posix() for path in package.rglob("*.py") if word in path.read_text("utf-8")}
+        for word in ("pickle.load", "Unpickler")
+    }
+    own = {"pipeline/mapping.py", "pipeline/objects/tracking.py"}
+    assert files == {"pickle.load": own, "Unpickler": set()}
+    assert "a scheduler that you trust" in " ".join(PAGE.split())
+    assert "a private folder below the temporary one (`map --jobs`)" in " ".join(PAGE.split())
+    assert "a temporary file without a name (`track`" in " ".join(PAGE.split())
+
+
+def test_reports_load_nothing_from_elsewhere() -> None:
+    page = (ROOT / "lidarcli" / "reports" / "templates" / "page.html").read_text("utf-8")
+    assert "Content-Security-Policy" in page
+    assert "default-src 'none'" in page

@@ -11,42 +11,48 @@ from typing import Any, Unpack
 import pyarrow as pa
 
 from lidarcli.display.texts import Unused
-from lidarcli.errors import NoScanError, OptionError, warn
+from lidarcli.errors import OptionError, warn
 from lidarcli.files.stores import place
 from lidarcli.formalism.background import Background
 from lidarcli.formalism.mapping.grid import Occupancy
 from lidarcli.logs.base import ReadReport
 from lidarcli.logs.batches import read_batches
-from lidarcli.logs.registry import TopicChoice, clouds_hint, no_scan_topic
+from lidarcli.logs.registry import TopicChoice
 from lidarcli.options.forms import options_of
 from lidarcli.options.groups import (
     OVERLAY_RULES,
     ZONE_RULES,
-    AnyPath,
     Cleaning,
     Diffing,
     Inspecting,
     Learning,
     Mapping,
     Overlaying,
-    Paths,
-    Reading,
     Simulating,
     Zoning,
 )
+from lidarcli.options.reading import Reading
+from lidarcli.options.values import AnyPath, Paths
+from lidarcli.pipeline.api.keywords import (
+    Progress,
+    counting,
+    of_one_log,
+    over_logs,
+    sources_of,
+    warn_of,
+    watched,
+    with_keywords,
+)
 from lidarcli.pipeline.api.options import (
     LogOptions,
-    Progress,
     clean_options,
-    counting,
     diff_options,
+    given,
     log_options,
     overlay_options,
     path_text,
+    place_of,
     several,
-    sources_of,
-    watched,
-    with_keywords,
     zone_options,
 )
 from lidarcli.pipeline.building import BackgroundBuilder, BuildOptions, refuse_nothing, refuse_output
@@ -58,14 +64,14 @@ from lidarcli.pipeline.differences.inputs import inputs_of
 from lidarcli.pipeline.inputs.search import one_log
 from lidarcli.pipeline.inputs.sources import Source, open_source
 from lidarcli.pipeline.inspecting import info_dict, inspect_log
-from lidarcli.pipeline.localising import LocalisedPath, localise, read_site, refuse_judged
+from lidarcli.pipeline.localising import localise, read_site, refuse_judged
 from lidarcli.pipeline.mapping import MapOptions, MapRun
 from lidarcli.pipeline.overlay.files import refuse_overlay, write_overlay
 from lidarcli.pipeline.reading.masking import masking_of
 from lidarcli.pipeline.reading.one_log import damage_lines
 from lidarcli.pipeline.reading.posing import PoseAttacher
 from lidarcli.pipeline.runs.over_logs import progress_of
-from lidarcli.pipeline.trajectories import PathOptions, PathSummary, refuse_path, write_path
+from lidarcli.pipeline.trajectories import PathOptions, refuse_path, write_path
 from lidarcli.pipeline.zones.run import watch
 from lidarcli.pipeline.zones.summary import ZoneTables
 from lidarcli.simulation import Simulated, run
@@ -101,9 +107,9 @@ def read(log: Paths, **options: Unpack[Reading]) -> Iterator[SweepBatch]:
 
 def _batches(sources: Sequence[Source], options: LogOptions) -> Iterator[SweepBatch]:
     read, opening, poses = options
-    failed = ErrorCollector(len(sources))
+    errors = ErrorCollector(len(sources))
     for source in sources:
-        with failed.noted(source), open_source(source, opening) as log:
+        with errors.noted(source), open_source(source, opening) as log:
             masking = masking_of(log, read.rules, poses, read.topics)
             reading = replace(read, rules=masking.rules)
             posing = PoseAttacher.of(log, poses, TopicChoice(read.topics, log.topics()), reading)
@@ -115,9 +121,8 @@ def _batches(sources: Sequence[Source], options: LogOptions) -> Iterator[SweepBa
             # Notes are for reading, but a log without a sweep needs its reason, and ranges that are none theirs.
             unused = [note for note in [*report.notes, *posing.notes()] if isinstance(note, Unused)]
             notes = [*masking.doubts, *(report.notes if is_empty else unused), *report.doubted()]
-            for line in [*damage_lines(posing.together(report)), *notes]:
-                warn(f"{source.label}: {line}")
-    failed.conclude()
+            warn_of(source, [*damage_lines(posing.together(report)), *notes])
+    errors.conclude()
 
 
 @with_keywords()
@@ -139,22 +144,13 @@ def info(log: Paths, *, progress: Progress = False, **options: Unpack[Inspecting
         As of `read`. A log without LaserScan is warned of.
     """
     read, opening, poses = log_options(options)
-    site = None if options["map"] is None else fspath(options["map"])
-    sources = sources_of(log, options["join"])
-    failed = ErrorCollector(len(sources))
-    found = []
-    with watched(progress, sources) as report:
-        for source in sources:
-            with failed.noted(source):
-                tell = progress_of(source, report)
-                one = inspect_log(source, opening, read, poses, tell, options["deep"], site)
-                for line in one.damage:
-                    warn(f"{source.label}: {line}")
-                if one.exit_code == NoScanError.exit_code:
-                    warn(f"{source.label}: {no_scan_topic()}{clouds_hint(one.topics)}")
-                found.append(info_dict(one))
-    failed.conclude()
-    return found
+    deep, site = options["deep"], given(fspath, options["map"])
+    found = over_logs(
+        sources_of(log, options["join"]),
+        progress,
+        lambda source, bar: inspect_log(source, opening, read, poses, bar, deep, site),
+    )
+    return [info_dict(each) for each in found]
 
 
 @with_keywords()
@@ -186,17 +182,16 @@ def background(
         )
     )
     sources = sources_of(log, options["join"])
-    if output is not None:
-        refuse_output(place(fspath(output)), sources, overwrite=True)
+    path = given(place_of, output)
+    if path is not None:
+        refuse_output(path, sources, overwrite=True)
     with watched(progress, sources) as report:
         for source in sources:
-            for line in building.add(source, progress_of(source, report)).warnings:
-                warn(f"{source.label}: {line}")
+            warn_of(source, building.add(source, progress_of(source, report)).warnings)
     sensors = building.sensors()
     refuse_nothing(sensors)
-    if output is not None:
-        for note in building.write(place(fspath(output)), sensors):
-            warn(note)
+    for note in [] if path is None else building.write(path, sensors):
+        warn(note)
     return tuple(sensors)
 
 
@@ -229,14 +224,8 @@ def map(log: Paths, output: Paths = (), *, progress: Progress = False, **options
         **{name: value for name, value in options.items() if name not in options_of(Reading)},  # type: ignore[arg-type]
     )
     sources = sources_of(log, options["join"])
-    failed = ErrorCollector(len(sources))
-    outputs = [place(each) for each in several(output)]
-    with MapRun(sources, outputs, made_with) as run, watched(progress, sources) as report:
-        for source in sources:
-            with failed.noted(source):
-                for line in run.add(source, progress_of(source, report)).warnings:
-                    warn(f"{source.label}: {line}")
-        failed.conclude()
+    with MapRun(sources, [place(each) for each in several(output)], made_with) as run:
+        over_logs(sources, progress, run.add)
         mapped = run.finish()
     for note in mapped.notes:
         warn(note)
@@ -281,21 +270,19 @@ def poses(
         The file exists, or cannot be written.
     """
     source, parsed = one_log(several(log), options["join"]), PathOptions(*log_options(options), overwrite)
-    path = None if output is None else place(fspath(output))
-    if map is None and relocate:
-        raise OptionError("relocate needs a map")
+    path = given(place_of, output)
+    if map is None:
+        if relocate:
+            raise OptionError("relocate needs a map")
+        if path is not None:
+            refuse_path(path, source, parsed)
+        return of_one_log(source, progress, lambda one, bar: write_path(one, path, parsed, bar)).table
     if path is not None:
-        refuse_path(path, source, parsed) if map is None else refuse_judged(path, source, parsed, fspath(map))
-    with watched(progress, [source]) as report:
-        tell = progress_of(source, report)
-        found: PathSummary
-        if map is not None:
-            found = localise(source, path, parsed, read_site(fspath(map)), relocate, progress=tell)
-        else:
-            found = write_path(source, path, parsed, tell)
-    doubts = found.lines if isinstance(found, LocalisedPath) and not (found.tells and found.least is None) else []
-    for line in [*found.warnings, *doubts]:
-        warn(f"{source.label}: {line}")
+        refuse_judged(path, source, parsed, fspath(map))
+    site = read_site(fspath(map))
+    found = of_one_log(source, progress, lambda one, bar: localise(one, path, parsed, site, relocate, progress=bar))
+    if not found.tells or found.least is not None:
+        warn_of(source, found.lines)
     return found.table
 
 
@@ -362,11 +349,7 @@ def clean(
     """
     source = one_log([path_text(log)], False)
     parsed = clean_options(options, overwrite=overwrite)
-    with watched(progress, [source]) as report:
-        summary = clean_log(source, place(fspath(output)), parsed, progress_of(source, report))
-    for line in summary.warnings:
-        warn(f"{source.label}: {line}")
-    return summary.table
+    return of_one_log(source, progress, lambda one, bar: clean_log(one, place_of(output), parsed, bar)).table
 
 
 @with_keywords()
@@ -441,13 +424,9 @@ def overlay(
         A file exists, or cannot be written.
     """
     parsed = overlay_options(options, log_options(options), overwrite=overwrite)
-    source, path = one_log(several(log), options["join"]), place(fspath(output))
+    source, path = one_log(several(log), options["join"]), place_of(output)
     refuse_overlay(path, source, parsed)
-    with watched(progress, [source]) as report:
-        summary = write_overlay(source, path, parsed, progress_of(source, report))
-    for line in summary.warnings:
-        warn(f"{source.label}: {line}")
-    return summary.outputs
+    return of_one_log(source, progress, lambda one, bar: write_overlay(one, path, parsed, bar)).outputs
 
 
 @with_keywords(*ZONE_RULES)
@@ -475,16 +454,7 @@ def zones(log: Paths, *, progress: Progress = False, **options: Unpack[Zoning]) 
         raise TypeError("zones() needs zones=FILE")
     parsed = zone_options(options, log_options(options))
     sources = sources_of(log, options["join"])
-    failed = ErrorCollector(len(sources))
-    found: list[ZoneTables] = []
-    with watched(progress, sources) as report:
-        for source in sources:
-            with failed.noted(source):
-                summary = watch(source, parsed, progress=progress_of(source, report))
-                found.append(summary.tables)
-                for line in summary.warnings:
-                    warn(f"{source.label}: {line}")
-    failed.conclude()
+    found = [one.tables for one in over_logs(sources, progress, lambda one, bar: watch(one, parsed, progress=bar))]
     if len(found) == 1:
         return found[0]
     events, rows = (pa.concat_tables(tables) for tables in zip(*found, strict=True))

@@ -1,42 +1,32 @@
-"""Keywords of the Python functions: shown, checked, and made into the options of the rooms below.
+"""Values of options made into the records of the rooms below, for the command line and for Python.
 
-The command line makes its options by the same functions: both name the values by the fields of `lidarcli.options.groups`.
+Both name the values by the fields of `lidarcli.options.groups`.
 """
 
 from __future__ import annotations
 
 import math
-from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
-from difflib import get_close_matches
-from functools import wraps
-from inspect import Parameter, cleandoc, signature
 from os import PathLike, fspath
 from pathlib import Path
-from textwrap import fill
-from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar, cast, get_type_hints
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
-from lidarcli.display.screen import Screen, byte_bar, count_bar
-from lidarcli.errors import OptionError, warn
-from lidarcli.files.stores import place
-from lidarcli.formalism.background import Background
-from lidarcli.formalism.matching.catalogue import Catalogue
+from lidarcli.errors import OptionError
+from lidarcli.files.stores import Place, place
 from lidarcli.formalism.parameters import Parameters
 from lidarcli.logs.base import OpenOptions
 from lidarcli.logs.batches import ReadOptions
 from lidarcli.logs.open_options import open_options, range_rules
 from lidarcli.options.choices import NS, TRAIL
-from lidarcli.options.forms import File, Number, Rule, Text, defaults_of, options_of, python_words, refuse_combinations
-from lidarcli.options.groups import RULES, Finding, Objects, Tracking, parse_mends, parse_removed, parse_value
+from lidarcli.options.forms import Text, defaults_of
+from lidarcli.options.groups import parse_mends, parse_removed, parse_value
+from lidarcli.options.objects import Finding, Objects, Tracking
 from lidarcli.options.times import Instant, as_time
+from lidarcli.options.values import AnyPath
 from lidarcli.pipeline.inputs.catalogue import read_catalogue
 from lidarcli.pipeline.inputs.masks import AUTO, read_masks
-from lidarcli.pipeline.inputs.search import find_logs
-from lidarcli.pipeline.inputs.sources import MissingInput, Source
 from lidarcli.pipeline.reading.needs import NONE, PoseOptions
-from lidarcli.pipeline.runs.over_logs import LogProgress, summed
 from lidarcli.sweeps.masks import Masks
 from lidarcli.sweeps.range_rules import parse_no_return
 
@@ -48,143 +38,19 @@ if TYPE_CHECKING:
     from lidarcli.pipeline.overlay.messages import OverlayOptions
     from lidarcli.pipeline.plotting import PlotOptions
     from lidarcli.pipeline.zones.options import ZoneOptions
+    from lidarcli.sweeps.zone import Zones
 
-F = TypeVar("F", bound=Callable[..., Any])
+R = TypeVar("R")
 Values = Mapping[str, Any]
 """Values of options by their fields; all fields of a group are there."""
-WIDTH = 100
-"""Columns of a docstring."""
-Progress = bool | Callable[[int, int | None], object]
-"""Wish to see how far the work is."""
-_PROGRESS = "True for a bar on standard error, or a function of how much is done and how much there is (docs/python.md)"
 OPENING = ("columns", "angle_min", "angle_increment", "fov", "range_max", "degrees", "range_unit", "echo", "segments")
 
 
-# Functions with keywords.
-
-
-def with_keywords(*rules: Rule) -> Callable[[F], F]:
-    """Decorate a function whose `**options: Unpack[...]` are shown, checked by name and limits, and complete.
-
-    Type checkers and editors that read sources understand `Unpack`; those that look at the living function, as IPython and
-    help() do, get a signature and a docstring with every keyword. `rules` are refused beside `RULES`.
-    """
-
-    def decorate(function: F) -> F:
-        group = function.__globals__[function.__annotations__["options"].removeprefix("Unpack[").removesuffix("]")]
-        known, defaults = options_of(group), defaults_of(group)
-        own = signature(function, eval_str=True)
-        positional = [one for one in own.parameters.values() if one.kind is not Parameter.VAR_KEYWORD]
-        names = [one.name for one in positional] + list(known)
-
-        @wraps(function)
-        def called(*arguments: Any, **given: Any) -> Any:
-            for at, value in enumerate(arguments):
-                _refuse_lost(names[min(at, len(positional) - 1)], value)
-            for name, value in given.items():
-                if name not in names:
-                    close = get_close_matches(name, names, 1)
-                    hint = f"did you mean '{close[0]}'?" if close else f"there are {', '.join(names)}"
-                    raise TypeError(f"{function.__name__}() has no option '{name}'; {hint}")
-                if name in known:
-                    _check(name, known[name].value, value)
-                else:
-                    _refuse_lost(name, value)
-            values = {**defaults, **given}
-            refuse_combinations((*RULES, *rules), known, values, lambda name: known[name].is_changed(values[name]))
-            return function(*arguments, **values)
-
-        types = keyword_types(group)
-        keyword_only = [
-            Parameter(name, Parameter.KEYWORD_ONLY, default=defaults[name], annotation=types[name]) for name in known
-        ]
-        called.__signature__ = own.replace(parameters=[*positional, *keyword_only])  # type: ignore[attr-defined]
-        meanings = [f"progress : {_PROGRESS}"] if "progress" in own.parameters else []
-        meanings += [f"{name} : {python_words(name, option)}" for name, option in known.items()]
-        lines = [fill(each, WIDTH, subsequent_indent="    ") for each in meanings]
-        # They stand at the end of the list of parameters.
-        text = cleandoc(function.__doc__ or "")
-        mark = next(mark for mark in ("\n\nReturns\n", "\n\nRaises\n") if mark in text)
-        called.__doc__ = text.replace(mark, "\n".join(["", *lines]) + mark, 1)
-        return cast(F, called)
-
-    return decorate
-
-
-def keyword_types(group: type) -> dict[str, Any]:
-    """Return the types of the keywords of a group."""
-    return get_type_hints(group, None, {"Background": Background, "Catalogue": Catalogue})
-
-
-def _check(name: str, form: Any, value: Any) -> None:
-    """Refuse a number out of its limits, or a word that is none of a choice (`OptionError`); None stands for a default."""
-    option = f"--{name.replace('_', '-')}"
-    if isinstance(form, tuple) and value is not None and value not in form:
-        raise OptionError(f"{option}: '{value}' is not one of {', '.join(form)}")
-    if isinstance(form, Text | File):
-        _refuse_lost(option, value, is_alone=isinstance(form, Text) and not form.is_list)
-    if value is None or not isinstance(form, Number):
-        return
-    try:
-        for number in value if form.count > 1 else (value,):
-            form.check(number)
-    except OptionError as err:
-        raise OptionError(f"{option}: {err}") from None
-
-
-def _refuse_lost(name: str, value: Any, *, is_alone: bool = False) -> None:
+def refuse_lost(name: str, value: Any, *, is_alone: bool = False) -> None:
     """Refuse a text that is no value, alone or in a list (`OptionError`); `is_alone` as of `Text.lost`."""
     for text in value if isinstance(value, list | tuple | set) else (value,):
         if isinstance(text, str) and (words := Text.lost(text, is_alone=is_alone)):
             raise OptionError(f"{name}: {words}")
-
-
-@contextmanager
-def watched(progress: Progress, sources: Sequence[Source | MissingInput]) -> Iterator[LogProgress | None]:
-    """Yield what the work on some logs calls with a log and the position in it; None where nobody wants to know."""
-    if progress is True:
-        with byte_bar(Screen()) as show:
-            yield summed(sources, show)
-    else:
-        tell = _function(progress)
-        yield None if tell is None else summed(sources, lambda done, total, _: tell(done, total))
-
-
-@contextmanager
-def counting(progress: Progress, description: str, unit: str) -> Iterator[Callable[[int, int | None], object] | None]:
-    """Yield what work that is no reading calls with the number of things done, and of all."""
-    if progress is True:
-        with count_bar(description, None, unit, Screen()) as show:
-            yield show
-    else:
-        yield _function(progress)
-
-
-def _function(progress: Progress) -> Callable[[int, int | None], object] | None:
-    if progress is False:
-        return None
-    if not callable(progress):
-        raise TypeError(f"progress is True, False or a function of what is done and of all, not {progress!r}")
-    return progress
-
-
-# Inputs.
-
-
-def sources_of(log: Any, join: bool) -> list[Source]:
-    """Return the logs that are meant, each with a name of its own; `UnreadableError` where one that is named is none."""
-    named = several(log)
-    found = find_logs(named, join, warn)
-    for each in found:
-        if isinstance(each, MissingInput):
-            error = type(each.error)(f"{each.path}: {each.error}")
-            # What was asked for has to be there; of a folder the rest is read.
-            if each.path in named:
-                raise error
-            warn(str(error))
-    sources = [each for each in found if isinstance(each, Source)]
-    names = Counter(each.name for each in sources)
-    return [replace(each, name=each.path) if names[each.name] > 1 else each for each in sources]
 
 
 def several(values: Any) -> list[str]:
@@ -194,11 +60,21 @@ def several(values: Any) -> list[str]:
     return [path_text(each) for each in ([values] if is_one else values)]
 
 
+def given(convert: Callable[[Any], R], value: Any) -> R | None:
+    """Return a value converted, None where none is given."""
+    return None if value is None else convert(value)
+
+
+def place_of(file: AnyPath) -> Place:
+    """Return the place of a file or folder."""
+    return place(fspath(file))
+
+
 def path_text(value: Any) -> str:
     """Return the path of a file or folder as text (`TypeError` if it is none)."""
     if not isinstance(value, str | PathLike):
         raise TypeError(f"logs, files and outputs are named by their paths, not given as {type(value).__name__}")
-    _refuse_lost("a path", value)
+    refuse_lost("a path", value)
     return fspath(value)
 
 
@@ -223,7 +99,7 @@ def log_options(options: Values) -> LogOptions:
 
 
 def read_options(options: Values) -> ReadOptions:
-    """Return which sweeps to read, and how ranges are judged; a command without these fields reads all sweeps."""
+    """Return which sweeps to read, and how ranges are classified; a command without these fields reads all sweeps."""
     topic, no_return, mask = options.get("topic"), options["no_return"], options["mask"]
     topics = frozenset(name for name in ([topic] if isinstance(topic, str) else topic or []) if name) or None
     text = no_return if isinstance(no_return, str) else ",".join(map(str, no_return))
@@ -237,8 +113,8 @@ def read_options(options: Values) -> ReadOptions:
 
 def pose_options(options: Values) -> PoseOptions:
     """Return where poses come from, and how they are used."""
-    file = None if options["poses"] is None else fspath(options["poses"])
-    return PoseOptions(options["pose"], file, options.get("pose_delay"), options["beam_order"], options["deskew"])
+    file, delay = given(fspath, options["poses"]), options.get("pose_delay")
+    return PoseOptions(options["pose"], file, delay, options["beam_order"], options["deskew"])
 
 
 def detect_options(
@@ -270,7 +146,7 @@ def detect_options(
 
 
 def tracking_of(options: Values | None = None) -> TrackOptions:
-    """Return how things are followed, by default as `track` does."""
+    """Return how objects are followed, by default as `track` does."""
     # These imports take long, and only tracking needs them.
     from lidarcli.formalism.parameters import TrackParameters
     from lidarcli.pipeline.objects.detection import TrackOptions
@@ -281,7 +157,7 @@ def tracking_of(options: Values | None = None) -> TrackOptions:
 
 
 def memory_of(options: Values) -> TrackOptions | None:
-    """Return how `detect` judges things by all sweeps, if it does."""
+    """Return how `detect` classifies objects by all sweeps, None if it does not."""
     if not options["memory"]:
         return None
     from lidarcli.pipeline.objects.detection import TrackOptions
@@ -305,15 +181,13 @@ def clean_options(options: Values, *, overwrite: bool = False) -> CleanOptions:
     logs = LogOptions(read_options(options), OpenOptions(segments=options["segments"]), pose_options(options))
     return CleanOptions(
         detect_options({**options, "catalogue": None}, logs, tracking_of()),
-        _words("remove", options["remove"], parse_removed) - {NONE},
-        parse_value(str(options["value"])),
-        options["margin"],
-        overwrite,
-        None if options["mend"] is None else _words("mend", options["mend"], parse_mends),
-        None if options["clips"] is None else place(fspath(options["clips"])),
-        _around(options["around"]),
-        options["merge"],
-        options["merge_frame"],
+        remove=_words("remove", options["remove"], parse_removed) - {NONE},
+        value=parse_value(str(options["value"])),
+        overwrite=overwrite,
+        mend=given(lambda words: _words("mend", words, parse_mends), options["mend"]),
+        clips=given(place_of, options["clips"]),
+        around=_around(options["around"]),
+        **_chosen(options, "margin", "merge", "merge_frame"),
     )
 
 
@@ -334,39 +208,33 @@ def _words(name: str, value: Any, parse: Callable[[str], str]) -> frozenset[str]
 
 def plot_options(options: Values, parameters: Parameters | None, sweeps: tuple[int, ...] | None) -> PlotOptions:
     """Return what is drawn of some sweeps, None for all, and how it is found; without tracks."""
-    from lidarcli.pipeline.inputs.zones import read_zones
     from lidarcli.pipeline.plotting import PlotOptions
 
     read, opening, poses = log_options({**options, "topic": None, "start": None, "end": None})
     return PlotOptions(
         sweeps=sweeps,
-        topic=options["topic"],
         parameters=parameters_of(parameters, options),
         rules=read.rules,
         opening=opening,
-        background=None if options["background"] is None else fspath(options["background"]),
+        background=given(fspath, options["background"]),
         trail=TRAIL if options["trail"] is None else options["trail"],
         poses=poses,
-        start=options.get("start"),
-        end=options.get("end"),
-        zones=read_zones(several(options["zones"])) if options["zones"] else None,
+        zones=_zones_of(options),
+        **_chosen(options, "topic", "start", "end"),
     )
 
 
 def overlay_options(options: Values, logs: LogOptions, *, overwrite: bool = False) -> OverlayOptions:
     """Return what is shown, and how it is found."""
-    from lidarcli.pipeline.inputs.zones import read_zones
     from lidarcli.pipeline.overlay.messages import OverlayOptions
 
-    objects, map_file = options["objects"], options["map"]
     return OverlayOptions(
         detect_options(options, logs, tracking_of()),
-        None if objects is None else path_text(objects),
-        options["with_log"],
-        None if map_file is None else Path(map_file),
-        read_zones(several(options["zones"])) if options["zones"] else None,
-        options["layout"],
-        overwrite,
+        objects=given(path_text, options["objects"]),
+        map=given(Path, options["map"]),
+        zones=_zones_of(options),
+        overwrite=overwrite,
+        **_chosen(options, "with_log", "layout"),
     )
 
 
@@ -380,15 +248,27 @@ def zone_options(options: Values, logs: LogOptions, *, overwrite: bool = False) 
         zones=read_zones(names),
         files=tuple(names),
         detect=detect_options(options, logs, tracking_of()),
-        objects=None if options["objects"] is None else path_text(options["objects"]),
+        objects=given(path_text, options["objects"]),
         find=not options["no_objects"],
-        footprint=None if options["footprint"] is None else parse_footprint(options["footprint"]),
+        footprint=given(parse_footprint, options["footprint"]),
         overwrite=overwrite,
-        clips=None if options["clips"] is None else place(fspath(options["clips"])),
+        clips=given(place_of, options["clips"]),
         around=_around(options["around"]),
     )
     refuse_options(parsed)
     return parsed
+
+
+def _zones_of(options: Values) -> Zones | None:
+    """Return the zones of the files that are named, None where none are."""
+    from lidarcli.pipeline.inputs.zones import read_zones
+
+    return read_zones(several(options["zones"])) if options["zones"] else None
+
+
+def _chosen(options: Values, *names: str) -> dict[str, Any]:
+    """Return the values of some options that are fields of a record, too; None for those that a command does not have."""
+    return {name: options.get(name) for name in names}
 
 
 def background_options(options: Values) -> BackgroundOptions | None:
@@ -398,12 +278,9 @@ def background_options(options: Values) -> BackgroundOptions | None:
         return None
     from lidarcli.pipeline.objects.subtracting import BackgroundOptions
 
-    angle = options["station_angle"]
-    parsed: dict[str, Any] = {
-        "removed": options["removed"],
-        "any_frame": options["any_frame"],
+    parsed = _chosen(options, "removed", "any_frame") | {
         "distance": options["station_distance"],
-        "angle": None if angle is None else math.radians(angle),
+        "angle": given(math.radians, options["station_angle"]),
     }
     if isinstance(background, str | PathLike):
         return BackgroundOptions.of(fspath(background), **parsed)
@@ -418,9 +295,9 @@ def parameters_of(parameters: Parameters | None, options: Values, *, subtracted:
     if parameters is not None:
         if not isinstance(parameters, Parameters):
             raise TypeError(f"parameters have to be Parameters, not {type(parameters).__name__}")
-        asked = sorted(name for name, value in defaults_of(Objects).items() if given[name] != value)
-        if asked:
-            raise TypeError(f"give either parameters or {', '.join(asked)}")
+        changed = sorted(name for name, value in defaults_of(Objects).items() if given[name] != value)
+        if changed:
+            raise TypeError(f"give either parameters or {', '.join(changed)}")
         return parameters
     # What differs from a background is no wall, however wide it is.
     if subtracted and given["max_width"] is None:
@@ -430,6 +307,6 @@ def parameters_of(parameters: Parameters | None, options: Values, *, subtracted:
 
 def refuse_reading(options: Values, group: type, *more: str) -> None:
     """Refuse options of how a log is read (`TypeError`), where sweeps in memory are given."""
-    unasked = defaults_of(group) | dict.fromkeys(more)
-    if asked := [name for name, value in unasked.items() if options[name] != value]:
-        raise TypeError(f"only a log can be read with {', '.join(asked)}")
+    defaults = defaults_of(group) | dict.fromkeys(more)
+    if changed := [name for name, value in defaults.items() if options[name] != value]:
+        raise TypeError(f"only a log can be read with {', '.join(changed)}")

@@ -13,23 +13,12 @@ from lidarcli.files.newfiles import refuse, write_whole
 from lidarcli.files.stores import place
 from lidarcli.formalism.parameters import Parameters
 from lidarcli.options.choices import Look
-from lidarcli.options.groups import (
-    PLOT_RULES,
-    SWEEP,
-    AnyPath,
-    Changed,
-    Delay,
-    Joining,
-    Paths,
-    Plotting,
-    Poses,
-    Ranges,
-    Reporting,
-    TableOrPath,
-    Tables,
-)
+from lidarcli.options.groups import PLOT_RULES, Plotting, Reporting
+from lidarcli.options.reading import Delay, Joining, Poses, Ranges
 from lidarcli.options.times import as_time
-from lidarcli.pipeline.api.options import Values, plot_options, refuse_reading, several, with_keywords
+from lidarcli.options.values import SWEEP, AnyPath, Changed, Paths, TableOrPath, Tables
+from lidarcli.pipeline.api.keywords import with_keywords
+from lidarcli.pipeline.api.options import Values, plot_options, refuse_reading, several
 from lidarcli.pipeline.inputs.search import files_of, find_logs, one_log
 from lidarcli.pipeline.inputs.tables import TableSet, table_files, tables_of
 from lidarcli.pipeline.plotting import picture_of, sweep_at, take_pictures, write_pictures
@@ -128,10 +117,10 @@ def _tracks(tables: Tables | None, log: str) -> str | TableSet | None:
     found = [each for each in given if not isinstance(each, HeldTable)]
     if len(found) < len(given):
         raise OptionError("--tracks: give what track returns, not a table of changes")
-    mine = [each for each in found if isinstance(each, TableSet) and each.log == log]
-    if len(found) != 1 and len(mine) != 1:
+    own = [each for each in found if isinstance(each, TableSet) and each.log == log]
+    if len(found) != 1 and len(own) != 1:
         raise OptionError(f"--tracks: give the tables of {log or 'one log'}, not those of {len(found)} logs")
-    return found[0] if len(found) == 1 else mine[0]
+    return found[0] if len(found) == 1 else own[0]
 
 
 @dataclass(frozen=True, slots=True, repr=False)
@@ -139,7 +128,7 @@ class RunReport:
     """Report on one or many runs. `print` shows it as text, a notebook as the page with the viewer of the sweeps."""
 
     _made: Report
-    _asked: ReportOptions
+    _options: ReportOptions
 
     @property
     def figures(self) -> Mapping[str, float | None]:
@@ -167,18 +156,18 @@ class RunReport:
 
     def __repr__(self) -> str:
         report, figures = self._made, self.figures
-        held = sum(verdict.holds for verdict in self.checks)
-        judged = f", {held} of {len(self.checks)} checks hold" if self.checks else ""
+        holding = sum(verdict.holds for verdict in self.checks)
+        verdict = f", {holding} of {len(self.checks)} checks hold" if self.checks else ""
         if "objects" not in figures:
-            return f"<report on {report.lines[0]}{judged}>"
-        return f"<report on {report.title}: {figures['sweeps']:,.0f} sweeps, {figures['objects']:,.0f} objects{judged}>"
+            return f"<report on {report.lines[0]}{verdict}>"
+        return f"<report on {report.title}: {figures['sweeps']:,.0f} sweeps, {figures['objects']:,.0f} objects{verdict}>"
 
     def __str__(self) -> str:
         return render(self._made, "text")
 
     def _repr_html_(self) -> str:
         # Who only looks at figures does not wait for what the viewer shows.
-        made = self._made if self._made.page is not None else make_report(self._asked, viewer=True)
+        made = self._made if self._made.page is not None else make_report(self._options, viewer=True)
         # The page is a document of its own, with a style and a script that are not to meet the notebook's.
         page = escape(render(made, "html"), quote=True)
         return (
@@ -219,21 +208,21 @@ def report(
         A file cannot be written.
     """
     check = options["check"]
-    asked = ReportOptions(
+    parsed = ReportOptions(
         tables=tuple(tables_of(tables)),
         checks=(check,) if isinstance(check, str) else tuple(check),
         baseline=tuple(tables_of(options["baseline"])),
         logs=tuple(several(options["log"])),
         join=options["join"],
     )
-    understand(asked)
+    understand(parsed)
     files = {place(name): format_of(place(name)) for name in several(output)}
-    read = map(str, table_files(each for each in (*asked.tables, *asked.baseline) if isinstance(each, str)))
-    refuse(files, True, [*read, *files_of(find_logs(asked.logs))], devices=True)
-    made = make_report(asked, viewer="html" in files.values())
+    read = map(str, table_files(each for each in (*parsed.tables, *parsed.baseline) if isinstance(each, str)))
+    refuse(files, True, [*read, *files_of(find_logs(parsed.logs))], devices=True)
+    made = make_report(parsed, viewer="html" in files.values())
     for problem in made.problems:
         warn(problem)
     for file, form in files.items():
         for note in write_whole(file, encoded(render(made, form)), overwrite=True, devices=True):
             warn(note)
-    return RunReport(made, asked)
+    return RunReport(made, parsed)

@@ -13,30 +13,13 @@ import pyarrow as pa
 from lidarcli.errors import OptionError, warn
 from lidarcli.files.stores import place
 from lidarcli.formalism import Parameters
-from lidarcli.options.groups import (
-    AnyPath,
-    Detecting,
-    Exporting,
-    Paths,
-    Reading,
-    Tabling,
-    Tracking,
-    parse_names,
-    parse_numbers,
-)
-from lidarcli.options.groups import Tables as GivenTables
-from lidarcli.pipeline.api.options import (
-    Progress,
-    Values,
-    detect_options,
-    log_options,
-    memory_of,
-    refuse_reading,
-    sources_of,
-    tracking_of,
-    watched,
-    with_keywords,
-)
+from lidarcli.options.groups import Exporting
+from lidarcli.options.objects import Detecting, Tabling, Tracking
+from lidarcli.options.reading import Reading
+from lidarcli.options.values import AnyPath, Paths, parse_names, parse_numbers
+from lidarcli.options.values import Tables as GivenTables
+from lidarcli.pipeline.api.keywords import Progress, sources_of, watched, with_keywords
+from lidarcli.pipeline.api.options import Values, detect_options, log_options, memory_of, refuse_reading, tracking_of
 from lidarcli.pipeline.detecting import TrackTables, of_batches, of_logs
 from lidarcli.pipeline.exporting import chosen, export_file, format_of
 from lidarcli.pipeline.inputs.tables import remember_sweeps, tables_to_export
@@ -180,11 +163,11 @@ def narrowed(tables: Mapping[str, pa.Table], columns: Sequence[str]) -> dict[str
     """Return of each table the columns that it has (`OptionError` where none has one)."""
     if [*columns] == ["brief"]:
         return {name: table.select(BRIEF[name]) for name, table in tables.items()}
-    there = [*dict.fromkeys(name for table in tables.values() for name in table.column_names)]
+    known = [*dict.fromkeys(name for table in tables.values() for name in table.column_names)]
     for name in columns:
-        if name not in there:
-            near = get_close_matches(str(name), there, 1)
-            hint = f"did you mean {near[0]}?" if near else f"there are {', '.join(there)}"
+        if name not in known:
+            near = get_close_matches(str(name), known, 1)
+            hint = f"did you mean {near[0]}?" if near else f"there are {', '.join(known)}"
             raise OptionError(f"--columns: no table has a column {name}; {hint}")
     return {kind: table.select([name for name in columns if name in table.column_names]) for kind, table in tables.items()}
 
@@ -196,7 +179,7 @@ def _frame(table: pa.Table) -> pd.DataFrame:
     # Numbers and truths that may be missing: numpy would make fractions of one, and objects of the other.
     nullable = {pa.int32(): pd.Int32Dtype(), pa.int64(): pd.Int64Dtype(), pa.bool_(): pd.BooleanDtype()}
     frame: pd.DataFrame = table.to_pandas(types_mapper=nullable.get)
-    # What a report tells of the run, and of damage.
+    # What a report says on the run, and on damage.
     frame.attrs = dict[Any, Any](notes_of(table))
     return frame
 

@@ -1,0 +1,78 @@
+"""Values of options: their types for Python, their limits, and how texts are parsed; headings of the help."""
+
+from collections.abc import Iterable
+from os import PathLike
+from typing import Any, Protocol
+
+from lidarcli.errors import OptionError
+from lidarcli.options import choices
+from lidarcli.options.forms import File, Number, Text
+
+AnyPath = str | PathLike[str]
+Paths = AnyPath | Iterable[AnyPath]
+"""One file, folder, pattern or URL, or several."""
+
+
+class Table(Protocol):
+    """A table in memory: of Arrow, pandas, polars or any library that hands out Arrow streams."""
+
+    def __arrow_c_stream__(self, requested_schema: object | None = None) -> object: ...
+
+
+TableOrPath = AnyPath | Table | tuple[Any, ...]
+"""A table in memory or its path, or the named tuple of tables that a function returned."""
+Tables = TableOrPath | Iterable[TableOrPath]
+"""One table of the kinds that lidarcli makes, or several."""
+
+
+class Changed(Protocol):
+    """A table of changes with all else that `diff` returns."""
+
+    changes: Any
+
+
+STDOUT = "-"
+"""As the name of an output: standard output."""
+
+OUTPUT, MANY = "Output", "Many logs"
+CHECKS = "Checks"
+
+
+def parse_time_text(text: str) -> Any:
+    """Seconds after the first sweep, or an `Instant`."""
+    from lidarcli.options.times import parse_time
+
+    found = parse_time(text)
+    if isinstance(found, float) and found < 0:
+        raise OptionError(f"{text} is below 0")
+    return found
+
+
+def metres(text: str, words: str, form: Number) -> float:
+    """A number of metres; `words` begin the refusal of what is none."""
+    try:
+        float(text)
+    except ValueError:
+        raise OptionError(f"'{text}' is {words} nor a number of metres") from None
+    return form.parse(text)
+
+
+def parse_names(text: str) -> tuple[str, ...]:
+    """Names of columns, comma separated."""
+    return tuple(name for part in text.split(",") if (name := part.strip()))
+
+
+def parse_numbers(text: str) -> tuple[int, ...]:
+    """Numbers of tracks, comma separated."""
+    wrong = next((part for part in text.split(",") if not part.strip().isdecimal()), None)
+    if wrong is not None:
+        raise OptionError(f"'{wrong}' is no number of a track; give them as 4,6")
+    return tuple(dict.fromkeys(int(part) for part in text.split(",")))
+
+
+WIDTH, LENGTH = Number("METRES", 0, above=True), Number("METRES", 0)
+COUNT, COUNT_OR_NONE = (Number("N", 1, choices.MAX_COUNT, whole=True), Number("N", 0, choices.MAX_COUNT, whole=True))
+TURN = Number("DEGREES", 0, above=True)
+SWEEP = Number("N", 0, choices.LAST_SWEEP, whole=True)
+TIME = Text("TIME", parse_time_text)
+INPUT = File("LOG")
