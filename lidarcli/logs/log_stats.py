@@ -5,7 +5,7 @@ from __future__ import annotations
 import shlex
 from collections import Counter
 from collections.abc import Collection, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from itertools import pairwise
 from types import SimpleNamespace
 
@@ -140,21 +140,17 @@ class LogStats:
             by_view = view * (scan_time if scan_time is not None and scan_time < LONG * period else period)
         ratio = 0.0 if period is None or not scan_time else period / scan_time
         stats = SimpleNamespace(
+            **{each.name: getattr(self, each.name) for each in fields(self)},
             topic=sensor.topic,
             clock=clock,
             offset=abs(clock.offset or 0.0),
             side="before" if (clock.offset or 0.0) < 0 else "after",
-            counts=self.counts,
-            between=self.between,
             beams_span=list(self.counts),
-            views=self.views,
             view_span=list(self.views),
             views_degrees=np.degrees(self.views),
             lost=lost,
             most_lost=max(KINDS, key=lambda kind: lost[kind]),
             too_close=self.kinds["too_close"] / beams,
-            repeats=self.repeats,
-            compared=self.compared,
             period=period,
             scan_time=scan_time,
             missing=ratio - 1.0,
@@ -165,8 +161,6 @@ class LogStats:
             by_view_shown=_short(by_view),
             lacks_frame=lacks_frame,
             slashed=sensor.frame.startswith("/"),
-            sweeps=self.sweeps,
-            unlimited=self.unlimited,
         )
         return judge(LOG_RULES, stats, sensor, known)
 

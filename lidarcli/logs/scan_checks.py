@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Collection
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from functools import partial
 from types import SimpleNamespace
 
@@ -207,11 +207,8 @@ class SweepStats:
         shown, side = in_words(abs(astray)), "ahead of" if astray > 0 else "behind"
         every = f"--every {clock.copies}" if clock.copies > 1 and alone else ""
         stats = SimpleNamespace(
-            **{each: getattr(self, each) for each in ("some", "beams", "wide", "coarse", "fine", "step", "view", "off")},
-            **{
-                each: getattr(self, each)
-                for each in ("is_far", "turns", "compared", "frozen", "blind", "zeros", "examined")
-            },
+            **{each.name: getattr(self, each.name) for each in fields(self)},
+            is_far=self.is_far,
             zeros_share=self.zeros / max(self.examined, 1),
             zeros_degrees=np.degrees(self.most_zeros),
             clock=clock,

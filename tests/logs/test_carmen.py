@@ -255,6 +255,13 @@ def test_bad_lines_are_left_out_and_counted(tmp_path: Path) -> None:
     assert run(["info", str(tmp_path / "run.log")]) == 3
 
 
+@pytest.mark.parametrize("end", ["\n", ""])
+def test_more_ranges_than_any_sensor_has_are_refused(end: str, tmp_path: Path) -> None:
+    log = log_of(tmp_path, f"{flaser()}FLASER 500000 1.0{end}")
+    assert sum(map(len, log.scans())) == 1
+    assert (log.report.damage, [*log.report.refused.values()]) == ([], [1])
+
+
 @pytest.mark.parametrize(
     ("line", "cause"),
     [
