@@ -32,8 +32,9 @@ from lidarcli.sweeps.finding_rules import (
     SWEEP_RULES,
     UNUSABLE,
     WIDEST_VIEW,
+    judge,
 )
-from lidarcli.sweeps.findings import Finding, Sensor, judge
+from lidarcli.sweeps.findings import Finding, Sensor
 from lidarcli.sweeps.range_rules import FARTHEST
 from lidarcli.sweeps.types import TURN, Bool, Float32, Float64, Int64, RawSweeps, Status, SweepBatch, spared
 

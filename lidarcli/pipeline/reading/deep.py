@@ -41,8 +41,9 @@ from lidarcli.sweeps.finding_rules import (
     MOUNT,
     MOUNT_UNKNOWN,
     STAMP,
+    judge,
 )
-from lidarcli.sweeps.findings import IDS, Finding, Fix, Sensor, judge, transform_lines
+from lidarcli.sweeps.findings import IDS, Finding, Fix, Sensor, transform_lines
 from lidarcli.sweeps.masks import Mask, Masks, Mount, Sector
 from lidarcli.sweeps.types import TURN, Bool, Float64, Int64, Status, SweepBatch, UInt8
 
