@@ -13,8 +13,8 @@ import numpy as np
 
 from lidarcli.logs.clock import ClockInfo, Sample
 from lidarcli.logs.scan_checks import THIN, range_bytes
-from lidarcli.sweeps.finding_rules import ASIDE, FASTEST, LOG_RULES, LONG, REPEATED_TOPIC
-from lidarcli.sweeps.findings import Finding, Sensor, judge
+from lidarcli.sweeps.finding_rules import ASIDE, FASTEST, LOG_RULES, LONG, REPEATED_TOPIC, judge
+from lidarcli.sweeps.findings import Finding, Sensor
 from lidarcli.sweeps.types import TURN, RawSweeps, Status, SweepBatch
 
 MAX_COMPARED, MIN_COMPARED = 2000, 10

@@ -15,8 +15,18 @@ import numpy as np
 
 from lidarcli.logs.base import ReadReport
 from lidarcli.logs.clock import NO_STAMPS, SAME_NS, Clock, ClockInfo, in_words
-from lidarcli.sweeps.finding_rules import CERTAINLY_MM, FAR, FINEST_STEP, OFTEN, SOME, SWEEP_RULES, UNUSABLE, WIDEST_VIEW
-from lidarcli.sweeps.findings import Finding, Sensor, judge
+from lidarcli.sweeps.finding_rules import (
+    CERTAINLY_MM,
+    FAR,
+    FINEST_STEP,
+    OFTEN,
+    SOME,
+    SWEEP_RULES,
+    UNUSABLE,
+    WIDEST_VIEW,
+    judge,
+)
+from lidarcli.sweeps.findings import Finding, Sensor
 from lidarcli.sweeps.range_rules import FARTHEST
 from lidarcli.sweeps.types import TURN, Bool, Float32, Float64, Int64, RawSweeps, Status, SweepBatch, spared
 

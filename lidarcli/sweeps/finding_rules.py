@@ -7,10 +7,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Collection, Iterable
 from typing import Any
 
-from lidarcli.sweeps.findings import Level, Rule
+from lidarcli.sweeps.findings import Finding, Level, Rule, Sensor
 from lidarcli.sweeps.types import TURN, spared
 
 FAR = 200.0
@@ -486,3 +486,15 @@ LOST_SECTORS = Rule(
     "sectors valid others",
     {"others": OTHERS_VALID},
 )
+
+
+def judge(rules: Iterable[Rule], stats: Any, sensor: Sensor, known: Collection[str] = ()) -> list[Finding]:
+    """Return the findings on a sensor by its statistics; `known` are identifiers of those that there are already."""
+    findings = []
+    ended: set[str] = set()
+    for rule in rules:
+        if rule.chain in ended or not set(rule.unless).isdisjoint(known) or not rule.holds(stats):
+            continue
+        ended |= {rule.chain} - {""}
+        findings.append(rule.finding(stats, sensor))
+    return findings

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import shlex
-from collections.abc import Callable, Collection, Iterable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import asdict, dataclass, field, replace
 from operator import attrgetter
 from typing import Any, Literal, NamedTuple
@@ -117,18 +117,6 @@ class Rule:
         )
         option = self.fix.format(stats)
         return replace(found, fix=Fix("option", option) if option else getattr(stats, "fix", None))
-
-
-def judge(rules: Iterable[Rule], stats: Any, sensor: Sensor, known: Collection[str] = ()) -> list[Finding]:
-    """Return the findings on a sensor by its statistics; `known` are identifiers of those that there are already."""
-    findings = []
-    ended: set[str] = set()
-    for rule in rules:
-        if rule.chain in ended or not set(rule.unless).isdisjoint(known) or not rule.holds(stats):
-            continue
-        ended |= {rule.chain} - {""}
-        findings.append(rule.finding(stats, sensor))
-    return findings
 
 
 def transform_lines(parent: str, child: str, x: float, y: float, yaw: float) -> str:

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from math import atan2, cos, hypot, inf, nan, pi, sin, sqrt, tan
+from math import atan2, cos, inf, nan, pi, sin, sqrt, tan
 
 import numpy as np
 import pytest
 
-from lidarcli.formalism import SHAPES, VERTEX_KINDS, VISIBILITIES, Detection, Parameters, detect
+from lidarcli.formalism import Detection, Parameters, detect
 from tests.formalism.batches import batch_of
 from tests.formalism.reference import EACH_BEARING_ONCE, FIRST_BEARING_TWICE, Sweep
 
@@ -70,66 +70,6 @@ def rectangle(x: float, y: float, length: float, width: float, yaw: float = 0.0)
 ROOM = rectangle(0.3, -0.2, 8.0, 6.0)
 
 
-def kinds(found: Detection, k: int = 0) -> list[str]:
-    at = slice(found.vertex_offsets[k], found.vertex_offsets[k + 1])
-    return [VERTEX_KINDS[kind] for kind in found.vertex_kind[at]]
-
-
-def names(codes: np.ndarray, table: tuple[str, ...]) -> list[str]:
-    return [table[code] for code in codes]
-
-
-def test_a_box_seen_squarely_has_one_face_and_no_corner() -> None:
-    found = robust(turn([*ROOM, *rectangle(2.2, 0.0, 0.4, 0.5)]))
-    # The front at x = 2 is seen for |tan θ| ≤ 0.25 / 2; beams stand every half degree from 0.
-    last = int(atan2(0.25, 2.0) / (0.5 * DEGREE)) * 0.5 * DEGREE
-    assert len(found) == 1
-    assert found.theta_i[0] == pytest.approx(-last, abs=1e-9)
-    assert found.theta_f[0] == pytest.approx(last, abs=1e-9)
-    assert found.width[0] == pytest.approx(4 * tan(last), abs=1e-6)
-    assert (found.r_min[0], found.theta_min[0]) == (pytest.approx(2.0, abs=1e-6), pytest.approx(0, abs=1e-9))
-    # r has a smooth minimum at the foot of the perpendicular: f' = 0, but no corner.
-    assert kinds(found) == ["start", "end"]
-    # Its edges are between two beams: it ends in the middle, on average.
-    front = 4 * tan(last + 0.25 * DEGREE)
-    assert found.face_length[0] == pytest.approx(front, abs=1e-6)
-    assert found.face_rms[0] < 1e-6
-    box = (found.box_x[0], found.box_y[0], found.box_length[0], found.box_width[0])
-    assert box == pytest.approx((2.0, 0.0, front, 0.0), abs=1e-6)
-    assert abs(found.box_yaw[0]) == pytest.approx(pi / 2, abs=1e-6)
-    assert names(found.visibility, VISIBILITIES) == ["full"]
-    assert names(found.shape, SHAPES) == ["prismatic"]
-    # Behind it the wall at x = 4.3: s = 2 / cos θ - 4.3 / cos θ' on entering, one beam apart.
-    outside = last + 0.5 * DEGREE
-    step = 4.3 / cos(outside) - 2 / cos(last)
-    assert (found.s_i[0], found.s_f[0]) == (pytest.approx(-step, abs=1e-6), pytest.approx(step, abs=1e-6))
-
-
-def test_a_box_seen_over_its_corner_has_two_faces() -> None:
-    # A square of 0.6 m, one corner towards the sensor at (2, 0).
-    side, far = 0.6, 0.6 / sqrt(2)
-    found = robust(turn([*ROOM, *rectangle(2 + far, 0.0, side, side, pi / 4)]))
-    assert len(found) == 1
-    assert kinds(found) == ["start", "corner", "end"]
-    corner = found.vertex_offsets[0] + 1
-    assert found.vertex_theta[corner] == pytest.approx(0.0, abs=1e-9)
-    assert found.vertex_r[corner] == pytest.approx(2.0, abs=1e-6)
-    # The last beam that meets a face: r (cos θ - sin θ) = 2 on the line x - y = 2, from (2, 0) on.
-    last = int(atan2(far, 2 + far) / (0.5 * DEGREE)) * 0.5 * DEGREE
-    r = 2 / (cos(last) - sin(last))
-    # The face ends between that beam and the next: in the middle, on average.
-    past = 2 / (cos(last + 0.25 * DEGREE) - sin(last + 0.25 * DEGREE))
-    seen = hypot(past * cos(last + 0.25 * DEGREE) - 2, past * sin(last + 0.25 * DEGREE))
-    assert found.face_length.tolist() == pytest.approx([seen, seen], abs=1e-6)
-    assert found.theta_f[0] == pytest.approx(last, abs=1e-9)
-    assert found.width[0] == pytest.approx(2 * r * sin(last), abs=1e-6)
-    # The box spans what is seen of both faces: a square on the corner.
-    assert (found.box_length[0], found.box_width[0]) == pytest.approx((seen, seen), abs=1e-6)
-    assert (found.box_x[0], found.box_y[0]) == pytest.approx((2 + seen / sqrt(2), 0.0), abs=1e-6)
-    assert abs(found.box_yaw[0]) == pytest.approx(pi / 4, abs=1e-6)
-    assert names(found.shape, SHAPES) == ["prismatic"]
-
-
 @pytest.mark.parametrize(("beams", "closing"), [(720, EACH_BEARING_ONCE), (721, FIRST_BEARING_TWICE)])
 def test_an_object_across_the_seam_is_one_object(beams: int, closing: str) -> None:
     sweep = turn([*ROOM, *rectangle(-2.2, 0.0, 0.4, 0.5)], beams=beams, closing=closing)
@@ -173,21 +113,6 @@ def test_what_surrounds_the_sensor_without_a_break_is_no_object(walls: bool) -> 
         found = robust(Sweep([0.6] * beams, -pi, 2 * pi / 360, closing), walls=walls)
         assert found.objects.tolist() == [0]
         assert found.noise_beams.tolist() == [beams]
-
-
-def test_walls_are_reported_on_request_and_belong_to_noise() -> None:
-    sweep = turn([*ROOM, *rectangle(2.2, 0.0, 0.4, 0.5)])
-    found = robust(sweep, walls=True)
-    assert names(found.shape, SHAPES) == ["prismatic", "wall"]
-    assert found.object.tolist() == [1, 2]
-    assert found.objects.tolist() == [1]
-    # The four corners of the room, in the order of their bearings from the left edge of the box on. A corner lies
-    # between two beams, either of which may stand for it; the end point fit may add vertices where both do.
-    assert (kinds(found, 1)[0], kinds(found, 1)[-1]) == ("start", "end")
-    inner = found.vertex_theta[found.vertex_offsets[1] + 1 : found.vertex_offsets[2] - 1]
-    corners = np.array([atan2(2.8, 4.3), atan2(2.8, -3.7), atan2(-3.2, -3.7) + 2 * pi, atan2(-3.2, 4.3) + 2 * pi])
-    away = np.abs(inner[:, None] - corners)
-    assert away.min(axis=0).max() < 0.5 * DEGREE
 
 
 def test_a_box_that_touches_a_wall_is_carved_out_of_it() -> None:

@@ -1,1 +1,1 @@
-"""Matching (§3): things of interest, and the same things in several runs."""
+"""Matching (§3): objects of interest, and the same objects in several runs."""

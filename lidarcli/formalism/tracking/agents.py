@@ -195,18 +195,18 @@ def _balance(sightings: Any, keyframes: Keyframes, at: Int64, step: Int64, sweep
 
 def _chance(place: Any, balance: Float64, moves: Bool) -> tuple[float, int]:
     """Return the probability that a stretch goes, by its places, and the first one from which on it does."""
-    told = moves & ~np.isnan(balance)
-    free = np.flatnonzero(told & (balance > 0.0))
+    decided = moves & ~np.isnan(balance)
+    free = np.flatnonzero(decided & (balance > 0.0))
     if len(free) < 2:
         return 0.0, 0
     off = place[free] - place[free].mean()
     axis = np.sqrt((off * off).mean())
     along = (off * np.conj(axis)).real / max(abs(axis), 1e-9)
-    way = float(np.ptp(along))
-    share = (along - along.min()) / max(way, 1e-9)
+    length = float(np.ptp(along))
+    share = (along - along.min()) / max(length, 1e-9)
     between = np.count_nonzero((share > AGENTS.between) & (share < 1.0 - AGENTS.between))
-    step = float(np.abs(np.diff(place)).max()) / max(way, AGENTS.shortest_path)
-    odds = AGENTS.odds + AGENTS.balance * float(balance[told].mean()) + AGENTS.places * math.log1p(between)
+    step = float(np.abs(np.diff(place)).max()) / max(length, AGENTS.shortest_path)
+    odds = AGENTS.odds + AGENTS.balance * float(balance[decided].mean()) + AGENTS.places * math.log1p(between)
     odds += AGENTS.step * math.log(step + AGENTS.min_step_share)
     return 1.0 / (1.0 + math.exp(-odds)), int(free[0])
 
@@ -222,7 +222,7 @@ def own_body(sightings: Any, mine: Int64, known: set[complex]) -> Bool:
     if len(near):
         sweeps, firsts = np.unique(sightings.sweep[mine], return_index=True)
         travelled = sightings.travelled[mine[firsts]]
-        way = dict(zip(sweeps.tolist(), np.diff(travelled, prepend=travelled[0]).tolist(), strict=True))
+        steps = dict(zip(sweeps.tolist(), np.diff(travelled, prepend=travelled[0]).tolist(), strict=True))
         if np.ptp(travelled) >= AGENTS.body_path:
             seen: dict[complex, set[int]] = {}
             for one, sweep in zip(cell.tolist(), sightings.sweep[mine[near]].tolist(), strict=True):
@@ -230,7 +230,7 @@ def own_body(sightings: Any, mine: Int64, known: set[complex]) -> Bool:
             around = [complex(i, k) for i in (-1, 0, 1) for k in (-1, 0, 1)]
             for one in seen:
                 there = set().union(*(seen.get(one + each, ()) for each in around))
-                if sum(way[sweep] for sweep in there) >= AGENTS.body_share * np.ptp(travelled):
+                if sum(steps[sweep] for sweep in there) >= AGENTS.body_share * np.ptp(travelled):
                     known.add(one)
         own[near] = np.isin(cell, np.array([*known], complex))
     return own

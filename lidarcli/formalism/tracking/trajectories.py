@@ -54,7 +54,7 @@ class Path:
     moving: UInt8
     """(S,) 1 where it moves."""
 
-    def add_way(self, sweeps: Sweeps) -> None:
+    def add_distance(self, sweeps: Sweeps) -> None:
         """Add the path of the piece to that of the track, apart what sweeps observed of it and what they did not."""
         track, place, stop = self.track, self.path[:, :2], self.begin + len(self.codes)
         seen = self.codes & PARTS_MASK > 0
@@ -63,9 +63,9 @@ class Path:
         rows = sweeps.of(self.begin - lead, stop)
         step = seen_steps(rows["seconds"], np.pad(seen, (lead, 0), constant_values=True), rows["sensor"])[lead:]
         goes_on = track.path_stop >= 0 and self.moving.any()
-        way = np.hypot(*np.diff(place, axis=0, prepend=[[track.x, track.y]] if goes_on else place[:1]).T)
-        track.distance += float(way[step & (self.moving == 1)].sum())
-        track.distance_hidden += float(way[~step].sum())
+        steps = np.hypot(*np.diff(place, axis=0, prepend=[[track.x, track.y]] if goes_on else place[:1]).T)
+        track.distance += float(steps[step & (self.moving == 1)].sum())
+        track.distance_hidden += float(steps[~step].sum())
         track.seen_ns += int(np.diff(rows["stamp_ns"], prepend=rows["stamp_ns"][:1])[lead:][step].sum())
         track.seen_stop = stop if seen[-1] else -1
 
@@ -178,7 +178,7 @@ def standing(sweeps: Sweeps, tracks: list[Track]) -> Iterator[Trajectories]:
 def joined(sweeps: Sweeps, pieces: list[Path]) -> Trajectories:
     """Return the rows of pieces of paths, one after the other, and add their paths to those of the tracks."""
     for piece in pieces:
-        piece.add_way(sweeps)
+        piece.add_distance(sweeps)
     lengths = [len(piece.codes) for piece in pieces]
     return sweeps.rows(
         np.repeat([piece.track.number for piece in pieces], lengths).astype(np.int64),

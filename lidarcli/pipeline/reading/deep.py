@@ -20,19 +20,19 @@ from lidarcli.pipeline.reading.mounts import (
     MIN_BEAMS,
     MIN_STEPS,
     SECTOR,
-    _Calibrated,
-    _calibrated,
-    _lasers_finding,
-    _mount_finding,
-    _Sensor,
-    _stamp_finding,
+    Calibrated,
+    SensorSamples,
+    calibrate,
+    lasers_finding,
+    mount_finding,
+    stamp_finding,
 )
 from lidarcli.pipeline.reading.needs import NONE, Need, PoseOptions
 from lidarcli.pipeline.reading.posing import PoseAttacher
 from lidarcli.pose.findings import Key
 from lidarcli.pose.frames import FrameTree
-from lidarcli.sweeps.finding_rules import BODY, BODY_UNKNOWN, FLICKER, FLICKERS, LOST_SECTORS
-from lidarcli.sweeps.findings import IDS, Finding, Fix, judge
+from lidarcli.sweeps.finding_rules import BODY, BODY_UNKNOWN, FLICKER, FLICKERS, LOST_SECTORS, judge
+from lidarcli.sweeps.findings import IDS, Finding, Fix
 from lidarcli.sweeps.masks import Mask, Masks, Mount, Sector
 from lidarcli.sweeps.types import TURN, Bool
 
@@ -59,7 +59,7 @@ def deep_findings(
         read = ReadOptions(choice.wanted or None, run=read.run or posing.longest, rules=masking.rules)
         posing = posing.of_run(read.run)
         sources = None if posing.found is None else posing.found.sources
-        sensors: dict[Key, _Sensor] = {}
+        sensors: dict[Key, SensorSamples] = {}
         for batch in read_batches(log, read, ReadReport(), choice):
             for frame, _, sweeps in batch.by_frame():
                 key = batch.topic, frame
@@ -67,12 +67,12 @@ def deep_findings(
                     if len(sensors) == MAX_SENSORS:
                         continue
                     chain = None if sources is None or poses.source == NONE else sources.chain(frame, batch.topic)
-                    sensors[key] = _Sensor(*key, posing.paths.get(key), chain, poses.delay or 0.0)
+                    sensors[key] = SensorSamples(*key, posing.paths.get(key), chain, poses.delay or 0.0)
                 sensors[key].add(sweeps)
         links = [] if sources is None else [one for one in sources.tracks if one.is_link and one.static]
         findings: list[Finding] = []
         mounts: list[Mount] = []
-        firsts: dict[str, tuple[_Sensor, _Calibrated | None]] = {}
+        firsts: dict[str, tuple[SensorSamples, Calibrated | None]] = {}
         frames: set[Key] = set()
         for key in sorted(sensors):
             sensor = sensors[key]
@@ -88,12 +88,12 @@ def deep_findings(
             # Lasers of several robots are not next to each other.
             world = next(iter(firsts), "") if sensor.chain is None else world
             if world not in firsts:
-                calibrated = _calibrated(sensor)
-                finding, mount = _mount_finding(sensor, calibrated)
+                calibrated = calibrate(sensor)
+                finding, mount = mount_finding(sensor, calibrated)
                 firsts[world] = sensor, calibrated
-                findings += finding + _stamp_finding(sensor, calibrated)
+                findings += finding + stamp_finding(sensor, calibrated)
             else:
-                finding, mount = _lasers_finding(*firsts[world], sensor, FrameTree(links, sensor.topic))
+                finding, mount = lasers_finding(*firsts[world], sensor, FrameTree(links, sensor.topic))
                 findings += finding
             mounts += mount
         findings.sort(key=lambda one: (IDS.index(one.id), one.topic, one.frame))
@@ -115,7 +115,7 @@ def _masking(log: Log, read: ReadOptions, poses: PoseOptions, choice: TopicChoic
     return masking, PoseAttacher.of(log, poses, choice, replace(read, rules=masking.rules), need=Need.ALL)
 
 
-def _body(sensor: _Sensor, masking: MaskRules) -> list[Finding]:
+def _body(sensor: SensorSamples, masking: MaskRules) -> list[Finding]:
     """Return the findings on beams that end on the robot itself."""
     masks: list[Mask] = [mask for mask in masking.learned.masks if mask.topic == sensor.topic]
     if not masks:
@@ -136,7 +136,7 @@ def _body(sensor: _Sensor, masking: MaskRules) -> list[Finding]:
     return judge([BODY], body, sensor.named)
 
 
-def _flickering(sensor: _Sensor) -> list[Finding]:
+def _flickering(sensor: SensorSamples) -> list[Finding]:
     """Return the findings on sectors that flicker, and on those that are always lost though the sensor turned."""
     counts = sensor.flicker
     if counts.sweeps <= MIN_STEPS:

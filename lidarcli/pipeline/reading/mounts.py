@@ -46,8 +46,9 @@ from lidarcli.sweeps.finding_rules import (
     MOUNT,
     MOUNT_UNKNOWN,
     STAMP,
+    judge,
 )
-from lidarcli.sweeps.findings import Finding, Fix, Sensor, judge, transform_lines
+from lidarcli.sweeps.findings import Finding, Fix, Sensor, transform_lines
 from lidarcli.sweeps.masks import Mount
 from lidarcli.sweeps.types import TURN, Float64, Int64, Status, SweepBatch, UInt8
 
@@ -75,7 +76,7 @@ MIN_OVERLAP, MIN_WIDTH, MAX_AGAINST = 0.6, np.deg2rad(120.0), 0.05
 width of this [rad], and the greatest share that speaks against it."""
 
 
-class _Sensor:
+class SensorSamples:
     """Samples and counts of one topic and frame."""
 
     def __init__(self, topic: str, frame: str, path: CheckedPath | None, chain: PoseChain | None, delay: float) -> None:
@@ -162,7 +163,7 @@ def _steps(path: CheckedPath, matched: Float64, others: Float64) -> tuple[Float6
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class _Calibrated:
+class Calibrated:
     """The mount and the delay by the sweeps of one sensor."""
 
     logged: Float64
@@ -209,7 +210,7 @@ def _split(chain: PoseChain) -> tuple[tuple[Step, ...], tuple[Step, ...], str]:
     return chain.steps[:count], chain.steps[count:], first.source or first.track.topic.strip("/")
 
 
-def _by_log(sensor: _Sensor) -> _Calibrated | None:
+def _by_log(sensor: SensorSamples) -> Calibrated | None:
     """Return what is known of the mount of a sensor before its sweeps are aligned; None without poses that move."""
     if sensor.chain is None:
         return None
@@ -238,10 +239,10 @@ def _by_log(sensor: _Sensor) -> _Calibrated | None:
     is_known = sensor.path.timing.order != AUTO or last != first
     lasts = (KNOWN_TIME if is_known else 0.5) * sensor.period
     trusted = np.array([np.inf, np.inf, np.inf, max(DELAYS, 2.0 * abs(sensor.delay)), lasts, SCALES, SCALES])
-    return _Calibrated(logged, parent, turned, outlines, poses, start, trusted, stretch)
+    return Calibrated(logged, parent, turned, outlines, poses, start, trusted, stretch)
 
 
-def _calibrated(sensor: _Sensor) -> _Calibrated | None:
+def calibrate(sensor: SensorSamples) -> Calibrated | None:
     """Find the mount and the delay of the poses by the sweeps of a sensor; None where poses say nothing of it."""
     by_log, fit = _by_log(sensor), sensor.path.fit
     if by_log is None or by_log.turned < MIN_TURN or sensor.was_static or fit is None:
@@ -303,7 +304,7 @@ def _placed(place: Mount, deviation: Float64, logged: Float64 | None, fixed: Mou
     )
 
 
-def _mount_finding(sensor: _Sensor, found: _Calibrated | None) -> tuple[list[Finding], list[Mount]]:
+def mount_finding(sensor: SensorSamples, found: Calibrated | None) -> tuple[list[Finding], list[Mount]]:
     """Return the finding on a mount, and the mount that was found where it is another one."""
     if found is None:
         return [], []
@@ -323,7 +324,7 @@ def _mount_finding(sensor: _Sensor, found: _Calibrated | None) -> tuple[list[Fin
     return judge([MOUNT], stats, sensor.named), [mount]
 
 
-def _stamp_finding(sensor: _Sensor, found: _Calibrated | None) -> list[Finding]:
+def stamp_finding(sensor: SensorSamples, found: Calibrated | None) -> list[Finding]:
     """Return the finding that header stamps are those of the middle or of the last beam, where the sweeps show."""
     first, last = sensor.times
     duration = abs(last - first)
@@ -353,8 +354,8 @@ def _stamp_finding(sensor: _Sensor, found: _Calibrated | None) -> list[Finding]:
     return judge([STAMP], stats, sensor.named)
 
 
-def _lasers_finding(
-    first: _Sensor, found: _Calibrated | None, second: _Sensor, tree: FrameTree
+def lasers_finding(
+    first: SensorSamples, found: Calibrated | None, second: SensorSamples, tree: FrameTree
 ) -> tuple[list[Finding], list[Mount]]:
     """Return the finding on the place of a second laser in the frame of the first one, and its mount; `tree`: static."""
     logged = None
@@ -384,7 +385,9 @@ def _lasers_finding(
     return judge([LASERS, LASERS_UNTOLD], stats, second.named), [mount]
 
 
-def _driving(first: _Sensor, second: _Sensor, found: _Calibrated | None, logged: Float64 | None) -> CalibrationResult | str:
+def _driving(
+    first: SensorSamples, second: SensorSamples, found: Calibrated | None, logged: Float64 | None
+) -> CalibrationResult | str:
     """Place both lasers by the path of the first, and find where the second is by the map of both; else why not."""
     chain = first.path.chain
     if chain is None:
@@ -422,7 +425,7 @@ def _driving(first: _Sensor, second: _Sensor, found: _Calibrated | None, logged:
     return min(tried, key=lambda one: cells_filled(outlines, placing(one.values), stretch))
 
 
-def _standing(first: _Sensor, second: _Sensor) -> CalibrationResult | str:
+def _standing(first: SensorSamples, second: SensorSamples) -> CalibrationResult | str:
     """Lay what the second laser sees on what the first one sees, while both are static; else return why that cannot be."""
     parts = [first.outlines(), second.outlines()]
     if not all(len(part) for part in parts):
