@@ -43,7 +43,7 @@ from lidarcli.reports.drawing import (
     sensor,
 )
 from lidarcli.reports.run_pairs import FIRST, Change, RunPair
-from lidarcli.reports.scene import outline_of, printable
+from lidarcli.reports.scene import MAX_NUMBERS, outline_of, printable
 from lidarcli.sweeps.types import Bool, Float32, Float64, Int64
 
 Greys = tuple[float, float, float]
@@ -56,8 +56,6 @@ Y_AXIS = 0.7
 """Width of the y axis next to it [inch]."""
 CHANGE_GREYS = 0.45, 0.9, 1.0
 """Greys of the cells behind changes."""
-MAX_NUMBERS = 60
-"""Most boxes that are numbered."""
 MAX_PIXELS = 4_000
 """A side of the grid with more cells than this is drawn with the darkest of each group of cells."""
 COLUMNS = {

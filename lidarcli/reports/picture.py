@@ -33,6 +33,7 @@ from lidarcli.reports.scene import NARROW, Limits, Picture, limits_of, scene
 
 __all__ = ["Axes", "Figure", "figure_of"]
 WIDTHS = {"all": 7.2, "scene": NARROW, "sweep": 5.04}
+"""View → width of the whole picture [inch]: two columns of a paper, one, or between."""
 CURVE, LOW_CURVE = 1.3, 1.1
 """Height of a curve next to a scene or alone, and of one below a scene [inch]."""
 

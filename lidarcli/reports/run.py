@@ -66,6 +66,7 @@ from lidarcli.reports.wording import (
     resample,
     shade,
     share,
+    short_label,
     spark,
 )
 from lidarcli.sweeps.types import worth_telling
@@ -254,7 +255,7 @@ def _tracks(tracked: TracksSummary) -> Iterator[tuple[str, Section]]:
     for name, group in groups.items():
         if len(groups) > 1:
             blocks.append(Notes([(name,)]))
-        cells = track_cells(group) | {"label": [_short(one.label) for one in group]}
+        cells = track_cells(group) | {"label": [short_label(one.label) for one in group]}
         blocks.append(table_of({name: cells[name] for name in TRACK_CELLS}))
     total = int(tracked.figures["tracks"] or 0)
     title = "Track by track" + (f", {len(shown)} of {total:,}" if total > len(shown) else "")
@@ -293,15 +294,6 @@ def track_cells(tracks: Sequence[Record]) -> dict[str, list[str]]:
         "top speed": column([one.speed_max for one in tracks], " m/s"),
         "end": [one.end for one in tracks],
     }
-
-
-def _short(label: str) -> str:
-    """Return a label that leaves room for the other columns.
-
-    >>> _short("a pallet of the long kind")
-    'a pallet...'
-    """
-    return label if len(label) <= 11 else f"{label[:8].rstrip()}..."
 
 
 def _labels(summary: Summary) -> Iterator[tuple[str, Section]]:

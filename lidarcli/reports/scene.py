@@ -26,7 +26,7 @@ FAR = 1.5
 NARROW = 3.5
 """Width of one column of a paper [inch]; two are 7.2."""
 MAX_NUMBERS = 60
-"""Most objects that are numbered."""
+"""Most objects of a picture that are numbered."""
 DASH = 3.0
 """Length of the dashes of a zone that is not occupied [pt]; the gaps are half as long."""
 

@@ -121,6 +121,15 @@ def percent(part: float) -> str:
     return f"{100 * part:.1f} %"
 
 
+def short_label(label: str) -> str:
+    """Return a label that leaves room for the other columns.
+
+    >>> short_label("a pallet of the long kind")
+    'a pallet...'
+    """
+    return label if len(label) <= 11 else f"{label[:8].rstrip()}..."
+
+
 def course(spans: Sequence[tuple[float, float]], thin: Sequence[tuple[float, float]], width: int) -> str:
     """Return spans, in shares of a time, as a line of `width` characters; thin ones lie lower.
 
