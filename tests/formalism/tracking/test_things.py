@@ -14,6 +14,19 @@ from lidarcli.formalism.tracking.results import BOX, DISC, PERSON
 from lidarcli.formalism.tracking.tracks import LEG_DISTANCE_SD, WHOLE_SIGHTINGS, Track, Tracklet, frame_of_legs
 
 
+def test_where_a_body_and_its_twin_are() -> None:
+    thing = Tracklet(1, yaw=math.pi / 2, c=(1.0, 2.0), static_c=(3.0, 0.0))
+    assert thing.place(still=False) == pytest.approx((-2.0, 1.0))
+    assert thing.place(still=True) == pytest.approx((0.0, 3.0))
+
+
+def test_a_size_is_known_once_it_was_seen_often() -> None:
+    assert not Tracklet(1, whole=WHOLE_SIGHTINGS - 1, size=0.5).size_is_known
+    assert Tracklet(1, whole=WHOLE_SIGHTINGS, size=0.5).size_is_known
+    assert Tracklet(1, kind=PERSON, whole=WHOLE_SIGHTINGS).has_legs
+    assert not Tracklet(1, kind=DISC, whole=WHOLE_SIGHTINGS).has_legs
+
+
 def test_two_sizes_that_differ_are_two_things() -> None:
     small, large = (Tracklet(n, kind=BOX, whole=WHOLE_SIGHTINGS, size=size) for n, size in ((1, 0.3), (2, 1.5)))
     assert joins.differ(small, large)

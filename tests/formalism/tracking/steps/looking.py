@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 
@@ -11,6 +12,8 @@ from lidarcli.formalism.detect import scans
 from lidarcli.formalism.segmentation import Scans
 from lidarcli.formalism.tracking import measurement
 from lidarcli.formalism.tracking.measurement import Detections, Measurements
+from lidarcli.simulation.generate import simulate_sweep_arrays
+from lidarcli.simulation.scene import Course, Entity, Scene, Sensor
 from lidarcli.sweeps.range_rules import RangeRules, normalise
 from lidarcli.sweeps.types import TURN, SweepBatch
 from tests.sweeping import raw_sweeps
@@ -66,3 +69,15 @@ def look_at(
     measurement.extract(meas, detections, laid_out, row)
     measurement.classify_edges(meas)
     return meas, laid_out
+
+
+def seen_from(sensor: Sensor, pose: Pose, *entities: Entity) -> tuple[Measurements, Scans]:
+    """What a sensor at a pose sees of these, upside down where its side is -1."""
+    x, y, yaw, side = pose
+    hung = replace(sensor, angle_min=side * sensor.angle_min, angle_increment=side * sensor.angle_increment)
+    scene = Scene("steps", hung, entities, Course(np.array([[x, y]]), yaw=yaw))
+    raw, _, _ = simulate_sweep_arrays(scene, 1)
+    if side < 0:
+        # Hanging head down, bearings run the other way round.
+        raw = replace(raw, angle_min=-raw.angle_min, angle_increment=-raw.angle_increment)
+    return look_at(normalise(raw, np.arange(1), RangeRules()), pose)
