@@ -15,7 +15,7 @@ from mcap.writer import Writer
 from lidarcli.logs import open_log
 from lidarcli.logs.base import ReadReport
 from lidarcli.simulation.generate import simulate_blocks, simulate_odometry
-from lidarcli.simulation.scene import Sensor, load_scene
+from lidarcli.simulation.scene import SceneSensor, load_scene
 from lidarcli.simulation.writers import write_log
 from lidarcli.sweeps.types import TURN, RawSweeps, concatenate
 
@@ -25,7 +25,7 @@ IMAGE = 250_000
 """Bytes of an image; what its sweeps take is a share of it."""
 
 
-def with_beams(sensor: Sensor, beams: int) -> Sensor:
+def with_beams(sensor: SceneSensor, beams: int) -> SceneSensor:
     """The same sensor with other beams: those of 1081 look over 270°, all others over a closed full turn."""
     if beams == sensor.beams:
         return sensor

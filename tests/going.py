@@ -8,17 +8,17 @@ from typing import Any
 import numpy as np
 
 from lidarcli.simulation.generate import simulate_sweep_arrays
-from lidarcli.simulation.scene import Entity, Scene, Sensor
+from lidarcli.simulation.scene import Entity, Scene, SceneSensor
 from lidarcli.sweeps.range_rules import RangeRules, normalise
 from lidarcli.sweeps.types import TURN, Float64, SweepBatch, SweepPoses
 
 BEAMS = 720
-SPINNING = Sensor(beams=BEAMS, angle_increment=TURN / BEAMS, time_increment=0.1 / BEAMS)
+SPINNING = SceneSensor(beams=BEAMS, angle_increment=TURN / BEAMS, time_increment=0.1 / BEAMS)
 """A full turn in 0.1 s, without noise."""
 SENSORS = {
     "full turn": SPINNING,
     "clockwise": replace(SPINNING, angle_min=np.pi, angle_increment=-TURN / BEAMS),
-    "part of a turn": Sensor(beams=541, angle_min=-2.4, angle_increment=4.8 / 540, time_increment=0.08 / 540),
+    "part of a turn": SceneSensor(beams=541, angle_min=-2.4, angle_increment=4.8 / 540, time_increment=0.08 / 540),
 }
 
 
@@ -41,7 +41,9 @@ class Drive:
         return np.full(len(seconds), np.hypot(*self.rate[:2]))
 
 
-def seen_going(sensor: Sensor, drive: Drive, *entities: Entity, sweeps: int = 1, upside_down: bool = False) -> SweepBatch:
+def seen_going(
+    sensor: SceneSensor, drive: Drive, *entities: Entity, sweeps: int = 1, upside_down: bool = False
+) -> SweepBatch:
     """The sweeps of a sensor on its drive, with poses that tell how it goes."""
     side = -1.0 if upside_down else 1.0
     hung = replace(sensor, angle_min=side * sensor.angle_min, angle_increment=side * sensor.angle_increment)

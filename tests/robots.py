@@ -11,17 +11,19 @@ import numpy as np
 
 from lidarcli.ros.messages import Outgoing
 from lidarcli.simulation.generate import START_NS
-from lidarcli.simulation.scene import Mount, Scene, Sensor
+from lidarcli.simulation.scene import Scene, SceneMount, SceneSensor
 from lidarcli.sweeps.types import concatenate
 from tests.zones.runs import scans, sweeps_of, transform_at, write_bag
 
 Place = tuple[float, float, float]
 
 
-def wide(degrees: float, rate: float = 10.0) -> Sensor:
+def wide(degrees: float, rate: float = 10.0) -> SceneSensor:
     """A sensor with so wide a view, and two beams in each degree."""
     half = np.radians(degrees) / 2
-    return Sensor(beams=2 * round(degrees) + 1, angle_min=-half, angle_increment=np.radians(0.5), noise=0.01, rate=rate)
+    return SceneSensor(
+        beams=2 * round(degrees) + 1, angle_min=-half, angle_increment=np.radians(0.5), noise=0.01, rate=rate
+    )
 
 
 class Carried(NamedTuple):
@@ -29,7 +31,7 @@ class Carried(NamedTuple):
 
     name: str
     place: Place
-    sensor: Sensor
+    sensor: SceneSensor
     off: Place = (0.0, 0.0, 0.0)
     """How far that is from its place."""
 
@@ -60,7 +62,7 @@ def robot_messages(
     for number, one in enumerate(carried):
         rate = 3.0 * one.sensor.rate
         sensor = replace(one.sensor, topic=f"{space}/{one.name}", frame_id=one.name, rate=rate)
-        seen = replace(scene, sensor=sensor, mount=Mount(one.place), sweeps=int(seconds * rate))
+        seen = replace(scene, sensor=sensor, mount=SceneMount(one.place), sweeps=int(seconds * rate))
         every = concatenate(sweeps_of(seen, number))
         messages.append(scans([every.rows(slice(number % 3, None, 3))]))
         if told:

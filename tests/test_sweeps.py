@@ -9,7 +9,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from lidarcli.sweeps.range_rules import NO_RETURN_WORDS, RangeRules, closure, duration, normalise, parse_no_return
+from lidarcli.options.choices import NO_RETURN_WORDS
+from lidarcli.options.reading import parse_no_return
+from lidarcli.sweeps.range_rules import RangeRules, closure, duration, normalise
 from lidarcli.sweeps.types import TURN, Closure, RawSweeps, Status, SweepBatch, SweepPoses, concatenate
 from tests.sweeping import raw_sweeps
 

@@ -12,7 +12,7 @@ from benchmarks.accuracy.scoring import assign
 from benchmarks.scenes.random import SENSORS, sensor_with
 from lidarcli.formalism import SHAPES, VERTEX_KINDS, Detection, detect
 from lidarcli.simulation import scene as make
-from lidarcli.simulation.scene import Course, Entity, Scene, Sensor
+from lidarcli.simulation.scene import Course, Entity, Scene, SceneSensor
 from lidarcli.sweeps.types import TURN, Bool, Float64, Int64, SweepBatch
 
 NEAR = 0.05
@@ -122,7 +122,7 @@ def _room() -> list[Entity]:
     return [make.wall(corners)]
 
 
-def _scenes(boxes: Boxes, sensor: Sensor) -> list[Scene]:
+def _scenes(boxes: Boxes, sensor: SceneSensor) -> list[Scene]:
     path = Course(np.zeros((1, 2)))
     scenes = []
     for x, y, length, width, yaw in zip(boxes.x, boxes.y, boxes.length, boxes.width, boxes.yaw, strict=True):

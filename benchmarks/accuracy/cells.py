@@ -11,7 +11,7 @@ import numpy as np
 from benchmarks.scenes import building
 from benchmarks.scenes.random import CHEAP_NOISE, FAULTS, KINDS, SENSORS, Kind, cheap, random_scene, sensor_with
 from lidarcli.simulation.generate import simulate_sweep_arrays
-from lidarcli.simulation.scene import Entity, Scene, Sensor
+from lidarcli.simulation.scene import Entity, Scene, SceneSensor
 from lidarcli.sweeps.range_rules import RangeRules, normalise
 from lidarcli.sweeps.types import TURN, Float64, Int32, RawSweeps, SweepBatch, UInt8, concatenate
 
@@ -43,7 +43,7 @@ class Cell:
         """Short name for tables."""
         return f"{self.sensor} · " + ("cheap" if self.cheap else f"{100 * self.noise:.0f} cm")
 
-    def fitted(self) -> Sensor:
+    def fitted(self) -> SceneSensor:
         """The sensor with its faults."""
         sensor = {**SENSORS, **NARROW}[self.sensor]
         return cheap(sensor) if self.cheap else sensor_with(sensor, self.noise, self.lost)
@@ -57,10 +57,10 @@ BUILDING_CELLS = tuple(
 )
 """Scenes like real buildings."""
 NARROW = {
-    "181": Sensor(181, -TURN / 4, TURN / 360, 0.1, 30.0),
-    "361 over half a turn": Sensor(361, -TURN / 4, TURN / 720, 0.1, 30.0),
-    "361 up to 5 m": Sensor(361, -TURN / 2, TURN / 360, 0.1, 5.0),
-    "683": Sensor(683, -TURN / 3, TURN / 1023, 0.05, 5.6),
+    "181": SceneSensor(181, -TURN / 4, TURN / 360, 0.1, 30.0),
+    "361 over half a turn": SceneSensor(361, -TURN / 4, TURN / 720, 0.1, 30.0),
+    "361 up to 5 m": SceneSensor(361, -TURN / 2, TURN / 360, 0.1, 5.0),
+    "683": SceneSensor(683, -TURN / 3, TURN / 1023, 0.05, 5.6),
 }
 """Sensors of a narrow or a short view."""
 NARROW_CELLS = tuple(

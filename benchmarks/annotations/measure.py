@@ -24,7 +24,7 @@ from benchmarks.annotations.table import Sweep, read
 from benchmarks.thing.__main__ import left_out
 from benchmarks.thing.grow import Grown
 from lidarcli.formalism import Parameters, detect
-from lidarcli.formalism.mapping.places import Standing
+from lidarcli.formalism.mapping.places import StaticSensor
 from lidarcli.logs.base import OpenOptions
 from lidarcli.logs.batches import ReadOptions
 from lidarcli.pipeline.api.keywords import sources_of
@@ -108,7 +108,7 @@ def _measure(found: ByEye, folder: Path, chosen: Chosen, told: dict[int, Sweep],
     """Every method on one topic."""
     path, wanted = chosen.path(folder), frozenset(told)
     batches = _as_track_reads(path, chosen.topic)
-    standing = Standing()
+    standing = StaticSensor()
     stood = {
         int(sweep): bool(still) for batch in batches for sweep, still in zip(batch.sweep, standing.see(batch), strict=True)
     }

@@ -12,7 +12,7 @@ from lidarcli.errors import LidarcliError
 from lidarcli.formalism.mapping.grid import UNKNOWN
 from lidarcli.pipeline.inputs.search import find_logs
 from lidarcli.pipeline.inputs.sources import MissingInput
-from lidarcli.pipeline.mapping import MapOptions, Mapping
+from lidarcli.pipeline.mapping import GrowingMap, MapOptions
 
 PICTURES = ("comprobo24/test-bag", "datmo/overtake_ego.bag")
 
@@ -23,7 +23,7 @@ def measure_recordings(folder: Path) -> list[Recorded]:
     for source in find_logs([str(folder)]):
         if isinstance(source, MissingInput):
             continue
-        mapping = Mapping(MapOptions())
+        mapping = GrowingMap(MapOptions())
         try:
             summary = mapping.add(source)
         except LidarcliError:

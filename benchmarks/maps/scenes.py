@@ -17,7 +17,7 @@ from benchmarks.scenes.random import draw_thing
 from benchmarks.scenes.stage import Rng, Stage, timed
 from lidarcli.simulation import scene as make
 from lidarcli.simulation.route import Route, Waypoint, plan_route
-from lidarcli.simulation.scene import Entity, Motion, Odometry, Scene, Sensor
+from lidarcli.simulation.scene import Entity, Odometry, Scene, SceneMotion, SceneSensor
 from lidarcli.sweeps.types import TURN, Bool, Float64
 
 Kind = Literal["corridors", "rooms"]
@@ -46,7 +46,7 @@ _TRIES, _REPAIRS = 60, 40
 _Laid = Callable[[Float64], Float64]
 """Points of the plan in the world."""
 
-SENSOR = Sensor(
+SENSOR = SceneSensor(
     beams=361,
     angle_min=-TURN / 2,
     angle_increment=TURN / 360,
@@ -102,7 +102,7 @@ class _Plan:
                 self.slab(low, across, high, across + thick)
 
 
-def drive(kind: Kind, seed: int, sensor: Sensor = SENSOR, speed: float | None = None) -> Scene:
+def drive(kind: Kind, seed: int, sensor: SceneSensor = SENSOR, speed: float | None = None) -> Scene:
     """A robot that drives a loop with true poses; the same kind and seed give the same building for every sensor.
 
     Without a `speed` [m/s] the loop takes `SWEEPS`; with one it takes as many sweeps as it needs.
@@ -321,7 +321,7 @@ def _send(rng: Rng, stage: Stage, room: _Room, laid: _Laid, place: tuple[float, 
         start = laid(rng.uniform(place[:2], place[2:])[None])[0]
         route = _stroll(rng, stage, room, start, speed) if stage.clear(start, start, _ASIDE) else None
         if route is not None:
-            return make.person(float(start[0]), float(start[1]), 0.0, gap, leg, Motion(route=route))
+            return make.person(float(start[0]), float(start[1]), 0.0, gap, leg, SceneMotion(route=route))
     return None
 
 

@@ -18,7 +18,7 @@ from benchmarks.scenes.random import FAULTS, KINDS, SENSORS, random_scene, senso
 from lidarcli.pipeline.inputs.search import find_logs
 from lidarcli.pipeline.inputs.sources import Source
 from lidarcli.simulation.generate import simulate_sweep_arrays
-from lidarcli.simulation.scene import LOST_AS, Sensor
+from lidarcli.simulation.scene import LOST_AS, SceneSensor
 from lidarcli.simulation.writers import write_log
 from lidarcli.sweeps.types import TURN, RawSweeps, concatenate
 
@@ -124,13 +124,13 @@ def _sweeps_of_scene(seed: int) -> tuple[list[RawSweeps], RawSweeps]:
     return regular, simulate_sweep_arrays(replace(scene, sensor=_odd_sensor(seed)), 2, seed)[0]
 
 
-def _odd_sensor(seed: int) -> Sensor:
+def _odd_sensor(seed: int) -> SceneSensor:
     """Any number of beams over any view, in both directions, with every fault."""
     rng = np.random.default_rng([seed, 1])
     beams = int(np.exp(rng.uniform(np.log(8), np.log(1500))))
     view = float(rng.choice([TURN * (beams - 1) / beams, TURN, rng.uniform(0.3, TURN)]))
     increment = view / (beams - 1) * (-1 if rng.random() < 0.4 else 1)
-    return Sensor(
+    return SceneSensor(
         beams=beams,
         angle_min=float(rng.uniform(-np.pi, np.pi)),
         angle_increment=increment,

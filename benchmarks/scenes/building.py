@@ -15,7 +15,7 @@ import numpy as np
 from benchmarks.scenes.clearance import distance, outline
 from benchmarks.scenes.random import Plan, Rng, draw_thing
 from lidarcli.simulation import scene as make
-from lidarcli.simulation.scene import Course, Entity, Scene, Sensor
+from lidarcli.simulation.scene import Course, Entity, Scene, SceneSensor
 from lidarcli.sweeps.types import Float64
 
 Kind = Literal["passage", "chamber"]
@@ -31,7 +31,7 @@ _DARK = (0.3, 0.8)
 """Shares of the beams that black things and panes swallow."""
 
 
-def building_scene(kind: Kind, seed: int, sensor: Sensor, *, driving: bool = False, legged: bool = True) -> Scene:
+def building_scene(kind: Kind, seed: int, sensor: SceneSensor, *, driving: bool = False, legged: bool = True) -> Scene:
     """A scene of one kind; the same seed gives the same building for every sensor.
 
     With `driving` the sensor goes 1.5 m straight ahead within 20 sweeps. Without `legged` there are no ladders, chairs,

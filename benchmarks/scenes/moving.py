@@ -16,7 +16,7 @@ from benchmarks.scenes.stage import Rng, Stage, reach, timed
 from lidarcli.errors import OptionError
 from lidarcli.simulation import scene as make
 from lidarcli.simulation.route import STEPS, Route, plan_route
-from lidarcli.simulation.scene import Course, Entity, Motion, Scene, Sensor, super_ellipse
+from lidarcli.simulation.scene import Course, Entity, Scene, SceneMotion, SceneSensor, super_ellipse
 from lidarcli.sweeps.types import TURN, Float64
 
 Kind = Literal["room", "hall", "crossing", "people"]
@@ -34,7 +34,7 @@ _PATIENCE = 0.9
 """How often it is changed by waiting, not by going less far."""
 
 
-def moving_scene(kind: Kind, seed: int, sensor: Sensor, *, driving: bool = False, legged: bool = True) -> Scene:
+def moving_scene(kind: Kind, seed: int, sensor: SceneSensor, *, driving: bool = False, legged: bool = True) -> Scene:
     """A scene of 300 to 400 sweeps; the same kind, seed, rate and options give the same scene for every sensor.
 
     With `driving` the sensor drives, by turns on a super-ellipse and along waypoints with stops. Without `legged` there are
@@ -258,17 +258,17 @@ def _passed(route: Route, second: float) -> int:
     return max(int(np.searchsorted(along, way, side="right")) - 1, 0)
 
 
-def _manner(rng: Rng, body: Entity, walker: bool) -> tuple[Motion, float, float]:
+def _manner(rng: Rng, body: Entity, walker: bool) -> tuple[SceneMotion, float, float]:
     """How a body goes about: its motion without a route, its turns on the spot [rad/s], the radius of its arcs [m]."""
     if walker:
         return body.motion, np.radians(120), rng.uniform(0.3, 0.8)
     if body.kind == "box" and rng.random() < 0.5:
         # Turns its front ahead, slowly and on the spot alone.
-        return Motion(), FASTEST_TURN, 0.0
+        return SceneMotion(), FASTEST_TURN, 0.0
     turns = body.kind == "box" and rng.random() < 0.7
     rate = rng.uniform(-1, 1) * FASTEST_TURN if turns else 0.0
     # What has no front takes no time to turn it.
-    return Motion(yaw_rate=rate, ahead=False), TURN, rng.uniform(0.3, 0.8)
+    return SceneMotion(yaw_rate=rate, ahead=False), TURN, rng.uniform(0.3, 0.8)
 
 
 def _body(rng: Rng, walker: bool, largest: float) -> Entity:
@@ -276,7 +276,7 @@ def _body(rng: Rng, walker: bool, largest: float) -> Entity:
     yaw = float(rng.uniform(-np.pi, np.pi))
     if walker:
         gap, leg = rng.uniform(0.18, 0.3), rng.uniform(0.09, 0.15)
-        return make.person(0.0, 0.0, 0.0, gap, leg, Motion(stride=STEPS[1]))
+        return make.person(0.0, 0.0, 0.0, gap, leg, SceneMotion(stride=STEPS[1]))
     if rng.random() < 0.7:
         width, length = np.sort(rng.uniform(0.2, largest, 2))
         return make.box(0.0, 0.0, float(length), float(width), yaw if rng.random() < 0.5 else 0.0)

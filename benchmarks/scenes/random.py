@@ -13,7 +13,7 @@ import numpy as np
 
 from benchmarks.scenes.clearance import covers, distance, in_polygon, outline
 from lidarcli.simulation import scene as make
-from lidarcli.simulation.scene import Course, Entity, Scene, Sensor
+from lidarcli.simulation.scene import Course, Entity, Scene, SceneSensor
 from lidarcli.sweeps.types import TURN, Float64
 
 Kind = Literal["room", "corridor", "hall"]
@@ -21,9 +21,9 @@ KINDS: tuple[Kind, ...] = ("room", "corridor", "hall")
 Rng = np.random.Generator
 
 SENSORS = {
-    "361": Sensor(361, -np.pi, TURN / 360, 0.1, 12.0),
-    "720": Sensor(720, 0.0, TURN / 720, 0.1, 12.0),
-    "1081": Sensor(1081, -0.75 * np.pi, 1.5 * np.pi / 1080, 0.1, 30.0),
+    "361": SceneSensor(361, -np.pi, TURN / 360, 0.1, 12.0),
+    "720": SceneSensor(720, 0.0, TURN / 720, 0.1, 12.0),
+    "1081": SceneSensor(1081, -0.75 * np.pi, 1.5 * np.pi / 1080, 0.1, 30.0),
 }
 """A closed ±180°, a [0°, 360°) and a 270° view."""
 FAULTS = ((0.0, 0.0), (0.01, 0.003), (0.03, 0.01))
@@ -40,7 +40,7 @@ CHEAP_NOISE = (0.005, 0.005)
 """[m], and per metre of range: of a cheap triangulating sensor."""
 
 
-def cheap(sensor: Sensor) -> Sensor:
+def cheap(sensor: SceneSensor) -> SceneSensor:
     """The same sensor made cheaply: noise that grows, ranges in steps, mixed pixels, beams that flicker or are lost."""
     return replace(
         sensor,
@@ -54,12 +54,12 @@ def cheap(sensor: Sensor) -> Sensor:
     )
 
 
-def sensor_with(sensor: Sensor, noise: float, lost: float) -> Sensor:
+def sensor_with(sensor: SceneSensor, noise: float, lost: float) -> SceneSensor:
     """The same sensor with faults: half of the lost beams come back as inf, half as NaN."""
     return replace(sensor, noise=noise, lost=lost, lost_as="mixed")
 
 
-def random_scene(kind: Kind, seed: int, sensor: Sensor, *, legged: bool = True) -> Scene:
+def random_scene(kind: Kind, seed: int, sensor: SceneSensor, *, legged: bool = True) -> Scene:
     """A scene of one kind; the same seed gives the same scene for every sensor.
 
     Without `legged` there are no ladders, chairs, tables and two-legged persons.

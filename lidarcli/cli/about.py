@@ -8,7 +8,7 @@ import click
 from lidarcli._version import __version__
 from lidarcli.cli.commands import command
 from lidarcli.cli.declared import ORIGINS, DeclaredOption
-from lidarcli.cli.messages import Messages
+from lidarcli.cli.messages import MessageWriter
 from lidarcli.cli.settings import commands, settable, unknown_variables
 from lidarcli.display.screen import one_line
 from lidarcli.options.common import TextOrJson
@@ -65,7 +65,7 @@ class ConfigCommand(TextOrJson, total=False):
   lidarcli config detect --format json
   lidarcli --config lab.toml config detect""",
 )
-def config(messages: Messages, options: ConfigCommand) -> int:
+def config(messages: MessageWriter, options: ConfigCommand) -> int:
     """Show the settings in force, each with its origin.
 
     Without COMMAND: what the settings file and the environment set, for every command.
@@ -122,7 +122,7 @@ class CompletionCommand(TypedDict, total=False):
   lidarcli completion zsh > ~/.zfunc/_lidarcli
   lidarcli completion fish | source""",
 )
-def completion(messages: Messages, options: CompletionCommand) -> int:
+def completion(messages: MessageWriter, options: CompletionCommand) -> int:
     """Print what bash, zsh or fish needs to complete commands.
 
     docs/install.md says where each shell wants it.

@@ -8,13 +8,13 @@ import click
 
 from lidarcli.cli.commands import Commands, command, log_options
 from lidarcli.cli.detect import DetectCommand, find
-from lidarcli.cli.messages import Messages, chosen_logs, frame_words, line_of, print_reads, progress_bar, show_reading
+from lidarcli.cli.messages import MessageWriter, chosen_logs, frame_words, line_of, print_reads, progress_bar, show_reading
 from lidarcli.display.texts import counted
 from lidarcli.files.stores import place
 from lidarcli.options.choices import IMAGES
 from lidarcli.options.common import ManyLogs, Overwrite, TextOrJson, output
 from lidarcli.options.forms import File, Option
-from lidarcli.options.groups import Learning
+from lidarcli.options.groups import LearningGroup
 from lidarcli.options.values import OUTPUT, STDOUT
 
 if TYPE_CHECKING:
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from lidarcli.pipeline.building import Learned
 
 
-class BuildCommand(ManyLogs, Overwrite, TextOrJson, Learning, total=False):
+class BuildCommand(ManyLogs, Overwrite, TextOrJson, LearningGroup, total=False):
     output: Annotated[str, output("FILE"), "Background table to write (Parquet)."]
     plot: Annotated[
         str | None, Option(OUTPUT, File("FIG", is_output=True), shown="none"), "Also draw it: .png, .svg or .pdf."
@@ -37,7 +37,7 @@ class BuildCommand(ManyLogs, Overwrite, TextOrJson, Learning, total=False):
   lidarcli background build lap.mcap -o route.parquet --pose /odom \\
     --station-distance 0.5 --station-angle 10""",
 )
-def build(messages: Messages, options: BuildCommand) -> int:
+def build(messages: MessageWriter, options: BuildCommand) -> int:
     """Learn an empty scene from logs.
 
     For every beam it learns r_e, the farthest surface that enough sweeps agree on: people
@@ -103,7 +103,7 @@ def build(messages: Messages, options: BuildCommand) -> int:
   lidarcli background subtract run.mcap --background hall.parquet --removed
   lidarcli background subtract run.bag --background hall.parquet --any-frame""",
 )
-def subtract(messages: Messages, options: DetectCommand) -> int:
+def subtract(messages: MessageWriter, options: DetectCommand) -> int:
     """Find what differs from an empty scene, in every sweep.
 
     The same as `lidarcli detect --background FILE`, with the same options and tables:

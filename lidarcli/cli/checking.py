@@ -12,7 +12,7 @@ from click.core import ParameterSource
 
 from lidarcli.cli.commands import Work, command, log_options, usage_errors
 from lidarcli.cli.messages import (
-    Messages,
+    MessageWriter,
     Total,
     are_shown_together,
     chosen_logs,
@@ -41,7 +41,7 @@ def junit_of_errors(work: Work) -> Work:
     """Write an error by which nothing is checked to the JUnit files of a command: none of an earlier run is left."""
 
     @wraps(work)
-    def with_junit(messages: Messages, options: Any) -> int:
+    def with_junit(messages: MessageWriter, options: Any) -> int:
         from lidarcli.errors import NoScanError, OutputError, UnreadableError
         from lidarcli.files.newfiles import write_whole
         from lidarcli.pipeline.reporting import unread_suite
@@ -88,7 +88,7 @@ class DiffCommand(Overwrite, TextOrJson, Diffing, Checked, total=False):
   lidarcli diff truth.map.yaml room.yaml --format json""",
 )
 @junit_of_errors
-def diff(messages: Messages, options: DiffCommand) -> int:
+def diff(messages: MessageWriter, options: DiffCommand) -> int:
     """Find what changed between runs: moved, new, gone.
 
     RUN is a log, a tracks table, a background, or a map (.yaml of map_server). Each is
@@ -158,7 +158,7 @@ class ZonesCommand(Zoning, ManyLogs, Checked, Reported, total=False):
     rules=ZONE_RULES,
 )
 @junit_of_errors
-def zones(messages: Messages, options: ZonesCommand) -> int:
+def zones(messages: MessageWriter, options: ZonesCommand) -> int:
     """Find who or what came too close: when, how near, how long.
 
     Zones are polygons, circles and lines about the sensor, the robot or in the world, of a
@@ -280,7 +280,7 @@ class ReportCommand(Overwrite, Reporting, Checked, total=False):
   lidarcli report tables/ --format junit -o report.xml --overwrite""",
 )
 @junit_of_errors
-def report(messages: Messages, options: Mapping[str, Any]) -> int:
+def report(messages: MessageWriter, options: Mapping[str, Any]) -> int:
     """Sum up the tables of one or many runs, and check them.
 
     TABLE is an objects, sweeps or tracks table of detect or track (the others are
@@ -324,7 +324,7 @@ def report(messages: Messages, options: Mapping[str, Any]) -> int:
     return made.exit_code
 
 
-def _show_problems(messages: Messages, made: "Report", written: Sequence[tuple[str, str]]) -> None:
+def _show_problems(messages: MessageWriter, made: "Report", written: Sequence[tuple[str, str]]) -> None:
     """Show problems and warnings on stderr, unless standard output shows them in the same place."""
     from lidarcli.pipeline.reporting import SHORT_FORMATS
 

@@ -17,9 +17,9 @@ import click
 from click.core import ParameterSource
 
 from lidarcli.cli.declared import ORIGINS, OTHER, DeclaredOption, click_type
-from lidarcli.cli.messages import Messages
+from lidarcli.cli.messages import MessageWriter
 from lidarcli.errors import OptionError
-from lidarcli.options.forms import File, Option, Rule, arguments_of, options_of, refuse_combinations
+from lidarcli.options.forms import File, Option, OptionRule, arguments_of, options_of, refuse_combinations
 from lidarcli.options.groups import RULES
 from lidarcli.options.values import STDOUT
 
@@ -54,12 +54,12 @@ TYPED = "lidarcli.typed"
 SHOWS_ALL = "lidarcli.help_all"
 """Key of the context's `meta` that is set while `--help-all` prints."""
 
-Work = Callable[[Messages, Any], int]
+Work = Callable[[MessageWriter, Any], int]
 """Body of a command: it gets the values of the arguments and options by their fields, and returns the exit code."""
 
 
 def command(
-    group: type, *, examples: str, changed: Mapping[str, Mapping[str, Any]] | None = None, rules: Sequence[Rule] = ()
+    group: type, *, examples: str, changed: Mapping[str, Mapping[str, Any]] | None = None, rules: Sequence[OptionRule] = ()
 ) -> Callable[[Work], DeclaredCommand]:
     """Make a command of a function.
 
@@ -109,7 +109,7 @@ def _arguments(group: type) -> list[click.Parameter]:
     ]
 
 
-def _run(work: Work, options: Mapping[str, Option], read: list[str], rules: Sequence[Rule], /, **values: Any) -> int:
+def _run(work: Work, options: Mapping[str, Option], read: list[str], rules: Sequence[OptionRule], /, **values: Any) -> int:
     """Call the body of a command with the values by their fields; no file that they name, or settings, is written."""
     from lidarcli.files.newfiles import reading
 
@@ -130,12 +130,12 @@ def _run(work: Work, options: Mapping[str, Option], read: list[str], rules: Sequ
         refuse_combinations(rules, options, values, is_typed)
     named = [values[field] if isinstance(values[field], tuple) else (values[field],) for field in read]
     with reading(filter(None, [ctx.meta.get(ORIGINS), *chain(*named)])):
-        return work(ctx.ensure_object(Messages), values)
+        return work(ctx.ensure_object(MessageWriter), values)
 
 
 def _set_loudness(ctx: click.Context, parameter: click.Parameter, value: bool) -> None:
     """Take `-v` or `-q`."""
-    messages = ctx.ensure_object(Messages)
+    messages = ctx.ensure_object(MessageWriter)
     name = str(parameter.name)
     if not value:
         return

@@ -47,7 +47,7 @@ class Parsed(click.ParamType):  # type: ignore[type-arg]
             self.fail(f"{words.removeprefix(prefix)}.", param, ctx)
 
 
-class Lines(Parsed):
+class TextLines(Parsed):
     """Texts that may hold blanks: in the environment each has a line of its own."""
 
     envvar_list_splitter = "\n"
@@ -69,7 +69,7 @@ def click_type(value: Value) -> click.ParamType:  # type: ignore[type-arg]
     if isinstance(value, File):
         return Place()
     assert value is not None, "a flag has no type"
-    return Lines(value) if isinstance(value, Text) and value.has_blanks else Parsed(value)
+    return TextLines(value) if isinstance(value, Text) and value.has_blanks else Parsed(value)
 
 
 class DeclaredOption(click.Option):

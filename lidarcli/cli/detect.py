@@ -11,27 +11,36 @@ from typing import TYPE_CHECKING, Annotated, Any
 import click
 
 from lidarcli.cli.commands import command, log_options
-from lidarcli.cli.messages import Messages, Total, chosen_logs, print_read, print_reads, progress_bar, show, standard_output
+from lidarcli.cli.messages import (
+    MessageWriter,
+    Total,
+    chosen_logs,
+    print_read,
+    print_reads,
+    progress_bar,
+    show,
+    standard_output,
+)
 from lidarcli.display.screen import one_line
 from lidarcli.display.texts import counted
 from lidarcli.files.stores import Place, absolute, is_url, place
 from lidarcli.options.choices import TABLE_BY_SUFFIX
 from lidarcli.options.common import ManyLogs, Stamped, output
 from lidarcli.options.forms import Option, Text
-from lidarcli.options.objects import Beams, Detecting, Tracking
+from lidarcli.options.objects import BeamGroup, Detecting, Tracking
 from lidarcli.options.values import MANY, OUTPUT, STDOUT
 
 if TYPE_CHECKING:
     from lidarcli.pipeline.inputs.sources import MissingInput, Source
     from lidarcli.pipeline.objects.detection import DetectOptions
     from lidarcli.pipeline.runs.over_logs import LogProgress, Outcome
-    from lidarcli.pipeline.runs.table_folder import Step, TableFolder
+    from lidarcli.pipeline.runs.table_folder import FolderStep, TableFolder
 
 OTHER_FILES = (".json", ".txt", ".tsv", ".gz", ".zst", ".feather", ".xlsx", ".db", ".sqlite", ".html", ".png")
 """Suffixes of files that nobody means as the name of a folder."""
 
 
-class Tables(ManyLogs, Stamped, Beams, total=False):
+class TableGroup(ManyLogs, Stamped, BeamGroup, total=False):
     """The logs and the tables of `detect` and `track`."""
 
     output: Annotated[
@@ -62,7 +71,7 @@ class Tables(ManyLogs, Stamped, Beams, total=False):
     ]
 
 
-class DetectCommand(Tables, Detecting, total=False):
+class DetectCommand(TableGroup, Detecting, total=False):
     """Options of `detect`."""
 
 
@@ -87,7 +96,7 @@ class DetectCommand(Tables, Detecting, total=False):
   lidarcli detect bags/ -o tables --cluster local:4 --partition date
   cat run.mcap | lidarcli detect - -o - --format csv | head""",
 )
-def detect(messages: Messages, options: DetectCommand) -> int:
+def detect(messages: MessageWriter, options: DetectCommand) -> int:
     """Find the objects of every sweep, without following them.
 
     Writes one row per object to DIR/<log>.objects.parquet and one per sweep to
@@ -96,7 +105,7 @@ def detect(messages: Messages, options: DetectCommand) -> int:
     return find(messages, options, follow=False)
 
 
-class TrackCommand(Tables, Tracking, total=False):
+class TrackCommand(TableGroup, Tracking, total=False):
     """Options of `track`."""
 
 
@@ -110,7 +119,7 @@ class TrackCommand(Tables, Tracking, total=False):
   lidarcli track --join run_0.bag run_1.bag run_2.bag --no-trajectories
   cat run.mcap | lidarcli track - -o - | jq -c 'select(.set == "A")'""",
 )
-def track(messages: Messages, options: TrackCommand) -> int:
+def track(messages: MessageWriter, options: TrackCommand) -> int:
     """Find who and what moved: when, how far and how fast.
 
     Finds objects as `lidarcli detect` does, with the same options, and follows them as
@@ -121,12 +130,12 @@ def track(messages: Messages, options: TrackCommand) -> int:
     return find(messages, options, follow=True)
 
 
-def find(messages: Messages, options: Mapping[str, Any], *, follow: bool) -> int:
+def find(messages: MessageWriter, options: Mapping[str, Any], *, follow: bool) -> int:
     """Find objects as `detect` and `track` do, and write them; return the exit code.
 
     Parameters
     ----------
-    options : values of `Tables`, and of `Tracking` where objects are followed, else of `Detecting`
+    options : values of `TableGroup`, and of `Tracking` where objects are followed, else of `Detecting`
     follow : True for tracks
     """
     target = options["output"]
@@ -167,7 +176,7 @@ def _one_file(output: str) -> str | None:
     return TABLE_BY_SUFFIX.get(suffix)
 
 
-def _into_folder(messages: Messages, options: Mapping[str, Any], parsed: "DetectOptions") -> int:
+def _into_folder(messages: MessageWriter, options: Mapping[str, Any], parsed: "DetectOptions") -> int:
     """Write the tables of every log below a folder; return the exit code."""
     from lidarcli.pipeline.detecting import detect_files
     from lidarcli.pipeline.inputs.search import refuse_clashes
@@ -205,7 +214,7 @@ def _into_folder(messages: Messages, options: Mapping[str, Any], parsed: "Detect
     return messages.end(total.exit_code([step.source for step in steps]))
 
 
-def _into_one(messages: Messages, options: Mapping[str, Any], kind: str, parsed: "DetectOptions") -> int:
+def _into_one(messages: MessageWriter, options: Mapping[str, Any], kind: str, parsed: "DetectOptions") -> int:
     """Write the objects of all logs to standard output or one file, in one format; return the exit code."""
     from lidarcli.pipeline.detecting import detect_file, detect_stream
 
@@ -229,7 +238,7 @@ def _into_one(messages: Messages, options: Mapping[str, Any], kind: str, parsed:
     return messages.end(total.exit_code(sources))
 
 
-def _begin(messages: Messages, options: Mapping[str, Any], parsed: "DetectOptions") -> "list[Source | MissingInput]":
+def _begin(messages: MessageWriter, options: Mapping[str, Any], parsed: "DetectOptions") -> "list[Source | MissingInput]":
     """Return the logs of a run, after what is said before it."""
     messages.begin(options, finds=True)
     sources = chosen_logs(messages, options)
@@ -239,7 +248,7 @@ def _begin(messages: Messages, options: Mapping[str, Any], parsed: "DetectOption
 
 
 def _on_cluster(
-    messages: Messages,
+    messages: MessageWriter,
     sources: "Sequence[Source | MissingInput]",
     folder: Place,
     parsed: "DetectOptions",
@@ -274,7 +283,7 @@ def _on_cluster(
                     )
 
 
-def _print_plan(tables: "TableFolder", steps: "Sequence[Step]", parsed: "DetectOptions") -> int:
+def _print_plan(tables: "TableFolder", steps: "Sequence[FolderStep]", parsed: "DetectOptions") -> int:
     """Print what would be done, a line for each file; return the exit code that can be foreseen."""
     from lidarcli.errors import OutputError
     from lidarcli.pipeline.inputs.sources import MissingInput

@@ -12,12 +12,12 @@ import click
 
 from lidarcli.cli.background import background_dict, background_line, background_lines
 from lidarcli.cli.commands import command, log_options
-from lidarcli.cli.messages import Messages, chosen_logs, frame_words, line_of, print_reads, progress_bar
+from lidarcli.cli.messages import MessageWriter, chosen_logs, frame_words, line_of, print_reads, progress_bar
 from lidarcli.display.screen import one_line
 from lidarcli.display.texts import counted, moment, no_command
 from lidarcli.files.stores import Place, place
 from lidarcli.options.common import ManyLogs, Overwrite, TextOrJson, output
-from lidarcli.options.forms import Option, Rule, Text
+from lidarcli.options.forms import Option, OptionRule, Text
 from lidarcli.options.groups import FINDINGS, Inspecting
 from lidarcli.options.values import OUTPUT
 
@@ -62,13 +62,13 @@ class InfoCommand(ManyLogs, TextOrJson, Overwrite, Inspecting, total=False):
   lidarcli info empty.background.parquet
   lidarcli info --help-all""",
     rules=[
-        Rule(("brief",), ("format=text",), "is for text; leave it out for json", needs=True),
-        Rule(
+        OptionRule(("brief",), ("format=text",), "is for text; leave it out for json", needs=True),
+        OptionRule(
             ("output",), ("deep", "mask=auto"), "writes what is learned from a log: add --mask auto or --deep", needs=True
         ),
     ],
 )
-def info(messages: Messages, options: InfoCommand) -> int:
+def info(messages: MessageWriter, options: InfoCommand) -> int:
     """Show what is in a log, and what is wrong with it.
 
     Reads every log from end to end: topics, sweeps, times, poses, damage and faults. LOG
@@ -126,7 +126,7 @@ def info(messages: Messages, options: InfoCommand) -> int:
     return exit_code(codes)
 
 
-def _write_fixes(messages: Messages, logs: Sequence["LogInfo"], paths: Sequence[Place], overwrite: bool) -> None:
+def _write_fixes(messages: MessageWriter, logs: Sequence["LogInfo"], paths: Sequence[Place], overwrite: bool) -> None:
     """Write how to fix the log, where there is anything to fix."""
     from lidarcli.files.newfiles import write_whole
     from lidarcli.pipeline.inspecting import fix_text
@@ -139,7 +139,7 @@ def _write_fixes(messages: Messages, logs: Sequence["LogInfo"], paths: Sequence[
             messages.info(f"{path} is not written: there is nothing to fix")
 
 
-def _show_errors(messages: Messages, label: str, result: "LogInfo | Learned | Failure") -> int:
+def _show_errors(messages: MessageWriter, label: str, result: "LogInfo | Learned | Failure") -> int:
     """Show what went wrong with a log, and return its exit code."""
     from lidarcli.pipeline.inspecting import LogInfo
     from lidarcli.pipeline.runs.over_logs import Failure

@@ -13,7 +13,7 @@ import click
 
 from lidarcli.cli.commands import Commands
 from lidarcli.cli.declared import DeclaredOption
-from lidarcli.cli.messages import Messages
+from lidarcli.cli.messages import MessageWriter
 from lidarcli.display.credentials import blotted
 from lidarcli.errors import OUT_OF_MEMORY, LidarcliError, OutputError, UnreadableError, is_short_of_memory
 from lidarcli.options.forms import Option
@@ -83,7 +83,7 @@ def cli() -> None:
 
 def run(arguments: Sequence[str] | None = None) -> int:
     """Run the command line; its exit code. The one place where errors become exit codes."""
-    messages = Messages()
+    messages = MessageWriter()
     try:
         code = _invoke(sys.argv[1:] if arguments is None else list(arguments))
         _flush()

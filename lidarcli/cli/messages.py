@@ -63,7 +63,7 @@ def coloured(stream: TextIO) -> bool:
 
 
 @dataclass(slots=True)
-class Messages(Screen):
+class MessageWriter(Screen):
     """Writes to stderr as loudly as the user wants it."""
 
     write: Callable[[str], None] = field(default=_to_stderr)
@@ -208,7 +208,7 @@ def together(files: Sequence[str]) -> list[str]:
 
 @contextmanager
 def progress_bar(
-    sources: Sequence[Source | MissingInput], messages: Messages
+    sources: Sequence[Source | MissingInput], messages: MessageWriter
 ) -> Iterator[Callable[[Source, int], None] | None]:
     """A bar by bytes read: yields what the pipeline calls with a log and the position in it, None where nobody looks."""
     if not _shows_bars(messages):
@@ -221,7 +221,7 @@ def progress_bar(
 
 
 @contextmanager
-def counted_bar(description: str, total: int | None, unit: str, messages: Messages) -> Iterator[Count | None]:
+def counted_bar(description: str, total: int | None, unit: str, messages: MessageWriter) -> Iterator[Count | None]:
     """A bar by things done, as of `count_bar`; yields None where nobody looks."""
     if not _shows_bars(messages):
         yield None
@@ -230,7 +230,7 @@ def counted_bar(description: str, total: int | None, unit: str, messages: Messag
         yield show
 
 
-def _shows_bars(messages: Messages) -> bool:
+def _shows_bars(messages: MessageWriter) -> bool:
     """Return True if stderr is a terminal that can take a line back."""
     return _is_terminal() and not messages.quiet and os.environ.get("TERM") != "dumb"
 
@@ -243,7 +243,7 @@ def _is_terminal() -> bool:
 
 
 def show(
-    outcome: Outcome, messages: Messages, lines_of: Callable[[Any], Sequence[str]] | None = None, alone: bool = False
+    outcome: Outcome, messages: MessageWriter, lines_of: Callable[[Any], Sequence[str]] | None = None, alone: bool = False
 ) -> None:
     """Show the outcome of one log, and of one that is `alone` its agents: errors always, the rest unless quiet.
 
@@ -269,7 +269,7 @@ def show(
         messages.summary["logs"].append(row if run is None else row | run.as_dict())
 
 
-def show_reading(outcome: Outcome, messages: Messages) -> None:
+def show_reading(outcome: Outcome, messages: MessageWriter) -> None:
     """Show the outcome of one log that was only read."""
     show(outcome, messages, _reading_lines)
 
@@ -279,7 +279,7 @@ def _reading_lines(run: RunSummary) -> list[str]:
 
 
 def of_one_log(
-    messages: Messages,
+    messages: MessageWriter,
     source: Source,
     work: Callable[[Source, Progress | None], RunSummary],
     lines_of: Callable[[Any], Sequence[str]] = _reading_lines,
@@ -316,7 +316,7 @@ class Total:
             self._found.sweeps += outcome.summary.sweeps
             self._found.add_found(outcome.summary)
 
-    def show(self, messages: Messages) -> None:
+    def show(self, messages: MessageWriter) -> None:
         """One line over several logs."""
         if self._logs < 2:
             if self._skipped or not self._logs:
@@ -331,7 +331,7 @@ class Total:
         return next((code for source in sources if (code := self._codes.get(source, 0))), 0)
 
 
-def _found_lines(run: RunSummary, messages: Messages) -> list[str]:
+def _found_lines(run: RunSummary, messages: MessageWriter) -> list[str]:
     lines = [f"{_counts(run)}{_damaged(run)}"]
     if run.sweeps:
         lines += _parts(f"  beams    {run.beams:,}: ", run.by_status, run.beams, ("valid",))
@@ -345,7 +345,7 @@ def _found_lines(run: RunSummary, messages: Messages) -> list[str]:
     return lines
 
 
-def show_losses(label: str, run: RunSummary, messages: Messages) -> None:
+def show_losses(label: str, run: RunSummary, messages: MessageWriter) -> None:
     """Show what of a log could not be read, and which topics were not there."""
     from lidarcli.logs.registry import no_scan_topic
 
@@ -414,7 +414,7 @@ def frame_words(frame_id: str) -> str:
 # Logs of a run.
 
 
-def chosen_logs(messages: Messages, options: Mapping[str, Any]) -> list[Source | MissingInput]:
+def chosen_logs(messages: MessageWriter, options: Mapping[str, Any]) -> list[Source | MissingInput]:
     """Return the logs that `ManyLogs` names, with notes on those in parts; see `search.choose`."""
     from lidarcli.pipeline.inputs.search import choose
 

@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING, Annotated, Any
 import click
 
 from lidarcli.cli.commands import command, log_options
-from lidarcli.cli.messages import Messages, counted_bar, standard_output
+from lidarcli.cli.messages import MessageWriter, counted_bar, standard_output
 from lidarcli.errors import OptionError
 from lidarcli.files.stores import Place, place
 from lidarcli.options.choices import ANIMATED_DPI, ANIMATIONS, FRAMES_PER_SECOND, IMAGES, LAST_SWEEP, MAX_COUNT, VIEWS, Look
 from lidarcli.options.common import OneLog, Overwrite, output
 from lidarcli.options.forms import Number, Option, Text, options_of
 from lidarcli.options.groups import LOOK, PICTURE, PLOT_RULES, Plotting
-from lidarcli.options.reading import Window
+from lidarcli.options.reading import WindowGroup
 from lidarcli.options.values import STDOUT, SWEEP, parse_numbers
 
 if TYPE_CHECKING:
@@ -50,7 +50,7 @@ def _indices(text: str) -> tuple[int, ...]:
     return tuple(found)
 
 
-class PlotCommand(OneLog, Overwrite, Window, Plotting, total=False):
+class PlotCommand(OneLog, Overwrite, WindowGroup, Plotting, total=False):
     sweep: Annotated[int | None, Option(PICTURE, SWEEP, shown="0", unless=("sweeps", "at")), "Sweep to draw."]
     sweeps: Annotated[
         tuple[int, ...] | None,
@@ -108,7 +108,7 @@ class PlotCommand(OneLog, Overwrite, Window, Plotting, total=False):
   lidarcli plot run.mcap --sweeps 0:100:2 --animate --fps 20 --overwrite""",
     rules=PLOT_RULES,
 )
-def plot(messages: Messages, options: Mapping[str, Any]) -> int:
+def plot(messages: MessageWriter, options: Mapping[str, Any]) -> int:
     """Draw one sweep, a map of the run, or an animation.
 
     Without -o the picture is LOG-0.png in the current directory, LOG-map.png or LOG.gif.

@@ -10,7 +10,7 @@ from typing import Any
 import click
 
 from lidarcli.cli.declared import ORIGINS, DeclaredOption
-from lidarcli.cli.messages import Messages
+from lidarcli.cli.messages import MessageWriter
 from lidarcli.errors import OptionError
 from lidarcli.options.forms import File
 
@@ -85,7 +85,7 @@ def show_settings(ctx: click.Context) -> None:
     if ctx.info_name == "completion":
         # A shell asks whenever it starts, wherever that is.
         return
-    messages = ctx.ensure_object(Messages)
+    messages = ctx.ensure_object(MessageWriter)
     if file := ctx.meta.get(ORIGINS):
         messages.info(f"settings from {file}")
     elif ORIGINS not in ctx.meta and os.path.exists(NAME):  # noqa: PTH110 (Path raises where nobody may look)

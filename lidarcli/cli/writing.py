@@ -6,7 +6,7 @@ import click
 
 from lidarcli.cli.commands import command, log_options, usage_errors
 from lidarcli.cli.messages import (
-    Messages,
+    MessageWriter,
     chosen_logs,
     counted_bar,
     of_one_log,
@@ -19,9 +19,9 @@ from lidarcli.display.texts import counted
 from lidarcli.files.stores import Place, place
 from lidarcli.options.choices import CLOUDS
 from lidarcli.options.common import CHECK, Jobs, ManyLogs, OneLog, Overwrite, Reported, TextOrJson, output
-from lidarcli.options.forms import Argument, File, Option, Rule, options_of
-from lidarcli.options.groups import OVERLAY_RULES, Cleaning, Exporting, Mapping, Overlaying, Simulating
-from lidarcli.options.reading import Reading
+from lidarcli.options.forms import Argument, File, Option, OptionRule, options_of
+from lidarcli.options.groups import OVERLAY_RULES, Cleaning, Exporting, MappingGroup, Overlaying, Simulating
+from lidarcli.options.reading import ReadingGroup
 from lidarcli.options.values import CHECKS, INPUT, OUTPUT, STDOUT
 
 if TYPE_CHECKING:
@@ -46,9 +46,11 @@ class ExportCommand(Overwrite, Exporting, total=False):
   lidarcli export 'tables/*.objects.parquet' -o all.ndjson --overwrite
   lidarcli export run.trajectories.parquet --only 4 -o person.tum
   lidarcli export run.beams.parquet -o - --format arrow > beams.arrow""",
-    rules=[Rule(("format",), ("output=-",), "is for the stream of -o -; a file has the format of its suffix", needs=True)],
+    rules=[
+        OptionRule(("format",), ("output=-",), "is for the stream of -o -; a file has the format of its suffix", needs=True)
+    ],
 )
-def export(messages: Messages, options: ExportCommand) -> int:
+def export(messages: MessageWriter, options: ExportCommand) -> int:
     """Convert tables to CSV, NDJSON, Arrow or Parquet.
 
     TABLE is any Parquet table that lidarcli wrote, a folder to search, or a
@@ -72,7 +74,7 @@ def export(messages: Messages, options: ExportCommand) -> int:
     return wanted.problems[0].exit_code if wanted.problems else 0
 
 
-class PosesCommand(OneLog, Reported, Reading, total=False):
+class PosesCommand(OneLog, Reported, ReadingGroup, total=False):
     output: Annotated[
         str | None,
         output("FILE", shown="none, with --map"),
@@ -103,9 +105,9 @@ class PosesCommand(OneLog, Reported, Reading, total=False):
   lidarcli poses run.mcap --map site.yaml --check "lost == 0"
   lidarcli poses run.mcap --map site.yaml --relocate -o corrected.tum
   evo_traj tum run.tum --plot""",
-    rules=[Rule(("relocate", "check"), ("map",), "is for --map FILE.yaml", needs=True)],
+    rules=[OptionRule(("relocate", "check"), ("map",), "is for --map FILE.yaml", needs=True)],
 )
-def poses(messages: Messages, options: PosesCommand) -> int:
+def poses(messages: MessageWriter, options: PosesCommand) -> int:
     """Write the path of the sensor, and judge it by a map.
 
     The path is a file that evo reads. With --map: was the robot lost? Each half second,
@@ -128,7 +130,7 @@ def poses(messages: Messages, options: PosesCommand) -> int:
 
 
 def _localise(
-    messages: Messages, source: "Source", path: "Place | None", parsed: "PathOptions", options: PosesCommand, file: str
+    messages: MessageWriter, source: "Source", path: "Place | None", parsed: "PathOptions", options: PosesCommand, file: str
 ) -> int:
     """Judge the path of a log by a map."""
     from lidarcli.pipeline.localising import LocalisedPath, localise, parse_checks, read_site, refuse_judged
@@ -172,7 +174,7 @@ class SimulateCommand(Overwrite, Simulating, total=False):
   lidarcli simulate samples/people.toml -o people --duration 2.5
   lidarcli simulate hall.toml -o run.mcap --map map.yaml --map-resolution 0.1""",
 )
-def simulate(messages: Messages, options: SimulateCommand) -> int:
+def simulate(messages: MessageWriter, options: SimulateCommand) -> int:
     """Make a log from a scene, with the truth beside it.
 
     Writes LOG, <log>.truth.parquet (one row per sweep and visible entity) and
@@ -218,7 +220,7 @@ class CleanCommand(Reported, Cleaning, total=False):
   lidarcli clean run.mcap -o clips --remove none --clips run.events.parquet
   lidarcli map run.clean.mcap -o room.yaml""",
 )
-def clean(messages: Messages, options: CleanCommand) -> int:
+def clean(messages: MessageWriter, options: CleanCommand) -> int:
     """Copy a log without what moves, with faults mended, or cut.
 
     MCAP, ROS 1 and ROS 2 bags, each to its own kind. All messages stay as they are, in
@@ -254,7 +256,7 @@ class OverlayCommand(OneLog, Overwrite, TextOrJson, Overlaying, total=False):
   ros2 bag play -i run.mcap -i run.overlay.mcap""",
     rules=OVERLAY_RULES,
 )
-def overlay(messages: Messages, options: OverlayCommand) -> int:
+def overlay(messages: MessageWriter, options: OverlayCommand) -> int:
     """Write objects and tracks for Foxglove, RViz or rerun.
 
     One visualization_msgs/MarkerArray per sweep on /lidarcli/objects: outlines, bodies,
@@ -273,7 +275,7 @@ def overlay(messages: Messages, options: OverlayCommand) -> int:
     return of_one_log(messages, source, lambda one, progress: write_overlay(one, path, parsed, progress))
 
 
-class MapCommand(ManyLogs, Reported, Jobs, Mapping, total=False):
+class MapCommand(ManyLogs, Reported, Jobs, MappingGroup, total=False):
     output: Annotated[
         tuple[str, ...],
         output("FILE", several=True),
@@ -292,7 +294,7 @@ class MapCommand(ManyLogs, Reported, Jobs, Mapping, total=False):
   lidarcli map run.mcap -o cloud.parquet --voxel 0.05 --min-move 0
   lidarcli map run.mcap -o room.yaml --without agents --free-no-return 3""",
 )
-def map(messages: Messages, options: MapCommand) -> int:
+def map(messages: MessageWriter, options: MapCommand) -> int:
     """Make a map of the logs of a sensor that drove around.
 
     Counts the cells that beams hit and pass, each at most once per sweep. Needs to know
@@ -311,7 +313,7 @@ def map(messages: Messages, options: MapCommand) -> int:
     logs = log_options(options)
     messages.begin(options)
     sources = chosen_logs(messages, options)
-    own = {field: options[field] for field in options_of(Mapping).keys() - options_of(Reading).keys()}  # type: ignore[literal-required]
+    own = {field: options[field] for field in options_of(MappingGroup).keys() - options_of(ReadingGroup).keys()}  # type: ignore[literal-required]
     own |= {"overwrite": options["overwrite"], "stamps": options["stamps"]}
     parsed = MapOptions(*logs, jobs=options["jobs"] or 0, **own)
     if options["dry_run"]:
@@ -326,7 +328,7 @@ def map(messages: Messages, options: MapCommand) -> int:
     return messages.end(exit_code(codes), map=None if mapped is None else _show(mapped, messages))
 
 
-def _show(mapped: "Mapped", messages: Messages) -> dict[str, Any]:
+def _show(mapped: "Mapped", messages: MessageWriter) -> dict[str, Any]:
     """Write a summary of the map to stderr; return it as plain values."""
     grid = mapped.grid
     height, width = grid.cells.shape

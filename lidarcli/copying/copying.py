@@ -31,7 +31,7 @@ from lidarcli.logs.base import MULTI_ECHO, Log, ReadReport, ros_type
 from lidarcli.logs.blocks import Locate, ScanLayout
 from lidarcli.logs.laserscan import locate
 from lidarcli.logs.mcap import McapLog
-from lidarcli.logs.mcap_records import Catalogue, Messages, parse
+from lidarcli.logs.mcap_records import ChannelCatalogue, McapMessages, parse
 from lidarcli.logs.rosbag1 import Connection, Rosbag1Log
 from lidarcli.logs.rosbag2 import Rosbag2Log
 from lidarcli.logs.rosbag2_salvage import TopicRow
@@ -177,7 +177,7 @@ def renamed(met: Met, topic: str, data: bytes, known: dict[object, tuple[Any, An
         elif isinstance(kept, TopicRow):
             other = kept._replace(name=topic)
         else:
-            other = Catalogue({rest[0]: replace(kept.channels[rest[0]], topic=topic)}, kept.schemas)
+            other = ChannelCatalogue({rest[0]: replace(kept.channels[rest[0]], topic=topic)}, kept.schemas)
         known[key] = kept, other
     other = known[key][1]
     return met._replace(topic=topic, data=data, origin=(other, *rest) if isinstance(met.origin, tuple) else other)
@@ -275,7 +275,7 @@ def _channel_of(met: Met) -> tuple[str, str, str]:
     match met.origin:
         case Connection(fields=fields):
             return fields.get("callerid", ""), "durability: 1" if fields.get("latching") == "1" else "", "ros1"
-        case (Catalogue() as known, key, *_):
+        case (ChannelCatalogue() as known, key, *_):
             channel = known.channels[key]
             return "", channel.metadata.get("offered_qos_profiles", ""), channel.message_encoding
         case (topic, profile, *_):
@@ -309,7 +309,7 @@ def _mcap_records(log: McapLog, copy: Copy) -> Iterator[Any]:
     waiting: list[Attachment | Metadata] = []
     locators: dict[int, Locate | None] = {}
     for rows in walk.records():
-        if isinstance(rows, Messages):
+        if isinstance(rows, McapMessages):
             if not begun:
                 yield partial(_McapWriter, header, next(iter(walk.compressions), ""), known)
             begun = True
@@ -344,13 +344,15 @@ def _mcap_records(log: McapLog, copy: Copy) -> Iterator[Any]:
 class _McapWriter:
     """An MCAP that is written, as far as it has come."""
 
-    def __init__(self, header: Header, compression: str, known: Catalogue, enter: Enter, path: Path, whole: bool) -> None:
+    def __init__(
+        self, header: Header, compression: str, known: ChannelCatalogue, enter: Enter, path: Path, whole: bool
+    ) -> None:
         """`compression` is that of the first chunk of the log; a `whole` copy has all channels, in their order."""
         kind = CompressionType.__members__.get(compression.upper(), CompressionType.NONE)
         self.writer = Writer(enter(path.open("xb")), compression=kind, use_summary_offsets=False)
         self.writer.start(profile=header.profile, library=header.library)
         self._whole = known if whole else None
-        self._known: dict[int, Catalogue] = {}
+        self._known: dict[int, ChannelCatalogue] = {}
         self._ids: dict[tuple[str, int, int], int] = {}
         self._define()
 
@@ -362,13 +364,13 @@ class _McapWriter:
             for key in sorted(self._whole.channels):
                 self._channel(self._whole, key)
 
-    def _schema(self, known: Catalogue, key: int) -> int:
+    def _schema(self, known: ChannelCatalogue, key: int) -> int:
         at = ("schema", id(known), key)
         if at not in self._ids and (schema := known.schemas.get(key)) is not None:
             self._ids[at] = self.writer.register_schema(schema.name, schema.encoding, schema.data)
         return self._ids.get(at, 0)
 
-    def _channel(self, known: Catalogue, key: int) -> int:
+    def _channel(self, known: ChannelCatalogue, key: int) -> int:
         # It is held, so that no other gets its number.
         self._known[id(known)] = known
         if (at := ("channel", id(known), key)) not in self._ids:

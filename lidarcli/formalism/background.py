@@ -277,7 +277,7 @@ def _beam_of(batch: SweepBatch, bearing: Float64) -> Int32:
 
 
 @record
-class Lines:
+class SurfaceLines:
     """Straight surface at each beam of K stations, n · q = d, (K, B) each; NaN without one."""
 
     normal_x: Float64
@@ -286,7 +286,7 @@ class Lines:
     """d [m]"""
 
 
-def lines(grid: Grid, ranges: Float64) -> Lines:
+def lines(grid: Grid, ranges: Float64) -> SurfaceLines:
     """Fit a line to the neighbourhood of every beam, of ranges (K, B) [m] that are NaN or inf without a range.
 
     u = 1/r of a line is a sinusoid, nearly linear over a few degrees.
@@ -317,14 +317,14 @@ def lines(grid: Grid, ranges: Float64) -> Lines:
         straight[:, grid.beams - reach :] = False
     tilt = slope / step
     direction = grid.bearings() + np.arctan2(tilt, mean)
-    return Lines(
+    return SurfaceLines(
         np.where(straight, np.cos(direction), np.nan),
         np.where(straight, np.sin(direction), np.nan),
         np.where(straight, 1.0 / np.hypot(mean, tilt), np.nan),
     )
 
 
-def align(batch: SweepBatch, grid: Grid, known: Lines, station: Int64, start: Shift) -> Shift:
+def align(batch: SweepBatch, grid: Grid, known: SurfaceLines, station: Int64, start: Shift) -> Shift:
     """Return the shifts of the sensor from its stations (S,), by aligning each sweep with the lines `known` of its station.
 
     Points look for the line in their direction; their distances are made small by robust least squares. Where the lines

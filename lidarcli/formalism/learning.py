@@ -100,7 +100,7 @@ class Learning:
         self._no_return = np.zeros((0, grid.beams), np.int64)
         self._first = np.zeros((0, grid.beams), np.float32)
         """Ranges of the sweep that opened each station [m]; later sweeps are aligned with it."""
-        self._parts: list[Cells] = []
+        self._parts: list[LearnedCells] = []
         self._pending = 0
         self._settled = 0
 
@@ -213,7 +213,7 @@ class Learning:
         if self._pending > max(MAX_PENDING, self._settled):
             self._settle()
 
-    def _settle(self) -> Cells:
+    def _settle(self) -> LearnedCells:
         """Sort in the cells that wait, and return all."""
         cells = merge(self._parts) if self._parts else count_ranges(np.zeros(0, np.int64), np.zeros(0))
         self._parts, self._pending, self._settled = [cells], 0, len(cells)
@@ -230,7 +230,7 @@ def _longer(values: NDArray[Any], rows: int) -> NDArray[Any]:
 
 
 @record
-class Cells:
+class LearnedCells:
     """C cells, each a beam and a bin, sorted. All numbers are integers, so that sums are exact in any order."""
 
     key: Int64
@@ -245,10 +245,10 @@ class Cells:
     def __len__(self) -> int:
         return len(self.key)
 
-    def of(self, beams: Bool) -> Cells:
+    def of(self, beams: Bool) -> LearnedCells:
         """Return the cells of some beams (N,)."""
         mine = beams[self.beam]
-        return Cells(self.key[mine], self.count[mine], self.total[mine], self.squares[mine])
+        return LearnedCells(self.key[mine], self.count[mine], self.total[mine], self.squares[mine])
 
     @property
     def beam(self) -> Int64:
@@ -261,7 +261,7 @@ class Cells:
         return self.key & _FAR
 
 
-def count_ranges(beam: Int64, ranges: Float64) -> Cells:
+def count_ranges(beam: Int64, ranges: Float64) -> LearnedCells:
     """Count ranges [m] at beams, (N,) each.
 
     >>> cells = count_ranges(np.array([1, 0, 1]), np.array([2.001, 5.0, 2.003]))
@@ -275,7 +275,7 @@ def count_ranges(beam: Int64, ranges: Float64) -> Cells:
     return _summed(value - unit, np.ones(len(value), np.int64), unit, unit * unit)
 
 
-def merge(parts: list[Cells]) -> Cells:
+def merge(parts: list[LearnedCells]) -> LearnedCells:
     """Return the cells of all parts as one."""
     if len(parts) == 1:
         return parts[0]
@@ -287,15 +287,15 @@ def merge(parts: list[Cells]) -> Cells:
     return _summed(key[order], count, total, squares)
 
 
-def _summed(key: Int64, count: Int64, total: Int64, squares: Int64) -> Cells:
+def _summed(key: Int64, count: Int64, total: Int64, squares: Int64) -> LearnedCells:
     """Return one cell for each distinct key; the keys are sorted."""
     first = np.ones(len(key), bool)
     np.not_equal(key[1:], key[:-1], out=first[1:])
     start = np.flatnonzero(first)
     if len(start) == len(key):
-        return Cells(key, count, total, squares)
+        return LearnedCells(key, count, total, squares)
     sums = (np.add.reduceat(values, start) for values in (count, total, squares))
-    return Cells(key[start], *sums)
+    return LearnedCells(key[start], *sums)
 
 
 @record
@@ -309,7 +309,7 @@ class Estimate:
     no_return: Float64
 
 
-def estimate(cells: Cells, no_return: Int64) -> Estimate:
+def estimate(cells: LearnedCells, no_return: Int64) -> Estimate:
     """Return r_e of each beam: its farthest surface with enough support, because people stand before the background.
 
     Ranges within 10 cm of one another are one surface, and 35 % of the observations are enough support. Where no
@@ -365,7 +365,7 @@ class _Windows:
 
 
 def _take(
-    result: Estimate, cells: Cells, wanted: Bool, windows: _Windows, fitting: Bool, reach: int, observed: Int64
+    result: Estimate, cells: LearnedCells, wanted: Bool, windows: _Windows, fitting: Bool, reach: int, observed: Int64
 ) -> None:
     """Fill in the wanted beams (N,) that have a surface `reach` bins wide to either side; they are wanted no more.
 
@@ -386,7 +386,7 @@ def _take(
     wanted[found] = False
 
 
-def _set_apart(cells: Cells, backing: Int64, before: int) -> Int64:
+def _set_apart(cells: LearnedCells, backing: Int64, before: int) -> Int64:
     """(C,) the backing of each cell; 0 where too many other ranges are within `before` bins before it or beyond."""
     base = cells.beam << _BITS
     until = offsets_of(cells.count)
@@ -395,7 +395,7 @@ def _set_apart(cells: Cells, backing: Int64, before: int) -> Int64:
     return np.where(backing >= SURFACE.set_apart_share * onwards, backing, 0)
 
 
-def _windows(cells: Cells, reach: int) -> _Windows:
+def _windows(cells: LearnedCells, reach: int) -> _Windows:
     """The cells within `reach` bins of each cell."""
     base = cells.beam << _BITS
     low = np.maximum(cells.key - reach * BIN_UNITS, base)
@@ -405,7 +405,7 @@ def _windows(cells: Cells, reach: int) -> _Windows:
     return _Windows(begin, end, until[end] - until[begin])
 
 
-def _peaks(cells: Cells, enough: Int64, backing: Int64, reach: int, nearest: bool = False) -> tuple[Int64, Int64]:
+def _peaks(cells: LearnedCells, enough: Int64, backing: Int64, reach: int, nearest: bool = False) -> tuple[Int64, Int64]:
     """Return the beams with cells that have enough backing, and of each the cell with most, on the farthest or nearest
     surface.
     """
@@ -422,7 +422,7 @@ def _peaks(cells: Cells, enough: Int64, backing: Int64, reach: int, nearest: boo
     return found, there[np.append(np.flatnonzero(np.diff(cells.beam[there])), len(there) - 1)]
 
 
-def _describe(result: Estimate, cells: Cells, found: Int64, begin: Int64, end: Int64, observed: Int64) -> None:
+def _describe(result: Estimate, cells: LearnedCells, found: Int64, begin: Int64, end: Int64, observed: Int64) -> None:
     """Fill in the beams `found`, whose surface is in the cells from `begin` to before `end`.
 
     People stand before a surface, never behind it: where most ranges are, the farther half of them tells how far they
@@ -446,7 +446,7 @@ def _describe(result: Estimate, cells: Cells, found: Int64, begin: Int64, end: I
 class _Surface:
     """The cells near the surface of F beams, with sums over any stretch of them. Lengths in units from `origin`."""
 
-    def __init__(self, cells: Cells, begin: Int64, end: Int64) -> None:
+    def __init__(self, cells: LearnedCells, begin: Int64, end: Int64) -> None:
         index, self._owner, _ = spans(begin, end - begin)
         self.origin = cells.unit[begin]
         self._unit = cells.unit[index] - self.origin[self._owner]

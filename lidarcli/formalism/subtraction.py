@@ -9,8 +9,8 @@ import numpy as np
 
 from lidarcli.formalism.background import (
     Background,
-    Lines,
     Shift,
+    SurfaceLines,
     Surroundings,
     align,
     expected,
@@ -58,7 +58,7 @@ such sweeps for a note."""
 
 
 @record
-class Difference:
+class BackgroundDifference:
     """r_w - r_e of S sweeps of up to B beams."""
 
     station: Int64
@@ -100,11 +100,11 @@ class Subtraction:
         self.background = background
         self.tolerance = tolerance or Tolerance()
         self._around: dict[int, Surroundings] = {}
-        self._known: Lines | None = None
+        self._known: SurfaceLines | None = None
         with np.errstate(invalid="ignore"):
             self._two = bool((background.r_near < background.r_e).any())
 
-    def difference(self, batch: SweepBatch, sigma: Float64) -> Difference:
+    def difference(self, batch: SweepBatch, sigma: Float64) -> BackgroundDifference:
         """Compare S sweeps of this sensor with the background of the place where they were taken; `sigma` (S,) is their
         noise [m].
         """
@@ -149,7 +149,7 @@ class Subtraction:
             self._around[reach] = surroundings(self.background, reach)
         return self._around[reach]
 
-    def _here(self, batch: SweepBatch, station: Int64, sigma: Float64) -> Difference:
+    def _here(self, batch: SweepBatch, station: Int64, sigma: Float64) -> BackgroundDifference:
         """Compare sweeps with the bearings of the background, taken at their stations."""
         around = self._surroundings(1)
         beams = self.background.grid.beams
@@ -165,7 +165,7 @@ class Subtraction:
             around.r_near[at] if self._two else None,
         )
 
-    def _elsewhere(self, batch: SweepBatch, station: Int64, sigma: Float64, moved: Shift | None) -> Difference:
+    def _elsewhere(self, batch: SweepBatch, station: Int64, sigma: Float64, moved: Shift | None) -> BackgroundDifference:
         """Compare sweeps with other bearings, or taken next to a station."""
         background = self.background
         if moved is not None:
@@ -220,7 +220,7 @@ class Subtraction:
         returns: Bool,
         threshold: Float32,
         also: Float32 | None = None,
-    ) -> Difference:
+    ) -> BackgroundDifference:
         """Compare ranges with the background in their directions, (S, B) or (1, B); ranges that agree with `also` are
         background, too.
         """
@@ -240,7 +240,7 @@ class Subtraction:
                 lost = nothing & returns & np.isfinite(far)
                 removed = _runs(difference, ranges - far, threshold, lost, self.tolerance.max_gap)
             difference[~np.isfinite(difference)] = np.nan
-        return Difference(
+        return BackgroundDifference(
             station=np.zeros(0, np.int64),
             away=np.zeros(0),
             known=known,
@@ -251,10 +251,10 @@ class Subtraction:
         )
 
 
-def nothing_known(batch: SweepBatch, station: Int64 | None = None, away: Float64 | None = None) -> Difference:
+def nothing_known(batch: SweepBatch, station: Int64 | None = None, away: Float64 | None = None) -> BackgroundDifference:
     """Return the difference of sweeps whose background is unknown."""
     shape = batch.ranges.shape
-    return Difference(
+    return BackgroundDifference(
         station=np.full(len(batch), -1) if station is None else station,
         away=np.full(len(batch), np.inf) if away is None else away,
         known=np.zeros(shape, bool),
@@ -265,7 +265,7 @@ def nothing_known(batch: SweepBatch, station: Int64 | None = None, away: Float64
     )
 
 
-def assemble(whole: Difference, parts: list[tuple[Int64, Difference]]) -> Difference:
+def assemble(whole: BackgroundDifference, parts: list[tuple[Int64, BackgroundDifference]]) -> BackgroundDifference:
     """Copy the differences of some sweeps to their rows of the whole, and return it."""
     for rows, part in parts:
         whole.station[rows], whole.away[rows] = part.station, part.away
@@ -333,7 +333,7 @@ _LISTS = {"vertex_offsets": fields_per("vertex"), "face_offsets": fields_per("fa
 
 
 def changes(
-    batch: SweepBatch, difference: Difference, parameters: Parameters, sigma: Float64, *, per_beam: bool = False
+    batch: SweepBatch, difference: BackgroundDifference, parameters: Parameters, sigma: Float64, *, per_beam: bool = False
 ) -> Detection:
     """Return the objects that differ from the background: appeared ones and, where asked for, removed ones.
 
@@ -353,7 +353,9 @@ def changes(
     return found
 
 
-def _with_removed(found: Detection, batch: SweepBatch, difference: Difference, parameters: Parameters) -> Detection:
+def _with_removed(
+    found: Detection, batch: SweepBatch, difference: BackgroundDifference, parameters: Parameters
+) -> Detection:
     """Add the removed objects, as the background shows them; they own no beam of the sweep."""
     rows = np.flatnonzero(difference.removed.any(axis=1))
     before = batch.rows(rows)

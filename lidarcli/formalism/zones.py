@@ -164,7 +164,7 @@ def _in_a_row(batch: SweepBatch) -> Int32:
     return counts[:, :-1]
 
 
-class Sight(NamedTuple):
+class ZoneSight(NamedTuple):
     """What sweeps (S,) see of places."""
 
     beams: Int32
@@ -174,7 +174,7 @@ class Sight(NamedTuple):
     """(S,) a bit for each place that they see, and for each that too many lost beams side by side keep from them."""
 
 
-def sight(batch: SweepBatch, place: SweepPoses, places: Float64, masks: Masks) -> Sight:
+def sight(batch: SweepBatch, place: SweepPoses, places: Float64, masks: Masks) -> ZoneSight:
     """Return what sweeps see of places.
 
     `masks` hide places, too, with a mount for each frame that they name; the rest as of `observed`. A sweep that shows
@@ -195,7 +195,7 @@ def sight(batch: SweepBatch, place: SweepPoses, places: Float64, masks: Masks) -
     with np.errstate(divide="ignore", invalid="ignore"):
         side = np.where(clear, (bearing - begin[:, None] + 0.5 * TURN) % TURN - 0.5 * TURN, 0.0)
         beams = np.rint(np.ptp(side, axis=1) / np.abs(batch.angle_increment)) + 1.0
-    return Sight(np.where(clear.any(axis=1), np.fmin(beams, batch.beams), 0.0).astype(np.int32), *bits)
+    return ZoneSight(np.where(clear.any(axis=1), np.fmin(beams, batch.beams), 0.0).astype(np.int32), *bits)
 
 
 def _from_sensor(place: SweepPoses, places: Float64) -> tuple[Float64, Float64]:
@@ -374,7 +374,7 @@ CLEAR = 0.2
 """An agent has crossed a line when it was so far away from it on both sides [m]."""
 
 
-class Path(NamedTuple):
+class TrackPath(NamedTuple):
     """The smoothed path of one track, in the order of time."""
 
     time_ns: Int64
@@ -402,7 +402,7 @@ class Crossing(NamedTuple):
     inwards: bool
 
 
-def visits(shapes: Sequence[Circle | Polygon], which: Int64, path: Path) -> list[Visit]:
+def visits(shapes: Sequence[Circle | Polygon], which: Int64, path: TrackPath) -> list[Visit]:
     """Return the visits of an area: from the first sweep inside to the last that is no farther than `MARGIN` outside.
 
     `which`: (N,) index of the shape that the area has at each sweep of the path, -1 for none.
@@ -426,7 +426,7 @@ def visits(shapes: Sequence[Circle | Polygon], which: Int64, path: Path) -> list
     return found
 
 
-def crossings(line: Line, path: Path) -> tuple[list[Crossing], int, int]:
+def crossings(line: Line, path: TrackPath) -> tuple[list[Crossing], int, int]:
     """Return the crossings of a line that sweeps observed; how often the path was clear of it on one side alone; how often
     it went through unobserved.
 

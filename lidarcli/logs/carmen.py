@@ -25,8 +25,8 @@ from lidarcli.logs.carmen_lines import (
     REAR,
     TRUEPOS,
     VIEW,
+    CarmenLine,
     Laser,
-    Line,
     LineReader,
     has_pose,
 )
@@ -130,7 +130,7 @@ class _SweepDecoder:
     _noted: set[str] = field(default_factory=set)
     """Topics whose guessed bearings have been noted."""
 
-    def decode(self, laser: Laser, lines: list[Line]) -> RawSweeps | None:
+    def decode(self, laser: Laser, lines: list[CarmenLine]) -> RawSweeps | None:
         """Return the sweeps of lines of one kind; None without any."""
         options, scale = self.options, self.options.range_scale
         beams = np.array([line.beams for line in lines], np.int64)
@@ -171,7 +171,7 @@ class _SweepDecoder:
         )
         return keep_sound(block, good, self.report)
 
-    def _geometry(self, laser: Laser, line: Line, declared: list[float]) -> tuple[float, float, float]:
+    def _geometry(self, laser: Laser, line: CarmenLine, declared: list[float]) -> tuple[float, float, float]:
         """Return first bearing and step [rad] and greatest range [m] by options, the line or parameters."""
         options, most = self.options, MAX_RANGE
         given = given_geometry(options, line.beams)
@@ -195,7 +195,7 @@ class _SweepDecoder:
         )
 
 
-def _remissions(laser: Laser, lines: list[Line], beams: Int64, ranges: NDArray[Any]) -> Float32 | None:
+def _remissions(laser: Laser, lines: list[CarmenLine], beams: Int64, ranges: NDArray[Any]) -> Float32 | None:
     """Return (S, B) remissions, which follow each of the `ranges`, or all of them with their number first; None without."""
     if laser.pairs:
         return pad(ranges[1::2], beams, 1.0) if len(ranges) else None
@@ -251,7 +251,7 @@ class _PoseDecoder:
     _mounts: dict[str, tuple[Float64, float]] = field(default_factory=dict)
     """Frame of a laser → its place on the robot by the first poses of both, and the greatest change since [m, rad]."""
 
-    def decode(self, word: bytes, lines: list[Line]) -> list[tuple[int, Message]]:
+    def decode(self, word: bytes, lines: list[CarmenLine]) -> list[tuple[int, Message]]:
         """Return the poses of lines with one first word, each with the number of its line."""
         if word in (ODOM, TRUEPOS):
             topic, world = (ODOMETRY, "odom") if word == ODOM else (TRUE, "world")
@@ -273,7 +273,7 @@ class _PoseDecoder:
         alone, poses = self._read([line for line in lines if POSE <= len(line.tail) < 2 * POSE], POSE)
         return found + _planar(ODOMETRY, "odom", laser.frame, alone, poses)
 
-    def _read(self, lines: list[Line], count: int) -> tuple[list[Line], Float64]:
+    def _read(self, lines: list[CarmenLine], count: int) -> tuple[list[CarmenLine], Float64]:
         """Return the lines whose first `count` fields behind the ranges are numbers, and these (K, `count`)."""
         parts = [b" ".join(line.tail[:count]) for line in lines]
         numbers = parse_rows(parts, np.full(len(lines), count), b" ", np.float64)
@@ -320,7 +320,7 @@ class _PoseDecoder:
         return pose
 
 
-def _planar(topic: str, parent: str, child: str, lines: list[Line], poses: Float64) -> list[tuple[int, Message]]:
+def _planar(topic: str, parent: str, child: str, lines: list[CarmenLine], poses: Float64) -> list[tuple[int, Message]]:
     """Return poses (K, 3) of a child frame in its parent as messages, each with the number of its line."""
     pairs = zip(lines, poses.tolist(), strict=True)
     return [(line.number, _message(topic, parent, child, line.stamp_ns, pose)) for line, pose in pairs]

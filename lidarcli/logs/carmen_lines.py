@@ -117,7 +117,7 @@ def count_in(cell: bytes) -> int | None:
 
 
 @dataclass(slots=True)
-class Line:
+class CarmenLine:
     """A line with a sweep or a pose."""
 
     number: int
@@ -164,7 +164,7 @@ def _misfit(more: int, beams: int) -> str:
     return f"it declares {beams} ranges, but {'one field is' if more == -1 else f'{-more} fields are'} missing"
 
 
-def _refuse_misfit(line: Line, laser: Laser, rest: int) -> None:
+def _refuse_misfit(line: CarmenLine, laser: Laser, rest: int) -> None:
     """Refuse a line whose fields cannot be those behind the ranges that it declares; `rest` are those from the time on."""
     fields, beams = len(line.tail), line.beams
     if not laser.geometry:
@@ -197,7 +197,7 @@ def _time_at(fields: list[bytes], usual: int | None) -> int | None:
     return at if 0 <= at < len(fields) else None
 
 
-def _lacks_time_alone(line: Line, laser: Laser | None) -> bool:
+def _lacks_time_alone(line: CarmenLine, laser: Laser | None) -> bool:
     """Return whether a line without a time is a sweep that ends with poses, or with ranges where it has no poses."""
     if laser is None or laser.geometry or len(line.tail) not in (_POSED if laser.posed else (0,)):
         return False
@@ -227,9 +227,9 @@ class LineReader:
     _last: dict[bytes, tuple[int, int]] = field(default_factory=dict)
     """First word → last time of its lines, and the number of lines that had it."""
 
-    def read(self, block: TextBlock) -> dict[bytes, list[Line]]:
+    def read(self, block: TextBlock) -> dict[bytes, list[CarmenLine]]:
         """Return the wanted lines of a block by their first words; others that are no messages are reported."""
-        found: dict[bytes, list[Line]] = {}
+        found: dict[bytes, list[CarmenLine]] = {}
         bad: dict[int, str] = {}
         cells: list[bytes] = []
         last = block.line + block.lines - 1
@@ -263,7 +263,7 @@ class LineReader:
         if len(cells) > 2 and cells[1] in _KNOWN and _STARTS_NUMBER.match(cells[2]) and is_number(cells[2]):
             self.parameters = {**self.parameters, _KNOWN[cells[1]]: float(cells[2])}
 
-    def _lines(self, cells: list[bytes], number: int) -> list[Line]:
+    def _lines(self, cells: list[bytes], number: int) -> list[CarmenLine]:
         """Return the line with these cells; none where it has too many ranges."""
         laser = LASERS.get(cells[0])
         first, after = _bounds(cells, laser)
@@ -282,7 +282,7 @@ class LineReader:
         usual = None if laser is not None and laser.geometry else 2 * POSE if laser is None or laser.posed else 0
         at = _time_at(behind, usual)
         time = None if at is None else behind[at]
-        line = Line(number, cells[1 : first - 1], cells[first:after], beams, behind[:at], time, self.parameters)
+        line = CarmenLine(number, cells[1 : first - 1], cells[first:after], beams, behind[:at], time, self.parameters)
         if at is None and not _lacks_time_alone(line, laser):
             raise LineError(_NO_TIME)
         if at is not None:
@@ -291,14 +291,14 @@ class LineReader:
             _refuse_misfit(line, laser, 0 if at is None else len(behind) - at)
         return [line]
 
-    def _with_times(self, word: bytes, lines: list[Line], bad: dict[int, str]) -> list[Line]:
+    def _with_times(self, word: bytes, lines: list[CarmenLine], bad: dict[int, str]) -> list[CarmenLine]:
         """Return the sound ones of the lines of a block with one first word, with their stamps; add the others to `bad`."""
         laser = LASERS.get(word)
         if laser is not None:
             self._is_timed |= word in self._timed
             if laser.posed and not laser.geometry:
                 bad |= self._unlike_most(laser, [line for line in lines if line.time is not None or not self._is_timed])
-        sound: list[Line] = []
+        sound: list[CarmenLine] = []
         stamps, wrong = to_ns([line.time or b"0" for line in lines], S)
         for line, stamp_ns, is_wrong in zip(lines, stamps.tolist(), wrong.tolist(), strict=True):
             if is_wrong or (line.time is None and self._is_timed):
@@ -314,7 +314,7 @@ class LineReader:
             self.report.notes.append(_UNTIMED_LOG)
         return sound
 
-    def _unlike_most(self, laser: Laser, lines: list[Line]) -> dict[int, str]:
+    def _unlike_most(self, laser: Laser, lines: list[CarmenLine]) -> dict[int, str]:
         """Return number and cause of lines with other fields behind the ranges than most that declare as many ranges."""
         kinds = [(laser.topic, line.beams, len(line.tail)) for line in lines]
         self._endings.update(kinds)

@@ -54,7 +54,7 @@ class PointField(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True)
-class Layout:
+class CloudLayout:
     """Memory layout of N points: rows (one if unorganised) of columns."""
 
     rows: int
@@ -71,7 +71,7 @@ class Layout:
     @classmethod
     def of(
         cls, shape: tuple[int, int], steps: tuple[int, int], order: str, fields: Mapping[str, PointField], size: int
-    ) -> Layout:
+    ) -> CloudLayout:
         """Check the declared layout against `size` bytes of points, and return it.
 
         Parameters
@@ -116,7 +116,7 @@ class Cloud:
     stamp_ns: int
     data: bytes
     start: int
-    layout: Layout
+    layout: CloudLayout
     pose: Float64 | None = None
     """(7,) x, y, z and quaternion x, y, z, w of the points' origin in the frame; None where they are one."""
 
@@ -166,7 +166,7 @@ def _pointcloud2(cursor: Cursor) -> Cloud:
     point_step, row_step = cursor.word(), cursor.word()
     size = cursor.word()
     start = cursor.skip(size)
-    layout = Layout.of((rows, columns), (row_step, point_step), order, fields, size)
+    layout = CloudLayout.of((rows, columns), (row_step, point_step), order, fields, size)
     return Cloud(frame_id, stamp_ns, cursor.data, start, layout)
 
 
@@ -225,7 +225,7 @@ def _cloud(
         if 0 < kind < len(NUMBER_KINDS) and offset >= 0:
             fields.setdefault(name, PointField(offset, NUMBER_KINDS[kind]))
     columns = len(data) // point_step if point_step > 0 else 0
-    layout = Layout.of((1, columns), (len(data), point_step), "<", fields, len(data))
+    layout = CloudLayout.of((1, columns), (len(data), point_step), "<", fields, len(data))
     return Cloud(frame_id, stamp_ns, data, 0, layout, _pose(pose))
 
 

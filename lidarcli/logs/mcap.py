@@ -17,7 +17,7 @@ from lidarcli.logs import foxglove
 from lidarcli.logs.base import MULTI_ECHO, Closing, Message, OpenOptions, ReadReport, Topic
 from lidarcli.logs.blocks import Locate, ScanLayout
 from lidarcli.logs.laserscan import EXPECTED, TOGETHER, MessageBatcher, differs, locate
-from lidarcli.logs.mcap_records import MAGIC, Catalogue, Cursor, Messages, Summary, read_summary
+from lidarcli.logs.mcap_records import MAGIC, ChannelCatalogue, McapMessages, McapSummary, RecordCursor, read_summary
 from lidarcli.logs.mcap_walk import UNKNOWN, UNWANTED, Walk, Wanted
 from lidarcli.logs.unpacking import PACKED_CAUSE, ZSTD_MAGIC, DecompressionBudget, unpack_message
 from lidarcli.sweeps.types import RawSweeps
@@ -36,7 +36,7 @@ class _ColumnDecoder:
         """Return where the ranges of a message stand; None where it is no sweep."""
         return locate(message, self.gather.encoding, several=self.gather.type == MULTI_ECHO)
 
-    def decode(self, rows: Messages) -> Iterator[RawSweeps]:
+    def decode(self, rows: McapMessages) -> Iterator[RawSweeps]:
         if not _are_packed(rows):
             yield from self.gather.take(rows.data, rows.start, rows.length, rows.log_ns)
             return
@@ -61,7 +61,7 @@ class _MessageDecoder:
     """Finds the ranges of a message; None for JSON, where numbers have no place of their own."""
     waiting: list[tuple[int, bytes]] = field(default_factory=list)
 
-    def decode(self, rows: Messages) -> Iterator[RawSweeps]:
+    def decode(self, rows: McapMessages) -> Iterator[RawSweeps]:
         self.waiting += zip(rows.log_ns.tolist(), _payloads(rows), strict=True)
         if len(self.waiting) >= TOGETHER:
             yield from self.flush()
@@ -76,7 +76,7 @@ def _refuse(_data: bytes, _record_ns: int, *, cause: str) -> foxglove.Scan:
     raise foxglove.RefusedError(cause)
 
 
-def _are_packed(rows: Messages) -> bool:
+def _are_packed(rows: McapMessages) -> bool:
     """Return True if a ROS 2 bag has compressed its messages: all or none; plain ones never begin as zstd does."""
     if not len(rows):
         return False
@@ -84,7 +84,7 @@ def _are_packed(rows: Messages) -> bool:
     return rows.data[start : start + min(len(ZSTD_MAGIC), int(rows.length[0]))].tobytes() == ZSTD_MAGIC
 
 
-def _payloads(rows: Messages) -> Iterator[bytes]:
+def _payloads(rows: McapMessages) -> Iterator[bytes]:
     data = rows.data.data
     for start, end in zip(rows.start.tolist(), (rows.start + rows.length).tolist(), strict=True):
         yield data[start:end].tobytes()
@@ -122,7 +122,7 @@ class McapLog(Closing):
         else:
             self.path = name or "-"
             self._stream = source
-        self._source = Cursor(self._stream, self.size)
+        self._source = RecordCursor(self._stream, self.size)
         try:
             with unreadable(self.path):
                 self._begin()
@@ -143,8 +143,8 @@ class McapLog(Closing):
             raise UnreadableError(f"{self.path}: {what}")
         if len(head) == len(MAGIC):
             raise UnreadableError(f"{self.path}: an MCAP of its magic alone, without a record")
-        self._summary: Summary | None = read_summary(self._source, self._opening)
-        self.catalogue = Catalogue() if self._summary is None else self._summary.catalogue
+        self._summary: McapSummary | None = read_summary(self._source, self._opening)
+        self.catalogue = ChannelCatalogue() if self._summary is None else self._summary.catalogue
         if self._summary is not None:
             kinds = dict.fromkeys(chunk.compression or "none" for chunk in self._summary.chunks)
             self.compression = "+".join(kinds) or "none"
@@ -163,7 +163,7 @@ class McapLog(Closing):
                 walk = self._walk(ReadReport(), Wanted(self.catalogue, types=()))
                 walk.counting = True
                 for rows in walk.records():
-                    if isinstance(rows, Messages):
+                    if isinstance(rows, McapMessages):
                         channels, counts = np.unique(rows.channel, return_counts=True)
                         walk.skipped.update(dict(zip(channels.tolist(), counts.tolist(), strict=True)))
                 self._topics = self._listed(walk.skipped)
@@ -240,14 +240,14 @@ class McapLog(Closing):
             problem = f"its protobuf schema does not describe a {kind}"
         return _MessageDecoder(topic, partial(_refuse, cause=problem), report)
 
-    def _pass(self, wanted: Wanted, report: ReadReport) -> Iterator[tuple[Messages, NDArray[np.int32]]]:
+    def _pass(self, wanted: Wanted, report: ReadReport) -> Iterator[tuple[McapMessages, NDArray[np.int32]]]:
         """Go through the log once; yield messages, and the group of each, where any is wanted."""
         report.add(self._opening)
         self._budget = DecompressionBudget()
         walk = self._walk(report, wanted)
         unknown: Counter[int] = Counter()
         for rows in walk.records():
-            if not isinstance(rows, Messages):
+            if not isinstance(rows, McapMessages):
                 continue
             groups = wanted.groups()[rows.channel]
             unknown.update(rows.channel[groups == UNKNOWN].tolist())
@@ -266,7 +266,7 @@ class McapLog(Closing):
                 raise UnreadableError(f"{self.path}: a stream can be read only once; give the file's name instead")
             self._used = True
         else:
-            self._source = Cursor(self._stream, self.size)
+            self._source = RecordCursor(self._stream, self.size)
         return Walk(self._source, self.catalogue, report, self._summary, wanted)
 
     def close(self) -> None:

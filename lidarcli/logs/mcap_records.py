@@ -52,7 +52,7 @@ _STEP = 1 << 16
 T = TypeVar("T")
 
 
-class Cursor:
+class RecordCursor:
     """A position in a stream of bytes. A file can also be read elsewhere (`read_at`), and ends where it ended at open."""
 
     def __init__(self, stream: BinaryIO, size: int | None) -> None:
@@ -107,7 +107,7 @@ class Cursor:
 
 
 @record
-class Messages:
+class McapMessages:
     """K messages of one piece of bytes, in their order there."""
 
     data: UInt8
@@ -119,15 +119,15 @@ class Messages:
     def __len__(self) -> int:
         return len(self.channel)
 
-    def take(self, rows: Bool) -> Messages:
+    def take(self, rows: Bool) -> McapMessages:
         """Return the messages of a mask."""
-        return Messages(self.data, *(getattr(self, field.name)[rows] for field in fields(self)[1:]))
+        return McapMessages(self.data, *(getattr(self, field.name)[rows] for field in fields(self)[1:]))
 
 
 class Records(NamedTuple):
     """Records that follow one another in a piece of bytes."""
 
-    messages: Messages
+    messages: McapMessages
     others: list[tuple[int, int, int]]
     """Opcode, first byte of the content and its end, of all that are no messages."""
     end: int
@@ -177,14 +177,14 @@ def list_indexed(data: bytes, offsets: Int64) -> Records | None:
     return Records(messages, others, len(data))
 
 
-def _messages_at(data: bytes, at: Int64) -> tuple[Messages, UInt8]:
+def _messages_at(data: bytes, at: Int64) -> tuple[McapMessages, UInt8]:
     """Return the messages whose records begin at `at`, which must be in bounds, and the opcodes there."""
     view = np.frombuffer(data, np.uint8)
     if not len(at):
-        return Messages(view, np.empty(0, np.uint16), at, at, at), view[:0]
+        return McapMessages(view, np.empty(0, np.uint16), at, at, at), view[:0]
     heads = _rows(view, at, MESSAGE_HEAD).view(_MESSAGE)[:, 0]
     lengths = heads["length"].astype(np.int64) - (MESSAGE_HEAD - RECORD.size)
-    messages = Messages(view, heads["channel"].copy(), heads["log"].astype(np.int64), at + MESSAGE_HEAD, lengths)
+    messages = McapMessages(view, heads["channel"].copy(), heads["log"].astype(np.int64), at + MESSAGE_HEAD, lengths)
     return messages, heads["opcode"]
 
 
@@ -323,7 +323,7 @@ def parse(read: Callable[[ReadDataStream], T], content: bytes) -> T | None:
 
 
 @dataclass(slots=True)
-class Catalogue:
+class ChannelCatalogue:
     """Channels and schemas by their ids; the first definition of an id counts."""
 
     channels: dict[int, Channel] = field(default_factory=dict)
@@ -361,10 +361,10 @@ class Catalogue:
 
 
 @dataclass(slots=True)
-class Summary:
+class McapSummary:
     """Summary section of an MCAP that was closed properly."""
 
-    catalogue: Catalogue = field(default_factory=Catalogue)
+    catalogue: ChannelCatalogue = field(default_factory=ChannelCatalogue)
     counts: dict[int, int] | None = None
     """Number of messages by channel; None without statistics."""
     chunks: list[ChunkIndex] = field(default_factory=list)
@@ -377,7 +377,7 @@ class Summary:
         return all(map(self.catalogue.knows, ids)) and (self.counts is not None or bool(self.catalogue.channels))
 
 
-def read_summary(source: Cursor, report: ReadReport) -> Summary | None:
+def read_summary(source: RecordCursor, report: ReadReport) -> McapSummary | None:
     """Return the summary of a file; None where the log was not closed, or where its summary is damaged.
 
     Nothing in it is needed to read the log: it saves time, it names what can be skipped, and it leads past damage.
@@ -392,7 +392,7 @@ def read_summary(source: Cursor, report: ReadReport) -> Summary | None:
     if opcode != Opcode.FOOTER or length != _FOOTER.size - RECORD.size:
         return None
     if start == 0:
-        return Summary()
+        return McapSummary()
     if not len(MAGIC) <= start <= footer_at or footer_at - start > 1 << 28:
         report.add_damage(f"footer at byte {footer_at}", f"its summary cannot begin at byte {start}; not used")
         return None
@@ -400,7 +400,7 @@ def read_summary(source: Cursor, report: ReadReport) -> Summary | None:
     if crc and zlib.crc32(tail[: _FOOTER.size - 4], zlib.crc32(data)) != crc:
         report.add_damage(f"summary at byte {start}", "its checksum does not hold; not used")
         return None
-    summary = Summary()
+    summary = McapSummary()
     place, end = -1, 0
     while place < end < len(data):
         place = end
@@ -421,7 +421,7 @@ def read_summary(source: Cursor, report: ReadReport) -> Summary | None:
     return summary
 
 
-def skippable_chunks(source: Cursor, summary: Summary | None, wanted: Collection[int]) -> frozenset[int]:
+def skippable_chunks(source: RecordCursor, summary: McapSummary | None, wanted: Collection[int]) -> frozenset[int]:
     """Return the positions of chunks that may be passed over where their message index names no wanted channel.
 
     None may, unless the message indexes of all chunks agree with the statistics for each wanted channel.

@@ -25,12 +25,12 @@ from lidarcli.logs.mcap_records import (
     MESSAGE_HEAD,
     PART,
     RECORD,
-    Catalogue,
+    ChannelCatalogue,
     ChunkHead,
     CodecError,
-    Cursor,
-    Messages,
-    Summary,
+    McapMessages,
+    McapSummary,
+    RecordCursor,
     chunk_head,
     find_record,
     inflate,
@@ -67,7 +67,9 @@ class OtherRecord(NamedTuple):
 class Wanted:
     """The channels that a pass reads: topics of sweeps, or all channels of some types."""
 
-    def __init__(self, catalogue: Catalogue, topics: Collection[str] | None = None, types: Collection[str] | None = None):
+    def __init__(
+        self, catalogue: ChannelCatalogue, topics: Collection[str] | None = None, types: Collection[str] | None = None
+    ):
         """`topics` None: every topic of sweeps; `types` None: sweeps."""
         self.first: list[int] = []
         """A channel of each group. A group has one topic, type and encoding: publishers share it, so that their sweeps
@@ -125,10 +127,10 @@ class _Chunk:
 class Walk:
     """One pass from record to record: definitions go to the catalogue, damage to the report."""
 
-    source: Cursor
-    catalogue: Catalogue
+    source: RecordCursor
+    catalogue: ChannelCatalogue
     report: ReadReport
-    summary: Summary | None
+    summary: McapSummary | None
     """Its chunk positions are a way past damage, never a reason to leave a record out."""
     wanted: Wanted | None
     """None: all messages, and `OtherRecord`s."""
@@ -144,7 +146,7 @@ class Walk:
     _chunks: int = 0
     _unknown: int = 0
 
-    def records(self) -> Iterator[Messages | OtherRecord]:
+    def records(self) -> Iterator[McapMessages | OtherRecord]:
         """Yield all messages, in file order, and without `wanted` the other records that a copy keeps."""
         if not self.source.position:
             self.source.skip(len(MAGIC))
@@ -155,7 +157,7 @@ class Walk:
         if self._unknown:
             self.report.notes.append(f"{self._unknown} records of unknown kinds were ignored")
 
-    def _records(self) -> Iterator[Messages | OtherRecord]:
+    def _records(self) -> Iterator[McapMessages | OtherRecord]:
         chunk: _Chunk | None = None
         for place, opcode, length in self._heads():
             if opcode == Opcode.MESSAGE_INDEX:
@@ -258,7 +260,7 @@ class Walk:
             if len(window) < WINDOW:
                 return False
 
-    def _read_plain(self, place: int, length: int) -> Iterator[Messages]:
+    def _read_plain(self, place: int, length: int) -> Iterator[McapMessages]:
         """Yield messages outside chunks: all whole ones of a window."""
         if length > MAX_SMALL:
             self.report.notes.append(f"a message of {length} bytes at byte {place} was passed over")
@@ -316,7 +318,7 @@ class Walk:
         self.skipped.update(counts)
         return True
 
-    def _read(self, chunk: _Chunk) -> Iterator[Messages]:
+    def _read(self, chunk: _Chunk) -> Iterator[McapMessages]:
         """Yield the messages of a chunk, unless it may be passed over."""
         if self._is_unwanted(chunk):
             return
@@ -338,7 +340,9 @@ class Walk:
         if end < len(content):
             self._damage(place, f"no record at byte {end} of its {len(content)}", "chunk at byte")
 
-    def _messages_of(self, place: int, content: bytes, offsets: list[Int64]) -> Generator[Messages, None, tuple[int, int]]:
+    def _messages_of(
+        self, place: int, content: bytes, offsets: list[Int64]
+    ) -> Generator[McapMessages, None, tuple[int, int]]:
         """Yield the messages of a chunk's bytes, take in what it defines; return their count and where records end."""
         indexed = list_indexed(content, np.concatenate(offsets)) if offsets else None
         count = end = 0
@@ -353,7 +357,7 @@ class Walk:
     def _rescue_definitions(self, chunk: _Chunk, data: bytes) -> None:
         """Recover channels that only a damaged chunk described, if they name a known type."""
         start = inflate_start(chunk.head, data, 1 << 24)
-        doubtful = Catalogue()
+        doubtful = ChannelCatalogue()
         for opcode, first, end in list_records(start, 0, len(start)).others:
             if opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
                 doubtful.add(opcode, start[first:end])

@@ -13,8 +13,9 @@ import numpy as np
 
 from lidarcli.logs.base import ReadReport
 from lidarcli.logs.clock import MAX_TOPICS, StampMender
+from lidarcli.options.choices import PILE
 from lidarcli.sweeps.findings import Sensor
-from lidarcli.sweeps.range_rules import FARTHEST, PILE, RangeRules, bounds, is_marked, judge, same_range
+from lidarcli.sweeps.range_rules import FARTHEST, RangeRules, bounds, is_marked, judge, same_range
 from lidarcli.sweeps.types import Bool, Float32, Float64, Int64, RawSweeps, concatenate
 
 WINDOW = 256
@@ -55,7 +56,7 @@ class NoReturnDetector:
         self._rules = rules
         self._report = report
         self._mender = StampMender()
-        self._topics: dict[str, _Topic] = {}
+        self._topics: dict[str, _PiledTopic] = {}
 
     def take(self, block: RawSweeps) -> Iterator[tuple[RawSweeps, RangeRules]]:
         """Take sweeps; yield those whose rules are known, in the order of the log within each topic."""
@@ -75,12 +76,12 @@ class NoReturnDetector:
             yield sweeps, self._rules
             return
         if topic is None:
-            topic = self._topics[sweeps.topic] = _Topic(self._rules, self._report)
+            topic = self._topics[sweeps.topic] = _PiledTopic(self._rules, self._report)
         yield from topic.take(sweeps)
 
 
 @dataclass(slots=True)
-class _Topic:
+class _PiledTopic:
     """The sweeps of one topic that wait until their window is full."""
 
     rules: RangeRules

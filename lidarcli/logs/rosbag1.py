@@ -49,7 +49,7 @@ def read_at(file: BinaryIO, at: int, size: int) -> bytes:
     return file.read(size)
 
 
-class State(Enum):
+class ReaderState(Enum):
     """State of the index."""
 
     GOOD = "good"
@@ -74,7 +74,7 @@ class Connection:
 class Index:
     """Connections of a bag and how many messages of which one each chunk holds."""
 
-    state: State
+    state: ReaderState
     encryptor: str = ""
     connections: dict[int, Connection] = field(default_factory=dict)
     chunks: dict[int, bytes] = field(default_factory=dict)
@@ -109,15 +109,15 @@ def _read_index(file: BinaryIO, size: int) -> Index:
     """Read the bag's header and its index section."""
     bag = parse(read_at(file, len(MAGIC), 8 + MAX_HEADER), 0)
     if bag is None or bag.op != Op.BAG:
-        return Index(State.BROKEN)
+        return Index(ReaderState.BROKEN)
     encryptor = bag.value(b"encryptor").decode("utf-8", "replace") if b"encryptor" in bag.fields else ""
     position = bag.number(b"index_pos")
     if position == 0:
-        return Index(State.OPEN, encryptor)
+        return Index(ReaderState.OPEN, encryptor)
     if position >= size:
-        return Index(State.CUT, encryptor)
+        return Index(ReaderState.CUT, encryptor)
     if size - position > 256 << 20:
-        return Index(State.BROKEN, encryptor)
+        return Index(ReaderState.BROKEN, encryptor)
     data = read_at(file, position, size - position)
     connections: dict[int, Connection] = {}
     chunks: dict[int, bytes] = {}
@@ -138,9 +138,9 @@ def _read_index(file: BinaryIO, size: int) -> Index:
         and bag.number(b"chunk_count") == len(chunks)
     )
     if whole:
-        return Index(State.GOOD, encryptor, connections, chunks)
+        return Index(ReaderState.GOOD, encryptor, connections, chunks)
     cut = record is not None and record.end > len(data)
-    return Index(State.CUT if cut or at == len(data) else State.BROKEN, encryptor, connections)
+    return Index(ReaderState.CUT if cut or at == len(data) else ReaderState.BROKEN, encryptor, connections)
 
 
 Wanted = Callable[[Connection], bool]
@@ -312,7 +312,7 @@ class Pass:
 
     def _unwanted(self, record: Record) -> int | None:
         """Return the position behind a chunk without wanted messages, if both indexes agree on that; else None."""
-        counts = self._index.chunk_counts(record.start) if self._index.state is State.GOOD else None
+        counts = self._index.chunk_counts(record.start) if self._index.state is ReaderState.GOOD else None
         if counts is None or any(self._is_wanted(connection) for connection in counts):
             return None
         found: dict[int, int] = {}
@@ -332,7 +332,7 @@ class Pass:
         read = f"{sum(n for c, n in self.counts.items() if self._is_wanted(c)):,} messages were read"
         if self._cut:
             self._damaged(f"byte {self._size} (end of file)", f"{self._cut}; {read}")
-        elif self._index.state is not State.GOOD:
+        elif self._index.state is not ReaderState.GOOD:
             self._damaged("index", f"{self._index.state.value}; all {read} without it")
         else:
             promised = {c: n for c, n in self._index.counts().items() if self._is_wanted(c)}
@@ -386,7 +386,7 @@ class Rosbag1Log(Closing):
 
     def topics(self) -> list[Topic]:
         """Return all topics: from the index, or where there is none by reading the whole bag once."""
-        if self._index.state is State.GOOD:
+        if self._index.state is ReaderState.GOOD:
             return _topics(self._index.connections, self._index.counts())
         if self._counted is None:
             reading = self.raw_records(ReadReport())

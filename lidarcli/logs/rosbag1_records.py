@@ -54,7 +54,7 @@ _REQUIRED: dict[int, dict[bytes, int | None]] = {
 """Fields of each kind of record, and their lengths."""
 
 
-class Field(NamedTuple):
+class HeaderField(NamedTuple):
     """Position of a field value in the header."""
 
     start: int
@@ -67,7 +67,7 @@ class Record(NamedTuple):
     start: int
     op: int
     header: bytes
-    fields: dict[bytes, Field]
+    fields: dict[bytes, HeaderField]
     data_length: int
 
     @property
@@ -86,9 +86,9 @@ class Record(NamedTuple):
         return int.from_bytes(self.value(name), "little")
 
 
-def parse_fields(header: bytes) -> dict[bytes, Field] | None:
+def parse_fields(header: bytes) -> dict[bytes, HeaderField] | None:
     """Return the fields of a header by name; None if their lengths do not add up to it."""
-    fields: dict[bytes, Field] = {}
+    fields: dict[bytes, HeaderField] = {}
     at, end = 0, len(header)
     while at < end:
         if at + 4 > end:
@@ -98,7 +98,7 @@ def parse_fields(header: bytes) -> dict[bytes, Field] | None:
         equals = header.find(b"=", at, at + length)
         if at + length > end or equals < 0 or len(fields) == 32:
             return None
-        fields[header[at:equals]] = Field(equals + 1, at + length)
+        fields[header[at:equals]] = HeaderField(equals + 1, at + length)
         at += length
     return fields
 

@@ -33,19 +33,19 @@ SEAM, LATE = 3, 0.75
 
 def join(blocks: Iterable[RawSweeps], report: ReadReport) -> Iterator[RawSweeps]:
     """Yield blocks with segments joined to turns. A turn takes its place in the topic where the next one begins."""
-    topics: dict[str, _Topic] = {}
+    topics: dict[str, _SegmentedTopic] = {}
     for block in blocks:
         if block.topic not in topics and len(topics) == MAX_TOPICS:
             yield block
         else:
-            yield from topics.setdefault(block.topic, _Topic(report)).take(block)
+            yield from topics.setdefault(block.topic, _SegmentedTopic(report)).take(block)
     for topic in topics.values():
         yield from topic.take(None)
         yield from _in_order([turns.take(None, turns.place[:0]) for turns in topic.sensors.values() if turns])
 
 
 @dataclass(slots=True)
-class _Topic:
+class _SegmentedTopic:
     """Sweeps of one topic, of which some frames may be in segments."""
 
     report: ReadReport

@@ -42,6 +42,9 @@ STATION_ANGLE = math.radians(STATION_DEGREES)
 """Greatest difference of headings [rad]."""
 UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001}
 """Units that the ranges of a log may have, in metres."""
+PILE = "pile"
+NO_RETURN_WORDS = ("inf", "zero", "max", "above", PILE, "nan", "negative", "below")
+"""Words for the values of a beam that mean no return; a pile is a range that many beams share."""
 ECHOES = ("first", "last", "strongest")
 """Echoes to take of a beam that has several; the first by default."""
 JOIN, KEEP = SEGMENTS = ("join", "keep")

@@ -170,7 +170,7 @@ def defaults_of(group: type) -> dict[str, Any]:
 
 
 @dataclass(frozen=True, slots=True)
-class Rule:
+class OptionRule:
     """Options that exclude others, or that need one of them: for the command line and Python alike."""
 
     names: tuple[str, ...]
@@ -203,7 +203,7 @@ class Rule:
 
 
 def refuse_combinations(
-    rules: Iterable[Rule], options: Mapping[str, Option], values: Mapping[str, Any], is_given: Callable[[str], bool]
+    rules: Iterable[OptionRule], options: Mapping[str, Option], values: Mapping[str, Any], is_given: Callable[[str], bool]
 ) -> None:
     """Refuse options that exclude or need each other (`OptionError`), by `unless` and by rules: arguments as of those."""
     for name, option in options.items():

@@ -13,22 +13,22 @@ from typing import Annotated, Literal, TypedDict
 from lidarcli.errors import OptionError
 from lidarcli.options import choices
 from lidarcli.options.common import CHECK, STAMPS_HELP, Jobs
-from lidarcli.options.forms import File, Number, Option, Rule, Text
-from lidarcli.options.objects import COLUMNS_HELP, OBJECTS, Comparing, ObjectParameters, Objects, Things
+from lidarcli.options.forms import File, Number, Option, OptionRule, Text
+from lidarcli.options.objects import COLUMNS_HELP, OBJECTS, Comparing, ObjectGroup, ObjectParameters, Things
 from lidarcli.options.reading import (
     POSES,
     RANGES,
     SELECT,
     Delay,
     Joining,
-    Limits,
-    Poses,
+    LimitsGroup,
+    PoseGroup,
     Ranges,
-    Reading,
-    Run,
-    Topic,
+    ReadingGroup,
+    RunGroup,
+    TopicGroup,
     Topics,
-    Window,
+    WindowGroup,
 )
 from lidarcli.options.values import (
     CHECKS,
@@ -80,7 +80,7 @@ def parse_value(text: str) -> str | float:
     return word if word in choices.SAYINGS else metres(text, f"neither {', '.join(choices.SAYINGS)}", LENGTH)
 
 
-class Learning(Reading, total=False):
+class LearningGroup(ReadingGroup, total=False):
     station_distance: Annotated[
         float,
         Option(STATIONS, WIDTH, default=choices.STATION_DISTANCE),
@@ -93,7 +93,7 @@ class Learning(Reading, total=False):
     ]
 
 
-class Mapping(Reading, total=False):
+class MappingGroup(ReadingGroup, total=False):
     resolution: Annotated[
         float, Option(GRID, Number("METRES", *choices.MAP_RESOLUTIONS), choices.MAP_RESOLUTION), "Side of a cell."
     ]
@@ -170,7 +170,7 @@ class Around(TypedDict, total=False):
     ]
 
 
-class Zoning(_Zones, Joining, Topics, Poses, Delay, Objects, Comparing, Things, Ranges, Jobs, Around, total=False):
+class Zoning(_Zones, Joining, Topics, PoseGroup, Delay, ObjectGroup, Comparing, Things, Ranges, Jobs, Around, total=False):
     """Keywords of `zones`."""
 
     clips: Annotated[
@@ -180,7 +180,7 @@ class Zoning(_Zones, Joining, Topics, Poses, Delay, Objects, Comparing, Things, 
     ]
 
 
-class Diffing(Topics, Poses, Delay, Things, Ranges, Jobs, total=False):
+class Diffing(Topics, PoseGroup, Delay, Things, Ranges, Jobs, total=False):
     align: Annotated[
         Literal["auto", "as-is", "search"],
         Option(PLACES, choices.ALIGN, choices.ALIGN[0]),
@@ -194,7 +194,9 @@ class Diffing(Topics, Poses, Delay, Things, Ranges, Jobs, total=False):
     ]
 
 
-class Cleaning(Topic, Window, Run, Poses, Delay, ObjectParameters, Limits, Jobs, Around, total=False):
+class Cleaning(
+    TopicGroup, WindowGroup, RunGroup, PoseGroup, Delay, ObjectParameters, LimitsGroup, Jobs, Around, total=False
+):
     remove: Annotated[
         str | Iterable[str],
         Option(CHANGES, Text("LIST", parse_removed, is_list=True), "agents"),
@@ -232,7 +234,7 @@ class Cleaning(Topic, Window, Run, Poses, Delay, ObjectParameters, Limits, Jobs,
     ]
 
 
-class Inspecting(Topic, Run, Joining, Poses, Delay, Ranges, total=False):
+class Inspecting(TopicGroup, RunGroup, Joining, PoseGroup, Delay, Ranges, total=False):
     deep: Annotated[
         bool,
         Option(FINDINGS, None, False),
@@ -245,7 +247,7 @@ class Inspecting(Topic, Run, Joining, Poses, Delay, Ranges, total=False):
     ]
 
 
-class Plotting(Joining, Poses, Delay, Objects, Ranges, total=False):
+class Plotting(Joining, PoseGroup, Delay, ObjectGroup, Ranges, total=False):
     at: Annotated[
         float | str | None,
         Option(PICTURE, TIME, shown="none", unless=("sweep", "sweeps", "animate")),
@@ -308,7 +310,7 @@ class Reporting(Joining, total=False):
     ]
 
 
-class Overlaying(Joining, Jobs, Topics, Poses, Delay, Objects, Things, Ranges, total=False):
+class Overlaying(Joining, Jobs, Topics, PoseGroup, Delay, ObjectGroup, Things, Ranges, total=False):
     objects: Annotated[
         AnyPath | None,
         Option(OUTPUT, File("TABLE"), shown="find and follow, as track does"),
@@ -396,27 +398,29 @@ class Exporting(TypedDict, total=False):
 
 _FOUND = "is for finding objects, and --objects names some that have been found"
 RULES = (
-    Rule(("removed", "any_frame", "station_distance", "station_angle"), ("background",), "is for --background FILE", True),
-    Rule(("jobs",), ("cluster",), "is for this machine, --cluster for others"),
-    Rule(("dry_run",), ("format=json",), "prints a plan and no summary: leave out --format json"),
+    OptionRule(
+        ("removed", "any_frame", "station_distance", "station_angle"), ("background",), "is for --background FILE", True
+    ),
+    OptionRule(("jobs",), ("cluster",), "is for this machine, --cluster for others"),
+    OptionRule(("dry_run",), ("format=json",), "prints a plan and no summary: leave out --format json"),
 )
 """For whatever has these options."""
-OVERLAY_RULES = (Rule((SELECT, POSES, OBJECTS, RANGES), ("objects",), _FOUND),)
+OVERLAY_RULES = (OptionRule((SELECT, POSES, OBJECTS, RANGES), ("objects",), _FOUND),)
 ZONE_RULES = (
-    Rule((OBJECTS,), ("objects",), _FOUND),
-    Rule((OBJECTS,), ("no_objects",), "is for finding objects, and --no-objects finds none"),
+    OptionRule((OBJECTS,), ("objects",), _FOUND),
+    OptionRule((OBJECTS,), ("no_objects",), "is for finding objects, and --no-objects finds none"),
 )
 PLOT_RULES = (
-    Rule(("start", "end"), ("animate",), "is for --animate without --sweep and --sweeps", True),
-    Rule(("start", "end"), ("sweep", "sweeps"), "is for --animate without --sweep and --sweeps"),
-    Rule((POSES,), ("view=map", "background", "zones"), "is for --view map, --background and --zones", True),
-    Rule(("animate", "background"), ("view=map",), "is not for --view map, which is a picture of its own"),
-    Rule(("trail",), ("tracks",), "is for the paths of --tracks in the scene", True),
-    Rule(("trail",), ("view=map",), "is for the paths of --tracks in the scene"),
-    Rule(("tracks",), ("view=all|scene|map",), "is drawn in the scene; give --view all, scene or map", True),
-    Rule(("zones",), ("view=all|scene",), "is drawn in the scene; give --view all or scene", True),
-    Rule(("only", "density"), ("tracks",), "is for --view map --tracks TABLE", True),
-    Rule(("only", "density"), ("view=map",), "is for --view map --tracks TABLE", True),
-    Rule(("fps",), ("animate",), "is for --animate", True),
-    Rule(("vertices",), ("view=all|scene",), "is for the scene; give --view all or scene", True),
+    OptionRule(("start", "end"), ("animate",), "is for --animate without --sweep and --sweeps", True),
+    OptionRule(("start", "end"), ("sweep", "sweeps"), "is for --animate without --sweep and --sweeps"),
+    OptionRule((POSES,), ("view=map", "background", "zones"), "is for --view map, --background and --zones", True),
+    OptionRule(("animate", "background"), ("view=map",), "is not for --view map, which is a picture of its own"),
+    OptionRule(("trail",), ("tracks",), "is for the paths of --tracks in the scene", True),
+    OptionRule(("trail",), ("view=map",), "is for the paths of --tracks in the scene"),
+    OptionRule(("tracks",), ("view=all|scene|map",), "is drawn in the scene; give --view all, scene or map", True),
+    OptionRule(("zones",), ("view=all|scene",), "is drawn in the scene; give --view all or scene", True),
+    OptionRule(("only", "density"), ("tracks",), "is for --view map --tracks TABLE", True),
+    OptionRule(("only", "density"), ("view=map",), "is for --view map --tracks TABLE", True),
+    OptionRule(("fps",), ("animate",), "is for --animate", True),
+    OptionRule(("vertices",), ("view=all|scene",), "is for the scene; give --view all or scene", True),
 )

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Literal, TypedDict
 from lidarcli.options import choices
 from lidarcli.options.common import Jobs
 from lidarcli.options.forms import File, Number, Option, Text
-from lidarcli.options.reading import Delay, Joining, Poses, Ranges, Topics
+from lidarcli.options.reading import Delay, Joining, PoseGroup, Ranges, Topics
 from lidarcli.options.values import COUNT, COUNT_OR_NONE, LENGTH, OUTPUT, TURN, WIDTH, AnyPath, metres, parse_names
 
 if TYPE_CHECKING:
@@ -64,7 +64,7 @@ class ObjectParameters(TypedDict, total=False):
     ]
 
 
-class Objects(ObjectParameters, total=False):
+class ObjectGroup(ObjectParameters, total=False):
     """Parameters of the objects, and which of them have rows; None stands for the default of the profile."""
 
     walls: Annotated[
@@ -108,7 +108,7 @@ class Things(TypedDict, total=False):
     ]
 
 
-class Finding(Joining, Topics, Poses, Delay, Objects, Comparing, Things, Ranges, Jobs, total=False):
+class FindingGroup(Joining, Topics, PoseGroup, Delay, ObjectGroup, Comparing, Things, Ranges, Jobs, total=False):
     """Keywords that `detect` and `track` share."""
 
     explain: Annotated[
@@ -122,11 +122,11 @@ COLUMNS_HELP = "Columns to keep, comma separated, in this order."
 _MEMORY = "Decide what is a thing, and its shape, by all sweeps that saw it, not by each sweep alone."
 
 
-class Detecting(Finding, total=False):
+class Detecting(FindingGroup, total=False):
     memory: Annotated[bool, Option(OBJECTS, None, False, both=True, rare=True), _MEMORY]
 
 
-class Trajectories(TypedDict, total=False):
+class TrajectoryGroup(TypedDict, total=False):
     trajectories: Annotated[
         bool,
         Option(OUTPUT, None, True, rare=True),
@@ -134,7 +134,7 @@ class Trajectories(TypedDict, total=False):
     ]
 
 
-class Tracking(Finding, Trajectories, total=False):
+class Tracking(FindingGroup, TrajectoryGroup, total=False):
     memory: Annotated[bool, Option(OBJECTS, None, True, both=True, rare=True), _MEMORY]
     agent_score: Annotated[
         float,
@@ -148,11 +148,11 @@ class Tracking(Finding, Trajectories, total=False):
     ]
 
 
-class Beams(TypedDict, total=False):
+class BeamGroup(TypedDict, total=False):
     beams: Annotated[bool, Option(OUTPUT, None, False), "Also write <log>.beams.parquet, one row per beam."]
 
 
-class Tabling(Tracking, Beams, total=False):
+class Tabling(Tracking, BeamGroup, total=False):
     columns: Annotated[
         str | Iterable[str],
         Option(

@@ -4,6 +4,7 @@ import math
 from collections.abc import Iterable
 from typing import Annotated, Literal, TypedDict
 
+from lidarcli.errors import OptionError
 from lidarcli.options import choices
 from lidarcli.options.forms import File, Number, Option, Text
 from lidarcli.options.values import COUNT, MANY, TIME, WIDTH, AnyPath
@@ -14,15 +15,36 @@ POINT_CLOUDS = "Point clouds"
 ANGLE = Number("ANGLE")
 
 
+def parse_no_return(text: str) -> tuple[frozenset[str], tuple[float, ...]]:
+    """Split a `--no-return` list (`zero,max,81.91`) into its words and its markers [m].
+
+    >>> parse_no_return("zero,81.91")
+    (frozenset({'zero'}), (81.91,))
+    """
+    words, markers = set(), []
+    for item in filter(None, (part.strip().lower() for part in text.split(","))):
+        if item in choices.NO_RETURN_WORDS:
+            words.add(item)
+            continue
+        try:
+            marker = float(item)
+        except ValueError:
+            raise OptionError(
+                f"--no-return: '{item}' is neither a number nor one of {', '.join(choices.NO_RETURN_WORDS)}"
+            ) from None
+        if not abs(marker) <= choices.MAX_NUMBER:
+            raise OptionError(f"--no-return: {marker:g} is no range")
+        markers.append(marker)
+    return frozenset(words), tuple(markers)
+
+
 def parse_no_return_words(text: str) -> str:
     """The list as it is, once its items are known to be words and ranges."""
-    from lidarcli.sweeps.range_rules import parse_no_return
-
     parse_no_return(text)
     return text
 
 
-class Window(TypedDict, total=False):
+class WindowGroup(TypedDict, total=False):
     """The time from which and up to which to read."""
 
     start: Annotated[
@@ -33,7 +55,7 @@ class Window(TypedDict, total=False):
     end: Annotated[float | str | None, Option(SELECT, TIME, shown="the end"), "End before this time, given like --start."]
 
 
-class Run(TypedDict, total=False):
+class RunGroup(TypedDict, total=False):
     run: Annotated[
         int | None,
         Option(SELECT, COUNT, shown="all", rare=True),
@@ -41,7 +63,7 @@ class Run(TypedDict, total=False):
     ]
 
 
-class Topic(TypedDict, total=False):
+class TopicGroup(TypedDict, total=False):
     topic: Annotated[
         str | Iterable[str] | None,
         Option(SELECT, Text("NAME"), shown="all", several=True),
@@ -49,13 +71,13 @@ class Topic(TypedDict, total=False):
     ]
 
 
-class Topics(Topic, Window, Run, total=False):
+class Topics(TopicGroup, WindowGroup, RunGroup, total=False):
     """The sweeps of a log to read."""
 
     every: Annotated[int, Option(SELECT, COUNT, 1), "Take every N-th sweep."]
 
 
-class Poses(TypedDict, total=False):
+class PoseGroup(TypedDict, total=False):
     """The source of the poses."""
 
     pose: Annotated[
@@ -91,7 +113,7 @@ class Delay(TypedDict, total=False):
     ]
 
 
-class Limits(TypedDict, total=False):
+class LimitsGroup(TypedDict, total=False):
     range: Annotated[
         tuple[float, float] | None,
         Option(RANGES, Number("MIN MAX", 0, count=2), shown="those of the log"),
@@ -115,7 +137,7 @@ class Limits(TypedDict, total=False):
     ]
 
 
-class Ranges(Limits, total=False):
+class Ranges(LimitsGroup, total=False):
     """Limits of ranges, and the names of columns and the geometry of beams that a log lacks."""
 
     columns: Annotated[
@@ -175,5 +197,5 @@ class Joining(TypedDict, total=False):
     ]
 
 
-class Reading(Joining, Topics, Poses, Delay, Ranges, total=False):
+class ReadingGroup(Joining, Topics, PoseGroup, Delay, Ranges, total=False):
     """Options for reading a log."""

@@ -14,7 +14,7 @@ from lidarcli.display import palette
 from lidarcli.options.choices import TRAIL
 from lidarcli.overlays.markers import Kind, Markers
 from lidarcli.sweeps.types import Bool, Float32, Float64, Int32, Int64, record
-from lidarcli.tabular.columns import answers, are, codes, held, numbers, plain
+from lidarcli.tabular.columns import answers, are, codes, numbers, plain, values_and_mask
 
 COLUMNS = (
     *("topic", "sweep", "object", "beam_i", "beam_f", "set", "shape", "x", "y", "box_x", "box_y", "box_length"),
@@ -38,7 +38,7 @@ UNKNOWN = "unknown"
 
 
 @record
-class Poses:
+class PathPoses:
     """Poses of the sensor at S sweeps; NaN where unknown."""
 
     x: Float64
@@ -53,7 +53,7 @@ class Poses:
 
 
 @record
-class Trajectories:
+class PathRows:
     """N rows of the trajectories of what moves, of one topic, by track and sweep."""
 
     track: Int64
@@ -68,11 +68,11 @@ class Trajectories:
     """True where its sweep sees it."""
 
     @staticmethod
-    def of(table: pa.Table, topic: str) -> Trajectories:
+    def of(table: pa.Table, topic: str) -> PathRows:
         """Return those of a topic in a table with `PATH_COLUMNS`."""
         own = are(table["topic"], topic)
         names = ("track", "sweep", "t", "x", "y", "vx", "vy")
-        track, sweep, seconds, x, y, vx, vy = (held(table[name])[0] for name in names)
+        track, sweep, seconds, x, y, vx, vy = (values_and_mask(table[name])[0] for name in names)
         moving = np.hypot(vx, vy) > 0.0
         own &= np.isin(track, np.unique(track[own & moving]))
         rows = np.flatnonzero(own)
@@ -82,7 +82,7 @@ class Trajectories:
         begin, count = np.searchsorted(track, track), np.cumsum(moving)
         is_agent = count - count[begin] + moving[begin] > 0
         seen = ~are(table["seen"], "hidden")[rows]
-        return Trajectories(track, sweep[rows], seconds[rows], x[rows], y[rows], in_world, is_agent, seen)
+        return PathRows(track, sweep[rows], seconds[rows], x[rows], y[rows], in_world, is_agent, seen)
 
     def up_to(self, sweep: int) -> Iterator[tuple[int, Int64]]:
         """Yield each track that a sweep sees with its rows in the last `TRAIL` seconds, since it was hidden last."""
@@ -93,7 +93,7 @@ class Trajectories:
             yield int(self.track[row]), own[np.logical_and.accumulate(self.seen[own][::-1])[::-1]]
 
 
-def markers_of(rows: pa.RecordBatch, message: Int64, poses: Poses) -> list[Markers]:
+def markers_of(rows: pa.RecordBatch, message: Int64, poses: PathPoses) -> list[Markers]:
     """Return the markers of N objects.
 
     Parameters
@@ -118,7 +118,7 @@ def markers_of(rows: pa.RecordBatch, message: Int64, poses: Poses) -> list[Marke
     ]
 
 
-def paths_of(trajectories: Trajectories, index: Int64, poses: Poses, hangs: bool) -> list[Markers]:
+def paths_of(trajectories: PathRows, index: Int64, poses: PathPoses, hangs: bool) -> list[Markers]:
     """Return the paths of what moves in the last `TRAIL` seconds before each of S sweeps, in the sensor frame of each.
 
     Parameters
@@ -185,9 +185,9 @@ class _Objects:
         self._sides = np.fmin(np.fmax(np.column_stack(sides), MIN_SIDE), 1e6)
         names, shape = _coded(rows["shape"])
         self._is_round = np.array([name == "round" for name in names])[shape]
-        number, self._is_tracked = held(rows["track"])
+        number, self._is_tracked = values_and_mask(rows["track"])
         number = np.where(self._is_tracked, number, 0)
-        objects = held(rows["object"])[0].astype(np.int64)
+        objects = values_and_mask(rows["object"])[0].astype(np.int64)
         self._part = _parts(message, number, self._is_tracked)
         self._number = np.where(self._is_tracked, number, objects)
         # Where some are tracked, the numbers of the others must be none of a track.
@@ -225,7 +225,7 @@ class _Objects:
         """
         rows = np.flatnonzero(self._part == 0)
         texts = self._texts(rows)
-        lengths = held(pc.binary_length(texts))[0]
+        lengths = values_and_mask(pc.binary_length(texts))[0]
         behind = self._behind(rows, lengths, yaw[rows])
         for length in np.unique(lengths).tolist():
             own = np.flatnonzero(lengths == length)
@@ -237,7 +237,7 @@ class _Objects:
     def arrows(self, velocity: Float64) -> Iterator[Markers]:
         """Yield an arrow for each track that moves: its path in a second."""
         speed = np.hypot(*velocity.T)
-        moving = np.logical_and(*held(self._rows["moving"]))
+        moving = np.logical_and(*values_and_mask(self._rows["moving"]))
         # A slower track would have an arrow wider than long.
         rows = np.flatnonzero(moving & (speed > SHAFT) & self._is_tracked & (self._part == 0))
         if len(rows):
@@ -338,7 +338,7 @@ def _parts(message: Int64, track: Int64, is_tracked: Bool) -> Int64:
 def _vertices(rows: pa.RecordBatch, place: Float64, sides: Float64, yaw: Float64) -> tuple[Float64, Int64, Int64]:
     """Return the corners of all outlines (P, 2), and for each of N objects the index of its first one and their number."""
     column = rows["vertices"]
-    offsets = held(column.offsets)[0].astype(np.int64)
+    offsets = values_and_mask(column.offsets)[0].astype(np.int64)
     within = column.values
     theta, r = (numbers(within.field(k)) for k in (0, 1))
     with np.errstate(invalid="ignore"):
@@ -359,14 +359,14 @@ def _vertices(rows: pa.RecordBatch, place: Float64, sides: Float64, yaw: Float64
     return points, starts, counts
 
 
-def _in_sensor_frame(rows: pa.RecordBatch, message: Int64, poses: Poses) -> Float64:
+def _in_sensor_frame(rows: pa.RecordBatch, message: Int64, poses: PathPoses) -> Float64:
     """Return (N, 2) velocity over ground in the axes of the sensor [m/s]; 0 where unknown."""
     ahead, left = poses.turned(message, *(np.nan_to_num(numbers(rows[name])) for name in ("vx", "vy")))
     # A sensor that hangs head down has its left where that of the world's is right.
     return np.column_stack([ahead, np.where(is_mirrored(rows, message, poses), -left, left)])
 
 
-def is_mirrored(rows: pa.RecordBatch, message: Int64, poses: Poses) -> Bool:
+def is_mirrored(rows: pa.RecordBatch, message: Int64, poses: PathPoses) -> Bool:
     """Return (N,) True where an object is on the other side of the sensor in the world: the sensor hangs head down."""
     east, north = (numbers(rows[f"world_{axis}"]) - at[message] for axis, at in zip("xy", (poses.x, poses.y), strict=True))
     left = numbers(rows["box_y"])
@@ -385,7 +385,7 @@ def _place(rows: pa.RecordBatch, axis: str) -> Float64:
 def _coded(column: pa.DictionaryArray) -> tuple[list[str], Int64]:
     """Return names, and (N,) the index of the name of each row; null is unknown."""
     names = [*column.dictionary.to_pylist(), UNKNOWN]
-    code, there = held(column.indices)
+    code, there = values_and_mask(column.indices)
     return names, np.where(there, code, len(names) - 1)
 
 

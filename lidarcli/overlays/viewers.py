@@ -150,7 +150,7 @@ def _offer(topic: str, kind: str) -> tuple[int, bool]:
 
 
 @dataclass(frozen=True, slots=True)
-class Scene:
+class ViewerScene:
     """Content of a scene."""
 
     frame: str
@@ -163,7 +163,7 @@ class Scene:
     """Topics among these that are not shown at first: another topic of the same sensor shows as much."""
 
 
-def layout_json(scene: Scene) -> bytes:
+def layout_json(scene: ViewerScene) -> bytes:
     """Return a layout with one 3D panel; topics that it does not name are hidden there."""
     topics: dict[str, dict[str, Any]] = {topic: {"showOutlines": False} for topic in scene.objects}
     for topic in scene.scans:
@@ -180,7 +180,7 @@ def layout_json(scene: Scene) -> bytes:
     return (json.dumps(layout, indent=2) + "\n").encode()
 
 
-def rviz_config(scene: Scene, *, is_ros2: bool) -> bytes:
+def rviz_config(scene: ViewerScene, *, is_ros2: bool) -> bytes:
     """Return the settings of RViz of ROS 2 or ROS 1."""
     plugins, common = ("rviz_default_plugins", "rviz_common") if is_ros2 else ("rviz", "rviz")
     displays = [f"    - Class: {plugins}/Grid\n      Name: Grid\n      Enabled: true\n      Plane Cell Count: 20\n"]
@@ -216,7 +216,7 @@ def rviz_config(scene: Scene, *, is_ros2: bool) -> bytes:
     return text.encode()
 
 
-def _enabled(scene: Scene, topic: str) -> str:
+def _enabled(scene: ViewerScene, topic: str) -> str:
     return "false" if topic in scene.hidden else "true"
 
 

@@ -21,7 +21,7 @@ from lidarcli.files.newfiles import NewFiles, refuse
 from lidarcli.files.stores import Place
 from lidarcli.options.choices import NS
 from lidarcli.pipeline.inputs.sources import MissingInput, Source, open_source
-from lidarcli.pipeline.objects.detection import BatchDetector, DetectOptions, ParallelDetection, Part
+from lidarcli.pipeline.objects.detection import BatchDetector, BatchPart, DetectOptions, ParallelDetection
 from lidarcli.pipeline.reading.needs import Need, SensorMovedError
 from lidarcli.pipeline.reading.one_log import Progress, Reading, RunSummary
 from lidarcli.pipeline.runs.over_logs import LogProgress, Outcome, logs_at_once, over_logs, progress_of
@@ -284,7 +284,7 @@ def of_batches(batches: Iterable[SweepBatch], tables: Sequence[str], options: De
     return {table: _table(table, rows, metadata) for table, rows in collected.items()}
 
 
-def _track(parts: Iterable[Part], tables: Sequence[str], sinks: Mapping[str, RowSink], options: DetectOptions) -> None:
+def _track(parts: Iterable[BatchPart], tables: Sequence[str], sinks: Mapping[str, RowSink], options: DetectOptions) -> None:
     """Pass the rows of batches to the sinks of their tables, by log and topic."""
     # Runs that do not track should not wait for this import.
     from lidarcli.pipeline.objects.tracking import LogTracker

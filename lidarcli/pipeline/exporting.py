@@ -21,8 +21,8 @@ from lidarcli.reports.columns import same_recording
 from lidarcli.tabular.columns import in_unit, numbers
 from lidarcli.tabular.reading import (
     ANY,
-    HeldTable,
     Readable,
+    TableInMemory,
     file_metadata,
     note_value,
     read_as_is,
@@ -79,7 +79,7 @@ class Export:
 
 
 def chosen(
-    tables: Sequence[str | HeldTable], columns: Sequence[str] = (), stamps: str | None = None, only: Sequence[int] = ()
+    tables: Sequence[str | TableInMemory], columns: Sequence[str] = (), stamps: str | None = None, only: Sequence[int] = ()
 ) -> Export:
     """Choose some columns, or all, of all tables that are in memory, or that files, folders and patterns name.
 
@@ -143,7 +143,7 @@ def format_of(path: Place) -> str:
 
 def export_file(export: Export, path: Place, kind: str, overwrite: bool) -> tuple[int, list[str]]:
     """Write a file of `kind` (parquet, csv, ndjson, arrow, .tum); returns the number of rows and notes on them."""
-    refuse([path], overwrite, [str(file) for file in export.files if not isinstance(file, HeldTable)])
+    refuse([path], overwrite, [str(file) for file in export.files if not isinstance(file, TableInMemory)])
     with NewFiles([path], overwrite) as new:
         with new.part(path).open("wb") as out:
             rows, notes = (_write_tum if kind == TUM else export_stream)(export, out, kind, str(path))
@@ -179,9 +179,9 @@ def _write_tum(export: Export, out: Output, kind: str, name: str) -> tuple[int, 
     return count, [f"{counted(hidden, 'place')} left out, where no sweep saw it"] if hidden else []
 
 
-def _tables(text: str | HeldTable) -> tuple[list[Readable], list[UnreadableError]]:
+def _tables(text: str | TableInMemory) -> tuple[list[Readable], list[UnreadableError]]:
     """Return the Parquet files that a name stands for, and the folders that cannot be searched for more."""
-    if isinstance(text, HeldTable):
+    if isinstance(text, TableInMemory):
         return [text], []
     _, files, denied = files_named(text)
     if not files and not denied:

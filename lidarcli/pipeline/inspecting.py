@@ -40,7 +40,7 @@ from lidarcli.sweeps.types import Closure, RawSweeps, Status, SweepBatch
 
 if TYPE_CHECKING:
     from lidarcli.pipeline.building import Learned
-    from lidarcli.reports.checks import Check, Verdict
+    from lidarcli.reports.checks import Check, CheckVerdict
 
 FACTS = (
     *("pose_verdict", "pose_chain", "pose_agreement", "pose_again", "pose_drift", "pose_fit", "pose_delay"),
@@ -433,7 +433,7 @@ def understand_checks(checks: Sequence[str], deep: bool, site: bool = False) -> 
     return parsed
 
 
-def judge_checks(checks: Sequence[Check], infos: Iterable[LogInfo]) -> list[Verdict]:
+def judge_checks(checks: Sequence[Check], infos: Iterable[LogInfo]) -> list[CheckVerdict]:
     """Hold checks against the findings of all logs together."""
     if not checks:
         return []

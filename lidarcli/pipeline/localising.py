@@ -17,7 +17,7 @@ from lidarcli.errors import CHECK_FAILED, UnreadableError
 from lidarcli.files.stores import Place
 from lidarcli.formalism.localisation import FITTING, LOST, OFF, UNSURE, Field, field_of, intervals_of, judge, states_of
 from lidarcli.formalism.mapping.grid import HIT, SKIPPED, Occupancy, TooLargeError, placed
-from lidarcli.formalism.matching.free_space import HERE, Motion
+from lidarcli.formalism.matching.free_space import HERE, SpaceMotion
 from lidarcli.maps.grids import image_of, read_map
 from lidarcli.options.choices import MAP_STATES, MATCH
 from lidarcli.options.times import SECOND_NS
@@ -25,8 +25,8 @@ from lidarcli.pipeline.inputs.sources import Source
 from lidarcli.pipeline.reading.needs import Need, of_one_run
 from lidarcli.pipeline.reading.one_log import Progress, Reading, read_log
 from lidarcli.pipeline.trajectories import PARQUET, PathOptions, PathSummary, read_rows, refuse_path, save
-from lidarcli.reports.checks import Check, Verdict, accepts, parse_check, verdict_of
-from lidarcli.reports.columns import Sight, least_observed, missing_of
+from lidarcli.reports.checks import Check, CheckVerdict, accepts, parse_check, verdict_of
+from lidarcli.reports.columns import Observation, least_observed, missing_of
 from lidarcli.reports.zones import floored
 from lidarcli.sweeps.findings import Finding
 from lidarcli.sweeps.types import Float64, Int8, Int64, Status, SweepBatch
@@ -97,7 +97,7 @@ class Interval(NamedTuple):
 class Localisation:
     """The path of one sensor, judged by a map."""
 
-    def __init__(self, sensor: _Sensor) -> None:
+    def __init__(self, sensor: _LocalisedSensor) -> None:
         """Evaluate what a sensor has observed."""
         nothing = np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros((0, sensor.field.columns))
         window, points, found = (np.concatenate(each) for each in zip(nothing, *sensor.judged, strict=True))
@@ -121,7 +121,7 @@ class Localisation:
         alone[np.concatenate([np.zeros(0, np.int64), *parts])] = False
         self.state[alone] = UNSURE
         number, stamps = (np.concatenate([nothing[0], *each]) for each in (sensor.seen, sensor.stamps))
-        self.sight = Sight("", int(np.isin(number, judged).sum()), len(stamps) + missing_of(np.sort(stamps)))
+        self.sight = Observation("", int(np.isin(number, judged).sum()), len(stamps) + missing_of(np.sort(stamps)))
         """Sweeps whose part of the path was judged, and all, those missing in gaps, too."""
 
     def _interval(self, part: Int64) -> Interval:
@@ -171,7 +171,7 @@ class Localisation:
         return state if self.tells else np.full(len(state), -1, np.int8), np.where(known, of[:, 0], np.nan), moved
 
 
-class _Sensor:
+class _LocalisedSensor:
     """The windows of one sensor so far."""
 
     def __init__(self, field: Field, first_ns: int) -> None:
@@ -186,7 +186,7 @@ class _Sensor:
         self.seen: list[Int64] = []
         """Number of the window of each sweep that shows something and has a pose."""
 
-    def add(self, sweeps: SweepBatch, motion: Motion) -> None:
+    def add(self, sweeps: SweepBatch, motion: SpaceMotion) -> None:
         """Take some sweeps, their poses moved."""
         self.stamps.append(sweeps.stamp_ns)
         poses = sweeps.poses
@@ -230,7 +230,7 @@ class LocalisedPath(PathSummary):
     """The path of a log, judged by a map."""
 
     paths: dict[tuple[str, str], Localisation] = field(default_factory=dict)
-    verdicts: list[Verdict] = field(default_factory=list)
+    verdicts: list[CheckVerdict] = field(default_factory=list)
     unobserved: list[str] = field(default_factory=list)
     """Lines on paths that checks are about and that were not judged all the time."""
 
@@ -240,7 +240,7 @@ class LocalisedPath(PathSummary):
         return bool(self.paths) and all(each.tells for each in self.paths.values())
 
     @property
-    def least(self) -> Sight | None:
+    def least(self) -> Observation | None:
         """The path that was judged least, named by its topic; None where all were judged all the time."""
         return least_observed([each.sight._replace(log=key[0]) for key, each in self.paths.items()])
 
@@ -309,7 +309,7 @@ def localise(
     relocate: bool = False,
     checks: Sequence[Check] = (),
     progress: Progress | None = None,
-    motion: Motion = HERE,
+    motion: SpaceMotion = HERE,
     first: Reading | None = None,
 ) -> LocalisedPath:
     """Evaluate the path of a log by a map, and write it: a table, TUM lines or a picture.
@@ -320,13 +320,13 @@ def localise(
     """
     suffix = "" if path is None else path.suffix.lower()
     lines = None if suffix in ("", PARQUET, PICTURE) else io.BytesIO()
-    sensors: dict[tuple[str, str], _Sensor] = {}
+    sensors: dict[tuple[str, str], _LocalisedSensor] = {}
 
     def take(batch: SweepBatch) -> None:
         for frame, _, sweeps in batch.by_frame():
             if not reading.posing.world_of(batch.topic, frame):
                 continue
-            sensor = sensors.setdefault((batch.topic, frame), _Sensor(site.field, int(sweeps.stamp_ns[0])))
+            sensor = sensors.setdefault((batch.topic, frame), _LocalisedSensor(site.field, int(sweeps.stamp_ns[0])))
             sensor.add(sweeps, motion)
 
     match = options.poses.source == MATCH
@@ -369,14 +369,14 @@ def _lines(table: pa.Table) -> bytes:
 
 def _motion(table: pa.Table) -> Any:
     """Return the poses of a table in space."""
-    from lidarcli.pose.tracks import Motion
+    from lidarcli.pose.tracks import PoseMotion
 
-    return Motion(
+    return PoseMotion(
         *(np.column_stack([table[name].to_numpy() for name in names.split()]) for names in ("x y z", "qx qy qz qw"))
     )
 
 
-def _judged(table: pa.Table, paths: dict[tuple[str, str], Localisation], relocate: bool, motion: Motion) -> pa.Table:
+def _judged(table: pa.Table, paths: dict[tuple[str, str], Localisation], relocate: bool, motion: SpaceMotion) -> pa.Table:
     """Return poses with the columns of a map; `relocate` and `motion` as of `localise`."""
     from lidarcli.pose.tracks import multiply, planar, upright
 

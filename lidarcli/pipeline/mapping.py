@@ -135,7 +135,7 @@ class SensorPath:
 
 
 @dataclass(slots=True)
-class Mapping:
+class GrowingMap:
     """A map that grows log by log."""
 
     options: MapOptions
@@ -184,7 +184,7 @@ class Mapping:
         self._conclude(source, summary, described, chosen)
         return summary
 
-    def merge(self, other: Mapping) -> None:
+    def merge(self, other: GrowingMap) -> None:
         """Add what was counted elsewhere; errors as of `add`."""
         with self._in_bounds():
             self.counts.merge(other.counts)
@@ -401,7 +401,7 @@ class MapRun:
         needs_sets = options.without is not None or any(path.suffix.lower() == ".parquet" for path in outputs)
         # Paths that are matched lie each in a world of its own.
         self._options = options = replace(options, need=Need.ALL if len(sources) == 1 else Need.TOLD)
-        self._mapping = Mapping(options, needs_sets)
+        self._mapping = GrowingMap(options, needs_sets)
         self._new = NewFiles(self._files, options.overwrite)
         self._clouds: list[CloudWriter] = []
         self._open: list[tuple[Place, BinaryIO]] = []
@@ -425,7 +425,7 @@ class MapRun:
                 yield _whole(outcome)
 
     def add(self, source: Source, progress: Progress | None = None) -> RunSummary:
-        """Take one log; errors as of `Mapping.add`."""
+        """Take one log; errors as of `GrowingMap.add`."""
         with writing(self._open[0][0], nameless=True) if self._open else nullcontext():
             return self._mapping.add(source, self._clouds, progress)
 
@@ -534,7 +534,7 @@ def _map_apart(
     source: Source, options: MapOptions, sets: bool, scratch: str, progress: Progress | None = None
 ) -> RunSummary:
     """Take one log in a process of its own, and leave its part of the map in a file, the summary's output."""
-    mapping = Mapping(options, sets)
+    mapping = GrowingMap(options, sets)
     summary = mapping.add(source, progress=progress)
     mapping.counts.close()
     with tempfile.NamedTemporaryFile(dir=scratch, delete=False) as file:

@@ -31,7 +31,7 @@ from lidarcli.options.choices import BEAM_ORDERS, FOUND, MENDS, UNITS
 from lidarcli.options.times import SECOND_NS, Instant
 from lidarcli.pipeline.inputs.sources import Source, read_pose_messages
 from lidarcli.pipeline.objects.detection import DetectOptions
-from lidarcli.pose.tracks import Track
+from lidarcli.pose.tracks import PoseTrack
 from lidarcli.sweeps.finding_rules import APART, FASTEST, LONG, OFTEN, SOME
 from lidarcli.sweeps.findings import Finding
 from lidarcli.sweeps.range_rules import RangeRules, normalise
@@ -52,7 +52,7 @@ FOREVER = 1 << 62
 
 
 @dataclass(slots=True)
-class Seen:
+class TopicSweeps:
     """The sweeps of one topic, as a pass has met them."""
 
     blocks: list[RawSweeps] = field(default_factory=list)
@@ -67,13 +67,13 @@ class Seen:
         return np.repeat([block.run for block in self.blocks], [len(block) for block in self.blocks])
 
 
-def survey(log: Log, choice: TopicChoice, rules: RangeRules, report: ReadReport) -> dict[str, Seen]:
+def survey(log: Log, choice: TopicChoice, rules: RangeRules, report: ReadReport) -> dict[str, TopicSweeps]:
     """Read all chosen sweeps once; the report takes what their ranges show."""
-    seen: dict[str, Seen] = {}
+    seen: dict[str, TopicSweeps] = {}
     detector = NoReturnDetector(rules, report)
     blocks = (block for block in log.scans(choice.asked, report) if not choice.wanted or choice.takes(block.topic))
     for block, block_rules in chain(chain.from_iterable(map(detector.take, blocks)), detector.flush()):
-        known = seen.setdefault(block.topic, Seen())
+        known = seen.setdefault(block.topic, TopicSweeps())
         some = block.rows(~(block.range_max > np.maximum(block.range_min, 0.0)))
         ranges = normalise(some, np.arange(len(some)), block_rules).ranges
         known.greatest = float(np.fmax.reduce(ranges, axis=None, initial=known.greatest))
@@ -85,7 +85,7 @@ def survey(log: Log, choice: TopicChoice, rules: RangeRules, report: ReadReport)
     return seen
 
 
-def _frame(names: Collection[str], tracks: Sequence[Track]) -> tuple[str, str]:
+def _frame(names: Collection[str], tracks: Sequence[PoseTrack]) -> tuple[str, str]:
     """Return the frame for sweeps of frames with these names, one of which may be empty; or why it is not known."""
     links = [track for track in tracks if track.is_link]
     children = {track.child for track in links if SENSOR.search(track.child)}
@@ -113,7 +113,7 @@ def _is_stuck(times: Int64) -> bool:
     return bool(fast or np.count_nonzero(np.abs(steps) <= SAME_NS) > max(OFTEN * len(times), SOME))
 
 
-def _on_a_clock(times: Int64, records: Int64, tracks: Sequence[Track], delay: float) -> tuple[Int64, str]:
+def _on_a_clock(times: Int64, records: Int64, tracks: Sequence[PoseTrack], delay: float) -> tuple[Int64, str]:
     """Return times by the clock of the recording where those of the sweeps are none or another; or why that cannot be.
 
     `delay`: time [s] after which poses of another clock fit the sweeps; it is taken where there is one.
@@ -135,9 +135,9 @@ def _on_a_clock(times: Int64, records: Int64, tracks: Sequence[Track], delay: fl
 
 def _mend(
     topic: Topic,
-    seen: Seen,
+    seen: TopicSweeps,
     words: Collection[str],
-    tracks: Sequence[Track],
+    tracks: Sequence[PoseTrack],
     limits: tuple[float, float] | None,
     delay: float,
     hidden: float | None,
@@ -216,7 +216,7 @@ def plan(
     requested: frozenset[str],
     detect: DetectOptions,
     hidden: float | None,
-    seen: Mapping[str, Seen],
+    seen: Mapping[str, TopicSweeps],
 ) -> Mending:
     """Return how a log is mended.
 
@@ -381,7 +381,7 @@ def clips_of(table: Readable, log: str, around: float) -> dict[str, Clip]:
 class Cutting:
     """Cuts parts of a log, each by its sweeps, by the sweeps of the copy; `leaves` are left out of all."""
 
-    def __init__(self, seen: Mapping[str, Seen], mending: Mending, leaves: frozenset[str]) -> None:
+    def __init__(self, seen: Mapping[str, TopicSweeps], mending: Mending, leaves: frozenset[str]) -> None:
         self._leaves = leaves
         self._times: dict[str, Int64] = {}
         self._recorded = {name: np.concatenate([block.record_ns for block in each.blocks]) for name, each in seen.items()}

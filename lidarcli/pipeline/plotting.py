@@ -28,7 +28,7 @@ from lidarcli.pipeline.reading.one_log import damage_lines, read_log
 from lidarcli.pipeline.reading.posing import PoseAttacher
 from lidarcli.reports import map_picture
 from lidarcli.reports.columns import Rows, rows_of
-from lidarcli.reports.map_picture import Box, MapPicture, Snapshot, draw_map, overview
+from lidarcli.reports.map_picture import MapBox, MapPicture, Snapshot, draw_map, overview
 from lidarcli.reports.picture import animate, draw
 from lidarcli.reports.scene import Picture, ZoneInSight, limits_of
 from lidarcli.reports.world import COLUMNS, Paths
@@ -37,7 +37,7 @@ from lidarcli.sweeps.types import Int64, Status, SweepBatch, SweepPoses
 
 if TYPE_CHECKING:
     from lidarcli.pipeline.inputs.tables import TableSet
-    from lidarcli.pipeline.mapping import MapOptions, Mapping
+    from lidarcli.pipeline.mapping import GrowingMap, MapOptions
     from lidarcli.pipeline.objects.detection import DetectOptions
     from lidarcli.pipeline.objects.subtracting import BackgroundComparison
     from lidarcli.pipeline.zones.shown import Showing, ShownZone
@@ -432,9 +432,9 @@ def take_map(
     OptionError
         A sweep is not there or has no pose, or the tables are of another log.
     """
-    from lidarcli.pipeline.mapping import Mapping
+    from lidarcli.pipeline.mapping import GrowingMap
 
-    mapping = Mapping(options)
+    mapping = GrowingMap(options)
     with naming(source):
         summary = mapping.add(source)
     paths = [np.column_stack([path.x, path.y]) for path in mapping.paths]
@@ -457,7 +457,7 @@ def _frame_words(worlds: Iterable[str]) -> str:
 
 
 def _overview(
-    tracks: str | TableSet, source: Source, mapping: Mapping, first_ns: int, only: Sequence[int], density: bool
+    tracks: str | TableSet, source: Source, mapping: GrowingMap, first_ns: int, only: Sequence[int], density: bool
 ) -> tuple[MapPicture, list[str]]:
     """Return the objects and agents in the tables of this log that are of the topics and worlds of the map, and notes.
 
@@ -536,6 +536,6 @@ def _snapshot(one: SweepBatch, poses: SweepPoses, options: MapOptions) -> Snapsh
     x, y, yaw = poses.to_world(objects.row, objects.box_x, objects.box_y, objects.box_yaw, objects.shares(one))
     columns = (x, y, yaw, objects.box_length, objects.box_width, objects.shape == ROUND)
     sides = zip(*(column.tolist() for column in columns), strict=True)
-    boxes = tuple(Box._make([*each, ""]) for each in sides)
+    boxes = tuple(MapBox._make([*each, ""]) for each in sides)
     pose = (float(poses.x[0]), float(poses.y[0]), float(poses.yaw[0]))
     return Snapshot(int(one.sweep[0]), pose, end[:, 0, placed_beams].T, boxes)

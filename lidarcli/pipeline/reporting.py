@@ -30,7 +30,7 @@ from lidarcli.pipeline.inputs.tables import (
 from lidarcli.reports.changes import ChangesPart, changes_part
 from lidarcli.reports.checks import Check, accepts, columns_needed, judge, parse_check
 from lidarcli.reports.columns import Origin, Rows, Run, least_observed
-from lidarcli.reports.document import Part
+from lidarcli.reports.document import ReportPart
 from lidarcli.reports.figures import COMPARED, OF_CHANGES, OF_MAPS, guards
 from lidarcli.reports.report import Report
 from lidarcli.reports.run import RunPart
@@ -248,7 +248,7 @@ def _without_objects(
     others = ("damage", *(() if changes is None else (*OF_CHANGES, *OF_MAPS)))
     if pairs:
         zones = zones_in(read)
-        parts: list[Part] = [zones_part(zones, sources), *([] if changes is None else [changes])]
+        parts: list[ReportPart] = [zones_part(zones, sources), *([] if changes is None else [changes])]
         checks = [parse_zone_check(text, zones.names, others) for text in options.checks]
         incomplete = (*_unseen(checks, sources), *unobserved(checks, zones))
     else:
@@ -301,7 +301,7 @@ def _load(
     ]
     pairs = [pair for pair in pairs if not _is_of_zones(pair)]
     columns = _columns_read(pairs, checks, viewer)
-    read: list[_Tables] = []
+    read: list[_ReportTables] = []
     for pair in pairs:
         with _collected(problems):
             read.append(_read_tables(pair, columns, viewer, problems, step))
@@ -327,7 +327,7 @@ def _joined(tables: Sequence[pa.Table | None]) -> Rows | None:
     return Rows.join([*there.values()], [*there]) if there else None
 
 
-class _Tables(NamedTuple):
+class _ReportTables(NamedTuple):
     """The tables of one log; None for those that are not there, or cannot be read."""
 
     pair: TableSet
@@ -369,7 +369,7 @@ def _columns_read(pairs: Sequence[TableSet], checks: Sequence[Check], viewer: bo
 
 def _read_tables(
     pair: TableSet, columns: dict[str, set[str]], viewer: bool, problems: list[UnreadableError], step: Callable[[], None]
-) -> _Tables:
+) -> _ReportTables:
     """Read the tables of one log; without its objects and sweeps an `UnreadableError`, without others a problem."""
     sweeps = read_table(pair, "sweeps", columns["sweeps"])
     step()
@@ -391,7 +391,7 @@ def _read_tables(
             events, rows = _read_zones(pair)
             refuse_mixed(pair, {"sweeps": sweeps, "zones": rows})
             zones = events, rows
-    return _Tables(pair, sweeps, objects, tracks, trajectories, zones)
+    return _ReportTables(pair, sweeps, objects, tracks, trajectories, zones)
 
 
 def _unseen(checks: Sequence[Check], sources: Sequence[Origin]) -> tuple[str, ...]:

@@ -27,7 +27,7 @@ from lidarcli.tabular.schemas import POSES, STAMP
 from lidarcli.tabular.writing import ParquetSink, table_metadata
 
 if TYPE_CHECKING:
-    from lidarcli.pose.tracks import Motion
+    from lidarcli.pose.tracks import PoseMotion
 
 TUM, PARQUET = ".tum", ".parquet"
 
@@ -132,7 +132,7 @@ class PoseWriter:
 
     def add(self, batch: SweepBatch, reading: Reading) -> None:
         """Add the poses of a batch."""
-        from lidarcli.pose.tracks import GAP, Motion, trajectory_lines
+        from lidarcli.pose.tracks import GAP, PoseMotion, trajectory_lines
 
         for frame, rows, motion, world in reading.posing.motions(batch):
             own = batch.rows(rows)
@@ -143,14 +143,14 @@ class PoseWriter:
                 # Without it, a reader would make up a path over the sweeps of which no pose is known.
                 for part in np.split(np.arange(len(known)), np.flatnonzero(np.diff(known)) + 1) if len(known) else ():
                     some = np.intersect1d(part, kept)
-                    poses = Motion(motion.position[some], motion.rotation[some])
+                    poses = PoseMotion(motion.position[some], motion.rotation[some])
                     lines = trajectory_lines(own.stamp_ns[some], poses) if known[part[0]] else f"{GAP}\n"
                     self._lines.write(lines.encode())
             self._count += len(kept)
-            own, motion = own.rows(kept), Motion(motion.position[kept], motion.rotation[kept])
+            own, motion = own.rows(kept), PoseMotion(motion.position[kept], motion.rotation[kept])
             self.rows.append(self._rows_of(own, frame, world, motion))
 
-    def _rows_of(self, batch: SweepBatch, frame: str, world: str, motion: Motion) -> pa.RecordBatch:
+    def _rows_of(self, batch: SweepBatch, frame: str, world: str, motion: PoseMotion) -> pa.RecordBatch:
         from lidarcli.pose.tracks import planar, upright
 
         count = len(batch)

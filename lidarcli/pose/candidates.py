@@ -13,7 +13,7 @@ from lidarcli.formalism.path_agreement import Agreement, agreement
 from lidarcli.options.times import SECOND_NS
 from lidarcli.pose.matched import MIN_STEP, Timing, headers_of, wrapped
 from lidarcli.pose.sources import Correction, PoseChain, later
-from lidarcli.pose.tracks import Motion, compose, inverse, lifted, planar
+from lidarcli.pose.tracks import PoseMotion, compose, inverse, lifted, planar
 from lidarcli.sweeps.types import Float64, Int64, SweepBatch
 
 if TYPE_CHECKING:
@@ -238,5 +238,5 @@ def laid(chain: PoseChain, world: PoseChain, stamp_ns: Int64) -> PoseChain:
     turn = lifted((0.0, 0.0, yaw))
     turned = compose(turn, here)
     place = np.nanmedian((there.position - turned.position)[known], axis=0)
-    motion = Motion(place[None], turn.rotation)
+    motion = PoseMotion(place[None], turn.rotation)
     return replace(chain, world=world.world, correction=replace(chain.correction or Correction(), laid=motion))

@@ -13,7 +13,7 @@ from lidarcli.pose.fit import LONGEST_DELAY, steps_between
 from lidarcli.pose.frames import LEVEL, WORLDS, by_precedence, namespace
 from lidarcli.pose.messages import frame_name
 from lidarcli.pose.sources import GivenPaths, PoseChain, PoseSources
-from lidarcli.pose.tracks import TUM, Track, flat
+from lidarcli.pose.tracks import TUM, PoseTrack, flat
 from lidarcli.sweeps.findings import Finding, Fix
 
 NO_UNIT = 0.01
@@ -24,7 +24,7 @@ Key = tuple[str, str]
 """Topic and frame of sweeps."""
 
 
-def unplaced(frame: str, others: Sequence[str], topic: str = "", tracks: Sequence[Track] = ()) -> Finding:
+def unplaced(frame: str, others: Sequence[str], topic: str = "", tracks: Sequence[PoseTrack] = ()) -> Finding:
     """Return the finding on a frame from which no pose leads to a fixed frame; `others`: topics that could be named.
 
     `tracks` are the links of the log: one from the robot to the sensor may be missing.
@@ -63,7 +63,7 @@ def apart_finding(key: Key, chain: PoseChain, delay: float) -> Finding:
     return Finding("clock", "error", *key, words, {"delay": delay}, {"delay": LONGEST_DELAY}, fix, mend)
 
 
-def chain_findings(chain: PoseChain, links: Sequence[Track], topic: str = "") -> list[Finding]:
+def chain_findings(chain: PoseChain, links: Sequence[PoseTrack], topic: str = "") -> list[Finding]:
     """Return findings on the poses that make the path of a sensor, which may spoil it; `links`: all transforms it sees."""
     found = []
     for track in (step.track for step in chain.steps):
@@ -113,9 +113,9 @@ def pose_findings(sources: PoseSources | GivenPaths, keys: Iterable[Key]) -> lis
     return list({each.message: each for each in found}.values())
 
 
-def contradictions(links: Sequence[Track]) -> Iterator[Finding]:
+def contradictions(links: Sequence[PoseTrack]) -> Iterator[Finding]:
     """Yield findings on frames of which transforms of one namespace give several places."""
-    given: dict[tuple[str, str], list[Track]] = {}
+    given: dict[tuple[str, str], list[PoseTrack]] = {}
     for link in links:
         given.setdefault((namespace(link.topic), link.child), []).append(link)
     for (_, child), own in given.items():
@@ -141,7 +141,7 @@ def contradictions(links: Sequence[Track]) -> Iterator[Finding]:
             yield Finding("frames", "warning", own[0].topic, child, message)
 
 
-def _differ(first: Track, second: Track) -> bool:
+def _differ(first: PoseTrack, second: PoseTrack) -> bool:
     """Return whether two tracks of one frame in another one differ in its place at any time."""
     stamp_ns = first.stamp_ns if second.static else second.stamp_ns
     step = steps_between(*(flat(each.at(stamp_ns)) for each in (first, second)))

@@ -11,7 +11,7 @@ import numpy as np
 
 from lidarcli.logs.clouds import Levelled
 from lidarcli.pose.messages import frame_name
-from lidarcli.pose.tracks import UPRIGHT, Motion, Track, compose, inverse, planar, rotate
+from lidarcli.pose.tracks import UPRIGHT, PoseMotion, PoseTrack, compose, inverse, planar, rotate
 from lidarcli.sweeps.types import Bool, Float64, Int64
 
 MAP = "map"
@@ -29,7 +29,7 @@ BASES = ("base_footprint", "base_link", "base")
 class Step(NamedTuple):
     """A link of a chain from a frame to another one."""
 
-    track: Track
+    track: PoseTrack
     down: bool
     """True for a step from the parent to the child, against the direction of the link."""
 
@@ -44,13 +44,13 @@ class Step(NamedTuple):
         return self.track.parent if self.down else self.track.child
 
 
-def along(steps: Sequence[Step], stamp_ns: Int64, *, held: bool = False) -> Motion:
+def along(steps: Sequence[Step], stamp_ns: Int64, *, held: bool = False) -> PoseMotion:
     """Return the pose of the frame that the steps begin at in the one that they lead to, at each time (S,).
 
     NaN outside the span of any link that moves; `held`: there its first or last pose, as a mount stays where it is.
     """
     count = len(stamp_ns)
-    pose = Motion(np.zeros((count, 3)), np.tile([0.0, 0.0, 0.0, 1.0], (count, 1)))
+    pose = PoseMotion(np.zeros((count, 3)), np.tile([0.0, 0.0, 0.0, 1.0], (count, 1)))
     for track, down in steps:
         link = track.at(np.clip(stamp_ns, *track.span_ns) if held else stamp_ns)
         pose = compose(inverse(link) if down else link, pose)
@@ -78,7 +78,7 @@ def nearness(poses: str, topic: str, scans: Collection[str] = ()) -> int | None:
     return None if topic and any(is_within(scan, space) for scan in scans) else 0
 
 
-def by_precedence(links: Sequence[Track]) -> list[Track]:
+def by_precedence(links: Sequence[PoseTrack]) -> list[PoseTrack]:
     """Return links in the order in which they count: static ones first, the last one before others, then the longest."""
     static = [one for one in reversed(links) if one.static]
     static.sort(key=lambda one: -one.record_ns[1])
@@ -91,10 +91,10 @@ class FrameTree:
     Robots may have the same names for their frames. So what a nearer namespace tells of a frame counts alone.
     """
 
-    def __init__(self, links: Sequence[Track], topic: str = "", scans: Collection[str] = ()) -> None:
+    def __init__(self, links: Sequence[PoseTrack], topic: str = "", scans: Collection[str] = ()) -> None:
         self._own = f"/{topic.strip('/')}"
         self._near: dict[str, dict[str, Step]] = {}
-        self._parent: dict[str, Track] = {}
+        self._parent: dict[str, PoseTrack] = {}
         nearest: dict[str, int] = {}
         near = [(at, link) for link in by_precedence(links) if (at := nearness(link.topic, topic, scans)) is not None]
         joined = Counter(name for _, link in near for name in (link.parent, link.child))
@@ -121,7 +121,7 @@ class FrameTree:
             x, y = along(steps, first.stamp_ns[:1], held=True).rotation[0, :2]
             if abs(1.0 - 2.0 * (x * x + y * y)) < UPRIGHT:
                 still = replace(first, static=True, differs=False, stamp_ns=first.stamp_ns[:1])
-                link = replace(still, parent=frame, child=frame + LEVEL, motion=Motion(np.zeros((1, 3)), _AHEAD))
+                link = replace(still, parent=frame, child=frame + LEVEL, motion=PoseMotion(np.zeros((1, 3)), _AHEAD))
                 self._near[frame + LEVEL] = {frame: Step(link, down=False)}
                 self._near[frame][frame + LEVEL] = Step(link, down=True)
                 self._parent[frame + LEVEL] = link
@@ -277,7 +277,7 @@ class _Level:
 class TreeLevels:
     """Leveling by the tree of frames of a log, for each frame of the points of a topic."""
 
-    tracks: Sequence[Track]
+    tracks: Sequence[PoseTrack]
     topic: str = ""
     scans: Collection[str] = ()
     """Topics of sweeps and points of the log."""
@@ -349,7 +349,7 @@ def _unknown(rotation: Float64) -> Bool:
 def _seen_from_above(rotation: Float64) -> Float64:
     """Return (K, 3, 3) rotations from leaning frames (K, 4) to a level view: x ahead, y left, z up."""
     matrices = _matrices(rotation)
-    above = planar(Motion(np.zeros((len(rotation), 3)), rotation))
+    above = planar(PoseMotion(np.zeros((len(rotation), 3)), rotation))
     cos, sin = np.cos(above.yaw)[:, None], np.sin(above.yaw)[:, None]
     side = np.where(above.upside_down, -1.0, 1.0)[:, None]
     ahead, left = matrices[:, 0], matrices[:, 1]

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from lidarcli.formalism.scan_matching import Matcher
 from lidarcli.options.choices import BEAM_ORDERS, MATCH
 from lidarcli.options.times import SECOND_NS
-from lidarcli.pose.tracks import Track, gathered
+from lidarcli.pose.tracks import PoseTrack, gathered
 from lidarcli.sweeps.types import TURN, Bool, Float64, Int64, SweepBatch
 
 MIN_STEP = 0.001
@@ -233,7 +233,7 @@ class MatchedPath:
             moved = TYPICAL_RANGE * np.minimum(turns, TURN - turns) * (duration / seconds)
         return np.concatenate([[0.0], np.nan_to_num(moved, nan=0.0, posinf=0.0, neginf=0.0)])
 
-    def track(self, topic: str, frame: str) -> Track | None:
+    def track(self, topic: str, frame: str) -> PoseTrack | None:
         """Return the path from the frame of the first sweep; None where no sweep has a pose.
 
         Long slides without a guess have no poses.

@@ -11,7 +11,7 @@ import numpy as np
 from lidarcli.options.times import SECOND_NS
 from lidarcli.pose.frames import MAP, FrameTree, Step, _last, along, is_within, namespace, nearness
 from lidarcli.pose.messages import ODOMETRY, TRANSFORMS, WITH_COVARIANCE, frame_name
-from lidarcli.pose.tracks import Motion, Track, compose, planar
+from lidarcli.pose.tracks import PoseMotion, PoseTrack, compose, planar
 from lidarcli.ros.foxglove import SCAN
 from lidarcli.sweeps.finding_rules import APART
 from lidarcli.sweeps.types import TURN, Bool, Float64, Int64, SweepPoses
@@ -37,14 +37,14 @@ class Correction:
 
     delay_ns: int = 0
     """The pose of a time is the given one this much later [ns]."""
-    mount: Motion | None = None
+    mount: PoseMotion | None = None
     """Pose of the sensor in the frame that the poses are of (N = 1); None where that is the sensor's own."""
     gaps: Int64 = field(default_factory=lambda: np.zeros((0, 2), np.int64))
     """(G, 2) stamps between which poses are not known [ns]: the last before each gap, and the first after it."""
-    laid: Motion | None = None
+    laid: PoseMotion | None = None
     """Pose of the world of the path in the one in which it is wanted (N = 1); None where it is that."""
 
-    def at(self, steps: Sequence[Step], stamp_ns: Int64) -> Motion:
+    def at(self, steps: Sequence[Step], stamp_ns: Int64) -> PoseMotion:
         """Return the corrected poses at times (S,), NaN where they are not known."""
         at_ns = later(stamp_ns, self.delay_ns)
         found = along(steps, at_ns)
@@ -120,7 +120,7 @@ class PoseChain:
             return 0
         return delay_ns - (0 if self.correction is None else self.correction.delay_ns)
 
-    def at(self, stamp_ns: Int64) -> Motion:
+    def at(self, stamp_ns: Int64) -> PoseMotion:
         """Return the pose of the sensor in the world at each time (S,), NaN outside the span of any moving link."""
         if self.correction is not None:
             return self.correction.at(self.steps, stamp_ns)
@@ -152,7 +152,7 @@ def _between(start: SweepPoses, end: SweepPoses) -> Float64:
 class GivenPaths:
     """Given paths of sensors, instead of all poses of a log; each names the frame of its sensor, or none for any."""
 
-    tracks: tuple[Track, ...]
+    tracks: tuple[PoseTrack, ...]
     gaps: Int64 = field(default_factory=lambda: np.zeros((0, 2), np.int64))
     """(G, 2) stamps between which no pose is known, as of `Correction`."""
 
@@ -207,7 +207,7 @@ class PoseSources:
     """
 
     def __init__(
-        self, tracks: Sequence[Track], wanted: str | None = None, scans: Collection[str] = (), *, on_map: bool = False
+        self, tracks: Sequence[PoseTrack], wanted: str | None = None, scans: Collection[str] = (), *, on_map: bool = False
     ) -> None:
         """`wanted`: topic of the poses that the user chose; `scans`: all topics of the log with sweeps; `on_map`: the one
         chain by which the robot knew where it was on its map is chosen, if there is one.
@@ -340,7 +340,7 @@ class PoseSources:
         steps = tree.to_world(frame)
         return _by_steps(frame, self._world(steps[-1], topic), steps) if steps else None
 
-    def _by_track(self, frame: str, topic: str, track: Track) -> PoseChain:
+    def _by_track(self, frame: str, topic: str, track: PoseTrack) -> PoseChain:
         """Return poses of the robot, with the sensor where the tree says it is mounted, else where the robot is."""
         last = Step(track, down=False)
         world = self._world(last, topic)
@@ -362,7 +362,7 @@ def _by_steps(frame: str, world: str, steps: tuple[Step, ...]) -> PoseChain:
     return PoseChain(tuple(dict.fromkeys(moving + [step.track.topic for step in steps])), frame, world, steps)
 
 
-def _alike(tracks: Sequence[Track]) -> tuple[str, ...]:
+def _alike(tracks: Sequence[PoseTrack]) -> tuple[str, ...]:
     """Return the topics of equally likely sources that may belong to several robots; else empty."""
     publishers = {(track.topic, track.child if track.type == ODOMETRY else track.topic) for track in tracks}
     robots = {robot for _, robot in publishers}
@@ -370,7 +370,7 @@ def _alike(tracks: Sequence[Track]) -> tuple[str, ...]:
     return topics if len(robots) > 1 and len(topics) > 1 else ()
 
 
-def _rank(track: Track) -> tuple[int, int] | None:
+def _rank(track: PoseTrack) -> tuple[int, int] | None:
     """Rank a source by how likely it is that of the robot, best first; None if it counts only when named."""
     words = [word for word in re.split(r"[/_\-.]+", track.topic.lower()) if word]
     if any(map(_OF_OTHERS.fullmatch, words)):

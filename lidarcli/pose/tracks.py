@@ -23,7 +23,7 @@ from lidarcli.sweeps.types import Bool, Float64, Int64, SweepPoses
 _STAMPS = np.iinfo(np.int64)
 
 
-class Motion(NamedTuple):
+class PoseMotion(NamedTuple):
     """N poses of one frame in another; NaN where unknown."""
 
     position: Float64
@@ -32,15 +32,15 @@ class Motion(NamedTuple):
     """(N, 4) unit quaternions x, y, z, w."""
 
 
-def compose(outer: Motion, inner: Motion) -> Motion:
+def compose(outer: PoseMotion, inner: PoseMotion) -> PoseMotion:
     """Return the pose of c in a from that of b in a and that of c in b."""
-    return Motion(outer.position + rotate(outer.rotation, inner.position), multiply(outer.rotation, inner.rotation))
+    return PoseMotion(outer.position + rotate(outer.rotation, inner.position), multiply(outer.rotation, inner.rotation))
 
 
-def inverse(motion: Motion) -> Motion:
+def inverse(motion: PoseMotion) -> PoseMotion:
     """Return the pose of a in b from that of b in a."""
     back = motion.rotation * np.array([-1.0, -1.0, -1.0, 1.0])
-    return Motion(-rotate(back, motion.position), back)
+    return PoseMotion(-rotate(back, motion.position), back)
 
 
 def multiply(first: Float64, second: Float64) -> Float64:
@@ -60,7 +60,7 @@ def rotate(rotation: Float64, vectors: Float64) -> Float64:
     return turned
 
 
-def interpolate(at_ns: Int64, stamp_ns: Int64, motion: Motion, hold_ns: int = 0) -> Motion:
+def interpolate(at_ns: Int64, stamp_ns: Int64, motion: PoseMotion, hold_ns: int = 0) -> PoseMotion:
     """Return poses at the times `at_ns` (S,) between those at `stamp_ns` (N, increasing), NaN outside their span.
 
     The first and the last pose hold for `hold_ns` before and after it: what stands there is no motion made up.
@@ -69,7 +69,7 @@ def interpolate(at_ns: Int64, stamp_ns: Int64, motion: Motion, hold_ns: int = 0)
     in x, y and, by the shorter way round, in yaw.
     """
     if not len(stamp_ns):
-        return Motion(np.full((len(at_ns), 3), np.nan), np.full((len(at_ns), 4), np.nan))
+        return PoseMotion(np.full((len(at_ns), 3), np.nan), np.full((len(at_ns), 4), np.nan))
     first, last = int(stamp_ns[0]), int(stamp_ns[-1])
     # A stamp may be as great as its type allows.
     earliest, latest = max(first - hold_ns, _STAMPS.min), min(last + hold_ns, _STAMPS.max)
@@ -81,7 +81,7 @@ def interpolate(at_ns: Int64, stamp_ns: Int64, motion: Motion, hold_ns: int = 0)
     share = ((at_ns - stamp_ns[before]) / step)[:, None]
     share[(at_ns < first) | (at_ns > last)] = np.nan
     position = motion.position[before] * (1.0 - share) + motion.position[after] * share
-    return Motion(position, _arc(motion.rotation[before], motion.rotation[after], share))
+    return PoseMotion(position, _arc(motion.rotation[before], motion.rotation[after], share))
 
 
 def _arc(start: Float64, end: Float64, share: Float64) -> Float64:
@@ -104,7 +104,7 @@ UPRIGHT = 0.5
 """Sweeps are in a frame whose z axis is within 60 degrees of the vertical, either way up: the cosine of that."""
 
 
-def planar(motion: Motion) -> SweepPoses:
+def planar(motion: PoseMotion) -> SweepPoses:
     """Return the poses viewed from above: the direction of the frame's x axis is the yaw.
 
     An upright frame is not upside down, on whichever side of 90 degrees rounding leaves it.
@@ -115,20 +115,20 @@ def planar(motion: Motion) -> SweepPoses:
     return SweepPoses(x=motion.position[:, 0].copy(), y=motion.position[:, 1].copy(), yaw=yaw, upside_down=up < -UPRIGHT)
 
 
-def flat(motion: Motion) -> Float64:
+def flat(motion: PoseMotion) -> Float64:
     """Return x, y [m] and yaw [rad] (S, 3) of poses viewed from above."""
     there = planar(motion)
     return np.column_stack([there.x, there.y, there.yaw])
 
 
-def lifted(pose: Sequence[float | Float64]) -> Motion:
+def lifted(pose: Sequence[float | Float64]) -> PoseMotion:
     """Return motions in the plane, x, y [m] and yaw [rad], as those in space."""
     x, y, yaw = map(np.atleast_1d, pose)
     none = np.zeros(len(x))
-    return Motion(np.column_stack([x, y, none]), np.column_stack([none, none, np.sin(0.5 * yaw), np.cos(0.5 * yaw)]))
+    return PoseMotion(np.column_stack([x, y, none]), np.column_stack([none, none, np.sin(0.5 * yaw), np.cos(0.5 * yaw)]))
 
 
-def tilt(motion: Motion) -> float:
+def tilt(motion: PoseMotion) -> float:
     """Return the largest angle between the plane of the frame and the ground [rad], either way up; 0 without a pose."""
     x, y = motion.rotation[:, 0], motion.rotation[:, 1]
     flat = np.abs(1.0 - 2.0 * (x * x + y * y))
@@ -154,7 +154,7 @@ gets far in a tenth of a second."""
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Track:
+class PoseTrack:
     """The poses of one frame in another that one topic gives, by increasing stamp."""
 
     topic: str
@@ -168,7 +168,7 @@ class Track:
     """Number of poses; of runs of equal ones only the ends are kept."""
     stamp_ns: Int64
     """(N,) header stamps (record time where the header has none), each once."""
-    motion: Motion
+    motion: PoseMotion
     """N poses."""
     record_ns: tuple[int, int]
     """First and last record time."""
@@ -178,7 +178,7 @@ class Track:
     """Largest deviation of the length of a quaternion from 1, before it was made 1."""
     differs: bool = False
     """True for a static one that was sent with other numbers, too, and for one with several poses at one stamp."""
-    parts: tuple[Track | None, ...] = ()
+    parts: tuple[PoseTrack | None, ...] = ()
     """Its poses of each run of a log whose clock starts again, None for none; empty where all are of all runs."""
 
     @property
@@ -226,11 +226,11 @@ class Track:
         """Time for which its first and last pose hold outside of its span [ns]; 0 for a single pose."""
         return min(round(HOLD_STEPS * SECOND_NS / self.rate), HOLD_NS) if self.rate else 0
 
-    def at(self, stamp_ns: Int64) -> Motion:
+    def at(self, stamp_ns: Int64) -> PoseMotion:
         """Return the pose at each time, NaN where the track does not reach."""
         if self.static:
             last = np.full(len(stamp_ns), len(self.stamp_ns) - 1)
-            return Motion(self.motion.position[last], self.motion.rotation[last])
+            return PoseMotion(self.motion.position[last], self.motion.rotation[last])
         return interpolate(stamp_ns, self.stamp_ns, self.motion, self.hold_ns)
 
 
@@ -279,7 +279,7 @@ class _Growing:
         """Return the poses at which the clock starts again."""
         return restarts(np.concatenate(self.stamps)) if self.jumps_back else []
 
-    def parts(self, key: TrackKey, lead: _Growing) -> tuple[Track | None, ...]:
+    def parts(self, key: TrackKey, lead: _Growing) -> tuple[PoseTrack | None, ...]:
         """Return the track of each run, by its own stamps or those of the track with most runs; none if nothing shows."""
         arrays = [np.concatenate(each) for each in (self.stamps, self.numbers, self.records)]
         cuts, borders = self.restarts(), lead.restarts()
@@ -296,7 +296,7 @@ class _Growing:
             for stamps, numbers, records in parts
         )
 
-    def finish(self, key: TrackKey) -> Track:
+    def finish(self, key: TrackKey) -> PoseTrack:
         """Return the sorted track; of several poses at one stamp the first counts, as in tf2; of static ones the last."""
         topic, kind, parent, child = key
         stamps, numbers = np.concatenate(self.stamps), np.concatenate(self.numbers)
@@ -312,12 +312,12 @@ class _Growing:
             turned = np.abs((numbers[:, 3:] * firsts[:, 3:]).sum(axis=1)).min() < np.cos(0.5 * TURNS)
             differs = bool(turned or np.abs(numbers - firsts)[:, :3].max() > SHIFTS)
             stamps, numbers = stamps[is_first], numbers[is_first]
-        motion = Motion(numbers[:, :3], numbers[:, 3:])
+        motion = PoseMotion(numbers[:, :3], numbers[:, 3:])
         record = self.record_ns, self.jumps_back, self.stretched
-        return Track(topic, kind, parent, child, static, self.messages, stamps, motion, *record, differs)
+        return PoseTrack(topic, kind, parent, child, static, self.messages, stamps, motion, *record, differs)
 
 
-class Tracks:
+class PoseTracks:
     """Folds pose messages into tracks, in bounded memory."""
 
     def __init__(self, most: int = MAX_POSES) -> None:
@@ -345,7 +345,7 @@ class Tracks:
             elif self._bytes >= TOGETHER_BYTES:
                 self._flush_all()
 
-    def finish(self) -> list[Track]:
+    def finish(self) -> list[PoseTrack]:
         """Return all tracks, in the order in which they first appear."""
         self._flush_all()
         found = [growing.finish(key) for key, growing in self._growing.items()]
@@ -392,7 +392,7 @@ class Tracks:
         self._room -= self._growing.setdefault(key, _Growing()).add(stamps, numbers, record_ns[row])
 
 
-def gathered(key: TrackKey, stamp_ns: Int64, numbers: Float64, record_ns: Int64, refused: Counter[str]) -> Track | None:
+def gathered(key: TrackKey, stamp_ns: Int64, numbers: Float64, record_ns: Int64, refused: Counter[str]) -> PoseTrack | None:
     """Return a track of N poses, (N, 7) x, y, z [m] and the quaternion's x, y, z, w; None without a usable one.
 
     `refused` counts the causes of poses that are left out.
@@ -436,7 +436,7 @@ MAX_NS, MAX_DIGITS = 1 << 62, 11
 """Farthest stamp from 1970 [ns], 146 years, so that differences of two fit; its digits before the point."""
 
 
-def read_trajectory(path: Path) -> tuple[Track, Int64]:
+def read_trajectory(path: Path) -> tuple[PoseTrack, Int64]:
     """Read the path of a sensor from a file of TUM lines; empty lines and those that begin with `#` are left out.
 
     Returns
@@ -511,7 +511,7 @@ def _pose(path: Path, number: int, text: str) -> tuple[int, list[float]]:
         ) from None
 
 
-def trajectory_lines(stamp_ns: Int64, motion: Motion) -> str:
+def trajectory_lines(stamp_ns: Int64, motion: PoseMotion) -> str:
     """Return N poses as TUM lines, without unknown ones."""
     known = ~np.isnan(motion.position).any(axis=1)
     numbers = motion.position[known].tolist(), upright(motion.rotation[known]).tolist()

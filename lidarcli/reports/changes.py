@@ -12,7 +12,19 @@ import pyarrow as pa
 from lidarcli.display.texts import counted
 from lidarcli.options.choices import CHANGE_STATUSES
 from lidarcli.reports.columns import Origin
-from lidarcli.reports.document import MARKDOWN, PAGE, TEXT, Block, Card, FromAbove, Notes, Part, Section, Table, table_of
+from lidarcli.reports.document import (
+    MARKDOWN,
+    PAGE,
+    TEXT,
+    Block,
+    Card,
+    FromAbove,
+    Notes,
+    ReportPart,
+    ReportTable,
+    Section,
+    table_of,
+)
 from lidarcli.reports.figures import OF_MAPS, plain_fields
 from lidarcli.reports.run_pairs import COLUMNS, FIRST, Change, RunPair, number_or_none, pairs_of
 from lidarcli.reports.wording import in_unit, percent
@@ -26,7 +38,7 @@ DRAWN = 6
 
 
 @dataclass(frozen=True, slots=True)
-class ChangesPart(Part):
+class ChangesPart(ReportPart):
     """Changes of some tables, as a part of a report."""
 
     sources: tuple[Origin, ...]
@@ -55,7 +67,7 @@ class ChangesPart(Part):
             (one.before, one.name, *(f"{count:,}" for count in one.counts.values()), overlap)
             for one, overlap in zip(pairs, overlaps, strict=True)
         ]
-        sections = {"changed": Section("Changes from run to run", [Table(head, rows, range(2, len(head)))])}
+        sections = {"changed": Section("Changes from run to run", [ReportTable(head, rows, range(2, len(head)))])}
         drawn: list[Block] = []
         for number, one in enumerate(pairs[:DRAWN], 1):
             too_many = len(one.changes) > CHANGES_OF_PAGE
@@ -86,7 +98,7 @@ class ChangesPart(Part):
                 turn = "" if one.dyaw is None else f"{math.degrees(math.remainder(one.dyaw, math.tau)):.1f}°"
                 aligned.append((one.before, one.name, *shift, turn, in_unit(one.rms, "m", ".3f")))
         if aligned:
-            table = Table(cells, aligned, range(2, len(cells)))
+            table = ReportTable(cells, aligned, range(2, len(cells)))
             sections["alignment"] = Section("How the runs lie on each other", [table], fold="Alignment")
         return sections
 

@@ -331,7 +331,7 @@ class Check:
 
 
 @dataclass(frozen=True, slots=True)
-class Verdict:
+class CheckVerdict:
     """The result of a check."""
 
     expression: str
@@ -409,16 +409,16 @@ def parse_check(
     return Check(expression, token.text, condition, sign, low, high)
 
 
-def judge(check: Check, values: Mapping[str, float | None], run: Run) -> Verdict:
+def judge(check: Check, values: Mapping[str, float | None], run: Run) -> CheckVerdict:
     """Hold a check against the figures of a run, or against its rows."""
     # Tracks tables that could not be read leave nothing to measure.
     return verdict_of(check, values.get(check.name) if check.condition is None else _count(check, check.condition, run))
 
 
-def verdict_of(check: Check, found: float | None) -> Verdict:
+def verdict_of(check: Check, found: float | None) -> CheckVerdict:
     """Hold a check against what was found; None where there was nothing to measure."""
     holds = found is not None and check.admits(found)
-    return Verdict(check.expression, f"{check.expected}", found, holds)
+    return CheckVerdict(check.expression, f"{check.expected}", found, holds)
 
 
 def _count(check: Check, condition: Condition, run: Run) -> float | None:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from lidarcli.sweeps.types import Float64, Int32, Int64, spared
 from lidarcli.sweeps.zone import UNSEEN
-from lidarcli.tabular.columns import held, numbers
+from lidarcli.tabular.columns import numbers, values_and_mask
 
 Record = SimpleNamespace
 """A row of a table, or of what a report shows: attributes are its columns."""
@@ -93,7 +93,7 @@ class Rows:
         column = self.table[name]
         if pa.types.is_timestamp(column.type):
             column = column.cast(pa.int64())
-        values: Int64 = held(column)[0].astype(np.int64, copy=False)
+        values: Int64 = values_and_mask(column)[0].astype(np.int64, copy=False)
         return values
 
     def total(self, names: Sequence[str]) -> Float64:
@@ -107,7 +107,7 @@ class Rows:
         if not column.num_chunks or not len(column):
             return np.empty(0, np.int32), []
         chunk = column.chunk(0)
-        codes, there = held(chunk.indices)
+        codes, there = values_and_mask(chunk.indices)
         codes = np.where(there, codes, -1).astype(np.int32, copy=False)
         return codes, chunk.dictionary.to_pylist()
 
@@ -156,7 +156,7 @@ class Rows:
         return {text: int(total) for text, total in zip(names, totals, strict=True) if total}
 
 
-class Sight(NamedTuple):
+class Observation(NamedTuple):
     """In how many sweeps of a log anything, or a zone, was observed."""
 
     log: str
@@ -181,7 +181,7 @@ def missing_of(stamp_ns: Int64, ends: Int64 | None = None) -> int:
     return int(np.maximum(np.rint(gaps / step) - 1.0, 0.0).sum()) if step else 0
 
 
-def least_observed(sights: Iterable[Sight]) -> Sight | None:
+def least_observed(sights: Iterable[Observation]) -> Observation | None:
     """Return the worst of those that lack more sweeps than may be spared, its log named with their number."""
     lacking = [one for one in sights if not one.observed or one.sweeps - one.observed > spared(one.sweeps)]
     if not lacking:
@@ -242,14 +242,14 @@ class Run:
         """(K,) those of the objects that are agents (set A)."""
         return self.objects.are("set", "A")
 
-    def observed_in(self) -> list[Sight]:
+    def observed_in(self) -> list[Observation]:
         """Return for each source how many sweeps show anything."""
         some, total = (
             np.bincount(self.sweeps.source[chosen], minlength=len(self.sources)).tolist()
             for chosen in (self.sweeps.numbers("observed") > 0, slice(None))
         )
         logs = (source.log for source in self.sources)
-        return [Sight(*each) for each in zip(logs, some, total, strict=True)]
+        return [Observation(*each) for each in zip(logs, some, total, strict=True)]
 
     @cached_property
     def objects_per_sweep(self) -> Float64:

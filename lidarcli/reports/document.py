@@ -37,7 +37,7 @@ class Share:
 
 
 @dataclass(frozen=True, slots=True)
-class Table:
+class ReportTable:
     """A table with a heading for each column."""
 
     head: Sequence[str]
@@ -48,11 +48,11 @@ class Table:
     """Rows that are left out, in words."""
 
 
-def table_of(cells: Mapping[str, Sequence[str]], more: str = "") -> Table:
+def table_of(cells: Mapping[str, Sequence[str]], more: str = "") -> ReportTable:
     """Return a table of heading → cells; columns without a single entry are left out."""
     head = [name for name, column in cells.items() if any(column)]
     right = [k for k, name in enumerate(head) if name not in NAMES]
-    return Table(head, [*zip(*(cells[name] for name in head), strict=True)], right, more)
+    return ReportTable(head, [*zip(*(cells[name] for name in head), strict=True)], right, more)
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,7 +119,7 @@ class FromAbove:
     changes: RunPair
 
 
-Block = Bands | Table | NamedValues | Shares | Drawing | Notes | FromAbove
+Block = Bands | ReportTable | NamedValues | Shares | Drawing | Notes | FromAbove
 
 
 @dataclass(frozen=True, slots=True)
@@ -155,7 +155,7 @@ class Opening(NamedTuple):
     """Entries of its JSON."""
 
 
-class Part(ABC):
+class ReportPart(ABC):
     """Tables of one kind in a report: together with another part, or alone.
 
     `schema` is the name of the JSON schema of a report that begins with this part; pages explain `words`.

@@ -29,7 +29,7 @@ from lidarcli.reports.columns import Rows, Run, rows_of
 from lidarcli.reports.document import NAMES, PAGE, Code, FromAbove
 from lidarcli.reports.drawing import project_style
 from lidarcli.reports.figures import Density, Histogram, Spread, plain
-from lidarcli.reports.map_picture import Sight, changes_figure, map_figure
+from lidarcli.reports.map_picture import Backdrop, changes_figure, map_figure
 from lidarcli.reports.programs import clean
 from lidarcli.reports.report import Page, Report
 from lidarcli.reports.run import RunPart, track_cells
@@ -151,7 +151,7 @@ def _page(template: str, report: Report, **values: Any) -> str:
 def _drawn(block: FromAbove) -> Markup:
     """Return the changes of a run from above, without the map, which tables do not hold."""
     with project_style(SVG_STYLE):
-        return _inline(f"Changes of run {block.number}", changes_figure([block.changes], [Sight()]))
+        return _inline(f"Changes of run {block.number}", changes_figure([block.changes], [Backdrop()]))
 
 
 def _inline(title: str, figure: Figure) -> Markup:

@@ -85,7 +85,7 @@ SENSOR_WIDTH = 4.2
 """Width of the picture of the background of one sensor [inch]."""
 
 
-class Box(NamedTuple):
+class MapBox(NamedTuple):
     """A box in the world [m, rad], or a circle as wide as it is long."""
 
     x: float
@@ -112,7 +112,7 @@ class Snapshot:
     """Place and heading of the sensor [m, rad]."""
     points: Float64
     """(N, 2) where its beams ended [m]."""
-    boxes: tuple[Box, ...]
+    boxes: tuple[MapBox, ...]
     """Boxes of the objects of the sweep."""
 
 
@@ -133,7 +133,7 @@ class MapPicture:
     grid: Occupancy | None
     paths: Sequence[Float64] = ()
     """(N, 2) path of each sensor."""
-    boxes: Sequence[Box] = ()
+    boxes: Sequence[MapBox] = ()
     """Boxes of tracks that are static."""
     agents: Sequence[tuple[int, Float64]] = ()
     """Number and path, (N, 2), of what moved; NaN where no sweep saw it go on."""
@@ -322,7 +322,7 @@ def overview(
     return MapPicture(None, paths, boxes, agents, dwell=dwell)
 
 
-def _track_boxes(sweeps: Rows, tracks: Rows) -> list[Box]:
+def _track_boxes(sweeps: Rows, tracks: Rows) -> list[MapBox]:
     """Return the boxes of static tracks that are visible in enough sweeps."""
     stream = [f"{source} {topic}" for source, topic in zip(sweeps.source.tolist(), sweeps.texts("topic"), strict=True)]
     counts = Counter(stream)
@@ -337,13 +337,13 @@ def _track_boxes(sweeps: Rows, tracks: Rows) -> list[Box]:
     numbers, labels = tracks.integers("track")[rows].tolist(), tracks.texts("label", rows)
     names = [f"{number} {label}".rstrip() for number, label in zip(numbers, labels, strict=True)]
     is_round = tracks.are("shape", "round")[rows].tolist()
-    return [Box._make([*side, *more]) for side, *more in zip(sides[rows].tolist(), is_round, names, strict=True)]
+    return [MapBox._make([*side, *more]) for side, *more in zip(sides[rows].tolist(), is_round, names, strict=True)]
 
 
 def _of_agents(trajectories: Rows, tracks: Rows, frame: str) -> Iterator[tuple[int, int, Int64, Bool]]:
     """Yield each agent in a frame: its row and number, the rows of its path by time, and which steps were observed."""
     # Imported here: most pictures need no tracks.
-    from lidarcli.formalism.tracking.trajectories import seen_steps
+    from lidarcli.formalism.tracking.trajectories import observed_steps
 
     track, stamp = trajectories.numbers("track"), trajectories.integers("stamp")
     (topic, topics), (of_track, names) = trajectories.words("topic"), tracks.words("topic")
@@ -361,7 +361,7 @@ def _of_agents(trajectories: Rows, tracks: Rows, frame: str) -> Iterator[tuple[i
         here = topic[at] == topics.index(its) if its in topics else ~np.isin(topic[at], own)
         at = at[here & (trajectories.source[at] == tracks.source[row])]
         if len(at):
-            yield row, int(numbers[row]), at, seen_steps(stamp[at] / SECOND_NS, seen[at], topic[at])
+            yield row, int(numbers[row]), at, observed_steps(stamp[at] / SECOND_NS, seen[at], topic[at])
 
 
 def _track_paths(trajectories: Rows, tracks: Rows, frame: str) -> Iterator[tuple[int, Float64]]:
@@ -409,7 +409,7 @@ def _thinned(rows: Int64) -> Int64:
 
 
 @dataclass(frozen=True, slots=True)
-class Sight:
+class Backdrop:
     """Map on which the changes of a run are drawn."""
 
     grid: Occupancy | None = None
@@ -418,13 +418,13 @@ class Sight:
     """(N, 2) places of the sensor of the run [m]."""
 
 
-def draw_changes(pairs: Sequence[RunPair], sights: Sequence[Sight]) -> bytes:
+def draw_changes(pairs: Sequence[RunPair], sights: Sequence[Backdrop]) -> bytes:
     """Return a .png with a panel for each run, all in the coordinates of the first one."""
     with project_style({"axes.grid": False}):
         return file_bytes(changes_figure(pairs, sights), ".png")
 
 
-def changes_figure(pairs: Sequence[RunPair], sights: Sequence[Sight]) -> Figure:
+def changes_figure(pairs: Sequence[RunPair], sights: Sequence[Backdrop]) -> Figure:
     """Return a figure with a panel for each run; call it within `project_style`."""
     runs = [_ChangedRun.of(pair, sight) for pair, sight in zip(pairs, sights, strict=True)]
     each = np.array([one.limits for one in runs])
@@ -462,14 +462,14 @@ def changes_figure(pairs: Sequence[RunPair], sights: Sequence[Sight]) -> Figure:
 class _ChangedRun:
     """Changes of a run with their boxes."""
 
-    changes: tuple[tuple[Change, Box, Box | None], ...]
+    changes: tuple[tuple[Change, MapBox, MapBox | None], ...]
     """Each with its box, and its old one if it was moved."""
     sensors: Float64
     """(S, 2) places of the sensor [m]."""
     grid: Occupancy | None
 
     @staticmethod
-    def of(pair: RunPair, sight: Sight) -> _ChangedRun:
+    def of(pair: RunPair, sight: Backdrop) -> _ChangedRun:
         """Return the changes whose place is known."""
         grid = None if sight.grid is None else _known_part(sight.grid)
         found = [(one, *_boxes(one)) for one in pair.changes]
@@ -526,11 +526,11 @@ def _known_part(grid: Occupancy) -> Occupancy:
     return replace(grid, x=grid.x + left * grid.resolution, y=grid.y + low * grid.resolution, cells=cells)
 
 
-def _boxes(one: Change) -> tuple[Box | None, Box | None]:
+def _boxes(one: Change) -> tuple[MapBox | None, MapBox | None]:
     """Return the box of a change in the last run that has it, and that in its old place if it was moved."""
     length, width = (max(side or 0.1, 0.1) for side in (one.length, one.width))
     before, after = (
-        None if x is None or y is None else Box(x, y, yaw or 0.0, length, width)
+        None if x is None or y is None else MapBox(x, y, yaw or 0.0, length, width)
         for x, y, yaw in ((one.x_a, one.y_a, one.yaw_a), (one.x_b, one.y_b, one.yaw_b))
     )
     return after or before, before if one.status == "moved" and after is not None else None

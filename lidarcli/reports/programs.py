@@ -11,7 +11,7 @@ from typing import Any
 
 from lidarcli._version import __version__
 from lidarcli.display.texts import visible
-from lidarcli.reports.checks import Verdict
+from lidarcli.reports.checks import CheckVerdict
 from lidarcli.reports.figures import plain_numbers
 from lidarcli.reports.report import Report
 from lidarcli.reports.wording import number
@@ -55,7 +55,7 @@ def as_dict(report: Report) -> dict[str, Any]:
 def as_junit(
     command: str,
     title: str,
-    verdicts: Sequence[Verdict],
+    verdicts: Sequence[CheckVerdict],
     figures: Mapping[str, float | None],
     problems: Sequence[str],
     lines: Sequence[str] = (),

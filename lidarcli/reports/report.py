@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from lidarcli.errors import CHECK_FAILED, UnreadableError
-from lidarcli.reports.checks import Verdict
-from lidarcli.reports.document import PAGE, Card, NamedValues, Part, Section
+from lidarcli.reports.checks import CheckVerdict
+from lidarcli.reports.document import PAGE, Card, NamedValues, ReportPart, Section
 
 if TYPE_CHECKING:
     from lidarcli.formalism.mapping.grid import Occupancy
@@ -36,9 +36,9 @@ class Page:
 class Report:
     """A report on tables of a run, of zones, of changes, or of several of these, whatever its format."""
 
-    parts: tuple[Part, ...]
+    parts: tuple[ReportPart, ...]
     """The first one gives the report its title; the sections of the others come before its own."""
-    verdicts: tuple[Verdict, ...] = ()
+    verdicts: tuple[CheckVerdict, ...] = ()
     unread: tuple[str, ...] = ()
     """Tables and folders that could not be read, one line each."""
     unseen: tuple[str, ...] = ()

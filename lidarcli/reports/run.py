@@ -22,11 +22,11 @@ from lidarcli.reports.document import (
     Drawing,
     NamedValues,
     Notes,
-    Part,
+    ReportPart,
+    ReportTable,
     Section,
     Share,
     Shares,
-    Table,
     table_of,
 )
 from lidarcli.reports.figures import (
@@ -117,14 +117,14 @@ def _comparison(summary: Summary, comparison: Comparison) -> Iterator[tuple[str,
         (f"parameter {name}: ", Code(other), " in the baseline, ", Code(own), " here")
         for name, own, other in comparison.parameters
     ]
-    table = Table(("figure", "baseline", "here", "difference", "in percent"), rows, (1, 2, 3, 4))
+    table = ReportTable(("figure", "baseline", "here", "difference", "in percent"), rows, (1, 2, 3, 4))
     yield "comparison", Section("Compared with the baseline", [table, Notes([*notes, (comparison.words,)])])
     if comparison.changes:
         changes = [
             (one.log, one.topic, str(one.sweep), str(one.before), str(one.now), f"{one.now - one.before:+d}")
             for one in comparison.changes
         ]
-        table = Table(("log", "topic", "sweep", "before", "now", "change"), changes, (2, 3, 4, 5))
+        table = ReportTable(("log", "topic", "sweep", "before", "now", "change"), changes, (2, 3, 4, 5))
         yield "changes", Section("Sweeps whose number of objects changed most", [table])
 
 
@@ -164,14 +164,14 @@ def _overview(summary: Summary) -> NamedValues:
     return NamedValues(rows)
 
 
-def _key_figures(summary: Summary) -> Table:
+def _key_figures(summary: Summary) -> ReportTable:
     names = {
         **{name: name for name in ("sweeps", "duration", "rate", "gaps", "objects")},
         "objects_per_sweep.mean": "objects per sweep",
         "valid_share": "beams with a range",
     }
     cells = [rate(summary) if name == "rate" else quantity(name, summary.figures[name]) for name in names]
-    return Table([*names.values()], [cells], range(len(names)))
+    return ReportTable([*names.values()], [cells], range(len(names)))
 
 
 def _courses(summary: Summary) -> Iterator[Block]:
@@ -213,9 +213,9 @@ def _figures(summary: Summary) -> Iterator[tuple[str, Section]]:
     if not cells:
         return
     head, right = ("", *SHOWN_STATISTICS), range(1, 7)
-    yield "figures", Section("Figures", [Table(head, cells, right)], (TEXT, MARKDOWN), "Figures")
+    yield "figures", Section("Figures", [ReportTable(head, cells, right)], (TEXT, MARKDOWN), "Figures")
     explained = [(*row, words) for row, words in zip(cells, meanings, strict=True)]
-    yield "page of figures", Section("Figures", [Table((*head, "of"), explained, right)], (PAGE,))
+    yield "page of figures", Section("Figures", [ReportTable((*head, "of"), explained, right)], (PAGE,))
 
 
 def _kinds(summary: Summary) -> Iterator[tuple[str, Section]]:
@@ -299,7 +299,7 @@ def track_cells(tracks: Sequence[Record]) -> dict[str, list[str]]:
 def _labels(summary: Summary) -> Iterator[tuple[str, Section]]:
     if summary.labels:
         rows = [(one.name, number(one.tracks), number(one.objects)) for one in summary.labels]
-        yield "labels", Section("By label", [Table(("label", "tracks", "objects"), rows, (1, 2))])
+        yield "labels", Section("By label", [ReportTable(("label", "tracks", "objects"), rows, (1, 2))])
 
 
 def _distributions(summary: Summary) -> Iterator[tuple[str, Section]]:
@@ -337,7 +337,7 @@ def _outliers(summary: Summary) -> Iterator[tuple[str, Section]]:
             blocks.append(Notes([(name,)]))
         date, times = _times([one.stamp for one in group])
         rows = [(KINDS[one.kind], one.words, str(one.sweep), time) for one, time in zip(group, times, strict=True)]
-        blocks.append(Table(("", "value", "sweep", date), rows, (1, 2)))
+        blocks.append(ReportTable(("", "value", "sweep", date), rows, (1, 2)))
     blocks.append(Notes([("To see one: ", Code("lidarcli plot LOG --topic TOPIC --sweep N -o sweep.png"))]))
     yield "outliers", Section("Sweeps that stand out", blocks, (TEXT, MARKDOWN))
 
@@ -382,7 +382,7 @@ def _sources(summary: Summary) -> Iterator[tuple[str, Section]]:
     for name, most, formats in (("sources", STREAMS, (MARKDOWN,)), ("page of sources", STREAMS_OF_PAGE, (PAGE,))):
         rows = [(one.log, _origin(one), _settings(one)) for one in sources[:most]]
         more = f"and {len(sources) - most:,} more logs" if len(sources) > most else ""
-        blocks: list[Block] = [Table(("log", "format", "parameters of detect"), rows, (), more), *damage]
+        blocks: list[Block] = [ReportTable(("log", "format", "parameters of detect"), rows, (), more), *damage]
         if formats == (PAGE,):
             cells = ("log", "topic", "frame", "sweeps", "duration", "rate", "gaps", "backward", "objects")
             blocks.insert(0, stream_table(summary.streams.all, cells, 3, most, "more topics"))
@@ -427,7 +427,7 @@ def _origin(source: Origin) -> str:
 
 
 @dataclass(frozen=True, slots=True)
-class RunPart(Part):
+class RunPart(ReportPart):
     """A run, and a baseline that it is compared with, as a part of a report."""
 
     summary: Summary

@@ -11,7 +11,7 @@ import numpy as np
 
 from lidarcli.display.texts import stamp
 from lidarcli.reports.columns import Record, Run
-from lidarcli.reports.document import Code, Table
+from lidarcli.reports.document import Code, ReportTable
 from lidarcli.reports.figures import plain_fields
 from lidarcli.reports.wording import column, means_of, number, resample, spark
 from lidarcli.sweeps.types import Bool, Float64, Int64
@@ -199,14 +199,14 @@ STREAM_COLUMNS: dict[str, Callable[[Sequence[Stream]], list[str]]] = {
 """... and those whose cells have the same number of decimals."""
 
 
-def stream_table(streams: Sequence[Stream], cells: Sequence[str], right: int, most: int, more: str) -> Table:
+def stream_table(streams: Sequence[Stream], cells: Sequence[str], right: int, most: int, more: str) -> ReportTable:
     """Return a table of the first `most` streams; columns from `right` on are flush right."""
     shown = streams[:most]
     columns = [
         STREAM_COLUMNS[name](shown) if name in STREAM_COLUMNS else [*map(STREAM_CELLS[name], shown)] for name in cells
     ]
     left = f"and {len(streams) - most:,} {more}" if len(streams) > most else ""
-    return Table(cells, [*zip(*columns, strict=True)], range(right, len(cells)), left)
+    return ReportTable(cells, [*zip(*columns, strict=True)], range(right, len(cells)), left)
 
 
 def most_of(values: Float64) -> float | None:

@@ -12,7 +12,19 @@ from rich.table import Table as RichTable
 from rich.text import Text
 
 from lidarcli.display.texts import no_command, visible
-from lidarcli.reports.document import MARKDOWN, TEXT, Bands, Block, Code, Drawing, NamedValues, Notes, Share, Shares, Table
+from lidarcli.reports.document import (
+    MARKDOWN,
+    TEXT,
+    Bands,
+    Block,
+    Code,
+    Drawing,
+    NamedValues,
+    Notes,
+    ReportTable,
+    Share,
+    Shares,
+)
 from lidarcli.reports.report import Report
 from lidarcli.reports.wording import bar, course, number, share
 
@@ -72,7 +84,7 @@ def _checks(report: Report) -> Iterator[RenderableType]:
 
 def _parts(block: Block) -> Iterator[RenderableType]:
     match block:
-        case Table():
+        case ReportTable():
             yield _grid(block.rows, block.right, block.head)
             if block.more:
                 yield _styled(block.more)
@@ -177,7 +189,7 @@ def _beginning(report: Report) -> Iterator[str]:
 
 def _lines(block: Block) -> Iterator[str]:
     match block:
-        case Table():
+        case ReportTable():
             yield from _table(block.head, [[*map(_escaped, row)] for row in block.rows], block.right)
         case NamedValues():
             yield from _table([name for name, _ in block.rows], [[_escaped(value) for _, value in block.rows]])
@@ -191,7 +203,7 @@ def _lines(block: Block) -> Iterator[str]:
         case Notes():
             yield from (f"- {''.join(map(_escaped, parts))}" for parts in block.lines)
             yield ""
-    if isinstance(block, Table) and block.more:
+    if isinstance(block, ReportTable) and block.more:
         yield from (block.more, "")
 
 

@@ -140,7 +140,7 @@ def walls_of(run: Run, raw: Mapping[tuple[int, str], Raw]) -> dict[str, Walls]:
 
 
 @record
-class _PlacedSweeps:
+class _WorldSweeps:
     """Raw sweeps of one topic that the tables know, with their objects."""
 
     raw: Raw
@@ -153,7 +153,7 @@ class _PlacedSweeps:
     """(K,) ... each of one of these sweeps."""
 
 
-def _placed(run: Run, topic: str, raw: Raw) -> _PlacedSweeps | None:
+def _placed(run: Run, topic: str, raw: Raw) -> _WorldSweeps | None:
     """Find raw sweeps in the tables; None where none of them is there."""
     rows, there = rows_of(run.sweeps, topic, raw.sweep)
     if not len(rows):
@@ -161,7 +161,7 @@ def _placed(run: Run, topic: str, raw: Raw) -> _PlacedSweeps | None:
     raw = raw.rows(there)
     members, sweep = rows_of(run.objects, topic, raw.sweep)
     members, sweep = (column[run.is_object[members]] for column in (members, sweep))
-    return _PlacedSweeps(raw, rows, posed_stream(run.sweeps, rows, run.objects, members, sweep), members, sweep)
+    return _WorldSweeps(raw, rows, posed_stream(run.sweeps, rows, run.objects, members, sweep), members, sweep)
 
 
 def _points(run: Run, topic: str, raw: Raw) -> Iterator[tuple[str, Float64, Float64]]:

@@ -12,8 +12,8 @@ import pyarrow as pa
 
 from lidarcli.display.palette import ZONE_COLOURS
 from lidarcli.errors import OptionError
-from lidarcli.reports.checks import Check, Verdict, accepts, count_events, parse_check, verdict_of
-from lidarcli.reports.columns import Origin, Record, Rows, Sight, ZoneRows, least_observed, missing_of
+from lidarcli.reports.checks import Check, CheckVerdict, accepts, count_events, parse_check, verdict_of
+from lidarcli.reports.columns import Observation, Origin, Record, Rows, ZoneRows, least_observed, missing_of
 from lidarcli.reports.document import (
     MARKDOWN,
     PAGE,
@@ -24,7 +24,7 @@ from lidarcli.reports.document import (
     Card,
     Notes,
     Opening,
-    Part,
+    ReportPart,
     Section,
     table_of,
 )
@@ -140,7 +140,7 @@ def _values(zone_rows: ZoneRows, zone: str, columns: Mapping[str, Float64]) -> d
     return {name: None if name.startswith(missing) else value for name, value in values.items()}
 
 
-def sights_of(zone_rows: ZoneRows, zone: str) -> list[Sight]:
+def sights_of(zone_rows: ZoneRows, zone: str) -> list[Observation]:
     """Return how a zone was observed in each log that has it; sweeps that are missing for longer than `UNSEEN` count, too.
 
     They are missing where no sensor has any; in the frame of the sensor, where one of them has none.
@@ -154,12 +154,12 @@ def sights_of(zone_rows: ZoneRows, zone: str) -> list[Sight]:
     key = rows.source.astype(np.int64) * max(len(logs), 1) + log
     apart = topic * (zone_rows.shapes.get(zone, {}).get("frame") == SENSOR)
     mine = mine[np.lexsort((stamp[mine], key[mine]))]
-    found = [Sight(name, 0, 1) for name, left_out in zone_rows.left_out if left_out == zone]
+    found = [Observation(name, 0, 1) for name, left_out in zone_rows.left_out if left_out == zone]
     for some in np.split(mine, np.flatnonzero(np.diff(key[mine])) + 1) if len(mine) else ():
         ends = stamp[some[[0, -1]]]
         own = [stamp[some[apart[some] == one]] for one in np.unique(apart[some])]
         missing = sum(missing_of(np.unique(each), ends) for each in own)
-        found.append(Sight(logs[log[some[0]]], int(observed[some].sum()), len(some) + missing))
+        found.append(Observation(logs[log[some[0]]], int(observed[some].sum()), len(some) + missing))
     return found
 
 
@@ -221,7 +221,7 @@ def by_words(by: Mapping[str, int]) -> str:
     return ", ".join(f"{by[letter]} by {WHO[letter]}" for letter in WHO if by.get(letter))
 
 
-def judge_zones(check: Check, values: Mapping[str, float | None], zone_rows: ZoneRows | None) -> Verdict:
+def judge_zones(check: Check, values: Mapping[str, float | None], zone_rows: ZoneRows | None) -> CheckVerdict:
     """Hold a check against the figures of zones, or against the rows of their events."""
     if check.condition is None or zone_rows is None:
         return verdict_of(check, values.get(check.name))
@@ -229,7 +229,7 @@ def judge_zones(check: Check, values: Mapping[str, float | None], zone_rows: Zon
 
 
 @dataclass(frozen=True, slots=True)
-class ZoneSummary:
+class ZoneFigures:
     """A zone and what happened in it."""
 
     name: str
@@ -291,13 +291,13 @@ class ZoneTimeline:
 
 
 @dataclass(frozen=True, slots=True)
-class ZonesPart(Part):
+class ZonesPart(ReportPart):
     """The zones of a run, as a part of a report."""
 
     sources: tuple[Origin, ...]
     figures: dict[str, float | None]
     """Every name of `figures.zone_names` of each zone → value."""
-    zones: tuple[ZoneSummary, ...]
+    zones: tuple[ZoneFigures, ...]
     events: list[Record]
     """Log and `EVENT` of each, the most severe first, at most `KEPT`; those of kinds that are `LISTED`."""
     listed: int
@@ -398,7 +398,7 @@ def zones_part(zone_rows: ZoneRows, sources: Sequence[Origin]) -> ZonesPart:
     for name in zone_rows.names:
         alarms, start = of_zone(events, name, "occupied", "approach"), f"{ZONES}{name}."
         found.append(
-            ZoneSummary(
+            ZoneFigures(
                 name=name,
                 action=actions.get(name, ""),
                 is_line=name in zone_rows.lines,

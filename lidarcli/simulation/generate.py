@@ -8,7 +8,7 @@ from math import ceil
 
 import numpy as np
 
-from lidarcli.simulation.scene import Entity, Odometry, Scene, Sensor
+from lidarcli.simulation.scene import Entity, Odometry, Scene, SceneSensor
 from lidarcli.sweeps.types import TURN, Bool, Float32, Float64, Int32, Int64, RawSweeps, concatenate
 
 _CELLS = 1 << 20
@@ -147,7 +147,7 @@ def _depth_behind(ideal: Float64, padding: Bool) -> Float64:
 class Faults:
     """Noise, lost and flickering beams, mixed pixels and changing beam counts, each from its own random stream."""
 
-    def __init__(self, sensor: Sensor, seed: int, entities: Sequence[Entity]) -> None:
+    def __init__(self, sensor: SceneSensor, seed: int, entities: Sequence[Entity]) -> None:
         self.sensor = sensor
         streams = np.random.SeedSequence(seed).spawn(7)
         self.noise, self.lost, self.mixed, self.count, self.flickering, surfaces, self.swallowed = (
@@ -310,7 +310,7 @@ def simulate_sweep_arrays(scene: Scene, n_sweeps: int, seed: int = 0) -> tuple[R
     return raw, entity, scene.entities
 
 
-def _time_increments(sensor: Sensor, beams: Int32) -> Float64:
+def _time_increments(sensor: SceneSensor, beams: Int32) -> Float64:
     """Return (S,) the time between beams [s]: the duration of a sweep does not depend on its number of beams."""
     exact: Float64 = sensor.time_increment * (sensor.beams / beams)
     return exact
@@ -341,7 +341,7 @@ def _intensities(entities: Sequence[Entity], entity: Int32, padding: Bool) -> Fl
     return np.where(padding, np.float32(np.nan), intensities[entity])
 
 
-def _raw(sensor: Sensor, stamp_ns: Int64, beams: Int32, increment: Float64, ranges: Float32) -> RawSweeps:
+def _raw(sensor: SceneSensor, stamp_ns: Int64, beams: Int32, increment: Float64, ranges: Float32) -> RawSweeps:
     """Put simulated ranges into the shape in which logs hold them."""
     rows = len(ranges)
     return RawSweeps(

@@ -33,7 +33,7 @@ LOST_AS: tuple[LostAs, ...] = ("inf", "nan", "mixed", "zero", "max")
 
 
 @dataclass(frozen=True, slots=True)
-class Sensor:
+class SceneSensor:
     """A 2D LiDAR: its beams, its limits and its faults."""
 
     beams: int = 361
@@ -71,7 +71,7 @@ class Sensor:
 
 
 @dataclass(frozen=True, slots=True)
-class Motion:
+class SceneMotion:
     """Motion of an entity, and the time for which it exists."""
 
     velocity: tuple[float, float] = (0.0, 0.0)
@@ -92,7 +92,7 @@ class Motion:
         return self == STILL
 
 
-STILL = Motion()
+STILL = SceneMotion()
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -109,7 +109,7 @@ class Entity:
     width: float
     segments: Float64 = field(default_factory=lambda: np.empty((0, 4)))
     circles: Float64 = field(default_factory=lambda: np.empty((0, 3)))
-    motion: Motion = STILL
+    motion: SceneMotion = STILL
     lost: float = 0.0
     """Share of lost beams among those that hit it: it is black, or of glass."""
     intensity: float | None = None
@@ -223,7 +223,7 @@ class Odometry:
 
 
 @dataclass(frozen=True, slots=True)
-class Mount:
+class SceneMount:
     """Mount of the laser on the robot."""
 
     pose: tuple[float, float, float] = (0.0, 0.0, 0.0)
@@ -237,12 +237,12 @@ class Scene:
     """A sensor, its path and everything it can see."""
 
     name: str
-    sensor: Sensor
+    sensor: SceneSensor
     entities: tuple[Entity, ...]
     path: Course | Route = PARKED
     odometry: Odometry | None = None
     sweeps: int = 100
-    mount: Mount = Mount()
+    mount: SceneMount = SceneMount()
 
     @property
     def still(self) -> bool:
@@ -281,18 +281,18 @@ def wall(points: Sequence[Sequence[float]] | Float64) -> Entity:
     return Entity("wall", float(centre[0]), float(centre[1]), 0.0, float(length), float(width), segments=sides)
 
 
-def box(x: float, y: float, length: float, width: float, yaw: float = 0.0, motion: Motion = STILL) -> Entity:
+def box(x: float, y: float, length: float, width: float, yaw: float = 0.0, motion: SceneMotion = STILL) -> Entity:
     """Return a closed rectangular box."""
     return Entity("box", x, y, yaw, length, width, segments=rectangle(length, width), motion=motion)
 
 
-def cylinder(x: float, y: float, radius: float, motion: Motion = STILL) -> Entity:
+def cylinder(x: float, y: float, radius: float, motion: SceneMotion = STILL) -> Entity:
     """Return a round object: a pillar, a bin, a pole."""
     return Entity("cylinder", x, y, 0.0, 2 * radius, 2 * radius, circles=np.array([[0, 0, radius]]), motion=motion)
 
 
 def legged(
-    kind: str, x: float, y: float, length: float, width: float, leg: float, yaw: float = 0.0, motion: Motion = STILL
+    kind: str, x: float, y: float, length: float, width: float, leg: float, yaw: float = 0.0, motion: SceneMotion = STILL
 ) -> Entity:
     """Return an object on four legs of the thickness `leg`, in the corners of length × width.
 
@@ -308,7 +308,9 @@ def legged(
     return Entity(kind, x, y, yaw, length, width, segments=segments, motion=motion)
 
 
-def person(x: float, y: float, yaw: float = 0.0, gap: float = 0.25, leg: float = 0.12, motion: Motion = STILL) -> Entity:
+def person(
+    x: float, y: float, yaw: float = 0.0, gap: float = 0.25, leg: float = 0.12, motion: SceneMotion = STILL
+) -> Entity:
     """Return two round legs of the diameter `leg`, their axes `gap` apart, facing `yaw`.
 
     A stride swings them; on a route they step.
@@ -319,7 +321,7 @@ def person(x: float, y: float, yaw: float = 0.0, gap: float = 0.25, leg: float =
     return Entity("person", x, y, yaw, motion.stride + leg, gap + leg, circles=circles, motion=motion)
 
 
-def plant(x: float, y: float, radius: float, seed: int = 0, yaw: float = 0.0, motion: Motion = STILL) -> Entity:
+def plant(x: float, y: float, radius: float, seed: int = 0, yaw: float = 0.0, motion: SceneMotion = STILL) -> Entity:
     """Return a plant: a ragged star polygon whose tips lie between half and all of the radius."""
     rng = np.random.Generator(np.random.PCG64(seed))
     leaves = int(rng.integers(9, 16))
@@ -331,7 +333,7 @@ def plant(x: float, y: float, radius: float, seed: int = 0, yaw: float = 0.0, mo
     return Entity("plant", x, y, yaw, 2 * extent[0], 2 * extent[1], segments=closed(points), motion=motion)
 
 
-def load_robot(fields: Fields) -> tuple[Course | Route, Odometry | None, Mount]:
+def load_robot(fields: Fields) -> tuple[Course | Route, Odometry | None, SceneMount]:
     """Read the table [robot]: parked at a pose, driving a closed course, or on a route through waypoints."""
     path = _route_of(fields, ("x", "y", "yaw", "speed", "waypoints", "super_ellipse")) or _course(fields)
     odometry = None
@@ -350,7 +352,7 @@ def load_robot(fields: Fields) -> tuple[Course | Route, Odometry | None, Mount]:
         table.done()
     table = fields.table("mount")
     pose = table.number("x", 0.0), table.number("y", 0.0), radians(table.number("yaw", 0.0))
-    mount = Mount(pose, table.flag("told", True))
+    mount = SceneMount(pose, table.flag("told", True))
     table.done()
     fields.done()
     return path, odometry, mount
@@ -389,10 +391,10 @@ def _course(fields: Fields) -> Course:
     return Course(points, speed, yaw)
 
 
-def load_motion(fields: Fields, *others: str) -> Motion:
+def load_motion(fields: Fields, *others: str) -> SceneMotion:
     """Read the motion of an entity, and when it appears and disappears; keys in `others` exclude a route, too."""
     route = _route_of(fields, ("x", "y", "velocity", *others))
-    return Motion(
+    return SceneMotion(
         velocity=(0.0, 0.0) if route else fields.pair("velocity", (0.0, 0.0)),
         yaw_rate=radians(fields.number("yaw_rate", 0.0)),
         appears=fields.number("appears") if fields.has("appears") else -np.inf,
@@ -469,9 +471,9 @@ def load_scene(path: str | Path) -> Scene:
     return scene
 
 
-def _sensor(fields: Fields) -> Sensor:
+def _sensor(fields: Fields) -> SceneSensor:
     """Read the table [sensor]; the view is given by its two ends, or by `fov` around straight ahead."""
-    default = Sensor()
+    default = SceneSensor()
     beams = fields.whole("beams", default.beams, low=1, high=MAX_BEAMS)
     if fields.has("fov"):
         if fields.has("angle_min", "angle_max"):
@@ -491,7 +493,7 @@ def _sensor(fields: Fields) -> Sensor:
     if fields.flag("clockwise", False):
         first, step = first + step * (beams - 1), -step
     range_min = fields.number("range_min", default.range_min, low=0)
-    sensor = Sensor(
+    sensor = SceneSensor(
         beams=beams,
         angle_min=radians(first),
         angle_increment=radians(step),

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 import lidarcli.sweeps.ranges
-from lidarcli.errors import OptionError
+from lidarcli.options.choices import MAX_NUMBER, NO_RETURN_WORDS
 from lidarcli.sweeps.masks import Masks
 from lidarcli.sweeps.types import TURN, Bool, Closure, Float32, Float64, Int32, Int64, RawSweeps, Status, SweepBatch, UInt8
 
@@ -39,33 +39,6 @@ class RangeRules:
         """Return the words and markers as `--no-return` takes them."""
         words = [word for word in NO_RETURN_WORDS if word in self.no_return]
         return words + [f"{marker:g}" for marker in sorted(self.markers)]
-
-
-PILE = "pile"
-NO_RETURN_WORDS = ("inf", "zero", "max", "above", PILE, "nan", "negative", "below")
-
-
-def parse_no_return(text: str) -> tuple[frozenset[str], tuple[float, ...]]:
-    """Split a `--no-return` list (`zero,max,81.91`) into its words and its markers [m].
-
-    >>> parse_no_return("zero,81.91")
-    (frozenset({'zero'}), (81.91,))
-    """
-    words, markers = set(), []
-    for item in filter(None, (part.strip().lower() for part in text.split(","))):
-        if item in NO_RETURN_WORDS:
-            words.add(item)
-            continue
-        try:
-            marker = float(item)
-        except ValueError:
-            raise OptionError(
-                f"--no-return: '{item}' is neither a number nor one of {', '.join(NO_RETURN_WORDS)}"
-            ) from None
-        if not abs(marker) <= FARTHEST:
-            raise OptionError(f"--no-return: {marker:g} is no range")
-        markers.append(marker)
-    return frozenset(words), tuple(markers)
 
 
 def closure(beams: Int32, angle_increment: Float64) -> UInt8:
@@ -106,7 +79,7 @@ def duration(raw: RawSweeps) -> Float64 | None:
     return np.where(believed, seconds, 0.0) if bool((believed & (seconds != 0.0)).any()) else None
 
 
-NEAREST, FARTHEST = 1e-6, 1e6
+NEAREST, FARTHEST = 1e-6, MAX_NUMBER
 """Smallest and largest range [m]: some drivers call 3.4e38 their `range_max`, and squares of that overflow."""
 
 

@@ -85,14 +85,14 @@ def names_of(values: NDArray[np.uint8], names: Sequence[str]) -> pa.StringArray:
     return pa.StringArray.from_buffers(len(values), pa.py_buffer(offsets), pa.py_buffer(text))
 
 
-def held(column: pa.Array | pa.ChunkedArray) -> tuple[NDArray[Any], NDArray[np.bool_]]:
+def values_and_mask(column: pa.Array | pa.ChunkedArray) -> tuple[NDArray[Any], NDArray[np.bool_]]:
     """Return (K,) numbers or answers of a column and where it is not null; as `to_numpy`, which imports pandas.
 
     >>> held(answers(np.array([1, 0, -1], np.int8)))
     (array([ True, False, False]), array([ True,  True, False]))
     """
     if isinstance(column, pa.ChunkedArray):
-        chunks = [held(chunk) for chunk in column.chunks] or [(np.empty(0), np.empty(0, bool))]
+        chunks = [values_and_mask(chunk) for chunk in column.chunks] or [(np.empty(0), np.empty(0, bool))]
         values, there = zip(*chunks, strict=True)
         return (np.concatenate(values), np.concatenate(there)) if len(chunks) > 1 else chunks[0]
     known, data = column.buffers()
@@ -109,7 +109,7 @@ def numbers(column: pa.Array | pa.ChunkedArray) -> NDArray[np.float64]:
     >>> numbers(floats(np.array([1.5, np.nan])))
     array([1.5, nan])
     """
-    values, there = held(column)
+    values, there = values_and_mask(column)
     return np.where(there, values.astype(np.float64, copy=False), np.nan)
 
 
@@ -118,7 +118,7 @@ def integers(rows: pa.RecordBatch, name: str) -> NDArray[np.int64]:
     column = rows[name]
     if pa.types.is_timestamp(column.type):
         column = column.view(pa.int64())
-    values, there = held(column)
+    values, there = values_and_mask(column)
     return np.where(there, values, -1)
 
 
@@ -131,7 +131,7 @@ def are(column: pa.DictionaryArray | pa.ChunkedArray, word: str) -> NDArray[np.b
     if isinstance(column, pa.ChunkedArray):
         return np.concatenate([np.empty(0, bool), *(are(chunk, word) for chunk in column.chunks)])
     names = column.dictionary.to_pylist()
-    code, there = held(column.indices)
+    code, there = values_and_mask(column.indices)
     return there & (code == names.index(word)) if word in names else np.zeros(len(column), bool)
 
 

@@ -40,7 +40,7 @@ MAX_WHOLE = 1 << 53
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class HeldTable:
+class TableInMemory:
     """A table in memory, which is read as a Parquet file is, under the name that a file of it would have."""
 
     name: str
@@ -70,7 +70,7 @@ class HeldTable:
         yield from self.read(columns).to_batches()
 
 
-Readable = Place | HeldTable
+Readable = Place | TableInMemory
 """A table that can be read: a file, or one in memory."""
 
 
@@ -180,9 +180,9 @@ def _finite(text: str) -> float:
 
 
 @contextmanager
-def _opened(path: Readable, kind: str) -> Iterator[pq.ParquetFile | HeldTable]:
+def _opened(path: Readable, kind: str) -> Iterator[pq.ParquetFile | TableInMemory]:
     """Open a file and close it in the end; errors of Arrow become one line."""
-    if isinstance(path, HeldTable):
+    if isinstance(path, TableInMemory):
         yield path
         return
     refused = "no background" if kind == "background" else "cannot be read as Parquet"
@@ -235,7 +235,7 @@ def _nullable(field: pa.Field) -> pa.Field:
 def refuse_columns(path: Readable, kind: str, there: list[str], wanted: Sequence[str]) -> None:
     """Refuse a file in which a wanted column is missing, or there twice."""
     missing = sorted(name for name in wanted if name not in there)
-    if missing and isinstance(path, HeldTable):
+    if missing and isinstance(path, TableInMemory):
         raise UnreadableError(f"{path} (in memory): no column {', '.join(missing)}; leave the table all of its columns")
     if missing:
         maker = MAKERS.get(kind, "detect")

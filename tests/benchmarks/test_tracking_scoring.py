@@ -11,7 +11,7 @@ from benchmarks.tracking.methods import ORACLE, OURS, PARAMETERS, Result, follow
 from benchmarks.tracking.recordings import Detected, Recording, detected, in_batches, majority, record_cell, simulate
 from benchmarks.tracking.scoring import Share, score, too_small, undetected
 from lidarcli.simulation import scene as make
-from lidarcli.simulation.scene import Course, Motion, Scene, Sensor
+from lidarcli.simulation.scene import Course, Scene, SceneMotion, SceneSensor
 from lidarcli.sweeps.types import Float64
 
 WALL, BOX, MOVER = 0, 1, 2
@@ -22,10 +22,10 @@ def scene(*, turned: float = 0.0, driven: bool = False) -> Scene:
     things = (
         make.wall([[-4, 4], [4, 4], [4, -4]]),
         make.box(2.0, -1.0, 0.4, 0.4),
-        make.box(2.5, 0.5, 0.4, 0.3, motion=Motion((0.0, 0.5))),
+        make.box(2.5, 0.5, 0.4, 0.3, motion=SceneMotion((0.0, 0.5))),
     )
     path = Course(np.array([[0.0, 0.0], [1.0, 0.0]]), 0.5) if driven else Course(np.zeros((1, 2)), yaw=turned)
-    return Scene("three things", Sensor(), things, path, sweeps=20)
+    return Scene("three things", SceneSensor(), things, path, sweeps=20)
 
 
 def found_in(recording: Recording) -> Detected:

@@ -21,11 +21,11 @@ from lidarcli.cli.declared import DeclaredOption
 from lidarcli.cli.main import COMMANDS, cli
 from lidarcli.formalism import Parameters
 from lidarcli.options.forms import File, Text, options_of
-from lidarcli.options.groups import Learning, Mapping, Plotting, Reporting
+from lidarcli.options.groups import LearningGroup, MappingGroup, Plotting, Reporting
 from lidarcli.options.objects import Tabling
-from lidarcli.options.reading import GEOMETRY, POINT_CLOUDS, Ranges, Reading
+from lidarcli.options.reading import GEOMETRY, POINT_CLOUDS, Ranges, ReadingGroup, parse_no_return
 from lidarcli.simulation.writers import write_log
-from lidarcli.sweeps.range_rules import RangeRules, parse_no_return
+from lidarcli.sweeps.range_rules import RangeRules
 from lidarcli.system.compiled import about_core
 from tests.places import SAMPLES
 from tests.sweeping import room_sweeps
@@ -190,7 +190,7 @@ def test_an_option_has_the_same_words_everywhere() -> None:
     assert {field for field, said in words.items() if len(said) > 1} == set()
     keywords = {
         field: option.help
-        for group in (Reading, Tabling, Learning, Mapping, Plotting, Reporting)
+        for group in (ReadingGroup, Tabling, LearningGroup, MappingGroup, Plotting, Reporting)
         for field, option in options_of(group).items()
         if field not in of_its_own
     }
@@ -275,7 +275,7 @@ EFFECT = {"degrees", "range_unit"}
 
 
 def spelled(name: str) -> list[str]:
-    option, value = options_of(Reading)[name], GIVEN[name]
+    option, value = options_of(ReadingGroup)[name], GIVEN[name]
     words = f"--{'no-' * option.is_negated}{name.replace('_', '-')}"
     return [words] if value is None else [words, value]
 

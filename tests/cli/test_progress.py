@@ -17,7 +17,7 @@ from threading import Thread
 import pytest
 
 from lidarcli.cli import run
-from lidarcli.cli.messages import Messages, counted_bar
+from lidarcli.cli.messages import MessageWriter, counted_bar
 from tests.places import ROOT
 from tests.reports.runs import sweep, write_run
 
@@ -74,18 +74,18 @@ def terminal() -> Iterator[Screen]:
         screen.text = b"".join(found).decode()
 
 
-def is_looked_at(say: Messages) -> bool:
+def is_looked_at(say: MessageWriter) -> bool:
     with counted_bar("room", 200, "sweeps", say) as count:
         return count is not None
 
 
 def test_a_counted_bar() -> None:
-    say = Messages()
+    say = MessageWriter()
     with terminal() as screen, counted_bar("room.toml", 200, "sweeps", say) as count:
         assert count is not None
         count(50)
         say.info("a line above the bar")
-    assert (say.bar, say.write) == (None, Messages().write)
+    assert (say.bar, say.write) == (None, MessageWriter().write)
     assert re.search(r"room\.toml [━╸╺]+ +25% +50/200 sweeps", screen.plain)
     assert "a line above the bar" in screen.plain
     # In the end the line of the bar is taken back.
@@ -94,12 +94,12 @@ def test_a_counted_bar() -> None:
 
 
 def test_nobody_looks(monkeypatch: pytest.MonkeyPatch) -> None:
-    assert not is_looked_at(Messages())
+    assert not is_looked_at(MessageWriter())
     with terminal() as screen:
-        assert is_looked_at(Messages())
-        assert not is_looked_at(Messages(quiet=True))
+        assert is_looked_at(MessageWriter())
+        assert not is_looked_at(MessageWriter(quiet=True))
         monkeypatch.setenv("TERM", "dumb")
-        assert not is_looked_at(Messages())
+        assert not is_looked_at(MessageWriter())
     assert screen.text == ""
 
 

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import lidarcli as package
-from lidarcli.cli.messages import Messages, show
+from lidarcli.cli.messages import MessageWriter, show
 from lidarcli.pipeline.reading.one_log import RunSummary
 from lidarcli.pipeline.runs.over_logs import Outcome
 from lidarcli.simulation.writers import write_log
@@ -21,7 +21,7 @@ from tests.sweeping import raw_sweeps, round_room
 
 def said(run: RunSummary, verbose: bool = False) -> list[str]:
     lines: list[str] = []
-    show(Outcome("run.mcap", 0, run), Messages(verbose=verbose, write=lines.append))
+    show(Outcome("run.mcap", 0, run), MessageWriter(verbose=verbose, write=lines.append))
     return lines
 
 

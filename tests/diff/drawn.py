@@ -11,14 +11,16 @@ import numpy as np
 
 from lidarcli.simulation import scene as make
 from lidarcli.simulation.generate import simulate_blocks, simulate_odometry
-from lidarcli.simulation.scene import Course, Entity, Odometry, Scene, Sensor, super_ellipse
+from lidarcli.simulation.scene import Course, Entity, Odometry, Scene, SceneSensor, super_ellipse
 from lidarcli.simulation.writers import write_log
 from lidarcli.sweeps.types import TURN, Bool, Float64
 
 SENSORS = (
-    Sensor(beams=720, angle_increment=TURN / 720, noise=0.01, range_max=20.0),
-    Sensor(beams=1081, angle_min=-0.375 * TURN, angle_increment=TURN / 1440, noise=0.005, range_max=30.0, flicker=0.05),
-    Sensor(beams=360, angle_increment=TURN / 360, noise=0.015, range_max=12.0, lost=0.02, mixed_pixels=0.2),
+    SceneSensor(beams=720, angle_increment=TURN / 720, noise=0.01, range_max=20.0),
+    SceneSensor(
+        beams=1081, angle_min=-0.375 * TURN, angle_increment=TURN / 1440, noise=0.005, range_max=30.0, flicker=0.05
+    ),
+    SceneSensor(beams=360, angle_increment=TURN / 360, noise=0.015, range_max=12.0, lost=0.02, mixed_pixels=0.2),
 )
 """A full turn at half a degree, 270 degrees at a quarter, and a cheap one of one degree."""
 ROOM = ((-4.0, -3.0), (4.0, -3.0), (4.0, 1.0), (2.5, 1.0), (2.5, 3.0), (-4.0, 3.0))
@@ -38,7 +40,7 @@ def write_run(
     path: Path,
     entities: Sequence[Entity],
     course: Course | None = None,
-    sensor: Sensor = SENSORS[0],
+    sensor: SceneSensor = SENSORS[0],
     sweeps: int = 40,
     seed: int = 0,
     odometry: Odometry | None = None,
@@ -59,7 +61,7 @@ class Pair:
     after: tuple[Entity, ...]
     boxes: tuple[tuple[Entity | None, Entity | None], ...]
     courses: tuple[Course, Course]
-    sensor: Sensor
+    sensor: SceneSensor
     odometry: Odometry | None
 
     def truth(self) -> list[tuple[str, Entity | None, Entity | None, bool]]:

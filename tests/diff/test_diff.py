@@ -19,7 +19,7 @@ import lidarcli as package
 from lidarcli.errors import UnreadableError
 from lidarcli.pipeline.differences.changes import Difference
 from lidarcli.simulation import scene as make
-from lidarcli.simulation.scene import Course, Entity, Sensor, super_ellipse
+from lidarcli.simulation.scene import Course, Entity, SceneSensor, super_ellipse
 from lidarcli.tabular.schemas import CHANGES
 from tests.diff.drawn import ODOMETRY, ROOM, SENSORS, closed, parked, write_run
 from tests.places import REAL_LOGS, needs_real_logs
@@ -225,7 +225,7 @@ def test_runs_that_are_exchanged_tell_the_mirror_image(size: tuple[float, float]
 @pytest.mark.slow
 @pytest.mark.parametrize("sensor", SENSORS)
 @pytest.mark.parametrize("turn", [math.pi / 2, -2.0])
-def test_frames_that_are_turned(sensor: Sensor, turn: float, tmp_path: Path) -> None:
+def test_frames_that_are_turned(sensor: SceneSensor, turn: float, tmp_path: Path) -> None:
     box = BOXES[4]
     one = write_run(tmp_path / "a.mcap", SCENE, parked(0, 0, 0.2), sensor)
     other = write_run(tmp_path / "b.mcap", without(SCENE, box), parked(0.2, 0.1, 0.2 + turn), sensor, seed=1)

@@ -6,7 +6,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from lidarcli.sweeps.range_rules import NO_RETURN_WORDS, RangeRules, normalise
+from lidarcli.options.choices import NO_RETURN_WORDS
+from lidarcli.sweeps.range_rules import RangeRules, normalise
 from lidarcli.sweeps.types import SweepBatch
 from tests.sweeping import raw_sweeps
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from benchmarks.scenes.random import KINDS, SENSORS, Kind, random_scene, sensor_with
 from lidarcli.formalism.detection import APPEARED, REMOVED
 from lidarcli.formalism.subtraction import Tolerance
-from lidarcli.simulation.scene import Course, Scene, Sensor, box, cylinder, plant, super_ellipse, wall
+from lidarcli.simulation.scene import Course, Scene, SceneSensor, box, cylinder, plant, super_ellipse, wall
 from lidarcli.sweeps.types import SweepBatch
 from tests.formalism.backgrounds import Counts, Trial, found_in, learned, score, simulated, with_poses
 
@@ -59,7 +59,7 @@ NEW = (
 )
 
 
-def lap(sensor: Sensor, new: bool, seed: int) -> tuple[SweepBatch, NDArray[np.int32], list[int]]:
+def lap(sensor: SceneSensor, new: bool, seed: int) -> tuple[SweepBatch, NDArray[np.int32], list[int]]:
     """A lap of the paper's super-ellipse with odometry that is off by 2 cm and 1 degree, anew in every sweep."""
     room = wall([[-5, -4], [5, -4], [5, 4], [-5, 4], [-5, -4]])
     things = [room, *(box(*place, 0.1 * k) for k, place in enumerate(FURNITURE)), *MIDDLE]

@@ -8,16 +8,16 @@ import numpy as np
 import pytest
 
 from lidarcli.formalism.mapping.grid import FREE, OCCUPIED, UNKNOWN, Occupancy
-from lidarcli.formalism.matching.alignment import Standing
+from lidarcli.formalism.matching.alignment import StaticObjects
 from lidarcli.formalism.matching.extents import boxes_of, contained, each_of, measured, rectangles, within
-from lidarcli.formalism.matching.free_space import Ground, of_map
+from lidarcli.formalism.matching.free_space import SpaceMap, of_map
 from lidarcli.formalism.matching.pairs import Pairs, Side, pairs_of, probabilities, same_sizes
 from lidarcli.sweeps.types import Float64
 
 SIDE = 0.05
 
 
-def ground(*hits: Float64, unseen: Float64 | None = None) -> Ground:
+def ground(*hits: Float64, unseen: Float64 | None = None) -> SpaceMap:
     """A square of 6 m that was seen free but for some hits (K, 2), and a box that was not seen."""
     cells = np.full((120, 120), FREE, np.int8)
     row, column = np.indices(cells.shape)
@@ -36,10 +36,10 @@ def line(x0: float, y0: float, x1: float, y1: float) -> Float64:
     return points
 
 
-def standing(*rows: tuple[float, float, float, float]) -> Standing:
+def standing(*rows: tuple[float, float, float, float]) -> StaticObjects:
     x, y, length, width = np.array(rows, float).reshape(-1, 4).T
     code = np.full(len(x), -1, np.int32)
-    return Standing(x, y, length, width, np.full(len(x), 0.003), np.full(len(x), 0.003), code, code)
+    return StaticObjects(x, y, length, width, np.full(len(x), 0.003), np.full(len(x), 0.003), code, code)
 
 
 @pytest.mark.parametrize("angle", [0.0, 0.4, 1.2, -0.7])
@@ -66,7 +66,7 @@ def test_a_track_that_measured_too_little_is_measured_by_its_hits() -> None:
     assert measured(right, np.zeros(1), seen)[0].length.tolist() == [0.8]
 
 
-def side(things: Standing, more: tuple[float, float]) -> Side:
+def side(things: StaticObjects, more: tuple[float, float]) -> Side:
     count = len(things)
     return Side(things, np.zeros(count), np.tile(more, (count, 1)), np.ones(count))
 

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from lidarcli.formalism import Detection, Parameters, detect, sweep
 from lidarcli.formalism.detect import noise
 from lidarcli.formalism.detection import REMOVED, WALL, grouped_medians
-from lidarcli.formalism.subtraction import Difference, changes
+from lidarcli.formalism.subtraction import BackgroundDifference, changes
 from lidarcli.simulation.generate import simulate_sweep_arrays
 from lidarcli.simulation.scene import load_scene
 from lidarcli.sweeps.range_rules import RangeRules, normalise
@@ -93,7 +93,7 @@ def test_what_has_gone_returns_nothing_walls_do() -> None:
     appeared[0, 10:15], removed[0, 30:36] = True, True
     r_e = np.full((1, 60), 4.0, np.float32)
     r_e[0, 30:36] = 2.5
-    difference = Difference(
+    difference = BackgroundDifference(
         station=np.zeros(1, np.int64),
         away=np.zeros(1),
         known=np.ones((1, 60), bool),

@@ -8,9 +8,9 @@ from collections.abc import Sequence
 import numpy as np
 import pytest
 
-from lidarcli.formalism.matching.alignment import Standing, align
-from lidarcli.formalism.matching.differences import Change, Compared, Run
-from lidarcli.formalism.matching.free_space import HERE, Motion
+from lidarcli.formalism.matching.alignment import StaticObjects, align
+from lidarcli.formalism.matching.differences import Compared, FoundChange, RunEvidence
+from lidarcli.formalism.matching.free_space import HERE, SpaceMotion
 from lidarcli.options.choices import CHANGE_STATUSES, CHANGE_WHYS
 
 Row = tuple[float, float, float, float]
@@ -24,10 +24,10 @@ ROOM: tuple[Row, ...] = (
 )
 
 
-def standing(rows: Sequence[Row], labels: Sequence[int] | None = None, sd: float = 0.01) -> Standing:
+def standing(rows: Sequence[Row], labels: Sequence[int] | None = None, sd: float = 0.01) -> StaticObjects:
     """Things with sizes that are known to `sd`; NaN is not known."""
     x, y, length, width = np.array(rows, float).reshape(-1, 4).T
-    return Standing(
+    return StaticObjects(
         x=x,
         y=y,
         length=length,
@@ -40,20 +40,22 @@ def standing(rows: Sequence[Row], labels: Sequence[int] | None = None, sd: float
 
 
 def seen_from(rows: Sequence[Row], angle: float, x: float, y: float) -> list[Row]:
-    """The same things in coordinates from which `Motion(angle, x, y)` leads back."""
+    """The same things in coordinates from which `SpaceMotion(angle, x, y)` leads back."""
     cos, sin = math.cos(angle), math.sin(angle)
     return [
         (cos * (px - x) + sin * (py - y), cos * (py - y) - sin * (px - x), length, width) for px, py, length, width in rows
     ]
 
 
-def compared(first: Standing, second: Standing, motion: Motion = HERE, chance: float = 1.0) -> list[Change]:
+def compared(
+    first: StaticObjects, second: StaticObjects, motion: SpaceMotion = HERE, chance: float = 1.0
+) -> list[FoundChange]:
     """Changes of two runs of which only the things are known."""
-    runs = (Run(each, np.zeros(len(each)), None, np.empty((0, 2))) for each in (first, second))
+    runs = (RunEvidence(each, np.zeros(len(each)), None, np.empty((0, 2))) for each in (first, second))
     return Compared(*runs, motion, (None, None), chance).changes()
 
 
-def pairs(found: list[Change]) -> list[tuple[str, int, int]]:
+def pairs(found: list[FoundChange]) -> list[tuple[str, int, int]]:
     return sorted((CHANGE_STATUSES[each.status], each.first, each.second) for each in found)
 
 

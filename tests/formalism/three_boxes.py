@@ -11,7 +11,7 @@ import lidarcli
 from lidarcli.formalism.matching.catalogue import Catalogue, Thing
 from lidarcli.simulation import scene as make
 from lidarcli.simulation.generate import simulate_sweep_arrays
-from lidarcli.simulation.scene import PARKED, Course, Scene, Sensor, super_ellipse
+from lidarcli.simulation.scene import PARKED, Course, Scene, SceneSensor, super_ellipse
 from lidarcli.sweeps.range_rules import RangeRules, normalise
 from lidarcli.sweeps.types import TURN, SweepPoses
 
@@ -45,7 +45,7 @@ def scene(seed: int, driving: bool, nearest: float, farthest: float, beams: int 
         away = rng.uniform(nearest, farthest)
         x, y = away * math.cos(towards), away * math.sin(towards)
         boxes.append(make.box(x, y, length, width, rng.uniform(-math.pi, math.pi)))
-    sensor = Sensor(beams=beams, angle_increment=TURN / (beams - 1), noise=0.01)
+    sensor = SceneSensor(beams=beams, angle_increment=TURN / (beams - 1), noise=0.01)
     return Scene(f"boxes-{seed}", sensor, (ROOM, *boxes), ROUND if driving else PARKED, sweeps=SWEEPS)
 
 

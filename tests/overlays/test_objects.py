@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 
 from lidarcli.display.palette import BLUE, SHAPE_COLOURS, VERMILION, on_dark
 from lidarcli.overlays.markers import Kind, Markers
-from lidarcli.overlays.objects import CLEAR, MIN_SIDE, PART, SOLID, Poses, Trajectories, is_mirrored, markers_of, paths_of
+from lidarcli.overlays.objects import CLEAR, MIN_SIDE, PART, SOLID, PathPoses, PathRows, is_mirrored, markers_of, paths_of
 from lidarcli.tabular.schemas import OBJECTS, TRAJECTORIES
 
-NOWHERE = Poses(*(np.full(9, np.nan) for _ in range(3)))
+NOWHERE = PathPoses(*(np.full(9, np.nan) for _ in range(3)))
 PLAIN: dict[str, Any] = {
     "object": 1,
     "shape": "prismatic",
@@ -34,7 +34,7 @@ def rows(*objects: dict[str, Any]) -> pa.RecordBatch:
     return pa.RecordBatch.from_pylist([PLAIN | each for each in objects], schema=OBJECTS)
 
 
-def drawn(*objects: dict[str, Any], message: list[int] | None = None, poses: Poses = NOWHERE) -> list[Markers]:
+def drawn(*objects: dict[str, Any], message: list[int] | None = None, poses: PathPoses = NOWHERE) -> list[Markers]:
     where = np.array(message if message is not None else [0] * len(objects), np.int64)
     return markers_of(rows(*objects), where, poses)
 
@@ -172,7 +172,7 @@ def test_an_arrow_is_turned_into_the_frame_of_the_sensor(hangs: bool) -> None:
         "world_x": 5 + np.cos(yaw) * ahead - np.sin(yaw) * left,
         "world_y": -3 + np.sin(yaw) * ahead + np.cos(yaw) * left,
     }
-    poses = Poses(np.array([5.0]), np.array([-3.0]), np.array([yaw]))
+    poses = PathPoses(np.array([5.0]), np.array([-3.0]), np.array([yaw]))
     moving = {"track": 1, "moving": True, "vx": 0.3, "vy": 0.4} | world
     assert is_mirrored(rows(moving), np.array([0]), poses).tolist() == [hangs]
     (arrow,) = of_kind(drawn(moving, poses=poses), Kind.ARROW)
@@ -181,7 +181,7 @@ def test_an_arrow_is_turned_into_the_frame_of_the_sensor(hangs: bool) -> None:
     assert arrow.scale[0, 0] == pytest.approx(0.5)
 
 
-def walk(**more: Any) -> Trajectories:
+def walk(**more: Any) -> PathRows:
     """Track 3 goes 1 m/s along x from sweep 10 to 59 at 10 Hz, at y = 2 m; track 4 stands."""
     unsure = dict.fromkeys(("x_sd", "y_sd", "xy_cov", "vx_sd", "vy_sd"), 0.0)
     there = {"topic": "/scan", "frame": "sensor", "seen": "seen", "parts": 1, "vy": 0.0, "y": 2.0, **unsure, **more}
@@ -190,7 +190,7 @@ def walk(**more: Any) -> Trajectories:
         for k in range(10, 60)
         for track, speed, other in ((3, 1.0, {}), (4, 0.0, {}), (3, 5.0, {"topic": "/rear"}))
     ]
-    return Trajectories.of(pa.Table.from_pylist(rows, schema=TRAJECTORIES), "/scan")
+    return PathRows.of(pa.Table.from_pylist(rows, schema=TRAJECTORIES), "/scan")
 
 
 def test_what_moves_has_a_path_of_the_last_seconds() -> None:
@@ -227,7 +227,7 @@ def test_a_path_is_that_of_an_agent_from_where_it_began_to_move() -> None:
         for track, speed in ((3, 1.0 if 10 <= k < 20 else 0.0), (4, 0.0), (5, 1.0 if k >= 25 else 0.0))
     ]
     table = pa.Table.from_pylist(rows, schema=TRAJECTORIES)
-    found = paths_of(Trajectories.of(table, "/scan"), np.array([9, 10, 29]), NOWHERE, False)
+    found = paths_of(PathRows.of(table, "/scan"), np.array([9, 10, 29]), NOWHERE, False)
     colours = {
         (int(message), int(number)): colour.tolist()
         for group in found
@@ -242,11 +242,11 @@ def test_a_path_is_that_of_an_agent_from_where_it_began_to_move() -> None:
 
 @pytest.mark.parametrize("hangs", [False, True])
 def test_a_path_in_the_world_is_drawn_as_the_sensor_sees_it(hangs: bool) -> None:
-    poses = Poses(np.array([1.0]), np.array([1.0]), np.array([np.pi / 2]))
+    poses = PathPoses(np.array([1.0]), np.array([1.0]), np.array([np.pi / 2]))
     (found,) = paths_of(walk(frame="world"), np.array([11]), poses, hangs)
     assert found.points is not None
     # The sensor looks along y: what lies ahead of it in x is on its right.
     left = 1.0 if hangs else -1.0
     assert found.points[0] == pytest.approx(np.array([[1.0, 0.0], [1.0, 0.1 * left]]))
-    nowhere = Poses(*(np.full(1, np.nan) for _ in range(3)))
+    nowhere = PathPoses(*(np.full(1, np.nan) for _ in range(3)))
     assert paths_of(walk(frame="world"), np.array([11]), nowhere, hangs) == []

@@ -9,13 +9,13 @@ from typing import Any
 import pytest
 from ruamel.yaml import YAML
 
-from lidarcli.overlays.viewers import OBJECTS, PANEL, Scene, layout_json, rviz_config, topic_name, topics_of_objects
+from lidarcli.overlays.viewers import OBJECTS, PANEL, ViewerScene, layout_json, rviz_config, topic_name, topics_of_objects
 
-SCENE = Scene("odom", ("/lidarcli/objects/front", "/lidarcli/objects/rear"), ("/front", "/rear"), "/lidarcli/map")
+SCENE = ViewerScene("odom", ("/lidarcli/objects/front", "/lidarcli/objects/rear"), ("/front", "/rear"), "/lidarcli/map")
 TOPICS = {*SCENE.objects, *SCENE.scans, "/lidarcli/map"}
 
 
-def displays(scene: Scene, *, is_ros2: bool) -> tuple[dict[str, Any], list[dict[str, Any]]]:
+def displays(scene: ViewerScene, *, is_ros2: bool) -> tuple[dict[str, Any], list[dict[str, Any]]]:
     config = YAML(typ="safe").load(rviz_config(scene, is_ros2=is_ros2))
     manager = config["Visualization Manager"]
     return manager["Global Options"], manager["Displays"]
@@ -63,7 +63,7 @@ def test_rviz_of_ros1_shows_every_topic() -> None:
 
 @pytest.mark.parametrize("name", ['a"b', "x: y", "{z}", "ä\n", "'"])
 def test_a_strange_name_stays_what_it_is(name: str) -> None:
-    scene = Scene(name, (OBJECTS,), (name,))
+    scene = ViewerScene(name, (OBJECTS,), (name,))
     options, shown = displays(scene, is_ros2=True)
     assert options["Fixed Frame"] == name
     assert name in {each["Topic"]["Value"] for each in shown if "Topic" in each}

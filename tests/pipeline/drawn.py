@@ -18,14 +18,14 @@ from lidarcli.pipeline.reading.path_choice import CheckedPath
 from lidarcli.ros.messages import ROS1, Outgoing, bag_writer
 from lidarcli.simulation import scene as make
 from lidarcli.simulation.generate import START_NS, SimulatedPoses, relative, simulate_blocks
-from lidarcli.simulation.scene import Odometry, Scene, Sensor
+from lidarcli.simulation.scene import Odometry, Scene, SceneSensor
 from lidarcli.simulation.writers import ROS1_BYTES, outgoing, write_log
 from lidarcli.sweeps.range_rules import RangeRules
 from lidarcli.sweeps.types import TURN, Float64, Int64, RawSweeps
 from tests.pose.pose_messages import SECOND
 
 SWEEPS = 200
-SENSOR = Sensor(beams=360, angle_increment=TURN / 360, noise=0.01)
+SENSOR = SceneSensor(beams=360, angle_increment=TURN / 360, noise=0.01)
 """A full turn at 10 Hz."""
 ROOM = (
     make.wall([[-4.0, -3.0], [4.0, -3.0], [4.0, 3.0], [-4.0, 3.0], [-4.0, -3.0]]),
@@ -67,7 +67,7 @@ def straight(seconds: Float64) -> Float64:
     return np.column_stack([0.2 * seconds - 2.0, 0.0 * seconds, 0.0 * seconds])
 
 
-def scene_of(way: Callable[[Float64], Float64] = round_about, sensor: Sensor = SENSOR, **some: Any) -> Scene:
+def scene_of(way: Callable[[Float64], Float64] = round_about, sensor: SceneSensor = SENSOR, **some: Any) -> Scene:
     """The room with its two cylinders, and a robot that goes this way."""
     path: Any = Drive(way, parked=way is standing)
     return Scene("drawn", sensor, ROOM, path, sweeps=SWEEPS, **some)

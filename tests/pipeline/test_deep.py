@@ -20,7 +20,7 @@ from lidarcli.pipeline.reading.needs import PoseOptions
 from lidarcli.ros.messages import ROS1, Outgoing, bag_writer
 from lidarcli.simulation import scene as make
 from lidarcli.simulation.generate import START_NS, relative, simulate_odometry
-from lidarcli.simulation.scene import Entity, Mount, Odometry, Scene, Sensor
+from lidarcli.simulation.scene import Entity, Odometry, Scene, SceneMount, SceneSensor
 from lidarcli.simulation.writers import ROS1_BYTES, outgoing, write_log
 from lidarcli.sweeps.findings import Finding, transform_lines
 from lidarcli.sweeps.types import TURN, Float64, RawSweeps
@@ -31,7 +31,7 @@ from tests.pose.pose_messages import SECOND
 
 WHEELS = Odometry(noise=0.01, yaw_noise=np.deg2rad(0.3))
 """Odometry of wheels, which drifts."""
-TURNING = Sensor(beams=360, angle_increment=TURN / 360, noise=0.01, time_increment=0.09 / 359)
+TURNING = SceneSensor(beams=360, angle_increment=TURN / 360, noise=0.01, time_increment=0.09 / 359)
 """A sensor whose sweeps take 0.09 of 0.1 s."""
 
 Place = tuple[float, float, float]
@@ -78,7 +78,7 @@ def assert_mounted(found: Finding, place: Place, distance: float = 0.02, yaw: fl
 )
 @pytest.mark.parametrize("odometry", [Odometry(), WHEELS], ids=["true poses", "wheels"])
 def test_a_mount_that_is_not_told_is_found(tmp_path: Path, mount: Place, odometry: Odometry) -> None:
-    found = deep(drive(tmp_path / "run.mcap", scene_of(odometry=odometry, mount=Mount(mount, in_log=False))))
+    found = deep(drive(tmp_path / "run.mcap", scene_of(odometry=odometry, mount=SceneMount(mount, in_log=False))))
     finding = only(found, "mount")
     assert_mounted(finding, mount)
     (told,) = found.mounts
@@ -96,14 +96,14 @@ def test_a_mount_that_is_not_told_is_found(tmp_path: Path, mount: Place, odometr
 @pytest.mark.parametrize("mount", [(0.0, 0.0, 0.0), (-0.13, 0.05, 0.3)])
 @pytest.mark.parametrize("odometry", [Odometry(), WHEELS], ids=["true poses", "wheels"])
 @pytest.mark.parametrize("sensor", [SENSOR, TURNING], ids=["at once", "turning"])
-def test_a_mount_that_is_told_is_not(tmp_path: Path, mount: Place, odometry: Odometry, sensor: Sensor) -> None:
-    scene = scene_of(sensor=sensor, odometry=odometry, mount=Mount(mount))
+def test_a_mount_that_is_told_is_not(tmp_path: Path, mount: Place, odometry: Odometry, sensor: SceneSensor) -> None:
+    scene = scene_of(sensor=sensor, odometry=odometry, mount=SceneMount(mount))
     assert deep(drive(tmp_path / "run.mcap", scene)) == DeepFindings()
 
 
 @pytest.mark.slow
 def test_a_straight_drive_does_not_tell_a_mount(tmp_path: Path) -> None:
-    scene = scene_of(straight, odometry=Odometry(), mount=Mount((0.3, 0.1, 0.0), in_log=False))
+    scene = scene_of(straight, odometry=Odometry(), mount=SceneMount((0.3, 0.1, 0.0), in_log=False))
     found = deep(drive(tmp_path / "run.mcap", scene))
     finding = only(found, "mount", "hint")
     assert finding.message == ("mount of laser: cannot be told: the poses turn by 0 degrees, and 120 are needed")
@@ -142,7 +142,7 @@ def test_stated_deviations_cover_the_truth(tmp_path: Path) -> None:
         mount = tuple(rng.uniform(-0.3, 0.3, 3).tolist())
         room, things = furnished(rng)
         degrees = int(rng.choice([360, 270, 180]))
-        sensor = Sensor(
+        sensor = SceneSensor(
             beams=degrees,
             angle_min=-np.deg2rad(degrees) / 2.0,
             angle_increment=np.deg2rad(1.0),
@@ -156,7 +156,7 @@ def test_stated_deviations_cover_the_truth(tmp_path: Path) -> None:
             Drive(oval(rng, room)),  # type: ignore[arg-type]
             odometry,
             sweeps=int(rng.uniform(200, 400)),
-            mount=Mount(mount, in_log=False),
+            mount=SceneMount(mount, in_log=False),
         )
         log = drive(tmp_path / f"{number}.mcap", scene)
         for finding in deep(log).findings:
@@ -177,10 +177,10 @@ def test_stated_deviations_cover_the_truth(tmp_path: Path) -> None:
 # --- a second laser -------------------------------------------------------------------------------------------
 
 
-def two_lasers(path: Path, scene: Scene, second: Place, told: Place | None = None, sensor: Sensor = SENSOR) -> Path:
+def two_lasers(path: Path, scene: Scene, second: Place, told: Place | None = None, sensor: SceneSensor = SENSOR) -> Path:
     """Write a ROS 1 bag of two lasers, of which the log tells where the second is, or nothing."""
     rear = replace(sensor, topic="/scan_rear", frame_id="rear")
-    other = replace(scene, sensor=rear, mount=Mount(second))
+    other = replace(scene, sensor=rear, mount=SceneMount(second))
     sweeps = sorted([*sweeps_of(scene), *sweeps_of(other)], key=lambda one: (one.stamp_ns[0], one.topic))
     poses = simulate_odometry(scene, scene.sweeps)
     messages = list(outgoing(sweeps, poses, ROS1_BYTES))
@@ -197,16 +197,16 @@ def two_lasers(path: Path, scene: Scene, second: Place, told: Place | None = Non
     return path
 
 
-HALF = Sensor(beams=181, angle_min=-0.5 * np.pi, angle_increment=np.pi / 180, noise=0.01)
-WIDE = Sensor(beams=271, angle_min=-0.75 * np.pi, angle_increment=np.pi / 180, noise=0.01)
+HALF = SceneSensor(beams=181, angle_min=-0.5 * np.pi, angle_increment=np.pi / 180, noise=0.01)
+WIDE = SceneSensor(beams=271, angle_min=-0.75 * np.pi, angle_increment=np.pi / 180, noise=0.01)
 BEHIND = (-0.5, 0.1, 3.0)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("sensor", [WIDE, HALF], ids=["overlapping", "apart"])
 @pytest.mark.parametrize("odometry", [Odometry(), WHEELS, None], ids=["true poses", "wheels", "no poses"])
-def test_a_second_laser_of_a_driving_robot_is_found(tmp_path: Path, sensor: Sensor, odometry: Odometry | None) -> None:
-    scene = scene_of(sensor=sensor, odometry=odometry, mount=Mount((0.2, 0.0, 0.0)))
+def test_a_second_laser_of_a_driving_robot_is_found(tmp_path: Path, sensor: SceneSensor, odometry: Odometry | None) -> None:
+    scene = scene_of(sensor=sensor, odometry=odometry, mount=SceneMount((0.2, 0.0, 0.0)))
     found = deep(two_lasers(tmp_path / "run.bag", scene, BEHIND, sensor=sensor))
     true = relative(np.array([BEHIND]), np.array([[0.2, 0.0, 0.0]]))[0]
     assert_mounted(only(found, "lasers", "hint"), tuple(true.tolist()))
@@ -216,13 +216,13 @@ def test_a_second_laser_of_a_driving_robot_is_found(tmp_path: Path, sensor: Sens
 
 @pytest.mark.slow
 def test_a_second_laser_whose_transform_is_right_is_not_told(tmp_path: Path) -> None:
-    scene = scene_of(sensor=WIDE, odometry=WHEELS, mount=Mount((0.2, 0.0, 0.0)))
+    scene = scene_of(sensor=WIDE, odometry=WHEELS, mount=SceneMount((0.2, 0.0, 0.0)))
     assert ids(deep(two_lasers(tmp_path / "run.bag", scene, BEHIND, BEHIND, WIDE))) == []
 
 
 @pytest.mark.slow
 def test_a_second_laser_whose_transform_is_wrong_is_told(tmp_path: Path) -> None:
-    scene = scene_of(sensor=WIDE, odometry=WHEELS, mount=Mount((0.2, 0.0, 0.0)))
+    scene = scene_of(sensor=WIDE, odometry=WHEELS, mount=SceneMount((0.2, 0.0, 0.0)))
     found = deep(two_lasers(tmp_path / "run.bag", scene, BEHIND, (-0.5, 0.0, np.pi), WIDE))
     finding = only(found, "lasers")
     assert_mounted(finding, tuple(relative(np.array([BEHIND]), np.array([[0.2, 0.0, 0.0]]))[0].tolist()))
@@ -251,14 +251,14 @@ def test_a_second_laser_that_stands_is_found_where_both_see_alike(tmp_path: Path
     assert_mounted(only(found, "lasers", "hint"), second)
 
 
-NARROW = Sensor(beams=91, angle_min=-0.25 * np.pi, angle_increment=np.pi / 180, noise=0.01)
+NARROW = SceneSensor(beams=91, angle_min=-0.25 * np.pi, angle_increment=np.pi / 180, noise=0.01)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("sensor", "why"), [(WIDE, "what they see fits in two places"), (NARROW, "they see")], ids=["two sides", "apart"]
 )
-def test_a_second_laser_that_stands_and_cannot_be_placed_is_a_hint(tmp_path: Path, sensor: Sensor, why: str) -> None:
+def test_a_second_laser_that_stands_and_cannot_be_placed_is_a_hint(tmp_path: Path, sensor: SceneSensor, why: str) -> None:
     scene = replace(scene_of(standing, sensor=sensor), sweeps=40)
     found = deep(two_lasers(tmp_path / "run.bag", scene, BEHIND, sensor=sensor))
     assert only(found, "lasers", "hint").message.startswith(f"/scan_rear beside /scan: cannot be told: {why}")
@@ -275,7 +275,7 @@ def mirrored(sweep: RawSweeps) -> RawSweeps:
 
 @pytest.mark.slow
 def test_mirrored_sweeps_are_told(tmp_path: Path) -> None:
-    sensor = Sensor(beams=360, angle_min=-np.pi + np.pi / 360, angle_increment=TURN / 360, noise=0.01)
+    sensor = SceneSensor(beams=360, angle_min=-np.pi + np.pi / 360, angle_increment=TURN / 360, noise=0.01)
     found = deep(drive(tmp_path / "run.mcap", scene_of(sensor=sensor, odometry=WHEELS), mirrored))
     finding = only(found, "mirror", "error")
     assert finding.evidence["correlation"] < -0.9

@@ -20,7 +20,7 @@ from lidarcli.cli.info import as_json
 from lidarcli.pipeline.inputs.sources import Source
 from lidarcli.pipeline.inspecting import inspect_log
 from lidarcli.simulation.generate import START_NS, SimulatedPoses, simulate_blocks
-from lidarcli.simulation.scene import Sensor
+from lidarcli.simulation.scene import SceneSensor
 from lidarcli.simulation.writers import ROS1_BYTES, outgoing, write_log
 from lidarcli.sweeps.finding_rules import LOG_RULES, REPEATED_TOPIC, STAMP, SWEEP_RULES
 from lidarcli.sweeps.findings import Finding, Fix
@@ -46,7 +46,7 @@ SECOND = 1_000_000_000
 @cache
 def sound() -> RawSweeps:
     """60 sweeps of a parked sensor whose headers tell how long beams and sweeps take."""
-    sensor = Sensor(beams=360, angle_increment=TURN / 360, noise=0.01, time_increment=0.1 / 360)
+    sensor = SceneSensor(beams=360, angle_increment=TURN / 360, noise=0.01, time_increment=0.1 / 360)
     scene = replace(scene_of(standing, sensor), sweeps=60)
     return concatenate([block.raw for block in simulate_blocks(scene, 60, 0)])
 

@@ -10,7 +10,7 @@ import pytest
 from lidarcli.errors import OptionError
 from lidarcli.logs.batches import ReadOptions
 from lidarcli.pipeline.inputs.search import find_logs
-from lidarcli.pipeline.mapping import MapOptions, Mapping, MapRun
+from lidarcli.pipeline.mapping import GrowingMap, MapOptions, MapRun
 from lidarcli.pipeline.reading.needs import PoseOptions
 from lidarcli.pipeline.runs import over_logs
 from lidarcli.simulation import simulate
@@ -66,7 +66,7 @@ def test_processes_refuse_what_one_refuses(drives: Path, tmp_path: Path, monkeyp
 def test_the_size_of_batches_makes_no_difference(drives: Path) -> None:
     grids = []
     for size in (1, 7, 1000):
-        mapping = Mapping(MapOptions(read=ReadOptions(batch_size=size)))
+        mapping = GrowingMap(MapOptions(read=ReadOptions(batch_size=size)))
         mapping.add(*find_logs([str(drives / LOGS[0])]))  # type: ignore[arg-type]
         grids.append((mapping.occupancy(), mapping.counts))
     for grid, counts in grids[1:]:

@@ -18,8 +18,8 @@ from lidarcli.pipeline.inputs.sources import Source, open_source
 from lidarcli.pipeline.reading.masking import MaskRules, masking_of
 from lidarcli.pipeline.reading.needs import PoseOptions
 from lidarcli.simulation.generate import simulate_odometry, simulate_sweep_arrays
-from lidarcli.simulation.scene import PARKED, Entity, Motion, Odometry, Scene, load_scene
-from lidarcli.simulation.scene import Mount as Laser
+from lidarcli.simulation.scene import PARKED, Entity, Odometry, Scene, SceneMotion, load_scene
+from lidarcli.simulation.scene import SceneMount as Laser
 from lidarcli.simulation.writers import write_mcap
 from lidarcli.sweeps.masks import Circle, Mask, Masks, Mount, Polygon, Sector
 from lidarcli.sweeps.range_rules import RangeRules
@@ -35,7 +35,7 @@ AUTO = RangeRules(masks=Masks(learn=True))
 
 def with_body(scene: Scene) -> Scene:
     """The scene with posts on the robot itself."""
-    body = Entity("box", 0, 0, 0, 1, 1, circles=POSTS, motion=Motion(route=scene.path))  # type: ignore[arg-type]
+    body = Entity("box", 0, 0, 0, 1, 1, circles=POSTS, motion=SceneMotion(route=scene.path))  # type: ignore[arg-type]
     return replace(scene, entities=(*scene.entities, body))
 
 

@@ -23,7 +23,7 @@ from lidarcli.logs.registry import TopicChoice
 from lidarcli.pipeline.inputs.sources import Source
 from lidarcli.pipeline.inspecting import inspect_log
 from lidarcli.simulation.generate import SimulatedPoses, simulate_blocks
-from lidarcli.simulation.scene import Sensor
+from lidarcli.simulation.scene import SceneSensor
 from lidarcli.simulation.writers import write_log
 from lidarcli.sweeps.findings import Finding
 from lidarcli.sweeps.types import TURN, Float64, RawSweeps, concatenate
@@ -48,7 +48,7 @@ FEW = ["mcap", "bag", "database"]
 @cache
 def sound() -> RawSweeps:
     """Sweeps of a parked sensor whose headers tell how long beams and sweeps take."""
-    sensor = Sensor(beams=360, angle_increment=TURN / 360, noise=0.01, time_increment=0.1 / 360)
+    sensor = SceneSensor(beams=360, angle_increment=TURN / 360, noise=0.01, time_increment=0.1 / 360)
     scene = replace(scene_of(standing, sensor), sweeps=SWEEPS)
     return concatenate([block.raw for block in simulate_blocks(scene, SWEEPS, 0)])
 
@@ -371,7 +371,7 @@ def stamp_of(scan: Any) -> int:
     return int(scan.header.stamp.sec) * SECOND + int(scan.header.stamp.nanosec)
 
 
-TURNING = Sensor(beams=360, angle_increment=TURN / 360, noise=0.01, time_increment=0.09 / 359)
+TURNING = SceneSensor(beams=360, angle_increment=TURN / 360, noise=0.01, time_increment=0.09 / 359)
 
 
 @pytest.mark.slow
@@ -391,7 +391,7 @@ def test_stamps_of_the_last_beam_become_those_of_the_first(tmp_path: Path) -> No
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", FEW)
 def test_beams_in_the_wrong_order(kind: str, tmp_path: Path) -> None:
-    sensor = Sensor(beams=360, angle_min=-np.pi + np.pi / 360, angle_increment=TURN / 360, noise=0.01)
+    sensor = SceneSensor(beams=360, angle_min=-np.pi + np.pi / 360, angle_increment=TURN / 360, noise=0.01)
     sweeps = [clear(each) for each in sweeps_of(scene_of(sensor=sensor))]
     wrong = [replace(each, ranges=each.ranges[:, ::-1].copy()) for each in sweeps]
     log = written(tmp_path, kind, wrong, poses=drive())
@@ -411,7 +411,7 @@ def test_beams_in_the_wrong_order(kind: str, tmp_path: Path) -> None:
 def test_what_would_fit_less_is_left_out_by_name(
     word: str, options: list[str], added: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    sensor = Sensor(beams=360, angle_min=-np.pi + np.pi / 360, angle_increment=TURN / 360, noise=0.01)
+    sensor = SceneSensor(beams=360, angle_min=-np.pi + np.pi / 360, angle_increment=TURN / 360, noise=0.01)
     sweeps = [clear(each) for each in sweeps_of(scene_of(sensor=sensor))]
     cut = [replace(each, frame_ids=("/laser",)) for each in sweeps]
     log = written(tmp_path, "mcap", cut, poses=drive())

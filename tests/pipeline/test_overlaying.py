@@ -19,7 +19,7 @@ from lidarcli.pipeline.inputs.tables import TableSet
 from lidarcli.pipeline.objects.detection import DetectOptions
 from lidarcli.pipeline.overlay import copies
 from lidarcli.pipeline.overlay.copies import frames_in_transforms, in_order
-from lidarcli.pipeline.overlay.tables import Tables
+from lidarcli.pipeline.overlay.tables import OverlayTables
 from lidarcli.ros.messages import Outgoing
 from tests.places import SAMPLES
 
@@ -59,7 +59,7 @@ def two(logs: Path, tmp_path: Path) -> TableSet:
 def test_every_row_is_beside_its_sweep(two: TableSet, logs: Path) -> None:
     counts: dict[str, int] = {}
     rows: list[tuple[str, int]] = []
-    tables = Tables(two)
+    tables = OverlayTables(two)
     assert tables.topics == ("/front", "/rear")
     with open_log(logs / "two.mcap") as log:
         for joined in tables.join(log, ReadReport()):
@@ -76,7 +76,7 @@ def test_every_row_is_beside_its_sweep(two: TableSet, logs: Path) -> None:
 
 def joined(pair: TableSet, log: Path) -> int:
     with open_log(log) as opened:
-        return sum(len(each.row) for each in Tables(pair).join(opened, ReadReport()))
+        return sum(len(each.row) for each in OverlayTables(pair).join(opened, ReadReport()))
 
 
 def test_rows_in_disorder_are_refused(two: TableSet, logs: Path) -> None:

@@ -27,7 +27,7 @@ from lidarcli.pipeline.building import BackgroundBuilder, BuildOptions
 from lidarcli.pipeline.detecting import detect_files, detect_stream, detect_to_files
 from lidarcli.pipeline.inputs.sources import Source
 from lidarcli.pipeline.objects import detection
-from lidarcli.pipeline.objects.detection import BatchDetector, DetectOptions, ParallelDetection, Part
+from lidarcli.pipeline.objects.detection import BatchDetector, BatchPart, DetectOptions, ParallelDetection
 from lidarcli.pipeline.objects.subtracting import BackgroundOptions
 from lidarcli.pipeline.reading import path_check
 from lidarcli.pipeline.reading.needs import NO_POSES
@@ -161,7 +161,7 @@ def test_an_error_in_a_thread_is_one_of_the_run(
 ) -> None:
     make = BatchDetector.detect
 
-    def breaks(self: BatchDetector, batches: Any) -> Part:
+    def breaks(self: BatchDetector, batches: Any) -> BatchPart:
         if threading.current_thread() is not threading.main_thread():
             raise MemoryError("too much")
         return make(self, batches)
@@ -283,7 +283,7 @@ def detecting(ahead: int | None = None, counted: int = 0, threads: int = 2) -> P
     return ParallelDetection(BatchDetector("run", ("objects",), DetectOptions()), stand_in, threads)
 
 
-def parts_of(work: ParallelDetection, batches: Iterable[SweepBatch]) -> Iterator[Part]:
+def parts_of(work: ParallelDetection, batches: Iterable[SweepBatch]) -> Iterator[BatchPart]:
     for batch in batches:
         yield from work.take(batch)
     yield from work.flush()

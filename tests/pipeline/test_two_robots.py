@@ -14,7 +14,7 @@ from lidarcli.errors import NoScanError, OptionError
 from lidarcli.logs.batches import ReadOptions
 from lidarcli.pipeline.inputs.sources import Source
 from lidarcli.pipeline.inputs.tables import poses_of, read_tracks_table, world_in
-from lidarcli.pipeline.mapping import MapOptions, Mapping
+from lidarcli.pipeline.mapping import GrowingMap, MapOptions
 from lidarcli.simulation.writers import ROS1_BYTES, outgoing
 from lidarcli.tabular.reading import note_value, notes_of
 from lidarcli.tabular.writing import SOURCE
@@ -66,13 +66,13 @@ def test_one_alone_is_told_as_its_transforms_name_it(robots: Path) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("named", [False, True])
 def test_a_map_has_one_world(robots: Path, named: bool) -> None:
-    mapping = Mapping(MapOptions(read=ReadOptions(SCANS if named else None)))
+    mapping = GrowingMap(MapOptions(read=ReadOptions(SCANS if named else None)))
     summary = mapping.add(Source(str(robots), "two"))
     assert [*mapping.worlds] == ["robot1/odom"]
     assert [path.topic for path in mapping.paths] == ["/robot1/scan"]
     left_out = "/robot2/scan is in the frame robot2/odom, not in robot1/odom: left out (--topic /robot2/scan)"
     assert left_out in summary.notes
-    alone = Mapping(MapOptions(read=ReadOptions(["/robot2/scan"])))
+    alone = GrowingMap(MapOptions(read=ReadOptions(["/robot2/scan"])))
     alone.add(Source(str(robots), "two"))
     assert [*alone.worlds] == ["robot2/odom"]
     assert alone.paths[0].x[0] == pytest.approx(PATHS["robot2"][0, 0], abs=1e-6)

@@ -8,7 +8,7 @@ import pytest
 from lidarcli.logs.base import Message
 from lidarcli.logs.clouds import Levelled
 from lidarcli.pose.frames import TreeLevels
-from lidarcli.pose.tracks import Motion, Tracks, multiply, planar, rotate
+from lidarcli.pose.tracks import PoseMotion, PoseTracks, multiply, planar, rotate
 from lidarcli.sweeps.types import Float64
 from tests.pose.pose_messages import SECOND, Pose, tf
 
@@ -30,7 +30,7 @@ def at(place: tuple[float, float, float], rotation: tuple[float, ...] = (0.0, 0.
 
 def levels(*messages: Message) -> TreeLevels:
     """Of a log with these transforms."""
-    tracks = Tracks()
+    tracks = PoseTracks()
     tracks.add(messages)
     return TreeLevels(tracks.finish())
 
@@ -71,7 +71,7 @@ def test_a_leaning_sensor_sees_the_world_as_its_pose_does(pitch: float, yaw: flo
     point = np.array([[3.0, 1.0, -0.4]])
     on_robot = rotate(mount, point)[0] + [0.5, -0.2, 1.1]
     ahead, left, height = seen(found.of("lidar", STAMP), tuple(point[0]))
-    pose = planar(Motion(np.array([[0.5, -0.2, 1.1]]), mount))
+    pose = planar(PoseMotion(np.array([[0.5, -0.2, 1.1]]), mount))
     x, y, _ = pose.to_world(np.array([0]), np.array([ahead]), np.array([left]), np.zeros(1))
     assert [x[0], y[0], height] == pytest.approx(on_robot.tolist())
 

@@ -10,16 +10,16 @@ import pytest
 
 from lidarcli.options.times import SECOND_NS
 from lidarcli.pose.matched import MatchedPath
-from lidarcli.pose.tracks import Track, planar
+from lidarcli.pose.tracks import PoseTrack, planar
 from lidarcli.simulation import scene as make
 from lidarcli.simulation.generate import START_NS, simulate_blocks
 from lidarcli.simulation.route import Waypoint, plan_route
-from lidarcli.simulation.scene import Motion, Scene, Sensor, load_scene
+from lidarcli.simulation.scene import Scene, SceneMotion, SceneSensor, load_scene
 from lidarcli.sweeps.range_rules import RangeRules, normalise
 from lidarcli.sweeps.types import TURN, Float64, Int64, SweepBatch, concatenate
 from tests.places import SAMPLES
 
-SENSOR = Sensor(noise=0.01, lost=0.005, mixed_pixels=0.3, range_max=8.0)
+SENSOR = SceneSensor(noise=0.01, lost=0.005, mixed_pixels=0.3, range_max=8.0)
 
 
 def unplaced(path: MatchedPath) -> int:
@@ -32,7 +32,7 @@ def slab(x0: float, y0: float, x1: float, y1: float) -> list[list[float]]:
     return [[x0, y0], [x1, y0], [x1, y1], [x0, y1], [x0, y0]]
 
 
-def building(sensor: Sensor = SENSOR, sweeps: int = 300) -> Scene:
+def building(sensor: SceneSensor = SENSOR, sweeps: int = 300) -> Scene:
     """A loop of 24 m around a core, with niches and things along the walls, and three people who walk there."""
     walls = [slab(2, 2, 6, 4), slab(-0.8, -0.8, 8.8, -1.0), slab(-0.8, 6.8, 8.8, 7.0)]
     walls += [slab(-0.8, -1, -1, 2.6), slab(-0.8, 3.6, -1, 7), slab(8.8, -1, 9, 4.2), slab(8.8, 5.2, 9, 7)]
@@ -44,7 +44,7 @@ def building(sensor: Sensor = SENSOR, sweeps: int = 300) -> Scene:
         ring = [Waypoint(x, y, speed) for x, y in ((-0.4, -0.4), (8.3, -0.4), (8.3, 6.2), (-0.4, 6.2))]
         ring = ring[number + 1 :] + ring[: number + 1]
         route = plan_route(ring if number % 2 else ring[::-1], loop=True, corner_radius=0.3)
-        people.append(make.person(ring[0].x, ring[0].y, motion=Motion(route=route)))
+        people.append(make.person(ring[0].x, ring[0].y, motion=SceneMotion(route=route)))
     stops = [Waypoint(x, y, 0.9) for x, y in ((4.0, 0.3), (7.6, 0.3), (7.6, 5.6), (0.3, 5.6), (0.3, 0.3))]
     path = plan_route(stops, loop=True, corner_radius=0.6, turn_rate=np.radians(60), acceleration=0.8)
     entities = (*(make.wall(np.array(wall, float)) for wall in walls), *things, *people)
@@ -65,7 +65,7 @@ def cut(batch: SweepBatch, size: int) -> Iterator[SweepBatch]:
         yield batch.rows(np.arange(first, min(first + size, len(batch))))
 
 
-def matched(batch: SweepBatch, size: int = 1000) -> Track:
+def matched(batch: SweepBatch, size: int = 1000) -> PoseTrack:
     """The way that the sweeps of a batch tell."""
     matching = MatchedPath()
     for part in cut(batch, size):
@@ -75,7 +75,7 @@ def matched(batch: SweepBatch, size: int = 1000) -> Track:
     return track
 
 
-def errors(track: Track, stamp_ns: Int64, true: Float64) -> tuple[Float64, Float64]:
+def errors(track: PoseTrack, stamp_ns: Int64, true: Float64) -> tuple[Float64, Float64]:
     """How far off [m], [rad] the way is at each stamp, seen from where the first sweep was taken."""
     poses = planar(track.at(stamp_ns))
     cos, sin = np.cos(true[0, 2]), np.sin(true[0, 2])
@@ -90,7 +90,7 @@ def rms(values: Float64) -> float:
     return float(np.sqrt(np.square(values).mean()))
 
 
-def same(first: Track, second: Track) -> bool:
+def same(first: PoseTrack, second: PoseTrack) -> bool:
     """Whether two tracks are equal, bit by bit."""
     pairs = zip((first.stamp_ns, *first.motion), (second.stamp_ns, *second.motion), strict=True)
     return all(a.tobytes() == b.tobytes() for a, b in pairs)

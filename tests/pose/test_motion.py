@@ -7,15 +7,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from lidarcli.pose.tracks import Motion, compose, interpolate, inverse, planar, rotate
+from lidarcli.pose.tracks import PoseMotion, compose, interpolate, inverse, planar, rotate
 from lidarcli.sweeps.types import Float64
 
 
-def flat(*poses: tuple[float, float, float]) -> Motion:
+def flat(*poses: tuple[float, float, float]) -> PoseMotion:
     """Poses in the plane: x, y, yaw."""
     x, y, yaw = np.array(poses, float).reshape(-1, 3).T
     zero = np.zeros_like(x)
-    return Motion(np.column_stack([x, y, zero]), np.column_stack([zero, zero, np.sin(yaw / 2), np.cos(yaw / 2)]))
+    return PoseMotion(np.column_stack([x, y, zero]), np.column_stack([zero, zero, np.sin(yaw / 2), np.cos(yaw / 2)]))
 
 
 def about(axis: tuple[float, float, float], angle: float) -> Float64:
@@ -30,7 +30,7 @@ def matrix(rotation: Float64) -> Float64:
 
 
 def test_the_inverse_undoes() -> None:
-    motion = Motion(np.array([[1.0, -2.0, 3.0]]), about((1, 2, 3), 0.8))
+    motion = PoseMotion(np.array([[1.0, -2.0, 3.0]]), about((1, 2, 3), 0.8))
     for both in (compose(motion, inverse(motion)), compose(inverse(motion), motion)):
         np.testing.assert_allclose(both.position, 0, atol=1e-15)
         np.testing.assert_allclose(both.rotation, [[0, 0, 0, 1]], atol=1e-15)
@@ -50,7 +50,7 @@ def test_the_shorter_way_over_the_seam(sign: float) -> None:
     motion = flat((0, 0, sign * 3.0), (0, 0, sign * -3.0))
     # The same rotation may come as the negative quaternion.
     for rotation in (motion.rotation, motion.rotation * [[1], [-1]]):
-        yaw = planar(interpolate(np.array([1, 2, 3]), np.array([0, 4]), Motion(motion.position, rotation))).yaw
+        yaw = planar(interpolate(np.array([1, 2, 3]), np.array([0, 4]), PoseMotion(motion.position, rotation))).yaw
         chain = 2 * np.pi - 6.0
         expected = sign * (3.0 + chain * np.array([0.25, 0.5, 0.75]))
         np.testing.assert_allclose(np.cos(yaw - expected), 1.0)
@@ -80,7 +80,7 @@ def test_yaw_is_linear_along_the_shorter_way(first: float, second: float, share:
     ("axis", "angle", "yaw"), [((1, 0, 0), np.pi, 0.0), ((0, 1, 0), np.pi, np.pi)], ids=["rolled over", "pitched over"]
 )
 def test_a_sensor_upside_down(axis: tuple[float, float, float], angle: float, yaw: float) -> None:
-    poses = planar(Motion(np.array([[1.0, 2.0, 0.3]]), about(axis, angle)))
+    poses = planar(PoseMotion(np.array([[1.0, 2.0, 0.3]]), about(axis, angle)))
     assert poses.upside_down[0]
     assert np.cos(poses.yaw[0] - yaw) == pytest.approx(1.0)
     # Against the motion itself: a point and a direction of the sensor's plane.

@@ -13,7 +13,7 @@ from lidarcli.logs.base import Message
 from lidarcli.pose.findings import chain_findings, contradictions
 from lidarcli.pose.frames import FrameTree
 from lidarcli.pose.sources import PoseChain, PoseSources
-from lidarcli.pose.tracks import Track, Tracks, planar
+from lidarcli.pose.tracks import PoseTrack, PoseTracks, planar
 from lidarcli.ros.foxglove import SCAN, classes
 from tests.pose.pose_messages import SECOND, Pose, message, numbers, odometry, tf
 
@@ -22,8 +22,8 @@ TIMES = range(0, 101, 10)
 AT = np.array([0, 50, 100])
 
 
-def tracks_of(messages: list[Message]) -> list[Track]:
-    tracks = Tracks()
+def tracks_of(messages: list[Message]) -> list[PoseTrack]:
+    tracks = PoseTracks()
     tracks.add(messages)
     assert not tracks.refused
     return tracks.finish()

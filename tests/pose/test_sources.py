@@ -7,13 +7,13 @@ import pytest
 
 from lidarcli.logs.base import Message
 from lidarcli.pose.sources import PoseSources
-from lidarcli.pose.tracks import Tracks, planar
+from lidarcli.pose.tracks import PoseTracks, planar
 from lidarcli.sweeps.types import Int64
 from tests.pose.pose_messages import Pose, odometry, pose_stamped, tf
 
 
 def sources(messages: list[Message], wanted: str | None = None) -> PoseSources:
-    tracks = Tracks()
+    tracks = PoseTracks()
     tracks.add(messages)
     return PoseSources(tracks.finish(), wanted)
 

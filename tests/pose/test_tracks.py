@@ -7,12 +7,12 @@ import pytest
 
 from lidarcli.logs.base import Message
 from lidarcli.pose import messages, tracks
-from lidarcli.pose.tracks import HOLD_NS, Track, Tracks, planar
+from lidarcli.pose.tracks import HOLD_NS, PoseTrack, PoseTracks, planar
 from tests.pose.pose_messages import POSE, SECOND, TF, message, odometry, pose_stamped, tf
 
 
-def gathered(received: list[Message]) -> list[Track]:
-    found = Tracks()
+def gathered(received: list[Message]) -> list[PoseTrack]:
+    found = PoseTracks()
     found.add(received)
     return found.finish()
 
@@ -80,7 +80,7 @@ def test_rate_and_jumps_back() -> None:
 
 
 def test_unusable_poses_are_counted() -> None:
-    found = Tracks()
+    found = PoseTracks()
     found.add(
         [
             pose_stamped(1, "map", (float("nan"), 0, 0)),
@@ -102,7 +102,7 @@ def test_unusable_poses_are_counted() -> None:
 
 def test_no_more_poses_than_allowed(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(tracks, "TOGETHER", 10)
-    found = Tracks(most=25)
+    found = PoseTracks(most=25)
     found.add(pose_stamped(k, "map", (k, 0, 0)) for k in range(100))
     (track,) = found.finish()
     assert (len(track.stamp_ns), track.span_ns, found.left_out) == (25, (0, 24), 75)

@@ -12,24 +12,24 @@ from hypothesis import strategies as st
 
 from lidarcli.errors import UnreadableError
 from lidarcli.pose import tracks
-from lidarcli.pose.tracks import Motion, Track, read_trajectory, trajectory_lines
+from lidarcli.pose.tracks import PoseMotion, PoseTrack, read_trajectory, trajectory_lines
 
 HERE = "0 0 0 0 0 0 1"
 S = 1_000_000_000
 MOST = tracks.MAX_NS
 
 
-def read(folder: Path, text: str | bytes) -> Track:
+def read(folder: Path, text: str | bytes) -> PoseTrack:
     path = folder / "run.tum"
     path.write_bytes(text if isinstance(text, bytes) else text.encode())
     return read_trajectory(path)[0]
 
 
-def stamps(track: Track) -> list[int]:
+def stamps(track: PoseTrack) -> list[int]:
     return [int(stamp) for stamp in track.stamp_ns]
 
 
-def places(track: Track) -> list[float]:
+def places(track: PoseTrack) -> list[float]:
     return [float(x) for x in track.motion.position[:, 0]]
 
 
@@ -97,7 +97,7 @@ def test_what_is_written_is_read(
     yaw = np.array([row[3] for row in rows])
     position = np.array([[x, y, 0.0] for _, x, y, _ in rows])
     rotation = np.column_stack([np.zeros(len(rows)), np.zeros(len(rows)), np.sin(yaw / 2), np.cos(yaw / 2)])
-    text = trajectory_lines(stamp, Motion(position, rotation))
+    text = trajectory_lines(stamp, PoseMotion(position, rotation))
     for line in text.splitlines():
         assert len(line.split(" ")) == 8
         assert Decimal(line.split(" ")[0]) * S in {Decimal(int(one)) for one in stamp}

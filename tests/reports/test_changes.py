@@ -23,7 +23,7 @@ from lidarcli.pipeline.inputs.tables import find_table_sets, find_tables, table_
 from lidarcli.pipeline.reporting import FORMATS, ReportOptions, make_report, render
 from lidarcli.reports.changes import changes_part
 from lidarcli.reports.drawing import Labels, project_style
-from lidarcli.reports.map_picture import Sight, changes_figure
+from lidarcli.reports.map_picture import Backdrop, changes_figure
 from lidarcli.reports.run import RunPart
 from lidarcli.reports.run_pairs import pairs_of
 from lidarcli.tabular.schemas import CHANGES
@@ -292,7 +292,7 @@ def ground() -> Occupancy:
 def figure(rows: Sequence[Mapping[str, Any]] = ROWS, grounds: bool = True) -> Figure:
     pairs = pairs_of(told(rows))
     sensors = np.column_stack([np.linspace(-1.0, 1.0, 50), np.zeros(50)])
-    sights = [Sight(ground(), sensors), Sight(ground(), sensors[:1])] if grounds else [Sight(), Sight()]
+    sights = [Backdrop(ground(), sensors), Backdrop(ground(), sensors[:1])] if grounds else [Backdrop(), Backdrop()]
     with project_style({"axes.grid": False, "figure.dpi": 60}):
         found = changes_figure(pairs, sights)
         found.canvas.draw()  # type: ignore[no-untyped-call]
@@ -375,6 +375,6 @@ def test_many_runs_are_no_wider_than_a_few() -> None:
     rows = [change(k, "gone", f"run {k}", a=(0.1 * k, 0.0, 0.0)) for k in range(1, 31)]
     pairs = pairs_of(told(rows, []))
     with project_style({"axes.grid": False}):
-        found = changes_figure(pairs, [Sight()] * 30)
+        found = changes_figure(pairs, [Backdrop()] * 30)
     assert len(found.axes) == 30
     assert found.get_size_inches()[0] <= 24.0 + 0.7 * math.ceil(math.sqrt(30 * 4))

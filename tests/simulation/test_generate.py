@@ -10,7 +10,7 @@ from rosbags.typesys import Stores, get_typestore
 from lidarcli.simulation import scene as make
 from lidarcli.simulation.generate import START_NS, simulate_blocks, simulate_odometry, simulate_sweep_arrays
 from lidarcli.simulation.route import Waypoint, plan_route
-from lidarcli.simulation.scene import Course, Motion, Mount, Odometry, Scene, Sensor
+from lidarcli.simulation.scene import Course, Odometry, Scene, SceneMotion, SceneMount, SceneSensor
 from lidarcli.simulation.writers import write_log
 from lidarcli.sweeps.types import concatenate
 
@@ -19,7 +19,7 @@ HALF = (make.wall([[3, -30], [3, 30]]),)
 
 
 def scene(entities=ROOM, **sensor):
-    return Scene("test", replace(Sensor(), **sensor), entities)
+    return Scene("test", replace(SceneSensor(), **sensor), entities)
 
 
 def test_a_perfect_sensor_reports_the_geometry():
@@ -54,7 +54,7 @@ def test_what_is_too_close_is_minus_infinity():
 @pytest.mark.parametrize("moving", [False, True])
 @pytest.mark.parametrize("jitter", [0, 3])
 def test_neither_blocks_nor_the_length_of_the_run_change_a_sweep(moving, jitter):
-    motion = Motion(velocity=(0.2, 0.1)) if moving else Motion()
+    motion = SceneMotion(velocity=(0.2, 0.1)) if moving else SceneMotion()
     things = (*HALF, make.box(1.5, 0, 0.4, 0.3, 0.2, motion))
     faulty = scene(things, noise=0.01, lost=0.05, mixed_pixels=0.5, beams_jitter=jitter)
     whole, entity, _ = simulate_sweep_arrays(faulty, 20, seed=5)
@@ -91,7 +91,7 @@ def test_mixed_pixels_lie_between_the_surfaces_and_belong_to_nobody():
 
 
 LONG_ROOM = make.wall([[-8, -2], [8, -2], [8, 2], [-8, 2], [-8, -2]])
-FLICKERING = Sensor(beams=720, angle_increment=2 * np.pi / 720, flicker=0.2)
+FLICKERING = SceneSensor(beams=720, angle_increment=2 * np.pi / 720, flicker=0.2)
 
 
 def gone_of(sensor, things=(LONG_ROOM,), sweeps=200, seed=0):
@@ -137,9 +137,9 @@ def test_dark_things_flicker_more():
 
 
 INCREMENT = 0.001
-TURNING = Sensor(beams=91, angle_min=-np.pi / 4, angle_increment=np.pi / 180, time_increment=INCREMENT)
+TURNING = SceneSensor(beams=91, angle_min=-np.pi / 4, angle_increment=np.pi / 180, time_increment=INCREMENT)
 BEARINGS = TURNING.bearings()
-PLATE = make.box(4.0, 0.0, 2.0, 30.0, 0.0, Motion(velocity=(-0.8, 0.0)))
+PLATE = make.box(4.0, 0.0, 2.0, 30.0, 0.0, SceneMotion(velocity=(-0.8, 0.0)))
 """Its near side is 3 m ahead at first and comes closer."""
 
 
@@ -197,7 +197,7 @@ def test_the_log_tells_how_long_it_takes(tmp_path, name):
 
 
 CORNER = plan_route([Waypoint(0, 0, 0.5), Waypoint(3, 0, 0.5), Waypoint(3, 3, 0.5)])
-DRIVEN = Scene("", Sensor(), (make.wall([[9, -30], [9, 30]]),), CORNER, Odometry())
+DRIVEN = Scene("", SceneSensor(), (make.wall([[9, -30], [9, 30]]),), CORNER, Odometry())
 
 
 @pytest.mark.parametrize("delay", [0.0, 0.15, -0.15])
@@ -214,7 +214,7 @@ def test_late_stamps_tell_where_the_robot_was(delay):
 
 
 def test_a_mounted_laser_sees_from_its_own_place():
-    mount = Mount((0.3, -0.1, np.pi / 2))
+    mount = SceneMount((0.3, -0.1, np.pi / 2))
     scene = replace(DRIVEN, mount=mount)
     seconds = np.array([0.0, 2.0, 30.0])
     # The robot heads along +x at first, and along +y, from (3, 3), at the end.
@@ -227,7 +227,7 @@ def test_a_mounted_laser_sees_from_its_own_place():
 
 
 def test_the_log_tells_the_mount_or_not():
-    told, kept = (simulate_odometry(replace(DRIVEN, mount=Mount((0.3, -0.1, 0.2), told)), 3) for told in (True, False))
+    told, kept = (simulate_odometry(replace(DRIVEN, mount=SceneMount((0.3, -0.1, 0.2), told)), 3) for told in (True, False))
     assert told is not None
     assert kept is not None
     assert told.mount == (0.3, -0.1, 0.2)

@@ -6,7 +6,7 @@ import pytest
 from benchmarks.accuracy.cells import legs_of
 from lidarcli.simulation import scene as make
 from lidarcli.simulation.generate import cast, place
-from lidarcli.simulation.scene import Motion
+from lidarcli.simulation.scene import SceneMotion
 
 STILL = np.zeros(1)
 
@@ -67,7 +67,7 @@ def test_random_things_agree_with_the_slow_loop(seed):
 
 
 def test_legs_as_entities_of_their_own_cast_the_same():
-    motion = Motion(velocity=(0.3, 0.1), stride=0.5, cadence=0.7)
+    motion = SceneMotion(velocity=(0.3, 0.1), stride=0.5, cadence=0.7)
     things = [
         make.person(2, 0.5, 0.4, motion=motion),
         make.legged("table", -2, 1, 1.2, 0.7, 0.05, 0.5),

@@ -6,7 +6,7 @@ import pytest
 from lidarcli.simulation import scene as make
 from lidarcli.simulation.generate import place
 from lidarcli.simulation.route import AHEAD, Route, Waypoint, feet, plan_route, step_length
-from lidarcli.simulation.scene import Motion
+from lidarcli.simulation.scene import SceneMotion
 
 STRAIGHT = plan_route([Waypoint(1, 2, 1.0), Waypoint(5, 2, 1.0)])
 """4 m at 1 m/s: half a second to start, half to stop, 3.5 s between."""
@@ -155,7 +155,7 @@ def test_turning_on_the_spot_is_done_leg_by_leg():
 
 
 def test_the_sensor_sees_the_legs_where_they_are():
-    person = make.person(0, 0, gap=GAP, motion=Motion(route=WALK))
+    person = make.person(0, 0, gap=GAP, motion=SceneMotion(route=WALK))
     seconds = np.array([0.5, 2.3, 4.1])
     origin = np.tile([1.0, -2.0, np.pi / 2], (3, 1))
     circles = place((person,), origin, seconds).circles

@@ -17,11 +17,11 @@ from lidarcli.maps.grids import read_map
 from lidarcli.simulation import scene as make
 from lidarcli.simulation import simulate, truth
 from lidarcli.simulation.route import Waypoint, plan_route
-from lidarcli.simulation.scene import Course, Entity, Mount, Odometry, Scene, Sensor, load_scene
+from lidarcli.simulation.scene import Course, Entity, Odometry, Scene, SceneMount, SceneSensor, load_scene
 from lidarcli.simulation.truth import true_map
 
 CELL = 0.05
-SENSOR = Sensor(beams=2880, angle_min=-np.pi, angle_increment=np.pi / 1440, range_max=30.0)
+SENSOR = SceneSensor(beams=2880, angle_min=-np.pi, angle_increment=np.pi / 1440, range_max=30.0)
 
 
 def room(left: float, low: float, right: float, high: float) -> Entity:
@@ -58,7 +58,7 @@ def test_walls_on_the_border_of_two_cells_are_in_the_one_behind() -> None:
     assert cells(grid, FREE) == inside
 
 
-def ends(x: float, y: float, yaw: float, sensor: Sensor) -> list[tuple[float, float]]:
+def ends(x: float, y: float, yaw: float, sensor: SceneSensor) -> list[tuple[float, float]]:
     """Where the beams end in a room of 4 x 3 m with a pillar of 0.3 m at (-1, 0.5): one beam after the other."""
     found = []
     for beam in range(sensor.beams):
@@ -168,7 +168,7 @@ def test_walls_of_a_driven_loop_are_thin(path: Any, turn: float) -> None:
     corners = CORNERS @ np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]])
     sensor = replace(SENSOR, beams=720, angle_increment=np.pi / 360, time_increment=1 / 7200)
     walls = make.wall(np.vstack([corners, corners[:1]]))
-    mount = Mount((0.3, 0.1, 0.5))
+    mount = SceneMount((0.3, 0.1, 0.5))
     scene = Scene("", sensor, (walls,), path, Odometry(), mount=mount)
     found = cells(true_map(scene, 80, CELL), OCCUPIED)
     # A wall runs through a cell where the corners of the cell are on either side of it.

@@ -8,16 +8,16 @@ import pytest
 from lidarcli.simulation import scene as make
 from lidarcli.simulation.generate import simulate_blocks, simulate_odometry, simulate_sweep_arrays
 from lidarcli.simulation.route import Waypoint, plan_route
-from lidarcli.simulation.scene import Course, Motion, Odometry, Scene, Sensor
+from lidarcli.simulation.scene import Course, Odometry, Scene, SceneMotion, SceneSensor
 from lidarcli.simulation.truth import TRUTH, TRUTH_BEAMS, TruthWriter, truth_rows
 
 THINGS = (
     make.wall([[-3, -3], [3, -3], [3, 3], [-3, 3], [-3, -3]]),
-    make.box(-2.0, 0.0, 0.8, 0.4, 0.5, Motion(velocity=(0.1, 0.0), yaw_rate=0.2)),
-    make.cylinder(1.5, 1.0, 0.2, Motion(appears=0.35)),
+    make.box(-2.0, 0.0, 0.8, 0.4, 0.5, SceneMotion(velocity=(0.1, 0.0), yaw_rate=0.2)),
+    make.cylinder(1.5, 1.0, 0.2, SceneMotion(appears=0.35)),
     make.cylinder(2.0, 4.0, 0.2),
 )
-SCENE = Scene("test", Sensor(noise=0.01, lost=0.01), THINGS, Course(np.array([[0.2, 0.1]]), yaw=0.05))
+SCENE = Scene("test", SceneSensor(noise=0.01, lost=0.01), THINGS, Course(np.array([[0.2, 0.1]]), yaw=0.05))
 
 
 @pytest.fixture(scope="module")
@@ -76,7 +76,7 @@ def test_who_is_there_and_where(tables):
 
 def test_velocities_on_a_route_are_those_of_the_body():
     route = plan_route([Waypoint(2, -1, 1.0, wait=0.5), Waypoint(2, 1, 1.0)])
-    scene = Scene("", Sensor(), (make.person(0, 0, motion=Motion(route=route)),))
+    scene = Scene("", SceneSensor(), (make.person(0, 0, motion=SceneMotion(route=route)),))
     (block,) = simulate_blocks(scene, 40)
     rows = truth_rows(block, scene).to_pylist()
     # Half a second of waiting, half to start, one and a half on the way, half to stop.
@@ -117,14 +117,14 @@ def test_an_empty_run_has_the_full_schema(tmp_path):
 
 def test_odometry_without_noise_is_the_truth_and_with_noise_drifts():
     course = Course(np.array([[0.0, 0.0], [2.0, 0.0], [2.0, 1.0], [0.0, 1.0]]), speed=0.5)
-    exact = simulate_odometry(Scene("", Sensor(), (), course, Odometry()), 200)
+    exact = simulate_odometry(Scene("", SceneSensor(), (), course, Odometry()), 200)
     assert exact is not None
     true = course.poses(np.arange(200) / 10)
     np.testing.assert_allclose(exact.poses[:, :2], true[:, :2], atol=1e-9)
     np.testing.assert_allclose(np.cos(exact.poses[:, 2] - true[:, 2]), 1, atol=1e-9)
     finals = []
     for seed in range(200):
-        noisy = simulate_odometry(Scene("", Sensor(), (), course, Odometry(noise=0.05)), 81, seed)
+        noisy = simulate_odometry(Scene("", SceneSensor(), (), course, Odometry(noise=0.05)), 81, seed)
         assert noisy is not None
         finals.append(noisy.poses[-1, :2] - true[80, :2])
     # Four metres driven: the drift of one metre times the square root of four.

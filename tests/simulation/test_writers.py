@@ -18,7 +18,7 @@ from rosbags.typesys import Stores, get_typestore
 from lidarcli.errors import OptionError, OutputError
 from lidarcli.simulation import scene as make
 from lidarcli.simulation.generate import simulate_blocks, simulate_odometry, simulate_sweep_arrays
-from lidarcli.simulation.scene import Course, Odometry, Scene, Sensor
+from lidarcli.simulation.scene import Course, Odometry, Scene, SceneSensor
 from lidarcli.simulation.writers import container_of, write_log
 from lidarcli.sweeps.types import concatenate
 from tests.text_logs.foxglove import write_foxglove
@@ -26,7 +26,7 @@ from tests.text_logs.foxglove import write_foxglove
 SWEEPS = 12
 ROOM = make.wall([[-2, -3], [30, -3], [30, 3], [-2, 3], [-2, -3]])
 COURSE = Course(np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0]]), 0.8)
-PLAIN = Scene("plain", Sensor(beams=37, angle_increment=np.radians(10), noise=0.01, lost=0.1), (ROOM,))
+PLAIN = Scene("plain", SceneSensor(beams=37, angle_increment=np.radians(10), noise=0.01, lost=0.1), (ROOM,))
 CHANGING = replace(PLAIN, sensor=replace(PLAIN.sensor, beams_jitter=3, topic="scan", frame_id="/laser_1"))
 DRIVEN = replace(PLAIN, path=COURSE, odometry=Odometry(noise=0.1))
 

@@ -18,7 +18,7 @@ from lidarcli.ros.messages import Outgoing
 from lidarcli.simulation import scene as make
 from lidarcli.simulation.generate import START_NS, SimulatedPoses, simulate_blocks, simulate_odometry
 from lidarcli.simulation.route import Waypoint, plan_route
-from lidarcli.simulation.scene import Course, Entity, Motion, Scene, Sensor
+from lidarcli.simulation.scene import Course, Entity, Scene, SceneMotion, SceneSensor
 from lidarcli.simulation.writers import ROS1_BYTES, outgoing
 from lidarcli.sweeps.types import TURN, Float64, Int64, RawSweeps
 from lidarcli.tabular.schemas import SCHEMAS
@@ -27,13 +27,13 @@ from tests.pose.pose_messages import Maker
 from tests.zones.test_velocities import polygon, twist
 
 ROS1_MAKER = Maker("ros1")
-SENSOR = Sensor(beams=720, angle_increment=TURN / 720, noise=0.005, range_max=30.0)
+SENSOR = SceneSensor(beams=720, angle_increment=TURN / 720, noise=0.005, range_max=30.0)
 """A full turn at 10 Hz."""
 ROOM = (make.wall([[-8.0, -8.0], [8.0, -8.0], [8.0, 8.0], [-8.0, 8.0], [-8.0, -8.0]]),)
 PARKED = Course(np.zeros((1, 2)))
 
 
-def walk(*points: Sequence[float], speed: float = 1.0) -> Motion:
+def walk(*points: Sequence[float], speed: float = 1.0) -> SceneMotion:
     """A motion through points, with its turns taken standing."""
     route = plan_route(
         [Waypoint(x, y, speed, 0.0, "stop") for x, y in points],
@@ -42,7 +42,7 @@ def walk(*points: Sequence[float], speed: float = 1.0) -> Motion:
         corner_radius=0.3,
         loop=False,
     )
-    return Motion(route=route)
+    return SceneMotion(route=route)
 
 
 def walker(*points: Sequence[float], speed: float = 1.0) -> Entity:
@@ -50,7 +50,7 @@ def walker(*points: Sequence[float], speed: float = 1.0) -> Entity:
 
 
 def scene_of(
-    *entities: Entity, sensor: Sensor = SENSOR, sweeps: int = 100, room: Sequence[Entity] = ROOM, **more: Any
+    *entities: Entity, sensor: SceneSensor = SENSOR, sweeps: int = 100, room: Sequence[Entity] = ROOM, **more: Any
 ) -> Scene:
     return Scene("drawn", sensor, (*room, *entities), sweeps=sweeps, **({"path": PARKED} | more))
 

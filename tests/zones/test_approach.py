@@ -14,7 +14,7 @@ from lidarcli.pipeline.zones.frames import velocity_of
 from lidarcli.pipeline.zones.summary import ZoneTables
 from lidarcli.ros.messages import Outgoing
 from lidarcli.simulation import scene as make
-from lidarcli.simulation.scene import Course, Mount, Odometry, Scene
+from lidarcli.simulation.scene import Course, Odometry, Scene, SceneMount
 from lidarcli.sweeps.types import Float64, SweepPoses
 from tests.zones.runs import (
     SENSOR,
@@ -124,7 +124,7 @@ def test_a_sensor_that_looks_to_the_left(tmp_path: Path) -> None:
     """A zone in the frame of a sensor that is mounted ahead, at the left, and turned moves with that sensor."""
     mount = (0.1, 0.3, np.pi / 2)
     scene, way = straight()
-    scene = replace(scene, mount=Mount(mount))
+    scene = replace(scene, mount=SceneMount(mount))
     log = write_bag(tmp_path / "a.bag", scans(sweeps_of(scene), odometry_of(scene)))
     own = APPROACH.replace('"ahead"', '"own"').replace('"robot"', '"sensor"')
     # x of the sensor is the left of the robot, y of the sensor is behind.

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from lidarcli.formalism.zones import CLEAR, MARGIN, Path, Visit, crossings, visits
+from lidarcli.formalism.zones import CLEAR, MARGIN, TrackPath, Visit, crossings, visits
 from lidarcli.sweeps.masks import Circle, Polygon
 from lidarcli.sweeps.types import Float64
 from lidarcli.sweeps.zone import Line
@@ -16,10 +16,10 @@ from lidarcli.sweeps.zone import Line
 STEP_NS = 50_000_000
 
 
-def path_of(points: Any, first_ns: int = 0, unseen: Sequence[int] = ()) -> Path:
+def path_of(points: Any, first_ns: int = 0, unseen: Sequence[int] = ()) -> TrackPath:
     points = np.asarray(points, np.float64).reshape(-1, 2)
     steps = ~np.isin(np.arange(len(points)), unseen)
-    return Path(first_ns + np.arange(len(points)) * STEP_NS, points[:, 0], points[:, 1], steps)
+    return TrackPath(first_ns + np.arange(len(points)) * STEP_NS, points[:, 0], points[:, 1], steps)
 
 
 def walked(corners: Sequence[tuple[float, float]], step: float) -> Float64:
@@ -118,7 +118,7 @@ def test_a_crossing_that_no_sweep_saw_is_counted_apart() -> None:
     assert crossings(LINE, both) == ([(9, False)], 0, 1), "it came back in sight"
 
 
-def visits_of(shape: Circle | Polygon, path: Path) -> list[Visit]:
+def visits_of(shape: Circle | Polygon, path: TrackPath) -> list[Visit]:
     return visits([shape], np.zeros(len(path.x), np.int64), path)
 
 

@@ -13,7 +13,7 @@ from pathlib import Path
 import pyarrow.parquet as pq
 
 from lidarcli.cli.info import as_json, as_text
-from lidarcli.cli.messages import Messages, show
+from lidarcli.cli.messages import MessageWriter, show
 from lidarcli.errors import LidarcliError
 from lidarcli.logs import open_log
 from lidarcli.logs.base import OpenOptions, ReadReport, Slice
@@ -67,7 +67,7 @@ def _detected(log: Path, out: Path, least: int) -> Iterator[str]:
         yield f"track: {outcome.trace}"
         return
     lines: list[str] = []
-    show(outcome, Messages(write=lines.append))
+    show(outcome, MessageWriter(write=lines.append))
     yield from odd_lines("track", lines)
     if outcome.summary is None:
         if out.exists() and list(out.iterdir()):

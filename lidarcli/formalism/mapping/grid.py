@@ -80,7 +80,7 @@ class UnlikeError(ValueError):
 
 
 @dataclass(frozen=True, slots=True)
-class Comparison:
+class GridComparison:
     """Figures of a map compared with a true one; shares of no cells are NaN."""
 
     cells: int
@@ -95,14 +95,14 @@ class Comparison:
     """Harmonic mean of precision and recall."""
 
 
-def compare(found: Occupancy, true: Occupancy) -> Comparison:
+def compare(found: Occupancy, true: Occupancy) -> GridComparison:
     """Compare the occupied cells of a map with those of a true one, cell by cell; `UnlikeError` if cells differ in size."""
     if abs(found.resolution - true.resolution) > SAME_RESOLUTION * true.resolution:
         raise UnlikeError(f"cells of {found.resolution:g} m cannot be compared with cells of {true.resolution:g} m")
     mine, theirs = _cells(found, true), _cells(true, true)
     precision, recall = _share_near(mine, theirs), _share_near(theirs, mine)
     both = precision + recall
-    return Comparison(
+    return GridComparison(
         cells=len(mine),
         true_cells=len(theirs),
         precision=precision,

@@ -80,7 +80,7 @@ class SweepsInWorld:
         self.ends = rays.Ends(batch, detection, self.poses, self.way, FARTHEST, SURFACE_STEP)
 
 
-class Standing:
+class StaticSensor:
     """A fold over the sweeps of a topic that says whether the sensor is static, by the beams that measure the same
     again."""
 
@@ -109,7 +109,7 @@ class _Sensor:
 
     first: int
     """Number of the first of its worlds."""
-    standing: Standing = field(default_factory=Standing)
+    standing: StaticSensor = field(default_factory=StaticSensor)
     stops: int = 1
     begin: tuple[float, float] | None = None
 

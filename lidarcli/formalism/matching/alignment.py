@@ -19,7 +19,7 @@ import numpy as np
 from lidarcli.formalism.mapping.grid import FREE, UNKNOWN
 from lidarcli.formalism.matching.assignment import assign
 from lidarcli.formalism.matching.catalogue import MAX_SIZE, MIN_SIZE
-from lidarcli.formalism.matching.free_space import HERE, Ground, Motion, Nearest
+from lidarcli.formalism.matching.free_space import HERE, Nearest, SpaceMap, SpaceMotion
 from lidarcli.sweeps.types import TURN, Bool, Float64, Int32, Int64, record
 
 RUN_PLACE_SD, RUN_SIZE_SD = 0.1, 0.01
@@ -58,7 +58,7 @@ PROPOSALS_AT_ONCE = 256
 
 
 @record
-class Standing:
+class StaticObjects:
     """N static objects of one run, (N,) each; lengths in metres, NaN if unknown."""
 
     x: Float64
@@ -75,21 +75,21 @@ class Standing:
     def __len__(self) -> int:
         return len(self.x)
 
-    def rows(self, index: Int64) -> Standing:
+    def rows(self, index: Int64) -> StaticObjects:
         """Return some of the objects."""
-        return Standing(**{name: getattr(self, name)[index] for name in Standing.__dataclass_fields__})
+        return StaticObjects(**{name: getattr(self, name)[index] for name in StaticObjects.__dataclass_fields__})
 
     @property
-    def column(self) -> Standing:
+    def column(self) -> StaticObjects:
         """The objects as (N, 1), broadcast against those of another run: for all pairs."""
         return self.rows(np.arange(len(self))[:, None])
 
-    def at(self, x: Float64, y: Float64) -> Standing:
+    def at(self, x: Float64, y: Float64) -> StaticObjects:
         """Return the objects at other places."""
         return replace(self, x=x, y=y)
 
 
-def gains(known: Standing, run: Standing) -> Float64:
+def gains(known: StaticObjects, run: StaticObjects) -> Float64:
     """Return (T, N) the log-likelihood ratio of each pair being one object, in its place or moved, and not two."""
     away, like = _distance(known, run), alike(known.column, run)
     sized: Bool = np.isfinite(known.length + known.width)[:, None] & np.isfinite(run.length + run.width)
@@ -102,7 +102,7 @@ def near(distance: Float64, room: float) -> Float64:
     return math.log(STAYS * max(room, MIN_AREA) / (4.0 * math.pi * RUN_PLACE_SD**2)) - 0.25 * (distance / RUN_PLACE_SD) ** 2
 
 
-def area(known: Standing, run: Standing) -> float:
+def area(known: StaticObjects, run: StaticObjects) -> float:
     """Return the area in which the objects stand [m²]."""
     sides = []
     for one, other in ((known.x, run.x), (known.y, run.y)):
@@ -111,7 +111,7 @@ def area(known: Standing, run: Standing) -> float:
     return max(sides[0] * sides[1], MIN_AREA)
 
 
-def alike(known: Standing, run: Standing, size_sd: float = RUN_SIZE_SD, wrong: float = WRONG_SIZE) -> Float64:
+def alike(known: StaticObjects, run: StaticObjects, size_sd: float = RUN_SIZE_SD, wrong: float = WRONG_SIZE) -> Float64:
     """Return (P,) the log-likelihood ratio of pairs of being one object by size, shape and label; 0 if these are unknown.
 
     `size_sd`: standard deviation between two sizes of one object, in addition to their own [m]; `wrong`: share of sizes
@@ -127,7 +127,7 @@ def alike(known: Standing, run: Standing, size_sd: float = RUN_SIZE_SD, wrong: f
     return total + coded(known, run)
 
 
-def coded(known: Standing, run: Standing) -> Float64:
+def coded(known: StaticObjects, run: StaticObjects) -> Float64:
     """Return (P,) the log-likelihood ratio of pairs of being one object by shape and label."""
     total = np.zeros(1)
     rules = ((known.shape, run.shape, SAME_SHAPE, OTHER_SHAPE), (known.label, run.label, SAME_LABEL, OTHER_LABEL))
@@ -136,17 +136,17 @@ def coded(known: Standing, run: Standing) -> Float64:
     return total
 
 
-def _distance(known: Standing, run: Standing) -> Float64:
+def _distance(known: StaticObjects, run: StaticObjects) -> Float64:
     """Return (T, N) the distances of objects [m]."""
     return np.hypot(known.x[:, None] - run.x, known.y[:, None] - run.y)
 
 
-def align(known: Standing, run: Standing) -> tuple[Motion | None, float]:
+def align(known: StaticObjects, run: StaticObjects) -> tuple[SpaceMotion | None, float]:
     """Return the motion from the coordinates of a run to those of the known objects, and its probability; None for none."""
     if not len(known) or not len(run):
         return None, 0.0
     known, run = (each.rows(_largest(each, MAX_ALIGNED)) for each in (known, run))
-    found: dict[bytes, tuple[float, Motion]] = {}
+    found: dict[bytes, tuple[float, SpaceMotion]] = {}
     for motion in [HERE, *proposals(known, run)]:
         refined = motion if motion == HERE else _refine(known, run, motion)
         placed = run.at(*refined.of(run.x, run.y))
@@ -169,7 +169,7 @@ def align(known: Standing, run: Standing) -> tuple[Motion | None, float]:
     return motion, 1.0 / sum(math.exp(total - best) for total, _ in found.values())
 
 
-def proposals(known: Standing, run: Standing) -> list[Motion]:
+def proposals(known: StaticObjects, run: StaticObjects) -> list[SpaceMotion]:
     """Return the proposals under which most objects fall into place."""
     ours, theirs = _largest(known, MAX_THINGS), _largest(run, MAX_THINGS)
     like = alike(known.rows(ours[:, None]), run.rows(theirs))
@@ -198,9 +198,9 @@ def proposals(known: Standing, run: Standing) -> list[Motion]:
         away = np.hypot(x[:, None, :] - x0[:, None], y[:, None, :] - y0[:, None])
         gain = np.maximum(like + near(away, room) - MIN_GAIN, 0.0)
         quality[at] = np.minimum(gain.max(axis=2).sum(axis=1), gain.max(axis=1).sum(axis=1))
-    best: list[Motion] = []
+    best: list[SpaceMotion] = []
     for k in np.argsort(-quality, kind="stable").tolist():
-        motion = Motion(float(angle[k]), float(shift_x[k]), float(shift_y[k]))
+        motion = SpaceMotion(float(angle[k]), float(shift_x[k]), float(shift_y[k]))
         x, y = motion.of(x1, y1)
         places = (other.of(x1, y1) for other in best)
         if not any(np.hypot(u - x, v - y).max() < IN_PLACE_SDS * RUN_PLACE_SD for u, v in places):
@@ -210,13 +210,13 @@ def proposals(known: Standing, run: Standing) -> list[Motion]:
     return best
 
 
-def _largest(things: Standing, most: int) -> Int64:
+def _largest(things: StaticObjects, most: int) -> Int64:
     """Return the indices of the largest objects."""
     size = np.nan_to_num(things.length, nan=-1.0)
     return np.sort(np.argsort(-size, kind="stable")[:most]).astype(np.int64)
 
 
-def _refine(known: Standing, run: Standing, motion: Motion) -> Motion:
+def _refine(known: StaticObjects, run: StaticObjects, motion: SpaceMotion) -> SpaceMotion:
     """Return the motion that fits best the objects that fall into place."""
     like = alike(known.column, run)
     for _ in range(MOTION_REFINEMENTS):
@@ -234,13 +234,13 @@ def _refine(known: Standing, run: Standing, motion: Motion) -> Motion:
     return motion
 
 
-def _fit(x: Float64, y: Float64, to_x: Float64, to_y: Float64) -> Motion:
+def _fit(x: Float64, y: Float64, to_x: Float64, to_y: Float64) -> SpaceMotion:
     """Return the turn and shift from points to points, by least squares."""
     mean_x, mean_y, mean_u, mean_v = (float(each.mean()) for each in (x, y, to_x, to_y))
     dx, dy, du, dv = x - mean_x, y - mean_y, to_x - mean_u, to_y - mean_v
     angle = math.atan2(float((dx * dv - dy * du).sum()), float((dx * du + dy * dv).sum()))
     cos, sin = math.cos(angle), math.sin(angle)
-    return Motion(angle, mean_u - cos * mean_x + sin * mean_y, mean_v - sin * mean_x - cos * mean_y)
+    return SpaceMotion(angle, mean_u - cos * mean_x + sin * mean_y, mean_v - sin * mean_x - cos * mean_y)
 
 
 IN_PLACE = 0.1
@@ -284,7 +284,7 @@ SMALL = 1e-5
 class Fit:
     """Quality of an alignment of two runs."""
 
-    motion: Motion
+    motion: SpaceMotion
     overlap: float
     """Share of the structure in place, as far as the other run observed the place; of both runs the smaller one."""
     explained: int
@@ -307,7 +307,7 @@ class Fit:
         return self.explained - self.against
 
 
-def fit(first: Nearest, second: Nearest, motion: Motion) -> Fit:
+def fit(first: Nearest, second: Nearest, motion: SpaceMotion) -> Fit:
     """Return how well a run lies on the first one, moved to its coordinates."""
     shares, explained, against, squares = [], 0, 0, 0.0
     free = np.count_nonzero(first.ground.state(*motion.of(*second.free.T)) == FREE)
@@ -362,7 +362,7 @@ class Alignment:
         return not self.slides and (self.rival is None or self.stays)
 
 
-def search(first: Nearest, second: Nearest, proposed: list[Motion]) -> Alignment:
+def search(first: Nearest, second: Nearest, proposed: list[SpaceMotion]) -> Alignment:
     """Return the alignment of a run with the first one that explains most; objects propose further motions."""
     nothing = Fit(HERE, 0.0, 0, 0, math.nan, False)
     if not len(first.ground.points) or not len(second.ground.points):
@@ -407,7 +407,7 @@ def _explains_as_much(one: Fit, best: Fit) -> bool:
     return one.against <= best.against + more and one.explained >= AS_MUCH_IN_PLACE * best.explained
 
 
-def _slides(first: Nearest, second: Nearest, motion: Motion) -> bool:
+def _slides(first: Nearest, second: Nearest, motion: SpaceMotion) -> bool:
     """Return whether all structure in place is along one direction, so that nothing holds a motion along it."""
     index, away = first.of(*motion.of(*_some(second.ground.points).T))
     near = index[away <= IN_PLACE]
@@ -419,7 +419,7 @@ def _slides(first: Nearest, second: Nearest, motion: Motion) -> bool:
     return bool(least < HELD * (least + most))
 
 
-def _apart(one: Motion, other: Motion, ground: Ground) -> float:
+def _apart(one: SpaceMotion, other: SpaceMotion, ground: SpaceMap) -> float:
     """Return how far apart two motions bring the corners of the structure [m]."""
     x, y = _some(ground.points).T
     corners = np.array([[a, b] for a in (x.min(), x.max()) for b in (y.min(), y.max())])
@@ -427,9 +427,9 @@ def _apart(one: Motion, other: Motion, ground: Ground) -> float:
     return float(np.hypot(x1 - x0, y1 - y0).max())
 
 
-def _different(motions: list[Motion], ground: Ground) -> list[Motion]:
+def _different(motions: list[SpaceMotion], ground: SpaceMap) -> list[SpaceMotion]:
     """Return the first of each group of motions that are alike."""
-    kept: list[Motion] = []
+    kept: list[SpaceMotion] = []
     for motion in motions:
         if all(_apart(motion, other, ground) > APART for other in kept):
             kept.append(motion)
@@ -438,7 +438,7 @@ def _different(motions: list[Motion], ground: Ground) -> list[Motion]:
     return kept
 
 
-def refine(first: Nearest, points: Float64, motion: Motion) -> Motion:
+def refine(first: Nearest, points: Float64, motion: SpaceMotion) -> SpaceMotion:
     """Return the motion that brings points (N, 2) best onto the structure of the first run."""
     points = points[:: max(1, len(points) // REFINED_POINTS)]
     middle = points.mean(axis=0)
@@ -471,7 +471,7 @@ def refine(first: Nearest, points: Float64, motion: Motion) -> Motion:
         angle = motion.angle + turn
         cos, sin = math.cos(angle), math.sin(angle)
         to = centre + np.array([dx, dy])
-        motion = Motion(
+        motion = SpaceMotion(
             angle, float(to[0] - cos * middle[0] + sin * middle[1]), float(to[1] - sin * middle[0] - cos * middle[1])
         )
         if max(abs(dx), abs(dy), abs(turn)) < SMALL and reach == REACHES[-1]:
@@ -479,7 +479,7 @@ def refine(first: Nearest, points: Float64, motion: Motion) -> Motion:
     return motion
 
 
-def _tried(one: Nearest, other: Nearest) -> list[Motion]:
+def _tried(one: Nearest, other: Nearest) -> list[SpaceMotion]:
     """Return proposals by trying all turns and shifts on coarse cells, the best first."""
     first, second, free = one.ground, other.ground, other.free
     middle = second.points.mean(axis=0)
@@ -497,7 +497,7 @@ def _tried(one: Nearest, other: Nearest) -> list[Motion]:
     for_points, for_free = np.fft.rfft2(worth), np.fft.rfft2(ours)
     step = min(MAX_TURN, max(side / max(radius, side), math.radians(0.5)))
     turns = np.arange(0.0, TURN, TURN / math.ceil(TURN / step))
-    found: list[tuple[float, Motion]] = []
+    found: list[tuple[float, SpaceMotion]] = []
     for angle in turns.tolist():
         cos, sin = math.cos(angle), math.sin(angle)
         turn = np.array([[cos, sin], [-sin, cos]])
@@ -517,7 +517,7 @@ def _tried(one: Nearest, other: Nearest) -> list[Motion]:
             row -= shape[0] if row * side > extent[1] + side else 0
             column -= shape[1] if column * side > extent[0] + side else 0
             x, y = left + column * side + radius, low + row * side + radius
-            motion = Motion(
+            motion = SpaceMotion(
                 angle, float(x - cos * middle[0] + sin * middle[1]), float(y - sin * middle[0] - cos * middle[1])
             )
             found.append((worth_it, motion))

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from lidarcli.formalism.mapping.grid import UNKNOWN
-from lidarcli.formalism.matching.alignment import Standing
+from lidarcli.formalism.matching.alignment import StaticObjects
 from lidarcli.formalism.matching.extents import (
     BESIDE,
     LINKED,
@@ -27,7 +27,7 @@ from lidarcli.formalism.matching.extents import (
     unseen_ends,
     within,
 )
-from lidarcli.formalism.matching.free_space import HERE, SEEN_FREE, Ground, Motion, Nearest
+from lidarcli.formalism.matching.free_space import HERE, OBSERVED_FREE, Nearest, SpaceMap, SpaceMotion
 from lidarcli.formalism.matching.pairs import FREE_SHARE, Side, TooManyError, pairs_of, probabilities
 from lidarcli.options.choices import CHANGE_KINDS, CHANGE_STATUSES, CHANGE_WHYS, MIN_SCORE
 from lidarcli.sweeps.types import Bool, Float64, record
@@ -50,28 +50,28 @@ MAX_STATIONS = 40
 
 
 @record
-class Run:
+class RunEvidence:
     """Evidence of a run: N static objects, the space, and P places of its sensors."""
 
-    things: Standing
+    things: StaticObjects
     yaw: Float64
     """(N,) direction of the longer side [rad]."""
-    ground: Ground | None
+    ground: SpaceMap | None
     """None where only objects are known."""
     sensors: Float64
     """(P, 2) in the coordinates of the run [m]."""
 
-    def moved(self, motion: Motion) -> Run:
+    def moved(self, motion: SpaceMotion) -> RunEvidence:
         """Return the run in other coordinates."""
         if motion == HERE:
             return self
         ground = None if self.ground is None else self.ground.moved(motion)
         things = self.things.at(*motion.of(self.things.x, self.things.y))
         sensors = np.column_stack(motion.of(self.sensors[:, 0], self.sensors[:, 1]))
-        return Run(things, self.yaw + motion.angle, ground, sensors)
+        return RunEvidence(things, self.yaw + motion.angle, ground, sensors)
 
 
-class Change(NamedTuple):
+class FoundChange(NamedTuple):
     """Change of an object or piece of structure; coordinates of the first run, those of the second are in its own."""
 
     kind: int
@@ -101,9 +101,9 @@ class Compared:
 
     def __init__(
         self,
-        first: Run,
-        second: Run,
-        motion: Motion,
+        first: RunEvidence,
+        second: RunEvidence,
+        motion: SpaceMotion,
         nearest: tuple[Nearest | None, Nearest | None],
         chance: float = 1.0,
         least: float = MIN_SCORE,
@@ -121,9 +121,9 @@ class Compared:
         self._yaw = first.yaw, second.yaw + motion.angle
         self._boxes = [boxes_of(self._things[side], self._yaw[side]) for side in (0, 1)]
         self._spots = [self._spots_of(side) for side in (0, 1)]
-        self._changes: list[Change] = []
+        self._changes: list[FoundChange] = []
 
-    def changes(self) -> list[Change]:
+    def changes(self) -> list[FoundChange]:
         """Return all changes, objects first; `TooManyError` where there are too many to tell."""
         a, b = self._side(0), self._side(1)
         pairs = pairs_of(a, b)
@@ -199,7 +199,7 @@ class Compared:
         passed, looks = ground.passed(x, y), ground.seen(x, y)
         _, away = nearest.of(x, y)
         near = away <= CHANGED
-        free = passed >= SEEN_FREE
+        free = passed >= OBSERVED_FREE
         return Spot(
             points,
             free=float(np.mean(free & ~(away <= 0.5 * CHANGED))),
@@ -297,7 +297,7 @@ class Compared:
             self._own_looks(1, j) if after is None else after.looks,
         )
         free = math.nan if before is None else before.free, math.nan if after is None else after.free
-        self._changes.append(Change(THING, status, why, score, area, looks, free, i, j))
+        self._changes.append(FoundChange(THING, status, why, score, area, looks, free, i, j))
 
     def _own_looks(self, side: int, k: int) -> int:
         """Return the number of sweeps that could see an object of their own run."""
@@ -320,7 +320,7 @@ class Compared:
         x, y = self._motions[1 - side].inverse.of(points[:, 0], points[:, 1])
         _, away = nearest.of(x, y)
         passed = there.passed(x, y)
-        changed = (away > CHANGED) & (passed >= SEEN_FREE)
+        changed = (away > CHANGED) & (passed >= OBSERVED_FREE)
         at = np.flatnonzero(changed)
         at = np.delete(at, np.concatenate([contained(boxes, points[at], EXPLAINED)[1] for boxes in self._boxes]))
         looks = here.seen(*self._motions[side].inverse.of(points[at, 0], points[at, 1]))
@@ -343,7 +343,7 @@ class Compared:
             if side:
                 pair, free = pair[::-1], free[::-1]
             why = CERTAIN if certain else SHORT
-            self._changes.append(Change(STRUCTURE, status, why, score, area, pair, free, place=tuple(box.tolist())))
+            self._changes.append(FoundChange(STRUCTURE, status, why, score, area, pair, free, place=tuple(box.tolist())))
 
 
 class UnpairedStatus(NamedTuple):
@@ -361,7 +361,7 @@ class Spot:
     points: Float64
     """(K, 2) in the coordinates of the first run [m]."""
     free: float
-    """Share that was observed free by `SEEN_FREE` sweeps; NaN where it is unknown."""
+    """Share that was observed free by `OBSERVED_FREE` sweeps; NaN where it is unknown."""
     passed: float
     """Share that was observed free by any sweep."""
     near: float

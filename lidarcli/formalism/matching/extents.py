@@ -12,9 +12,9 @@ import math
 import numpy as np
 
 from lidarcli.formalism.mapping.grid import pieces
-from lidarcli.formalism.matching.alignment import Standing
+from lidarcli.formalism.matching.alignment import StaticObjects
 from lidarcli.formalism.matching.catalogue import MAX_SIZE
-from lidarcli.formalism.matching.free_space import SEEN_FREE, Buckets, Ground
+from lidarcli.formalism.matching.free_space import OBSERVED_FREE, Buckets, SpaceMap
 from lidarcli.sweeps.types import Bool, Float64, Int64
 
 BESIDE, OUTSIDE = 0.05, 0.1
@@ -39,7 +39,7 @@ TURNS = (np.radians(np.arange(-45.0, 45.0, 1.5)), np.radians(np.arange(-1.5, 1.7
 """[rad] Directions of a rectangle that are tried, and then those around the best one."""
 
 
-def box_of(things: Standing, yaw: Float64, k: int) -> Float64:
+def box_of(things: StaticObjects, yaw: Float64, k: int) -> Float64:
     """Return x, y, yaw, length and width of an object; sizes that are unknown are guessed."""
     length, width = float(things.length[k]), float(things.width[k])
     length = MIN_SIDE if not length > MIN_SIDE else length
@@ -47,7 +47,7 @@ def box_of(things: Standing, yaw: Float64, k: int) -> Float64:
     return np.array([things.x[k], things.y[k], yaw[k], length, width])
 
 
-def boxes_of(things: Standing, yaw: Float64) -> Float64:
+def boxes_of(things: StaticObjects, yaw: Float64) -> Float64:
     """Return (N, 5) the boxes of objects, as of `box_of`."""
     return np.array([box_of(things, yaw, k) for k in range(len(things))]).reshape(-1, 5)
 
@@ -79,7 +79,7 @@ def within(points: Float64, box: Float64, around: float) -> Bool:
     return inside
 
 
-def measured(things: Standing, yaw: Float64, ground: Ground) -> tuple[Standing, Float64, Int64]:
+def measured(things: StaticObjects, yaw: Float64, ground: SpaceMap) -> tuple[StaticObjects, Float64, Int64]:
     """Return objects and the directions of their longer sides by all that their run hit of them, and their indices.
 
     One whose hits go on into those of another one or of the building stays as it is. Faces of one thin wall are one object.
@@ -114,8 +114,8 @@ def measured(things: Standing, yaw: Float64, ground: Ground) -> tuple[Standing, 
             (yaw if name == "yaw" else sizes[name])[k] = value
         sizes["length_sd"][k] = sizes["width_sd"][k] = MEASURED_SD
     kept = np.array([k for k in range(len(things)) if k not in dropped], np.int64)
-    found = {name: getattr(things, name) for name in Standing.__dataclass_fields__} | sizes
-    return Standing(**{name: values[kept] for name, values in found.items()}), yaw[kept], kept
+    found = {name: getattr(things, name) for name in StaticObjects.__dataclass_fields__} | sizes
+    return StaticObjects(**{name: values[kept] for name, values in found.items()}), yaw[kept], kept
 
 
 def rectangles(points: Float64, starts: Int64) -> Float64:
@@ -145,7 +145,7 @@ def _turned(points: Float64, angle: Float64, sizes: Int64) -> tuple[Float64, Flo
     return cos * points[:, 0] + sin * points[:, 1], cos * points[:, 1] - sin * points[:, 0]
 
 
-def unseen_ends(things: Standing, yaw: Float64, ground: Ground | None) -> Float64:
+def unseen_ends(things: StaticObjects, yaw: Float64, ground: SpaceMap | None) -> Float64:
     """Return (N, 2) how far length and width of objects may go on, at both ends together, until free space [m].
 
     `ground` is what their own run observed, in their coordinates; without one nothing is known to go on.
@@ -165,7 +165,7 @@ def unseen_ends(things: Standing, yaw: Float64, ground: Ground | None) -> Float6
         for side in (-1.0, 1.0):
             u, v = np.repeat(side * (along + past), len(sideways)), np.tile(sideways, len(past))
             x, y = box[0] + cos * u - sin * v, box[1] + sin * u + cos * v
-            free = (ground.passed(x, y) >= SEEN_FREE).reshape(len(past), -1).any(axis=1)
+            free = (ground.passed(x, y) >= OBSERVED_FREE).reshape(len(past), -1).any(axis=1)
             more += float(past[int(np.argmax(free))]) if free.any() else MAX_SIZE
         found[k, axis] = min(more, max(MAX_SIZE - 2.0 * along, 0.0))
     return found

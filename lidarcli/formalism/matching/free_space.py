@@ -23,7 +23,7 @@ from lidarcli.formalism.mapping.grid import (
 )
 from lidarcli.sweeps.types import TURN, Bool, Float64, Int32, Int64, record
 
-SEEN_FREE = 3
+OBSERVED_FREE = 3
 """Least number of sweeps that pass a place that was observed free."""
 FINEST = 0.05
 """[m] Cells of a map that are finer are taken together."""
@@ -43,7 +43,7 @@ FAR_CORNER = float(1 << 33)
 
 
 @dataclass(frozen=True, slots=True)
-class Motion:
+class SpaceMotion:
     """Motion from the coordinates of a run to those of the first one: a turn [rad], then a shift [m]."""
 
     angle: float = 0.0
@@ -66,18 +66,18 @@ class Motion:
         return (self.angle + 0.5 * TURN) % TURN - 0.5 * TURN
 
     @property
-    def inverse(self) -> Motion:
+    def inverse(self) -> SpaceMotion:
         """The motion back."""
         cos, sin = math.cos(self.angle), math.sin(self.angle)
-        return Motion(-self.angle, -cos * self.x - sin * self.y, sin * self.x - cos * self.y)
+        return SpaceMotion(-self.angle, -cos * self.x - sin * self.y, sin * self.x - cos * self.y)
 
 
-HERE = Motion()
+HERE = SpaceMotion()
 """Motion of a run in the coordinates of the first one."""
 
 
 @record
-class Ground:
+class SpaceMap:
     """Square cells of the map in the coordinates of a run, and N occupied points, one for each occupied cell."""
 
     resolution: float
@@ -88,9 +88,9 @@ class Ground:
     cells: Int8
     """(H, W) as of `Occupancy`."""
     passes: Int32 | None
-    """(H, W) number of sweeps that passed each cell; None for a map: `SEEN_FREE` where it is free."""
+    """(H, W) number of sweeps that passed each cell; None for a map: `OBSERVED_FREE` where it is free."""
     looks: Int32 | None
-    """(H, W) number of sweeps that hit or passed each cell; None for a map: `SEEN_FREE` where it is known."""
+    """(H, W) number of sweeps that hit or passed each cell; None for a map: `OBSERVED_FREE` where it is known."""
     points: Float64
     """(N, 2) mean of what was hit in each occupied cell [m]."""
     counted: bool = True
@@ -122,7 +122,7 @@ class Ground:
         """Return the cells as a grid."""
         return Occupancy(self.resolution, self.x, self.y, self.cells, frame_id)
 
-    def moved(self, motion: Motion) -> Ground:
+    def moved(self, motion: SpaceMotion) -> SpaceMap:
         """Return the space in other coordinates, each new cell as the old one at its middle."""
         height, width = self.cells.shape
         corners = np.array([[0, 0], [width, 0], [0, height], [width, height]]) * self.resolution
@@ -132,12 +132,12 @@ class Ground:
         left, low, cells, passes, looks = _laid(self.resolution, x, y, lambda x, y: self._at(*inverse.of(x, y)))
         # Turned cells may miss a point, and the points are what counts.
         cells[cells == OCCUPIED] = FREE
-        moved = Ground(self.resolution, left, low, cells, passes, looks, points, self.counted)
+        moved = SpaceMap(self.resolution, left, low, cells, passes, looks, points, self.counted)
         row, column, inside = moved.index(points[:, 0], points[:, 1])
         cells[row[inside], column[inside]] = OCCUPIED
         return moved
 
-    def over(self, older: Ground) -> Ground:
+    def over(self, older: SpaceMap) -> SpaceMap:
         """Return this map, and where it observed nothing an older one in the same coordinates."""
         corners = [
             (one.x + across * one.resolution, one.y + up * one.resolution)
@@ -155,14 +155,14 @@ class Ground:
         left, low, cells, passes, looks = _laid(self.resolution, x, y, read)
         kept = older.points[self.state(older.points[:, 0], older.points[:, 1]) == UNKNOWN]
         points = np.concatenate([self.points, kept])
-        return Ground(self.resolution, left, low, cells, passes, looks, points, self.counted and older.counted)
+        return SpaceMap(self.resolution, left, low, cells, passes, looks, points, self.counted and older.counted)
 
     def _at(self, x: Float64, y: Float64) -> _Layers:
         """Return cells, passes and looks at places."""
         row, column, inside = self.index(x, y)
         cells = np.where(inside, self.cells[row, column], UNKNOWN).astype(np.int8)
         if self.passes is None or self.looks is None:
-            return cells, np.int32(SEEN_FREE) * (cells == FREE), np.int32(SEEN_FREE) * (cells != UNKNOWN)
+            return cells, np.int32(OBSERVED_FREE) * (cells == FREE), np.int32(OBSERVED_FREE) * (cells != UNKNOWN)
         passes, looks = (np.where(inside, layer[row, column], 0) for layer in (self.passes, self.looks))
         return cells, passes, looks
 
@@ -191,7 +191,7 @@ def _laid(
     return left * side, low * side, *layers
 
 
-def of_map(grid: Occupancy) -> Ground:
+def of_map(grid: Occupancy) -> SpaceMap:
     """Return the space of a map: its occupied points are the middles of its cells, of several fine ones their mean."""
     row, column = np.nonzero(grid.cells == OCCUPIED)
     points = np.column_stack([column + 0.5, row + 0.5]) * grid.resolution + [grid.x, grid.y]
@@ -205,11 +205,11 @@ def of_map(grid: Occupancy) -> Ground:
         count = np.ones(len(points))
         _, sums = _summed((row // group) * width + column // group, np.column_stack([points, count]))
         points = sums[:, :2] / sums[:, 2:]
-    return Ground(group * grid.resolution, grid.x, grid.y, cells, None, None, points, counted=False)
+    return SpaceMap(group * grid.resolution, grid.x, grid.y, cells, None, None, points, counted=False)
 
 
 @dataclass(slots=True)
-class Surveying:
+class SpaceSurvey:
     """The space of a run, a fold over its sweeps."""
 
     counts: Counts
@@ -229,7 +229,7 @@ class Surveying:
         if sum(len(part) for part, _ in self._waiting) > len(self._keys) + (1 << 16):
             self._gather()
 
-    def ground(self, hits: int, ratio: float) -> Ground:
+    def ground(self, hits: int, ratio: float) -> SpaceMap:
         """Return the space; `hits` and `ratio` as of `Counts.occupancy`."""
         self._gather()
         grid = self.counts.occupancy(hits, ratio, "")
@@ -250,7 +250,7 @@ class Surveying:
                 passes[part], looks[part] = passed, passed + hit
         row, column = np.nonzero(grid.cells == OCCUPIED)
         if not len(row):
-            return Ground(side, grid.x, grid.y, grid.cells, passes, looks, np.empty((0, 2)))
+            return SpaceMap(side, grid.x, grid.y, grid.cells, passes, looks, np.empty((0, 2)))
         middle = np.column_stack([column + 0.5, row + 0.5]) * side + [grid.x, grid.y]
         at = np.searchsorted(self._keys, self._key(middle[:, 0], middle[:, 1]))
         sums = self._sums[np.minimum(at, len(self._keys) - 1)]
@@ -258,7 +258,7 @@ class Surveying:
         stands = sums[:, 3] <= 0.5 * sums[:, 2]
         grid.cells[row[~stands], column[~stands]] = UNKNOWN
         points = sums[stands, :2] / sums[stands, 2:3]
-        return Ground(side, grid.x, grid.y, grid.cells, passes, looks, points)
+        return SpaceMap(side, grid.x, grid.y, grid.cells, passes, looks, points)
 
     def _key(self, x: Float64, y: Float64) -> Int64:
         """Return (K,) a number for the cell of each place."""
@@ -320,7 +320,7 @@ def _counted_up(begin: Int64, end: Int64) -> tuple[Int64, Int64]:
 class Nearest:
     """The occupied point nearest to any place, up to `REACH`, and the places that were observed free."""
 
-    def __init__(self, ground: Ground) -> None:
+    def __init__(self, ground: SpaceMap) -> None:
         self.ground = ground
         side = ground.resolution
         up, right = (max(2, -(-length // FREE_SIDE)) for length in ground.cells.shape)
@@ -382,7 +382,7 @@ class Nearest:
         return index, away
 
 
-def _lines(ground: Ground, cell: Int64, index: Int32, which: Int64) -> tuple[Float64, Bool]:
+def _lines(ground: SpaceMap, cell: Int64, index: Int32, which: Int64) -> tuple[Float64, Bool]:
     """Return what `Nearest.lines` does, of points in cells of an index."""
     points, flat, across = ground.points, index.reshape(-1), index.shape[1]
     reach = max(1, round(ON_LINE / ground.resolution))

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from lidarcli.formalism.matching.alignment import MIN_AREA, SIZE_RANGE, Standing, alike, coded
+from lidarcli.formalism.matching.alignment import MIN_AREA, SIZE_RANGE, StaticObjects, alike, coded
 from lidarcli.formalism.matching.extents import BESIDE, boxes_of, contained
 from lidarcli.formalism.matching.free_space import Buckets
 from lidarcli.sweeps.types import Bool, Float64, Int64, record
@@ -49,7 +49,7 @@ MAX_MOVED = 1000
 class Side:
     """N objects of one run in the coordinates of the first one, and what is known of their places."""
 
-    things: Standing
+    things: StaticObjects
     yaw: Float64
     """(N,) direction of the longer side [rad]."""
     more: Float64
@@ -110,7 +110,7 @@ def pairs_of(a: Side, b: Side) -> Pairs:
     return Pairs(i, j, near)
 
 
-def _away(a: Standing, b: Standing) -> tuple[Float64, Float64]:
+def _away(a: StaticObjects, b: StaticObjects) -> tuple[Float64, Float64]:
     """Return (P,) the distance of each pair, and its standard deviation [m]."""
     own = [np.where(np.isfinite(each.length + each.width), PLACE_SD, UNSIZED_SD) for each in (a, b)]
     return np.hypot(a.x - b.x, a.y - b.y), np.hypot(*own)
@@ -137,7 +137,7 @@ def probabilities(first: Side, second: Side, pairs: Pairs) -> Float64:
     return _marginals(np.where(pairs.near, stays, moves), pairs)
 
 
-def _nearer(away: Float64, one: Standing, other: Standing) -> Float64:
+def _nearer(away: Float64, one: StaticObjects, other: StaticObjects) -> Float64:
     """Return how much likelier than anywhere in the room in which objects stand their places at a distance [m] are."""
     x, y = (np.concatenate([getattr(one, axis), getattr(other, axis)]) for axis in ("x", "y"))
     # Of places all over a disc.
@@ -161,7 +161,7 @@ Sides = tuple[Float64, Float64, Float64]
 """Sizes of objects, their standard deviations, and how far they may go on [m]."""
 
 
-def _sides(things: Standing, more: Float64) -> tuple[Sides, Sides]:
+def _sides(things: StaticObjects, more: Float64) -> tuple[Sides, Sides]:
     # Of what is taken for a disc only one size was measured.
     width = np.where(things.width == things.length, np.nan, things.width)
     return (

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from lidarcli.display.texts import Routine, headed
 from lidarcli.formalism.detect import scans
 from lidarcli.formalism.detection import AGENT, LEGGED, NOISE, OBJECT, REMOVED, Detection
-from lidarcli.formalism.mapping.places import MAX_SENSORS, Standing
+from lidarcli.formalism.mapping.places import MAX_SENSORS, StaticSensor
 from lidarcli.formalism.matching.catalogue import Catalogue
 from lidarcli.formalism.parameters import TrackParameters
 from lidarcli.formalism.tracking.kalman import Targets
@@ -200,7 +200,7 @@ class Tracker:
         self._followers: list[_Follower] = []
         self._doubted: set[tuple[str, str]] = set()
         """Sensors whose poses some of their sweeps contradict."""
-        self._static: dict[tuple[int, int], Standing] = {}
+        self._static: dict[tuple[int, int], StaticSensor] = {}
         """Run and sensor → whether it is static, where nothing else tells."""
         self._settled_paths: list[Trajectories] = []
         """Rows of runs that have ended."""
@@ -319,7 +319,7 @@ class Tracker:
             self._doubted |= {(batch.topic, batch.frame_ids[one]) for one in np.unique(batch.frame[~batch.fits]).tolist()}
         for name, rows, mine in batch.by_frame() if batch.still is None and len(batch) else ():
             key = batch.run, min(self.sensors.index((batch.topic, name)), MAX_SENSORS - 1)
-            placed[rows] |= self._static.setdefault(key, Standing()).see(mine)
+            placed[rows] |= self._static.setdefault(key, StaticSensor()).see(mine)
         sizes = None
         if self._catalogue is not None:
             then = poses[detection.row]

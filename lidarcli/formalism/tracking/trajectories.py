@@ -22,7 +22,7 @@ MAX_ROWS = 65_536
 """Rows that are handed out at once, about."""
 
 
-def seen_steps(seconds: Float64, seen: Bool, sensor: NDArray[np.integer[Any]]) -> Bool:
+def observed_steps(seconds: Float64, seen: Bool, sensor: NDArray[np.integer[Any]]) -> Bool:
     """Return (N,) whether sweeps observed a track all the path to each of its rows from the one before.
 
     They observed the path between two rows that are visible if no other sweep of the sensor of the latter lies between
@@ -41,7 +41,7 @@ def seen_steps(seconds: Float64, seen: Bool, sensor: NDArray[np.integer[Any]]) -
 
 
 @dataclass(slots=True)
-class Path:
+class TrackPiece:
     """A piece of the path of a track that moves, sweep by sweep."""
 
     track: Track
@@ -61,7 +61,7 @@ class Path:
         # The row before is the last one of the piece before.
         lead = int(track.seen_stop == self.begin)
         rows = sweeps.of(self.begin - lead, stop)
-        step = seen_steps(rows["seconds"], np.pad(seen, (lead, 0), constant_values=True), rows["sensor"])[lead:]
+        step = observed_steps(rows["seconds"], np.pad(seen, (lead, 0), constant_values=True), rows["sensor"])[lead:]
         goes_on = track.path_stop >= 0 and self.moving.any()
         steps = np.hypot(*np.diff(place, axis=0, prepend=[[track.x, track.y]] if goes_on else place[:1]).T)
         track.distance += float(steps[step & (self.moving == 1)].sum())
@@ -154,7 +154,7 @@ class Sweeps:
 
 def standing(sweeps: Sweeps, tracks: list[Track]) -> Iterator[Trajectories]:
     """Yield the pending rows of what is static: one place each, by all that was observed of it."""
-    pending: list[Path] = []
+    pending: list[TrackPiece] = []
     rows = 0
     for track in tracks:
         if not track.static_codes:
@@ -166,7 +166,7 @@ def standing(sweeps: Sweeps, tracks: list[Track]) -> Iterator[Trajectories]:
             begin, rest = track.path_stop - len(codes) + first, np.zeros(len(some), np.uint8)
             x, y, xx, xy, yy = place_of(track)
             path = np.tile([x, y, 0.0, 0.0, xx, xy, yy, 0.0, 0.0], (len(some), 1))
-            pending.append(Path(track, begin, path, some, rest))
+            pending.append(TrackPiece(track, begin, path, some, rest))
             rows += len(some)
             if rows >= MAX_ROWS:
                 yield joined(sweeps, pending)
@@ -175,7 +175,7 @@ def standing(sweeps: Sweeps, tracks: list[Track]) -> Iterator[Trajectories]:
         yield joined(sweeps, pending)
 
 
-def joined(sweeps: Sweeps, pieces: list[Path]) -> Trajectories:
+def joined(sweeps: Sweeps, pieces: list[TrackPiece]) -> Trajectories:
     """Return the rows of pieces of paths, one after the other, and add their paths to those of the tracks."""
     for piece in pieces:
         piece.add_distance(sweeps)

@@ -20,7 +20,7 @@ from lidarcli.formalism.tracking.results import CONFIRMED_SIGHTINGS, EMPTY, ENDE
 from lidarcli.formalism.tracking.smoothing import KEPT, Smoother
 from lidarcli.formalism.tracking.track_labels import SizeMeasurements, TrackLabels
 from lidarcli.formalism.tracking.tracks import Track, Tracklet, columns_of, row_shape
-from lidarcli.formalism.tracking.trajectories import PARTLY_BIT, PARTS_MASK, Path, Sweeps, joined, standing
+from lidarcli.formalism.tracking.trajectories import PARTLY_BIT, PARTS_MASK, Sweeps, TrackPiece, joined, standing
 from lidarcli.sweeps.types import Bool, Float64, Int64, UInt8
 
 MAX_PLACED = 0.5
@@ -147,7 +147,7 @@ class TrackRegistry:
             tracklet.row_shape = row_shape(tracklet)
         sightings.settle_tracks()
 
-    def _extend_trajectories(self, sightings: WindowSightings, paths: list[Path]) -> None:
+    def _extend_trajectories(self, sightings: WindowSightings, paths: list[TrackPiece]) -> None:
         """Add the rows of what moves, and keep the codes of the sweeps in which the rest was observed."""
         moving = {path.track.number for path in paths}
         for track, at in sightings.by_track():
@@ -384,7 +384,7 @@ def _rows(sightings: WindowSightings, at: Int64, found: Bool) -> WindowResult:
     return rows
 
 
-def smooth(sightings: WindowSightings, tracklets: dict[int, Tracklet], least_score: float) -> list[Path]:
+def smooth(sightings: WindowSightings, tracklets: dict[int, Tracklet], least_score: float) -> list[TrackPiece]:
     """Smooth everything that moves: fill in its velocities and from where on it is an agent; return the paths."""
     moving = [(track, at) for track, at in sightings.by_track(ahead=True) if is_moving(track)]
     if not moving:
@@ -407,7 +407,7 @@ def _smooth_track(
     at: Int64,
     smoother: Smoother,
     least_score: float,
-) -> Path | None:
+) -> TrackPiece | None:
     """Fill in the velocities of a track, by all of its sightings, and return its path in the window."""
     is_person = any(part.kind == PERSON for part in track.parts)
     several = track.several or any(part.has_legs for part in track.parts)
@@ -464,4 +464,4 @@ def _smooth_track(
     end = int(at[sightings.now[at]][-1])
     track.was_agent, track.agent_score = bool(sightings.agent[end]), float(sightings.agent_score[end])
     track.last_view = complex(sightings.view[at[sightings.sweep[at] == sightings.sweep[end]]].mean())
-    return Path(track, begin, path[:keep], codes[:keep], moving[:keep])
+    return TrackPiece(track, begin, path[:keep], codes[:keep], moving[:keep])

@@ -19,11 +19,11 @@ from lidarcli.logs.blocks import TOO_MANY, pad, split_rows
 from lidarcli.logs.cells import Cells, shown
 from lidarcli.logs.csv.layouts import DEFAULT_TOPIC, PER_SWEEP, RPLIDAR, Layout, ScanColumns, cut_restarts, unread_times
 from lidarcli.logs.csv.sweep_rows import NO_TIME, Decoder, read_frames, read_times
-from lidarcli.logs.csv.table import Dialect, Head, Lines, read_lines
+from lidarcli.logs.csv.table import Dialect, Head, PlainLines, read_lines
 from lidarcli.logs.text import TextBlock
 from lidarcli.sweeps.types import TURN, Bool, Float64, Int64, RawSweeps
 
-_NO_LINES = Lines(b"", np.empty(0, np.int64), False)
+_NO_LINES = PlainLines(b"", np.empty(0, np.int64), False)
 CUT = "the file ends within this sweep: it is dropped"
 CUT_BEAM = "the file ends within this row: its beam is dropped"
 CUT_ROW = "the file ends within the first row of a sweep: it is dropped"
@@ -54,7 +54,7 @@ class _Rows:
 class LongDecoder(Decoder):
     """Decodes one beam per row; the lines of the last sweep wait for the next block."""
 
-    _carry: Lines = _NO_LINES
+    _carry: PlainLines = _NO_LINES
     _cut: bool = False
     """True once the text has ended within a line."""
     _broken: bool = False
@@ -74,13 +74,13 @@ class LongDecoder(Decoder):
             lines = read_lines(block, layout.dialect, layout.header, layout.start, self.report)
         self._cut |= lines.cut
         numbers = np.concatenate([self._carry.numbers, lines.numbers])
-        yield from self._take(Lines(self._carry.text + lines.text, numbers, lines.cut), last=False)
+        yield from self._take(PlainLines(self._carry.text + lines.text, numbers, lines.cut), last=False)
 
     def finish(self) -> Iterator[RawSweeps]:
         """Yield the last sweep."""
         yield from self._take(replace(self._carry, cut=self._cut), last=True)
 
-    def _take(self, lines: Lines, last: bool) -> Iterator[RawSweeps]:
+    def _take(self, lines: PlainLines, last: bool) -> Iterator[RawSweeps]:
         self._carry = _NO_LINES
         cells, whole = self._whole_rows(lines)
         if not len(whole):
@@ -104,7 +104,7 @@ class LongDecoder(Decoder):
             self._usual = int(ends[-1] - starts[-1])
             yield from self._sweeps(rows, starts, ends, lines.numbers[whole])
 
-    def _whole_rows(self, lines: Lines) -> tuple[Cells, Int64]:
+    def _whole_rows(self, lines: PlainLines) -> tuple[Cells, Int64]:
         """Find the rows with the right number of cells; the others are damage."""
         cells = Cells(lines.text, self.layout.dialect.separator)
         fits = cells.count == self.layout.width
@@ -167,7 +167,7 @@ class LongDecoder(Decoder):
             self.report.refused[(self._scan.topic, TOO_MANY)] += 1
         else:
             text = b"".join(line + b"\n" for line in cells.spans(rows, 0, self.layout.width))
-            self._carry = Lines(text, numbers[rows], False)
+            self._carry = PlainLines(text, numbers[rows], False)
 
     def _sweeps(self, rows: _Rows, starts: Int64, ends: Int64, numbers: Int64) -> Iterator[RawSweeps]:
         angle = within_turns(rows.angle, starts) if self.layout.clockwise else rows.angle
@@ -417,7 +417,7 @@ def _are_beams(lines: Sequence[bytes]) -> bool:
     )
 
 
-def read_rows(block: TextBlock, layout: Layout, report: ReadReport) -> Lines:
+def read_rows(block: TextBlock, layout: Layout, report: ReadReport) -> PlainLines:
     """Return the rows of a block: 1 where a sweep begins, else 0, and the numbers of a beam, set apart by spaces."""
     lines = read_lines(block, None, b"", layout.start, report)
     if layout.spelling == LISTED:
@@ -428,7 +428,7 @@ def read_rows(block: TextBlock, layout: Layout, report: ReadReport) -> Lines:
         text = _plain(lines.text).replace(b"True", b"1").replace(b"False", b"0")
     else:
         text = _begun(block, lines, _plain(lines.text))
-    return Lines(text, lines.numbers, lines.cut)
+    return PlainLines(text, lines.numbers, lines.cut)
 
 
 def _plain(text: bytes) -> bytes:
@@ -453,7 +453,7 @@ def _printed(text: bytes) -> bytes:
     return b"".join(row + b"\n" for row in rows)
 
 
-def _begun(block: TextBlock, lines: Lines, text: bytes) -> bytes:
+def _begun(block: TextBlock, lines: PlainLines, text: bytes) -> bytes:
     """Begin rows with 1 below a title, which stands before each sweep, else with 0."""
     rows = text.split(b"\n")[:-1]
     flags = [b"0 "] * len(rows)
@@ -465,7 +465,7 @@ def _begun(block: TextBlock, lines: Lines, text: bytes) -> bytes:
     return b"".join(flag + row + b"\n" for flag, row in zip(flags, rows, strict=True))
 
 
-def _listed(lines: Lines, report: ReadReport) -> Lines:
+def _listed(lines: PlainLines, report: ReadReport) -> PlainLines:
     """Make a row of each beam of each list."""
     rows: list[bytes] = []
     counts = np.zeros(len(lines.numbers), np.int64)
@@ -480,4 +480,4 @@ def _listed(lines: Lines, report: ReadReport) -> Lines:
             beams = line[2:-2].replace(b" ", b"").split(b"),(")
             counts[at] = len(beams)
             rows.append(b"1 " + b"\n0 ".join(beams).replace(b",", b" ") + b"\n")
-    return Lines(b"".join(rows), np.repeat(lines.numbers, counts), False)
+    return PlainLines(b"".join(rows), np.repeat(lines.numbers, counts), False)

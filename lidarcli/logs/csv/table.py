@@ -47,7 +47,7 @@ class Dialect:
 
 
 @dataclass(frozen=True, slots=True)
-class Lines:
+class PlainLines:
     """Plain lines and their numbers in the file."""
 
     text: bytes
@@ -123,7 +123,7 @@ def plain_text(text: bytes, dialect: Dialect) -> bytes:
     return text
 
 
-def read_lines(block: TextBlock, dialect: Dialect | None, skip: bytes, start: int, report: ReadReport) -> Lines:
+def read_lines(block: TextBlock, dialect: Dialect | None, skip: bytes, start: int, report: ReadReport) -> PlainLines:
     """Return the lines of a block that can be rows, made plain where a dialect is given.
 
     Parameters
@@ -150,7 +150,7 @@ def read_lines(block: TextBlock, dialect: Dialect | None, skip: bytes, start: in
         numbers = np.array(place, np.int64)
     if dialect is not None:
         text = plain_text(text, dialect)
-    return Lines(text, numbers, block.cut and bool(len(numbers)) and int(numbers[-1]) == last)
+    return PlainLines(text, numbers, block.cut and bool(len(numbers)) and int(numbers[-1]) == last)
 
 
 def csv_cells(line: str, separator: str) -> list[str]:

@@ -16,7 +16,16 @@ from lidarcli.display.screen import Screen, byte_bar, count_bar
 from lidarcli.errors import OptionError, warn
 from lidarcli.formalism.background import Background
 from lidarcli.formalism.matching.catalogue import Catalogue
-from lidarcli.options.forms import File, Number, Rule, Text, defaults_of, options_of, python_words, refuse_combinations
+from lidarcli.options.forms import (
+    File,
+    Number,
+    OptionRule,
+    Text,
+    defaults_of,
+    options_of,
+    python_words,
+    refuse_combinations,
+)
 from lidarcli.options.groups import RULES
 from lidarcli.options.values import AnyPath
 from lidarcli.pipeline.api.options import refuse_lost, several
@@ -29,7 +38,7 @@ from lidarcli.pipeline.runs.over_logs import LogProgress, progress_of, summed
 F = TypeVar("F", bound=Callable[..., Any])
 
 
-class Summary(Protocol):
+class LogSummary(Protocol):
     """What is found in one log."""
 
     @property
@@ -37,7 +46,7 @@ class Summary(Protocol):
         """What a user has to know of it."""
 
 
-Found = TypeVar("Found", bound=Summary)
+Found = TypeVar("Found", bound=LogSummary)
 
 
 WIDTH = 100
@@ -46,7 +55,7 @@ Progress = bool | Callable[[int, int | None], object]
 """Wish to see how far the work is."""
 
 
-def with_keywords(*rules: Rule) -> Callable[[F], F]:
+def with_keywords(*rules: OptionRule) -> Callable[[F], F]:
     """Decorate a function whose `**options: Unpack[...]` are shown, checked by name and limits, and complete.
 
     Type checkers and editors that read sources understand `Unpack`; those that look at the living function, as IPython and

@@ -25,13 +25,13 @@ from lidarcli.options.groups import (
     Cleaning,
     Diffing,
     Inspecting,
-    Learning,
-    Mapping,
+    LearningGroup,
+    MappingGroup,
     Overlaying,
     Simulating,
     Zoning,
 )
-from lidarcli.options.reading import Reading
+from lidarcli.options.reading import ReadingGroup
 from lidarcli.options.values import AnyPath, Paths
 from lidarcli.pipeline.api.keywords import (
     Progress,
@@ -79,7 +79,7 @@ from lidarcli.sweeps.types import SweepBatch
 
 
 @with_keywords()
-def read(log: Paths, **options: Unpack[Reading]) -> Iterator[SweepBatch]:
+def read(log: Paths, **options: Unpack[ReadingGroup]) -> Iterator[SweepBatch]:
     """Batches of sweeps of one or more logs in any format, log after log.
 
     A damaged part is warned of and left out.
@@ -155,7 +155,7 @@ def info(log: Paths, *, progress: Progress = False, **options: Unpack[Inspecting
 
 @with_keywords()
 def background(
-    log: Paths, output: AnyPath | None = None, *, progress: Progress = False, **options: Unpack[Learning]
+    log: Paths, output: AnyPath | None = None, *, progress: Progress = False, **options: Unpack[LearningGroup]
 ) -> tuple[Background, ...]:
     """The background of every sensor of one or more logs of a scene without objects of interest.
 
@@ -196,7 +196,7 @@ def background(
 
 
 @with_keywords()
-def map(log: Paths, output: Paths = (), *, progress: Progress = False, **options: Unpack[Mapping]) -> Occupancy:
+def map(log: Paths, output: Paths = (), *, progress: Progress = False, **options: Unpack[MappingGroup]) -> Occupancy:
     """One occupancy grid of one or several logs whose sensors moved.
 
     Parameters
@@ -221,7 +221,7 @@ def map(log: Paths, output: Paths = (), *, progress: Progress = False, **options
     made_with = MapOptions(
         *log_options(options),
         overwrite=True,
-        **{name: value for name, value in options.items() if name not in options_of(Reading)},  # type: ignore[arg-type]
+        **{name: value for name, value in options.items() if name not in options_of(ReadingGroup)},  # type: ignore[arg-type]
     )
     sources = sources_of(log, options["join"])
     with MapRun(sources, [place(each) for each in several(output)], made_with) as run:
@@ -241,7 +241,7 @@ def poses(
     map: AnyPath | None = None,
     relocate: bool = False,
     progress: Progress = False,
-    **options: Unpack[Reading],
+    **options: Unpack[ReadingGroup],
 ) -> pa.Table:
     """The poses of the sensors of a log, one for each sweep where it is known.
 

@@ -21,14 +21,14 @@ from lidarcli.logs.open_options import open_options, range_rules
 from lidarcli.options.choices import NS, TRAIL
 from lidarcli.options.forms import Text, defaults_of
 from lidarcli.options.groups import parse_mends, parse_removed, parse_value
-from lidarcli.options.objects import Finding, Objects, Tracking
+from lidarcli.options.objects import FindingGroup, ObjectGroup, Tracking
+from lidarcli.options.reading import parse_no_return
 from lidarcli.options.times import Instant, as_time
 from lidarcli.options.values import AnyPath
 from lidarcli.pipeline.inputs.catalogue import read_catalogue
 from lidarcli.pipeline.inputs.masks import AUTO, read_masks
 from lidarcli.pipeline.reading.needs import NONE, PoseOptions
 from lidarcli.sweeps.masks import Masks
-from lidarcli.sweeps.range_rules import parse_no_return
 
 if TYPE_CHECKING:
     from lidarcli.pipeline.clean.options import CleanOptions
@@ -170,7 +170,7 @@ def diff_options(options: Values, logs: LogOptions, *, overwrite: bool = False) 
     from lidarcli.pipeline.differences.runs import DiffOptions
 
     tracking = tracking_of(defaults_of(Tracking) | {"trajectories": False})
-    detect = detect_options({**defaults_of(Finding), **options}, logs, tracking)
+    detect = detect_options({**defaults_of(FindingGroup), **options}, logs, tracking)
     return DiffOptions(detect, options["align"], options["min_score"], overwrite)
 
 
@@ -291,11 +291,11 @@ def background_options(options: Values) -> BackgroundOptions | None:
 
 def parameters_of(parameters: Parameters | None, options: Values, *, subtracted: bool = False) -> Parameters:
     """Return the parameters as such, or from their keywords."""
-    given = {name: options.get(name, default) for name, default in defaults_of(Objects).items()}
+    given = {name: options.get(name, default) for name, default in defaults_of(ObjectGroup).items()}
     if parameters is not None:
         if not isinstance(parameters, Parameters):
             raise TypeError(f"parameters have to be Parameters, not {type(parameters).__name__}")
-        changed = sorted(name for name, value in defaults_of(Objects).items() if given[name] != value)
+        changed = sorted(name for name, value in defaults_of(ObjectGroup).items() if given[name] != value)
         if changed:
             raise TypeError(f"give either parameters or {', '.join(changed)}")
         return parameters

@@ -14,7 +14,7 @@ from lidarcli.files.stores import place
 from lidarcli.formalism.parameters import Parameters
 from lidarcli.options.choices import Look
 from lidarcli.options.groups import PLOT_RULES, Plotting, Reporting
-from lidarcli.options.reading import Delay, Joining, Poses, Ranges
+from lidarcli.options.reading import Delay, Joining, PoseGroup, Ranges
 from lidarcli.options.times import as_time
 from lidarcli.options.values import SWEEP, AnyPath, Changed, Paths, TableOrPath, Tables
 from lidarcli.pipeline.api.keywords import with_keywords
@@ -23,13 +23,13 @@ from lidarcli.pipeline.inputs.search import files_of, find_logs, one_log
 from lidarcli.pipeline.inputs.tables import TableSet, table_files, tables_of
 from lidarcli.pipeline.plotting import picture_of, sweep_at, take_pictures, write_pictures
 from lidarcli.pipeline.reporting import ReportOptions, encoded, format_of, make_report, render, understand
-from lidarcli.reports.checks import Verdict
+from lidarcli.reports.checks import CheckVerdict
 from lidarcli.reports.picture import Axes, Figure, figure_of
 from lidarcli.reports.programs import as_dict
 from lidarcli.reports.report import Report
 from lidarcli.reports.scene import Picture
 from lidarcli.sweeps.types import SweepBatch
-from lidarcli.tabular.reading import HeldTable
+from lidarcli.tabular.reading import TableInMemory
 
 _LOOK = ("width", "dpi", "title", "legend", "vertices")
 HEIGHT = 720
@@ -78,7 +78,7 @@ def plot(
     return figure_of(picture, options["view"], [axes] if isinstance(axes, Axes) else axes, look)
 
 
-class _OfLogs(Joining, Poses, Delay, Ranges):
+class _OfLogs(Joining, PoseGroup, Delay, Ranges):
     """Options for reading the log of which a sweep is drawn."""
 
 
@@ -114,7 +114,7 @@ def _tracks(tables: Tables | None, log: str) -> str | TableSet | None:
     if tables is None:
         return None
     given = tables_of(tables)
-    found = [each for each in given if not isinstance(each, HeldTable)]
+    found = [each for each in given if not isinstance(each, TableInMemory)]
     if len(found) < len(given):
         raise OptionError("--tracks: give what track returns, not a table of changes")
     own = [each for each in found if isinstance(each, TableSet) and each.log == log]
@@ -136,7 +136,7 @@ class RunReport:
         return {**self._made.figures}
 
     @property
-    def checks(self) -> tuple[Verdict, ...]:
+    def checks(self) -> tuple[CheckVerdict, ...]:
         """One verdict for each check: `expression`, `holds`, `expected`, `found`."""
         return self._made.verdicts
 

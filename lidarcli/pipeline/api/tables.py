@@ -15,7 +15,7 @@ from lidarcli.files.stores import place
 from lidarcli.formalism import Parameters
 from lidarcli.options.groups import Exporting
 from lidarcli.options.objects import Detecting, Tabling, Tracking
-from lidarcli.options.reading import Reading
+from lidarcli.options.reading import ReadingGroup
 from lidarcli.options.values import AnyPath, Paths, parse_names, parse_numbers
 from lidarcli.options.values import Tables as GivenTables
 from lidarcli.pipeline.api.keywords import Progress, sources_of, watched, with_keywords
@@ -94,7 +94,7 @@ def track(
     return found
 
 
-class _Tables(NamedTuple):
+class _CollectedTables(NamedTuple):
     objects: pd.DataFrame
     """One row per object per sweep."""
     sweeps: pd.DataFrame
@@ -105,7 +105,7 @@ class _Tables(NamedTuple):
     """One row per beam of each sweep, where that was asked for."""
 
 
-class Tables(_Tables):
+class Tables(_CollectedTables):
     """The tables of logs as pandas data frames, with the columns of docs/tables.md; the first four can be unpacked."""
 
     trajectories: pd.DataFrame | None = None
@@ -202,7 +202,7 @@ def _found(
         sources = sources_of([] if first is items else [first, *items], options["join"])
         with watched(progress, sources) as report:
             return of_logs(sources, tables, parsed, report)
-    refuse_reading({**options, "progress": progress or None}, Reading, "jobs", "progress")
+    refuse_reading({**options, "progress": progress or None}, ReadingGroup, "jobs", "progress")
     return of_batches(chain([first], items), tables, parsed)
 
 

@@ -38,7 +38,7 @@ from lidarcli.pipeline.detecting import detect_to_temporary, second_half
 from lidarcli.pipeline.inputs.sources import Source, open_source
 from lidarcli.pipeline.inputs.tables import TableSet
 from lidarcli.pipeline.inputs.tracked import columns_of
-from lidarcli.pipeline.mending import FOREVER, Cutting, Mending, Seen, clips_of, plan, survey
+from lidarcli.pipeline.mending import FOREVER, Cutting, Mending, TopicSweeps, clips_of, plan, survey
 from lidarcli.pipeline.reading.masking import masking_of
 from lidarcli.pipeline.reading.needs import Need
 from lidarcli.pipeline.reading.one_log import Progress, Reading, RunSummary, damage_lines, rules_of
@@ -202,7 +202,7 @@ def _clips(
         mending.left.append(f"{counted(lacking, 'row')} of {clips} without a sweep around: no clip")
 
 
-def _part(read: ReadOptions, surveyed: Mapping[str, Seen], cutting: Cutting) -> Cut:
+def _part(read: ReadOptions, surveyed: Mapping[str, TopicSweeps], cutting: Cutting) -> Cut:
     """Return the part of a log from --start to --end, or of one run."""
     refuse_run(read.run, max(int(each.run.max()) for each in surveyed.values()))
     begin = min(int(each.blocks[0].time_ns[0]) for each in surveyed.values())

@@ -8,17 +8,17 @@ from typing import Any, NamedTuple
 from lidarcli.errors import UnreadableError
 from lidarcli.formalism.mapping.grid import Occupancy
 from lidarcli.formalism.matching import alignment
-from lidarcli.formalism.matching.free_space import HERE, Motion, Nearest
+from lidarcli.formalism.matching.free_space import HERE, Nearest, SpaceMotion
 from lidarcli.pipeline.differences.runs import AS_IS, AUTO, ObservedRun, known_or_none
 from lidarcli.sweeps.types import Float64
 
 
-class Step(NamedTuple):
+class AlignmentStep(NamedTuple):
     """One run, compared with those before it."""
 
     before: str
     name: str
-    motion: Motion
+    motion: SpaceMotion
     overlap: float | None
     rms: float | None
     how: str
@@ -43,7 +43,7 @@ def align(
     label: str,
     other: str,
     notes: list[str],
-) -> tuple[Step, float]:
+) -> tuple[AlignmentStep, float]:
     """Return how a run lies on those before it, and the probability of that; what is doubtful is added to the notes."""
     first, second = nearest
     both = f"{label} and {other}"
@@ -106,13 +106,15 @@ def _refuse_apart(both: str, found: alignment.Fit, hint: str = "") -> None:
     raise UnreadableError(f"{both} do not lie on each other: {why}{hint}")
 
 
-def _distance(motion: Motion) -> str:
+def _distance(motion: SpaceMotion) -> str:
     return f"{motion.shift:.2f} m, {math.degrees(abs(motion.turn)):.1f} degrees"
 
 
-def _step(before: ObservedRun, now: ObservedRun, motion: Motion, found: alignment.Fit | None, how: str) -> Step:
+def _step(
+    before: ObservedRun, now: ObservedRun, motion: SpaceMotion, found: alignment.Fit | None, how: str
+) -> AlignmentStep:
     words = how if how.startswith("as") else f"{how}: {_distance(motion)}"
     if found is None:
-        return Step(before.name, now.name, motion, None, None, words)
+        return AlignmentStep(before.name, now.name, motion, None, None, words)
     words += f"; {found.overlap:.0%} of the structure in place"
-    return Step(before.name, now.name, motion, found.overlap, known_or_none(found.rms), words)
+    return AlignmentStep(before.name, now.name, motion, found.overlap, known_or_none(found.rms), words)

@@ -14,13 +14,13 @@ import pyarrow as pa
 from lidarcli.errors import OptionError
 from lidarcli.files.newfiles import NewFiles, refuse, writing
 from lidarcli.files.stores import Place
-from lidarcli.formalism.matching.differences import GONE, HIDDEN, MOVED, NEW, OUT_OF_VIEW, POSES, STRUCTURE, Change
-from lidarcli.formalism.matching.free_space import Ground, Motion
+from lidarcli.formalism.matching.differences import GONE, HIDDEN, MOVED, NEW, OUT_OF_VIEW, POSES, STRUCTURE, FoundChange
+from lidarcli.formalism.matching.free_space import SpaceMap, SpaceMotion
 from lidarcli.options import choices
-from lidarcli.pipeline.differences.alignment import Step
+from lidarcli.pipeline.differences.alignment import AlignmentStep
 from lidarcli.pipeline.differences.inputs import Input
 from lidarcli.pipeline.differences.runs import DiffOptions, ObservedRun, known_or_none
-from lidarcli.reports.checks import Check, Verdict, parse_check, verdict_of
+from lidarcli.reports.checks import Check, CheckVerdict, parse_check, verdict_of
 from lidarcli.reports.figures import OF_CHANGES, OF_MAPS
 from lidarcli.reports.programs import as_junit
 from lidarcli.reports.run_pairs import pairs_of
@@ -37,7 +37,7 @@ class Difference:
     """The changes of all runs; `changes` has the schema `lidarcli.tabular.schemas.CHANGES`."""
 
     changes: pa.Table
-    steps: tuple[Step, ...]
+    steps: tuple[AlignmentStep, ...]
     figures: dict[str, float | None]
     notes: tuple[str, ...] = ()
     damage: tuple[str, ...] = ()
@@ -89,11 +89,11 @@ def _lines_of(rows: Sequence[dict[str, Any]]) -> list[str]:
 
 
 def rows_of(
-    changes: Sequence[Change],
+    changes: Sequence[FoundChange],
     before: ObservedRun,
     now: ObservedRun,
-    motion: Motion,
-    grounds: Sequence[tuple[str, Ground | None]],
+    motion: SpaceMotion,
+    grounds: Sequence[tuple[str, SpaceMap | None]],
 ) -> list[dict[str, Any]]:
     """Return the rows of the table, without their numbers."""
     found = []
@@ -160,7 +160,7 @@ def refuse_outputs(outputs: Sequence[Place], inputs: Sequence[Input], options: D
 
 
 def write_changes(
-    found: Difference, outputs: Sequence[Place], overwrite: bool, verdicts: Sequence[Verdict] = ()
+    found: Difference, outputs: Sequence[Place], overwrite: bool, verdicts: Sequence[CheckVerdict] = ()
 ) -> list[str]:
     """Write the changes as tables and pictures, and the verdicts of checks; returns notes."""
     notes: list[str] = []
@@ -169,9 +169,9 @@ def write_changes(
             suffix, part = path.suffix.lower(), new.part(path)
             with writing(path):
                 if suffix == ".png":
-                    from lidarcli.reports.map_picture import Sight, draw_changes
+                    from lidarcli.reports.map_picture import Backdrop, draw_changes
 
-                    sights = [Sight(step.ground, step.sensors) for step in found.steps]
+                    sights = [Backdrop(step.ground, step.sensors) for step in found.steps]
                     part.write_bytes(draw_changes(pairs_of(found.changes), sights))
                 elif suffix == choices.JUNIT:
                     title = ", ".join([found.steps[0].before, *(step.name for step in found.steps)])
@@ -189,6 +189,6 @@ def parse_checks(expressions: Sequence[str]) -> list[Check]:
     return [parse_check(each, only=(*OF_CHANGES, *OF_MAPS)) for each in expressions]
 
 
-def judged(found: Difference, checks: Sequence[Check]) -> list[Verdict]:
+def judged(found: Difference, checks: Sequence[Check]) -> list[CheckVerdict]:
     """Return the verdicts of checks on the figures."""
     return [verdict_of(check, found.figures.get(check.name)) for check in checks]

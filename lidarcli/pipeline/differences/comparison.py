@@ -15,11 +15,11 @@ import pyarrow as pa
 
 from lidarcli.errors import OptionError, UnreadableError
 from lidarcli.formalism.mapping.grid import OCCUPIED, UNKNOWN, Occupancy, TooLargeError, UnlikeError, compare
-from lidarcli.formalism.matching.differences import GONE, POSES, UNCERTAIN, Change, Compared, Run
-from lidarcli.formalism.matching.free_space import HERE, MAX_CELLS, Ground, Motion, Nearest, of_map
+from lidarcli.formalism.matching.differences import GONE, POSES, UNCERTAIN, Compared, FoundChange, RunEvidence
+from lidarcli.formalism.matching.free_space import HERE, MAX_CELLS, Nearest, SpaceMap, SpaceMotion, of_map
 from lidarcli.formalism.matching.pairs import TooManyError
 from lidarcli.options import choices
-from lidarcli.pipeline.differences.alignment import Step, align
+from lidarcli.pipeline.differences.alignment import AlignmentStep, align
 from lidarcli.pipeline.differences.changes import Difference, rows_of
 from lidarcli.pipeline.differences.inputs import Input, of_log, read_input
 from lidarcli.pipeline.differences.runs import (
@@ -108,7 +108,7 @@ def _compared(inputs: Sequence[Input], runs: list[ObservedRun], options: DiffOpt
 
 def _changes(
     before: ObservedRun, now: ObservedRun, label: str, other: str, options: DiffOptions, notes: list[str]
-) -> tuple[Step, list[Change]]:
+) -> tuple[AlignmentStep, list[FoundChange]]:
     """Return how a run lies on those before it, and what changed; `label` and `other` are their names for people."""
     nearest = _nearest(before), _nearest(now)
     step, chance = align(before, now, nearest, options.align, label, other, notes)
@@ -126,7 +126,7 @@ def _nearest(one: ObservedRun) -> Nearest | None:
     return None if one.run.ground is None else Nearest(one.run.ground)
 
 
-def _map_figures(runs: Sequence[ObservedRun], motion: Motion, labels: Sequence[str]) -> dict[str, float | None]:
+def _map_figures(runs: Sequence[ObservedRun], motion: SpaceMotion, labels: Sequence[str]) -> dict[str, float | None]:
     """Return how well the second of two maps shows the first; empty where one is no map."""
     true, grid = (each.grid for each in runs)
     if true is None or grid is None:
@@ -185,7 +185,7 @@ def _on_map(one: Input, now: ObservedRun, site: ObservedRun, options: DiffOption
     return again
 
 
-def _laid(grid: Occupancy, motion: Motion) -> Occupancy:
+def _laid(grid: Occupancy, motion: SpaceMotion) -> Occupancy:
     """Return the occupied cells of a map in other coordinates, those that none fell into as unknown."""
     row, column = np.nonzero(grid.cells == OCCUPIED)
     if motion == HERE or not len(row):
@@ -205,8 +205,8 @@ def _laid(grid: Occupancy, motion: Motion) -> Occupancy:
 
 
 def _after(
-    before: ObservedRun, now: ObservedRun, changes: Sequence[Change], motion: Motion
-) -> tuple[ObservedRun, Ground | None]:
+    before: ObservedRun, now: ObservedRun, changes: Sequence[FoundChange], motion: SpaceMotion
+) -> tuple[ObservedRun, SpaceMap | None]:
     """Return all runs so far as one, each place by the last run that observed it; and the occupancy of the last."""
     moved = replace(now, run=now.run.moved(motion))
     gone = {change.first for change in changes if change.status == GONE or change.second >= 0}
@@ -215,4 +215,4 @@ def _after(
     own, old = moved.run.ground, before.run.ground
     ground = old if own is None else own if old is None else own.over(old)
     sensors = np.concatenate([before.run.sensors, moved.run.sensors])
-    return ObservedRun(now.name, Run(things, yaw, ground, sensors), before.world, **lists), own
+    return ObservedRun(now.name, RunEvidence(things, yaw, ground, sensors), before.world, **lists), own

@@ -13,8 +13,8 @@ from lidarcli.files.newfiles import scratch_folder
 from lidarcli.files.stores import place
 from lidarcli.formalism.background import Background
 from lidarcli.formalism.mapping.grid import CLEAR, HIT, SKIPPED, Beams, Counts, TooLargeError, placed
-from lidarcli.formalism.matching.differences import Run
-from lidarcli.formalism.matching.free_space import SEEN_FREE, Ground, Surveying, of_map
+from lidarcli.formalism.matching.differences import RunEvidence
+from lidarcli.formalism.matching.free_space import OBSERVED_FREE, SpaceMap, SpaceSurvey, of_map
 from lidarcli.logs.batches import LONGEST
 from lidarcli.logs.registry import nothing_read
 from lidarcli.maps.grids import image_of, read_map
@@ -107,7 +107,7 @@ def read_input(one: Input, options: DiffOptions, progress: Progress | None = Non
                 f"{one.text}: {grid.occupied:,} occupied cells are more than can be compared ({MAX_OCCUPIED:,}); make "
                 "what lies behind walls unknown, or save the map with larger cells"
             )
-        run = Run(*NOTHING, of_map(grid), np.empty((0, 2)))
+        run = RunEvidence(*NOTHING, of_map(grid), np.empty((0, 2)))
         return ObservedRun(one.text, run, "map", grid=grid, notes=[*filter(None, [grid.note])])
     if one.source is None and one.kind == "tracks":
         table = read_tracks_table(place(one.text))
@@ -150,11 +150,11 @@ def _of_background(text: str) -> ObservedRun:
         beams = np.full(len(sensor), sensor.grid.beams, np.int32)
         each = Beams(end, use, beams, np.column_stack([x, y, yaw, side]), np.zeros((len(sensor), 3)))
         # What all sweeps of a station agree on is as good as several of them.
-        for _ in range(SEEN_FREE):
+        for _ in range(OBSERVED_FREE):
             survey.add(each)
         places.append(np.column_stack([x, y]))
     ground = replace(survey.ground(1, choices.OCCUPIED_RATIO), counted=False)
-    run = Run(*NOTHING, ground, np.concatenate(places))
+    run = RunEvidence(*NOTHING, ground, np.concatenate(places))
     return ObservedRun(text, run, "" if chosen.startswith(" ") else chosen, notes=notes)
 
 
@@ -190,7 +190,7 @@ class _LogSurvey:
     """Occupancy that the sweeps of a log observe, and the places of their sensors, by frame as of `frame_key`."""
 
     def __init__(self) -> None:
-        self._surveys: dict[str, Surveying] = {}
+        self._surveys: dict[str, SpaceSurvey] = {}
         self.places: dict[str, list[Float64]] = {}
         """(N, 2) each [m]"""
         self._stamps: list[int] = []
@@ -213,7 +213,7 @@ class _LogSurvey:
             survey.add(placed(own.rows(known), poses.rows(known), use[at][known]), is_agent[at][known])
             self.places.setdefault(key, []).append(np.column_stack([poses.x, poses.y])[known])
 
-    def grounds(self) -> dict[str, Ground]:
+    def grounds(self) -> dict[str, SpaceMap]:
         """Return the occupancy in each frame that has sweeps."""
         return {
             key: survey.ground(max(1, min(survey.counts.sweeps, MIN_HITS_OF_ALL)), choices.OCCUPIED_RATIO)
@@ -227,6 +227,6 @@ class _LogSurvey:
         return (max(self._stamps) - min(self._stamps)) / SECOND_NS if self._stamps else 0.0
 
 
-def _survey() -> Surveying:
+def _survey() -> SpaceSurvey:
     """Return a survey that has observed nothing yet."""
-    return Surveying(Counts(choices.MAP_RESOLUTION, int(choices.MAX_MAP_KM2 * KM2 / choices.MAP_RESOLUTION**2)))
+    return SpaceSurvey(Counts(choices.MAP_RESOLUTION, int(choices.MAX_MAP_KM2 * KM2 / choices.MAP_RESOLUTION**2)))

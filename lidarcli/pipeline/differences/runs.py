@@ -13,9 +13,9 @@ import numpy as np
 from lidarcli.errors import OptionError
 from lidarcli.formalism.mapping.grid import Occupancy
 from lidarcli.formalism.matching import alignment
-from lidarcli.formalism.matching.differences import Run
+from lidarcli.formalism.matching.differences import RunEvidence
 from lidarcli.formalism.matching.extents import BESIDE, contained, each_of, measured
-from lidarcli.formalism.matching.free_space import Ground
+from lidarcli.formalism.matching.free_space import SpaceMap
 from lidarcli.formalism.matching.pairs import SAME_PLACE
 from lidarcli.formalism.tracking.results import ENDS
 from lidarcli.options import choices
@@ -45,7 +45,7 @@ class ObservedRun:
     """Static objects, occupancy and names of one input."""
 
     name: str
-    run: Run
+    run: RunEvidence
     world: str
     """Fixed frame of its places; empty for the sensor's own."""
     log: list[str] = field(default_factory=list)
@@ -60,7 +60,7 @@ class ObservedRun:
     source: dict[str, Any] = field(default_factory=dict)
     reading: Reading | None = None
     """The first reading of its log."""
-    before: Ground | None = None
+    before: SpaceMap | None = None
     """The occupancy by the given poses, where a map corrects them."""
     unsure: int = 0
     """Number of the last objects, which only a lost robot observed."""
@@ -75,17 +75,17 @@ class ObservedRun:
         return bool(self.world) and not of_one_run(self.world)
 
 
-def joined(*parts: tuple[ObservedRun, Sequence[int]]) -> tuple[alignment.Standing, Float64, dict[str, Any]]:
+def joined(*parts: tuple[ObservedRun, Sequence[int]]) -> tuple[alignment.StaticObjects, Float64, dict[str, Any]]:
     """Return the objects of several runs, of each those in these rows: evidence, directions, and log, track, label."""
-    names = alignment.Standing.__dataclass_fields__
+    names = alignment.StaticObjects.__dataclass_fields__
     things = {name: np.concatenate([getattr(one.run.things, name)[rows] for one, rows in parts]) for name in names}
     yaw = np.concatenate([one.run.yaw[rows] for one, rows in parts])
     lists = {name: [getattr(one, name)[k] for one, rows in parts for k in rows] for name in ("log", "track", "label")}
-    return alignment.Standing(**things), yaw, lists
+    return alignment.StaticObjects(**things), yaw, lists
 
 
 _NONE, _NO_CODE = np.empty(0), np.empty(0, np.int32)
-NOTHING = alignment.Standing(_NONE, _NONE, _NONE, _NONE, _NONE, _NONE, _NO_CODE, _NO_CODE), _NONE
+NOTHING = alignment.StaticObjects(_NONE, _NONE, _NONE, _NONE, _NONE, _NONE, _NO_CODE, _NO_CODE), _NONE
 """No objects, and no direction of any."""
 
 
@@ -129,7 +129,7 @@ def travelled(table: TracksTable) -> dict[str | None, list[int]]:
 def observed_run(
     name: str,
     table: TracksTable,
-    grounds: dict[str, Ground],
+    grounds: dict[str, SpaceMap],
     places: dict[str, Float64],
     robots: Mapping[str, Sequence[tuple[str, str]]] | None = None,
 ) -> ObservedRun:
@@ -165,7 +165,7 @@ def observed_run(
     if len(at) > MAX_THINGS:
         raise OptionError(f"{name}: more than {MAX_THINGS:,} standing things cannot be compared; take a part with --end")
     shapes, labels = ([_code(each) for each in rows[column]] for column in ("shape", "label"))
-    things = alignment.Standing(
+    things = alignment.StaticObjects(
         **{each: number[each][at] for each in _MEASURED if each != "yaw"},
         shape=np.array(shapes, np.int32)[at],
         label=np.array(labels, np.int32)[at],
@@ -176,7 +176,7 @@ def observed_run(
         at = at[kept]
     return ObservedRun(
         name,
-        Run(things, yaw, ground, places.get(key, np.empty((0, 2)))),
+        RunEvidence(things, yaw, ground, places.get(key, np.empty((0, 2)))),
         "" if key.startswith(" ") else key,
         log=[rows["log"][k] for k in at],
         track=[rows["track"][k] for k in at],

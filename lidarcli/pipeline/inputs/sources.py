@@ -23,7 +23,7 @@ from lidarcli.options.choices import JOIN
 from lidarcli.sweeps.types import RawSweeps
 
 if TYPE_CHECKING:
-    from lidarcli.pose.tracks import Track
+    from lidarcli.pose.tracks import PoseTrack
 
 STDIN = "-"
 
@@ -122,7 +122,7 @@ def naming(source: Source) -> Iterator[None]:
 class PoseMessages:
     """Poses of the messages of a log."""
 
-    tracks: tuple[Track, ...]
+    tracks: tuple[PoseTrack, ...]
     notes: tuple[str, ...]
     """A line for each kind of message without a pose."""
     report: ReadReport
@@ -134,9 +134,9 @@ def read_pose_messages(log: Log) -> PoseMessages:
     if isinstance(log, SlicedLog):
         return log.poses()
     # Most logs have no poses and should not wait for this import.
-    from lidarcli.pose.tracks import Tracks
+    from lidarcli.pose.tracks import PoseTracks
 
-    tracks = Tracks()
+    tracks = PoseTracks()
     report = ReadReport()
     tracks.add(log.messages(POSED_TYPES, report))
     found = tracks.finish()

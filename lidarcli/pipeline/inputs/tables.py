@@ -21,8 +21,8 @@ from lidarcli.pipeline.inputs.search import Named, files_named
 from lidarcli.reports.columns import Origin, Rows, places, same_recording
 from lidarcli.tabular.reading import (
     MAKERS,
-    HeldTable,
     Readable,
+    TableInMemory,
     column_names,
     file_metadata,
     is_text,
@@ -68,7 +68,7 @@ class TableSet:
         return place(f"{self.before}{table}{self.after}")
 
 
-Given = str | TableSet | HeldTable
+Given = str | TableSet | TableInMemory
 """A name of tables, the tables of a log, or a table of changes in memory."""
 
 
@@ -90,7 +90,7 @@ def find_tables(inputs: Iterable[Given]) -> NamedTables:
     for given in inputs:
         if isinstance(given, TableSet):
             table_sets[given] = None
-        elif isinstance(given, HeldTable):
+        elif isinstance(given, TableInMemory):
             changes[given] = None
         else:
             try:
@@ -125,7 +125,7 @@ def one_table_set(text: str | TableSet) -> TableSet:
 def table_files(inputs: Iterable[str]) -> list[Place]:
     """Return the files of all pairs that `inputs` name."""
     found = find_tables(inputs)
-    changes = [path for path in found.changes if not isinstance(path, HeldTable)]
+    changes = [path for path in found.changes if not isinstance(path, TableInMemory)]
     return [*(getattr(table_set, table) for table_set in found.table_sets for table in SCHEMAS), *changes]
 
 
@@ -190,7 +190,7 @@ def _table_of(file: Place) -> tuple[str, TableSet] | None:
 def read_table(table_set: TableSet, kind: str, columns: Iterable[str]) -> pa.Table:
     """Read columns of one of the tables of a log, or raise `UnreadableError`, of those in memory `OptionError`."""
     path = getattr(table_set, kind)
-    if not path.exists() and isinstance(path, HeldTable):
+    if not path.exists() and isinstance(path, TableInMemory):
         raise OptionError(
             f"no {kind} table {f'of {table_set.log} ' if table_set.log else ''}among those in memory: give what "
             f"lidarcli.{MAKERS.get(kind, 'track')} returns as a whole"
@@ -404,8 +404,8 @@ class HeldTableSet(TableSet):
 
     held: dict[str, pa.Table]
 
-    def _table(self, table: str) -> HeldTable:
-        return HeldTable(f"{self.before}{table}{self.after}", self.held.get(table))
+    def _table(self, table: str) -> TableInMemory:
+        return TableInMemory(f"{self.before}{table}{self.after}", self.held.get(table))
 
 
 def remember_sweeps(objects: Any, sweeps: pa.Table) -> None:
@@ -475,18 +475,18 @@ def tables_of(values: Any) -> list[Given]:
         elif isinstance(each, list):
             table_sets += table_sets_of(each)
         elif {*(table := arrow_of(each)).column_names} >= {"log_a", "log_b", "status"}:
-            found.append(HeldTable("changes.parquet", table))
+            found.append(TableInMemory("changes.parquet", table))
         else:
             loose.append(each)
     return [*found, *_joined([*table_sets, *(table_sets_of(loose) if loose else ())])]
 
 
-def tables_to_export(values: Any) -> list[str | HeldTable]:
+def tables_to_export(values: Any) -> list[str | TableInMemory]:
     """Return tables of any kind, each named by a path or in memory (`TypeError` if one is neither)."""
     given = [*_each_table(values)]
     if any(isinstance(each, list) for each in given):
         raise TypeError("tables of one kind are exported at a time: give one of these, as .objects")
-    return [each if isinstance(each, str) else HeldTable("the table", arrow_of(each)) for each in given]
+    return [each if isinstance(each, str) else TableInMemory("the table", arrow_of(each)) for each in given]
 
 
 def _each_table(values: Any) -> Iterator[Any]:

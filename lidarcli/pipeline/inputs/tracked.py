@@ -14,7 +14,7 @@ from lidarcli.formalism.tracking.results import HIDDEN, VIEWS
 from lidarcli.pipeline.inputs.tables import TableSet
 from lidarcli.sweeps.types import Bool, Float64, Int32, Int64, SweepBatch, UInt8
 from lidarcli.sweeps.zone import WORLD
-from lidarcli.tabular.columns import held, integers, numbers
+from lidarcli.tabular.columns import integers, numbers, values_and_mask
 from lidarcli.tabular.reading import TopicRows, read_columns
 from lidarcli.tabular.schemas import SCHEMAS
 
@@ -34,7 +34,7 @@ def _values(column: pa.ChunkedArray) -> NDArray[Any]:
         column = column.cast(pa.int64())
     if pa.types.is_floating(column.type):
         return numbers(column)
-    values, there = held(column)
+    values, there = values_and_mask(column)
     return np.where(there, values, -1)
 
 
@@ -131,14 +131,14 @@ class Objects(NamedTuple):
     def of(rows: pa.RecordBatch, batch: SweepBatch) -> Objects:
         """Return the objects of a batch among rows of the table; walls are none."""
         sweep, first, beam_i, beam_f = (
-            held(rows[name])[0].astype(np.int64) for name in ("sweep", "object", "beam_i", "beam_f")
+            values_and_mask(rows[name])[0].astype(np.int64) for name in ("sweep", "object", "beam_i", "beam_f")
         )
         row = np.searchsorted(batch.sweep, sweep)
         names = rows["set"]
         letters = np.array([SETS.index(str(name)) for name in names.dictionary.to_pylist()] or [0], np.uint8)
-        its = letters[held(names.indices)[0]] if len(names) else np.zeros(0, np.uint8)
+        its = letters[values_and_mask(names.indices)[0]] if len(names) else np.zeros(0, np.uint8)
         own = its != NOISE
-        track, there = held(rows["track"])
+        track, there = values_and_mask(rows["track"])
         velocity = np.column_stack([numbers(rows["vx"]), numbers(rows["vy"])])
         track = np.where(there, track, -1)
         return Objects(row[own], first[own], beam_i[own], beam_f[own], its[own], track[own], velocity[own])

@@ -182,7 +182,7 @@ Rows = tuple[str, str, pa.RecordBatch]
 
 
 @dataclass(slots=True)
-class Part:
+class BatchPart:
     """Rows of some batches, or, where the objects are tracked afterwards, the batches and their detections."""
 
     rows: list[Rows] = field(default_factory=list)
@@ -210,9 +210,9 @@ class BatchDetector:
             parameters = replace(parameters, min_thing=0.0)
         self.finder = ObjectFinder(parameters, options.background, catalogue, explain=options.explain)
 
-    def detect(self, batches: Sequence[SweepBatch]) -> Part:
+    def detect(self, batches: Sequence[SweepBatch]) -> BatchPart:
         """Return the part of some batches."""
-        part = Part()
+        part = BatchPart()
         for batch in batches:
             detection = self.finder.find(batch, "beams" in self.tables)
             if self._is_tracked:
@@ -253,13 +253,13 @@ class ParallelDetection:
         self._threads: Threads | None = None
         self._batches: list[SweepBatch] = []
         """Batches of the next block."""
-        self._parts: deque[Future[Part]] = deque()
+        self._parts: deque[Future[BatchPart]] = deque()
         self._ranges = 0
         self._left = time.perf_counter(), time.thread_time()
         """Times at which this was left for the next batch."""
         self._waited = self._worked = 0.0
 
-    def take(self, batch: SweepBatch) -> Iterator[Part]:
+    def take(self, batch: SweepBatch) -> Iterator[BatchPart]:
         """Take the next batch of the log; yield the parts that are finished."""
         left, busy = self._left
         waited = time.perf_counter() - left - (time.thread_time() - busy)
@@ -285,7 +285,7 @@ class ParallelDetection:
             yield from self._finished(self._window)
         self._left = time.perf_counter(), time.thread_time()
 
-    def flush(self) -> Iterator[Part]:
+    def flush(self) -> Iterator[BatchPart]:
         """Yield all parts that are left."""
         last = self._next_block()
         if last and self._threads is not None:
@@ -309,7 +309,7 @@ class ParallelDetection:
         batches, self._batches = self._batches, []
         return batches
 
-    def _finished(self, most: int) -> Iterator[Part]:
+    def _finished(self, most: int) -> Iterator[BatchPart]:
         """Yield the parts that are next and finished, and wait for parts while more than `most` are in line."""
         while self._parts and (len(self._parts) > most or self._parts[0].done()):
             yield self._parts.popleft().result()

@@ -21,7 +21,7 @@ from lidarcli.formalism.subtraction import (
     MAX_SWEEPS_DIFFERING,
     MIN_SWEEPS_DIFFERING,
     SEEN_THROUGH,
-    Difference,
+    BackgroundDifference,
     Subtraction,
     Tolerance,
     assemble,
@@ -130,9 +130,9 @@ class BackgroundComparison:
                 self._changes += counts
         return found
 
-    def difference(self, batch: SweepBatch, sigma: np.ndarray[Any, np.dtype[np.float64]]) -> Difference:
+    def difference(self, batch: SweepBatch, sigma: np.ndarray[Any, np.dtype[np.float64]]) -> BackgroundDifference:
         """Return r_w - r_e of a batch, whose sweeps may come from several frames."""
-        parts: list[tuple[Int64, Difference]] = []
+        parts: list[tuple[Int64, BackgroundDifference]] = []
         for frame, rows, sweeps in batch.by_frame():
             part = self._subtraction(sweeps, frame).difference(sweeps, sigma[rows])
             self._count(frame, sweeps, part)
@@ -187,7 +187,7 @@ class BackgroundComparison:
             self._chosen[key] = self._prepared.setdefault(index, Subtraction(sensor, self._tolerance))
         return self._chosen[key]
 
-    def _count(self, frame: str, batch: SweepBatch, part: Difference) -> None:
+    def _count(self, frame: str, batch: SweepBatch, part: BackgroundDifference) -> None:
         lost = part.station < 0
         valid = (batch.status == Status.VALID) & ~lost[:, None]
         with np.errstate(invalid="ignore"):

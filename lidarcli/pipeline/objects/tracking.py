@@ -45,7 +45,7 @@ class LogTracker:
         self._options = options.tracking
         self._catalogue = options.catalogue
         self._labels = names_in(options.catalogue)
-        self._topics: dict[str, _Topic] = {}
+        self._topics: dict[str, _TrackedTopic] = {}
         self._places: dict[object, Places] = {}
         """By topic, and for the sensors of a robot by these."""
         self._waits = waits
@@ -61,7 +61,7 @@ class LogTracker:
     def take(self, detected: Iterable[tuple[SweepBatch, Detection]]) -> Iterator[Rows]:
         """Yield the rows that are known once these batches are, those of a topic in their order."""
         for batch, detection in detected:
-            topic = self._topics.setdefault(batch.topic, _Topic())
+            topic = self._topics.setdefault(batch.topic, _TrackedTopic())
             topic.robot = topic.robot or batch.robot
             worlds = None
             if self._judges:
@@ -150,7 +150,7 @@ class LogTracker:
 
 
 @dataclass(slots=True)
-class _Topic:
+class _TrackedTopic:
     """Tracker of a topic, and its sweeps so far."""
 
     sweeps: int = 0

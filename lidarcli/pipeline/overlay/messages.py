@@ -20,7 +20,7 @@ from lidarcli.maps.grids import MAP_TYPE, occupancy_cdr
 from lidarcli.options.choices import MATCH
 from lidarcli.overlays.markers import LAST_SECOND, MARKER_TYPE, SECOND, Markers, marker_arrays, transforms
 from lidarcli.overlays.objects import is_mirrored, markers_of, paths_of, zone_of
-from lidarcli.overlays.viewers import FRAME, MAP, Scene, topic_name, topics_of_objects
+from lidarcli.overlays.viewers import FRAME, MAP, ViewerScene, topic_name, topics_of_objects
 from lidarcli.pipeline.inputs.sources import Source, open_source
 from lidarcli.pipeline.inputs.tables import TableSet, poses_of, world_in
 from lidarcli.pipeline.inputs.tracked import Objects
@@ -34,7 +34,7 @@ from lidarcli.pipeline.overlay.copies import (
     scan_encodings,
     transform_topics,
 )
-from lidarcli.pipeline.overlay.tables import TabledSweeps, Tables
+from lidarcli.pipeline.overlay.tables import OverlayTables, TabledSweeps
 from lidarcli.pipeline.reading.one_log import Progress, RunSummary, damage_lines, opening_of, rules_of
 from lidarcli.pipeline.zones.frames import Frames
 from lidarcli.pipeline.zones.shown import Showing
@@ -90,7 +90,7 @@ class Overlay:
         mask = described.get("mask")
         self._rules = rules_of(note_value(notes, PARAMETERS, dict), mask if isinstance(mask, dict) else None)
         self._is_ros2 = is_ros2
-        self._tables = Tables(tables)
+        self._tables = OverlayTables(tables)
         self._copies = Copies(frozenset(self._tables.topics), is_ros2)
         self._names = topics_of_objects(self._tables.topics)
         self._pose_sources = poses_of(described)
@@ -173,7 +173,7 @@ class Overlay:
             self._notes.append(f"{self._lost:,} sweeps are not drawn, for they have no pose")
         file.finish(hidden)
 
-    def scene(self) -> Scene:
+    def scene(self) -> ViewerScene:
         """Return the settings of viewers; known when all messages have been written."""
         fixed, frame = next(iter(self._frames.items()), (FRAME, FRAME))
         if frame in self._placed:
@@ -181,7 +181,7 @@ class Overlay:
         if self._grid is not None and self._worlds:
             fixed = self._world
         hidden = self._hidden()
-        return Scene(
+        return ViewerScene(
             fixed,
             tuple(self._names.values()),
             tuple(self._scan_topic(topic) for topic in self._tables.topics),

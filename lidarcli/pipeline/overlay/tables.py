@@ -12,7 +12,7 @@ from lidarcli.errors import UnreadableError
 from lidarcli.logs.base import Log, ReadReport
 from lidarcli.logs.batches import Checksum
 from lidarcli.logs.clock import mended
-from lidarcli.overlays.objects import COLUMNS, PATH_COLUMNS, Poses, Trajectories
+from lidarcli.overlays.objects import COLUMNS, PATH_COLUMNS, PathPoses, PathRows
 from lidarcli.pipeline.inputs.tables import TableSet, other_recording
 from lidarcli.sweeps.types import Bool, Int64, RawSweeps
 from lidarcli.tabular.columns import COARSE, integers, numbers, plain
@@ -26,7 +26,7 @@ class TabledSweeps:
 
     raw: RawSweeps
     """S sweeps."""
-    poses: Poses
+    poses: PathPoses
     """S poses."""
     objects: pa.RecordBatch
     """N rows."""
@@ -43,14 +43,14 @@ class TabledSweeps:
 
     def rows(self, own: Bool) -> TabledSweeps:
         """Return some of the sweeps."""
-        poses = Poses(self.poses.x[own], self.poses.y[own], self.poses.yaw[own])
+        poses = PathPoses(self.poses.x[own], self.poses.y[own], self.poses.yaw[own])
         its = own[self.row]
         place = np.cumsum(own) - 1
         objects = self.objects.take(plain(np.flatnonzero(its)))
         return TabledSweeps(self.raw.rows(own), poses, objects, place[self.row[its]], self.index[own])
 
 
-class Tables:
+class OverlayTables:
     """The sweeps and objects tables of one log, from which rows are taken as its sweeps come by."""
 
     def __init__(self, tables: TableSet) -> None:
@@ -61,7 +61,7 @@ class Tables:
         """True where some sweep has a pose."""
         self._cursors: dict[str, tuple[TopicRows, TopicRows]] = {}
         self._met: dict[str, Checksum] = {}
-        self._trajectories: dict[str, Trajectories] = {}
+        self._trajectories: dict[str, PathRows] = {}
 
     def join(self, log: Log, report: ReadReport) -> Iterator[TabledSweeps]:
         """Yield all sweeps of the log that the tables have, in log order within each topic.
@@ -77,11 +77,11 @@ class Tables:
             if joined is not None:
                 yield joined
 
-    def trajectories(self, topic: str) -> Trajectories | None:
+    def trajectories(self, topic: str) -> PathRows | None:
         """Return the trajectories of a topic; None where there is no such table."""
         path, schema = self._tables.trajectories, SCHEMAS["trajectories"]
         if topic not in self._trajectories and path.exists():
-            self._trajectories[topic] = Trajectories.of(read_columns(path, "trajectories", schema, PATH_COLUMNS), topic)
+            self._trajectories[topic] = PathRows.of(read_columns(path, "trajectories", schema, PATH_COLUMNS), topic)
         return self._trajectories.get(topic)
 
     def notes(self) -> list[str]:
@@ -106,7 +106,7 @@ class Tables:
                 f"{self._tables.sweeps}, {self._tables.objects.name}: not the tables of this log, whose sweeps have other "
                 f"stamps; {AGAIN}"
             )
-        poses = Poses(*(numbers(sweeps[name]) for name in ("pose_x", "pose_y", "pose_yaw")))
+        poses = PathPoses(*(numbers(sweeps[name]) for name in ("pose_x", "pose_y", "pose_yaw")))
         return TabledSweeps(raw, poses, objects, row, index + first)
 
     def _cursor(self, topic: str) -> tuple[TopicRows, TopicRows]:

@@ -22,7 +22,7 @@ from lidarcli.formalism.detection import SETS, Detection
 from lidarcli.logs.base import MAX_BEAMS, Log, OpenOptions, ReadReport, Slice
 from lidarcli.logs.batches import LONGEST, LogBatcher, ReadOptions
 from lidarcli.logs.registry import TopicChoice, nothing_read
-from lidarcli.options.choices import ECHOES, KEEP
+from lidarcli.options.choices import ECHOES, KEEP, NO_RETURN_WORDS
 from lidarcli.options.times import Instant
 from lidarcli.pipeline.inputs.masks import AUTO, masks_of, plain
 from lidarcli.pipeline.inputs.sources import Source, made_of_clouds, open_source, parts_of
@@ -30,7 +30,7 @@ from lidarcli.pipeline.reading.masking import MaskRules, masking_of
 from lidarcli.pipeline.reading.needs import Need, PoseOptions
 from lidarcli.pipeline.reading.posing import PoseAttacher
 from lidarcli.sweeps.masks import Masks
-from lidarcli.sweeps.range_rules import NO_RETURN_WORDS, RangeRules, count_statuses
+from lidarcli.sweeps.range_rules import RangeRules, count_statuses
 from lidarcli.sweeps.types import STATUSES, SweepBatch
 from lidarcli.system.machine import Threads
 

@@ -28,7 +28,7 @@ from lidarcli.sweeps.types import Int64, SweepBatch, SweepPoses
 if TYPE_CHECKING:
     from lidarcli.pipeline.reading.path_choice import CheckedPath, StaticWatch
     from lidarcli.pose.sources import GivenPaths, PoseChain, PoseSources
-    from lidarcli.pose.tracks import Motion
+    from lidarcli.pose.tracks import PoseMotion
 
 
 AUTO, _, REVERSE, _ = BEAM_ORDERS
@@ -259,7 +259,7 @@ class PoseAttacher:
             robot=self.robots.get(batch.topic, ()),
         )
 
-    def motions(self, batch: SweepBatch) -> Iterator[tuple[str, Int64, Motion, str]]:
+    def motions(self, batch: SweepBatch) -> Iterator[tuple[str, Int64, PoseMotion, str]]:
         """Yield for each frame of a batch that has poses: its name, its rows, their poses in space, and the world frame."""
         if batch.run != self.run and batch.run in self.runs:
             yield from self.runs[batch.run].motions(batch)

@@ -19,7 +19,7 @@ from lidarcli.pose.fit import poses_after
 from lidarcli.pose.frames import WORLDS, FrameTree, Step, is_within, namespace
 from lidarcli.pose.messages import TRANSFORMS, frame_name
 from lidarcli.pose.sources import PoseChain
-from lidarcli.pose.tracks import Motion, Track, compose, flat, lifted, planar
+from lidarcli.pose.tracks import PoseMotion, PoseTrack, compose, flat, lifted, planar
 from lidarcli.sweeps.masks import Mount
 from lidarcli.sweeps.types import Float64
 from lidarcli.sweeps.zone import ROBOT
@@ -40,7 +40,7 @@ class Robots:
 
 
 def robots_in(
-    paths: Mapping[Key, CheckedPath], tracks: Iterable[Track], mounts: Sequence[Mount], scans: Collection[str]
+    paths: Mapping[Key, CheckedPath], tracks: Iterable[PoseTrack], mounts: Sequence[Mount], scans: Collection[str]
 ) -> Robots:
     """Return the robots of a run.
 
@@ -53,9 +53,9 @@ def robots_in(
     """
     links = [_fixed(mount) for mount in reversed(mounts)]
     links += [one for one in tracks if one.is_link and _is_mount(one)]
-    groups: list[list[_Sensor]] = []
+    groups: list[list[_RobotSensor]] = []
     for key in sorted(paths):
-        sensor = _Sensor(key, paths[key], FrameTree(links, key[0], scans))
+        sensor = _RobotSensor(key, paths[key], FrameTree(links, key[0], scans))
         same = [group for group in groups if group[0].steps_from(sensor) is not None]
         if same and all(one.key[1] != key[1] for one in same[0]):
             same[0].append(sensor)
@@ -74,7 +74,7 @@ def robots_in(
 
 
 @dataclass(slots=True)
-class _Sensor:
+class _RobotSensor:
     key: Key
     path: CheckedPath
     tree: FrameTree
@@ -84,7 +84,7 @@ class _Sensor:
         """The frame that its sweeps are in."""
         return self.tree.sensor(frame_name(self.key[1]))
 
-    def steps_from(self, other: _Sensor) -> tuple[Step, ...] | None:
+    def steps_from(self, other: _RobotSensor) -> tuple[Step, ...] | None:
         """Return the fixed steps from another sensor to this one, by the transforms that both know; None without any."""
         steps = self.tree.path(other.frame, self.frame)
         back = other.tree.path(self.frame, other.frame)
@@ -93,22 +93,22 @@ class _Sensor:
         return steps
 
 
-def _fixed(mount: Mount) -> Track:
+def _fixed(mount: Mount) -> PoseTrack:
     """Return a mount as a transform of which nothing moves."""
     motion = lifted((mount.x, mount.y, mount.yaw))
     if mount.upside_down:
-        motion = compose(motion, Motion(np.zeros((1, 3)), np.array([[1.0, 0.0, 0.0, 0.0]])))
+        motion = compose(motion, PoseMotion(np.zeros((1, 3)), np.array([[1.0, 0.0, 0.0, 0.0]])))
     parent, child = frame_name(mount.parent), frame_name(mount.frame)
-    return Track("", next(iter(TRANSFORMS)), parent, child, True, 1, np.zeros(1, np.int64), motion, (0, 1 << 62), 0)
+    return PoseTrack("", next(iter(TRANSFORMS)), parent, child, True, 1, np.zeros(1, np.int64), motion, (0, 1 << 62), 0)
 
 
-def _is_mount(link: Track) -> bool:
+def _is_mount(link: PoseTrack) -> bool:
     """Return whether a transform joins two frames of one robot that do not move in each other."""
     is_fixed = link.static or not link.moves
     return is_fixed and all(name.rpartition("/")[2] not in WORLDS for name in (link.parent, link.child))
 
 
-def _join(group: list[_Sensor], found: Robots, scans: Collection[str], mounted: Collection[str]) -> None:
+def _join(group: list[_RobotSensor], found: Robots, scans: Collection[str], mounted: Collection[str]) -> None:
     """Find the world of some sensors, and join those that are where the log or, if `mounted`, files place them."""
     for one in group:
         if one.path.fit is not None and any(one.path.fit.mount):
@@ -147,7 +147,7 @@ def _robot_of(topics: Sequence[str], scans: Collection[str]) -> str:
     return ROBOT if all(is_within(scan, space) for scan in scans) else f"{space}/{ROBOT}"
 
 
-def _in_one_world(group: list[_Sensor], robot: str, mounted: Collection[str]) -> list[_Sensor] | None:
+def _in_one_world(group: list[_RobotSensor], robot: str, mounted: Collection[str]) -> list[_RobotSensor] | None:
     """Return sensors with paths in one world, of which the first decides; None where there is none.
 
     `robot`: the frame of the robot, which is the world while it stands; `mounted`: frames whose places files tell.
@@ -167,7 +167,7 @@ def _in_one_world(group: list[_Sensor], robot: str, mounted: Collection[str]) ->
     return [best, *(replace(one, path=_led(one, best)) for one in group if one is not best)]
 
 
-def _resting(sensor: _Sensor, first: _Sensor, robot: str) -> CheckedPath:
+def _resting(sensor: _RobotSensor, first: _RobotSensor, robot: str) -> CheckedPath:
     """Return the path of a sensor on a robot that is static: its place in the frame of that."""
     base, steps = first.tree.to_base(first.frame), sensor.tree.to_base(sensor.frame)
     if [step.target for step in steps[-1:]] != [step.target for step in base[-1:]]:
@@ -178,7 +178,7 @@ def _resting(sensor: _Sensor, first: _Sensor, robot: str) -> CheckedPath:
     return replace(sensor.path, verdict="told", chain=PoseChain(topics, sensor.frame, robot, steps))
 
 
-def _led(sensor: _Sensor, lead: _Sensor) -> CheckedPath:
+def _led(sensor: _RobotSensor, lead: _RobotSensor) -> CheckedPath:
     """Return the path of a sensor by that of another one on the same robot."""
     chain, steps = lead.path.chain, lead.steps_from(sensor)
     assert chain is not None
@@ -186,7 +186,7 @@ def _led(sensor: _Sensor, lead: _Sensor) -> CheckedPath:
     return replace(sensor.path, verdict=lead.path.verdict, chain=led, agreement=lead.path.agreement, notes=(), remark="")
 
 
-def _misplaced(first: _Sensor, second: _Sensor) -> str:
+def _misplaced(first: _RobotSensor, second: _RobotSensor) -> str:
     """Return in words how far a sensor is from where the log places it, by what both see; empty where it is there."""
     here, there, sample, other_sample = first.path.chain, second.path.chain, first.path.sample, second.path.sample
     if here is None or there is None or sample is None or other_sample is None:
@@ -221,7 +221,7 @@ def _misplaced(first: _Sensor, second: _Sensor) -> str:
 
 
 def mount_on(
-    key: Key, frame: str | None, tracks: Iterable[Track], mounts: Sequence[Mount], scans: Collection[str]
+    key: Key, frame: str | None, tracks: Iterable[PoseTrack], mounts: Sequence[Mount], scans: Collection[str]
 ) -> PoseChain:
     """Return the chain from a sensor to a frame of its robot, by default the robot itself; `OptionError`: there is none."""
     links = [_fixed(mount) for mount in reversed(mounts)] + [one for one in tracks if one.is_link and _is_mount(one)]

@@ -28,7 +28,7 @@ _DAY = re.compile(r"/date=[^/]*/")
 
 
 @dataclass(frozen=True, slots=True)
-class Step:
+class FolderStep:
     """One input of a run, and its outcome if it was done before; then nothing is read."""
 
     source: Source | MissingInput
@@ -60,7 +60,7 @@ class TableFolder:
             if not is_there:
                 raise OutputError(f"cannot write {folder}: there is no such bucket")
 
-    def plan(self, sources: Sequence[Source | MissingInput], *, resume: bool, overwrite: bool) -> list[Step]:
+    def plan(self, sources: Sequence[Source | MissingInput], *, resume: bool, overwrite: bool) -> list[FolderStep]:
         """Return the steps of a run.
 
         With `resume`, a log whose tables have the same parameters and version, and are no older than what they were made
@@ -74,11 +74,11 @@ class TableFolder:
             self._list()
             with ThreadPoolExecutor(ASKED_AT_ONCE, "ask") as pool:
                 return [*pool.map(partial(self._resumed, newest=newest, overwrite=overwrite), sources)]
-        steps = [Step(source) for source in sources]
+        steps = [FolderStep(source) for source in sources]
         # A log of this name may have tables of another day, which would be removed.
         return self.refused(steps) if self._is_by_date and not overwrite else steps
 
-    def refused(self, steps: Sequence[Step]) -> list[Step]:
+    def refused(self, steps: Sequence[FolderStep]) -> list[FolderStep]:
         """Refuse logs whose tables are there already, before any is sent to a worker.
 
         On a cluster a log may be done twice: tables that its first worker wrote before it died must not refuse it.
@@ -86,7 +86,7 @@ class TableFolder:
         found = []
         for step in steps:
             existing = self.existing(step.source) if isinstance(step.source, Source) and step.done is None else []
-            found.append(Step(MissingInput(step.source.path, exists_already(existing[0]))) if existing else step)
+            found.append(FolderStep(MissingInput(step.source.path, exists_already(existing[0]))) if existing else step)
         return found
 
     def outputs(self, source: Source) -> list[str]:
@@ -129,20 +129,20 @@ class TableFolder:
                 self._listed = {str(url): state for url, state in listing(self._folder)}
         return self._listed
 
-    def _resumed(self, source: Source | MissingInput, newest: int, overwrite: bool) -> Step:
+    def _resumed(self, source: Source | MissingInput, newest: int, overwrite: bool) -> FolderStep:
         if isinstance(source, MissingInput):
-            return Step(source)
+            return FolderStep(source)
         existing = self.existing(source)
         notes = [_notes(name) for name in existing]
         if len(existing) == len(self._options.tables) and self._are_of(source, existing, notes, newest):
             damage = "; ".join(map(str, note_value(notes[0], DAMAGE, list)))
             code = UnreadableError.exit_code if damage else 0
-            return Step(source, Outcome(source.label, code, error=damage or None, source=source, skipped=True))
+            return FolderStep(source, Outcome(source.label, code, error=damage or None, source=source, skipped=True))
         for name, note in zip(existing, notes, strict=True):
             if not overwrite and note_value(note, SOURCE, dict).get("name") != _written_name(source):
                 error = OutputError(f"{name} exists and is not of this log; use --overwrite to replace it")
-                return Step(MissingInput(source.path, error))
-        return Step(source)
+                return FolderStep(MissingInput(source.path, error))
+        return FolderStep(source)
 
     def _are_of(self, source: Source, tables: Sequence[str], notes: Sequence[dict[str, str]], newest: int) -> bool:
         """Return True if tables were made of this log as it is now, with the same parameters and version."""

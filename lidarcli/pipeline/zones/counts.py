@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from lidarcli.errors import NoScanError
 from lidarcli.formalism.detection import AGENT
-from lidarcli.formalism.zones import Inside, Sight, candidates, collision_steps, meeting, samples, sight, times
+from lidarcli.formalism.zones import Inside, ZoneSight, candidates, collision_steps, meeting, samples, sight, times
 from lidarcli.pipeline.inputs.tracked import Objects
 from lidarcli.pipeline.zones.frames import VELOCITY_SPAN_NS, Frames, Velocities, carrier_pose, velocity_of
 from lidarcli.sweeps.masks import Circle, Masks, Polygon
@@ -270,7 +270,7 @@ class _PlacedSweeps(NamedTuple):
         bearing: Float64 = self.batch.angle_min[row] + self.batch.angle_increment[row] * beam
         return bearing
 
-    def sight(self, zone: Zone, places: Float64) -> Sight:
+    def sight(self, zone: Zone, places: Float64) -> ZoneSight:
         """Return what is visible of a zone by these places of it; of one that approaches, along its path."""
         batch = self.batch
         if zone.action == "approach":

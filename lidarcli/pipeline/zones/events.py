@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lidarcli.formalism.detection import AGENT, SETS
-from lidarcli.formalism.tracking.trajectories import seen_steps
-from lidarcli.formalism.zones import SAMPLES, Path, crossings, episodes, visits
+from lidarcli.formalism.tracking.trajectories import observed_steps
+from lidarcli.formalism.zones import SAMPLES, TrackPath, crossings, episodes, visits
 from lidarcli.options.times import SECOND_NS
 from lidarcli.pipeline.inputs.tracked import from_sensor, to_sensor
 from lidarcli.pipeline.zones.counts import TopicSeries, ZoneSeries
@@ -50,7 +50,7 @@ class _AgentPath(NamedTuple):
     """The path of an agent, at the sweeps of one sensor or of several."""
 
     track: int
-    path: Path
+    path: TrackPath
     topic: Int64
     """(N,) index of the topic of each sweep."""
     number: Int64
@@ -350,7 +350,7 @@ class EventFinder:
             stamps = self.topics[at].column("stamp_ns")[agents.number]
             begins = np.flatnonzero(np.diff(agents.track, prepend=-1)).tolist()
             for some in (slice(*ends) for ends in pairwise([*begins, len(agents.track)])):
-                track, path = int(agents.track[some.start]), Path(stamps[some], x[some], y[some], agents.in_view[some])
+                track, path = int(agents.track[some.start]), TrackPath(stamps[some], x[some], y[some], agents.in_view[some])
                 own = _AgentPath(track, path, np.full(len(path.x), at), agents.number[some], agents.in_view[some])
                 pieces.setdefault((-1 if track in agents.shared else at, track), []).append(own)
         return [*map(_in_time_order, pieces.values())]
@@ -543,13 +543,13 @@ class EventFinder:
 
 def _in_time_order(pieces: Sequence[_AgentPath]) -> _AgentPath:
     """Return the pieces of the path of one agent as one."""
-    path = Path(*map(np.concatenate, zip(*(piece.path for piece in pieces), strict=True)))
+    path = TrackPath(*map(np.concatenate, zip(*(piece.path for piece in pieces), strict=True)))
     order = np.argsort(path.time_ns, kind="stable")
     more = (np.concatenate(values)[order] for values in zip(*(piece[2:] for piece in pieces), strict=True))
     topic, number, in_view = more
     times = path.time_ns[order]
-    steps = seen_steps(times / SECOND_NS, in_view, topic)
-    return _AgentPath(pieces[0].track, Path(times, path.x[order], path.y[order], steps), topic, number, in_view)
+    steps = observed_steps(times / SECOND_NS, in_view, topic)
+    return _AgentPath(pieces[0].track, TrackPath(times, path.x[order], path.y[order], steps), topic, number, in_view)
 
 
 def _number(value: float) -> float | None:

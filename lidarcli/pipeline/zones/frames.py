@@ -15,7 +15,7 @@ from lidarcli.options.times import SECOND_NS
 from lidarcli.pipeline.inputs.sources import read_pose_messages
 from lidarcli.pose.frames import WORLDS, FrameTree, Step, along, namespace
 from lidarcli.pose.messages import frame_name
-from lidarcli.pose.tracks import HOLD_STEPS, Track, planar
+from lidarcli.pose.tracks import HOLD_STEPS, PoseTrack, planar
 from lidarcli.sweeps.masks import Mask, Masks, Mount, mounted, same_name
 from lidarcli.sweeps.types import Float64, Int64, SweepBatch, SweepPoses
 from lidarcli.sweeps.zone import ROBOT, SENSOR, WORLD, Zones
@@ -35,7 +35,7 @@ class Frames:
     _log: Log
     _topic: str = ""
     """Topic of the sensors; empty: any."""
-    _links: list[list[Track]] = field(default_factory=list)
+    _links: list[list[PoseTrack]] = field(default_factory=list)
     """One list of all transforms, once they have been read."""
     _trees: dict[str, FrameTree] = field(default_factory=dict)
     _found: dict[tuple[str, str, str], Mount] = field(default_factory=dict)

@@ -22,10 +22,10 @@ from lidarcli.pipeline.runs.over_logs import LogProgress, Outcome, logs_at_once,
 from lidarcli.pipeline.zones.options import ZoneOptions, masked, narrowed
 from lidarcli.pipeline.zones.reader import ZoneReader
 from lidarcli.pipeline.zones.summary import ZoneSummary, ZoneTables, stale_notes
-from lidarcli.reports.checks import Check, Verdict, verdict_of
+from lidarcli.reports.checks import Check, CheckVerdict, verdict_of
 from lidarcli.reports.programs import as_junit
 from lidarcli.reports.zones import figures_of, judge_zones, parse_zone_check, unobserved, zones_in
-from lidarcli.tabular.reading import HeldTable
+from lidarcli.tabular.reading import TableInMemory
 from lidarcli.tabular.writing import TableFiles, table_metadata
 
 
@@ -90,7 +90,7 @@ def _clips(source: Source, folder: Place, options: ZoneOptions, events: pa.Table
     from lidarcli.pipeline.clean.log import clean_log
     from lidarcli.pipeline.clean.options import CleanOptions
 
-    rows = HeldTable(f"the events of {source.label}", events)
+    rows = TableInMemory(f"the events of {source.label}", events)
     read = replace(options.detect.read, start=None, end=None, run=None, every=1)
     detect = replace(options.detect, read=read)
     cutting = CleanOptions(detect, frozenset(), overwrite=options.overwrite, clips=rows, around=options.around)
@@ -128,7 +128,7 @@ def understand(options: ZoneOptions, expressions: Sequence[str]) -> list[Check]:
 
 def judge(
     checks: Sequence[Check], tables: Sequence[ZoneTables]
-) -> tuple[list[Verdict], tuple[str, ...], dict[str, float | None]]:
+) -> tuple[list[CheckVerdict], tuple[str, ...], dict[str, float | None]]:
     """Return the verdicts on all logs, a line for each zone that was not observed all the time, and the figures."""
     if not tables:
         return [verdict_of(check, None) for check in checks], (), {}

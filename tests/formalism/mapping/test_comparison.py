@@ -6,7 +6,16 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from lidarcli.formalism.mapping.grid import FREE, OCCUPIED, TOLERANCE, UNKNOWN, Comparison, Occupancy, UnlikeError, compare
+from lidarcli.formalism.mapping.grid import (
+    FREE,
+    OCCUPIED,
+    TOLERANCE,
+    UNKNOWN,
+    GridComparison,
+    Occupancy,
+    UnlikeError,
+    compare,
+)
 
 CELL = 0.05
 
@@ -30,7 +39,7 @@ def room(seed: int, share: float, size: int = 30) -> NDArray[np.int8]:
     return random.choice(kinds, (size, size), p=[share, 0.7 - share, 0.3])
 
 
-def by_pairs(found: Occupancy, true: Occupancy) -> Comparison:
+def by_pairs(found: Occupancy, true: Occupancy) -> GridComparison:
     """Every cell of one map beside every cell of the other."""
     places = []
     for each in (found, true):
@@ -44,12 +53,12 @@ def by_pairs(found: Occupancy, true: Occupancy) -> Comparison:
 
     precision = sum(right(cell, theirs) for cell in mine) / len(mine)
     recall = sum(right(cell, mine) for cell in theirs) / len(theirs)
-    return Comparison(
+    return GridComparison(
         len(mine), len(theirs), precision, recall, 2 / (1 / precision + 1 / recall) if precision and recall else 0.0
     )
 
 
-def assert_alike(one: Comparison, other: Comparison) -> None:
+def assert_alike(one: GridComparison, other: GridComparison) -> None:
     assert (one.cells, one.true_cells) == (other.cells, other.true_cells)
     for name in ("precision", "recall", "f1"):
         assert getattr(one, name) == pytest.approx(getattr(other, name), nan_ok=True), name
@@ -79,6 +88,6 @@ def test_empty_maps() -> None:
     nan = float("nan")
     nothing = (grid(np.zeros((0, 0))), grid([[FREE, UNKNOWN]]))
     for none in nothing:
-        assert_alike(compare(none, marked((3, 3))), Comparison(0, 1, nan, 0.0, nan))
-        assert_alike(compare(marked((3, 3)), none), Comparison(1, 0, 0.0, nan, nan))
-        assert_alike(compare(none, none), Comparison(0, 0, nan, nan, nan))
+        assert_alike(compare(none, marked((3, 3))), GridComparison(0, 1, nan, 0.0, nan))
+        assert_alike(compare(marked((3, 3)), none), GridComparison(1, 0, 0.0, nan, nan))
+        assert_alike(compare(none, none), GridComparison(0, 0, nan, nan, nan))

@@ -11,15 +11,15 @@ import numpy as np
 
 from benchmarks.scenes.moving import moving_scene
 from lidarcli.formalism import Parameters, detect
-from lidarcli.simulation.scene import Sensor
+from lidarcli.simulation.scene import SceneSensor
 from lidarcli.sweeps.types import TURN, SweepBatch
 from tests.formalism.tracking.following import TrackedLog, assert_sums, batches, follow, simulated
 from tests.formalism.tracking.hostile import hostile_logs
 
 SENSORS = (
-    Sensor(beams=180, angle_increment=TURN / 180, noise=0.01),
-    Sensor(beams=181, angle_increment=-TURN / 180, noise=0.02, lost=0.01, flicker=0.1),
-    Sensor(beams=150, angle_min=-2.0, angle_increment=4.0 / 150, noise=0.003, beams_jitter=3),
+    SceneSensor(beams=180, angle_increment=TURN / 180, noise=0.01),
+    SceneSensor(beams=181, angle_increment=-TURN / 180, noise=0.02, lost=0.01, flicker=0.1),
+    SceneSensor(beams=150, angle_min=-2.0, angle_increment=4.0 / 150, noise=0.003, beams_jitter=3),
 )
 SWEEPS = 560
 """More than two windows."""

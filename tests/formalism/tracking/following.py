@@ -18,11 +18,11 @@ from lidarcli.formalism.tracking.results import TrackedBatch, Tracks
 from lidarcli.formalism.tracking.tracker import Tracker
 from lidarcli.simulation import scene as make
 from lidarcli.simulation.generate import simulate_sweep_arrays
-from lidarcli.simulation.scene import PARKED, Course, Entity, Scene, Sensor
+from lidarcli.simulation.scene import PARKED, Course, Entity, Scene, SceneSensor
 from lidarcli.sweeps.range_rules import RangeRules, normalise
 from lidarcli.sweeps.types import TURN, SweepBatch, SweepPoses
 
-SENSOR = Sensor(beams=720, angle_increment=TURN / 720, noise=0.01)
+SENSOR = SceneSensor(beams=720, angle_increment=TURN / 720, noise=0.01)
 """A full turn, each bearing once."""
 ROOM = make.wall([[-5.0, -4.0], [5.0, -4.0], [5.0, 4.0], [-5.0, 4.0], [-5.0, -4.0]])
 PER_OBJECT = ("track", "vx", "vy", "moving", "agent_score", "set", "label", "label_score")
@@ -140,7 +140,7 @@ def simulated(
     return batch
 
 
-def scene_of(*entities: Entity, path: Course = PARKED, sensor: Sensor = SENSOR) -> Scene:
+def scene_of(*entities: Entity, path: Course = PARKED, sensor: SceneSensor = SENSOR) -> Scene:
     """A room with these things in it."""
     return Scene("room", sensor, (ROOM, *entities), path)
 

@@ -13,7 +13,7 @@ from lidarcli.formalism.detection import AGENT
 from lidarcli.formalism.tracking import agents, tracks
 from lidarcli.options.choices import AGENT_SCORE
 from lidarcli.simulation import scene as make
-from lidarcli.simulation.scene import PARKED, Course, Motion
+from lidarcli.simulation.scene import PARKED, Course, SceneMotion
 from lidarcli.sweeps.types import Status, SweepBatch
 from tests.formalism.tracking.following import SENSOR, TrackedLog, follow, scene_of, simulated
 from tests.formalism.tracking.test_motion_of_things import CORNER, ROUND_TRIP, STANDING, on_route
@@ -147,7 +147,7 @@ def test_the_robot_itself_is_no_agent() -> None:
 
 
 def test_without_a_place_of_the_sensor_there_is_no_score() -> None:
-    walker = make.box(-2.5, 2.0, 0.6, 0.4, motion=Motion(velocity=(0.7, 0.0)))
+    walker = make.box(-2.5, 2.0, 0.6, 0.4, motion=SceneMotion(velocity=(0.7, 0.0)))
     told = follow(simulated(scene_of(walker, path=ROUND_TRIP), 70, poses=False))
     known = told.columns["track"] > 0
     assert np.isnan(told.columns["agent_score"][known]).all()
@@ -189,7 +189,7 @@ def share_in_a(told: TrackedLog, sweeps: int) -> float:
 
 @pytest.mark.parametrize("driving", [False, True])
 def test_a_slow_cart_goes(driving: bool) -> None:
-    cart = make.box(-1.5, 3.0, 0.6, 0.4, motion=Motion(velocity=(0.15, 0.0)))
+    cart = make.box(-1.5, 3.0, 0.6, 0.4, motion=SceneMotion(velocity=(0.15, 0.0)))
     told = follow(simulated(scene_of(cart, make.box(3.0, -3.0, 0.5, 0.4), path=ROUND_TRIP if driving else PARKED), 200))
     assert len(told.agents) == 1
     assert share_in_a(told, 200) > 0.9
@@ -199,7 +199,7 @@ def test_a_slow_cart_goes(driving: bool) -> None:
 
 @pytest.mark.parametrize("rate", [1.0, 2.0, 5.0])
 def test_sparse_sweeps_show_who_goes(rate: float) -> None:
-    walker = make.box(-3.5, 2.0, 0.5, 0.4, motion=Motion(velocity=(0.35, 0.0)))
+    walker = make.box(-3.5, 2.0, 0.5, 0.4, motion=SceneMotion(velocity=(0.35, 0.0)))
     sensor = replace(SENSOR, rate=rate)
     sweeps = int(18 * rate)
     told = follow(simulated(scene_of(walker, make.box(2.0, -2.0, 0.5, 0.4), CORNER, sensor=sensor), sweeps))

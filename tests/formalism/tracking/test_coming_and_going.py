@@ -11,12 +11,12 @@ import pytest
 from lidarcli.formalism.tracking.results import HIDDEN, LEFT_VIEW
 from lidarcli.simulation import scene as make
 from lidarcli.simulation.generate import simulate_sweep_arrays
-from lidarcli.simulation.scene import PARKED, Entity, Motion, Scene, Sensor
+from lidarcli.simulation.scene import PARKED, Entity, Scene, SceneMotion, SceneSensor
 from lidarcli.sweeps.range_rules import RangeRules, normalise
 from lidarcli.sweeps.types import TURN
 from tests.formalism.tracking.following import TrackedLog, follow
 
-HALF_TURN = Sensor(beams=512, angle_min=-TURN / 4, angle_increment=TURN / 1024, noise=0.01, range_max=5.6, rate=10.0)
+HALF_TURN = SceneSensor(beams=512, angle_min=-TURN / 4, angle_increment=TURN / 1024, noise=0.01, range_max=5.6, rate=10.0)
 """A scanner at a wall that sees 5.6 m, as those with which people are counted."""
 FASTEST = 4.0
 """[m/s] No person is faster."""
@@ -28,7 +28,7 @@ def walker(begin: tuple[float, float], end: tuple[float, float], at: float, spee
     length = float(np.hypot(*way))
     velocity = speed / length * way
     start = np.subtract(begin, at * velocity)
-    motion = Motion(
+    motion = SceneMotion(
         velocity=(float(velocity[0]), float(velocity[1])),
         appears=at,
         disappears=at + length / speed,

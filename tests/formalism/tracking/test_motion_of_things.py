@@ -12,7 +12,7 @@ from lidarcli.formalism.detection import AGENT, LEGGED, OBJECT, ROUND
 from lidarcli.formalism.tracking.results import END_OF_LOG, FREE
 from lidarcli.simulation import scene as make
 from lidarcli.simulation.route import Waypoint, plan_route
-from lidarcli.simulation.scene import Course, Entity, Motion, super_ellipse
+from lidarcli.simulation.scene import Course, Entity, SceneMotion, super_ellipse
 from lidarcli.sweeps.types import TURN
 from tests.formalism.tracking.following import SENSOR, TrackedLog, assert_sums, follow, scene_of, simulated
 
@@ -30,13 +30,13 @@ STANDING = {
 
 def going(x: float, y: float, vx: float, vy: float, **more: float) -> Entity:
     """A box that goes straight on."""
-    return make.box(x, y, 0.6, 0.4, motion=Motion(velocity=(vx, vy), **more))
+    return make.box(x, y, 0.6, 0.4, motion=SceneMotion(velocity=(vx, vy), **more))
 
 
-def on_route(*waypoints: tuple[float, float, float]) -> Motion:
+def on_route(*waypoints: tuple[float, float, float]) -> SceneMotion:
     """From place to place at 0.8 m/s, with a wait at each."""
     points = [Waypoint(x, y, 0.8, wait) for x, y, wait in waypoints]
-    return Motion(route=plan_route(points, turn_rate=TURN, corner_radius=0.5), ahead=False)
+    return SceneMotion(route=plan_route(points, turn_rate=TURN, corner_radius=0.5), ahead=False)
 
 
 def rows_of(told: TrackedLog, number: int) -> dict[str, np.ndarray]:
@@ -148,7 +148,7 @@ def test_what_stands_behind_something_that_passes_keeps_its_number() -> None:
 
 
 def test_what_is_gone_ends_as_free() -> None:
-    gone = make.cylinder(2.0, 1.0, 0.2, motion=Motion(disappears=5.0))
+    gone = make.cylinder(2.0, 1.0, 0.2, motion=SceneMotion(disappears=5.0))
     told = follow(simulated(scene_of(gone, make.box(-2.0, 1.0, 0.5, 0.4)), 120))
     first, other = told.near(2.0, 1.0)[0], told.near(-2.0, 1.0)[0]
     assert told.tracks.end[first - 1] == FREE

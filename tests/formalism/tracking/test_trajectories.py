@@ -13,7 +13,15 @@ from lidarcli.formalism import Parameters
 from lidarcli.formalism.detection import AGENT
 from lidarcli.formalism.tracking.results import FRAMES, HIDDEN, PARTLY, Tracks, Trajectories
 from lidarcli.formalism.tracking.tracks import Track
-from lidarcli.formalism.tracking.trajectories import PARTLY_BIT, PARTS_MASK, SWEEP, Path, Sweeps, joined, seen_steps
+from lidarcli.formalism.tracking.trajectories import (
+    PARTLY_BIT,
+    PARTS_MASK,
+    SWEEP,
+    Sweeps,
+    TrackPiece,
+    joined,
+    observed_steps,
+)
 from lidarcli.sweeps.types import Int64
 
 WALKERS = Cell("people", "1081", 0.01, "parked")
@@ -81,13 +89,13 @@ def test_the_way_of_a_track_goes_on_from_piece_to_piece() -> None:
     codes[4:6], codes[8] = 0, 2 | PARTLY_BIT
     for begin in (5, 10):
         piece = slice(begin - 5, begin)
-        path = Path(track, begin, way[piece], codes[piece], np.ones(5, np.uint8))
+        path = TrackPiece(track, begin, way[piece], codes[piece], np.ones(5, np.uint8))
         joined(sweeps, [path])
         path.add_to_track()
     # No sweep saw the way from 0.3 m to 0.6 m.
     assert (track.distance, track.distance_hidden, track.seen_ns) == pytest.approx((0.6, 0.3, 6 * 10**8))
     assert (track.speed_max, track.x, track.path_stop) == pytest.approx((1.0, 0.9, 15))
-    rows = joined(sweeps, [Path(track, 5, way, codes, np.ones(10, np.uint8))])
+    rows = joined(sweeps, [TrackPiece(track, 5, way, codes, np.ones(10, np.uint8))])
     assert rows.sweep.tolist() == list(range(45, 55))
     assert rows.parts.tolist() == (codes & PARTS_MASK).tolist()
     assert rows.seen[[4, 8]].tolist() == [HIDDEN, PARTLY]
@@ -98,7 +106,7 @@ def test_only_what_lies_between_two_sightings_in_a_row_was_seen() -> None:
     def told(seen: str, sensors: str = "", times: list[float] | None = None) -> str:
         seconds = np.arange(len(seen)) / 10 if times is None else np.array(times)
         sensor = np.array([*map(int, sensors or "0" * len(seen))], np.int32)
-        return "".join("-+"[int(step)] for step in seen_steps(seconds, np.array([*seen]) == "x", sensor))
+        return "".join("-+"[int(step)] for step in observed_steps(seconds, np.array([*seen]) == "x", sensor))
 
     assert told("xxx..xx.x") == "-++---+--"
     # Of two sensors in turn the second one never sees it, or sees it later.

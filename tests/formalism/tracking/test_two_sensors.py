@@ -13,7 +13,7 @@ from lidarcli.formalism.tracking import tracker as tracking
 from lidarcli.formalism.tracking.results import Tracks
 from lidarcli.formalism.tracking.tracker import Tracker
 from lidarcli.simulation import scene as make
-from lidarcli.simulation.scene import Motion, Mount
+from lidarcli.simulation.scene import SceneMotion, SceneMount
 from lidarcli.sweeps.types import _BATCH_ROW_FIELDS, SweepBatch, SweepPoses
 from tests.formalism.tracking.following import PER_OBJECT, assert_same, batches, follow, scene_of, simulated
 
@@ -27,7 +27,7 @@ def _short_windows(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def of_sensors() -> tuple[SweepBatch, SweepBatch]:
     """What two sensors see that look at different places: a walker and a box, and a walker the other way."""
-    ahead, back = (Motion(velocity=(speed, 0.0)) for speed in (0.6, -0.5))
+    ahead, back = (SceneMotion(velocity=(speed, 0.0)) for speed in (0.6, -0.5))
     scenes = (
         scene_of(make.box(2.0, 1.5, 0.5, 0.5), make.cylinder(-1.0, -1.5, 0.2, motion=ahead)),
         scene_of(make.cylinder(1.0, 2.0, 0.2, motion=back)),
@@ -101,12 +101,12 @@ def test_further_frames_count_as_the_last_sensor(monkeypatch: pytest.MonkeyPatch
 
 def beside() -> tuple[SweepBatch, SweepBatch]:
     """What two sensors see that stand back to back, half a second of the way of a walker behind each other."""
-    way = Motion(velocity=(0.9, 0.0))
+    way = SceneMotion(velocity=(0.9, 0.0))
     scene = scene_of(make.box(2.0, 1.5, 0.5, 0.5), make.cylinder(-3.5, -1.5, 0.2, motion=way))
     half = replace(scene.sensor, beams=361, angle_min=-np.pi / 2, angle_increment=np.pi / 360)
     found = []
     for number, yaw in enumerate((0.0, np.pi)):
-        seen = replace(scene, sensor=half, mount=Mount((0.0, 0.0, yaw)))
+        seen = replace(scene, sensor=half, mount=SceneMount((0.0, 0.0, yaw)))
         batch = simulated(seen, 2 * COUNT, number)
         nowhere = np.zeros(len(batch))
         poses = SweepPoses(nowhere, nowhere, nowhere + yaw, np.zeros(len(batch), np.bool_))

@@ -13,7 +13,7 @@ from lidarcli.formalism.segmentation import Scans
 from lidarcli.formalism.tracking import measurement
 from lidarcli.formalism.tracking.measurement import Detections, Measurements
 from lidarcli.simulation.generate import simulate_sweep_arrays
-from lidarcli.simulation.scene import Course, Entity, Scene, Sensor
+from lidarcli.simulation.scene import Course, Entity, Scene, SceneSensor
 from lidarcli.sweeps.range_rules import RangeRules, normalise
 from lidarcli.sweeps.types import TURN, SweepBatch
 from tests.sweeping import raw_sweeps
@@ -71,7 +71,7 @@ def look_at(
     return meas, laid_out
 
 
-def seen_from(sensor: Sensor, pose: Pose, *entities: Entity) -> tuple[Measurements, Scans]:
+def seen_from(sensor: SceneSensor, pose: Pose, *entities: Entity) -> tuple[Measurements, Scans]:
     """What a sensor at a pose sees of these, upside down where its side is -1."""
     x, y, yaw, side = pose
     hung = replace(sensor, angle_min=side * sensor.angle_min, angle_increment=side * sensor.angle_increment)

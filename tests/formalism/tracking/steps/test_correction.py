@@ -9,7 +9,7 @@ import pytest
 
 from lidarcli.formalism.tracking import pose_filter, tracker
 from lidarcli.simulation import scene as make
-from lidarcli.simulation.scene import Course, Mount, super_ellipse
+from lidarcli.simulation.scene import Course, SceneMount, super_ellipse
 from lidarcli.sweeps.types import TURN, SweepBatch, SweepPoses
 from tests.formalism.tracking.following import SENSOR, TrackedLog, follow, scene_of, simulated
 
@@ -24,7 +24,7 @@ PARKED_WORLD = (
 SWEEPS = 260
 
 
-def driven(mount: Mount, delay: float) -> SweepBatch:
+def driven(mount: SceneMount, delay: float) -> SweepBatch:
     """A drive around; the log tells poses too late, and of the robot instead of the sensor."""
     sensor = replace(SENSOR, beams=180, angle_increment=TURN / 180, noise=0.005)
     # Fine enough that the heading does not come in steps.
@@ -41,7 +41,7 @@ def value_of(told: TrackedLog) -> list[float]:
 
 @pytest.mark.parametrize("delay", [0.1, -0.06])
 def test_how_late_poses_are_is_found(delay: float) -> None:
-    told = follow(driven(Mount(), delay))
+    told = follow(driven(SceneMount(), delay))
     late, ahead, left = value_of(told)
     assert late == pytest.approx(delay, abs=0.025)
     assert abs(ahead) < 0.03
@@ -50,7 +50,7 @@ def test_how_late_poses_are_is_found(delay: float) -> None:
 
 
 def test_where_the_sensor_is_on_the_robot_is_found_and_not_taken_for_less() -> None:
-    told = follow(driven(Mount((0.15, -0.1, 0.0)), 0.0))
+    told = follow(driven(SceneMount((0.15, -0.1, 0.0)), 0.0))
     late, ahead, left = value_of(told)
     assert abs(late) < 0.03
     assert (ahead, left) == (pytest.approx(0.15, abs=0.012), pytest.approx(-0.1, abs=0.012))
@@ -58,19 +58,19 @@ def test_where_the_sensor_is_on_the_robot_is_found_and_not_taken_for_less() -> N
 
 
 def test_right_poses_are_left_as_they_are() -> None:
-    told = follow(driven(Mount(), 0.0))
+    told = follow(driven(SceneMount(), 0.0))
     assert np.abs(value_of(told)).max() < 0.02
     assert len(told.agents) == 0
 
 
 def test_no_delay_is_longer_than_the_longest() -> None:
-    told = follow(driven(Mount(), 1.5))
+    told = follow(driven(SceneMount(), 1.5))
     assert abs(value_of(told)[0]) <= pose_filter.MAX_DELAY
 
 
 def test_without_poses_nothing_is_learned() -> None:
     assert tracker.WINDOW < SWEEPS
-    told = follow(replace(driven(Mount(), 0.1), poses=None))
+    told = follow(replace(driven(SceneMount(), 0.1), poses=None))
     assert value_of(told) == [0.0, 0.0, 0.0]
 
 

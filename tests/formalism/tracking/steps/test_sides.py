@@ -10,16 +10,16 @@ import pytest
 from lidarcli.formalism.tracking import measurement
 from lidarcli.formalism.tracking.measurement import EdgeMeasurement, Measurements
 from lidarcli.simulation import scene as make
-from lidarcli.simulation.scene import Sensor
+from lidarcli.simulation.scene import SceneSensor
 from lidarcli.sweeps.types import TURN
 from tests.formalism.tracking.steps.looking import Pose, seen_from
 
 BEAMS = 1440
 STEP = TURN / BEAMS
-TURNING = Sensor(beams=BEAMS, angle_increment=STEP)
-CLOCKWISE = Sensor(beams=BEAMS, angle_min=math.pi, angle_increment=-STEP)
-TWICE = Sensor(beams=BEAMS + 1, angle_increment=STEP)
-PARTIAL = Sensor(beams=1000, angle_min=-500 * STEP, angle_increment=STEP)
+TURNING = SceneSensor(beams=BEAMS, angle_increment=STEP)
+CLOCKWISE = SceneSensor(beams=BEAMS, angle_min=math.pi, angle_increment=-STEP)
+TWICE = SceneSensor(beams=BEAMS + 1, angle_increment=STEP)
+PARTIAL = SceneSensor(beams=1000, angle_min=-500 * STEP, angle_increment=STEP)
 ROOM = make.wall([[-6, -6], [6, -6], [6, 6], [-6, 6], [-6, -6]])
 LENGTH, WIDTH = 0.8, 0.5
 POSES: tuple[Pose, ...] = (
@@ -61,7 +61,7 @@ def faces_sensor(pose: Pose, x: float, y: float, yaw: float) -> list[bool]:
 
 @pytest.mark.parametrize("sensor", [TURNING, CLOCKWISE, TWICE, PARTIAL], ids=["turn", "clockwise", "twice", "part"])
 @pytest.mark.parametrize("pose", POSES)
-def test_all_sides_that_can_be_known_are_where_they_are(sensor: Sensor, pose: Pose) -> None:
+def test_all_sides_that_can_be_known_are_where_they_are(sensor: SceneSensor, pose: Pose) -> None:
     corners = 0
     for bearing in (0.0, 0.9, -1.4, math.pi - 0.05, -math.pi + 0.01):
         if sensor is PARTIAL and abs(bearing) > 1.5:
@@ -122,7 +122,7 @@ def test_a_side_behind_something_goes_on_at_least_so_far(pose: Pose) -> None:
 
 @pytest.mark.parametrize("sensor", [TURNING, CLOCKWISE, TWICE], ids=["turn", "clockwise", "twice"])
 @pytest.mark.parametrize("pose", POSES)
-def test_the_centre_of_a_disc_is_behind_what_is_seen_of_it(sensor: Sensor, pose: Pose) -> None:
+def test_the_centre_of_a_disc_is_behind_what_is_seen_of_it(sensor: SceneSensor, pose: Pose) -> None:
     for bearing in (0.3, -2.0, math.pi - 0.01):
         direction = pose[2] + pose[3] * bearing
         x, y = pose[0] + 2.0 * math.cos(direction), pose[1] + 2.0 * math.sin(direction)
