@@ -19,7 +19,7 @@ MAY_IMPORT = {
     "system": "",
     "options": "errors",
     "display": "options",
-    "sweeps": "display errors system",
+    "sweeps": "display errors options system",
     "ros": "sweeps",
     "formalism": "display errors options sweeps system",
     "files": "display errors ros system",
@@ -33,14 +33,14 @@ MAY_IMPORT = {
     "simulation": "_version errors files formalism maps options ros sweeps tabular",
     "pipeline": "_version copying display errors files formalism logs maps options overlays pose reports ros simulation "
     "sweeps system tabular",
-    "cli": "_version display errors files formalism logs options pipeline simulation sweeps system",
+    "cli": "_version display errors files logs options pipeline simulation sweeps system",
     "__main__": "cli system",
 }
 """Room → the rooms that it imports from, no more and no fewer; what is imported for types alone does not count."""
 
 ROOMS = {
     "pipeline": ("inputs", "reading", "objects", "runs"),
-    "formalism": ("segmentation", "surfaces", "objects", "forest", "features", "description"),
+    "formalism": ("segmentation", "surfaces", "objects", "forest", "outline", "circle_fit", "features", "verdict", "description"),
 }
 """Rooms within rooms, each of which may import those before it; the files beside them may import all of them."""
 SHARED = {"detection", "parameters"}
@@ -105,22 +105,29 @@ def room_imports() -> dict[str, set[str]]:
 
 
 LINES = {
-    "cli": 3_113,
-    "formalism": 16_484,
-    "logs": 11_578,
-    "overlays": 1_157,
-    "pipeline": 17_491,
-    "pose": 3_032,
-    "reports": 7_026,
-    "ros": 315,
-    "simulation": 2_340,
-    "tabular": 1_990,
-    "lidarcli": 6_785,
+    "cli": 3_168,
+    "copying": 763,
+    "display": 467,
+    "files": 1_156,
+    "formalism": 16_708,
+    "logs": 11_419,
+    "maps": 523,
+    "options": 1_432,
+    "overlays": 1_144,
+    "pipeline": 17_866,
+    "pose": 3_181,
+    "reports": 6_989,
+    "ros": 413,
+    "simulation": 2_309,
+    "sweeps": 1_909,
+    "system": 326,
+    "tabular": 1_976,
+    "lidarcli": 153,
 }
 """Most lines of Python of each room, and of the files beside them: lower them as code goes; who raises one says why."""
 MAX_FILE_LINES = 600
-MAX_FILES = 196
-"""One more for the sensors of a robot (`robots`), one for what merges them (`merging`)."""
+MAX_FILES = 270
+"""A file has one subject, so there are more of them than before; who adds one says why an existing one cannot hold it."""
 
 
 def test_a_room_imports_what_the_list_says() -> None:
