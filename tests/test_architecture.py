@@ -40,7 +40,17 @@ MAY_IMPORT = {
 
 ROOMS = {
     "pipeline": ("inputs", "reading", "objects", "runs"),
-    "formalism": ("segmentation", "surfaces", "objects", "forest", "outline", "circle_fit", "features", "verdict", "description"),
+    "formalism": (
+        "segmentation",
+        "surfaces",
+        "objects",
+        "forest",
+        "outline",
+        "circle_fit",
+        "features",
+        "verdict",
+        "description",
+    ),
 }
 """Rooms within rooms, each of which may import those before it; the files beside them may import all of them."""
 SHARED = {"detection", "parameters"}
@@ -105,12 +115,12 @@ def room_imports() -> dict[str, set[str]]:
 
 
 LINES = {
-    "cli": 3_168,
+    "cli": 3_156,
     "copying": 763,
     "display": 467,
     "files": 1_156,
-    "formalism": 16_708,
-    "logs": 11_419,
+    "formalism": 16_704,
+    "logs": 11_434,
     "maps": 523,
     "options": 1_432,
     "overlays": 1_144,
@@ -126,7 +136,7 @@ LINES = {
 }
 """Most lines of Python of each room, and of the files beside them: lower them as code goes; who raises one says why."""
 MAX_FILE_LINES = 600
-MAX_FILES = 270
+MAX_FILES = 269
 """A file has one subject, so there are more of them than before; who adds one says why an existing one cannot hold it."""
 
 

@@ -12,7 +12,7 @@ import pyarrow as pa
 
 from lidarcli import errors
 from lidarcli.cli import settings
-from lidarcli.cli.main import cli
+from lidarcli.cli.commands import cli
 from lidarcli.reports import figures
 from lidarcli.simulation.truth import TRUTH, TRUTH_BEAMS
 from lidarcli.tabular import writing

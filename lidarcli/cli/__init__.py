@@ -1,5 +1,5 @@
 """The command line: parses options, calls the pipeline, turns errors into exit codes."""
 
-from lidarcli.cli.main import run
+from lidarcli.cli.commands import run
 
 __all__ = ["run"]

@@ -1,11 +1,10 @@
-"""`lidarcli config`, `completion` and `--version`: what is in force, and what is installed."""
+"""`lidarcli config` and `completion`: what is in force, and what shells complete."""
 
 import json
 from typing import Annotated, Any, TypedDict
 
 import click
 
-from lidarcli._version import __version__
 from lidarcli.cli.commands import command
 from lidarcli.cli.declared import ORIGINS, DeclaredOption
 from lidarcli.cli.messages import MessageWriter
@@ -13,44 +12,8 @@ from lidarcli.cli.settings import commands, settable, unknown_variables
 from lidarcli.display.screen import one_line
 from lidarcli.options.common import TextOrJson
 from lidarcli.options.forms import Argument, Text
-from lidarcli.system import compiled
 
 SHELLS = ("bash", "zsh", "fish")
-
-
-def version_text() -> str:
-    """The version of lidarcli on a line of its own, then whether it is compiled, the system and the libraries."""
-    import platform
-    import textwrap
-
-    def line(name: str, words: str) -> str:
-        head = f"  {name:<11}"
-        return textwrap.fill(words, 79, initial_indent=head, subsequent_indent=" " * len(head))
-
-    libraries = _found("numpy", "pyarrow", "mcap", "rosbags", "pandas", "matplotlib", "click", "rich")
-    system = f"Python {platform.python_version()}, {platform.system()} {platform.machine()}"
-    return "\n".join(
-        (
-            f"lidarcli {__version__}",
-            line("core", compiled.about_core()),
-            line("system", system),
-            line("libraries", ", ".join(libraries)),
-            line("optional", ", ".join(_found("distributed", "rerun-sdk")) or "none"),
-        )
-    )
-
-
-def _found(*names: str) -> list[str]:
-    """Those that are installed, with their versions."""
-    from importlib.metadata import PackageNotFoundError, version
-
-    found = []
-    for name in names:
-        try:
-            found.append(f"{name} {version(name)}")
-        except PackageNotFoundError:
-            continue
-    return found
 
 
 class ConfigCommand(TextOrJson, total=False):

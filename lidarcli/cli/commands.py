@@ -1,14 +1,21 @@
-"""Commands as click has them, made of declared groups of options. Nothing heavy at import."""
+"""The command line: commands made of declared groups of options, by their names, and errors as exit codes.
+
+Nothing heavy at import.
+"""
 
 from __future__ import annotations
 
+import io
 import os
 import shlex
+import sys
+import traceback
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from difflib import get_close_matches
 from functools import partial
+from importlib import import_module
 from inspect import cleandoc
 from itertools import chain
 from typing import TYPE_CHECKING, Any, NoReturn
@@ -16,12 +23,16 @@ from typing import TYPE_CHECKING, Any, NoReturn
 import click
 from click.core import ParameterSource
 
+from lidarcli._version import __version__
 from lidarcli.cli.declared import ORIGINS, OTHER, DeclaredOption, click_type
 from lidarcli.cli.messages import MessageWriter
-from lidarcli.errors import OptionError
+from lidarcli.display.credentials import blotted
+from lidarcli.errors import OUT_OF_MEMORY, LidarcliError, OptionError, OutputError, UnreadableError, is_short_of_memory
 from lidarcli.options.forms import File, Option, OptionRule, arguments_of, options_of, refuse_combinations
 from lidarcli.options.groups import RULES
 from lidarcli.options.values import STDOUT
+from lidarcli.system import compiled
+from lidarcli.system.interrupts import Terminated
 
 if TYPE_CHECKING:
     from lidarcli.pipeline.api.options import LogOptions
@@ -286,3 +297,153 @@ class Commands(_Shared, click.Group):
         meant = " ".join([*ctx.command_path.split()[1:], *near])
         hint = f"Did you mean '{meant}'?" if near else self.otherwise or f"There are {', '.join(known)}."
         ctx.fail(f"No such command '{name}'. {hint}")
+
+
+COMMANDS = (
+    *("info", "track", "zones", "diff", "detect", "background", "map", "poses", "clean"),
+    *("plot", "overlay", "report", "export", "simulate", "config", "completion"),
+)
+"""Names of the commands, those that answer first; each is in the module of its name, or in that of `HOMES`."""
+HOMES = {
+    "track": "detect",
+    **dict.fromkeys(("config", "completion"), "about"),
+    **dict.fromkeys(("diff", "zones", "report"), "checking"),
+    **dict.fromkeys(("clean", "overlay", "poses", "export", "simulate", "map"), "writing"),
+}
+
+
+class LazyCommands(Commands):
+    """A group that imports a command only when somebody asks for it."""
+
+    superseded: Mapping[str, str] = {"match": "give lidarcli diff RUN RUN..., which takes the same tables, and logs"}
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        return list(COMMANDS)
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        if cmd_name not in COMMANDS:
+            return None
+        command: click.Command = getattr(import_module(f"lidarcli.cli.{HOMES.get(cmd_name, cmd_name)}"), cmd_name)
+        return command
+
+
+def version_text() -> str:
+    """The version of lidarcli on a line of its own, then whether it is compiled, the system and the libraries."""
+    import platform
+    import textwrap
+
+    def line(name: str, words: str) -> str:
+        head = f"  {name:<11}"
+        return textwrap.fill(words, 79, initial_indent=head, subsequent_indent=" " * len(head))
+
+    libraries = _found("numpy", "pyarrow", "mcap", "rosbags", "pandas", "matplotlib", "click", "rich")
+    system = f"Python {platform.python_version()}, {platform.system()} {platform.machine()}"
+    return "\n".join(
+        (
+            f"lidarcli {__version__}",
+            line("core", compiled.about_core()),
+            line("system", system),
+            line("libraries", ", ".join(libraries)),
+            line("optional", ", ".join(_found("distributed", "rerun-sdk")) or "none"),
+        )
+    )
+
+
+def _found(*names: str) -> list[str]:
+    """Those that are installed, with their versions."""
+    from importlib.metadata import PackageNotFoundError, version
+
+    found = []
+    for name in names:
+        try:
+            found.append(f"{name} {version(name)}")
+        except PackageNotFoundError:
+            continue
+    return found
+
+
+def _print_version(ctx: click.Context, parameter: click.Parameter, value: bool) -> None:
+    if value and not ctx.resilient_parsing:
+        click.echo(version_text())
+        ctx.exit()
+
+
+@click.group(
+    cls=LazyCommands,
+    params=[
+        DeclaredOption(
+            "version",
+            Option(
+                "Options", None, False, short="-V", help="Show the version of lidarcli and of its dependencies, and exit."
+            ),
+            is_eager=True,
+            expose_value=False,
+            allow_from_autoenv=False,
+            callback=_print_version,
+        )
+    ],
+    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 80, "auto_envvar_prefix": "LIDARCLI"},
+    epilog="Exit codes: 0 done, 1 a check fails, 2 usage, 3 some input unreadable, 4 no LaserScan, "
+    "5 output refused, 70 internal error, 130 interrupted.",
+)
+def cli() -> None:
+    """Ask a 2D LiDAR log what happened: who came close, what moved, what changed.
+
+    LOG is an MCAP file, a ROS 1 or ROS 2 bag, a text log (CSV, CARMEN and
+    others), a folder to search, or - for standard input.
+    """
+
+
+def run(arguments: Sequence[str] | None = None) -> int:
+    """Run the command line; its exit code. The one place where errors become exit codes."""
+    messages = MessageWriter()
+    try:
+        code = _invoke(sys.argv[1:] if arguments is None else list(arguments))
+        _flush()
+    except click.ClickException as err:
+        words = io.StringIO()
+        err.show(words)
+        click.echo(blotted(words.getvalue()), err=True, nl=False)
+        return err.exit_code
+    except Terminated:
+        messages.error("terminated")
+        raise
+    except (KeyboardInterrupt, click.Abort):
+        messages.error("interrupted")
+        return 130
+    except BrokenPipeError:
+        # Whoever read our output has had enough (`| head`). Python must not find out again at exit.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
+    except LidarcliError as err:
+        messages.error(str(err))
+        return err.exit_code
+    except Exception as err:
+        if is_short_of_memory(err):
+            messages.error(OUT_OF_MEMORY)
+            return UnreadableError.exit_code
+        # What becomes of files the commands say themselves; what has no name is standard output.
+        if isinstance(err, OSError) and err.filename is None:
+            messages.error(f"cannot write standard output: {err.strerror or err}")
+            return OutputError.exit_code
+        messages.bug(traceback.format_exc())
+        return LidarcliError.exit_code
+    return code
+
+
+def _invoke(arguments: list[str]) -> int:
+    """Parse and run. click's own `main` answers a closed pipe and ctrl-C in another manner."""
+    if "_LIDARCLI_COMPLETE" in os.environ:
+        cli.main(arguments, prog_name="lidarcli")
+    try:
+        with cli.make_context("lidarcli", arguments) as ctx:
+            code = cli.invoke(ctx)
+    except click.exceptions.Exit as err:
+        return err.exit_code
+    return code if isinstance(code, int) else 0
+
+
+def _flush() -> None:
+    """Find out now whether standard output takes what is left of it; one that is closed takes nothing."""
+    if sys.stdout is not None:
+        sys.stdout.flush()

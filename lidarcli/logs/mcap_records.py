@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from lidarcli.logs.base import SCAN_TYPES, ReadReport, ros_type
 from lidarcli.logs.laserscan import scan_type
-from lidarcli.logs.unpacking import CHUNK_RATIO, LZ4_MAGIC, SMALL, DecompressionBudget, too_much, unpack_frames
+from lidarcli.logs.unpacking import CHUNK_RATIO, MAX_CHUNK, SMALL
 from lidarcli.sweeps.types import Bool, Int64, UInt8, record
 
 MAGIC = b"\x89MCAP0\r\n"
@@ -33,8 +33,6 @@ MAX_SMALL = 1 << 26
 """Schemas, channels and indexes of more bytes than this are not believed."""
 MAX_OTHERS = 1 << 16
 """A chunk with more records than this that are no messages is not read on."""
-MAX_CHUNK = 1 << 30
-"""A chunk that declares more than 1 GiB is refused, compressed or not: it is held as a whole."""
 PART = 1 << 16
 PIECE = 1 << 20
 """Most bytes asked of a pipe at once: a declared size is never allocated before the bytes are there."""
@@ -248,48 +246,6 @@ def _is_message(data: bytes, place: int, channels: Collection[int]) -> bool:
     opcode, next_length = RECORD.unpack_from(data, after)
     channel = int.from_bytes(data[place + 9 : place + 11], "little")
     return channel in channels and 0 < opcode <= Opcode.DATA_END and next_length < 1 << 40
-
-
-class CodecError(ValueError):
-    """A chunk that cannot be decompressed."""
-
-
-def inflate(head: ChunkHead, data: bytes, budget: DecompressionBudget) -> bytes:
-    """Decompress a chunk within its declared size and the limits of `budget`, and compare its checksum."""
-    size, compression = head.size, head.compression
-    if size > MAX_CHUNK:
-        raise CodecError(f"it declares {size} bytes, more than the {MAX_CHUNK} that are believed")
-    if compression == "":
-        content = data
-    elif compression not in ("lz4", "zstd"):
-        raise CodecError(f"its compression '{compression}' is not one of none, lz4, zstd")
-    elif compression == "lz4" and size > 255 * len(data):
-        raise CodecError(f"it declares {size} bytes, more than lz4 can make of {len(data)}")
-    elif size > min(budget.room(len(data)), SMALL + CHUNK_RATIO * len(data)):
-        raise CodecError(too_much(size, len(data)))
-    else:
-        budget.used(size)
-        content = _unpacked(compression, data, size) if data else b""
-        if len(content) != size:
-            raise CodecError(f"it declares {size} bytes and holds {len(content)}")
-    if head.crc and zlib.crc32(content) != head.crc:
-        raise CodecError("its checksum does not hold")
-    return content
-
-
-def _unpacked(compression: str, data: bytes, size: int) -> bytes:
-    """Decompress the frames of a chunk, most often one, up to a byte beyond the size that it declares."""
-    try:
-        if compression == "lz4":
-            return unpack_frames(lz4.frame.LZ4FrameDecompressor, data, LZ4_MAGIC, size + 1)[0]
-        declared = zstandard.frame_content_size(data)
-        if declared > size:
-            raise CodecError(f"it declares {size} bytes and holds {declared}")
-        zstd = zstandard.ZstdDecompressor()
-        first = zstd.decompress(data, max_output_size=max(size, 1)) if declared in (-1, size) else b""
-        return first if len(first) == size else zstd.stream_reader(data, read_across_frames=True).read(size + 1)
-    except (zstandard.ZstdError, RuntimeError, EOFError) as err:
-        raise CodecError(f"{compression}: {err}") from err
 
 
 def inflate_start(head: ChunkHead, data: bytes, most: int = MAX_CHUNK) -> bytes:

@@ -20,27 +20,24 @@ from lidarcli.logs.mcap_records import (
     CHUNK_PEEK,
     ENTRY,
     MAGIC,
-    MAX_CHUNK,
     MAX_SMALL,
     MESSAGE_HEAD,
     PART,
     RECORD,
     ChannelCatalogue,
     ChunkHead,
-    CodecError,
     McapMessages,
     McapSummary,
     RecordCursor,
     chunk_head,
     find_record,
-    inflate,
     inflate_start,
     is_chunk,
     list_indexed,
     list_records,
     skippable_chunks,
 )
-from lidarcli.logs.unpacking import DecompressionBudget
+from lidarcli.logs.unpacking import MAX_CHUNK, CodecError, DecompressionBudget, inflate
 from lidarcli.sweeps.types import Int64
 
 WINDOW = 1 << 20
@@ -330,7 +327,7 @@ class Walk:
                 cause = f"inside the chunk at byte {place}: {count} whole messages of it are read"
                 self._damage(place + head.data_at + len(data), f"the log is cut off here, {cause}")
                 return
-            content = inflate(head, data, self._budget)
+            content = inflate(data, head.compression, head.size, head.crc, self._budget)
         except (CodecError, OSError, MemoryError) as err:
             lost = f", {sum(chunk.counts.values())} messages are lost" if chunk.counts else ""
             self._damage(place, f"the chunk cannot be read: {err or 'out of memory'}{lost}", "chunk at byte")

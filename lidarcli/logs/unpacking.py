@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import shutil
+import zlib
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import lz4.frame
 import zstandard
 
 from lidarcli.logs.base import MAX_MESSAGE
@@ -111,3 +113,48 @@ def unpack_message(data: bytes, budget: DecompressionBudget) -> bytes | None:
         return None
     budget.used(len(message))
     return message if (size >= 0 or steps.eof) and len(message) <= MAX_MESSAGE else None
+
+
+MAX_CHUNK = 1 << 30
+"""A chunk of an MCAP that declares more than 1 GiB is refused, compressed or not: it is held as a whole."""
+
+
+class CodecError(ValueError):
+    """A chunk that cannot be decompressed."""
+
+
+def inflate(data: bytes, compression: str, size: int, crc: int, budget: DecompressionBudget) -> bytes:
+    """Decompress a chunk of an MCAP within its declared size and `budget`, and compare its checksum, if any."""
+    if size > MAX_CHUNK:
+        raise CodecError(f"it declares {size} bytes, more than the {MAX_CHUNK} that are believed")
+    if compression == "":
+        content = data
+    elif compression not in ("lz4", "zstd"):
+        raise CodecError(f"its compression '{compression}' is not one of none, lz4, zstd")
+    elif compression == "lz4" and size > 255 * len(data):
+        raise CodecError(f"it declares {size} bytes, more than lz4 can make of {len(data)}")
+    elif size > min(budget.room(len(data)), SMALL + CHUNK_RATIO * len(data)):
+        raise CodecError(too_much(size, len(data)))
+    else:
+        budget.used(size)
+        content = _unpacked(compression, data, size) if data else b""
+        if len(content) != size:
+            raise CodecError(f"it declares {size} bytes and holds {len(content)}")
+    if crc and zlib.crc32(content) != crc:
+        raise CodecError("its checksum does not hold")
+    return content
+
+
+def _unpacked(compression: str, data: bytes, size: int) -> bytes:
+    """Decompress the frames of a chunk, most often one, up to a byte beyond the size that it declares."""
+    try:
+        if compression == "lz4":
+            return unpack_frames(lz4.frame.LZ4FrameDecompressor, data, LZ4_MAGIC, size + 1)[0]
+        declared = zstandard.frame_content_size(data)
+        if declared > size:
+            raise CodecError(f"it declares {size} bytes and holds {declared}")
+        zstd = zstandard.ZstdDecompressor()
+        first = zstd.decompress(data, max_output_size=max(size, 1)) if declared in (-1, size) else b""
+        return first if len(first) == size else zstd.stream_reader(data, read_across_frames=True).read(size + 1)
+    except (zstandard.ZstdError, RuntimeError, EOFError) as err:
+        raise CodecError(f"{compression}: {err}") from err

@@ -15,7 +15,7 @@ from typing import Any
 
 import pytest
 
-from lidarcli.cli.about import version_text
+from lidarcli.cli.commands import version_text
 from lidarcli.logs import open_log
 from lidarcli.logs.base import ReadReport
 from lidarcli.pipeline import detecting

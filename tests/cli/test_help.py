@@ -17,8 +17,8 @@ import pyarrow as pa
 import pytest
 
 import lidarcli as package
+from lidarcli.cli.commands import COMMANDS, cli
 from lidarcli.cli.declared import DeclaredOption
-from lidarcli.cli.main import COMMANDS, cli
 from lidarcli.formalism import Parameters
 from lidarcli.options.forms import File, Text, options_of
 from lidarcli.options.groups import LearningGroup, MappingGroup, Plotting, Reporting

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from lidarcli.files import configfiles
-from lidarcli.logs import base, batches, mcap_records, open_log, rosbag2, text, unpacking
+from lidarcli.logs import base, batches, open_log, rosbag2, text, unpacking
 from lidarcli.logs.base import OpenOptions, ReadReport
 from lidarcli.logs.csv.layouts import LAYOUTS
 from lidarcli.maps import grids
@@ -52,7 +52,7 @@ def test_the_bounds_are_those_of_the_code() -> None:
         "LaserScan topics of a log": f"{batches.MAX_TOPICS:,} (`--topic` chooses among more)",
         "what a log unpacks to, whatever its compression": f"{small} MiB, and {unpacking.MAX_RATIO:,} times what is packed",
         "a chunk of an MCAP, which is held as a whole": (
-            f"{mcap_records.MAX_CHUNK >> 30} GiB; compressed {small} MiB and {unpacking.CHUNK_RATIO} times what is packed"
+            f"{unpacking.MAX_CHUNK >> 30} GiB; compressed {small} MiB and {unpacking.CHUNK_RATIO} times what is packed"
         ),
         "a message of a ROS bag": f"{base.MAX_MESSAGE >> 20} MiB",
         "messages of a ROS 2 database together": "the bytes of its file",

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import lidarcli
-from lidarcli.cli.main import run
+from lidarcli.cli.commands import run
 from lidarcli.errors import UnreadableError
 from lidarcli.logs.base import POSE_TYPES
 from lidarcli.logs.carmen_lines import LASERS

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from lidarcli.formalism.tracking.legs import LEGS, assign_legs
+from lidarcli.formalism.tracking.legs import LEGS
 from lidarcli.formalism.tracking.results import DISC, LEFT_VIEW, MIN_WAY, PERSON, SHORTEST_STAND
 from lidarcli.formalism.tracking.tracks import STANDING_LEGS_APART, Track, Tracklet
 from lidarcli.sweeps.types import Float64, Int64
@@ -57,34 +57,6 @@ class JoinRules:
 
 
 JOIN = JoinRules()
-
-
-def join(sightings: Any, tracklets: dict[int, Tracklet], is_placed: bool) -> None:
-    """Join the tracklets that are new in a window to the tracks that they belong to.
-
-    Parameters
-    ----------
-    sightings : sightings of the window and the next one (`windows.WindowSightings`)
-    tracklets : confirmed tracklets, by number
-    is_placed : True if the place of the sensor is known: then legs next to a person are given to that person
-    """
-    new = [tracklets[number] for number in sightings.in_window if tracklets[number].track is None]
-    merge_duplicates(sightings, new, tracklets)
-    _join_legs(sightings, tracklets)
-    if is_placed:
-        assign_legs(sightings, tracklets)
-    # Tracklets with sightings of their own, whose tracks have no row yet.
-    begun = [
-        tracklet
-        for tracklet in new
-        if (tracklet.track is None or tracklet.track.number == 0)
-        and (sightings.owner[sightings.spans[tracklet.number]] == tracklet.number).any()
-    ]
-    _join_halves(sightings, begun, tracklets)
-    is_longer = stitch(sightings, begun, tracklets)
-    if is_placed and is_longer:
-        # The pieces of a person make a longer path.
-        assign_legs(sightings, tracklets)
 
 
 def merge_duplicates(sightings: Any, new: list[Tracklet], tracklets: dict[int, Tracklet]) -> None:
@@ -138,7 +110,7 @@ def _track_of(tracklet: Tracklet) -> Track:
     return tracklet.track
 
 
-def _join_halves(sightings: Any, new: list[Tracklet], tracklets: dict[int, Tracklet]) -> None:
+def join_halves(sightings: Any, new: list[Tracklet], tracklets: dict[int, Tracklet]) -> None:
     """Join two moving tracklets that are one object in two parts: the later begins next to the earlier, which ends
     there."""
     for later in new:
@@ -348,7 +320,7 @@ def differ(one: Tracklet, other: Tracklet) -> bool:
     return abs(one.size - other.size) > max(JOIN.size_difference, JOIN.size_share * max(one.size, other.size))
 
 
-def _join_legs(sightings: Any, tracklets: dict[int, Tracklet]) -> None:
+def join_legs(sightings: Any, tracklets: dict[int, Tracklet]) -> None:
     """Join slim tracklets that are static at a steady distance: they are the legs of one object."""
     legs = [tracklets[number] for number in sorted(sightings.spans) if _is_leg(tracklets[number])]
     place = np.array([complex(*leg.place(still=True)) for leg in legs])

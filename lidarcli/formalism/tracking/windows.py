@@ -16,6 +16,7 @@ from lidarcli.formalism.tracking import joins
 from lidarcli.formalism.tracking.agents import judge, own_body
 from lidarcli.formalism.tracking.kalman import Sightings, Targets
 from lidarcli.formalism.tracking.keyframes import Keyframes
+from lidarcli.formalism.tracking.legs import assign_legs
 from lidarcli.formalism.tracking.results import CONFIRMED_SIGHTINGS, EMPTY, ENDED, LIVE, PERSON, Trajectories
 from lidarcli.formalism.tracking.smoothing import KEPT, Smoother
 from lidarcli.formalism.tracking.track_labels import SizeMeasurements, TrackLabels
@@ -117,7 +118,7 @@ class TrackRegistry:
         stop = window.begin + window.count
         is_placed = float(self.sweeps.of(window.begin, stop)["placed"].mean()) > MAX_PLACED
         sightings = WindowSightings(recorded, self.tracklets, stop, keyframes, is_placed)
-        joins.join(sightings, self.tracklets, is_placed)
+        self._join(sightings, is_placed)
         self._number(sightings)
         sensors = self.sweeps.sensors_of(sightings.sweep)
         for sensor in np.unique(sensors).tolist():
@@ -131,6 +132,29 @@ class TrackRegistry:
         settled = _rows(sightings, at, found)
         self._forget(sightings, stop, is_placed)
         return settled
+
+    def _join(self, sightings: WindowSightings, is_placed: bool) -> None:
+        """Join the tracklets that are new in a window to the tracks that they belong to.
+
+        Where the place of the sensor is known, legs next to a person are given to that person.
+        """
+        new = [self.tracklets[number] for number in sightings.in_window if self.tracklets[number].track is None]
+        joins.merge_duplicates(sightings, new, self.tracklets)
+        joins.join_legs(sightings, self.tracklets)
+        if is_placed:
+            assign_legs(sightings, self.tracklets)
+        # Tracklets with sightings of their own, whose tracks have no row yet.
+        begun = [
+            tracklet
+            for tracklet in new
+            if (tracklet.track is None or tracklet.track.number == 0)
+            and (sightings.owner[sightings.spans[tracklet.number]] == tracklet.number).any()
+        ]
+        joins.join_halves(sightings, begun, self.tracklets)
+        is_longer = joins.stitch(sightings, begun, self.tracklets)
+        if is_placed and is_longer:
+            # The pieces of a person make a longer path.
+            assign_legs(sightings, self.tracklets)
 
     def _number(self, sightings: WindowSightings) -> None:
         """Number the new tracks with rows in this window by first sighting."""
