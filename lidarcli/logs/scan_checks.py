@@ -18,6 +18,7 @@ import numpy as np
 
 from lidarcli.logs.base import ReadReport
 from lidarcli.logs.clock import NO_STAMPS, SAME_NS, Clock, ClockInfo, Sample, in_words
+from lidarcli.logs.habits import Habits
 from lidarcli.sweeps.findings import (
     ASIDE,
     CERTAINLY_MM,
@@ -469,6 +470,7 @@ class LogStats:
     """Sweeps with the ranges of the one before; `compared` have enough of them."""
     last: int | None = None
     """Hash of the ranges of the last sweep."""
+    habits: Habits = field(default_factory=Habits)
     known: dict[int, tuple[int, int]] = field(default_factory=dict)
     """Hash of the ranges of a sweep → its stamp and record time [ns]."""
 
@@ -481,6 +483,7 @@ class LogStats:
         self._take_kinds(raw, batch, slice(first + -(self.sweeps + first) % THIN, None, THIN), THIN)
         self._take_headers(raw)
         self._take_repeats(raw, batch)
+        self.habits.add(raw, batch)
         if self.compares:
             self.add_hashes(raw)
         self.sweeps += len(raw)
@@ -577,6 +580,7 @@ class LogStats:
             slashed=sensor.frame.startswith("/"),
             sweeps=self.sweeps,
             unlimited=self.unlimited,
+            **self.habits.statistics(),
         )
         return judge(LOG_RULES, stats, sensor, known)
 

@@ -22,7 +22,7 @@ FixKind = Literal["option", "transform", "mask", "mount"]
 IDS = (
     *("geometry", "units", "limits", "no_return", "too_close", "gaps", "clock", "rolling", "duplicate"),
     *("observed", "frames", "drift", "delay", "mirror", "stamp", "mount", "lasers", "body"),
-    *("flicker", "lost"),
+    *("flicker", "lost", "intensities", "codes", "pace"),
 )
 """Identifiers of findings, in the order of docs/info.md."""
 DEEP_IDS = ("mirror", "stamp", "lasers", "body", "flicker")
@@ -206,6 +206,10 @@ DEVIATIONS, MIN_OFF, MIN_ASKEW = 3.0, 0.02, math.radians(1.0)
 """A mount is told that is off by so many deviations and by this [m, rad]."""
 FLICKERS = 0.2
 """Share of the steps from sweep to sweep in which a beam changes between valid and no return."""
+CODES_BELOW, SOME_CODES = 0.02, 0.001
+"""Ranges that no LiDAR measures [m], and the share of the beams from which on they are no accident."""
+PACES = 0.9, 1.1
+"""A log is recorded as fast as its stamps run, within these."""
 OTHERS_VALID = 0.5
 """Median share of valid beams of other sectors, where one has none."""
 
@@ -526,6 +530,15 @@ LOG_RULES = (
         mend="times",
     ),
     Rule(
+        "pace",
+        "hint",
+        lambda s: s.is_paced,
+        "{name}: recorded {0.pace:.2f} times as fast as its stamps run: played, or written anew?",
+        "pace",
+        {"least": PACES[0], "greatest": PACES[1]},
+        unless={"clock"},
+    ),
+    Rule(
         "clock",
         "hint",
         lambda s: s.clock.offset is not None and abs(s.clock.offset) > APART,
@@ -534,6 +547,35 @@ LOG_RULES = (
         {"record_minus_header": APART},
         unless={"clock"},
         mend="clock",
+    ),
+    Rule(
+        "codes",
+        "warning",
+        lambda s: s.codes_share > SOME_CODES,
+        "{name}: {0.codes_share:.1%} of the beams are {0.codes_span[0]:g} to {0.codes_span[1]:g} m, nearer than any LiDAR "
+        "measures: codes of errors?",
+        "share=codes_share",
+        {"share": SOME_CODES, "range": CODES_BELOW},
+        f"--range {CODES_BELOW:g} {{0.farthest:.4g}}",
+        unless={"units"},
+    ),
+    Rule(
+        "intensities",
+        "warning",
+        lambda s: s.reversed_intensities,
+        "{name}: intensities run against the ranges: {0.unlike:.1%} of the beams have one without a range or none with "
+        "one, {0.unlike_reversed:.1%} if they are reversed",
+        "unlike reversed=unlike_reversed",
+        mend="intensities",
+    ),
+    Rule(
+        "body",
+        "hint",
+        lambda s: len(s.body),
+        "{name}: {0.body_shown} stay at {0.body_nearest:.2f} to {0.body_farthest:.2f} m while those beyond change: the "
+        "robot's own body? (info --deep)",
+        "beams=body_beams nearest=body_nearest farthest=body_farthest",
+        {"range": 1.0},
     ),
     Rule("frames", "hint", lambda s: s.lacks_frame, "{0.topic}: the sweeps name no frame", mend="frames"),
     Rule("frames", "hint", lambda s: s.slashed, "{name}: tf2 takes no frame whose name begins with /", mend="frames"),
