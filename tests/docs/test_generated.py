@@ -10,7 +10,7 @@ from tools.make_docs import PAGES
 from tools.site import PAGES as PAGES_OF_THE_SITE
 
 OPTIONS = sorted({name for _, name in reference.option_names()})
-MAX_BYTES = 320_000
+MAX_BYTES = 332_000
 SHORT = {"--output": "-o", "--verbose": "-v", "--quiet": "-q"}
 
 
@@ -53,7 +53,7 @@ def test_the_pages_of_docs_are_in_its_index() -> None:
 
 
 def test_the_pages_stay_short() -> None:
-    """All of docs/ in 320 kB: who says more of one thing says less of another."""
+    """All of docs/ in 332 kB: who says more of one thing says less of another."""
     assert sum(page.stat().st_size for page in (ROOT / "docs").rglob("*.md")) <= MAX_BYTES
 
 
