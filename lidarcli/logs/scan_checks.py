@@ -78,7 +78,7 @@ MAX_COMPARED_TOPICS = 16
 """Most topics that are compared: a log may have a new one in every message."""
 KEPT = 4096
 """Most values of a header that are kept for a median."""
-KINDS = ("nan", "zero", "range_max")
+KINDS = ("nan", "negative", "zero", "range_max")
 ZEROS = TURN / 8
 """Least view to be told of zeros, or values beyond all sense, [rad]: nothing may be there, or nothing measured."""
 Went = Callable[[str, str, Int64, Int64], Bool]
@@ -463,6 +463,8 @@ class LogStats:
     """Sweeps whose greatest range is not above the least."""
     grid: tuple[float, float] | None = None
     """First bearing and step [rad] of the first sweep."""
+    elsewhere: int = 0
+    """Sweeps that begin at another bearing."""
     between: int = 0
     """Sweeps of this step whose beams lie between those of the first."""
     compared: int = 0
@@ -494,7 +496,10 @@ class LogStats:
         if not len(ranges):
             return
         none, limit = status == Status.NO_RETURN, batch.range_max[rows, None]
+        with np.errstate(invalid="ignore"):
+            negative = (ranges < 0) & (status == Status.INVALID)
         found = {
+            "negative": negative,
             "zero": (ranges == 0) & none,
             "range_max": (ranges == limit) & none & np.isfinite(ranges),
             "nan": np.isnan(ranges) & (status == Status.INVALID),
@@ -516,6 +521,7 @@ class LogStats:
         # A header may say anything.
         with np.errstate(invalid="ignore", over="ignore"):
             aside = (raw.angle_min - self.grid[0]) / self.grid[1]
+            self.elsewhere += int(np.count_nonzero(np.abs(aside) > raw.beams / 2))
             alike = np.abs(raw.angle_increment - self.grid[1]) * raw.beams <= ASIDE * abs(self.grid[1])
             self.between += int(np.count_nonzero(alike & (np.abs(aside - np.rint(aside)) > ASIDE)))
             if raw.scan_time is not None:
@@ -548,7 +554,8 @@ class LogStats:
         lost = {kind: self.kinds[kind] / beams for kind in KINDS}
         period, scan_time = None if clock.rate is None else 1.0 / clock.rate, self.periods.median()
         lasts, view, by_view = self.lasting.median(), self.shares.median(), None
-        if period is not None and view:
+        # A segment takes all of the time to the next one.
+        if period is not None and view and lasts is not None and 2 * self.elsewhere <= self.sweeps:
             # Where sweeps are missing the header alone knows the period.
             by_view = view * (scan_time if scan_time is not None and scan_time < LONG * period else period)
         ratio = 0.0 if period is None or not scan_time else period / scan_time
@@ -570,6 +577,7 @@ class LogStats:
             compared=self.compared,
             period=period,
             scan_time=scan_time,
+            is_slow=period is not None and scan_time is not None and period > LONG * scan_time,
             missing=ratio - 1.0,
             expected=ratio,
             lasts=lasts,

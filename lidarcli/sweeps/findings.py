@@ -475,6 +475,7 @@ LOG_RULES = (
         )
         for kind, words, option, mend in (
             ("nan", "NaN (--no-return nan)", "--no-return inf,zero,max,above,pile,nan", ""),
+            ("negative", "negative", "--no-return inf,zero,max,above,pile,negative", ""),
             ("zero", "0", "", "no-return"),
             ("range_max", "range_max", "", "no-return"),
         )
@@ -499,8 +500,19 @@ LOG_RULES = (
     ),
     Rule(
         "gaps",
+        "hint",
+        lambda s: s.is_slow and s.lasts is None and s.clock.long_steps <= MISSING,
+        "{name}: a sweep every {0.period:.3f} s, by scan_time every {0.scan_time:.3f} s: a parameter of the driver, as "
+        "the steps are even and time_increment is 0",
+        "period scan_time",
+        {"ratio": LONG},
+        chain="period",
+        unless={"clock", "duplicate"},
+    ),
+    Rule(
+        "gaps",
         "warning",
-        lambda s: s.period is not None and s.scan_time is not None and s.period > LONG * s.scan_time,
+        lambda s: s.is_slow,
         "{name}: a sweep every {0.period:.3f} s, by scan_time every {0.scan_time:.3f} s: {0.missing:.0f} of "
         "{0.expected:.0f} are missing",
         "period scan_time",
@@ -521,7 +533,7 @@ LOG_RULES = (
     Rule(
         "rolling",
         "warning",
-        lambda s: s.lasts is not None and s.by_view is not None and abs(s.lasts - s.by_view) > OFF * s.by_view,
+        lambda s: s.by_view is not None and abs(s.lasts - s.by_view) > OFF * s.by_view,
         "{name}: a sweep takes {0.lasts_shown} s by time_increment, {0.by_view_shown} s by its view",
         "by_increment=lasts by_period=by_view",
         {"share": OFF},

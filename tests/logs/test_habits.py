@@ -92,6 +92,26 @@ def test_hits_on_the_robot(moves: bool, found: bool) -> None:
         assert one.evidence["nearest"] == pytest.approx(0.18, abs=0.01)
 
 
+@pytest.mark.parametrize(
+    ("time_increment", "scan_time", "level"), [(0.0, 1 / 30, "hint"), (0.0, 0.1, None), (2e-4, 1 / 30, "warning")]
+)
+def test_a_scan_time_alone_is_a_parameter(time_increment: float, scan_time: float, level: str | None) -> None:
+    times = {"time_increment": time_increment, "scan_time": scan_time}
+    raw = replace(drive(), **{name: np.full(COUNT, value, np.float32) for name, value in times.items()})
+    found = findings(raw).get("gaps")
+    assert (found and found.level) == level
+
+
+def test_segments_take_all_of_the_time_to_the_next_one() -> None:
+    """Sweeps that each begin where the last one ended, a twelfth of a turn in a twelfth of the time."""
+    raw = drive().narrowed(30)
+    begins = raw.angle_min + TURN / 12 * (np.arange(COUNT) % 12)
+    increment = np.full(COUNT, float(np.diff(raw.stamp_ns[:2])[0]) * 1e-9 / 30, np.float32)
+    raw = replace(raw, beams=np.full(COUNT, 30, np.int32), time_increment=increment)
+    assert "rolling" in findings(raw)
+    assert "rolling" not in findings(replace(raw, angle_min=begins))
+
+
 def test_few_rows_of_many_are_kept() -> None:
     thinned = Thinned()
     for number in range(5 * MAX_ROWS):
