@@ -114,8 +114,9 @@ def exit_codes() -> dict[int, str]:
 DUCKDB = """
 ## Stamps in DuckDB
 
-DuckDB reads `stamp` as `TIMESTAMPTZ_NS`, which `date_trunc`, `time_bucket`, `extract` and differences do not take: write
-`stamp::timestamptz` (to fetch one in Python, `fetchall` wants the package pytz). `epoch_ns(stamp)` is exact.
+DuckDB 2 reads `stamp` as `TIMESTAMPTZ_NS`. Differences do not take it, nor, in 2.0.0, do `date_trunc`, `time_bucket`
+and `extract`: write `stamp::timestamptz`, which every version takes. `epoch_ns(stamp)` is exact; DuckDB 1 reads whole
+microseconds. Before 2.0.1 `fetchall` of a stamp wants the package pytz.
 
 ```sql
 -- Objects within 2 m, minute by minute.

@@ -12,6 +12,7 @@ from types import SimpleNamespace
 import numpy as np
 
 from lidarcli.logs.clock import ClockInfo, Sample
+from lidarcli.logs.habits import Habits
 from lidarcli.logs.scan_checks import THIN, range_bytes
 from lidarcli.sweeps.finding_rules import ASIDE, FASTEST, LOG_RULES, LONG, REPEATED_TOPIC, judge
 from lidarcli.sweeps.findings import Finding, Sensor
@@ -23,7 +24,7 @@ MAX_COMPARED_TOPICS = 16
 """Most topics that are compared: a log may have a new one in every message."""
 KEPT = 4096
 """Most values of a header that are kept for a median."""
-KINDS = ("nan", "zero", "range_max")
+KINDS = ("nan", "negative", "zero", "range_max")
 
 
 @dataclass(slots=True)
@@ -51,6 +52,8 @@ class LogStats:
     """Sweeps whose greatest range is not above the least."""
     grid: tuple[float, float] | None = None
     """First bearing and step [rad] of the first sweep."""
+    elsewhere: int = 0
+    """Sweeps that begin at another bearing."""
     between: int = 0
     """Sweeps of this step whose beams lie between those of the first."""
     compared: int = 0
@@ -58,6 +61,7 @@ class LogStats:
     """Sweeps with the ranges of the one before; `compared` have enough of them."""
     last: int | None = None
     """Hash of the ranges of the last sweep."""
+    habits: Habits = field(default_factory=Habits)
     known: dict[int, tuple[int, int]] = field(default_factory=dict)
     """Hash of the ranges of a sweep → its stamp and record time [ns]."""
 
@@ -71,6 +75,7 @@ class LogStats:
         self._take_kinds(raw, batch, slice(first + -(self.sweeps + first) % THIN, None, THIN), THIN)
         self._take_headers(raw)
         self._take_repeats(raw, batch)
+        self.habits.add(raw, batch)
         if self.compares:
             self.add_hashes(raw)
         self.sweeps += len(raw)
@@ -81,7 +86,10 @@ class LogStats:
         if not len(ranges):
             return
         none, limit = status == Status.NO_RETURN, batch.range_max[rows, None]
+        with np.errstate(invalid="ignore"):
+            negative = (ranges < 0) & (status == Status.INVALID)
         found = {
+            "negative": negative,
             "zero": (ranges == 0) & none,
             "range_max": (ranges == limit) & none & np.isfinite(ranges),
             "nan": np.isnan(ranges) & (status == Status.INVALID),
@@ -103,6 +111,7 @@ class LogStats:
         # A header may say anything.
         with np.errstate(invalid="ignore", over="ignore"):
             aside = (raw.angle_min - self.grid[0]) / self.grid[1]
+            self.elsewhere += int(np.count_nonzero(np.abs(aside) > raw.beams / 2))
             alike = np.abs(raw.angle_increment - self.grid[1]) * raw.beams <= ASIDE * abs(self.grid[1])
             self.between += int(np.count_nonzero(alike & (np.abs(aside - np.rint(aside)) > ASIDE)))
             if raw.scan_time is not None:
@@ -135,7 +144,8 @@ class LogStats:
         lost = {kind: self.kinds[kind] / beams for kind in KINDS}
         period, scan_time = None if clock.rate is None else 1.0 / clock.rate, self.periods.median()
         lasts, view, by_view = self.lasting.median(), self.shares.median(), None
-        if period is not None and view:
+        # A segment takes all of the time to the next one.
+        if period is not None and view and lasts is not None and 2 * self.elsewhere <= self.sweeps:
             # Where sweeps are missing the header alone knows the period.
             by_view = view * (scan_time if scan_time is not None and scan_time < LONG * period else period)
         ratio = 0.0 if period is None or not scan_time else period / scan_time
@@ -153,6 +163,7 @@ class LogStats:
             too_close=self.kinds["too_close"] / beams,
             period=period,
             scan_time=scan_time,
+            is_slow=period is not None and scan_time is not None and period > LONG * scan_time,
             missing=ratio - 1.0,
             expected=ratio,
             lasts=lasts,
@@ -161,6 +172,7 @@ class LogStats:
             by_view_shown=_short(by_view),
             lacks_frame=lacks_frame,
             slashed=sensor.frame.startswith("/"),
+            **self.habits.statistics(),
         )
         return judge(LOG_RULES, stats, sensor, known)
 

@@ -234,8 +234,11 @@ class _Turns:
             beam_ns: Float64 = (time_ns[last] - time_ns[first]) / apart
             beam_ns = np.where((apart > 0) & (beam_ns != 0), beam_ns, increment_ns)
             beam_ns[~(np.abs(beam_ns) * self.width <= LONGEST_SWEEP * 1e9)] = 0.0
+        range_min, range_max = _limits(rows, head, first, last)
         return replace(
             head,
+            range_min=range_min,
+            range_max=range_max,
             # The first beam was taken earlier where the first segments are missing.
             stamp_ns=np.where(head.stamp_ns == 0, 0, head.stamp_ns - _whole(start[first] * beam_ns)),
             angle_min=np.full(len(head), self.first),
@@ -247,6 +250,21 @@ class _Turns:
             scan_time=None,
             angle_max=None,
         )
+
+
+def _limits(rows: RawSweeps, head: RawSweeps, first: Int64, last: Int64) -> tuple[Float32, Float32]:
+    """Return the limits (S,) [m] of turns of the messages `first` to `last`: drivers may tell those of each message.
+
+    A message whose limits enclose nothing has seen nothing; a turn of such messages keeps those of its `head`.
+    """
+    bounds = np.column_stack([first, last + 1]).ravel()
+    tells = np.append(rows.range_max > rows.range_min, False)
+    least = np.where(tells, np.append(rows.range_min, 0.0), np.inf).astype(np.float32)
+    most = np.where(tells, np.append(rows.range_max, 0.0), -np.inf).astype(np.float32)
+    if not len(first):
+        return head.range_min, head.range_max
+    low, high = np.minimum.reduceat(least, bounds)[::2], np.maximum.reduceat(most, bounds)[::2]
+    return np.where(low < high, low, head.range_min), np.where(low < high, high, head.range_max)
 
 
 def _whole(values: Float64) -> Int64:

@@ -288,7 +288,8 @@ def _of_sweeps(
     """Yield the findings on sweeps that are no notes of other commands."""
     encodings = {topic.name: topic.encoding for topic in topics}
     for (topic, frame), own in sorted(stats.items()):
-        known = [each.id for each in report.doubts.get(topic, ())]
+        # An `angle_max` that is off is not used, and so leaves all other findings as they are.
+        known = [each.id for each in report.doubts.get(topic, ()) if "angle_max" not in each.evidence]
         # Messages of other encodings name no frame of a sensor.
         lacks_frame = not frame and encodings.get(topic) in ("cdr", "ros1", "json", "protobuf")
         yield from own.findings(checks.sensor(topic, frame), checks.clock(topic, frame), known, lacks_frame)

@@ -68,6 +68,10 @@ DEVIATIONS, MIN_OFF, MIN_ASKEW = 3.0, 0.02, math.radians(1.0)
 """A mount is reported that is off by so many deviations and by this [m, rad]."""
 FLICKERS = 0.2
 """Share of the steps from sweep to sweep in which a beam changes between valid and no return."""
+CODES_BELOW, SOME_CODES = 0.02, 0.001
+"""Ranges that no LiDAR measures [m], and the share of the beams from which on they are no accident."""
+PACES = 0.9, 1.1
+"""A log is recorded as fast as its stamps run, within these."""
 OTHERS_VALID = 0.5
 """Median share of valid beams of other sectors, where one has none."""
 
@@ -333,6 +337,7 @@ LOG_RULES = (
         )
         for kind, words, option, mend in (
             ("nan", "NaN (--no-return nan)", "--no-return inf,zero,max,above,pile,nan", ""),
+            ("negative", "negative", "--no-return inf,zero,max,above,pile,negative", ""),
             ("zero", "0", "", "no-return"),
             ("range_max", "range_max", "", "no-return"),
         )
@@ -357,8 +362,19 @@ LOG_RULES = (
     ),
     Rule(
         "gaps",
+        "hint",
+        lambda s: s.is_slow and s.lasts is None and s.clock.long_steps <= MISSING,
+        "{name}: a sweep every {0.period:.3f} s, by scan_time every {0.scan_time:.3f} s: a parameter of the driver, as "
+        "the steps are even and time_increment is 0",
+        "period scan_time",
+        {"ratio": LONG},
+        chain="period",
+        unless={"clock", "duplicate"},
+    ),
+    Rule(
+        "gaps",
         "warning",
-        lambda s: s.period is not None and s.scan_time is not None and s.period > LONG * s.scan_time,
+        lambda s: s.is_slow,
         "{name}: a sweep every {0.period:.3f} s, by scan_time every {0.scan_time:.3f} s: {0.missing:.0f} of "
         "{0.expected:.0f} are missing",
         "period scan_time",
@@ -379,13 +395,22 @@ LOG_RULES = (
     Rule(
         "rolling",
         "warning",
-        lambda s: s.lasts is not None and s.by_view is not None and abs(s.lasts - s.by_view) > OFF * s.by_view,
+        lambda s: s.by_view is not None and abs(s.lasts - s.by_view) > OFF * s.by_view,
         "{name}: a sweep takes {0.lasts_shown} s by time_increment, {0.by_view_shown} s by its view",
         "by_increment=lasts by_period=by_view",
         {"share": OFF},
         "--no-deskew",
         unless={"clock", "duplicate", "geometry", "units"},
         mend="times",
+    ),
+    Rule(
+        "pace",
+        "hint",
+        lambda s: s.is_paced,
+        "{name}: recorded {0.pace:.2f} times as fast as its stamps run: played, or written anew?",
+        "pace",
+        {"least": PACES[0], "greatest": PACES[1]},
+        unless={"clock"},
     ),
     Rule(
         "clock",
@@ -396,6 +421,35 @@ LOG_RULES = (
         {"record_minus_header": APART},
         unless={"clock"},
         mend="clock",
+    ),
+    Rule(
+        "codes",
+        "warning",
+        lambda s: s.codes_share > SOME_CODES,
+        "{name}: {0.codes_share:.1%} of the beams are {0.codes_span[0]:g} to {0.codes_span[1]:g} m, nearer than any LiDAR "
+        "measures: codes of errors?",
+        "share=codes_share",
+        {"share": SOME_CODES, "range": CODES_BELOW},
+        f"--range {CODES_BELOW:g} {{0.farthest:.4g}}",
+        unless={"units"},
+    ),
+    Rule(
+        "intensities",
+        "warning",
+        lambda s: s.reversed_intensities,
+        "{name}: intensities run against the ranges: {0.unlike:.1%} of the beams have one without a range or none with "
+        "one, {0.unlike_reversed:.1%} if they are reversed",
+        "unlike reversed=unlike_reversed",
+        mend="intensities",
+    ),
+    Rule(
+        "body",
+        "hint",
+        lambda s: len(s.body),
+        "{name}: {0.body_shown} stay at {0.body_nearest:.2f} to {0.body_farthest:.2f} m while those beyond change: the "
+        "robot's own body? (info --deep)",
+        "beams=body_beams nearest=body_nearest farthest=body_farthest",
+        {"range": 1.0},
     ),
     Rule("frames", "hint", lambda s: s.lacks_frame, "{0.topic}: the sweeps name no frame", mend="frames"),
     Rule("frames", "hint", lambda s: s.slashed, "{name}: tf2 takes no frame whose name begins with /", mend="frames"),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from datetime import timedelta
 from pathlib import Path
 
 import duckdb
@@ -70,3 +71,15 @@ def test_the_queries_of_stamps(folder: Path, monkeypatch: pytest.MonkeyPatch) ->
     assert buckets["start"].dt.epoch("s").to_list() == ([START_NS // 10**9] if objects else [])
     assert seconds["seconds"].to_list() == [0.0, 0.1, 0.2]
     assert after["sweeps"].to_list() == [2]
+
+
+def test_what_duckdb_does_with_stamps(folder: Path) -> None:
+    """As docs/tables.md has it of the version that is installed, which is the newest."""
+    of = f"from '{folder / 'room.sweeps.parquet'}'"
+    assert duckdb.sql(f"select distinct typeof(stamp) {of}").fetchall() == [("TIMESTAMPTZ_NS",)]
+    for taken in ("date_trunc('minute', stamp)", "time_bucket(interval 10 seconds, stamp)", "extract(minute from stamp)"):
+        assert len(duckdb.sql(f"select {taken} {of}").fetchall()) == 3
+    with pytest.raises(duckdb.BinderException, match="No function matches"):
+        duckdb.sql(f"select max(stamp) - min(stamp) {of}")
+    spans = duckdb.sql(f"select max(stamp::timestamptz) - min(stamp::timestamptz) {of}").fetchall()
+    assert spans == [(timedelta(milliseconds=200),)]
