@@ -62,7 +62,7 @@ class TextSource:
         chunks = self._chunks()
         if self.compression == "gzip":
             chunks = self._gunzip(chunks)
-        return _line_ends(self._whole_lines(_newlines(_as_utf8(chunks))))
+        return _unprinted_blocks(_line_ends(self._whole_lines(_newlines(_as_utf8(chunks)))))
 
     def _read(self, size: int) -> bytes:
         if self._left is not None:
@@ -193,6 +193,30 @@ def _line_ends(blocks: Iterator[TextBlock]) -> Iterator[TextBlock]:
         yield replace(block, text=text)
 
 
+_PRINTED = re.compile(rb"""^[ \t]*b(['"])(.*)\1[ \t]*$""", re.MULTILINE)
+
+
+def unprinted(text: bytes) -> bytes:
+    """Return the lines of a text of which most are bytes as Python prints them, as of a subprocess or a serial port.
+
+    >>> unprinted(b"b'0.5,2.1\\\\r\\\\n'\\nb'1.0,2.0\\\\r\\\\n'\\n")
+    b'0.5,2.1\\n1.0,2.0\\n'
+    """
+    if (b"b'" not in text and b'b"' not in text) or 2 * len(_PRINTED.findall(text)) <= text.count(b"\n"):
+        return text
+
+    def plain(match: re.Match[bytes]) -> bytes:
+        return match[2].replace(b"\\t", b"\t").removesuffix(b"\\n").removesuffix(b"\\r")
+
+    return _PRINTED.sub(plain, text)
+
+
+def _unprinted_blocks(blocks: Iterator[TextBlock]) -> Iterator[TextBlock]:
+    for block in blocks:
+        text = unprinted(block.text)
+        yield block if text is block.text else replace(block, text=text)
+
+
 class TextLog(Closing, ABC):
     """A log of text, from a file or a stream; subclasses decode its lines."""
 
@@ -284,6 +308,7 @@ def is_carmen(head: bytes) -> bool:
     >>> is_carmen(b"# made by hand\\nODOM 0 0 0 0 0 0 1.5 host 1.5\\n"), is_carmen(b"time,r0,r1")
     (True, False)
     """
+    head = unprinted(head)
     return _CARMEN_HEADER.match(head) is not None or _CARMEN_LINE.match(head) is not None
 
 
@@ -293,4 +318,4 @@ def is_json_lines(head: bytes) -> bool:
     >>> is_json_lines(b'{"topic":"/scan","sequence":0,"log_time":1.5,"data":{}}'), is_json_lines(b'{"ranges": []}')
     (True, False)
     """
-    return JSON_LINE.match(head.removeprefix(codecs.BOM_UTF8)) is not None
+    return JSON_LINE.match(unprinted(head).removeprefix(codecs.BOM_UTF8)) is not None

@@ -15,13 +15,13 @@ from typing import BinaryIO
 
 import numpy as np
 
-from lidarcli.display.texts import Routine
+from lidarcli.display.texts import Routine, some_of
 from lidarcli.errors import UnreadableError, unreadable
 from lidarcli.logs.base import LASERSCAN, Message, OpenOptions, ReadReport, Topic
 from lidarcli.logs.cells import time_notes, time_unit, to_ns
 from lidarcli.logs.csv import beam_rows
 from lidarcli.logs.csv.beam_rows import LongDecoder
-from lidarcli.logs.csv.layouts import PER_SWEEP, RPLIDAR, Layout, layout_of
+from lidarcli.logs.csv.layouts import PER_SWEEP, RPLIDAR, UNITS, Layout, layout_of
 from lidarcli.logs.csv.sweep_rows import Decoder, ListDecoder, WideDecoder
 from lidarcli.logs.csv.table import other_format, read_head
 from lidarcli.logs.joined import natural
@@ -60,7 +60,13 @@ class CsvLog(TextLog):
         name = PER_SWEEP if self._files else self._layout.name
         self.format = f"csv ({name})"
         times = time_notes([unit for scan in self._layout.scans for unit in scan.units.values()])
-        self._note = (str if times else Routine)("; ".join([f"CSV layout: {name}", *self._layout.notes, *times]))
+        layout = self._layout
+        passed = [f"columns passed over: {some_of(layout.passed)}"] if layout.passed else []
+        timed = any(scan.units or {"seconds", "header"} & scan.fields.keys() for scan in layout.scans)
+        units = [f"ranges are {UNITS[layout.scale]}"] if layout.scale and not layout.spelling else []
+        is_news = times or units or (passed and not timed)
+        notes = [f"CSV layout: {name}", *layout.notes, *units, *times, *passed]
+        self._note = (str if is_news else Routine)("; ".join(notes))
 
     def _open_files(self, path: str, options: OpenOptions | None) -> None:
         self.path = path

@@ -16,7 +16,7 @@ from lidarcli.errors import UnreadableError
 from lidarcli.logs.blocks import given_geometry
 from lidarcli.logs.cells import shown
 from lidarcli.logs.clock import NO_STAMPS
-from lidarcli.logs.csv.table import TRAJECTORY, Dialect, Head, csv_cells, empty_lists, is_numeric, value_of
+from lidarcli.logs.csv.table import TRAJECTORY, Dialect, Head, csv_cells, empty_lists, is_numeric, plain_lists, value_of
 from lidarcli.sweeps.types import TURN, Float64, Int64
 
 ROSTOPIC = "rostopic echo -p"
@@ -33,13 +33,14 @@ LAYOUTS = (ROSTOPIC, ROS2, PLOTJUGGLER, BAGPY, MCAP_CAT, LIST, WIDE, LONG, PER_S
 
 DEFAULT_TOPIC = "/scan"
 COUNTER_CLOCKWISE = "bearings run counter-clockwise; name them `clockwise` where they are those of an RPLIDAR"
+NUMBERED = "the beam of the lowest number is the first"
 ABBREVIATED = "the arrays are abbreviated ('...'): record again with `ros2 topic echo --csv --full-length`"
 
 _MARKS = re.compile(r"[./\[\]\s%#:]+")
 _LIST = re.compile(r"(?:\w[\w.]*\s*\()?\s*[\[(]|\w*array\(")
 _INDEX = re.compile(r"(\d{1,7})\]?(?:[._/]echoes[\[._]?0\]?)?\Z")
 _BEFORE_INDEX = "[._/-" + whitespace
-_RANGE_WORD = re.compile(r"(?:.*(?:range|scan|dist|beam|laser|lidar|ray|bin|point|value).*|r|d|b|m|l|v|rho|col(?:umn)?|)$")
+_RANGE_WORD = re.compile(r"(?:.*(?:range|scan|dist|beam|laser|lidar|ray|bin|point|value).*|r|d|b|m|mm|cm|l|v|rho|col(?:umn)?|)$")
 _PARTS = r"(?:milli|micro|nano)(?:s|sec|seconds)"
 _WHOSE = r"(?:date|bag|record|log|unix|epoch|system|host|device|ros|utc|gps|boot|elapsed)"
 _UNIT = rf"(?:_?\(?(?:s|secs?|seconds|ms|msec|us|usec|µs|ns|nsecs?|nanosec|{_PARTS})\)?)?"
@@ -65,12 +66,23 @@ FIELDS = {
 }
 """Field of a scan → the canonical names of its column."""
 _ANY_FIELD = re.compile("|".join(pattern.pattern for pattern in FIELDS.values()))
+_TIMES = {"seconds", "nanoseconds", "stamp", "record", "date"}
+_OF_NO_USE = re.compile("|".join(pattern.pattern for name, pattern in FIELDS.items() if name not in _TIMES))
 _LONGEST_FIELD = 40
 _ANGLE = re.compile(
     r"(?:.*_)?(?:angle|theta|bearing|azimuth|phi|(?P<clockwise>clockwise))s?"
     r"(?:_?\(?(?P<unit>deg|degrees?|°|rad|radians?)\)?)?|(?P<bare>deg|degrees?|rad|radians?)"
 )
-_RANGE = re.compile(r"(?:.*_)?(?:ranges?|r|rho|distance|dist|radius|depth)(?:_?\(?(?:m|mm|cm|met[er]{2}s?)\)?)?")
+_LENGTH = r"(?:mm|cm|m|(?:milli|centi)?met[er]{2}s?)"
+_RANGE = re.compile(rf"(?:.*_)?(?:ranges?|r|rho|distance|dist|radius|depth)(?:_?\(?{_LENGTH}\)?)?")
+_IN_LENGTH = re.compile(rf"(?:^|(?<=[^a-z]))({_LENGTH})(?=[^a-z]|$)")
+_END_LENGTH = re.compile(rf"(?<=\d)[_ (\[]+{_LENGTH}[)\]]?$", re.IGNORECASE)
+_SCALES = {"mm": 0.001, "mi": 0.001, "cm": 0.01, "ce": 0.01}
+"""First letters of a unit of length → metres."""
+UNITS = {0.001: "millimetres", 0.01: "centimetres"}
+_BEAM = re.compile(
+    r"(?:(?:beam|ray|bin|step|point|angle|bearing)_?(?:id|index|idx|number|no|nr|num)|beam|ray|bin|step|index|idx|number)"
+)
 _LAYER = re.compile(
     r"(?:.*_)?(?:elevations?|inclination|vertical(?:_angle)?|layer|ring|channel|laser)"
     r"(?:_?\(?(?:deg|degrees?|°|rad|radians?|id|index|idx|number|no|nr|num)\)?)?"
@@ -79,6 +91,8 @@ _SPHERE = re.compile(r"(theta|phi)(?:_?\(?(?:deg|degrees?|°|rad|radians?)\)?)?"
 _SWEEP = re.compile(r"(?:sweep|scan|turn|revolution|rotation|seq|frame)(?:_?(?:id|index|idx|number|no|nr|num))?|id")
 
 _SHOWN = 3
+_NUMBERS = re.compile(r"\s*[-+.\dainfAINF][^\s,;|]*(?:[\s,;|]+[-+.\dainfAINF][^\s,;|]*){2,}\s*")
+"""Cell of numbers without brackets."""
 _RECORD = 1 << 20
 """Bytes within which the first record with a list must end, the list itself not counted."""
 _POSE = 8
@@ -129,6 +143,8 @@ class Layout:
     """Long form: column of the bearing; -1 in other forms."""
     key: int | None = None
     """Long form: column that changes from sweep to sweep."""
+    numbered: bool = False
+    """Long form: `angle` holds numbers of beams, whose bearings the options tell."""
     degrees: bool = False
     clockwise: bool = False
     flag: int = -1
@@ -137,6 +153,8 @@ class Layout:
     """Long form: text of a tool for RPLIDAR sensors (`rplidar`); empty for a table."""
     scale: float | None = None
     notes: tuple[str, ...] = ()
+    passed: tuple[str, ...] = ()
+    """Names of columns that are passed over."""
     unread: dict[str, str] = field(default_factory=dict)
     """Topic → a note on a column of times that is not understood."""
 
@@ -169,8 +187,38 @@ def layout_of(head: Head) -> Layout:
     if columns:
         head.options.used.add("columns")
         head = replace(head, names=_expanded(head, columns))
+    elif head.usual > len(head.names) and "ranges" in head.names:
+        # A list without quotes is as many cells.
+        head = replace(head, names=_expanded(head, head.names))
+    head = replace(head, names=_without_empty(head.names, head.rows))
     layout = _named_layout(head)
-    return replace(layout, unread=unread_times(head, layout.scans))
+    passed = () if columns or layout.name not in (LIST, WIDE, LONG, PER_SWEEP) else _passed_over(head.names, layout)
+    return replace(layout, unread=unread_times(head, layout.scans), passed=passed)
+
+
+def _without_empty(names: list[str], rows: Sequence[Sequence[bytes]]) -> list[str]:
+    """Return the names, empty ones in place of columns that are empty throughout, but those of ranges."""
+    whole = [row for row in rows if len(row) == len(names)]
+    empty = [not any(row[column] for row in whole) for column in range(len(names))]
+    families = [columns for _, columns in find_families(names)]
+    if not whole or (len(families) > 1 and any(empty[column] for columns in families for column in columns.tolist())):
+        # In a table of several topics, a topic may begin behind the first rows.
+        return names
+    ranges = {column for columns in families for column in columns.tolist()}
+    kept = [not gone or column in ranges or _RANGE.fullmatch(canonical(names[column])) for column, gone in enumerate(empty)]
+    return [name if keep else "" for name, keep in zip(names, kept, strict=True)]
+
+
+def _passed_over(names: Sequence[str], layout: Layout) -> tuple[str, ...]:
+    """Return the names of columns that are neither used nor known to be of no use."""
+    used = {layout.angle, layout.key}
+    for scan in layout.scans:
+        used |= {scan.first, *scan.fields.values(), *scan.ranges.tolist(), *scan.intensities.tolist()}
+    return tuple(
+        name
+        for column, name in enumerate(names)
+        if name and column not in used and "intens" not in name.lower() and not _OF_NO_USE.fullmatch(canonical(name))
+    )
 
 
 def unread_times(head: Head, scans: Sequence[ScanColumns]) -> dict[str, str]:
@@ -179,9 +227,11 @@ def unread_times(head: Head, scans: Sequence[ScanColumns]) -> dict[str, str]:
     for scan in scans:
         for name in sorted({"record", "stamp"} & scan.fields.keys() - scan.units.keys()):
             column = scan.fields[name]
+            if not any(head.column(column)):
+                continue
             others = scan.units or {"seconds", "header"} & scan.fields.keys()
             so = "another column tells them" if others else NO_STAMPS
-            value = shown(next(iter(head.column(column)), b"empty"), 30)[1:-1]
+            value = shown(head.column(column)[0], 30)[1:-1]
             notes[scan.topic] = f"times of column `{head.names[column]}` are not understood ({value}): {so}"
     return notes
 
@@ -239,8 +289,9 @@ def _expanded(head: Head, columns: Sequence[str]) -> list[str]:
     fixed = sum(int(count or 1) for (_, count), open_ in zip(parts, is_open, strict=True) if not open_)
     each, rest = divmod(width - fixed, sum(is_open) or 1)
     if each < any(is_open) or rest or (each and not any(is_open)):
+        source = "--columns" if head.options.columns else "the first line"
         raise UnreadableError(
-            f"{head.path}: --columns {','.join(columns)} names {fixed}{' and more' if any(is_open) else ''} columns, "
+            f"{head.path}: {source} {','.join(columns)} names {fixed}{' and more' if any(is_open) else ''} columns, "
             f"and rows have {width}, such as {shown((head.lines or [head.header])[0], 60)}"
         )
     names = []
@@ -254,7 +305,8 @@ def _nameless(head: Head) -> UnreadableError:
     """Return the error for a table without names, with names that the user may copy."""
     width = head.usual or Counter(map(len, head.rows)).most_common(1)[0][0]
     rows = [row for row in head.rows if len(row) == width and all(map(is_numeric, row[2:]))]
-    if not rows or width < 2:
+    listed = any(_LIST.match(row[-1].decode("utf-8", "replace")) for row in rows[:1])
+    if not rows or (width < 2 and not listed):
         return _unknown(head, f"lines like {shown(head.lines[0], 60)}")
     if width == _POSE:
         table = np.array([[value_of(cell) for cell in row] for row in rows], np.float64)
@@ -264,10 +316,10 @@ def _nameless(head: Head) -> UnreadableError:
             return UnreadableError(f"{head.path}: {TRAJECTORY.refusal}")
     return NamelessError(
         f"{head.path}: a table of {width} columns without names, such as {shown(head.lines[0], 60)}: name them, for "
-        "example --columns time,ranges with a sweep in each row (and the bearings by --fov, or --angle-min and "
+        f"example --columns {'time,' * (width > 1)}ranges with a sweep in each row (and the bearings by --fov, or --angle-min and "
         "--angle-increment), or --columns angle,range with a beam in each row; `clockwise` in place of `angle` for an "
-        "RPLIDAR",
-        per_sweep=width <= _MAX_OF_BEAM,
+        "RPLIDAR, `beam` for the number of a beam",
+        per_sweep=width <= _MAX_OF_BEAM and not listed,
     )
 
 
@@ -346,7 +398,8 @@ def _series(names: Iterable[str]) -> dict[str, dict[int, int]]:
 def find_families(names: Sequence[str]) -> list[tuple[str, Int64]]:
     """Return prefix and (B,) columns of each group `ranges[0]`, `ranges_1`, `r2`, ... that are the beams of a scan."""
     families = []
-    for stem, columns in _series("" if "intens" in name.lower() else name.strip() for name in names).items():
+    plain = (_END_LENGTH.sub("", name.strip()) for name in names)
+    for stem, columns in _series("" if "intens" in name.lower() else name for name in plain).items():
         word = re.split(r"[./]", stem)[-1].strip(" _-").lower()
         indices = sorted(columns)
         whole = len(indices) >= 3 and indices[-1] - indices[0] == len(indices) - 1
@@ -412,8 +465,17 @@ def _named_layout(head: Head) -> Layout:
         len(names),
         tuple(scans),
         sparse=name == PLOTJUGGLER or len(scans) > 1,
+        scale=_scale(head, int(scans[0].ranges[0])),
         notes=(beams,),
     )
+
+
+def _scale(head: Head, column: int) -> float | None:
+    """Return the metres of a unit of ranges, by the name of their column; None where this or an option does not tell it."""
+    name = head.names[column].strip()
+    stem = _INDEX.sub("", name).rstrip(_BEFORE_INDEX)
+    unit = _IN_LENGTH.search(re.split(r"[./]", stem or name)[-1].lower())
+    return _SCALES.get(unit[1][:2]) if unit and head.options.range_scale == 1.0 else None
 
 
 def _scan_columns(
@@ -466,17 +528,22 @@ def _list_layout(head: Head) -> Layout | None:
         cells = csv_cells(text, head.dialect.separator.decode())
     except ValueError:
         return None
-    found = _list_column(head.names, cells)
-    if found is None:
-        return None
-    listed, prefix = found
-    fields = FieldIndex(head.names).find(prefix)
     # Units of times come from the first record and all others that stand in one line.
     records = [cells]
     for line in head.lines[1:]:
         with suppress(ValueError):
             records.append(csv_cells(empty_lists(line).decode("utf-8", "replace"), head.dialect.separator.decode()))
     rows = [[cell.encode() for cell in record] for record in records if len(record) == len(head.names)]
+    if not rows and any(map(_LIST.match, map(str.strip, cells))):
+        raise UnreadableError(
+            f"{head.path}: {len(cells)} cells where the first line has {len(head.names)} names, such as "
+            f"{shown(head.lines[0], 60)}: take out the name too many, or add the missing one"
+        )
+    found = _list_column(head.names, cells)
+    if found is None:
+        return None
+    listed, prefix = found
+    fields = FieldIndex(head.names).find(prefix)
     units = replace(head, rows=rows).units(fields)
     if not {"angle_min", "angle_increment"} <= fields.keys():
         _need_geometry(head, LIST)
@@ -493,16 +560,17 @@ def _list_layout(head: Head) -> Layout | None:
         len(head.names),
         (scan,),
         listed=True,
-        brackets=b"[" if "[" in cells[listed] else b"(",
+        brackets=next((mark for mark in (b"[", b"(") if mark in cells[listed].encode()), b""),
+        scale=_scale(head, listed),
     )
 
 
 def _list_column(names: Sequence[str], cells: Sequence[str]) -> tuple[int, str] | None:
     """Return the column whose cell is a list of ranges, and the prefix of its name."""
     for column, (name, cell) in enumerate(zip(names, cells, strict=False)):
-        word = re.split(r"[./]", name.strip())[-1].lower()
+        word = re.sub(rf"[_ (\[]+{_LENGTH}[)\]]?$", "", re.split(r"[./]", name.strip())[-1].lower())
         is_ranges = "intens" not in word and re.fullmatch(r".*(?:ranges?|scan|distances?|data|values?)", word)
-        if is_ranges and _LIST.match(cell.strip()):
+        if is_ranges and (_LIST.match(cell.strip()) or _NUMBERS.fullmatch(cell)):
             end = name.strip().lower().rfind("ranges")
             return column, name.strip()[:end] if end >= 0 else ""
     return None
@@ -519,9 +587,13 @@ def _long_layout(head: Head) -> Layout | None:
 
     bearings = ((column, _ANGLE.fullmatch(name)) for name, column in columns.items() if not _LAYER.fullmatch(name))
     angle, match = next(((column, match) for column, match in bearings if match), (-1, None))
-    distance, key = first(_RANGE), first(_SWEEP)
-    if match is None or distance is None:
+    distance, key, number = first(_RANGE), first(_SWEEP), first(_BEAM)
+    if distance is None or (match is None and number is None):
         return None
+    numbered = match is None
+    if match is None:
+        _need_geometry(head, LONG)
+        angle = int(number or 0)
     sphere = {part[1]: column for name, column in columns.items() if (part := _SPHERE.fullmatch(name))}
     layers = [column for name, column in columns.items() if _LAYER.fullmatch(name)]
     for column in [*layers, *([max(sphere.values())] if len(sphere) == 2 else [])]:
@@ -544,11 +616,12 @@ def _long_layout(head: Head) -> Layout | None:
                 # A time with few digits changes within a turn as well.
                 turns = len(cut_restarts(numbers))
                 key = fields[name] if turns == 1 or sum(1 for _ in groupby(cells)) <= 2 * turns else None
-    unit, notes = match["unit"] or match["bare"], []
+    unit, notes = (match["unit"] or match["bare"], []) if match else ("rad", [NUMBERED])
     degrees = not unit.startswith("rad") if unit else bool(np.nanmax(np.abs(numbers), initial=0.0) > TURN + 0.1)
     if degrees and not unit:
         notes.append("bearings beyond a turn in radians: taken as degrees")
-    if degrees and not match["clockwise"] and "quality" in columns:
+    clockwise = bool(match and match["clockwise"])
+    if degrees and not clockwise and "quality" in columns:
         notes.append(COUNTER_CLOCKWISE)
     return Layout(
         PER_SWEEP if key is None else LONG,
@@ -559,8 +632,10 @@ def _long_layout(head: Head) -> Layout | None:
         (ScanColumns(DEFAULT_TOPIC, fields, head.units(fields), first=distance),),
         angle=angle,
         key=key,
+        numbered=numbered,
         degrees=degrees,
-        clockwise=bool(match["clockwise"]),
+        clockwise=clockwise,
+        scale=_scale(head, distance),
         notes=tuple(notes),
     )
 

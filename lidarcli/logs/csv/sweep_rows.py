@@ -34,7 +34,7 @@ from lidarcli.logs.cells import (
     to_ns,
 )
 from lidarcli.logs.csv.layouts import Layout, ScanColumns, expected_beams
-from lidarcli.logs.csv.table import csv_cells, read_lines
+from lidarcli.logs.csv.table import csv_cells, plain_lists, read_lines
 from lidarcli.logs.text import MAX_LINE, TextBlock
 from lidarcli.sweeps.types import Bool, Float32, Float64, Int32, Int64, RawSweeps
 
@@ -46,8 +46,7 @@ NO_TIME = "the time cannot be read"
 _SECONDS = re.compile(r"\bsecs?['\"]?\s*[:=]\s*(-?\d+)")
 _NANOSECONDS = re.compile(r"\bn(?:ano)?secs?['\"]?\s*[:=]\s*(\d+)")
 _FRAME = re.compile(r"frame_id['\"]?\s*[:=]\s*(?:'([^']*)'|\"([^\"]*)\"|([^\s,'\"})]*))")
-_PARENTHESES = re.compile(rb'"\s*\(([^()]*)\)\s*"')
-_CALLS = re.compile(rb"[A-Za-z_][\w.]*\(([^()]*)\)")
+_PARENTHESES = re.compile(rb'(?<![\w.])"?\s*\(([^()]*)\)\s*"?')
 _MAX_LISTS = 64
 """Most lists of one record; with more it is garbage."""
 _MAX_TEXT = 1 << 20
@@ -419,6 +418,7 @@ class ListDecoder(Decoder):
 
     def _split(self, text: bytes) -> tuple[list[bytes], list[str]] | None:
         """Return the lists of a record, and its cells with the number of a list in place of each."""
+        text = plain_lists(text)
         if self.layout.brackets not in text and text.count(self.layout.dialect.separator) < 2:
             return None
         lists: list[bytes] = []
@@ -454,11 +454,13 @@ class ListDecoder(Decoder):
             return None
         lists, cells = found
         scan = self.layout.scans[0]
-        ranges = _list_of(cells[scan.first], lists)
+        bare = not self.layout.brackets
+        ranges = cells[scan.first].encode() if bare else _list_of(cells[scan.first], lists)
         if ranges is None:
             self._damage(line, f"{shown(cells[scan.first].encode())} is no list of ranges")
             return None
-        intensities = [_list_of(cells[column], lists) or b"" for column in scan.intensities.tolist()]
+        others = [cells[column] for column in scan.intensities.tolist()]
+        intensities = [cell.encode() if bare else _list_of(cell, lists) or b"" for cell in others]
         return _Record(line, ranges, b"".join(intensities), cells)
 
     def _sweeps(self, scan: ScanColumns, records: list[_Record]) -> Iterator[RawSweeps]:
@@ -521,10 +523,8 @@ def _counts(parts: list[bytes]) -> Int64:
 
 
 def _plain_list(text: bytes) -> bytes:
-    """Return the numbers of a list, set apart by commas: numpy's spelling has spaces, `np.float32(1.0)` has calls."""
-    if b"(" in text:
-        text = _CALLS.sub(rb"\1", text)
-    text = text.strip().removesuffix(b",")
+    """Return the numbers of a list, set apart by commas: numpy's spelling has spaces."""
+    text = text.strip().replace(b";", b",").replace(b"|", b",").removesuffix(b",")
     return text if b"," in text else b",".join(text.split())
 
 
