@@ -354,7 +354,20 @@ def test_numbers_are_those_of_ros() -> None:
     for told in ("inf", "-Infinity", ".inf", "nan"):
         with pytest.raises(OptionError, match="'radius' must be finite"):
             radius(told)
-    for told in ("1_5", "0o17", "1_0.5", "9" * 5000, "1E400", "0x1p9999", '"3"', '!!int "3"'):
+    for told in (
+        "1_5",
+        "0o17",
+        "1_0.5",
+        "9" * 5000,
+        "1E400",
+        "1e-400",
+        "0x1p9999",
+        '"3"',
+        '!!int "3"',
+        "!!str 3",
+        ".Nan",
+        "~",
+    ):
         with pytest.raises(OptionError, match="'radius'"):
             radius(told)
 

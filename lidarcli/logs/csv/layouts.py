@@ -40,7 +40,9 @@ _MARKS = re.compile(r"[./\[\]\s%#:]+")
 _LIST = re.compile(r"(?:\w[\w.]*\s*\()?\s*[\[(]|\w*array\(")
 _INDEX = re.compile(r"(\d{1,7})\]?(?:[._/]echoes[\[._]?0\]?)?\Z")
 _BEFORE_INDEX = "[._/-" + whitespace
-_RANGE_WORD = re.compile(r"(?:.*(?:range|scan|dist|beam|laser|lidar|ray|bin|point|value).*|r|d|b|m|mm|cm|l|v|rho|col(?:umn)?|)$")
+_RANGE_WORD = re.compile(
+    r"(?:.*(?:range|scan|dist|beam|laser|lidar|ray|bin|point|value).*|r|d|b|m|mm|cm|l|v|rho|col(?:umn)?|)$"
+)
 _PARTS = r"(?:milli|micro|nano)(?:s|sec|seconds)"
 _WHOSE = r"(?:date|bag|record|log|unix|epoch|system|host|device|ros|utc|gps|boot|elapsed)"
 _UNIT = rf"(?:_?\(?(?:s|secs?|seconds|ms|msec|us|usec|µs|ns|nsecs?|nanosec|{_PARTS})\)?)?"
@@ -197,15 +199,17 @@ def layout_of(head: Head) -> Layout:
 
 
 def _without_empty(names: list[str], rows: Sequence[Sequence[bytes]]) -> list[str]:
-    """Return the names, empty ones in place of columns that are empty throughout, but those of ranges."""
+    """Return the names, empty ones in place of columns that are empty throughout, but those of beams."""
     whole = [row for row in rows if len(row) == len(names)]
     empty = [not any(row[column] for row in whole) for column in range(len(names))]
     families = [columns for _, columns in find_families(names)]
     if not whole or (len(families) > 1 and any(empty[column] for columns in families for column in columns.tolist())):
         # In a table of several topics, a topic may begin behind the first rows.
         return names
-    ranges = {column for columns in families for column in columns.tolist()}
-    kept = [not gone or column in ranges or _RANGE.fullmatch(canonical(names[column])) for column, gone in enumerate(empty)]
+    kept = (
+        not gone or _INDEX.search(name) or _RANGE.fullmatch(canonical(name))
+        for name, gone in zip(names, empty, strict=True)
+    )
     return [name if keep else "" for name, keep in zip(names, kept, strict=True)]
 
 

@@ -106,7 +106,9 @@ def _quoted_lists(line: bytes) -> bytes:
     """Return the line with quotes around each list in brackets, which is one cell."""
     if b"[" not in line and b"(" not in line:
         return line
-    return _LISTS_AND_QUOTED.sub(lambda match: b'"%s"' % match[0] if match[0][-1:] in b"])" else match[0], plain_lists(line))
+    return _LISTS_AND_QUOTED.sub(
+        lambda match: b'"%s"' % match[0] if match[0][-1:] in b"])" else match[0], plain_lists(line)
+    )
 
 
 def _unlisted(text: bytes) -> bytes:
