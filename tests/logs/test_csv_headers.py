@@ -36,9 +36,9 @@ def slow_fields(names: Sequence[str], prefix: str) -> dict[str, int]:
                         fields[field] = column
                         break
     if not {"seconds", "nanoseconds"} <= fields.keys():
-        fields.pop("nanoseconds", None)
-        if "seconds" in fields:
-            fields.setdefault("record", fields.pop("seconds"))
+        for name in ("seconds", "nanoseconds"):
+            if name in fields:
+                fields.setdefault("record", fields.pop(name))
     return fields
 
 

@@ -79,7 +79,8 @@ def in_turns() -> RawSweeps:
 ODD = {
     "millimetres": (scaled(1000, 1000), MILLIMETRES),
     "millimetres, limits in metres": (scaled(1000), MILLIMETRES),
-    "centimetres": (scaled(100, 100), "(--range-unit cm or mm)"),
+    "centimetres": (scaled(100, 100), "beyond 200 m: they are probably centimetres (--range-unit cm)"),
+    "centimetres, near": (scaled(55, 100), "beyond 60 m: they are probably centimetres (--range-unit cm)"),
     "degrees": (bearings(-180.0, 0.5), "/scan sees 10,285 deg (40 of 40 sweeps)"),
     "no steps": (bearings(0.0, 1e-12), "beams of /scan are 1e-12 rad apart (40 of 40 sweeps)"),
     "no range": (
@@ -139,7 +140,9 @@ ODD = {
 
 
 KINDS = {
-    **dict.fromkeys(("millimetres", "millimetres, limits in metres", "centimetres", "degrees"), ("units", "error")),
+    **dict.fromkeys(
+        ("millimetres", "millimetres, limits in metres", "centimetres", "centimetres, near", "degrees"), ("units", "error")
+    ),
     **dict.fromkeys(("no steps", "no beams"), ("geometry", "error")),
     "angle_max": ("geometry", "warning"),
     **dict.fromkeys(("no range", "nothing near"), ("no_return", "warning")),

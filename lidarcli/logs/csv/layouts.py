@@ -16,7 +16,7 @@ from lidarcli.errors import UnreadableError
 from lidarcli.logs.blocks import given_geometry
 from lidarcli.logs.cells import shown
 from lidarcli.logs.clock import NO_STAMPS
-from lidarcli.logs.csv.table import TRAJECTORY, Dialect, Head, csv_cells, empty_lists, is_numeric, plain_lists, value_of
+from lidarcli.logs.csv.table import TRAJECTORY, Dialect, Head, csv_cells, empty_lists, is_numeric, value_of
 from lidarcli.sweeps.types import TURN, Float64, Int64
 
 ROSTOPIC = "rostopic echo -p"
@@ -56,8 +56,8 @@ FIELDS = {
         "scan_time": r"scan_time",
         "range_min": r"(?:range_min|rangemin|min_range)",
         "range_max": r"(?:range_max|rangemax|max_range)",
-        "seconds": r"(?:(?:header_)?(?:(?:time)?stamp_)?(?:secs?|seconds))",
-        "nanoseconds": r"(?:(?:header_)?(?:(?:time)?stamp_)?(?:nsecs?|nanosecs?|nanoseconds))",
+        "seconds": r"(?:(?:header_|tv_)?(?:(?:time)?stamp_)?(?:secs?|seconds))",
+        "nanoseconds": r"(?:(?:header_|tv_)?(?:(?:time)?stamp_)?(?:[num]secs?|(?:nano|micro|milli)sec(?:ond)?s?))",
         "stamp": rf"(?:header_)?stamp{_UNIT}",
         "record": rf"(?:rosbag)?(?:time_?stamp|{_WHOSE}?_?time|t|record|epoch|elapsed|uptime){_UNIT}|{_PARTS}|[mun]s",
         "date": r"date",
@@ -124,6 +124,8 @@ class ScanColumns:
     """True where only ranges (and intensities) stand from `first` to the end of a row: rows may be ragged."""
     to_last: bool = False
     """True where `angle_max` is the bearing of the last beam and gives the increment (foxglove.LaserScan)."""
+    ends_before: bool = False
+    """True where `angle_max` is a step past the last beam: empty cells tell so."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -318,13 +320,33 @@ def _nameless(head: Head) -> UnreadableError:
             length = np.sqrt((table[:, 4:] ** 2).sum(axis=1))
         if (np.abs(length - 1.0) < 0.01).all():
             return UnreadableError(f"{head.path}: {TRAJECTORY.refusal}")
+    if _holds_beams([value_of(cell) for cell in rows[0]]):
+        raise UnreadableError(
+            f"{head.path}: rows such as {shown(head.lines[0], 60)} hold beams of several numbers one after the other "
+            "(bearing, range, ...): write each beam on a line of its own, and name the columns: --columns time,angle,range"
+        )
+    first = "time," * (width > 1)
     return NamelessError(
         f"{head.path}: a table of {width} columns without names, such as {shown(head.lines[0], 60)}: name them, for "
-        f"example --columns {'time,' * (width > 1)}ranges with a sweep in each row (and the bearings by --fov, or --angle-min and "
+        f"example --columns {first}ranges with a sweep in each row (and the bearings by --fov, or --angle-min and "
         "--angle-increment), or --columns angle,range with a beam in each row; `clockwise` in place of `angle` for an "
         "RPLIDAR, `beam` for the number of a beam",
         per_sweep=width <= _MAX_OF_BEAM and not listed,
     )
+
+
+def _holds_beams(values: Sequence[float | None]) -> bool:
+    """Return whether each second or third number of a row is a bearing that goes on in degrees or radians."""
+    numbers = np.array(values, np.float64)
+
+    def even(numbers: Float64) -> bool:
+        """Return whether most steps are alike."""
+        steps = np.diff(numbers)
+        middle = np.median(steps) if len(steps) > 8 else 0.0
+        return bool(middle and np.mean(np.abs(steps - middle) <= 0.5 * abs(middle)) >= 0.9)
+
+    series = (numbers[first::period] for period in (2, 3) for first in range(2 * period))
+    return not even(numbers) and any(even(each) and np.max(np.abs(each)) <= 361.0 for each in series)
 
 
 # Tables with names.
@@ -374,9 +396,9 @@ class FieldIndex:
                         found[name] = column
                         break
         if not {"seconds", "nanoseconds"} <= found.keys():
-            found.pop("nanoseconds", None)
-            if "seconds" in found:
-                found.setdefault("record", found.pop("seconds"))
+            for name in ("seconds", "nanoseconds"):
+                if name in found:
+                    found.setdefault("record", found.pop(name))
         if "record" not in found and "date" in found:
             found["record"] = found.pop("date")
         return found
@@ -452,6 +474,11 @@ def _named_layout(head: Head) -> Layout:
         plain = {canonical(name) for name in names}
         if name != WIDE or plain & {"header", "header_stamp", "header_frame_id", "header_stamp_secs", "header_stamp_sec"}:
             return Layout(name if name != WIDE else LIST, head.dialect, head.start, notes=("no ranges in it",))
+        if {"x", "y"} <= plain:
+            raise UnreadableError(
+                f"{head.path}: columns x and y are points or poses, not beams: lidarcli reads points with their bearing, "
+                "atan2(y, x), in a column `angle`, and their distance, hypot(x, y), in a column `range`"
+            )
         raise _unknown(head, f"a table with the columns {shown(', '.join(names).encode(), 60)}")
     index, strengths = FieldIndex(names), _find_intensities(names)
     scans = [_scan_columns(head, index, strengths, *family) for family in families]
@@ -505,6 +532,19 @@ def _scan_columns(
         # Those of ragged rows stand wherever the ranges end.
         _NO_COLUMNS if doubled or len(own) != len(columns) else own,
         in_order and may_differ and (doubled or not after),
+        ends_before=tells_view and _ends_before(head.rows, fields, columns),
+    )
+
+
+def _ends_before(rows: Sequence[Sequence[bytes]], fields: Mapping[str, int], columns: Int64) -> bool:
+    """Return whether in each of the first rows the last beam by `angle_max`, and that one alone, is an empty cell."""
+    beams = columns.tolist()
+    rows = [row for row in rows if len(row) > max(beams)]
+    told = ([value_of(row[fields[name]]) for row in rows] for name in ("angle_min", "angle_max", "angle_increment"))
+    views = expected_beams(*(np.array(values, np.float64) for values in told))
+    return len(rows) > 1 and all(
+        0 < view <= len(beams) and not row[beams[view - 1]] and row[beams[view - 2]] != b""
+        for row, view in zip(rows, views.tolist(), strict=True)
     )
 
 

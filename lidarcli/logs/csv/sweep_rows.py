@@ -23,13 +23,14 @@ from lidarcli.logs.blocks import (
 )
 from lidarcli.logs.cells import (
     DATED,
+    NS,
     Cells,
     going_on,
     not_a_number,
     pad_cells,
     parse_number,
     parse_rows,
-    seconds_and_nanoseconds,
+    seconds_and_parts,
     shown,
     to_ns,
 )
@@ -161,7 +162,7 @@ def read_times(scan: ScanColumns, column: Column, rows: int, last: Ends) -> tupl
     found: dict[str, Int64] = {}
     if "seconds" in fields:
         parts = (column(fields[name]) for name in ("seconds", "nanoseconds"))
-        found["stamp"], bad = seconds_and_nanoseconds(*parts)
+        found["stamp"], bad = seconds_and_parts(*parts, units.get("nanoseconds", NS))
     for name in ("stamp", "record"):
         if name in units and name not in found:
             times, wrong = to_ns(column(fields[name]), units[name])
@@ -278,7 +279,7 @@ class WideDecoder(Decoder):
         if order is not None and (len(order) != span[0] or (np.diff(order) != 1).any()):
             ranges, empty = ranges[:, order], None if empty is None else empty[:, order]
         if empty is not None and empty.size:
-            beams = _without_trailing(empty, beams, np.zeros_like(beams) if scan.to_last else view)
+            beams = _without_trailing(empty, beams, np.zeros_like(beams) if scan.to_last else view - scan.ends_before)
             if self.layout.sparse:
                 good &= ~empty.all(axis=1)
         return ranges, beams, good, found.bad
@@ -343,9 +344,12 @@ def _intensity_columns(scan: ScanColumns, cells: Cells, rows: Int64, beams: Int6
 
 
 def _without_trailing(empty: Bool, beams: Int64, view: Int64) -> Int64:
-    """Return beam counts without trailing empty cells outside of the view; one of 0 has as many beams as are filled."""
+    """Return beam counts without trailing empty cells outside of the view, which the last beam may exceed by a step.
+
+    A view of 0 has as many beams as are filled.
+    """
     filled = np.where(empty.all(axis=1), 0, empty.shape[1] - np.argmin(empty[:, ::-1], axis=1))
-    view = np.where(view == 0, filled, view)
+    view = np.where((view == 0) | (filled == view + 1), filled, view)
     return np.where((view >= filled) & (view < beams), view, beams)
 
 

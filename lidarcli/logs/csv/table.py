@@ -12,7 +12,7 @@ import numpy as np
 
 from lidarcli.errors import UnreadableError
 from lidarcli.logs.base import OpenOptions, ReadReport
-from lidarcli.logs.cells import DATED, NS, TIME_OF_DAY, parse_number, shown, time_unit
+from lidarcli.logs.cells import DATED, MS, NS, TIME_OF_DAY, US, parse_number, shown, time_unit
 from lidarcli.logs.text import TextBlock
 from lidarcli.sweeps.types import Int64
 
@@ -227,6 +227,11 @@ class Head:
     def units(self, fields: dict[str, int]) -> dict[str, int]:
         """Return the units of the time columns among `fields`; a column that holds no times has none."""
         units: dict[str, int] = {}
+        if "seconds" in fields and (unit := time_unit(self.names[fields["nanoseconds"]].split(".")[-1], [b"0"])) in (
+            US,
+            MS,
+        ):
+            units["nanoseconds"] = unit
         for name in {"record", "stamp", "date"} & fields.keys():
             if self.names[0].strip().lower() == "%time" and name != "date":
                 units[name] = NS
