@@ -259,8 +259,8 @@ SWEEP_RULES = (
         "geometry",
         "warning",
         lambda s: s.off and not s.wide and not s.fine,
-        "angle_max of {name} is {0.ends_degrees[0]:.2f} deg, by angle_increment {0.ends_degrees[1]:.2f} deg: that is used{0.cut}"
-        " ({0.off:,} of {0.sweeps:,} sweeps)",
+        "angle_max of {name} is {0.ends_degrees[0]:.2f} deg, by angle_increment {0.ends_degrees[1]:.2f} deg: that is used"
+        "{0.cut} ({0.off:,} of {0.sweeps:,} sweeps)",
         "angle_max last_beam sweeps=off",
         {"steps": 0.5},
         mend="angles",

@@ -117,6 +117,14 @@ def test_velocities_have_the_clock_of_the_recording(tmp_path: Path) -> None:
     ttc = column(tables.zones, "ttc")
     assert ttc[:40] == [None] * 40
     assert way[60] / SPEED - STEP - 0.02 <= ttc[60] <= way[60] / SPEED + 0.02
+    told = NAV2.replace("points: ", "footprint_topic: /foot  # ") + (
+        'local_costmap: {local_costmap: {ros__parameters: {footprint_padding: 0.0, footprint: "%s"}}}\n'
+        % NAV2.split('points: "')[1].split('"')[0]
+    )
+    found = lidarcli.zones(log, zones=str(zone_file(tmp_path, told, "told.yaml")), no_objects=True)
+    assert column(found.zones, "ttc") == ttc
+    note = "the shape of zone 'ahead' is a footprint: its file has that of the costmap, the log has no /foot"
+    assert note in found.notes
 
 
 @pytest.mark.slow

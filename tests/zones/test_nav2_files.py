@@ -372,6 +372,32 @@ def test_numbers_are_those_of_ros() -> None:
             radius(told)
 
 
+COSTMAP = """local_costmap:
+  local_costmap:
+    ros__parameters: {%s}
+global_costmap: {global_costmap: {ros__parameters: {footprint: "[[1, 1], [1, -1], [-1, 0]]", footprint_padding: 0}}}
+"""
+
+
+@pytest.mark.parametrize(
+    ("costmap", "corners"),
+    [
+        ('footprint: "[[0.3, 0.2], [0.3, -0.2], [-0.3, 0.0]]"', [(0.31, 0.21), (0.31, -0.21), (-0.31, 0.0)]),
+        (
+            "robot_radius: 0.2, footprint_padding: 0.0",
+            [(0.2 * math.cos(a), 0.2 * math.sin(a)) for a in np.arange(16) * math.pi / 8],
+        ),
+        ('footprint: "[]"', [(1.0, 1.0), (1.0, -1.0), (-1.0, 0.0)]),
+    ],
+)
+def test_the_footprint_of_a_costmap_stands_for_its_topic(costmap: str, corners: list[tuple[float, float]]) -> None:
+    monitor = MONITOR.replace("enabled: no", "enabled: false")
+    by_name = {zone.name: zone.footprint for zone in read_text(monitor + COSTMAP % costmap).zones}
+    assert by_name["Foot"] is not None
+    np.testing.assert_allclose(by_name.pop("Foot").corners, corners, atol=1e-7)  # type: ignore[union-attr]
+    assert set(by_name.values()) == {None}
+
+
 def flat(values: dict[str, Any], start: str = "") -> Iterator[str]:
     """Lines of parameters, each by its whole name."""
     for key, value in values.items():

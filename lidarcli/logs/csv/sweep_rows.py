@@ -161,8 +161,8 @@ def read_times(scan: ScanColumns, column: Column, rows: int, last: Ends) -> tupl
     bad = np.zeros(rows, np.bool_)
     found: dict[str, Int64] = {}
     if "seconds" in fields:
-        parts = (column(fields[name]) for name in ("seconds", "nanoseconds"))
-        found["stamp"], bad = seconds_and_parts(*parts, units.get("nanoseconds", NS))
+        whole, parts = (column(fields[name]) for name in ("seconds", "nanoseconds"))
+        found["stamp"], bad = seconds_and_parts(whole, parts, units.get("nanoseconds", NS))
     for name in ("stamp", "record"):
         if name in units and name not in found:
             times, wrong = to_ns(column(fields[name]), units[name])
