@@ -543,7 +543,7 @@ def _ends_before(rows: Sequence[Sequence[bytes]], fields: Mapping[str, int], col
     told = ([value_of(row[fields[name]]) for row in rows] for name in ("angle_min", "angle_max", "angle_increment"))
     views = expected_beams(*(np.array(values, np.float64) for values in told))
     return len(rows) > 1 and all(
-        0 < view <= len(beams) and not row[beams[view - 1]] and row[beams[view - 2]] != b""
+        1 < view <= len(beams) and row[beams[view - 2]] and not any(row[column] for column in beams[view - 1 :])
         for row, view in zip(rows, views.tolist(), strict=True)
     )
 
