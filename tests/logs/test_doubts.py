@@ -108,6 +108,16 @@ ODD = {
         replace(room(), angle_max=np.full(COUNT, 2 * np.pi)),
         "angle_max of /scan is 360.00 deg, by angle_increment 179.00 deg: that is used (40 of 40 sweeps)",
     ),
+    "arrays that PlotJuggler has cut": (
+        replace(
+            room(),
+            ranges=np.tile(room().ranges, 2)[:, :500],
+            beams=np.full(COUNT, 500, np.int32),
+            angle_increment=np.full(COUNT, 0.005),
+            angle_max=np.full(COUNT, np.pi),
+        ),
+        "that is used, for 500 of 1,258 beams are there: PlotJuggler cuts arrays (40 of 40 sweeps)",
+    ),
     "twice": (
         room().rows(np.repeat(np.arange(COUNT), 2)),
         "40 of 80 sweeps of /scan have stamp and ranges of the sweep before: --every 2 takes each once",
@@ -144,7 +154,7 @@ KINDS = {
         ("millimetres", "millimetres, limits in metres", "centimetres", "centimetres, near", "degrees"), ("units", "error")
     ),
     **dict.fromkeys(("no steps", "no beams"), ("geometry", "error")),
-    "angle_max": ("geometry", "warning"),
+    **dict.fromkeys(("angle_max", "arrays that PlotJuggler has cut"), ("geometry", "warning")),
     **dict.fromkeys(("no range", "nothing near"), ("no_return", "warning")),
     "limits that are too near": ("limits", "warning"),
     "limits that are too far": ("too_close", "error"),
