@@ -62,7 +62,7 @@ class TextSource:
         chunks = self._chunks()
         if self.compression == "gzip":
             chunks = self._gunzip(chunks)
-        return _unprinted_blocks(_line_ends(self._whole_lines(_newlines(_as_utf8(chunks)))))
+        return _line_ends(self._whole_lines(_newlines(_as_utf8(chunks))))
 
     def _read(self, size: int) -> bytes:
         if self._left is not None:
@@ -184,16 +184,13 @@ def _newlines(chunks: Iterator[bytes]) -> Iterator[bytes]:
 
 
 def _line_ends(blocks: Iterator[TextBlock]) -> Iterator[TextBlock]:
-    """Write every line end as one newline, and a stray carriage return as a space."""
+    """Write every line end as one newline, a stray carriage return as a space, and lines as `unprinted` has them."""
     for block in blocks:
-        if b"\r" not in block.text:
-            yield block
-            continue
-        text = block.text.replace(b"\r\n", b"\n").replace(b"\r", b" ")
-        yield replace(block, text=text)
+        text = unprinted(block.text.replace(b"\r\n", b"\n").replace(b"\r", b" "))
+        yield block if text is block.text else replace(block, text=text)
 
 
-_PRINTED = re.compile(rb"""^[ \t]*b(['"])(.*)\1[ \t]*$""", re.MULTILINE)
+_PRINTED = re.compile(rb"""^b(['"])(.*)\1[ \t]*$""", re.MULTILINE)
 
 
 def unprinted(text: bytes) -> bytes:
@@ -202,19 +199,13 @@ def unprinted(text: bytes) -> bytes:
     >>> unprinted(b"b'0.5,2.1\\\\r\\\\n'\\nb'1.0,2.0\\\\r\\\\n'\\n")
     b'0.5,2.1\\n1.0,2.0\\n'
     """
-    if (b"b'" not in text and b'b"' not in text) or 2 * len(_PRINTED.findall(text)) <= text.count(b"\n"):
+    if not re.search(rb"(?:\A|\n)b['\"]", text) or 2 * len(_PRINTED.findall(text)) <= text.count(b"\n"):
         return text
 
     def plain(match: re.Match[bytes]) -> bytes:
         return match[2].replace(b"\\t", b"\t").removesuffix(b"\\n").removesuffix(b"\\r")
 
     return _PRINTED.sub(plain, text)
-
-
-def _unprinted_blocks(blocks: Iterator[TextBlock]) -> Iterator[TextBlock]:
-    for block in blocks:
-        text = unprinted(block.text)
-        yield block if text is block.text else replace(block, text=text)
 
 
 class TextLog(Closing, ABC):

@@ -83,6 +83,8 @@ def test_a_sweep_in_a_row(head: str, form: str, columns: str, end: str) -> None:
          "example --columns time,ranges with"),
         ("header,time,ranges\n" + rows("{t},[{a}, {b}, {c}]"), "2 cells where the first line has 3 names, such as"),
         ("time,ranges,intensities\n" + rows("{t},{a},{b},{c},7,8"), "the first line time,ranges,intensities names 1 and"),
+        ("".join(f"{k},20\n" + "".join(f"{n},2.5\n" for n in range(20)) for k in range(3)), "a table of 2 columns"),
+        ("beam,range\n0,20\n" + "".join(f"{n},2.5\n" for n in range(20)), "lines such as '0,20' are no beams, but heads"),
         ("timestamp,x,y\n1.5,2.0,0.5\n", "columns x and y are points or poses, not beams: "),
         (rows("{t}," + ",".join(f"{20 * k}.1,{{b}},47" for k in range(12))), "rows such as '0.5,0.1,2.0,47,20.1,2.0,47,"),
         ("time,beam,range\n1,0,2.5\n1,1,2.5\n", ""),

@@ -21,7 +21,7 @@ from lidarcli.logs.base import LASERSCAN, Message, OpenOptions, ReadReport, Topi
 from lidarcli.logs.cells import time_notes, time_unit, to_ns
 from lidarcli.logs.csv import beam_rows
 from lidarcli.logs.csv.beam_rows import LongDecoder
-from lidarcli.logs.csv.layouts import PER_SWEEP, RPLIDAR, UNITS, Layout, layout_of
+from lidarcli.logs.csv.layouts import PER_SWEEP, RPLIDAR, Layout, layout_of
 from lidarcli.logs.csv.sweep_rows import Decoder, ListDecoder, WideDecoder
 from lidarcli.logs.csv.table import other_format, read_head
 from lidarcli.logs.joined import natural
@@ -63,7 +63,11 @@ class CsvLog(TextLog):
         layout = self._layout
         passed = [f"columns passed over: {some_of(layout.passed)}"] if layout.passed else []
         timed = any(scan.units or {"seconds", "header"} & scan.fields.keys() for scan in layout.scans)
-        units = [f"ranges are {UNITS[layout.scale]}"] if layout.scale and not layout.spelling else []
+        units = (
+            [f"ranges are {'milli' if layout.scale == 0.001 else 'centi'}metres"]
+            if layout.scale and not layout.spelling
+            else []
+        )
         is_news = times or units or (passed and not timed)
         notes = [f"CSV layout: {name}", *layout.notes, *units, *times, *passed]
         self._note = (str if is_news else Routine)("; ".join(notes))

@@ -183,8 +183,7 @@ class LongDecoder(Decoder):
             low, high = (known.min(), known.max()) if len(known) else (0.0, 0.0)
             self._numbers = float(low), int(min(high - low, MAX_BEAMS)) + 1
         first, step = given_geometry(self.options, self._numbers[1]) or (np.nan, np.nan)
-        bearings: Float64 = first + step * (number - self._numbers[0])
-        return bearings
+        return np.asarray(first + step * (number - self._numbers[0]))
 
     def _sweeps(self, rows: _Rows, starts: Int64, ends: Int64, numbers: Int64) -> Iterator[RawSweeps]:
         angle = rows.angle

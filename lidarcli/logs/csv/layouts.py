@@ -68,8 +68,9 @@ FIELDS = {
 }
 """Field of a scan → the canonical names of its column."""
 _ANY_FIELD = re.compile("|".join(pattern.pattern for pattern in FIELDS.values()))
-_TIMES = {"seconds", "nanoseconds", "stamp", "record", "date"}
-_OF_NO_USE = re.compile("|".join(pattern.pattern for name, pattern in FIELDS.items() if name not in _TIMES))
+_OF_NO_USE = re.compile(
+    "|".join(FIELDS[name].pattern for name in FIELDS if not re.search("seconds|stamp|record|date", name))
+)
 _LONGEST_FIELD = 40
 _ANGLE = re.compile(
     r"(?:.*_)?(?:angle|theta|bearing|azimuth|phi|(?P<clockwise>clockwise))s?"
@@ -81,7 +82,6 @@ _IN_LENGTH = re.compile(rf"(?:^|(?<=[^a-z]))({_LENGTH})(?=[^a-z]|$)")
 _END_LENGTH = re.compile(rf"(?<=\d)[_ (\[]+{_LENGTH}[)\]]?$", re.IGNORECASE)
 _SCALES = {"mm": 0.001, "mi": 0.001, "cm": 0.01, "ce": 0.01}
 """First letters of a unit of length → metres."""
-UNITS = {0.001: "millimetres", 0.01: "centimetres"}
 _BEAM = re.compile(
     r"(?:(?:beam|ray|bin|step|point|angle|bearing)_?(?:id|index|idx|number|no|nr|num)|beam|ray|bin|step|index|idx|number)"
 )
@@ -99,6 +99,7 @@ _RECORD = 1 << 20
 """Bytes within which the first record with a list must end, the list itself not counted."""
 _POSE = 8
 """Numbers in a row of a trajectory: time, place and quaternion."""
+_MIN_COUNT = 16
 _MAX_OF_BEAM = 3
 """Most numbers in a row for it to be taken for a beam: bearing, range, quality."""
 _NO_COLUMNS = np.empty(0, np.int64)
@@ -612,7 +613,7 @@ def _list_layout(head: Head) -> Layout | None:
 def _list_column(names: Sequence[str], cells: Sequence[str]) -> tuple[int, str] | None:
     """Return the column whose cell is a list of ranges, and the prefix of its name."""
     for column, (name, cell) in enumerate(zip(names, cells, strict=False)):
-        word = re.sub(rf"[_ (\[]+{_LENGTH}[)\]]?$", "", re.split(r"[./]", name.strip())[-1].lower())
+        word = re.sub(rf"(?<![_ (\[])[_ (\[]+{_LENGTH}[)\]]?$", "", re.split(r"[./]", name.strip())[-1].lower())
         is_ranges = "intens" not in word and re.fullmatch(r".*(?:ranges?|scan|distances?|data|values?)", word)
         if is_ranges and (_LIST.match(cell.strip()) or _NUMBERS.fullmatch(cell)):
             end = name.strip().lower().rfind("ranges")
@@ -638,6 +639,12 @@ def _long_layout(head: Head) -> Layout | None:
     if match is None:
         _need_geometry(head, LONG)
         angle = int(number or 0)
+    whole = [row for row in head.rows if len(row) == len(head.names)]
+    if key is None and _has_heads([(value_of(row[angle]), value_of(row[distance])) for row in whole]):
+        raise UnreadableError(
+            f"{head.path}: lines such as {shown(head.lines[0], 60)} are no beams, but heads with the number of a sweep and "
+            "of its beams: take them out, for sweeps begin where the bearing starts over"
+        )
     sphere = {part[1]: column for name, column in columns.items() if (part := _SPHERE.fullmatch(name))}
     layers = [column for name, column in columns.items() if _LAYER.fullmatch(name)]
     for column in [*layers, *([max(sphere.values())] if len(sphere) == 2 else [])]:
@@ -682,6 +689,16 @@ def _long_layout(head: Head) -> Layout | None:
         scale=_scale(head, distance),
         notes=tuple(notes),
     )
+
+
+def _has_heads(rows: Sequence[tuple[float | None, float | None]]) -> bool:
+    """Return whether pairs of numbers are heads, a number that rises by 1 and a count, with as many pairs behind each."""
+    at, numbers = 0, []
+    while at < len(rows) and (count := rows[at][1]) and count.is_integer() and count >= _MIN_COUNT:
+        numbers.append(rows[at][0])
+        at += int(count) + 1
+    steps = {None if a is None or b is None else b - a for a, b in pairwise(numbers)}
+    return steps == {1.0} if len(numbers) > 1 else len(numbers) == 1 and at == len(rows)
 
 
 def cut_restarts(angle: Float64) -> Int64:

@@ -47,7 +47,7 @@ NO_TIME = "the time cannot be read"
 _SECONDS = re.compile(r"\bsecs?['\"]?\s*[:=]\s*(-?\d+)")
 _NANOSECONDS = re.compile(r"\bn(?:ano)?secs?['\"]?\s*[:=]\s*(\d+)")
 _FRAME = re.compile(r"frame_id['\"]?\s*[:=]\s*(?:'([^']*)'|\"([^\"]*)\"|([^\s,'\"})]*))")
-_PARENTHESES = re.compile(rb'(?<![\w.])"?\s*\(([^()]*)\)\s*"?')
+_PARENTHESES = re.compile(rb'(?<![\w.])(?:"\s*)?\(([^()]*)\)(?:\s*")?')
 _MAX_LISTS = 64
 """Most lists of one record; with more it is garbage."""
 _MAX_TEXT = 1 << 20
@@ -344,10 +344,7 @@ def _intensity_columns(scan: ScanColumns, cells: Cells, rows: Int64, beams: Int6
 
 
 def _without_trailing(empty: Bool, beams: Int64, view: Int64) -> Int64:
-    """Return beam counts without trailing empty cells outside of the view, which the last beam may exceed by a step.
-
-    A view of 0 has as many beams as are filled.
-    """
+    """Return beam counts without trailing empty cells a step or more outside of the view; one of 0 is what is filled."""
     filled = np.where(empty.all(axis=1), 0, empty.shape[1] - np.argmin(empty[:, ::-1], axis=1))
     view = np.where((view == 0) | (filled == view + 1), filled, view)
     return np.where((view >= filled) & (view < beams), view, beams)

@@ -21,7 +21,9 @@ _QUOTED = re.compile(rb'"[^"]*"')
 _LIST = rb"\[[^\]]*(?:\]|\Z)|(?<![\w.])\([^()]*\)"
 _LISTS = re.compile(_LIST)
 _LISTS_AND_QUOTED = re.compile(_LIST + rb'|"[^"]*"')
-_ARRAYS = re.compile(rb"\b(?:np\.|numpy\.)?array\(\s*(?:['\"]\w['\"],\s*)?(\[[^\]]*\])[^()\[\]]*\)|\bnp\.\w+\(([^()]*)\)")
+_ARRAYS = re.compile(
+    rb"\b(?:np\.)?array\(\s*(?:['\"]\w['\"],\s*)?(\[[^\[\]]*\])[^()\[\]]*\)|\b(?:np|numpy)\.\w+\(([^()]*)\)"
+)
 _BEGUN = re.compile(rb"[\[(]\s*(?:[-+.\d]|inf|nan)")
 """Start of a list of numbers."""
 _DECIMAL_COMMA = re.compile(rb"\s*-?\d+,\d+(?:[eE][-+]?\d+)?\s*")
@@ -94,7 +96,7 @@ def guess_dialect(lines: Sequence[bytes]) -> Dialect | None:
 
 def plain_lists(text: bytes) -> bytes:
     """Return the text with the calls of Python taken off lists and numbers: `array('f', [1.0])`, `np.float32(1.0)`."""
-    return _ARRAYS.sub(rb"\1\2", text) if b"array(" in text or b"np." in text else text
+    return _ARRAYS.sub(rb"\1\2", text) if re.search(rb"array\(|\bnp\.|numpy\.", text) else text
 
 
 def empty_lists(text: bytes) -> bytes:
@@ -227,11 +229,9 @@ class Head:
     def units(self, fields: dict[str, int]) -> dict[str, int]:
         """Return the units of the time columns among `fields`; a column that holds no times has none."""
         units: dict[str, int] = {}
-        if "seconds" in fields and (unit := time_unit(self.names[fields["nanoseconds"]].split(".")[-1], [b"0"])) in (
-            US,
-            MS,
-        ):
-            units["nanoseconds"] = unit
+        parts = time_unit(self.names[fields["nanoseconds"]].split(".")[-1], [b"0"]) if "seconds" in fields else None
+        if parts in (US, MS):
+            units["nanoseconds"] = parts
         for name in {"record", "stamp", "date"} & fields.keys():
             if self.names[0].strip().lower() == "%time" and name != "date":
                 units[name] = NS
