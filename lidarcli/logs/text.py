@@ -199,7 +199,8 @@ def unprinted(text: bytes) -> bytes:
     >>> unprinted(b"b'0.5,2.1\\\\r\\\\n'\\nb'1.0,2.0\\\\r\\\\n'\\n")
     b'0.5,2.1\\n1.0,2.0\\n'
     """
-    if not re.search(rb"(?:\A|\n)b['\"]", text) or 2 * len(_PRINTED.findall(text)) <= text.count(b"\n"):
+    begun = text[:2] in (b"b'", b'b"') or b"\nb'" in text or b'\nb"' in text
+    if not begun or 2 * len(_PRINTED.findall(text)) <= text.count(b"\n"):
         return text
 
     def plain(match: re.Match[bytes]) -> bytes:
