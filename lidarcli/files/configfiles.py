@@ -237,12 +237,24 @@ def _kind(value: object) -> str:
     return repr(value)
 
 
-_TRUTHS = dict.fromkeys(("y", "yes", "true", "on"), True) | dict.fromkeys(("n", "no", "false", "off"), False)
-_INTEGER = re.compile(r"[-+]?(0[0-7]{0,21}|0x[0-9a-f]{1,16}|[1-9][0-9]{0,18})", re.IGNORECASE)
-_OF_C = re.compile(
-    r"[-+]?(inf(inity)?|nan|0x([0-9a-f]+\.?[0-9a-f]*|\.[0-9a-f]+)(p[-+]?[0-9]+)?|\.?[0-9]+\.?[0-9]*e[-+]?[0-9]+)"
+_TRUTHS = {
+    spelling: truth
+    for words, truth in (("y yes true on", True), ("n no false off", False))
+    for word in words.split()
+    for spelling in (word, word.title(), word.upper())
+}
+_INTEGER = re.compile(r"[-+]?(?:0[0-7]*|0[xX][0-9a-fA-F]+|[1-9][0-9]*)")
+_MAX_DIGITS = 64
+_DOUBLE = re.compile(
+    r"[-+]?(?:inf(?:inity)?|nan(?:\(\w*\))?|0x(?:[0-9a-f]+\.?[0-9a-f]*|\.[0-9a-f]+)(?:p[-+]?[0-9]+)?"
+    r"|(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:e[-+]?[0-9]+)?)",
+    re.IGNORECASE,
 )
-_TAG = "tag:yaml.org,2002:"
+"""What the C function `strtod` takes as a whole."""
+_DOTTED = re.compile(r"[-+]?\.(?:inf|Inf|INF)|\.(?:nan|NaN|NAN)")
+_STRING = re.compile(r"(?:&\S+\s+)?!(?:!str|<tag:yaml\.org,2002:str>)(?!\w)")
+_LEAST = 2.2250738585072014e-308
+"""Least normal double: `strtod` tells of an error below it, and beyond the greatest one."""
 
 
 def read_yaml(file: str, what: str) -> dict[str, Any]:
@@ -263,12 +275,12 @@ def read_yaml(file: str, what: str) -> dict[str, Any]:
         raise UnreadableError(f"{file}: not valid YAML: {_reason(err)}") from err
     if not isinstance(root, MappingNode):
         raise UnreadableError(f"{file}: not valid YAML of a {what}: it has no keys")
-    values: dict[str, Any] = _value(file, root, set(), 0)
+    values: dict[str, Any] = _value(file, text, root, set(), 0)
     return values
 
 
-def _value(file: str, node: Node, above: set[int], depth: int) -> Any:
-    """Return the value of a node."""
+def _value(file: str, source: str, node: Node, above: set[int], depth: int) -> Any:
+    """Return the value of a node of the text `source`."""
     from ruamel.yaml.nodes import MappingNode, ScalarNode, SequenceNode
 
     place = f"{file}: line {node.start_mark.line + 1}"
@@ -278,9 +290,9 @@ def _value(file: str, node: Node, above: set[int], depth: int) -> Any:
         raise UnreadableError(f"{place}: more than {MAX_DEPTH} levels")
     above.add(id(node))
     if isinstance(node, ScalarNode):
-        return _scalar(node)
+        return _scalar(node, is_text=_STRING.match(source, node.start_mark.index) is not None)
     if isinstance(node, SequenceNode):
-        return [_value(file, item, above, depth + 1) for item in node.value]
+        return [_value(file, source, item, above, depth + 1) for item in node.value]
     assert isinstance(node, MappingNode)
     values: dict[str, Any] = {}
     for key, value in node.value:
@@ -289,31 +301,37 @@ def _value(file: str, node: Node, above: set[int], depth: int) -> Any:
             raise UnreadableError(f"{place}: a key that is no name")
         if name in values:
             raise UnreadableError(f"{file}: line {key.start_mark.line + 1}: key '{name}' is there twice")
-        values[name] = _value(file, value, above, depth + 1)
+        values[name] = _value(file, source, value, above, depth + 1)
     return values
 
 
-def _scalar(node: ScalarNode) -> Any:
-    """Return a text, number, boolean or None."""
+def _scalar(node: ScalarNode, is_text: bool) -> Any:
+    """Return a text, number or boolean as the parser of ROS 2 does (rcl_yaml_param_parser, `get_value`); None for nothing.
+
+    This one looks at no tag but `!!str`, and takes a number that is out of range for a text.
+    """
     text = str(node.value)
-    kind = str(node.tag).removeprefix(_TAG)
-    if kind == "null":
+    if is_text or node.style in ("'", '"'):
+        return text
+    if not text:
         return None
-    # Quoted values have a style.
-    if kind in {"bool", "str"} and not node.style and text.lower() in _TRUTHS:
-        return _TRUTHS[text.lower()]
-    # As in the parser of ROS: 030 is octal, and neither 1_5 nor 0o17 is a number.
-    if kind == "int" and not node.style and _INTEGER.fullmatch(text):
+    if text in _TRUTHS:
+        return _TRUTHS[text]
+    if _INTEGER.fullmatch(text) and len(text) <= _MAX_DIGITS:
         digits = text.lower().lstrip("+-")
-        return int(text, 16 if digits.startswith("0x") else 8 if digits.startswith("0") else 10)
-    plain = text.lower().replace(".inf", "inf").replace(".nan", "nan")
-    # What YAML takes for a text may be a number of C: inf, 0x1p3.
-    if not node.style and (_OF_C.fullmatch(plain) or (kind in {"int", "float"} and not set(plain) & set("_oxb:"))):
-        with suppress(ValueError, OverflowError):
-            number = float.fromhex(plain) if "x" in plain else float(plain)
-            # 1e400 is beyond a double, and stays a text.
-            if isfinite(number) or "n" in plain:
-                return number
+        number = int(text, 16 if digits.startswith("0x") else 8 if digits.startswith("0") else 10)
+        if -(1 << 63) <= number < 1 << 63:
+            return number
+    if _DOTTED.fullmatch(text):
+        return float(text.replace(".", ""))
+    if _DOUBLE.fullmatch(text):
+        plain = text.lower().partition("(")[0]
+        mantissa = plain.partition("p" if "x" in plain else "e")[0]
+        with suppress(OverflowError):
+            value = float.fromhex(plain) if "x" in plain else float(plain)
+            in_range = isfinite(value) and (abs(value) >= _LEAST or not set(mantissa) & set("123456789abcdef"))
+            if "n" in plain or in_range:
+                return value
     return text
 
 

@@ -443,10 +443,10 @@ def going_on(times: Int64, unit: int, last: tuple[int, int] | None) -> tuple[Int
     return gone, (int(times[-1]), int(gone[-1] - times[-1]))
 
 
-def seconds_and_nanoseconds(seconds: Sequence[bytes], rest: Sequence[bytes]) -> tuple[Int64, Bool]:
-    """Return nanoseconds from a column of whole seconds and one of nanoseconds."""
+def seconds_and_parts(seconds: Sequence[bytes], rest: Sequence[bytes], unit: int) -> tuple[Int64, Bool]:
+    """Return nanoseconds from a column of whole seconds and one of parts of these in a `unit` of nanoseconds."""
     high, bad_high = to_ns(seconds, S)
-    low, bad_low = to_ns(rest, NS)
+    low, bad_low = to_ns(rest, unit)
     # The sum of two int64 can wrap around; no such time is meant.
     wrapped = (np.abs(high) > _MAX // 2) | (np.abs(low) > _MAX // 2)
     bad: Bool = wrapped | bad_high | bad_low

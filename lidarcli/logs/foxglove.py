@@ -1,6 +1,6 @@
 """Scans in JSON and in protobuf, message by message: `foxglove.LaserScan`, and LaserScan of ROS.
 
-`JsonLinesLog` reads what `mcap cat --json` (or `--format=ndjson`) prints, and no other JSON lines.
+`JsonLinesLog` reads what `mcap cat --json` (or `--format=ndjson`) and `pymcap-cli cat` print, and no other JSON lines.
 """
 
 from __future__ import annotations
@@ -24,6 +24,7 @@ from lidarcli.sweeps.types import Float32, RawSweeps
 
 NOT_JSON = "not JSON"
 NOT_SCAN = "not a LaserScan"
+SHORTENED = "the ranges are abbreviated (pymcap-cli cat: --bytes ints)"
 NOT_PROTOBUF = "not protobuf of its schema"
 STAMP = "timestamp out of range"
 LAYERED = "a scan of several layers"
@@ -137,6 +138,7 @@ _SPELLED = {"startAngle": "start_angle", "endAngle": "end_angle", "frameId": "fr
     "verticalCount": "vertical_count",
 }
 _BEARINGS = frozenset({"angle_increment", "start_angle", "startAngle", "angle_step", "angleStep"})
+_ABBREVIATED = re.compile(r"<[\d,]+ bytes>")
 _DECIMAL_STAMP = re.compile(rb'"(?:time)?stamp"\s*:\s*(\d{1,12}\.\d{1,9})')
 
 
@@ -152,6 +154,8 @@ def scan_of(message: Mapping[str, Any], line: bytes, record_ns: int, echo: str =
     """Return the sweep of a message that `scan_in` found; `line` is its text. RefusedError where it can be none."""
     fields = {_SPELLED.get(name, name): value for name, value in message.items()}
     of_ros = "angle_increment" in fields
+    if isinstance(fields["ranges"], str) and _ABBREVIATED.fullmatch(fields["ranges"]):
+        raise RefusedError(SHORTENED)
     try:
         header = (fields.get("header") or {}) if of_ros else fields
         ranges, intensities = _beams(fields["ranges"], fields.get("intensities"), echo)
@@ -325,7 +329,7 @@ _CUT = "the file ends within this line: its message is dropped"
 
 
 class JsonLinesLog(TextLog):
-    """Lines that `mcap cat --json` prints, from a file or from a stream: a message per line, of any topics."""
+    """Lines that `mcap cat --json` or `pymcap-cli cat` prints, of a file or a stream: a message per line, of any topics."""
 
     format = "json lines"
 
@@ -390,11 +394,12 @@ class _LineDecoder:
             whole = json.loads(line)
         except (ValueError, RecursionError):
             return NOT_JSON
-        if "data" not in whole:
+        key = next((key for key in ("data", "message") if key in whole), None)
+        if key is None:
             return _NO_MESSAGE
         if bad[0]:
             return "the time cannot be read"
-        message = scan_in(whole["data"])
+        message = scan_in(whole[key])
         if message is not None:
             self._keep(topic, message, line, int(record[0]))
         elif topic in self._scanned:

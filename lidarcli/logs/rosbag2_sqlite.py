@@ -51,6 +51,8 @@ BATCH = 32
 MAX_TEXT = 1 << 16
 """Longest text of the schema and of the topics table that is read [bytes]."""
 ASKED_EVERY = 10_000
+STEPS, STEPS_PER_BYTE = 1_000_000, 4
+"""Most steps of a statement, and for each byte of the file: a row, of ten bytes or more, takes about 20."""
 
 _SCHEMA = "SELECT type, name, sql FROM sqlite_master"
 _PLAIN = re.compile(r"CREATE (TABLE|(UNIQUE )?INDEX)\b", re.IGNORECASE)
@@ -349,8 +351,7 @@ class SqliteLog(Closing):
     def _is_endless(self) -> bool:
         """Return True after more steps than a sound file of this size needs."""
         self._steps += ASKED_EVERY
-        # A row, of ten bytes or more, takes about 20 steps.
-        return self._steps > 1_000_000 + 4 * self._size
+        return self._steps > STEPS + STEPS_PER_BYTE * self._size
 
     def _merged(self, path: Path) -> Path:
         """Return the storage file, or a copy of it with its journals merged in."""

@@ -13,12 +13,14 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from lidarcli.logs.base import ReadReport
+from lidarcli.logs.base import MAX_BEAMS, ReadReport
 from lidarcli.logs.clock import NO_STAMPS, SAME_NS, Clock, ClockInfo, in_words
 from lidarcli.sweeps.finding_rules import (
     CERTAINLY_MM,
     FAR,
+    FEW,
     FINEST_STEP,
+    LONG_RANGE,
     OFTEN,
     SOME,
     SWEEP_RULES,
@@ -38,6 +40,8 @@ TOGETHER, PERIOD = 16, 256
 """Number of consecutive sweeps compared with each other, out of each period of sweeps."""
 BEAMS = 60
 """Number of beams compared per sweep."""
+PLOTTED = 500
+"""Most values of an array that PlotJuggler keeps, unless it is set otherwise."""
 APART = 0.1
 """Least change [m] of half of the beams between sweeps of two alternating sensors."""
 FROZEN_NS = 500_000_000
@@ -144,10 +148,13 @@ class SweepStats:
     """Sweeps whose last beam is not at `angle_max`."""
     ends: tuple[float, float] = (0.0, 0.0)
     """Bearing of the last beam of the first such sweep by `angle_max`, and by the increment [rad]."""
+    cut: str = ""
+    """Words for beams that are not there."""
     far: int = 0
     farther: int = 0
     ranged: int = 0
-    """All ranges; `far` counts those beyond `FAR`, `farther` those beyond `CERTAINLY_MM`."""
+    """All ranges; `far` counts those beyond `FAR`, `farther` those beyond `CERTAINLY_MM`, `long` beyond `LONG_RANGE`."""
+    long: int = 0
     counts: dict[str, int] = field(default_factory=dict)
     """Cause of a missing range → number of beams, in sweeps with hardly any range."""
     limits: tuple[float, float] = (0.0, 0.0)
@@ -175,7 +182,7 @@ class SweepStats:
     @property
     def is_far(self) -> bool:
         """True if most ranges are too large for metres."""
-        return 2 * self.far > self.ranged
+        return 2 * self.far > self.ranged or (2 * self.long > self.ranged and self.far > FEW * self.ranged)
 
     def add(self, raw: RawSweeps, batch: SweepBatch, went: Callable[[Int64, Int64], Bool] | None = None) -> Bool:
         """Take sweeps; return (S,) which repeat older ones. `went` is `Went` for this sensor."""
@@ -212,7 +219,10 @@ class SweepStats:
         cause, (least, most) = by_share[0][0] if by_share else "", self.limits
         without = (self.beams - self.valid) / max(self.beams, 1)
         millimetres = 2 * self.farther > self.ranged
+        centimetres = self.farther <= FEW * self.ranged
         unit, option = ("millimetres", "mm") if millimetres else ("centimetres or millimetres", "cm or mm")
+        unit, option = ("centimetres", "cm") if centimetres else (unit, option)
+        mostly, limit = (self.far, FAR) if 2 * self.far > self.ranged else (self.long, LONG_RANGE)
         astray = max(clock.astray, key=abs, default=0.0)
         shown, side = in_words(abs(astray)), "ahead of" if astray > 0 else "behind"
         every = f"--every {clock.copies}" if clock.copies > 1 and alone else ""
@@ -227,10 +237,11 @@ class SweepStats:
             angle_max=self.ends[0],
             last_beam=self.ends[1],
             ends_degrees=np.degrees(self.ends),
-            far_share=self.far / max(self.ranged, 1),
-            far_from=CERTAINLY_MM if in_unit and millimetres else FAR,
+            far_share=mostly / max(self.ranged, 1),
+            far_limit=limit,
+            far_from=CERTAINLY_MM if in_unit and millimetres else limit,
             unit_option=f"--range-unit {option}" if in_unit else "",
-            unit_mend="units" if in_unit and millimetres else "",
+            unit_mend="units" if in_unit and (millimetres or centimetres) else "",
             unit_remedy=f"they are probably {unit} (--range-unit {option})"
             if in_unit
             else "the points of the clouds are probably not in metres",
@@ -333,6 +344,10 @@ class SweepStats:
             if not self.off:
                 row = int(off.argmax())
                 self.ends = float(raw.angle_max[row]), float(last[row])
+                beams = float((raw.angle_max[row] - raw.angle_min[row]) / (raw.angle_increment[row] or np.nan)) + 1.0
+                # So many PlotJuggler keeps of an array, unless it is told more.
+                is_cut = raw.beams[row] == PLOTTED and PLOTTED < beams <= MAX_BEAMS
+                self.cut = f", for {PLOTTED} of {beams:,.0f} beams are there: PlotJuggler cuts arrays" if is_cut else ""
             self.off += int(np.count_nonzero(off))
 
     def _take_causes(self, values: Float32, status: np.ndarray, least: Float32, most: Float32) -> None:
@@ -356,7 +371,7 @@ class SweepStats:
     def _take_units(self, ranges: Float32, status: np.ndarray, valid: int) -> None:
         """Count ranges that are too far to be metres."""
         with np.errstate(invalid="ignore"):
-            far = ranges > FAR
+            far = ranges > LONG_RANGE
             # Many a sensor writes inf, which is no range, in every sweep.
             if far.any():
                 far &= ranges <= FARTHEST
@@ -369,7 +384,8 @@ class SweepStats:
         # Many a driver has one great number for "no return"; where there is nothing else, it may be a range.
         below = real & (ranges < top)
         real = np.where(below.any(axis=1, keepdims=True), below, real)
-        self.far += int(np.count_nonzero(real & far))
+        self.long += int(np.count_nonzero(real & far))
+        self.far += int(np.count_nonzero(ranges[real] > FAR))
         self.farther += int(np.count_nonzero(ranges[real] > CERTAINLY_MM))
         self.ranged += int(np.count_nonzero(real))
 

@@ -184,13 +184,29 @@ def _newlines(chunks: Iterator[bytes]) -> Iterator[bytes]:
 
 
 def _line_ends(blocks: Iterator[TextBlock]) -> Iterator[TextBlock]:
-    """Write every line end as one newline, and a stray carriage return as a space."""
+    """Write every line end as one newline, a stray carriage return as a space, and lines as `unprinted` has them."""
     for block in blocks:
-        if b"\r" not in block.text:
-            yield block
-            continue
-        text = block.text.replace(b"\r\n", b"\n").replace(b"\r", b" ")
-        yield replace(block, text=text)
+        text = unprinted(block.text.replace(b"\r\n", b"\n").replace(b"\r", b" "))
+        yield block if text is block.text else replace(block, text=text)
+
+
+_PRINTED = re.compile(rb"""^b(['"])(.*)\1[ \t]*$""", re.MULTILINE)
+
+
+def unprinted(text: bytes) -> bytes:
+    """Return the lines of a text of which most are bytes as Python prints them, as of a subprocess or a serial port.
+
+    >>> unprinted(b"b'0.5,2.1\\\\r\\\\n'\\nb'1.0,2.0\\\\r\\\\n'\\n")
+    b'0.5,2.1\\n1.0,2.0\\n'
+    """
+    begun = text[:2] in (b"b'", b'b"') or b"\nb'" in text or b'\nb"' in text
+    if not begun or 2 * len(_PRINTED.findall(text)) <= text.count(b"\n"):
+        return text
+
+    def plain(match: re.Match[bytes]) -> bytes:
+        return match[2].replace(b"\\t", b"\t").removesuffix(b"\\n").removesuffix(b"\\r")
+
+    return _PRINTED.sub(plain, text)
 
 
 class TextLog(Closing, ABC):
@@ -284,6 +300,7 @@ def is_carmen(head: bytes) -> bool:
     >>> is_carmen(b"# made by hand\\nODOM 0 0 0 0 0 0 1.5 host 1.5\\n"), is_carmen(b"time,r0,r1")
     (True, False)
     """
+    head = unprinted(head)
     return _CARMEN_HEADER.match(head) is not None or _CARMEN_LINE.match(head) is not None
 
 
@@ -293,4 +310,4 @@ def is_json_lines(head: bytes) -> bool:
     >>> is_json_lines(b'{"topic":"/scan","sequence":0,"log_time":1.5,"data":{}}'), is_json_lines(b'{"ranges": []}')
     (True, False)
     """
-    return JSON_LINE.match(head.removeprefix(codecs.BOM_UTF8)) is not None
+    return JSON_LINE.match(unprinted(head).removeprefix(codecs.BOM_UTF8)) is not None

@@ -261,7 +261,8 @@ def plan(
             next((each for one in found if one.topic == name and (each := _delay(one))), 0.0) if delay is None else delay
         )
         fixes = {one.fix.text for one in found if one.mend == "units" and one.topic == name and one.fix}
-        units = TURN / 360.0 if "--degrees" in fixes else 1.0, UNITS["mm" if "--range-unit mm" in fixes else "m"]
+        length = next((unit for unit in ("mm", "cm") if f"--range-unit {unit}" in fixes), "m")
+        units = TURN / 360.0 if "--degrees" in fixes else 1.0, UNITS[length]
         mend, cannot = _mend(
             topics[name], seen[name], words[name], tracks, detect.read.rules.limits, shift, hidden, orders[name], units
         )

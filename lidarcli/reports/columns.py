@@ -6,15 +6,17 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from types import SimpleNamespace
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-import pyarrow as pa
 from numpy.typing import NDArray
 
 from lidarcli.sweeps.types import Float64, Int32, Int64, spared
 from lidarcli.sweeps.zone import UNSEEN
 from lidarcli.tabular.columns import numbers, values_and_mask
+
+if TYPE_CHECKING:
+    import pyarrow as pa
 
 Record = SimpleNamespace
 """A row of a table, or of what a report shows: attributes are its columns."""
@@ -65,6 +67,8 @@ class Rows:
     @staticmethod
     def join(tables: Sequence[pa.Table], sources: Sequence[int] | None = None) -> Rows:
         """The rows of several sources, one after the other; `sources` where not every source has a table."""
+        import pyarrow as pa
+
         numbers = np.arange(len(tables)) if sources is None else np.asarray(sources)
         source = np.repeat(numbers.astype(np.int32), [table.num_rows for table in tables])
         return Rows(pa.concat_tables(tables).unify_dictionaries().combine_chunks(), source)
@@ -75,6 +79,8 @@ class Rows:
         A number of single precision is the one of few decimals that it stands for, if there is one: 0.08, which checks
         and reports name, and not the double of its bits.
         """
+        import pyarrow as pa
+
         column = self.table[name]
         if pa.types.is_list(column.type):
             import pyarrow.compute as pc
@@ -90,6 +96,8 @@ class Rows:
 
     def integers(self, name: str) -> Int64:
         """A column of integers without nulls; a stamp in nanoseconds."""
+        import pyarrow as pa
+
         column = self.table[name]
         if pa.types.is_timestamp(column.type):
             column = column.cast(pa.int64())
@@ -118,6 +126,8 @@ class Rows:
 
     def records(self, at: Int64, names: Sequence[str], **more: Sequence[Any]) -> list[Record]:
         """Some rows, each with its values by column and `more`: empty for a name that is null, NaN for a number."""
+        import pyarrow as pa
+
         columns: dict[str, Sequence[Any]] = {}
         for name in names:
             column = self.table[name]
@@ -142,6 +152,8 @@ class Rows:
 
     def where(self, own: NDArray[np.bool_]) -> Rows:
         """Some of the rows."""
+        import pyarrow as pa
+
         return Rows(self.table.filter(pa.array(own)).combine_chunks(), self.source[own])
 
     def has_any(self, name: str) -> bool:

@@ -6,14 +6,16 @@ import math
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
-
-import pyarrow as pa
+from typing import TYPE_CHECKING
 
 from lidarcli.options.choices import CHANGE_STATUSES
 from lidarcli.reports.columns import Record
 from lidarcli.reports.wording import percent
 from lidarcli.tabular.reading import note_value, notes_of
 from lidarcli.tabular.writing import ALIGNMENT
+
+if TYPE_CHECKING:
+    import pyarrow as pa
 
 COLUMNS = (
     *("thing", "kind", "status", "why", "score", "x_a", "y_a", "yaw_a", "x_b", "y_b", "yaw_b"),

@@ -15,6 +15,8 @@ from lidarcli.sweeps.types import TURN, spared
 
 FAR = 200.0
 """No 2D LiDAR has mostly ranges above this [m]."""
+LONG_RANGE = 60.0
+"""No 2D LiDAR has mostly ranges above this [m] and some above `FAR`."""
 WIDEST_VIEW = 1.5 * TURN
 """Widest view [rad] that a sweep can have."""
 UNUSABLE = 0.95
@@ -23,6 +25,8 @@ FINEST_STEP = 1e-5
 """No sensor has finer steps between beams [rad]."""
 CERTAINLY_MM = 1000.0
 """Ranges in centimetres stay below this number."""
+FEW = 0.02
+"""Share of the ranges that are some."""
 IN_TURNS = 0.3
 """Share of compared sweeps above which two sensors are assumed to alternate."""
 LEAST = 6
@@ -121,8 +125,8 @@ SWEEP_RULES = (
         "geometry",
         "warning",
         lambda s: s.off and not s.wide and not s.fine,
-        "angle_max of {name} is {0.ends_degrees[0]:.2f} deg, by angle_increment {0.ends_degrees[1]:.2f} deg: that is used "
-        "({0.off:,} of {0.sweeps:,} sweeps)",
+        "angle_max of {name} is {0.ends_degrees[0]:.2f} deg, by angle_increment {0.ends_degrees[1]:.2f} deg: that is used"
+        "{0.cut} ({0.off:,} of {0.sweeps:,} sweeps)",
         "angle_max last_beam sweeps=off",
         {"steps": 0.5},
         mend="angles",
@@ -141,7 +145,7 @@ SWEEP_RULES = (
         lambda s: s.is_far,
         "most ranges of {name} are beyond {0.far_from:,.0f} m: {0.unit_remedy}",
         "share=far_share",
-        {"share": 0.5, "range": FAR},
+        {"share": 0.5, "range": "far_limit"},
         "{0.unit_option}",
         "ranges",
         mend="{0.unit_mend}",

@@ -96,6 +96,8 @@ class Zone:
     """Polygons by velocity: the first that covers it counts; where none does, that of the sweep before goes on."""
     shape_topic: str = ""
     """Topic of geometry_msgs/PolygonStamped with its shape."""
+    footprint: Polygon | None = None
+    """Shape for a log without that topic."""
     velocity_topic: str = ""
     """Topic of geometry_msgs/Twist(Stamped) that tells the velocity; where the log has none, poses do."""
     time_before_collision: float = TIME_BEFORE_COLLISION

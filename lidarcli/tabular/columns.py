@@ -88,7 +88,7 @@ def names_of(values: NDArray[np.uint8], names: Sequence[str]) -> pa.StringArray:
 def values_and_mask(column: pa.Array | pa.ChunkedArray) -> tuple[NDArray[Any], NDArray[np.bool_]]:
     """Return (K,) numbers or answers of a column and where it is not null; as `to_numpy`, which imports pandas.
 
-    >>> held(answers(np.array([1, 0, -1], np.int8)))
+    >>> values_and_mask(answers(np.array([1, 0, -1], np.int8)))
     (array([ True, False, False]), array([ True,  True, False]))
     """
     if isinstance(column, pa.ChunkedArray):

@@ -24,7 +24,8 @@ ROWS = {
             "test_containers_agree.py::test_the_objects_are_the_same",
             "logs/test_carmen.py::test_every_kind_of_sweep_is_a_topic_of_its_own",
         ],
-        "JSON lines of `mcap cat` (`.jsonl`)": [
+        "JSON lines of `mcap cat` and `pymcap-cli cat` (`.jsonl`)": [
+            "logs/test_jsonlines.py::test_lines_of_pymcap_cli",
             "test_containers_agree.py::test_the_objects_are_the_same",
             "logs/test_jsonlines.py::test_a_laser_scan",
         ],
@@ -201,7 +202,8 @@ ROWS = {
             "logs/test_rosbag2.py::test_unpacking_has_a_limit",
         ],
         "a CSV, CARMEN log, JSON lines or RPLIDAR text that is cut off, also amid gzip data": [
-            "logs/test_csv.py::test_truncation_keeps_every_whole_sweep",
+            "logs/test_csv_spellings.py::test_who_stops_within_a_turn_loses_nothing",
+            "fuzz/test_truncation.py::test_what_is_recovered_is_the_beginning_of_the_log",
             "logs/test_csv.py::test_flipped_bytes_in_gzip_lose_only_what_follows",
             "fuzz/test_truncation.py::test_what_is_recovered_is_the_beginning_of_the_log",
             "logs/test_carmen.py::test_a_last_line_that_is_cut_is_no_sweep",
@@ -246,7 +248,7 @@ ROWS = {
         ],
         "CARMEN without geometry, JSON lines with odd messages, RPLIDAR text without flags": [
             "logs/test_carmen.py::test_old_writers_leave_fields_out",
-            "logs/test_carmen.py::test_wrapping_and_blanks_change_nothing",
+            "logs/test_wrapping.py::test_wrapping_changes_nothing",
             "logs/test_carmen.py::test_times_may_begin_at_zero_repeat_and_go_back",
             "logs/test_carmen.py::test_equal_times_stay_apart_from_block_to_block",
             "logs/test_carmen.py::test_geometry_is_guessed_by_the_number_of_ranges",

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from lidarcli.files import configfiles
-from lidarcli.logs import base, batches, open_log, rosbag2, text, unpacking
+from lidarcli.logs import base, batches, open_log, rosbag2_sqlite, text, unpacking
 from lidarcli.logs.base import OpenOptions, ReadReport
 from lidarcli.logs.csv.layouts import LAYOUTS
 from lidarcli.maps import grids
@@ -56,8 +56,10 @@ def test_the_bounds_are_those_of_the_code() -> None:
         ),
         "a message of a ROS bag": f"{base.MAX_MESSAGE >> 20} MiB",
         "messages of a ROS 2 database together": "the bytes of its file",
-        "steps of SQLite for one statement": (f"{rosbag2.STEPS:,}, and {rosbag2.STEPS_PER_BYTE} for each byte of the file"),
-        "a text in the schema and the topics of a database": f"{rosbag2.MAX_TEXT >> 10} KiB",
+        "steps of SQLite for one statement": (
+            f"{rosbag2_sqlite.STEPS:,}, and {rosbag2_sqlite.STEPS_PER_BYTE} for each byte of the file"
+        ),
+        "a text in the schema and the topics of a database": f"{rosbag2_sqlite.MAX_TEXT >> 10} KiB",
         "`metadata.yaml`": f"{bag_metadata.MAX_METADATA >> 20} MiB",
         "a line of a text log": f"{text.MAX_LINE >> 20} MiB",
         "damaged places that are named one by one": str(base.ReadReport.MAX_DAMAGE),

@@ -13,7 +13,7 @@ import pytest
 
 from lidarcli.errors import LidarcliError
 from lidarcli.logs.base import OpenOptions
-from lidarcli.logs.csv.layouts import FIELDS, FieldIndex, canonical
+from lidarcli.logs.csv.column_names import FIELDS, FieldIndex, canonical
 from tests.logs.watched import CsvLog
 
 SIZE = 1_000_000
@@ -36,9 +36,9 @@ def slow_fields(names: Sequence[str], prefix: str) -> dict[str, int]:
                         fields[field] = column
                         break
     if not {"seconds", "nanoseconds"} <= fields.keys():
-        fields.pop("nanoseconds", None)
-        if "seconds" in fields:
-            fields.setdefault("record", fields.pop("seconds"))
+        for name in ("seconds", "nanoseconds"):
+            if name in fields:
+                fields.setdefault("record", fields.pop(name))
     return fields
 
 

@@ -80,7 +80,8 @@ def in_turns() -> RawSweeps:
 ODD = {
     "millimetres": (scaled(1000, 1000), MILLIMETRES),
     "millimetres, limits in metres": (scaled(1000), MILLIMETRES),
-    "centimetres": (scaled(100, 100), "(--range-unit cm or mm)"),
+    "centimetres": (scaled(100, 100), "beyond 200 m: they are probably centimetres (--range-unit cm)"),
+    "centimetres, near": (scaled(55, 100), "beyond 60 m: they are probably centimetres (--range-unit cm)"),
     "degrees": (bearings(-180.0, 0.5), "/scan sees 10,285 deg (40 of 40 sweeps)"),
     "no steps": (bearings(0.0, 1e-12), "beams of /scan are 1e-12 rad apart (40 of 40 sweeps)"),
     "no range": (
@@ -107,6 +108,16 @@ ODD = {
     "angle_max": (
         replace(room(), angle_max=np.full(COUNT, 2 * np.pi)),
         "angle_max of /scan is 360.00 deg, by angle_increment 179.00 deg: that is used (40 of 40 sweeps)",
+    ),
+    "arrays that PlotJuggler has cut": (
+        replace(
+            room(),
+            ranges=np.tile(room().ranges, 2)[:, :500],
+            beams=np.full(COUNT, 500, np.int32),
+            angle_increment=np.full(COUNT, 0.005),
+            angle_max=np.full(COUNT, np.pi),
+        ),
+        "that is used, for 500 of 1,258 beams are there: PlotJuggler cuts arrays (40 of 40 sweeps)",
     ),
     "twice": (
         room().rows(np.repeat(np.arange(COUNT), 2)),
@@ -140,9 +151,11 @@ ODD = {
 
 
 KINDS = {
-    **dict.fromkeys(("millimetres", "millimetres, limits in metres", "centimetres", "degrees"), ("units", "error")),
+    **dict.fromkeys(
+        ("millimetres", "millimetres, limits in metres", "centimetres", "centimetres, near", "degrees"), ("units", "error")
+    ),
     **dict.fromkeys(("no steps", "no beams"), ("geometry", "error")),
-    "angle_max": ("geometry", "warning"),
+    **dict.fromkeys(("angle_max", "arrays that PlotJuggler has cut"), ("geometry", "warning")),
     **dict.fromkeys(("no range", "nothing near"), ("no_return", "warning")),
     "limits that are too near": ("limits", "warning"),
     "limits that are too far": ("too_close", "error"),

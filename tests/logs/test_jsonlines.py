@@ -109,6 +109,18 @@ def test_one_of_several_echoes_counts(echo: str, ranges: list[float], intensitie
     np.testing.assert_array_equal(got.intensities, np.array([intensities], np.float32))
 
 
+def test_lines_of_pymcap_cli() -> None:
+    text = '{"topic":"/scan","sequence":4,"log_time":%d,"publish_time":%d,"schema":"s","message":%s}\n'
+    bare = laser().replace('"NaN"', "NaN").replace('"Infinity"', "Infinity")
+    got, want = one(text % (STAMP + 30, STAMP + 30, bare)), one(line(laser()))
+    np.testing.assert_array_equal(got.ranges, want.ranges)
+    assert (got.stamp_ns.tolist(), got.record_ns.tolist()) == ([STAMP + 7], [STAMP + 30])
+    short = json.dumps(json.loads(laser()) | {"ranges": "<1,440 bytes>"})
+    blocks, report = read(text % (STAMP, STAMP, short))
+    cause = "the ranges are abbreviated (pymcap-cli cat: --bytes ints)"
+    assert (blocks, report.damage, report.refused) == ([], [], {("/scan", cause): 1})
+
+
 def test_topics_stay_apart_and_others_are_passed_over() -> None:
     text = (line(laser()) + line(ODOMETRY, "/odom") + line(laser(), "/rear \\u00e9")) * 300
     blocks, report = read(text)

@@ -13,7 +13,7 @@ from lidarcli.logs.batches import ReadOptions, read_batches
 from lidarcli.logs.clock import mended, restarts
 from lidarcli.sweeps.types import Int64, RawSweeps
 from tests.fake_log import FakeLog
-from tests.logs.test_batches import block
+from tests.pipeline.in_memory import block
 
 STEP, FIRST = 100_000_000, 1_700_000_000_000_000_000
 

@@ -398,6 +398,7 @@ FIXES: dict[str, tuple[Change, str]] = {
     "degrees": (scaled(angle_increment=14.0), "units --degrees"),
     "wide": (scaled(angle_increment=1.6), "geometry --degrees"),
     "millimetres": (scaled(ranges=1000.0, range_max=1000.0), "units --range-unit mm"),
+    "centimetres": (scaled(ranges=100.0, range_max=100.0), "units --range-unit cm"),
     "nan": (filled(0.2, np.nan), "no_return --no-return inf,zero,max,above,pile,nan"),
     "pile": (filled(0.3, 11.5), "no_return --no-return inf,zero,max,above"),
     "beyond": (beyond, "limits --range 0 6"),

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import lidarcli
+from lidarcli.cli import run
 from lidarcli.pipeline.zones.frames import velocity_of
 from lidarcli.pipeline.zones.summary import ZoneTables
 from lidarcli.ros.messages import Outgoing
@@ -106,7 +107,7 @@ collision_monitor:
 """
 
 
-def test_velocities_have_the_clock_of_the_recording(tmp_path: Path) -> None:
+def test_velocities_have_the_clock_of_the_recording(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """The log is recorded 100 s after its stamps; the robot stands until it drives at SPEED."""
     scene, way = straight()
     late = 100_000_000_000
@@ -117,6 +118,14 @@ def test_velocities_have_the_clock_of_the_recording(tmp_path: Path) -> None:
     ttc = column(tables.zones, "ttc")
     assert ttc[:40] == [None] * 40
     assert way[60] / SPEED - STEP - 0.02 <= ttc[60] <= way[60] / SPEED + 0.02
+    told = NAV2.replace("points: ", "footprint_topic: /foot  # ")
+    told += "local_costmap: {local_costmap: {ros__parameters: {footprint_padding: 0.0, footprint: "
+    told += NAV2.split("points: ")[1].split("\n")[0] + "}}}\n"
+    found = lidarcli.zones(log, zones=str(zone_file(tmp_path, told, "told.yaml")), no_objects=True)
+    assert column(found.zones, "ttc") == ttc
+    assert run(["zones", str(log), "--zones", str(tmp_path / "told.yaml"), "--no-objects"]) == 0
+    note = "the shape of zone 'ahead' is a footprint: its file has that of the costmap, the log has no /foot"
+    assert note in capsys.readouterr().err
 
 
 @pytest.mark.slow

@@ -356,9 +356,48 @@ def test_numbers_are_those_of_ros() -> None:
     for told in ("inf", "-Infinity", ".inf", "nan"):
         with pytest.raises(OptionError, match="'radius' must be finite"):
             radius(told)
-    for told in ("1_5", "0o17", "1_0.5", "9" * 5000, "1E400", "0x1p9999", '"3"', '!!int "3"'):
+    for told in (
+        "1_5",
+        "0o17",
+        "1_0.5",
+        "9" * 5000,
+        "1E400",
+        "1e-400",
+        "0x1p9999",
+        '"3"',
+        '!!int "3"',
+        "!!str 3",
+        ".Nan",
+        "~",
+    ):
         with pytest.raises(OptionError, match="'radius'"):
             radius(told)
+
+
+COSTMAP = """local_costmap:
+  local_costmap:
+    ros__parameters: {%s}
+global_costmap: {global_costmap: {ros__parameters: {footprint: "[[1, 1], [1, -1], [-1, 0]]", footprint_padding: 0}}}
+"""
+
+
+@pytest.mark.parametrize(
+    ("costmap", "corners"),
+    [
+        ('footprint: "[[0.3, 0.2], [0.3, -0.2], [-0.3, 0.0]]"', [(0.31, 0.21), (0.31, -0.21), (-0.31, 0.0)]),
+        (
+            "robot_radius: 0.2, footprint_padding: 0.0",
+            [(0.2 * math.cos(a), 0.2 * math.sin(a)) for a in np.arange(16) * math.pi / 8],
+        ),
+        ('footprint: "[]"', [(1.0, 1.0), (1.0, -1.0), (-1.0, 0.0)]),
+    ],
+)
+def test_the_footprint_of_a_costmap_stands_for_its_topic(costmap: str, corners: list[tuple[float, float]]) -> None:
+    monitor = MONITOR.replace("enabled: no", "enabled: false")
+    by_name = {zone.name: zone.footprint for zone in read_text(monitor + COSTMAP % costmap).zones}
+    assert by_name["Foot"] is not None
+    np.testing.assert_allclose(by_name.pop("Foot").corners, corners, atol=1e-7)  # type: ignore[union-attr]
+    assert set(by_name.values()) == {None}
 
 
 def flat(values: dict[str, Any], start: str = "") -> Iterator[str]:

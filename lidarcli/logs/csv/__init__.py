@@ -15,7 +15,7 @@ from typing import BinaryIO
 
 import numpy as np
 
-from lidarcli.display.texts import Routine
+from lidarcli.display.texts import Routine, some_of
 from lidarcli.errors import UnreadableError, unreadable
 from lidarcli.logs.base import LASERSCAN, Message, OpenOptions, ReadReport, Topic
 from lidarcli.logs.cells import time_notes, time_unit, to_ns
@@ -58,7 +58,17 @@ class CsvLog(TextLog):
         name = PER_SWEEP if self._files else self._layout.name
         self.format = f"csv ({name})"
         times = time_notes([unit for scan in self._layout.scans for unit in scan.units.values()])
-        self._note = (str if times else Routine)("; ".join([f"CSV layout: {name}", *self._layout.notes, *times]))
+        layout = self._layout
+        passed = [f"columns passed over: {some_of(layout.passed)}"] if layout.passed else []
+        timed = any(scan.units or {"seconds", "header"} & scan.fields.keys() for scan in layout.scans)
+        units = (
+            [f"ranges are {'milli' if layout.scale == 0.001 else 'centi'}metres"]
+            if layout.scale and not layout.spelling
+            else []
+        )
+        is_news = times or units or (passed and not timed)
+        notes = [f"CSV layout: {name}", *layout.notes, *units, *times, *passed]
+        self._note = (str if is_news else Routine)("; ".join(notes))
 
     def _open_files(self, path: str, options: OpenOptions | None) -> None:
         self.path = path

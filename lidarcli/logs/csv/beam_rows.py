@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lidarcli.logs.base import MAX_BEAMS, OpenOptions, ReadReport
-from lidarcli.logs.blocks import TOO_MANY, pad, split_rows
+from lidarcli.logs.blocks import TOO_MANY, given_geometry, pad, split_rows
 from lidarcli.logs.cells import Cells, shown
 from lidarcli.logs.csv.layouts import DEFAULT_TOPIC, PER_SWEEP, RPLIDAR, Layout, ScanColumns, cut_restarts, unread_times
 from lidarcli.logs.csv.sweep_rows import NO_TIME, Decoder, read_frames, read_times
@@ -60,6 +60,8 @@ class LongDecoder(Decoder):
     _broken: bool = False
     _usual: int = 0
     _noted: bool = False
+    _numbers: tuple[float, int] | None = None
+    """Lowest number of a beam, and the beams from it to the highest one."""
 
     @property
     def _scan(self) -> ScanColumns:
@@ -98,7 +100,7 @@ class LongDecoder(Decoder):
             self._damage(lines.numbers[whole[starts[-1]]], CUT)
             starts, ends = starts[:-1], ends[:-1]
         elif self._broken:
-            cause = CUT_BEAM if self.layout.spelling else CUT_ROW
+            cause = CUT_BEAM if self.layout.key is None else CUT_ROW
             self.report.add_damage(f"after line {lines.numbers[whole[-1]]}", cause)
         if len(starts):
             self._usual = int(ends[-1] - starts[-1])
@@ -122,7 +124,7 @@ class LongDecoder(Decoder):
 
     def _is_cut(self, beams: int) -> bool:
         """Return whether the last sweep has lost its end: the text stops well before the usual end, or within a row."""
-        if self.layout.spelling:
+        if self.layout.key is None or not self._cut:
             # Who stops a recording does so within a turn, and beams without a return may not be written.
             return False
         if self._broken:
@@ -144,7 +146,7 @@ class LongDecoder(Decoder):
         good = np.delete(np.arange(len(whole)), list(bad))
         texts = {column: cells.codes(whole[good], column) for column in sorted(wanted)}
         bearing = angle.values[good]
-        if layout.degrees or self.options.angle_scale != 1.0:
+        if layout.degrees or (self.options.angle_scale != 1.0 and not layout.numbered):
             self.options.used.update([] if layout.degrees else ["angle_scale"])
             bearing = np.deg2rad(bearing)
         if layout.clockwise:
@@ -169,8 +171,21 @@ class LongDecoder(Decoder):
             text = b"".join(line + b"\n" for line in cells.spans(rows, 0, self.layout.width))
             self._carry = PlainLines(text, numbers[rows], False)
 
+    def _bearings(self, number: Float64) -> Float64:
+        """Return the bearings [rad] of beams by their numbers; the first sweeps tell how many there are."""
+        if self._numbers is None:
+            known = number[np.isfinite(number)]
+            low, high = (known.min(), known.max()) if len(known) else (0.0, 0.0)
+            self._numbers = float(low), int(min(high - low, MAX_BEAMS)) + 1
+        first, step = given_geometry(self.options, self._numbers[1]) or (np.nan, np.nan)
+        return np.asarray(first + step * (number - self._numbers[0]))
+
     def _sweeps(self, rows: _Rows, starts: Int64, ends: Int64, numbers: Int64) -> Iterator[RawSweeps]:
-        angle = within_turns(rows.angle, starts) if self.layout.clockwise else rows.angle
+        angle = rows.angle
+        if self.layout.clockwise:
+            angle = within_turns(angle, starts)
+        elif self.layout.numbered:
+            angle = self._bearings(angle)
         begin, end = int(starts[0]), int(ends[-1])
         parts, first, step, causes, gridded = even_sweeps(
             angle[begin:end], rows.ranges[begin:end], starts - begin, ends - starts

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from itertools import groupby, pairwise
-from string import whitespace
 
 import numpy as np
 
@@ -16,6 +15,21 @@ from lidarcli.errors import UnreadableError
 from lidarcli.logs.blocks import given_geometry
 from lidarcli.logs.cells import shown
 from lidarcli.logs.clock import NO_STAMPS
+from lidarcli.logs.csv.column_names import (
+    ANGLE,
+    BEAM,
+    BEFORE_INDEX,
+    INDEX,
+    LAYER,
+    LENGTH,
+    OF_NO_USE,
+    SPHERE,
+    SWEEP,
+    FieldIndex,
+    canonical,
+    find_families,
+    find_intensities,
+)
 from lidarcli.logs.csv.table import TRAJECTORY, Dialect, Head, csv_cells, empty_lists, is_numeric, value_of
 from lidarcli.sweeps.types import TURN, Float64, Int64
 
@@ -33,51 +47,24 @@ LAYOUTS = (ROSTOPIC, ROS2, PLOTJUGGLER, BAGPY, MCAP_CAT, LIST, WIDE, LONG, PER_S
 
 DEFAULT_TOPIC = "/scan"
 COUNTER_CLOCKWISE = "bearings run counter-clockwise; name them `clockwise` where they are those of an RPLIDAR"
+NUMBERED = "the beam of the lowest number is the first"
 ABBREVIATED = "the arrays are abbreviated ('...'): record again with `ros2 topic echo --csv --full-length`"
 
-_MARKS = re.compile(r"[./\[\]\s%#:]+")
 _LIST = re.compile(r"(?:\w[\w.]*\s*\()?\s*[\[(]|\w*array\(")
-_INDEX = re.compile(r"(\d{1,7})\]?(?:[._/]echoes[\[._]?0\]?)?\Z")
-_BEFORE_INDEX = "[._/-" + whitespace
-_RANGE_WORD = re.compile(r"(?:.*(?:range|scan|dist|beam|laser|lidar|ray|bin|point|value).*|r|d|b|m|l|v|rho|col(?:umn)?|)$")
-_PARTS = r"(?:milli|micro|nano)(?:s|sec|seconds)"
-_WHOSE = r"(?:date|bag|record|log|unix|epoch|system|host|device|ros|utc|gps|boot|elapsed)"
-_UNIT = rf"(?:_?\(?(?:s|secs?|seconds|ms|msec|us|usec|µs|ns|nsecs?|nanosec|{_PARTS})\)?)?"
-FIELDS = {
-    name: re.compile(pattern)
-    for name, pattern in {
-        "angle_min": r"(?:angle_min|anglemin|min_angle|start_?angle)",
-        "angle_max": r"(?:angle_max|anglemax|max_angle|end_?angle)",
-        "angle_increment": r"(?:angle_increment|angleincrement|angle_inc|angular_resolution)",
-        "time_increment": r"time_increment",
-        "scan_time": r"scan_time",
-        "range_min": r"(?:range_min|rangemin|min_range)",
-        "range_max": r"(?:range_max|rangemax|max_range)",
-        "seconds": r"(?:(?:header_)?(?:(?:time)?stamp_)?(?:secs?|seconds))",
-        "nanoseconds": r"(?:(?:header_)?(?:(?:time)?stamp_)?(?:nsecs?|nanosecs?|nanoseconds))",
-        "stamp": rf"(?:header_)?stamp{_UNIT}",
-        "record": rf"(?:rosbag)?(?:time_?stamp|{_WHOSE}?_?time|t|record|epoch|elapsed|uptime){_UNIT}|{_PARTS}|[mun]s",
-        "date": r"date",
-        "frame": r"(?:header_)?(?:frame_?id|frame)",
-        "header": r"header",
-        "seq": r"(?:header_)?(?:seq|sequence|index|id)",
-    }.items()
-}
-"""Field of a scan → the canonical names of its column."""
-_ANY_FIELD = re.compile("|".join(pattern.pattern for pattern in FIELDS.values()))
-_ANGLE = re.compile(
-    r"(?:.*_)?(?:angle|theta|bearing|azimuth|phi|(?P<clockwise>clockwise))s?"
-    r"(?:_?\(?(?P<unit>deg|degrees?|°|rad|radians?)\)?)?|(?P<bare>deg|degrees?|rad|radians?)"
-)
-_RANGE = re.compile(r"(?:.*_)?(?:ranges?|r|rho|distance|dist|radius|depth)(?:_?\(?(?:m|mm|cm|met[er]{2}s?)\)?)?")
-_LAYER = re.compile(
-    r"(?:.*_)?(?:elevations?|inclination|vertical(?:_angle)?|layer|ring|channel|laser)"
-    r"(?:_?\(?(?:deg|degrees?|°|rad|radians?|id|index|idx|number|no|nr|num)\)?)?"
-)
-_SPHERE = re.compile(r"(theta|phi)(?:_?\(?(?:deg|degrees?|°|rad|radians?)\)?)?")
-_SWEEP = re.compile(r"(?:sweep|scan|turn|revolution|rotation|seq|frame)(?:_?(?:id|index|idx|number|no|nr|num))?|id")
-
+_RANGE = re.compile(rf"(?:.*_)?(?:ranges?|r|rho|distance|dist|radius|depth)(?:_?\(?{LENGTH}\)?)?")
+_IN_LENGTH = re.compile(rf"(?:^|(?<=[^a-z]))({LENGTH})(?=[^a-z]|$)")
+_SCALES = {"mm": 0.001, "mi": 0.001, "cm": 0.01, "ce": 0.01}
+"""First letters of a unit of length → metres."""
 _SHOWN = 3
+_NUMBERS = re.compile(r"\s*[-+.\dainfAINF][^\s,;|]*(?:[\s,;|]+[-+.\dainfAINF][^\s,;|]*){2,}\s*")
+"""Cell of numbers without brackets."""
+_RECORD = 1 << 20
+"""Bytes within which the first record with a list must end, the list itself not counted."""
+_POSE = 8
+"""Numbers in a row of a trajectory: time, place and quaternion."""
+_MIN_COUNT = 16
+_MAX_OF_BEAM = 3
+"""Most numbers in a row for it to be taken for a beam: bearing, range, quality."""
 _NO_COLUMNS = np.empty(0, np.int64)
 
 
@@ -101,6 +88,8 @@ class ScanColumns:
     """True where only ranges (and intensities) stand from `first` to the end of a row: rows may be ragged."""
     to_last: bool = False
     """True where `angle_max` is the bearing of the last beam and gives the increment (foxglove.LaserScan)."""
+    ends_before: bool = False
+    """True where `angle_max` is a step past the last beam: empty cells tell so."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -122,6 +111,8 @@ class Layout:
     """Long form: column of the bearing; -1 in other forms."""
     key: int | None = None
     """Long form: column that changes from sweep to sweep."""
+    numbered: bool = False
+    """Long form: `angle` holds numbers of beams, whose bearings the options tell."""
     degrees: bool = False
     clockwise: bool = False
     flag: int = -1
@@ -130,6 +121,8 @@ class Layout:
     """Long form: text of a tool for RPLIDAR sensors (`rplidar`); empty for a table."""
     scale: float | None = None
     notes: tuple[str, ...] = ()
+    passed: tuple[str, ...] = ()
+    """Names of columns that are passed over."""
     unread: dict[str, str] = field(default_factory=dict)
     """Topic → a note on a column of times that is not understood."""
 
@@ -162,8 +155,39 @@ def layout_of(head: Head) -> Layout:
     if columns:
         head.options.used.add("columns")
         head = replace(head, names=_expanded(head, columns))
+    elif head.usual > len(head.names) and "ranges" in head.names:
+        # A list without quotes is as many cells.
+        head = replace(head, names=_expanded(head, head.names))
+    head = replace(head, names=_without_empty(head.names, head.rows))
     layout = _named_layout(head)
-    return replace(layout, unread=unread_times(head, layout.scans))
+    passed = () if columns or layout.name not in (LIST, WIDE, LONG, PER_SWEEP) else _passed_over(head.names, layout)
+    return replace(layout, unread=unread_times(head, layout.scans), passed=passed)
+
+
+def _without_empty(names: list[str], rows: Sequence[Sequence[bytes]]) -> list[str]:
+    """Return the names, empty ones in place of columns that are empty throughout, but those of beams."""
+    whole = [row for row in rows if len(row) == len(names)]
+    empty = [not any(row[column] for row in whole) for column in range(len(names))]
+    families = [columns for _, columns in find_families(names)]
+    if not whole or (len(families) > 1 and any(empty[column] for columns in families for column in columns.tolist())):
+        # In a table of several topics, a topic may begin behind the first rows.
+        return names
+    kept = (
+        not gone or INDEX.search(name) or _RANGE.fullmatch(canonical(name)) for name, gone in zip(names, empty, strict=True)
+    )
+    return [name if keep else "" for name, keep in zip(names, kept, strict=True)]
+
+
+def _passed_over(names: Sequence[str], layout: Layout) -> tuple[str, ...]:
+    """Return the names of columns that are neither used nor known to be of no use."""
+    used = {layout.angle, layout.key}
+    for scan in layout.scans:
+        used |= {scan.first, *scan.fields.values(), *scan.ranges.tolist(), *scan.intensities.tolist()}
+    return tuple(
+        name
+        for column, name in enumerate(names)
+        if name and column not in used and "intens" not in name.lower() and not OF_NO_USE.fullmatch(canonical(name))
+    )
 
 
 def unread_times(head: Head, scans: Sequence[ScanColumns]) -> dict[str, str]:
@@ -172,9 +196,11 @@ def unread_times(head: Head, scans: Sequence[ScanColumns]) -> dict[str, str]:
     for scan in scans:
         for name in sorted({"record", "stamp"} & scan.fields.keys() - scan.units.keys()):
             column = scan.fields[name]
+            if not any(head.column(column)):
+                continue
             others = scan.units or {"seconds", "header"} & scan.fields.keys()
             so = "another column tells them" if others else NO_STAMPS
-            value = shown(next(iter(head.column(column)), b"empty"), 30)[1:-1]
+            value = shown(head.column(column)[0], 30)[1:-1]
             notes[scan.topic] = f"times of column `{head.names[column]}` are not understood ({value}): {so}"
     return notes
 
@@ -232,8 +258,9 @@ def _expanded(head: Head, columns: Sequence[str]) -> list[str]:
     fixed = sum(int(count or 1) for (_, count), open_ in zip(parts, is_open, strict=True) if not open_)
     each, rest = divmod(width - fixed, sum(is_open) or 1)
     if each < any(is_open) or rest or (each and not any(is_open)):
+        source = "--columns" if head.options.columns else "the first line"
         raise UnreadableError(
-            f"{head.path}: --columns {','.join(columns)} names {fixed}{' and more' if any(is_open) else ''} columns, "
+            f"{head.path}: {source} {','.join(columns)} names {fixed}{' and more' if any(is_open) else ''} columns, "
             f"and rows have {width}, such as {shown((head.lines or [head.header])[0], 60)}"
         )
     names = []
@@ -247,23 +274,42 @@ def _nameless(head: Head) -> UnreadableError:
     """Return the error for a table without names, with names that the user may copy."""
     width = head.usual or Counter(map(len, head.rows)).most_common(1)[0][0]
     rows = [row for row in head.rows if len(row) == width and all(map(is_numeric, row[2:]))]
-    if not rows or width < 2:
+    listed = any(_LIST.match(row[-1].decode("utf-8", "replace")) for row in rows[:1])
+    if not rows or (width < 2 and not listed):
         return _unknown(head, f"lines like {shown(head.lines[0], 60)}")
-    # Time, place and quaternion.
-    if width == 8:
+    if width == _POSE:
         table = np.array([[value_of(cell) for cell in row] for row in rows], np.float64)
         with np.errstate(invalid="ignore", over="ignore"):
             length = np.sqrt((table[:, 4:] ** 2).sum(axis=1))
         if (np.abs(length - 1.0) < 0.01).all():
             return UnreadableError(f"{head.path}: {TRAJECTORY.refusal}")
+    if _holds_beams([value_of(cell) for cell in rows[0]]):
+        raise UnreadableError(
+            f"{head.path}: rows such as {shown(head.lines[0], 60)} hold beams of several numbers one after the other "
+            "(bearing, range, ...): write each beam on a line of its own, and name the columns: --columns time,angle,range"
+        )
+    first = "time," * (width > 1)
     return NamelessError(
         f"{head.path}: a table of {width} columns without names, such as {shown(head.lines[0], 60)}: name them, for "
-        "example --columns time,ranges with a sweep in each row (and the bearings by --fov, or --angle-min and "
+        f"example --columns {first}ranges with a sweep in each row (and the bearings by --fov, or --angle-min and "
         "--angle-increment), or --columns angle,range with a beam in each row; `clockwise` in place of `angle` for an "
-        "RPLIDAR",
-        # Bearing, range and quality at most are those of a beam.
-        per_sweep=width <= 3,
+        "RPLIDAR, `beam` for the number of a beam",
+        per_sweep=width <= _MAX_OF_BEAM and not listed,
     )
+
+
+def _holds_beams(values: Sequence[float | None]) -> bool:
+    """Return whether each second or third number of a row is a bearing that goes on in degrees or radians."""
+    numbers = np.array(values, np.float64)
+
+    def even(numbers: Float64) -> bool:
+        """Return whether most steps are alike."""
+        steps = np.diff(numbers)
+        middle = np.median(steps) if len(steps) > 8 else 0.0
+        return bool(middle and np.mean(np.abs(steps - middle) <= 0.5 * abs(middle)) >= 0.9)
+
+    series = (numbers[first::period] for period in (2, 3) for first in range(2 * period))
+    return not even(numbers) and any(even(each) and np.max(np.abs(each)) <= 361.0 for each in series)
 
 
 # Tables with names.
@@ -273,95 +319,6 @@ def _topic(prefix: str) -> str:
     """Return the topic by the prefix of the word for ranges (`field.`, `/scan/`); `/scan` without one."""
     name = prefix.rstrip("._/ ")
     return DEFAULT_TOPIC if name.lower() in ("", "field", "msg", "data") else name
-
-
-def canonical(name: str) -> str:
-    """Return one spelling for a column name: `/scan/header.stamp` → `scan_header_stamp`.
-
-    >>> canonical("%time"), canonical("field.header.frame_id"), canonical("Angle Min")
-    ('time', 'field_header_frame_id', 'angle_min')
-    """
-    return _MARKS.sub("_", name.strip().lower()).strip("_")
-
-
-class FieldIndex:
-    """Columns that may be fields of a scan; each name is parsed once for all scans of a header."""
-
-    def __init__(self, names: Sequence[str]) -> None:
-        self._starts: dict[str, list[tuple[int, tuple[str, ...]]]] = {}
-        """Prefix → column and the fields it may be, in the order of the columns."""
-        kinds: Counter[tuple[str, tuple[str, ...]]] = Counter()
-        again: Counter[str] = Counter()
-        for column, name in enumerate(names):
-            again[name] += 1
-            if again[name] > len(FIELDS):
-                continue
-            for start, fields in _endings(canonical(name)):
-                # Columns of one kind beyond the number of fields they may be are never needed.
-                if kinds[start, fields] < len(fields):
-                    kinds[start, fields] += 1
-                    self._starts.setdefault(start, []).append((column, fields))
-
-    def find(self, prefix: str) -> dict[str, int]:
-        """Return the columns of the fields of one scan: those with its prefix first, then those without any."""
-        found: dict[str, int] = {}
-        start = canonical(prefix) + "_" if canonical(prefix) else ""
-        for begin in dict.fromkeys((start, "")):
-            for column, fields in self._starts.get(begin, ()):
-                for name in fields:
-                    if name not in found:
-                        found[name] = column
-                        break
-        if not {"seconds", "nanoseconds"} <= found.keys():
-            found.pop("nanoseconds", None)
-            if "seconds" in found:
-                found.setdefault("record", found.pop("seconds"))
-        if "record" not in found and "date" in found:
-            found["record"] = found.pop("date")
-        return found
-
-
-def _endings(name: str) -> Iterator[tuple[str, tuple[str, ...]]]:
-    """Yield every way to read a canonical name as a prefix and a field: the prefix, and the fields it may be."""
-    for place in range(max(len(name) - 40, 0), len(name)):
-        if (not place or name[place - 1] == "_") and _ANY_FIELD.fullmatch(name, place):
-            yield (name[:place], tuple(field for field, pattern in FIELDS.items() if pattern.fullmatch(name, place)))
-
-
-def _series(names: Iterable[str]) -> dict[str, dict[int, int]]:
-    """Return the stem of each name with an index → index → first column with it."""
-    series: dict[str, dict[int, int]] = {}
-    for column, name in enumerate(names):
-        if (match := _INDEX.search(name)) is not None:
-            stem = name[: match.start()].rstrip(_BEFORE_INDEX)
-            series.setdefault(stem, {}).setdefault(int(match[1]), column)
-    return series
-
-
-def find_families(names: Sequence[str]) -> list[tuple[str, Int64]]:
-    """Return prefix and (B,) columns of each group `ranges[0]`, `ranges_1`, `r2`, ... that are the beams of a scan."""
-    families = []
-    for stem, columns in _series("" if "intens" in name.lower() else name.strip() for name in names).items():
-        word = re.split(r"[./]", stem)[-1].strip(" _-").lower()
-        indices = sorted(columns)
-        whole = len(indices) >= 3 and indices[-1] - indices[0] == len(indices) - 1
-        if whole and _RANGE_WORD.fullmatch(word):
-            end = stem.lower().rfind("ranges")
-            prefix = stem[:end] if end >= 0 else stem[: len(stem) - len(word)]
-            families.append((end >= 0, (prefix, np.array([columns[i] for i in indices], np.int64))))
-    if any(ranged for ranged, _ in families):
-        return [family for ranged, family in families if ranged]
-    return [max((family for _, family in families), key=lambda family: len(family[1]))] if families else []
-
-
-def _find_intensities(names: Sequence[str]) -> dict[str, Int64]:
-    """Return the columns `intensities[0]`, `intensities_1`, ... of each scan by their prefix in lower case."""
-    lower = [name.strip().lower() for name in names]
-    return {
-        stem.removesuffix("intensities"): np.array([columns[index] for index in sorted(columns)], np.int64)
-        for stem, columns in _series(name if "intens" in name else "" for name in lower).items()
-        if stem.endswith("intensities") and max(columns) - min(columns) == len(columns) - 1
-    }
 
 
 def _ros_name(names: Sequence[str]) -> str:
@@ -390,8 +347,13 @@ def _named_layout(head: Head) -> Layout:
         plain = {canonical(name) for name in names}
         if name != WIDE or plain & {"header", "header_stamp", "header_frame_id", "header_stamp_secs", "header_stamp_sec"}:
             return Layout(name if name != WIDE else LIST, head.dialect, head.start, notes=("no ranges in it",))
+        if {"x", "y"} <= plain:
+            raise UnreadableError(
+                f"{head.path}: columns x and y are points or poses, not beams: lidarcli reads points with their bearing, "
+                "atan2(y, x), in a column `angle`, and their distance, hypot(x, y), in a column `range`"
+            )
         raise _unknown(head, f"a table with the columns {shown(', '.join(names).encode(), 60)}")
-    index, strengths = FieldIndex(names), _find_intensities(names)
+    index, strengths = FieldIndex(names), find_intensities(names)
     scans = [_scan_columns(head, index, strengths, *family) for family in families]
     if name == MCAP_CAT:
         scans = [_of_mcap(head, each) for each in scans]
@@ -407,8 +369,17 @@ def _named_layout(head: Head) -> Layout:
         len(names),
         tuple(scans),
         sparse=name == PLOTJUGGLER or len(scans) > 1,
+        scale=_scale(head, int(scans[0].ranges[0])),
         notes=(beams,),
     )
+
+
+def _scale(head: Head, column: int) -> float | None:
+    """Return the metres of a unit of ranges, by the name of their column; None where this or an option does not tell it."""
+    name = head.names[column].strip()
+    stem = INDEX.sub("", name).rstrip(BEFORE_INDEX)
+    unit = _IN_LENGTH.search(re.split(r"[./]", stem or name)[-1].lower())
+    return _SCALES.get(unit[1][:2]) if unit and head.options.range_scale == 1.0 else None
 
 
 def _scan_columns(
@@ -434,6 +405,19 @@ def _scan_columns(
         # Those of ragged rows stand wherever the ranges end.
         _NO_COLUMNS if doubled or len(own) != len(columns) else own,
         in_order and may_differ and (doubled or not after),
+        ends_before=tells_view and _ends_before(head.rows, fields, columns),
+    )
+
+
+def _ends_before(rows: Sequence[Sequence[bytes]], fields: Mapping[str, int], columns: Int64) -> bool:
+    """Return whether in each of the first rows the last beam by `angle_max`, and that one alone, is an empty cell."""
+    beams = columns.tolist()
+    rows = [row for row in rows if len(row) > max(beams)]
+    told = ([value_of(row[fields[name]]) for row in rows] for name in ("angle_min", "angle_max", "angle_increment"))
+    views = expected_beams(*(np.array(values, np.float64) for values in told))
+    return len(rows) > 1 and all(
+        1 < view <= len(beams) and row[beams[view - 2]] and not any(row[column] for column in beams[view - 1 :])
+        for row, view in zip(rows, views.tolist(), strict=True)
     )
 
 
@@ -456,22 +440,27 @@ def _list_layout(head: Head) -> Layout | None:
     # Only names that speak of ranges are worth the look.
     if not any(re.search("range|scan|dist|data|value", name.lower()) for name in head.names):
         return None
-    text = empty_lists(b"\n".join(head.lines))[: 1 << 20].decode("utf-8", "replace")
+    text = empty_lists(b"\n".join(head.lines))[:_RECORD].decode("utf-8", "replace")
     try:
         cells = csv_cells(text, head.dialect.separator.decode())
     except ValueError:
         return None
-    found = _list_column(head.names, cells)
-    if found is None:
-        return None
-    listed, prefix = found
-    fields = FieldIndex(head.names).find(prefix)
     # Units of times come from the first record and all others that stand in one line.
     records = [cells]
     for line in head.lines[1:]:
         with suppress(ValueError):
             records.append(csv_cells(empty_lists(line).decode("utf-8", "replace"), head.dialect.separator.decode()))
     rows = [[cell.encode() for cell in record] for record in records if len(record) == len(head.names)]
+    if not rows and any(map(_LIST.match, map(str.strip, cells))):
+        raise UnreadableError(
+            f"{head.path}: {len(cells)} cells where the first line has {len(head.names)} names, such as "
+            f"{shown(head.lines[0], 60)}: take out the name too many, or add the missing one"
+        )
+    found = _list_column(head.names, cells)
+    if found is None:
+        return None
+    listed, prefix = found
+    fields = FieldIndex(head.names).find(prefix)
     units = replace(head, rows=rows).units(fields)
     if not {"angle_min", "angle_increment"} <= fields.keys():
         _need_geometry(head, LIST)
@@ -488,16 +477,17 @@ def _list_layout(head: Head) -> Layout | None:
         len(head.names),
         (scan,),
         listed=True,
-        brackets=b"[" if "[" in cells[listed] else b"(",
+        brackets=next((mark for mark in (b"[", b"(") if mark in cells[listed].encode()), b""),
+        scale=_scale(head, listed),
     )
 
 
 def _list_column(names: Sequence[str], cells: Sequence[str]) -> tuple[int, str] | None:
     """Return the column whose cell is a list of ranges, and the prefix of its name."""
     for column, (name, cell) in enumerate(zip(names, cells, strict=False)):
-        word = re.split(r"[./]", name.strip())[-1].lower()
+        word = re.sub(rf"(?<![_ (\[])[_ (\[]+{LENGTH}[)\]]?$", "", re.split(r"[./]", name.strip())[-1].lower())
         is_ranges = "intens" not in word and re.fullmatch(r".*(?:ranges?|scan|distances?|data|values?)", word)
-        if is_ranges and _LIST.match(cell.strip()):
+        if is_ranges and (_LIST.match(cell.strip()) or _NUMBERS.fullmatch(cell)):
             end = name.strip().lower().rfind("ranges")
             return column, name.strip()[:end] if end >= 0 else ""
     return None
@@ -512,13 +502,23 @@ def _long_layout(head: Head) -> Layout | None:
     def first(pattern: re.Pattern[str]) -> int | None:
         return next((column for name, column in columns.items() if pattern.fullmatch(name)), None)
 
-    bearings = ((column, _ANGLE.fullmatch(name)) for name, column in columns.items() if not _LAYER.fullmatch(name))
+    bearings = ((column, ANGLE.fullmatch(name)) for name, column in columns.items() if not LAYER.fullmatch(name))
     angle, match = next(((column, match) for column, match in bearings if match), (-1, None))
-    distance, key = first(_RANGE), first(_SWEEP)
-    if match is None or distance is None:
+    distance, key, number = first(_RANGE), first(SWEEP), first(BEAM)
+    if distance is None or (match is None and number is None):
         return None
-    sphere = {part[1]: column for name, column in columns.items() if (part := _SPHERE.fullmatch(name))}
-    layers = [column for name, column in columns.items() if _LAYER.fullmatch(name)]
+    numbered = match is None
+    if match is None:
+        _need_geometry(head, LONG)
+        angle = int(number or 0)
+    whole = [row for row in head.rows if len(row) == len(head.names)]
+    if key is None and _has_heads([(value_of(row[angle]), value_of(row[distance])) for row in whole]):
+        raise UnreadableError(
+            f"{head.path}: lines such as {shown(head.lines[0], 60)} are no beams, but heads with the number of a sweep and "
+            "of its beams: take them out, for sweeps begin where the bearing starts over"
+        )
+    sphere = {part[1]: column for name, column in columns.items() if (part := SPHERE.fullmatch(name))}
+    layers = [column for name, column in columns.items() if LAYER.fullmatch(name)]
     for column in [*layers, *([max(sphere.values())] if len(sphere) == 2 else [])]:
         values = list(dict.fromkeys(head.column(column)))
         if len(values) > 1:
@@ -539,11 +539,12 @@ def _long_layout(head: Head) -> Layout | None:
                 # A time with few digits changes within a turn as well.
                 turns = len(cut_restarts(numbers))
                 key = fields[name] if turns == 1 or sum(1 for _ in groupby(cells)) <= 2 * turns else None
-    unit, notes = match["unit"] or match["bare"], []
+    unit, notes = (match["unit"] or match["bare"], []) if match else ("rad", [NUMBERED])
     degrees = not unit.startswith("rad") if unit else bool(np.nanmax(np.abs(numbers), initial=0.0) > TURN + 0.1)
     if degrees and not unit:
         notes.append("bearings beyond a turn in radians: taken as degrees")
-    if degrees and not match["clockwise"] and "quality" in columns:
+    clockwise = bool(match and match["clockwise"])
+    if degrees and not clockwise and "quality" in columns:
         notes.append(COUNTER_CLOCKWISE)
     return Layout(
         PER_SWEEP if key is None else LONG,
@@ -554,10 +555,22 @@ def _long_layout(head: Head) -> Layout | None:
         (ScanColumns(DEFAULT_TOPIC, fields, head.units(fields), first=distance),),
         angle=angle,
         key=key,
+        numbered=numbered,
         degrees=degrees,
-        clockwise=bool(match["clockwise"]),
+        clockwise=clockwise,
+        scale=_scale(head, distance),
         notes=tuple(notes),
     )
+
+
+def _has_heads(rows: Sequence[tuple[float | None, float | None]]) -> bool:
+    """Return whether pairs of numbers are heads, a number that rises by 1 and a count, with as many pairs behind each."""
+    at, numbers = 0, []
+    while at < len(rows) and (count := rows[at][1]) and count.is_integer() and count >= _MIN_COUNT:
+        numbers.append(rows[at][0])
+        at += int(count) + 1
+    steps = {None if a is None or b is None else b - a for a, b in pairwise(numbers)}
+    return steps == {1.0} if len(numbers) > 1 else len(numbers) == 1 and at == len(rows)
 
 
 def cut_restarts(angle: Float64) -> Int64:

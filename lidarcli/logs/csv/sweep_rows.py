@@ -23,18 +23,19 @@ from lidarcli.logs.blocks import (
 )
 from lidarcli.logs.cells import (
     DATED,
+    NS,
     Cells,
     going_on,
     not_a_number,
     pad_cells,
     parse_number,
     parse_rows,
-    seconds_and_nanoseconds,
+    seconds_and_parts,
     shown,
     to_ns,
 )
 from lidarcli.logs.csv.layouts import Layout, ScanColumns, expected_beams
-from lidarcli.logs.csv.table import csv_cells, read_lines
+from lidarcli.logs.csv.table import csv_cells, plain_lists, read_lines
 from lidarcli.logs.text import MAX_LINE, TextBlock
 from lidarcli.sweeps.types import Bool, Float32, Float64, Int32, Int64, RawSweeps
 
@@ -46,8 +47,7 @@ NO_TIME = "the time cannot be read"
 _SECONDS = re.compile(r"\bsecs?['\"]?\s*[:=]\s*(-?\d+)")
 _NANOSECONDS = re.compile(r"\bn(?:ano)?secs?['\"]?\s*[:=]\s*(\d+)")
 _FRAME = re.compile(r"frame_id['\"]?\s*[:=]\s*(?:'([^']*)'|\"([^\"]*)\"|([^\s,'\"})]*))")
-_PARENTHESES = re.compile(rb'"\s*\(([^()]*)\)\s*"')
-_CALLS = re.compile(rb"[A-Za-z_][\w.]*\(([^()]*)\)")
+_PARENTHESES = re.compile(rb'(?<![\w.])(?:"\s*)?\(([^()]*)\)(?:\s*")?')
 _MAX_LISTS = 64
 """Most lists of one record; with more it is garbage."""
 
@@ -159,8 +159,8 @@ def read_times(scan: ScanColumns, column: Column, rows: int, last: Ends) -> tupl
     bad = np.zeros(rows, np.bool_)
     found: dict[str, Int64] = {}
     if "seconds" in fields:
-        parts = (column(fields[name]) for name in ("seconds", "nanoseconds"))
-        found["stamp"], bad = seconds_and_nanoseconds(*parts)
+        whole, parts = (column(fields[name]) for name in ("seconds", "nanoseconds"))
+        found["stamp"], bad = seconds_and_parts(whole, parts, units.get("nanoseconds", NS))
     for name in ("stamp", "record"):
         if name in units and name not in found:
             times, wrong = to_ns(column(fields[name]), units[name])
@@ -277,7 +277,7 @@ class WideDecoder(Decoder):
         if order is not None and (len(order) != span[0] or (np.diff(order) != 1).any()):
             ranges, empty = ranges[:, order], None if empty is None else empty[:, order]
         if empty is not None and empty.size:
-            beams = _without_trailing(empty, beams, np.zeros_like(beams) if scan.to_last else view)
+            beams = _without_trailing(empty, beams, np.zeros_like(beams) if scan.to_last else view - scan.ends_before)
             if self.layout.sparse:
                 good &= ~empty.all(axis=1)
         return ranges, beams, good, found.bad
@@ -342,9 +342,9 @@ def _intensity_columns(scan: ScanColumns, cells: Cells, rows: Int64, beams: Int6
 
 
 def _without_trailing(empty: Bool, beams: Int64, view: Int64) -> Int64:
-    """Return beam counts without trailing empty cells outside of the view; one of 0 has as many beams as are filled."""
+    """Return beam counts without trailing empty cells a step or more outside of the view; one of 0 is what is filled."""
     filled = np.where(empty.all(axis=1), 0, empty.shape[1] - np.argmin(empty[:, ::-1], axis=1))
-    view = np.where(view == 0, filled, view)
+    view = np.where((view == 0) | (filled == view + 1), filled, view)
     return np.where((view >= filled) & (view < beams), view, beams)
 
 
@@ -417,6 +417,7 @@ class ListDecoder(Decoder):
 
     def _split(self, text: bytes) -> tuple[list[bytes], list[str]] | None:
         """Return the lists of a record, and its cells with the number of a list in place of each."""
+        text = plain_lists(text)
         if self.layout.brackets not in text and text.count(self.layout.dialect.separator) < 2:
             return None
         lists: list[bytes] = []
@@ -452,11 +453,13 @@ class ListDecoder(Decoder):
             return None
         lists, cells = found
         scan = self.layout.scans[0]
-        ranges = _list_of(cells[scan.first], lists)
+        bare = not self.layout.brackets
+        ranges = cells[scan.first].encode() if bare else _list_of(cells[scan.first], lists)
         if ranges is None:
             self._damage(line, f"{shown(cells[scan.first].encode())} is no list of ranges")
             return None
-        intensities = [_list_of(cells[column], lists) or b"" for column in scan.intensities.tolist()]
+        others = [cells[column] for column in scan.intensities.tolist()]
+        intensities = [cell.encode() if bare else _list_of(cell, lists) or b"" for cell in others]
         return _Record(line, ranges, b"".join(intensities), cells)
 
     def _sweeps(self, scan: ScanColumns, records: list[_Record]) -> Iterator[RawSweeps]:
@@ -519,10 +522,8 @@ def _counts(parts: list[bytes]) -> Int64:
 
 
 def _plain_list(text: bytes) -> bytes:
-    """Return the numbers of a list, set apart by commas: numpy's spelling has spaces, `np.float32(1.0)` has calls."""
-    if b"(" in text:
-        text = _CALLS.sub(rb"\1", text)
-    text = text.strip().removesuffix(b",")
+    """Return the numbers of a list, set apart by commas: numpy's spelling has spaces."""
+    text = text.strip().replace(b";", b",").replace(b"|", b",").removesuffix(b",")
     return text if b"," in text else b",".join(text.split())
 
 

@@ -12,14 +12,20 @@ import numpy as np
 
 from lidarcli.errors import UnreadableError
 from lidarcli.logs.base import OpenOptions, ReadReport
-from lidarcli.logs.cells import DATED, NS, TIME_OF_DAY, parse_number, shown, time_unit
+from lidarcli.logs.cells import DATED, MS, NS, TIME_OF_DAY, US, parse_number, shown, time_unit
 from lidarcli.logs.text import TextBlock
 from lidarcli.sweeps.types import Int64
 
 _QUOTED = re.compile(rb'"[^"]*"')
 # A bracket that nothing closes takes all that follows: to try each of many costs the square of their number.
-_LISTS = re.compile(rb"\[[^\]]*(?:\]|\Z)")
-_LISTS_AND_QUOTED = re.compile(rb'\[[^\]]*(?:\]|\Z)|"[^"]*"')
+_LIST = rb"\[[^\]]*(?:\]|\Z)|(?<![\w.])\([^()]*\)"
+_LISTS = re.compile(_LIST)
+_LISTS_AND_QUOTED = re.compile(_LIST + rb'|"[^"]*"')
+_ARRAYS = re.compile(
+    rb"\b(?:np\.)?array\(\s*(?:['\"]\w['\"],\s*)?(\[[^\[\]]*\])[^()\[\]]*\)|\b(?:np|numpy)\.\w+\(([^()]*)\)"
+)
+_BEGUN = re.compile(rb"[\[(]\s*(?:[-+.\d]|inf|nan)")
+"""Start of a list of numbers."""
 _DECIMAL_COMMA = re.compile(rb"\s*-?\d+,\d+(?:[eE][-+]?\d+)?\s*")
 _ENOUGH = 64 << 10
 SAMPLE_LINES = 3000
@@ -88,16 +94,30 @@ def guess_dialect(lines: Sequence[bytes]) -> Dialect | None:
     return Dialect(separator, comma, trailing)
 
 
+def plain_lists(text: bytes) -> bytes:
+    """Return the text with the calls of Python taken off lists and numbers: `array('f', [1.0])`, `np.float32(1.0)`."""
+    return _ARRAYS.sub(rb"\1\2", text) if re.search(rb"array\(|\bnp\.|numpy\.", text) else text
+
+
 def empty_lists(text: bytes) -> bytes:
-    """Return the text with `[]` in place of each list in brackets."""
-    return _LISTS.sub(lambda match: b"[]" if match[0].endswith(b"]") else match[0], text)
+    """Return the text with `[]` or `()` in place of each list in brackets."""
+    return _LISTS.sub(lambda match: match[0][:1] + match[0][-1:] if match[0][-1:] in b"])" else match[0], plain_lists(text))
+
+
+def _quoted_lists(line: bytes) -> bytes:
+    """Return the line with quotes around each list in brackets, which is one cell."""
+    if b"[" not in line and b"(" not in line:
+        return line
+    return _LISTS_AND_QUOTED.sub(
+        lambda match: b'"%s"' % match[0] if match[0][-1:] in b"])" else match[0], plain_lists(line)
+    )
 
 
 def _unlisted(text: bytes) -> bytes:
     """Return the text with a mark in place of each list in brackets and each quoted cell."""
 
     def mark(match: re.Match[bytes]) -> bytes:
-        whole = match[0].startswith(b'"') or match[0].endswith(b"]")
+        whole = match[0].startswith(b'"') or match[0][-1:] in b"])"
         return b'"' if whole else _QUOTED.sub(b'"', match[0])
 
     return _LISTS_AND_QUOTED.sub(mark, text)
@@ -209,6 +229,9 @@ class Head:
     def units(self, fields: dict[str, int]) -> dict[str, int]:
         """Return the units of the time columns among `fields`; a column that holds no times has none."""
         units: dict[str, int] = {}
+        parts = time_unit(self.names[fields["nanoseconds"]].split(".")[-1], [b"0"]) if "seconds" in fields else None
+        if parts in (US, MS):
+            units["nanoseconds"] = parts
         for name in {"record", "stamp", "date"} & fields.keys():
             if self.names[0].strip().lower() == "%time" and name != "date":
                 units[name] = NS
@@ -233,12 +256,14 @@ def read_head(lines: Sequence[bytes], options: OpenOptions, path: str) -> Head:
     if not numbered:
         raise UnreadableError(f"{path}: no data in it, only comments or blank lines")
     dialect = guess_dialect([line for _, line in numbered])
+    if dialect is None and _BEGUN.match(plain_lists(numbered[0][1].lstrip())):
+        dialect = Dialect(b",")
     if dialect is None:
         raise UnreadableError(f"{path}: text, but no table with columns: {shown(numbered[0][1], 60)}")
     # A title above the table has a single cell.
-    while len(numbered) > 1 and dialect.separator not in numbered[0][1].strip():
+    while len(numbered) > 1 and dialect.separator not in (line := numbered[0][1].strip()) and not _BEGUN.match(line):
         numbered.pop(0)
-    cells = [split_line(line, dialect) for _, line in numbered]
+    cells = [split_line(_quoted_lists(line), dialect) for _, line in numbered]
     number, first = numbered[0]
     if _is_header(cells[0]):
         names = [*map(_name, cells[0])]
@@ -270,9 +295,9 @@ def _sample(numbered: list[tuple[int, bytes]]) -> list[tuple[int, bytes]]:
 
 
 def _is_header(cells: Sequence[bytes]) -> bool:
-    """Return whether cells are names: the first one that is not blank is neither a number nor a time."""
+    """Return whether cells are names: the first one that is not blank is neither a number, a list of these nor a time."""
     named = [cell for cell in cells if cell]
-    return bool(named) and not is_numeric(named[0]) and time_unit("", [named[0]]) is None
+    return bool(named) and not (is_numeric(named[0]) or _BEGUN.match(named[0]) or time_unit("", [named[0]]) is not None)
 
 
 def value_of(cell: bytes) -> float | None:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import reduce
+from functools import partial, reduce
 from typing import Any
 
 import numpy as np
@@ -55,6 +55,8 @@ class _Node:
     sources: dict[str, tuple[str, float] | None]
     """Name → topic and timeout [s] of its scans; None for a source that is not read."""
     masks: list[Mask]
+    footprint: Callable[[], Polygon | None]
+    """Returns that of a costmap."""
 
     def topic(self, name: str) -> str:
         """Return the full name of a topic."""
@@ -67,14 +69,15 @@ def read_nav2(file: str) -> Zones:
     masks: list[Mask] = []
     notes: list[str] = []
     robot = ""
-    for path, parameters in _monitors([*_nodes(file, read_yaml(file, "zone file"))]):
+    nodes = [*_nodes(file, read_yaml(file, "zone file"))]
+    for path, parameters in _monitors(nodes):
         fields = Fields(file, "/".join(path) or "the file", parameters)
         base = fields.text("base_frame_id", "base_footprint")
         if robot and not same_name(robot, base):
             fields.fail("base_frame_id", f"is {base}, of another node {robot}: leave one out")
         robot = robot or base
         namespace = "".join(f"/{name}" for name in [name for name in path if "*" not in name][:-1])
-        node = _Node(fields, namespace, base, notes, {}, masks)
+        node = _Node(fields, namespace, base, notes, {}, masks, partial(_footprint, file, nodes, path[:-1]))
         _read_sources(node)
         zones += _zones(node)
     if not robot:
@@ -143,6 +146,25 @@ def _monitors(nodes: Sequence[_Named]) -> Iterator[_Named]:
         if path != ("**",) and not parameters.keys().isdisjoint({"polygons", "observation_sources"})
     ]
     yield from [each for each in found if "polygons" in each[1]] or ([(("**",), shared)] if "polygons" in shared else [])
+
+
+def _footprint(file: str, nodes: Sequence[_Named], namespace: tuple[str, ...]) -> Polygon | None:
+    """Return the padded footprint of a costmap of one namespace, as Nav2 publishes it; None where no costmap tells it."""
+    for name in ("local_costmap", "global_costmap"):
+        for path, parameters in nodes:
+            if path[-1:] != (name,) or (path[: len(namespace)] != namespace and "**" not in {*path, *namespace}):
+                continue
+            fields = Fields(file, "/".join(path), parameters)
+            padding = fields.number("footprint_padding", 0.01)
+            if parameters.get("footprint") not in (None, "", "[]"):
+                corners = np.array(_polygon(fields, _MIN_EXCLUDED, "footprint").corners)
+            elif fields.has("robot_radius"):
+                angles = np.arange(16) * 2 * math.pi / 16
+                corners = fields.number("robot_radius", above=0) * np.column_stack([np.cos(angles), np.sin(angles)])
+            else:
+                continue
+            return Polygon(tuple((float(x), float(y)) for x, y in corners + padding * np.sign(corners)))
+    return None
 
 
 def _read_sources(node: _Node) -> None:
@@ -246,6 +268,7 @@ def _nav2_zone(node: _Node, polygon: Fields, name: str) -> Zone:
         timeout=timeout,
         cases=cases,
         shape_topic=shape_topic and node.topic(shape_topic),
+        footprint=node.footprint() if shape_topic and action == "approach" else None,
         velocity_topic=node.topic(node.fields.text("cmd_vel_in_topic", "cmd_vel_smoothed")),
         time_before_collision=ahead,
         time_step=step,
@@ -301,20 +324,20 @@ def _names(fields: Fields, key: str) -> list[str]:
     return names
 
 
-def _polygon(fields: Fields, least: int) -> Polygon:
-    """Return the polygon of `points`, a text "[[x, y], ...]", each number rounded to a float32 as Nav2 does."""
-    text = fields.values.get("points")
+def _polygon(fields: Fields, least: int, key: str = "points") -> Polygon:
+    """Return the polygon of a key, a text "[[x, y], ...]", each number rounded to a float32 as Nav2 does."""
+    text = fields.values.get(key)
     if not isinstance(text, str):
-        fields.fail("points", 'must be a text as "[[0.5, 0.3], [0.5, -0.3], [0.0, -0.3], [0.0, 0.3]]"')
+        fields.fail(key, 'must be a text as "[[0.5, 0.3], [0.5, -0.3], [0.0, -0.3], [0.0, 0.3]]"')
     corners = []
     for corner in _POINT.findall(text) if _POINTS.fullmatch(text) else [""]:
         try:
             x, y = (float(np.float32(part)) for part in corner.replace(",", " ").split())
         except ValueError:
-            fields.fail("points", 'must be pairs of numbers as "[[0.5, 0.3], [0.5, -0.3], ...]"')
+            fields.fail(key, 'must be pairs of numbers as "[[0.5, 0.3], [0.5, -0.3], ...]"')
         if not (abs(x) <= LARGEST and abs(y) <= LARGEST):
-            fields.fail("points", f"must hold finite numbers between {-LARGEST:g} and {LARGEST:g}")
+            fields.fail(key, f"must hold finite numbers between {-LARGEST:g} and {LARGEST:g}")
         corners.append((x, y))
     if not least <= len(corners) <= MAX_CORNERS:
-        fields.fail("points", f"must be {least} to {MAX_CORNERS} corners, not {len(corners)}")
+        fields.fail(key, f"must be {least} to {MAX_CORNERS} corners, not {len(corners)}")
     return Polygon(tuple(corners))

@@ -90,6 +90,8 @@ def zone_dict(zone: Zone) -> dict[str, Any]:
                 }
                 for case in zone.cases
             }
+            if zone.footprint is not None:
+                found["footprint"] = zone.footprint.corners
     return found
 
 

@@ -110,10 +110,13 @@ class ZoneReader:
             return Shapes([case.shape for case in zone.cases])
         messages = polygons(self._log, zone.shape_topic, self._report)
         if messages is None:
-            if (footprint := self._options.footprint) is None:
+            if (footprint := self._options.footprint or zone.footprint) is None:
                 raise NoScanError(
                     f"zone '{zone.name}' has no shape without {zone.shape_topic}: give --footprint '[[x, y], ...]'"
                 )
+            if self._options.footprint is None:
+                told = f"its file has that of the costmap, the log has no {zone.shape_topic}"
+                self._notes.append(f"the shape of zone '{zone.name}' is a footprint: {told}")
             return Shapes([footprint])
         shapes: dict[tuple[tuple[float, float], ...], int] = {}
         times, parts = [], []
