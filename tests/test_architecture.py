@@ -118,25 +118,25 @@ LINES = {
     "cli": 3_156,
     "copying": 763,
     "display": 467,
-    "files": 1_156,
+    "files": 1_174,
     "formalism": 16_704,
-    "logs": 11_434,
+    "logs": 11_866,
     "maps": 523,
     "options": 1_432,
     "overlays": 1_144,
-    "pipeline": 17_866,
+    "pipeline": 17_896,
     "pose": 3_181,
-    "reports": 6_989,
+    "reports": 7_003,
     "ros": 413,
     "simulation": 2_309,
-    "sweeps": 1_909,
+    "sweeps": 1_969,
     "system": 326,
     "tabular": 1_976,
     "lidarcli": 153,
 }
 """Most lines of Python of each room, and of the files beside them: lower them as code goes; who raises one says why."""
 MAX_FILE_LINES = 600
-MAX_FILES = 269
+MAX_FILES = 271
 """A file has one subject, so there are more of them than before; who adds one says why an existing one cannot hold it."""
 
 
