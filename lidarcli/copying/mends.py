@@ -143,6 +143,14 @@ def end(scan: Any, _: int) -> bool:
     return not abs(scan.angle_max - last) <= 0.5 * abs(scan.angle_increment) and _set(scan, angle_max=last)
 
 
+def reverse_intensities(scan: Any, _: int) -> bool:
+    """Give each beam the intensity of the beam at its mirrored place, where the sweep has as many of them."""
+    if len(scan.intensities) != len(scan.ranges):
+        return False
+    scan.intensities = scan.intensities[::-1].copy()
+    return True
+
+
 def turn_round(scan: Any, _: int) -> bool:
     """Let the beams run the other way: in the order of time the ranges stay as they are."""
     return _set(scan, angle_min=-scan.angle_min, angle_max=-scan.angle_max, angle_increment=-scan.angle_increment)

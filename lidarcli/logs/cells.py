@@ -528,3 +528,20 @@ _CONVERTERS: dict[int, Callable[[bytes], int]] = {
     S_UNPADDED: lambda cell: _seconds(_padded(cell)),
     DATE_UNPADDED: lambda cell: _spelled(DATE)(_padded(cell)),
 }
+
+
+def value_of(cell: bytes) -> float | None:
+    """Return the number of a cell; None where it holds none."""
+    try:
+        return parse_number(cell)
+    except ValueError:
+        return None
+
+
+def is_numeric(cell: bytes) -> bool:
+    """Return whether a cell can stand for a number, also for a missing one."""
+    try:
+        parse_number(cell)
+    except ValueError:
+        return False
+    return True

@@ -22,7 +22,10 @@ AGENT_SCORE = 0.55
 """Least probability that an object moves by itself; what has less is no agent (`track`)."""
 MIN_THING = 0.3
 """Least probability that an object is a thing and not a piece of building; anything less counts as wall."""
-MENDS = ("beams", "stamps", "angles", "times", "order", "units", "limits", "no-return", "frames", "statics", "clock")
+MENDS = (
+    *("beams", "stamps", "angles", "times", "order", "intensities", "units", "limits", "no-return", "frames"),
+    *("statics", "clock"),
+)
 """Faults of a log that `clean` mends."""
 FOUND = "found"
 """Word for those that `info --deep` finds."""

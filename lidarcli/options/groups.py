@@ -206,8 +206,8 @@ class Cleaning(
     mend: Annotated[
         str | Iterable[str] | None,
         Option(CHANGES, Text("[LIST]", parse_mends, is_list=True), shown="none", alone=choices.FOUND),
-        "Mend faults: found (those of info --deep), or, comma separated, beams, stamps, angles, times, order, units, "
-        "limits, no-return, frames, statics, clock (docs/clean.md).",
+        "Mend faults: found (those of info --deep), or, comma separated, beams, stamps, angles, times, order, intensities, "
+        "units, limits, no-return, frames, statics, clock (docs/clean.md).",
     ]
     merge: Annotated[
         str | None,

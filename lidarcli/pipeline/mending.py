@@ -173,6 +173,7 @@ def _mend(
         "limits": partial(mends.limit, least=limits and limits[0], most=limits[1] if limits else greatest),
         "no-return": partial(fill, status=Status.NO_RETURN, value=np.inf),
         "mask": partial(fill, status=Status.MASKED, value=hidden),
+        "intensities": mends.reverse_intensities,
         "beams": partial(mends.put_on, first=first, spacing=step, beams=int(usual)),
         "angles": mends.end,
         "order": mends.turn_round,

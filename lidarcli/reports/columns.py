@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 
 from lidarcli.sweeps.types import Float64, Int32, Int64, spared
 from lidarcli.sweeps.zone import UNSEEN
-from lidarcli.tabular.columns import numbers, values_and_mask
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -81,6 +80,8 @@ class Rows:
         """
         import pyarrow as pa
 
+        from lidarcli.tabular.columns import numbers
+
         column = self.table[name]
         if pa.types.is_list(column.type):
             import pyarrow.compute as pc
@@ -98,6 +99,8 @@ class Rows:
         """A column of integers without nulls; a stamp in nanoseconds."""
         import pyarrow as pa
 
+        from lidarcli.tabular.columns import values_and_mask
+
         column = self.table[name]
         if pa.types.is_timestamp(column.type):
             column = column.cast(pa.int64())
@@ -111,6 +114,8 @@ class Rows:
 
     def words(self, name: str) -> tuple[Int32, list[str]]:
         """A column of names: (K,) codes, -1 for null, and the names."""
+        from lidarcli.tabular.columns import values_and_mask
+
         column = self.table[name]
         if not column.num_chunks or not len(column):
             return np.empty(0, np.int32), []

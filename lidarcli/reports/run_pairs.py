@@ -11,8 +11,6 @@ from typing import TYPE_CHECKING
 from lidarcli.options.choices import CHANGE_STATUSES
 from lidarcli.reports.columns import Record
 from lidarcli.reports.wording import percent
-from lidarcli.tabular.reading import note_value, notes_of
-from lidarcli.tabular.writing import ALIGNMENT
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -82,6 +80,9 @@ class RunPair:
 
 def pairs_of(table: pa.Table) -> list[RunPair]:
     """Return the runs of a table with the schema `lidarcli.tabular.schemas.CHANGES`, in their order."""
+    from lidarcli.tabular.reading import note_value, notes_of
+    from lidarcli.tabular.writing import ALIGNMENT
+
     changes: dict[str, list[Change]] = {}
     names: dict[str, str] = {}
     for row in table.select(["log_a", "log_b", *COLUMNS]).to_pylist():

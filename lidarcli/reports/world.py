@@ -11,7 +11,6 @@ import numpy as np
 from lidarcli.formalism.mapping.grid import CLEAR, HIT, SKIPPED, Beams, Counts, MotionFilter, Occupancy, TooLargeError
 from lidarcli.options.choices import MAP_RESOLUTION, MIN_MOVE, OCCUPIED_RATIO
 from lidarcli.reports.columns import Rows, Run, rows_of
-from lidarcli.reports.figures import round_up
 from lidarcli.sweeps.types import TURN, Bool, Float64, Int64, SweepPoses, UInt8, record
 
 MAX_CELLS = 4_000
@@ -189,6 +188,8 @@ def map_of(run: Run, raw: Mapping[tuple[int, str], Raw]) -> Occupancy | None:
 
     None where no sweep has both, or where it would be too large.
     """
+    from lidarcli.reports.figures import round_up
+
     if len(run.sources) != 1:
         return None
     parts = [part for (_, topic), sweeps in raw.items() for part in _beams(run, topic, sweeps)]
@@ -254,6 +255,8 @@ def _on_objects(run: Run, raw: Raw, members: Int64, sweep: Int64) -> Bool:
 
 def _cells(x: Float64, y: Float64) -> Walls | None:
     """Return the cells that enough of these points lie in."""
+    from lidarcli.reports.figures import round_up
+
     if not len(x):
         return None
     x0, y0 = float(x.min()), float(y.min())

@@ -438,7 +438,7 @@ LOG_RULES = (
         unless={"units"},
     ),
     Rule(
-        "intensities",
+        "intensity",
         "warning",
         lambda s: s.reversed_intensities,
         "{name}: intensities run against the ranges: {0.unlike:.1%} of the beams have one without a range or none with "

@@ -16,7 +16,7 @@ FixKind = Literal["option", "transform", "mask", "mount"]
 IDS = (
     *("geometry", "units", "limits", "no_return", "too_close", "gaps", "clock", "rolling", "duplicate"),
     *("observed", "frames", "drift", "delay", "mirror", "stamp", "mount", "lasers", "body"),
-    *("flicker", "lost", "intensities", "codes", "pace"),
+    *("flicker", "lost", "intensity", "codes", "pace"),
 )
 """Identifiers of findings, in the order of docs/info.md."""
 DEEP_IDS = ("mirror", "stamp", "lasers", "flicker")

@@ -42,7 +42,7 @@ def findings(raw: RawSweeps, blocks: int = 3) -> dict[str, Finding]:
 
 
 def test_a_sound_drive_has_no_habits() -> None:
-    assert findings(drive()).keys() & {"intensities", "codes", "pace", "body"} == set()
+    assert findings(drive()).keys() & {"intensity", "codes", "pace", "body"} == set()
 
 
 @pytest.mark.parametrize("is_reversed", [False, True])
@@ -50,10 +50,10 @@ def test_intensities_in_reverse(is_reversed: bool) -> None:
     raw = drive()
     strength = np.where(np.isfinite(raw.ranges), np.float32(47.0), np.float32(0.0))
     found = findings(replace(raw, intensities=strength[:, ::-1].copy() if is_reversed else strength))
-    assert ("intensities" in found) == is_reversed
+    assert ("intensity" in found) == is_reversed
     if is_reversed:
-        assert found["intensities"].mend == "intensities"
-        assert found["intensities"].evidence == {"unlike": pytest.approx(20 / BEAMS), "reversed": 0.0}
+        assert found["intensity"].mend == "intensities"
+        assert found["intensity"].evidence == {"unlike": pytest.approx(20 / BEAMS), "reversed": 0.0}
 
 
 @pytest.mark.parametrize(("code", "found"), [(0.004, True), (0.03, False)])

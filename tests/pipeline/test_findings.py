@@ -347,7 +347,7 @@ REAL = {
     "my_gazebo_tutorials/20_53_49/rosbag2_2024_11_22-20_53_49_0.db3": "clock",
     "obstacle_detector/scans_demo.bag": "no_return*2 too_close*2",
     "pr2/mylaserdata.bag": "no_return",
-    "real_clients/irs_a1scan.db3": "intensities",
+    "real_clients/irs_a1scan.db3": "intensity",
     "robots_ii/mylaserdata_20151128.bag": "no_return frames drift",
     "robots_ii/src_mylaserdata_20151128.bag": "no_return duplicate observed frames drift",
     "ros2_selfdriving/circular_bag_framed_0522/circular_bag_framed_0.db3": "gaps clock",

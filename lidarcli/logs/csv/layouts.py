@@ -13,7 +13,7 @@ import numpy as np
 
 from lidarcli.errors import UnreadableError
 from lidarcli.logs.blocks import given_geometry
-from lidarcli.logs.cells import shown
+from lidarcli.logs.cells import is_numeric, shown, value_of
 from lidarcli.logs.clock import NO_STAMPS
 from lidarcli.logs.csv.column_names import (
     ANGLE,
@@ -30,7 +30,7 @@ from lidarcli.logs.csv.column_names import (
     find_families,
     find_intensities,
 )
-from lidarcli.logs.csv.table import TRAJECTORY, Dialect, Head, csv_cells, empty_lists, is_numeric, value_of
+from lidarcli.logs.csv.table import TRAJECTORY, Dialect, Head, csv_cells, empty_lists
 from lidarcli.sweeps.types import TURN, Float64, Int64
 
 ROSTOPIC = "rostopic echo -p"

@@ -12,7 +12,7 @@ import numpy as np
 
 from lidarcli.errors import UnreadableError
 from lidarcli.logs.base import OpenOptions, ReadReport
-from lidarcli.logs.cells import DATED, MS, NS, TIME_OF_DAY, US, parse_number, shown, time_unit
+from lidarcli.logs.cells import DATED, MS, NS, TIME_OF_DAY, US, is_numeric, shown, time_unit
 from lidarcli.logs.text import TextBlock
 from lidarcli.sweeps.types import Int64
 
@@ -298,23 +298,6 @@ def _is_header(cells: Sequence[bytes]) -> bool:
     """Return whether cells are names: the first one that is not blank is neither a number, a list of these nor a time."""
     named = [cell for cell in cells if cell]
     return bool(named) and not (is_numeric(named[0]) or _BEGUN.match(named[0]) or time_unit("", [named[0]]) is not None)
-
-
-def value_of(cell: bytes) -> float | None:
-    """Return the number of a cell; None where it holds none."""
-    try:
-        return parse_number(cell)
-    except ValueError:
-        return None
-
-
-def is_numeric(cell: bytes) -> bool:
-    """Return whether a cell can stand for a number, also for a missing one."""
-    try:
-        parse_number(cell)
-    except ValueError:
-        return False
-    return True
 
 
 @dataclass(frozen=True, slots=True)
