@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING
 
 from lidarcli.options.choices import CHANGE_STATUSES
 from lidarcli.reports.columns import Record
-from lidarcli.reports.wording import percent
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -71,6 +70,8 @@ class RunPair:
     @property
     def line(self) -> str:
         """Names, numbers and alignment in a line."""
+        from lidarcli.reports.wording import percent
+
         parts = [] if self.overlap is None else [f"{percent(self.overlap)} of the structure in place"]
         if self.dx is not None and self.dy is not None and self.dyaw is not None:
             turn = abs(math.degrees(math.remainder(self.dyaw, math.tau)))

@@ -71,6 +71,15 @@ def filled(value: float) -> Change:
     return lambda raw: replace(raw, ranges=np.where(some, np.float32(value), raw.ranges))
 
 
+def lit_in_reverse(raw: RawSweeps) -> RawSweeps:
+    """Some beams at one side are without a return; intensities are 0 at the other side."""
+    ranges = raw.ranges.copy()
+    ranges[:, 20:40] = np.inf
+    return replace(
+        raw, ranges=ranges, intensities=np.where(np.isfinite(ranges), np.float32(47.0), np.float32(0.0))[:, ::-1]
+    )
+
+
 def motor(raw: RawSweeps) -> RawSweeps:
     """A motor whose speed varies: some turns have fewer beams, further apart."""
     beams = np.where(np.arange(SWEEPS) % 3 == 2, 352, 360).astype(np.int32)
@@ -159,6 +168,7 @@ FAULTS = {
         restores=False,
     ),
     "no limits": Fault("limits", "limits", same(range_min=0.0, range_max=0.0), refused="AMCL: range_max", restores=False),
+    "intensities": Fault("intensity", "intensities", lit_in_reverse, restores=False),
     "near limit": Fault("limits", "limits", same(range_max=4.0), restores=False),
     "zeros": Fault("no_return", "no-return", filled(0.0), refused="AMCL: no return", restores=False),
     "range_max": Fault("no_return", "no-return", filled(12.0), restores=False),
