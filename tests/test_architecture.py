@@ -126,7 +126,7 @@ LINES = {
     "overlays": 1_144,
     "pipeline": 17_897,
     "pose": 3_181,
-    "reports": 7_012,
+    "reports": 7_013,
     "ros": 413,
     "simulation": 2_309,
     "sweeps": 1_969,

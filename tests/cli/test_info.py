@@ -239,7 +239,7 @@ def test_checks_count_the_findings_of_all_logs(lidarcli: Run, check: str, code: 
         ("sweeps > 0", "unknown figure 'sweeps'; there are "),
         ("objects where width > 1 == 0", "unknown figure 'objects'"),
         ("findings = 0", "findings = 0"),
-        ("findings.body == 0", "only --deep looks for findings.body: add --deep"),
+        ("findings.flicker == 0", "only --deep looks for findings.flicker: add --deep"),
     ],
 )
 def test_a_check_that_means_nothing(lidarcli: Run, check: str, says: str) -> None:

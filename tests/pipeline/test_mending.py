@@ -324,8 +324,17 @@ def test_millimetres_beside_limits_in_metres(tmp_path: Path) -> None:
 
 
 def test_ranges_of_no_certain_unit_are_left(tmp_path: Path) -> None:
-    log = written(tmp_path, "mcap", [scaled(ranges=100.0, range_min=100.0, range_max=100.0)(sound())])
+    """Some ranges are beyond what centimetres reach, and most are not: both units are likely."""
+    raw = scaled(ranges=100.0, range_min=100.0, range_max=1000.0)(sound())
+    raw.ranges[:, :36] = 1500.0 + np.arange(36)
+    log = written(tmp_path, "mcap", [raw])
     assert [(each.id, each.mend) for each in findings_of(log)] == [("units", "")]
+
+
+def test_centimetres_become_metres(tmp_path: Path) -> None:
+    log = written(tmp_path, "mcap", [scaled(ranges=100.0, range_min=100.0, range_max=100.0)(sound())])
+    assert [(each.id, each.mend) for each in findings_of(log)] == [("units", "units")]
+    assert findings_of(mended(log)) == ()
 
 
 def test_headers_that_say_anything_are_mended_without_a_warning(tmp_path: Path) -> None:
@@ -579,8 +588,8 @@ def test_info_names_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[st
 REAL = {
     "datmo/overtake_ego.bag": "frames",
     "datmo/parallel.bag": "frames drift mount",
-    "leg_tracker/negative_2.bag": "too_close*3",
-    "leg_tracker/positive_1_extracted.bag": "too_close gaps",
+    "leg_tracker/negative_2.bag": "too_close*3 body*3",
+    "leg_tracker/positive_1_extracted.bag": "too_close gaps pace",
     "obstacle_detector/scans_demo.bag": "no_return*2 too_close*2",
     "real_clients/irs_a1scan.db3": "",
     "ros2_selfdriving/circular_bag_framed_0522/circular_bag_framed_0.db3": "gaps",

@@ -234,7 +234,7 @@ BLOCK = 160_000
 ALONE = 2_000_000
 """Ranges ahead from which on threads help: a tenth of a second of work."""
 MAX_WAITING = 4
-"""Blocks per thread that may wait in line; one where every beam is a row."""
+"""Blocks per thread that are at work or wait in line; one where every beam is a row."""
 MAX_THREADS = 8
 """Most threads of one log: the interpreter and the encoding of tables limit the use of more."""
 PATIENCE = 0.5
@@ -249,7 +249,7 @@ class ParallelDetection:
         self._detector = detector
         self._reading = reading
         self._count = min(threads, MAX_THREADS)
-        self._window = self._count * (1 if "beams" in detector.tables else MAX_WAITING)
+        self._window = self._count if "beams" in detector.tables else self._count * MAX_WAITING - 1
         self._threads: Threads | None = None
         self._batches: list[SweepBatch] = []
         """Batches of the next block."""

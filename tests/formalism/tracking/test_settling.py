@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from lidarcli.formalism.tracking import joins
+from lidarcli.formalism.tracking import legs
 from lidarcli.formalism.tracking.results import DISC, PERSON
 from lidarcli.formalism.tracking.tracks import Track, Tracklet
 
@@ -36,7 +36,7 @@ def settled(*others: tuple[Any, Any, Any], moved: int = 1, owners: bool = True) 
         n: Tracklet(n, kind=PERSON if n == 1 else DISC, moved=1 if n == 1 else moved) for n in range(1, len(parts) + 1)
     }
     Track().add_part(bodies[1])
-    joins.assign_legs(seen, bodies)
+    legs.assign_legs(seen, bodies)
     return [seen.owner[number == n] for n in bodies]
 
 
