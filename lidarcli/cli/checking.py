@@ -3,7 +3,8 @@
 import json
 import shlex
 from collections.abc import Mapping, Sequence
-from functools import wraps
+from dataclasses import replace
+from functools import partial, wraps
 from itertools import chain
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -27,11 +28,11 @@ from lidarcli.cli.messages import (
 from lidarcli.display.screen import one_line
 from lidarcli.display.texts import counted, no_command
 from lidarcli.files.stores import place
-from lidarcli.options.choices import JUNIT
+from lidarcli.options.choices import EXPLAINED, JUNIT
 from lidarcli.options.common import CHECK, Checked, ManyLogs, Overwrite, Reported, TextOrJson, output
-from lidarcli.options.forms import Argument, File, Option
-from lidarcli.options.groups import ZONE_RULES, Diffing, Reporting, Zoning
-from lidarcli.options.values import CHECKS, OUTPUT, STDOUT
+from lidarcli.options.forms import Argument, File, Option, Text
+from lidarcli.options.groups import ZONE_RULES, ZONES, Diffing, Reporting, Zoning
+from lidarcli.options.values import CHECKS, OUTPUT, STDOUT, parse_explained
 
 if TYPE_CHECKING:
     from lidarcli.reports.report import Report
@@ -141,6 +142,12 @@ class ZonesCommand(Zoning, ManyLogs, Checked, Reported, total=False):
         CHECK,
         "Condition that must hold, else exit code 1: zones.NAME.events == 0 (docs/zones.md); may be repeated.",
     ]
+    explain: Annotated[
+        str | None,
+        Option(ZONES, Text("TIME|worst", parse_explained), shown="none"),
+        "Answer why the robot stopped at this time, given like --start: -o why.html, .png or .gif; worst: a file for each "
+        "of the worst events.",
+    ]
 
 
 @command(
@@ -167,25 +174,36 @@ def zones(messages: MessageWriter, options: ZonesCommand) -> int:
     """
     outputs = [place(each) for each in options["output"]]
     suites = [path for path in outputs if path.suffix.lower() == JUNIT]
-    folders = [path for path in outputs if path not in suites]
+    answers = [path for path in outputs if path.suffix.lower() in EXPLAINED and options["explain"] is not None]
+    folders = [path for path in outputs if path not in (*suites, *answers)]
     folder = folders[0] if folders else None
     if STDOUT in options["output"] or len(folders) > 1:
         raise click.UsageError("-o takes one folder, and .xml files; there is no standard output of tables")
+    if options["explain"] is not None and not answers:
+        raise click.UsageError(
+            "--explain writes a page, a picture or a film: give -o why.html, why.png, why.gif or why.mp4"
+        )
     logs = log_options(options)
 
     from lidarcli.errors import CHECK_FAILED, UnreadableError
     from lidarcli.pipeline.api.options import zone_options
     from lidarcli.pipeline.reporting import checks_of
+    from lidarcli.pipeline.zones.options import Explained
     from lidarcli.pipeline.zones.run import judge, refuse_outputs, understand, watch_files, write_verdicts
     from lidarcli.pipeline.zones.summary import ZoneSummary
 
     with usage_errors():
         zoning = zone_options(options, logs, overwrite=options["overwrite"])
+        if options["explain"] is not None:
+            time = None if options["explain"] == "worst" else options["explain"]
+            explained = Explained(time, tuple(answers), partial(_commands, options))
+            zoning = replace(zoning, explain=explained)
         checks = understand(zoning, checks_of(options))
     messages.begin(options, finds=True)
     sources = chosen_logs(messages, options)
-    if zoning.objects is not None and len(sources) != 1:
-        raise click.UsageError(f"--objects is for one log, and these are {len(sources):,}")
+    for name, value in (("--objects", zoning.objects), ("--explain", zoning.explain)):
+        if value is not None and len(sources) != 1:
+            raise click.UsageError(f"{name} is for one log, and these are {len(sources):,}")
     writes = refuse_outputs(sources, folder, zoning, suites)
     if options["dry_run"]:
         return print_reads(sources, writes)
@@ -197,7 +215,8 @@ def zones(messages: MessageWriter, options: ZonesCommand) -> int:
         alone = len(sources) == 1
         lines = chain(*(wrapped(*line) for line in (*run.lines, *(run.worst if alone or messages.verbose else ()))))
         look = [f"  look     {_plot_command(options, *run.look)}"] if run.look and alone else []
-        return [f"{where}, {counted(len(zoning.zones.zones), 'zone')}", *lines, *look]
+        why = chain(*(wrapped("  why      " if not k else " " * 11, line) for k, line in enumerate(run.answers)))
+        return [f"{where}, {counted(len(zoning.zones.zones), 'zone')}", *lines, *look, *why]
 
     with progress_bar(sources, messages) as report:
         for outcome in watch_files(sources, folder, zoning, report):
@@ -239,6 +258,16 @@ def _plot_command(options: Mapping[str, Any], topic: str, seconds: float) -> str
     words += [word for file in options["zones"] for word in ("--zones", file)]
     tracks = options["objects"] or options["logs"][0]
     return shlex.join(words if options["no_objects"] else [*words, "--tracks", str(tracks)])
+
+
+def _commands(options: Mapping[str, Any], topic: str, seconds: float) -> list[str]:
+    """The commands that show more of a topic at a time: its sweep, the log around each event, and a report of all."""
+    again = ["lidarcli", "zones", *options["logs"], *(word for file in options["zones"] for word in ("--zones", file))]
+    return [
+        _plot_command(options, topic, seconds),
+        shlex.join([*again, "--explain", f"{seconds:.1f}", "-o", "why.html"]),
+        shlex.join([*again, "--clips", "clips"]),
+    ]
 
 
 class ReportCommand(Overwrite, Reporting, Checked, total=False):

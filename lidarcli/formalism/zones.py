@@ -30,6 +30,10 @@ SAMPLES = 64
 """Places of a zone at which is asked whether a sweep observes them: a bit each of a number."""
 HIDES = 0.3
 """Least width of lost beams side by side behind which somebody may stand [m]; narrower are those that dark objects lose."""
+AHEAD = 3.0
+"""Length of the way that a robot would have driven, on which is told what was ahead [m]."""
+HALF_WIDTH = 0.3
+"""Half of its width where no footprint says it [m]."""
 _STEP = 0.7548776662466927, 0.5698402909980532
 """Steps of a sequence that fills a square evenly (powers of the plastic number)."""
 _FLAT = 1e-9
@@ -110,6 +114,27 @@ def candidates(batch: SweepBatch, ranges: Float32, place: SweepPoses, shape: Cir
     found_x, found_y, _ = place.to_world(row, at_x, at_y, np.zeros(len(row)), share)
     within = inside(shape, found_x, found_y)
     return Inside(row[within], beam[within], found_x[within], found_y[within])
+
+
+def on_the_way(points: Inside, velocity: Float64, half_width: float) -> tuple[Bool, Float64]:
+    """Return which points (K,) are on the way of the robot, an arc, and how far along it they are [m].
+
+    Parameters
+    ----------
+    points : in the frame of the robot
+    velocity : (S, 3) of the robot in each sweep: ahead, left [m/s], turning [rad/s]
+    """
+    vx, vy, turning = velocity[points.row].T
+    speed = np.hypot(vx, vy)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ahead, left = (vx * points.x + vy * points.y) / speed, (vx * points.y - vy * points.x) / speed
+        bend = np.where(turning < 0.0, -1.0, 1.0)
+        # Of a straight line the radius is far beyond all that a sensor sees.
+        radius = speed / np.maximum(np.abs(turning), 1e-6 * speed)
+        across = radius - bend * left
+        along = radius * np.arctan2(ahead, across)
+        away = np.abs(np.hypot(ahead, across) - radius)
+        return (along > 0.0) & (along < AHEAD) & (away < half_width), along
 
 
 def seen(batch: SweepBatch, place: SweepPoses, places: Float64) -> Bool:

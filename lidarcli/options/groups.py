@@ -160,6 +160,11 @@ class _Zones(TypedDict, total=False):
         ),
         "Shape '[[x, y], ...]' [m] of zones whose shape a topic tells that is not in the log.",
     ]
+    stops: Annotated[
+        bool,
+        Option(ZONES, None, False),
+        "Also tell when the robot itself stood between two drives, by its poses, and what was ahead of it.",
+    ]
 
 
 class Around(TypedDict, total=False):

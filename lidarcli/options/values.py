@@ -48,6 +48,11 @@ def parse_time_text(text: str) -> Any:
     return found
 
 
+def parse_explained(text: str) -> Any:
+    """A time as of `parse_time_text`, or the word `worst`."""
+    return text if text == "worst" else parse_time_text(text)
+
+
 def metres(text: str, words: str, form: Number) -> float:
     """A number of metres; `words` begin the refusal of what is none."""
     try:

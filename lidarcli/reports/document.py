@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 
 from lidarcli.reports.columns import Origin
 from lidarcli.reports.run_pairs import RunPair
+from lidarcli.sweeps.types import Float64
 
 TEXT, MARKDOWN, PAGE = "text", "markdown", "page"
 """Formats for people: the terminal, Markdown and HTML."""
@@ -119,7 +120,50 @@ class FromAbove:
     changes: RunPair
 
 
-Block = Bands | ReportTable | NamedValues | Shares | Drawing | Notes | FromAbove
+class Course(NamedTuple):
+    """A quantity over time."""
+
+    name: str
+    seconds: Float64
+    """(K,) [s], ascending."""
+    values: Float64
+    """(K,); NaN where it is not known."""
+    colour: str
+
+
+class Stretch(NamedTuple):
+    """A time in which something went on [s]."""
+
+    name: str
+    begin: float
+    end: float
+    colour: str
+
+
+@dataclass(frozen=True, slots=True)
+class Courses:
+    """Quantities over one time, by their axis, and what went on meanwhile."""
+
+    at: float
+    """Time that is marked [s]."""
+    courses: Mapping[str, Sequence[Course]]
+    """Words at the axis, with the unit → quantities."""
+    stretches: Sequence[Stretch]
+
+
+@dataclass(frozen=True, slots=True)
+class Film:
+    """Pictures to step through, for pages."""
+
+    frames: Sequence[str]
+    """Images as data URIs."""
+    words: Sequence[str]
+    seconds: Sequence[float]
+    at: int
+    """The one that is shown first."""
+
+
+Block = Courses | Film | Bands | ReportTable | NamedValues | Shares | Drawing | Notes | FromAbove
 
 
 @dataclass(frozen=True, slots=True)

@@ -26,8 +26,9 @@ from lidarcli.display.texts import stamp
 from lidarcli.formalism.detection import SETS, SHAPES
 from lidarcli.formalism.mapping.grid import FREE, OCCUPIED, Occupancy
 from lidarcli.reports.columns import Rows, Run, rows_of
-from lidarcli.reports.document import NAMES, PAGE, Code, FromAbove
+from lidarcli.reports.document import NAMES, PAGE, Code, Courses, FromAbove
 from lidarcli.reports.drawing import project_style
+from lidarcli.reports.explanation import Explanation, courses_figure
 from lidarcli.reports.figures import Density, Histogram, Spread, plain
 from lidarcli.reports.map_picture import Backdrop, changes_figure, map_figure
 from lidarcli.reports.programs import clean
@@ -86,15 +87,23 @@ def render(report: Report) -> str:
     if isinstance(run, RunPart):
         assert report.page is not None
         return _page("report.html", report, **_shown(run, report.page))
+    if isinstance(run, Explanation):
+        script, digest = _script("film.js")
+        return _page("film.html", report, script=script, script_hash=digest)
     return _page("parts.html", report)
+
+
+def _script(*parts: str) -> tuple[Markup, str]:
+    """Return a script of some parts, and its hash for the policy of the page."""
+    own = "\n".join(map(_part, parts))
+    script = f'"use strict";\n(async () => {{\n{own}}})();\n'
+    return Markup(script), base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
 
 
 def _shown(run: RunPart, shown: Page) -> dict[str, Any]:
     """Return the values of the template that the document does not hold."""
     # In one function, so that its names meet no others.
-    parts = "\n".join(_part(f"viewer/{name}.js") for name in SCRIPTS)
-    script = f'"use strict";\n(async () => {{\n{parts}}})();\n'
-    digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
+    script, digest = _script(*(f"viewer/{name}.js" for name in SCRIPTS))
     summary, viewer = run.summary, shown.viewer
     tracks = summary.tracked.tracks if summary.tracked else ()
     overview = None
@@ -106,7 +115,7 @@ def _shown(run: RunPart, shown: Page) -> dict[str, Any]:
     viewer = viewer | {"charts": [chart.values for chart in drawn]}
     return {
         "summary": summary,
-        "script": Markup(script),
+        "script": script,
         "script_hash": digest,
         "data": Markup(embedded(viewer)),
         "viewer": viewer,
@@ -136,7 +145,7 @@ def _page(template: str, report: Report, **values: Any) -> str:
         lstrip_blocks=True,
     )
     environment.tests["code"] = lambda value: isinstance(value, Code)
-    environment.globals.update(number=number, share=share, stamp=stamp, drawn=_drawn)
+    environment.globals.update(number=number, share=share, stamp=stamp, drawn=_drawn, embedded=embedded)
     sections = {name: one for name, one in report.sections().items() if PAGE in one.formats}
     return environment.get_template(template).render(
         **values,
@@ -148,9 +157,11 @@ def _page(template: str, report: Report, **values: Any) -> str:
     )
 
 
-def _drawn(block: FromAbove) -> Markup:
-    """Return the changes of a run from above, without the map, which tables do not hold."""
+def _drawn(block: FromAbove | Courses) -> Markup:
+    """Return quantities over time, or the changes of a run from above, without the map, which tables do not hold."""
     with project_style(SVG_STYLE):
+        if isinstance(block, Courses):
+            return _inline("Distance and speed", courses_figure(block))
         return _inline(f"Changes of run {block.number}", changes_figure([block.changes], [Backdrop()]))
 
 

@@ -18,6 +18,7 @@ from lidarcli.reports.curves import backgrounds, difference, subtraction, sweep
 from lidarcli.reports.drawing import (
     Entries,
     Panel,
+    Pixels,
     draw_legend,
     draw_panel,
     draw_title,
@@ -157,8 +158,12 @@ def animate(
     path: Path,
     look: Look = AS_IT_COMES,
     report: Callable[[int], None] | None = None,
+    limits: Limits | None = None,
 ) -> None:
-    """Write one frame per picture, as GIF or, with ffmpeg, MP4; `report` takes the number of frames that are done."""
+    """Write one frame per picture, as GIF or, with ffmpeg, MP4; `report` takes the number of frames that are done.
+
+    `limits`: what the axes show; None: all of the pictures.
+    """
     is_film = path.suffix.lower() == ".mp4"
     if is_film and not FFMpegWriter.isAvailable():
         raise OptionError(f"{path.suffix} needs ffmpeg, which is not there; write .gif instead")
@@ -166,7 +171,7 @@ def animate(
     with project_style():
         figure = new_figure(width_of(view, look))
         figure.set_dpi(look.dpi or ANIMATED_DPI)
-        shown = _frames(figure, pictures, view, look, report)
+        shown = _frames(figure, pictures, view, look, report, limits)
         if is_film:
             writer = FFMpegWriter(fps=fps)  # type: ignore[arg-type]
             with writer.saving(figure, str(path), figure.dpi):
@@ -176,11 +181,25 @@ def animate(
             write_gif(path, (pixels_of(figure) for _ in shown), fps)
 
 
+def frames(pictures: Sequence[Picture], view: str, look: Look, limits: Limits | None = None) -> Iterator[Pixels]:
+    """Yield the pixels (H, W, 3) of a frame per picture, as of `animate`."""
+    with project_style():
+        figure = new_figure(width_of(view, look))
+        figure.set_dpi(look.dpi or ANIMATED_DPI)
+        for _ in _frames(figure, pictures, view, look, None, limits):
+            yield pixels_of(figure)
+
+
 def _frames(
-    figure: Figure, pictures: Sequence[Picture], view: str, look: Look, report: Callable[[int], None] | None
+    figure: Figure,
+    pictures: Sequence[Picture],
+    view: str,
+    look: Look,
+    report: Callable[[int], None] | None,
+    limits: Limits | None,
 ) -> Iterator[None]:
     """Draw each of the pictures in turn; axes and legend stay, and the legend names what is in any of the pictures."""
-    limits = limits_of(pictures)
+    limits = limits or limits_of(pictures)
     places = places_of(pictures[0], view, limits, look)
     axes = [figure.add_subplot() for _ in places]
     entries: Entries = {}

@@ -87,6 +87,8 @@ class Picture:
     tracks: tuple[TrackPath, ...] | None = None
     """The tracks up to this sweep; None where none were given."""
     zones: tuple[ZoneInSight, ...] = ()
+    marked: int = -1
+    """Track that has a ring, as the one for which the robot stopped."""
 
     @property
     def sweep(self) -> int:
@@ -260,7 +262,7 @@ def scene(picture: Picture, limits: Limits | None = None, width: float = NARROW,
         cross = {"marker": "x", "color": palette.VERMILION, "ms": 2.8, "mew": 0.6, "zorder": 7}
         marks.append(Mark(nearest[picture.things], cross, "nearest point"))
     for path in picture.tracks or ():
-        marks += _track(path)
+        marks += _track(path, "what the robot stopped for" if path.number == picture.marked else "")
         words = f"{path.number} {printable(path.label)}".rstrip() + (f" in {printable(path.zone)}" if path.zone else "")
         at = np.array([path.mark])
         # On the side that it does not move to, or away from the sensor.
@@ -347,16 +349,19 @@ def _zone(one: ZoneInSight, points: Float64, dot: float) -> Iterator[Mark]:
         yield Mark(points[one.beams], style, f"beam in a {words}")
 
 
-def _track(path: TrackPath) -> Iterator[Mark]:
-    """Yield a track, agents by colour and mark, hollow where hidden, with the path of one second; ringed in a zone."""
+def _track(path: TrackPath, why: str) -> Iterator[Mark]:
+    """Yield a track, agents by colour and mark, hollow where hidden, with the path of one second.
+
+    It is ringed in a zone, or for the reason `why`.
+    """
     name = "agent" if path.is_agent else "object"
     colour, mark, _ = palette.SET_STYLES["A" if path.is_agent else "O"]
     way, at = np.column_stack([path.x, path.y]), np.array([path.mark])
     yield Mark(way, {"color": colour, "lw": 0.9 if path.is_agent else 0.6, "zorder": 8})
     face, words = (colour, f"track: {name}") if path.seen else ("white", f"track: {name}, hidden")
-    if path.zone:
+    if path.zone or why:
         ring = {"marker": "o", "mfc": "none", "mec": palette.BLACK, "ms": 9.0, "mew": 1.2, "zorder": 10}
-        yield Mark(at, ring, "track with most points in a zone")
+        yield Mark(at, ring, why or "track with most points in a zone")
     yield Mark(at, {"marker": mark, "mfc": face, "mec": colour, "ms": 3.0, "mew": 0.7, "zorder": 9}, words)
     if any(path.velocity):
         yield from arrow(at[0].tolist(), (at[0] + path.velocity).tolist(), colour, lw=1.0, zorder=9)

@@ -254,6 +254,7 @@ def zone_options(options: Values, logs: LogOptions, *, overwrite: bool = False) 
         overwrite=overwrite,
         clips=given(place_of, options["clips"]),
         around=_around(options["around"]),
+        stops=options["stops"],
     )
     refuse_options(parsed)
     return parsed

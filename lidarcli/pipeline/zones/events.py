@@ -22,7 +22,7 @@ from lidarcli.sweeps.types import Bool, Float64, Int64, UInt8
 from lidarcli.sweeps.zone import UNSEEN, WORLD, Line, Zone
 from lidarcli.tabular.schemas import DIRECTIONS, EVENT_KINDS
 
-OCCUPIED, APPROACH, VISIT, CROSSING, STALE = EVENT_KINDS
+OCCUPIED, APPROACH, VISIT, CROSSING, STALE, NAV2, STOP = EVENT_KINDS
 FEW = 2
 """Places of a zone, of `SAMPLES`, from which on it is not observed where they are lost."""
 
@@ -89,6 +89,27 @@ class ZoneEvents:
     """Sweeps in which too much of the zone is lost that a sensor could observe, and the greatest share of it."""
     in_force: bool = True
     """False for a velocity_polygon none of whose polygons ever covered the velocity."""
+
+
+def event_row(
+    topic: TopicSeries, about: Mapping[str, str], ends: Sequence[int], span_ns: tuple[int, int], first_ns: int
+) -> dict[str, Any]:
+    """Return an event with what all kinds have; `about`: zone, kind and action; `ends`: its first and its last sweep."""
+    return {
+        "topic": topic.topic,
+        "frame_id": topic.frame_id,
+        "first_sweep": ends[0],
+        "last_sweep": ends[1],
+        "sweeps": 0,
+        **about,
+        "polygon": None,
+        "start": span_ns[0],
+        "end": span_ns[1],
+        "t": (span_ns[0] - first_ns) / SECOND_NS,
+        "duration": (span_ns[1] - span_ns[0]) / SECOND_NS,
+        "cut": False,
+        "nearest": None,
+    }
 
 
 class EventFinder:
@@ -461,23 +482,9 @@ class EventFinder:
 
     def _event(self, index: int, kind: str, ends: Sequence[int], span_ns: tuple[int, int], sweeps: int) -> dict[str, Any]:
         """Return an event with what all kinds have; `ends`: its first and its last sweep of a topic."""
-        topic = self.topics[index]
-        return {
-            "topic": topic.topic,
-            "frame_id": topic.frame_id,
-            "first_sweep": ends[0],
-            "last_sweep": ends[1],
+        about = {"zone": self.zone.name, "kind": kind, "action": self.zone.action}
+        return event_row(self.topics[index], about, ends, span_ns, self.first_ns) | {
             "sweeps": sweeps,
-            "zone": self.zone.name,
-            "kind": kind,
-            "action": self.zone.action,
-            "polygon": None,
-            "start": span_ns[0],
-            "end": span_ns[1],
-            "t": (span_ns[0] - self.first_ns) / SECOND_NS,
-            "duration": (span_ns[1] - span_ns[0]) / SECOND_NS,
-            "cut": False,
-            "nearest": None,
             "look": self._look(index, span_ns[0]),
         }
 

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from itertools import groupby
-from typing import NamedTuple
+from typing import Any, NamedTuple
+
+import numpy as np
 
 from lidarcli.display.texts import times
 from lidarcli.logs.base import Log, Message, ReadReport
 from lidarcli.options.times import SECOND_NS
-from lidarcli.pipeline.zones.events import APPROACH, OCCUPIED, STALE, ZoneEvents
+from lidarcli.pipeline.zones.events import APPROACH, NAV2, OCCUPIED, STALE, ZoneEvents, event_row
 from lidarcli.pose.messages import messages_of
 from lidarcli.ros.cursor import Cursor
 
@@ -75,6 +77,19 @@ def _otherwise(act: Act, by_zone: Sequence[ZoneEvents]) -> str:
         assert points is not None
         most = max(most, int(points[(stamps >= begin) & (stamps <= end)].max(initial=0)))
     return f"{most:,} of {own[0].zone.min_points:,} points in it" if most else "nothing was in it"
+
+
+def rows_of(acts: Sequence[Act], by_zone: Sequence[ZoneEvents], first_ns: int) -> Iterator[dict[str, Any]]:
+    """Yield a row of the table of events for each act, with the sweeps of the first topic of the zones meanwhile."""
+    topic = by_zone[0].topics[0]
+    order = np.argsort(topic.column("stamp_ns"), kind="stable")
+    stamps, sweeps = topic.column("stamp_ns")[order], topic.column("sweep")[order]
+    for act in acts:
+        first, after = np.searchsorted(stamps, [act.start_ns, act.end_ns + 1])
+        ends = sweeps[[min(int(first), len(sweeps) - 1), max(int(after) - 1, 0)]].tolist()
+        about = {"zone": act.zone, "kind": NAV2, "action": act.action if act.action in ACTS else "none"}
+        row = event_row(topic, about, ends, (act.start_ns, act.end_ns), first_ns)
+        yield row | {"sweeps": max(int(after - first), 0), "cut": act.end_ns >= int(stamps[-1])}
 
 
 def missed_stops(acts: Sequence[Act], by_zone: Sequence[ZoneEvents]) -> list[Act]:

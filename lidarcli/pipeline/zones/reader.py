@@ -23,6 +23,7 @@ from lidarcli.pipeline.zones.events import AgentPaths, EventFinder, ZoneEvents
 from lidarcli.pipeline.zones.frames import OLDEST_NS, Frames, Velocities
 from lidarcli.pipeline.zones.monitor import Act, acts_of, states
 from lidarcli.pipeline.zones.options import ZoneOptions, refuse_resting
+from lidarcli.pipeline.zones.stops import stops_in
 from lidarcli.pose.findings import Key
 from lidarcli.pose.frames import WORLDS
 from lidarcli.pose.messages import TWIST, frame_name, polygons, velocities
@@ -74,8 +75,14 @@ class ZoneReader:
                 self._shapes[zone.name] = self._shapes_of(zone)
         self._sweeps: dict[str, TopicRows] = {}
         self._rows = None if tables is None else ObjectRows(tables)
-        self._late_ns: int | None = None
+        self.doubts: list[str] = []
+        """Notes on the transforms; known when the log is read."""
+        self.late_ns: int | None = None
         """Time from the stamps of sweeps to their recording."""
+        self.topics: list[TopicSeries] = []
+        """The sweeps of each sensor; known when the log is read."""
+        self.stops: list[dict[str, Any]] = []
+        """Rows of the robot's own stops, as of the table of events; known when the log is read."""
         self.acts: list[Act] = []
         """Acts of Nav2; known when the log is read."""
 
@@ -162,15 +169,19 @@ class ZoneReader:
             for one in by_zone
             if one.lost[0] > spared(len(one.topic))
         ]
-        self.acts = acts_of(reported, self._late_ns or 0, by_zone)
-        summary.notes += [*self._notes, *notes, *self._frames.notes(), *gaps, *map(str, self._lost.values())]
+        self.topics = [each.series for each in self._counting.values()]
+        tells = self._options.half_width is not None
+        self.stops = [row for sensors in self._by_robot() for row in stops_in(sensors)] if tells else []
+        self.acts = acts_of(reported, self.late_ns or 0, by_zone)
+        self.doubts = self._frames.notes()
+        summary.notes += [*self._notes, *notes, *self.doubts, *gaps, *map(str, self._lost.values())]
         return summary, by_zone, described
 
     def _take(self, batch: SweepBatch, reading: Reading) -> None:
         """Count the sweeps of a batch."""
         self._topics.add(batch.topic)
-        if self._late_ns is None and len(batch):
-            self._late_ns = int(np.median(batch.record_ns - batch.stamp_ns))
+        if self.late_ns is None and len(batch):
+            self.late_ns = int(np.median(batch.record_ns - batch.stamp_ns))
         zones = [zone for zone in self._zones if zone.is_for(batch.topic)]
         if not len(batch) or not zones:
             return
@@ -185,7 +196,9 @@ class ZoneReader:
                     batch.first_ns,
                 )
                 frames = self._frames.of_topic(batch.topic)
-                self._counting[key] = TopicCounter(series, frames, self._masks, self._known_velocities)
+                self._counting[key] = TopicCounter(
+                    series, frames, self._masks, self._known_velocities, self._options.half_width
+                )
             self._counting[key].add(own, None if objects is None else objects.of_rows(rows))
 
     def _resolved(self, zone: Zone, topic: str, sensor: str, reading: Reading) -> Zone:
@@ -228,6 +241,14 @@ class ZoneReader:
     def _counted_in(self, zone: Zone) -> list[TopicSeries]:
         """Return the sweeps of each sensor that counts in a zone."""
         return [self._counting[key].series for key in sorted(self._counting) if zone.is_for(key[0])]
+
+    def _by_robot(self) -> Iterator[list[TopicSeries]]:
+        """Yield the sensors of each robot of a run."""
+        found: dict[tuple[int, tuple[Key, ...]], list[TopicSeries]] = {}
+        for key, each in self._counting.items():
+            robot = self._robots.get(each.series.topic) or (key[:2],)
+            found.setdefault((each.series.run, robot), []).append(each.series)
+        yield from found.values()
 
     def _gaps(self, zone: Zone) -> Iterator[str]:
         """Yield what a zone needs and the log has only in part; refuse one for which it has nothing of it."""

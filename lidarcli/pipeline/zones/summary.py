@@ -11,9 +11,10 @@ import pyarrow as pa
 
 from lidarcli.display.texts import times
 from lidarcli.pipeline.reading.one_log import RunSummary
-from lidarcli.pipeline.zones.events import ZoneEvents
-from lidarcli.pipeline.zones.monitor import Act, lines_of, missed_stops
+from lidarcli.pipeline.zones.events import STALE, ZoneEvents
+from lidarcli.pipeline.zones.monitor import Act, lines_of, missed_stops, rows_of
 from lidarcli.pipeline.zones.options import TABLES
+from lidarcli.pipeline.zones.stops import stop_lines
 from lidarcli.reports.figures import plain_number
 from lidarcli.reports.wording import counted
 from lidarcli.reports.zones import NEVER, WHO, by_words, figures_of, zones_in
@@ -43,14 +44,26 @@ class ZoneSummary(RunSummary):
     look: tuple[str, float] | None = None
     """Topic and time [s] of the sweep that shows the worst event."""
     acts: Sequence[Act] = ()
+    events: Sequence[dict[str, Any]] = ()
+    """Rows of the table of events."""
+    answers: Sequence[str] = ()
+    """Sentences of `--explain`."""
 
     @classmethod
     def of(
-        cls, found: RunSummary, log: str, by_zone: Sequence[ZoneEvents], acts: Sequence[Act], metadata: dict[bytes, bytes]
+        cls,
+        found: RunSummary,
+        log: str,
+        by_zone: Sequence[ZoneEvents],
+        acts: Sequence[Act],
+        stops: Sequence[dict[str, Any]] | None,
+        metadata: dict[bytes, bytes],
     ) -> ZoneSummary:
-        """Return what was found in the zones of a log; `acts` are those of Nav2 in it."""
+        """Return what was found in the zones of a log; `acts` are those of Nav2 in it, `stops` those of the robot."""
         summary = cls(**{name: getattr(found, name) for name in RunSummary.__dataclass_fields__})
-        summary.tables = _tables(log, by_zone, metadata)
+        events = [event for each in by_zone for event in each.events]
+        summary.events = [*events, *rows_of(acts, by_zone, found.first_ns or 0), *(stops or ())]
+        summary.tables = _tables(log, summary.events, by_zone, metadata)
         names = _names(by_zone)
         longest = max(map(len, names))
         summary.lines = [(f"  {name:<{longest}}  ", _words(each)) for name, each in zip(names, by_zone, strict=True)]
@@ -58,7 +71,7 @@ class ZoneSummary(RunSummary):
         summary.look = worst[0]["look"] if worst else None
         summary.worst = _worst_lines(worst)
         summary.acts = [*acts, *(missed_stops(acts, by_zone) if acts else [])]
-        summary.lines += lines_of(summary.acts, summary.first_ns or 0)
+        summary.lines += lines_of(summary.acts, summary.first_ns or 0) + ([] if stops is None else stop_lines(stops))
         return summary
 
     def as_dict(self) -> dict[str, Any]:
@@ -71,9 +84,10 @@ class ZoneSummary(RunSummary):
         return RunSummary.as_dict(self) | own
 
 
-def _tables(log: str, by_zone: Sequence[ZoneEvents], metadata: dict[bytes, bytes]) -> ZoneTables:
+def _tables(
+    log: str, events: Sequence[dict[str, Any]], by_zone: Sequence[ZoneEvents], metadata: dict[bytes, bytes]
+) -> ZoneTables:
     """Return the tables of a log."""
-    events = [event for each in by_zone for event in each.events]
     order = sorted(range(len(events)), key=lambda at: (events[at]["start"], at))
     rows = [events[at] | {"log": log, "event": number} for number, at in enumerate(order, 1)]
     schema = SCHEMAS["events"]
@@ -179,7 +193,7 @@ def stale_notes(by_zone: Sequence[ZoneEvents], is_nav2: bool) -> list[str]:
     """Return a line for each topic that was silent for too long, be it in one zone or in several."""
     begins: dict[tuple[str, float], set[float]] = {}
     for each in by_zone:
-        for event in (event for event in each.events if event["kind"] == EVENT_KINDS[-1]):
+        for event in (event for event in each.events if event["kind"] == STALE):
             begins.setdefault((event["topic"], each.zone.timeout), set()).add(event["t"])
     why = ": Nav2 stops the robot then (invalid source)" if is_nav2 else ""
     return [

@@ -1,0 +1,445 @@
+"""Why did the robot stop? What a log says about the seconds around a time, put together as an answer."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from lidarcli.display import palette
+from lidarcli.display.texts import counted, moment
+from lidarcli.errors import OptionError
+from lidarcli.logs.base import Log, ReadReport
+from lidarcli.options.times import SECOND_NS, Instant
+from lidarcli.pipeline.inputs.sources import Source
+from lidarcli.pipeline.inputs.tables import TableSet, contradicted
+from lidarcli.pipeline.inputs.tracked import paths_of, to_sensor
+from lidarcli.pipeline.plotting import PlotOptions, take_pictures
+from lidarcli.pipeline.zones.counts import TopicSeries
+from lidarcli.pipeline.zones.events import APPROACH, NAV2, OCCUPIED, STALE, STOP, ZoneEvents
+from lidarcli.pipeline.zones.monitor import Act
+from lidarcli.pipeline.zones.options import ZoneOptions
+from lidarcli.pipeline.zones.stops import SLOW, ahead_words, standing
+from lidarcli.pose.messages import TWIST, TWIST_STAMPED, velocities
+from lidarcli.reports.document import Card, Course, Courses, Stretch
+from lidarcli.reports.explanation import Explanation
+from lidarcli.reports.scene import Picture
+from lidarcli.reports.wording import in_unit
+from lidarcli.reports.zones import WHO
+from lidarcli.sweeps.types import Float64, Int64
+
+AROUND_NS = 10 * SECOND_NS
+"""Time before and after that is shown [ns]."""
+NEAR_NS = 2 * SECOND_NS
+"""Farthest event that a time means [ns]: people read it off a clock."""
+SAME_NS = SECOND_NS
+"""Time between what belongs together, as an event of a zone and the stop that follows it [ns]."""
+MAX_PICTURES = 120
+"""Most pictures of a film."""
+LEAP = 5.0
+"""Speed between the poses of two sweeps that is no drive [m/s]."""
+Row = Mapping[str, Any]
+
+
+class Found(NamedTuple):
+    """What `zones` found in a log, from which the answer is put together."""
+
+    topics: Sequence[TopicSeries]
+    by_zone: Sequence[ZoneEvents]
+    acts: Sequence[Act]
+    events: Sequence[Row]
+    """Rows of the table of events."""
+    described: Mapping[str, Any]
+    """Description of the source."""
+    frames: Sequence[str]
+    """Notes on the transforms."""
+    late_ns: int
+    """Time from the stamps of sweeps to their recording."""
+
+
+@dataclass(frozen=True)
+class _Answer:
+    """What happened at a time."""
+
+    found: Found
+    ns: int
+    """The time [ns]."""
+    span: tuple[int, int]
+    """What is shown [ns]."""
+    commanded: Mapping[str, tuple[Int64, Float64]]
+    """Topic → stamps (N,) [ns] and speeds [m/s] that it commands."""
+    tables: TableSet | None
+
+    def near(self, *kinds: str, within_ns: int = SAME_NS) -> list[Row]:
+        """Return the events of some kinds that go on at the time or nearly so, the most severe first."""
+        own = [one for one in self.found.events if one["kind"] in kinds and _away(one, self.ns) <= within_ns]
+        return sorted(own, key=lambda one: ("stop" not in one["action"], _away(one, self.ns), one["nearest"] or 0.0))
+
+    @cached_property
+    def act(self) -> Row | None:
+        """What Nav2 did."""
+        return next(iter(self.near(NAV2)), None)
+
+    @cached_property
+    def stop(self) -> Row | None:
+        """The stop of the robot."""
+        return next(iter(self.near(STOP)), None)
+
+    @cached_property
+    def alarm(self) -> Row | None:
+        """The event of a zone: the one by which Nav2 acted, if any."""
+        every = self.near(OCCUPIED, APPROACH)
+        named = [one for one in every if self.act is not None and one["zone"] == self.act["zone"]]
+        return next(iter([*named, *every]), None)
+
+    @cached_property
+    def stale(self) -> Row | None:
+        """The topic that was silent."""
+        return next(iter(self.near(STALE)), None)
+
+    @cached_property
+    def cause(self) -> Row | None:
+        """The event whose nearest point is the cause: in a zone, or ahead."""
+        return self.alarm or (self.stop if self.stop is not None and self.stop["nearest"] is not None else None)
+
+    @property
+    def lead(self) -> TopicSeries:
+        """The sensor that shows it."""
+        named = [one for one in self.found.topics if self.cause is not None and one.topic == self.cause["topic"]]
+        return (named or self.found.topics)[0]
+
+    @cached_property
+    def driven(self) -> tuple[Int64, Float64]:
+        """Stamps (N,) [ns] and speeds [m/s] by the poses; none without poses."""
+        lead = max(self.found.topics, key=lambda one: int(np.isfinite(one.column("pose")[:, 0]).sum()))
+        known = np.flatnonzero(np.isfinite(lead.column("pose")[:, 0]))
+        stamps = lead.column("stamp_ns")[known]
+        order = np.argsort(stamps, kind="stable")
+        then, _, speed = standing(stamps[order], lead.column("pose")[known][order])
+        # The mean over a time is that of its middle.
+        return (stamps[order] + stamps[order][then]) // 2, speed
+
+    def speed(self, course: tuple[Int64, Float64], ns: int) -> float:
+        """Return the newest speed at a time [m/s]; NaN before the first."""
+        at = int(np.searchsorted(course[0], ns, side="right")) - 1
+        return float(course[1][at]) if at >= 0 else np.nan
+
+    @cached_property
+    def culprit(self) -> tuple[Int64, Float64]:
+        """Stamps [ns] of the track of the cause where it is seen, and its distance from the sensor [m]."""
+        none = np.zeros(0, np.int64), np.zeros(0)
+        track = None if self.cause is None else self.cause["track"]
+        if self.tables is None or track is None or not self.tables.trajectories.exists():
+            return none
+        lead = self.lead
+        paths = paths_of(self.tables, lead.topic)
+        own = np.arange(len(paths.track))[paths.of(track)]
+        own = own[~paths.hidden[own]]
+        sweeps = lead.column("sweep")
+        order = np.argsort(sweeps)
+        at = order[np.minimum(np.searchsorted(sweeps, paths.sweep[own], sorter=order), len(sweeps) - 1)]
+        there = sweeps[at] == paths.sweep[own]
+        own, at = own[there], at[there]
+        here = to_sensor(lead.column("pose")[at], paths.x[own], paths.y[own])
+        x, y = (np.where(paths.in_world[own], mine, its[own]) for mine, its in zip(here, (paths.x, paths.y), strict=True))
+        return lead.column("stamp_ns")[at], np.hypot(x, y)
+
+    # In words.
+
+    def clock(self, ns: int) -> str:
+        """Return a time of the log in words."""
+        return f"{self.seconds(ns):.1f} s"
+
+    def seconds(self, ns: int) -> float:
+        """Return a time in seconds since the first sweep."""
+        return (ns - min(one.first_ns for one in self.found.topics)) / SECOND_NS
+
+    @property
+    def who(self) -> str:
+        """What was nearest, in words."""
+        assert self.cause is not None
+        name = WHO.get(self.cause["set"], "something").removesuffix("s")
+        return " ".join(str(part) for part in (name, self.cause["track"], self.cause["label"]) if part)
+
+    def sentences(self) -> Iterator[str]:
+        """Yield the answer, the most important first."""
+        yield self._what()
+        if self.stale is not None:
+            silent = f"{self.stale['topic']} was silent from {self.clock(self.stale['start'])} on"
+            nav2 = " (Nav2 calls it an invalid source)" if self.act is not None else ""
+            yield f"{silent} for {self.stale['duration']:.1f} s more: what was around it then, nobody saw{nav2}."
+        if self.alarm is not None:
+            points = f" with {counted(self.alarm['points'], 'point')} at most" if self.alarm["points"] else ""
+            nearest = f" {self.alarm['nearest']:.2f} m from the sensor" if self.alarm["nearest"] is not None else ""
+            yield f"{self.who[0].upper()}{self.who[1:]} was in {self.alarm['zone']}{nearest}{points}."
+        elif self.stop is not None and self.stale is None:
+            yield f"No zone was occupied; {ahead_words(self.stop)} on the way that it would have driven."
+        yield from self._disagreement()
+        yield from self._command()
+        faults = [*self._faults()]
+        yield f"Not sound then: {'; '.join(faults)}." if faults else "Sensors, poses and transforms were sound."
+
+    def _what(self) -> str:
+        when = self.clock(self.ns)
+        did = None if self.act is None else f"Nav2 said {self.act['action']} for {self.act['zone']}"
+        if self.stop is not None:
+            lasts = f"stood for {self.stop['duration']:.1f} s" + (", until the log ends" if self.stop["cut"] else "")
+            stood = f"the robot, which drove {self.stop['speed']:.2f} m/s, {lasts}"
+            return f"At {when} {did}, and {stood}." if did else f"At {when} {stood}."
+        speed = self.speed(self.driven, self.ns)
+        drove = "" if np.isnan(speed) else f"the robot drove {speed:.2f} m/s" if speed > SLOW[0] else "the robot stood"
+        if did is None and self.alarm is not None:
+            did = f"{self.alarm['zone']} was occupied for {self.alarm['duration']:.1f} s"
+        if did is None and self.stale is not None:
+            did = f"{self.stale['topic']} was silent"
+        return f"At {when} " + " and ".join(filter(None, [did, drove]) if did or drove else ["nothing happened"]) + "."
+
+    def _disagreement(self) -> Iterator[str]:
+        """Yield what Nav2 and the zones say differently."""
+        for act in self.found.acts:
+            begin = act.start_ns - SAME_NS <= self.ns <= act.end_ns + SAME_NS
+            if begin and act.otherwise:
+                yield f"Nav2 and the zones disagree ({act.action}): {act.otherwise}."
+                return
+        if self.act is not None and self.stale is None:
+            yield "The zones, judged by the sweeps of the log, say the same."
+
+    def _command(self) -> Iterator[str]:
+        """Yield what was commanded when the robot stopped."""
+        if self.stop is None:
+            return
+        if not self.commanded:
+            yield "The log has no commands (geometry_msgs/Twist): whether it was told to stop cannot be said."
+        for topic, course in self.commanded.items():
+            before, now = (self.speed(course, self.stop["start"] + shift) for shift in (-SECOND_NS, SECOND_NS // 2))
+            if np.isnan(now):
+                yield f"{topic} commanded nothing until then."
+            elif now > SLOW[0]:
+                yield f"{topic} commanded {now:.2f} m/s all the same: something held the robot, or it did not listen."
+            elif before > SLOW[0]:
+                ends = course[0][(course[0] <= self.stop["start"] + SECOND_NS // 2) & (course[1] > SLOW[0])]
+                early = (self.stop["start"] - int(ends[-1])) / SECOND_NS if len(ends) else 0.0
+                yield f"It was told to: {topic} went from {before:.2f} to {now:.2f} m/s about {abs(early):.1f} s before."
+            else:
+                yield f"It was told to: {topic} commanded {now:.2f} m/s."
+
+    def _faults(self) -> Iterator[str]:
+        """Yield what was wrong with sensors, poses and transforms in the time that is shown."""
+        for one in self.found.topics:
+            stamps = np.sort(one.column("stamp_ns"))
+            step = float(np.median(np.diff(stamps))) if len(stamps) > 1 else 0.0
+            own = stamps[(stamps >= self.span[0]) & (stamps <= self.span[1])]
+            edges = np.concatenate([self.span[:1], own, self.span[1:]])
+            longest = float(np.diff(edges).max())
+            if longest > max(2.5 * step, 0.5 * SECOND_NS):
+                yield f"{one.topic} has a gap of {longest / SECOND_NS:.1f} s"
+            pose = one.column("pose")[(one.column("stamp_ns") >= self.span[0]) & (one.column("stamp_ns") <= self.span[1])]
+            if len(pose) > 1 and np.isfinite(pose[:, 0]).any():
+                lost = int(np.isnan(pose[:, 0]).sum())
+                if lost:
+                    yield f"{counted(lost, 'sweep')} of {one.topic} without a pose"
+                leaps = np.hypot(*np.diff(pose[:, :2], axis=0).T)
+                if np.nanmax(leaps, initial=0.0) > LEAP * max(step / SECOND_NS, 0.05):
+                    yield f"the poses leap by {np.nanmax(leaps):.1f} m"
+        for each in self.found.by_zone:
+            stamps, observed = each.columns["stamp"], each.columns["observed"]
+            assert stamps is not None
+            assert observed is not None
+            own = observed[(stamps >= self.span[0]) & (stamps <= self.span[1])]
+            if len(own) and not own.all():
+                yield f"{each.zone.name} was observed in {int(own.sum()):,} of {counted(len(own), 'sweep')}"
+        for poses in self.found.described.get("poses", {}).values():
+            yield from (f"poses {words.partition(';')[0]}" for words, _ in contradicted(poses).values())
+        yield from self.found.frames
+
+    def facts(self) -> Iterator[tuple[str, str]]:
+        """Yield names and values."""
+        yield "time", f"{self.seconds(self.ns):.3f} s, {moment(self.ns)}"
+        if self.act is not None:
+            yield "Nav2", f"{self.act['action']}, {self.act['zone']}, {self._from_to(self.act)}"
+        if self.stop is not None:
+            yield "robot", f"stands {self._from_to(self.stop)}, drove {self.stop['speed']:.2f} m/s before"
+            yield "ahead", ahead_words(self.stop)
+        if self.alarm is not None:
+            yield "zone", f"{self.alarm['zone']} ({self.alarm['action']}), occupied {self._from_to(self.alarm)}"
+        if self.cause is not None:
+            yield "nearest", f"{self.who}, {self.cause['nearest']:.2f} m" if self.cause["nearest"] is not None else self.who
+        if self.stale is not None:
+            yield "silent", f"{self.stale['topic']}, {self._from_to(self.stale)}"
+        for topic, course in self.commanded.items():
+            yield f"commanded by {topic}", self._speeds(course)
+        if len(self.driven[0]):
+            yield "driven, by the poses", self._speeds(self.driven)
+        for frame, poses in self.found.described.get("poses", {}).items():
+            yield f"poses of {frame or 'the sensor'}", f"{poses.get('topic', 'none')} in {poses.get('world', 'no frame')}"
+
+    def _from_to(self, row: Row) -> str:
+        more = ", cut by the end of the log" if row["cut"] else ""
+        return f"from {self.clock(row['start'])} to {self.clock(row['end'])}{more}"
+
+    def _speeds(self, course: tuple[Int64, Float64]) -> str:
+        values = [self.speed(course, self.ns + shift * SECOND_NS) for shift in (-1, 0, 1)]
+        words = (in_unit(value, "m/s", ".2f") or "nothing" for value in values)
+        return "{} a second before, {}, {} a second after".format(*words)
+
+    def cards(self) -> Iterator[Card]:
+        """Yield the key figures."""
+        if self.cause is not None:
+            yield Card("nearest", in_unit(self.cause["nearest"], "m", ".2f") or "unknown", self.who, alarming=True)
+        if self.stop is not None:
+            yield Card("stood for", f"{self.stop['duration']:.1f} s", "until the log ends" if self.stop["cut"] else "")
+            yield Card("drove before", f"{self.stop['speed']:.2f} m/s", "by the poses")
+        if self.act is not None:
+            yield Card("Nav2", str(self.act["action"]), str(self.act["zone"]))
+
+    def courses(self) -> Courses:
+        """Return distance and speed over time."""
+        distances, colours = [], (palette.PURPLE, palette.GREEN, palette.ORANGE)
+        if len(self.culprit[0]):
+            distances.append(self._course(self.who, self.culprit, palette.BLUE))
+        for each, colour in zip(self.found.by_zone, colours, strict=False):
+            stamps, nearest = each.columns["stamp"], each.columns["nearest"]
+            if stamps is not None and nearest is not None and np.isfinite(nearest).any():
+                distances.append(self._course(f"nearest in {each.zone.name}", (stamps, nearest), colour))
+        speeds = [
+            self._course(f"commanded by {topic}", course, colour)
+            for (topic, course), colour in zip(self.commanded.items(), (palette.VERMILION, *colours), strict=False)
+        ]
+        speeds += [self._course("driven", self.driven, palette.BLACK)] if len(self.driven[0]) else []
+        stretches = []
+        for row in self.found.events:
+            begin, end = max(row["start"], self.span[0]), min(row["end"], self.span[1])
+            words = {OCCUPIED: f"{row['zone']} occupied", APPROACH: f"{row['zone']} approached", STALE: "no sweeps"}
+            words |= {NAV2: f"Nav2: {row['action']}", STOP: "the robot stands"}
+            colour = {NAV2: palette.VERMILION, STALE: palette.DARK, STOP: palette.SKY}.get(row["kind"], palette.YELLOW)
+            if row["kind"] in words and begin <= end:
+                stretches.append(Stretch(words[row["kind"]], self.seconds(begin), self.seconds(end), colour))
+        found = {"distance [m]": distances, "speed [m/s]": speeds}
+        return Courses(self.seconds(self.ns), {name: some for name, some in found.items() if some}, stretches)
+
+    def _course(self, name: str, course: tuple[Int64, Float64], colour: str) -> Course:
+        own = (course[0] >= self.span[0]) & (course[0] <= self.span[1])
+        seconds = np.array([self.seconds(each) for each in course[0][own].tolist()])
+        # A line over a gap would show what nobody saw.
+        after = np.flatnonzero(np.diff(seconds) > 1.0) + 1
+        seconds, values = np.insert(seconds, after, seconds[after]), np.insert(course[1][own], after, np.nan)
+        return Course(name, seconds, values, colour)
+
+    def cells(self) -> dict[str, list[str]]:
+        """Return the numbers second by second: heading → cells."""
+        steps = range(-(AROUND_NS // SECOND_NS), AROUND_NS // SECOND_NS + 1)
+        times = [ns for ns in (self.ns + step * SECOND_NS for step in steps) if self.span[0] <= ns <= self.span[1]]
+        found = {"time": [self.clock(ns) for ns in times]}
+        courses = self.courses().courses
+        for one in (one for some in courses.values() for one in some):
+            values = [_nearest_value(one, self.seconds(ns)) for ns in times]
+            found[one.name] = [in_unit(value, "", ".2f") for value in values]
+        found["going on"] = [
+            ", ".join(
+                dict.fromkeys(one.name for one in self.courses().stretches if one.begin <= self.seconds(ns) <= one.end)
+            )
+            for ns in times
+        ]
+        return found
+
+
+def _nearest_value(course: Course, seconds: float) -> float:
+    """Return the value of a quantity at a time, by the nearest one within half a second; NaN without one."""
+    away = np.abs(course.seconds - seconds) + np.where(np.isnan(course.values), np.inf, 0.0)
+    return float(course.values[away.argmin()]) if len(away) and away.min() <= 0.5 else np.nan
+
+
+def _away(row: Row, ns: int) -> int:
+    """Return how far a time is from an event [ns]; 0 within."""
+    return int(max(row["start"] - ns, ns - row["end"], 0))
+
+
+def worst_times(events: Sequence[Row], most: int) -> list[int]:
+    """Return the times [ns] to explain first: stops of Nav2 and of the robot, then zones that stop it, each once."""
+    ranks = {NAV2: 0, STOP: 1, OCCUPIED: 2, APPROACH: 2, STALE: 3}
+    own = [one for one in events if one["kind"] in ranks and (one["kind"] != NAV2 or one["action"] == "stop")]
+    own.sort(key=lambda one: (ranks[one["kind"]], "stop" not in one["action"], one["nearest"] is None, one["nearest"]))
+    found: list[int] = []
+    for one in own:
+        if all(abs(one["start"] - ns) > NEAR_NS for ns in found):
+            found.append(one["start"])
+    return found[:most]
+
+
+def explain(
+    source: Source, log: Log, options: ZoneOptions, found: Found, tables: TableSet | None, time: float | Instant
+) -> Explanation:
+    """Return what happened at a time, by what `zones` found in the whole log.
+
+    The time means the event that goes on then, or else begins or ends within two seconds. `OptionError`: the log does not
+    have the time.
+    """
+    first_ns = min(one.first_ns for one in found.topics)
+    target = time.ns if isinstance(time, Instant) else first_ns + round(time * SECOND_NS)
+    stamps = np.concatenate([one.column("stamp_ns") for one in found.topics])
+    low, high = int(stamps.min()), int(stamps.max())
+    if not low - NEAR_NS <= target <= high + NEAR_NS:
+        raise OptionError(
+            f"{source.label}: --explain {time}: the log has sweeps from {(low - first_ns) / SECOND_NS:.1f} s to "
+            f"{(high - first_ns) / SECOND_NS:.1f} s ({moment(low)} to {moment(high)})"
+        )
+    begins = [one for kind in (NAV2, STOP, OCCUPIED, APPROACH, STALE) for one in found.events if one["kind"] == kind]
+    near = [one for one in begins if _away(one, target) <= NEAR_NS]
+    ns = near[0]["start"] if near and _away(near[0], target) else target
+    if near and near[0]["start"] <= target:
+        ns = near[0]["start"]
+    span = max(ns - AROUND_NS, low), min(ns + AROUND_NS, high)
+    answer = _Answer(found, ns, span, _commanded(log, options, found.late_ns), tables)
+    pictures = _film(source, options, answer)
+    return Explanation(
+        log=source.file_name,
+        moment=answer.clock(ns),
+        answer=tuple(answer.sentences()),
+        key=tuple(answer.cards()),
+        facts=tuple(answer.facts()),
+        courses=answer.courses(),
+        pictures=pictures,
+        seconds=tuple(answer.seconds(int(one.batch.stamp_ns[0])) for one in pictures),
+        stamps=tuple(answer.clock(int(one.batch.stamp_ns[0])) for one in pictures),
+        cells=answer.cells(),
+        commands=() if options.explain is None else tuple(options.explain.commands(answer.lead.topic, answer.seconds(ns))),
+    )
+
+
+def _commanded(log: Log, options: ZoneOptions, late_ns: int) -> dict[str, tuple[Int64, Float64]]:
+    """Return the commanded speeds of a log by topic: those that zones name, else of every Twist."""
+    types = {topic.name: topic.type for topic in log.topics() or () if topic.type in (TWIST, TWIST_STAMPED)}
+    named = [zone.velocity_topic for zone in options.zones.zones if zone.velocity_topic in types]
+    found = {}
+    for topic in dict.fromkeys(named or types):
+        told = velocities(log, topic, ReadReport())
+        if told is not None and len(told[0]):
+            # A plain Twist has no stamp but that of its record.
+            found[topic] = told[0] - (late_ns if types[topic] == TWIST else 0), np.hypot(told[1][:, 0], told[1][:, 1])
+    return found
+
+
+def _film(source: Source, options: ZoneOptions, answer: _Answer) -> tuple[Picture, ...]:
+    """Return pictures of the sweeps of the sensor around the time, at most `MAX_PICTURES`."""
+    lead, detect = answer.lead, options.detect
+    stamps = lead.column("stamp_ns")
+    own = np.flatnonzero((stamps >= answer.span[0]) & (stamps <= answer.span[1]))
+    if not len(own):
+        return ()
+    own = own[np.argsort(stamps[own], kind="stable")]
+    chosen = own[np.unique(np.linspace(0, len(own) - 1, min(len(own), MAX_PICTURES)).astype(np.int64))]
+    plot = PlotOptions(
+        sweeps=tuple(lead.column("sweep")[chosen].tolist()),
+        topic=lead.topic,
+        parameters=detect.parameters,
+        rules=detect.read.rules,
+        opening=detect.opening,
+        tracks=answer.tables,
+        poses=detect.poses,
+        zones=options.zones,
+    )
+    track = answer.cause["track"] if answer.cause is not None else None
+    return tuple(replace(one, marked=-1 if track is None else track) for one in take_pictures(source, plot).pictures)
