@@ -195,9 +195,8 @@ def zones(messages: MessageWriter, options: ZonesCommand) -> int:
     with usage_errors():
         zoning = zone_options(options, logs, overwrite=options["overwrite"])
         if options["explain"] is not None:
-            time = None if options["explain"] == "worst" else options["explain"]
-            explained = Explained(time, tuple(answers), partial(_commands, options))
-            zoning = replace(zoning, explain=explained)
+            time: Any = None if options["explain"] == "worst" else options["explain"]
+            zoning = replace(zoning, explain=Explained(time, tuple(answers), partial(_commands, options)))
         checks = understand(zoning, checks_of(options))
     messages.begin(options, finds=True)
     sources = chosen_logs(messages, options)
@@ -215,7 +214,9 @@ def zones(messages: MessageWriter, options: ZonesCommand) -> int:
         alone = len(sources) == 1
         lines = chain(*(wrapped(*line) for line in (*run.lines, *(run.worst if alone or messages.verbose else ()))))
         look = [f"  look     {_plot_command(options, *run.look)}"] if run.look and alone else []
-        why = chain(*(wrapped("  why      " if not k else " " * 11, line) for k, line in enumerate(run.answers)))
+        # Of several answers the gist; the pages have the rest.
+        gist = [line for one in run.answers for line in (one if len(run.answers) == 1 else one[:2])]
+        why = chain(*(wrapped("  why      " if not k else " " * 11, line) for k, line in enumerate(gist)))
         return [f"{where}, {counted(len(zoning.zones.zones), 'zone')}", *lines, *look, *why]
 
     with progress_bar(sources, messages) as report:

@@ -95,7 +95,7 @@ class Explanation(ReportPart):
         found = {"answer": Section("What happened", [Notes([(line,) for line in self.answer])])}
         if self.pictures:
             film = Film(self.images(), self.stamps, self.seconds, self.at)
-            found["film"] = Section("Ten seconds before and after, step by step", [film], (PAGE,))
+            found["film"] = Section("Step by step", [film], (PAGE,))
         found["courses"] = Section("Distance and speed", [self.courses], (PAGE,))
         found["facts"] = Section("What the log says", [NamedValues(self.facts)])
         found["numbers"] = Section("Second by second", [table_of(self.cells)])
@@ -174,10 +174,12 @@ def draw_courses(axes: Sequence[Axes], courses: Courses) -> None:
         low, high = min(known), max(max(known), min(known) + 0.1)
         low, high = low - 0.08 * (high - low) * (low < 0.0), high + 0.08 * (high - low)
         marks = []
-        for one in courses.stretches:
-            corners = np.array([[one.begin, low], [one.end, low], [one.end, high], [one.begin, high], [one.begin, low]])
-            style = {"color": one.colour, "alpha": 0.22, "lw": 0, "zorder": 1}
-            marks.append(Mark(joined([corners]), style, one.name, area=True))
+        for went_on in courses.stretches:
+            corners = np.array(
+                [[went_on.begin, low], [went_on.end, low], [went_on.end, high], [went_on.begin, high], [went_on.begin, low]]
+            )
+            style = {"color": went_on.colour, "alpha": 0.22, "lw": 0, "zorder": 1}
+            marks.append(Mark(joined([corners]), style, went_on.name, area=True))
         line = {"color": "black", "lw": 0.8, "ls": (0, (3.0, 2.0)), "zorder": 4}
         marks.append(Mark(np.array([[courses.at, low], [courses.at, high]]), line))
         for one in some:

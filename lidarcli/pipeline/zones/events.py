@@ -108,7 +108,7 @@ def event_row(
         "t": (span_ns[0] - first_ns) / SECOND_NS,
         "duration": (span_ns[1] - span_ns[0]) / SECOND_NS,
         "cut": False,
-        "nearest": None,
+        **dict.fromkeys(("nearest", "set", "track", "label")),
     }
 
 

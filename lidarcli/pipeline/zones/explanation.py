@@ -22,8 +22,9 @@ from lidarcli.pipeline.zones.counts import TopicSeries
 from lidarcli.pipeline.zones.events import APPROACH, NAV2, OCCUPIED, STALE, STOP, ZoneEvents
 from lidarcli.pipeline.zones.monitor import Act
 from lidarcli.pipeline.zones.options import ZoneOptions
-from lidarcli.pipeline.zones.stops import SLOW, ahead_words, standing
+from lidarcli.pipeline.zones.stops import SLOW, ahead_words, motion_of
 from lidarcli.pose.messages import TWIST, TWIST_STAMPED, velocities
+from lidarcli.pose.tracks import PoseTrack
 from lidarcli.reports.document import Card, Course, Courses, Stretch
 from lidarcli.reports.explanation import Explanation
 from lidarcli.reports.scene import Picture
@@ -35,7 +36,7 @@ AROUND_NS = 10 * SECOND_NS
 """Time before and after that is shown [ns]."""
 NEAR_NS = 2 * SECOND_NS
 """Farthest event that a time means [ns]: people read it off a clock."""
-SAME_NS = SECOND_NS
+SAME_NS = SECOND_NS // 2
 """Time between what belongs together, as an event of a zone and the stop that follows it [ns]."""
 MAX_PICTURES = 120
 """Most pictures of a film."""
@@ -50,6 +51,7 @@ class Found(NamedTuple):
     topics: Sequence[TopicSeries]
     by_zone: Sequence[ZoneEvents]
     acts: Sequence[Act]
+    odometry: Sequence[PoseTrack]
     events: Sequence[Row]
     """Rows of the table of events."""
     described: Mapping[str, Any]
@@ -113,14 +115,10 @@ class _Answer:
 
     @cached_property
     def driven(self) -> tuple[Int64, Float64]:
-        """Stamps (N,) [ns] and speeds [m/s] by the poses; none without poses."""
-        lead = max(self.found.topics, key=lambda one: int(np.isfinite(one.column("pose")[:, 0]).sum()))
-        known = np.flatnonzero(np.isfinite(lead.column("pose")[:, 0]))
-        stamps = lead.column("stamp_ns")[known]
-        order = np.argsort(stamps, kind="stable")
-        then, _, speed = standing(stamps[order], lead.column("pose")[known][order])
+        """Stamps (N,) [ns] and speeds [m/s] of the robot; none where nothing tells how it moved."""
+        motion = motion_of(self.found.topics, self.found.odometry)
         # The mean over a time is that of its middle.
-        return (stamps[order] + stamps[order][then]) // 2, speed
+        return (motion.stamp_ns + motion.stamp_ns[motion.then]) // 2, motion.speed()
 
     def speed(self, course: tuple[Int64, Float64], ns: int) -> float:
         """Return the newest speed at a time [m/s]; NaN before the first."""
@@ -176,7 +174,7 @@ class _Answer:
             nearest = f" {self.alarm['nearest']:.2f} m from the sensor" if self.alarm["nearest"] is not None else ""
             yield f"{self.who[0].upper()}{self.who[1:]} was in {self.alarm['zone']}{nearest}{points}."
         elif self.stop is not None and self.stale is None:
-            yield f"No zone was occupied; {ahead_words(self.stop)} on the way that it would have driven."
+            yield f"No zone was occupied; on the way that it would have driven: {ahead_words(self.stop)}."
         yield from self._disagreement()
         yield from self._command()
         faults = [*self._faults()]
@@ -188,6 +186,8 @@ class _Answer:
         if self.stop is not None:
             lasts = f"stood for {self.stop['duration']:.1f} s" + (", until the log ends" if self.stop["cut"] else "")
             stood = f"the robot, which drove {self.stop['speed']:.2f} m/s, {lasts}"
+            if self.stop["speed"] <= SLOW[0]:
+                stood = f"the robot, which turned, {lasts}"
             return f"At {when} {did}, and {stood}." if did else f"At {when} {stood}."
         speed = self.speed(self.driven, self.ns)
         drove = "" if np.isnan(speed) else f"the robot drove {speed:.2f} m/s" if speed > SLOW[0] else "the robot stood"
@@ -235,8 +235,10 @@ class _Answer:
             edges = np.concatenate([self.span[:1], own, self.span[1:]])
             longest = float(np.diff(edges).max())
             if longest > max(2.5 * step, 0.5 * SECOND_NS):
-                yield f"{one.topic} has a gap of {longest / SECOND_NS:.1f} s"
-            pose = one.column("pose")[(one.column("stamp_ns") >= self.span[0]) & (one.column("stamp_ns") <= self.span[1])]
+                begin = self.clock(int(edges[np.diff(edges).argmax()]))
+                yield f"no sweep of {one.topic} for {longest / SECOND_NS:.1f} s from {begin} on"
+            shown = (one.column("stamp_ns") >= self.span[0]) & (one.column("stamp_ns") <= self.span[1])
+            pose = one.column("pose")[shown]
             if len(pose) > 1 and np.isfinite(pose[:, 0]).any():
                 lost = int(np.isnan(pose[:, 0]).sum())
                 if lost:
@@ -245,12 +247,12 @@ class _Answer:
                 if np.nanmax(leaps, initial=0.0) > LEAP * max(step / SECOND_NS, 0.05):
                     yield f"the poses leap by {np.nanmax(leaps):.1f} m"
         for each in self.found.by_zone:
-            stamps, observed = each.columns["stamp"], each.columns["observed"]
-            assert stamps is not None
+            when, observed = each.columns["stamp"], each.columns["observed"]
+            assert when is not None
             assert observed is not None
-            own = observed[(stamps >= self.span[0]) & (stamps <= self.span[1])]
-            if len(own) and not own.all():
-                yield f"{each.zone.name} was observed in {int(own.sum()):,} of {counted(len(own), 'sweep')}"
+            shown = observed[(when >= self.span[0]) & (when <= self.span[1])]
+            if not shown.all():
+                yield f"{each.zone.name} was observed in {int(shown.sum()):,} of {counted(len(shown), 'sweep')}"
         for poses in self.found.described.get("poses", {}).values():
             yield from (f"poses {words.partition(';')[0]}" for words, _ in contradicted(poses).values())
         yield from self.found.frames
@@ -272,7 +274,7 @@ class _Answer:
         for topic, course in self.commanded.items():
             yield f"commanded by {topic}", self._speeds(course)
         if len(self.driven[0]):
-            yield "driven, by the poses", self._speeds(self.driven)
+            yield "driven", self._speeds(self.driven)
         for frame, poses in self.found.described.get("poses", {}).items():
             yield f"poses of {frame or 'the sensor'}", f"{poses.get('topic', 'none')} in {poses.get('world', 'no frame')}"
 
@@ -291,7 +293,7 @@ class _Answer:
             yield Card("nearest", in_unit(self.cause["nearest"], "m", ".2f") or "unknown", self.who, alarming=True)
         if self.stop is not None:
             yield Card("stood for", f"{self.stop['duration']:.1f} s", "until the log ends" if self.stop["cut"] else "")
-            yield Card("drove before", f"{self.stop['speed']:.2f} m/s", "by the poses")
+            yield Card("drove before", f"{self.stop['speed']:.2f} m/s", "as the poses tell")
         if self.act is not None:
             yield Card("Nav2", str(self.act["action"]), str(self.act["zone"]))
 
@@ -305,7 +307,7 @@ class _Answer:
             if stamps is not None and nearest is not None and np.isfinite(nearest).any():
                 distances.append(self._course(f"nearest in {each.zone.name}", (stamps, nearest), colour))
         speeds = [
-            self._course(f"commanded by {topic}", course, colour)
+            self._course(f"commanded by {topic}", _held(course), colour)
             for (topic, course), colour in zip(self.commanded.items(), (palette.VERMILION, *colours), strict=False)
         ]
         speeds += [self._course("driven", self.driven, palette.BLACK)] if len(self.driven[0]) else []
@@ -344,6 +346,11 @@ class _Answer:
             for ns in times
         ]
         return found
+
+
+def _held(course: tuple[Int64, Float64]) -> tuple[Int64, Float64]:
+    """Return a course whose values hold until the next ones, as commands do."""
+    return np.repeat(course[0], 2)[1:], np.repeat(course[1], 2)[:-1]
 
 
 def _nearest_value(course: Course, seconds: float) -> float:
@@ -386,11 +393,9 @@ def explain(
             f"{source.label}: --explain {time}: the log has sweeps from {(low - first_ns) / SECOND_NS:.1f} s to "
             f"{(high - first_ns) / SECOND_NS:.1f} s ({moment(low)} to {moment(high)})"
         )
-    begins = [one for kind in (NAV2, STOP, OCCUPIED, APPROACH, STALE) for one in found.events if one["kind"] == kind]
-    near = [one for one in begins if _away(one, target) <= NEAR_NS]
-    ns = near[0]["start"] if near and _away(near[0], target) else target
-    if near and near[0]["start"] <= target:
-        ns = near[0]["start"]
+    ranked = [one for kind in (NAV2, STOP, OCCUPIED, APPROACH, STALE) for one in found.events if one["kind"] == kind]
+    nearest = min(ranked, key=lambda one: _away(one, target), default=None)
+    ns = target if nearest is None or _away(nearest, target) > NEAR_NS else max(nearest["start"], low)
     span = max(ns - AROUND_NS, low), min(ns + AROUND_NS, high)
     answer = _Answer(found, ns, span, _commanded(log, options, found.late_ns), tables)
     pictures = _film(source, options, answer)

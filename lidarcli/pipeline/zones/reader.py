@@ -26,7 +26,8 @@ from lidarcli.pipeline.zones.options import ZoneOptions, refuse_resting
 from lidarcli.pipeline.zones.stops import stops_in
 from lidarcli.pose.findings import Key
 from lidarcli.pose.frames import WORLDS
-from lidarcli.pose.messages import TWIST, frame_name, polygons, velocities
+from lidarcli.pose.messages import ODOMETRY, TWIST, frame_name, polygons, velocities
+from lidarcli.pose.tracks import PoseTrack
 from lidarcli.reports.wording import counted
 from lidarcli.sweeps.masks import Circle, Masks, Polygon, same_name
 from lidarcli.sweeps.types import SweepBatch, spared
@@ -81,6 +82,8 @@ class ZoneReader:
         """Time from the stamps of sweeps to their recording."""
         self.topics: list[TopicSeries] = []
         """The sweeps of each sensor; known when the log is read."""
+        self.odometry: list[PoseTrack] = []
+        """Odometry that moves; known when the log is read."""
         self.stops: list[dict[str, Any]] = []
         """Rows of the robot's own stops, as of the table of events; known when the log is read."""
         self.acts: list[Act] = []
@@ -149,6 +152,8 @@ class ZoneReader:
             summary = reading.close()
             described = reading.describe(source)
             self._robots = reading.posing.robots
+            tracks = () if reading.posing.found is None else reading.posing.found.sources.tracks
+            self.odometry = [track for track in tracks if track.type == ODOMETRY and track.moves]
         reported = states(self._log, self._report)
         notes = self._refuse_contradiction(described, reading.posing.file_gap)
         summary.damage += [
@@ -171,7 +176,7 @@ class ZoneReader:
         ]
         self.topics = [each.series for each in self._counting.values()]
         tells = self._options.half_width is not None
-        self.stops = [row for sensors in self._by_robot() for row in stops_in(sensors)] if tells else []
+        self.stops = [row for one in self._by_robot() for row in stops_in(one, self.odometry)] if tells else []
         self.acts = acts_of(reported, self.late_ns or 0, by_zone)
         self.doubts = self._frames.notes()
         summary.notes += [*self._notes, *notes, *self.doubts, *gaps, *map(str, self._lost.values())]

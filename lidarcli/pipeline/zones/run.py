@@ -108,14 +108,16 @@ def _explain(
 
     assert options.explain is not None
     events = summary.events if options.stops else [*summary.events, *reader.stops]
-    found = Found(reader.topics, by_zone, summary.acts, events, described, reader.doubts, reader.late_ns or 0)
+    found = Found(
+        reader.topics, by_zone, summary.acts, reader.odometry, events, described, reader.doubts, reader.late_ns or 0
+    )
     wanted = options.explain.time
     times = [Instant(ns) for ns in worst_times(found.events, MAX_EXPLAINED)] if wanted is None else [wanted]
     if not times:
         summary.notes.append("--explain worst: no event, and the robot never stopped: there is nothing to explain")
     for number, time in enumerate(times, 1):
         answer = explain(source, log, options, found, tables, time)
-        summary.answers = [*summary.answers, *answer.answer]
+        summary.answers = [*summary.answers, answer.answer]
         for path in options.explain.files(number):
             with NewFiles([path], options.overwrite) as new:
                 with writing(path):

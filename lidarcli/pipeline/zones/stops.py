@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -13,9 +13,11 @@ from lidarcli.options.times import SECOND_NS
 from lidarcli.pipeline.zones.counts import TopicSeries
 from lidarcli.pipeline.zones.events import STOP, event_row
 from lidarcli.pipeline.zones.monitor import SHOWN
+from lidarcli.pose.frames import nearness
+from lidarcli.pose.tracks import PoseTrack, flat
 from lidarcli.reports.wording import counted
 from lidarcli.reports.zones import WHO
-from lidarcli.sweeps.types import Bool, Float64, Int64
+from lidarcli.sweeps.types import TURN, Bool, Float64, Int64
 
 SLOW = 0.03, 0.05
 """Speed [m/s] and turning rate [rad/s], over `SPAN_NS`, below which the robot stands."""
@@ -26,43 +28,74 @@ NEAR_NS = 1_000_000_000
 """Time before and after the begin of a stop in which is told what was ahead [ns]: stamps of poses are not exact."""
 
 
-def standing(stamp_ns: Int64, pose: Float64) -> tuple[Int64, Bool, Float64]:
-    """Return (N,) the sweep `SPAN_NS` before each, whether the sensor stood since then, and its speed since [m/s].
+class Motion(NamedTuple):
+    """How a robot moved."""
 
-    `pose` (N, 4) as of `TopicSeries`, of sweeps in the order of time; one without a pose stands as little as it drives.
-    """
-    then = np.maximum(np.searchsorted(stamp_ns, stamp_ns - SPAN_NS, side="right") - 1, 0)
-    seconds = np.maximum(stamp_ns - stamp_ns[then], 1) / SECOND_NS
-    moved = pose - pose[then]
-    turned = np.abs((moved[:, 2] + np.pi) % (2.0 * np.pi) - np.pi) / seconds
-    speed = np.hypot(moved[:, 0], moved[:, 1]) / seconds
-    return then, (speed < SLOW[0]) & (turned < SLOW[1]) & (then < np.arange(len(then))), speed
+    stamp_ns: Int64
+    """(N,) ascending."""
+    pose: Float64
+    """(N, 3) x, y [m] and yaw [rad] of the robot, or of a sensor on it."""
+    name: str
+    """Topic of the odometry; empty where it is by the poses of the sweeps."""
+
+    @property
+    def then(self) -> Int64:
+        """(N,) the pose `SPAN_NS` before each."""
+        found: Int64 = np.maximum(np.searchsorted(self.stamp_ns, self.stamp_ns - SPAN_NS, side="right") - 1, 0)
+        return found
+
+    def speed(self) -> Float64:
+        """Return (N,) the mean speed since `then` [m/s]."""
+        moved = self.pose[:, :2] - self.pose[self.then, :2]
+        found: Float64 = np.hypot(*moved.T) / self._seconds()
+        return found
+
+    def stands(self) -> Bool:
+        """Return (N,) whether it stood since `then`."""
+        turn = self.pose[:, 2] - self.pose[self.then, 2]
+        turning = np.abs((turn + np.pi) % TURN - np.pi) / self._seconds()
+        found: Bool = (self.speed() < SLOW[0]) & (turning < SLOW[1]) & (self.then < np.arange(len(turn)))
+        return found
+
+    def _seconds(self) -> Float64:
+        found: Float64 = np.maximum(self.stamp_ns - self.stamp_ns[self.then], 1) / SECOND_NS
+        return found
 
 
-def stops_in(sensors: Sequence[TopicSeries]) -> Iterator[dict[str, Any]]:
-    """Yield a row of the table of events for each stop of one robot, by its sensors.
-
-    A stop begins where a drive ends. It is `cut` where it goes on at the end of the log.
-    """
+def motion_of(sensors: Sequence[TopicSeries], odometry: Sequence[PoseTrack]) -> Motion:
+    """Return how the robot of some sensors moved: by its odometry, else by the poses of the sensor that has most."""
+    topics = [one.topic for one in sensors]
+    near = {one.topic: how for one in odometry if (how := nearness(one.topic, topics[0], topics)) is not None}
+    if near:
+        own = max((one for one in odometry if one.topic in near), key=lambda one: near[one.topic])
+        return Motion(own.stamp_ns, flat(own.motion), own.topic)
     lead = max(sensors, key=lambda one: int(np.isfinite(one.column("pose")[:, 0]).sum()))
     known = np.flatnonzero(np.isfinite(lead.column("pose")[:, 0]))
     order = known[np.argsort(lead.column("stamp_ns")[known], kind="stable")]
-    if not len(order):
-        return
-    stamps, sweeps = lead.column("stamp_ns")[order], lead.column("sweep")[order]
-    then, stands, speed = standing(stamps, lead.column("pose")[order])
-    edges = np.flatnonzero(np.diff(stands, prepend=False, append=False)).reshape(-1, 2)
+    return Motion(lead.column("stamp_ns")[order], lead.column("pose")[order, :3], "")
+
+
+def stops_in(sensors: Sequence[TopicSeries], odometry: Sequence[PoseTrack]) -> Iterator[dict[str, Any]]:
+    """Yield a row of the table of events for each stop of one robot.
+
+    A stop begins where a drive ends. It is `cut` where it goes on at the end of the log.
+    """
+    motion, lead = motion_of(sensors, odometry), sensors[0]
     first_ns = min(one.first_ns for one in sensors)
-    for begin, end in edges.tolist():
-        first, last = int(then[begin]), end - 1
-        drives = np.flatnonzero(~stands[: begin + 1] & (speed[: begin + 1] > SLOW[0]))
-        if not len(drives):
+    order = np.argsort(lead.column("stamp_ns"), kind="stable")
+    stamps, sweeps = lead.column("stamp_ns")[order], lead.column("sweep")[order]
+    stands, speed = motion.stands(), motion.speed()
+    for begin, after in np.flatnonzero(np.diff(stands, prepend=False, append=False)).reshape(-1, 2).tolist():
+        span = int(motion.stamp_ns[motion.then[begin]]), int(motion.stamp_ns[after - 1])
+        first, last = np.searchsorted(stamps, [span[0], span[1] + 1]) - [0, 1]
+        if last <= first or not (speed[:begin] > SLOW[0]).any():
             continue
-        span = int(stamps[first]), int(stamps[last])
-        recent = (stamps >= span[0] - BEFORE_NS) & (stamps <= stamps[begin])
-        row = event_row(lead, {"zone": "", "kind": STOP, "action": "none"}, sweeps[[first, last]].tolist(), span, first_ns)
-        row |= {"sweeps": end - first, "cut": end == len(stamps), "speed": float(speed[recent].max())}
-        yield row | _ahead(sensors, span[0]) | {"look": (lead.topic, (span[0] - lead.first_ns) / SECOND_NS)}
+        about = {"zone": "", "kind": STOP, "action": "none"}
+        row = event_row(lead, about, sweeps[[first, last]].tolist(), span, first_ns)
+        recent = (motion.stamp_ns >= span[0] - BEFORE_NS) & (motion.stamp_ns <= motion.stamp_ns[begin])
+        cut = after == len(stands) or span[1] >= stamps[-1]
+        row |= {"sweeps": int(last - first) + 1, "cut": bool(cut), "speed": float(speed[recent].max())}
+        yield row | _ahead(sensors, span[0])
 
 
 def _ahead(sensors: Sequence[TopicSeries], start_ns: int) -> dict[str, Any]:
@@ -87,10 +120,16 @@ def stop_lines(stops: Sequence[Mapping[str, Any]]) -> list[tuple[str, str]]:
         return [("  stops    ", "none: the robot never stood between two drives")]
     total = sum(one["duration"] for one in stops)
     lines = [("  stops    ", f"{counted(len(stops), 'stop')} of the robot, {total:,.1f} s")]
-    for one in sorted(stops, key=lambda each: each["start"])[:SHOWN]:
+    longest = sorted(stops, key=lambda each: -each["duration"])[:SHOWN]
+    for one in sorted(longest, key=lambda each: each["start"]):
         lasts = f"{'>' if one['cut'] else ' '} {one['duration']:.1f} s"
-        lines.append((" " * 11, f"{one['t']:8.1f} s  {lasts:>9}  from {one['speed']:.2f} m/s  {ahead_words(one)}"))
+        lines.append((" " * 11, f"{one['t']:8.1f} s  {lasts:>9}  {before_words(one):13}  {ahead_words(one)}"))
     return lines + ([(" " * 11, f"and {len(stops) - SHOWN:,} more")] if len(stops) > SHOWN else [])
+
+
+def before_words(stop: Mapping[str, Any]) -> str:
+    """Return how the robot moved before it stopped, in words."""
+    return f"from {stop['speed']:.2f} m/s" if stop["speed"] > SLOW[0] else "after a turn"
 
 
 def ahead_words(stop: Mapping[str, Any]) -> str:
@@ -98,4 +137,4 @@ def ahead_words(stop: Mapping[str, Any]) -> str:
     if stop["nearest"] is None:
         return f"nothing ahead within {AHEAD:g} m"
     who = WHO.get(stop["set"], "something").removesuffix("s")
-    return " ".join(map(str, filter(None, [f"{stop['nearest']:.2f} m ahead:", who, stop["track"]])))
+    return " ".join(map(str, filter(None, [who, stop["track"], f"{stop['nearest']:.2f} m ahead"])))

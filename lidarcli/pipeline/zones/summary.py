@@ -46,8 +46,8 @@ class ZoneSummary(RunSummary):
     acts: Sequence[Act] = ()
     events: Sequence[dict[str, Any]] = ()
     """Rows of the table of events."""
-    answers: Sequence[str] = ()
-    """Sentences of `--explain`."""
+    answers: Sequence[Sequence[str]] = ()
+    """Sentences of `--explain` on each of its times."""
 
     @classmethod
     def of(
