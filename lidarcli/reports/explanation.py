@@ -174,12 +174,10 @@ def draw_courses(axes: Sequence[Axes], courses: Courses) -> None:
         low, high = min(known), max(max(known), min(known) + 0.1)
         low, high = low - 0.08 * (high - low) * (low < 0.0), high + 0.08 * (high - low)
         marks = []
-        for went_on in courses.stretches:
-            corners = np.array(
-                [[went_on.begin, low], [went_on.end, low], [went_on.end, high], [went_on.begin, high], [went_on.begin, low]]
-            )
-            style = {"color": went_on.colour, "alpha": 0.22, "lw": 0, "zorder": 1}
-            marks.append(Mark(joined([corners]), style, went_on.name, area=True))
+        for name, begin, end, colour in courses.stretches:
+            corners = np.array([[begin, low], [end, low], [end, high], [begin, high], [begin, low]])
+            style = {"color": colour, "alpha": 0.22, "lw": 0, "zorder": 1}
+            marks.append(Mark(joined([corners]), style, name, area=True))
         line = {"color": "black", "lw": 0.8, "ls": (0, (3.0, 2.0)), "zorder": 4}
         marks.append(Mark(np.array([[courses.at, low], [courses.at, high]]), line))
         for one in some:

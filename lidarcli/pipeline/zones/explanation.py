@@ -244,8 +244,11 @@ class _Answer:
                 if lost:
                     yield f"{counted(lost, 'sweep')} of {one.topic} without a pose"
                 leaps = np.hypot(*np.diff(pose[:, :2], axis=0).T)
-                if np.nanmax(leaps, initial=0.0) > LEAP * max(step / SECOND_NS, 0.05):
-                    yield f"the poses leap by {np.nanmax(leaps):.1f} m"
+                leaps = leaps[
+                    leaps * SECOND_NS > LEAP * np.maximum(np.diff(one.column("stamp_ns")[shown]), 0.05 * SECOND_NS)
+                ]
+                if len(leaps):
+                    yield f"the poses leap by {leaps.max():.1f} m"
         for each in self.found.by_zone:
             when, observed = each.columns["stamp"], each.columns["observed"]
             assert when is not None
@@ -414,6 +417,11 @@ def explain(
     )
 
 
+def _has_tracks(tables: TableSet, topic: str) -> bool:
+    """Return whether anything was followed by the sensor."""
+    return bool(tables.trajectories.exists()) and len(paths_of(tables, topic).track) > 0
+
+
 def _commanded(log: Log, options: ZoneOptions, late_ns: int) -> dict[str, tuple[Int64, Float64]]:
     """Return the commanded speeds of a log by topic: those that zones name, else of every Twist."""
     types = {topic.name: topic.type for topic in log.topics() or () if topic.type in (TWIST, TWIST_STAMPED)}
@@ -442,7 +450,7 @@ def _film(source: Source, options: ZoneOptions, answer: _Answer) -> tuple[Pictur
         parameters=detect.parameters,
         rules=detect.read.rules,
         opening=detect.opening,
-        tracks=answer.tables,
+        tracks=None if answer.tables is None or not _has_tracks(answer.tables, lead.topic) else answer.tables,
         poses=detect.poses,
         zones=options.zones,
     )
