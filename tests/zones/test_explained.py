@@ -114,7 +114,7 @@ def test_a_stop_for_nothing_is_told_as_such(tmp_path: Path, lidarcli: Run, comma
 
 def test_a_sensor_that_was_silent_is_the_answer(tmp_path: Path, lidarcli: Run) -> None:
     told = answer_of(lidarcli, drive(tmp_path, make.box(2.9, 0.0, 0.4, 0.4), lost=[(2.0, 6.0)]), STOP, "4.5")
-    assert "/scan was silent from 4.0 s on for 2.0 s more: what was around it then, nobody saw." in told
+    assert "No sweep of /scan was new enough from 4.0 s to 6.0 s: what was around it then, nobody saw." in told
     assert "Not sound then: no sweep of /scan for 4.0 s from 2.0 s on" in told
     assert "No zone was occupied" not in told, "nobody knows"
 

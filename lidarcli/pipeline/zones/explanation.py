@@ -166,13 +166,17 @@ class _Answer:
         """Yield the answer, the most important first."""
         yield self._what()
         if self.stale is not None:
-            silent = f"{self.stale['topic']} was silent from {self.clock(self.stale['start'])} on"
+            silent = f"No sweep of {self.stale['topic']} was new enough {self._from_to(self.stale)}"
             nav2 = " (Nav2 calls it an invalid source)" if self.act is not None else ""
-            yield f"{silent} for {self.stale['duration']:.1f} s more: what was around it then, nobody saw{nav2}."
+            yield f"{silent}: what was around it then, nobody saw{nav2}."
         if self.alarm is not None:
             points = f" with {counted(self.alarm['points'], 'point')} at most" if self.alarm["points"] else ""
             nearest = f" {self.alarm['nearest']:.2f} m from the sensor" if self.alarm["nearest"] is not None else ""
-            yield f"{self.who[0].upper()}{self.who[1:]} was in {self.alarm['zone']}{nearest}{points}."
+            if self.span[0] <= self.alarm["start"] and self.alarm["end"] <= self.span[1]:
+                yield f"{self.who[0].upper()}{self.who[1:]} was in {self.alarm['zone']}{nearest}{points}."
+            else:
+                zone = f"{self.alarm['zone']} was occupied {self._from_to(self.alarm)}"
+                yield f"{zone}; the nearest in all that time was {self.who},{nearest}."
         elif self.stop is not None and self.stale is None:
             yield f"No zone was occupied; on the way that it would have driven: {ahead_words(self.stop)}."
         yield from self._disagreement()
@@ -398,7 +402,11 @@ def explain(
         )
     ranked = [one for kind in (NAV2, STOP, OCCUPIED, APPROACH, STALE) for one in found.events if one["kind"] == kind]
     nearest = min(ranked, key=lambda one: _away(one, target), default=None)
-    ns = target if nearest is None or _away(nearest, target) > NEAR_NS else max(nearest["start"], low)
+    ns = target
+    if nearest is not None and _away(nearest, target) <= NEAR_NS:
+        # Why it stands is told by how it stopped; what is in a zone changes while it is occupied.
+        is_cause = nearest["kind"] in (NAV2, STOP, STALE) or target - nearest["start"] <= NEAR_NS
+        ns = max(nearest["start"], low) if is_cause else target
     span = max(ns - AROUND_NS, low), min(ns + AROUND_NS, high)
     answer = _Answer(found, ns, span, _commanded(log, options, found.late_ns), tables)
     pictures = _film(source, options, answer)

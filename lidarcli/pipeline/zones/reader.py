@@ -25,7 +25,7 @@ from lidarcli.pipeline.zones.monitor import Act, acts_of, states
 from lidarcli.pipeline.zones.options import ZoneOptions, refuse_resting
 from lidarcli.pipeline.zones.stops import stops_in
 from lidarcli.pose.findings import Key
-from lidarcli.pose.frames import WORLDS
+from lidarcli.pose.frames import WORLDS, namespace
 from lidarcli.pose.messages import ODOMETRY, TWIST, frame_name, polygons, velocities
 from lidarcli.pose.tracks import PoseTrack
 from lidarcli.reports.wording import counted
@@ -249,10 +249,9 @@ class ZoneReader:
 
     def _by_robot(self) -> Iterator[list[TopicSeries]]:
         """Yield the sensors of each robot of a run."""
-        found: dict[tuple[int, tuple[Key, ...]], list[TopicSeries]] = {}
-        for key, each in self._counting.items():
-            robot = self._robots.get(each.series.topic) or (key[:2],)
-            found.setdefault((each.series.run, robot), []).append(each.series)
+        found: dict[tuple[int, object], list[TopicSeries]] = {}
+        for (topic, _, run), each in self._counting.items():
+            found.setdefault((run, self._robots.get(topic) or namespace(topic)), []).append(each.series)
         yield from found.values()
 
     def _gaps(self, zone: Zone) -> Iterator[str]:

@@ -55,7 +55,8 @@ class Motion(NamedTuple):
         turn = self.pose[:, 2] - self.pose[self.then, 2]
         turning = np.abs((turn + np.pi) % TURN - np.pi) / self._seconds()
         found: Bool = (self.speed() < SLOW[0]) & (turning < SLOW[1]) & (self.then < np.arange(len(turn)))
-        return found
+        # Odometry that stays the same is kept by its ends; between sweeps that are far apart nobody saw it stand.
+        return found if self.name else found & (self._seconds() * SECOND_NS <= 2 * SPAN_NS)
 
     def _seconds(self) -> Float64:
         found: Float64 = np.maximum(self.stamp_ns - self.stamp_ns[self.then], 1) / SECOND_NS
