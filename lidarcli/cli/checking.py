@@ -145,8 +145,7 @@ class ZonesCommand(Zoning, ManyLogs, Checked, Reported, total=False):
     explain: Annotated[
         str | None,
         Option(ZONES, Text("TIME|worst", parse_explained), shown="none"),
-        "Answer why the robot stopped at this time, given like --start: -o why.html, .png or .gif; worst: a file for each "
-        "of the worst events.",
+        "Answer why the robot stopped then: -o why.html, .png or .gif; worst: of the worst events, a file each.",
     ]
 
 
@@ -156,12 +155,13 @@ class ZonesCommand(Zoning, ManyLogs, Checked, Reported, total=False):
   lidarcli zones run.mcap --zones nav2.yaml -o tables
   lidarcli zones run.mcap --zones zones.toml --check "zones.stop.events == 0"
   lidarcli zones run.mcap --zones doors.toml --check "zones.door.in >= 30"
+  lidarcli zones run.bag --zones nav2.yaml --explain 14:02 -o why.html
   lidarcli zones run.bag --zones zones.toml --objects run.objects.parquet
   lidarcli zones run.bag --zones zones.toml --mask robot.toml --no-objects
   lidarcli zones run.mcap --zones nav2.yaml --clips clips --around 3s
   lidarcli zones run.db3 --zones nav2.yaml \\
     --footprint '[[0.3, 0.2], [0.3, -0.2], [-0.3, 0.0]]'""",
-    changed={field: {"rare": True} for field in ("background", "max_width", "clips")},
+    changed={field: {"rare": True} for field in ("background", "max_width", "clips", "range", "jobs")},
     rules=ZONE_RULES,
 )
 @junit_of_errors

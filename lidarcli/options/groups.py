@@ -163,7 +163,7 @@ class _Zones(TypedDict, total=False):
     stops: Annotated[
         bool,
         Option(ZONES, None, False),
-        "Also tell when the robot itself stood between two drives, by its poses, and what was ahead of it.",
+        "Also tell when the robot stood after a drive, and what was ahead.",
     ]
 
 

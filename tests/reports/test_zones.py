@@ -151,7 +151,7 @@ def test_events_of_zones_that_were_never_observed_are_nothing_to_measure() -> No
         ("objects where width > 1 == 0", "unknown table 'objects' before where; available: events;"),
         (
             "events where kind == ocupied == 0",
-            r"unknown kind (occupied, approach, visit, crossing, stale); did you mean occupied?",
+            r"unknown kind (occupied, approach, visit, crossing, stale, nav2, stop); did you mean occupied?",
         ),
         ("events where size > 1 == 0", "unknown column 'size' of events"),
     ],
