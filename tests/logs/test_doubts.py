@@ -424,9 +424,9 @@ def lists(*beams: int) -> str:
 
 
 def wide(*beams: int) -> str:
-    """A CSV with a cell for each of so many ranges of each sweep."""
+    """A CSV with a column for each range; short rows are damage where most are alike."""
     rows = (",".join([str(k), *[f"{1.0 + 0.01 * k}"] * many]) for k, many in enumerate(beams, 1))
-    return "time,ranges\n" + "\n".join(rows) + "\n"
+    return ",".join(["time", *(f"r{beam}" for beam in range(max(beams)))]) + "\n" + "\n".join(rows) + "\n"
 
 
 def rows_of(*sweeps: list[int]) -> str:
@@ -438,7 +438,7 @@ SHIFTED = "lost beams shift all bearings after them (log the angle: --columns ti
 UNEVEN = {
     "lists": (lists(90, 87, 90, 85, 90, 90), f"2 of 6 sweeps have 85 to 87 beams, not 90: {SHIFTED}"),
     "lists, the last one cut": (lists(90, 90, 87, 90, 40), f"1 of 5 sweeps have 87 beams, not 90: {SHIFTED}"),
-    "short rows": (wide(90, 88, 90, 90), f"1 of 4 sweeps have 88 beams, not 90: {SHIFTED}"),
+    "short rows": (wide(88, 90, 87, 90, 90, 86), f"2 of 6 sweeps have 87 to 88 beams, not 90: {SHIFTED}"),
     "places in a list": (
         rows_of([*range(20)], [*range(17)], [*range(20)], [*range(20)]),
         f"1 of 4 sweeps have 17 beams, not 20: {SHIFTED}",
