@@ -137,8 +137,9 @@ class SweepStats:
     some: bool = False
     """True if any sweep has a beam."""
     many: Counter[int] = field(default_factory=Counter)
-    """Number of beams → sweeps; `end` is that of the last sweep."""
-    end: int = 0
+    """Number of beams → sweeps."""
+    first_and_last: tuple[int, int] | None = None
+    """Beams of the first and of the last sweep."""
     beams: int = 0
     valid: int = 0
     """Beams of the examined sweeps; `valid` counts those with a range."""
@@ -282,9 +283,9 @@ class SweepStats:
         return judge(SWEEP_RULES, stats, sensor)
 
     def lengths(self) -> SimpleNamespace:
-        """Return how many sweeps have another number of beams than most, but for the last one, which may be cut."""
+        """Return how many sweeps have another number of beams than most; the first and the last may be cut."""
         others = self.many.copy()
-        others[self.end] -= 1
+        others.subtract(self.first_and_last or ())
         usual = max(others, key=lambda beams: (others[beams], beams), default=0)
         others = +Counter({beams: sweeps for beams, sweeps in others.items() if beams not in (0, usual)})
         span = [min(others, default=usual), max(others, default=usual)]
@@ -343,7 +344,7 @@ class SweepStats:
         self.some |= bool(raw.beams.any())
         if len(raw):
             self.many.update(raw.beams.tolist())
-            self.end = int(raw.beams[-1])
+            self.first_and_last = (self.first_and_last or raw.beams.tolist())[0], int(raw.beams[-1])
         view = gaps * step
         wide, fine = view > WIDEST_VIEW, (step < FINEST_STEP) & (gaps > 0)
         self.view = max(self.view, float(view.max(initial=0.0)))
