@@ -125,6 +125,8 @@ class ReadReport:
     """Topic → the range [m] from which on there is no return, by a pile of values (`logs.piles`)."""
     unread: dict[str, str] = field(default_factory=dict)
     """Topic → a note on a column of times that is not understood."""
+    numbered: set[str] = field(default_factory=set)
+    """Topics whose bearings follow from the number of a beam alone: the log has none."""
     doubts: dict[str, tuple[Finding, ...]] = field(default_factory=dict)
     """Topic → findings on how its ranges are evaluated, and on what looks wrong in its sweeps."""
 
@@ -159,6 +161,7 @@ class ReadReport:
         self.refused.update(other.refused)
         self.notes += [note for note in other.notes if note not in self.notes]
         self.segments |= other.segments
+        self.numbered |= other.numbered
         self.no_return.update(other.no_return)
         self.unread.update(other.unread)
         for topic, findings in other.doubts.items():

@@ -24,6 +24,7 @@ from lidarcli.sweeps.finding_rules import (
     OFTEN,
     SOME,
     SWEEP_RULES,
+    UNEVEN_LISTS,
     UNUSABLE,
     WIDEST_VIEW,
     judge,
@@ -95,6 +96,8 @@ class ScanChecks:
         for (topic, frame), stats in sorted(self._stats.items()):
             sensor = self.sensor(topic, frame)
             findings = stats.findings(sensor, frames[topic] == 1, topic in before, topic not in self._clouds)
+            if topic in report.numbered:
+                findings += judge([UNEVEN_LISTS], stats.lengths(), sensor)
             if unread := report.unread.get(topic):
                 findings = [each for each in findings if each.id != "clock" or not unread.endswith(NO_STAMPS)]
                 findings.append(sensor.finding("clock", "error", unread))
@@ -133,6 +136,10 @@ class SweepStats:
     times: Clock = field(default_factory=Clock)
     some: bool = False
     """True if any sweep has a beam."""
+    many: Counter[int] = field(default_factory=Counter)
+    """Number of beams → sweeps."""
+    first_and_last: tuple[int, int] | None = None
+    """Beams of the first and of the last sweep."""
     beams: int = 0
     valid: int = 0
     """Beams of the examined sweeps; `valid` counts those with a range."""
@@ -275,6 +282,16 @@ class SweepStats:
         )
         return judge(SWEEP_RULES, stats, sensor)
 
+    def lengths(self) -> SimpleNamespace:
+        """Return how many sweeps have another number of beams than most; the first and the last may be cut."""
+        others = self.many.copy()
+        others.subtract(self.first_and_last or ())
+        usual = max(others, key=lambda beams: (others[beams], beams), default=0)
+        others = +Counter({beams: sweeps for beams, sweeps in others.items() if beams not in (0, usual)})
+        span = [min(others, default=usual), max(others, default=usual)]
+        shown = f"{span[0]:,} to {span[1]:,}" if span[0] < span[1] else f"{span[0]:,}"
+        return SimpleNamespace(sweeps=self.times.sweeps, usual=usual, uneven=others.total(), span=span, span_shown=shown)
+
     def _compare(self, raw: RawSweeps, went: Callable[[Int64, Int64], Bool] | None) -> tuple[Bool, Bool]:
         """Return which sweeps (S,) have the ranges of the one before, and which of one older than `FROZEN_NS`.
 
@@ -325,6 +342,9 @@ class SweepStats:
         step = np.abs(raw.angle_increment)
         gaps = np.maximum(raw.beams - 1, 0)
         self.some |= bool(raw.beams.any())
+        if len(raw):
+            self.many.update(raw.beams.tolist())
+            self.first_and_last = (self.first_and_last or raw.beams.tolist())[0], int(raw.beams[-1])
         view = gaps * step
         wide, fine = view > WIDEST_VIEW, (step < FINEST_STEP) & (gaps > 0)
         self.view = max(self.view, float(view.max(initial=0.0)))

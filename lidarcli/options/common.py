@@ -56,7 +56,7 @@ class Overwrite(TypedDict, total=False):
     overwrite: Annotated[bool, Option(OUTPUT, None, False), "Replace files that exist."]
 
 
-STAMPS_HELP = "Unit of the stamps in tables; us for Spark, Iceberg and Delta, which have no ns (docs/fleet.md)."
+STAMPS_HELP = "Unit of the stamps in tables; us for Spark, Delta and Iceberg before v3, which have no ns (docs/fleet.md)."
 
 
 class Stamped(Overwrite, total=False):

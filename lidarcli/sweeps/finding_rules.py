@@ -286,6 +286,17 @@ SWEEP_RULES = (
 )
 """Evaluated in this order; their findings are notes of all commands."""
 
+UNEVEN_LISTS = Rule(
+    "geometry",
+    "warning",
+    lambda s: s.uneven,
+    "{name}: {0.uneven:,} of {0.sweeps:,} sweeps have {0.span_shown} beams, not {0.usual:,}: lost beams shift all bearings "
+    "after them (log the angle: --columns time,angle,range)",
+    "sweeps=uneven beams=span usual",
+    {"sweeps": 1},
+)
+"""Of lists of ranges without bearings: a note of all commands, too."""
+
 LOG_RULES = (
     Rule(
         "geometry",

@@ -107,6 +107,7 @@ def test_an_answer(title: str, by: str, tables: Path, monkeypatch: pytest.Monkey
     assert got
 
 
+@pytest.mark.filterwarnings("default")  # of the libraries, about each other
 @pytest.mark.parametrize("library", ["pedpy", "movingpandas", "trackeval"])
 def test_paths_of_people_in_other_libraries(library: str, tables: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip(library)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import warnings
 from collections.abc import Callable
 from dataclasses import replace
@@ -12,9 +13,10 @@ import numpy as np
 import pytest
 
 import lidarcli
-from lidarcli.logs.base import LASERSCAN, ReadReport
+from lidarcli.logs.base import LASERSCAN, OpenOptions, ReadReport
 from lidarcli.logs.batches import ReadOptions, read_batches
 from lidarcli.logs.blocks import IN_DEGREES
+from lidarcli.logs.csv import CsvLog
 from lidarcli.logs.log_stats import LogStats
 from lidarcli.logs.scan_checks import MOST, ScanChecks
 from lidarcli.options.times import as_time
@@ -414,3 +416,59 @@ def test_sweeps_that_differ_in_one_beam_repeat_nothing() -> None:
     assert (found.repeats, found.compared) == (0, 40)
     found.add(raw.rows(slice(39, 40)), normalise(raw.rows(slice(39, 40)), np.arange(1), RangeRules()))
     assert found.repeats == 1
+
+
+def lists(*beams: int) -> str:
+    """A CSV with a list of so many ranges for each sweep."""
+    return "time,ranges\n" + "".join(f'{k},"{[1.0 + 0.01 * k] * many}"\n' for k, many in enumerate(beams, 1))
+
+
+def wide(*beams: int) -> str:
+    """A CSV with a column for each range; short rows are damage where most are alike."""
+    rows = (",".join([str(k), *[f"{1.0 + 0.01 * k}"] * many]) for k, many in enumerate(beams, 1))
+    return ",".join(["time", *(f"r{beam}" for beam in range(max(beams)))]) + "\n" + "\n".join(rows) + "\n"
+
+
+def rows_of(*sweeps: list[int]) -> str:
+    """A CSV with a row for each beam: time, number, range."""
+    return "time,beam,range\n" + "".join(f"{k},{beam},1.0{k}\n" for k, beams in enumerate(sweeps, 1) for beam in beams)
+
+
+SHIFTED = "lost beams shift all bearings after them (log the angle: --columns time,angle,range)"
+UNEVEN = {
+    "lists": (lists(90, 87, 90, 85, 90, 90), f"2 of 6 sweeps have 85 to 87 beams, not 90: {SHIFTED}"),
+    "lists, the last one cut": (lists(90, 90, 87, 90, 40), f"1 of 5 sweeps have 87 beams, not 90: {SHIFTED}"),
+    "short rows": (wide(88, 90, 87, 90, 90, 86), f"1 of 6 sweeps have 87 beams, not 90: {SHIFTED}"),
+    "places in a list": (
+        rows_of([*range(20)], [*range(17)], [*range(20)], [*range(20)]),
+        f"1 of 4 sweeps have 17 beams, not 20: {SHIFTED}",
+    ),
+}
+EVEN = {
+    "alike": lists(90, 90, 90),
+    "the last one cut": lists(90, 90, 90, 40),
+    "the first one cut": lists(40, 90, 90, 90),
+    "an empty one": lists(90, 0, 90, 90),
+    "numbers with gaps": rows_of([*range(20)], [*range(5), *range(7, 19)], [*range(20)], [*range(20)]),
+    "bearings that are told": 'time,angle_min,angle_increment,ranges\n1,0,0.1,"[1.0, 1.1, 1.2]"\n2,0,0.1,"[1.0, 1.1]"\n'
+    '3,0,0.1,"[1.0, 1.1, 1.3]"\n',
+}
+
+
+def geometry_of(text: str) -> list[str]:
+    """What is said of the geometry of a CSV over a turn of 360 degrees."""
+    log = CsvLog(io.BytesIO(text.encode()), OpenOptions(fov=2 * np.pi))
+    for _ in read_batches(log, ReadOptions(), report := ReadReport()):
+        pass
+    return [found.message for found in report.findings() if found.id == "geometry" and found.level == "warning"]
+
+
+@pytest.mark.parametrize("name", UNEVEN)
+def test_lists_of_uneven_length_have_no_bearings(name: str) -> None:
+    text, words = UNEVEN[name]
+    assert geometry_of(text) == [f"/scan: {words}"]
+
+
+@pytest.mark.parametrize("name", EVEN)
+def test_lengths_that_shift_no_bearing_are_not_told(name: str) -> None:
+    assert geometry_of(EVEN[name]) == []

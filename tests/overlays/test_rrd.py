@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -41,6 +43,10 @@ class Shown:
     @property
     def entities(self) -> set[str]:
         return {entity for entity, _ in self._chunks}
+
+    @property
+    def components(self) -> set[tuple[str, str]]:
+        return {(entity, name) for entity, batch in self._chunks for name in batch.schema.names}
 
     def rows(self, entity: str, component: str) -> Iterator[tuple[int, Any]]:
         """Stamp [ns], 0 of what is static, and values of each row."""
@@ -177,6 +183,21 @@ def test_sweeps_without_a_pose_are_not_drawn_where_others_have_one(lidarcli: Run
     assert "  note     10 sweeps are not drawn, for they have no pose" in ran.err.splitlines()
     drawn = [stamp for stamp, _ in Shown(out).rows("/scan/beams", "Points3D:positions")]
     assert drawn == [stamp.value for stamp in table["stamp"].to_pylist()[10:]]
+
+
+def test_of_an_overlay_for_ros_rerun_draws_the_map_alone(lidarcli: Run, made: Path, tmp_path: Path) -> None:
+    """As docs/overlay.md has it, of the rerun that is installed: what it draws has components of its own."""
+    overlay, shown = tmp_path / "o.mcap", tmp_path / "o.rrd"
+    assert lidarcli("map", DRIVE, "-o", tmp_path / "site.yaml").code == 0
+    told = ("--map", tmp_path / "site.yaml", "--objects", made / "drive.objects.parquet")
+    assert lidarcli("overlay", DRIVE, "-o", overlay, *told).code == 0
+    convert = [sys.executable, "-m", "rerun", "mcap", "convert", str(overlay), "-o", str(shown)]
+    subprocess.run(convert, env={**os.environ, "HOME": str(tmp_path)}, check=True, capture_output=True)
+    of = Shown(shown)
+    assert len(list(of.rows("/lidarcli/map", "GridMap:data"))) == 1
+    assert len(list(of.rows("/lidarcli/objects", "visualization_msgs.msg.MarkerArray:message"))) == 150
+    drawn = [name for entity, name in of.components if entity == "/lidarcli/objects" and name[0].isupper()]
+    assert all(name.startswith(("McapChannel:", "McapSchema:")) for name in drawn), drawn
 
 
 def test_without_rerun_the_extra_is_named(lidarcli: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -193,6 +193,9 @@ class LongDecoder(Decoder):
         if gridded and not self._noted:
             self._noted = True
             self.report.notes.append("bearings are not evenly spaced: beams are placed on a grid, gaps have no range")
+        if self.layout.numbered:
+            # Numbers with gaps are those of the sensor; without, they may be places in a list.
+            (self.report.numbered.discard if self._noted else self.report.numbered.add)(self._scan.topic)
         for cause in filter(None, causes):
             self.report.refused[(self._scan.topic, cause)] += 1
         kept = np.array([not cause for cause in causes], np.bool_)

@@ -122,6 +122,7 @@ class Decoder(ABC):
             first = known["angle_min"]
             step = (known["angle_max"] - first) / np.maximum(beams - 1, 1)
         else:
+            self.report.numbered.add(scan.topic)
             first, step = given_geometries(self.options, beams)
         least = known.get("range_min", np.zeros(rows))
         most = known.get("range_max", np.full(rows, np.inf))
