@@ -126,6 +126,14 @@ class Picture:
         return ranges
 
     @property
+    def change(self) -> Float64 | None:
+        """(B,) difference from the background [m]; None without one."""
+        if self.difference is not None or self.background is None:
+            return self.difference
+        change: Float64 = self.ranges - self.background
+        return change
+
+    @property
     def step(self) -> float:
         """Angle from beam to beam [rad], positive."""
         return abs(float(self.batch.angle_increment[0]))
@@ -187,6 +195,10 @@ class Limits(NamedTuple):
     y: tuple[float, float]
     r: float
     s: float
+    d_th: float = 0.0
+    """The greatest one."""
+    change: float = 0.0
+    """The greatest difference from a background, with some air."""
 
     @property
     def aspect(self) -> float:
@@ -197,7 +209,7 @@ class Limits(NamedTuple):
 def limits_of(pictures: Sequence[Picture]) -> Limits:
     """Return limits that hold the beams, objects and tracks of all pictures, with some air around them."""
     parts = [np.zeros((1, 2))]
-    jump, reach = 0.1, 0.0
+    jump, reach, d_th, change = 0.1, 0.0, 0.0, 0.0
     for picture in pictures:
         beams = picture.points[np.isfinite(picture.ranges)]
         own = float(np.hypot(*beams.T).max(initial=0.0))
@@ -208,14 +220,20 @@ def limits_of(pictures: Sequence[Picture]) -> Limits:
         outlines = np.concatenate(others)
         # A profile without a largest size fits circles to walls.
         parts += [beams, outlines[np.hypot(*outlines.T) <= FAR * own]]
-        jump = max(jump, float(np.nanmax(np.abs(np.diff(picture.ranges)), initial=0.0)))
-        reach = max(reach, own)
+        found = picture.detection
+        assert found.beam_s is not None  # pictures are made with `per_beam`
+        # Over the seam and over lost beams differences may be greater than from beam to beam.
+        steps = np.concatenate([np.diff(picture.ranges), found.beam_s[0], found.s_i, found.s_f])
+        jump = max(jump, float(np.nanmax(np.abs(steps), initial=0.0)))
+        reach, d_th = max(reach, own), max(d_th, float(found.sweep_d_th[0]))
+        if picture.change is not None:
+            change = max(change, float(np.nanmax(np.abs(picture.change), initial=0.0)))
     xy = np.concatenate(parts)
     low, high = xy.min(axis=0), xy.max(axis=0)
     sides = high - low
     air = max(0.09 * float(sides.min()), 0.03 * float(sides.max()), 0.1)
     (left, bottom), (right, top) = (low - air).tolist(), (high + air).tolist()
-    return Limits((left, right), (bottom, top), max(1.05 * reach, 0.1), 1.1 * jump)
+    return Limits((left, right), (bottom, top), max(1.05 * reach, 0.1), 1.1 * jump, d_th, max(1.1 * change, 0.1))
 
 
 def unwound(angle: Float64) -> Float64:
