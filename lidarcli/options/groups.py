@@ -279,6 +279,9 @@ class Plotting(Joining, PoseGroup, Delay, ObjectGroup, Ranges, total=False):
         Option(PICTURE, File("FILE"), (), shown="none", several=True),
         "Draw the zones of this file (docs/zones.md), those that are occupied filled; may be repeated.",
     ]
+    follow: Annotated[
+        str | int | None, Option(PICTURE, Text("TRACK|ZONE"), shown="none"), "Track or zone in the middle of the scene."
+    ]
     width: Annotated[
         float | None,
         Option(LOOK, Number("MM", *choices.PICTURE_WIDTHS), shown="by --view", rare=True),
@@ -419,6 +422,8 @@ PLOT_RULES = (
     OptionRule(("trail",), ("view=map",), "is for the paths of --tracks in the scene"),
     OptionRule(("tracks",), ("view=all|scene|map",), "is drawn in the scene; give --view all, scene or map", True),
     OptionRule(("zones",), ("view=all|scene",), "is drawn in the scene; give --view all or scene", True),
+    OptionRule(("follow",), ("tracks", "zones"), "keeps a track of --tracks or a zone of --zones in the middle", True),
+    OptionRule(("follow",), ("view=all|scene",), "is for the scene; give --view all or scene", True),
     OptionRule(("only", "density"), ("tracks",), "is for --view map --tracks TABLE", True),
     OptionRule(("only", "density"), ("view=map",), "is for --view map --tracks TABLE", True),
     OptionRule(("fps",), ("animate",), "is for --animate", True),

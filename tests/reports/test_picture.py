@@ -26,7 +26,7 @@ from lidarcli.reports.drawing import Mark, Panel, draw_panel, write_gif
 from lidarcli.reports.picture import animate, draw
 from lidarcli.reports.scene import Limits, Picture, ZoneInSight, limits_of, printable, scene
 from lidarcli.reports.world import TrackPath
-from lidarcli.sweeps.masks import Polygon
+from lidarcli.sweeps.masks import Mount, Polygon
 from lidarcli.sweeps.types import Float64
 from lidarcli.sweeps.zone import Line, Zone
 from tests.places import SAMPLES
@@ -430,3 +430,41 @@ def test_labels_and_titles_of_a_frame_are_those_of_the_still_picture(monkeypatch
         below = slice(60, None)
         assert np.abs(ink - expected)[below].max() < 150.0
         assert (np.abs(ink - expected)[below] > 30.0).mean() < 0.002
+
+
+def test_a_scene_is_in_the_frame_of_the_robot_where_the_mount_is_known() -> None:
+    one = picture(room(b10_14=2.0))
+    path = TrackPath(4, True, "", True, np.array([1.0, 2.0]), np.array([0.0, 0.5]), (0.5, 0.0), (2.0, 0.4))
+    area = ZoneInSight(Zone("a", Polygon(((0.0, 0.0), (1.0, 0.0), (1.0, 1.0)))), np.eye(2), np.zeros(72, np.bool_), False)
+    one = replace(one, tracks=(path,), zones=(area,))
+    backward = replace(one, mount=Mount("laser", "base_link", -0.1, 0.0, np.pi))
+    assert backward.points == pytest.approx(np.array([-0.1, 0.0]) - one.points)
+    assert backward.outline(0) == pytest.approx(np.array([-0.1, 0.0]) - one.outline(0))
+    assert backward.paths[0].mark == pytest.approx((-2.1, -0.4))
+    assert backward.paths[0].velocity == pytest.approx((-0.5, 0.0))
+    assert backward.areas[0].corners == pytest.approx(np.array([[-1.1, 0.0], [-0.1, -1.0]]))
+    panel = scene(backward)
+    assert panel.frame.names == ("x in base_link [m]", "y in base_link [m]")
+    assert scene(one).frame.names == ("x [m]", "y [m]")
+    triangle = named(panel)["sensor"]
+    assert triangle.xy == pytest.approx(np.array([[-0.1, 0.0]]))
+    # It points back: a triangle without a turn points up.
+    assert triangle.style["marker"] == (3, 0, pytest.approx(90.0))
+    # Head down and ahead: left is right.
+    over = replace(one, mount=Mount("laser", "base_link", 0.3, 0.0, 0.0, upside_down=True))
+    assert over.points == pytest.approx(one.points * [1.0, -1.0] + [0.3, 0.0])
+    # Curves are by the bearings of the sensor.
+    for panel_of in (curves.sweep, curves.difference):
+        for mark, other in zip(panel_of(over, limits_of([over])).marks, panel_of(one, limits_of([one])).marks, strict=True):
+            assert mark.xy == pytest.approx(other.xy, nan_ok=True)
+
+
+def test_a_scene_that_follows_something_shows_it_in_its_middle_and_the_sensor() -> None:
+    pictures = [replace(picture(room()), followed="track 9", middle=(x, 0.0), mount=None) for x in (1.0, 5.0)]
+    limits = limits_of(pictures)
+    assert limits.x == limits.y == pytest.approx((-6.5, 6.5))
+    for one in pictures:
+        panel = scene(one, limits)
+        assert panel.frame.x == limits.x
+        assert named(panel)["sensor"].xy == pytest.approx(np.array([[-one.middle[0], 0.0]]))
+        assert panel.frame.names[0] == "x from track 9 [m]"
