@@ -160,11 +160,7 @@ class _Zones(TypedDict, total=False):
         ),
         "Shape '[[x, y], ...]' [m] of zones whose shape a topic tells that is not in the log.",
     ]
-    stops: Annotated[
-        bool,
-        Option(ZONES, None, False),
-        "Also tell when the robot stood after a drive, and what was ahead.",
-    ]
+    stops: Annotated[bool, Option(ZONES, None, False), "Also tell when the robot stood after a drive, and what was ahead."]
 
 
 class Around(TypedDict, total=False):
@@ -283,6 +279,9 @@ class Plotting(Joining, PoseGroup, Delay, ObjectGroup, Ranges, total=False):
         Paths,
         Option(PICTURE, File("FILE"), (), shown="none", several=True),
         "Draw the zones of this file (docs/zones.md), those that are occupied filled; may be repeated.",
+    ]
+    follow: Annotated[
+        str | int | None, Option(PICTURE, Text("TRACK|ZONE"), shown="none"), "Track or zone in the middle of the scene."
     ]
     width: Annotated[
         float | None,
@@ -424,6 +423,8 @@ PLOT_RULES = (
     OptionRule(("trail",), ("view=map",), "is for the paths of --tracks in the scene"),
     OptionRule(("tracks",), ("view=all|scene|map",), "is drawn in the scene; give --view all, scene or map", True),
     OptionRule(("zones",), ("view=all|scene",), "is drawn in the scene; give --view all or scene", True),
+    OptionRule(("follow",), ("tracks", "zones"), "keeps a track of --tracks or a zone of --zones in the middle", True),
+    OptionRule(("follow",), ("view=all|scene",), "is for the scene; give --view all or scene", True),
     OptionRule(("only", "density"), ("tracks",), "is for --view map --tracks TABLE", True),
     OptionRule(("only", "density"), ("view=map",), "is for --view map --tracks TABLE", True),
     OptionRule(("fps",), ("animate",), "is for --animate", True),

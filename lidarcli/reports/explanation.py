@@ -111,8 +111,8 @@ class Explanation(ReportPart):
         every = limits_of(self.pictures)
         points = [np.zeros((1, 2))]
         for one in self.pictures:
-            points += [zone.outline for zone in one.zones]
-            points += [np.array([path.mark]) for path in one.tracks or () if path.zone or path.number == one.marked]
+            points += [zone.outline for zone in one.areas]
+            points += [np.array([path.mark]) for path in one.paths if path.zone or path.number == one.marked]
         low, high = np.concatenate(points).min(axis=0) - AIR, np.concatenate(points).max(axis=0) + AIR
         # Neither side is more than twice as long as the other.
         short = np.maximum(0.5 * (high - low).max() - (high - low), 0.0) * 0.5

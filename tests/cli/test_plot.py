@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pyarrow as pa
+import pyarrow.compute as pc
 import pyarrow.parquet as pq
 import pytest
 from PIL import Image
@@ -552,3 +553,63 @@ def test_tables_of_a_part_are_told(lidarcli: Run, tables: Path, tmp_path: Path) 
             assert some in note
     ran = lidarcli("plot", DRIVE, "--view", "map", "--tracks", tables, "-o", tmp_path / "b.png")
     assert "is not drawn" not in ran.err
+
+
+BACKWARD = """
+[sensor]
+beams = 360
+angle_min = -180.0
+angle_max = 179.0
+rate = 10.0
+[robot.route]
+waypoints = [[0.0, 0.0], [3.0, 0.0]]
+speed = 0.5
+[robot.mount]
+x = 0.2
+yaw = 180.0
+[robot.odometry]
+[[wall]]
+points = [[-1.0, -2.0], [8.0, -2.0], [8.0, 2.0], [-1.0, 2.0]]
+closed = true
+"""
+
+
+def test_a_robot_with_its_laser_mounted_backward_drives_to_the_right(lidarcli: Run, tmp_path: Path) -> None:
+    (tmp_path / "back.toml").write_text(BACKWARD)
+    log = tmp_path / "back.mcap"
+    assert lidarcli("-q", "simulate", tmp_path / "back.toml", "-o", log, "--sweeps", 30).code == 0
+    first, last = (one.points for one in take_pictures(Source(str(log), "back"), PlotOptions((0, 29))).pictures)
+    # The wall ahead comes nearer, the one behind stays behind.
+    assert np.nanmax(first[:, 0]) == pytest.approx(8.0, abs=0.1)
+    assert np.nanmax(last[:, 0]) == pytest.approx(8.0 - 29 * 0.05, abs=0.1)
+    assert np.nanmin(last[:, 0]) == pytest.approx(-1.0 - 29 * 0.05, abs=0.1)
+    out = tmp_path / "a.svg"
+    assert lidarcli("-q", "plot", log, "--sweep", 3, "--view", "scene", "-o", out).code == 0
+    assert "x in base_link [m]" in words_of(out)
+
+
+def test_a_track_or_a_zone_is_followed(lidarcli: Run, logs: Path, tracked: Path, tmp_path: Path) -> None:
+    (source,) = find_logs([str(logs / "run.mcap")])
+    assert isinstance(source, Source)
+    # The track ends after half of the sweeps; there the middle stays.
+    path = tracked.with_name("run.trajectories.parquet")
+    pq.write_table((table := pq.read_table(path)).filter(pc.less(table["sweep"], 10)), path)
+    plain = take_pictures(source, PlotOptions((0, 5, 15), tracks=str(tracked))).pictures
+    taken = take_pictures(source, PlotOptions((0, 5, 15), tracks=str(tracked), follow="3")).pictures
+    assert [one.followed for one in taken] == ["track 3"] * 3
+    for one, other in zip(taken[:2], plain, strict=False):
+        assert one.middle == pytest.approx(other.paths[0].mark)
+        assert one.paths[0].mark == pytest.approx((0.0, 0.0))
+    assert not taken[2].paths
+    assert taken[2].middle == taken[1].middle
+    words = ("plot", logs / "run.mcap", "--view", "scene", "--sweep", 5, "-o", tmp_path / "a.svg")
+    assert lidarcli(*words, "--tracks", tracked, "--follow", 3).code == 0
+    assert "x from track 3 [m]" in words_of(tmp_path / "a.svg")
+    (tmp_path / "zones.toml").write_text('[[zone]]\nname = "gate"\npolygon = [[1, 0], [2, 0], [2, 1], [1, 1]]\n')
+    assert lidarcli(*words, "--overwrite", "--zones", tmp_path / "zones.toml", "--follow", "gate").code == 0
+    assert "x from zone gate [m]" in words_of(tmp_path / "a.svg")
+    ran = lidarcli(*words, "--overwrite", "--tracks", tracked, "--follow", 8)
+    assert (ran.code, ran.err) == (
+        2,
+        f"lidarcli: {logs / 'run.mcap'}: no track or zone 8 in what is drawn, but track 3 (--follow)\n",
+    )

@@ -220,6 +220,7 @@ def plot_options(options: Values, parameters: Parameters | None, sweeps: tuple[i
         trail=TRAIL if options["trail"] is None else options["trail"],
         poses=poses,
         zones=_zones_of(options),
+        follow="" if options["follow"] is None else str(options["follow"]).strip(),
         **_chosen(options, "topic", "start", "end"),
     )
 
