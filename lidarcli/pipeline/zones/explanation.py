@@ -16,7 +16,7 @@ from lidarcli.logs.base import Log, ReadReport
 from lidarcli.options.times import SECOND_NS, Instant
 from lidarcli.pipeline.inputs.sources import Source
 from lidarcli.pipeline.inputs.tables import TableSet, contradicted
-from lidarcli.pipeline.inputs.tracked import paths_of, to_sensor
+from lidarcli.pipeline.inputs.tracked import columns_of, paths_of
 from lidarcli.pipeline.plotting import PlotOptions, take_pictures
 from lidarcli.pipeline.zones.counts import TopicSeries
 from lidarcli.pipeline.zones.events import APPROACH, NAV2, OCCUPIED, STALE, STOP, ZoneEvents
@@ -127,23 +127,20 @@ class _Answer:
 
     @cached_property
     def culprit(self) -> tuple[Int64, Float64]:
-        """Stamps [ns] of the track of the cause where it is seen, and its distance from the sensor [m]."""
-        none = np.zeros(0, np.int64), np.zeros(0)
+        """Stamps [ns] of the sweeps that see the track of the cause, and the range of its nearest point [m]."""
         track = None if self.cause is None else self.cause["track"]
-        if self.tables is None or track is None or not self.tables.trajectories.exists():
-            return none
-        lead = self.lead
-        paths = paths_of(self.tables, lead.topic)
-        own = np.arange(len(paths.track))[paths.of(track)]
-        own = own[~paths.hidden[own]]
-        sweeps = lead.column("sweep")
+        if self.tables is None or track is None:
+            return np.zeros(0, np.int64), np.zeros(0)
+        rows = columns_of(self.tables, "objects", ("topic", "sweep", "track", "r_min"))
+        own = (rows["topic"] == self.lead.topic) & (rows["track"] == track)
+        sweeps = self.lead.column("sweep")
         order = np.argsort(sweeps)
-        at = order[np.minimum(np.searchsorted(sweeps, paths.sweep[own], sorter=order), len(sweeps) - 1)]
-        there = sweeps[at] == paths.sweep[own]
-        own, at = own[there], at[there]
-        here = to_sensor(lead.column("pose")[at], paths.x[own], paths.y[own])
-        x, y = (np.where(paths.in_world[own], mine, its[own]) for mine, its in zip(here, (paths.x, paths.y), strict=True))
-        return lead.column("stamp_ns")[at], np.hypot(x, y)
+        at = order[np.minimum(np.searchsorted(sweeps, rows["sweep"][own], sorter=order), len(sweeps) - 1)]
+        nearest = np.full(len(sweeps), np.inf)
+        np.minimum.at(nearest, at, rows["r_min"][own])
+        stamps, seen = self.lead.column("stamp_ns"), np.isfinite(nearest)
+        order = np.argsort(stamps[seen], kind="stable")
+        return stamps[seen][order], nearest[seen][order]
 
     # In words.
 
