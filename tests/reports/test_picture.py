@@ -419,6 +419,16 @@ def test_a_frame_is_the_still_picture(view: str, monkeypatch: pytest.MonkeyPatch
 
 
 @pytest.mark.slow
+def test_axes_that_change_are_drawn_anew(monkeypatch: pytest.MonkeyPatch) -> None:
+    # The second sweep spans less of a turn.
+    pictures = [picture(room()), picture(room()[:50]), picture(room(b10_14=2.0))]
+    look = Look(title=False, legend=False)
+    frames = frames_of(pictures, "sweep", look, monkeypatch)
+    for frame, still in zip(frames, drawn_anew(pictures, "sweep", look), strict=True):
+        assert np.array_equal(frame, still)
+
+
+@pytest.mark.slow
 def test_labels_and_titles_of_a_frame_are_those_of_the_still_picture(monkeypatch: pytest.MonkeyPatch) -> None:
     pictures = [sample("people.csv.gz", number) for number in (0, 20, 34)]
     look = Look(legend=False)
