@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from datetime import UTC, datetime
+from datetime import UTC
 from html import escape
 from typing import NamedTuple, Protocol, TypeVar
+
+from lidarcli.options.times import TimeZone, is_date, local, zone_name
 
 _SHOWN = 4
 """Names of a list that are shown."""
@@ -106,26 +108,43 @@ def span(values: Iterable[float], form: str, unit: str) -> str:
     return f"{low} {unit}" if low == high else f"{low} to {high} {unit}"
 
 
-def moment(stamp_ns: int) -> str:
+def moment(stamp_ns: int, zone: TimeZone = UTC) -> str:
     """Return date and time of a wall clock, or plain seconds of a clock that started near zero (simulation).
 
     >>> moment(1_700_000_000_250_000_000), moment(2_500_000_000)
     ('2023-11-14T22:13:20.250Z', '2.500 s')
     """
-    return stamp(stamp_ns) if 10**17 <= stamp_ns < 10**20 else f"{stamp_ns * 1e-9:.3f} s"
+    return stamp(stamp_ns, zone) if is_date(stamp_ns) else f"{stamp_ns * 1e-9:.3f} s"
 
 
-def stamp(stamp_ns: int) -> str:
-    """Return a stamp in UTC, to the millisecond; in nanoseconds where the calendar ends.
+def stamp(stamp_ns: int, zone: TimeZone = UTC) -> str:
+    """Return a stamp in a time zone, to the millisecond; in nanoseconds where the calendar ends.
 
     >>> stamp(1_700_000_000_123_456_789), stamp(10**30)
     ('2023-11-14T22:13:20.123Z', '1000000000000000000000000000000 ns')
     """
-    seconds, rest = divmod(stamp_ns, 1_000_000_000)
     try:
-        return f"{datetime.fromtimestamp(seconds, UTC):%Y-%m-%dT%H:%M:%S}.{rest // 1_000_000:03d}Z"
+        return local(stamp_ns, zone).isoformat(timespec="milliseconds").replace("+00:00", "Z")
     except (OverflowError, ValueError, OSError):
         return f"{stamp_ns} ns"
+
+
+def time_of_day(stamp_ns: int, zone: TimeZone = UTC) -> str:
+    """Return the time of day of a stamp; empty where it is no date.
+
+    >>> time_of_day(1_700_000_000_123_456_789), time_of_day(2_500_000_000)
+    ('22:13:20.1', '')
+    """
+    return f"{local(stamp_ns, zone):%H:%M:%S.%f}"[:-5] if is_date(stamp_ns) else ""
+
+
+def day(stamp_ns: int, zone: TimeZone = UTC) -> str:
+    """Return the date of a stamp with the name of the zone; empty where it is no date.
+
+    >>> day(1_700_000_000_123_456_789)
+    '2023-11-14 UTC'
+    """
+    return f"{local(stamp_ns, zone):%Y-%m-%d} {zone_name(zone)}" if is_date(stamp_ns) else ""
 
 
 def some_of(names: Sequence[str]) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from datetime import UTC
 from functools import cached_property
 from typing import NamedTuple
 
@@ -13,6 +14,7 @@ from lidarcli.display import palette
 from lidarcli.display.texts import counted, stamp
 from lidarcli.formalism import Detection
 from lidarcli.formalism.detection import CORNER, OBJECT, ROUND, SETS, SHAPES, VERTEX_KINDS, WALL
+from lidarcli.options.times import TimeZone
 from lidarcli.reports.drawing import Frame, Label, Mark, Panel, arrow, joined, sensor
 from lidarcli.reports.world import TrackPath
 from lidarcli.sweeps.masks import Polygon
@@ -87,6 +89,8 @@ class Picture:
     tracks: tuple[TrackPath, ...] | None = None
     """The tracks up to this sweep; None where none were given."""
     zones: tuple[ZoneInSight, ...] = ()
+    time_zone: TimeZone = UTC
+    """Time zone of the title."""
 
     @property
     def sweep(self) -> int:
@@ -103,7 +107,7 @@ class Picture:
             tracks = f", {counted(len(self.tracks), 'track')} ({counted(agents, 'agent')})"
         return (
             f"{printable(self.log)}  {printable(self.batch.topic)}  sweep {self.sweep}",
-            f"{stamp(int(self.batch.stamp_ns[0]))}{tracks}, profile {self.profile}, "
+            f"{stamp(int(self.batch.stamp_ns[0]), self.time_zone)}{tracks}, profile {self.profile}, "
             f"$d_{{th}}$ = {float(self.detection.sweep_d_th[0]):.3g} m ({self.threshold}), {objects}",
         )
 

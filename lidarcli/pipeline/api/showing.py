@@ -99,7 +99,7 @@ def _picture(log: Paths | SweepBatch, sweep: int, parameters: Parameters | None,
         if sweep:
             raise OptionError("--at names one sweep: give either at or sweep")
         try:
-            time = as_time(at)
+            time = as_time(at, wanted.time_zone)
         except OptionError as err:
             raise OptionError(f"--at: {err}") from None
         wanted = replace(wanted, sweeps=(sweep_at(source, time, wanted.topic, wanted.opening),))
