@@ -7,7 +7,7 @@ from datetime import UTC
 from html import escape
 from typing import NamedTuple, Protocol, TypeVar
 
-from lidarcli.options.times import TimeZone, is_date, local, zone_name
+from lidarcli.options.times import TimeZone, is_date, local
 
 _SHOWN = 4
 """Names of a list that are shown."""
@@ -138,13 +138,24 @@ def time_of_day(stamp_ns: int, zone: TimeZone = UTC) -> str:
     return f"{local(stamp_ns, zone):%H:%M:%S.%f}"[:-5] if is_date(stamp_ns) else ""
 
 
-def day(stamp_ns: int, zone: TimeZone = UTC) -> str:
-    """Return the date of a stamp with the name of the zone; empty where it is no date.
+def times_of_day(stamps_ns: Sequence[int], zone: TimeZone = UTC) -> tuple[str, list[str]]:
+    """Return the heading and the cells of a column of times of day: their date once, if they share it.
 
-    >>> day(1_700_000_000_123_456_789)
-    '2023-11-14 UTC'
+    >>> times_of_day([1_700_000_000_123_456_789, 1_700_000_001_000_000_000]), times_of_day([2_500_000_000])
+    (('2023-11-14', ['22:13:20.1', '22:13:21.0']), ('', ['']))
     """
-    return f"{local(stamp_ns, zone):%Y-%m-%d} {zone_name(zone)}" if is_date(stamp_ns) else ""
+    clocks = [time_of_day(each, zone) for each in stamps_ns]
+    dates = [f"{local(each, zone):%Y-%m-%d}" if clock else "" for each, clock in zip(stamps_ns, clocks, strict=True)]
+    if len({*dates} - {""}) < 2:
+        return max(dates, default=""), clocks
+    return "time of day", [f"{date} {clock}".strip() for date, clock in zip(dates, clocks, strict=True)]
+
+
+def column_of_times(stamps_ns: Sequence[int], zone: TimeZone) -> list[str]:
+    """Return heading and cells of `times_of_day`, of one width with the gap behind them; empty where there are none."""
+    head, cells = times_of_day(stamps_ns, zone)
+    room = max(map(len, (head, *cells))) + 2 if head else 0
+    return [f"{each:<{room}}" for each in (head, *cells)]
 
 
 def some_of(names: Sequence[str]) -> str:

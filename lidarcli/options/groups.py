@@ -252,7 +252,7 @@ class Plotting(ClockGroup, Joining, PoseGroup, Delay, ObjectGroup, Ranges, total
     at: Annotated[
         float | str | None,
         Option(PICTURE, TIME, shown="none", unless=("sweep", "sweeps", "animate")),
-        "Draw the sweep nearest to this time, given like --start: 10, 2min, 14:02:17, 2026-11-22T10:00:00Z.",
+        "Draw the sweep nearest to this time, like --start: 2min, 14:02:17.",
     ]
     view: Annotated[
         Literal["all", "scene", "sweep"],

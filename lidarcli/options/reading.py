@@ -45,11 +45,7 @@ def parse_no_return_words(text: str) -> str:
 
 
 class ClockGroup(TypedDict, total=False):
-    time_zone: Annotated[
-        str,
-        Option(SELECT, TIME_ZONE, "UTC"),
-        "Zone of times without one, and of those that are shown: Europe/Berlin, +02:00, or local.",
-    ]
+    time_zone: Annotated[str, Option(SELECT, TIME_ZONE, "UTC"), "For times: Europe/Berlin, +02:00 or local."]
 
 
 class WindowGroup(ClockGroup, total=False):
@@ -58,10 +54,9 @@ class WindowGroup(ClockGroup, total=False):
     start: Annotated[
         float | str | None,
         Option(SELECT, TIME, shown="0"),
-        "Start at this time: seconds after the first sweep (10, 2min), time of day (14:02, 14:02:17.5), or "
-        "2026-11-22T10:00:00Z.",
+        "Start at this time: seconds after the first sweep (10, 2min), 14:02:17, or 2026-11-22T10:00:00Z.",
     ]
-    end: Annotated[float | str | None, Option(SELECT, TIME, shown="the end"), "End before this time, given like --start."]
+    end: Annotated[float | str | None, Option(SELECT, TIME, shown="the end"), "End before this time, like --start."]
 
 
 class RunGroup(TypedDict, total=False):

@@ -62,7 +62,7 @@ class TimeOfDay:
         return Instant(next(ns for moment in each if (ns := _ns_of(moment, self.zone)) >= first_ns - SLACK))
 
     def __str__(self) -> str:
-        return f"{self.clock} {zone_name(self.zone)}"
+        return f"{self.clock} {self.zone or 'local time'}"
 
 
 Time = float | Instant | TimeOfDay
@@ -72,11 +72,6 @@ Time = float | Instant | TimeOfDay
 def is_date(stamp_ns: int) -> bool:
     """Return False for a stamp of a clock that starts near zero: simulation, or a robot that was never set."""
     return 10**17 <= stamp_ns < 10**20
-
-
-def zone_name(zone: TimeZone) -> str:
-    """Return the name of a time zone as people write it."""
-    return str(zone or "local time")
 
 
 def parse_zone(text: str) -> TimeZone:
@@ -100,7 +95,7 @@ def parse_zone(text: str) -> TimeZone:
 
 def local(stamp_ns: int, zone: TimeZone) -> datetime:
     """Return date and time of a stamp in a time zone, to the microsecond (`OverflowError` where the calendar ends)."""
-    return (_EPOCH + timedelta(microseconds=stamp_ns // 1000)).astimezone(zone)
+    return (_EPOCH + timedelta(microseconds=int(stamp_ns) // 1000)).astimezone(zone)
 
 
 def _ns_of(moment: datetime, zone: TimeZone) -> int:

@@ -69,7 +69,7 @@ _POSE = (
     *(_open(f"pose_{axis}", "float64", "m", "sensor position in the world frame; null without a pose") for axis in "xy"),
     _open("pose_yaw", "float64", "rad", "sensor yaw in the world frame; null without a pose"),
 )
-EVENT_KINDS = ("occupied", "approach", "visit", "crossing", "stale")
+EVENT_KINDS = ("occupied", "approach", "visit", "crossing", "stale", "nav2", "stop")
 DIRECTIONS = ("in", "out")
 _NAME = _open("label", "text", "", "its name in the catalogue; null without one")
 _ZONE = Column("zone", "text", "", "name of the zone")
@@ -141,7 +141,7 @@ TABLES: dict[str, tuple[Column, ...]] = {
         Column("last_sweep", "int64", "1", "last sweep of the topic that belongs to it"),
         Column("sweeps", "int64", "1", "sweeps with enough points, or that see its agent"),
         _ZONE,
-        Column("kind", "text", "", "occupied, approach, visit, crossing or stale", words=EVENT_KINDS),
+        Column("kind", "text", "", "occupied, approach, visit, crossing, stale, nav2 or stop", words=EVENT_KINDS),
         Column("action", "text", "", "what the zone asks for: stop, slowdown, limit, approach or none", words=ACTIONS),
         _open("polygon", "text", "", "part of a velocity_polygon that counted; null elsewhere"),
         Column("start", "stamp", "ns", "stamp with which it begins"),

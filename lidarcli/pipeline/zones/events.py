@@ -22,7 +22,7 @@ from lidarcli.sweeps.types import Bool, Float64, Int64, UInt8
 from lidarcli.sweeps.zone import UNSEEN, WORLD, Line, Zone
 from lidarcli.tabular.schemas import DIRECTIONS, EVENT_KINDS
 
-OCCUPIED, APPROACH, VISIT, CROSSING, STALE = EVENT_KINDS
+OCCUPIED, APPROACH, VISIT, CROSSING, STALE = EVENT_KINDS[:5]
 FEW = 2
 """Places of a zone, of `SAMPLES`, from which on it is not observed where they are lost."""
 
