@@ -26,7 +26,7 @@ from lidarcli.cli.messages import (
     wrapped,
 )
 from lidarcli.display.screen import one_line
-from lidarcli.display.texts import counted, no_command
+from lidarcli.display.texts import counted, moment, no_command
 from lidarcli.files.stores import place
 from lidarcli.options.choices import EXPLAINED, JUNIT
 from lidarcli.options.common import CHECK, Checked, ManyLogs, Overwrite, Reported, TextOrJson, output
@@ -186,6 +186,7 @@ def zones(messages: MessageWriter, options: ZonesCommand) -> int:
     logs = log_options(options)
 
     from lidarcli.errors import CHECK_FAILED, UnreadableError
+    from lidarcli.options.times import as_time
     from lidarcli.pipeline.api.options import zone_options
     from lidarcli.pipeline.reporting import checks_of
     from lidarcli.pipeline.zones.options import Explained
@@ -195,7 +196,8 @@ def zones(messages: MessageWriter, options: ZonesCommand) -> int:
     with usage_errors():
         zoning = zone_options(options, logs, overwrite=options["overwrite"])
         if options["explain"] is not None:
-            time: Any = None if options["explain"] == "worst" else options["explain"]
+            zone = zoning.detect.read.time_zone
+            time = None if options["explain"] == "worst" else as_time(options["explain"], zone)
             zoning = replace(zoning, explain=Explained(time, tuple(answers), partial(_commands, options)))
         checks = understand(zoning, checks_of(options))
     messages.begin(options, finds=True)
@@ -210,7 +212,8 @@ def zones(messages: MessageWriter, options: ZonesCommand) -> int:
     failed, tables, problems, found = False, [], [], []
 
     def lines_of(run: ZoneSummary) -> list[str]:
-        where = f"{counted(run.sweeps, 'sweep')} of {', '.join(sorted(run.topics))}"
+        since = f" from {moment(run.first_ns, run.time_zone)}" if run.first_ns is not None else ""
+        where = f"{counted(run.sweeps, 'sweep')} of {', '.join(sorted(run.topics))}{since}"
         alone = len(sources) == 1
         lines = chain(*(wrapped(*line) for line in (*run.lines, *(run.worst if alone or messages.verbose else ()))))
         look = [f"  look     {_plot_command(options, *run.look)}"] if run.look and alone else []
@@ -321,13 +324,15 @@ def report(messages: MessageWriter, options: Mapping[str, Any]) -> int:
 
     from lidarcli.files.newfiles import refuse, write_whole
     from lidarcli.pipeline import reporting
+    from lidarcli.pipeline.api.options import time_zone_of
     from lidarcli.pipeline.inputs.search import files_of, find_logs
     from lidarcli.pipeline.inputs.tables import table_files
 
     formats = _formats(outputs, options["format"], reporting.SUFFIXES)
     if brief and not {*formats} & {*reporting.SHORT_FORMATS}:
         raise click.UsageError(f"--brief is for {', '.join(reporting.SHORT_FORMATS)}; leave it out for {formats[0]}")
-    parsed = reporting.ReportOptions(tables, reporting.checks_of(options), baseline, logs, options["join"])
+    checks, zone = reporting.checks_of(options), time_zone_of(options)
+    parsed = reporting.ReportOptions(tables, checks, baseline, logs, options["join"], zone)
     reporting.understand(parsed)
     files = [place(name) for name in (*outputs, *([init] if init else [])) if name != STDOUT]
     if files:

@@ -123,6 +123,7 @@ def plot(messages: MessageWriter, options: Mapping[str, Any]) -> int:
 
     from lidarcli.errors import UnreadableError
     from lidarcli.files.newfiles import refuse
+    from lidarcli.options.times import as_time
     from lidarcli.pipeline import plotting
     from lidarcli.pipeline.api.options import plot_options
     from lidarcli.pipeline.inputs.search import files_of, one_log
@@ -131,7 +132,8 @@ def plot(messages: MessageWriter, options: Mapping[str, Any]) -> int:
     wanted = replace(plot_options(options, None, sweeps), tracks=options["tracks"])
     source = one_log(options["log"], options["join"])
     if options["at"] is not None:
-        wanted = replace(wanted, sweeps=(plotting.sweep_at(source, options["at"], wanted.topic, wanted.opening),))
+        time = as_time(options["at"], wanted.time_zone)
+        wanted = replace(wanted, sweeps=(plotting.sweep_at(source, time, wanted.topic, wanted.opening),))
     elif view == MAP and options["sweep"] is None and options["sweeps"] is None:
         wanted = replace(wanted, sweeps=None)
     paths = _outputs(output, source, wanted.sweeps, animate, view == MAP)

@@ -19,6 +19,7 @@ from lidarcli.options.reading import (
     POSES,
     RANGES,
     SELECT,
+    ClockGroup,
     Delay,
     Joining,
     LimitsGroup,
@@ -235,7 +236,7 @@ class Cleaning(
     ]
 
 
-class Inspecting(TopicGroup, RunGroup, Joining, PoseGroup, Delay, Ranges, total=False):
+class Inspecting(TopicGroup, ClockGroup, RunGroup, Joining, PoseGroup, Delay, Ranges, total=False):
     deep: Annotated[
         bool,
         Option(FINDINGS, None, False),
@@ -248,11 +249,11 @@ class Inspecting(TopicGroup, RunGroup, Joining, PoseGroup, Delay, Ranges, total=
     ]
 
 
-class Plotting(Joining, PoseGroup, Delay, ObjectGroup, Ranges, total=False):
+class Plotting(ClockGroup, Joining, PoseGroup, Delay, ObjectGroup, Ranges, total=False):
     at: Annotated[
         float | str | None,
         Option(PICTURE, TIME, shown="none", unless=("sweep", "sweeps", "animate")),
-        "Draw the sweep nearest to this time, given like --start: 10, 2min, 2026-11-22T10:00:00Z.",
+        "Draw the sweep nearest to this time, like --start: 2min, 14:02:17.",
     ]
     view: Annotated[
         Literal["all", "scene", "sweep"],
@@ -298,7 +299,7 @@ class Plotting(Joining, PoseGroup, Delay, ObjectGroup, Ranges, total=False):
     vertices: Annotated[bool, Option(LOOK, None, False, rare=True), "Mark vertices and nearest points in the scene, too."]
 
 
-class Reporting(Joining, total=False):
+class Reporting(ClockGroup, Joining, total=False):
     check: Annotated[
         str | Iterable[str], CHECK, "Condition that must hold, else the exit code is 1; may be repeated (docs/reports.md)."
     ]

@@ -38,14 +38,22 @@ OUTPUT, MANY = "Output", "Many logs"
 CHECKS = "Checks"
 
 
-def parse_time_text(text: str) -> Any:
-    """Seconds after the first sweep, or an `Instant`."""
+def parse_time_text(text: str) -> str:
+    """The text as it is, once it is known to be a time; what it means depends on the time zone."""
     from lidarcli.options.times import parse_time
 
     found = parse_time(text)
     if isinstance(found, float) and found < 0:
         raise OptionError(f"{text} is below 0")
-    return found
+    return text
+
+
+def parse_zone_text(text: str) -> str:
+    """The text as it is, once it is known to be a time zone."""
+    from lidarcli.options.times import parse_zone
+
+    parse_zone(text)
+    return text
 
 
 def parse_explained(text: str) -> Any:
@@ -79,5 +87,5 @@ WIDTH, LENGTH = Number("METRES", 0, above=True), Number("METRES", 0)
 COUNT, COUNT_OR_NONE = (Number("N", 1, choices.MAX_COUNT, whole=True), Number("N", 0, choices.MAX_COUNT, whole=True))
 TURN = Number("DEGREES", 0, above=True)
 SWEEP = Number("N", 0, choices.LAST_SWEEP, whole=True)
-TIME = Text("TIME", parse_time_text)
+TIME, TIME_ZONE = Text("TIME", parse_time_text), Text("ZONE", parse_zone_text)
 INPUT = File("LOG")

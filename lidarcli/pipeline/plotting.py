@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from datetime import UTC
 from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Generic, TypeVar
 
 import numpy as np
 
+from lidarcli.display.texts import stamp
 from lidarcli.errors import NoScanError, OptionError, UnreadableError
 from lidarcli.files.newfiles import NewFiles, write_whole, writing
 from lidarcli.files.stores import Place
@@ -21,7 +23,7 @@ from lidarcli.logs.base import OpenOptions, ReadReport
 from lidarcli.logs.batches import ReadOptions, read_batches
 from lidarcli.logs.registry import TopicChoice, nothing_read
 from lidarcli.options.choices import AS_IT_COMES, IMAGES, MATCH, TRAIL, Look
-from lidarcli.options.times import SAME_STAMP, SECOND_NS, Instant
+from lidarcli.options.times import SAME_STAMP, SECOND_NS, Instant, Time, TimeOfDay, TimeZone
 from lidarcli.pipeline.inputs.sources import Source, naming, open_source
 from lidarcli.pipeline.reading.masking import masking_of
 from lidarcli.pipeline.reading.needs import NO_POSES, Need, PoseOptions
@@ -75,14 +77,16 @@ class PlotOptions:
     """Length of these paths [s]."""
     poses: PoseOptions = field(default_factory=PoseOptions)
     """For a background of several stations."""
-    start: float | Instant | None = None
+    start: Time | None = None
     """Of all sweeps, those from here on [s from the first one]."""
-    end: float | Instant | None = None
+    end: Time | None = None
     """Of all sweeps, those before this [s]."""
     zones: Zones | None = None
     """Zones to draw into the scene."""
     follow: str = ""
     """Track, by its number, or zone in the middle of the scene; empty: none."""
+    time_zone: TimeZone = UTC
+    """Time zone of titles, and of times without one."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,7 +120,9 @@ def _take(source: Source, options: PlotOptions, work: _PictureMaker, progress: P
         topic, notes = _topic(choice)
         topics = frozenset({topic}) if topic else None
         masking = masking_of(log, options.rules, options.poses, topics)
-        read = ReadOptions(topics=topics, start=options.start, end=options.end, batch_size=BATCH, rules=masking.rules)
+        read = ReadOptions(
+            topics, options.start, options.end, batch_size=BATCH, rules=masking.rules, time_zone=options.time_zone
+        )
         rows: list[SweepBatch] = []
         last = -1
         last_ns, showing = 0, None
@@ -194,7 +200,7 @@ def _out_of_view(pictures: Sequence[Picture]) -> Iterator[str]:
             yield f"zone {name} lies outside of the picture"
 
 
-def sweep_at(source: Source, time: float | Instant, topic: str | None, opening: OpenOptions) -> int:
+def sweep_at(source: Source, time: Time, topic: str | None, opening: OpenOptions) -> int:
     """Return the index of the sweep that is nearest to a time, the first of several that are equally near.
 
     Raises
@@ -208,14 +214,16 @@ def sweep_at(source: Source, time: float | Instant, topic: str | None, opening: 
         choice = TopicChoice([topic] if topic else [], log.topics())
         name, _ = _topic(choice)
         report = ReadReport()
-        best, nearest_ns, target_ns = -1, 0, 0
+        best, nearest_ns, target_ns, first_ns, last_ns = -1, 0, 0, 0, 0
         for batch in read_batches(log, ReadOptions(topics=frozenset({name}) if name else None), report):
             name = name or batch.topic
             if batch.topic != name:
                 continue
             if best < 0:
                 first_ns = int(batch.stamp_ns[0])
-                target_ns = time.ns if isinstance(time, Instant) else first_ns + round(time * SECOND_NS)
+                moment = time.after(first_ns) if isinstance(time, TimeOfDay) else time
+                target_ns = moment.ns if isinstance(moment, Instant) else first_ns + round(moment * SECOND_NS)
+            last_ns = int(batch.stamp_ns[-1])
             # The target may be farther away than int64 can hold.
             away = [abs(stamp_ns - target_ns) for stamp_ns in batch.stamp_ns.tolist()]
             if best < 0 or min(away) < nearest_ns:
@@ -227,9 +235,11 @@ def sweep_at(source: Source, time: float | Instant, topic: str | None, opening: 
     if best < 0:
         raise nothing_read(damage, NoScanError("no LaserScan in it"), [name] if name else [])
     if nearest_ns > NEAR * SECOND_NS:
+        nearest = f"the nearest, sweep {best}, is {nearest_ns / SECOND_NS:,.1f} s away"
+        if isinstance(time, TimeOfDay) and target_ns > last_ns:
+            nearest = f"its sweeps lie between {stamp(first_ns, time.zone)} and {stamp(last_ns, time.zone)}"
         raise OptionError(
-            f"{source.label}: no sweep of {name} at {time if isinstance(time, Instant) else f'{time:g} s'}: the nearest, "
-            f"sweep {best}, is {nearest_ns / SECOND_NS:,.1f} s away"
+            f"{source.label}: no sweep of {name} at {f'{time:g} s' if isinstance(time, float) else time}: {nearest}"
         )
     return best
 
@@ -305,6 +315,7 @@ class _PictureMaker:
             paths = tuple(replace(one, zone=culprits.get(one.number, "")) for one in paths)
         picture = Picture(
             log=self._log,
+            time_zone=self._options.time_zone,
             batch=batch,
             detection=detection,
             profile=parameters.profile,

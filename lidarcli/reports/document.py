@@ -11,6 +11,8 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
+from lidarcli.display.texts import time_of_day
+from lidarcli.options.times import TimeZone
 from lidarcli.reports.columns import Origin
 from lidarcli.reports.run_pairs import RunPair
 from lidarcli.sweeps.types import Float64
@@ -90,14 +92,18 @@ class Notes:
     alarming: bool = False
 
 
+Spans = Sequence[tuple[float, float]]
+
+
 class Band(NamedTuple):
     """Stretches in which something went on, in shares of a time."""
 
     name: str
     word: str
-    """Kind of what went on: an action, by which pages colour it."""
-    spans: Sequence[tuple[float, float]]
-    thin: Sequence[tuple[float, float]]
+    """Action that a zone asks for."""
+    parts: Sequence[tuple[str, Spans]]
+    """Kinds of what went on, each with its stretches: an action, by which pages colour them, `stale` or `still`."""
+    thin: Spans = ()
     """Spans of less weight."""
 
 
@@ -109,6 +115,12 @@ class Bands:
     seconds: float
     """Length of the time."""
     bands: Sequence[Band]
+    start_ns: int
+    time_zone: TimeZone
+
+    def clock(self, share: float) -> str:
+        """Return the time of day at a share of the time; empty where nobody knows it."""
+        return time_of_day(self.start_ns + round(share * self.seconds * 1e6) * 1000, self.time_zone)
 
 
 @dataclass(frozen=True, slots=True)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from datetime import UTC
 from functools import cached_property
 from typing import NamedTuple
 
@@ -13,6 +14,7 @@ from lidarcli.display import palette
 from lidarcli.display.texts import counted, stamp
 from lidarcli.formalism import Detection
 from lidarcli.formalism.detection import CORNER, OBJECT, ROUND, SETS, SHAPES, VERTEX_KINDS, WALL
+from lidarcli.options.times import TimeZone
 from lidarcli.reports.drawing import Frame, Label, Mark, Panel, arrow, joined, sensor
 from lidarcli.reports.world import TrackPath
 from lidarcli.sweeps.masks import Mount, Polygon
@@ -106,6 +108,8 @@ class Picture:
     """What is in the middle of the scene, such as `track 9`; empty: nothing."""
     middle: tuple[float, float] = (0.0, 0.0)
     """Where that is, in the frame of the scene [m]."""
+    time_zone: TimeZone = UTC
+    """Time zone of the title."""
 
     @property
     def sweep(self) -> int:
@@ -122,7 +126,7 @@ class Picture:
             tracks = f", {counted(len(self.tracks), 'track')} ({counted(agents, 'agent')})"
         return (
             f"{printable(self.log)}  {printable(self.batch.topic)}  sweep {self.sweep}",
-            f"{stamp(int(self.batch.stamp_ns[0]))}{tracks}, profile {self.profile}, "
+            f"{stamp(int(self.batch.stamp_ns[0]), self.time_zone)}{tracks}, profile {self.profile}, "
             f"$d_{{th}}$ = {float(self.detection.sweep_d_th[0]):.3g} m ({self.threshold}), {objects}",
         )
 

@@ -130,14 +130,14 @@ def short_label(label: str) -> str:
     return label if len(label) <= 11 else f"{label[:8].rstrip()}..."
 
 
-def course(spans: Sequence[tuple[float, float]], thin: Sequence[tuple[float, float]], width: int) -> str:
-    """Return spans, in shares of a time, as a line of `width` characters; thin ones lie lower.
+def course(layers: Sequence[tuple[str, Sequence[tuple[float, float]]]], width: int) -> str:
+    """Return spans, in shares of a time, as a line of `width` characters, each layer with its mark over those before.
 
-    >>> course([(0.2, 0.5)], [(0.0, 0.05), (0.4, 1.0)], 10)
+    >>> course([("▁", [(0.0, 0.05), (0.4, 1.0)]), ("█", [(0.2, 0.5)])], 10)
     '▁·████▁▁▁▁'
     """
     marks = ["·"] * width
-    for mark, chosen in (("▁", thin), ("█", spans)):
+    for mark, chosen in layers:
         for low, high in chosen:
             for k in range(min(int(low * width), width - 1), min(int(high * width), width - 1) + 1):
                 marks[k] = mark

@@ -274,7 +274,9 @@ def test_the_log_is_read_only_up_to_the_sweep(large: bytes, tmp_path: Path, monk
 
 
 @pytest.mark.usefixtures("undrawn")
-@pytest.mark.parametrize(("time", "sweep"), [("1724ms", 34), ("1726ms", 35), ("2023-11-14T22:13:21.7Z", 34), ("4.5s", 79)])
+@pytest.mark.parametrize(
+    ("time", "sweep"), [("1724ms", 34), ("1726ms", 35), ("2023-11-14T22:13:21.7Z", 34), ("22:13:21.7", 34), ("4.5s", 79)]
+)
 def test_the_sweep_at_a_time(lidarcli: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, time: str, sweep: int) -> None:
     monkeypatch.chdir(tmp_path)
     ran = lidarcli("plot", SAMPLES / "people.csv.gz", "--at", time, "--view", "sweep", "--dpi", 30)
@@ -287,6 +289,7 @@ def test_the_sweep_at_a_time(lidarcli: Run, tmp_path: Path, monkeypatch: pytest.
         ("9999-01-01", "9999-01-01T00:00:00Z", "sweep 79, is 251,670,764,796.0 s away"),
         ("0001-01-01", "0001-01-01T00:00:00Z", "sweep 0, is 63,835,596,800.0 s away"),
         ("100", "100 s", "sweep 79, is 96.0 s away"),
+        ("22:13", "22:13:00 UTC", "sweep 0, is 20.0 s away"),
     ],
 )
 def test_a_time_without_a_sweep_near_it(lidarcli: Run, time: str, shown: str, nearest: str) -> None:
@@ -294,6 +297,34 @@ def test_a_time_without_a_sweep_near_it(lidarcli: Run, time: str, shown: str, ne
     log = SAMPLES / "people.csv.gz"
     ran = lidarcli("plot", log, "--at", time)
     assert (ran.code, ran.err) == (2, f"lidarcli: {log}: no sweep of /scan at {shown}: the nearest, {nearest}\n")
+
+
+def test_a_time_of_day_that_the_log_lacks(lidarcli: Run) -> None:
+    log = SAMPLES / "people.csv.gz"
+    ran = lidarcli("plot", log, "--at", "22:13:21", "--time-zone", "Europe/Berlin")
+    assert (ran.code, ran.err) == (
+        2,
+        f"lidarcli: {log}: no sweep of /scan at 22:13:21 Europe/Berlin: its sweeps lie between "
+        "2023-11-14T23:13:20.000+01:00 and 2023-11-14T23:13:23.950+01:00\n",
+    )
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_the_time_zone_is_an_option_and_a_setting(lidarcli: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    words = ("plot", SAMPLES / "people.csv.gz", "--view", "sweep", "--dpi", 30, "--overwrite", "--at")
+    ran = lidarcli(*words, "23:13:21.7", "--time-zone", "Europe/Berlin")
+    assert (ran.code, ran.err.splitlines()[-1]) == (0, "  wrote    people-34.png")
+    (tmp_path / "lab.toml").write_text('time-zone = "+05:30"\n[plot]\nat = 03:43:21.7\n')
+    ran = lidarcli("--config", "lab.toml", *words[:-1])
+    assert (ran.code, ran.err.splitlines()[-1]) == (0, "  wrote    people-34.png")
+    monkeypatch.setenv("LIDARCLI_PLOT_TIME_ZONE", "Mars")
+    ran = lidarcli(*words, "22:13:21.7")
+    assert (ran.code, ran.err.splitlines()[-1]) == (
+        2,
+        "Error: Invalid value for '--time-zone': 'Mars' is no time zone: give a name such as Europe/Berlin, an offset such "
+        "as +02:00, or local (set in LIDARCLI_PLOT_TIME_ZONE).",
+    )
 
 
 DRIVE = SAMPLES / "drive.db3"

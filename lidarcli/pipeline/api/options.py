@@ -23,7 +23,7 @@ from lidarcli.options.forms import Text, defaults_of
 from lidarcli.options.groups import parse_mends, parse_removed, parse_value
 from lidarcli.options.objects import FindingGroup, ObjectGroup, Tracking
 from lidarcli.options.reading import parse_no_return
-from lidarcli.options.times import Instant, as_time
+from lidarcli.options.times import TimeZone, as_time, parse_zone
 from lidarcli.options.values import AnyPath
 from lidarcli.pipeline.inputs.catalogue import read_catalogue
 from lidarcli.pipeline.inputs.masks import AUTO, read_masks
@@ -108,7 +108,15 @@ def read_options(options: Values) -> ReadOptions:
         masks = Masks(learn=True) if mask == AUTO else read_masks(path_text(mask))
     rules = range_rules(options["range"], parse_no_return(text), masks)
     start, end, run = (options.get(name) for name in ("start", "end", "run"))
-    return ReadOptions(topics, start, end, run, options.get("every", 1), rules=rules)
+    return ReadOptions(topics, start, end, run, options.get("every", 1), rules=rules, time_zone=time_zone_of(options))
+
+
+def time_zone_of(options: Values) -> TimeZone:
+    """Return the time zone of times without one, and of those that people read."""
+    try:
+        return parse_zone(options.get("time_zone") or "UTC")
+    except OptionError as err:
+        raise OptionError(f"--time-zone: {err}") from None
 
 
 def pose_options(options: Values) -> PoseOptions:
@@ -193,7 +201,7 @@ def clean_options(options: Values, *, overwrite: bool = False) -> CleanOptions:
 
 def _around(value: float | str) -> float:
     around = as_time(value)
-    if isinstance(around, Instant) or around < 0:
+    if not isinstance(around, float) or around < 0:
         raise OptionError(f"--around: {value} is no time before and after a row")
     return around
 
@@ -221,7 +229,10 @@ def plot_options(options: Values, parameters: Parameters | None, sweeps: tuple[i
         poses=poses,
         zones=_zones_of(options),
         follow="" if options["follow"] is None else str(options["follow"]).strip(),
-        **_chosen(options, "topic", "start", "end"),
+        time_zone=read.time_zone,
+        topic=options.get("topic"),
+        start=given(lambda time: as_time(time, read.time_zone), options.get("start")),
+        end=given(lambda time: as_time(time, read.time_zone), options.get("end")),
     )
 
 

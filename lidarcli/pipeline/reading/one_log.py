@@ -8,6 +8,7 @@ from collections import Counter, deque
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
+from datetime import UTC
 from functools import partial
 from itertools import chain
 from pathlib import Path
@@ -23,7 +24,7 @@ from lidarcli.logs.base import MAX_BEAMS, Log, OpenOptions, ReadReport, Slice
 from lidarcli.logs.batches import LONGEST, LogBatcher, ReadOptions
 from lidarcli.logs.registry import TopicChoice, nothing_read
 from lidarcli.options.choices import ECHOES, KEEP, NO_RETURN_WORDS
-from lidarcli.options.times import Instant
+from lidarcli.options.times import Time, TimeZone
 from lidarcli.pipeline.inputs.masks import AUTO, masks_of, plain
 from lidarcli.pipeline.inputs.sources import Source, made_of_clouds, open_source, parts_of
 from lidarcli.pipeline.reading.masking import MaskRules, masking_of
@@ -52,6 +53,8 @@ class RunSummary:
     followed: list[tuple[Any, ...]] = field(default_factory=list)
     """The agents: topic and `tracking.OF_AGENTS`."""
     first_ns: int | None = None
+    time_zone: TimeZone = UTC
+    """Time zone of what people read."""
     by_status: Counter[str] = field(default_factory=Counter)
     """`valid`, `no_return`, `too_close`, `invalid`, `masked` → beams."""
     by_set: Counter[str] = field(default_factory=lambda: Counter(dict.fromkeys(SETS, 0)))
@@ -198,8 +201,8 @@ def reading_as_dict(read: ReadOptions, opening: OpenOptions, poses: PoseOptions)
     }
 
 
-def _plain(time: float | Instant | None) -> float | str | None:
-    return str(time) if isinstance(time, Instant) else time
+def _plain(time: Time | None) -> float | str | None:
+    return time if time is None or isinstance(time, float) else str(time)
 
 
 class Reading:
@@ -215,7 +218,7 @@ class Reading:
     ) -> None:
         self._log = log
         self._report = ReadReport()
-        self.summary = RunSummary()
+        self.summary = RunSummary(time_zone=options.time_zone)
         """Counts so far."""
         topics = log.topics()
         self._choice = choice = TopicChoice(options.topics, topics)

@@ -10,10 +10,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from lidarcli.display import palette
-from lidarcli.display.texts import counted, moment
+from lidarcli.display.texts import counted, moment, time_of_day
 from lidarcli.errors import OptionError
 from lidarcli.logs.base import Log, ReadReport
-from lidarcli.options.times import SECOND_NS, Instant
+from lidarcli.options.times import SECOND_NS, Instant, Time, TimeOfDay, TimeZone
 from lidarcli.pipeline.inputs.sources import Source
 from lidarcli.pipeline.inputs.tables import TableSet, contradicted
 from lidarcli.pipeline.inputs.tracked import columns_of, paths_of
@@ -74,6 +74,8 @@ class _Answer:
     commanded: Mapping[str, tuple[Int64, Float64]]
     """Topic → stamps (N,) [ns] and speeds [m/s] that it commands."""
     tables: TableSet | None
+    zone: TimeZone
+    """Time zone of its words."""
 
     def near(self, *kinds: str, within_ns: int = SAME_NS) -> list[Row]:
         """Return the events of some kinds that go on at the time or nearly so, the most severe first."""
@@ -145,8 +147,8 @@ class _Answer:
     # In words.
 
     def clock(self, ns: int) -> str:
-        """Return a time of the log in words."""
-        return f"{self.seconds(ns):.1f} s"
+        """Return a time of the log in words: seconds, and the time of day where there is one."""
+        return _clock(self.seconds(ns), ns, self.zone)
 
     def seconds(self, ns: int) -> float:
         """Return a time in seconds since the first sweep."""
@@ -263,7 +265,7 @@ class _Answer:
 
     def facts(self) -> Iterator[tuple[str, str]]:
         """Yield names and values."""
-        yield "time", f"{self.seconds(self.ns):.3f} s, {moment(self.ns)}"
+        yield "time", f"{self.seconds(self.ns):.3f} s, {moment(self.ns, self.zone)}"
         if self.act is not None:
             yield "Nav2", f"{self.act['action']}, {self.act['zone']}, {self._from_to(self.act)}"
         if self.stop is not None:
@@ -338,7 +340,8 @@ class _Answer:
         """Return the numbers second by second: heading → cells."""
         steps = range(-(AROUND_NS // SECOND_NS), AROUND_NS // SECOND_NS + 1)
         times = [ns for ns in (self.ns + step * SECOND_NS for step in steps) if self.span[0] <= ns <= self.span[1]]
-        found = {"time": [self.clock(ns) for ns in times]}
+        found = {"time": [f"{self.seconds(ns):.1f} s" for ns in times]}
+        found["of day"] = [time_of_day(ns, self.zone) for ns in times]
         courses = self.courses().courses
         for one in (one for some in courses.values() for one in some):
             values = [_nearest_value(one, self.seconds(ns)) for ns in times]
@@ -355,6 +358,11 @@ class _Answer:
 def _held(course: tuple[Int64, Float64]) -> tuple[Int64, Float64]:
     """Return a course whose values hold until the next ones, as commands do."""
     return np.repeat(course[0], 2)[1:], np.repeat(course[1], 2)[:-1]
+
+
+def _clock(seconds: float, ns: int, zone: TimeZone) -> str:
+    clock = time_of_day(ns, zone)
+    return f"{seconds:.1f} s" + (f" ({clock})" if clock else "")
 
 
 def _nearest_value(course: Course, seconds: float) -> float:
@@ -381,7 +389,7 @@ def worst_times(events: Sequence[Row], most: int) -> list[int]:
 
 
 def explain(
-    source: Source, log: Log, options: ZoneOptions, found: Found, tables: TableSet | None, time: float | Instant
+    source: Source, log: Log, options: ZoneOptions, found: Found, tables: TableSet | None, time: Time
 ) -> Explanation:
     """Return what happened at a time, by what `zones` found in the whole log.
 
@@ -389,13 +397,15 @@ def explain(
     have the time.
     """
     first_ns = min(one.first_ns for one in found.topics)
-    target = time.ns if isinstance(time, Instant) else first_ns + round(time * SECOND_NS)
+    zone = options.detect.read.time_zone
+    wanted = time.after(first_ns) if isinstance(time, TimeOfDay) else time
+    target = wanted.ns if isinstance(wanted, Instant) else first_ns + round(wanted * SECOND_NS)
     stamps = np.concatenate([one.column("stamp_ns") for one in found.topics])
     low, high = int(stamps.min()), int(stamps.max())
     if not low - NEAR_NS <= target <= high + NEAR_NS:
         raise OptionError(
-            f"{source.label}: --explain {time}: the log has sweeps from {(low - first_ns) / SECOND_NS:.1f} s to "
-            f"{(high - first_ns) / SECOND_NS:.1f} s ({moment(low)} to {moment(high)})"
+            f"{source.label}: --explain {time}: the log has sweeps from {_clock((low - first_ns) / SECOND_NS, low, zone)} "
+            f"to {_clock((high - first_ns) / SECOND_NS, high, zone)}"
         )
     ranked = [one for kind in (NAV2, STOP, OCCUPIED, APPROACH, STALE) for one in found.events if one["kind"] == kind]
     nearest = min(ranked, key=lambda one: _away(one, target), default=None)
@@ -405,7 +415,7 @@ def explain(
         is_cause = nearest["kind"] in (NAV2, STOP, STALE) or target - nearest["start"] <= NEAR_NS
         ns = max(nearest["start"], low) if is_cause else target
     span = max(ns - AROUND_NS, low), min(ns + AROUND_NS, high)
-    answer = _Answer(found, ns, span, _commanded(log, options, found.late_ns), tables)
+    answer = _Answer(found, ns, span, _commanded(log, options, found.late_ns), tables, zone)
     pictures = _film(source, options, answer)
     return Explanation(
         log=source.file_name,
@@ -458,6 +468,7 @@ def _film(source: Source, options: ZoneOptions, answer: _Answer) -> tuple[Pictur
         tracks=None if answer.tables is None or not _has_tracks(answer.tables, lead.topic) else answer.tables,
         poses=detect.poses,
         zones=options.zones,
+        time_zone=answer.zone,
     )
     track = answer.cause["track"] if answer.cause is not None else None
     return tuple(replace(one, marked=-1 if track is None else track) for one in take_pictures(source, plot).pictures)

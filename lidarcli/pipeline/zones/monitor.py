@@ -9,9 +9,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from lidarcli.display.texts import times
+from lidarcli.display.texts import time_of_day, times
 from lidarcli.logs.base import Log, Message, ReadReport
-from lidarcli.options.times import SECOND_NS
+from lidarcli.options.times import SECOND_NS, TimeZone
 from lidarcli.pipeline.zones.events import APPROACH, NAV2, OCCUPIED, STALE, ZoneEvents, event_row
 from lidarcli.pose.messages import messages_of
 from lidarcli.ros.cursor import Cursor
@@ -108,7 +108,7 @@ def missed_stops(acts: Sequence[Act], by_zone: Sequence[ZoneEvents]) -> list[Act
     ]
 
 
-def lines_of(acts: Sequence[Act], first_ns: int) -> list[tuple[str, str]]:
+def lines_of(acts: Sequence[Act], first_ns: int, zone: TimeZone) -> list[tuple[str, str]]:
     """Return heads and words on what Nav2 did; stops come first, those first of which the zones say otherwise."""
     did = ", ".join(f"{action} {times(count)}" for action, count in Counter(act.action for act in acts).items())
     same = sum(not act.otherwise for act in acts)
@@ -116,6 +116,7 @@ def lines_of(acts: Sequence[Act], first_ns: int) -> list[tuple[str, str]]:
     width = max((len(act.zone) for act in acts), default=0)
     for act in sorted(acts, key=lambda one: ("stop" not in one.action, not one.otherwise, one.start_ns))[:SHOWN]:
         begin, lasts = (act.start_ns - first_ns) / SECOND_NS, (act.end_ns - act.start_ns) / SECOND_NS
-        words = f"{begin:8.1f} s  {act.zone:{width}}  {lasts:6.1f} s  {act.action:8}  {act.otherwise or 'the same'}"
+        clock = f"{time_of_day(act.start_ns, zone)}  ".lstrip()
+        words = f"{begin:8.1f} s  {clock}{act.zone:{width}}  {lasts:6.1f} s  {act.action:8}  {act.otherwise or 'the same'}"
         lines.append((" " * 11, words))
     return lines + ([(" " * 11, f"and {len(acts) - SHOWN:,} more")] if len(acts) > SHOWN else [])

@@ -11,7 +11,7 @@ from lidarcli.files.stores import Place
 from lidarcli.formalism.zones import HALF_WIDTH
 from lidarcli.logs.base import Log
 from lidarcli.options.choices import AROUND
-from lidarcli.options.times import Instant
+from lidarcli.options.times import Time
 from lidarcli.pipeline.inputs.masks import plain
 from lidarcli.pipeline.inputs.sources import MissingInput, Source
 from lidarcli.pipeline.inputs.tables import one_table_set
@@ -33,7 +33,7 @@ NAMED = ("name", "frame", "action", "count", "min_points", "trigger", "release",
 class Explained:
     """What `zones --explain` is to write."""
 
-    time: float | Instant | None
+    time: Time | None
     """Time of the event; None for the worst ones, of each of which there is a file with its number."""
     outputs: tuple[Place, ...]
     """Pages, pictures and films, by their suffixes."""

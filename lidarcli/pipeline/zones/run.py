@@ -68,10 +68,9 @@ def watch(
             found.damage = [*dict.fromkeys([*first.summary.damage, *found.damage])]
             found.notes = [*dict.fromkeys([*masking.notes, *first.summary.notes, *found.notes])]
         metadata = table_metadata(parameters, described, found.damage)
-        summary = ZoneSummary.of(
-            found, source.name, by_zone, reader.acts, reader.stops if options.stops else None, metadata
-        )
-        summary.notes += [*options.zones.notes, *stale_notes(by_zone, bool(options.zones.robot))]
+        stops = reader.stops if options.stops else None
+        summary = ZoneSummary.of(found, source.name, by_zone, reader.acts, stops, metadata)
+        summary.notes += [*options.zones.notes, *stale_notes(by_zone, bool(options.zones.robot), summary.time_zone)]
         if tables is not None and options.objects is not None:
             summary.notes += other_recording(tables, described.get("recording", {}))
             if options.zones.masks.masks:

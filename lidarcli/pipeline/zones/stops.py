@@ -7,9 +7,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from lidarcli.display.texts import time_of_day
 from lidarcli.formalism.detection import SETS
 from lidarcli.formalism.zones import AHEAD
-from lidarcli.options.times import SECOND_NS
+from lidarcli.options.times import SECOND_NS, TimeZone
 from lidarcli.pipeline.zones.counts import TopicSeries
 from lidarcli.pipeline.zones.events import STOP, event_row
 from lidarcli.pipeline.zones.monitor import SHOWN
@@ -115,7 +116,7 @@ def _ahead(sensors: Sequence[TopicSeries], start_ns: int) -> dict[str, Any]:
     return found
 
 
-def stop_lines(stops: Sequence[Mapping[str, Any]]) -> list[tuple[str, str]]:
+def stop_lines(stops: Sequence[Mapping[str, Any]], zone: TimeZone) -> list[tuple[str, str]]:
     """Return heads and words on stops, in the order of time."""
     if not stops:
         return [("  stops    ", "none: the robot never stood between two drives")]
@@ -124,7 +125,8 @@ def stop_lines(stops: Sequence[Mapping[str, Any]]) -> list[tuple[str, str]]:
     longest = sorted(stops, key=lambda each: -each["duration"])[:SHOWN]
     for one in sorted(longest, key=lambda each: each["start"]):
         lasts = f"{'>' if one['cut'] else ' '} {one['duration']:.1f} s"
-        lines.append((" " * 11, f"{one['t']:8.1f} s  {lasts:>9}  {before_words(one):13}  {ahead_words(one)}"))
+        clock = f"{time_of_day(one['start'], zone)}  ".lstrip()
+        lines.append((" " * 11, f"{one['t']:8.1f} s  {clock}{lasts:>8}  {before_words(one):13}  {ahead_words(one)}"))
     return lines + ([(" " * 11, f"and {len(stops) - SHOWN:,} more")] if len(stops) > SHOWN else [])
 
 

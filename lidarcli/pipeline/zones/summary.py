@@ -9,7 +9,8 @@ from typing import Any, NamedTuple
 import numpy as np
 import pyarrow as pa
 
-from lidarcli.display.texts import times
+from lidarcli.display.texts import column_of_times, time_of_day, times
+from lidarcli.options.times import TimeZone
 from lidarcli.pipeline.reading.one_log import RunSummary
 from lidarcli.pipeline.zones.events import STALE, ZoneEvents
 from lidarcli.pipeline.zones.monitor import Act, lines_of, missed_stops, rows_of
@@ -69,9 +70,10 @@ class ZoneSummary(RunSummary):
         summary.lines = [(f"  {name:<{longest}}  ", _words(each)) for name, each in zip(names, by_zone, strict=True)]
         worst = _worst_first(by_zone)
         summary.look = worst[0]["look"] if worst else None
-        summary.worst = _worst_lines(worst)
+        summary.worst = _worst_lines(worst, summary.time_zone)
         summary.acts = [*acts, *(missed_stops(acts, by_zone) if acts else [])]
-        summary.lines += lines_of(summary.acts, summary.first_ns or 0) + ([] if stops is None else stop_lines(stops))
+        summary.lines += lines_of(summary.acts, summary.first_ns or 0, summary.time_zone)
+        summary.lines += [] if stops is None else stop_lines(stops, summary.time_zone)
         return summary
 
     def as_dict(self) -> dict[str, Any]:
@@ -177,26 +179,29 @@ def _worst_first(by_zone: Sequence[ZoneEvents]) -> list[dict[str, Any]]:
     return sorted(alarms, key=lambda one: (one["action"] != "stop", one["nearest"] is None, one["nearest"]))
 
 
-def _worst_lines(worst: Sequence[Mapping[str, Any]]) -> list[tuple[str, str]]:
+def _worst_lines(worst: Sequence[Mapping[str, Any]], zone: TimeZone) -> list[tuple[str, str]]:
     """Return heads and words on the worst events, as many as there are lines for."""
     width = max((len(event["zone"]) for event in worst[:WORST]), default=4)
-    lines = [("  worst    ", f"{'at':>10}  {'zone':{width}}     lasts  nearest  by")] if worst else []
-    for event in worst[:WORST]:
+    head, *clocks = column_of_times([event["start"] for event in worst[:WORST]], zone)
+    lines = [("  worst    ", f"{'at':>10}  {head}{'zone':{width}}     lasts  nearest  by")] if worst else []
+    for event, clock in zip(worst[:WORST], clocks, strict=True):
         who = (WHO.get(event["set"], "").removesuffix("s"), event["track"], event["label"], event.get("direction"))
         nearest = " " * 7 if event["nearest"] is None else f"{event['nearest']:5.2f} m"
-        words = f"{event['t']:8.1f} s  {event['zone']:{width}}  {event['duration']:6.1f} s  {nearest}  "
+        words = f"{event['t']:8.1f} s  {clock}{event['zone']:{width}}  {event['duration']:6.1f} s  {nearest}  "
         lines.append((" " * 11, words + " ".join(str(part) for part in who if part)))
     return lines + ([(" " * 11, f"and {len(worst) - WORST:,} more")] if len(worst) > WORST else [])
 
 
-def stale_notes(by_zone: Sequence[ZoneEvents], is_nav2: bool) -> list[str]:
+def stale_notes(by_zone: Sequence[ZoneEvents], is_nav2: bool, zone: TimeZone) -> list[str]:
     """Return a line for each topic that was silent for too long, be it in one zone or in several."""
-    begins: dict[tuple[str, float], set[float]] = {}
+    begins: dict[tuple[str, float], dict[float, str]] = {}
     for each in by_zone:
         for event in (event for event in each.events if event["kind"] == STALE):
-            begins.setdefault((event["topic"], each.zone.timeout), set()).add(event["t"])
+            clock = time_of_day(event["start"], zone)
+            found = begins.setdefault((event["topic"], each.zone.timeout), {})
+            found[event["t"]] = f"{event['t']:.1f} s" + (f" ({clock})" if clock else "")
     why = ": Nav2 stops the robot then (invalid source)" if is_nav2 else ""
     return [
-        f"{topic}: no sweep for over {timeout:g} s, {times(len(stale))} from {min(stale):.1f} s on{why}"
+        f"{topic}: no sweep for over {timeout:g} s, {times(len(stale))} from {stale[min(stale)]} on{why}"
         for (topic, timeout), stale in begins.items()
     ]
