@@ -550,9 +550,7 @@ def _event_cells(events: Sequence[Any], zone: TimeZone, several: bool = False) -
         "ttc": ["" if words == NONE else words for words in ttc],
         "track": [in_unit(one.track) for one in events],
         "by": [
-            {"stale": one.topic, "stop": "robot stands"}.get(
-                one.kind, f"{WHO.get(one.set, '').removesuffix('s')} {one.label}".strip()
-            )
+            one.topic if one.kind == "stale" else f"{WHO.get(one.set, '').removesuffix('s')} {one.label}".strip()
             for one in events
         ],
         "log": [one.log if several else "" for one in events],

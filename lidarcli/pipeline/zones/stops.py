@@ -121,18 +121,19 @@ def stop_lines(stops: Sequence[Mapping[str, Any]], zone: TimeZone) -> list[tuple
     if not stops:
         return [("  stops    ", "none: the robot never stood between two drives")]
     total = sum(one["duration"] for one in stops)
-    lines = [("  stops    ", f"{counted(len(stops), 'stop')} of the robot, {total:,.1f} s")]
+    lines = [
+        (
+            "  stops    ",
+            f"{counted(len(stops), 'stop')} of the robot, {total:,.1f} s; when, how long, speed before, what was ahead",
+        )
+    ]
     longest = sorted(stops, key=lambda each: -each["duration"])[:SHOWN]
     for one in sorted(longest, key=lambda each: each["start"]):
         lasts = f"{'>' if one['cut'] else ' '} {one['duration']:.1f} s"
         clock = f"{time_of_day(one['start'], zone)}  ".lstrip()
-        lines.append((" " * 11, f"{one['t']:8.1f} s  {clock}{lasts:>8}  {before_words(one):13}  {ahead_words(one)}"))
+        before = f"{one['speed']:.2f} m/s" if one["speed"] > SLOW[0] else "turning"
+        lines.append((" " * 11, f"{one['t']:8.1f} s  {clock}{lasts:>8}  {before:8}  {ahead_words(one)}"))
     return lines + ([(" " * 11, f"and {len(stops) - SHOWN:,} more")] if len(stops) > SHOWN else [])
-
-
-def before_words(stop: Mapping[str, Any]) -> str:
-    """Return how the robot moved before it stopped, in words."""
-    return f"from {stop['speed']:.2f} m/s" if stop["speed"] > SLOW[0] else "after a turn"
 
 
 def ahead_words(stop: Mapping[str, Any]) -> str:
