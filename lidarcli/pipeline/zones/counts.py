@@ -32,8 +32,8 @@ from lidarcli.sweeps.masks import Circle, Masks, Polygon
 from lidarcli.sweeps.types import TURN, Float32, Float64, Int32, Int64, Status, SweepBatch, SweepPoses, UInt8
 from lidarcli.sweeps.zone import ROBOT, SENSOR, WORLD, Line, Zone
 
-DRIVES = 0.05
-"""Least speed that tells in which direction a robot drives [m/s]."""
+DRIVES = 0.05, 0.2
+"""Least speed [m/s] that tells in which direction a robot drives, and turning rate [rad/s] with which it turns."""
 
 
 class Shapes(NamedTuple):
@@ -248,8 +248,11 @@ class TopicCounter:
         batch, ranges, objects, owners = sweeps.batch, sweeps.ranges, sweeps.objects, sweeps.owners
         known = np.concatenate([self._course, sweeps.velocity])
         with np.errstate(invalid="ignore"):
-            drives = np.hypot(known[:, 0], known[:, 1]) > DRIVES
-        last = np.maximum.accumulate(np.where(drives, np.arange(len(known)), 0))
+            drives = np.hypot(known[:, 0], known[:, 1]) > DRIVES[0]
+            turns = np.abs(known[:, 2]) > DRIVES[1]
+        last = np.maximum.accumulate(np.where(drives | turns, np.arange(len(known)), 0))
+        # Nothing is ahead of a turn on the spot.
+        known[~drives] = np.nan
         course, self._course = known[last[1:]], known[last[-1:]]
         points = candidates(batch, ranges, sweeps.place, Circle(0.0, 0.0, AHEAD))
         there, along = on_the_way(points, course, self._half_width or HALF_WIDTH)

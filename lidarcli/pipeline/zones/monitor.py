@@ -70,12 +70,16 @@ def _otherwise(act: Act, by_zone: Sequence[ZoneEvents]) -> str:
         return ""
     if is_stale or not own:
         return "no source was too old" if is_stale else "no zone of this name is judged"
-    most = 0
+    most, sweeps = 0, 0
     for columns in (one.columns for one in own):
         stamps, points = columns["stamp"], columns["points"]
         assert stamps is not None
         assert points is not None
-        most = max(most, int(points[(stamps >= begin) & (stamps <= end)].max(initial=0)))
+        shown = (stamps >= begin) & (stamps <= end)
+        sweeps += int(np.count_nonzero(shown))
+        most = max(most, int(points[shown].max(initial=0)))
+    if not sweeps:
+        return "no sweep saw it"
     return f"{most:,} of {own[0].zone.min_points:,} points in it" if most else "nothing was in it"
 
 

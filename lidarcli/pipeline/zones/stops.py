@@ -13,7 +13,6 @@ from lidarcli.formalism.zones import AHEAD
 from lidarcli.options.times import SECOND_NS, TimeZone
 from lidarcli.pipeline.zones.counts import TopicSeries
 from lidarcli.pipeline.zones.events import STOP, event_row
-from lidarcli.pipeline.zones.monitor import SHOWN
 from lidarcli.pose.frames import nearness
 from lidarcli.pose.tracks import PoseTrack, flat
 from lidarcli.reports.wording import counted
@@ -23,10 +22,8 @@ from lidarcli.sweeps.types import TURN, Bool, Float64, Int64
 SLOW = 0.03, 0.05
 """Speed [m/s] and turning rate [rad/s], over `SPAN_NS`, below which the robot stands."""
 SPAN_NS = 500_000_000
-BEFORE_NS = 2_000_000_000
-"""Time before a stop in which the speed before it is the greatest [ns]."""
-NEAR_NS = 1_000_000_000
-"""Time before and after the begin of a stop in which is told what was ahead [ns]: stamps of poses are not exact."""
+SHOWN = 10
+"""Most stops of which there is a line."""
 
 
 class Motion(NamedTuple):
@@ -46,22 +43,46 @@ class Motion(NamedTuple):
         return found
 
     def speed(self) -> Float64:
-        """Return (N,) the mean speed since `then` [m/s]."""
+        """Return (N,) the mean speed since `then` [m/s]; by odometry it is negative backwards."""
         moved = self.pose[:, :2] - self.pose[self.then, :2]
         found: Float64 = np.hypot(*moved.T) / self._seconds()
-        return found
+        ahead = (moved * np.column_stack([np.cos(self.pose[:, 2]), np.sin(self.pose[:, 2])])).sum(axis=1)
+        # Where a sensor is mounted is not always known.
+        return np.where(ahead < 0.0, -found, found) if self.name else found
 
     def stands(self) -> Bool:
         """Return (N,) whether it stood since `then`."""
-        turn = self.pose[:, 2] - self.pose[self.then, 2]
-        turning = np.abs((turn + np.pi) % TURN - np.pi) / self._seconds()
-        found: Bool = (self.speed() < SLOW[0]) & (turning < SLOW[1]) & (self.then < np.arange(len(turn)))
+        turning = np.abs(_turn(self.pose[:, 2] - self.pose[self.then, 2])) / self._seconds()
+        found: Bool = (np.abs(self.speed()) < SLOW[0]) & (turning < SLOW[1]) & (self.then < np.arange(len(turning)))
         # Odometry that stays the same is kept by its ends; between sweeps that are far apart nobody saw it stand.
         return found if self.name else found & (self._seconds() * SECOND_NS <= 2 * SPAN_NS)
+
+    def begin(self, stands: int) -> int:
+        """Return from which pose on it stands that stood since the one `then`: it slowed down after that."""
+        first = int(self.then[stands])
+        steps = np.diff(self.pose[first : stands + 1], axis=0)
+        seconds = np.diff(self.stamp_ns[first : stands + 1]) / SECOND_NS
+        slow = (np.hypot(*steps[:, :2].T) < SLOW[0] * seconds) & (np.abs(_turn(steps[:, 2])) < SLOW[1] * seconds)
+        return first + int(slow.argmax()) if slow.any() else first
+
+    def speed_before(self, stamp_ns: int) -> float:
+        """Return the mean speed over the second that ends half a second before a time [m/s], signed as of `speed`."""
+        ends = np.searchsorted(self.stamp_ns, [stamp_ns - 3 * SPAN_NS, stamp_ns - SPAN_NS], side="right") - 1
+        first, last = np.maximum(ends, 0).tolist()
+        seconds = (self.stamp_ns[last] - self.stamp_ns[first]) / SECOND_NS
+        signs = np.sign(self.speed()[first : last + 1].sum()) or 1.0
+        moved = np.hypot(*(self.pose[last, :2] - self.pose[first, :2]))
+        return float(signs * moved / seconds) if last > first else 0.0
 
     def _seconds(self) -> Float64:
         found: Float64 = np.maximum(self.stamp_ns - self.stamp_ns[self.then], 1) / SECOND_NS
         return found
+
+
+def _turn(angle: Float64) -> Float64:
+    """Return angles from -pi to pi [rad]."""
+    found: Float64 = (angle + np.pi) % TURN - np.pi
+    return found
 
 
 def motion_of(sensors: Sequence[TopicSeries], odometry: Sequence[PoseTrack]) -> Motion:
@@ -86,26 +107,31 @@ def stops_in(sensors: Sequence[TopicSeries], odometry: Sequence[PoseTrack]) -> I
     first_ns = min(one.first_ns for one in sensors)
     order = np.argsort(lead.column("stamp_ns"), kind="stable")
     stamps, sweeps = lead.column("stamp_ns")[order], lead.column("sweep")[order]
-    stands, speed = motion.stands(), motion.speed()
+    stands, speed = motion.stands(), np.abs(motion.speed())
     for begin, after in np.flatnonzero(np.diff(stands, prepend=False, append=False)).reshape(-1, 2).tolist():
-        span = int(motion.stamp_ns[motion.then[begin]]), int(motion.stamp_ns[after - 1])
-        first, last = np.searchsorted(stamps, [span[0], span[1] + 1]) - [0, 1]
-        if last <= first or not (speed[:begin] > SLOW[0]).any():
+        span = int(motion.stamp_ns[motion.begin(begin)]), int(motion.stamp_ns[after - 1])
+        if span[1] < stamps[0] or span[0] > stamps[-1] or not (speed[:begin] > SLOW[0]).any():
             continue
+        first, beyond = np.searchsorted(stamps, [span[0], span[1] + 1]).tolist()
+        ends = sweeps[[min(first, len(sweeps) - 1), max(beyond - 1, 0)]].tolist()
         about = {"zone": "", "kind": STOP, "action": "none"}
-        row = event_row(lead, about, sweeps[[first, last]].tolist(), span, first_ns)
-        recent = (motion.stamp_ns >= span[0] - BEFORE_NS) & (motion.stamp_ns <= motion.stamp_ns[begin])
+        row = event_row(lead, about, sorted(ends), span, first_ns)
         cut = after == len(stands) or span[1] >= stamps[-1]
-        row |= {"sweeps": int(last - first) + 1, "cut": bool(cut), "speed": float(speed[recent].max())}
+        row |= {"sweeps": beyond - first, "cut": bool(cut), "speed": motion.speed_before(span[0])}
         yield row | _ahead(sensors, span[0])
 
 
 def _ahead(sensors: Sequence[TopicSeries], start_ns: int) -> dict[str, Any]:
-    """Return what was nearest on the way of the robot when it stopped, as columns of the table of events."""
-    found: dict[str, Any] = {"points": 0}
+    """Return what was nearest on the way of the robot when it stopped, as columns of the table of events.
+
+    There are no `points` where no sweep saw the half second before and after.
+    """
+    found: dict[str, Any] = {"points": None}
     least = np.inf
     for one in sensors:
-        near = np.abs(one.column("stamp_ns") - start_ns) <= NEAR_NS
+        near = np.abs(one.column("stamp_ns") - start_ns) <= SPAN_NS
+        if near.any():
+            found["points"] = found["points"] or 0
         along = np.where(near, one.column("ahead")[:, 0], np.nan)
         if np.nanmin(along, initial=np.inf) < least:
             at = int(np.nanargmin(along))
@@ -121,23 +147,23 @@ def stop_lines(stops: Sequence[Mapping[str, Any]], zone: TimeZone) -> list[tuple
     if not stops:
         return [("  stops    ", "none: the robot never stood between two drives")]
     total = sum(one["duration"] for one in stops)
-    lines = [
-        (
-            "  stops    ",
-            f"{counted(len(stops), 'stop')} of the robot, {total:,.1f} s; when, how long, speed before, what was ahead",
-        )
-    ]
+    words = f"{counted(len(stops), 'stop')}, {total:,.1f} s: how long, speed before, and what was ahead"
+    lines = [("  stops    ", words)]
     longest = sorted(stops, key=lambda each: -each["duration"])[:SHOWN]
     for one in sorted(longest, key=lambda each: each["start"]):
         lasts = f"{'>' if one['cut'] else ' '} {one['duration']:.1f} s"
         clock = f"{time_of_day(one['start'], zone)}  ".lstrip()
-        before = f"{one['speed']:.2f} m/s" if one["speed"] > SLOW[0] else "turning"
-        lines.append((" " * 11, f"{one['t']:8.1f} s  {clock}{lasts:>8}  {before:8}  {ahead_words(one)}"))
+        before = f"{one['speed']:.2f} m/s" if abs(one["speed"]) > SLOW[0] else "turning"
+        lines.append((" " * 11, f"{one['t']:8.1f} s  {clock}{lasts:>8}  {before:>9}  {ahead_words(one)}"))
     return lines + ([(" " * 11, f"and {len(stops) - SHOWN:,} more")] if len(stops) > SHOWN else [])
 
 
 def ahead_words(stop: Mapping[str, Any]) -> str:
     """Return what was on the way when the robot stopped, in words."""
+    if abs(stop["speed"]) <= SLOW[0]:
+        return "it turned on the spot"
+    if stop["points"] is None:
+        return "no sweep saw what was ahead"
     if stop["nearest"] is None:
         return f"nothing ahead within {AHEAD:g} m"
     who = WHO.get(stop["set"], "something").removesuffix("s")
