@@ -48,6 +48,18 @@ def parse_time_text(text: str) -> Any:
     return found
 
 
+def parse_every(text: str) -> int | float:
+    """Every N-th sweep, a whole number, or an interval of time with its unit [s]."""
+    from lidarcli.options.times import parse_time
+
+    if text.isdecimal():
+        return int(COUNT.parse(text))
+    found = None if text[-1:].isdecimal() else parse_time(text)
+    if not isinstance(found, float) or found < 1.0:
+        raise OptionError(f"'{text}' is neither a number of sweeps nor an interval of a second or more (30s, 15min, 1h)")
+    return found
+
+
 def metres(text: str, words: str, form: Number) -> float:
     """A number of metres; `words` begin the refusal of what is none."""
     try:

@@ -440,8 +440,8 @@ def zones(log: Paths, *, progress: Progress = False, **options: Unpack[Zoning]) 
     Returns
     -------
     ZoneTables
-        `events`, one row per event, and `zones`, one row per sweep and zone, each a pyarrow.Table as the command line
-        writes it (docs/zones.md).
+        `events`, one row per event, `zones`, one row per sweep and zone, and with an interval of time as `every` `counts`,
+        one row per line, interval and direction; each a pyarrow.Table as the command line writes it (docs/zones.md).
 
     Raises
     ------
@@ -457,5 +457,5 @@ def zones(log: Paths, *, progress: Progress = False, **options: Unpack[Zoning]) 
     found = [one.tables for one in over_logs(sources, progress, lambda one, bar: watch(one, parsed, progress=bar))]
     if len(found) == 1:
         return found[0]
-    events, rows = (pa.concat_tables(tables) for tables in zip(*found, strict=True))
-    return ZoneTables(events.unify_dictionaries(), rows.unify_dictionaries())
+    kinds = ([table for table in tables if table is not None] for tables in zip(*found, strict=True))
+    return ZoneTables(*(pa.concat_tables(tables).unify_dictionaries() for tables in kinds if tables))

@@ -23,8 +23,8 @@ from lidarcli.options.forms import Text, defaults_of
 from lidarcli.options.groups import parse_mends, parse_removed, parse_value
 from lidarcli.options.objects import FindingGroup, ObjectGroup, Tracking
 from lidarcli.options.reading import parse_no_return
-from lidarcli.options.times import Instant, as_time
-from lidarcli.options.values import AnyPath
+from lidarcli.options.times import SECOND_NS, Instant, as_time
+from lidarcli.options.values import AnyPath, parse_every
 from lidarcli.pipeline.inputs.catalogue import read_catalogue
 from lidarcli.pipeline.inputs.masks import AUTO, read_masks
 from lidarcli.pipeline.reading.needs import NONE, PoseOptions
@@ -108,7 +108,13 @@ def read_options(options: Values) -> ReadOptions:
         masks = Masks(learn=True) if mask == AUTO else read_masks(path_text(mask))
     rules = range_rules(options["range"], parse_no_return(text), masks)
     start, end, run = (options.get(name) for name in ("start", "end", "run"))
-    return ReadOptions(topics, start, end, run, options.get("every", 1), rules=rules)
+    every = _every(options.get("every", 1))
+    # In `zones` a time is an interval by which people are counted.
+    return ReadOptions(topics, start, end, run, 1 if isinstance(every, float) else every, rules=rules)
+
+
+def _every(value: int | float | str) -> int | float:
+    return parse_every(value) if isinstance(value, str) else value
 
 
 def pose_options(options: Values) -> PoseOptions:
@@ -243,7 +249,7 @@ def zone_options(options: Values, logs: LogOptions, *, overwrite: bool = False) 
     from lidarcli.pipeline.inputs.zones import parse_footprint, read_zones
     from lidarcli.pipeline.zones.options import ZoneOptions, refuse_options
 
-    names = several(options["zones"])
+    names, every = several(options["zones"]), _every(options["every"])
     parsed = ZoneOptions(
         zones=read_zones(names),
         files=tuple(names),
@@ -253,6 +259,7 @@ def zone_options(options: Values, logs: LogOptions, *, overwrite: bool = False) 
         footprint=given(parse_footprint, options["footprint"]),
         overwrite=overwrite,
         clips=given(place_of, options["clips"]),
+        interval_ns=round(every * SECOND_NS) if isinstance(every, float) else 0,
         around=_around(options["around"]),
     )
     refuse_options(parsed)

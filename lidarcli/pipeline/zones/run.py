@@ -64,7 +64,7 @@ def watch(
             found.damage = [*dict.fromkeys([*first.summary.damage, *found.damage])]
             found.notes = [*dict.fromkeys([*masking.notes, *first.summary.notes, *found.notes])]
         metadata = table_metadata(parameters, described, found.damage)
-        summary = ZoneSummary.of(found, source.name, by_zone, reader.acts, metadata)
+        summary = ZoneSummary.of(found, source.name, by_zone, reader.acts, metadata, options.interval_ns)
         summary.notes += [*options.zones.notes, *stale_notes(by_zone, bool(options.zones.robot))]
         if tables is not None and options.objects is not None:
             summary.notes += other_recording(tables, described.get("recording", {}))
@@ -74,7 +74,7 @@ def watch(
         if paths is not None:
             files = stack.enter_context(TableFiles(paths, None, options.overwrite, options.detect.stamps))
             for name, table in summary.tables._asdict().items():
-                for batch in table.to_batches():
+                for batch in [] if table is None else table.to_batches():
                     files.write(name, "", batch)
             summary.notes += files.publish(metadata)
             summary.outputs = [str(path) for path in files.paths]

@@ -10,8 +10,11 @@ import numpy as np
 import pyarrow as pa
 
 from lidarcli.display.texts import times
+from lidarcli.formalism.counting import in_all
 from lidarcli.pipeline.reading.one_log import RunSummary
 from lidarcli.pipeline.zones.events import ZoneEvents
+from lidarcli.pipeline.zones.intervals import counts_of
+from lidarcli.pipeline.zones.intervals import lines_of as people_lines
 from lidarcli.pipeline.zones.monitor import Act, lines_of, missed_stops
 from lidarcli.pipeline.zones.options import TABLES
 from lidarcli.reports.figures import plain_number
@@ -29,6 +32,8 @@ class ZoneTables(NamedTuple):
     """One row per event."""
     zones: pa.Table
     """One row per sweep and zone."""
+    counts: pa.Table | None = None
+    """One row per line, interval of time and direction, where `every` is an interval."""
 
 
 @dataclass(slots=True)
@@ -43,17 +48,33 @@ class ZoneSummary(RunSummary):
     look: tuple[str, float] | None = None
     """Topic and time [s] of the sweep that shows the worst event."""
     acts: Sequence[Act] = ()
+    counts: list[dict[str, Any]] = field(default_factory=list)
+    """Crossings of each line in all, by direction, where there are intervals."""
 
     @classmethod
     def of(
-        cls, found: RunSummary, log: str, by_zone: Sequence[ZoneEvents], acts: Sequence[Act], metadata: dict[bytes, bytes]
+        cls,
+        found: RunSummary,
+        log: str,
+        by_zone: Sequence[ZoneEvents],
+        acts: Sequence[Act],
+        metadata: dict[bytes, bytes],
+        interval_ns: int = 0,
     ) -> ZoneSummary:
-        """Return what was found in the zones of a log; `acts` are those of Nav2 in it."""
+        """Return what was found in the zones of a log; `acts` are those of Nav2 in it. People are counted by intervals."""
         summary = cls(**{name: getattr(found, name) for name in RunSummary.__dataclass_fields__})
         summary.tables = _tables(log, by_zone, metadata)
         names = _names(by_zone)
         longest = max(map(len, names))
         summary.lines = [(f"  {name:<{longest}}  ", _words(each)) for name, each in zip(names, by_zone, strict=True)]
+        if interval_ns:
+            rows = {name: counts_of(each, interval_ns) for name, each in zip(names, by_zone, strict=True)}
+            rows = {name: some for name, some in rows.items() if some}
+            summary.lines += people_lines(rows)
+            counts = [row | {"log": log} for some in rows.values() for row in some]
+            table = _table_of("counts", counts).replace_schema_metadata(metadata)
+            summary.tables = summary.tables._replace(counts=table)
+            summary.counts = [in_all(some[way::2]) for some in rows.values() for way in range(2)]
         worst = _worst_first(by_zone)
         summary.look = worst[0]["look"] if worst else None
         summary.worst = _worst_lines(worst)
@@ -66,6 +87,7 @@ class ZoneSummary(RunSummary):
         figures = figures_of(zones_in({0: self.tables}))
         own = {
             "figures": {name: plain_number(figures[name]) for name in figures},
+            **({"counts": self.counts} if self.counts else {}),
             "nav2": [act._asdict() for act in self.acts],
         }
         return RunSummary.as_dict(self) | own
@@ -76,8 +98,7 @@ def _tables(log: str, by_zone: Sequence[ZoneEvents], metadata: dict[bytes, bytes
     events = [event for each in by_zone for event in each.events]
     order = sorted(range(len(events)), key=lambda at: (events[at]["start"], at))
     rows = [events[at] | {"log": log, "event": number} for number, at in enumerate(order, 1)]
-    schema = SCHEMAS["events"]
-    found = pa.table([pa.array([row.get(one.name) for row in rows], one.type) for one in schema], schema)
+    found = _table_of("events", rows)
     pieces = [_zone_rows(log, each) for each in by_zone]
     zones = pa.Table.from_batches(pieces, SCHEMAS["zones"]).unify_dictionaries()
     if zones.num_rows:
@@ -85,6 +106,11 @@ def _tables(log: str, by_zone: Sequence[ZoneEvents], metadata: dict[bytes, bytes
         topics = np.concatenate([np.array([one.topic for one in each.topics])[each.topic] for each in by_zone])
         zones = zones.take(pa.array(np.lexsort((np.asarray(zones["sweep"]), topics))))
     return ZoneTables(*(table.replace_schema_metadata(metadata) for table in (found, zones)))
+
+
+def _table_of(name: str, rows: Sequence[Mapping[str, Any]]) -> pa.Table:
+    schema = SCHEMAS[name]
+    return pa.table([pa.array([row.get(one.name) for row in rows], one.type) for one in schema], schema)
 
 
 def _zone_rows(log: str, one: ZoneEvents) -> pa.RecordBatch:
