@@ -457,5 +457,4 @@ def zones(log: Paths, *, progress: Progress = False, **options: Unpack[Zoning]) 
     found = [one.tables for one in over_logs(sources, progress, lambda one, bar: watch(one, parsed, progress=bar))]
     if len(found) == 1:
         return found[0]
-    kinds = ([table for table in tables if table is not None] for tables in zip(*found, strict=True))
-    return ZoneTables(*(pa.concat_tables(tables).unify_dictionaries() for tables in kinds if tables))
+    return ZoneTables(*(pa.concat_tables(tables).unify_dictionaries() for tables in zip(*found, strict=True)))

@@ -74,7 +74,7 @@ def watch(
         if paths is not None:
             files = stack.enter_context(TableFiles(paths, None, options.overwrite, options.detect.stamps))
             for name, table in summary.tables._asdict().items():
-                for batch in [] if table is None else table.to_batches():
+                for batch in table.to_batches():
                     files.write(name, "", batch)
             summary.notes += files.publish(metadata)
             summary.outputs = [str(path) for path in files.paths]

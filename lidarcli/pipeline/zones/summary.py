@@ -32,7 +32,7 @@ class ZoneTables(NamedTuple):
     """One row per event."""
     zones: pa.Table
     """One row per sweep and zone."""
-    counts: pa.Table | None = None
+    counts: pa.Table = SCHEMAS["counts"].empty_table()
     """One row per line, interval of time and direction, where `every` is an interval."""
 
 
