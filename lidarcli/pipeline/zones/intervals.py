@@ -14,7 +14,7 @@ from lidarcli.options.times import LONGEST, SECOND_NS
 from lidarcli.pipeline.zones.events import ZoneEvents
 from lidarcli.reports.zones import people_cells
 from lidarcli.sweeps.types import Float64, Int64
-from lidarcli.sweeps.zone import UNSEEN
+from lidarcli.sweeps.zone import UNSEEN, Line
 from lidarcli.tabular.schemas import DIRECTIONS
 
 SHOWN = 24
@@ -28,7 +28,7 @@ def counts_of(one: ZoneEvents, interval_ns: int) -> list[dict[str, Any]]:
     are cut at the ends of the log."""
     stamps = one.columns["stamp"]
     assert stamps is not None
-    if one.one_sided is None or not len(stamps):
+    if not isinstance(one.zone.shape, Line) or one.one_sided is None or not len(stamps):
         return []
     first, last = int(stamps.min()), int(stamps.max())
     begin = first // interval_ns * interval_ns if first > LONGEST * SECOND_NS else first
