@@ -128,10 +128,13 @@ def interval(count: int, unsure: int, observed: float, agents: float) -> Interva
 
 def in_all(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     """Return the row of the table of counts of all the time of some, one after the other: its number, and its interval."""
-    spans, seen = [row["end"] - row["start"] for row in rows], [row["agents"] for row in rows if row["agents"] > 0.0]
+    spans = [row["end"] - row["start"] for row in rows]
+    # Where many cross, there are many to miss.
+    weights = [(row["count"] + 1) * (row["agents"] > 0.0) for row in rows]
+    agents = sum(row["agents"] * weight for row, weight in zip(rows, weights, strict=True)) / max(sum(weights), 1)
     observed = sum(row["observed"] * span for row, span in zip(rows, spans, strict=True)) / max(sum(spans), 1)
     count, unsure = (sum(row[name] for row in rows) for name in ("count", "unsure"))
-    known = {"unsure": unsure, "observed": observed, "agents": sum(seen) / max(len(seen), 1)}
+    known = {"unsure": unsure, "observed": observed, "agents": agents}
     found = {"count": count, **interval(count, **known)._asdict(), **known}
     return {**rows[0], "end": rows[-1]["end"], **found}
 
