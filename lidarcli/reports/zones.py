@@ -256,7 +256,9 @@ def people_cells(people: People, several: bool = False) -> dict[str, list[str]]:
             length = bar(sum(row["count"] for row in both) / max(most, 1), 16).rstrip()
             words = [sure(row["count"], row["low"], row["high"]) for row in both]
             name, length = ("all", "") if begin == WHOLE else (head, length)
-            found.append((zone, name, *words, length, f"{both[0]['observed']:.0%}", log if several else ""))
+            found.append(
+                (zone, name, *words, length, percent(both[0]["observed"]).replace(".0 %", " %"), log if several else "")
+            )
     names = ("zone", "from", *DIRECTIONS, "people", "observed", "log")
     return dict(zip(names, map(list, zip(*found, strict=True)), strict=True))
 
@@ -383,7 +385,7 @@ class ZonesPart(ReportPart):
         blocks += [entries_table] if entered else []
         sections = {"zones": Section("Zones", blocks)}
         if self.people:
-            title = "People through lines: true numbers lie in the brackets (docs/counting.md)"
+            title = "People through lines: what moves by itself, each person once; true numbers lie in brackets"
             sections["people"] = Section(title, [table_of(people_cells(self.people, several=len(logs) > 1))])
         title = "Events of zones" + (", the worst first" if self.listed > 1 else "")
         for name, most, formats in (("events", EVENTS, (TEXT, MARKDOWN)), ("page of events", KEPT, (PAGE,))):
