@@ -2,11 +2,14 @@
 
 from collections.abc import Iterable
 from os import PathLike
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 from lidarcli.errors import OptionError
 from lidarcli.options import choices
 from lidarcli.options.forms import File, Number, Text
+
+if TYPE_CHECKING:
+    from datetime import timedelta
 
 AnyPath = str | PathLike[str]
 Paths = AnyPath | Iterable[AnyPath]
@@ -48,8 +51,10 @@ def parse_time_text(text: str) -> Any:
     return found
 
 
-def parse_every(text: str) -> int | float:
-    """Every N-th sweep, a whole number, or an interval of time with its unit [s]."""
+def parse_every(text: str) -> "int | timedelta":
+    """Every N-th sweep, a whole number, or an interval of time with its unit."""
+    from datetime import timedelta
+
     from lidarcli.options.times import parse_time
 
     if text.isdecimal():
@@ -57,7 +62,7 @@ def parse_every(text: str) -> int | float:
     found = None if text[-1:].isdecimal() else parse_time(text)
     if not isinstance(found, float) or found < 1.0:
         raise OptionError(f"'{text}' is neither a number of sweeps nor an interval of a second or more (30s, 15min, 1h)")
-    return found
+    return timedelta(seconds=found)
 
 
 def metres(text: str, words: str, form: Number) -> float:

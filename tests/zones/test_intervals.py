@@ -71,6 +71,8 @@ def test_a_whole_number_is_still_every_nth_sweep(log: Path, lidarcli: Run) -> No
         ran = lidarcli("zones", log, "--zones", zones, "--every", wrong)
         assert ran.code == 2, wrong
         assert "30s, 15min, 1h" in ran.err or "is no time" in ran.err
+    with pytest.raises(OptionError, match="no whole number"):
+        package.zones(log, zones=zones, every=2.5)  # type: ignore[arg-type]
     with pytest.raises(OptionError, match="no zone is a line"):
         package.zones(log, zones=str(zone_file(log.parent, DOOR.partition("\n\n")[2], "near.toml")), every="1min")
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
+from datetime import timedelta
 from os import PathLike, fspath
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
@@ -110,10 +111,10 @@ def read_options(options: Values) -> ReadOptions:
     start, end, run = (options.get(name) for name in ("start", "end", "run"))
     every = _every(options.get("every", 1))
     # In `zones` a time is an interval by which people are counted.
-    return ReadOptions(topics, start, end, run, 1 if isinstance(every, float) else every, rules=rules)
+    return ReadOptions(topics, start, end, run, 1 if isinstance(every, timedelta) else every, rules=rules)
 
 
-def _every(value: int | float | str) -> int | float:
+def _every(value: int | str | timedelta) -> int | timedelta:
     return parse_every(value) if isinstance(value, str) else value
 
 
@@ -259,7 +260,7 @@ def zone_options(options: Values, logs: LogOptions, *, overwrite: bool = False) 
         footprint=given(parse_footprint, options["footprint"]),
         overwrite=overwrite,
         clips=given(place_of, options["clips"]),
-        interval_ns=round(every * SECOND_NS) if isinstance(every, float) else 0,
+        interval_ns=round(every.total_seconds() * SECOND_NS) if isinstance(every, timedelta) else 0,
         around=_around(options["around"]),
     )
     refuse_options(parsed)

@@ -365,9 +365,8 @@ class EventFinder:
             begins = np.flatnonzero(np.diff(agents.track, prepend=-1)).tolist()
             for some in (slice(*ends) for ends in pairwise([*begins, len(agents.track)])):
                 track, path = int(agents.track[some.start]), TrackPath(stamps[some], x[some], y[some], agents.in_view[some])
-                whose = track, agents.persons.get(track, track)
-                where = np.full(len(path.x), at), agents.number[some], agents.in_view[some]
-                own = _AgentPath(*whose, path, *where)
+                person, topic = agents.persons.get(track, track), np.full(len(path.x), at)
+                own = _AgentPath(track, person, path, topic, agents.number[some], agents.in_view[some])
                 pieces.setdefault((-1 if track in agents.shared else at, track), []).append(own)
         return [*map(_in_time_order, pieces.values())]
 
