@@ -36,14 +36,20 @@ class PersonFinder:
 
     def add(self, rows: Trajectories) -> None:
         """Take the next rows; all that moves in a sweep comes at once."""
+        sights = np.column_stack([rows.stamp_ns, rows.x, rows.y, rows.vx, rows.vy])
         seen = np.flatnonzero(rows.seen != HIDDEN)
-        order = seen[np.lexsort((rows.track[seen], rows.sensor[seen], rows.stamp_ns[seen]))]
-        track, stamp, sensor, x, y = (each[order] for each in (rows.track, rows.stamp_ns, rows.sensor, rows.x, rows.y))
-        sights = np.column_stack([stamp, x, y, rows.vx[order], rows.vy[order]])
-        for number in np.unique(track).tolist():
-            first, last = map(tuple, sights[track == number][[0, -1]].tolist())
+        if not len(seen):
+            return
+        by_track = seen[np.lexsort((rows.stamp_ns[seen], rows.track[seen]))]
+        numbers, begin = np.unique(rows.track[by_track], return_index=True)
+        ends = sights[by_track[begin]], sights[by_track[np.append(begin[1:], len(by_track)) - 1]]
+        for number, first, last in zip(numbers.tolist(), *(map(tuple, each.tolist()) for each in ends), strict=True):
             self._first[number] = min(first, self._first.get(number, first))
             self._last[number] = max(last, self._last.get(number, last))
+        # There are many things that stand.
+        seen = seen[(rows.vx[seen] != 0.0) | (rows.vy[seen] != 0.0)]
+        order = seen[np.lexsort((rows.track[seen], rows.sensor[seen], rows.stamp_ns[seen]))]
+        track, stamp, sensor, x, y = (each[order] for each in (rows.track, rows.stamp_ns, rows.sensor, rows.x, rows.y))
         for step in range(1, len(order)):
             # Each row of a sweep beside the next one, the one after that, and so on.
             same = np.flatnonzero((stamp[step:] == stamp[:-step]) & (sensor[step:] == sensor[:-step]))

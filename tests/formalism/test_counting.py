@@ -93,6 +93,7 @@ def test_three_tracks_of_one_person_and_pieces_of_the_log() -> None:
 
 
 def test_who_is_no_person() -> None:
+    assert persons(WALK, hidden=[(1, 0.0, 5.0)]) == [0], "never seen"
     other = (0.0, 5.0, 0.0, 3.0, 1.0, 0.0)
     assert persons(WALK, other, set=[AGENT, OBJECT]) == [1, 0]
     assert persons(WALK, other, distance=[5.0, 1.9]) == [1, 0]
