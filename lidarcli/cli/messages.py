@@ -371,6 +371,7 @@ def agents_of(run: RunSummary) -> list[str]:
         lines.append(line + ("      -" if isnan(score) else f"{score:7.2f}") + f"  {topic}" * several)
     if (more := len(run.followed) - MAX_AGENTS) > 0:
         lines.append(f"           and {more:,} more")
+    lines.append(f"  people   {run.people:,}: agents that went 2 m or more, each person once")
     return lines if run.followed else []
 
 

@@ -451,9 +451,9 @@ def visits(shapes: Sequence[Circle | Polygon], which: Int64, path: TrackPath) ->
     return found
 
 
-def crossings(line: Line, path: TrackPath) -> tuple[list[Crossing], int, int]:
-    """Return the crossings of a line that sweeps observed; how often the path was clear of it on one side alone; how often
-    it went through unobserved.
+def crossings(line: Line, path: TrackPath) -> tuple[list[Crossing], ...]:
+    """Return the crossings of a line that sweeps observed; those where the path was clear of it on one side alone; those
+    that no sweep observed.
 
     A crossing is a path through the line, between its ends, from `CLEAR` away on one side to as far on the other; it goes
     in where it arrives to the left of the path from the first end to the second.
@@ -465,7 +465,8 @@ def crossings(line: Line, path: TrackPath) -> tuple[list[Crossing], int, int]:
     left, along = ahead_x * dy - ahead_y * dx, ahead_x * dx + ahead_y * dy
     known = np.flatnonzero(np.isfinite(left))
     found: list[Crossing] = []
-    one_sided = unseen = 0
+    one_sided: list[Crossing] = []
+    unseen: list[Crossing] = []
     side, passed, after = 0, 0, -1
     begun, hidden = False, False
     """True once the path was clear of the line; where no sweep observed it go through."""
@@ -478,10 +479,10 @@ def crossings(line: Line, path: TrackPath) -> tuple[list[Crossing], int, int]:
                 hidden |= not path.steps[before + 1 : here + 1].all()
         if abs(left[here]) >= CLEAR:
             now = 1 if left[here] > 0.0 else -1
-            if passed * now > 0:
-                if begun and side == -now and not hidden:
-                    found.append(Crossing(after, now > 0))
-                unseen += begun and side == -now and hidden
-                one_sided += not begun
+            if passed * now > 0 and (not begun or side == -now):
+                kind = one_sided if not begun else unseen if hidden else found
+                kind.append(Crossing(after, now > 0))
             side, passed, begun, hidden = now, 0, True, False
-    return found, one_sided + (passed != 0), unseen
+    if passed:
+        one_sided.append(Crossing(after, passed > 0))
+    return found, one_sided, unseen

@@ -27,6 +27,7 @@ from lidarcli.options.reading import (
     Ranges,
     ReadingGroup,
     RunGroup,
+    Selecting,
     TopicGroup,
     Topics,
     WindowGroup,
@@ -45,6 +46,7 @@ from lidarcli.options.values import (
     Paths,
     Tables,
     metres,
+    parse_every,
     parse_names,
     parse_numbers,
 )
@@ -172,8 +174,16 @@ class Around(TypedDict, total=False):
     ]
 
 
-class Zoning(_Zones, Joining, Topics, PoseGroup, Delay, ObjectGroup, Comparing, Things, Ranges, Jobs, Around, total=False):
+class Zoning(
+    _Zones, Joining, Selecting, PoseGroup, Delay, ObjectGroup, Comparing, Things, Ranges, Jobs, Around, total=False
+):
     """Keywords of `zones`."""
+
+    every: Annotated[
+        int | str,
+        Option(SELECT, Text("N|TIME", parse_every), 1),
+        "Count who crosses lines by intervals of this time (1min, 1h); of a whole number: take every N-th sweep.",
+    ]
 
     clips: Annotated[
         AnyPath | None,

@@ -75,7 +75,11 @@ class TopicGroup(TypedDict, total=False):
     ]
 
 
-class Topics(TopicGroup, WindowGroup, RunGroup, total=False):
+class Selecting(TopicGroup, WindowGroup, RunGroup, total=False):
+    """The part of a log to read."""
+
+
+class Topics(Selecting, total=False):
     """The sweeps of a log to read."""
 
     every: Annotated[int, Option(SELECT, COUNT, 1), "Take every N-th sweep."]

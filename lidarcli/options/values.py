@@ -2,11 +2,14 @@
 
 from collections.abc import Iterable
 from os import PathLike
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 from lidarcli.errors import OptionError
 from lidarcli.options import choices
 from lidarcli.options.forms import File, Number, Text
+
+if TYPE_CHECKING:
+    from datetime import timedelta
 
 AnyPath = str | PathLike[str]
 Paths = AnyPath | Iterable[AnyPath]
@@ -59,6 +62,20 @@ def parse_zone_text(text: str) -> str:
 def parse_explained(text: str) -> Any:
     """A time as of `parse_time_text`, or the word `worst`."""
     return text if text == "worst" else parse_time_text(text)
+
+
+def parse_every(text: str) -> "int | timedelta":
+    """Every N-th sweep, a whole number, or an interval of time with its unit."""
+    from datetime import timedelta
+
+    from lidarcli.options.times import parse_time
+
+    if text.isdecimal():
+        return int(COUNT.parse(text))
+    found = None if text[-1:].isdecimal() else parse_time(text)
+    if not isinstance(found, float) or found < 1.0:
+        raise OptionError(f"'{text}' is neither a number of sweeps nor an interval of a second or more (30s, 15min, 1h)")
+    return timedelta(seconds=found)
 
 
 def metres(text: str, words: str, form: Number) -> float:

@@ -50,7 +50,7 @@ from lidarcli.reports.summary import (
 from lidarcli.reports.wording import counted, number
 from lidarcli.reports.zones import floored, judge_zones, parse_zone_check, unobserved, zones_in, zones_part
 from lidarcli.tabular.reading import Readable
-from lidarcli.tabular.schemas import EVENTS
+from lidarcli.tabular.schemas import COUNTS, EVENTS
 
 Progress = Callable[[int, int], None] | None
 """Takes the number of steps that are done, and of all."""
@@ -195,8 +195,8 @@ def _is_of_zones(pair: TableSet) -> bool:
     return (pair.zones.exists() or pair.events.exists()) and not (pair.objects.exists() or pair.sweeps.exists())
 
 
-def _read_zones(pair: TableSet) -> tuple[pa.Table, pa.Table]:
-    """Read the tables of events and of zones of a log, which belong together."""
+def _read_zones(pair: TableSet) -> tuple[pa.Table, pa.Table, pa.Table | None]:
+    """Read the tables of events, of zones, and of counts if there is one, of a log, which belong together."""
     events, zones = read_table(pair, "events", EVENT_COLUMNS), read_table(pair, "zones", ZONE_COLUMNS)
     known = {*Rows.join([zones]).counts("zone")}
     # What Nav2 did, and where the robot stood, is of no zone.
@@ -207,8 +207,9 @@ def _read_zones(pair: TableSet) -> tuple[pa.Table, pa.Table]:
             f"{pair.events}: does not belong to {pair.zones.name}, which has no zone {others[0]}; "
             "write both again with lidarcli zones"
         )
-    refuse_mixed(pair, {"zones": zones, "events": events})
-    return events, zones
+    counts = read_table(pair, "counts", COUNTS.names) if pair.counts.exists() else None
+    refuse_mixed(pair, {"zones": zones, "events": events, **({} if counts is None else {"counts": counts})})
+    return events, zones, counts
 
 
 def _read_changes(paths: Sequence[Readable], step: Callable[[], None]) -> tuple[ChangesPart | None, list[UnreadableError]]:
@@ -239,7 +240,7 @@ def _without_objects(
 ) -> Report:
     """Report on zones, on changes, or on both, where there are no tables of objects."""
     kind = "zones" if pairs else "changes"
-    read: dict[int, tuple[pa.Table, pa.Table]] = {}
+    read: dict[int, tuple[pa.Table, pa.Table, pa.Table | None]] = {}
     sources: list[Origin] = []
     for pair in pairs:
         with _collected(failed):
@@ -341,7 +342,7 @@ class _ReportTables(NamedTuple):
     objects: pa.Table
     tracks: pa.Table | None
     trajectories: pa.Table | None
-    zones: tuple[pa.Table, pa.Table] | None
+    zones: tuple[pa.Table, pa.Table, pa.Table | None] | None
 
 
 @contextmanager
@@ -394,9 +395,9 @@ def _read_tables(
         tracks = found
     with _collected(problems):
         if pair.zones.exists() or pair.events.exists():
-            events, rows = _read_zones(pair)
-            refuse_mixed(pair, {"sweeps": sweeps, "zones": rows})
-            zones = events, rows
+            found = _read_zones(pair)
+            refuse_mixed(pair, {"sweeps": sweeps, "zones": found[1]})
+            zones = found
     return _ReportTables(pair, sweeps, objects, tracks, trajectories, zones)
 
 

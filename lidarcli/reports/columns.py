@@ -220,6 +220,8 @@ class ZoneRows:
     """Name of a zone → its outline, as the metadata has it."""
     left_out: tuple[tuple[str, str], ...] = ()
     """Logs, each with a zone that could not be evaluated in it."""
+    counts: Rows | None = None
+    """Numbers of people by line and interval, where there are any."""
 
     @property
     def names(self) -> list[str]:

@@ -21,7 +21,7 @@ TEXT, MARKDOWN, PAGE = "text", "markdown", "page"
 """Formats for people: the terminal, Markdown and HTML."""
 Line = tuple[str, ...]
 """A line of running text in parts, some of which are `Code`."""
-NAMES = frozenset({"zone", "kind", "by", "log", "status", "detail", "shape", "label", "end"})
+NAMES = frozenset({"zone", "kind", "by", "log", "status", "detail", "shape", "label", "end", "from", "people"})
 """Columns of `table_of` that hold names, which are flush left; numbers are flush right."""
 
 

@@ -7,6 +7,7 @@ import io
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from textwrap import wrap
 from typing import Any
 
 import numpy as np
@@ -141,7 +142,10 @@ class Explanation(ReportPart):
             for own, picture in zip(axes, shown, strict=False):
                 draw_panel(own, scene(picture, limits, 0.8 * WIDTH))
             draw_courses(axes[len(shown) :], self.courses)
-            draw_title(figure, [self.title, *self.answer])
+            words = [self.title, *self.answer]
+            if shown and abs(self.seconds[self.at] - self.courses.at) > 0.5:
+                words.append(f"The sweep below is that of {self.stamps[self.at]}.")
+            draw_title(figure, [part for line in words for part in wrap(line, 110)])
             draw_legend(figure, entries_of(axes), "outside lower left")
             aspect = 1.0 if limits is None else limits.aspect
             fit_height(figure, axes, [*([0.0] * len(shown)), *([CURVE] * len(names))], aspect)

@@ -270,6 +270,7 @@ def _track_facts(tracked: TracksSummary) -> dict[str, str]:
     at_once = tracked.spreads["agents_at_once"]
     facts = {
         "tracks": f"{number(count)}, {number(agents)} of them {'an agent' if agents == 1 else 'agents'}",
+        "people": f"{number(tracked.figures['tracks.people'])}: agents that went 2 m or more, each person once",
         "agents at once": f"{number(at_once.mean)} on average, at most {number(at_once.max)}",
     }
     if (part := tracked.agent_share) is not None:

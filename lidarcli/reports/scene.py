@@ -101,7 +101,7 @@ class Picture:
     zones: tuple[ZoneInSight, ...] = ()
     """In the sensor frame."""
     marked: int = -1
-    """Track that has a ring, as the one for which the robot stopped."""
+    """Track that has a ring, as the nearest in a zone or ahead."""
     mount: Mount | None = None
     """Place of the sensor on its robot, in whose frame the scene is; None: it is in the sensor frame."""
     followed: str = ""
@@ -352,7 +352,7 @@ def scene(picture: Picture, limits: Limits | None = None, width: float = NARROW,
         cross = {"marker": "x", "color": palette.VERMILION, "ms": 2.8, "mew": 0.6, "zorder": 7}
         marks.append(Mark(picture.placed(nearest)[picture.things], cross, "nearest point"))
     for path in picture.paths:
-        marks += _track(path, "what the robot stopped for" if path.number == picture.marked else "")
+        marks += _track(path, "nearest in a zone or ahead" if path.number == picture.marked else "")
         words = f"{path.number} {printable(path.label)}".rstrip() + (f" in {printable(path.zone)}" if path.zone else "")
         at = np.array([path.mark])
         # On the side that it does not move to, or away from the sensor.

@@ -43,7 +43,7 @@ KEPT = 100
 """Most tracks that are kept one by one, for the tables of the report."""
 TRACK_COLUMNS = (
     *("topic", "frame_id", "track", "set", "shape", "label", "first_sweep", "first_stamp", "sweeps"),
-    *("duration", "hidden", "length", "width", "distance", "speed_mean", "speed_max", "end"),
+    *("duration", "hidden", "length", "width", "distance", "speed_mean", "speed_max", "end", "person"),
 )
 """Columns of the tracks table that a summary reads."""
 SET_COLUMNS = {"object": "O", "agent": "A", "noise": "S"}
@@ -183,7 +183,9 @@ def tracked_of(run: Run, streams: Streams) -> TracksSummary | None:
     shapes, ends = rows.counts("shape"), rows.counts("end")
     kinds = {"tracks.shape": shapes, "tracks.end": {name.replace(" ", "_"): count for name, count in ends.items()}}
     is_agent = rows.are("set", "A")
-    figures: dict[str, float | None] = {"tracks": len(rows), "tracks.agents": int(is_agent.sum())}
+    person = np.column_stack([rows.source, rows.words("topic")[0], np.nan_to_num(rows.numbers("person"))])
+    people = len(np.unique(person[person[:, 2] > 0], axis=0))
+    figures: dict[str, float | None] = {"tracks": len(rows), "tracks.agents": int(is_agent.sum()), "tracks.people": people}
     for name, spread in spreads.items():
         figures |= {f"{name}.{statistic}": getattr(spread, statistic) for statistic in STATISTICS}
     for name, known in TRACK_CATEGORIES.items():

@@ -153,6 +153,15 @@ def counted(value: float | None, name: str) -> str:
     return f"{NONE} {name}s" if value is None else texts.counted(int(value), name)
 
 
+def sure(count: int, low: int, high: int | None) -> str:
+    """Return a number with the interval in which the true one lies.
+
+    >>> sure(12, 11, 14), sure(0, 0, None)
+    ('12 (11-14)', '0 (0 or more)')
+    """
+    return f"{count:,} ({low:,} or more)" if high is None else f"{count:,} ({low:,}-{high:,})"
+
+
 def in_unit(value: float | None, unit: str = "", form: str = "") -> str:
     """Return a number with its unit, by a format; empty where there is none.
 

@@ -14,7 +14,8 @@ import pyarrow as pa
 from lidarcli.display.palette import ZONE_COLOURS
 from lidarcli.display.texts import moment, times_of_day
 from lidarcli.errors import OptionError
-from lidarcli.options.times import TimeZone
+from lidarcli.formalism.counting import in_all
+from lidarcli.options.times import SECOND_NS, TimeZone, is_date
 from lidarcli.reports.checks import Check, CheckVerdict, accepts, count_events, parse_check, verdict_of
 from lidarcli.reports.columns import Observation, Origin, Record, Rows, ZoneRows, least_observed, missing_of
 from lidarcli.reports.document import (
@@ -32,11 +33,12 @@ from lidarcli.reports.document import (
     table_of,
 )
 from lidarcli.reports.figures import STATISTICS, ZONES, Spread, plain_fields, plain_number, zone_of
-from lidarcli.reports.wording import NONE, column, counted, in_unit, number, percent
+from lidarcli.reports.wording import NONE, bar, column, counted, in_unit, number, percent, sure
 from lidarcli.sweeps.masks import Circle
 from lidarcli.sweeps.types import Bool, Float64, Int64
 from lidarcli.sweeps.zone import SENSOR, WORLD, outline
 from lidarcli.tabular.reading import note_value, notes_of
+from lidarcli.tabular.schemas import DIRECTIONS
 from lidarcli.tabular.writing import PARAMETERS
 
 _ZONE_NAMED = re.compile(r"\bzone\s*([=!])=\s*([\w-]+)")
@@ -87,11 +89,11 @@ ZONE_WORDS = {
 """Word → meaning, of those that a page with zones explains."""
 
 
-def zones_in(read: Mapping[int, tuple[pa.Table, pa.Table]]) -> ZoneRows:
+def zones_in(read: Mapping[int, Sequence[pa.Table]]) -> ZoneRows:
     """Return the zones in the tables of some sources, with their outlines as far as the metadata has them."""
     shapes: dict[str, dict[str, Any]] = {}
     left_out: list[tuple[str, str]] = []
-    for source, (_, zones) in read.items():
+    for source, (_, zones, *_) in read.items():
         rows = Rows.join([zones])
         judged, log = {*rows.counts("zone")}, next(iter(rows.counts("log")), str(source))
         declared = note_value(notes_of(zones), PARAMETERS, dict).get("zones")
@@ -100,7 +102,9 @@ def zones_in(read: Mapping[int, tuple[pa.Table, pa.Table]]) -> ZoneRows:
                 shapes.setdefault(one["name"], one)
                 left_out += [(log, one["name"])] if one["name"] not in judged else []
     events, zones = (Rows.join([one[k] for one in read.values()], [*read]) for k in (0, 1))
-    return ZoneRows(events, zones, shapes, tuple(left_out))
+    counted_in = [source for source, one in read.items() if len(one) > 2 and one[2] is not None]
+    counts = Rows.join([read[source][2] for source in counted_in], counted_in) if counted_in else None
+    return ZoneRows(events, zones, shapes, tuple(left_out), counts)
 
 
 def figures_of(zone_rows: ZoneRows) -> dict[str, float | None]:
@@ -236,6 +240,39 @@ def judge_zones(check: Check, values: Mapping[str, float | None], zone_rows: Zon
     return verdict_of(check, count_events(check.condition, zone_rows))
 
 
+WHOLE = -1
+"""Begin of the row of all intervals together."""
+People = Mapping[tuple[str, str], Sequence[Mapping[str, Any]]]
+"""Log and line → the rows of its table of counts."""
+
+
+def people_cells(people: People, zone: TimeZone, several: bool = False) -> dict[str, list[str]]:
+    """Return heading → cells of the people by line and interval, and in all, with a bar for each number of an interval."""
+    found: list[tuple[str, ...]] = []
+    for (log, name), rows in people.items():
+        starts: dict[int, list[Mapping[str, Any]]] = {}
+        for row in rows:
+            starts.setdefault(row["start"], []).append(row)
+        heads = dict(zip(starts, _begins([*starts], rows[0]["start"], zone), strict=True)) | {WHOLE: "all"}
+        most = max(sum(row["count"] for row in both) for both in starts.values())
+        starts[WHOLE] = [in_all([row for row in rows if row["direction"] == way]) for way in DIRECTIONS]
+        for begin, both in starts.items():
+            length = bar(sum(row["count"] for row in both) / max(most, 1), 16).rstrip()
+            words = [sure(row["count"], row["low"], row["high"]) for row in both]
+            length = "" if begin == WHOLE else length
+            observed = percent(both[0]["observed"]).replace(".0 %", " %")
+            found.append((name, heads[begin], *words, length, observed, log if several else ""))
+    names = ("zone", "from", *DIRECTIONS, "people", "observed", "log")
+    return dict(zip(names, map(list, zip(*found, strict=True)), strict=True))
+
+
+def _begins(stamps: Sequence[int], first_ns: int, zone: TimeZone) -> list[str]:
+    """Return the begins of intervals in words: time of day, with the date where they are of several, else seconds."""
+    if not is_date(first_ns):
+        return [f"{(stamp - first_ns) / SECOND_NS:,.1f} s" for stamp in stamps]
+    return [each.partition(".")[0] for each in times_of_day(stamps, zone)[1]]
+
+
 @dataclass(frozen=True, slots=True)
 class ZoneFigures:
     """A zone and what happened in it."""
@@ -329,6 +366,8 @@ class ZonesPart(ReportPart):
     """Source → what Nav2 did, and when the robot stood still, where the events tell."""
     time_zone: TimeZone
     """Time zone of what people read."""
+    people: People
+    """Where lines have tables of counts."""
     schema = "lidarcli.zones/1"
     words = ZONE_WORDS
 
@@ -369,6 +408,11 @@ class ZonesPart(ReportPart):
             blocks.append(Notes([(f"and {counted(len(self.timelines) - LOGS, 'more log')}",)]))
         blocks += [entries_table] if entered else []
         sections = {"zones": Section("Zones", blocks)}
+        if self.people:
+            title = "People through lines: what moves by itself, each person once; true numbers lie in brackets"
+            sections["people"] = Section(
+                title, [table_of(people_cells(self.people, self.time_zone, several=len(logs) > 1))]
+            )
         title = "Events of zones" + (", the worst first" if self.listed > 1 else "")
         for name, most, formats in (("events", EVENTS, (TEXT, MARKDOWN)), ("page of events", KEPT, (PAGE,))):
             if shown := self.events[:most]:
@@ -449,7 +493,20 @@ def zones_part(zone_rows: ZoneRows, sources: Sequence[Origin], time_zone: TimeZo
         timelines={source: tuple(_timelines(zone_rows, source, span, actions)) for source, span in spans.items()},
         others={source: [*_others(events, source, span)] for source, span in spans.items()},
         time_zone=time_zone,
+        people=_people(zone_rows.counts, [source.log for source in sources]),
     )
+
+
+def _people(rows: Rows | None, logs: Sequence[str]) -> People:
+    """Return the rows of the table of counts, by log and line."""
+    found: dict[tuple[str, str], list[Mapping[str, Any]]] = {}
+    if rows is not None:
+        columns = {name: rows.table[name].to_pylist() for name in rows.table.column_names if name not in ("start", "end")}
+        columns |= {name: rows.integers(name).tolist() for name in ("start", "end")}
+        for source, values in zip(rows.source.tolist(), zip(*columns.values(), strict=True), strict=True):
+            row = dict(zip(columns, values, strict=True))
+            found.setdefault((logs[source], row["zone"]), []).append(row)
+    return found
 
 
 def _sweeps(rows: Rows) -> int:

@@ -191,6 +191,18 @@ TABLES: dict[str, tuple[Column, ...]] = {
             "whether something in it could have made an event: enough beams reach it, for long enough (docs/zones.md)",
         ),
     ),
+    "counts": (
+        *(_LOG, _TOPIC._replace(meaning="scan topic, the first of those that count"), _ZONE),
+        Column("start", "stamp", "ns", "begin of the interval of time"),
+        Column("end", "stamp", "ns", "its end"),
+        Column("direction", "text", "", "in or out", words=DIRECTIONS),
+        Column("count", "int64", "1", "crossings that were seen, those by several tracks of one person once"),
+        Column("low", "int64", "1", "least number of true ones (docs/counting.md)"),
+        _open("high", "int64", "1", "greatest number; null where the line was not observed"),
+        Column("unsure", "int64", "1", "crossings out of sight, or seen on one side alone: not counted, but below `high`"),
+        Column("agents", "float64", "1", "mean number of agents at once, of the sweeps that see any"),
+        Column("observed", "float64", "1", "share of the time in which the line was observed"),
+    ),
     "cleaned": (
         *(_LOG, _TOPIC, _SWEEP, _STAMP),
         Column("agents", "int32", "1", "beams on agents, from the moment on at which each began to move"),
@@ -307,10 +319,10 @@ TABLES: dict[str, tuple[Column, ...]] = {
 }
 """Table → its columns, in order."""
 
-(OBJECTS, SWEEPS, TRACKS, TRAJECTORIES, BEAMS, EVENTS, ZONES, CLEANED, BACKGROUND, CHANGES, CLOUD, POSES) = map(
+(OBJECTS, SWEEPS, TRACKS, TRAJECTORIES, BEAMS, EVENTS, ZONES, COUNTS, CLEANED, BACKGROUND, CHANGES, CLOUD, POSES) = map(
     schema_of, TABLES.values()
 )
-SCHEMAS = dict(zip(TABLES, (OBJECTS, SWEEPS, TRACKS, TRAJECTORIES, BEAMS, EVENTS, ZONES), strict=False))
+SCHEMAS = dict(zip(TABLES, (OBJECTS, SWEEPS, TRACKS, TRAJECTORIES, BEAMS, EVENTS, ZONES, COUNTS), strict=False))
 """Table name, as in the file name `<log>.<table>.parquet` → schema."""
 
 NULLABLE = {name: frozenset(one.name for one in table if one.nullable) for name, table in TABLES.items()}

@@ -171,6 +171,7 @@ def test_tables_and_summary_of_tracks(logs: Path, tmp_path: Path, lidarcli: Run,
     assert lines[0].startswith(f"{logs / 'run.mcap'}: 20 sweeps, 30 objects (10 of agents), 2 tracks (1 agent)")
     assert lines[2] == "  on       agents 300 (4.2%), other objects 400 (5.6%), walls and rest 6,500 (90.3%)"
     assert lines[5:] == [
+        "  people   0: agents that went 2 m or more, each person once",
         "  note     2 things in 20 sweeps of /scan",
         f"  wrote    {tmp_path}/run.{{objects,sweeps,tracks,trajectories,beams}}.parquet",
     ]

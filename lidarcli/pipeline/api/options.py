@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
+from datetime import timedelta
 from os import PathLike, fspath
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
@@ -23,8 +24,8 @@ from lidarcli.options.forms import Text, defaults_of
 from lidarcli.options.groups import parse_mends, parse_removed, parse_value
 from lidarcli.options.objects import FindingGroup, ObjectGroup, Tracking
 from lidarcli.options.reading import parse_no_return
-from lidarcli.options.times import TimeZone, as_time, parse_zone
-from lidarcli.options.values import AnyPath
+from lidarcli.options.times import SECOND_NS, TimeZone, as_time, parse_zone
+from lidarcli.options.values import AnyPath, parse_every
 from lidarcli.pipeline.inputs.catalogue import read_catalogue
 from lidarcli.pipeline.inputs.masks import AUTO, read_masks
 from lidarcli.pipeline.reading.needs import NONE, PoseOptions
@@ -108,7 +109,14 @@ def read_options(options: Values) -> ReadOptions:
         masks = Masks(learn=True) if mask == AUTO else read_masks(path_text(mask))
     rules = range_rules(options["range"], parse_no_return(text), masks)
     start, end, run = (options.get(name) for name in ("start", "end", "run"))
-    return ReadOptions(topics, start, end, run, options.get("every", 1), rules=rules, time_zone=time_zone_of(options))
+    every, zone = _every(options.get("every", 1)), time_zone_of(options)
+    # In `zones` a time is an interval by which people are counted.
+    stride = 1 if isinstance(every, timedelta) else every
+    return ReadOptions(topics, start, end, run, stride, rules=rules, time_zone=zone)
+
+
+def _every(value: int | str | timedelta) -> int | timedelta:
+    return parse_every(value) if isinstance(value, str) else value
 
 
 def time_zone_of(options: Values) -> TimeZone:
@@ -255,7 +263,7 @@ def zone_options(options: Values, logs: LogOptions, *, overwrite: bool = False) 
     from lidarcli.pipeline.inputs.zones import parse_footprint, read_zones
     from lidarcli.pipeline.zones.options import ZoneOptions, refuse_options
 
-    names = several(options["zones"])
+    names, every = several(options["zones"]), _every(options["every"])
     parsed = ZoneOptions(
         zones=read_zones(names),
         files=tuple(names),
@@ -265,6 +273,7 @@ def zone_options(options: Values, logs: LogOptions, *, overwrite: bool = False) 
         footprint=given(parse_footprint, options["footprint"]),
         overwrite=overwrite,
         clips=given(place_of, options["clips"]),
+        interval_ns=round(every.total_seconds() * SECOND_NS) if isinstance(every, timedelta) else 0,
         around=_around(options["around"]),
         stops=options["stops"],
     )

@@ -50,6 +50,8 @@ class RunSummary:
     """Number of tracks; None where nothing was followed."""
     moved: int = 0
     """Tracks of agents."""
+    people: int = 0
+    """People that they are counted as."""
     followed: list[tuple[Any, ...]] = field(default_factory=list)
     """The agents: topic and `tracking.OF_AGENTS`."""
     first_ns: int | None = None
@@ -95,7 +97,7 @@ class RunSummary:
     def as_dict(self) -> dict[str, Any]:
         """Return the summary as plain values; of objects only where they were looked for (docs/ci.md)."""
         found: dict[str, Any] = {"objects": self.objects + self.agents, "on_agents": self.agents}
-        found |= {"tracks": self.things, "moving": self.moved, "sets": dict(self.by_set)}
+        found |= {"tracks": self.things, "moving": self.moved, "people": self.people, "sets": dict(self.by_set)}
         return {
             "sweeps": self.sweeps,
             "topics": sorted(self.topics),
@@ -123,10 +125,11 @@ class RunSummary:
         for letter, beams in zip("OAS", (found.object_beams, found.agent_beams, found.noise_beams), strict=True):
             self.by_set[letter] += int(beams.sum())
 
-    def add_things(self, things: int, moved: int) -> None:
+    def add_things(self, things: int, moved: int, people: int) -> None:
         """Count the tracks of one topic."""
         self.things = (self.things or 0) + things
         self.moved += moved
+        self.people += people
 
     def add_found(self, other: RunSummary) -> None:
         """Add the counts of objects and tracks of another summary."""
@@ -134,7 +137,7 @@ class RunSummary:
         self.agents += other.agents
         self.by_set.update(other.by_set)
         if other.things is not None:
-            self.add_things(other.things, other.moved)
+            self.add_things(other.things, other.moved, other.people)
 
     def close(self, report: ReadReport, posing: PoseAttacher) -> None:
         """Take over the damage and the notes of reading sweeps and poses."""

@@ -58,6 +58,8 @@ class Found(NamedTuple):
     """Description of the source."""
     frames: Sequence[str]
     """Notes on the transforms."""
+    poses: Sequence[str]
+    """Notes on the poses."""
     late_ns: int
     """Time from the stamps of sweeps to their recording."""
 
@@ -72,7 +74,7 @@ class _Answer:
     span: tuple[int, int]
     """What is shown [ns]."""
     commanded: Mapping[str, tuple[Int64, Float64]]
-    """Topic → stamps (N,) [ns] and speeds [m/s] that it commands."""
+    """Topic → stamps (N,) [ns] and velocities (N, 3) that it commands: ahead, left [m/s], turning [rad/s]."""
     tables: TableSet | None
     zone: TimeZone
     """Time zone of its words."""
@@ -123,9 +125,9 @@ class _Answer:
         return (motion.stamp_ns + motion.stamp_ns[motion.then]) // 2, motion.speed()
 
     def speed(self, course: tuple[Int64, Float64], ns: int) -> float:
-        """Return the newest speed at a time [m/s]; NaN before the first."""
+        """Return the newest speed at a time [m/s]; NaN where there was none in the second before."""
         at = int(np.searchsorted(course[0], ns, side="right")) - 1
-        return float(course[1][at]) if at >= 0 else np.nan
+        return float(course[1][at]) if at >= 0 and ns - course[0][at] <= SECOND_NS else np.nan
 
     @cached_property
     def culprit(self) -> tuple[Int64, Float64]:
@@ -177,7 +179,7 @@ class _Answer:
                 zone = f"{self.alarm['zone']} was occupied {self._from_to(self.alarm)}"
                 yield f"{zone}; the nearest in all that time was {self.who},{nearest}."
         elif self.stop is not None and self.stale is None:
-            yield f"No zone was occupied; on the way that it would have driven: {ahead_words(self.stop)}."
+            yield f"No zone was occupied. Ahead on its way: {ahead_words(self.stop)}."
         yield from self._disagreement()
         yield from self._command()
         faults = [*self._faults()]
@@ -189,11 +191,15 @@ class _Answer:
         if self.stop is not None:
             lasts = f"stood for {self.stop['duration']:.1f} s" + (", until the log ends" if self.stop["cut"] else "")
             stood = f"the robot, which drove {self.stop['speed']:.2f} m/s, {lasts}"
-            if self.stop["speed"] <= SLOW[0]:
+            if abs(self.stop["speed"]) <= SLOW[0]:
                 stood = f"the robot, which turned, {lasts}"
             return f"At {when} {did}, and {stood}." if did else f"At {when} {stood}."
         speed = self.speed(self.driven, self.ns)
-        drove = "" if np.isnan(speed) else f"the robot drove {speed:.2f} m/s" if speed > SLOW[0] else "the robot stood"
+        drove = "" if np.isnan(speed) else f"the robot drove {speed:.2f} m/s" if abs(speed) > SLOW[0] else "the robot stood"
+        if self.act is not None and self.act["action"] == "stop" and abs(speed) > SLOW[0]:
+            later = [one for one in self.near(STOP, within_ns=AROUND_NS) if one["start"] > self.ns]
+            until = f" until {self.clock(later[0]['start'])}" if later else ""
+            drove = f"the robot, which drove {speed:.2f} m/s, did not stop{until}"
         if did is None and self.alarm is not None:
             did = f"{self.alarm['zone']} was occupied for {self.alarm['duration']:.1f} s"
         if did is None and self.stale is not None:
@@ -216,31 +222,43 @@ class _Answer:
             return
         if not self.commanded:
             yield "The log has no commands (geometry_msgs/Twist): whether it was told to stop cannot be said."
-        for topic, course in self.commanded.items():
-            before, now = (self.speed(course, self.stop["start"] + shift) for shift in (-SECOND_NS, SECOND_NS // 2))
-            if np.isnan(now):
+        start = self.stop["start"]
+        for topic, (stamps, velocity) in self.commanded.items():
+            # Poses and commands are not of one clock to the tenth of a second.
+            last = int(np.searchsorted(stamps, start + SAME_NS // 2, side="right")) - 1
+            if last < 0:
                 yield f"{topic} commanded nothing until then."
-            elif now > SLOW[0]:
-                yield f"{topic} commanded {now:.2f} m/s all the same: something held the robot, or it did not listen."
-            elif before > SLOW[0]:
-                ends = course[0][(course[0] <= self.stop["start"] + SECOND_NS // 2) & (course[1] > SLOW[0])]
-                early = (self.stop["start"] - int(ends[-1])) / SECOND_NS if len(ends) else 0.0
-                yield f"It was told to: {topic} went from {before:.2f} to {now:.2f} m/s about {abs(early):.1f} s before."
+                continue
+            moves = (np.abs(velocity[:, 0]) > SLOW[0]) | (np.abs(velocity[:, 2]) > SLOW[1])
+            age = (start - int(stamps[last])) / SECOND_NS
+            if moves[last] and age > 1.0:
+                yield f"The last command of {topic} had come {age:.1f} s before: it may have stopped as commands ceased."
+            elif moves[last]:
+                told = f"{velocity[last, 0]:.2f} m/s" if abs(velocity[last, 0]) > SLOW[0] else "a turn"
+                yield f"{topic} commanded {told} all the same: something held the robot, or it did not listen."
+            elif not moves[:last].any():
+                yield f"It was told to: {topic} commanded to stand all the time."
             else:
-                yield f"It was told to: {topic} commanded {now:.2f} m/s."
+                drive = int(np.flatnonzero(moves[:last])[-1])
+                early = max((start - int(stamps[drive + 1])) / SECOND_NS, 0.0)
+                told = f"{velocity[drive, 0]:.2f} m/s" if abs(velocity[drive, 0]) > SLOW[0] else "a turn"
+                yield f"It was told to: {topic} went from {told} to a stand {early:.1f} s before."
 
     def _faults(self) -> Iterator[str]:
-        """Yield what was wrong with sensors, poses and transforms in the time that is shown."""
+        """Yield what was wrong with sensors, poses and transforms within `NEAR_NS`."""
+        low, high = max(self.ns - NEAR_NS, self.span[0]), min(self.ns + NEAR_NS, self.span[1])
         for one in self.found.topics:
             stamps = np.sort(one.column("stamp_ns"))
             step = float(np.median(np.diff(stamps))) if len(stamps) > 1 else 0.0
-            own = stamps[(stamps >= self.span[0]) & (stamps <= self.span[1])]
-            edges = np.concatenate([self.span[:1], own, self.span[1:]])
+            # A gap counts as a whole, also where it began before.
+            first, last = np.searchsorted(stamps, [low, high]).tolist()
+            own = stamps[max(first - 1, 0) : last + 1]
+            edges = own if len(own) > 1 else np.array([low, high])
             longest = float(np.diff(edges).max())
             if longest > max(2.5 * step, 0.5 * SECOND_NS):
                 begin = self.clock(int(edges[np.diff(edges).argmax()]))
                 yield f"no sweep of {one.topic} for {longest / SECOND_NS:.1f} s from {begin} on"
-            shown = (one.column("stamp_ns") >= self.span[0]) & (one.column("stamp_ns") <= self.span[1])
+            shown = (one.column("stamp_ns") >= low) & (one.column("stamp_ns") <= high)
             pose = one.column("pose")[shown]
             if len(pose) > 1 and np.isfinite(pose[:, 0]).any():
                 lost = int(np.isnan(pose[:, 0]).sum())
@@ -256,7 +274,7 @@ class _Answer:
             when, observed = each.columns["stamp"], each.columns["observed"]
             assert when is not None
             assert observed is not None
-            shown = observed[(when >= self.span[0]) & (when <= self.span[1])]
+            shown = observed[(when >= low) & (when <= high)]
             if not shown.all():
                 yield f"{each.zone.name} was observed in {int(shown.sum()):,} of {counted(len(shown), 'sweep')}"
         for poses in self.found.described.get("poses", {}).values():
@@ -278,9 +296,11 @@ class _Answer:
         if self.stale is not None:
             yield "silent", f"{self.stale['topic']}, {self._from_to(self.stale)}"
         for topic, course in self.commanded.items():
-            yield f"commanded by {topic}", self._speeds(course)
+            yield f"commanded by {topic}", self._speeds((course[0], course[1][:, 0]))
         if len(self.driven[0]):
             yield "driven", self._speeds(self.driven)
+        for note in self.found.poses:
+            yield "poses", note
         for frame, poses in self.found.described.get("poses", {}).items():
             yield f"poses of {frame or 'the sensor'}", f"{poses.get('topic', 'none')} in {poses.get('world', 'no frame')}"
 
@@ -299,7 +319,8 @@ class _Answer:
             yield Card("nearest", in_unit(self.cause["nearest"], "m", ".2f") or "unknown", self.who, alarming=True)
         if self.stop is not None:
             yield Card("stood for", f"{self.stop['duration']:.1f} s", "until the log ends" if self.stop["cut"] else "")
-            yield Card("drove before", f"{self.stop['speed']:.2f} m/s", "as the poses tell")
+            backwards = "backwards" if self.stop["speed"] < 0.0 else ""
+            yield Card("drove before", f"{self.stop['speed']:.2f} m/s", backwards)
         if self.act is not None:
             yield Card("Nav2", str(self.act["action"]), str(self.act["zone"]))
 
@@ -313,7 +334,7 @@ class _Answer:
             if stamps is not None and nearest is not None and np.isfinite(nearest).any():
                 distances.append(self._course(f"nearest in {each.zone.name}", (stamps, nearest), colour))
         speeds = [
-            self._course(f"commanded by {topic}", _held(course), colour)
+            self._course(f"commanded by {topic}", _held((course[0], course[1][:, 0])), colour)
             for (topic, course), colour in zip(self.commanded.items(), (palette.VERMILION, *colours), strict=False)
         ]
         speeds += [self._course("driven", self.driven, palette.BLACK)] if len(self.driven[0]) else []
@@ -408,7 +429,8 @@ def explain(
             f"to {_clock((high - first_ns) / SECOND_NS, high, zone)}"
         )
     ranked = [one for kind in (NAV2, STOP, OCCUPIED, APPROACH, STALE) for one in found.events if one["kind"] == kind]
-    nearest = min(ranked, key=lambda one: _away(one, target), default=None)
+    near = [one for one in ranked if _away(one, target) <= SAME_NS]
+    nearest = near[0] if near else min(ranked, key=lambda one: _away(one, target), default=None)
     ns = target
     if nearest is not None and _away(nearest, target) <= NEAR_NS:
         # Why it stands is told by how it stopped; what is in a zone changes while it is occupied.
@@ -446,7 +468,7 @@ def _commanded(log: Log, options: ZoneOptions, late_ns: int) -> dict[str, tuple[
         told = velocities(log, topic, ReadReport())
         if told is not None and len(told[0]):
             # A plain Twist has no stamp but that of its record.
-            found[topic] = told[0] - (late_ns if types[topic] == TWIST else 0), np.hypot(told[1][:, 0], told[1][:, 1])
+            found[topic] = told[0] - (late_ns if types[topic] == TWIST else 0), told[1]
     return found
 
 

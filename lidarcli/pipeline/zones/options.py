@@ -63,6 +63,8 @@ class ZoneOptions:
     overwrite: bool = False
     clips: Place | None = None
     """Folder for a part of the log around each event."""
+    interval_ns: int = 0
+    """Length of the intervals by which people are counted; 0 for none."""
     around: float = AROUND
     """Time before and after each [s]."""
     explain: Explained | None = None
@@ -83,7 +85,7 @@ class ZoneOptions:
 
     def outputs(self, source: Source, folder: Place) -> dict[str, Place]:
         """Return the path of each table of a log."""
-        return table_paths(folder, source.name, TABLES)
+        return table_paths(folder, source.name, (*TABLES, *(("counts",) if self.interval_ns else ())))
 
     def inputs(self, sources: Sequence[Source | MissingInput]) -> list[str]:
         """Return the files that are read, none of which an output may replace."""
@@ -95,6 +97,7 @@ class ZoneOptions:
         own: dict[str, Any] = {"zones": [*map(zone_dict, self.zones.zones)], "find": self.has_objects}
         more: dict[str, Any] = {"zone_masks": plain(self.zones.masks), "robot": self.zones.robot}
         more["stops"] = self.stops and self.half_width
+        more["interval_ns"] = self.interval_ns
         more["footprint"] = None if self.footprint is None else self.footprint.corners
         return self.detect.as_dict() | own | {name: value for name, value in more.items() if value}
 
@@ -130,6 +133,8 @@ def refuse_options(options: ZoneOptions) -> None:
     """Refuse zones that need objects where none are known, and options that no zone needs (`OptionError`)."""
     if options.footprint is not None and not (options.stops or any(zone.shape_topic for zone in options.zones.zones)):
         raise OptionError("--footprint is for --stops and for zones whose shape a topic tells, and there are none")
+    if options.interval_ns and not any(isinstance(zone.shape, Line) for zone in options.zones.zones):
+        raise OptionError("--every with a time counts who crosses lines, and no zone is a line")
     for zone in options.zones.zones:
         needs = isinstance(zone.shape, Line) or zone.count != "beams"
         if needs and not options.has_objects:

@@ -359,7 +359,7 @@ def _agents_at(series: TopicSeries, tables: TableSet | None) -> AgentPaths | Non
     """Return the agents at the sweeps of a sensor; None where nobody followed them."""
     if tables is None or not _has_tracks(tables):
         return None
-    tracks = tracks_of(tables, series.topic, series.frame_id, ("set", "label"))
+    tracks = tracks_of(tables, series.topic, series.frame_id, ("set", "label", "person"))
     paths = paths_of(tables, series.topic)
     # Sweeps of several frames are not in their order.
     sweeps = series.column("sweep")
@@ -371,4 +371,5 @@ def _agents_at(series: TopicSeries, tables: TableSet | None) -> AgentPaths | Non
     places = paths.x[rows], paths.y[rows], paths.in_world[rows]
     labels = {row["track"]: row["label"] for row in tracks if row["label"] is not None}
     shared = {row["track"] for row in tracks if row["frame_id"] is None}
-    return AgentPaths(paths.track[rows], at[rows], *places, ~paths.hidden[rows], labels, shared)
+    persons = {row["track"]: row["person"] for row in tracks if row["person"] is not None}
+    return AgentPaths(paths.track[rows], at[rows], *places, ~paths.hidden[rows], labels, shared, persons)

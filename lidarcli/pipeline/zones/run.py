@@ -24,7 +24,7 @@ from lidarcli.pipeline.runs.over_logs import LogProgress, Outcome, logs_at_once,
 from lidarcli.pipeline.zones.events import ZoneEvents
 from lidarcli.pipeline.zones.options import MAX_EXPLAINED, ZoneOptions, masked, narrowed
 from lidarcli.pipeline.zones.reader import ZoneReader
-from lidarcli.pipeline.zones.summary import ZoneSummary, ZoneTables, stale_notes
+from lidarcli.pipeline.zones.summary import CountedTables, ZoneSummary, ZoneTables, stale_notes
 from lidarcli.reports.checks import Check, CheckVerdict, verdict_of
 from lidarcli.reports.programs import as_junit
 from lidarcli.reports.report import Report
@@ -69,7 +69,7 @@ def watch(
             found.notes = [*dict.fromkeys([*masking.notes, *first.summary.notes, *found.notes])]
         metadata = table_metadata(parameters, described, found.damage)
         stops = reader.stops if options.stops else None
-        summary = ZoneSummary.of(found, source.name, by_zone, reader.acts, stops, metadata)
+        summary = ZoneSummary.of(found, source.name, by_zone, reader.acts, stops, metadata, options.interval_ns)
         summary.notes += [*options.zones.notes, *stale_notes(by_zone, bool(options.zones.robot), summary.time_zone)]
         if tables is not None and options.objects is not None:
             summary.notes += other_recording(tables, described.get("recording", {}))
@@ -106,9 +106,10 @@ def _explain(
     from lidarcli.reports.html import render
 
     assert options.explain is not None
+    poses = [note for note in summary.notes if note.startswith(("poses", "matched path"))]
     events = summary.events if options.stops else [*summary.events, *reader.stops]
     found = Found(
-        reader.topics, by_zone, summary.acts, reader.odometry, events, described, reader.doubts, reader.late_ns or 0
+        reader.topics, by_zone, summary.acts, reader.odometry, events, described, reader.doubts, poses, reader.late_ns or 0
     )
     wanted = options.explain.time
     times = [Instant(ns) for ns in worst_times(found.events, MAX_EXPLAINED)] if wanted is None else [wanted]
@@ -177,7 +178,7 @@ def understand(options: ZoneOptions, expressions: Sequence[str]) -> list[Check]:
 
 
 def judge(
-    checks: Sequence[Check], tables: Sequence[ZoneTables]
+    checks: Sequence[Check], tables: Sequence[ZoneTables | CountedTables]
 ) -> tuple[list[CheckVerdict], tuple[str, ...], dict[str, float | None]]:
     """Return the verdicts on all logs, a line for each zone that was not observed all the time, and the figures."""
     if not tables:

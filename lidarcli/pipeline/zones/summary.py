@@ -10,9 +10,12 @@ import numpy as np
 import pyarrow as pa
 
 from lidarcli.display.texts import column_of_times, time_of_day, times
+from lidarcli.formalism.counting import in_all
 from lidarcli.options.times import TimeZone
 from lidarcli.pipeline.reading.one_log import RunSummary
 from lidarcli.pipeline.zones.events import STALE, ZoneEvents
+from lidarcli.pipeline.zones.intervals import counts_of
+from lidarcli.pipeline.zones.intervals import lines_of as people_lines
 from lidarcli.pipeline.zones.monitor import Act, lines_of, missed_stops, rows_of
 from lidarcli.pipeline.zones.options import TABLES
 from lidarcli.pipeline.zones.stops import stop_lines
@@ -33,11 +36,23 @@ class ZoneTables(NamedTuple):
     """One row per sweep and zone."""
 
 
+class CountedTables(NamedTuple):
+    """Tables that `zones` returns where `every` is an interval of time."""
+
+    events: pa.Table
+    zones: pa.Table
+    """As of `ZoneTables`."""
+    counts: pa.Table
+    """One row per line, interval and direction."""
+
+
 @dataclass(slots=True)
 class ZoneSummary(RunSummary):
     """The counts of one run over one log, and its zones."""
 
-    tables: ZoneTables = field(default_factory=lambda: ZoneTables(*(SCHEMAS[name].empty_table() for name in TABLES)))
+    tables: ZoneTables | CountedTables = field(
+        default_factory=lambda: ZoneTables(*(SCHEMAS[name].empty_table() for name in TABLES))
+    )
     lines: list[tuple[str, str]] = field(default_factory=list)
     """Head and words for each zone, and of what Nav2 did."""
     worst: list[tuple[str, str]] = field(default_factory=list)
@@ -49,6 +64,8 @@ class ZoneSummary(RunSummary):
     """Rows of the table of events."""
     answers: Sequence[Sequence[str]] = ()
     """Sentences of `--explain` on each of its times."""
+    counts: list[dict[str, Any]] = field(default_factory=list)
+    """Crossings of each line in all, by direction, where there are intervals."""
 
     @classmethod
     def of(
@@ -59,8 +76,12 @@ class ZoneSummary(RunSummary):
         acts: Sequence[Act],
         stops: Sequence[dict[str, Any]] | None,
         metadata: dict[bytes, bytes],
+        interval_ns: int = 0,
     ) -> ZoneSummary:
-        """Return what was found in the zones of a log; `acts` are those of Nav2 in it, `stops` those of the robot."""
+        """Return what was found in the zones of a log; people are counted by intervals.
+
+        `acts` are those of Nav2 in it, `stops` those of the robot.
+        """
         summary = cls(**{name: getattr(found, name) for name in RunSummary.__dataclass_fields__})
         events = [event for each in by_zone for event in each.events]
         summary.events = [*events, *rows_of(acts, by_zone, found.first_ns or 0), *(stops or ())]
@@ -68,6 +89,14 @@ class ZoneSummary(RunSummary):
         names = _names(by_zone)
         longest = max(map(len, names))
         summary.lines = [(f"  {name:<{longest}}  ", _words(each)) for name, each in zip(names, by_zone, strict=True)]
+        if interval_ns:
+            rows = {name: counts_of(each, interval_ns) for name, each in zip(names, by_zone, strict=True)}
+            rows = {name: some for name, some in rows.items() if some}
+            summary.lines += people_lines(rows, summary.time_zone)
+            counts = [row | {"log": log} for some in rows.values() for row in some]
+            table = _table_of("counts", counts).replace_schema_metadata(metadata)
+            summary.tables = CountedTables(*summary.tables, table)
+            summary.counts = [in_all(some[way::2]) for some in rows.values() for way in range(2)]
         worst = _worst_first(by_zone)
         summary.look = worst[0]["look"] if worst else None
         summary.worst = _worst_lines(worst, summary.time_zone)
@@ -81,6 +110,7 @@ class ZoneSummary(RunSummary):
         figures = figures_of(zones_in({0: self.tables}))
         own = {
             "figures": {name: plain_number(figures[name]) for name in figures},
+            **({"counts": self.counts} if self.counts else {}),
             "nav2": [act._asdict() for act in self.acts],
         }
         return RunSummary.as_dict(self) | own
@@ -92,8 +122,7 @@ def _tables(
     """Return the tables of a log."""
     order = sorted(range(len(events)), key=lambda at: (events[at]["start"], at))
     rows = [events[at] | {"log": log, "event": number} for number, at in enumerate(order, 1)]
-    schema = SCHEMAS["events"]
-    found = pa.table([pa.array([row.get(one.name) for row in rows], one.type) for one in schema], schema)
+    found = _table_of("events", rows)
     pieces = [_zone_rows(log, each) for each in by_zone]
     zones = pa.Table.from_batches(pieces, SCHEMAS["zones"]).unify_dictionaries()
     if zones.num_rows:
@@ -101,6 +130,11 @@ def _tables(
         topics = np.concatenate([np.array([one.topic for one in each.topics])[each.topic] for each in by_zone])
         zones = zones.take(pa.array(np.lexsort((np.asarray(zones["sweep"]), topics))))
     return ZoneTables(*(table.replace_schema_metadata(metadata) for table in (found, zones)))
+
+
+def _table_of(name: str, rows: Sequence[Mapping[str, Any]]) -> pa.Table:
+    schema = SCHEMAS[name]
+    return pa.table([pa.array([row.get(one.name) for row in rows], one.type) for one in schema], schema)
 
 
 def _zone_rows(log: str, one: ZoneEvents) -> pa.RecordBatch:
