@@ -600,14 +600,16 @@ def _event_cells(events: Sequence[Any], zone: TimeZone, several: bool = False) -
         "zone": [one.zone for one in events],
         "time": [f"{one.t:,.2f} s" for one in events],
         head: clocks,
-        "kind": [f"{one.kind} {one.action}" if one.kind == "nav2" else one.kind for one in events],
+        "kind": [one.kind for one in events],
         "lasts": [("≥ " if one.cut else "") + words for one, words in zip(events, lasts, strict=True)],
         "points": [in_unit(one.points) for one in events],
         "nearest": [in_unit(one.nearest, "m", ".2f") for one in events],
         "ttc": ["" if words == NONE else words for words in ttc],
         "track": [in_unit(one.track) for one in events],
         "by": [
-            one.topic if one.kind == "stale" else f"{WHO.get(one.set, '').removesuffix('s')} {one.label}".strip()
+            {"stale": one.topic, "nav2": one.action}.get(
+                one.kind, f"{WHO.get(one.set, '').removesuffix('s')} {one.label}".strip()
+            )
             for one in events
         ],
         "log": [one.log if several else "" for one in events],

@@ -97,34 +97,35 @@ def test_beside_the_way_is_not_ahead(tmp_path: Path) -> None:
 
 def test_a_stop_for_what_is_in_a_zone(tmp_path: Path, lidarcli: Run) -> None:
     told = answer_of(lidarcli, drive(tmp_path, make.box(2.9, 0.0, 0.4, 0.4)), STOP, "5")
-    assert re.match(r"At 4\.\d s the robot, which drove 0\.5\d m/s, stood for 3\.\d s\.", told)
+    assert re.match(r"At 4\.\d s \(22:13:2\d\.\d\) the robot, which drove 0\.5\d m/s, stood for 3\.\d s\.", told)
     assert re.search(r"Object \d+ was in stop 0\.\d\d m from the sensor with \d+ points at most\.", told)
-    assert "It was told to: /cmd_vel went from 0.50 to 0.00 m/s" in told
+    assert re.search(r"It was told to: /cmd_vel went from 0.50 m/s to a stand 0\.\d s before\.", told)
     assert told.endswith("Sensors, poses and transforms were sound.")
 
 
 @pytest.mark.parametrize(
-    ("commands", "words"), [(None, "The log has no commands"), (0.0, "It was told to: /cmd_vel commanded 0.00 m/s.")]
+    ("commands", "words"), [(None, "The log has no commands"), (0.0, "It was told to: /cmd_vel commanded to stand")]
 )
 def test_a_stop_for_nothing_is_told_as_such(tmp_path: Path, lidarcli: Run, commands: float | None, words: str) -> None:
     told = answer_of(lidarcli, drive(tmp_path, commands=commands), FREE, "5")
-    assert "No zone was occupied; on the way that it would have driven: nothing ahead within 3 m." in told
+    assert "No zone was occupied. Ahead on its way: nothing ahead within 3 m." in told
     assert words in told
 
 
 def test_a_sensor_that_was_silent_is_the_answer(tmp_path: Path, lidarcli: Run) -> None:
     told = answer_of(lidarcli, drive(tmp_path, make.box(2.9, 0.0, 0.4, 0.4), lost=[(2.0, 6.0)]), STOP, "4.5")
-    assert "No sweep of /scan was new enough from 4.0 s to 6.0 s: what was around it then, nobody saw." in told
-    assert "Not sound then: no sweep of /scan for 4.0 s from 2.0 s on" in told
+    silent = "No sweep of /scan was new enough from 4.0 s (22:13:24.0) to 6.0 s (22:13:26.0)"
+    assert f"{silent}: what was around it then, nobody saw." in told
+    assert "Not sound then: no sweep of /scan for 4.0 s from 2.0 s (22:13:22.0) on" in told
     assert "No zone was occupied" not in told, "nobody knows"
 
 
 def test_a_time_without_an_event_is_answered_and_one_outside_of_the_log_refused(tmp_path: Path, lidarcli: Run) -> None:
     log = drive(tmp_path)
-    assert answer_of(lidarcli, log, FREE, "1.5").startswith("At 1.5 s the robot drove 0.50 m/s.")
+    assert answer_of(lidarcli, log, FREE, "1.5").startswith("At 1.5 s (22:13:21.5) the robot drove 0.50 m/s.")
     ran = lidarcli("zones", log, "--zones", tmp_path / "zones.toml", "--explain", "99", "-o", tmp_path / "no.png")
     assert ran.code == 2
-    assert "--explain 99.0: the log has sweeps from 0.0 s to 15.9 s" in ran.err
+    assert "--explain 99.0: the log has sweeps from 0.0 s (22:13:20.0) to 15.9 s (22:13:35.9)" in ran.err
     assert not (tmp_path / "no.png").exists()
 
 

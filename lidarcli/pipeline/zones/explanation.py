@@ -179,7 +179,8 @@ class _Answer:
                 zone = f"{self.alarm['zone']} was occupied {self._from_to(self.alarm)}"
                 yield f"{zone}; the nearest in all that time was {self.who},{nearest}."
         elif self.stop is not None and self.stale is None:
-            yield f"No zone was occupied. Ahead on its way: {ahead_words(self.stop)}."
+            ahead = ahead_words(self.stop)
+            yield f"No zone was occupied{', and ' if ahead.startswith('it') else '. Ahead on its way: '}{ahead}."
         yield from self._disagreement()
         yield from self._command()
         faults = [*self._faults()]
@@ -224,12 +225,14 @@ class _Answer:
             yield "The log has no commands (geometry_msgs/Twist): whether it was told to stop cannot be said."
         start = self.stop["start"]
         for topic, (stamps, velocity) in self.commanded.items():
-            # Poses and commands are not of one clock to the tenth of a second.
-            last = int(np.searchsorted(stamps, start + SAME_NS // 2, side="right")) - 1
+            last = int(np.searchsorted(stamps, start, side="right")) - 1
             if last < 0:
                 yield f"{topic} commanded nothing until then."
                 continue
             moves = (np.abs(velocity[:, 0]) > SLOW[0]) | (np.abs(velocity[:, 2]) > SLOW[1])
+            # Poses may be late: a stand that is commanded right after it began is meant.
+            after = slice(last, int(np.searchsorted(stamps, start + SAME_NS, side="right")))
+            last += 0 if moves[after].all() else int(np.argmin(moves[after]))
             age = (start - int(stamps[last])) / SECOND_NS
             if moves[last] and age > 1.0:
                 yield f"The last command of {topic} had come {age:.1f} s before: it may have stopped as commands ceased."

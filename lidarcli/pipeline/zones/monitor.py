@@ -79,7 +79,7 @@ def _otherwise(act: Act, by_zone: Sequence[ZoneEvents]) -> str:
         sweeps += int(np.count_nonzero(shown))
         most = max(most, int(points[shown].max(initial=0)))
     if not sweeps:
-        return "no sweep saw it"
+        return "not seen"
     return f"{most:,} of {own[0].zone.min_points:,} points in it" if most else "nothing was in it"
 
 

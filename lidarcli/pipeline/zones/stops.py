@@ -163,7 +163,7 @@ def ahead_words(stop: Mapping[str, Any]) -> str:
     if abs(stop["speed"]) <= SLOW[0]:
         return "it turned on the spot"
     if stop["points"] is None:
-        return "no sweep saw what was ahead"
+        return "ahead: no sweep then"
     if stop["nearest"] is None:
         return f"nothing ahead within {AHEAD:g} m"
     who = WHO.get(stop["set"], "something").removesuffix("s")
