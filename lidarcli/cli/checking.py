@@ -145,7 +145,7 @@ class ZonesCommand(Zoning, ManyLogs, Checked, Reported, total=False):
     explain: Annotated[
         str | None,
         Option(ZONES, Text("TIME|worst", parse_explained), shown="none"),
-        "Answer why the robot stopped then: -o why.html, .png or .gif; worst: of the worst events, a file each.",
+        "Answer why the robot stopped then: -o why.html, .png or .gif; worst: the five worst.",
     ]
 
 

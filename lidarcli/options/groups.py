@@ -144,8 +144,8 @@ class _Zones(TypedDict, total=False):
     ]
     objects: Annotated[
         AnyPath | None,
-        Option(ZONES, File("TABLE"), shown="find and follow, as track does", unless=("no_objects",)),
-        "Take the objects from <log>.objects.parquet of detect or track, with the tables beside it.",
+        Option(ZONES, File("TABLE"), shown="find and follow", unless=("no_objects",)),
+        "Take objects from <log>.objects.parquet of detect or track.",
     ]
     no_objects: Annotated[
         bool,
@@ -182,7 +182,7 @@ class Zoning(
     every: Annotated[
         int | str,
         Option(SELECT, Text("N|TIME", parse_every), 1),
-        "Count who crosses lines by intervals of this time (1min, 1h); of a whole number: take every N-th sweep.",
+        "Count who crosses lines by this time (1min, 1h); of a whole number: take every N-th sweep.",
     ]
 
     clips: Annotated[

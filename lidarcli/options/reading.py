@@ -45,7 +45,7 @@ def parse_no_return_words(text: str) -> str:
 
 
 class ClockGroup(TypedDict, total=False):
-    time_zone: Annotated[str, Option(SELECT, TIME_ZONE, "UTC"), "For times: Europe/Berlin, +02:00 or local."]
+    time_zone: Annotated[str, Option(SELECT, TIME_ZONE, "UTC", rare=True), "For times: Europe/Berlin, +02:00 or local."]
 
 
 class WindowGroup(ClockGroup, total=False):
@@ -54,7 +54,7 @@ class WindowGroup(ClockGroup, total=False):
     start: Annotated[
         float | str | None,
         Option(SELECT, TIME, shown="0"),
-        "Start at this time: seconds after the first sweep (10, 2min), 14:02:17, or 2026-11-22T10:00:00Z.",
+        "Start at this time: seconds after the first sweep (10, 2min), 14:02:17 (--time-zone), or 2026-11-22T10:00:00Z.",
     ]
     end: Annotated[float | str | None, Option(SELECT, TIME, shown="the end"), "End before this time, like --start."]
 

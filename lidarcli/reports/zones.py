@@ -598,7 +598,7 @@ def _event_cells(events: Sequence[Any], zone: TimeZone, several: bool = False) -
     lasts, ttc = column([one.duration for one in events], " s"), column([one.ttc for one in events], " s")
     return {
         "zone": [one.zone for one in events],
-        "time": [f"{one.t:,.2f} s" for one in events],
+        "time": [f"{one.t:,.1f} s" for one in events],
         head: clocks,
         "kind": [one.kind for one in events],
         "lasts": [("≥ " if one.cut else "") + words for one, words in zip(events, lasts, strict=True)],

@@ -237,7 +237,7 @@ def test_a_report_on_zones_alone_in_every_format(tmp_path: Path) -> None:
         "behind 0 % never observed",
         "stop 1 0.6 s 70 %",
         "left-door 2 1 100 %",
-        "stop 0.70 s 22:13:20.7 approach 0.10 s 5 0.60 m 0.50 s wall",
+        "stop 0.7 s 22:13:20.7 approach 0.10 s 5 0.60 m 0.50 s wall",
     ):
         assert row in rows
     assert "| stop | 2 | 0.3 s | 0.40 m | 70 % | 1 by agents, 1 by walls |" in render(found, "markdown")
