@@ -124,8 +124,7 @@ def _take(source: Source, options: PlotOptions, work: _PictureMaker, progress: P
             topics, options.start, options.end, batch_size=BATCH, rules=masking.rules, time_zone=options.time_zone
         )
         rows: list[SweepBatch] = []
-        last = -1
-        last_ns, showing = 0, None
+        last, last_ns, showing = -1, 0, None
         if options.zones is not None:
             # Imported here: most plots need no zones.
             from lidarcli.pipeline.zones.shown import Showing

@@ -14,8 +14,7 @@ import pyarrow as pa
 from lidarcli.display.palette import ZONE_COLOURS
 from lidarcli.display.texts import moment, times_of_day
 from lidarcli.errors import OptionError
-from lidarcli.formalism.counting import in_all
-from lidarcli.options.times import SECOND_NS, TimeZone, is_date
+from lidarcli.options.times import TimeZone
 from lidarcli.reports.checks import Check, CheckVerdict, accepts, count_events, parse_check, verdict_of
 from lidarcli.reports.columns import Observation, Origin, Record, Rows, ZoneRows, least_observed, missing_of
 from lidarcli.reports.document import (
@@ -33,12 +32,12 @@ from lidarcli.reports.document import (
     table_of,
 )
 from lidarcli.reports.figures import STATISTICS, ZONES, Spread, plain_fields, plain_number, zone_of
-from lidarcli.reports.wording import NONE, bar, column, counted, in_unit, number, percent, sure
+from lidarcli.reports.people import People, people_cells, people_in
+from lidarcli.reports.wording import NONE, column, counted, in_unit, number, percent
 from lidarcli.sweeps.masks import Circle
 from lidarcli.sweeps.types import Bool, Float64, Int64
 from lidarcli.sweeps.zone import SENSOR, WORLD, outline
 from lidarcli.tabular.reading import note_value, notes_of
-from lidarcli.tabular.schemas import DIRECTIONS
 from lidarcli.tabular.writing import PARAMETERS
 
 _ZONE_NAMED = re.compile(r"\bzone\s*([=!])=\s*([\w-]+)")
@@ -238,39 +237,6 @@ def judge_zones(check: Check, values: Mapping[str, float | None], zone_rows: Zon
     if check.condition is None or zone_rows is None:
         return verdict_of(check, values.get(check.name))
     return verdict_of(check, count_events(check.condition, zone_rows))
-
-
-WHOLE = -1
-"""Begin of the row of all intervals together."""
-People = Mapping[tuple[str, str], Sequence[Mapping[str, Any]]]
-"""Log and line → the rows of its table of counts."""
-
-
-def people_cells(people: People, zone: TimeZone, several: bool = False) -> dict[str, list[str]]:
-    """Return heading → cells of the people by line and interval, and in all, with a bar for each number of an interval."""
-    found: list[tuple[str, ...]] = []
-    for (log, name), rows in people.items():
-        starts: dict[int, list[Mapping[str, Any]]] = {}
-        for row in rows:
-            starts.setdefault(row["start"], []).append(row)
-        heads = dict(zip(starts, _begins([*starts], rows[0]["start"], zone), strict=True)) | {WHOLE: "all"}
-        most = max(sum(row["count"] for row in both) for both in starts.values())
-        starts[WHOLE] = [in_all([row for row in rows if row["direction"] == way]) for way in DIRECTIONS]
-        for begin, both in starts.items():
-            length = bar(sum(row["count"] for row in both) / max(most, 1), 16).rstrip()
-            words = [sure(row["count"], row["low"], row["high"]) for row in both]
-            length = "" if begin == WHOLE else length
-            observed = percent(both[0]["observed"]).replace(".0 %", " %")
-            found.append((name, heads[begin], *words, length, observed, log if several else ""))
-    names = ("zone", "from", *DIRECTIONS, "people", "observed", "log")
-    return dict(zip(names, map(list, zip(*found, strict=True)), strict=True))
-
-
-def _begins(stamps: Sequence[int], first_ns: int, zone: TimeZone) -> list[str]:
-    """Return the begins of intervals in words: time of day, with the date where they are of several, else seconds."""
-    if not is_date(first_ns):
-        return [f"{(stamp - first_ns) / SECOND_NS:,.1f} s" for stamp in stamps]
-    return [each.partition(".")[0] for each in times_of_day(stamps, zone)[1]]
 
 
 @dataclass(frozen=True, slots=True)
@@ -493,20 +459,8 @@ def zones_part(zone_rows: ZoneRows, sources: Sequence[Origin], time_zone: TimeZo
         timelines={source: tuple(_timelines(zone_rows, source, span, actions)) for source, span in spans.items()},
         others={source: [*_others(events, source, span)] for source, span in spans.items()},
         time_zone=time_zone,
-        people=_people(zone_rows.counts, [source.log for source in sources]),
+        people=people_in(zone_rows.counts, [source.log for source in sources]),
     )
-
-
-def _people(rows: Rows | None, logs: Sequence[str]) -> People:
-    """Return the rows of the table of counts, by log and line."""
-    found: dict[tuple[str, str], list[Mapping[str, Any]]] = {}
-    if rows is not None:
-        columns = {name: rows.table[name].to_pylist() for name in rows.table.column_names if name not in ("start", "end")}
-        columns |= {name: rows.integers(name).tolist() for name in ("start", "end")}
-        for source, values in zip(rows.source.tolist(), zip(*columns.values(), strict=True), strict=True):
-            row = dict(zip(columns, values, strict=True))
-            found.setdefault((logs[source], row["zone"]), []).append(row)
-    return found
 
 
 def _sweeps(rows: Rows) -> int:

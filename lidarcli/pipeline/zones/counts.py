@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from typing import Any, NamedTuple
@@ -26,6 +26,7 @@ from lidarcli.formalism.zones import (
     sight,
     times,
 )
+from lidarcli.options.times import SECOND_NS
 from lidarcli.pipeline.inputs.tracked import Objects
 from lidarcli.pipeline.zones.frames import VELOCITY_SPAN_NS, Frames, Velocities, carrier_pose, velocity_of
 from lidarcli.sweeps.masks import Circle, Masks, Polygon
@@ -137,6 +138,27 @@ class TopicSeries(GrowingColumns):
     def of_zone(self, name: str) -> ZoneSeries:
         """Return what it has in a zone."""
         return next(one for one in self.zones if one.zone.name == name)
+
+
+def event_row(
+    topic: TopicSeries, about: Mapping[str, str], ends: Sequence[int], span_ns: tuple[int, int], first_ns: int
+) -> dict[str, Any]:
+    """Return an event with what all kinds have; `about`: zone, kind and action; `ends`: its first and its last sweep."""
+    return {
+        "topic": topic.topic,
+        "frame_id": topic.frame_id,
+        "first_sweep": ends[0],
+        "last_sweep": ends[1],
+        "sweeps": 0,
+        **about,
+        "polygon": None,
+        "start": span_ns[0],
+        "end": span_ns[1],
+        "t": (span_ns[0] - first_ns) / SECOND_NS,
+        "duration": (span_ns[1] - span_ns[0]) / SECOND_NS,
+        "cut": False,
+        **dict.fromkeys(("nearest", "set", "track", "label")),
+    }
 
 
 class TopicCounter:

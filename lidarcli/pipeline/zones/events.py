@@ -17,7 +17,7 @@ from lidarcli.formalism.tracking.trajectories import observed_steps
 from lidarcli.formalism.zones import SAMPLES, TrackPath, crossings, episodes, visits
 from lidarcli.options.times import SECOND_NS
 from lidarcli.pipeline.inputs.tracked import from_sensor, to_sensor
-from lidarcli.pipeline.zones.counts import TopicSeries, ZoneSeries
+from lidarcli.pipeline.zones.counts import TopicSeries, ZoneSeries, event_row
 from lidarcli.sweeps.masks import Circle, Polygon
 from lidarcli.sweeps.types import Bool, Float64, Int64, UInt8
 from lidarcli.sweeps.zone import UNSEEN, WORLD, Line, Zone
@@ -100,27 +100,6 @@ class ZoneEvents:
     """Sweeps in which too much of the zone is lost that a sensor could observe, and the greatest share of it."""
     in_force: bool = True
     """False for a velocity_polygon none of whose polygons ever covered the velocity."""
-
-
-def event_row(
-    topic: TopicSeries, about: Mapping[str, str], ends: Sequence[int], span_ns: tuple[int, int], first_ns: int
-) -> dict[str, Any]:
-    """Return an event with what all kinds have; `about`: zone, kind and action; `ends`: its first and its last sweep."""
-    return {
-        "topic": topic.topic,
-        "frame_id": topic.frame_id,
-        "first_sweep": ends[0],
-        "last_sweep": ends[1],
-        "sweeps": 0,
-        **about,
-        "polygon": None,
-        "start": span_ns[0],
-        "end": span_ns[1],
-        "t": (span_ns[0] - first_ns) / SECOND_NS,
-        "duration": (span_ns[1] - span_ns[0]) / SECOND_NS,
-        "cut": False,
-        **dict.fromkeys(("nearest", "set", "track", "label")),
-    }
 
 
 class EventFinder:

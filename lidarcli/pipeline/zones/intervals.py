@@ -12,7 +12,7 @@ import numpy as np
 from lidarcli.formalism.counting import interval
 from lidarcli.options.times import LONGEST, SECOND_NS, TimeZone
 from lidarcli.pipeline.zones.events import ZoneEvents
-from lidarcli.reports.zones import people_cells
+from lidarcli.reports.people import people_cells
 from lidarcli.sweeps.types import Float64, Int64
 from lidarcli.sweeps.zone import UNSEEN, Line
 from lidarcli.tabular.schemas import DIRECTIONS

@@ -12,7 +12,8 @@ import numpy as np
 from lidarcli.display.texts import time_of_day, times
 from lidarcli.logs.base import Log, Message, ReadReport
 from lidarcli.options.times import SECOND_NS, TimeZone
-from lidarcli.pipeline.zones.events import APPROACH, NAV2, OCCUPIED, STALE, ZoneEvents, event_row
+from lidarcli.pipeline.zones.counts import event_row
+from lidarcli.pipeline.zones.events import APPROACH, NAV2, OCCUPIED, STALE, ZoneEvents
 from lidarcli.pose.messages import messages_of
 from lidarcli.ros.cursor import Cursor
 

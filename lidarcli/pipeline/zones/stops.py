@@ -11,8 +11,8 @@ from lidarcli.display.texts import time_of_day
 from lidarcli.formalism.detection import SETS
 from lidarcli.formalism.zones import AHEAD
 from lidarcli.options.times import SECOND_NS, TimeZone
-from lidarcli.pipeline.zones.counts import TopicSeries
-from lidarcli.pipeline.zones.events import STOP, event_row
+from lidarcli.pipeline.zones.counts import TopicSeries, event_row
+from lidarcli.pipeline.zones.events import STOP
 from lidarcli.pose.frames import nearness
 from lidarcli.pose.tracks import PoseTrack, flat
 from lidarcli.reports.wording import counted
