@@ -247,26 +247,31 @@ def zones(messages: MessageWriter, options: ZonesCommand) -> int:
     return messages.end(code, checks=[verdict.as_dict() for verdict in verdicts])
 
 
+def _again(options: Mapping[str, Any], command: click.Command, *first: str) -> list[str]:
+    """A command on the same log and zones, with those options of `zones` that it takes, too, as they were typed."""
+    words = ["lidarcli", str(command.name), *options["logs"], *first]
+    ctx = click.get_current_context()
+    for each in command.params:
+        value, source = ctx.params.get(str(each.name)), ctx.get_parameter_source(str(each.name))
+        is_own = each.name in ("output", "overwrite", "topic", "explain", "start", "end", "format")
+        # Those of several values name tables and the like.
+        if source is ParameterSource.COMMANDLINE and not is_own and isinstance(value, str | int | float):
+            words += [each.opts[0], *([] if isinstance(value, bool) else [str(value)])]
+    return [*words, *(word for file in options["zones"] for word in ("--zones", file))]
+
+
 def _plot_command(options: Mapping[str, Any], topic: str, seconds: float) -> str:
-    """The command that draws the sweep of a topic at a time, with those options of `zones` that it takes, too."""
+    """The command that draws the sweep of a topic at a time."""
     from lidarcli.cli.plot import plot
 
-    words = ["lidarcli", "plot", *options["logs"], "--topic", topic, "--at", f"{seconds:.3f}"]
-    ctx = click.get_current_context()
-    for each in plot.params:
-        value, source = ctx.params.get(str(each.name)), ctx.get_parameter_source(str(each.name))
-        # Those of several values name tables and the like.
-        is_typed = source is ParameterSource.COMMANDLINE and each.name not in ("output", "overwrite")
-        if is_typed and isinstance(value, str | float | bool):
-            words += [each.opts[0], *([] if isinstance(value, bool) else [str(value)])]
-    words += [word for file in options["zones"] for word in ("--zones", file)]
+    words = _again(options, plot, "--topic", topic, "--at", f"{seconds:.3f}")
     tracks = options["objects"] or options["logs"][0]
     return shlex.join(words if options["no_objects"] else [*words, "--tracks", str(tracks)])
 
 
 def _commands(options: Mapping[str, Any], topic: str, seconds: float) -> list[str]:
-    """The commands that show more of a topic at a time: its sweep, the log around each event, and a report of all."""
-    again = ["lidarcli", "zones", *options["logs"], *(word for file in options["zones"] for word in ("--zones", file))]
+    """The commands that show more of a topic at a time: its sweep, this answer again, and the log around each event."""
+    again = _again(options, zones, *(word for each in options["topic"] or () for word in ("--topic", each)))
     return [
         _plot_command(options, topic, seconds),
         shlex.join([*again, "--explain", f"{seconds:.1f}", "-o", "why.html"]),
