@@ -170,7 +170,7 @@ TABLES: dict[str, tuple[Column, ...]] = {
             "speed",
             "float64",
             "m/s",
-            "greatest speed of the robot meanwhile; of a stop the mean from 1.5 to 0.5 s before, by odometry negative "
+            "greatest speed of the robot meanwhile; of a stop the median from 1.5 to 0.5 s before, by odometry negative "
             "backwards; null where it is not known",
         ),
     ),

@@ -108,7 +108,7 @@ def test_a_stop_for_what_is_in_a_zone(tmp_path: Path, lidarcli: Run) -> None:
 )
 def test_a_stop_for_nothing_is_told_as_such(tmp_path: Path, lidarcli: Run, commands: float | None, words: str) -> None:
     told = answer_of(lidarcli, drive(tmp_path, commands=commands), FREE, "5")
-    assert "No zone was occupied. Ahead on its way: nothing ahead within 3 m." in told
+    assert "No zone was occupied. Ahead on its way: nothing seen within 3 m." in told
     assert words in told
 
 

@@ -38,6 +38,8 @@ NEAR_NS = 2 * SECOND_NS
 """Farthest event that a time means [ns]: people read it off a clock."""
 SAME_NS = SECOND_NS // 2
 """Time between what belongs together, as an event of a zone and the stop that follows it [ns]."""
+SMOOTH_NS = SECOND_NS // 5
+"""Time over which the driven speed is a mean [ns]."""
 MAX_PICTURES = 120
 """Most pictures of a film."""
 LEAP = 5.0
@@ -120,7 +122,7 @@ class _Answer:
     @cached_property
     def driven(self) -> tuple[Int64, Float64]:
         """Stamps (N,) [ns] and speeds [m/s] of the robot; none where nothing tells how it moved."""
-        motion = motion_of(self.found.topics, self.found.odometry)
+        motion = motion_of(self.found.topics, self.found.odometry)._replace(span_ns=SMOOTH_NS)
         # The mean over a time is that of its middle.
         return (motion.stamp_ns + motion.stamp_ns[motion.then]) // 2, motion.speed()
 
@@ -180,7 +182,13 @@ class _Answer:
                 yield f"{zone}; the nearest in all that time was {self.who},{nearest}."
         elif self.stop is not None and self.stale is None:
             ahead = ahead_words(self.stop)
-            yield f"No zone was occupied{', and ' if ahead.startswith('it') else '. Ahead on its way: '}{ahead}."
+            if (unseen := self._unseen(self.stop["start"])) is not None:
+                yield f"No sweep {unseen}: whether a zone was occupied, nobody saw."
+            elif ahead.startswith("it"):
+                yield f"No zone was occupied, and {ahead}."
+            else:
+                range_of = "" if self.stop["nearest"] is None else " from the sensor"
+                yield f"No zone was occupied. Ahead on its way: {ahead}{range_of}."
         yield from self._disagreement()
         yield from self._command()
         faults = [*self._faults()]
@@ -207,6 +215,16 @@ class _Answer:
             did = f"{self.stale['topic']} was silent"
         return f"At {when} " + " and ".join(filter(None, [did, drove]) if did or drove else ["nothing happened"]) + "."
 
+    def _unseen(self, ns: int) -> str | None:
+        """Return from when to when there was no sweep about a time, in words; None where there was one."""
+        stamps = np.sort(np.concatenate([one.column("stamp_ns") for one in self.found.topics]))
+        after = int(np.searchsorted(stamps, ns))
+        before = int(stamps[max(after - 1, 0)])
+        end = int(stamps[min(after, len(stamps) - 1)])
+        if min(abs(ns - before), abs(end - ns)) <= SAME_NS:
+            return None
+        return f"from {self.clock(before)} to {self.clock(end)}"
+
     def _disagreement(self) -> Iterator[str]:
         """Yield what Nav2 and the zones say differently."""
         for act in self.found.acts:
@@ -220,6 +238,7 @@ class _Answer:
     def _command(self) -> Iterator[str]:
         """Yield what was commanded when the robot stopped."""
         if self.stop is None:
+            yield from self._meanwhile()
             return
         if not self.commanded:
             yield "The log has no commands (geometry_msgs/Twist): whether it was told to stop cannot be said."
@@ -247,9 +266,17 @@ class _Answer:
                 told = f"{velocity[drive, 0]:.2f} m/s" if abs(velocity[drive, 0]) > SLOW[0] else "a turn"
                 yield f"It was told to: {topic} went from {told} to a stand {early:.1f} s before."
 
+    def _meanwhile(self) -> Iterator[str]:
+        """Yield what was commanded while Nav2 acted and the robot did not stop."""
+        if self.act is None:
+            return
+        for topic, (stamps, velocity) in self.commanded.items():
+            own = velocity[(stamps >= self.act["start"]) & (stamps <= self.act["end"]), 0]
+            yield f"Meanwhile {topic} commanded {f'up to {own[np.abs(own).argmax()]:.2f} m/s' if len(own) else 'nothing'}."
+
     def _faults(self) -> Iterator[str]:
-        """Yield what was wrong with sensors, poses and transforms within `NEAR_NS`."""
-        low, high = max(self.ns - NEAR_NS, self.span[0]), min(self.ns + NEAR_NS, self.span[1])
+        """Yield what was wrong with sensors, poses and transforms from a second before to half a second after."""
+        low, high = max(self.ns - SECOND_NS, self.span[0]), min(self.ns + SAME_NS, self.span[1])
         for one in self.found.topics:
             stamps = np.sort(one.column("stamp_ns"))
             step = float(np.median(np.diff(stamps))) if len(stamps) > 1 else 0.0
@@ -282,7 +309,7 @@ class _Answer:
                 yield f"{each.zone.name} was observed in {int(shown.sum()):,} of {counted(len(shown), 'sweep')}"
         for poses in self.found.described.get("poses", {}).values():
             yield from (f"poses {words.partition(';')[0]}" for words, _ in contradicted(poses).values())
-        yield from self.found.frames
+        yield from (*self.found.poses, *self.found.frames)
 
     def facts(self) -> Iterator[tuple[str, str]]:
         """Yield names and values."""
@@ -302,8 +329,6 @@ class _Answer:
             yield f"commanded by {topic}", self._speeds((course[0], course[1][:, 0]))
         if len(self.driven[0]):
             yield "driven", self._speeds(self.driven)
-        for note in self.found.poses:
-            yield "poses", note
         for frame, poses in self.found.described.get("poses", {}).items():
             yield f"poses of {frame or 'the sensor'}", f"{poses.get('topic', 'none')} in {poses.get('world', 'no frame')}"
 
@@ -432,8 +457,8 @@ def explain(
             f"to {_clock((high - first_ns) / SECOND_NS, high, zone)}"
         )
     ranked = [one for kind in (NAV2, STOP, OCCUPIED, APPROACH, STALE) for one in found.events if one["kind"] == kind]
-    near = [one for one in ranked if _away(one, target) <= SAME_NS]
-    nearest = near[0] if near else min(ranked, key=lambda one: _away(one, target), default=None)
+    near = [one for one in ranked if _away(one, target) <= SAME_NS and one["kind"] == NAV2]
+    nearest = min(near or ranked, key=lambda one: (_away(one, target) > 0, abs(one["start"] - target)), default=None)
     ns = target
     if nearest is not None and _away(nearest, target) <= NEAR_NS:
         # Why it stands is told by how it stopped; what is in a zone changes while it is occupied.

@@ -10,6 +10,7 @@ from typing import Any
 
 import pyarrow as pa
 
+from lidarcli.display.texts import Routine
 from lidarcli.errors import OptionError
 from lidarcli.files.newfiles import NewFiles, refuse, scratch_folder, write_whole, writing
 from lidarcli.files.stores import Place
@@ -106,7 +107,8 @@ def _explain(
     from lidarcli.reports.html import render
 
     assert options.explain is not None
-    poses = [note for note in summary.notes if note.startswith(("poses", "matched path"))]
+    doubted = [note for note in summary.notes if not isinstance(note, Routine)]
+    poses = [note for note in doubted if note.startswith(("poses", "matched path"))]
     events = summary.events if options.stops else [*summary.events, *reader.stops]
     found = Found(
         reader.topics, by_zone, summary.acts, reader.odometry, events, described, reader.doubts, poses, reader.late_ns or 0

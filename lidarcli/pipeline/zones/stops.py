@@ -35,11 +35,13 @@ class Motion(NamedTuple):
     """(N, 3) x, y [m] and yaw [rad] of the robot, or of a sensor on it."""
     name: str
     """Topic of the odometry; empty where it is by the poses of the sweeps."""
+    span_ns: int = SPAN_NS
+    """Time over which speeds are means [ns]."""
 
     @property
     def then(self) -> Int64:
-        """(N,) the pose `SPAN_NS` before each."""
-        found: Int64 = np.maximum(np.searchsorted(self.stamp_ns, self.stamp_ns - SPAN_NS, side="right") - 1, 0)
+        """(N,) the pose `span_ns` before each."""
+        found: Int64 = np.maximum(np.searchsorted(self.stamp_ns, self.stamp_ns - self.span_ns, side="right") - 1, 0)
         return found
 
     def speed(self) -> Float64:
@@ -66,13 +68,9 @@ class Motion(NamedTuple):
         return first + int(slow.argmax()) if slow.any() else first
 
     def speed_before(self, stamp_ns: int) -> float:
-        """Return the mean speed over the second that ends half a second before a time [m/s], signed as of `speed`."""
-        ends = np.searchsorted(self.stamp_ns, [stamp_ns - 3 * SPAN_NS, stamp_ns - SPAN_NS], side="right") - 1
-        first, last = np.maximum(ends, 0).tolist()
-        seconds = (self.stamp_ns[last] - self.stamp_ns[first]) / SECOND_NS
-        signs = np.sign(self.speed()[first : last + 1].sum()) or 1.0
-        moved = np.hypot(*(self.pose[last, :2] - self.pose[first, :2]))
-        return float(signs * moved / seconds) if last > first else 0.0
+        """Return the median speed of the second that ends half a second before a time [m/s], signed as of `speed`."""
+        first, after = np.searchsorted(self.stamp_ns, [stamp_ns - 3 * SPAN_NS, stamp_ns - SPAN_NS + 1]).tolist()
+        return float(np.median(self.speed()[first:after])) if first < after else 0.0
 
     def _seconds(self) -> Float64:
         found: Float64 = np.maximum(self.stamp_ns - self.stamp_ns[self.then], 1) / SECOND_NS
@@ -163,8 +161,8 @@ def ahead_words(stop: Mapping[str, Any]) -> str:
     if abs(stop["speed"]) <= SLOW[0]:
         return "it turned on the spot"
     if stop["points"] is None:
-        return "ahead: no sweep then"
+        return "no sweep then"
     if stop["nearest"] is None:
-        return f"nothing ahead within {AHEAD:g} m"
+        return f"nothing seen within {AHEAD:g} m"
     who = WHO.get(stop["set"], "something").removesuffix("s")
-    return " ".join(map(str, filter(None, [who, stop["track"], f"{stop['nearest']:.2f} m ahead"])))
+    return " ".join(map(str, filter(None, [who, stop["track"], f"at {stop['nearest']:.2f} m"])))
