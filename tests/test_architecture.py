@@ -115,28 +115,28 @@ def room_imports() -> dict[str, set[str]]:
 
 
 LINES = {
-    "cli": 3_156,
+    "cli": 3_218,
     "copying": 771,
-    "display": 467,
+    "display": 497,
     "files": 1_174,
-    "formalism": 16_704,
-    "logs": 11_893,
+    "formalism": 16_891,
+    "logs": 11_914,
     "maps": 523,
-    "options": 1_435,
-    "overlays": 1_144,
-    "pipeline": 17_897,
+    "options": 1_571,
+    "overlays": 1_162,
+    "pipeline": 19_106,
     "pose": 3_181,
-    "reports": 7_013,
+    "reports": 7_702,
     "ros": 413,
     "simulation": 2_309,
     "sweeps": 1_980,
     "system": 326,
-    "tabular": 1_976,
+    "tabular": 1_995,
     "lidarcli": 153,
 }
 """Most lines of Python of each room, and of the files beside them: lower them as code goes; who raises one says why."""
 MAX_FILE_LINES = 600
-MAX_FILES = 271
+MAX_FILES = 277
 """A file has one subject, so there are more of them than before; who adds one says why an existing one cannot hold it."""
 
 

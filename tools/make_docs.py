@@ -26,6 +26,7 @@ WITH_EXAMPLES = (
     "docs/citing.md",
     "docs/info.md",
     "docs/poses.md",
+    "docs/counting.md",
     "docs/lasers.md",
     "docs/clouds.md",
     "docs/map.md",

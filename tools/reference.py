@@ -30,6 +30,8 @@ TABLES = {
     "beams": "One row per beam of each sweep (`--beams`).",
     "events": "One row per event of a zone, by start (`zones`); [zones.md](zones.md) says what an event is.",
     "zones": "One row per sweep and zone, ordered by topic, sweep and zone (`zones`).",
+    "counts": "One row per line, interval of time and direction (`zones --every 1min`), by line and time "
+    "([counting.md](counting.md)).",
 }
 METADATA = {
     writing.VERSION: "version of lidarcli",

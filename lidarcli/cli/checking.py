@@ -3,7 +3,8 @@
 import json
 import shlex
 from collections.abc import Mapping, Sequence
-from functools import wraps
+from dataclasses import replace
+from functools import partial, wraps
 from itertools import chain
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -25,13 +26,13 @@ from lidarcli.cli.messages import (
     wrapped,
 )
 from lidarcli.display.screen import one_line
-from lidarcli.display.texts import counted, no_command
+from lidarcli.display.texts import counted, moment, no_command
 from lidarcli.files.stores import place
-from lidarcli.options.choices import JUNIT
+from lidarcli.options.choices import EXPLAINED, JUNIT
 from lidarcli.options.common import CHECK, Checked, ManyLogs, Overwrite, Reported, TextOrJson, output
-from lidarcli.options.forms import Argument, File, Option
-from lidarcli.options.groups import ZONE_RULES, Diffing, Reporting, Zoning
-from lidarcli.options.values import CHECKS, OUTPUT, STDOUT
+from lidarcli.options.forms import Argument, File, Option, Text
+from lidarcli.options.groups import ZONE_RULES, ZONES, Diffing, Reporting, Zoning
+from lidarcli.options.values import CHECKS, OUTPUT, STDOUT, parse_explained
 
 if TYPE_CHECKING:
     from lidarcli.reports.report import Report
@@ -141,6 +142,11 @@ class ZonesCommand(Zoning, ManyLogs, Checked, Reported, total=False):
         CHECK,
         "Condition that must hold, else exit code 1: zones.NAME.events == 0 (docs/zones.md); may be repeated.",
     ]
+    explain: Annotated[
+        str | None,
+        Option(ZONES, Text("TIME|worst", parse_explained), shown="none"),
+        "Answer why the robot stopped then: -o why.html, .png or .gif; worst: the five worst.",
+    ]
 
 
 @command(
@@ -149,12 +155,13 @@ class ZonesCommand(Zoning, ManyLogs, Checked, Reported, total=False):
   lidarcli zones run.mcap --zones nav2.yaml -o tables
   lidarcli zones run.mcap --zones zones.toml --check "zones.stop.events == 0"
   lidarcli zones run.mcap --zones doors.toml --check "zones.door.in >= 30"
+  lidarcli zones run.bag --zones nav2.yaml --explain 14:02 -o why.html
   lidarcli zones run.bag --zones zones.toml --objects run.objects.parquet
   lidarcli zones run.bag --zones zones.toml --mask robot.toml --no-objects
   lidarcli zones run.mcap --zones nav2.yaml --clips clips --around 3s
   lidarcli zones run.db3 --zones nav2.yaml \\
     --footprint '[[0.3, 0.2], [0.3, -0.2], [-0.3, 0.0]]'""",
-    changed={field: {"rare": True} for field in ("background", "max_width", "clips")},
+    changed={field: {"rare": True} for field in ("background", "max_width", "clips", "range", "jobs")},
     rules=ZONE_RULES,
 )
 @junit_of_errors
@@ -167,25 +174,37 @@ def zones(messages: MessageWriter, options: ZonesCommand) -> int:
     """
     outputs = [place(each) for each in options["output"]]
     suites = [path for path in outputs if path.suffix.lower() == JUNIT]
-    folders = [path for path in outputs if path not in suites]
+    answers = [path for path in outputs if path.suffix.lower() in EXPLAINED and options["explain"] is not None]
+    folders = [path for path in outputs if path not in (*suites, *answers)]
     folder = folders[0] if folders else None
     if STDOUT in options["output"] or len(folders) > 1:
         raise click.UsageError("-o takes one folder, and .xml files; there is no standard output of tables")
+    if options["explain"] is not None and not answers:
+        raise click.UsageError(
+            "--explain writes a page, a picture or a film: give -o why.html, why.png, why.gif or why.mp4"
+        )
     logs = log_options(options)
 
     from lidarcli.errors import CHECK_FAILED, UnreadableError
+    from lidarcli.options.times import as_time
     from lidarcli.pipeline.api.options import zone_options
     from lidarcli.pipeline.reporting import checks_of
+    from lidarcli.pipeline.zones.options import Explained
     from lidarcli.pipeline.zones.run import judge, refuse_outputs, understand, watch_files, write_verdicts
     from lidarcli.pipeline.zones.summary import ZoneSummary
 
     with usage_errors():
         zoning = zone_options(options, logs, overwrite=options["overwrite"])
+        if options["explain"] is not None:
+            zone = zoning.detect.read.time_zone
+            time = None if options["explain"] == "worst" else as_time(options["explain"], zone)
+            zoning = replace(zoning, explain=Explained(time, tuple(answers), partial(_commands, options)))
         checks = understand(zoning, checks_of(options))
     messages.begin(options, finds=True)
     sources = chosen_logs(messages, options)
-    if zoning.objects is not None and len(sources) != 1:
-        raise click.UsageError(f"--objects is for one log, and these are {len(sources):,}")
+    for name, value in (("--objects", zoning.objects), ("--explain", zoning.explain)):
+        if value is not None and len(sources) != 1:
+            raise click.UsageError(f"{name} is for one log, and these are {len(sources):,}")
     writes = refuse_outputs(sources, folder, zoning, suites)
     if options["dry_run"]:
         return print_reads(sources, writes)
@@ -193,11 +212,15 @@ def zones(messages: MessageWriter, options: ZonesCommand) -> int:
     failed, tables, problems, found = False, [], [], []
 
     def lines_of(run: ZoneSummary) -> list[str]:
-        where = f"{counted(run.sweeps, 'sweep')} of {', '.join(sorted(run.topics))}"
+        since = f" from {moment(run.first_ns, run.time_zone)}" if run.first_ns is not None else ""
+        where = f"{counted(run.sweeps, 'sweep')} of {', '.join(sorted(run.topics))}{since}"
         alone = len(sources) == 1
         lines = chain(*(wrapped(*line) for line in (*run.lines, *(run.worst if alone or messages.verbose else ()))))
         look = [f"  look     {_plot_command(options, *run.look)}"] if run.look and alone else []
-        return [f"{where}, {counted(len(zoning.zones.zones), 'zone')}", *lines, *look]
+        # Of several answers the gist; the pages have the rest.
+        gist = [line for one in run.answers for line in (one if len(run.answers) == 1 else one[:2])]
+        why = chain(*(wrapped("  why      " if not k else " " * 11, line) for k, line in enumerate(gist)))
+        return [f"{where}, {counted(len(zoning.zones.zones), 'zone')}", *lines, *look, *why]
 
     with progress_bar(sources, messages) as report:
         for outcome in watch_files(sources, folder, zoning, report):
@@ -224,21 +247,36 @@ def zones(messages: MessageWriter, options: ZonesCommand) -> int:
     return messages.end(code, checks=[verdict.as_dict() for verdict in verdicts])
 
 
+def _again(options: Mapping[str, Any], command: click.Command, *first: str) -> list[str]:
+    """A command on the same log and zones, with those options of `zones` that it takes, too, as they were typed."""
+    words = ["lidarcli", str(command.name), *options["logs"], *first]
+    ctx = click.get_current_context()
+    for each in command.params:
+        value, source = ctx.params.get(str(each.name)), ctx.get_parameter_source(str(each.name))
+        is_own = each.name in ("output", "overwrite", "topic", "explain", "start", "end", "format")
+        # Those of several values name tables and the like.
+        if source is ParameterSource.COMMANDLINE and not is_own and isinstance(value, str | int | float):
+            words += [each.opts[0], *([] if isinstance(value, bool) else [str(value)])]
+    return [*words, *(word for file in options["zones"] for word in ("--zones", file))]
+
+
 def _plot_command(options: Mapping[str, Any], topic: str, seconds: float) -> str:
-    """The command that draws the sweep of a topic at a time, with those options of `zones` that it takes, too."""
+    """The command that draws the sweep of a topic at a time."""
     from lidarcli.cli.plot import plot
 
-    words = ["lidarcli", "plot", *options["logs"], "--topic", topic, "--at", f"{seconds:.3f}"]
-    ctx = click.get_current_context()
-    for each in plot.params:
-        value, source = ctx.params.get(str(each.name)), ctx.get_parameter_source(str(each.name))
-        # Those of several values name tables and the like.
-        is_typed = source is ParameterSource.COMMANDLINE and each.name not in ("output", "overwrite")
-        if is_typed and isinstance(value, str | float | bool):
-            words += [each.opts[0], *([] if isinstance(value, bool) else [str(value)])]
-    words += [word for file in options["zones"] for word in ("--zones", file)]
+    words = _again(options, plot, "--topic", topic, "--at", f"{seconds:.3f}")
     tracks = options["objects"] or options["logs"][0]
     return shlex.join(words if options["no_objects"] else [*words, "--tracks", str(tracks)])
+
+
+def _commands(options: Mapping[str, Any], topic: str, seconds: float) -> list[str]:
+    """The commands that show more of a topic at a time: its sweep, this answer again, and the log around each event."""
+    again = _again(options, zones, *(word for each in options["topic"] or () for word in ("--topic", each)))
+    return [
+        _plot_command(options, topic, seconds),
+        shlex.join([*again, "--explain", f"{seconds:.1f}", "-o", "why.html"]),
+        shlex.join([*again, "--clips", "clips"]),
+    ]
 
 
 class ReportCommand(Overwrite, Reporting, Checked, total=False):
@@ -291,13 +329,15 @@ def report(messages: MessageWriter, options: Mapping[str, Any]) -> int:
 
     from lidarcli.files.newfiles import refuse, write_whole
     from lidarcli.pipeline import reporting
+    from lidarcli.pipeline.api.options import time_zone_of
     from lidarcli.pipeline.inputs.search import files_of, find_logs
     from lidarcli.pipeline.inputs.tables import table_files
 
     formats = _formats(outputs, options["format"], reporting.SUFFIXES)
     if brief and not {*formats} & {*reporting.SHORT_FORMATS}:
         raise click.UsageError(f"--brief is for {', '.join(reporting.SHORT_FORMATS)}; leave it out for {formats[0]}")
-    parsed = reporting.ReportOptions(tables, reporting.checks_of(options), baseline, logs, options["join"])
+    checks, zone = reporting.checks_of(options), time_zone_of(options)
+    parsed = reporting.ReportOptions(tables, checks, baseline, logs, options["join"], zone)
     reporting.understand(parsed)
     files = [place(name) for name in (*outputs, *([init] if init else [])) if name != STDOUT]
     if files:

@@ -4,6 +4,7 @@ import json
 import math
 import shlex
 from collections.abc import Sequence
+from datetime import UTC
 from os import fspath
 from pathlib import PurePath
 from typing import TYPE_CHECKING, Annotated, Any
@@ -19,11 +20,13 @@ from lidarcli.files.stores import Place, place
 from lidarcli.options.common import ManyLogs, Overwrite, TextOrJson, output
 from lidarcli.options.forms import Option, OptionRule, Text
 from lidarcli.options.groups import FINDINGS, Inspecting
+from lidarcli.options.times import is_date
 from lidarcli.options.values import OUTPUT
 
 if TYPE_CHECKING:
     from lidarcli.logs.base import Topic
     from lidarcli.logs.clock import ClockInfo
+    from lidarcli.options.times import TimeZone
     from lidarcli.pipeline.building import Learned
     from lidarcli.pipeline.inspecting import LogInfo, ScanInfo, Span
     from lidarcli.pipeline.runs.over_logs import Failure
@@ -109,7 +112,11 @@ def info(messages: MessageWriter, options: InfoCommand) -> int:
             infos.append(result)
             if options["format"] == "text":
                 with messages.paused():
-                    click.echo(_in_a_line(result) if brief else ("\n" if len(infos) > 1 else "") + as_text(result))
+                    click.echo(
+                        _in_a_line(result, read.time_zone)
+                        if brief
+                        else ("\n" if len(infos) > 1 else "") + as_text(result, read.time_zone)
+                    )
     if options["format"] == "json":
         click.echo(as_json(infos))
     logs = [each for each in infos if isinstance(each, LogInfo)]
@@ -165,22 +172,22 @@ _FRAMES = 2
 _CLOSURES = {"open": "partial view", "closed": "full turn", "shared": "full turn; first and last beam point the same way"}
 
 
-def as_text(info: "LogInfo | Learned") -> str:
+def as_text(info: "LogInfo | Learned", zone: "TimeZone" = UTC) -> str:
     """Lines of at most 80 columns, but for names that are longer."""
     from lidarcli.pipeline.inspecting import LogInfo
 
     # Names come from a log and may hold anything.
-    lines = _log_lines(info) if isinstance(info, LogInfo) else background_lines(info)
+    lines = _log_lines(info, zone) if isinstance(info, LogInfo) else background_lines(info)
     return "\n".join(no_command(one_line(line)) for line in lines)
 
 
-def _in_a_line(info: "LogInfo | Learned") -> str:
+def _in_a_line(info: "LogInfo | Learned", zone: "TimeZone") -> str:
     from lidarcli.pipeline.inspecting import LogInfo
 
-    return no_command(one_line(_log_line(info) if isinstance(info, LogInfo) else background_line(info)))
+    return no_command(one_line(_log_line(info, zone) if isinstance(info, LogInfo) else background_line(info)))
 
 
-def _log_lines(info: "LogInfo") -> list[str]:
+def _log_lines(info: "LogInfo", zone: "TimeZone") -> list[str]:
     lines = [
         info.path,
         line_of("format", f"{info.format}, compression {info.compression}"),
@@ -194,7 +201,7 @@ def _log_lines(info: "LogInfo") -> list[str]:
     lines += [line_of("note", note) for note in info.notes]
     lines += [line_of("damage", damage) for damage in info.damage]
     for scan in info.scans:
-        lines += _scan_lines(scan)
+        lines += _scan_lines(scan, zone)
     if info.findings:
         lines.append("  findings")
     for found in info.findings:
@@ -206,11 +213,13 @@ def _log_lines(info: "LogInfo") -> list[str]:
     return lines
 
 
-def _log_line(info: "LogInfo") -> str:
+def _log_line(info: "LogInfo", zone: "TimeZone") -> str:
     """The log, its format, how long it takes, the sweeps of its topics, and what else there is to read."""
     parts = [info.format]
     if info.scans:
-        parts.append(f"{max(scan.clock.span for scan in info.scans):.1f} s")
+        begin = min((scan.clock.start_ns for scan in info.scans if scan.clock.start_ns is not None), default=0)
+        since = f" from {moment(begin, zone)}" if is_date(begin) else ""
+        parts.append(f"{max(scan.clock.span for scan in info.scans):.1f} s{since}")
     for scan in info.scans[:_BRIEF]:
         rate = "" if scan.clock.rate is None else f" at {scan.clock.rate:.2f} Hz"
         parts.append(f"{scan.topic} {scan.sweeps:,} x {_span(scan.beams, '{:,.0f}')} beams{rate}")
@@ -284,7 +293,7 @@ def _pose_lines(info: "LogInfo") -> list[str]:
     return lines
 
 
-def _scan_lines(scan: "ScanInfo") -> list[str]:
+def _scan_lines(scan: "ScanInfo", zone: "TimeZone") -> list[str]:
     from lidarcli.sweeps.types import worth_telling
 
     clock = scan.clock
@@ -304,7 +313,7 @@ def _scan_lines(scan: "ScanInfo") -> list[str]:
         line_of("rate", "unknown" if clock.rate is None else f"{clock.rate:.2f} Hz (median step)", 4),
     ]
     if clock.start_ns is not None and clock.end_ns is not None:
-        lines.append(line_of("time", f"{moment(clock.start_ns)} to {moment(clock.end_ns)}", 4))
+        lines.append(line_of("time", f"{moment(clock.start_ns, zone)} to {moment(clock.end_ns, zone)}", 4))
         lines.append(line_of("span", f"{clock.span:.3f} s", 4))
     lines.append(line_of("stamps", _stamps(clock, scan.sweeps), 4))
     if scan.made_of:

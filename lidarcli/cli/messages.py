@@ -19,7 +19,7 @@ import click
 
 from lidarcli.display.credentials import blotted
 from lidarcli.display.screen import Count, Screen, byte_bar, count_bar, one_line
-from lidarcli.display.texts import Routine, counted
+from lidarcli.display.texts import Routine, column_of_times, counted
 from lidarcli.errors import OutputError
 from lidarcli.options.choices import beams_on
 from lidarcli.system import compiled
@@ -362,13 +362,16 @@ MAX_AGENTS = 8
 def agents_of(run: RunSummary) -> list[str]:
     """Return a line for each agent of a log, farthest first: when it was observed [s from the start], how far, how fast."""
     several = len({topic for topic, *_ in run.followed}) > 1
-    lines = ["  agents   track      from        to      way     mean      top  score" + "  topic" * several]
-    for topic, track, *ends, length, mean, top, score in sorted(run.followed, key=lambda one: -one[4])[:MAX_AGENTS]:
+    shown = sorted(run.followed, key=lambda one: -one[4])[:MAX_AGENTS]
+    head, *clocks = column_of_times([each[2] for each in shown], run.time_zone)
+    lines = [f"  agents track      from  {head}      to      way     mean      top  score" + "  topic" * several]
+    for (topic, track, *ends, length, mean, top, score), clock in zip(shown, clocks, strict=True):
         begin, end = (f"{(stamp_ns - (run.first_ns or 0)) * 1e-9 + 0.0:8,.1f} s" for stamp_ns in ends)
-        line = f"{track:16}{begin}{end}{length:7,.1f} m{mean:5.1f} m/s{top:5.1f} m/s"
+        line = f"{track:14}{begin}  {clock}{end[2:]}{length:7,.1f} m{mean:5.1f} m/s{top:5.1f} m/s"
         lines.append(line + ("      -" if isnan(score) else f"{score:7.2f}") + f"  {topic}" * several)
     if (more := len(run.followed) - MAX_AGENTS) > 0:
         lines.append(f"           and {more:,} more")
+    lines.append(f"  people   {run.people:,}: agents that went 2 m or more, each person once")
     return lines if run.followed else []
 
 

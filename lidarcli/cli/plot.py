@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import click
 
 from lidarcli.cli.commands import command, log_options
-from lidarcli.cli.messages import MessageWriter, counted_bar, standard_output
+from lidarcli.cli.messages import MessageWriter, counted_bar, progress_bar, standard_output
 from lidarcli.errors import OptionError
 from lidarcli.files.stores import Place, place
 from lidarcli.options.choices import ANIMATED_DPI, ANIMATIONS, FRAMES_PER_SECOND, IMAGES, LAST_SWEEP, MAX_COUNT, VIEWS, Look
@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from lidarcli.logs.batches import ReadOptions
     from lidarcli.pipeline.inputs.sources import Source
     from lidarcli.pipeline.plotting import Drawn, PlotOptions
+    from lidarcli.pipeline.reading.one_log import Progress
 
 MAP = "map"
 """View of the whole run in the world."""
@@ -122,30 +123,34 @@ def plot(messages: MessageWriter, options: Mapping[str, Any]) -> int:
 
     from lidarcli.errors import UnreadableError
     from lidarcli.files.newfiles import refuse
+    from lidarcli.options.times import as_time
     from lidarcli.pipeline import plotting
     from lidarcli.pipeline.api.options import plot_options
     from lidarcli.pipeline.inputs.search import files_of, one_log
+    from lidarcli.pipeline.runs.over_logs import progress_of
 
     wanted = replace(plot_options(options, None, sweeps), tracks=options["tracks"])
     source = one_log(options["log"], options["join"])
     if options["at"] is not None:
-        wanted = replace(wanted, sweeps=(plotting.sweep_at(source, options["at"], wanted.topic, wanted.opening),))
+        time = as_time(options["at"], wanted.time_zone)
+        wanted = replace(wanted, sweeps=(plotting.sweep_at(source, time, wanted.topic, wanted.opening),))
     elif view == MAP and options["sweep"] is None and options["sweeps"] is None:
         wanted = replace(wanted, sweeps=None)
     paths = _outputs(output, source, wanted.sweeps, animate, view == MAP)
     if output != STDOUT:
         refuse(paths, options["overwrite"], [*files_of([source]), *_files_read(options, wanted)])
-    drawn = _draw(source, options, wanted, read)
+    with progress_bar([source], messages) as progress:
+        drawn = _draw(source, options, wanted, read, progress_of(source, progress))
     messages.notes(drawn.notes)
     pictures: Sequence[Any] = drawn.pictures
     if output == STDOUT:
         standard_output().buffer.write(plotting.picture_bytes(pictures[0], view, ".png", look))
     else:
-        if animate:
-            with counted_bar(paths[0].name, len(pictures), "frames", messages) as report:
+        with counted_bar(paths[0].name, len(pictures), "frames" if animate else "pictures", messages) as report:
+            if animate:
                 notes = plotting.write_animation(paths[0], pictures, view, options["overwrite"], look, report)
-        else:
-            notes = plotting.write_pictures(paths, pictures, view, options["overwrite"], look)
+            else:
+                notes = plotting.write_pictures(paths, pictures, view, options["overwrite"], look, report)
         messages.wrote(paths)
         messages.notes(notes)
     for line in drawn.damage:
@@ -183,7 +188,9 @@ def _files_read(options: Mapping[str, Any], wanted: "PlotOptions") -> list[str]:
     return [file for file in files if file]
 
 
-def _draw(source: "Source", options: Mapping[str, Any], wanted: "PlotOptions", read: "ReadOptions") -> "Drawn[Any]":
+def _draw(
+    source: "Source", options: Mapping[str, Any], wanted: "PlotOptions", read: "ReadOptions", progress: "Progress | None"
+) -> "Drawn[Any]":
     """Return the pictures; tracks of the log itself are found first."""
     from lidarcli.files.newfiles import scratch_folder
     from lidarcli.pipeline import plotting
@@ -193,14 +200,16 @@ def _draw(source: "Source", options: Mapping[str, Any], wanted: "PlotOptions", r
         if options["tracks"] in options["log"]:
             every = {**options, "topic": None, "start": None, "end": None, "background": None, "catalogue": None, "jobs": 0}
             detect = detect_options(every, log_options(every), tracking_of())
-            tracks = plotting.followed(source, wanted.zones, detect, stack.enter_context(scratch_folder()))
+            tracks = plotting.followed(source, wanted.zones, detect, stack.enter_context(scratch_folder()), progress)
             wanted = replace(wanted, tracks=tracks)
         if options["view"] != MAP:
-            return plotting.take_pictures(source, wanted)
+            return plotting.take_pictures(source, wanted, progress)
         from lidarcli.pipeline.mapping import MapOptions
 
         parsed = MapOptions(read, wanted.opening, wanted.poses, parameters=wanted.parameters)
-        return plotting.take_map(source, parsed, wanted.sweeps, wanted.tracks, options["only"], options["density"])
+        return plotting.take_map(
+            source, parsed, wanted.sweeps, wanted.tracks, options["only"], options["density"], progress
+        )
 
 
 def _outputs(

@@ -2,7 +2,7 @@
 
 import os
 from collections.abc import Collection, Iterator, Mapping
-from datetime import date
+from datetime import date, time
 from difflib import get_close_matches
 from functools import reduce
 from typing import Any
@@ -160,7 +160,8 @@ def _typed(file: str, command: str, option: DeclaredOption, value: Any) -> Any:
             raise OptionError(f"{place} must be true or false")
         return value
     items = [
-        item.isoformat() if isinstance(item, date) else item for item in (value if isinstance(value, list) else [value])
+        item.isoformat() if isinstance(item, date | time) else item
+        for item in (value if isinstance(value, list) else [value])
     ]
     if not all(isinstance(item, str | int | float) and not isinstance(item, bool) for item in items):
         raise OptionError(f"{place} must be a text, a number or a list of them")

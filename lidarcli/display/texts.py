@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from datetime import UTC, datetime
+from datetime import UTC
 from html import escape
 from typing import NamedTuple, Protocol, TypeVar
+
+from lidarcli.options.times import TimeZone, is_date, local
 
 _SHOWN = 4
 """Names of a list that are shown."""
@@ -106,26 +108,54 @@ def span(values: Iterable[float], form: str, unit: str) -> str:
     return f"{low} {unit}" if low == high else f"{low} to {high} {unit}"
 
 
-def moment(stamp_ns: int) -> str:
+def moment(stamp_ns: int, zone: TimeZone = UTC) -> str:
     """Return date and time of a wall clock, or plain seconds of a clock that started near zero (simulation).
 
     >>> moment(1_700_000_000_250_000_000), moment(2_500_000_000)
     ('2023-11-14T22:13:20.250Z', '2.500 s')
     """
-    return stamp(stamp_ns) if 10**17 <= stamp_ns < 10**20 else f"{stamp_ns * 1e-9:.3f} s"
+    return stamp(stamp_ns, zone) if is_date(stamp_ns) else f"{stamp_ns * 1e-9:.3f} s"
 
 
-def stamp(stamp_ns: int) -> str:
-    """Return a stamp in UTC, to the millisecond; in nanoseconds where the calendar ends.
+def stamp(stamp_ns: int, zone: TimeZone = UTC) -> str:
+    """Return a stamp in a time zone, to the millisecond; in nanoseconds where the calendar ends.
 
     >>> stamp(1_700_000_000_123_456_789), stamp(10**30)
     ('2023-11-14T22:13:20.123Z', '1000000000000000000000000000000 ns')
     """
-    seconds, rest = divmod(stamp_ns, 1_000_000_000)
     try:
-        return f"{datetime.fromtimestamp(seconds, UTC):%Y-%m-%dT%H:%M:%S}.{rest // 1_000_000:03d}Z"
+        return local(stamp_ns, zone).isoformat(timespec="milliseconds").replace("+00:00", "Z")
     except (OverflowError, ValueError, OSError):
         return f"{stamp_ns} ns"
+
+
+def time_of_day(stamp_ns: int, zone: TimeZone = UTC) -> str:
+    """Return the time of day of a stamp; empty where it is no date.
+
+    >>> time_of_day(1_700_000_000_123_456_789), time_of_day(2_500_000_000)
+    ('22:13:20.1', '')
+    """
+    return f"{local(stamp_ns, zone):%H:%M:%S.%f}"[:-5] if is_date(stamp_ns) else ""
+
+
+def times_of_day(stamps_ns: Sequence[int], zone: TimeZone = UTC) -> tuple[str, list[str]]:
+    """Return the heading and the cells of a column of times of day: their date once, if they share it.
+
+    >>> times_of_day([1_700_000_000_123_456_789, 1_700_000_001_000_000_000]), times_of_day([2_500_000_000])
+    (('2023-11-14', ['22:13:20.1', '22:13:21.0']), ('', ['']))
+    """
+    clocks = [time_of_day(each, zone) for each in stamps_ns]
+    dates = [f"{local(each, zone):%Y-%m-%d}" if clock else "" for each, clock in zip(stamps_ns, clocks, strict=True)]
+    if len({*dates} - {""}) < 2:
+        return max(dates, default=""), clocks
+    return "time of day", [f"{date} {clock}".strip() for date, clock in zip(dates, clocks, strict=True)]
+
+
+def column_of_times(stamps_ns: Sequence[int], zone: TimeZone) -> list[str]:
+    """Return heading and cells of `times_of_day`, of one width with the gap behind them; empty where there are none."""
+    head, cells = times_of_day(stamps_ns, zone)
+    room = max(map(len, (head, *cells))) + 2 if head else 0
+    return [f"{each:<{room}}" for each in (head, *cells)]
 
 
 def some_of(names: Sequence[str]) -> str:

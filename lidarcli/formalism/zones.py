@@ -30,6 +30,10 @@ SAMPLES = 64
 """Places of a zone at which is asked whether a sweep observes them: a bit each of a number."""
 HIDES = 0.3
 """Least width of lost beams side by side behind which somebody may stand [m]; narrower are those that dark objects lose."""
+AHEAD = 3.0
+"""Length of the way that a robot would have driven, on which is told what was ahead [m]."""
+HALF_WIDTH = 0.3
+"""Half of its width where no footprint says it [m]."""
 _STEP = 0.7548776662466927, 0.5698402909980532
 """Steps of a sequence that fills a square evenly (powers of the plastic number)."""
 _FLAT = 1e-9
@@ -110,6 +114,27 @@ def candidates(batch: SweepBatch, ranges: Float32, place: SweepPoses, shape: Cir
     found_x, found_y, _ = place.to_world(row, at_x, at_y, np.zeros(len(row)), share)
     within = inside(shape, found_x, found_y)
     return Inside(row[within], beam[within], found_x[within], found_y[within])
+
+
+def on_the_way(points: Inside, velocity: Float64, half_width: float) -> tuple[Bool, Float64]:
+    """Return which points (K,) are on the way of the robot, an arc, and how far along it they are [m].
+
+    Parameters
+    ----------
+    points : in the frame of the robot
+    velocity : (S, 3) of the robot in each sweep: ahead, left [m/s], turning [rad/s]
+    """
+    vx, vy, turning = velocity[points.row].T
+    speed = np.hypot(vx, vy)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ahead, left = (vx * points.x + vy * points.y) / speed, (vx * points.y - vy * points.x) / speed
+        bend = np.where(turning < 0.0, -1.0, 1.0)
+        # Of a straight line the radius is far beyond all that a sensor sees.
+        radius = speed / np.maximum(np.abs(turning), 1e-6 * speed)
+        across = radius - bend * left
+        along = radius * np.arctan2(ahead, across)
+        away = np.abs(np.hypot(ahead, across) - radius)
+        return (along > 0.0) & (along < AHEAD) & (away < half_width), along
 
 
 def seen(batch: SweepBatch, place: SweepPoses, places: Float64) -> Bool:
@@ -426,9 +451,9 @@ def visits(shapes: Sequence[Circle | Polygon], which: Int64, path: TrackPath) ->
     return found
 
 
-def crossings(line: Line, path: TrackPath) -> tuple[list[Crossing], int, int]:
-    """Return the crossings of a line that sweeps observed; how often the path was clear of it on one side alone; how often
-    it went through unobserved.
+def crossings(line: Line, path: TrackPath) -> tuple[list[Crossing], ...]:
+    """Return the crossings of a line that sweeps observed; those where the path was clear of it on one side alone; those
+    that no sweep observed.
 
     A crossing is a path through the line, between its ends, from `CLEAR` away on one side to as far on the other; it goes
     in where it arrives to the left of the path from the first end to the second.
@@ -440,7 +465,8 @@ def crossings(line: Line, path: TrackPath) -> tuple[list[Crossing], int, int]:
     left, along = ahead_x * dy - ahead_y * dx, ahead_x * dx + ahead_y * dy
     known = np.flatnonzero(np.isfinite(left))
     found: list[Crossing] = []
-    one_sided = unseen = 0
+    one_sided: list[Crossing] = []
+    unseen: list[Crossing] = []
     side, passed, after = 0, 0, -1
     begun, hidden = False, False
     """True once the path was clear of the line; where no sweep observed it go through."""
@@ -453,10 +479,10 @@ def crossings(line: Line, path: TrackPath) -> tuple[list[Crossing], int, int]:
                 hidden |= not path.steps[before + 1 : here + 1].all()
         if abs(left[here]) >= CLEAR:
             now = 1 if left[here] > 0.0 else -1
-            if passed * now > 0:
-                if begun and side == -now and not hidden:
-                    found.append(Crossing(after, now > 0))
-                unseen += begun and side == -now and hidden
-                one_sided += not begun
+            if passed * now > 0 and (not begun or side == -now):
+                kind = one_sided if not begun else unseen if hidden else found
+                kind.append(Crossing(after, now > 0))
             side, passed, begun, hidden = now, 0, True, False
-    return found, one_sided + (passed != 0), unseen
+    if passed:
+        one_sided.append(Crossing(after, passed > 0))
+    return found, one_sided, unseen

@@ -6,6 +6,7 @@ from collections import Counter
 from collections.abc import Collection, Iterator
 from contextlib import closing
 from dataclasses import dataclass, field, replace
+from datetime import UTC
 from itertools import chain
 from numbers import Integral
 from time import monotonic
@@ -13,7 +14,7 @@ from zlib import crc32
 
 import numpy as np
 
-from lidarcli.display.texts import counted
+from lidarcli.display.texts import counted, stamp
 from lidarcli.errors import NoScanError, OptionError
 from lidarcli.logs.base import Log, ReadReport
 from lidarcli.logs.blocks import split_rows
@@ -22,7 +23,7 @@ from lidarcli.logs.log_stats import MAX_COMPARED_TOPICS, LogStats, repeated_topi
 from lidarcli.logs.piles import NoReturnDetector
 from lidarcli.logs.registry import TopicChoice
 from lidarcli.logs.scan_checks import ScanChecks, Went
-from lidarcli.options.times import Instant, as_time
+from lidarcli.options.times import Instant, Time, TimeOfDay, TimeZone, as_time, window
 from lidarcli.sweeps.range_rules import RangeRules, normalise
 from lidarcli.sweeps.types import Bool, Int64, RawSweeps, SweepBatch, concatenate
 
@@ -43,15 +44,17 @@ class ReadOptions:
 
     topics: Collection[str] | None = None
     """Names of LaserScan topics, with or without the leading slash; none means all."""
-    start: float | Instant | None = None
+    start: Time | None = None
     """Seconds from the first sweep of the same topic and frame, or a moment, or its text; what is before is left out."""
-    end: float | Instant | None = None
+    end: Time | None = None
     run: int | None = None
     """Only sweeps of this run of the log are read, counted from 1, or `LONGEST`; None: of all."""
     every: int = 1
     """Only sweeps whose index is a multiple of this are read, counted per topic."""
     batch_size: int = 768
     rules: RangeRules = field(default_factory=RangeRules)
+    time_zone: TimeZone = UTC
+    """Time zone of times without one, and of those that people read."""
 
     def __post_init__(self) -> None:
         """Refuse values without a meaning (`OptionError`)."""
@@ -60,17 +63,19 @@ class ReadOptions:
         for name in ("start", "end"):
             if (value := getattr(self, name)) is not None:
                 try:
-                    object.__setattr__(self, name, as_time(value))
+                    object.__setattr__(self, name, as_time(value, self.time_zone))
                 except OptionError as err:
                     raise OptionError(f"--{name}: {err}") from None
         if not _in_order(self.start, self.end):
             raise OptionError(f"--start {_words(self.start, '')} is not before --end {_words(self.end, '')}")
 
 
-def _in_order(start: float | Instant | None, end: float | Instant | None) -> bool:
-    """Return False for a window that cannot hold anything; seconds and a moment cannot be compared here."""
-    if start is None or end is None or isinstance(start, Instant) != isinstance(end, Instant):
+def _in_order(start: Time | None, end: Time | None) -> bool:
+    """Return False for a window that cannot hold anything; times of different kinds cannot be compared here."""
+    if start is None or end is None or type(start) is not type(end):
         return True
+    if isinstance(start, TimeOfDay):
+        return start != end
     return start < end  # type: ignore[operator]
 
 
@@ -125,6 +130,8 @@ class LogBatcher:
         self._detector = NoReturnDetector(options.rules, report)
         self.checks = ScanChecks([topic.name for topic in log.topics() or () if topic.sliced], went)
         self._batchers: dict[str, _TopicBatcher] = {}
+        self._window: tuple[float | Instant | None, float | Instant | None] | None = None
+        """Start and end, once the first sweep is there, which names the day."""
         self._copies: dict[tuple[str, str], LogStats] = {}
         self._compares = choice.is_listed and len(choice.chosen) > 1
         self._passed_on = monotonic()
@@ -143,7 +150,10 @@ class LogBatcher:
         if block.topic not in self._batchers and len(self._batchers) == MAX_TOPICS:
             self._beyond[block.topic] += len(block)
             return
-        self._batchers.setdefault(block.topic, _TopicBatcher(self._options, self.checks))
+        if self._window is None and len(block):
+            self._window = window(self._options.start, self._options.end, int(block.time_ns[0]))
+        batcher = self._batchers.setdefault(block.topic, _TopicBatcher(self._options, self.checks))
+        batcher.window = self._window or (None, None)
         for sweeps, rules in self._detector.take(block):
             yield from self._judged(sweeps, rules)
         if self._log.size is None and monotonic() - self._passed_on > LATENCY:
@@ -192,7 +202,7 @@ class LogBatcher:
             self._report.add_doubts(found.topic, [replace(found, message=found.message + fix)])
 
 
-def _words(time: float | Instant | None, unit: str = " s") -> str:
+def _words(time: Time | None, unit: str = " s") -> str:
     return f"{time:g}{unit}" if isinstance(time, int | float) else str(time)
 
 
@@ -215,6 +225,9 @@ class Checksum:
 
 class _TopicBatcher:
     """Sweeps of one topic that wait for their batch."""
+
+    window: tuple[float | Instant | None, float | Instant | None]
+    """Start and end."""
 
     def __init__(self, options: ReadOptions, doubts: ScanChecks) -> None:
         self._options = options
@@ -254,7 +267,7 @@ class _TopicBatcher:
         if self._options.run not in (None, LONGEST, block.run):
             return np.zeros(len(sweep), np.bool_)
         keep: Bool = sweep % self._options.every == 0
-        start, end = self._options.start, self._options.end
+        start, end = self.window
         if start is None and end is None:
             return keep
         time_ns = block.time_ns
@@ -272,16 +285,24 @@ class _TopicBatcher:
         return keep
 
     def empty_window(self, topic: str) -> str | None:
-        """Return a note if no sweep lies between the wanted start and end although the topic has sweeps."""
+        """Return a note if no sweep lies between the wanted start and end although the topic has sweeps.
+
+        So does a time of day beyond the last sweep: nobody knows whether one before the first was meant.
+        """
         start, end = self._options.start, self._options.end
-        if self._taken or (start is None and end is None) or not self.met.count:
+        if (start is None and end is None) or not len(self._span):
+            return None
+        last = self.window[1]
+        if self._taken and not (isinstance(end, TimeOfDay) and isinstance(last, Instant) and last.ns > self._span[1, 0]):
             return None
         window = [*([f"from {_words(start)} on"] if start is not None else [])]
         window += [f"before {_words(end)}"] if end is not None else []
-        if isinstance(start or end, Instant):
-            there = " and ".join(str(Instant(time)) for time in self._span[:, 0].tolist())
+        if isinstance(start or end, Instant | TimeOfDay):
+            there = " and ".join(stamp(time, self._options.time_zone) for time in self._span[:, 0].tolist())
         else:
             there = "{:.1f} and {:.1f} s, counted from the first one".format(*self._span[:, 1] / 1e9)
+        if self._taken:
+            return f"{topic} has no sweep at {_words(end)} or later: its sweeps lie between {there}"
         return f"no sweep of {topic} {' and '.join(window)}: its sweeps lie between {there}"
 
     def batches(self, final: bool = False) -> Iterator[SweepBatch]:

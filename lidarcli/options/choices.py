@@ -99,6 +99,10 @@ ANIMATED_DPI = 120
 FRAMES_PER_SECOND = 10.0
 
 
+EXPLAINED = (".html", ".png", ".gif", ".mp4")
+"""Suffixes of what `zones --explain` writes."""
+
+
 @dataclass(frozen=True, slots=True)
 class Look:
     """Size and furniture of a picture."""

@@ -19,6 +19,7 @@ from lidarcli.options.reading import (
     POSES,
     RANGES,
     SELECT,
+    ClockGroup,
     Delay,
     Joining,
     LimitsGroup,
@@ -26,6 +27,7 @@ from lidarcli.options.reading import (
     Ranges,
     ReadingGroup,
     RunGroup,
+    Selecting,
     TopicGroup,
     Topics,
     WindowGroup,
@@ -44,6 +46,7 @@ from lidarcli.options.values import (
     Paths,
     Tables,
     metres,
+    parse_every,
     parse_names,
     parse_numbers,
 )
@@ -141,8 +144,8 @@ class _Zones(TypedDict, total=False):
     ]
     objects: Annotated[
         AnyPath | None,
-        Option(ZONES, File("TABLE"), shown="find and follow, as track does", unless=("no_objects",)),
-        "Take the objects from <log>.objects.parquet of detect or track, with the tables beside it.",
+        Option(ZONES, File("TABLE"), shown="find and follow", unless=("no_objects",)),
+        "Take objects from <log>.objects.parquet of detect or track.",
     ]
     no_objects: Annotated[
         bool,
@@ -160,6 +163,7 @@ class _Zones(TypedDict, total=False):
         ),
         "Shape '[[x, y], ...]' [m] of zones whose shape a topic tells that is not in the log.",
     ]
+    stops: Annotated[bool, Option(ZONES, None, False), "Also tell when the robot stood after a drive, and what was ahead."]
 
 
 class Around(TypedDict, total=False):
@@ -170,8 +174,16 @@ class Around(TypedDict, total=False):
     ]
 
 
-class Zoning(_Zones, Joining, Topics, PoseGroup, Delay, ObjectGroup, Comparing, Things, Ranges, Jobs, Around, total=False):
+class Zoning(
+    _Zones, Joining, Selecting, PoseGroup, Delay, ObjectGroup, Comparing, Things, Ranges, Jobs, Around, total=False
+):
     """Keywords of `zones`."""
+
+    every: Annotated[
+        int | str,
+        Option(SELECT, Text("N|TIME", parse_every), 1),
+        "Count who crosses lines by this time (1min, 1h); of a whole number: take every N-th sweep.",
+    ]
 
     clips: Annotated[
         AnyPath | None,
@@ -234,7 +246,7 @@ class Cleaning(
     ]
 
 
-class Inspecting(TopicGroup, RunGroup, Joining, PoseGroup, Delay, Ranges, total=False):
+class Inspecting(TopicGroup, ClockGroup, RunGroup, Joining, PoseGroup, Delay, Ranges, total=False):
     deep: Annotated[
         bool,
         Option(FINDINGS, None, False),
@@ -247,11 +259,11 @@ class Inspecting(TopicGroup, RunGroup, Joining, PoseGroup, Delay, Ranges, total=
     ]
 
 
-class Plotting(Joining, PoseGroup, Delay, ObjectGroup, Ranges, total=False):
+class Plotting(ClockGroup, Joining, PoseGroup, Delay, ObjectGroup, Ranges, total=False):
     at: Annotated[
         float | str | None,
         Option(PICTURE, TIME, shown="none", unless=("sweep", "sweeps", "animate")),
-        "Draw the sweep nearest to this time, given like --start: 10, 2min, 2026-11-22T10:00:00Z.",
+        "Draw the sweep nearest to this time, like --start: 2min, 14:02:17.",
     ]
     view: Annotated[
         Literal["all", "scene", "sweep"],
@@ -279,6 +291,9 @@ class Plotting(Joining, PoseGroup, Delay, ObjectGroup, Ranges, total=False):
         Option(PICTURE, File("FILE"), (), shown="none", several=True),
         "Draw the zones of this file (docs/zones.md), those that are occupied filled; may be repeated.",
     ]
+    follow: Annotated[
+        str | int | None, Option(PICTURE, Text("TRACK|ZONE"), shown="none"), "Track or zone in the middle of the scene."
+    ]
     width: Annotated[
         float | None,
         Option(LOOK, Number("MM", *choices.PICTURE_WIDTHS), shown="by --view", rare=True),
@@ -294,7 +309,7 @@ class Plotting(Joining, PoseGroup, Delay, ObjectGroup, Ranges, total=False):
     vertices: Annotated[bool, Option(LOOK, None, False, rare=True), "Mark vertices and nearest points in the scene, too."]
 
 
-class Reporting(Joining, total=False):
+class Reporting(ClockGroup, Joining, total=False):
     check: Annotated[
         str | Iterable[str], CHECK, "Condition that must hold, else the exit code is 1; may be repeated (docs/reports.md)."
     ]
@@ -419,6 +434,8 @@ PLOT_RULES = (
     OptionRule(("trail",), ("view=map",), "is for the paths of --tracks in the scene"),
     OptionRule(("tracks",), ("view=all|scene|map",), "is drawn in the scene; give --view all, scene or map", True),
     OptionRule(("zones",), ("view=all|scene",), "is drawn in the scene; give --view all or scene", True),
+    OptionRule(("follow",), ("tracks", "zones"), "keeps a track of --tracks or a zone of --zones in the middle", True),
+    OptionRule(("follow",), ("view=all|scene",), "is for the scene; give --view all or scene", True),
     OptionRule(("only", "density"), ("tracks",), "is for --view map --tracks TABLE", True),
     OptionRule(("only", "density"), ("view=map",), "is for --view map --tracks TABLE", True),
     OptionRule(("fps",), ("animate",), "is for --animate", True),

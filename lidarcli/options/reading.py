@@ -7,7 +7,7 @@ from typing import Annotated, Literal, TypedDict
 from lidarcli.errors import OptionError
 from lidarcli.options import choices
 from lidarcli.options.forms import File, Number, Option, Text
-from lidarcli.options.values import COUNT, MANY, TIME, WIDTH, AnyPath
+from lidarcli.options.values import COUNT, MANY, TIME, TIME_ZONE, WIDTH, AnyPath
 
 SELECT, POSES = "Sweeps to read", "Where the sensor was"
 RANGES, GEOMETRY = "Beams", "Text logs without names or geometry"
@@ -44,15 +44,19 @@ def parse_no_return_words(text: str) -> str:
     return text
 
 
-class WindowGroup(TypedDict, total=False):
+class ClockGroup(TypedDict, total=False):
+    time_zone: Annotated[str, Option(SELECT, TIME_ZONE, "UTC", rare=True), "For times: Europe/Berlin, +02:00 or local."]
+
+
+class WindowGroup(ClockGroup, total=False):
     """The time from which and up to which to read."""
 
     start: Annotated[
         float | str | None,
         Option(SELECT, TIME, shown="0"),
-        "Start at this time: seconds after the first sweep (10, 2min), or 2026-11-22T10:00:00Z.",
+        "Start at this time: seconds after the first sweep (10, 2min), 14:02:17 (--time-zone), or 2026-11-22T10:00:00Z.",
     ]
-    end: Annotated[float | str | None, Option(SELECT, TIME, shown="the end"), "End before this time, given like --start."]
+    end: Annotated[float | str | None, Option(SELECT, TIME, shown="the end"), "End before this time, like --start."]
 
 
 class RunGroup(TypedDict, total=False):
@@ -71,7 +75,11 @@ class TopicGroup(TypedDict, total=False):
     ]
 
 
-class Topics(TopicGroup, WindowGroup, RunGroup, total=False):
+class Selecting(TopicGroup, WindowGroup, RunGroup, total=False):
+    """The part of a log to read."""
+
+
+class Topics(Selecting, total=False):
     """The sweeps of a log to read."""
 
     every: Annotated[int, Option(SELECT, COUNT, 1), "Take every N-th sweep."]

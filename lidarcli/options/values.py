@@ -2,11 +2,14 @@
 
 from collections.abc import Iterable
 from os import PathLike
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 from lidarcli.errors import OptionError
 from lidarcli.options import choices
 from lidarcli.options.forms import File, Number, Text
+
+if TYPE_CHECKING:
+    from datetime import timedelta
 
 AnyPath = str | PathLike[str]
 Paths = AnyPath | Iterable[AnyPath]
@@ -38,14 +41,41 @@ OUTPUT, MANY = "Output", "Many logs"
 CHECKS = "Checks"
 
 
-def parse_time_text(text: str) -> Any:
-    """Seconds after the first sweep, or an `Instant`."""
+def parse_time_text(text: str) -> str:
+    """The text as it is, once it is known to be a time; what it means depends on the time zone."""
     from lidarcli.options.times import parse_time
 
     found = parse_time(text)
     if isinstance(found, float) and found < 0:
         raise OptionError(f"{text} is below 0")
-    return found
+    return text
+
+
+def parse_zone_text(text: str) -> str:
+    """The text as it is, once it is known to be a time zone."""
+    from lidarcli.options.times import parse_zone
+
+    parse_zone(text)
+    return text
+
+
+def parse_explained(text: str) -> Any:
+    """A time as of `parse_time_text`, or the word `worst`."""
+    return text if text == "worst" else parse_time_text(text)
+
+
+def parse_every(text: str) -> "int | timedelta":
+    """Every N-th sweep, a whole number, or an interval of time with its unit."""
+    from datetime import timedelta
+
+    from lidarcli.options.times import parse_time
+
+    if text.isdecimal():
+        return int(COUNT.parse(text))
+    found = None if text[-1:].isdecimal() else parse_time(text)
+    if not isinstance(found, float) or found < 1.0:
+        raise OptionError(f"'{text}' is neither a number of sweeps nor an interval of a second or more (30s, 15min, 1h)")
+    return timedelta(seconds=found)
 
 
 def metres(text: str, words: str, form: Number) -> float:
@@ -74,5 +104,5 @@ WIDTH, LENGTH = Number("METRES", 0, above=True), Number("METRES", 0)
 COUNT, COUNT_OR_NONE = (Number("N", 1, choices.MAX_COUNT, whole=True), Number("N", 0, choices.MAX_COUNT, whole=True))
 TURN = Number("DEGREES", 0, above=True)
 SWEEP = Number("N", 0, choices.LAST_SWEEP, whole=True)
-TIME = Text("TIME", parse_time_text)
+TIME, TIME_ZONE = Text("TIME", parse_time_text), Text("ZONE", parse_zone_text)
 INPUT = File("LOG")

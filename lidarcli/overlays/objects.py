@@ -164,6 +164,24 @@ def zone_of(number: int, action: str, corners: Float64, occupied: Bool) -> Marke
     return _lines(Kind.ZONE, message, np.full(count, number, np.int32), colour, corners[message][:, around], wide)
 
 
+def text_of(words: str, messages: int) -> Markers:
+    """Return words over the sensor in each of some messages."""
+    colour = np.array([*_rgb(palette.ZONE_COLOURS["stop"]), SOLID], np.float32)
+    text = np.full(messages, words.encode("ascii", "replace"))
+    number, zeros = np.zeros(messages, np.int32), np.zeros((messages, 3))
+    scale, colours = np.full((messages, 3), 2 * TEXT), np.tile(colour, (messages, 1))
+    return Markers(
+        Kind.LABEL,
+        np.arange(messages),
+        number,
+        zeros + np.array([0.0, 0.0, HEIGHT]),
+        zeros[:, 0],
+        scale,
+        colours,
+        text=text,
+    )
+
+
 def _lines(
     kind: Kind, message: Int64, number: Int32, colour: Float32, points: Float64, wide: Float64 | float = 1.0
 ) -> Markers:

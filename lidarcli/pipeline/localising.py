@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 import pyarrow as pa
 
+from lidarcli.display.texts import time_of_day
 from lidarcli.errors import CHECK_FAILED, UnreadableError
 from lidarcli.files.stores import Place
 from lidarcli.formalism.localisation import FITTING, LOST, OFF, UNSURE, Field, field_of, intervals_of, judge, states_of
@@ -20,7 +21,7 @@ from lidarcli.formalism.mapping.grid import HIT, SKIPPED, Occupancy, TooLargeErr
 from lidarcli.formalism.matching.free_space import HERE, SpaceMotion
 from lidarcli.maps.grids import image_of, read_map
 from lidarcli.options.choices import MAP_STATES, MATCH
-from lidarcli.options.times import SECOND_NS
+from lidarcli.options.times import SECOND_NS, TimeZone
 from lidarcli.pipeline.inputs.sources import Source
 from lidarcli.pipeline.reading.needs import Need, of_one_run
 from lidarcli.pipeline.reading.one_log import Progress, Reading, read_log
@@ -97,8 +98,9 @@ class Interval(NamedTuple):
 class Localisation:
     """The path of one sensor, judged by a map."""
 
-    def __init__(self, sensor: _LocalisedSensor) -> None:
+    def __init__(self, sensor: _LocalisedSensor, zone: TimeZone) -> None:
         """Evaluate what a sensor has observed."""
+        self._zone = zone
         nothing = np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros((0, sensor.field.columns))
         window, points, found = (np.concatenate(each) for each in zip(nothing, *sensor.judged, strict=True))
         order = np.argsort(window, kind="stable")
@@ -127,7 +129,9 @@ class Localisation:
     def _interval(self, part: Int64) -> Interval:
         each_s = WINDOW_NS / SECOND_NS
         begin, end = each_s * float(self.window[part[0]]), each_s * float(self.window[part[-1]] + 1)
-        off, span = self.found[part[self.state[part] == OFF]], f"from {begin:.1f} to {end:.1f} s"
+        clocks = [time_of_day(self.first_ns + round(each * SECOND_NS), self._zone) for each in (begin, end)]
+        span = f"from {begin:.1f} to {end:.1f} s" + (f" ({' to '.join(clocks)})" if all(clocks) else "")
+        off = self.found[part[self.state[part] == OFF]]
         if 2 * len(off) < len(part):
             return Interval(begin, end, math.nan, f"lost {span}")
         sizes, turns = np.hypot(off[:, 4], off[:, 5]), np.degrees(np.abs(off[:, 6]))
@@ -335,7 +339,7 @@ def localise(
         summary = read_rows(source, reading, options, progress, lines, take)
     for sensor in sensors.values():
         sensor.judge(last=True)
-    paths = {key: Localisation(sensor) for key, sensor in sorted(sensors.items())}
+    paths = {key: Localisation(sensor, options.read.time_zone) for key, sensor in sorted(sensors.items())}
     run = LocalisedPath(**{name: getattr(summary, name) for name in PathSummary.__dataclass_fields__}, paths=paths)
     run.notes += filter(None, [site.grid.note])
     run.table = _judged(summary.table, paths, relocate, motion)

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from datetime import UTC
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Generic, TypeVar
 
 import numpy as np
 
+from lidarcli.display.texts import stamp
 from lidarcli.errors import NoScanError, OptionError, UnreadableError
 from lidarcli.files.newfiles import NewFiles, write_whole, writing
 from lidarcli.files.stores import Place
@@ -20,20 +23,23 @@ from lidarcli.logs.base import OpenOptions, ReadReport
 from lidarcli.logs.batches import ReadOptions, read_batches
 from lidarcli.logs.registry import TopicChoice, nothing_read
 from lidarcli.options.choices import AS_IT_COMES, IMAGES, MATCH, TRAIL, Look
-from lidarcli.options.times import SAME_STAMP, SECOND_NS, Instant
+from lidarcli.options.times import SAME_STAMP, SECOND_NS, Instant, Time, TimeOfDay, TimeZone
 from lidarcli.pipeline.inputs.sources import Source, naming, open_source
 from lidarcli.pipeline.reading.masking import masking_of
 from lidarcli.pipeline.reading.needs import NO_POSES, Need, PoseOptions
-from lidarcli.pipeline.reading.one_log import damage_lines, read_log
+from lidarcli.pipeline.reading.one_log import Progress, damage_lines, read_log
 from lidarcli.pipeline.reading.posing import PoseAttacher
+from lidarcli.pipeline.zones.frames import Frames
 from lidarcli.reports import map_picture
 from lidarcli.reports.columns import Rows, rows_of
 from lidarcli.reports.map_picture import MapBox, MapPicture, Snapshot, draw_map, overview
 from lidarcli.reports.picture import animate, draw
 from lidarcli.reports.scene import Picture, ZoneInSight, limits_of
 from lidarcli.reports.world import COLUMNS, Paths
+from lidarcli.sweeps.masks import Mount
 from lidarcli.sweeps.range_rules import RangeRules
 from lidarcli.sweeps.types import Int64, Status, SweepBatch, SweepPoses
+from lidarcli.sweeps.zone import Zones
 
 if TYPE_CHECKING:
     from lidarcli.pipeline.inputs.tables import TableSet
@@ -41,13 +47,14 @@ if TYPE_CHECKING:
     from lidarcli.pipeline.objects.detection import DetectOptions
     from lidarcli.pipeline.objects.subtracting import BackgroundComparison
     from lidarcli.pipeline.zones.shown import Showing, ShownZone
-    from lidarcli.sweeps.zone import Zones
 P = TypeVar("P")
 BATCH = 64
 NEAR = 1.0
 """Greatest distance in time of the sweep that `--at` draws [s]: a gap of the log that is longer has no sweep to draw."""
 SAME_RANGE = 1e-3
 """Greatest difference of two ranges of the same beam [m]."""
+LATER_NS = 10 * SECOND_NS
+"""Transforms tell of the mount of a sensor if they were recorded no later than this after its last sweep [ns]."""
 MAX_PICTURES = 2_000
 """Most pictures of one call."""
 
@@ -70,12 +77,16 @@ class PlotOptions:
     """Length of these paths [s]."""
     poses: PoseOptions = field(default_factory=PoseOptions)
     """For a background of several stations."""
-    start: float | Instant | None = None
+    start: Time | None = None
     """Of all sweeps, those from here on [s from the first one]."""
-    end: float | Instant | None = None
+    end: Time | None = None
     """Of all sweeps, those before this [s]."""
     zones: Zones | None = None
     """Zones to draw into the scene."""
+    follow: str = ""
+    """Track, by its number, or zone in the middle of the scene; empty: none."""
+    time_zone: TimeZone = UTC
+    """Time zone of titles, and of times without one."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,33 +98,35 @@ class Drawn(Generic[P]):
     damage: tuple[str, ...]
 
 
-def take_pictures(source: Source, options: PlotOptions) -> Drawn[Picture]:
+def take_pictures(source: Source, options: PlotOptions, progress: Progress | None = None) -> Drawn[Picture]:
     """Return pictures of the wanted sweeps of a log with their objects; errors name the log.
+
+    `progress` takes the position in the log [bytes] while it is read.
 
     Raises
     ------
     OptionError
-        A sweep is not there.
+        A sweep is not there, or not what to follow.
     NoScanError
         There is no LaserScan, or not the topic that was asked for.
     """
     with naming(source):
-        return _take(source, options, _PictureMaker(source, options))
+        return _take(source, options, _PictureMaker(source, options), progress)
 
 
-def _take(source: Source, options: PlotOptions, work: _PictureMaker) -> Drawn[Picture]:
+def _take(source: Source, options: PlotOptions, work: _PictureMaker, progress: Progress | None) -> Drawn[Picture]:
     with open_source(source, options.opening) as log:
         choice = TopicChoice([options.topic] if options.topic else [], log.topics())
         topic, notes = _topic(choice)
         topics = frozenset({topic}) if topic else None
         masking = masking_of(log, options.rules, options.poses, topics)
-        read = ReadOptions(topics=topics, start=options.start, end=options.end, batch_size=BATCH, rules=masking.rules)
+        read = ReadOptions(
+            topics, options.start, options.end, batch_size=BATCH, rules=masking.rules, time_zone=options.time_zone
+        )
         rows: list[SweepBatch] = []
-        last = -1
-        showing = None
+        last, last_ns, showing = -1, 0, None
         if options.zones is not None:
             # Imported here: most plots need no zones.
-            from lidarcli.pipeline.zones.frames import Frames
             from lidarcli.pipeline.zones.shown import Showing
 
             showing = Showing(options.zones, Frames.of(log, options.zones))
@@ -127,13 +140,17 @@ def _take(source: Source, options: PlotOptions, work: _PictureMaker) -> Drawn[Pi
                 continue
             chosen = slice(None) if options.sweeps is None else np.isin(batch.sweep, options.sweeps)
             rows += [one_sweep(batch, row) for row in np.arange(len(batch))[chosen].tolist()]
-            last = int(batch.sweep[-1])
+            last, last_ns = int(batch.sweep[-1]), max(last_ns, int(batch.record_ns[-1]))
+            if progress is not None:
+                progress(log.position)
             if options.sweeps is not None and last >= max(options.sweeps):
                 break
             if len(rows) > MAX_PICTURES:
                 raise OptionError(f"more than {MAX_PICTURES:,} sweeps to draw; choose some with --sweeps")
         damage = tuple(damage_lines(posing.together(report)))
-        work.place(rows, showing)
+        masks = masking.rules.masks
+        frames = Frames.of(log, options.zones or Zones(()), masks.mounts if masks else (), last_ns + LATER_NS)
+        work.place(rows, showing, frames)
     if last < 0 and report.notes and (options.start is not None or options.end is not None):
         raise OptionError(f"{source.label}: {report.notes[-1]}")
     if last < 0:
@@ -146,14 +163,35 @@ def _take(source: Source, options: PlotOptions, work: _PictureMaker) -> Drawn[Pi
                 raise UnreadableError(f"{words} in the part that could be read; {damage[0]}")
             raise OptionError(words)
     order = options.sweeps if options.sweeps is not None else tuple(sorted(by_index))
-    pictures = tuple(work.picture(by_index[index]) for index in order)
+    pictures = _centred([work.picture(by_index[index]) for index in order], options.follow, source.label)
     notes = (*notes, *masking.notes, *report.doubted(), *work.notes(), *_out_of_view(pictures))
     return Drawn(pictures, notes, damage)
 
 
+def _centred(pictures: Sequence[Picture], follow: str, label: str) -> tuple[Picture, ...]:
+    """Return pictures with a track or zone in the middle; in those without it, where it was last or will be first."""
+    if not follow:
+        return tuple(pictures)
+    places = [
+        {f"track {one.number}": one.mark for one in picture.paths}
+        | {f"zone {one.zone.name}": one.middle for one in picture.areas}
+        for picture in pictures
+    ]
+    there = [*dict.fromkeys(chain(*places))]
+    name = next((each for each in (f"track {follow}", f"zone {follow}") if each in there), "")
+    if not name:
+        others = ", ".join(there[:12]) or "nothing to follow"
+        raise OptionError(f"{label}: no track or zone {follow} in what is drawn, but {others} (--follow)")
+    middle, found = next(each[name] for each in places if name in each), []
+    for picture, each in zip(pictures, places, strict=True):
+        middle = each.get(name, middle)
+        found.append(replace(picture, followed=name, middle=middle))
+    return tuple(found)
+
+
 def _out_of_view(pictures: Sequence[Picture]) -> Iterator[str]:
     """Yield a note for each zone that has a place, but in none of the pictures."""
-    zones = [one for picture in pictures for one in picture.zones]
+    zones = [one for picture in pictures for one in picture.areas]
     limits = limits_of(pictures if zones else ())
     visible = {one.zone.name for one in zones if len(one.in_view(limits))}
     for name in dict.fromkeys(one.zone.name for one in zones):
@@ -161,7 +199,7 @@ def _out_of_view(pictures: Sequence[Picture]) -> Iterator[str]:
             yield f"zone {name} lies outside of the picture"
 
 
-def sweep_at(source: Source, time: float | Instant, topic: str | None, opening: OpenOptions) -> int:
+def sweep_at(source: Source, time: Time, topic: str | None, opening: OpenOptions) -> int:
     """Return the index of the sweep that is nearest to a time, the first of several that are equally near.
 
     Raises
@@ -175,14 +213,16 @@ def sweep_at(source: Source, time: float | Instant, topic: str | None, opening: 
         choice = TopicChoice([topic] if topic else [], log.topics())
         name, _ = _topic(choice)
         report = ReadReport()
-        best, nearest_ns, target_ns = -1, 0, 0
+        best, nearest_ns, target_ns, first_ns, last_ns = -1, 0, 0, 0, 0
         for batch in read_batches(log, ReadOptions(topics=frozenset({name}) if name else None), report):
             name = name or batch.topic
             if batch.topic != name:
                 continue
             if best < 0:
                 first_ns = int(batch.stamp_ns[0])
-                target_ns = time.ns if isinstance(time, Instant) else first_ns + round(time * SECOND_NS)
+                moment = time.after(first_ns) if isinstance(time, TimeOfDay) else time
+                target_ns = moment.ns if isinstance(moment, Instant) else first_ns + round(moment * SECOND_NS)
+            last_ns = int(batch.stamp_ns[-1])
             # The target may be farther away than int64 can hold.
             away = [abs(stamp_ns - target_ns) for stamp_ns in batch.stamp_ns.tolist()]
             if best < 0 or min(away) < nearest_ns:
@@ -194,9 +234,11 @@ def sweep_at(source: Source, time: float | Instant, topic: str | None, opening: 
     if best < 0:
         raise nothing_read(damage, NoScanError("no LaserScan in it"), [name] if name else [])
     if nearest_ns > NEAR * SECOND_NS:
+        nearest = f"the nearest, sweep {best}, is {nearest_ns / SECOND_NS:,.1f} s away"
+        if isinstance(time, TimeOfDay) and target_ns > last_ns:
+            nearest = f"its sweeps lie between {stamp(first_ns, time.zone)} and {stamp(last_ns, time.zone)}"
         raise OptionError(
-            f"{source.label}: no sweep of {name} at {time if isinstance(time, Instant) else f'{time:g} s'}: the nearest, "
-            f"sweep {best}, is {nearest_ns / SECOND_NS:,.1f} s away"
+            f"{source.label}: no sweep of {name} at {f'{time:g} s' if isinstance(time, float) else time}: {nearest}"
         )
     return best
 
@@ -208,7 +250,8 @@ def picture_of(batch: SweepBatch, sweep: int, options: PlotOptions) -> Picture:
         there = f"{batch.sweep[0]} to {batch.sweep[-1]}" if len(batch) else "none"
         raise OptionError(f"no sweep {sweep} of {batch.topic} in this batch, whose sweeps are {there}")
     name = batch.log or batch.topic.lstrip("/")
-    return _PictureMaker(Source(name, name), options).picture(one_sweep(batch, int(rows[0])))
+    one = _PictureMaker(Source(name, name), options).picture(one_sweep(batch, int(rows[0])))
+    return _centred([one], options.follow, name)[0]
 
 
 def _topic(choice: TopicChoice) -> tuple[str | None, tuple[str, ...]]:
@@ -248,10 +291,13 @@ class _PictureMaker:
         self._showing: Showing | None = None
         self._zones: dict[int, list[ShownZone]] = {}
         """Sweep → zones before its sensor."""
+        self._mounts: dict[int, Mount | None] = {}
+        """Sweep → place of its sensor on the robot."""
 
-    def place(self, rows: Sequence[SweepBatch], showing: Showing | None) -> None:
-        """Place zones in sweeps that are to be drawn, while their log is open."""
+    def place(self, rows: Sequence[SweepBatch], showing: Showing | None, frames: Frames) -> None:
+        """Place the sensor and zones in sweeps that are to be drawn, while their log is open."""
         self._showing = showing
+        self._mounts = {int(batch.sweep[0]): frames.mount_of(batch) for batch in rows}
         if showing is not None:
             for batch in rows:
                 sets = self._with_agents(batch, detect(batch, self._options.parameters, per_beam=True)).beam_set
@@ -268,12 +314,16 @@ class _PictureMaker:
             paths = tuple(replace(one, zone=culprits.get(one.number, "")) for one in paths)
         picture = Picture(
             log=self._log,
+            time_zone=self._options.time_zone,
             batch=batch,
             detection=detection,
             profile=parameters.profile,
             threshold=threshold if isinstance(threshold, str) else f"{threshold:g} m",
             # Not static objects that are hidden: a crowd hides dozens.
-            tracks=None if paths is None else tuple(one for one in paths if one.seen or one.is_agent),
+            tracks=None
+            if paths is None
+            else tuple(one for one in paths if one.seen or one.is_agent or str(one.number) == self._options.follow),
+            mount=self._mounts.get(int(batch.sweep[0])),
             zones=tuple(
                 ZoneInSight(one.zone, one.corners[0], one.beams[0], bool(one.occupied[0]))
                 for one in self._zones.get(int(batch.sweep[0]), ())
@@ -357,22 +407,28 @@ def picture_bytes(picture: Picture | MapPicture, view: str, suffix: str, look: L
     return draw_map(picture, suffix, look) if isinstance(picture, MapPicture) else draw(picture, view, suffix, look)
 
 
-def followed(source: Source, zones: Zones | None, detect: DetectOptions, folder: Path) -> TableSet:
+def followed(
+    source: Source, zones: Zones | None, detect: DetectOptions, folder: Path, progress: Progress | None = None
+) -> TableSet:
     """Return the tables of the tracks of a log, written below a folder, with the numbers that `zones` gives them."""
     from lidarcli.pipeline.detecting import detect_to_temporary
     from lidarcli.pipeline.zones.options import ZoneOptions, masked, narrowed
-    from lidarcli.sweeps.zone import Zones
 
     with open_source(source, detect.opening) as log:
         options = narrowed(log, ZoneOptions(zones or Zones(()), (), detect))
         masking = masking_of(log, detect.read.rules, detect.poses, options.detect.read.topics)
-        return detect_to_temporary(source, folder, masked(log, options, masking))[0]
+        return detect_to_temporary(source, folder, masked(log, options, masking), progress)[0]
 
 
 def write_pictures(
-    paths: Sequence[Place], pictures: Sequence[Picture | MapPicture], view: str, overwrite: bool, look: Look = AS_IT_COMES
+    paths: Sequence[Place],
+    pictures: Sequence[Picture | MapPicture],
+    view: str,
+    overwrite: bool,
+    look: Look = AS_IT_COMES,
+    report: Callable[[int], None] | None = None,
 ) -> list[str]:
-    """Write each picture to its file; notes as of `NewFiles.publish`.
+    """Write each picture to its file; `report` takes the number of those that are done. Notes as of `NewFiles.publish`.
 
     Raises
     ------
@@ -385,8 +441,10 @@ def write_pictures(
         if path.suffix.lower() not in IMAGES:
             raise OptionError(f"{path}: the suffix has to be one of {', '.join(IMAGES)}")
     notes: list[str] = []
-    for path, picture in zip(paths, pictures, strict=True):
+    for number, (path, picture) in enumerate(zip(paths, pictures, strict=True), 1):
         notes += write_whole(path, picture_bytes(picture, view, path.suffix.lower(), look), overwrite)
+        if report is not None:
+            report(number)
     return notes
 
 
@@ -415,6 +473,7 @@ def take_map(
     tracks: str | TableSet | None = None,
     only: Sequence[int] = (),
     density: bool = False,
+    progress: Progress | None = None,
 ) -> Drawn[MapPicture]:
     """Return pictures of the map of a log with the path of its sensor.
 
@@ -436,7 +495,7 @@ def take_map(
 
     mapping = GrowingMap(options)
     with naming(source):
-        summary = mapping.add(source)
+        summary = mapping.add(source, progress=progress)
     paths = [np.column_stack([path.x, path.y]) for path in mapping.paths]
     found, notes = MapPicture(None), [*summary.notes]
     if tracks is not None:

@@ -7,6 +7,7 @@ import shlex
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
+from datetime import UTC
 from itertools import count
 from typing import Any, NamedTuple
 
@@ -16,6 +17,7 @@ from lidarcli.display.screen import one_line
 from lidarcli.errors import LidarcliError, OptionError, UnreadableError
 from lidarcli.files.configfiles import read_toml
 from lidarcli.files.stores import Place
+from lidarcli.options.times import TimeZone
 from lidarcli.pipeline.inputs.tables import (
     Given,
     TableSet,
@@ -48,7 +50,7 @@ from lidarcli.reports.summary import (
 from lidarcli.reports.wording import counted, number
 from lidarcli.reports.zones import floored, judge_zones, parse_zone_check, unobserved, zones_in, zones_part
 from lidarcli.tabular.reading import Readable
-from lidarcli.tabular.schemas import EVENTS
+from lidarcli.tabular.schemas import COUNTS, EVENTS
 
 Progress = Callable[[int, int], None] | None
 """Takes the number of steps that are done, and of all."""
@@ -88,6 +90,7 @@ class ReportOptions:
     """Logs whose raw sweeps the viewer of the HTML shows."""
     join: bool = False
     """True where parts of these are one log."""
+    time_zone: TimeZone = UTC
 
 
 def understand(options: ReportOptions, zones: Collection[str] | None = None) -> list[Check]:
@@ -122,6 +125,7 @@ def make_report(options: ReportOptions, viewer: bool = False, progress: Progress
     if all(map(_is_of_zones, tables.table_sets)) and (tables.table_sets or changes is not None):
         return _without_objects(tables.table_sets, changes, failed, options, step)
     run, pairs, problems = _load(tables.table_sets, failed, checks, viewer, step)
+    run = replace(run, time_zone=options.time_zone)
     if run.zones is not None:
         # Only now it is known which zones there are.
         checks = understand(options, run.zones.names)
@@ -191,18 +195,21 @@ def _is_of_zones(pair: TableSet) -> bool:
     return (pair.zones.exists() or pair.events.exists()) and not (pair.objects.exists() or pair.sweeps.exists())
 
 
-def _read_zones(pair: TableSet) -> tuple[pa.Table, pa.Table]:
-    """Read the tables of events and of zones of a log, which belong together."""
+def _read_zones(pair: TableSet) -> tuple[pa.Table, pa.Table, pa.Table | None]:
+    """Read the tables of events, of zones, and of counts if there is one, of a log, which belong together."""
     events, zones = read_table(pair, "events", EVENT_COLUMNS), read_table(pair, "zones", ZONE_COLUMNS)
     known = {*Rows.join([zones]).counts("zone")}
-    others = sorted({*Rows.join([events]).counts("zone")} - known)
+    # What Nav2 did, and where the robot stood, is of no zone.
+    rows = Rows.join([events])
+    others = sorted({*rows.counts("zone", ~(rows.are("kind", "nav2") | rows.are("kind", "stop")))} - known)
     if others:
         raise UnreadableError(
             f"{pair.events}: does not belong to {pair.zones.name}, which has no zone {others[0]}; "
             "write both again with lidarcli zones"
         )
-    refuse_mixed(pair, {"zones": zones, "events": events})
-    return events, zones
+    counts = read_table(pair, "counts", COUNTS.names) if pair.counts.exists() else None
+    refuse_mixed(pair, {"zones": zones, "events": events, **({} if counts is None else {"counts": counts})})
+    return events, zones, counts
 
 
 def _read_changes(paths: Sequence[Readable], step: Callable[[], None]) -> tuple[ChangesPart | None, list[UnreadableError]]:
@@ -233,7 +240,7 @@ def _without_objects(
 ) -> Report:
     """Report on zones, on changes, or on both, where there are no tables of objects."""
     kind = "zones" if pairs else "changes"
-    read: dict[int, tuple[pa.Table, pa.Table]] = {}
+    read: dict[int, tuple[pa.Table, pa.Table, pa.Table | None]] = {}
     sources: list[Origin] = []
     for pair in pairs:
         with _collected(failed):
@@ -248,7 +255,7 @@ def _without_objects(
     others = ("damage", *(() if changes is None else (*OF_CHANGES, *OF_MAPS)))
     if pairs:
         zones = zones_in(read)
-        parts: list[ReportPart] = [zones_part(zones, sources), *([] if changes is None else [changes])]
+        parts: list[ReportPart] = [zones_part(zones, sources, options.time_zone), *([] if changes is None else [changes])]
         checks = [parse_zone_check(text, zones.names, others) for text in options.checks]
         incomplete = (*_unseen(checks, sources), *unobserved(checks, zones))
     else:
@@ -335,7 +342,7 @@ class _ReportTables(NamedTuple):
     objects: pa.Table
     tracks: pa.Table | None
     trajectories: pa.Table | None
-    zones: tuple[pa.Table, pa.Table] | None
+    zones: tuple[pa.Table, pa.Table, pa.Table | None] | None
 
 
 @contextmanager
@@ -388,9 +395,9 @@ def _read_tables(
         tracks = found
     with _collected(problems):
         if pair.zones.exists() or pair.events.exists():
-            events, rows = _read_zones(pair)
-            refuse_mixed(pair, {"sweeps": sweeps, "zones": rows})
-            zones = events, rows
+            found = _read_zones(pair)
+            refuse_mixed(pair, {"sweeps": sweeps, "zones": found[1]})
+            zones = found
     return _ReportTables(pair, sweeps, objects, tracks, trajectories, zones)
 
 

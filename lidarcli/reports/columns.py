@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from datetime import UTC
 from functools import cached_property
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -11,6 +12,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from lidarcli.options.times import TimeZone
 from lidarcli.sweeps.types import Float64, Int32, Int64, spared
 from lidarcli.sweeps.zone import UNSEEN
 
@@ -218,6 +220,8 @@ class ZoneRows:
     """Name of a zone → its outline, as the metadata has it."""
     left_out: tuple[tuple[str, str], ...] = ()
     """Logs, each with a zone that could not be evaluated in it."""
+    counts: Rows | None = None
+    """Numbers of people by line and interval, where there are any."""
 
     @property
     def names(self) -> list[str]:
@@ -245,6 +249,8 @@ class Run:
     """Trajectories, if the viewer asks for them; of the sources that have them."""
     zones: ZoneRows | None = None
     """Of the sources that have tables of zones; None where none has."""
+    time_zone: TimeZone = UTC
+    """Time zone of what people read."""
 
     @cached_property
     def is_object(self) -> NDArray[np.bool_]:

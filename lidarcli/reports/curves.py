@@ -56,9 +56,7 @@ def difference(picture: Picture, limits: Limits) -> Panel:
         marks.append(_stems(at, edges[there], {"color": palette.BLACK, "lw": 0.5, "ls": ":", "zorder": 2}))
         ring = {"marker": "o", "mfc": "none", "mec": palette.BLACK, "ms": 4.0, "mew": 0.6, "zorder": 6}
         marks.append(Mark(np.column_stack([at, edges[there]]), ring, "edge of an object"))
-    # Over the seam and over lost beams differences may be greater than from beam to beam.
-    reach = max(limits.s, 1.1 * float(np.nanmax(np.abs(np.concatenate([s, edges])), initial=0.0)))
-    return _curve(picture, marks, reach, r"difference $s(\theta)$ [m]", d_th=d_th)
+    return _curve(picture, marks, limits.s, r"difference $s(\theta)$ [m]", d_th=limits.d_th)
 
 
 def backgrounds(picture: Picture, limits: Limits) -> Panel:
@@ -73,19 +71,17 @@ def backgrounds(picture: Picture, limits: Limits) -> Panel:
     return _curve(picture, marks, limits.r, "$r_w$, $r_e$ [m]", low=0.0)
 
 
-def subtraction(picture: Picture, _: Limits) -> Panel:
+def subtraction(picture: Picture, limits: Limits) -> Panel:
     """Return r_w - r_e: below zero something new is in front, above zero something is gone."""
-    assert picture.background is not None  # the panel is drawn only with one
-    theta, (first, last) = np.degrees(picture.theta), np.degrees(picture.view)
-    change = picture.ranges - picture.background if picture.difference is None else picture.difference
+    change, theta, (first, last) = picture.change, np.degrees(picture.theta), np.degrees(picture.view)
+    assert change is not None  # the panel is drawn only with a background
     marks = [
         _stems(theta[part], change[part], {"color": colour, "lw": 0.8}, name)
         for part, colour, name in ((change < 0, palette.VERMILION, "nearer"), (change >= 0, palette.GREEN, "farther"))
         if part.any()
     ]
     marks.append(Mark(np.array([[first - 1.0, 0.0], [last + 1.0, 0.0]]), {"color": palette.BLACK, "lw": 0.5}))
-    reach = max(0.1, 1.1 * float(np.nanmax(np.abs(change), initial=0.0)))
-    return _curve(picture, marks, reach, "$r_w - r_e$ [m]")
+    return _curve(picture, marks, limits.change, "$r_w - r_e$ [m]")
 
 
 def _curve(

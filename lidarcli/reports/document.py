@@ -11,14 +11,17 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
+from lidarcli.display.texts import time_of_day
+from lidarcli.options.times import TimeZone
 from lidarcli.reports.columns import Origin
 from lidarcli.reports.run_pairs import RunPair
+from lidarcli.sweeps.types import Float64
 
 TEXT, MARKDOWN, PAGE = "text", "markdown", "page"
 """Formats for people: the terminal, Markdown and HTML."""
 Line = tuple[str, ...]
 """A line of running text in parts, some of which are `Code`."""
-NAMES = frozenset({"zone", "kind", "by", "log", "status", "detail", "shape", "label", "end"})
+NAMES = frozenset({"zone", "kind", "by", "log", "status", "detail", "shape", "label", "end", "from", "people"})
 """Columns of `table_of` that hold names, which are flush left; numbers are flush right."""
 
 
@@ -89,14 +92,18 @@ class Notes:
     alarming: bool = False
 
 
+Spans = Sequence[tuple[float, float]]
+
+
 class Band(NamedTuple):
     """Stretches in which something went on, in shares of a time."""
 
     name: str
     word: str
-    """Kind of what went on: an action, by which pages colour it."""
-    spans: Sequence[tuple[float, float]]
-    thin: Sequence[tuple[float, float]]
+    """Action that a zone asks for."""
+    parts: Sequence[tuple[str, Spans]]
+    """Kinds of what went on, each with its stretches: an action, by which pages colour them, `stale` or `still`."""
+    thin: Spans = ()
     """Spans of less weight."""
 
 
@@ -108,6 +115,12 @@ class Bands:
     seconds: float
     """Length of the time."""
     bands: Sequence[Band]
+    start_ns: int
+    time_zone: TimeZone
+
+    def clock(self, share: float) -> str:
+        """Return the time of day at a share of the time; empty where nobody knows it."""
+        return time_of_day(self.start_ns + round(share * self.seconds * 1e6) * 1000, self.time_zone)
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,7 +132,50 @@ class FromAbove:
     changes: RunPair
 
 
-Block = Bands | ReportTable | NamedValues | Shares | Drawing | Notes | FromAbove
+class Course(NamedTuple):
+    """A quantity over time."""
+
+    name: str
+    seconds: Float64
+    """(K,) [s], ascending."""
+    values: Float64
+    """(K,); NaN where it is not known."""
+    colour: str
+
+
+class Stretch(NamedTuple):
+    """A time in which something went on [s]."""
+
+    name: str
+    begin: float
+    end: float
+    colour: str
+
+
+@dataclass(frozen=True, slots=True)
+class Courses:
+    """Quantities over one time, by their axis, and what went on meanwhile."""
+
+    at: float
+    """Time that is marked [s]."""
+    courses: Mapping[str, Sequence[Course]]
+    """Words at the axis, with the unit → quantities."""
+    stretches: Sequence[Stretch]
+
+
+@dataclass(frozen=True, slots=True)
+class Film:
+    """Pictures to step through, for pages."""
+
+    frames: Sequence[str]
+    """Images as data URIs."""
+    words: Sequence[str]
+    seconds: Sequence[float]
+    at: int
+    """The one that is shown first."""
+
+
+Block = Courses | Film | Bands | ReportTable | NamedValues | Shares | Drawing | Notes | FromAbove
 
 
 @dataclass(frozen=True, slots=True)

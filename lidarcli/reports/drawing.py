@@ -6,10 +6,12 @@ No display is needed; the same input gives the same bytes.
 from __future__ import annotations
 
 import io
+import re
 import warnings
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple, cast
 
@@ -18,7 +20,7 @@ import numpy as np
 from matplotlib import style
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.backends.backend_agg import FigureCanvasAgg, RendererAgg
 from matplotlib.figure import Figure
 from matplotlib.legend import Legend
 from matplotlib.lines import Line2D
@@ -37,6 +39,8 @@ HANDLE, GAP, BETWEEN, BORDER = 1.4, 0.5, 1.2, 0.4
 RINGS = np.array([1.0, 3.0, 6.0, 10.0, 15.0, 21.0, 28.0, 38.0, 52.0])
 TURNS = np.arange(24) * (2.0 * np.pi / 24)
 """Distances [pt] and directions [rad] from an object at which its label is tried."""
+FEW = 24
+"""Places of a label that are looked at first: those that cost least by themselves."""
 NEAR = 6.0
 """Greatest distance of a label without a line to its object [pt]."""
 PER_POINT, PER_OBJECT, PER_SIDE, PER_DISTANCE, PER_CROSSING, AMBIGUOUS = 0.8, 8.0, 1.2, 0.35, 6.0, 4.0
@@ -44,6 +48,10 @@ PER_POINT, PER_OBJECT, PER_SIDE, PER_DISTANCE, PER_CROSSING, AMBIGUOUS = 0.8, 8.
 a line across another label or object, and a place that is nearer to another object."""
 SIZE, AIR, MARK = 6.5, 0.8, 2.0
 """Size of the letters, margin around them, and room that a mark takes about its point [pt]."""
+ROOM = 4
+"""Pixels around a text that is drawn by itself."""
+_PARTS = re.compile(r"\$[^$]*\$|\d|(?:\\\$|[^$\d])+")
+"""Formulas, digits, and what is between them."""
 Entries = dict[str, Any]
 """Entries of a legend: words → a mark."""
 Pixels = NDArray[np.uint8]
@@ -119,24 +127,32 @@ class Panel(NamedTuple):
 def draw_panel(axes: Axes, panel: Panel) -> None:
     """Draw a panel on axes."""
     panel.frame.set(axes)
+    draw_content(axes, panel)
+
+
+def draw_content(axes: Axes, panel: Panel, stamps: Stamps | None = None) -> None:
+    """Draw marks and labels of a panel on axes that have its frame."""
     draw_marks(axes, panel.marks)
     if panel.labels:
-        drawn = [mark for mark in panel.marks if not mark.area]
-        lines = [mark.xy for mark in drawn if "marker" not in mark.style]
-        points = [panel.obstacles, *(mark.xy for mark in drawn if "marker" in mark.style)]
-        axes.add_artist(Labels(panel.labels, lines, np.concatenate(points)))
+        marks = [mark for mark in panel.marks if not mark.area]
+        lines = [mark.xy for mark in marks if "marker" not in mark.style]
+        points = [panel.obstacles, *(mark.xy for mark in marks if "marker" in mark.style)]
+        axes.add_artist(Labels(panel.labels, lines, np.concatenate(points), stamps))
 
 
 def draw_marks(axes: Axes, marks: Iterable[Mark]) -> None:
     """Draw marks on axes."""
     for mark in marks:
-        if mark.area:
-            axes.add_artist(PathPatch(_outline(mark.xy), label=mark.name, **mark.style)).set_in_layout(False)
-        else:
-            shape = {"ls": "none", "mew": 0.0} if "marker" in mark.style else {"solid_capstyle": "butt"}
-            (line,) = axes.plot(*mark.xy.T, label=mark.name, **{**shape, **mark.style})
-            # Limits are given, and a layout need not look at each of thousands.
-            line.set_in_layout(False)
+        # Limits are given, and a layout need not look at each of thousands.
+        axes.add_artist(artist_of(mark)).set_in_layout(False)
+
+
+def artist_of(mark: Mark) -> PathPatch | Line2D:
+    """Return the artist of a mark."""
+    if mark.area:
+        return PathPatch(_outline(mark.xy), label=mark.name, **mark.style)
+    shape = {"ls": "none", "mew": 0.0} if "marker" in mark.style else {"solid_capstyle": "butt"}
+    return Line2D(*mark.xy.T, label=mark.name, **{**shape, **mark.style})
 
 
 def _outline(xy: Float64) -> Outline:
@@ -169,12 +185,44 @@ def sensor(x: float = 0.0, y: float = 0.0, yaw: float = 0.0, size: float = 6.0) 
     return Mark(np.array([[x, y]]), {"marker": shape, "color": palette.BLACK, "ms": size, "zorder": 8}, "sensor")
 
 
-class Labels(Artist):
-    """All labels of one panel, and the lines and points that they avoid, (N, 2) each."""
+class Stamps:
+    """Texts of an animation: each is drawn once, and its pixels are used again."""
 
-    def __init__(self, labels: Sequence[Label], lines: Sequence[Float64], points: Float64) -> None:
+    def __init__(self) -> None:
+        self._sizes: dict[Hashable, Float64] = {}
+        self._pixels: dict[Hashable, tuple[NDArray[np.int64], Pixels]] = {}
+
+    def size(self, key: Hashable, text: Callable[[], Text], renderer: Any) -> Float64:
+        """Return width and height of the text of a key [pixel]."""
+        if key not in self._sizes:
+            self._sizes[key] = np.array(text().get_window_extent(renderer).size)
+        return self._sizes[key]
+
+    def draw(self, key: Hashable, text: Callable[[], Text], at: Sequence[float], renderer: Any) -> None:
+        """Draw the text of a key, to the quarter of a pixel in x and the whole pixel in y."""
+        (x, part), y = divmod(int(4.0 * at[0]), 4), round(at[1])
+        if (key, part) not in self._pixels:
+            drawn, shift = text(), np.array([0.25 * part, 0.0])
+            drawn.set_position(tuple(shift))
+            box = np.array(drawn.get_window_extent(renderer).get_points())
+            corner = np.floor(box[0]).astype(np.int64) - ROOM
+            small: Any = RendererAgg(*np.ceil(box[1] - corner + ROOM).tolist(), renderer.dpi)  # type: ignore[call-arg, no-untyped-call]
+            drawn.set_position(tuple(shift - corner))
+            drawn.draw(small)
+            # An image begins with its lowest row.
+            self._pixels[key, part] = corner, np.asarray(small.buffer_rgba(), np.uint8)[::-1].copy()
+        corner, pixels = self._pixels[key, part]
+        renderer.draw_image(renderer.new_gc(), x + int(corner[0]), y + int(corner[1]), pixels)
+
+
+class Labels(Artist):
+    """All labels of one panel, and the lines and points that they avoid, (N, 2) each; `stamps` are those of others."""
+
+    def __init__(
+        self, labels: Sequence[Label], lines: Sequence[Float64], points: Float64, stamps: Stamps | None = None
+    ) -> None:
         super().__init__()
-        self.labels, self._lines, self._points = tuple(labels), lines, points
+        self.labels, self._lines, self._points, self._stamps = tuple(labels), lines, points, stamps
         self.places: Float64 = np.empty((0, 4))
         """(K, 4) left, low, right and high edges [pixel] when drawn last, of labels whose objects are in view."""
         self.set_in_layout(False)
@@ -185,30 +233,38 @@ class Labels(Artist):
         axes: Any = self.axes
         unit, to_pixels = renderer.points_to_pixels(1.0), axes.transData.transform
         view = np.array(axes.get_window_extent(renderer).extents)
-        texts, sizes, objects, sides = [], [], [], []
+        stamps = self._stamps or Stamps()
+        shown, sizes, objects, sides = [], [], [], []
         for label in self.labels:
             around = to_pixels(label.around)
             room = MARK * unit if len(around) == 1 else 0.0
             box = np.concatenate([around.min(axis=0) - room, around.max(axis=0) + room])
-            if _gaps(box[None], view[None])[0, 0] == 0.0:
-                text = Text(0, 0, label.text, color=label.colour, fontsize=SIZE, fontweight="bold", ha="center")
-                # Not an outline: letters with one are no text in an SVG.
-                text.set_bbox({"facecolor": "white", "edgecolor": "none", "alpha": 0.75, "pad": 0.4})
-                text.set(va="center_baseline", transform=IdentityTransform(), figure=axes.figure)
+            if _touch(box[None], view[None])[0, 0]:
                 side = around.mean(axis=0) - to_pixels(label.away)
-                texts.append(text)
-                sizes.append(text.get_window_extent(renderer).size + 2.0 * AIR * unit)
+                shown.append(((label.text, label.colour), partial(self._text, label)))
+                sizes.append(stamps.size(*shown[-1], renderer) + 2.0 * AIR * unit)
                 objects.append(box)
                 sides.append(side / (np.hypot(*side) or 1.0))
         drawn = np.concatenate([to_pixels(self._points), *(_sampled(to_pixels(line), 2.0 * unit) for line in self._lines)])
         self.places = place_labels(sizes, objects, sides, drawn, view + AIR * unit * np.array([1, 1, -1, -1]), unit)
-        for k, (text, place) in enumerate(zip(texts, self.places, strict=True)):
+        for k, (((_, colour), _), place) in enumerate(zip(shown, self.places, strict=True)):
             if (ends := line_to(place, k, np.array(objects), unit)) is not None:
-                line = Line2D(*ends.T, color=text.get_color(), lw=0.5, transform=IdentityTransform(), figure=axes.figure)
+                line = Line2D(*ends.T, color=colour, lw=0.5, transform=IdentityTransform(), figure=axes.figure)
                 line.draw(renderer)
-            text.set_position(place.reshape(2, 2).mean(axis=0))
-        for text in texts:
-            text.draw(renderer)
+        for (key, text), place in zip(shown, self.places, strict=True):
+            middle = place.reshape(2, 2).mean(axis=0)
+            if self._stamps is not None:
+                stamps.draw(key, text, middle, renderer)
+            else:
+                (own := text()).set_position(middle)
+                own.draw(renderer)
+
+    def _text(self, label: Label) -> Text:
+        text = Text(0, 0, label.text, color=label.colour, fontsize=SIZE, fontweight="bold", ha="center")
+        # Not an outline: letters with one are no text in an SVG.
+        text.set_bbox({"facecolor": "white", "edgecolor": "none", "alpha": 0.75, "pad": 0.4})
+        text.set(va="center_baseline", transform=IdentityTransform(), figure=self.figure)
+        return text
 
 
 def place_labels(
@@ -242,20 +298,29 @@ def place_labels(
         middle = 0.5 * (own[:2] + own[2:])
         centres = (middle + edge * (own[2:] - middle + half + rings)).reshape(-1, 2)
         tried = np.hstack([centres - half, centres + half])
-        gaps, line = _gaps(tried, others), np.linspace(centres, np.broadcast_to(middle, centres.shape), 12)
-        near = drawn[_inside(drawn[None], np.hstack([tried.min(axis=0)[:2], tried.max(axis=0)[2:]])[None])[0, :, 0]]
-        costs = (PER_DISTANCE * RINGS[:, None] + PER_SIDE * (1.0 - directions @ sides[k])).ravel()
-        costs += PER_POINT * _inside(near[None], tried)[0].sum(axis=0) + PER_OBJECT * (gaps == 0.0).sum(axis=1)
-        costs += AMBIGUOUS * (gaps < _gaps(tried, own[None])).any(axis=1)
-        costs += PER_CROSSING * _inside(line, np.vstack([others, places])).any(axis=0).sum(axis=1)
-        costs[(_gaps(tried, np.vstack([around, places])) == 0.0).any(axis=1)] = np.inf
+        least = (PER_DISTANCE * RINGS[:, None] + PER_SIDE * (1.0 - directions @ sides[k])).ravel()
+        least[_touch(tried, np.vstack([around, places])).any(axis=1)] = np.inf
+        costs, order = np.full(len(tried), np.inf), np.argsort(least)
+        for part in (order[:FEW], order[FEW:]):
+            # What cannot become cheaper than the best one needs no closer look.
+            part = part[least[part] <= costs.min()]
+            if not len(part):
+                continue
+            boxes_there, cost = tried[part], least[part]
+            gaps = _gaps(boxes_there, others)
+            line = np.linspace(centres[part], np.broadcast_to(middle, (len(part), 2)), 12)
+            near = drawn[_inside(drawn, np.hstack([boxes_there.min(axis=0)[:2], boxes_there.max(axis=0)[2:]])[None])[:, 0]]
+            cost += PER_POINT * _inside(near, boxes_there).sum(axis=0) + PER_OBJECT * (gaps == 0.0).sum(axis=1)
+            cost += AMBIGUOUS * (gaps < _gaps(boxes_there, own[None])).any(axis=1)
+            cost += PER_CROSSING * _inside(line, np.vstack([others, places])).any(axis=0).sum(axis=1)
+            costs[part] = cost
         if not np.isfinite(costs).any():
             # The nearest free place of the whole panel.
             x, y = (np.arange(view[i] + half[i], view[i + 2] - half[i] + 1e-9, max(sizes[k][i], unit)) for i in (0, 1))
             centres = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2) if len(x) and len(y) else centres
             tried = np.hstack([centres - half, centres + half])
             costs = np.hypot(*(centres - middle).T)
-            costs[(_gaps(tried, places) == 0.0).any(axis=1)] = np.inf
+            costs[_touch(tried, places).any(axis=1)] = np.inf
         places[k] = tried[int(np.argmin(costs))]
     return places
 
@@ -271,14 +336,22 @@ def line_to(place: Float64, k: int, objects: Float64, unit: float) -> Float64 | 
 
 def _gaps(boxes: Float64, others: Float64) -> Float64:
     """Return (C, R) distances between rectangles; 0 where they overlap or touch."""
-    apart = np.maximum(others[None, :, :2] - boxes[:, None, 2:], boxes[:, None, :2] - others[None, :, 2:])
-    return np.asarray(np.hypot(*np.moveaxis(np.maximum(apart, 0.0), 2, 0)), np.float64)
+    (left, low, right, high), there = boxes.T[:, :, None], others.T
+    apart = np.maximum(there[0] - right, left - there[2]), np.maximum(there[1] - high, low - there[3])
+    return np.asarray(np.hypot(*(np.maximum(each, 0.0) for each in apart)), np.float64)
+
+
+def _touch(boxes: Float64, others: Float64) -> Bool:
+    """Return (C, R) True where rectangles overlap or touch."""
+    (left, low, right, high), there = boxes.T[:, :, None], others.T
+    return np.asarray((there[0] <= right) & (left <= there[2]) & (there[1] <= high) & (low <= there[3]), np.bool_)
 
 
 def _inside(points: Float64, boxes: Float64) -> Bool:
-    """Return (S, N, R) True where a point of (S, N, 2) lies in a rectangle."""
-    points = points[:, :, None]
-    return np.asarray(((points > boxes[:, :2]) & (points < boxes[:, 2:])).all(axis=3), np.bool_)
+    """Return (..., R) True where a point of (..., 2) lies in a rectangle."""
+    x, y = points[..., :1], points[..., 1:]
+    left, low, right, high = boxes.T
+    return np.asarray((x > left) & (x < right) & (y > low) & (y < high), np.bool_)
 
 
 def _sampled(line: Float64, step: float) -> Float64:
@@ -354,22 +427,53 @@ def fit_height(figure: Figure, axes: Sequence[Axes], heights: Sequence[float], a
         one.apply_aspect()
 
 
-def draw_title(figure: Figure, lines: Iterable[str]) -> None:
+def draw_title(figure: Figure, lines: Iterable[str]) -> Text:
     """Write a title above all panels; lines that are too long break at commas."""
     width = figure.get_size_inches()[0]
     title = figure.suptitle("", x=0.01, ha="left", fontsize=8 if width > 4.5 else 7)
+
+    def width_of(line: str) -> float:
+        title.set_text(line)
+        return float(title.get_window_extent().width)
+
+    title.set_text("\n".join(_broken(lines, width_of, 0.98 * figure.bbox.width)))
+    return title
+
+
+def draw_title_again(title: Text, lines: Iterable[str], stamps: Stamps, renderer: Any) -> None:
+    """Draw other lines in the place of a title, put together of single digits and what is between them."""
+
+    def text(words: str, row: int) -> Text:
+        look: Any = {"font": title.get_fontproperties(), "transform": IdentityTransform(), "figure": title.figure}
+        return Text(0, 0, "\n" * row + words, va="top", **look)
+
+    def part(words: str, row: int = 0) -> tuple[tuple[str, int], Callable[[], Text]]:
+        return (words, row), partial(text, words, row)
+
+    def width_of(line: str) -> float:
+        return sum(float(stamps.size(*part(words), renderer)[0]) for words in _PARTS.findall(line))
+
+    left, y = title.get_transform().transform(title.get_position())
+    for row, line in enumerate(_broken(lines, width_of, 0.98 * renderer.width)):
+        x = left
+        for words in _PARTS.findall(line):
+            stamps.draw(*part(words, row), (x, y), renderer)
+            x += width_of(words)
+
+
+def _broken(lines: Iterable[str], width_of: Callable[[str], float], most: float) -> list[str]:
+    """Return lines broken at commas where they are wider."""
     broken: list[str] = []
     for line in lines:
         broken.append("")
-        for part in line.split(", "):
+        for part in [line] if width_of(line) <= most else line.split(", "):
             longer = f"{broken[-1]}, {part}" if broken[-1] else part
-            title.set_text(longer)
-            if broken[-1] and title.get_window_extent().width > 0.98 * figure.bbox.width:
+            if broken[-1] and width_of(longer) > most:
                 broken[-1] += ","
                 longer = part
                 broken.append("")
             broken[-1] = longer
-    title.set_text("\n".join(broken))
+    return broken
 
 
 def entries_of(drawn: Iterable[Axes]) -> Entries:
@@ -435,28 +539,40 @@ def file_bytes(figure: Figure, suffix: str, dpi: int | None = None) -> bytes:
 
 def pixels_of(figure: Figure) -> Pixels:
     """Return (H, W, 3) the pixels of a figure."""
+    cast("FigureCanvasAgg", figure.canvas).draw()  # type: ignore[no-untyped-call]
+    return shown_on(figure)[..., :3].copy()
+
+
+def shown_on(figure: Figure) -> Pixels:
+    """Return (H, W, 4) the pixels of the canvas of a figure, which change with it."""
     canvas = cast("FigureCanvasAgg", figure.canvas)
-    canvas.draw()  # type: ignore[no-untyped-call]
-    return np.asarray(canvas.buffer_rgba(), np.uint8)[..., :3].copy()  # type: ignore[no-untyped-call]
+    return np.asarray(canvas.buffer_rgba(), np.uint8)  # type: ignore[no-untyped-call]
 
 
 def write_gif(path: Path, frames: Iterable[Pixels], fps: float) -> None:
-    """Write frames (H, W, 3) that go round for ever; their colours become the nearest shade of a colour of the palette."""
+    """Write frames (H, W, 4) that go round for ever; their colours become the nearest shade of a colour of the palette."""
     # Six shades of each colour towards white: the edges of lines and letters.
     named = np.array([[*bytes.fromhex(colour[1:])] for colour in palette.ALL], np.float64)
     share = np.linspace(1.0, 0.0, 7)[:, None, None]
     shades = np.unique((named * share + 255.0 * (1.0 - share)).round().astype(np.int64).reshape(-1, 3), axis=0)
-    first, *rest = (_indexed(pixels, shades) for pixels in frames)
+    # Place + 1 of the nearest shade of each colour; 0 where it is yet to be found.
+    nearest = np.zeros(1 << 24, np.uint8)
+    first, *rest = (_indexed(pixels, shades, nearest) for pixels in frames)
     duration = round(1000.0 / fps)
     first.save(path, format="GIF", save_all=True, append_images=rest, duration=duration, loop=0, optimize=False)
 
 
-def _indexed(pixels: Pixels, shades: NDArray[np.int64]) -> Image.Image:
+def _indexed(pixels: Pixels, shades: NDArray[np.int64], nearest: Pixels) -> Image.Image:
     """Return a frame with the nearest of (N, 3) shades, which Pillow finds by and large alone."""
-    packed, places = np.unique(pixels.astype(np.int64) @ np.array([1 << 16, 1 << 8, 1]), return_inverse=True)
-    colours = np.stack([packed >> 16, packed >> 8 & 255, packed & 255], axis=1)
-    nearest = ((colours[:, None] - shades) ** 2).sum(axis=2).argmin(axis=1).astype(np.uint8)
-    image = Image.fromarray(nearest[places].reshape(pixels.shape[:2]))
+    # Blue, green, red.
+    packed = pixels.view("<u4")[..., 0] & 0xFFFFFF
+    places = nearest[packed]
+    if not places.all():
+        new = np.unique(packed[places == 0])
+        colours = np.stack([new & 255, new >> 8 & 255, new >> 16], axis=1)
+        nearest[new] = ((colours[:, None] - shades) ** 2).sum(axis=2).argmin(axis=1) + 1
+        places = nearest[packed]
+    image = Image.fromarray(places - 1)
     # From grey levels to places in the table.
     image.putpalette(shades.astype(np.uint8).ravel().tolist())
     return image

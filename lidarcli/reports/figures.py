@@ -89,6 +89,7 @@ CATEGORIES: dict[str, tuple[str, ...]] = {
 TRACK_COUNTS: dict[str, Figure] = {
     "tracks": Figure("1", "things that were followed from sweep to sweep"),
     "tracks.agents": Figure("1", "of these, agents (set A): things that moved by themselves"),
+    "tracks.people": Figure("1", "people: agents that went 2 m or more, each person once (docs/counting.md)"),
 }
 """Figures of one number that need tracks tables."""
 

@@ -11,6 +11,8 @@ import re
 import zlib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from datetime import UTC, timedelta
+from functools import partial
 from importlib.resources import files
 from typing import Any, NamedTuple
 
@@ -25,9 +27,11 @@ from lidarcli.display.palette import COLOURS, page_style, themed
 from lidarcli.display.texts import stamp
 from lidarcli.formalism.detection import SETS, SHAPES
 from lidarcli.formalism.mapping.grid import FREE, OCCUPIED, Occupancy
+from lidarcli.options.times import is_date, local
 from lidarcli.reports.columns import Rows, Run, rows_of
-from lidarcli.reports.document import NAMES, PAGE, Code, FromAbove
+from lidarcli.reports.document import NAMES, PAGE, Code, Courses, FromAbove
 from lidarcli.reports.drawing import project_style
+from lidarcli.reports.explanation import Explanation, courses_figure
 from lidarcli.reports.figures import Density, Histogram, Spread, plain
 from lidarcli.reports.map_picture import Backdrop, changes_figure, map_figure
 from lidarcli.reports.programs import clean
@@ -86,15 +90,23 @@ def render(report: Report) -> str:
     if isinstance(run, RunPart):
         assert report.page is not None
         return _page("report.html", report, **_shown(run, report.page))
+    if isinstance(run, Explanation):
+        script, digest = _script("film.js")
+        return _page("film.html", report, script=script, script_hash=digest)
     return _page("parts.html", report)
+
+
+def _script(*parts: str) -> tuple[Markup, str]:
+    """Return a script of some parts, and its hash for the policy of the page."""
+    own = "\n".join(map(_part, parts))
+    script = f'"use strict";\n(async () => {{\n{own}}})();\n'
+    return Markup(script), base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
 
 
 def _shown(run: RunPart, shown: Page) -> dict[str, Any]:
     """Return the values of the template that the document does not hold."""
     # In one function, so that its names meet no others.
-    parts = "\n".join(_part(f"viewer/{name}.js") for name in SCRIPTS)
-    script = f'"use strict";\n(async () => {{\n{parts}}})();\n'
-    digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
+    script, digest = _script(*(f"viewer/{name}.js" for name in SCRIPTS))
     summary, viewer = run.summary, shown.viewer
     tracks = summary.tracked.tracks if summary.tracked else ()
     overview = None
@@ -106,7 +118,7 @@ def _shown(run: RunPart, shown: Page) -> dict[str, Any]:
     viewer = viewer | {"charts": [chart.values for chart in drawn]}
     return {
         "summary": summary,
-        "script": Markup(script),
+        "script": script,
         "script_hash": digest,
         "data": Markup(embedded(viewer)),
         "viewer": viewer,
@@ -119,7 +131,7 @@ def _shown(run: RunPart, shown: Page) -> dict[str, Any]:
         "command": shown.command,
         "tracks": tracks,
         # Columns without a single entry are left out.
-        "track_cells": {name: cells for name, cells in track_cells(tracks).items() if any(cells)},
+        "track_cells": {name: cells for name, cells in track_cells(tracks, summary.time_zone).items() if any(cells)},
         "kinds": KINDS,
         "names": NAMES,
     }
@@ -136,7 +148,9 @@ def _page(template: str, report: Report, **values: Any) -> str:
         lstrip_blocks=True,
     )
     environment.tests["code"] = lambda value: isinstance(value, Code)
-    environment.globals.update(number=number, share=share, stamp=stamp, drawn=_drawn)
+    zone = report.parts[0].summary.time_zone if isinstance(report.parts[0], RunPart) else UTC
+    shown = {"number": number, "share": share, "stamp": partial(stamp, zone=zone), "drawn": _drawn, "embedded": embedded}
+    environment.globals.update(**shown)
     sections = {name: one for name, one in report.sections().items() if PAGE in one.formats}
     return environment.get_template(template).render(
         **values,
@@ -148,9 +162,11 @@ def _page(template: str, report: Report, **values: Any) -> str:
     )
 
 
-def _drawn(block: FromAbove) -> Markup:
-    """Return the changes of a run from above, without the map, which tables do not hold."""
+def _drawn(block: FromAbove | Courses) -> Markup:
+    """Return quantities over time, or the changes of a run from above, without the map, which tables do not hold."""
     with project_style(SVG_STYLE):
+        if isinstance(block, Courses):
+            return _inline("Distance and speed", courses_figure(block))
         return _inline(f"Changes of run {block.number}", changes_figure([block.changes], [Backdrop()]))
 
 
@@ -274,7 +290,7 @@ def _stream(run: Run, stream: Stream, rows: NDArray[np.intp], raw: Raw | None) -
     lengths = [columns[name] for name in in_metres]
     reach = max((float(np.nanmax(np.abs(values), initial=0)) for values in lengths), default=0.0)
     scale = max(reach, 1.0) / 32_000
-    packed = {
+    packed: dict[str, Any] = {
         "log": stream.log,
         "topic": stream.topic,
         "frame": stream.frame_id,
@@ -293,6 +309,10 @@ def _stream(run: Run, stream: Stream, rows: NDArray[np.intp], raw: Raw | None) -
         **{name: _packed(np.nan_to_num(np.round(columns[name] / scale)), np.int16) for name in in_metres},
         **{name: _signed(columns[name] * ANGLE) for name in angles},
     }
+    if is_date(stream.start_ns):
+        # The first stamp [s since 1970], and at each sweep the time of the zone minus UTC [s].
+        shift = [(local(one, run.time_zone).utcoffset() or timedelta()).total_seconds() for one in stamp.tolist()]
+        packed |= {"begin": stream.start_ns * 1e-9, "shift": _packed(np.array(shift), np.int32)}
     if objects.has_any("label"):
         codes, packed["labels"] = objects.words("label")
         packed["label"] = _packed(np.where(codes < 0, LOST, codes)[members], np.uint16)
@@ -335,11 +355,16 @@ def _zones(zones: ZonesPart, stream: Stream) -> dict[str, Any]:
                 "action": one.action or "none",
                 "events": times(one.events),
                 "visits": times(one.visits),
+                "stale": times(one.stale),
                 "frame": one.frame,
                 "outline": [[round(x, 4), round(y, 4)] for x, y in one.outline],
             }
             for one in zones.timelines[stream.source]
-        ]
+        ],
+        "others": [
+            {"name": one.name, "parts": [[kind, times(spans)] for kind, spans in one.parts]}
+            for one in zones.others[stream.source]
+        ],
     }
 
 

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
-from typing import NamedTuple, cast
+from typing import Any, NamedTuple, cast
 
 from matplotlib.animation import FFMpegWriter
 from matplotlib.axes import Axes
@@ -17,16 +18,23 @@ from lidarcli.options.choices import ANIMATED_DPI, AS_IT_COMES, FRAMES_PER_SECON
 from lidarcli.reports.curves import backgrounds, difference, subtraction, sweep
 from lidarcli.reports.drawing import (
     Entries,
+    Mark,
     Panel,
+    Pixels,
+    Stamps,
+    artist_of,
+    draw_content,
     draw_legend,
     draw_panel,
     draw_title,
+    draw_title_again,
     entries_of,
     file_bytes,
     fit_height,
     new_figure,
     pixels_of,
     project_style,
+    shown_on,
     write_gif,
 )
 from lidarcli.reports.scene import NARROW, Limits, Picture, limits_of, scene
@@ -48,6 +56,12 @@ class PanelPlace(NamedTuple):
     """Height [inch]; 0 for a scene, whose height follows from its width and content."""
     shares: bool = False
     """True if the panel below has the axis of bearings for both."""
+
+    def content(self, picture: Picture, limits: Limits) -> Panel:
+        """Return the panel of a picture, here."""
+        panel = self.panel(picture, limits)
+        names = ("", panel.frame.names[1])
+        return panel._replace(frame=replace(panel.frame, names=names)) if self.shares else panel
 
 
 def width_of(view: str, look: Look) -> float:
@@ -94,21 +108,14 @@ def draw_whole(
     grid = figure.add_gridspec(max(place.rows.stop for place in places), columns, width_ratios=ratios)
     drawn = [figure.add_subplot(grid[place.rows, place.column]) for place in places]
     for axes, place in zip(drawn, places, strict=True):
-        draw_panel(axes, place.panel(picture, limits))
-        _share_axis(axes, place)
+        draw_panel(axes, place.content(picture, limits))
+        axes.tick_params(labelbottom=not place.shares)
     if look.title:
         draw_title(figure, picture.title)
     if look.legend:
         draw_legend(figure, entries_of(drawn) if entries is None else entries, "outside lower left")
     fit_height(figure, drawn, [place.height for place in places], limits.aspect)
     return drawn
-
-
-def _share_axis(axes: Axes, place: PanelPlace) -> None:
-    """Leave the axis of bearings to the panel below."""
-    if place.shares:
-        axes.set_xlabel("")
-        axes.tick_params(labelbottom=False)
 
 
 def draw(picture: Picture, view: str, suffix: str, look: Look = AS_IT_COMES) -> bytes:
@@ -157,53 +164,99 @@ def animate(
     path: Path,
     look: Look = AS_IT_COMES,
     report: Callable[[int], None] | None = None,
+    limits: Limits | None = None,
 ) -> None:
-    """Write one frame per picture, as GIF or, with ffmpeg, MP4; `report` takes the number of frames that are done."""
+    """Write one frame per picture, as GIF or, with ffmpeg, MP4; `report` takes the number of frames that are done.
+
+    `limits`: what the axes show; None: all of the pictures.
+    """
     is_film = path.suffix.lower() == ".mp4"
     if is_film and not FFMpegWriter.isAvailable():
         raise OptionError(f"{path.suffix} needs ffmpeg, which is not there; write .gif instead")
     fps = look.fps or FRAMES_PER_SECOND
     with project_style():
-        figure = new_figure(width_of(view, look))
+        figure = new_figure(width_of(view, look), kind=_Film)
         figure.set_dpi(look.dpi or ANIMATED_DPI)
-        shown = _frames(figure, pictures, view, look, report)
+        axes, panels = _laid_out(figure, pictures, view, look, limits)
+        shown = _frames(figure, axes, panels, [one.title for one in pictures if look.title], report)
         if is_film:
             writer = FFMpegWriter(fps=fps)  # type: ignore[arg-type]
             with writer.saving(figure, str(path), figure.dpi):
                 for _ in shown:
                     writer.grab_frame()
         else:
-            write_gif(path, (pixels_of(figure) for _ in shown), fps)
+            write_gif(path, (shown_on(figure) for _ in shown), fps)
+
+
+class _Film(Figure):
+    """A figure that is saved as its canvas shows it."""
+
+    def savefig(self, fname: Any, **_: Any) -> None:
+        fname.write(shown_on(self))
+
+
+def _laid_out(
+    figure: Figure, pictures: Sequence[Picture], view: str, look: Look, limits: Limits | None
+) -> tuple[list[Axes], list[list[Panel]]]:
+    """Lay out a figure for all of the pictures, with a legend of what is in any of them; return axes, and all panels."""
+    limits = limits or limits_of(pictures)
+    places = places_of(pictures[0], view, limits, look)
+    panels = [[place.content(picture, limits) for place in places] for picture in pictures]
+    marks: dict[str, Mark] = {}
+    for some in panels:
+        named = [(mark.name, mark) for panel in some for mark in panel.marks if mark.name is not None]
+        # Of several with a name the first one counts.
+        marks = dict(named) | dict(reversed(named)) | marks
+    longest = max(pictures, key=lambda picture: len(" ".join(picture.title)))
+    axes = draw_whole(figure, longest, view, limits, look, {name: artist_of(mark) for name, mark in marks.items()})
+    figure.set_layout_engine(None)
+    return axes, panels
+
+
+def frames(pictures: Sequence[Picture], view: str, look: Look, limits: Limits | None = None) -> Iterator[Pixels]:
+    """Yield the pixels (H, W, 3) of a frame per picture, as of `animate`."""
+    with project_style():
+        figure = new_figure(width_of(view, look), kind=_Film)
+        figure.set_dpi(look.dpi or ANIMATED_DPI)
+        axes, panels = _laid_out(figure, pictures, view, look, limits)
+        for _ in _frames(figure, axes, panels, [one.title for one in pictures if look.title], None):
+            yield shown_on(figure)[..., :3].copy()
 
 
 def _frames(
-    figure: Figure, pictures: Sequence[Picture], view: str, look: Look, report: Callable[[int], None] | None
+    figure: Figure,
+    axes: Sequence[Axes],
+    panels: Sequence[Sequence[Panel]],
+    titles: Sequence[Sequence[str]],
+    report: Callable[[int], None] | None,
 ) -> Iterator[None]:
-    """Draw each of the pictures in turn; axes and legend stay, and the legend names what is in any of the pictures."""
-    limits = limits_of(pictures)
-    places = places_of(pictures[0], view, limits, look)
-    axes = [figure.add_subplot() for _ in places]
-    entries: Entries = {}
-    for picture in pictures:
-        _draw_again(axes, places, picture, limits)
-        entries = entries_of(axes) | entries
-    figure.clear()
-    longest = max(pictures, key=lambda picture: len(" ".join(picture.title)))
-    axes = draw_whole(figure, longest, view, limits, look, entries)
-    figure.set_layout_engine(None)
-    for number, picture in enumerate(pictures, 1):
-        _draw_again(axes, places, picture, limits)
-        if look.title:
-            draw_title(figure, picture.title)
+    """Draw each of the pictures in turn on the canvas; axes that are the same in all of them are drawn once."""
+    still = [len({some[k].frame for some in panels}) == 1 for k in range(len(axes))]
+    for one, stays in zip(axes, still, strict=True):
+        _clear(one)
+        one.set_animated(not stays)
+    title, stamps = draw_title(figure, titles[0] if titles else ()), Stamps()
+    title.set_animated(True)
+    background = pixels_of(figure)
+    renderer = cast("Any", figure.canvas).get_renderer()
+    for one, stays in zip(axes, still, strict=True):
+        for artist in (one.patch, one.xaxis, one.yaxis):
+            artist.set_visible(not stays)
+    for number, some in enumerate(panels):
+        shown_on(figure)[..., :3] = background
+        for one, panel, stays in zip(axes, some, still, strict=True):
+            if not stays:
+                panel.frame.set(one)
+            draw_content(one, panel, stamps)
+            one.draw(renderer)
+            _clear(one)
+        draw_title_again(title, titles[number] if titles else (), stamps, renderer)
         yield
         if report is not None:
-            report(number)
+            report(number + 1)
 
 
-def _draw_again(axes: Iterable[Axes], places: Iterable[PanelPlace], picture: Picture, limits: Limits) -> None:
-    """Draw the panels of a picture in place of those before."""
-    for one, place in zip(axes, places, strict=True):
-        for artist in [*one.lines, *one.patches, *one.texts, *one.artists]:
-            artist.remove()
-        draw_panel(one, place.panel(picture, limits))
-        _share_axis(one, place)
+def _clear(axes: Axes) -> None:
+    """Remove the content of axes."""
+    for artist in [*axes.lines, *axes.patches, *axes.texts, *axes.artists]:
+        artist.remove()

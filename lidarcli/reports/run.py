@@ -6,11 +6,13 @@ import math
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from datetime import UTC
 from typing import Any
 
 import numpy as np
 
-from lidarcli.display.texts import stamp
+from lidarcli.display.texts import stamp, times_of_day
+from lidarcli.options.times import TimeZone
 from lidarcli.reports.columns import Origin, Record
 from lidarcli.reports.document import (
     MARKDOWN,
@@ -178,7 +180,7 @@ def _courses(summary: Summary) -> Iterator[Block]:
     streams = summary.streams.all
     for stream in streams[:STREAMS]:
         course = stream.course
-        yield Notes([(f"{stream.name}, {stream.sweeps:,} sweeps from {stamp(stream.start_ns)}",)])
+        yield Notes([(f"{stream.name}, {stream.sweeps:,} sweeps from {stamp(stream.start_ns, summary.time_zone)}",)])
         lines = []
         for name, values, unit in (
             ("objects", course.objects_mean, ""),
@@ -268,6 +270,7 @@ def _track_facts(tracked: TracksSummary) -> dict[str, str]:
     at_once = tracked.spreads["agents_at_once"]
     facts = {
         "tracks": f"{number(count)}, {number(agents)} of them {'an agent' if agents == 1 else 'agents'}",
+        "people": f"{number(tracked.figures['tracks.people'])}: agents that went 2 m or more, each person once",
         "agents at once": f"{number(at_once.mean)} on average, at most {number(at_once.max)}",
     }
     if (part := tracked.agent_share) is not None:
@@ -276,8 +279,9 @@ def _track_facts(tracked: TracksSummary) -> dict[str, str]:
     return facts
 
 
-def track_cells(tracks: Sequence[Record]) -> dict[str, list[str]]:
+def track_cells(tracks: Sequence[Record], zone: TimeZone = UTC) -> dict[str, list[str]]:
     """Return heading → cells of a table of tracks, where a column has the same number of decimals."""
+    head, clocks = times_of_day([one.first_ns for one in tracks], zone)
     sizes = [" x ".join(f"{value:.2f}" for value in (one.length, one.width) if math.isfinite(value)) for one in tracks]
     return {
         "track": [str(one.track) for one in tracks],
@@ -285,6 +289,7 @@ def track_cells(tracks: Sequence[Record]) -> dict[str, list[str]]:
         "shape": [one.shape for one in tracks],
         "label": [one.label for one in tracks],
         "first seen": column([one.start for one in tracks], " s"),
+        head: clocks,
         "duration": column([one.duration for one in tracks], " s"),
         "sweeps": [number(one.sweeps) for one in tracks],
         "hidden": column([one.hidden for one in tracks], " s"),
@@ -335,7 +340,7 @@ def _outliers(summary: Summary) -> Iterator[tuple[str, Section]]:
     for name, group in _by_topic(sorted(summary.outliers, key=lambda one: one.stream)).items():
         if len(summary.streams.all) > 1:
             blocks.append(Notes([(name,)]))
-        date, times = _times([one.stamp for one in group])
+        date, times = _times([one.stamp for one in group], summary.time_zone)
         rows = [(KINDS[one.kind], one.words, str(one.sweep), time) for one, time in zip(group, times, strict=True)]
         blocks.append(ReportTable(("", "value", "sweep", date), rows, (1, 2)))
     blocks.append(Notes([("To see one: ", Code("lidarcli plot LOG --topic TOPIC --sweep N -o sweep.png"))]))
@@ -350,13 +355,13 @@ def _by_topic(items: Sequence[Record]) -> dict[str, list[Record]]:
     return found
 
 
-def _times(stamps_ns: Sequence[int]) -> tuple[str, list[str]]:
+def _times(stamps_ns: Sequence[int], zone: TimeZone = UTC) -> tuple[str, list[str]]:
     """Return the heading and the cells of a column of stamps: their date once, if they share it.
 
     >>> _times([1_700_000_000_123_456_789, 1_700_000_001_000_000_000])
     ('2023-11-14', ['22:13:20.123Z', '22:13:21.000Z'])
     """
-    words = [stamp(each) for each in stamps_ns]
+    words = [stamp(each, zone) for each in stamps_ns]
     dates, _, times = zip(*(each.partition("T") for each in words), strict=True)
     return (dates[0], [*times]) if len({*dates}) == 1 and all(times) else ("stamp", words)
 

@@ -1,9 +1,10 @@
-"""A sweep from above as a scene of marks and labels: beams, objects, walls, tracks and zones in the sensor frame."""
+"""A sweep from above as a scene of marks and labels: beams, objects, walls, tracks and zones, in the robot's frame."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from datetime import UTC
 from functools import cached_property
 from typing import NamedTuple
 
@@ -13,9 +14,10 @@ from lidarcli.display import palette
 from lidarcli.display.texts import counted, stamp
 from lidarcli.formalism import Detection
 from lidarcli.formalism.detection import CORNER, OBJECT, ROUND, SETS, SHAPES, VERTEX_KINDS, WALL
+from lidarcli.options.times import TimeZone
 from lidarcli.reports.drawing import Frame, Label, Mark, Panel, arrow, joined, sensor
 from lidarcli.reports.world import TrackPath
-from lidarcli.sweeps.masks import Polygon
+from lidarcli.sweeps.masks import Mount, Polygon
 from lidarcli.sweeps.types import TURN, Bool, Float64, Int64, SweepBatch
 from lidarcli.sweeps.zone import Line, Zone, inside
 
@@ -27,6 +29,10 @@ NARROW = 3.5
 """Width of one column of a paper [inch]; two are 7.2."""
 MAX_NUMBERS = 60
 """Most objects of a picture that are numbered."""
+LEAST_AROUND, AROUND = 2.0, 1.0
+"""Least distance from the middle of a scene to its edges, and room behind the sensor, where it follows something [m]."""
+LONGEST_FRAME = 20
+"""A longer name of a frame at an axis loses its beginning."""
 DASH = 3.0
 """Length of the dashes of a zone that is not occupied [pt]; the gaps are half as long."""
 
@@ -37,7 +43,7 @@ class ZoneInSight:
 
     zone: Zone
     corners: Float64
-    """(K, 2) its outline in the sensor frame [m]."""
+    """(K, 2) its outline [m]."""
     beams: Bool
     """(B,) beams that count in it."""
     is_occupied: bool
@@ -47,6 +53,12 @@ class ZoneInSight:
         """(N, 2) its outline, closed, or its line [m]."""
         closing = 0 if isinstance(self.zone.shape, Line) else 1
         return np.concatenate([self.corners, self.corners[:closing]])
+
+    @property
+    def middle(self) -> tuple[float, float]:
+        """Middle of its outline [m]."""
+        x, y = (0.5 * (self.corners.min(axis=0) + self.corners.max(axis=0))).tolist()
+        return x, y
 
     def in_view(self, limits: Limits) -> Float64:
         """Return (N, 2) points of its outline in view; of a zone around all of that the upper left corner."""
@@ -85,8 +97,19 @@ class Picture:
     difference: Float64 | None = None
     """(B,) r_w - r_e of the subtraction, which also covers beams without a return [m]."""
     tracks: tuple[TrackPath, ...] | None = None
-    """The tracks up to this sweep; None where none were given."""
+    """The tracks up to this sweep, in the sensor frame; None where none were given."""
     zones: tuple[ZoneInSight, ...] = ()
+    """In the sensor frame."""
+    marked: int = -1
+    """Track that has a ring, as the nearest in a zone or ahead."""
+    mount: Mount | None = None
+    """Place of the sensor on its robot, in whose frame the scene is; None: it is in the sensor frame."""
+    followed: str = ""
+    """What is in the middle of the scene, such as `track 9`; empty: nothing."""
+    middle: tuple[float, float] = (0.0, 0.0)
+    """Where that is, in the frame of the scene [m]."""
+    time_zone: TimeZone = UTC
+    """Time zone of the title."""
 
     @property
     def sweep(self) -> int:
@@ -103,7 +126,7 @@ class Picture:
             tracks = f", {counted(len(self.tracks), 'track')} ({counted(agents, 'agent')})"
         return (
             f"{printable(self.log)}  {printable(self.batch.topic)}  sweep {self.sweep}",
-            f"{stamp(int(self.batch.stamp_ns[0]))}{tracks}, profile {self.profile}, "
+            f"{stamp(int(self.batch.stamp_ns[0]), self.time_zone)}{tracks}, profile {self.profile}, "
             f"$d_{{th}}$ = {float(self.detection.sweep_d_th[0]):.3g} m ({self.threshold}), {objects}",
         )
 
@@ -126,14 +149,65 @@ class Picture:
         return ranges
 
     @property
+    def change(self) -> Float64 | None:
+        """(B,) difference from the background [m]; None without one."""
+        if self.difference is not None or self.background is None:
+            return self.difference
+        change: Float64 = self.ranges - self.background
+        return change
+
+    @property
     def step(self) -> float:
         """Angle from beam to beam [rad], positive."""
         return abs(float(self.batch.angle_increment[0]))
 
     @cached_property
+    def _turn(self) -> Float64:
+        """(2, 2) axes of the sensor in the scene, one a row."""
+        if self.mount is None:
+            return np.eye(2)
+        cos, sin, side = np.cos(self.mount.yaw), np.sin(self.mount.yaw), -1.0 if self.mount.upside_down else 1.0
+        return np.array([[cos, sin], [-side * sin, side * cos]])
+
+    @property
+    def at(self) -> Float64:
+        """(2,) where the sensor is in the scene [m]."""
+        x, y = (0.0, 0.0) if self.mount is None else (self.mount.x, self.mount.y)
+        return np.array([x - self.middle[0], y - self.middle[1]])
+
+    def placed(self, xy: Float64) -> Float64:
+        """Return points (N, 2) of the sensor frame in the scene [m]."""
+        points: Float64 = xy @ self._turn + self.at
+        return points
+
+    @cached_property
     def points(self) -> Float64:
-        """(B, 2) where every beam ended in the sensor frame [m]; NaN without a range."""
-        return np.column_stack([self.ranges * np.cos(self.theta), self.ranges * np.sin(self.theta)])
+        """(B, 2) where every beam ended in the scene [m]; NaN without a range."""
+        return self.placed(np.column_stack([self.ranges * np.cos(self.theta), self.ranges * np.sin(self.theta)]))
+
+    @cached_property
+    def paths(self) -> tuple[TrackPath, ...]:
+        """The tracks in the scene."""
+        return tuple(map(self._path, self.tracks or ()))
+
+    def _path(self, one: TrackPath) -> TrackPath:
+        x, y = self.placed(np.column_stack([one.x, one.y])).T
+        vx, vy = (np.array(one.velocity) @ self._turn).tolist()
+        point = None if one.point is None else tuple(self.placed(np.array([one.point]))[0].tolist())
+        return replace(one, x=x, y=y, velocity=(vx, vy), point=point)
+
+    @cached_property
+    def areas(self) -> tuple[ZoneInSight, ...]:
+        """The zones in the scene."""
+        return tuple(replace(one, corners=self.placed(one.corners)) for one in self.zones)
+
+    @property
+    def axis_names(self) -> tuple[str, str]:
+        """Words at the axes: of which frame they are, and from where they count."""
+        frame = "" if self.mount is None else printable(self.mount.parent)
+        frame = frame if len(frame) <= LONGEST_FRAME else f"...{frame[3 - LONGEST_FRAME :]}"
+        words = (f" in {frame}" if frame else "") + (f" from {printable(self.followed)}" if self.followed else "")
+        return f"x{words} [m]", f"y{words} [m]"
 
     def members(self, k: int) -> tuple[Int64, Float64]:
         """Return the beams with a range of object k and their bearings [rad], which ascend from theta_i and may pass π."""
@@ -150,10 +224,11 @@ class Picture:
         return beams[order], theta[order]
 
     def outline(self, k: int) -> Float64:
-        """Return (N, 2) the box of object k, closed; of a round one the circle that was fitted to it [m]."""
+        """Return (N, 2) the box of object k in the scene, closed; of a round one the circle that was fitted to it [m]."""
         found = self.detection
         x, y, yaw = float(found.box_x[k]), float(found.box_y[k]), float(found.box_yaw[k])
-        return outline_of(x, y, yaw, float(found.box_length[k]), float(found.box_width[k]), found.shape[k] == ROUND)
+        length, width = float(found.box_length[k]), float(found.box_width[k])
+        return self.placed(outline_of(x, y, yaw, length, width, found.shape[k] == ROUND))
 
     @cached_property
     def things(self) -> list[int]:
@@ -187,6 +262,10 @@ class Limits(NamedTuple):
     y: tuple[float, float]
     r: float
     s: float
+    d_th: float = 0.0
+    """The greatest one."""
+    change: float = 0.0
+    """The greatest difference from a background, with some air."""
 
     @property
     def aspect(self) -> float:
@@ -197,25 +276,37 @@ class Limits(NamedTuple):
 def limits_of(pictures: Sequence[Picture]) -> Limits:
     """Return limits that hold the beams, objects and tracks of all pictures, with some air around them."""
     parts = [np.zeros((1, 2))]
-    jump, reach = 0.1, 0.0
+    away = 0.0
+    jump, reach, d_th, change = 0.1, 0.0, 0.0, 0.0
     for picture in pictures:
         beams = picture.points[np.isfinite(picture.ranges)]
-        own = float(np.hypot(*beams.T).max(initial=0.0))
+        own = float(np.hypot(*(beams - picture.at).T).max(initial=0.0))
         others = [np.empty((0, 2)), *(picture.outline(k) for k in picture.things)]
-        for path in picture.tracks or ():
+        for path in picture.paths:
             head = np.array([path.mark])
             others += [head, head + path.velocity]
         outlines = np.concatenate(others)
         # A profile without a largest size fits circles to walls.
-        parts += [beams, outlines[np.hypot(*outlines.T) <= FAR * own]]
-        jump = max(jump, float(np.nanmax(np.abs(np.diff(picture.ranges)), initial=0.0)))
-        reach = max(reach, own)
+        parts += [picture.at[None], beams, outlines[np.hypot(*(outlines - picture.at).T) <= FAR * own]]
+        seen = [one.outline for one in picture.areas if picture.followed == f"zone {one.zone.name}"]
+        away = max(away, *(float(np.abs(each).max(initial=0.0)) for each in (picture.at, *seen)))
+        found = picture.detection
+        assert found.beam_s is not None  # pictures are made with `per_beam`
+        # Over the seam and over lost beams differences may be greater than from beam to beam.
+        steps = np.concatenate([np.diff(picture.ranges), found.beam_s[0], found.s_i, found.s_f])
+        jump = max(jump, float(np.nanmax(np.abs(steps), initial=0.0)))
+        reach, d_th = max(reach, own), max(d_th, float(found.sweep_d_th[0]))
+        if picture.change is not None:
+            change = max(change, float(np.nanmax(np.abs(picture.change), initial=0.0)))
     xy = np.concatenate(parts)
     low, high = xy.min(axis=0), xy.max(axis=0)
     sides = high - low
     air = max(0.09 * float(sides.min()), 0.03 * float(sides.max()), 0.1)
     (left, bottom), (right, top) = (low - air).tolist(), (high + air).tolist()
-    return Limits((left, right), (bottom, top), max(1.05 * reach, 0.1), 1.1 * jump)
+    if any(picture.followed for picture in pictures):
+        right = top = max(1.1 * away + AROUND, LEAST_AROUND)
+        left = bottom = -right
+    return Limits((left, right), (bottom, top), max(1.05 * reach, 0.1), 1.1 * jump, d_th, max(1.1 * change, 0.1))
 
 
 def unwound(angle: Float64) -> Float64:
@@ -231,7 +322,7 @@ def printable(text: str) -> str:
 
 
 def scene(picture: Picture, limits: Limits | None = None, width: float = NARROW, *, vertices: bool = False) -> Panel:
-    """Return one sweep in its sensor frame [m], x to the right: beams, objects with their numbers, tracks, zones.
+    """Return one sweep [m], x to the right: beams, objects with their numbers, tracks, zones.
 
     Parameters
     ----------
@@ -242,11 +333,12 @@ def scene(picture: Picture, limits: Limits | None = None, width: float = NARROW,
     limits = limits or limits_of([picture])
     # The dot of a beam is 4.5 cm wide, within bounds [pt].
     dot = float(np.clip(0.045 * 72.0 * width / (limits.x[1] - limits.x[0]), 1.4, 2.8))
-    marks = [*beam_marks(picture, picture.points, dot), sensor()]
+    here, yaw = (float(picture.at[0]), float(picture.at[1])), 0.0 if picture.mount is None else picture.mount.yaw
+    marks = [*beam_marks(picture, picture.points, dot), sensor(*here, yaw)]
     labels = []
     # The gravest lie on top.
     gravity = [*palette.ZONE_COLOURS]
-    for zone in sorted(picture.zones, key=lambda one: -gravity.index(one.zone.action)):
+    for zone in sorted(picture.areas, key=lambda one: -gravity.index(one.zone.action)):
         if len(at := zone.in_view(limits)):
             marks += _zone(zone, picture.points, dot)
             # At the place that is farthest to the left and ahead, as a title.
@@ -254,22 +346,23 @@ def scene(picture: Picture, limits: Limits | None = None, width: float = NARROW,
     marks += [*_walls(picture), *_things(picture)]
     found = picture.detection
     corners = np.column_stack([found.vertex_r * np.cos(found.vertex_theta), found.vertex_r * np.sin(found.vertex_theta)])
-    marks += vertex_marks(picture, corners, vertices)
+    marks += vertex_marks(picture, picture.placed(corners), vertices)
     if vertices and picture.things:
         nearest = np.column_stack([found.r_min * np.cos(found.theta_min), found.r_min * np.sin(found.theta_min)])
         cross = {"marker": "x", "color": palette.VERMILION, "ms": 2.8, "mew": 0.6, "zorder": 7}
-        marks.append(Mark(nearest[picture.things], cross, "nearest point"))
-    for path in picture.tracks or ():
-        marks += _track(path)
+        marks.append(Mark(picture.placed(nearest)[picture.things], cross, "nearest point"))
+    for path in picture.paths:
+        marks += _track(path, "nearest in a zone or ahead" if path.number == picture.marked else "")
         words = f"{path.number} {printable(path.label)}".rstrip() + (f" in {printable(path.zone)}" if path.zone else "")
         at = np.array([path.mark])
         # On the side that it does not move to, or away from the sensor.
         ahead = (float(at[0, 0] + path.velocity[0]), float(at[0, 1] + path.velocity[1]))
         colour = palette.SET_STYLES["A" if path.is_agent else "O"][0]
-        labels.append(Label(words, at, colour, ahead if any(path.velocity) else (0.0, 0.0)))
+        labels.append(Label(words, at, colour, ahead if any(path.velocity) else here))
     if picture.tracks is None and len(picture.things) <= MAX_NUMBERS:
-        labels = [*(Label(str(int(found.object[k])), picture.outline(k)) for k in picture.things), *labels]
-    return Panel(Frame(limits.x, limits.y, ("x [m]", "y [m]"), equal=True), marks, labels)
+        numbers = [Label(str(int(found.object[k])), picture.outline(k), away=here) for k in picture.things]
+        labels = [*numbers, *labels]
+    return Panel(Frame(limits.x, limits.y, picture.axis_names, equal=True), marks, labels)
 
 
 def beam_marks(picture: Picture, xy: Float64, dot: float) -> Iterator[Mark]:
@@ -313,7 +406,8 @@ def _arc(picture: Picture, k: int) -> Int64:
     found = picture.detection
     beams, _ = picture.members(k)
     radius = 0.5 * float(found.box_length[k])
-    away = np.hypot(*(picture.points[beams] - [found.box_x[k], found.box_y[k]]).T) - radius
+    centre = picture.placed(np.array([[found.box_x[k], found.box_y[k]]]))
+    away = np.hypot(*(picture.points[beams] - centre).T) - radius
     on_it: Int64 = beams[np.abs(away) <= 0.5 * radius]
     return on_it
 
@@ -347,16 +441,19 @@ def _zone(one: ZoneInSight, points: Float64, dot: float) -> Iterator[Mark]:
         yield Mark(points[one.beams], style, f"beam in a {words}")
 
 
-def _track(path: TrackPath) -> Iterator[Mark]:
-    """Yield a track, agents by colour and mark, hollow where hidden, with the path of one second; ringed in a zone."""
+def _track(path: TrackPath, why: str) -> Iterator[Mark]:
+    """Yield a track, agents by colour and mark, hollow where hidden, with the path of one second.
+
+    It is ringed in a zone, or for the reason `why`.
+    """
     name = "agent" if path.is_agent else "object"
     colour, mark, _ = palette.SET_STYLES["A" if path.is_agent else "O"]
     way, at = np.column_stack([path.x, path.y]), np.array([path.mark])
     yield Mark(way, {"color": colour, "lw": 0.9 if path.is_agent else 0.6, "zorder": 8})
     face, words = (colour, f"track: {name}") if path.seen else ("white", f"track: {name}, hidden")
-    if path.zone:
+    if path.zone or why:
         ring = {"marker": "o", "mfc": "none", "mec": palette.BLACK, "ms": 9.0, "mew": 1.2, "zorder": 10}
-        yield Mark(at, ring, "track with most points in a zone")
+        yield Mark(at, ring, why or "track with most points in a zone")
     yield Mark(at, {"marker": mark, "mfc": face, "mec": colour, "ms": 3.0, "mew": 0.7, "zorder": 9}, words)
     if any(path.velocity):
         yield from arrow(at[0].tolist(), (at[0] + path.velocity).tolist(), colour, lw=1.0, zorder=9)

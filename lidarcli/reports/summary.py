@@ -9,7 +9,7 @@ import numpy as np
 
 from lidarcli.errors import OptionError
 from lidarcli.options.choices import beams_on
-from lidarcli.options.times import SAME_STAMP
+from lidarcli.options.times import SAME_STAMP, TimeZone
 from lidarcli.reports.columns import Origin, Record, Rows, Run, places, same_recording
 from lidarcli.reports.figures import (
     CATEGORIES,
@@ -43,7 +43,7 @@ KEPT = 100
 """Most tracks that are kept one by one, for the tables of the report."""
 TRACK_COLUMNS = (
     *("topic", "frame_id", "track", "set", "shape", "label", "first_sweep", "first_stamp", "sweeps"),
-    *("duration", "hidden", "length", "width", "distance", "speed_mean", "speed_max", "end"),
+    *("duration", "hidden", "length", "width", "distance", "speed_mean", "speed_max", "end", "person"),
 )
 """Columns of the tracks table that a summary reads."""
 SET_COLUMNS = {"object": "O", "agent": "A", "noise": "S"}
@@ -183,7 +183,9 @@ def tracked_of(run: Run, streams: Streams) -> TracksSummary | None:
     shapes, ends = rows.counts("shape"), rows.counts("end")
     kinds = {"tracks.shape": shapes, "tracks.end": {name.replace(" ", "_"): count for name, count in ends.items()}}
     is_agent = rows.are("set", "A")
-    figures: dict[str, float | None] = {"tracks": len(rows), "tracks.agents": int(is_agent.sum())}
+    person = np.column_stack([rows.source, rows.words("topic")[0], np.nan_to_num(rows.numbers("person"))])
+    people = len(np.unique(person[person[:, 2] > 0], axis=0))
+    figures: dict[str, float | None] = {"tracks": len(rows), "tracks.agents": int(is_agent.sum()), "tracks.people": people}
     for name, spread in spreads.items():
         figures |= {f"{name}.{statistic}": getattr(spread, statistic) for statistic in STATISTICS}
     for name, known in TRACK_CATEGORIES.items():
@@ -220,7 +222,9 @@ def _kept(run: Run, rows: Rows, is_agent: Bool, streams: Streams) -> list[Record
     first = rows.integers("first_stamp")[order].tolist()
     begin = [stamp if k is None else streams.all[k].start_ns for k, stamp in zip(of_stream, first, strict=True)]
     start = [(stamp - since) * 1e-9 for stamp, since in zip(first, begin, strict=True)]
-    return rows.records(order, TRACK_COLUMNS, log=[run.sources[k].log for k in source], stream=of_stream, start=start)
+    return rows.records(
+        order, TRACK_COLUMNS, log=[run.sources[k].log for k in source], stream=of_stream, start=start, first_ns=first
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -250,6 +254,7 @@ class Summary:
     """Names of the catalogue that occur."""
     zones: ZonesPart | None
     """None without tables of zones."""
+    time_zone: TimeZone
 
 
 def values_of(run: Run, streams: Streams) -> dict[str, Float64]:
@@ -292,7 +297,7 @@ def summarise(run: Run, edges: Mapping[str, Float64] | None = None) -> Summary:
     figures = _figures(run, streams, spreads, kinds, status, sets)
     if tracked is not None:
         figures |= tracked.figures
-    zones = None if run.zones is None else zones_part(run.zones, run.sources)
+    zones = None if run.zones is None else zones_part(run.zones, run.sources, run.time_zone)
     if zones is not None:
         figures |= zones.figures
     return Summary(
@@ -310,6 +315,7 @@ def summarise(run: Run, edges: Mapping[str, Float64] | None = None) -> Summary:
         tracked=tracked,
         labels=labels_of(run),
         zones=zones,
+        time_zone=run.time_zone,
     )
 
 

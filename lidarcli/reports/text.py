@@ -31,6 +31,9 @@ from lidarcli.reports.wording import bar, course, number, share
 WIDTH = 80
 COURSE, LONGEST_NAME = 48, 18
 """Characters of a band, and of its name at most."""
+MARKS = {"limit": "▒", "approach": "▒", "slowdown": "▓", "stop": "█", "stale": "░"}
+"""Kind of what went on → its mark in a band of several kinds, the most severe last; any other is full."""
+KEY = "█ stop  ▓ slowdown  ▒ approach, limit  ░ no sweep for too long"
 
 
 def as_text(report: Report, colour: bool = False, brief: bool = False) -> str:
@@ -152,8 +155,14 @@ def band_lines(block: Bands) -> list[str]:
     width, room = (max(map(len, texts), default=0) for texts in (names, words))
     lines = [visible(block.title)] if block.title else []
     for name, word, one in zip(names, words, block.bands, strict=True):
-        lines.append(f"{name:<{width}}  {word:<{room}}  {course(one.spans, one.thin, COURSE)}")
-    return [*lines, f"{'':<{width + 2 + room}}  0 s{f'{number(block.seconds)} s':>{COURSE - 3}}"]
+        # What a zone asks for stands beside it.
+        layers = [("█" if kind == one.word else MARKS.get(kind, "█"), spans) for kind, spans in reversed(one.parts)]
+        lines.append(f"{name:<{width}}  {word:<{room}}  {course([('▁', one.thin), *layers], COURSE)}")
+    ends = [("0 s", f"{number(block.seconds)} s"), (block.clock(0.0), block.clock(1.0))]
+    blank = " " * (width + 4 + room)
+    lines += [f"{blank}{begin}{end:>{COURSE - len(begin)}}" for begin, end in ends if begin]
+    kinds = {kind for one in block.bands for kind, spans in one.parts if kind != one.word and spans}
+    return lines + ([KEY] if kinds & MARKS.keys() else [])
 
 
 def as_markdown(report: Report, brief: bool = False) -> str:

@@ -130,14 +130,14 @@ def short_label(label: str) -> str:
     return label if len(label) <= 11 else f"{label[:8].rstrip()}..."
 
 
-def course(spans: Sequence[tuple[float, float]], thin: Sequence[tuple[float, float]], width: int) -> str:
-    """Return spans, in shares of a time, as a line of `width` characters; thin ones lie lower.
+def course(layers: Sequence[tuple[str, Sequence[tuple[float, float]]]], width: int) -> str:
+    """Return spans, in shares of a time, as a line of `width` characters, each layer with its mark over those before.
 
-    >>> course([(0.2, 0.5)], [(0.0, 0.05), (0.4, 1.0)], 10)
+    >>> course([("▁", [(0.0, 0.05), (0.4, 1.0)]), ("█", [(0.2, 0.5)])], 10)
     '▁·████▁▁▁▁'
     """
     marks = ["·"] * width
-    for mark, chosen in (("▁", thin), ("█", spans)):
+    for mark, chosen in layers:
         for low, high in chosen:
             for k in range(min(int(low * width), width - 1), min(int(high * width), width - 1) + 1):
                 marks[k] = mark
@@ -151,6 +151,15 @@ def counted(value: float | None, name: str) -> str:
     ('1 log', '1,200 logs')
     """
     return f"{NONE} {name}s" if value is None else texts.counted(int(value), name)
+
+
+def sure(count: int, low: int, high: int | None) -> str:
+    """Return a number with the interval in which the true one lies.
+
+    >>> sure(12, 11, 14), sure(0, 0, None)
+    ('12 (11-14)', '0 (0 or more)')
+    """
+    return f"{count:,} ({low:,} or more)" if high is None else f"{count:,} ({low:,}-{high:,})"
 
 
 def in_unit(value: float | None, unit: str = "", form: str = "") -> str:

@@ -5,13 +5,16 @@ from __future__ import annotations
 import re
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from datetime import UTC
 from typing import Any
 
 import numpy as np
 import pyarrow as pa
 
 from lidarcli.display.palette import ZONE_COLOURS
+from lidarcli.display.texts import moment, times_of_day
 from lidarcli.errors import OptionError
+from lidarcli.options.times import TimeZone
 from lidarcli.reports.checks import Check, CheckVerdict, accepts, count_events, parse_check, verdict_of
 from lidarcli.reports.columns import Observation, Origin, Record, Rows, ZoneRows, least_observed, missing_of
 from lidarcli.reports.document import (
@@ -29,6 +32,7 @@ from lidarcli.reports.document import (
     table_of,
 )
 from lidarcli.reports.figures import STATISTICS, ZONES, Spread, plain_fields, plain_number, zone_of
+from lidarcli.reports.people import People, people_cells, people_in
 from lidarcli.reports.wording import NONE, column, counted, in_unit, number, percent
 from lidarcli.sweeps.masks import Circle
 from lidarcli.sweeps.types import Bool, Float64, Int64
@@ -46,7 +50,9 @@ NUMBERS = ("points", "nearest", "ttc", "active", "agents", "observed")
 """Columns of the table of zones that figures are of."""
 KEPT = 100
 """Most events that are kept one by one."""
-LISTED = ("occupied", "approach", "stale")
+KINDS = ("occupied", "approach"), ("visit", "crossing"), ("stale",)
+"""Kinds of the events of a zone that its timeline shows apart."""
+LISTED = ("occupied", "approach", "stale", "nav2", "stop")
 """Kinds of the events that are listed; visits and crossings are counted."""
 EVENT = (
     *("topic", "zone", "kind", "action", "first_sweep", "t", "duration", "cut", "points", "nearest", "ttc"),
@@ -73,17 +79,20 @@ ZONE_WORDS = {
     "observed": "the share of the sweeps in which something in the zone could have been found: enough beams reach it",
     "visit, dwell": "the stay of an agent in a zone, and how long it is seen there",
     "in, out": "crossings of a line to the left and to the right of the way from its first point to its second",
+    "stale": "no sweep of a topic for longer than its zone allows: Nav2 stops the robot then (invalid source); hatched",
+    "Nav2": "what Nav2's Collision Monitor did, as the log tells",
+    "robot stands": "the robot stood still",
     "ttc": "time to collision: until the robot meets what is in the zone, at its present speed",
     "by": "what most of the points in the zone were on: agents, other things, walls",
 }
 """Word → meaning, of those that a page with zones explains."""
 
 
-def zones_in(read: Mapping[int, tuple[pa.Table, pa.Table]]) -> ZoneRows:
+def zones_in(read: Mapping[int, Sequence[pa.Table]]) -> ZoneRows:
     """Return the zones in the tables of some sources, with their outlines as far as the metadata has them."""
     shapes: dict[str, dict[str, Any]] = {}
     left_out: list[tuple[str, str]] = []
-    for source, (_, zones) in read.items():
+    for source, (_, zones, *_) in read.items():
         rows = Rows.join([zones])
         judged, log = {*rows.counts("zone")}, next(iter(rows.counts("log")), str(source))
         declared = note_value(notes_of(zones), PARAMETERS, dict).get("zones")
@@ -92,7 +101,9 @@ def zones_in(read: Mapping[int, tuple[pa.Table, pa.Table]]) -> ZoneRows:
                 shapes.setdefault(one["name"], one)
                 left_out += [(log, one["name"])] if one["name"] not in judged else []
     events, zones = (Rows.join([one[k] for one in read.values()], [*read]) for k in (0, 1))
-    return ZoneRows(events, zones, shapes, tuple(left_out))
+    counted_in = [source for source, one in read.items() if len(one) > 2 and one[2] is not None]
+    counts = Rows.join([read[source][2] for source in counted_in], counted_in) if counted_in else None
+    return ZoneRows(events, zones, shapes, tuple(left_out), counts)
 
 
 def figures_of(zone_rows: ZoneRows) -> dict[str, float | None]:
@@ -284,10 +295,18 @@ class ZoneTimeline:
     events: tuple[tuple[float, float], ...]
     visits: tuple[tuple[float, float], ...]
     """Visits, and crossings of a line, which take no time."""
+    stale: tuple[tuple[float, float], ...]
+    """Times without sweeps of its topics."""
     frame: str
     """`sensor` or `world`, where that is the frame of its outline, which is in the metadata."""
     outline: tuple[tuple[float, float], ...]
     """Corners [m], of a line its two ends; empty where they are not known, or in another frame."""
+
+    @property
+    def band(self) -> Band:
+        """The stretches as a band of a document."""
+        word = "" if self.action == "none" else self.action
+        return Band(self.zone, word, [(word, self.events), ("stale", self.stale)], self.visits)
 
 
 @dataclass(frozen=True, slots=True)
@@ -309,6 +328,12 @@ class ZonesPart(ReportPart):
     """Source → time from its first stamp to its last one [s]."""
     timelines: dict[int, tuple[ZoneTimeline, ...]]
     """Source → timeline of each of its zones."""
+    others: dict[int, list[Band]]
+    """Source → what Nav2 did, and when the robot stood still, where the events tell."""
+    time_zone: TimeZone
+    """Time zone of what people read."""
+    people: People
+    """Where lines have tables of counts."""
     schema = "lidarcli.zones/1"
     words = ZONE_WORDS
 
@@ -326,8 +351,9 @@ class ZonesPart(ReportPart):
     def opening(self) -> Opening:
         """Number of sweeps, as a report on zones alone begins."""
         time = in_unit(sum(self.seconds.values()), "s")
-        line = f"{self.title}: {counted(self.sweeps, 'sweep')} in {time}, {counted(len(self.zones), 'zone')}"
-        return Opening([Card("sweeps", number(self.sweeps), time)], [line], {"sweeps": self.sweeps})
+        since = f" from {moment(min(self.starts_ns.values()), self.time_zone)}" if self.starts_ns else ""
+        line = f"{self.title}: {counted(self.sweeps, 'sweep')} in {time}{since}, {counted(len(self.zones), 'zone')}"
+        return Opening([Card("sweeps", number(self.sweeps), f"{time}{since}")], [line], {"sweeps": self.sweeps})
 
     def sections(self) -> dict[str, Section]:
         """Return the sections by name."""
@@ -341,18 +367,24 @@ class ZonesPart(ReportPart):
         )
         blocks: list[Block] = [areas_table] if areas else []
         for source, found in [*self.timelines.items()][:LOGS]:
-            bands = [Band(one.zone, "" if one.action == "none" else one.action, one.events, one.visits) for one in found]
-            blocks.append(Bands(logs[source] if len(self.timelines) > 1 else "", self.seconds[source], bands))
+            bands = [*(one.band for one in found), *self.others[source]]
+            title = logs[source] if len(self.timelines) > 1 else ""
+            blocks.append(Bands(title, self.seconds[source], bands, self.starts_ns[source], self.time_zone))
         if len(self.timelines) > LOGS:
             blocks.append(Notes([(f"and {counted(len(self.timelines) - LOGS, 'more log')}",)]))
         blocks += [entries_table] if entered else []
         sections = {"zones": Section("Zones", blocks)}
+        if self.people:
+            title = "People through lines: what moves by itself, each person once; true numbers lie in brackets"
+            sections["people"] = Section(
+                title, [table_of(people_cells(self.people, self.time_zone, several=len(logs) > 1))]
+            )
         title = "Events of zones" + (", the worst first" if self.listed > 1 else "")
         for name, most, formats in (("events", EVENTS, (TEXT, MARKDOWN)), ("page of events", KEPT, (PAGE,))):
             if shown := self.events[:most]:
                 left = self.listed - len(shown)
                 more = f"and {left:,} more, all of them in the table of events" if left else ""
-                table = table_of(_event_cells(shown, several=len(logs) > 1), more)
+                table = table_of(_event_cells(shown, self.time_zone, several=len(logs) > 1), more)
                 sections[name] = Section(title, [table], formats, "Events of zones")
         return sections
 
@@ -387,11 +419,12 @@ class ZonesPart(ReportPart):
         }
 
 
-def zones_part(zone_rows: ZoneRows, sources: Sequence[Origin]) -> ZonesPart:
+def zones_part(zone_rows: ZoneRows, sources: Sequence[Origin], time_zone: TimeZone = UTC) -> ZonesPart:
     """Sum up the zones of sources."""
     figures, events = figures_of(zone_rows), zone_rows.events
     # Of each zone by the metadata, or else by its events.
-    actions = dict(zip(*(events.texts(name) for name in ("zone", "action")), strict=True))
+    own = np.flatnonzero(~(events.are("kind", "nav2") | events.are("kind", "stop")))
+    actions = dict(zip(*(events.texts(name, own) for name in ("zone", "action")), strict=True))
     actions |= {name: str(shape["action"]) for name, shape in zone_rows.shapes.items() if "action" in shape}
     duration = events.numbers("duration")
     found = []
@@ -424,6 +457,9 @@ def zones_part(zone_rows: ZoneRows, sources: Sequence[Origin]) -> ZonesPart:
         starts_ns={source: first for source, (first, _) in spans.items()},
         seconds={source: (last - first) * 1e-9 for source, (first, last) in spans.items()},
         timelines={source: tuple(_timelines(zone_rows, source, span, actions)) for source, span in spans.items()},
+        others={source: [*_others(events, source, span)] for source, span in spans.items()},
+        time_zone=time_zone,
+        people=people_in(zone_rows.counts, [source.log for source in sources]),
     )
 
 
@@ -440,28 +476,47 @@ def _most_severe(rows: Rows, listed: Int64, logs: Sequence[str]) -> list[Record]
     """Return the events to look at first: by action, then the nearest, then the longest."""
     action = np.array([RANKED.index(word) if word in RANKED else len(RANKED) for word in rows.texts("action")])
     nearest, longest = np.nan_to_num(rows.numbers("nearest"), nan=np.inf), -rows.numbers("duration")
-    keys = (longest, nearest, action, rows.are("kind", "stale"))
+    keys = (longest, nearest, action)
     order = listed[np.lexsort([key[listed] for key in keys])][:KEPT]
-    return rows.records(order, EVENT, log=[logs[source] for source in rows.source[order]])
+    start = rows.integers("start")[order].tolist()
+    return rows.records(order, EVENT, log=[logs[source] for source in rows.source[order]], start=start)
 
 
 def _timelines(
     zone_rows: ZoneRows, source: int, span: tuple[int, int], actions: Mapping[str, str]
 ) -> Iterator[ZoneTimeline]:
     """Yield the timeline of each zone in a source."""
-    first, last = span
     events, rows = zone_rows.events, zone_rows.zones
-    begin, end = (np.clip((events.integers(name) - first) / max(last - first, 1), 0.0, 1.0) for name in ("start", "end"))
+    begin, end = _shares(events, span)
     here = events.source == source
     for name in zone_rows.names:
         if not (of_zone(rows, name) & (rows.source == source)).any():
             continue
-        chosen = (here & of_zone(events, name, *kinds) for kinds in (("occupied", "approach"), ("visit", "crossing")))
-        alarms, entries = (_merged(begin[own], end[own]) for own in chosen)
+        chosen = (here & of_zone(events, name, *kinds) for kinds in KINDS)
+        alarms, entries, stale = (_merged(begin[own], end[own]) for own in chosen)
         shape = zone_rows.shapes.get(name, {})
         corners = _corners(shape)
         frame = str(shape["frame"]) if corners else ""
-        yield ZoneTimeline(name, actions.get(name, ""), alarms, entries, frame, corners)
+        yield ZoneTimeline(name, actions.get(name, ""), alarms, entries, stale, frame, corners)
+
+
+def _shares(events: Rows, span: tuple[int, int]) -> tuple[Float64, Float64]:
+    """Return (K,) begin and end of events in shares of the time of a log."""
+    first, last = span
+    begin, end = (np.clip((events.integers(name) - first) / max(last - first, 1), 0.0, 1.0) for name in ("start", "end"))
+    return begin, end
+
+
+def _others(events: Rows, source: int, span: tuple[int, int]) -> Iterator[Band]:
+    """Yield a band of what Nav2 did in a source, and one of when the robot stood still, where the events tell."""
+    begin, end = _shares(events, span)
+    here = events.source == source
+    did, stood = (here & events.are("kind", kind) for kind in ("nav2", "stop"))
+    if did.any():
+        own = ((action, did & events.are("action", action)) for action in RANKED)
+        yield Band("Nav2", "", [(action, _merged(begin[some], end[some])) for action, some in own if some.any()])
+    if stood.any():
+        yield Band("robot stands", "", [("still", _merged(begin[stood], end[stood]))])
 
 
 def _corners(shape: Mapping[str, Any]) -> tuple[tuple[float, float], ...]:
@@ -491,18 +546,25 @@ def _merged(begin: Float64, end: Float64) -> tuple[tuple[float, float], ...]:
     return tuple(found)
 
 
-def _event_cells(events: Sequence[Any], several: bool = False) -> dict[str, list[str]]:
+def _event_cells(events: Sequence[Any], zone: TimeZone, several: bool = False) -> dict[str, list[str]]:
     """Return heading → cells of events in a table, with their logs where there are `several`."""
+    head, clocks = times_of_day([one.start for one in events], zone)
     lasts, ttc = column([one.duration for one in events], " s"), column([one.ttc for one in events], " s")
     return {
         "zone": [one.zone for one in events],
-        "time": [f"{one.t:,.2f} s" for one in events],
+        "time": [f"{one.t:,.1f} s" for one in events],
+        head: clocks,
         "kind": [one.kind for one in events],
         "lasts": [("≥ " if one.cut else "") + words for one, words in zip(events, lasts, strict=True)],
         "points": [in_unit(one.points) for one in events],
         "nearest": [in_unit(one.nearest, "m", ".2f") for one in events],
         "ttc": ["" if words == NONE else words for words in ttc],
         "track": [in_unit(one.track) for one in events],
-        "by": [f"{WHO.get(one.set, '').removesuffix('s')} {one.label}".strip() for one in events],
+        "by": [
+            {"stale": one.topic, "nav2": one.action}.get(
+                one.kind, f"{WHO.get(one.set, '').removesuffix('s')} {one.label}".strip()
+            )
+            for one in events
+        ],
         "log": [one.log if several else "" for one in events],
     }

@@ -371,6 +371,7 @@ def tracks_rows(log: str, tracks: Tracks, sensors: Sequence[tuple[str, str]], la
         "log": constant(log, count),
         "topic": _of_sensors(tracks.sensor, [topic for topic, _ in sensors]),
         "frame_id": _of_sensors(tracks.sensor, [frame for _, frame in sensors]),
+        "person": masked(tracks.person, tracks.person == 0),
         "moved_at": masked(tracks.moved_at_ns, ~tracks.moved, STAMP),
         "label": codes(tracks.label, labels),
     }

@@ -30,7 +30,7 @@ MAX_VALUE = 1e12
 ANY = "any"
 """Kind of a table whose columns are not checked."""
 MAKERS = {"background": "background build", "tracks": "track", "trajectories": "track", "changes": "diff"} | dict.fromkeys(
-    ("events", "zones"), "zones"
+    ("events", "zones", "counts"), "zones"
 )
 """Kind of table → the command that writes it, where that is not `detect`."""
 KINDS = {**SCHEMAS, "background": BACKGROUND, "changes": CHANGES}

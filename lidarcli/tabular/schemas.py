@@ -69,7 +69,7 @@ _POSE = (
     *(_open(f"pose_{axis}", "float64", "m", "sensor position in the world frame; null without a pose") for axis in "xy"),
     _open("pose_yaw", "float64", "rad", "sensor yaw in the world frame; null without a pose"),
 )
-EVENT_KINDS = ("occupied", "approach", "visit", "crossing", "stale")
+EVENT_KINDS = ("occupied", "approach", "visit", "crossing", "stale", "nav2", "stop")
 DIRECTIONS = ("in", "out")
 _NAME = _open("label", "text", "", "its name in the catalogue; null without one")
 _ZONE = Column("zone", "text", "", "name of the zone")
@@ -141,7 +141,7 @@ TABLES: dict[str, tuple[Column, ...]] = {
         Column("last_sweep", "int64", "1", "last sweep of the topic that belongs to it"),
         Column("sweeps", "int64", "1", "sweeps with enough points, or that see its agent"),
         _ZONE,
-        Column("kind", "text", "", "occupied, approach, visit, crossing or stale", words=EVENT_KINDS),
+        Column("kind", "text", "", "occupied, approach, visit, crossing, stale, nav2 or stop", words=EVENT_KINDS),
         Column("action", "text", "", "what the zone asks for: stop, slowdown, limit, approach or none", words=ACTIONS),
         _open("polygon", "text", "", "part of a velocity_polygon that counted; null elsewhere"),
         Column("start", "stamp", "ns", "stamp with which it begins"),
@@ -166,7 +166,13 @@ TABLES: dict[str, tuple[Column, ...]] = {
         _NAME,
         _open("direction", "text", "", "of a crossing: in or out; null elsewhere", words=DIRECTIONS),
         _open("ttc", "float64", "s", "least time to collision; null where none was found"),
-        _open("speed", "float64", "m/s", "greatest speed of the robot meanwhile; null where it is not known"),
+        _open(
+            "speed",
+            "float64",
+            "m/s",
+            "greatest speed of the robot meanwhile; of a stop the median from 1.5 to 0.5 s before, by odometry negative "
+            "backwards; null where it is not known",
+        ),
     ),
     "zones": (
         *(_LOG, _TOPIC, _SWEEP, _STAMP, _SECONDS),
@@ -184,6 +190,18 @@ TABLES: dict[str, tuple[Column, ...]] = {
             "",
             "whether something in it could have made an event: enough beams reach it, for long enough (docs/zones.md)",
         ),
+    ),
+    "counts": (
+        *(_LOG, _TOPIC._replace(meaning="scan topic, the first of those that count"), _ZONE),
+        Column("start", "stamp", "ns", "begin of the interval of time"),
+        Column("end", "stamp", "ns", "its end"),
+        Column("direction", "text", "", "in or out", words=DIRECTIONS),
+        Column("count", "int64", "1", "crossings that were seen, those by several tracks of one person once"),
+        Column("low", "int64", "1", "least number of true ones (docs/counting.md)"),
+        _open("high", "int64", "1", "greatest number; null where the line was not observed"),
+        Column("unsure", "int64", "1", "crossings out of sight, or seen on one side alone: not counted, but below `high`"),
+        Column("agents", "float64", "1", "mean number of agents at once, of the sweeps that see any"),
+        Column("observed", "float64", "1", "share of the time in which the line was observed"),
     ),
     "cleaned": (
         *(_LOG, _TOPIC, _SWEEP, _STAMP),
@@ -301,10 +319,10 @@ TABLES: dict[str, tuple[Column, ...]] = {
 }
 """Table → its columns, in order."""
 
-(OBJECTS, SWEEPS, TRACKS, TRAJECTORIES, BEAMS, EVENTS, ZONES, CLEANED, BACKGROUND, CHANGES, CLOUD, POSES) = map(
+(OBJECTS, SWEEPS, TRACKS, TRAJECTORIES, BEAMS, EVENTS, ZONES, COUNTS, CLEANED, BACKGROUND, CHANGES, CLOUD, POSES) = map(
     schema_of, TABLES.values()
 )
-SCHEMAS = dict(zip(TABLES, (OBJECTS, SWEEPS, TRACKS, TRAJECTORIES, BEAMS, EVENTS, ZONES), strict=False))
+SCHEMAS = dict(zip(TABLES, (OBJECTS, SWEEPS, TRACKS, TRAJECTORIES, BEAMS, EVENTS, ZONES, COUNTS), strict=False))
 """Table name, as in the file name `<log>.<table>.parquet` → schema."""
 
 NULLABLE = {name: frozenset(one.name for one in table if one.nullable) for name, table in TABLES.items()}

@@ -171,6 +171,7 @@ def test_tables_and_summary_of_tracks(logs: Path, tmp_path: Path, lidarcli: Run,
     assert lines[0].startswith(f"{logs / 'run.mcap'}: 20 sweeps, 30 objects (10 of agents), 2 tracks (1 agent)")
     assert lines[2] == "  on       agents 300 (4.2%), other objects 400 (5.6%), walls and rest 6,500 (90.3%)"
     assert lines[5:] == [
+        "  people   0: agents that went 2 m or more, each person once",
         "  note     2 things in 20 sweeps of /scan",
         f"  wrote    {tmp_path}/run.{{objects,sweeps,tracks,trajectories,beams}}.parquet",
     ]
@@ -244,18 +245,19 @@ def test_a_table_of_who_moved(tmp_path: Path, lidarcli: Run) -> None:
     log = SAMPLES / "people.csv.gz"
     words = ("track", log, "-o", tmp_path, "--overwrite")
     lines = lidarcli(*words).err.splitlines()
-    at = next(at for at, line in enumerate(lines) if line.startswith("  agents   track"))
+    at = next(at for at, line in enumerate(lines) if line.startswith("  agents track"))
     rows = pq.read_table(tmp_path / "people.tracks.parquet").to_pandas()
     agents = rows[rows["set"] == "A"].sort_values("distance", ascending=False)
     shown = [line.split() for line in lines[at + 1 : at + 1 + len(agents)]]
     assert [int(each[0]) for each in shown] == agents.track.tolist()
-    assert [float(each[5]) for each in shown] == pytest.approx(agents.distance.tolist(), abs=0.05)
-    assert [float(each[7]) for each in shown] == pytest.approx(agents.speed_mean.tolist(), abs=0.05)
-    assert [float(each[9]) for each in shown] == pytest.approx(agents.speed_max.tolist(), abs=0.05)
+    assert [each[3] for each in shown] == [f"{stamp:%H:%M:%S.%f}"[:-5] for stamp in agents.first_stamp]
+    assert [float(each[6]) for each in shown] == pytest.approx(agents.distance.tolist(), abs=0.05)
+    assert [float(each[8]) for each in shown] == pytest.approx(agents.speed_mean.tolist(), abs=0.05)
+    assert [float(each[10]) for each in shown] == pytest.approx(agents.speed_max.tolist(), abs=0.05)
     assert all(len(line) <= 80 for line in lines[at : at + 1 + len(agents)])
     both = (*words, SAMPLES / "drive.db3")
-    assert "  agents   track" not in lidarcli(*both).err
-    assert "  agents   track" in lidarcli("-v", *both).err
+    assert "  agents track" not in lidarcli(*both).err
+    assert "  agents track" in lidarcli("-v", *both).err
 
 
 def test_notes_wrap_between_words(tmp_path: Path, lidarcli: Run, monkeypatch: pytest.MonkeyPatch) -> None:

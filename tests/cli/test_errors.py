@@ -164,6 +164,8 @@ def test_unknown_option_value(lidarcli: Run, option: str, value: str, message: s
         ("plot --start 1", "--start"),
         ("plot --view map --animate", "--animate"),
         ("plot --fps 3", "--fps"),
+        ("plot --follow 3", "--follow"),
+        ("plot --follow 3 --tracks a --view map", "--follow"),
         ("plot --dpi 99 -o a.svg", "--dpi"),
     ],
 )

@@ -105,10 +105,13 @@ def test_brief_is_a_line_per_log(logs: Path, tmp_path: Path, lidarcli: Run) -> N
         writer.finish()
     ran = lidarcli("info", "--brief", *(logs / name for name in ("run.mcap", "two.mcap", "cut.mcap")), empty, code=3)
     run, two, cut, nothing = ran.out.splitlines()
-    assert run == f"{logs / 'run.mcap'}: mcap, 1.9 s, /scan 20 x 360 beams at 10.00 Hz, no poses, 1 finding"
+    assert run == (
+        f"{logs / 'run.mcap'}: mcap, 1.9 s from 2023-11-14T22:13:20.000Z, /scan 20 x 360 beams at 10.00 Hz, no poses, "
+        "1 finding"
+    )
     assert two == (
-        f"{logs / 'two.mcap'}: mcap, 1.9 s, /front 20 x 360 beams at 10.00 Hz, /rear 20 x 360 beams at 10.00 Hz, no poses, "
-        "2 findings"
+        f"{logs / 'two.mcap'}: mcap, 1.9 s from 2023-11-14T22:13:20.000Z, /front 20 x 360 beams at 10.00 Hz, "
+        "/rear 20 x 360 beams at 10.00 Hz, no poses, 2 findings"
     )
     assert cut.startswith(f"{logs / 'cut.mcap'}: mcap, ")
     assert cut.endswith(", no poses, 1 finding, damaged")

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pyarrow as pa
+import pyarrow.compute as pc
 import pyarrow.parquet as pq
 import pytest
 from PIL import Image
@@ -273,7 +274,9 @@ def test_the_log_is_read_only_up_to_the_sweep(large: bytes, tmp_path: Path, monk
 
 
 @pytest.mark.usefixtures("undrawn")
-@pytest.mark.parametrize(("time", "sweep"), [("1724ms", 34), ("1726ms", 35), ("2023-11-14T22:13:21.7Z", 34), ("4.5s", 79)])
+@pytest.mark.parametrize(
+    ("time", "sweep"), [("1724ms", 34), ("1726ms", 35), ("2023-11-14T22:13:21.7Z", 34), ("22:13:21.7", 34), ("4.5s", 79)]
+)
 def test_the_sweep_at_a_time(lidarcli: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, time: str, sweep: int) -> None:
     monkeypatch.chdir(tmp_path)
     ran = lidarcli("plot", SAMPLES / "people.csv.gz", "--at", time, "--view", "sweep", "--dpi", 30)
@@ -286,6 +289,7 @@ def test_the_sweep_at_a_time(lidarcli: Run, tmp_path: Path, monkeypatch: pytest.
         ("9999-01-01", "9999-01-01T00:00:00Z", "sweep 79, is 251,670,764,796.0 s away"),
         ("0001-01-01", "0001-01-01T00:00:00Z", "sweep 0, is 63,835,596,800.0 s away"),
         ("100", "100 s", "sweep 79, is 96.0 s away"),
+        ("22:13", "22:13:00 UTC", "sweep 0, is 20.0 s away"),
     ],
 )
 def test_a_time_without_a_sweep_near_it(lidarcli: Run, time: str, shown: str, nearest: str) -> None:
@@ -293,6 +297,34 @@ def test_a_time_without_a_sweep_near_it(lidarcli: Run, time: str, shown: str, ne
     log = SAMPLES / "people.csv.gz"
     ran = lidarcli("plot", log, "--at", time)
     assert (ran.code, ran.err) == (2, f"lidarcli: {log}: no sweep of /scan at {shown}: the nearest, {nearest}\n")
+
+
+def test_a_time_of_day_that_the_log_lacks(lidarcli: Run) -> None:
+    log = SAMPLES / "people.csv.gz"
+    ran = lidarcli("plot", log, "--at", "22:13:21", "--time-zone", "Europe/Berlin")
+    assert (ran.code, ran.err) == (
+        2,
+        f"lidarcli: {log}: no sweep of /scan at 22:13:21 Europe/Berlin: its sweeps lie between "
+        "2023-11-14T23:13:20.000+01:00 and 2023-11-14T23:13:23.950+01:00\n",
+    )
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_the_time_zone_is_an_option_and_a_setting(lidarcli: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    words = ("plot", SAMPLES / "people.csv.gz", "--view", "sweep", "--dpi", 30, "--overwrite", "--at")
+    ran = lidarcli(*words, "23:13:21.7", "--time-zone", "Europe/Berlin")
+    assert (ran.code, ran.err.splitlines()[-1]) == (0, "  wrote    people-34.png")
+    (tmp_path / "lab.toml").write_text('time-zone = "+05:30"\n[plot]\nat = 03:43:21.7\n')
+    ran = lidarcli("--config", "lab.toml", *words[:-1])
+    assert (ran.code, ran.err.splitlines()[-1]) == (0, "  wrote    people-34.png")
+    monkeypatch.setenv("LIDARCLI_PLOT_TIME_ZONE", "Mars")
+    ran = lidarcli(*words, "22:13:21.7")
+    assert (ran.code, ran.err.splitlines()[-1]) == (
+        2,
+        "Error: Invalid value for '--time-zone': 'Mars' is no time zone: give a name such as Europe/Berlin, an offset such "
+        "as +02:00, or local (set in LIDARCLI_PLOT_TIME_ZONE).",
+    )
 
 
 DRIVE = SAMPLES / "drive.db3"
@@ -552,3 +584,63 @@ def test_tables_of_a_part_are_told(lidarcli: Run, tables: Path, tmp_path: Path) 
             assert some in note
     ran = lidarcli("plot", DRIVE, "--view", "map", "--tracks", tables, "-o", tmp_path / "b.png")
     assert "is not drawn" not in ran.err
+
+
+BACKWARD = """
+[sensor]
+beams = 360
+angle_min = -180.0
+angle_max = 179.0
+rate = 10.0
+[robot.route]
+waypoints = [[0.0, 0.0], [3.0, 0.0]]
+speed = 0.5
+[robot.mount]
+x = 0.2
+yaw = 180.0
+[robot.odometry]
+[[wall]]
+points = [[-1.0, -2.0], [8.0, -2.0], [8.0, 2.0], [-1.0, 2.0]]
+closed = true
+"""
+
+
+def test_a_robot_with_its_laser_mounted_backward_drives_to_the_right(lidarcli: Run, tmp_path: Path) -> None:
+    (tmp_path / "back.toml").write_text(BACKWARD)
+    log = tmp_path / "back.mcap"
+    assert lidarcli("-q", "simulate", tmp_path / "back.toml", "-o", log, "--sweeps", 30).code == 0
+    first, last = (one.points for one in take_pictures(Source(str(log), "back"), PlotOptions((0, 29))).pictures)
+    # The wall ahead comes nearer, the one behind stays behind.
+    assert np.nanmax(first[:, 0]) == pytest.approx(8.0, abs=0.1)
+    assert np.nanmax(last[:, 0]) == pytest.approx(8.0 - 29 * 0.05, abs=0.1)
+    assert np.nanmin(last[:, 0]) == pytest.approx(-1.0 - 29 * 0.05, abs=0.1)
+    out = tmp_path / "a.svg"
+    assert lidarcli("-q", "plot", log, "--sweep", 3, "--view", "scene", "-o", out).code == 0
+    assert "x in base_link [m]" in words_of(out)
+
+
+def test_a_track_or_a_zone_is_followed(lidarcli: Run, logs: Path, tracked: Path, tmp_path: Path) -> None:
+    (source,) = find_logs([str(logs / "run.mcap")])
+    assert isinstance(source, Source)
+    # The track ends after half of the sweeps; there the middle stays.
+    path = tracked.with_name("run.trajectories.parquet")
+    pq.write_table((table := pq.read_table(path)).filter(pc.less(table["sweep"], 10)), path)
+    plain = take_pictures(source, PlotOptions((0, 5, 15), tracks=str(tracked))).pictures
+    taken = take_pictures(source, PlotOptions((0, 5, 15), tracks=str(tracked), follow="3")).pictures
+    assert [one.followed for one in taken] == ["track 3"] * 3
+    for one, other in zip(taken[:2], plain, strict=False):
+        assert one.middle == pytest.approx(other.paths[0].mark)
+        assert one.paths[0].mark == pytest.approx((0.0, 0.0))
+    assert not taken[2].paths
+    assert taken[2].middle == taken[1].middle
+    words = ("plot", logs / "run.mcap", "--view", "scene", "--sweep", 5, "-o", tmp_path / "a.svg")
+    assert lidarcli(*words, "--tracks", tracked, "--follow", 3).code == 0
+    assert "x from track 3 [m]" in words_of(tmp_path / "a.svg")
+    (tmp_path / "zones.toml").write_text('[[zone]]\nname = "gate"\npolygon = [[1, 0], [2, 0], [2, 1], [1, 1]]\n')
+    assert lidarcli(*words, "--overwrite", "--zones", tmp_path / "zones.toml", "--follow", "gate").code == 0
+    assert "x from zone gate [m]" in words_of(tmp_path / "a.svg")
+    ran = lidarcli(*words, "--overwrite", "--tracks", tracked, "--follow", 8)
+    assert (ran.code, ran.err) == (
+        2,
+        f"lidarcli: {logs / 'run.mcap'}: no track or zone 8 in what is drawn, but track 3 (--follow)\n",
+    )

@@ -252,7 +252,7 @@ def test_a_stretch_that_is_off(lidarcli: Run, site: Path, tmp_path: Path) -> Non
     ran = lidarcli(
         *words, "-o", tmp_path / "off.parquet", "--check", "lost_seconds < 5", "--check", "off_max < 0.6", code=1
     )
-    assert "off from 10.0 to 18.0 s, by 0.5" in ran.err
+    assert "off from 10.0 to 18.0 s (22:13:30.0 to 22:13:38.0), by 0.5" in ran.err
     assert "check failed: lost_seconds is 8, expected < 5" in ran.err
     table = pq.read_table(tmp_path / "off.parquet")
     assert table.schema.names == POSES.names
@@ -439,7 +439,7 @@ def test_a_slide_has_its_time_and_its_greatest_size(lidarcli: Run, believed_site
     ran = lidarcli("poses", log, "--map", believed_site, "--format", "json")
     assert figures(ran)["off_max"] == pytest.approx(1.0, abs=0.05)
     (words,) = json.loads(ran.out)["logs"][0]["verdict"]
-    assert "; off from 9.0 to 20.0 s, by up to 1." in words
+    assert "; off from 9.0 to 20.0 s (22:13:29.0 to 22:13:40.0), by up to 1." in words
 
 
 @pytest.mark.slow

@@ -127,3 +127,17 @@ def test_detect(tmp_path: Path) -> None:
     with terminal() as screen:
         assert run(["detect", str(ROOT / "samples" / "room.mcap"), "-o", str(tmp_path)]) == 0
     assert re.search(r"room [━╸╺]+ +\d+% +[\d.]+/126\.5 kB .* left", screen.plain)
+
+
+def test_plot(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    log = str(ROOT / "samples" / "room.mcap")
+    for name, unit, more in (("a.gif", "frames", ["--animate"]), ("a-0.png", "pictures", [])):
+        out = name.replace("-0", "")
+        words = ["plot", log, "--sweeps", "0:4", "--view", "scene", "--width", "50", "-o", out, *more]
+        with terminal() as screen:
+            assert run(words) == 0
+        # First the log is read, then every picture is a step.
+        assert re.search(r"room [━╸╺]+ +\d+% +[\d.]+/126\.5 kB", screen.plain)
+        assert re.search(rf"{name} [━╸╺]+ +\d+% +[1-4]/4 [\d.]* ?{unit}", screen.plain)
+        assert screen.widest <= 80

@@ -65,7 +65,7 @@ ZONES = (
 )
 OF_LOG = ["log", "exit_code", "error", "skipped", "sweeps", "topics", "missing_topics", "beams"]
 AFTER = ["damage", "notes", "routine", "written"]
-FOUND = ["objects", "on_agents", "tracks", "moving", "sets"]
+FOUND = ["objects", "on_agents", "tracks", "moving", "people", "sets"]
 
 
 @pytest.fixture

@@ -52,7 +52,7 @@ def test_what_is_written_and_said(lidarcli: Run, log: Path, tmp_path: Path) -> N
     ran = lidarcli("zones", log, *zones_of(tmp_path, STOP, SIDE), "--no-objects", "-o", tmp_path / "out")
     assert (ran.code, ran.out) == (0, "")
     assert names(tmp_path / "out") == ["run.events.parquet", "run.zones.parquet"]
-    assert f"{log}: 60 sweeps of /scan, 2 zones\n" in ran.err
+    assert f"{log}: 60 sweeps of /scan from 2023-11-14T22:13:20.000Z, 2 zones\n" in ran.err
     assert "  stop  1 event, 1.0 s of 5.9 s, nearest 1.00 m\n" in ran.err
     assert "  side  1 event, 0.4 s of 5.9 s, nearest 2.00 m\n" in ran.err
     events = pq.read_table(tmp_path / "out" / "run.events.parquet")

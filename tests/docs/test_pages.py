@@ -132,7 +132,7 @@ def test_the_zones_of_a_public_recording(tmp_path: Path) -> None:
     text = page("zones").replace("```console", "```py").replace("```sh", "```py").replace("```text\n$", "```console\n$")
     (tmp_path / "test-bag").symlink_to(REAL_LOGS / "comprobo24" / "test-bag")
     done = list(examples.run(text, tmp_path))
-    assert len(done) == 3
+    assert len(done) == 5
     assert [one.got for one in done if not one.holds] == []
 
 
@@ -151,7 +151,7 @@ def test_the_examples_of_python_print_what_the_page_says(monkeypatch: pytest.Mon
 
 
 OPTIONS = sorted({name for _, name in reference.option_names()})
-MAX_BYTES = 334_000
+MAX_BYTES = 347_000
 SHORT = {"--output": "-o", "--verbose": "-v", "--quiet": "-q"}
 
 
@@ -194,7 +194,7 @@ def test_the_pages_of_docs_are_in_its_index() -> None:
 
 
 def test_the_pages_stay_short() -> None:
-    """All of docs/ in 334 kB: who says more of one thing says less of another."""
+    """All of docs/ in 347 kB: who says more of one thing says less of another."""
     assert sum(page.stat().st_size for page in (ROOT / "docs").rglob("*.md")) <= MAX_BYTES
 
 

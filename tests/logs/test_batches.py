@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,7 @@ from lidarcli.errors import NoScanError
 from lidarcli.logs import batches
 from lidarcli.logs.base import LASERSCAN, ReadReport, Topic
 from lidarcli.logs.batches import ReadOptions, read_batches
+from lidarcli.options.times import parse_zone
 from lidarcli.sweeps.types import RawSweeps, Status, SweepBatch
 from tests.fake_log import FakeLog
 from tests.sweeping import raw_sweeps
@@ -202,9 +204,40 @@ def test_a_window_by_date_that_holds_nothing_is_told() -> None:
     options = ReadOptions(start="2026-01-01")
     assert list(read_batches(FakeLog([block([3] * 20)]), options, report)) == []
     assert report.notes == [
-        "no sweep of /scan from 2026-01-01T00:00:00Z on: its sweeps lie between 1970-01-01T00:01:40Z and "
-        "1970-01-01T00:01:41.9Z"
+        "no sweep of /scan from 2026-01-01T00:00:00Z on: its sweeps lie between 1970-01-01T00:01:40.000Z and "
+        "1970-01-01T00:01:41.900Z"
     ]
+
+
+DAY = 1_700_000_000_000_000_000 - 100_000_000_000
+"""Moves stamps so that they begin at 22:13:20 UTC."""
+
+
+def dated(topic: str = "/scan", later: int = 0) -> RawSweeps:
+    sweeps = block([3] * 20, topic=topic)
+    return replace(sweeps, stamp_ns=sweeps.stamp_ns + DAY + later)
+
+
+def test_a_window_by_time_of_day() -> None:
+    assert sweeps(run([dated()], start="22:13:20.5", end="22:13:20.8")) == [5, 6, 7]
+    assert sweeps(run([dated()], start="23:13:21.8", time_zone=parse_zone("Europe/Berlin"))) == [18, 19]
+    # One moment for all topics, also where one begins later than that.
+    front, rear = dated("/front"), dated("/rear", 1_000_000_000)
+    assert [len(batch) for batch in run([front, rear], start="22:13:20.5")] == [15, 20]
+
+
+@pytest.mark.parametrize(
+    ("window", "note"),
+    [
+        ({"start": "22:20"}, "no sweep of /scan from 22:20:00 UTC on: its sweeps lie between {}"),
+        ({"start": "22:10"}, "no sweep of /scan from 22:10:00 UTC on: its sweeps lie between {}"),
+        ({"end": "22:10"}, "/scan has no sweep at 22:10:00 UTC or later: its sweeps lie between {}"),
+    ],
+)
+def test_a_time_of_day_that_a_log_lacks_is_told(window: dict[str, str], note: str) -> None:
+    report = ReadReport()
+    list(read_batches(FakeLog([dated()]), ReadOptions(**window), report))  # type: ignore[arg-type]
+    assert report.notes == [note.format("2023-11-14T22:13:20.000Z and 2023-11-14T22:13:21.900Z")]
 
 
 @pytest.mark.parametrize("listed", [True, False])

@@ -18,8 +18,9 @@ from lidarcli.formalism.mapping.grid import FREE, OCCUPIED, UNKNOWN, Occupancy
 from lidarcli.maps.grids import pgm_bytes, yaml_bytes
 from lidarcli.pose.tracks import rotate
 from lidarcli.simulation.writers import write_log
+from tests.overlays.silent import silenced
 from tests.places import SAMPLES
-from tests.sweeping import room_sweeps
+from tests.sweeping import START, room_sweeps
 
 rerun = pytest.importorskip("rerun")
 chunk = pytest.importorskip("rerun.chunk")
@@ -235,3 +236,15 @@ def test_a_full_disk_is_told(lidarcli: Run, made: Path, tmp_path: Path, monkeypa
     assert ran.code == 5
     assert f"cannot write {out / 'o.rrd'}: " in ran.err
     assert not list(out.iterdir())
+
+
+def test_a_silent_topic_is_told_until_its_next_sweep(tmp_path: Path, lidarcli: Run) -> None:
+    log, zones, _ = silenced(tmp_path, 0.5)
+    ran = lidarcli("overlay", log, "--zones", zones, "-o", tmp_path / "o.rrd", "--pose", "none")
+    assert ran.code == 0
+    shown = Shown(tmp_path / "o.rrd")
+    told = {(stamp - START) // 10**6: labels for stamp, labels in shown.rows("/scan/label", "Points3D:labels") if stamp}
+    assert told[1_500] == ["no /scan"]
+    assert told[2_200] != ["no /scan"]
+    beams = dict(shown.rows("/scan/beams", "Points3D:positions"))
+    assert beams[START + 1_500 * 10**6] == []

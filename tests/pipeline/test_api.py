@@ -174,13 +174,13 @@ def test_what_python_says_of_wrong_arguments(tmp_path: Path) -> None:
         (
             lambda: lidarcli.read(path, start=float("nan")),
             OptionError,
-            "--start: nan is neither a number of seconds nor a text such as 2min or 2026-11-22T10:00:00Z",
+            "--start: nan is neither a number of seconds nor a text such as 2min, 14:02, 2026-11-22T10:00:00Z",
         ),
         (
             lambda: lidarcli.read(path, end=datetime(2026, 11, 22, tzinfo=UTC)),
             OptionError,
             "--end: datetime.datetime(2026, 11, 22, 0, 0, tzinfo=datetime.timezone.utc) is neither a number of seconds "
-            "nor a text such as 2min or 2026-11-22T10:00:00Z",
+            "nor a text such as 2min, 14:02, 2026-11-22T10:00:00Z",
         ),
         (lambda: lidarcli.read(path, start=5, end=1), OptionError, "--start 5 is not before --end 1"),
         (

@@ -97,8 +97,12 @@ def test_with_a_topic_other_sweeps_are_left_out_of_a_part(tmp_path: Path) -> Non
     assert [each.topic for each in messages(tmp_path / "part.mcap")] == ["/rear"] * 10
     lidarcli.clean(log, tmp_path / "both.mcap", remove="none", start=1, end=2)
     assert len(messages(tmp_path / "both.mcap")) == 20
-    with pytest.raises(OptionError, match="no sweep lies between --start and --end"):
+    with pytest.raises(
+        OptionError, match="no sweep lies between --start and --end: those of the log lie between 2023-11-14T"
+    ):
         lidarcli.clean(log, tmp_path / "none.mcap", remove="none", start=100)
+    lidarcli.clean(log, tmp_path / "day.mcap", remove="none", start="23:13:21", end="23:13:22", time_zone="+01:00")
+    assert len(messages(tmp_path / "day.mcap")) == 20
 
 
 def table(path: Path, rows: int = 3, **columns: object) -> Path:

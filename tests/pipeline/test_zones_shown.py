@@ -23,7 +23,9 @@ from lidarcli.sweeps.masks import Circle, Masks, Mount, Polygon
 from lidarcli.sweeps.types import SweepBatch, UInt8
 from lidarcli.sweeps.zone import ROBOT, WORLD, Case, Line, Zone, Zones
 from tests.overlays.reading import read_back
+from tests.overlays.silent import LATE, silenced
 from tests.places import SAMPLES
+from tests.sweeping import START
 
 Run = Callable[..., Any]
 AT = 1.5 * math.cos(math.radians(35)), 1.5 * math.sin(math.radians(35))
@@ -182,6 +184,19 @@ def test_overlays_show_zones_bright_while_they_are_occupied(lidarcli: Run, logs:
         # Vermilion, as of the action.
         assert (box.color.r, box.color.g, box.color.b) == pytest.approx((1.0, 0.541, 0.239), abs=0.001)
         assert (door.color.a, door.scale.x) == pytest.approx((0.35, 0.02))
+
+
+@pytest.mark.parametrize(("timeout", "silent"), [(0.5, [1_500]), (1.5, [])])
+def test_overlays_tell_while_a_topic_is_silent(lidarcli: Run, tmp_path: Path, timeout: float, silent: list[int]) -> None:
+    log, zones, kept = silenced(tmp_path, timeout)
+    out = tmp_path / "o.mcap"
+    ran = lidarcli("overlay", log, "--zones", zones, "-o", out, "--no-layout", "--pose", "none")
+    assert ran.code == 0
+    found = [(each.record_ns, each.message) for each in read_back(out, "/lidarcli/objects")]
+    assert len(found) == kept + len(silent)
+    told = [(at, marker) for at, message in found for marker in message.markers if marker.text == "no /scan"]
+    assert [(at - START - LATE) // 10**6 for at, _ in told] == silent
+    assert all((marker.type, marker.header.frame_id) == (9, "laser") for _, marker in told)
 
 
 @pytest.mark.slow

@@ -276,9 +276,9 @@ def test_the_viewer_in_a_browser(page: Page, room: Path) -> None:
         assert page.evaluate("document.documentElement.scrollWidth") <= width
         first = page.evaluate(PICTURE)
         assert all(len(one) > 3000 for one in first)
-        assert page.evaluate(WORDS).startswith("sweep 0, 0.00 s, 5 objects, threshold d_th ")
-        page.evaluate("const s = document.getElementById('slider'); s.value = 60; s.dispatchEvent(new Event('input'))")
-        assert page.evaluate(WORDS).startswith("sweep 60, 6.00 s, ")
+        assert page.evaluate(WORDS).startswith("sweep 0, 0.00 s (22:13:20.0), 5 objects, threshold d_th ")
+        page.evaluate("const s = document.getElementById('slider'); s.value = 6; s.dispatchEvent(new Event('input'))")
+        assert page.evaluate(WORDS).startswith("sweep 60, 6.00 s (22:13:26.0), ")
         assert all(one != other for one, other in zip(first, page.evaluate(PICTURE), strict=True))
         for key, sweep_shown in (("ArrowRight", 61), ("PageUp", 51), ("End", 99), ("Home", 0), ("ArrowLeft", 0)):
             page.evaluate(f"document.dispatchEvent(new KeyboardEvent('keydown', {{key: '{key}'}}))")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -26,7 +26,7 @@ from lidarcli.reports.drawing import Mark, Panel, draw_panel, write_gif
 from lidarcli.reports.picture import animate, draw
 from lidarcli.reports.scene import Limits, Picture, ZoneInSight, limits_of, printable, scene
 from lidarcli.reports.world import TrackPath
-from lidarcli.sweeps.masks import Polygon
+from lidarcli.sweeps.masks import Mount, Polygon
 from lidarcli.sweeps.types import Float64
 from lidarcli.sweeps.zone import Line, Zone
 from tests.places import SAMPLES
@@ -250,7 +250,7 @@ def test_the_difference_is_logarithmic_where_its_jumps_are_many_times_d_th() -> 
     assert axes.get_yticks() == pytest.approx([-1.0, -0.3, 0.0, 0.3, 1.0])
     assert [text.get_text() for text in axes.get_yticklabels()] == ["−1", "−0.3", "0", "0.3", "1"]
     small = replace(one, detection=replace(one.detection, sweep_d_th=np.array([0.5])))
-    assert curves.difference(small, limits_of([one])).frame.linear == 0.0
+    assert curves.difference(small, limits_of([small])).frame.linear == 0.0
 
 
 def test_an_object_across_the_seam_is_shaded_on_both_sides() -> None:
@@ -335,7 +335,7 @@ def test_nothing_stands_outside_of_the_picture(view: str, width: float) -> None:
 def test_the_frames_of_an_animation_hold_still(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     legends: list[list[str]] = []
     places: list[list[float]] = []
-    shown = drawing.pixels_of
+    shown = drawing.shown_on
 
     def pixels(figure: Figure) -> Any:
         (legend,) = figure.legends
@@ -343,7 +343,7 @@ def test_the_frames_of_an_animation_hold_still(tmp_path: Path, monkeypatch: pyte
         places.append([*legend.get_window_extent().bounds, *figure.axes[0].get_window_extent().bounds])
         return shown(figure)
 
-    monkeypatch.setattr(panels, "pixels_of", pixels)
+    monkeypatch.setattr(panels, "shown_on", pixels)
     pictures = [picture(room()), picture(room(b10_14=2.0)), picture(room())]
     done: list[int] = []
     animate(pictures, "scene", tmp_path / "a.gif", Look(fps=5, dpi=60, width=80), done.append)
@@ -360,8 +360,8 @@ def test_the_frames_of_an_animation_hold_still(tmp_path: Path, monkeypatch: pyte
 def test_a_colour_of_a_moving_picture_that_comes_later_is_the_same(tmp_path: Path) -> None:
     frames = []
     for columns, colour in enumerate((palette.BLACK, palette.VERMILION, palette.PURPLE), 1):
-        frames.append(np.full((20, 30, 3), 255, np.uint8))
-        frames[-1][:, :columns] = [*bytes.fromhex(colour[1:])]
+        frames.append(np.full((20, 30, 4), 255, np.uint8))
+        frames[-1][:, :columns, :3] = [*bytes.fromhex(colour[1:])]
     for name in ("a.gif", "b.gif"):
         write_gif(tmp_path / name, iter(frames), 4.0)
     assert (tmp_path / "a.gif").read_bytes() == (tmp_path / "b.gif").read_bytes()
@@ -370,4 +370,111 @@ def test_a_colour_of_a_moving_picture_that_comes_later_is_the_same(tmp_path: Pat
         for number, expected in enumerate(frames):
             image.seek(number)
             assert image.info["duration"] == 250
-            assert np.array_equal(np.asarray(image.convert("RGB")), expected)
+            assert np.array_equal(np.asarray(image.convert("RGB")), expected[..., :3])
+
+
+def frames_of(pictures: Sequence[Picture], view: str, look: Look, monkeypatch: pytest.MonkeyPatch) -> list[Any]:
+    """The frames of an animation, as they are before they become a file."""
+    frames: list[Any] = []
+    monkeypatch.setattr(panels, "write_gif", lambda _, shown, fps: frames.extend(one[..., :3].copy() for one in shown))
+    animate(pictures, view, Path("a.gif"), look)
+    return frames
+
+
+def drawn_anew(pictures: Sequence[Picture], view: str, look: Look) -> Iterator[Any]:
+    """The same pictures, each on a figure of its own with all of its marks, axes and words."""
+    limits = limits_of(pictures)
+    places = panels.places_of(pictures[0], view, limits, look)
+    widest = max(pictures, key=lambda one: len(" ".join(one.title)))
+    for one in pictures:
+        with drawing.project_style():
+            figure = drawing.new_figure(panels.width_of(view, look))
+            figure.set_dpi(120)
+            axes = panels.draw_whole(figure, widest, view, limits, look, {})
+            figure.set_layout_engine(None)
+            for each, place in zip(axes, places, strict=True):
+                for artist in [*each.lines, *each.patches, *each.artists]:
+                    artist.remove()
+                draw_panel(each, place.content(one, limits))
+            if look.title:
+                drawing.draw_title(figure, one.title)
+            yield drawing.pixels_of(figure)
+
+
+COMING_AND_GOING = ({}, {"b10_14": 2.0}, {"b10_14": 2.0, "b30_40": 1.0}, {"b50_53": 3.0}, {})
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("view", VIEWS)
+def test_a_frame_is_the_still_picture(view: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    # No tracks, and so no numbers either: marks and axes are the same to the pixel, also where objects were before.
+    pictures = [replace(picture(room(**nearer)), tracks=()) for nearer in COMING_AND_GOING]
+    look = Look(title=False, legend=False)
+    frames = frames_of(pictures, view, look, monkeypatch)
+    assert len(frames) == len(pictures)
+    for frame, still in zip(frames, drawn_anew(pictures, view, look), strict=True):
+        assert np.array_equal(frame, still)
+    assert np.array_equal(frames[0], frames[-1])
+    assert not np.array_equal(frames[1], frames[2])
+
+
+@pytest.mark.slow
+def test_axes_that_change_are_drawn_anew(monkeypatch: pytest.MonkeyPatch) -> None:
+    # The second sweep spans less of a turn.
+    pictures = [picture(room()), picture(room()[:50]), picture(room(b10_14=2.0))]
+    look = Look(title=False, legend=False)
+    frames = frames_of(pictures, "sweep", look, monkeypatch)
+    for frame, still in zip(frames, drawn_anew(pictures, "sweep", look), strict=True):
+        assert np.array_equal(frame, still)
+
+
+@pytest.mark.slow
+def test_labels_and_titles_of_a_frame_are_those_of_the_still_picture(monkeypatch: pytest.MonkeyPatch) -> None:
+    pictures = [sample("people.csv.gz", number) for number in (0, 20, 34)]
+    look = Look(legend=False)
+    frames = frames_of(pictures, "scene", look, monkeypatch)
+    for frame, still in zip(frames, drawn_anew(pictures, "scene", look), strict=True):
+        # Words stand on the nearest quarter of a pixel, and those beside a formula are set a little closer.
+        ink, expected = (255.0 - each.mean(axis=2) for each in (frame, still))
+        assert ink.sum() == pytest.approx(expected.sum(), rel=0.01)
+        below = slice(60, None)
+        assert np.abs(ink - expected)[below].max() < 150.0
+        assert (np.abs(ink - expected)[below] > 30.0).mean() < 0.002
+
+
+def test_a_scene_is_in_the_frame_of_the_robot_where_the_mount_is_known() -> None:
+    one = picture(room(b10_14=2.0))
+    path = TrackPath(4, True, "", True, np.array([1.0, 2.0]), np.array([0.0, 0.5]), (0.5, 0.0), (2.0, 0.4))
+    area = ZoneInSight(Zone("a", Polygon(((0.0, 0.0), (1.0, 0.0), (1.0, 1.0)))), np.eye(2), np.zeros(72, np.bool_), False)
+    one = replace(one, tracks=(path,), zones=(area,))
+    backward = replace(one, mount=Mount("laser", "base_link", -0.1, 0.0, np.pi))
+    assert backward.points == pytest.approx(np.array([-0.1, 0.0]) - one.points)
+    assert backward.outline(0) == pytest.approx(np.array([-0.1, 0.0]) - one.outline(0))
+    assert backward.paths[0].mark == pytest.approx((-2.1, -0.4))
+    assert backward.paths[0].velocity == pytest.approx((-0.5, 0.0))
+    assert backward.areas[0].corners == pytest.approx(np.array([[-1.1, 0.0], [-0.1, -1.0]]))
+    panel = scene(backward)
+    assert panel.frame.names == ("x in base_link [m]", "y in base_link [m]")
+    assert scene(one).frame.names == ("x [m]", "y [m]")
+    triangle = named(panel)["sensor"]
+    assert triangle.xy == pytest.approx(np.array([[-0.1, 0.0]]))
+    # It points back: a triangle without a turn points up.
+    assert triangle.style["marker"] == (3, 0, pytest.approx(90.0))
+    # Head down and ahead: left is right.
+    over = replace(one, mount=Mount("laser", "base_link", 0.3, 0.0, 0.0, upside_down=True))
+    assert over.points == pytest.approx(one.points * [1.0, -1.0] + [0.3, 0.0])
+    # Curves are by the bearings of the sensor.
+    for panel_of in (curves.sweep, curves.difference):
+        for mark, other in zip(panel_of(over, limits_of([over])).marks, panel_of(one, limits_of([one])).marks, strict=True):
+            assert mark.xy == pytest.approx(other.xy, nan_ok=True)
+
+
+def test_a_scene_that_follows_something_shows_it_in_its_middle_and_the_sensor() -> None:
+    pictures = [replace(picture(room()), followed="track 9", middle=(x, 0.0), mount=None) for x in (1.0, 5.0)]
+    limits = limits_of(pictures)
+    assert limits.x == limits.y == pytest.approx((-6.5, 6.5))
+    for one in pictures:
+        panel = scene(one, limits)
+        assert panel.frame.x == limits.x
+        assert named(panel)["sensor"].xy == pytest.approx(np.array([[-one.middle[0], 0.0]]))
+        assert panel.frame.names[0] == "x from track 9 [m]"

@@ -285,7 +285,7 @@ def test_a_sweep_is_saved(page: Page, made: Callable[..., Path]) -> None:
     assert (rows[1]["track"], float(rows[1]["vy"])) == ("2", 1.0)
     root = ET.fromstring(saved(page, "svg").decode())
     words = [text.text for text in root.iter("{http://www.w3.org/2000/svg}text")]
-    assert {'1 a, "b" <c>', "2", "x [m]", "y [m]", "run /scan, sweep 1, 0.10 s"} <= set(words)
+    assert {'1 a, "b" <c>', "2", "x [m]", "y [m]", "run /scan, sweep 1, 0.10 s (22:13:20.1)"} <= set(words)
     assert saved(page, "png").startswith(b"\x89PNG")
     assert page.evaluate("savedAs") == "run-scan-1.png"
     assert page.evaluate("document.getElementById('save-beams').disabled") is True
@@ -384,4 +384,34 @@ def test_the_world_frame(page: Page, made: Callable[..., Path]) -> None:
     page.evaluate("location.hash = '#sweep=2&view=world'")
     awaited(page, WAIT)
     assert page.evaluate(WORDS).startswith("sweep 2, ")
+    assert page.complaints == []
+
+
+def test_the_axis_is_time(page: Page, made: Callable[..., Path]) -> None:
+    """Of ten sweeps in a second half are missing in the middle: the time line has their room, and steps over it."""
+    tables = crossing()
+    late = [{**row, "stamp": row["stamp"] + (row["sweep"] >= 5) * 1_000_000_000} for row in tables["sweeps"]]
+    page.open(made(**{**tables, "sweeps": late}), 1280)
+    assert page.evaluate(WORDS).startswith("sweep 0, 0.00 s (22:13:20.0), ")
+    left, top, width, _ = box_of(page, "timeline")
+    for share, shown in ((0.0, 0), (0.2, 4), (0.4, 4), (0.6, 5), (0.75, 5), (1.0, 9)):
+        x = left + 8 + share * (width - 16)
+        page.evaluate(
+            f"document.getElementById('timeline').dispatchEvent(new PointerEvent('pointerdown', "
+            f"{{clientX: {x}, clientY: {top + 10}, pointerId: 1}}))"
+        )
+        assert page.evaluate(WORDS).startswith(f"sweep {shown}, "), share
+    press(page, "Home")
+    for k in range(10):
+        seconds = 0.1 * k + (k >= 5)
+        assert page.evaluate(WORDS).startswith(
+            f"sweep {k}, {seconds:.2f} s (22:13:2{int(seconds)}.{int(10 * seconds + 0.5) % 10}), "
+        )
+        assert float(page.evaluate("document.getElementById('slider').value")) == pytest.approx(seconds, abs=1e-6)
+        press(page, "ArrowRight")
+    page.evaluate("const s = document.getElementById('slider'); s.value = 0.6; s.dispatchEvent(new Event('input'))")
+    assert page.evaluate(WORDS).startswith("sweep 4, 0.40 s ")
+    row = "(canvas => [...canvas.getContext('2d').getImageData(0, 3, canvas.width, 1).data])"
+    shaded = page.evaluate(f"{row}(document.getElementById('timeline'))")[3::4]
+    assert (shaded[len(shaded) // 2], shaded[len(shaded) // 10]) == (255, 0)
     assert page.complaints == []

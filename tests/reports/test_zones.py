@@ -3,18 +3,24 @@
 from __future__ import annotations
 
 import json
+import re
 from dataclasses import replace
 from pathlib import Path
 
+import pyarrow as pa
+import pyarrow.compute as pc
+import pyarrow.parquet as pq
 import pytest
 
 from lidarcli.errors import OptionError, UnreadableError
+from lidarcli.options.times import parse_zone
 from lidarcli.pipeline.reporting import FORMATS, ReportOptions, make_report, render
 from lidarcli.reports.columns import Origin, ZoneRows
 from lidarcli.reports.run import RunPart
 from lidarcli.reports.zones import figures_of, judge_zones, parse_zone_check, zones_part
+from lidarcli.tabular.schemas import SCHEMAS
 from tests.reports.browser import CHROMIUM, browser
-from tests.reports.runs import crossing, event, made, watch, watched_of, write_run, write_zones
+from tests.reports.runs import START, crossing, event, made, watch, watched_of, write_run, write_zones
 
 NAMES = ["stop", "left-door", "behind"]
 EVENT_ROWS = [
@@ -151,7 +157,7 @@ def test_events_of_zones_that_were_never_observed_are_nothing_to_measure() -> No
         ("objects where width > 1 == 0", "unknown table 'objects' before where; available: events;"),
         (
             "events where kind == ocupied == 0",
-            r"unknown kind (occupied, approach, visit, crossing, stale); did you mean occupied?",
+            r"unknown kind (occupied, approach, visit, crossing, stale, nav2, stop); did you mean occupied?",
         ),
         ("events where size > 1 == 0", "unknown column 'size' of events"),
     ],
@@ -196,9 +202,9 @@ def test_the_gravest_events_come_first() -> None:
         ("stop", True, 0.5),
         ("stop", False, 0.5),
         ("stop", False, 0.9),
-        ("approach", False, pytest.approx(float("nan"), nan_ok=True)),
+        ("stop", False, pytest.approx(float("nan"), nan_ok=True)),
     ]
-    assert [one.kind for one in zoned.events[4:]] == ["occupied", "stale"]
+    assert [one.kind for one in zoned.events[3:]] == ["stale", "approach", "occupied"]
 
 
 def test_many_short_events_are_one_span_where_no_picture_tells_them_apart() -> None:
@@ -224,14 +230,14 @@ def test_a_report_on_zones_alone_in_every_format(tmp_path: Path) -> None:
         assert found.exit_code == 1
     text = render(found, "text")
     assert max(map(len, text.splitlines())) <= 80
-    assert "  stop       stop      ··········████████████▁▁▁▁▁▁▁▁▁▁▁▁▁▁▁██████·····\n" in text
+    assert "  stop       stop      ··········████████████▁▁▁▁▁▁▁▁▁▁▁▁▁▁▁██████····░\n" in text
     rows = [" ".join(line.split()) for line in text.splitlines()]
     for row in (
         "stop 2 0.3 s 0.40 m 70 % 1 by agents, 1 by walls",
         "behind 0 % never observed",
         "stop 1 0.6 s 70 %",
         "left-door 2 1 100 %",
-        "stop 0.70 s approach 0.10 s 5 0.60 m 0.50 s wall",
+        "stop 0.7 s 22:13:20.7 approach 0.10 s 5 0.60 m 0.50 s wall",
     ):
         assert row in rows
     assert "| stop | 2 | 0.3 s | 0.40 m | 70 % | 1 by agents, 1 by walls |" in render(found, "markdown")
@@ -248,8 +254,9 @@ def test_a_report_on_zones_alone_in_every_format(tmp_path: Path) -> None:
     assert '<property name="zones.stop.points.max" value="9" />' in junit
     assert 'message="expected == 0, found nothing to measure"' in junit
     page = render(found, "html")
-    assert '<div class="band stop">' in page
-    assert 'title="0.20 to 0.40 s"' in page
+    assert (
+        '<i class="stop" style="left: 22.22%; width: 22.22%" title="stop 0.20 to 0.40 s, 22:13:20.2 to 22:13:20.4">' in page
+    )
     lines = render(found, "github").splitlines()
     accepted = "--check 'zones.stop.observed >= 0.7' accepts that"
     assert lines[:3] == [
@@ -257,6 +264,72 @@ def test_a_report_on_zones_alone_in_every_format(tmp_path: Path) -> None:
         "::error title=lidarcli%3A incomplete::run: zone behind was never observed",
         "::error title=lidarcli%3A check failed::zones.behind.events == 0: expected == 0, found nothing to measure",
     ]
+
+
+OTHERS = [
+    event(8, "stop", "nav2", 1, 3),
+    event(9, "invalid source", "nav2", 8, 9),
+    event(10, "left-door", "nav2", 5, 6, action="slowdown"),
+    event(11, "", "stop", 2, 4, action="none"),
+]
+"""What Nav2 did, and when the robot stood."""
+
+
+def test_what_nav2_did_and_where_the_robot_stood(tmp_path: Path) -> None:
+    objects = write_run(tmp_path, **crossing())
+    write_zones(tmp_path, [*EVENT_ROWS, *OTHERS], ZONE_ROWS, shapes=[])
+    found = made(objects, viewer=True)
+    assert (found.unread, found.figures["zones.stop.events"]) == ((), 2)
+    text = render(found, "text")
+    rows = [" ".join(line.split()) for line in text.splitlines()]
+    for row in (
+        "stop stop ··········████████████▁▁▁▁▁▁▁▁▁▁▁▁▁▁▁██████····░",
+        "Nav2 ·····████████████·········▓▓▓▓▓▓▓·········██████",
+        "robot stands ··········████████████··························",
+        "█ stop ▓ slowdown ▒ approach, limit ░ no sweep for too long",
+        "22:13:20.0 22:13:20.9",
+    ):
+        assert row in rows
+    cells = [(one.zone, one.kind, one.action) for one in found.parts[0].summary.zones.events]  # type: ignore[attr-defined]
+    # An act of Nav2 is as grave as its action, and no zone asks for it.
+    assert cells.index(("invalid source", "nav2", "stop")) < cells.index(("left-door", "nav2", "slowdown"))
+    assert cells[-1] == ("", "stop", "none")
+    assert '<i class="stale"' in (page := render(found, "html"))
+    assert '<i class="slowdown"' in page
+    assert "<td>nav2</td>" in page
+    assert found.page is not None
+    [stream] = found.page.viewer["streams"]
+    assert [(one["name"], [kind for kind, _ in one["parts"]]) for one in stream["others"]] == [
+        ("Nav2", ["stop", "slowdown"]),
+        ("robot stands", ["still"]),
+    ]
+    assert stream["others"][1]["parts"] == [["still", [[0.2, 0.4]]]]
+    assert stream["zones"][1]["action"] == "none"
+
+
+def test_a_zone_that_no_row_of_zones_has_is_refused_whatever_nav2_did(tmp_path: Path) -> None:
+    write_zones(tmp_path, [*EVENT_ROWS, *OTHERS, event(12, "gone")], ZONE_ROWS)
+    with pytest.raises(UnreadableError, match=r"does not belong to run.zones.parquet, which has no zone gone"):
+        made(tmp_path)
+
+
+def test_times_of_day_are_in_the_zone_and_left_out_of_a_clock_that_starts_near_zero(tmp_path: Path) -> None:
+    events = write_zones(tmp_path, EVENT_ROWS, ZONE_ROWS)
+    options = ReportOptions((str(events),), time_zone=parse_zone("+05:30"))
+    text = render(make_report(options), "text")
+    assert "03:43:20.0" in text
+    assert "2023-11-15" in text
+    for kind, rows in (("events", SCHEMAS["events"]), ("zones", SCHEMAS["zones"])):
+        path = tmp_path / f"run.{kind}.parquet"
+        table = pq.read_table(path)
+        for name in {"stamp", "start", "end"} & {*table.schema.names}:
+            at = table.schema.get_field_index(name)
+            early = pc.subtract(table[name].cast(pa.int64()), START).cast(rows.field(name).type)
+            table = table.set_column(at, table.schema.field(name), early)
+        pq.write_table(table, path)
+    text = render(make_report(options), "text")
+    assert "0.20 s" in text
+    assert not re.search(r"\d\d:\d\d", text)
 
 
 def test_zones_beside_objects_join_the_report(tmp_path: Path) -> None:
@@ -323,6 +396,7 @@ def test_the_viewer_holds_outlines_and_times(tmp_path: Path) -> None:
         "action": "stop",
         "events": [[0.2, 0.4], [0.7, 0.8]],
         "visits": [[0.2, 0.8]],
+        "stale": [[0.9, 0.9]],
         "frame": "sensor",
         "outline": [[0.2, 0.5], [2.6, 0.5], [2.6, -0.5]],
     }
@@ -373,7 +447,7 @@ def test_of_many_logs_some_courses_are_drawn(tmp_path: Path) -> None:
     assert "  log5" in text.splitlines()
     assert "  log6" not in text.splitlines()
     assert "and 2 more logs" in text
-    assert found.lines[0] == "zones in 8 logs: 80 sweeps in 7.2 s, 3 zones"
+    assert found.lines[0] == "zones in 8 logs: 80 sweeps in 7.2 s from 2023-11-14T22:13:20.000Z, 3 zones"
 
 
 def test_figures_of_zones_beside_a_baseline(tmp_path: Path) -> None:

@@ -66,6 +66,7 @@ CONTRACT = {
         *SOURCE[:3],
         ("track", "int64"),
         ("set", TEXT),
+        ("person", "int64"),
         ("shape", TEXT),
         ("label", TEXT),
         ("label_score", "float"),
@@ -127,16 +128,25 @@ CONTRACT = {
         *counts("things agents masked"),
         ("observed", "bool"),
     ],
+    "counts": [
+        *SOURCE[:2],
+        ("zone", TEXT),
+        *[(name, STAMP) for name in ("start", "end")],
+        ("direction", TEXT),
+        *[(name, "int64") for name in ("count", "low", "high", "unsure")],
+        *doubles("agents observed"),
+    ],
 }
 
 OPEN = {
     "objects": "s_i s_f d_th intensity difference change track vx vy moving agent_score thing label label_score "
     "world_x world_y world_yaw why",
     "sweeps": "nearest nearest_theta d_mean d_th pose_x pose_y pose_yaw station",
-    "tracks": "topic frame_id label label_score length width length_sd width_sd moved_at agent_score",
+    "tracks": "topic frame_id person label label_score length width length_sd width_sd moved_at agent_score",
     "trajectories": "",
     "beams": "r s object difference",
     "events": "polygon hidden points agents nearest bearing x y set track label direction ttc speed",
     "zones": "nearest ttc things agents",
+    "counts": "high",
 }
 """Columns that may be null; all others have a value in every row."""

@@ -130,9 +130,9 @@ def sound(tables: ZoneTables) -> ZoneTables:
         lasts = (event["end"] - event["start"]).total_seconds()
         assert event["duration"] == pytest.approx(lasts, abs=1e-6)
         known = {event[name] is not None for name in PLACE}
-        assert known == {event["kind"] != "stale"}
+        assert known == {event["points"] > 0 if event["kind"] == "stop" else event["kind"] not in ("stale", "nav2")}
         assert (event["direction"] is not None) == (event["kind"] == "crossing")
-        assert (event["points"] is not None) == (event["kind"] in ("occupied", "approach"))
+        assert (event["points"] is not None) == (event["kind"] in ("occupied", "approach", "stop"))
         assert (event["ttc"] is not None) <= (event["kind"] == "approach")
         assert (event["track"] is not None) <= (event["set"] in ("A", "O"))
     for row in tables.zones.to_pylist():

@@ -88,6 +88,10 @@ class Tracks:
     """(M,) index of the sensor among those of the tracker; -1 where several observed it."""
     track: Int64 = column("1", "number of the thing, 1, 2, ... by first sight within its topic", per="track")
     set: UInt8 = column("", "A agent: it has moved by itself; O object: it has not", per="track", words=SETS)
+    person: Int64 = column(
+        "1", "person that it counts as: its first track; null for what counts as none", per="track", nullable=True
+    )
+    """0 for none; as of `counting.PersonFinder`."""
     shape: UInt8 = column(
         "", "prismatic, round, legged (slim parts), irregular or unknown, by all that was seen", per="track", words=SHAPES
     )

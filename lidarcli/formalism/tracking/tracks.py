@@ -200,6 +200,7 @@ def _row(track: Track) -> dict[str, float]:
         "sensor": min(track.sensors) if len(track.sensors) == 1 else -1,
         "track": track.number,
         "set": AGENT if track.is_agent else OBJECT,
+        "person": 0,
         "label": track.label,
         "label_score": track.label_score,
         "first_sweep": track.first[0],

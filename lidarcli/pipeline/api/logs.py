@@ -73,7 +73,7 @@ from lidarcli.pipeline.reading.posing import PoseAttacher
 from lidarcli.pipeline.runs.over_logs import progress_of
 from lidarcli.pipeline.trajectories import PathOptions, refuse_path, write_path
 from lidarcli.pipeline.zones.run import watch
-from lidarcli.pipeline.zones.summary import ZoneTables
+from lidarcli.pipeline.zones.summary import CountedTables, ZoneTables
 from lidarcli.simulation import Simulated, run
 from lidarcli.sweeps.types import SweepBatch
 
@@ -430,7 +430,7 @@ def overlay(
 
 
 @with_keywords(*ZONE_RULES)
-def zones(log: Paths, *, progress: Progress = False, **options: Unpack[Zoning]) -> ZoneTables:
+def zones(log: Paths, *, progress: Progress = False, **options: Unpack[Zoning]) -> ZoneTables | CountedTables:
     """Tell who or what was in a zone, when, and how near: an offline check of a recording, no safety function.
 
     Parameters
@@ -441,7 +441,8 @@ def zones(log: Paths, *, progress: Progress = False, **options: Unpack[Zoning]) 
     -------
     ZoneTables
         `events`, one row per event, and `zones`, one row per sweep and zone, each a pyarrow.Table as the command line
-        writes it (docs/zones.md).
+        writes it (docs/zones.md). With an interval of time as `every` also `counts`, one row per line, interval and
+        direction (`CountedTables`).
 
     Raises
     ------
@@ -457,5 +458,4 @@ def zones(log: Paths, *, progress: Progress = False, **options: Unpack[Zoning]) 
     found = [one.tables for one in over_logs(sources, progress, lambda one, bar: watch(one, parsed, progress=bar))]
     if len(found) == 1:
         return found[0]
-    events, rows = (pa.concat_tables(tables) for tables in zip(*found, strict=True))
-    return ZoneTables(events.unify_dictionaries(), rows.unify_dictionaries())
+    return type(found[0])(*(pa.concat_tables(tables).unify_dictionaries() for tables in zip(*found, strict=True)))

@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
+from datetime import timedelta
 from os import PathLike, fspath
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
@@ -23,8 +24,8 @@ from lidarcli.options.forms import Text, defaults_of
 from lidarcli.options.groups import parse_mends, parse_removed, parse_value
 from lidarcli.options.objects import FindingGroup, ObjectGroup, Tracking
 from lidarcli.options.reading import parse_no_return
-from lidarcli.options.times import Instant, as_time
-from lidarcli.options.values import AnyPath
+from lidarcli.options.times import SECOND_NS, TimeZone, as_time, parse_zone
+from lidarcli.options.values import AnyPath, parse_every
 from lidarcli.pipeline.inputs.catalogue import read_catalogue
 from lidarcli.pipeline.inputs.masks import AUTO, read_masks
 from lidarcli.pipeline.reading.needs import NONE, PoseOptions
@@ -108,7 +109,22 @@ def read_options(options: Values) -> ReadOptions:
         masks = Masks(learn=True) if mask == AUTO else read_masks(path_text(mask))
     rules = range_rules(options["range"], parse_no_return(text), masks)
     start, end, run = (options.get(name) for name in ("start", "end", "run"))
-    return ReadOptions(topics, start, end, run, options.get("every", 1), rules=rules)
+    every, zone = _every(options.get("every", 1)), time_zone_of(options)
+    # In `zones` a time is an interval by which people are counted.
+    stride = 1 if isinstance(every, timedelta) else every
+    return ReadOptions(topics, start, end, run, stride, rules=rules, time_zone=zone)
+
+
+def _every(value: int | str | timedelta) -> int | timedelta:
+    return parse_every(value) if isinstance(value, str) else value
+
+
+def time_zone_of(options: Values) -> TimeZone:
+    """Return the time zone of times without one, and of those that people read."""
+    try:
+        return parse_zone(options.get("time_zone") or "UTC")
+    except OptionError as err:
+        raise OptionError(f"--time-zone: {err}") from None
 
 
 def pose_options(options: Values) -> PoseOptions:
@@ -193,7 +209,7 @@ def clean_options(options: Values, *, overwrite: bool = False) -> CleanOptions:
 
 def _around(value: float | str) -> float:
     around = as_time(value)
-    if isinstance(around, Instant) or around < 0:
+    if not isinstance(around, float) or around < 0:
         raise OptionError(f"--around: {value} is no time before and after a row")
     return around
 
@@ -220,7 +236,11 @@ def plot_options(options: Values, parameters: Parameters | None, sweeps: tuple[i
         trail=TRAIL if options["trail"] is None else options["trail"],
         poses=poses,
         zones=_zones_of(options),
-        **_chosen(options, "topic", "start", "end"),
+        follow="" if options["follow"] is None else str(options["follow"]).strip(),
+        time_zone=read.time_zone,
+        topic=options.get("topic"),
+        start=given(lambda time: as_time(time, read.time_zone), options.get("start")),
+        end=given(lambda time: as_time(time, read.time_zone), options.get("end")),
     )
 
 
@@ -243,7 +263,7 @@ def zone_options(options: Values, logs: LogOptions, *, overwrite: bool = False) 
     from lidarcli.pipeline.inputs.zones import parse_footprint, read_zones
     from lidarcli.pipeline.zones.options import ZoneOptions, refuse_options
 
-    names = several(options["zones"])
+    names, every = several(options["zones"]), _every(options["every"])
     parsed = ZoneOptions(
         zones=read_zones(names),
         files=tuple(names),
@@ -253,7 +273,9 @@ def zone_options(options: Values, logs: LogOptions, *, overwrite: bool = False) 
         footprint=given(parse_footprint, options["footprint"]),
         overwrite=overwrite,
         clips=given(place_of, options["clips"]),
+        interval_ns=round(every.total_seconds() * SECOND_NS) if isinstance(every, timedelta) else 0,
         around=_around(options["around"]),
+        stops=options["stops"],
     )
     refuse_options(parsed)
     return parsed

@@ -18,7 +18,7 @@ from lidarcli.options.reading import Delay, Joining, PoseGroup, Ranges
 from lidarcli.options.times import as_time
 from lidarcli.options.values import SWEEP, AnyPath, Changed, Paths, TableOrPath, Tables
 from lidarcli.pipeline.api.keywords import with_keywords
-from lidarcli.pipeline.api.options import Values, plot_options, refuse_reading, several
+from lidarcli.pipeline.api.options import Values, plot_options, refuse_reading, several, time_zone_of
 from lidarcli.pipeline.inputs.search import files_of, find_logs, one_log
 from lidarcli.pipeline.inputs.tables import TableSet, table_files, tables_of
 from lidarcli.pipeline.plotting import picture_of, sweep_at, take_pictures, write_pictures
@@ -99,7 +99,7 @@ def _picture(log: Paths | SweepBatch, sweep: int, parameters: Parameters | None,
         if sweep:
             raise OptionError("--at names one sweep: give either at or sweep")
         try:
-            time = as_time(at)
+            time = as_time(at, wanted.time_zone)
         except OptionError as err:
             raise OptionError(f"--at: {err}") from None
         wanted = replace(wanted, sweeps=(sweep_at(source, time, wanted.topic, wanted.opening),))
@@ -214,6 +214,7 @@ def report(
         baseline=tuple(tables_of(options["baseline"])),
         logs=tuple(several(options["log"])),
         join=options["join"],
+        time_zone=time_zone_of(options),
     )
     understand(parsed)
     files = {place(name): format_of(place(name)) for name in several(output)}

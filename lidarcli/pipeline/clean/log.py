@@ -14,7 +14,7 @@ import numpy as np
 import pyarrow as pa
 
 from lidarcli.copying.copying import ALL, MAX_SAID, Copy, Cut, Targets, copy_log
-from lidarcli.display.texts import counted
+from lidarcli.display.texts import counted, moment
 from lidarcli.errors import NoScanError, OptionError
 from lidarcli.files.newfiles import NewFiles, scratch_folder, writing
 from lidarcli.files.stores import Place
@@ -22,7 +22,7 @@ from lidarcli.logs.base import CLOUD_TYPES, SCAN_TYPES, STATIC, Log, ReadReport
 from lidarcli.logs.batches import ReadOptions, refuse_run
 from lidarcli.logs.registry import TopicChoice, nothing_read, scan_topics
 from lidarcli.options.choices import ABOVE, INF, KEEP, NAN
-from lidarcli.options.times import SECOND_NS, Instant
+from lidarcli.options.times import SECOND_NS, Instant, window
 from lidarcli.pipeline.clean.beams import REASONS, BeamEdit, Chosen, choose
 from lidarcli.pipeline.clean.options import (
     CleanOptions,
@@ -208,11 +208,13 @@ def _part(read: ReadOptions, surveyed: Mapping[str, TopicSweeps], cutting: Cutti
     begin = min(int(each.blocks[0].time_ns[0]) for each in surveyed.values())
     first, last = (
         none if each is None else each.ns if isinstance(each, Instant) else begin + math.ceil(each * SECOND_NS)
-        for each, none in ((read.start, -FOREVER), (read.end, FOREVER))
+        for each, none in zip(window(read.start, read.end, begin), (-FOREVER, FOREVER), strict=True)
     )
     cut = cutting.part(first, last - 1, read.run)
     if cut is None:
-        raise OptionError("no sweep lies between --start and --end")
+        latest = max(int(each.blocks[-1].time_ns[-1]) for each in surveyed.values())
+        there = f"{moment(begin, read.time_zone)} and {moment(latest, read.time_zone)}"
+        raise OptionError(f"no sweep lies between --start and --end: those of the log lie between {there}")
     return cut
 
 

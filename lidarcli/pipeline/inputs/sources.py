@@ -7,6 +7,7 @@ from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field, replace
 from functools import partial
+from itertools import takewhile
 from operator import attrgetter
 from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING
@@ -129,8 +130,8 @@ class PoseMessages:
     """Damage and refused messages of the pass over them."""
 
 
-def read_pose_messages(log: Log) -> PoseMessages:
-    """Read all poses of a log that can be read twice, in one pass."""
+def read_pose_messages(log: Log, until_ns: int | None = None) -> PoseMessages:
+    """Read all poses of a log that can be read twice, in one pass, or those that were recorded up to a time."""
     if isinstance(log, SlicedLog):
         return log.poses()
     # Most logs have no poses and should not wait for this import.
@@ -138,7 +139,8 @@ def read_pose_messages(log: Log) -> PoseMessages:
 
     tracks = PoseTracks()
     report = ReadReport()
-    tracks.add(log.messages(POSED_TYPES, report))
+    messages = log.messages(POSED_TYPES, report)
+    tracks.add(messages if until_ns is None else takewhile(lambda one: one.record_ns <= until_ns, messages))
     found = tracks.finish()
     notes = [f"{count:,} of {topic} left out: {cause}" for (topic, cause), count in sorted(tracks.refused.items())]
     if tracks.left_out:

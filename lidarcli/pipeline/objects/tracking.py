@@ -7,7 +7,7 @@ import tempfile
 from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from types import TracebackType
 from typing import IO, Self
 
@@ -15,6 +15,7 @@ import numpy as np
 
 from lidarcli.display.texts import Routine
 from lidarcli.files.newfiles import writing
+from lidarcli.formalism.counting import PersonFinder
 from lidarcli.formalism.detection import AGENT, Detection
 from lidarcli.formalism.mapping.places import Places
 from lidarcli.formalism.matching.catalogue import names_in
@@ -101,14 +102,15 @@ class LogTracker:
                 yield from self._trajectories(name, tracker)
             followed, tracks = tracker.finish()
             yield from self._rows(followed)
+            yield from self._trajectories(name, tracker)
+            tracks = topic.people.find(tracks)
             self._shared += len(tracks) if topic.robot else 0
             if self._options.tracks:
                 agents = np.flatnonzero(tracks.set == AGENT)
-                self.counts.add_things(len(tracks), len(agents))
+                self.counts.add_things(len(tracks), len(agents), len({*tracks.person.tolist()} - {0}))
                 columns = [getattr(tracks, column)[agents].tolist() for column in OF_AGENTS]
                 self.counts.followed += [(name, *row) for row in zip(*columns, strict=True)]
                 yield "tracks", name, tracks_rows(self._log, tracks, tracker.sensors, self._labels)
-                yield from self._trajectories(name, tracker)
                 self.notes += tracker.notes
             topic.tracker = None
 
@@ -136,6 +138,7 @@ class LogTracker:
     def _trajectories(self, name: str, tracker: Tracker) -> Iterator[Rows]:
         """Yield the rows of the trajectories of a tracker that are final."""
         for rows in tracker.trajectories():
+            self._topics[name].people.add(rows)
             if self._options.tracks and self._options.trajectories:
                 yield "trajectories", name, trajectories_rows(self._log, tracker.sensors, rows)
 
@@ -159,6 +162,7 @@ class _TrackedTopic:
     tracker: Tracker | None = None
     robot: tuple[tuple[str, str], ...] = ()
     """Sensors that are followed together, as of `SweepBatch.robot`."""
+    people: PersonFinder = field(default_factory=PersonFinder)
 
 
 _Waiting = tuple[SweepBatch, Detection, Int64 | None]

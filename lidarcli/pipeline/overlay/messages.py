@@ -19,7 +19,7 @@ from lidarcli.logs.base import Log, ReadReport
 from lidarcli.maps.grids import MAP_TYPE, occupancy_cdr
 from lidarcli.options.choices import MATCH
 from lidarcli.overlays.markers import LAST_SECOND, MARKER_TYPE, SECOND, Markers, marker_arrays, transforms
-from lidarcli.overlays.objects import is_mirrored, markers_of, paths_of, zone_of
+from lidarcli.overlays.objects import is_mirrored, markers_of, paths_of, text_of, zone_of
 from lidarcli.overlays.viewers import FRAME, MAP, ViewerScene, topic_name, topics_of_objects
 from lidarcli.pipeline.inputs.sources import Source, open_source
 from lidarcli.pipeline.inputs.tables import TableSet, poses_of, world_in
@@ -119,6 +119,8 @@ class Overlay:
         """Topic and frame of a sensor → True where it hangs head down, as far as its objects have shown."""
         self._frame_of: dict[str, str] = {}
         """Topic → the frame of its first sweep, as the log has it."""
+        self._newest: dict[tuple[str, str], tuple[int, int, int]] = {}
+        """Topic and frame → index, stamp and record time of the last sweep."""
         self._lost = 0
         """Sweeps that are not drawn, for they have no pose."""
         self._notes: list[str] = []
@@ -160,6 +162,8 @@ class Overlay:
             self._sweeps += len(joined.raw)
             for frame, own in joined.by_frame():
                 self._frame_of.setdefault(own.raw.topic, frame)
+                if len((late := self._silences(own, frame)).index):
+                    self._draw(file, frame, late, silent=True)
                 self._draw(file, frame, own)
             if progress is not None:
                 progress(log.position)
@@ -278,6 +282,9 @@ class Overlay:
                 self._frame_of.setdefault(raw.topic, frame)
                 if frame in self._to_place:
                     parts.append(self._poses(name, frame, own))
+                if len((late := self._silences(own, name)).index):
+                    data = marker_arrays(late.raw.time_ns, name, self._groups(name, late, silent=True), cdr=self._is_ros2)
+                    parts.append(of_sweeps(self._names[raw.topic], MARKER_TYPE, late.raw, data))
                 data = marker_arrays(own.raw.time_ns, name, self._groups(name, own), cdr=self._is_ros2)
                 parts.append(of_sweeps(self._names[raw.topic], MARKER_TYPE, own.raw, data))
             # Of equal times the scan comes first, and what is drawn on it last.
@@ -285,7 +292,22 @@ class Overlay:
             if progress is not None:
                 progress(log.position)
 
-    def _draw(self, file: Recording, frame: str, joined: TabledSweeps) -> None:
+    def _silences(self, joined: TabledSweeps, frame: str) -> TabledSweeps:
+        """Return sweeps of one frame without a beam, at the times at which the sweep before is too old for a zone."""
+        zones = () if self._options.zones is None else self._options.zones.zones
+        timeouts = [zone.timeout for zone in zones if zone.timeout and zone.is_for(joined.raw.topic)]
+        raw, longest_ns = joined.raw, round(min(timeouts, default=0.0) * SECOND)
+        now = np.stack([joined.index, raw.time_ns, raw.record_ns])
+        before = np.column_stack([self._newest.get((raw.topic, frame), now[:, 0]), now[:, :-1]])
+        self._newest[raw.topic, frame] = tuple(now[:, -1].tolist())
+        apart, pause, _ = now - before
+        # Sweeps that were left out, of every N, are not missing.
+        late = (pause > longest_ns * apart) & (apart > 0) & (longest_ns > 0)
+        found, at = joined.rows(late), before[:, late] + longest_ns
+        nothing = np.full_like(found.raw.ranges, np.nan)
+        return replace(found, raw=replace(found.raw, ranges=nothing, stamp_ns=at[1], record_ns=at[2], mended_ns=None))
+
+    def _draw(self, file: Recording, frame: str, joined: TabledSweeps, silent: bool = False) -> None:
         """Draw some sweeps of one frame into a recording."""
         poses = None
         if self._tables.is_posed:
@@ -296,10 +318,13 @@ class Overlay:
             joined = joined if known.all() else joined.rows(known)
             poses = self._sensor_poses(joined, frame)
         batch = normalise(joined.raw, joined.index, self._rules)
-        file.add(replace(batch, poses=poses), self._groups(frame, joined))
+        file.add(replace(batch, poses=poses), self._groups(frame, joined, silent))
 
-    def _groups(self, frame: str, joined: TabledSweeps) -> list[Markers]:
-        """Return the markers of some sweeps of one frame."""
+    def _groups(self, frame: str, joined: TabledSweeps, silent: bool = False) -> list[Markers]:
+        """Return the markers of some sweeps of one frame; of those of `_silences` the zones, and a text."""
+        if silent and self._showing is not None:
+            text = text_of(f"no {joined.raw.topic}", len(joined.index))
+            return [*self._outlines(self._showing, joined, frame), text]
         groups = markers_of(joined.objects, joined.row, joined.poses)
         if (known := self._tables.trajectories(joined.raw.topic)) is not None:
             hangs = self._hanging(joined, frame)

@@ -8,6 +8,7 @@ from collections import Counter, deque
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
+from datetime import UTC
 from functools import partial
 from itertools import chain
 from pathlib import Path
@@ -23,7 +24,7 @@ from lidarcli.logs.base import MAX_BEAMS, Log, OpenOptions, ReadReport, Slice
 from lidarcli.logs.batches import LONGEST, LogBatcher, ReadOptions
 from lidarcli.logs.registry import TopicChoice, nothing_read
 from lidarcli.options.choices import ECHOES, KEEP, NO_RETURN_WORDS
-from lidarcli.options.times import Instant
+from lidarcli.options.times import Time, TimeZone
 from lidarcli.pipeline.inputs.masks import AUTO, masks_of, plain
 from lidarcli.pipeline.inputs.sources import Source, made_of_clouds, open_source, parts_of
 from lidarcli.pipeline.reading.masking import MaskRules, masking_of
@@ -49,9 +50,13 @@ class RunSummary:
     """Number of tracks; None where nothing was followed."""
     moved: int = 0
     """Tracks of agents."""
+    people: int = 0
+    """People that they are counted as."""
     followed: list[tuple[Any, ...]] = field(default_factory=list)
     """The agents: topic and `tracking.OF_AGENTS`."""
     first_ns: int | None = None
+    time_zone: TimeZone = UTC
+    """Time zone of what people read."""
     by_status: Counter[str] = field(default_factory=Counter)
     """`valid`, `no_return`, `too_close`, `invalid`, `masked` → beams."""
     by_set: Counter[str] = field(default_factory=lambda: Counter(dict.fromkeys(SETS, 0)))
@@ -92,7 +97,7 @@ class RunSummary:
     def as_dict(self) -> dict[str, Any]:
         """Return the summary as plain values; of objects only where they were looked for (docs/ci.md)."""
         found: dict[str, Any] = {"objects": self.objects + self.agents, "on_agents": self.agents}
-        found |= {"tracks": self.things, "moving": self.moved, "sets": dict(self.by_set)}
+        found |= {"tracks": self.things, "moving": self.moved, "people": self.people, "sets": dict(self.by_set)}
         return {
             "sweeps": self.sweeps,
             "topics": sorted(self.topics),
@@ -120,10 +125,11 @@ class RunSummary:
         for letter, beams in zip("OAS", (found.object_beams, found.agent_beams, found.noise_beams), strict=True):
             self.by_set[letter] += int(beams.sum())
 
-    def add_things(self, things: int, moved: int) -> None:
+    def add_things(self, things: int, moved: int, people: int) -> None:
         """Count the tracks of one topic."""
         self.things = (self.things or 0) + things
         self.moved += moved
+        self.people += people
 
     def add_found(self, other: RunSummary) -> None:
         """Add the counts of objects and tracks of another summary."""
@@ -131,7 +137,7 @@ class RunSummary:
         self.agents += other.agents
         self.by_set.update(other.by_set)
         if other.things is not None:
-            self.add_things(other.things, other.moved)
+            self.add_things(other.things, other.moved, other.people)
 
     def close(self, report: ReadReport, posing: PoseAttacher) -> None:
         """Take over the damage and the notes of reading sweeps and poses."""
@@ -198,8 +204,8 @@ def reading_as_dict(read: ReadOptions, opening: OpenOptions, poses: PoseOptions)
     }
 
 
-def _plain(time: float | Instant | None) -> float | str | None:
-    return str(time) if isinstance(time, Instant) else time
+def _plain(time: Time | None) -> float | str | None:
+    return time if time is None or isinstance(time, float) else str(time)
 
 
 class Reading:
@@ -215,7 +221,7 @@ class Reading:
     ) -> None:
         self._log = log
         self._report = ReadReport()
-        self.summary = RunSummary()
+        self.summary = RunSummary(time_zone=options.time_zone)
         """Counts so far."""
         topics = log.topics()
         self._choice = choice = TopicChoice(options.topics, topics)

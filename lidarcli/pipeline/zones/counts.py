@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from typing import Any, NamedTuple
@@ -12,13 +12,29 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lidarcli.errors import NoScanError
-from lidarcli.formalism.detection import AGENT
-from lidarcli.formalism.zones import Inside, ZoneSight, candidates, collision_steps, meeting, samples, sight, times
+from lidarcli.formalism.detection import AGENT, SETS
+from lidarcli.formalism.zones import (
+    AHEAD,
+    HALF_WIDTH,
+    Inside,
+    ZoneSight,
+    candidates,
+    collision_steps,
+    meeting,
+    on_the_way,
+    samples,
+    sight,
+    times,
+)
+from lidarcli.options.times import SECOND_NS
 from lidarcli.pipeline.inputs.tracked import Objects
 from lidarcli.pipeline.zones.frames import VELOCITY_SPAN_NS, Frames, Velocities, carrier_pose, velocity_of
 from lidarcli.sweeps.masks import Circle, Masks, Polygon
 from lidarcli.sweeps.types import TURN, Float32, Float64, Int32, Int64, Status, SweepBatch, SweepPoses, UInt8
 from lidarcli.sweeps.zone import ROBOT, SENSOR, WORLD, Line, Zone
+
+DRIVES = 0.05, 0.2
+"""Least speed [m/s] that tells in which direction a robot drives, and turning rate [rad/s] with which it turns."""
 
 
 class Shapes(NamedTuple):
@@ -102,7 +118,9 @@ class TopicSeries(GrowingColumns):
     """The sweeps of one sensor in a run of the log, and what they have in each zone.
 
     Columns (S,) are `sweep`, `stamp_ns` and `seconds`; `pose` (S, 4) is that of the sensor in the world, as
-    `ZoneSeries.placed`, NaN where it is not known.
+    `ZoneSeries.placed`, NaN where it is not known. Where stops are told, `ahead` (S, 5) has of the nearest point on the way
+    that the robot was driving last how far along it is, its range [m], its bearing [rad] and its place in the frame of the
+    robot [m]; `ahead_owner` (S, 3) set and track of what it is on, -1 for none, and the points on the way.
     """
 
     def __init__(self, topic: str, frame_id: str, run: int, zones: Sequence[ZoneSeries], first_ns: int) -> None:
@@ -122,12 +140,46 @@ class TopicSeries(GrowingColumns):
         return next(one for one in self.zones if one.zone.name == name)
 
 
+def event_row(
+    topic: TopicSeries, about: Mapping[str, str], ends: Sequence[int], span_ns: tuple[int, int], first_ns: int
+) -> dict[str, Any]:
+    """Return an event with what all kinds have; `about`: zone, kind and action; `ends`: its first and its last sweep."""
+    return {
+        "topic": topic.topic,
+        "frame_id": topic.frame_id,
+        "first_sweep": ends[0],
+        "last_sweep": ends[1],
+        "sweeps": 0,
+        **about,
+        "polygon": None,
+        "start": span_ns[0],
+        "end": span_ns[1],
+        "t": (span_ns[0] - first_ns) / SECOND_NS,
+        "duration": (span_ns[1] - span_ns[0]) / SECOND_NS,
+        "cut": False,
+        **dict.fromkeys(("nearest", "set", "track", "label")),
+    }
+
+
 class TopicCounter:
     """Folds the batches of one topic into a `TopicSeries`."""
 
-    def __init__(self, series: TopicSeries, frames: Frames, masks: Masks, velocities: dict[str, Velocities | None]) -> None:
-        """`velocities`: by topic; None where the log has no such topic."""
+    def __init__(
+        self,
+        series: TopicSeries,
+        frames: Frames,
+        masks: Masks,
+        velocities: dict[str, Velocities | None],
+        half_width: float | None = None,
+    ) -> None:
+        """Begin to count; `velocities`: by topic, None where the log has no such topic.
+
+        `half_width`: half of the width of the robot [m], where its stops are to be told.
+        """
         self.series = series
+        self._half_width = half_width
+        self._course = np.full((1, 3), np.nan)
+        """The last velocity with which the robot drove."""
         self._frames = frames
         self._masks = masks
         self._velocities = velocities
@@ -160,7 +212,10 @@ class TopicCounter:
         if posed is not None or any(self._velocities.values()):
             with suppress(NoScanError):
                 carried = self._frames.sensor_in(ROBOT, sensor, batch.stamp_ns)
-        velocities = self._velocity(batch, carried)
+        driven = self._by_poses(batch, carried)
+        velocities = self._velocity(batch, driven)
+        if self._half_width is not None:
+            self._look_ahead(_PlacedSweeps(batch, ranges, masks, carried, objects, owners, driven, series.count))
         pose = np.full((len(batch), 4), np.nan) if posed is None else _four(posed.at_stamp())
         series.append(sweep=batch.sweep, stamp_ns=batch.stamp_ns, seconds=batch.seconds(), pose=pose)
         for each in series.zones:
@@ -210,7 +265,36 @@ class TopicCounter:
         into.append(points=points, nearest=nearest, bearing=bearing, x=x, y=y, masked=away, ttc=ttc)
         into.append(reach=np.maximum(beams, points), seen=seen, lost=lost)
 
-    def _velocity(self, batch: SweepBatch, carried: SweepPoses) -> dict[str, Float64]:
+    def _look_ahead(self, sweeps: _PlacedSweeps) -> None:
+        """Note what is nearest on the way that the robot was driving last; the sweeps are placed on the robot."""
+        batch, ranges, objects, owners = sweeps.batch, sweeps.ranges, sweeps.objects, sweeps.owners
+        known = np.concatenate([self._course, sweeps.velocity])
+        with np.errstate(invalid="ignore"):
+            drives = np.hypot(known[:, 0], known[:, 1]) > DRIVES[0]
+            turns = np.abs(known[:, 2]) > DRIVES[1]
+        last = np.maximum.accumulate(np.where(drives | turns, np.arange(len(known)), 0))
+        # Nothing is ahead of a turn on the spot.
+        known[~drives] = np.nan
+        course, self._course = known[last[1:]], known[last[-1:]]
+        points = candidates(batch, ranges, sweeps.place, Circle(0.0, 0.0, AHEAD))
+        there, along = on_the_way(points, course, self._half_width or HALF_WIDTH)
+        points, along = points.of(there), along[there]
+        order = np.lexsort((along, points.row))
+        rows, first, counts = np.unique(points.row[order], return_index=True, return_counts=True)
+        at = order[first]
+        beams = points.beam[at]
+        ahead, owner = np.full((len(batch), 5), np.nan), np.full((len(batch), 3), -1, np.int64)
+        place = along[at], ranges[rows, beams], sweeps.bearing(rows, beams), points.x[at], points.y[at]
+        ahead[rows] = np.column_stack(place)
+        owner[rows, 2] = counts
+        if owners is not None and objects is not None:
+            owner[rows, 0] = SETS.index("S")
+            whose = owners[rows, beams]
+            owned = whose >= 0
+            owner[rows[owned], 0], owner[rows[owned], 1] = objects.set[whose[owned]], objects.track[whose[owned]]
+        self.series.append(ahead=ahead, ahead_owner=owner)
+
+    def _velocity(self, batch: SweepBatch, driven: Float64) -> dict[str, Float64]:
         """Return the velocity of the robot (S, 3) as each topic reports it; of one that does not, by the poses."""
         topics = {each.zone.velocity_topic for each in self.series.zones}
         found: dict[str, Float64] = {}
@@ -219,7 +303,7 @@ class TopicCounter:
                 found[topic], old = known.at(batch)
                 self.old[topic] += old
         if len(found) < len(topics):
-            found = dict.fromkeys(topics, self._by_poses(batch, carried)) | found
+            found = dict.fromkeys(topics, driven) | found
         return found
 
     def _by_poses(self, batch: SweepBatch, carried: SweepPoses) -> Float64:

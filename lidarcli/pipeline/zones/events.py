@@ -6,6 +6,7 @@ from collections import Counter
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -16,15 +17,17 @@ from lidarcli.formalism.tracking.trajectories import observed_steps
 from lidarcli.formalism.zones import SAMPLES, TrackPath, crossings, episodes, visits
 from lidarcli.options.times import SECOND_NS
 from lidarcli.pipeline.inputs.tracked import from_sensor, to_sensor
-from lidarcli.pipeline.zones.counts import TopicSeries, ZoneSeries
+from lidarcli.pipeline.zones.counts import TopicSeries, ZoneSeries, event_row
 from lidarcli.sweeps.masks import Circle, Polygon
 from lidarcli.sweeps.types import Bool, Float64, Int64, UInt8
 from lidarcli.sweeps.zone import UNSEEN, WORLD, Line, Zone
 from lidarcli.tabular.schemas import DIRECTIONS, EVENT_KINDS
 
-OCCUPIED, APPROACH, VISIT, CROSSING, STALE = EVENT_KINDS
+OCCUPIED, APPROACH, VISIT, CROSSING, STALE, NAV2, STOP = EVENT_KINDS
 FEW = 2
 """Places of a zone, of `SAMPLES`, from which on it is not observed where they are lost."""
+ONCE_NS = 2 * SECOND_NS
+"""Tracks of one person that cross a line in one direction within this are one crossing [ns]."""
 
 
 class AgentPaths(NamedTuple):
@@ -44,12 +47,16 @@ class AgentPaths(NamedTuple):
     """Track → its name in the catalogue, where it has one; also of what is no agent."""
     shared: Collection[int] = ()
     """Tracks that several sensors have observed: their numbers are those of the robot."""
+    persons: Mapping[int, int] = MappingProxyType({})
+    """Track → the person that it is counted as."""
 
 
 class _AgentPath(NamedTuple):
     """The path of an agent, at the sweeps of one sensor or of several."""
 
     track: int
+    person: int
+    """Its person; of an agent that is counted as none the track."""
     path: TrackPath
     topic: Int64
     """(N,) index of the topic of each sweep."""
@@ -84,6 +91,10 @@ class ZoneEvents:
     """Of a line: how often an agent went through it that was not clear of it on both sides; None without tracks."""
     unseen: int = 0
     """Of a line: how often an agent went through it out of sight."""
+    unsure: Sequence[tuple[int, str]] = ()
+    """Stamp and direction of each of both."""
+    at_once: tuple[Int64, Int64] = (np.zeros(0, np.int64), np.zeros(0, np.int64))
+    """Of a line: stamps of the sweeps that see agents, and how many."""
     topics: Sequence[TopicSeries] = ()
     lost: tuple[int, float] = (0, 0.0)
     """Sweeps in which too much of the zone is lost that a sensor could observe, and the greatest share of it."""
@@ -236,8 +247,9 @@ class EventFinder:
         events = [self._episode(each.first, each.last, each.cut) for each in found]
         events += self._stale()
         one_sided, unseen = None, 0
+        unsure: list[tuple[int, str]] = []
         if self.has_tracks:
-            own, one_sided, unseen = self._of_agents()
+            own, one_sided, unseen, unsure = self._of_agents()
             events += own
         columns: dict[str, NDArray[Any] | None] = {
             "sweep": self.sweep,
@@ -253,7 +265,9 @@ class EventFinder:
             "observed": self._observed(),
         }
         in_force = bool((self.part >= 0).any())
-        return ZoneEvents(zone, events, self.topic, columns, one_sided, unseen, self.topics, self.lost, in_force)
+        return ZoneEvents(
+            zone, events, self.topic, columns, one_sided, unseen, unsure, self._at_once(), self.topics, self.lost, in_force
+        )
 
     def _observed(self) -> Bool:
         """Return (N,) whether something in the zone could have made an event: enough beams reach it for long enough.
@@ -351,7 +365,8 @@ class EventFinder:
             begins = np.flatnonzero(np.diff(agents.track, prepend=-1)).tolist()
             for some in (slice(*ends) for ends in pairwise([*begins, len(agents.track)])):
                 track, path = int(agents.track[some.start]), TrackPath(stamps[some], x[some], y[some], agents.in_view[some])
-                own = _AgentPath(track, path, np.full(len(path.x), at), agents.number[some], agents.in_view[some])
+                person, topic = agents.persons.get(track, track), np.full(len(path.x), at)
+                own = _AgentPath(track, person, path, topic, agents.number[some], agents.in_view[some])
                 pieces.setdefault((-1 if track in agents.shared else at, track), []).append(own)
         return [*map(_in_time_order, pieces.values())]
 
@@ -404,17 +419,37 @@ class EventFinder:
             pairs.append(np.column_stack([rows[seen], np.full(np.count_nonzero(seen), number)]))
         return np.unique(np.concatenate(pairs).astype(np.int64), axis=0)
 
-    def _of_agents(self) -> tuple[list[dict[str, Any]], int, int]:
-        """Return visits or crossings; crossings that were observed on one side only, and those out of sight."""
+    def _at_once(self) -> tuple[Int64, Int64]:
+        """Return the stamps of sweeps that see agents, wherever they are, and how many each of them sees."""
+        seen = [path.path.time_ns[path.in_view] for path in self.paths] if self.is_line else []
+        return np.unique(np.concatenate([np.zeros(0, np.int64), *seen]), return_counts=True)
+
+    def _of_agents(self) -> tuple[list[dict[str, Any]], int, int, list[tuple[int, str]]]:
+        """Return visits or crossings; crossings that were observed on one side only, and those out of sight; stamp and
+        direction of these."""
         events: list[dict[str, Any]] = []
+        unsure: list[tuple[int, str]] = []
         one_sided = unseen = 0
         if isinstance(shape := self.zone.shape, Line):
-            for agent in self.paths:
-                found, missed, hidden = crossings(shape, agent.path)
-                one_sided, unseen = one_sided + missed, unseen + hidden
-                for each in found:
-                    event = self._of_agent(agent, each.after, each.after, CROSSING)
-                    events.append(event | {"direction": DIRECTIONS[0 if each.inwards else 1]})
+            found = [
+                (int(agent.path.time_ns[each.after]), kind, DIRECTIONS[0 if each.inwards else 1], number, each.after)
+                for number, agent in enumerate(self.paths)
+                for kind, some in enumerate(crossings(shape, agent.path))
+                for each in some
+            ]
+            known: dict[tuple[int, str], list[tuple[int, int]]] = {}
+            for stamp, kind, direction, number, after in sorted(found, key=lambda one: (one[1] > 0, one[0])):
+                agent = self.paths[number]
+                own = known.setdefault((agent.person, direction), [])
+                if any(other != number and abs(stamp - then) <= ONCE_NS for then, other in own):
+                    # Another track of the same person.
+                    continue
+                own.append((stamp, number))
+                if kind:
+                    unsure.append((stamp, direction))
+                    one_sided, unseen = one_sided + (kind == 1), unseen + (kind == 2)
+                else:
+                    events.append(self._of_agent(agent, after, after, CROSSING) | {"direction": direction})
         else:
             for number, first, last, cut in self._visits():
                 event = self._of_agent(self.paths[number], first, last, VISIT)
@@ -423,7 +458,7 @@ class EventFinder:
                 steps = np.diff(self.paths[number].path.time_ns[first : last + 1])
                 event |= {"hidden": int(steps[~seen].sum()) / SECOND_NS}
                 events.append(event | {"cut": cut and not ends.isdisjoint((event["start"], event["end"]))})
-        return events, one_sided, unseen
+        return events, one_sided, unseen, unsure
 
     def _of_agent(self, agent: _AgentPath, first: int, last: int, kind: str) -> dict[str, Any]:
         """Return the event of a piece of the path of an agent."""
@@ -461,23 +496,9 @@ class EventFinder:
 
     def _event(self, index: int, kind: str, ends: Sequence[int], span_ns: tuple[int, int], sweeps: int) -> dict[str, Any]:
         """Return an event with what all kinds have; `ends`: its first and its last sweep of a topic."""
-        topic = self.topics[index]
-        return {
-            "topic": topic.topic,
-            "frame_id": topic.frame_id,
-            "first_sweep": ends[0],
-            "last_sweep": ends[1],
+        about = {"zone": self.zone.name, "kind": kind, "action": self.zone.action}
+        return event_row(self.topics[index], about, ends, span_ns, self.first_ns) | {
             "sweeps": sweeps,
-            "zone": self.zone.name,
-            "kind": kind,
-            "action": self.zone.action,
-            "polygon": None,
-            "start": span_ns[0],
-            "end": span_ns[1],
-            "t": (span_ns[0] - self.first_ns) / SECOND_NS,
-            "duration": (span_ns[1] - span_ns[0]) / SECOND_NS,
-            "cut": False,
-            "nearest": None,
             "look": self._look(index, span_ns[0]),
         }
 
@@ -545,11 +566,11 @@ def _in_time_order(pieces: Sequence[_AgentPath]) -> _AgentPath:
     """Return the pieces of the path of one agent as one."""
     path = TrackPath(*map(np.concatenate, zip(*(piece.path for piece in pieces), strict=True)))
     order = np.argsort(path.time_ns, kind="stable")
-    more = (np.concatenate(values)[order] for values in zip(*(piece[2:] for piece in pieces), strict=True))
+    more = (np.concatenate(values)[order] for values in zip(*(piece[3:] for piece in pieces), strict=True))
     topic, number, in_view = more
     times = path.time_ns[order]
     steps = observed_steps(times / SECOND_NS, in_view, topic)
-    return _AgentPath(pieces[0].track, TrackPath(times, path.x[order], path.y[order], steps), topic, number, in_view)
+    return _AgentPath(*pieces[0][:2], TrackPath(times, path.x[order], path.y[order], steps), topic, number, in_view)
 
 
 def _number(value: float) -> float | None:

@@ -33,6 +33,8 @@ class Frames:
     robot: str
     """Name of the frame of the robot; empty: the one at the end of the mounts, or by the transforms of the log."""
     _log: Log
+    _until_ns: int | None = None
+    """Time of recording up to which the transforms of the log are read; None: all of them."""
     _topic: str = ""
     """Topic of the sensors; empty: any."""
     _links: list[list[PoseTrack]] = field(default_factory=list)
@@ -45,9 +47,9 @@ class Frames:
     """Frames whose places count."""
 
     @classmethod
-    def of(cls, log: Log, zones: Zones, mounts: Sequence[Mount] = ()) -> Frames:
-        """Return the frames for the zones of a file; `mounts`: more of them."""
-        return cls((*zones.masks.mounts, *mounts), zones.robot, log)
+    def of(cls, log: Log, zones: Zones, mounts: Sequence[Mount] = (), until_ns: int | None = None) -> Frames:
+        """Return the frames for the zones of a file, with more `mounts`, by transforms that were recorded up to a time."""
+        return cls((*zones.masks.mounts, *mounts), zones.robot, log, until_ns)
 
     def of_topic(self, topic: str) -> Frames:
         """Return the frames for the sensors of a topic: robots may have the same names for theirs."""
@@ -58,7 +60,8 @@ class Frames:
         """The transforms of the log for the topic of the sensors."""
         topics = self._log.topics()
         if not self._links:
-            tracks = read_pose_messages(self._log).tracks if self._log.size is not None and topics is not None else ()
+            is_file = self._log.size is not None and topics is not None
+            tracks = read_pose_messages(self._log, self._until_ns).tracks if is_file else ()
             self._links.append([track for track in tracks if track.is_link])
         if self._topic not in self._trees:
             scans = [topic.name for topic in topics or () if topic.is_scan]
@@ -118,6 +121,18 @@ class Frames:
         if frame_name(sensor).rpartition("/")[2].startswith("base"):
             return sensor
         raise self._lost(sensor, "")
+
+    def mount_of(self, batch: SweepBatch) -> Mount | None:
+        """Return the place of the sensor of one sweep on its robot; None if it is unknown, or the sweep is in its frame."""
+        sensor = batch.frame_ids[int(batch.frame[0])]
+        frames = self.of_topic(batch.topic)
+        try:
+            robot, here = frames.robot_of(sensor), frames.sensor_in(ROBOT, sensor, batch.stamp_ns)
+        except NoScanError:
+            return None
+        x, y, yaw = (float(each[0]) for each in (here.x, here.y, here.yaw))
+        known = np.isfinite([x, y, yaw]).all() and not same_name(robot, sensor)
+        return Mount(sensor, robot, x, y, yaw, bool(here.upside_down[0])) if known else None
 
     def carrier_of(self, frame: str, sensor: str) -> tuple[str, str]:
         """Return the name of the frame of a zone, and the namespace of it: robots may have the same names."""

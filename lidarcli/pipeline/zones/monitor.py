@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from itertools import groupby
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
-from lidarcli.display.texts import times
+import numpy as np
+
+from lidarcli.display.texts import time_of_day, times
 from lidarcli.logs.base import Log, Message, ReadReport
-from lidarcli.options.times import SECOND_NS
-from lidarcli.pipeline.zones.events import APPROACH, OCCUPIED, STALE, ZoneEvents
+from lidarcli.options.times import SECOND_NS, TimeZone
+from lidarcli.pipeline.zones.counts import event_row
+from lidarcli.pipeline.zones.events import APPROACH, NAV2, OCCUPIED, STALE, ZoneEvents
 from lidarcli.pose.messages import messages_of
 from lidarcli.ros.cursor import Cursor
 
@@ -68,13 +71,30 @@ def _otherwise(act: Act, by_zone: Sequence[ZoneEvents]) -> str:
         return ""
     if is_stale or not own:
         return "no source was too old" if is_stale else "no zone of this name is judged"
-    most = 0
+    most, sweeps = 0, 0
     for columns in (one.columns for one in own):
         stamps, points = columns["stamp"], columns["points"]
         assert stamps is not None
         assert points is not None
-        most = max(most, int(points[(stamps >= begin) & (stamps <= end)].max(initial=0)))
+        shown = (stamps >= begin) & (stamps <= end)
+        sweeps += int(np.count_nonzero(shown))
+        most = max(most, int(points[shown].max(initial=0)))
+    if not sweeps:
+        return "not seen"
     return f"{most:,} of {own[0].zone.min_points:,} points in it" if most else "nothing was in it"
+
+
+def rows_of(acts: Sequence[Act], by_zone: Sequence[ZoneEvents], first_ns: int) -> Iterator[dict[str, Any]]:
+    """Yield a row of the table of events for each act, with the sweeps of the first topic of the zones meanwhile."""
+    topic = by_zone[0].topics[0]
+    order = np.argsort(topic.column("stamp_ns"), kind="stable")
+    stamps, sweeps = topic.column("stamp_ns")[order], topic.column("sweep")[order]
+    for act in acts:
+        first, after = np.searchsorted(stamps, [act.start_ns, act.end_ns + 1])
+        ends = sweeps[[min(int(first), len(sweeps) - 1), max(int(after) - 1, 0)]].tolist()
+        about = {"zone": act.zone, "kind": NAV2, "action": act.action if act.action in ACTS else "none"}
+        row = event_row(topic, about, ends, (act.start_ns, act.end_ns), first_ns)
+        yield row | {"sweeps": max(int(after - first), 0), "cut": act.end_ns >= int(stamps[-1])}
 
 
 def missed_stops(acts: Sequence[Act], by_zone: Sequence[ZoneEvents]) -> list[Act]:
@@ -93,7 +113,7 @@ def missed_stops(acts: Sequence[Act], by_zone: Sequence[ZoneEvents]) -> list[Act
     ]
 
 
-def lines_of(acts: Sequence[Act], first_ns: int) -> list[tuple[str, str]]:
+def lines_of(acts: Sequence[Act], first_ns: int, zone: TimeZone) -> list[tuple[str, str]]:
     """Return heads and words on what Nav2 did; stops come first, those first of which the zones say otherwise."""
     did = ", ".join(f"{action} {times(count)}" for action, count in Counter(act.action for act in acts).items())
     same = sum(not act.otherwise for act in acts)
@@ -101,6 +121,7 @@ def lines_of(acts: Sequence[Act], first_ns: int) -> list[tuple[str, str]]:
     width = max((len(act.zone) for act in acts), default=0)
     for act in sorted(acts, key=lambda one: ("stop" not in one.action, not one.otherwise, one.start_ns))[:SHOWN]:
         begin, lasts = (act.start_ns - first_ns) / SECOND_NS, (act.end_ns - act.start_ns) / SECOND_NS
-        words = f"{begin:8.1f} s  {act.zone:{width}}  {lasts:6.1f} s  {act.action:8}  {act.otherwise or 'the same'}"
+        clock = f"{time_of_day(act.start_ns, zone)}  ".lstrip()
+        words = f"{begin:8.1f} s  {clock}{act.zone:{width}}  {lasts:6.1f} s  {act.action:8}  {act.otherwise or 'the same'}"
         lines.append((" " * 11, words))
     return lines + ([(" " * 11, f"and {len(acts) - SHOWN:,} more")] if len(acts) > SHOWN else [])

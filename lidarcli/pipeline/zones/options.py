@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 from lidarcli.errors import OptionError
 from lidarcli.files.stores import Place
+from lidarcli.formalism.zones import HALF_WIDTH
 from lidarcli.logs.base import Log
 from lidarcli.options.choices import AROUND
+from lidarcli.options.times import Time
 from lidarcli.pipeline.inputs.masks import plain
 from lidarcli.pipeline.inputs.sources import MissingInput, Source
 from lidarcli.pipeline.inputs.tables import one_table_set
@@ -21,8 +23,26 @@ from lidarcli.sweeps.zone import WORLD, Line, Zone, Zones
 from lidarcli.tabular.writing import table_paths
 
 TABLES = ("events", "zones")
+MAX_EXPLAINED = 5
+"""Most events of a log that `--explain worst` explains."""
 NAMED = ("name", "frame", "action", "count", "min_points", "trigger", "release", "hold", "timeout")
 """Fields of every zone in the metadata, next to those of its shape and topics."""
+
+
+@dataclass(frozen=True, slots=True)
+class Explained:
+    """What `zones --explain` is to write."""
+
+    time: Time | None
+    """Time of the event; None for the worst ones, of each of which there is a file with its number."""
+    outputs: tuple[Place, ...]
+    """Pages, pictures and films, by their suffixes."""
+    commands: Callable[[str, float], Sequence[str]]
+    """Return the commands that show more of a topic at a time [s]."""
+
+    def files(self, number: int) -> list[Place]:
+        """Return the outputs of an event."""
+        return [one if self.time is not None else one.with_name(f"{one.stem}-{number}{one.suffix}") for one in self.outputs]
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,8 +63,20 @@ class ZoneOptions:
     overwrite: bool = False
     clips: Place | None = None
     """Folder for a part of the log around each event."""
+    interval_ns: int = 0
+    """Length of the intervals by which people are counted; 0 for none."""
     around: float = AROUND
     """Time before and after each [s]."""
+    explain: Explained | None = None
+    stops: bool = False
+    """True to tell when the robot stood, and what was ahead of it."""
+
+    @property
+    def half_width(self) -> float | None:
+        """Half of the width of the robot, where its stops are told: by its footprint, else as most are [m]."""
+        told = [self.footprint, *(zone.footprint for zone in self.zones.zones)]
+        widths = [max(abs(y) for _, y in one.corners) for one in told if one is not None]
+        return (widths or [HALF_WIDTH])[0] if self.stops or self.explain is not None else None
 
     @property
     def has_objects(self) -> bool:
@@ -53,7 +85,7 @@ class ZoneOptions:
 
     def outputs(self, source: Source, folder: Place) -> dict[str, Place]:
         """Return the path of each table of a log."""
-        return table_paths(folder, source.name, TABLES)
+        return table_paths(folder, source.name, (*TABLES, *(("counts",) if self.interval_ns else ())))
 
     def inputs(self, sources: Sequence[Source | MissingInput]) -> list[str]:
         """Return the files that are read, none of which an output may replace."""
@@ -64,6 +96,8 @@ class ZoneOptions:
         """Return all options that the result depends on, as plain values, for the tables' metadata."""
         own: dict[str, Any] = {"zones": [*map(zone_dict, self.zones.zones)], "find": self.has_objects}
         more: dict[str, Any] = {"zone_masks": plain(self.zones.masks), "robot": self.zones.robot}
+        more["stops"] = self.stops and self.half_width
+        more["interval_ns"] = self.interval_ns
         more["footprint"] = None if self.footprint is None else self.footprint.corners
         return self.detect.as_dict() | own | {name: value for name, value in more.items() if value}
 
@@ -97,8 +131,10 @@ def zone_dict(zone: Zone) -> dict[str, Any]:
 
 def refuse_options(options: ZoneOptions) -> None:
     """Refuse zones that need objects where none are known, and options that no zone needs (`OptionError`)."""
-    if options.footprint is not None and not any(zone.shape_topic for zone in options.zones.zones):
-        raise OptionError("--footprint is for zones whose shape a topic tells, and there are none")
+    if options.footprint is not None and not (options.stops or any(zone.shape_topic for zone in options.zones.zones)):
+        raise OptionError("--footprint is for --stops and for zones whose shape a topic tells, and there are none")
+    if options.interval_ns and not any(isinstance(zone.shape, Line) for zone in options.zones.zones):
+        raise OptionError("--every with a time counts who crosses lines, and no zone is a line")
     for zone in options.zones.zones:
         needs = isinstance(zone.shape, Line) or zone.count != "beams"
         if needs and not options.has_objects:

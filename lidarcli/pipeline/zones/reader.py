@@ -23,9 +23,11 @@ from lidarcli.pipeline.zones.events import AgentPaths, EventFinder, ZoneEvents
 from lidarcli.pipeline.zones.frames import OLDEST_NS, Frames, Velocities
 from lidarcli.pipeline.zones.monitor import Act, acts_of, states
 from lidarcli.pipeline.zones.options import ZoneOptions, refuse_resting
+from lidarcli.pipeline.zones.stops import stops_in
 from lidarcli.pose.findings import Key
-from lidarcli.pose.frames import WORLDS
-from lidarcli.pose.messages import TWIST, frame_name, polygons, velocities
+from lidarcli.pose.frames import WORLDS, namespace
+from lidarcli.pose.messages import ODOMETRY, TWIST, frame_name, polygons, velocities
+from lidarcli.pose.tracks import PoseTrack
 from lidarcli.reports.wording import counted
 from lidarcli.sweeps.masks import Circle, Masks, Polygon, same_name
 from lidarcli.sweeps.types import SweepBatch, spared
@@ -74,8 +76,16 @@ class ZoneReader:
                 self._shapes[zone.name] = self._shapes_of(zone)
         self._sweeps: dict[str, TopicRows] = {}
         self._rows = None if tables is None else ObjectRows(tables)
-        self._late_ns: int | None = None
+        self.doubts: list[str] = []
+        """Notes on the transforms; known when the log is read."""
+        self.late_ns: int | None = None
         """Time from the stamps of sweeps to their recording."""
+        self.topics: list[TopicSeries] = []
+        """The sweeps of each sensor; known when the log is read."""
+        self.odometry: list[PoseTrack] = []
+        """Odometry that moves; known when the log is read."""
+        self.stops: list[dict[str, Any]] = []
+        """Rows of the robot's own stops, as of the table of events; known when the log is read."""
         self.acts: list[Act] = []
         """Acts of Nav2; known when the log is read."""
 
@@ -142,6 +152,8 @@ class ZoneReader:
             summary = reading.close()
             described = reading.describe(source)
             self._robots = reading.posing.robots
+            tracks = () if reading.posing.found is None else reading.posing.found.sources.tracks
+            self.odometry = [track for track in tracks if track.type == ODOMETRY and track.moves]
         reported = states(self._log, self._report)
         notes = self._refuse_contradiction(described, reading.posing.file_gap)
         summary.damage += [
@@ -162,15 +174,19 @@ class ZoneReader:
             for one in by_zone
             if one.lost[0] > spared(len(one.topic))
         ]
-        self.acts = acts_of(reported, self._late_ns or 0, by_zone)
-        summary.notes += [*self._notes, *notes, *self._frames.notes(), *gaps, *map(str, self._lost.values())]
+        self.topics = [each.series for each in self._counting.values()]
+        tells = self._options.half_width is not None
+        self.stops = [row for one in self._by_robot() for row in stops_in(one, self.odometry)] if tells else []
+        self.acts = acts_of(reported, self.late_ns or 0, by_zone)
+        self.doubts = self._frames.notes()
+        summary.notes += [*self._notes, *notes, *self.doubts, *gaps, *map(str, self._lost.values())]
         return summary, by_zone, described
 
     def _take(self, batch: SweepBatch, reading: Reading) -> None:
         """Count the sweeps of a batch."""
         self._topics.add(batch.topic)
-        if self._late_ns is None and len(batch):
-            self._late_ns = int(np.median(batch.record_ns - batch.stamp_ns))
+        if self.late_ns is None and len(batch):
+            self.late_ns = int(np.median(batch.record_ns - batch.stamp_ns))
         zones = [zone for zone in self._zones if zone.is_for(batch.topic)]
         if not len(batch) or not zones:
             return
@@ -185,7 +201,9 @@ class ZoneReader:
                     batch.first_ns,
                 )
                 frames = self._frames.of_topic(batch.topic)
-                self._counting[key] = TopicCounter(series, frames, self._masks, self._known_velocities)
+                self._counting[key] = TopicCounter(
+                    series, frames, self._masks, self._known_velocities, self._options.half_width
+                )
             self._counting[key].add(own, None if objects is None else objects.of_rows(rows))
 
     def _resolved(self, zone: Zone, topic: str, sensor: str, reading: Reading) -> Zone:
@@ -228,6 +246,13 @@ class ZoneReader:
     def _counted_in(self, zone: Zone) -> list[TopicSeries]:
         """Return the sweeps of each sensor that counts in a zone."""
         return [self._counting[key].series for key in sorted(self._counting) if zone.is_for(key[0])]
+
+    def _by_robot(self) -> Iterator[list[TopicSeries]]:
+        """Yield the sensors of each robot of a run."""
+        found: dict[tuple[int, object], list[TopicSeries]] = {}
+        for (topic, _, run), each in self._counting.items():
+            found.setdefault((run, self._robots.get(topic) or namespace(topic)), []).append(each.series)
+        yield from found.values()
 
     def _gaps(self, zone: Zone) -> Iterator[str]:
         """Yield what a zone needs and the log has only in part; refuse one for which it has nothing of it."""
@@ -334,7 +359,7 @@ def _agents_at(series: TopicSeries, tables: TableSet | None) -> AgentPaths | Non
     """Return the agents at the sweeps of a sensor; None where nobody followed them."""
     if tables is None or not _has_tracks(tables):
         return None
-    tracks = tracks_of(tables, series.topic, series.frame_id, ("set", "label"))
+    tracks = tracks_of(tables, series.topic, series.frame_id, ("set", "label", "person"))
     paths = paths_of(tables, series.topic)
     # Sweeps of several frames are not in their order.
     sweeps = series.column("sweep")
@@ -346,4 +371,5 @@ def _agents_at(series: TopicSeries, tables: TableSet | None) -> AgentPaths | Non
     places = paths.x[rows], paths.y[rows], paths.in_world[rows]
     labels = {row["track"]: row["label"] for row in tracks if row["label"] is not None}
     shared = {row["track"] for row in tracks if row["frame_id"] is None}
-    return AgentPaths(paths.track[rows], at[rows], *places, ~paths.hidden[rows], labels, shared)
+    persons = {row["track"]: row["person"] for row in tracks if row["person"] is not None}
+    return AgentPaths(paths.track[rows], at[rows], *places, ~paths.hidden[rows], labels, shared, persons)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
 from functools import partial
@@ -10,20 +10,25 @@ from typing import Any
 
 import pyarrow as pa
 
+from lidarcli.display.texts import Routine
 from lidarcli.errors import OptionError
-from lidarcli.files.newfiles import refuse, scratch_folder, write_whole
+from lidarcli.files.newfiles import NewFiles, refuse, scratch_folder, write_whole, writing
 from lidarcli.files.stores import Place
+from lidarcli.logs.base import Log
+from lidarcli.options.times import Instant
 from lidarcli.pipeline.detecting import detect_to_temporary, second_half
 from lidarcli.pipeline.inputs.sources import MissingInput, Source, open_source
-from lidarcli.pipeline.inputs.tables import other_recording, tables_together
+from lidarcli.pipeline.inputs.tables import TableSet, other_recording, tables_together
 from lidarcli.pipeline.reading.masking import masking_of
 from lidarcli.pipeline.reading.one_log import Progress, Reading, RunSummary
 from lidarcli.pipeline.runs.over_logs import LogProgress, Outcome, logs_at_once, over_logs
-from lidarcli.pipeline.zones.options import ZoneOptions, masked, narrowed
+from lidarcli.pipeline.zones.events import ZoneEvents
+from lidarcli.pipeline.zones.options import MAX_EXPLAINED, ZoneOptions, masked, narrowed
 from lidarcli.pipeline.zones.reader import ZoneReader
-from lidarcli.pipeline.zones.summary import ZoneSummary, ZoneTables, stale_notes
+from lidarcli.pipeline.zones.summary import CountedTables, ZoneSummary, ZoneTables, stale_notes
 from lidarcli.reports.checks import Check, CheckVerdict, verdict_of
 from lidarcli.reports.programs import as_junit
+from lidarcli.reports.report import Report
 from lidarcli.reports.zones import figures_of, judge_zones, parse_zone_check, unobserved, zones_in
 from lidarcli.tabular.reading import TableInMemory
 from lidarcli.tabular.writing import TableFiles, table_metadata
@@ -64,8 +69,9 @@ def watch(
             found.damage = [*dict.fromkeys([*first.summary.damage, *found.damage])]
             found.notes = [*dict.fromkeys([*masking.notes, *first.summary.notes, *found.notes])]
         metadata = table_metadata(parameters, described, found.damage)
-        summary = ZoneSummary.of(found, source.name, by_zone, reader.acts, metadata)
-        summary.notes += [*options.zones.notes, *stale_notes(by_zone, bool(options.zones.robot))]
+        stops = reader.stops if options.stops else None
+        summary = ZoneSummary.of(found, source.name, by_zone, reader.acts, stops, metadata, options.interval_ns)
+        summary.notes += [*options.zones.notes, *stale_notes(by_zone, bool(options.zones.robot), summary.time_zone)]
         if tables is not None and options.objects is not None:
             summary.notes += other_recording(tables, described.get("recording", {}))
             if options.zones.masks.masks:
@@ -78,10 +84,54 @@ def watch(
                     files.write(name, "", batch)
             summary.notes += files.publish(metadata)
             summary.outputs = [str(path) for path in files.paths]
+        if options.explain is not None:
+            _explain(source, log, options, summary, reader, by_zone, described, tables)
         if options.clips is not None:
             clips = _clips(source, options.clips, options, summary.tables.events)
             summary.notes, summary.outputs = summary.notes + clips.notes, summary.outputs + clips.outputs
     return summary
+
+
+def _explain(
+    source: Source,
+    log: Log,
+    options: ZoneOptions,
+    summary: ZoneSummary,
+    reader: ZoneReader,
+    by_zone: Sequence[ZoneEvents],
+    described: Mapping[str, Any],
+    tables: TableSet | None,
+) -> None:
+    """Write what happened at a time, or at the worst ones."""
+    from lidarcli.pipeline.zones.explanation import Found, explain, worst_times
+    from lidarcli.reports.html import render
+
+    assert options.explain is not None
+    doubted = [note for note in summary.notes if not isinstance(note, Routine)]
+    poses = [note for note in doubted if note.startswith(("poses", "matched path"))]
+    events = summary.events if options.stops else [*summary.events, *reader.stops]
+    found = Found(
+        reader.topics, by_zone, summary.acts, reader.odometry, events, described, reader.doubts, poses, reader.late_ns or 0
+    )
+    wanted = options.explain.time
+    times = [Instant(ns) for ns in worst_times(found.events, MAX_EXPLAINED)] if wanted is None else [wanted]
+    if not times:
+        summary.notes.append("--explain worst: no event, and the robot never stopped: there is nothing to explain")
+    for number, time in enumerate(times, 1):
+        answer = explain(source, log, options, found, tables, time)
+        summary.answers = [*summary.answers, answer.answer]
+        for path in options.explain.files(number):
+            with NewFiles([path], options.overwrite) as new:
+                with writing(path):
+                    match path.suffix.lower():
+                        case ".html":
+                            new.part(path).write_bytes(render(Report((answer,))).encode())
+                        case ".png":
+                            new.part(path).write_bytes(answer.png())
+                        case _:
+                            answer.write_film(new.part(path))
+                summary.notes += new.publish()
+            summary.outputs.append(str(path))
 
 
 def _clips(source: Source, folder: Place, options: ZoneOptions, events: pa.Table) -> RunSummary:
@@ -116,6 +166,9 @@ def refuse_outputs(
     """Return the files that are written, and `more`, after refusing those that cannot be, before any work."""
     logs = [source for source in sources if isinstance(source, Source)]
     paths = [path for source in logs if folder is not None for path in options.outputs(source, folder).values()]
+    if options.explain is not None:
+        numbers = range(1, 2 if options.explain.time is not None else MAX_EXPLAINED + 1)
+        paths += [path for number in numbers for path in options.explain.files(number)]
     paths += more
     refuse(paths, options.overwrite, options.inputs(sources))
     return [*map(str, paths)]
@@ -127,7 +180,7 @@ def understand(options: ZoneOptions, expressions: Sequence[str]) -> list[Check]:
 
 
 def judge(
-    checks: Sequence[Check], tables: Sequence[ZoneTables]
+    checks: Sequence[Check], tables: Sequence[ZoneTables | CountedTables]
 ) -> tuple[list[CheckVerdict], tuple[str, ...], dict[str, float | None]]:
     """Return the verdicts on all logs, a line for each zone that was not observed all the time, and the figures."""
     if not tables:

@@ -9,11 +9,16 @@ from typing import Any, NamedTuple
 import numpy as np
 import pyarrow as pa
 
-from lidarcli.display.texts import times
+from lidarcli.display.texts import column_of_times, time_of_day, times
+from lidarcli.formalism.counting import in_all
+from lidarcli.options.times import TimeZone
 from lidarcli.pipeline.reading.one_log import RunSummary
-from lidarcli.pipeline.zones.events import ZoneEvents
-from lidarcli.pipeline.zones.monitor import Act, lines_of, missed_stops
+from lidarcli.pipeline.zones.events import STALE, ZoneEvents
+from lidarcli.pipeline.zones.intervals import counts_of
+from lidarcli.pipeline.zones.intervals import lines_of as people_lines
+from lidarcli.pipeline.zones.monitor import Act, lines_of, missed_stops, rows_of
 from lidarcli.pipeline.zones.options import TABLES
+from lidarcli.pipeline.zones.stops import stop_lines
 from lidarcli.reports.figures import plain_number
 from lidarcli.reports.wording import counted
 from lidarcli.reports.zones import NEVER, WHO, by_words, figures_of, zones_in
@@ -31,11 +36,23 @@ class ZoneTables(NamedTuple):
     """One row per sweep and zone."""
 
 
+class CountedTables(NamedTuple):
+    """Tables that `zones` returns where `every` is an interval of time."""
+
+    events: pa.Table
+    zones: pa.Table
+    """As of `ZoneTables`."""
+    counts: pa.Table
+    """One row per line, interval and direction."""
+
+
 @dataclass(slots=True)
 class ZoneSummary(RunSummary):
     """The counts of one run over one log, and its zones."""
 
-    tables: ZoneTables = field(default_factory=lambda: ZoneTables(*(SCHEMAS[name].empty_table() for name in TABLES)))
+    tables: ZoneTables | CountedTables = field(
+        default_factory=lambda: ZoneTables(*(SCHEMAS[name].empty_table() for name in TABLES))
+    )
     lines: list[tuple[str, str]] = field(default_factory=list)
     """Head and words for each zone, and of what Nav2 did."""
     worst: list[tuple[str, str]] = field(default_factory=list)
@@ -43,22 +60,49 @@ class ZoneSummary(RunSummary):
     look: tuple[str, float] | None = None
     """Topic and time [s] of the sweep that shows the worst event."""
     acts: Sequence[Act] = ()
+    events: Sequence[dict[str, Any]] = ()
+    """Rows of the table of events."""
+    answers: Sequence[Sequence[str]] = ()
+    """Sentences of `--explain` on each of its times."""
+    counts: list[dict[str, Any]] = field(default_factory=list)
+    """Crossings of each line in all, by direction, where there are intervals."""
 
     @classmethod
     def of(
-        cls, found: RunSummary, log: str, by_zone: Sequence[ZoneEvents], acts: Sequence[Act], metadata: dict[bytes, bytes]
+        cls,
+        found: RunSummary,
+        log: str,
+        by_zone: Sequence[ZoneEvents],
+        acts: Sequence[Act],
+        stops: Sequence[dict[str, Any]] | None,
+        metadata: dict[bytes, bytes],
+        interval_ns: int = 0,
     ) -> ZoneSummary:
-        """Return what was found in the zones of a log; `acts` are those of Nav2 in it."""
+        """Return what was found in the zones of a log; people are counted by intervals.
+
+        `acts` are those of Nav2 in it, `stops` those of the robot.
+        """
         summary = cls(**{name: getattr(found, name) for name in RunSummary.__dataclass_fields__})
-        summary.tables = _tables(log, by_zone, metadata)
+        events = [event for each in by_zone for event in each.events]
+        summary.events = [*events, *rows_of(acts, by_zone, found.first_ns or 0), *(stops or ())]
+        summary.tables = _tables(log, summary.events, by_zone, metadata)
         names = _names(by_zone)
         longest = max(map(len, names))
         summary.lines = [(f"  {name:<{longest}}  ", _words(each)) for name, each in zip(names, by_zone, strict=True)]
+        if interval_ns:
+            rows = {name: counts_of(each, interval_ns) for name, each in zip(names, by_zone, strict=True)}
+            rows = {name: some for name, some in rows.items() if some}
+            summary.lines += people_lines(rows, summary.time_zone)
+            counts = [row | {"log": log} for some in rows.values() for row in some]
+            table = _table_of("counts", counts).replace_schema_metadata(metadata)
+            summary.tables = CountedTables(*summary.tables, table)
+            summary.counts = [in_all(some[way::2]) for some in rows.values() for way in range(2)]
         worst = _worst_first(by_zone)
         summary.look = worst[0]["look"] if worst else None
-        summary.worst = _worst_lines(worst)
+        summary.worst = _worst_lines(worst, summary.time_zone)
         summary.acts = [*acts, *(missed_stops(acts, by_zone) if acts else [])]
-        summary.lines += lines_of(summary.acts, summary.first_ns or 0)
+        summary.lines += lines_of(summary.acts, summary.first_ns or 0, summary.time_zone)
+        summary.lines += [] if stops is None else stop_lines(stops, summary.time_zone)
         return summary
 
     def as_dict(self) -> dict[str, Any]:
@@ -66,18 +110,19 @@ class ZoneSummary(RunSummary):
         figures = figures_of(zones_in({0: self.tables}))
         own = {
             "figures": {name: plain_number(figures[name]) for name in figures},
+            **({"counts": self.counts} if self.counts else {}),
             "nav2": [act._asdict() for act in self.acts],
         }
         return RunSummary.as_dict(self) | own
 
 
-def _tables(log: str, by_zone: Sequence[ZoneEvents], metadata: dict[bytes, bytes]) -> ZoneTables:
+def _tables(
+    log: str, events: Sequence[dict[str, Any]], by_zone: Sequence[ZoneEvents], metadata: dict[bytes, bytes]
+) -> ZoneTables:
     """Return the tables of a log."""
-    events = [event for each in by_zone for event in each.events]
     order = sorted(range(len(events)), key=lambda at: (events[at]["start"], at))
     rows = [events[at] | {"log": log, "event": number} for number, at in enumerate(order, 1)]
-    schema = SCHEMAS["events"]
-    found = pa.table([pa.array([row.get(one.name) for row in rows], one.type) for one in schema], schema)
+    found = _table_of("events", rows)
     pieces = [_zone_rows(log, each) for each in by_zone]
     zones = pa.Table.from_batches(pieces, SCHEMAS["zones"]).unify_dictionaries()
     if zones.num_rows:
@@ -85,6 +130,11 @@ def _tables(log: str, by_zone: Sequence[ZoneEvents], metadata: dict[bytes, bytes
         topics = np.concatenate([np.array([one.topic for one in each.topics])[each.topic] for each in by_zone])
         zones = zones.take(pa.array(np.lexsort((np.asarray(zones["sweep"]), topics))))
     return ZoneTables(*(table.replace_schema_metadata(metadata) for table in (found, zones)))
+
+
+def _table_of(name: str, rows: Sequence[Mapping[str, Any]]) -> pa.Table:
+    schema = SCHEMAS[name]
+    return pa.table([pa.array([row.get(one.name) for row in rows], one.type) for one in schema], schema)
 
 
 def _zone_rows(log: str, one: ZoneEvents) -> pa.RecordBatch:
@@ -163,26 +213,29 @@ def _worst_first(by_zone: Sequence[ZoneEvents]) -> list[dict[str, Any]]:
     return sorted(alarms, key=lambda one: (one["action"] != "stop", one["nearest"] is None, one["nearest"]))
 
 
-def _worst_lines(worst: Sequence[Mapping[str, Any]]) -> list[tuple[str, str]]:
+def _worst_lines(worst: Sequence[Mapping[str, Any]], zone: TimeZone) -> list[tuple[str, str]]:
     """Return heads and words on the worst events, as many as there are lines for."""
     width = max((len(event["zone"]) for event in worst[:WORST]), default=4)
-    lines = [("  worst    ", f"{'at':>10}  {'zone':{width}}     lasts  nearest  by")] if worst else []
-    for event in worst[:WORST]:
+    head, *clocks = column_of_times([event["start"] for event in worst[:WORST]], zone)
+    lines = [("  worst    ", f"{'at':>10}  {head}{'zone':{width}}     lasts  nearest  by")] if worst else []
+    for event, clock in zip(worst[:WORST], clocks, strict=True):
         who = (WHO.get(event["set"], "").removesuffix("s"), event["track"], event["label"], event.get("direction"))
         nearest = " " * 7 if event["nearest"] is None else f"{event['nearest']:5.2f} m"
-        words = f"{event['t']:8.1f} s  {event['zone']:{width}}  {event['duration']:6.1f} s  {nearest}  "
+        words = f"{event['t']:8.1f} s  {clock}{event['zone']:{width}}  {event['duration']:6.1f} s  {nearest}  "
         lines.append((" " * 11, words + " ".join(str(part) for part in who if part)))
     return lines + ([(" " * 11, f"and {len(worst) - WORST:,} more")] if len(worst) > WORST else [])
 
 
-def stale_notes(by_zone: Sequence[ZoneEvents], is_nav2: bool) -> list[str]:
+def stale_notes(by_zone: Sequence[ZoneEvents], is_nav2: bool, zone: TimeZone) -> list[str]:
     """Return a line for each topic that was silent for too long, be it in one zone or in several."""
-    begins: dict[tuple[str, float], set[float]] = {}
+    begins: dict[tuple[str, float], dict[float, str]] = {}
     for each in by_zone:
-        for event in (event for event in each.events if event["kind"] == EVENT_KINDS[-1]):
-            begins.setdefault((event["topic"], each.zone.timeout), set()).add(event["t"])
+        for event in (event for event in each.events if event["kind"] == STALE):
+            clock = time_of_day(event["start"], zone)
+            found = begins.setdefault((event["topic"], each.zone.timeout), {})
+            found[event["t"]] = f"{event['t']:.1f} s" + (f" ({clock})" if clock else "")
     why = ": Nav2 stops the robot then (invalid source)" if is_nav2 else ""
     return [
-        f"{topic}: no sweep for over {timeout:g} s, {times(len(stale))} from {min(stale):.1f} s on{why}"
+        f"{topic}: no sweep for over {timeout:g} s, {times(len(stale))} from {stale[min(stale)]} on{why}"
         for (topic, timeout), stale in begins.items()
     ]

@@ -39,9 +39,14 @@ function decodeAll(packed, names, Kind, into) {
 if (data.map) for (const runs of [data.map.free, data.map.occupied]) decodeAll({ ...runs }, ["row", "column", "length"], Uint16Array, runs);
 
 function unpack(one) {
-  const s = { log: one.log, topic: one.topic, frame: one.frame, count: one.count, scale: one.scale, zones: one.zones || [] };
+  const s = { log: one.log, topic: one.topic, frame: one.frame, count: one.count, scale: one.scale, zones: one.zones || [], others: one.others || [] };
   decodeAll(one, ["sweep", "offsets"], Int32Array, s);
   decodeAll(one, ["seconds", "d_th"], Float32Array, s);
+  if (one.begin !== undefined) { s.begin = one.begin; decodeAll(one, ["shift"], Int32Array, s); }
+  s.first = s.seconds.reduce((low, t) => Math.min(low, t), Infinity);
+  s.last = s.seconds.reduce((high, t) => Math.max(high, t), -Infinity);
+  const steps = s.seconds.slice(1).map((t, k) => t - s.seconds[k]).filter((step) => step > 0).sort();
+  s.step = steps.length ? steps[steps.length >> 1] : 1;
   decodeAll(one, ["object", "objects", "agents"], Uint16Array, s);
   decodeAll(one, ["shape", "set"], Uint8Array, s);
   decodeAll(one, ["box_x", "box_y", "box_length", "box_width", "r_min", "box_yaw", "theta_i", "theta_f"], Int16Array, s);
@@ -80,6 +85,13 @@ function unpack(one) {
   }
   return s;
 }
+
+// The time of day at some seconds of a stream; empty where its clock started near zero.
+function clockAt(s, t) {
+  return s.begin === undefined ? "" : new Date((s.begin + t + s.shift[nearest(s.seconds, t)]) * 1000 + 0.5).toISOString().slice(11, 21);
+}
+
+function timeWords(s, t) { return t.toFixed(2) + " s" + (s.begin === undefined ? "" : " (" + clockAt(s, t) + ")"); }
 
 // The rows of the objects of sweep k, agents among them.
 function members(s, k) {

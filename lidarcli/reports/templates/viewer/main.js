@@ -10,7 +10,7 @@ function sceneNow() {
 
 function show() {
   const s = streams[now.stream], k = now.k, colours = coloursOf(now.paper);
-  get("slider").value = k;
+  get("slider").value = s.seconds[k];
   const words = wordsOf(s, k);
   get("words").textContent = words;
   get("slider").setAttribute("aria-valuetext", words);
@@ -25,7 +25,7 @@ function show() {
 
 function wordsOf(s, k) {
   const counted = (value, name) => value + " " + name + (value === 1 ? "" : "s");
-  const parts = ["sweep " + s.sweep[k], s.seconds[k].toFixed(2) + " s", counted(s.objects[k], "object") + (s.tracks ? " (" + s.agents[k] + " of agents)" : "")];
+  const parts = ["sweep " + s.sweep[k], timeWords(s, s.seconds[k]), counted(s.objects[k], "object") + (s.tracks ? " (" + s.agents[k] + " of agents)" : "")];
   if (!isNaN(s.d_th[k])) parts.push("threshold d_th " + s.d_th[k].toPrecision(3) + " m");
   const why = data.standing.filter((one) => one.stream === now.stream && one.sweep === s.sweep[k]).map((one) => one.kind + " (" + one.value + ")");
   return parts.join(", ") + (why.length ? " \u2014 " + why.join(", ") : "");
@@ -40,7 +40,7 @@ function enter(stream) {
   get("stream").value = stream;
   get("world").value = now.world ? "world" : "sensor";
   get("world").hidden = !s.pose;
-  get("slider").max = Math.max(0, s.count - 1);
+  get("slider").min = s.first; get("slider").max = s.last;
   get("panels").classList.toggle("boxes", !s.raw);
   get("save-beams").hidden = get("save-beams").disabled = !s.raw;
   legend(s);

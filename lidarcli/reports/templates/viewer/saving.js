@@ -16,7 +16,7 @@ function drawnOn(pen) {
   drawScene(pen, WIDE, HIGH, sceneNow(), colours);
   const s = streams[now.stream];
   pen.fillStyle = colours.ink; pen.textAlign = "right";
-  pen.fillText(s.log + " " + s.topic + ", sweep " + s.sweep[now.k] + ", " + s.seconds[now.k].toFixed(2) + " s", WIDE - MARGIN.right, 12);
+  pen.fillText(s.log + " " + s.topic + ", sweep " + s.sweep[now.k] + ", " + timeWords(s, s.seconds[now.k]), WIDE - MARGIN.right, 12);
 }
 
 function saveSvg() {
