@@ -15,6 +15,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from PIL import Image
 
+from lidarcli.errors import OptionError
 from lidarcli.options.choices import AS_IT_COMES
 from lidarcli.reports.columns import Origin
 from lidarcli.reports.document import PAGE, Card, Code, Courses, Film, NamedValues, Notes, ReportPart, Section, table_of
@@ -153,6 +154,8 @@ class Explanation(ReportPart):
 
     def write_film(self, path: Path) -> None:
         """Write the film as a GIF or MP4, in which a second is a second."""
+        if not self.pictures:
+            raise OptionError(f"{path.suffix}: no sweep within ten seconds of {self.moment} to show: give .html or .png")
         steps = np.diff(self.seconds)
         fps = float(np.clip(1.0 / np.median(steps), 1.0, 25.0)) if len(steps) else 1.0
         animate(self.pictures, "scene", path, replace(AS_IT_COMES, fps=fps), limits=self.limits())

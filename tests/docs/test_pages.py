@@ -132,7 +132,7 @@ def test_the_zones_of_a_public_recording(tmp_path: Path) -> None:
     text = page("zones").replace("```console", "```py").replace("```sh", "```py").replace("```text\n$", "```console\n$")
     (tmp_path / "test-bag").symlink_to(REAL_LOGS / "comprobo24" / "test-bag")
     done = list(examples.run(text, tmp_path))
-    assert len(done) == 5
+    assert len(done) == 4
     assert [one.got for one in done if not one.holds] == []
 
 

@@ -416,7 +416,7 @@ ONLY_SHELL = {
     "detect": {"output", "beams"},
     "track": {"output", "beams"},
     "map": {"jobs"},
-    "zones": {"output", "check"},
+    "zones": {"output", "check", "explain"},
     "diff": {"check"},
     "info": {"output", "check"},
     "poses": {"check"},

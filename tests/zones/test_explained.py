@@ -108,7 +108,9 @@ def test_a_stop_for_what_is_in_a_zone(tmp_path: Path, lidarcli: Run) -> None:
 )
 def test_a_stop_for_nothing_is_told_as_such(tmp_path: Path, lidarcli: Run, commands: float | None, words: str) -> None:
     told = answer_of(lidarcli, drive(tmp_path, commands=commands), FREE, "5")
-    assert "No zone was occupied. Ahead on its way: nothing seen within 3 m." in told
+    seen = re.findall(r"No zone was occupied. Ahead on its way: nothing seen within 3 m \((\d+) of (\d+) beams", told)
+    # 81 of the 720 beams of a turn are within 20 degrees, and all of them end on the wall.
+    assert [(int(one), int(all_of)) for one, all_of in seen] == [(81, 81)]
     assert words in told
 
 

@@ -33,6 +33,8 @@ from lidarcli.sweeps.masks import Circle, Masks, Polygon
 from lidarcli.sweeps.types import TURN, Float32, Float64, Int32, Int64, Status, SweepBatch, SweepPoses, UInt8
 from lidarcli.sweeps.zone import ROBOT, SENSOR, WORLD, Line, Zone
 
+THAT_WAY = 0.35
+"""Beams this near to the direction of a drive tell whether anything could be seen ahead [rad]."""
 DRIVES = 0.05, 0.2
 """Least speed [m/s] that tells in which direction a robot drives, and turning rate [rad/s] with which it turns."""
 
@@ -120,7 +122,8 @@ class TopicSeries(GrowingColumns):
     Columns (S,) are `sweep`, `stamp_ns` and `seconds`; `pose` (S, 4) is that of the sensor in the world, as
     `ZoneSeries.placed`, NaN where it is not known. Where stops are told, `ahead` (S, 5) has of the nearest point on the way
     that the robot was driving last how far along it is, its range [m], its bearing [rad] and its place in the frame of the
-    robot [m]; `ahead_owner` (S, 3) set and track of what it is on, -1 for none, and the points on the way.
+    robot [m]; `ahead_owner` (S, 5) set and track of what it is on, -1 for none, the points on the way, and of
+    the beams that way those with a range, and all.
     """
 
     def __init__(self, topic: str, frame_id: str, run: int, zones: Sequence[ZoneSeries], first_ns: int) -> None:
@@ -283,10 +286,15 @@ class TopicCounter:
         rows, first, counts = np.unique(points.row[order], return_index=True, return_counts=True)
         at = order[first]
         beams = points.beam[at]
-        ahead, owner = np.full((len(batch), 5), np.nan), np.full((len(batch), 3), -1, np.int64)
+        ahead, owner = np.full((len(batch), 5), np.nan), np.full((len(batch), 5), -1, np.int64)
         place = along[at], ranges[rows, beams], sweeps.bearing(rows, beams), points.x[at], points.y[at]
         ahead[rows] = np.column_stack(place)
         owner[rows, 2] = counts
+        side = np.where(sweeps.place.upside_down, -1.0, 1.0)[:, None]
+        turned = sweeps.place.yaw[:, None] + side * batch.bearings() - np.arctan2(course[:, 1], course[:, 0])[:, None]
+        that_way = np.abs((turned + np.pi) % TURN - np.pi) < THAT_WAY
+        that_way &= np.arange(batch.width) < batch.beams[:, None]
+        owner[:, 3:] = np.stack([(that_way & np.isfinite(ranges)).sum(axis=1), that_way.sum(axis=1)], axis=1)
         if owners is not None and objects is not None:
             owner[rows, 0] = SETS.index("S")
             whose = owners[rows, beams]

@@ -127,9 +127,13 @@ class _Answer:
         return (motion.stamp_ns + motion.stamp_ns[motion.then]) // 2, motion.speed()
 
     def speed(self, course: tuple[Int64, Float64], ns: int) -> float:
-        """Return the newest speed at a time [m/s]; NaN where there was none in the second before."""
+        """Return the newest speed at a time [m/s]; NaN where there was none in the second before.
+
+        Odometry that stays the same is kept by its ends.
+        """
         at = int(np.searchsorted(course[0], ns, side="right")) - 1
-        return float(course[1][at]) if at >= 0 and ns - course[0][at] <= SECOND_NS else np.nan
+        is_held = course is self.driven and 0 <= at < len(course[0]) - 1 and abs(course[1][at + 1]) <= SLOW[0]
+        return float(course[1][at]) if at >= 0 and (is_held or ns - course[0][at] <= SECOND_NS) else np.nan
 
     @cached_property
     def culprit(self) -> tuple[Int64, Float64]:
@@ -187,8 +191,10 @@ class _Answer:
             elif ahead.startswith("it"):
                 yield f"No zone was occupied, and {ahead}."
             else:
-                range_of = "" if self.stop["nearest"] is None else " from the sensor"
-                yield f"No zone was occupied. Ahead on its way: {ahead}{range_of}."
+                returned, beams = self.stop.get("that_way", (0, 0))
+                unseen = f" ({returned} of {counted(beams, 'beam')} that way had a range)"
+                more = unseen if self.stop["nearest"] is None else " from the sensor"
+                yield f"No zone was occupied. Ahead on its way: {ahead}{more}."
         yield from self._disagreement()
         yield from self._command()
         faults = [*self._faults()]

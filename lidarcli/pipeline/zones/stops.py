@@ -129,13 +129,14 @@ def _ahead(sensors: Sequence[TopicSeries], start_ns: int) -> dict[str, Any]:
     for one in sensors:
         near = np.abs(one.column("stamp_ns") - start_ns) <= SPAN_NS
         if near.any():
-            found["points"] = found["points"] or 0
+            at = int(np.abs(one.column("stamp_ns") - start_ns).argmin())
+            found |= {"points": found["points"] or 0, "that_way": tuple(one.column("ahead_owner")[at, 3:].tolist())}
         along = np.where(near, one.column("ahead")[:, 0], np.nan)
         if np.nanmin(along, initial=np.inf) < least:
             at = int(np.nanargmin(along))
             least, nearest, bearing, x, y = one.column("ahead")[at].tolist()
-            letter, track, points = one.column("ahead_owner")[at].tolist()
-            found = {"points": points, "nearest": nearest, "bearing": bearing, "x": x, "y": y}
+            letter, track, points, *_ = one.column("ahead_owner")[at].tolist()
+            found |= {"points": points, "nearest": nearest, "bearing": bearing, "x": x, "y": y}
             found |= {"set": SETS[letter] if letter >= 0 else None, "track": track if track >= 0 else None}
     return found
 
