@@ -123,17 +123,20 @@ class _Answer:
     def driven(self) -> tuple[Int64, Float64]:
         """Stamps (N,) [ns] and speeds [m/s] of the robot; none where nothing tells how it moved."""
         motion = motion_of(self.found.topics, self.found.odometry)._replace(span_ns=SMOOTH_NS)
+        if motion.name:
+            # Odometry that stays the same is kept by its ends.
+            times = np.arange(motion.stamp_ns[0], motion.stamp_ns[-1] + 1, SMOOTH_NS // 2)
+            x, y, yaw = (
+                np.interp(times, motion.stamp_ns, each) for each in (*motion.pose[:, :2].T, np.unwrap(motion.pose[:, 2]))
+            )
+            motion = motion._replace(stamp_ns=times, pose=np.column_stack([x, y, yaw]))
         # The mean over a time is that of its middle.
         return (motion.stamp_ns + motion.stamp_ns[motion.then]) // 2, motion.speed()
 
     def speed(self, course: tuple[Int64, Float64], ns: int) -> float:
-        """Return the newest speed at a time [m/s]; NaN where there was none in the second before.
-
-        Odometry that stays the same is kept by its ends.
-        """
+        """Return the newest speed at a time [m/s]; NaN where there was none in the second before."""
         at = int(np.searchsorted(course[0], ns, side="right")) - 1
-        is_held = course is self.driven and 0 <= at < len(course[0]) - 1 and abs(course[1][at + 1]) <= SLOW[0]
-        return float(course[1][at]) if at >= 0 and (is_held or ns - course[0][at] <= SECOND_NS) else np.nan
+        return float(course[1][at]) if at >= 0 and ns - course[0][at] <= SECOND_NS else np.nan
 
     @cached_property
     def culprit(self) -> tuple[Int64, Float64]:
