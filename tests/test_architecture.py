@@ -124,7 +124,7 @@ LINES = {
     "maps": 523,
     "options": 1_571,
     "overlays": 1_162,
-    "pipeline": 19_124,
+    "pipeline": 19_120,
     "pose": 3_181,
     "reports": 7_705,
     "ros": 413,

@@ -132,7 +132,7 @@ class FromAbove:
     changes: RunPair
 
 
-class Course(NamedTuple):
+class TimeSeries(NamedTuple):
     """A quantity over time."""
 
     name: str
@@ -153,12 +153,12 @@ class Stretch(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True)
-class Courses:
+class TimePlot:
     """Quantities over one time, by their axis, and what went on meanwhile."""
 
     at: float
     """Time that is marked [s]."""
-    courses: Mapping[str, Sequence[Course]]
+    courses: Mapping[str, Sequence[TimeSeries]]
     """Words at the axis, with the unit → quantities."""
     stretches: Sequence[Stretch]
 
@@ -175,7 +175,7 @@ class Film:
     """The one that is shown first."""
 
 
-Block = Courses | Film | Bands | ReportTable | NamedValues | Shares | Drawing | Notes | FromAbove
+Block = TimePlot | Film | Bands | ReportTable | NamedValues | Shares | Drawing | Notes | FromAbove
 
 
 @dataclass(frozen=True, slots=True)

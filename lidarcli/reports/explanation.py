@@ -18,7 +18,7 @@ from PIL import Image
 from lidarcli.errors import OptionError
 from lidarcli.options.choices import AS_IT_COMES
 from lidarcli.reports.columns import Origin
-from lidarcli.reports.document import PAGE, Card, Code, Courses, Film, NamedValues, Notes, ReportPart, Section, table_of
+from lidarcli.reports.document import PAGE, Card, Code, Film, NamedValues, Notes, ReportPart, Section, TimePlot, table_of
 from lidarcli.reports.drawing import (
     Frame,
     Mark,
@@ -58,7 +58,7 @@ class Explanation(ReportPart):
     """Sentences, the first of which says it all."""
     key: tuple[Card, ...]
     facts: tuple[tuple[str, str], ...]
-    courses: Courses
+    courses: TimePlot
     pictures: tuple[Picture, ...]
     seconds: tuple[float, ...]
     """Time of each picture [s]."""
@@ -161,7 +161,7 @@ class Explanation(ReportPart):
         animate(self.pictures, "scene", path, replace(AS_IT_COMES, fps=fps), limits=self.limits())
 
 
-def courses_figure(courses: Courses) -> Figure:
+def courses_figure(courses: TimePlot) -> Figure:
     """Return distance and speed over time, for a page."""
     figure = new_figure(7.0)
     grid = figure.add_gridspec(len(courses.courses), 1)
@@ -172,7 +172,7 @@ def courses_figure(courses: Courses) -> Figure:
     return figure
 
 
-def draw_courses(axes: Sequence[Axes], courses: Courses) -> None:
+def draw_courses(axes: Sequence[Axes], courses: TimePlot) -> None:
     """Draw quantities over time, one kind on each of the axes; what went on meanwhile is shaded."""
     every = [one for some in courses.courses.values() for one in some]
     ends = [courses.at, *(float(edge) for one in every for edge in one.seconds[[0, -1]])]

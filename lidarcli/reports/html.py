@@ -29,7 +29,7 @@ from lidarcli.formalism.detection import SETS, SHAPES
 from lidarcli.formalism.mapping.grid import FREE, OCCUPIED, Occupancy
 from lidarcli.options.times import is_date, local
 from lidarcli.reports.columns import Rows, Run, rows_of
-from lidarcli.reports.document import NAMES, PAGE, Code, Courses, FromAbove
+from lidarcli.reports.document import NAMES, PAGE, Code, FromAbove, TimePlot
 from lidarcli.reports.drawing import project_style
 from lidarcli.reports.explanation import Explanation, courses_figure
 from lidarcli.reports.figures import Density, Histogram, Spread, plain
@@ -162,10 +162,10 @@ def _page(template: str, report: Report, **values: Any) -> str:
     )
 
 
-def _drawn(block: FromAbove | Courses) -> Markup:
+def _drawn(block: FromAbove | TimePlot) -> Markup:
     """Return quantities over time, or the changes of a run from above, without the map, which tables do not hold."""
     with project_style(SVG_STYLE):
-        if isinstance(block, Courses):
+        if isinstance(block, TimePlot):
             return _inline("Distance and speed", courses_figure(block))
         return _inline(f"Changes of run {block.number}", changes_figure([block.changes], [Backdrop()]))
 

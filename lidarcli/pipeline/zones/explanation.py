@@ -20,12 +20,12 @@ from lidarcli.pipeline.inputs.tracked import columns_of, paths_of
 from lidarcli.pipeline.plotting import PlotOptions, take_pictures
 from lidarcli.pipeline.zones.counts import TopicSeries
 from lidarcli.pipeline.zones.events import APPROACH, NAV2, OCCUPIED, STALE, STOP, ZoneEvents
-from lidarcli.pipeline.zones.monitor import Act
+from lidarcli.pipeline.zones.monitor import NEAR_NS, Act
 from lidarcli.pipeline.zones.options import ZoneOptions
 from lidarcli.pipeline.zones.stops import SLOW, ahead_words, motion_of
 from lidarcli.pose.messages import TWIST, TWIST_STAMPED, velocities
 from lidarcli.pose.tracks import PoseTrack
-from lidarcli.reports.document import Card, Course, Courses, Stretch
+from lidarcli.reports.document import Card, Stretch, TimePlot, TimeSeries
 from lidarcli.reports.explanation import Explanation
 from lidarcli.reports.scene import Picture
 from lidarcli.reports.wording import in_unit
@@ -34,10 +34,8 @@ from lidarcli.sweeps.types import Float64, Int64
 
 AROUND_NS = 10 * SECOND_NS
 """Time before and after that is shown [ns]."""
-NEAR_NS = 2 * SECOND_NS
+MEANT_NS = 2 * SECOND_NS
 """Farthest event that a time means [ns]: people read it off a clock."""
-SAME_NS = SECOND_NS // 2
-"""Time between what belongs together, as an event of a zone and the stop that follows it [ns]."""
 SMOOTH_NS = SECOND_NS // 5
 """Time over which the driven speed is a mean [ns]."""
 MAX_PICTURES = 120
@@ -81,7 +79,7 @@ class _Answer:
     zone: TimeZone
     """Time zone of its words."""
 
-    def near(self, *kinds: str, within_ns: int = SAME_NS) -> list[Row]:
+    def near(self, *kinds: str, within_ns: int = NEAR_NS) -> list[Row]:
         """Return the events of some kinds that go on at the time or nearly so, the most severe first."""
         own = [one for one in self.found.events if one["kind"] in kinds and _away(one, self.ns) <= within_ns]
         return sorted(own, key=lambda one: ("stop" not in one["action"], _away(one, self.ns), one["nearest"] or 0.0))
@@ -230,14 +228,14 @@ class _Answer:
         after = int(np.searchsorted(stamps, ns))
         before = int(stamps[max(after - 1, 0)])
         end = int(stamps[min(after, len(stamps) - 1)])
-        if min(abs(ns - before), abs(end - ns)) <= SAME_NS:
+        if min(abs(ns - before), abs(end - ns)) <= NEAR_NS:
             return None
         return f"from {self.clock(before)} to {self.clock(end)}"
 
     def _disagreement(self) -> Iterator[str]:
         """Yield what Nav2 and the zones say differently."""
         for act in self.found.acts:
-            begin = act.start_ns - SAME_NS <= self.ns <= act.end_ns + SAME_NS
+            begin = act.start_ns - NEAR_NS <= self.ns <= act.end_ns + NEAR_NS
             if begin and act.otherwise:
                 yield f"Nav2 and the zones disagree ({act.action}): {act.otherwise}."
                 return
@@ -259,7 +257,7 @@ class _Answer:
                 continue
             moves = (np.abs(velocity[:, 0]) > SLOW[0]) | (np.abs(velocity[:, 2]) > SLOW[1])
             # Poses may be late: a stand that is commanded right after it began is meant.
-            after = slice(last, int(np.searchsorted(stamps, start + SAME_NS, side="right")))
+            after = slice(last, int(np.searchsorted(stamps, start + NEAR_NS, side="right")))
             last += 0 if moves[after].all() else int(np.argmin(moves[after]))
             age = (start - int(stamps[last])) / SECOND_NS
             if moves[last] and age > 1.0:
@@ -285,7 +283,7 @@ class _Answer:
 
     def _faults(self) -> Iterator[str]:
         """Yield what was wrong with sensors, poses and transforms from a second before to half a second after."""
-        low, high = max(self.ns - SECOND_NS, self.span[0]), min(self.ns + SAME_NS, self.span[1])
+        low, high = max(self.ns - SECOND_NS, self.span[0]), min(self.ns + NEAR_NS, self.span[1])
         for one in self.found.topics:
             stamps = np.sort(one.column("stamp_ns"))
             step = float(np.median(np.diff(stamps))) if len(stamps) > 1 else 0.0
@@ -361,7 +359,7 @@ class _Answer:
         if self.act is not None:
             yield Card("Nav2", str(self.act["action"]), str(self.act["zone"]))
 
-    def courses(self) -> Courses:
+    def courses(self) -> TimePlot:
         """Return distance and speed over time."""
         distances, colours = [], (palette.PURPLE, palette.GREEN, palette.ORANGE)
         if len(self.culprit[0]):
@@ -384,15 +382,15 @@ class _Answer:
             if row["kind"] in words and begin <= end:
                 stretches.append(Stretch(words[row["kind"]], self.seconds(begin), self.seconds(end), colour))
         found = {"distance [m]": distances, "speed [m/s]": speeds}
-        return Courses(self.seconds(self.ns), {name: some for name, some in found.items() if some}, stretches)
+        return TimePlot(self.seconds(self.ns), {name: some for name, some in found.items() if some}, stretches)
 
-    def _course(self, name: str, course: tuple[Int64, Float64], colour: str) -> Course:
+    def _course(self, name: str, course: tuple[Int64, Float64], colour: str) -> TimeSeries:
         own = (course[0] >= self.span[0]) & (course[0] <= self.span[1])
         seconds = np.array([self.seconds(each) for each in course[0][own].tolist()])
         # A line over a gap would show what nobody saw.
         after = np.flatnonzero(np.diff(seconds) > 1.0) + 1
         seconds, values = np.insert(seconds, after, seconds[after]), np.insert(course[1][own], after, np.nan)
-        return Course(name, seconds, values, colour)
+        return TimeSeries(name, seconds, values, colour)
 
     def cells(self) -> dict[str, list[str]]:
         """Return the numbers second by second: heading → cells."""
@@ -400,14 +398,12 @@ class _Answer:
         times = [ns for ns in (self.ns + step * SECOND_NS for step in steps) if self.span[0] <= ns <= self.span[1]]
         found = {"time": [f"{self.seconds(ns):.1f} s" for ns in times]}
         found["of day"] = [time_of_day(ns, self.zone) for ns in times]
-        courses = self.courses().courses
-        for one in (one for some in courses.values() for one in some):
+        shown = self.courses()
+        for one in (one for some in shown.courses.values() for one in some):
             values = [_nearest_value(one, self.seconds(ns)) for ns in times]
             found[one.name] = [in_unit(value, "", ".2f") for value in values]
         found["going on"] = [
-            ", ".join(
-                dict.fromkeys(one.name for one in self.courses().stretches if one.begin <= self.seconds(ns) <= one.end)
-            )
+            ", ".join(dict.fromkeys(one.name for one in shown.stretches if one.begin <= self.seconds(ns) <= one.end))
             for ns in times
         ]
         return found
@@ -423,7 +419,7 @@ def _clock(seconds: float, ns: int, zone: TimeZone) -> str:
     return f"{seconds:.1f} s" + (f" ({clock})" if clock else "")
 
 
-def _nearest_value(course: Course, seconds: float) -> float:
+def _nearest_value(course: TimeSeries, seconds: float) -> float:
     """Return the value of a quantity at a time, by the nearest one within half a second; NaN without one."""
     away = np.abs(course.seconds - seconds) + np.where(np.isnan(course.values), np.inf, 0.0)
     return float(course.values[away.argmin()]) if len(away) and away.min() <= 0.5 else np.nan
@@ -441,7 +437,7 @@ def worst_times(events: Sequence[Row], most: int) -> list[int]:
     own.sort(key=lambda one: (ranks[one["kind"]], "stop" not in one["action"], one["nearest"] is None, one["nearest"]))
     found: list[int] = []
     for one in own:
-        if all(abs(one["start"] - ns) > NEAR_NS for ns in found):
+        if all(abs(one["start"] - ns) > MEANT_NS for ns in found):
             found.append(one["start"])
     return found[:most]
 
@@ -460,18 +456,18 @@ def explain(
     target = wanted.ns if isinstance(wanted, Instant) else first_ns + round(wanted * SECOND_NS)
     stamps = np.concatenate([one.column("stamp_ns") for one in found.topics])
     low, high = int(stamps.min()), int(stamps.max())
-    if not low - NEAR_NS <= target <= high + NEAR_NS:
+    if not low - MEANT_NS <= target <= high + MEANT_NS:
         raise OptionError(
             f"{source.label}: --explain {time}: the log has sweeps from {_clock((low - first_ns) / SECOND_NS, low, zone)} "
             f"to {_clock((high - first_ns) / SECOND_NS, high, zone)}"
         )
     ranked = [one for kind in (NAV2, STOP, OCCUPIED, APPROACH, STALE) for one in found.events if one["kind"] == kind]
-    near = [one for one in ranked if _away(one, target) <= SAME_NS and one["kind"] == NAV2]
+    near = [one for one in ranked if _away(one, target) <= NEAR_NS and one["kind"] == NAV2]
     nearest = min(near or ranked, key=lambda one: (_away(one, target) > 0, abs(one["start"] - target)), default=None)
     ns = target
-    if nearest is not None and _away(nearest, target) <= NEAR_NS:
+    if nearest is not None and _away(nearest, target) <= MEANT_NS:
         # Why it stands is told by how it stopped; what is in a zone changes while it is occupied.
-        is_cause = nearest["kind"] in (NAV2, STOP, STALE) or target - nearest["start"] <= NEAR_NS
+        is_cause = nearest["kind"] in (NAV2, STOP, STALE) or target - nearest["start"] <= MEANT_NS
         ns = max(nearest["start"], low) if is_cause else target
     span = max(ns - AROUND_NS, low), min(ns + AROUND_NS, high)
     answer = _Answer(found, ns, span, _commanded(log, options, found.late_ns), tables, zone)
