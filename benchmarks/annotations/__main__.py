@@ -31,7 +31,7 @@ def main() -> None:
         sweeps = rows_of(logs, chosen)
         judged = told.get((chosen.log, chosen.topic), set())
         there = [at for at, (batch, row) in enumerate(sweeps) if int(batch.sweep[row]) in judged]
-        for at in there or chosen.sweeps(len(sweeps)):
+        for at in chosen.sweeps(len(sweeps), there):
             batch, row = sweeps[at]
             sweep = int(batch.sweep[row])
             draw(sweeps, at, f"{chosen.name}, sweep {sweep}", arguments.folder / chosen.name, f"{sweep:04d}")

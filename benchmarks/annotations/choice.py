@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -14,7 +15,7 @@ RECORDERS = {
     "hrp_mpc_lidar": "robots_ii",
 }
 """Folder → recorder of its logs, where another folder has some of the same; else each folder is one."""
-SEPARATE = ("carmen_ple", "leg_tracker_benchmarks")
+SEPARATE = ("carmen_ple", "leg_tracker_benchmarks", "real_clients")
 """Folders with logs of many recorders."""
 
 
@@ -45,9 +46,12 @@ class Chosen:
         beside = folder.resolve().parent / JUDGED / self.log
         return beside if beside.exists() else folder / self.log
 
-    def sweeps(self, total: int) -> list[int]:
-        """Positions of the sweeps in a topic that has so many."""
-        return [int((k + 0.5) * total / self.count) for k in range(self.count)]
+    def sweeps(self, total: int, judged: Iterable[int] = ()) -> list[int]:
+        """Positions of the sweeps in a topic that has so many: those judged, and more as far from all others as can be."""
+        found = list(judged) or [int((k + 0.5) * total / self.count) for k in range(self.count)]
+        while len(found) < min(self.count, total):
+            found.append(max(range(total), key=lambda at: min(abs(at - other) for other in found)))
+        return sorted(found)
 
 
 CHOSEN = (
@@ -60,9 +64,9 @@ CHOSEN = (
     Chosen("datmo/parallel.bag", "/scan", 5),
     Chosen("my_gazebo_tutorials/20_53_49", "/scan", 5),
     Chosen("my_gazebo_tutorials/20_46_08/rosbag2_2024_11_22-20_46_08_0.db3", "/scan", 5),
-    Chosen("hrp_mpc_lidar/mylaserdata2.bag", "/scan", 6),
-    Chosen("ros_behaviors_fsm/teleop", "/scan", 6),
-    Chosen("ros_behaviors_fsm/wall_follower", "/scan", 6),
+    Chosen("hrp_mpc_lidar/mylaserdata2.bag", "/scan", 8),
+    Chosen("ros_behaviors_fsm/teleop", "/scan", 10),
+    Chosen("ros_behaviors_fsm/wall_follower", "/scan", 8),
     Chosen("sick/rms_1xxx_lms_1xx_movement_off.bag", "/sick_lms_1xx/scan", 4),
     Chosen("leg_tracker/demo_stationary_simple_environment.bag", "/scan", 6),
     Chosen("leg_tracker/negative_2.bag", "/left_scan", 4),
@@ -74,29 +78,30 @@ CHOSEN = (
     Chosen("robots_ii/src_mylaserdata_20151128.bag", "/robot_0/base_scan", 5),
     Chosen("ros2_selfdriving/full_bag_nav", "/scan", 5),
     Chosen("ros2_selfdriving/circular_bag_framed_0522", "/scan", 6),
-    Chosen("comprobo24/test-bag", "/scan", 6),
-    Chosen("comprobo24/drive_square", "/scan", 6),
+    Chosen("comprobo24/test-bag", "/scan", 10),
+    Chosen("comprobo24/drive_square", "/scan", 11),
     Chosen("pr2/mylaserdata.bag", "/base_scan", 5),
     Chosen("turtlebot/topics.bag", "/scan", 4),
     Chosen("zcoakley/fsm", "/scan", 4),
     Chosen("zcoakley/person_follower", "/scan", 4),
     Chosen("datmo_more/intersection.bag", "/scan", 4),
     Chosen("datmo_more/two_robots.bag", "/scan", 4),
-    Chosen("DanPark13/finite-state-controller", "/scan", 4),
+    Chosen("DanPark13/finite-state-controller", "/scan", 10),
     Chosen("DanPark13/obstacle-avoider", "/scan", 4),
     Chosen("DanPark13/person_follower", "/scan", 4),
-    Chosen("leg_tracker_benchmarks/general_tracking_moving_1.bag", "/scan", 9),
+    Chosen("leg_tracker_benchmarks/general_tracking_moving_1.bag", "/scan", 13),
     Chosen("leg_tracker_benchmarks/person_following_outdoor_1.bag", "/scan_base2", 6),
     Chosen("carmen_ple/acapulco-corrected.log.gz", "/front_laser", 4),
-    Chosen("carmen_ple/belgioioso-corrected.log.gz", "/front_laser", 5),
-    Chosen("carmen_ple/csail-corrected.log.gz", "/front_laser", 9),
+    Chosen("carmen_ple/belgioioso-corrected.log.gz", "/front_laser", 9),
+    Chosen("carmen_ple/csail-corrected.log.gz", "/front_laser", 13),
     Chosen("carmen_ple/edmonton-corrected.log.gz", "/front_laser", 4),
-    Chosen("carmen_ple/freiburg-079-corrected-first1500.log.gz", "/front_laser", 11),
-    Chosen("carmen_ple/infinite-corridor-corrected-first1500.log.gz", "/front_laser", 4),
-    Chosen("carmen_ple/seattle-corrected.log.gz", "/front_laser", 5),
-    Chosen("carmen_ple/fhw-corrected.log.gz", "/front_laser", 10),
-    Chosen("carmen_ple/intel-corrected.log.gz", "/front_laser", 10),
-    Chosen("carmen_ple/orebro-corrected.log.gz", "/front_laser", 10),
-    Chosen("sea_me_coss/room_rosbag/rosbag2_2024_03_16-05_34_31_0.db3", "/scan", 5),
+    Chosen("carmen_ple/freiburg-079-corrected-first1500.log.gz", "/front_laser", 15),
+    Chosen("carmen_ple/infinite-corridor-corrected-first1500.log.gz", "/front_laser", 10),
+    Chosen("carmen_ple/seattle-corrected.log.gz", "/front_laser", 9),
+    Chosen("carmen_ple/fhw-corrected.log.gz", "/front_laser", 14),
+    Chosen("carmen_ple/intel-corrected.log.gz", "/front_laser", 14),
+    Chosen("carmen_ple/orebro-corrected.log.gz", "/front_laser", 14),
+    Chosen("sea_me_coss/room_rosbag/rosbag2_2024_03_16-05_34_31_0.db3", "/scan", 7),
     Chosen("sea_me_coss/rosbag_data/rosbag2_2024_03_16-04_36_26_0.db3", "/lidar_data", 5),
+    Chosen("real_clients/irs_a1scan.db3", "/scan", 1),
 )
