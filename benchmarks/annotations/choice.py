@@ -114,4 +114,12 @@ CHOSEN = (
     Chosen("SeanCCarter/wall_follower.bag", "/scan", 4),
     Chosen("real_clients/irs_a1scan.db3", "/scan", 1),
     Chosen("chulhee23/room.bag", "/scan", 1),
+    Chosen("khaidarovs/wall_follower_demo.bag", "/scan", 4),
+    Chosen("paulruvolo/finite_state_bag_2017-02-06-00-10-00.bag", "/scan", 4),
+    Chosen("ntchirkova/wall_follower_demo.bag", "/scan", 4),
+    Chosen("kuannie1/wall_follower_demo.bag", "/scan", 4),
+    Chosen("itannermahncke/wall_follower_0.db3", "/scan", 4),
+    Chosen("CleanestMink126/avoid_obstacles_2018-09-20-22-20-56.bag", "/scan", 4),
+    Chosen("evanwu1119/pwall_follower.bag", "/scan", 4),
+    Chosen("spiderkiller13/test.bag", "/zed/scan_merged", 1),
 )
