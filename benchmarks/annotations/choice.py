@@ -122,4 +122,9 @@ CHOSEN = (
     Chosen("CleanestMink126/avoid_obstacles_2018-09-20-22-20-56.bag", "/scan", 4),
     Chosen("evanwu1119/pwall_follower.bag", "/scan", 4),
     Chosen("spiderkiller13/test.bag", "/zed/scan_merged", 1),
+    Chosen("rss2026-1/rosbag2_2026_03_07-23_59_20_0.db3", "/scan", 1),
+    Chosen("rss2026-1/rosbag2_2026_03_08-15_15_39_0.db3", "/scan", 1),
+    Chosen("carlosmccosta/guardian_3.bag", "/scan", 4),
+    Chosen("carlosmccosta/jarvis_2.bag", "/driver_laser_security/laser_scan", 1),
+    Chosen("cmu16831/robotdata1.log", "/front_laser", 5),
 )
