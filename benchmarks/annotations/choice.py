@@ -127,4 +127,7 @@ CHOSEN = (
     Chosen("carlosmccosta/guardian_3.bag", "/scan", 4),
     Chosen("carlosmccosta/jarvis_2.bag", "/driver_laser_security/laser_scan", 1),
     Chosen("cmu16831/robotdata1.log", "/front_laser", 5),
+    Chosen("jengol/rp1.bag", "/scan", 1),
+    Chosen("tzxb018/2019-07-31-10-32-43.bag", "/hog/scan0", 1),
+    Chosen("tzxb018/48-62-78-triangle.bag", "/hog/scan0", 1),
 )
