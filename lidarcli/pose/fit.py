@@ -181,7 +181,8 @@ def far_delay(
     Parameters are as of `evaluate_poses`; `span_ns`: first and last stamp of the given poses; `recorded_ns`: the delay by
     the times of the recording, 0 for none.
     """
-    if span_ns is None or not len(stamp_ns):
+    # Links that are never known at the same time have no span.
+    if span_ns is None or span_ns[1] < span_ns[0] or not len(stamp_ns):
         return None
     begin, end = pairs_of((stamp_ns - stamp_ns[0]) * 1e-9, matched, matched, pieces)
     if len(begin) < MIN_PAIRS:
