@@ -271,22 +271,26 @@ class Body:
     reach: float
 
 
-def are_torn(one: Seen, other: Seen, places: list[Place], others: list[Place]) -> bool:
-    """Whether neighbouring segments, the other counter-clockwise next, are one body: 16 cm at the step, 0.9 m across."""
-    if one.edges[1] not in ("own", "hidden") or max(one.reach, other.reach) >= 0.9:
+def are_torn(one: Seen, other: Seen, places: list[Place], others: list[Place], lost: int) -> bool:
+    """Whether neighbouring segments, the other counter-clockwise next, are one body: 16 cm at the step, 0.9 m across.
+
+    Where beams were `lost` between the two they are three at most, and 10 cm wide.
+    """
+    is_step = one.edges[1] in ("own", "hidden")
+    if max(one.reach, other.reach) >= 0.9 or (lost > 3 and not is_step):
         return False
-    return dist(places[-1], others[0]) < 0.16 and dist(places[0], others[-1]) < 0.9
+    return dist(places[-1], others[0]) < (0.16 if is_step else 0.1) and dist(places[0], others[-1]) < 0.9
 
 
-def bodies(seen: list[Seen], places: list[list[Place]], may: list[bool], is_turn: bool) -> list[Body]:
-    """Torn things joined again."""
+def bodies(seen: list[Seen], places: list[list[Place]], lost: list[int], may: list[bool], is_turn: bool) -> list[Body]:
+    """Torn things joined again; `lost`: beams after each segment that have no range."""
     count = len(seen)
 
     def next_of(j: int) -> int:
         return (j + 1) % count if is_turn or j + 1 < count else j
 
     def torn(a: int, b: int) -> bool:
-        return b == next_of(a) != a and may[a] and may[b] and are_torn(seen[a], seen[b], places[a], places[b])
+        return b == next_of(a) != a and may[a] and may[b] and are_torn(seen[a], seen[b], places[a], places[b], lost[a])
 
     found = []
     for group in flood(count, torn):
