@@ -18,7 +18,7 @@ from lidarcli.system import native
 CORNER_TURN = math.radians(25.0)
 """[rad] Faces that turn less than this do not make a corner."""
 SIN_CORNER_TURN = math.sin(CORNER_TURN)
-BACKING = 0.4
+BACKING = 0.3
 """[m] A face at least this long, next to which an object stands, is wall."""
 MIN_RELIEF, WIDEST, BEHIND, PLANE = 0.1, 1.5, 0.1, 0.03
 """[m] An object stands out from its wall by more than the first, as mouldings do not, over no more than the second; what is
@@ -123,6 +123,9 @@ def _add(
 
 def _longest(faces: Faces, at: int, end: int, step: int) -> int:
     """Return the first of the longest run of faces from `at` towards `end` that has no corner."""
+    # Two points only cut the corner that they lie at.
+    if at != end and faces.points[at] == 2:
+        at += step
     longest, f = at, at
     while f != end and not abs(surfaces.turn(faces, f, f + step)) > SIN_CORNER_TURN:
         f += step

@@ -182,7 +182,8 @@ def protrusions(
     stretches.append(group)
 
     def wall_beside(f: int, way: int) -> Face:
-        run = [f]
+        # Two points cut the corner.
+        run = [f + way if faces[f].points == 2 and 0 <= f + way < len(faces) else f]
         while 0 <= run[-1] + way < len(faces) and abs(turns[min(run[-1], run[-1] + way)]) <= CORNER:
             run.append(run[-1] + way)
         return max((faces[k] for k in run), key=lambda face: face.length)
@@ -201,7 +202,7 @@ def protrusions(
         if any(wall is None and not own[side] for side, wall in walls.items()):
             continue
         total = sum(faces[k].length for k in group)
-        if any(wall.length < max(0.4, 0.0 if pointed else total) for wall in there.values()):
+        if any(wall.length < max(0.3, 0.0 if pointed else total) for wall in there.values()):
             continue
         first, last = faces[begin].first, faces[end].last
         corners = [places[k] for k in [first, *(faces[k].last for k in group)]]
