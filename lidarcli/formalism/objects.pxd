@@ -59,6 +59,7 @@ cdef class Bodies:
 
 
 cdef void join_fragments(Bodies bodies, Survey survey, Points points, Segments segments, Py_ssize_t* may) noexcept nogil
+@cython.locals(is_step=bint)
 cdef bint _belongs(Survey survey, Points points, Segments segments, Py_ssize_t* may, Py_ssize_t j) noexcept nogil
 cdef void _collect(
     Bodies bodies, Survey survey, Points points, Segments segments, Py_ssize_t first, bint ring

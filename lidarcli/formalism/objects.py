@@ -18,7 +18,7 @@ from lidarcli.system import native
 CORNER_TURN = math.radians(25.0)
 """[rad] Faces that turn less than this do not make a corner."""
 SIN_CORNER_TURN = math.sin(CORNER_TURN)
-BACKING = 0.4
+BACKING = 0.3
 """[m] A face at least this long, next to which an object stands, is wall."""
 MIN_RELIEF, WIDEST, BEHIND, PLANE = 0.1, 1.5, 0.1, 0.03
 """[m] An object stands out from its wall by more than the first, as mouldings do not, over no more than the second; what is
@@ -123,6 +123,9 @@ def _add(
 
 def _longest(faces: Faces, at: int, end: int, step: int) -> int:
     """Return the first of the longest run of faces from `at` towards `end` that has no corner."""
+    # Two points only cut the corner that they lie at.
+    if at != end and faces.points[at] == 2:
+        at += step
     longest, f = at, at
     while f != end and not abs(surfaces.turn(faces, f, f + step)) > SIN_CORNER_TURN:
         f += step
@@ -238,7 +241,8 @@ def _assign(faces: Faces, segments: Segments) -> None:
     faces.offset[segments.count] = f
 
 
-# Fragments of one object that a step of its own surface tore apart: a leaf before a stem, front and side of a box.
+# Fragments of one object that a step of its own surface tore apart, or lost beams: a leaf before a stem, front and side of
+# a box, a dark stripe.
 
 FRAGMENT_GAP, FRAGMENT_EXTENT = 0.16, 0.9
 """[m] Objects stand further apart than this, steps below it are within one; greatest distance between the far ends of two
@@ -266,7 +270,7 @@ class Bodies:
 
 
 def join_fragments(bodies: Bodies, survey: Survey, points: Points, segments: Segments, may: Any) -> None:
-    """Join neighbouring segments that a small step divides, of those that `may` be fragments."""
+    """Join neighbouring segments that a small step or few lost beams divide, of those that `may` be fragments."""
     for j in range(segments.count):
         bodies.joins[j] = _belongs(survey, points, segments, may, j)
         bodies.parts[j] = 0
@@ -281,15 +285,18 @@ def join_fragments(bodies: Bodies, survey: Survey, points: Points, segments: Seg
 
 def _belongs(survey: Survey, points: Points, segments: Segments, may: Any, j: int) -> bool:
     """Return whether the next segment belongs to the same body."""
-    after = segmentation.following(segments, points, j)
-    edge = segments.end_edge[j]
-    if after == j or not (may[j] and may[after]) or not (edge == segmentation.OWN or edge == segmentation.HIDDEN):
+    after, edge = segmentation.following(segments, points, j), segments.end_edge[j]
+    if after == j or not (may[j] and may[after]):
+        return False
+    is_step = edge == segmentation.OWN or edge == segmentation.HIDDEN
+    if not is_step and points.missing[segments.first[after]] > segmentation.LONGEST_GAP:
         return False
     if not (survey.extent[j] < FRAGMENT_EXTENT and survey.extent[after] < FRAGMENT_EXTENT):
         return False
+    most = FRAGMENT_GAP if is_step else segmentation.GAP_STEP
     gap = segmentation.distance(points, segments.first[after], segmentation.last_point(segments, j))
     span = segmentation.distance(points, segmentation.last_point(segments, after), segments.first[j])
-    return gap < FRAGMENT_GAP and span < FRAGMENT_EXTENT
+    return gap < most and span < FRAGMENT_EXTENT
 
 
 def _collect(bodies: Bodies, survey: Survey, points: Points, segments: Segments, first: int, ring: bool) -> None:

@@ -99,11 +99,26 @@ def test_a_lost_beam_inside_a_surface_does_not_split_it(lost: float) -> None:
     assert found.beam_object is not None
     assert found.beam_object[0, 362:368].tolist() == [1, 1, 0, 0, 1, 1]
     assert found.object_beams[0] == found.beams[0]
-    # One lost beam more than is bridged, or bridging forbidden: two objects, whatever the trees say of each.
-    assert len(robust(sweep, max_gap=1, min_thing=0.0)) == 2
-    sweep.ranges[360 + 6] = lost
-    assert len(robust(sweep, min_thing=0.0)) == 2
-    assert len(robust(sweep, max_gap=3)) == 1
+    # One lost beam more than is bridged: two objects, whatever the trees say of each.
+    for k in range(6, 10):
+        sweep.ranges[360 + k] = lost
+    assert len(robust(sweep, min_thing=0.0)) == len(robust(sweep, max_gap=5, min_thing=0.0)) == 2
+    assert len(robust(sweep, max_gap=6)) == 1
+
+
+@pytest.mark.parametrize("lost", [nan, inf, -inf])
+@pytest.mark.parametrize(("away", "beams", "objects"), [(2.0, 3, 1), (2.0, 4, 2), (2.8, 3, 1), (3.0, 3, 2)])
+def test_surfaces_beside_few_lost_beams_are_one_object_if_they_are_near(
+    lost: float, away: float, beams: int, objects: int
+) -> None:
+    # Ends that are less than 10 cm apart, past up to three beams of half a degree.
+    sweep = turn([*ROOM, *rectangle(away + 0.2, 0.0, 0.4, 0.8)])
+    whole = robust(sweep)
+    sweep.ranges[358 : 358 + beams] = [lost] * beams
+    found = robust(sweep, min_thing=0.0)
+    assert len(found) == objects
+    assert (found.beam_i[0], found.beam_f[-1]) == (whole.beam_i[0], whole.beam_f[0])
+    assert found.beams.sum() == whole.beams[0] - beams
 
 
 @pytest.mark.parametrize("walls", [False, True])

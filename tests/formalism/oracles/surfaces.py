@@ -182,7 +182,8 @@ def protrusions(
     stretches.append(group)
 
     def wall_beside(f: int, way: int) -> Face:
-        run = [f]
+        # Two points cut the corner.
+        run = [f + way if faces[f].points == 2 and 0 <= f + way < len(faces) else f]
         while 0 <= run[-1] + way < len(faces) and abs(turns[min(run[-1], run[-1] + way)]) <= CORNER:
             run.append(run[-1] + way)
         return max((faces[k] for k in run), key=lambda face: face.length)
@@ -201,7 +202,7 @@ def protrusions(
         if any(wall is None and not own[side] for side, wall in walls.items()):
             continue
         total = sum(faces[k].length for k in group)
-        if any(wall.length < max(0.4, 0.0 if pointed else total) for wall in there.values()):
+        if any(wall.length < max(0.3, 0.0 if pointed else total) for wall in there.values()):
             continue
         first, last = faces[begin].first, faces[end].last
         corners = [places[k] for k in [first, *(faces[k].last for k in group)]]
@@ -271,22 +272,26 @@ class Body:
     reach: float
 
 
-def are_torn(one: Seen, other: Seen, places: list[Place], others: list[Place]) -> bool:
-    """Whether neighbouring segments, the other counter-clockwise next, are one body: 16 cm at the step, 0.9 m across."""
-    if one.edges[1] not in ("own", "hidden") or max(one.reach, other.reach) >= 0.9:
+def are_torn(one: Seen, other: Seen, places: list[Place], others: list[Place], lost: int) -> bool:
+    """Whether neighbouring segments, the other counter-clockwise next, are one body: 16 cm at the step, 0.9 m across.
+
+    Where beams were `lost` between the two they are three at most, and 10 cm wide.
+    """
+    is_step = one.edges[1] in ("own", "hidden")
+    if max(one.reach, other.reach) >= 0.9 or (lost > 3 and not is_step):
         return False
-    return dist(places[-1], others[0]) < 0.16 and dist(places[0], others[-1]) < 0.9
+    return dist(places[-1], others[0]) < (0.16 if is_step else 0.1) and dist(places[0], others[-1]) < 0.9
 
 
-def bodies(seen: list[Seen], places: list[list[Place]], may: list[bool], is_turn: bool) -> list[Body]:
-    """Torn things joined again."""
+def bodies(seen: list[Seen], places: list[list[Place]], lost: list[int], may: list[bool], is_turn: bool) -> list[Body]:
+    """Torn things joined again; `lost`: beams after each segment that have no range."""
     count = len(seen)
 
     def next_of(j: int) -> int:
         return (j + 1) % count if is_turn or j + 1 < count else j
 
     def torn(a: int, b: int) -> bool:
-        return b == next_of(a) != a and may[a] and may[b] and are_torn(seen[a], seen[b], places[a], places[b])
+        return b == next_of(a) != a and may[a] and may[b] and are_torn(seen[a], seen[b], places[a], places[b], lost[a])
 
     found = []
     for group in flood(count, torn):

@@ -259,7 +259,8 @@ def test_torn_things_are_one_body() -> None:
         seen = seen_of(one, "objects.pieces")
         places = [places_of(state, segment) for segment in state.segments]
         may = [bool(loose) for loose in before.survey.loose[: len(seen)]]
-        expected = surfaces.bodies(seen, places, may, state.points.period > 0)
+        lost = [state.points.missing[(segment.last + 1) % state.points.count] for segment in state.segments]
+        expected = surfaces.bodies(seen, places, lost, may, state.points.period > 0)
         for body in expected:
             for j in body.members:
                 assert state.bodies.label[j] == min(body.members)
