@@ -148,7 +148,7 @@ def _process() -> Callable[..., subprocess.CompletedProcess[bytes]]:
 def paths_checked_once() -> Iterator[None]:
     """The pass that checks the poses of a log takes most of many commands: it runs once for each content and choice.
 
-    Of logs whose bytes alone say what is in them, and that lie in one file; for tests that change nothing within the pass.
+    Of one file whose bytes alone say what is in it; for tests that change nothing within the pass.
     """
     known: dict[bytes, Any] = {}
     check = path_check.check_paths

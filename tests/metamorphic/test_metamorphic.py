@@ -22,7 +22,7 @@ from tests.metamorphic.recordings import ODOMETRY, TRANSFORMS, Messages, message
 from tests.places import REAL_LOGS, SAMPLES, needs_real_logs
 from tests.test_containers_agree import same, values
 
-pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("paths_checked_once")]
+pytestmark = pytest.mark.slow
 
 LOGS = {
     "room.mcap": 1.5,

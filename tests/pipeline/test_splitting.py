@@ -20,19 +20,23 @@ import numpy as np
 import pytest
 
 from lidarcli.formalism import Parameters
+from lidarcli.logs.base import Log
 from lidarcli.logs.batches import ReadOptions
+from lidarcli.logs.registry import TopicChoice
 from lidarcli.pipeline.building import BackgroundBuilder, BuildOptions
 from lidarcli.pipeline.detecting import detect_files, detect_stream, detect_to_files
 from lidarcli.pipeline.inputs.sources import Source
 from lidarcli.pipeline.objects import detection
 from lidarcli.pipeline.objects.detection import BatchDetector, BatchPart, DetectOptions, ParallelDetection
 from lidarcli.pipeline.objects.subtracting import BackgroundOptions
+from lidarcli.pipeline.reading import path_check
 from lidarcli.pipeline.reading.needs import NO_POSES
 from lidarcli.pipeline.reading.one_log import RunSummary
 from lidarcli.pipeline.runs import over_logs, processes
 from lidarcli.simulation.generate import simulate_blocks, simulate_odometry
 from lidarcli.simulation.scene import load_scene
 from lidarcli.simulation.writers import write_log
+from lidarcli.sweeps.range_rules import RangeRules
 from lidarcli.sweeps.types import SweepBatch
 from lidarcli.system import machine
 from lidarcli.system.machine import Threads
@@ -41,7 +45,7 @@ from tests.places import SAMPLES
 from tests.sweeping import raw_sweeps, round_room
 from tests.waiting import HANG, endless, wait_until
 
-pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("paths_checked_once")]
+pytestmark = pytest.mark.slow
 
 SWEEPS = 1500
 TOPICS = ("/rear", "/front", "/rear", "/left")
@@ -64,6 +68,23 @@ def source(tmp_path_factory: pytest.TempPathFactory) -> Source:
     data[middle : middle + 200] = bytes(200)
     path.write_bytes(data)
     return Source(str(path), "drive")
+
+
+@pytest.fixture(scope="module", autouse=True)
+def paths_are_checked_once() -> Iterator[None]:
+    """The pass that checks the poses of `source` takes most of a run and knows of no jobs: it runs once per choice."""
+    known: dict[object, object] = {}
+    check = path_check.check_paths
+
+    def checked(log: Log, sources: Any, choice: TopicChoice, rules: RangeRules, **options: Any) -> Any:
+        asked = (sources is None, choice.wanted, rules, *sorted(options.items()))
+        if asked not in known:
+            known[asked] = check(log, sources, choice, rules, **options)
+        return known[asked]
+
+    with pytest.MonkeyPatch.context() as patching:
+        patching.setattr(path_check, "check_paths", checked)
+        yield
 
 
 @pytest.fixture
