@@ -7,6 +7,10 @@ PYTEST := $(BIN)/pytest -n auto --dist worksteal
 PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
 # Bytecode is kept, whatever the surroundings say: tests start many processes, and each worker rewrites all assertions.
 export PYTHONDONTWRITEBYTECODE :=
+# That of libraries is written for what is imported, when it is: compiling all that is installed takes a minute.
+export PIP_COMPILE := no
+# As many processes as there are processors.
+export MYPY_NUM_WORKERS := auto
 # What pip installs, with one line for each module that is compiled; all it says when it fails.
 define install
 	@mkdir -p build

@@ -7,6 +7,7 @@ With `LIDARCLI_BUILD=required`, as for wheels, a build without it fails.
 from __future__ import annotations
 
 import ast
+import multiprocessing
 import os
 import sys
 import sysconfig
@@ -82,6 +83,8 @@ modules = cythonize(
     build_dir="build",
     include_path=["build"],
     force=changed > min(generated, default=0.0),
+    # Where processes are forked, and do not run this script once more.
+    nthreads=(os.cpu_count() or 1) if multiprocessing.get_start_method() == "fork" else 0,
     language_level=3,
     compiler_directives={
         # The types stand in the .pxd files: annotations are for readers and for the type checker.

@@ -5,19 +5,26 @@ from __future__ import annotations
 import faulthandler
 import gc
 import os
+import pickle
 import re
 import signal
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from hashlib import sha256
 from pathlib import Path
-from typing import IO
+from typing import IO, Any
 
 import pytest
 from hypothesis import HealthCheck, settings
 
 from lidarcli.cli import run
+from lidarcli.logs.base import Log
+from lidarcli.logs.mcap import McapLog
+from lidarcli.logs.rosbag1 import Rosbag1Log
+from lidarcli.logs.rosbag2_sqlite import SqliteLog
+from lidarcli.pipeline.reading import path_check
 from lidarcli.simulation.writers import write_log
 from tests.sweeping import room_sweeps
 from tests.waiting import HANG
@@ -135,6 +142,28 @@ def process(*arguments: object, **settings: object) -> subprocess.CompletedProce
 @pytest.fixture(name="process")
 def _process() -> Callable[..., subprocess.CompletedProcess[bytes]]:
     return process
+
+
+@pytest.fixture(scope="module")
+def paths_checked_once() -> Iterator[None]:
+    """The pass that checks the poses of a log takes most of many commands: it runs once for each content and choice.
+
+    Of one file whose bytes alone say what is in it; for tests that change nothing within the pass.
+    """
+    known: dict[bytes, Any] = {}
+    check = path_check.check_paths
+
+    def checked(log: Log, *given: Any, **options: Any) -> Any:
+        if type(log) not in (McapLog, Rosbag1Log, SqliteLog) or not Path(log.path).is_file():
+            return check(log, *given, **options)
+        asked = sha256(Path(log.path).read_bytes() + pickle.dumps((given, sorted(options.items())))).digest()
+        if asked not in known:
+            known[asked] = check(log, *given, **options)
+        return known[asked]
+
+    with pytest.MonkeyPatch.context() as patching:
+        patching.setattr(path_check, "check_paths", checked)
+        yield
 
 
 @pytest.fixture

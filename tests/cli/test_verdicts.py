@@ -7,11 +7,14 @@ import re
 import tomllib
 import xml.etree.ElementTree as ET
 from collections.abc import Callable
+from contextlib import chdir
 from pathlib import Path
+from shutil import copytree
 from typing import Any
 
 import pytest
 
+from lidarcli.cli import run
 from lidarcli.reports.figures import GUARDED, guards
 from tests.places import SAMPLES
 
@@ -20,22 +23,35 @@ Run = Callable[..., Any]
 STOP = '[[zone]]\nname = "stop"\npolygon = [[0.2, 0.8], [2.6, 0.8], [2.6, -0.8], [0.2, -0.8]]\n'
 
 
-@pytest.fixture
-def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """The current directory, with a file of zones and the samples."""
-    monkeypatch.chdir(tmp_path)
+def inputs() -> None:
+    """A file of zones and the samples, in the current directory."""
     Path("zones.toml").write_text(STOP, "utf-8")
     for name in ("people.csv.gz", "room.mcap", "room_empty.mcap"):
         Path(name).symlink_to(SAMPLES / name)
     Path("cut.csv.gz").write_bytes((SAMPLES / "people.csv.gz").read_bytes()[:-60_000])
-    return tmp_path
 
 
 @pytest.fixture
-def tables(folder: Path, lidarcli: Run) -> Path:
-    assert lidarcli("-q", "track", "people.csv.gz", "-o", "good").code == 0
-    assert lidarcli("-q", "zones", "people.csv.gz", "--zones", "zones.toml", "-o", "good").code == 0
-    return folder / "good"
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The current directory, with the inputs."""
+    monkeypatch.chdir(tmp_path)
+    inputs()
+    return tmp_path
+
+
+@pytest.fixture(scope="module")
+def good(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The tables of a run, made once."""
+    with chdir(tmp_path_factory.mktemp("made")):
+        inputs()
+        assert run(["-q", "track", "people.csv.gz", "-o", "good"]) == 0
+        assert run(["-q", "zones", "people.csv.gz", "--zones", "zones.toml", "-o", "good"]) == 0
+        return Path("good").resolve()
+
+
+@pytest.fixture
+def tables(folder: Path, good: Path) -> Path:
+    return Path(copytree(good, folder / "good"))
 
 
 def counts(path: Path) -> tuple[int, int, int]:

@@ -32,6 +32,8 @@ from tests.copying.reading import Message, messages
 from tests.pipeline.drawn import round_about, scene_of, standing, sweeps_of, told
 from tests.places import REAL_LOGS, needs_real_logs
 
+pytestmark = pytest.mark.usefixtures("paths_checked_once")
+
 SECOND = 1_000_000_000
 SWEEPS = 60
 CONTAINERS: dict[str, tuple[str, dict[str, Any]]] = {
@@ -223,9 +225,9 @@ def test_a_fault_is_found_mended_and_found_no_more(fault: str, kind: str, tmp_pa
     assert refusals(out) == set()
     before, after = messages(log), messages(out)
     assert [replace(each, data=b"") for each in before] == [replace(each, data=b"") for each in after]
-    (tmp_path / "sound").mkdir()
-    truth = messages(written(tmp_path / "sound", kind, [sound()]))
     if it.restores:
+        (tmp_path / "sound").mkdir()
+        truth = messages(written(tmp_path / "sound", kind, [sound()]))
         for wanted, got in zip(decoded(truth), decoded(after), strict=True):
             assert wanted.ranges.tobytes() == got.ranges.tobytes()
             assert (wanted.header.stamp, wanted.header.frame_id) == (got.header.stamp, got.header.frame_id)

@@ -30,6 +30,8 @@ from tests.pipeline.drawn import (
 )
 from tests.pose.pose_messages import SECOND
 
+pytestmark = pytest.mark.usefixtures("paths_checked_once")
+
 Run = Callable[..., Any]
 SECONDS = np.arange(SWEEPS) * 0.1
 

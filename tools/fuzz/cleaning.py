@@ -26,16 +26,16 @@ from tools.fuzz.words import mutate_words
 from tools.fuzz.zones import ZONES
 
 _PREFIXES = ("mcap", "bag", "db3", "ros2")
+_OWN = [name for name in CONTAINERS if name.startswith(_PREFIXES)]
+_OTHERS = [name for name in LIBRARY_LOGS if name.startswith(_PREFIXES)]
 KNOWN_OUTPUTS = (".", "in", "in/run.mcap", "victims", "out/a/b", "-")
 """Where no copy belongs, and odd places for one."""
 
 
 def _samples() -> list[Sample]:
     """Logs of the containers that can be copied."""
-    own = [sample_of(name) for name in CONTAINERS if name.startswith(_PREFIXES)]
-    others = [library_sample(name) for name in LIBRARY_LOGS if name.startswith(_PREFIXES)]
     moving = Sample(LOG, {LOG: tables()[LOG]})
-    return [moving, *own, *others]
+    return [moving, *map(sample_of, _OWN), *map(library_sample, _OTHERS)]
 
 
 def write(place: Place, number: int, random: Random) -> None:
@@ -178,7 +178,7 @@ def cleaning_targets() -> list[Target]:
     known = len(KNOWN_OUTPUTS) + len(_PREFIXES)
     return [
         Target("clean", write, judge_commands, weight=60, known=known),
-        Target("clean-mend", write_mended, judge_mended, weight=60, known=len(_samples())),
+        Target("clean-mend", write_mended, judge_mended, weight=60, known=1 + len(_OWN) + len(_OTHERS)),
         Target("clean-db3", write_database, judge_commands, weight=60, known=len(databases.KINDS)),
         Target("clips", write_clips, judge_commands, weight=60, known=len(_AROUND)),
         Target("merge", write_merged, judge_commands, weight=30, known=len(_MERGED) + len(_FRAMES)),
