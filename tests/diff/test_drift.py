@@ -43,10 +43,13 @@ def test_drives_by_odometry_alone(
     assert {row["status"] for row in found.changes.to_pylist()} <= {"known", "uncertain"}
     assert {row["kind"] for row in drifts} == {"thing", "structure"}
     assert all(0.05 <= row["moved"] < differences.MAX_DRIFT for row in drifts)
-    assert any(line.startswith("  structure: uncertain") and "m of drift" not in line and "(drift of 0." in line for line in found.lines)
+    assert any(
+        line.startswith("  structure: uncertain") and "m of drift" not in line and "(drift of 0." in line
+        for line in found.lines
+    )
     # Without a look around them all of them are told as changes.
     monkeypatch.setattr(differences.Compared, "_unless_drift", lambda _, change: change)
-    assert sum(found.figures[status] for status in ("new", "gone", "moved")) == 0.0
+    assert [found.figures[status] for status in ("new", "gone", "moved")] == [0.0] * 3
     told = package.diff(exact, other, pose="/odom").figures
     assert sum(told[status] or 0.0 for status in ("new", "gone", "moved")) == len(drifts)
 

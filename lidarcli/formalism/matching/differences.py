@@ -363,7 +363,7 @@ class Compared:
         if change.kind == STRUCTURE:
             side = int(change.status == NEW)
             hit = [(side, self._points[side][contained(np.array([change.place]), self._points[side], BESIDE)[1]])]
-        drift = max(self._smear(*each) or self._drift(*each) for each in hit)
+        drift = max(self._drift(*each) or self._smear(*each) for each in hit)
         return change._replace(status=UNCERTAIN, why=DRIFT, score=0.0, drift=drift) if drift else change
 
     def _smear(self, side: int, points: Float64) -> float:
@@ -399,7 +399,7 @@ class Compared:
                 mine = around & (np.abs(way - (stretch + 0.5) * STRETCH) <= STRETCH + 2.0 * spread)
                 local = self._local(run, known[mine])
                 local = local if run == side else local.inverse
-                if np.mean(self._worth(side, *local.of(*points.T)) < 0.0) < FREE_SHARE:
+                if np.mean(self._worth(side, *local.of(*points.T)) > 0.0) >= FREE_SHARE:
                     return float(np.hypot(*(np.ravel(local.of(*middle[:, None])) - middle)))
         return 0.0
 

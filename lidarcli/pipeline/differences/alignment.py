@@ -119,6 +119,6 @@ def _step(
     words = how if how.startswith("as") else f"{how}: {_distance(motion)}"
     if found is None:
         return AlignmentStep(before.name, now.name, motion, None, None, words)
-    only, doubt = ("only ", ": a path may drift, so doubt each change") if found.overlap < DOUBTFUL else ("", "")
-    words += f"; {only}{found.overlap:.0%} of the structure in place{doubt}"
+    place = f"{found.overlap:.0%} of the structure in place"
+    words += f"; only {place}: a path may drift, so doubt each change" if found.overlap < DOUBTFUL else f"; {place}"
     return AlignmentStep(before.name, now.name, motion, found.overlap, known_or_none(found.rms), words)

@@ -14,17 +14,7 @@ import pyarrow as pa
 from lidarcli.errors import OptionError
 from lidarcli.files.newfiles import NewFiles, refuse, writing
 from lidarcli.files.stores import Place
-from lidarcli.formalism.matching.differences import (
-    DRIFT,
-    GONE,
-    HIDDEN,
-    MOVED,
-    NEW,
-    OUT_OF_VIEW,
-    POSES,
-    STRUCTURE,
-    FoundChange,
-)
+from lidarcli.formalism.matching.differences import GONE, HIDDEN, MOVED, NEW, OUT_OF_VIEW, POSES, STRUCTURE, FoundChange
 from lidarcli.formalism.matching.free_space import SpaceMap, SpaceMotion
 from lidarcli.options import choices
 from lidarcli.pipeline.differences.alignment import AlignmentStep
@@ -146,8 +136,7 @@ def rows_of(
                 row["turned"] = _line(row["yaw_b"] - row["yaw_a"])
             things, k = (new, j) if j >= 0 else (old, i)
             row |= {"length": known_or_none(things.length[k]), "width": known_or_none(things.width[k])}
-        if change.why == DRIFT:
-            row["moved"] = change.drift
+        row["moved"] = known_or_none(change.drift) or row.get("moved")
         at = np.array([where]).T
         if change.why in (HIDDEN, OUT_OF_VIEW) and now.before is not None and now.before.seen(*motion.inverse.of(*at))[0]:
             row["why"] = choices.CHANGE_WHYS[POSES]
