@@ -399,8 +399,11 @@ class Compared:
                 mine = around & (np.abs(way - (stretch + 0.5) * STRETCH) <= STRETCH + 2.0 * spread)
                 local = self._local(run, known[mine])
                 local = local if run == side else local.inverse
-                if np.mean(self._worth(side, *local.of(*points.T)) > 0.0) >= FREE_SHARE:
-                    return float(np.hypot(*(np.ravel(local.of(*middle[:, None])) - middle)))
+                there = np.column_stack(local.of(*points.T))
+                is_in_place = np.mean(self._worth(side, *there.T) == -1.0) < FREE_SHARE
+                smear = 0.0 if is_in_place else self._smear(side, there)
+                if is_in_place or smear:
+                    return smear + float(np.hypot(*(there.mean(axis=0) - middle)))
         return 0.0
 
     def _local(self, side: int, points: Float64) -> SpaceMotion:
@@ -420,13 +423,13 @@ class Compared:
         return max(tried, key=lambda each: float(self._worth(side, *each.of(*points.T)).sum()))
 
     def _worth(self, side: int, x: Float64, y: Float64) -> Float64:
-        """Return (K,) how well structure of a run at places would lie on the other: 1 exactly, 0 unknown, -1 free there."""
+        """Return (K,) how well structure of a run at places would lie on the other: 1 exactly, -½ unknown, -1 free."""
         ground, nearest = self._runs[1 - side].ground, self._nearest[1 - side]
         assert ground is not None
         assert nearest is not None
         x, y = self._motions[1 - side].inverse.of(x, y)
         _, away = nearest.of(x, y)
-        return np.where(away <= CHANGED, 1.0 - away / CHANGED, -1.0 * (ground.passed(x, y) >= OBSERVED_FREE))
+        return np.where(away <= CHANGED, 1.0 - away / CHANGED, np.where(ground.passed(x, y) >= OBSERVED_FREE, -1.0, -0.5))
 
 
 class UnpairedStatus(NamedTuple):
