@@ -58,7 +58,7 @@ ALIGN = ("auto", "as-is", "search")
 """Ways to lay one run on another; the first by default."""
 CHANGE_KINDS = ("thing", "structure")
 CHANGE_STATUSES = ("known", "moved", "new", "gone", "uncertain")
-CHANGE_WHYS = ("hidden", "out of view", "no free space", "short", "ambiguous", "poses")
+CHANGE_WHYS = ("hidden", "out of view", "no free space", "short", "ambiguous", "poses", "drift")
 """Kinds of changes from run to run, their statuses, and the reasons for which one is uncertain."""
 MAP_STATES = ("fits", "off", "lost", "unknown")
 """States of a path on a map: it fits, would fit elsewhere, fits nowhere near, or there is no evidence."""

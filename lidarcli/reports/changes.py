@@ -140,9 +140,9 @@ def _cells(changes: Sequence[Change]) -> dict[str, list[str]]:
 
 
 def _detail(one: Change) -> str:
-    """Return by how much an object was moved and turned, else the reason of the status."""
+    """Return by how much an object was moved and turned, else the reason of the status, of drift with its size."""
     if one.status != "moved" or one.moved is None:
-        return one.why or ""
+        return (one.why or "") if one.moved is None else f"{one.why} of {one.moved:.2f} m"
     turned = math.degrees(abs(one.turned or 0.0))
     # Boxes of the same object, observed from other sides, are turned by up to 5 degrees.
     return f"by {one.moved:.2f} m" + (f", {turned:.0f}°" if turned >= 5.0 else "")

@@ -265,7 +265,7 @@ TABLES: dict[str, tuple[Column, ...]] = {
                 _open(f"yaw_{run}", "float64", "rad", f"direction of its longer side in log_{run}"),
             )
         ),
-        _open("moved", "float64", "m", "distance between both places; null without both"),
+        _open("moved", "float64", "m", "distance between both places; of drift by how much a path would be off; else null"),
         _open("turned", "float64", "rad", "turn between both, -π/2 to π/2; null without both"),
         _open("length", "float64", "m", "longer side; null where unknown"),
         _open("width", "float64", "m", "shorter side; null where unknown"),

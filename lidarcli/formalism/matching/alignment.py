@@ -12,6 +12,7 @@ much, or nothing holds it along its walls."""
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -227,14 +228,14 @@ def _refine(known: StaticObjects, run: StaticObjects, motion: SpaceMotion) -> Sp
         one = np.flatnonzero(pair >= 0)
         if len(one) < 2:
             return motion
-        moved = _fit(run.x[one], run.y[one], known.x[pair[one]], known.y[pair[one]])
-        if moved == motion:
+        found = moved(run.x[one], run.y[one], known.x[pair[one]], known.y[pair[one]])
+        if found == motion:
             break
-        motion = moved
+        motion = found
     return motion
 
 
-def _fit(x: Float64, y: Float64, to_x: Float64, to_y: Float64) -> SpaceMotion:
+def moved(x: Float64, y: Float64, to_x: Float64, to_y: Float64) -> SpaceMotion:
     """Return the turn and shift from points to points, by least squares."""
     mean_x, mean_y, mean_u, mean_v = (float(each.mean()) for each in (x, y, to_x, to_y))
     dx, dy, du, dv = x - mean_x, y - mean_y, to_x - mean_u, to_y - mean_v
@@ -438,11 +439,11 @@ def _different(motions: list[SpaceMotion], ground: SpaceMap) -> list[SpaceMotion
     return kept
 
 
-def refine(first: Nearest, points: Float64, motion: SpaceMotion) -> SpaceMotion:
+def refine(first: Nearest, points: Float64, motion: SpaceMotion, reaches: Sequence[float] = REACHES) -> SpaceMotion:
     """Return the motion that brings points (N, 2) best onto the structure of the first run."""
     points = points[:: max(1, len(points) // REFINED_POINTS)]
     middle = points.mean(axis=0)
-    for reach in REACHES:
+    for reach in reaches:
         x, y = motion.of(points[:, 0], points[:, 1])
         index, away = first.of(x, y)
         near = np.flatnonzero(away <= reach)
@@ -474,7 +475,7 @@ def refine(first: Nearest, points: Float64, motion: SpaceMotion) -> SpaceMotion:
         motion = SpaceMotion(
             angle, float(to[0] - cos * middle[0] + sin * middle[1]), float(to[1] - sin * middle[0] - cos * middle[1])
         )
-        if max(abs(dx), abs(dy), abs(turn)) < SMALL and reach == REACHES[-1]:
+        if max(abs(dx), abs(dy), abs(turn)) < SMALL and reach == reaches[-1]:
             break
     return motion
 

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from lidarcli.formalism.mapping.grid import UNKNOWN
-from lidarcli.formalism.matching.alignment import StaticObjects
+from lidarcli.formalism.matching.alignment import REACHES, StaticObjects, moved, refine
 from lidarcli.formalism.matching.extents import (
     BESIDE,
     LINKED,
@@ -27,17 +27,17 @@ from lidarcli.formalism.matching.extents import (
     unseen_ends,
     within,
 )
-from lidarcli.formalism.matching.free_space import HERE, OBSERVED_FREE, Nearest, SpaceMap, SpaceMotion
+from lidarcli.formalism.matching.free_space import HERE, OBSERVED_FREE, Buckets, Nearest, SpaceMap, SpaceMotion
 from lidarcli.formalism.matching.pairs import FREE_SHARE, Side, TooManyError, pairs_of, probabilities
 from lidarcli.options.choices import CHANGE_KINDS, CHANGE_STATUSES, CHANGE_WHYS, MIN_SCORE
 from lidarcli.sweeps.types import Bool, Float64, record
 
 THING, STRUCTURE = range(len(CHANGE_KINDS))
 KNOWN, MOVED, NEW, GONE, UNCERTAIN = range(len(CHANGE_STATUSES))
-HIDDEN, OUT_OF_VIEW, NO_FREE_SPACE, SHORT, AMBIGUOUS, POSES = range(len(CHANGE_WHYS))
+HIDDEN, OUT_OF_VIEW, NO_FREE_SPACE, SHORT, AMBIGUOUS, POSES, DRIFT = range(len(CHANGE_WHYS))
 CERTAIN = -1
 """In place of a reason, where there is a status."""
-EXPLAINED, CHANGED = 0.15, 0.15
+CHANGED = 0.15
 """[m] Changed cells this far around an object belong to it; structure is in place up to this distance from that of the
 other run."""
 MIN_CHANGE, MIN_CELLS, MAX_CHANGES = 0.3, 4, 10_000
@@ -45,6 +45,11 @@ MIN_CHANGE, MIN_CELLS, MAX_CHANGES = 0.3, 4, 10_000
 place."""
 AROUND = 0.5
 """[m] What is this near to a place tells that it was in view."""
+MAX_DRIFT, AROUND_DRIFT, STRETCH, LOCAL_POINTS = 1.5, 5.0, 2.0, 120
+"""[m] Greatest shift by which a stretch of a run is aligned anew, how far from a place its structure counts, and length of
+its way; number of points by which it is aligned."""
+SMEARED = 0.05
+"""Least share of the sweeps that hit a place that was not free all the time: a path that is off smears what stands."""
 MAX_STATIONS = 40
 """Greatest number of places of the sensor from which an object may have been hidden."""
 
@@ -94,6 +99,8 @@ class FoundChange(NamedTuple):
     """Index of the object of the second run; -1 for none."""
     place: tuple[float, ...] = ()
     """x, y, yaw, length and width of a piece of structure [m, rad]; empty for objects."""
+    drift: float = math.nan
+    """By how much a path would be off if nothing had changed [m]; NaN where that is no reason."""
 
 
 class Compared:
@@ -120,6 +127,10 @@ class Compared:
         self._things = first.things, things.at(*motion.of(things.x, things.y))
         self._yaw = first.yaw, second.yaw + motion.angle
         self._boxes = [boxes_of(self._things[side], self._yaw[side]) for side in (0, 1)]
+        self._points = [
+            np.empty((0, 2)) if run.ground is None else np.column_stack(lead.of(*run.ground.points.T))
+            for run, lead in zip(self._runs, self._motions, strict=True)
+        ]
         self._spots = [self._spots_of(side) for side in (0, 1)]
         self._changes: list[FoundChange] = []
 
@@ -150,7 +161,7 @@ class Compared:
         self._add_rest(alone, zip(pairs.first[best].tolist(), pairs.second[best].tolist(), strict=True))
         for side in (0, 1):
             self._structure(side)
-        return self._changes
+        return [self._unless_drift(each) for each in self._changes]
 
     def _side(self, side: int) -> Side:
         """Return the objects of a run with what is known of their places."""
@@ -181,10 +192,7 @@ class Compared:
 
     def _spots_of(self, side: int) -> list[Spot]:
         """Return where objects were hit, in the coordinates of the first run, and what the other run observed there."""
-        boxes, ground = self._boxes[side], self._runs[side].ground
-        points = np.empty((0, 2))
-        if ground is not None:
-            points = np.column_stack(self._motions[side].of(ground.points[:, 0], ground.points[:, 1]))
+        boxes, points = self._boxes[side], self._points[side]
         hit = each_of(*contained(boxes, points, BESIDE), len(boxes))
         return [
             self._seen(1 - side, points[mine] if len(mine) else _filled(box)) for box, mine in zip(boxes, hit, strict=True)
@@ -316,13 +324,13 @@ class Compared:
         nearest = self._nearest[1 - side]
         if here is None or there is None or nearest is None or not len(here.points):
             return
-        points = np.column_stack(self._motions[side].of(here.points[:, 0], here.points[:, 1]))
-        x, y = self._motions[1 - side].inverse.of(points[:, 0], points[:, 1])
+        points = self._points[side]
+        x, y = self._motions[1 - side].inverse.of(*points.T)
         _, away = nearest.of(x, y)
         passed = there.passed(x, y)
         changed = (away > CHANGED) & (passed >= OBSERVED_FREE)
         at = np.flatnonzero(changed)
-        at = np.delete(at, np.concatenate([contained(boxes, points[at], EXPLAINED)[1] for boxes in self._boxes]))
+        at = np.delete(at, np.concatenate([contained(boxes, points[at], CHANGED)[1] for boxes in self._boxes]))
         looks = here.seen(*self._motions[side].inverse.of(points[at, 0], points[at, 1]))
         others = there.seen(x[at], y[at])
         linked = max(LINKED, 2.1 * here.resolution)
@@ -344,6 +352,84 @@ class Compared:
                 pair, free = pair[::-1], free[::-1]
             why = CERTAIN if certain else SHORT
             self._changes.append(FoundChange(STRUCTURE, status, why, score, area, pair, free, place=tuple(box.tolist())))
+
+    # Drift.
+
+    def _unless_drift(self, change: FoundChange) -> FoundChange:
+        """Return a change, as uncertain where nothing has changed if a path is off around the place."""
+        if change.status not in (MOVED, NEW, GONE):
+            return change
+        hit = [(side, self._spots[side][k].points) for side, k in enumerate((change.first, change.second)) if k >= 0]
+        if change.kind == STRUCTURE:
+            side = int(change.status == NEW)
+            hit = [(side, self._points[side][contained(np.array([change.place]), self._points[side], BESIDE)[1]])]
+        drift = max(self._drift(*each) or self._smear(*each) for each in hit)
+        return change._replace(status=UNCERTAIN, why=DRIFT, score=0.0, drift=drift) if drift else change
+
+    def _smear(self, side: int, points: Float64) -> float:
+        """Return how far from points of a run the other one hit something that more sweeps passed [m]; 0 for nowhere."""
+        ground = self._runs[1 - side].ground
+        if ground is None:
+            return 0.0
+        reach = round(CHANGED / ground.resolution)
+        around = ground.resolution * np.arange(-reach, reach + 1)
+        dx, dy = (each.ravel() for each in np.meshgrid(around, around))
+        x, y = self._motions[1 - side].inverse.of(*points.T)
+        x, y = (x[:, None] + dx).ravel(), (y[:, None] + dy).ravel()
+        looks = ground.seen(x, y)
+        is_hit = looks - ground.passed(x, y) >= np.maximum(OBSERVED_FREE, SMEARED * looks)
+        away = np.where(is_hit.reshape(len(points), -1), np.hypot(dx, dy), np.inf).min(axis=1)
+        off = float(np.median(away))
+        return max(off, ground.resolution) if math.isfinite(off) else 0.0
+
+    def _drift(self, side: int, points: Float64) -> float:
+        """Return by how much a path would be off around points of a run if they were no change [m]; 0 where it is not.
+
+        Each stretch of either run that hit something close by is aligned anew, on its own.
+        """
+        middle = points.mean(axis=0)
+        for run in (side, 1 - side):
+            ground, known = self._runs[run].ground, self._points[run]
+            if ground is None or self._nearest[1 - run] is None:
+                return 0.0
+            near = Buckets(known).near(points, np.full(len(points), BESIDE if run == side else MAX_DRIFT))[1]
+            around = np.hypot(*(known - middle).T) <= AROUND_DRIFT + 0.5 * np.hypot(*np.ptp(points, axis=0))
+            way, spread = ground.way.T
+            for stretch in np.unique(np.floor(way[near] / STRETCH)):
+                mine = around & (np.abs(way - (stretch + 0.5) * STRETCH) <= STRETCH + 2.0 * spread)
+                local = self._local(run, known[mine])
+                local = local if run == side else local.inverse
+                there = np.column_stack(local.of(*points.T))
+                is_in_place = np.mean(self._worth(side, *there.T) == -1.0) < FREE_SHARE
+                smear = 0.0 if is_in_place else self._smear(side, there)
+                if is_in_place or smear:
+                    return smear + float(np.hypot(*(there.mean(axis=0) - middle)))
+        return 0.0
+
+    def _local(self, side: int, points: Float64) -> SpaceMotion:
+        """Return the motion by which some points of a run lie best on the other run."""
+        points = points[:: max(1, len(points) // LOCAL_POINTS)]
+        steps = np.arange(-MAX_DRIFT, MAX_DRIFT + CHANGED, CHANGED)
+        shifts = np.array(np.meshgrid(steps, steps)).reshape(2, -1)
+        x, y = (values[:, None] + shift for values, shift in zip(points.T, shifts, strict=True))
+        best = shifts[:, np.argmax(self._worth(side, x.ravel(), y.ravel()).reshape(x.shape).sum(axis=0))]
+        there, lead = self._nearest[1 - side], self._motions[1 - side]
+        assert there is not None
+        tried = [HERE]
+        for shift in ((0.0, 0.0), best):
+            own = np.column_stack(lead.inverse.of(*(points + shift).T))
+            x, y = lead.of(*refine(there, own, HERE, REACHES[4:]).of(*own.T))
+            tried.append(moved(points[:, 0], points[:, 1], x, y))
+        return max(tried, key=lambda each: float(self._worth(side, *each.of(*points.T)).sum()))
+
+    def _worth(self, side: int, x: Float64, y: Float64) -> Float64:
+        """Return (K,) how well structure of a run at places would lie on the other: 1 exactly, -½ unknown, -1 free."""
+        ground, nearest = self._runs[1 - side].ground, self._nearest[1 - side]
+        assert ground is not None
+        assert nearest is not None
+        x, y = self._motions[1 - side].inverse.of(x, y)
+        _, away = nearest.of(x, y)
+        return np.where(away <= CHANGED, 1.0 - away / CHANGED, np.where(ground.passed(x, y) >= OBSERVED_FREE, -1.0, -0.5))
 
 
 class UnpairedStatus(NamedTuple):

@@ -38,6 +38,8 @@ AT_ONCE = 1 << 18
 """Number of cells that are worked on at once."""
 BUCKET = 0.5
 """[m] Side of the cells by which points in boxes are found."""
+OTHER_RUN = 1e7
+"""[m] Added to the way of another run, more than a robot drives."""
 FAR_CORNER = float(1 << 33)
 """Column and row of the origin of the world, in cells from a corner far outside, so that all cells are positive."""
 
@@ -93,6 +95,8 @@ class SpaceMap:
     """(H, W) number of sweeps that hit or passed each cell; None for a map: `OBSERVED_FREE` where it is known."""
     points: Float64
     """(N, 2) mean of what was hit in each occupied cell [m]."""
+    way: Float64
+    """(N, 2) way of the sensor up to these hits, mean and standard deviation [m]; 0 where it is unknown."""
     counted: bool = True
     """False for a map: the number of its sweeps is unknown."""
 
@@ -132,7 +136,7 @@ class SpaceMap:
         left, low, cells, passes, looks = _laid(self.resolution, x, y, lambda x, y: self._at(*inverse.of(x, y)))
         # Turned cells may miss a point, and the points are what counts.
         cells[cells == OCCUPIED] = FREE
-        moved = SpaceMap(self.resolution, left, low, cells, passes, looks, points, self.counted)
+        moved = SpaceMap(self.resolution, left, low, cells, passes, looks, points, self.way, self.counted)
         row, column, inside = moved.index(points[:, 0], points[:, 1])
         cells[row[inside], column[inside]] = OCCUPIED
         return moved
@@ -153,9 +157,10 @@ class SpaceMap:
 
         x, y = np.array(corners).T
         left, low, cells, passes, looks = _laid(self.resolution, x, y, read)
-        kept = older.points[self.state(older.points[:, 0], older.points[:, 1]) == UNKNOWN]
-        points = np.concatenate([self.points, kept])
-        return SpaceMap(self.resolution, left, low, cells, passes, looks, points, self.counted and older.counted)
+        kept = self.state(older.points[:, 0], older.points[:, 1]) == UNKNOWN
+        points = np.concatenate([self.points, older.points[kept]])
+        way = np.concatenate([self.way, older.way[kept] + [OTHER_RUN, 0.0]])
+        return SpaceMap(self.resolution, left, low, cells, passes, looks, points, way, self.counted and older.counted)
 
     def _at(self, x: Float64, y: Float64) -> _Layers:
         """Return cells, passes and looks at places."""
@@ -205,7 +210,9 @@ def of_map(grid: Occupancy) -> SpaceMap:
         count = np.ones(len(points))
         _, sums = _summed((row // group) * width + column // group, np.column_stack([points, count]))
         points = sums[:, :2] / sums[:, 2:]
-    return SpaceMap(group * grid.resolution, grid.x, grid.y, cells, None, None, points, counted=False)
+    return SpaceMap(
+        group * grid.resolution, grid.x, grid.y, cells, None, None, points, np.zeros_like(points), counted=False
+    )
 
 
 @dataclass(slots=True)
@@ -214,17 +221,26 @@ class SpaceSurvey:
 
     counts: Counts
     _keys: Int64 = field(default_factory=lambda: np.empty(0, np.int64))
-    _sums: Float64 = field(default_factory=lambda: np.empty((0, 4)))
-    """(C, 4) x, y, number of the hits of each cell, and number of those of agents."""
+    _sums: Float64 = field(default_factory=lambda: np.empty((0, 6)))
+    """(C, 6) x, y, number of the hits of each cell, number of those of agents, way of the sensor and its square."""
+    _last: dict[str, tuple[Float64, float]] = field(default_factory=dict)
+    """Last place of each sensor (1, 2), and its way up to there [m]."""
     _waiting: list[tuple[Int64, Float64]] = field(default_factory=list)
 
-    def add(self, beams: Beams, agents: Bool | None = None) -> None:
-        """Count some sweeps, of which (S, B) beams are on agents; `TooLargeError` as of `Counts.add`."""
+    def add(self, beams: Beams, agents: Bool | None = None, sensor: str = "") -> None:
+        """Count some sweeps of a sensor, of which (S, B) beams are on agents; `TooLargeError` as of `Counts.add`."""
         self.counts.add(beams)
+        if not len(beams):
+            return
+        where = beams.poses[:, :2]
+        last, done = self._last.get(sensor, (where[:1], 0.0))
+        way = done + np.cumsum(np.hypot(*np.diff(where, axis=0, prepend=last).T))
+        self._last[sensor] = where[-1:], float(way[-1])
         hit = (beams.use == HIT) & np.isfinite(beams.end[0])
         x, y = beams.end[0][hit], beams.end[1][hit]
         mine = np.zeros(len(x)) if agents is None else agents[hit]
-        key, sums = _summed(self._key(x, y), np.column_stack([x, y, np.ones(len(x)), mine]))
+        way = np.broadcast_to(way[:, None], hit.shape)[hit]
+        key, sums = _summed(self._key(x, y), np.column_stack([x, y, np.ones(len(x)), mine, way, way**2]))
         self._waiting.append((key, sums))
         if sum(len(part) for part, _ in self._waiting) > len(self._keys) + (1 << 16):
             self._gather()
@@ -250,15 +266,16 @@ class SpaceSurvey:
                 passes[part], looks[part] = passed, passed + hit
         row, column = np.nonzero(grid.cells == OCCUPIED)
         if not len(row):
-            return SpaceMap(side, grid.x, grid.y, grid.cells, passes, looks, np.empty((0, 2)))
+            return SpaceMap(side, grid.x, grid.y, grid.cells, passes, looks, *np.empty((2, 0, 2)))
         middle = np.column_stack([column + 0.5, row + 0.5]) * side + [grid.x, grid.y]
         at = np.searchsorted(self._keys, self._key(middle[:, 0], middle[:, 1]))
         sums = self._sums[np.minimum(at, len(self._keys) - 1)]
         # Where an agent stood long, it is unknown what is there without it.
         stands = sums[:, 3] <= 0.5 * sums[:, 2]
         grid.cells[row[~stands], column[~stands]] = UNKNOWN
-        points = sums[stands, :2] / sums[stands, 2:3]
-        return SpaceMap(side, grid.x, grid.y, grid.cells, passes, looks, points)
+        sums = sums[stands] / sums[stands, 2:3]
+        way = np.column_stack([sums[:, 4], np.sqrt(np.maximum(sums[:, 5] - sums[:, 4] ** 2, 0.0))])
+        return SpaceMap(side, grid.x, grid.y, grid.cells, passes, looks, sums[:, :2], way)
 
     def _key(self, x: Float64, y: Float64) -> Int64:
         """Return (K,) a number for the cell of each place."""

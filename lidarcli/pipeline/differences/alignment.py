@@ -12,6 +12,9 @@ from lidarcli.formalism.matching.free_space import HERE, Nearest, SpaceMotion
 from lidarcli.pipeline.differences.runs import AS_IS, AUTO, ObservedRun, known_or_none
 from lidarcli.sweeps.types import Float64
 
+DOUBTFUL = 0.75
+"""Share of the structure in place below which an alignment is told to be doubtful."""
+
 
 class AlignmentStep(NamedTuple):
     """One run, compared with those before it."""
@@ -116,5 +119,6 @@ def _step(
     words = how if how.startswith("as") else f"{how}: {_distance(motion)}"
     if found is None:
         return AlignmentStep(before.name, now.name, motion, None, None, words)
-    words += f"; {found.overlap:.0%} of the structure in place"
+    place = f"{found.overlap:.0%} of the structure in place"
+    words += f"; only {place}: a path may drift, so doubt each change" if found.overlap < DOUBTFUL else f"; {place}"
     return AlignmentStep(before.name, now.name, motion, found.overlap, known_or_none(found.rms), words)

@@ -70,11 +70,13 @@ def _lines_of(rows: Sequence[dict[str, Any]]) -> list[str]:
         words[-1] += f" ({', '.join(f'{whys[why]} {why}' for why in choices.CHANGE_WHYS if whys[why])})"
     found = [f"  {', '.join(words)}" if words else "  nothing stands in them, and no structure differs"]
     things, structure = [], []
-    for row in rows:
+    # What is sure comes first.
+    for row in sorted(rows, key=lambda row: row["why"] is not None):
         x, y = (row[f"{axis}_a"] if row[f"{axis}_b"] is None else row[f"{axis}_b"] for axis in ("x", "y"))
         where = f"({x:.1f}, {y:.1f})"
         if row["kind"] == choices.CHANGE_KINDS[STRUCTURE]:
-            structure.append(f"{row['status']} {row['length']:.1f} m at {where}")
+            drift = f" ({row['why']} of {row['moved']:.2f} m)" if row["moved"] else ""
+            structure.append(f"{row['status']} {row['length']:.1f} m at {where}{drift}")
         elif row["status"] in tuple(choices.CHANGE_STATUSES[code] for code in (MOVED, NEW, GONE)):
             sizes = " x ".join(f"{row[size]:.1f}" for size in ("length", "width") if row[size] is not None)
             moved = "at" if row["moved"] is None else f"by {row['moved']:.2f} m to"
@@ -134,6 +136,7 @@ def rows_of(
                 row["turned"] = _line(row["yaw_b"] - row["yaw_a"])
             things, k = (new, j) if j >= 0 else (old, i)
             row |= {"length": known_or_none(things.length[k]), "width": known_or_none(things.width[k])}
+        row["moved"] = known_or_none(change.drift) or row.get("moved")
         at = np.array([where]).T
         if change.why in (HIDDEN, OUT_OF_VIEW) and now.before is not None and now.before.seen(*motion.inverse.of(*at))[0]:
             row["why"] = choices.CHANGE_WHYS[POSES]

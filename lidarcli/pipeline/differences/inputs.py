@@ -210,7 +210,9 @@ class _LogSurvey:
             key = frame_key(world, batch.topic, frame, robot)
             known = np.flatnonzero(np.isfinite(poses.x + poses.y + poses.yaw))
             survey = self._surveys.setdefault(key, _survey())
-            survey.add(placed(own.rows(known), poses.rows(known), use[at][known]), is_agent[at][known])
+            survey.add(
+                placed(own.rows(known), poses.rows(known), use[at][known]), is_agent[at][known], f"{batch.topic} {frame}"
+            )
             self.places.setdefault(key, []).append(np.column_stack([poses.x, poses.y])[known])
 
     def grounds(self) -> dict[str, SpaceMap]:
