@@ -17,7 +17,7 @@ Trees = tuple[tuple[tuple[Question, ...], tuple[float, ...]], ...]
 Grown = tuple[Trees, float]
 """Trees, and the log-odds before any tree."""
 
-TREES, DEPTH = 64, 3
+TREES, DEPTH = 48, 3
 ASKED, LEAVES = 2**DEPTH - 1, 2**DEPTH
 SEED = 1
 """Of the features that are drawn for each split."""
@@ -25,7 +25,7 @@ RATE = 0.18
 """Share of what a tree has learnt that is kept; the next ones correct the rest."""
 SAMPLE = 0.5
 """Share of the features that each split may ask for."""
-LEAST, PENALTY = 40, 5.0
+LEAST, PENALTY = 80, 5.0
 """Examples in a leaf; what draws the values of leaves towards 0."""
 DIGITS = 4
 """Of the constants."""

@@ -220,11 +220,11 @@ def _resize(arrays: dict[str, NDArray[Any]], objects: int, vertices: int, faces:
 # Reasons for a verdict, object or building: the part of each kind of evidence in the log-odds.
 
 KINDS = {
-    "edges": ("jump_least", "jump_most", "gap", "flicker"),
-    "around": ("beside", "beside_most", "around", "far_around", "deeper", "bodies", "slim"),
-    "lines": ("line", "unbroken", "own_line", "arms", "support", "beyond", "wall_line", "wall_before"),
+    "edges": ("jump", "gap", "flicker"),
+    "around": ("beside", "around", "deeper", "bodies", "slim"),
+    "lines": ("line", "unbroken", "arms", "support", "beyond", "wall_before"),
     "size": ("width", "extent", "range"),
-    "form": ("bulge_away", "arc", "noise"),
+    "form": ("bulge_away", "arc"),
 }
 """Kind of evidence → features that belong to it."""
 START = "start"

@@ -8,16 +8,16 @@ from lidarcli.formalism.segmentation cimport Points, Scans, Segments
 from lidarcli.formalism.surfaces cimport Faces, Survey
 
 
-cdef Py_ssize_t JUMP_LEAST, JUMP_MOST, GAP, FLICKER, BESIDE, BESIDE_MOST, AROUND, FAR_AROUND, DEEPER, BODIES, SLIM
-cdef Py_ssize_t LINE, UNBROKEN, OWN_LINE, ARMS, SUPPORT, BEYOND, WALL_LINE, WALL_BEFORE
-cdef Py_ssize_t WIDTH, EXTENT, RANGE, BULGE_AWAY, ARC, NOISE, COUNT
+cdef Py_ssize_t JUMP, GAP, FLICKER, BESIDE, AROUND, DEEPER, BODIES, SLIM
+cdef Py_ssize_t LINE, UNBROKEN, ARMS, SUPPORT, BEYOND, WALL_BEFORE
+cdef Py_ssize_t WIDTH, EXTENT, RANGE, BULGE_AWAY, ARC, COUNT
 cdef double FAR, NEARER, SHORTEST, LONGEST
-cdef double OUTSIDE, DEEPEST, BESIDE_ANGLE, AROUND_ANGLE, FAR_ANGLE, DEEPER_ANGLE, DEEPER_BY
+cdef double OUTSIDE, DEEPEST, BESIDE_ANGLE, AROUND_ANGLE, DEEPER_ANGLE, DEEPER_BY
 cdef double NEAR_BODIES, SLIM_WIDTH, NO_SLIM
 cdef Py_ssize_t LOOKS, DIRECTION_POINTS, LINE_POINTS, FEW_POINTS, MAX_STRIDE, CROSSED
 cdef double RIGHT_ANGLE, KERNEL, CLOSE, DIRECTION_LENGTH, PLANE, PLANE_NOISE
 cdef double SLANTED, SHORT, SHORT_SLANT, LONG_SLANT, WIDEST, BEYOND_BY, LOG_SCALE
-cdef double WALL_LENGTH, WALL_NEAR, LINE_FAR, TIE
+cdef double WALL_LENGTH, WALL_BEHIND, TIE
 cdef double ALIGNED, ARM, LINE_REACH, LINE_PRIOR, HIDDEN_BY, SPACING, SLANT, FRONT, NEAREST_LINE
 
 
@@ -83,7 +83,8 @@ cdef double _turned(double angle) noexcept nogil
 @cython.locals(along=double, across=double)
 cdef void align(Features features, Faces faces) noexcept nogil
 @cython.locals(
-    face=Py_ssize_t, arm=Py_ssize_t, i=Py_ssize_t, support=double, aligned=double, told=double, beyond=double
+    face=Py_ssize_t, arm=Py_ssize_t, i=Py_ssize_t, support=double, aligned=double, told=double, beyond=double,
+    own_line=double
 )
 cdef void measure_lines(
     Features features, Points points, Faces faces, Scans scans, Py_ssize_t k
@@ -102,7 +103,7 @@ cdef double _on_line(
 )
 cdef double _supported(Features features, Points points, Faces faces, Py_ssize_t k) noexcept nogil
 cdef double _share(double off) noexcept nogil
-@cython.locals(i=Py_ssize_t, nearest=double, line=double, before=double, off=double, along=double, past=double, apart=double)
+@cython.locals(i=Py_ssize_t, nearest=double, before=double, off=double, along=double, past=double, apart=double)
 cdef void measure_walls(Features features, Faces faces, Py_ssize_t k) noexcept nogil
 
 

@@ -16,15 +16,15 @@ from lidarcli.formalism.surfaces import Faces, Survey
 from lidarcli.system import native
 
 NAMES = (
-    *("jump_least", "jump_most", "gap", "flicker"),
-    *("beside", "beside_most", "around", "far_around", "deeper", "bodies", "slim"),
-    *("line", "unbroken", "own_line", "arms", "support", "beyond", "wall_line", "wall_before"),
-    *("width", "extent", "range", "bulge_away", "arc", "noise"),
+    *("jump", "gap", "flicker"),
+    *("beside", "around", "deeper", "bodies", "slim"),
+    *("line", "unbroken", "arms", "support", "beyond", "wall_before"),
+    *("width", "extent", "range", "bulge_away", "arc"),
 )
 """Names of the features in their order (docs/formalism.md explains them)."""
-JUMP_LEAST, JUMP_MOST, GAP, FLICKER, BESIDE, BESIDE_MOST, AROUND, FAR_AROUND, DEEPER, BODIES, SLIM = range(11)
-LINE, UNBROKEN, OWN_LINE, ARMS, SUPPORT, BEYOND, WALL_LINE, WALL_BEFORE = range(11, 19)
-WIDTH, EXTENT, RANGE, BULGE_AWAY, ARC, NOISE, COUNT = range(19, 26)
+JUMP, GAP, FLICKER, BESIDE, AROUND, DEEPER, BODIES, SLIM = range(8)
+LINE, UNBROKEN, ARMS, SUPPORT, BEYOND, WALL_BEFORE = range(8, 14)
+WIDTH, EXTENT, RANGE, BULGE_AWAY, ARC, COUNT = range(14, 20)
 
 FAR, NEARER = 3.0, -2.0
 """[m] Greatest and least jump: the greatest is also that at an edge behind which nothing is visible."""
@@ -129,7 +129,7 @@ def measure_outline(features: Features, points: Points, segments: Segments, bodi
     features.x[k], features.y[k] = 0.5 * (x[a] + x[b]), 0.5 * (y[a] + y[b])
     values[at + WIDTH], values[at + EXTENT] = width, bodies.extent[head]
     values[at + RANGE] = math.sqrt(features.x[k] * features.x[k] + features.y[k] * features.y[k])
-    values[at + NOISE], values[at + FLICKER] = points.sigma, points.flicker
+    values[at + FLICKER] = points.flicker
     # The normal points away from the sensor.
     normal_x, normal_y, base = 0.0, 0.0, 0.0
     if width > 0.0:
@@ -171,7 +171,7 @@ def measure_edges(features: Features, points: Points, segments: Segments, k: int
     head, tail = features.member[features.start[k]], features.member[features.start[k + 1] - 1]
     one = _jump(segments.start_edge[head], -segments.s_start[head])
     other = _jump(segments.end_edge[tail], segments.s_end[tail])
-    values[at + JUMP_LEAST], values[at + JUMP_MOST] = min(one, other), max(one, other)
+    values[at + JUMP] = min(one, other)
     values[at + GAP] = min(_gap(points, features.first[k], -1), _gap(points, features.last[k], 1))
 
 
@@ -192,7 +192,7 @@ def _gap(points: Points, p: int, step: int) -> float:
 
 OUTSIDE, DEEPEST = -4.0, 5.0
 """[m] Depths behind a body: beyond the view, and the greatest one, which is also that of nothing; the least is -`FAR`."""
-BESIDE_ANGLE, AROUND_ANGLE, FAR_ANGLE = math.radians(1.0), math.radians(4.0), math.radians(8.0)
+BESIDE_ANGLE, AROUND_ANGLE = math.radians(1.0), math.radians(4.0)
 """[rad] So far past both ends one beam is looked at."""
 DEEPER_ANGLE, LOOKS, DEEPER_BY = math.radians(20.0), 5, 0.4
 """[rad], beams to each side, about, [m]: how many of these end so much deeper."""
@@ -207,12 +207,9 @@ def measure_surroundings(features: Features, points: Points, scans: Scans, k: in
     from_a, from_b = points.position[a], points.position[b]
     ra, rb = points.r[a], points.r[b]
     steps = _steps(points, BESIDE_ANGLE)
-    one, other = _depth(points, scans, from_a - steps, ra), _depth(points, scans, from_b + steps, rb)
-    values[at + BESIDE], values[at + BESIDE_MOST] = min(one, other), max(one, other)
+    values[at + BESIDE] = min(_depth(points, scans, from_a - steps, ra), _depth(points, scans, from_b + steps, rb))
     steps = _steps(points, AROUND_ANGLE)
     values[at + AROUND] = min(_depth(points, scans, from_a - steps, ra), _depth(points, scans, from_b + steps, rb))
-    steps = _steps(points, FAR_ANGLE)
-    values[at + FAR_AROUND] = min(_depth(points, scans, from_a - steps, ra), _depth(points, scans, from_b + steps, rb))
     steps = _steps(points, DEEPER_ANGLE)
     stride = max(steps // LOOKS, 1)
     deeper, per_depth, looks, i = 0.0, 1.0 / DEEPER_BY, 0, 1
@@ -325,7 +322,7 @@ def align(features: Features, faces: Faces) -> None:
 def measure_lines(features: Features, points: Points, faces: Faces, scans: Scans, k: int) -> None:
     """Fill in the features of the lines of the two longest faces of a body."""
     values, at = features.values, k * COUNT
-    for i in range(LINE, WALL_LINE):
+    for i in range(LINE, WALL_BEFORE):
         values[at + i] = 0.0
     face, arm = -1, -1
     for part in range(features.start[k], features.start[k + 1]):
@@ -337,7 +334,7 @@ def measure_lines(features: Features, points: Points, faces: Faces, scans: Scans
                 arm = f
     if face < 0:
         return
-    values[at + OWN_LINE] = _on_line(features, points, faces, k, face)
+    own_line = _on_line(features, points, faces, k, face)
     aligned, support, told = features.aligned[face], features.supported, 0.0
     # All points of a body may lie on one place.
     if arm >= 0 and faces.length[face] > 0.0:
@@ -350,7 +347,7 @@ def measure_lines(features: Features, points: Points, faces: Faces, scans: Scans
         support, aligned = max(support, told * features.supported), max(aligned, told * features.aligned[arm])
     if aligned < 1.0:
         support = max(support, min(1.0 - aligned, 0.5) * _supported(features, points, faces, k))
-    values[at + ARMS] = max(values[at + ARMS], values[at + OWN_LINE])
+    values[at + ARMS] = max(values[at + ARMS], own_line)
     values[at + SUPPORT] = math.log(1.0 + support / LOG_SCALE)
     _measure_face(features, points, faces, scans, k, face)
 
@@ -429,8 +426,9 @@ def _share(off: float) -> float:
     return min(1.0, max(0.0, 1.5 - abs(off)))
 
 
-WALL_LENGTH, WALL_NEAR, LINE_FAR = 1.0, 1.5, 1.0
-"""[m] A wall is a face that long; its line counts so far past its ends; a line is at most so far away, a wall `FAR`."""
+WALL_LENGTH, WALL_BEHIND = 1.0, -1.0
+"""[m] A wall is a face that long; a body counts as no further behind it than the second, and no further before it than
+`FAR`."""
 
 
 TIE = 1e-9
@@ -440,7 +438,7 @@ TIE = 1e-9
 def measure_walls(features: Features, faces: Faces, k: int) -> None:
     """Fill in the features of long faces near a body."""
     values, at = features.values, k * COUNT
-    nearest, line, before = FAR * FAR, LINE_FAR, FAR
+    nearest, before = FAR * FAR, FAR
     for i in range(features.wall_count):
         f = features.walls[i]
         if features.body[faces.segment[f]] == k:
@@ -455,9 +453,7 @@ def measure_walls(features: Features, faces: Faces, k: int) -> None:
         # Of two faces that meet there the one that it is less before, whichever comes first.
         if apart < nearest - TIE or (apart < nearest + TIE and off < before):
             nearest, before = min(apart, nearest), off
-        if along < WALL_NEAR:
-            line = min(line, abs(off))
-    values[at + WALL_LINE], values[at + WALL_BEFORE] = line, max(-LINE_FAR, min(before, FAR))
+    values[at + WALL_BEFORE] = max(WALL_BEHIND, min(before, FAR))
 
 
 # What beams meet on the line of a body past both of its ends: wall, free space, or what is before it.

@@ -62,8 +62,7 @@ def test_edges_tell_how_much_further_the_neighbours_are() -> None:
                 known = edge in ("own", "hidden")
                 jumps.append(min(max(step, -2.0), 3.0) if known else 3.0)
             if not any(np.isnan(jumps)):
-                assert value(state, k, "jump_least") == pytest.approx(min(jumps))
-                assert value(state, k, "jump_most") == pytest.approx(max(jumps))
+                assert value(state, k, "jump") == pytest.approx(min(jumps))
 
 
 def test_the_outline_of_a_body() -> None:
@@ -106,13 +105,11 @@ def test_what_is_past_the_ends_of_a_body() -> None:
                 away = r[at % seen.bearings] - seen.r[end[0]]
                 return 5.0 if np.isnan(away) else float(np.clip(away, -3.0, 5.0))
 
-            for name, most, degrees in (("beside", "beside_most", 1), ("around", "", 4), ("far_around", "", 8)):
+            for name, degrees in (("beside", 1), ("around", 4)):
                 beams = max(int(np.radians(degrees) / points.step + 0.5), 1)
                 depths = [depth(end, beams) for end in ends]
                 # Ranges are laid out in double precision, and read in single.
                 assert value(state, k, name) == pytest.approx(min(depths), abs=1e-5)
-                if most:
-                    assert value(state, k, most) == pytest.approx(max(depths), abs=1e-5)
             beams = max(int(np.radians(20) / points.step + 0.5), 1)
             looks = [depth(end, i) for i in range(1, beams + 1, max(beams // 5, 1)) for end in ends]
             seen = [each for each in looks if each > features.OUTSIDE]
@@ -132,15 +129,17 @@ def test_other_bodies_and_walls_around() -> None:
             assert value(state, k, "bodies") == pytest.approx(share(away, 3.0).sum())
             slim = [away[i] for i in range(count) if i != k and value(state, i, "width") < 0.3]
             assert value(state, k, "slim") == pytest.approx(min([2.0, *slim]))
-            lines = [1.0]
+            walls = [(3.0, 3.0)]
             for face in state.faces:
                 if face.length < 1.0 or face.segment in members:
                     continue
                 off = middles[k] - (face.middle_x, face.middle_y)
-                along = abs(off @ (face.direction_x, face.direction_y)) - face.length / 2
-                if along < 1.5:
-                    lines.append(abs(off @ (face.direction_y, -face.direction_x)))
-            assert value(state, k, "wall_line") == pytest.approx(min(lines))
+                normal = np.array((face.direction_y, -face.direction_x))
+                # Before a wall is where the sensor is.
+                before = float(off @ normal) * (-1.0 if normal @ (face.middle_x, face.middle_y) > 0.0 else 1.0)
+                past = max(abs(off @ (face.direction_x, face.direction_y)) - face.length / 2, 0.0)
+                walls.append((round(float(np.hypot(before, past)), 6), before))
+            assert value(state, k, "wall_before") == pytest.approx(float(np.clip(min(walls)[1], -1.0, 3.0)), abs=1e-5)
 
 
 def test_the_direction_of_a_building_is_that_of_most_faces() -> None:
@@ -205,7 +204,7 @@ def test_shares_of_lines_are_shares() -> None:
         for k, _ in bodies_of(state):
             assert 0.0 <= value(state, k, "line") < 1.0
             assert 0.0 <= value(state, k, "beyond") <= 1.0
-            assert value(state, k, "arms") >= value(state, k, "own_line") >= 0.0
+            assert value(state, k, "arms") >= 0.0
             assert value(state, k, "unbroken") <= ROBUST.max_width + 2 * features.LINE_REACH + 0.1
             met += value(state, k, "line") > 0.0
     assert met > 500
