@@ -30,7 +30,7 @@ SEEDS = 0
 """First seed; what is reported begins with 50,000."""
 BUILDINGS, CLEAN = 120, 60
 """Scenes of each kind like real buildings, and of each kind with clean surfaces, both with and without legged things."""
-REAL, LEGS = 2.0, 0.3
+REAL, LEGS = 1.5, 0.3
 """Weight of the sweeps judged by eye, and of the labelled legs, beside that of all drawn scenes."""
 THINNED = 24
 """Of the drawn bodies every so many is enough for trees that are only reported on."""

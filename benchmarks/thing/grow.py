@@ -17,7 +17,7 @@ Trees = tuple[tuple[tuple[Question, ...], tuple[float, ...]], ...]
 Grown = tuple[Trees, float]
 """Trees, and the log-odds before any tree."""
 
-TREES, DEPTH = 48, 3
+TREES, DEPTH = 64, 3
 ASKED, LEAVES = 2**DEPTH - 1, 2**DEPTH
 SEED = 1
 """Of the features that are drawn for each split."""
