@@ -9,7 +9,6 @@ import sys
 import textwrap
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
 from itertools import chain
 from math import isnan
 from shutil import get_terminal_size
@@ -23,6 +22,7 @@ from lidarcli.display.texts import Routine, column_of_times, counted
 from lidarcli.errors import OutputError
 from lidarcli.options.choices import beams_on
 from lidarcli.system import compiled
+from lidarcli.system.records import dataclass, field
 
 if TYPE_CHECKING:
     from lidarcli.pipeline.inputs.sources import MissingInput, Source

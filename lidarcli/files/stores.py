@@ -11,7 +11,6 @@ import re
 import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
 from functools import cache
 from os import PathLike, fspath
 from pathlib import Path, PurePosixPath
@@ -19,6 +18,7 @@ from typing import TYPE_CHECKING, Any
 
 from lidarcli.display.credentials import SECRETS, blotted, without_users
 from lidarcli.errors import LidarcliError, OptionError, OutputError, UnreadableError
+from lidarcli.system.records import dataclass, replace
 
 if TYPE_CHECKING:
     import pyarrow as pa

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import MISSING, fields, replace
-
 import numpy as np
 
 from lidarcli.sweeps.types import (
@@ -22,6 +20,7 @@ from lidarcli.sweeps.types import (
     columns_of,
     record,
 )
+from lidarcli.system.records import MISSING, fields, replace
 
 SETS = ("O", "A", "S")
 SHAPES = ("prismatic", "round", "legged", "irregular", "unknown", "wall")

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass, field, fields, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -19,6 +18,7 @@ from lidarcli.logs.base import LASERSCAN, MAX_BEAMS, MULTI_ECHO, OpenOptions, Re
 from lidarcli.logs.blocks import BLOCK_ROWS, ScanLayout, pad_intensities, pad_rows, split_rows, unsound
 from lidarcli.ros.cursor import ENCAPSULATION, MAX_NAME, NAME_LONG
 from lidarcli.sweeps.types import Bool, Float32, Int32, Int64, RawSweeps, UInt8, record
+from lidarcli.system.records import dataclass, field, fields, replace
 
 SHORT = "shorter than a LaserScan"
 FRAME_BEYOND = "frame_id longer than the message"

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Mapping
-from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import BinaryIO
@@ -21,6 +20,7 @@ from lidarcli.logs.mcap_records import MAGIC, ChannelCatalogue, McapMessages, Mc
 from lidarcli.logs.mcap_walk import UNKNOWN, UNWANTED, Walk, Wanted
 from lidarcli.logs.unpacking import PACKED_CAUSE, ZSTD_MAGIC, DecompressionBudget, unpack_message
 from lidarcli.sweeps.types import RawSweeps
+from lidarcli.system.records import dataclass, field
 
 STRIPPED_MAGIC = b"\x89MCAP0\n"
 

@@ -7,7 +7,6 @@ import struct
 import zlib
 from array import array
 from collections.abc import Callable, Collection
-from dataclasses import dataclass, field, fields
 from typing import BinaryIO, NamedTuple, TypeVar
 
 import lz4.frame
@@ -23,6 +22,7 @@ from lidarcli.logs.base import SCAN_TYPES, ReadReport, ros_type
 from lidarcli.logs.laserscan import scan_type
 from lidarcli.logs.unpacking import CHUNK_RATIO, MAX_CHUNK, SMALL
 from lidarcli.sweeps.types import Bool, Int64, UInt8, record
+from lidarcli.system.records import dataclass, field, fields
 
 MAGIC = b"\x89MCAP0\r\n"
 RECORD = struct.Struct("<BQ")

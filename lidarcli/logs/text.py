@@ -9,7 +9,6 @@ import stat
 import zlib
 from abc import ABC, abstractmethod
 from collections.abc import Collection, Iterator
-from dataclasses import dataclass, replace
 from itertools import chain
 from pathlib import Path
 from typing import BinaryIO
@@ -17,6 +16,7 @@ from typing import BinaryIO
 from lidarcli.errors import UnreadableError, unreadable
 from lidarcli.logs.base import POSE_TYPES, Closing, Message, OpenOptions, ReadReport
 from lidarcli.sweeps.types import RawSweeps
+from lidarcli.system.records import dataclass, replace
 
 MAX_LINE = 8 << 20
 """Bytes of the longest line that is read (100,000 beams with intensities fit); a longer one is skipped and reported."""

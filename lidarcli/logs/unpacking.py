@@ -5,7 +5,6 @@ from __future__ import annotations
 import shutil
 import zlib
 from collections.abc import Callable
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +12,7 @@ import lz4.frame
 import zstandard
 
 from lidarcli.logs.base import MAX_MESSAGE
+from lidarcli.system.records import dataclass, field
 
 SMALL = 64 << 20
 MAX_RATIO = 1000

@@ -5,12 +5,12 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, replace
 from numbers import Integral, Real
 from typing import Any, get_args
 
 from lidarcli.errors import OptionError
 from lidarcli.options.choices import MAX_NUMBER
+from lidarcli.system.records import dataclass, replace
 
 
 @dataclass(frozen=True, slots=True)

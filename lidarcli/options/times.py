@@ -5,12 +5,12 @@ from __future__ import annotations
 import math
 import re
 from contextlib import suppress
-from dataclasses import dataclass
 from datetime import UTC, datetime, time, timedelta, tzinfo
 from decimal import Decimal
 from numbers import Real
 
 from lidarcli.errors import OptionError
+from lidarcli.system.records import dataclass
 
 LONGEST = 1_000_000_000
 """Longest time after the first sweep [s], thirty years; a greater number counts seconds since 1970."""
@@ -29,7 +29,7 @@ _FRACTION = re.compile(r"\.(\d{1,9})(?=Z|[+-]|$)", re.IGNORECASE)
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 
 
-@dataclass(frozen=True, slots=True, order=True)
+@dataclass(frozen=True, slots=True)
 class Instant:
     """A moment by date and time of day."""
 

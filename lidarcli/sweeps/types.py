@@ -7,7 +7,6 @@ beam count changes from turn to turn stay in one batch: short rows are padded, p
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import MISSING, dataclass, field, fields, replace
 from enum import IntEnum
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, SupportsIndex, TypeVar, dataclass_transform
 
@@ -15,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lidarcli.display.texts import Facts, counted, moment, shown, span
+from lidarcli.system.records import MISSING, dataclass, field, fields, replace
 
 if TYPE_CHECKING:
     import pandas as pd

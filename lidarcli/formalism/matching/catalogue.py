@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
@@ -30,6 +29,7 @@ from lidarcli.formalism.detection import (
     spans,
 )
 from lidarcli.sweeps.types import Bool, Float64, Int32, Int64, SweepBatch, record
+from lidarcli.system.records import asdict, dataclass
 
 KINDS = tuple(SHAPES[code] for code in (PRISMATIC, ROUND, LEGGED, IRREGULAR))
 """Shapes of objects, in the order of `Evidence.shape`."""

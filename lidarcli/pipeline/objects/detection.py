@@ -9,7 +9,6 @@ from __future__ import annotations
 import time
 from collections import deque
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field, replace
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self
 
@@ -28,6 +27,7 @@ from lidarcli.pipeline.reading.needs import Need, PoseOptions
 from lidarcli.pipeline.reading.one_log import Reading, RunSummary, named_files, reading_as_dict
 from lidarcli.sweeps.types import SweepBatch
 from lidarcli.system.machine import Threads, cores
+from lidarcli.system.records import dataclass, field, replace
 from lidarcli.tabular.columns import beams_rows, objects_rows, sweeps_rows
 from lidarcli.tabular.writing import table_paths
 

@@ -6,7 +6,6 @@ import gc
 import traceback
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import closing
-from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any, Protocol, TypeVar
 
@@ -14,6 +13,7 @@ from lidarcli.errors import OUT_OF_MEMORY, LidarcliError, UnreadableError, is_sh
 from lidarcli.logs.registry import no_scan_topic
 from lidarcli.pipeline.inputs.sources import MissingInput, Source
 from lidarcli.pipeline.reading.one_log import Progress, RunSummary
+from lidarcli.system.records import dataclass, field, replace
 
 INTERNAL_ERROR = 70
 DIED_TWICE = "its worker process died twice, ended by the system (out of memory?); try it alone with --jobs 1"
