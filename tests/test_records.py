@@ -60,7 +60,8 @@ def test_a_record_is_what_the_standard_makes() -> None:
         assert hash(mine) == hash(theirs)
         assert asdict(replace(mine, y=9.0)) == asdict(replace(theirs, y=9.0))
     assert [each.name for each in fields(Spot)] == [each.name for each in fields(_Standard)]
-    assert Spot.__slots__ == _Standard.__slots__  # type: ignore[attr-defined]
+    for name in ("__slots__", "__match_args__", "__module__"):
+        assert getattr(Spot, name) == getattr(_Standard, name)
     assert Spot(1).names is not Spot(1).names
     with pytest.raises(ValueError, match="left of all"):
         Spot(-1)

@@ -115,7 +115,7 @@ def subtract(messages: MessageWriter, options: DetectCommand) -> int:
 
 background = Commands(
     "background",
-    commands=[build, subtract],
+    commands=[build(), subtract()],
     help="""Learn an empty scene, and find what differs from it.
 
     build learns the range of the background in every direction; subtract

@@ -11,7 +11,6 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from itertools import chain
 from math import isnan
-from shutil import get_terminal_size
 from typing import TYPE_CHECKING, Any, TextIO
 
 import click
@@ -177,6 +176,8 @@ def wrapped(head: str, words: str) -> list[str]:
     >>> wrapped("  note     ", "give the poses of the robot in the world, and how it is mounted (--pose TOPIC)")
     ['  note     give the poses of the robot in the world, and how it is mounted', '           (--pose TOPIC)']
     """
+    from shutil import get_terminal_size
+
     wrapper = textwrap.TextWrapper(max(get_terminal_size().columns, 40), head, " " * len(head))
     wrapper.break_long_words = wrapper.break_on_hyphens = False
     return [line.replace("\u00a0", " ") for line in wrapper.wrap(OPTION.sub("\\1\u00a0", words))]

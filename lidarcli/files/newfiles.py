@@ -6,7 +6,6 @@ import os
 import re
 import shutil
 import stat
-import tempfile
 import time
 import zlib
 from collections import ChainMap
@@ -168,7 +167,10 @@ def scratch_folder(folder: Path | None = None) -> Iterator[Path]:
     Without another one it is below the temporary folder. What a killed run left behind is cleared away by the next one that
     comes here. `OutputError` where it cannot be made.
     """
-    folder = folder or Path(tempfile.gettempdir())
+    if folder is None:
+        from tempfile import gettempdir
+
+        folder = Path(gettempdir())
     scratch = folder / f".lidarcli-{_HOST}-{os.urandom(8).hex()}.part"
     lock: int | None = None
     try:

@@ -141,7 +141,7 @@ def place(text: str | PathLike[str] | Url) -> Place:
     found = _URL.fullmatch(fspath(text))
     assert found is not None
     scheme, bucket, key = found[1].lower(), found[2], found[3]
-    secret = SECRETS.search(key)
+    secret = re.search(SECRETS, key)
     if without_users(fspath(text)) != fspath(text) or (secret and secret[0][0] in "?&"):
         raise OptionError(
             f"{scheme}://...: credentials do not belong in a URL; the store takes them from its own configuration "

@@ -41,6 +41,9 @@ class Instant:
         text = (_EPOCH + timedelta(seconds=seconds)).isoformat().removesuffix("+00:00")
         return f"{text}{f'.{rest:09d}'.rstrip('0') if rest else ''}Z"
 
+    def __lt__(self, other: Instant) -> bool:
+        return self.ns < other.ns
+
 
 @dataclass(frozen=True, slots=True)
 class TimeOfDay:

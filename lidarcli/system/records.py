@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable
-from dataclasses import MISSING, FrozenInstanceError, asdict, field, fields, replace
+from dataclasses import MISSING, Field, FrozenInstanceError, asdict, field, fields, replace
 from functools import cache
 from operator import attrgetter
-from typing import Any, NamedTuple, TypeVar, dataclass_transform
+from types import SimpleNamespace
+from typing import Any, Literal, NamedTuple, TypeVar, dataclass_transform
 
 __all__ = ["MISSING", "asdict", "dataclass", "field", "fields", "replace"]
 
@@ -16,64 +17,95 @@ T = TypeVar("T")
 
 @dataclass_transform(field_specifiers=(field,))
 def dataclass(
-    *, frozen: bool = False, eq: bool = True, repr: bool = True, slots: bool = True
+    *, frozen: bool = False, eq: bool = True, repr: bool = True, slots: Literal[True] = True
 ) -> Callable[[type[T]], type[T]]:
-    """As the decorator of the standard library, with `fields`, `replace` and `asdict` of there; with slots."""
+    """As the decorator of the standard library, with `fields`, `replace` and `asdict` of there; always with slots."""
+    shared: dict[str, Any] = {"__init__": _init, "__dataclass_params__": SimpleNamespace(frozen=frozen)}
+    if repr:
+        shared["__repr__"] = _repr
+    if eq:
+        shared |= {"__eq__": _eq, "__hash__": _hash if frozen else None}
+    if frozen:
+        shared |= {"__setattr__": _refuse, "__delattr__": _refuse, "__setstate__": _restore}
 
-    def made(cls: type[T]) -> type[T]:
-        own: dict[str, Any] = {"__init__": _init}
-        if repr:
-            own["__repr__"] = _repr
-        if eq:
-            own |= {"__eq__": _eq, "__hash__": _hash if frozen else None}
-        if frozen:
-            own |= {"__setattr__": _refuse, "__delattr__": _refuse, "__setstate__": _restore}
-        for name in own.keys() - vars(cls).keys():
-            setattr(cls, name, own[name])
-        return dataclasses.dataclass(init=False, repr=False, eq=False, slots=slots)(cls)
+    def made(plain: Any) -> Any:
+        own = dict(vars(plain))
+        own.pop("__dict__", None), own.pop("__weakref__", None)
+        declared = {name: own.pop(name, MISSING) for name in own.get("__annotations__", ())}
+        inherited = [name for base in plain.__mro__[1:] for name in vars(base).get("__slots__", ())]
+        own["__slots__"] = tuple(name for name in declared if name not in inherited)
+        # Order and names of `match`: those of the bases first.
+        first = {name: 0 for base in plain.__mro__[:0:-1] for name in vars(base).get("__match_args__", ())}
+        hidden = [name for name, one in declared.items() if isinstance(one, Field) and not one.init]
+        own["__match_args__"] = tuple(name for name in first | declared if name not in hidden)
+        own |= {"__declared__": declared, "__dataclass_fields__": _Fields(plain)}
+        cls = type(plain)(plain.__name__, plain.__bases__, shared | own)
+        cls.__qualname__ = plain.__qualname__
+        return cls
 
     return made
+
+
+class _Fields:
+    """The fields of a class as the standard library knows them; most runs ask for those of few."""
+
+    def __init__(self, plain: type) -> None:
+        self._plain = plain
+
+    def __set_name__(self, cls: Any, name: str) -> None:
+        self._cls = cls
+
+    def __get__(self, one: object, cls: type) -> dict[str, Field[Any]]:
+        made: Any = dataclasses.dataclass(init=False, repr=False, eq=False)(self._plain)
+        self._cls.__dataclass_fields__ = made.__dataclass_fields__
+        return self._cls.__dataclass_fields__  # type: ignore[no-any-return]
 
 
 class _Layout(NamedTuple):
     """What the shared functions ask of a class."""
 
     given: tuple[str, ...]
-    """Fields that a call may give, in order."""
+    """Fields that a call gives, in order; of these are `needed` those without a default."""
+    names: frozenset[str]
+    needed: frozenset[str]
     defaults: dict[str, Any]
     factories: dict[str, Callable[[], Any]]
     compared: attrgetter[Any]
     shown: tuple[str, ...]
+    is_checked: bool
 
 
 @cache
 def _layout(cls: Any) -> _Layout:
-    known = fields(cls)
-    return _Layout(
-        tuple(each.name for each in known if each.init),
-        {each.name: each.default for each in known if each.default is not MISSING},
-        {each.name: each.default_factory for each in known if each.default_factory is not MISSING},
-        attrgetter(*(each.name for each in known if each.compare)),
-        tuple(each.name for each in known if each.repr),
-    )
+    declared = {name: one for base in cls.__mro__[::-1] for name, one in vars(base).get("__declared__", {}).items()}
+    known = {name: one if isinstance(one, Field) else field(default=one) for name, one in declared.items()}
+    defaults = {name: one.default for name, one in known.items() if one.default is not MISSING}
+    factories = {name: one.default_factory for name, one in known.items() if one.default_factory is not MISSING}
+    given = tuple(name for name, one in known.items() if one.init)
+    needed = frozenset(given) - defaults.keys() - factories.keys()
+    compared = attrgetter(*(name for name, one in known.items() if one.compare))
+    shown = tuple(name for name, one in known.items() if one.repr)
+    return _Layout(given, frozenset(given), needed, defaults, factories, compared, shown, hasattr(cls, "__post_init__"))
 
 
 _set = object.__setattr__
 
 
 def _init(self: Any, *values: Any, **named: Any) -> None:
-    cls = self.__class__
-    layout = _layout(cls)
-    given = dict(zip(layout.given, values, strict=False), **named)
-    known = layout.defaults | given
+    layout = _layout(self.__class__)
+    count = len(values) + len(named)
+    if values:
+        named |= zip(layout.given, values, strict=False)
+    if len(named) < count or not layout.needed <= named.keys() <= layout.names:
+        name = self.__class__.__name__
+        raise TypeError(f"{name}() takes {', '.join(layout.given)}; given are {count}: {', '.join(named)}")
+    known = layout.defaults | named
     for name, make in layout.factories.items():
         if name not in known:
             known[name] = make()
-    if len(given) < len(values) + len(named) or not known.keys() >= set(layout.given) >= given.keys():
-        raise TypeError(f"{cls.__name__}() takes {', '.join(layout.given)}; given are {', '.join(given)}")
     for name, value in known.items():
         _set(self, name, value)
-    if hasattr(cls, "__post_init__"):
+    if layout.is_checked:
         self.__post_init__()
 
 

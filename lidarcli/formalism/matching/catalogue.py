@@ -94,11 +94,6 @@ class Catalogue:
         return {"things": [thing.as_dict() for thing in self.things]}
 
 
-def names_in(catalogue: Catalogue | None) -> tuple[str, ...]:
-    """Return the names of the entries; none without a catalogue."""
-    return () if catalogue is None else catalogue.names
-
-
 @record
 class Evidence:
     """Measurements of M objects, (M,) each; NaN where nothing was observed. Only what was observed may contradict an entry.

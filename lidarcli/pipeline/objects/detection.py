@@ -16,7 +16,6 @@ import pyarrow as pa
 
 from lidarcli.files.stores import Place
 from lidarcli.formalism import Detection, Parameters, detect
-from lidarcli.formalism.matching.catalogue import Catalogue, name, names_in
 from lidarcli.formalism.parameters import TrackParameters
 from lidarcli.logs.base import OpenOptions
 from lidarcli.logs.batches import ReadOptions
@@ -34,6 +33,7 @@ from lidarcli.tabular.writing import table_paths
 if TYPE_CHECKING:
     from concurrent.futures import Future
 
+    from lidarcli.formalism.matching.catalogue import Catalogue
     from lidarcli.pipeline.objects.subtracting import BackgroundComparison, BackgroundOptions
 
 OF_TRACKS = ("tracks", "trajectories")
@@ -167,7 +167,7 @@ class ObjectFinder:
             found = self._comparison.detect(batch, per_beam)
         if self._catalogue is None:
             return found
-        from lidarcli.formalism.matching.catalogue import evidence_of
+        from lidarcli.formalism.matching.catalogue import evidence_of, name
 
         label, score = name(evidence_of(batch, found), self._catalogue)
         return replace(found, label=label, label_score=score)
@@ -203,7 +203,7 @@ class BatchDetector:
         self._is_tracked = options.tracking is not None
         # Tracked objects are named by their tracks.
         catalogue = None if self._is_tracked else options.catalogue
-        self._labels = names_in(catalogue)
+        self._labels = () if catalogue is None else catalogue.names
         parameters = options.parameters
         if options.tracking is not None and options.tracking.parameters.memory:
             # Memory decides on every body, whatever one sweep says of it.
