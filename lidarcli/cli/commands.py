@@ -28,8 +28,8 @@ from lidarcli.cli.messages import MessageWriter
 from lidarcli.display.credentials import blotted
 from lidarcli.display.texts import nearest
 from lidarcli.errors import OUT_OF_MEMORY, LidarcliError, OptionError, OutputError, UnreadableError, is_short_of_memory
+from lidarcli.options.common import RULES
 from lidarcli.options.forms import File, Option, OptionRule, arguments_of, options_of, refuse_combinations
-from lidarcli.options.groups import RULES
 from lidarcli.options.values import STDOUT
 from lidarcli.system import compiled
 from lidarcli.system.interrupts import Terminated

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import re
-import shutil
 import stat
 import time
 import zlib
@@ -187,12 +186,24 @@ def scratch_folder(folder: Path | None = None) -> Iterator[Path]:
     finally:
         _TAKEN.discard(str(scratch))
         try:
-            shutil.rmtree(scratch, ignore_errors=True)
+            _remove(scratch)
         finally:
             # Once more, where an interrupt has struck in it.
-            shutil.rmtree(scratch, ignore_errors=True)
+            _remove(scratch)
             if lock is not None:
                 os.close(lock)
+
+
+def _remove(scratch: Path) -> None:
+    """Remove a folder with what is in it, most often nothing, as far as that can be done."""
+    try:
+        scratch.rmdir()
+    except FileNotFoundError:
+        pass
+    except OSError:
+        from shutil import rmtree
+
+        rmtree(scratch, ignore_errors=True)
 
 
 def write_whole(path: Place, data: bytes, overwrite: bool = True, devices: bool = False) -> list[str]:
@@ -420,5 +431,5 @@ def _clear(folder: Path) -> None:
             is_own = stat.S_ISDIR(found.st_mode) and found.st_uid == os.geteuid()
             with suppress(BlockingIOError):
                 if is_own and (lock := _lock(scratch)) is not None:
-                    shutil.rmtree(scratch, ignore_errors=True)
+                    _remove(scratch)
                     os.close(lock)

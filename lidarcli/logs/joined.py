@@ -15,7 +15,7 @@ from lidarcli.logs.base import CLOUD_TYPES, POSE_TYPES, SCAN_TYPES, Closing, Log
 from lidarcli.sweeps.types import RawSweeps
 from lidarcli.system.records import dataclass, replace
 
-_NUMBERED = re.compile(r"(.+)_(\d{1,9})(\.[a-z]\w*)?(?:\.[a-z]\w*)*", re.IGNORECASE)
+_NUMBERED = re.compile(r"(.+)_(\d{1,9})(\.[A-Za-z]\w*)?(?:\.[A-Za-z]\w*)*")
 _DATE = re.compile(r"(?:^|_)\d{4}(?:-\d\d){5}$")
 """Each part of a ROS 1 bag is named by the time at which it begins."""
 

@@ -9,7 +9,6 @@ from array import array
 from collections.abc import Callable, Collection
 from typing import BinaryIO, NamedTuple, TypeVar
 
-import lz4.frame
 import numpy as np
 import zstandard
 from mcap.data_stream import ReadDataStream
@@ -261,7 +260,9 @@ def inflate_start(head: ChunkHead, data: bytes, most: int = MAX_CHUNK) -> bytes:
             while len(start) < limit and (piece := reader.read(min(_STEP, limit - len(start)))):
                 start += piece
         elif head.compression == "lz4":
-            decompressor = lz4.frame.LZ4FrameDecompressor()
+            from lz4.frame import LZ4FrameDecompressor
+
+            decompressor = LZ4FrameDecompressor()
             for place in range(0, len(data), _STEP):
                 start += decompressor.decompress(data[place : place + _STEP])
                 if len(start) >= limit or decompressor.eof:

@@ -8,7 +8,7 @@ from dataclasses import MISSING, Field, FrozenInstanceError, asdict, field, fiel
 from functools import cache
 from operator import attrgetter
 from types import SimpleNamespace
-from typing import Any, Literal, NamedTuple, TypeVar, dataclass_transform
+from typing import Any, Literal, TypeVar, dataclass_transform
 
 __all__ = ["MISSING", "asdict", "dataclass", "field", "fields", "replace"]
 
@@ -61,31 +61,24 @@ class _Fields:
         return self._cls.__dataclass_fields__  # type: ignore[no-any-return]
 
 
-class _Layout(NamedTuple):
-    """What the shared functions ask of a class."""
-
-    given: tuple[str, ...]
-    """Fields that a call gives, in order; of these are `needed` those without a default."""
-    names: frozenset[str]
-    needed: frozenset[str]
-    defaults: dict[str, Any]
-    factories: dict[str, Callable[[], Any]]
-    compared: attrgetter[Any]
-    shown: tuple[str, ...]
-    is_checked: bool
-
-
 @cache
-def _layout(cls: Any) -> _Layout:
+def _layout(cls: Any) -> SimpleNamespace:
+    """What the shared functions ask of a class."""
     declared = {name: one for base in cls.__mro__[::-1] for name, one in vars(base).get("__declared__", {}).items()}
     known = {name: one if isinstance(one, Field) else field(default=one) for name, one in declared.items()}
     defaults = {name: one.default for name, one in known.items() if one.default is not MISSING}
     factories = {name: one.default_factory for name, one in known.items() if one.default_factory is not MISSING}
     given = tuple(name for name, one in known.items() if one.init)
-    needed = frozenset(given) - defaults.keys() - factories.keys()
-    compared = attrgetter(*(name for name, one in known.items() if one.compare))
-    shown = tuple(name for name, one in known.items() if one.repr)
-    return _Layout(given, frozenset(given), needed, defaults, factories, compared, shown, hasattr(cls, "__post_init__"))
+    return SimpleNamespace(
+        given=given,
+        names=frozenset(given),
+        needed=frozenset(given) - defaults.keys() - factories.keys(),
+        defaults=defaults,
+        factories=factories,
+        compared=attrgetter(*(name for name, one in known.items() if one.compare)),
+        shown=[name for name, one in known.items() if one.repr],
+        is_checked=hasattr(cls, "__post_init__"),
+    )
 
 
 _set = object.__setattr__

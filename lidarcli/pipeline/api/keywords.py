@@ -16,6 +16,7 @@ from lidarcli.display.texts import nearest
 from lidarcli.errors import OptionError, warn
 from lidarcli.formalism.background import Background
 from lidarcli.formalism.matching.catalogue import Catalogue
+from lidarcli.options.common import RULES
 from lidarcli.options.forms import (
     File,
     Number,
@@ -26,7 +27,6 @@ from lidarcli.options.forms import (
     python_words,
     refuse_combinations,
 )
-from lidarcli.options.groups import RULES
 from lidarcli.options.values import AnyPath
 from lidarcli.pipeline.api.options import refuse_lost, several
 from lidarcli.pipeline.detecting import ErrorCollector

@@ -21,11 +21,10 @@ from lidarcli.logs.batches import ReadOptions
 from lidarcli.logs.open_options import open_options, range_rules
 from lidarcli.options.choices import NS, TRAIL
 from lidarcli.options.forms import Text, defaults_of
-from lidarcli.options.groups import parse_mends, parse_removed, parse_value
 from lidarcli.options.objects import FindingGroup, ObjectGroup, Tracking
 from lidarcli.options.reading import parse_no_return
 from lidarcli.options.times import SECOND_NS, TimeZone, as_time, parse_zone
-from lidarcli.options.values import AnyPath, parse_every
+from lidarcli.options.values import AnyPath, parse_every, parse_mends, parse_removed, parse_value
 from lidarcli.pipeline.reading.needs import NONE, PoseOptions
 from lidarcli.sweeps.masks import Masks
 
