@@ -257,11 +257,12 @@ def show(
         messages.error(outcome.label, trouble)
     if (run := outcome.summary) is not None:
         show_losses(outcome.label, run, messages)
-        first, *rest = _found_lines(run, messages) if lines_of is None else lines_of(run)
-        if messages.quiet and outcome.exit_code and messages.errors == before:
-            messages.error(outcome.label, first)
-        for line in (f"{outcome.label}: {first}", *rest, *(agents_of(run) if alone or messages.verbose else ())):
-            messages.info(line)
+        if not messages.quiet or (outcome.exit_code and messages.errors == before):
+            first, *rest = _found_lines(run, messages) if lines_of is None else lines_of(run)
+            if messages.quiet:
+                messages.error(outcome.label, first)
+            for line in (f"{outcome.label}: {first}", *rest, *(agents_of(run) if alone or messages.verbose else ())):
+                messages.info(line)
         messages.notes(run.notes)
         messages.wrote(run.outputs)
     if messages.summary is not None:
