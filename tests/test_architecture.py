@@ -115,23 +115,23 @@ def room_imports() -> dict[str, set[str]]:
 
 
 LINES = {
-    "cli": 3_218,
+    "cli": 3_222,
     "copying": 771,
-    "display": 497,
-    "files": 1_174,
-    "formalism": 16_890,
-    "logs": 11_914,
+    "display": 505,
+    "files": 1_187,
+    "formalism": 16_885,
+    "logs": 11_991,
     "maps": 523,
-    "options": 1_572,
+    "options": 1_578,
     "overlays": 1_162,
-    "pipeline": 19_120,
+    "pipeline": 19_132,
     "pose": 3_181,
     "reports": 7_705,
     "ros": 414,
     "simulation": 2_309,
     "sweeps": 1_981,
-    "system": 428,
-    "tabular": 1_995,
+    "system": 458,
+    "tabular": 1_999,
     "lidarcli": 153,
 }
 """Most lines of Python of each room, and of the files beside them: lower them as code goes; who raises one says why."""
