@@ -13,6 +13,7 @@ import argparse
 import json
 import os
 import platform
+import re
 import shutil
 import subprocess
 import sys
@@ -20,6 +21,7 @@ import tempfile
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cache
 from pathlib import Path
 from statistics import median
 
@@ -48,6 +50,7 @@ COMMANDS = {
     "background": "{lidarcli} -q background build {log} -o {out}.parquet --overwrite",
     "zones": "{lidarcli} -q zones {log} --zones {zones} -o {out} --no-objects --overwrite",
     "lidarcli": "{lidarcli}",
+    "libraries": "{python} -c __import__('numpy');__import__('pyarrow.parquet')",
 }
 """First word of the command of a case → what is run; its other words follow."""
 STANDS = "1000000000 0 0 0 0 0 0 1\n2000000000 0 0 0 0 0 0 1\n"
@@ -87,6 +90,7 @@ PEOPLE = Log("people", 0.36, "leg_tracker/demo_stationary_simple_environment.bag
 DRIVE = Log("drive", 0.1, "comprobo24/test-bag")
 MOVING = Log("moving", source="scene_moving.toml")
 FEW = Log("short", source="scene_moving.toml", sweeps=100)
+TEN = Log("ten", source="scene_moving.toml", sweeps=10)
 OFFICE = Log("office", source="../samples/office.toml", sweeps=480)
 FLICKER, HALF = (Log(name, share, made=("--beams", "45", "--blank")) for name, share in (("flicker", 0.64), ("half", 0.32)))
 PLAIN = Log("plain", 0.02, "scene_moving.toml")
@@ -113,6 +117,8 @@ class Case:
     """`PINNED`, `NOT_COMPILED` or nothing."""
     after: str = ""
     """Name of the case whose tables it reads."""
+    counted: bool = False
+    """Whether valgrind counts its instructions, which are the same on a busy machine."""
 
     @property
     def name(self) -> str:
@@ -153,6 +159,8 @@ CASES = (
     Case(FEW, "gif", most={"seconds": 6}),
     Case(FEW, "detect", "short, figure"),
     Case(FEW, "track", "short, figure", {"cpu_x": 0.5}),
+    Case(TEN, "libraries", counted=True),
+    Case(TEN, "detect", "ten, libraries", {"instructions_x": 1.35}, counted=True),
     Case(FEW, "report", "short, figure", {"cpu_x": 1.6}, after="short, track"),
     Case(FEW, "info", "short, figure"),
     Case(NO_LOG, "lidarcli --help", most={"seconds": 0.15}),
@@ -194,6 +202,7 @@ COLUMNS = {
     "x": ("x", ".2f"),
     "cpu_x": ("x processor", ".2f"),
     "cpu_us_more": ("processor µs more", ",.1f"),
+    "instructions_x": ("x instructions", ".2f"),
     "objects": ("objects", ".1f"),
     "bytes_per_object": ("bytes per object", ".0f"),
 }
@@ -210,6 +219,19 @@ class Run:
     output: str
     sweeps: int = 0
     """Sweeps that it went through."""
+    instructions: int = 0
+    """Those that valgrind counted; 0 where there is none, or nobody asked."""
+
+
+@cache
+def instructions_of(*command: str) -> int:
+    """Return how many instructions a command takes once its bytecode is there; 0 without valgrind."""
+    if (valgrind := shutil.which("valgrind")) is None:
+        return 0
+    counting = (valgrind, "--tool=callgrind", "--callgrind-out-file=/dev/null", sys.executable, *command)
+    environment = {name: value for name, value in os.environ.items() if name != COMPILED_EACH_TIME}
+    done = subprocess.run(counting, capture_output=True, text=True, check=True, env=environment | {"PYTHONHASHSEED": "0"})
+    return int(re.findall(r"Collected : (\d+)", done.stderr)[0])
 
 
 def run(*command: str, pinned: bool = False, compiled: bool = True) -> Run:
@@ -265,7 +287,9 @@ def once(case: Case, log: Path, sweeps: int) -> Run:
     if str(places["references"]) in words and done.output:
         seconds, cpu, count = map(float, done.output.split())
         return replace(done, seconds=seconds, cpu_seconds=cpu, sweeps=int(count))
-    return replace(done, sweeps=sweeps)
+    # The interpreter is that of the script.
+    count = instructions_of(*words[words[0] == sys.executable :], *options) if case.counted else 0
+    return replace(done, sweeps=sweeps, instructions=count)
 
 
 def figures_of(runs: Sequence[Run], others: Sequence[Run]) -> Figures:
@@ -283,6 +307,8 @@ def figures_of(runs: Sequence[Run], others: Sequence[Run]) -> Figures:
         figures["cpu_x"] = median(one.cpu_seconds / other.cpu_seconds for one, other in pairs) / share
         more = median(one.cpu_seconds - other.cpu_seconds * share for one, other in pairs)
         figures["cpu_us_more"] = 1e6 * more / sweeps
+        if others[0].instructions:
+            figures["instructions_x"] = runs[0].instructions / others[0].instructions / share
     return figures
 
 
@@ -394,7 +420,7 @@ def main() -> None:
         f"{case.name}: {COLUMNS[figure][0]} {results[case.name][figure]:.3g} is above {most:.3g}"
         for case in cases
         for figure, most in wanted(case, results).items()
-        if results[case.name][figure] > most
+        if results[case.name].get(figure, 0) > most
     ]
     if arguments.limits and broken:
         sys.exit("\n".join(broken))

@@ -13,7 +13,7 @@ if sys.platform == "linux":
     # Arrow's own allocator takes 40 MB more beside that of the C library, which numpy uses.
     os.environ.setdefault("ARROW_DEFAULT_MEMORY_POOL", "system")
 # By default Python looks for garbage again and again while modules are imported.
-gc.set_threshold(50_000, 20, 20)
+gc.set_threshold(100_000, 20, 20)
 
 
 def main() -> None:

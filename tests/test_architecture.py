@@ -17,13 +17,13 @@ MAY_IMPORT = {
     "errors": "",
     "_version": "",
     "system": "",
-    "options": "errors",
-    "display": "options",
+    "options": "errors system",
+    "display": "options system",
     "sweeps": "display errors options system",
-    "ros": "sweeps",
+    "ros": "sweeps system",
     "formalism": "display errors options sweeps system",
     "files": "display errors ros system",
-    "logs": "display errors files options ros sweeps",
+    "logs": "display errors files options ros sweeps system",
     "tabular": "_version errors files formalism options sweeps system",
     "pose": "display errors formalism logs options ros sweeps",
     "copying": "errors logs options ros sweeps",
@@ -115,28 +115,28 @@ def room_imports() -> dict[str, set[str]]:
 
 
 LINES = {
-    "cli": 3_218,
+    "cli": 3_222,
     "copying": 771,
-    "display": 497,
-    "files": 1_174,
-    "formalism": 16_891,
-    "logs": 11_914,
+    "display": 505,
+    "files": 1_187,
+    "formalism": 16_885,
+    "logs": 11_991,
     "maps": 523,
-    "options": 1_571,
+    "options": 1_578,
     "overlays": 1_162,
-    "pipeline": 19_120,
+    "pipeline": 19_132,
     "pose": 3_181,
     "reports": 7_705,
-    "ros": 413,
+    "ros": 414,
     "simulation": 2_309,
-    "sweeps": 1_980,
-    "system": 326,
-    "tabular": 1_995,
+    "sweeps": 1_981,
+    "system": 458,
+    "tabular": 1_999,
     "lidarcli": 153,
 }
 """Most lines of Python of each room, and of the files beside them: lower them as code goes; who raises one says why."""
 MAX_FILE_LINES = 600
-MAX_FILES = 277
+MAX_FILES = 278
 """A file has one subject, so there are more of them than before; who adds one says why an existing one cannot hold it."""
 
 

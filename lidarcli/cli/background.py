@@ -113,17 +113,16 @@ def subtract(messages: MessageWriter, options: DetectCommand) -> int:
     return find(messages, options, follow=False)
 
 
-background = Commands(
-    "background",
-    commands=[build, subtract],
-    help="""Learn an empty scene, and find what differs from it.
+def background() -> Commands:
+    """Learn an empty scene, and find what differs from it.
 
     build learns the range of the background in every direction; subtract
     compares logs with it (docs/background.md).
-    """,
-)
-background.superseded = {"info": "lidarcli info FILE"}
-background.otherwise = "To learn from logs: lidarcli background build LOG... -o FILE"
+    """
+    made = Commands("background", commands=[build(), subtract()], help=background.__doc__)
+    made.superseded = {"info": "lidarcli info FILE"}
+    made.otherwise = "To learn from logs: lidarcli background build LOG... -o FILE"
+    return made
 
 
 def learned_lines(sensors: Sequence["Background"]) -> list[str]:

@@ -264,14 +264,14 @@ def _plot_command(options: Mapping[str, Any], topic: str, seconds: float) -> str
     """The command that draws the sweep of a topic at a time."""
     from lidarcli.cli.plot import plot
 
-    words = _again(options, plot, "--topic", topic, "--at", f"{seconds:.3f}")
+    words = _again(options, plot(), "--topic", topic, "--at", f"{seconds:.3f}")
     tracks = options["objects"] or options["logs"][0]
     return shlex.join(words if options["no_objects"] else [*words, "--tracks", str(tracks)])
 
 
 def _commands(options: Mapping[str, Any], topic: str, seconds: float) -> list[str]:
     """The commands that show more of a topic at a time: its sweep, this answer again, and the log around each event."""
-    again = _again(options, zones, *(word for each in options["topic"] or () for word in ("--topic", each)))
+    again = _again(options, zones(), *(word for each in options["topic"] or () for word in ("--topic", each)))
     return [
         _plot_command(options, topic, seconds),
         shlex.join([*again, "--explain", f"{seconds:.1f}", "-o", "why.html"]),

@@ -13,8 +13,7 @@ import traceback
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
-from difflib import get_close_matches
-from functools import partial
+from functools import cache, partial
 from importlib import import_module
 from inspect import cleandoc
 from itertools import chain
@@ -27,9 +26,10 @@ from lidarcli._version import __version__
 from lidarcli.cli.declared import ORIGINS, OTHER, DeclaredOption, click_type
 from lidarcli.cli.messages import MessageWriter
 from lidarcli.display.credentials import blotted
+from lidarcli.display.texts import nearest
 from lidarcli.errors import OUT_OF_MEMORY, LidarcliError, OptionError, OutputError, UnreadableError, is_short_of_memory
+from lidarcli.options.common import RULES
 from lidarcli.options.forms import File, Option, OptionRule, arguments_of, options_of, refuse_combinations
-from lidarcli.options.groups import RULES
 from lidarcli.options.values import STDOUT
 from lidarcli.system import compiled
 from lidarcli.system.interrupts import Terminated
@@ -71,8 +71,8 @@ Work = Callable[[MessageWriter, Any], int]
 
 def command(
     group: type, *, examples: str, changed: Mapping[str, Mapping[str, Any]] | None = None, rules: Sequence[OptionRule] = ()
-) -> Callable[[Work], DeclaredCommand]:
-    """Make a command of a function.
+) -> Callable[[Work], Callable[[], DeclaredCommand]]:
+    """Put a function that returns the command in place of its body: making one takes as long as imports of many modules.
 
     Parameters
     ----------
@@ -82,7 +82,10 @@ def command(
     rules : combinations of its options that are refused, in addition to `RULES`
     """
 
-    def decorate(work: Work) -> DeclaredCommand:
+    def decorate(work: Work) -> Callable[[], DeclaredCommand]:
+        return cache(partial(made, work))
+
+    def made(work: Work) -> DeclaredCommand:
         options = options_of(group)
         options |= {field: replace(options[field], **otherwise) for field, otherwise in (changed or {}).items()}
         options = dict(sorted(options.items(), key=lambda item: item[1].short != "-o"))
@@ -293,7 +296,7 @@ class Commands(_Shared, click.Group):
                 "Who moved: lidarcli track LOG. Who came close: lidarcli zones LOG --zones FILE. More: lidarcli --help"
             )
         known = self.list_commands(ctx)
-        near = get_close_matches(name, known, 1)
+        near = nearest(name, known)
         meant = " ".join([*ctx.command_path.split()[1:], *near])
         hint = f"Did you mean '{meant}'?" if near else self.otherwise or f"There are {', '.join(known)}."
         ctx.fail(f"No such command '{name}'. {hint}")
@@ -323,7 +326,7 @@ class LazyCommands(Commands):
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         if cmd_name not in COMMANDS:
             return None
-        command: click.Command = getattr(import_module(f"lidarcli.cli.{HOMES.get(cmd_name, cmd_name)}"), cmd_name)
+        command: click.Command = getattr(import_module(f"lidarcli.cli.{HOMES.get(cmd_name, cmd_name)}"), cmd_name)()
         return command
 
 

@@ -9,10 +9,8 @@ import sys
 import textwrap
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
 from itertools import chain
 from math import isnan
-from shutil import get_terminal_size
 from typing import TYPE_CHECKING, Any, TextIO
 
 import click
@@ -23,6 +21,7 @@ from lidarcli.display.texts import Routine, column_of_times, counted
 from lidarcli.errors import OutputError
 from lidarcli.options.choices import beams_on
 from lidarcli.system import compiled
+from lidarcli.system.records import dataclass, field
 
 if TYPE_CHECKING:
     from lidarcli.pipeline.inputs.sources import MissingInput, Source
@@ -177,6 +176,8 @@ def wrapped(head: str, words: str) -> list[str]:
     >>> wrapped("  note     ", "give the poses of the robot in the world, and how it is mounted (--pose TOPIC)")
     ['  note     give the poses of the robot in the world, and how it is mounted', '           (--pose TOPIC)']
     """
+    from shutil import get_terminal_size
+
     wrapper = textwrap.TextWrapper(max(get_terminal_size().columns, 40), head, " " * len(head))
     wrapper.break_long_words = wrapper.break_on_hyphens = False
     return [line.replace("\u00a0", " ") for line in wrapper.wrap(OPTION.sub("\\1\u00a0", words))]
@@ -256,11 +257,12 @@ def show(
         messages.error(outcome.label, trouble)
     if (run := outcome.summary) is not None:
         show_losses(outcome.label, run, messages)
-        first, *rest = _found_lines(run, messages) if lines_of is None else lines_of(run)
-        if messages.quiet and outcome.exit_code and messages.errors == before:
-            messages.error(outcome.label, first)
-        for line in (f"{outcome.label}: {first}", *rest, *(agents_of(run) if alone or messages.verbose else ())):
-            messages.info(line)
+        if not messages.quiet or (outcome.exit_code and messages.errors == before):
+            first, *rest = _found_lines(run, messages) if lines_of is None else lines_of(run)
+            if messages.quiet:
+                messages.error(outcome.label, first)
+            for line in (f"{outcome.label}: {first}", *rest, *(agents_of(run) if alone or messages.verbose else ())):
+                messages.info(line)
         messages.notes(run.notes)
         messages.wrote(run.outputs)
     if messages.summary is not None:

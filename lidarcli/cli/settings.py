@@ -3,7 +3,6 @@
 import os
 from collections.abc import Collection, Iterator, Mapping
 from datetime import date, time
-from difflib import get_close_matches
 from functools import reduce
 from typing import Any
 
@@ -11,6 +10,7 @@ import click
 
 from lidarcli.cli.declared import ORIGINS, DeclaredOption
 from lidarcli.cli.messages import MessageWriter
+from lidarcli.display.texts import nearest
 from lidarcli.errors import OptionError
 from lidarcli.options.forms import File
 
@@ -74,7 +74,7 @@ def unknown_variables(ctx: click.Context) -> list[str]:
     for variable in sorted(os.environ):
         name = variable.removeprefix(prefix)
         if name != variable and name not in known:
-            near = get_close_matches(name, known, 1)
+            near = nearest(name, known)
             hint = f"did you mean {prefix}{near[0]}?" if near else f"see lidarcli {command} --help"
             words.append(f"{variable}: {command} has no such option; {hint}")
     return words
@@ -108,7 +108,7 @@ def _default_maps(ctx: click.Context, file: str) -> dict[str, Any]:
             tables |= {f"{key} {name}": inner for name, inner in table.items()} if is_group else {key: table}
     for name, table in tables.items():
         if name not in known or not isinstance(table, Mapping):
-            near = get_close_matches(name, known, 1)
+            near = nearest(name, known)
             hint = f"; did you mean [{near[0].replace(' ', '.')}]?" if near else ""
             raise OptionError(f"{file}: [{name.replace(' ', '.')}]: no such command{hint}")
         _refuse_unknown(file, f"[{name.replace(' ', '.')}]", table, known[name])
@@ -137,7 +137,7 @@ def _refuse_unknown(file: str, place: str, table: Mapping[str, Any], known: Coll
     """Refuse keys that are no options."""
     for key in table:
         if _spelled(key) not in known:
-            near = get_close_matches(_spelled(key), sorted(known), 1)
+            near = nearest(_spelled(key), sorted(known))
             hint = f"; did you mean '{near[0]}'?" if near else ""
             raise OptionError(f"{': '.join(filter(None, (file, place)))}: no option '{key}'{hint}")
 

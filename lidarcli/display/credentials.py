@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import re
 
-SECRETS = re.compile(
+SECRETS = (
     r"(?i)([?&](?:x-amz-[a-z-]+|[\w-]*(?:sig|signature|token|secret|password|key)(?:[_-]?id)?)="
     r"|\b(?:sig|signature|token|secret|password|accountkey)=)[^&;:\s\"']+"
 )
 """Credentials in the query of a URL, and as stores name them in their messages."""
 
-_USER = re.compile(r"([A-Za-z][A-Za-z0-9+.-]{0,30}):(//?)([^\s/@:]{0,2000}+(?::[^\s@]{0,2000}+)?)@")
+_USER = r"([A-Za-z][A-Za-z0-9+.-]{0,30}):(//?)([^\s/@:]{0,2000}+(?::[^\s@]{0,2000}+)?)@"
 """A URL up to the end of its user; a password may hold slashes, and a path has lost one. Lengths have limits: a log may
 hold names of any length, and without it the time to search them grows with the square of theirs."""
 
@@ -21,12 +21,12 @@ def blotted(text: str) -> str:
     >>> blotted("https://me:pass@host/x?aws_secret_access_key=K: no such file")
     'https://...@host/x?aws_secret_access_key=...: no such file'
     """
-    return SECRETS.sub(r"\1...", without_users(text))
+    return re.sub(SECRETS, r"\1...", without_users(text))
 
 
 def without_users(text: str) -> str:
     """Return a text whose URLs name no user and no password."""
-    return _USER.sub(_without_user, text)
+    return re.sub(_USER, _without_user, text)
 
 
 def _without_user(found: re.Match[str]) -> str:

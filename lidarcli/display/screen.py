@@ -6,11 +6,11 @@ import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Protocol
 
 from lidarcli.display.credentials import blotted
 from lidarcli.display.texts import visible
+from lidarcli.system.records import dataclass, field
 
 if TYPE_CHECKING:
     from rich.progress import Progress, ProgressColumn

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from datetime import UTC
-from html import escape
 from typing import NamedTuple, Protocol, TypeVar
 
 from lidarcli.options.times import TimeZone, is_date, local
@@ -51,6 +50,8 @@ def _text(self: Described) -> str:
 
 
 def _html(self: Described) -> str:
+    from html import escape
+
     title, rows = self.facts()
     cells = "".join(
         f'<tr><th style="text-align: left">{escape(name)}</th><td style="text-align: left">{escape(words)}</td></tr>'
@@ -166,6 +167,13 @@ def some_of(names: Sequence[str]) -> str:
     """
     more = f" and {len(names) - _SHOWN} more" if len(names) > _SHOWN else ""
     return ", ".join(names[:_SHOWN]) + more
+
+
+def nearest(name: str, known: Iterable[str]) -> list[str]:
+    """Return which of the known names a misspelt one is most like; empty where it is like none."""
+    from difflib import get_close_matches
+
+    return get_close_matches(name, known, 1)
 
 
 def clipped(text: str) -> str:

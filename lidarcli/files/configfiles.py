@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 import re
-import tomllib
 import warnings
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from difflib import get_close_matches
 from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
-from lidarcli.display.texts import clipped
+from lidarcli.display.texts import clipped, nearest
 from lidarcli.errors import OptionError, UnreadableError
 
 if TYPE_CHECKING:
@@ -20,12 +18,14 @@ if TYPE_CHECKING:
 
 MAX_DEPTH = 16
 """Most levels of brackets, and of the parts of a dotted key."""
-_TEXTS = re.compile(r""""(?:\\.|[^"\\\n])*"?|'[^'\n]*'?|\#[^\n]*""")
-_BETWEEN_KEYS = re.compile(r"[^\w \t.-]")
+_TEXTS = r""""(?:\\.|[^"\\\n])*"?|'[^'\n]*'?|\#[^\n]*"""
+_BETWEEN_KEYS = r"[^\w \t.-]"
 
 
 def read_toml(file: str, what: str) -> dict[str, Any]:
     """Read a TOML file, which errors call a `what` (scene, catalogue)."""
+    import tomllib
+
     text = read_text(file, what, "TOML")
     _refuse_nested(file, text)
     try:
@@ -53,8 +53,8 @@ def _refuse_nested(file: str, text: str) -> None:
     """Refuse a document that would take the parser far more memory than its size."""
     depth = 0
     # With a letter in place of each text, and without comments.
-    for number, line in enumerate(_TEXTS.sub("x", text).split("\n"), 1):
-        if any(part.count(".") > MAX_DEPTH for part in _BETWEEN_KEYS.split(line)):
+    for number, line in enumerate(re.sub(_TEXTS, "x", text).split("\n"), 1):
+        if any(part.count(".") > MAX_DEPTH for part in re.split(_BETWEEN_KEYS, line)):
             raise UnreadableError(f"{file}: line {number}: a key of more than {MAX_DEPTH} parts")
         for mark in line:
             depth += (mark in "[{") - (mark in "]}")
@@ -189,7 +189,7 @@ class Fields:
         """Refuse keys that were not read: most often they are misspelt."""
         for key in self.values:
             if key not in self.asked:
-                near = get_close_matches(key, self.asked, 1)
+                near = nearest(key, self.asked)
                 hint = f"did you mean '{near[0]}'?" if near else f"known keys: {', '.join(self.asked)}"
                 raise OptionError(f"{self.file}: {self.place}: unknown key '{clipped(key)}'; {hint}")
 
@@ -243,16 +243,15 @@ _TRUTHS = {
     for word in words.split()
     for spelling in (word, word.title(), word.upper())
 }
-_INTEGER = re.compile(r"[-+]?(?:0[0-7]*|0[xX][0-9a-fA-F]+|[1-9][0-9]*)")
+_INTEGER = r"[-+]?(?:0[0-7]*|0[xX][0-9a-fA-F]+|[1-9][0-9]*)"
 _MAX_DIGITS = 64
-_DOUBLE = re.compile(
-    r"[-+]?(?:inf(?:inity)?|nan(?:\(\w*\))?|0x(?:[0-9a-f]+\.?[0-9a-f]*|\.[0-9a-f]+)(?:p[-+]?[0-9]+)?"
-    r"|(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:e[-+]?[0-9]+)?)",
-    re.IGNORECASE,
+_DOUBLE = (
+    r"(?i)[-+]?(?:inf(?:inity)?|nan(?:\(\w*\))?|0x(?:[0-9a-f]+\.?[0-9a-f]*|\.[0-9a-f]+)(?:p[-+]?[0-9]+)?"
+    r"|(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:e[-+]?[0-9]+)?)"
 )
 """What the C function `strtod` takes as a whole."""
-_DOTTED = re.compile(r"[-+]?\.(?:inf|Inf|INF)|\.(?:nan|NaN|NAN)")
-_STRING = re.compile(r"(?:&\S+\s+)?!(?:!str|<tag:yaml\.org,2002:str>)(?!\w)")
+_DOTTED = r"[-+]?\.(?:inf|Inf|INF)|\.(?:nan|NaN|NAN)"
+_STRING = r"(?:&\S+\s+)?!(?:!str|<tag:yaml\.org,2002:str>)(?!\w)"
 _LEAST = 2.2250738585072014e-308
 """Least normal double: `strtod` tells of an error below it, and beyond the greatest one."""
 
@@ -290,7 +289,7 @@ def _value(file: str, source: str, node: Node, above: set[int], depth: int) -> A
         raise UnreadableError(f"{place}: more than {MAX_DEPTH} levels")
     above.add(id(node))
     if isinstance(node, ScalarNode):
-        return _scalar(node, is_text=_STRING.match(source, node.start_mark.index) is not None)
+        return _scalar(node, is_text=re.compile(_STRING).match(source, node.start_mark.index) is not None)
     if isinstance(node, SequenceNode):
         return [_value(file, source, item, above, depth + 1) for item in node.value]
     assert isinstance(node, MappingNode)
@@ -317,14 +316,14 @@ def _scalar(node: ScalarNode, is_text: bool) -> Any:
         return None
     if text in _TRUTHS:
         return _TRUTHS[text]
-    if _INTEGER.fullmatch(text) and len(text) <= _MAX_DIGITS:
+    if re.fullmatch(_INTEGER, text) and len(text) <= _MAX_DIGITS:
         digits = text.lower().lstrip("+-")
         number = int(text, 16 if digits.startswith("0x") else 8 if digits.startswith("0") else 10)
         if -(1 << 63) <= number < 1 << 63:
             return number
-    if _DOTTED.fullmatch(text):
+    if re.fullmatch(_DOTTED, text):
         return float(text.replace(".", ""))
-    if _DOUBLE.fullmatch(text):
+    if re.fullmatch(_DOUBLE, text):
         plain = text.lower().partition("(")[0]
         mantissa = plain.partition("p" if "x" in plain else "e")[0]
         with suppress(OverflowError):

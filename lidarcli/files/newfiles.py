@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import os
 import re
-import shutil
 import stat
-import tempfile
 import time
 import zlib
 from collections import ChainMap
@@ -168,7 +166,10 @@ def scratch_folder(folder: Path | None = None) -> Iterator[Path]:
     Without another one it is below the temporary folder. What a killed run left behind is cleared away by the next one that
     comes here. `OutputError` where it cannot be made.
     """
-    folder = folder or Path(tempfile.gettempdir())
+    if folder is None:
+        from tempfile import gettempdir
+
+        folder = Path(gettempdir())
     scratch = folder / f".lidarcli-{_HOST}-{os.urandom(8).hex()}.part"
     lock: int | None = None
     try:
@@ -185,12 +186,24 @@ def scratch_folder(folder: Path | None = None) -> Iterator[Path]:
     finally:
         _TAKEN.discard(str(scratch))
         try:
-            shutil.rmtree(scratch, ignore_errors=True)
+            _remove(scratch)
         finally:
             # Once more, where an interrupt has struck in it.
-            shutil.rmtree(scratch, ignore_errors=True)
+            _remove(scratch)
             if lock is not None:
                 os.close(lock)
+
+
+def _remove(scratch: Path) -> None:
+    """Remove a folder with what is in it, most often nothing, as far as that can be done."""
+    try:
+        scratch.rmdir()
+    except FileNotFoundError:
+        pass
+    except OSError:
+        from shutil import rmtree
+
+        rmtree(scratch, ignore_errors=True)
 
 
 def write_whole(path: Place, data: bytes, overwrite: bool = True, devices: bool = False) -> list[str]:
@@ -418,5 +431,5 @@ def _clear(folder: Path) -> None:
             is_own = stat.S_ISDIR(found.st_mode) and found.st_uid == os.geteuid()
             with suppress(BlockingIOError):
                 if is_own and (lock := _lock(scratch)) is not None:
-                    shutil.rmtree(scratch, ignore_errors=True)
+                    _remove(scratch)
                     os.close(lock)

@@ -8,10 +8,8 @@ from __future__ import annotations
 
 import os
 import re
-import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
 from functools import cache
 from os import PathLike, fspath
 from pathlib import Path, PurePosixPath
@@ -19,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 from lidarcli.display.credentials import SECRETS, blotted, without_users
 from lidarcli.errors import LidarcliError, OptionError, OutputError, UnreadableError
+from lidarcli.system.records import dataclass, replace
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -141,7 +140,7 @@ def place(text: str | PathLike[str] | Url) -> Place:
     found = _URL.fullmatch(fspath(text))
     assert found is not None
     scheme, bucket, key = found[1].lower(), found[2], found[3]
-    secret = SECRETS.search(key)
+    secret = re.search(SECRETS, key)
     if without_users(fspath(text)) != fspath(text) or (secret and secret[0][0] in "?&"):
         raise OptionError(
             f"{scheme}://...: credentials do not belong in a URL; the store takes them from its own configuration "
@@ -176,7 +175,7 @@ PIECE = 8 << 20
 ENDPOINTS = ("AWS_ENDPOINT_URL_S3", "AWS_ENDPOINT_URL")
 """Environment variables that name another store than Amazon's."""
 
-_AWS = re.compile(r"AWS Error ([A-Z_]+)")
+_AWS = r"AWS Error ([A-Z_]+)"
 _CAUSES = {
     "NO_SUCH_BUCKET": "there is no such bucket",
     "ACCESS_DENIED": "access denied; credentials come from the environment or the store's own configuration",
@@ -220,7 +219,7 @@ def has_bucket(url: Url) -> bool:
     except PermissionError:
         return True
     except (OSError, pa.ArrowException) as err:
-        if (code := _AWS.search(str(err))) is not None and code[1] == "ACCESS_DENIED":
+        if (code := re.search(_AWS, str(err))) is not None and code[1] == "ACCESS_DENIED":
             return True
         raise _named(url, err, UnreadableError, "") from None
 
@@ -253,8 +252,10 @@ def fetch(url: Url, path: Path) -> None:
     with open_object(url) as file, path.open("wb") as copy:
         size = file.size()
         with _errors(url, UnreadableError):
+            from shutil import copyfileobj
+
             # Reads `PIECE` by `PIECE`, so that ctrl-C need not wait.
-            shutil.copyfileobj(file, copy, PIECE)
+            copyfileobj(file, copy, PIECE)
         if copy.tell() != size:
             raise UnreadableError(f"{url}: ends at byte {copy.tell():,} of {size:,}: it was replaced meanwhile")
 
@@ -398,7 +399,7 @@ def _errors(url: Url, kind: type[LidarcliError], before: str = "") -> Iterator[N
 
 def _named(url: Url, err: Exception, kind: type[LidarcliError], before: str) -> LidarcliError:
     words = str(err).splitlines()[0] if str(err) else type(err).__name__
-    code = _AWS.search(words)
+    code = re.search(_AWS, words)
     cause = _CAUSES.get(code[1]) if code else None
     if code and code[1] == "NETWORK_CONNECTION" and (endpoint := _env(*ENDPOINTS)):
         cause = f"{cause}: nobody answers at {endpoint.rpartition('@')[2]} ({' or '.join(ENDPOINTS)})"

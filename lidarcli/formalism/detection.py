@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import MISSING, fields, replace
-
 import numpy as np
 
 from lidarcli.sweeps.types import (
@@ -22,6 +20,7 @@ from lidarcli.sweeps.types import (
     columns_of,
     record,
 )
+from lidarcli.system.records import MISSING, declared, replace
 
 SETS = ("O", "A", "S")
 SHAPES = ("prismatic", "round", "legged", "irregular", "unknown", "wall")
@@ -186,7 +185,7 @@ class Detection:
 
 COLUMNS = columns_of(Detection)
 """Field of `Detection` → its declaration."""
-REQUIRED = tuple(each.name for each in fields(Detection) if each.default is MISSING)
+REQUIRED = tuple(name for name, one in declared(Detection).items() if one.default is MISSING)
 """Fields that are never None."""
 
 

@@ -5,7 +5,6 @@ Every parameter has a unit, a default per profile and an option on the command l
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, fields
 from typing import Any, Literal
 
 import numpy as np
@@ -15,6 +14,7 @@ from lidarcli.errors import OptionError
 from lidarcli.options.choices import AGENT_SCORE, MAX_COUNT, MIN_THING, PROFILES
 from lidarcli.sweeps.range_rules import FARTHEST
 from lidarcli.sweeps.types import Bool, Closure, Float64, SweepBatch
+from lidarcli.system.records import asdict, dataclass, fields
 
 Profile = Literal["robust", "paper"]
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Collection, Iterable, Iterator
-from dataclasses import dataclass, field, replace
 from typing import NamedTuple, Protocol, Self
 
 import numpy as np
@@ -15,6 +14,7 @@ from lidarcli.options.choices import ECHOES, SEGMENTS
 from lidarcli.ros import foxglove
 from lidarcli.sweeps.findings import Finding
 from lidarcli.sweeps.types import RawSweeps
+from lidarcli.system.records import dataclass, field, replace
 
 LASERSCAN = "sensor_msgs/msg/LaserScan"
 MULTI_ECHO = "sensor_msgs/msg/MultiEchoLaserScan"

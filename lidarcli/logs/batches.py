@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Collection, Iterator
 from contextlib import closing
-from dataclasses import dataclass, field, replace
 from datetime import UTC
 from itertools import chain
 from numbers import Integral
@@ -26,6 +25,7 @@ from lidarcli.logs.scan_checks import ScanChecks, Went
 from lidarcli.options.times import Instant, Time, TimeOfDay, TimeZone, as_time, window
 from lidarcli.sweeps.range_rules import RangeRules, normalise
 from lidarcli.sweeps.types import Bool, Int64, RawSweeps, SweepBatch, concatenate
+from lidarcli.system.records import dataclass, field, replace
 
 MAX_EVERY = 1_000_000
 LONGEST = 0

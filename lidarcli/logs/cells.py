@@ -11,7 +11,6 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
 from datetime import date
 from decimal import Decimal
 from typing import Any
@@ -21,6 +20,7 @@ from numpy.typing import NDArray
 
 from lidarcli.logs.blocks import pad
 from lidarcli.sweeps.types import Bool, Float32, Float64, Int32, Int64
+from lidarcli.system.records import dataclass
 
 NEWLINE = 10
 _NULLS = ("", "null", "None", "NULL", "none", "NA", "N/A", "n/a", "#N/A", "<NA>", "-", "--", ".nan", ".NaN")

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -14,6 +13,7 @@ from lidarcli.display.texts import moment
 from lidarcli.options.times import SECOND_NS, Instant
 from lidarcli.sweeps.finding_rules import LEAP, LONG, SET_BACK
 from lidarcli.sweeps.types import Bool, Float64, Int64, RawSweeps
+from lidarcli.system.records import dataclass, replace
 
 SECOND = 1e-9
 _KEPT = 1 << 16

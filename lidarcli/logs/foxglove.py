@@ -363,7 +363,7 @@ class _LineDecoder:
         """Yield the sweeps of a block, in blocks of each topic."""
         lines = block.text.split(b"\n")[:-1]
         if self._unit is None:
-            times = [match[2] for line in lines[:100] if (match := JSON_LINE.match(line))]
+            times = [match[2] for line in lines[:100] if (match := re.match(JSON_LINE, line))]
             self._unit = time_unit("", times) if times else None
         for number, line in enumerate(lines, block.line):
             if not line.strip():
@@ -383,7 +383,7 @@ class _LineDecoder:
 
     def _take(self, line: bytes) -> str | None:
         """Keep the scan of a line; return the cause where the line is no message."""
-        match = JSON_LINE.match(line)
+        match = re.match(JSON_LINE, line)
         if match is None or self._unit is None:
             return _NO_MESSAGE
         record, bad = to_ns([match[2]], self._unit)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -12,6 +11,7 @@ from lidarcli.display.texts import counted
 from lidarcli.sweeps.finding_rules import CODES_BELOW, PACES
 from lidarcli.sweeps.range_rules import FARTHEST
 from lidarcli.sweeps.types import Bool, Float32, Float64, RawSweeps, Status, SweepBatch
+from lidarcli.system.records import dataclass, field
 
 MAX_ROWS, MAX_WIDTH = 256, 8192
 """Most sweeps, and beams of a sweep, that are kept to compare them: half of the sweeps go whenever there are more."""

@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, ExitStack, contextmanager
-from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
 from typing import NamedTuple
@@ -14,8 +13,9 @@ from lidarcli.display.texts import counted
 from lidarcli.errors import OptionError, UnreadableError
 from lidarcli.logs.base import CLOUD_TYPES, POSE_TYPES, SCAN_TYPES, Closing, Log, Message, ReadReport, Topic
 from lidarcli.sweeps.types import RawSweeps
+from lidarcli.system.records import dataclass, replace
 
-_NUMBERED = re.compile(r"(.+)_(\d{1,9})(\.[a-z]\w*)?(?:\.[a-z]\w*)*", re.IGNORECASE)
+_NUMBERED = re.compile(r"(.+)_(\d{1,9})(\.[A-Za-z]\w*)?(?:\.[A-Za-z]\w*)*")
 _DATE = re.compile(r"(?:^|_)\d{4}(?:-\d\d){5}$")
 """Each part of a ROS 1 bag is named by the time at which it begins."""
 

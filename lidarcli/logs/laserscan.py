@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass, field, fields, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -19,6 +18,7 @@ from lidarcli.logs.base import LASERSCAN, MAX_BEAMS, MULTI_ECHO, OpenOptions, Re
 from lidarcli.logs.blocks import BLOCK_ROWS, ScanLayout, pad_intensities, pad_rows, split_rows, unsound
 from lidarcli.ros.cursor import ENCAPSULATION, MAX_NAME, NAME_LONG
 from lidarcli.sweeps.types import Bool, Float32, Int32, Int64, RawSweeps, UInt8, record
+from lidarcli.system.records import dataclass, field, fields, replace
 
 SHORT = "shorter than a LaserScan"
 FRAME_BEYOND = "frame_id longer than the message"
@@ -450,9 +450,9 @@ class MessageBatcher:
 _SCALARS = ("angle_min", "angle_max", "angle_increment", "time_increment", "scan_time", "range_min", "range_max")
 EXPECTED = {LASERSCAN: ("Header", "float32[]"), MULTI_ECHO: ("Header", "LaserEcho[]")}
 # What is left open goes on to the end, and nothing is gone back over: a schema may be a megabyte of anything.
-_NO_CODE = re.compile(r'"(?:[^"\\]|\\.)*+"?|//[^\n]*+|/\*(?:[^*]|\*(?!/))*+(?:\*/)?', re.DOTALL)
-_ANNOTATION = re.compile(r"@\w++\s*+\([^)]*+\)?")
-_BESIDE_TYPES = re.compile(r"\b\w++::|(?<=<)\s++|(?<!\s)\s++(?=[<>])")
+_NO_CODE = r'(?s)"(?:[^"\\]|\\.)*+"?|//[^\n]*+|/\*(?:[^*]|\*(?!/))*+(?:\*/)?'
+_ANNOTATION = r"@\w++\s*+\([^)]*+\)?"
+_BESIDE_TYPES = r"\b\w++::|(?<=<)\s++|(?<!\s)\s++(?=[<>])"
 _IDL_NAMES = {"float": "float32", "sequence<float>": "float32[]", "sequence<LaserEcho>": "LaserEcho[]"}
 
 
@@ -497,9 +497,9 @@ def _fields(encoding: str, text: str, kind: str) -> list[tuple[str, str]]:
     """Return types and names of the fields of a message; in .msg, definitions of its parts follow a line of '='."""
     fields = []
     if encoding == "ros2idl":
-        struct = re.search(rf"\bstruct\s++{re.escape(kind.rsplit('/', 1)[-1])}\s*+\{{([^}}]*+)", _NO_CODE.sub("", text))
-        for member in _ANNOTATION.sub("", struct[1]).split(";") if struct else ():
-            words = _BESIDE_TYPES.sub("", member).split()
+        struct = re.search(rf"\bstruct\s++{re.escape(kind.rsplit('/', 1)[-1])}\s*+\{{([^}}]*+)", re.sub(_NO_CODE, "", text))
+        for member in re.sub(_ANNOTATION, "", struct[1]).split(";") if struct else ():
+            words = re.sub(_BESIDE_TYPES, "", member).split()
             if len(words) >= 2:
                 named = "".join(words[:-1])
                 fields.append((_IDL_NAMES.get(named, named), words[-1]))

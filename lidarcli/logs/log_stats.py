@@ -5,7 +5,6 @@ from __future__ import annotations
 import shlex
 from collections import Counter
 from collections.abc import Collection, Iterator, Mapping
-from dataclasses import dataclass, field, fields
 from itertools import pairwise
 from types import SimpleNamespace
 
@@ -17,6 +16,7 @@ from lidarcli.logs.scan_checks import THIN, range_bytes
 from lidarcli.sweeps.finding_rules import ASIDE, FASTEST, LOG_RULES, LONG, REPEATED_TOPIC, judge
 from lidarcli.sweeps.findings import Finding, Sensor
 from lidarcli.sweeps.types import TURN, RawSweeps, Status, SweepBatch
+from lidarcli.system.records import dataclass, field, fields
 
 MAX_COMPARED, MIN_COMPARED = 2000, 10
 """Most and fewest sweeps of a topic that are compared with those of others."""

@@ -4,16 +4,14 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Mapping
-from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import BinaryIO
+from typing import TYPE_CHECKING, BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lidarcli.errors import UnreadableError, unreadable
-from lidarcli.logs import foxglove
 from lidarcli.logs.base import MULTI_ECHO, Closing, Message, OpenOptions, ReadReport, Topic
 from lidarcli.logs.blocks import Locate, ScanLayout
 from lidarcli.logs.laserscan import EXPECTED, TOGETHER, MessageBatcher, differs, locate
@@ -21,6 +19,10 @@ from lidarcli.logs.mcap_records import MAGIC, ChannelCatalogue, McapMessages, Mc
 from lidarcli.logs.mcap_walk import UNKNOWN, UNWANTED, Walk, Wanted
 from lidarcli.logs.unpacking import PACKED_CAUSE, ZSTD_MAGIC, DecompressionBudget, unpack_message
 from lidarcli.sweeps.types import RawSweeps
+from lidarcli.system.records import dataclass, field
+
+if TYPE_CHECKING:
+    from lidarcli.logs import foxglove
 
 STRIPPED_MAGIC = b"\x89MCAP0\n"
 
@@ -67,13 +69,17 @@ class _MessageDecoder:
             yield from self.flush()
 
     def flush(self) -> Iterator[RawSweeps]:
+        from lidarcli.logs import foxglove
+
         waiting, self.waiting = self.waiting, []
         yield from foxglove.decode_each(self.topic, waiting, self.decoder, self.report)
 
 
 def _refuse(_data: bytes, _record_ns: int, *, cause: str) -> foxglove.Scan:
     """Decode no message of a topic."""
-    raise foxglove.RefusedError(cause)
+    from lidarcli.logs.foxglove import RefusedError
+
+    raise RefusedError(cause)
 
 
 def _are_packed(rows: McapMessages) -> bool:
@@ -225,15 +231,18 @@ class McapLog(Closing):
         channel, kind = self.catalogue.channels[key], self.catalogue.read_as(key)
         schema = self.catalogue.schemas[channel.schema_id]
         encoding, topic = channel.message_encoding, channel.topic
-        if encoding == "json":
-            return _MessageDecoder(topic, partial(foxglove.decode_json, echo=self._echo), report)
         problem = f"the encoding '{encoding}' is not read"
         if encoding in ("cdr", "ros1") and kind in EXPECTED:
             different = differs(kind, schema.encoding, schema.data.decode("utf-8", "replace"))
             if different is None:
                 return _ColumnDecoder(MessageBatcher(topic, kind, encoding, report, self._echo), self._budget)
             problem = f"its definition is not the standard one: {different}"
-        elif encoding == "protobuf":
+        # Most logs need not wait for this import.
+        from lidarcli.logs import foxglove
+
+        if encoding == "json":
+            return _MessageDecoder(topic, partial(foxglove.decode_json, echo=self._echo), report)
+        if encoding == "protobuf":
             known = foxglove.protobuf_decoder(schema.name, schema.data)
             if known is not None:
                 return _MessageDecoder(topic, known[0], report, known[1])

@@ -7,22 +7,20 @@ import struct
 import zlib
 from array import array
 from collections.abc import Callable, Collection
-from dataclasses import dataclass, field, fields
 from typing import BinaryIO, NamedTuple, TypeVar
 
-import lz4.frame
 import numpy as np
 import zstandard
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
-from mcap.records import Channel, ChunkIndex, Schema, Statistics
 from numpy.typing import NDArray
 
 from lidarcli.logs.base import SCAN_TYPES, ReadReport, ros_type
 from lidarcli.logs.laserscan import scan_type
 from lidarcli.logs.unpacking import CHUNK_RATIO, MAX_CHUNK, SMALL
 from lidarcli.sweeps.types import Bool, Int64, UInt8, record
+from lidarcli.system.records import dataclass, field, fields
 
 MAGIC = b"\x89MCAP0\r\n"
 RECORD = struct.Struct("<BQ")
@@ -48,6 +46,8 @@ ENTRY = np.dtype([("log", "<u8"), ("offset", "<u8")])
 _FOOTER = struct.Struct("<BQQQI")
 _STEP = 1 << 16
 T = TypeVar("T")
+K = TypeVar("K")
+V = TypeVar("V")
 
 
 class RecordCursor:
@@ -260,7 +260,9 @@ def inflate_start(head: ChunkHead, data: bytes, most: int = MAX_CHUNK) -> bytes:
             while len(start) < limit and (piece := reader.read(min(_STEP, limit - len(start)))):
                 start += piece
         elif head.compression == "lz4":
-            decompressor = lz4.frame.LZ4FrameDecompressor()
+            from lz4.frame import LZ4FrameDecompressor
+
+            decompressor = LZ4FrameDecompressor()
             for place in range(0, len(data), _STEP):
                 start += decompressor.decompress(data[place : place + _STEP])
                 if len(start) >= limit or decompressor.eof:
@@ -271,11 +273,76 @@ def inflate_start(head: ChunkHead, data: bytes, most: int = MAX_CHUNK) -> bytes:
 
 
 def parse(read: Callable[[ReadDataStream], T], content: bytes) -> T | None:
-    """Parse the content of a record with the `mcap` library; None if that fails."""
+    """Parse the content of a record by the stream of the `mcap` library; None if that fails."""
     try:
         return read(ReadDataStream(io.BytesIO(content)))
     except (McapError, struct.error, ValueError, MemoryError, OverflowError):
         return None
+
+
+# The classes of the library take as long to import as all of ours.
+
+
+@dataclass(frozen=True, slots=True)
+class Schema:
+    """Definition of a type."""
+
+    id: int
+    name: str
+    encoding: str
+    data: bytes
+
+
+def _schema(stream: ReadDataStream) -> Schema:
+    head = stream.read2(), stream.read_prefixed_string(), stream.read_prefixed_string()
+    return Schema(*head, stream.read(stream.read4()))
+
+
+@dataclass(frozen=True, slots=True)
+class Channel:
+    """A topic as one writer fills it; `schema_id` 0 is no schema."""
+
+    id: int
+    schema_id: int
+    topic: str
+    message_encoding: str
+    metadata: dict[str, str]
+
+
+def _channel(stream: ReadDataStream) -> Channel:
+    head = stream.read2(), stream.read2(), stream.read_prefixed_string(), stream.read_prefixed_string()
+    return Channel(*head, _pairs(stream, stream.read_prefixed_string, stream.read_prefixed_string))
+
+
+class ChunkIndex(NamedTuple):
+    """Where a chunk is; lengths [bytes] of it and of the message indexes after it."""
+
+    chunk_start_offset: int
+    chunk_length: int
+    message_index_length: int
+    compression: str
+
+
+def _chunk_index(stream: ReadDataStream) -> ChunkIndex:
+    _times, place = stream.read(16), (stream.read8(), stream.read8())
+    _pairs(stream, stream.read2, stream.read8)
+    found = ChunkIndex(*place, stream.read8(), stream.read_prefixed_string())
+    _sizes = stream.read8(), stream.read8()
+    return found
+
+
+def _message_counts(stream: ReadDataStream) -> dict[int, int]:
+    _totals = stream.read(42)
+    return _pairs(stream, stream.read2, stream.read8)
+
+
+def _pairs(stream: ReadDataStream, key: Callable[[], K], value: Callable[[], V]) -> dict[K, V]:
+    length, pairs = stream.read4(), dict[K, V]()
+    end = stream.count + length
+    while stream.count < end:
+        name = key()
+        pairs[name] = value()
+    return pairs
 
 
 @dataclass(slots=True)
@@ -288,9 +355,9 @@ class ChannelCatalogue:
     def add(self, opcode: int, content: bytes) -> bool:
         """Take a Schema or Channel record's content; False where it cannot be understood."""
         if opcode == Opcode.CHANNEL:
-            channel = parse(Channel.read, content)
+            channel = parse(_channel, content)
             return channel is not None and self.channels.setdefault(channel.id, channel) is not None
-        schema = parse(Schema.read, content)
+        schema = parse(_schema, content)
         return schema is not None and self.schemas.setdefault(schema.id, schema) is not None
 
     def schema(self, channel: int) -> Schema | None:
@@ -366,9 +433,8 @@ def read_summary(source: RecordCursor, report: ReadReport) -> McapSummary | None
             if opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
                 summary.catalogue.add(opcode, content)
             elif opcode == Opcode.STATISTICS:
-                statistics = parse(Statistics.read, content)
-                summary.counts = None if statistics is None else statistics.channel_message_counts
-            elif opcode == Opcode.CHUNK_INDEX and (chunk := parse(ChunkIndex.read, content)) is not None:
+                summary.counts = parse(_message_counts, content)
+            elif opcode == Opcode.CHUNK_INDEX and (chunk := parse(_chunk_index, content)) is not None:
                 summary.chunks.append(chunk)
         end = found.end
     summary.chunks.sort(key=lambda chunk: chunk.chunk_start_offset)

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Collection, Generator, Iterator
-from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
@@ -39,6 +38,7 @@ from lidarcli.logs.mcap_records import (
 )
 from lidarcli.logs.unpacking import MAX_CHUNK, CodecError, DecompressionBudget, inflate
 from lidarcli.sweeps.types import Int64
+from lidarcli.system.records import dataclass, field
 
 WINDOW = 1 << 20
 """Bytes looked at together where messages stand outside chunks, or where a way past damage is sought."""

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -17,6 +16,7 @@ from lidarcli.options.choices import PILE
 from lidarcli.sweeps.findings import Sensor
 from lidarcli.sweeps.range_rules import FARTHEST, RangeRules, bounds, is_marked, judge, same_range
 from lidarcli.sweeps.types import Bool, Float32, Float64, Int64, RawSweeps, concatenate
+from lidarcli.system.records import dataclass, field, replace
 
 WINDOW = 256
 """Sweeps of a topic examined together before any of them is evaluated."""

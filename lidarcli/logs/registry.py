@@ -15,7 +15,6 @@ import stat
 import sys
 import zlib
 from collections.abc import Callable, Collection, Iterable, Sequence
-from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from importlib import import_module
 from pathlib import Path
@@ -25,6 +24,7 @@ from lidarcli.errors import LidarcliError, NoScanError, UnreadableError, unreada
 from lidarcli.logs.base import CLOUD_TYPES, LASERSCAN, SCAN_TYPES, Log, OpenOptions, Topic
 from lidarcli.logs.text import is_carmen, is_json_lines
 from lidarcli.ros.bag_metadata import METADATA
+from lidarcli.system.records import dataclass
 
 HEAD = 4096
 

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Collection
-from dataclasses import dataclass, field, fields
 from functools import partial
 from types import SimpleNamespace
 
@@ -32,6 +31,7 @@ from lidarcli.sweeps.finding_rules import (
 from lidarcli.sweeps.findings import Finding, Sensor
 from lidarcli.sweeps.range_rules import FARTHEST
 from lidarcli.sweeps.types import TURN, Bool, Float32, Float64, Int64, RawSweeps, Status, SweepBatch, spared
+from lidarcli.system.records import dataclass, field, fields
 
 MOST = 1000
 """Most pairs of topic and frame examined: a log may have a new name in every message."""

@@ -7,7 +7,6 @@ all segments, so every turn has the same geometry: what was lost has no range, a
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, field, replace
 from itertools import chain
 from typing import Literal
 
@@ -19,6 +18,7 @@ from lidarcli.logs.blocks import BLOCK_VALUES
 from lidarcli.logs.clock import MAX_TOPICS
 from lidarcli.sweeps.range_rules import LONGEST_SWEEP
 from lidarcli.sweeps.types import TURN, Bool, Float32, Float64, Int64, RawSweeps, concatenate
+from lidarcli.system.records import dataclass, field, replace
 
 WIDEST, FINEST = 0.7, 1 << 14
 """Share of a turn that no segment exceeds, and most beams of a turn."""

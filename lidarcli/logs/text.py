@@ -9,7 +9,6 @@ import stat
 import zlib
 from abc import ABC, abstractmethod
 from collections.abc import Collection, Iterator
-from dataclasses import dataclass, replace
 from itertools import chain
 from pathlib import Path
 from typing import BinaryIO
@@ -17,6 +16,7 @@ from typing import BinaryIO
 from lidarcli.errors import UnreadableError, unreadable
 from lidarcli.logs.base import POSE_TYPES, Closing, Message, OpenOptions, ReadReport
 from lidarcli.sweeps.types import RawSweeps
+from lidarcli.system.records import dataclass, replace
 
 MAX_LINE = 8 << 20
 """Bytes of the longest line that is read (100,000 beams with intensities fit); a longer one is skipped and reported."""
@@ -279,7 +279,7 @@ class TextLog(Closing, ABC):
             return TextSource(self._stream, self.size)
 
 
-JSON_LINE = re.compile(
+JSON_LINE = (
     rb'\s*\{\s*"topic"\s*:\s*("(?:[^"\\]|\\.)*+")\s*,\s*"sequence"\s*:\s*\d+\s*,'
     rb'\s*"log_time"\s*:\s*"?([^",{}\s]+)"?\s*,'
 )
@@ -287,8 +287,8 @@ JSON_LINE = re.compile(
 
 _BOM = rb"(?:\xef\xbb\xbf)?"
 _COMMENTS = _BOM + rb"(?:[ \t]*(?:#[^\n]*)?\r?\n)*[ \t]*"
-_CARMEN_HEADER = re.compile(_BOM + rb"# (?:CARMEN Logfile|message_name \[message contents\] ipc_timestamp)")
-_CARMEN_LINE = re.compile(
+_CARMEN_HEADER = _BOM + rb"# (?:CARMEN Logfile|message_name \[message contents\] ipc_timestamp)"
+_CARMEN_LINE = (
     _COMMENTS + rb"(?:[FR]LASER|LASER[34]|REMISSIONFLASER|R(?:AW|OBOT)LASER[1-4]|ODOM|TRUEPOS|PARAM|SYNC"
     rb"|GLOBALPOS|NMEAGGA|NMEARMC|SONAR|BUMPER|IMU|GRIDMAP|SCANMARK|POSITIONLASER)[ \t]+[^\s,;]"
 )
@@ -301,7 +301,7 @@ def is_carmen(head: bytes) -> bool:
     (True, False)
     """
     head = unprinted(head)
-    return _CARMEN_HEADER.match(head) is not None or _CARMEN_LINE.match(head) is not None
+    return re.match(_CARMEN_HEADER, head) is not None or re.match(_CARMEN_LINE, head) is not None
 
 
 def is_json_lines(head: bytes) -> bool:
@@ -310,4 +310,4 @@ def is_json_lines(head: bytes) -> bool:
     >>> is_json_lines(b'{"topic":"/scan","sequence":0,"log_time":1.5,"data":{}}'), is_json_lines(b'{"ranges": []}')
     (True, False)
     """
-    return JSON_LINE.match(unprinted(head).removeprefix(codecs.BOM_UTF8)) is not None
+    return re.match(JSON_LINE, unprinted(head).removeprefix(codecs.BOM_UTF8)) is not None

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-import shutil
 import zlib
 from collections.abc import Callable
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import lz4.frame
 import zstandard
 
 from lidarcli.logs.base import MAX_MESSAGE
+from lidarcli.system.records import dataclass, field
 
 SMALL = 64 << 20
 MAX_RATIO = 1000
@@ -73,7 +71,9 @@ def is_zstd(path: Path) -> bool:
 
 def unpack_file(source: Path, target: Path) -> str:
     """Unpack a storage file as far as it goes; why it ended early, or nothing."""
-    room = int(shutil.disk_usage(target.parent).free * DISK_SHARE)
+    from shutil import disk_usage
+
+    room = int(disk_usage(target.parent).free * DISK_SHARE)
     limit = min(room, DecompressionBudget().room(source.stat().st_size))
     size = 0
     with source.open("rb") as packed, target.open("wb") as out:
@@ -149,7 +149,9 @@ def _unpacked(compression: str, data: bytes, size: int) -> bytes:
     """Decompress the frames of a chunk, most often one, up to a byte beyond the size that it declares."""
     try:
         if compression == "lz4":
-            return unpack_frames(lz4.frame.LZ4FrameDecompressor, data, LZ4_MAGIC, size + 1)[0]
+            from lz4.frame import LZ4FrameDecompressor
+
+            return unpack_frames(LZ4FrameDecompressor, data, LZ4_MAGIC, size + 1)[0]
         declared = zstandard.frame_content_size(data)
         if declared > size:
             raise CodecError(f"it declares {size} bytes and holds {declared}")

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+
+from lidarcli.system.records import dataclass
 
 MAX_NUMBER = 1e6
 """A length, an angle or a time of an option is no larger [m], [rad], [degrees]: no range is (`range_rules.FARTHEST`)."""

@@ -4,7 +4,7 @@ from typing import Annotated, Any, Literal, TypedDict
 
 from lidarcli.errors import OptionError
 from lidarcli.options import choices
-from lidarcli.options.forms import Argument, File, Option, Text
+from lidarcli.options.forms import Argument, File, Option, OptionRule, Text
 from lidarcli.options.values import CHECKS, COUNT, INPUT, MANY, OUTPUT
 
 
@@ -89,3 +89,13 @@ class Checked(TypedDict, total=False):
 
 class Jobs(TypedDict, total=False):
     jobs: Annotated[int | None, Option(OUTPUT, COUNT, shown="automatic", short="-j"), "Processors to use at most."]
+
+
+RULES = (
+    OptionRule(
+        ("removed", "any_frame", "station_distance", "station_angle"), ("background",), "is for --background FILE", True
+    ),
+    OptionRule(("jobs",), ("cluster",), "is for this machine, --cluster for others"),
+    OptionRule(("dry_run",), ("format=json",), "prints a plan and no summary: leave out --format json"),
+)
+"""For whatever has these options."""

@@ -5,12 +5,12 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, replace
 from numbers import Integral, Real
 from typing import Any, get_args
 
 from lidarcli.errors import OptionError
 from lidarcli.options.choices import MAX_NUMBER
+from lidarcli.system.records import dataclass, replace
 
 
 @dataclass(frozen=True, slots=True)
@@ -217,8 +217,8 @@ def refuse_combinations(
             raise OptionError(words)
 
 
-_OPTION_NAME = re.compile(r"--(?:no-)?([a-z][a-z-]*)")
-_CLAUSE = re.compile(r"(?=[.;:,](?:\s|$))")
+_OPTION_NAME = r"--(?:no-)?([a-z][a-z-]*)"
+_CLAUSE = r"(?=[.;:,](?:\s|$))"
 _UNIT_OF = {
     "METRES": "m",
     "SECONDS": "s",
@@ -233,11 +233,11 @@ def python_words(name: str, option: Option) -> str:
     """Return what a keyword means: the words of the command line with names as Python spells them, and the unit."""
 
     def spelled(words: str) -> str:
-        return _OPTION_NAME.sub(lambda found: f"`{found[1].replace('-', '_')}`", words)
+        return re.sub(_OPTION_NAME, lambda found: f"`{found[1].replace('-', '_')}`", words)
 
     words = spelled(option.help)
     if isinstance(option.value, Number) and (unit := _UNIT_OF.get(option.value.metavar)):
-        words = _CLAUSE.sub(f" [{unit}]", words, count=1)
+        words = re.sub(_CLAUSE, f" [{unit}]", words, count=1)
     if option.several or (isinstance(option.value, Text) and option.value.is_list):
         words = f"{words} Python {'takes' if option.several else 'also takes'} a list."
     if option.python:

@@ -10,7 +10,6 @@ import math
 from collections.abc import Iterable, Sequence
 from typing import Annotated, Literal, TypedDict
 
-from lidarcli.errors import OptionError
 from lidarcli.options import choices
 from lidarcli.options.common import CHECK, STAMPS_HELP, Jobs
 from lidarcli.options.forms import File, Number, Option, OptionRule, Text
@@ -45,10 +44,12 @@ from lidarcli.options.values import (
     AnyPath,
     Paths,
     Tables,
-    metres,
     parse_every,
+    parse_mends,
     parse_names,
     parse_numbers,
+    parse_removed,
+    parse_value,
 )
 
 STATIONS = "Viewpoints (stations) of a moving sensor"
@@ -57,30 +58,6 @@ PICTURE, LOOK, ZONES, FINDINGS = "Picture", "Look", "Zones", "Findings"
 PLACES, CHANGES = "Places", "What to change"
 RUN, LOG = "Run", "Log"
 ANY_COUNT = Number("N", 0, math.inf, whole=True)
-
-
-def parse_removed(text: str) -> str:
-    """The list as it is, once its items are known; `none` excludes all others."""
-    for word in text.split(",") if text.strip() != "none" else ():
-        if word.strip() == "body":
-            raise OptionError("the robot's own body is what --mask FILE tells")
-        if word.strip() not in choices.REMOVABLE:
-            raise OptionError(f"'{word.strip()}' is not one of {', '.join(choices.REMOVABLE)}")
-    return text
-
-
-def parse_mends(text: str) -> str:
-    """The list as it is, once its items are known."""
-    known = (choices.FOUND, *choices.MENDS)
-    if unknown := [word.strip() for word in text.split(",") if word.strip() not in known]:
-        raise OptionError(f"'{unknown[0]}' is not one of {', '.join(known)}")
-    return text
-
-
-def parse_value(text: str) -> str | float:
-    """`nan`, `inf`, `above` or metres."""
-    word = text.lower()
-    return word if word in choices.SAYINGS else metres(text, f"neither {', '.join(choices.SAYINGS)}", LENGTH)
 
 
 class LearningGroup(ReadingGroup, total=False):
@@ -412,14 +389,6 @@ class Exporting(TypedDict, total=False):
 # Combinations of options that have no meaning.
 
 _FOUND = "is for finding objects, and --objects names some that have been found"
-RULES = (
-    OptionRule(
-        ("removed", "any_frame", "station_distance", "station_angle"), ("background",), "is for --background FILE", True
-    ),
-    OptionRule(("jobs",), ("cluster",), "is for this machine, --cluster for others"),
-    OptionRule(("dry_run",), ("format=json",), "prints a plan and no summary: leave out --format json"),
-)
-"""For whatever has these options."""
 OVERLAY_RULES = (OptionRule((SELECT, POSES, OBJECTS, RANGES), ("objects",), _FOUND),)
 ZONE_RULES = (
     OptionRule((OBJECTS,), ("objects",), _FOUND),

@@ -5,12 +5,12 @@ from __future__ import annotations
 import math
 import re
 from contextlib import suppress
-from dataclasses import dataclass
 from datetime import UTC, datetime, time, timedelta, tzinfo
 from decimal import Decimal
 from numbers import Real
 
 from lidarcli.errors import OptionError
+from lidarcli.system.records import dataclass
 
 LONGEST = 1_000_000_000
 """Longest time after the first sweep [s], thirty years; a greater number counts seconds since 1970."""
@@ -24,12 +24,12 @@ TimeZone = tzinfo | None
 SLACK = 60 * SECOND_NS
 """A time of day this long before the first sweep is still meant to be of its day [ns]: who writes it leaves out seconds."""
 _UNITS = {"": 1.0, "ms": 1e-3, "s": 1.0, "min": 60.0, "h": 3600.0}
-_SECONDS = re.compile(r"([-+]?(?:\d+\.?\d*|\.\d+)(?:e[-+]?\d+)?) ?(ms|s|min|h|)", re.IGNORECASE)
-_FRACTION = re.compile(r"\.(\d{1,9})(?=Z|[+-]|$)", re.IGNORECASE)
+_SECONDS = r"(?i)([-+]?(?:\d+\.?\d*|\.\d+)(?:e[-+]?\d+)?) ?(ms|s|min|h|)"
+_FRACTION = r"(?i)\.(\d{1,9})(?=Z|[+-]|$)"
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 
 
-@dataclass(frozen=True, slots=True, order=True)
+@dataclass(frozen=True, slots=True)
 class Instant:
     """A moment by date and time of day."""
 
@@ -40,6 +40,9 @@ class Instant:
         seconds, rest = divmod(self.ns, SECOND_NS)
         text = (_EPOCH + timedelta(seconds=seconds)).isoformat().removesuffix("+00:00")
         return f"{text}{f'.{rest:09d}'.rstrip('0') if rest else ''}Z"
+
+    def __lt__(self, other: Instant) -> bool:
+        return self.ns < other.ns
 
 
 @dataclass(frozen=True, slots=True)
@@ -142,7 +145,7 @@ def parse_time(text: str, zone: TimeZone = UTC) -> Time:
     '2026-11-23T14:02:17.5Z'
     """
     text = text.strip()
-    if (seconds := _SECONDS.fullmatch(text)) is not None:
+    if (seconds := re.fullmatch(_SECONDS, text)) is not None:
         found = float(seconds[1]) * _UNITS[seconds[2].lower()]
         if LONGEST < found <= LATEST and not seconds[2]:
             return Instant(int(Decimal(seconds[1]) * SECOND_NS))
@@ -153,7 +156,7 @@ def parse_time(text: str, zone: TimeZone = UTC) -> Time:
         with suppress(ValueError):
             clock = time.fromisoformat(f"0{text}" if text[1] == ":" else text)
             return TimeOfDay(clock.replace(tzinfo=None), clock.tzinfo or zone)
-    fraction = _FRACTION.search(text)
+    fraction = re.search(_FRACTION, text)
     whole = text if fraction is None else text[: fraction.start()] + text[fraction.end() :]
     try:
         moment = datetime.fromisoformat(whole)

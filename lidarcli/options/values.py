@@ -106,3 +106,27 @@ TURN = Number("DEGREES", 0, above=True)
 SWEEP = Number("N", 0, choices.LAST_SWEEP, whole=True)
 TIME, TIME_ZONE = Text("TIME", parse_time_text), Text("ZONE", parse_zone_text)
 INPUT = File("LOG")
+
+
+def parse_removed(text: str) -> str:
+    """The list as it is, once its items are known; `none` excludes all others."""
+    for word in text.split(",") if text.strip() != "none" else ():
+        if word.strip() == "body":
+            raise OptionError("the robot's own body is what --mask FILE tells")
+        if word.strip() not in choices.REMOVABLE:
+            raise OptionError(f"'{word.strip()}' is not one of {', '.join(choices.REMOVABLE)}")
+    return text
+
+
+def parse_mends(text: str) -> str:
+    """The list as it is, once its items are known."""
+    known = (choices.FOUND, *choices.MENDS)
+    if unknown := [word.strip() for word in text.split(",") if word.strip() not in known]:
+        raise OptionError(f"'{unknown[0]}' is not one of {', '.join(known)}")
+    return text
+
+
+def parse_value(text: str) -> str | float:
+    """`nan`, `inf`, `above` or metres."""
+    word = text.lower()
+    return word if word in choices.SAYINGS else metres(text, f"neither {', '.join(choices.SAYINGS)}", LENGTH)

@@ -5,12 +5,11 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from difflib import get_close_matches
 
 import numpy as np
 import pyarrow as pa
 
-from lidarcli.display.texts import counted
+from lidarcli.display.texts import counted, nearest
 from lidarcli.errors import OptionError, UnreadableError
 from lidarcli.files.newfiles import NewFiles, refuse
 from lidarcli.files.stores import Place
@@ -102,7 +101,7 @@ def chosen(
     first = schemas[0]
     for name in [*columns, *([TRACK] if only else [])]:
         if name not in first.names:
-            near = get_close_matches(str(name), first.names, 1)
+            near = nearest(str(name), first.names)
             hint = f"did you mean {near[0]}?" if near else f"it has {', '.join(first.names)}"
             raise OptionError(f"{files[0]}: no column {name}; {hint}")
     names = [*columns] or [*dict.fromkeys(first.names)]

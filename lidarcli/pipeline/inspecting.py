@@ -32,7 +32,7 @@ from lidarcli.pipeline.reading.masking import masking_of
 from lidarcli.pipeline.reading.needs import Need, PoseOptions
 from lidarcli.pipeline.reading.one_log import damage_lines
 from lidarcli.pipeline.reading.posing import PoseAttacher, alike_note
-from lidarcli.pipeline.runs.over_logs import Failure, LogProgress, attempt, progress_of
+from lidarcli.pipeline.runs.over_logs import Failure, LogProgress, attempt, one_by_one, progress_of
 from lidarcli.sweeps.findings import DEEP_IDS, IDS, Finding
 from lidarcli.sweeps.masks import Masks
 from lidarcli.sweeps.range_rules import closure, normalise
@@ -398,7 +398,7 @@ def inspect_logs(
 
         return load(source)
 
-    for source in sources:
+    for source in one_by_one(sources):
         yield source, attempt(source, look_into)
 
 

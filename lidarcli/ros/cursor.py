@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import struct
-from dataclasses import dataclass, field
+
+from lidarcli.system.records import dataclass, field
 
 # Encapsulation → byte order and alignment of doubles, which XCDR2 puts on four bytes.
 _CDR = {0: (">", 8), 1: ("<", 8), 6: (">", 4), 7: ("<", 4), 16: (">", 4), 17: ("<", 4)}

@@ -5,9 +5,10 @@ from __future__ import annotations
 import math
 import shlex
 from collections.abc import Callable, Collection, Mapping
-from dataclasses import asdict, dataclass, field, replace
 from operator import attrgetter
 from typing import Any, Literal, NamedTuple
+
+from lidarcli.system.records import asdict, dataclass, field, replace
 
 Level = Literal["error", "warning", "hint"]
 """`error`: tables of this log would be wrong; `warning`: they may be; `hint`: good to know."""

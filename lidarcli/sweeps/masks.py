@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -12,6 +11,7 @@ from numpy.typing import NDArray
 
 from lidarcli.errors import OptionError
 from lidarcli.sweeps.types import TURN, Bool, Float32, Float64, RawSweeps, SweepBatch
+from lidarcli.system.records import dataclass
 
 CLOSE = 1e-9
 """Rounding of a bearing [rad]."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -11,6 +10,7 @@ import lidarcli.sweeps.ranges
 from lidarcli.options.choices import MAX_NUMBER, NO_RETURN_WORDS
 from lidarcli.sweeps.masks import Masks
 from lidarcli.sweeps.types import TURN, Bool, Closure, Float32, Float64, Int32, Int64, RawSweeps, Status, SweepBatch, UInt8
+from lidarcli.system.records import dataclass
 
 
 @dataclass(frozen=True, slots=True)

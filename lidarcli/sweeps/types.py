@@ -7,7 +7,6 @@ beam count changes from turn to turn stay in one batch: short rows are padded, p
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import MISSING, dataclass, field, fields, replace
 from enum import IntEnum
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, SupportsIndex, TypeVar, dataclass_transform
 
@@ -15,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lidarcli.display.texts import Facts, counted, moment, shown, span
+from lidarcli.system.records import MISSING, dataclass, declared, field, replace
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -89,14 +89,14 @@ def column(
 def columns_of(cls: type) -> dict[str, Column]:
     """Return the columns that a record declares: name of the field → column."""
     found = {}
-    for each in fields(cls):
+    for own, each in declared(cls).items():
         known: Column | None = each.metadata.get("column")
         if known is not None:
-            name = known.name or each.name.removeprefix(f"{known.per}_").removesuffix("_ns")
+            name = known.name or own.removeprefix(f"{known.per}_").removesuffix("_ns")
             # The annotation is text: `Float32 | None` is an array of float32.
-            dtype = str(each.type).removesuffix(" | None").lower()
+            dtype = cls.__annotations__[own].removesuffix(" | None").lower()
             kind = "float32" if dtype == "float64" and known.unit in SINGLE else dtype
-            found[each.name] = known._replace(name=name, kind=known.kind or kind, field=each.name, dtype=dtype)
+            found[own] = known._replace(name=name, kind=known.kind or kind, field=own, dtype=dtype)
     return found
 
 

@@ -5,13 +5,13 @@ An offline check of a recording, no safety function.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
 
 from lidarcli.sweeps.masks import Circle, Masks, Polygon, same_name
 from lidarcli.sweeps.types import TURN, Bool, Float64, SweepPoses
+from lidarcli.system.records import dataclass, field
 
 SENSOR, ROBOT, WORLD = "sensor", "robot", "world"
 """Names of frames that every log has; any other name is that of a frame of its transforms."""

@@ -5,7 +5,6 @@ from __future__ import annotations
 import base64
 import json
 import os
-import tempfile
 from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager, ExitStack, nullcontext, suppress
 from pathlib import Path
@@ -300,8 +299,8 @@ class TopicOrder:
 
     def drain(self, table: str) -> None:
         """Pass on the rows of a table that wait, by the name of their topic."""
-        with self._spilling():
-            if self._file is not None:
+        if self._file is not None:
+            with self._spilling():
                 self._file.flush()
         for key in sorted({*self._places, *self._waiting}):
             if key[0] != table:
@@ -318,7 +317,10 @@ class TopicOrder:
         """Write what waits in memory to the file."""
         with self._spilling():
             if self._file is None:
-                self._file = tempfile.TemporaryFile(dir=self._folder)  # noqa: SIM115 (closed by __exit__)
+                # Only long runs need this import.
+                from tempfile import TemporaryFile
+
+                self._file = TemporaryFile(dir=self._folder)  # noqa: SIM115 (closed by __exit__)
             for key, parts in self._waiting.items():
                 self._places.setdefault(key, []).append(self._file.tell())
                 with pa.ipc.new_stream(self._file, parts[0].schema, options=_SPILLED) as stream:
@@ -328,7 +330,9 @@ class TopicOrder:
         self._size = 0
 
     def _spilling(self) -> AbstractContextManager[None]:
-        return writing(f"a temporary file in {self._folder or tempfile.gettempdir()}")
+        from tempfile import gettempdir
+
+        return writing(f"a temporary file in {self._folder or gettempdir()}")
 
     def __enter__(self) -> Self:
         return self

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
@@ -30,6 +29,7 @@ from lidarcli.formalism.detection import (
     spans,
 )
 from lidarcli.sweeps.types import Bool, Float64, Int32, Int64, SweepBatch, record
+from lidarcli.system.records import asdict, dataclass
 
 KINDS = tuple(SHAPES[code] for code in (PRISMATIC, ROUND, LEGGED, IRREGULAR))
 """Shapes of objects, in the order of `Evidence.shape`."""
@@ -92,11 +92,6 @@ class Catalogue:
     def as_dict(self) -> dict[str, Any]:
         """Return plain values for the metadata of the tables."""
         return {"things": [thing.as_dict() for thing in self.things]}
-
-
-def names_in(catalogue: Catalogue | None) -> tuple[str, ...]:
-    """Return the names of the entries; none without a catalogue."""
-    return () if catalogue is None else catalogue.names
 
 
 @record

@@ -6,16 +6,17 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
-from difflib import get_close_matches
 from functools import wraps
 from inspect import Parameter, cleandoc, signature
 from textwrap import fill
 from typing import Any, Protocol, TypeVar, cast, get_type_hints
 
 from lidarcli.display.screen import Screen, byte_bar, count_bar
+from lidarcli.display.texts import nearest
 from lidarcli.errors import OptionError, warn
 from lidarcli.formalism.background import Background
 from lidarcli.formalism.matching.catalogue import Catalogue
+from lidarcli.options.common import RULES
 from lidarcli.options.forms import (
     File,
     Number,
@@ -26,7 +27,6 @@ from lidarcli.options.forms import (
     python_words,
     refuse_combinations,
 )
-from lidarcli.options.groups import RULES
 from lidarcli.options.values import AnyPath
 from lidarcli.pipeline.api.options import refuse_lost, several
 from lidarcli.pipeline.detecting import ErrorCollector
@@ -75,7 +75,7 @@ def with_keywords(*rules: OptionRule) -> Callable[[F], F]:
                 refuse_lost(names[min(at, len(positional) - 1)], value)
             for name, value in given.items():
                 if name not in names:
-                    close = get_close_matches(name, names, 1)
+                    close = nearest(name, names)
                     hint = f"did you mean '{close[0]}'?" if close else f"there are {', '.join(names)}"
                     raise TypeError(f"{function.__name__}() has no option '{name}'; {hint}")
                 if name in known:

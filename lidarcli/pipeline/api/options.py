@@ -21,13 +21,10 @@ from lidarcli.logs.batches import ReadOptions
 from lidarcli.logs.open_options import open_options, range_rules
 from lidarcli.options.choices import NS, TRAIL
 from lidarcli.options.forms import Text, defaults_of
-from lidarcli.options.groups import parse_mends, parse_removed, parse_value
 from lidarcli.options.objects import FindingGroup, ObjectGroup, Tracking
 from lidarcli.options.reading import parse_no_return
 from lidarcli.options.times import SECOND_NS, TimeZone, as_time, parse_zone
-from lidarcli.options.values import AnyPath, parse_every
-from lidarcli.pipeline.inputs.catalogue import read_catalogue
-from lidarcli.pipeline.inputs.masks import AUTO, read_masks
+from lidarcli.options.values import AnyPath, parse_every, parse_mends, parse_removed, parse_value
 from lidarcli.pipeline.reading.needs import NONE, PoseOptions
 from lidarcli.sweeps.masks import Masks
 
@@ -106,6 +103,8 @@ def read_options(options: Values) -> ReadOptions:
     text = no_return if isinstance(no_return, str) else ",".join(map(str, no_return))
     masks = None
     if mask is not None and mask != NONE:
+        from lidarcli.pipeline.inputs.masks import AUTO, read_masks
+
         masks = Masks(learn=True) if mask == AUTO else read_masks(path_text(mask))
     rules = range_rules(options["range"], parse_no_return(text), masks)
     start, end, run = (options.get(name) for name in ("start", "end", "run"))
@@ -145,6 +144,11 @@ def detect_options(
 
     background = background_options(options)
     catalogue = options["catalogue"]
+    if isinstance(catalogue, str | PathLike):
+        # Most runs need not wait for this import.
+        from lidarcli.pipeline.inputs.catalogue import read_catalogue
+
+        catalogue = read_catalogue(catalogue)
     together = tracking is not None and tracking.tracks and not tracking.apart
     return DetectOptions(
         parameters=parameters_of(parameters, options, subtracted=background is not None),
@@ -152,7 +156,7 @@ def detect_options(
         opening=logs.opening,
         poses=replace(logs.poses, together=together),
         background=background,
-        catalogue=read_catalogue(catalogue) if isinstance(catalogue, str | PathLike) else catalogue,
+        catalogue=catalogue,
         tracking=tracking,
         explain=options.get("explain", False),
         stamps=options.get("stamps", NS),

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from difflib import get_close_matches
 from itertools import chain
 from os import PathLike, fspath
 from typing import TYPE_CHECKING, Any, NamedTuple, Unpack
 
 import pyarrow as pa
 
+from lidarcli.display.texts import nearest
 from lidarcli.errors import OptionError, warn
 from lidarcli.files.stores import place
 from lidarcli.formalism import Parameters
@@ -166,7 +166,7 @@ def narrowed(tables: Mapping[str, pa.Table], columns: Sequence[str]) -> dict[str
     known = [*dict.fromkeys(name for table in tables.values() for name in table.column_names)]
     for name in columns:
         if name not in known:
-            near = get_close_matches(str(name), known, 1)
+            near = nearest(str(name), known)
             hint = f"did you mean {near[0]}?" if near else f"there are {', '.join(known)}"
             raise OptionError(f"--columns: no table has a column {name}; {hint}")
     return {kind: table.select([name for name in columns if name in table.column_names]) for kind, table in tables.items()}

@@ -14,7 +14,6 @@ from dataclasses import replace
 from enum import Enum
 from fnmatch import fnmatchcase
 from glob import has_magic
-from hashlib import blake2b
 from pathlib import Path, PurePath, PurePosixPath
 from typing import Any, NamedTuple
 
@@ -429,6 +428,8 @@ def is_in_shard(key: str, shard: Shard) -> bool:
     >>> [key for key in ("run", "trip/run", "hall") if is_in_shard(key, (1, 2))]
     ['trip/run']
     """
+    from hashlib import blake2b
+
     number, count = shard
     digest = blake2b(os.fsencode(key), digest_size=8).digest()
     return int.from_bytes(digest, "big") % count == number - 1

@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import takewhile
 from operator import attrgetter
@@ -22,6 +21,7 @@ from lidarcli.logs.registry import format_of
 from lidarcli.logs.segments import join
 from lidarcli.options.choices import JOIN
 from lidarcli.sweeps.types import RawSweeps
+from lidarcli.system.records import dataclass, field, replace
 
 if TYPE_CHECKING:
     from lidarcli.pose.tracks import PoseTrack

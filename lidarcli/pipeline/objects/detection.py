@@ -9,7 +9,6 @@ from __future__ import annotations
 import time
 from collections import deque
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field, replace
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self
 
@@ -17,7 +16,6 @@ import pyarrow as pa
 
 from lidarcli.files.stores import Place
 from lidarcli.formalism import Detection, Parameters, detect
-from lidarcli.formalism.matching.catalogue import Catalogue, name, names_in
 from lidarcli.formalism.parameters import TrackParameters
 from lidarcli.logs.base import OpenOptions
 from lidarcli.logs.batches import ReadOptions
@@ -28,12 +26,14 @@ from lidarcli.pipeline.reading.needs import Need, PoseOptions
 from lidarcli.pipeline.reading.one_log import Reading, RunSummary, named_files, reading_as_dict
 from lidarcli.sweeps.types import SweepBatch
 from lidarcli.system.machine import Threads, cores
+from lidarcli.system.records import dataclass, field, replace
 from lidarcli.tabular.columns import beams_rows, objects_rows, sweeps_rows
 from lidarcli.tabular.writing import table_paths
 
 if TYPE_CHECKING:
     from concurrent.futures import Future
 
+    from lidarcli.formalism.matching.catalogue import Catalogue
     from lidarcli.pipeline.objects.subtracting import BackgroundComparison, BackgroundOptions
 
 OF_TRACKS = ("tracks", "trajectories")
@@ -167,7 +167,7 @@ class ObjectFinder:
             found = self._comparison.detect(batch, per_beam)
         if self._catalogue is None:
             return found
-        from lidarcli.formalism.matching.catalogue import evidence_of
+        from lidarcli.formalism.matching.catalogue import evidence_of, name
 
         label, score = name(evidence_of(batch, found), self._catalogue)
         return replace(found, label=label, label_score=score)
@@ -203,7 +203,7 @@ class BatchDetector:
         self._is_tracked = options.tracking is not None
         # Tracked objects are named by their tracks.
         catalogue = None if self._is_tracked else options.catalogue
-        self._labels = names_in(catalogue)
+        self._labels = () if catalogue is None else catalogue.names
         parameters = options.parameters
         if options.tracking is not None and options.tracking.parameters.memory:
             # Memory decides on every body, whatever one sweep says of it.

@@ -18,7 +18,6 @@ from lidarcli.files.newfiles import writing
 from lidarcli.formalism.counting import PersonFinder
 from lidarcli.formalism.detection import AGENT, Detection
 from lidarcli.formalism.mapping.places import Places
-from lidarcli.formalism.matching.catalogue import names_in
 from lidarcli.formalism.tracking.results import TrackedBatch
 from lidarcli.formalism.tracking.tracker import Tracker
 from lidarcli.pipeline.objects.detection import DetectOptions, Rows
@@ -45,7 +44,7 @@ class LogTracker:
         self._parameters = options.parameters
         self._options = options.tracking
         self._catalogue = options.catalogue
-        self._labels = names_in(options.catalogue)
+        self._labels = () if options.catalogue is None else options.catalogue.names
         self._topics: dict[str, _TrackedTopic] = {}
         self._places: dict[object, Places] = {}
         """By topic, and for the sensors of a robot by these."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -13,6 +12,7 @@ from lidarcli.logs.clock import SECOND
 from lidarcli.options.choices import MATCH
 from lidarcli.pipeline.inputs.sources import read_pose_messages
 from lidarcli.pipeline.reading.needs import NONE, PoseOptions
+from lidarcli.system.records import dataclass, field
 
 if TYPE_CHECKING:
     from lidarcli.pose.sources import GivenPaths, PoseSources

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Collection, Iterator, Mapping
-from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -20,6 +19,7 @@ from lidarcli.pipeline.reading.posing import PoseAttacher
 from lidarcli.sweeps.masks import Mask, Masks, Mount, Sector, same_name
 from lidarcli.sweeps.range_rules import RangeRules
 from lidarcli.sweeps.types import TURN, Float32, Float64, Int32, Int64, SweepBatch
+from lidarcli.system.records import dataclass, field, replace
 
 WINDOW, SHARE = 0.08, 0.6
 """A beam ends on the robot where it ends within so short a stretch [m] in at least this share of the sweeps."""

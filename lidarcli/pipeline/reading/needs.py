@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from enum import Enum
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -10,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 from lidarcli.errors import OptionError
 from lidarcli.options.choices import BEAM_ORDERS, MATCH, MAX_DELAY
 from lidarcli.sweeps.zone import ROBOT
+from lidarcli.system.records import dataclass
 
 if TYPE_CHECKING:
     from lidarcli.pose.sources import GivenPaths

@@ -7,7 +7,6 @@ import time
 from collections import Counter, deque
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, field, replace
 from datetime import UTC
 from functools import partial
 from itertools import chain
@@ -34,6 +33,7 @@ from lidarcli.sweeps.masks import Masks
 from lidarcli.sweeps.range_rules import RangeRules, count_statuses
 from lidarcli.sweeps.types import STATUSES, SweepBatch
 from lidarcli.system.machine import Threads
+from lidarcli.system.records import dataclass, field, replace
 
 if TYPE_CHECKING:
     from lidarcli.formalism.tracking.results import TrackedBatch

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import groupby
 from typing import TYPE_CHECKING, Any
@@ -24,6 +23,7 @@ from lidarcli.pipeline.reading.needs import NONE, UNPLACED, Need, PoseOptions, o
 from lidarcli.sweeps.findings import Finding
 from lidarcli.sweeps.masks import Masks
 from lidarcli.sweeps.types import Int64, SweepBatch, SweepPoses
+from lidarcli.system.records import dataclass, field, replace
 
 if TYPE_CHECKING:
     from lidarcli.pipeline.reading.path_choice import CheckedPath, StaticWatch

@@ -6,7 +6,6 @@ import gc
 import traceback
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import closing
-from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any, Protocol, TypeVar
 
@@ -14,6 +13,7 @@ from lidarcli.errors import OUT_OF_MEMORY, LidarcliError, UnreadableError, is_sh
 from lidarcli.logs.registry import no_scan_topic
 from lidarcli.pipeline.inputs.sources import MissingInput, Source
 from lidarcli.pipeline.reading.one_log import Progress, RunSummary
+from lidarcli.system.records import dataclass, field, replace
 
 INTERNAL_ERROR = 70
 DIED_TWICE = "its worker process died twice, ended by the system (out of memory?); try it alone with --jobs 1"
@@ -77,7 +77,7 @@ def over_logs(
     when it is done.
     """
     if at_once < 2:
-        for source in sources:
+        for source in one_by_one(sources):
             yield outcome_of(source, partial(work, progress=progress_of(source, report)))
         return
     # Most runs need no process and should not wait for this import.
@@ -92,6 +92,15 @@ def over_logs(
             elif is_second_try:
                 outcome = replace(outcome, remark="a worker process died; this log was done again")
             yield outcome
+
+
+def one_by_one(sources: Iterable[T]) -> Iterator[T]:
+    """Yield the inputs; what one has left is cleared away before the next."""
+    for number, source in enumerate(sources):
+        if number:
+            # Readers refer to themselves; such garbage would wait, as the command line looks for it rarely.
+            gc.collect(1)
+        yield source
 
 
 def outcome_of(source: Source | MissingInput, work: Work) -> Outcome:
@@ -118,9 +127,6 @@ def attempt(source: Source | MissingInput, work: Callable[[Source], T]) -> T | F
         if is_short_of_memory(err):
             return Failure(OUT_OF_MEMORY, UnreadableError.exit_code)
         return Failure(f"internal error: {type(err).__name__}: {err}", INTERNAL_ERROR, traceback.format_exc())
-    finally:
-        # Readers refer to themselves; over many logs such garbage would wait, as the command line looks for it rarely.
-        gc.collect(1)
 
 
 def exit_code(codes: Iterable[int]) -> int:

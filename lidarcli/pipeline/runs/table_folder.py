@@ -8,7 +8,6 @@ import os
 import re
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
@@ -19,6 +18,7 @@ from lidarcli.files.stores import Place, State, Url, absolute, has_bucket, head,
 from lidarcli.pipeline.inputs.sources import MissingInput, Source
 from lidarcli.pipeline.objects.detection import DetectOptions
 from lidarcli.pipeline.runs.over_logs import Outcome
+from lidarcli.system.records import dataclass, replace
 from lidarcli.tabular.reading import file_metadata, note_value
 from lidarcli.tabular.writing import BY_DATE, DAMAGE, PARAMETERS, SOURCE, VERSION
 
