@@ -309,7 +309,7 @@ def _mcap_records(log: McapLog, copy: Copy) -> Iterator[Any]:
     walk, known, begun = log.raw_records(copy.report), log.catalogue, False
     header = Header(profile="", library="")
     waiting: list[Attachment | Metadata] = []
-    locators: dict[int, Locate | None] = {}
+    described: dict[int, tuple[str, str, str, Locate | None]] = {}
     for rows in walk.records():
         if isinstance(rows, McapMessages):
             if not begun:
@@ -318,15 +318,15 @@ def _mcap_records(log: McapLog, copy: Copy) -> Iterator[Any]:
             yield from waiting
             waiting.clear()
             for row, key in enumerate(rows.channel.tolist()):
-                if (channel := known.channels.get(key)) is None:
-                    continue
+                if key not in described:
+                    if (channel := known.channels.get(key)) is None:
+                        continue
+                    described[key] = channel.topic, known.type(key), channel.message_encoding, log.locator(key)
+                topic, kind, encoding, where = described[key]
                 start, length = int(rows.start[row]), int(rows.length[row])
-                data = rows.data[start : start + length].tobytes()
-                if key not in locators:
-                    locators[key] = log.locator(key)
-                data = copy.edited(channel.topic, data, locators[key], channel.message_encoding)
+                data = copy.edited(topic, rows.data[start : start + length].tobytes(), where, encoding)
                 sequence, log_ns, publish_ns = _PUBLISHED.unpack_from(rows.data.data, start - _PUBLISHED.size)
-                yield Met(channel.topic, known.type(key), log_ns, data, (known, key, sequence, publish_ns))
+                yield Met(topic, kind, log_ns, data, (known, key, sequence, publish_ns))
         elif rows.opcode == Opcode.HEADER:
             header = parse(Header.read, rows.content) or header
         elif rows.opcode in (Opcode.ATTACHMENT, Opcode.METADATA):

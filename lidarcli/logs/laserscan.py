@@ -8,6 +8,7 @@ A message that cannot be a sweep is refused and counted, its neighbours go on.
 from __future__ import annotations
 
 import re
+import struct
 from collections.abc import Iterator
 from dataclasses import dataclass, field, fields, replace
 from typing import NamedTuple
@@ -17,7 +18,7 @@ from numpy.typing import NDArray
 
 from lidarcli.logs.base import LASERSCAN, MAX_BEAMS, MULTI_ECHO, OpenOptions, ReadReport
 from lidarcli.logs.blocks import BLOCK_ROWS, ScanLayout, pad_intensities, pad_rows, split_rows, unsound
-from lidarcli.ros.cursor import ENCAPSULATION, MAX_NAME, NAME_LONG, Cursor
+from lidarcli.ros.cursor import ENCAPSULATION, MAX_NAME, NAME_LONG
 from lidarcli.sweeps.types import Bool, Float32, Int32, Int64, RawSweeps, UInt8, record
 
 SHORT = "shorter than a LaserScan"
@@ -91,16 +92,17 @@ class Locator:
     """`cdr` or `ros1`."""
     several: bool
     """True for a MultiEchoLaserScan, of which every echo is located."""
-    _known: tuple[int, bytes, bytes, ScanLayout] | None = None
-    """Length, encapsulation, and what is between stamp and ranges, of a LaserScan; with its layout."""
+    _known: tuple[int, bytes, bytes, str, ScanLayout] | None = None
+    """Length, encapsulation, and what is between stamp and ranges, of a LaserScan; form of its stamp, and its layout."""
 
     def __call__(self, message: bytes) -> ScanLayout | None:
         """Return where the ranges of a message are; None where it is no sweep."""
         if self._known is not None:
-            length, mark, head, layout = self._known
+            length, mark, head, form, layout = self._known
             # Most messages of a sensor differ in stamps and measured values alone.
             if len(message) == length and message.startswith(mark) and message.startswith(head, 12):
-                return layout._replace(stamp_ns=Cursor(message, self.encoding).stamp_ns())
+                seconds, nanoseconds = struct.unpack_from(form, message, 4)
+                return layout._replace(stamp_ns=seconds * 1_000_000_000 + nanoseconds)
         buffer = np.frombuffer(message, np.uint8)
         first, length = np.zeros(1, np.int64), len(message)
         heads = _read_heads("", buffer, first, first + length, self.encoding, ReadReport())
@@ -111,7 +113,8 @@ class Locator:
         beam = np.arange(beams)
         layout = ScanLayout(stamp_ns, beams, least, most, beam, at + 4 * beam, f"{order}f4")
         if not self.several:
-            self._known = length, message[: 4 * (self.encoding == "cdr")], message[12:at], layout
+            is_cdr = self.encoding == "cdr"
+            self._known = length, message[: 4 * is_cdr], message[12:at], f"{order}{'i' if is_cdr else 'I'}I", layout
             return layout
         words = np.frombuffer(message, f"{order}u4", (length - at) // 4, at).astype(np.uint32)
         found = _starts(words, beams)
