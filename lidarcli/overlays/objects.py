@@ -154,13 +154,16 @@ def paths_of(trajectories: PathRows, index: Int64, poses: PathPoses, hangs: bool
     points = np.column_stack([np.where(in_world, ahead, x), np.where(in_world, -left if hangs else left, y)])
     count = np.bincount(path, minlength=len(last))
     count[path[~np.isfinite(points).all(axis=1)]] = 0
+    order = np.argsort(count[path], kind="stable")
+    points, sizes = points[order], count[path][order]
     number = (trajectories.track[last] & 0x7FFFFFFF).astype(np.int32)
     colour = np.array([(*_of_set(name), SOLID) for name in "OA"], np.float32)[trajectories.is_agent[last].astype(int)]
-    return [
-        _lines(Kind.PATH, message[own], number[own], colour[own], points[own[path]].reshape(-1, length, 2))
-        for length in np.unique(count[count > 1]).tolist()
-        for own in [count == length]
-    ]
+    groups = []
+    for length in np.unique(count[count > 1]).tolist():
+        own, (first, end) = np.flatnonzero(count == length), np.searchsorted(sizes, [length, length + 1])
+        lines = points[first:end].reshape(-1, length, 2)
+        groups.append(_lines(Kind.PATH, message[own], number[own], colour[own], lines))
+    return groups
 
 
 def zone_of(number: int, action: str, corners: Float64, occupied: Bool) -> Markers:
