@@ -137,8 +137,14 @@ class StoredTable:
         return (rows[name] for rows in self.batches([name]))
 
     def batches(self, names: Iterable[str]) -> Iterator[pa.RecordBatch]:
-        """Yield columns piece by piece."""
-        return read_pieces(self.path, self.kind, self.schema, names)
+        """Yield columns piece by piece; `UnreadableError` where the file has other rows by now."""
+        left = self.num_rows
+        for rows in read_pieces(self.path, self.kind, self.schema, names):
+            if (left := left - len(rows)) < 0:
+                break
+            yield rows
+        if left:
+            raise UnreadableError(f"{self.path}: was written again while it was read; try once more")
 
 
 def column_names(path: Readable, kind: str) -> list[str]:
