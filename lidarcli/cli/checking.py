@@ -332,7 +332,9 @@ def report(messages: MessageWriter, options: Mapping[str, Any]) -> int:
     from lidarcli.pipeline.api.options import time_zone_of
     from lidarcli.pipeline.inputs.search import files_of, find_logs
     from lidarcli.pipeline.inputs.tables import table_files
+    from lidarcli.system.machine import give_freed_memory_back
 
+    give_freed_memory_back()
     formats = _formats(outputs, options["format"], reporting.SUFFIXES)
     if brief and not {*formats} & {*reporting.SHORT_FORMATS}:
         raise click.UsageError(f"--brief is for {', '.join(reporting.SHORT_FORMATS)}; leave it out for {formats[0]}")

@@ -29,7 +29,7 @@ from mcap.writer import CompressionType, Writer
 from lidarcli.errors import OutputError
 from lidarcli.logs.base import MULTI_ECHO, Log, ReadReport, ros_type
 from lidarcli.logs.blocks import Locate, ScanLayout
-from lidarcli.logs.laserscan import locate
+from lidarcli.logs.laserscan import Locator
 from lidarcli.logs.mcap import McapLog
 from lidarcli.logs.mcap_records import ChannelCatalogue, McapMessages, parse
 from lidarcli.logs.rosbag1 import Connection, Rosbag1Log
@@ -160,11 +160,11 @@ class Copy:
 
 def replaced(message: bytes, written: ScanLayout, chosen: Bool, value: float) -> bytes:
     """Return a message in which all ranges of the chosen beams (B,) have a value."""
-    places = written.place[chosen[written.beam]]
-    number = np.frombuffer(np.array(value, written.kind).tobytes(), np.uint8)
-    data = np.frombuffer(message, np.uint8).copy()
-    data[places[:, None] + np.arange(len(number))] = number
-    return data.tobytes()
+    data, size = bytearray(message), np.dtype(written.kind).itemsize
+    # A number may begin at every byte.
+    numbers = np.ndarray((len(data) - size + 1,), written.kind, data, strides=(1,))
+    numbers[written.place[chosen[written.beam]]] = value
+    return bytes(data)
 
 
 def renamed(met: Met, topic: str, data: bytes, known: dict[object, tuple[Any, Any]]) -> Met:
@@ -232,7 +232,7 @@ class _Part:
         for one in (*(copy.said.values() if self._is_empty else ()), met, *more):
             if one.topic not in self._cut.leaves:
                 copy.messages[one.topic, one.type] += 1
-                self.writer.write(one._replace(record_ns=met.record_ns))
+                self.writer.write(one if one is met else one._replace(record_ns=met.record_ns))
         self._is_empty = False
 
 
@@ -259,7 +259,9 @@ def _write(logs: Iterable[Log], targets: Targets, copy: Copy) -> None:
                     if part.takes(met, number):
                         part.write(met, more, copy)
                         copy.written[met.topic] += is_sweep
-                copy.note(met)
+                # Of a whole log nothing is left for later.
+                if copy.is_cut:
+                    copy.note(met)
         for part in parts:
             part.writer.finish()
 
@@ -307,7 +309,7 @@ def _mcap_records(log: McapLog, copy: Copy) -> Iterator[Any]:
     walk, known, begun = log.raw_records(copy.report), log.catalogue, False
     header = Header(profile="", library="")
     waiting: list[Attachment | Metadata] = []
-    locators: dict[int, Locate | None] = {}
+    described: dict[int, tuple[str, str, str, Locate | None]] = {}
     for rows in walk.records():
         if isinstance(rows, McapMessages):
             if not begun:
@@ -316,15 +318,15 @@ def _mcap_records(log: McapLog, copy: Copy) -> Iterator[Any]:
             yield from waiting
             waiting.clear()
             for row, key in enumerate(rows.channel.tolist()):
-                if (channel := known.channels.get(key)) is None:
-                    continue
+                if key not in described:
+                    if (channel := known.channels.get(key)) is None:
+                        continue
+                    described[key] = channel.topic, known.type(key), channel.message_encoding, log.locator(key)
+                topic, kind, encoding, where = described[key]
                 start, length = int(rows.start[row]), int(rows.length[row])
-                data = rows.data[start : start + length].tobytes()
-                if key not in locators:
-                    locators[key] = log.locator(key)
-                data = copy.edited(channel.topic, data, locators[key], channel.message_encoding)
+                data = copy.edited(topic, rows.data[start : start + length].tobytes(), where, encoding)
                 sequence, log_ns, publish_ns = _PUBLISHED.unpack_from(rows.data.data, start - _PUBLISHED.size)
-                yield Met(channel.topic, known.type(key), log_ns, data, (known, key, sequence, publish_ns))
+                yield Met(topic, kind, log_ns, data, (known, key, sequence, publish_ns))
         elif rows.opcode == Opcode.HEADER:
             header = parse(Header.read, rows.content) or header
         elif rows.opcode in (Opcode.ATTACHMENT, Opcode.METADATA):
@@ -402,6 +404,7 @@ def _bag_records(log: Rosbag1Log, copy: Copy) -> Iterator[Any]:
     """Yield what makes a writer, then messages; those whose connection is not described are damage, and left out."""
     reading = log.raw_records(copy.report)
     yield partial(_BagWriter, log.compression.partition("+")[0], reading.connections)
+    locators: dict[tuple[int, str], Locator] = {}
     for block in reading.blocks():
         for row, number in enumerate(block.connection.tolist()):
             connection = reading.connections.get(number)
@@ -409,8 +412,8 @@ def _bag_records(log: Rosbag1Log, copy: Copy) -> Iterator[Any]:
                 continue
             start, length, topic = int(block.starts[row]), int(block.lengths[row]), connection.topic
             data = block.data[start : start + length].tobytes()
-            if connection.read_as:
-                where = partial(locate, encoding="ros1", several=connection.read_as == MULTI_ECHO)
+            if kind := connection.read_as:
+                where = locators.setdefault((number, kind), Locator("ros1", kind == MULTI_ECHO))
                 data = copy.edited(topic, data, where, "ros1")
             yield Met(topic, connection.type, int(block.time_ns[row]), data, connection)
 
@@ -461,12 +464,13 @@ class _BagWriter:
 def _database_records(bag: SqliteLog, copy: Copy) -> Iterator[Any]:
     """Yield what makes a writer, then the messages; of a damaged database those that can be read."""
     yield partial(_DatabaseWriter, bag)
-    profiles = bag.profiles()
+    profiles, locators = bag.profiles(), _locators(bag)
     for row, topic_id, timestamp, data in chain.from_iterable(bag.batches([*bag.topic_rows])):
         if timestamp is not None and data is not None:
             topic = bag.topic_rows[topic_id]
             origin = topic, profiles.get(topic_id, ""), row
-            yield Met(topic.name, ros_type(topic.type), timestamp, _edited(bag, topic_id, data, copy), origin)
+            data = copy.edited(topic.name, data, locators[topic_id], topic.encoding)
+            yield Met(topic.name, ros_type(topic.type), timestamp, data, origin)
     copy.report.add(bag.met)
 
 
@@ -551,29 +555,30 @@ def _copy_storage(storage: Log, path: Path, copy: Copy) -> None:
 def _copy_database(bag: SqliteLog, sound: Path, path: Path, copy: Copy) -> None:
     """Write a sound database once more: only the changed messages differ."""
     shutil.copyfile(sound, path)
-    scans = [topic.id for topic in bag.topic_rows.values() if is_cdr(topic) and bag.read_as(topic)]
+    scans = {number: where for number, where in _locators(bag).items() if where is not None}
     with closing(sqlite3.connect(path, isolation_level=None)) as database:
         for pragma in ("journal_mode = off", "synchronous = off", "ignore_check_constraints = on"):
             database.execute(f"PRAGMA {pragma}")
         database.execute("BEGIN")
-        for rows in bag.batches(scans) if scans else ():
+        for rows in bag.batches([*scans]) if scans else ():
             for row, topic_id, timestamp, data in rows:
                 if data is None or timestamp is None:
                     continue
-                changed = _edited(bag, topic_id, data, copy)
+                topic = bag.topic_rows[topic_id]
+                changed = copy.edited(topic.name, data, scans[topic_id], topic.encoding)
                 if changed is not data:
                     update = f"UPDATE messages SET data = ? WHERE {bag.number} = ?"
                     if (count := database.execute(update, (changed, row)).rowcount) != 1:
                         raise OutputError(f"cannot write {path.name}: {count} messages have the number {row}")
         database.execute("COMMIT")
     for topic_id, count in bag.counts().items():
-        if (topic := bag.topic_rows.get(topic_id)) is not None:
+        if topic_id in bag.topic_rows:
+            topic = bag.topic_rows[topic_id]
             copy.messages[topic.name, ros_type(topic.type)] += count
     copy.report.add(bag.met)
 
 
-def _edited(bag: SqliteLog, topic_id: int, data: bytes, copy: Copy) -> bytes:
-    topic = bag.topic_rows[topic_id]
-    kind = bag.read_as(topic) if is_cdr(topic) else ""
-    where = partial(locate, encoding="cdr", several=kind == MULTI_ECHO) if kind else None
-    return copy.edited(topic.name, data, where, topic.encoding)
+def _locators(bag: SqliteLog) -> dict[int, Locator | None]:
+    """Return what finds the ranges in the messages of each topic; None for one that is not of sweeps."""
+    kinds = {number: bag.read_as(topic) if is_cdr(topic) else "" for number, topic in bag.topic_rows.items()}
+    return {number: Locator("cdr", kind == MULTI_ECHO) if kind else None for number, kind in kinds.items()}

@@ -8,6 +8,7 @@ A message that cannot be a sweep is refused and counted, its neighbours go on.
 from __future__ import annotations
 
 import re
+import struct
 from collections.abc import Iterator
 from typing import NamedTuple
 
@@ -83,24 +84,39 @@ def decode_blocks(
             yield _block(topic, buffer, some, record_ns[part][some.row], ranges, intensities)
 
 
-def locate(message: bytes, encoding: str, *, several: bool) -> ScanLayout | None:
-    """Return where the ranges of a message stand, as `decode` reads them; None where it is no sweep.
+@dataclass(slots=True)
+class Locator:
+    """Finds the ranges in the messages of a topic, as `decode_blocks` reads them."""
 
-    Parameters
-    ----------
-    encoding : `cdr` or `ros1`
-    several : True for a MultiEchoLaserScan, of which every echo is located
-    """
-    buffer = np.frombuffer(message, np.uint8)
-    first, length = np.zeros(1, np.int64), np.array([len(message)], np.int64)
-    heads = _read_heads("", buffer, first, length, encoding, ReadReport())
-    if not len(heads):
-        return None
-    at, beams, order = int(heads.at[0]) + 32, int(heads.beams[0]), ">" if heads.big[0] else "<"
-    beam = np.arange(beams)
-    entry = beam
-    if several:
-        words = np.frombuffer(message, f"{order}u4", (len(message) - at) // 4, at).astype(np.uint32)
+    encoding: str
+    """`cdr` or `ros1`."""
+    several: bool
+    """True for a MultiEchoLaserScan, of which every echo is located."""
+    _known: tuple[int, bytes, bytes, str, ScanLayout] | None = None
+    """Length, encapsulation, and what is between stamp and ranges, of a LaserScan; form of its stamp, and its layout."""
+
+    def __call__(self, message: bytes) -> ScanLayout | None:
+        """Return where the ranges of a message are; None where it is no sweep."""
+        if self._known is not None:
+            length, mark, head, form, layout = self._known
+            # Most messages of a sensor differ in stamps and measured values alone.
+            if len(message) == length and message.startswith(mark) and message.startswith(head, 12):
+                seconds, nanoseconds = struct.unpack_from(form, message, 4)
+                return layout._replace(stamp_ns=seconds * 1_000_000_000 + nanoseconds)
+        buffer = np.frombuffer(message, np.uint8)
+        first, length = np.zeros(1, np.int64), len(message)
+        heads = _read_heads("", buffer, first, first + length, self.encoding, ReadReport())
+        if not len(heads):
+            return None
+        at, beams, order = int(heads.at[0]) + 32, int(heads.beams[0]), ">" if heads.big[0] else "<"
+        stamp_ns, (least, most) = int(heads.stamp_ns[0]), heads.geometry[0, 5:7].tolist()
+        beam = np.arange(beams)
+        layout = ScanLayout(stamp_ns, beams, least, most, beam, at + 4 * beam, f"{order}f4")
+        if not self.several:
+            is_cdr = self.encoding == "cdr"
+            self._known = length, message[: 4 * is_cdr], message[12:at], f"{order}{'i' if is_cdr else 'I'}I", layout
+            return layout
+        words = np.frombuffer(message, f"{order}u4", (length - at) // 4, at).astype(np.uint32)
         found = _starts(words, beams)
         if found is None:
             return None
@@ -108,8 +124,7 @@ def locate(message: bytes, encoding: str, *, several: bool) -> ScanLayout | None
         echoes = words[starts].astype(np.int64)
         beam = np.repeat(beam, echoes)
         entry = starts[beam] + 1 + np.arange(len(beam)) - np.repeat(np.cumsum(echoes) - echoes, echoes)
-    least, greatest = heads.geometry[0, 5:7].tolist()
-    return ScanLayout(int(heads.stamp_ns[0]), beams, least, greatest, beam, at + 4 * entry, f"{order}f4")
+        return layout._replace(beam=beam, place=at + 4 * entry)
 
 
 def _windows(buffer: UInt8, at: Int64, width: int) -> UInt8:

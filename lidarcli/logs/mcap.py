@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from lidarcli.errors import UnreadableError, unreadable
 from lidarcli.logs.base import MULTI_ECHO, Closing, Message, OpenOptions, ReadReport, Topic
-from lidarcli.logs.blocks import Locate, ScanLayout
-from lidarcli.logs.laserscan import EXPECTED, TOGETHER, MessageBatcher, differs, locate
+from lidarcli.logs.blocks import Locate
+from lidarcli.logs.laserscan import EXPECTED, TOGETHER, Locator, MessageBatcher, differs
 from lidarcli.logs.mcap_records import MAGIC, ChannelCatalogue, McapMessages, McapSummary, RecordCursor, read_summary
 from lidarcli.logs.mcap_walk import UNKNOWN, UNWANTED, Walk, Wanted
 from lidarcli.logs.unpacking import PACKED_CAUSE, ZSTD_MAGIC, DecompressionBudget, unpack_message
@@ -34,9 +34,10 @@ class _ColumnDecoder:
     gather: MessageBatcher
     budget: DecompressionBudget
 
-    def locate(self, message: bytes) -> ScanLayout | None:
-        """Return where the ranges of a message stand; None where it is no sweep."""
-        return locate(message, self.gather.encoding, several=self.gather.type == MULTI_ECHO)
+    @property
+    def locate(self) -> Locate:
+        """What finds the ranges in a message."""
+        return Locator(self.gather.encoding, self.gather.type == MULTI_ECHO)
 
     def decode(self, rows: McapMessages) -> Iterator[RawSweeps]:
         if not _are_packed(rows):

@@ -66,6 +66,10 @@ class PathRows:
     """True from where it began to move."""
     seen: Bool
     """True where its sweep sees it."""
+    by_sweep: Int64
+    """(N,) the rows in the order of their sweeps."""
+    newest: NDArray[np.complex128]
+    """(N,) track, and the latest time of it so far [s]: in this order complex numbers are sorted."""
 
     @staticmethod
     def of(table: pa.Table, topic: str) -> PathRows:
@@ -82,15 +86,31 @@ class PathRows:
         begin, count = np.searchsorted(track, track), np.cumsum(moving)
         is_agent = count - count[begin] + moving[begin] > 0
         seen = ~are(table["seen"], "hidden")[rows]
-        return PathRows(track, sweep[rows], seconds[rows], x[rows], y[rows], in_world, is_agent, seen)
+        sweep, seconds = sweep[rows], seconds[rows]
+        order, newest = np.argsort(sweep, kind="stable"), np.maximum.accumulate(track + 1j * seconds)
+        return PathRows(track, sweep, seconds, x[rows], y[rows], in_world, is_agent, seen, order, newest)
 
-    def up_to(self, sweep: int) -> Iterator[tuple[int, Int64]]:
-        """Yield each track that a sweep sees with its rows in the last `TRAIL` seconds, since it was hidden last."""
-        for row in np.flatnonzero(self.sweep == sweep).tolist():
-            begin = int(np.searchsorted(self.track, self.track[row]))
-            own = np.arange(begin, row + 1)
-            own = own[self.seconds[own] >= self.seconds[row] - TRAIL]
-            yield int(self.track[row]), own[np.logical_and.accumulate(self.seen[own][::-1])[::-1]]
+    def up_to(self, index: Int64) -> tuple[Int64, Int64, Int64, Int64]:
+        """Return the rows in the last `TRAIL` seconds before sweeps (S,), which ascend, since they were hidden last.
+
+        Returns
+        -------
+        (P,) the last row of each path, and its sweep, counted from 0; (K,) the path of each row, and the row
+        """
+        ends = np.searchsorted(self.sweep, [index[0], index[-1] + 1], sorter=self.by_sweep) if len(index) else (0, 0)
+        last = self.by_sweep[slice(*ends)]
+        last = last[np.isin(self.sweep[last], index)]
+        since = self.seconds[last] - TRAIL
+        first = np.searchsorted(self.newest, self.track[last] + 1j * since)
+        count = last + 1 - first
+        path = np.repeat(np.arange(len(last)), count)
+        row = np.arange(len(path)) - np.repeat(np.cumsum(count) - count - first, count)
+        recent = self.seconds[row] >= since[path]
+        path, row = path[recent], row[recent]
+        hidden, dark = np.full(len(last), -1), ~self.seen[row]
+        hidden[path[dark]] = row[dark]
+        seen = row > hidden[path]
+        return last, np.searchsorted(index, self.sweep[last]), path[seen], row[seen]
 
 
 def markers_of(rows: pa.RecordBatch, message: Int64, poses: PathPoses) -> list[Markers]:
@@ -127,21 +147,22 @@ def paths_of(trajectories: PathRows, index: Int64, poses: PathPoses, hangs: bool
     index : (S,) index of each sweep in the log, one message each
     hangs : whether the sensor hangs head down
     """
-    found: dict[int, list[tuple[int, int, tuple[float, ...], Float64]]] = {}
-    for message, sweep in enumerate(index.tolist()):
-        for number, rows in trajectories.up_to(sweep):
-            x, y = trajectories.x[rows], trajectories.y[rows]
-            if len(rows) and trajectories.in_world[rows[-1]]:
-                x, y = poses.turned(message, x - poses.x[message], y - poses.y[message])
-                y = y * (-1.0 if hangs else 1.0)
-            if len(x) > 1 and np.isfinite(x).all() and np.isfinite(y).all():
-                colour = _of_set("A" if trajectories.is_agent[rows[-1]] else "O")
-                found.setdefault(len(x), []).append((message, number & 0x7FFFFFFF, colour, np.column_stack([x, y])))
+    last, message, path, row = trajectories.up_to(index)
+    x, y = trajectories.x[row], trajectories.y[row]
+    in_world, at = trajectories.in_world[last][path], message[path]
+    ahead, left = poses.turned(at, x - poses.x[at], y - poses.y[at])
+    points = np.column_stack([np.where(in_world, ahead, x), np.where(in_world, -left if hangs else left, y)])
+    count = np.bincount(path, minlength=len(last))
+    count[path[~np.isfinite(points).all(axis=1)]] = 0
+    order = np.argsort(count[path], kind="stable")
+    points, sizes = points[order], count[path][order]
+    number = (trajectories.track[last] & 0x7FFFFFFF).astype(np.int32)
+    colour = np.array([(*_of_set(name), SOLID) for name in "OA"], np.float32)[trajectories.is_agent[last].astype(int)]
     groups = []
-    for _, paths in sorted(found.items()):
-        messages, numbers, colours, points = zip(*paths, strict=True)
-        ids, colour_of = np.array(numbers, np.int32), np.array([(*rgb, SOLID) for rgb in colours], np.float32)
-        groups.append(_lines(Kind.PATH, np.array(messages, np.int64), ids, colour_of, np.stack(points)))
+    for length in np.unique(count[count > 1]).tolist():
+        own, (first, end) = np.flatnonzero(count == length), np.searchsorted(sizes, [length, length + 1])
+        lines = points[first:end].reshape(-1, length, 2)
+        groups.append(_lines(Kind.PATH, message[own], number[own], colour[own], lines))
     return groups
 
 

@@ -10,14 +10,12 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import chain, count
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import pyarrow as pa
 
-from lidarcli.copying import mends
 from lidarcli.copying.copying import Copy, Cut, Met, copy_log
-from lidarcli.copying.mends import Mend
 from lidarcli.errors import OptionError, UnreadableError
 from lidarcli.files.newfiles import scratch_folder
 from lidarcli.logs import open_log
@@ -37,6 +35,9 @@ from lidarcli.sweeps.findings import Finding
 from lidarcli.sweeps.range_rules import RangeRules, normalise
 from lidarcli.sweeps.types import TURN, Float32, Int64, RawSweeps, Status, concatenate
 from lidarcli.tabular.reading import ANY, Readable, column_names, is_text, read_as_is
+
+if TYPE_CHECKING:
+    from lidarcli.copying.mends import Mend, Step
 
 SENSOR = re.compile(r"laser|lidar|scan", re.IGNORECASE)
 """Words in the name of a frame that is that of a sensor."""
@@ -145,7 +146,10 @@ def _mend(
     units: tuple[float, float],
 ) -> tuple[Mend, dict[str, str]]:
     """Return how the sweeps of a topic are mended by words of `--mend` or `mask`, and for words why that cannot be."""
-    mend, cannot, sweeps = Mend(topic.encoding), dict[str, str](), concatenate(seen.blocks)
+    # Most copies mend nothing, and should not wait for this import.
+    from lidarcli.copying import mends
+
+    mend, cannot, sweeps = mends.Mend(topic.encoding), dict[str, str](), concatenate(seen.blocks)
     new, times = sweeps.stamp_ns, sweeps.time_ns
     fill = partial(mends.fill, topic=topic.name, rules=seen.rules)
     if "clock" in words:
@@ -166,7 +170,7 @@ def _mend(
     # Stamps of ROS 2 end there.
     right = np.where((new >= 0) & (new < (1 << 31) * SECOND_NS), new, -1)
     turn = _turn_time(np.sort(times), sweeps.scan_time)
-    steps: dict[str, mends.Step] = {
+    steps: dict[str, Step] = {
         "frames": partial(mends.name_frame, frame=frame),
         "clock": partial(mends.stamp, stamp_ns=right),
         "stamps": partial(mends.stamp, stamp_ns=right),
@@ -236,7 +240,6 @@ def plan(
     done, delay, found = Mending(), detect.poses.delay, tuple[Finding, ...]()
     orders = dict.fromkeys(seen, detect.poses.order)
     if requested & {FOUND, "units", *MOVING}:
-        # Most copies mend nothing, and should not wait for this import.
         from lidarcli.pipeline.inspecting import inspect_log
 
         poses = replace(detect.poses, delay=None)

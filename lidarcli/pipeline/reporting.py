@@ -45,11 +45,10 @@ from lidarcli.reports.summary import (
     compare,
     edges_of,
     summarise,
-    values_of,
 )
 from lidarcli.reports.wording import counted, number
 from lidarcli.reports.zones import floored, judge_zones, parse_zone_check, unobserved, zones_in, zones_part
-from lidarcli.tabular.reading import Readable
+from lidarcli.tabular.reading import Readable, StoredTable
 from lidarcli.tabular.schemas import COUNTS, EVENTS
 
 Progress = Callable[[int, int], None] | None
@@ -136,7 +135,7 @@ def make_report(options: ReportOptions, viewer: bool = False, progress: Progress
         if base_problems:
             raise UnreadableError(f"baseline: {base_problems[0]}")
         # Both runs share the edges of their histograms.
-        edges = edges_of(*(values_of(one, streams_of(one)) for one in (run, base_run)))
+        edges = edges_of(*((one, streams_of(one)) for one in (run, base_run)))
         summary = summarise(run, edges)
         comparison = compare(run, summary, base_run, summarise(base_run, edges))
         part = RunPart(summary, comparison)
@@ -311,7 +310,7 @@ def _load(
     read: list[_ReportTables] = []
     for pair in pairs:
         with _collected(problems):
-            read.append(_read_tables(pair, columns, viewer, problems, step))
+            read.append(_read_tables(pair, columns, viewer, problems, step, stored=len(pairs) == 1))
     if not read:
         raise nothing_read(problems)
     kept = tuple(each.pair for each in read)
@@ -328,7 +327,7 @@ def _load(
     return run, kept, tuple(map(str, problems))
 
 
-def _joined(tables: Sequence[pa.Table | None]) -> Rows | None:
+def _joined(tables: Sequence[pa.Table | StoredTable | None]) -> Rows | None:
     """Return the rows of the tables that there are, each with the number of its log."""
     there = {number: table for number, table in enumerate(tables) if table is not None}
     return Rows.join([*there.values()], [*there]) if there else None
@@ -338,10 +337,10 @@ class _ReportTables(NamedTuple):
     """The tables of one log; None for those that are not there, or cannot be read."""
 
     pair: TableSet
-    sweeps: pa.Table
-    objects: pa.Table
+    sweeps: pa.Table | StoredTable
+    objects: pa.Table | StoredTable
     tracks: pa.Table | None
-    trajectories: pa.Table | None
+    trajectories: pa.Table | StoredTable | None
     zones: tuple[pa.Table, pa.Table, pa.Table | None] | None
 
 
@@ -375,12 +374,21 @@ def _columns_read(pairs: Sequence[TableSet], checks: Sequence[Check], viewer: bo
 
 
 def _read_tables(
-    pair: TableSet, columns: dict[str, set[str]], viewer: bool, problems: list[UnreadableError], step: Callable[[], None]
+    pair: TableSet,
+    columns: dict[str, set[str]],
+    viewer: bool,
+    problems: list[UnreadableError],
+    step: Callable[[], None],
+    *,
+    stored: bool,
 ) -> _ReportTables:
-    """Read the tables of one log; without its objects and sweeps an `UnreadableError`, without others a problem."""
-    sweeps = read_table(pair, "sweeps", columns["sweeps"])
+    """Read the tables of one log; without its objects and sweeps an `UnreadableError`, without others a problem.
+
+    `stored`: of the only log, which may be long, columns are read one by one, later.
+    """
+    sweeps = read_table(pair, "sweeps", columns["sweeps"], stored=stored)
     step()
-    objects = read_table(pair, "objects", columns["objects"])
+    objects = read_table(pair, "objects", columns["objects"], stored=stored)
     refuse_mixed(pair, {"sweeps": sweeps, "objects": objects})
     step()
     tracks = trajectories = zones = None
@@ -389,7 +397,7 @@ def _read_tables(
         if found is not None:
             refuse_mixed(pair, {"sweeps": sweeps, "tracks": found})
         if found is not None and viewer and pair.trajectories.exists():
-            paths = read_table(pair, "trajectories", columns["trajectories"])
+            paths = read_table(pair, "trajectories", columns["trajectories"], stored=stored)
             refuse_mixed(pair, {"sweeps": sweeps, "trajectories": paths})
             trajectories = paths
         tracks = found

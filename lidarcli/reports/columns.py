@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC
 from functools import cached_property
 from types import SimpleNamespace
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +19,7 @@ from lidarcli.sweeps.zone import UNSEEN
 if TYPE_CHECKING:
     import pyarrow as pa
 
+T = TypeVar("T", bound=np.generic)
 Record = SimpleNamespace
 """A row of a table, or of what a report shows: attributes are its columns."""
 OBJECTS_OF_SWEEP = ("objects", "agents")
@@ -59,6 +60,7 @@ class Rows:
     """Rows of one kind of table, from one or many sources."""
 
     table: pa.Table
+    """That of a long log is a `StoredTable`, which only has columns."""
     source: Int32
     """(K,) index of the source of each row."""
 
@@ -70,8 +72,11 @@ class Rows:
         """The rows of several sources, one after the other; `sources` where not every source has a table."""
         import pyarrow as pa
 
-        numbers = np.arange(len(tables)) if sources is None else np.asarray(sources)
-        source = np.repeat(numbers.astype(np.int32), [table.num_rows for table in tables])
+        numbers = np.arange(len(tables), dtype=np.int32) if sources is None else np.array(sources, np.int32)
+        if len(tables) == 1 and not isinstance(tables[0], pa.Table):
+            # Of a long log one number stands for all rows.
+            return Rows(tables[0], np.broadcast_to(numbers, tables[0].num_rows))
+        source = np.repeat(numbers, [table.num_rows for table in tables])
         return Rows(pa.concat_tables(tables).unify_dictionaries().combine_chunks(), source)
 
     def numbers(self, name: str) -> Float64:
@@ -84,18 +89,20 @@ class Rows:
 
         from lidarcli.tabular.columns import numbers
 
-        column = self.table[name]
-        if pa.types.is_list(column.type):
-            import pyarrow.compute as pc
+        def short(chunk: pa.Array) -> Float64:
+            if pa.types.is_list(chunk.type):
+                import pyarrow.compute as pc
 
-            column = pc.list_value_length(column)
-        values = numbers(column.cast(pa.float64()))
-        if pa.types.is_float32(column.type):
-            single = values.astype(np.float32)
-            for scale in (1e6, 1e4, 1e2):
-                short = np.rint(values * scale) / scale
-                values = np.where(short.astype(np.float32) == single, short, values)
-        return values
+                chunk = pc.list_value_length(chunk)
+            values = numbers(chunk)
+            if pa.types.is_float32(chunk.type):
+                single = values.astype(np.float32)
+                for scale in (1e6, 1e4, 1e2):
+                    rounded = np.rint(values * scale) / scale
+                    values = np.where(rounded.astype(np.float32) == single, rounded, values)
+            return values
+
+        return self._gathered(name, np.empty(len(self)), short)
 
     def integers(self, name: str) -> Int64:
         """A column of integers without nulls; a stamp in nanoseconds."""
@@ -103,11 +110,20 @@ class Rows:
 
         from lidarcli.tabular.columns import values_and_mask
 
-        column = self.table[name]
-        if pa.types.is_timestamp(column.type):
-            column = column.cast(pa.int64())
-        values: Int64 = values_and_mask(column)[0].astype(np.int64, copy=False)
-        return values
+        def whole(chunk: pa.Array) -> NDArray[Any]:
+            return values_and_mask(chunk.cast(pa.int64()) if pa.types.is_timestamp(chunk.type) else chunk)[0]
+
+        return self._gathered(name, np.empty(len(self), np.int64), whole)
+
+    def _gathered(self, name: str, found: NDArray[T], values: Callable[[pa.Array], NDArray[Any]]) -> NDArray[T]:
+        """Put values (K,) of a column into an array, piece by piece: of a long log it is never held as a whole."""
+        import pyarrow as pa
+
+        at = 0
+        for chunk in self.table[name].chunks if isinstance(self.table, pa.Table) else self.table.pieces(name):
+            found[at : at + len(chunk)] = values(chunk)
+            at += len(chunk)
+        return found
 
     def total(self, names: Sequence[str]) -> Float64:
         """(K,) the sum of some columns."""
@@ -118,13 +134,14 @@ class Rows:
         """A column of names: (K,) codes, -1 for null, and the names."""
         from lidarcli.tabular.columns import values_and_mask
 
-        column = self.table[name]
-        if not column.num_chunks or not len(column):
-            return np.empty(0, np.int32), []
-        chunk = column.chunk(0)
-        codes, there = values_and_mask(chunk.indices)
-        codes = np.where(there, codes, -1).astype(np.int32, copy=False)
-        return codes, chunk.dictionary.to_pylist()
+        names: dict[str, int] = {}
+
+        def coded(chunk: pa.DictionaryArray) -> Int32:
+            codes, there = values_and_mask(chunk.indices)
+            known = [names.setdefault(word, len(names)) for word in chunk.dictionary.to_pylist()]
+            return np.array([*known, -1], np.int32)[np.where(there, codes, -1)]
+
+        return self._gathered(name, np.empty(len(self), np.int32), coded), [*names]
 
     def texts(self, name: str, at: Int64 | slice = slice(None)) -> list[str]:
         """A column of names in some rows, empty for null."""
@@ -171,8 +188,8 @@ class Rows:
         """Count how often each name occurs among the rows of `where`."""
         codes, names = self.words(name)
         chosen = codes if where is None else codes[where]
-        totals = np.bincount(chosen[chosen >= 0], minlength=len(names))
-        return {text: int(total) for text, total in zip(names, totals, strict=True) if total}
+        totals = [int(np.count_nonzero(chosen == code)) for code in range(len(names))]
+        return {text: total for text, total in zip(names, totals, strict=True) if total}
 
 
 class Observation(NamedTuple):
@@ -297,9 +314,13 @@ class Run:
         place, wanted = places(self.objects, self.sweeps)
         track = self.objects.numbers("track")
         own = self.is_agent & ~np.isnan(track)
-        names, dense = np.unique(track[own], return_inverse=True)
-        one_each = np.unique(place[own] * max(len(names), 1) + dense) // max(len(names), 1)
-        found, count = np.unique(one_each, return_counts=True)
+        place, track = place[own], track[own]
+        names = np.unique(track)
+        place *= max(len(names), 1)
+        place += np.searchsorted(names, track)
+        place = np.unique(place)
+        place //= max(len(names), 1)
+        found, count = np.unique(place, return_counts=True)
         at = np.searchsorted(found, wanted)
         there = at < len(found)
         there[there] = found[at[there]] == wanted[there]
@@ -324,14 +345,17 @@ def places(*tables: Rows) -> list[Int64]:
     """A number for the sweep of each row, equal in all tables where source, topic and index are."""
     words = [rows.words("topic") for rows in tables]
     topics = {name: k for k, name in enumerate(dict.fromkeys(name for _, names in words for name in names))}
-    sweep = np.concatenate([rows.integers("sweep") for rows in tables])
-    indices, dense = np.unique(sweep, return_inverse=True)
-    group = np.concatenate(
-        [
-            rows.source.astype(np.int64) * max(len(topics), 1)
-            + np.array([topics[name] for name in names] or [0], np.int64)[code]
-            for rows, (code, names) in zip(tables, words, strict=True)
-        ]
-    )
-    ends = np.cumsum([len(rows) for rows in tables])
-    return np.split(group * max(len(indices), 1) + dense, ends[:-1])
+    sweeps = [rows.integers("sweep") for rows in tables]
+    after = 1 + max((int(each.max(initial=0)) for each in sweeps), default=0)
+    if after > 1 << 31:
+        # Another program may number sweeps as it likes, and a place has 64 bits.
+        dense = np.unique(np.concatenate(sweeps), return_inverse=True)[1]
+        sweeps, after = np.split(dense, np.cumsum([*map(len, sweeps)])[:-1]), 1 + len(dense)
+    found = []
+    for rows, (code, names), sweep in zip(tables, words, sweeps, strict=True):
+        place = np.array([topics[name] for name in names] or [0], np.int64)[code]
+        place += rows.source * np.int64(max(len(topics), 1))
+        place *= after
+        place += sweep
+        found.append(place)
+    return found

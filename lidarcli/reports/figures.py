@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from decimal import ROUND_CEILING, ROUND_FLOOR, Context, Decimal
 from typing import Any, NamedTuple
@@ -252,6 +252,16 @@ def unit_of(name: str) -> str:
     return entry.unit if entry else "1"
 
 
+BLOCK = 1 << 16
+"""Values that are counted together: more take more memory."""
+
+
+def finite(values: Float64) -> Float64:
+    """Return the values that are finite, without a copy where all are."""
+    there = np.isfinite(values)
+    return values if there.all() else values[there]
+
+
 @dataclass(frozen=True, slots=True)
 class Spread:
     """Statistics of a column; None everywhere when it has no value."""
@@ -272,7 +282,7 @@ class Spread:
         >>> Spread.of(np.array([1.0, 3.0, np.nan]))
         Spread(count=2, mean=2.0, std=1.0, min=1.0, p05=1.1, p50=2.0, p95=2.9, max=3.0)
         """
-        there = values[np.isfinite(values)]
+        there = finite(values)
         if not len(there):
             return Spread(0)
         p05, p50, p95 = (float(value) for value in np.percentile(there, (5, 50, 95)))
@@ -312,7 +322,7 @@ def nice_edges(values: Float64, bins: int = BINS) -> Float64:
     >>> nice_edges(np.array([0.11, 0.5, 1.02]), 10).tolist()[:3]
     [0.1, 0.2, 0.30000000000000004]
     """
-    there = values[np.isfinite(values)]
+    there = finite(values)
     if not len(there):
         return np.array([0.0, 1.0])
     low, high = (float(value) for value in np.percentile(there, (100 - TAIL, TAIL)))
@@ -343,26 +353,45 @@ def bearing_edges() -> Float64:
 
 def histogram(name: str, unit: str, values: Float64, edges: Float64) -> Histogram:
     """Count values between edges."""
-    there = values[np.isfinite(values)]
-    if unit == "rad":
-        there = (there + TURN / 2) % TURN - TURN / 2
-    counts, _ = np.histogram(np.clip(there, edges[0], edges[-1]), edges)
-    return Histogram(name, unit, edges, counts.astype(np.int64))
+    counts = np.zeros(len(edges) - 1, np.int64)
+    for begin in range(0, len(values), BLOCK):
+        there = finite(values[begin : begin + BLOCK])
+        if unit == "rad":
+            there = (there + TURN / 2) % TURN - TURN / 2
+        counts += np.histogram(np.clip(there, edges[0], edges[-1]), edges)[0]
+    return Histogram(name, unit, edges, counts)
 
 
-def density(frame: str, x: Float64, y: Float64) -> Density | None:
-    """Count points on square cells of a round size; None without points."""
-    xy = np.column_stack([x, y])[np.isfinite(x) & np.isfinite(y)]
-    if not len(xy):
+def _far(values: Float64) -> Float64:
+    """Return the values (2,) between which all lie but for a far tail; the array is used up."""
+    ends: Float64 = np.percentile(values, (100 - TAIL, TAIL), overwrite_input=True)
+    return ends
+
+
+def density(frame: str, read: Callable[[int], Float64]) -> Density | None:
+    """Count points on square cells of a round size; None without points.
+
+    `read`: returns a new array of x (0) or y (1), as of a long log both would take much memory
+    """
+    there = np.isfinite(read(0)) & np.isfinite(read(1))
+    if not there.any():
         return None
-    low, high = np.percentile(xy, (100 - TAIL, TAIL), axis=0)
+    low, high = np.stack([_far(read(axis)[there]) for axis in (0, 1)], axis=1)
     cell = max(round_up(max(float((high - low).max()), 1e-3) / 48), 0.05)
     # The map ends at whole cells; what lies beyond the tail is outside, where a cell has no number that fits.
     first, last = np.floor(low / cell), np.floor(high / cell)
-    cells = np.floor(xy / cell)
-    inside = ((cells >= first) & (cells <= last)).all(axis=1)
-    counts: Int64 = np.zeros((last - first + 1).astype(np.int64), np.int64)
-    np.add.at(counts, tuple((cells[inside] - first).astype(np.int64).T), 1)
+    columns, rows = (last - first + 1).astype(np.int64).tolist()
+    place = np.zeros(len(there), np.int32)
+    for axis, many in enumerate((columns, rows)):
+        cells = read(axis)
+        cells /= cell
+        np.floor(cells, out=cells)
+        cells -= first[axis]
+        there &= (cells >= 0) & (cells < many)
+        cells[~there] = 0
+        place *= many
+        place += cells.astype(np.int32)
+    counts = np.bincount(place[there], minlength=columns * rows).reshape(columns, rows)
     x0, y0 = (first * cell).tolist()
     return Density(frame, x0, y0, cell, counts)
 

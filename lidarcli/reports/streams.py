@@ -75,7 +75,7 @@ class Streams:
 
 def streams_of(run: Run) -> Streams:
     """Divide the sweeps of a run by log, topic and frame."""
-    rows = run.sweeps
+    rows, columns = run.sweeps, _columns(run)
     topic, topics = rows.words("topic")
     frame, frames = rows.words("frame_id")
     key = (rows.source.astype(np.int64) * (len(topics) + 1) + topic) * (len(frames) + 1) + frame
@@ -84,7 +84,6 @@ def streams_of(run: Run) -> Streams:
     bounds = np.flatnonzero(np.diff(stream[order], prepend=-1))
     step = np.full(len(rows), np.nan)
     gap = np.zeros(len(rows), bool)
-    columns = _columns(run)
     found = []
     for own in np.split(order, bounds[1:]) if len(order) else []:
         first = own[0]
@@ -95,10 +94,12 @@ def streams_of(run: Run) -> Streams:
 
 def _columns(run: Run) -> Record:
     """Return the columns that streams need, read once."""
+    # What takes most memory comes first.
+    agents = run.agents_at_once
     whole = {name: run.sweeps.integers(name) for name in ("stamp", "sweep")}
     numbers = {name: run.sweeps.numbers(name) for name in ("beams", "d_th", "noise")}
     lost = np.nan_to_num(run.lost_share)
-    return Record(**whole, **numbers, objects=run.objects_per_sweep, agents=run.agents_at_once, lost=lost)
+    return Record(**whole, **numbers, objects=run.objects_per_sweep, agents=agents, lost=lost)
 
 
 def _stream(run: Run, columns: Record, own: Int64, names: tuple[str, str], step: Float64, gap: Bool) -> Stream:

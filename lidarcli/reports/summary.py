@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -24,6 +25,7 @@ from lidarcli.reports.figures import (
     Spread,
     bearing_edges,
     density,
+    finite,
     histogram,
     nice_edges,
 )
@@ -257,24 +259,26 @@ class Summary:
     time_zone: TimeZone
 
 
-def values_of(run: Run, streams: Streams) -> dict[str, Float64]:
-    """Return the values of every figure that has one per sweep or per object."""
-    sweeps = run.sweeps
-    values = {"objects_per_sweep": run.objects_per_sweep, "lost_share": run.lost_share, "step": streams.step}
-    values |= {name: sweeps.numbers(column) for name, column in OF_SWEEPS.items()}
-    own = run.is_object
-    all_mine = bool(own.all())
-    for name, column in OF_OBJECTS.items():
-        numbers = run.objects.numbers(column) if run.objects.has_any(column) else np.empty(0)
-        values[name] = numbers if all_mine or not len(numbers) else numbers[own]
-    return values
+def values_of(run: Run, streams: Streams, name: str) -> Float64:
+    """Return the values of a figure that has one per sweep or per object."""
+    of_sweeps = {"objects_per_sweep": run.objects_per_sweep, "lost_share": run.lost_share, "step": streams.step}
+    if name in of_sweeps:
+        return of_sweeps[name]
+    if name in OF_SWEEPS:
+        return run.sweeps.numbers(OF_SWEEPS[name])
+    own, column = run.is_object, OF_OBJECTS[name]
+    numbers = run.objects.numbers(column) if run.objects.has_any(column) else np.empty(0)
+    return numbers if own.all() or not len(numbers) else numbers[own]
 
 
-def edges_of(*values: Mapping[str, Float64]) -> dict[str, Float64]:
+def edges_of(*runs: tuple[Run, Streams]) -> dict[str, Float64]:
     """Return edges of the histograms that suit all of the runs."""
-    edges = {name: nice_edges(np.concatenate([one[name] for one in values])) for name in DRAWN}
-    edges["bearing"] = bearing_edges()
-    most = max((one["objects_per_sweep"].max(initial=0.0) for one in values), default=0.0)
+    edges = {"bearing": bearing_edges()}
+    for name in DRAWN:
+        if name != "bearing":
+            values = [values_of(*one, name) for one in runs]
+            edges[name] = nice_edges(np.concatenate(values) if len(values) > 1 else values[0])
+    most = max((one.objects_per_sweep.max(initial=0.0) for one, _ in runs), default=0.0)
     stride = max(1, int(np.ceil((most + 1) / 40)))
     edges["objects_per_sweep"] = np.arange(0, most + 1 + stride, stride) - 0.5
     return edges
@@ -283,9 +287,13 @@ def edges_of(*values: Mapping[str, Float64]) -> dict[str, Float64]:
 def summarise(run: Run, edges: Mapping[str, Float64] | None = None) -> Summary:
     """Sum up a run; `edges` of histograms that have to match those of another run."""
     streams = streams_of(run)
-    values = values_of(run, streams)
-    edges = edges or edges_of(values)
-    spreads = {name: Spread.of(values[name]) for name in SPREADS}
+    edges = edges or edges_of((run, streams))
+    spreads, histograms = dict[str, Spread](), dict[str, Histogram]()
+    for name, figure in SPREADS.items():
+        values = finite(values_of(run, streams, name))
+        spreads[name] = Spread.of(values)
+        if name in DRAWN:
+            histograms[name] = histogram(name, figure.unit, values, edges[name])
     own = run.is_object
     kinds = {name: run.objects.counts(name, own) for name in CATEGORIES if name != "change"}
     # What has gone is no object of the sweep, but one of the changes.
@@ -306,7 +314,7 @@ def summarise(run: Run, edges: Mapping[str, Float64] | None = None) -> Summary:
         unlike=differences,
         figures=figures,
         spreads=spreads,
-        histograms={name: histogram(name, SPREADS[name].unit, values[name], edges[name]) for name in DRAWN},
+        histograms={name: histograms[name] for name in DRAWN},
         kinds=kinds,
         status=status,
         sets=sets,
@@ -372,9 +380,16 @@ def _densities(run: Run, alike: bool) -> tuple[Density, ...]:
         # Every log has a world of its own, and unlike sensors have no place in common.
         pooled = alike if frame == "sensor" else len(run.sources) == 1
         if pooled and run.objects.has_any(x):
-            found = density(frame, run.objects.numbers(x)[own], run.objects.numbers(y)[own])
+            found = density(frame, partial(_numbers, run.objects, (x, y), own))
             maps += [found] if found is not None else []
     return tuple(maps)
+
+
+def _numbers(rows: Rows, names: Sequence[str], own: Bool, which: int) -> Float64:
+    """Return one of some columns (K,), NaN in rows that are not `own`."""
+    numbers = rows.numbers(names[which])
+    numbers[~own] = np.nan
+    return numbers
 
 
 @dataclass(frozen=True, slots=True)
@@ -485,7 +500,7 @@ def _identities(run: Run, base_run: Run) -> list[Int64]:
     sides = []
     for one in (run, base_run):
         number = np.array([0 if single else logs.setdefault(source.log, len(logs)) for source in one.sources], np.int32)
-        sides.append(Rows(one.sweeps.table, number[one.sweeps.source]))
+        sides.append(replace(one.sweeps, source=number[one.sweeps.source]))
     return places(*sides)
 
 

@@ -18,7 +18,7 @@ T = TypeVar("T")
 _QUOTA = Path("/sys/fs/cgroup/cpu.max")
 _TRIM_THRESHOLD, _MMAP_THRESHOLD = -1, -3
 """Numbers of two settings in malloc.h of the GNU C library."""
-_KEPT, _LARGE = 256 << 20, 32 << 20
+_KEPT, _LARGE, _SMALL = 256 << 20, 32 << 20, 1 << 20
 
 
 class Threads:
@@ -105,6 +105,16 @@ def keep_freed_memory() -> None:
     A batch allocates and frees the same arrays as the one before. By default they go back to the system in between and
     come again, page by page, which takes up to a tenth of the time.
     """
+    _set_allocator({_TRIM_THRESHOLD: _KEPT, _MMAP_THRESHOLD: _LARGE})
+
+
+def give_freed_memory_back() -> None:
+    """Make the allocator give large arrays back when they are freed: for work that needs each of them once."""
+    _set_allocator({_MMAP_THRESHOLD: _SMALL})
+
+
+def _set_allocator(values: dict[int, int]) -> None:
+    """Set numbers of the allocator, where it can be told."""
     import ctypes
 
     try:
@@ -112,5 +122,5 @@ def keep_freed_memory() -> None:
     except (OSError, AttributeError, TypeError):
         # Another C library, or another system.
         return
-    mallopt(_TRIM_THRESHOLD, _KEPT)
-    mallopt(_MMAP_THRESHOLD, _LARGE)
+    for name, value in values.items():
+        mallopt(name, value)

@@ -103,6 +103,50 @@ def read_pieces(path: Readable, kind: str, schema: pa.Schema, names: Iterable[st
             yield pa.RecordBatch.from_arrays(columns, schema=wanted)
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class StoredTable:
+    """Columns of a table that may be large: each is read again whenever it is asked for, so that few are held."""
+
+    path: Readable
+    kind: str
+    schema: pa.Schema
+    """The columns, with the metadata of the file."""
+    num_rows: int
+
+    @staticmethod
+    def of(path: Readable, kind: str, names: Iterable[str]) -> StoredTable:
+        """Return columns of a table, once all of them have been checked as `read_columns` does."""
+        wanted = {*names}
+        rows = sum(piece.num_rows for piece in read_pieces(path, kind, SCHEMAS[kind], wanted))
+        schema = read_schema(SCHEMAS[kind], wanted).with_metadata(schema_of(path).metadata)
+        return StoredTable(path, kind, schema, rows)
+
+    def __len__(self) -> int:
+        return self.num_rows
+
+    @property
+    def column_names(self) -> list[str]:
+        """Names of the columns."""
+        return list(self.schema.names)
+
+    def __getitem__(self, name: str) -> pa.ChunkedArray:
+        return pa.chunked_array(self.pieces(name), self.schema.field(name).type)
+
+    def pieces(self, name: str) -> Iterator[pa.Array]:
+        """Yield a column piece by piece."""
+        return (rows[name] for rows in self.batches([name]))
+
+    def batches(self, names: Iterable[str]) -> Iterator[pa.RecordBatch]:
+        """Yield columns piece by piece; `UnreadableError` where the file has other rows by now."""
+        left = self.num_rows
+        for rows in read_pieces(self.path, self.kind, self.schema, names):
+            if (left := left - len(rows)) < 0:
+                break
+            yield rows
+        if left:
+            raise UnreadableError(f"{self.path}: was written again while it was read; try once more")
+
+
 def column_names(path: Readable, kind: str) -> list[str]:
     """Return the names of all columns of a table."""
     with _opened(path, kind) as file:
@@ -129,7 +173,7 @@ def file_metadata(path: Readable) -> dict[str, str]:
         return _as_text(file.schema_arrow.metadata)
 
 
-def notes_of(table: pa.Table) -> dict[str, str]:
+def notes_of(table: pa.Table | StoredTable) -> dict[str, str]:
     """Return the metadata of a table that was read, as text."""
     return _as_text(table.schema.metadata)
 

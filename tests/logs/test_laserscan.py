@@ -13,7 +13,7 @@ from lidarcli.logs import blocks as block_bounds
 from lidarcli.logs import laserscan
 from lidarcli.logs.base import MAX_BEAMS, ReadReport
 from lidarcli.logs.blocks import split_rows
-from lidarcli.logs.laserscan import decode_blocks
+from lidarcli.logs.laserscan import Locator, decode_blocks
 from lidarcli.ros import cursor
 from lidarcli.sweeps.types import RawSweeps, concatenate
 from tests.logs.scan_messages import GEOMETRY, scan
@@ -188,3 +188,19 @@ def test_intensities_beyond_the_message_cost_no_sweep(encoding: str, declared: i
     assert raw.ranges.tolist() == [[1.0, 2.0, 3.0]] * 2
     np.testing.assert_array_equal(intensities_of(raw), [[np.nan] * 3, [5.0, 6.0, 7.0]])
     assert not report.refused
+
+
+@pytest.mark.parametrize("encoding", ["cdr", "ros1"])
+def test_a_locator_takes_no_message_for_another_of_the_same_length(encoding: str) -> None:
+    near = (*GEOMETRY[:6], 3.0)
+    messages = [
+        scan([1.0, 2.0], encoding=encoding, sec=sec, frame=frame, geometry=geometry, intensities=lit, big=big)
+        for big in ((False, True) if encoding == "cdr" else (False,))
+        for sec, frame, geometry in ((7, b"laser", GEOMETRY), (-9, b"laser", near), (9, b"rad", near), (9, b"radar", near))
+        for lit in ((), (0.5,))
+        if sec > 0 or encoding == "cdr"
+    ]
+    used = Locator(encoding, several=False)
+    for message in [each for one in messages for each in (one, *messages, one[:-5])]:
+        found, alone = used(message), Locator(encoding, several=False)(message)
+        assert (found and [*map(repr, found)]) == (alone and [*map(repr, alone)])

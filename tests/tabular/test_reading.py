@@ -20,7 +20,7 @@ from lidarcli.errors import UnreadableError
 from lidarcli.pipeline.inputs.tables import TableSet, find_table_sets, read_table, table_files
 from lidarcli.pipeline.objects import tracking
 from lidarcli.tabular.background import GEOMETRY
-from lidarcli.tabular.reading import MAX_VALUE, MAX_WHOLE, read_columns, read_schema
+from lidarcli.tabular.reading import MAX_VALUE, MAX_WHOLE, StoredTable, read_columns, read_schema
 from lidarcli.tabular.schemas import BACKGROUND, NULLABLE, OBJECTS, SCHEMAS, TRACKS
 from tests.pipeline.patient import Patient
 from tests.places import SAMPLES
@@ -294,3 +294,14 @@ def test_a_tracks_table_names_its_log(tracked: Path) -> None:
         "track": [1, 2, 3, 4, 5],
         "set": ["O", "A", "O", "A", "O"],
     }
+
+
+def test_a_stored_table_has_the_same_columns_and_refuses_other_rows(tables: Path) -> None:
+    path, names = file_of(tables, "objects"), ("topic", "sweep", "x", "moving", "vertices")
+    whole, stored = read_columns(path, "objects", OBJECTS, names), StoredTable.of(path, "objects", names)
+    assert (len(stored), stored.column_names, stored.schema) == (len(whole), whole.column_names, whole.schema)
+    assert all(stored[name].equals(whole[name]) for name in names)
+    for rows in (whole.slice(1), pa.concat_tables([whole, whole])):
+        pq.write_table(rows, path)
+        with pytest.raises(UnreadableError, match="written again"):
+            stored["x"]

@@ -40,34 +40,34 @@ class _Places(NamedTuple):
         A leg far away has too few beams for an object; of a wall only a part is within reach.
         """
         found = np.zeros(batch.ranges.shape, np.bool_)
-        for first in range(0, len(self.row), PAIRS):
-            part = slice(first, first + PAIRS)
-            some = _Places(self.row[part], self.x[part], self.y[part], self.radius[part])
-            pair, beam = np.nonzero(some._whole_pieces(batch.rows(some.row)))
-            found[some.row[pair], beam] = True
-        return found
-
-    def _whole_pieces(self, batch: SweepBatch) -> Bool:
-        """Return the beams (P, B) by place; `batch` has the sweep of each."""
-        valid = batch.status == Status.VALID
+        valid, width = batch.status == Status.VALID, batch.width
         ranges = np.where(valid, batch.ranges, np.float32(np.nan)).astype(np.float64)
-        bearing = batch.bearings()
-        x, y = ranges * np.cos(bearing), ranges * np.sin(bearing)
+        # Most sweeps have the same bearings.
+        geometry = np.stack([batch.angle_min, batch.angle_increment])
+        _, one, at = np.unique(geometry, axis=1, return_index=True, return_inverse=True)
+        bearing = batch.rows(one).bearings()
+        x, y = ranges * np.cos(bearing)[at.ravel()], ranges * np.sin(bearing)[at.ravel()]
         slant = 2.0 * np.abs(batch.angle_increment)[:, None] * ranges
         with np.errstate(invalid="ignore"):
-            inside = np.hypot(x - self.x[:, None], y - self.y[:, None]) <= self.radius[:, None]
             joined = np.abs(ranges - np.roll(ranges, 1, axis=1)) <= LINK + slant
         begins = ~joined
         begins[:, 0] = True
         piece = np.cumsum(begins, axis=1) - 1
         # Of a full turn the last piece may go on in the first.
         seam = joined[:, 0] & (batch.closure != Closure.OPEN)
-        piece = np.where((piece == piece[:, -1:]) & seam[:, None], 0, piece)
-        number = piece + np.arange(len(piece))[:, None] * (batch.width + 1)
-        beams = np.bincount(number.ravel(), valid.ravel())
-        within = np.bincount(number.ravel(), inside.ravel())
-        whole: Bool = inside & (within >= beams)[number]
-        return whole
+        piece[(piece == piece[:, -1:]) & seam[:, None]] = 0
+        beams = np.bincount((piece + np.arange(len(batch))[:, None] * width).ravel(), valid.ravel(), piece.size)
+        for first in range(0, len(self.row), PAIRS):
+            part = slice(first, first + PAIRS)
+            with np.errstate(invalid="ignore"):
+                pair, beam = np.nonzero(np.abs(x[self.row[part]] - self.x[part, None]) <= self.radius[part, None])
+            near, row = pair + first, self.row[part][pair]
+            inside = np.hypot(x[row, beam] - self.x[near], y[row, beam] - self.y[near]) <= self.radius[near]
+            pair, row, beam = pair[inside], row[inside], beam[inside]
+            within = np.bincount(pair * width + piece[row, beam])
+            whole = within[pair * width + piece[row, beam]] >= beams[row * width + piece[row, beam]]
+            found[row[whole], beam[whole]] = True
+        return found
 
 
 @dataclass(frozen=True, slots=True)

@@ -103,7 +103,7 @@ def _reasons(
 
 def neighbours(batch: SweepBatch, chosen: Bool, margin: int) -> Bool:
     """Return the beams (S, B) that are so near to chosen ones; of a full turn the last is next to the first."""
-    beam = np.arange(chosen.shape[1])
+    beam = np.arange(chosen.shape[1], dtype=np.int32)
     far = margin + 2 * len(beam) + 1
     # The chosen ones next to each beam, on both sides; behind the last beam of a full turn comes the first chosen one.
     before, after = np.where(chosen, beam, -far), np.where(chosen, beam, far)

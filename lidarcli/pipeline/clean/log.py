@@ -43,7 +43,7 @@ from lidarcli.pipeline.reading.masking import masking_of
 from lidarcli.pipeline.reading.needs import Need
 from lidarcli.pipeline.reading.one_log import Progress, Reading, RunSummary, damage_lines, rules_of
 from lidarcli.sweeps.types import STATUSES, Int64
-from lidarcli.tabular.columns import constant, restamped
+from lidarcli.tabular.columns import constant, plain, restamped
 from lidarcli.tabular.reading import Readable, file_metadata, note_value
 from lidarcli.tabular.schemas import CLEANED
 from lidarcli.tabular.writing import PARAMETERS, SOURCE, ParquetSink, table_metadata
@@ -56,7 +56,7 @@ if TYPE_CHECKING:
 class CleanSummary(RunSummary):
     """The counts of one run over one log, and its lines for people."""
 
-    table: pa.Table = field(default_factory=CLEANED.empty_table)
+    table: pa.Table = field(default_factory=lambda: pa.Table.from_batches([], CLEANED))
     """One row per sweep."""
     line: str = ""
     """Values of beams in the copy, and their reasons."""
@@ -247,7 +247,7 @@ def _emptied(
     mask = described.get("mask")
     rules = rules_of(note_value(notes, PARAMETERS, dict), mask if isinstance(mask, dict) else None)
     blind = blind_topics(tables)
-    refuse_motion(log, tables, described | {"gap": first.posing.file_gap}, options, rules, blind)
+    refuse_motion(log, tables, described, first.posing, options, rules, blind)
     chosen = choose(log, tables, options, rules, first.posing, second_half(progress, source.size))
     editing = BeamEdit(chosen, options.value)
     copy = Copy(editing) if merging is None else merging.copy(Copy(editing))
@@ -327,7 +327,7 @@ def _table(log: str, chosen: dict[str, Chosen], rows: Mapping[str, Int64]) -> pa
         at = np.unique(rows[topic])
         count = len(at)
         numbered = [at, each.stamp_ns[at], *np.ascontiguousarray(each.counts[at].T)]
-        arrays = [pa.array(values).cast(one.type) for values, one in zip(numbered, [*CLEANED][2:], strict=True)]
+        arrays = [plain(values).cast(one.type) for values, one in zip(numbered, [*CLEANED][2:], strict=True)]
         named = [constant(log, count), constant(topic, count)]
         pieces.append(pa.RecordBatch.from_arrays([*named, *arrays], schema=CLEANED))
     return pa.Table.from_batches(pieces, CLEANED).unify_dictionaries()

@@ -173,11 +173,20 @@ def blind_topics(tables: TableSet) -> set[str]:
 
 
 def refuse_motion(
-    log: Log, tables: TableSet, described: dict[str, Any], options: CleanOptions, rules: RangeRules, blind: Collection[str]
+    log: Log,
+    tables: TableSet,
+    described: dict[str, Any],
+    posing: PoseAttacher,
+    options: CleanOptions,
+    rules: RangeRules,
+    blind: Collection[str],
 ) -> None:
-    """Refuse a log if it is not known where its sensor was while it moved; topics in `blind` have no ranges."""
+    """Refuse a log if it is not known where its sensor was while it moved.
+
+    `posing` is that of the pass that made the tables, topics in `blind` have no ranges.
+    """
     for frame, source in described.get("poses", {}).items():
-        for topic, (words, is_apart) in contradicted(source, described["gap"]).items():
+        for topic, (words, is_apart) in contradicted(source, posing.file_gap).items():
             if world_in(source, topic) not in (("",) if is_apart else ("", MATCH)):
                 raise UnreadableError(f"the poses of {frame or 'the sensor'} {words}")
     topics, pose_x = columns_of(tables, "sweeps", ("topic", "pose_x")).values()
@@ -186,10 +195,11 @@ def refuse_motion(
     if not unplaced:
         return
     choice = TopicChoice(options.detect.read.topics, log.topics())
-    runs = PoseAttacher.of(log, NO_POSES, choice, ReadOptions(rules=rules), need=Need.MOVING).every
+    if posing.found is not None:
+        posing = PoseAttacher.of(log, NO_POSES, choice, ReadOptions(rules=rules), need=Need.MOVING)
     tracks = read_columns(tables.tracks, "tracks", SCHEMAS["tracks"], ("topic", "set", "sweeps")).to_pylist()
     for topic in unplaced:
-        paths = [path for run in runs for (name, _), path in run.paths.items() if name == topic]
+        paths = [path for run in posing.every for (name, _), path in run.paths.items() if name == topic]
         was_stationary = bool(paths) and all(len(path.still) and path.still.mean() >= MOSTLY for path in paths)
         drove = any(not len(path.still) for path in paths)
         own = [row for row in tracks if row["topic"] in (topic, None)]

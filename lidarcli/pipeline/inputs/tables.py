@@ -22,6 +22,7 @@ from lidarcli.reports.columns import Origin, Rows, places, same_recording
 from lidarcli.tabular.reading import (
     MAKERS,
     Readable,
+    StoredTable,
     TableInMemory,
     column_names,
     file_metadata,
@@ -187,8 +188,11 @@ def _table_of(file: Place) -> tuple[str, TableSet] | None:
     return None
 
 
-def read_table(table_set: TableSet, kind: str, columns: Iterable[str]) -> pa.Table:
-    """Read columns of one of the tables of a log, or raise `UnreadableError`, of those in memory `OptionError`."""
+def read_table(table_set: TableSet, kind: str, columns: Iterable[str], *, stored: bool = False) -> pa.Table | StoredTable:
+    """Read columns of one of the tables of a log, or raise `UnreadableError`, of those in memory `OptionError`.
+
+    `stored`: check them, and leave them where they are until they are asked for.
+    """
     path = getattr(table_set, kind)
     if not path.exists() and isinstance(path, TableInMemory):
         raise OptionError(
@@ -197,7 +201,7 @@ def read_table(table_set: TableSet, kind: str, columns: Iterable[str]) -> pa.Tab
         )
     if not path.exists():
         raise UnreadableError(f"{path}: not there; lidarcli {MAKERS.get(kind, 'detect')} writes it")
-    return read_columns(path, kind, SCHEMAS[kind], columns)
+    return StoredTable.of(path, kind, columns) if stored else read_columns(path, kind, SCHEMAS[kind], columns)
 
 
 def read_together(table_set: TableSet, columns: Mapping[str, Iterable[str]]) -> dict[str, pa.Table]:
@@ -226,7 +230,7 @@ def read_changes(path: Readable) -> pa.Table:
     return table
 
 
-def read_tracks(table_set: TableSet, objects: pa.Table, columns: Iterable[str]) -> pa.Table | None:
+def read_tracks(table_set: TableSet, objects: pa.Table | StoredTable, columns: Iterable[str]) -> pa.Table | None:
     """Read columns of the tracks table of a log; None where it has none.
 
     `UnreadableError`: it cannot be read, or is not that of these objects: `detect` may have written them again.
@@ -245,16 +249,20 @@ def read_tracks(table_set: TableSet, objects: pa.Table, columns: Iterable[str]) 
     return tracks
 
 
-def _numbers(table: pa.Table) -> set[tuple[str, float]]:
+def _numbers(table: pa.Table | StoredTable) -> set[tuple[str, float]]:
     """Return the tracks that rows are of: topic and number."""
-    rows = Rows.join([table])
-    code, topics = rows.words("topic")
-    track = rows.numbers("track")
-    own = [np.unique(track[(code == k) & ~np.isnan(track)]) for k in range(-1, len(topics))]
-    return {(topic, number) for topic, numbers in zip(["", *topics], own, strict=True) for number in numbers.tolist()}
+    found: set[tuple[str, float]] = set()
+    names = ("topic", "track")
+    for piece in table.batches(names) if isinstance(table, StoredTable) else table.select(names).to_batches():
+        rows = Rows.join([pa.Table.from_batches([piece])])
+        code, topics = rows.words("topic")
+        track = rows.numbers("track")
+        own = [np.unique(track[(code == k) & ~np.isnan(track)]) for k in range(-1, len(topics))]
+        found |= {(topic, number) for topic, numbers in zip(["", *topics], own, strict=True) for number in numbers.tolist()}
+    return found
 
 
-def origin_of(table_set: TableSet, sweeps: pa.Table) -> Origin:
+def origin_of(table_set: TableSet, sweeps: pa.Table | StoredTable) -> Origin:
     """Return the origin of a log by its sweeps table; other programs that write tables may leave it out."""
     notes = notes_of(sweeps)
     origin = note_value(notes, SOURCE, dict)
@@ -366,7 +374,7 @@ def other_recording(table_set: TableSet, recording: Mapping[str, str]) -> list[s
     return [f"{table_set.sweeps}: of another recording with the same stamps, or of a changed copy"]
 
 
-def refuse_mixed(table_set: TableSet, tables: Mapping[str, pa.Table]) -> None:
+def refuse_mixed(table_set: TableSet, tables: Mapping[str, pa.Table | StoredTable]) -> None:
     """Refuse tables that were named as those of one log and are not: of another recording, or of another part of it.
 
     `tables` by their kind, that of the sweeps first; those that other programs wrote are known by their stamps alone.

@@ -43,8 +43,9 @@ def names_in(column: pa.ChunkedArray) -> NDArray[np.str_]:
     rows = column.unify_dictionaries().combine_chunks()
     if not len(rows):
         return np.zeros(0, np.str_)
-    # The last one is that of null, which is counted as -1.
-    words: NDArray[np.str_] = np.array([*rows.dictionary.to_pylist(), ""])[np.asarray(rows.indices.fill_null(-1))]
+    code, there = values_and_mask(rows.indices)
+    # The last one is that of null.
+    words: NDArray[np.str_] = np.array([*rows.dictionary.to_pylist(), ""])[np.where(there, code, -1)]
     return words
 
 
