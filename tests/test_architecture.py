@@ -115,23 +115,23 @@ def room_imports() -> dict[str, set[str]]:
 
 
 LINES = {
-    "cli": 3_222,
-    "copying": 771,
+    "cli": 3_224,
+    "copying": 776,
     "display": 505,
     "files": 1_187,
-    "formalism": 16_885,
-    "logs": 11_991,
+    "formalism": 16_992,
+    "logs": 12_007,
     "maps": 523,
     "options": 1_578,
-    "overlays": 1_162,
-    "pipeline": 19_132,
-    "pose": 3_181,
-    "reports": 7_705,
+    "overlays": 1_183,
+    "pipeline": 19_171,
+    "pose": 3_182,
+    "reports": 7_774,
     "ros": 414,
     "simulation": 2_309,
     "sweeps": 1_981,
-    "system": 458,
-    "tabular": 1_999,
+    "system": 468,
+    "tabular": 2_043,
     "lidarcli": 153,
 }
 """Most lines of Python of each room, and of the files beside them: lower them as code goes; who raises one says why."""
