@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from lidarcli.options.times import SECOND_NS
-from lidarcli.pose.fit import MAX_PAIRS, MIN_PAIRS, PoseFit, evaluate_poses, jump_of, poses_after
+from lidarcli.pose.fit import MAX_PAIRS, MIN_PAIRS, PoseFit, evaluate_poses, far_delay, jump_of, poses_after
 from lidarcli.pose.matched import stands, still_at, wrapped
 from lidarcli.sweeps.types import Float64, Int64
 from tests.pipeline.drawn import round_about, stamps, straight
@@ -170,3 +170,18 @@ def test_who_stops_stands_then() -> None:
     # Sweeps without a pose are between those before and after.
     poses[30:35] = np.nan
     assert still_at(STAMPS, poses, np.zeros(COUNT)).tolist() == still.tolist()
+
+
+def test_links_that_are_never_known_at_the_same_time_have_no_delay() -> None:
+    stamp_ns = np.arange(30, dtype=np.int64) * 100_000_000
+    path = np.column_stack([0.1 * np.arange(30.0), np.zeros(30), np.zeros(30)])
+    # The first link is known from two years after the last stamp of the second.
+    span_ns = (63_072_000 * 1_000_000_000, int(stamp_ns[-1]))
+    asked: list[int] = []
+
+    def given_at(at_ns: Int64) -> Float64:
+        asked.append(len(at_ns))
+        return np.full((len(at_ns), 3), np.nan)
+
+    assert far_delay(stamp_ns, path, given_at, None, span_ns, 0) is None
+    assert not asked
