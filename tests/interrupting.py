@@ -39,10 +39,7 @@ STARTS = {
 }
 """The same of several logs and `--jobs 2`."""
 
-ENDS = {
-    "as a private folder is removed": ("shutil.rmtree", ".part"),
-    "as the place of a part is removed": ("os.rmdir", ".part"),
-}
+ENDS = {"as a private folder is removed": ("os.rmdir", ".part")}
 """The same once the outputs have their names."""
 
 

@@ -55,11 +55,7 @@ def test_the_people_of_an_office_are_its_agents(tmp_path: Path) -> None:
     ("log", "most"),
     [
         # People left the building before; three sensors on the robot see its own body.
-        pytest.param(
-            *("leg_tracker/negative_2.bag", 60),
-            marks=pytest.mark.xfail(reason="194 rows of two tracks, whose scores are .59 and .64", strict=True),
-            id="negative_2",
-        ),
+        pytest.param("leg_tracker/negative_2.bag", 60, id="negative_2"),
         pytest.param("comprobo24/test-bag", 0, id="test-bag"),
     ],
 )
