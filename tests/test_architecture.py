@@ -130,7 +130,7 @@ LINES = {
     "ros": 414,
     "simulation": 2_309,
     "sweeps": 1_981,
-    "system": 468,
+    "system": 479,
     "tabular": 2_043,
     "lidarcli": 153,
 }

@@ -7,6 +7,7 @@ import dataclasses
 import pickle
 from collections.abc import Callable
 from dataclasses import asdict, field, fields, replace
+from inspect import signature
 from typing import Any
 
 import pytest
@@ -110,3 +111,14 @@ def test_records_are_copied_and_pickled(kept: Callable[[Any], Any]) -> None:
 def test_values_that_fit_no_field_are_refused(call: Callable[[], Spot]) -> None:
     with pytest.raises(TypeError, match=r"Spot\(\) takes x, y, names; given are"):
         call()
+
+
+def test_help_tells_the_parameters() -> None:
+    assert str(signature(Spot)) == str(signature(_Standard))
+    assert [*signature(Tower).parameters] == ["spots", "high", "floors"]
+
+    class Plain(Pile):
+        """One that is not decorated."""
+
+    assert [*signature(Plain).parameters] == ["spots", "high"]
+    assert Spot(1).names == []

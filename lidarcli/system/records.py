@@ -6,6 +6,7 @@ import dataclasses
 from collections.abc import Callable
 from dataclasses import MISSING, Field, FrozenInstanceError, asdict, field, fields, replace
 from functools import cache
+from inspect import Signature, signature
 from operator import attrgetter
 from types import SimpleNamespace
 from typing import Any, Literal, TypeVar, dataclass_transform
@@ -38,7 +39,7 @@ def dataclass(
         first = {name: 0 for base in plain.__mro__[:0:-1] for name in vars(base).get("__match_args__", ())}
         hidden = [name for name, one in declared.items() if isinstance(one, Field) and not one.init]
         own["__match_args__"] = tuple(name for name in first | declared if name not in hidden)
-        own |= {"__declared__": declared, "__dataclass_fields__": _Fields(plain)}
+        own |= {"__declared__": declared, "__dataclass_fields__": _Fields(plain), "__signature__": _Signature()}
         cls = type(plain)(plain.__name__, plain.__bases__, shared | own)
         cls.__qualname__ = plain.__qualname__
         return cls
@@ -56,9 +57,19 @@ class _Fields:
         self._cls = cls
 
     def __get__(self, one: object, cls: type) -> dict[str, Field[Any]]:
-        made: Any = dataclasses.dataclass(init=False, repr=False, eq=False)(self._plain)
+        made: Any = dataclasses.dataclass(repr=False, eq=False)(self._plain)
+        whole = signature(made.__init__)
+        self._cls.__signature__ = whole.replace(parameters=[*whole.parameters.values()][1:])
         self._cls.__dataclass_fields__ = made.__dataclass_fields__
         return self._cls.__dataclass_fields__  # type: ignore[no-any-return]
+
+
+class _Signature:
+    """The parameters that `help` tells, which are not those of the shared `__init__`."""
+
+    def __get__(self, one: object, cls: type) -> Signature:
+        fields(cls)
+        return cls.__signature__  # type: ignore[attr-defined,no-any-return]
 
 
 def declared(cls: type) -> dict[str, Field[Any]]:
