@@ -119,7 +119,7 @@ LINES = {
     "copying": 776,
     "display": 505,
     "files": 1_187,
-    "formalism": 16_992,
+    "formalism": 16_991,
     "logs": 12_007,
     "maps": 523,
     "options": 1_578,
@@ -130,7 +130,7 @@ LINES = {
     "ros": 414,
     "simulation": 2_309,
     "sweeps": 1_981,
-    "system": 479,
+    "system": 471,
     "tabular": 2_043,
     "lidarcli": 153,
 }

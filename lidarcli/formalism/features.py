@@ -427,8 +427,7 @@ def _share(off: float) -> float:
 
 
 WALL_LENGTH, WALL_BEHIND = 1.0, -1.0
-"""[m] A wall is a face that long; a body counts as no further behind it than the second, and no further before it than
-`FAR`."""
+"""[m] A wall is a face that long; how far a body is before it ends at the second, which is behind it, and at `FAR`."""
 
 
 TIE = 1e-9

@@ -36,7 +36,7 @@ class _ColumnDecoder:
 
     @property
     def locate(self) -> Locate:
-        """What finds the ranges in a message."""
+        """Finder of the ranges in the messages of the topic."""
         return Locator(self.gather.encoding, self.gather.type == MULTI_ECHO)
 
     def decode(self, rows: McapMessages) -> Iterator[RawSweeps]:

@@ -6,7 +6,7 @@ import dataclasses
 from collections.abc import Callable
 from dataclasses import MISSING, Field, FrozenInstanceError, asdict, field, fields, replace
 from functools import cache
-from inspect import Signature, signature
+from inspect import signature
 from operator import attrgetter
 from types import SimpleNamespace
 from typing import Any, Literal, TypeVar, dataclass_transform
@@ -39,7 +39,7 @@ def dataclass(
         first = {name: 0 for base in plain.__mro__[:0:-1] for name in vars(base).get("__match_args__", ())}
         hidden = [name for name, one in declared.items() if isinstance(one, Field) and not one.init]
         own["__match_args__"] = tuple(name for name in first | declared if name not in hidden)
-        own |= {"__declared__": declared, "__dataclass_fields__": _Fields(plain), "__signature__": _Signature()}
+        own |= {"__declared__": declared, **{name: _Lazily(plain) for name in ("__dataclass_fields__", "__signature__")}}
         cls = type(plain)(plain.__name__, plain.__bases__, shared | own)
         cls.__qualname__ = plain.__qualname__
         return cls
@@ -47,29 +47,21 @@ def dataclass(
     return made
 
 
-class _Fields:
-    """The fields of a class as the standard library knows them; most runs ask for those of few."""
+class _Lazily:
+    """Fields and signature of a class as the standard library makes them; most runs ask for those of few."""
 
     def __init__(self, plain: type) -> None:
         self._plain = plain
 
     def __set_name__(self, cls: Any, name: str) -> None:
-        self._cls = cls
+        self._cls, self._name = cls, name
 
-    def __get__(self, one: object, cls: type) -> dict[str, Field[Any]]:
+    def __get__(self, one: object, cls: type) -> Any:
         made: Any = dataclasses.dataclass(repr=False, eq=False)(self._plain)
         whole = signature(made.__init__)
         self._cls.__signature__ = whole.replace(parameters=[*whole.parameters.values()][1:])
         self._cls.__dataclass_fields__ = made.__dataclass_fields__
-        return self._cls.__dataclass_fields__  # type: ignore[no-any-return]
-
-
-class _Signature:
-    """The parameters that `help` tells, which are not those of the shared `__init__`."""
-
-    def __get__(self, one: object, cls: type) -> Signature:
-        fields(cls)
-        return cls.__signature__  # type: ignore[attr-defined,no-any-return]
+        return getattr(self._cls, self._name)
 
 
 def declared(cls: type) -> dict[str, Field[Any]]:
@@ -80,7 +72,7 @@ def declared(cls: type) -> dict[str, Field[Any]]:
 
 @cache
 def _layout(cls: Any) -> SimpleNamespace:
-    """What the shared functions ask of a class."""
+    """Return the parts of a class that the shared functions need."""
     known = declared(cls)
     defaults = {name: one.default for name, one in known.items() if one.default is not MISSING}
     factories = {name: one.default_factory for name, one in known.items() if one.default_factory is not MISSING}

@@ -48,7 +48,7 @@ def test_drives_by_odometry_alone(
         for line in found.lines
     )
     # Without a look around them all of them are told as changes.
-    monkeypatch.setattr(differences.Compared, "_unless_drift", lambda _, change: change)
+    monkeypatch.setattr(differences.Compared, "unless_drift", lambda _, change: change)
     assert [found.figures[status] for status in ("new", "gone", "moved")] == [0.0] * 3
     told = package.diff(exact, other, pose="/odom").figures
     assert sum(told[status] or 0.0 for status in ("new", "gone", "moved")) == len(drifts)

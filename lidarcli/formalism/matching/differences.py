@@ -161,7 +161,7 @@ class Compared:
         self._add_rest(alone, zip(pairs.first[best].tolist(), pairs.second[best].tolist(), strict=True))
         for side in (0, 1):
             self._structure(side)
-        return [self._unless_drift(each) for each in self._changes]
+        return [self.unless_drift(each) for each in self._changes]
 
     def _side(self, side: int) -> Side:
         """Return the objects of a run with what is known of their places."""
@@ -355,7 +355,7 @@ class Compared:
 
     # Drift.
 
-    def _unless_drift(self, change: FoundChange) -> FoundChange:
+    def unless_drift(self, change: FoundChange) -> FoundChange:
         """Return a change, as uncertain where nothing has changed if a path is off around the place."""
         if change.status not in (MOVED, NEW, GONE):
             return change
@@ -415,10 +415,10 @@ class Compared:
         best = shifts[:, np.argmax(self._worth(side, x.ravel(), y.ravel()).reshape(x.shape).sum(axis=0))]
         there, lead = self._nearest[1 - side], self._motions[1 - side]
         assert there is not None
-        tried = [HERE]
+        tried, near = [HERE], [reach for reach in REACHES if reach <= 2.0 * CHANGED]
         for shift in ((0.0, 0.0), best):
             own = np.column_stack(lead.inverse.of(*(points + shift).T))
-            x, y = lead.of(*refine(there, own, HERE, REACHES[4:]).of(*own.T))
+            x, y = lead.of(*refine(there, own, HERE, near).of(*own.T))
             tried.append(moved(points[:, 0], points[:, 1], x, y))
         return max(tried, key=lambda each: float(self._worth(side, *each.of(*points.T)).sum()))
 
