@@ -11,8 +11,8 @@ from typing import Literal
 
 import numpy as np
 
-from benchmarks.annotations.pieces import MAX_LOST
-from lidarcli.sweeps.types import Int64
+from benchmarks.annotations.pieces import MAX_LOST, Piece
+from lidarcli.sweeps.types import Bool, Int64
 
 Verdict = Literal["building", "thing", "own", "unclear"]
 VERDICTS: tuple[Verdict, ...] = ("building", "thing", "own", "unclear")
@@ -20,7 +20,6 @@ BUILDING, THING, OWN, UNCLEAR = range(4)
 NOT_JUDGED, STRAY = -1, -2
 PLACES = ("open", "lab", "room", "corridor")
 LABELS = Path(__file__).with_name("labels.csv")
-FIELDS = ("log", "topic", "sweep", "place", "first", "last", "verdict", "thing")
 _TOKEN = re.compile(r"(\d+)(?:\[(\d+)-(\d+)\])?$")
 
 
@@ -38,11 +37,38 @@ class Judged:
     """(B,) number of the thing, from 1 on; 0 for what is none."""
 
 
-def write(path: Path, sweeps: Iterable[Judged]) -> None:
-    """Write the table; beams of one verdict and thing in a row are one stretch."""
-    with path.open("w", encoding="utf-8", newline="") as file:
+def answered(text: str, found: list[Piece], has_range: Bool) -> tuple[str, Int64, Int64]:
+    """Return place, verdicts and numbers of things (B,) by a file of answers; ValueError where it cannot be read.
+
+    `has_range` (B,): which beams have one.
+    """
+    verdict = np.where(has_range, STRAY, NOT_JUDGED)
+    thing = np.zeros(len(has_range), np.int64)
+    for piece in found:
+        verdict[piece.beams] = BUILDING
+    place, number = "", 0
+    for word, *words in filter(None, map(str.split, text.splitlines())):
+        if word == "place":
+            (place,) = words
+            continue
+        kind = VERDICTS.index(word)
+        number += kind == THING
+        for name in words:
+            token = _TOKEN.match(name)
+            if token is None or int(token[1]) >= len(found):
+                raise ValueError(f"no piece: {name}")
+            own = found[int(token[1])].beams
+            if token[2]:
+                first, last = int(token[2]), int(token[3])
+                own = own[(own >= first) & (own <= last) if first <= last else (own >= first) | (own <= last)]
+            verdict[own], thing[own] = kind, number if kind == THING else 0
+    return PLACES[PLACES.index(place)], verdict, thing
+
+
+def append(sweeps: Iterable[Judged], path: Path = LABELS) -> None:
+    """Append sweeps to the table; beams of one verdict and thing in a row are one stretch."""
+    with path.open("a", encoding="utf-8", newline="") as file:
         table = csv.writer(file, lineterminator="\n")
-        table.writerow(FIELDS)
         for each in sweeps:
             code = each.verdict * 1000 + each.thing
             judged = np.flatnonzero(each.verdict >= 0)
