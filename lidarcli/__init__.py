@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from lidarcli import formalism
     from lidarcli.errors import LidarcliError, NoScanError, OptionError, OutputError, UnreadableError
     from lidarcli.formalism.background import Background
+    from lidarcli.formalism.definitions import difference, discontinuities, faces, objects, sets, threshold, vertices
     from lidarcli.formalism.mapping.grid import Occupancy
     from lidarcli.formalism.matching.catalogue import Catalogue
     from lidarcli.formalism.parameters import Parameters
@@ -40,9 +41,11 @@ if TYPE_CHECKING:
     from lidarcli.sweeps.types import Status, SweepBatch, SweepPoses
 
 _OF_LOGS = ("background", "clean", "diff", "info", "map", "overlay", "poses", "read", "simulate", "zones")
+_DEFINITIONS = ("difference", "discontinuities", "faces", "objects", "sets", "threshold", "vertices")
 _HOMES = {
     "lidarcli.errors": ("LidarcliError", "NoScanError", "OptionError", "OutputError", "UnreadableError"),
     "lidarcli.formalism.background": ("Background",),
+    "lidarcli.formalism.definitions": _DEFINITIONS,
     "lidarcli.formalism.matching.catalogue": ("Catalogue",),
     "lidarcli.formalism.mapping.grid": ("Occupancy",),
     "lidarcli.formalism.parameters": ("Parameters",),
@@ -65,6 +68,7 @@ __all__ += ["Background", "Catalogue", "Difference", "Occupancy", "Parameters", 
 __all__ += ["SweepBatch", "SweepPoses", "Tables", "TrackTables", "ZoneTables"]
 __all__ += ["background", "clean", "detect", "diff", "export", "info", "map", "overlay", "plot", "poses"]
 __all__ += ["read", "report", "simulate", "tables", "track", "zones"]
+__all__ += ["difference", "discontinuities", "faces", "objects", "sets", "threshold", "vertices"]
 
 
 def __getattr__(name: str) -> Any:

@@ -32,11 +32,14 @@ cdef class Core:
     cpdef Py_ssize_t detect(self, Scans scans, Columns columns, Py_ssize_t row) except -1
     cpdef measure_noise(self, Scans scans, object sigma)
     cpdef measure_differences(self, Scans scans, object s)
+    cpdef measure_breakpoints(self, Scans scans, object d_th, object breaks)
 
 
 cdef void write_noise(Core core, Scans scans, double* out) noexcept nogil
 cdef void write_all_differences(Core core, Scans scans, double* out) noexcept nogil
 cdef void write_differences(Points points, Scans scans, double* out) noexcept nogil
+cdef void write_all_breakpoints(Core core, Scans scans, double* d_th, unsigned char* breaks) noexcept nogil
+cdef double break_row(Core core, Scans scans, Py_ssize_t row) noexcept nogil
 cdef void detect_row(Core core, Scans scans, Columns columns, Py_ssize_t row) noexcept nogil
 cdef void _as_printed(Core core, Scans scans) noexcept nogil
 cdef void _take_mask(Core core, Scans scans) noexcept nogil

@@ -66,6 +66,13 @@ class Core:
         write_all_differences(self, scans, out)
         native.resume(lock)
 
+    def measure_breakpoints(self, scans: Scans, d_th: Any, breaks: Any) -> None:
+        """Write Def. 3's threshold of every sweep to an array (S,) [m], and 1 to one (S, B) of zeros where f breaks."""
+        out, at = native.at_doubles(d_th), native.at_bytes(breaks)
+        lock = native.release()
+        write_all_breakpoints(self, scans, out, at)
+        native.resume(lock)
+
 
 def write_noise(core: Core, scans: Scans, out: Any) -> None:
     """Write the noise of every sweep; apart, as methods that hold the lock count references to what they hand on."""
@@ -91,8 +98,18 @@ def write_differences(points: Points, scans: Scans, out: Any) -> None:
             out[begin + segmentation.beam_at(points, points.position[k])] = points.s[k]
 
 
-def detect_row(core: Core, scans: Scans, columns: Columns, row: int) -> None:
-    """Definitions 1 to 7 on the sweep in a row of a batch."""
+def write_all_breakpoints(core: Core, scans: Scans, d_th: Any, breaks: Any) -> None:
+    """Write d_th, and the beams before which f breaks, of every sweep."""
+    for row in range(scans.rows):
+        break_row(core, scans, row)
+        d_th[row] = core.points.d_th
+        for j in range(core.breakpoints.count):
+            position = core.points.position[core.breakpoints.at[j]]
+            breaks[row * scans.width + segmentation.beam_at(core.points, position)] = 1
+
+
+def break_row(core: Core, scans: Scans, row: int) -> float:
+    """Definitions 1 to 3 on the sweep in a row of a batch; returns the mean of |s| [m]."""
     segmentation.load(core.points, scans, row)
     segmentation.differences(core.points)
     d_mean = segmentation.mean_difference(core.points)
@@ -103,6 +120,12 @@ def detect_row(core: Core, scans: Scans, columns: Columns, row: int) -> None:
     else:
         core.points.d_th = d_mean if core.by_mean else core.threshold
     segmentation.find_breakpoints(core.breakpoints, core.points, scans)
+    return d_mean
+
+
+def detect_row(core: Core, scans: Scans, columns: Columns, row: int) -> None:
+    """Definitions 1 to 7 on the sweep in a row of a batch."""
+    d_mean = break_row(core, scans, row)
     segmentation.cut(core.segments, core.points, core.breakpoints, scans)
     surfaces.measure_chords(core.survey, core.points, core.segments)
     if not core.robust:

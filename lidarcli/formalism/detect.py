@@ -145,6 +145,14 @@ def difference(batch: SweepBatch) -> Float64:
     return s
 
 
+def breakpoints(batch: SweepBatch, parameters: Parameters) -> tuple[Float64, Bool]:
+    """Return Def. 3's threshold of every sweep (S,) [m], and the beams before which f is discontinuous (S, B)."""
+    d_th, breaks = np.empty(len(batch)), np.zeros(batch.ranges.shape, np.bool_)
+    sweeps = scans(batch)
+    _core(sweeps.width, parameters).measure_breakpoints(sweeps, d_th, breaks)
+    return d_th, breaks
+
+
 def _core(width: int, parameters: Parameters | None = None) -> Core:
     """Return the core of this thread for sweeps of up to so many beams; None for any parameters."""
     kept: tuple[int, Parameters, Core] | None = getattr(_LOCAL, "kept", None)

@@ -52,6 +52,8 @@ class Found:
     d_th: float
     s: list[float | None]
     """Def. 2, in the log's numbering."""
+    breaks: list[int]
+    """Def. 3: beams before which f is discontinuous, in the log's numbering."""
     objects: list[FoundObject] = field(default_factory=list)
 
 
@@ -95,7 +97,8 @@ def paper(sweep: Sweep) -> Found:
         value = s[n]
         return value is None or abs(value) > d_th
 
-    found = Found(d_th, [None] * len(sweep.ranges))
+    breaks = [bearings[n] for n in range(count) if isfinite(r[n]) and discontinuous_before(n)]
+    found = Found(d_th, [None] * len(sweep.ranges), breaks)
     for n in range(count):
         found.s[bearings[n]] = s[n]
 

@@ -7,7 +7,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+import lidarcli
 from lidarcli.formalism import VERTEX_KINDS, VISIBILITIES, Detection, Parameters, detect, difference
+from lidarcli.sweeps.types import SweepBatch
 from tests.formalism.batches import batch_of
 from tests.formalism.random_sweeps import random_sweep, small_sweeps
 from tests.formalism.reference import EACH_BEARING_ONCE, FIRST_BEARING_TWICE, NO_TURN, Found, Sweep, paper
@@ -15,9 +17,9 @@ from tests.formalism.reference import EACH_BEARING_ONCE, FIRST_BEARING_TWICE, NO
 PAPER = Parameters.for_profile("paper")
 
 
-def assert_close(found: object, expected: list[float]) -> None:
+def assert_close(found: object, expected: object) -> None:
     """Equal but for rounding."""
-    np.testing.assert_allclose(np.asarray(found, float), np.array(expected), rtol=0, atol=1e-9)
+    np.testing.assert_allclose(np.asarray(found, float), np.asarray(expected, float), rtol=0, atol=1e-9)
 
 
 def number(value: float | None) -> float:
@@ -77,9 +79,28 @@ def hold(sweeps: list[Sweep]) -> int:
     batch = batch_of(sweeps)
     found = detect(batch, PAPER, per_beam=True)
     np.testing.assert_array_equal(difference(batch), found.beam_s)
-    for row, sweep in enumerate(sweeps):
-        compare(sweep, paper(sweep), found, row)
+    loops = [paper(sweep) for sweep in sweeps]
+    for row, (sweep, loop) in enumerate(zip(sweeps, loops, strict=True)):
+        compare(sweep, loop, found, row)
+    by_name(batch, loops)
     return len(found)
+
+
+def by_name(batch: SweepBatch, loops: list[Found]) -> None:
+    """The functions that have the names of the definitions, without a word on parameters."""
+    assert lidarcli.threshold(batch).tolist() == pytest.approx([loop.d_th for loop in loops], abs=1e-12)
+    breaks, sets = lidarcli.discontinuities(batch), lidarcli.sets(batch)
+    assert [np.flatnonzero(row).tolist() for row in breaks] == [sorted(loop.breaks) for loop in loops]
+    for row, loop in enumerate(loops):
+        held = {beam for one in loop.objects for beam in one.members}
+        assert sets[row].tolist() == ["O" if beam in held else "S" for beam in range(len(loop.s))] + [""] * (
+            batch.width - len(loop.s)
+        )
+    each = [one for loop in loops for one in loop.objects]
+    assert lidarcli.objects(batch).theta_i.tolist() == pytest.approx([one.theta_i for one in each], abs=1e-9)
+    for vertices, faces, one in zip(lidarcli.vertices(batch), lidarcli.faces(batch), each, strict=True):
+        assert_close(vertices, [vertex[:2] for vertex in one.vertices])
+        assert_close(faces.reshape(-1, 2), one.faces if one.faces else np.empty((0, 2)))
 
 
 @pytest.mark.slow

@@ -25,7 +25,7 @@ import pytest
 import lidarcli
 from lidarcli.cli.declared import DeclaredOption
 from lidarcli.errors import OptionError, UnreadableError
-from lidarcli.formalism import Parameters
+from lidarcli.formalism import Parameters, definitions
 from lidarcli.logs import open_log
 from lidarcli.logs.base import ReadReport
 from lidarcli.logs.batches import ReadOptions
@@ -521,9 +521,9 @@ def test_functions_stay_when_packages_of_like_names_are_imported() -> None:
 
 
 def test_a_function_for_each_command() -> None:
-    """Beside them only `read`, and `tables` for data frames."""
+    """Beside them only `read`, `tables` for data frames, and the paper's definitions of one batch."""
     functions = {name for name in lidarcli.__all__ if inspect.isfunction(getattr(lidarcli, name))}
-    assert functions == {*FUNCTIONS, "read_catalogue"}
+    assert functions == {*FUNCTIONS, "read_catalogue", *definitions.__all__}
     assert {*COMMANDS} <= {name.removesuffix(" build") for name, _ in commands()}
 
 

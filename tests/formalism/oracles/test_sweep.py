@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from functools import cache
-from math import inf, nan
+from math import inf, nan, sqrt
 
 import numpy as np
 import pytest
 
+import lidarcli
 from lidarcli.formalism import segmentation
 from lidarcli.sweeps.types import Closure, Status
 from tests.formalism.oracles import sweeps
@@ -80,7 +81,11 @@ def test_breakpoints_by_one_sided_limits() -> None:
     for one in recordings():
         circle, state = circle_of(one), one.after["segmentation.find_breakpoints"]
         sigma = state.points.sigma
-        assert [circle.points[k] for k in state.breaks] == sweeps.breakpoints(circle, sigma, ROBUST.max_gap)
+        expected = sweeps.breakpoints(circle, sigma, ROBUST.max_gap)
+        assert [circle.points[k] for k in state.breaks] == expected
+        beams = sorted(circle.beams[n].number for n in expected)
+        assert np.flatnonzero(lidarcli.discontinuities(one.batch, ROBUST)[0]).tolist() == beams
+        assert lidarcli.threshold(one.batch, ROBUST)[0] == pytest.approx(max(3.5 * sqrt(2) * sigma, 0.08), abs=1e-12)
         found += len(state.breaks)
         explained += sum(
             abs(sweeps.difference(circle, step)) > sweeps.threshold(circle, sigma, step)
