@@ -366,7 +366,7 @@ def agents_of(run: RunSummary) -> list[str]:
     several = len({topic for topic, *_ in run.followed}) > 1
     shown = sorted(run.followed, key=lambda one: -one[4])[:MAX_AGENTS]
     head, *clocks = column_of_times([each[2] for each in shown], run.time_zone)
-    lines = [f"  agents track      from  {head}      to      way     mean      top  score" + "  topic" * several]
+    lines = [f"  agents track      from  {head}      to distance     mean      top  score" + "  topic" * several]
     for (topic, track, *ends, length, mean, top, score), clock in zip(shown, clocks, strict=True):
         begin, end = (f"{(stamp_ns - (run.first_ns or 0)) * 1e-9 + 0.0:8,.1f} s" for stamp_ns in ends)
         line = f"{track:14}{begin}  {clock}{end[2:]}{length:7,.1f} m{mean:5.1f} m/s{top:5.1f} m/s"

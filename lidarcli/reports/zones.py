@@ -228,8 +228,9 @@ def parse_zone_check(expression: str, zones: Collection[str], others: Collection
 
 
 def by_words(by: Mapping[str, int]) -> str:
-    """Return how many events each set caused, in words: `1 by agents, 2 by objects`."""
-    return ", ".join(f"{by[letter]} by {WHO[letter]}" for letter in WHO if by.get(letter))
+    """Return how many events each set caused, in words: `1 by agents, 2 by other objects`."""
+    words = WHO | {"O": "other objects"}
+    return ", ".join(f"{by[letter]} by {words[letter]}" for letter in WHO if by.get(letter))
 
 
 def judge_zones(check: Check, values: Mapping[str, float | None], zone_rows: ZoneRows | None) -> CheckVerdict:

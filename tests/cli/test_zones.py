@@ -68,6 +68,24 @@ def test_what_is_written_and_said(lidarcli: Run, log: Path, tmp_path: Path) -> N
     assert api.zones == pq.read_table(tmp_path / "out" / "run.zones.parquet")
 
 
+def test_who_it_was_and_how_long_read_once(lidarcli: Run, tmp_path: Path) -> None:
+    """A number is a track; what one sweep shows takes less than is told, a crossing no time."""
+    ranges = np.full((60, 360), 4.0, np.float32)
+    ranges[5:, 175:186], ranges[40, 260:280] = 1.0, 1.5
+    log = write_bag(tmp_path / "run.bag", scans([raw_sweeps(ranges)]))
+    ran = lidarcli("zones", log, *zones_of(tmp_path, STOP, SIDE.replace("hold = 0.2", "")))
+    assert "nearest 1.00 m; 1 by other objects\n" in ran.err
+    lines = ran.err.splitlines()
+    at = next(at for at, line in enumerate(lines) if line.startswith("  worst "))
+    assert lines[at].endswith("  lasts  nearest  by track")
+    assert lines[at + 1].split()[3:] == ["stop", "5.4", "s", "1.00", "m", "object", "1"]
+    assert lines[at + 2].split()[3:9] == ["side", "<", "0.1", "s", "1.50", "m"]
+    line = '[[zone]]\nname = "aisle"\nline = [[3.5, 0.0], [3.5, 2.0]]\n'
+    lines = lidarcli("zones", SAMPLES / "people.csv.gz", *zones_of(tmp_path, line)).err.splitlines()
+    at = next(at for at, line in enumerate(lines) if line.startswith("  worst "))
+    assert lines[at + 1].split()[3:] == ["aisle", "3.62", "m", "agent", "2", "in"]
+
+
 def test_existing_tables_are_kept(lidarcli: Run, log: Path, tmp_path: Path) -> None:
     words = ("zones", log, *zones_of(tmp_path, STOP), "--no-objects", "-o", tmp_path)
     assert lidarcli(*words).code == 0

@@ -217,11 +217,14 @@ def _worst_lines(worst: Sequence[Mapping[str, Any]], zone: TimeZone) -> list[tup
     """Return heads and words on the worst events, as many as there are lines for."""
     width = max((len(event["zone"]) for event in worst[:WORST]), default=4)
     head, *clocks = column_of_times([event["start"] for event in worst[:WORST]], zone)
-    lines = [("  worst    ", f"{'at':>10}  {head}{'zone':{width}}     lasts  nearest  by")] if worst else []
+    lines = [("  worst    ", f"{'at':>10}  {head}{'zone':{width}}     lasts  nearest  by track")] if worst else []
     for event, clock in zip(worst[:WORST], clocks, strict=True):
         who = (WHO.get(event["set"], "").removesuffix("s"), event["track"], event["label"], event.get("direction"))
         nearest = " " * 7 if event["nearest"] is None else f"{event['nearest']:5.2f} m"
-        words = f"{event['t']:8.1f} s  {clock}{event['zone']:{width}}  {event['duration']:6.1f} s  {nearest}  "
+        lasts = f"{event['duration']:6.1f} s" if event["duration"] >= 0.05 else " < 0.1 s"
+        if event["kind"] not in EVENT_KINDS[:2]:
+            lasts = " " * 8  # a crossing takes no time
+        words = f"{event['t']:8.1f} s  {clock}{event['zone']:{width}}  {lasts}  {nearest}  "
         lines.append((" " * 11, words + " ".join(str(part) for part in who if part)))
     return lines + ([(" " * 11, f"and {len(worst) - WORST:,} more")] if len(worst) > WORST else [])
 
