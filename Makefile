@@ -29,18 +29,23 @@ PYTHON ?= $(shell for name in python3 python3.14 python3.13 python3.12 python3.1
 help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "make %-13s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
 
-demo: $(VENV)/compiled ## install, follow the people of a sample log, show the tracks beside the truth and a report
-	@mkdir -p demo
-	$(BIN)/lidarcli track samples/people.csv.gz -o demo --overwrite
-	@$(BIN)/python -m tools.show_tracks demo/people.tracks.parquet samples/people.truth.parquet
+demo: $(VENV)/compiled ## install, fill demo/ with the logs of the README's first page, show tracks of a log beside the truth
+	@mkdir -p demo && ln -sfn ../samples demo/samples
+	@cp samples/people.csv.gz demo/people.csv.gz && cp samples/people.zones.toml demo/zones.toml
+	@$(BIN)/lidarcli -q simulate samples/monday.toml -o demo/monday.mcap --overwrite
+	@$(BIN)/lidarcli -q simulate samples/tuesday.toml -o demo/tuesday.mcap --seed 1 --overwrite
+	@$(BIN)/lidarcli -q simulate samples/office.toml -o demo/run.mcap --overwrite
+	@$(BIN)/lidarcli -q simulate samples/crooked.toml -o demo/crooked.mcap --overwrite
+	@$(BIN)/lidarcli -q map demo/run.mcap -o demo/site.yaml --overwrite
+	@$(BIN)/lidarcli -q poses demo/run.mcap -o demo/true.tum --overwrite
+	@awk 'NR > 150 && NR <= 260 { $$3 += 0.5 } NR > 360 && NR <= 420 { $$3 -= 2.6 } 1' demo/true.tum > demo/believed.tum
+	$(BIN)/lidarcli track samples/people.csv.gz -o demo/tables --overwrite
+	@$(BIN)/python -m tools.show_tracks demo/tables/people.tracks.parquet samples/people.truth.parquet
 	@echo
-	$(BIN)/lidarcli -q plot samples/people.csv.gz --sweep 34 --tracks demo/people.tracks.parquet -o demo/people.png --overwrite
-	$(BIN)/lidarcli -q report demo/people.objects.parquet --log samples/people.csv.gz -o demo/people.html --overwrite
+	$(BIN)/lidarcli -q report demo/tables/people.objects.parquet --log samples/people.csv.gz -o demo/people.html --overwrite
 	@echo
-	@echo "Open this in your browser, every sweep to look at: $$($(BIN)/python -c 'from pathlib import Path; print(Path("demo/people.html").resolve().as_uri())')"
-	@echo "The tables, for pandas, DuckDB and polars:         demo/people.*.parquet"
-	@echo "A picture of sweep 34:                             demo/people.png"
-	@echo "To have lidarcli on your path in this shell:       . $(BIN)/activate"
+	@echo "Every sweep to look at, in your browser:  $$($(BIN)/python -c 'from pathlib import Path; print(Path("demo/people.html").resolve().as_uri())')"
+	@echo "The commands of README.md run in demo/:   . $(BIN)/activate && cd demo"
 
 test: check ## install what the tests need, then check
 

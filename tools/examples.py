@@ -2,7 +2,8 @@
 
 A fenced block whose info string names a file (` ```toml room.toml `) is that file. A `console` block holds
 commands after `$ ` (and `> `) and what they print, where `...` stands for any text. A `sh` block holds commands to
-run, output aside.
+run, output aside, and so does the row of a table that begins with a question in bold. The commands of README.md run where
+`make demo` has been.
 
 Lines that only call `lidarcli` or `python` run in this process, which has imported what they need; all others run in a
 shell.
@@ -26,7 +27,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import IO
 
-FENCE = re.compile(r"^```(?P<language>[a-z]+)(?: (?P<file>\S+))?\n(?P<body>.*?)^```$", re.MULTILINE | re.DOTALL)
+ROOT = Path(__file__).parent.parent
+PART = re.compile(
+    r"^```(?P<language>[a-z]+)(?: (?P<file>\S+))?\n(?P<body>.*?)^```$|^\| \*\*[^\n|]*\?\*\*(?P<row>[^\n]*)",
+    re.MULTILINE | re.DOTALL,
+)
+IN_ROW = re.compile(r"`(lidarcli [^`]+)`")
 COMMAND = re.compile(r"^\$ (?P<command>[^\n]*(?:\n> [^\n]*)*)\n(?P<output>(?:(?!\$ )[^\n]*\n)*)", re.MULTILINE)
 ENVIRONMENT = {"COLUMNS": "80", "LC_ALL": "C.UTF-8", "TZ": "UTC"}
 FIRST = re.compile(r"(?P<call>lidarcli .*?)(?P<joint> 2>&1 \| | \| |; )(?P<rest>.*)", re.DOTALL)
@@ -66,9 +72,11 @@ class Done:
 
 def examples(markdown: str) -> Iterator[Example | tuple[str, str]]:
     """The examples of a page in order, and the files between them as (name, text)."""
-    for fence in FENCE.finditer(markdown):
+    for fence in PART.finditer(markdown):
         body, start = fence["body"], fence.start("body")
-        if fence["file"]:
+        if fence["row"]:
+            yield from (Example(command, None, fence.span()) for command in IN_ROW.findall(fence["row"]))
+        elif fence["file"]:
             yield fence["file"], body
         elif fence["language"] == "console":
             for match in COMMAND.finditer(body):
@@ -76,6 +84,17 @@ def examples(markdown: str) -> Iterator[Example | tuple[str, str]]:
                 yield Example(match["command"].replace("\n> ", "\n"), match["output"], span)
         elif fence["language"] == "sh":
             yield Example(STOPPING + body, None, fence.span())
+
+
+def demo(folder: Path) -> Path:
+    """Do in `folder` what `make demo` does once all is installed; return where the commands of README.md run."""
+    (folder / "samples").symlink_to(ROOT / "samples")
+    recipe = (ROOT / "Makefile").read_text(encoding="utf-8").partition("\ndemo: ")[2].partition("\n\n")[0]
+    lines = [line.strip().removeprefix("@").replace("$(BIN)/", "").replace("$$", "$") for line in recipe.splitlines()[1:]]
+    code, printed = in_shell(f"{STOPPING}export PYTHONPATH={shlex.quote(str(ROOT))}\n" + "\n".join(lines), folder)
+    if code:
+        raise SystemExit(f"make demo: exit code {code}\n{printed}")
+    return folder / "demo"
 
 
 def run(markdown: str, folder: Path) -> Iterator[Done]:

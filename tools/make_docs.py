@@ -6,16 +6,14 @@ import tempfile
 from collections.abc import Callable
 from pathlib import Path
 
-from tools.examples import renewed
+from tools.examples import demo, renewed
 from tools.reference import cli_page, reports_page, tables_page
-from tools.terminal_picture import findings_picture
 
 ROOT = Path(__file__).parent.parent
 PAGES: dict[str, Callable[[], str]] = {
     "docs/cli.md": cli_page,
     "docs/tables.md": tables_page,
     "docs/reports.md": reports_page,
-    "docs/images/findings.svg": findings_picture,
 }
 WITH_EXAMPLES = (
     "README.md",
@@ -49,9 +47,13 @@ def main() -> None:
     """Write every page."""
     for name in WITH_EXAMPLES:
         page_path = ROOT / name
-        with tempfile.TemporaryDirectory() as folder:
-            (Path(folder) / "samples").symlink_to(ROOT / "samples")
-            page_path.write_text(renewed(page_path.read_text(encoding="utf-8"), Path(folder)), encoding="utf-8")
+        with tempfile.TemporaryDirectory() as name_of_folder:
+            folder = Path(name_of_folder)
+            if name == "README.md":
+                folder = demo(folder)
+            else:
+                (folder / "samples").symlink_to(ROOT / "samples")
+            page_path.write_text(renewed(page_path.read_text(encoding="utf-8"), folder), encoding="utf-8")
     for name, page in PAGES.items():
         (ROOT / name).write_text(page(), encoding="utf-8")
 

@@ -8,16 +8,19 @@ from tests.places import ROOT
 from tools import examples
 
 
-def run_page(page: str, folder: Path) -> int:
-    """Run all examples of a page in a folder, and return their number.
+def run_page(page: str, folder: Path) -> list[examples.Done]:
+    """Run all examples of a page in a folder, and return them.
 
     Raises
     ------
     AssertionError
         An example fails, or prints what the page does not say.
     """
-    (folder / "samples").symlink_to(ROOT / "samples")
+    if page == "README.md":
+        folder = examples.demo(folder)
+    else:
+        (folder / "samples").symlink_to(ROOT / "samples")
     done = list(examples.run((ROOT / page).read_text(encoding="utf-8"), folder))
     for one in done:
         assert one.holds, f"$ {one.example.command}\n{one.got}\nexit code {one.code}"
-    return len(done)
+    return done

@@ -117,13 +117,19 @@ def test_the_figures_of_the_readme_are_those_of_the_pages() -> None:
         ((*told,),) = re.findall(rf"`{method}`, .*?{pattern}", section)[:1]
         assert [float(each) for each in told] == pytest.approx([100 * float(recall), 100 * float(precision)], abs=0.56)
     moves = page("tracking").split("### Logs that nobody tuned on")[1].split("\n### ")[0]
-    for group, pattern in (
-        ("all", r"(\d+) % of the rows move and (\d+) % of the tracks; it says so of (\d+) %"),
-        ("parked", r"parked these are (\d+) %, (\d+) % and (\d+) %"),
-    ):
-        rows, movers, tracks = re.findall(rf"^\| \*\*{group}\*\* \|(.*)", moves, re.MULTILINE)[0].split("|")[:3]
-        measured = [float(re.findall(r": ([\d.]+) %", cell)[0]) for cell in (rows, tracks, movers)]
-        assert [float(each) for each in re.findall(pattern, section)[0]] == pytest.approx(measured, abs=0.56)
+    cells = {name: row.split("|")[:3] for name, row in re.findall(r"^\| \*\*(\w+)[^|]*\*\* \|(.*)", moves, re.MULTILINE)}
+    shares = {name: [float(re.findall(r": ([\d.]+) %", cell)[0]) for cell in cells[name][:2]] for name in ("all", "parked")}
+    counts = {name: re.findall(r"(\d+) of (\d+)", row[2])[0] for name, row in cells.items()}
+    ((right, found),) = re.findall(r"nine do \((\d+) %\), .*? nine \((\d+) %\)", section)
+    assert [float(right), float(found)] == pytest.approx(shares["all"], abs=0.56)
+    assert shares["all"] == pytest.approx([90, 90], abs=5)
+    ((moving, tracks, outdoors, others),) = re.findall(r"tracks (\d+) of (\d+) move: (\d+) of the other (\d+)", section)
+    assert (moving, tracks) == counts["all"]
+    assert int(others) == int(tracks) - int(moving)
+    assert int(outdoors) == int(counts["outdoors"][1]) - int(counts["outdoors"][0])
+    ((parked, found),) = re.findall(r"parked, all (\d+) of its tracks move, and it finds (\d+) %", section)
+    assert (parked, parked) == counts["parked"]
+    assert float(found) == pytest.approx(shares["parked"][1], abs=0.56)
 
 
 @needs_real_logs

@@ -1,4 +1,4 @@
-"""The commands of README.md, docs/reports.md and docs/diff.md do what the pages say, and draw their pictures.
+"""The commands of docs/zones.md, docs/reports.md and docs/diff.md do what the pages say, and draw their pictures.
 
 `python -m tests.docs.test_reports_page` writes them anew.
 """
@@ -18,7 +18,6 @@ from tests.docs.test_paper_page import LIKENESS, reduced
 from tests.places import ROOT
 
 SHOWN = {
-    "README.md": ["images/office.png"],
     "docs/zones.md": ["images/zones.png"],
     "docs/reports.md": re.findall(
         r"\((images/plot/[\w-]+\.(?:png|gif))\)", (ROOT / "docs" / "reports.md").read_text(encoding="utf-8")
