@@ -5,6 +5,7 @@ from __future__ import annotations
 import inspect
 import textwrap
 from collections.abc import Iterator
+from itertools import groupby
 from pathlib import Path
 
 import click
@@ -289,8 +290,10 @@ def _schema(schema: pa.Schema) -> list[str]:
     """The table of the columns; those that tell the sweep stand at the objects alone."""
     known = [] if schema is SCHEMAS["objects"] else [field for field in schema if field in _sources()]
     words = f"{', '.join(f'`{field.name}`' for field in known)}: as of [objects](tables.md#objects). " if known else ""
-    rows = (_column(field) for field in schema if field not in known)
-    return [*([words.strip(), ""] if words else []), *as_table(("column", "type", "unit", "meaning"), rows)]
+    alike = groupby((_column(field) for field in schema if field not in known), lambda row: row[1:])
+    rows = ((", ".join(name for name, *_ in some), *rest) for rest, some in alike)
+    lines = as_table(("column", "type", "unit", "meaning"), rows)
+    return [*([words.strip(), ""] if words else []), *(line.replace("|  |", "| |") for line in lines)]
 
 
 def _sources() -> list[pa.Field]:

@@ -68,8 +68,8 @@ HEAD = """# Devices and drivers
 What drivers put into a LaserScan, by their sources, and what lidarcli makes of it. No device was at hand: tests write
 messages as the sources do, of a room with a post and an opening, and hold lidarcli to the second table; recordings of
 rplidar_ros, an LMS 1xx, Stage and Gazebo agree.
-`python -m tests.docs.test_devices` writes the page anew from `tests/docs/devices.toml`. What holds for any sensor is in
-[formats](formats.md#sweeps).
+`python -m tests.docs.test_devices` writes the page anew from `tests/docs/devices.toml`, which names the repository, the
+commit and the files that were read for each driver. What holds for any sensor is in [formats](formats.md#sweeps).
 
 ## What is sent
 
@@ -89,7 +89,7 @@ were taken ([poses](poses.md#a-sweep-takes-time)), and whether stamps are those 
 
 """
 SOURCES = """
-## Known faults, and the sources
+## Known faults
 
 """
 TAIL = """
@@ -139,7 +139,7 @@ def page() -> str:
             LEARNED,
             table(("drivers", "`beam_order`", "findings"), learned),
             SOURCES,
-            table(("driver", "known faults", "read"), [(each.name, each.faults, each.source) for each in drivers]),
+            table(("driver", "known faults"), [(each.name, each.faults) for each in drivers]),
             TAIL,
         )
     )

@@ -98,7 +98,8 @@ def test_the_glossary_knows_the_words_of_the_tables() -> None:
     assert {*re.findall(r"`(\w+)`", shape)} == {*SHAPES} - {"wall"}
     assert {*re.findall(r"`(\w+)`", visibility)} == {*VISIBILITIES}
     sections = re.findall(r"^## (\w+)\n(.*?)(?=^## |\Z)", page("tables"), re.MULTILINE | re.DOTALL)
-    columns = {f"{table}.{name}" for table, text in sections for name in re.findall(r"^\| `(\w+)` \|", text, re.MULTILINE)}
+    cells = [(table, cell) for table, text in sections for cell in re.findall(r"^\| (`.*?`) \|", text, re.MULTILINE)]
+    columns = {f"{table}.{name}" for table, cell in cells for name in re.findall(r"`(\w+)`", cell)}
     named = {name for *_, row in GLOSSARY for name in re.findall(r"`([^`]+)`", f"{row} | ".split(" | ")[1])}
     assert named <= columns | {name for _, name in reference.option_names()}
 
