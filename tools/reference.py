@@ -139,16 +139,14 @@ select count(*) as sweeps from 'room.sweeps.parquet' where stamp >= '2023-11-14 
 """
 
 
-TABLES_HEAD = """Parquet files that pandas, DuckDB, polars and pyarrow read. Unit and meaning of every column are in its
-field metadata, too. Lengths are metres, angles radians, counter-clockwise; x is forward, y left. A *text* is a dictionary
-of strings, a *time* a timestamp in nanoseconds, UTC; `--stamps us` writes microseconds. Lengths, ranges, bearings and
-shares are single precision; times, velocities and places in the world are double. Text formats have the shortest
-decimals that give the same number.
+TABLES_HEAD = """Parquet files that pandas, DuckDB, polars and pyarrow read. The schema has the types, and the unit and
+meaning of every column in the field metadata. Lengths are metres, angles radians, counter-clockwise; x is forward, y left.
+Words are dictionaries of strings, stamps timestamps in nanoseconds, UTC (`--stamps us`: microseconds), counts int32 or
+int64. Lengths, ranges, bearings and shares are single precision; times, velocities and places in the world are double.
 
 Every table has all its columns: what was not computed is null. A column that can be null says so; all others are `not
-null`. A folder of tables is no dataset, as each kind has its own columns: read `tables/*.objects.parquet`, or write a
-folder for each kind (`--partition table`, [fleet.md](fleet.md)). The same input and parameters give the same bytes;
-the metadata hold
+null`. A folder of tables is no dataset: read `tables/*.objects.parquet`, or write a folder for each kind
+(`--partition table`, [fleet.md](fleet.md)). The same input and parameters give the same bytes; the metadata hold
 """
 
 
@@ -292,7 +290,7 @@ def _schema(schema: pa.Schema) -> list[str]:
     words = f"{', '.join(f'`{field.name}`' for field in known)}: as of [objects](tables.md#objects). " if known else ""
     alike = groupby((_column(field) for field in schema if field not in known), lambda row: row[1:])
     rows = ((", ".join(name for name, *_ in some), *rest) for rest, some in alike)
-    lines = as_table(("column", "type", "unit", "meaning"), rows)
+    lines = as_table(("column", "unit", "meaning"), rows)
     return [*([words.strip(), ""] if words else []), *(line.replace("|  |", "| |") for line in lines)]
 
 
@@ -301,26 +299,14 @@ def _sources() -> list[pa.Field]:
     return list(SCHEMAS["objects"])[:6]
 
 
-def _column(field: pa.Field) -> tuple[str, str, str, str]:
+def _column(field: pa.Field) -> tuple[str, str, str]:
     notes = {key.decode(): value.decode() for key, value in (field.metadata or {}).items()}
     meaning = notes["description"]
     if pa.types.is_list(field.type) and pa.types.is_struct(field.type.value_type):
         parts = ", ".join(f"`{part.name}`" for part in field.type.value_type)
         meaning = f"{meaning}, each {parts}"
     unit = notes.get("unit", "")
-    return f"`{field.name}`", _type(field.type), "" if unit == "1" else unit, meaning
-
-
-def _type(kind: pa.DataType) -> str:
-    if pa.types.is_dictionary(kind):
-        return "text"
-    if pa.types.is_list(kind):
-        return f"list<{_type(kind.value_type)}>"
-    if pa.types.is_struct(kind):
-        return "struct"
-    if pa.types.is_timestamp(kind):
-        return "time"
-    return str(kind)
+    return f"`{field.name}`", "" if unit == "1" else unit, meaning
 
 
 def as_table(head: tuple[str, ...], rows: Iterator[tuple[str, ...]]) -> list[str]:

@@ -257,8 +257,6 @@ def page_by_eye(logs: Sequence[OneLog]) -> str:
         rows = [
             _in_a(title, sum((log.in_a for log in some), InA()), intervals(some)) for title, some in groups.items() if some
         ]
-        if name == "untouched":
-            rows += [_in_a(log.judged.name, log.in_a, [None] * 4) for log in mine if not log.in_a.empty]
         head = ["log", "rows in A that move", "rows of movers in A", "tracks in A that move", "tracks of movers in A"]
         text.append(words.format(logs=len(mine), all=len(LOGS[name]), empty=sum(log.in_a.empty for log in mine)))
         text.append(table([*head, "not judged in A: rows, tracks"], rows))

@@ -95,10 +95,9 @@ SOURCES = """
 TAIL = """
 ## Not looked at
 
-Devices and their firmware: which number they send for no return, and what of it is an error code. Other branches and
-releases than those named, `ldlidar_sl`, `ldlidar_ros2`, the single-beam and solid-state models of YDLIDAR, NAV 350, several
-layers of MRS 1000 and LMS 1000, the last RaySensor of Gazebo classic, rotating lidars of Webots, the order in time of
-velodyne_laserscan, Neato, Webots and Isaac Sim.
+Devices and their firmware. Other branches and releases than those named, `ldlidar_sl`, `ldlidar_ros2`, the single-beam and
+solid-state models of YDLIDAR, NAV 350, several layers of MRS 1000 and LMS 1000, the last RaySensor of Gazebo classic,
+rotating lidars of Webots, the order in time of velodyne_laserscan, Neato, Webots and Isaac Sim.
 """
 
 

@@ -219,10 +219,19 @@ def test_links_between_pages_lead_somewhere() -> None:
 
 
 INFO_PAGE = (ROOT / "docs" / "info.md").read_text(encoding="utf-8")
-ROWS = [
-    tuple(cell.strip() for cell in match)
-    for match in re.findall(r"^\| `([\w.\[\]]+)` \|([^|]+)\|([^|]*)\|([^|]*)\|$", INFO_PAGE, re.MULTILINE)
-]
+KEY = re.compile(r"^\| `([\w.\[\]]+)` \|([^|]+)\|([^|]*)\|([^|]*)\|$|^Of each .*, `(\w+\[\])`:$", re.MULTILINE)
+
+
+def rows_of_keys() -> Iterator[tuple[str, ...]]:
+    """Yield the rows of keys, each with the list above whose table it stands."""
+    above = ""
+    for *cells, below in KEY.findall(INFO_PAGE):
+        above = f"{below}." if below else above
+        if not below:
+            yield (above + cells[0], *(cell.strip() for cell in cells[1:]))
+
+
+ROWS = [*rows_of_keys()]
 """(key, type, unit, meaning) of each row of a key; rows of rules have five cells."""
 KINDS: dict[str, tuple[type, ...]] = {
     "string": (str,),
