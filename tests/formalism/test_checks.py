@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from lidarcli.formalism import detect, difference, noise, sweep
+from lidarcli.formalism import definitions, detect, noise, sweep
 from lidarcli.formalism.parameters import check
 from lidarcli.sweeps.range_rules import RangeRules as Rules
 from lidarcli.sweeps.range_rules import count_statuses, normalise
@@ -37,7 +37,7 @@ FEW = np.array([8, 2, 8], np.int32)
         ({"ranges": np.full((3, 8), np.inf)}, r"inf m is no range"),
     ],
 )
-@pytest.mark.parametrize("function", [check, detect, noise, difference])
+@pytest.mark.parametrize("function", [check, detect, noise, *(getattr(definitions, name) for name in definitions.__all__)])
 def test_batches_that_do_not_fit_are_refused(
     changed: dict[str, Any], message: str, function: Callable[[SweepBatch], Any]
 ) -> None:
