@@ -37,8 +37,8 @@ cdef class Points:
     cdef readonly Py_ssize_t most, row, count, gaps, nearest, beams, bearings, period
     cdef bint reverse
     cdef double first, step, cos_half, sin_half, sigma, d_th, flicker
-    cdef Py_ssize_t* position
-    cdef Py_ssize_t* missing
+    cdef int* position
+    cdef int* missing
     cdef Py_ssize_t* gap
     cdef double* r
     cdef double* x
@@ -46,13 +46,16 @@ cdef class Points:
     cdef double* s
 
 
-@cython.locals(count=Py_ssize_t)
+@cython.locals(
+    count=Py_ssize_t, gaps=Py_ssize_t, k=Py_ssize_t, last=Py_ssize_t, first=Py_ssize_t, at=Py_ssize_t, here=Py_ssize_t,
+    size=Py_ssize_t, stride=Py_ssize_t, some=float, i=Py_ssize_t
+)
 cdef void load(Points points, Scans scans, Py_ssize_t row) noexcept nogil
 cdef void repeat(Points points, Py_ssize_t lead) noexcept nogil
 cdef double bearing(Points points, Py_ssize_t at) noexcept nogil
 cdef Py_ssize_t beam_at(Points points, Py_ssize_t position) noexcept nogil
 cdef double distance(Points points, Py_ssize_t a, Py_ssize_t b) noexcept nogil
-@cython.locals(gaps=Py_ssize_t, least=double)
+@cython.locals(count=Py_ssize_t, last=Py_ssize_t, least=double, k=Py_ssize_t)
 cdef void differences(Points points) noexcept nogil
 @cython.locals(gone=Py_ssize_t, lost=Py_ssize_t)
 cdef double flicker(Points points, Scans scans) noexcept nogil
@@ -87,7 +90,7 @@ cdef class Breakpoints:
 
 cdef double noise_threshold(double sigma) noexcept nogil
 cdef double adaptive_threshold(Points points, double explained, double r, double s) noexcept nogil
-@cython.locals(breaks=bint)
+@cython.locals(breaks=bint, count=Py_ssize_t, k=Py_ssize_t, border=Py_ssize_t, max_gap=Py_ssize_t)
 cdef void find_breakpoints(Breakpoints breakpoints, Points points, Scans scans) noexcept nogil
 cdef bint is_within(Points points, Scans scans, Py_ssize_t at) noexcept nogil
 cdef bint is_unexplained(Points points, Py_ssize_t at, Py_ssize_t max_gap) noexcept nogil

@@ -70,12 +70,12 @@ class Points:
         """Make room for sweeps of up to so many beams."""
         self.owner: list[Any] = []
         self.most = most
-        self.position = native.integers(self.owner, 2 * most)
+        self.position = native.numbers(self.owner, 2 * most)
         self.r = native.doubles(self.owner, 2 * most)
         self.x = native.doubles(self.owner, 2 * most)
         self.y = native.doubles(self.owner, 2 * most)
         self.s = native.doubles(self.owner, most)
-        self.missing = native.integers(self.owner, most)
+        self.missing = native.numbers(self.owner, most)
         self.gap = native.integers(self.owner, most + 1)
         """The `gaps` points before which beams were lost, and `count`."""
         self.row = 0
@@ -111,22 +111,44 @@ def load(points: Points, scans: Scans, row: int) -> None:
         points.first += (points.bearings - 1) * increment
 
     position, r, x, y = points.position, points.r, points.x, points.y
-    ranges, cos, sin = scans.ranges, scans.cos, scans.sin
-    directions = scans.direction[row] * scans.width
+    missing, gap, ranges, cos, sin = points.missing, points.gap, scans.ranges, scans.cos, scans.sin
+    direction, bearings = scans.direction[row] * scans.width, points.bearings
     beam, stride = row * scans.width, 1
     if points.reverse:
-        beam, stride = beam + points.bearings - 1, -1
-    count = 0
-    for k in range(points.bearings):
-        distance = ranges[beam]
-        position[count] = k
-        r[count] = distance
-        x[count] = distance * cos[directions + k]
-        y[count] = distance * sin[directions + k]
-        # A lost beam is NaN: the next one takes its place.
-        count += distance == distance
-        beam += stride
-    points.count = count
+        beam, stride = beam + bearings - 1, -1
+    # Runs of beams that have a range; a lost beam is NaN, and so is a sum with one.
+    count, gaps, k, last = 0, 0, 0, -1
+    while k < bearings:
+        if not ranges[beam + k * stride] == ranges[beam + k * stride]:
+            k += 1
+            continue
+        first = k
+        while k + 4 <= bearings:
+            at = beam + k * stride
+            some = (ranges[at] + ranges[at + stride]) + (ranges[at + 2 * stride] + ranges[at + 3 * stride])
+            if not some == some:
+                break
+            k += 4
+        while k < bearings and ranges[beam + k * stride] == ranges[beam + k * stride]:
+            k += 1
+        at, here, size = beam + first * stride, direction + first, k - first
+        # A loop for each: none of them reads what it writes.
+        for i in range(size):
+            r[count + i] = ranges[at + i * stride]
+        for i in range(size):
+            x[count + i] = r[count + i] * cos[here + i]
+            y[count + i] = r[count + i] * sin[here + i]
+        for i in range(size):
+            position[count + i] = first + i
+        for i in range(size):
+            missing[count + i] = 0
+        if count > 0:
+            missing[count] = first - last - 1
+            gap[gaps] = count
+            gaps += 1
+        count += size
+        last = k - 1
+    points.count, points.gaps = count, gaps
 
 
 def repeat(points: Points, lead: int) -> None:
@@ -161,31 +183,36 @@ def distance(points: Points, a: int, b: int) -> float:
 
 
 def differences(points: Points) -> None:
-    """Def. 2: s(θ_n) = r(θ_n) - r(θ_{n-1}) [m] and the lost beams between the two; the gaps, and the nearest point.
+    """Def. 2: s(θ_n) = r(θ_n) - r(θ_{n-1}) [m], the lost beams before the first point and the gap there; the nearest point.
 
     The point before the first is the last one on a full turn; on a partial view there is none, and s is NaN.
     """
-    position, r, s, missing, gap = points.position, points.r, points.s, points.missing, points.gap
-    last = points.count - 1
-    for k in range(1, points.count):
+    r, s, missing, gap, count = points.r, points.s, points.missing, points.gap, points.count
+    last, points.nearest = count - 1, 0 if count > 0 else -1
+    for k in range(1, count):
         s[k] = r[k] - r[k - 1]
-    for k in range(1, points.count):
-        missing[k] = position[k] - position[k - 1] - 1
     if points.period > 0 and last > 0:
         s[0] = r[0] - r[last]
-        missing[0] = position[0] + points.period - position[last] - 1
+        missing[0] = points.position[0] + points.period - points.position[last] - 1
     else:
         s[0] = NAN
         missing[0] = NEVER
-    least, gaps, points.nearest = INFINITE, 0, 0 if points.count > 0 else -1
-    for k in range(points.count):
-        gap[gaps] = k
-        gaps += missing[k] != 0
+    if count > 0 and missing[0] != 0:
+        for i in range(points.gaps, 0, -1):
+            gap[i] = gap[i - 1]
+        gap[0] = 0
+        points.gaps += 1
+    gap[points.gaps] = count
+    least, k = INFINITE, 0
+    while k < count:
+        # Four at once: few are nearer than all before.
+        if k + 4 <= count and not min(min(r[k], r[k + 1]), min(r[k + 2], r[k + 3])) < least:
+            k += 4
+            continue
         if r[k] < least:
             least = r[k]
             points.nearest = k
-    gap[gaps] = points.count
-    points.gaps = gaps
+        k += 1
 
 
 def flicker(points: Points, scans: Scans) -> float:
@@ -405,15 +432,20 @@ def adaptive_threshold(points: Points, explained: float, r: float, s: float) -> 
 
 def find_breakpoints(breakpoints: Breakpoints, points: Points, scans: Scans) -> None:
     """Find the breakpoints; with a mask of beams that belong to objects, its borders are some, too."""
-    s, missing, d_th, masked = points.s, points.missing, points.d_th, scans.has_within
-    count = 0
-    for k in range(points.count):
-        if not abs(s[k]) > d_th and missing[k] == 0 and not masked:
-            continue
-        if missing[k] > breakpoints.max_gap:
+    s, missing, gap, d_th, masked = points.s, points.missing, points.gap, points.d_th, scans.has_within
+    count, k, border, max_gap = 0, 0, 0, breakpoints.max_gap
+    while k < points.count:
+        # Four at once: most steps are small.
+        if k + 4 <= gap[border] and not masked:
+            if not max(max(abs(s[k]), abs(s[k + 1])), max(abs(s[k + 2]), abs(s[k + 3]))) > d_th:
+                k += 4
+                continue
+        if k == gap[border]:
+            border += 1
+        if missing[k] > max_gap:
             breaks = True
         elif abs(s[k]) > d_th:
-            breaks = not breakpoints.adaptive or is_unexplained(points, k, breakpoints.max_gap)
+            breaks = not breakpoints.adaptive or is_unexplained(points, k, max_gap)
         else:
             breaks = False
         if masked and not breaks:
@@ -421,6 +453,7 @@ def find_breakpoints(breakpoints: Breakpoints, points: Points, scans: Scans) -> 
         if breaks:
             breakpoints.at[count] = k
             count += 1
+        k += 1
     breakpoints.count = count
 
 
