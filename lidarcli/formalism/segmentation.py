@@ -188,7 +188,7 @@ def differences(points: Points) -> None:
     The point before the first is the last one on a full turn; on a partial view there is none, and s is NaN.
     """
     r, s, missing, gap, count = points.r, points.s, points.missing, points.gap, points.count
-    last, points.nearest = count - 1, 0 if count > 0 else -1
+    last, points.nearest = count - 1, -1
     for k in range(1, count):
         s[k] = r[k] - r[k - 1]
     if points.period > 0 and last > 0:
@@ -203,16 +203,18 @@ def differences(points: Points) -> None:
         gap[0] = 0
         points.gaps += 1
     gap[points.gaps] = count
-    least, k = INFINITE, 0
-    while k < count:
-        # Four at once: few are nearer than all before.
-        if k + 4 <= count and not min(min(r[k], r[k + 1]), min(r[k + 2], r[k + 3])) < least:
-            k += 4
-            continue
+    least, at, fours = INFINITE, 0, count - count % 4
+    for k in range(0, fours, 4):
+        some = min(min(r[k], r[k + 1]), min(r[k + 2], r[k + 3]))
+        if some < least:
+            least, at = some, k
+    for k in range(fours, count):
         if r[k] < least:
-            least = r[k]
-            points.nearest = k
-        k += 1
+            least, at = r[k], k
+    if count > 0:
+        while r[at] > least:
+            at += 1
+        points.nearest = at
 
 
 def flicker(points: Points, scans: Scans) -> float:
@@ -332,26 +334,34 @@ def lower_median(noise: Noise, count: int) -> float:
     rank = (numbers - 1) // 2
     if not (below <= rank and rank < within):
         low, high, below = 0.0, SINGLE_INFINITY, 0
-    kept = 0
-    for k in range(count):
-        some[kept] = values[k]
-        kept += (values[k] >= low) & (values[k] <= high)
-    rank -= below
-    if high < SINGLE_INFINITY and kept > FEW_VALUES:
+    elif within - below > FEW_VALUES:
         # Where among these it is likely to be: as far as its rank, give or take two standard deviations.
-        middle, margin = low + (high - low) * (rank + 0.5) / kept, (high - low) / math.sqrt(kept)
-        low, high = middle - margin, middle + margin
-        below, within = 0, 0
-        for k in range(kept):
-            below += some[k] < low
-            within += some[k] <= high
-        if below <= rank and rank < within:
-            count, kept = kept, 0
-            for k in range(count):
-                some[kept] = some[k]
-                kept += (some[k] >= low) & (some[k] <= high)
-            rank -= below
-    return smallest(noise, kept, rank)
+        some_low = low + (high - low) * (rank - below + 0.5) / (within - below)
+        margin = (high - low) / math.sqrt(within - below)
+        some_low, some_high = some_low - margin, some_low + margin
+        below_some, within_some = 0, 0
+        for k in range(count):
+            below_some += values[k] < some_low
+            within_some += values[k] <= some_high
+        if below_some <= rank and rank < within_some:
+            low, high, below = some_low, some_high, below_some
+    kept, k = 0, 0
+    while k < count:
+        last = min(k + 24, count)
+        if last < k + 24 or _any_between(values, k, low, high):
+            for i in range(k, last):
+                some[kept] = values[i]
+                kept += (values[i] >= low) & (values[i] <= high)
+        k = last
+    return smallest(noise, kept, rank - below)
+
+
+def _any_between(values: Any, at: int, low: float, high: float) -> bool:
+    """Return whether any of 24 values from a place on lies between two bounds."""
+    some = 0
+    for k in range(24):
+        some |= (values[at + k] >= low) & (values[at + k] <= high)
+    return some != 0
 
 
 def smallest(noise: Noise, count: int, rank: int) -> float:
@@ -432,29 +442,35 @@ def adaptive_threshold(points: Points, explained: float, r: float, s: float) -> 
 
 def find_breakpoints(breakpoints: Breakpoints, points: Points, scans: Scans) -> None:
     """Find the breakpoints; with a mask of beams that belong to objects, its borders are some, too."""
-    s, missing, gap, d_th, masked = points.s, points.missing, points.gap, points.d_th, scans.has_within
-    count, k, border, max_gap = 0, 0, 0, breakpoints.max_gap
-    while k < points.count:
-        # Four at once: most steps are small.
-        if k + 4 <= gap[border] and not masked:
-            if not max(max(abs(s[k]), abs(s[k + 1])), max(abs(s[k + 2]), abs(s[k + 3]))) > d_th:
-                k += 4
-                continue
-        if k == gap[border]:
-            border += 1
-        if missing[k] > max_gap:
-            breaks = True
-        elif abs(s[k]) > d_th:
-            breaks = not breakpoints.adaptive or is_unexplained(points, k, max_gap)
-        else:
-            breaks = False
-        if masked and not breaks:
-            breaks = is_within(points, scans, k) != is_within(points, scans, k - 1 if k else points.count - 1)
-        if breaks:
-            breakpoints.at[count] = k
-            count += 1
-        k += 1
+    s, missing, d_th, masked, max_gap = points.s, points.missing, points.d_th, scans.has_within, breakpoints.max_gap
+    count, begin = 0, 0
+    for i in range(points.gaps + 1):
+        k, end = begin, points.gap[i]
+        while k < end:
+            last = min(k + 4, end)
+            # Four at once: most steps are small, and beams are missing before the first alone.
+            if last < k + 4 or k == begin or masked or not _all_small(s, k, d_th):
+                for p in range(k, last):
+                    if missing[p] > max_gap:
+                        breaks = True
+                    elif abs(s[p]) > d_th:
+                        breaks = not breakpoints.adaptive or is_unexplained(points, p, max_gap)
+                    else:
+                        breaks = False
+                    if masked and not breaks:
+                        before = p - 1 if p else points.count - 1
+                        breaks = is_within(points, scans, p) != is_within(points, scans, before)
+                    if breaks:
+                        breakpoints.at[count] = p
+                        count += 1
+            k = last
+        begin = end
     breakpoints.count = count
+
+
+def _all_small(s: Any, k: int, d_th: float) -> bool:
+    """Return whether four steps from a point on are all no greater than d_th."""
+    return not max(max(abs(s[k]), abs(s[k + 1])), max(abs(s[k + 2]), abs(s[k + 3]))) > d_th
 
 
 def is_within(points: Points, scans: Scans, at: int) -> bool:
