@@ -48,7 +48,7 @@ cdef class Points:
 
 @cython.locals(
     count=Py_ssize_t, gaps=Py_ssize_t, k=Py_ssize_t, last=Py_ssize_t, first=Py_ssize_t, at=Py_ssize_t, here=Py_ssize_t,
-    size=Py_ssize_t, stride=Py_ssize_t, some=float, i=Py_ssize_t
+    size=Py_ssize_t, stride=Py_ssize_t, some=float, away=double, i=Py_ssize_t
 )
 cdef void load(Points points, Scans scans, Py_ssize_t row) noexcept nogil
 cdef void repeat(Points points, Py_ssize_t lead) noexcept nogil

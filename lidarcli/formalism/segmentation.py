@@ -136,8 +136,9 @@ def load(points: Points, scans: Scans, row: int) -> None:
         for i in range(size):
             r[count + i] = ranges[at + i * stride]
         for i in range(size):
-            x[count + i] = r[count + i] * cos[here + i]
-            y[count + i] = r[count + i] * sin[here + i]
+            away = r[count + i]
+            x[count + i] = away * cos[here + i]
+            y[count + i] = away * sin[here + i]
         for i in range(size):
             position[count + i] = first + i
         for i in range(size):

@@ -132,7 +132,7 @@ class _PiledTopic:
             window, given_rules = concatenate(_every(waiting, THIN)), replace(self.rules, farthest=math.inf)
             low, high = bounds(window, given_rules)
             with np.errstate(invalid="ignore"):
-                reach = float(np.where(window.ranges < high[:, None], window.ranges, 0).max(initial=0))
+                reach = float(np.fmax.reduce(window.ranges * (window.ranges < high[:, None]), axis=None, initial=0))
             if self._windows < SURE or self._windows % SELDOM == 0 or reach > self._reach:
                 self._examine(window, low, high)
             if PILE in self.rules.no_return:

@@ -50,7 +50,7 @@ def judge_row(raw: Any, clean: Any, status: Any, begin: int, count: int, least: 
     for k in range(begin, begin + count):
         clean[k] = raw[k] if (raw[k] >= least) & (raw[k] <= most) else nothing
     for k in range(begin, begin + count):
-        status[k] = (not raw[k] >= least) | (not raw[k] <= most)
+        status[k] = clean[k] != clean[k]
 
 
 def any_of_32(codes: Any, at: int) -> bool:
