@@ -119,14 +119,14 @@ def load(points: Points, scans: Scans, row: int) -> None:
     # Runs of beams that have a range; a lost beam is NaN, and so is a sum with one.
     count, gaps, k, last = 0, 0, 0, -1
     while k < bearings:
-        if not ranges[beam + k * stride] == ranges[beam + k * stride]:
+        if ranges[beam + k * stride] != ranges[beam + k * stride]:
             k += 1
             continue
         first = k
         while k + 4 <= bearings:
             at = beam + k * stride
             some = (ranges[at] + ranges[at + stride]) + (ranges[at + 2 * stride] + ranges[at + 3 * stride])
-            if not some == some:
+            if some != some:
                 break
             k += 4
         while k < bearings and ranges[beam + k * stride] == ranges[beam + k * stride]:
