@@ -32,7 +32,7 @@ cdef class Features:
     cdef Py_ssize_t* last
     cdef double* x
     cdef double* y
-    cdef double cos, sin, met, crossed, goes_on, supported
+    cdef double cos, sin, met, goes_on, crossed, supported
     cdef Py_ssize_t* lines
     cdef Py_ssize_t* walls
     cdef Py_ssize_t line_count, wall_count
@@ -111,10 +111,11 @@ cdef void measure_walls(Features features, Faces faces, Py_ssize_t k) noexcept n
 cdef void _measure_face(
     Features features, Points points, Faces faces, Scans scans, Py_ssize_t k, Py_ssize_t face
 ) noexcept nogil
+cdef bint _is_lost(Points points, Scans scans, Py_ssize_t position) noexcept nogil
 @cython.locals(
     count=Py_ssize_t, p=Py_ssize_t, lost=Py_ssize_t, last=double, begin=double, through=Py_ssize_t, far=double, met=double,
-    crossed=double, stride=Py_ssize_t, left=Py_ssize_t, here=Py_ssize_t, before=Py_ssize_t, step=double, on=double,
-    per_plane=double
+    crossed=double, stride=Py_ssize_t, left=Py_ssize_t, here=Py_ssize_t, expected=Py_ssize_t, ahead=Py_ssize_t, step=double,
+    on=double, past=double, per_plane=double
 )
 cdef void _follow(
     Features features, Points points, Scans scans, Py_ssize_t start, int sign, double normal_x, double normal_y,

@@ -496,6 +496,15 @@ def _measure_face(features: Features, points: Points, faces: Faces, scans: Scans
     values[at + LINE] = features.met / (features.met + features.crossed + LINE_PRIOR)
 
 
+def _is_lost(points: Points, scans: Scans, position: int) -> bool:
+    """Return whether the beam at a position, at most one turn beyond the seam, has no return."""
+    if position < 0 or position >= points.bearings:
+        position += points.bearings if position < 0 else -points.bearings
+    if points.reverse:
+        position = points.bearings - 1 - position
+    return scans.status[points.row * scans.width + position] == segmentation.NO_RETURN
+
+
 def _follow(
     features: Features, points: Points, scans: Scans, start: int, sign: int, normal_x: float, normal_y: float, c: float
 ) -> None:
@@ -517,40 +526,42 @@ def _follow(
     stride = 1
     while stride < MAX_STRIDE and (stride + 1) * c * points.step <= SPACING:
         stride += 1
-    left, here = count - 1, position[p]
+    left, here, ahead = count - 1, position[p], sign * stride
     while left > 0:
-        stride = min(stride, left)
+        if stride > left:
+            stride, ahead = left, sign * left
         left -= stride
-        p += sign * stride
-        before = here
+        p += ahead
+        expected = here + ahead
         if p < 0 or p >= count:
             if points.period == 0:
                 break
-            before -= sign * points.period
+            expected -= sign * points.period
             p += count if p < 0 else -count
         here = position[p]
         q = normal_x * x[p] + normal_y * y[p]
         if q < FRONT * r[p]:
             break
         s = (along_y * y[p] + along_x * x[p]) * c / q
-        if s < last or s - begin > LINE_REACH:
+        past = s - begin
+        if s < last or past > LINE_REACH:
             break
-        step, depth, lost = s - last, q - c, (here - before) * sign - stride
+        step, depth = s - last, q - c
         last = s
-        if lost > 0:
-            beam = segmentation.beam_at(points, here - sign)
-            if beam >= 0 and scans.status[points.row * scans.width + beam] == segmentation.NO_RETURN:
+        if here != expected:
+            lost = (here - expected) * sign
+            if _is_lost(points, scans, here - sign):
                 crossed += step * lost / (lost + stride)
             # Where beams were lost what is on the line is unknown.
             step = 0.0
         if through < CROSSED:
-            allowed = plane + SLANT * (s - begin)
+            allowed = plane + SLANT * past
             if depth > allowed:
                 through += stride
             else:
                 through = 0
                 if depth >= -allowed:
-                    far = s - begin
+                    far = past
         if per_plane * depth >= 1.5:
             crossed += step
         elif depth > -HIDDEN_BY:

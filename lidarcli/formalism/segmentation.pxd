@@ -37,8 +37,8 @@ cdef class Points:
     cdef readonly Py_ssize_t most, row, count, gaps, nearest, beams, bearings, period
     cdef bint reverse
     cdef double first, step, cos_half, sin_half, sigma, d_th, flicker
-    cdef Py_ssize_t* position
-    cdef Py_ssize_t* missing
+    cdef int* position
+    cdef int* missing
     cdef Py_ssize_t* gap
     cdef double* r
     cdef double* x
@@ -46,13 +46,16 @@ cdef class Points:
     cdef double* s
 
 
-@cython.locals(count=Py_ssize_t)
+@cython.locals(
+    count=Py_ssize_t, gaps=Py_ssize_t, k=Py_ssize_t, last=Py_ssize_t, first=Py_ssize_t, at=Py_ssize_t, here=Py_ssize_t,
+    size=Py_ssize_t, stride=Py_ssize_t, some=float, away=double, i=Py_ssize_t
+)
 cdef void load(Points points, Scans scans, Py_ssize_t row) noexcept nogil
 cdef void repeat(Points points, Py_ssize_t lead) noexcept nogil
 cdef double bearing(Points points, Py_ssize_t at) noexcept nogil
 cdef Py_ssize_t beam_at(Points points, Py_ssize_t position) noexcept nogil
 cdef double distance(Points points, Py_ssize_t a, Py_ssize_t b) noexcept nogil
-@cython.locals(gaps=Py_ssize_t, least=double)
+@cython.locals(count=Py_ssize_t, last=Py_ssize_t, least=double, k=Py_ssize_t, at=Py_ssize_t, fours=Py_ssize_t, some=double)
 cdef void differences(Points points) noexcept nogil
 @cython.locals(gone=Py_ssize_t, lost=Py_ssize_t)
 cdef double flicker(Points points, Scans scans) noexcept nogil
@@ -71,8 +74,13 @@ cdef class Noise:
 
 cdef double sigma_of(Noise noise, Scans scans, Py_ssize_t row) noexcept nogil
 cdef float middle_second_difference(Noise noise, Scans scans, Py_ssize_t row) noexcept nogil
-@cython.locals(numbers=int, below=int, within=int, low=float, high=float, kept=Py_ssize_t, middle=float, margin=float)
+@cython.locals(
+    numbers=int, below=int, within=int, low=float, high=float, kept=Py_ssize_t, margin=float, some_low=float, some_high=float,
+    below_some=int, within_some=int, k=Py_ssize_t, last=Py_ssize_t
+)
 cdef float lower_median(Noise noise, Py_ssize_t count) noexcept nogil
+@cython.locals(some=int)
+cdef bint _any_between(float* values, Py_ssize_t at, float low, float high) noexcept nogil
 @cython.locals(below=int, within=int, low=Py_ssize_t, high=Py_ssize_t)
 cdef float smallest(Noise noise, Py_ssize_t count, Py_ssize_t rank) noexcept nogil
 
@@ -87,8 +95,11 @@ cdef class Breakpoints:
 
 cdef double noise_threshold(double sigma) noexcept nogil
 cdef double adaptive_threshold(Points points, double explained, double r, double s) noexcept nogil
-@cython.locals(breaks=bint)
+@cython.locals(
+    breaks=bint, count=Py_ssize_t, begin=Py_ssize_t, k=Py_ssize_t, end=Py_ssize_t, last=Py_ssize_t, before=Py_ssize_t, max_gap=int
+)
 cdef void find_breakpoints(Breakpoints breakpoints, Points points, Scans scans) noexcept nogil
+cdef bint _all_small(double* s, Py_ssize_t k, double d_th) noexcept nogil
 cdef bint is_within(Points points, Scans scans, Py_ssize_t at) noexcept nogil
 cdef bint is_unexplained(Points points, Py_ssize_t at, Py_ssize_t max_gap) noexcept nogil
 @cython.locals(lag=Py_ssize_t, some=bint, span=Py_ssize_t)

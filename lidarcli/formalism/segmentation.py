@@ -70,12 +70,12 @@ class Points:
         """Make room for sweeps of up to so many beams."""
         self.owner: list[Any] = []
         self.most = most
-        self.position = native.integers(self.owner, 2 * most)
+        self.position = native.numbers(self.owner, 2 * most)
         self.r = native.doubles(self.owner, 2 * most)
         self.x = native.doubles(self.owner, 2 * most)
         self.y = native.doubles(self.owner, 2 * most)
         self.s = native.doubles(self.owner, most)
-        self.missing = native.integers(self.owner, most)
+        self.missing = native.numbers(self.owner, most)
         self.gap = native.integers(self.owner, most + 1)
         """The `gaps` points before which beams were lost, and `count`."""
         self.row = 0
@@ -111,22 +111,45 @@ def load(points: Points, scans: Scans, row: int) -> None:
         points.first += (points.bearings - 1) * increment
 
     position, r, x, y = points.position, points.r, points.x, points.y
-    ranges, cos, sin = scans.ranges, scans.cos, scans.sin
-    directions = scans.direction[row] * scans.width
+    missing, gap, ranges, cos, sin = points.missing, points.gap, scans.ranges, scans.cos, scans.sin
+    direction, bearings = scans.direction[row] * scans.width, points.bearings
     beam, stride = row * scans.width, 1
     if points.reverse:
-        beam, stride = beam + points.bearings - 1, -1
-    count = 0
-    for k in range(points.bearings):
-        distance = ranges[beam]
-        position[count] = k
-        r[count] = distance
-        x[count] = distance * cos[directions + k]
-        y[count] = distance * sin[directions + k]
-        # A lost beam is NaN: the next one takes its place.
-        count += distance == distance
-        beam += stride
-    points.count = count
+        beam, stride = beam + bearings - 1, -1
+    # Runs of beams that have a range; a lost beam is NaN, and so is a sum with one.
+    count, gaps, k, last = 0, 0, 0, -1
+    while k < bearings:
+        if ranges[beam + k * stride] != ranges[beam + k * stride]:
+            k += 1
+            continue
+        first = k
+        while k + 4 <= bearings:
+            at = beam + k * stride
+            some = (ranges[at] + ranges[at + stride]) + (ranges[at + 2 * stride] + ranges[at + 3 * stride])
+            if some != some:
+                break
+            k += 4
+        while k < bearings and ranges[beam + k * stride] == ranges[beam + k * stride]:
+            k += 1
+        at, here, size = beam + first * stride, direction + first, k - first
+        # A loop for each: none of them reads what it writes.
+        for i in range(size):
+            r[count + i] = ranges[at + i * stride]
+        for i in range(size):
+            away = r[count + i]
+            x[count + i] = away * cos[here + i]
+            y[count + i] = away * sin[here + i]
+        for i in range(size):
+            position[count + i] = first + i
+        for i in range(size):
+            missing[count + i] = 0
+        if count > 0:
+            missing[count] = first - last - 1
+            gap[gaps] = count
+            gaps += 1
+        count += size
+        last = k - 1
+    points.count, points.gaps = count, gaps
 
 
 def repeat(points: Points, lead: int) -> None:
@@ -161,31 +184,38 @@ def distance(points: Points, a: int, b: int) -> float:
 
 
 def differences(points: Points) -> None:
-    """Def. 2: s(θ_n) = r(θ_n) - r(θ_{n-1}) [m] and the lost beams between the two; the gaps, and the nearest point.
+    """Def. 2: s(θ_n) = r(θ_n) - r(θ_{n-1}) [m], the lost beams before the first point and the gap there; the nearest point.
 
     The point before the first is the last one on a full turn; on a partial view there is none, and s is NaN.
     """
-    position, r, s, missing, gap = points.position, points.r, points.s, points.missing, points.gap
-    last = points.count - 1
-    for k in range(1, points.count):
+    r, s, missing, gap, count = points.r, points.s, points.missing, points.gap, points.count
+    last, points.nearest = count - 1, -1
+    for k in range(1, count):
         s[k] = r[k] - r[k - 1]
-    for k in range(1, points.count):
-        missing[k] = position[k] - position[k - 1] - 1
     if points.period > 0 and last > 0:
         s[0] = r[0] - r[last]
-        missing[0] = position[0] + points.period - position[last] - 1
+        missing[0] = points.position[0] + points.period - points.position[last] - 1
     else:
         s[0] = NAN
         missing[0] = NEVER
-    least, gaps, points.nearest = INFINITE, 0, 0 if points.count > 0 else -1
-    for k in range(points.count):
-        gap[gaps] = k
-        gaps += missing[k] != 0
+    if count > 0 and missing[0] != 0:
+        for i in range(points.gaps, 0, -1):
+            gap[i] = gap[i - 1]
+        gap[0] = 0
+        points.gaps += 1
+    gap[points.gaps] = count
+    least, at, fours = INFINITE, 0, count - count % 4
+    for k in range(0, fours, 4):
+        some = min(min(r[k], r[k + 1]), min(r[k + 2], r[k + 3]))
+        if some < least:
+            least, at = some, k
+    for k in range(fours, count):
         if r[k] < least:
-            least = r[k]
-            points.nearest = k
-    gap[gaps] = points.count
-    points.gaps = gaps
+            least, at = r[k], k
+    if count > 0:
+        while r[at] > least:
+            at += 1
+        points.nearest = at
 
 
 def flicker(points: Points, scans: Scans) -> float:
@@ -305,26 +335,34 @@ def lower_median(noise: Noise, count: int) -> float:
     rank = (numbers - 1) // 2
     if not (below <= rank and rank < within):
         low, high, below = 0.0, SINGLE_INFINITY, 0
-    kept = 0
-    for k in range(count):
-        some[kept] = values[k]
-        kept += (values[k] >= low) & (values[k] <= high)
-    rank -= below
-    if high < SINGLE_INFINITY and kept > FEW_VALUES:
+    elif within - below > FEW_VALUES:
         # Where among these it is likely to be: as far as its rank, give or take two standard deviations.
-        middle, margin = low + (high - low) * (rank + 0.5) / kept, (high - low) / math.sqrt(kept)
-        low, high = middle - margin, middle + margin
-        below, within = 0, 0
-        for k in range(kept):
-            below += some[k] < low
-            within += some[k] <= high
-        if below <= rank and rank < within:
-            count, kept = kept, 0
-            for k in range(count):
-                some[kept] = some[k]
-                kept += (some[k] >= low) & (some[k] <= high)
-            rank -= below
-    return smallest(noise, kept, rank)
+        some_low = low + (high - low) * (rank - below + 0.5) / (within - below)
+        margin = (high - low) / math.sqrt(within - below)
+        some_low, some_high = some_low - margin, some_low + margin
+        below_some, within_some = 0, 0
+        for k in range(count):
+            below_some += values[k] < some_low
+            within_some += values[k] <= some_high
+        if below_some <= rank and rank < within_some:
+            low, high, below = some_low, some_high, below_some
+    kept, k = 0, 0
+    while k < count:
+        last = min(k + 24, count)
+        if last < k + 24 or _any_between(values, k, low, high):
+            for i in range(k, last):
+                some[kept] = values[i]
+                kept += (values[i] >= low) & (values[i] <= high)
+        k = last
+    return smallest(noise, kept, rank - below)
+
+
+def _any_between(values: Any, at: int, low: float, high: float) -> bool:
+    """Return whether any of 24 values from a place on lies between two bounds."""
+    some = 0
+    for k in range(24):
+        some |= (values[at + k] >= low) & (values[at + k] <= high)
+    return some != 0
 
 
 def smallest(noise: Noise, count: int, rank: int) -> float:
@@ -405,23 +443,35 @@ def adaptive_threshold(points: Points, explained: float, r: float, s: float) -> 
 
 def find_breakpoints(breakpoints: Breakpoints, points: Points, scans: Scans) -> None:
     """Find the breakpoints; with a mask of beams that belong to objects, its borders are some, too."""
-    s, missing, d_th, masked = points.s, points.missing, points.d_th, scans.has_within
-    count = 0
-    for k in range(points.count):
-        if not abs(s[k]) > d_th and missing[k] == 0 and not masked:
-            continue
-        if missing[k] > breakpoints.max_gap:
-            breaks = True
-        elif abs(s[k]) > d_th:
-            breaks = not breakpoints.adaptive or is_unexplained(points, k, breakpoints.max_gap)
-        else:
-            breaks = False
-        if masked and not breaks:
-            breaks = is_within(points, scans, k) != is_within(points, scans, k - 1 if k else points.count - 1)
-        if breaks:
-            breakpoints.at[count] = k
-            count += 1
+    s, missing, d_th, masked, max_gap = points.s, points.missing, points.d_th, scans.has_within, breakpoints.max_gap
+    count, begin = 0, 0
+    for i in range(points.gaps + 1):
+        k, end = begin, points.gap[i]
+        while k < end:
+            last = min(k + 4, end)
+            # Four at once: most steps are small, and beams are missing before the first alone.
+            if last < k + 4 or k == begin or masked or not _all_small(s, k, d_th):
+                for p in range(k, last):
+                    if missing[p] > max_gap:
+                        breaks = True
+                    elif abs(s[p]) > d_th:
+                        breaks = not breakpoints.adaptive or is_unexplained(points, p, max_gap)
+                    else:
+                        breaks = False
+                    if masked and not breaks:
+                        before = p - 1 if p else points.count - 1
+                        breaks = is_within(points, scans, p) != is_within(points, scans, before)
+                    if breaks:
+                        breakpoints.at[count] = p
+                        count += 1
+            k = last
+        begin = end
     breakpoints.count = count
+
+
+def _all_small(s: Any, k: int, d_th: float) -> bool:
+    """Return whether four steps from a point on are all no greater than d_th."""
+    return not max(max(abs(s[k]), abs(s[k + 1])), max(abs(s[k + 2]), abs(s[k + 3]))) > d_th
 
 
 def is_within(points: Points, scans: Scans, at: int) -> bool:

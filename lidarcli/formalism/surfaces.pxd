@@ -49,6 +49,7 @@ cdef void between(Faces faces, Points points, Segments segments, Py_ssize_t j, P
 cdef void _trace(Faces faces, Points points, Segments segments, Py_ssize_t j, Py_ssize_t most) noexcept nogil
 cdef void split(Faces faces, double tolerance) noexcept nogil
 cdef void _split(Faces faces, Py_ssize_t begin, Py_ssize_t end, double tolerance, Py_ssize_t levels) noexcept nogil
+@cython.locals(best=double, some=double, at=Py_ssize_t, k=Py_ssize_t)
 cdef Py_ssize_t _farthest(Faces faces, Py_ssize_t begin, Py_ssize_t end, double tolerance) noexcept nogil
 @cython.locals(low=bint, found=bint)
 cdef bint _drop_flat(Faces faces, double tolerance) noexcept nogil

@@ -168,10 +168,19 @@ def _farthest(faces: Faces, begin: int, end: int, tolerance: float) -> int:
         base = x0 * normal_x + y0 * normal_y
         for k in range(begin + 1, end):
             away[k] = abs(normal_x * x[k] + normal_y * y[k] - base)
-    best, at = tolerance, -1
-    for k in range(begin + 1, end):
+    best, at, k = tolerance, -1, begin + 1
+    while k + 4 <= end:
+        some = max(max(away[k], away[k + 1]), max(away[k + 2], away[k + 3]))
+        if some > best:
+            best, at = some, k
+        k += 4
+    while k < end:
         if away[k] > best:
             best, at = away[k], k
+        k += 1
+    # Of the four the first that is so far.
+    while at >= 0 and away[at] < best:
+        at += 1
     return at
 
 

@@ -23,10 +23,11 @@ cdef class Verdict:
     cdef list owner
     cdef Trees trees
     cdef double least
+    cdef double* asked
     cdef double* thing
 
 
 cdef void decide(Verdict verdict, Features evidence) noexcept nogil
 @cython.locals(n=Py_ssize_t)
-cdef double score(Trees trees, Features evidence, Py_ssize_t k) noexcept nogil
+cdef double score(Trees trees, double* values) noexcept nogil
 cdef void choose(Survey survey, Segments segments, Features evidence, Verdict verdict) noexcept nogil

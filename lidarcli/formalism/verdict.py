@@ -45,6 +45,8 @@ class Verdict:
         self.owner: list[Any] = []
         self.trees = TREES
         self.least = least
+        self.asked = native.doubles(self.owner, COUNT)
+        """Features of one body."""
         self.thing = native.doubles(self.owner, most)
         """Probability of each body."""
 
@@ -52,18 +54,19 @@ class Verdict:
 def decide(verdict: Verdict, evidence: Features) -> None:
     """Decide the probability of each body to be an object."""
     for k in range(evidence.count):
-        verdict.thing[k] = 1.0 / (1.0 + math.exp(-score(verdict.trees, evidence, k)))
+        for i in range(COUNT):
+            verdict.asked[i] = evidence.values[k * COUNT + i]
+        verdict.thing[k] = 1.0 / (1.0 + math.exp(-score(verdict.trees, verdict.asked)))
 
 
-def score(trees: Trees, evidence: Features, k: int) -> float:
-    """Return the log-odds of a body: the sum of one leaf of each tree."""
-    feature, bound, leaf, values = trees.feature, trees.bound, trees.leaf, evidence.values
-    total, begin = trees.prior, k * COUNT
+def score(trees: Trees, values: Any) -> float:
+    """Return the log-odds of a body by its features: the sum of one leaf of each tree."""
+    feature, bound, leaf, total = trees.feature, trees.bound, trees.leaf, trees.prior
     for root in range(trees.trees, 2 * trees.trees):
         # Without branches, which would be guessed wrong.
-        n = 2 * root + (values[begin + feature[root]] > bound[root])
-        n = 2 * n + (values[begin + feature[n]] > bound[n])
-        n = 2 * n + (values[begin + feature[n]] > bound[n])
+        n = 2 * root + (values[feature[root]] > bound[root])
+        n = 2 * n + (values[feature[n]] > bound[n])
+        n = 2 * n + (values[feature[n]] > bound[n])
         total += leaf[n]
     return total
 

@@ -24,6 +24,9 @@ WINDOW_VALUES = 1 << 17
 """Most ranges of such a window: they wait in memory."""
 THIN = 4
 """One sweep in this many is examined; all counts below refer to these."""
+SURE, SELDOM = 16, 4
+"""So many windows of a topic are all examined; later one in so many, and each that reaches farther than all before it: what
+a sensor does it does from the start, but a robot may leave the house."""
 MIN_SWEEPS = 5
 MIN_SHARE = 0.002
 """Share of all beams that a pile holds."""
@@ -89,6 +92,9 @@ class _PiledTopic:
     _waiting: list[RawSweeps] = field(default_factory=list)
     _sweeps: int = 0
     _values: int = 0
+    _windows: int = 0
+    _reach: float = 0.0
+    """Greatest range in the windows so far [m]."""
     _earlier: int = 0
     _beams: int = 0
     _examined: int = 0
@@ -123,16 +129,23 @@ class _PiledTopic:
         """Examine the waiting sweeps and yield them."""
         waiting, self._waiting = self._waiting, []
         if waiting:
-            self._examine(waiting)
+            window, given_rules = concatenate(_every(waiting, THIN)), replace(self.rules, farthest=math.inf)
+            low, high = bounds(window, given_rules)
+            with np.errstate(invalid="ignore"):
+                reach = float(np.fmax.reduce(window.ranges * (window.ranges < high[:, None]), axis=None, initial=0))
+            if self._windows < SURE or self._windows % SELDOM == 0 or reach > self._reach:
+                self._examine(window, low, high)
+            if PILE in self.rules.no_return:
+                self._count_piled(waiting, given_rules)
+            self._report_findings(window.topic)
+            self._reach = max(reach, self._reach)
+            self._windows += 1
         self._earlier += self._sweeps
         self._sweeps = self._values = 0
         for block in waiting:
             yield block, self.rules
 
-    def _examine(self, waiting: list[RawSweeps]) -> None:
-        window = concatenate(_every(waiting, THIN))
-        given_rules = replace(self.rules, farthest=math.inf)
-        low, high = bounds(window, given_rules)
+    def _examine(self, window: RawSweeps, low: Float32, high: Float32) -> None:
         self._examined += int(window.beams.sum())
         if self.rules.limits is None:
             self._find_beyond(window, high)
@@ -142,8 +155,6 @@ class _PiledTopic:
                 clean[is_marked(window.ranges, self.rules)] = np.nan
             self._find_stuck(clean)
             self._find_piles(window, clean)
-            self._count_piled(waiting, given_rules)
-        self._report_findings(window.topic)
 
     def _find_stuck(self, ranges: Float32) -> None:
         """Mark stuck beams from now on."""

@@ -45,6 +45,8 @@ PLOTTED = 500
 """Most values of an array that PlotJuggler keeps, unless it is set otherwise."""
 APART = 0.1
 """Least change [m] of half of the beams between sweeps of two alternating sensors."""
+RECENT = 8
+"""So many different sweeps are remembered, in case they come again."""
 FROZEN_NS = 500_000_000
 """Age from which on the same ranges are those of a sensor that hangs [ns]; a driver may send each sweep some times."""
 AT_MOST, ABOVE, BELOW = "at range_max", "above range_max", "below range_min"
@@ -114,6 +116,15 @@ def range_bytes(raw: RawSweeps, row: int) -> bytes:
     return raw.ranges[row, : raw.beams[row]].tobytes()
 
 
+def _sums(raw: RawSweeps) -> list[int]:
+    """Return the sum of the bits of the ranges of each sweep."""
+    bits, width = raw.ranges.view(np.uint32), raw.ranges.shape[1]
+    if (raw.beams < width).any():
+        bits = np.where(np.arange(width) < raw.beams[:, None], bits, np.uint32(0))
+    sums: list[int] = bits.sum(axis=1, dtype=np.uint32).tolist()
+    return sums
+
+
 def _is_noisy(raw: RawSweeps, row: int) -> bool:
     """Return whether the ranges of a sweep have noise: on a straight wall 1/r is a sinusoid of the bearing."""
     # Rounding alone makes a middle third difference of 0.9 of its step.
@@ -175,8 +186,9 @@ class SweepStats:
     repeats: int = 0
     alike: int = 0
     """Sweeps that repeat the ranges of the one before; `repeats` counts those that repeat its stamp."""
-    recent: dict[int, tuple[int, int]] = field(default_factory=dict)
-    """Hash of the ranges of the last sweeps that differ → stamp and time of the recording of the first that had them."""
+    recent: dict[int, tuple[int, int, int]] = field(default_factory=dict)
+    """Hash of the ranges of the last `RECENT` that differ → stamp, time of the recording of the first sweep that had them,
+    and sum of their bits."""
     examined: int = 0
     zeros: int = 0
     """Sweeps that were examined; `zeros` counts those with a view of zeros, of which `most_zeros` is the widest [rad]."""
@@ -298,12 +310,17 @@ class SweepStats:
         These have them noise and all, or while the sensor `went` on.
         """
         same, since = np.zeros(len(raw), np.bool_), np.column_stack([raw.time_ns, raw.record_ns])
-        times, keys = since.copy(), [hash(range_bytes(raw, row)) for row in range(len(raw))]
-        for row, key in enumerate(keys):
+        times, sums, rows = since.copy(), _sums(raw), range(len(raw))
+        # Ranges of different sums differ: then the last ones, for the sweeps to come, are all that is worth a hash.
+        if len({*sums, *(known[2] for known in self.recent.values())}) == len(sums) + len(self.recent):
+            rows = rows[-RECENT:]
+        keys = {row: hash(range_bytes(raw, row)) for row in rows}
+        for row, key in keys.items():
             same[row] = key == next(reversed(self.recent), None)
-            if key not in self.recent and len(self.recent) == 8:
+            if key not in self.recent and len(self.recent) == RECENT:
                 del self.recent[next(iter(self.recent))]
-            since[row] = self.recent[key] = self.recent.pop(key, (int(times[row, 0]), int(times[row, 1])))
+            self.recent[key] = self.recent.pop(key, (int(times[row, 0]), int(times[row, 1]), sums[row]))
+            since[row] = self.recent[key][:2]
         frozen: Bool = (times - since).max(axis=1, initial=0) > FROZEN_NS
         old = np.flatnonzero(frozen)
         if len(old):

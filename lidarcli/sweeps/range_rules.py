@@ -132,7 +132,7 @@ def normalise(raw: RawSweeps, sweep: Int64, rules: RangeRules, first_ns: int | N
         ranges=clean,
         status=status,
         closure=closure(raw.beams, raw.angle_increment),
-        observed=(status == Status.VALID).any(axis=1),
+        observed=(status == Status.VALID.value).any(axis=1),
         duration=duration(raw),
         first_ns=first_ns,
         intensities=_measured_intensities(raw.intensities),

@@ -30,9 +30,14 @@ def judge(ranges: Any, beams: Any, low: Any, most: Any, limit: Any, verdicts: An
     for row in range(rows):
         count = min(counted[row], width)
         judge_row(raw, target, codes, row * width, count, least[row], greatest[row])
-        for k in range(row * width, row * width + count):
-            if codes[k]:
-                codes[k] = says[_kind(raw[k], least[row], limits[row])]
+        at, end = row * width, row * width + count
+        while at < end:
+            last = min(at + 32, end)
+            if last < at + 32 or any_of_32(codes, at):
+                for k in range(at, last):
+                    if codes[k]:
+                        codes[k] = says[_kind(raw[k], least[row], limits[row])]
+            at = last
         for k in range(row * width + count, row * width + width):
             target[k] = NAN
             codes[k] = says[IS_PADDING]
@@ -45,7 +50,15 @@ def judge_row(raw: Any, clean: Any, status: Any, begin: int, count: int, least: 
     for k in range(begin, begin + count):
         clean[k] = raw[k] if (raw[k] >= least) & (raw[k] <= most) else nothing
     for k in range(begin, begin + count):
-        status[k] = (not raw[k] >= least) | (not raw[k] <= most)
+        status[k] = clean[k] != clean[k]
+
+
+def any_of_32(codes: Any, at: int) -> bool:
+    """Return whether any of the 32 codes from a place on is not 0: most are."""
+    some = 0
+    for k in range(32):
+        some |= codes[at + k]
+    return some != 0
 
 
 def _kind(value: float, least: float, limit: float) -> int:
@@ -66,18 +79,17 @@ def _kind(value: float, least: float, limit: float) -> int:
 def count_statuses(status: Any, counts: Any) -> None:
     """Count the beams of each row of (S, B) uint8 by status, into (6, S) int32 that are 0."""
     rows, width = status.shape
-    kinds = len(counts)
     codes, out = native.at_bytes(status), native.at_ints(counts)
     lock = native.release()
     for row in range(rows):
-        begin = row * width
-        left = width
-        # A loop for each status, of which most sweeps have one or two, is faster than one that branches.
-        for code in range(kinds):
-            if left > 0:
-                found = 0
-                for k in range(begin, begin + width):
-                    found += codes[k] == code
-                out[code * rows + row] = found
-                left -= found
+        at, end, zeros = row * width, (row + 1) * width, 0
+        while at < end:
+            last = min(at + 32, end)
+            if last < at + 32 or any_of_32(codes, at):
+                for k in range(at, last):
+                    out[codes[k] * rows + row] += 1
+            else:
+                zeros += 32
+            at = last
+        out[row] += zeros
     native.resume(lock)

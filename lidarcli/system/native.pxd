@@ -24,6 +24,10 @@ cdef inline Py_ssize_t* integers(list owner, Py_ssize_t count) except NULL:
     return <Py_ssize_t*> room(owner, count * sizeof(Py_ssize_t))
 
 
+cdef inline int* numbers(list owner, Py_ssize_t count) except NULL:
+    return <int*> room(owner, count * sizeof(int))
+
+
 cdef inline float* singles(list owner, Py_ssize_t count) except NULL:
     return <float*> room(owner, count * sizeof(float))
 

@@ -52,6 +52,10 @@ def integers(owner: list[Any], count: int) -> MutableSequence[int]:
     return cast("MutableSequence[int]", _checked([0] * count))
 
 
+numbers = integers
+"""Room for so many of 32 bits."""
+
+
 def singles(owner: list[Any], count: int) -> MutableSequence[float]:
     """Return room for so many float32, to which storing rounds."""
     return cast("MutableSequence[float]", _checked(array("f", bytes(4 * count))))
