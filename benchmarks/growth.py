@@ -13,11 +13,9 @@ import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 
-from benchmarks.bench import COUNTED, FEW, MOVING, WATCHED, Case, Log, count, counted, made, possible, run, words_of
+from benchmarks.bench import FEW, MOVING, WATCHED, Case, Log, count, counted, made, possible, run, words_of
 
-SWEEPS = (10_000, 100_000, 1_000_000)
-BEAMS = (180, 361, 1081, 2160, 4320, 8640)
-LOGS = (10, 100, 1000)
+COLUMNS = {"sweeps": (10_000, 100_000, 1_000_000), "beams": (180, 361, 1081, 2160, 4320, 8640), "logs": (10, 100, 1000)}
 ONCE = 1_000_000
 """Sweeps of a log that is gone through once."""
 
@@ -49,14 +47,12 @@ def over_sweeps(folder: Path, lengths: Sequence[int]) -> None:
 
 def over_beams(folder: Path, numbers: Sequence[int]) -> None:
     """Instructions of `detect` on the room, as sensors of more beams see it."""
-    logs = {beams: Log(f"room of {beams}", made=("--beams", str(beams))) for beams in numbers}
-    cases = possible([counted(log, name) for log in logs.values() for name in ("iterate", "detect")], folder)
-    found = count(cases, folder)
-    if found:
-        of = [found[f"{log.name}, detect, {COUNTED}"] for log in logs.values()]
-        thousands = [f"{each['instructions']:,.0f}" for each in of]
-        rows = {"k instructions a sweep": thousands, "x `iterate`": [f"{each['instructions_x']:.1f}" for each in of]}
-        table("beams", numbers, rows)
+    logs = [Log(f"room of {beams}", made=("--beams", str(beams))) for beams in numbers]
+    cases = possible([counted(log, name) for log in logs for name in ("iterate", "detect")], folder)
+    if found := count(cases, folder):
+        of = [found[case.name] for case in cases[1::2]]
+        rows = {"k instructions": [f"{each['instructions']:,.0f}" for each in of]}
+        table("beams", numbers, rows | {"x `iterate`": [f"{each['instructions_x']:.1f}" for each in of]})
 
 
 def over_logs(folder: Path, numbers: Sequence[int]) -> None:
@@ -70,23 +66,24 @@ def over_logs(folder: Path, numbers: Sequence[int]) -> None:
         for name in range(number):
             os.link(short, many / f"{name}.mcap")
         for how, cells in zip(hows, rows.values(), strict=True):
-            words = words_of(Case(FEW, f"detect {how}"), many, folder / "out")
-            cells.append(cell(words, 1 if number >= max(LOGS) else 3))
+            cells.append(cell(words_of(Case(FEW, f"detect {how}"), many, folder / "out")))
         shutil.rmtree(many)
     table(f"logs of {FEW.sweeps} sweeps", numbers, rows)
+
+
+PARTS = {"sweeps": over_sweeps, "beams": over_beams, "logs": over_logs}
 
 
 def main() -> None:
     """Parse the arguments, measure, print."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--sweeps", type=int, nargs="*", default=SWEEPS, help="lengths of logs")
-    parser.add_argument("--beams", type=int, nargs="*", default=BEAMS, help="numbers of beams")
-    parser.add_argument("--logs", type=int, nargs="*", default=LOGS, help="numbers of logs")
-    asked = parser.parse_args()
-    with tempfile.TemporaryDirectory(prefix="lidarcli-bench-") as name:
-        for part, columns in ((over_sweeps, asked.sweeps), (over_beams, asked.beams), (over_logs, asked.logs)):
-            if columns:
-                part(Path(name), columns)
+    for name in PARTS:
+        parser.add_argument(f"--{name}", type=int, nargs="*", default=COLUMNS[name], help="none: leave that table out")
+    asked = vars(parser.parse_args())
+    for name, part in PARTS.items():
+        with tempfile.TemporaryDirectory(prefix="lidarcli-bench-") as folder:
+            if asked[name]:
+                part(Path(folder), asked[name])
 
 
 if __name__ == "__main__":

@@ -2,9 +2,7 @@
 
 All but `figure` print the seconds, the processor seconds and the number of sweeps of their work, without the start of
 Python. `iterate` is the loop over the raw messages of an MCAP with the package `mcap`, in file order, `small` that of
-`small-mcap`. `read` is the least that any reader of an MCAP must do: read its chunks and decompress them. `segment` is a
-script that reads with `small-mcap`, cuts sweeps at jumps with numpy and writes nothing. `dbscan` is scikit-learn's
-DBSCAN(0.3, 3) on the points of one sweep after the other, `loop` Definitions 2, 3 and 5 beam by beam in plain Python.
+`small-mcap`. `segment` is a script that reads with `small-mcap`, cuts sweeps at jumps with numpy and writes nothing.
 `norfair` and `hungarian` follow the objects of a table: the package `norfair`, and Kalman filters of `filterpy` that the
 Hungarian algorithm of scipy assigns. `figure` draws as many points as a sweep has with matplotlib alone, and prints
 nothing: all of its process counts.
@@ -27,10 +25,8 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from lidarcli.sweeps.types import SweepBatch
-
-FEW, TRACKED = 300, 1000
-"""Sweeps for those that are slow, and of tables."""
+TRACKED = 1000
+"""Sweeps whose objects are followed."""
 NEAR = 0.5
 """How far something moves between two sweeps at most [m]."""
 
@@ -82,57 +78,6 @@ def segment(log: Path) -> int:
             kept += int(np.count_nonzero((size >= 3) & (length < 3.0) & (np.hypot(*middle) < 30.0)))
             count += 1
     return count
-
-
-def read(log: Path) -> int:
-    """Read the chunks of a zstd log and decompress them; return the number of messages that its summary tells."""
-    import zstandard
-    from mcap.records import Chunk, Statistics
-    from mcap.stream_reader import StreamReader
-
-    count = 0
-    decompress = zstandard.ZstdDecompressor().decompress
-    with log.open("rb") as file, clock():
-        for record in StreamReader(file, emit_chunks=True).records:
-            if isinstance(record, Chunk):
-                decompress(record.data, record.uncompressed_size)
-            elif isinstance(record, Statistics):
-                count = record.message_count
-    return count
-
-
-def dbscan(log: Path) -> int:
-    """Cluster the points of each of the first sweeps; return their number."""
-    import numpy as np
-    from sklearn.cluster import DBSCAN
-
-    batch = first_sweeps(log)
-    with clock():
-        for sweep in batch.ranges.astype(float):
-            angle = np.arange(len(sweep)) * float(batch.angle_increment[0])
-            points = np.column_stack([sweep * np.cos(angle), sweep * np.sin(angle)])[np.isfinite(sweep)]
-            DBSCAN(eps=0.3, min_samples=3).fit_predict(points)
-    return len(batch)
-
-
-def loop(log: Path) -> int:
-    """Differences, their mean, discontinuities and the runs between them, for each of the first sweeps."""
-    batch = first_sweeps(log)
-    step = float(batch.angle_increment[0])
-    with clock():
-        for sweep in batch.ranges:
-            r = sweep.tolist()
-            s = [r[n] - r[n - 1] for n in range(len(r))]
-            known = [abs(d) for d in s if not math.isnan(d)]
-            d_th = sum(known) / max(len(known), 1)
-            first, objects = 0, []
-            for n, d in enumerate(s):
-                if not abs(d) <= d_th:
-                    x = [r[k] * math.cos(k * step) for k in range(first, n)]
-                    y = [r[k] * math.sin(k * step) for k in range(first, n)]
-                    objects.append((first, n - 1, sum(x), sum(y)))
-                    first = n
-    return len(batch)
 
 
 def seen(table: Path) -> list[NDArray[np.float64]]:
@@ -187,17 +132,6 @@ def hungarian(table: Path) -> int:
     return len(sweeps)
 
 
-def first_sweeps(log: Path) -> SweepBatch:
-    """The first sweeps of a log, at most `FEW`."""
-    from lidarcli.logs import open_log
-    from lidarcli.logs.base import ReadReport
-    from lidarcli.logs.batches import ReadOptions, read_batches
-
-    with open_log(log) as source:
-        options = ReadOptions(end=FEW / 10.0, batch_size=FEW)
-        return next(iter(read_batches(source, options, ReadReport())))
-
-
 def figure() -> None:
     """Draw 360 points of a circle and write them as PNG."""
     import matplotlib
@@ -215,6 +149,6 @@ if __name__ == "__main__":
     if sys.argv[1] == "figure":
         figure()
     else:
-        works = (iterate, small, read, segment, dbscan, loop, norfair, hungarian)
+        works = (iterate, small, segment, norfair, hungarian)
         work = {each.__name__: each for each in works}[sys.argv[1]]
         print(work(Path(sys.argv[2])))
