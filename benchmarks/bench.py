@@ -184,7 +184,7 @@ CASES = (
     Case(NO_LOG, "lidarcli detect --help"),
     counted(TEN, "libraries", beside="libraries"),
     counted(TEN, "detect", 1.35, "libraries"),
-    *(counted(ROOM, command) for command in ("iterate", "small", "floor")),
+    *(counted(ROOM, command) for command in ("iterate", "small", "floor", "segment")),
     counted(ROOM, "detect", 4.3),
     counted(WIDE, "iterate"),
     counted(WIDE, "detect", 4.95),
@@ -443,10 +443,11 @@ def wanted(case: Case, results: Mapping[str, Figures]) -> Figures:
 
 
 def table(cases: Sequence[Case], results: Mapping[str, Figures]) -> Iterator[str]:
-    """Yield the lines of the table of some cases, with the columns of which they have figures."""
+    """Yield the lines of the table of some cases, with the columns of which they have figures; all are counted, or none."""
     columns = [figure for figure in COLUMNS if any(figure in results[case.name] for case in cases)]
-    yield f"| case | {' | '.join(COLUMNS[figure][0] for figure in columns)} | beside |"
-    yield f"|---|{'---:|' * len(columns)}---|"
+    timed = cases[0].how != COUNTED
+    yield f"| case | {' | '.join(COLUMNS[figure][0] for figure in columns)} |{' beside |' * timed}"
+    yield f"|---|{'---:|' * len(columns)}{'---|' * timed}"
     for case in cases:
         cells = [case.name.removesuffix(f", {COUNTED}")]
         for figure in columns:
@@ -455,7 +456,7 @@ def table(cases: Sequence[Case], results: Mapping[str, Figures]) -> Iterator[str
             if value is not None and most is not None:
                 text = f"{text} ≤ {most:.3g}" if value <= most else f"**{text} > {most:.3g}**"
             cells.append(text)
-        yield f"| {' | '.join((*cells, case.beside.removesuffix(f', {COUNTED}')))} |"
+        yield f"| {' | '.join(cells + [case.beside] * timed)} |"
 
 
 def main() -> None:
@@ -489,7 +490,8 @@ def main() -> None:
     for counting in (False, True):
         if some := [case for case in cases if (case.how == COUNTED) == counting]:
             print(*table(some, results), "", sep="\n")
-    print(*stages, sep="\n", end="")
+    for each in stages:
+        print(each)
     if arguments.json:
         told = {case.name: {**results[case.name], "beside": case.beside, "wanted": wanted(case, results)} for case in cases}
         text = {"machine": machine, "commit": commit, "sweeps": arguments.sweeps, "cases": told}

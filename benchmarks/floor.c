@@ -1,5 +1,4 @@
 /* The least that a program could take: read an MCAP of sensor_msgs/msg/LaserScan, decompress its chunks (zstd), touch each beam.
-
    Prints how many sweeps there are and the sum of their finite ranges. Compiled by bench.py, without headers of zstd. */
 #include <math.h>
 #include <stdint.h>
@@ -18,16 +17,10 @@ static uint64_t u64(const unsigned char *at) { uint64_t value; memcpy(&value, at
 
 /* CDR: 4 bytes of encapsulation; a stamp, frame_id, 7 floats, ranges, aligned from there on. */
 static void touch(const unsigned char *data) {
-    const unsigned char *body = data + 4;
-    uint32_t at = 8;
-    at += 4 + u32(body + at);
-    at = (at + 3) / 4 * 4 + 7 * 4;
-    uint32_t beams = u32(body + at);
-    const unsigned char *ranges = body + at + 4;
-    float each = 0;
-    for (uint32_t n = 0; n < beams; n++) {
-        float range;
-        memcpy(&range, ranges + 4 * n, 4);
+    const unsigned char *body = data + 4, *beams = body + (12 + u32(body + 8) + 3) / 4 * 4 + 28;
+    float each = 0, range;
+    for (uint32_t n = 1; n <= u32(beams); n++) {
+        memcpy(&range, beams + 4 * n, 4);
         if (isfinite(range)) each += range;
     }
     sum += each;
@@ -46,13 +39,12 @@ static void walk(const unsigned char *at, const unsigned char *end) {
         if (kind == 3 && !memcmp(record + 6, "sensor_msgs/msg/LaserScan", 25)) schema = u16(record);
         if (kind == 4 && u16(record + 2) == schema) channel = u16(record);
         if (kind == 5 && u16(record) == channel) touch(record + 22);
-        if (kind == 6) {
-            size_t size = u64(record + 16);
-            const unsigned char *packed = record + 32 + u32(record + 28) + 8;
-            if (size > room && !(plain = realloc(plain, room = size))) exit(1);
-            if (ZSTD_decompress(plain, size, packed, u64(packed - 8)) != size) exit(1);
-            walk(plain, plain + size);
-        }
+        if (kind != 6) continue;
+        size_t size = u64(record + 16);
+        const unsigned char *packed = record + 40 + u32(record + 28);
+        if (size > room && !(plain = realloc(plain, room = size))) exit(1);
+        if (ZSTD_decompress(plain, size, packed, u64(packed - 8)) != size) exit(1);
+        walk(plain, plain + size);
     }
 }
 
@@ -65,5 +57,4 @@ int main(int count, char **words) {
     if (!data || fread(data, 1, size, file) != size) return 1;
     walk(data + 8, data + size);
     printf("%ld %.6g\n", sweeps, sum);
-    return 0;
 }

@@ -56,11 +56,11 @@ def small(log: Path) -> int:
 
 
 def segment(log: Path) -> int:
-    """Points, jumps between neighbours, and the middle and size of what lies between; return the number of sweeps."""
+    """Points, jumps between neighbours, and the middle and length of what lies between; return the number of sweeps."""
     import numpy as np
     from small_mcap import include_topics, read_message
 
-    count, kept = 0, 0
+    count = 0
     with log.open("rb") as file, clock():
         for _, _, message in read_message(file, should_include=include_topics("/scan")):
             data = memoryview(message.data)[4:]
@@ -73,9 +73,8 @@ def segment(log: Path) -> int:
             jumps = np.hypot(np.diff(x), np.diff(y)) > 0.1 + 0.03 * np.minimum(r[1:], r[:-1])
             starts = np.concatenate(([0], np.flatnonzero(jumps) + 1))
             size = np.diff(starts, append=len(r))
-            middle = np.add.reduceat(x, starts) / size, np.add.reduceat(y, starts) / size
-            length = np.hypot(x[starts + size - 1] - x[starts], y[starts + size - 1] - y[starts])
-            kept += int(np.count_nonzero((size >= 3) & (length < 3.0) & (np.hypot(*middle) < 30.0)))
+            _ = np.add.reduceat(x, starts) / size, np.add.reduceat(y, starts) / size
+            _ = np.hypot(x[starts + size - 1] - x[starts], y[starts + size - 1] - y[starts])
             count += 1
     return count
 
