@@ -9,6 +9,7 @@ from __future__ import annotations
 import argparse
 import os
 import shutil
+import sys
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path
@@ -23,7 +24,9 @@ ONCE = 1_000_000
 def cell(words: Sequence[str], rounds: int = 3) -> str:
     """Return what a command takes."""
     runs = [run(*words) for _ in range(rounds)]
-    return f"{min(one.cpu_seconds for one in runs):.2f} s, {max(one.peak_mb for one in runs):.0f} MB"
+    told = f"{min(one.cpu_seconds for one in runs):.2f} s, {max(one.peak_mb for one in runs):.0f} MB"
+    print(f"{' '.join(words[1:5])}: {told}", file=sys.stderr)
+    return told
 
 
 def table(title: str, columns: Sequence[int], rows: dict[str, list[str]]) -> None:
