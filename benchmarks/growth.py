@@ -59,9 +59,9 @@ def over_beams(folder: Path, numbers: Sequence[int]) -> None:
 
 
 def over_logs(folder: Path, numbers: Sequence[int]) -> None:
-    """`detect` on many short logs, in one process, in threads and on a Dask cluster of this machine."""
+    """`detect` on many short logs, in processes of its own and on a Dask cluster of this machine."""
     short = made(FEW, folder, FEW.sweeps, "short")
-    hows = ("--jobs 1", "--jobs 2", "--cluster local:2")
+    hows = ("--jobs 2", "--cluster local:2")
     rows: dict[str, list[str]] = {f"detect {how}": [] for how in hows}
     for number in numbers:
         many = folder / "many"
