@@ -341,7 +341,8 @@ def count(cases: Sequence[Case], folder: Path) -> dict[str, Figures]:
             taken.append(instructions_of(*[sys.executable] * (words[0] == LIDARCLI), *words))
         return taken[0] if len(taken) == 1 else (taken[1] - taken[0]) / (LENGTHS[1] - LENGTHS[0])
 
-    print(f"counting instructions of {len(cases)} cases ...", file=sys.stderr)
+    if cases:
+        print(f"counting instructions of {len(cases)} cases ...", file=sys.stderr)
     with ThreadPoolExecutor(os.cpu_count()) as pool:
         found = {case.name: taken for case, taken in zip(cases, pool.map(counts, cases), strict=True)}
     beside = {case.name: {"instructions_x": found[case.name] / found[case.beside]} for case in cases if case.beside}
