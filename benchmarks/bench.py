@@ -2,7 +2,8 @@
 
 Each run is a process of its own, from the start of Python to the last byte on disk. The cases take turns, so that a busy
 machine hits all of them alike. The table is Markdown: `x` is the time for a sweep as a multiple of that of the case
-beside, the median of the rounds. After `≤` stands what is wanted; what does not hold is bold.
+beside, the median of the rounds. After `≤` stands what is wanted; what does not hold is bold. A second table counts
+instructions, which are the same on a busy machine, if valgrind is there.
 
 This process imports nothing heavy: on Linux the peak memory of a child counts from that of its parent.
 """
@@ -10,7 +11,9 @@ This process imports nothing heavy: on Linux the peak memory of a child counts f
 from __future__ import annotations
 
 import argparse
+import importlib.util
 import json
+import math
 import os
 import platform
 import re
@@ -19,9 +22,9 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
-from functools import cache
 from pathlib import Path
 from statistics import median
 
@@ -38,7 +41,9 @@ MANY = 400
 
 FINDS = ("detect", "track")
 COMMANDS = {
-    **{name: f"{{python}} {{references}} {name} {{log}}" for name in ("iterate", "read", "loop", "dbscan")},
+    **{name: f"{{python}} {{references}} {name} {{log}}" for name in ("iterate", "small", "segment")},
+    **{name: f"{{python}} {{references}} {name} {{objects}}" for name in ("norfair", "hungarian")},
+    "floor": "{floor} {log}",
     "figure": "{python} {references} figure",
     **{name: f"{{lidarcli}} -q {name} {{log}} -o {{out}} --overwrite" for name in FINDS},
     "many": "{lidarcli} -q detect {many} --jobs 1 -o {out} --overwrite",
@@ -56,6 +61,8 @@ COMMANDS = {
     "libraries": "{python} -c __import__('numpy');__import__('pyarrow.parquet')",
 }
 """First word of the command of a case → what is run; its other words follow."""
+NEEDED = {"small": "small_mcap", "segment": "small_mcap", "norfair": "norfair", "hungarian": "filterpy"}
+"""First word of a command → the package that it is there to measure, or to measure with."""
 STANDS = "1000000000 0 0 0 0 0 0 1\n2000000000 0 0 0 0 0 0 1\n"
 """Path of the sensor for `map`: in the simulated logs it stands."""
 WATCHED = "".join(
@@ -100,7 +107,9 @@ PLAIN = Log("plain", 0.02, "scene_moving.toml")
 BEAMS = Log("720 beams", 0.5, made=("--beams", "720"))
 LONG = Log("long", 10, "scene_moving.toml")
 
-PINNED, NOT_COMPILED = "on one processor", "not compiled"
+PINNED, NOT_COMPILED, COUNTED = "on one processor", "not compiled", "instructions"
+LENGTHS = (1000, 3000)
+"""Sweeps of two logs: what a sweep takes is their difference, without the start."""
 Figures = dict[str, float]
 """Figure → its value; `COLUMNS` names them."""
 Most = dict[str, float | tuple[float, str]]
@@ -117,11 +126,9 @@ class Case:
     """Name of the case that is its reference."""
     most: Most = field(default_factory=dict)
     how: str = ""
-    """`PINNED`, `NOT_COMPILED` or nothing."""
+    """`PINNED`, `NOT_COMPILED`, `COUNTED` or nothing."""
     after: str = ""
     """Name of the case whose tables it reads."""
-    counted: bool = False
-    """Whether valgrind counts its instructions, which are the same on a busy machine."""
 
     @property
     def name(self) -> str:
@@ -133,6 +140,12 @@ class Case:
         """Names of the cases that have to run before it."""
         others = [most[1] for most in self.most.values() if isinstance(most, tuple)]
         return [name for name in (self.beside, self.after, *others) if name]
+
+
+def counted(log: Log, command: str, most: float | tuple[float, str] = math.inf, beside: str = "iterate") -> Case:
+    """A case of which instructions are counted, beside another command on the same log."""
+    limit: Most = {} if most == math.inf else {"instructions_x": most}
+    return Case(log, command, ", ".join((log.name, beside, COUNTED)) * (command != beside), limit, COUNTED)
 
 
 CASES = (
@@ -165,18 +178,28 @@ CASES = (
     Case(FEW, "gif", most={"seconds": 6}),
     Case(FEW, "detect", "short, figure"),
     Case(FEW, "track", "short, figure", {"cpu_x": 0.5}),
-    Case(TEN, "libraries", counted=True),
-    Case(TEN, "detect", "ten, libraries", {"instructions_x": 1.35}, counted=True),
     Case(FEW, "report", "short, figure", {"cpu_x": 1.6}, after="short, track"),
     Case(FEW, "info", "short, figure"),
     Case(NO_LOG, "lidarcli --help", most={"seconds": 0.15}),
     Case(NO_LOG, "lidarcli detect --help"),
+    counted(TEN, "libraries", beside="libraries"),
+    counted(TEN, "detect", 1.35, "libraries"),
+    *(counted(ROOM, command) for command in ("iterate", "small", "floor", "segment")),
+    counted(ROOM, "detect", 4.3),
+    counted(WIDE, "iterate"),
+    counted(WIDE, "detect", 4.95),
+    counted(PEOPLE, "iterate"),
+    counted(PEOPLE, "detect", 6.75),
+    counted(PEOPLE, "track", 21),
+    *(counted(MOVING, command) for command in ("iterate", "detect")),
+    counted(MOVING, "track", 12.2),
+    counted(MOVING, "clean", (1.5, "moving, track, instructions")),
+    counted(MOVING, "overlay", (1.3, "moving, track, instructions")),
 )
 """`make bench`."""
 MORE = (
-    Case(ROOM, "read", "room, iterate"),
-    Case(ROOM, "loop", "room, iterate"),
-    Case(ROOM, "dbscan", "room, iterate"),
+    Case(ROOM, "small", "room, iterate"),
+    Case(ROOM, "segment", "room, iterate"),
     Case(ROOM, "detect --profile paper", "room, iterate"),
     Case(ROOM, "map", "room, iterate"),
     Case(ROOM, "background", "room, iterate"),
@@ -190,8 +213,7 @@ MORE = (
     Case(Log("ROS 1 bag", suffix=".bag"), "detect", "room, detect"),
     Case(Log("ROS 2 sqlite3", suffix=".db3"), "detect", "room, detect"),
     Case(Log("CSV", 0.2, suffix=".csv"), "detect", "room, detect"),
-    Case(Log("a hundredth", 0.01), "detect", "room, detect"),
-    Case(Log("a tenth", 0.1), "detect", "room, detect"),
+    *(Case(PEOPLE, command, "people, track", after="people, track") for command in ("norfair", "hungarian")),
     Case(LONG, "detect", "moving, detect", {"peak_mb": 250}),
     Case(LONG, "track", "long, detect", {"peak_mb": 260}),
     Case(PLAIN, "detect", how=NOT_COMPILED),
@@ -208,11 +230,12 @@ COLUMNS = {
     "x": ("x", ".2f"),
     "cpu_x": ("x processor", ".2f"),
     "cpu_us_more": ("processor µs more", ",.1f"),
+    "instructions": ("k instructions", ",.1f"),
     "instructions_x": ("x instructions", ".2f"),
     "objects": ("objects", ".1f"),
     "bytes_per_object": ("bytes per object", ".0f"),
 }
-"""Figure → its column, and how it is written. Microseconds and objects are those of a sweep."""
+"""Figure → its column, and how it is written. Microseconds, objects and instructions are those of a sweep."""
 
 
 @dataclass(frozen=True)
@@ -225,19 +248,16 @@ class Run:
     output: str
     sweeps: int = 0
     """Sweeps that it went through."""
-    instructions: int = 0
-    """Those that valgrind counted; 0 where there is none, or nobody asked."""
 
 
-@cache
-def instructions_of(*command: str) -> int:
-    """Return how many instructions a command takes once its bytecode is there; 0 without valgrind."""
-    if (valgrind := shutil.which("valgrind")) is None:
-        return 0
-    counting = (valgrind, "--tool=callgrind", "--callgrind-out-file=/dev/null", sys.executable, *command)
+def instructions_of(*command: str, **settings: str) -> int:
+    """Return how many instructions a command takes once its bytecode is there, by valgrind, with these settings."""
+    counting = ("valgrind", "--tool=cachegrind", "--cache-sim=no", "--cachegrind-out-file=/dev/null", *command)
     environment = {name: value for name, value in os.environ.items() if name != COMPILED_EACH_TIME}
-    done = subprocess.run(counting, capture_output=True, text=True, check=True, env=environment | {"PYTHONHASHSEED": "0"})
-    return int(re.findall(r"Collected : (\d+)", done.stderr)[0])
+    done = subprocess.run(
+        counting, capture_output=True, text=True, check=True, env=environment | {"PYTHONHASHSEED": "0", **settings}
+    )
+    return int(re.findall(r"I +refs: +([\d,]+)", done.stderr)[0].replace(",", ""))
 
 
 def run(*command: str, pinned: bool = False, compiled: bool = True) -> Run:
@@ -273,13 +293,19 @@ def make_log(folder: Path, name: str, sweeps: int, *options: str, source: str | 
     return log
 
 
-def once(case: Case, log: Path, sweeps: int) -> Run:
-    """Run a case on a log of so many sweeps; a reference that tells its own figures is taken at its word."""
-    out = log.parent / "out"
+def made(log: Log, folder: Path, sweeps: int, name: str) -> Path:
+    """Make a log of a run."""
+    source = Path(os.environ[REAL_LOGS], log.source).absolute() if log.recorded else log.source
+    return make_log(folder, name + log.suffix, sweeps, *log.made, source=source)
+
+
+def words_of(case: Case, log: Path, out: Path) -> list[str]:
+    """Return the command of a case on a log, with its tables in `out`."""
     places = {
         "python": sys.executable,
         "lidarcli": LIDARCLI,
         "references": HERE / "references.py",
+        "floor": log.parent / "floor",
         "path": log.parent / "path.tum",
         "zones": log.parent / "zones.toml",
         "many": log.parent / "many",
@@ -288,14 +314,39 @@ def once(case: Case, log: Path, sweeps: int) -> Run:
         "out": out,
     }
     first, *options = case.command.split()
-    words = [word.format(**places) for word in COMMANDS[first].split()]
-    done = run(*words, *options, pinned=case.how == PINNED, compiled=case.how != NOT_COMPILED)
-    if str(places["references"]) in words and done.output:
+    return [word.format(**places) for word in COMMANDS[first].split()] + options
+
+
+def once(case: Case, log: Path, sweeps: int) -> Run:
+    """Run a case on a log of so many sweeps; a reference that tells its own figures is taken at its word."""
+    words = words_of(case, log, log.parent / "out")
+    done = run(*words, pinned=case.how == PINNED, compiled=case.how != NOT_COMPILED)
+    if str(HERE / "references.py") in words and done.output:
         seconds, cpu, count = map(float, done.output.split())
         return replace(done, seconds=seconds, cpu_seconds=cpu, sweeps=int(count))
-    # The interpreter is that of the script.
-    count = instructions_of(*words[words[0] == sys.executable :], *options) if case.counted else 0
-    return replace(done, sweeps=sweeps, instructions=count)
+    return replace(done, sweeps=sweeps)
+
+
+def count(cases: Sequence[Case], folder: Path) -> dict[str, Figures]:
+    """Return the instructions of cases: those of a sweep, or of the process if the length of the log is given."""
+    lengths = {case.log: (case.log.sweeps,) if case.log.sweeps else LENGTHS for case in cases}
+    logs = {(log, n): made(log, folder, n, f"{log.name} {n}") for log, sizes in lengths.items() for n in sizes}
+
+    def counts(case: Case) -> float:
+        taken = []
+        for sweeps in lengths[case.log]:
+            words = words_of(case, logs[case.log, sweeps], folder / f"{case.name} {sweeps}")
+            run(*words)  # what is not compiled yet becomes bytecode
+            # A script has the interpreter in its first line.
+            taken.append(instructions_of(*[sys.executable] * (words[0] == LIDARCLI), *words))
+        return taken[0] if len(taken) == 1 else (taken[1] - taken[0]) / (LENGTHS[1] - LENGTHS[0])
+
+    if cases:
+        print(f"counting instructions of {len(cases)} cases ...", file=sys.stderr)
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        found = {case.name: taken for case, taken in zip(cases, pool.map(counts, cases), strict=True)}
+    beside = {case.name: {"instructions_x": found[case.name] / found[case.beside]} for case in cases if case.beside}
+    return {name: {"instructions": taken / 1e3} | beside.get(name, {}) for name, taken in found.items()}
 
 
 def figures_of(runs: Sequence[Run], others: Sequence[Run]) -> Figures:
@@ -313,8 +364,6 @@ def figures_of(runs: Sequence[Run], others: Sequence[Run]) -> Figures:
         figures["cpu_x"] = median(one.cpu_seconds / other.cpu_seconds for one, other in pairs) / share
         more = median(one.cpu_seconds - other.cpu_seconds * share for one, other in pairs)
         figures["cpu_us_more"] = 1e6 * more / sweeps
-        if others[0].instructions:
-            figures["instructions_x"] = runs[0].instructions / others[0].instructions / share
     return figures
 
 
@@ -327,12 +376,10 @@ def objects_in(table: Path, sweeps: int, recorded: bool) -> Figures:
 
 def measure(cases: Sequence[Case], sweeps: int, repeats: int, folder: Path) -> dict[str, Figures]:
     """Make the logs, run all cases in turns, and return the figures of each by its name."""
+    found = count([case for case in cases if case.how == COUNTED], folder)
+    cases = [case for case in cases if case.how != COUNTED]
     lengths = {case.log: case.log.sweeps or round(case.log.share * sweeps) for case in cases} | {NO_LOG: 0}
-    logs = {log: folder / (log.name + log.suffix) for log in lengths}
-    for log, length in lengths.items():
-        if log != NO_LOG:
-            source = Path(os.environ[REAL_LOGS], log.source).absolute() if log.recorded else log.source
-            make_log(folder, logs[log].name, length, *log.made, source=source)
+    logs = {log: made(log, folder, n, log.name) if log != NO_LOG else folder for log, n in lengths.items()}
     (folder / "path.tum").write_text(STANDS, encoding="utf-8")
     (folder / "zones.toml").write_text(WATCHED, encoding="utf-8")
     if FEW in logs:
@@ -349,9 +396,34 @@ def measure(cases: Sequence[Case], sweeps: int, repeats: int, folder: Path) -> d
             if turn == 0 and case.command.split()[0] in FINDS:
                 table = folder / "out" / f"{case.log.name}.objects.parquet"
                 objects[case.name] = objects_in(table, lengths[case.log], case.log.recorded)
-    return {
+    timed = {
         case.name: figures_of(runs[case.name], runs.get(case.beside, ())) | objects.get(case.name, {}) for case in cases
     }
+    return timed | found
+
+
+def possible(cases: Sequence[Case], folder: Path) -> list[Case]:
+    """Leave out what cannot be measured here, with a word to stderr; build the program that some need."""
+    lacks: dict[str, str] = {}
+    for case in cases:
+        needed = NEEDED.get(case.command)
+        if case.log.recorded and not os.environ.get(REAL_LOGS):
+            lacks[case.name] = f"{REAL_LOGS} names no folder of recordings"
+        elif case.how == COUNTED and not shutil.which("valgrind"):
+            lacks[case.name] = "there is no valgrind"
+        elif needed and importlib.util.find_spec(needed) is None:
+            lacks[case.name] = f"there is no package {needed}"
+        elif case.command == "floor" and not built(folder / "floor"):
+            lacks[case.name] = "there is no C compiler, or no libzstd.so.1"
+    for why in sorted(set(lacks.values())):
+        print(f"left out, as {why}: {'; '.join(name for name in lacks if lacks[name] == why)}", file=sys.stderr)
+    return [case for case in cases if case.name not in lacks]
+
+
+def built(program: Path) -> bool:
+    """Compile the reference in C; return whether that went well."""
+    build = ("cc", "-O2", "-o", str(program), str(HERE / "floor.c"), "-l:libzstd.so.1")
+    return bool(shutil.which("cc")) and subprocess.run(build, capture_output=True, check=False).returncode == 0
 
 
 def chosen(cases: Sequence[Case], words: str) -> list[Case]:
@@ -371,16 +443,21 @@ def wanted(case: Case, results: Mapping[str, Figures]) -> Figures:
     }
 
 
-def row(case: Case, results: Mapping[str, Figures]) -> str:
-    """Return the row of a case in the table."""
-    cells = [case.name]
-    for figure, (_, form) in COLUMNS.items():
-        value, most = results[case.name].get(figure), wanted(case, results).get(figure)
-        text = "" if value is None else format(value, form)
-        if value is not None and most is not None:
-            text = f"{text} ≤ {most:.3g}" if value <= most else f"**{text} > {most:.3g}**"
-        cells.append(text)
-    return f"| {' | '.join((*cells, case.beside))} |"
+def table(cases: Sequence[Case], results: Mapping[str, Figures]) -> Iterator[str]:
+    """Yield the lines of the table of some cases, with the columns of which they have figures; all are counted, or none."""
+    columns = [figure for figure in COLUMNS if any(figure in results[case.name] for case in cases)]
+    timed = cases[0].how != COUNTED
+    yield f"| case | {' | '.join(COLUMNS[figure][0] for figure in columns)} |{' beside |' * timed}"
+    yield f"|---|{'---:|' * len(columns)}{'---|' * timed}"
+    for case in cases:
+        cells = [case.name.removesuffix(f", {COUNTED}")]
+        for figure in columns:
+            value, most = results[case.name].get(figure), wanted(case, results).get(figure)
+            text = "" if value is None else format(value, COLUMNS[figure][1])
+            if value is not None and most is not None:
+                text = f"{text} ≤ {most:.3g}" if value <= most else f"**{text} > {most:.3g}**"
+            cells.append(text)
+        yield f"| {' | '.join(cells + [case.beside] * timed)} |"
 
 
 def main() -> None:
@@ -394,17 +471,13 @@ def main() -> None:
     add("--json", type=Path, metavar="FILE", help="also write the figures as JSON")
     add("--assert", dest="limits", action="store_true", help="exit code 1 unless all is as wanted")
     arguments = parser.parse_args()
-    cases = list(CASES + MORE if arguments.all else CASES)
-    if not os.environ.get(REAL_LOGS):
-        cases = [case for case in cases if not case.log.recorded]
-        print(f"{REAL_LOGS} names no folder of recordings: those are left out", file=sys.stderr)
-    cases = chosen(cases, arguments.only)
-    if not cases:
-        parser.error(f"no case has '{arguments.only}' in its name")
     machine = f"{platform.machine()}, {os.cpu_count()} cores, Python {platform.python_version()}"
     commit = run("git", "-C", str(HERE), "describe", "--always", "--dirty").output.strip()
     folder = Path(tempfile.mkdtemp(prefix="lidarcli-bench-"))
     try:
+        cases = possible(chosen(CASES + MORE if arguments.all else CASES, arguments.only), folder)
+        if not cases:
+            parser.error(f"no case that can be measured has '{arguments.only}' in its name")
         results = measure(cases, arguments.sweeps, arguments.repeats, folder)
         whole = [folder / (log.name + log.suffix) for log in (ROOM, WIDE) if arguments.all]
         stages = [
@@ -415,9 +488,11 @@ def main() -> None:
     finally:
         shutil.rmtree(folder)
     print(f"{machine}, commit {commit}, {arguments.sweeps:,} sweeps, median of {arguments.repeats}.\n")
-    print(f"| case | {' | '.join(title for title, _ in COLUMNS.values())} | beside |")
-    print(f"|---|{'---:|' * len(COLUMNS)}---|")
-    print(*(row(case, results) for case in cases), *stages, sep="\n")
+    for counting in (False, True):
+        if some := [case for case in cases if (case.how == COUNTED) == counting]:
+            print(*table(some, results), "", sep="\n")
+    for each in stages:
+        print(each)
     if arguments.json:
         told = {case.name: {**results[case.name], "beside": case.beside, "wanted": wanted(case, results)} for case in cases}
         text = {"machine": machine, "commit": commit, "sweeps": arguments.sweeps, "cases": told}

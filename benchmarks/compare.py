@@ -1,6 +1,7 @@
 """Two commits side by side: `lidarcli detect` of the work tree against that of another commit, on the same logs.
 
-The other commit is checked out into a temporary folder, its core is built there, and the two take turns.
+The other commit is checked out into a temporary folder, its core is built there, and the two take turns. Where valgrind is,
+instructions are counted besides: of a sweep, as the difference of two lengths of a log; of the shortest, the whole process.
 """
 
 from __future__ import annotations
@@ -8,13 +9,16 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import shutil
 import subprocess
 import sys
 import tempfile
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from statistics import median
 
-from benchmarks.bench import HERE, make_log, run
+from benchmarks.bench import HERE, LENGTHS, instructions_of, make_log, run
 
 LOGS = {
     "361 beams": ("361.mcap", 1.0, ()),
@@ -26,13 +30,27 @@ SHORT = 300
 """Sweeps of the shortest log: the start counts more than they do."""
 
 
+def command(log: Path, out: Path) -> tuple[str, ...]:
+    """Words of `detect`; the folder that this runs in must not come before the tree that `PYTHONPATH` names: -P."""
+    return (sys.executable, "-P", "-m", "lidarcli", "-q", "detect", str(log), "--overwrite", "-o", str(out))
+
+
 def detect(tree: Path, log: Path, folder: Path) -> tuple[float, float]:
     """Wall and processor time of a run with the code of a tree [s]."""
-    # The folder that this runs in must not come before the tree: -P.
-    command = (sys.executable, "-P", "-m", "lidarcli", "-q", "detect", str(log), "--overwrite")
     os.environ["PYTHONPATH"] = str(tree)
-    done = run(*command, "-o", str(folder / "tables"))
+    done = run(*command(log, folder / "tables"))
     return done.seconds, done.cpu_seconds
+
+
+def instructions(trees: Sequence[Path], logs: Sequence[Path], sweeps: Sequence[int]) -> list[float]:
+    """Thousands of instructions with the code of each tree: of a sweep, given logs of two lengths, or of the process."""
+
+    def counts(tree: Path) -> float:
+        taken = [instructions_of(*command(log, log.parent / f"of-{tree.name}"), PYTHONPATH=str(tree)) for log in logs]
+        return taken[0] / 1e3 if len(taken) == 1 else (taken[1] - taken[0]) / (sweeps[1] - sweeps[0]) / 1e3
+
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        return list(pool.map(counts, trees))
 
 
 def check_out(base: str, tree: Path) -> None:
@@ -64,17 +82,26 @@ def main() -> None:
         folder = Path(name)
         base, new = folder / "base", HERE.parent
         check_out(arguments.base, base)
-        print(f"{'':14}{arguments.base[:12] + ' us':>16}{'here us':>10}{'here / base':>13}{'cpu':>7}")
+        counting = bool(shutil.which("valgrind"))
+        head = f"{'':14}{arguments.base[:12] + ' us':>16}{'here us':>10}{'here / base':>13}{'cpu':>7}"
+        print(head + f"{'base k instr.':>16}{'here':>10}{'here / base':>13}" * counting)
         for title, (file, share, made) in LOGS.items():
             sweeps = round(arguments.sweeps * share) or SHORT
             log = make_log(folder, file, sweeps, *made)
             pairs = [(detect(base, log, folder), detect(new, log, folder)) for _ in range(arguments.repeats)]
+            log.unlink()
             before, after = (1e6 * median(pair[k][0] for pair in pairs) / sweeps for k in (0, 1))
             ratio = median(one[0] / other[0] for other, one in pairs)
             cpu = median(one[1] / other[1] for other, one in pairs)
             figures[title] = {"base_us": before, "here_us": after, "ratio": ratio, "cpu_ratio": cpu}
-            print(f"{title:14}{before:>16.1f}{after:>10.1f}{ratio:>13.2f}{cpu:>7.2f}")
-            log.unlink()
+            line = f"{title:14}{before:>16.1f}{after:>10.1f}{ratio:>13.2f}{cpu:>7.2f}"
+            if counting:
+                lengths = LENGTHS if share else (SHORT,)
+                logs = [make_log(folder, f"{length}-{file}", length, *made) for length in lengths]
+                was, now = instructions((base, new), logs, lengths)
+                figures[title] |= {"base_instructions": was, "here_instructions": now, "instructions_ratio": now / was}
+                line += f"{was:>16,.1f}{now:>10,.1f}{now / was:>13.3f}"
+            print(line, flush=True)
     if arguments.json:
         arguments.json.write_text(json.dumps(figures, indent=2) + "\n", encoding="utf-8")
 
