@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from lidarcli.formalism.detection import AGENT
+from lidarcli.formalism.detection import AGENT, starts
 from lidarcli.formalism.tracking.results import HIDDEN, Tracks, Trajectories
 
 MIN_WAY, MAX_LENGTH = 2.0, 1.2
@@ -27,8 +27,8 @@ class PersonFinder:
     """Finds which tracks of one tracker are one person, from their trajectories, piece by piece."""
 
     def __init__(self) -> None:
-        self._first: dict[int, tuple[float, ...]] = {}
-        self._last: dict[int, tuple[float, ...]] = {}
+        self._first: dict[int, list[float]] = {}
+        self._last: dict[int, list[float]] = {}
         """First and last sight of each track: stamp [ns], x, y [m], vx, vy [m/s]."""
         self._both: Counter[tuple[int, int]] = Counter()
         self._close: Counter[tuple[int, int]] = Counter()
@@ -36,14 +36,14 @@ class PersonFinder:
 
     def add(self, rows: Trajectories) -> None:
         """Take the next rows; all that moves in a sweep comes at once."""
-        sights = np.column_stack([rows.stamp_ns, rows.x, rows.y, rows.vx, rows.vy])
         seen = np.flatnonzero(rows.seen != HIDDEN)
         if not len(seen):
             return
         by_track = seen[np.lexsort((rows.stamp_ns[seen], rows.track[seen]))]
-        numbers, begin = np.unique(rows.track[by_track], return_index=True)
-        ends = sights[by_track[begin]], sights[by_track[np.append(begin[1:], len(by_track)) - 1]]
-        for number, first, last in zip(numbers.tolist(), *(map(tuple, each.tolist()) for each in ends), strict=True):
+        begin = starts(rows.track[by_track])
+        ends = by_track[np.array([begin, np.append(begin[1:], len(by_track)) - 1])]
+        columns = np.array([each[ends] for each in (rows.stamp_ns, rows.x, rows.y, rows.vx, rows.vy)]).T.tolist()
+        for number, (first, last) in zip(rows.track[ends[0]].tolist(), columns, strict=True):
             self._first[number] = min(first, self._first.get(number, first))
             self._last[number] = max(last, self._last.get(number, last))
         # There are many things that stand.

@@ -166,12 +166,12 @@ class Detection:
     def taken(self, order: Int64) -> Detection:
         """Return some of the objects, in this order; what is given per sweep or beam stays."""
         arrays = {name: getattr(self, name) for name in fields_per("object")}
-        chosen = {name: values[order] for name, values in arrays.items() if values is not None}
+        chosen = {name: values.take(order, 0) for name, values in arrays.items() if values is not None}
         lists: dict[Per, str] = {"vertex": "vertex_offsets", "face": "face_offsets"}
         for per, name in lists.items():
             begin = getattr(self, name).astype(np.int64)
             at, _, offsets = spans(begin[order], np.diff(begin)[order])
-            chosen |= {each: getattr(self, each)[at] for each in fields_per(per)} | {name: offsets.astype(np.int32)}
+            chosen |= {each: getattr(self, each).take(at) for each in fields_per(per)} | {name: offsets.astype(np.int32)}
         return replace(self, **chosen)
 
     def shares(self, batch: SweepBatch) -> Float64:
@@ -231,6 +231,13 @@ def starts(values: Int64) -> Int64:
     begins[:1] = True
     np.not_equal(values[1:], values[:-1], out=begins[1:])
     return begins.nonzero()[0]
+
+
+def median(values: Float64 | Int64) -> Float64:
+    """Return the median of the rows of an array without NaN; that of numpy would import the masked arrays."""
+    ordered = np.sort(values, axis=0)
+    middle: Float64 = 0.5 * (ordered[(len(values) - 1) // 2] + ordered[len(values) // 2])
+    return middle
 
 
 def grouped_medians(value: Float32, owner: Int64, groups: int) -> Float64:

@@ -207,4 +207,4 @@ MAX_CELLS = math.ceil((3.0 * REACH + 2.0 * (FARTHEST + MARGIN)) / CELL + 2.0) **
 
 def _by_world(worlds: Int64) -> list[tuple[int, Int64]]:
     """Return the worlds of some sweeps, and the rows of each."""
-    return [(world, np.flatnonzero(worlds == world)) for world in np.unique(worlds).tolist() if world >= 0]
+    return [(world, np.flatnonzero(worlds == world)) for world in np.flatnonzero(np.bincount(worlds[worlds >= 0])).tolist()]

@@ -69,7 +69,7 @@ cpdef poll(
 )
 @cython.locals(
     count=Py_ssize_t, first=Py_ssize_t, used=Py_ssize_t, k=Py_ssize_t, body=Py_ssize_t, _=Py_ssize_t, at=Py_ssize_t,
-    came=bint, goes_on=bint
+    came=bint, goes_on=bint, is_free=bint, is_next_free=bint
 )
 cdef Py_ssize_t _use(Ends ends, Py_ssize_t sweep, bint surfaces) noexcept nogil
 @cython.locals(first=Py_ssize_t, at=Py_ssize_t, k=Py_ssize_t, beam=Py_ssize_t, r=double)

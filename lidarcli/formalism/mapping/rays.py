@@ -254,16 +254,13 @@ def _use(ends: Ends, sweep: int, surfaces: bool) -> int:
             if k == ends.beam_f[body]:
                 break
             k = k + 1 if k + 1 < count else 0
-    goes_on = False
+    goes_on, is_next_free = False, surfaces and count > 0 and ends.body[0] == NO_BODY
     for k in range(count):
-        at, came = first + k, goes_on
-        goes_on = k + 1 < count and (
-            (abs(ends.ranges[at + 1] - ends.ranges[at]) < ends.step)
-            & (ends.body[k] == NO_BODY)
-            & (ends.body[k + 1] == NO_BODY)
-        )
+        at, came, is_free = first + k, goes_on, is_next_free
+        is_next_free = surfaces and k + 1 < count and ends.body[k + 1] == NO_BODY
+        goes_on = is_free and is_next_free and abs(ends.ranges[at + 1] - ends.ranges[at]) < ends.step
         ends.beam[used] = k
-        used += (ends.ranges[at] <= ends.farthest) & ((ends.body[k] >= 0) | (surfaces & came & goes_on))
+        used += (ends.ranges[at] <= ends.farthest) & ((ends.body[k] >= 0) | (came & goes_on))
     _lay(ends, sweep, used)
     return used
 

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from lidarcli.formalism.detection import starts
+from lidarcli.formalism.detection import median, starts
 from lidarcli.formalism.tracking.keyframes import Keyframes
 from lidarcli.formalism.tracking.results import MIN_WAY
 from lidarcli.formalism.tracking.tracks import Track, main_part
@@ -89,8 +89,8 @@ def judge(sightings: Any, track: Track, at: Int64, step: Int64, time: Float64, m
     least : least score of an agent
     """
     firsts = starts(step)
-    seen, parts = step[firsts], np.diff(firsts, append=len(at))
-    place, when = np.add.reduceat(sightings.view[at], firsts) / parts, time[seen]
+    seen = step[firsts]
+    place, when = np.add.reduceat(sightings.view[at], firsts) / np.bincount(step)[seen], time[seen]
     rows, moves = sightings.keep[at[firsts]], moving[seen] == 1
     own = np.logical_or.reduceat(sightings.own[at], firsts)
     far = max(AGENTS.min_jump, min(2.0 * max(main_part(track).h), AGENTS.largest) + MIN_WAY)
@@ -147,7 +147,7 @@ def _rests_as_another(sightings: Any, place: Any, when: Float64, rows: Int64, re
     `rests`: which of them may be.
     """
     another, first = np.zeros(len(rests), bool), len(place) - len(rests)
-    edges = np.flatnonzero(np.diff(rests, prepend=False, append=False)).reshape(-1, 2)
+    edges = np.flatnonzero(np.append(False, rests) != np.append(rests, False)).reshape(-1, 2)
     for b, e in edges.tolist():
         i = first + (b + e) // 2
         apart = np.abs(place[:i] - place[i])
@@ -164,7 +164,7 @@ def _jumps(place: Any, when: Float64, far: float) -> Int64:
     apart, gap = np.diff(place), np.diff(when)
     expected = np.zeros(len(apart), complex)
     if len(apart) > 1:
-        steady = gap[:-1] <= 2.0 * np.median(gap)
+        steady = gap[:-1] <= 2.0 * median(gap)
         expected[1:] = np.where(steady, apart[:-1] / np.maximum(gap[:-1], 1e-3) * gap[1:], 0.0)
         expected[0] = apart[1] / max(gap[1], 1e-3) * gap[0]
     return np.flatnonzero(np.minimum(np.abs(apart), np.abs(apart - expected)) > far) + 1
@@ -182,11 +182,10 @@ def _picks(place: Any) -> Int64:
 
 def _balance(sightings: Any, keyframes: Keyframes, at: Int64, step: Int64, sweeps: Int64) -> Float64:
     """Return the balance of the looks in some sweeps, before or after: from -1, all hit, to 1, all free; NaN if unknown."""
-    which = np.flatnonzero(np.isin(step, sweeps))
+    which = np.flatnonzero(np.bincount(sweeps, minlength=step[-1] + 1)[step])
     looks = np.empty((len(which), 4))
     keyframes.count_looks(sightings.recorded, np.ascontiguousarray(sightings.keep[at[which]]), looks)
-    groups = starts(step[which])
-    looks = np.add.reduceat(looks, groups) / np.diff(groups, append=len(which))[:, None]
+    looks = np.add.reduceat(looks, starts(step[which])) / np.bincount(step)[sweeps, None]
     free, hits = looks[:, ::2], looks[:, 1::2]
     total = free + hits
     either = np.where(total >= AGENTS.min_looks, (free - hits) / np.maximum(total, AGENTS.min_looks), np.nan)
@@ -199,13 +198,14 @@ def _chance(place: Any, balance: Float64, moves: Bool) -> tuple[float, int]:
     free = np.flatnonzero(decided & (balance > 0.0))
     if len(free) < 2:
         return 0.0, 0
-    off = place[free] - place[free].mean()
-    axis = np.sqrt((off * off).mean())
+    off = place[free] - np.add.reduce(place[free]) / len(free)
+    axis = np.sqrt(np.add.reduce(off * off) / len(free))
     along = (off * np.conj(axis)).real / max(abs(axis), 1e-9)
-    length = float(np.ptp(along))
-    share = (along - along.min()) / max(length, 1e-9)
+    along -= np.minimum.reduce(along)
+    length = float(np.maximum.reduce(along))
+    share = along / max(length, 1e-9)
     between = np.count_nonzero((share > AGENTS.between) & (share < 1.0 - AGENTS.between))
-    step = float(np.abs(np.diff(place)).max()) / max(length, AGENTS.shortest_path)
+    step = float(np.maximum.reduce(np.abs(place[1:] - place[:-1]))) / max(length, AGENTS.shortest_path)
     odds = AGENTS.odds + AGENTS.balance * float(balance[decided].mean()) + AGENTS.places * math.log1p(between)
     odds += AGENTS.step * math.log(step + AGENTS.min_step_share)
     return 1.0 / (1.0 + math.exp(-odds)), int(free[0])
@@ -219,18 +219,18 @@ def own_body(sightings: Any, mine: Int64, known: set[complex]) -> Bool:
     place = sightings.ahead[mine] + 1j * sightings.left[mine]
     own, near = np.zeros(len(place), bool), np.flatnonzero(np.abs(place) < AGENTS.body_reach)
     cell = np.round(place[near] / AGENTS.body_cell)
-    if len(near):
+    if len(near) and np.ptp(sightings.travelled[mine]) >= AGENTS.body_path:
         sweeps, firsts = np.unique(sightings.sweep[mine], return_index=True)
         travelled = sightings.travelled[mine[firsts]]
         steps = dict(zip(sweeps.tolist(), np.diff(travelled, prepend=travelled[0]).tolist(), strict=True))
-        if np.ptp(travelled) >= AGENTS.body_path:
-            seen: dict[complex, set[int]] = {}
-            for one, sweep in zip(cell.tolist(), sightings.sweep[mine[near]].tolist(), strict=True):
-                seen.setdefault(one, set()).add(sweep)
-            around = [complex(i, k) for i in (-1, 0, 1) for k in (-1, 0, 1)]
-            for one in seen:
-                there = set().union(*(seen.get(one + each, ()) for each in around))
-                if sum(steps[sweep] for sweep in there) >= AGENTS.body_share * np.ptp(travelled):
-                    known.add(one)
+        seen: dict[complex, set[int]] = {}
+        for one, sweep in zip(cell.tolist(), sightings.sweep[mine[near]].tolist(), strict=True):
+            seen.setdefault(one, set()).add(sweep)
+        around = [complex(i, k) for i in (-1, 0, 1) for k in (-1, 0, 1)]
+        for one in seen:
+            there = set().union(*(seen.get(one + each, ()) for each in around))
+            if sum(steps[sweep] for sweep in there) >= AGENTS.body_share * np.ptp(travelled):
+                known.add(one)
+    if known:
         own[near] = np.isin(cell, np.array([*known], complex))
     return own

@@ -231,7 +231,7 @@ def _may_be_one(sightings: Any, earlier: TrackEnd, later: TrackEnd) -> bool:
     pieces, gap = (earlier.tracklet, later.tracklet), later.time - earlier.time
     if not sightings.is_placed:
         return True
-    sensor = int(sightings.column("sensor")[sightings.spans[pieces[1].number].start])
+    sensor = int(sightings.column("sensor", sightings.spans[pieces[1].number].start))
     width = 2.0 * max(*pieces[0].h, *pieces[1].h)
     free, outside, left = sightings.keyframes.uncovered(sensor, earlier.time, earlier.place, later.time, later.place, width)
     stood = [piece.last_time - piece.first_time for piece in pieces if not piece.moved]
@@ -296,10 +296,9 @@ def store_end(sightings: Any, tracklet: Tracklet) -> None:
         tracklet.final = piece.place, piece.velocity
 
 
-def is_expired(sightings: Any, tracklet: Tracklet) -> bool:
-    """Return whether no piece that begins after the window can be joined to a tracklet that has ended."""
-    longest = JOIN.longest_gap if tracklet.moved else JOIN.longest_static_gap
-    return float(sightings.time[sightings.now].max(initial=-math.inf)) - tracklet.last_time > longest
+def is_expired(tracklet: Tracklet, until: float) -> bool:
+    """Return whether no piece that begins after `until` [s] can be joined to a tracklet that has ended."""
+    return until - tracklet.last_time > (JOIN.longest_gap if tracklet.moved else JOIN.longest_static_gap)
 
 
 def _speed(sightings: Any, at: Int64) -> complex:

@@ -42,9 +42,9 @@ cdef class Keyframes:
     cdef float* r
     cdef Py_ssize_t* status
     cdef Py_ssize_t* pose
-    cdef Py_ssize_t seen_from
+    cdef Py_ssize_t seen_from, seen_first, seen_last
     cdef bint is_covered
-    cdef double place_x, place_y, width, from_x, from_y, seen_at, seen_x, seen_y
+    cdef double place_x, place_y, width, from_x, from_y, seen_at, seen_x, seen_y, nearest, farther, weight
 
     cpdef grow(self, Keyframes old)
     @cython.locals(row="long long*", out="double*", i=Py_ssize_t, number=Py_ssize_t)
@@ -70,13 +70,13 @@ cdef void aim(Keyframes keyframes, double x, double y, double width, double from
 @cython.locals(x=double, y=double, width=double)
 cdef void aim_at_sighting(Keyframes keyframes, Sightings sightings, Py_ssize_t i) noexcept nogil
 @cython.locals(
-    step=double, bearings=Py_ssize_t, share=double, position=double, dx=double, dy=double, moves=bint, yaw=double, angle=double
+    step=double, bearings=Py_ssize_t, share=double, position=double, dx=double, dy=double, moves=bint, yaw=double, angle=double, r=double, beside=double, margin=double
 )
 cdef void find_place(Keyframes keyframes, Py_ssize_t m) noexcept nogil
 @cython.locals(
-    bearings=Py_ssize_t, period=Py_ssize_t, step=double, open_share=double, r=double, position=double, dx=double, dy=double,
-    beside=double, margin=double, first=Py_ssize_t, last=Py_ssize_t, passes=Py_ssize_t, returns=Py_ssize_t, blocked=Py_ssize_t,
-    unknown=Py_ssize_t, k=Py_ssize_t, at=Py_ssize_t, s=Py_ssize_t, end=double, own=double, own_x=double, own_y=double
+    bearings=Py_ssize_t, period=Py_ssize_t, begin=Py_ssize_t, open_share=double, r=double, dx=double, dy=double,
+    nearest=double, farther=double, most=double, passes=Py_ssize_t, returns=Py_ssize_t, blocked=Py_ssize_t, unknown=Py_ssize_t,
+    k=Py_ssize_t, at=Py_ssize_t, s=Py_ssize_t, end=double, own=double, own_x=double, own_y=double
 )
 cdef double look(Keyframes keyframes, Py_ssize_t m) noexcept nogil
 @cython.locals(i=Py_ssize_t, m=Py_ssize_t, free=double, hits=double, seen=double)
@@ -89,7 +89,7 @@ cdef (double, double) looks_at_measurement(
 ) noexcept nogil
 cdef bint stood_before(Keyframes keyframes, Measurements meas, Py_ssize_t k, double until) noexcept nogil
 @cython.locals(
-    k=Py_ssize_t, m=Py_ssize_t, first=Py_ssize_t, stop=Py_ssize_t, split=Py_ssize_t, side=Py_ssize_t, number=Py_ssize_t,
+    k=Py_ssize_t, m=Py_ssize_t, first=Py_ssize_t, stop=Py_ssize_t, low=Py_ssize_t, split=Py_ssize_t, begin=Py_ssize_t, side=Py_ssize_t, number=Py_ssize_t,
     apart=double, most=double, off=double, seen=double
 )
 cdef void count_looks_at(

@@ -82,6 +82,8 @@ class Keyframes:
         # The place that is looked at (`aim`), and where it is observed from the last pose that was asked for.
         self.place_x = self.place_y = self.width = self.from_x = self.from_y = 0.0
         self.seen_from, self.seen_at, self.seen_x, self.seen_y = -1, 0.0, 0.0, 0.0
+        self.seen_first, self.seen_last, self.nearest, self.farther, self.weight = 0, 0, 0.0, 0.0, 0.0
+        """First and last beam to look at, ranges between which one is a hit [m], and the chance of a hit."""
         self.is_covered = False
         """True where the last look ended at what is nearer than the place."""
         # Of each sensor.
@@ -315,6 +317,14 @@ def find_place(keyframes: Keyframes, m: int) -> None:
             return
         share = min(max(position / (bearings - 1), 0.0), 1.0)
     keyframes.seen_at, keyframes.seen_x, keyframes.seen_y = position, dx, dy
+    r = math.sqrt(dx * dx + dy * dy)
+    beside = min(max(1.0, (GUARD_ANGLE + GUARD / max(r, 0.1)) / step), MAX_BEAMS)
+    margin = LOOK_MARGIN + LOOK_MARGIN_SHARE * r
+    # C needs a conversion to integers here.
+    keyframes.seen_first = int(math.ceil(position - beside))  # noqa: RUF046
+    keyframes.seen_last = int(math.floor(position + beside))  # noqa: RUF046
+    keyframes.nearest, keyframes.farther = r - margin, min(r + margin, measurement.MAX_RANGE)
+    keyframes.weight = min(1.0, max(keyframes.width, 0.02) / max(r * step, 1e-3))
 
 
 def look(keyframes: Keyframes, m: int) -> float:
@@ -322,32 +332,28 @@ def look(keyframes: Keyframes, m: int) -> float:
     if keyframes.pose[m] != keyframes.seen_from:
         find_place(keyframes, m)
     keyframes.is_covered = False
-    step, bearings, period = keyframes.step[m], keyframes.bearings[m], keyframes.period[m]
-    position, dx, dy = keyframes.seen_at, keyframes.seen_x, keyframes.seen_y
-    if position != position:
+    if keyframes.seen_at != keyframes.seen_at:
         return 0.0
-    r = math.sqrt(dx * dx + dy * dy)
-    beside = min(max(1.0, (GUARD_ANGLE + GUARD / max(r, 0.1)) / step), MAX_BEAMS)
-    margin = LOOK_MARGIN + LOOK_MARGIN_SHARE * r
-    # C needs a conversion to integers here.
-    first, last = int(math.ceil(position - beside)), int(math.floor(position + beside))  # noqa: RUF046
+    bearings, period, begin = keyframes.bearings[m], keyframes.period[m], m * keyframes.beams
+    nearest, farther, most = keyframes.nearest, keyframes.farther, measurement.MAX_RANGE
     passes, returns, blocked, unknown = 0, 0, 0, 0
-    for k in range(first, last + 1):
+    for k in range(keyframes.seen_first, keyframes.seen_last + 1):
         at = k
-        while at < 0 < period:
-            at += period
-        while at >= period > 0:
-            at -= period
+        if period > 0:
+            while at < 0:
+                at += period
+            while at >= period:
+                at -= period
         if at < 0 or at >= bearings:
             continue
-        end = keyframes.r[m * keyframes.beams + at]
-        if end < 0.0:
-            unknown += 1
-        elif end > measurement.MAX_RANGE:
-            returns += 1
-        elif end > r + margin:
+        end = keyframes.r[begin + at]
+        if farther < end <= most:
             passes += 1
-        elif end >= r - margin:
+        elif end > most:
+            returns += 1
+        elif end < 0.0:
+            unknown += 1
+        elif end >= nearest:
             return -1.0
         else:
             blocked += 1
@@ -356,7 +362,8 @@ def look(keyframes: Keyframes, m: int) -> float:
         return 0.0
     if passes == 0:
         # Beams without a return alone.
-        s = keyframes.sensor[m]
+        s, dx, dy = keyframes.sensor[m], keyframes.seen_x, keyframes.seen_y
+        r = math.sqrt(dx * dx + dy * dy)
         if returns == 0 or unknown > 0 or keyframes.changes[s] > MAX_FLICKER_SHARE * keyframes.lost[s]:
             return 0.0
         own_x, own_y = keyframes.place_x - keyframes.from_x, keyframes.place_y - keyframes.from_y
@@ -365,7 +372,7 @@ def look(keyframes: Keyframes, m: int) -> float:
             return 0.0
     # Next to what is nearer a small error of the pose would hide the object.
     open_share = 1.0 - 1.0 * blocked / max(passes, 1)
-    return open_share * open_share * min(1.0, max(keyframes.width, 0.02) / max(r * step, 1e-3))
+    return open_share * open_share * keyframes.weight
 
 
 def looks_before(keyframes: Keyframes, sensor: int, travelled: float, oldest: float, until: float) -> tuple[float, float]:
@@ -410,19 +417,25 @@ def count_looks_at(keyframes: Keyframes, sightings: Sightings, i: int, out: Any,
     for k in range(4):
         out[at + k] = 0.0
     first, stop = max(keyframes.count - keyframes.kept, 0), keyframes.count
-    split = stop
-    while split > first and keyframes.time[(split - 1) % keyframes.kept] >= sightings.time[i]:
-        split -= 1
+    begin = first - first % keyframes.kept
+    # Times never fall.
+    low, split = first, stop
+    while low < split:
+        m = (low + split) // 2
+        if keyframes.time[m % keyframes.kept] >= sightings.time[i]:
+            split = m
+        else:
+            low = m + 1
     for side in range(2):
         number, apart, most = split - 1 + side, 0.0, SECONDS_AFTER if side else SECONDS_BEFORE
         while first <= number < stop:
-            m = number % keyframes.kept
+            m = number - begin if number - begin < keyframes.kept else number - begin - keyframes.kept
             number += 2 * side - 1
             off = abs(keyframes.time[m] - sightings.time[i])
-            if off > most or abs(keyframes.travelled[m] - sightings.travelled[i]) > MAX_WAY:
-                break
             if off < apart or keyframes.sensor[m] != sightings.sensor[i]:
                 continue
+            if off > most or abs(keyframes.travelled[m] - sightings.travelled[i]) > MAX_WAY:
+                break
             apart = THINNED * off
             seen = look(keyframes, m)
             if seen < 0.0:

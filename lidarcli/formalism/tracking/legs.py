@@ -52,7 +52,7 @@ class LegTrajectory:
     owner: int
     """Number of the tracklet that was observed most."""
     at: Int64
-    """(N,) sightings in the order of the log."""
+    """(N,) sightings, in the order of the log after `compute`."""
     moves: bool
     """True if it was shown to move."""
     is_person: bool
@@ -68,22 +68,6 @@ class LegTrajectory:
     """Least and greatest x and y of the places [m]."""
     _path: Places | None = None
 
-    def compute(self, sightings: Any) -> None:
-        """Compute the places by the sightings."""
-        sweep = sightings.sweep[self.at]
-        first = starts(sweep)
-        self.sweep, self.time = sweep[first], sightings.time[self.at[first]]
-        self.count = np.append(first[1:], len(sweep)) - first
-        place: Places = sightings.place[self.at]
-        if len(first) < len(place):
-            sums: Any = np.add.reduceat(place, first)
-            place = sums / self.count
-        self.place = place
-        x, y = self.place.real, self.place.imag
-        if len(x):
-            self.box = complex(x.min(), y.min()), complex(x.max(), y.max())
-        self._path = None
-
     @property
     def path(self) -> Places:
         """(S,) places without the swing of the legs [m]: the means over as many sweeps before as after."""
@@ -95,6 +79,25 @@ class LegTrajectory:
             total = np.append(0.0, np.cumsum(self.place))
             self._path = (total[here + half + 1] - total[here - half]) / (2 * half + 1)
         return self._path
+
+
+def compute(sightings: Any, legs: list[LegTrajectory]) -> None:
+    """Compute the places of some trajectories by their sightings, of which none is without."""
+    at, lengths = np.concatenate([leg.at for leg in legs]), np.array([len(leg.at) for leg in legs])
+    key = (np.repeat(np.arange(len(legs)), lengths) << 32) + sightings.sweep[at]
+    order = np.argsort(key, kind="stable")
+    at, key = at[order], key[order]
+    first = starts(key)
+    sweep, time = sightings.sweep[at[first]], sightings.time[at[first]]
+    count = np.diff(first, append=len(at))
+    place: Any = np.add.reduceat(sightings.place[at], first) / count
+    stops = np.cumsum(lengths)
+    begins = np.searchsorted(first, stops - lengths).tolist()
+    sides = [most.reduceat(axis, begins).tolist() for most in (np.minimum, np.maximum) for axis in (place.real, place.imag)]
+    for leg, begin, end, stop, *box in zip(legs, begins, [*begins[1:], len(first)], stops.tolist(), *sides, strict=True):
+        leg.at, leg.sweep, leg.count = at[stop - len(leg.at) : stop], sweep[begin:end], count[begin:end]
+        leg.time, leg.place, leg._path = time[begin:end], place[begin:end], None
+        leg.box = complex(*box[:2]), complex(*box[2:])
 
 
 def assign_legs(sightings: Any, tracklets: dict[int, Tracklet]) -> None:
@@ -156,9 +159,7 @@ def _leg_trajectories(sightings: Any, tracklets: dict[int, Tracklet]) -> list[Le
     if not persons:
         return []
     legs = [leg for leg in legs if not leg.has_rows or any(_gap(leg, person) < 2.0 * LEGS.step for person in persons)]
-    for leg in legs:
-        leg.at = leg.at[np.argsort(sightings.sweep[leg.at], kind="stable")]
-        leg.compute(sightings)
+    compute(sightings, legs)
     return sorted(legs, key=lambda leg: (int(leg.sweep[0]), leg.owner))
 
 
@@ -186,11 +187,10 @@ def _give_runs(sightings: Any, person: LegTrajectory, leg: LegTrajectory) -> Non
     after = np.minimum(np.searchsorted(person.sweep, leg.sweep), len(person.sweep) - 1)
     before = np.maximum(after - 1, 0)
     pause = np.minimum(np.abs(leg.time - person.time[before]), np.abs(leg.time - person.time[after]))
-    off = leg.place - np.interp(leg.time, person.time, person.place)
-    both = pause < LEGS.pause
-    near = np.flatnonzero(both & (np.abs(off) < LEGS.step))
+    both = np.flatnonzero(pause < LEGS.pause)
+    near = both[np.abs(leg.place[both] - np.interp(leg.time[both], person.time, person.place)) < LEGS.step]
     # Two who pass each other are near for a while only.
-    if len(near) < max(LEGS.share * np.count_nonzero(both), 2):
+    if len(near) < max(LEGS.share * len(both), 2):
         return
     measurements = leg.count + np.where(person.sweep[after] == leg.sweep, person.count[after], 0)
     given = np.zeros(len(leg.sweep), bool)
@@ -199,16 +199,15 @@ def _give_runs(sightings: Any, person: LegTrajectory, leg: LegTrajectory) -> Non
         is_leg = is_whole or (leg.moves and len(run) >= LEGS.run_sweeps)
         given[run] = is_leg and np.mean(measurements[run] > 2) <= LEGS.max_crowded
     if given.any():
-        _give(sightings, person, leg, np.isin(sightings.sweep[leg.at], leg.sweep[given]))
+        _give(sightings, person, leg, np.repeat(given, leg.count))
 
 
 def _give(sightings: Any, person: LegTrajectory, leg: LegTrajectory, given: Bool) -> None:
     """Give some sightings of a leg to a person."""
     sightings.owner[leg.at[given]] = person.owner
-    at = np.sort(np.concatenate([person.at, leg.at[given]]))
-    person.at, leg.at = at[np.argsort(sightings.sweep[at], kind="stable")], leg.at[~given]
-    for each in (person, leg):
-        each.compute(sightings)
+    person.at, leg.at = np.sort(np.concatenate([person.at, leg.at[given]])), leg.at[~given]
+    leg.sweep = leg.sweep[:0]
+    compute(sightings, [person, leg] if len(leg.at) else [person])
 
 
 def _gather_fragments(sightings: Any, legs: list[LegTrajectory], persons: list[LegTrajectory]) -> None:
@@ -230,9 +229,9 @@ def _gather_views(sightings: Any, persons: list[LegTrajectory]) -> None:
     for person in persons if len(loose) else ():
         time = sightings.time[loose]
         near = loose[(time >= person.time[0] - LEGS.path_margin) & (time <= person.time[-1] + LEGS.path_margin)]
+        near = near[_away(sightings.time[near], sightings.place[near], person) < LEGS.step]
         if not len(near):
             continue
-        near = near[_away(sightings.time[near], sightings.place[near], person) < LEGS.step]
         legs = dict(zip(person.sweep.tolist(), person.count.tolist(), strict=True))
         for i, sweep in zip(near.tolist(), sightings.sweep[near].tolist(), strict=True):
             legs[sweep] = legs.get(sweep, 0) + 1

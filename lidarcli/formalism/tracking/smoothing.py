@@ -252,7 +252,7 @@ def filter_forward(
                     smoother.misfit[trial * smoother.sweeps + i] = misfit
         if i == keep - 1:
             state[0] = time[i]
-            for k in range(STATE):
+            for k in range(6):
                 state[1 + k] = smoother.x[STATE * i + k]
             for k in range(SQUARE):
                 state[1 + STATE + k] = smoother.p[SQUARE * i + k]
@@ -260,9 +260,9 @@ def filter_forward(
 
 def begin_path(smoother: Smoother, legs: int) -> None:
     """Set the state in the first sweep of a track, which observed it."""
-    for k in range(STATE):
+    for k in range(6):
         smoother.x[k] = 0.0
-    for k in range(SQUARE):
+    for k in range(36):
         smoother.p[k] = 0.0
     offset = LEG_VAR if legs > 0 else 0.0
     apart = LEG_VAR if legs == 1 else 0.0
@@ -281,20 +281,20 @@ def predict_state(smoother: Smoother, i: int, state: Any, dt: float) -> None:
     q, left = smoother.acceleration[i], math.exp(-dt / LEG_SECONDS)
     smoother.step[2 * i], smoother.step[2 * i + 1] = dt, left
     x, p = STATE * i, SQUARE * i
-    for k in range(STATE):
+    for k in range(6):
         smoother.x[x + k] = state[1 + k] if i == 0 else smoother.x[x - STATE + k]
-    for k in range(SQUARE):
+    for k in range(36):
         smoother.p[p + k] = state[1 + STATE + k] if i == 0 else smoother.p[p - SQUARE + k]
     offset = smoother.p[p + 28]
     for a in range(2):
         smoother.x[x + a] += dt * smoother.x[x + 2 + a]
         smoother.x[x + 4 + a] *= left
     # F P Fᵀ: rows, then columns.
-    for k in range(STATE):
+    for k in range(6):
         for a in range(2):
             smoother.p[p + 6 * a + k] += dt * smoother.p[p + 6 * (2 + a) + k]
             smoother.p[p + 6 * (4 + a) + k] *= left
-    for k in range(STATE):
+    for k in range(6):
         for a in range(2):
             smoother.p[p + 6 * k + a] += dt * smoother.p[p + 6 * k + 2 + a]
             smoother.p[p + 6 * k + 4 + a] *= left
@@ -313,14 +313,14 @@ def update_state(smoother: Smoother, i: int, legs: int) -> float:
     x, p, g = STATE * i, SQUARE * i, GAIN * i
     leg = 1.0 if legs == 1 else 0.0
     # P Hᵀ, with H of place and, for one leg, its offset.
-    for k in range(STATE):
+    for k in range(6):
         for a in range(2):
-            smoother.gain[g + 2 * k + a] = smoother.p[p + 6 * k + a] + leg * smoother.p[p + 6 * k + 4 + a]
+            smoother.product[2 * k + a] = smoother.p[p + 6 * k + a] + leg * smoother.p[p + 6 * k + 4 + a]
     off_x = smoother.z[2 * i] - smoother.x[x] - leg * smoother.x[x + 4]
     off_y = smoother.z[2 * i + 1] - smoother.x[x + 1] - leg * smoother.x[x + 5]
-    xx = smoother.gain[g] + leg * smoother.gain[g + 8] + smoother.r[3 * i]
-    xy = smoother.gain[g + 1] + leg * smoother.gain[g + 9] + smoother.r[3 * i + 1]
-    yy = smoother.gain[g + 3] + leg * smoother.gain[g + 11] + smoother.r[3 * i + 2]
+    xx = smoother.product[0] + leg * smoother.product[8] + smoother.r[3 * i]
+    xy = smoother.product[1] + leg * smoother.product[9] + smoother.r[3 * i + 1]
+    yy = smoother.product[3] + leg * smoother.product[11] + smoother.r[3 * i + 2]
     size = xx * yy - xy * xy
     squared = (yy * off_x * off_x - 2.0 * xy * off_x * off_y + xx * off_y * off_y) / size
     misfit = min(squared, MAX_MISFIT) + math.log(size)
@@ -328,25 +328,24 @@ def update_state(smoother: Smoother, i: int, legs: int) -> float:
     a_xx, a_xy, a_yy = less * yy / size, -less * xy / size, less * xx / size
     smoother.inverse[3 * i], smoother.inverse[3 * i + 1], smoother.inverse[3 * i + 2] = a_xx, a_xy, a_yy
     smoother.off[2 * i], smoother.off[2 * i + 1] = off_x, off_y
-    for k in range(STATE):
-        c_x, c_y = smoother.gain[g + 2 * k], smoother.gain[g + 2 * k + 1]
-        for m in range(k, STATE):
-            d_x, d_y = smoother.gain[g + 2 * m], smoother.gain[g + 2 * m + 1]
-            smoother.p[p + 6 * k + m] -= c_x * (a_xx * d_x + a_xy * d_y) + c_y * (a_xy * d_x + a_yy * d_y)
-            smoother.p[p + 6 * m + k] = smoother.p[p + 6 * k + m]
-    for k in range(STATE):
-        c_x, c_y = smoother.gain[g + 2 * k], smoother.gain[g + 2 * k + 1]
+    for k in range(6):
+        c_x, c_y = smoother.product[2 * k], smoother.product[2 * k + 1]
         smoother.gain[g + 2 * k] = c_x * a_xx + c_y * a_xy
         smoother.gain[g + 2 * k + 1] = c_x * a_xy + c_y * a_yy
         smoother.x[x + k] += smoother.gain[g + 2 * k] * off_x + smoother.gain[g + 2 * k + 1] * off_y
+    for k in range(6):
+        c_x, c_y = smoother.product[2 * k], smoother.product[2 * k + 1]
+        for m in range(k, 6):
+            smoother.p[p + 6 * k + m] -= c_x * smoother.gain[g + 2 * m] + c_y * smoother.gain[g + 2 * m + 1]
+            smoother.p[p + 6 * m + k] = smoother.p[p + 6 * k + m]
     return misfit
 
 
 def smooth_backward(smoother: Smoother, parts: Any, legs: Any, count: int, path: Any) -> None:
     """Correct the path by what was observed after each sweep too (modified Bryson and Frazier)."""
-    for k in range(STATE):
+    for k in range(6):
         smoother.adjoint[k] = 0.0
-    for k in range(SQUARE):
+    for k in range(36):
         smoother.matrix[k] = 0.0
     for back in range(count):
         i = count - 1 - back
@@ -362,21 +361,21 @@ def write_path(smoother: Smoother, i: int, path: Any) -> None:
     x, p = STATE * i, SQUARE * i
     for k in range(4):
         value = smoother.x[x + k]
-        for n in range(STATE):
+        for n in range(6):
             value -= smoother.p[p + 6 * k + n] * smoother.adjoint[n]
         path[9 * i + k] = value
     # Rows of P Λ that are needed.
     for k in range(4):
-        for n in range(STATE):
-            total = 0.0
-            for o in range(STATE):
-                total += smoother.p[p + 6 * k + o] * smoother.matrix[6 * o + n]
-            smoother.product[6 * k + n] = total
+        for n in range(6):
+            smoother.product[6 * k + n] = 0.0
+        for o in range(6):
+            for n in range(6):
+                smoother.product[6 * k + n] += smoother.p[p + 6 * k + o] * smoother.matrix[6 * o + n]
     for c in range(5):
         k = c if c == 0 else c - 1
         n = 1 if c == 1 else k
         value = smoother.p[p + 6 * k + n]
-        for o in range(STATE):
+        for o in range(6):
             value -= smoother.product[6 * k + o] * smoother.p[p + 6 * o + n]
         if c < 3:
             value += smoother.lasting[3 * i + c]
@@ -391,12 +390,12 @@ def adjoin_update(smoother: Smoother, i: int, legs: int) -> None:
     a_xx, a_xy, a_yy = smoother.inverse[3 * i], smoother.inverse[3 * i + 1], smoother.inverse[3 * i + 2]
     # Kᵀ λ and Kᵀ Λ.
     one = other = 0.0
-    for k in range(STATE):
+    for k in range(6):
         one += smoother.gain[g + 2 * k] * smoother.adjoint[k]
         other += smoother.gain[g + 2 * k + 1] * smoother.adjoint[k]
-    for n in range(STATE):
+    for n in range(6):
         first = second = 0.0
-        for k in range(STATE):
+        for k in range(6):
             first += smoother.gain[g + 2 * k] * smoother.matrix[6 * k + n]
             second += smoother.gain[g + 2 * k + 1] * smoother.matrix[6 * k + n]
         smoother.product[n], smoother.product[6 + n] = first, second
@@ -408,18 +407,18 @@ def adjoin_update(smoother: Smoother, i: int, legs: int) -> None:
     smoother.adjoint[5] -= leg * other
     # Kᵀ Λ K, which with S⁻¹ is what the measurement adds.
     xx = xy = yy = 0.0
-    for n in range(STATE):
+    for n in range(6):
         xx += smoother.product[n] * smoother.gain[g + 2 * n]
         xy += smoother.product[n] * smoother.gain[g + 2 * n + 1]
         yy += smoother.product[6 + n] * smoother.gain[g + 2 * n + 1]
     xx, xy, yy = xx + a_xx, xy + a_xy, yy + a_yy
     for a in range(2):
-        for n in range(STATE):
+        for n in range(6):
             less = smoother.product[6 * a + n]
             smoother.matrix[6 * a + n] -= less
             smoother.matrix[6 * (4 + a) + n] -= leg * less
     for a in range(2):
-        for n in range(STATE):
+        for n in range(6):
             less = smoother.product[6 * a + n]
             smoother.matrix[6 * n + a] -= less
             smoother.matrix[6 * n + 4 + a] -= leg * less
@@ -440,11 +439,11 @@ def adjoin_step(smoother: Smoother, i: int) -> None:
     for a in range(2):
         smoother.adjoint[2 + a] += dt * smoother.adjoint[a]
         smoother.adjoint[4 + a] *= left
-    for n in range(STATE):
+    for n in range(6):
         for a in range(2):
             smoother.matrix[6 * (2 + a) + n] += dt * smoother.matrix[6 * a + n]
             smoother.matrix[6 * (4 + a) + n] *= left
-    for n in range(STATE):
+    for n in range(6):
         for a in range(2):
             smoother.matrix[6 * n + 2 + a] += dt * smoother.matrix[6 * n + a]
             smoother.matrix[6 * n + 4 + a] *= left

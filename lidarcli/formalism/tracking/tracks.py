@@ -97,11 +97,12 @@ class Tracklet:
 def columns_of(arrays: dict[str, NDArray[Any]], slots: Int64) -> dict[str, list[Any]]:
     """Return the state of the tracklets in some slots of `Targets.arrays`, by field of `Tracklet`."""
     size = len(arrays["state"])
-    rows = {name: values.reshape(size, -1)[slots] for name, values in arrays.items()}
+    names = [each.name for each in fields(Tracklet) if each.name in arrays]
+    rows = {name: arrays[name].reshape(size, -1)[slots] for name in (*names, "state", "leg_hits", "leg_x", "leg_y")}
     # Sweeps that tell no shape have no vote.
     rows["shape_votes"] = rows["shape_votes"][:, :4]
     columns: dict[str, list[Any]] = {}
-    for name in (each.name for each in fields(Tracklet) if each.name in rows):
+    for name in names:
         values = rows[name]
         columns[name] = values[:, 0].tolist() if values.shape[1] == 1 else [*map(tuple, values.tolist())]
     columns["has_ended"] = (rows["state"][:, 0] == ENDED).tolist()

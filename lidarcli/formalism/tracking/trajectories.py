@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from lidarcli.formalism.detection import median
 from lidarcli.formalism.tracking.results import HIDDEN, PARTLY, SEEN, Trajectories
 from lidarcli.formalism.tracking.tracks import Track, place_of
 from lidarcli.sweeps.types import Bool, Float64, Int32, Int64, UInt8
@@ -28,11 +29,9 @@ def observed_steps(seconds: Float64, seen: Bool, sensor: NDArray[np.integer[Any]
     They observed the path between two rows that are visible if no other sweep of the sensor of the latter lies between
     them, and no pause of the log. The rows are those of one track in the order of time, with the sensor of each."""
     at, steps = np.flatnonzero(seen), np.diff(seconds)
-    before = np.full(len(seen), -1)
-    for one in np.unique(sensor):
-        mine = np.flatnonzero(sensor == one)
-        before[mine[1:]] = mine[:-1]
-    longest = max(LONGEST_STEP, PAUSE * float(np.median(steps))) if len(steps) else 0.0
+    before, order = np.full(len(seen), -1), np.argsort(sensor, kind="stable")
+    before[order[1:]] = np.where(sensor[order[1:]] == sensor[order[:-1]], order[:-1], -1)
+    longest = max(LONGEST_STEP, PAUSE * float(median(steps))) if len(steps) else 0.0
     whole = np.flatnonzero((before[at[1:]] <= at[:-1]) & (np.diff(seconds[at]) <= longest))
     edges = np.zeros(len(seen) + 1, np.int64)
     edges[at[whole] + 1] += 1
@@ -61,7 +60,7 @@ class TrackPiece:
         # The row before is the last one of the piece before.
         lead = int(track.seen_stop == self.begin)
         rows = sweeps.of(self.begin - lead, stop)
-        step = observed_steps(rows["seconds"], np.pad(seen, (lead, 0), constant_values=True), rows["sensor"])[lead:]
+        step = observed_steps(rows["seconds"], np.append(np.ones(lead, bool), seen), rows["sensor"])[lead:]
         goes_on = track.path_stop >= 0 and self.moving.any()
         steps = np.hypot(*np.diff(place, axis=0, prepend=[[track.x, track.y]] if goes_on else place[:1]).T)
         track.distance += float(steps[step & (self.moving == 1)].sum())
@@ -120,6 +119,8 @@ class Sweeps:
     def steps(self, before: int, sweeps: Int64) -> Int64:
         """Return (N,) the steps to sweeps from the ones before, the first from `before`, in sweeps of their own sensors."""
         sensors = self._rows["sensor"][before : int(sweeps[-1]) + 1]
+        if (sensors == sensors[0]).all():
+            return np.diff(sweeps, prepend=before)
         mine = np.unique(self.sensors_of(sweeps), return_inverse=True)
         passed = np.cumsum(sensors[:, None] == mine[0], axis=0)
         at = np.concatenate([[before], sweeps]) - before

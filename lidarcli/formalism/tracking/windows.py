@@ -121,12 +121,13 @@ class TrackRegistry:
         self._join(sightings, is_placed)
         self._number(sightings)
         sensors = self.sweeps.sensors_of(sightings.sweep)
-        for sensor in np.unique(sensors).tolist():
+        for sensor in np.flatnonzero(np.bincount(sensors)).tolist():
             mine = np.flatnonzero(sensors == sensor)
             sightings.own[mine] = own_body(sightings, mine, self.own_places.setdefault(sensor, set()))
         self._extend_trajectories(sightings, smooth(sightings, self.tracklets, self._least_score))
         at, found = sightings.find(window)
-        self._update_statistics(window, sightings)
+        if sightings.tracks:
+            self._update_statistics(window, sightings)
         if self.labels is not None:
             self._label(self.labels, window, sightings, at, found)
         settled = _rows(sightings, at, found)
@@ -194,13 +195,20 @@ class TrackRegistry:
     def _update_statistics(self, window: Window, sightings: WindowSightings) -> None:
         """Add the sightings of a window to the sums of the tracks."""
         rows = self.sweeps.of(window.begin, window.begin + window.count)
-        index, stamps = rows["index"], rows["stamp_ns"]
-        for track, at in sightings.by_track():
-            track.best_score = float(np.fmax(track.best_score, sightings.agent_score[at].max()))
-            # The first of several parts in one sweep stands for all.
-            firsts = at[starts(sightings.sweep[at])]
-            sweeps = sightings.sweep[firsts]
-            times = sightings.time[firsts]
+        index, stamps, sensors = rows["index"], rows["stamp_ns"], rows["sensor"]
+        tracks = sightings.by_track()
+        every = np.concatenate([at for _, at in tracks])
+        edges = np.cumsum([0, *(len(at) for _, at in tracks)])
+        scores = np.maximum.reduceat(sightings.agent_score[every], edges[:-1])
+        scores = np.fmax([track.best_score for track, _ in tracks], scores).tolist()
+        # The first of several parts in one sweep stands for all.
+        first = starts((sightings.track[every] << 32) + sightings.sweep[every])
+        ends = np.searchsorted(first, edges).tolist()
+        columns = every[first], sightings.sweep[every[first]], sightings.time[every[first]]
+        one = {*sensors[:1].tolist()} if (sensors == sensors[0]).all() else None
+        for (track, at), score, *span in zip(tracks, scores, ends[:-1], ends[1:], strict=True):
+            track.best_score = score
+            firsts, sweeps, times = (values[slice(*span)] for values in columns)
             begin, end = int(sweeps[0]) - window.begin, int(sweeps[-1]) - window.begin
             if track.sweeps == 0:
                 track.first = (index.item(begin), stamps.item(begin))
@@ -213,7 +221,7 @@ class TrackRegistry:
                 track.hidden += float((gaps * (1.0 - 1.0 / np.maximum(steps, 1))).sum())
             track.last = (index.item(end), stamps.item(end))
             track.last_sweeps, track.last_time = int(sweeps[-1]), float(times[-1])
-            track.sensors.update(rows["sensor"][sweeps - window.begin].tolist())
+            track.sensors |= one or {*sensors[sweeps - window.begin].tolist()}
             track.sweeps += len(sweeps)
             if track.moved:
                 goes = np.flatnonzero(sightings.goes[firsts])
@@ -228,11 +236,8 @@ class TrackRegistry:
         """Label the tracks of a window."""
         number, axes = np.zeros(len(found), np.int64), np.full(len(found), np.nan)
         number[found] = np.where(sightings.owner[at] == sightings.number[at], sightings.number[at], 0)
-        axes[found] = np.where(
-            sightings.column("centred")[at] != 0,
-            np.nan,
-            np.arctan2(sightings.column("sin")[at], sightings.column("cos")[at]),
-        )
+        centred, sin, cos = (sightings.column(name, at) for name in ("centred", "sin", "cos"))
+        axes[found] = np.where(centred != 0, np.nan, np.arctan2(sin, cos))
         labels.take(window.sizes, number, axes, self.tracklets)
         labels.label([track for track, _ in sightings.by_track()])
 
@@ -241,7 +246,8 @@ class TrackRegistry:
         settled = [n for n, tracklet in self.tracklets.items() if tracklet.has_ended and tracklet.last_sweep < stop]
         for number in settled:
             joins.store_end(sightings, self.tracklets[number])
-        over = [n for n in settled if not is_placed or joins.is_expired(sightings, self.tracklets[n])]
+        until = float(sightings.time[sightings.now].max(initial=-math.inf))
+        over = [n for n in settled if not is_placed or joins.is_expired(self.tracklets[n], until)]
         for track in {id(track): track for n in over if (track := self.tracklets[n].track) is not None}.values():
             track.prune(stop)
         for number in over:
@@ -321,9 +327,9 @@ class WindowSightings:
         self.owners: list[int] = []
         self.tracks: list[tuple[Track, Int64, int]] = []
 
-    def column(self, name: str) -> NDArray[Any]:
-        """Return a column of the recorded sightings."""
-        return self.recorded.arrays[name][self.keep]
+    def column(self, name: str, at: Any = slice(None)) -> Any:
+        """Return a column of the recorded sightings, or of some of them."""
+        return self.recorded.arrays[name].take(self.keep[at])
 
     def find(self, window: Window) -> tuple[Int64, Bool]:
         """Return the sightings of the objects of a window, and (K,) which objects have one, as parts of a tracklet too."""
@@ -385,10 +391,11 @@ class WindowSightings:
         step : (N,) their sweeps, as indices
         """
         parts = np.minimum(np.bincount(step, minlength=count), PARTS_MASK)
-        hidden = np.bincount(step, self.column("whole")[at] == 0, count) > 0
-        if any(self.tracklets[number].has_legs for number in set(self.owner[at].tolist())):
+        hidden, owners = np.zeros(count, bool), self.owner[at]
+        hidden[step[self.column("whole", at) == 0]] = True
+        if any(self.tracklets[number].has_legs for number in set(owners[starts(owners)].tolist())):
             # One leg hides the other.
-            hidden = (parts == 1) & (np.bincount(step, self.column("chord")[at], count) < LEGS_APART)
+            hidden = (parts == 1) & (np.bincount(step, self.column("chord", at), count) < LEGS_APART)
         return (parts + np.where(hidden & (parts > 0), PARTLY_BIT, 0)).astype(np.uint8)
 
 
@@ -442,7 +449,8 @@ def _smooth_track(
     last = int(sighted[sightings.now[at][order]][-1])
     begin = int(sighted[0]) if track.path_stop < 0 or track.state is None else track.path_stop
     # All sweeps of the window, hidden ones too, and those of the next one that see it.
-    sweeps = np.union1d(np.arange(begin, last + 1), sighted)
+    ahead = sighted[sighted > last]
+    sweeps = np.append(np.arange(begin, last + 1), ahead[starts(ahead)])
     step, count = np.searchsorted(sweeps, sighted), len(sweeps)
     stop = 0
     rows = sightings.keep[at]
@@ -465,7 +473,7 @@ def _smooth_track(
     codes = sightings.bytes_of(at, step, count)
     legs = np.zeros(count, np.uint8)
     if is_person:
-        wide = np.bincount(step, sightings.column("chord")[at][order] > LEGS_APART, count) > 0
+        wide = np.bincount(step, sightings.column("chord", at[order]) > LEGS_APART, count) > 0
         legs[:] = np.where(wide | (codes & PARTS_MASK > 1), 2, 1)
     parts, path, moving = np.empty(count, np.int64), np.empty((count, 9)), np.empty(count, np.uint8)
     smoother.measure(order, step, parts, legs)

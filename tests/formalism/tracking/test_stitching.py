@@ -34,7 +34,7 @@ def test_a_piece_goes_on_after_a_gap_between_two_windows(begins_at: float, goes_
     of_before = sightings(1, time, 1.0 * time, now=True)
     joins.store_end(of_before, earlier)
     assert earlier.final == pytest.approx((4.9, 1.0))
-    assert not joins.is_expired(of_before, earlier)
+    assert not joins.is_expired(earlier, 4.9)
     # It was hidden for three seconds, and went on at 1 m/s.
     later = Tracklet(2, moved=1, first_sweep=80, last_sweep=129)
     seen = sightings(2, 8.0 + time, begins_at + 1.0 * time, now=True)
@@ -71,7 +71,6 @@ def test_a_piece_with_a_successor_is_no_end(others: tuple[tuple[int, ...], ...],
 
 def test_a_body_is_forgotten_when_nothing_can_go_on_with_it() -> None:
     time = np.arange(200) / 10
-    seen = sightings(2, time, time, now=True)
     for ago, moved, past in ((14.0, 1, False), (16.0, 1, True), (16.0, 0, False), (31.0, 0, True)):
         body = Tracklet(1, moved=moved, last_time=float(time[-1]) - ago)
-        assert joins.is_expired(seen, body) == past
+        assert joins.is_expired(body, float(time[-1])) == past
