@@ -30,7 +30,7 @@ from lidarcli.pipeline.inputs.tables import (
     refuse_mixed,
 )
 from lidarcli.reports.changes import ChangesPart, changes_part
-from lidarcli.reports.checks import Check, accepts, columns_needed, judge, parse_check
+from lidarcli.reports.checks import Check, OfEachLog, OneRun, accepts, columns_needed, held_by_each, judge, parse_check
 from lidarcli.reports.columns import Origin, Rows, Run, least_observed
 from lidarcli.reports.document import ReportPart
 from lidarcli.reports.figures import COMPARED, OF_CHANGES, OF_MAPS, guards
@@ -46,8 +46,9 @@ from lidarcli.reports.summary import (
     edges_of,
     summarise,
 )
-from lidarcli.reports.wording import counted, number
-from lidarcli.reports.zones import floored, judge_zones, parse_zone_check, unobserved, zones_in, zones_part
+from lidarcli.reports.trends import trends
+from lidarcli.reports.wording import counted, span
+from lidarcli.reports.zones import floored, judge_zones, parse_zone_check, unobserved, zones_alone, zones_in, zones_part
 from lidarcli.tabular.reading import Readable, StoredTable
 from lidarcli.tabular.schemas import COUNTS, EVENTS
 
@@ -123,7 +124,7 @@ def make_report(options: ReportOptions, viewer: bool = False, progress: Progress
     failed = [*tables.problems, *unread]
     if all(map(_is_of_zones, tables.table_sets)) and (tables.table_sets or changes is not None):
         return _without_objects(tables.table_sets, changes, failed, options, step)
-    run, pairs, problems = _load(tables.table_sets, failed, checks, viewer, step)
+    run, pairs, problems, alone = _load(tables.table_sets, failed, checks, viewer, step, alone=True)
     run = replace(run, time_zone=options.time_zone)
     if run.zones is not None:
         # Only now it is known which zones there are.
@@ -131,9 +132,12 @@ def make_report(options: ReportOptions, viewer: bool = False, progress: Progress
     unseen = (*_unseen(checks, run.sources), *_unobserved(checks, run), *_unseen_changes(checks, changes))
     if options.baseline:
         compared = [check for check in checks if check.name != check.figure]
-        base_run, _, base_problems = _load(*base_found, compared, False, step)
+        base_run, _, base_problems, _ = _load(*base_found, compared, False, step)
         if base_problems:
             raise UnreadableError(f"baseline: {base_problems[0]}")
+        judging = checks if compared else []
+        missed = (*_unseen(judging, base_run.sources), *_unobserved(judging, base_run))
+        unseen += tuple(f"baseline {line}" for line in missed)
         # Both runs share the edges of their histograms.
         edges = edges_of(*((one, streams_of(one)) for one in (run, base_run)))
         summary = summarise(run, edges)
@@ -141,11 +145,14 @@ def make_report(options: ReportOptions, viewer: bool = False, progress: Progress
         part = RunPart(summary, comparison)
         of_sweeps = [check.expression for check in checks if check.name in COMPARED]
         if of_sweeps and not comparison.is_same:
-            unseen += (f"--check '{of_sweeps[0]}': the baseline is of another recording, with other sweeps",)
+            unseen += (f"baseline: of another recording, with other sweeps than --check '{of_sweeps[0]}' compares",)
     else:
         part = RunPart(summarise(run))
-    report = Report((part,) if changes is None else (part, changes), (), problems, unseen)
-    report = replace(report, verdicts=tuple(judge(check, report.figures, run) for check in checks))
+    runs = (*alone, *([] if changes is None else changes.runs))
+    parts = (part, *([] if changes is None else [changes]))
+    report = Report(parts, (), problems, unseen, runs, trends(alone, checks, options.time_zone))
+    judged = (held_by_each(check, runs) or judge(check, report.figures, run) for check in checks)
+    report = replace(report, verdicts=tuple(judged))
     step()
     if not viewer:
         return report
@@ -156,7 +163,7 @@ def make_report(options: ReportOptions, viewer: bool = False, progress: Progress
 
 
 def checks_of(options: Mapping[str, Any]) -> tuple[str, ...]:
-    """Return the checks of `--check` and of the files of `--checks` (`OptionError`, `UnreadableError`)."""
+    """Return the checks of `--check`, and those of the files of `--checks` (`OptionError`, `UnreadableError`)."""
     every = [*options["check"]]
     for file in options["checks"]:
         content = read_toml(file, "file of checks")
@@ -167,7 +174,7 @@ def checks_of(options: Mapping[str, Any]) -> tuple[str, ...]:
             )
         if not found:
             raise OptionError(f"{file}: holds no check")
-        every += found
+        every += map(OfEachLog, found)
     return tuple(every)
 
 
@@ -183,9 +190,10 @@ def unread_suite(command: str, options: Mapping[str, Any], error: LidarcliError)
 
 
 def initial_checks(report: Report) -> str:
-    """Return a file of checks that this run passes, with room for others (`figures.guards`)."""
-    lines = [f"  {json.dumps(check)},  # {number(value)} there" for check, value in guards(report.figures).items()]
-    head = f"# Checks of a good run ({one_line(report.title)}), for lidarcli report RUN --checks THIS_FILE"
+    """Return a file of checks that these runs pass, with room for others (`figures.guards`)."""
+    found = guards([one.figures for one in report.runs] or [report.figures])
+    lines = [f"  {json.dumps(one)},  # {span(values)} in {counted(len(values), 'run')}" for one, values in found.items()]
+    head = f"# Checks of good runs ({one_line(report.title)}), for lidarcli report RUN --checks THIS_FILE"
     return "\n".join([head, "checks = [", *lines, "]", ""])
 
 
@@ -254,18 +262,22 @@ def _without_objects(
     others = ("damage", *(() if changes is None else (*OF_CHANGES, *OF_MAPS)))
     if pairs:
         zones = zones_in(read)
-        parts: list[ReportPart] = [zones_part(zones, sources, options.time_zone), *([] if changes is None else [changes])]
         checks = [parse_zone_check(text, zones.names, others) for text in options.checks]
+        logs = enumerate(sources if len(sources) > 1 else [])
+        alone = [zones_alone(source.log, read[k], checks, len(source.damage)) for k, source in logs]
+        parts: list[ReportPart] = [zones_part(zones, sources, options.time_zone), *([] if changes is None else [changes])]
         incomplete = (*_unseen(checks, sources), *unobserved(checks, zones))
     else:
         assert changes is not None
-        zones, parts, incomplete = None, [changes], ()
+        zones, parts, incomplete, alone = None, [changes], (), []
         checks = [parse_check(text, only=others) for text in options.checks]
     if not accepts(checks, "damage"):
         incomplete = (*incomplete, *_unseen_changes(checks, changes))
-    report = Report(tuple(parts), (), tuple(map(str, failed)), incomplete)
+    runs, told = (*alone, *([] if changes is None else changes.runs)), trends(alone, checks, options.time_zone)
+    report = Report(tuple(parts), (), tuple(map(str, failed)), incomplete, runs, told)
     figures = {"damage": sum(len(source.damage) for part in parts for source in part.sources), **report.figures}
-    return replace(report, verdicts=tuple(judge_zones(check, figures, zones) for check in checks))
+    judged = (held_by_each(check, runs) or judge_zones(check, figures, zones) for check in checks)
+    return replace(report, verdicts=tuple(judged))
 
 
 def _command(options: ReportOptions) -> str:
@@ -291,14 +303,22 @@ def _steps(total: int, progress: Progress) -> Callable[[], None]:
     return lambda: None if progress is None else progress(next(done), total)
 
 
+def _alone(run: Run, checks: Sequence[Check]) -> OneRun:
+    """Return one of several logs."""
+    start = min(run.sweeps.integers("stamp").tolist(), default=None)
+    verdicts = {one.expression: judge(one, {}, run) for one in checks if one.is_of_each and one.condition}
+    return OneRun(run.sources[0].log, start, summarise(run).figures, verdicts)
+
+
 def _load(
     pairs: Sequence[TableSet],
     problems: Sequence[UnreadableError],
     checks: Sequence[Check],
     viewer: bool,
     step: Callable[[], None],
-) -> tuple[Run, tuple[TableSet, ...], tuple[str, ...]]:
-    """Read the rows of all tables that can be read; returns them with one line for each problem."""
+    alone: bool = False,
+) -> tuple[Run, tuple[TableSet, ...], tuple[str, ...], list[OneRun]]:
+    """Read the rows of all tables that can be read; returns them, one line for each problem, and several logs `alone`."""
     problems = [*problems]
     problems += [
         UnreadableError(f"{pair.events}: no objects table beside it: write both into one folder, or report on zones alone")
@@ -308,15 +328,23 @@ def _load(
     pairs = [pair for pair in pairs if not _is_of_zones(pair)]
     columns = _columns_read(pairs, checks, viewer)
     read: list[_ReportTables] = []
+    runs: list[OneRun] = []
     for pair in pairs:
         with _collected(problems):
             read.append(_read_tables(pair, columns, viewer, problems, step, stored=len(pairs) == 1))
+            if alone and len(pairs) > 1:
+                runs.append(_alone(_run_of(read[-1:]), checks))
     if not read:
         raise nothing_read(problems)
-    kept = tuple(each.pair for each in read)
+    kept = tuple(one.pair for one in read)
     _refuse_missing(checks, kept)
+    return _run_of(read), kept, tuple(map(str, problems)), runs
+
+
+def _run_of(read: Sequence[_ReportTables]) -> Run:
+    """Return the rows of the tables of one or many logs."""
     zones = {k: each.zones for k, each in enumerate(read) if each.zones is not None}
-    run = Run(
+    return Run(
         tuple(replace(origin_of(each.pair, each.sweeps), tracked=each.tracks is not None) for each in read),
         Rows.join([each.sweeps for each in read]),
         Rows.join([each.objects for each in read]),
@@ -324,7 +352,6 @@ def _load(
         _joined([each.trajectories for each in read]),
         zones_in(zones) if zones else None,
     )
-    return run, kept, tuple(map(str, problems))
 
 
 def _joined(tables: Sequence[pa.Table | StoredTable | None]) -> Rows | None:
@@ -483,7 +510,10 @@ def render(report: Report, kind: str, colour: bool = False, brief: bool = False)
         case "json":
             return programs.as_json(report)
     warnings = [f"warning: {line}" for line in report.warnings]
-    return programs.as_junit("report", report.title, report.verdicts, report.figures, report.problems, warnings)
+    logs = [source.log for part in report.parts for source in part.sources]
+    logs += [line.partition(": ")[0] for line in report.unread]
+    told = (report.title, report.verdicts, report.figures, report.problems, warnings)
+    return programs.as_junit("report", *told, logs=[*dict.fromkeys(logs)])
 
 
 def nothing_read(problems: Sequence[UnreadableError]) -> LidarcliError:

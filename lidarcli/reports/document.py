@@ -163,6 +163,19 @@ class TimePlot:
     stretches: Sequence[Stretch]
 
 
+class Trend(NamedTuple):
+    """A figure of several runs, one after the other, which pages draw; x and y are shares of the axes."""
+
+    name: str
+    limit: str
+    points: Sequence[tuple[float, float, bool, str]]
+    """x, y (NaN where it is not known), whether a check fails, and words."""
+    limits: Sequence[float]
+    """y of each limit."""
+    y_ends: tuple[str, str]
+    x_ends: tuple[str, str]
+
+
 @dataclass(frozen=True, slots=True)
 class Film:
     """Pictures to step through, for pages."""
@@ -175,7 +188,7 @@ class Film:
     """The one that is shown first."""
 
 
-Block = TimePlot | Film | Bands | ReportTable | NamedValues | Shares | Drawing | Notes | FromAbove
+Block = TimePlot | Trend | Film | Bands | ReportTable | NamedValues | Shares | Drawing | Notes | FromAbove
 
 
 @dataclass(frozen=True, slots=True)

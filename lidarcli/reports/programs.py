@@ -12,7 +12,7 @@ from typing import Any
 from lidarcli._version import __version__
 from lidarcli.display.texts import visible
 from lidarcli.reports.checks import CheckVerdict
-from lidarcli.reports.figures import plain_numbers
+from lidarcli.reports.figures import plain_fields, plain_numbers
 from lidarcli.reports.report import Report
 from lidarcli.reports.wording import number
 
@@ -47,6 +47,9 @@ def as_dict(report: Report) -> dict[str, Any]:
         ],
         "figures": {name: value for part in report.parts for name, value in plain_numbers(part.figures).items()},
     }
+    if report.runs:
+        fields = ("log", "start_ns")
+        found["runs"] = [{**plain_fields(one, *fields), "figures": plain_numbers(one.figures)} for one in report.runs]
     for part in reversed(report.parts):
         found |= {**(part.opening.values if part is first else {}), **part.as_dict()}
     return found
@@ -60,33 +63,45 @@ def as_junit(
     problems: Sequence[str],
     lines: Sequence[str] = (),
     skipped: Sequence[str] = (),
+    logs: Sequence[str] = (),
 ) -> str:
-    """Return one suite on what a `command` found: its properties are the figures, its cases the checks.
+    """Return one suite on what a `command` found: its properties are the figures, its cases the `logs` and the checks.
 
-    Each of the `problems`, for which not all was read or checked, is an error; without errors and failures the exit code
-    is 0. Checks that were `skipped` have their cases, too.
+    Each of the `problems`, for which not all was read or checked, begins with the name of a log, whose case is an error;
+    without errors and failures the exit code is 0. Checks that were `skipped` have their cases, too.
     """
+    read: dict[str, list[str]] = {log: [] for log in logs}
+    for problem in problems:
+        own = [log for log in read if problem.startswith((f"{log}: ", f"{log} and "))]
+        read.setdefault(max(own, key=len, default=problem.partition(": ")[0]), []).append(problem)
+    judged = [(f"{log}: " * bool(log), each) for one in verdicts for log, each in one.logs or [("", one)]]
+    unjudged = [(expression, problems[0]) for expression in skipped]
+    for one in verdicts:
+        rest = (log for log in logs if one.logs and read[log] and log not in dict(one.logs))
+        unjudged += [(f"{log}: {one.expression}", read[log][0]) for log in rest]
     counts = {
-        "tests": str(len(verdicts) + len(problems) + len(skipped)),
-        "failures": str(sum(not verdict.holds for verdict in verdicts)),
-        "errors": str(len(problems)),
+        "tests": str(len(judged) + len(read) + len(unjudged)),
+        "failures": str(sum(not one.holds for _, one in judged)),
+        "errors": str(sum(map(bool, read.values()))),
     }
     root = ET.Element("testsuites", {"name": f"lidarcli {command}", **counts})
-    suite = _part(root, "testsuite", name=title, **counts, skipped=str(len(skipped)))
+    suite = _part(root, "testsuite", name=title, **counts, skipped=str(len(unjudged)))
     properties = _part(suite, "properties")
     for name, value in figures.items():
         if value is not None:
             _part(properties, "property", name=name, value=number(value, 6).replace(",", ""))
-    for one in verdicts:
-        case = _part(suite, "testcase", classname=f"lidarcli.{command}", name=one.expression)
+    for log, why_not in read.items():
+        case = _part(suite, "testcase", classname=f"lidarcli.{command}", name=f"{log}: read")
+        if why_not:
+            _part(case, "error", message=why_not[0], type="unreadable").text = clean("\n".join(why_not))
+    for log, one in judged:
+        case = _part(suite, "testcase", classname=f"lidarcli.{command}", name=log + one.expression)
         if not one.holds:
             why = f"expected {one.expected}, found {one.words}"
             _part(case, "failure", message=why, type="check").text = clean(f"{one.expression}\n{why}")
-    for expression in skipped:
-        _part(_part(suite, "testcase", classname=f"lidarcli.{command}", name=expression), "skipped", message="not run")
-    for count, problem in enumerate(problems, 1):
-        case = _part(suite, "testcase", classname=f"lidarcli.{command}", name=f"all of the input is read ({count})")
-        _part(case, "error", message=problem, type="unreadable")
+    for name, problem in unjudged:
+        case = _part(suite, "testcase", classname=f"lidarcli.{command}", name=name)
+        _part(case, "skipped", message=f"not run: {problem}")
     if lines:
         _part(suite, "system-out").text = clean("\n".join(lines))
     ET.indent(root, " ")

@@ -124,7 +124,7 @@ def test_paths_of_people_in_other_libraries(library: str, tables: Path, monkeypa
 
 
 def test_the_typical_tasks(tables: Path) -> None:
-    assert len(TASKS) == 10
+    assert len(TASKS) == 11
     before = {path.name for path in tables.iterdir()}
     done = list(examples.run("".join(f"```sh\n{command}\n```\n" for command in TASKS), tables))
     assert len(done) == len(TASKS)
