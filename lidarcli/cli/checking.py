@@ -233,7 +233,7 @@ def zones(messages: MessageWriter, options: ZonesCommand) -> int:
     # Where a log cannot be read, checks of all together are not run.
     skipped = [each for each in checks if failed and not (each.is_of_each and tables)]
     held = [each for each in checks if each not in skipped]
-    verdicts, unobserved, figures = judge(held, tables, several=len(sources) > 1)
+    verdicts, unobserved, figures = judge(held, tables)
     for line in unobserved:
         messages.error("incomplete", line)
     for path in suites:
@@ -245,7 +245,7 @@ def zones(messages: MessageWriter, options: ZonesCommand) -> int:
     code = CHECK_FAILED if messages.failed(verdicts) and not failed else total.exit_code(sources)
     if not code and unobserved:
         code = UnreadableError.exit_code
-    return messages.end(code, checks=[one.as_dict() for one in [*verdicts, *judge(skipped, (), several=False)[0]]])
+    return messages.end(code, checks=[one.as_dict() for one in [*verdicts, *judge(skipped, ())[0]]])
 
 
 def _again(options: Mapping[str, Any], command: click.Command, *first: str) -> list[str]:

@@ -9,6 +9,7 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from datetime import UTC
 from itertools import count
+from os.path import commonprefix
 from typing import Any, NamedTuple
 
 import pyarrow as pa
@@ -30,7 +31,7 @@ from lidarcli.pipeline.inputs.tables import (
     refuse_mixed,
 )
 from lidarcli.reports.changes import ChangesPart, changes_part
-from lidarcli.reports.checks import Check, OfEachLog, OneRun, accepts, columns_needed, held_by_each, judge, parse_check
+from lidarcli.reports.checks import Check, OfEachLog, OneRun, accepts, columns_needed, held, parse_check
 from lidarcli.reports.columns import Origin, Rows, Run, least_observed
 from lidarcli.reports.document import ReportPart
 from lidarcli.reports.figures import COMPARED, OF_CHANGES, OF_MAPS, guards
@@ -48,7 +49,7 @@ from lidarcli.reports.summary import (
 )
 from lidarcli.reports.trends import trends
 from lidarcli.reports.wording import counted, span
-from lidarcli.reports.zones import floored, judge_zones, parse_zone_check, unobserved, zones_alone, zones_in, zones_part
+from lidarcli.reports.zones import floored, parse_zone_check, unobserved, zones_alone, zones_in, zones_part
 from lidarcli.tabular.reading import Readable, StoredTable
 from lidarcli.tabular.schemas import COUNTS, EVENTS
 
@@ -124,8 +125,9 @@ def make_report(options: ReportOptions, viewer: bool = False, progress: Progress
     failed = [*tables.problems, *unread]
     if all(map(_is_of_zones, tables.table_sets)) and (tables.table_sets or changes is not None):
         return _without_objects(tables.table_sets, changes, failed, options, step)
-    run, pairs, problems, alone = _load(tables.table_sets, failed, checks, viewer, step, alone=True)
+    run, pairs, problems, alone = _load(tables.table_sets, failed, checks, viewer, step)
     run = replace(run, time_zone=options.time_zone)
+    alone = [one._replace(log=source.log) for one, source in zip(alone, run.sources, strict=False)]
     if run.zones is not None:
         # Only now it is known which zones there are.
         checks = understand(options, run.zones.names)
@@ -151,8 +153,7 @@ def make_report(options: ReportOptions, viewer: bool = False, progress: Progress
     runs = (*alone, *([] if changes is None else changes.runs))
     parts = (part, *([] if changes is None else [changes]))
     report = Report(parts, (), problems, unseen, runs, trends(alone, checks, options.time_zone))
-    judged = (held_by_each(check, runs) or judge(check, report.figures, run) for check in checks)
-    report = replace(report, verdicts=tuple(judged))
+    report = replace(report, verdicts=tuple(held(check, runs, report.figures, run) for check in checks))
     step()
     if not viewer:
         return report
@@ -174,7 +175,9 @@ def checks_of(options: Mapping[str, Any]) -> tuple[str, ...]:
             )
         if not found:
             raise OptionError(f"{file}: holds no check")
-        every += map(OfEachLog, found)
+        for each in (own := [*map(OfEachLog, found)]):
+            each.file = str(file)
+        every += own
     return tuple(every)
 
 
@@ -256,6 +259,7 @@ def _without_objects(
             step()
     if pairs and not read:
         raise nothing_read(failed)
+    sources = [*_told_apart(sources)]
     for name, values in (("--baseline", options.baseline), ("--log", options.logs)):
         if values:
             raise OptionError(f"{name}: these are tables of {kind} alone; name the objects table of the log as well")
@@ -276,8 +280,7 @@ def _without_objects(
     runs, told = (*alone, *([] if changes is None else changes.runs)), trends(alone, checks, options.time_zone)
     report = Report(tuple(parts), (), tuple(map(str, failed)), incomplete, runs, told)
     figures = {"damage": sum(len(source.damage) for part in parts for source in part.sources), **report.figures}
-    judged = (held_by_each(check, runs) or judge_zones(check, figures, zones) for check in checks)
-    return replace(report, verdicts=tuple(judged))
+    return replace(report, verdicts=tuple(held(check, runs, figures, zones) for check in checks))
 
 
 def _command(options: ReportOptions) -> str:
@@ -286,8 +289,10 @@ def _command(options: ReportOptions) -> str:
     for name, values in (("--log", _names(options.logs)), ("--baseline", _names(options.baseline))):
         words += [word for value in values for word in (name, value)]
     words += ["--join"] if options.join else []
-    words += [word for check in options.checks for word in ("--check", check)]
-    return shlex.join([*words, "-o", "report.html"])
+    checks = [
+        ("--checks", *_names([one.file])) if isinstance(one, OfEachLog) else ("--check", one) for one in options.checks
+    ]
+    return shlex.join([*words, *(word for pair in dict.fromkeys(checks) for word in pair), "-o", "report.html"])
 
 
 def _names(paths: Sequence[Given]) -> list[str]:
@@ -303,22 +308,14 @@ def _steps(total: int, progress: Progress) -> Callable[[], None]:
     return lambda: None if progress is None else progress(next(done), total)
 
 
-def _alone(run: Run, checks: Sequence[Check]) -> OneRun:
-    """Return one of several logs."""
-    start = min(run.sweeps.integers("stamp").tolist(), default=None)
-    verdicts = {one.expression: judge(one, {}, run) for one in checks if one.is_of_each and one.condition}
-    return OneRun(run.sources[0].log, start, summarise(run).figures, verdicts)
-
-
 def _load(
     pairs: Sequence[TableSet],
     problems: Sequence[UnreadableError],
     checks: Sequence[Check],
     viewer: bool,
     step: Callable[[], None],
-    alone: bool = False,
 ) -> tuple[Run, tuple[TableSet, ...], tuple[str, ...], list[OneRun]]:
-    """Read the rows of all tables that can be read; returns them, one line for each problem, and several logs `alone`."""
+    """Read the rows of all tables that can be read; returns them, a line for each problem, and several logs one by one."""
     problems = [*problems]
     problems += [
         UnreadableError(f"{pair.events}: no objects table beside it: write both into one folder, or report on zones alone")
@@ -332,8 +329,10 @@ def _load(
     for pair in pairs:
         with _collected(problems):
             read.append(_read_tables(pair, columns, viewer, problems, step, stored=len(pairs) == 1))
-            if alone and len(pairs) > 1:
-                runs.append(_alone(_run_of(read[-1:]), checks))
+            if len(pairs) > 1:
+                run = _run_of(read[-1:])
+                figures, stamps = summarise(run).figures, run.sweeps.integers("stamp")
+                runs.append(OneRun.of(run.sources[0].log, stamps, figures, run, checks))
     if not read:
         raise nothing_read(problems)
     kept = tuple(one.pair for one in read)
@@ -345,13 +344,21 @@ def _run_of(read: Sequence[_ReportTables]) -> Run:
     """Return the rows of the tables of one or many logs."""
     zones = {k: each.zones for k, each in enumerate(read) if each.zones is not None}
     return Run(
-        tuple(replace(origin_of(each.pair, each.sweeps), tracked=each.tracks is not None) for each in read),
+        _told_apart([replace(origin_of(each.pair, each.sweeps), tracked=each.tracks is not None) for each in read]),
         Rows.join([each.sweeps for each in read]),
         Rows.join([each.objects for each in read]),
         _joined([each.tracks for each in read]),
         _joined([each.trajectories for each in read]),
         zones_in(zones) if zones else None,
     )
+
+
+def _told_apart(sources: Sequence[Origin]) -> tuple[Origin, ...]:
+    """Return logs, if some have the same name with the folders of their tables, as far as these differ."""
+    if len({one.log for one in sources}) == len(sources):
+        return tuple(sources)
+    shared = len(commonprefix([one.label for one in sources]).rpartition("/")[0])  # noqa: RUF071 (of names)
+    return tuple(replace(one, log=one.label[shared:].lstrip("/").removesuffix(".objects.parquet")) for one in sources)
 
 
 def _joined(tables: Sequence[pa.Table | StoredTable | None]) -> Rows | None:

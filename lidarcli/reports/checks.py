@@ -26,7 +26,7 @@ from lidarcli.errors import OptionError
 from lidarcli.reports import figures
 from lidarcli.reports.columns import BEAMS_OF_OBJECTS, OBJECTS_OF_SWEEP, Rows, Run, ZoneRows
 from lidarcli.reports.figures import STATISTICS
-from lidarcli.sweeps.types import Bool, Column, Float64
+from lidarcli.sweeps.types import Bool, Column, Float64, Int64
 from lidarcli.tabular.schemas import TABLES
 
 _TOKEN = re.compile(
@@ -77,9 +77,9 @@ _COMPARISON = re.compile(r"\s*(==|!=|<=|>=|<|>|\bbetween\b)[^=!<>]*$")
 
 
 class OfEachLog(str):
-    """A check of a file: each of several logs has to hold it by itself, not all of them together."""
+    """A check of a `file`: each of several logs has to hold it by itself, not all of them together."""
 
-    __slots__ = ()
+    file = ""
 
 
 class Token(NamedTuple):
@@ -390,13 +390,25 @@ class OneRun(NamedTuple):
     verdicts: Mapping[str, CheckVerdict] = MappingProxyType({})
     """Results of the checks of rows that it has to hold."""
 
+    @staticmethod
+    def of(
+        log: str, stamps: Int64, found: Mapping[str, float | None], rows: Run | ZoneRows, checks: Sequence[Check]
+    ) -> OneRun:
+        """Return one of several logs by its stamps, its figures and its rows."""
+        each = (one for one in checks if one.is_of_each and one.condition)
+        verdicts = {one.expression: judge(one, found, rows) for one in each}
+        return OneRun(log, min(stamps.tolist(), default=None), found, verdicts)
 
-def held_by_each(check: Check, runs: Sequence[OneRun]) -> CheckVerdict | None:
-    """Return the result of a check that each of several runs has to hold by itself; None of one for all of them."""
+
+def held(
+    check: Check, runs: Sequence[OneRun], found: Mapping[str, float | None], rows: Run | ZoneRows | None
+) -> CheckVerdict:
+    """Hold a check against each of several runs, if it is about each, or against the figures and rows of all."""
     own = [one for one in runs if check.is_of_each and check.needs_changes == ("known" in one.figures)]
     logs = [(one.log, one.verdicts.get(check.expression) or verdict_of(check, one.figures.get(check.name))) for one in own]
-    first = next((one for _, one in logs if not one.holds), logs[0][1] if logs else None)
-    return None if first is None else replace(first, logs=tuple(logs))
+    if not logs:
+        return judge(check, found, rows)
+    return replace(next((one for _, one in logs if not one.holds), logs[0][1]), logs=tuple(logs))
 
 
 def parse_check(
@@ -449,10 +461,12 @@ def parse_check(
     return Check(expression, token.text, condition, sign, low, high)
 
 
-def judge(check: Check, values: Mapping[str, float | None], run: Run) -> CheckVerdict:
-    """Hold a check against the figures of a run, or against its rows."""
+def judge(check: Check, values: Mapping[str, float | None], rows: Run | ZoneRows | None) -> CheckVerdict:
+    """Hold a check against the figures of a run or of zones, or against their rows."""
     # Tracks tables that could not be read leave nothing to measure.
-    return verdict_of(check, values.get(check.name) if check.condition is None else _count(check, check.condition, run))
+    if check.condition is None or rows is None:
+        return verdict_of(check, values.get(check.name))
+    return verdict_of(check, _count(check, check.condition, rows))
 
 
 def verdict_of(check: Check, found: float | None) -> CheckVerdict:
@@ -461,10 +475,13 @@ def verdict_of(check: Check, found: float | None) -> CheckVerdict:
     return CheckVerdict(str(check.expression), check.expected, found, holds)
 
 
-def _count(check: Check, condition: Condition, run: Run) -> float | None:
+def _count(check: Check, condition: Condition, run: Run | ZoneRows) -> float | None:
     """Return the number of rows for which a condition holds; None without the table, or what its columns need."""
+    if not isinstance(run, Run):
+        # If no zone was ever observed, nobody knows.
+        return float(condition.holds(run.events).sum()) if run.zones.numbers("observed").any() else None
     if check.name == "events":
-        return None if run.zones is None else count_events(condition, run.zones)
+        return None if run.zones is None else _count(check, condition, run.zones)
     rows = {"objects": run.objects, "sweeps": run.sweeps, "tracks": run.tracks}[check.name]
     if rows is None or not all(run.knows(rows, name) for name in condition.columns):
         return None
@@ -473,13 +490,6 @@ def _count(check: Check, condition: Condition, run: Run) -> float | None:
         # Walls, and what has gone from a background, count only where the condition asks for them.
         chosen &= run.is_object | _asked_for(condition, run)
     return float(chosen.sum())
-
-
-def count_events(condition: Condition, zone_rows: ZoneRows) -> float | None:
-    """Return the number of events for which a condition holds; None if no zone was ever observed."""
-    if not zone_rows.zones.numbers("observed").any():
-        return None
-    return float(condition.holds(zone_rows.events).sum())
 
 
 def _asked_for(condition: Condition, run: Run) -> Bool:

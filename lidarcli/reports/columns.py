@@ -28,11 +28,8 @@ BEAMS_OF_OBJECTS = ("object_beams", "agent_beams")
 """… and their beams."""
 
 
-OF_INPUT = {
-    **dict.fromkeys(("label", "label_score"), "catalogue"),
-    **dict.fromkeys(("change", "difference"), "background"),
-    **dict.fromkeys(("world_x", "world_y", "world_yaw", "pose_x", "pose_y", "pose_yaw", "intensity"), ""),
-}
+OF_INPUT = dict.fromkeys(("world_x", "world_y", "world_yaw", "pose_x", "pose_y", "pose_yaw", "intensity"), "")
+OF_INPUT |= {"label": "catalogue", "label_score": "catalogue", "change": "background", "difference": "background"}
 """Column → the parameter without which it is empty; without a name it is the log that may lack it."""
 
 

@@ -169,11 +169,11 @@ class Trend(NamedTuple):
     name: str
     limit: str
     points: Sequence[tuple[float, float, bool, str]]
-    """x, y (NaN where it is not known), whether a check fails, and words."""
+    """x, y, whether a check fails, and words, of the runs whose value is known."""
     limits: Sequence[float]
     """y of each limit."""
-    y_ends: tuple[str, str]
-    x_ends: tuple[str, str]
+    ends: tuple[str, str, str, str]
+    """Words at the low and the high end of y, and of x."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,6 +6,7 @@ import hashlib
 import json
 import re
 import xml.etree.ElementTree as ET
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
@@ -16,6 +17,8 @@ from lidarcli.reports.figures import plain_fields, plain_numbers
 from lidarcli.reports.report import Report
 from lidarcli.reports.wording import number
 
+TYPES = {"failure": {"type": "check"}, "error": {"type": "unreadable"}}
+"""What JUnit calls a case that does not pass → its type."""
 _NOT_XML = re.compile("[^\t\n\r\u0020-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 
 
@@ -47,9 +50,8 @@ def as_dict(report: Report) -> dict[str, Any]:
         ],
         "figures": {name: value for part in report.parts for name, value in plain_numbers(part.figures).items()},
     }
-    if report.runs:
-        fields = ("log", "start_ns")
-        found["runs"] = [{**plain_fields(one, *fields), "figures": plain_numbers(one.figures)} for one in report.runs]
+    runs = [{**plain_fields(one, "log", "start_ns"), "figures": plain_numbers(one.figures)} for one in report.runs]
+    found |= {"runs": runs} if runs else {}
     for part in reversed(report.parts):
         found |= {**(part.opening.values if part is first else {}), **part.as_dict()}
     return found
@@ -72,36 +74,29 @@ def as_junit(
     """
     read: dict[str, list[str]] = {log: [] for log in logs}
     for problem in problems:
-        own = [log for log in read if problem.startswith((f"{log}: ", f"{log} and "))]
-        read.setdefault(max(own, key=len, default=problem.partition(": ")[0]), []).append(problem)
-    judged = [(f"{log}: " * bool(log), each) for one in verdicts for log, each in one.logs or [("", one)]]
-    unjudged = [(expression, problems[0]) for expression in skipped]
+        named = [log for log in read if problem.startswith((f"{log}: ", f"{log} and "))]
+        read.setdefault(max(named, key=len, default=problem.partition(": ")[0]), []).append(problem)
+    cases = [(f"{log}: read", "error" if whys else "", "\n".join(whys)) for log, whys in read.items()]
     for one in verdicts:
-        rest = (log for log in logs if one.logs and read[log] and log not in dict(one.logs))
-        unjudged += [(f"{log}: {one.expression}", read[log][0]) for log in rest]
-    counts = {
-        "tests": str(len(judged) + len(read) + len(unjudged)),
-        "failures": str(sum(not one.holds for _, one in judged)),
-        "errors": str(sum(map(bool, read.values()))),
-    }
+        for log, each in one.logs or [("", one)]:
+            why = f"expected {each.expected}, found {each.words}"
+            cases.append((f"{log}: " * bool(log) + one.expression, "" if each.holds else "failure", why))
+        unread = (log for log in logs if one.logs and read[log] and log not in dict(one.logs))
+        cases += [(f"{log}: {one.expression}", "skipped", f"not run: {read[log][0]}") for log in unread]
+    cases += [(expression, "skipped", f"not run: {problems[0]}") for expression in skipped]
+    tags = Counter(tag for _, tag, _ in cases)
+    counts = {"tests": str(len(cases)), "failures": str(tags["failure"]), "errors": str(tags["error"])}
     root = ET.Element("testsuites", {"name": f"lidarcli {command}", **counts})
-    suite = _part(root, "testsuite", name=title, **counts, skipped=str(len(unjudged)))
+    suite = _part(root, "testsuite", name=title, **counts, skipped=str(tags["skipped"]))
     properties = _part(suite, "properties")
     for name, value in figures.items():
         if value is not None:
             _part(properties, "property", name=name, value=number(value, 6).replace(",", ""))
-    for log, why_not in read.items():
-        case = _part(suite, "testcase", classname=f"lidarcli.{command}", name=f"{log}: read")
-        if why_not:
-            _part(case, "error", message=why_not[0], type="unreadable").text = clean("\n".join(why_not))
-    for log, one in judged:
-        case = _part(suite, "testcase", classname=f"lidarcli.{command}", name=log + one.expression)
-        if not one.holds:
-            why = f"expected {one.expected}, found {one.words}"
-            _part(case, "failure", message=why, type="check").text = clean(f"{one.expression}\n{why}")
-    for name, problem in unjudged:
+    for name, tag, why in cases:
         case = _part(suite, "testcase", classname=f"lidarcli.{command}", name=name)
-        _part(case, "skipped", message=f"not run: {problem}")
+        if tag:
+            part = _part(case, tag, message=why.partition("\n")[0], **TYPES.get(tag, {}))
+            part.text = clean(f"{name}\n{why}")
     if lines:
         _part(suite, "system-out").text = clean("\n".join(lines))
     ET.indent(root, " ")

@@ -12,7 +12,7 @@ from lidarcli.reports.checks import Check, OneRun
 from lidarcli.reports.document import Notes, ReportTable, Section, Trend
 from lidarcli.reports.wording import NONE, counted, number, quantities, quantity
 
-SHOWN, COLUMNS = 30, 6
+SHOWN, COLUMNS = 30, 5
 """Most runs, the latest, and most figures of the table; charts have all of them."""
 TOLD = (
     *("sweeps", "objects_per_sweep.mean", "tracks.people", "agents_at_once.max", "nearest.min"),
@@ -37,7 +37,7 @@ def trends(runs: Sequence[OneRun], checks: Sequence[Check], zone: TimeZone) -> S
         cells = quantities(name, values)
         if len({*values}) > 1 or any(fails):
             words = [f"{start} {one.log}: {cell}" for start, one, cell in zip(starts, runs, cells, strict=True)]
-            chart = _trend(name, limits, values, fails, words, (starts[0], starts[-1]))
+            chart = _trend(name, limits, [*zip(values, fails, words, strict=True)], (starts[0], starts[-1]))
             marked = [f"! {cell}" if failing else cell for cell, failing in zip(cells, fails, strict=True)]
             columns.append((not any(fails), chart, [*marked, chart.limit]))
         elif values[0] is not None:
@@ -55,20 +55,18 @@ def trends(runs: Sequence[OneRun], checks: Sequence[Check], zone: TimeZone) -> S
 
 
 def _trend(
-    name: str,
-    limits: Sequence[Check],
-    values: Sequence[float | None],
-    fails: Sequence[bool],
-    words: Sequence[str],
-    ends: tuple[str, str],
+    name: str, limits: Sequence[Check], runs: Sequence[tuple[float | None, bool, str]], ends: tuple[str, str]
 ) -> Trend:
-    """Return the chart of a figure."""
+    """Return the chart of a figure: of each run its value, whether a check of it fails, and words."""
     edges = [edge for one in limits for edge in {one.low, one.high}]
-    y = np.array([*edges, *values], np.float64)
+    y = np.array([*edges, *(value for value, *_ in runs)], np.float64)
     low, high = float(np.nanmin(y)), float(np.nanmax(y))
     room = 0.06 * (high - low) or 1.0
-    y = (y - low + room) / (high - low + 2.0 * room)
-    points = [*zip(np.linspace(0.0, 1.0, len(values)).tolist(), y[len(edges) :].tolist(), fails, words, strict=True)]
+    places = ((y - low + room) / (high - low + 2.0 * room)).tolist()
+    x = np.linspace(0.0, 1.0, len(runs)).tolist()
+    points = [
+        (x[k], places[len(edges) + k], fails, words) for k, (value, fails, words) in enumerate(runs) if value is not None
+    ]
     signs = (f"{number(one.low)} to " * (one.sign == "between") or f"{one.sign} " for one in limits)
     limit = ", ".join(sign + quantity(name, one.high) for sign, one in zip(signs, limits, strict=True))
-    return Trend(name, limit, points, y[: len(edges)].tolist(), (quantity(name, low), quantity(name, high)), ends)
+    return Trend(name, limit, points, places[: len(edges)], (quantity(name, low), quantity(name, high), *ends))

@@ -22,7 +22,8 @@ def write_night(folder: Path, number: int, sweeps: int, near: float = 1.0, log: 
     """The tables of a run of the night of this number, with one object in each sweep."""
     name = log or f"night{number}"
     rows = [sweep(k, 1, log=name, stamp=START + number * DAY + k * TENTH, nearest=near) for k in range(sweeps)]
-    return write_run(folder / name, rows, [thing(k, 1, log=name) for k in range(sweeps)], name=name)
+    objects = [thing(k, 1, log=name, stamp=START + number * DAY + k * TENTH) for k in range(sweeps)]
+    return write_run(folder / name, rows, objects, name=name)
 
 
 @pytest.fixture
@@ -96,6 +97,22 @@ def test_each_run_has_to_hold_the_checks_of_a_file(lidarcli: Run, nights: Path) 
     # Of one run both are the same.
     for log, code in (("a", 1), ("b", 1), ("c", 0)):
         assert lidarcli("report", nights / log, "--checks", "checks.toml").code == code
+
+
+def test_logs_of_one_name_are_told_apart_by_their_folders(lidarcli: Run, tmp_path: Path) -> None:
+    """As where every night has its own folder with a run.mcap in it."""
+    for number, count in enumerate((100, 80)):
+        write_night(tmp_path / f"night{number}", number, count, log="run")
+    (tmp_path / "checks.toml").write_text('checks = ["sweeps >= 90"]\n')
+    words = ("report", tmp_path / "night0", tmp_path / "night1", "--checks", tmp_path / "checks.toml")
+    ran = lidarcli(*words, "-o", tmp_path / "x.xml", "-o", "-", code=1)
+    assert "sweeps is 80 in night1/run/run (1 of 2 logs)" in ran.err
+    assert [row[1] for row in rows_of(ran.out)[1:3]] == ["night0/run/run", "night1/run/run"]
+    assert cases_of(tmp_path / "x.xml") == {
+        **{f"night{k}/run/run: read": "pass" for k in (0, 1)},
+        "night0/run/run: sweeps >= 90": "pass",
+        "night1/run/run: sweeps >= 90": "failure",
+    }
 
 
 def test_checks_of_rows_are_those_of_each_run_too(lidarcli: Run, nights: Path) -> None:
@@ -186,6 +203,7 @@ def test_charts_have_runs_and_limits(lidarcli: Run, nights: Path) -> None:
     page = Path("runs.html").read_text()
     (chart,) = re.findall(r'<figure class="trend"><h3>sweeps.*?</figure>', page, re.DOTALL)
     assert "limit &gt;= 90" in chart
+    assert "lidarcli report tables --checks checks.toml -o report.html" in page
     dots = re.findall(r'class="dot( fails)?" d="M(\S+) (\S+)h.01"><title>(.*?)</title>', chart)
     assert [(bool(fails), words[-6:]) for fails, *_, words in dots] == [
         *((False, "d: 100"), (False, "c: 102"), (True, " b: 80"), (False, "a: 101"))

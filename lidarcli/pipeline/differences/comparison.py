@@ -92,12 +92,9 @@ def _compared(inputs: Sequence[Input], runs: list[ObservedRun], options: DiffOpt
             reference, moved = _after(reference, now, changes, step.motion)
             grounds.insert(0, (now.name, moved))
     counted = Counter(row["status"] for row in rows)
+    figures = {status: None if short else float(counted[status]) for status in choices.CHANGE_STATUSES}
     # What nobody could have found is not none.
-    blind = {"new": tables[:-1], "gone": tables[1:]}
-    figures = {
-        status: None if short or any(blind.get(status, ())) else float(counted[status])
-        for status in choices.CHANGE_STATUSES
-    }
+    figures |= {status: None for status, blind in (("new", tables[:-1]), ("gone", tables[1:])) if any(blind)}
     figures["overlap"] = min((step.overlap for step in steps if step.overlap is not None), default=None)
     if len(runs) == 2:
         figures |= _map_figures(runs, steps[0].motion, labels)
