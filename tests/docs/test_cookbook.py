@@ -135,6 +135,7 @@ def test_the_typical_tasks(tables: Path) -> None:
         "yard-1200.png",
         "news",
         "differences.html",
+        "runs.html",
         *("yard.shown.mcap", "yard.shown.layout.json", "yard.shown.rviz"),
         "part",
         "yard.csv",
